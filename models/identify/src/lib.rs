@@ -1,0 +1,1 @@
+//! Identification of the machine model from a tracer campaign.

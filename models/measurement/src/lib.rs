@@ -1,0 +1,7 @@
+//! What an instrument sees: tracer campaigns and the uncertainty of their ranges.
+//!
+//! Place in the flow: files and bags are read into a [`campaign::Campaign`]; identification, the monitor and
+//! the simulator share that one form. Pure data and numerics: no file, no clock, no ROS.
+
+pub mod campaign;
+pub mod instrument;

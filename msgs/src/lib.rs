@@ -1,0 +1,1 @@
+//! ROS 2 messages, shared-memory samples, CDR, and rosbag2-readable MCAP bags.

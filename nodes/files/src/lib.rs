@@ -1,0 +1,1 @@
+//! Reading and writing of machine, campaign, model and point files.

@@ -1,0 +1,1 @@
+//! Self-contained HTML report, PNG plot and JSON of a run.
