@@ -1,0 +1,162 @@
+//! The one function that corrects a coordinate, live and offline.
+//!
+//! Place in the flow: the geometric node, `abbe correct`, replay and every check call [`correct`]; the residual
+//! node and `abbe correct` then call [`add_residual`]. Inputs: axis readings (m), offset (m, ram frame) and
+//! covariates; output: the actual position of tip or reflector in the machine frame (m) with its covariance.
+//! Corrected = indicated + offset + correction, and correction = error = actual − indicated.
+
+use crate::chain::nominal_point_m;
+use crate::effects::{CovariateProblem, State};
+use crate::model::{IdentifiedVolume, MachineModel};
+use crate::residual_field::ResidualField;
+use nalgebra::{Matrix3, Vector3};
+
+/// How far beyond its end a stroke may be read, as a share of its length, before the reading is rejected.
+const BEYOND_STROKE: f64 = 0.25;
+/// Scales and offsets within this of the identified bounds are inside (m): less than any scale resolves.
+const BOUND_TOLERANCE_M: f64 = 1e-9;
+
+/// What a corrected coordinate is worth.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Status {
+    /// Inside the identified volume and offsets; the uncertainty holds.
+    InVolume,
+    /// Outside the identified volume or offsets; the uncertainty is a lower bound.
+    Extrapolated,
+    /// An effect lacks a covariate and was left out.
+    CovariateMissing,
+    /// An effect's covariate is too old, and the effect was left out.
+    Stale,
+    /// The reading is not finite or far outside the stroke; nothing was corrected.
+    Rejected,
+}
+
+/// A corrected coordinate.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Correction {
+    /// Rigid-body error at tip or reflector (m, machine frame).
+    pub geometric_m: Vector3<f64>,
+    /// What the effects add (m).
+    pub effects_m: Vector3<f64>,
+    /// What the residual field adds (m).
+    pub residual_m: Vector3<f64>,
+    /// Actual position of tip or reflector (m, machine frame); the indicated one when rejected.
+    pub position_m: Vector3<f64>,
+    /// Covariance of the position (m²); `None` when rejected.
+    pub covariance_m2: Option<Matrix3<f64>>,
+    /// What it is worth.
+    pub status: Status,
+}
+
+/// Corrects one sample with the geometric model and its effects.
+pub fn correct(model: &MachineModel, state: &State) -> Correction {
+    let nominal_m = nominal_point_m(state.reading_m, state.offset_m);
+    if !is_plausible(model, state) {
+        return rejected(nominal_m);
+    }
+    let parts = model.parts();
+    let point = model.layout().point(&parts.machine, &parts.coefficients, state.reading_m, state.offset_m);
+    let mut sensitivity = Sensitivity::default();
+    model.layout().visit_errors(&point, |first, partial, values| {
+        values.iter().enumerate().for_each(|(k, value)| sensitivity.push(first + k, partial * *value));
+    });
+    let squareness = model.layout().squareness();
+    squareness.zip(&point.chain.by_squareness).for_each(|(index, column)| sensitivity.push(index, *column));
+    let (effects_m, problem) = add_effects(model, state, &mut sensitivity);
+    let repeatability = Vector3::from(parts.machine.repeatability_m).map(|r| r * r);
+    Correction {
+        geometric_m: point.chain.position_m - nominal_m,
+        effects_m,
+        residual_m: Vector3::zeros(),
+        position_m: point.chain.position_m + effects_m,
+        covariance_m2: Some(sensitivity.covariance_m2(model) + Matrix3::from_diagonal(&repeatability)),
+        status: problem.unwrap_or_else(|| volume_status(&parts.identified, state)),
+    }
+}
+
+/// Adds what a residual field says at the corrected point.
+pub fn add_residual(correction: &mut Correction, field: &dyn ResidualField) {
+    let Some(covariance_m2) = correction.covariance_m2.as_mut() else { return };
+    let prediction = field.predict(&correction.position_m);
+    correction.residual_m = prediction.residual_m;
+    correction.position_m += prediction.residual_m;
+    *covariance_m2 += prediction.covariance_m2;
+    if !prediction.inside {
+        correction.status = correction.status.max(Status::Extrapolated);
+    }
+}
+
+/// Sensitivities of the position by parameter: index and column.
+#[derive(Default)]
+pub(crate) struct Sensitivity {
+    entries: Vec<(usize, Vector3<f64>)>,
+}
+
+impl Sensitivity {
+    fn push(&mut self, index: usize, column: Vector3<f64>) {
+        self.entries.push((index, column));
+    }
+
+    /// J V Jᵀ (m²).
+    fn covariance_m2(&self, model: &MachineModel) -> Matrix3<f64> {
+        let mut total = Matrix3::zeros();
+        for (row, a) in &self.entries {
+            let variances = model.machine_covariance_row(*row);
+            let weighted: Vector3<f64> = self.entries.iter().map(|(column, b)| b * variances[*column]).sum();
+            total += a * weighted.transpose();
+        }
+        (total + total.transpose()) * 0.5
+    }
+}
+
+fn add_effects(model: &MachineModel, state: &State, sensitivity: &mut Sensitivity) -> (Vector3<f64>, Option<Status>) {
+    let mut tip_m = Vector3::zeros();
+    let mut status = None;
+    let mut index = model.layout().len();
+    for fitted in &model.parts().effects {
+        match fitted.effect.tip_columns(state) {
+            Ok(columns) => {
+                for (k, (column, value)) in columns.iter().zip(&fitted.parameters).enumerate() {
+                    tip_m += column * *value;
+                    sensitivity.push(index + k, *column);
+                }
+            }
+            Err(CovariateProblem::Missing(_)) => status = status.max(Some(Status::CovariateMissing)),
+            Err(CovariateProblem::Stale(_)) => status = status.max(Some(Status::Stale)),
+        }
+        index += fitted.parameters.len();
+    }
+    (tip_m, status)
+}
+
+fn rejected(nominal_m: Vector3<f64>) -> Correction {
+    Correction {
+        geometric_m: Vector3::zeros(),
+        effects_m: Vector3::zeros(),
+        residual_m: Vector3::zeros(),
+        position_m: nominal_m,
+        covariance_m2: None,
+        status: Status::Rejected,
+    }
+}
+
+fn is_plausible(model: &MachineModel, state: &State) -> bool {
+    let finite = state.reading_m.iter().chain(&state.offset_m).all(|v| v.is_finite());
+    finite
+        && model.parts().machine.stroke_m.iter().zip(state.reading_m).all(|((lower, upper), reading)| {
+            let beyond = (upper - lower) * BEYOND_STROKE;
+            (lower - beyond..=upper + beyond).contains(&reading)
+        })
+}
+
+fn volume_status(identified: &IdentifiedVolume, state: &State) -> Status {
+    let within = |bounds: &[(f64, f64); 3], values: [f64; 3]| {
+        let inside = |(b, v): (&(f64, f64), f64)| v >= b.0 - BOUND_TOLERANCE_M && v <= b.1 + BOUND_TOLERANCE_M;
+        bounds.iter().zip(values).all(inside)
+    };
+    if within(&identified.reading_m, state.reading_m) && within(&identified.offset_m, state.offset_m) {
+        Status::InVolume
+    } else {
+        Status::Extrapolated
+    }
+}

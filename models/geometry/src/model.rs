@@ -1,0 +1,205 @@
+//! An identified machine: everything needed to correct a coordinate, and to say how well.
+//!
+//! Place in the flow: made by identification, stored by `nodes/files`, evaluated by [`crate::correct`]. SI;
+//! error = actual − indicated.
+
+use crate::axis::ErrorId;
+use crate::effects::{Effect, EffectError, Shape, construct};
+use crate::layout::Layout;
+use crate::machine::{Machine, MachineError};
+use nalgebra::Vector3;
+use thiserror::Error;
+
+/// An effect with its fitted parameters.
+#[derive(Debug)]
+pub struct FittedEffect {
+    /// The effect.
+    pub effect: Box<dyn Effect>,
+    /// Its shape.
+    pub shape: Shape,
+    /// Parameter values in the unit of their [`crate::effects::ParameterSpec`].
+    pub parameters: Vec<f64>,
+}
+
+/// A tracer station as identified.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Station {
+    /// Name as in the campaign.
+    pub name: String,
+    /// Centre of the tracer (m, machine frame).
+    pub position_m: Vector3<f64>,
+    /// Distance at length reading zero (m).
+    pub dead_path_m: f64,
+}
+
+/// What the measured data covered.
+#[derive(Debug, Clone, PartialEq)]
+pub struct IdentifiedVolume {
+    /// Smallest and largest reading of each axis (m).
+    pub reading_m: [(f64, f64); 3],
+    /// Smallest and largest offset in each direction (m, ram frame).
+    pub offset_m: [(f64, f64); 3],
+}
+
+/// How well the model fits what it was identified from.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FitQuality {
+    /// Readings used.
+    pub readings: usize,
+    /// Readings rejected as outliers.
+    pub rejected: usize,
+    /// χ² per degree of freedom with the declared uncertainties.
+    pub chi2_per_dof: f64,
+    /// Unweighted rms of the range residuals (m).
+    pub residual_rms_m: f64,
+}
+
+/// Parts of a model, as identification makes them and a file holds them.
+#[derive(Debug)]
+pub struct ModelParts {
+    /// The machine.
+    pub machine: Machine,
+    /// Geometric parameters in [`Layout`] order.
+    pub coefficients: Vec<f64>,
+    /// Effects beyond geometry.
+    pub effects: Vec<FittedEffect>,
+    /// Stations of the campaign.
+    pub stations: Vec<Station>,
+    /// Covariance of geometric parameters, effect parameters and stations (x, y, z, dead path each), packed lower
+    /// triangle row by row, SI. Already scaled by what the fit found of the noise.
+    pub covariance: Vec<f64>,
+    /// What the data covered.
+    pub identified: IdentifiedVolume,
+    /// How well it fits.
+    pub quality: FitQuality,
+}
+
+/// A model whose parts do not fit together.
+#[derive(Debug, Clone, PartialEq, Error)]
+pub enum ModelError {
+    /// The machine description is wrong.
+    #[error(transparent)]
+    Machine(#[from] MachineError),
+    /// An effect is unknown.
+    #[error(transparent)]
+    Effect(#[from] EffectError),
+    /// A list has the wrong length.
+    #[error(
+        "{what} holds {found} numbers, but {expected} are needed for this machine; the model is damaged or of another version"
+    )]
+    Length {
+        /// Which list.
+        what: &'static str,
+        /// Its length.
+        found: usize,
+        /// The length it must have.
+        expected: usize,
+    },
+    /// A number is not finite.
+    #[error("{what} holds a number that is not finite; the model is damaged")]
+    NotFinite {
+        /// Which list.
+        what: &'static str,
+    },
+}
+
+/// An identified machine, checked and ready to correct.
+#[derive(Debug)]
+pub struct MachineModel {
+    parts: ModelParts,
+    layout: Layout,
+    machine_parameters: usize,
+    /// Full square of the machine's block of the covariance, row-major: correction reads rows of it.
+    covariance: Vec<f64>,
+}
+
+impl MachineModel {
+    /// Checks that the parts fit together.
+    pub fn new(parts: ModelParts) -> Result<MachineModel, ModelError> {
+        let layout = Layout::new(&parts.machine)?;
+        let effect_parameters: usize = parts.effects.iter().map(|e| e.effect.parameters().len()).sum();
+        let machine_parameters = layout.len() + effect_parameters;
+        let total = machine_parameters + 4 * parts.stations.len();
+        check("coefficients", &parts.coefficients, layout.len())?;
+        check("covariance", &parts.covariance, total * (total + 1) / 2)?;
+        for fitted in &parts.effects {
+            check("effect parameters", &fitted.parameters, fitted.effect.parameters().len())?;
+        }
+        let mut covariance = vec![0.0; machine_parameters * machine_parameters];
+        for row in 0..machine_parameters {
+            for column in 0..=row {
+                let value = parts.covariance[row * (row + 1) / 2 + column];
+                covariance[row * machine_parameters + column] = value;
+                covariance[column * machine_parameters + row] = value;
+            }
+        }
+        Ok(MachineModel { parts, layout, machine_parameters, covariance })
+    }
+
+    /// An effect by name and shape, for readers of model files.
+    pub fn fitted_effect(name: &str, shape: Shape, parameters: Vec<f64>) -> Result<FittedEffect, ModelError> {
+        Ok(FittedEffect { effect: construct(name, &shape)?, shape, parameters })
+    }
+
+    /// The parts, as stored.
+    pub fn parts(&self) -> &ModelParts {
+        &self.parts
+    }
+
+    /// Positions of the geometric parameters.
+    pub fn layout(&self) -> &Layout {
+        &self.layout
+    }
+
+    /// Number of geometric and effect parameters.
+    pub fn machine_parameters(&self) -> usize {
+        self.machine_parameters
+    }
+
+    /// Covariance between two parameters of the whole vector (geometry, effects, stations).
+    pub fn covariance(&self, a: usize, b: usize) -> f64 {
+        let (row, column) = (a.max(b), a.min(b));
+        self.parts.covariance[row * (row + 1) / 2 + column]
+    }
+
+    /// Row of the covariance of the machine parameters.
+    pub(crate) fn machine_covariance_row(&self, row: usize) -> &[f64] {
+        &self.covariance[row * self.machine_parameters..(row + 1) * self.machine_parameters]
+    }
+
+    /// Value of one error (m or rad) and its standard uncertainty at an axis position.
+    pub fn error(&self, id: ErrorId, position_m: f64) -> (f64, f64) {
+        let Some(basis) = self.layout.basis(id) else { return (0.0, 0.0) };
+        let local = basis.at(position_m);
+        let first = self.layout.range(id).start + local.first;
+        let mut variance = 0.0;
+        for (i, a) in local.values().iter().enumerate() {
+            for (j, b) in local.values().iter().enumerate() {
+                variance += a * b * self.covariance(first + i, first + j);
+            }
+        }
+        (local.dot(&self.parts.coefficients[self.layout.range(id)]), variance.max(0.0).sqrt())
+    }
+
+    /// Value and standard uncertainty (rad) of a squareness, in the order of [`Machine::squareness`].
+    pub fn squareness(&self, k: usize) -> (f64, f64) {
+        let index = self.layout.squareness().start + k;
+        (self.parts.coefficients[index], self.covariance(index, index).max(0.0).sqrt())
+    }
+
+    /// Index of a station's first parameter in the covariance, and the station.
+    pub fn station(&self, name: &str) -> Option<(usize, &Station)> {
+        let k = self.parts.stations.iter().position(|s| s.name == name)?;
+        Some((self.machine_parameters + 4 * k, &self.parts.stations[k]))
+    }
+}
+
+fn check(what: &'static str, values: &[f64], expected: usize) -> Result<(), ModelError> {
+    if values.len() != expected {
+        return Err(ModelError::Length { what, found: values.len(), expected });
+    }
+    if values.iter().any(|v| !v.is_finite()) {
+        return Err(ModelError::NotFinite { what });
+    }
+    Ok(())
+}
