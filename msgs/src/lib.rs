@@ -1,1 +1,28 @@
 //! ROS 2 messages, shared-memory samples, CDR, and rosbag2-readable MCAP bags.
+//!
+//! Place in the flow: every value that passes between nodes, hosts, recordings and other programs
+//! is defined here and nowhere else. Nodes depend on this crate; it depends on no model.
+//!
+//! - `msg/*.msg` are the one definition; [`definition`] embeds their text for bags.
+//! - [`types`] are the same messages as plain data of fixed size, for the correcting thread and
+//!   for shared memory (iceoryx2).
+//! - [`ros`] and [`standard`] are the same messages as ROS 2 sees them, field by field; a test
+//!   decodes them by the text of the `.msg` files.
+//! - [`cdr`] turns the ROS types into bytes and back; [`bag`] records and reads them.
+//!
+//! Units are SI, angles are radians, frames are named in `header.frame_id` (REP-103).
+
+mod error;
+mod message;
+pub mod ros;
+pub mod standard;
+#[cfg(test)]
+mod test_samples;
+pub mod types;
+
+pub use error::{CovariateError, MessageError, TextError};
+pub use message::{Message, RosType};
+pub use types::{
+    CorrectedCoordinates, CorrectionStatus, Covariate, Covariates, RangeResidual, ResidualStatus, ScaleReading, Sha256,
+    Stamp, Text, TracerReading,
+};

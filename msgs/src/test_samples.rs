@@ -1,0 +1,71 @@
+//! Test support: one valid sample of every message, with a different value in every field.
+
+use crate::{
+    CorrectedCoordinates, CorrectionStatus, Covariates, RangeResidual, ResidualStatus, ScaleReading, Sha256, Stamp,
+    Text, TracerReading,
+};
+
+fn stamp() -> Stamp {
+    Stamp::new(1_700_000_000, 123_456_789).unwrap()
+}
+
+pub(crate) fn scales() -> ScaleReading {
+    let mut covariates = Covariates::new();
+    covariates.push("temp_scale_x_c", 20.125, 0.5).unwrap();
+    covariates.push("feed_mm_s", 40.0, 0.0).unwrap();
+    ScaleReading {
+        stamp: stamp(),
+        sequence: 7,
+        reading_m: [0.1, 0.2, 0.3],
+        offset_m: [0.01, -0.02, -0.15],
+        covariates,
+        frame_id: Text::new("bridge").unwrap(),
+    }
+}
+
+pub(crate) fn tracer() -> TracerReading {
+    TracerReading {
+        stamp: stamp(),
+        sequence: 8,
+        length_m: 0.432_1,
+        u_length_m: 0.2e-6,
+        frame_id: Text::new("bridge").unwrap(),
+        station: Text::new("S1").unwrap(),
+        line: Text::new("x-line-3").unwrap(),
+    }
+}
+
+pub(crate) fn corrected() -> CorrectedCoordinates {
+    CorrectedCoordinates {
+        stamp: stamp(),
+        sequence: 9,
+        reading_m: [0.1, 0.2, 0.3],
+        offset_m: [0.01, -0.02, -0.15],
+        geometric_correction_m: [1.0e-6, 2.0e-6, 3.0e-6],
+        effect_correction_m: [4.0e-6, 5.0e-6, 6.0e-6],
+        residual_correction_m: [7.0e-6, 8.0e-6, 9.0e-6],
+        corrected_m: [0.110_012, 0.180_015, 0.150_018],
+        covariance_m2: [1.0, 0.1, 0.2, 0.1, 2.0, 0.3, 0.2, 0.3, 3.0].map(|v| v * 1.0e-14),
+        model_sha256: Sha256::of(b"model"),
+        residual_model_sha256: Sha256::of(b"residual model"),
+        frame_id: Text::new("bridge").unwrap(),
+        corrected_valid: true,
+        status: CorrectionStatus::Extrapolated,
+    }
+}
+
+pub(crate) fn residual() -> RangeResidual {
+    RangeResidual {
+        stamp: stamp(),
+        sequence: 10,
+        measured_length_m: 0.5,
+        predicted_length_m: 0.499_999,
+        residual_m: 1.0e-6,
+        u_residual_m: 0.3e-6,
+        model_sha256: Sha256::of(b"model"),
+        frame_id: Text::new("bridge").unwrap(),
+        station: Text::new("S1").unwrap(),
+        residual_valid: true,
+        status: ResidualStatus::OutOfBounds,
+    }
+}
