@@ -1,1 +1,24 @@
-//! Seeded simulator of machine, instrument and environment.
+//! Seeded simulator of machine, instrument and environment: the truth that everything else is tested against.
+//!
+//! Place in the flow: makes campaigns and verification points in the form that files and bags give, together
+//! with the truth behind them. It shares no kinematics, no error function and no effect with the models of the
+//! project, so that a mistake cannot cancel out. Pure numerics: no file, no clock, no ROS; seeds are explicit.
+
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct ReadmeExample;
+
+pub mod effects;
+pub mod environment;
+pub mod error;
+pub mod instrument;
+pub mod machine;
+pub mod plan;
+mod random;
+pub mod simulate;
+pub mod verification;
+
+pub use error::SimulationError;
+pub use machine::{Axis, MachineTruth, TruthRecipe, VirtualMachine};
+pub use simulate::{ReadingStream, Simulated, SimulatedReading, SimulationConfig, simulate_campaign};
+pub use verification::{verification_points, verification_points_with};

@@ -1,0 +1,152 @@
+//! Effects that 21 error functions lack, to be injected into a simulated campaign: one effect, one file.
+//!
+//! Place in the flow: [`crate::simulate`] hands every effect the [`Moment`] of a reading; the effect moves a
+//! joint, the tip, the station or the range. Each has its own formula and its own size, in SI. None of them
+//! shares a line with the project's models of the same effects: they are the truth those are tested against.
+//! Adding one: a file here with a type that implements [`Effect`].
+
+mod acceleration;
+mod backlash;
+mod bow;
+mod gimbal;
+mod incidence;
+mod periodic;
+mod refraction;
+mod sag;
+mod scale_expansion;
+mod station_drift;
+mod table_load;
+mod undescribed;
+mod warm_up;
+
+use std::fmt::Debug;
+
+pub use acceleration::Acceleration;
+pub use backlash::Backlash;
+pub use bow::GradientBow;
+pub use gimbal::Gimbal;
+pub use incidence::ReflectorIncidence;
+pub use periodic::PeriodicScale;
+pub use refraction::Refraction;
+pub use sag::CarriageSag;
+pub use scale_expansion::ScaleExpansion;
+pub use station_drift::StationDrift;
+pub use table_load::TableLoad;
+pub use undescribed::Undescribed;
+pub use warm_up::WarmUp;
+
+use crate::environment::{EnvironmentState, SENSOR_NAMES};
+use crate::error::SimulationError;
+use crate::machine::JointErrors;
+
+/// What an effect knows about one standstill of the machine.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Moment {
+    /// Seconds since the campaign began.
+    pub time_s: f64,
+    /// Axis readings (m).
+    pub reading_m: [f64; 3],
+    /// Strokes (m).
+    pub stroke_m: [[f64; 2]; 3],
+    /// Reflector offset (m, ram frame).
+    pub offset_m: [f64; 3],
+    /// Sign of the last move of each axis.
+    pub direction: [f64; 3],
+    /// Feed of the last move (m/s).
+    pub feed_m_s: f64,
+    /// Last acceleration of each axis (m/s²).
+    pub acceleration_m_s2: [f64; 3],
+    /// Load on the table (kg).
+    pub load_kg: f64,
+    /// True state of the environment, not what the sensors show.
+    pub environment: EnvironmentState,
+}
+
+impl Moment {
+    /// Reading of an axis as a fraction of its stroke.
+    pub fn stroke_fraction(&self, axis: usize) -> f64 {
+        let [start, end] = self.stroke_m[axis];
+        (self.reading_m[axis] - start) / (end - start)
+    }
+
+    /// A quantity by the name of its campaign column (in that column's unit), `None` for an unknown name.
+    pub fn quantity(&self, name: &str) -> Option<f64> {
+        if let Some(place) = SENSOR_NAMES.iter().position(|n| *n == name) {
+            return Some(self.environment.values[place]);
+        }
+        Some(match name {
+            "time_s" => self.time_s,
+            "x_mm" => self.reading_m[0] * 1e3,
+            "y_mm" => self.reading_m[1] * 1e3,
+            "z_mm" => self.reading_m[2] * 1e3,
+            "dir_x" => self.direction[0],
+            "dir_y" => self.direction[1],
+            "dir_z" => self.direction[2],
+            "speed_mm_s" => self.feed_m_s * 1e3,
+            "acc_x_mm_s2" => self.acceleration_m_s2[0] * 1e3,
+            "acc_y_mm_s2" => self.acceleration_m_s2[1] * 1e3,
+            "acc_z_mm_s2" => self.acceleration_m_s2[2] * 1e3,
+            "load_kg" => self.load_kg,
+            _ => return None,
+        })
+    }
+}
+
+/// Whether [`Moment::quantity`] knows a name.
+fn known_quantity(name: &str) -> bool {
+    const OTHERS: [&str; 12] = [
+        "time_s",
+        "x_mm",
+        "y_mm",
+        "z_mm",
+        "dir_x",
+        "dir_y",
+        "dir_z",
+        "speed_mm_s",
+        "acc_x_mm_s2",
+        "acc_y_mm_s2",
+        "acc_z_mm_s2",
+        "load_kg",
+    ];
+    SENSOR_NAMES.contains(&name) || OTHERS.contains(&name)
+}
+
+/// The tracer and its beam at one reading.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Beam {
+    /// Index of the station.
+    pub station: u32,
+    /// Seconds since the station's first reading.
+    pub time_on_station_s: f64,
+    /// Distance from station to reflector (m).
+    pub range_m: f64,
+    /// Path in the instrument that the counter does not see (m).
+    pub dead_path_m: f64,
+    /// Unit vector from the station to the reflector (machine frame).
+    pub toward_reflector: [f64; 3],
+}
+
+/// Physics that the 21 errors do not describe. Every contribution is actual − indicated.
+pub trait Effect: Debug + Send + Sync {
+    /// Short name for reports and error keys.
+    fn name(&self) -> &'static str;
+
+    /// Refuses settings that make no sense.
+    ///
+    /// # Errors
+    /// Names the key of the first one.
+    fn check(&self) -> Result<(), SimulationError>;
+
+    /// Adds what moves joints or the tip.
+    fn disturb_machine(&self, _moment: &Moment, _errors: &mut JointErrors) {}
+
+    /// Displacement of the station from its place at its first reading (m, machine frame).
+    fn station_shift_m(&self, _moment: &Moment, _station: u32, _time_on_station_s: f64) -> [f64; 3] {
+        [0.0; 3]
+    }
+
+    /// What the counter shows beyond the distance between station and reflector (m).
+    fn range_shift_m(&self, _moment: &Moment, _beam: &Beam) -> f64 {
+        0.0
+    }
+}
