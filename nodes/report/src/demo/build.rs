@@ -1,0 +1,265 @@
+//! From the data of a corrected campaign to its report: header, key figures, warnings, then the chapters.
+
+use super::{DemoReport, LiveFigures};
+use crate::error::ReportError;
+use crate::report::{MetaItem, Report, to_json};
+use crate::sections::{
+    Axis, Bar, Bars, Callout, Cell, Column, Heading, KeyFigure, KeyFigures, Quantity, Section, TableSection, Tone,
+};
+use crate::stats::{max_abs, rms};
+
+/// χ²/ν within this range is consistent with the declared noise for the many readings of a campaign.
+const CHI2_RANGE: std::ops::RangeInclusive<f64> = 0.8..=1.25;
+
+impl DemoReport {
+    /// The report: page sections in reading order; the PNG shows error before and after.
+    pub fn report(&self) -> Report {
+        let mut sections = vec![Section::KeyFigures(self.key_figures())];
+        sections.extend(self.warnings.iter().map(|text| warning(text)));
+        if !self.fit.converged {
+            sections.push(not_converged());
+        }
+        let main_plot = self.add_verification(&mut sections);
+        self.add_residuals(&mut sections);
+        self.add_errors(&mut sections);
+        self.add_stations(&mut sections);
+        self.add_fit(&mut sections);
+        self.add_live(&mut sections);
+        Report {
+            title: self.header.title.clone(),
+            lead: Some(self.header.what.clone()),
+            meta: self.meta(),
+            main_plot,
+            footer: Some(self.footer()),
+            sections,
+        }
+    }
+
+    /// The page.
+    ///
+    /// # Errors
+    /// [`ReportError`] naming the section and the place in it.
+    pub fn html(&self) -> Result<String, ReportError> {
+        self.report().html()
+    }
+
+    /// The main plot: error before and after, 1600 x 900 px.
+    ///
+    /// # Errors
+    /// [`ReportError`]; [`ReportError::MainPlot`] where there are no verification points.
+    pub fn png(&self) -> Result<Vec<u8>, ReportError> {
+        self.report().png()
+    }
+
+    /// The data as JSON, complete, with unit suffixes in the keys.
+    ///
+    /// # Errors
+    /// [`ReportError::NotFinite`] naming the field.
+    pub fn json(&self) -> Result<String, ReportError> {
+        to_json("report data", self)
+    }
+
+    fn meta(&self) -> Vec<MetaItem> {
+        let header = &self.header;
+        let item = |label: &str, value: Option<String>| MetaItem {
+            label: label.to_owned(),
+            value,
+        };
+        let mut meta = vec![
+            item("Machine", header.machine.clone()),
+            item("Time", header.time.clone()),
+            item("Software", Some(header.software_version.clone())),
+            item("Host", header.host.clone()),
+            item("Data hash", header.data_hash.clone()),
+            item("Model hash", header.model_hash.clone()),
+        ];
+        meta.extend(header.files.iter().map(|file| item(&capital(&file.role), Some(file.name.clone()))));
+        meta
+    }
+
+    fn footer(&self) -> String {
+        let short = |hash: &Option<String>| hash.as_deref().map(|h| h.chars().take(16).collect::<String>());
+        let mut parts = vec![self.header.software_version.clone()];
+        parts.extend(short(&self.header.data_hash).map(|h| format!("data {h}")));
+        parts.extend(short(&self.header.model_hash).map(|h| format!("model {h}")));
+        parts.extend(self.header.time.clone());
+        parts.join("  ·  ")
+    }
+
+    fn key_figures(&self) -> KeyFigures {
+        let mut figures = self.verification_figures().to_vec();
+        figures.extend(self.fit_figures());
+        figures.extend(self.live.iter().map(latency_figure));
+        figures.push(self.duration_figure());
+        KeyFigures {
+            title: "Key figures".to_owned(),
+            figures,
+        }
+    }
+
+    fn verification_figures(&self) -> [KeyFigure; 2] {
+        let (before, after) = (self.lengths_before(), self.lengths_after());
+        let quantity = |v: Option<f64>| v.map(|v| Quantity::new(v, 2));
+        let detail = Some(format!("3-D, {} verification points", before.len()));
+        let figure = |label: &str, of: fn(&[f64]) -> Option<f64>| KeyFigure {
+            label: label.to_owned(),
+            before: quantity(of(&before)),
+            value: quantity(of(&after)),
+            unit: "µm".to_owned(),
+            detail: detail.clone(),
+            tone: match (of(&before), of(&after)) {
+                (Some(b), Some(a)) if a < b => Tone::Good,
+                (Some(_), Some(_)) => Tone::Bad,
+                _ => Tone::Neutral,
+            },
+        };
+        [figure("Verification error, rms", rms), figure("Verification error, largest", max_abs)]
+    }
+
+    fn fit_figures(&self) -> [KeyFigure; 3] {
+        let fit = &self.fit;
+        let declared = fit.declared_sigma_um.map(|s| format!("declared {s:.3} µm"));
+        let total = fit.readings_used + fit.readings_rejected;
+        [
+            KeyFigure {
+                label: "Residual σ".to_owned(),
+                value: fit.residual_sigma_um.map(|v| Quantity::new(v, 3)),
+                unit: "µm".to_owned(),
+                detail: declared,
+                ..KeyFigure::default()
+            },
+            KeyFigure {
+                label: "χ²/ν, declared noise".to_owned(),
+                value: fit.chi2_per_dof.map(|v| Quantity::new(v, 2)),
+                detail: fit.degrees_of_freedom.map(|v| format!("ν = {v:.0}")),
+                tone: match fit.chi2_per_dof {
+                    Some(v) if CHI2_RANGE.contains(&v) => Tone::Good,
+                    Some(_) => Tone::Warning,
+                    None => Tone::Neutral,
+                },
+                ..KeyFigure::default()
+            },
+            KeyFigure {
+                label: "Readings used".to_owned(),
+                value: Some(Quantity::new(fit.readings_used as f64, 0)),
+                detail: Some(format!("of {total}; {} rejected", fit.readings_rejected)),
+                ..KeyFigure::default()
+            },
+        ]
+    }
+
+    fn duration_figure(&self) -> KeyFigure {
+        let known: Option<Vec<f64>> = self.steps.iter().map(|s| s.duration_s).collect();
+        let total = known.filter(|d| !d.is_empty()).map(|d| d.iter().sum::<f64>());
+        KeyFigure {
+            label: "Duration, all steps".to_owned(),
+            value: total.map(|t| Quantity::new(t, 1)),
+            unit: "s".to_owned(),
+            detail: Some(format!("{} steps", self.steps.len())),
+            ..KeyFigure::default()
+        }
+    }
+
+    /// Live figures and duration of the steps.
+    fn add_live(&self, sections: &mut Vec<Section>) {
+        sections.push(heading("The run", None));
+        if let Some(live) = &self.live {
+            sections.push(Section::Table(live.table()));
+        }
+        if !self.steps.is_empty() {
+            sections.push(Section::Bars(Bars {
+                title: "Duration of the steps".to_owned(),
+                note: None,
+                value: Axis::new("duration", "s"),
+                bars: self
+                    .steps
+                    .iter()
+                    .map(|step| Bar {
+                        name: step.name.clone(),
+                        value: step.duration_s,
+                    })
+                    .collect(),
+            }));
+        }
+    }
+}
+
+impl LiveFigures {
+    fn table(&self) -> TableSection {
+        let count = |v: Option<u64>| v.map(|v| Cell::Integer(i64::try_from(v).unwrap_or(i64::MAX)));
+        TableSection {
+            title: "Live correction".to_owned(),
+            note: Some("Latency from the scale sample to the corrected sample.".to_owned()),
+            columns: vec![
+                Column::text("transport"),
+                Column::number("sent", "samples"),
+                Column::number("received", "samples"),
+                Column::number("lost", "samples"),
+                Column::number("latency p50", "µs"),
+                Column::number("latency p99", "µs"),
+                Column::number("latency p99.9", "µs"),
+            ],
+            rows: vec![vec![
+                self.transport.clone().map(Cell::Text),
+                count(self.samples_sent),
+                count(self.samples_received),
+                count(self.samples_lost),
+                Cell::maybe(self.latency_p50_us, 1),
+                Cell::maybe(self.latency_p99_us, 1),
+                Cell::maybe(self.latency_p999_us, 1),
+            ]],
+            total_rows: None,
+        }
+    }
+}
+
+fn latency_figure(live: &LiveFigures) -> KeyFigure {
+    let lost = live.samples_lost.map(|n| format!("{n} samples lost"));
+    let sent = live.samples_sent.map(|n| format!("of {n}"));
+    KeyFigure {
+        label: "Live latency, p99".to_owned(),
+        value: live.latency_p99_us.map(|v| Quantity::new(v, 0)),
+        unit: "µs".to_owned(),
+        detail: Some([lost, sent].into_iter().flatten().collect::<Vec<_>>().join(" ")),
+        tone: match live.samples_lost {
+            Some(0) => Tone::Good,
+            Some(_) => Tone::Warning,
+            None => Tone::Neutral,
+        },
+        ..KeyFigure::default()
+    }
+}
+
+/// A chapter heading.
+pub(super) fn heading(title: &str, intro: Option<&str>) -> Section {
+    Section::Heading(Heading {
+        title: title.to_owned(),
+        intro: intro.map(str::to_owned),
+    })
+}
+
+/// A warning in words.
+fn warning(text: &str) -> Section {
+    Section::Callout(Callout {
+        tone: Tone::Warning,
+        title: String::new(),
+        text: text.to_owned(),
+    })
+}
+
+fn not_converged() -> Section {
+    Section::Callout(Callout {
+        tone: Tone::Bad,
+        title: "fit".to_owned(),
+        text: "The fit did not converge; its figures below are those of the last step and not to be relied on."
+            .to_owned(),
+    })
+}
+
+fn capital(text: &str) -> String {
+    let mut characters = text.chars();
+    match characters.next() {
+        Some(first) => first.to_uppercase().chain(characters).collect(),
+        None => String::new(),
+    }
+}

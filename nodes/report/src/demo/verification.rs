@@ -1,0 +1,182 @@
+//! Chapter "Error before and after": main plot, table by component, map by region of the volume.
+
+use super::build::heading;
+use super::{DemoReport, VerificationPoint};
+use crate::scale::extent;
+use crate::sections::{
+    Axis, Callout, Cell, CellMap, CellPanel, Column, Comparison, ComparisonGroup, Section, TableSection, Tone,
+};
+use crate::stats::{max_abs, quantile_sorted, rms, sorted};
+
+/// Regions along each axis.
+const REGIONS: usize = 3;
+
+/// Length of a vector.
+fn length(v: [f64; 3]) -> f64 {
+    v.iter().map(|c| c * c).sum::<f64>().sqrt()
+}
+
+/// Which state of the verification points.
+type State = fn(&VerificationPoint) -> Option<[f64; 3]>;
+/// As indicated.
+const BEFORE: State = |p| Some(p.before_um);
+/// As corrected.
+const AFTER: State = |p| p.after_um;
+
+impl DemoReport {
+    /// 3-D errors of the indicated positions, µm.
+    pub(super) fn lengths_before(&self) -> Vec<f64> {
+        self.lengths(BEFORE)
+    }
+
+    /// 3-D errors of the corrected positions, µm.
+    pub(super) fn lengths_after(&self) -> Vec<f64> {
+        self.lengths(AFTER)
+    }
+
+    fn lengths(&self, state: State) -> Vec<f64> {
+        self.verification.iter().filter_map(state).map(length).collect()
+    }
+
+    fn component(&self, axis: usize, state: State) -> Vec<f64> {
+        self.verification.iter().filter_map(state).map(|e| e[axis]).collect()
+    }
+
+    /// Adds the chapter; returns the index of the main plot, if there are verification points.
+    pub(super) fn add_verification(&self, sections: &mut Vec<Section>) -> Option<usize> {
+        let intro = "Error = actual − indicated position at points that took no part in the fit.";
+        sections.push(heading("Error before and after", Some(intro)));
+        if self.verification.is_empty() {
+            sections.push(Section::Callout(Callout {
+                tone: Tone::Warning,
+                title: String::new(),
+                text: "There are no verification points: the figures of the fit alone do not show what the \
+                       correction is worth."
+                    .to_owned(),
+            }));
+            return None;
+        }
+        let index = sections.len();
+        sections.push(Section::Comparison(self.comparison()));
+        sections.push(Section::Table(self.error_table()));
+        sections.extend(self.region_map().map(Section::CellMap));
+        Some(index)
+    }
+
+    fn comparison(&self) -> Comparison {
+        let magnitudes = |values: Vec<f64>| values.into_iter().map(f64::abs).collect();
+        let mut groups: Vec<_> = ["x", "y", "z"]
+            .into_iter()
+            .enumerate()
+            .map(|(axis, label)| ComparisonGroup {
+                label: label.to_owned(),
+                before: magnitudes(self.component(axis, BEFORE)),
+                after: magnitudes(self.component(axis, AFTER)),
+            })
+            .collect();
+        groups.push(ComparisonGroup {
+            label: "3-D".to_owned(),
+            before: self.lengths_before(),
+            after: self.lengths_after(),
+        });
+        Comparison {
+            title: "Volumetric error before and after correction".to_owned(),
+            note: self.verification_note.clone(),
+            label: "error magnitude".to_owned(),
+            unit: "µm".to_owned(),
+            before_name: "uncorrected".to_owned(),
+            after_name: "corrected".to_owned(),
+            groups,
+        }
+    }
+
+    fn error_table(&self) -> TableSection {
+        let names = ["mean", "rms", "95 %", "largest"];
+        let states = ["uncorrected", "corrected"];
+        let mut columns = vec![Column::text("component")];
+        for state in states {
+            columns.extend(names.map(|name| Column::number(format!("{state}, {name}"), "µm")));
+        }
+        columns.push(Column::number("rms ratio", "1"));
+        let components = ["x", "y", "z"].into_iter().enumerate();
+        let mut rows: Vec<_> = components
+            .map(|(axis, name)| error_row(name, &self.component(axis, BEFORE), &self.component(axis, AFTER), true))
+            .collect();
+        rows.push(error_row("3-D", &self.lengths_before(), &self.lengths_after(), false));
+        TableSection {
+            title: "Error by component".to_owned(),
+            note: Some("95 % and largest refer to magnitudes; rms ratio = uncorrected over corrected.".to_owned()),
+            columns,
+            rows,
+            total_rows: None,
+        }
+    }
+
+    /// rms 3-D error in 3 x 3 x 3 regions: one panel a layer of z, first row uncorrected, second row corrected.
+    fn region_map(&self) -> Option<CellMap> {
+        let edges: Vec<Vec<f64>> = (0..3).map(|axis| self.edges(axis)).collect::<Option<_>>()?;
+        let mut panels = Vec::new();
+        for (name, state) in [("uncorrected", BEFORE), ("corrected", AFTER)] {
+            panels.extend((0..REGIONS).map(|layer| self.region_panel(name, state, layer, &edges)));
+        }
+        Some(CellMap {
+            title: "Error by region of the volume".to_owned(),
+            note: Some(
+                "Root mean square of the 3-D error in each region, µm; one column a layer of z. Each row has a colour \
+                 scale of its own, from zero to its largest value."
+                    .to_owned(),
+            ),
+            value: Axis::new("3-D error, rms", "µm"),
+            decimals: 2,
+            columns: REGIONS,
+            panels,
+        })
+    }
+
+    /// Edges of the regions along an axis; none if all points lie in one plane.
+    fn edges(&self, axis: usize) -> Option<Vec<f64>> {
+        let (low, high) = extent(self.verification.iter().map(|p| p.position_mm[axis]))?;
+        let step = (high - low) / REGIONS as f64;
+        (step > 0.0).then(|| (0..=REGIONS).map(|i| low + i as f64 * step).collect())
+    }
+
+    fn region_panel(&self, name: &str, state: State, layer: usize, edges: &[Vec<f64>]) -> CellPanel {
+        let mut cells = vec![Vec::new(); REGIONS * REGIONS];
+        for point in &self.verification {
+            let [i, j, k] = std::array::from_fn(|axis| region(point.position_mm[axis], &edges[axis]));
+            if let (true, Some(error)) = (k == layer, state(point)) {
+                cells[j * REGIONS + i].push(length(error));
+            }
+        }
+        CellPanel {
+            title: format!("{name}, z {:.0} … {:.0} mm", edges[2][layer], edges[2][layer + 1]),
+            x: Axis::new("x", "mm"),
+            y: Axis::new("y", "mm"),
+            x_edges: edges[0].clone(),
+            y_edges: edges[1].clone(),
+            values: cells.iter().map(|cell| rms(cell)).collect(),
+        }
+    }
+}
+
+/// Index of the region that holds a coordinate; the last edge belongs to the last region.
+fn region(value: f64, edges: &[f64]) -> usize {
+    let below = edges.iter().skip(1).take_while(|&&edge| value >= edge).count();
+    below.min(REGIONS - 1)
+}
+
+/// A row of the table; the mean only for signed components.
+fn error_row(name: &str, before: &[f64], after: &[f64], signed: bool) -> Vec<Option<Cell>> {
+    let mut row = vec![Cell::text(name)];
+    for sample in [before, after] {
+        let mean = (!sample.is_empty()).then(|| sample.iter().sum::<f64>() / sample.len() as f64);
+        let magnitudes = sorted(&sample.iter().map(|v| v.abs()).collect::<Vec<_>>());
+        row.push(Cell::maybe(mean.filter(|_| signed), 2));
+        row.push(Cell::maybe(rms(sample), 2));
+        row.push(Cell::maybe(quantile_sorted(&magnitudes, 0.95), 2));
+        row.push(Cell::maybe(max_abs(sample), 2));
+    }
+    let ratio = rms(before).zip(rms(after)).filter(|(_, after)| *after > 0.0);
+    row.push(Cell::maybe(ratio.map(|(before, after)| before / after), 1));
+    row
+}

@@ -1,0 +1,126 @@
+//! The page around the sections: header, table of contents, figures as inline SVG, styles and fonts inside.
+
+use std::fmt::Write as _;
+
+use base64::Engine as _;
+use base64::engine::general_purpose::STANDARD;
+
+use crate::error::ReportError;
+use crate::report::Report;
+use crate::sections::Section;
+use crate::svg::Drawing;
+use crate::text::{MISSING, escape};
+use crate::theme;
+
+/// The embedded fonts: weight and file.
+const FONTS: [(u16, &[u8]); 2] = [
+    (400, include_bytes!("../fonts/Inter-Regular.woff2")),
+    (600, include_bytes!("../fonts/Inter-SemiBold.woff2")),
+];
+
+/// The page of a checked report.
+pub(crate) fn page(report: &Report) -> Result<String, ReportError> {
+    let title = escape(&report.title);
+    let mut out = format!(
+        "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
+         <meta name=\"viewport\" content=\"width=device-width,initial-scale=1\">\n\
+         <meta name=\"color-scheme\" content=\"light dark\">\n\
+         <title>{title}</title>\n<style>\n{}{}</style>\n</head>\n<body>\n",
+        font_faces(),
+        theme::page_css()
+    );
+    header(report, &mut out);
+    out.push_str("<main>\n");
+    for (index, section) in report.sections.iter().enumerate() {
+        out.push_str(&section_html(section, index)?);
+    }
+    out.push_str("</main>\n");
+    if let Some(footer) = &report.footer {
+        let _ = writeln!(out, "<footer>{}</footer>", escape(footer));
+    }
+    out.push_str("</body>\n</html>\n");
+    Ok(out)
+}
+
+fn font_faces() -> String {
+    let mut css = String::new();
+    for (weight, bytes) in FONTS {
+        let data = STANDARD.encode(bytes);
+        let _ = writeln!(
+            css,
+            "@font-face{{font-family:Inter;font-weight:{weight};font-style:normal;\
+             src:url(data:font/woff2;base64,{data}) format(\"woff2\")}}"
+        );
+    }
+    css
+}
+
+fn header(report: &Report, out: &mut String) {
+    let _ = writeln!(out, "<header class=\"top\">\n<h1>{}</h1>", escape(&report.title));
+    if let Some(lead) = &report.lead {
+        let _ = writeln!(out, "<p class=\"lead\">{}</p>", escape(lead));
+    }
+    if !report.meta.is_empty() {
+        out.push_str("<dl class=\"meta\">\n");
+        for item in &report.meta {
+            let value = item.value.as_deref().map_or_else(|| MISSING.to_owned(), escape);
+            let _ = writeln!(out, "<dt>{}</dt><dd>{value}</dd>", escape(&item.label));
+        }
+        out.push_str("</dl>\n");
+    }
+    contents(report, out);
+    out.push_str("</header>\n");
+}
+
+/// Links to the chapters.
+fn contents(report: &Report, out: &mut String) {
+    let headings: Vec<_> = report
+        .sections
+        .iter()
+        .enumerate()
+        .filter_map(|(index, section)| match section {
+            Section::Heading(heading) => Some((index, &heading.title)),
+            _ => None,
+        })
+        .collect();
+    if headings.is_empty() {
+        return;
+    }
+    out.push_str("<nav aria-label=\"Contents\">");
+    for (index, title) in headings {
+        let _ = write!(out, "<a href=\"#s{index}\">{}</a>", escape(title));
+    }
+    out.push_str("</nav>\n");
+}
+
+fn section_html(section: &Section, index: usize) -> Result<String, ReportError> {
+    Ok(match section {
+        Section::Heading(heading) => {
+            let intro = heading.intro.as_deref().map(|i| format!("<p>{}</p>\n", escape(i)));
+            let title = escape(&heading.title);
+            format!("<h2 id=\"s{index}\">{title}</h2>\n{}", intro.unwrap_or_default())
+        }
+        Section::KeyFigures(figures) => figures.html(),
+        Section::Table(table) => table.html(),
+        Section::Callout(callout) => callout.html(),
+        figure => match figure.drawing() {
+            Some(drawn) => {
+                let (drawing, note) = drawn?;
+                figure_html(figure.title(), note.as_deref(), &drawing)
+            }
+            None => String::new(),
+        },
+    })
+}
+
+fn figure_html(title: &str, note: Option<&str>, drawing: &Drawing) -> String {
+    let title = escape(title);
+    let note = note.map(|n| format!("<p class=\"note\">{}</p>\n", escape(n))).unwrap_or_default();
+    format!(
+        "<figure>\n<figcaption><h3>{title}</h3>\n{note}</figcaption>\n\
+         <svg viewBox=\"0 0 {} {}\" role=\"img\" aria-label=\"{title}\">\n{}</svg>\n</figure>\n",
+        drawing.width,
+        drawing.height.ceil(),
+        drawing.body
+    )
+}

@@ -1,0 +1,85 @@
+//! A report: title, what it is about, sections; and its three forms HTML, PNG and JSON.
+
+use serde::{Deserialize, Serialize};
+
+use crate::error::ReportError;
+use crate::finite::check_finite;
+use crate::sections::Section;
+use crate::{html, png};
+
+/// A line of the header: what was run, a file, a hash, a version.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct MetaItem {
+    /// Name of the item.
+    pub label: String,
+    /// Its text; missing is shown as a dash.
+    pub value: Option<String>,
+}
+
+/// A report.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct Report {
+    /// Title of page and PNG.
+    pub title: String,
+    /// One sentence under the title.
+    pub lead: Option<String>,
+    /// Lines of the header.
+    pub meta: Vec<MetaItem>,
+    /// Index of the section that the PNG shows; it must be a figure.
+    pub main_plot: Option<usize>,
+    /// Last line of page and PNG, e.g. software version and hashes.
+    pub footer: Option<String>,
+    /// Sections in reading order.
+    pub sections: Vec<Section>,
+}
+
+impl Report {
+    /// Refuses numbers that are not finite and parts that do not fit together.
+    ///
+    /// # Errors
+    /// [`ReportError`] naming the section and the place in it.
+    pub fn check(&self) -> Result<(), ReportError> {
+        self.sections.iter().try_for_each(Section::check)
+    }
+
+    /// The page: one HTML file with styles and fonts inside, no script and no external resource.
+    ///
+    /// # Errors
+    /// As [`Report::check`], or a drawing that overflows.
+    pub fn html(&self) -> Result<String, ReportError> {
+        self.check()?;
+        html::page(self)
+    }
+
+    /// The main plot as PNG, 1600 px wide, on white, drawn with the embedded font.
+    ///
+    /// # Errors
+    /// As [`Report::check`]; [`ReportError::MainPlot`] where `main_plot` names no figure.
+    pub fn png(&self) -> Result<Vec<u8>, ReportError> {
+        self.check()?;
+        png::main_plot(self)
+    }
+
+    /// The report's sections as JSON, missing values as `null`.
+    ///
+    /// # Errors
+    /// As [`Report::check`].
+    pub fn json(&self) -> Result<String, ReportError> {
+        self.check()?;
+        to_json(&self.title, self)
+    }
+}
+
+/// Any data as indented JSON that ends with a newline; refuses numbers that are not finite.
+///
+/// # Errors
+/// [`ReportError::NotFinite`] naming `name` and the path; [`ReportError::Serialise`] for maps without text keys.
+pub fn to_json<T: Serialize>(name: &str, data: &T) -> Result<String, ReportError> {
+    check_finite(name, data)?;
+    let mut text = serde_json::to_string_pretty(data).map_err(|error| ReportError::Serialise {
+        section: name.to_owned(),
+        what: error.to_string(),
+    })?;
+    text.push('\n');
+    Ok(text)
+}

@@ -1,0 +1,87 @@
+//! Horizontal bars: one value a name, with the number at the bar's end.
+
+use serde::{Deserialize, Serialize};
+
+use super::Axis;
+use crate::error::ReportError;
+use crate::frame::{Area, Labels, WIDTH_PX, axis_text, draw_frame};
+use crate::scale::{Scale, extent};
+use crate::svg::{Anchor, Drawing, Svg};
+use crate::text::{MISSING, significant};
+
+/// Height of a bar with its gap, px.
+const ROW_PX: f64 = 24.0;
+/// Space for the names, px.
+const NAME_PX: f64 = 230.0;
+
+/// A bar.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Bar {
+    /// Name left of the bar.
+    pub name: String,
+    /// Value in the unit of the axis.
+    pub value: Option<f64>,
+}
+
+/// Horizontal bars.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Bars {
+    /// Title of the figure.
+    pub title: String,
+    /// Sentence under the title.
+    pub note: Option<String>,
+    /// What the bars show, with unit.
+    pub value: Axis,
+    /// Bars from top to bottom.
+    pub bars: Vec<Bar>,
+}
+
+impl Bars {
+    /// Refuses a figure without bars.
+    pub(crate) fn check(&self) -> Result<(), ReportError> {
+        if self.bars.is_empty() {
+            return Err(ReportError::shape(&self.title, "there is no bar", "leave the section out"));
+        }
+        Ok(())
+    }
+
+    /// Draws the figure.
+    pub(crate) fn draw(&self) -> Result<Drawing, ReportError> {
+        let area = Area {
+            left: NAME_PX,
+            top: 6.0,
+            width: WIDTH_PX - NAME_PX - 90.0,
+            height: ROW_PX * self.bars.len() as f64,
+        };
+        let mut svg = Svg::new(WIDTH_PX, area.bottom() + 44.0);
+        let range = extent(self.bars.iter().filter_map(|b| b.value).chain([0.0]));
+        let (low, high) = range.unwrap_or((0.0, 1.0));
+        let x = Scale::exact(low, if high > low { high } else { low + 1.0 }, area.left, area.right());
+        let y = Scale::exact(0.0, 1.0, area.bottom(), area.top);
+        let labels = Labels {
+            x: axis_text(&self.value),
+            x_ticks: 8,
+            ..Labels::default()
+        };
+        draw_frame(&mut svg, area, &x, &y, &labels);
+        for (index, bar) in self.bars.iter().enumerate() {
+            bar.draw(&mut svg, area.top + index as f64 * ROW_PX, &x);
+        }
+        svg.line("zero", (x.map(0.0), area.top), (x.map(0.0), area.bottom()));
+        svg.finish(&self.title)
+    }
+}
+
+impl Bar {
+    fn draw(&self, svg: &mut Svg, top: f64, x: &Scale) {
+        let base = top + ROW_PX / 2.0 + 4.0;
+        svg.text("", (NAME_PX - 10.0, base), Anchor::End, &self.name);
+        let Some(value) = self.value else {
+            svg.text("muted", (x.map(0.0) + 6.0, base), Anchor::Start, MISSING);
+            return;
+        };
+        let (left, right) = (x.map(value.min(0.0)), x.map(value.max(0.0)));
+        svg.rect("f1 bar", (left, top + 4.0), (right - left, ROW_PX - 8.0), None);
+        svg.text("small muted", (right + 6.0, base), Anchor::Start, &significant(value, 3));
+    }
+}

@@ -1,0 +1,143 @@
+//! Box plots: quartiles, 5 % and 95 % whiskers, rms and largest value, by group and series.
+
+use serde::{Deserialize, Serialize};
+
+use super::Axis;
+use crate::error::ReportError;
+use crate::frame::{Area, Labels, Swatch, WIDTH_PX, axis_text, draw_frame, draw_legend};
+use crate::scale::{Scale, extent};
+use crate::stats::BoxStats;
+use crate::svg::{Anchor, Drawing, Svg};
+use crate::text::{MISSING, significant};
+
+/// A group of boxes beside each other.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct BoxGroup {
+    /// Name under the group.
+    pub label: String,
+    /// One box a series, in the order of the series' names.
+    pub boxes: Vec<Option<BoxStats>>,
+}
+
+/// A box plot with a linear axis.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct BoxPlot {
+    /// Title of the figure.
+    pub title: String,
+    /// Sentence under the title.
+    pub note: Option<String>,
+    /// What the groups are, e.g. `station`.
+    pub groups_label: String,
+    /// What the boxes show, with unit.
+    pub value: Axis,
+    /// Names of the series (at most six).
+    pub series: Vec<String>,
+    /// Groups from left to right.
+    pub groups: Vec<BoxGroup>,
+}
+
+impl BoxPlot {
+    /// Refuses groups with another count of boxes than series.
+    pub(crate) fn check(&self) -> Result<(), ReportError> {
+        if self.groups.is_empty() || self.series.is_empty() || self.series.len() > 6 {
+            let what = "needs at least one group and one to six series";
+            return Err(ReportError::shape(&self.title, what, "leave the section out or split it"));
+        }
+        match self.groups.iter().find(|g| g.boxes.len() != self.series.len()) {
+            Some(group) => {
+                let what = format!("group '{}' has {} boxes", group.label, group.boxes.len());
+                Err(ReportError::shape(&self.title, what, "give one box a series, None if missing"))
+            }
+            None => Ok(()),
+        }
+    }
+
+    /// Draws the figure.
+    pub(crate) fn draw(&self) -> Result<Drawing, ReportError> {
+        let area = Area {
+            left: 62.0,
+            top: 34.0,
+            width: WIDTH_PX - 78.0,
+            height: 220.0,
+        };
+        let mut svg = Svg::new(WIDTH_PX, area.bottom() + 46.0);
+        let classes: Vec<String> = (1..=self.series.len()).map(|i| i.to_string()).collect();
+        let series: Vec<_> = classes.iter().cloned().zip(self.series.iter().cloned()).collect();
+        draw_box_legend(&mut svg, (area.left, 14.0), if series.len() > 1 { &series } else { &[] });
+        let values = self.groups.iter().flat_map(|g| g.boxes.iter().flatten()).flat_map(|b| [b.p05, b.max]);
+        let y = Scale::linear(extent(values.chain([0.0])), area.bottom(), area.top);
+        let labels = Labels {
+            x: self.groups_label.clone(),
+            y: axis_text(&self.value),
+            y_ticks: 6,
+            ..Labels::default()
+        };
+        draw_boxes(&mut svg, area, &y, &labels, &self.groups, &classes, &self.value.unit);
+        svg.finish(&self.title)
+    }
+}
+
+/// Legend of the parts of a box after the series' own entries.
+pub(crate) fn draw_box_legend(svg: &mut Svg, at: (f64, f64), series: &[(String, String)]) {
+    let patches: Vec<_> = series
+        .iter()
+        .map(|(class, name)| (Swatch::Patch(format!("f{class} bar")), name.clone()))
+        .collect();
+    let x = draw_legend(svg, at, &patches);
+    let key = "box: quartiles and median · whiskers: 5 % and 95 % · ◆ rms · ● largest";
+    let key = key.replace('◆', "■");
+    svg.text("small muted", (x, at.1), Anchor::Start, &key);
+}
+
+/// Draws groups of boxes on a given scale; shared with the before/after comparison.
+pub(crate) fn draw_boxes(
+    svg: &mut Svg,
+    area: Area,
+    y: &Scale,
+    labels: &Labels,
+    groups: &[BoxGroup],
+    classes: &[String],
+    unit: &str,
+) {
+    let x = Scale::exact(0.0, groups.len() as f64, area.left, area.right());
+    draw_frame(svg, area, &x, y, labels);
+    let slot = (area.width / groups.len() as f64 * 0.8 / classes.len() as f64).min(64.0);
+    for (index, group) in groups.iter().enumerate() {
+        let middle = x.map(index as f64 + 0.5);
+        svg.text("", (middle, area.bottom() + 17.0), Anchor::Middle, &group.label);
+        let first = middle - slot * (classes.len() as f64 - 1.0) / 2.0;
+        for (series, (stats, class)) in group.boxes.iter().zip(classes).enumerate() {
+            let centre = first + slot * series as f64;
+            match stats {
+                Some(stats) => draw_box(svg, (centre, 0.32 * slot), y, stats, class, unit),
+                None => svg.text("muted", (centre, area.bottom() - 8.0), Anchor::Middle, MISSING),
+            }
+        }
+    }
+}
+
+fn draw_box(svg: &mut Svg, (centre, half): (f64, f64), y: &Scale, stats: &BoxStats, class: &str, unit: &str) {
+    let (p05, q25, q75, p95) = (y.map(stats.p05), y.map(stats.q25), y.map(stats.q75), y.map(stats.p95));
+    let (left, right) = (centre - half, centre + half);
+    let whiskers = [
+        [(centre, p05), (centre, q25)],
+        [(centre, q75), (centre, p95)],
+        [(left + half / 2.0, p05), (right - half / 2.0, p05)],
+        [(left + half / 2.0, p95), (right - half / 2.0, p95)],
+    ];
+    svg.segments(&format!("wh l{class}"), &whiskers);
+    let tip = format!(
+        "n {}, rms {}, median {}, 95 % {}, largest {} {unit}",
+        stats.count,
+        significant(stats.rms, 3),
+        significant(stats.median, 3),
+        significant(stats.p95, 3),
+        significant(stats.max, 3)
+    );
+    svg.rect(&format!("box o{class}"), (left, q75), (2.0 * half, q25 - q75), None);
+    svg.rect(&format!("b{class} o{class}"), (left, q75), (2.0 * half, q25 - q75), Some(&tip));
+    let median = y.map(stats.median);
+    svg.line(&format!("med l{class}"), (left, median), (right, median));
+    svg.rect(&format!("f{class}"), (centre - 3.5, y.map(stats.rms) - 3.5), (7.0, 7.0), Some(&tip));
+    svg.circle(&format!("f{class}"), (centre, y.map(stats.max)), 2.8, Some(&tip));
+}

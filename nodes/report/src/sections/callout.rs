@@ -1,0 +1,66 @@
+//! A sentence set apart: note, good news, warning or failure, always said in words too.
+
+use serde::{Deserialize, Serialize};
+
+use crate::text::escape;
+
+/// How a figure or a sentence is to be taken.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Tone {
+    /// Plain information.
+    #[default]
+    Neutral,
+    /// As it should be.
+    Good,
+    /// Needs attention.
+    Warning,
+    /// Not as it should be.
+    Bad,
+}
+
+impl Tone {
+    /// Style class; empty for plain information.
+    pub(crate) fn class(self) -> &'static str {
+        match self {
+            Self::Neutral => "",
+            Self::Good => " good",
+            Self::Warning => " warning",
+            Self::Bad => " bad",
+        }
+    }
+
+    /// The tone in words, so that it does not hang on a colour.
+    fn word(self) -> &'static str {
+        match self {
+            Self::Neutral => "Note",
+            Self::Good => "In order",
+            Self::Warning => "Warning",
+            Self::Bad => "Failed",
+        }
+    }
+}
+
+/// A sentence set apart.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Callout {
+    /// How it is to be taken.
+    pub tone: Tone,
+    /// Short title; may be empty.
+    pub title: String,
+    /// The text.
+    pub text: String,
+}
+
+impl Callout {
+    /// HTML of the callout.
+    pub(crate) fn html(&self) -> String {
+        let title = if self.title.is_empty() { String::new() } else { format!(" — {}", escape(&self.title)) };
+        format!(
+            "<div class=\"callout{}\"><p><b>{}{title}.</b> {}</p></div>\n",
+            self.tone.class(),
+            self.tone.word(),
+            escape(&self.text)
+        )
+    }
+}

@@ -1,0 +1,131 @@
+//! A grid of cells coloured by a magnitude, with the number in each cell: error by region of the volume.
+
+use serde::{Deserialize, Serialize};
+
+use super::Axis;
+use crate::error::ReportError;
+use crate::frame::{Area, Labels, WIDTH_PX, axis_text, draw_frame};
+use crate::scale::Scale;
+use crate::stats::max_abs;
+use crate::svg::{Anchor, Drawing, Svg};
+use crate::text::{MISSING, fixed};
+use crate::theme::SEQUENTIAL_STEPS;
+
+/// Height of a row of panels, px: title, cells, axis labels.
+const ROW_PX: f64 = 28.0 + 150.0 + 46.0;
+
+/// A panel: cells between the edges of two axes.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct CellPanel {
+    /// Title above the panel.
+    pub title: String,
+    /// Horizontal axis.
+    pub x: Axis,
+    /// Vertical axis.
+    pub y: Axis,
+    /// Cell edges along x, ascending.
+    pub x_edges: Vec<f64>,
+    /// Cell edges along y, ascending.
+    pub y_edges: Vec<f64>,
+    /// Magnitude of each cell, x fastest; missing where nothing was measured.
+    pub values: Vec<Option<f64>>,
+}
+
+/// Cells coloured by a magnitude.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct CellMap {
+    /// Title of the figure.
+    pub title: String,
+    /// Sentence under the title.
+    pub note: Option<String>,
+    /// What the colour and the numbers show, with unit.
+    pub value: Axis,
+    /// Decimals of the numbers.
+    pub decimals: u8,
+    /// Panels side by side (1 to 4). Each row of panels has a colour scale of its own, from 0 to its largest.
+    pub columns: usize,
+    /// Panels, row by row.
+    pub panels: Vec<CellPanel>,
+}
+
+impl CellMap {
+    /// Refuses edges that do not ascend and a count of values that does not fit.
+    pub(crate) fn check(&self) -> Result<(), ReportError> {
+        for panel in &self.panels {
+            let ascending = |edges: &[f64]| edges.len() >= 2 && edges.windows(2).all(|w| w[0] < w[1]);
+            if !ascending(&panel.x_edges) || !ascending(&panel.y_edges) {
+                let what = format!("panel '{}' has edges that do not ascend", panel.title);
+                return Err(ReportError::shape(&self.title, what, "give at least two ascending edges an axis"));
+            }
+            let cells = (panel.x_edges.len() - 1) * (panel.y_edges.len() - 1);
+            if panel.values.len() != cells {
+                let what = format!("panel '{}' has {} values for {cells} cells", panel.title, panel.values.len());
+                return Err(ReportError::shape(&self.title, what, "give one value a cell, None if missing"));
+            }
+            if panel.values.iter().flatten().any(|&v| v < 0.0) {
+                let what = format!("panel '{}' has a negative magnitude", panel.title);
+                return Err(ReportError::shape(&self.title, what, "use a residual map for signed values"));
+            }
+        }
+        Ok(())
+    }
+
+    /// Draws the figure.
+    pub(crate) fn draw(&self) -> Result<Drawing, ReportError> {
+        let columns = self.columns.clamp(1, 4);
+        let cell = WIDTH_PX / columns as f64;
+        let rows = self.panels.len().div_ceil(columns);
+        let mut svg = Svg::new(WIDTH_PX, rows as f64 * ROW_PX);
+        for (row, panels) in self.panels.chunks(columns).enumerate() {
+            let values: Vec<f64> = panels.iter().flat_map(|p| p.values.iter().flatten().copied()).collect();
+            let top = max_abs(&values).filter(|&m| m > 0.0).unwrap_or(1.0);
+            for (column, panel) in panels.iter().enumerate() {
+                let area = Area {
+                    left: column as f64 * cell + 62.0,
+                    top: row as f64 * ROW_PX + 28.0,
+                    width: cell - 78.0,
+                    height: 150.0,
+                };
+                panel.draw(&mut svg, area, top, self);
+            }
+        }
+        svg.finish(&self.title)
+    }
+}
+
+impl CellPanel {
+    fn draw(&self, svg: &mut Svg, area: Area, top: f64, map: &CellMap) {
+        let limits = |edges: &[f64]| (edges.first().copied().unwrap_or(0.0), edges.last().copied().unwrap_or(1.0));
+        let ((x0, x1), (y0, y1)) = (limits(&self.x_edges), limits(&self.y_edges));
+        let x = Scale::exact(x0, x1, area.left, area.right());
+        let y = Scale::exact(y0, y1, area.bottom(), area.top);
+        let columns = self.x_edges.len() - 1;
+        for (index, value) in self.values.iter().enumerate() {
+            let (i, j) = (index % columns, index / columns);
+            let left_top = (x.map(self.x_edges[i]), y.map(self.y_edges[j + 1]));
+            let right_bottom = (x.map(self.x_edges[i + 1]), y.map(self.y_edges[j]));
+            let size = (right_bottom.0 - left_top.0, right_bottom.1 - left_top.1);
+            let step = value.map(|v| ((v / top * SEQUENTIAL_STEPS as f64) as usize).min(SEQUENTIAL_STEPS - 1));
+            let class = step.map_or_else(|| "none edge".to_owned(), |s| format!("q{s} edge"));
+            svg.rect(&class, left_top, size, None);
+            let text = value.map_or_else(|| MISSING.to_owned(), |v| fixed(v, map.decimals));
+            let ink = if step.is_some_and(|s| s > SEQUENTIAL_STEPS / 2) { "on-dark" } else { "on-light" };
+            let middle = (left_top.0 + size.0 / 2.0, left_top.1 + size.1 / 2.0 + 4.0);
+            svg.text(ink, middle, Anchor::Middle, &text);
+        }
+        let labels = Labels {
+            title: self.title.clone(),
+            x: axis_text(&self.x),
+            y: axis_text(&self.y),
+            ..Labels::default()
+        };
+        draw_frame(svg, area, &x, &y, &labels);
+        for &edge in &self.x_edges {
+            let at = (x.map(edge), area.bottom() + 17.0);
+            svg.text("small muted", at, Anchor::Middle, &fixed(edge, 0));
+        }
+        for &edge in &self.y_edges {
+            svg.text("small muted", (area.left - 7.0, y.map(edge) + 4.0), Anchor::End, &fixed(edge, 0));
+        }
+    }
+}

@@ -1,0 +1,163 @@
+//! Error before and after, the main plot: boxes by axis on the left, cumulative share on the right.
+
+use serde::{Deserialize, Serialize};
+
+use super::BoxGroup;
+use super::boxes::{draw_box_legend, draw_boxes};
+use crate::error::ReportError;
+use crate::frame::{Area, Labels, WIDTH_PX, draw_empty, draw_frame};
+use crate::scale::{Scale, extent};
+use crate::stats::{BoxStats, quantile_sorted, sorted};
+use crate::svg::{Anchor, Drawing, Svg};
+use crate::text::{fixed, with_unit};
+
+/// From this ratio of largest to smallest on, the axis is logarithmic.
+const LOG_RATIO: f64 = 20.0;
+/// Quantiles drawn of a cumulative curve.
+const QUANTILES: usize = 201;
+/// Classes of the two series.
+const CLASSES: [&str; 2] = ["B", "A"];
+
+/// Magnitudes of one component before and after.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct ComparisonGroup {
+    /// Name of the component: `x`, `y`, `z`, `3-D`.
+    pub label: String,
+    /// Magnitudes before, in the unit of the comparison; empty where not measured.
+    pub before: Vec<f64>,
+    /// Magnitudes after; empty where not measured.
+    pub after: Vec<f64>,
+}
+
+/// Error before and after by component; the last group is also shown as cumulative share.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Comparison {
+    /// Title of the figure.
+    pub title: String,
+    /// Sentence under the title.
+    pub note: Option<String>,
+    /// What is compared, e.g. `error magnitude`.
+    pub label: String,
+    /// Its unit.
+    pub unit: String,
+    /// Name of the state before, e.g. `uncorrected`.
+    pub before_name: String,
+    /// Name of the state after, e.g. `corrected`.
+    pub after_name: String,
+    /// Components from left to right.
+    pub groups: Vec<ComparisonGroup>,
+}
+
+impl Comparison {
+    /// Refuses a comparison without groups and negative magnitudes.
+    pub(crate) fn check(&self) -> Result<(), ReportError> {
+        if self.groups.is_empty() {
+            return Err(ReportError::shape(&self.title, "there is no group", "leave the section out"));
+        }
+        match self.groups.iter().find(|g| g.before.iter().chain(&g.after).any(|&v| v < 0.0)) {
+            Some(group) => {
+                let what = format!("group '{}' has a negative magnitude", group.label);
+                Err(ReportError::shape(&self.title, what, "pass magnitudes, not signed errors"))
+            }
+            None => Ok(()),
+        }
+    }
+
+    fn boxes(&self) -> Vec<BoxGroup> {
+        self.groups
+            .iter()
+            .map(|g| BoxGroup {
+                label: g.label.clone(),
+                boxes: vec![BoxStats::of(&g.before), BoxStats::of(&g.after)],
+            })
+            .collect()
+    }
+
+    /// Draws the figure.
+    pub(crate) fn draw(&self) -> Result<Drawing, ReportError> {
+        self.draw_with_height(330.0)
+    }
+
+    /// Draws the figure with plotting areas of a given height, px.
+    pub(crate) fn draw_with_height(&self, height: f64) -> Result<Drawing, ReportError> {
+        let left = Area {
+            left: 62.0,
+            top: 58.0,
+            width: 540.0,
+            height,
+        };
+        let right = Area {
+            left: 680.0,
+            width: WIDTH_PX - 680.0 - 16.0,
+            ..left
+        };
+        let mut svg = Svg::new(WIDTH_PX, left.bottom() + 46.0);
+        let names = [&self.before_name, &self.after_name];
+        let series: Vec<_> = CLASSES.iter().map(|c| (*c).to_owned()).zip(names.map(Clone::clone)).collect();
+        draw_box_legend(&mut svg, (left.left, 14.0), &series);
+        self.draw_boxes(&mut svg, left);
+        self.draw_cumulative(&mut svg, right);
+        svg.finish(&self.title)
+    }
+
+    fn draw_boxes(&self, svg: &mut Svg, area: Area) {
+        let boxes = self.boxes();
+        let values = || boxes.iter().flat_map(|g| g.boxes.iter().flatten());
+        let range = extent(values().flat_map(|b| [b.p05, b.max]));
+        let y = magnitude_scale(range, area.bottom(), area.top);
+        let labels = Labels {
+            title: "By component".to_owned(),
+            y: with_unit(&self.label, &self.unit),
+            y_ticks: 7,
+            ..Labels::default()
+        };
+        let classes = CLASSES.map(str::to_owned);
+        draw_boxes(svg, area, &y, &labels, &boxes, &classes, &self.unit);
+    }
+
+    fn draw_cumulative(&self, svg: &mut Svg, area: Area) {
+        let Some(group) = self.groups.last() else { return };
+        let samples = [sorted(&group.before), sorted(&group.after)];
+        let range = extent(samples.iter().flat_map(|s| [s.first(), s.last()].into_iter().flatten().copied()));
+        let x = magnitude_scale(range, area.left, area.right());
+        let y = Scale::exact(0.0, 100.0, area.bottom(), area.top);
+        let labels = Labels {
+            title: format!("Cumulative share, {}", group.label),
+            x: with_unit(&format!("{} {}", group.label, self.label), &self.unit),
+            y: "share of points / %".to_owned(),
+            x_ticks: 6,
+            y_ticks: 5,
+        };
+        draw_frame(svg, area, &x, &y, &labels);
+        for (sample, class) in samples.iter().zip(CLASSES) {
+            let curve: Vec<_> = (0..QUANTILES)
+                .map(|i| i as f64 / (QUANTILES - 1) as f64)
+                .filter_map(|p| quantile_sorted(sample, p).map(|v| (x.map(v), y.map(100.0 * p))))
+                .collect();
+            svg.path(&format!("ln l{class}"), &curve, false);
+            self.draw_p95(svg, sample, class, &x, &y);
+        }
+        if samples.iter().all(Vec::is_empty) {
+            draw_empty(svg, area);
+        }
+    }
+
+    /// Marks the 95 % point of a cumulative curve with its value.
+    fn draw_p95(&self, svg: &mut Svg, sample: &[f64], class: &str, x: &Scale, y: &Scale) {
+        let Some(p95) = quantile_sorted(sample, 0.95) else { return };
+        let at = (x.map(p95), y.map(95.0));
+        svg.circle(&format!("f{class}"), at, 3.4, None);
+        let decimals = if p95 < 10.0 { 2 } else { 1 };
+        let label = format!("95 %: {} {}", fixed(p95, decimals), self.unit);
+        svg.text(&format!("small f{class}"), (at.0 - 9.0, at.1 + 14.0), Anchor::End, &label);
+    }
+}
+
+/// Logarithmic where the magnitudes span decades and none is zero, else linear from zero.
+fn magnitude_scale(range: Option<(f64, f64)>, from: f64, to: f64) -> Scale {
+    match range {
+        Some((low, high)) if low > 0.0 && high / low > LOG_RATIO => Scale::log(low, high, from, to),
+        Some((_, high)) if high > 0.0 => Scale::exact(0.0, 1.05 * high, from, to),
+        _ => Scale::exact(0.0, 1.0, from, to),
+    }
+}

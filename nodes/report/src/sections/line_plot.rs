@@ -1,0 +1,215 @@
+//! Curves over an axis, in one or several panels: lines with bands, dashed references, points.
+
+use serde::{Deserialize, Serialize};
+
+use super::Axis;
+use crate::error::ReportError;
+use crate::frame::{self, Area, Labels, Swatch, WIDTH_PX, axis_text, draw_frame, draw_legend, grid, stride};
+use crate::scale::{Scale, extent};
+use crate::svg::{Drawing, Svg};
+use crate::theme::SERIES;
+
+/// How a curve is drawn. Series count from 1; colours repeat after six.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum CurveStyle {
+    /// A line in the colour of a series.
+    Line(u8),
+    /// A dashed line in the colour of the text: truth, reference, declared value.
+    Reference,
+    /// Points in the colour of a series.
+    Points(u8),
+}
+
+impl CurveStyle {
+    fn series(series: u8) -> u8 {
+        (series.max(1) - 1) % SERIES + 1
+    }
+
+    fn stroke_class(self) -> String {
+        match self {
+            Self::Line(series) => format!("ln l{}", Self::series(series)),
+            Self::Reference => "ink dash".to_owned(),
+            Self::Points(series) => format!("dot2 o{}", Self::series(series)),
+        }
+    }
+
+    fn band_class(self) -> String {
+        match self {
+            Self::Line(series) | Self::Points(series) => format!("b{}", Self::series(series)),
+            Self::Reference => "none".to_owned(),
+        }
+    }
+}
+
+/// A curve: values over positions, with an optional band.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Curve {
+    /// Name in the legend; curves of one name share one entry.
+    pub name: String,
+    /// How it is drawn.
+    pub style: CurveStyle,
+    /// Positions in the unit of the panel's x axis.
+    pub x: Vec<f64>,
+    /// Values in the unit of the panel's y axis; a missing value breaks the line.
+    pub y: Vec<Option<f64>>,
+    /// Half width of the band (e.g. 95 %) at every position, in the unit of the y axis.
+    pub half_width: Option<Vec<Option<f64>>>,
+}
+
+/// A panel of a line plot.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct LinePanel {
+    /// Title above the panel.
+    pub title: String,
+    /// Horizontal axis.
+    pub x: Axis,
+    /// Vertical axis.
+    pub y: Axis,
+    /// Curves, drawn in this order.
+    pub curves: Vec<Curve>,
+}
+
+/// Curves in one or several panels.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct LinePlot {
+    /// Title of the figure.
+    pub title: String,
+    /// Sentence under the title.
+    pub note: Option<String>,
+    /// Panels side by side (1 to 4).
+    pub columns: usize,
+    /// Name of the bands in the legend, e.g. `95 % band`.
+    pub band_name: Option<String>,
+    /// Panels, row by row.
+    pub panels: Vec<LinePanel>,
+}
+
+impl Curve {
+    /// (position, value, half width) of the points that are not missing, in runs without a gap.
+    fn runs(&self) -> Vec<Vec<(f64, f64, f64)>> {
+        let mut runs = vec![Vec::new()];
+        for (index, (&x, y)) in self.x.iter().zip(&self.y).enumerate() {
+            match (y, runs.last_mut()) {
+                (Some(y), Some(run)) => run.push((x, *y, self.half_width_at(index).unwrap_or(0.0))),
+                _ => runs.push(Vec::new()),
+            }
+        }
+        runs.retain(|run| !run.is_empty());
+        runs
+    }
+
+    fn half_width_at(&self, index: usize) -> Option<f64> {
+        self.half_width.as_ref()?.get(index).copied().flatten()
+    }
+
+    fn draw_band(&self, svg: &mut Svg, x: &Scale, y: &Scale) {
+        if self.half_width.is_none() {
+            return;
+        }
+        for run in self.runs() {
+            let upper = run.iter().map(|&(px, py, h)| (x.map(px), y.map(py + h)));
+            let lower = run.iter().rev().map(|&(px, py, h)| (x.map(px), y.map(py - h)));
+            let outline: Vec<_> = upper.chain(lower).collect();
+            svg.path(&self.style.band_class(), &outline, true);
+        }
+    }
+
+    fn draw(&self, svg: &mut Svg, x: &Scale, y: &Scale) {
+        let points = matches!(self.style, CurveStyle::Points(_));
+        let step = if points { stride(self.x.len()) } else { 1 };
+        for run in self.runs() {
+            let pixels: Vec<_> = run.iter().step_by(step).map(|&(px, py, _)| (x.map(px), y.map(py))).collect();
+            if points {
+                svg.dots(&self.style.stroke_class(), &pixels);
+            } else {
+                svg.path(&self.style.stroke_class(), &pixels, false);
+            }
+        }
+    }
+}
+
+impl LinePlot {
+    /// Refuses curves whose lists differ in length and negative bands.
+    pub(crate) fn check(&self) -> Result<(), ReportError> {
+        for curve in self.panels.iter().flat_map(|p| &p.curves) {
+            let lengths = [Some(curve.y.len()), curve.half_width.as_ref().map(Vec::len)];
+            if lengths.into_iter().flatten().any(|n| n != curve.x.len()) {
+                let what = format!("curve '{}' has x, y and half_width of different length", curve.name);
+                return Err(ReportError::shape(&self.title, what, "give one value a position, None if missing"));
+            }
+            if curve.half_width.iter().flatten().flatten().any(|&h| h < 0.0) {
+                let what = format!("curve '{}' has a negative half width", curve.name);
+                return Err(ReportError::shape(&self.title, what, "pass the half width of the band, at least 0"));
+            }
+        }
+        Ok(())
+    }
+
+    /// Draws the figure.
+    pub(crate) fn draw(&self) -> Result<Drawing, ReportError> {
+        let legend = self.legend();
+        let top = if legend.is_empty() { 0.0 } else { 22.0 };
+        let panel_height = match self.columns {
+            0 | 1 => 260.0,
+            2 => 220.0,
+            _ => 138.0,
+        };
+        let (areas, height) = grid(self.panels.len(), self.columns, panel_height, top);
+        let mut svg = Svg::new(WIDTH_PX, height);
+        draw_legend(&mut svg, (62.0, 14.0), &legend);
+        for (panel, area) in self.panels.iter().zip(areas) {
+            panel.draw(&mut svg, area);
+        }
+        svg.finish(&self.title)
+    }
+
+    fn legend(&self) -> Vec<(Swatch, String)> {
+        let mut entries: Vec<(Swatch, String)> = Vec::new();
+        for curve in self.panels.iter().flat_map(|p| &p.curves) {
+            let class = curve.style.stroke_class();
+            let swatch = match curve.style {
+                CurveStyle::Points(_) => Swatch::Dot(class),
+                _ => Swatch::Line(class),
+            };
+            let entry = (swatch, curve.name.clone());
+            if !curve.name.is_empty() && !entries.contains(&entry) {
+                entries.push(entry);
+            }
+        }
+        let banded = self.panels.iter().flat_map(|p| &p.curves).find(|c| c.half_width.is_some());
+        if let (Some(curve), Some(name)) = (banded, &self.band_name) {
+            entries.push((Swatch::Patch(curve.style.band_class()), name.clone()));
+        }
+        entries
+    }
+}
+
+impl LinePanel {
+    fn draw(&self, svg: &mut Svg, area: Area) {
+        let all = || self.curves.iter().flat_map(Curve::runs).flatten();
+        let x_range = extent(all().map(|p| p.0)).unwrap_or((0.0, 1.0));
+        let x = Scale::exact(x_range.0, x_range.1, area.left, area.right());
+        // Zero is always in sight: an error is judged against it.
+        let y_range = extent(all().flat_map(|(_, y, h)| [y - h, y + h]).chain([0.0]));
+        let y = Scale::linear(y_range, area.bottom(), area.top);
+        let labels = Labels {
+            title: self.title.clone(),
+            x: axis_text(&self.x),
+            y: axis_text(&self.y),
+            x_ticks: (area.width / 60.0) as usize,
+            y_ticks: (area.height / 34.0) as usize,
+        };
+        draw_frame(svg, area, &x, &y, &labels);
+        svg.line("zero", (area.left, y.map(0.0)), (area.right(), y.map(0.0)));
+        for curve in &self.curves {
+            curve.draw_band(svg, &x, &y);
+        }
+        for curve in &self.curves {
+            curve.draw(svg, &x, &y);
+        }
+        if all().next().is_none() {
+            frame::draw_empty(svg, area);
+        }
+    }
+}

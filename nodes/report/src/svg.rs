@@ -1,0 +1,205 @@
+//! A small SVG writer: shapes in pixels with style classes, never a coordinate that is not finite.
+//!
+//! Colours live in the style sheet (`theme`), so one drawing serves light and dark pages and the PNG.
+//! A generic plot crate was weighed against this: its SVG cannot follow the page's colour scheme.
+
+use std::fmt::Write as _;
+
+use crate::error::ReportError;
+use crate::text::escape;
+
+/// A finished drawing: SVG elements for a canvas of `width` x `height` pixels.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Drawing {
+    /// Canvas width in px.
+    pub(crate) width: f64,
+    /// Canvas height in px.
+    pub(crate) height: f64,
+    /// SVG elements, without the `<svg>` around them.
+    pub(crate) body: String,
+}
+
+/// The writer.
+#[derive(Debug)]
+pub(crate) struct Svg {
+    width: f64,
+    height: f64,
+    body: String,
+    non_finite: bool,
+}
+
+/// Horizontal anchor of a text.
+#[derive(Debug, Clone, Copy)]
+pub(crate) enum Anchor {
+    /// The text begins at the point.
+    Start,
+    /// The text is centred on the point.
+    Middle,
+    /// The text ends at the point.
+    End,
+}
+
+impl Anchor {
+    fn attribute(self) -> &'static str {
+        match self {
+            Self::Start => "",
+            Self::Middle => " text-anchor=\"middle\"",
+            Self::End => " text-anchor=\"end\"",
+        }
+    }
+}
+
+impl Svg {
+    /// An empty canvas.
+    pub(crate) fn new(width: f64, height: f64) -> Self {
+        Self {
+            width,
+            height,
+            body: String::new(),
+            non_finite: false,
+        }
+    }
+
+    /// A coordinate with two decimals at most; remembers if one was not finite.
+    fn number(&mut self, value: f64) -> String {
+        if !value.is_finite() {
+            self.non_finite = true;
+            return "0".to_owned();
+        }
+        let text = format!("{value:.2}");
+        let text = text.trim_end_matches('0').trim_end_matches('.');
+        if text == "-0" { "0".to_owned() } else { text.to_owned() }
+    }
+
+    fn push(&mut self, element: std::fmt::Arguments<'_>) {
+        // Writing to a String cannot fail.
+        let _ = self.body.write_fmt(element);
+        self.body.push('\n');
+    }
+
+    /// A straight line.
+    pub(crate) fn line(&mut self, class: &str, from: (f64, f64), to: (f64, f64)) {
+        self.path(class, &[from, to], false);
+    }
+
+    /// A polyline, or a polygon when `closed`.
+    pub(crate) fn path(&mut self, class: &str, points: &[(f64, f64)], closed: bool) {
+        if points.is_empty() {
+            return;
+        }
+        let mut d = String::new();
+        for (index, &(x, y)) in points.iter().enumerate() {
+            let (x, y) = (self.number(x), self.number(y));
+            let command = if index == 0 { 'M' } else { 'L' };
+            let _ = write!(d, "{command}{x} {y}");
+        }
+        if closed {
+            d.push('Z');
+        }
+        self.push(format_args!("<path class=\"{class}\" d=\"{d}\"/>"));
+    }
+
+    /// Many straight segments of one class in one element.
+    pub(crate) fn segments(&mut self, class: &str, segments: &[[(f64, f64); 2]]) {
+        if segments.is_empty() {
+            return;
+        }
+        let mut d = String::new();
+        for &[from, to] in segments {
+            let (x1, y1) = (self.number(from.0), self.number(from.1));
+            let (x2, y2) = (self.number(to.0), self.number(to.1));
+            let _ = write!(d, "M{x1} {y1}L{x2} {y2}");
+        }
+        self.push(format_args!("<path class=\"{class}\" d=\"{d}\"/>"));
+    }
+
+    /// Many dots of one class in one element: zero-length strokes with round caps.
+    pub(crate) fn dots(&mut self, class: &str, points: &[(f64, f64)]) {
+        if points.is_empty() {
+            return;
+        }
+        let mut d = String::new();
+        for &(x, y) in points {
+            let (x, y) = (self.number(x), self.number(y));
+            let _ = write!(d, "M{x} {y}h.01");
+        }
+        self.push(format_args!("<path class=\"dot {class}\" d=\"{d}\"/>"));
+    }
+
+    /// A rectangle with an optional tooltip.
+    pub(crate) fn rect(&mut self, class: &str, (x, y): (f64, f64), (w, h): (f64, f64), tip: Option<&str>) {
+        let (x, y) = (self.number(x), self.number(y));
+        let (w, h) = (self.number(w.max(0.0)), self.number(h.max(0.0)));
+        let tip = tooltip(tip);
+        self.push(format_args!(
+            "<rect class=\"{class}\" x=\"{x}\" y=\"{y}\" width=\"{w}\" height=\"{h}\">{tip}</rect>"
+        ));
+    }
+
+    /// A circle with an optional tooltip.
+    pub(crate) fn circle(&mut self, class: &str, (x, y): (f64, f64), r: f64, tip: Option<&str>) {
+        let (x, y, r) = (self.number(x), self.number(y), self.number(r));
+        let tip = tooltip(tip);
+        self.push(format_args!(
+            "<circle class=\"{class}\" cx=\"{x}\" cy=\"{y}\" r=\"{r}\">{tip}</circle>"
+        ));
+    }
+
+    /// A text, escaped.
+    pub(crate) fn text(&mut self, class: &str, (x, y): (f64, f64), anchor: Anchor, text: &str) {
+        let (x, y) = (self.number(x), self.number(y));
+        let (anchor, text) = (anchor.attribute(), escape(text));
+        self.push(format_args!("<text class=\"{class}\" x=\"{x}\" y=\"{y}\"{anchor}>{text}</text>"));
+    }
+
+    /// A text turned to read upwards, centred on the point, escaped.
+    pub(crate) fn text_up(&mut self, class: &str, (x, y): (f64, f64), text: &str) {
+        let (x, y) = (self.number(x), self.number(y));
+        let text = escape(text);
+        self.push(format_args!(
+            "<text class=\"{class}\" transform=\"translate({x} {y}) rotate(-90)\" text-anchor=\"middle\">{text}</text>"
+        ));
+    }
+
+    /// The drawing, or an error if a coordinate was not finite.
+    pub(crate) fn finish(self, section: &str) -> Result<Drawing, ReportError> {
+        if self.non_finite {
+            return Err(ReportError::Overflow {
+                section: section.to_owned(),
+            });
+        }
+        Ok(Drawing {
+            width: self.width,
+            height: self.height,
+            body: self.body,
+        })
+    }
+}
+
+fn tooltip(tip: Option<&str>) -> String {
+    tip.map(|t| format!("<title>{}</title>", escape(t))).unwrap_or_default()
+}
+
+/// Width in px that a text of 12 px takes, by the mean advance of the font; for spacing of legends only.
+pub(crate) fn text_width_px(text: &str) -> f64 {
+    6.6 * text.chars().count() as f64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_coordinate_that_is_not_finite_is_refused() {
+        let mut svg = Svg::new(10.0, 10.0);
+        svg.line("ax", (0.0, f64::NAN), (1.0, 1.0));
+        assert!(matches!(svg.finish("S"), Err(ReportError::Overflow { section }) if section == "S"));
+    }
+
+    #[test]
+    fn numbers_are_short_and_stable() {
+        let mut svg = Svg::new(10.0, 10.0);
+        svg.line("ax", (-0.0001, 1.50), (2.0, 1.0 / 3.0));
+        assert_eq!(svg.finish("S").unwrap().body, "<path class=\"ax\" d=\"M0 1.5L2 0.33\"/>\n");
+    }
+}

@@ -1,0 +1,121 @@
+//! Text of a report: escaping for HTML and SVG, and numbers as a reader expects them.
+
+/// Shown where a value is missing.
+pub(crate) const MISSING: &str = "—";
+
+/// Above this a fixed-point number is unreadable; powers of ten are written instead.
+const FIXED_LIMIT: f64 = 1e9;
+
+/// Escapes text for HTML and SVG content and double-quoted attributes.
+///
+/// Control characters that XML 1.0 forbids become the replacement character, so the page stays well formed.
+pub(crate) fn escape(text: &str) -> String {
+    let mut out = String::with_capacity(text.len());
+    for character in text.chars() {
+        match character {
+            '&' => out.push_str("&amp;"),
+            '<' => out.push_str("&lt;"),
+            '>' => out.push_str("&gt;"),
+            '"' => out.push_str("&quot;"),
+            '\'' => out.push_str("&#39;"),
+            '\t' | '\n' | '\r' => out.push(character),
+            c if (c as u32) < 0x20 || matches!(c as u32, 0xFFFE | 0xFFFF) => out.push('\u{FFFD}'),
+            c => out.push(c),
+        }
+    }
+    out
+}
+
+/// A number with a fixed count of decimals, a true minus sign and no negative zero.
+pub(crate) fn fixed(value: f64, decimals: u8) -> String {
+    let decimals = usize::from(decimals);
+    let text = if value.abs() >= FIXED_LIMIT {
+        scientific(value)
+    } else {
+        format!("{value:.decimals$}")
+    };
+    match text.strip_prefix('-') {
+        Some(rest) if rest.bytes().all(|b| matches!(b, b'0' | b'.')) => rest.to_owned(),
+        Some(rest) => format!("−{rest}"),
+        None => text,
+    }
+}
+
+/// A number with `digits` significant digits, for tooltips and bar ends.
+pub(crate) fn significant(value: f64, digits: i32) -> String {
+    if value == 0.0 {
+        return "0".to_owned();
+    }
+    let magnitude = value.abs().log10().floor() as i32;
+    if (-5..9).contains(&magnitude) {
+        fixed(value, (digits - 1 - magnitude).clamp(0, 12) as u8)
+    } else {
+        scientific(value).replacen('-', "−", usize::from(value < 0.0))
+    }
+}
+
+/// A whole number with thin spaces between groups of three digits from 10 000 on.
+pub(crate) fn integer(value: i64) -> String {
+    let digits = value.unsigned_abs().to_string();
+    let sign = if value < 0 { "−" } else { "" };
+    if digits.len() < 5 {
+        return format!("{sign}{digits}");
+    }
+    let mut out = String::from(sign);
+    for (index, digit) in digits.chars().enumerate() {
+        if index > 0 && (digits.len() - index).is_multiple_of(3) {
+            out.push('\u{202F}');
+        }
+        out.push(digit);
+    }
+    out
+}
+
+/// `1.23×10⁴`: mantissa with two decimals.
+fn scientific(value: f64) -> String {
+    let text = format!("{value:.2e}");
+    let (mantissa, exponent) = text.split_once('e').unwrap_or((&text, "0"));
+    format!("{mantissa}×10{}", superscript(exponent))
+}
+
+/// An exponent in superscript characters.
+pub(crate) fn superscript(exponent: &str) -> String {
+    const DIGITS: [char; 10] = ['⁰', '¹', '²', '³', '⁴', '⁵', '⁶', '⁷', '⁸', '⁹'];
+    exponent
+        .chars()
+        .filter_map(|c| match c {
+            '-' => Some('⁻'),
+            c => c.to_digit(10).and_then(|d| DIGITS.get(d as usize).copied()),
+        })
+        .collect()
+}
+
+/// Label with its unit: `position x / mm` as ISO 80000-1 writes it; without a unit the label alone.
+pub(crate) fn with_unit(label: &str, unit: &str) -> String {
+    if unit.is_empty() {
+        label.to_owned()
+    } else {
+        format!("{label} / {unit}")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn markup_is_escaped() {
+        assert_eq!(escape("<script a=\"b\">'&\u{1}"), "&lt;script a=&quot;b&quot;&gt;&#39;&amp;\u{FFFD}");
+    }
+
+    #[test]
+    fn numbers_read_as_expected() {
+        assert_eq!(fixed(-0.0004, 2), "0.00");
+        assert_eq!(fixed(-1.25, 1), "−1.2");
+        assert_eq!(fixed(-2.5e12, 1), "−2.50×10¹²");
+        assert_eq!(significant(0.012345, 3), "0.0123");
+        assert_eq!(significant(-1.5e-9, 3), "−1.50×10⁻⁹");
+        assert_eq!(integer(1234), "1234");
+        assert_eq!(integer(-1234567), "−1\u{202F}234\u{202F}567");
+    }
+}

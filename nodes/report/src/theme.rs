@@ -1,0 +1,167 @@
+//! Colours of the report, light and dark, and the style sheets that use them.
+//!
+//! Series colours are those of Okabe and Ito (2008), readable with any colour vision; the diverging map is a
+//! blue–red pair through the page's neutral, so that "no residual" recedes on light and on dark pages alike.
+
+use std::fmt::Write as _;
+
+/// Style sheet of the page.
+const PAGE_CSS: &str = include_str!("page.css");
+/// Style sheet of the drawings, on page and PNG.
+const FIGURE_CSS: &str = include_str!("figure.css");
+
+/// Steps of the diverging colour map (odd: the middle one is neutral).
+pub(crate) const DIVERGING_STEPS: usize = 21;
+/// Steps of the sequential colour map.
+pub(crate) const SEQUENTIAL_STEPS: usize = 11;
+/// Series colours `1..=SERIES`.
+pub(crate) const SERIES: u8 = 6;
+
+/// Named colours: token, light, dark.
+const TOKENS: [(&str, &str, &str); 20] = [
+    ("page", "#ffffff", "#14171a"),
+    ("panel", "#f6f7f8", "#1c2024"),
+    ("ink", "#1b1f23", "#e4e7ea"),
+    ("muted", "#59636e", "#9aa4ae"),
+    ("axis", "#8b949e", "#6b747d"),
+    ("grid", "#e4e7ea", "#2a2f35"),
+    ("before", "#c05600", "#e8954a"),
+    ("after", "#0067a5", "#5cb3ec"),
+    ("s1", "#0067a5", "#5cb3ec"),
+    ("s2", "#c05600", "#e8954a"),
+    ("s3", "#00805c", "#3cc49b"),
+    ("s4", "#a8508a", "#d795bf"),
+    ("s5", "#7a6a00", "#d6c545"),
+    ("s6", "#4b4f9e", "#9da2ef"),
+    ("good", "#00805c", "#3cc49b"),
+    ("warn", "#9a6700", "#e3b341"),
+    ("bad", "#b3261e", "#ff8a80"),
+    ("rule", "#d5dade", "#333a41"),
+    ("cell-dark-text", "#1b1f23", "#e4e7ea"),
+    ("cell-light-text", "#ffffff", "#10141a"),
+];
+
+/// Anchors of the diverging map: low, low middle, neutral, high middle, high.
+const DIVERGING: [[[u8; 3]; 5]; 2] = [
+    [[5, 65, 140], [86, 152, 205], [226, 228, 230], [226, 132, 92], [160, 22, 30]],
+    [[110, 185, 255], [60, 120, 175], [58, 64, 70], [190, 100, 62], [255, 150, 120]],
+];
+/// Anchors of the sequential map: small to large.
+const SEQUENTIAL: [[[u8; 3]; 3]; 2] = [
+    [[238, 243, 248], [118, 169, 209], [8, 62, 118]],
+    [[32, 40, 48], [46, 104, 150], [150, 210, 255]],
+];
+
+/// Which of the two colour sets.
+#[derive(Clone, Copy)]
+enum Mode {
+    Light,
+    Dark,
+}
+
+impl Mode {
+    fn index(self) -> usize {
+        match self {
+            Self::Light => 0,
+            Self::Dark => 1,
+        }
+    }
+}
+
+/// All tokens of a mode as (name, colour).
+fn tokens(mode: Mode) -> Vec<(String, String)> {
+    let mut all: Vec<_> = TOKENS
+        .iter()
+        .map(|(name, light, dark)| {
+            let colour = match mode {
+                Mode::Light => light,
+                Mode::Dark => dark,
+            };
+            ((*name).to_owned(), (*colour).to_owned())
+        })
+        .collect();
+    let diverging = &DIVERGING[mode.index()];
+    all.extend((0..DIVERGING_STEPS).map(|i| (format!("d{i}"), interpolate(diverging, i, DIVERGING_STEPS))));
+    let sequential = &SEQUENTIAL[mode.index()];
+    all.extend((0..SEQUENTIAL_STEPS).map(|i| (format!("q{i}"), interpolate(sequential, i, SEQUENTIAL_STEPS))));
+    all
+}
+
+/// Colour of `step` of `steps` between evenly spaced anchors.
+fn interpolate(anchors: &[[u8; 3]], step: usize, steps: usize) -> String {
+    let position = step as f64 / (steps - 1) as f64 * (anchors.len() - 1) as f64;
+    let low = (position as usize).min(anchors.len() - 2);
+    let share = position - low as f64;
+    let mut out = String::from("#");
+    for channel in 0..3 {
+        let (a, b) = (f64::from(anchors[low][channel]), f64::from(anchors[low + 1][channel]));
+        let _ = write!(out, "{:02x}", (a + share * (b - a)).round() as u8);
+    }
+    out
+}
+
+/// Classes that paint with the tokens: lines `l*`, fills `f*`, bands `b*`, dots and cells of the maps.
+fn figure_rules() -> String {
+    let mut css = FIGURE_CSS.to_owned();
+    let names = (1..=SERIES).map(|i| (format!("{i}"), format!("s{i}")));
+    let named = [("B", "before"), ("A", "after")].map(|(k, v)| (k.to_owned(), v.to_owned()));
+    for (class, token) in names.chain(named) {
+        let _ = writeln!(
+            css,
+            ".l{class}{{stroke:var(--{token})}}.f{class}{{fill:var(--{token})}}\
+             .b{class}{{fill:var(--{token});fill-opacity:.2}}.o{class}{{stroke:var(--{token})}}"
+        );
+    }
+    for i in 0..DIVERGING_STEPS {
+        let _ = writeln!(css, ".d{i}{{stroke:var(--d{i})}}.e{i}{{fill:var(--d{i})}}");
+    }
+    for i in 0..SEQUENTIAL_STEPS {
+        let _ = writeln!(css, ".q{i}{{fill:var(--q{i})}}.r{i}{{stroke:var(--q{i})}}");
+    }
+    css
+}
+
+/// The page's style sheet: tokens for both colour schemes, light on paper, then page and figure rules.
+pub(crate) fn page_css() -> String {
+    let declare = |mode| {
+        let mut text = String::new();
+        for (name, colour) in tokens(mode) {
+            let _ = write!(text, "--{name}:{colour};");
+        }
+        text
+    };
+    let (light, dark) = (declare(Mode::Light), declare(Mode::Dark));
+    format!(
+        ":root{{color-scheme:light;{light}}}\n\
+         @media screen and (prefers-color-scheme:dark){{:root{{color-scheme:dark;{dark}}}}}\n{}{PAGE_CSS}",
+        figure_rules()
+    )
+}
+
+/// The style sheet of a stand-alone drawing: light colours written out, since rasterisers know no variables.
+pub(crate) fn standalone_css() -> String {
+    let mut css = figure_rules();
+    for (name, colour) in tokens(Mode::Light) {
+        css = css.replace(&format!("var(--{name})"), &colour);
+    }
+    css
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn standalone_sheet_has_no_variable_left() {
+        assert!(!standalone_css().contains("var("));
+    }
+
+    #[test]
+    fn every_variable_used_is_declared_in_both_modes() {
+        let css = page_css();
+        for used in css.split("var(--").skip(1) {
+            let name = used.split(')').next().unwrap();
+            assert_eq!(css.matches(&format!("--{name}:")).count(), 2, "{name}");
+        }
+    }
+}
