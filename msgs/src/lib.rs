@@ -12,6 +12,9 @@
 //!
 //! Units are SI, angles are radians, frames are named in `header.frame_id` (REP-103).
 
+pub mod bag;
+pub mod cdr;
+pub mod definition;
 mod error;
 mod message;
 pub mod ros;
