@@ -1,1 +1,26 @@
 //! Identification of the machine model from a tracer campaign.
+//!
+//! Place in the flow: campaign (SI, machine frame) and machine description in, [`Identified`] out: a model with the
+//! covariance of everything, the readings it rejected, and what the data could not tell. The range model is
+//! l = |q(reading, offset; errors) − station| − dead path; all unknowns are found together, from no start values,
+//! by weighted, penalised Gauss-Newton least squares (FYXZ paper eq. 4-9 with Liang 2025's chain).
+
+mod design;
+mod error;
+mod evidence;
+mod linear;
+mod normal;
+pub mod observability;
+mod options;
+mod order;
+mod plausibility;
+mod robust;
+mod smoothing;
+mod solve;
+pub mod station_start;
+
+pub use design::predicted_length_m;
+pub use error::{IdentifyError, Unobservable};
+pub use evidence::{CorrelatedPair, ErrorEvidence, Evidence, RejectedReading, StationEvidence};
+pub use options::{Options, OrderChoice, Progress};
+pub use solve::{Identified, identify};

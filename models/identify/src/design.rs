@@ -1,0 +1,102 @@
+//! One reading as one row: residual and sparse partial derivatives.
+//!
+//! Place in the flow: [`crate::normal`] sums the rows; the monitor predicts with [`predicted_length_m`]. The row
+//! holds the partials of the predicted length by geometric coefficients, squareness and this reading's station;
+//! a station touches only its own rows.
+
+use abbe_geometry::Vector3;
+use abbe_geometry::effects::Ray;
+use abbe_geometry::layout::Layout;
+use abbe_geometry::machine::Machine;
+use abbe_measurement::campaign::RangeReading;
+use abbe_measurement::instrument::RangeUncertainty;
+
+/// Most segments of a row: eighteen errors, squareness, station.
+const MAX_SEGMENTS: usize = 20;
+
+/// Length that a tracer at `station_m` with this dead path should read, and its line of sight.
+pub fn predicted_length_m(point_m: &Vector3<f64>, station_m: &Vector3<f64>, dead_path_m: f64) -> (f64, Ray) {
+    let sight = point_m - station_m;
+    let range_m = sight.norm();
+    (range_m - dead_path_m, Ray { direction: sight / range_m, range_m })
+}
+
+/// Residual (m) and partials of one reading.
+#[derive(Debug, Clone)]
+pub(crate) struct Row {
+    /// Measured minus predicted length (m).
+    pub(crate) residual_m: f64,
+    /// Line of sight.
+    pub(crate) ray: Ray,
+    segments: [(u32, u32); MAX_SEGMENTS],
+    segment_count: usize,
+    values: Vec<f64>,
+}
+
+impl Row {
+    pub(crate) fn new() -> Row {
+        let ray = Ray { direction: Vector3::zeros(), range_m: 0.0 };
+        Row { residual_m: 0.0, ray, segments: [(0, 0); MAX_SEGMENTS], segment_count: 0, values: Vec::new() }
+    }
+
+    fn push(&mut self, first: usize, values: impl Iterator<Item = f64>) {
+        let before = self.values.len();
+        self.values.extend(values);
+        self.segments[self.segment_count] = (first as u32, (self.values.len() - before) as u32);
+        self.segment_count += 1;
+    }
+
+    /// Runs of neighbouring parameters in ascending order: index of the first, and the partials.
+    pub(crate) fn segments(&self) -> impl Iterator<Item = (usize, &[f64])> + Clone {
+        let mut from = 0;
+        self.segments[..self.segment_count].iter().map(move |(first, len)| {
+            let values = &self.values[from..from + *len as usize];
+            from += *len as usize;
+            (*first as usize, values)
+        })
+    }
+}
+
+/// What is known before a campaign: the machine and its instrument.
+#[derive(Clone, Copy)]
+pub(crate) struct Setup<'a> {
+    pub(crate) machine: &'a Machine,
+    pub(crate) layout: &'a Layout,
+    pub(crate) instrument: RangeUncertainty,
+}
+
+impl Setup<'_> {
+    /// Standard uncertainty of one range: the instrument's, and the machine's repeatability along the sight (m).
+    pub(crate) fn u_m(&self, ray: &Ray) -> f64 {
+        let along = Vector3::from(self.machine.repeatability_m).component_mul(&ray.direction);
+        (self.instrument.standard_m(ray.range_m).powi(2) + along.norm_squared()).sqrt()
+    }
+}
+
+/// The current estimate that rows are linearised at.
+pub(crate) struct Estimate<'a> {
+    pub(crate) setup: Setup<'a>,
+    /// Geometric parameters, then x, y, z, dead path of each station.
+    pub(crate) parameters: &'a [f64],
+}
+
+impl Estimate<'_> {
+    /// Fills `row` for one reading.
+    pub(crate) fn row(&self, reading: &RangeReading, row: &mut Row) {
+        row.values.clear();
+        row.segment_count = 0;
+        let point = self.setup.layout.point(self.setup.machine, self.parameters, reading.reading_m, reading.offset_m);
+        let first = self.setup.layout.len() + 4 * reading.station as usize;
+        let station = &self.parameters[first..first + 4];
+        let station_m = Vector3::new(station[0], station[1], station[2]);
+        let (predicted_m, ray) = predicted_length_m(&point.chain.position_m, &station_m, station[3]);
+        row.residual_m = reading.length_m - predicted_m;
+        row.ray = ray;
+        self.setup.layout.visit_errors(&point, |index, partial, values| {
+            let along = ray.direction.dot(partial);
+            row.push(index, values.iter().map(|value| value * along));
+        });
+        row.push(self.setup.layout.squareness().start, point.chain.by_squareness.iter().map(|c| ray.direction.dot(c)));
+        row.push(first, ray.direction.iter().map(|u| -u).chain([-1.0]));
+    }
+}

@@ -1,0 +1,56 @@
+//! Dense symmetric solves on the free parameters.
+//!
+//! Place in the flow: [`crate::smoothing`] and [`crate::solve`] factor the normal equations here. faer does the
+//! large factorisations (measured faster than nalgebra at this size, several-fold).
+
+use faer::linalg::solvers::{DenseSolveCore, Llt, Solve};
+use faer::{Mat, Side};
+
+/// Cholesky factor of a positive definite matrix.
+pub(crate) struct Factor {
+    llt: Llt<f64>,
+    size: usize,
+}
+
+/// The matrix is not positive definite to working precision.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct NotPositiveDefinite;
+
+impl Factor {
+    /// Factors a symmetric matrix given by its lower triangle.
+    pub(crate) fn new(matrix: &Mat<f64>) -> Result<Factor, NotPositiveDefinite> {
+        let llt = Llt::new(matrix.as_ref(), Side::Lower).map_err(|_| NotPositiveDefinite)?;
+        Ok(Factor { llt, size: matrix.nrows() })
+    }
+
+    pub(crate) fn solve(&self, right: &[f64]) -> Vec<f64> {
+        let right = Mat::from_fn(self.size, 1, |row, _| right[row]);
+        let solution = self.llt.solve(&right);
+        (0..self.size).map(|row| solution[(row, 0)]).collect()
+    }
+
+    /// Logarithm of the determinant of the factored matrix.
+    pub(crate) fn log_determinant(&self) -> f64 {
+        (0..self.size).map(|k| 2.0 * self.llt.L()[(k, k)].ln()).sum()
+    }
+
+    /// Inverse of the factored matrix.
+    pub(crate) fn inverse(&self) -> Mat<f64> {
+        self.llt.inverse()
+    }
+}
+
+/// Symmetric matrix of the free parameters, both triangles filled, from a row-major upper triangle.
+pub(crate) fn select(matrix: &[f64], size: usize, free: &[usize]) -> Mat<f64> {
+    Mat::from_fn(free.len(), free.len(), |i, j| {
+        let (row, column) = (free[i].min(free[j]), free[i].max(free[j]));
+        matrix[row * size + column]
+    })
+}
+
+/// Eigenvalues (ascending) and eigenvectors (columns) of a symmetric matrix.
+pub(crate) fn symmetric_eigen(matrix: &Mat<f64>) -> Option<(Vec<f64>, Mat<f64>)> {
+    let eigen = matrix.self_adjoint_eigen(Side::Lower).ok()?;
+    let values = (0..matrix.nrows()).map(|k| eigen.S()[k]).collect();
+    Some((values, eigen.U().to_owned()))
+}

@@ -1,0 +1,125 @@
+//! Normal equations summed row by row: cost linear in readings, memory independent of them.
+//!
+//! Place in the flow: one pass over the campaign gives JᵀWJ, JᵀWr and the weighted sum of squares; everything
+//! about order, smoothness and rank is decided from these without going back to the readings. Readings are cut
+//! into a fixed number of chunks that are summed in order, so the result does not depend on the threads.
+
+use crate::design::{Estimate, Row};
+use abbe_measurement::campaign::RangeReading;
+
+/// Chunks of a large campaign; fixed, so that the same input gives the same bytes on any machine.
+const CHUNKS: usize = 8;
+/// Below this many readings, threads cost more than they save.
+const SINGLE_CHUNK_READINGS: usize = 20_000;
+
+/// JᵀWJ (lower triangle not filled), JᵀWr and sums, in whitened units.
+#[derive(Debug, Clone)]
+pub(crate) struct NormalEquations {
+    pub(crate) size: usize,
+    /// Row-major square; only entries with column ≥ row are filled.
+    pub(crate) matrix: Vec<f64>,
+    pub(crate) gradient: Vec<f64>,
+    /// Σ w (r/u)².
+    pub(crate) weighted_square: f64,
+    /// Σ w.
+    pub(crate) weight: f64,
+    /// Σ r² over readings with weight.
+    pub(crate) square_m2: f64,
+    /// Readings with weight above zero.
+    pub(crate) used: usize,
+}
+
+impl NormalEquations {
+    fn zeros(size: usize) -> NormalEquations {
+        let (matrix, gradient) = (vec![0.0; size * size], vec![0.0; size]);
+        NormalEquations { size, matrix, gradient, weighted_square: 0.0, weight: 0.0, square_m2: 0.0, used: 0 }
+    }
+
+    fn add_row(&mut self, row: &Row, u_m: f64, weight: f64) {
+        let information = weight / (u_m * u_m);
+        let segments = row.segments();
+        let mut rest = segments.clone();
+        for (first, values) in segments {
+            for (i, value) in values.iter().enumerate() {
+                let scaled = value * information;
+                self.gradient[first + i] += scaled * row.residual_m;
+                let line = &mut self.matrix[(first + i) * self.size..(first + i + 1) * self.size];
+                for (start, others) in rest.clone() {
+                    for (entry, other) in line[start..start + others.len()].iter_mut().zip(others) {
+                        *entry += scaled * other;
+                    }
+                }
+            }
+            rest.next();
+        }
+        self.weighted_square += information * row.residual_m * row.residual_m;
+        self.weight += weight;
+        self.square_m2 += row.residual_m * row.residual_m;
+        self.used += 1;
+    }
+
+    fn absorb(&mut self, other: &NormalEquations) {
+        self.matrix.iter_mut().zip(&other.matrix).for_each(|(a, b)| *a += b);
+        self.gradient.iter_mut().zip(&other.gradient).for_each(|(a, b)| *a += b);
+        self.weighted_square += other.weighted_square;
+        self.weight += other.weight;
+        self.square_m2 += other.square_m2;
+        self.used += other.used;
+    }
+}
+
+/// Sums the rows of all readings whose weight is above zero.
+pub(crate) fn accumulate(estimate: &Estimate, readings: &[RangeReading], weights: &[f64]) -> NormalEquations {
+    let sum = |readings: &[RangeReading], weights: &[f64]| {
+        let mut normal = NormalEquations::zeros(estimate.parameters.len());
+        let mut row = Row::new();
+        for (reading, weight) in readings.iter().zip(weights).filter(|(_, weight)| **weight > 0.0) {
+            estimate.row(reading, &mut row);
+            normal.add_row(&row, estimate.setup.u_m(&row.ray), *weight);
+        }
+        normal
+    };
+    if readings.len() <= SINGLE_CHUNK_READINGS {
+        return sum(readings, weights);
+    }
+    let chunk = readings.len().div_ceil(CHUNKS);
+    let parts: Vec<_> = readings.chunks(chunk).zip(weights.chunks(chunk)).collect();
+    let mut total = NormalEquations::zeros(estimate.parameters.len());
+    for partial in in_parallel(&parts, |(readings, weights)| sum(readings, weights)) {
+        total.absorb(&partial);
+    }
+    total
+}
+
+/// Residual (m) and its standard uncertainty (m) of all readings.
+pub(crate) fn residuals(estimate: &Estimate, readings: &[RangeReading]) -> Vec<(f64, f64)> {
+    let evaluate = |readings: &[RangeReading]| -> Vec<(f64, f64)> {
+        let mut row = Row::new();
+        let one = |reading| {
+            estimate.row(reading, &mut row);
+            (row.residual_m, estimate.setup.u_m(&row.ray))
+        };
+        readings.iter().map(one).collect()
+    };
+    if readings.len() <= SINGLE_CHUNK_READINGS {
+        return evaluate(readings);
+    }
+    let parts: Vec<_> = readings.chunks(readings.len().div_ceil(CHUNKS)).collect();
+    in_parallel(&parts, |part| evaluate(part)).concat()
+}
+
+/// Maps parts on as many threads as the machine has, keeping their order.
+fn in_parallel<P: Sync, R: Send>(parts: &[P], work: impl Fn(&P) -> R + Sync) -> Vec<R> {
+    let threads = std::thread::available_parallelism().map_or(1, |n| n.get()).min(parts.len());
+    let mut results: Vec<Option<R>> = parts.iter().map(|_| None).collect();
+    let share = parts.len().div_ceil(threads.max(1)).max(1);
+    std::thread::scope(|scope| {
+        for (parts, results) in parts.chunks(share).zip(results.chunks_mut(share)) {
+            let work = &work;
+            scope.spawn(move || {
+                parts.iter().zip(results).for_each(|(part, result)| *result = Some(work(part)));
+            });
+        }
+    });
+    results.into_iter().flatten().collect()
+}

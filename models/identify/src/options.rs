@@ -1,0 +1,42 @@
+//! What the caller may choose, and how identification tells how far it is.
+//!
+//! Place in the flow: filled by the command line or a test; nothing here has a hidden default elsewhere.
+
+/// How many coefficients each error function gets.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum OrderChoice {
+    /// Decided by the data: restricted marginal likelihood for splines, BIC for polynomials and nodes.
+    Evidence,
+    /// Exactly what the machine file says, without penalty.
+    Fixed,
+}
+
+/// Choices of one identification.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Options {
+    /// Order of the error functions.
+    pub order: OrderChoice,
+    /// Down-weight and reject outlying readings (Tukey's biweight); otherwise all weigh as declared.
+    pub robust: bool,
+    /// The instrument measures absolute distance, so that dead paths are zero.
+    pub absolute_range: bool,
+    /// Passes over the readings after which a fit that still moves is given up.
+    pub max_passes: usize,
+}
+
+impl Default for Options {
+    fn default() -> Options {
+        Options { order: OrderChoice::Evidence, robust: true, absolute_range: false, max_passes: 30 }
+    }
+}
+
+/// One step of progress; the observer returns false to stop.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Progress {
+    /// Pass over the readings, from 1.
+    pub pass: usize,
+    /// Largest step of this pass in units of the parameter's uncertainty.
+    pub largest_step: f64,
+    /// χ² per degree of freedom.
+    pub chi2_per_dof: f64,
+}

@@ -1,0 +1,402 @@
+//! The passes over the campaign: linearise, solve, weigh, until nothing moves.
+//!
+//! Place in the flow: the one entry point of this crate. Large campaigns are first solved on every n-th reading,
+//! so that the full passes start next to the solution.
+
+use crate::design::{Estimate, Setup};
+use crate::error::IdentifyError;
+use crate::evidence::{self, ErrorEvidence, Evidence, RejectedReading, StationEvidence};
+use crate::linear::NotPositiveDefinite;
+use crate::normal::{NormalEquations, accumulate, residuals};
+use crate::observability::{self, Observability};
+use crate::options::{Options, OrderChoice, Progress};
+use crate::order;
+use crate::plausibility;
+use crate::robust;
+use crate::smoothing::{self, Penalty, Solution};
+use crate::station_start::StationStart;
+use abbe_geometry::error_function::Kind;
+use abbe_geometry::layout::Layout;
+use abbe_geometry::machine::Machine;
+use abbe_geometry::model::{FitQuality, IdentifiedVolume, MachineModel, ModelParts, Station};
+use abbe_geometry::{ErrorId, Vector3};
+use abbe_measurement::campaign::{Campaign, RangeReading};
+use abbe_measurement::instrument::RangeUncertainty;
+
+/// Step, in units of the parameters' uncertainty, that counts as settled.
+const SETTLED: f64 = 5e-3;
+/// Passes in which the data choose the smoothness: afterwards the rows change too little to tell, and a
+/// smoothness that follows every pass would keep the parameters moving.
+const SMOOTHING_PASSES: usize = 3;
+/// Share of the splines' coefficients that counts as nearly all of them.
+const SATURATED: f64 = 0.9;
+/// Finer splines tried at most: four thirds as many intervals each time.
+const MAX_REFINEMENTS: usize = 4;
+/// Readings an unknown must have before finer splines are tried.
+const READINGS_PER_UNKNOWN: usize = 4;
+/// Readings above which the first passes use a part of the campaign.
+const LARGE: usize = 60_000;
+
+/// A model and what was found out on the way.
+#[derive(Debug)]
+pub struct Identified {
+    /// The model, ready to correct.
+    pub model: MachineModel,
+    /// What the fit says about itself.
+    pub evidence: Evidence,
+    /// Measured minus predicted length of every reading (m), rejected ones included.
+    pub residuals_m: Vec<f64>,
+    /// Declared standard uncertainty of every reading (m).
+    pub u_m: Vec<f64>,
+}
+
+/// Identifies all errors, stations and dead paths of a campaign.
+///
+/// `observe` sees each pass and returns false to stop. Errors name what is wrong with the plan or the data; a
+/// rank-deficient or unsettled fit is an error, never a model. Where the data use up nearly every coefficient that
+/// the machine file's splines offer, finer splines are tried and kept if the evidence is better.
+pub fn identify(
+    machine: &Machine,
+    instrument: RangeUncertainty,
+    campaign: &Campaign,
+    options: &Options,
+    observe: &mut dyn FnMut(Progress) -> bool,
+) -> Result<Identified, IdentifyError> {
+    plausibility::check_readings(machine, campaign)?;
+    let mut stations = plausibility::place_stations(campaign, options.absolute_range)?;
+    let mut best = identify_once(machine, instrument, campaign, &stations, options, observe)?;
+    for _ in 0..MAX_REFINEMENTS {
+        let Some(finer) = refined(machine, &best) else { break };
+        if options.order == OrderChoice::Fixed
+            || best.evidence.unknowns * READINGS_PER_UNKNOWN > campaign.readings.len()
+        {
+            break;
+        }
+        let parts = best.model.parts();
+        stations = parts
+            .stations
+            .iter()
+            .map(|s| StationStart { position_m: s.position_m, dead_path_m: s.dead_path_m })
+            .collect();
+        let next = identify_once(&finer, instrument, campaign, &stations, options, observe)?;
+        if next.evidence.minus_two_log_likelihood >= best.evidence.minus_two_log_likelihood {
+            break;
+        }
+        best = next;
+    }
+    Ok(best)
+}
+
+/// The machine with finer splines, where the fit uses up nearly all coefficients of those it has.
+fn refined(machine: &Machine, fit: &Identified) -> Option<Machine> {
+    let penalised = || fit.evidence.errors.iter().filter(|e| e.penalty.is_some());
+    let offered: usize = penalised().map(|e| e.coefficients).sum();
+    let used: f64 = penalised().map(|e| e.effective).sum();
+    if offered == 0 || used < SATURATED * offered as f64 {
+        return None;
+    }
+    let mut finer = machine.clone();
+    for (kind, fitted) in finer.kinds.iter_mut().zip(fit.model.parts().machine.kinds) {
+        *kind = match fitted {
+            Some(Kind::BSpline { intervals }) => Some(Kind::BSpline { intervals: (intervals * 4).div_ceil(3) }),
+            other => other,
+        };
+    }
+    Some(finer)
+}
+
+fn identify_once(
+    machine: &Machine,
+    instrument: RangeUncertainty,
+    campaign: &Campaign,
+    stations: &[StationStart],
+    options: &Options,
+    observe: &mut dyn FnMut(Progress) -> bool,
+) -> Result<Identified, IdentifyError> {
+    let layout = Layout::new(machine)?;
+    let setup = Setup { machine, layout: &layout, instrument };
+    let mut fit = Fit::new(setup, campaign, stations, options, observe);
+    if campaign.readings.len() < fit.free.len() {
+        return Err(IdentifyError::TooFewReadings { readings: campaign.readings.len(), unknowns: fit.free.len() });
+    }
+    if campaign.readings.len() > LARGE {
+        let stride = campaign.readings.len().div_ceil(LARGE / 2);
+        let part: Vec<RangeReading> = campaign.readings.iter().step_by(stride).copied().collect();
+        fit.settle(&part)?;
+    }
+    let settled = fit.settle(&campaign.readings)?;
+    fit.finish(settled)
+}
+
+/// State of the passes.
+struct Fit<'a> {
+    setup: Setup<'a>,
+    campaign: &'a Campaign,
+    options: &'a Options,
+    observe: &'a mut dyn FnMut(Progress) -> bool,
+    parameters: Vec<f64>,
+    free: Vec<usize>,
+    penalties: Vec<Penalty>,
+    observability: Option<Observability>,
+    passes: usize,
+    order_chosen: bool,
+    /// χ² per degree of freedom at which the smoothness was chosen.
+    noise_factor: f64,
+}
+
+/// Outcome of the passes.
+struct Settled {
+    solution: Solution,
+    normal: NormalEquations,
+    residuals: Vec<(f64, f64)>,
+    weights: Vec<f64>,
+    scale: f64,
+    largest_step: f64,
+}
+
+impl<'a> Fit<'a> {
+    fn new(
+        setup: Setup<'a>,
+        campaign: &'a Campaign,
+        stations: &[StationStart],
+        options: &'a Options,
+        observe: &'a mut dyn FnMut(Progress) -> bool,
+    ) -> Fit<'a> {
+        let mut parameters = vec![0.0; setup.layout.len()];
+        let mut free: Vec<usize> = (0..parameters.len()).collect();
+        for station in stations {
+            let first = parameters.len();
+            parameters.extend(station.position_m.iter().chain([&station.dead_path_m]));
+            free.extend(first..first + if options.absolute_range { 3 } else { 4 });
+        }
+        let penalties = if options.order == OrderChoice::Evidence { penalties(setup.layout) } else { Vec::new() };
+        Fit {
+            setup,
+            campaign,
+            options,
+            observe,
+            parameters,
+            free,
+            penalties,
+            observability: None,
+            passes: 0,
+            order_chosen: options.order == OrderChoice::Fixed,
+            noise_factor: 1.0,
+        }
+    }
+
+    fn estimate(&self) -> Estimate<'_> {
+        Estimate { setup: self.setup, parameters: &self.parameters }
+    }
+
+    /// Passes over these readings until the parameters settle.
+    fn settle(&mut self, readings: &[RangeReading]) -> Result<Settled, IdentifyError> {
+        let (mut weights, _) = self.weigh(&residuals(&self.estimate(), readings));
+        let mut largest_step = f64::INFINITY;
+        for pass in 0..self.options.max_passes {
+            self.passes += 1;
+            let normal = accumulate(&self.estimate(), readings, &weights);
+            if self.observability.is_none() {
+                let absolute = self.options.absolute_range;
+                let seen = observability::check(&self.estimate(), self.campaign, &normal, absolute)?;
+                self.observability = Some(seen);
+            }
+            let solution = self.solve(&normal, pass < SMOOTHING_PASSES).map_err(|_| IdentifyError::Singular)?;
+            largest_step = self.step(&solution);
+            let residuals = residuals(&self.estimate(), readings);
+            let scale;
+            (weights, scale) = self.weigh(&residuals);
+            let chi2_per_dof = solution.noise_factor;
+            if !(self.observe)(Progress { pass: self.passes, largest_step, chi2_per_dof }) {
+                return Err(IdentifyError::Stopped);
+            }
+            if largest_step < SETTLED {
+                return Ok(Settled { solution, normal, residuals, weights, scale, largest_step });
+            }
+        }
+        Err(IdentifyError::NotConverged { passes: self.passes, largest_step })
+    }
+
+    /// Solves one pass; the order of polynomials is decided once, after the first linearisation.
+    fn solve(&mut self, normal: &NormalEquations, choose_smoothness: bool) -> Result<Solution, NotPositiveDefinite> {
+        if !self.order_chosen && self.passes >= 2 {
+            self.order_chosen = true;
+            let at = self.parameters.clone();
+            let before = self.free.clone();
+            order::eliminate(self.setup.layout, normal, &at, &mut self.free, &mut self.penalties)?;
+            before.iter().filter(|k| !self.free.contains(k)).for_each(|k| self.parameters[*k] = 0.0);
+            // Dropped coefficients are zero from now on: the rows are linearised where they still were, which
+            // differs in the second order only and is gone with the next pass.
+        }
+        let solution = smoothing::solve(
+            normal,
+            &self.parameters,
+            &self.free,
+            &mut self.penalties,
+            self.noise_factor,
+            choose_smoothness,
+        )?;
+        if choose_smoothness {
+            self.noise_factor = solution.noise_factor;
+        }
+        Ok(solution)
+    }
+
+    /// Takes the step; returns its largest component in units of the uncertainty.
+    fn step(&mut self, solution: &Solution) -> f64 {
+        let mut largest: f64 = 0.0;
+        for (k, index) in self.free.iter().enumerate() {
+            let moved = (solution.parameters[*index] - self.parameters[*index]).abs();
+            largest = largest.max(moved / solution.covariance[(k, k)].sqrt());
+        }
+        self.parameters.clone_from(&solution.parameters);
+        largest
+    }
+
+    fn weigh(&self, residuals: &[(f64, f64)]) -> (Vec<f64>, f64) {
+        let standardised: Vec<f64> = residuals.iter().map(|(residual_m, u_m)| residual_m / u_m).collect();
+        let scale = robust::scale(&standardised).max(f64::MIN_POSITIVE);
+        let weights =
+            if self.options.robust { robust::weights(&standardised, scale) } else { vec![1.0; residuals.len()] };
+        (weights, scale)
+    }
+
+    fn finish(self, settled: Settled) -> Result<Identified, IdentifyError> {
+        let evidence = self.evidence(&settled);
+        let model = self.model(&settled)?;
+        let (residuals_m, u_m) = settled.residuals.iter().copied().unzip();
+        Ok(Identified { model, evidence, residuals_m, u_m })
+    }
+
+    fn evidence(&self, settled: &Settled) -> Evidence {
+        let solution = &settled.solution;
+        let seen = self.observability.unwrap_or(Observability { rank: 0, unknowns: 0, condition: f64::INFINITY });
+        Evidence {
+            passes: self.passes,
+            largest_step: settled.largest_step,
+            unknowns: self.free.len(),
+            effective_unknowns: solution.effective.iter().sum(),
+            chi2_per_dof: solution.noise_factor,
+            minus_two_log_likelihood: solution.minus_two_log_likelihood,
+            robust_scale: settled.scale,
+            rank: seen.rank,
+            low_order_unknowns: seen.unknowns,
+            condition: seen.condition,
+            errors: self.error_evidence(solution),
+            stations: self.station_evidence(settled),
+            correlated: evidence::correlated(&self.setup, solution, &self.free, &self.campaign.stations),
+            rejected: self.rejected(settled),
+        }
+    }
+
+    fn error_evidence(&self, solution: &Solution) -> Vec<ErrorEvidence> {
+        let places = |range: std::ops::Range<usize>| {
+            self.free.iter().enumerate().filter(move |(_, k)| range.contains(k)).map(|(place, _)| place)
+        };
+        let of = |id: ErrorId| {
+            let range = self.setup.layout.range(id);
+            ErrorEvidence {
+                name: id.name(),
+                coefficients: places(range.clone()).count(),
+                effective: places(range.clone()).map(|k| solution.effective[k]).sum(),
+                penalty: self.penalties.iter().find(|p| p.range == range).map(|p| p.lambda),
+            }
+        };
+        ErrorId::all().filter(|id| self.setup.layout.basis(*id).is_some()).map(of).collect()
+    }
+
+    fn station_evidence(&self, settled: &Settled) -> Vec<StationEvidence> {
+        let of = |(station, name): (usize, &String)| {
+            let own = self.campaign.readings.iter().zip(&settled.residuals).zip(&settled.weights);
+            let own: Vec<_> = own.filter(|((reading, _), _)| reading.station as usize == station).collect();
+            let kept = own.iter().filter(|(_, weight)| **weight > 0.0);
+            let (count, square) = kept.fold((0, 0.0), |(n, s), ((_, (r, _)), _)| (n + 1, s + r * r));
+            let u_m = std::array::from_fn(|d| self.u_of(settled, self.setup.layout.len() + 4 * station + d));
+            StationEvidence {
+                name: name.clone(),
+                readings: own.len(),
+                residual_rms_m: (square / f64::from(count.max(1))).sqrt(),
+                u_m,
+            }
+        };
+        self.campaign.stations.iter().enumerate().map(of).collect()
+    }
+
+    fn u_of(&self, settled: &Settled, index: usize) -> f64 {
+        let place = self.free.iter().position(|k| *k == index);
+        place.map_or(0.0, |k| settled.solution.covariance[(k, k)].sqrt())
+    }
+
+    fn rejected(&self, settled: &Settled) -> Vec<RejectedReading> {
+        let listed = self.campaign.readings.iter().zip(&settled.residuals).zip(&settled.weights).enumerate();
+        listed
+            .filter(|(_, (_, weight))| **weight == 0.0)
+            .map(|(index, ((reading, (residual_m, u_m)), _))| RejectedReading {
+                reading: index + 1,
+                station: self.campaign.stations[reading.station as usize].clone(),
+                line: self.campaign.lines[reading.line as usize].clone(),
+                residual_m: *residual_m,
+                standardised: residual_m / u_m / settled.scale,
+            })
+            .collect()
+    }
+
+    fn model(&self, settled: &Settled) -> Result<MachineModel, IdentifyError> {
+        let geometric = self.setup.layout.len();
+        let station = |(k, name): (usize, &String)| {
+            let own = &self.parameters[geometric + 4 * k..geometric + 4 * k + 4];
+            Station { name: name.clone(), position_m: Vector3::new(own[0], own[1], own[2]), dead_path_m: own[3] }
+        };
+        let used = settled.normal.used;
+        let parts = ModelParts {
+            machine: self.setup.machine.clone(),
+            coefficients: self.parameters[..geometric].to_vec(),
+            effects: Vec::new(),
+            stations: self.campaign.stations.iter().enumerate().map(station).collect(),
+            covariance: self.packed_covariance(&settled.solution),
+            identified: identified_volume(&self.campaign.readings, &settled.weights),
+            quality: FitQuality {
+                readings: used,
+                rejected: self.campaign.readings.len() - used,
+                chi2_per_dof: settled.solution.noise_factor,
+                residual_rms_m: (settled.normal.square_m2 / used.max(1) as f64).sqrt(),
+            },
+        };
+        Ok(MachineModel::new(parts)?)
+    }
+
+    /// Lower triangle over all parameters; those that were not free have no variance.
+    fn packed_covariance(&self, solution: &Solution) -> Vec<f64> {
+        let mut place = vec![None; self.parameters.len()];
+        self.free.iter().enumerate().for_each(|(k, index)| place[*index] = Some(k));
+        let entry = |row: usize, column: usize| match (place[row], place[column]) {
+            (Some(a), Some(b)) => solution.covariance[(a, b)],
+            _ => 0.0,
+        };
+        (0..self.parameters.len())
+            .flat_map(|row| (0..=row).map(move |column| (row, column)))
+            .map(|(r, c)| entry(r, c))
+            .collect()
+    }
+}
+
+/// A penalty on the curvature of every spline.
+fn penalties(layout: &Layout) -> Vec<Penalty> {
+    let of = |id: ErrorId| {
+        let basis = layout.basis(id)?;
+        matches!(basis.kind(), Kind::BSpline { .. }).then(|| Penalty::new(layout.range(id), basis)).flatten()
+    };
+    ErrorId::all().filter_map(of).collect()
+}
+
+fn identified_volume(readings: &[RangeReading], weights: &[f64]) -> IdentifiedVolume {
+    let mut reading_m = [(f64::INFINITY, f64::NEG_INFINITY); 3];
+    let mut offset_m = reading_m;
+    for (reading, _) in readings.iter().zip(weights).filter(|(_, weight)| **weight > 0.0) {
+        for d in 0..3 {
+            reading_m[d] = (reading_m[d].0.min(reading.reading_m[d]), reading_m[d].1.max(reading.reading_m[d]));
+            offset_m[d] = (offset_m[d].0.min(reading.offset_m[d]), offset_m[d].1.max(reading.offset_m[d]));
+        }
+    }
+    IdentifiedVolume { reading_m, offset_m }
+}
