@@ -12,6 +12,13 @@
 //!
 //! Units are SI, angles are radians, frames are named in `header.frame_id` (REP-103).
 
+// The tests inside this crate share the samples of the tests beside it.
+#[cfg(test)]
+extern crate self as abbe_msgs;
+#[cfg(test)]
+#[path = "../tests/common/mod.rs"]
+mod test_samples;
+
 pub mod bag;
 pub mod cdr;
 pub mod definition;
@@ -19,8 +26,6 @@ mod error;
 mod message;
 pub mod ros;
 pub mod standard;
-#[cfg(test)]
-mod test_samples;
 pub mod types;
 
 pub use error::{CovariateError, MessageError, TextError};

@@ -1,6 +1,10 @@
-//! Test support: one valid sample of every message, with a different value in every field.
+//! One valid sample of every message, with a different value in every field, so that a mix-up of
+//! two fields shows.
 
-use crate::{
+#![allow(dead_code, unreachable_pub, missing_docs)] // each test uses its part
+
+use abbe_msgs::standard::{DiagnosticArray, DiagnosticStatus, Header, JointState, KeyValue, PointStamped};
+use abbe_msgs::{
     CorrectedCoordinates, CorrectionStatus, Covariates, RangeResidual, ResidualStatus, ScaleReading, Sha256, Stamp,
     Text, TracerReading,
 };
@@ -9,7 +13,7 @@ fn stamp() -> Stamp {
     Stamp::new(1_700_000_000, 123_456_789).unwrap()
 }
 
-pub(crate) fn scales() -> ScaleReading {
+pub fn scales() -> ScaleReading {
     let mut covariates = Covariates::new();
     covariates.push("temp_scale_x_c", 20.125, 0.5).unwrap();
     covariates.push("feed_mm_s", 40.0, 0.0).unwrap();
@@ -23,7 +27,7 @@ pub(crate) fn scales() -> ScaleReading {
     }
 }
 
-pub(crate) fn tracer() -> TracerReading {
+pub fn tracer() -> TracerReading {
     TracerReading {
         stamp: stamp(),
         sequence: 8,
@@ -35,7 +39,7 @@ pub(crate) fn tracer() -> TracerReading {
     }
 }
 
-pub(crate) fn corrected() -> CorrectedCoordinates {
+pub fn corrected() -> CorrectedCoordinates {
     CorrectedCoordinates {
         stamp: stamp(),
         sequence: 9,
@@ -54,7 +58,7 @@ pub(crate) fn corrected() -> CorrectedCoordinates {
     }
 }
 
-pub(crate) fn residual() -> RangeResidual {
+pub fn residual() -> RangeResidual {
     RangeResidual {
         stamp: stamp(),
         sequence: 10,
@@ -67,5 +71,34 @@ pub(crate) fn residual() -> RangeResidual {
         station: Text::new("S1").unwrap(),
         residual_valid: true,
         status: ResidualStatus::OutOfBounds,
+    }
+}
+
+pub fn point() -> PointStamped {
+    PointStamped::from_corrected(&corrected()).unwrap()
+}
+
+pub fn joints() -> JointState {
+    JointState {
+        velocity: vec![0.4, 0.5, 0.6],
+        effort: vec![7.0],
+        ..JointState::from_scales(&scales(), ["x", "y", "z"])
+    }
+}
+
+pub fn diagnostics() -> DiagnosticArray {
+    let value = |key: &str, value: &str| KeyValue { key: key.to_owned(), value: value.to_owned() };
+    DiagnosticArray {
+        header: Header::new(stamp(), "bridge"),
+        status: vec![
+            DiagnosticStatus {
+                level: DiagnosticStatus::WARN,
+                name: "monitor".to_owned(),
+                message: "residuals grow".to_owned(),
+                hardware_id: "bridge-7".to_owned(),
+                values: vec![value("residual_rms_um", "0.61"), value("stations", "4")],
+            },
+            DiagnosticStatus::default(),
+        ],
     }
 }
