@@ -55,23 +55,56 @@ pub fn correct(model: &MachineModel, state: &State) -> Correction {
         return rejected(nominal_m);
     }
     let parts = model.parts();
-    let point = model.layout().point(&parts.machine, &parts.coefficients, state.reading_m, state.offset_m);
+    let (point_m, mut sensitivity) = geometric_point(model, state.reading_m, state.offset_m);
+    let (effects_m, problem) = add_effects(model, state, &mut sensitivity);
+    let repeatability = Vector3::from(parts.machine.repeatability_m).map(|r| r * r);
+    Correction {
+        geometric_m: point_m - nominal_m,
+        effects_m,
+        residual_m: Vector3::zeros(),
+        position_m: point_m + effects_m,
+        covariance_m2: Some(sensitivity.covariance_m2(model) + Matrix3::from_diagonal(&repeatability)),
+        status: problem.unwrap_or_else(|| volume_status(&parts.identified, state)),
+    }
+}
+
+/// Length that a tracer on an identified station should read when tip or reflector is at `position_m` (the
+/// corrected position of this reading and offset), and its standard uncertainty without the instrument's (m, k = 1).
+///
+/// The station comes from the same fit as the errors; their correlation is taken into account. `None` for a station
+/// the model does not know.
+pub fn predicted_length_m(
+    model: &MachineModel,
+    reading_m: [f64; 3],
+    offset_m: [f64; 3],
+    position_m: &Vector3<f64>,
+    station: &str,
+) -> Option<(f64, f64)> {
+    let (first, station) = model.station(station)?;
+    let sight = position_m - station.position_m;
+    let range_m = sight.norm();
+    let direction = sight / range_m;
+    let (_, sensitivity) = geometric_point(model, reading_m, offset_m);
+    let mut row: Vec<(usize, f64)> =
+        sensitivity.entries.iter().map(|(k, column)| (*k, direction.dot(column))).collect();
+    row.extend(direction.iter().map(|u| -u).chain([-1.0]).enumerate().map(|(d, value)| (first + d, value)));
+    let weighted = |(a, x): &(usize, f64)| row.iter().map(|(b, y)| x * y * model.covariance(*a, *b)).sum::<f64>();
+    let repeatability = Vector3::from(model.parts().machine.repeatability_m).component_mul(&direction).norm_squared();
+    let variance = row.iter().map(weighted).sum::<f64>().max(0.0) + repeatability;
+    Some((range_m - station.dead_path_m, variance.sqrt()))
+}
+
+/// Position from the chain (m) and its sensitivity to every geometric parameter.
+fn geometric_point(model: &MachineModel, reading_m: [f64; 3], offset_m: [f64; 3]) -> (Vector3<f64>, Sensitivity) {
+    let parts = model.parts();
+    let point = model.layout().point(&parts.machine, &parts.coefficients, reading_m, offset_m);
     let mut sensitivity = Sensitivity::default();
     model.layout().visit_errors(&point, |first, partial, values| {
         values.iter().enumerate().for_each(|(k, value)| sensitivity.push(first + k, partial * *value));
     });
     let squareness = model.layout().squareness();
     squareness.zip(&point.chain.by_squareness).for_each(|(index, column)| sensitivity.push(index, *column));
-    let (effects_m, problem) = add_effects(model, state, &mut sensitivity);
-    let repeatability = Vector3::from(parts.machine.repeatability_m).map(|r| r * r);
-    Correction {
-        geometric_m: point.chain.position_m - nominal_m,
-        effects_m,
-        residual_m: Vector3::zeros(),
-        position_m: point.chain.position_m + effects_m,
-        covariance_m2: Some(sensitivity.covariance_m2(model) + Matrix3::from_diagonal(&repeatability)),
-        status: problem.unwrap_or_else(|| volume_status(&parts.identified, state)),
-    }
+    (point.chain.position_m, sensitivity)
 }
 
 /// Adds what a residual field says at the corrected point.
