@@ -153,10 +153,48 @@ fn files(directory: &Path, information: &Information) -> Result<Vec<PathBuf>, St
         .collect()
 }
 
-/// Parses any text; for fuzzing.
 #[cfg(test)]
-pub(super) fn parse_any(text: &str) {
-    if let Ok(information) = parse(text) {
-        let _ = files(Path::new("bag"), &information);
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    fn metadata(topic: &str) -> Metadata {
+        Metadata {
+            file_name: "run_0.mcap".to_owned(),
+            span_ns: Some((5, 9)),
+            topics: vec![TopicSummary {
+                topic: topic.to_owned(),
+                ros_type: "abbe_msgs/msg/ScaleReading".to_owned(),
+                qos_yaml: super::super::Qos::STREAM.to_yaml(),
+                messages: 3,
+            }],
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn arbitrary_metadata_is_survived(text: String) {
+            if let Ok(information) = parse(&text) {
+                let _ = files(Path::new("bag"), &information);
+            }
+        }
+
+        #[test]
+        fn damaged_metadata_is_survived(at in any::<prop::sample::Index>(), letter: char) {
+            let mut text: Vec<char> = metadata("/scales").text().chars().collect();
+            let at = at.index(text.len());
+            text[at] = letter;
+            let text: String = text.into_iter().collect();
+            if let Ok(information) = parse(&text) {
+                let _ = files(Path::new("bag"), &information);
+            }
+        }
+
+        #[test]
+        fn any_topic_name_gives_readable_metadata(topic: String) {
+            let information = parse(&metadata(&topic).text()).unwrap();
+            prop_assert_eq!(information.message_count, 3);
+        }
     }
 }

@@ -1,0 +1,8 @@
+//! Fuzz target: any bytes as a bag.
+
+#![no_main]
+
+#[path = "../exercise.rs"]
+mod exercise;
+
+libfuzzer_sys::fuzz_target!(|bytes: &[u8]| exercise::read_bag(bytes));

@@ -1,0 +1,8 @@
+//! Fuzz target: any bytes as the CDR of every message.
+
+#![no_main]
+
+#[path = "../exercise.rs"]
+mod exercise;
+
+libfuzzer_sys::fuzz_target!(|bytes: &[u8]| exercise::decode_cdr(bytes));

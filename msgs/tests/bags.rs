@@ -1,0 +1,272 @@
+//! Bags give back what was written, say what is wrong with them, and can be recovered.
+
+mod common;
+
+use std::path::{Path, PathBuf};
+
+use abbe_msgs::bag::{self, BagError, BagMessage, BagWriter, Qos};
+use abbe_msgs::{Message, RosType, ScaleReading, TracerReading, cdr, standard::PointStamped};
+use tempfile::TempDir;
+
+/// Writes `rounds` rounds of four messages and returns their topics, times and bytes.
+fn write_bag(path: &Path, rounds: u64) -> Vec<(String, u64, Vec<u8>)> {
+    let mut writer = BagWriter::create(path).unwrap();
+    let written = write_rounds(&mut writer, rounds);
+    let summary = writer.finish().unwrap();
+    assert_eq!(summary.path, path);
+    assert_eq!(summary.messages_by_topic["/machine/scales"], rounds);
+    written
+}
+
+fn write_rounds(writer: &mut BagWriter, rounds: u64) -> Vec<(String, u64, Vec<u8>)> {
+    let mut written = Vec::new();
+    let mut note = |topic: &str, time_ns: u64, bytes: Vec<u8>| {
+        written.push((topic.to_owned(), time_ns, bytes));
+    };
+    for round in 0..rounds {
+        let time_ns = 1_700_000_000_000_000_000 + round * 1_000_000;
+        let mut scales = common::scales();
+        scales.sequence = round;
+        scales.reading_m[0] += round as f64 * 1.0e-3;
+        writer.write("/machine/scales", &scales, time_ns).unwrap();
+        note("/machine/scales", time_ns, cdr::encode(&scales.to_ros()).unwrap());
+        writer.write("/machine/tracer", &common::tracer(), time_ns + 1).unwrap();
+        note("/machine/tracer", time_ns + 1, cdr::encode(&common::tracer().to_ros()).unwrap());
+        writer.write("/machine/corrected", &common::corrected(), time_ns + 2).unwrap();
+        note("/machine/corrected", time_ns + 2, cdr::encode(&common::corrected().to_ros()).unwrap());
+        writer.write_ros("/machine/point", &common::point(), time_ns + 3).unwrap();
+        note("/machine/point", time_ns + 3, cdr::encode(&common::point()).unwrap());
+    }
+    written
+}
+
+fn read_all(path: &Path) -> Result<Vec<BagMessage>, BagError> {
+    bag::messages(path)?.collect()
+}
+
+fn content(messages: &[BagMessage]) -> Vec<(String, u64, Vec<u8>)> {
+    let content = |m: &BagMessage| (m.topic().to_owned(), m.log_time_ns, m.cdr.clone());
+    messages.iter().map(content).collect()
+}
+
+fn folder() -> (TempDir, PathBuf) {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().to_owned();
+    (folder, path)
+}
+
+fn message_of(result: Result<Vec<BagMessage>, BagError>) -> String {
+    result.unwrap_err().to_string()
+}
+
+#[test]
+fn directory_and_bare_file_give_back_the_same_bytes() {
+    let (_guard, folder) = folder();
+    for path in [folder.join("run"), folder.join("run.mcap")] {
+        let written = write_bag(&path, 300);
+        let read = read_all(&path).unwrap();
+        assert_eq!(content(&read), written);
+        let indices: Vec<u64> = read.iter().map(|message| message.index).collect();
+        assert_eq!(indices, (0..1200).collect::<Vec<_>>());
+        assert_eq!(read[0].ros_type(), "abbe_msgs/msg/ScaleReading");
+        let first: ScaleReading = read[0].decode().unwrap();
+        assert_eq!(first, ScaleReading { sequence: 0, ..common::scales() });
+        assert_eq!(read[3].decode_ros::<PointStamped>().unwrap(), common::point());
+    }
+    assert!(folder.join("run/run_0.mcap").exists());
+    assert!(folder.join("run/metadata.yaml").exists());
+    let inner = read_all(&folder.join("run/run_0.mcap")).unwrap();
+    assert_eq!(inner.len(), 1200, "the file inside the directory is a bag too");
+}
+
+#[test]
+fn the_same_messages_give_the_same_bytes() {
+    let (_guard, folder) = folder();
+    // The same name as well: as rosbag2 has it, a bag names its file inside.
+    let bytes = |run: &str| {
+        std::fs::create_dir(folder.join(run)).unwrap();
+        let path = folder.join(run).join("same.mcap");
+        write_bag(&path, 60);
+        std::fs::read(path).unwrap()
+    };
+    assert!(bytes("first") == bytes("second"));
+}
+
+#[test]
+fn an_empty_bag_is_a_bag() {
+    let (_guard, folder) = folder();
+    let path = folder.join("empty");
+    BagWriter::create(&path).unwrap().finish().unwrap();
+    assert_eq!(read_all(&path).unwrap().len(), 0);
+}
+
+#[test]
+fn every_flipped_bit_is_noticed() {
+    let (_guard, folder) = folder();
+    let path = folder.join("small.mcap");
+    write_bag(&path, 2);
+    let good = std::fs::read(&path).unwrap();
+    for at in 0..good.len() {
+        let mut bytes = good.clone();
+        bytes[at] ^= 1 << (at % 8);
+        let faults = bag::messages_from(&path, bytes.as_slice()).filter(Result::is_err);
+        assert_eq!(faults.count(), 1, "byte {at} of {}", good.len());
+    }
+}
+
+#[test]
+fn a_bag_cut_off_anywhere_is_an_error_after_the_messages_before() {
+    let (_guard, folder) = folder();
+    let path = folder.join("run.mcap");
+    let written = write_bag(&path, 60);
+    let good = std::fs::read(&path).unwrap();
+    for length in (0..good.len()).step_by(7) {
+        let read: Vec<_> = bag::messages_from(&path, &good[..length]).collect();
+        let (last, before) = read.split_last().unwrap();
+        let before: Vec<_> = before.iter().map(|m| m.as_ref().unwrap().clone()).collect();
+        assert!(written.starts_with(&content(&before)), "cut at {length}");
+        let error = last.as_ref().unwrap_err();
+        let BagError::Damaged { messages_read, .. } = error else {
+            panic!("cut at {length}: {error}");
+        };
+        assert_eq!(*messages_read, before.len() as u64);
+        let text = error.to_string();
+        assert!(text.contains("run.mcap") && text.contains("recover the bag"), "{text}");
+    }
+}
+
+#[test]
+fn a_killed_recording_is_recovered_but_for_the_last_hundred_messages() {
+    let (_guard, folder) = folder();
+    let path = folder.join("killed");
+    let mut writer = BagWriter::create(&path).unwrap();
+    let written = write_rounds(&mut writer, 300);
+    std::mem::forget(writer); // as kill -9: nothing is flushed, nothing completed
+    let error = message_of(read_all(&path));
+    assert!(error.contains("metadata.yaml: missing"), "{error}");
+
+    let out = folder.join("saved");
+    let recovery = bag::recover(&path, &out).unwrap();
+    assert!(recovery.messages_saved >= 1100, "{recovery:?}");
+    assert_eq!(recovery.faults.len(), 1);
+    let saved = read_all(&out).unwrap();
+    assert_eq!(saved.len() as u64, recovery.messages_saved);
+    assert_eq!(content(&saved), written[..saved.len()]);
+}
+
+#[test]
+fn recovery_keeps_schemas_and_quality_of_service() {
+    let (_guard, folder) = folder();
+    let path = folder.join("run.mcap");
+    let mut writer = BagWriter::create(&path).unwrap();
+    writer.set_qos("/model", Qos::LATCHED);
+    writer.write("/model", &common::corrected(), 5).unwrap();
+    writer.finish().unwrap();
+    let again = folder.join("again/run.mcap");
+    std::fs::create_dir(folder.join("again")).unwrap();
+    let recovery = bag::recover(&path, &again).unwrap();
+    assert!(recovery.faults.is_empty(), "nothing is wrong with it");
+    let (before, after) = (read_all(&path).unwrap(), read_all(&again).unwrap());
+    assert_eq!(before[0].channel(), after[0].channel());
+    assert!(after[0].channel().offered_qos_profiles.contains("durability: 1"));
+    assert!(std::fs::read(&path).unwrap() == std::fs::read(&again).unwrap());
+}
+
+#[test]
+fn what_is_there_is_not_overwritten() {
+    let (_guard, folder) = folder();
+    for name in ["run", "run.mcap"] {
+        write_bag(&folder.join(name), 1);
+        let error = BagWriter::create(folder.join(name)).err().unwrap();
+        assert!(matches!(error, BagError::Exists { .. }), "{error}");
+        let error = bag::recover(folder.join(name), folder.join(name)).unwrap_err();
+        assert!(matches!(error, BagError::Exists { .. }), "{error}");
+        assert_eq!(read_all(&folder.join(name)).unwrap().len(), 4);
+    }
+}
+
+#[test]
+fn a_topic_has_one_type_and_samples_are_checked_before_they_are_written() {
+    let (_guard, folder) = folder();
+    let mut writer = BagWriter::create(folder.join("run.mcap")).unwrap();
+    writer.write("/a", &common::scales(), 1).unwrap();
+    let error = writer.write("/a", &common::tracer(), 2).unwrap_err().to_string();
+    assert!(error.contains("/a carries abbe_msgs/msg/ScaleReading already"), "{error}");
+    let mut wrong = common::tracer();
+    wrong.length_m = f64::NAN;
+    let error = writer.write("/b", &wrong, 3).unwrap_err().to_string();
+    assert!(error.contains("length_m is NaN"), "{error}");
+    let error = writer.write_cdr("/c", "other_msgs/msg/Other", &[0, 1, 0, 0], 4).unwrap_err();
+    assert!(error.to_string().contains("no .msg text of other_msgs/msg/Other"));
+    writer.finish().unwrap();
+    let read = read_all(&folder.join("run.mcap")).unwrap();
+    assert_eq!(read.len(), 1, "what was refused left nothing behind");
+    let error = read[0].decode::<TracerReading>().unwrap_err().to_string();
+    assert!(error.contains("carries abbe_msgs/msg/ScaleReading, not"), "{error}");
+}
+
+#[test]
+fn what_is_no_bag_is_named() {
+    let (_guard, folder) = folder();
+    let missing = folder.join("missing.mcap");
+    assert!(message_of(read_all(&missing)).contains("missing.mcap: cannot open the bag"));
+    assert!(message_of(read_all(&folder)).contains("metadata.yaml: missing"));
+    let error = bag::recover(&folder, folder.join("out")).unwrap_err().to_string();
+    assert!(error.contains("holds no .mcap file"), "{error}");
+    assert!(!folder.join("out").exists(), "no output is left");
+    let text = folder.join("table.mcap");
+    std::fs::write(&text, "x_mm,y_mm\n1,2\n3,4\n").unwrap();
+    assert!(message_of(read_all(&text)).contains("table.mcap: not a bag"));
+}
+
+#[test]
+fn metadata_that_contradicts_the_files_is_an_error() {
+    let (_guard, folder) = folder();
+    let path = folder.join("run");
+    write_bag(&path, 2);
+    let yaml = path.join("metadata.yaml");
+    let good = std::fs::read_to_string(&yaml).unwrap();
+    let after = |from: &str, to: &str| {
+        assert!(good.contains(from), "{from} is not in {good}");
+        std::fs::write(&yaml, good.replacen(from, to, 1)).unwrap();
+        message_of(read_all(&path))
+    };
+    assert!(after("message_count: 8", "message_count: 9").contains("names 9 messages"));
+    assert!(after("storage_identifier: mcap", "storage_identifier: sqlite3").contains("'sqlite3'"));
+    assert!(after("compression_mode: \"\"", "compression_mode: FILE").contains("mode 'file'"));
+    assert!(after("- \"run_0.mcap\"", "- \"run_1.mcap\"").contains("run_1.mcap: cannot open"));
+    assert!(after("relative_file_paths", "files_of").contains("relative_file_paths"));
+    assert!(after("version: 8", "version: [").contains("not the metadata of a rosbag2 bag"));
+    std::fs::write(&yaml, [0xff, 0xfe]).unwrap();
+    assert!(message_of(read_all(&path)).contains("cannot read the metadata"));
+}
+
+/// A directory split into several files, as `ros2 bag record --max-bag-size` leaves it.
+#[test]
+fn split_recordings_are_read_in_order() {
+    let (_guard, folder) = folder();
+    let path = folder.join("run");
+    let first = write_bag(&path, 1);
+    write_bag(&folder.join("more.mcap"), 2);
+    std::fs::rename(folder.join("more.mcap"), path.join("run_1.mcap")).unwrap();
+    let yaml = path.join("metadata.yaml");
+    let text = std::fs::read_to_string(&yaml).unwrap();
+    let text = text.replacen("- \"run_0.mcap\"", "- run_0.mcap\n    - run/run_1.mcap", 1).replacen(
+        "message_count: 4",
+        "message_count: 12",
+        1,
+    );
+    std::fs::write(&yaml, text).unwrap();
+    let read = read_all(&path).unwrap();
+    assert_eq!(read.len(), 12);
+    assert_eq!(content(&read)[..4], first);
+    assert_eq!(read[11].index, 11);
+    let recovery = bag::recover(&path, folder.join("joined")).unwrap();
+    assert_eq!(recovery.messages_saved, 12);
+}
+
+#[test]
+fn standard_types_are_named_as_ros_names_them() {
+    assert_eq!(PointStamped::ROS_TYPE, "geometry_msgs/msg/PointStamped");
+    assert_eq!(ScaleReading::ROS_TYPE, "abbe_msgs/msg/ScaleReading");
+}
