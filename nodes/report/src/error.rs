@@ -8,9 +8,7 @@ use thiserror::Error;
 #[derive(Debug, Error)]
 pub enum ReportError {
     /// A number is NaN or infinite.
-    #[error(
-        "section '{section}': {path} is {value}; a report shows finite numbers only, pass a missing value as None"
-    )]
+    #[error("section '{section}': {path} is {value}; a report shows finite numbers only, pass a missing value as None")]
     NotFinite {
         /// Title of the section.
         section: String,
@@ -62,10 +60,6 @@ pub enum ReportError {
 impl ReportError {
     /// A shape error, shorter to write.
     pub(crate) fn shape(section: &str, what: impl Into<String>, remedy: &str) -> Self {
-        Self::Shape {
-            section: section.to_owned(),
-            what: what.into(),
-            remedy: remedy.to_owned(),
-        }
+        Self::Shape { section: section.to_owned(), what: what.into(), remedy: remedy.to_owned() }
     }
 }

@@ -16,15 +16,8 @@ use crate::error::ReportError;
 /// `Serialize` fails.
 pub fn check_finite<T: Serialize + ?Sized>(section: &str, value: &T) -> Result<(), ReportError> {
     value.serialize(&mut Walk::default()).map_err(|stop| match stop {
-        Stop::NotFinite { path, value } => ReportError::NotFinite {
-            section: section.to_owned(),
-            path,
-            value,
-        },
-        Stop::Other(what) => ReportError::Serialise {
-            section: section.to_owned(),
-            what,
-        },
+        Stop::NotFinite { path, value } => ReportError::NotFinite { section: section.to_owned(), path, value },
+        Stop::Other(what) => ReportError::Serialise { section: section.to_owned(), what },
     })
 }
 
@@ -101,11 +94,7 @@ struct Compound<'a> {
 
 impl<'a> Compound<'a> {
     fn open(walk: &'a mut Walk) -> Result<Self, Stop> {
-        Ok(Self {
-            walk,
-            index: 0,
-            key: String::new(),
-        })
+        Ok(Self { walk, index: 0, key: String::new() })
     }
 
     fn element<T: Serialize + ?Sized>(&mut self, value: &T) -> Result<(), Stop> {
@@ -147,10 +136,7 @@ impl<'a> ser::Serializer for &'a mut Walk {
         if value.is_finite() {
             return Ok(());
         }
-        Err(Stop::NotFinite {
-            path: self.path_text(),
-            value: value.to_string(),
-        })
+        Err(Stop::NotFinite { path: self.path_text(), value: value.to_string() })
     }
 
     fn serialize_none(self) -> Result<(), Stop> {
@@ -195,13 +181,7 @@ impl<'a> ser::Serializer for &'a mut Walk {
         Compound::open(self)
     }
 
-    fn serialize_tuple_variant(
-        self,
-        _: &'static str,
-        _: u32,
-        _: &'static str,
-        _: usize,
-    ) -> Result<Compound<'a>, Stop> {
+    fn serialize_tuple_variant(self, _: &'static str, _: u32, _: &'static str, _: usize) -> Result<Compound<'a>, Stop> {
         Compound::open(self)
     }
 

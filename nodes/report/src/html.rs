@@ -13,10 +13,8 @@ use crate::text::{MISSING, escape};
 use crate::theme;
 
 /// The embedded fonts: weight and file.
-const FONTS: [(u16, &[u8]); 2] = [
-    (400, include_bytes!("../fonts/Inter-Regular.woff2")),
-    (600, include_bytes!("../fonts/Inter-SemiBold.woff2")),
-];
+const FONTS: [(u16, &[u8]); 2] =
+    [(400, include_bytes!("../fonts/Inter-Regular.woff2")), (600, include_bytes!("../fonts/Inter-SemiBold.woff2"))];
 
 /// The page of a checked report.
 pub(crate) fn page(report: &Report) -> Result<String, ReportError> {

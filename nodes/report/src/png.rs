@@ -24,20 +24,15 @@ const BOTTOM: f64 = 34.0;
 const COMPARISON_HEIGHT: f64 = 422.0;
 
 /// The fonts of the rasteriser; the fonts of the machine are never looked at.
-const FONTS: [&[u8]; 2] = [
-    include_bytes!("../fonts/Inter-Regular.otf"),
-    include_bytes!("../fonts/Inter-SemiBold.otf"),
-];
+const FONTS: [&[u8]; 2] = [include_bytes!("../fonts/Inter-Regular.otf"), include_bytes!("../fonts/Inter-SemiBold.otf")];
 
 /// The PNG of a checked report's main plot.
 pub(crate) fn main_plot(report: &Report) -> Result<Vec<u8>, ReportError> {
     let wrong = |what: String| ReportError::MainPlot { what };
     let index = report.main_plot.ok_or_else(|| wrong("none is chosen".to_owned()))?;
     let count = report.sections.len();
-    let section = report
-        .sections
-        .get(index)
-        .ok_or_else(|| wrong(format!("section {index} is chosen, there are {count}")))?;
+    let section =
+        report.sections.get(index).ok_or_else(|| wrong(format!("section {index} is chosen, there are {count}")))?;
     let drawing = match section {
         Section::Comparison(comparison) => comparison.draw_with_height(COMPARISON_HEIGHT)?,
         other => match other.drawing() {
@@ -78,11 +73,7 @@ fn rasterise(svg: &str) -> Result<Vec<u8>, ReportError> {
         fonts.load_font_data(font.to_vec());
     }
     fonts.set_sans_serif_family("Inter");
-    let options = Options {
-        font_family: "Inter".to_owned(),
-        fontdb: Arc::new(fonts),
-        ..Options::default()
-    };
+    let options = Options { font_family: "Inter".to_owned(), fontdb: Arc::new(fonts), ..Options::default() };
     let tree = Tree::from_str(svg, &options).map_err(|e| failed(e.to_string()))?;
     let size = tree.size().to_int_size();
     let mut pixmap =

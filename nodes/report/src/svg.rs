@@ -52,12 +52,7 @@ impl Anchor {
 impl Svg {
     /// An empty canvas.
     pub(crate) fn new(width: f64, height: f64) -> Self {
-        Self {
-            width,
-            height,
-            body: String::new(),
-            non_finite: false,
-        }
+        Self { width, height, body: String::new(), non_finite: false }
     }
 
     /// A coordinate with two decimals at most; remembers if one was not finite.
@@ -140,9 +135,7 @@ impl Svg {
     pub(crate) fn circle(&mut self, class: &str, (x, y): (f64, f64), r: f64, tip: Option<&str>) {
         let (x, y, r) = (self.number(x), self.number(y), self.number(r));
         let tip = tooltip(tip);
-        self.push(format_args!(
-            "<circle class=\"{class}\" cx=\"{x}\" cy=\"{y}\" r=\"{r}\">{tip}</circle>"
-        ));
+        self.push(format_args!("<circle class=\"{class}\" cx=\"{x}\" cy=\"{y}\" r=\"{r}\">{tip}</circle>"));
     }
 
     /// A text, escaped.
@@ -164,15 +157,9 @@ impl Svg {
     /// The drawing, or an error if a coordinate was not finite.
     pub(crate) fn finish(self, section: &str) -> Result<Drawing, ReportError> {
         if self.non_finite {
-            return Err(ReportError::Overflow {
-                section: section.to_owned(),
-            });
+            return Err(ReportError::Overflow { section: section.to_owned() });
         }
-        Ok(Drawing {
-            width: self.width,
-            height: self.height,
-            body: self.body,
-        })
+        Ok(Drawing { width: self.width, height: self.height, body: self.body })
     }
 }
 

@@ -29,11 +29,7 @@ pub(crate) fn escape(text: &str) -> String {
 /// A number with a fixed count of decimals, a true minus sign and no negative zero.
 pub(crate) fn fixed(value: f64, decimals: u8) -> String {
     let decimals = usize::from(decimals);
-    let text = if value.abs() >= FIXED_LIMIT {
-        scientific(value)
-    } else {
-        format!("{value:.decimals$}")
-    };
+    let text = if value.abs() >= FIXED_LIMIT { scientific(value) } else { format!("{value:.decimals$}") };
     match text.strip_prefix('-') {
         Some(rest) if rest.bytes().all(|b| matches!(b, b'0' | b'.')) => rest.to_owned(),
         Some(rest) => format!("−{rest}"),
@@ -90,13 +86,9 @@ pub(crate) fn superscript(exponent: &str) -> String {
         .collect()
 }
 
-/// Label with its unit: `position x / mm` as ISO 80000-1 writes it; without a unit the label alone.
+/// Label with its unit: `position x / mm` as ISO 80000-1 writes it; the label alone for a pure number.
 pub(crate) fn with_unit(label: &str, unit: &str) -> String {
-    if unit.is_empty() {
-        label.to_owned()
-    } else {
-        format!("{label} / {unit}")
-    }
+    if matches!(unit, "" | "1") { label.to_owned() } else { format!("{label} / {unit}") }
 }
 
 #[cfg(test)]

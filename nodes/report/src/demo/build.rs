@@ -2,6 +2,7 @@
 
 use super::{DemoReport, LiveFigures};
 use crate::error::ReportError;
+use crate::finite::check_finite;
 use crate::report::{MetaItem, Report, to_json};
 use crate::sections::{
     Axis, Bar, Bars, Callout, Cell, Column, Heading, KeyFigure, KeyFigures, Quantity, Section, TableSection, Tone,
@@ -40,7 +41,7 @@ impl DemoReport {
     /// # Errors
     /// [`ReportError`] naming the section and the place in it.
     pub fn html(&self) -> Result<String, ReportError> {
-        self.report().html()
+        self.checked()?.html()
     }
 
     /// The main plot: error before and after, 1600 x 900 px.
@@ -48,7 +49,7 @@ impl DemoReport {
     /// # Errors
     /// [`ReportError`]; [`ReportError::MainPlot`] where there are no verification points.
     pub fn png(&self) -> Result<Vec<u8>, ReportError> {
-        self.report().png()
+        self.checked()?.png()
     }
 
     /// The data as JSON, complete, with unit suffixes in the keys.
@@ -59,12 +60,15 @@ impl DemoReport {
         to_json("report data", self)
     }
 
+    /// The report, after a check of the data itself: an error then names the field, not a figure made from it.
+    fn checked(&self) -> Result<Report, ReportError> {
+        check_finite("report data", self)?;
+        Ok(self.report())
+    }
+
     fn meta(&self) -> Vec<MetaItem> {
         let header = &self.header;
-        let item = |label: &str, value: Option<String>| MetaItem {
-            label: label.to_owned(),
-            value,
-        };
+        let item = |label: &str, value: Option<String>| MetaItem { label: label.to_owned(), value };
         let mut meta = vec![
             item("Machine", header.machine.clone()),
             item("Time", header.time.clone()),
@@ -91,10 +95,7 @@ impl DemoReport {
         figures.extend(self.fit_figures());
         figures.extend(self.live.iter().map(latency_figure));
         figures.push(self.duration_figure());
-        KeyFigures {
-            title: "Key figures".to_owned(),
-            figures,
-        }
+        KeyFigures { title: "Key figures".to_owned(), figures }
     }
 
     fn verification_figures(&self) -> [KeyFigure; 2] {
@@ -171,14 +172,7 @@ impl DemoReport {
                 title: "Duration of the steps".to_owned(),
                 note: None,
                 value: Axis::new("duration", "s"),
-                bars: self
-                    .steps
-                    .iter()
-                    .map(|step| Bar {
-                        name: step.name.clone(),
-                        value: step.duration_s,
-                    })
-                    .collect(),
+                bars: self.steps.iter().map(|step| Bar { name: step.name.clone(), value: step.duration_s }).collect(),
             }));
         }
     }
@@ -232,19 +226,12 @@ fn latency_figure(live: &LiveFigures) -> KeyFigure {
 
 /// A chapter heading.
 pub(super) fn heading(title: &str, intro: Option<&str>) -> Section {
-    Section::Heading(Heading {
-        title: title.to_owned(),
-        intro: intro.map(str::to_owned),
-    })
+    Section::Heading(Heading { title: title.to_owned(), intro: intro.map(str::to_owned) })
 }
 
 /// A warning in words.
 fn warning(text: &str) -> Section {
-    Section::Callout(Callout {
-        tone: Tone::Warning,
-        title: String::new(),
-        text: text.to_owned(),
-    })
+    Section::Callout(Callout { tone: Tone::Warning, title: String::new(), text: text.to_owned() })
 }
 
 fn not_converged() -> Section {

@@ -38,11 +38,8 @@ impl ErrorCurveSet {
     /// The squareness errors as a table.
     pub fn squareness_table(&self) -> TableSection {
         let with_truth = self.squareness.iter().any(|s| s.truth_urad.is_some());
-        let mut columns = vec![
-            Column::text("squareness"),
-            Column::number("value", "µrad"),
-            Column::number("± U (95 %)", "µrad"),
-        ];
+        let mut columns =
+            vec![Column::text("squareness"), Column::number("value", "µrad"), Column::number("± U (95 %)", "µrad")];
         if with_truth {
             columns.push(Column::number("true", "µrad"));
         }
@@ -50,24 +47,15 @@ impl ErrorCurveSet {
             .squareness
             .iter()
             .map(|s| {
-                let mut row = vec![
-                    Cell::text(&s.name),
-                    Cell::maybe(s.value_urad, 2),
-                    Cell::maybe(s.expanded_95_urad, 2),
-                ];
+                let mut row =
+                    vec![Cell::text(&s.name), Cell::maybe(s.value_urad, 2), Cell::maybe(s.expanded_95_urad, 2)];
                 if with_truth {
                     row.push(Cell::maybe(s.truth_urad, 2));
                 }
                 row
             })
             .collect();
-        TableSection {
-            title: "Squareness errors".to_owned(),
-            note: None,
-            columns,
-            rows,
-            total_rows: None,
-        }
+        TableSection { title: "Squareness errors".to_owned(), note: None, columns, rows, total_rows: None }
     }
 }
 

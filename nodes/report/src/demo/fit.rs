@@ -49,11 +49,7 @@ impl DemoReport {
 
     fn sketch(&self, volume: MeasuringVolume) -> Isometric {
         let index_of = |name: &str| self.stations.iter().position(|s| s.name == name);
-        let measured = self.lines.iter().map(|line| IsoLine {
-            point: None,
-            from: line.from_mm,
-            to: line.to_mm,
-        });
+        let measured = self.lines.iter().map(|line| IsoLine { point: None, from: line.from_mm, to: line.to_mm });
         // A line of sight to the middle of each measured line: where the beams of a station went.
         let sights = self.lines.iter().filter_map(|line| {
             let station = index_of(&line.station)?;
@@ -73,14 +69,7 @@ impl DemoReport {
             unit: "mm".to_owned(),
             volume_min: volume.min_mm,
             volume_max: volume.max_mm,
-            points: self
-                .stations
-                .iter()
-                .map(|s| IsoPoint {
-                    name: s.name.clone(),
-                    at: s.position_mm,
-                })
-                .collect(),
+            points: self.stations.iter().map(|s| IsoPoint { name: s.name.clone(), at: s.position_mm }).collect(),
             lines: measured.chain(sights).collect(),
         }
     }
@@ -157,11 +146,7 @@ impl DemoReport {
     }
 
     fn rejected_table(&self) -> TableSection {
-        let mut columns = vec![
-            Column::number("row", "1"),
-            Column::text("station"),
-            Column::number("time", "s"),
-        ];
+        let mut columns = vec![Column::number("row", "1"), Column::text("station"), Column::number("time", "s")];
         columns.extend(["x", "y", "z"].map(|axis| Column::number(axis, "mm")));
         columns.push(Column::number("residual", "µm"));
         columns.push(Column::number("residual / σ", "1"));

@@ -1,7 +1,10 @@
 //! Chapter "Residuals of the fit": maps by position, histograms, over time, by station.
 
+use std::collections::BTreeMap;
+
 use super::build::heading;
 use super::{DemoReport, Residual};
+use crate::scale::extent;
 use crate::sections::{
     Axis, BoxGroup, BoxPlot, Curve, CurveStyle, Histogram, HistogramPanel, LinePanel, LinePlot, MapPanel, MapPoint,
     ResidualMap, Section,
@@ -10,6 +13,8 @@ use crate::stats::{BoxStats, rms};
 
 /// Bins of the histograms (odd: one is centred on zero).
 const BINS: usize = 61;
+/// Cells of the maps along the longest side.
+const MAP_CELLS: f64 = 40.0;
 /// The three views of the maps: horizontal and vertical axis.
 const VIEWS: [(usize, usize); 3] = [(0, 1), (0, 2), (1, 2)];
 const AXES: [&str; 3] = ["x", "y", "z"];
@@ -30,27 +35,50 @@ impl DemoReport {
     }
 
     fn residual_map(&self) -> ResidualMap {
+        let cell_mm = self.map_cell_mm();
         let panel = |(h, v): (usize, usize)| MapPanel {
             title: format!("{}{}", AXES[h], AXES[v]),
             x: Axis::new(AXES[h], "mm"),
             y: Axis::new(AXES[v], "mm"),
-            points: self
-                .residuals
-                .iter()
-                .map(|r| MapPoint {
-                    x: r.position_mm[h],
-                    y: r.position_mm[v],
-                    value: r.residual_um,
-                })
-                .collect(),
+            points: self.cell_means(h, v, cell_mm),
         };
+        let limit = self.fit.declared_sigma_um.filter(|&s| s > 0.0);
+        let scale = if limit.is_some() { " The colour scale ends at the declared σ of a single reading." } else { "" };
         ResidualMap {
-            title: "Residual by position".to_owned(),
-            note: Some("All readings seen along z, y and x; large residuals are drawn on top.".to_owned()),
-            value: Axis::new("residual", "µm"),
-            limit: self.fit.declared_sigma_um.filter(|&s| s > 0.0).map(|s| 3.0 * s),
+            title: "Mean residual by position".to_owned(),
+            note: Some(format!(
+                "Seen along z, y and x; every dot is the mean over the readings within {cell_mm:.0} mm, so that noise \
+                 averages out and structure stays.{scale}"
+            )),
+            value: Axis::new("mean residual", "µm"),
+            limit,
             panels: VIEWS.map(panel).to_vec(),
         }
+    }
+
+    /// Width of the cells over which residuals are averaged: a share of the longest side, a whole number of mm.
+    fn map_cell_mm(&self) -> f64 {
+        let side =
+            |axis: usize| extent(self.residuals.iter().map(|r| r.position_mm[axis])).map(|(low, high)| high - low);
+        let longest = (0..3).filter_map(side).fold(0.0, f64::max);
+        (longest / MAP_CELLS).ceil().max(1.0)
+    }
+
+    /// Means of position and residual over the cells of a view, in the order of the cells.
+    fn cell_means(&self, h: usize, v: usize, cell_mm: f64) -> Vec<MapPoint> {
+        let mut cells: BTreeMap<(i64, i64), (f64, [f64; 3])> = BTreeMap::new();
+        for residual in &self.residuals {
+            let (x, y) = (residual.position_mm[h], residual.position_mm[v]);
+            let key = ((x / cell_mm).round() as i64, (y / cell_mm).round() as i64);
+            let (count, sums) = cells.entry(key).or_default();
+            *count += 1.0;
+            for (sum, value) in sums.iter_mut().zip([x, y, residual.residual_um]) {
+                *sum += value;
+            }
+        }
+        let mean =
+            |(count, [x, y, value]): (f64, [f64; 3])| MapPoint { x: x / count, y: y / count, value: value / count };
+        cells.into_values().map(mean).collect()
     }
 
     fn histograms(&self) -> Histogram {
@@ -58,13 +86,8 @@ impl DemoReport {
         let declared: Vec<f64> = self.residuals.iter().filter_map(|r| r.declared_sigma_um).collect();
         let sigma = rms(&declared).filter(|&s| s > 0.0);
         let normalised: Vec<f64> = self.residuals.iter().filter_map(normalised).collect();
-        let mut panels = vec![HistogramPanel::from_values(
-            "Residual",
-            Axis::new("residual", "µm"),
-            &values,
-            BINS,
-            sigma,
-        )];
+        let mut panels =
+            vec![HistogramPanel::from_values("Residual", Axis::new("residual", "µm"), &values, BINS, sigma)];
         if !normalised.is_empty() {
             panels.push(HistogramPanel::from_values(
                 "Residual over its declared σ",
@@ -117,10 +140,7 @@ impl DemoReport {
         let group = |name: String| {
             let of = self.residuals.iter().filter(|r| r.station == name);
             let values: Vec<f64> = of.map(|r| r.residual_um.abs()).collect();
-            BoxGroup {
-                label: name,
-                boxes: vec![BoxStats::of(&values)],
-            }
+            BoxGroup { label: name, boxes: vec![BoxStats::of(&values)] }
         };
         BoxPlot {
             title: "Residual magnitude by station".to_owned(),

@@ -91,21 +91,17 @@ impl DemoReport {
     }
 
     fn error_table(&self) -> TableSection {
-        let names = ["mean", "rms", "95 %", "largest"];
-        let states = ["uncorrected", "corrected"];
-        let mut columns = vec![Column::text("component")];
-        for state in states {
-            columns.extend(names.map(|name| Column::number(format!("{state}, {name}"), "µm")));
+        let mut columns = vec![Column::text("component"), Column::text("state"), Column::number("points", "1")];
+        columns.extend(["mean", "rms", "95 %", "largest"].map(|name| Column::number(name, "µm")));
+        columns.push(Column::number("rms before / after", "1"));
+        let mut rows = Vec::new();
+        for (axis, name) in ["x", "y", "z"].into_iter().enumerate() {
+            rows.extend(error_rows(name, &self.component(axis, BEFORE), &self.component(axis, AFTER), true));
         }
-        columns.push(Column::number("rms ratio", "1"));
-        let components = ["x", "y", "z"].into_iter().enumerate();
-        let mut rows: Vec<_> = components
-            .map(|(axis, name)| error_row(name, &self.component(axis, BEFORE), &self.component(axis, AFTER), true))
-            .collect();
-        rows.push(error_row("3-D", &self.lengths_before(), &self.lengths_after(), false));
+        rows.extend(error_rows("3-D", &self.lengths_before(), &self.lengths_after(), false));
         TableSection {
             title: "Error by component".to_owned(),
-            note: Some("95 % and largest refer to magnitudes; rms ratio = uncorrected over corrected.".to_owned()),
+            note: Some("The mean is signed; 95 % and largest refer to magnitudes.".to_owned()),
             columns,
             rows,
             total_rows: None,
@@ -133,9 +129,12 @@ impl DemoReport {
         })
     }
 
-    /// Edges of the regions along an axis; none if all points lie in one plane.
+    /// Edges of the regions along an axis: those of the volume, widened to hold every point. None if all points lie
+    /// in one plane.
     fn edges(&self, axis: usize) -> Option<Vec<f64>> {
-        let (low, high) = extent(self.verification.iter().map(|p| p.position_mm[axis]))?;
+        let limits = self.volume.map(|v| [v.min_mm[axis], v.max_mm[axis]]);
+        let points = self.verification.iter().map(|p| p.position_mm[axis]);
+        let (low, high) = extent(points.chain(limits.into_iter().flatten()))?;
         let step = (high - low) / REGIONS as f64;
         (step > 0.0).then(|| (0..=REGIONS).map(|i| low + i as f64 * step).collect())
     }
@@ -165,18 +164,22 @@ fn region(value: f64, edges: &[f64]) -> usize {
     below.min(REGIONS - 1)
 }
 
-/// A row of the table; the mean only for signed components.
-fn error_row(name: &str, before: &[f64], after: &[f64], signed: bool) -> Vec<Option<Cell>> {
-    let mut row = vec![Cell::text(name)];
-    for sample in [before, after] {
-        let mean = (!sample.is_empty()).then(|| sample.iter().sum::<f64>() / sample.len() as f64);
-        let magnitudes = sorted(&sample.iter().map(|v| v.abs()).collect::<Vec<_>>());
-        row.push(Cell::maybe(mean.filter(|_| signed), 2));
-        row.push(Cell::maybe(rms(sample), 2));
-        row.push(Cell::maybe(quantile_sorted(&magnitudes, 0.95), 2));
-        row.push(Cell::maybe(max_abs(sample), 2));
-    }
+/// The two rows of a component; the mean only where the component has a sign.
+fn error_rows(name: &str, before: &[f64], after: &[f64], signed: bool) -> [Vec<Option<Cell>>; 2] {
     let ratio = rms(before).zip(rms(after)).filter(|(_, after)| *after > 0.0);
-    row.push(Cell::maybe(ratio.map(|(before, after)| before / after), 1));
-    row
+    let row = |state: &str, sample: &[f64], ratio: Option<f64>| {
+        let mean = (signed && !sample.is_empty()).then(|| sample.iter().sum::<f64>() / sample.len() as f64);
+        let magnitudes = sorted(&sample.iter().map(|v| v.abs()).collect::<Vec<_>>());
+        vec![
+            Cell::text(name),
+            Cell::text(state),
+            Cell::count(sample.len()),
+            Cell::maybe(mean, 2),
+            Cell::maybe(rms(sample), 2),
+            Cell::maybe(quantile_sorted(&magnitudes, 0.95), 2),
+            Cell::maybe(max_abs(sample), 2),
+            Cell::maybe(ratio, 1),
+        ]
+    };
+    [row("uncorrected", before, None), row("corrected", after, ratio.map(|(before, after)| before / after))]
 }

@@ -47,22 +47,14 @@ impl Bars {
 
     /// Draws the figure.
     pub(crate) fn draw(&self) -> Result<Drawing, ReportError> {
-        let area = Area {
-            left: NAME_PX,
-            top: 6.0,
-            width: WIDTH_PX - NAME_PX - 90.0,
-            height: ROW_PX * self.bars.len() as f64,
-        };
+        let area =
+            Area { left: NAME_PX, top: 6.0, width: WIDTH_PX - NAME_PX - 90.0, height: ROW_PX * self.bars.len() as f64 };
         let mut svg = Svg::new(WIDTH_PX, area.bottom() + 44.0);
         let range = extent(self.bars.iter().filter_map(|b| b.value).chain([0.0]));
         let (low, high) = range.unwrap_or((0.0, 1.0));
         let x = Scale::exact(low, if high > low { high } else { low + 1.0 }, area.left, area.right());
         let y = Scale::exact(0.0, 1.0, area.bottom(), area.top);
-        let labels = Labels {
-            x: axis_text(&self.value),
-            x_ticks: 8,
-            ..Labels::default()
-        };
+        let labels = Labels { x: axis_text(&self.value), x_ticks: 8, ..Labels::default() };
         draw_frame(&mut svg, area, &x, &y, &labels);
         for (index, bar) in self.bars.iter().enumerate() {
             bar.draw(&mut svg, area.top + index as f64 * ROW_PX, &x);

@@ -10,6 +10,9 @@ use crate::stats::BoxStats;
 use crate::svg::{Anchor, Drawing, Svg};
 use crate::text::{MISSING, significant};
 
+/// From this width of a box with its gap on, there is room for the rms as a number.
+const LABELLED_SLOT_PX: f64 = 48.0;
+
 /// A group of boxes beside each other.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct BoxGroup {
@@ -54,24 +57,15 @@ impl BoxPlot {
 
     /// Draws the figure.
     pub(crate) fn draw(&self) -> Result<Drawing, ReportError> {
-        let area = Area {
-            left: 62.0,
-            top: 34.0,
-            width: WIDTH_PX - 78.0,
-            height: 220.0,
-        };
+        let area = Area { left: 62.0, top: 34.0, width: WIDTH_PX - 78.0, height: 220.0 };
         let mut svg = Svg::new(WIDTH_PX, area.bottom() + 46.0);
         let classes: Vec<String> = (1..=self.series.len()).map(|i| i.to_string()).collect();
         let series: Vec<_> = classes.iter().cloned().zip(self.series.iter().cloned()).collect();
         draw_box_legend(&mut svg, (area.left, 14.0), if series.len() > 1 { &series } else { &[] });
         let values = self.groups.iter().flat_map(|g| g.boxes.iter().flatten()).flat_map(|b| [b.p05, b.max]);
         let y = Scale::linear(extent(values.chain([0.0])), area.bottom(), area.top);
-        let labels = Labels {
-            x: self.groups_label.clone(),
-            y: axis_text(&self.value),
-            y_ticks: 6,
-            ..Labels::default()
-        };
+        let labels =
+            Labels { x: self.groups_label.clone(), y: axis_text(&self.value), y_ticks: 6, ..Labels::default() };
         draw_boxes(&mut svg, area, &y, &labels, &self.groups, &classes, &self.value.unit);
         svg.finish(&self.title)
     }
@@ -79,14 +73,11 @@ impl BoxPlot {
 
 /// Legend of the parts of a box after the series' own entries.
 pub(crate) fn draw_box_legend(svg: &mut Svg, at: (f64, f64), series: &[(String, String)]) {
-    let patches: Vec<_> = series
-        .iter()
-        .map(|(class, name)| (Swatch::Patch(format!("f{class} bar")), name.clone()))
-        .collect();
+    let patches: Vec<_> =
+        series.iter().map(|(class, name)| (Swatch::Patch(format!("f{class} bar")), name.clone())).collect();
     let x = draw_legend(svg, at, &patches);
-    let key = "box: quartiles and median · whiskers: 5 % and 95 % · ◆ rms · ● largest";
-    let key = key.replace('◆', "■");
-    svg.text("small muted", (x, at.1), Anchor::Start, &key);
+    let key = "box: quartiles and median  ·  whiskers: 5 % and 95 %  ·  ■ rms, with its value  ·  ● largest";
+    svg.text("small muted", (x, at.1), Anchor::Start, key);
 }
 
 /// Draws groups of boxes on a given scale; shared with the before/after comparison.
@@ -105,11 +96,19 @@ pub(crate) fn draw_boxes(
     for (index, group) in groups.iter().enumerate() {
         let middle = x.map(index as f64 + 0.5);
         svg.text("", (middle, area.bottom() + 17.0), Anchor::Middle, &group.label);
-        let first = middle - slot * (classes.len() as f64 - 1.0) / 2.0;
+        // The numbers stand right of their boxes: shifted to the left, boxes and numbers together are centred.
+        let shift = if slot >= LABELLED_SLOT_PX { 12.0 } else { 0.0 };
+        let first = middle - shift - slot * (classes.len() as f64 - 1.0) / 2.0;
         for (series, (stats, class)) in group.boxes.iter().zip(classes).enumerate() {
             let centre = first + slot * series as f64;
             match stats {
-                Some(stats) => draw_box(svg, (centre, 0.32 * slot), y, stats, class, unit),
+                Some(stats) => {
+                    draw_box(svg, (centre, 0.26 * slot), y, stats, class, unit);
+                    if slot >= LABELLED_SLOT_PX {
+                        let at = (centre + 0.26 * slot + 4.0, y.map(stats.rms) + 4.0);
+                        svg.text(&format!("small halo f{class}"), at, Anchor::Start, &significant(stats.rms, 3));
+                    }
+                }
                 None => svg.text("muted", (centre, area.bottom() - 8.0), Anchor::Middle, MISSING),
             }
         }

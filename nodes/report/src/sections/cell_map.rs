@@ -113,12 +113,8 @@ impl CellPanel {
             let middle = (left_top.0 + size.0 / 2.0, left_top.1 + size.1 / 2.0 + 4.0);
             svg.text(ink, middle, Anchor::Middle, &text);
         }
-        let labels = Labels {
-            title: self.title.clone(),
-            x: axis_text(&self.x),
-            y: axis_text(&self.y),
-            ..Labels::default()
-        };
+        let labels =
+            Labels { title: self.title.clone(), x: axis_text(&self.x), y: axis_text(&self.y), ..Labels::default() };
         draw_frame(svg, area, &x, &y, &labels);
         for &edge in &self.x_edges {
             let at = (x.map(edge), area.bottom() + 17.0);

@@ -66,10 +66,7 @@ impl Comparison {
     fn boxes(&self) -> Vec<BoxGroup> {
         self.groups
             .iter()
-            .map(|g| BoxGroup {
-                label: g.label.clone(),
-                boxes: vec![BoxStats::of(&g.before), BoxStats::of(&g.after)],
-            })
+            .map(|g| BoxGroup { label: g.label.clone(), boxes: vec![BoxStats::of(&g.before), BoxStats::of(&g.after)] })
             .collect()
     }
 
@@ -80,17 +77,8 @@ impl Comparison {
 
     /// Draws the figure with plotting areas of a given height, px.
     pub(crate) fn draw_with_height(&self, height: f64) -> Result<Drawing, ReportError> {
-        let left = Area {
-            left: 62.0,
-            top: 58.0,
-            width: 540.0,
-            height,
-        };
-        let right = Area {
-            left: 680.0,
-            width: WIDTH_PX - 680.0 - 16.0,
-            ..left
-        };
+        let left = Area { left: 62.0, top: 58.0, width: 540.0, height };
+        let right = Area { left: 680.0, width: WIDTH_PX - 680.0 - 16.0, ..left };
         let mut svg = Svg::new(WIDTH_PX, left.bottom() + 46.0);
         let names = [&self.before_name, &self.after_name];
         let series: Vec<_> = CLASSES.iter().map(|c| (*c).to_owned()).zip(names.map(Clone::clone)).collect();

@@ -103,7 +103,7 @@ impl HistogramPanel {
         let labels = Labels {
             title: self.title.clone(),
             x: axis_text(&self.x),
-            y: "readings / 1".to_owned(),
+            y: "readings".to_owned(),
             x_ticks: (area.width / 60.0) as usize,
             y_ticks: 5,
         };

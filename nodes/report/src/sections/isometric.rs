@@ -82,10 +82,7 @@ impl View {
 
     fn map(&self, point: [f64; 3]) -> (f64, f64) {
         let (x, y) = project(point);
-        (
-            (x - self.origin.0) * self.scale + self.offset.0,
-            (y - self.origin.1) * self.scale + self.offset.1,
-        )
+        ((x - self.origin.0) * self.scale + self.offset.0, (y - self.origin.1) * self.scale + self.offset.1)
     }
 }
 
@@ -122,6 +119,8 @@ impl Isometric {
         let ends = self.lines.iter().flat_map(|l| [l.from, l.to]);
         let view = View::fit(corners.chain(points).chain(ends).map(project));
         let mut svg = Svg::new(WIDTH_PX, view.height);
+        let floor = [0b000, 0b001, 0b011, 0b010].map(|bits| view.map(self.corner(bits)));
+        svg.path("floor", &floor, true);
         self.draw_edges(&mut svg, &view, true);
         self.draw_lines(&mut svg, &view);
         self.draw_edges(&mut svg, &view, false);
@@ -162,11 +161,11 @@ impl Isometric {
         let middle = |a: [f64; 3], b: [f64; 3]| view.map(std::array::from_fn(|i| (a[i] + b[i]) / 2.0));
         let text = |name: &str, i: usize| format!("{name} {} … {} {}", fixed(min[i], 0), fixed(max[i], 0), self.unit);
         let x = middle(self.corner(0b000), self.corner(0b001));
-        svg.text("muted", (x.0 - 8.0, x.1 + 18.0), Anchor::End, &text("x", 0));
+        svg.text("muted halo", (x.0 - 8.0, x.1 + 18.0), Anchor::End, &text("x", 0));
         let y = middle(self.corner(0b001), self.corner(0b011));
-        svg.text("muted", (y.0 + 8.0, y.1 + 18.0), Anchor::Start, &text("y", 1));
+        svg.text("muted halo", (y.0 + 8.0, y.1 + 18.0), Anchor::Start, &text("y", 1));
         let z = middle(self.corner(0b011), self.corner(0b111));
-        svg.text("muted", (z.0 + 10.0, z.1 + 4.0), Anchor::Start, &text("z", 2));
+        svg.text("muted halo", (z.0 + 10.0, z.1 + 4.0), Anchor::Start, &text("z", 2));
     }
 
     fn draw_points(&self, svg: &mut Svg, view: &View) {
@@ -177,7 +176,7 @@ impl Isometric {
             let [x, y, z] = point.at.map(|v| fixed(v, 1));
             let tip = format!("{}: x {x}, y {y}, z {z} {}", point.name, self.unit);
             svg.circle(&format!("f{} edge", class_of(index)), at, 6.5, Some(&tip));
-            svg.text("strong", (at.0 + 11.0, at.1 - 7.0), Anchor::Start, &point.name);
+            svg.text("strong halo", (at.0 + 11.0, at.1 - 7.0), Anchor::Start, &point.name);
         }
     }
 }

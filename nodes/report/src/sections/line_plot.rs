@@ -164,12 +164,22 @@ impl LinePlot {
         svg.finish(&self.title)
     }
 
+    /// The note, with what the drawing leaves out of curves of very many points.
+    pub(crate) fn full_note(&self) -> Option<String> {
+        let curves = self.panels.iter().flat_map(|p| &p.curves);
+        let points = curves.filter(|c| matches!(c.style, CurveStyle::Points(_)));
+        let step = points.map(|c| stride(c.x.len())).max().unwrap_or(1);
+        let thinned = (step > 1).then(|| format!("One point in {step} is drawn; all of them are in the JSON file."));
+        let parts: Vec<String> = self.note.iter().cloned().chain(thinned).collect();
+        (!parts.is_empty()).then(|| parts.join(" "))
+    }
+
     fn legend(&self) -> Vec<(Swatch, String)> {
         let mut entries: Vec<(Swatch, String)> = Vec::new();
         for curve in self.panels.iter().flat_map(|p| &p.curves) {
             let class = curve.style.stroke_class();
             let swatch = match curve.style {
-                CurveStyle::Points(_) => Swatch::Dot(class),
+                CurveStyle::Points(_) => Swatch::Dot(class.replace("dot2 ", "")),
                 _ => Swatch::Line(class),
             };
             let entry = (swatch, curve.name.clone());
@@ -189,7 +199,13 @@ impl LinePanel {
     fn draw(&self, svg: &mut Svg, area: Area) {
         let all = || self.curves.iter().flat_map(Curve::runs).flatten();
         let x_range = extent(all().map(|p| p.0)).unwrap_or((0.0, 1.0));
-        let x = Scale::exact(x_range.0, x_range.1, area.left, area.right());
+        let points = self.curves.iter().any(|c| matches!(c.style, CurveStyle::Points(_)));
+        // Points need a margin, or those at the ends would stick out of the frame.
+        let x = if points {
+            Scale::linear(Some(x_range), area.left, area.right())
+        } else {
+            Scale::exact(x_range.0, x_range.1, area.left, area.right())
+        };
         // Zero is always in sight: an error is judged against it.
         let y_range = extent(all().flat_map(|(_, y, h)| [y - h, y + h]).chain([0.0]));
         let y = Scale::linear(y_range, area.bottom(), area.top);
@@ -198,7 +214,7 @@ impl LinePanel {
             x: axis_text(&self.x),
             y: axis_text(&self.y),
             x_ticks: (area.width / 60.0) as usize,
-            y_ticks: (area.height / 34.0) as usize,
+            y_ticks: (area.height / 26.0) as usize,
         };
         draw_frame(svg, area, &x, &y, &labels);
         svg.line("zero", (area.left, y.map(0.0)), (area.right(), y.map(0.0)));

@@ -18,6 +18,9 @@ const BAR_SPACE_PX: f64 = 96.0;
 /// Largest height of a panel's plotting area, px.
 const MAX_HEIGHT_PX: f64 = 420.0;
 
+/// Up to this many points of a panel are drawn as large dots.
+const SPARSE: usize = 1200;
+
 /// A position with a value.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct MapPoint {
@@ -84,10 +87,7 @@ impl ResidualMap {
     /// End of the colour scale.
     fn limit_or_default(&self) -> f64 {
         let magnitudes: Vec<f64> = self.values().iter().map(|v| v.abs()).collect();
-        self.limit
-            .or_else(|| quantile_sorted(&sorted(&magnitudes), 0.99))
-            .filter(|&limit| limit > 0.0)
-            .unwrap_or(1.0)
+        self.limit.or_else(|| quantile_sorted(&sorted(&magnitudes), 0.99)).filter(|&limit| limit > 0.0).unwrap_or(1.0)
     }
 
     /// The note with what the drawing leaves out: points beyond the scale, points thinned out.
@@ -120,29 +120,17 @@ impl ResidualMap {
         let width = cell - 62.0 - 16.0;
         let ranges: Vec<_> = self.panels.iter().map(MapPanel::ranges).collect();
         // One scale for all panels, so that lengths compare between them.
-        let px_per_unit = ranges
-            .iter()
-            .map(|(x, y)| (width / span(*x)).min(MAX_HEIGHT_PX / span(*y)))
-            .fold(f64::INFINITY, f64::min);
+        let px_per_unit =
+            ranges.iter().map(|(x, y)| (width / span(*x)).min(MAX_HEIGHT_PX / span(*y))).fold(f64::INFINITY, f64::min);
         let height = ranges.iter().map(|(_, y)| span(*y) * px_per_unit).fold(80.0, f64::max);
         let limit = self.limit_or_default();
         let mut svg = Svg::new(WIDTH_PX, 28.0 + height + 46.0);
         for (index, (panel, (x, y))) in self.panels.iter().zip(&ranges).enumerate() {
             let (w, h) = (span(*x) * px_per_unit, span(*y) * px_per_unit);
-            let area = Area {
-                left: index as f64 * cell + 62.0,
-                top: 28.0 + height - h,
-                width: w,
-                height: h,
-            };
+            let area = Area { left: index as f64 * cell + 62.0, top: 28.0 + height - h, width: w, height: h };
             panel.draw(&mut svg, area, *x, *y, limit);
         }
-        let bar = Area {
-            left: WIDTH_PX - 62.0,
-            top: 40.0,
-            width: 13.0,
-            height: height - 24.0,
-        };
+        let bar = Area { left: WIDTH_PX - 62.0, top: 40.0, width: 13.0, height: height - 24.0 };
         let beyond = self.values().iter().any(|v| v.abs() > limit);
         draw_diverging_bar(&mut svg, bar, limit, &axis_text(&self.value), beyond);
         svg.finish(&self.title)
@@ -165,10 +153,7 @@ fn margin(range: Option<(f64, f64)>) -> (f64, f64) {
 
 impl MapPanel {
     fn ranges(&self) -> ((f64, f64), (f64, f64)) {
-        (
-            margin(extent(self.points.iter().map(|p| p.x))),
-            margin(extent(self.points.iter().map(|p| p.y))),
-        )
+        (margin(extent(self.points.iter().map(|p| p.x))), margin(extent(self.points.iter().map(|p| p.y))))
     }
 
     fn draw(&self, svg: &mut Svg, area: Area, x: (f64, f64), y: (f64, f64), limit: f64) {
@@ -178,7 +163,7 @@ impl MapPanel {
             title: self.title.clone(),
             x: axis_text(&self.x),
             y: axis_text(&self.y),
-            x_ticks: (area.width / 60.0) as usize,
+            x_ticks: (area.width / 48.0) as usize,
             y_ticks: (area.height / 40.0) as usize,
         };
         draw_frame(svg, area, &x, &y, &labels);
@@ -191,7 +176,8 @@ impl MapPanel {
         let mut order: Vec<usize> = (0..DIVERGING_STEPS).collect();
         order.sort_by_key(|&step| step.abs_diff(middle));
         for step in order {
-            svg.dots(&format!("d{step}"), &classes[step]);
+            let size = if self.points.len() > SPARSE { "" } else { "dot3 " };
+            svg.dots(&format!("{size}d{step}"), &classes[step]);
         }
         if self.points.is_empty() {
             draw_empty(svg, area);

@@ -44,10 +44,7 @@ pub struct Axis {
 impl Axis {
     /// An axis.
     pub fn new(label: impl Into<String>, unit: impl Into<String>) -> Self {
-        Self {
-            label: label.into(),
-            unit: unit.into(),
-        }
+        Self { label: label.into(), unit: unit.into() }
     }
 }
 
@@ -132,7 +129,7 @@ impl Section {
     /// The drawing and the note under its title, for sections that are figures.
     pub(crate) fn drawing(&self) -> Option<Result<(Drawing, Option<String>), ReportError>> {
         let (drawing, note) = match self {
-            Self::LinePlot(s) => (s.draw(), s.note.clone()),
+            Self::LinePlot(s) => (s.draw(), s.full_note()),
             Self::ResidualMap(s) => (s.draw(), s.full_note()),
             Self::CellMap(s) => (s.draw(), s.note.clone()),
             Self::Histogram(s) => (s.draw(), s.note.clone()),

@@ -22,18 +22,12 @@ pub struct Column {
 impl Column {
     /// A column of text.
     pub fn text(name: impl Into<String>) -> Self {
-        Self {
-            name: name.into(),
-            unit: None,
-        }
+        Self { name: name.into(), unit: None }
     }
 
     /// A column of numbers in a unit.
     pub fn number(name: impl Into<String>, unit: impl Into<String>) -> Self {
-        Self {
-            name: name.into(),
-            unit: Some(unit.into()),
-        }
+        Self { name: name.into(), unit: Some(unit.into()) }
     }
 }
 

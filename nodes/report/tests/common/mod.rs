@@ -3,9 +3,9 @@
 //! Out: a full [`DemoReport`] in mm, µm and µrad; the same seed gives the same data.
 
 use abbe_report::*;
-use rand::SeedableRng;
+use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use rand_distr::{Distribution, Normal, Uniform};
+use rand_distr::StandardNormal;
 
 const STROKE_MM: [f64; 3] = [800.0, 600.0, 600.0];
 const AXES: [&str; 3] = ["x", "y", "z"];
@@ -22,11 +22,11 @@ struct Source(ChaCha8Rng);
 
 impl Source {
     fn normal(&mut self, sigma: f64) -> f64 {
-        Normal::new(0.0, sigma).unwrap().sample(&mut self.0)
+        sigma * self.0.sample::<f64, _>(StandardNormal)
     }
 
     fn uniform(&mut self, low: f64, high: f64) -> f64 {
-        Uniform::new(low, high).unwrap().sample(&mut self.0)
+        self.0.random_range(low..high)
     }
 
     fn point_mm(&mut self) -> [f64; 3] {
@@ -50,7 +50,7 @@ pub(crate) fn demo_report(seed: u64) -> DemoReport {
                 .into(),
         ),
         fit: FitSummary {
-            residual_sigma_um: Some(0.318),
+            residual_sigma_um: Some(0.321),
             declared_sigma_um: Some(0.302),
             chi2_per_dof: Some(1.11),
             degrees_of_freedom: Some(2571.4),
@@ -62,10 +62,7 @@ pub(crate) fn demo_report(seed: u64) -> DemoReport {
         residuals,
         errors,
         stations,
-        volume: Some(MeasuringVolume {
-            min_mm: [0.0; 3],
-            max_mm: STROKE_MM,
-        }),
+        volume: Some(MeasuringVolume { min_mm: [0.0; 3], max_mm: STROKE_MM }),
         lines: lines(),
         order: order(&mut source),
         identifiability: identifiability(),
@@ -88,10 +85,7 @@ pub(crate) fn demo_report(seed: u64) -> DemoReport {
 }
 
 fn header() -> RunHeader {
-    let file = |role: &str, name: &str| FileEntry {
-        role: role.into(),
-        name: name.into(),
-    };
+    let file = |role: &str, name: &str| FileEntry { role: role.into(), name: name.into() };
     RunHeader {
         title: "Volumetric correction of a bridge machine".into(),
         what: "A recorded tracer campaign identified the machine's 21 errors; the nodes then corrected its \
@@ -156,11 +150,14 @@ fn errors(source: &mut Source) -> ErrorCurveSet {
         }
     }
     let squareness = ["A0Z", "B0Z", "C0Y"]
-        .map(|name| SquarenessError {
-            name: name.into(),
-            value_urad: Some(source.normal(12.0)),
-            expanded_95_urad: Some(source.uniform(0.2, 0.6)),
-            truth_urad: Some(source.normal(12.0)),
+        .map(|name| {
+            let truth = source.normal(12.0);
+            SquarenessError {
+                name: name.into(),
+                value_urad: Some(truth + source.normal(0.2)),
+                expanded_95_urad: Some(source.uniform(0.3, 0.6)),
+                truth_urad: Some(truth),
+            }
         })
         .to_vec();
     ErrorCurveSet { curves, squareness }
@@ -205,11 +202,7 @@ fn lines() -> Vec<MeasuredLine> {
         for j in 0..3 {
             for k in 0..3 {
                 let (y, z) = (300.0 * f64::from(j), 300.0 * f64::from(k));
-                lines.push(MeasuredLine {
-                    station: station.into(),
-                    from_mm: [0.0, y, z],
-                    to_mm: [800.0, y, z],
-                });
+                lines.push(MeasuredLine { station: station.into(), from_mm: [0.0, y, z], to_mm: [800.0, y, z] });
             }
         }
     }
@@ -217,14 +210,17 @@ fn lines() -> Vec<MeasuredLine> {
 }
 
 fn order(source: &mut Source) -> Vec<OrderChoice> {
-    ["EXX", "EYX", "EZX", "EAX", "EBX", "ECX", "EYY", "EXY", "EZY"]
+    let names = ["EX", "EY", "EZ", "EA", "EB", "EC"];
+    ["X", "Y", "Z"]
+        .iter()
+        .flat_map(|axis| names.map(|name| format!("{name}{axis}")))
         .map(|error| OrderChoice {
-            error: error.into(),
+            error,
             form: "penalised cubic B-spline, 8 knots".into(),
             effective_dof: Some(source.uniform(2.0, 9.0)),
             evidence_gain: Some(source.uniform(3.0, 180.0)),
         })
-        .to_vec()
+        .collect()
 }
 
 fn identifiability() -> Identifiability {
@@ -243,12 +239,16 @@ fn identifiability() -> Identifiability {
 }
 
 fn steps() -> Vec<StepDuration> {
-    [("read campaign", 0.08), ("identify", 0.17), ("choose order", 1.42), ("start nodes", 0.35), ("play recording", 21.6), ("report", 0.4)]
-        .map(|(name, duration)| StepDuration {
-            name: name.into(),
-            duration_s: Some(duration),
-        })
-        .to_vec()
+    [
+        ("read campaign", 0.08),
+        ("identify", 0.17),
+        ("choose order", 1.42),
+        ("start nodes", 0.35),
+        ("play recording", 21.6),
+        ("report", 0.4),
+    ]
+    .map(|(name, duration)| StepDuration { name: name.into(), duration_s: Some(duration) })
+    .to_vec()
 }
 
 fn rejected(source: &mut Source, count: usize) -> Vec<RejectedReading> {

@@ -1,0 +1,257 @@
+//! What a report promises: self-contained, escaped, deterministic, never a number that is not finite.
+
+mod common;
+
+use abbe_report::*;
+
+/// A report with one section.
+fn single(section: Section) -> Report {
+    Report { title: "T".into(), sections: vec![section], main_plot: Some(0), ..Report::default() }
+}
+
+fn line_plot(y: Vec<Option<f64>>) -> LinePlot {
+    LinePlot {
+        title: "Curves".into(),
+        note: None,
+        columns: 1,
+        band_name: None,
+        panels: vec![LinePanel {
+            title: "P".into(),
+            x: Axis::new("x", "mm"),
+            y: Axis::new("e", "µm"),
+            curves: vec![Curve {
+                name: "c".into(),
+                style: CurveStyle::Line(1),
+                x: (0..y.len()).map(|i| i as f64).collect(),
+                y,
+                half_width: None,
+            }],
+        }],
+    }
+}
+
+#[test]
+fn same_data_gives_the_same_bytes() {
+    let (a, b) = (common::demo_report(3), common::demo_report(3));
+    assert_eq!(a.html().unwrap(), b.html().unwrap());
+    assert_eq!(a.png().unwrap(), b.png().unwrap());
+    assert_eq!(a.json().unwrap(), b.json().unwrap());
+    assert_ne!(a.json().unwrap(), common::demo_report(4).json().unwrap());
+}
+
+#[test]
+fn page_needs_nothing_from_outside() {
+    let html = common::demo_report(1).html().unwrap();
+    for outside in ["http://", "https://", "<script", "<link", "<img", "@import", "src=\"", " on"] {
+        // ` on` would begin an event handler inside a tag; in text it is a word, so only tags are searched.
+        let found = html.split('<').skip(1).filter_map(|t| t.split('>').next());
+        let in_tags = found.map(|t| format!("<{t}")).any(|t| t.contains(outside) && !t.starts_with("<svg"));
+        assert!(!in_tags, "'{outside}' in a tag");
+    }
+    assert!(!html.contains("http"));
+    let urls: Vec<_> = html.match_indices("url(").map(|(i, _)| &html[i..i + 9]).collect();
+    assert_eq!(urls, ["url(data:"; 2]);
+}
+
+#[test]
+fn every_text_is_escaped() {
+    let evil = "<script>alert('x')</script>&\"";
+    let mut data = common::demo_report(1);
+    data.header.title = evil.into();
+    data.header.what = evil.into();
+    data.header.machine = Some(evil.into());
+    data.header.files[0] = FileEntry { role: evil.into(), name: evil.into() };
+    data.header.software_version = evil.into();
+    data.verification_note = Some(evil.into());
+    data.warnings = vec![evil.into()];
+    data.errors.curves[0].name = evil.into();
+    data.errors.curves[0].axis = evil.into();
+    data.errors.squareness[0].name = evil.into();
+    data.stations[0].name = evil.into();
+    data.residuals[0].station = evil.into();
+    data.order[0].form = evil.into();
+    data.rejected[0].reason = evil.into();
+    data.steps[0].name = evil.into();
+    data.identifiability.correlations[0].first = evil.into();
+    let html = data.html().unwrap();
+    assert!(!html.contains("<script"));
+    assert!(html.matches("&lt;script&gt;alert(&#39;x&#39;)&lt;/script&gt;&amp;&quot;").count() >= 16);
+    data.png().unwrap();
+}
+
+#[test]
+fn drawings_hold_finite_numbers_only() {
+    let html = common::demo_report(1).html().unwrap();
+    let tags: Vec<_> = html.split('<').filter(|t| t.starts_with("path") || t.starts_with("rect")).collect();
+    assert!(tags.len() > 300);
+    for tag in tags {
+        let attributes = tag.split('>').next().unwrap();
+        assert!(!attributes.contains("NaN") && !attributes.contains("inf"), "{attributes}");
+    }
+}
+
+#[test]
+fn a_number_that_is_not_finite_is_named_with_its_section() {
+    for value in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
+        let report = single(Section::LinePlot(line_plot(vec![Some(1.0), Some(value)])));
+        for error in [report.html().unwrap_err(), report.png().unwrap_err(), report.json().unwrap_err()] {
+            let text = error.to_string();
+            assert!(text.contains("section 'Curves': panels[0].curves[0].y[1]"), "{text}");
+        }
+    }
+}
+
+#[test]
+fn a_nan_in_the_data_is_named_by_its_field() {
+    let mut data = common::demo_report(1);
+    data.verification[3].position_mm[2] = f64::NAN;
+    for text in [
+        data.html().unwrap_err().to_string(),
+        data.png().unwrap_err().to_string(),
+        data.json().unwrap_err().to_string(),
+    ] {
+        assert!(text.contains("verification[3].position_mm[2] is NaN"), "{text}");
+    }
+}
+
+#[test]
+fn finite_numbers_that_overflow_the_drawing_are_an_error() {
+    let report = single(Section::LinePlot(line_plot(vec![Some(f64::MAX), Some(-f64::MAX)])));
+    assert!(matches!(report.html(), Err(ReportError::Overflow { section }) if section == "Curves"));
+}
+
+#[test]
+fn missing_values_are_dashes_and_gaps() {
+    let table = TableSection {
+        title: "M".into(),
+        note: None,
+        columns: vec![Column::number("v", "mm")],
+        rows: vec![vec![None]],
+        total_rows: None,
+    };
+    assert!(single(Section::Table(table)).html().unwrap().contains("<span class=\"missing\">—</span>"));
+    let broken = line_plot(vec![Some(1.0), Some(2.0), None, Some(1.0), Some(0.5)]);
+    let html = single(Section::LinePlot(broken)).html().unwrap();
+    assert_eq!(html.matches("<path class=\"ln l1\"").count(), 3, "legend and two pieces of the curve");
+}
+
+#[test]
+fn an_empty_run_still_makes_a_page_but_no_main_plot() {
+    let data = DemoReport::default();
+    let html = data.html().unwrap();
+    assert!(html.contains("did not converge") && html.contains("no verification points"));
+    assert!(matches!(data.png(), Err(ReportError::MainPlot { .. })));
+}
+
+#[test]
+fn a_numeric_column_without_unit_is_refused() {
+    let table = TableSection {
+        title: "Stations".into(),
+        note: None,
+        columns: vec![Column::text("x")],
+        rows: vec![vec![Cell::number(1.0, 1)]],
+        total_rows: None,
+    };
+    let text = single(Section::Table(table)).html().unwrap_err().to_string();
+    assert!(text.contains("'Stations'") && text.contains("column 'x'") && text.contains("unit"), "{text}");
+}
+
+#[test]
+fn parts_that_do_not_fit_are_refused() {
+    let mut plot = line_plot(vec![Some(1.0)]);
+    plot.panels[0].curves[0].x.push(2.0);
+    let wrong = [
+        Section::LinePlot(plot),
+        Section::Histogram(Histogram {
+            title: "H".into(),
+            note: None,
+            normal_name: None,
+            columns: 1,
+            panels: vec![HistogramPanel {
+                title: "h".into(),
+                x: Axis::new("r", "µm"),
+                edges: vec![],
+                counts: vec![],
+                below: 0,
+                above: 0,
+                normal_sigma: None,
+            }],
+        }),
+        Section::Isometric(Isometric {
+            title: "I".into(),
+            note: None,
+            unit: "mm".into(),
+            volume_min: [0.0; 3],
+            volume_max: [1.0, 1.0, 0.0],
+            points: vec![],
+            lines: vec![],
+        }),
+    ];
+    for section in wrong {
+        assert!(matches!(single(section).html(), Err(ReportError::Shape { .. })));
+    }
+}
+
+#[test]
+fn long_lists_say_what_they_leave_out() {
+    let html = common::demo_report(1).html().unwrap();
+    assert!(html.contains("The first 20 of 27 rows; all of them are in the JSON file."));
+}
+
+#[test]
+fn main_plot_is_a_png_of_1600_by_900() {
+    let png = common::demo_report(1).png().unwrap();
+    assert_eq!(&png[..8], b"\x89PNG\r\n\x1a\n");
+    let number = |at: usize| u32::from_be_bytes(png[at..at + 4].try_into().unwrap());
+    assert_eq!((number(16), number(20)), (1600, 900));
+}
+
+#[test]
+fn every_figure_is_well_formed_and_rasterises() {
+    let mut report = common::demo_report(1).report();
+    let mut figures = 0;
+    for index in 0..report.sections.len() {
+        report.main_plot = Some(index);
+        match report.png() {
+            Ok(png) => {
+                assert!(png.len() > 5000, "section {index} is blank");
+                figures += 1;
+            }
+            Err(ReportError::MainPlot { .. }) => {}
+            Err(other) => panic!("section {index}: {other}"),
+        }
+    }
+    assert_eq!(figures, 9);
+}
+
+#[test]
+fn json_reads_back_as_the_same_data() {
+    let data = common::demo_report(5);
+    let text = data.json().unwrap();
+    assert_eq!(serde_json::from_str::<DemoReport>(&text).unwrap(), data);
+    let report = data.report();
+    assert_eq!(serde_json::from_str::<Report>(&report.json().unwrap()).unwrap(), report);
+}
+
+#[test]
+fn key_figures_of_a_known_sample() {
+    let point = |e: f64| VerificationPoint {
+        position_mm: [e, 0.0, 0.0],
+        before_um: [3.0 * e, 4.0 * e, 0.0],
+        after_um: Some([0.0, 0.0, e]),
+    };
+    let data = DemoReport { verification: vec![point(1.0), point(7.0)], ..DemoReport::default() };
+    let Section::KeyFigures(key) = &data.report().sections[0] else { panic!("key figures come first") };
+    // 3-D lengths are 5 and 35 before, 1 and 7 after: both rms are 5 times those of (1, 7), which is 5.
+    assert_eq!(key.figures[0].before, Some(Quantity::new(25.0, 2)));
+    assert_eq!(key.figures[0].value, Some(Quantity::new(5.0, 2)));
+    assert_eq!(key.figures[1].value, Some(Quantity::new(7.0, 2)));
+}
+
+#[test]
+fn thinned_points_are_announced() {
+    let mut plot = line_plot((0..20_000).map(|i| Some(f64::from(i))).collect());
+    plot.panels[0].curves[0].style = CurveStyle::Points(1);
+    let html = single(Section::LinePlot(plot)).html().unwrap();
+    assert!(html.contains("One point in 3 is drawn"));
+}
