@@ -47,3 +47,19 @@ pub(crate) fn pick<'a, T>(generator: &mut ChaCha8Rng, from: &'a [T]) -> Option<&
     }
     from.get(generator.random_range(0..from.len()))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn two_purposes_under_one_seed_are_not_correlated() {
+        let mut one = stream(4, Purpose::RangeNoise);
+        let mut other = stream(4, Purpose::Repeatability);
+        let count = 4000;
+        let total: f64 = (0..count).map(|_| normal(&mut one) * normal(&mut other)).sum();
+        // The mean of n products of unit normals has the deviation 1/√n; four of them.
+        let count = f64::from(count);
+        assert!((total / count).abs() < 4.0 / count.sqrt());
+    }
+}

@@ -1,5 +1,7 @@
 //! Evidence for whole campaigns: geometry of the range, noise statistics, determinism, verification points.
 
+#![allow(clippy::unwrap_used)] // a preparation that fails fails its test
+
 use abbe_measurement::instrument::RangeUncertainty;
 use abbe_virtual_machine::environment::EnvironmentConfig;
 use abbe_virtual_machine::instrument::{InstrumentConfig, Outliers};
@@ -106,6 +108,21 @@ fn repeatability_moves_the_machine_and_not_its_readings() {
         s.campaign.readings.iter().map(|r| r.reading_m).collect()
     };
     assert_eq!(readings(&simulated), readings(&still));
+}
+
+#[test]
+fn a_machine_that_repeats_badly_leaves_the_tracers_noise_as_it_was() {
+    let noise_m = |repeatability_m| {
+        let mut config = config(InstrumentConfig::LASER_TRACER);
+        config.instrument.repeatability_m = repeatability_m;
+        let stream = ReadingStream::new(&config).unwrap().map(Result::unwrap);
+        let shown = stream.map(|s| s.reading.length_m + s.first_range_m - s.truth.range_m);
+        shown.collect::<Vec<f64>>()
+    };
+    for (calm, shaky) in noise_m([0.0; 3]).into_iter().zip(noise_m([1e-6; 3])) {
+        // The range itself differs by micrometres, its noise by 0.15e-6 of that and by rounding.
+        assert!((calm - shaky).abs() < 1e-11);
+    }
 }
 
 #[test]

@@ -1,5 +1,7 @@
 //! Evidence for the effects: each against a case computed by hand, and all of them in a campaign.
 
+#![allow(clippy::unwrap_used)] // a preparation that fails fails its test
+
 use std::f64::consts::FRAC_1_SQRT_2;
 use std::sync::Arc;
 

@@ -1,5 +1,7 @@
 //! Evidence for the shipped plans: counts, directions, offsets, stations, and the refusal of bad ones.
 
+#![allow(clippy::unwrap_used)] // a preparation that fails fails its test
+
 use std::collections::BTreeSet;
 
 use abbe_virtual_machine::TruthRecipe;

@@ -2,6 +2,8 @@
 //!
 //! Place in the flow: if one of these fails, nothing that is tested against the simulator means anything.
 
+#![allow(clippy::unwrap_used)] // a preparation that fails fails its test
+
 use std::collections::BTreeMap;
 
 use abbe_virtual_machine::machine::{Axis, MachineTruth, Roughness, Squareness, Term};

@@ -166,4 +166,19 @@ mod tests {
         assert_eq!(curve.value(0.6), 0.0);
         assert!(curve.value(0.3).abs() > 1e-7);
     }
+
+    #[test]
+    fn straightness_loses_its_slope_everywhere_and_keeps_its_bow() {
+        let terms = |order| vec![Term::Chebyshev { order, size: 3e-6 }];
+        let slope = ErrorCurve::new(terms(1), [0.0, 0.8], Gauge::ZeroAtBothEnds);
+        let bow = ErrorCurve::new(terms(2), [0.0, 0.8], Gauge::ZeroAtBothEnds);
+        let positioning = ErrorCurve::new(terms(1), [0.0, 0.8], Gauge::ZeroAtStart);
+        for reading_m in [0.1, 0.2, 0.4, 0.7] {
+            let t = 2.0 * reading_m / 0.8 - 1.0;
+            assert!(slope.value(reading_m).abs() < 1e-20);
+            // T₂(t) − 1 = 2t² − 2
+            assert!((bow.value(reading_m) - 3e-6 * (2.0 * t * t - 2.0)).abs() < 1e-20);
+            assert!((positioning.value(reading_m) - 3e-6 * (t + 1.0)).abs() < 1e-20);
+        }
+    }
 }

@@ -17,7 +17,7 @@ const STRAIGHTNESS_M: f64 = 4e-6;
 /// Typical size of a positioning error before scaling (m).
 const POSITIONING_M: f64 = 9e-6;
 /// Typical size of an angular error before scaling (rad).
-const ANGLE_RAD: f64 = 9e-6;
+const ANGLE_RAD: f64 = 6e-6;
 /// Largest squareness before scaling (rad).
 const SQUARENESS_RAD: f64 = 18e-6;
 /// Reflector offset at which the volumetric error is taken (m, ram frame).
