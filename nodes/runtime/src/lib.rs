@@ -1,1 +1,26 @@
 //! Transports (shared memory, DDS, in-process) and the ROS 2 runtime that every node shares.
+//!
+//! Place in the flow: between the nodes and the outside. A node takes samples of
+//! [`abbe_msgs::Message`] from a [`transport::Subscribe`] and gives samples to a
+//! [`transport::Publish`]; which transport an edge of the graph runs on is a value
+//! ([`TransportKind`]), so the node's code is the same for all.
+//!
+//! - [`transport`]: the two traits, their three implementations, and [`Edges`], which opens either
+//!   by kind.
+//! - [`ros`]: a node in the ROS 2 graph: arguments, names, parameters, diagnostics, services.
+//! - [`Outbox`]: publishing on a thread of its own, behind a bounded queue.
+//! - [`Shutdown`]: signals, and the death of the launcher.
+//! - [`RunId`]: the name of one run, which all its shared-memory files carry.
+//!
+//! Samples are SI with the frame in their header; this crate changes no number in them.
+
+mod outbox;
+pub mod ros;
+mod run_id;
+mod shutdown;
+pub mod transport;
+
+pub use outbox::{Outbox, OutboxCounts};
+pub use run_id::{RunId, RunIdError};
+pub use shutdown::{Shutdown, ShutdownError};
+pub use transport::{Edges, EdgesConfig, Publish, Subscribe, TransportError, TransportKind};

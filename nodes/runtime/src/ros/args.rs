@@ -1,0 +1,229 @@
+//! `--ros-args`: remapping, parameters and parameter files, as every ROS 2 node takes them.
+//!
+//! Place in the flow: [`RosArgs::split`] takes them off the command line before the node's own
+//! arguments are parsed. Nothing is ignored: what is not understood is refused.
+//!
+//! | argument | meaning |
+//! |---|---|
+//! | `-r`, `--remap [node:]from:=to` | rename a topic or service |
+//! | `-r __node:=n`, `-r __ns:=/x` | name and namespace of the node |
+//! | `-p`, `--param [node:]name:=value` | value (YAML) of a parameter |
+//! | `--params-file f.yaml` | values from a file |
+//! | `--log-level [logger:=]level` | handed back as [`RosArgs::log_level`] |
+
+use std::path::PathBuf;
+
+use thiserror::Error;
+
+use super::names::{NameError, NodeIdentity};
+use super::yaml::{self, ParameterAssignment, YamlError};
+
+/// What stands between `--ros-args` and `--`, understood.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct RosArgs {
+    /// `-r __node:=…`.
+    pub node_name: Option<String>,
+    /// `-r __ns:=…`.
+    pub namespace: Option<String>,
+    /// All other `-r`, in order: the first that fits counts.
+    pub remaps: Vec<RemapRule>,
+    /// Parameter files and `-p`, in order: the last that fits counts.
+    pub parameters: Vec<ParameterAssignment>,
+    /// `--log-level`; the last counts.
+    pub log_level: Option<String>,
+}
+
+/// `[node:]from:=to`.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct RemapRule {
+    /// The node it is meant for; none means all.
+    pub node: Option<String>,
+    /// Name in the code.
+    pub from: String,
+    /// Name in the graph.
+    pub to: String,
+}
+
+impl RemapRule {
+    /// Whether the rule is meant for this node.
+    #[must_use]
+    pub fn applies_to(&self, node: &NodeIdentity) -> bool {
+        self.node.as_ref().is_none_or(|name| *name == node.name)
+    }
+}
+
+/// An argument that cannot be followed.
+#[derive(Debug, Error)]
+pub enum ArgsError {
+    /// Not an argument of ROS 2, or one that this node does not know.
+    #[error(
+        "unknown argument '{argument}' after --ros-args; known are -r, -p, --params-file and \
+         --log-level, and -- ends them"
+    )]
+    Unknown {
+        /// The argument.
+        argument: String,
+    },
+    /// An argument without its value.
+    #[error("argument '{argument}' after --ros-args lacks its value ({expected})")]
+    NoValue {
+        /// The argument.
+        argument: String,
+        /// What should follow.
+        expected: &'static str,
+    },
+    /// A value that is not an assignment.
+    #[error("'{value}' after {argument} is not of the form {expected}")]
+    NotAssignment {
+        /// The argument.
+        argument: String,
+        /// Its value.
+        value: String,
+        /// What it should look like.
+        expected: &'static str,
+    },
+    /// A parameter's value or file.
+    #[error(transparent)]
+    Yaml(#[from] YamlError),
+    /// The node's name or namespace.
+    #[error(transparent)]
+    Name(#[from] NameError),
+}
+
+impl RosArgs {
+    /// Takes the ROS arguments off the command line: returns them and what remains, in order.
+    /// There may be several groups from `--ros-args` to `--` or to the end.
+    ///
+    /// # Errors
+    /// When an argument within a group is unknown, incomplete or cannot be read.
+    pub fn split(arguments: impl IntoIterator<Item = String>) -> Result<(Self, Vec<String>), ArgsError> {
+        let mut parsed = Self::default();
+        let mut own = Vec::new();
+        let mut arguments = arguments.into_iter();
+        while let Some(argument) = arguments.next() {
+            if argument == "--ros-args" {
+                parsed.parse_group(&mut arguments)?;
+            } else {
+                own.push(argument);
+            }
+        }
+        Ok((parsed, own))
+    }
+
+    /// The identity of a node that is called `name` in `namespace` unless the arguments say else.
+    ///
+    /// # Errors
+    /// When name or namespace are not ROS 2 names.
+    pub fn identity(&self, namespace: &str, name: &str) -> Result<NodeIdentity, NameError> {
+        NodeIdentity::new(self.namespace.as_deref().unwrap_or(namespace), self.node_name.as_deref().unwrap_or(name))
+    }
+
+    fn parse_group(&mut self, arguments: &mut impl Iterator<Item = String>) -> Result<(), ArgsError> {
+        while let Some(argument) = arguments.next() {
+            let mut value = |expected| {
+                let argument = argument.clone();
+                let missing = ArgsError::NoValue { argument, expected };
+                arguments.next().ok_or(missing)
+            };
+            match argument.as_str() {
+                "--" => break,
+                "-r" | "--remap" => self.add_remap(&argument, &value(REMAP_FORM)?)?,
+                "-p" | "--param" => self.add_parameter(&argument, &value(PARAM_FORM)?)?,
+                "--params-file" => {
+                    let path = PathBuf::from(value("a file")?);
+                    self.parameters.extend(yaml::read_file(&path)?);
+                }
+                "--log-level" => self.log_level = Some(value("a level such as info")?),
+                _ => return Err(ArgsError::Unknown { argument }),
+            }
+        }
+        Ok(())
+    }
+
+    fn add_remap(&mut self, argument: &str, value: &str) -> Result<(), ArgsError> {
+        let (node, from, to) = assignment(argument, value, REMAP_FORM)?;
+        match from {
+            "__node" | "__name" => self.node_name = Some(to.to_owned()),
+            "__ns" => self.namespace = Some(to.to_owned()),
+            _ => {
+                self.remaps.push(RemapRule { node: node.map(str::to_owned), from: from.to_owned(), to: to.to_owned() })
+            }
+        }
+        Ok(())
+    }
+
+    fn add_parameter(&mut self, argument: &str, value: &str) -> Result<(), ArgsError> {
+        let (node, name, text) = assignment(argument, value, PARAM_FORM)?;
+        self.parameters.push(ParameterAssignment {
+            node: node.unwrap_or(yaml::ANY_NODE).to_owned(),
+            name: name.to_owned(),
+            value: yaml::parse_value(name, text)?,
+            origin: format!("{argument} {value}"),
+        });
+        Ok(())
+    }
+}
+
+const REMAP_FORM: &str = "[node:]from:=to";
+const PARAM_FORM: &str = "[node:]name:=value";
+
+/// `[node:]left:=right`.
+fn assignment<'a>(
+    argument: &str,
+    value: &'a str,
+    expected: &'static str,
+) -> Result<(Option<&'a str>, &'a str, &'a str), ArgsError> {
+    let wrong = || ArgsError::NotAssignment { argument: argument.to_owned(), value: value.to_owned(), expected };
+    let (left, right) = value.split_once(":=").ok_or_else(wrong)?;
+    let (node, left) = match left.split_once(':') {
+        Some((node, left)) => (Some(node), left),
+        None => (None, left),
+    };
+    if left.is_empty() || right.is_empty() || node.is_some_and(str::is_empty) {
+        return Err(wrong());
+    }
+    Ok((node, left, right))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::yaml::YamlValue;
+    use super::*;
+
+    fn split(line: &str) -> Result<(RosArgs, Vec<String>), ArgsError> {
+        RosArgs::split(line.split(' ').map(str::to_owned))
+    }
+
+    #[test]
+    fn ros_arguments_are_taken_off_and_the_others_stay() {
+        let (args, own) = split(
+            "--model m --ros-args -r scale:=/left/scale -r __ns:=/x -r __node:=n \
+             -p rate_hz:=500.0 --remap t:a:=b --log-level debug -- --verbose",
+        )
+        .unwrap();
+        assert_eq!(own, ["--model", "m", "--verbose"]);
+        assert_eq!(args.identity("/", "default").unwrap().qualified(), "/x/n");
+        assert_eq!(args.remaps.len(), 2);
+        assert_eq!(args.remaps[1].node.as_deref(), Some("t"));
+        assert_eq!(args.parameters[0].name, "rate_hz");
+        assert_eq!(args.parameters[0].value, YamlValue::Double(500.0));
+        assert_eq!(args.log_level.as_deref(), Some("debug"));
+    }
+
+    #[test]
+    fn nothing_is_ignored() {
+        for (line, part) in [
+            ("--ros-args --enclave /x", "--enclave"),
+            ("--ros-args stray", "stray"),
+            ("--ros-args -r", "[node:]from:=to"),
+            ("--ros-args -r a=b", "a=b"),
+            ("--ros-args -r :=b", ":=b"),
+            ("--ros-args -p a:=", "a:="),
+            ("--ros-args -p a:=[1", "a"),
+            ("--ros-args --params-file /nowhere.yaml", "/nowhere.yaml"),
+        ] {
+            let message = split(line).unwrap_err().to_string();
+            assert!(message.contains(part), "{line}: {message}");
+        }
+    }
+}

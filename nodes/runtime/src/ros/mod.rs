@@ -1,0 +1,83 @@
+//! A node in the ROS 2 graph, without a ROS 2 installation.
+//!
+//! Place in the flow: `main` of a node splits off `--ros-args` ([`RosArgs`]), declares its
+//! parameters ([`ParameterTable`]) and starts a [`RosNode`]; endpoints over DDS, `/diagnostics`,
+//! standard messages and services are opened on it.
+
+mod args;
+mod diagnostics;
+mod environment;
+mod names;
+mod node;
+mod parameter_services;
+mod parameters;
+mod qos;
+mod queued;
+mod trigger;
+mod yaml;
+
+use ros2_client::{CreateError, NodeCreateError};
+use thiserror::Error;
+
+pub use args::{ArgsError, RemapRule, RosArgs};
+pub use diagnostics::Diagnostics;
+pub use environment::{DiscoveryRange, Domain, EnvironmentError};
+pub use names::{NameError, NodeIdentity, resolve};
+pub use node::{NodeOptions, RosNode};
+pub use parameters::{ParameterError, ParameterSpec, ParameterTable, Range};
+pub use qos::{diagnostics_qos, service_qos, stream_qos};
+pub use queued::QueuedPublisher;
+pub use ros2_client::ParameterValue;
+pub use trigger::{TriggerOutcome, TriggerService};
+pub use yaml::{ParameterAssignment, YamlError, YamlValue};
+
+/// Why a node is not, or no longer, in the graph.
+#[derive(Debug, Error)]
+pub enum RosError {
+    /// The command line.
+    #[error(transparent)]
+    Args(#[from] ArgsError),
+    /// The environment.
+    #[error(transparent)]
+    Environment(#[from] EnvironmentError),
+    /// A name.
+    #[error(transparent)]
+    Name(#[from] NameError),
+    /// A parameter.
+    #[error(transparent)]
+    Parameter(#[from] ParameterError),
+    /// The DDS participant.
+    #[error("cannot join ROS domain {domain_id}: {reason}; is the network up and the domain free?")]
+    Participant {
+        /// The domain.
+        domain_id: u16,
+        /// Why.
+        reason: String,
+    },
+    /// The node.
+    #[error("cannot create node {node}: {source}")]
+    Node {
+        /// Its absolute name.
+        node: String,
+        /// Why.
+        source: NodeCreateError,
+    },
+    /// A topic, publisher, subscriber or service.
+    #[error("cannot open {what} {name}: {source}")]
+    Endpoint {
+        /// What.
+        what: &'static str,
+        /// Its absolute name.
+        name: String,
+        /// Why.
+        source: CreateError,
+    },
+    /// A thread.
+    #[error("cannot start the thread of {what}: {source}")]
+    Thread {
+        /// What.
+        what: &'static str,
+        /// Why.
+        source: std::io::Error,
+    },
+}

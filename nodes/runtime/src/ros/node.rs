@@ -1,0 +1,286 @@
+//! A node in the ROS 2 graph: participant, discovery, parameters, and the clean way out.
+//!
+//! Place in the flow: started once in `main`. Every endpoint opened on it holds the node, so the
+//! node leaves the graph after its last endpoint: a participant that ends without saying so would
+//! hold up its peers until its lease ends.
+
+use std::net::Ipv4Addr;
+use std::num::NonZeroUsize;
+use std::pin::pin;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::thread::{self, JoinHandle};
+
+use abbe_msgs::RosType;
+use futures::future::{self, Either};
+use ros2_client::dds::rustdds::DomainParticipantBuilder;
+use ros2_client::service::Server;
+use ros2_client::{
+    Context, Message, MessageTypeName, Name, Node, NodeName, ParameterValue, Publisher, QosProfile, ServiceMapping,
+    ServiceTypeName, Subscription,
+};
+
+use super::diagnostics::Diagnostics;
+use super::names::{self, NameError, NodeIdentity};
+use super::parameter_services::ParameterServices;
+use super::parameters::{ParameterSpec, ParameterTable};
+use super::queued::QueuedPublisher;
+use super::trigger::{TriggerOutcome, TriggerService};
+use super::{DiscoveryRange, Domain, RemapRule, RosArgs, RosError, service_qos};
+
+/// What a node starts with.
+#[derive(Debug, Clone)]
+pub struct NodeOptions {
+    /// Its name in the graph.
+    pub identity: NodeIdentity,
+    /// Domain and reach.
+    pub domain: Domain,
+    /// Renamed topics and services.
+    pub remaps: Vec<RemapRule>,
+    /// Parameters with their values at the start.
+    pub parameters: ParameterTable,
+}
+
+impl NodeOptions {
+    /// The options of a node called `name` in `namespace` unless `args` say else, in the domain of
+    /// the environment.
+    ///
+    /// # Errors
+    /// When a name, a parameter or an environment variable cannot be followed.
+    pub fn new(
+        namespace: &str,
+        name: &str,
+        args: RosArgs,
+        parameters: impl IntoIterator<Item = ParameterSpec>,
+    ) -> Result<Self, RosError> {
+        let identity = args.identity(namespace, name)?;
+        let parameters = ParameterTable::new(parameters)?.with_assignments(&identity, &args.parameters)?;
+        Ok(Self { identity, domain: Domain::from_environment()?, remaps: args.remaps, parameters })
+    }
+}
+
+/// A node in the graph. Clones, and all endpoints, share it; it leaves when the last is dropped.
+#[derive(Clone)]
+pub struct RosNode(Arc<Inner>);
+
+struct Inner {
+    identity: NodeIdentity,
+    remaps: Vec<RemapRule>,
+    node: Arc<Mutex<Node>>,
+    spinner: Option<JoinHandle<()>>,
+}
+
+impl RosNode {
+    /// Joins the graph.
+    ///
+    /// # Errors
+    /// When the network or the domain refuse the participant, or the node cannot be made.
+    pub fn start(options: NodeOptions) -> Result<Self, RosError> {
+        let context = participant(options.domain)?;
+        let mut node = create(&context, &options)?;
+        let parameters = ParameterServices::open(&mut node, &options)?;
+        let spinner = node.spinner().map_err(|source| RosError::Endpoint {
+            what: "spinner of",
+            name: options.identity.qualified(),
+            source,
+        })?;
+        let node = Arc::new(Mutex::new(node));
+        let served = Arc::clone(&node);
+        let spinner = thread::Builder::new()
+            .name("ros-spinner".into())
+            .spawn(move || {
+                let serving = pin!(parameters.serve(&served));
+                let spinning = pin!(spinner.spin());
+                // The spinner ends when the node is told to stop, and the services with it.
+                let ended = futures::executor::block_on(future::select(spinning, serving));
+                if let Either::Left((Err(error), _)) = ended {
+                    tracing::error!(%error, "discovery and parameters of the node have ended");
+                }
+            })
+            .map_err(|source| RosError::Thread { what: "the ROS node", source })?;
+        Ok(Self(Arc::new(Inner { identity: options.identity, remaps: options.remaps, node, spinner: Some(spinner) })))
+    }
+
+    /// The name of the node in the graph.
+    #[must_use]
+    pub fn identity(&self) -> &NodeIdentity {
+        &self.0.identity
+    }
+
+    /// The absolute name of what the node calls `name`, after remapping.
+    ///
+    /// # Errors
+    /// When it is not a ROS 2 name.
+    pub fn resolve(&self, name: &str) -> Result<String, NameError> {
+        names::resolve(name, &self.0.identity, &self.0.remaps)
+    }
+
+    /// The value that a parameter has now.
+    #[must_use]
+    pub fn parameter(&self, name: &str) -> Option<ParameterValue> {
+        self.lock().get_parameter(name)
+    }
+
+    /// A publisher of any ROS 2 message, on its own thread behind a queue of `depth` messages.
+    ///
+    /// # Errors
+    /// When the name is wrong or the publisher cannot be made.
+    pub fn publisher<R: RosType>(
+        &self,
+        name: &str,
+        qos: &QosProfile,
+        depth: NonZeroUsize,
+    ) -> Result<QueuedPublisher<R>, RosError> {
+        QueuedPublisher::open(self, &self.resolve(name)?, qos, depth, |message: R| message)
+    }
+
+    /// `/diagnostics`, for the health of this node.
+    ///
+    /// # Errors
+    /// When the publisher cannot be made.
+    pub fn diagnostics(&self, hardware_id: &str) -> Result<Diagnostics, RosError> {
+        Diagnostics::open(self, hardware_id)
+    }
+
+    /// A service of type `std_srvs/srv/Trigger`. `handler` runs on a thread of its own.
+    ///
+    /// # Errors
+    /// When the name is wrong or the service cannot be made.
+    pub fn trigger_service(
+        &self,
+        name: &str,
+        handler: impl FnMut() -> TriggerOutcome + Send + 'static,
+    ) -> Result<TriggerService, RosError> {
+        TriggerService::open(self, name, handler)
+    }
+
+    pub(crate) fn raw_publisher<R: RosType>(&self, name: &str, qos: &QosProfile) -> Result<Publisher<R>, RosError> {
+        let failed = |source| endpoint_error("publisher of", name, source);
+        let mut node = self.lock();
+        let topic = node.create_topic(&dds_name(name)?, type_name::<R>(), qos);
+        let publisher = node.create_publisher(&topic.map_err(failed)?, Some(qos.clone()));
+        publisher.map_err(failed)
+    }
+
+    pub(crate) fn raw_subscription<R: RosType>(
+        &self,
+        name: &str,
+        qos: &QosProfile,
+    ) -> Result<Subscription<R>, RosError> {
+        let failed = |source| endpoint_error("subscriber of", name, source);
+        let mut node = self.lock();
+        let topic = node.create_topic(&dds_name(name)?, type_name::<R>(), qos);
+        let subscription = node.create_subscription(&topic.map_err(failed)?, Some(qos.clone()));
+        subscription.map_err(failed)
+    }
+
+    pub(super) fn server<Request, Reply>(
+        &self,
+        name: &str,
+        package: &str,
+        service: &str,
+    ) -> Result<Server<Request, Reply>, RosError>
+    where
+        Request: Message + Clone + 'static,
+        Reply: Message + 'static,
+    {
+        server(&mut self.lock(), name, package, service)
+    }
+
+    /// Subscribers elsewhere that this publisher has found.
+    pub(crate) fn subscribers<R: RosType>(&self, publisher: &Publisher<R>) -> usize {
+        publisher.get_subscription_count(&self.lock())
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Node> {
+        lock(&self.0.node)
+    }
+}
+
+pub(super) fn lock(node: &Mutex<Node>) -> MutexGuard<'_, Node> {
+    node.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+impl Drop for Inner {
+    fn drop(&mut self) {
+        lock(&self.node).stop_spinner();
+        let Some(spinner) = self.spinner.take() else {
+            return;
+        };
+        if spinner.join().is_err() {
+            tracing::error!("the thread of the ROS node panicked");
+        }
+    }
+}
+
+impl std::fmt::Debug for RosNode {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "RosNode({})", self.0.identity.qualified())
+    }
+}
+
+fn participant(domain: Domain) -> Result<Context, RosError> {
+    let failed = |reason: String| RosError::Participant { domain_id: domain.id(), reason };
+    let mut builder = DomainParticipantBuilder::new(domain.id());
+    if domain.range == DiscoveryRange::Localhost {
+        builder = builder.with_only_networks([Ipv4Addr::LOCALHOST]);
+    }
+    let participant = builder.build().map_err(|error| failed(error.to_string()))?;
+    Context::from_domain_participant(participant).map_err(|error| failed(error.to_string()))
+}
+
+fn create(context: &Context, options: &NodeOptions) -> Result<Node, RosError> {
+    let identity = &options.identity;
+    let name = NodeName::new(&identity.namespace, &identity.name).map_err(|error| NameError {
+        name: format!("{} ({error})", identity.qualified()),
+        reason: "the DDS library refuses it",
+    })?;
+    let table = options.parameters.clone();
+    let mut node_options = ros2_client::NodeOptions::new()
+        // The log goes to standard error; /rosout would be one more reliable writer.
+        .enable_rosout(false)
+        // Those of the library describe neither unit nor range; see `ParameterServices`.
+        .start_parameter_services(false)
+        .parameter_validator(Box::new(move |name, value| {
+            let checked = table.check_change(name, value);
+            checked.map_err(|error| error.to_string())
+        }));
+    for (name, value) in options.parameters.values() {
+        node_options = node_options.declare_parameter(name, value.clone());
+    }
+    context.new_node(name, node_options).map_err(|source| RosError::Node { node: identity.qualified(), source })
+}
+
+pub(super) fn server<Request, Reply>(
+    node: &mut Node,
+    name: &str,
+    package: &str,
+    service: &str,
+) -> Result<Server<Request, Reply>, RosError>
+where
+    Request: Message + Clone + 'static,
+    Reply: Message + 'static,
+{
+    let server = node.create_server(
+        ServiceMapping::Enhanced,
+        &dds_name(name)?,
+        &ServiceTypeName::new(package, service),
+        service_qos(),
+        service_qos(),
+    );
+    server.map_err(|source| endpoint_error("service", name, source))
+}
+
+fn dds_name(name: &str) -> Result<Name, NameError> {
+    Name::parse(name).map_err(|_| NameError { name: name.to_owned(), reason: "the DDS library refuses it" })
+}
+
+/// `package/msg/Type` in the two parts that the DDS library wants.
+fn type_name<R: RosType>() -> MessageTypeName {
+    let package = R::ROS_TYPE.split('/').next().unwrap_or_default();
+    let name = R::ROS_TYPE.rsplit('/').next().unwrap_or_default();
+    MessageTypeName::new(package, name)
+}
+
+fn endpoint_error(what: &'static str, name: &str, source: ros2_client::CreateError) -> RosError {
+    RosError::Endpoint { what, name: name.to_owned(), source }
+}

@@ -1,0 +1,188 @@
+//! The six services by which `ros2 param` lists, reads, describes and sets parameters.
+//!
+//! Place in the flow: served on the node's own thread, beside discovery. Those of the DDS library
+//! describe neither unit nor range, so they are served here from the [`ParameterTable`]; values and
+//! `/parameter_events` stay with the library's node.
+
+use std::sync::Mutex;
+
+use futures::future;
+use ros2_client::parameters::{NumericRange, ParameterDescriptor, raw};
+use ros2_client::rcl_interfaces::{
+    DescribeParametersRequest, DescribeParametersResponse, GetParameterTypesRequest, GetParameterTypesResponse,
+    GetParametersRequest, GetParametersResponse, ListParametersRequest, ListParametersResponse, ListParametersResult,
+    SetParametersAtomicallyResponse, SetParametersRequest, SetParametersResponse,
+};
+use ros2_client::service::Server;
+use ros2_client::{Message, Node, Parameter, ParameterValue};
+
+use super::node::{lock, server};
+use super::parameters::{ParameterSpec, ParameterTable, Range};
+use super::trigger::answer;
+use super::{NodeOptions, RosError};
+
+const PACKAGE: &str = "rcl_interfaces";
+
+/// The open services.
+pub(super) struct ParameterServices {
+    table: ParameterTable,
+    list: Server<ListParametersRequest, ListParametersResponse>,
+    get: Server<GetParametersRequest, GetParametersResponse>,
+    types: Server<GetParameterTypesRequest, GetParameterTypesResponse>,
+    describe: Server<DescribeParametersRequest, DescribeParametersResponse>,
+    set: Server<SetParametersRequest, SetParametersResponse>,
+    set_all: Server<SetParametersRequest, SetParametersAtomicallyResponse>,
+}
+
+impl ParameterServices {
+    pub(super) fn open(node: &mut Node, options: &NodeOptions) -> Result<Self, RosError> {
+        let mut opener = Opener { node, prefix: options.identity.qualified() };
+        Ok(Self {
+            table: options.parameters.clone(),
+            list: opener.open("list_parameters", "ListParameters")?,
+            get: opener.open("get_parameters", "GetParameters")?,
+            types: opener.open("get_parameter_types", "GetParameterTypes")?,
+            describe: opener.open("describe_parameters", "DescribeParameters")?,
+            set: opener.open("set_parameters", "SetParameters")?,
+            set_all: opener.open("set_parameters_atomically", "SetParametersAtomically")?,
+        })
+    }
+
+    /// Answers requests, for ever.
+    pub(super) async fn serve(self, node: &Mutex<Node>) {
+        let reading = future::join4(
+            answer(&self.list, "list_parameters", |request| ListParametersResponse {
+                result: list(&lock(node).list_parameters(), &request),
+            }),
+            answer(&self.get, "get_parameters", |request| GetParametersResponse {
+                values: values(node, &request.names).map(Into::into).collect(),
+            }),
+            answer(&self.types, "get_parameter_types", |request| GetParameterTypesResponse {
+                values: values(node, &request.names)
+                    .map(|value| ParameterValue::to_parameter_type_raw(&value))
+                    .collect(),
+            }),
+            answer(&self.describe, "describe_parameters", |request| DescribeParametersResponse {
+                values: request.names.iter().map(|name| self.description(node, name)).collect(),
+            }),
+        );
+        let writing = future::join(
+            answer(&self.set, "set_parameters", |request| SetParametersResponse {
+                results: request.parameter.into_iter().map(|one| set(node, one).into()).collect(),
+            }),
+            answer(&self.set_all, "set_parameters_atomically", |request| SetParametersAtomicallyResponse {
+                result: self.set_all(node, request.parameter).into(),
+            }),
+        );
+        future::join(reading, writing).await;
+    }
+
+    fn description(&self, node: &Mutex<Node>, name: &str) -> raw::ParameterDescriptor {
+        let descriptor = match (self.table.spec(name), lock(node).get_parameter(name)) {
+            (Some(spec), _) => described(spec),
+            (None, Some(value)) => ParameterDescriptor::from_value(name, &value),
+            (None, None) => ParameterDescriptor::unknown(name),
+        };
+        descriptor.into()
+    }
+
+    /// All or nothing: every value is checked before the first is set.
+    fn set_all(&self, node: &Mutex<Node>, parameters: Vec<raw::Parameter>) -> Result<(), String> {
+        for parameter in parameters.iter().cloned().map(Parameter::from) {
+            let checked = self.table.check_change(&parameter.name, &parameter.value);
+            checked.map_err(|error| error.to_string())?;
+        }
+        parameters.into_iter().try_for_each(|one| set(node, one))
+    }
+}
+
+struct Opener<'a> {
+    node: &'a mut Node,
+    prefix: String,
+}
+
+impl Opener<'_> {
+    fn open<Request, Reply>(&mut self, name: &str, service: &str) -> Result<Server<Request, Reply>, RosError>
+    where
+        Request: Message + Clone + 'static,
+        Reply: Message + 'static,
+    {
+        server(self.node, &format!("{}/{name}", self.prefix), PACKAGE, service)
+    }
+}
+
+fn set(node: &Mutex<Node>, parameter: raw::Parameter) -> Result<(), String> {
+    let Parameter { name, value } = parameter.into();
+    lock(node).set_parameter(&name, value)
+}
+
+fn values<'a>(node: &'a Mutex<Node>, names: &'a [String]) -> impl Iterator<Item = ParameterValue> + 'a {
+    let value = |name: &String| lock(node).get_parameter(name);
+    names.iter().map(move |name| value(name).unwrap_or(ParameterValue::NotSet))
+}
+
+/// As rclcpp: without prefixes all names of fewer than `depth` dots (0: all); with prefixes those
+/// that are one, or lie below one by at most `depth` parts.
+fn list(names: &[String], request: &ListParametersRequest) -> ListParametersResult {
+    let depth = usize::try_from(request.depth).unwrap_or(usize::MAX);
+    let parts_fit = |parts: usize| depth == 0 || parts <= depth;
+    let below = |name: &str, prefix: &str| {
+        let rest = name.strip_prefix(prefix).and_then(|rest| rest.strip_prefix('.'));
+        name == prefix || rest.is_some_and(|rest| parts_fit(rest.split('.').count()))
+    };
+    let listed = |name: &&String| match request.prefixes.is_empty() {
+        true => parts_fit(name.split('.').count()),
+        false => request.prefixes.iter().any(|prefix| below(name, prefix)),
+    };
+    let names: Vec<String> = names.iter().filter(listed).cloned().collect();
+    let spaces = names.iter().filter_map(|name| name.rsplit_once('.'));
+    let mut prefixes: Vec<String> = spaces.map(|(space, _)| space.to_owned()).collect();
+    prefixes.sort();
+    prefixes.dedup();
+    ListParametersResult { names, prefixes }
+}
+
+fn described(spec: &ParameterSpec) -> ParameterDescriptor {
+    let (range, constraints) = match &spec.range {
+        Range::Integer(from, to) => {
+            (NumericRange::IntegerRange { from_value: *from, to_value: *to, step: 1 }, String::new())
+        }
+        Range::Double(from, to) => {
+            (NumericRange::FloatingPointRange { from_value: *from, to_value: *to, step: 0.0 }, String::new())
+        }
+        Range::OneOf(_) => (NumericRange::NotSpecified, spec.range.to_string()),
+        Range::Any => (NumericRange::NotSpecified, String::new()),
+    };
+    let unit = match spec.unit {
+        "" => String::new(),
+        unit => format!(" [{unit}]"),
+    };
+    ParameterDescriptor {
+        name: spec.name.to_owned(),
+        param_type: spec.default.to_parameter_type(),
+        description: format!("{}{unit}", spec.description),
+        additional_constraints: constraints,
+        read_only: spec.read_only,
+        dynamic_typing: false,
+        range,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn listing_follows_prefix_and_depth() {
+        let names = ["a", "b.c", "b.d.e", "bb"].map(str::to_owned);
+        let listed = |prefixes: &[&str], depth| {
+            let prefixes = prefixes.iter().map(|one| (*one).to_owned()).collect();
+            list(&names, &ListParametersRequest { prefixes, depth }).names
+        };
+        assert_eq!(listed(&[], 0), names);
+        assert_eq!(listed(&[], 1), ["a", "bb"]);
+        assert_eq!(listed(&["b"], 0), ["b.c", "b.d.e"]);
+        assert_eq!(listed(&["b"], 1), ["b.c"]);
+        assert_eq!(listed(&["b.d.e"], 1), ["b.d.e"]);
+    }
+}

@@ -1,0 +1,155 @@
+//! The request to stop: SIGINT, SIGTERM, SIGHUP, or the death of the process that started this one.
+//!
+//! Place in the flow: every loop of a node polls [`Shutdown::requested`], or sleeps with
+//! [`Shutdown::sleep`]; then the node drops its endpoints and returns from `main`, which removes
+//! its shared-memory files and tells its DDS peers.
+
+use std::os::unix::process::parent_id;
+use std::sync::{Arc, Condvar, Mutex, OnceLock, PoisonError};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use thiserror::Error;
+
+/// How often the watcher looks whether the launcher still lives.
+const PARENT_POLL: Duration = Duration::from_millis(100);
+
+/// How long an orphaned node may take to stop by itself before it is ended.
+const ORPHAN_GRACE: Duration = Duration::from_secs(3);
+
+/// Exit code of an orphaned node that did not stop by itself.
+const ORPHAN_EXIT_CODE: i32 = 70;
+
+/// A flag that says that the process should stop. Clones share the flag.
+#[derive(Debug, Clone, Default)]
+pub struct Shutdown(Arc<Flag>);
+
+#[derive(Debug, Default)]
+struct Flag {
+    requested: Mutex<bool>,
+    raised: Condvar,
+}
+
+/// Why stopping could not be arranged.
+#[derive(Debug, Error)]
+pub enum ShutdownError {
+    /// The signal handler.
+    #[error("cannot handle SIGINT and SIGTERM ({0}); another part of the program handles them")]
+    Signals(#[from] ctrlc::Error),
+    /// The parent is gone already.
+    #[error("the process {expected} that started this node has ended; start the node again")]
+    ParentGone {
+        /// Process id of the launcher.
+        expected: u32,
+    },
+    /// The operating system refused.
+    #[error("cannot watch the process that started this node: {0}")]
+    Watch(#[source] std::io::Error),
+}
+
+impl Shutdown {
+    /// A flag that only [`Shutdown::request`] raises: for tests and for loops within a process.
+    #[must_use]
+    pub fn manual() -> Self {
+        Self::default()
+    }
+
+    /// The flag of the process, raised by SIGINT, SIGTERM and SIGHUP. Every call gives the same.
+    ///
+    /// # Errors
+    /// When another part of the program handles these signals.
+    pub fn on_signals() -> Result<Self, ShutdownError> {
+        static OF_PROCESS: OnceLock<Shutdown> = OnceLock::new();
+        static INSTALLING: Mutex<()> = Mutex::new(());
+        let _only_one = INSTALLING.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(installed) = OF_PROCESS.get() {
+            return Ok(installed.clone());
+        }
+        let shutdown = Self::default();
+        let raised_by_signal = shutdown.clone();
+        ctrlc::try_set_handler(move || raised_by_signal.request())?;
+        Ok(OF_PROCESS.get_or_init(|| shutdown).clone())
+    }
+
+    /// Whether the process should stop.
+    #[must_use]
+    pub fn requested(&self) -> bool {
+        *self.0.requested.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Asks the process to stop.
+    pub fn request(&self) {
+        *self.0.requested.lock().unwrap_or_else(PoisonError::into_inner) = true;
+        self.0.raised.notify_all();
+    }
+
+    /// Sleeps for `duration`, or until the process should stop. Returns [`Shutdown::requested`].
+    pub fn sleep(&self, duration: Duration) -> bool {
+        let requested = self.0.requested.lock().unwrap_or_else(PoisonError::into_inner);
+        let slept = self.0.raised.wait_timeout_while(requested, duration, |requested| !*requested);
+        *slept.unwrap_or_else(PoisonError::into_inner).0
+    }
+
+    /// Ties the life of this process to that of `launcher_pid`, its parent: when the launcher ends,
+    /// however it ends, the flag is raised, and a node that has not stopped 3 s later is ended
+    /// with exit code 70. Call it first in `main` of a node that a launcher starts.
+    ///
+    /// The parent's process id is looked at every 100 ms. The kernel's own signal
+    /// (`PR_SET_PDEATHSIG`) would come when the *thread* that started the node ends.
+    ///
+    /// # Errors
+    /// When the launcher has ended already, or the operating system refuses the watch.
+    pub fn follow_parent(&self, launcher_pid: u32) -> Result<(), ShutdownError> {
+        let is_parent = move || parent_id() == launcher_pid;
+        if !is_parent() {
+            return Err(ShutdownError::ParentGone { expected: launcher_pid });
+        }
+        let shutdown = self.clone();
+        thread::Builder::new()
+            .name("parent-watch".into())
+            .spawn(move || shutdown.end_as_orphan(is_parent))
+            .map_err(ShutdownError::Watch)?;
+        Ok(())
+    }
+
+    fn end_as_orphan(&self, is_parent: impl Fn() -> bool) {
+        while is_parent() {
+            thread::sleep(PARENT_POLL);
+        }
+        tracing::warn!("the launcher has ended; stopping");
+        self.request();
+        let deadline = Instant::now() + ORPHAN_GRACE;
+        while Instant::now() < deadline {
+            thread::sleep(PARENT_POLL);
+        }
+        tracing::error!("did not stop within {ORPHAN_GRACE:?} of the launcher's end; exiting");
+        std::process::exit(ORPHAN_EXIT_CODE);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_request_ends_the_sleep_of_every_clone() {
+        let shutdown = Shutdown::manual();
+        let sleeper = shutdown.clone();
+        let asleep = thread::spawn(move || sleeper.sleep(Duration::from_secs(60)));
+        assert!(!shutdown.requested());
+        shutdown.request();
+        assert!(asleep.join().unwrap(), "slept to the end");
+        assert!(shutdown.requested());
+    }
+
+    #[test]
+    fn an_undisturbed_sleep_says_go_on() {
+        assert!(!Shutdown::manual().sleep(Duration::from_millis(5)));
+    }
+
+    #[test]
+    fn a_stranger_is_not_taken_for_the_parent() {
+        let error = Shutdown::manual().follow_parent(std::process::id()).unwrap_err();
+        assert!(matches!(error, ShutdownError::ParentGone { .. }), "{error}");
+    }
+}

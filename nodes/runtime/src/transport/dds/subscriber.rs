@@ -1,0 +1,120 @@
+//! The receiving end over DDS.
+//!
+//! Place in the flow: on the thread of the node that works with the samples. The DDS library's own
+//! thread puts what arrives into a cache of `depth` samples a publisher.
+
+use std::num::NonZeroUsize;
+use std::time::{Duration, Instant};
+
+use abbe_msgs::Message;
+use ros2_client::dds::rustdds::mio1::{Events, Interest, Poll, Token};
+use ros2_client::{ReadError, Subscription};
+
+use crate::ros::{RosNode, stream_qos};
+use crate::transport::losses::{Arrival, Losses};
+use crate::transport::{Subscribe, TransportError, TransportKind};
+
+/// Receives over DDS. Losses are counted from the first sample of a publisher on.
+pub struct DdsSubscriber<M: Message> {
+    topic: String,
+    samples: Subscription<M::Ros>,
+    poll: Poll,
+    events: Events,
+    losses: Losses,
+    /// Found while waiting, not yet taken.
+    waiting: Option<Result<M, TransportError>>,
+    // Last: the node leaves the graph after its endpoints.
+    _node: RosNode,
+}
+
+impl<M: Message> DdsSubscriber<M> {
+    /// A subscriber on `topic`, an absolute name ([`RosNode::resolve`]).
+    ///
+    /// # Errors
+    /// When the name is wrong or the DDS library refuses.
+    pub fn open(node: &RosNode, topic: &str, depth: NonZeroUsize) -> Result<Self, TransportError> {
+        let mut samples = node.raw_subscription::<M::Ros>(topic, &stream_qos(depth))?;
+        let poll = polling(&mut samples).map_err(|error| TransportError::Endpoint {
+            topic: topic.to_owned(),
+            what: "subscriber",
+            kind: TransportKind::Dds,
+            reason: format!("cannot poll it: {error}"),
+        })?;
+        Ok(Self {
+            topic: topic.to_owned(),
+            samples,
+            poll,
+            events: Events::with_capacity(1),
+            losses: Losses::default(),
+            waiting: None,
+            _node: node.clone(),
+        })
+    }
+
+    /// The next sample, or why one that arrived must not be used.
+    fn receive(&mut self) -> Result<Option<Result<M, TransportError>>, TransportError> {
+        loop {
+            let (message, info) = match self.samples.take() {
+                Ok(Some(taken)) => taken,
+                Ok(None) => return Ok(None),
+                Err(ReadError::Deserialization { reason }) => {
+                    let topic = self.topic.clone();
+                    return Ok(Some(Err(TransportError::Malformed { topic, reason })));
+                }
+                Err(error) => return Err(self.failed(&error)),
+            };
+            let number = info.sequence_number().unsigned_abs();
+            match self.losses.judge(info.publisher_gid().to_bytes16(), number) {
+                Arrival::New => return Ok(Some(self.checked(message))),
+                Arrival::Repeated => {}
+            }
+        }
+    }
+
+    fn checked(&self, message: M::Ros) -> Result<M, TransportError> {
+        M::from_ros(message).map_err(|error| TransportError::refused(&self.topic, &error))
+    }
+
+    fn failed(&self, error: &dyn std::fmt::Display) -> TransportError {
+        TransportError::Receive { topic: self.topic.clone(), kind: TransportKind::Dds, reason: error.to_string() }
+    }
+}
+
+fn polling<R: abbe_msgs::RosType>(samples: &mut Subscription<R>) -> std::io::Result<Poll> {
+    let poll = Poll::new()?;
+    poll.registry().register(samples, Token(0), Interest::READABLE)?;
+    Ok(poll)
+}
+
+impl<M: Message> Subscribe<M> for DdsSubscriber<M> {
+    fn try_take(&mut self) -> Result<Option<M>, TransportError> {
+        let next = match self.waiting.take() {
+            Some(sample) => Some(sample),
+            None => self.receive()?,
+        };
+        next.transpose()
+    }
+
+    fn wait(&mut self, timeout: Duration) -> Result<bool, TransportError> {
+        let deadline = Instant::now() + timeout;
+        loop {
+            if self.waiting.is_none() {
+                self.waiting = self.receive()?;
+            }
+            let left = deadline.saturating_duration_since(Instant::now());
+            if self.waiting.is_some() || left.is_zero() {
+                return Ok(self.waiting.is_some());
+            }
+            match self.poll.poll(&mut self.events, Some(left)) {
+                // A signal ends the wait early; the next round sleeps on, or finds the time over.
+                Err(error) if error.kind() == std::io::ErrorKind::Interrupted => {}
+                Err(error) => return Err(self.failed(&error)),
+                Ok(()) => {}
+            }
+        }
+    }
+
+    fn lost(&self) -> u64 {
+        self.losses.count()
+    }
+}

@@ -1,0 +1,146 @@
+//! Opens publishers and subscribers by the kind of transport that the launch configuration names.
+//!
+//! Place in the flow: made once in `main` of a node; the node's code sees only the two traits.
+
+use std::num::NonZeroUsize;
+
+use abbe_msgs::Message;
+
+use super::dds::{DdsPublisher, DdsSubscriber};
+use super::in_process::InProcess;
+use super::shared_memory::SharedMemory;
+use super::{DEFAULT_DEPTH, FanOut, Publish, Subscribe, TransportError, TransportKind};
+use crate::RunId;
+use crate::ros::{self, NodeIdentity, RemapRule, RosNode};
+
+/// Which transports a node takes part in.
+#[derive(Debug, Clone)]
+pub struct EdgesConfig {
+    /// The node, whose namespace and remapping hold for every transport.
+    pub identity: NodeIdentity,
+    /// Renamed topics.
+    pub remaps: Vec<RemapRule>,
+    /// The run whose shared memory the node joins; none for no shared memory.
+    pub run: Option<RunId>,
+    /// The node in the ROS 2 graph; none for no DDS.
+    pub ros: Option<RosNode>,
+    /// The topics of this process; none for no in-process edges.
+    pub in_process: Option<InProcess>,
+    /// Samples a subscriber can be behind; the same in all nodes of a run.
+    pub depth: NonZeroUsize,
+}
+
+impl EdgesConfig {
+    /// No transports yet, no remapping, [`DEFAULT_DEPTH`].
+    #[must_use]
+    pub fn new(identity: NodeIdentity) -> Self {
+        Self {
+            identity,
+            remaps: Vec::new(),
+            run: None,
+            ros: None,
+            in_process: None,
+            depth: NonZeroUsize::MIN.saturating_add(DEFAULT_DEPTH - 1),
+        }
+    }
+}
+
+/// The transports of one node.
+#[derive(Debug, Clone)]
+pub struct Edges {
+    config: EdgesConfig,
+    memory: Option<SharedMemory>,
+}
+
+impl Edges {
+    /// Joins the transports of `config`.
+    ///
+    /// # Errors
+    /// When the shared memory of the run cannot be joined.
+    pub fn open(config: EdgesConfig) -> Result<Self, TransportError> {
+        let run = config.run.as_ref();
+        let memory = run.map(|run| SharedMemory::join(run, config.depth)).transpose()?;
+        Ok(Self { config, memory })
+    }
+
+    /// A publisher on what the node calls `topic`, over all of `kinds`.
+    ///
+    /// # Errors
+    /// When `kinds` is empty, a transport is not configured, or one refuses.
+    pub fn publisher<M: Message>(
+        &self,
+        topic: &str,
+        kinds: &[TransportKind],
+    ) -> Result<Box<dyn Publish<M>>, TransportError> {
+        let topic = &self.resolve(topic)?;
+        let opened = kinds.iter().map(|kind| self.one_publisher(topic, *kind));
+        let mut publishers = opened.collect::<Result<Vec<_>, _>>()?;
+        match (publishers.len(), publishers.pop()) {
+            (1, Some(only)) => Ok(only),
+            (_, Some(last)) => {
+                publishers.push(last);
+                Ok(Box::new(FanOut::new(publishers)))
+            }
+            (_, None) => Err(TransportError::NoTransport { topic: topic.clone() }),
+        }
+    }
+
+    /// A subscriber on what the node calls `topic`, over `kind`.
+    ///
+    /// # Errors
+    /// When the transport is not configured, or refuses.
+    pub fn subscriber<M: Message>(
+        &self,
+        topic: &str,
+        kind: TransportKind,
+    ) -> Result<Box<dyn Subscribe<M>>, TransportError> {
+        let topic = &self.resolve(topic)?;
+        let depth = self.config.depth;
+        Ok(match kind {
+            TransportKind::InProcess => Box::new(self.in_process(topic)?.subscriber(topic, depth)?),
+            TransportKind::SharedMemory => Box::new(self.memory(topic)?.subscriber::<M>(topic)?),
+            TransportKind::Dds => Box::new(DdsSubscriber::open(self.ros(topic)?, topic, depth)?),
+        })
+    }
+
+    /// Frees the places that killed nodes of the run still hold. For the launcher.
+    pub fn remove_dead_nodes(&self) {
+        if let Some(memory) = &self.memory {
+            memory.remove_dead_nodes();
+        }
+    }
+
+    fn one_publisher<M: Message>(
+        &self,
+        topic: &str,
+        kind: TransportKind,
+    ) -> Result<Box<dyn Publish<M>>, TransportError> {
+        Ok(match kind {
+            TransportKind::InProcess => Box::new(self.in_process(topic)?.publisher(topic)?),
+            TransportKind::SharedMemory => Box::new(self.memory(topic)?.publisher::<M>(topic)?),
+            TransportKind::Dds => Box::new(DdsPublisher::open(self.ros(topic)?, topic, self.config.depth)?),
+        })
+    }
+
+    /// One absolute name for all transports.
+    fn resolve(&self, topic: &str) -> Result<String, TransportError> {
+        let resolved = ros::resolve(topic, &self.config.identity, &self.config.remaps);
+        Ok(resolved.map_err(ros::RosError::from)?)
+    }
+
+    fn in_process(&self, topic: &str) -> Result<&InProcess, TransportError> {
+        configured(self.config.in_process.as_ref(), topic, TransportKind::InProcess)
+    }
+
+    fn memory(&self, topic: &str) -> Result<&SharedMemory, TransportError> {
+        configured(self.memory.as_ref(), topic, TransportKind::SharedMemory)
+    }
+
+    fn ros(&self, topic: &str) -> Result<&RosNode, TransportError> {
+        configured(self.config.ros.as_ref(), topic, TransportKind::Dds)
+    }
+}
+
+fn configured<'a, T>(transport: Option<&'a T>, topic: &str, kind: TransportKind) -> Result<&'a T, TransportError> {
+    transport.ok_or_else(|| TransportError::NotConfigured { topic: topic.to_owned(), kind })
+}

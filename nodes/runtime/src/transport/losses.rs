@@ -1,0 +1,95 @@
+//! Which samples of a publisher were missed, told by the numbers the transport gives them.
+//!
+//! Place in the flow: shared memory and DDS number the samples of each publisher; a subscriber
+//! shows every number to [`Losses`], which counts gaps and finds repetitions.
+
+use std::collections::VecDeque;
+
+/// Publishers remembered; of more, the one that was silent longest is forgotten.
+const REMEMBERED: usize = 32;
+
+/// The numbers seen so far, by publisher.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Losses {
+    /// Publisher and the number it will use next; most recently active last.
+    expected: VecDeque<([u8; 16], u64)>,
+    lost: u64,
+}
+
+/// What a number says about its sample.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Arrival {
+    /// The sample is new.
+    New,
+    /// The sample, or one after it, has arrived before: a repetition, to be passed over.
+    Repeated,
+}
+
+impl Losses {
+    /// Samples missed so far.
+    pub(crate) fn count(&self) -> u64 {
+        self.lost
+    }
+
+    /// Judges the sample `number` of `publisher`. The first of a publisher loses nothing: who joins
+    /// late has no claim to what was sent before.
+    pub(crate) fn judge(&mut self, publisher: [u8; 16], number: u64) -> Arrival {
+        let known = self
+            .expected
+            .iter()
+            .position(|(other, _)| *other == publisher)
+            .and_then(|position| self.expected.remove(position));
+        let next = known.map_or(number, |(_, next)| next);
+        if self.expected.len() >= REMEMBERED {
+            self.expected.pop_front();
+        }
+        self.expected.push_back((publisher, next.max(number.saturating_add(1))));
+        if number < next {
+            return Arrival::Repeated;
+        }
+        self.lost += number - next;
+        Arrival::New
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const A: [u8; 16] = [1; 16];
+    const B: [u8; 16] = [2; 16];
+
+    #[test]
+    fn a_gap_is_lost_and_a_late_start_is_not() {
+        let mut losses = Losses::default();
+        assert_eq!(losses.judge(A, 100), Arrival::New);
+        assert_eq!(losses.judge(A, 101), Arrival::New);
+        assert_eq!(losses.count(), 0);
+        assert_eq!(losses.judge(A, 110), Arrival::New);
+        assert_eq!(losses.count(), 8);
+    }
+
+    #[test]
+    fn a_repetition_is_told_apart_from_another_publisher() {
+        let mut losses = Losses::default();
+        losses.judge(A, 5);
+        assert_eq!(losses.judge(B, 5), Arrival::New);
+        assert_eq!(losses.judge(A, 5), Arrival::Repeated);
+        assert_eq!(losses.judge(A, 6), Arrival::New);
+        assert_eq!(losses.count(), 0);
+    }
+
+    #[test]
+    fn memory_stays_bounded_and_keeps_the_active_publisher() {
+        let mut losses = Losses::default();
+        for number in 0..1000_u16 {
+            let mut passing = [0; 16];
+            passing[..2].copy_from_slice(&number.to_le_bytes());
+            losses.judge(passing, 0);
+            losses.judge([9; 16], u64::from(number));
+        }
+        assert_eq!(losses.expected.len(), REMEMBERED);
+        assert_eq!(losses.judge([9; 16], 1001), Arrival::New);
+        assert_eq!(losses.count(), 1);
+    }
+}

@@ -1,0 +1,103 @@
+//! Removes what a run left in memory and on disk.
+//!
+//! Place in the flow: called by the launcher after its nodes have ended, and for a run that was
+//! killed. Touches only files that carry the name of the run, and none while a node of it lives.
+
+use std::fs;
+use std::io;
+use std::path::{Path, PathBuf};
+
+use iceoryx2::node::{Node, NodeState};
+use iceoryx2::prelude::CallbackProgression;
+use iceoryx2::service::ipc_threadsafe::Service;
+use thiserror::Error;
+
+use super::{config, prefix, root};
+use crate::RunId;
+use crate::transport::TransportError;
+
+/// Where Linux keeps POSIX shared-memory objects.
+const SHARED_MEMORY_FOLDER: &str = "/dev/shm";
+
+/// Why files of a run remain.
+#[derive(Debug, Error)]
+pub enum CleanupError {
+    /// Nodes of the run are alive.
+    #[error("{nodes} nodes of run {run} are still alive; stop them, then clean up")]
+    Alive {
+        /// The run.
+        run: RunId,
+        /// How many.
+        nodes: usize,
+    },
+    /// The state of the run's nodes is unknown.
+    #[error("cannot list the nodes of run {run}: {reason}")]
+    List {
+        /// The run.
+        run: RunId,
+        /// Why.
+        reason: String,
+    },
+    /// A file remains.
+    #[error("cannot remove {path}: {source}; remove it by hand")]
+    Remove {
+        /// The file or folder.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+    /// The name cannot be turned into paths.
+    #[error(transparent)]
+    Config(#[from] TransportError),
+}
+
+/// Removes every file of `run`. A run that left nothing is no error.
+///
+/// # Errors
+/// When a node of the run is alive, or a file cannot be removed; the others are removed then.
+pub fn cleanup(run: &RunId) -> Result<(), CleanupError> {
+    let root = PathBuf::from(root(run));
+    if root.exists() {
+        refuse_if_alive(run)?;
+    }
+    let mut outcome = Ok(());
+    for object in objects(Path::new(SHARED_MEMORY_FOLDER), &prefix(run))? {
+        outcome = outcome.and(removed(&object, fs::remove_file(&object)));
+    }
+    outcome.and(removed(&root, fs::remove_dir_all(&root)))
+}
+
+fn refuse_if_alive(run: &RunId) -> Result<(), CleanupError> {
+    let mut nodes = 0;
+    Node::<Service>::list(&config(run)?, |state| {
+        nodes += usize::from(!matches!(state, NodeState::Dead(_)));
+        CallbackProgression::Continue
+    })
+    .map_err(|error| CleanupError::List { run: run.clone(), reason: format!("{error:?}") })?;
+    if nodes > 0 {
+        return Err(CleanupError::Alive { run: run.clone(), nodes });
+    }
+    Ok(())
+}
+
+fn objects(folder: &Path, prefix: &str) -> Result<Vec<PathBuf>, CleanupError> {
+    let unreadable = |source| CleanupError::Remove { path: folder.to_owned(), source };
+    let mut found = Vec::new();
+    for entry in fs::read_dir(folder).map_err(unreadable)? {
+        let entry = entry.map_err(unreadable)?;
+        if entry.file_name().to_string_lossy().starts_with(prefix) {
+            found.push(entry.path());
+        }
+    }
+    Ok(found)
+}
+
+/// Gone is gone, whoever removed it.
+fn removed(path: &Path, outcome: io::Result<()>) -> Result<(), CleanupError> {
+    match outcome {
+        Err(source) if source.kind() != io::ErrorKind::NotFound => {
+            Err(CleanupError::Remove { path: path.to_owned(), source })
+        }
+        _ => Ok(()),
+    }
+}

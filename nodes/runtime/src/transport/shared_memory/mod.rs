@@ -1,0 +1,173 @@
+//! The transport between processes of one host: iceoryx2, without copying through the kernel.
+//!
+//! Place in the flow: between the nodes that correct. A publisher writes each sample once into
+//! memory that all subscribers read, and wakes them by an event; the wake-up by the kernel is the
+//! whole latency (tens of µs).
+//!
+//! Limits: all nodes run under one user (files have mode 0600). Safe overflow is always on: a
+//! subscriber that stops reading, or is killed, loses its oldest samples and never holds up the
+//! publisher. Every file of a run carries its [`RunId`]; [`cleanup`] removes them.
+
+mod cleanup;
+mod publisher;
+mod subscriber;
+
+use std::num::NonZeroUsize;
+use std::sync::Arc;
+
+use abbe_msgs::Message;
+use iceoryx2::config::Config;
+use iceoryx2::node::{Node, NodeBuilder};
+use iceoryx2::prelude::{FileName, LogLevel, Path, SemanticString, SignalHandlingMode};
+use iceoryx2::service::builder::publish_subscribe::{PublishSubscribeOpenError, PublishSubscribeOpenOrCreateError};
+use iceoryx2::service::ipc_threadsafe::Service;
+use iceoryx2::service::port_factory::{event, publish_subscribe};
+use iceoryx2::service::service_name::ServiceName;
+
+use super::{TransportError, TransportKind};
+use crate::RunId;
+
+pub use cleanup::{CleanupError, cleanup};
+pub use publisher::SharedMemoryPublisher;
+pub use subscriber::SharedMemorySubscriber;
+
+/// Publishers one topic can have at a time.
+pub const MAX_PUBLISHERS: usize = 8;
+/// Subscribers one topic can have at a time.
+pub const MAX_SUBSCRIBERS: usize = 16;
+/// Processes that can take part in one topic at a time.
+pub const MAX_NODES: usize = 32;
+/// Samples a subscriber holds while it copies one out.
+const MAX_BORROWED: usize = 2;
+/// Samples a publisher fills at a time.
+const MAX_LOANED: usize = 1;
+
+/// The number of a sample among those of its publisher: the user header of iceoryx2.
+type SampleNumber = u64;
+type SampleService<M> = publish_subscribe::PortFactory<Service, M, SampleNumber>;
+type EventService = event::PortFactory<Service>;
+
+/// This process in the shared memory of one run. Clones share it.
+#[derive(Debug, Clone)]
+pub struct SharedMemory {
+    node: Arc<Node<Service>>,
+    depth: NonZeroUsize,
+}
+
+impl SharedMemory {
+    /// Joins the run. What nodes of the run that were killed left behind is removed on the way.
+    /// `depth` is how many samples a subscriber can be behind; it must be the same in all nodes.
+    ///
+    /// # Errors
+    /// When the files of the run cannot be made.
+    pub fn join(run: &RunId, depth: NonZeroUsize) -> Result<Self, TransportError> {
+        // Its warnings about every dead peer would drown the node's own log.
+        iceoryx2::prelude::set_log_level_from_env_or(LogLevel::Error);
+        let node = NodeBuilder::new()
+            .config(&config(run)?)
+            // Signals are handled by `Shutdown`.
+            .signal_handling_mode(SignalHandlingMode::Disabled)
+            .create::<Service>()
+            .map_err(|error| open_error(format!("{error:?} for the files of run {run}")))?;
+        Ok(Self { node: Arc::new(node), depth })
+    }
+
+    /// Removes what killed nodes of the run left behind, so that their places become free. Takes
+    /// milliseconds: for the launcher, not for the correcting thread.
+    pub fn remove_dead_nodes(&self) {
+        let state = self.node.try_cleanup_dead_nodes();
+        if state.failed_cleanups > 0 {
+            tracing::warn!(nodes = state.failed_cleanups, "could not clean up dead nodes");
+        }
+    }
+
+    /// A publisher on `topic`.
+    ///
+    /// # Errors
+    /// When the topic carries another type or another version of it, or has no room.
+    pub fn publisher<M: Message>(&self, topic: &str) -> Result<SharedMemoryPublisher<M>, TransportError> {
+        SharedMemoryPublisher::open(self, topic)
+    }
+
+    /// A subscriber on `topic`.
+    ///
+    /// # Errors
+    /// As [`SharedMemory::publisher`].
+    pub fn subscriber<M: Message>(&self, topic: &str) -> Result<SharedMemorySubscriber<M>, TransportError> {
+        SharedMemorySubscriber::open(self, topic)
+    }
+
+    fn services<M: Message>(
+        &self,
+        topic: &str,
+        what: &'static str,
+    ) -> Result<(SampleService<M>, EventService), TransportError> {
+        let endpoint = |reason: String| endpoint_error(topic, what, reason);
+        let name = ServiceName::new(topic).map_err(|error| endpoint(format!("{error:?}")))?;
+        let samples = self
+            .node
+            .service_builder(&name)
+            .publish_subscribe::<M>()
+            .user_header::<SampleNumber>()
+            .enable_safe_overflow(true)
+            .subscriber_max_buffer_size(self.depth.get())
+            .subscriber_max_borrowed_samples(MAX_BORROWED)
+            .history_size(0)
+            .max_publishers(MAX_PUBLISHERS)
+            .max_subscribers(MAX_SUBSCRIBERS)
+            .max_nodes(MAX_NODES)
+            .open_or_create()
+            .map_err(|error| service_error::<M>(topic, what, error))?;
+        let events = self
+            .node
+            .service_builder(&name)
+            .event()
+            .max_notifiers(MAX_PUBLISHERS)
+            .max_listeners(MAX_SUBSCRIBERS)
+            .max_nodes(MAX_NODES)
+            .open_or_create()
+            .map_err(|error| endpoint(format!("{error:?}")))?;
+        Ok((samples, events))
+    }
+}
+
+fn service_error<M: Message>(
+    topic: &str,
+    what: &'static str,
+    error: PublishSubscribeOpenOrCreateError,
+) -> TransportError {
+    match error {
+        PublishSubscribeOpenOrCreateError::PublishSubscribeOpenError(PublishSubscribeOpenError::IncompatibleTypes) => {
+            TransportError::OtherType { topic: topic.to_owned(), expected: M::ROS_TYPE }
+        }
+        other => endpoint_error(topic, what, format!("{other:?}")),
+    }
+}
+
+fn endpoint_error(topic: &str, what: &'static str, reason: String) -> TransportError {
+    TransportError::Endpoint { topic: topic.to_owned(), what, kind: TransportKind::SharedMemory, reason }
+}
+
+fn open_error(reason: String) -> TransportError {
+    TransportError::Open { kind: TransportKind::SharedMemory, reason }
+}
+
+/// What the names of all shared-memory objects of the run begin with. A run's name has no
+/// underscore, so no prefix is the beginning of another.
+fn prefix(run: &RunId) -> String {
+    format!("abbe_{run}_")
+}
+
+/// The folder of the run's management files. Not from TMPDIR: nodes started from different shells
+/// must find each other, and sockets inside need a short path.
+fn root(run: &RunId) -> String {
+    format!("/tmp/abbe_{run}")
+}
+
+fn config(run: &RunId) -> Result<Config, TransportError> {
+    let mut config = Config::default();
+    let root = Path::new(root(run).as_bytes()).map_err(|error| open_error(format!("{error:?}")))?;
+    config.global.set_root_path(&root);
+    config.global.prefix = FileName::new(prefix(run).as_bytes()).map_err(|error| open_error(format!("{error:?}")))?;
+    Ok(config)
+}
