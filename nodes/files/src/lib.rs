@@ -1,1 +1,19 @@
 //! Reading and writing of machine, campaign, model and point files.
+//!
+//! Place in the flow: everything that enters Abbe from a file or leaves it as one passes here. Files carry mm, µm
+//! and degrees Celsius with the unit in the name; behind these readers everything is SI. A reader names file,
+//! line and column of what is wrong and says what to do; a writer leaves a whole file or none.
+
+mod campaign_csv;
+mod columns;
+mod csv_source;
+mod error;
+mod machine;
+mod machine_document;
+mod names;
+mod toml_place;
+mod units;
+
+pub use campaign_csv::{CampaignFile, read_campaign, read_campaign_file};
+pub use error::{FileError, Place};
+pub use machine::{MachineFile, OrderChoice, SIGN_CONVENTION, machine_text, parse_machine, read_machine};

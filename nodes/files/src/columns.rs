@@ -1,0 +1,203 @@
+//! Column names of a CSV header, and the numbers below them.
+//!
+//! Place in the flow: the readers of campaigns and points look up their columns here, so that a missing,
+//! misspelt or wrongly scaled column is refused in the same words everywhere.
+
+use crate::error::{FileError, Place};
+use crate::names::nearest;
+use csv::ByteRecord;
+
+/// A column that a reader knows.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Known {
+    /// Name with the unit as suffix.
+    pub(crate) name: &'static str,
+    /// Name before the unit suffix; the same as the name for columns without a unit.
+    stem: &'static str,
+    /// The unit in words.
+    unit: &'static str,
+}
+
+const fn millimetres(name: &'static str, stem: &'static str) -> Known {
+    Known { name, stem, unit: "millimetres" }
+}
+
+pub(crate) const STATION: Known = Known { name: "station", stem: "station", unit: "text" };
+pub(crate) const LINE: Known = Known { name: "line", stem: "line", unit: "text" };
+pub(crate) const TIME: Known = Known { name: "time_s", stem: "time", unit: "seconds" };
+pub(crate) const LENGTH: Known = millimetres("length_mm", "length");
+pub(crate) const READING: [Known; 3] = [millimetres("x_mm", "x"), millimetres("y_mm", "y"), millimetres("z_mm", "z")];
+pub(crate) const OFFSET: [Known; 3] = [
+    millimetres("offset_x_mm", "offset_x"),
+    millimetres("offset_y_mm", "offset_y"),
+    millimetres("offset_z_mm", "offset_z"),
+];
+pub(crate) const ACTUAL: [Known; 3] = [
+    millimetres("actual_x_mm", "actual_x"),
+    millimetres("actual_y_mm", "actual_y"),
+    millimetres("actual_z_mm", "actual_z"),
+];
+
+/// Unit suffixes that people write; a known column with one of these is in another unit than wanted.
+const UNITS: [&str; 17] =
+    ["nm", "um", "µm", "μm", "mm", "cm", "dm", "m", "in", "inch", "ns", "us", "µs", "ms", "s", "min", "h"];
+
+/// Names of the columns, and where they stand.
+#[derive(Debug, Clone)]
+pub(crate) struct Header {
+    names: Vec<String>,
+    file: String,
+    line: u64,
+}
+
+impl Header {
+    pub(crate) fn new(record: &ByteRecord, file: &str, line: u64) -> Result<Header, FileError> {
+        let mut header = Header { names: Vec::with_capacity(record.len()), file: file.to_owned(), line };
+        for (k, cell) in record.iter().enumerate() {
+            let place = || header.place().column(&format!("number {}", k + 1));
+            let Ok(name) = std::str::from_utf8(cell) else {
+                return Err(FileError::content(place(), "the name is not UTF-8", "save the file as UTF-8"));
+            };
+            let name = name.trim_start_matches('\u{feff}').trim();
+            if name.is_empty() {
+                return Err(FileError::content(place(), "the column has no name", "name or remove it"));
+            }
+            if header.find(name).is_some() {
+                let place = header.place().column(name);
+                return Err(FileError::content(place, "the column stands twice", "remove or rename one of the two"));
+            }
+            header.names.push(name.to_owned());
+        }
+        Ok(header)
+    }
+
+    pub(crate) fn names(&self) -> &[String] {
+        &self.names
+    }
+
+    pub(crate) fn len(&self) -> usize {
+        self.names.len()
+    }
+
+    pub(crate) fn file(&self) -> &str {
+        &self.file
+    }
+
+    /// The header line.
+    pub(crate) fn place(&self) -> Place {
+        Place::file(&self.file).line(self.line)
+    }
+
+    /// A cell.
+    pub(crate) fn cell(&self, line: u64, column: usize) -> Place {
+        Place::file(&self.file).line(line).column(self.names.get(column).map_or("?", String::as_str))
+    }
+
+    pub(crate) fn find(&self, name: &str) -> Option<usize> {
+        self.names.iter().position(|known| known == name)
+    }
+
+    /// Index of a column that must be there; `known` are all names this reader understands.
+    pub(crate) fn require(&self, wanted: Known, known: &[Known]) -> Result<usize, FileError> {
+        self.optional(wanted, known)?.ok_or_else(|| {
+            let remedy = format!("add the column {} ({})", wanted.name, wanted.unit);
+            FileError::content(self.place().column(wanted.name), "the column is missing", remedy)
+        })
+    }
+
+    /// Index of a column that may be missing, but not misspelt or in another unit.
+    pub(crate) fn optional(&self, wanted: Known, known: &[Known]) -> Result<Option<usize>, FileError> {
+        if let Some(index) = self.find(wanted.name) {
+            return Ok(Some(index));
+        }
+        if let Some(other) = self.names.iter().find(|name| is_other_unit(name, wanted)) {
+            let problem = format!("the unit is not the one expected: {} in {} is needed", wanted.name, wanted.unit);
+            let remedy = format!("convert the values to {} and name the column {}", wanted.unit, wanted.name);
+            return Err(FileError::content(self.place().column(other), problem, remedy));
+        }
+        let strangers = self.names.iter().map(String::as_str).filter(|name| known.iter().all(|k| k.name != *name));
+        match nearest(wanted.name, strangers) {
+            None => Ok(None),
+            Some(misspelt) => {
+                let problem = format!("the column {} is missing; did you mean it by {misspelt}?", wanted.name);
+                let remedy = format!("rename the column {misspelt} to {}", wanted.name);
+                Err(FileError::content(self.place().column(misspelt), problem, remedy))
+            }
+        }
+    }
+
+    /// Indices of three columns that stand together or not at all.
+    pub(crate) fn all_or_none(&self, wanted: [Known; 3], known: &[Known]) -> Result<Option<[usize; 3]>, FileError> {
+        let found =
+            [self.optional(wanted[0], known)?, self.optional(wanted[1], known)?, self.optional(wanted[2], known)?];
+        match found {
+            [Some(x), Some(y), Some(z)] => Ok(Some([x, y, z])),
+            [None, None, None] => Ok(None),
+            _ => wanted.into_iter().try_for_each(|column| self.require(column, known).map(|_| ())).map(|()| None),
+        }
+    }
+
+    /// The offset columns, or the offset that the machine declares.
+    pub(crate) fn offset(&self, default_m: Option<[f64; 3]>, known: &[Known]) -> Result<Offset, FileError> {
+        match (self.all_or_none(OFFSET, known)?, default_m) {
+            (Some(columns), _) => Ok(Offset::Columns(columns)),
+            (None, Some(offset_m)) => Ok(Offset::Constant(offset_m)),
+            (None, None) => Err(FileError::content(
+                self.place().column(OFFSET[0].name),
+                "the offset columns are missing, and the machine declares no default_offset_mm",
+                "add offset_x_mm, offset_y_mm and offset_z_mm, or declare default_offset_mm in the machine file",
+            )),
+        }
+    }
+
+    /// A finite number in a cell; `remedy` says what to do where it is none.
+    pub(crate) fn number(&self, record: &ByteRecord, column: usize, line: u64, remedy: &str) -> Result<f64, FileError> {
+        let cell = record.get(column).unwrap_or_default();
+        parse_number(cell).map_err(|problem| {
+            let text = String::from_utf8_lossy(cell.trim_ascii()).chars().take(40).collect::<String>();
+            let problem = match problem {
+                NoNumber::Empty => "the cell is empty".to_owned(),
+                NoNumber::Text => format!("{text:?} is not a number"),
+                NoNumber::NotFinite => format!("{text:?} is not a finite number"),
+            };
+            FileError::content(self.cell(line, column), problem, remedy)
+        })
+    }
+}
+
+/// Where a row's offset comes from.
+#[derive(Debug, Clone, Copy)]
+pub(crate) enum Offset {
+    /// Three columns of the file.
+    Columns([usize; 3]),
+    /// The machine's own (m, ram frame).
+    Constant([f64; 3]),
+}
+
+/// Why a cell holds no number.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum NoNumber {
+    Empty,
+    Text,
+    NotFinite,
+}
+
+/// The finite number in a cell, blanks around it aside.
+pub(crate) fn parse_number(cell: &[u8]) -> Result<f64, NoNumber> {
+    let cell = cell.trim_ascii();
+    if cell.is_empty() {
+        return Err(NoNumber::Empty);
+    }
+    let value: f64 = std::str::from_utf8(cell).ok().and_then(|text| text.parse().ok()).ok_or(NoNumber::Text)?;
+    if value.is_finite() { Ok(value) } else { Err(NoNumber::NotFinite) }
+}
+
+fn is_other_unit(name: &str, wanted: Known) -> bool {
+    if wanted.name == wanted.stem {
+        return false;
+    }
+    let name = name.to_lowercase();
+    let bare = name == wanted.stem;
+    let suffix = name.strip_prefix(wanted.stem).and_then(|rest| rest.strip_prefix('_'));
+    bare || (name != wanted.name && suffix.is_some_and(|unit| UNITS.contains(&unit)))
+}

@@ -1,0 +1,336 @@
+//! Machine files: TOML to a machine in SI and back.
+//!
+//! Place in the flow: `launch-config/machines/*.toml` → here → identification, simulator, correction. The file
+//! holds mm, µm and expanded uncertainties (k = 2 in the key); everything behind this reader is SI with k = 1.
+
+use crate::error::{FileError, Place};
+use crate::machine_document::{
+    AxisText, ByAxis, ChainText, ErrorFunctionsText, InstrumentDocument, KindText, MachineDocument, OrderText,
+    RotationText, SquarenessText,
+};
+use crate::names::nearest;
+use crate::toml_place::{key_at, line_at, line_of};
+use crate::units::{micrometres_from_m, millimetres_from_m};
+use abbe_geometry::error_function::Kind;
+use abbe_geometry::machine::{Joint, Machine, MachineError, Side, Squareness};
+use abbe_geometry::rotation::RotationForm;
+use abbe_geometry::{Axis, ErrorId};
+use abbe_measurement::instrument::RangeUncertainty;
+use std::path::Path;
+
+/// The one sign convention: files must state it word for word, so that nobody reads a model the other way round.
+pub const SIGN_CONVENTION: &str = "error = actual - indicated, of the tool relative to the workpiece; \
+                                   actual = indicated + offset + error; angles right-handed; names as in ISO 230-1";
+/// Coverage factor of the declared range uncertainty.
+const COVERAGE: f64 = 2.0;
+const MODEL_EXAMPLE: &str = "launch-config/machines holds complete examples";
+
+/// Whether the kinds of error functions are a starting point or the last word.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum OrderChoice {
+    /// The data decide how much of each kind is used.
+    Evidence,
+    /// As declared.
+    Fixed,
+}
+
+/// What a machine file says.
+#[derive(Debug, Clone, PartialEq)]
+pub struct MachineFile {
+    /// The machine, checked.
+    pub machine: Machine,
+    /// Uncertainty of the tracer's range, k = 1.
+    pub instrument: RangeUncertainty,
+    /// True where a length reading is the distance itself; false where each station has an unknown dead path.
+    pub absolute_range: bool,
+    /// Who decides the orders.
+    pub order: OrderChoice,
+}
+
+/// Reads and checks a machine file.
+pub fn read_machine(path: &Path) -> Result<MachineFile, FileError> {
+    let file = path.display().to_string();
+    let bytes = std::fs::read(path).map_err(FileError::io(&file, "read the machine file"))?;
+    let text = String::from_utf8(bytes).map_err(|error| {
+        let line = 1 + error.as_bytes()[..error.utf8_error().valid_up_to()].iter().filter(|b| **b == b'\n').count();
+        FileError::content(Place::file(&file).line(line as u64), "the text is not UTF-8", "save the file as UTF-8")
+    })?;
+    parse_machine(&text, &file)
+}
+
+/// Checks the text of a machine file; `file` is its name in messages.
+pub fn parse_machine(text: &str, file: &str) -> Result<MachineFile, FileError> {
+    let document: MachineDocument =
+        toml::from_str(text.trim_start_matches('\u{feff}')).map_err(|error| syntax(text, file, &error))?;
+    Reader { text, file }.machine_file(document)
+}
+
+/// Text of a machine file; reading it gives the same machine.
+pub fn machine_text(machine: &MachineFile) -> Result<String, FileError> {
+    toml::to_string(&to_document(machine)).map_err(|error| {
+        let remedy = "give it names that TOML can hold";
+        FileError::content(Place::file(&machine.machine.name), format!("cannot be written: {error}"), remedy)
+    })
+}
+
+fn syntax(text: &str, file: &str, error: &toml::de::Error) -> FileError {
+    let mut place = Place::file(file);
+    if let Some(span) = error.span() {
+        place.line = Some(line_at(text, span.start));
+        place.item = key_at(text, span.start).map(|key| format!("key {key}"));
+    }
+    let message = error.message().trim().replace('\n', ", ");
+    let remedy = if message.contains("unknown field") {
+        "correct the spelling or remove the key"
+    } else if message.contains("missing field") {
+        "add the key"
+    } else {
+        "correct this line"
+    };
+    FileError::content(place, message, format!("{remedy}; {MODEL_EXAMPLE}"))
+}
+
+/// Gives the document its meaning, and each problem its line.
+struct Reader<'a> {
+    text: &'a str,
+    file: &'a str,
+}
+
+impl Reader<'_> {
+    fn wrong(&self, path: &[&str], problem: impl Into<String>, remedy: impl Into<String>) -> FileError {
+        let mut place = Place::file(self.file).key(&path.join("."));
+        place.line = line_of(self.text, path);
+        FileError::content(place, problem, remedy)
+    }
+
+    fn machine_file(&self, document: MachineDocument) -> Result<MachineFile, FileError> {
+        self.check_texts(&document)?;
+        let machine = Machine {
+            joints: self.joints(&document.chain)?,
+            stroke_m: self.stroke_m(&document.stroke_mm)?,
+            squareness: self.squareness(&document.squareness)?,
+            rotation: rotation_form(document.rotation),
+            kinds: self.kinds(&document.error_functions)?,
+            repeatability_m: document.repeatability_um.map(|um| um / 1e6),
+            default_offset_m: document.default_offset_mm.map(|offset| offset.map(|mm| mm / 1e3)),
+            name: document.name,
+            frame_id: document.frame_id,
+        };
+        if machine.default_offset_m.is_some_and(|offset| offset.iter().any(|v| !v.is_finite())) {
+            return Err(self.wrong(&["default_offset_mm"], "holds a number that is not finite", "give three numbers"));
+        }
+        machine.validate().map_err(|error| self.invalid(&error))?;
+        Ok(MachineFile {
+            machine,
+            instrument: self.instrument(&document.instrument)?,
+            absolute_range: document.instrument.absolute,
+            order: match document.error_functions.order {
+                OrderText::Evidence => OrderChoice::Evidence,
+                OrderText::Fixed => OrderChoice::Fixed,
+            },
+        })
+    }
+
+    fn check_texts(&self, document: &MachineDocument) -> Result<(), FileError> {
+        for (key, value) in [("name", &document.name), ("frame_id", &document.frame_id)] {
+            if value.is_empty() || value.chars().any(|c| c.is_whitespace() || c.is_control()) {
+                let problem = format!("{value:?} is empty or holds blanks");
+                return Err(self.wrong(&[key], problem, "write a name without blanks"));
+            }
+        }
+        if document.sign_convention != SIGN_CONVENTION {
+            let problem = format!("{:?} is not the convention used here", document.sign_convention);
+            let remedy = format!("turn the signs where they differ and write {SIGN_CONVENTION:?}");
+            return Err(self.wrong(&["sign_convention"], problem, remedy));
+        }
+        Ok(())
+    }
+
+    fn joints(&self, chain: &ChainText) -> Result<[Joint; 3], FileError> {
+        let joint = |side| move |axis: &AxisText| Joint { axis: axis_of(*axis), side };
+        // The file counts each side from the bed; the chain runs from the workpiece through the bed to the tool.
+        let workpiece = chain.workpiece_side.iter().rev().map(joint(Side::Workpiece));
+        let joints: Vec<Joint> = workpiece.chain(chain.tool_side.iter().map(joint(Side::Tool))).collect();
+        let listed: String = joints.iter().map(|joint| joint.axis.letter()).collect();
+        joints.try_into().map_err(|_| self.invalid(&MachineError::Chain(listed)))
+    }
+
+    fn stroke_m(&self, stroke_mm: &ByAxis<[f64; 2]>) -> Result<[(f64, f64); 3], FileError> {
+        let stroke_mm = stroke_mm.into_array();
+        for (axis, [lower, upper]) in Axis::ALL.into_iter().zip(stroke_mm) {
+            if !(lower.is_finite() && upper.is_finite() && lower < upper) {
+                let problem = format!("the stroke from {lower} mm to {upper} mm is empty or not finite");
+                return Err(self.wrong(&["stroke_mm", &axis.letter().to_string()], problem, "write [lower, upper]"));
+            }
+        }
+        Ok(stroke_mm.map(|[lower, upper]| (lower / 1e3, upper / 1e3)))
+    }
+
+    fn squareness(&self, entries: &[SquarenessText]) -> Result<[Squareness; 3], FileError> {
+        let known: Vec<Squareness> = entries.iter().map(squareness_of).collect();
+        for (k, entry) in entries.iter().enumerate() {
+            if entry.name.is_empty() || entries[..k].iter().any(|other| other.name == entry.name) {
+                let problem = format!("{:?} is empty or stands twice", entry.name);
+                return Err(self.wrong(&["squareness", &k.to_string(), "name"], problem, "name each one, as in C0Y"));
+            }
+        }
+        let found = known.len();
+        known.try_into().map_err(|_| {
+            let remedy = "give three [[squareness]] tables, one about each of X, Y and Z";
+            self.wrong(&["squareness"], format!("{found} squareness errors are declared"), remedy)
+        })
+    }
+
+    fn kinds(&self, functions: &ErrorFunctionsText) -> Result<[Option<Kind>; ErrorId::COUNT], FileError> {
+        let mut kinds = [kind_of(functions.default); ErrorId::COUNT];
+        for (name, kind) in &functions.by_error {
+            let Some(id) = ErrorId::from_name(name) else {
+                let names: Vec<String> = ErrorId::all().map(ErrorId::name).collect();
+                let known = names.iter().map(String::as_str).chain(["order", "default"]);
+                let hint = nearest(name, known).map_or(String::new(), |near| format!("did you mean {near}? "));
+                let remedy = format!("{hint}write an ISO 230-1 name such as EXX or EBZ");
+                return Err(self.wrong(&["error_functions", name], "no error has this name", remedy));
+            };
+            kinds[id.index()] = kind_of(*kind);
+        }
+        Ok(kinds)
+    }
+
+    fn instrument(&self, document: &InstrumentDocument) -> Result<RangeUncertainty, FileError> {
+        let figures = [
+            ("u_k2_constant_um", document.u_k2_constant_um),
+            ("u_k2_proportional_um_per_m", document.u_k2_proportional_um_per_m),
+        ];
+        for (key, value) in figures {
+            if !(value.is_finite() && value >= 0.0) {
+                let problem = format!("{value} is not a finite number of 0 or more");
+                return Err(self.wrong(&["instrument", key], problem, "write the figure of the data sheet, k = 2"));
+            }
+        }
+        if figures.iter().all(|(_, value)| *value == 0.0) {
+            let remedy = "write the figures of the data sheet, k = 2";
+            return Err(self.wrong(&["instrument"], "no instrument is without uncertainty", remedy));
+        }
+        let [constant_m, per_metre] = figures.map(|(_, um)| um / 1e6 / COVERAGE);
+        Ok(RangeUncertainty { constant_m, per_metre })
+    }
+
+    fn invalid(&self, error: &MachineError) -> FileError {
+        match error {
+            MachineError::Chain(_) => self.wrong(&["chain"], error.to_string(), MODEL_EXAMPLE),
+            MachineError::Squareness { .. } => self.wrong(&["squareness"], error.to_string(), MODEL_EXAMPLE),
+            MachineError::Basis { name, source } => {
+                let path = ["error_functions", name.as_str()];
+                let present = line_of(self.text, &path) != line_of(self.text, &path[..1]);
+                let path = if present { path } else { ["error_functions", "default"] };
+                self.wrong(&path, format!("error {name}: {source}"), "correct the number of pieces")
+            }
+            MachineError::Figure { .. } => {
+                self.wrong(&["repeatability_um"], error.to_string(), "write three numbers, k = 1")
+            }
+        }
+    }
+}
+
+fn to_document(file: &MachineFile) -> MachineDocument {
+    let machine = &file.machine;
+    let [lower, upper]: [fn(&(f64, f64)) -> f64; 2] = [|s| s.0, |s| s.1];
+    MachineDocument {
+        name: machine.name.clone(),
+        frame_id: machine.frame_id.clone(),
+        sign_convention: SIGN_CONVENTION.to_owned(),
+        rotation: rotation_text(machine.rotation),
+        repeatability_um: machine.repeatability_m.map(micrometres_from_m),
+        default_offset_mm: machine.default_offset_m.map(|offset| offset.map(millimetres_from_m)),
+        chain: chain_text(machine),
+        stroke_mm: ByAxis::from_array(
+            machine.stroke_m.map(|s| [millimetres_from_m(lower(&s)), millimetres_from_m(upper(&s))]),
+        ),
+        error_functions: functions_text(machine, file.order),
+        instrument: InstrumentDocument {
+            u_k2_constant_um: micrometres_from_m(file.instrument.constant_m * COVERAGE),
+            u_k2_proportional_um_per_m: micrometres_from_m(file.instrument.per_metre * COVERAGE),
+            absolute: file.absolute_range,
+        },
+        squareness: machine.squareness.iter().map(squareness_text).collect(),
+    }
+}
+
+pub(crate) fn chain_text(machine: &Machine) -> ChainText {
+    let side = |wanted| move |joint: &&Joint| joint.side == wanted;
+    let text = |joint: &Joint| axis_text(joint.axis);
+    ChainText {
+        workpiece_side: machine.joints.iter().rev().filter(side(Side::Workpiece)).map(text).collect(),
+        tool_side: machine.joints.iter().filter(side(Side::Tool)).map(text).collect(),
+    }
+}
+
+fn functions_text(machine: &Machine, order: OrderChoice) -> ErrorFunctionsText {
+    let kinds: Vec<KindText> = machine.kinds.iter().map(|kind| kind_text(*kind)).collect();
+    // The commonest kind becomes the default, so that the text stays short; ties go to the first in error order.
+    let count = |kind: &KindText| kinds.iter().filter(|other| *other == kind).count();
+    let default = kinds.iter().rev().max_by_key(|kind| count(kind)).copied().unwrap_or(KindText::Zero {});
+    let by_error =
+        ErrorId::all().map(|id| (id.name(), kinds[id.index()])).filter(|(_, kind)| *kind != default).collect();
+    let order = match order {
+        OrderChoice::Evidence => OrderText::Evidence,
+        OrderChoice::Fixed => OrderText::Fixed,
+    };
+    ErrorFunctionsText { order, default, by_error }
+}
+
+fn axis_of(text: AxisText) -> Axis {
+    match text {
+        AxisText::X => Axis::X,
+        AxisText::Y => Axis::Y,
+        AxisText::Z => Axis::Z,
+    }
+}
+
+fn axis_text(axis: Axis) -> AxisText {
+    match axis {
+        Axis::X => AxisText::X,
+        Axis::Y => AxisText::Y,
+        Axis::Z => AxisText::Z,
+    }
+}
+
+fn squareness_of(text: &SquarenessText) -> Squareness {
+    Squareness { name: text.name.clone(), tilts: axis_of(text.tilts), about: axis_of(text.about) }
+}
+
+pub(crate) fn squareness_text(entry: &Squareness) -> SquarenessText {
+    SquarenessText { name: entry.name.clone(), tilts: axis_text(entry.tilts), about: axis_text(entry.about) }
+}
+
+fn rotation_form(text: RotationText) -> RotationForm {
+    match text {
+        RotationText::Exact => RotationForm::Exact,
+        RotationText::SmallAngle => RotationForm::SmallAngle,
+    }
+}
+
+fn rotation_text(form: RotationForm) -> RotationText {
+    match form {
+        RotationForm::Exact => RotationText::Exact,
+        RotationForm::SmallAngle => RotationText::SmallAngle,
+    }
+}
+
+fn kind_of(text: KindText) -> Option<Kind> {
+    match text {
+        KindText::Polynomial { degree } => Some(Kind::Polynomial { degree }),
+        KindText::Nodes { count } => Some(Kind::Nodes { count }),
+        KindText::Bspline { intervals } => Some(Kind::BSpline { intervals }),
+        KindText::Zero {} => None,
+    }
+}
+
+fn kind_text(kind: Option<Kind>) -> KindText {
+    match kind {
+        Some(Kind::Polynomial { degree }) => KindText::Polynomial { degree },
+        Some(Kind::Nodes { count }) => KindText::Nodes { count },
+        Some(Kind::BSpline { intervals }) => KindText::Bspline { intervals },
+        None => KindText::Zero {},
+    }
+}

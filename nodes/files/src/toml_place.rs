@@ -1,0 +1,44 @@
+//! Where in a TOML text a key stands, for error messages.
+//!
+//! Place in the flow: [`crate::machine`] reads the text into plain structures and asks here only once something
+//! is wrong.
+
+use toml::de::{DeTable, DeValue};
+
+/// Line (from 1) of a byte position.
+pub(crate) fn line_at(text: &str, byte: usize) -> u64 {
+    1 + text.bytes().take(byte).filter(|b| *b == b'\n').count() as u64
+}
+
+/// Line of the deepest part of `path` that exists; numbers in the path index arrays.
+pub(crate) fn line_of(text: &str, path: &[&str]) -> Option<u64> {
+    let table = DeTable::parse(text).ok()?;
+    let mut byte = None;
+    let mut here: Option<&DeValue<'_>> = None;
+    for step in path {
+        let found = match here {
+            None => table.get_ref().get_key_value(*step),
+            Some(DeValue::Table(inner)) => inner.get_key_value(*step),
+            Some(DeValue::Array(items)) => {
+                let Some(item) = step.parse().ok().and_then(|k: usize| items.get(k)) else { break };
+                byte = Some(item.span().start);
+                here = Some(item.get_ref());
+                continue;
+            }
+            Some(_) => None,
+        };
+        let Some((key, value)) = found else { break };
+        byte = Some(key.span().start);
+        here = Some(value.get_ref());
+    }
+    byte.map(|byte| line_at(text, byte))
+}
+
+/// Key that the line of a byte position assigns, if it assigns one.
+pub(crate) fn key_at(text: &str, byte: usize) -> Option<String> {
+    let start = text.get(..byte)?.rfind('\n').map_or(0, |newline| newline + 1);
+    let line = text.get(start..)?.lines().next()?;
+    let (key, _) = line.split_once('=')?;
+    let key = key.trim();
+    (!key.is_empty() && !key.starts_with('#')).then(|| key.to_owned())
+}
