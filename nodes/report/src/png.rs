@@ -20,6 +20,8 @@ const MARGIN: f64 = 36.0;
 const TOP: f64 = 88.0;
 /// Space below the drawing.
 const BOTTOM: f64 = 34.0;
+/// Characters of the sentence under the title that fit a line.
+const LINE_CHARS: usize = 145;
 /// Height of a comparison's plotting areas, so that its PNG is 1600 x 900.
 const COMPARISON_HEIGHT: f64 = 422.0;
 
@@ -51,7 +53,9 @@ fn standalone(report: &Report, title: &str, drawing: &Drawing) -> Result<String,
     svg.rect("paper", (0.0, 0.0), (width, height), None);
     svg.text("headline", (MARGIN, 40.0), Anchor::Start, title);
     let lead = report.lead.as_deref().unwrap_or(&report.title);
-    svg.text("subline", (MARGIN, 63.0), Anchor::Start, lead);
+    for (line, y) in two_lines(lead).iter().zip([63.0, 80.0]) {
+        svg.text("subline", (MARGIN, y), Anchor::Start, line);
+    }
     if let Some(footer) = &report.footer {
         svg.text("small muted", (MARGIN, height - 14.0), Anchor::Start, footer);
     }
@@ -64,6 +68,28 @@ fn standalone(report: &Report, title: &str, drawing: &Drawing) -> Result<String,
         around.body,
         drawing.body
     ))
+}
+
+/// A sentence in one or two lines that fit the width; an ellipsis marks what does not.
+fn two_lines(text: &str) -> Vec<String> {
+    let mut lines = vec![String::new()];
+    for word in text.split_whitespace() {
+        let last = lines.len() - 1;
+        let line = &mut lines[last];
+        if !line.is_empty() && line.chars().count() + word.chars().count() >= LINE_CHARS {
+            if last == 1 {
+                line.push_str(" …");
+                return lines;
+            }
+            lines.push(word.to_owned());
+            continue;
+        }
+        if !line.is_empty() {
+            line.push(' ');
+        }
+        line.push_str(word);
+    }
+    lines
 }
 
 fn rasterise(svg: &str) -> Result<Vec<u8>, ReportError> {
@@ -80,4 +106,18 @@ fn rasterise(svg: &str) -> Result<Vec<u8>, ReportError> {
         Pixmap::new(size.width(), size.height()).ok_or_else(|| failed("no memory for the picture".to_owned()))?;
     resvg::render(&tree, Transform::identity(), &mut pixmap.as_mut());
     pixmap.encode_png().map_err(|e| failed(e.to_string()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_long_sentence_takes_two_lines_and_says_when_it_goes_on() {
+        assert_eq!(two_lines("short one"), ["short one"]);
+        let lines = two_lines(&"word ".repeat(40));
+        assert_eq!((lines.len(), lines.concat().matches("word").count()), (2, 40));
+        let lines = two_lines(&"word ".repeat(100));
+        assert!(lines.len() == 2 && lines[1].ends_with(" …"));
+    }
 }

@@ -172,6 +172,7 @@ impl DemoReport {
                 title: "Duration of the steps".to_owned(),
                 note: None,
                 value: Axis::new("duration", "s"),
+                decimals: 2,
                 bars: self.steps.iter().map(|step| Bar { name: step.name.clone(), value: step.duration_s }).collect(),
             }));
         }

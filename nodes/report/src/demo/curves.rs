@@ -11,7 +11,7 @@ impl DemoReport {
         if errors.curves.is_empty() && errors.squareness.is_empty() {
             return;
         }
-        let intro = "Identified errors by ISO 230-1 name: the letter after E is the direction, the last one the axis \
+        let intro = "Identified errors by ISO 230-1 name: the letter after E is the direction or the rotation, the last one the axis \
                      of motion. Sign: actual − indicated.";
         sections.push(heading("The 21 errors", Some(intro)));
         if !errors.curves.is_empty() {

@@ -7,7 +7,7 @@ use crate::error::ReportError;
 use crate::frame::{Area, Labels, WIDTH_PX, axis_text, draw_frame};
 use crate::scale::{Scale, extent};
 use crate::svg::{Anchor, Drawing, Svg};
-use crate::text::{MISSING, significant};
+use crate::text::{MISSING, fixed};
 
 /// Height of a bar with its gap, px.
 const ROW_PX: f64 = 24.0;
@@ -32,6 +32,8 @@ pub struct Bars {
     pub note: Option<String>,
     /// What the bars show, with unit.
     pub value: Axis,
+    /// Decimals of the numbers at the bars.
+    pub decimals: u8,
     /// Bars from top to bottom.
     pub bars: Vec<Bar>,
 }
@@ -57,7 +59,7 @@ impl Bars {
         let labels = Labels { x: axis_text(&self.value), x_ticks: 8, ..Labels::default() };
         draw_frame(&mut svg, area, &x, &y, &labels);
         for (index, bar) in self.bars.iter().enumerate() {
-            bar.draw(&mut svg, area.top + index as f64 * ROW_PX, &x);
+            bar.draw(&mut svg, area.top + index as f64 * ROW_PX, &x, self.decimals);
         }
         svg.line("zero", (x.map(0.0), area.top), (x.map(0.0), area.bottom()));
         svg.finish(&self.title)
@@ -65,7 +67,7 @@ impl Bars {
 }
 
 impl Bar {
-    fn draw(&self, svg: &mut Svg, top: f64, x: &Scale) {
+    fn draw(&self, svg: &mut Svg, top: f64, x: &Scale, decimals: u8) {
         let base = top + ROW_PX / 2.0 + 4.0;
         svg.text("", (NAME_PX - 10.0, base), Anchor::End, &self.name);
         let Some(value) = self.value else {
@@ -74,6 +76,6 @@ impl Bar {
         };
         let (left, right) = (x.map(value.min(0.0)), x.map(value.max(0.0)));
         svg.rect("f1 bar", (left, top + 4.0), (right - left, ROW_PX - 8.0), None);
-        svg.text("small muted", (right + 6.0, base), Anchor::Start, &significant(value, 3));
+        svg.text("small muted", (right + 6.0, base), Anchor::Start, &fixed(value, decimals));
     }
 }

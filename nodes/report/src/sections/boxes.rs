@@ -97,7 +97,7 @@ pub(crate) fn draw_boxes(
         let middle = x.map(index as f64 + 0.5);
         svg.text("", (middle, area.bottom() + 17.0), Anchor::Middle, &group.label);
         // The numbers stand right of their boxes: shifted to the left, boxes and numbers together are centred.
-        let shift = if slot >= LABELLED_SLOT_PX { 12.0 } else { 0.0 };
+        let shift = if slot >= LABELLED_SLOT_PX && classes.len() > 1 { 12.0 } else { 0.0 };
         let first = middle - shift - slot * (classes.len() as f64 - 1.0) / 2.0;
         for (series, (stats, class)) in group.boxes.iter().zip(classes).enumerate() {
             let centre = first + slot * series as f64;
