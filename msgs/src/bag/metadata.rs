@@ -1,8 +1,9 @@
 //! `metadata.yaml` of a rosbag2 directory: written at the end, read first.
 //!
 //! Place in the flow: [`super::writer`] -> file -> rosbag2 and [`super::reader`]. Written is
-//! version 8, which ROS 2 from Humble on reads; of a foreign one only the files, their storage
-//! and the number of messages are read.
+//! version 8, which ROS 2 from Humble on reads; version 9 only for messages copied from a bag of
+//! that version, whose quality of service is written in names instead of numbers. Of a foreign
+//! file only the files, their storage and the number of messages are read.
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -26,6 +27,26 @@ pub(super) struct TopicSummary {
     pub(super) messages: u64,
 }
 
+impl TopicSummary {
+    /// Whether the quality of service is in names (`history: keep_last`), not in numbers.
+    fn names_qos(&self) -> bool {
+        let history = self.qos_yaml.split_once("history:");
+        history.is_some_and(|(_, value)| value.trim_start().starts_with(char::is_alphabetic))
+    }
+
+    /// The quality of service as a value of `metadata.yaml`: text that holds YAML, and from
+    /// version 9 on the YAML itself.
+    fn qos_value(&self, version: u32) -> String {
+        if version < 9 {
+            quoted(&self.qos_yaml)
+        } else if self.qos_yaml.is_empty() {
+            "[]".to_owned()
+        } else {
+            format!("\n{}", indented(&self.qos_yaml, "        "))
+        }
+    }
+}
+
 /// What the writer knows of the bag.
 #[derive(Debug, Clone)]
 pub(super) struct Metadata {
@@ -46,8 +67,9 @@ impl Metadata {
             "duration:\n  nanoseconds: {duration}\nstarting_time:\n  \
              nanoseconds_since_epoch: {start}\nmessage_count: {count}\n"
         );
+        let version = self.version();
         let mut body = format!(
-            "version: 8\nstorage_identifier: mcap\n{times}relative_file_paths:\n  - {file}\n\
+            "version: {version}\nstorage_identifier: mcap\n{times}relative_file_paths:\n  - {file}\n\
              compression_format: \"\"\ncompression_mode: \"\"\n"
         );
         body += if self.topics.is_empty() { "topics_with_message_count: []\n" } else { "topics_with_message_count:\n" };
@@ -60,12 +82,16 @@ impl Metadata {
                  type_description_hash: \"\"\n    message_count: {}\n",
                 quoted(&topic.topic),
                 quoted(&topic.ros_type),
-                quoted(&topic.qos_yaml),
+                topic.qos_value(version),
                 topic.messages
             );
         }
         body += &format!("files:\n  - path: {file}\n{}custom_data: ~\nros_distro: \"\"\n", indented(&times, "    "));
         body
+    }
+
+    fn version(&self) -> u32 {
+        if self.topics.iter().any(TopicSummary::names_qos) { 9 } else { 8 }
     }
 
     /// The whole file.

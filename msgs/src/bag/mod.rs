@@ -7,6 +7,24 @@
 //! A bag is a directory as rosbag2 writes it (`<name>/<name>_0.mcap` and `metadata.yaml`) or one
 //! `.mcap` file. Schemas are embedded. A bag that is cut off or damaged is an error that says how
 //! much came before; [`recover`] keeps that part.
+//!
+//! ```
+//! use abbe_msgs::{Message, ScaleReading, bag};
+//!
+//! let folder = tempfile::tempdir()?;
+//! let path = folder.path().join("first_run");
+//! let mut writer = bag::BagWriter::create(&path)?;
+//! let reading = ScaleReading { reading_m: [0.1, 0.2, 0.3], ..ScaleReading::default() };
+//! writer.write("/bridge/scale_reading", &reading, 1_000_000)?;
+//! writer.finish()?;
+//!
+//! for message in bag::messages(&path)? {
+//!     let message = message?;
+//!     assert_eq!(message.ros_type(), ScaleReading::ROS_TYPE);
+//!     assert_eq!(message.decode::<ScaleReading>()?, reading);
+//! }
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
 
 mod chunk;
 mod error;

@@ -2,6 +2,7 @@
 //! two fields shows.
 
 #![allow(dead_code, unreachable_pub, missing_docs)] // each test uses its part
+#![allow(clippy::unwrap_used)] // the samples are constants
 
 use abbe_msgs::standard::{DiagnosticArray, DiagnosticStatus, Header, JointState, KeyValue, PointStamped};
 use abbe_msgs::{
