@@ -23,7 +23,7 @@ pub const SIGN_CONVENTION: &str = "error = actual - indicated, of the tool relat
                                    actual = indicated + offset + error; angles right-handed; names as in ISO 230-1";
 /// Coverage factor of the declared range uncertainty.
 const COVERAGE: f64 = 2.0;
-const MODEL_EXAMPLE: &str = "launch-config/machines holds complete examples";
+const SEE_EXAMPLES: &str = "launch-config/machines holds complete examples";
 
 /// Whether the kinds of error functions are a starting point or the last word.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -75,7 +75,8 @@ pub fn machine_text(machine: &MachineFile) -> Result<String, FileError> {
 
 fn syntax(text: &str, file: &str, error: &toml::de::Error) -> FileError {
     let mut place = Place::file(file);
-    if let Some(span) = error.span() {
+    // A key missing from the top level has the whole text as its place: no line is better than line 1.
+    if let Some(span) = error.span().filter(|span| span.len() < text.trim_end().len()) {
         place.line = Some(line_at(text, span.start));
         place.item = key_at(text, span.start).map(|key| format!("key {key}"));
     }
@@ -87,7 +88,7 @@ fn syntax(text: &str, file: &str, error: &toml::de::Error) -> FileError {
     } else {
         "correct this line"
     };
-    FileError::content(place, message, format!("{remedy}; {MODEL_EXAMPLE}"))
+    FileError::content(place, message, format!("{remedy}; {SEE_EXAMPLES}"))
 }
 
 /// Gives the document its meaning, and each problem its line.
@@ -217,8 +218,8 @@ impl Reader<'_> {
 
     fn invalid(&self, error: &MachineError) -> FileError {
         match error {
-            MachineError::Chain(_) => self.wrong(&["chain"], error.to_string(), MODEL_EXAMPLE),
-            MachineError::Squareness { .. } => self.wrong(&["squareness"], error.to_string(), MODEL_EXAMPLE),
+            MachineError::Chain(_) => self.wrong(&["chain"], error.to_string(), SEE_EXAMPLES),
+            MachineError::Squareness { .. } => self.wrong(&["squareness"], error.to_string(), SEE_EXAMPLES),
             MachineError::Basis { name, source } => {
                 let path = ["error_functions", name.as_str()];
                 let present = line_of(self.text, &path) != line_of(self.text, &path[..1]);

@@ -3,8 +3,10 @@
 //! Place in the flow: [`crate::machine`] turns it into a machine in SI and back; the model file embeds the parts
 //! that carry no unit. Every unknown key is refused.
 
-use serde::{Deserialize, Serialize};
+use serde::de::{Error, MapAccess, Visitor};
+use serde::{Deserialize, Deserializer, Serialize};
 use std::collections::BTreeMap;
+use std::fmt;
 
 /// A machine file. Tables come last, as TOML wants them.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -81,12 +83,48 @@ pub(crate) struct SquarenessText {
 /// Kinds of the error functions: a default, and what differs from it by ISO 230-1 name.
 ///
 /// Unknown keys land in `by_error`, where a name that is no error is refused.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub(crate) struct ErrorFunctionsText {
     pub(crate) order: OrderText,
     pub(crate) default: KindText,
     #[serde(flatten)]
     pub(crate) by_error: BTreeMap<String, KindText>,
+}
+
+/// By hand, because a derived flattened map forgets on which line a value stands.
+impl<'de> Deserialize<'de> for ErrorFunctionsText {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<ErrorFunctionsText, D::Error> {
+        deserializer.deserialize_map(ErrorFunctionsVisitor)
+    }
+}
+
+struct ErrorFunctionsVisitor;
+
+impl<'de> Visitor<'de> for ErrorFunctionsVisitor {
+    type Value = ErrorFunctionsText;
+
+    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("a table with order, default and error names")
+    }
+
+    fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<ErrorFunctionsText, A::Error> {
+        let (mut order, mut default, mut by_error) = (None, None, BTreeMap::new());
+        while let Some(key) = map.next_key::<String>()? {
+            match key.as_str() {
+                "order" => order = Some(map.next_value()?),
+                "default" => default = Some(map.next_value()?),
+                _ => {
+                    let kind = map.next_value()?;
+                    by_error.insert(key, kind);
+                }
+            }
+        }
+        Ok(ErrorFunctionsText {
+            order: order.ok_or_else(|| A::Error::missing_field("order"))?,
+            default: default.ok_or_else(|| A::Error::missing_field("default"))?,
+            by_error,
+        })
+    }
 }
 
 /// Whether the kinds are a starting point or the last word.

@@ -5,24 +5,21 @@
 
 /// The shortest number of millimetres that reads back as exactly `value_m`, or the nearest there is.
 pub(crate) fn millimetres_from_m(value_m: f64) -> f64 {
-    scaled(value_m, 3, 1e3)
+    shortest(value_m, 1e3)
 }
 
 /// The shortest number of micrometres that reads back as exactly `value_m`, or the nearest there is.
 pub(crate) fn micrometres_from_m(value_m: f64) -> f64 {
-    scaled(value_m, 6, 1e6)
+    shortest(value_m, 1e6)
 }
 
-/// Shifts the decimal point of the shortest text of `value` first, because the product alone would turn 0.05 into
-/// 0.049999999999999996; takes a neighbour where that reads back differently.
-fn scaled(value: f64, places: i32, factor: f64) -> f64 {
-    let shifted = format!("{value:e}").split_once('e').and_then(|(mantissa, exponent)| {
-        let exponent: i32 = exponent.parse().ok()?;
-        format!("{mantissa}e{}", exponent + places).parse().ok()
-    });
+/// Tries one digit after the other, because the product alone would write 0.05 as 0.049999999999999996. Some
+/// values have no such number at all: multiples of a thousandth lie further apart than the values they stand for.
+fn shortest(value: f64, factor: f64) -> f64 {
     let product = value * factor;
-    let candidates = [shifted.unwrap_or(product), product, product.next_up(), product.next_down()];
-    candidates.into_iter().find(|candidate| candidate / factor == value).unwrap_or(candidates[0])
+    let rounded = (0..17).filter_map(|digits| format!("{product:.digits$e}").parse().ok());
+    let mut candidates = rounded.chain([product, product.next_up(), product.next_down()]);
+    candidates.find(|candidate| candidate / factor == value).unwrap_or(product)
 }
 
 #[cfg(test)]
