@@ -108,6 +108,7 @@ fn linear_ticks(low: f64, high: f64, wanted: usize) -> Vec<Tick> {
 fn log_ticks(low: f64, high: f64) -> Vec<Tick> {
     let (first, last) = (low.log10().floor() as i32, high.log10().ceil() as i32);
     let label_all = last - first <= 4;
+    let every = (last - first) / 12 + 1;
     let mut ticks = Vec::new();
     for exponent in first..=last {
         for factor in 1..10_i32 {
@@ -115,7 +116,7 @@ fn log_ticks(low: f64, high: f64) -> Vec<Tick> {
             if value < low || value > high {
                 continue;
             }
-            let labelled = factor == 1 || (label_all && matches!(factor, 2 | 5));
+            let labelled = (factor == 1 && exponent % every == 0) || (label_all && matches!(factor, 2 | 5));
             let label = if labelled { decade_label(f64::from(factor), exponent) } else { String::new() };
             ticks.push(Tick { value, label });
         }
