@@ -4,6 +4,7 @@
 //! and degrees Celsius with the unit in the name; behind these readers everything is SI. A reader names file,
 //! line and column of what is wrong and says what to do; a writer leaves a whole file or none.
 
+mod atomic;
 mod campaign_csv;
 mod columns;
 mod csv_source;
@@ -11,9 +12,12 @@ mod error;
 mod machine;
 mod machine_document;
 mod names;
+mod points_csv;
 mod toml_place;
 mod units;
 
+pub use atomic::{AtomicFile, write_atomically};
 pub use campaign_csv::{CampaignFile, read_campaign, read_campaign_file};
 pub use error::{FileError, Place};
 pub use machine::{MachineFile, OrderChoice, SIGN_CONVENTION, machine_text, parse_machine, read_machine};
+pub use points_csv::{ADDED_COLUMNS, PointRow, PointsReader, PointsWriter, RowCovariates, status_word};

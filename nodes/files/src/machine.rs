@@ -60,8 +60,8 @@ pub fn read_machine(path: &Path) -> Result<MachineFile, FileError> {
 
 /// Checks the text of a machine file; `file` is its name in messages.
 pub fn parse_machine(text: &str, file: &str) -> Result<MachineFile, FileError> {
-    let document: MachineDocument =
-        toml::from_str(text.trim_start_matches('\u{feff}')).map_err(|error| syntax(text, file, &error))?;
+    let text = text.trim_start_matches('\u{feff}');
+    let document: MachineDocument = toml::from_str(text).map_err(|error| syntax(text, file, &error))?;
     Reader { text, file }.machine_file(document)
 }
 
@@ -74,13 +74,13 @@ pub fn machine_text(machine: &MachineFile) -> Result<String, FileError> {
 }
 
 fn syntax(text: &str, file: &str, error: &toml::de::Error) -> FileError {
+    let message = error.message().trim().replace('\n', ", ");
     let mut place = Place::file(file);
-    // A key missing from the top level has the whole text as its place: no line is better than line 1.
-    if let Some(span) = error.span().filter(|span| span.len() < text.trim_end().len()) {
+    // A key missing from the top level has no line.
+    if let Some(span) = error.span().filter(|span| span.start > 0 || !message.contains("missing field")) {
         place.line = Some(line_at(text, span.start));
         place.item = key_at(text, span.start).map(|key| format!("key {key}"));
     }
-    let message = error.message().trim().replace('\n', ", ");
     let remedy = if message.contains("unknown field") {
         "correct the spelling or remove the key"
     } else if message.contains("missing field") {

@@ -1,0 +1,221 @@
+//! Output files that are there whole or not at all.
+//!
+//! Place in the flow: every file that Abbe writes goes through [`AtomicFile`]. On Linux the content grows in a
+//! file without a name, so that an error, Ctrl-C or `kill -9` leaves nothing behind; it gets its name only when
+//! it is complete and on the disk. Where the file system cannot do that, a named temporary file beside the target
+//! takes its place, removed when the value is dropped.
+
+use crate::error::{FileError, Place};
+use std::fs::File;
+use std::io::{BufWriter, Write};
+use std::path::{Path, PathBuf};
+use tempfile::{Builder, NamedTempFile};
+
+const BUFFER_BYTES: usize = 1 << 16;
+
+/// A file in the making.
+#[derive(Debug)]
+pub struct AtomicFile {
+    writer: BufWriter<Storage>,
+    target: PathBuf,
+    file: String,
+}
+
+impl AtomicFile {
+    /// Begins the file that shall replace `path`, in the same folder; what is at `path` stays until
+    /// [`AtomicFile::commit`].
+    pub fn create(path: &Path) -> Result<AtomicFile, FileError> {
+        let file = path.display().to_string();
+        let target = resolve(path, &file)?;
+        let storage = Storage::create(folder(&target)).map_err(FileError::io(&file, "create the file"))?;
+        Ok(AtomicFile { writer: BufWriter::with_capacity(BUFFER_BYTES, storage), target, file })
+    }
+
+    /// Brings everything to the disk and puts the file in its place.
+    pub fn commit(self) -> Result<(), FileError> {
+        let AtomicFile { writer, target, file } = self;
+        let storage = writer.into_inner().map_err(|error| FileError::io(&file, "write")(error.into_error()))?;
+        storage.publish(&target).map_err(FileError::io(&file, "put the finished file in its place"))
+    }
+}
+
+impl Write for AtomicFile {
+    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+        self.writer.write(bytes)
+    }
+
+    fn flush(&mut self) -> std::io::Result<()> {
+        self.writer.flush()
+    }
+}
+
+/// Writes a whole file at once.
+pub fn write_atomically(path: &Path, content: &[u8]) -> Result<(), FileError> {
+    let mut output = AtomicFile::create(path)?;
+    output.write_all(content).map_err(FileError::io(&path.display().to_string(), "write"))?;
+    output.commit()
+}
+
+/// Follows links, so that what they point to is replaced, and refuses what is no file (`/dev/null` would be
+/// replaced by one).
+fn resolve(path: &Path, file: &str) -> Result<PathBuf, FileError> {
+    match std::fs::metadata(path) {
+        Ok(metadata) if metadata.is_file() => path.canonicalize().map_err(FileError::io(file, "resolve the path")),
+        Ok(_) => {
+            let remedy = "name a file, or write - for the standard output where the command allows it";
+            Err(FileError::content(Place::file(file), "this exists and is not a regular file", remedy))
+        }
+        Err(_) => Ok(path.to_owned()),
+    }
+}
+
+fn folder(target: &Path) -> &Path {
+    match target.parent() {
+        Some(folder) if !folder.as_os_str().is_empty() => folder,
+        _ => Path::new("."),
+    }
+}
+
+/// Where the content is until it is complete.
+#[derive(Debug)]
+enum Storage {
+    #[cfg(target_os = "linux")]
+    Unnamed(File),
+    Named(NamedTempFile),
+}
+
+impl Storage {
+    fn create(folder: &Path) -> std::io::Result<Storage> {
+        #[cfg(target_os = "linux")]
+        {
+            use rustix::fs::{Mode, OFlags};
+            let flags = OFlags::TMPFILE | OFlags::RDWR | OFlags::CLOEXEC;
+            if let Ok(file) = rustix::fs::open(folder, flags, Mode::from_raw_mode(0o666)) {
+                return Ok(Storage::Unnamed(file.into()));
+            }
+        }
+        named(folder).map(Storage::Named)
+    }
+
+    fn file(&mut self) -> &mut File {
+        match self {
+            #[cfg(target_os = "linux")]
+            Storage::Unnamed(file) => file,
+            Storage::Named(file) => file.as_file_mut(),
+        }
+    }
+
+    fn publish(mut self, target: &Path) -> std::io::Result<()> {
+        self.file().sync_all()?;
+        let folder = folder(target);
+        match self {
+            #[cfg(target_os = "linux")]
+            Storage::Unnamed(file) => link(&file, folder)?.persist(target).map_err(|error| error.error)?,
+            Storage::Named(file) => file.persist(target).map(drop).map_err(|error| error.error)?,
+        }
+        // The name is on the disk only once the folder is.
+        File::open(folder)?.sync_all()
+    }
+}
+
+impl Write for Storage {
+    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+        self.file().write(bytes)
+    }
+
+    fn flush(&mut self) -> std::io::Result<()> {
+        self.file().flush()
+    }
+}
+
+fn builder() -> Builder<'static, 'static> {
+    let mut builder = Builder::new();
+    builder.prefix(".abbe-").suffix(".partial");
+    builder
+}
+
+fn named(folder: &Path) -> std::io::Result<NamedTempFile> {
+    let mut builder = builder();
+    #[cfg(unix)]
+    builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666)); // less the umask, as any new file
+    builder.tempfile_in(folder)
+}
+
+/// Gives a nameless file a temporary name: a link cannot replace an existing file, a rename can.
+#[cfg(target_os = "linux")]
+fn link(file: &File, folder: &Path) -> std::io::Result<NamedTempFile<()>> {
+    use rustix::fs::{AtFlags, CWD, linkat};
+    use std::os::fd::AsRawFd;
+    let source = format!("/proc/self/fd/{}", file.as_raw_fd());
+    builder().make_in(folder, |path| Ok(linkat(CWD, source.as_str(), CWD, path, AtFlags::SYMLINK_FOLLOW)?))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::fs;
+
+    fn names(folder: &Path) -> Vec<String> {
+        fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect()
+    }
+
+    #[test]
+    fn nothing_is_there_before_the_commit_and_everything_after() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("out.csv");
+        let mut file = AtomicFile::create(&path).unwrap();
+        file.write_all(&vec![b'a'; 3 * BUFFER_BYTES]).unwrap();
+        assert!(!path.exists());
+        file.commit().unwrap();
+        assert_eq!(fs::read(&path).unwrap().len(), 3 * BUFFER_BYTES);
+        assert_eq!(names(folder.path()), ["out.csv"]);
+    }
+
+    #[test]
+    fn a_dropped_file_leaves_the_old_one_and_no_other() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("out.csv");
+        write_atomically(&path, b"old").unwrap();
+        let mut file = AtomicFile::create(&path).unwrap();
+        file.write_all(&vec![b'b'; 3 * BUFFER_BYTES]).unwrap();
+        drop(file);
+        assert_eq!((fs::read(&path).unwrap(), names(folder.path()).len()), (b"old".to_vec(), 1));
+        write_atomically(&path, b"new").unwrap();
+        assert_eq!((fs::read(&path).unwrap(), names(folder.path()).len()), (b"new".to_vec(), 1));
+    }
+
+    #[test]
+    fn a_named_temporary_file_does_the_same_where_nameless_ones_cannot_be() {
+        let folder = tempfile::tempdir().unwrap();
+        let target = folder.path().join("out.csv");
+        let mut storage = Storage::Named(named(folder.path()).unwrap());
+        storage.write_all(b"text").unwrap();
+        assert!(!target.exists());
+        storage.publish(&target).unwrap();
+        assert_eq!((fs::read(&target).unwrap(), names(folder.path()).len()), (b"text".to_vec(), 1));
+        drop(Storage::Named(named(folder.path()).unwrap()));
+        assert_eq!(names(folder.path()).len(), 1);
+    }
+
+    #[test]
+    fn folders_devices_and_missing_folders_are_refused() {
+        for (path, says) in [("/dev/null", "not a regular file"), ("/tmp", "not a regular file")] {
+            assert!(AtomicFile::create(Path::new(path)).unwrap_err().to_string().contains(says), "{path}");
+        }
+        let folder = tempfile::tempdir().unwrap();
+        let error = AtomicFile::create(&folder.path().join("none/out.csv")).unwrap_err();
+        assert!(error.to_string().contains("cannot create the file"), "{error}");
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_link_stays_and_what_it_points_to_is_replaced() {
+        let folder = tempfile::tempdir().unwrap();
+        let [real, alias] = ["real.csv", "alias.csv"].map(|name| folder.path().join(name));
+        fs::write(&real, "old").unwrap();
+        std::os::unix::fs::symlink(&real, &alias).unwrap();
+        write_atomically(&alias, b"new").unwrap();
+        assert_eq!(fs::read(&real).unwrap(), b"new");
+        assert!(fs::symlink_metadata(&alias).unwrap().is_symlink());
+    }
+}
