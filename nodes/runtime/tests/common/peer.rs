@@ -19,9 +19,15 @@ pub(crate) struct Peer(pub(crate) Child);
 impl Peer {
     /// Starts the test program again for `test` as `role`, with its output where the test's is.
     pub(crate) fn start(test: &str, role: &str) -> Self {
+        Self::start_with(test, role, ROLE, role)
+    }
+
+    /// As [`Peer::start`], with one more environment variable.
+    pub(crate) fn start_with(test: &str, role: &str, variable: &str, value: &str) -> Self {
         let child = Command::new(env::current_exe().unwrap())
             .args([test, "--exact", "--nocapture", "--test-threads=1"])
             .env(ROLE, role)
+            .env(variable, value)
             .stdin(Stdio::null())
             .spawn()
             .unwrap();

@@ -1,0 +1,134 @@
+//! A node ends when it is told to, and when its launcher dies, and cleans up behind itself.
+
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // A test fails by panicking.
+
+#[path = "common/mod.rs"]
+mod common;
+
+use std::env;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::thread;
+use std::time::{Duration, Instant};
+
+use abbe_runtime::Shutdown;
+use common::peer::{Peer, role};
+use common::samples::PATIENCE;
+
+/// Folder in which the processes of a test tell what they did.
+const FOLDER: &str = "ABBE_TEST_FOLDER";
+
+fn told(folder: &Path, what: &str) -> PathBuf {
+    folder.join(what)
+}
+
+fn wait_for(path: &Path) -> String {
+    let deadline = Instant::now() + PATIENCE;
+    while Instant::now() < deadline {
+        match fs::read_to_string(path) {
+            Ok(text) if text.ends_with('\n') => return text,
+            _ => thread::sleep(Duration::from_millis(5)),
+        }
+    }
+    panic!("{} was not written", path.display());
+}
+
+/// A node that runs until it should stop, then says so.
+fn play_node(folder: &Path) {
+    let shutdown = Shutdown::on_signals().unwrap();
+    shutdown.follow_parent(std::os::unix::process::parent_id()).unwrap();
+    fs::write(told(folder, "started"), format!("{}\n", std::process::id())).unwrap();
+    while !shutdown.sleep(Duration::from_secs(1)) {}
+    fs::write(told(folder, "stopped"), "in order\n").unwrap();
+}
+
+/// A node whose loop does not look at the flag.
+fn play_stuck_node(folder: &Path) {
+    let shutdown = Shutdown::on_signals().unwrap();
+    shutdown.follow_parent(std::os::unix::process::parent_id()).unwrap();
+    fs::write(told(folder, "started"), format!("{}\n", std::process::id())).unwrap();
+    thread::sleep(3 * PATIENCE);
+}
+
+fn play_launcher(test: &str, node: &str) {
+    let _node = Peer::start(test, node);
+    thread::sleep(PATIENCE);
+}
+
+fn is_running(process_id: &str) -> bool {
+    // A process that has ended but was not waited for still has its entry, as a zombie.
+    let status = fs::read_to_string(format!("/proc/{}/stat", process_id.trim()));
+    status.is_ok_and(|status| !status.contains(") Z "))
+}
+
+fn wait_for_end(process_id: &str) {
+    let deadline = Instant::now() + PATIENCE;
+    while is_running(process_id) {
+        assert!(Instant::now() < deadline, "process {process_id} still runs");
+        thread::sleep(Duration::from_millis(10));
+    }
+}
+
+/// The role that this process plays in `test`, if it is not the test itself.
+fn play(test: &str) -> bool {
+    let Some(role) = role() else {
+        return false;
+    };
+    let folder = PathBuf::from(env::var(FOLDER).unwrap());
+    match role.as_str() {
+        "node" => play_node(&folder),
+        "stuck" => play_stuck_node(&folder),
+        "launcher" => play_launcher(test, "node"),
+        "launcher of stuck" => play_launcher(test, "stuck"),
+        other => panic!("unknown role {other}"),
+    }
+    true
+}
+
+fn start(test: &str, role: &str) -> (Peer, tempfile::TempDir) {
+    let folder = tempfile::tempdir().unwrap();
+    let peer = Peer::start_with(test, role, FOLDER, folder.path().to_str().unwrap());
+    (peer, folder)
+}
+
+#[test]
+fn sigterm_and_sigint_stop_a_node_in_order() {
+    let test = "sigterm_and_sigint_stop_a_node_in_order";
+    if play(test) {
+        return;
+    }
+    for signal in ["-TERM", "-INT", "-HUP"] {
+        let (mut node, folder) = start(test, "node");
+        let process_id = wait_for(&told(folder.path(), "started"));
+        let sent = Command::new("kill").args([signal, process_id.trim()]).status().unwrap();
+        assert!(sent.success());
+        assert!(node.0.wait().unwrap().success(), "{signal}");
+        assert_eq!(wait_for(&told(folder.path(), "stopped")), "in order\n");
+    }
+}
+
+#[test]
+fn a_node_stops_in_order_when_its_launcher_is_killed() {
+    let test = "a_node_stops_in_order_when_its_launcher_is_killed";
+    if play(test) {
+        return;
+    }
+    let (mut launcher, folder) = start(test, "launcher");
+    let node = wait_for(&told(folder.path(), "started"));
+    launcher.kill();
+    assert_eq!(wait_for(&told(folder.path(), "stopped")), "in order\n");
+    wait_for_end(&node);
+}
+
+#[test]
+fn a_stuck_node_does_not_outlive_its_launcher() {
+    let test = "a_stuck_node_does_not_outlive_its_launcher";
+    if play(test) {
+        return;
+    }
+    let (mut launcher, folder) = start(test, "launcher of stuck");
+    let node = wait_for(&told(folder.path(), "started"));
+    launcher.kill();
+    wait_for_end(&node);
+}
