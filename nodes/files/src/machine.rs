@@ -5,18 +5,18 @@
 
 use crate::error::{FileError, Place};
 use crate::machine_document::{
-    AxisText, ByAxis, ChainText, ErrorFunctionsText, InstrumentDocument, KindText, MachineDocument, OrderText,
-    RotationText, SquarenessText,
+    AxisText, ByAxis, ChainText, ErrorFunctionsText, InstrumentDocument, MachineDocument, MachineRecord, SquarenessText,
 };
 use crate::names::nearest;
 use crate::toml_place::{key_at, line_at, line_of};
 use crate::units::{micrometres_from_m, millimetres_from_m};
 use abbe_geometry::error_function::Kind;
 use abbe_geometry::machine::{Joint, Machine, MachineError, Side, Squareness};
-use abbe_geometry::rotation::RotationForm;
 use abbe_geometry::{Axis, ErrorId};
 use abbe_measurement::instrument::RangeUncertainty;
 use std::path::Path;
+
+pub use crate::machine_document::OrderChoice;
 
 /// The one sign convention: files must state it word for word, so that nobody reads a model the other way round.
 pub const SIGN_CONVENTION: &str = "error = actual - indicated, of the tool relative to the workpiece; \
@@ -24,15 +24,6 @@ pub const SIGN_CONVENTION: &str = "error = actual - indicated, of the tool relat
 /// Coverage factor of the declared range uncertainty.
 const COVERAGE: f64 = 2.0;
 const SEE_EXAMPLES: &str = "launch-config/machines holds complete examples";
-
-/// Whether the kinds of error functions are a starting point or the last word.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum OrderChoice {
-    /// The data decide how much of each kind is used.
-    Evidence,
-    /// As declared.
-    Fixed,
-}
 
 /// What a machine file says.
 #[derive(Debug, Clone, PartialEq)]
@@ -105,42 +96,40 @@ impl Reader<'_> {
     }
 
     fn machine_file(&self, document: MachineDocument) -> Result<MachineFile, FileError> {
-        self.check_texts(&document)?;
+        let order = document.machine_order();
+        let (instrument, absolute_range) = (self.instrument(&document.instrument)?, document.instrument.absolute);
+        Ok(MachineFile { machine: self.machine(document.into_record())?, instrument, absolute_range, order })
+    }
+
+    fn machine(&self, record: MachineRecord) -> Result<Machine, FileError> {
+        self.check_texts(&record)?;
         let machine = Machine {
-            joints: self.joints(&document.chain)?,
-            stroke_m: self.stroke_m(&document.stroke_mm)?,
-            squareness: self.squareness(&document.squareness)?,
-            rotation: rotation_form(document.rotation),
-            kinds: self.kinds(&document.error_functions)?,
-            repeatability_m: document.repeatability_um.map(|um| um / 1e6),
-            default_offset_m: document.default_offset_mm.map(|offset| offset.map(|mm| mm / 1e3)),
-            name: document.name,
-            frame_id: document.frame_id,
+            joints: self.joints(&record.chain)?,
+            stroke_m: self.stroke_m(&record.stroke_m)?,
+            squareness: self.squareness(&record.squareness)?,
+            rotation: record.rotation.into(),
+            kinds: self.kinds(&record.error_functions)?,
+            repeatability_m: record.repeatability_m,
+            default_offset_m: record.default_offset_m,
+            name: record.name,
+            frame_id: record.frame_id,
         };
         if machine.default_offset_m.is_some_and(|offset| offset.iter().any(|v| !v.is_finite())) {
             return Err(self.wrong(&["default_offset_mm"], "holds a number that is not finite", "give three numbers"));
         }
         machine.validate().map_err(|error| self.invalid(&error))?;
-        Ok(MachineFile {
-            machine,
-            instrument: self.instrument(&document.instrument)?,
-            absolute_range: document.instrument.absolute,
-            order: match document.error_functions.order {
-                OrderText::Evidence => OrderChoice::Evidence,
-                OrderText::Fixed => OrderChoice::Fixed,
-            },
-        })
+        Ok(machine)
     }
 
-    fn check_texts(&self, document: &MachineDocument) -> Result<(), FileError> {
-        for (key, value) in [("name", &document.name), ("frame_id", &document.frame_id)] {
+    fn check_texts(&self, record: &MachineRecord) -> Result<(), FileError> {
+        for (key, value) in [("name", &record.name), ("frame_id", &record.frame_id)] {
             if value.is_empty() || value.chars().any(|c| c.is_whitespace() || c.is_control()) {
                 let problem = format!("{value:?} is empty or holds blanks");
                 return Err(self.wrong(&[key], problem, "write a name without blanks"));
             }
         }
-        if document.sign_convention != SIGN_CONVENTION {
-            let problem = format!("{:?} is not the convention used here", document.sign_convention);
+        if record.sign_convention != SIGN_CONVENTION {
+            let problem = format!("{:?} is not the convention used here", record.sign_convention);
             let remedy = format!("turn the signs where they differ and write {SIGN_CONVENTION:?}");
             return Err(self.wrong(&["sign_convention"], problem, remedy));
         }
@@ -148,7 +137,7 @@ impl Reader<'_> {
     }
 
     fn joints(&self, chain: &ChainText) -> Result<[Joint; 3], FileError> {
-        let joint = |side| move |axis: &AxisText| Joint { axis: axis_of(*axis), side };
+        let joint = |side| move |axis: &AxisText| Joint { axis: (*axis).into(), side };
         // The file counts each side from the bed; the chain runs from the workpiece through the bed to the tool.
         let workpiece = chain.workpiece_side.iter().rev().map(joint(Side::Workpiece));
         let joints: Vec<Joint> = workpiece.chain(chain.tool_side.iter().map(joint(Side::Tool))).collect();
@@ -156,19 +145,20 @@ impl Reader<'_> {
         joints.try_into().map_err(|_| self.invalid(&MachineError::Chain(listed)))
     }
 
-    fn stroke_m(&self, stroke_mm: &ByAxis<[f64; 2]>) -> Result<[(f64, f64); 3], FileError> {
-        let stroke_mm = stroke_mm.into_array();
-        for (axis, [lower, upper]) in Axis::ALL.into_iter().zip(stroke_mm) {
-            if !(lower.is_finite() && upper.is_finite() && lower < upper) {
+    fn stroke_m(&self, stroke_m: &ByAxis<[f64; 2]>) -> Result<[(f64, f64); 3], FileError> {
+        let stroke_m = stroke_m.into_array();
+        for (axis, [lower_m, upper_m]) in Axis::ALL.into_iter().zip(stroke_m) {
+            if !(lower_m.is_finite() && upper_m.is_finite() && lower_m < upper_m) {
+                let [lower, upper] = [lower_m, upper_m].map(millimetres_from_m);
                 let problem = format!("the stroke from {lower} mm to {upper} mm is empty or not finite");
                 return Err(self.wrong(&["stroke_mm", &axis.letter().to_string()], problem, "write [lower, upper]"));
             }
         }
-        Ok(stroke_mm.map(|[lower, upper]| (lower / 1e3, upper / 1e3)))
+        Ok(stroke_m.map(|[lower_m, upper_m]| (lower_m, upper_m)))
     }
 
     fn squareness(&self, entries: &[SquarenessText]) -> Result<[Squareness; 3], FileError> {
-        let known: Vec<Squareness> = entries.iter().map(squareness_of).collect();
+        let known: Vec<Squareness> = entries.iter().map(Squareness::from).collect();
         for (k, entry) in entries.iter().enumerate() {
             if entry.name.is_empty() || entries[..k].iter().any(|other| other.name == entry.name) {
                 let problem = format!("{:?} is empty or stands twice", entry.name);
@@ -183,7 +173,7 @@ impl Reader<'_> {
     }
 
     fn kinds(&self, functions: &ErrorFunctionsText) -> Result<[Option<Kind>; ErrorId::COUNT], FileError> {
-        let mut kinds = [kind_of(functions.default); ErrorId::COUNT];
+        let mut kinds = [functions.default.into(); ErrorId::COUNT];
         for (name, kind) in &functions.by_error {
             let Some(id) = ErrorId::from_name(name) else {
                 let names: Vec<String> = ErrorId::all().map(ErrorId::name).collect();
@@ -192,7 +182,7 @@ impl Reader<'_> {
                 let remedy = format!("{hint}write an ISO 230-1 name such as EXX or EBZ");
                 return Err(self.wrong(&["error_functions", name], "no error has this name", remedy));
             };
-            kinds[id.index()] = kind_of(*kind);
+            kinds[id.index()] = (*kind).into();
         }
         Ok(kinds)
     }
@@ -233,105 +223,32 @@ impl Reader<'_> {
     }
 }
 
-fn to_document(file: &MachineFile) -> MachineDocument {
-    let machine = &file.machine;
-    let [lower, upper]: [fn(&(f64, f64)) -> f64; 2] = [|s| s.0, |s| s.1];
-    MachineDocument {
+/// Meaning of the machine inside a model file; `file` is the model's name in messages.
+pub(crate) fn machine_of_record(record: MachineRecord, file: &str) -> Result<Machine, FileError> {
+    Reader { text: "", file }.machine(record)
+}
+
+/// A machine as a model file holds it.
+pub(crate) fn record_of_machine(machine: &Machine, order: OrderChoice) -> MachineRecord {
+    MachineRecord {
         name: machine.name.clone(),
         frame_id: machine.frame_id.clone(),
         sign_convention: SIGN_CONVENTION.to_owned(),
-        rotation: rotation_text(machine.rotation),
-        repeatability_um: machine.repeatability_m.map(micrometres_from_m),
-        default_offset_mm: machine.default_offset_m.map(|offset| offset.map(millimetres_from_m)),
-        chain: chain_text(machine),
-        stroke_mm: ByAxis::from_array(
-            machine.stroke_m.map(|s| [millimetres_from_m(lower(&s)), millimetres_from_m(upper(&s))]),
-        ),
-        error_functions: functions_text(machine, file.order),
-        instrument: InstrumentDocument {
-            u_k2_constant_um: micrometres_from_m(file.instrument.constant_m * COVERAGE),
-            u_k2_proportional_um_per_m: micrometres_from_m(file.instrument.per_metre * COVERAGE),
-            absolute: file.absolute_range,
-        },
-        squareness: machine.squareness.iter().map(squareness_text).collect(),
+        rotation: machine.rotation.into(),
+        repeatability_m: machine.repeatability_m,
+        default_offset_m: machine.default_offset_m,
+        chain: ChainText::from(machine),
+        stroke_m: ByAxis::from_array(machine.stroke_m.map(|(lower_m, upper_m)| [lower_m, upper_m])),
+        error_functions: ErrorFunctionsText::new(machine, order),
+        squareness: machine.squareness.iter().map(SquarenessText::from).collect(),
     }
 }
 
-pub(crate) fn chain_text(machine: &Machine) -> ChainText {
-    let side = |wanted| move |joint: &&Joint| joint.side == wanted;
-    let text = |joint: &Joint| axis_text(joint.axis);
-    ChainText {
-        workpiece_side: machine.joints.iter().rev().filter(side(Side::Workpiece)).map(text).collect(),
-        tool_side: machine.joints.iter().filter(side(Side::Tool)).map(text).collect(),
-    }
-}
-
-fn functions_text(machine: &Machine, order: OrderChoice) -> ErrorFunctionsText {
-    let kinds: Vec<KindText> = machine.kinds.iter().map(|kind| kind_text(*kind)).collect();
-    // The commonest kind becomes the default, so that the text stays short; ties go to the first in error order.
-    let count = |kind: &KindText| kinds.iter().filter(|other| *other == kind).count();
-    let default = kinds.iter().rev().max_by_key(|kind| count(kind)).copied().unwrap_or(KindText::Zero {});
-    let by_error =
-        ErrorId::all().map(|id| (id.name(), kinds[id.index()])).filter(|(_, kind)| *kind != default).collect();
-    let order = match order {
-        OrderChoice::Evidence => OrderText::Evidence,
-        OrderChoice::Fixed => OrderText::Fixed,
+fn to_document(file: &MachineFile) -> MachineDocument {
+    let instrument = InstrumentDocument {
+        u_k2_constant_um: micrometres_from_m(file.instrument.constant_m * COVERAGE),
+        u_k2_proportional_um_per_m: micrometres_from_m(file.instrument.per_metre * COVERAGE),
+        absolute: file.absolute_range,
     };
-    ErrorFunctionsText { order, default, by_error }
-}
-
-fn axis_of(text: AxisText) -> Axis {
-    match text {
-        AxisText::X => Axis::X,
-        AxisText::Y => Axis::Y,
-        AxisText::Z => Axis::Z,
-    }
-}
-
-fn axis_text(axis: Axis) -> AxisText {
-    match axis {
-        Axis::X => AxisText::X,
-        Axis::Y => AxisText::Y,
-        Axis::Z => AxisText::Z,
-    }
-}
-
-fn squareness_of(text: &SquarenessText) -> Squareness {
-    Squareness { name: text.name.clone(), tilts: axis_of(text.tilts), about: axis_of(text.about) }
-}
-
-pub(crate) fn squareness_text(entry: &Squareness) -> SquarenessText {
-    SquarenessText { name: entry.name.clone(), tilts: axis_text(entry.tilts), about: axis_text(entry.about) }
-}
-
-fn rotation_form(text: RotationText) -> RotationForm {
-    match text {
-        RotationText::Exact => RotationForm::Exact,
-        RotationText::SmallAngle => RotationForm::SmallAngle,
-    }
-}
-
-fn rotation_text(form: RotationForm) -> RotationText {
-    match form {
-        RotationForm::Exact => RotationText::Exact,
-        RotationForm::SmallAngle => RotationText::SmallAngle,
-    }
-}
-
-fn kind_of(text: KindText) -> Option<Kind> {
-    match text {
-        KindText::Polynomial { degree } => Some(Kind::Polynomial { degree }),
-        KindText::Nodes { count } => Some(Kind::Nodes { count }),
-        KindText::Bspline { intervals } => Some(Kind::BSpline { intervals }),
-        KindText::Zero {} => None,
-    }
-}
-
-fn kind_text(kind: Option<Kind>) -> KindText {
-    match kind {
-        Some(Kind::Polynomial { degree }) => KindText::Polynomial { degree },
-        Some(Kind::Nodes { count }) => KindText::Nodes { count },
-        Some(Kind::BSpline { intervals }) => KindText::Bspline { intervals },
-        None => KindText::Zero {},
-    }
+    MachineDocument::new(record_of_machine(&file.machine, file.order), instrument)
 }

@@ -3,6 +3,11 @@
 //! Place in the flow: [`crate::machine`] turns it into a machine in SI and back; the model file embeds the parts
 //! that carry no unit. Every unknown key is refused.
 
+use crate::units::{micrometres_from_m, millimetres_from_m};
+use abbe_geometry::error_function::Kind;
+use abbe_geometry::machine::{Machine, Side, Squareness};
+use abbe_geometry::rotation::RotationForm;
+use abbe_geometry::{Axis, ErrorId};
 use serde::de::{Error, MapAccess, Visitor};
 use serde::{Deserialize, Deserializer, Serialize};
 use std::collections::BTreeMap;
@@ -25,6 +30,65 @@ pub(crate) struct MachineDocument {
     pub(crate) error_functions: ErrorFunctionsText,
     pub(crate) instrument: InstrumentDocument,
     pub(crate) squareness: Vec<SquarenessText>,
+}
+
+/// The same machine in SI, without the instrument: what the model file embeds. Millimetres cannot hold every metre
+/// exactly, and a model must come back bit for bit.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct MachineRecord {
+    pub(crate) name: String,
+    pub(crate) frame_id: String,
+    pub(crate) sign_convention: String,
+    pub(crate) rotation: RotationText,
+    /// Standard uncertainty (k = 1) of repositioning.
+    pub(crate) repeatability_m: [f64; 3],
+    pub(crate) default_offset_m: Option<[f64; 3]>,
+    pub(crate) chain: ChainText,
+    pub(crate) stroke_m: ByAxis<[f64; 2]>,
+    pub(crate) squareness: Vec<SquarenessText>,
+    pub(crate) error_functions: ErrorFunctionsText,
+}
+
+impl MachineDocument {
+    /// What a file says in SI.
+    pub(crate) fn into_record(self) -> MachineRecord {
+        let metres = |ends: [f64; 2]| ends.map(|mm| mm / 1e3);
+        MachineRecord {
+            name: self.name,
+            frame_id: self.frame_id,
+            sign_convention: self.sign_convention,
+            rotation: self.rotation,
+            repeatability_m: self.repeatability_um.map(|um| um / 1e6),
+            default_offset_m: self.default_offset_mm.map(|offset| offset.map(|mm| mm / 1e3)),
+            chain: self.chain,
+            stroke_m: ByAxis::from_array(self.stroke_mm.into_array().map(metres)),
+            squareness: self.squareness,
+            error_functions: self.error_functions,
+        }
+    }
+
+    /// A file that says so.
+    pub(crate) fn new(record: MachineRecord, instrument: InstrumentDocument) -> MachineDocument {
+        let millimetres = |ends: [f64; 2]| ends.map(millimetres_from_m);
+        MachineDocument {
+            name: record.name,
+            frame_id: record.frame_id,
+            sign_convention: record.sign_convention,
+            rotation: record.rotation,
+            repeatability_um: record.repeatability_m.map(micrometres_from_m),
+            default_offset_mm: record.default_offset_m.map(|offset| offset.map(millimetres_from_m)),
+            chain: record.chain,
+            stroke_mm: ByAxis::from_array(record.stroke_m.into_array().map(millimetres)),
+            squareness: record.squareness,
+            error_functions: record.error_functions,
+            instrument,
+        }
+    }
+
+    pub(crate) fn machine_order(&self) -> OrderChoice {
+        self.error_functions.order
+    }
 }
 
 /// One value for each axis.
@@ -85,7 +149,7 @@ pub(crate) struct SquarenessText {
 /// Unknown keys land in `by_error`, where a name that is no error is refused.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub(crate) struct ErrorFunctionsText {
-    pub(crate) order: OrderText,
+    pub(crate) order: OrderChoice,
     pub(crate) default: KindText,
     #[serde(flatten)]
     pub(crate) by_error: BTreeMap<String, KindText>,
@@ -127,11 +191,13 @@ impl<'de> Visitor<'de> for ErrorFunctionsVisitor {
     }
 }
 
-/// Whether the kinds are a starting point or the last word.
+/// Whether the kinds of error functions are a starting point or the last word.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub(crate) enum OrderText {
+pub enum OrderChoice {
+    /// The data decide how much of each kind is used.
     Evidence,
+    /// As declared.
     Fixed,
 }
 
@@ -153,4 +219,97 @@ pub(crate) struct InstrumentDocument {
     pub(crate) u_k2_proportional_um_per_m: f64,
     /// True where the length reading is the distance itself, false where the dead path is unknown.
     pub(crate) absolute: bool,
+}
+
+impl From<&Machine> for ChainText {
+    fn from(machine: &Machine) -> ChainText {
+        let on = |wanted| {
+            let joints = machine.joints.iter().filter(move |joint| joint.side == wanted);
+            joints.map(|joint| AxisText::from(joint.axis))
+        };
+        ChainText { workpiece_side: on(Side::Workpiece).rev().collect(), tool_side: on(Side::Tool).collect() }
+    }
+}
+
+impl ErrorFunctionsText {
+    /// The commonest kind becomes the default, so that the text stays short; ties go to the first in error order.
+    pub(crate) fn new(machine: &Machine, order: OrderChoice) -> ErrorFunctionsText {
+        let kinds = machine.kinds.map(KindText::from);
+        let count = |kind: &KindText| kinds.iter().filter(|other| *other == kind).count();
+        let default = kinds.iter().rev().max_by_key(|kind| count(kind)).copied().unwrap_or(KindText::Zero {});
+        let named = ErrorId::all().map(|id| (id.name(), kinds[id.index()]));
+        ErrorFunctionsText { order, default, by_error: named.filter(|(_, kind)| *kind != default).collect() }
+    }
+}
+
+impl From<AxisText> for Axis {
+    fn from(text: AxisText) -> Axis {
+        match text {
+            AxisText::X => Axis::X,
+            AxisText::Y => Axis::Y,
+            AxisText::Z => Axis::Z,
+        }
+    }
+}
+
+impl From<Axis> for AxisText {
+    fn from(axis: Axis) -> AxisText {
+        match axis {
+            Axis::X => AxisText::X,
+            Axis::Y => AxisText::Y,
+            Axis::Z => AxisText::Z,
+        }
+    }
+}
+
+impl From<&SquarenessText> for Squareness {
+    fn from(text: &SquarenessText) -> Squareness {
+        Squareness { name: text.name.clone(), tilts: text.tilts.into(), about: text.about.into() }
+    }
+}
+
+impl From<&Squareness> for SquarenessText {
+    fn from(entry: &Squareness) -> SquarenessText {
+        SquarenessText { name: entry.name.clone(), tilts: entry.tilts.into(), about: entry.about.into() }
+    }
+}
+
+impl From<RotationText> for RotationForm {
+    fn from(text: RotationText) -> RotationForm {
+        match text {
+            RotationText::Exact => RotationForm::Exact,
+            RotationText::SmallAngle => RotationForm::SmallAngle,
+        }
+    }
+}
+
+impl From<RotationForm> for RotationText {
+    fn from(form: RotationForm) -> RotationText {
+        match form {
+            RotationForm::Exact => RotationText::Exact,
+            RotationForm::SmallAngle => RotationText::SmallAngle,
+        }
+    }
+}
+
+impl From<KindText> for Option<Kind> {
+    fn from(text: KindText) -> Option<Kind> {
+        match text {
+            KindText::Polynomial { degree } => Some(Kind::Polynomial { degree }),
+            KindText::Nodes { count } => Some(Kind::Nodes { count }),
+            KindText::Bspline { intervals } => Some(Kind::BSpline { intervals }),
+            KindText::Zero {} => None,
+        }
+    }
+}
+
+impl From<Option<Kind>> for KindText {
+    fn from(kind: Option<Kind>) -> KindText {
+        match kind {
+            Some(Kind::Polynomial { degree }) => KindText::Polynomial { degree },
+            Some(Kind::Nodes { count }) => KindText::Nodes { count },
+            Some(Kind::BSpline { intervals }) => KindText::Bspline { intervals },
+            None => KindText::Zero {},
+        }
+    }
 }

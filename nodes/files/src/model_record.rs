@@ -1,0 +1,333 @@
+//! The content of a model file as JSON holds it: SI throughout, every number beside its unit.
+//!
+//! Place in the flow: [`crate::model_file`] wraps it in the hashed envelope; here a checked model becomes a
+//! structure for JSON and back. Coefficients stand under their error's name, so that a file can be read by eye.
+
+use crate::error::{FileError, Place};
+use crate::machine::{SIGN_CONVENTION, machine_of_record, record_of_machine};
+use crate::machine_document::MachineRecord;
+use crate::model_file::{DataSource, ModelFile, ResidualReference};
+use abbe_geometry::effects::{ParameterSpec, Shape};
+use abbe_geometry::layout::Layout;
+use abbe_geometry::machine::Machine;
+use abbe_geometry::model::{FitQuality, FittedEffect, IdentifiedVolume, MachineModel, ModelParts, Station};
+use abbe_geometry::{ErrorId, Vector3};
+use abbe_measurement::instrument::RangeUncertainty;
+use serde::{Deserialize, Serialize, Serializer};
+use serde_json::Value;
+use serde_json::value::RawValue;
+use std::collections::BTreeMap;
+
+const UNITS: &str = "SI: m, rad, s; uncertainties are standard uncertainties (k = 1)";
+const REFERENCE_POINT: &str = "ram reference point; the offset leads from it to tip or reflector in the ram frame; \
+                               every error is 0 at the lower end of its stroke, straightness also at the upper end";
+const COVARIANCE_ORDER: &str = "packed lower triangle row by row: error coefficients EXX EYX EZX EAX EBX ECX EXY ... \
+                                ECZ, squareness, effect parameters, then x y z and dead path of each station";
+
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct ModelRecord {
+    software: String,
+    units: String,
+    reference_point: String,
+    sign_convention: String,
+    machine: MachineRecord,
+    instrument: InstrumentRecord,
+    error_functions: BTreeMap<String, CoefficientsRecord>,
+    squareness: BTreeMap<String, ValueRecord>,
+    effects: Vec<EffectRecord>,
+    residual_network: Option<ResidualReference>,
+    stations: Vec<StationRecord>,
+    identified_volume: VolumeRecord,
+    quality: QualityRecord,
+    data: Vec<DataSource>,
+    seed: Option<u64>,
+    options: Value,
+    evidence: Value,
+    covariance: CovarianceRecord,
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct InstrumentRecord {
+    u_k1_constant_m: f64,
+    u_k1_per_metre: f64,
+    absolute: bool,
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct CoefficientsRecord {
+    unit: String,
+    coefficients: OneLine,
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct ValueRecord {
+    unit: String,
+    value: f64,
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct EffectRecord {
+    name: String,
+    shape: Shape,
+    parameters: Vec<ParameterRecord>,
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct ParameterRecord {
+    name: String,
+    unit: String,
+    value: f64,
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct StationRecord {
+    name: String,
+    position_m: [f64; 3],
+    dead_path_m: f64,
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct VolumeRecord {
+    reading_m: [(f64, f64); 3],
+    offset_m: [(f64, f64); 3],
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct QualityRecord {
+    readings: usize,
+    rejected: usize,
+    chi2_per_dof: f64,
+    residual_rms_m: f64,
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct CovarianceRecord {
+    order: String,
+    packed: OneLine,
+}
+
+/// A list that stays on one line where everything around it is indented.
+#[derive(Deserialize)]
+#[serde(transparent)]
+struct OneLine(Vec<f64>);
+
+impl Serialize for OneLine {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let text = serde_json::to_string(&self.0).map_err(serde::ser::Error::custom)?;
+        RawValue::from_string(text).map_err(serde::ser::Error::custom)?.serialize(serializer)
+    }
+}
+
+impl ModelRecord {
+    pub(crate) fn new(file: &ModelFile) -> ModelRecord {
+        let parts = file.model.parts();
+        let layout = file.model.layout();
+        let functions = ErrorId::all().filter(|id| layout.basis(*id).is_some()).map(|id| {
+            let coefficients = OneLine(parts.coefficients[layout.range(id)].to_vec());
+            (id.name(), CoefficientsRecord { unit: unit(id).to_owned(), coefficients })
+        });
+        let squareness = parts.machine.squareness.iter().zip(&parts.coefficients[layout.squareness()]);
+        ModelRecord {
+            software: file.software.clone(),
+            units: UNITS.to_owned(),
+            reference_point: REFERENCE_POINT.to_owned(),
+            sign_convention: SIGN_CONVENTION.to_owned(),
+            machine: record_of_machine(&parts.machine, file.order),
+            instrument: InstrumentRecord {
+                u_k1_constant_m: file.instrument.constant_m,
+                u_k1_per_metre: file.instrument.per_metre,
+                absolute: file.absolute_range,
+            },
+            error_functions: functions.collect(),
+            squareness: squareness
+                .map(|(entry, value)| (entry.name.clone(), ValueRecord { unit: "rad".to_owned(), value: *value }))
+                .collect(),
+            effects: parts.effects.iter().map(effect_record).collect(),
+            residual_network: file.residual_network.clone(),
+            stations: parts.stations.iter().map(station_record).collect(),
+            identified_volume: VolumeRecord {
+                reading_m: parts.identified.reading_m,
+                offset_m: parts.identified.offset_m,
+            },
+            quality: QualityRecord {
+                readings: parts.quality.readings,
+                rejected: parts.quality.rejected,
+                chi2_per_dof: parts.quality.chi2_per_dof,
+                residual_rms_m: parts.quality.residual_rms_m,
+            },
+            data: file.data.clone(),
+            seed: file.seed,
+            options: file.options.clone(),
+            evidence: file.evidence.clone(),
+            covariance: CovarianceRecord {
+                order: COVARIANCE_ORDER.to_owned(),
+                packed: OneLine(parts.covariance.clone()),
+            },
+        }
+    }
+
+    /// The model, checked; `name` is the file in messages.
+    pub(crate) fn into_model_file(mut self, name: &str) -> Result<ModelFile, FileError> {
+        self.check_texts(name)?;
+        let order = self.machine.error_functions.order;
+        let machine = machine_of_record(self.machine, name)?;
+        let layout = Layout::new(&machine).map_err(|error| damaged(name, "machine", error.to_string()))?;
+        let mut coefficients = error_coefficients(&layout, &mut self.error_functions, name)?;
+        coefficients.extend(squareness_values(&machine, &mut self.squareness, name)?);
+        let effects = self.effects.into_iter().map(|record| {
+            let key = format!("effects.{}", record.name);
+            fitted_effect(record).map_err(|problem| damaged(name, &key, problem))
+        });
+        let parts = ModelParts {
+            machine,
+            coefficients,
+            effects: effects.collect::<Result<_, _>>()?,
+            stations: self.stations.into_iter().map(station).collect(),
+            covariance: self.covariance.packed.0,
+            identified: IdentifiedVolume {
+                reading_m: self.identified_volume.reading_m,
+                offset_m: self.identified_volume.offset_m,
+            },
+            quality: FitQuality {
+                readings: self.quality.readings,
+                rejected: self.quality.rejected,
+                chi2_per_dof: self.quality.chi2_per_dof,
+                residual_rms_m: self.quality.residual_rms_m,
+            },
+        };
+        Ok(ModelFile {
+            model: MachineModel::new(parts).map_err(|error| damaged(name, "model", error.to_string()))?,
+            order,
+            instrument: RangeUncertainty {
+                constant_m: self.instrument.u_k1_constant_m,
+                per_metre: self.instrument.u_k1_per_metre,
+            },
+            absolute_range: self.instrument.absolute,
+            residual_network: self.residual_network,
+            data: self.data,
+            seed: self.seed,
+            options: self.options,
+            evidence: self.evidence,
+            software: self.software,
+        })
+    }
+
+    fn check_texts(&self, name: &str) -> Result<(), FileError> {
+        let texts = [
+            ("sign_convention", &self.sign_convention, SIGN_CONVENTION),
+            ("units", &self.units, UNITS),
+            ("reference_point", &self.reference_point, REFERENCE_POINT),
+            ("covariance.order", &self.covariance.order, COVARIANCE_ORDER),
+        ];
+        match texts.into_iter().find(|(_, found, expected)| found != expected) {
+            None => Ok(()),
+            Some((key, found, expected)) => {
+                Err(damaged(name, key, format!("{found:?} is not what this software means: {expected:?}")))
+            }
+        }
+    }
+}
+
+fn damaged(file: &str, key: &str, problem: String) -> FileError {
+    FileError::content(Place::file(file).key(key), problem, "the model is damaged; identify it again")
+}
+
+/// Coefficients of all error functions in layout order; takes what it uses and refuses what is left.
+fn error_coefficients(
+    layout: &Layout,
+    records: &mut BTreeMap<String, CoefficientsRecord>,
+    file: &str,
+) -> Result<Vec<f64>, FileError> {
+    let mut coefficients = Vec::with_capacity(layout.len());
+    for id in ErrorId::all() {
+        let Some(basis) = layout.basis(id) else { continue };
+        let key = format!("error_functions.{}", id.name());
+        let record = records.remove(&id.name()).ok_or_else(|| damaged(file, &key, "the error is missing".into()))?;
+        let found = record.coefficients.0;
+        if record.unit != unit(id) || found.len() != basis.len() {
+            let (length, unit_found, needed, unit_needed) = (found.len(), record.unit, basis.len(), unit(id));
+            let problem = format!(
+                "it holds {length} coefficients in {unit_found}, but {needed} in {unit_needed} are needed for this machine"
+            );
+            return Err(damaged(file, &key, problem));
+        }
+        coefficients.extend(found);
+    }
+    match records.keys().next() {
+        None => Ok(coefficients),
+        Some(name) => {
+            let problem = "this machine has no such error function".to_owned();
+            Err(damaged(file, &format!("error_functions.{name}"), problem))
+        }
+    }
+}
+
+/// Squareness angles (rad) in the machine's order.
+fn squareness_values(
+    machine: &Machine,
+    records: &mut BTreeMap<String, ValueRecord>,
+    file: &str,
+) -> Result<Vec<f64>, FileError> {
+    let mut values = Vec::with_capacity(machine.squareness.len());
+    for entry in &machine.squareness {
+        let record = records.remove(&entry.name).filter(|record| record.unit == "rad");
+        let missing = || damaged(file, "squareness", format!("{} in rad is missing", entry.name));
+        values.push(record.ok_or_else(missing)?.value);
+    }
+    match records.keys().next() {
+        None => Ok(values),
+        Some(name) => {
+            let problem = "this machine has no such squareness".to_owned();
+            Err(damaged(file, &format!("squareness.{name}"), problem))
+        }
+    }
+}
+
+fn unit(id: ErrorId) -> &'static str {
+    if id.is_angular() { "rad" } else { "m" }
+}
+
+fn effect_record(fitted: &FittedEffect) -> EffectRecord {
+    let values = fitted.effect.parameters().into_iter().zip(&fitted.parameters);
+    EffectRecord {
+        name: fitted.effect.name().to_owned(),
+        shape: fitted.shape.clone(),
+        parameters: values
+            .map(|(spec, value)| ParameterRecord { name: spec.name, unit: spec.unit.to_owned(), value: *value })
+            .collect(),
+    }
+}
+
+fn fitted_effect(record: EffectRecord) -> Result<FittedEffect, String> {
+    let values = record.parameters.iter().map(|parameter| parameter.value).collect();
+    let fitted = MachineModel::fitted_effect(&record.name, record.shape, values).map_err(|error| error.to_string())?;
+    let specs = fitted.effect.parameters();
+    let same = |(spec, found): (&ParameterSpec, &ParameterRecord)| spec.name == found.name && spec.unit == found.unit;
+    if specs.len() != record.parameters.len() || !specs.iter().zip(&record.parameters).all(same) {
+        let expected: Vec<String> = specs.iter().map(|spec| format!("{} in {}", spec.name, spec.unit)).collect();
+        return Err(format!("the parameters are not those of the effect: {}", expected.join(", ")));
+    }
+    Ok(fitted)
+}
+
+fn station_record(station: &Station) -> StationRecord {
+    StationRecord {
+        name: station.name.clone(),
+        position_m: station.position_m.into(),
+        dead_path_m: station.dead_path_m,
+    }
+}
+
+fn station(record: StationRecord) -> Station {
+    Station { name: record.name, position_m: Vector3::from(record.position_m), dead_path_m: record.dead_path_m }
+}
