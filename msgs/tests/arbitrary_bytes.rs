@@ -57,6 +57,25 @@ fn a_record_longer_than_its_chunk_is_an_error() {
     assert!(matches!(read.as_slice(), [Err(_)]), "{read:?}");
 }
 
+#[test]
+fn a_text_longer_than_its_record_is_an_error() {
+    // Found by fuzzing: the length alone made the MCAP reader reserve gigabytes.
+    let mut schema = vec![1, 0];
+    schema.extend(u32::MAX.to_le_bytes());
+    let mut channel = vec![1, 0, 1, 0];
+    channel.extend([0; 8]); // no topic, no encoding
+    channel.extend(8_u32.to_le_bytes());
+    channel.extend([0, 0, 0, 0]);
+    channel.extend(u32::MAX.to_le_bytes());
+    let mut chunk = vec![0; 28];
+    chunk.extend(u32::MAX.to_le_bytes());
+    for record in [(0x03, schema), (0x04, channel), (0x06, chunk)] {
+        let bytes = mcap_of(&[record]);
+        let read: Vec<_> = abbe_msgs::bag::messages_from("crafted".as_ref(), bytes.as_slice()).collect();
+        assert!(matches!(read.as_slice(), [Err(_)]), "{read:?}");
+    }
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(2000))]
 

@@ -2,6 +2,7 @@
 
 #![no_main]
 
+#[allow(dead_code)] // each target uses its part
 #[path = "../exercise.rs"]
 mod exercise;
 

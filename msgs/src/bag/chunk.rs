@@ -10,8 +10,7 @@ use mcap::McapError;
 use mcap::records::{Record, op};
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
 
-/// Opcode and length in front of every record.
-const RECORD_HEADER_SIZE: usize = 9;
+use super::framing;
 
 /// Longest record that is read; bounds the memory a damaged length can ask for.
 pub(super) const RECORD_LIMIT: usize = 128 * 1024 * 1024;
@@ -21,7 +20,7 @@ pub(super) const RECORD_LIMIT: usize = 128 * 1024 * 1024;
 /// # Errors
 /// When the chunk is damaged or compressed in an unknown way.
 pub(super) fn records(body: &[u8]) -> Result<Vec<Record<'static>>, McapError> {
-    check_framing(body)?;
+    framing::check(op::CHUNK, body)?;
     let mut reader = LinearReader::new_with_options(
         LinearReaderOptions::default()
             .with_skip_start_magic(true)
@@ -57,28 +56,10 @@ pub(super) fn records(body: &[u8]) -> Result<Vec<Record<'static>>, McapError> {
 /// nothing that a message needs.
 pub(super) fn parse(opcode: u8, data: &[u8]) -> Result<Option<Record<'_>>, McapError> {
     match opcode {
-        op::SCHEMA | op::CHANNEL | op::MESSAGE => mcap::parse_record(opcode, data).map(Some),
+        op::SCHEMA | op::CHANNEL | op::MESSAGE => {
+            framing::check(opcode, data)?;
+            mcap::parse_record(opcode, data).map(Some)
+        }
         _ => Ok(None),
     }
-}
-
-/// Checks that the records of an uncompressed chunk fill it exactly. The MCAP reader subtracts
-/// their lengths from the rest of the chunk unchecked.
-fn check_framing(body: &[u8]) -> Result<(), McapError> {
-    let Record::Chunk { header, data } = mcap::parse_record(op::CHUNK, body)? else {
-        return Err(McapError::UnexpectedEoc);
-    };
-    if !header.compression.is_empty() {
-        return Ok(());
-    }
-    let mut rest: &[u8] = &data;
-    while !rest.is_empty() {
-        let (record_header, after) = rest.split_first_chunk::<RECORD_HEADER_SIZE>().ok_or(McapError::UnexpectedEoc)?;
-        let [_, length @ ..] = *record_header;
-        rest = usize::try_from(u64::from_le_bytes(length))
-            .ok()
-            .and_then(|length| after.get(length..))
-            .ok_or(McapError::UnexpectedEoc)?;
-    }
-    Ok(())
 }

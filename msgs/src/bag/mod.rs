@@ -28,6 +28,7 @@
 
 mod chunk;
 mod error;
+mod framing;
 mod metadata;
 mod qos;
 mod reader;
