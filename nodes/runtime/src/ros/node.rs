@@ -106,6 +106,12 @@ impl RosNode {
         &self.0.identity
     }
 
+    /// The rules by which the node renames topics and services.
+    #[must_use]
+    pub fn remaps(&self) -> &[RemapRule] {
+        &self.0.remaps
+    }
+
     /// The absolute name of what the node calls `name`, after remapping.
     ///
     /// # Errors

@@ -43,6 +43,12 @@ impl EdgesConfig {
             depth: NonZeroUsize::MIN.saturating_add(DEFAULT_DEPTH - 1),
         }
     }
+
+    /// DDS through `node`, under its name and with its remapping.
+    #[must_use]
+    pub fn with_ros(node: RosNode) -> Self {
+        Self { remaps: node.remaps().to_vec(), ros: Some(node.clone()), ..Self::new(node.identity().clone()) }
+    }
 }
 
 /// The transports of one node.

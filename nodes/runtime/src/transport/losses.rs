@@ -47,7 +47,8 @@ impl Losses {
         if number < next {
             return Arrival::Repeated;
         }
-        self.lost += number - next;
+        // A number far ahead, as only a faulty or hostile peer sends it, must not overflow the count.
+        self.lost = self.lost.saturating_add(number - next);
         Arrival::New
     }
 }
@@ -77,6 +78,17 @@ mod tests {
         assert_eq!(losses.judge(A, 5), Arrival::Repeated);
         assert_eq!(losses.judge(A, 6), Arrival::New);
         assert_eq!(losses.count(), 0);
+    }
+
+    #[test]
+    fn numbers_at_the_end_of_the_range_do_not_overflow() {
+        let mut losses = Losses::default();
+        for publisher in [A, B] {
+            losses.judge(publisher, 0);
+            losses.judge(publisher, u64::MAX);
+        }
+        assert_eq!(losses.count(), u64::MAX);
+        assert_eq!(losses.judge(A, 7), Arrival::Repeated);
     }
 
     #[test]

@@ -11,6 +11,7 @@
 //! misses is counted by [`Subscribe::lost`]; who joins late gets what is sent from then on.
 
 pub mod dds;
+mod deadline;
 mod edges;
 mod error;
 mod fan_out;

@@ -4,13 +4,14 @@
 //! thread puts what arrives into a cache of `depth` samples a publisher.
 
 use std::num::NonZeroUsize;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use abbe_msgs::Message;
 use ros2_client::dds::rustdds::mio1::{Events, Interest, Poll, Token};
 use ros2_client::{ReadError, Subscription};
 
 use crate::ros::{RosNode, stream_qos};
+use crate::transport::deadline::Deadline;
 use crate::transport::losses::{Arrival, Losses};
 use crate::transport::{Subscribe, TransportError, TransportKind};
 
@@ -96,12 +97,12 @@ impl<M: Message> Subscribe<M> for DdsSubscriber<M> {
     }
 
     fn wait(&mut self, timeout: Duration) -> Result<bool, TransportError> {
-        let deadline = Instant::now() + timeout;
+        let deadline = Deadline::after(timeout);
         loop {
             if self.waiting.is_none() {
                 self.waiting = self.receive()?;
             }
-            let left = deadline.saturating_duration_since(Instant::now());
+            let left = deadline.round();
             if self.waiting.is_some() || left.is_zero() {
                 return Ok(self.waiting.is_some());
             }

@@ -2,7 +2,7 @@
 //!
 //! Place in the flow: on the thread of the node that works with the samples.
 
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use abbe_msgs::Message;
 use iceoryx2::port::listener::{Listener, ListenerWaitError};
@@ -10,6 +10,7 @@ use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::service::ipc_threadsafe::Service;
 
 use super::{SampleNumber, SharedMemory, endpoint_error};
+use crate::transport::deadline::Deadline;
 use crate::transport::losses::{Arrival, Losses};
 use crate::transport::{Subscribe, TransportError, TransportKind};
 
@@ -87,12 +88,12 @@ impl<M: Message> Subscribe<M> for SharedMemorySubscriber<M> {
     }
 
     fn wait(&mut self, timeout: Duration) -> Result<bool, TransportError> {
-        let deadline = Instant::now() + timeout;
+        let deadline = Deadline::after(timeout);
         loop {
             if self.waiting.is_none() {
                 self.waiting = self.receive()?;
             }
-            let left = deadline.saturating_duration_since(Instant::now());
+            let left = deadline.round();
             if self.waiting.is_some() || left.is_zero() {
                 return Ok(self.waiting.is_some());
             }
