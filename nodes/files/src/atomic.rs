@@ -166,6 +166,10 @@ mod tests {
         let mut file = AtomicFile::create(&path).unwrap();
         file.write_all(&vec![b'a'; 3 * BUFFER_BYTES]).unwrap();
         assert!(!path.exists());
+        #[cfg(target_os = "linux")]
+        if matches!(file.writer.get_ref(), Storage::Unnamed(_)) {
+            assert!(names(folder.path()).is_empty(), "a kill leaves nothing behind");
+        }
         file.commit().unwrap();
         assert_eq!(fs::read(&path).unwrap().len(), 3 * BUFFER_BYTES);
         assert_eq!(names(folder.path()), ["out.csv"]);

@@ -130,7 +130,7 @@ impl ModelFile {
 
     /// Reads the bytes of a model file; `name` is the file in messages.
     pub fn from_bytes(bytes: &[u8], name: &str) -> Result<(ModelFile, [u8; 32]), FileError> {
-        let head: Head = serde_json::from_slice(bytes).map_err(|error| unreadable(name, &error))?;
+        let head: Head = serde_json::from_slice(bytes).map_err(|error| unreadable(name, bytes, &error))?;
         let refuse = |key: &str, problem: String, remedy: &str| {
             Err(FileError::content(Place::file(name).key(key), problem, remedy))
         };
@@ -142,14 +142,14 @@ impl ModelFile {
             let problem = format!("version {} is not known; this software reads version {VERSION}", head.version);
             return refuse("version", problem, "use the software that wrote the model, or identify it again");
         }
-        let envelope: Envelope<'_> = serde_json::from_slice(bytes).map_err(|error| unreadable(name, &error))?;
+        let envelope: Envelope<'_> = serde_json::from_slice(bytes).map_err(|error| unreadable(name, bytes, &error))?;
         let digest: [u8; 32] = Sha256::digest(envelope.model.get().as_bytes()).into();
         if envelope.sha256 != hex(&digest) {
             let problem = "the content does not match its hash: it was changed after it was written".to_owned();
             return refuse("sha256", problem, "copy the file again, or identify the model again");
         }
         let record: ModelRecord =
-            serde_json::from_str(envelope.model.get()).map_err(|error| unreadable(name, &error))?;
+            serde_json::from_str(envelope.model.get()).map_err(|error| unreadable(name, bytes, &error))?;
         Ok((record.into_model_file(name)?, digest))
     }
 
@@ -183,9 +183,11 @@ pub fn hex(bytes: &[u8]) -> String {
     bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
-fn unreadable(name: &str, error: &serde_json::Error) -> FileError {
+fn unreadable(name: &str, bytes: &[u8], error: &serde_json::Error) -> FileError {
     let place = Place::file(name).line(error.line() as u64);
-    let (problem, remedy) = if error.is_eof() {
+    // A file cut within a number is no end of file to the parser, but no whole file ends without its brace.
+    let cut_off = error.is_eof() || (bytes.starts_with(b"{") && !bytes.ends_with(b"}"));
+    let (problem, remedy) = if cut_off {
         ("the model file is cut off".to_owned(), "copy it again, or identify the model again")
     } else {
         (format!("this is no model file: {error}"), "give a file that abbe identify has written")

@@ -1,0 +1,98 @@
+//! No bytes make a reader panic, and what was written is read again as it was.
+
+#![allow(clippy::unwrap_used, clippy::panic)] // helpers of tests may
+
+use abbe_files::{ModelFile, PointRow, PointsReader, machine_text, parse_machine, read_campaign};
+use proptest::collection::vec;
+use proptest::prelude::*;
+
+const BRIDGE: &str = include_str!("../../../launch-config/machines/bridge_xyz.toml");
+const CAMPAIGN: &str = "station,line,time_s,x_mm,y_mm,z_mm,offset_x_mm,offset_y_mm,offset_z_mm,length_mm,load_kg\n\
+                        S1,A,1,600,588,450,0,0,-60,0,1\nS1,A,2,600,574.1,450,0,0,-60,-8.4,\nS2,B,2,1,2,3,0,0,-60,0,2\n";
+
+/// Puts every reader to the bytes; what they say does not matter here.
+fn read_all(bytes: &[u8]) {
+    let _ = read_campaign(bytes, "fuzz", None);
+    let _ = read_campaign(bytes, "fuzz", Some([0.0; 3]));
+    let _ = ModelFile::from_bytes(bytes, "fuzz");
+    if let Ok(text) = std::str::from_utf8(bytes) {
+        let _ = parse_machine(text, "fuzz");
+    }
+    if let Ok(mut reader) = PointsReader::new(bytes, "fuzz", Some([0.0; 3])) {
+        let mut row = PointRow::default();
+        while let Ok(true) = reader.read(&mut row) {}
+    }
+}
+
+/// A text with some of its bytes replaced, left out or doubled.
+fn mangled(text: &'static str) -> impl Strategy<Value = Vec<u8>> {
+    vec((any::<prop::sample::Index>(), any::<u8>(), 0..3), 1..6).prop_map(move |changes| {
+        let mut bytes = text.as_bytes().to_vec();
+        for (position, byte, how) in changes {
+            let index = position.index(bytes.len());
+            match how {
+                0 => bytes[index] = byte,
+                1 => drop(bytes.remove(index)),
+                _ => bytes.insert(index, bytes[index]),
+            }
+        }
+        bytes
+    })
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(1000))]
+
+    #[test]
+    fn arbitrary_bytes_never_panic(bytes in vec(any::<u8>(), 0..400)) {
+        read_all(&bytes);
+    }
+
+    #[test]
+    fn mangled_files_never_panic(campaign in mangled(CAMPAIGN), machine in mangled(BRIDGE)) {
+        read_all(&campaign);
+        read_all(&machine);
+    }
+
+    /// Rows as a logger writes them, with seven decimals, come back as these numbers.
+    #[test]
+    fn campaigns_come_back(
+        rows in vec((-1e3f64..1e3, -1e3f64..1e3, -1e3f64..1e3, -2e3f64..2e3, prop::option::of(-50f64..50.0)), 1..30),
+        crlf: bool,
+    ) {
+        let end = if crlf { "\r\n" } else { "\n" };
+        let mut text = format!("load_kg,station,time_s,length_mm,z_mm,y_mm,x_mm{end}");
+        for (k, (x, y, z, length, load)) in rows.iter().enumerate() {
+            let load = load.map_or(String::new(), |load| load.to_string());
+            text += &format!("{load},S1,{k},{length},{z},{y},{x}{end}");
+        }
+        let file = read_campaign(text.as_bytes(), "c.csv", Some([0.0, 0.0, -0.06])).unwrap();
+        prop_assert_eq!(file.campaign.readings.len(), rows.len());
+        for (k, (reading, (x, y, z, length, load))) in file.campaign.readings.iter().zip(&rows).enumerate() {
+            prop_assert_eq!(reading.reading_m, [x / 1e3, y / 1e3, z / 1e3]);
+            prop_assert_eq!((reading.length_m, reading.time_s), (length / 1e3, k as f64));
+            prop_assert_eq!(file.campaign.covariates[0].values[k], *load);
+        }
+    }
+
+    #[test]
+    fn machines_come_back(
+        ends_mm in vec((-1000i32..0, 1i32..3000), 3),
+        repeatability_nm in vec(0i32..5000, 3),
+        intervals in 1usize..40,
+        degree in 1usize..=10,
+        offset_tenths in prop::option::of(vec(-2000i32..2000, 3)),
+    ) {
+        let mut file = parse_machine(BRIDGE, "m").unwrap();
+        for k in 0..3 {
+            file.machine.stroke_m[k] = (f64::from(ends_mm[k].0) / 1e3, f64::from(ends_mm[k].1) / 1e3);
+            file.machine.repeatability_m[k] = f64::from(repeatability_nm[k]) / 1e3 / 1e6;
+        }
+        file.machine.kinds[0] = Some(abbe_geometry::error_function::Kind::BSpline { intervals });
+        file.machine.kinds[4] = Some(abbe_geometry::error_function::Kind::Polynomial { degree });
+        file.machine.kinds[9] = None;
+        file.machine.default_offset_m = offset_tenths.map(|t| [t[0], t[1], t[2]].map(|v| f64::from(v) / 10.0 / 1e3));
+        let text = machine_text(&file).unwrap();
+        prop_assert_eq!(parse_machine(&text, "m").unwrap(), file, "{}", text);
+    }
+}

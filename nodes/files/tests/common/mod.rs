@@ -1,0 +1,58 @@
+//! A model with random numbers everywhere, for the tests of files.
+
+use abbe_files::{DataSource, ModelFile, ResidualReference, parse_machine};
+use abbe_geometry::Vector3;
+use abbe_geometry::effects::Shape;
+use abbe_geometry::error_function::Kind;
+use abbe_geometry::layout::Layout;
+use abbe_geometry::model::{FitQuality, IdentifiedVolume, MachineModel, ModelParts, Station};
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+/// A small model whose numbers use all digits of a double.
+pub(crate) fn model(seed: u64) -> ModelFile {
+    let text = include_str!("../../../../launch-config/machines/bridge_xyz.toml");
+    let file = parse_machine(text, "bridge_xyz.toml").unwrap();
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let mut machine = file.machine;
+    machine.kinds = [Some(Kind::Polynomial { degree: 2 }); 18];
+    machine.kinds[5] = None;
+    machine.stroke_m[1].1 = 0.1 + 0.2 + rng.random_range(0.0..0.3);
+    let mut numbers = |count: usize, scale: f64| -> Vec<f64> {
+        (0..count).map(|_| scale * rng.random_range(-1.0..1.0) * 10f64.powi(rng.random_range(-6..3))).collect()
+    };
+    let coefficients = numbers(Layout::new(&machine).unwrap().len(), 1e-5);
+    let effects = [("reversal", 3), ("scale_expansion", 3)].map(|(name, count)| {
+        let effect = abbe_geometry::effects::construct(name, &Shape::new()).unwrap();
+        assert_eq!(effect.parameters().len(), count, "{name}");
+        MachineModel::fitted_effect(name, Shape::new(), numbers(count, 1e-6)).unwrap()
+    });
+    let position = numbers(3, 1.0);
+    let stations = vec![Station {
+        name: "S1 \"north\"".to_owned(),
+        position_m: Vector3::new(position[0], position[1], position[2]),
+        dead_path_m: numbers(1, 1.0)[0],
+    }];
+    let total = coefficients.len() + 6 + 4;
+    let parts = ModelParts {
+        covariance: numbers(total * (total + 1) / 2, 1e-12),
+        identified: IdentifiedVolume { reading_m: [(0.0, 0.8); 3], offset_m: [(-0.1, 0.1); 3] },
+        quality: FitQuality { readings: 2817, rejected: 3, chi2_per_dof: 1.0 / 3.0, residual_rms_m: 0.1e-6 },
+        machine,
+        coefficients,
+        effects: effects.into(),
+        stations,
+    };
+    ModelFile {
+        model: MachineModel::new(parts).unwrap(),
+        order: file.order,
+        instrument: file.instrument,
+        absolute_range: file.absolute_range,
+        residual_network: Some(ResidualReference { file: "residual.bin".to_owned(), sha256: "00".repeat(32) }),
+        data: vec![DataSource { file: "campaign.csv".to_owned(), sha256: "ab".repeat(32) }],
+        seed: Some(7),
+        options: serde_json::json!({"robust": true}),
+        evidence: serde_json::json!({"bic": [0.1, -2.5e-3], "note": "µm"}),
+        software: "abbe 0.1.0".to_owned(),
+    }
+}

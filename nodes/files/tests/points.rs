@@ -1,0 +1,94 @@
+//! Points go through with their cells as they were and the corrected coordinates beside them.
+
+#![allow(clippy::unwrap_used, clippy::panic)] // helpers of tests may
+
+mod common;
+
+use abbe_files::{ADDED_COLUMNS, FileError, PointRow, PointsReader, PointsWriter};
+use abbe_geometry::correct::{Status, correct};
+use abbe_geometry::effects::{CovariateSource, CovariateValue, State};
+use std::io::Read;
+
+const HEAD: &str = "point,x_mm,y_mm,z_mm,offset_x_mm,offset_y_mm,offset_z_mm,temp_air_c,note";
+const ROW: &str = "007,316.5469976,84.2584672,442.2081844,0,0,-60,20.70,\"slow, twice\"";
+
+fn open(text: &str) -> Result<PointsReader<&[u8]>, FileError> {
+    PointsReader::new(text.as_bytes(), "p.csv", None)
+}
+
+#[track_caller]
+fn refused<R: Read>(result: Result<PointsReader<R>, FileError>, parts: &[&str]) {
+    let Err(error) = result else { panic!("it was accepted") };
+    parts.iter().for_each(|part| assert!(error.to_string().contains(part), "{error} does not say {part:?}"));
+}
+
+#[test]
+fn rows_are_read_in_si_with_their_covariates() {
+    let text = format!("{HEAD}\n{ROW}\n");
+    let mut reader = open(&text).unwrap();
+    let mut row = PointRow::default();
+    assert!(reader.read(&mut row).unwrap());
+    assert_eq!((row.line(), row.actual_m), (2, None));
+    assert_eq!(row.reading_m, [316.5469976, 84.2584672, 442.2081844].map(|mm| mm / 1e3));
+    assert_eq!(row.offset_m, [0.0, 0.0, -0.06]);
+    let covariates = reader.covariates(&row);
+    assert_eq!(covariates.covariate("temp_air_c"), CovariateValue::Fresh(20.70));
+    for name in ["note", "load_kg", "x_mm"] {
+        assert_eq!(covariates.covariate(name), CovariateValue::Missing, "{name}");
+    }
+    assert!(!reader.read(&mut row).unwrap());
+}
+
+#[test]
+fn the_output_is_the_input_and_seven_columns() {
+    let file = common::model(3);
+    let far = ROW.replace("316.5469976", "5000");
+    let text = format!("{HEAD}\n{ROW}\n{far}\n");
+    let mut reader = open(&text).unwrap();
+    let mut writer = PointsWriter::new(Vec::new(), "out.csv", reader.columns()).unwrap();
+    let (mut row, mut corrections) = (PointRow::default(), Vec::new());
+    while reader.read(&mut row).unwrap() {
+        let covariates = reader.covariates(&row);
+        let state = State { reading_m: row.reading_m, offset_m: row.offset_m, covariates: &covariates };
+        let correction = correct(&file.model, &state);
+        writer.write(&row, &correction).unwrap();
+        corrections.push(correction);
+    }
+    let output = String::from_utf8(writer.finish().unwrap()).unwrap();
+    let lines: Vec<&str> = output.lines().collect();
+    assert_eq!(lines[0], format!("{HEAD},{}", ADDED_COLUMNS.join(",")));
+    let p = corrections[0].position_m * 1e3;
+    let u = (0..3).map(|k| 2e6 * corrections[0].covariance_m2.unwrap()[(k, k)].max(0.0).sqrt()).collect::<Vec<_>>();
+    assert_eq!(corrections[0].status, Status::CovariateMissing, "the rows carry no scale temperatures");
+    let expected =
+        format!("{ROW},{:.7},{:.7},{:.7},{:.4},{:.4},{:.4},covariate_missing", p.x, p.y, p.z, u[0], u[1], u[2]);
+    assert_eq!(lines[1], expected);
+    assert_eq!(lines[2], format!("{far},,,,,,,rejected"));
+    refused(open(&output), &["p.csv, line 1, column corrected_x_mm", "already holds", "before correction"]);
+}
+
+#[test]
+fn what_is_wrong_with_points_is_named() {
+    refused(open(""), &["p.csv: the file is empty"]);
+    refused(open(&HEAD.replace(",z_mm", ",z_m")), &["column z_m", "millimetres"]);
+    refused(open(&HEAD.replace(",z_mm", "")), &["column z_mm", "missing"]);
+    refused(open("x_mm,y_mm,z_mm\n1,2,3"), &["default_offset_mm", "offset_x_mm"]);
+    assert!(PointsReader::new("x_mm,y_mm,z_mm\n1,2,3".as_bytes(), "p.csv", Some([0.0; 3])).is_ok());
+    for (cell, says) in [("NaN", "not a finite number"), ("", "empty"), ("1;2", "not a number")] {
+        let text = format!("{HEAD}\n{}", ROW.replace("84.2584672", cell));
+        let error = open(&text).unwrap().read(&mut PointRow::default()).unwrap_err().to_string();
+        assert!(error.starts_with("p.csv, line 2, column y_mm") && error.contains(says), "{error}");
+    }
+    let error = open(&format!("{HEAD}\n1,2")).unwrap().read(&mut PointRow::default()).unwrap_err().to_string();
+    assert!(error.contains("line 2") && error.contains("2 cells"), "{error}");
+}
+
+#[test]
+fn verification_files_carry_the_truth() {
+    let text = format!("{HEAD},actual_x_mm,actual_y_mm,actual_z_mm\n{ROW},316.5,84.2,382.3\n");
+    let mut reader = PointsReader::verification(text.as_bytes(), "v.csv", None).unwrap();
+    let mut row = PointRow::default();
+    assert!(reader.read(&mut row).unwrap());
+    assert_eq!(row.actual_m, Some([316.5, 84.2, 382.3].map(|mm| mm / 1e3)));
+    refused(PointsReader::verification(HEAD.as_bytes(), "v.csv", None), &["column actual_x_mm", "missing"]);
+}
