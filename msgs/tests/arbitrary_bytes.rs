@@ -67,9 +67,15 @@ fn a_text_longer_than_its_record_is_an_error() {
     channel.extend(8_u32.to_le_bytes());
     channel.extend([0, 0, 0, 0]);
     channel.extend(u32::MAX.to_le_bytes());
+    let mut half_pair = vec![1, 0, 1, 0];
+    half_pair.extend([0; 8]);
+    half_pair.extend(4_u32.to_le_bytes()); // a key without its value
+    half_pair.extend([0, 0, 0, 0]);
+    half_pair.extend(u32::MAX.to_le_bytes());
     let mut chunk = vec![0; 28];
     chunk.extend(u32::MAX.to_le_bytes());
-    for record in [(0x03, schema), (0x04, channel), (0x06, chunk)] {
+    let records = [(0x03, schema), (0x04, channel), (0x04, half_pair), (0x06, chunk)];
+    for record in records {
         let bytes = mcap_of(&[record]);
         let read: Vec<_> = abbe_msgs::bag::messages_from("crafted".as_ref(), bytes.as_slice()).collect();
         assert!(matches!(read.as_slice(), [Err(_)]), "{read:?}");

@@ -60,7 +60,8 @@ pub(super) fn check(opcode: u8, body: &[u8]) -> Result<(), McapError> {
             walk.text()?; // encoding
             let mut metadata = Walk { rest: walk.text()? };
             while !metadata.rest.is_empty() {
-                metadata.text()?;
+                metadata.text()?; // key
+                metadata.text()?; // value, inside the map as well
             }
         }
         op::CHUNK => check_chunk(&mut walk)?,
