@@ -3,8 +3,9 @@
 //!
 //! What is asserted are gaps: a stall by a dead reader lasts seconds (measured 40 s with a reliable
 //! writer that waits). A busy machine takes threads off the processor, so a thread that only sleeps
-//! in steps of 1 ms runs beside as control: the limits hold on top of its longest delay. As delays
-//! of two threads differ, a run beyond them is repeated; a defect exceeds them every time.
+//! in steps of 1 ms runs beside as control: the limits hold on top of its longest delay, once for
+//! each thread on the way. As delays differ between threads, a run beyond them is repeated; a defect
+//! exceeds them every time.
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // A test fails by panicking.
 
@@ -36,6 +37,8 @@ const PERIOD: Duration = Duration::from_millis(1);
 const MAX_GAP: Duration = Duration::from_millis(50);
 /// Longest a call of `send` may take. It moves a sample into a queue; the rest is the scheduler.
 const MAX_SEND: Duration = Duration::from_millis(5);
+/// Sender, queue, network thread, taker: each can be off the processor when the sample comes by.
+const THREADS_ON_THE_WAY: u32 = 4;
 const ATTEMPTS: usize = 3;
 
 fn depth(samples: usize) -> NonZeroUsize {
@@ -62,7 +65,7 @@ struct Worst {
 
 impl Worst {
     fn is_harmless(self) -> bool {
-        self.send < MAX_SEND + self.control && self.gap < MAX_GAP + self.control
+        self.send < MAX_SEND + self.control && self.gap < MAX_GAP + self.control * THREADS_ON_THE_WAY
     }
 }
 
