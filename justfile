@@ -1,0 +1,40 @@
+# Recipes for people who develop Abbe; `just` lists them. `just ci` is exactly what continuous integration runs.
+
+_default:
+    @just --list --unsorted
+
+# The main job: identify a recorded machine, correct it live, report (out/demo/report.html)
+demo *options:
+    cargo run --release -- demo {{ options }}
+
+# All tests, documentation examples included
+test:
+    cargo test --workspace
+
+# Everything that must pass before a change is taken
+ci:
+    .ci/run
+
+# Format all crates
+fmt:
+    cargo fmt --all
+
+# Lints as in continuous integration
+lint:
+    cargo clippy --workspace --all-targets -- --deny warnings
+
+# Documentation of all crates, private items included
+doc:
+    RUSTDOCFLAGS='--deny warnings' cargo doc --workspace --no-deps --document-private-items
+
+# Measure everything (optimised; keep the machine quiet)
+bench *options:
+    cargo bench --workspace --bench '*' {{ options }}
+
+# Licences, bans and advisories of all dependencies (needs cargo-deny)
+deny:
+    cargo deny check
+
+# Fuzz one target for a while (needs cargo-fuzz and a nightly toolchain): just fuzz msgs bag 60
+fuzz crate target seconds="60":
+    cd {{ crate }} && cargo +nightly fuzz run {{ target }} -- -max_total_time={{ seconds }}

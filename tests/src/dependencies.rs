@@ -1,0 +1,192 @@
+//! Which crate reaches which, and the directions that are allowed.
+//!
+//! Place in the flow: `cargo metadata` in, [`Graph`] out; the rules are functions of the graph. Only what is built
+//! into the library counts: dependencies of tests and build scripts may reach anything.
+
+use crate::workspace;
+use cargo_metadata::{CargoOpt, DependencyKind, Metadata, MetadataCommand};
+use std::collections::{BTreeMap, BTreeSet};
+
+/// What a pure crate must not reach, by the first part of the name: ROS, shared memory, bags, files and their
+/// formats, runtimes, networks.
+const IMPURE: [&str; 22] = [
+    "async-std",
+    "cdr-encoding",
+    "csv",
+    "dirs",
+    "hyper",
+    "iceoryx2",
+    "mcap",
+    "memmap2",
+    "mio",
+    "ros2-client",
+    "rustdds",
+    "rustix",
+    "serde_json",
+    "serde-saphyr",
+    "smol",
+    "socket2",
+    "tempfile",
+    "tokio",
+    "toml",
+    "tracing-subscriber",
+    "walkdir",
+    "burn",
+];
+/// The one crate of `models/` that is made of a network.
+const NETWORK_CRATE: &str = "abbe-residual-net";
+
+/// A crate of the workspace.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Member {
+    /// Its name.
+    pub name: String,
+    /// Its folder from the root.
+    pub folder: String,
+}
+
+/// Crates and what each is built with.
+#[derive(Debug, Clone, Default)]
+pub struct Graph {
+    /// Crates of the workspace.
+    pub members: Vec<Member>,
+    /// Direct dependencies by name.
+    pub direct: BTreeMap<String, BTreeSet<String>>,
+}
+
+impl Graph {
+    /// The graph of this workspace, for the platform this runs on.
+    pub fn of_workspace() -> Graph {
+        let platform = std::process::Command::new("rustc").arg("-vV").output().expect("rustc can be called");
+        let text = String::from_utf8_lossy(&platform.stdout).into_owned();
+        let host = text.lines().find_map(|line| line.strip_prefix("host: ")).expect("rustc names its host");
+        let metadata = MetadataCommand::new()
+            .manifest_path(workspace::root().join("Cargo.toml"))
+            .features(CargoOpt::AllFeatures)
+            .other_options(["--locked".to_owned(), "--filter-platform".to_owned(), host.to_owned()])
+            .exec()
+            .unwrap_or_else(|error| panic!("cargo metadata: {error}"));
+        Graph::from_metadata(&metadata)
+    }
+
+    fn from_metadata(metadata: &Metadata) -> Graph {
+        let names: BTreeMap<_, _> = metadata.packages.iter().map(|p| (p.id.clone(), p.name.to_string())).collect();
+        let member = |package: &&cargo_metadata::Package| {
+            let folder = package.manifest_path.parent().expect("a manifest has a folder");
+            let folder = folder.strip_prefix(&metadata.workspace_root).expect("members lie below the root");
+            Member { name: package.name.to_string(), folder: folder.as_str().replace('\\', "/") }
+        };
+        let mut graph =
+            Graph { members: metadata.workspace_packages().iter().map(member).collect(), ..Graph::default() };
+        for node in &metadata.resolve.as_ref().expect("metadata with dependencies").nodes {
+            let built_in = node.deps.iter().filter(|d| d.dep_kinds.iter().any(|k| k.kind == DependencyKind::Normal));
+            let direct = graph.direct.entry(names[&node.id].clone()).or_default();
+            direct.extend(built_in.map(|dependency| names[&dependency.pkg].clone()));
+        }
+        graph
+    }
+
+    /// Everything that `name` reaches, itself left out.
+    pub fn reach(&self, name: &str) -> BTreeSet<String> {
+        let mut reached = BTreeSet::new();
+        let mut open = vec![name.to_owned()];
+        while let Some(next) = open.pop() {
+            for dependency in self.direct.get(&next).into_iter().flatten() {
+                if reached.insert(dependency.clone()) {
+                    open.push(dependency.clone());
+                }
+            }
+        }
+        reached
+    }
+
+    /// Crates below a folder of the root.
+    pub fn members_below<'a>(&'a self, folder: &'a str) -> impl Iterator<Item = &'a Member> {
+        self.members
+            .iter()
+            .filter(move |member| member.folder == folder || member.folder.starts_with(&format!("{folder}/")))
+    }
+
+    /// Model crates that reach ROS, files, runtimes or, but for the network's own, `burn`.
+    pub fn impure_models(&self) -> Vec<String> {
+        let mut found = Vec::new();
+        for model in self.members_below("models") {
+            let is_network = model.name == NETWORK_CRATE;
+            for reached in self.reach(&model.name) {
+                let is = |word: &&str| reached == **word || reached.starts_with(&format!("{word}-"));
+                // What `burn` brings along is the price of the network and stays in that one crate.
+                if IMPURE.iter().any(|word| is(&word)) && !is_network {
+                    found.push(format!("{} reaches {reached}", model.name));
+                }
+            }
+        }
+        found
+    }
+
+    /// Dependencies between crates of the workspace against the one direction: nodes → msgs, models.
+    pub fn against_direction(&self) -> Vec<String> {
+        let layer = |folder: &str| folder.split('/').next().unwrap_or_default().to_owned();
+        let layer_of: BTreeMap<&str, String> =
+            self.members.iter().map(|member| (member.name.as_str(), layer(&member.folder))).collect();
+        let allowed = |from: &str, to: &str| match from {
+            "models" => to == "models",
+            "msgs" => false,
+            "nodes" => ["models", "msgs", "nodes"].contains(&to),
+            _ => to != "tests",
+        };
+        let mut found = Vec::new();
+        for (from, from_layer) in &layer_of {
+            for to in self.direct.get(*from).into_iter().flatten() {
+                if layer_of.get(to.as_str()).is_some_and(|to_layer| !allowed(from_layer, to_layer)) {
+                    found.push(format!("{from} ({from_layer}) depends on {to}"));
+                }
+            }
+        }
+        found
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn graph(members: &[(&str, &str)], direct: &[(&str, &[&str])]) -> Graph {
+        let member = |(name, folder): &(&str, &str)| Member { name: (*name).to_owned(), folder: (*folder).to_owned() };
+        let edge = |(from, to): &(&str, &[&str])| ((*from).to_owned(), to.iter().map(|to| (*to).to_owned()).collect());
+        Graph { members: members.iter().map(member).collect(), direct: direct.iter().map(edge).collect() }
+    }
+
+    #[test]
+    fn a_model_that_reaches_ros_through_another_crate_is_caught() {
+        let members = [("a", "models/a"), ("b", "models/b"), ("r", "nodes/r")];
+        let dirty = graph(&members, &[("a", &["b"]), ("b", &["x"]), ("x", &["ros2-client"]), ("r", &["tokio"])]);
+        assert_eq!(dirty.impure_models(), ["a reaches ros2-client", "b reaches ros2-client"]);
+        let clean = graph(&members, &[("a", &["b"]), ("b", &["nalgebra"]), ("r", &["ros2-client"])]);
+        assert!(clean.impure_models().is_empty());
+    }
+
+    #[test]
+    fn parts_of_a_family_of_crates_are_caught_and_similar_names_are_not() {
+        let members = [("a", "models/a")];
+        assert_eq!(graph(&members, &[("a", &["iceoryx2-bb"])]).impure_models().len(), 1);
+        assert_eq!(graph(&members, &[("a", &["burn-core"])]).impure_models().len(), 1);
+        assert!(graph(&members, &[("a", &["csvless", "tomlike"])]).impure_models().is_empty());
+        assert!(graph(&[(NETWORK_CRATE, "models/n")], &[(NETWORK_CRATE, &["burn"])]).impure_models().is_empty());
+    }
+
+    #[test]
+    fn dependencies_against_the_direction_are_caught() {
+        let members = [("m", "models/m"), ("g", "msgs"), ("n", "nodes/n"), ("t", "tests")];
+        let right = graph(&members, &[("n", &["m", "g"]), ("t", &["n", "m"]), ("m", &["nalgebra"])]);
+        assert!(right.against_direction().is_empty());
+        for (from, to) in [("m", "g"), ("m", "n"), ("g", "m"), ("g", "n"), ("n", "t")] {
+            assert_eq!(graph(&members, &[(from, &[to])]).against_direction().len(), 1, "{from} to {to}");
+        }
+    }
+
+    #[test]
+    fn circles_end() {
+        let circle = graph(&[("a", "models/a")], &[("a", &["b"]), ("b", &["a"])]);
+        assert_eq!(circle.reach("a").len(), 2);
+    }
+}

@@ -1,0 +1,198 @@
+//! The invariants of ARCHITECTURE.md, held against the real workspace.
+//!
+//! Place in the flow: beside it. The rules are in the library of this crate, where each is shown to catch a
+//! violation; here they meet the files and the dependency graph as they are.
+
+use abbe_tests::dependencies::Graph;
+use abbe_tests::source::Found;
+use abbe_tests::workspace::{RustFile, files, read, root, rust_files};
+use abbe_tests::{documents, registry, rules};
+use std::path::{Path, PathBuf};
+
+const EFFECTS: &str = "models/geometry/src/effects";
+const DRIVERS: &str = "nodes/graph/src/driver";
+/// Simulates physics with its own code, so that truth and model share no mistake; it has effects of its own.
+const INDEPENDENT_TRUTH: &str = "models/virtual-machine";
+
+fn assert_none(rule: &str, violations: &[String]) {
+    assert!(violations.is_empty(), "{rule}:\n  {}", violations.join("\n  "));
+}
+
+/// Violations in the production code of files below `folder`.
+fn violations(folder: &str, rule: fn(&abbe_tests::source::Source) -> Vec<Found>) -> Vec<String> {
+    let production = rust_files().into_iter().filter(|file| !file.for_tests && file.path.starts_with(folder));
+    let mut seen = 0;
+    let found = production
+        .inspect(|_| seen += 1)
+        .flat_map(|file| {
+            rule(&file.source).into_iter().map(move |f| format!("{}:{}: {}", file.path.display(), f.line, f.what))
+        })
+        .collect();
+    assert!(seen > 0, "no file below {folder:?} was looked at");
+    found
+}
+
+/// Names of the Rust files in a folder, without their ending, `mod` left out.
+fn stems(folder: &str) -> Vec<String> {
+    let inside: Vec<PathBuf> = files().into_iter().filter(|path| path.parent() == Some(Path::new(folder))).collect();
+    let stem = |path: &PathBuf| path.file_stem().map(|stem| stem.to_string_lossy().into_owned());
+    let names: Vec<String> = inside.iter().filter_map(stem).filter(|name| name != "mod").collect();
+    assert!(!names.is_empty(), "no file in {folder}");
+    names
+}
+
+#[test]
+fn models_reach_no_ros_no_files_no_runtime() {
+    let graph = Graph::of_workspace();
+    assert!(graph.members_below("models").count() >= 4, "the models are part of the workspace");
+    assert!(graph.reach("abbe-runtime").contains("ros2-client"), "the graph holds what the runtime is built on");
+    assert_none("model crates stay pure numerics", &graph.impure_models());
+}
+
+#[test]
+fn dependencies_point_one_way() {
+    assert_none("nodes → msgs, models; msgs → no model", &Graph::of_workspace().against_direction());
+}
+
+#[test]
+fn models_use_no_file_no_clock_no_environment_no_terminal() {
+    assert_none("a model crate computes and nothing else", &violations("models", rules::impure));
+}
+
+#[test]
+fn production_code_returns_errors_instead_of_ending_the_program() {
+    let mut found = Vec::new();
+    for folder in ["models", "msgs", "nodes"] {
+        found.extend(violations(folder, rules::endings));
+    }
+    assert_none("no unwrap, expect, panic or todo outside tests", &found);
+}
+
+#[test]
+fn no_test_is_switched_off() {
+    let found = rust_files().into_iter().flat_map(|file| {
+        rules::ignored_tests(&file.source).into_iter().map(move |f| format!("{}:{}", file.path.display(), f.line))
+    });
+    assert_none("a test runs or does not exist", &found.collect::<Vec<_>>());
+}
+
+#[test]
+fn every_source_file_says_what_it_is_for() {
+    let silent = |file: &&RustFile| !rules::has_header(&file.text) && !file.path.ends_with("build.rs");
+    let found: Vec<String> = rust_files().iter().filter(silent).map(|file| file.path.display().to_string()).collect();
+    assert_none("a file begins with `//!`: its purpose and place in the flow", &found);
+}
+
+#[test]
+fn no_source_file_is_too_long_to_read() {
+    let long = |file: &RustFile| rules::too_long(&file.text).map(|n| format!("{}: {n} lines", file.path.display()));
+    assert_none("split the file", &rust_files().iter().filter_map(long).collect::<Vec<_>>());
+}
+
+#[test]
+fn no_file_names_a_folder_of_somebodys_machine() {
+    let mut found = Vec::new();
+    for path in files() {
+        // What is not text cannot be read as such and is left out.
+        let Ok(text) = std::fs::read_to_string(root().join(&path)) else { continue };
+        found.extend(
+            rules::machine_paths(&text).into_iter().map(|f| format!("{}:{}: {}", path.display(), f.line, f.what)),
+        );
+    }
+    assert_none("paths are relative to the project", &found);
+}
+
+#[test]
+fn an_effect_is_one_file_and_one_line() {
+    let names = stems(EFFECTS);
+    let all = rust_files();
+    let table = all.iter().find(|file| file.path == Path::new(EFFECTS).join("mod.rs")).expect("the table of effects");
+    assert_none("effects and their table", &registry::effects_against_table(&names, &table.source));
+    assert_eq!(names.len(), abbe_geometry::effects::REGISTRY.len(), "one entry a file");
+    let elsewhere = |file: &&RustFile| {
+        !file.for_tests
+            && !file.path.starts_with(EFFECTS)
+            && !file.path.starts_with(INDEPENDENT_TRUTH)
+            && !file.path.starts_with("tests")
+    };
+    let mut found = Vec::new();
+    for file in all.iter().filter(elsewhere) {
+        let known = registry::mentions(&file.source, &names);
+        found.extend(known.into_iter().map(|name| format!("{} knows {name}", file.path.display())));
+    }
+    assert_none("no code but its own file knows an effect by name", &found);
+}
+
+#[test]
+fn a_driver_is_one_file_and_its_lines_in_one_table() {
+    // The form that all drivers of a campaign in memory share is no driver itself.
+    let names: Vec<String> = stems(DRIVERS).into_iter().filter(|name| name != "recorded").collect();
+    let all = rust_files();
+    let table = all.iter().find(|file| file.path == Path::new(DRIVERS).join("mod.rs")).expect("the table of drivers");
+    let wrong = registry::drivers_against_table(&names, &table.source, "DriverConfig", ["open_scale", "open_tracer"]);
+    assert_none("drivers and their table", &wrong);
+}
+
+#[test]
+fn shipped_machines_load_under_their_file_names() {
+    let machines: Vec<PathBuf> = files()
+        .into_iter()
+        .filter(|path| path.starts_with("launch-config/machines") && path.extension().is_some_and(|e| e == "toml"))
+        .collect();
+    assert!(machines.len() >= 3, "{machines:?}");
+    for path in machines {
+        let machine = abbe_files::read_machine(&root().join(&path)).unwrap_or_else(|error| panic!("{error}"));
+        assert_eq!(
+            Some(machine.machine.name.as_ref()),
+            path.file_stem().and_then(|stem| stem.to_str()),
+            "{}",
+            path.display()
+        );
+    }
+}
+
+#[test]
+fn the_architecture_names_every_crate() {
+    let folders: Vec<String> = Graph::of_workspace().members.into_iter().map(|member| member.folder).collect();
+    assert_none("ARCHITECTURE.md lacks", &documents::not_named(&read("ARCHITECTURE.md"), &folders));
+}
+
+#[test]
+fn the_table_of_topics_is_whole() {
+    let all = rust_files();
+    let topics = all.iter().find(|file| file.path.ends_with("nodes/graph/src/topics.rs")).expect("the topics");
+    let names: Vec<String> = topics.source.string_constants().into_iter().map(|(_, value)| value).collect();
+    assert!(names.len() >= 5, "{names:?}");
+    assert_none("nodes/README.md lacks", &documents::not_named(&read("nodes/README.md"), &names));
+}
+
+#[test]
+fn the_table_of_launch_keys_is_whole() {
+    let all = rust_files();
+    let launch = all.iter().find(|file| file.path.ends_with("nodes/graph/src/launch.rs")).expect("the launch file");
+    let keys = launch.source.public_fields();
+    assert!(keys.len() >= 10, "{keys:?}");
+    assert_none("nodes/README.md lacks", &documents::not_named(&read("nodes/README.md"), &keys));
+}
+
+#[test]
+fn links_between_documents_lead_somewhere() {
+    let mut found = Vec::new();
+    for path in files().into_iter().filter(|path| path.extension().is_some_and(|e| e == "md")) {
+        let folder = root().join(&path).parent().expect("a file has a folder").to_owned();
+        let dead = documents::local_links(&read(&path)).into_iter().filter(|link| !folder.join(link).exists());
+        found.extend(dead.map(|link| format!("{}: {link}", path.display())));
+    }
+    assert_none("dead links", &found);
+}
+
+/// What the README promises in its first lines is what continuous integration runs.
+#[test]
+fn the_two_commands_of_the_readme_are_those_of_ci() {
+    let commands = documents::first_commands(&read("README.md"));
+    assert_eq!(commands.len(), 2, "main job and tests: {commands:?}");
+    let ci = read(".ci/run");
+    for command in &commands {
+        assert!(documents::runs(&ci, command), ".ci/run does not run {command:?}");
+    }
+}
