@@ -3,5 +3,6 @@
 //! Place in the flow: files and bags are read into a [`campaign::Campaign`]; identification, the monitor and
 //! the simulator share that one form. Pure data and numerics: no file, no clock, no ROS.
 
+pub mod alignment;
 pub mod campaign;
 pub mod instrument;

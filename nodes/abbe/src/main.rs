@@ -1,2 +1,48 @@
 //! The `abbe` command.
-fn main() {}
+//!
+//! Place in the flow: the one program a user runs; offline commands (identify, correct, verify, simulate, convert,
+//! replay), the live graph (launch, node), and the demo that does all of it on a recorded campaign. Errors are
+//! printed once, here, and give exit code 1.
+
+mod command;
+mod demo;
+mod pipeline;
+mod verification;
+
+use abbe_runtime::ros::RosArgs;
+use clap::Parser;
+use std::process::ExitCode;
+use tracing_subscriber::EnvFilter;
+
+#[derive(Debug, Parser)]
+#[command(
+    name = "abbe",
+    version,
+    about = "Corrects the coordinates of a coordinate measuring machine",
+    max_term_width = 110
+)]
+struct Arguments {
+    #[command(subcommand)]
+    command: command::Command,
+}
+
+fn main() -> ExitCode {
+    match run() {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("abbe: {error:#}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn run() -> anyhow::Result<()> {
+    // ROS arguments may follow any command; they are taken off before the rest is parsed.
+    let (ros_args, own) = RosArgs::split(std::env::args())?;
+    let arguments = Arguments::parse_from(own);
+    let level = ros_args.log_level.clone().unwrap_or_else(|| "warn".to_owned());
+    let fallback = EnvFilter::try_new(format!("{level},rustdds=error")).unwrap_or_default();
+    let filter = EnvFilter::try_from_default_env().unwrap_or(fallback);
+    tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).init();
+    command::run(arguments.command, ros_args)
+}

@@ -1,0 +1,148 @@
+//! `abbe correct`: recorded scale readings in, the same with corrected coordinates out.
+//!
+//! Place in the flow: offline twin of the geometric and residual nodes; calls the same correcting function. CSV row
+//! by row, also from standard input to standard output; bags message by message.
+
+use crate::pipeline::is_bag;
+use abbe_files::{AtomicFile, FileError, ModelFile, Place, PointRow, PointsReader, PointsWriter};
+use abbe_geometry::correct::correct;
+use abbe_geometry::effects::State;
+use abbe_geometry::model::IdentifiedVolume;
+use abbe_graph::step::{GeometricStep, ResidualStep};
+use abbe_graph::topics;
+use abbe_msgs::bag::{BagWriter, messages};
+use abbe_msgs::{Message, ScaleReading, Sha256};
+use abbe_runtime::Shutdown;
+use anyhow::{Context, bail, ensure};
+use std::fs::File;
+use std::io::{BufReader, BufWriter, Read, Write};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+/// Arguments of `correct`.
+#[derive(Debug, clap::Args)]
+pub(crate) struct Arguments {
+    /// Model file
+    #[arg(long)]
+    model: PathBuf,
+    /// Refuse a model of another machine than the one of this machine file
+    #[arg(long)]
+    machine: Option<PathBuf>,
+    /// CSV with scale readings, a bag, or - for standard input (CSV)
+    #[arg(long = "in")]
+    input: PathBuf,
+    /// CSV or bag to write, or - for standard output (CSV)
+    #[arg(long = "out")]
+    output: PathBuf,
+    /// Age in seconds from which a covariate of a bag is stale
+    #[arg(long, default_value_t = 10.0)]
+    max_covariate_age_s: f64,
+}
+
+pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    let (model, sha256) = match &arguments.machine {
+        Some(machine) => ModelFile::load_for(&arguments.model, &abbe_files::read_machine(machine)?.machine.name)?,
+        None => ModelFile::load(&arguments.model)?,
+    };
+    if model.residual_network.is_some() {
+        bail!(
+            "{}: the model names a residual network, which this version cannot apply; use the version that made it",
+            arguments.model.display()
+        );
+    }
+    if is_bag(&arguments.input) {
+        return correct_bag(arguments, model, sha256);
+    }
+    let standard = |path: &Path| path.as_os_str() == "-";
+    let name =
+        if standard(&arguments.input) { "standard input".to_owned() } else { arguments.input.display().to_string() };
+    let input: Box<dyn Read> = if standard(&arguments.input) {
+        Box::new(std::io::stdin().lock())
+    } else {
+        Box::new(BufReader::new(File::open(&arguments.input).with_context(|| format!("{name}: cannot be opened"))?))
+    };
+    let shutdown = Shutdown::on_signals()?;
+    if standard(&arguments.output) {
+        let output = BufWriter::new(std::io::stdout().lock());
+        correct_csv(&model, input, &name, output, &shutdown)?;
+        return Ok(());
+    }
+    let mut file = AtomicFile::create(&arguments.output)?;
+    correct_csv(&model, input, &name, BufWriter::new(&mut file), &shutdown)?;
+    Ok(file.commit()?)
+}
+
+fn correct_csv(
+    model: &ModelFile,
+    input: Box<dyn Read>,
+    name: &str,
+    output: impl Write,
+    shutdown: &Shutdown,
+) -> anyhow::Result<()> {
+    let machine = &model.model.parts().machine;
+    let mut reader = PointsReader::new(input, name, machine.default_offset_m)?;
+    let mut writer = PointsWriter::new(output, "output", reader.columns())?;
+    let mut row = PointRow::default();
+    while reader.read(&mut row)? {
+        ensure!(!shutdown.requested(), "stopped on request; no output was written");
+        check_offset_signs(&model.model.parts().identified, &row, name)?;
+        let covariates = reader.covariates(&row);
+        let state = State { reading_m: row.reading_m, offset_m: row.offset_m, covariates: &covariates };
+        writer.write(&row, &correct(&model.model, &state))?;
+    }
+    writer.finish()?.flush()?;
+    Ok(())
+}
+
+/// Refuses an offset on the side where no offset of the campaign was: a sign error moves every lever arm.
+fn check_offset_signs(identified: &IdentifiedVolume, row: &PointRow, name: &str) -> Result<(), FileError> {
+    for (d, (lower, upper)) in identified.offset_m.iter().enumerate() {
+        let offset_m = row.offset_m[d];
+        let opposite = (*upper < 0.0 && offset_m > 0.0) || (*lower > 0.0 && offset_m < 0.0);
+        if opposite {
+            let column = ["offset_x_mm", "offset_y_mm", "offset_z_mm"][d];
+            let problem = format!(
+                "{} mm has the opposite sign of every offset the model was identified with ({} … {} mm)",
+                offset_m * 1e3,
+                lower * 1e3,
+                upper * 1e3
+            );
+            let remedy = "correct its sign, or identify a model with such an offset";
+            return Err(FileError::content(Place::file(name).line(row.line()).column(column), problem, remedy));
+        }
+    }
+    Ok(())
+}
+
+/// Copies a bag and adds a corrected message after each scale reading.
+fn correct_bag(arguments: &Arguments, model: ModelFile, sha256: [u8; 32]) -> anyhow::Result<()> {
+    ensure!(!arguments.output.exists(), "{}: exists already; name a new bag", arguments.output.display());
+    let folder = match arguments.output.parent() {
+        Some(parent) if !parent.as_os_str().is_empty() => parent.to_owned(),
+        _ => PathBuf::from("."),
+    };
+    let name = arguments.output.file_name().context("the output has no file name")?;
+    // Written beside the target and moved into place at the end, so that no half bag is left.
+    let workshop = tempfile::Builder::new().prefix(".abbe-").tempdir_in(&folder)?;
+    let unfinished = workshop.path().join(name);
+    let step =
+        GeometricStep::new(Some((Arc::new(model.model), Sha256::from_bytes(sha256))), arguments.max_covariate_age_s);
+    let residual = ResidualStep::default();
+    let mut writer = BagWriter::create(&unfinished)?;
+    let mut corrected = 0_u64;
+    for message in messages(&arguments.input)? {
+        let message = message?;
+        writer.copy(&message)?;
+        if message.ros_type() == ScaleReading::ROS_TYPE {
+            let reading: ScaleReading = message.decode()?;
+            let namespace = message.topic().strip_suffix(topics::SCALE_READING).unwrap_or("/").to_owned();
+            let sample = residual.correct(&step.correct(&reading));
+            writer.write(&format!("{namespace}{}", topics::CORRECTED), &sample, message.log_time_ns)?;
+            corrected += 1;
+        }
+    }
+    ensure!(corrected > 0, "{}: holds no {}; nothing to correct", arguments.input.display(), ScaleReading::ROS_TYPE);
+    writer.finish()?;
+    std::fs::rename(&unfinished, &arguments.output)
+        .with_context(|| format!("{}: cannot be put in place", arguments.output.display()))
+}

@@ -1,0 +1,38 @@
+//! `abbe launch`: all nodes of a launch file, until their sources end or Ctrl-C.
+//!
+//! Place in the flow: live use. Prints what each node did.
+
+use abbe_graph::supervisor::Supervisor;
+use abbe_runtime::{RunId, Shutdown};
+use anyhow::Context;
+use std::path::PathBuf;
+use std::time::Duration;
+
+/// Time for the last samples to pass through the graph once the sources have ended.
+const SETTLE: Duration = Duration::from_millis(500);
+
+/// Arguments of `launch`.
+#[derive(Debug, clap::Args)]
+pub(crate) struct Arguments {
+    /// Launch file (launch-config/*.toml)
+    file: PathBuf,
+    /// Name of the run, so that other programs of this host can join its shared memory
+    #[arg(long)]
+    run: Option<String>,
+}
+
+pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    let shutdown = Shutdown::on_signals()?;
+    let program = std::env::current_exe().context("the path of this program is unknown")?;
+    let run = arguments.run.as_deref().map(str::parse::<RunId>).transpose()?.unwrap_or_else(RunId::unique);
+    eprintln!("run {run}: Ctrl-C stops all nodes", run = run.as_str());
+    let mut supervisor = Supervisor::start(&program, &arguments.file, run)?;
+    supervisor.wait_for_sources(&shutdown)?;
+    if !shutdown.requested() {
+        shutdown.sleep(SETTLE);
+    }
+    for summary in supervisor.stop()? {
+        println!("{}", serde_json::to_string(&summary)?);
+    }
+    Ok(())
+}

@@ -1,0 +1,59 @@
+//! The subcommands, one file each.
+//!
+//! Place in the flow: parsed in `main`, dispatched here; each file holds its arguments and its work.
+
+mod convert;
+mod correct;
+mod identify;
+mod launch;
+mod node;
+mod recover;
+mod replay;
+mod simulate;
+mod verify;
+
+pub(crate) use identify::progress_text;
+
+use abbe_runtime::ros::RosArgs;
+use clap::Subcommand;
+
+/// What to do.
+#[derive(Debug, Subcommand)]
+pub(crate) enum Command {
+    /// Identify a machine from a tracer campaign
+    Identify(identify::Arguments),
+    /// Correct recorded coordinates with a model
+    Correct(correct::Arguments),
+    /// Hold a model against points whose actual position is known
+    Verify(verify::Arguments),
+    /// The whole chain on a recorded campaign: identify, correct live, report
+    Demo(crate::demo::Arguments),
+    /// Run a graph of nodes from a launch file
+    Launch(launch::Arguments),
+    /// Run one node (started by `launch`, or by hand)
+    Node(node::Arguments),
+    /// Replay a recorded run and compare it byte for byte
+    Replay(replay::Arguments),
+    /// Save what can be read of a cut-off or damaged bag
+    Recover(recover::Arguments),
+    /// Make a campaign with the virtual machine
+    Simulate(simulate::Arguments),
+    /// Turn a campaign into a bag
+    Convert(convert::Arguments),
+}
+
+/// Runs a subcommand.
+pub(crate) fn run(command: Command, ros_args: RosArgs) -> anyhow::Result<()> {
+    match command {
+        Command::Identify(arguments) => identify::run(&arguments),
+        Command::Correct(arguments) => correct::run(&arguments),
+        Command::Verify(arguments) => verify::run(&arguments),
+        Command::Demo(arguments) => crate::demo::run(&arguments),
+        Command::Launch(arguments) => launch::run(&arguments),
+        Command::Node(arguments) => node::run(arguments, ros_args),
+        Command::Replay(arguments) => replay::run(&arguments),
+        Command::Recover(arguments) => recover::run(&arguments),
+        Command::Simulate(arguments) => simulate::run(&arguments),
+        Command::Convert(arguments) => convert::run(&arguments),
+    }
+}

@@ -1,0 +1,34 @@
+//! `abbe node`: one node of a graph, as a process.
+//!
+//! Place in the flow: started by the launcher or by hand; its last line on standard output is its summary as JSON.
+
+use abbe_graph::launch::NodeName;
+use abbe_graph::node::{NodeCall, run as run_node};
+use abbe_runtime::RunId;
+use abbe_runtime::ros::RosArgs;
+use std::path::PathBuf;
+
+/// Arguments of `node`.
+#[derive(Debug, clap::Args)]
+pub(crate) struct Arguments {
+    /// scale, tracer, geometric, residual, monitor or recorder
+    name: String,
+    /// Launch file that describes the graph
+    #[arg(long)]
+    launch: PathBuf,
+    /// Run whose shared memory the node joins
+    #[arg(long)]
+    run: Option<String>,
+    /// Process that started the node: when it ends, the node ends
+    #[arg(long)]
+    launcher_pid: Option<u32>,
+}
+
+pub(crate) fn run(arguments: Arguments, ros_args: RosArgs) -> anyhow::Result<()> {
+    let name: NodeName = arguments.name.parse()?;
+    let run = arguments.run.map(|run| run.parse::<RunId>()).transpose()?;
+    let call = NodeCall { name, launch_file: arguments.launch, run, ros_args, launcher_pid: arguments.launcher_pid };
+    let summary = run_node(call)?;
+    println!("{}", serde_json::to_string(&summary)?);
+    Ok(())
+}

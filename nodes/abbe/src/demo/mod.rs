@@ -1,0 +1,132 @@
+//! `abbe demo`: the whole chain on a recorded campaign.
+//!
+//! Place in the flow: identify, start the nodes as processes, play the recording through them, subscribe to the
+//! corrected topic, report the error before and after. Everything lands in one folder; Ctrl-C leaves no process
+//! and no shared memory behind.
+
+mod live;
+mod recording;
+mod report;
+mod shipped;
+
+use crate::command::progress_text;
+use crate::pipeline;
+use crate::verification;
+use abbe_files::{hex, read_machine, write_atomically};
+use abbe_runtime::Shutdown;
+use anyhow::{Context, ensure};
+use indicatif::{ProgressBar, ProgressStyle};
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+
+/// Arguments of `demo`.
+#[derive(Debug, clap::Args)]
+pub(crate) struct Arguments {
+    /// Folder for model, recording and report
+    #[arg(long, default_value = "out/demo")]
+    out: PathBuf,
+    /// Machine file; the shipped bridge machine by default
+    #[arg(long, requires = "campaign")]
+    machine: Option<PathBuf>,
+    /// Campaign CSV; the shipped one by default
+    #[arg(long, requires = "machine", requires = "verify")]
+    campaign: Option<PathBuf>,
+    /// Points with known actual positions, for scoring only; the shipped ones by default
+    #[arg(long, requires = "campaign")]
+    verify: Option<PathBuf>,
+    /// Samples a second that the recording is played at
+    #[arg(long, default_value_t = 1000.0)]
+    rate_hz: f64,
+    /// Also publish on DDS (ROS 2), on the domain of the environment
+    #[arg(long)]
+    dds: bool,
+}
+
+/// Seconds that each step took.
+type Steps = Vec<(&'static str, f64)>;
+
+pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    ensure!(arguments.rate_hz.is_finite() && arguments.rate_hz > 0.0, "--rate-hz must be a number above 0");
+    let shutdown = Shutdown::on_signals()?;
+    let out = std::path::absolute(&arguments.out).context("the output folder has no absolute path")?;
+    std::fs::create_dir_all(&out).with_context(|| format!("{}: cannot be made", out.display()))?;
+    let inputs = shipped::inputs(
+        arguments.machine.as_deref(),
+        arguments.campaign.as_deref(),
+        arguments.verify.as_deref(),
+        &out,
+    )?;
+    let mut steps = Steps::new();
+
+    let bar = step("identify");
+    let machine = timed(&mut steps, "read machine", || read_machine(&inputs.machine))?;
+    let loaded = timed(&mut steps, "read campaign", || pipeline::load_campaign(&inputs.campaign, &machine))?;
+    let mut observe = |progress| {
+        bar.set_message(progress_text(&progress));
+        !shutdown.requested()
+    };
+    let (model, found) = timed(&mut steps, "identify", || pipeline::identify(&machine, &loaded, true, &mut observe))?;
+    let sha256 = model.save(&out.join("model.json"))?;
+    finish(&bar, &format!("model {} from {} readings", &hex(&sha256)[..12], loaded.campaign.readings.len()));
+
+    let bar = step("record");
+    let verification_file = std::fs::File::open(&inputs.verify)
+        .with_context(|| format!("{}: cannot be opened", inputs.verify.display()))?;
+    let points = verification::correct_points(verification_file, &inputs.verify.display().to_string(), &model)?;
+    let bag = timed(&mut steps, "make the recording", || recording::write(&machine, &inputs, &out))?;
+    finish(&bar, &format!("{} scale and {} tracer readings", bag.scale_readings, bag.tracer_readings));
+
+    let bar = step("live");
+    let run = live::Run {
+        out: &out,
+        machine_file: &inputs.machine,
+        bag: &bag,
+        rate_hz: arguments.rate_hz,
+        dds: arguments.dds,
+    };
+    let live = timed(&mut steps, "play through the nodes", || live::run(&run, &shutdown, &bar))?;
+    finish(&bar, &format!("{} of {} corrected samples received", live.corrected.len(), bag.scale_readings));
+
+    let bar = step("report");
+    let data = report::data(&report::Facts {
+        machine: &machine,
+        loaded: &loaded,
+        model: &model,
+        model_sha256: &sha256,
+        found: &found,
+        points: &points,
+        bag: &bag,
+        live: &live,
+        steps: &steps,
+        dds: arguments.dds,
+    })?;
+    let since = Instant::now();
+    write_atomically(&out.join("report.html"), data.html()?.as_bytes())?;
+    write_atomically(&out.join("report.png"), &data.png()?)?;
+    write_atomically(&out.join("report.json"), data.json()?.as_bytes())?;
+    finish(&bar, &format!("written in {:.1} s", since.elapsed().as_secs_f64()));
+    report::print(&data, &out);
+    Ok(())
+}
+
+fn timed<T, E>(steps: &mut Steps, name: &'static str, work: impl FnOnce() -> Result<T, E>) -> Result<T, E> {
+    let since = Instant::now();
+    let result = work();
+    steps.push((name, since.elapsed().as_secs_f64()));
+    result
+}
+
+fn step(name: &str) -> ProgressBar {
+    let style = ProgressStyle::with_template("{prefix:>10}  {spinner} {msg}")
+        .unwrap_or_else(|_| ProgressStyle::default_spinner());
+    let bar = ProgressBar::new_spinner().with_style(style).with_prefix(name.to_owned());
+    bar.enable_steady_tick(Duration::from_millis(100));
+    bar
+}
+
+/// Ends a step with its outcome, also where there is no terminal to draw on.
+fn finish(bar: &ProgressBar, outcome: &str) {
+    let name = bar.prefix();
+    bar.finish_and_clear();
+    eprintln!("{name:>10}  {outcome}");
+}

@@ -1,0 +1,150 @@
+//! From files to an identified model: what `identify` and the demo have in common.
+//!
+//! Place in the flow: machine file and campaign in, model file with its evidence out.
+
+use abbe_files::{DataSource, MachineFile, ModelFile, OrderChoice, hex, read_campaign_file};
+use abbe_graph::driver::campaign_from_bag;
+use abbe_identify::{Evidence, Identified, Options, Progress};
+use abbe_measurement::campaign::Campaign;
+use abbe_msgs::Sha256;
+use anyhow::{Context, ensure};
+use serde_json::{Value, json};
+use std::path::{Path, PathBuf};
+
+/// A campaign and where it came from.
+pub(crate) struct LoadedCampaign {
+    pub(crate) campaign: Campaign,
+    pub(crate) source: DataSource,
+}
+
+/// Reads a campaign from CSV or from a bag (`.mcap`, or a rosbag2 folder).
+pub(crate) fn load_campaign(path: &Path, machine: &MachineFile) -> anyhow::Result<LoadedCampaign> {
+    let name = path.file_name().map_or_else(|| path.display().to_string(), |n| n.to_string_lossy().into_owned());
+    if !is_bag(path) {
+        let file = read_campaign_file(path, machine.machine.default_offset_m)?;
+        let source = DataSource { file: name, sha256: hex(&file.sha256) };
+        return Ok(LoadedCampaign { campaign: file.campaign, source });
+    }
+    let from_bag = campaign_from_bag(path)?;
+    ensure!(
+        from_bag.frame_id == machine.machine.frame_id,
+        "{}: recorded in frame {:?}, but machine {} has frame {:?}; this bag is of another machine",
+        path.display(),
+        from_bag.frame_id,
+        machine.machine.name,
+        machine.machine.frame_id
+    );
+    let mut bytes = Vec::new();
+    for file in bag_files(path)? {
+        bytes.extend(std::fs::read(&file).with_context(|| format!("{}: cannot be read", file.display()))?);
+    }
+    let source = DataSource { file: name, sha256: Sha256::of(&bytes).to_hex() };
+    Ok(LoadedCampaign { campaign: from_bag.campaign, source })
+}
+
+/// Whether a path names a bag.
+pub(crate) fn is_bag(path: &Path) -> bool {
+    path.is_dir() || path.extension().is_some_and(|extension| extension == "mcap")
+}
+
+fn bag_files(path: &Path) -> anyhow::Result<Vec<PathBuf>> {
+    if !path.is_dir() {
+        return Ok(vec![path.to_owned()]);
+    }
+    let mut files = Vec::new();
+    for entry in std::fs::read_dir(path).with_context(|| format!("{}: cannot be listed", path.display()))? {
+        let file = entry?.path();
+        if file.extension().is_some_and(|extension| extension == "mcap") {
+            files.push(file);
+        }
+    }
+    files.sort();
+    Ok(files)
+}
+
+/// Identifies a model and puts it into its file form.
+pub(crate) fn identify(
+    machine: &MachineFile,
+    loaded: &LoadedCampaign,
+    robust: bool,
+    observe: &mut dyn FnMut(Progress) -> bool,
+) -> anyhow::Result<(ModelFile, Identification)> {
+    let order = match machine.order {
+        OrderChoice::Evidence => abbe_identify::OrderChoice::Evidence,
+        OrderChoice::Fixed => abbe_identify::OrderChoice::Fixed,
+    };
+    let options = Options { order, robust, absolute_range: machine.absolute_range, ..Options::default() };
+    let Identified { model, evidence, residuals_m, u_m } =
+        abbe_identify::identify(&machine.machine, machine.instrument, &loaded.campaign, &options, observe)?;
+    let file = ModelFile {
+        model,
+        order: machine.order,
+        instrument: machine.instrument,
+        absolute_range: machine.absolute_range,
+        residual_network: None,
+        data: vec![loaded.source.clone()],
+        seed: None,
+        options: json!({ "robust": robust, "max_passes": options.max_passes }),
+        evidence: evidence_json(&evidence),
+        software: software(),
+    };
+    Ok((file, Identification { evidence, residuals_m, u_m }))
+}
+
+/// What identification found besides the model.
+pub(crate) struct Identification {
+    pub(crate) evidence: Evidence,
+    pub(crate) residuals_m: Vec<f64>,
+    pub(crate) u_m: Vec<f64>,
+}
+
+/// Name and version of this program.
+pub(crate) fn software() -> String {
+    format!("abbe {}", env!("CARGO_PKG_VERSION"))
+}
+
+/// The evidence in the units people read.
+pub(crate) fn evidence_json(evidence: &Evidence) -> Value {
+    let errors: Vec<Value> = evidence
+        .errors
+        .iter()
+        .map(|e| json!({ "name": e.name, "coefficients": e.coefficients, "effective": e.effective, "penalty": e.penalty }))
+        .collect();
+    let stations: Vec<Value> = evidence
+        .stations
+        .iter()
+        .map(|s| json!({ "name": s.name, "readings": s.readings, "residual_rms_um": s.residual_rms_m * 1e6, "u_um": s.u_m.map(|u| u * 1e6) }))
+        .collect();
+    let correlated: Vec<Value> = evidence
+        .correlated
+        .iter()
+        .map(|c| json!({ "first": c.first, "second": c.second, "correlation": c.correlation }))
+        .collect();
+    let rejected: Vec<Value> = evidence
+        .rejected
+        .iter()
+        .map(|r| {
+            json!({
+                "reading": r.reading, "station": r.station, "line": r.line,
+                "residual_um": r.residual_m * 1e6, "standardised": r.standardised,
+            })
+        })
+        .collect();
+    json!({
+        "converged": true,
+        "passes": evidence.passes,
+        "largest_step_in_u": evidence.largest_step,
+        "unknowns": evidence.unknowns,
+        "effective_unknowns": evidence.effective_unknowns,
+        "chi2_per_dof": evidence.chi2_per_dof,
+        "sigma_over_declared": evidence.robust_scale,
+        "minus_two_log_likelihood": evidence.minus_two_log_likelihood,
+        "rank": evidence.rank,
+        "low_order_unknowns": evidence.low_order_unknowns,
+        "condition": evidence.condition,
+        "errors": errors,
+        "stations": stations,
+        "correlations_above_0_9": correlated,
+        "rejected": rejected,
+    })
+}

@@ -1,0 +1,78 @@
+//! Verification: how far indicated and corrected points lie from where the tip really was.
+//!
+//! Place in the flow: `verify` and the demo. The reference has a frame of its own, so points are aligned rigidly
+//! first; nothing here ever feeds a fit.
+
+use abbe_files::{ModelFile, PointRow, PointsReader};
+use abbe_geometry::Vector3;
+use abbe_geometry::chain::nominal_point_m;
+use abbe_geometry::correct::{Status, correct};
+use abbe_geometry::effects::State;
+use abbe_measurement::alignment::aligned_residuals_m;
+use anyhow::ensure;
+use std::io::Read;
+
+/// One verification point with its errors (m, actual − position, aligned).
+pub(crate) struct Verified {
+    pub(crate) reading_m: [f64; 3],
+    pub(crate) before_m: Vector3<f64>,
+    pub(crate) after_m: Vector3<f64>,
+    pub(crate) extrapolated: bool,
+}
+
+/// Points of a verification file: readings, offsets, covariates and actual positions.
+pub(crate) struct VerificationPoints {
+    pub(crate) rows: Vec<PointRow>,
+    pub(crate) corrected_m: Vec<Vector3<f64>>,
+    pub(crate) statuses: Vec<Status>,
+}
+
+/// Reads a verification file and corrects each point with the model.
+pub(crate) fn correct_points(input: impl Read, name: &str, model: &ModelFile) -> anyhow::Result<VerificationPoints> {
+    let default_offset_m = model.model.parts().machine.default_offset_m;
+    let mut reader = PointsReader::verification(input, name, default_offset_m)?;
+    let mut points = VerificationPoints { rows: Vec::new(), corrected_m: Vec::new(), statuses: Vec::new() };
+    let mut row = PointRow::default();
+    while reader.read(&mut row)? {
+        let covariates = reader.covariates(&row);
+        let state = State { reading_m: row.reading_m, offset_m: row.offset_m, covariates: &covariates };
+        let correction = correct(&model.model, &state);
+        ensure!(
+            correction.status != Status::Rejected,
+            "{name}, line {}: the reading is outside the machine",
+            row.line()
+        );
+        points.corrected_m.push(correction.position_m);
+        points.statuses.push(correction.status);
+        points.rows.push(row.clone());
+    }
+    Ok(points)
+}
+
+/// Errors before and after, aligned rigidly to the reference.
+pub(crate) fn errors(points: &VerificationPoints) -> anyhow::Result<Vec<Verified>> {
+    let actual: Vec<Vector3<f64>> = points.rows.iter().filter_map(|row| row.actual_m).map(Vector3::from).collect();
+    let indicated: Vec<Vector3<f64>> = points.rows.iter().map(|r| nominal_point_m(r.reading_m, r.offset_m)).collect();
+    let before = aligned_residuals_m(&indicated, &actual)?;
+    let after = aligned_residuals_m(&points.corrected_m, &actual)?;
+    let list = points.rows.iter().zip(before).zip(after).zip(&points.statuses);
+    Ok(list
+        .map(|(((row, before_m), after_m), status)| Verified {
+            reading_m: row.reading_m,
+            before_m,
+            after_m,
+            extrapolated: *status == Status::Extrapolated,
+        })
+        .collect())
+}
+
+/// Rms and largest length of some vectors (m).
+pub(crate) fn rms_and_max_m(vectors: impl Iterator<Item = Vector3<f64>>) -> (f64, f64) {
+    let (mut sum, mut count, mut most) = (0.0, 0.0_f64, 0.0_f64);
+    for vector in vectors {
+        sum += vector.norm_squared();
+        count += 1.0;
+        most = most.max(vector.norm());
+    }
+    ((sum / count.max(1.0)).sqrt(), most)
+}

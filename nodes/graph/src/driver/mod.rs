@@ -1,0 +1,143 @@
+//! Drivers: where scale and tracer readings come from. One instrument, one file.
+//!
+//! Place in the flow: the scale and the tracer node publish what their driver gives, at its pace. A driver for a
+//! real instrument implements [`ScaleDriver`] or [`TracerDriver`], gets a variant in [`DriverConfig`] and a line in
+//! [`open_scale`] or [`open_tracer`]; nothing else changes.
+
+mod bag;
+mod campaign_file;
+mod recorded;
+mod virtual_machine;
+
+use abbe_files::{FileError, MachineFile};
+use abbe_msgs::bag::BagError;
+use abbe_msgs::{CovariateError, MessageError, ScaleReading, TextError, TracerReading};
+use abbe_virtual_machine::SimulationError;
+use serde::{Deserialize, Serialize};
+use std::path::{Path, PathBuf};
+use thiserror::Error;
+
+pub use bag::{CampaignFromBag, campaign_from_bag};
+
+/// A source of scale readings.
+pub trait ScaleDriver: Send {
+    /// The next latching; `None` at the end of a recording.
+    fn next_reading(&mut self) -> Result<Option<ScaleReading>, DriverError>;
+}
+
+/// A source of tracer readings.
+pub trait TracerDriver: Send {
+    /// The next reading; `None` at the end of a recording.
+    fn next_reading(&mut self) -> Result<Option<TracerReading>, DriverError>;
+}
+
+/// Which driver, as launch configurations name it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields)]
+pub enum DriverConfig {
+    /// A recorded campaign as CSV.
+    Campaign {
+        /// The file, relative to the launch file.
+        file: PathBuf,
+    },
+    /// A recorded bag.
+    Bag {
+        /// The bag, relative to the launch file.
+        file: PathBuf,
+        /// Topic in the bag.
+        topic: String,
+    },
+    /// The virtual machine, with a campaign of its own.
+    VirtualMachine {
+        /// Seed of machine, plan and noise.
+        seed: u64,
+    },
+}
+
+/// Why a driver cannot go on.
+#[derive(Debug, Error)]
+pub enum DriverError {
+    /// A file cannot be read.
+    #[error(transparent)]
+    File(#[from] FileError),
+    /// A bag cannot be read.
+    #[error(transparent)]
+    Bag(#[from] BagError),
+    /// The virtual machine refuses its configuration.
+    #[error(transparent)]
+    Simulation(#[from] SimulationError),
+    /// A value does not fit its message.
+    #[error("reading {reading}: {source}")]
+    Message {
+        /// Number of the reading, from 1.
+        reading: usize,
+        /// What does not fit.
+        source: MessageError,
+    },
+    /// A name does not fit its message.
+    #[error("reading {reading}: {what}: {source}")]
+    Text {
+        /// Number of the reading, from 1.
+        reading: usize,
+        /// Which name.
+        what: &'static str,
+        /// What does not fit.
+        source: TextError,
+    },
+    /// A covariate does not fit its message.
+    #[error("reading {reading}: {source}; a sample carries at most 32 covariates")]
+    Covariate {
+        /// Number of the reading, from 1.
+        reading: usize,
+        /// What does not fit.
+        source: CovariateError,
+    },
+    /// The bag holds no such message.
+    #[error("bag {bag}: no message of type {ros_type}{on}; record the scale and tracer topics", on = if topic.is_empty() { String::new() } else { format!(" on topic {topic}") })]
+    NoMessages {
+        /// The bag.
+        bag: String,
+        /// Type looked for.
+        ros_type: &'static str,
+        /// Topic looked for; empty for any.
+        topic: String,
+    },
+    /// A tracer reading without a scale reading of its instant.
+    #[error(
+        "bag {bag}: tracer reading {sequence} at {stamp_s:.6} s has no scale reading of the same instant; latch both together"
+    )]
+    Unmatched {
+        /// The bag.
+        bag: String,
+        /// Sequence of the tracer reading.
+        sequence: u64,
+        /// Its stamp (s).
+        stamp_s: f64,
+    },
+}
+
+/// Opens the driver of the scale node; paths are relative to `base`.
+pub fn open_scale(
+    config: &DriverConfig,
+    base: &Path,
+    machine: &MachineFile,
+) -> Result<Box<dyn ScaleDriver>, DriverError> {
+    Ok(match config {
+        DriverConfig::Campaign { file } => Box::new(campaign_file::open(&base.join(file), machine)?),
+        DriverConfig::Bag { file, topic } => Box::new(bag::open_scale(&base.join(file), topic)?),
+        DriverConfig::VirtualMachine { seed } => Box::new(virtual_machine::open(*seed, machine)?),
+    })
+}
+
+/// Opens the driver of the tracer node; paths are relative to `base`.
+pub fn open_tracer(
+    config: &DriverConfig,
+    base: &Path,
+    machine: &MachineFile,
+) -> Result<Box<dyn TracerDriver>, DriverError> {
+    Ok(match config {
+        DriverConfig::Campaign { file } => Box::new(campaign_file::open(&base.join(file), machine)?),
+        DriverConfig::Bag { file, topic } => Box::new(bag::open_tracer(&base.join(file), topic)?),
+        DriverConfig::VirtualMachine { seed } => Box::new(virtual_machine::open(*seed, machine)?),
+    })
+}

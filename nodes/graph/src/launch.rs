@@ -1,0 +1,348 @@
+//! Launch configuration: which nodes run, from which drivers, over which transports.
+//!
+//! Place in the flow: read by `abbe launch`, `abbe node` and the demo; one file describes the whole graph, so that
+//! every node knows which transport its edges use. Unknown keys, dangling names and impossible edges are refused
+//! with the file and the key.
+
+use crate::driver::DriverConfig;
+use crate::step::MonitorSettings;
+use crate::topics;
+use abbe_runtime::TransportKind;
+use serde::{Deserialize, Serialize};
+use std::path::{Path, PathBuf};
+use thiserror::Error;
+
+/// A node of the graph.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum NodeName {
+    /// Publishes scale readings.
+    Scale,
+    /// Publishes tracer readings.
+    Tracer,
+    /// Applies the identified model.
+    Geometric,
+    /// Adds the residual field.
+    Residual,
+    /// Compares predicted with measured range.
+    Monitor,
+    /// Records every topic it is given.
+    Recorder,
+}
+
+impl NodeName {
+    /// All nodes, consumers before producers: the order in which they are started.
+    pub const ALL: [NodeName; 6] = [
+        NodeName::Recorder,
+        NodeName::Monitor,
+        NodeName::Residual,
+        NodeName::Geometric,
+        NodeName::Tracer,
+        NodeName::Scale,
+    ];
+
+    /// Name in files, on the command line and in the ROS graph.
+    pub fn name(self) -> &'static str {
+        match self {
+            NodeName::Scale => "scale",
+            NodeName::Tracer => "tracer",
+            NodeName::Geometric => "geometric",
+            NodeName::Residual => "residual",
+            NodeName::Monitor => "monitor",
+            NodeName::Recorder => "recorder",
+        }
+    }
+
+    /// The topic this node publishes; the recorder publishes none.
+    pub fn topic(self) -> Option<&'static str> {
+        match self {
+            NodeName::Scale => Some(topics::SCALE_READING),
+            NodeName::Tracer => Some(topics::TRACER_READING),
+            NodeName::Geometric => Some(topics::GEOMETRIC),
+            NodeName::Residual => Some(topics::CORRECTED),
+            NodeName::Monitor => Some(topics::RANGE_RESIDUAL),
+            NodeName::Recorder => None,
+        }
+    }
+
+    /// Nodes whose output this one can take.
+    fn inputs(self) -> &'static [NodeName] {
+        match self {
+            NodeName::Scale | NodeName::Tracer => &[],
+            NodeName::Geometric => &[NodeName::Scale],
+            NodeName::Residual => &[NodeName::Geometric],
+            NodeName::Monitor => &[NodeName::Residual, NodeName::Tracer],
+            NodeName::Recorder => {
+                &[NodeName::Scale, NodeName::Tracer, NodeName::Geometric, NodeName::Residual, NodeName::Monitor]
+            }
+        }
+    }
+}
+
+impl std::str::FromStr for NodeName {
+    type Err = LaunchError;
+
+    fn from_str(name: &str) -> Result<NodeName, LaunchError> {
+        let known = || NodeName::ALL.map(NodeName::name).join(", ");
+        NodeName::ALL
+            .into_iter()
+            .find(|node| node.name() == name)
+            .ok_or_else(|| LaunchError::UnknownNode { name: name.to_owned(), known: known() })
+    }
+}
+
+/// How fast a recording is played.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
+pub enum Pace {
+    /// So many readings a second, whatever the stamps say (Hz).
+    RateHz(f64),
+    /// As recorded, so many times faster.
+    TimeFactor(f64),
+}
+
+/// A node that plays a driver.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Source {
+    /// Where readings come from.
+    pub driver: DriverConfig,
+    /// How fast.
+    pub pace: Pace,
+}
+
+/// The monitor's bounds.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MonitorConfig {
+    /// A single residual is out of bounds beyond this many standard uncertainties.
+    pub single_bound: f64,
+    /// Residuals over which the mean square is taken.
+    pub window: usize,
+    /// Stamps this close are the same instant (s).
+    pub match_within_s: f64,
+}
+
+/// One edge: who gives, who takes, over what.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Edge {
+    /// The publishing node; it may run outside this launch (a ROS 2 program that publishes the same topic).
+    pub from: NodeName,
+    /// The taking node, `user` for a program of the user's on this host, `*` for everyone who subscribes.
+    pub to: String,
+    /// Over what.
+    pub transport: String,
+}
+
+/// A whole graph.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Launch {
+    /// Namespace of the machine: all topics are relative to it.
+    pub namespace: String,
+    /// Machine file, relative to this file.
+    pub machine: PathBuf,
+    /// Model file, relative to this file; without one, samples say that there is no model.
+    pub model: Option<PathBuf>,
+    /// Nodes that this launch starts.
+    pub nodes: Vec<NodeName>,
+    /// Age from which a covariate is stale (s).
+    pub max_covariate_age_s: f64,
+    /// Longest a node waits for the nodes that take from it (s).
+    pub wait_for_subscribers_s: f64,
+    /// Driver of the scale node.
+    pub scale: Option<Source>,
+    /// Driver of the tracer node.
+    pub tracer: Option<Source>,
+    /// Bounds of the monitor node.
+    pub monitor: Option<MonitorConfig>,
+    /// Bag that the recorder writes, relative to this file.
+    pub record: Option<PathBuf>,
+    /// All edges.
+    pub edges: Vec<Edge>,
+}
+
+/// A launch configuration that makes no graph.
+#[derive(Debug, Error)]
+pub enum LaunchError {
+    /// The file cannot be read.
+    #[error("{file}: {source}; check the path")]
+    Read {
+        /// The file.
+        file: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// Not TOML, an unknown key, a missing key, a wrong type.
+    #[error("{file}: {problem}")]
+    Parse {
+        /// The file.
+        file: PathBuf,
+        /// What and where.
+        problem: String,
+    },
+    /// A node name that does not exist.
+    #[error("unknown node {name:?}; known are {known}")]
+    UnknownNode {
+        /// The name.
+        name: String,
+        /// All names.
+        known: String,
+    },
+    /// A value out of range or a part that is missing.
+    #[error("{file}: {key}: {problem}")]
+    Value {
+        /// The file.
+        file: PathBuf,
+        /// The key.
+        key: String,
+        /// What is wrong and what to do.
+        problem: String,
+    },
+}
+
+impl Launch {
+    /// Reads and checks a launch file.
+    pub fn read(path: &Path) -> Result<Launch, LaunchError> {
+        let text =
+            std::fs::read_to_string(path).map_err(|source| LaunchError::Read { file: path.to_owned(), source })?;
+        Launch::parse(&text, path)
+    }
+
+    /// Checks the text of a launch file; `path` names it in errors.
+    pub fn parse(text: &str, path: &Path) -> Result<Launch, LaunchError> {
+        let launch: Launch = toml::from_str(text)
+            .map_err(|error| LaunchError::Parse { file: path.to_owned(), problem: error.to_string() })?;
+        launch.check(path)?;
+        Ok(launch)
+    }
+
+    /// The text of a launch file.
+    pub fn to_text(&self) -> Result<String, LaunchError> {
+        toml::to_string(self)
+            .map_err(|error| LaunchError::Parse { file: PathBuf::from("(generated)"), problem: error.to_string() })
+    }
+
+    /// Transports over which a node publishes, each once.
+    pub fn publishes_over(&self, node: NodeName) -> Vec<TransportKind> {
+        let mut kinds: Vec<TransportKind> =
+            self.edges.iter().filter(|edge| edge.from == node).filter_map(|edge| edge.transport.parse().ok()).collect();
+        kinds.sort();
+        kinds.dedup();
+        kinds
+    }
+
+    /// Transport over which `node` takes what `from` gives; `None` where it does not.
+    pub fn takes_over(&self, node: &str, from: NodeName) -> Option<TransportKind> {
+        let edge = self.edges.iter().find(|edge| edge.from == from && edge.to == node)?;
+        edge.transport.parse().ok()
+    }
+
+    /// Named takers of a node's output that are sure to come: they are waited for.
+    pub fn awaited(&self, node: NodeName) -> usize {
+        self.edges.iter().filter(|edge| edge.from == node && edge.to != "*").count()
+    }
+
+    /// Whether any edge of this node uses that transport.
+    pub fn uses(&self, node: NodeName, kind: TransportKind) -> bool {
+        let touches = |edge: &&Edge| edge.from == node || edge.to == node.name();
+        self.edges.iter().filter(touches).any(|edge| edge.transport == kind.name())
+    }
+
+    /// The monitor's settings.
+    pub fn monitor_settings(&self) -> Option<MonitorSettings> {
+        self.monitor.map(|m| MonitorSettings {
+            single_bound: m.single_bound,
+            window: m.window,
+            match_within_s: m.match_within_s,
+        })
+    }
+
+    fn check(&self, path: &Path) -> Result<(), LaunchError> {
+        let wrong = |key: &str, problem: &str| {
+            Err(LaunchError::Value { file: path.to_owned(), key: key.to_owned(), problem: problem.to_owned() })
+        };
+        let positive = |value: f64| value.is_finite() && value > 0.0;
+        if !positive(self.max_covariate_age_s) {
+            return wrong("max_covariate_age_s", "must be a number of seconds above 0");
+        }
+        if !positive(self.wait_for_subscribers_s) {
+            return wrong("wait_for_subscribers_s", "must be a number of seconds above 0");
+        }
+        for (node, source, key) in [(NodeName::Scale, &self.scale, "scale"), (NodeName::Tracer, &self.tracer, "tracer")]
+        {
+            match source {
+                None if self.nodes.contains(&node) => {
+                    return wrong(key, "this node is started but has no driver; add a table with driver and pace");
+                }
+                Some(Source { pace: Pace::RateHz(value) | Pace::TimeFactor(value), .. }) if !positive(*value) => {
+                    return wrong(&format!("{key}.pace"), "must be above 0");
+                }
+                _ => {}
+            }
+        }
+        match self.monitor {
+            None if self.nodes.contains(&NodeName::Monitor) => {
+                return wrong(
+                    "monitor",
+                    "the monitor is started but has no bounds; add single_bound, window, match_within_s",
+                );
+            }
+            Some(m)
+                if !(positive(m.single_bound)
+                    && m.match_within_s >= 0.0
+                    && m.match_within_s.is_finite()
+                    && m.window > 0) =>
+            {
+                return wrong("monitor", "single_bound and window must be above 0, match_within_s 0 or more");
+            }
+            _ => {}
+        }
+        if self.nodes.contains(&NodeName::Monitor) && self.model.is_none() {
+            return wrong("model", "the monitor needs a model to predict with");
+        }
+        if self.nodes.contains(&NodeName::Recorder) && self.record.is_none() {
+            return wrong("record", "the recorder is started but has no bag to write");
+        }
+        self.check_edges(path)
+    }
+
+    fn check_edges(&self, path: &Path) -> Result<(), LaunchError> {
+        for (index, edge) in self.edges.iter().enumerate() {
+            let wrong = |problem: String| {
+                Err(LaunchError::Value { file: path.to_owned(), key: format!("edges[{index}]"), problem })
+            };
+            if let Err(error) = edge.transport.parse::<TransportKind>() {
+                return wrong(error.to_string());
+            }
+            if edge.from == NodeName::Recorder {
+                return wrong("the recorder publishes nothing".to_owned());
+            }
+            if edge.to != "*" && edge.to != "user" {
+                let taker: NodeName = match edge.to.parse() {
+                    Ok(node) => node,
+                    Err(error) => return wrong(format!("to: {error}, user or *")),
+                };
+                if !taker.inputs().contains(&edge.from) {
+                    return wrong(format!("{} does not take what {} gives", edge.to, edge.from.name()));
+                }
+            }
+            let twice = |other: &Edge| other.from == edge.from && other.to == edge.to && edge.to != "*";
+            if self.edges[..index].iter().any(twice) {
+                return wrong(format!("a second edge from {} to {}", edge.from.name(), edge.to));
+            }
+        }
+        for node in &self.nodes {
+            let missing = node
+                .inputs()
+                .iter()
+                .find(|input| *node != NodeName::Recorder && self.takes_over(node.name(), **input).is_none());
+            if let Some(input) = missing {
+                let problem = format!("{} is started but has no edge from {}", node.name(), input.name());
+                return Err(LaunchError::Value { file: path.to_owned(), key: "edges".to_owned(), problem });
+            }
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,14 @@
+//! The nodes: drivers, what each node computes, how it is wired, and the launcher that starts them.
+//!
+//! Place in the flow: `scale` and `tracer` publish what a [`driver`] gives; `geometric` and `residual` correct;
+//! `monitor` compares predicted with measured range. What a node computes is a pure function in [`step`], the same
+//! for live, replay and tests; [`node`] only wires it to transports. SI, machine frame.
+
+pub mod driver;
+pub mod launch;
+pub mod node;
+pub mod record;
+pub mod replay;
+pub mod step;
+pub mod supervisor;
+pub mod topics;

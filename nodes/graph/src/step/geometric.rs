@@ -1,0 +1,93 @@
+//! The geometric node's step: scale reading in, corrected coordinates out.
+//!
+//! Place in the flow: wraps [`abbe_geometry::correct::correct`], the one correcting function, between the message
+//! types. Every reading gives exactly one output with the same stamp and sequence; what could not be corrected
+//! says so in its status.
+
+use abbe_geometry::correct::{Correction, Status, correct};
+use abbe_geometry::effects::{CovariateSource, CovariateValue, State};
+use abbe_geometry::model::MachineModel;
+use abbe_msgs::{CorrectedCoordinates, CorrectionStatus, Covariates, ScaleReading, Sha256};
+use std::sync::Arc;
+
+/// Covariates of a sample, with the age from which they are stale.
+struct SampleCovariates<'a> {
+    table: &'a Covariates,
+    max_age_s: f64,
+}
+
+impl CovariateSource for SampleCovariates<'_> {
+    fn covariate(&self, name: &str) -> CovariateValue {
+        match self.table.get(name) {
+            None => CovariateValue::Missing,
+            Some(entry) if entry.age_s > self.max_age_s => CovariateValue::Stale,
+            Some(entry) => CovariateValue::Fresh(entry.value),
+        }
+    }
+}
+
+/// Corrects with one model, or says that there is none.
+#[derive(Debug, Clone)]
+pub struct GeometricStep {
+    model: Option<(Arc<MachineModel>, Sha256)>,
+    max_covariate_age_s: f64,
+}
+
+impl GeometricStep {
+    /// A step with this model, and the age (s) beyond which a covariate is stale.
+    pub fn new(model: Option<(Arc<MachineModel>, Sha256)>, max_covariate_age_s: f64) -> GeometricStep {
+        GeometricStep { model, max_covariate_age_s }
+    }
+
+    /// The corrected coordinates of one reading.
+    pub fn correct(&self, reading: &ScaleReading) -> CorrectedCoordinates {
+        let Some((model, sha256)) = &self.model else {
+            return uncorrected(reading, CorrectionStatus::NoModel, Sha256::NONE);
+        };
+        let covariates = SampleCovariates { table: &reading.covariates, max_age_s: self.max_covariate_age_s };
+        let state = State { reading_m: reading.reading_m, offset_m: reading.offset_m, covariates: &covariates };
+        let correction = correct(model, &state);
+        match correction.covariance_m2 {
+            None => uncorrected(reading, CorrectionStatus::Rejected, *sha256),
+            Some(covariance_m2) => CorrectedCoordinates {
+                geometric_correction_m: correction.geometric_m.into(),
+                effect_correction_m: correction.effects_m.into(),
+                corrected_valid: true,
+                corrected_m: correction.position_m.into(),
+                covariance_m2: std::array::from_fn(|k| covariance_m2[(k / 3, k % 3)]),
+                ..uncorrected(reading, wire_status(&correction), *sha256)
+            },
+        }
+    }
+}
+
+fn wire_status(correction: &Correction) -> CorrectionStatus {
+    match correction.status {
+        Status::InVolume => CorrectionStatus::InVolume,
+        Status::Extrapolated => CorrectionStatus::Extrapolated,
+        Status::CovariateMissing => CorrectionStatus::CovariateMissing,
+        Status::Stale => CorrectionStatus::Stale,
+        Status::Rejected => CorrectionStatus::Rejected,
+    }
+}
+
+/// A sample that repeats the indicated position; its status says that nothing was corrected. A reading that is no
+/// number is repeated as such, so that no sequence number vanishes and nothing is made up.
+fn uncorrected(reading: &ScaleReading, status: CorrectionStatus, model_sha256: Sha256) -> CorrectedCoordinates {
+    CorrectedCoordinates {
+        stamp: reading.stamp,
+        sequence: reading.sequence,
+        reading_m: reading.reading_m,
+        offset_m: reading.offset_m,
+        geometric_correction_m: [0.0; 3],
+        effect_correction_m: [0.0; 3],
+        residual_correction_m: [0.0; 3],
+        corrected_m: std::array::from_fn(|d| reading.reading_m[d] + reading.offset_m[d]),
+        covariance_m2: [0.0; 9],
+        model_sha256,
+        residual_model_sha256: Sha256::NONE,
+        frame_id: reading.frame_id,
+        corrected_valid: false,
+        status,
+    }
+}

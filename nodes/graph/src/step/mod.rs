@@ -1,0 +1,12 @@
+//! What each node computes, as pure functions of samples and model: no clock, no transport, no file.
+//!
+//! Place in the flow: called by [`crate::node`] live and by [`crate::replay`] on a recording, so that both give the
+//! same bytes.
+
+mod geometric;
+mod monitor;
+mod residual;
+
+pub use geometric::GeometricStep;
+pub use monitor::{Health, HealthState, MonitorSettings, MonitorStep};
+pub use residual::ResidualStep;

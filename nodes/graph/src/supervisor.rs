@@ -1,0 +1,195 @@
+//! Starts the nodes of a launch as processes, watches them, and leaves nothing behind.
+//!
+//! Place in the flow: used by `abbe launch` and the demo. Nodes are children that follow their launcher: when it
+//! ends, however it ends, they end. Shared memory of the run is removed at the end.
+
+use crate::launch::{Launch, LaunchError, NodeName};
+use crate::node::NodeSummary;
+use abbe_runtime::{RunId, Shutdown, transport::shared_memory};
+use std::io::Read;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+use thiserror::Error;
+
+/// How long a node may take to stop before it is ended.
+const STOP_PATIENCE: Duration = Duration::from_secs(5);
+
+/// Why a graph could not be run.
+#[derive(Debug, Error)]
+pub enum SupervisorError {
+    /// The launch file.
+    #[error(transparent)]
+    Launch(#[from] LaunchError),
+    /// A node could not be started.
+    #[error("node {node}: cannot start {program}: {source}")]
+    Start {
+        /// The node.
+        node: &'static str,
+        /// The program.
+        program: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// A node ended with an error; its own words stand in the log.
+    #[error("node {node} ended with {status}: {words}")]
+    Failed {
+        /// The node.
+        node: &'static str,
+        /// Exit status.
+        status: String,
+        /// Last words on its error stream.
+        words: String,
+    },
+    /// A node could not be watched.
+    #[error("node {node}: cannot be watched: {source}")]
+    Watch {
+        /// The node.
+        node: &'static str,
+        /// Why.
+        source: std::io::Error,
+    },
+}
+
+struct Running {
+    name: NodeName,
+    child: Child,
+    ended: bool,
+}
+
+/// The nodes of one run.
+pub struct Supervisor {
+    running: Vec<Running>,
+    run: RunId,
+}
+
+impl Supervisor {
+    /// Starts the nodes of a launch file, those that take before those that give.
+    pub fn start(program: &Path, launch_file: &Path, run: RunId) -> Result<Supervisor, SupervisorError> {
+        let launch = Launch::read(launch_file)?;
+        let mut supervisor = Supervisor { running: Vec::new(), run };
+        for name in NodeName::ALL.into_iter().filter(|name| launch.nodes.contains(name)) {
+            let child = Command::new(program)
+                .args(["node", name.name(), "--launch"])
+                .arg(launch_file)
+                .args(["--run", supervisor.run.as_str(), "--launcher-pid", &std::process::id().to_string()])
+                .stdin(Stdio::null())
+                .stdout(Stdio::piped())
+                .stderr(Stdio::piped())
+                .spawn()
+                .map_err(|source| SupervisorError::Start { node: name.name(), program: program.to_owned(), source })?;
+            supervisor.running.push(Running { name, child, ended: false });
+        }
+        Ok(supervisor)
+    }
+
+    /// The run's name.
+    pub fn run(&self) -> &RunId {
+        &self.run
+    }
+
+    /// Process ids of the nodes.
+    pub fn process_ids(&self) -> Vec<(NodeName, u32)> {
+        self.running.iter().map(|node| (node.name, node.child.id())).collect()
+    }
+
+    /// Whether this node has ended by itself; a failure is an error.
+    pub fn has_ended(&mut self, name: NodeName) -> Result<bool, SupervisorError> {
+        self.check()?;
+        Ok(self.running.iter().filter(|node| node.name == name).all(|node| node.ended))
+    }
+
+    /// Looks after all nodes; a failure of one is an error.
+    pub fn check(&mut self) -> Result<(), SupervisorError> {
+        for node in self.running.iter_mut().filter(|node| !node.ended) {
+            let watch = |source| SupervisorError::Watch { node: node.name.name(), source };
+            if let Some(status) = node.child.try_wait().map_err(watch)? {
+                node.ended = true;
+                if !status.success() {
+                    let words = rest(node.child.stderr.take());
+                    return Err(SupervisorError::Failed {
+                        node: node.name.name(),
+                        status: status.to_string(),
+                        words: words.lines().last().unwrap_or("(it said nothing)").to_owned(),
+                    });
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Stops all nodes, those that give before those that take, and collects what they did.
+    pub fn stop(mut self) -> Result<Vec<NodeSummary>, SupervisorError> {
+        let order = [
+            NodeName::Scale,
+            NodeName::Tracer,
+            NodeName::Geometric,
+            NodeName::Residual,
+            NodeName::Monitor,
+            NodeName::Recorder,
+        ];
+        let mut summaries = Vec::new();
+        for name in order {
+            if let Some(node) = self.running.iter_mut().find(|node| node.name == name) {
+                node.end();
+                let words = rest(node.child.stdout.take());
+                summaries.extend(words.lines().filter_map(|line| serde_json::from_str::<NodeSummary>(line).ok()));
+            }
+        }
+        Ok(summaries)
+    }
+
+    /// Waits until every source has ended or `shutdown` is raised.
+    pub fn wait_for_sources(&mut self, shutdown: &Shutdown) -> Result<(), SupervisorError> {
+        while !shutdown.requested() {
+            if self.has_ended(NodeName::Scale)? && self.has_ended(NodeName::Tracer)? {
+                break;
+            }
+            shutdown.sleep(Duration::from_millis(20));
+        }
+        Ok(())
+    }
+}
+
+impl Running {
+    /// Asks the process to stop, and ends it if it does not.
+    fn end(&mut self) {
+        if self.ended {
+            return;
+        }
+        if let Some(pid) = i32::try_from(self.child.id()).ok().and_then(rustix::process::Pid::from_raw) {
+            // It may have ended by itself in between; then there is nothing to ask.
+            let _ = rustix::process::kill_process(pid, rustix::process::Signal::TERM);
+        }
+        let since = Instant::now();
+        while since.elapsed() < STOP_PATIENCE {
+            if !matches!(self.child.try_wait(), Ok(None)) {
+                self.ended = true;
+                return;
+            }
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        tracing::warn!(node = self.name.name(), "did not stop in time and is ended");
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+        self.ended = true;
+    }
+}
+
+impl Drop for Supervisor {
+    fn drop(&mut self) {
+        self.running.iter_mut().for_each(Running::end);
+        if let Err(error) = shared_memory::cleanup(&self.run) {
+            tracing::warn!(%error, "shared memory of the run could not be removed");
+        }
+    }
+}
+
+fn rest(stream: Option<impl Read>) -> String {
+    let mut text = Vec::new();
+    if let Some(mut stream) = stream {
+        // What cannot be read is only missing from a report.
+        let _ = stream.read_to_end(&mut text);
+    }
+    String::from_utf8_lossy(&text).into_owned()
+}
