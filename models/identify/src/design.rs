@@ -100,3 +100,85 @@ impl Estimate<'_> {
         row.push(first, ray.direction.iter().map(|u| -u).chain([-1.0]));
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use abbe_geometry::error_function::Kind;
+    use abbe_geometry::machine::{Joint, Side, Squareness};
+    use abbe_geometry::rotation::RotationForm;
+    use abbe_geometry::{Axis, ErrorId};
+
+    /// A chain given from the workpiece to the tool.
+    fn machine(chain: [(Axis, Side); 3], rotation: RotationForm) -> Machine {
+        let kinds = [Kind::Polynomial { degree: 4 }, Kind::Nodes { count: 5 }, Kind::BSpline { intervals: 4 }];
+        let tilt = |name: &str, tilts, about| Squareness { name: name.to_owned(), tilts, about };
+        Machine {
+            name: "chain".to_owned(),
+            frame_id: "machine".to_owned(),
+            joints: chain.map(|(axis, side)| Joint { axis, side }),
+            stroke_m: [(-0.1, 0.7), (0.0, 0.6), (-0.3, 0.3)],
+            squareness: [tilt("C0Y", Axis::Y, Axis::Z), tilt("B0Z", Axis::Z, Axis::Y), tilt("A0Z", Axis::Z, Axis::X)],
+            rotation,
+            kinds: std::array::from_fn(|k| Some(kinds[k % 3])),
+            repeatability_m: [0.3e-6; 3],
+            default_offset_m: None,
+        }
+    }
+
+    #[test]
+    fn partials_of_a_row_agree_with_central_differences_far_from_zero() {
+        use Side::{Tool, Workpiece};
+        let chains = [
+            [(Axis::X, Tool), (Axis::Y, Tool), (Axis::Z, Tool)],
+            [(Axis::Y, Tool), (Axis::X, Tool), (Axis::Z, Tool)],
+            [(Axis::Y, Workpiece), (Axis::X, Tool), (Axis::Z, Tool)],
+            [(Axis::X, Workpiece), (Axis::Y, Workpiece), (Axis::Z, Tool)],
+        ];
+        for chain in chains {
+            for rotation in [RotationForm::Exact, RotationForm::SmallAngle] {
+                assert_partials(&machine(chain, rotation));
+            }
+        }
+    }
+
+    fn assert_partials(machine: &Machine) {
+        let layout = Layout::new(machine).unwrap();
+        let setup =
+            Setup { machine, layout: &layout, instrument: RangeUncertainty { constant_m: 1e-7, per_metre: 1e-7 } };
+        // Errors of centimetres and hundredths of a radian, where a Jacobian taken at zero is far off.
+        let mut parameters: Vec<f64> = (0..layout.len()).map(|k| 0.02 * (1.7 * k as f64).sin()).collect();
+        parameters.extend([0.9, -0.4, 0.2, 0.15, -0.7, 1.1, 0.5, 0.3]);
+        let reading = RangeReading {
+            station: 1,
+            line: 0,
+            time_s: 0.0,
+            reading_m: [0.37, 0.21, -0.13],
+            offset_m: [0.05, -0.08, -0.11],
+            length_m: 0.4,
+        };
+        let row_at = |parameters: &[f64]| {
+            let mut row = Row::new();
+            Estimate { setup, parameters }.row(&reading, &mut row);
+            row
+        };
+        let mut partials = vec![0.0; parameters.len()];
+        let row = row_at(&parameters);
+        row.segments().for_each(|(first, values)| partials[first..first + values.len()].copy_from_slice(values));
+        let step = 1e-6;
+        for k in 0..parameters.len() {
+            let shifted = |by: f64| {
+                let mut shifted = parameters.clone();
+                shifted[k] += by;
+                // The residual is measured minus predicted: its change is minus the prediction's.
+                -row_at(&shifted).residual_m
+            };
+            let difference = (shifted(step) - shifted(-step)) / (2.0 * step);
+            // Rounding 1e-16/1e-6, curvature 1e-12.
+            assert!((partials[k] - difference).abs() < 2e-9, "{:?} {k}: {} {difference}", machine.joints, partials[k]);
+        }
+        // Every error takes part, so that none of the comparisons is of zeros only.
+        let touched = ErrorId::all().filter(|id| layout.range(*id).any(|k| partials[k] != 0.0)).count();
+        assert_eq!(touched, 18);
+    }
+}

@@ -51,10 +51,22 @@ pub enum IdentifyError {
         /// Which quantity.
         what: &'static str,
     },
+    /// A reading names a station or line that the campaign does not list.
+    #[error(
+        "reading {reading}: {what} number {index} is not in the campaign's list; the campaign was put together wrongly"
+    )]
+    Dangling {
+        /// Number of the reading, from 1.
+        reading: usize,
+        /// Station or line.
+        what: &'static str,
+        /// The index that leads nowhere, from 0.
+        index: u32,
+    },
     /// A reading is outside the machine.
     #[error(
         "reading {reading}: {axis} = {position_mm:.4} mm lies outside the stroke {lower_mm} … {upper_mm} mm of machine \
-         {machine}; this campaign is of another machine, or the unit is wrong"
+         {machine}; this campaign is of another machine, its columns are exchanged, or the unit is wrong"
     )]
     OutsideStroke {
         /// Number of the reading, from 1.
@@ -92,7 +104,7 @@ pub enum IdentifyError {
         first: usize,
         /// Last reading of the line, from 1.
         last: usize,
-        /// Rms disagreement (mm).
+        /// Median disagreement (mm).
         residual_mm: f64,
         /// What explains it, and what to do.
         explanation: String,
@@ -132,19 +144,25 @@ pub enum IdentifyError {
 }
 
 fn unobservable_text(groups: &[Unobservable], lines: &[String], rank: usize, unknowns: usize) -> String {
-    let groups: Vec<String> = groups.iter().map(|group| group.errors.join(" with ")).collect();
+    let groups: Vec<String> = groups.iter().map(group_text).collect();
     let remedy = if lines.is_empty() {
-        "no line of one reflector offset or axis direction would help: measure from more stations, or hold these errors \
-         at zero in the machine file (kind = \"zero\")"
-            .to_owned()
+        "no few lines along an axis would help: measure from more stations around the machine".to_owned()
     } else {
-        format!(
-            "these lines would observe them: {}; or hold the errors at zero in the machine file (kind = \"zero\")",
-            lines.join("; ")
-        )
+        let numbered: Vec<String> = lines.iter().enumerate().map(|(k, line)| format!("({}) {line}", k + 1)).collect();
+        format!("add {}: {}", if lines.len() == 1 { "this line" } else { "these lines" }, numbered.join("; "))
     };
     format!(
-        "the plan determines {rank} of {unknowns} low-order unknowns; not observable: {}; {remedy}",
-        groups.join(", ")
+        "the plan determines only {rank} of {unknowns} low-order unknowns; it cannot see {}; {remedy}; or hold what \
+         cannot be seen at zero in the machine file (kind = \"zero\")",
+        groups.join("; ")
     )
+}
+
+/// `ECY`, or `EAZ apart from EYZ, A0Z`.
+fn group_text(group: &Unobservable) -> String {
+    match group.errors.split_first() {
+        Some((first, [])) => first.clone(),
+        Some((first, others)) => format!("{first} apart from {}", others.join(", ")),
+        None => "a combination of many small parts".to_owned(),
+    }
 }

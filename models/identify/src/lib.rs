@@ -5,16 +5,19 @@
 //! l = |q(reading, offset; errors) − station| − dead path; all unknowns are found together, from no start values,
 //! by weighted, penalised Gauss-Newton least squares (FYXZ paper eq. 4-9 with Liang 2025's chain).
 
+mod contradiction;
 mod design;
 mod error;
 mod evidence;
 mod linear;
 mod normal;
-pub mod observability;
+mod observability;
 mod options;
 mod order;
 mod plausibility;
+mod proposal;
 mod robust;
+mod roughness;
 mod smoothing;
 mod solve;
 pub mod station_start;

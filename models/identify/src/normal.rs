@@ -35,6 +35,11 @@ impl NormalEquations {
         NormalEquations { size, matrix, gradient, weighted_square: 0.0, weight: 0.0, square_m2: 0.0, used: 0 }
     }
 
+    /// An entry of JᵀWJ, which is symmetric.
+    pub(crate) fn entry(&self, row: usize, column: usize) -> f64 {
+        self.matrix[row.min(column) * self.size + row.max(column)]
+    }
+
     fn add_row(&mut self, row: &Row, u_m: f64, weight: f64) {
         let information = weight / (u_m * u_m);
         let segments = row.segments();

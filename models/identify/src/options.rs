@@ -5,7 +5,8 @@
 /// How many coefficients each error function gets.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum OrderChoice {
-    /// Decided by the data: restricted marginal likelihood for splines, BIC for polynomials and nodes.
+    /// Decided by the data: restricted marginal likelihood for splines, BIC for polynomials. Nodes stay as the
+    /// machine file says.
     Evidence,
     /// Exactly what the machine file says, without penalty.
     Fixed,
@@ -16,7 +17,7 @@ pub enum OrderChoice {
 pub struct Options {
     /// Order of the error functions.
     pub order: OrderChoice,
-    /// Down-weight and reject outlying readings (Tukey's biweight); otherwise all weigh as declared.
+    /// Down-weight and reject outlying readings (beyond 3.5 and 6 robust deviations); otherwise all weigh as declared.
     pub robust: bool,
     /// The instrument measures absolute distance, so that dead paths are zero.
     pub absolute_range: bool,

@@ -6,7 +6,7 @@
 
 use crate::linear::NotPositiveDefinite;
 use crate::normal::NormalEquations;
-use crate::smoothing::{Penalty, solve};
+use crate::smoothing::{Smoothness, solve};
 use abbe_geometry::ErrorId;
 use abbe_geometry::error_function::Kind;
 use abbe_geometry::layout::Layout;
@@ -17,10 +17,10 @@ pub(crate) fn eliminate(
     normal: &NormalEquations,
     at: &[f64],
     free: &mut Vec<usize>,
-    penalties: &mut [Penalty],
+    smoothness: &mut Smoothness,
 ) -> Result<(), NotPositiveDefinite> {
     loop {
-        let solution = solve(normal, at, free, penalties, 1.0, false)?;
+        let solution = solve(normal, at, free, smoothness, 1.0, false)?;
         let limit = (normal.used.max(2) as f64).ln();
         let rise = |k: usize| solution.parameters[free[k]].powi(2) / solution.covariance[(k, k)];
         let weakest = last_coefficients(layout, free).into_iter().min_by(|a, b| rise(*a).total_cmp(&rise(*b)));

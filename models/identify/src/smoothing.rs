@@ -1,74 +1,127 @@
 //! Penalised solve and the choice of smoothness by restricted marginal likelihood.
 //!
 //! Place in the flow: takes the normal equations of one pass, returns the new parameters, their covariance and
-//! the effective degrees of freedom of each error function. Each spline carries its own penalty λ ∫ f″²; the λ
-//! are found by the generalised Fellner-Schall update (Wood & Fasiolo 2017, Biometrics 73, eq. 4), which needs
-//! only the normal equations, so the cost does not grow with the readings.
+//! the effective degrees of freedom of each error function. Each spline carries its own penalty λ ∫ w f″² with the
+//! profile w of [`crate::roughness`]; the λ are found by the generalised Fellner-Schall update (Wood & Fasiolo 2017, Biometrics 73, eq. 4), which needs
+//! only the normal equations, so the cost does not grow with the readings. The standard deviation σ = λ^(−½) of each
+//! curvature has the prior density ∝ σ (Chung et al. 2013, Psychometrika 78: a gamma density of shape 2 and rate 0):
+//! without it the likelihood is often largest at σ = 0, where a function whose curvature the data cannot see counts
+//! as certainly straight, and its uncertainty is far too small.
 
-use crate::linear::{Factor, NotPositiveDefinite, select, symmetric_eigen};
+use crate::linear::{Factor, NotPositiveDefinite, select};
 use crate::normal::NormalEquations;
-use abbe_geometry::error_function::{Basis, Closure};
+use crate::roughness::{Curvature, Roughness};
+use abbe_geometry::ErrorId;
+use abbe_geometry::error_function::{Closure, Kind};
+use abbe_geometry::layout::Layout;
 use faer::Mat;
 use std::ops::Range;
+use std::rc::Rc;
 
 /// Updates after which the smoothness is taken as it is: it then changes by less than the data can tell.
 const MAX_UPDATES: usize = 60;
-/// Change of the effective degrees of freedom that ends the search.
+/// Change of the effective degrees of freedom of a function that ends the search.
 const DEGREES_TOLERANCE: f64 = 0.01;
 /// Bounds of the penalty relative to its start: beyond these a function is a straight line, or free.
 const PENALTY_SPAN: f64 = 1e10;
 /// Largest factor by which one update may move a penalty.
 const PENALTY_STEP: f64 = 1e3;
+/// Range of the exponent: from ends like the middle to ends that may bend as polynomials do.
+const EXPONENTS: (f64, f64) = (0.0, 2.0);
+/// Largest change of the exponent in one update.
+const EXPONENT_STEP: f64 = 0.25;
 
 /// One penalised error function.
 #[derive(Debug, Clone)]
 pub(crate) struct Penalty {
     /// Its parameters.
     pub(crate) range: Range<usize>,
-    /// Roughness matrix, row-major.
-    pub(crate) roughness: Vec<f64>,
-    /// Rank of the roughness matrix.
-    pub(crate) rank: f64,
-    /// Sum of the logarithms of the roughness matrix' non-zero eigenvalues, less twice that of the length of the
-    /// straight line's coefficients: makes likelihoods of splines with different intervals comparable.
-    pub(crate) log_determinant: f64,
-    /// Current factor λ, and the one it started from; 0 before the first solve.
+    /// Factor λ; 0 before the first solve.
     pub(crate) lambda: f64,
     /// First λ, which bounds the search.
-    pub(crate) first_lambda: f64,
+    first_lambda: f64,
+    /// Rank of the roughness matrix.
+    rank: f64,
+    /// Which of [`Smoothness::curvatures`] it has.
+    curvature: usize,
+    roughness: Rc<Roughness>,
 }
 
 impl Penalty {
-    /// Curvature penalty of one spline; `None` where it has no curvature to penalise.
-    pub(crate) fn new(range: Range<usize>, basis: &Basis) -> Option<Penalty> {
-        let n = basis.len();
-        let roughness = basis.roughness();
-        // The straight line is the one shape without curvature; a closed function has none left.
-        let open = basis.closure() == Closure::Origin;
-        let rank = n - usize::from(open);
-        let (values, _) = symmetric_eigen(&Mat::from_fn(n, n, |i, j| roughness[i * n + j]))?;
-        let curved: f64 = values[n - rank..].iter().map(|v| v.ln()).sum();
-        let line: f64 = if open { basis.coefficients_of_power(1).iter().map(|c| c * c).sum() } else { 1.0 };
-        let log_determinant = curved - line.ln();
-        let penalty = Penalty { range, roughness, rank: rank as f64, log_determinant, lambda: 0.0, first_lambda: 0.0 };
-        (rank > 0).then_some(penalty)
-    }
-
     /// Log determinant of the prior's precision.
     fn log_prior(&self) -> f64 {
-        self.rank * self.lambda.max(f64::MIN_POSITIVE).ln() + self.log_determinant
+        self.rank * self.log_of_lambda() + self.roughness.log_determinant
     }
 
-    fn quadratic(&self, parameters: &[f64]) -> f64 {
+    /// −2 log of the density ∝ λ^(−½) of the curvature's standard deviation.
+    fn log_of_lambda(&self) -> f64 {
+        self.lambda.max(f64::MIN_POSITIVE).ln()
+    }
+
+    /// βᵀMβ of the function's own coefficients.
+    fn quadratic(&self, matrix: &[f64], parameters: &[f64]) -> f64 {
         let n = self.range.len();
         let f = &parameters[self.range.clone()];
-        (0..n).map(|i| f[i] * (0..n).map(|j| self.roughness[i * n + j] * f[j]).sum::<f64>()).sum()
+        (0..n).map(|i| f[i] * (0..n).map(|j| matrix[i * n + j] * f[j]).sum::<f64>()).sum()
+    }
+}
+
+/// The penalties of all splines and the profile they share.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Smoothness {
+    pub(crate) penalties: Vec<Penalty>,
+    curvatures: Vec<Curvature>,
+    exponent: f64,
+}
+
+impl Smoothness {
+    /// A penalty on the curvature of every spline.
+    pub(crate) fn new(layout: &Layout) -> Smoothness {
+        let mut smoothness = Smoothness::default();
+        let mut known: Vec<(Kind, Closure)> = Vec::new();
+        for id in ErrorId::all() {
+            let Some(basis) = layout.basis(id) else { continue };
+            let key = (basis.kind(), basis.closure());
+            if !known.contains(&key) {
+                let Some(curvature) = Curvature::new(basis) else { continue };
+                known.push(key);
+                smoothness.curvatures.push(curvature);
+            }
+            let Some(curvature) = known.iter().position(|k| *k == key) else { continue };
+            let own = &smoothness.curvatures[curvature];
+            let Some(roughness) = own.at(EXPONENTS.0) else { continue };
+            let (rank, range) = (own.rank() as f64, layout.range(id));
+            let roughness = Rc::new(roughness);
+            smoothness.penalties.push(Penalty { range, lambda: 0.0, first_lambda: 0.0, rank, curvature, roughness });
+        }
+        smoothness
+    }
+
+    /// Recomputes the roughness matrices for another exponent.
+    fn set_exponent(&mut self, exponent: f64) {
+        let Some(roughness) = self.curvatures.iter().map(|c| c.at(exponent).map(Rc::new)).collect::<Option<Vec<_>>>()
+        else {
+            return;
+        };
+        self.exponent = exponent;
+        self.penalties.iter_mut().for_each(|penalty| penalty.roughness = Rc::clone(&roughness[penalty.curvature]));
+    }
+
+    /// First penalty: prior information equal to a thousandth of the data's, per function.
+    fn start(&mut self, normal: &NormalEquations) {
+        for penalty in self.penalties.iter_mut().filter(|p| p.lambda == 0.0) {
+            let n = penalty.range.len();
+            let data: f64 = penalty.range.clone().map(|k| normal.entry(k, k)).sum();
+            let rough: f64 = (0..n).map(|k| penalty.roughness.matrix[k * n + k]).sum();
+            penalty.lambda = 1e-3 * (data / rough.max(f64::MIN_POSITIVE)).max(f64::MIN_POSITIVE);
+            penalty.first_lambda = penalty.lambda;
+        }
     }
 }
 
 /// Result of one penalised solve.
 pub(crate) struct Solution {
-    /// New values of all parameters; those that are not free keep theirs.
+    /// New values of all parameters; those that are not free are zero.
     pub(crate) parameters: Vec<f64>,
     /// Covariance of the free parameters, scaled by the noise factor.
     pub(crate) covariance: Mat<f64>,
@@ -80,27 +133,27 @@ pub(crate) struct Solution {
     pub(crate) minus_two_log_likelihood: f64,
 }
 
-/// Solves for the free parameters; `update_penalties` lets the data choose the smoothness.
+/// Solves for the free parameters; `choose` lets the data choose the smoothness.
 pub(crate) fn solve(
     normal: &NormalEquations,
     at: &[f64],
     free: &[usize],
-    penalties: &mut [Penalty],
+    smoothness: &mut Smoothness,
     noise_factor: f64,
-    update_penalties: bool,
+    choose: bool,
 ) -> Result<Solution, NotPositiveDefinite> {
     let problem = Problem::new(normal, at, free);
-    start_penalties(normal, penalties);
-    let mut solution = problem.solve(penalties, noise_factor)?;
-    if !update_penalties || penalties.is_empty() {
+    smoothness.start(normal);
+    let mut solution = problem.solve(&smoothness.penalties, noise_factor)?;
+    if !choose || smoothness.penalties.is_empty() {
         return Ok(solution);
     }
     for _ in 0..MAX_UPDATES {
-        for penalty in penalties.iter_mut() {
-            problem.update(penalty, &solution);
-        }
-        let next = problem.solve(penalties, solution.noise_factor)?;
-        let moved = problem.largest_change_of_degrees(penalties, &solution, &next);
+        let exponent = problem.better_exponent(smoothness, &solution);
+        smoothness.penalties.iter_mut().for_each(|penalty| problem.update(penalty, &solution));
+        smoothness.set_exponent(exponent);
+        let next = problem.solve(&smoothness.penalties, solution.noise_factor)?;
+        let moved = problem.largest_change_of_degrees(&smoothness.penalties, &solution, &next);
         solution = next;
         if moved < DEGREES_TOLERANCE {
             break;
@@ -109,18 +162,8 @@ pub(crate) fn solve(
     Ok(solution)
 }
 
-/// First penalty: prior information equal to a thousandth of the data's, per function.
-fn start_penalties(normal: &NormalEquations, penalties: &mut [Penalty]) {
-    for penalty in penalties.iter_mut().filter(|p| p.lambda == 0.0) {
-        let n = penalty.range.len();
-        let data: f64 = penalty.range.clone().map(|k| normal.matrix[k * normal.size + k]).sum();
-        let rough: f64 = (0..n).map(|k| penalty.roughness[k * n + k]).sum();
-        penalty.lambda = 1e-3 * (data / rough.max(f64::MIN_POSITIVE)).max(f64::MIN_POSITIVE);
-        penalty.first_lambda = penalty.lambda;
-    }
-}
-
-/// The quadratic problem around the parameters of one pass.
+/// The quadratic problem around the parameters of one pass. Parameters that are not free go to zero: they are dropped
+/// coefficients, or dead paths of an absolute instrument.
 struct Problem<'a> {
     normal: &'a NormalEquations,
     at: &'a [f64],
@@ -128,8 +171,10 @@ struct Problem<'a> {
     /// Position of each parameter among the free ones.
     place: Vec<Option<usize>>,
     data: Mat<f64>,
-    /// Data part of the right-hand side in terms of parameters (not of changes).
+    /// Data part of the right-hand side for changes of the free parameters, the others being zero.
     right: Vec<f64>,
+    /// Σ w (r/u)² with the others at zero.
+    weighted_square: f64,
 }
 
 impl<'a> Problem<'a> {
@@ -137,68 +182,94 @@ impl<'a> Problem<'a> {
         let mut place = vec![None; normal.size];
         free.iter().enumerate().for_each(|(k, index)| place[*index] = Some(k));
         let data = select(&normal.matrix, normal.size, free);
-        let moved = &data * Mat::from_fn(free.len(), 1, |k, _| at[free[k]]);
-        let right = free.iter().enumerate().map(|(k, index)| normal.gradient[*index] + moved[(k, 0)]).collect();
-        Problem { normal, at, free, place, data, right }
+        let dropped: Vec<usize> = (0..normal.size).filter(|k| place[*k].is_none() && at[*k] != 0.0).collect();
+        let coupling = |index: usize| dropped.iter().map(|d| normal.entry(index, *d) * at[*d]).sum::<f64>();
+        let right = free.iter().map(|index| normal.gradient[*index] + coupling(*index)).collect();
+        let grown: f64 = dropped.iter().map(|d| at[*d] * (2.0 * normal.gradient[*d] + coupling(*d))).sum();
+        Problem { normal, at, free, place, data, right, weighted_square: normal.weighted_square + grown }
     }
 
     fn solve(&self, penalties: &[Penalty], phi: f64) -> Result<Solution, NotPositiveDefinite> {
         let mut system = self.data.clone();
+        let mut right = self.right.clone();
         for penalty in penalties {
             let n = penalty.range.len();
             for (i, row) in penalty.range.clone().enumerate() {
                 for (j, column) in penalty.range.clone().enumerate() {
                     if let (Some(a), Some(b)) = (self.place[row], self.place[column]) {
-                        system[(a, b)] += phi * penalty.lambda * penalty.roughness[i * n + j];
+                        let stiffness = phi * penalty.lambda * penalty.roughness.matrix[i * n + j];
+                        system[(a, b)] += stiffness;
+                        right[a] -= stiffness * self.at[column];
                     }
                 }
             }
         }
         let factor = Factor::new(&system)?;
-        let free_values = factor.solve(&self.right);
+        // Changes, not values, are solved for: a station stands metres away and moves by nanometres.
+        let change = factor.solve(&right);
         let inverse = factor.inverse();
-        let mut parameters = self.at.to_vec();
-        self.free.iter().zip(&free_values).for_each(|(index, value)| parameters[*index] = *value);
+        let mut parameters = vec![0.0; self.at.len()];
+        self.free.iter().zip(&change).for_each(|(index, change)| parameters[*index] = self.at[*index] + change);
         let effective = (0..self.free.len())
-            .map(|k| inverse.row(k).iter().zip(self.data.col(k).iter()).map(|(a, b)| a * b).sum())
+            .map(|k| inverse.col(k).iter().zip(self.data.col(k).iter()).map(|(a, b)| a * b).sum())
             .collect::<Vec<f64>>();
-        let chi2 = self.chi2(&free_values);
+        let chi2 = self.chi2(&change);
         let degrees = (self.normal.weight - effective.iter().sum::<f64>()).max(1.0);
         let noise_factor = chi2 / degrees;
         let covariance = faer::Scale(noise_factor_for_covariance(noise_factor)) * inverse;
+        let prior =
+            |p: &Penalty| p.lambda * p.quadratic(&p.roughness.matrix, &parameters) - p.log_prior() + p.log_of_lambda();
         let minus_two_log_likelihood = chi2 / phi
-            + penalties.iter().map(|p| p.lambda * p.quadratic(&parameters) - p.log_prior()).sum::<f64>()
+            + penalties.iter().map(prior).sum::<f64>()
             + (self.normal.weight - self.free.len() as f64) * phi.ln()
             + factor.log_determinant();
         Ok(Solution { parameters, covariance, effective, noise_factor, minus_two_log_likelihood })
     }
 
-    /// χ² predicted at the new parameters by the quadratic form.
-    fn chi2(&self, free_values: &[f64]) -> f64 {
-        let change = Mat::from_fn(self.free.len(), 1, |k, _| free_values[k] - self.at[self.free[k]]);
-        let curved = &self.data * &change;
-        let reduction: f64 = (0..self.free.len())
-            .map(|k| change[(k, 0)] * (2.0 * self.normal.gradient[self.free[k]] - curved[(k, 0)]))
-            .sum();
-        (self.normal.weighted_square - reduction).max(0.0)
+    /// χ² predicted after these changes by the quadratic form.
+    fn chi2(&self, change: &[f64]) -> f64 {
+        let curved = &self.data * Mat::from_fn(change.len(), 1, |k, _| change[k]);
+        let reduction: f64 =
+            change.iter().enumerate().map(|(k, change)| change * (2.0 * self.right[k] - curved[(k, 0)])).sum();
+        (self.weighted_square - reduction).max(0.0)
     }
 
-    /// λ ← (rank − λ tr(V S)) / (βᵀ S β).
+    /// λ ← (rank − λ tr(V S)) / (βᵀ S β + 1/λ); the 1/λ comes from the prior of σ.
     fn update(&self, penalty: &mut Penalty, solution: &Solution) {
+        let trace = self.trace(penalty, &penalty.roughness.matrix, solution);
+        let quadratic = penalty.quadratic(&penalty.roughness.matrix, &solution.parameters);
+        let wanted = (penalty.rank - penalty.lambda * trace).max(0.0) / (quadratic + 1.0 / penalty.lambda);
+        let stepped = wanted.clamp(penalty.lambda / PENALTY_STEP, penalty.lambda * PENALTY_STEP);
+        penalty.lambda = stepped.clamp(penalty.first_lambda / PENALTY_SPAN, penalty.first_lambda * PENALTY_SPAN);
+    }
+
+    /// One scoring step of the exponent: the slope of −2 log likelihood over the information that exactly known curves
+    /// would give, which is an upper bound, so that the steps do not overshoot.
+    fn better_exponent(&self, smoothness: &Smoothness, solution: &Solution) -> f64 {
+        let (mut slope, mut information) = (0.0, 0.0);
+        for penalty in &smoothness.penalties {
+            let matrix = &penalty.roughness.slope;
+            let spread = self.trace(penalty, matrix, solution) + penalty.quadratic(matrix, &solution.parameters);
+            slope += penalty.lambda * spread - penalty.roughness.log_determinant_slope;
+            information += penalty.roughness.information;
+        }
+        let step = (-slope / information.max(f64::MIN_POSITIVE)).clamp(-EXPONENT_STEP, EXPONENT_STEP);
+        (smoothness.exponent + step).clamp(EXPONENTS.0, EXPONENTS.1)
+    }
+
+    /// tr(V M) over the function's own coefficients, V without the widening of [`noise_factor_for_covariance`].
+    fn trace(&self, penalty: &Penalty, matrix: &[f64], solution: &Solution) -> f64 {
         let n = penalty.range.len();
-        let scale = 1.0 / noise_factor_for_covariance(solution.noise_factor) * solution.noise_factor;
+        let scale = solution.noise_factor / noise_factor_for_covariance(solution.noise_factor);
         let mut trace = 0.0;
         for (i, row) in penalty.range.clone().enumerate() {
             for (j, column) in penalty.range.clone().enumerate() {
                 if let (Some(a), Some(b)) = (self.place[row], self.place[column]) {
-                    trace += scale * solution.covariance[(a, b)] * penalty.roughness[i * n + j];
+                    trace += scale * solution.covariance[(a, b)] * matrix[i * n + j];
                 }
             }
         }
-        let quadratic = penalty.quadratic(&solution.parameters);
-        let wanted = (penalty.rank - penalty.lambda * trace).max(0.0) / quadratic.max(f64::MIN_POSITIVE);
-        let stepped = wanted.clamp(penalty.lambda / PENALTY_STEP, penalty.lambda * PENALTY_STEP);
-        penalty.lambda = stepped.clamp(penalty.first_lambda / PENALTY_SPAN, penalty.first_lambda * PENALTY_SPAN);
+        trace
     }
 
     fn largest_change_of_degrees(&self, penalties: &[Penalty], before: &Solution, after: &Solution) -> f64 {

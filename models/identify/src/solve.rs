@@ -13,7 +13,7 @@ use crate::options::{Options, OrderChoice, Progress};
 use crate::order;
 use crate::plausibility;
 use crate::robust;
-use crate::smoothing::{self, Penalty, Solution};
+use crate::smoothing::{self, Smoothness, Solution};
 use crate::station_start::StationStart;
 use abbe_geometry::error_function::Kind;
 use abbe_geometry::layout::Layout;
@@ -30,6 +30,10 @@ const SETTLED: f64 = 5e-3;
 const SMOOTHING_PASSES: usize = 3;
 /// Share of the splines' coefficients that counts as nearly all of them.
 const SATURATED: f64 = 0.9;
+/// Share of one spline's coefficients from which it is as good as free.
+const FREE: f64 = 0.98;
+/// χ² per degree of freedom from which a single free spline may be what the fit lacks.
+const MISFIT: f64 = 2.0;
 /// Finer splines tried at most: four thirds as many intervals each time.
 const MAX_REFINEMENTS: usize = 4;
 /// Readings an unknown must have before finer splines are tried.
@@ -87,12 +91,15 @@ pub fn identify(
     Ok(best)
 }
 
-/// The machine with finer splines, where the fit uses up nearly all coefficients of those it has.
+/// The machine with finer splines, where the fit uses up nearly all coefficients of those it has, or fits badly with
+/// one of them used up.
 fn refined(machine: &Machine, fit: &Identified) -> Option<Machine> {
     let penalised = || fit.evidence.errors.iter().filter(|e| e.penalty.is_some());
     let offered: usize = penalised().map(|e| e.coefficients).sum();
     let used: f64 = penalised().map(|e| e.effective).sum();
-    if offered == 0 || used < SATURATED * offered as f64 {
+    let one_is_free = penalised().any(|e| e.effective > FREE * e.coefficients as f64);
+    let lacks = used > SATURATED * offered as f64 || (one_is_free && fit.evidence.chi2_per_dof > MISFIT);
+    if offered == 0 || !lacks {
         return None;
     }
     let mut finer = machine.clone();
@@ -136,7 +143,7 @@ struct Fit<'a> {
     observe: &'a mut dyn FnMut(Progress) -> bool,
     parameters: Vec<f64>,
     free: Vec<usize>,
-    penalties: Vec<Penalty>,
+    smoothness: Smoothness,
     observability: Option<Observability>,
     passes: usize,
     order_chosen: bool,
@@ -169,7 +176,8 @@ impl<'a> Fit<'a> {
             parameters.extend(station.position_m.iter().chain([&station.dead_path_m]));
             free.extend(first..first + if options.absolute_range { 3 } else { 4 });
         }
-        let penalties = if options.order == OrderChoice::Evidence { penalties(setup.layout) } else { Vec::new() };
+        let smoothness =
+            if options.order == OrderChoice::Evidence { Smoothness::new(setup.layout) } else { Smoothness::default() };
         Fit {
             setup,
             campaign,
@@ -177,7 +185,7 @@ impl<'a> Fit<'a> {
             observe,
             parameters,
             free,
-            penalties,
+            smoothness,
             observability: None,
             passes: 0,
             order_chosen: options.order == OrderChoice::Fixed,
@@ -221,18 +229,13 @@ impl<'a> Fit<'a> {
     fn solve(&mut self, normal: &NormalEquations, choose_smoothness: bool) -> Result<Solution, NotPositiveDefinite> {
         if !self.order_chosen && self.passes >= 2 {
             self.order_chosen = true;
-            let at = self.parameters.clone();
-            let before = self.free.clone();
-            order::eliminate(self.setup.layout, normal, &at, &mut self.free, &mut self.penalties)?;
-            before.iter().filter(|k| !self.free.contains(k)).for_each(|k| self.parameters[*k] = 0.0);
-            // Dropped coefficients are zero from now on: the rows are linearised where they still were, which
-            // differs in the second order only and is gone with the next pass.
+            order::eliminate(self.setup.layout, normal, &self.parameters, &mut self.free, &mut self.smoothness)?;
         }
         let solution = smoothing::solve(
             normal,
             &self.parameters,
             &self.free,
-            &mut self.penalties,
+            &mut self.smoothness,
             self.noise_factor,
             choose_smoothness,
         )?;
@@ -299,7 +302,7 @@ impl<'a> Fit<'a> {
                 name: id.name(),
                 coefficients: places(range.clone()).count(),
                 effective: places(range.clone()).map(|k| solution.effective[k]).sum(),
-                penalty: self.penalties.iter().find(|p| p.range == range).map(|p| p.lambda),
+                penalty: self.smoothness.penalties.iter().find(|p| p.range == range).map(|p| p.lambda),
             }
         };
         ErrorId::all().filter(|id| self.setup.layout.basis(*id).is_some()).map(of).collect()
@@ -378,15 +381,6 @@ impl<'a> Fit<'a> {
             .map(|(r, c)| entry(r, c))
             .collect()
     }
-}
-
-/// A penalty on the curvature of every spline.
-fn penalties(layout: &Layout) -> Vec<Penalty> {
-    let of = |id: ErrorId| {
-        let basis = layout.basis(id)?;
-        matches!(basis.kind(), Kind::BSpline { .. }).then(|| Penalty::new(layout.range(id), basis)).flatten()
-    };
-    ErrorId::all().filter_map(of).collect()
 }
 
 fn identified_volume(readings: &[RangeReading], weights: &[f64]) -> IdentifiedVolume {

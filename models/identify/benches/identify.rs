@@ -1,0 +1,2 @@
+//! Speed of identification (filled in with the benchmark proper).
+fn main() {}
