@@ -41,6 +41,9 @@ pub(crate) struct Arguments {
     /// Folder for campaign.csv and verify.csv
     #[arg(long, required_unless_present = "trials")]
     out: Option<PathBuf>,
+    /// Repeat the plan until the campaign has at least this many readings
+    #[arg(long)]
+    readings: Option<u64>,
     /// Identify this many machines (seeds from --seed on) and print achieved error and coverage
     #[arg(long)]
     trials: Option<u64>,
@@ -53,7 +56,10 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     }
     let out = arguments.out.as_ref().context("name a folder with --out")?;
     std::fs::create_dir_all(out).with_context(|| format!("{}: cannot be made", out.display()))?;
-    let config = config(&machine, arguments.seed)?;
+    let mut config = config(&machine, arguments.seed)?;
+    if let Some(readings) = arguments.readings {
+        config.plan = config.plan.repeated_to(readings)?;
+    }
     let campaign = simulate_campaign(&config)?.campaign;
     let verification =
         VerificationConfig { points: POINTS, seed: arguments.seed, frame: Frame::Unknown, known_to_m: KNOWN_TO_M };
