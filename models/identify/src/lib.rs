@@ -5,6 +5,7 @@
 //! l = |q(reading, offset; errors) − station| − dead path; all unknowns are found together, from no start values,
 //! by weighted, penalised Gauss-Newton least squares (FYXZ paper eq. 4-9 with Liang 2025's chain).
 
+mod bound;
 mod contradiction;
 mod design;
 mod error;
@@ -22,6 +23,7 @@ mod smoothing;
 mod solve;
 pub mod station_start;
 
+pub use bound::at_cramer_rao_bound;
 pub use design::predicted_length_m;
 pub use error::{IdentifyError, Unobservable};
 pub use evidence::{CorrelatedPair, ErrorEvidence, Evidence, RejectedReading, StationEvidence};

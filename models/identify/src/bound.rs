@@ -1,0 +1,55 @@
+//! The Cramér-Rao bound: how well any unbiased method could know the machine from this campaign.
+//!
+//! Place in the flow: `abbe simulate` and the tests compare what identification achieves with it. Inputs: a model
+//! (where the range model is linearised), the instrument and the campaign whose plan is judged (SI, machine frame);
+//! the lengths play no part. The bound is (JᵀWJ)⁻¹ with the declared uncertainties, without penalty and without
+//! rejected readings.
+
+use crate::design::{Estimate, Setup};
+use crate::error::IdentifyError;
+use crate::linear::{Factor, select};
+use crate::normal::accumulate;
+use abbe_geometry::model::{MachineModel, ModelParts};
+use abbe_measurement::campaign::Campaign;
+use abbe_measurement::instrument::RangeUncertainty;
+
+/// The same model with the covariance of the Cramér-Rao bound instead of its own, so that errors, angles, stations and
+/// corrected coordinates can be asked for their bound. Effects are left out.
+///
+/// # Errors
+/// [`IdentifyError::Singular`] where the plan cannot determine all coefficients of the model.
+pub fn at_cramer_rao_bound(
+    model: &MachineModel,
+    instrument: RangeUncertainty,
+    campaign: &Campaign,
+    absolute_range: bool,
+) -> Result<MachineModel, IdentifyError> {
+    let parts = model.parts();
+    let mut parameters = parts.coefficients.clone();
+    let mut free: Vec<usize> = (0..parameters.len()).collect();
+    for station in &parts.stations {
+        let first = parameters.len();
+        parameters.extend(station.position_m.iter().chain([&station.dead_path_m]));
+        free.extend(first..first + if absolute_range { 3 } else { 4 });
+    }
+    let setup = Setup { machine: &parts.machine, layout: model.layout(), instrument };
+    let weights = vec![1.0; campaign.readings.len()];
+    let normal = accumulate(&Estimate { setup, parameters: &parameters }, &campaign.readings, &weights);
+    let information = select(&normal.matrix, normal.size, &free);
+    let covariance = Factor::new(&information).map_err(|_| IdentifyError::Singular)?.inverse();
+    let mut packed = vec![0.0; parameters.len() * (parameters.len() + 1) / 2];
+    for (i, row) in free.iter().enumerate() {
+        for (j, column) in free.iter().enumerate().take(i + 1) {
+            packed[row * (row + 1) / 2 + column] = covariance[(i, j)];
+        }
+    }
+    Ok(MachineModel::new(ModelParts {
+        machine: parts.machine.clone(),
+        coefficients: parts.coefficients.clone(),
+        effects: Vec::new(),
+        stations: parts.stations.clone(),
+        covariance: packed,
+        identified: parts.identified.clone(),
+        quality: parts.quality.clone(),
+    })?)
+}
