@@ -244,6 +244,12 @@ impl Launch {
         self.edges.iter().filter(|edge| edge.from == node && edge.to != "*").count()
     }
 
+    /// Whether a node that this launch does not start feeds one that it does.
+    pub fn is_fed_from_outside(&self) -> bool {
+        let starts = |name: &str| self.nodes.iter().any(|node| node.name() == name);
+        self.edges.iter().any(|edge| !self.nodes.contains(&edge.from) && starts(&edge.to))
+    }
+
     /// Whether any edge of this node uses that transport.
     pub fn uses(&self, node: NodeName, kind: TransportKind) -> bool {
         let touches = |edge: &&Edge| edge.from == node || edge.to == node.name();

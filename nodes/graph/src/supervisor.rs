@@ -6,9 +6,10 @@
 use crate::launch::{Launch, LaunchError, NodeName};
 use crate::node::NodeSummary;
 use abbe_runtime::{RunId, Shutdown, transport::shared_memory};
-use std::io::Read;
+use std::io::{BufRead, BufReader, Read, Write};
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Stdio};
+use std::process::{Child, ChildStderr, Command, Stdio};
+use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 use thiserror::Error;
 
@@ -55,21 +56,25 @@ struct Running {
     name: NodeName,
     child: Child,
     ended: bool,
+    /// Passes on what the node says, and gives its last words when its error stream ends.
+    words: Option<JoinHandle<String>>,
 }
 
 /// The nodes of one run.
 pub struct Supervisor {
     running: Vec<Running>,
     run: RunId,
+    /// A source runs outside this launch, so the end of those inside is not the end of the stream.
+    fed_from_outside: bool,
 }
 
 impl Supervisor {
     /// Starts the nodes of a launch file, those that take before those that give.
     pub fn start(program: &Path, launch_file: &Path, run: RunId) -> Result<Supervisor, SupervisorError> {
         let launch = Launch::read(launch_file)?;
-        let mut supervisor = Supervisor { running: Vec::new(), run };
+        let mut supervisor = Supervisor { running: Vec::new(), run, fed_from_outside: launch.is_fed_from_outside() };
         for name in NodeName::ALL.into_iter().filter(|name| launch.nodes.contains(name)) {
-            let child = Command::new(program)
+            let mut child = Command::new(program)
                 .args(["node", name.name(), "--launch"])
                 .arg(launch_file)
                 .args(["--run", supervisor.run.as_str(), "--launcher-pid", &std::process::id().to_string()])
@@ -78,7 +83,8 @@ impl Supervisor {
                 .stderr(Stdio::piped())
                 .spawn()
                 .map_err(|source| SupervisorError::Start { node: name.name(), program: program.to_owned(), source })?;
-            supervisor.running.push(Running { name, child, ended: false });
+            let words = child.stderr.take().map(|stream| std::thread::spawn(move || pass_on(name, stream)));
+            supervisor.running.push(Running { name, child, ended: false, words });
         }
         Ok(supervisor)
     }
@@ -106,12 +112,9 @@ impl Supervisor {
             if let Some(status) = node.child.try_wait().map_err(watch)? {
                 node.ended = true;
                 if !status.success() {
-                    let words = rest(node.child.stderr.take());
-                    return Err(SupervisorError::Failed {
-                        node: node.name.name(),
-                        status: status.to_string(),
-                        words: words.lines().last().unwrap_or("(it said nothing)").to_owned(),
-                    });
+                    let words = node.words.take().and_then(|thread| thread.join().ok()).unwrap_or_default();
+                    let words = if words.is_empty() { "(it said nothing)".to_owned() } else { words };
+                    return Err(SupervisorError::Failed { node: node.name.name(), status: status.to_string(), words });
                 }
             }
         }
@@ -139,10 +142,13 @@ impl Supervisor {
         Ok(summaries)
     }
 
-    /// Waits until every source has ended or `shutdown` is raised.
+    /// Waits until every source has ended or `shutdown` is raised. A graph that is fed from outside, or has no
+    /// source at all, waits for `shutdown` alone.
     pub fn wait_for_sources(&mut self, shutdown: &Shutdown) -> Result<(), SupervisorError> {
+        let sources = [NodeName::Scale, NodeName::Tracer];
+        let ends = !self.fed_from_outside && self.running.iter().any(|node| sources.contains(&node.name));
         while !shutdown.requested() {
-            if self.has_ended(NodeName::Scale)? && self.has_ended(NodeName::Tracer)? {
+            if self.has_ended(NodeName::Scale)? && self.has_ended(NodeName::Tracer)? && ends {
                 break;
             }
             shutdown.sleep(Duration::from_millis(20));
@@ -183,6 +189,24 @@ impl Drop for Supervisor {
             tracing::warn!(%error, "shared memory of the run could not be removed");
         }
     }
+}
+
+/// Hands on what a node says as it says it: a full pipe would hold the node up in the middle of its work.
+fn pass_on(name: NodeName, stream: ChildStderr) -> String {
+    let mut last = String::new();
+    let mut stream = BufReader::new(stream);
+    let mut line = Vec::new();
+    // What cannot be read is only missing from the log.
+    while stream.read_until(b'\n', &mut line).is_ok_and(|bytes| bytes > 0) {
+        let words = String::from_utf8_lossy(&line).trim_end().to_owned();
+        if !words.is_empty() {
+            // Not `eprintln!`: it would end this thread where nobody reads the launcher's own words.
+            let _ = writeln!(std::io::stderr(), "{}: {words}", name.name());
+            last = words;
+        }
+        line.clear();
+    }
+    last
 }
 
 fn rest(stream: Option<impl Read>) -> String {

@@ -15,10 +15,12 @@ use abbe_geometry::model::MachineModel;
 use abbe_msgs::bag::BagError;
 use abbe_msgs::{Message, MessageError, Sha256};
 use abbe_runtime::ros::{ArgsError, NodeIdentity, NodeOptions, RosArgs, RosError, RosNode};
+use abbe_runtime::transport::shared_memory::{self, CleanupError};
 use abbe_runtime::{
     Edges, EdgesConfig, Publish, RunId, Shutdown, ShutdownError, Subscribe, TransportError, TransportKind,
 };
 use serde::{Deserialize, Serialize};
+use std::os::unix::process::parent_id;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -141,14 +143,27 @@ pub fn run(call: NodeCall) -> Result<NodeSummary, NodeError> {
     if let Some(pid) = call.launcher_pid {
         shutdown.follow_parent(pid)?;
     }
-    let context = NodeContext::open(call, shutdown)?;
-    match context.name {
+    let (run, launcher_pid) = (call.run.clone(), call.launcher_pid);
+    let outcome = NodeContext::open(call, shutdown).and_then(|context| match context.name {
         NodeName::Scale => source::scale(&context),
         NodeName::Tracer => source::tracer(&context),
         NodeName::Geometric => correcting::geometric(&context),
         NodeName::Residual => correcting::residual(&context),
         NodeName::Monitor => monitor::run(&context),
         NodeName::Recorder => recorder::run(&context),
+    });
+    if launcher_pid.is_some_and(|pid| parent_id() != pid) {
+        remove_shared_memory(run.as_ref());
+    }
+    outcome
+}
+
+/// In place of a launcher that was killed: the last node of the run to leave removes what is left of it.
+fn remove_shared_memory(run: Option<&RunId>) {
+    match run.map(shared_memory::cleanup) {
+        // Others are still there; the last of them removes the files.
+        Some(Err(CleanupError::Alive { .. })) | Some(Ok(())) | None => {}
+        Some(Err(error)) => tracing::warn!(%error, "shared memory of the run could not be removed"),
     }
 }
 

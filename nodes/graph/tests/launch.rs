@@ -1,0 +1,126 @@
+//! Evidence for launch files: what is refused, where, and that no text makes the parser panic.
+
+#![allow(clippy::unwrap_used)] // helpers of a test
+
+use abbe_graph::launch::{Launch, NodeName};
+use abbe_runtime::TransportKind;
+use proptest::prelude::*;
+use std::path::Path;
+
+const GOOD: &str = r#"
+namespace = "bridge_xyz"
+machine = "machines/bridge_xyz.toml"
+model = "model.json"
+nodes = ["scale", "geometric", "residual"]
+max_covariate_age_s = 10.0
+wait_for_subscribers_s = 5.0
+
+[scale]
+driver = { kind = "campaign", file = "campaign.csv" }
+pace = { rate_hz = 1000.0 }
+
+[[edges]]
+from = "scale"
+to = "geometric"
+transport = "shared-memory"
+
+[[edges]]
+from = "geometric"
+to = "residual"
+transport = "shared-memory"
+
+[[edges]]
+from = "residual"
+to = "*"
+transport = "dds"
+
+[[edges]]
+from = "residual"
+to = "user"
+transport = "shared-memory"
+"#;
+
+fn parse(text: &str) -> Result<Launch, String> {
+    Launch::parse(text, Path::new("graph.toml")).map_err(|error| error.to_string())
+}
+
+fn refusal(from: &str, to: &str) -> String {
+    assert!(GOOD.contains(from), "the test's own text lacks {from:?}");
+    parse(&GOOD.replacen(from, to, 1)).unwrap_err()
+}
+
+#[test]
+fn a_good_file_says_who_talks_to_whom_over_what() {
+    let launch = parse(GOOD).unwrap();
+    assert_eq!(launch.publishes_over(NodeName::Residual), [TransportKind::SharedMemory, TransportKind::Dds]);
+    assert_eq!(launch.takes_over("geometric", NodeName::Scale), Some(TransportKind::SharedMemory));
+    assert_eq!(launch.takes_over("monitor", NodeName::Residual), None);
+    assert_eq!(launch.awaited(NodeName::Residual), 1, "everyone on DDS is not waited for");
+    assert!(launch.uses(NodeName::Residual, TransportKind::Dds));
+    assert!(!launch.uses(NodeName::Geometric, TransportKind::Dds));
+    assert_eq!(parse(&launch.to_text().unwrap()).unwrap(), launch);
+}
+
+#[test]
+fn shipped_launch_files_are_good() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../launch-config");
+    let mut found = 0;
+    for entry in std::fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        if path.extension().is_some_and(|e| e == "toml") {
+            let launch = Launch::read(&path).unwrap();
+            assert!(path.parent().unwrap().join(launch.machine).exists(), "{}", path.display());
+            found += 1;
+        }
+    }
+    assert!(found > 0, "at least one launch file ships");
+}
+
+#[test]
+fn each_mistake_is_named_with_file_and_key() {
+    let cases = [
+        ("transport = \"dds\"", "transport = \"tcp\"", "edges[2]", "shared-memory"),
+        ("to = \"geometric\"", "to = \"geometrc\"", "edges[0]", "geometric"),
+        ("to = \"geometric\"", "to = \"residual\"", "edges[0]", "does not take"),
+        ("rate_hz = 1000.0", "rate_hz = 0.0", "scale.pace", "above 0"),
+        ("max_covariate_age_s = 10.0", "max_covariate_age_s = -1.0", "max_covariate_age_s", "above 0"),
+        ("\"residual\"]", "\"residual\", \"monitor\"]", "monitor", "bounds"),
+        ("\"residual\"]", "\"residual\", \"recorder\"]", "record", "bag"),
+        ("\"residual\"]", "\"residual\", \"tracer\"]", "tracer", "driver"),
+        ("namespace", "namespce", "namespce", "unknown field"),
+        ("kind = \"campaign\"", "kind = \"campain\"", "campain", "campaign"),
+    ];
+    for (from, to, key, words) in cases {
+        let error = refusal(from, to);
+        assert!(
+            error.contains("graph.toml") && error.contains(key) && error.contains(words),
+            "{from} -> {to}: {error}"
+        );
+    }
+}
+
+#[test]
+fn a_node_without_its_input_is_refused() {
+    let error = refusal("from = \"geometric\"\nto = \"residual\"", "from = \"geometric\"\nto = \"user\"");
+    assert!(error.contains("residual is started but has no edge from geometric"), "{error}");
+}
+
+#[test]
+fn an_unknown_node_is_told_the_known_ones() {
+    let error = "geometry".parse::<NodeName>().unwrap_err().to_string();
+    assert!(error.contains("geometric") && error.contains("recorder"), "{error}");
+}
+
+proptest! {
+    #[test]
+    fn no_text_makes_the_parser_panic(text in ".{0,400}") {
+        let _ = parse(&text);
+    }
+
+    #[test]
+    fn no_mangled_file_makes_the_parser_panic(at in 0..GOOD.len(), with in ".{0,8}") {
+        let mut text = GOOD.to_owned();
+        text.replace_range(at..at, &with);
+        let _ = parse(&text);
+    }
+}
