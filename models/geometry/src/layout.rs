@@ -16,6 +16,8 @@ use std::ops::Range;
 pub struct Layout {
     bases: Vec<Option<Basis>>,
     ranges: Vec<Range<usize>>,
+    /// First function of the same axis with the same basis: most share one, which is then evaluated once.
+    first_alike: Vec<usize>,
     squareness: usize,
 }
 
@@ -41,7 +43,11 @@ impl Layout {
                 first..next
             })
             .collect();
-        Ok(Layout { bases, ranges, squareness: next })
+        let alike =
+            |id: ErrorId, other: ErrorId| other.axis() == id.axis() && bases[other.index()] == bases[id.index()];
+        let first_alike =
+            ErrorId::all().map(|id| ErrorId::all().find(|other| alike(id, *other)).unwrap_or(id).index()).collect();
+        Ok(Layout { bases, ranges, first_alike, squareness: next })
     }
 
     /// Coefficients of one error function.
@@ -86,7 +92,10 @@ impl Layout {
         let mut values = ErrorValues::ZERO;
         for id in ErrorId::all() {
             if let Some(basis) = &self.bases[id.index()] {
-                let local = basis.at(reading_m[id.axis().index()]);
+                let local = match locals[self.first_alike[id.index()]] {
+                    Some(local) => local,
+                    None => basis.at(reading_m[id.axis().index()]),
+                };
                 values.errors[id.index()] = local.dot(&coefficients[self.range(id)]);
                 locals[id.index()] = Some(local);
             }

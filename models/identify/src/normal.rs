@@ -50,9 +50,7 @@ impl NormalEquations {
                 self.gradient[first + i] += scaled * row.residual_m;
                 let line = &mut self.matrix[(first + i) * self.size..(first + i + 1) * self.size];
                 for (start, others) in rest.clone() {
-                    for (entry, other) in line[start..start + others.len()].iter_mut().zip(others) {
-                        *entry += scaled * other;
-                    }
+                    add_scaled(&mut line[start..start + others.len()], scaled, others);
                 }
             }
             rest.next();
@@ -71,6 +69,19 @@ impl NormalEquations {
         self.square_m2 += other.square_m2;
         self.used += other.used;
     }
+}
+
+/// line += scaled · others. Segments of four, which inner pieces of cubic splines and stations are, are most of the work
+/// and get a loop of fixed length.
+#[inline(always)]
+fn add_scaled(line: &mut [f64], scaled: f64, others: &[f64]) {
+    if let (Ok(line), Ok(others)) = (<&mut [f64; 4]>::try_from(&mut *line), <&[f64; 4]>::try_from(others)) {
+        for k in 0..4 {
+            line[k] += scaled * others[k];
+        }
+        return;
+    }
+    line.iter_mut().zip(others).for_each(|(entry, other)| *entry += scaled * other);
 }
 
 /// Sums the rows of all readings whose weight is above zero.
@@ -99,10 +110,9 @@ pub(crate) fn accumulate(estimate: &Estimate, readings: &[RangeReading], weights
 /// Residual (m) and its standard uncertainty (m) of all readings.
 pub(crate) fn residuals(estimate: &Estimate, readings: &[RangeReading]) -> Vec<(f64, f64)> {
     let evaluate = |readings: &[RangeReading]| -> Vec<(f64, f64)> {
-        let mut row = Row::new();
         let one = |reading| {
-            estimate.row(reading, &mut row);
-            (row.residual_m, estimate.setup.u_m(&row.ray))
+            let (residual_m, ray) = estimate.residual(reading);
+            (residual_m, estimate.setup.u_m(&ray))
         };
         readings.iter().map(one).collect()
     };

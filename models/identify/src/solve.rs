@@ -1,7 +1,7 @@
 //! The passes over the campaign: linearise, solve, weigh, until nothing moves.
 //!
-//! Place in the flow: the one entry point of this crate. Large campaigns are first solved on every n-th reading,
-//! so that the full passes start next to the solution.
+//! Place in the flow: the one entry point of this crate. Large campaigns are first solved on every n-th reading, where
+//! the fineness of the splines is decided too, so that the full passes start next to the solution.
 
 use crate::design::{Estimate, Setup};
 use crate::error::IdentifyError;
@@ -38,7 +38,7 @@ const MISFIT: f64 = 2.0;
 const MAX_REFINEMENTS: usize = 4;
 /// Readings an unknown must have before finer splines are tried.
 const READINGS_PER_UNKNOWN: usize = 4;
-/// Readings above which the first passes use a part of the campaign.
+/// Readings above which the first fits use a part of the campaign.
 const LARGE: usize = 60_000;
 
 /// A model and what was found out on the way.
@@ -67,28 +67,90 @@ pub fn identify(
     observe: &mut dyn FnMut(Progress) -> bool,
 ) -> Result<Identified, IdentifyError> {
     plausibility::check_readings(machine, campaign)?;
-    let mut stations = plausibility::place_stations(campaign, options.absolute_range)?;
-    let mut best = identify_once(machine, instrument, campaign, &stations, options, observe)?;
-    for _ in 0..MAX_REFINEMENTS {
-        let Some(finer) = refined(machine, &best) else { break };
-        if options.order == OrderChoice::Fixed
-            || best.evidence.unknowns * READINGS_PER_UNKNOWN > campaign.readings.len()
-        {
-            break;
+    let stations = plausibility::place_stations(campaign, options.absolute_range)?;
+    let mut inputs = Inputs { instrument, options, observe };
+    let Some(part) = part_of(campaign) else {
+        return inputs.with_refined_splines(machine, campaign, &stations);
+    };
+    let found = inputs.with_refined_splines(machine, &part, &stations)?;
+    let parts = found.model.parts();
+    inputs.once(&parts.machine, campaign, &stations_of(&found), &parts.coefficients)
+}
+
+/// What stays the same from fit to fit.
+struct Inputs<'a> {
+    instrument: RangeUncertainty,
+    options: &'a Options,
+    observe: &'a mut dyn FnMut(Progress) -> bool,
+}
+
+impl Inputs<'_> {
+    /// Fits, and tries finer splines while they are used up and the evidence is better.
+    fn with_refined_splines(
+        &mut self,
+        machine: &Machine,
+        campaign: &Campaign,
+        stations: &[StationStart],
+    ) -> Result<Identified, IdentifyError> {
+        let mut best = self.once(machine, campaign, stations, &[])?;
+        for _ in 0..MAX_REFINEMENTS {
+            let Some(finer) = refined(machine, &best) else { break };
+            if self.options.order == OrderChoice::Fixed
+                || best.evidence.unknowns * READINGS_PER_UNKNOWN > campaign.readings.len()
+            {
+                break;
+            }
+            let next = self.once(&finer, campaign, &stations_of(&best), &[])?;
+            if next.evidence.minus_two_log_likelihood >= best.evidence.minus_two_log_likelihood {
+                break;
+            }
+            best = next;
         }
-        let parts = best.model.parts();
-        stations = parts
-            .stations
-            .iter()
-            .map(|s| StationStart { position_m: s.position_m, dead_path_m: s.dead_path_m })
-            .collect();
-        let next = identify_once(&finer, instrument, campaign, &stations, options, observe)?;
-        if next.evidence.minus_two_log_likelihood >= best.evidence.minus_two_log_likelihood {
-            break;
-        }
-        best = next;
+        Ok(best)
     }
-    Ok(best)
+
+    /// One fit, from these stations and coefficients (none: all errors zero).
+    fn once(
+        &mut self,
+        machine: &Machine,
+        campaign: &Campaign,
+        stations: &[StationStart],
+        coefficients: &[f64],
+    ) -> Result<Identified, IdentifyError> {
+        let layout = Layout::new(machine)?;
+        let setup = Setup { machine, layout: &layout, instrument: self.instrument };
+        let mut fit = Fit::new(setup, campaign, stations, self.options, &mut *self.observe);
+        if campaign.readings.len() < fit.free.len() {
+            return Err(IdentifyError::TooFewReadings { readings: campaign.readings.len(), unknowns: fit.free.len() });
+        }
+        fit.parameters.iter_mut().zip(coefficients).for_each(|(parameter, start)| *parameter = *start);
+        let settled = fit.settle(&campaign.readings)?;
+        fit.finish(settled)
+    }
+}
+
+fn stations_of(fit: &Identified) -> Vec<StationStart> {
+    let of = |s: &Station| StationStart { position_m: s.position_m, dead_path_m: s.dead_path_m };
+    fit.model.parts().stations.iter().map(of).collect()
+}
+
+/// Every n-th reading of each station of a large campaign; `None` for one that is not large.
+fn part_of(campaign: &Campaign) -> Option<Campaign> {
+    if campaign.readings.len() <= LARGE {
+        return None;
+    }
+    let mut counts = vec![0_usize; campaign.stations.len()];
+    campaign.readings.iter().for_each(|r| counts[r.station as usize] += 1);
+    let share = LARGE / 2 / campaign.stations.len();
+    let mut seen = vec![0_usize; campaign.stations.len()];
+    let kept = |reading: &&RangeReading| {
+        let station = reading.station as usize;
+        seen[station] += 1;
+        (seen[station] - 1) % counts[station].div_ceil(share.max(1)).max(1) == 0
+    };
+    let readings = campaign.readings.iter().filter(kept).copied().collect();
+    let (stations, lines) = (campaign.stations.clone(), campaign.lines.clone());
+    Some(Campaign { stations, lines, readings, covariates: Vec::new() })
 }
 
 /// The machine with finer splines, where the fit uses up nearly all coefficients of those it has, or fits badly with
@@ -110,29 +172,6 @@ fn refined(machine: &Machine, fit: &Identified) -> Option<Machine> {
         };
     }
     Some(finer)
-}
-
-fn identify_once(
-    machine: &Machine,
-    instrument: RangeUncertainty,
-    campaign: &Campaign,
-    stations: &[StationStart],
-    options: &Options,
-    observe: &mut dyn FnMut(Progress) -> bool,
-) -> Result<Identified, IdentifyError> {
-    let layout = Layout::new(machine)?;
-    let setup = Setup { machine, layout: &layout, instrument };
-    let mut fit = Fit::new(setup, campaign, stations, options, observe);
-    if campaign.readings.len() < fit.free.len() {
-        return Err(IdentifyError::TooFewReadings { readings: campaign.readings.len(), unknowns: fit.free.len() });
-    }
-    if campaign.readings.len() > LARGE {
-        let stride = campaign.readings.len().div_ceil(LARGE / 2);
-        let part: Vec<RangeReading> = campaign.readings.iter().step_by(stride).copied().collect();
-        fit.settle(&part)?;
-    }
-    let settled = fit.settle(&campaign.readings)?;
-    fit.finish(settled)
 }
 
 /// State of the passes.
