@@ -113,9 +113,9 @@ impl Graph {
         for model in self.members_below("models") {
             let is_network = model.name == NETWORK_CRATE;
             for reached in self.reach(&model.name) {
-                let is = |word: &&str| reached == **word || reached.starts_with(&format!("{word}-"));
+                let is = |word: &str| reached == *word || reached.starts_with(&format!("{word}-"));
                 // What `burn` brings along is the price of the network and stays in that one crate.
-                if IMPURE.iter().any(|word| is(&word)) && !is_network {
+                if IMPURE.iter().any(|word| is(word)) && !is_network {
                     found.push(format!("{} reaches {reached}", model.name));
                 }
             }
