@@ -15,6 +15,7 @@ mod normal;
 mod observability;
 mod options;
 mod order;
+mod outcome;
 mod plausibility;
 mod proposal;
 mod robust;

@@ -5,7 +5,7 @@
 
 use crate::design::{Estimate, Setup};
 use crate::error::IdentifyError;
-use crate::evidence::{self, ErrorEvidence, Evidence, RejectedReading, StationEvidence};
+use crate::evidence::Evidence;
 use crate::linear::NotPositiveDefinite;
 use crate::normal::{NormalEquations, accumulate, residuals};
 use crate::observability::{self, Observability};
@@ -18,8 +18,7 @@ use crate::station_start::StationStart;
 use abbe_geometry::error_function::Kind;
 use abbe_geometry::layout::Layout;
 use abbe_geometry::machine::Machine;
-use abbe_geometry::model::{FitQuality, IdentifiedVolume, MachineModel, ModelParts, Station};
-use abbe_geometry::{ErrorId, Vector3};
+use abbe_geometry::model::{MachineModel, Station};
 use abbe_measurement::campaign::{Campaign, RangeReading};
 use abbe_measurement::instrument::RangeUncertainty;
 
@@ -175,29 +174,29 @@ fn refined(machine: &Machine, fit: &Identified) -> Option<Machine> {
 }
 
 /// State of the passes.
-struct Fit<'a> {
-    setup: Setup<'a>,
-    campaign: &'a Campaign,
-    options: &'a Options,
-    observe: &'a mut dyn FnMut(Progress) -> bool,
-    parameters: Vec<f64>,
-    free: Vec<usize>,
-    smoothness: Smoothness,
-    observability: Option<Observability>,
-    passes: usize,
-    order_chosen: bool,
+pub(crate) struct Fit<'a> {
+    pub(crate) setup: Setup<'a>,
+    pub(crate) campaign: &'a Campaign,
+    pub(crate) options: &'a Options,
+    pub(crate) observe: &'a mut dyn FnMut(Progress) -> bool,
+    pub(crate) parameters: Vec<f64>,
+    pub(crate) free: Vec<usize>,
+    pub(crate) smoothness: Smoothness,
+    pub(crate) observability: Option<Observability>,
+    pub(crate) passes: usize,
+    pub(crate) order_chosen: bool,
     /// χ² per degree of freedom at which the smoothness was chosen.
-    noise_factor: f64,
+    pub(crate) noise_factor: f64,
 }
 
 /// Outcome of the passes.
-struct Settled {
-    solution: Solution,
-    normal: NormalEquations,
-    residuals: Vec<(f64, f64)>,
-    weights: Vec<f64>,
-    scale: f64,
-    largest_step: f64,
+pub(crate) struct Settled {
+    pub(crate) solution: Solution,
+    pub(crate) normal: NormalEquations,
+    pub(crate) residuals: Vec<(f64, f64)>,
+    pub(crate) weights: Vec<f64>,
+    pub(crate) scale: f64,
+    pub(crate) largest_step: f64,
 }
 
 impl<'a> Fit<'a> {
@@ -302,134 +301,4 @@ impl<'a> Fit<'a> {
             if self.options.robust { robust::weights(&standardised, scale) } else { vec![1.0; residuals.len()] };
         (weights, scale)
     }
-
-    fn finish(self, settled: Settled) -> Result<Identified, IdentifyError> {
-        let evidence = self.evidence(&settled);
-        let model = self.model(&settled)?;
-        let (residuals_m, u_m) = settled.residuals.iter().copied().unzip();
-        Ok(Identified { model, evidence, residuals_m, u_m })
-    }
-
-    fn evidence(&self, settled: &Settled) -> Evidence {
-        let solution = &settled.solution;
-        let seen = self.observability.unwrap_or(Observability { rank: 0, unknowns: 0, condition: f64::INFINITY });
-        Evidence {
-            passes: self.passes,
-            largest_step: settled.largest_step,
-            unknowns: self.free.len(),
-            effective_unknowns: solution.effective.iter().sum(),
-            chi2_per_dof: solution.noise_factor,
-            minus_two_log_likelihood: solution.minus_two_log_likelihood,
-            robust_scale: settled.scale,
-            rank: seen.rank,
-            low_order_unknowns: seen.unknowns,
-            condition: seen.condition,
-            errors: self.error_evidence(solution),
-            stations: self.station_evidence(settled),
-            correlated: evidence::correlated(&self.setup, solution, &self.free, &self.campaign.stations),
-            rejected: self.rejected(settled),
-        }
-    }
-
-    fn error_evidence(&self, solution: &Solution) -> Vec<ErrorEvidence> {
-        let places = |range: std::ops::Range<usize>| {
-            self.free.iter().enumerate().filter(move |(_, k)| range.contains(k)).map(|(place, _)| place)
-        };
-        let of = |id: ErrorId| {
-            let range = self.setup.layout.range(id);
-            ErrorEvidence {
-                name: id.name(),
-                coefficients: places(range.clone()).count(),
-                effective: places(range.clone()).map(|k| solution.effective[k]).sum(),
-                penalty: self.smoothness.penalties.iter().find(|p| p.range == range).map(|p| p.lambda),
-            }
-        };
-        ErrorId::all().filter(|id| self.setup.layout.basis(*id).is_some()).map(of).collect()
-    }
-
-    fn station_evidence(&self, settled: &Settled) -> Vec<StationEvidence> {
-        let of = |(station, name): (usize, &String)| {
-            let own = self.campaign.readings.iter().zip(&settled.residuals).zip(&settled.weights);
-            let own: Vec<_> = own.filter(|((reading, _), _)| reading.station as usize == station).collect();
-            let kept = own.iter().filter(|(_, weight)| **weight > 0.0);
-            let (count, square) = kept.fold((0, 0.0), |(n, s), ((_, (r, _)), _)| (n + 1, s + r * r));
-            let u_m = std::array::from_fn(|d| self.u_of(settled, self.setup.layout.len() + 4 * station + d));
-            StationEvidence {
-                name: name.clone(),
-                readings: own.len(),
-                residual_rms_m: (square / f64::from(count.max(1))).sqrt(),
-                u_m,
-            }
-        };
-        self.campaign.stations.iter().enumerate().map(of).collect()
-    }
-
-    fn u_of(&self, settled: &Settled, index: usize) -> f64 {
-        let place = self.free.iter().position(|k| *k == index);
-        place.map_or(0.0, |k| settled.solution.covariance[(k, k)].sqrt())
-    }
-
-    fn rejected(&self, settled: &Settled) -> Vec<RejectedReading> {
-        let listed = self.campaign.readings.iter().zip(&settled.residuals).zip(&settled.weights).enumerate();
-        listed
-            .filter(|(_, (_, weight))| **weight == 0.0)
-            .map(|(index, ((reading, (residual_m, u_m)), _))| RejectedReading {
-                reading: index + 1,
-                station: self.campaign.stations[reading.station as usize].clone(),
-                line: self.campaign.lines[reading.line as usize].clone(),
-                residual_m: *residual_m,
-                standardised: residual_m / u_m / settled.scale,
-            })
-            .collect()
-    }
-
-    fn model(&self, settled: &Settled) -> Result<MachineModel, IdentifyError> {
-        let geometric = self.setup.layout.len();
-        let station = |(k, name): (usize, &String)| {
-            let own = &self.parameters[geometric + 4 * k..geometric + 4 * k + 4];
-            Station { name: name.clone(), position_m: Vector3::new(own[0], own[1], own[2]), dead_path_m: own[3] }
-        };
-        let used = settled.normal.used;
-        let parts = ModelParts {
-            machine: self.setup.machine.clone(),
-            coefficients: self.parameters[..geometric].to_vec(),
-            effects: Vec::new(),
-            stations: self.campaign.stations.iter().enumerate().map(station).collect(),
-            covariance: self.packed_covariance(&settled.solution),
-            identified: identified_volume(&self.campaign.readings, &settled.weights),
-            quality: FitQuality {
-                readings: used,
-                rejected: self.campaign.readings.len() - used,
-                chi2_per_dof: settled.solution.noise_factor,
-                residual_rms_m: (settled.normal.square_m2 / used.max(1) as f64).sqrt(),
-            },
-        };
-        Ok(MachineModel::new(parts)?)
-    }
-
-    /// Lower triangle over all parameters; those that were not free have no variance.
-    fn packed_covariance(&self, solution: &Solution) -> Vec<f64> {
-        let mut place = vec![None; self.parameters.len()];
-        self.free.iter().enumerate().for_each(|(k, index)| place[*index] = Some(k));
-        let entry = |row: usize, column: usize| match (place[row], place[column]) {
-            (Some(a), Some(b)) => solution.covariance[(a, b)],
-            _ => 0.0,
-        };
-        (0..self.parameters.len())
-            .flat_map(|row| (0..=row).map(move |column| (row, column)))
-            .map(|(r, c)| entry(r, c))
-            .collect()
-    }
-}
-
-fn identified_volume(readings: &[RangeReading], weights: &[f64]) -> IdentifiedVolume {
-    let mut reading_m = [(f64::INFINITY, f64::NEG_INFINITY); 3];
-    let mut offset_m = reading_m;
-    for (reading, _) in readings.iter().zip(weights).filter(|(_, weight)| **weight > 0.0) {
-        for d in 0..3 {
-            reading_m[d] = (reading_m[d].0.min(reading.reading_m[d]), reading_m[d].1.max(reading.reading_m[d]));
-            offset_m[d] = (offset_m[d].0.min(reading.offset_m[d]), offset_m[d].1.max(reading.offset_m[d]));
-        }
-    }
-    IdentifiedVolume { reading_m, offset_m }
 }
