@@ -51,7 +51,8 @@ fn prepare(folder: &Path) {
     let machine = include_bytes!("../../../launch-config/machines/bridge_xyz.toml");
     write_atomically(&folder.join("machine.toml"), machine).expect("machine file");
     let run = |arguments: &[&str]| {
-        let status = Command::new(PROGRAM).args(arguments).current_dir(folder).stdout(std::process::Stdio::null()).status();
+        let status =
+            Command::new(PROGRAM).args(arguments).current_dir(folder).stdout(std::process::Stdio::null()).status();
         assert!(status.expect("abbe runs").success(), "abbe {arguments:?}");
     };
     run(&["simulate", "--machine", "machine.toml", "--seed", "1", "--out", "."]);
@@ -160,5 +161,8 @@ fn take_all(subscriber: &mut dyn Subscribe<CorrectedCoordinates>, samples: usize
 }
 
 fn quantile(sorted: &[f64], share: f64) -> f64 {
-    sorted.get(((sorted.len() as f64 * share) as usize).min(sorted.len().saturating_sub(1))).copied().unwrap_or(f64::NAN)
+    sorted
+        .get(((sorted.len() as f64 * share) as usize).min(sorted.len().saturating_sub(1)))
+        .copied()
+        .unwrap_or(f64::NAN)
 }

@@ -30,10 +30,19 @@ fn main() -> ExitCode {
     match run() {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("abbe: {error:#}");
+            eprintln!("abbe: {}", told(&error));
             ExitCode::FAILURE
         }
     }
+}
+
+/// An error with its causes; a cause that an error already quotes is not said twice.
+fn told(error: &anyhow::Error) -> String {
+    error.chain().map(ToString::to_string).fold(String::new(), |said, cause| match said.as_str() {
+        "" => cause,
+        before if before.contains(&cause) => said,
+        before => format!("{before}: {cause}"),
+    })
 }
 
 fn run() -> anyhow::Result<()> {
@@ -43,6 +52,8 @@ fn run() -> anyhow::Result<()> {
     let level = ros_args.log_level.clone().unwrap_or_else(|| "warn".to_owned());
     let fallback = EnvFilter::try_new(format!("{level},rustdds=error")).unwrap_or_default();
     let filter = EnvFilter::try_from_default_env().unwrap_or(fallback);
-    tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).init();
+    // A log that nobody reads any more (the launcher was killed) must not end the thread that writes to it.
+    let log = tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr);
+    log.log_internal_errors(false).init();
     command::run(arguments.command, ros_args)
 }

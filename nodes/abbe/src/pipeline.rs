@@ -75,7 +75,8 @@ pub(crate) fn identify(
     };
     let options = Options { order, robust, absolute_range: machine.absolute_range, ..Options::default() };
     let Identified { model, evidence, residuals_m, u_m } =
-        abbe_identify::identify(&machine.machine, machine.instrument, &loaded.campaign, &options, observe)?;
+        abbe_identify::identify(&machine.machine, machine.instrument, &loaded.campaign, &options, observe)
+            .with_context(|| loaded.source.file.clone())?;
     let file = ModelFile {
         model,
         order: machine.order,

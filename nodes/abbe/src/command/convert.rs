@@ -2,10 +2,11 @@
 //!
 //! Place in the flow: the same messages that the scale and tracer node would publish, without running them.
 
+use super::bag_in_place;
 use abbe_files::read_machine;
 use abbe_graph::driver::DriverConfig;
 use abbe_graph::record::write_bag;
-use anyhow::{Context, ensure};
+use anyhow::Context;
 use std::path::PathBuf;
 
 /// Arguments of `convert`.
@@ -26,14 +27,16 @@ pub(crate) struct Arguments {
 }
 
 pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
-    ensure!(!arguments.out.exists(), "{}: exists already; name a new bag", arguments.out.display());
     let machine = read_machine(&arguments.machine)?;
     let file = std::path::absolute(&arguments.campaign).context("the campaign's path cannot be made absolute")?;
     let namespace = arguments.namespace.clone().unwrap_or_else(|| machine.machine.name.clone());
     let base = PathBuf::new();
-    let summary = write_bag(&DriverConfig::Campaign { file }, &base, &machine, &namespace, &arguments.out)?;
+    let driver = DriverConfig::Campaign { file };
+    let summary = bag_in_place(&arguments.out, |unfinished| {
+        Ok(write_bag(&driver, &base, &machine, &namespace, unfinished)?)
+    })?;
     for (topic, messages) in &summary.messages_by_topic {
-        println!("{}: {messages} messages on {topic}", summary.path.display());
+        println!("{}: {messages} messages on {topic}", arguments.out.display());
     }
     Ok(())
 }

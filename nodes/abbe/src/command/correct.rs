@@ -3,6 +3,7 @@
 //! Place in the flow: offline twin of the geometric and residual nodes; calls the same correcting function. CSV row
 //! by row, also from standard input to standard output; bags message by message.
 
+use super::bag_in_place;
 use crate::pipeline::is_bag;
 use abbe_files::{AtomicFile, FileError, ModelFile, Place, PointRow, PointsReader, PointsWriter};
 use abbe_geometry::correct::correct;
@@ -50,8 +51,9 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
             arguments.model.display()
         );
     }
+    check_kinds(&arguments.input, &arguments.output)?;
     if is_bag(&arguments.input) {
-        return correct_bag(arguments, model, sha256);
+        return bag_in_place(&arguments.output, |unfinished| correct_bag(arguments, model, sha256, unfinished));
     }
     let standard = |path: &Path| path.as_os_str() == "-";
     let name =
@@ -115,20 +117,11 @@ fn check_offset_signs(identified: &IdentifiedVolume, row: &PointRow, name: &str)
 }
 
 /// Copies a bag and adds a corrected message after each scale reading.
-fn correct_bag(arguments: &Arguments, model: ModelFile, sha256: [u8; 32]) -> anyhow::Result<()> {
-    ensure!(!arguments.output.exists(), "{}: exists already; name a new bag", arguments.output.display());
-    let folder = match arguments.output.parent() {
-        Some(parent) if !parent.as_os_str().is_empty() => parent.to_owned(),
-        _ => PathBuf::from("."),
-    };
-    let name = arguments.output.file_name().context("the output has no file name")?;
-    // Written beside the target and moved into place at the end, so that no half bag is left.
-    let workshop = tempfile::Builder::new().prefix(".abbe-").tempdir_in(&folder)?;
-    let unfinished = workshop.path().join(name);
+fn correct_bag(arguments: &Arguments, model: ModelFile, sha256: [u8; 32], unfinished: &Path) -> anyhow::Result<()> {
     let step =
         GeometricStep::new(Some((Arc::new(model.model), Sha256::from_bytes(sha256))), arguments.max_covariate_age_s);
     let residual = ResidualStep::default();
-    let mut writer = BagWriter::create(&unfinished)?;
+    let mut writer = BagWriter::create(unfinished)?;
     let mut corrected = 0_u64;
     for message in messages(&arguments.input)? {
         let message = message?;
@@ -143,6 +136,18 @@ fn correct_bag(arguments: &Arguments, model: ModelFile, sha256: [u8; 32]) -> any
     }
     ensure!(corrected > 0, "{}: holds no {}; nothing to correct", arguments.input.display(), ScaleReading::ROS_TYPE);
     writer.finish()?;
-    std::fs::rename(&unfinished, &arguments.output)
-        .with_context(|| format!("{}: cannot be put in place", arguments.output.display()))
+    Ok(())
+}
+
+/// Refuses a bag under the name of a table and a table under the name of a bag.
+fn check_kinds(input: &Path, output: &Path) -> anyhow::Result<()> {
+    let ends = |ending: &str| output.extension().is_some_and(|extension| extension == ending);
+    let (from, to) = (input.display(), output.display());
+    if is_bag(input) {
+        let table = ends("csv") || output.as_os_str() == "-";
+        ensure!(!table, "{to}: {from} is a bag and gives a bag; name a folder, or a file ending in .mcap");
+    } else {
+        ensure!(!ends("mcap"), "{to}: {from} is CSV and gives CSV; name a file ending in .csv, or -");
+    }
+    Ok(())
 }

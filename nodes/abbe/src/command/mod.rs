@@ -15,7 +15,9 @@ mod verify;
 pub(crate) use identify::progress_text;
 
 use abbe_runtime::ros::RosArgs;
+use anyhow::{Context, ensure};
 use clap::Subcommand;
+use std::path::Path;
 
 /// What to do.
 #[derive(Debug, Subcommand)]
@@ -40,6 +42,22 @@ pub(crate) enum Command {
     Simulate(simulate::Arguments),
     /// Turn a campaign into a bag
     Convert(convert::Arguments),
+}
+
+/// Makes a bag with `write`, which gets a path beside the target; it is moved into place when it is whole, so that
+/// no half bag is left.
+fn bag_in_place<T>(target: &Path, write: impl FnOnce(&Path) -> anyhow::Result<T>) -> anyhow::Result<T> {
+    ensure!(!target.exists(), "{}: exists already; name a new bag", target.display());
+    let folder = target.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let name = target.file_name().with_context(|| format!("{}: name a file or folder", target.display()))?;
+    let workshop = tempfile::Builder::new()
+        .prefix(".abbe-")
+        .tempdir_in(folder)
+        .with_context(|| format!("{}: cannot be written to", folder.display()))?;
+    let unfinished = workshop.path().join(name);
+    let outcome = write(&unfinished)?;
+    std::fs::rename(&unfinished, target).with_context(|| format!("{}: cannot be put in place", target.display()))?;
+    Ok(outcome)
 }
 
 /// Runs a subcommand.

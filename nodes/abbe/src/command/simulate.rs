@@ -3,12 +3,12 @@
 //! Place in the flow: trials without hardware. With `--trials`, identifies many such campaigns and compares the
 //! achieved error with the uncertainty that the fit reports.
 
-use crate::verification::rms_and_max_m;
 use abbe_files::{MachineFile, read_machine, write_atomically};
 use abbe_geometry::Vector3;
 use abbe_geometry::correct::correct;
 use abbe_geometry::effects::{NoCovariates, State};
-use abbe_identify::{Options, identify};
+use abbe_geometry::model::MachineModel;
+use abbe_identify::{Options, at_cramer_rao_bound, identify};
 use abbe_measurement::campaign::Campaign;
 use abbe_virtual_machine::environment::EnvironmentConfig;
 use abbe_virtual_machine::instrument::InstrumentConfig;
@@ -29,6 +29,9 @@ const POINTS: usize = 400;
 /// How well the verification points are known (m).
 const KNOWN_TO_M: f64 = 0.05e-6;
 
+/// Factor of a 95 % interval of a normal distribution.
+const BAND_95: f64 = 1.96;
+
 /// Arguments of `simulate`.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Arguments {
@@ -44,7 +47,8 @@ pub(crate) struct Arguments {
     /// Repeat the plan until the campaign has at least this many readings
     #[arg(long)]
     readings: Option<u64>,
-    /// Identify this many machines (seeds from --seed on) and print achieved error and coverage
+    /// Identify this many machines (seeds from --seed on); print achieved error, reported uncertainty,
+    /// Cramér-Rao bound and coverage
     #[arg(long)]
     trials: Option<u64>,
 }
@@ -96,48 +100,86 @@ fn config(machine: &MachineFile, seed: u64) -> anyhow::Result<SimulationConfig> 
     })
 }
 
+/// Sums over points and machines (m²), and how many intervals held the truth.
+#[derive(Default)]
+struct Score {
+    error: f64,
+    reported: f64,
+    bound: f64,
+    inside: usize,
+    coordinates: usize,
+}
+
+impl Score {
+    fn add(&mut self, other: &Score) {
+        self.error += other.error;
+        self.reported += other.reported;
+        self.bound += other.bound;
+        self.inside += other.inside;
+        self.coordinates += other.coordinates;
+    }
+
+    fn line(&self, name: &str, chi2_per_dof: Option<f64>) -> String {
+        let rms_um = |sum: f64| (3.0 * sum / self.coordinates as f64).sqrt() * 1e6;
+        let chi2 = chi2_per_dof.map_or_else(|| "-".to_owned(), |value| format!("{value:.3}"));
+        format!(
+            "{name:>6} {:>10.3} {:>10.3} {:>10.3} {:>14.3} {:>11.3} {chi2:>9} {:>12.1}",
+            rms_um(self.error),
+            rms_um(self.reported),
+            rms_um(self.bound),
+            (self.error / self.reported).sqrt(),
+            (self.error / self.bound).sqrt(),
+            100.0 * self.inside as f64 / self.coordinates as f64
+        )
+    }
+}
+
+/// Achieved error against reported uncertainty and Cramér-Rao bound, 3-D rms, machine by machine.
 fn run_trials(machine: &MachineFile, first_seed: u64, trials: u64) -> anyhow::Result<()> {
     ensure!(trials > 0, "--trials must be at least 1");
     println!(
-        "{:>6} {:>10} {:>10} {:>10} {:>10} {:>12}",
-        "seed", "rms_um", "u_rms_um", "rms/u", "chi2/dof", "inside_95_%"
+        "{:>6} {:>10} {:>10} {:>10} {:>14} {:>11} {:>9} {:>12}",
+        "seed", "error_um", "u_um", "bound_um", "error/u", "error/bound", "chi2/dof", "inside_95_%"
     );
-    let (mut errors, mut spreads, mut inside, mut total) = (0.0, 0.0, 0_usize, 0_usize);
+    let mut total = Score::default();
     for seed in first_seed..first_seed + trials {
         let config = config(machine, seed)?;
         let campaign = simulate_campaign(&config)?.campaign;
         let found = identify(&machine.machine, machine.instrument, &campaign, &Options::default(), &mut |_| true)?;
-        let (mut differences, mut variance, mut within) = (Vec::new(), 0.0, 0_usize);
-        for point in verification_points(&config, POINTS, seed)? {
-            let state = State { reading_m: point.reading_m, offset_m: point.offset_m, covariates: &NoCovariates };
-            let correction = correct(&found.model, &state);
-            let covariance = correction.covariance_m2.context("a verification point lies outside the machine")?;
-            let difference = Vector3::from(point.actual_in_machine_m) - correction.position_m;
-            // The truth carries no repeatability, so it does not belong into this comparison.
-            let spread = |d: usize| covariance[(d, d)] - machine.machine.repeatability_m[d].powi(2);
-            variance += (0..3).map(spread).sum::<f64>();
-            within += (0..3).filter(|d| difference[*d].abs() <= 1.96 * spread(*d).sqrt()).count();
-            differences.push(difference);
-        }
-        let count = differences.len();
-        let (rms_m, _) = rms_and_max_m(differences.into_iter());
-        let spread_m = (variance / count as f64).sqrt();
-        let share = 100.0 * within as f64 / (3 * count) as f64;
-        let chi2 = found.evidence.chi2_per_dof;
-        println!(
-            "{seed:>6} {:>10.3} {:>10.3} {:>10.3} {chi2:>10.3} {share:>12.1}",
-            rms_m * 1e6,
-            spread_m * 1e6,
-            rms_m / spread_m
-        );
-        errors += rms_m * rms_m;
-        spreads += spread_m * spread_m;
-        inside += within;
-        total += 3 * count;
+        let bound = at_cramer_rao_bound(&found.model, machine.instrument, &campaign, machine.absolute_range)?;
+        let score = score(machine, &found.model, &bound, &verification_points(&config, POINTS, seed)?)?;
+        println!("{}", score.line(&seed.to_string(), Some(found.evidence.chi2_per_dof)));
+        total.add(&score);
     }
-    let share = 100.0 * inside as f64 / total as f64;
-    println!("{:>6} {:>10} {:>10} {:>10.3} {:>10} {share:>12.1}", "all", "", "", (errors / spreads).sqrt(), "");
+    println!("{}", total.line("all", None));
     Ok(())
+}
+
+fn score(
+    machine: &MachineFile,
+    model: &MachineModel,
+    bound: &MachineModel,
+    points: &[VerificationPoint],
+) -> anyhow::Result<Score> {
+    let mut score = Score::default();
+    // The truth carries no repeatability, so it does not belong into this comparison.
+    let repeatability = machine.machine.repeatability_m.map(|r| r * r);
+    for point in points {
+        let state = State { reading_m: point.reading_m, offset_m: point.offset_m, covariates: &NoCovariates };
+        let (correction, best) = (correct(model, &state), correct(bound, &state));
+        let outside = "a verification point lies outside the machine";
+        let (reported, least) = (correction.covariance_m2.context(outside)?, best.covariance_m2.context(outside)?);
+        let difference = Vector3::from(point.actual_in_machine_m) - correction.position_m;
+        for d in 0..3 {
+            let variance = reported[(d, d)] - repeatability[d];
+            score.error += difference[d].powi(2);
+            score.reported += variance;
+            score.bound += least[(d, d)] - repeatability[d];
+            score.inside += usize::from(difference[d].abs() <= BAND_95 * variance.sqrt());
+        }
+        score.coordinates += 3;
+    }
+    Ok(score)
 }
 
 /// A campaign in the columns that `identify` reads.
