@@ -4,7 +4,7 @@
 //! (`scipy_identify.py`) gets the same readings in a file and times its computing part alone. Its interpreter is
 //! `ABBE_PYTHON`, else `python3`; without NumPy and SciPy the comparison says that it was not run.
 
-#![allow(missing_docs, clippy::unwrap_used)] // criterion's macros; a bench that cannot be prepared stops
+#![allow(missing_docs, clippy::unwrap_used, clippy::panic)] // criterion's macros; a bench that cannot be prepared stops
 
 use abbe_geometry::error_function::Kind;
 use abbe_geometry::machine::Machine;

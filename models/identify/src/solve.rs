@@ -31,8 +31,9 @@ const SMOOTHING_PASSES: usize = 3;
 const SATURATED: f64 = 0.9;
 /// Share of one spline's coefficients from which it is as good as free.
 const FREE: f64 = 0.98;
-/// χ² per degree of freedom from which a single free spline may be what the fit lacks.
-const MISFIT: f64 = 2.0;
+/// χ² per degree of freedom from which a single free spline may be what the fit lacks; effects beyond geometry also
+/// raise it, but finer splines do not lower that, and each trial costs a fit.
+const MISFIT: f64 = 10.0;
 /// Finer splines tried at most: four thirds as many intervals each time.
 const MAX_REFINEMENTS: usize = 4;
 /// Readings an unknown must have before finer splines are tried.
@@ -145,7 +146,7 @@ fn part_of(campaign: &Campaign) -> Option<Campaign> {
     let kept = |reading: &&RangeReading| {
         let station = reading.station as usize;
         seen[station] += 1;
-        (seen[station] - 1) % counts[station].div_ceil(share.max(1)).max(1) == 0
+        (seen[station] - 1).is_multiple_of(counts[station].div_ceil(share.max(1)).max(1))
     };
     let readings = campaign.readings.iter().filter(kept).copied().collect();
     let (stations, lines) = (campaign.stations.clone(), campaign.lines.clone());
