@@ -1,0 +1,91 @@
+//! Graphs of nodes for tests: launch files, the shared memory of a run, and what lies in it.
+
+use std::fs;
+
+use abbe_graph::node::user_identity;
+use abbe_msgs::Message;
+use abbe_runtime::{Edges, EdgesConfig, RunId, Subscribe, TransportKind};
+
+use super::files::{Bench, machine, text};
+
+/// Namespace of the graphs of these tests.
+pub(crate) const NAMESPACE: &str = "test";
+pub(crate) const MEMORY: &str = "shared-memory";
+pub(crate) const DDS: &str = "dds";
+
+/// A launch file in the making: no nodes, no edges.
+#[derive(Debug, Default)]
+pub(crate) struct LaunchText {
+    nodes: Vec<&'static str>,
+    edges: String,
+    record: String,
+    tables: String,
+}
+
+impl LaunchText {
+    pub(crate) fn nodes(mut self, nodes: &[&'static str]) -> Self {
+        self.nodes.extend(nodes);
+        self
+    }
+
+    pub(crate) fn edge(mut self, from: &str, to: &str, transport: &str) -> Self {
+        self.edges += &format!("[[edges]]\nfrom = \"{from}\"\nto = \"{to}\"\ntransport = \"{transport}\"\n\n");
+        self
+    }
+
+    pub(crate) fn record(mut self, bag: &str) -> Self {
+        self.record = format!("record = \"{bag}\"\n");
+        self
+    }
+
+    /// A source that plays a bag's topic, or a campaign where `topic` is none.
+    pub(crate) fn source(mut self, node: &str, file: &str, topic: Option<&str>, rate_hz: f64) -> Self {
+        let driver = match topic {
+            Some(topic) => format!("kind = \"bag\", file = \"{file}\", topic = \"{topic}\""),
+            None => format!("kind = \"campaign\", file = \"{file}\""),
+        };
+        self.tables += &format!("[{node}]\ndriver = {{ {driver} }}\npace = {{ rate_hz = {rate_hz:?} }}\n\n");
+        self
+    }
+
+    pub(crate) fn monitor(mut self) -> Self {
+        self.tables += "[monitor]\nsingle_bound = 4.0\nwindow = 200\nmatch_within_s = 0.0005\n\n";
+        self
+    }
+
+    pub(crate) fn text(&self) -> String {
+        format!(
+            "namespace = \"{NAMESPACE}\"\nmachine = \"{}\"\nmodel = \"model.json\"\nnodes = {:?}\n\
+             max_covariate_age_s = 10.0\nwait_for_subscribers_s = 20.0\n{}\n{}{}",
+            text(&machine()),
+            self.nodes,
+            self.record,
+            self.tables,
+            self.edges
+        )
+    }
+
+    /// Writes it into the folder and gives its path as an argument.
+    pub(crate) fn write(&self, bench: &Bench) -> String {
+        bench.write("launch.toml", self.text())
+    }
+}
+
+/// The name of a topic of these graphs.
+pub(crate) fn topic(name: &str) -> String {
+    format!("/{NAMESPACE}/{name}")
+}
+
+/// A subscriber of the user's on this host: joins the run's shared memory beside the nodes.
+pub(crate) fn user<M: Message>(run: &RunId, topic: &str) -> Box<dyn Subscribe<M>> {
+    let mut config = EdgesConfig::new(user_identity(NAMESPACE, "test_user").unwrap());
+    config.run = Some(run.clone());
+    Edges::open(config).unwrap().subscriber(topic, TransportKind::SharedMemory).unwrap()
+}
+
+/// Everything in the places of shared memory that carries a run's name; `run` may be the beginning of one.
+pub(crate) fn files_of_run(run: &str) -> Vec<String> {
+    let of = |folder: &str| fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
+    let paths = of("/dev/shm").chain(of("/tmp")).map(|path| path.display().to_string());
+    paths.filter(|path| path.contains(&format!("/abbe_{run}"))).collect()
+}

@@ -1,0 +1,177 @@
+//! The `abbe` command as a process: run to its end within a time limit, or started, watched and ended.
+
+use std::ffi::OsStr;
+use std::fs;
+use std::io::{Read, Write};
+use std::process::{Child, Command, Stdio};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use abbe_runtime::ros::Domain;
+use rustix::process::{Pid, Signal, kill_process, kill_process_group};
+
+/// Far beyond what any command here takes; only a test that fails waits for it.
+const LIMIT: Duration = Duration::from_secs(60);
+
+/// How a command ended, and what it said.
+#[derive(Debug)]
+pub(crate) struct Ran {
+    /// None where a signal ended it.
+    pub(crate) code: Option<i32>,
+    pub(crate) output: Vec<u8>,
+    pub(crate) errors: String,
+}
+
+impl Ran {
+    /// The standard output as text, if the command succeeded.
+    #[track_caller]
+    pub(crate) fn ok(self) -> String {
+        assert_eq!(self.code, Some(0), "failed: {}", self.errors);
+        String::from_utf8(self.output).unwrap()
+    }
+
+    /// What it complained about, if the command failed with exit code 1.
+    #[track_caller]
+    pub(crate) fn refused(self) -> String {
+        assert_eq!(self.code, Some(1), "exit code; it said: {}", self.errors);
+        self.errors
+    }
+}
+
+/// The command of this build, with these arguments, on loopback only whatever the environment says.
+pub(crate) fn abbe<S: AsRef<OsStr>>(arguments: impl IntoIterator<Item = S>) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_abbe"));
+    command.args(arguments);
+    command.env_remove("RUST_LOG").env_remove("ROS_LOCALHOST_ONLY").env_remove("ROS_DOMAIN_ID");
+    command.env("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST").stdin(Stdio::null());
+    command
+}
+
+/// The same in the test's own domain.
+pub(crate) fn abbe_in<S: AsRef<OsStr>>(domain: Domain, arguments: impl IntoIterator<Item = S>) -> Command {
+    let mut command = abbe(arguments);
+    command.env("ROS_DOMAIN_ID", domain.id().to_string());
+    command
+}
+
+/// Runs `abbe` to its end.
+pub(crate) fn run<S: AsRef<OsStr>>(arguments: impl IntoIterator<Item = S>) -> Ran {
+    Started::start(abbe(arguments)).finish()
+}
+
+/// Runs `abbe` to its end with this standard input.
+pub(crate) fn run_with_input<S: AsRef<OsStr>>(arguments: impl IntoIterator<Item = S>, input: &[u8]) -> Ran {
+    let mut command = abbe(arguments);
+    command.stdin(Stdio::piped());
+    let mut started = Started::start(command);
+    let mut pipe = started.child.stdin.take().unwrap();
+    thread::scope(|scope| {
+        // A command that refuses its input leaves before it has read everything.
+        scope.spawn(move || pipe.write_all(input));
+        started.finish()
+    })
+}
+
+/// A process whose output is collected while it runs; killed (-9) at the end if it still runs.
+pub(crate) struct Started {
+    pub(crate) child: Child,
+    output: Option<thread::JoinHandle<Vec<u8>>>,
+    errors: Option<thread::JoinHandle<Vec<u8>>>,
+}
+
+impl Started {
+    pub(crate) fn start(mut command: Command) -> Started {
+        let mut child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+        let output = child.stdout.take().map(collect);
+        let errors = child.stderr.take().map(collect);
+        Started { child, output, errors }
+    }
+
+    pub(crate) fn id(&self) -> u32 {
+        self.child.id()
+    }
+
+    pub(crate) fn is_running(&mut self) -> bool {
+        self.child.try_wait().unwrap().is_none()
+    }
+
+    /// Waits for the end.
+    #[track_caller]
+    pub(crate) fn finish(mut self) -> Ran {
+        let deadline = Instant::now() + LIMIT;
+        let status = loop {
+            if let Some(status) = self.child.try_wait().unwrap() {
+                break status;
+            }
+            assert!(Instant::now() < deadline, "the command did not end within {LIMIT:?}");
+            thread::sleep(Duration::from_millis(5));
+        };
+        let text = |thread: Option<thread::JoinHandle<Vec<u8>>>| thread.unwrap().join().unwrap();
+        let errors = String::from_utf8_lossy(&text(self.errors.take())).into_owned();
+        Ran { code: status.code(), output: text(self.output.take()), errors }
+    }
+}
+
+impl Drop for Started {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+fn collect(mut stream: impl Read + Send + 'static) -> thread::JoinHandle<Vec<u8>> {
+    thread::spawn(move || {
+        let mut bytes = Vec::new();
+        stream.read_to_end(&mut bytes).unwrap();
+        bytes
+    })
+}
+
+/// Sends a signal to one process.
+pub(crate) fn signal(process_id: u32, signal: Signal) {
+    kill_process(pid(process_id), signal).unwrap();
+}
+
+/// Sends a signal to a process and its children, as a terminal does.
+pub(crate) fn signal_group(process_id: u32, signal: Signal) {
+    kill_process_group(pid(process_id), signal).unwrap();
+}
+
+fn pid(process_id: u32) -> Pid {
+    Pid::from_raw(i32::try_from(process_id).unwrap()).unwrap()
+}
+
+/// Children of a process, as (process id, command line).
+pub(crate) fn children(parent: u32) -> Vec<(u32, String)> {
+    let processes =
+        fs::read_dir("/proc").unwrap().filter_map(|entry| entry.unwrap().file_name().to_str()?.parse().ok());
+    let of_parent = processes.filter(|id: &u32| stat(*id).is_some_and(|(_, its_parent)| its_parent == parent));
+    let with_command = |id: u32| {
+        let words = fs::read(format!("/proc/{id}/cmdline")).unwrap_or_default();
+        (id, String::from_utf8_lossy(&words).replace('\0', " "))
+    };
+    of_parent.map(with_command).collect()
+}
+
+/// Whether a process lives; one that has ended but was not waited for does not.
+pub(crate) fn is_running(process_id: u32) -> bool {
+    stat(process_id).is_some_and(|(state, _)| state != "Z" && state != "X")
+}
+
+/// State and parent of a process.
+fn stat(process_id: u32) -> Option<(String, u32)> {
+    let text = fs::read_to_string(format!("/proc/{process_id}/stat")).ok()?;
+    let mut fields = text.rsplit_once(')')?.1.split_whitespace();
+    let state = fields.next()?.to_owned();
+    Some((state, fields.next()?.parse().ok()?))
+}
+
+/// Waits until a condition holds; fails the test when it does not within `limit`.
+#[track_caller]
+pub(crate) fn wait_until(what: &str, limit: Duration, mut holds: impl FnMut() -> bool) {
+    let deadline = Instant::now() + limit;
+    while !holds() {
+        assert!(Instant::now() < deadline, "not within {limit:?}: {what}");
+        thread::sleep(Duration::from_millis(10));
+    }
+}

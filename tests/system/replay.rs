@@ -1,0 +1,151 @@
+//! The main job end to end, and its evidence: what was recorded live comes out again byte for byte.
+
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // A test fails by panicking.
+
+mod common;
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use abbe_graph::driver::DriverConfig;
+use abbe_graph::launch::Launch;
+use common::assert_says;
+use common::files::{Bench, listing, machine, recorded, text};
+use common::program::run;
+use serde_json::Value;
+
+/// The demo on the campaign of this bench; gives its output folder.
+fn demo_on(bench: &Bench) -> PathBuf {
+    let (machine, campaign, verify) = (text(&machine()), bench.text("campaign.csv"), bench.text("verify.csv"));
+    let (out, rate) = (bench.text("demo"), "1500");
+    run([
+        "demo",
+        "--machine",
+        &machine,
+        "--campaign",
+        &campaign,
+        "--verify",
+        &verify,
+        "--out",
+        &out,
+        "--rate-hz",
+        rate,
+    ])
+    .ok();
+    bench.path("demo")
+}
+
+fn replay(bag: &Path, model: &Path) -> common::program::Ran {
+    run(["replay", "--bag", &text(bag), "--model", &text(model)])
+}
+
+/// Rms length of the error vectors under `key` (µm).
+fn rms_um(points: &[Value], key: &str) -> f64 {
+    let square =
+        |point: &Value| point[key].as_array().unwrap().iter().map(|v| v.as_f64().unwrap().powi(2)).sum::<f64>();
+    (points.iter().map(square).sum::<f64>() / points.len() as f64).sqrt()
+}
+
+/// The page shows everything without a network: whatever it refers to lies in it.
+fn assert_self_contained(html: &str) {
+    const EMBEDDED: char = '\u{fffc}';
+    let mut parts = html.split("data:");
+    let mut rest = parts.next().unwrap().to_owned();
+    for part in parts {
+        rest.push(EMBEDDED);
+        rest += part.split_once(['"', '\'', ')']).unwrap().1;
+    }
+    for outside in
+        ["http:", "https:", "src=\"//", "href=\"//", "@import", "<link", "<iframe", "<object", "NaN", "undefined"]
+    {
+        assert!(!rest.contains(outside), "the page contains {outside:?}");
+    }
+    for attribute in ["src=\"", "href=\"", "url("] {
+        for value in rest.split(attribute).skip(1) {
+            assert!(value.starts_with([EMBEDDED, '#']), "{attribute}{value:.40} leads out of the page");
+        }
+    }
+}
+
+/// The report's three forms are whole, and the error after is below a tenth of the error before.
+fn assert_reported(out: &Path) {
+    let html = fs::read_to_string(out.join("report.html")).unwrap();
+    assert!(html.contains("<svg") && html.trim_end().ends_with("</html>"), "the page is not whole");
+    assert_self_contained(&html);
+    let png = fs::read(out.join("report.png")).unwrap();
+    assert!(png.starts_with(b"\x89PNG\r\n\x1a\n") && png[png.len() - 8..].starts_with(b"IEND"), "the picture is cut");
+    let report: Value = serde_json::from_str(&fs::read_to_string(out.join("report.json")).unwrap()).unwrap();
+    let points = report["verification"].as_array().unwrap();
+    let (before_um, after_um) = (rms_um(points, "before_um"), rms_um(points, "after_um"));
+    println!("{} points: {before_um:.3} um before, {after_um:.3} um after", points.len());
+    assert!(points.len() == 400 && after_um < before_um / 10.0, "{before_um} um before, {after_um} um after");
+    let live = &report["live"];
+    assert_eq!((&live["samples_received"], &live["samples_lost"]), (&live["samples_sent"], &Value::from(0)));
+    assert!(live["samples_sent"].as_u64().unwrap() > 3000);
+}
+
+#[test]
+fn the_demo_on_the_shipped_campaign_reports_and_replays_to_the_byte() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("shipped");
+    let said = run(["demo", "--out", &text(&out)]).ok();
+    assert_says(&said, &["before", "after", "report.html"]);
+    assert_reported(&out);
+    let said = replay(&out.join("corrected"), &out.join("model.json")).ok();
+    assert_says(&said, &["3217 of 3217 corrected messages are identical"]);
+    let left = listing(folder.path());
+    assert!(left.keys().all(|path| !text(path).contains(".abbe-")), "temporary files are left: {left:?}");
+}
+
+#[test]
+fn a_recorded_run_played_through_the_nodes_again_gives_the_same_bytes() {
+    let bench = Bench::simulated(5);
+    let out = demo_on(&bench);
+    assert_reported(&out);
+    let first = out.join("corrected");
+    let said = replay(&first, &out.join("model.json")).ok();
+    assert_says(&said, &["corrected messages are identical"]);
+
+    let mut launch = Launch::read(&out.join("launch.toml")).unwrap();
+    launch.edges.retain(|edge| edge.to != "user");
+    launch.record = Some(bench.path("again"));
+    for source in [launch.scale.as_mut(), launch.tracer.as_mut()].into_iter().flatten() {
+        let DriverConfig::Bag { file, .. } = &mut source.driver else { panic!("the demo plays a bag") };
+        file.clone_from(&first);
+    }
+    let file = bench.write("again.toml", launch.to_text().unwrap());
+    let summaries = run(["launch", &file]).ok();
+    for summary in summaries.lines().map(|line| serde_json::from_str::<Value>(line).unwrap()) {
+        assert_eq!((&summary["lost"], &summary["dropped"]), (&Value::from(0), &Value::from(0)), "{summary}");
+    }
+
+    let (first, again) = (recorded(&first), recorded(&bench.path("again")));
+    let counts = |bag: &std::collections::BTreeMap<String, std::collections::BTreeMap<u64, Vec<u8>>>| {
+        bag.iter().map(|(topic, messages)| (topic.clone(), messages.len())).collect::<Vec<_>>()
+    };
+    assert_eq!(counts(&first), counts(&again));
+    assert_eq!(first.len(), 5, "{:?}", counts(&first));
+    for (topic, messages) in &first {
+        let different = messages.iter().filter(|(sequence, cdr)| again[topic].get(sequence) != Some(cdr)).count();
+        assert_eq!(different, 0, "{topic}: {different} of {} messages differ", messages.len());
+    }
+}
+
+#[test]
+fn a_replay_with_another_model_fails_and_names_the_first_difference() {
+    let (bench, other) = (Bench::identified(5), Bench::identified(6));
+    let (bag, corrected) = (bench.text("bag"), bench.text("corrected"));
+    run(["convert", "--machine", &text(&machine()), "--campaign", &bench.text("campaign.csv"), "--out", &bag]).ok();
+    run(["correct", "--model", &bench.text("model.json"), "--in", &bag, "--out", &corrected]).ok();
+    replay(&bench.path("corrected"), &bench.path("model.json")).ok();
+
+    let said = replay(&bench.path("corrected"), &other.path("model.json")).refused();
+    assert_says(&said, &["corrected", "differ", "sequence 0", "check that model"]);
+    let said = replay(&bench.path("bag"), &bench.path("model.json")).refused();
+    assert_says(&said, &["not recorded", "sequence 0"]);
+
+    let digit = bench.read("model.json").replacen("\"dead_path_m\": ", "\"dead_path_m\": 1", 1);
+    bench.write("tampered.json", digit);
+    let said = replay(&bench.path("corrected"), &bench.path("tampered.json")).refused();
+    assert_says(&said, &["tampered.json"]);
+}
