@@ -6,8 +6,8 @@ use crate::driver::{self, DriverConfig};
 use crate::node::NodeError;
 use crate::topics;
 use abbe_files::MachineFile;
-use abbe_msgs::Message;
 use abbe_msgs::bag::{BagSummary, BagWriter};
+use abbe_msgs::{Message, MessageError};
 use std::path::Path;
 
 /// Writes what the driver gives to scale and tracer topics in `namespace`.
@@ -26,10 +26,10 @@ pub fn write_bag(
     loop {
         let (reading, length) = (scale.next_reading()?, tracer.next_reading()?);
         if let Some(reading) = &reading {
-            writer.write(&scale_topic, reading, log_time_ns(reading))?;
+            writer.write(&scale_topic, reading, log_time_ns(reading)?)?;
         }
         if let Some(length) = &length {
-            writer.write(&tracer_topic, length, log_time_ns(length))?;
+            writer.write(&tracer_topic, length, log_time_ns(length)?)?;
         }
         if reading.is_none() && length.is_none() {
             return Ok(writer.finish()?);
@@ -37,6 +37,8 @@ pub fn write_bag(
     }
 }
 
-fn log_time_ns<M: Message>(sample: &M) -> u64 {
-    u64::try_from(sample.stamp().to_nanos()).unwrap_or_default()
+/// Log time of a recorded message: its stamp, so that a recording says when things were measured.
+pub(crate) fn log_time_ns<M: Message>(sample: &M) -> Result<u64, MessageError> {
+    let seconds = sample.stamp().to_seconds();
+    u64::try_from(sample.stamp().to_nanos()).map_err(|_| MessageError::StampRange { seconds })
 }

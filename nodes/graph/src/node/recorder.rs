@@ -5,6 +5,7 @@
 
 use super::{LOOK_UP, NodeContext, NodeError, NodeSummary, take};
 use crate::launch::NodeName;
+use crate::record::log_time_ns;
 use abbe_msgs::bag::BagWriter;
 use abbe_msgs::{CorrectedCoordinates, Message, RangeResidual, ScaleReading, TracerReading};
 use abbe_runtime::Subscribe;
@@ -57,8 +58,7 @@ impl<M: Message> Track<M> {
     fn drain(&mut self, writer: &mut BagWriter, summary: &mut NodeSummary) -> Result<(), NodeError> {
         let Some(subscriber) = self.subscriber.as_mut() else { return Ok(()) };
         while let Some(sample) = take(subscriber.as_mut(), Duration::ZERO, summary)? {
-            let log_time_ns = u64::try_from(sample.stamp().to_nanos()).unwrap_or_default();
-            writer.write(&self.topic, &sample, log_time_ns)?;
+            writer.write(&self.topic, &sample, log_time_ns(&sample)?)?;
             summary.sent += 1;
         }
         Ok(())
