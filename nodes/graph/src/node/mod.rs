@@ -5,6 +5,7 @@
 
 mod correcting;
 mod monitor;
+mod parameters;
 mod recorder;
 mod source;
 
@@ -14,7 +15,7 @@ use abbe_files::{FileError, MachineFile, ModelFile, read_machine};
 use abbe_geometry::model::MachineModel;
 use abbe_msgs::bag::BagError;
 use abbe_msgs::{Message, MessageError, Sha256};
-use abbe_runtime::ros::{ArgsError, NodeIdentity, NodeOptions, RosArgs, RosError, RosNode};
+use abbe_runtime::ros::{ArgsError, Domain, NodeIdentity, NodeOptions, RosArgs, RosError, RosNode};
 use abbe_runtime::transport::shared_memory::{self, CleanupError};
 use abbe_runtime::{
     Edges, EdgesConfig, Publish, RunId, Shutdown, ShutdownError, Subscribe, TransportError, TransportKind,
@@ -169,16 +170,21 @@ fn remove_shared_memory(run: Option<&RunId>) {
 
 impl NodeContext {
     fn open(call: NodeCall, shutdown: Shutdown) -> Result<NodeContext, NodeError> {
-        let launch = Launch::read(&call.launch_file)?;
+        let mut launch = Launch::read(&call.launch_file)?;
         let base = call.launch_file.parent().map_or_else(PathBuf::new, Path::to_path_buf);
         let machine = read_machine(&base.join(&launch.machine))?;
         let identity = call
             .ros_args
             .identity(&launch.namespace, call.name.name())
             .map_err(|error| NodeError::Name(error.to_string()))?;
-        let remaps = call.ros_args.remaps.clone();
+        let table = parameters::table(&launch, call.name).map_err(RosError::from)?;
+        let table = table.with_assignments(&identity, &call.ros_args.parameters).map_err(RosError::from)?;
+        parameters::apply(&table, &mut launch, call.name);
+        let remaps = call.ros_args.remaps;
         let ros = if launch.uses(call.name, TransportKind::Dds) {
-            Some(RosNode::start(NodeOptions::new(&launch.namespace, call.name.name(), call.ros_args, [])?)?)
+            let domain = Domain::from_environment().map_err(RosError::from)?;
+            let options = NodeOptions { identity: identity.clone(), domain, remaps: remaps.clone(), parameters: table };
+            Some(RosNode::start(options)?)
         } else {
             None
         };

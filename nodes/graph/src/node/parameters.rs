@@ -1,0 +1,147 @@
+//! ROS parameters of the nodes: what of the launch file a `--ros-args -p` may change at the start.
+//!
+//! Place in the flow: declared with unit and range when a node starts; the launch file gives the defaults. They are
+//! fixed while the node runs, so that a recording is corrected by one set of figures.
+
+use crate::launch::{Launch, NodeName, Pace};
+use abbe_runtime::ros::{ParameterError, ParameterSpec, ParameterTable, ParameterValue, Range};
+
+/// Largest number a parameter in seconds, hertz or standard uncertainties may have.
+const LARGEST: f64 = 1e6;
+/// Smallest number above zero that makes sense for any of them.
+const SMALLEST: f64 = 1e-6;
+
+const MAX_COVARIATE_AGE: &str = "max_covariate_age_s";
+const RATE: &str = "rate_hz";
+const TIME_FACTOR: &str = "time_factor";
+const SINGLE_BOUND: &str = "single_bound";
+const WINDOW: &str = "window";
+const MATCH_WITHIN: &str = "match_within_s";
+
+/// The parameters of a node with the launch file's values.
+pub(super) fn table(launch: &Launch, node: NodeName) -> Result<ParameterTable, ParameterError> {
+    let positive = |name, value: f64, unit, description| {
+        let range = Range::Double(SMALLEST.min(value), LARGEST.max(value));
+        ParameterSpec { name, default: ParameterValue::Double(value), unit, range, read_only: true, description }
+    };
+    let pace = |pace: Pace| match pace {
+        Pace::RateHz(rate) => positive(RATE, rate, "Hz", "Readings a second that a recording is played at."),
+        Pace::TimeFactor(factor) => positive(TIME_FACTOR, factor, "", "How many times faster than recorded."),
+    };
+    let specs: Vec<ParameterSpec> = match node {
+        NodeName::Scale => launch.scale.iter().map(|source| pace(source.pace)).collect(),
+        NodeName::Tracer => launch.tracer.iter().map(|source| pace(source.pace)).collect(),
+        NodeName::Geometric => {
+            let description = "Age from which a covariate is stale.";
+            vec![positive(MAX_COVARIATE_AGE, launch.max_covariate_age_s, "s", description)]
+        }
+        NodeName::Monitor => monitor(launch, positive),
+        NodeName::Residual | NodeName::Recorder => Vec::new(),
+    };
+    ParameterTable::new(specs)
+}
+
+fn monitor(
+    launch: &Launch,
+    positive: impl Fn(&'static str, f64, &'static str, &'static str) -> ParameterSpec,
+) -> Vec<ParameterSpec> {
+    let Some(bounds) = launch.monitor else { return Vec::new() };
+    let window = i64::try_from(bounds.window).unwrap_or(i64::MAX);
+    let within = positive(MATCH_WITHIN, bounds.match_within_s, "s", "Stamps this close are the same instant.");
+    vec![
+        positive(
+            SINGLE_BOUND,
+            bounds.single_bound,
+            "",
+            "Standard uncertainties from which one residual is out of bounds.",
+        ),
+        ParameterSpec {
+            name: WINDOW,
+            default: ParameterValue::Integer(window),
+            unit: "",
+            range: Range::Integer(1, i64::MAX),
+            read_only: true,
+            description: "Residuals over which the mean square is taken.",
+        },
+        ParameterSpec { range: Range::Double(0.0, LARGEST), ..within },
+    ]
+}
+
+/// Puts the parameters' values where the node looks for them.
+pub(super) fn apply(table: &ParameterTable, launch: &mut Launch, node: NodeName) {
+    for (name, value) in table.values() {
+        match (name, value) {
+            (MAX_COVARIATE_AGE, ParameterValue::Double(seconds)) => launch.max_covariate_age_s = *seconds,
+            (RATE, ParameterValue::Double(rate)) => set_pace(launch, node, Pace::RateHz(*rate)),
+            (TIME_FACTOR, ParameterValue::Double(factor)) => set_pace(launch, node, Pace::TimeFactor(*factor)),
+            _ => set_bound(launch, name, value),
+        }
+    }
+}
+
+fn set_pace(launch: &mut Launch, node: NodeName, pace: Pace) {
+    let source = if node == NodeName::Scale { &mut launch.scale } else { &mut launch.tracer };
+    if let Some(source) = source {
+        source.pace = pace;
+    }
+}
+
+fn set_bound(launch: &mut Launch, name: &str, value: &ParameterValue) {
+    let Some(bounds) = &mut launch.monitor else { return };
+    match (name, value) {
+        (SINGLE_BOUND, ParameterValue::Double(bound)) => bounds.single_bound = *bound,
+        (MATCH_WITHIN, ParameterValue::Double(seconds)) => bounds.match_within_s = *seconds,
+        (WINDOW, ParameterValue::Integer(window)) => bounds.window = usize::try_from(*window).unwrap_or(bounds.window),
+        _ => {}
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use abbe_runtime::ros::RosArgs;
+    use std::path::Path;
+
+    fn launch() -> Launch {
+        let text = include_str!("../../../../launch-config/bridge_xyz_virtual.toml");
+        Launch::parse(text, Path::new("bridge_xyz_virtual.toml")).unwrap()
+    }
+
+    fn with(node: NodeName, assignment: &str) -> Result<Launch, String> {
+        let arguments = ["--ros-args", "-p", assignment].map(str::to_owned);
+        let (args, _) = RosArgs::split(arguments).map_err(|e| e.to_string())?;
+        let identity = args.identity("bridge_xyz", node.name()).map_err(|e| e.to_string())?;
+        let mut launch = launch();
+        let table = table(&launch, node).map_err(|e| e.to_string())?;
+        let table = table.with_assignments(&identity, &args.parameters).map_err(|e| e.to_string())?;
+        apply(&table, &mut launch, node);
+        Ok(launch)
+    }
+
+    #[test]
+    fn without_arguments_the_launch_file_holds() {
+        for node in NodeName::ALL {
+            let mut applied = launch();
+            apply(&table(&launch(), node).unwrap(), &mut applied, node);
+            assert_eq!(applied, launch());
+        }
+    }
+
+    #[test]
+    fn an_argument_changes_its_figure_only() {
+        let changed = with(NodeName::Geometric, "max_covariate_age_s:=2.5").unwrap();
+        assert_eq!(changed.max_covariate_age_s, 2.5);
+        assert_eq!(Launch { max_covariate_age_s: 10.0, ..changed }, launch());
+        let slower = with(NodeName::Scale, "rate_hz:=50.0").unwrap();
+        assert_eq!(slower.scale.unwrap().pace, Pace::RateHz(50.0));
+        assert_eq!(slower.tracer.unwrap().pace, Pace::RateHz(100.0));
+        assert_eq!(with(NodeName::Monitor, "window:=50").unwrap().monitor.unwrap().window, 50);
+    }
+
+    #[test]
+    fn values_out_of_range_and_unknown_names_are_refused() {
+        assert!(with(NodeName::Geometric, "max_covariate_age_s:=-1.0").unwrap_err().contains("max_covariate_age_s"));
+        assert!(with(NodeName::Monitor, "window:=0").unwrap_err().contains("window"));
+        assert!(with(NodeName::Geometric, "rate_hz:=10.0").unwrap_err().contains("rate_hz"));
+    }
+}
