@@ -15,6 +15,23 @@ pub fn first_commands(document: &str) -> Vec<String> {
     commands.filter(|command| !command.is_empty() && !command.starts_with('#')).collect()
 }
 
+/// Blocks of code of one language, such as `toml`.
+pub fn blocks(document: &str, language: &str) -> Vec<String> {
+    let (mut found, mut open): (Vec<String>, Option<String>) = (Vec::new(), None);
+    for line in document.lines() {
+        match (&mut open, line.trim_end().strip_prefix("```")) {
+            (None, Some(named)) => open = Some(if named == language { String::new() } else { "-".to_owned() }),
+            (Some(_), Some(_)) => found.extend(open.take().filter(|block| block != "-")),
+            (Some(block), None) if block != "-" => {
+                block.push_str(line);
+                block.push('\n');
+            }
+            _ => {}
+        }
+    }
+    found
+}
+
 /// Whether a script runs a command: a line of it ends in these words.
 pub fn runs(script: &str, command: &str) -> bool {
     script.lines().any(|line| !line.trim_start().starts_with('#') && line.trim_end().ends_with(command))
@@ -42,6 +59,12 @@ mod tests {
         let text = "# A\n\n```sh\n# main\ncargo run # shows it\n\ncargo test\n```\n```\nother\n```\n";
         assert_eq!(first_commands(text), ["cargo run", "cargo test"]);
         assert!(first_commands("no block").is_empty());
+    }
+
+    #[test]
+    fn blocks_of_one_language_are_told_from_others() {
+        let text = "```sh\na\n```\n```toml\nb = 1\nc = 2\n```\nbetween\n```toml\nd = 3\n```\n```toml\nnever closed\n";
+        assert_eq!(blocks(text, "toml"), ["b = 1\nc = 2\n", "d = 3\n"]);
     }
 
     #[test]

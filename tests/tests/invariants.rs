@@ -3,6 +3,7 @@
 //! Place in the flow: beside it. The rules are in the library of this crate, where each is shown to catch a
 //! violation; here they meet the files and the dependency graph as they are.
 
+use abbe_graph::launch::Launch;
 use abbe_tests::dependencies::Graph;
 use abbe_tests::source::Found;
 use abbe_tests::workspace::{RustFile, files, read, root, rust_files};
@@ -148,6 +149,21 @@ fn shipped_machines_load_under_their_file_names() {
             "{}",
             path.display()
         );
+    }
+}
+
+/// The example of `launch-config/README.md` and every launch file beside it.
+#[test]
+fn launch_files_make_a_graph_of_files_that_are_there() {
+    let folder = Path::new("launch-config");
+    let examples = documents::blocks(&read(folder.join("README.md")), "toml");
+    assert!(!examples.is_empty(), "launch-config/README.md shows a launch file");
+    let is_launch = |path: &PathBuf| path.parent() == Some(folder) && path.extension().is_some_and(|e| e == "toml");
+    let shipped = files().into_iter().filter(is_launch).map(|path| (read(&path), path));
+    for (text, path) in examples.into_iter().map(|text| (text, folder.join("README.md"))).chain(shipped) {
+        let launch = Launch::parse(&text, &path).unwrap_or_else(|error| panic!("{error}"));
+        let machine = root().join(folder).join(&launch.machine);
+        assert!(machine.is_file(), "{}: no machine {}", path.display(), machine.display());
     }
 }
 
