@@ -50,7 +50,9 @@ fn run() -> anyhow::Result<()> {
     let (ros_args, own) = RosArgs::split(std::env::args())?;
     let arguments = Arguments::parse_from(own);
     let level = ros_args.log_level.clone().unwrap_or_else(|| "warn".to_owned());
-    let fallback = EnvFilter::try_new(format!("{level},rustdds=error")).unwrap_or_default();
+    // The DDS libraries call every clean exit an error; what really fails there comes back as a result. RUST_LOG
+    // shows them.
+    let fallback = EnvFilter::try_new(format!("{level},rustdds=off,ros2_client=off")).unwrap_or_default();
     let filter = EnvFilter::try_from_default_env().unwrap_or(fallback);
     // A log that nobody reads any more (the launcher was killed) must not end the thread that writes to it.
     let log = tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr);
