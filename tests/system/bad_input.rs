@@ -78,10 +78,22 @@ type Spoil = fn(&mut Table);
 
 /// What can be wrong with a campaign, and what `identify` must say about it.
 const CAMPAIGNS: [(&str, Spoil, &[&str]); 14] = [
-    ("missing column", |t| t.without("length_mm"), &["line 1, column length_mm", "missing", "add the column length_mm"]),
-    ("misspelt column", |t| t.rename("length_mm", "lenght_mm"), &["line 1, column lenght_mm", "did you mean", "rename"]),
+    (
+        "missing column",
+        |t| t.without("length_mm"),
+        &["line 1, column length_mm", "missing", "add the column length_mm"],
+    ),
+    (
+        "misspelt column",
+        |t| t.rename("length_mm", "lenght_mm"),
+        &["line 1, column lenght_mm", "did you mean", "rename"],
+    ),
     ("wrong unit", |t| t.rename("x_mm", "x_um"), &["line 1, column x_um", "millimetres", "convert the values"]),
-    ("not a number", |t| *t.cell(21, "y_mm") = "NaN".into(), &["line 21, column y_mm", "not a finite number", "remove"]),
+    (
+        "not a number",
+        |t| *t.cell(21, "y_mm") = "NaN".into(),
+        &["line 21, column y_mm", "not a finite number", "remove"],
+    ),
     ("empty cell", |t| t.cell(22, "length_mm").clear(), &["line 22, column length_mm", "empty", "write a number"]),
     ("words", |t| *t.cell(23, "z_mm") = "12,5".into(), &["line 23", "cells", "complete the row"]),
     (
@@ -222,7 +234,8 @@ fn a_model_file_that_is_cut_off_or_changed_is_refused() {
         let model = bench.write("spoilt.json", &flipped);
         correct_refused(&bench, &model, &points, &["spoilt.json"]);
     }
-    let refused = ["--model", &bench.text("model.json"), "--machine", &text(&other_machine()), "--in", &points, "--out"];
+    let refused =
+        ["--model", &bench.text("model.json"), "--machine", &text(&other_machine()), "--in", &points, "--out"];
     let out = bench.text("refused.csv");
     let arguments: Vec<&str> = ["correct"].into_iter().chain(refused).chain([out.as_str()]).collect();
     self::refused(&bench, &arguments, &["model.json", "bridge_xyz", "fyxz", "give the model of this machine"]);

@@ -3,10 +3,12 @@
 use std::fs;
 
 use abbe_graph::node::user_identity;
-use abbe_msgs::Message;
+use abbe_msgs::bag::BagWriter;
+use abbe_msgs::{Message, ScaleReading, Stamp};
 use abbe_runtime::{Edges, EdgesConfig, RunId, Subscribe, TransportKind};
 
-use super::files::{Bench, machine, text};
+use super::files::{Bench, machine, samples, text};
+use super::program::run;
 
 /// Namespace of the graphs of these tests.
 pub(crate) const NAMESPACE: &str = "test";
@@ -69,6 +71,36 @@ impl LaunchText {
     pub(crate) fn write(&self, bench: &Bench) -> String {
         bench.write("launch.toml", self.text())
     }
+}
+
+/// A bag with the campaign's readings over and over, 1 ms apart.
+pub(crate) fn long_recording(bench: &Bench, count: u64) {
+    let (campaign, bag) = (bench.text("campaign.csv"), bench.text("campaign"));
+    run(["convert", "--machine", &text(&machine()), "--campaign", &campaign, "--out", &bag, "--namespace", NAMESPACE])
+        .ok();
+    let readings = samples::<ScaleReading>(&bench.path("campaign"), &topic("scale/reading"));
+    let mut writer = BagWriter::create(bench.path("long")).unwrap();
+    for (sequence, reading) in (0..count).zip(readings.iter().cycle()) {
+        let stamp = Stamp::from_nanos(i64::try_from(sequence).unwrap() * 1_000_000).unwrap();
+        writer.write(&topic("scale/reading"), &ScaleReading { stamp, sequence, ..*reading }, sequence).unwrap();
+    }
+    writer.finish().unwrap();
+}
+
+/// The correcting path over shared memory, fed at 1 kHz with [`long_recording`]; `more` adds edges.
+pub(crate) fn stream_of(bench: &Bench, more: impl FnOnce(LaunchText) -> LaunchText) -> String {
+    let long = bench.text("long");
+    let launch = LaunchText::default()
+        .nodes(&["scale", "geometric", "residual"])
+        .edge("scale", "geometric", MEMORY)
+        .edge("geometric", "residual", MEMORY)
+        .source("scale", &long, Some(&topic("scale/reading")), 1000.0);
+    more(launch).write(bench)
+}
+
+/// The same with a recorder in place of a user.
+pub(crate) fn recorded_stream_of(bench: &Bench, bag: &str) -> String {
+    stream_of(bench, |launch| launch.nodes(&["recorder"]).edge("residual", "recorder", MEMORY).record(bag))
 }
 
 /// The name of a topic of these graphs.

@@ -141,16 +141,24 @@ fn pid(process_id: u32) -> Pid {
     Pid::from_raw(i32::try_from(process_id).unwrap()).unwrap()
 }
 
+fn processes() -> impl Iterator<Item = u32> {
+    fs::read_dir("/proc").unwrap().filter_map(|entry| entry.unwrap().file_name().to_str()?.parse().ok())
+}
+
+fn command_line(process_id: u32) -> String {
+    let words = fs::read(format!("/proc/{process_id}/cmdline")).unwrap_or_default();
+    String::from_utf8_lossy(&words).replace('\0', " ")
+}
+
 /// Children of a process, as (process id, command line).
 pub(crate) fn children(parent: u32) -> Vec<(u32, String)> {
-    let processes =
-        fs::read_dir("/proc").unwrap().filter_map(|entry| entry.unwrap().file_name().to_str()?.parse().ok());
-    let of_parent = processes.filter(|id: &u32| stat(*id).is_some_and(|(_, its_parent)| its_parent == parent));
-    let with_command = |id: u32| {
-        let words = fs::read(format!("/proc/{id}/cmdline")).unwrap_or_default();
-        (id, String::from_utf8_lossy(&words).replace('\0', " "))
-    };
-    of_parent.map(with_command).collect()
+    let of_parent = processes().filter(|id| stat(*id).is_some_and(|(_, its_parent)| its_parent == parent));
+    of_parent.map(|id| (id, command_line(id))).collect()
+}
+
+/// Living processes with this word on their command line.
+pub(crate) fn processes_with(word: &str) -> Vec<u32> {
+    processes().filter(|id| is_running(*id) && command_line(*id).contains(word)).collect()
 }
 
 /// Whether a process lives; one that has ended but was not waited for does not.

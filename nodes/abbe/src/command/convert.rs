@@ -32,9 +32,8 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let namespace = arguments.namespace.clone().unwrap_or_else(|| machine.machine.name.clone());
     let base = PathBuf::new();
     let driver = DriverConfig::Campaign { file };
-    let summary = bag_in_place(&arguments.out, |unfinished| {
-        Ok(write_bag(&driver, &base, &machine, &namespace, unfinished)?)
-    })?;
+    let summary =
+        bag_in_place(&arguments.out, |unfinished| Ok(write_bag(&driver, &base, &machine, &namespace, unfinished)?))?;
     for (topic, messages) in &summary.messages_by_topic {
         println!("{}: {messages} messages on {topic}", arguments.out.display());
     }
