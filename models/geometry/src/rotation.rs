@@ -2,7 +2,7 @@
 //!
 //! Place in the flow: [`crate::chain`] turns what hangs on a joint with it. The exact form is the rotation
 //! vector (EA, EB, EC) in rad through the exponential map, so that no order of the three angles is preferred;
-//! the small-angle form is I + [ε]× (Liang 2025, eq. 1-7).
+//! the small-angle form is I + \[ε\]× (Liang 2025, eq. 1-7).
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -11,11 +11,11 @@ use nalgebra::{Matrix3, Vector3};
 pub enum RotationForm {
     /// Exponential map of the rotation vector.
     Exact,
-    /// I + [ε]×, as in the source papers.
+    /// I + \[ε\]×, as in the source papers.
     SmallAngle,
 }
 
-/// Cross-product matrix [v]×, so that `cross_matrix(v) * a == v.cross(&a)`.
+/// Cross-product matrix \[v\]×, so that `cross_matrix(v) * a == v.cross(&a)`.
 pub fn cross_matrix(v: &Vector3<f64>) -> Matrix3<f64> {
     Matrix3::new(0.0, -v.z, v.y, v.z, 0.0, -v.x, -v.y, v.x, 0.0)
 }

@@ -6,7 +6,7 @@
 //!
 //! A bag is a directory as rosbag2 writes it (`<name>/<name>_0.mcap` and `metadata.yaml`) or one
 //! `.mcap` file. Schemas are embedded. A bag that is cut off or damaged is an error that says how
-//! much came before; [`recover`] keeps that part.
+//! much came before; [`recover()`] keeps that part.
 //!
 //! ```
 //! use abbe_msgs::{Message, ScaleReading, bag};

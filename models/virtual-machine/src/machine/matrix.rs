@@ -30,7 +30,7 @@ pub(crate) fn translation(by_m: [f64; 3]) -> Homogeneous {
     out
 }
 
-/// Exact rotation by a rotation vector (rad): exp([v]×), by Rodrigues' formula.
+/// Exact rotation by a rotation vector (rad): exp(\[v\]×), by Rodrigues' formula.
 pub(crate) fn rotation(vector_rad: [f64; 3]) -> Homogeneous {
     let [a, b, c] = vector_rad;
     let angle = (a * a + b * b + c * c).sqrt();

@@ -6,7 +6,7 @@
 //!
 //! Limits: all nodes run under one user (files have mode 0600). Safe overflow is always on: a
 //! subscriber that stops reading, or is killed, loses its oldest samples and never holds up the
-//! publisher. Every file of a run carries its [`RunId`]; [`cleanup`] removes them.
+//! publisher. Every file of a run carries its [`RunId`]; [`cleanup()`] removes them.
 
 mod cleanup;
 mod publisher;
