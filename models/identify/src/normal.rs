@@ -23,16 +23,12 @@ pub(crate) struct NormalEquations {
     pub(crate) weighted_square: f64,
     /// Σ w.
     pub(crate) weight: f64,
-    /// Σ r² over readings with weight.
-    pub(crate) square_m2: f64,
-    /// Readings with weight above zero.
-    pub(crate) used: usize,
 }
 
 impl NormalEquations {
     fn zeros(size: usize) -> NormalEquations {
         let (matrix, gradient) = (vec![0.0; size * size], vec![0.0; size]);
-        NormalEquations { size, matrix, gradient, weighted_square: 0.0, weight: 0.0, square_m2: 0.0, used: 0 }
+        NormalEquations { size, matrix, gradient, weighted_square: 0.0, weight: 0.0 }
     }
 
     /// An entry of JᵀWJ, which is symmetric.
@@ -57,17 +53,14 @@ impl NormalEquations {
         }
         self.weighted_square += information * row.residual_m * row.residual_m;
         self.weight += weight;
-        self.square_m2 += row.residual_m * row.residual_m;
-        self.used += 1;
     }
 
-    fn absorb(&mut self, other: &NormalEquations) {
+    /// Adds sums over the same unknowns at the same estimate.
+    pub(crate) fn absorb(&mut self, other: &NormalEquations) {
         self.matrix.iter_mut().zip(&other.matrix).for_each(|(a, b)| *a += b);
         self.gradient.iter_mut().zip(&other.gradient).for_each(|(a, b)| *a += b);
         self.weighted_square += other.weighted_square;
         self.weight += other.weight;
-        self.square_m2 += other.square_m2;
-        self.used += other.used;
     }
 }
 
@@ -84,12 +77,12 @@ fn add_scaled(line: &mut [f64], scaled: f64, others: &[f64]) {
     line.iter_mut().zip(others).for_each(|(entry, other)| *entry += scaled * other);
 }
 
-/// Sums the rows of all readings whose weight is above zero.
+/// Sums the rows of all readings whose weight is not zero; a negative weight takes a row out again.
 pub(crate) fn accumulate(estimate: &Estimate, readings: &[RangeReading], weights: &[f64]) -> NormalEquations {
     let sum = |readings: &[RangeReading], weights: &[f64]| {
         let mut normal = NormalEquations::zeros(estimate.parameters.len());
         let mut row = Row::new();
-        for (reading, weight) in readings.iter().zip(weights).filter(|(_, weight)| **weight > 0.0) {
+        for (reading, weight) in readings.iter().zip(weights).filter(|(_, weight)| **weight != 0.0) {
             estimate.row(reading, &mut row);
             normal.add_row(&row, estimate.setup.u_m(&row.ray), *weight);
         }

@@ -11,17 +11,17 @@ use abbe_geometry::ErrorId;
 use abbe_geometry::error_function::Kind;
 use abbe_geometry::layout::Layout;
 
-/// Drops superfluous polynomial coefficients from `free`.
+/// Drops superfluous polynomial coefficients from `free`, given the normal equations of `used` readings.
 pub(crate) fn eliminate(
     layout: &Layout,
-    normal: &NormalEquations,
+    (normal, used): (&NormalEquations, usize),
     at: &[f64],
     free: &mut Vec<usize>,
     smoothness: &mut Smoothness,
 ) -> Result<(), NotPositiveDefinite> {
     loop {
         let solution = solve(normal, at, free, smoothness, 1.0, false)?;
-        let limit = (normal.used.max(2) as f64).ln();
+        let limit = (used.max(2) as f64).ln();
         let rise = |k: usize| solution.parameters[free[k]].powi(2) / solution.covariance[(k, k)];
         let weakest = last_coefficients(layout, free).into_iter().min_by(|a, b| rise(*a).total_cmp(&rise(*b)));
         match weakest {

@@ -99,7 +99,8 @@ impl Fit<'_> {
             let own = &self.parameters[geometric + 4 * k..geometric + 4 * k + 4];
             Station { name: name.clone(), position_m: Vector3::new(own[0], own[1], own[2]), dead_path_m: own[3] }
         };
-        let used = settled.normal.used;
+        let kept = settled.residuals.iter().zip(&settled.weights).filter(|(_, weight)| **weight > 0.0);
+        let (used, square_m2) = kept.fold((0_usize, 0.0), |(n, sum), ((r, _), _)| (n + 1, sum + r * r));
         let parts = ModelParts {
             machine: self.setup.machine.clone(),
             coefficients: self.parameters[..geometric].to_vec(),
@@ -111,7 +112,7 @@ impl Fit<'_> {
                 readings: used,
                 rejected: self.campaign.readings.len() - used,
                 chi2_per_dof: settled.solution.noise_factor,
-                residual_rms_m: (settled.normal.square_m2 / used.max(1) as f64).sqrt(),
+                residual_rms_m: (square_m2 / used.max(1) as f64).sqrt(),
             },
         };
         Ok(MachineModel::new(parts)?)

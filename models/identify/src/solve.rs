@@ -24,6 +24,9 @@ use abbe_measurement::instrument::RangeUncertainty;
 
 /// Step, in units of the parameters' uncertainty, that counts as settled.
 const SETTLED: f64 = 5e-3;
+/// Distance from the point of linearisation (m, rad) up to which it still holds: what the rows leave out is a sum of
+/// products of two such changes with levers of about a metre, 1e-10 m at the very worst.
+const LINEAR: f64 = 1e-6;
 /// Passes in which the data choose the smoothness: afterwards the rows change too little to tell, and a
 /// smoothness that follows every pass would keep the parameters moving.
 const SMOOTHING_PASSES: usize = 3;
@@ -190,10 +193,27 @@ pub(crate) struct Fit<'a> {
     pub(crate) noise_factor: f64,
 }
 
+/// Normal equations, where they were linearised and with which weights.
+struct Linearised {
+    normal: NormalEquations,
+    at: Vec<f64>,
+    weights: Vec<f64>,
+}
+
+impl Linearised {
+    /// Other weights at the same point.
+    fn reweigh(&mut self, setup: Setup, readings: &[RangeReading], weights: Vec<f64>) {
+        let change: Vec<f64> = weights.iter().zip(&self.weights).map(|(now, then)| now - then).collect();
+        if change.iter().any(|change| *change != 0.0) {
+            self.normal.absorb(&accumulate(&Estimate { setup, parameters: &self.at }, readings, &change));
+        }
+        self.weights = weights;
+    }
+}
+
 /// Outcome of the passes.
 pub(crate) struct Settled {
     pub(crate) solution: Solution,
-    pub(crate) normal: NormalEquations,
     pub(crate) residuals: Vec<(f64, f64)>,
     pub(crate) weights: Vec<f64>,
     pub(crate) scale: f64,
@@ -237,47 +257,52 @@ impl<'a> Fit<'a> {
     }
 
     /// Passes over these readings until the parameters settle.
+    ///
+    /// The first steps are of many micrometres and need rows of their own; later ones are of nanometres, and then only
+    /// the readings whose weight changed are summed again.
     fn settle(&mut self, readings: &[RangeReading]) -> Result<Settled, IdentifyError> {
-        let (mut weights, _) = self.weigh(&residuals(&self.estimate(), readings));
+        let (weights, _) = self.weigh(&residuals(&self.estimate(), readings));
+        let mut linear = self.linearise(readings, weights);
+        let seen = observability::check(&self.estimate(), self.campaign, &linear.normal, self.options.absolute_range)?;
+        self.observability = Some(seen);
         let mut largest_step = f64::INFINITY;
         for pass in 0..self.options.max_passes {
             self.passes += 1;
-            let normal = accumulate(&self.estimate(), readings, &weights);
-            if self.observability.is_none() {
-                let absolute = self.options.absolute_range;
-                let seen = observability::check(&self.estimate(), self.campaign, &normal, absolute)?;
-                self.observability = Some(seen);
-            }
-            let solution = self.solve(&normal, pass < SMOOTHING_PASSES).map_err(|_| IdentifyError::Singular)?;
+            let solution = self.solve(&linear, pass < SMOOTHING_PASSES).map_err(|_| IdentifyError::Singular)?;
             largest_step = self.step(&solution);
             let residuals = residuals(&self.estimate(), readings);
-            let scale;
-            (weights, scale) = self.weigh(&residuals);
+            let (weights, scale) = self.weigh(&residuals);
             let chi2_per_dof = solution.noise_factor;
             if !(self.observe)(Progress { pass: self.passes, largest_step, chi2_per_dof }) {
                 return Err(IdentifyError::Stopped);
             }
             if largest_step < SETTLED {
-                return Ok(Settled { solution, normal, residuals, weights, scale, largest_step });
+                return Ok(Settled { solution, residuals, weights, scale, largest_step });
+            }
+            let moved = self.parameters.iter().zip(&linear.at).map(|(now, then)| (now - then).abs());
+            if moved.fold(0.0, f64::max) > LINEAR {
+                linear = self.linearise(readings, weights);
+            } else {
+                linear.reweigh(self.setup, readings, weights);
             }
         }
         Err(IdentifyError::NotConverged { passes: self.passes, largest_step })
     }
 
+    fn linearise(&self, readings: &[RangeReading], weights: Vec<f64>) -> Linearised {
+        Linearised { normal: accumulate(&self.estimate(), readings, &weights), at: self.parameters.clone(), weights }
+    }
+
     /// Solves one pass; the order of polynomials is decided once, after the first linearisation.
-    fn solve(&mut self, normal: &NormalEquations, choose_smoothness: bool) -> Result<Solution, NotPositiveDefinite> {
+    fn solve(&mut self, linear: &Linearised, choose_smoothness: bool) -> Result<Solution, NotPositiveDefinite> {
+        let (normal, at) = (&linear.normal, &linear.at);
         if !self.order_chosen && self.passes >= 2 {
             self.order_chosen = true;
-            order::eliminate(self.setup.layout, normal, &self.parameters, &mut self.free, &mut self.smoothness)?;
+            let used = linear.weights.iter().filter(|weight| **weight > 0.0).count();
+            order::eliminate(self.setup.layout, (normal, used), at, &mut self.free, &mut self.smoothness)?;
         }
-        let solution = smoothing::solve(
-            normal,
-            &self.parameters,
-            &self.free,
-            &mut self.smoothness,
-            self.noise_factor,
-            choose_smoothness,
-        )?;
+        let solution =
+            smoothing::solve(normal, at, &self.free, &mut self.smoothness, self.noise_factor, choose_smoothness)?;
         if choose_smoothness {
             self.noise_factor = solution.noise_factor;
         }
