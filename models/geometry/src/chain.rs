@@ -45,13 +45,8 @@ pub fn nominal_point_m(reading_m: [f64; 3], offset_m: [f64; 3]) -> Vector3<f64> 
 
 /// Actual position of tip or reflector with these errors, and its partials.
 pub fn chain_point(machine: &Machine, reading_m: [f64; 3], offset_m: [f64; 3], values: &ErrorValues) -> ChainPoint {
-    let joints = machine.joints.map(|joint| JointState::new(machine, joint.axis, joint.side, reading_m, values));
-    let mut point = Vector3::from(offset_m);
-    let mut arms = [Vector3::zeros(); 3];
-    for k in (0..3).rev() {
-        arms[k] = joints[k].arm(&point);
-        point = joints[k].place(&point, &arms[k]);
-    }
+    let joints = joints(machine, reading_m, values);
+    let (point, arms) = outward(&joints, offset_m);
     let mut result =
         ChainPoint { position_m: point, by_error: [Vector3::zeros(); 18], by_squareness: [Vector3::zeros(); 3] };
     let mut before = Matrix3::identity();
@@ -69,6 +64,31 @@ pub fn chain_point(machine: &Machine, reading_m: [f64; 3], offset_m: [f64; 3], v
         before *= joint.turn;
     }
     result
+}
+
+/// The same position without its partials.
+pub(crate) fn actual_point_m(
+    machine: &Machine,
+    reading_m: [f64; 3],
+    offset_m: [f64; 3],
+    values: &ErrorValues,
+) -> Vector3<f64> {
+    outward(&joints(machine, reading_m, values), offset_m).0
+}
+
+fn joints(machine: &Machine, reading_m: [f64; 3], values: &ErrorValues) -> [JointState; 3] {
+    machine.joints.map(|joint| JointState::new(machine, joint.axis, joint.side, reading_m, values))
+}
+
+/// From the tool to the workpiece: the position, and what each joint turned.
+fn outward(joints: &[JointState; 3], offset_m: [f64; 3]) -> (Vector3<f64>, [Vector3<f64>; 3]) {
+    let mut point = Vector3::from(offset_m);
+    let mut arms = [Vector3::zeros(); 3];
+    for k in (0..3).rev() {
+        arms[k] = joints[k].arm(&point);
+        point = joints[k].place(&point, &arms[k]);
+    }
+    (point, arms)
 }
 
 /// Motion per radian of squareness: (about × axis) · travelled distance (m/rad).

@@ -5,7 +5,7 @@
 //! after these, outside this layout, four for each station (x, y, z, dead path).
 
 use crate::axis::ErrorId;
-use crate::chain::{ChainPoint, ErrorValues, chain_point};
+use crate::chain::{ChainPoint, ErrorValues, actual_point_m, chain_point};
 use crate::error_function::{Basis, LocalBasis};
 use crate::machine::{Machine, MachineError};
 use nalgebra::Vector3;
@@ -16,8 +16,10 @@ use std::ops::Range;
 pub struct Layout {
     bases: Vec<Option<Basis>>,
     ranges: Vec<Range<usize>>,
-    /// First function of the same axis with the same basis: most share one, which is then evaluated once.
-    first_alike: Vec<usize>,
+    /// Which of `distinct` each function has.
+    which: Vec<Option<usize>>,
+    /// Axis and basis that differ: most functions of an axis share one, which is evaluated once a point.
+    distinct: Vec<(usize, Basis)>,
     squareness: usize,
 }
 
@@ -26,7 +28,8 @@ pub struct Layout {
 pub struct ModelPoint {
     /// Position and partials by error value.
     pub chain: ChainPoint,
-    locals: [Option<LocalBasis>; ErrorId::COUNT],
+    /// In the order of the layout's distinct bases.
+    locals: Vec<LocalBasis>,
 }
 
 impl Layout {
@@ -43,11 +46,16 @@ impl Layout {
                 first..next
             })
             .collect();
-        let alike =
-            |id: ErrorId, other: ErrorId| other.axis() == id.axis() && bases[other.index()] == bases[id.index()];
-        let first_alike =
-            ErrorId::all().map(|id| ErrorId::all().find(|other| alike(id, *other)).unwrap_or(id).index()).collect();
-        Ok(Layout { bases, ranges, first_alike, squareness: next })
+        let mut distinct: Vec<(usize, Basis)> = Vec::new();
+        let mut place = |(id, basis): (ErrorId, Basis)| {
+            let entry = (id.axis().index(), basis);
+            distinct.iter().position(|other| *other == entry).unwrap_or_else(|| {
+                distinct.push(entry);
+                distinct.len() - 1
+            })
+        };
+        let which = ErrorId::all().zip(&bases).map(|(id, basis)| basis.map(|basis| place((id, basis)))).collect();
+        Ok(Layout { bases, ranges, which, distinct, squareness: next })
     }
 
     /// Coefficients of one error function.
@@ -88,27 +96,43 @@ impl Layout {
         reading_m: [f64; 3],
         offset_m: [f64; 3],
     ) -> ModelPoint {
-        let mut locals = [None; ErrorId::COUNT];
+        let locals = self.locals(reading_m);
+        let values = self.values(coefficients, &locals);
+        ModelPoint { chain: chain_point(machine, reading_m, offset_m, &values), locals }
+    }
+
+    /// Actual position (m, machine frame) without partials, from the geometric coefficients.
+    pub fn position_m(
+        &self,
+        machine: &Machine,
+        coefficients: &[f64],
+        reading_m: [f64; 3],
+        offset_m: [f64; 3],
+    ) -> Vector3<f64> {
+        actual_point_m(machine, reading_m, offset_m, &self.values(coefficients, &self.locals(reading_m)))
+    }
+
+    fn locals(&self, reading_m: [f64; 3]) -> Vec<LocalBasis> {
+        self.distinct.iter().map(|(axis, basis)| basis.at(reading_m[*axis])).collect()
+    }
+
+    fn values(&self, coefficients: &[f64], locals: &[LocalBasis]) -> ErrorValues {
         let mut values = ErrorValues::ZERO;
-        for id in ErrorId::all() {
-            if let Some(basis) = &self.bases[id.index()] {
-                let local = match locals[self.first_alike[id.index()]] {
-                    Some(local) => local,
-                    None => basis.at(reading_m[id.axis().index()]),
-                };
-                values.errors[id.index()] = local.dot(&coefficients[self.range(id)]);
-                locals[id.index()] = Some(local);
+        for ((value, which), range) in values.errors.iter_mut().zip(&self.which).zip(&self.ranges) {
+            if let Some(which) = which {
+                *value = locals[*which].dot(&coefficients[range.clone()]);
             }
         }
         values.squareness.copy_from_slice(&coefficients[self.squareness()]);
-        ModelPoint { chain: chain_point(machine, reading_m, offset_m, &values), locals }
+        values
     }
 
     /// Calls `visit(first, partials, basis values)` for each error function: the partial derivative by coefficient
     /// `first + k` is `partials · values[k]`.
     pub fn visit_errors(&self, point: &ModelPoint, mut visit: impl FnMut(usize, &Vector3<f64>, &[f64])) {
-        for (index, local) in point.locals.iter().enumerate() {
-            if let Some(local) = local {
+        for (index, which) in self.which.iter().enumerate() {
+            if let Some(which) = which {
+                let local = &point.locals[*which];
                 visit(self.ranges[index].start + local.first, &point.chain.by_error[index], local.values());
             }
         }

@@ -6,7 +6,7 @@
 
 use abbe_geometry::Vector3;
 use abbe_geometry::effects::Ray;
-use abbe_geometry::layout::{Layout, ModelPoint};
+use abbe_geometry::layout::Layout;
 use abbe_geometry::machine::Machine;
 use abbe_measurement::campaign::RangeReading;
 use abbe_measurement::instrument::RangeUncertainty;
@@ -83,32 +83,34 @@ pub(crate) struct Estimate<'a> {
 impl Estimate<'_> {
     /// Residual (m) and line of sight of one reading, without partials.
     pub(crate) fn residual(&self, reading: &RangeReading) -> (f64, Ray) {
-        let (_, residual_m, ray) = self.evaluate(reading);
-        (residual_m, ray)
+        let setup = &self.setup;
+        let point_m = setup.layout.position_m(setup.machine, self.parameters, reading.reading_m, reading.offset_m);
+        self.residual_of(reading, &point_m)
     }
 
     /// Fills `row` for one reading.
     pub(crate) fn row(&self, reading: &RangeReading, row: &mut Row) {
         row.values.clear();
         row.segment_count = 0;
-        let (point, residual_m, ray) = self.evaluate(reading);
+        let setup = &self.setup;
+        let point = setup.layout.point(setup.machine, self.parameters, reading.reading_m, reading.offset_m);
+        let (residual_m, ray) = self.residual_of(reading, &point.chain.position_m);
         row.residual_m = residual_m;
         row.ray = ray;
-        self.setup.layout.visit_errors(&point, |index, partial, values| {
+        setup.layout.visit_errors(&point, |index, partial, values| {
             let along = ray.direction.dot(partial);
             row.push(index, values.iter().map(|value| value * along));
         });
-        row.push(self.setup.layout.squareness().start, point.chain.by_squareness.iter().map(|c| ray.direction.dot(c)));
+        row.push(setup.layout.squareness().start, point.chain.by_squareness.iter().map(|c| ray.direction.dot(c)));
         row.push(self.first_of_station(reading), ray.direction.iter().map(|u| -u).chain([-1.0]));
     }
 
-    fn evaluate(&self, reading: &RangeReading) -> (ModelPoint, f64, Ray) {
-        let point = self.setup.layout.point(self.setup.machine, self.parameters, reading.reading_m, reading.offset_m);
+    fn residual_of(&self, reading: &RangeReading, point_m: &Vector3<f64>) -> (f64, Ray) {
         let first = self.first_of_station(reading);
         let station = &self.parameters[first..first + 4];
         let station_m = Vector3::new(station[0], station[1], station[2]);
-        let (predicted_m, ray) = predicted_length_m(&point.chain.position_m, &station_m, station[3]);
-        (point, reading.length_m - predicted_m, ray)
+        let (predicted_m, ray) = predicted_length_m(point_m, &station_m, station[3]);
+        (reading.length_m - predicted_m, ray)
     }
 
     fn first_of_station(&self, reading: &RangeReading) -> usize {

@@ -44,18 +44,20 @@ fn knot(intervals: usize, degree: usize, index: usize) -> f64 {
     index.saturating_sub(degree).min(intervals) as f64 / intervals as f64
 }
 
-/// The `degree + 1` B-splines that are non-zero in `span`, by the Cox-de Boor recurrence; unused entries are 0.
+/// The `degree + 1` B-splines that are non-zero in `span`, by the Cox-de Boor recurrence; unused entries are 0. Knots
+/// are counted in intervals here, where they are whole numbers.
 fn values(intervals: usize, span: usize, t: f64, degree: usize) -> [f64; DEGREE + 1] {
+    let at = t * intervals as f64;
     let mut n = [0.0; DEGREE + 1];
     n[0] = 1.0;
     for d in 1..=degree {
         let mut saved = 0.0;
         for r in 0..d {
-            let right = knot(intervals, degree, span + degree + r + 1);
-            let left = knot(intervals, degree, span + degree + r + 1 - d);
+            let right = (span + r + 1).min(intervals) as f64;
+            let left = (span + r + 1).saturating_sub(d) as f64;
             let part = n[r] / (right - left);
-            n[r] = saved + (right - t) * part;
-            saved = (t - left) * part;
+            n[r] = saved + (right - at) * part;
+            saved = (at - left) * part;
         }
         n[d] = saved;
     }
