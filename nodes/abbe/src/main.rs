@@ -11,6 +11,7 @@ mod verification;
 
 use abbe_runtime::ros::RosArgs;
 use clap::Parser;
+use std::io::IsTerminal;
 use std::process::ExitCode;
 use tracing_subscriber::EnvFilter;
 
@@ -56,6 +57,7 @@ fn run() -> anyhow::Result<()> {
     let filter = EnvFilter::try_from_default_env().unwrap_or(fallback);
     // A log that nobody reads any more (the launcher was killed) must not end the thread that writes to it.
     let log = tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr);
+    let log = log.with_ansi(std::io::stderr().is_terminal());
     log.log_internal_errors(false).init();
     command::run(arguments.command, ros_args)
 }

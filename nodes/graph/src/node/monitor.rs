@@ -13,6 +13,8 @@ use std::time::{Duration, Instant};
 
 /// How often the health is told.
 const REPORT_EVERY: Duration = Duration::from_secs(1);
+/// What a degraded model means.
+const DEGRADED: &str = "range residuals exceed their uncertainties: the model lacks something, or the machine changed";
 
 pub(super) fn run(context: &NodeContext) -> Result<NodeSummary, NodeError> {
     let incomplete = |part| NodeError::Incomplete { node: context.name.name(), part };
@@ -40,6 +42,9 @@ pub(super) fn run(context: &NodeContext) -> Result<NodeSummary, NodeError> {
         }
         summary.sent += give(publisher.as_deref_mut(), &residuals)?;
         let now = step.health();
+        if now.state != told && now.state == HealthState::Degraded {
+            tracing::warn!(mean_square = now.mean_square, "{DEGRADED}");
+        }
         if now.state != told || reported.elapsed() >= REPORT_EVERY {
             (told, reported) = (now.state, Instant::now());
             report(health.as_ref(), &now)?;
@@ -80,14 +85,8 @@ fn report(diagnostics: Option<&Diagnostics>, health: &Health) -> Result<(), Node
     let (level, message) = match health.state {
         HealthState::Unknown => (DiagnosticStatus::OK, "too few range residuals to judge the model"),
         HealthState::Consistent => (DiagnosticStatus::OK, "range residuals are as large as their uncertainties say"),
-        HealthState::Degraded => (
-            DiagnosticStatus::WARN,
-            "range residuals exceed their uncertainties: the model lacks something, or the machine changed",
-        ),
+        HealthState::Degraded => (DiagnosticStatus::WARN, DEGRADED),
     };
-    if health.state == HealthState::Degraded {
-        tracing::warn!(mean_square = health.mean_square, "{message}");
-    }
     let Some(diagnostics) = diagnostics else { return Ok(()) };
     let optional = |value: Option<f64>, scale: f64| value.map_or("unknown".to_owned(), |v| format!("{:.3}", v * scale));
     let figures = [
