@@ -7,7 +7,7 @@ use super::recording::Bag;
 use abbe_files::write_atomically;
 use abbe_graph::driver::DriverConfig;
 use abbe_graph::launch::{Edge, Launch, MonitorConfig, NodeName, Pace, Source};
-use abbe_graph::node::{NodeSummary, user_identity};
+use abbe_graph::node::{NodeSummary, STARTED, monotonic_s, user_identity};
 use abbe_graph::supervisor::Supervisor;
 use abbe_graph::topics;
 use abbe_msgs::CorrectedCoordinates;
@@ -34,6 +34,8 @@ pub(super) struct Run<'a> {
 /// What came out.
 pub(super) struct Live {
     pub(super) corrected: Vec<CorrectedCoordinates>,
+    /// From the instant each sample was due at the scale node to its corrected sample here, sorted (µs).
+    pub(super) latencies_us: Vec<f64>,
     pub(super) lost: u64,
     pub(super) summaries: Vec<NodeSummary>,
 }
@@ -54,14 +56,29 @@ pub(super) fn run(run: &Run, shutdown: &Shutdown, bar: &ProgressBar) -> anyhow::
     config.run = Some(supervisor.run().clone());
     let edges = Edges::open(config)?;
     let mut subscriber = edges.subscriber::<CorrectedCoordinates>(topics::CORRECTED, TransportKind::SharedMemory)?;
-    let corrected = collect(run, &mut supervisor, subscriber.as_mut(), shutdown, bar)?;
+    let received = collect(run, &mut supervisor, subscriber.as_mut(), shutdown, bar)?;
     let lost = subscriber.lost();
     drop(subscriber);
     drop(edges);
     ensure!(!shutdown.requested(), "stopped on request");
     shutdown.sleep(SETTLE);
-    Ok(Live { corrected, lost, summaries: supervisor.stop()? })
+    let summaries = supervisor.stop()?;
+    let latencies_us = latencies_us(&received, &summaries, run.rate_hz);
+    Ok(Live { corrected: received.into_iter().map(|(sample, _)| sample).collect(), latencies_us, lost, summaries })
 }
+
+/// Latencies of all samples, sorted; empty where the scale node did not say when it began.
+fn latencies_us(received: &[Received], summaries: &[NodeSummary], rate_hz: f64) -> Vec<f64> {
+    let scale = summaries.iter().find(|summary| summary.node == NodeName::Scale.name());
+    let Some(started_s) = scale.and_then(|summary| summary.figures.get(STARTED)) else { return Vec::new() };
+    let latency = |(sample, at_s): &Received| (at_s - started_s - sample.sequence as f64 / rate_hz) * 1e6;
+    let mut latencies: Vec<f64> = received.iter().map(latency).collect();
+    latencies.sort_by(f64::total_cmp);
+    latencies
+}
+
+/// A sample and when it came, in seconds of the host's monotonic clock.
+type Received = (CorrectedCoordinates, f64);
 
 fn collect(
     run: &Run,
@@ -69,12 +86,12 @@ fn collect(
     subscriber: &mut dyn Subscribe<CorrectedCoordinates>,
     shutdown: &Shutdown,
     bar: &ProgressBar,
-) -> anyhow::Result<Vec<CorrectedCoordinates>> {
+) -> anyhow::Result<Vec<Received>> {
     let mut corrected = Vec::with_capacity(run.bag.scale_readings);
     let mut heard = Instant::now();
     while corrected.len() < run.bag.scale_readings && !shutdown.requested() {
         if let Some(sample) = subscriber.take_within(Duration::from_millis(50))? {
-            corrected.push(sample);
+            corrected.push((sample, monotonic_s()));
             heard = Instant::now();
             if corrected.len() % 50 == 0 {
                 bar.set_message(format!("{} of {} samples", corrected.len(), run.bag.scale_readings));

@@ -281,13 +281,17 @@ fn rejected(facts: &Facts) -> Vec<RejectedReading> {
 }
 
 fn live(facts: &Facts) -> LiveFigures {
+    let sorted = &facts.live.latencies_us;
+    let quantile = |share: f64| sorted.get((sorted.len() as f64 * share) as usize).copied();
     let transport = if facts.dds { "shared memory between the nodes, DDS for everyone else" } else { "shared memory" };
     LiveFigures {
         samples_sent: Some(facts.bag.scale_readings as u64),
         samples_received: Some(facts.live.corrected.len() as u64),
         samples_lost: Some(facts.live.lost + facts.live.summaries.iter().map(|s| s.lost).sum::<u64>()),
-        transport: Some(transport.to_owned()),
-        ..LiveFigures::default()
+        latency_p50_us: quantile(0.5),
+        latency_p99_us: quantile(0.99),
+        latency_p999_us: quantile(0.999),
+        transport: Some(format!("{transport}; timed from the instant a sample was due at the scale node")),
     }
 }
 

@@ -9,6 +9,8 @@ mod parameters;
 mod recorder;
 mod source;
 
+pub use source::{STARTED, monotonic_s};
+
 use crate::driver::DriverError;
 use crate::launch::{Launch, LaunchError, NodeName};
 use abbe_files::{FileError, MachineFile, ModelFile, read_machine};

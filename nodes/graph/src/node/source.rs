@@ -64,6 +64,9 @@ fn play<M: Message>(
         beside(&sample);
         summary.sent += 1;
     }
+    if let Some(schedule) = &schedule {
+        summary.figures.insert(STARTED.to_owned(), schedule.started_s);
+    }
     summary.dropped = publisher.dropped();
     linger(context);
     Ok(summary)
@@ -76,16 +79,26 @@ fn linger(context: &NodeContext) {
     }
 }
 
+/// Figure of a source's summary: when its first sample was due, in seconds of the host's monotonic clock.
+pub const STARTED: &str = "started_monotonic_s";
+
+/// Seconds of the host's monotonic clock, the same for all processes; for figures, never for data.
+pub fn monotonic_s() -> f64 {
+    let now = rustix::time::clock_gettime(rustix::time::ClockId::Monotonic);
+    now.tv_sec as f64 + now.tv_nsec as f64 * 1e-9
+}
+
 /// When each sample is due.
 struct Schedule {
     pace: Pace,
     start: Instant,
+    started_s: f64,
     first: Stamp,
 }
 
 impl Schedule {
     fn new(pace: Pace, first: Stamp) -> Schedule {
-        Schedule { pace, start: Instant::now(), first }
+        Schedule { pace, start: Instant::now(), started_s: monotonic_s(), first }
     }
 
     /// Sleeps until sample `number` is due; true when told to stop.
