@@ -1,11 +1,13 @@
 //! Speed of identification: the size of the recorded campaigns against NumPy and SciPy, and a million readings.
 //!
-//! Place in the flow: `cargo bench -p abbe-identify`. Campaigns come from the virtual machine; the rival
-//! (`scipy_identify.py`) gets the same readings in a file and times its computing part alone. Its interpreter is
-//! `ABBE_PYTHON`, else `python3`; without NumPy and SciPy the comparison says that it was not run.
+//! Place in the flow: `cargo bench -p abbe-identify`. Campaigns come from the virtual machine; the rivals get the same
+//! readings in a file and time their computing part alone: `scipy_identify.py` solves the same problem and must find the
+//! same errors, `scipy_lean.py` an easier one. Their interpreter is `ABBE_PYTHON`, else `python3`; without NumPy and
+//! SciPy the comparison says that it was not run. All run on one core.
 
 #![allow(missing_docs, clippy::unwrap_used, clippy::panic)] // criterion's macros; a bench that cannot be prepared stops
 
+use abbe_geometry::ErrorId;
 use abbe_geometry::error_function::Kind;
 use abbe_geometry::machine::Machine;
 use abbe_identify::{Identified, Options, identify};
@@ -58,29 +60,68 @@ fn median_s(mut work: impl FnMut()) -> f64 {
     times[times.len() / 2].as_secs_f64()
 }
 
-/// Seconds, unknowns and χ² per degree of freedom of the rival, or why it was not run.
-fn rival(campaign: &Campaign) -> Result<(f64, String), String> {
-    let file = std::env::temp_dir().join(format!("identify-bench-{}.txt", std::process::id()));
+/// What a rival printed.
+struct Rival {
+    seconds: f64,
+    unknowns_and_chi2: String,
+    /// Values and standard uncertainties of the errors, where it tells them (m, rad).
+    curves: Vec<(f64, f64)>,
+}
+
+impl Rival {
+    fn parse(shown: &str) -> Option<Rival> {
+        let pair = |line: &str| line.split_once(' ').and_then(|(a, b)| Some((a.parse().ok()?, b.parse().ok()?)));
+        let (first, rest) = shown.trim().split_once('\n').unwrap_or((shown.trim(), ""));
+        let (seconds, unknowns_and_chi2) = first.split_once(' ')?;
+        let curves = rest.lines().map(pair).collect::<Option<Vec<(f64, f64)>>>()?;
+        Some(Rival { seconds: seconds.parse().ok()?, unknowns_and_chi2: unknowns_and_chi2.to_owned(), curves })
+    }
+
+    /// Runs a script on the readings, on one core; or why it was not run.
+    fn run(script: &str, campaign: &Campaign) -> Result<Rival, String> {
+        let file = std::env::temp_dir().join(format!("identify-bench-{}.txt", std::process::id()));
+        std::fs::write(&file, readings_text(campaign)).map_err(|error| error.to_string())?;
+        let python = std::env::var("ABBE_PYTHON").unwrap_or_else(|_| "python3".to_owned());
+        let script = format!("{}/benches/{script}", env!("CARGO_MANIFEST_DIR"));
+        let output = Command::new(&python)
+            .args(["-B", &script, &file.to_string_lossy(), &INTERVALS.to_string()])
+            .envs([("OMP_NUM_THREADS", "1"), ("OPENBLAS_NUM_THREADS", "1"), ("MKL_NUM_THREADS", "1")])
+            .output();
+        let _ = std::fs::remove_file(&file); // a leftover in the temporary folder does no harm
+        let output = output.map_err(|error| format!("{python}: {error}"))?;
+        let failure = || String::from_utf8_lossy(&output.stderr).lines().last().unwrap_or("no output").to_owned();
+        if !output.status.success() {
+            return Err(failure());
+        }
+        Rival::parse(&String::from_utf8_lossy(&output.stdout)).ok_or_else(failure)
+    }
+}
+
+fn readings_text(campaign: &Campaign) -> String {
     let mut text = String::new();
     for r in &campaign.readings {
         let ([x, y, z], [a, b, c]) = (r.reading_m, r.offset_m);
         writeln!(text, "{} {x:e} {y:e} {z:e} {a:e} {b:e} {c:e} {:e}", r.station, r.length_m).unwrap();
     }
-    std::fs::write(&file, text).map_err(|error| error.to_string())?;
-    let python = std::env::var("ABBE_PYTHON").unwrap_or_else(|_| "python3".to_owned());
-    let script = concat!(env!("CARGO_MANIFEST_DIR"), "/benches/scipy_identify.py");
-    // One core for both.
-    let output = Command::new(&python)
-        .args([script, &file.to_string_lossy(), &INTERVALS.to_string()])
-        .envs([("OMP_NUM_THREADS", "1"), ("OPENBLAS_NUM_THREADS", "1"), ("MKL_NUM_THREADS", "1")])
-        .output();
-    let _ = std::fs::remove_file(&file); // a leftover in the temporary folder does no harm
-    let output = output.map_err(|error| format!("{python}: {error}"))?;
-    let shown = String::from_utf8_lossy(&output.stdout).trim().to_owned();
-    match shown.split_once(' ').and_then(|(seconds, rest)| Some((seconds.parse().ok()?, rest.to_owned()))) {
-        Some(found) if output.status.success() => Ok(found),
-        _ => Err(String::from_utf8_lossy(&output.stderr).lines().last().unwrap_or("no output").to_owned()),
+    text
+}
+
+/// Largest difference between our errors and a rival's, and of their uncertainties, in units of our uncertainty.
+fn disagreement(found: &Identified, curves: &[(f64, f64)]) -> (f64, f64) {
+    let stroke_m = found.model.parts().machine.stroke_m;
+    let places = curves.len() / ErrorId::COUNT;
+    let mut largest = (0.0_f64, 0.0_f64);
+    for (id, curve) in ErrorId::all().zip(curves.chunks(places)) {
+        let (lower_m, upper_m) = stroke_m[id.axis().index()];
+        for (k, (theirs, their_u)) in curve.iter().enumerate() {
+            let (ours, u) = found.model.error(id, lower_m + (upper_m - lower_m) * k as f64 / (places - 1) as f64);
+            // Where the gauge makes an error zero there is no uncertainty to compare with.
+            if u > 1e-12 {
+                largest = (largest.0.max((ours - theirs).abs() / u), largest.1.max((their_u / u - 1.0).abs()));
+            }
+        }
     }
+    largest
 }
 
 fn against_scipy(criterion: &mut Criterion) {
@@ -96,12 +137,30 @@ fn against_scipy(criterion: &mut Criterion) {
         own_s * 1e3,
         found.evidence.chi2_per_dof
     );
-    match rival(&campaign) {
-        Ok((seconds, rest)) => {
-            println!("NumPy/SciPy on the same readings: {seconds:.3} s (unknowns, chi2/dof: {rest})");
-            println!("ratio: {:.1} times faster", seconds / own_s);
+    for (label, script) in [("the same problem", "scipy_identify.py"), ("an easier problem", "scipy_lean.py")] {
+        match Rival::run(script, &campaign) {
+            Ok(rival) => compare(label, &rival, &found, own_s),
+            Err(why) => {
+                println!("{script} was not run: {why}; set ABBE_PYTHON to a Python with NumPy and SciPy");
+            }
         }
-        Err(why) => println!("the rival was not run: {why}; set ABBE_PYTHON to a Python with NumPy and SciPy"),
+    }
+}
+
+fn compare(label: &str, rival: &Rival, found: &Identified, own_s: f64) {
+    let (seconds, ratio) = (rival.seconds, rival.seconds / own_s);
+    println!(
+        "NumPy/SciPy, {label}: {:.1} ms (unknowns, chi2/dof: {}), ratio {ratio:.1}",
+        seconds * 1e3,
+        rival.unknowns_and_chi2
+    );
+    if !rival.curves.is_empty() {
+        let (errors, uncertainties) = disagreement(found, &rival.curves);
+        println!(
+            "  errors agree within {errors:.4} of their uncertainty, uncertainties within {:.2} %",
+            uncertainties * 1e2
+        );
+        assert!(errors < 0.1 && uncertainties < 0.1, "the rival does not solve the same problem");
     }
 }
 
