@@ -60,6 +60,8 @@ fn refused(bench: &Bench, arguments: &[&str], says: &[&str]) {
     let before = listing(&bench.path(""));
     let said = run(arguments).refused();
     assert_says(&said, says);
+    let verdict = said.lines().last().unwrap();
+    assert!(verdict.matches("os error").count() <= 1, "the cause is said twice: {verdict}");
     assert_eq!(listing(&bench.path("")), before, "something was left behind by {arguments:?}");
 }
 
@@ -186,7 +188,7 @@ fn identify_names_what_is_wrong_with_a_machine_file() {
 }
 
 #[test]
-fn a_bag_that_is_cut_off_anywhere_is_refused() {
+fn a_bag_that_is_cut_off_anywhere_and_a_bag_under_the_name_of_a_table_are_refused() {
     let bench = Bench::identified(5);
     let (bag, campaign) = (bench.text("whole.mcap"), bench.text("campaign.csv"));
     run(["convert", "--machine", &text(&machine()), "--campaign", &campaign, "--out", &bag]).ok();
@@ -197,6 +199,10 @@ fn a_bag_that_is_cut_off_anywhere_is_refused() {
         identify_refused(&bench, &text(&machine()), &cut, &says);
         let out = bench.text("refused.mcap");
         refused(&bench, &["correct", "--model", &bench.text("model.json"), "--in", &cut, "--out", &out], &says);
+    }
+    for table in [bench.text("refused.csv"), "-".to_owned()] {
+        let arguments = ["correct", "--model", &bench.text("model.json"), "--in", &bag, "--out", &table];
+        refused(&bench, &arguments, &["is a bag", "name a folder, or a file ending in .mcap"]);
     }
     let saved = bench.text("saved.mcap");
     bench.write("cut.mcap", &whole[..whole.len() / 2]);
