@@ -25,7 +25,7 @@ use abbe_measurement::instrument::RangeUncertainty;
 /// Step, in units of the parameters' uncertainty, that counts as settled.
 const SETTLED: f64 = 5e-3;
 /// Distance from the point of linearisation (m, rad) up to which it still holds: what the rows leave out is a sum of
-/// products of two such changes with levers of about a metre, 1e-10 m at the very worst.
+/// products of two such changes with levers of about a metre: 1e-9 m if all of them added up, 1e-12 m for one pair.
 const LINEAR: f64 = 1e-6;
 /// Passes in which the data choose the smoothness: afterwards the rows change too little to tell, and a
 /// smoothness that follows every pass would keep the parameters moving.
