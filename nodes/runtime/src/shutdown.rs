@@ -9,6 +9,8 @@ use std::sync::{Arc, Condvar, Mutex, OnceLock, PoisonError};
 use std::thread;
 use std::time::{Duration, Instant};
 
+use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+use signal_hook::iterator::Signals;
 use thiserror::Error;
 
 /// How often the watcher looks whether the launcher still lives.
@@ -34,8 +36,8 @@ struct Flag {
 #[derive(Debug, Error)]
 pub enum ShutdownError {
     /// The signal handler.
-    #[error("cannot handle SIGINT and SIGTERM ({0}); another part of the program handles them")]
-    Signals(#[from] ctrlc::Error),
+    #[error("cannot handle SIGINT, SIGTERM and SIGHUP: {0}")]
+    Signals(#[source] std::io::Error),
     /// The parent is gone already.
     #[error("the process {expected} that started this node has ended; start the node again")]
     ParentGone {
@@ -54,10 +56,11 @@ impl Shutdown {
         Self::default()
     }
 
-    /// The flag of the process, raised by SIGINT, SIGTERM and SIGHUP. Every call gives the same.
+    /// The flag of the process, raised by SIGTERM, and by SIGINT and SIGHUP unless the process was started with these
+    /// ignored (`nohup abbe …`, `abbe … &` in a script). Every call gives the same.
     ///
     /// # Errors
-    /// When another part of the program handles these signals.
+    /// When the operating system refuses.
     pub fn on_signals() -> Result<Self, ShutdownError> {
         static OF_PROCESS: OnceLock<Shutdown> = OnceLock::new();
         static INSTALLING: Mutex<()> = Mutex::new(());
@@ -67,7 +70,9 @@ impl Shutdown {
         }
         let shutdown = Self::default();
         let raised_by_signal = shutdown.clone();
-        ctrlc::try_set_handler(move || raised_by_signal.request())?;
+        let mut signals = Signals::new(signals_to_handle()).map_err(ShutdownError::Signals)?;
+        let raise = move || signals.forever().for_each(|_| raised_by_signal.request());
+        thread::Builder::new().name("signals".into()).spawn(raise).map_err(ShutdownError::Signals)?;
         Ok(OF_PROCESS.get_or_init(|| shutdown).clone())
     }
 
@@ -116,8 +121,9 @@ impl Shutdown {
         while is_parent() {
             thread::sleep(PARENT_POLL);
         }
-        tracing::warn!("the launcher has ended; stopping");
+        // The request first: a log that cannot be written must not keep the node alive.
         self.request();
+        tracing::warn!("the launcher has ended; stopping");
         let deadline = Instant::now() + ORPHAN_GRACE;
         while Instant::now() < deadline {
             thread::sleep(PARENT_POLL);
@@ -127,9 +133,31 @@ impl Shutdown {
     }
 }
 
+/// SIGTERM, and those of SIGINT and SIGHUP that the process was not started to ignore.
+fn signals_to_handle() -> Vec<i32> {
+    // Only the kernel's own account says what was inherited; where there is none, nothing counts as ignored.
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let ignored = ignored_signals(&status);
+    let inherited = |signal: &i32| ignored & (1 << (signal - 1)) != 0;
+    [SIGTERM, SIGINT, SIGHUP].into_iter().filter(|signal| *signal == SIGTERM || !inherited(signal)).collect()
+}
+
+/// Mask of the ignored signals in the text of `/proc/PID/status`; bit 0 is signal 1.
+fn ignored_signals(status: &str) -> u64 {
+    let mask = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));
+    mask.and_then(|digits| u64::from_str_radix(digits.trim(), 16).ok()).unwrap_or(0)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn ignored_signals_are_read_from_the_kernels_account() {
+        let status = "Name:\tabbe\nSigBlk:\t0000000000000000\nSigIgn:\t0000000000000003\nSigCgt:\t0\n";
+        assert_eq!(ignored_signals(status), 0b11);
+        assert_eq!(ignored_signals("nothing of the kind"), 0);
+    }
 
     #[test]
     fn a_request_ends_the_sleep_of_every_clone() {
