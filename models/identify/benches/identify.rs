@@ -2,8 +2,9 @@
 //!
 //! Place in the flow: `cargo bench -p abbe-identify`. Campaigns come from the virtual machine; the rivals get the same
 //! readings in a file and time their computing part alone: `scipy_identify.py` solves the same problem and must find the
-//! same errors, `scipy_lean.py` an easier one. Their interpreter is `ABBE_PYTHON`, else `python3`; without NumPy and
-//! SciPy the comparison says that it was not run. All run on one core.
+//! same errors, `scipy_lean.py` an easier one by hand, `scipy_least_squares.py` with the library's own solver. Their
+//! interpreter is `ABBE_PYTHON`, else `python3`; without NumPy and SciPy the comparison says that it was not run. All run
+//! on one core.
 
 #![allow(missing_docs, clippy::unwrap_used, clippy::panic)] // criterion's macros; a bench that cannot be prepared stops
 
@@ -137,7 +138,12 @@ fn against_scipy(criterion: &mut Criterion) {
         own_s * 1e3,
         found.evidence.chi2_per_dof
     );
-    for (label, script) in [("the same problem", "scipy_identify.py"), ("an easier problem", "scipy_lean.py")] {
+    let rivals = [
+        ("the same problem, written like the crate", "scipy_identify.py"),
+        ("an easier problem, hand-made normal equations", "scipy_lean.py"),
+        ("an easier problem, scipy.optimize.least_squares", "scipy_least_squares.py"),
+    ];
+    for (label, script) in rivals {
         match Rival::run(script, &campaign) {
             Ok(rival) => compare(label, &rival, &found, own_s),
             Err(why) => {

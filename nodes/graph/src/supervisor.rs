@@ -6,9 +6,11 @@
 use crate::launch::{Launch, LaunchError, NodeName};
 use crate::node::NodeSummary;
 use abbe_runtime::{RunId, Shutdown, transport::shared_memory};
+use rustix::process::Signal;
 use std::io::{BufRead, BufReader, Read, Write};
+use std::os::unix::process::ExitStatusExt;
 use std::path::{Path, PathBuf};
-use std::process::{Child, ChildStderr, Command, Stdio};
+use std::process::{Child, ChildStderr, Command, ExitStatus, Stdio};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 use thiserror::Error;
@@ -111,7 +113,7 @@ impl Supervisor {
             let watch = |source| SupervisorError::Watch { node: node.name.name(), source };
             if let Some(status) = node.child.try_wait().map_err(watch)? {
                 node.ended = true;
-                if !status.success() {
+                if !status.success() && !was_asked_to_stop(status) {
                     let words = node.words.take().and_then(|thread| thread.join().ok()).unwrap_or_default();
                     let words = if words.is_empty() { "(it said nothing)".to_owned() } else { words };
                     return Err(SupervisorError::Failed { node: node.name.name(), status: status.to_string(), words });
@@ -165,7 +167,7 @@ impl Running {
         }
         if let Some(pid) = i32::try_from(self.child.id()).ok().and_then(rustix::process::Pid::from_raw) {
             // It may have ended by itself in between; then there is nothing to ask.
-            let _ = rustix::process::kill_process(pid, rustix::process::Signal::TERM);
+            let _ = rustix::process::kill_process(pid, Signal::TERM);
         }
         let since = Instant::now();
         while since.elapsed() < STOP_PATIENCE {
@@ -189,6 +191,11 @@ impl Drop for Supervisor {
             tracing::warn!(%error, "shared memory of the run could not be removed");
         }
     }
+}
+
+/// Whether a node ended by a request to stop that came before it could handle one (Ctrl-C while it starts).
+fn was_asked_to_stop(status: ExitStatus) -> bool {
+    [Signal::INT, Signal::TERM].map(|signal| Some(signal.as_raw())).contains(&status.signal())
 }
 
 /// Hands on what a node says as it says it: a full pipe would hold the node up in the middle of its work.
