@@ -27,7 +27,7 @@ pub enum Status {
     CovariateMissing,
     /// An effect's covariate is too old, and the effect was left out.
     Stale,
-    /// The reading is not finite or far outside the stroke; nothing was corrected.
+    /// The reading is not finite, or beyond the stroke by more than a quarter of it; nothing was corrected.
     Rejected,
 }
 

@@ -23,7 +23,7 @@ pub enum CorrectionStatus {
     CovariateMissing = 2,
     /// A covariate or the sample is older than allowed.
     Stale = 3,
-    /// The reading is not a number or outside the stroke; not corrected.
+    /// The reading is not a number, or beyond the stroke by more than a quarter of it; not corrected.
     Rejected = 4,
     /// No model loaded; not corrected.
     NoModel = 5,
