@@ -1,14 +1,14 @@
 //! The one function that corrects a coordinate, live and offline.
 //!
 //! Place in the flow: the geometric node, `abbe correct`, replay and every check call [`correct`]; the residual
-//! node and `abbe correct` then call [`add_residual`]. Inputs: axis readings (m), offset (m, ram frame) and
+//! step, live and on bags, then calls [`add_residual`]. Inputs: axis readings (m), offset (m, ram frame) and
 //! covariates; output: the actual position of tip or reflector in the machine frame (m) with its covariance.
 //! Corrected = indicated + offset + correction, and correction = error = actual − indicated.
 
 use crate::chain::nominal_point_m;
-use crate::effects::{CovariateProblem, State};
+use crate::effects::{CovariateProblem, Ray, State};
 use crate::model::{IdentifiedVolume, MachineModel};
-use crate::residual_field::ResidualField;
+use crate::residual_field::{ResidualField, ResidualPrediction};
 use nalgebra::{Matrix3, Vector3};
 
 /// How far beyond its end a stroke may be read, as a share of its length, before the reading is rejected.
@@ -38,8 +38,6 @@ pub struct Correction {
     pub geometric_m: Vector3<f64>,
     /// What the effects add (m).
     pub effects_m: Vector3<f64>,
-    /// What the residual field adds (m).
-    pub residual_m: Vector3<f64>,
     /// Actual position of tip or reflector (m, machine frame); the indicated one when rejected.
     pub position_m: Vector3<f64>,
     /// Covariance of the position (m²); `None` when rejected.
@@ -61,7 +59,6 @@ pub fn correct(model: &MachineModel, state: &State) -> Correction {
     Correction {
         geometric_m: point_m - nominal_m,
         effects_m,
-        residual_m: Vector3::zeros(),
         position_m: point_m + effects_m,
         covariance_m2: Some(sensitivity.covariance_m2(model) + Matrix3::from_diagonal(&repeatability)),
         status: problem.unwrap_or_else(|| volume_status(&parts.identified, state)),
@@ -81,9 +78,7 @@ pub fn predicted_length_m(
     station: &str,
 ) -> Option<(f64, f64)> {
     let (first, station) = model.station(station)?;
-    let sight = position_m - station.position_m;
-    let range_m = sight.norm();
-    let direction = sight / range_m;
+    let Ray { direction, range_m } = Ray::between(&station.position_m, position_m);
     let (_, sensitivity) = geometric_point(model, reading_m, offset_m);
     let mut row: Vec<(usize, f64)> =
         sensitivity.entries.iter().map(|(k, column)| (*k, direction.dot(column))).collect();
@@ -107,16 +102,16 @@ fn geometric_point(model: &MachineModel, reading_m: [f64; 3], offset_m: [f64; 3]
     (point.chain.position_m, sensitivity)
 }
 
-/// Adds what a residual field says at the corrected point.
-pub fn add_residual(correction: &mut Correction, field: &dyn ResidualField) {
-    let Some(covariance_m2) = correction.covariance_m2.as_mut() else { return };
-    let prediction = field.predict(&correction.position_m);
-    correction.residual_m = prediction.residual_m;
-    correction.position_m += prediction.residual_m;
+/// Adds what a residual field says at a corrected point: moves the point, widens its covariance; gives what it said.
+pub fn add_residual(
+    position_m: &mut Vector3<f64>,
+    covariance_m2: &mut Matrix3<f64>,
+    field: &dyn ResidualField,
+) -> ResidualPrediction {
+    let prediction = field.predict(position_m);
+    *position_m += prediction.residual_m;
     *covariance_m2 += prediction.covariance_m2;
-    if !prediction.inside {
-        correction.status = correction.status.max(Status::Extrapolated);
-    }
+    prediction
 }
 
 /// Sensitivities of the position by parameter: index and column.
@@ -166,7 +161,6 @@ fn rejected(nominal_m: Vector3<f64>) -> Correction {
     Correction {
         geometric_m: Vector3::zeros(),
         effects_m: Vector3::zeros(),
-        residual_m: Vector3::zeros(),
         position_m: nominal_m,
         covariance_m2: None,
         status: Status::Rejected,

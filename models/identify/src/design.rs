@@ -1,8 +1,7 @@
 //! One reading as one row: residual and sparse partial derivatives.
 //!
-//! Place in the flow: [`crate::normal`] sums the rows; the monitor predicts with [`predicted_length_m`]. The row
-//! holds the partials of the predicted length by geometric coefficients, squareness and this reading's station;
-//! a station touches only its own rows.
+//! Place in the flow: [`crate::normal`] sums the rows. The row holds the partials of the predicted length by geometric
+//! coefficients, squareness and this reading's station; a station touches only its own rows.
 
 use abbe_geometry::Vector3;
 use abbe_geometry::effects::Ray;
@@ -13,13 +12,6 @@ use abbe_measurement::instrument::RangeUncertainty;
 
 /// Most segments of a row: eighteen errors, squareness, station.
 const MAX_SEGMENTS: usize = 20;
-
-/// Length that a tracer at `station_m` with this dead path should read, and its line of sight.
-pub fn predicted_length_m(point_m: &Vector3<f64>, station_m: &Vector3<f64>, dead_path_m: f64) -> (f64, Ray) {
-    let sight = point_m - station_m;
-    let range_m = sight.norm();
-    (range_m - dead_path_m, Ray { direction: sight / range_m, range_m })
-}
 
 /// Residual (m) and partials of one reading.
 #[derive(Debug, Clone)]
@@ -109,8 +101,8 @@ impl Estimate<'_> {
         let first = self.first_of_station(reading);
         let station = &self.parameters[first..first + 4];
         let station_m = Vector3::new(station[0], station[1], station[2]);
-        let (predicted_m, ray) = predicted_length_m(point_m, &station_m, station[3]);
-        (reading.length_m - predicted_m, ray)
+        let ray = Ray::between(&station_m, point_m);
+        (reading.length_m - (ray.range_m - station[3]), ray)
     }
 
     fn first_of_station(&self, reading: &RangeReading) -> usize {

@@ -25,7 +25,6 @@ mod solve;
 pub mod station_start;
 
 pub use bound::at_cramer_rao_bound;
-pub use design::predicted_length_m;
 pub use error::{IdentifyError, Unobservable};
 pub use evidence::{CorrelatedPair, ErrorEvidence, Evidence, RejectedReading, StationEvidence};
 pub use options::{Options, OrderChoice, Progress};

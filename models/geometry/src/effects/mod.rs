@@ -82,6 +82,15 @@ pub struct Ray {
     pub range_m: f64,
 }
 
+impl Ray {
+    /// The line of sight from a station to a point (m, machine frame).
+    pub fn between(station_m: &Vector3<f64>, point_m: &Vector3<f64>) -> Ray {
+        let sight = point_m - station_m;
+        let range_m = sight.norm();
+        Ray { direction: sight / range_m, range_m }
+    }
+}
+
 /// Name, unit and sane size of one parameter.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ParameterSpec {

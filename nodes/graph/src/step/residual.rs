@@ -1,9 +1,9 @@
 //! The residual node's step: adds what a residual field says, or passes the sample through.
 //!
-//! Place in the flow: after the geometric node, before the users of corrected coordinates. Uses
-//! [`abbe_geometry::residual_field::ResidualField`], the place for any field; without one the sample leaves as it
-//! came.
+//! Place in the flow: after the geometric node, before the users of corrected coordinates. Wraps
+//! [`abbe_geometry::correct::add_residual`] between the message types; without a field the sample leaves as it came.
 
+use abbe_geometry::correct::add_residual;
 use abbe_geometry::residual_field::ResidualField;
 use abbe_geometry::{Matrix3, Vector3};
 use abbe_msgs::{CorrectedCoordinates, CorrectionStatus, Sha256};
@@ -24,12 +24,13 @@ impl ResidualStep {
     /// The sample with the residual added; what is not valid passes unchanged.
     pub fn correct(&self, sample: &CorrectedCoordinates) -> CorrectedCoordinates {
         let (Some(field), true) = (&self.field, sample.corrected_valid) else { return *sample };
-        let prediction = field.predict(&Vector3::from(sample.corrected_m));
-        let covariance_m2 = Matrix3::from_row_slice(&sample.covariance_m2) + prediction.covariance_m2;
+        let mut position_m = Vector3::from(sample.corrected_m);
+        let mut covariance_m2 = Matrix3::from_row_slice(&sample.covariance_m2);
+        let prediction = add_residual(&mut position_m, &mut covariance_m2, field.as_ref());
         let inside = if prediction.inside { CorrectionStatus::InVolume } else { CorrectionStatus::Extrapolated };
         CorrectedCoordinates {
             residual_correction_m: prediction.residual_m.into(),
-            corrected_m: std::array::from_fn(|d| sample.corrected_m[d] + prediction.residual_m[d]),
+            corrected_m: position_m.into(),
             covariance_m2: std::array::from_fn(|k| covariance_m2[(k / 3, k % 3)]),
             residual_model_sha256: Sha256::from_bytes(field.sha256()),
             status: sample.status.max(inside),
