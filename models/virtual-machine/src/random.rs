@@ -21,6 +21,7 @@ pub(crate) enum Purpose {
     SensorNoise = 8,
     Verification = 9,
     Undescribed = 10,
+    ReflectorOffset = 11,
 }
 
 /// The generator of one purpose under one seed.

@@ -64,7 +64,7 @@ impl SimulationConfig {
         self.environment.check()?;
         for (place, effect) in self.effects.iter().enumerate() {
             let key = format!("effects[{place}].{}", effect.name());
-            effect.check().map_err(|e| e.under(&key))?;
+            effect.check().and_then(|()| effect.check_plan(&self.plan)).map_err(|e| e.under(&key))?;
         }
         Ok(machine)
     }
@@ -236,6 +236,7 @@ impl<'a> ReadingStream<'a> {
         }
         Ok(Beam {
             station: target.station,
+            line: target.line,
             time_on_station_s: self.time_on_station_s(target),
             range_m,
             dead_path_m: self.station(target)?.dead_path_m,

@@ -6,8 +6,8 @@ use std::f64::consts::FRAC_1_SQRT_2;
 use std::sync::Arc;
 
 use abbe_virtual_machine::effects::{
-    Acceleration, Backlash, Beam, CarriageSag, Effect, Gimbal, GradientBow, Moment, PeriodicScale, ReflectorIncidence,
-    Refraction, ScaleExpansion, StationDrift, TableLoad, Undescribed, WarmUp,
+    Acceleration, Backlash, Beam, CarriageSag, CarriageTwist, Effect, Gimbal, GradientBow, Moment, PeriodicScale,
+    ReflectorIncidence, Refraction, ScaleExpansion, SpeedLag, StationDrift, TableLoad, Undescribed, WarmUp,
 };
 use abbe_virtual_machine::environment::{EnvironmentConfig, EnvironmentState};
 use abbe_virtual_machine::instrument::InstrumentConfig;
@@ -44,7 +44,7 @@ fn joints(effect: &dyn Effect, moment: &Moment) -> JointErrors {
 }
 
 fn beam(toward_reflector: [f64; 3]) -> Beam {
-    Beam { station: 0, time_on_station_s: 0.0, range_m: 1.0, dead_path_m: 0.5, toward_reflector }
+    Beam { station: 0, line: 0, time_on_station_s: 0.0, range_m: 1.0, dead_path_m: 0.5, toward_reflector }
 }
 
 fn assert_close(found: f64, wanted: f64) {
@@ -142,6 +142,36 @@ fn a_beam_sags_under_the_carriage() {
     let found = joints(&effect, &moment);
     assert_close(found.linear_m[0][2], 0.0);
     assert_close(found.angular_rad[0][0], 4e-6);
+}
+
+#[test]
+fn a_twist_by_two_positions_is_no_sum_of_functions_of_one() {
+    let effect = CarriageTwist { carrying: Axis::X, carriage: Axis::Y, twist_rad: 8e-6 };
+    let at = |x: f64, y: f64| {
+        let mut moment = calm();
+        (moment.reading_m[0], moment.reading_m[1]) = (x, y);
+        joints(&effect, &moment).angular_rad[0][0]
+    };
+    assert_close(at(0.4, 0.3), 2e-6);
+    assert_close(at(0.8, 0.6), 8e-6);
+    // The mixed difference of a sum f(x) + g(y) is zero.
+    assert_close(at(0.8, 0.6) - at(0.8, 0.0) - at(0.0, 0.6) + at(0.0, 0.0), 8e-6);
+    let itself = CarriageTwist { carriage: Axis::X, ..effect };
+    assert_eq!(itself.check().unwrap_err().key, "carrying, carriage");
+}
+
+#[test]
+fn an_axis_lags_behind_its_approach_in_proportion_to_the_feed() {
+    let effect = SpeedLag { axis: Axis::Z, lag_s: 40e-6 };
+    let at = |feed_m_s: f64, direction: f64| {
+        let mut moment = calm();
+        moment.feed_m_s = feed_m_s;
+        moment.direction = [1.0, 1.0, direction];
+        joints(&effect, &moment).linear_m
+    };
+    assert_close(at(0.1, 1.0)[2][2], -4e-6);
+    assert_close(at(0.05, -1.0)[2][2], 2e-6);
+    assert_eq!(at(0.1, 0.0), [[0.0; 3]; 3]);
 }
 
 #[test]

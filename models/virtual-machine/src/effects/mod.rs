@@ -3,19 +3,27 @@
 //! Place in the flow: [`crate::simulate`] hands every effect the [`Moment`] of a reading; the effect moves a
 //! joint, the tip, the station or the range. Each has its own formula and its own size, in SI. None of them
 //! shares a line with the project's models of the same effects: they are the truth those are tested against.
-//! Adding one: a file here with a type that implements [`Effect`].
+//! Adding one: a file here with a type that implements [`Effect`], and an entry in the list of [`from_text`].
 
 mod acceleration;
 mod backlash;
 mod bow;
+mod carriage_twist;
+mod dead_path;
 mod gimbal;
 mod incidence;
+mod onset;
+mod outlying_run;
 mod periodic;
+mod reflector_offset;
 mod refraction;
+mod registry;
 mod sag;
 mod scale_expansion;
+mod speed_lag;
 mod station_drift;
 mod table_load;
+mod text;
 mod undescribed;
 mod warm_up;
 
@@ -24,12 +32,19 @@ use std::fmt::Debug;
 pub use acceleration::Acceleration;
 pub use backlash::Backlash;
 pub use bow::GradientBow;
+pub use carriage_twist::CarriageTwist;
+pub use dead_path::DeadPath;
 pub use gimbal::Gimbal;
 pub use incidence::ReflectorIncidence;
+pub use onset::Onset;
+pub use outlying_run::OutlyingRun;
 pub use periodic::PeriodicScale;
+pub use reflector_offset::ReflectorOffset;
 pub use refraction::Refraction;
+pub use registry::{examples, from_text};
 pub use sag::CarriageSag;
 pub use scale_expansion::ScaleExpansion;
+pub use speed_lag::SpeedLag;
 pub use station_drift::StationDrift;
 pub use table_load::TableLoad;
 pub use undescribed::Undescribed;
@@ -38,6 +53,7 @@ pub use warm_up::WarmUp;
 use crate::environment::{EnvironmentState, SENSOR_NAMES};
 use crate::error::SimulationError;
 use crate::machine::JointErrors;
+use crate::plan::Plan;
 
 /// What an effect knows about one standstill of the machine.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -116,6 +132,8 @@ fn known_quantity(name: &str) -> bool {
 pub struct Beam {
     /// Index of the station.
     pub station: u32,
+    /// Index of the line, counted through the whole plan.
+    pub line: u32,
     /// Seconds since the station's first reading.
     pub time_on_station_s: f64,
     /// Distance from station to reflector (m).
@@ -136,6 +154,14 @@ pub trait Effect: Debug + Send + Sync {
     /// # Errors
     /// Names the key of the first one.
     fn check(&self) -> Result<(), SimulationError>;
+
+    /// Refuses settings that do not fit the plan.
+    ///
+    /// # Errors
+    /// Names the key of the first one.
+    fn check_plan(&self, _plan: &Plan) -> Result<(), SimulationError> {
+        Ok(())
+    }
 
     /// Adds what moves joints or the tip.
     fn disturb_machine(&self, _moment: &Moment, _errors: &mut JointErrors) {}

@@ -5,6 +5,7 @@
 //! counter shows more. With `range_share` 0 only the dead path is affected.
 
 use super::{Beam, Effect, Moment};
+use crate::environment::EnvironmentState;
 use crate::error::{SimulationError, require_finite};
 
 /// Shares of the air's refraction that the instrument leaves in its length.
@@ -26,9 +27,11 @@ impl Effect for Refraction {
     }
 
     fn range_shift_m(&self, moment: &Moment, beam: &Beam) -> f64 {
-        let air = &moment.environment;
-        let delta_n = -0.96e-6 * (air.air_c() - 20.0) + 0.27e-6 * (air.pressure_hpa() - 1013.25)
-            - 0.009e-6 * (air.humidity_pct() - 50.0);
-        delta_n * (self.range_share * beam.range_m + self.dead_path_share * beam.dead_path_m)
+        excess_index(&moment.environment) * (self.range_share * beam.range_m + self.dead_path_share * beam.dead_path_m)
     }
+}
+
+/// δn: refractive index of the air beyond that at 20 °C, 1013.25 hPa and 50 %.
+pub(super) fn excess_index(air: &EnvironmentState) -> f64 {
+    -0.96e-6 * (air.air_c() - 20.0) + 0.27e-6 * (air.pressure_hpa() - 1013.25) - 0.009e-6 * (air.humidity_pct() - 50.0)
 }

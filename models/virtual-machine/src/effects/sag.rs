@@ -27,14 +27,7 @@ impl Effect for CarriageSag {
 
     fn check(&self) -> Result<(), SimulationError> {
         require_finite("sag_m, twist_rad", &[self.sag_m, self.twist_rad])?;
-        if self.carrying == self.carriage {
-            return Err(SimulationError::new(
-                "carrying, carriage",
-                format!("{:?} cannot carry itself", self.carriage),
-                "choose two different axes",
-            ));
-        }
-        Ok(())
+        require_two_axes(self.carrying, self.carriage)
     }
 
     fn disturb_machine(&self, moment: &Moment, errors: &mut JointErrors) {
@@ -43,4 +36,16 @@ impl Effect for CarriageSag {
         errors.linear_m[carrying][2] -= 4.0 * self.sag_m * v * (1.0 - v);
         errors.angular_rad[carrying][carrying] += self.twist_rad * (v - 0.5 * v * v * (3.0 - 2.0 * v));
     }
+}
+
+/// Refuses an axis that carries itself.
+pub(super) fn require_two_axes(carrying: Axis, carriage: Axis) -> Result<(), SimulationError> {
+    if carrying != carriage {
+        return Ok(());
+    }
+    Err(SimulationError::new(
+        "carrying, carriage",
+        format!("{carriage:?} cannot carry itself"),
+        "choose two different axes",
+    ))
 }
