@@ -29,6 +29,11 @@ impl Axis {
         ['X', 'Y', 'Z'][self as usize]
     }
 
+    /// `"x"`, `"y"` or `"z"`, as in file and covariate names.
+    pub const fn lower(self) -> &'static str {
+        ["x", "y", "z"][self as usize]
+    }
+
     /// Letter of the rotation about this axis: A, B or C (ISO 841).
     pub const fn rotation_letter(self) -> char {
         ['A', 'B', 'C'][self as usize]

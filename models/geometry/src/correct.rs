@@ -5,8 +5,8 @@
 //! covariates; output: the actual position of tip or reflector in the machine frame (m) with its covariance.
 //! Corrected = indicated + offset + correction, and correction = error = actual − indicated.
 
-use crate::chain::nominal_point_m;
-use crate::effects::{CovariateProblem, Ray, State};
+use crate::chain::{ChainPoint, nominal_point_m};
+use crate::effects::{CovariateProblem, CovariateValue, Ray, State, tip_columns};
 use crate::model::{IdentifiedVolume, MachineModel};
 use crate::residual_field::{ResidualField, ResidualPrediction};
 use nalgebra::{Matrix3, Vector3};
@@ -21,7 +21,7 @@ const BOUND_TOLERANCE_M: f64 = 1e-9;
 pub enum Status {
     /// Inside the identified volume and offsets; the uncertainty holds.
     InVolume,
-    /// Outside the identified volume or offsets; the uncertainty is a lower bound.
+    /// Outside the identified volume, offsets or covariates; the uncertainty is a lower bound.
     Extrapolated,
     /// An effect lacks a covariate and was left out.
     CovariateMissing,
@@ -53,8 +53,9 @@ pub fn correct(model: &MachineModel, state: &State) -> Correction {
         return rejected(nominal_m);
     }
     let parts = model.parts();
-    let (point_m, mut sensitivity) = geometric_point(model, state.reading_m, state.offset_m);
-    let (effects_m, problem) = add_effects(model, state, &mut sensitivity);
+    let (chain, mut sensitivity) = geometric_point(model, state.reading_m, state.offset_m);
+    let point_m = chain.position_m;
+    let (effects_m, problem) = add_effects(model, state, &chain, &mut sensitivity);
     let repeatability = Vector3::from(parts.machine.repeatability_m).map(|r| r * r);
     Correction {
         geometric_m: point_m - nominal_m,
@@ -89,8 +90,8 @@ pub fn predicted_length_m(
     Some((range_m - station.dead_path_m, variance.sqrt()))
 }
 
-/// Position from the chain (m) and its sensitivity to every geometric parameter.
-fn geometric_point(model: &MachineModel, reading_m: [f64; 3], offset_m: [f64; 3]) -> (Vector3<f64>, Sensitivity) {
+/// Position and partials from the chain (m), and the position's sensitivity to every geometric parameter.
+fn geometric_point(model: &MachineModel, reading_m: [f64; 3], offset_m: [f64; 3]) -> (ChainPoint, Sensitivity) {
     let parts = model.parts();
     let point = model.layout().point(&parts.machine, &parts.coefficients, reading_m, offset_m);
     let mut sensitivity = Sensitivity::default();
@@ -99,7 +100,7 @@ fn geometric_point(model: &MachineModel, reading_m: [f64; 3], offset_m: [f64; 3]
     });
     let squareness = model.layout().squareness();
     squareness.zip(&point.chain.by_squareness).for_each(|(index, column)| sensitivity.push(index, *column));
-    (point.chain.position_m, sensitivity)
+    (point.chain, sensitivity)
 }
 
 /// Adds what a residual field says at a corrected point: moves the point, widens its covariance; gives what it said.
@@ -137,12 +138,17 @@ impl Sensitivity {
     }
 }
 
-fn add_effects(model: &MachineModel, state: &State, sensitivity: &mut Sensitivity) -> (Vector3<f64>, Option<Status>) {
+fn add_effects(
+    model: &MachineModel,
+    state: &State,
+    chain: &ChainPoint,
+    sensitivity: &mut Sensitivity,
+) -> (Vector3<f64>, Option<Status>) {
     let mut tip_m = Vector3::zeros();
     let mut status = None;
     let mut index = model.layout().len();
     for fitted in &model.parts().effects {
-        match fitted.effect.tip_columns(state) {
+        match tip_columns(fitted.effect.as_ref(), state, &chain.by_error) {
             Ok(columns) => {
                 for (k, (column, value)) in columns.iter().zip(&fitted.parameters).enumerate() {
                     tip_m += column * *value;
@@ -181,7 +187,13 @@ fn volume_status(identified: &IdentifiedVolume, state: &State) -> Status {
         let inside = |(b, v): (&(f64, f64), f64)| v >= b.0 - BOUND_TOLERANCE_M && v <= b.1 + BOUND_TOLERANCE_M;
         bounds.iter().zip(values).all(inside)
     };
-    if within(&identified.reading_m, state.reading_m) && within(&identified.offset_m, state.offset_m) {
+    // A covariate that cannot be read has its own status, which stands above this one.
+    let known = |(name, (low, high)): (&String, &(f64, f64))| match state.covariates.covariate(name) {
+        CovariateValue::Fresh(value) => (*low..=*high).contains(&value),
+        CovariateValue::Stale | CovariateValue::Missing => true,
+    };
+    let usual = identified.covariates.iter().all(known);
+    if usual && within(&identified.reading_m, state.reading_m) && within(&identified.offset_m, state.offset_m) {
         Status::InVolume
     } else {
         Status::Extrapolated

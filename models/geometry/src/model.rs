@@ -8,13 +8,15 @@ use crate::effects::{Effect, EffectError, Shape, construct};
 use crate::layout::Layout;
 use crate::machine::{Machine, MachineError};
 use nalgebra::Vector3;
+use std::collections::BTreeMap;
+use std::sync::Arc;
 use thiserror::Error;
 
 /// An effect with its fitted parameters.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct FittedEffect {
     /// The effect.
-    pub effect: Box<dyn Effect>,
+    pub effect: Arc<dyn Effect>,
     /// Its shape.
     pub shape: Shape,
     /// Parameter values in the unit of their [`crate::effects::ParameterSpec`].
@@ -39,6 +41,8 @@ pub struct IdentifiedVolume {
     pub reading_m: [(f64, f64); 3],
     /// Smallest and largest offset in each direction (m, ram frame).
     pub offset_m: [(f64, f64); 3],
+    /// Smallest and largest value of each covariate that the effects read, in the unit of its name.
+    pub covariates: BTreeMap<String, (f64, f64)>,
 }
 
 /// How well the model fits what it was identified from.
@@ -55,7 +59,7 @@ pub struct FitQuality {
 }
 
 /// Parts of a model, as identification makes them and a file holds them.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct ModelParts {
     /// The machine.
     pub machine: Machine,
@@ -137,8 +141,13 @@ impl MachineModel {
     }
 
     /// An effect by name and shape, for readers of model files.
-    pub fn fitted_effect(name: &str, shape: Shape, parameters: Vec<f64>) -> Result<FittedEffect, ModelError> {
-        Ok(FittedEffect { effect: construct(name, &shape)?, shape, parameters })
+    pub fn fitted_effect(
+        name: &str,
+        shape: Shape,
+        machine: &Machine,
+        parameters: Vec<f64>,
+    ) -> Result<FittedEffect, ModelError> {
+        Ok(FittedEffect { effect: construct(name, &shape, machine)?.into(), shape, parameters })
     }
 
     /// The parts, as stored.

@@ -32,9 +32,9 @@ pub fn at_cramer_rao_bound(
         parameters.extend(station.position_m.iter().chain([&station.dead_path_m]));
         free.extend(first..first + if absolute_range { 3 } else { 4 });
     }
-    let setup = Setup { machine: &parts.machine, layout: model.layout(), instrument };
+    let setup = Setup { machine: &parts.machine, layout: model.layout(), instrument, terms: &[] };
     let weights = vec![1.0; campaign.readings.len()];
-    let normal = accumulate(&Estimate { setup, parameters: &parameters }, &campaign.readings, &weights);
+    let normal = accumulate(&Estimate { setup, campaign, parameters: &parameters }, &weights);
     let information = select(&normal.matrix, normal.size, &free);
     let covariance = Factor::new(&information).map_err(|_| IdentifyError::Singular)?.inverse();
     let mut packed = vec![0.0; parameters.len() * (parameters.len() + 1) / 2];

@@ -1,17 +1,19 @@
 //! One reading as one row: residual and sparse partial derivatives.
 //!
 //! Place in the flow: [`crate::normal`] sums the rows. The row holds the partials of the predicted length by geometric
-//! coefficients, squareness and this reading's station; a station touches only its own rows.
+//! coefficients, squareness, effects and this reading's station; a station touches only its own rows.
 
+use crate::term::{CampaignRow, EffectTerm};
 use abbe_geometry::Vector3;
+use abbe_geometry::chain::ChainPoint;
 use abbe_geometry::effects::Ray;
 use abbe_geometry::layout::Layout;
 use abbe_geometry::machine::Machine;
-use abbe_measurement::campaign::RangeReading;
+use abbe_measurement::campaign::{Campaign, RangeReading};
 use abbe_measurement::instrument::RangeUncertainty;
 
-/// Most segments of a row: eighteen errors, squareness, station.
-const MAX_SEGMENTS: usize = 20;
+/// Most segments of a row: eighteen errors, squareness, effects, station.
+const MAX_SEGMENTS: usize = 21;
 
 /// Residual (m) and partials of one reading.
 #[derive(Debug, Clone)]
@@ -55,9 +57,15 @@ pub(crate) struct Setup<'a> {
     pub(crate) machine: &'a Machine,
     pub(crate) layout: &'a Layout,
     pub(crate) instrument: RangeUncertainty,
+    pub(crate) terms: &'a [EffectTerm],
 }
 
 impl Setup<'_> {
+    /// Number of parameters before those of the stations: geometry and effects.
+    pub(crate) fn machine_parameters(&self) -> usize {
+        self.layout.len() + self.terms.iter().map(EffectTerm::len).sum::<usize>()
+    }
+
     /// Standard uncertainty of one range: the instrument's, and the machine's repeatability along the sight (m).
     pub(crate) fn u_m(&self, ray: &Ray) -> f64 {
         let along = Vector3::from(self.machine.repeatability_m).component_mul(&ray.direction);
@@ -68,20 +76,36 @@ impl Setup<'_> {
 /// The current estimate that rows are linearised at.
 pub(crate) struct Estimate<'a> {
     pub(crate) setup: Setup<'a>,
-    /// Geometric parameters, then x, y, z, dead path of each station.
+    pub(crate) campaign: &'a Campaign,
+    /// Geometric parameters, effects, then x, y, z, dead path of each station.
     pub(crate) parameters: &'a [f64],
 }
 
 impl Estimate<'_> {
-    /// Residual (m) and line of sight of one reading, without partials.
-    pub(crate) fn residual(&self, reading: &RangeReading) -> (f64, Ray) {
-        let setup = &self.setup;
-        let point_m = setup.layout.position_m(setup.machine, self.parameters, reading.reading_m, reading.offset_m);
-        self.residual_of(reading, &point_m)
+    /// Residual (m) and line of sight of one of the campaign's readings, without partials.
+    pub(crate) fn residual(&self, index: usize) -> (f64, Ray) {
+        let (setup, reading) = (&self.setup, &self.campaign.readings[index]);
+        if setup.terms.is_empty() {
+            let point_m = setup.layout.position_m(setup.machine, self.parameters, reading.reading_m, reading.offset_m);
+            return self.residual_of(reading, &point_m);
+        }
+        let point = setup.layout.point(setup.machine, self.parameters, reading.reading_m, reading.offset_m);
+        let (residual_m, ray) = self.residual_of(reading, &point.chain.position_m);
+        let columns = self.effect_columns(index, ray, &point.chain);
+        (residual_m - self.effects_m(&columns), ray)
     }
 
-    /// Fills `row` for one reading.
-    pub(crate) fn row(&self, reading: &RangeReading, row: &mut Row) {
+    /// Fills `row` for one of the campaign's readings.
+    pub(crate) fn row(&self, index: usize, row: &mut Row) {
+        self.fill(&self.campaign.readings[index], Some(index), row);
+    }
+
+    /// Fills `row` for a reading that the campaign need not hold, without its effects.
+    pub(crate) fn row_without_effects(&self, reading: &RangeReading, row: &mut Row) {
+        self.fill(reading, None, row);
+    }
+
+    fn fill(&self, reading: &RangeReading, index: Option<usize>, row: &mut Row) {
         row.values.clear();
         row.segment_count = 0;
         let setup = &self.setup;
@@ -94,6 +118,11 @@ impl Estimate<'_> {
             row.push(index, values.iter().map(|value| value * along));
         });
         row.push(setup.layout.squareness().start, point.chain.by_squareness.iter().map(|c| ray.direction.dot(c)));
+        if let Some(index) = index.filter(|_| !setup.terms.is_empty()) {
+            let columns = self.effect_columns(index, ray, &point.chain);
+            row.residual_m -= self.effects_m(&columns);
+            row.push(setup.layout.len(), columns.into_iter());
+        }
         row.push(self.first_of_station(reading), ray.direction.iter().map(|u| -u).chain([-1.0]));
     }
 
@@ -105,18 +134,35 @@ impl Estimate<'_> {
         (reading.length_m - (ray.range_m - station[3]), ray)
     }
 
+    /// Partials of the length by the effects' parameters; covariates were checked before.
+    fn effect_columns(&self, index: usize, ray: Ray, chain: &ChainPoint) -> Vec<f64> {
+        let row = CampaignRow { campaign: self.campaign, reading: index };
+        let columns = |term: &EffectTerm| {
+            row.columns(term.effect.as_ref(), ray, &chain.by_error).unwrap_or_else(|_| vec![0.0; term.len()])
+        };
+        self.setup.terms.iter().flat_map(columns).collect()
+    }
+
+    /// What the effects add to the length (m).
+    fn effects_m(&self, columns: &[f64]) -> f64 {
+        let values = &self.parameters[self.setup.layout.len()..];
+        columns.iter().zip(values).map(|(column, value)| column * value).sum()
+    }
+
     fn first_of_station(&self, reading: &RangeReading) -> usize {
-        self.setup.layout.len() + 4 * reading.station as usize
+        self.setup.machine_parameters() + 4 * reading.station as usize
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use abbe_geometry::effects::Shape;
     use abbe_geometry::error_function::Kind;
     use abbe_geometry::machine::{Joint, Side, Squareness};
     use abbe_geometry::rotation::RotationForm;
     use abbe_geometry::{Axis, ErrorId};
+    use abbe_measurement::campaign::Covariate;
 
     /// A chain given from the workpiece to the tool.
     fn machine(chain: [(Axis, Side); 3], rotation: RotationForm) -> Machine {
@@ -151,12 +197,30 @@ mod tests {
         }
     }
 
+    /// One effect on an axis with two parameters, one on the tip, one on the range.
+    fn terms(machine: &Machine) -> Vec<EffectTerm> {
+        let smooth = |acts: &str| {
+            let shape = Shape::new().text("acts", acts).number("degree", 2.0);
+            shape.text("p", "temp_air_c").number("p_low", 19.0).number("p_high", 24.0)
+        };
+        let reversal = Shape::new().text("axis", "y").number("terms", 2.0);
+        [("reversal", reversal), ("empirical", smooth("z")), ("empirical", smooth("range"))]
+            .map(|(name, shape)| EffectTerm::new(name, shape, machine).unwrap())
+            .to_vec()
+    }
+
     fn assert_partials(machine: &Machine) {
         let layout = Layout::new(machine).unwrap();
-        let setup =
-            Setup { machine, layout: &layout, instrument: RangeUncertainty { constant_m: 1e-7, per_metre: 1e-7 } };
+        let terms = terms(machine);
+        let setup = Setup {
+            machine,
+            layout: &layout,
+            instrument: RangeUncertainty { constant_m: 1e-7, per_metre: 1e-7 },
+            terms: &terms,
+        };
         // Errors of centimetres and hundredths of a radian, where a Jacobian taken at zero is far off.
         let mut parameters: Vec<f64> = (0..layout.len()).map(|k| 0.02 * (1.7 * k as f64).sin()).collect();
+        parameters.extend((0..terms.iter().map(EffectTerm::len).sum()).map(|k| 1e-10 * (2.3 * k as f64).cos()));
         parameters.extend([0.9, -0.4, 0.2, 0.15, -0.7, 1.1, 0.5, 0.3]);
         let reading = RangeReading {
             station: 1,
@@ -166,9 +230,18 @@ mod tests {
             offset_m: [0.05, -0.08, -0.11],
             length_m: 0.4,
         };
+        let logged = |name: &str, value| Covariate { name: name.to_owned(), values: vec![Some(value)] };
+        let campaign = Campaign {
+            stations: ["S1", "S2"].map(str::to_owned).to_vec(),
+            lines: vec!["L1".to_owned()],
+            readings: vec![reading],
+            covariates: vec![logged("dir_y", -1.0), logged("temp_air_c", 22.0)],
+        };
         let row_at = |parameters: &[f64]| {
             let mut row = Row::new();
-            Estimate { setup, parameters }.row(&reading, &mut row);
+            let estimate = Estimate { setup, campaign: &campaign, parameters };
+            estimate.row(0, &mut row);
+            assert_eq!(estimate.residual(0).0, row.residual_m);
             row
         };
         let mut partials = vec![0.0; parameters.len()];

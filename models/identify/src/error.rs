@@ -16,6 +16,19 @@ pub struct Unobservable {
 /// Why identification was refused or failed.
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum IdentifyError {
+    /// An effect needs a covariate that a reading lacks.
+    #[error(
+        "effect {effect} needs covariate {covariate}, which reading {reading} lacks; log it for every reading or leave \
+         the effect out"
+    )]
+    NoCovariate {
+        /// The effect.
+        effect: &'static str,
+        /// The covariate.
+        covariate: String,
+        /// Number of the reading, from 1.
+        reading: usize,
+    },
     /// The machine description is wrong.
     #[error(transparent)]
     Machine(#[from] MachineError),

@@ -97,7 +97,7 @@ const REPORTED_CORRELATION: f64 = 0.9;
 /// Positions, as shares of the stroke, at which error functions are compared.
 const LOOK_AT: [f64; 4] = [0.25, 0.5, 0.75, 1.0];
 
-/// Pairs of errors, angles and stations whose largest correlation exceeds 0.9.
+/// Pairs of errors, angles, effects and stations whose largest correlation exceeds 0.9.
 pub(crate) fn correlated(
     setup: &Setup,
     solution: &Solution,
@@ -128,9 +128,9 @@ pub(crate) fn correlated(
     pairs
 }
 
-/// Named linear functions of the free parameters: error values at a few positions, angles, stations.
+/// Named linear functions of the free parameters: error values at a few positions, angles, effects, stations.
 fn views(setup: &Setup, free: &[usize], stations: &[String]) -> Vec<(String, Vec<f64>)> {
-    let size = setup.layout.len() + 4 * stations.len();
+    let size = setup.machine_parameters() + 4 * stations.len();
     let mut place = vec![None; size];
     free.iter().enumerate().for_each(|(k, index)| place[*index] = Some(k));
     let mut views = Vec::new();
@@ -156,9 +156,16 @@ fn views(setup: &Setup, free: &[usize], stations: &[String]) -> Vec<(String, Vec
     for (entry, index) in setup.machine.squareness.iter().zip(setup.layout.squareness()) {
         push(entry.name.clone(), &[(index, 1.0)]);
     }
+    let mut index = setup.layout.len();
+    for term in setup.terms {
+        for parameter in term.effect.parameters() {
+            push(format!("{} {}", term.effect.name(), parameter.name), &[(index, 1.0)]);
+            index += 1;
+        }
+    }
     for (k, station) in stations.iter().enumerate() {
         for (d, what) in ["x", "y", "z", "dead path"].into_iter().enumerate() {
-            push(format!("{station} {what}"), &[(setup.layout.len() + 4 * k + d, 1.0)]);
+            push(format!("{station} {what}"), &[(setup.machine_parameters() + 4 * k + d, 1.0)]);
         }
     }
     views

@@ -20,12 +20,16 @@ mod plausibility;
 mod proposal;
 mod robust;
 mod roughness;
+mod rows;
 mod smoothing;
 mod solve;
 pub mod station_start;
+mod term;
 
 pub use bound::at_cramer_rao_bound;
 pub use error::{IdentifyError, Unobservable};
 pub use evidence::{CorrelatedPair, ErrorEvidence, Evidence, RejectedReading, StationEvidence};
 pub use options::{Options, OrderChoice, Progress};
-pub use solve::{Identified, identify};
+pub use rows::Rows;
+pub use solve::{Identified, identify, identify_with};
+pub use term::{CampaignRow, EffectTerm, TIME};

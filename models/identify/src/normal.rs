@@ -5,7 +5,7 @@
 //! into a fixed number of chunks that are summed in order, so the result does not depend on the threads.
 
 use crate::design::{Estimate, Row};
-use abbe_measurement::campaign::RangeReading;
+use std::ops::Range;
 
 /// Chunks of a large campaign; fixed, so that the same input gives the same bytes on any machine.
 const CHUNKS: usize = 8;
@@ -78,42 +78,47 @@ fn add_scaled(line: &mut [f64], scaled: f64, others: &[f64]) {
 }
 
 /// Sums the rows of all readings whose weight is not zero; a negative weight takes a row out again.
-pub(crate) fn accumulate(estimate: &Estimate, readings: &[RangeReading], weights: &[f64]) -> NormalEquations {
-    let sum = |readings: &[RangeReading], weights: &[f64]| {
+pub(crate) fn accumulate(estimate: &Estimate, weights: &[f64]) -> NormalEquations {
+    let sum = |indices: Range<usize>| {
         let mut normal = NormalEquations::zeros(estimate.parameters.len());
         let mut row = Row::new();
-        for (reading, weight) in readings.iter().zip(weights).filter(|(_, weight)| **weight != 0.0) {
-            estimate.row(reading, &mut row);
-            normal.add_row(&row, estimate.setup.u_m(&row.ray), *weight);
+        for (index, weight) in indices.map(|k| (k, weights[k])).filter(|(_, weight)| *weight != 0.0) {
+            estimate.row(index, &mut row);
+            normal.add_row(&row, estimate.setup.u_m(&row.ray), weight);
         }
         normal
     };
-    if readings.len() <= SINGLE_CHUNK_READINGS {
-        return sum(readings, weights);
+    let count = estimate.campaign.readings.len();
+    if count <= SINGLE_CHUNK_READINGS {
+        return sum(0..count);
     }
-    let chunk = readings.len().div_ceil(CHUNKS);
-    let parts: Vec<_> = readings.chunks(chunk).zip(weights.chunks(chunk)).collect();
     let mut total = NormalEquations::zeros(estimate.parameters.len());
-    for partial in in_parallel(&parts, |(readings, weights)| sum(readings, weights)) {
+    for partial in in_parallel(&chunks(count), |indices| sum(indices.clone())) {
         total.absorb(&partial);
     }
     total
 }
 
 /// Residual (m) and its standard uncertainty (m) of all readings.
-pub(crate) fn residuals(estimate: &Estimate, readings: &[RangeReading]) -> Vec<(f64, f64)> {
-    let evaluate = |readings: &[RangeReading]| -> Vec<(f64, f64)> {
-        let one = |reading| {
-            let (residual_m, ray) = estimate.residual(reading);
+pub(crate) fn residuals(estimate: &Estimate) -> Vec<(f64, f64)> {
+    let evaluate = |indices: Range<usize>| -> Vec<(f64, f64)> {
+        let one = |index| {
+            let (residual_m, ray) = estimate.residual(index);
             (residual_m, estimate.setup.u_m(&ray))
         };
-        readings.iter().map(one).collect()
+        indices.map(one).collect()
     };
-    if readings.len() <= SINGLE_CHUNK_READINGS {
-        return evaluate(readings);
+    let count = estimate.campaign.readings.len();
+    if count <= SINGLE_CHUNK_READINGS {
+        return evaluate(0..count);
     }
-    let parts: Vec<_> = readings.chunks(readings.len().div_ceil(CHUNKS)).collect();
-    in_parallel(&parts, |part| evaluate(part)).concat()
+    in_parallel(&chunks(count), |indices| evaluate(indices.clone())).concat()
+}
+
+/// The readings in as many runs of neighbours as a large campaign is cut into.
+fn chunks(count: usize) -> Vec<Range<usize>> {
+    let size = count.div_ceil(CHUNKS);
+    (0..CHUNKS).map(|k| (k * size).min(count)..((k + 1) * size).min(count)).collect()
 }
 
 /// Maps parts on as many threads as the machine has, keeping their order.

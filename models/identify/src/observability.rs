@@ -88,7 +88,7 @@ fn shapes(setup: &Setup, stations: &[String], absolute: bool) -> Vec<Shape> {
     for (k, station) in stations.iter().enumerate() {
         let count = if absolute { 3 } else { 4 };
         for (d, what) in ["x", "y", "z", "dead path"].into_iter().enumerate().take(count) {
-            let index = setup.layout.len() + 4 * k + d;
+            let index = setup.machine_parameters() + 4 * k + d;
             let name = format!("station {station} {what}");
             shapes.push(Shape { name, of_station: Some(what), entries: vec![(index, 1.0)] });
         }

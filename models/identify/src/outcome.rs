@@ -7,9 +7,13 @@ use crate::evidence::{self, ErrorEvidence, Evidence, RejectedReading, StationEvi
 use crate::observability::Observability;
 use crate::smoothing::Solution;
 use crate::solve::{Fit, Identified, Settled};
-use abbe_geometry::model::{FitQuality, IdentifiedVolume, MachineModel, ModelParts, Station};
+use crate::term::{CampaignRow, EffectTerm};
+use abbe_geometry::effects::{CovariateSource, CovariateValue};
+use abbe_geometry::model::{FitQuality, FittedEffect, IdentifiedVolume, MachineModel, ModelParts, Station};
 use abbe_geometry::{ErrorId, Vector3};
 use abbe_measurement::campaign::RangeReading;
+use std::collections::BTreeMap;
+use std::sync::Arc;
 
 impl Fit<'_> {
     /// The model with its covariance, and what the fit says about itself.
@@ -17,7 +21,7 @@ impl Fit<'_> {
         let evidence = self.evidence(&settled);
         let model = self.model(&settled)?;
         let (residuals_m, u_m) = settled.residuals.iter().copied().unzip();
-        Ok(Identified { model, evidence, residuals_m, u_m })
+        Ok(Identified { model, evidence, residuals_m, u_m, weights: settled.weights })
     }
 
     fn evidence(&self, settled: &Settled) -> Evidence {
@@ -63,7 +67,7 @@ impl Fit<'_> {
             let own: Vec<_> = own.filter(|((reading, _), _)| reading.station as usize == station).collect();
             let kept = own.iter().filter(|(_, weight)| **weight > 0.0);
             let (count, square) = kept.fold((0, 0.0), |(n, s), ((_, (r, _)), _)| (n + 1, s + r * r));
-            let u_m = std::array::from_fn(|d| self.u_of(settled, self.setup.layout.len() + 4 * station + d));
+            let u_m = std::array::from_fn(|d| self.u_of(settled, self.setup.machine_parameters() + 4 * station + d));
             StationEvidence {
                 name: name.clone(),
                 readings: own.len(),
@@ -95,8 +99,9 @@ impl Fit<'_> {
 
     fn model(&self, settled: &Settled) -> Result<MachineModel, IdentifyError> {
         let geometric = self.setup.layout.len();
+        let stations = self.setup.machine_parameters();
         let station = |(k, name): (usize, &String)| {
-            let own = &self.parameters[geometric + 4 * k..geometric + 4 * k + 4];
+            let own = &self.parameters[stations + 4 * k..stations + 4 * k + 4];
             Station { name: name.clone(), position_m: Vector3::new(own[0], own[1], own[2]), dead_path_m: own[3] }
         };
         let kept = settled.residuals.iter().zip(&settled.weights).filter(|(_, weight)| **weight > 0.0);
@@ -104,10 +109,13 @@ impl Fit<'_> {
         let parts = ModelParts {
             machine: self.setup.machine.clone(),
             coefficients: self.parameters[..geometric].to_vec(),
-            effects: Vec::new(),
+            effects: self.effects(),
             stations: self.campaign.stations.iter().enumerate().map(station).collect(),
             covariance: self.packed_covariance(&settled.solution),
-            identified: identified_volume(&self.campaign.readings, &settled.weights),
+            identified: IdentifiedVolume {
+                covariates: self.covariate_ranges(&settled.weights),
+                ..identified_volume(&self.campaign.readings, &settled.weights)
+            },
             quality: FitQuality {
                 readings: used,
                 rejected: self.campaign.readings.len() - used,
@@ -116,6 +124,32 @@ impl Fit<'_> {
             },
         };
         Ok(MachineModel::new(parts)?)
+    }
+
+    fn effects(&self) -> Vec<FittedEffect> {
+        let mut first = self.setup.layout.len();
+        let fitted = |term: &EffectTerm| {
+            let parameters = self.parameters[first..first + term.len()].to_vec();
+            first += term.len();
+            FittedEffect { effect: Arc::clone(&term.effect), shape: term.shape.clone(), parameters }
+        };
+        self.setup.terms.iter().map(fitted).collect()
+    }
+
+    /// Range of every covariate that a corrected sample needs, over the readings used.
+    fn covariate_ranges(&self, weights: &[f64]) -> BTreeMap<String, (f64, f64)> {
+        let names = self.setup.terms.iter().flat_map(|term| term.effect.covariates());
+        let of = |name: String| {
+            let used = (0..weights.len()).filter(|k| weights[*k] > 0.0);
+            let values =
+                used.filter_map(|reading| match (CampaignRow { campaign: self.campaign, reading }).covariate(&name) {
+                    CovariateValue::Fresh(value) => Some(value),
+                    CovariateValue::Stale | CovariateValue::Missing => None,
+                });
+            let range = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
+            (name, range)
+        };
+        names.map(of).collect()
     }
 
     /// Lower triangle over all parameters; those that were not free have no variance.
@@ -142,5 +176,5 @@ fn identified_volume(readings: &[RangeReading], weights: &[f64]) -> IdentifiedVo
             offset_m[d] = (offset_m[d].0.min(reading.offset_m[d]), offset_m[d].1.max(reading.offset_m[d]));
         }
     }
-    IdentifiedVolume { reading_m, offset_m }
+    IdentifiedVolume { reading_m, offset_m, covariates: BTreeMap::new() }
 }

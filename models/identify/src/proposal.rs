@@ -147,7 +147,7 @@ impl Line {
             let reading_m = self.reading_m(estimate, share);
             let (station, offset_m) = (self.station, self.offset_m);
             let reading = RangeReading { station, line: 0, time_s: 0.0, reading_m, offset_m, length_m: 0.0 };
-            estimate.row(&reading, &mut row);
+            estimate.row_without_effects(&reading, &mut row);
             let mut full = vec![0.0; estimate.parameters.len()];
             row.segments().for_each(|(first, values)| full[first..first + values.len()].copy_from_slice(values));
             let u_m = estimate.setup.u_m(&row.ray);

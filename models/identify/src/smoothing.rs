@@ -70,6 +70,8 @@ impl Penalty {
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Smoothness {
     pub(crate) penalties: Vec<Penalty>,
+    /// Effect parameters and the standard deviation of the prior about zero that each has.
+    pub(crate) priors: Vec<(usize, f64)>,
     curvatures: Vec<Curvature>,
     exponent: f64,
 }
@@ -144,7 +146,7 @@ pub(crate) fn solve(
 ) -> Result<Solution, NotPositiveDefinite> {
     let problem = Problem::new(normal, at, free);
     smoothness.start(normal);
-    let mut solution = problem.solve(&smoothness.penalties, noise_factor)?;
+    let mut solution = problem.solve(smoothness, noise_factor)?;
     if !choose || smoothness.penalties.is_empty() {
         return Ok(solution);
     }
@@ -152,7 +154,7 @@ pub(crate) fn solve(
         let exponent = problem.better_exponent(smoothness, &solution);
         smoothness.penalties.iter_mut().for_each(|penalty| problem.update(penalty, &solution));
         smoothness.set_exponent(exponent);
-        let next = problem.solve(&smoothness.penalties, solution.noise_factor)?;
+        let next = problem.solve(smoothness, solution.noise_factor)?;
         let moved = problem.largest_change_of_degrees(&smoothness.penalties, &solution, &next);
         solution = next;
         if moved < DEGREES_TOLERANCE {
@@ -189,7 +191,8 @@ impl<'a> Problem<'a> {
         Problem { normal, at, free, place, data, right, weighted_square: normal.weighted_square + grown }
     }
 
-    fn solve(&self, penalties: &[Penalty], phi: f64) -> Result<Solution, NotPositiveDefinite> {
+    fn solve(&self, smoothness: &Smoothness, phi: f64) -> Result<Solution, NotPositiveDefinite> {
+        let penalties = &smoothness.penalties;
         let mut system = self.data.clone();
         let mut right = self.right.clone();
         for penalty in penalties {
@@ -202,6 +205,13 @@ impl<'a> Problem<'a> {
                         right[a] -= stiffness * self.at[column];
                     }
                 }
+            }
+        }
+        for (index, size) in &smoothness.priors {
+            if let Some(a) = self.place[*index] {
+                let stiffness = phi / (size * size);
+                system[(a, a)] += stiffness;
+                right[a] -= stiffness * self.at[*index];
             }
         }
         let factor = Factor::new(&system)?;
@@ -221,6 +231,7 @@ impl<'a> Problem<'a> {
             |p: &Penalty| p.lambda * p.quadratic(&p.roughness.matrix, &parameters) - p.log_prior() + p.log_of_lambda();
         let minus_two_log_likelihood = chi2 / phi
             + penalties.iter().map(prior).sum::<f64>()
+            + smoothness.priors.iter().map(|(k, size)| (parameters[*k] / size).powi(2) + 2.0 * size.ln()).sum::<f64>()
             + (self.normal.weight - self.free.len() as f64) * phi.ln()
             + factor.log_determinant();
         Ok(Solution { parameters, covariance, effective, noise_factor, minus_two_log_likelihood })

@@ -15,6 +15,7 @@ use crate::plausibility;
 use crate::robust;
 use crate::smoothing::{self, Smoothness, Solution};
 use crate::station_start::StationStart;
+use crate::term::{self, EffectTerm};
 use abbe_geometry::error_function::Kind;
 use abbe_geometry::layout::Layout;
 use abbe_geometry::machine::Machine;
@@ -55,6 +56,8 @@ pub struct Identified {
     pub residuals_m: Vec<f64>,
     /// Declared standard uncertainty of every reading (m).
     pub u_m: Vec<f64>,
+    /// Robust weight of every reading, 0 for rejected ones.
+    pub weights: Vec<f64>,
 }
 
 /// Identifies all errors, stations and dead paths of a campaign.
@@ -69,20 +72,39 @@ pub fn identify(
     options: &Options,
     observe: &mut dyn FnMut(Progress) -> bool,
 ) -> Result<Identified, IdentifyError> {
+    identify_with(machine, instrument, campaign, &[], options, observe)
+}
+
+/// The same with effects beyond geometry, whose parameters are found together with everything else.
+///
+/// Each parameter has a weak prior: zero, with the effect's plausible size as standard deviation. Where the data tell
+/// of it that is nothing; where they do not, its uncertainty says so instead of the fit failing.
+pub fn identify_with(
+    machine: &Machine,
+    instrument: RangeUncertainty,
+    campaign: &Campaign,
+    terms: &[EffectTerm],
+    options: &Options,
+    observe: &mut dyn FnMut(Progress) -> bool,
+) -> Result<Identified, IdentifyError> {
+    term::check(terms, campaign)?;
     plausibility::check_readings(machine, campaign)?;
     let stations = plausibility::place_stations(campaign, options.absolute_range)?;
-    let mut inputs = Inputs { instrument, options, observe };
+    let mut inputs = Inputs { instrument, terms, options, observe };
     let Some(part) = part_of(campaign) else {
         return inputs.with_refined_splines(machine, campaign, &stations);
     };
     let found = inputs.with_refined_splines(machine, &part, &stations)?;
     let parts = found.model.parts();
-    inputs.once(&parts.machine, campaign, &stations_of(&found), &parts.coefficients)
+    let effects = parts.effects.iter().flat_map(|fitted| &fitted.parameters);
+    let start: Vec<f64> = parts.coefficients.iter().chain(effects).copied().collect();
+    inputs.once(&parts.machine, campaign, &stations_of(&found), &start)
 }
 
 /// What stays the same from fit to fit.
 struct Inputs<'a> {
     instrument: RangeUncertainty,
+    terms: &'a [EffectTerm],
     options: &'a Options,
     observe: &'a mut dyn FnMut(Progress) -> bool,
 }
@@ -112,22 +134,22 @@ impl Inputs<'_> {
         Ok(best)
     }
 
-    /// One fit, from these stations and coefficients (none: all errors zero).
+    /// One fit, from these stations, coefficients and effect parameters (none: all zero).
     fn once(
         &mut self,
         machine: &Machine,
         campaign: &Campaign,
         stations: &[StationStart],
-        coefficients: &[f64],
+        start: &[f64],
     ) -> Result<Identified, IdentifyError> {
         let layout = Layout::new(machine)?;
-        let setup = Setup { machine, layout: &layout, instrument: self.instrument };
+        let setup = Setup { machine, layout: &layout, instrument: self.instrument, terms: self.terms };
         let mut fit = Fit::new(setup, campaign, stations, self.options, &mut *self.observe);
         if campaign.readings.len() < fit.free.len() {
             return Err(IdentifyError::TooFewReadings { readings: campaign.readings.len(), unknowns: fit.free.len() });
         }
-        fit.parameters.iter_mut().zip(coefficients).for_each(|(parameter, start)| *parameter = *start);
-        let settled = fit.settle(&campaign.readings)?;
+        fit.parameters.iter_mut().zip(start).for_each(|(parameter, start)| *parameter = *start);
+        let settled = fit.settle()?;
         fit.finish(settled)
     }
 }
@@ -146,14 +168,13 @@ fn part_of(campaign: &Campaign) -> Option<Campaign> {
     campaign.readings.iter().for_each(|r| counts[r.station as usize] += 1);
     let share = LARGE / 2 / campaign.stations.len();
     let mut seen = vec![0_usize; campaign.stations.len()];
-    let kept = |reading: &&RangeReading| {
+    let mut kept = |reading: &RangeReading| {
         let station = reading.station as usize;
         seen[station] += 1;
         (seen[station] - 1).is_multiple_of(counts[station].div_ceil(share.max(1)).max(1))
     };
-    let readings = campaign.readings.iter().filter(kept).copied().collect();
-    let (stations, lines) = (campaign.stations.clone(), campaign.lines.clone());
-    Some(Campaign { stations, lines, readings, covariates: Vec::new() })
+    let indices: Vec<usize> = (0..campaign.readings.len()).filter(|k| kept(&campaign.readings[*k])).collect();
+    Some(campaign.part(&indices))
 }
 
 /// The machine with finer splines, where the fit uses up nearly all coefficients of those it has, or fits badly with
@@ -202,10 +223,10 @@ struct Linearised {
 
 impl Linearised {
     /// Other weights at the same point.
-    fn reweigh(&mut self, setup: Setup, readings: &[RangeReading], weights: Vec<f64>) {
+    fn reweigh(&mut self, setup: Setup, campaign: &Campaign, weights: Vec<f64>) {
         let change: Vec<f64> = weights.iter().zip(&self.weights).map(|(now, then)| now - then).collect();
         if change.iter().any(|change| *change != 0.0) {
-            self.normal.absorb(&accumulate(&Estimate { setup, parameters: &self.at }, readings, &change));
+            self.normal.absorb(&accumulate(&Estimate { setup, campaign, parameters: &self.at }, &change));
         }
         self.weights = weights;
     }
@@ -228,15 +249,17 @@ impl<'a> Fit<'a> {
         options: &'a Options,
         observe: &'a mut dyn FnMut(Progress) -> bool,
     ) -> Fit<'a> {
-        let mut parameters = vec![0.0; setup.layout.len()];
+        let mut parameters = vec![0.0; setup.machine_parameters()];
         let mut free: Vec<usize> = (0..parameters.len()).collect();
         for station in stations {
             let first = parameters.len();
             parameters.extend(station.position_m.iter().chain([&station.dead_path_m]));
             free.extend(first..first + if options.absolute_range { 3 } else { 4 });
         }
-        let smoothness =
+        let mut smoothness =
             if options.order == OrderChoice::Evidence { Smoothness::new(setup.layout) } else { Smoothness::default() };
+        let plausible = setup.terms.iter().flat_map(|term| term.effect.parameters()).map(|spec| spec.plausible);
+        smoothness.priors = plausible.enumerate().map(|(k, size)| (setup.layout.len() + k, size)).collect();
         Fit {
             setup,
             campaign,
@@ -253,16 +276,16 @@ impl<'a> Fit<'a> {
     }
 
     fn estimate(&self) -> Estimate<'_> {
-        Estimate { setup: self.setup, parameters: &self.parameters }
+        Estimate { setup: self.setup, campaign: self.campaign, parameters: &self.parameters }
     }
 
-    /// Passes over these readings until the parameters settle.
+    /// Passes over the readings until the parameters settle.
     ///
     /// The first steps are of many micrometres and need rows of their own; later ones are of nanometres, and then only
     /// the readings whose weight changed are summed again.
-    fn settle(&mut self, readings: &[RangeReading]) -> Result<Settled, IdentifyError> {
-        let (weights, _) = self.weigh(&residuals(&self.estimate(), readings));
-        let mut linear = self.linearise(readings, weights);
+    fn settle(&mut self) -> Result<Settled, IdentifyError> {
+        let (weights, _) = self.weigh(&residuals(&self.estimate()));
+        let mut linear = self.linearise(weights);
         let seen = observability::check(&self.estimate(), self.campaign, &linear.normal, self.options.absolute_range)?;
         self.observability = Some(seen);
         let mut largest_step = f64::INFINITY;
@@ -270,7 +293,7 @@ impl<'a> Fit<'a> {
             self.passes += 1;
             let solution = self.solve(&linear, pass < SMOOTHING_PASSES).map_err(|_| IdentifyError::Singular)?;
             largest_step = self.step(&solution);
-            let residuals = residuals(&self.estimate(), readings);
+            let residuals = residuals(&self.estimate());
             let (weights, scale) = self.weigh(&residuals);
             let chi2_per_dof = solution.noise_factor;
             if !(self.observe)(Progress { pass: self.passes, largest_step, chi2_per_dof }) {
@@ -281,16 +304,16 @@ impl<'a> Fit<'a> {
             }
             let moved = self.parameters.iter().zip(&linear.at).map(|(now, then)| (now - then).abs());
             if moved.fold(0.0, f64::max) > LINEAR {
-                linear = self.linearise(readings, weights);
+                linear = self.linearise(weights);
             } else {
-                linear.reweigh(self.setup, readings, weights);
+                linear.reweigh(self.setup, self.campaign, weights);
             }
         }
         Err(IdentifyError::NotConverged { passes: self.passes, largest_step })
     }
 
-    fn linearise(&self, readings: &[RangeReading], weights: Vec<f64>) -> Linearised {
-        Linearised { normal: accumulate(&self.estimate(), readings, &weights), at: self.parameters.clone(), weights }
+    fn linearise(&self, weights: Vec<f64>) -> Linearised {
+        Linearised { normal: accumulate(&self.estimate(), &weights), at: self.parameters.clone(), weights }
     }
 
     /// Solves one pass; the order of polynomials is decided once, after the first linearisation.

@@ -47,4 +47,20 @@ impl Campaign {
     pub fn covariate(&self, name: &str) -> Option<&Covariate> {
         self.covariates.iter().find(|c| c.name == name)
     }
+
+    /// The readings at these indices with their covariates; station and line names stay.
+    ///
+    /// Indices must be those of readings.
+    pub fn part(&self, indices: &[usize]) -> Campaign {
+        let covariate = |column: &Covariate| Covariate {
+            name: column.name.clone(),
+            values: indices.iter().map(|k| column.values.get(*k).copied().flatten()).collect(),
+        };
+        Campaign {
+            stations: self.stations.clone(),
+            lines: self.lines.clone(),
+            readings: indices.iter().filter_map(|k| self.readings.get(*k)).copied().collect(),
+            covariates: self.covariates.iter().map(covariate).collect(),
+        }
+    }
 }

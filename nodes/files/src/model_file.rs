@@ -160,7 +160,7 @@ impl ModelFile {
         let bounds =
             identified.reading_m.iter().chain(&identified.offset_m).flat_map(|(lower, upper)| [*lower, *upper]);
         let stations = parts.stations.iter().flat_map(|s| s.position_m.iter().copied().chain([s.dead_path_m]));
-        let shapes = parts.effects.iter().flat_map(|fitted| fitted.shape.values().copied());
+        let shapes = parts.effects.iter().flat_map(|fitted| fitted.shape.figures());
         let figures: [(&str, Vec<f64>); 5] = [
             ("identified_volume", bounds.collect()),
             ("stations", stations.collect()),

@@ -7,7 +7,7 @@ use crate::error::{FileError, Place};
 use crate::machine::{SIGN_CONVENTION, machine_of_record, record_of_machine};
 use crate::machine_document::MachineRecord;
 use crate::model_file::{DataSource, ModelFile, ResidualReference};
-use abbe_geometry::effects::{ParameterSpec, Shape};
+use abbe_geometry::effects::{ParameterSpec, Shape, ShapeValue};
 use abbe_geometry::layout::Layout;
 use abbe_geometry::machine::Machine;
 use abbe_geometry::model::{FitQuality, FittedEffect, IdentifiedVolume, MachineModel, ModelParts, Station};
@@ -73,8 +73,18 @@ struct ValueRecord {
 #[serde(deny_unknown_fields)]
 struct EffectRecord {
     name: String,
-    shape: Shape,
+    /// Figures in SI, names.
+    shape: BTreeMap<String, ShapeRecord>,
     parameters: Vec<ParameterRecord>,
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(untagged)]
+enum ShapeRecord {
+    Number(f64),
+    Text(String),
+    Numbers(Vec<f64>),
+    Texts(Vec<String>),
 }
 
 #[derive(Serialize, Deserialize)]
@@ -98,6 +108,9 @@ struct StationRecord {
 struct VolumeRecord {
     reading_m: [(f64, f64); 3],
     offset_m: [(f64, f64); 3],
+    /// In the unit of the name.
+    #[serde(default)]
+    covariates: BTreeMap<String, (f64, f64)>,
 }
 
 #[derive(Serialize, Deserialize)]
@@ -158,6 +171,7 @@ impl ModelRecord {
             identified_volume: VolumeRecord {
                 reading_m: parts.identified.reading_m,
                 offset_m: parts.identified.offset_m,
+                covariates: parts.identified.covariates.clone(),
             },
             quality: QualityRecord {
                 readings: parts.quality.readings,
@@ -186,17 +200,19 @@ impl ModelRecord {
         coefficients.extend(squareness_values(&machine, &mut self.squareness, name)?);
         let effects = self.effects.into_iter().map(|record| {
             let key = format!("effects.{}", record.name);
-            fitted_effect(record).map_err(|problem| damaged(name, &key, problem))
+            fitted_effect(record, &machine).map_err(|problem| damaged(name, &key, problem))
         });
+        let effects = effects.collect::<Result<_, _>>()?;
         let parts = ModelParts {
             machine,
             coefficients,
-            effects: effects.collect::<Result<_, _>>()?,
+            effects,
             stations: self.stations.into_iter().map(station).collect(),
             covariance: self.covariance.packed.0,
             identified: IdentifiedVolume {
                 reading_m: self.identified_volume.reading_m,
                 offset_m: self.identified_volume.offset_m,
+                covariates: self.identified_volume.covariates,
             },
             quality: FitQuality {
                 readings: self.quality.readings,
@@ -301,16 +317,36 @@ fn effect_record(fitted: &FittedEffect) -> EffectRecord {
     let values = fitted.effect.parameters().into_iter().zip(&fitted.parameters);
     EffectRecord {
         name: fitted.effect.name().to_owned(),
-        shape: fitted.shape.clone(),
+        shape: fitted.shape.0.iter().map(|(key, value)| (key.clone(), shape_record(value))).collect(),
         parameters: values
             .map(|(spec, value)| ParameterRecord { name: spec.name, unit: spec.unit.to_owned(), value: *value })
             .collect(),
     }
 }
 
-fn fitted_effect(record: EffectRecord) -> Result<FittedEffect, String> {
+fn shape_record(value: &ShapeValue) -> ShapeRecord {
+    match value.clone() {
+        ShapeValue::Number(value) => ShapeRecord::Number(value),
+        ShapeValue::Text(value) => ShapeRecord::Text(value),
+        ShapeValue::Numbers(values) => ShapeRecord::Numbers(values),
+        ShapeValue::Texts(values) => ShapeRecord::Texts(values),
+    }
+}
+
+fn shape_value(record: ShapeRecord) -> ShapeValue {
+    match record {
+        ShapeRecord::Number(value) => ShapeValue::Number(value),
+        ShapeRecord::Text(value) => ShapeValue::Text(value),
+        ShapeRecord::Numbers(values) => ShapeValue::Numbers(values),
+        ShapeRecord::Texts(values) => ShapeValue::Texts(values),
+    }
+}
+
+fn fitted_effect(record: EffectRecord, machine: &Machine) -> Result<FittedEffect, String> {
     let values = record.parameters.iter().map(|parameter| parameter.value).collect();
-    let fitted = MachineModel::fitted_effect(&record.name, record.shape, values).map_err(|error| error.to_string())?;
+    let shape = Shape(record.shape.into_iter().map(|(key, value)| (key, shape_value(value))).collect());
+    let fitted =
+        MachineModel::fitted_effect(&record.name, shape, machine, values).map_err(|error| error.to_string())?;
     let specs = fitted.effect.parameters();
     let same = |(spec, found): (&ParameterSpec, &ParameterRecord)| spec.name == found.name && spec.unit == found.unit;
     if specs.len() != record.parameters.len() || !specs.iter().zip(&record.parameters).all(same) {

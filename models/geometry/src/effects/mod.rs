@@ -1,77 +1,27 @@
 //! Effects beyond rigid-body geometry: one file an effect, one line each in [`REGISTRY`].
 //!
-//! Place in the flow: a model lists fitted effects; correction adds what they do to tip or reflector, and
-//! identification adds their columns beside the geometry. An effect is linear in its parameters for a given
-//! shape (periods, time constants); it may move the tip or change the range, and names the covariates that the
-//! scale sample must carry. A covariate that is missing or stale is reported, never guessed.
+//! Place in the flow: diagnosis proposes effects for a campaign ([`Known::propose`]), identification fits their
+//! parameters beside the geometry, the model stores them, correction adds what they do to the tip. An effect is
+//! linear in its parameters for a given [`Shape`] (axis, period, time constant). It moves an error of the chain, the
+//! tip, or only the range that the tracer reads; what moves only the range never touches a corrected coordinate.
+//! A covariate that is missing or stale is reported, never guessed. SI; covariates in the unit of their name.
 
+mod known;
+mod shape;
+mod source;
+
+mod empirical;
+mod periodic_scale;
 mod reversal;
 mod scale_expansion;
 
+pub use known::{Known, Observed, REGISTRY, Refine, construct, known};
+pub use shape::{EffectError, Shape, ShapeValue};
+pub use source::{CovariateProblem, CovariateSource, CovariateValue, NoCovariates, State};
+
+use crate::axis::{Axis, ErrorId};
 use nalgebra::Vector3;
-use std::collections::BTreeMap;
 use std::fmt::Debug;
-use thiserror::Error;
-
-/// What a sample says about one covariate.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum CovariateValue {
-    /// A value fresh enough to use, in the unit of the name's suffix.
-    Fresh(f64),
-    /// A value older than allowed.
-    Stale,
-    /// Nothing known.
-    Missing,
-}
-
-/// Where an effect finds its covariates.
-pub trait CovariateSource {
-    /// The covariate of that name, unit as suffix.
-    fn covariate(&self, name: &str) -> CovariateValue;
-}
-
-/// A source without any covariate.
-#[derive(Debug, Clone, Copy)]
-pub struct NoCovariates;
-
-impl CovariateSource for NoCovariates {
-    fn covariate(&self, _name: &str) -> CovariateValue {
-        CovariateValue::Missing
-    }
-}
-
-/// Why an effect could not be evaluated for a sample.
-#[derive(Debug, Clone, PartialEq, Error)]
-pub enum CovariateProblem {
-    /// The sample does not carry it.
-    #[error("covariate {0} is missing from the sample; log it beside the scales")]
-    Missing(String),
-    /// The sample carries an old value.
-    #[error("covariate {0} is older than allowed; check its sensor")]
-    Stale(String),
-}
-
-/// State of the machine at one sample.
-#[derive(Clone, Copy)]
-pub struct State<'a> {
-    /// Indicated axis positions (m).
-    pub reading_m: [f64; 3],
-    /// Tip or reflector relative to the ram reference point (m, ram frame).
-    pub offset_m: [f64; 3],
-    /// Logged quantities.
-    pub covariates: &'a dyn CovariateSource,
-}
-
-impl State<'_> {
-    /// A covariate, or why it cannot be used.
-    pub fn covariate(&self, name: &str) -> Result<f64, CovariateProblem> {
-        match self.covariates.covariate(name) {
-            CovariateValue::Fresh(value) => Ok(value),
-            CovariateValue::Stale => Err(CovariateProblem::Stale(name.to_owned())),
-            CovariateValue::Missing => Err(CovariateProblem::Missing(name.to_owned())),
-        }
-    }
-}
 
 /// The line of sight of a tracer reading.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -91,6 +41,17 @@ impl Ray {
     }
 }
 
+/// A tracer reading as effects on the range see it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sight<'a> {
+    /// Name of the station.
+    pub station: &'a str,
+    /// Name of the line (run of points measured in one go).
+    pub line: &'a str,
+    /// Line of sight.
+    pub ray: Ray,
+}
+
 /// Name, unit and sane size of one parameter.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ParameterSpec {
@@ -102,116 +63,84 @@ pub struct ParameterSpec {
     pub plausible: f64,
 }
 
+impl ParameterSpec {
+    /// A parameter of that name, SI unit and largest believable magnitude.
+    pub fn new(name: impl Into<String>, unit: &'static str, plausible: f64) -> ParameterSpec {
+        ParameterSpec { name: name.into(), unit, plausible }
+    }
+}
+
+/// What one parameter moves.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Acts {
+    /// One of the chain's errors (m or rad), with the lever that the chain gives it.
+    Error(ErrorId),
+    /// Tip or reflector along a machine axis (m).
+    Tip(Axis),
+}
+
+/// Takes parameter, what it moves, and by how much a unit of the parameter moves it (SI).
+pub type Motion<'a> = dyn FnMut(usize, Acts, f64) + 'a;
+
 /// An effect beyond geometry, linear in its parameters.
 pub trait Effect: Debug + Send + Sync {
     /// Name in model files and reports.
     fn name(&self) -> &'static str;
 
-    /// Covariates that a sample must carry.
-    fn covariates(&self) -> Vec<String>;
-
     /// The parameters, in the order of the columns.
     fn parameters(&self) -> Vec<ParameterSpec>;
 
-    /// Motion of tip or reflector per unit of each parameter (m per unit, machine frame).
-    fn tip_columns(&self, state: &State) -> Result<Vec<Vector3<f64>>, CovariateProblem>;
+    /// Covariates that a sample must carry to be corrected: those that [`Effect::motion`] reads.
+    fn covariates(&self) -> Vec<String> {
+        Vec::new()
+    }
 
-    /// Change of the measured range per unit of each parameter (m per unit) beyond what the tip's motion does.
-    fn range_columns(&self, _state: &State, _ray: &Ray) -> Result<Vec<f64>, CovariateProblem> {
-        Ok(vec![0.0; self.parameters().len()])
+    /// Covariates that a campaign must carry beyond those: those that [`Effect::range`] reads.
+    fn range_covariates(&self) -> Vec<String> {
+        Vec::new()
+    }
+
+    /// What a unit of each parameter does to chain and tip in this state.
+    fn motion(&self, _state: &State, _part: &mut Motion) -> Result<(), CovariateProblem> {
+        Ok(())
+    }
+
+    /// What a unit of each parameter adds to the range read (m per unit) beyond what the tip's motion does.
+    fn range(&self, _state: &State, _sight: &Sight, _part: &mut dyn FnMut(usize, f64)) -> Result<(), CovariateProblem> {
+        Ok(())
     }
 }
 
-/// Shape of an effect: named figures that it is not linear in, SI.
-pub type Shape = BTreeMap<String, f64>;
-
-/// An unknown effect or a shape that does not fit it.
-#[derive(Debug, Clone, PartialEq, Error)]
-pub enum EffectError {
-    /// No effect of that name.
-    #[error("unknown effect {name:?}; known are {known}")]
-    Unknown {
-        /// The name asked for.
-        name: String,
-        /// All names.
-        known: String,
-    },
-    /// The shape holds a key the effect does not have, or lacks one.
-    #[error("effect {effect}: shape key {key:?} {problem}")]
-    Shape {
-        /// Effect.
-        effect: &'static str,
-        /// Key.
-        key: String,
-        /// What is wrong.
-        problem: &'static str,
-    },
+/// Motion of tip or reflector per unit of each parameter (m per unit, machine frame), from the chain's partials by
+/// error in the order of [`ErrorId::index`].
+pub fn tip_columns(
+    effect: &dyn Effect,
+    state: &State,
+    by_error: &[Vector3<f64>; ErrorId::COUNT],
+) -> Result<Vec<Vector3<f64>>, CovariateProblem> {
+    let mut columns = vec![Vector3::zeros(); effect.parameters().len()];
+    effect.motion(state, &mut |parameter, acts, amount| {
+        columns[parameter] += match acts {
+            Acts::Error(id) => by_error[id.index()] * amount,
+            Acts::Tip(axis) => axis.direction() * amount,
+        };
+    })?;
+    Ok(columns)
 }
 
-type Constructor = fn(&Shape) -> Result<Box<dyn Effect>, EffectError>;
-
-/// Every effect: the one place where a new one is entered.
-pub const REGISTRY: &[(&str, Constructor)] =
-    &[(reversal::NAME, reversal::construct), (scale_expansion::NAME, scale_expansion::construct)];
-
-/// The effect of that name with that shape.
-pub fn construct(name: &str, shape: &Shape) -> Result<Box<dyn Effect>, EffectError> {
-    match REGISTRY.iter().find(|(known, _)| *known == name) {
-        Some((_, constructor)) => constructor(shape),
-        None => {
-            let known = REGISTRY.iter().map(|(known, _)| *known).collect::<Vec<_>>().join(", ");
-            Err(EffectError::Unknown { name: name.to_owned(), known })
-        }
-    }
-}
-
-/// Refuses a shape that an effect without shape was given.
-fn without_shape(effect: &'static str, shape: &Shape) -> Result<(), EffectError> {
-    match shape.keys().next() {
-        None => Ok(()),
-        Some(key) => {
-            Err(EffectError::Shape { effect, key: key.clone(), problem: "is not known; this effect has no shape" })
-        }
-    }
+/// Change of the measured range per unit of each parameter (m per unit): the tip's motion along the sight, and what
+/// acts on the range alone.
+pub fn range_columns(
+    effect: &dyn Effect,
+    state: &State,
+    sight: &Sight,
+    by_error: &[Vector3<f64>; ErrorId::COUNT],
+) -> Result<Vec<f64>, CovariateProblem> {
+    let tip = tip_columns(effect, state, by_error)?;
+    let mut columns: Vec<f64> = tip.iter().map(|column| column.dot(&sight.ray.direction)).collect();
+    effect.range(state, sight, &mut |parameter, amount| columns[parameter] += amount)?;
+    Ok(columns)
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    struct One(f64);
-    impl CovariateSource for One {
-        fn covariate(&self, _name: &str) -> CovariateValue {
-            CovariateValue::Fresh(self.0)
-        }
-    }
-
-    /// Laws that hold for every registered effect: a new file is covered by being entered in the registry.
-    #[test]
-    fn laws_of_every_effect() {
-        for (name, constructor) in REGISTRY {
-            let effect = constructor(&Shape::new()).unwrap();
-            assert_eq!(effect.name(), *name);
-            let source = One(1.0);
-            let state = State { reading_m: [0.3, 0.2, 0.1], offset_m: [0.0, 0.0, -0.06], covariates: &source };
-            let ray = Ray { direction: Vector3::x(), range_m: 0.5 };
-            let count = effect.parameters().len();
-            assert_eq!(effect.tip_columns(&state).unwrap().len(), count, "{name}: one column a parameter");
-            assert_eq!(effect.range_columns(&state, &ray).unwrap().len(), count, "{name}");
-            assert!(effect.parameters().iter().all(|p| p.plausible > 0.0 && !p.unit.is_empty()), "{name}");
-            let blind = State { covariates: &NoCovariates, ..state };
-            assert_eq!(
-                effect.tip_columns(&blind).is_err(),
-                !effect.covariates().is_empty(),
-                "{name}: needs its covariates"
-            );
-        }
-    }
-
-    #[test]
-    fn unknown_effects_and_shapes_are_refused_by_name() {
-        assert!(construct("scale_expansoin", &Shape::new()).unwrap_err().to_string().contains("scale_expansion"));
-        let shape = Shape::from([("period_m".to_owned(), 0.02)]);
-        assert!(construct(reversal::NAME, &shape).unwrap_err().to_string().contains("period_m"));
-    }
-}
+mod tests;

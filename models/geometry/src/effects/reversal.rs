@@ -1,62 +1,97 @@
-//! Reversal (backlash): the tip lags behind the reading by half the reversal value, against the approach.
+//! Reversal (backlash): the axis lags behind its reading by half the reversal value, against the approach.
 //!
-//! Place in the flow: one entry of the effect registry; inputs are the logged signs of approach (−1, 0, +1),
-//! output the tip's motion in the machine frame (m). Parameter: reversal value B as in ISO 230-2, positive when
-//! the mean position from above lies higher than from below. Typical 0.1-2 µm.
+//! Formula: e = −½·B(u)·sign(approach) along the axis, B(u) = Σ b_k P_k(2u − 1) with Legendre polynomials P_k of the
+//! share u of the stroke; degree 0 is the constant form. Inputs: reading (m), logged sign of approach (−1, 0, +1).
+//! B is the reversal value of ISO 230-2, positive when the mean position from above lies higher than from below.
+//! Typical 0.1–2 µm.
 
-use super::{CovariateProblem, Effect, EffectError, ParameterSpec, Shape, State, without_shape};
-use nalgebra::Vector3;
+use super::empirical::legendre;
+use super::known::{Known, Observed};
+use super::shape::{EffectError, Reader, Shape};
+use super::{Acts, CovariateProblem, Effect, Motion, ParameterSpec, State};
+use crate::axis::{Axis, ErrorId};
+use crate::machine::Machine;
 
-/// Name in model files.
-pub(super) const NAME: &str = "reversal";
-const COVARIATES: [&str; 3] = ["dir_x", "dir_y", "dir_z"];
+/// Entry in the registry.
+pub(super) const KNOWN: Known = Known {
+    name: "reversal",
+    title: "backlash",
+    formula: "e = -B(u) sign(approach) / 2 along the axis, B(u) = sum b_k P_k(2u - 1), u the share of the stroke",
+    typical: "0.1-2 um",
+    source: "ISO 230-2 (reversal value B)",
+    needs: "the sign of approach (dir_x, dir_y, dir_z) with approaches from both sides",
+    decided_by: "measure some lines along the axis in both directions",
+    construct,
+    propose,
+    refine: None,
+};
+const SIGNS: [&str; 3] = ["dir_x", "dir_y", "dir_z"];
+/// Constant, and as curved as play that follows a worn or sagging guideway.
+const DEGREES: [usize; 2] = [0, 4];
+/// Highest degree that makes sense on a stroke.
+const MAX_DEGREE: usize = 9;
 
 #[derive(Debug)]
-struct Reversal;
+struct Reversal {
+    axis: Axis,
+    stroke_m: (f64, f64),
+    degree: usize,
+}
 
-pub(super) fn construct(shape: &Shape) -> Result<Box<dyn Effect>, EffectError> {
-    without_shape(NAME, shape)?;
-    Ok(Box::new(Reversal))
+fn construct(shape: &Shape, machine: &Machine) -> Result<Box<dyn Effect>, EffectError> {
+    let mut reader = Reader::new(KNOWN.name, shape);
+    let axis = reader.axis("axis")?;
+    // Stored as the number of terms, so that the constant form is a whole number above zero like all counts.
+    let degree = reader.count("terms", MAX_DEGREE + 1)? - 1;
+    reader.finish()?;
+    Ok(Box::new(Reversal { axis, stroke_m: machine.stroke_m[axis.index()], degree }))
+}
+
+fn propose(observed: &Observed) -> Vec<Shape> {
+    let shape =
+        |axis: Axis, degree: usize| Shape::new().text("axis", axis.lower()).number("terms", degree as f64 + 1.0);
+    let logged = Axis::ALL.into_iter().filter(|axis| observed.varies(SIGNS[axis.index()]));
+    logged.flat_map(|axis| DEGREES.map(|degree| shape(axis, degree))).collect()
 }
 
 impl Effect for Reversal {
     fn name(&self) -> &'static str {
-        NAME
+        KNOWN.name
     }
 
     fn covariates(&self) -> Vec<String> {
-        COVARIATES.map(str::to_owned).to_vec()
+        vec![SIGNS[self.axis.index()].to_owned()]
     }
 
     fn parameters(&self) -> Vec<ParameterSpec> {
-        let spec = |axis| ParameterSpec { name: format!("b_{axis}"), unit: "m", plausible: 50e-6 };
-        ["x", "y", "z"].map(spec).to_vec()
+        (0..=self.degree).map(|k| ParameterSpec::new(format!("b_{k}"), "m", 50e-6)).collect()
     }
 
-    fn tip_columns(&self, state: &State) -> Result<Vec<Vector3<f64>>, CovariateProblem> {
-        let column = |k: usize| Ok(Vector3::ith(k, -0.5 * state.covariate(COVARIATES[k])?));
-        (0..3).map(column).collect()
+    fn motion(&self, state: &State, part: &mut Motion) -> Result<(), CovariateProblem> {
+        let sign = state.covariate(SIGNS[self.axis.index()])?;
+        let (lower_m, upper_m) = self.stroke_m;
+        let share = (state.reading_m[self.axis.index()] - lower_m) / (upper_m - lower_m);
+        let along = Acts::Error(ErrorId::linear(self.axis, self.axis));
+        for (k, value) in legendre(2.0 * share - 1.0, self.degree).into_iter().enumerate() {
+            part(k, along, -0.5 * sign * value);
+        }
+        Ok(())
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::tests::{One, machine, tip_m};
     use super::*;
-    use crate::effects::{CovariateSource, CovariateValue};
-
-    struct Approach(f64);
-    impl CovariateSource for Approach {
-        fn covariate(&self, _name: &str) -> CovariateValue {
-            CovariateValue::Fresh(self.0)
-        }
-    }
+    use nalgebra::Vector3;
 
     #[test]
     fn two_approaches_differ_by_the_reversal_value() {
+        let shape = Shape::new().text("axis", "y").number("terms", 1.0);
+        let effect = construct(&shape, &machine()).unwrap();
         let at = |sign: f64| {
-            let source = Approach(sign);
-            let state = State { reading_m: [0.5; 3], offset_m: [0.0; 3], covariates: &source };
-            Reversal.tip_columns(&state).unwrap()[1] * 1.2e-6
+            let state = State { reading_m: [0.5; 3], offset_m: [0.0; 3], covariates: &One(sign) };
+            tip_m(effect.as_ref(), &state, &[1.2e-6])
         };
         assert!((at(-1.0) - at(1.0) - Vector3::new(0.0, 1.2e-6, 0.0)).norm() < 1e-18);
         assert_eq!(at(0.0), Vector3::zeros());

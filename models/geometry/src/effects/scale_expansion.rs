@@ -1,66 +1,87 @@
-//! Thermal expansion of the scales: an axis at temperature T reads short by x·α·(T − 20 °C).
+//! Thermal expansion of a scale: an axis whose scale is warmer than 20 °C reads short.
 //!
-//! Place in the flow: one entry of the effect registry; inputs are the axis readings (m) and the logged scale
-//! temperatures (°C), output the tip's motion in the machine frame (m). Reference temperature: ISO 1. Typical α
-//! is 8-12 µm/(m·K) for steel and glass scales.
+//! Formula: e = α·(T − 20 °C)·(r − r₀) along the axis, r the reading and r₀ where the scale is fixed; the second
+//! parameter is −α·r₀. Inputs: reading (m), a logged temperature (°C). Reference temperature: ISO 1. Typical α is
+//! 8–12 µm/(m·K) for steel and glass scales (Schwenke 2008).
 
-use super::{CovariateProblem, Effect, EffectError, ParameterSpec, Shape, State, without_shape};
-use nalgebra::Vector3;
+use super::known::{Known, Observed};
+use super::shape::{EffectError, Reader, Shape};
+use super::{Acts, CovariateProblem, Effect, Motion, ParameterSpec, State};
+use crate::axis::{Axis, ErrorId};
+use crate::machine::Machine;
 
-/// Name in model files.
-pub(super) const NAME: &str = "scale_expansion";
+/// Entry in the registry.
+pub(super) const KNOWN: Known = Known {
+    name: "scale_expansion",
+    title: "thermal expansion of a scale",
+    formula: "e = alpha (T - 20 C) (r - r0) along the axis; shift = -alpha r0",
+    typical: "8-12 um/(m K)",
+    source: "ISO 1; Schwenke et al. 2008",
+    needs: "a temperature of the scale or of what it is fixed to (temp_scale_x_c ...) that changes in the campaign",
+    decided_by: "repeat some lines along the axis at another temperature, or measure a calibrated length along it",
+    construct,
+    propose,
+    refine: None,
+};
 /// ISO 1 reference temperature (°C).
 const REFERENCE_C: f64 = 20.0;
-const COVARIATES: [&str; 3] = ["temp_scale_x_c", "temp_scale_y_c", "temp_scale_z_c"];
 
 #[derive(Debug)]
-struct ScaleExpansion;
+struct ScaleExpansion {
+    axis: Axis,
+    sensor: String,
+}
 
-pub(super) fn construct(shape: &Shape) -> Result<Box<dyn Effect>, EffectError> {
-    without_shape(NAME, shape)?;
-    Ok(Box::new(ScaleExpansion))
+fn construct(shape: &Shape, _machine: &Machine) -> Result<Box<dyn Effect>, EffectError> {
+    let mut reader = Reader::new(KNOWN.name, shape);
+    let effect = ScaleExpansion { axis: reader.axis("axis")?, sensor: reader.text("sensor")?.to_owned() };
+    reader.finish()?;
+    Ok(Box::new(effect))
+}
+
+/// Every axis with every temperature: the scale's own sensor may not be the one that follows it best.
+fn propose(observed: &Observed) -> Vec<Shape> {
+    let shapes = |axis: Axis| {
+        let of = move |sensor: &str| Shape::new().text("axis", axis.lower()).text("sensor", sensor);
+        observed.named("temp_", "_c").map(of).collect::<Vec<_>>()
+    };
+    Axis::ALL.into_iter().flat_map(shapes).collect()
 }
 
 impl Effect for ScaleExpansion {
     fn name(&self) -> &'static str {
-        NAME
+        KNOWN.name
     }
 
     fn covariates(&self) -> Vec<String> {
-        COVARIATES.map(str::to_owned).to_vec()
+        vec![self.sensor.clone()]
     }
 
     fn parameters(&self) -> Vec<ParameterSpec> {
-        let spec = |axis| ParameterSpec { name: format!("alpha_{axis}"), unit: "1/K", plausible: 30e-6 };
-        ["x", "y", "z"].map(spec).to_vec()
+        vec![ParameterSpec::new("alpha", "1/K", 30e-6), ParameterSpec::new("shift", "m/K", 60e-6)]
     }
 
-    fn tip_columns(&self, state: &State) -> Result<Vec<Vector3<f64>>, CovariateProblem> {
-        let column = |k: usize| {
-            let above_reference_k = state.covariate(COVARIATES[k])? - REFERENCE_C;
-            Ok(Vector3::ith(k, state.reading_m[k] * above_reference_k))
-        };
-        (0..3).map(column).collect()
+    fn motion(&self, state: &State, part: &mut Motion) -> Result<(), CovariateProblem> {
+        let above_reference_k = state.covariate(&self.sensor)? - REFERENCE_C;
+        let along = Acts::Error(ErrorId::linear(self.axis, self.axis));
+        part(0, along, state.reading_m[self.axis.index()] * above_reference_k);
+        part(1, along, above_reference_k);
+        Ok(())
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::tests::{One, machine, tip_m};
     use super::*;
-    use crate::effects::{CovariateSource, CovariateValue};
-
-    struct Warm;
-    impl CovariateSource for Warm {
-        fn covariate(&self, name: &str) -> CovariateValue {
-            CovariateValue::Fresh(if name == "temp_scale_x_c" { 21.5 } else { 20.0 })
-        }
-    }
+    use nalgebra::Vector3;
 
     #[test]
     fn a_metre_of_steel_one_and_a_half_kelvin_warm_is_seventeen_micrometres_longer() {
-        let state = State { reading_m: [1.0, 1.0, 1.0], offset_m: [0.0; 3], covariates: &Warm };
-        let columns = ScaleExpansion.tip_columns(&state).unwrap();
-        let tip_m: Vector3<f64> = columns.iter().map(|c| c * 11.5e-6).sum();
+        let shape = Shape::new().text("axis", "x").text("sensor", "temp_scale_x_c");
+        let effect = construct(&shape, &machine()).unwrap();
+        let state = State { reading_m: [1.0, 1.0, 1.0], offset_m: [0.0; 3], covariates: &One(21.5) };
+        let tip_m = tip_m(effect.as_ref(), &state, &[11.5e-6, 0.0]);
         assert!((tip_m - Vector3::new(17.25e-6, 0.0, 0.0)).norm() < 1e-15);
     }
 }

@@ -22,10 +22,12 @@ pub(crate) fn model(seed: u64) -> ModelFile {
         (0..count).map(|_| scale * rng.random_range(-1.0..1.0) * 10f64.powi(rng.random_range(-6..3))).collect()
     };
     let coefficients = numbers(Layout::new(&machine).unwrap().len(), 1e-5);
-    let effects = [("reversal", 3), ("scale_expansion", 3)].map(|(name, count)| {
-        let effect = abbe_geometry::effects::construct(name, &Shape::new()).unwrap();
-        assert_eq!(effect.parameters().len(), count, "{name}");
-        MachineModel::fitted_effect(name, Shape::new(), numbers(count, 1e-6)).unwrap()
+    let axis = Shape::new().text("axis", "y");
+    let shapes =
+        [("reversal", axis.clone().number("terms", 3.0)), ("scale_expansion", axis.text("sensor", "temp_y_c"))];
+    let effects = shapes.map(|(name, shape)| {
+        let count = abbe_geometry::effects::construct(name, &shape, &machine).unwrap().parameters().len();
+        MachineModel::fitted_effect(name, shape, &machine, numbers(count, 1e-6)).unwrap()
     });
     let position = numbers(3, 1.0);
     let stations = vec![Station {
@@ -33,10 +35,14 @@ pub(crate) fn model(seed: u64) -> ModelFile {
         position_m: Vector3::new(position[0], position[1], position[2]),
         dead_path_m: numbers(1, 1.0)[0],
     }];
-    let total = coefficients.len() + 6 + 4;
+    let total = coefficients.len() + 5 + 4;
     let parts = ModelParts {
         covariance: numbers(total * (total + 1) / 2, 1e-12),
-        identified: IdentifiedVolume { reading_m: [(0.0, 0.8); 3], offset_m: [(-0.1, 0.1); 3] },
+        identified: IdentifiedVolume {
+            reading_m: [(0.0, 0.8); 3],
+            offset_m: [(-0.1, 0.1); 3],
+            covariates: [("temp_y_c".to_owned(), (19.8, 20.0 + 1.0 / 3.0))].into(),
+        },
         quality: FitQuality { readings: 2817, rejected: 3, chi2_per_dof: 1.0 / 3.0, residual_rms_m: 0.1e-6 },
         machine,
         coefficients,

@@ -1,0 +1,168 @@
+//! Bow of a guideway under a temperature gradient: warm on top it arches, and its carriage pitches along the arc.
+//!
+//! Formula, with ΔT = warm − cold (K), reading r on the stroke r₀ … r₁, middle m: the guideway runs at height
+//! h(r) = ΔT·(−½κ(r − r₀)(r − r₁) + pitch·(r − m) + heave), the carriage turns by its slope h′(r). Curvature κ moves
+//! what the gradient bends; pitch and heave say about which points it bends, as no frame says so. Inputs: reading (m),
+//! two logged temperatures (°C). κ is about α/height of the guideway (1e-5/(m·K) at one metre), so 1–5 µm/K.
+//! Of a workpiece-side axis the table follows the guideway: the tool sinks relative to it where the guideway rises.
+
+use super::known::{Known, Observed};
+use super::shape::{EffectError, Reader, Shape};
+use super::{Acts, CovariateProblem, Effect, Motion, ParameterSpec, State};
+use crate::axis::{Axis, ErrorId};
+use crate::machine::{Machine, Side};
+
+/// Entry in the registry.
+pub(super) const KNOWN: Known = Known {
+    name: "gradient_bow",
+    title: "bow under a temperature gradient",
+    formula: "h = dT (-kappa (r - r0)(r - r1) / 2 + pitch (r - m) + heave) across the axis, with its slope as angle",
+    typical: "1-5 um/K",
+    source: "bending of a beam under a linear gradient, kappa = alpha dT / height; Schwenke et al. 2008",
+    needs: "two temperatures that span the gradient (temp_bridge_top_c and temp_bridge_bottom_c, or air and granite)",
+    decided_by: "repeat lines along the axis, with a vertical part of the sight, at another temperature difference",
+    construct,
+    propose,
+    refine: None,
+};
+
+#[derive(Debug)]
+struct GradientBow {
+    along: ErrorId,
+    turn: ErrorId,
+    axis: Axis,
+    stroke_m: (f64, f64),
+    /// Motion of the tip per rise of the guideway: −1 where the table follows it.
+    rise: f64,
+    /// Angle of the carriage per slope of the guideway: a climb along x turns about −y, along y about +x.
+    turn_sign: f64,
+    warm: String,
+    cold: String,
+}
+
+fn construct(shape: &Shape, machine: &Machine) -> Result<Box<dyn Effect>, EffectError> {
+    let mut reader = Reader::new(KNOWN.name, shape);
+    let axis = reader.axis("axis")?;
+    let (about, turn_sign) = match axis {
+        Axis::X => (Axis::Y, -1.0),
+        Axis::Y => (Axis::X, 1.0),
+        Axis::Z => return Err(reader.wrong("axis", "must be x or y: a vertical guideway does not arch upwards")),
+    };
+    let (warm, cold) = (reader.text("warm")?.to_owned(), reader.text("cold")?.to_owned());
+    if warm == cold {
+        return Err(reader.wrong("cold", "must name another sensor than warm"));
+    }
+    reader.finish()?;
+    let on_table = machine.joints.iter().any(|joint| joint.axis == axis && joint.side == Side::Workpiece);
+    Ok(Box::new(GradientBow {
+        along: ErrorId::linear(Axis::Z, axis),
+        turn: ErrorId::angular(about, axis),
+        axis,
+        stroke_m: machine.stroke_m[axis.index()],
+        rise: if on_table { -1.0 } else { 1.0 },
+        turn_sign,
+        warm,
+        cold,
+    }))
+}
+
+/// Both level axes with every pair of sensors on top and bottom of something, and with air above granite.
+fn propose(observed: &Observed) -> Vec<Shape> {
+    let (begin, top, bottom) = ("temp_", "_top_c", "_bottom_c");
+    let partner = |warm: &str| {
+        let cold = format!("{}{bottom}", warm.strip_suffix(top)?);
+        observed.varies(&cold).then(|| (warm.to_owned(), cold))
+    };
+    let mut pairs: Vec<(String, String)> = observed.named(begin, top).filter_map(partner).collect();
+    if observed.varies("temp_air_c") && observed.varies("temp_granite_c") {
+        pairs.push(("temp_air_c".to_owned(), "temp_granite_c".to_owned()));
+    }
+    let shape = |axis: Axis, (warm, cold): &(String, String)| {
+        Shape::new().text("axis", axis.lower()).text("warm", warm.as_str()).text("cold", cold.as_str())
+    };
+    [Axis::X, Axis::Y].into_iter().flat_map(|axis| pairs.iter().map(move |pair| shape(axis, pair))).collect()
+}
+
+impl Effect for GradientBow {
+    fn name(&self) -> &'static str {
+        KNOWN.name
+    }
+
+    fn covariates(&self) -> Vec<String> {
+        vec![self.warm.clone(), self.cold.clone()]
+    }
+
+    fn parameters(&self) -> Vec<ParameterSpec> {
+        vec![
+            ParameterSpec::new("curvature", "1/(m K)", 200e-6),
+            ParameterSpec::new("pitch", "rad/K", 100e-6),
+            ParameterSpec::new("heave", "m/K", 50e-6),
+        ]
+    }
+
+    fn motion(&self, state: &State, part: &mut Motion) -> Result<(), CovariateProblem> {
+        let difference_k = state.covariate(&self.warm)? - state.covariate(&self.cold)?;
+        let (lower_m, upper_m) = self.stroke_m;
+        let r_m = state.reading_m[self.axis.index()];
+        let from_middle_m = r_m - 0.5 * (lower_m + upper_m);
+        let arch = -0.5 * (r_m - lower_m) * (r_m - upper_m);
+        for (k, (height, slope)) in [(arch, -from_middle_m), (from_middle_m, 1.0), (1.0, 0.0)].into_iter().enumerate() {
+            part(k, Acts::Error(self.along), difference_k * self.rise * height);
+            part(k, Acts::Error(self.turn), difference_k * self.turn_sign * slope);
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::{Each, machine};
+    use super::*;
+
+    fn motions(axis: &str, machine: &Machine, reading_m: [f64; 3]) -> Vec<(usize, Acts, f64)> {
+        let shape = Shape::new().text("axis", axis).text("warm", "temp_top_c").text("cold", "temp_bottom_c");
+        let effect = construct(&shape, machine).unwrap();
+        let source = Each(&[("temp_top_c", 20.5), ("temp_bottom_c", 20.0)]);
+        let mut found = Vec::new();
+        let state = State { reading_m, offset_m: [0.0; 3], covariates: &source };
+        effect.motion(&state, &mut |k, acts, amount| found.push((k, acts, amount))).unwrap();
+        found
+    }
+
+    fn amount(found: &[(usize, Acts, f64)], parameter: usize, error: &str) -> f64 {
+        let acts = Acts::Error(ErrorId::from_name(error).unwrap());
+        found.iter().find(|(k, a, _)| *k == parameter && *a == acts).unwrap().2
+    }
+
+    /// κL²/8: 10 µm/(m·K) on 0.8 m at half a kelvin arch by 0.4 µm; the ends stay and lie κΔT·L apart in angle.
+    #[test]
+    fn it_arches_by_an_eighth_of_curvature_times_length_squared() {
+        let kappa = 10e-6;
+        let at = |x_m: f64| motions("x", &machine(), [x_m, 0.1, 0.1]);
+        assert!((amount(&at(0.4), 0, "EZX") * kappa - 0.4e-6).abs() < 1e-18);
+        assert_eq!((amount(&at(0.0), 0, "EZX"), amount(&at(0.8), 0, "EZX")), (0.0, 0.0));
+        let turned = amount(&at(0.8), 0, "EBX") - amount(&at(0.0), 0, "EBX");
+        assert!((turned * kappa - 4e-6).abs() < 1e-18, "climbing along x is a negative turn about y");
+    }
+
+    #[test]
+    fn the_carriage_turns_by_the_slope_of_its_guideway() {
+        for (axis, height, turn, sign) in [("x", "EZX", "EBX", -1.0), ("y", "EZY", "EAY", 1.0)] {
+            for parameter in 0..3 {
+                let at = |r_m: f64| motions(axis, &machine(), [r_m, r_m, 0.1]);
+                let slope = amount(&at(0.501), parameter, height) - amount(&at(0.499), parameter, height);
+                let angle = amount(&at(0.5), parameter, turn);
+                assert!((sign * slope / 0.002 - angle).abs() < 1e-12, "{axis} {parameter}");
+            }
+        }
+    }
+
+    #[test]
+    fn over_a_table_that_climbs_the_tool_sinks() {
+        let mut table = machine();
+        table.joints[0].side = Side::Workpiece;
+        let [tool, table] = [machine(), table].map(|machine| motions("x", &machine, [0.3, 0.1, 0.1]));
+        assert_eq!(amount(&tool, 0, "EZX"), -amount(&table, 0, "EZX"));
+        assert_eq!(amount(&tool, 0, "EBX"), amount(&table, 0, "EBX"));
+    }
+}

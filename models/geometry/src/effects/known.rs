@@ -1,0 +1,87 @@
+//! The registry of effects: what each is, when it can be tested, and which shapes are worth testing.
+//!
+//! Place in the flow: diagnosis goes through [`REGISTRY`]; model files are read through [`construct`].
+
+use super::shape::{EffectError, Shape};
+use super::{Effect, empirical, periodic_scale, reversal, scale_expansion};
+use crate::machine::Machine;
+
+/// What a campaign offers to an effect.
+#[derive(Debug, Clone, Copy)]
+pub struct Observed<'a> {
+    /// The machine.
+    pub machine: &'a Machine,
+    /// Covariates that are logged for every reading and vary, `time_s` among them.
+    pub varying: &'a [String],
+    /// Station names.
+    pub stations: &'a [String],
+    /// The reflector offsets used (m, ram frame).
+    pub offsets_m: &'a [[f64; 3]],
+    /// First and last time (s since the campaign began).
+    pub time_s: (f64, f64),
+}
+
+impl Observed<'_> {
+    /// Whether a covariate is logged and varies.
+    pub fn varies(&self, name: &str) -> bool {
+        self.varying.iter().any(|known| known == name)
+    }
+
+    /// Varying covariates whose name begins and ends so.
+    pub fn named<'b>(&'b self, prefix: &'b str, suffix: &'b str) -> impl Iterator<Item = &'b str> {
+        self.varying.iter().map(String::as_str).filter(move |n| n.starts_with(prefix) && n.ends_with(suffix))
+    }
+}
+
+/// A figure of the shape that diagnosis may refine between the shapes proposed.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Refine {
+    /// Key of the figure.
+    pub key: &'static str,
+    /// Ratio between neighbouring shapes that [`Known::propose`] gives: how far refinement may go either way.
+    pub ratio: f64,
+}
+
+/// One registered effect.
+#[derive(Debug, Clone, Copy)]
+pub struct Known {
+    /// Name in model files.
+    pub name: &'static str,
+    /// Name for readers.
+    pub title: &'static str,
+    /// Formula in the parameters and covariates.
+    pub formula: &'static str,
+    /// Typical size in the literature.
+    pub typical: &'static str,
+    /// Where formula and size come from.
+    pub source: &'static str,
+    /// Sensors or moves without which it cannot be tested.
+    pub needs: &'static str,
+    /// Measurement that tells it from what looks alike.
+    pub decided_by: &'static str,
+    /// Makes it from its shape.
+    pub construct: fn(&Shape, &Machine) -> Result<Box<dyn Effect>, EffectError>,
+    /// Shapes worth testing on a campaign; none where it lacks what the effect needs.
+    pub propose: fn(&Observed) -> Vec<Shape>,
+    /// Figure to refine.
+    pub refine: Option<Refine>,
+}
+
+/// Every effect: the one place where a new one is entered.
+pub const REGISTRY: &[Known] = &[empirical::KNOWN, periodic_scale::KNOWN, reversal::KNOWN, scale_expansion::KNOWN];
+
+/// The registered effect of that name.
+pub fn known(name: &str) -> Option<&'static Known> {
+    REGISTRY.iter().find(|entry| entry.name == name)
+}
+
+/// The effect of that name with that shape on that machine.
+pub fn construct(name: &str, shape: &Shape, machine: &Machine) -> Result<Box<dyn Effect>, EffectError> {
+    match known(name) {
+        Some(entry) => (entry.construct)(shape, machine),
+        None => {
+            let known = REGISTRY.iter().map(|entry| entry.name).collect::<Vec<_>>().join(", ");
+            Err(EffectError::Unknown { name: name.to_owned(), known })
+        }
+    }
+}

@@ -1,0 +1,101 @@
+//! Warm-up: the head grows, and the tip creeps away, as the machine comes to temperature.
+//!
+//! Formula: tip = a·(1 − e^(−t/τ)) along x, y and z, t the time since the campaign began (s), τ the time constant (s).
+//! Several time constants are several effects of this name. Input: `time_s`. Typical 1–10 µm within minutes to hours
+//! (ISO 230-3, drift tests; Schwenke 2008).
+
+use super::known::{Known, Observed, Refine};
+use super::shape::{EffectError, Reader, Shape};
+use super::{Acts, CovariateProblem, Effect, Motion, ParameterSpec, State};
+use crate::axis::Axis;
+use crate::machine::Machine;
+
+/// Entry in the registry.
+pub(super) const KNOWN: Known = Known {
+    name: "warm_up",
+    title: "warm-up growth of the head",
+    formula: "tip = a (1 - exp(-t / tau)) along x, y and z, t the time since the campaign began",
+    typical: "1-10 um",
+    source: "ISO 230-3 (thermal drift tests); Schwenke et al. 2008",
+    needs: "time_s, and positions that do not follow the time",
+    decided_by: "return to the same few points throughout the campaign, or start once more from cold",
+    construct,
+    propose,
+    refine: Some(Refine { key: "tau_s", ratio: RATIO }),
+};
+/// Ratio of neighbouring time constants: their curves still overlap enough for refinement to find what lies between.
+const RATIO: f64 = 2.1;
+/// Time constants tested, from the whole campaign down to a fortieth of it.
+const TESTED: i32 = 6;
+
+#[derive(Debug)]
+struct WarmUp {
+    tau_s: f64,
+}
+
+fn construct(shape: &Shape, _machine: &Machine) -> Result<Box<dyn Effect>, EffectError> {
+    let mut reader = Reader::new(KNOWN.name, shape);
+    let effect = WarmUp { tau_s: reader.positive("tau_s")? };
+    reader.finish()?;
+    Ok(Box::new(effect))
+}
+
+fn propose(observed: &Observed) -> Vec<Shape> {
+    let duration_s = observed.time_s.1 - observed.time_s.0;
+    if !observed.varies("time_s") || duration_s.is_nan() || duration_s <= 0.0 {
+        return Vec::new();
+    }
+    (0..TESTED).map(|k| Shape::new().number("tau_s", duration_s / RATIO.powi(k))).collect()
+}
+
+impl Effect for WarmUp {
+    fn name(&self) -> &'static str {
+        KNOWN.name
+    }
+
+    fn covariates(&self) -> Vec<String> {
+        vec!["time_s".to_owned()]
+    }
+
+    fn parameters(&self) -> Vec<ParameterSpec> {
+        Axis::ALL.map(|axis| ParameterSpec::new(format!("growth_{}", axis.lower()), "m", 100e-6)).to_vec()
+    }
+
+    fn motion(&self, state: &State, part: &mut Motion) -> Result<(), CovariateProblem> {
+        // −expm1 keeps the digits of the first seconds.
+        let grown = -(-state.covariate("time_s")? / self.tau_s).exp_m1();
+        Axis::ALL.into_iter().for_each(|axis| part(axis.index(), Acts::Tip(axis), grown));
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::{One, machine, tip_m};
+    use super::*;
+    use nalgebra::Vector3;
+
+    #[test]
+    fn two_thirds_of_the_growth_are_there_after_one_time_constant() {
+        let effect = construct(&Shape::new().number("tau_s", 1800.0), &machine()).unwrap();
+        let at = |time_s: f64| {
+            let state = State { reading_m: [0.3; 3], offset_m: [0.0; 3], covariates: &One(time_s) };
+            tip_m(effect.as_ref(), &state, &[1e-6, 0.0, -5e-6])
+        };
+        assert_eq!(at(0.0), Vector3::zeros());
+        assert!((at(1800.0) - Vector3::new(0.632_120_558_8e-6, 0.0, -3.160_602_794e-6)).norm() < 1e-15);
+        assert!((at(1e6) - Vector3::new(1e-6, 0.0, -5e-6)).norm() < 1e-18);
+    }
+
+    #[test]
+    fn time_constants_cover_the_campaign_in_steps_of_the_ratio_that_refinement_may_go() {
+        let (machine, varying) = (machine(), ["time_s".to_owned()]);
+        let observed =
+            Observed { machine: &machine, varying: &varying, stations: &[], offsets_m: &[], time_s: (0.0, 7200.0) };
+        let shapes = propose(&observed);
+        assert_eq!(shapes[0], Shape::new().number("tau_s", 7200.0));
+        assert_eq!(shapes[1], Shape::new().number("tau_s", 7200.0 / 2.1));
+        assert_eq!(shapes.len(), 6);
+        assert!(propose(&Observed { varying: &[], ..observed }).is_empty(), "no time, no warm-up");
+    }
+}

@@ -1,0 +1,139 @@
+//! A settled fit as a linear problem: whitened rows of its Jacobian, residuals, and columns of effects not in it.
+//!
+//! Place in the flow: diagnosis asks here what the model already has (the Jacobian's columns) and what a candidate
+//! effect would add. Each row is divided by the reading's standard uncertainty and multiplied by the root of its robust
+//! weight; rejected readings are rows of zeros, so that rows and readings keep the same numbers. Range partials in
+//! m per unit before whitening.
+
+use crate::design::{Estimate, Row, Setup};
+use crate::error::IdentifyError;
+use crate::linear::Factor;
+use crate::solve::Identified;
+use crate::term::{CampaignRow, EffectTerm};
+use abbe_geometry::Vector3;
+use abbe_geometry::effects::{CovariateProblem, Effect, Ray};
+use abbe_measurement::campaign::Campaign;
+use abbe_measurement::instrument::RangeUncertainty;
+use faer::Mat;
+
+/// Whitened rows of a settled fit.
+#[derive(Debug)]
+pub struct Rows<'a> {
+    campaign: &'a Campaign,
+    /// Readings × free parameters, whitened.
+    pub jacobian: Mat<f64>,
+    /// Residuals (measured minus predicted), whitened.
+    pub residuals: Vec<f64>,
+    /// (JᵀJ + prior)⁻¹ of the fit: the posterior covariance for unit noise.
+    pub covariance: Mat<f64>,
+    /// What each column is: its place among all parameters (geometry, effects, stations).
+    pub parameters: Vec<usize>,
+    /// 1/u times the root of the robust weight, of each reading (1/m).
+    pub whitening: Vec<f64>,
+    /// Line of sight of each reading.
+    pub rays: Vec<Ray>,
+    /// Partials of the point by error of each reading.
+    partials: Vec<[Vector3<f64>; 18]>,
+}
+
+impl<'a> Rows<'a> {
+    /// Rows of a fit of this campaign.
+    ///
+    /// # Errors
+    /// [`IdentifyError::Singular`] where the fit's covariance cannot be inverted.
+    pub fn new(
+        fit: &Identified,
+        instrument: RangeUncertainty,
+        campaign: &'a Campaign,
+    ) -> Result<Rows<'a>, IdentifyError> {
+        let model = &fit.model;
+        let parts = model.parts();
+        let terms: Vec<EffectTerm> = parts.effects.iter().map(EffectTerm::of).collect();
+        let setup = Setup { machine: &parts.machine, layout: model.layout(), instrument, terms: &terms };
+        let parameters = all_parameters(fit);
+        let estimate = Estimate { setup, campaign, parameters: &parameters };
+        let free: Vec<usize> = (0..parameters.len()).filter(|k| model.covariance(*k, *k) > 0.0).collect();
+        let scale = fit.evidence.chi2_per_dof.max(1.0);
+        let covariance = Mat::from_fn(free.len(), free.len(), |i, j| model.covariance(free[i], free[j]) / scale);
+        let count = campaign.readings.len();
+        let mut rows = Rows {
+            campaign,
+            jacobian: Mat::zeros(count, free.len()),
+            residuals: vec![0.0; count],
+            covariance,
+            parameters: free,
+            whitening: fit.u_m.iter().zip(&fit.weights).map(|(u_m, weight)| weight.sqrt() / u_m).collect(),
+            rays: Vec::with_capacity(count),
+            partials: Vec::with_capacity(count),
+        };
+        rows.fill(&estimate);
+        Ok(rows)
+    }
+
+    fn fill(&mut self, estimate: &Estimate) {
+        let mut place = vec![None; estimate.parameters.len()];
+        self.parameters.iter().enumerate().for_each(|(k, index)| place[*index] = Some(k));
+        let setup = &estimate.setup;
+        let mut row = Row::new();
+        for (k, reading) in self.campaign.readings.iter().enumerate() {
+            estimate.row(k, &mut row);
+            let whitening = self.whitening[k];
+            self.residuals[k] = row.residual_m * whitening;
+            for (first, values) in row.segments() {
+                for (offset, value) in values.iter().enumerate() {
+                    if let Some(column) = place[first + offset] {
+                        self.jacobian[(k, column)] = value * whitening;
+                    }
+                }
+            }
+            self.rays.push(row.ray);
+            let point = setup.layout.point(setup.machine, estimate.parameters, reading.reading_m, reading.offset_m);
+            self.partials.push(point.chain.by_error);
+        }
+    }
+
+    /// Number of readings.
+    pub fn len(&self) -> usize {
+        self.residuals.len()
+    }
+
+    /// Whether there is no reading.
+    pub fn is_empty(&self) -> bool {
+        self.residuals.is_empty()
+    }
+
+    /// Whitened columns of an effect, one a parameter.
+    ///
+    /// # Errors
+    /// A covariate that some reading lacks.
+    pub fn columns(&self, effect: &dyn Effect) -> Result<Mat<f64>, CovariateProblem> {
+        let count = effect.parameters().len();
+        let mut columns = Mat::zeros(self.len(), count);
+        for k in (0..self.len()).filter(|k| self.whitening[*k] > 0.0) {
+            let row = CampaignRow { campaign: self.campaign, reading: k };
+            let partials = row.columns(effect, self.rays[k], &self.partials[k])?;
+            partials.into_iter().enumerate().for_each(|(j, value)| columns[(k, j)] = value * self.whitening[k]);
+        }
+        Ok(columns)
+    }
+
+    /// Precision of the prior that the fit put on its parameters: (J'J + prior) − J'J, in units of the noise.
+    ///
+    /// # Errors
+    /// [`IdentifyError::Singular`] where the covariance cannot be inverted.
+    pub fn prior(&self) -> Result<Mat<f64>, IdentifyError> {
+        let precision = Factor::new(&self.covariance).map_err(|_| IdentifyError::Singular)?.inverse();
+        Ok(precision - self.jacobian.transpose() * &self.jacobian)
+    }
+}
+
+/// Geometry, effects, then x, y, z, dead path of each station.
+fn all_parameters(fit: &Identified) -> Vec<f64> {
+    let parts = fit.model.parts();
+    let effects = parts.effects.iter().flat_map(|fitted| &fitted.parameters);
+    let mut parameters: Vec<f64> = parts.coefficients.iter().chain(effects).copied().collect();
+    for station in &parts.stations {
+        parameters.extend(station.position_m.iter().chain([&station.dead_path_m]));
+    }
+    parameters
+}

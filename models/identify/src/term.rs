@@ -1,0 +1,113 @@
+//! Effects to be fitted beside the geometry, and the covariates of a campaign's readings.
+//!
+//! Place in the flow: diagnosis hands [`EffectTerm`]s to [`crate::identify_with`]; the model that comes out holds them
+//! with their parameters. Covariates in the unit of their names.
+
+use crate::error::IdentifyError;
+use abbe_geometry::Vector3;
+use abbe_geometry::effects::Ray;
+use abbe_geometry::effects::{
+    CovariateProblem, CovariateSource, CovariateValue, Effect, EffectError, Shape, Sight, State, construct,
+    range_columns,
+};
+use abbe_geometry::machine::Machine;
+use abbe_geometry::model::FittedEffect;
+use abbe_measurement::campaign::Campaign;
+use std::sync::Arc;
+
+/// Name under which effects ask for the time of a reading (s since the campaign began).
+pub const TIME: &str = "time_s";
+
+/// An effect whose parameters are to be fitted.
+#[derive(Debug, Clone)]
+pub struct EffectTerm {
+    /// The effect.
+    pub effect: Arc<dyn Effect>,
+    /// Its shape.
+    pub shape: Shape,
+}
+
+impl EffectTerm {
+    /// A registered effect with that shape.
+    ///
+    /// # Errors
+    /// An unknown name, or a shape that does not fit it.
+    pub fn new(name: &str, shape: Shape, machine: &Machine) -> Result<EffectTerm, EffectError> {
+        Ok(EffectTerm { effect: construct(name, &shape, machine)?.into(), shape })
+    }
+
+    /// The term of a fitted effect.
+    pub fn of(fitted: &FittedEffect) -> EffectTerm {
+        EffectTerm { effect: Arc::clone(&fitted.effect), shape: fitted.shape.clone() }
+    }
+
+    /// Number of its parameters.
+    pub fn len(&self) -> usize {
+        self.effect.parameters().len()
+    }
+
+    /// Whether it has no parameter.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+}
+
+/// Covariates of one reading of a campaign, its time among them.
+#[derive(Debug, Clone, Copy)]
+pub struct CampaignRow<'a> {
+    /// The campaign.
+    pub campaign: &'a Campaign,
+    /// Index of the reading.
+    pub reading: usize,
+}
+
+impl CovariateSource for CampaignRow<'_> {
+    fn covariate(&self, name: &str) -> CovariateValue {
+        if name == TIME {
+            return CovariateValue::Fresh(self.campaign.readings[self.reading].time_s);
+        }
+        let logged =
+            self.campaign.covariate(name).and_then(|column| column.values.get(self.reading).copied().flatten());
+        logged.map_or(CovariateValue::Missing, CovariateValue::Fresh)
+    }
+}
+
+impl CampaignRow<'_> {
+    /// Partials of the length read by the parameters of an effect (m per unit), given the line of sight and the
+    /// chain's partials by error.
+    ///
+    /// # Errors
+    /// A covariate that this reading lacks.
+    pub fn columns(
+        &self,
+        effect: &dyn Effect,
+        ray: Ray,
+        by_error: &[Vector3<f64>; 18],
+    ) -> Result<Vec<f64>, CovariateProblem> {
+        let reading = &self.campaign.readings[self.reading];
+        let state = State { reading_m: reading.reading_m, offset_m: reading.offset_m, covariates: self };
+        let station = &self.campaign.stations[reading.station as usize];
+        let line = &self.campaign.lines[reading.line as usize];
+        range_columns(effect, &state, &Sight { station, line, ray }, by_error)
+    }
+}
+
+/// Refuses terms whose covariates some reading lacks.
+pub(crate) fn check(terms: &[EffectTerm], campaign: &Campaign) -> Result<(), IdentifyError> {
+    for term in terms {
+        let needed = term.effect.covariates().into_iter().chain(term.effect.range_covariates());
+        for name in needed {
+            for reading in 0..campaign.readings.len() {
+                let row = CampaignRow { campaign, reading };
+                match row.covariate(&name) {
+                    CovariateValue::Fresh(value) if value.is_finite() => {}
+                    _ => {
+                        let (effect, covariate) = (term.effect.name(), name);
+                        return Err(IdentifyError::NoCovariate { effect, covariate, reading: reading + 1 });
+                    }
+                }
+            }
+        }
+    }
+    Ok(())
+}
