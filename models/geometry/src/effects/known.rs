@@ -3,7 +3,11 @@
 //! Place in the flow: diagnosis goes through [`REGISTRY`]; model files are read through [`construct`].
 
 use super::shape::{EffectError, Shape};
-use super::{Effect, empirical, periodic_scale, reversal, scale_expansion};
+use super::{
+    Effect, acceleration, carriage_sag, dead_path, empirical, gimbal, gradient_bow, outlying_run, periodic_scale,
+    reflector_incidence, reflector_offset, refraction, reversal, scale_expansion, speed_lag, station_drift, table_load,
+    warm_up,
+};
 use crate::machine::Machine;
 
 /// What a campaign offers to an effect.
@@ -42,6 +46,9 @@ pub struct Refine {
     pub ratio: f64,
 }
 
+/// Makes an effect from its shape.
+pub type Construct = fn(&Shape, &Machine) -> Result<Box<dyn Effect>, EffectError>;
+
 /// One registered effect.
 #[derive(Debug, Clone, Copy)]
 pub struct Known {
@@ -60,7 +67,7 @@ pub struct Known {
     /// Measurement that tells it from what looks alike.
     pub decided_by: &'static str,
     /// Makes it from its shape.
-    pub construct: fn(&Shape, &Machine) -> Result<Box<dyn Effect>, EffectError>,
+    pub construct: Construct,
     /// Shapes worth testing on a campaign; none where it lacks what the effect needs.
     pub propose: fn(&Observed) -> Vec<Shape>,
     /// Figure to refine.
@@ -68,7 +75,25 @@ pub struct Known {
 }
 
 /// Every effect: the one place where a new one is entered.
-pub const REGISTRY: &[Known] = &[empirical::KNOWN, periodic_scale::KNOWN, reversal::KNOWN, scale_expansion::KNOWN];
+pub const REGISTRY: &[Known] = &[
+    acceleration::KNOWN,
+    carriage_sag::KNOWN,
+    dead_path::KNOWN,
+    empirical::KNOWN,
+    gimbal::KNOWN,
+    gradient_bow::KNOWN,
+    outlying_run::KNOWN,
+    periodic_scale::KNOWN,
+    reflector_incidence::KNOWN,
+    reflector_offset::KNOWN,
+    refraction::KNOWN,
+    reversal::KNOWN,
+    scale_expansion::KNOWN,
+    speed_lag::KNOWN,
+    station_drift::KNOWN,
+    table_load::KNOWN,
+    warm_up::KNOWN,
+];
 
 /// The registered effect of that name.
 pub fn known(name: &str) -> Option<&'static Known> {

@@ -10,12 +10,25 @@ mod known;
 mod shape;
 mod source;
 
+mod acceleration;
+mod carriage_sag;
+mod dead_path;
 mod empirical;
+mod gimbal;
+mod gradient_bow;
+mod outlying_run;
 mod periodic_scale;
+mod reflector_incidence;
+mod reflector_offset;
+mod refraction;
 mod reversal;
 mod scale_expansion;
+mod speed_lag;
+mod station_drift;
+mod table_load;
+mod warm_up;
 
-pub use known::{Known, Observed, REGISTRY, Refine, construct, known};
+pub use known::{Construct, Known, Observed, REGISTRY, Refine, construct, known};
 pub use shape::{EffectError, Shape, ShapeValue};
 pub use source::{CovariateProblem, CovariateSource, CovariateValue, NoCovariates, State};
 

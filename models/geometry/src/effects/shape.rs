@@ -140,11 +140,6 @@ impl<'a> Reader<'a> {
         }
     }
 
-    /// A name that may be left out.
-    pub(super) fn optional_text(&mut self, key: &'static str) -> Result<Option<&'a str>, EffectError> {
-        if self.shape.0.contains_key(key) { self.text(key).map(Some) } else { Ok(None) }
-    }
-
     /// Names, at least one, none twice.
     pub(super) fn texts(&mut self, key: &'static str) -> Result<&'a [String], EffectError> {
         let values = match self.get(key)? {
@@ -158,7 +153,6 @@ impl<'a> Reader<'a> {
     }
 
     /// Finite figures, at least one.
-    #[allow(dead_code)]
     pub(super) fn numbers(&mut self, key: &'static str) -> Result<&'a [f64], EffectError> {
         match self.get(key)? {
             ShapeValue::Numbers(values) if !values.is_empty() && values.iter().all(|v| v.is_finite()) => Ok(values),

@@ -1,8 +1,8 @@
 //! Speed lag: an axis stops short of its target, the more so the faster it came.
 //!
 //! Formula: e = −lag·v·sign(approach) along the axis, v the feed of the last move (m/s). Inputs: `speed_mm_s` and the
-//! sign of approach (−1, 0, +1). Typical lag 10–100 µs, so 1–10 µm at 100 mm/s (ISO 230-4, following error). Unlike
-//! reversal it vanishes with the speed.
+//! sign of approach (−1, 0, +1). Typical lag 10–100 µs, so 1–10 µm at 100 mm/s: a scale
+//! read late, or a target reached short. Unlike reversal it vanishes with the speed.
 
 use super::known::{Known, Observed};
 use super::shape::{EffectError, Reader, Shape};
@@ -16,7 +16,7 @@ pub(super) const KNOWN: Known = Known {
     title: "lag with speed",
     formula: "e = -lag v sign(approach) along the axis, v the feed",
     typical: "10-100 us, so 1-10 um at 100 mm/s",
-    source: "ISO 230-4 (following error, delay of a control loop)",
+    source: "delay between scale and trigger, following error of a control loop",
     needs: "the feed (speed_mm_s) and the sign of approach (dir_x, dir_y, dir_z), at two feeds or more",
     decided_by: "measure some lines along the axis in both directions at a low and a high feed",
     construct,

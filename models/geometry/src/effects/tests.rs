@@ -54,6 +54,13 @@ pub(super) fn tip_m(effect: &dyn Effect, state: &State, parameters: &[f64]) -> V
     columns.iter().zip(parameters).map(|(column, value)| column * *value).sum()
 }
 
+/// What these parameters add to the range that a tracer reads off [`machine`] (m).
+pub(super) fn range_m(effect: &dyn Effect, state: &State, sight: &Sight, parameters: &[f64]) -> f64 {
+    let chain = chain_point(&machine(), state.reading_m, state.offset_m, &ErrorValues::ZERO);
+    let columns = range_columns(effect, state, sight, &chain.by_error).unwrap();
+    columns.iter().zip(parameters).map(|(column, value)| column * value).sum()
+}
+
 /// Everything logged, and shapes for those effects that a search proposes.
 fn shapes(entry: &Known, machine: &Machine) -> Vec<Shape> {
     let varying = [

@@ -1,0 +1,130 @@
+//! Sag under a travelling carriage: a joint rolls and gives way with the position of another axis too.
+//!
+//! Formula, with u the carrying axis and v the carriage, each −1 … 1 over its stroke, and Legendre polynomials P:
+//! roll about the carrying axis = Σ roll_ij P_i(v)·P_j(u), i ≥ 1, i + j ≤ 3; height of the carrying axis =
+//! Σ height_ij P_i(v)·P_j(u), i and j ≥ 1, j ≤ 2, i + j ≤ 4: one order more along the carriage, as a roll lifts by its
+//! lever. Inputs: readings (m). Typical 0.5–5 µm, some µrad.
+//! Left out is what a rigid-body machine has already: terms of u alone, and heights of v alone, which are the
+//! straightness of the carriage. A roll by v alone is the carriage's own angle where the two are neighbours in the
+//! chain, and no such angle where the third axis hangs between them.
+
+use super::empirical::legendre;
+use super::known::{Known, Observed};
+use super::shape::{EffectError, Reader, Shape};
+use super::{Acts, CovariateProblem, Effect, Motion, ParameterSpec, State};
+use crate::axis::{Axis, ErrorId};
+use crate::machine::Machine;
+
+/// Entry in the registry.
+pub(super) const KNOWN: Known = Known {
+    name: "carriage_sag",
+    title: "sag under a travelling carriage",
+    formula: "roll of u = sum roll_ij P_i(v) P_j(u), height of u = sum height_ij P_i(v) P_j(u), v the carriage",
+    typical: "0.5-5 um, some urad",
+    source: "Schwenke et al. 2008 (load-induced errors); beam on two supports under a moving load",
+    needs: "lines that vary both axes, with some lever below the carriage",
+    decided_by: "measure lines along the carriage at three positions of the axis that carries it, with two offsets",
+    construct,
+    propose,
+    refine: None,
+};
+/// Orders (along the carriage, along the carrying axis) of the roll.
+const ROLL: [(usize, usize); 6] = [(1, 0), (2, 0), (3, 0), (1, 1), (2, 1), (1, 2)];
+/// Orders of the height.
+const HEIGHT: [(usize, usize); 5] = [(1, 1), (2, 1), (3, 1), (1, 2), (2, 2)];
+/// Highest order of either.
+const ORDER: usize = 3;
+
+#[derive(Debug)]
+struct CarriageSag {
+    carrying: Axis,
+    carriage: Axis,
+    stroke_m: [(f64, f64); 3],
+}
+
+fn construct(shape: &Shape, machine: &Machine) -> Result<Box<dyn Effect>, EffectError> {
+    let mut reader = Reader::new(KNOWN.name, shape);
+    let (carrying, carriage) = (reader.axis("carrying")?, reader.axis("carriage")?);
+    if carrying == carriage {
+        return Err(reader.wrong("carriage", "must be another axis than the carrying one"));
+    }
+    reader.finish()?;
+    Ok(Box::new(CarriageSag { carrying, carriage, stroke_m: machine.stroke_m }))
+}
+
+/// All pairs in both orders: which way the load is passed on is not in the chain alone.
+fn propose(_observed: &Observed) -> Vec<Shape> {
+    let pairs = Axis::ALL.into_iter().flat_map(|u| Axis::ALL.into_iter().map(move |v| (u, v))).filter(|(u, v)| u != v);
+    pairs.map(|(u, v)| Shape::new().text("carrying", u.lower()).text("carriage", v.lower())).collect()
+}
+
+impl CarriageSag {
+    fn orders(&self, axis: Axis, state: &State) -> Vec<f64> {
+        let (lower_m, upper_m) = self.stroke_m[axis.index()];
+        legendre((2.0 * state.reading_m[axis.index()] - lower_m - upper_m) / (upper_m - lower_m), ORDER)
+    }
+}
+
+impl Effect for CarriageSag {
+    fn name(&self) -> &'static str {
+        KNOWN.name
+    }
+
+    fn parameters(&self) -> Vec<ParameterSpec> {
+        let roll = ROLL.map(|(i, j)| ParameterSpec::new(format!("roll_{i}_{j}"), "rad", 200e-6));
+        let height = HEIGHT.map(|(i, j)| ParameterSpec::new(format!("height_{i}_{j}"), "m", 100e-6));
+        roll.into_iter().chain(height).collect()
+    }
+
+    fn motion(&self, state: &State, part: &mut Motion) -> Result<(), CovariateProblem> {
+        let (u, v) = (self.orders(self.carrying, state), self.orders(self.carriage, state));
+        let roll = Acts::Error(ErrorId::angular(self.carrying, self.carrying));
+        let height = Acts::Error(ErrorId::linear(Axis::Z, self.carrying));
+        let terms = ROLL.map(|orders| (roll, orders)).into_iter().chain(HEIGHT.map(|orders| (height, orders)));
+        for (k, (acts, (i, j))) in terms.enumerate() {
+            part(k, acts, v[i] * u[j]);
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::{One, machine, tip_m};
+    use super::*;
+
+    fn tip_at(reading_m: [f64; 3], parameters: [f64; 11]) -> nalgebra::Vector3<f64> {
+        let shape = Shape::new().text("carrying", "x").text("carriage", "y");
+        let effect = construct(&shape, &machine()).unwrap();
+        let state = State { reading_m, offset_m: [0.0, 0.0, -0.5], covariates: &One(0.0) };
+        tip_m(effect.as_ref(), &state, &parameters)
+    }
+
+    /// A twist EAX = 8 µrad·(share of x)·(share of y) is 2 µrad·(1 + P1(u))(1 + P1(v)); what depends on both is here.
+    #[test]
+    fn a_twist_by_the_product_of_two_positions_moves_half_a_metre_of_lever_by_two_micrometres() {
+        let mut parameters = [0.0; 11];
+        (parameters[0], parameters[3]) = (2e-6, 2e-6);
+        let y_m = |x_m: f64, y_m: f64| tip_at([x_m, y_m, 0.0], parameters).y;
+        let mixed = y_m(0.8, 0.6) - y_m(0.8, 0.0) - y_m(0.0, 0.6) + y_m(0.0, 0.0);
+        assert!((mixed - 8e-6 * 0.5).abs() < 1e-17, "{mixed}");
+    }
+
+    /// A height without mixed terms would be a straightness: its double difference is zero, that of these is not.
+    #[test]
+    fn no_height_is_the_straightness_of_one_axis() {
+        for k in 6..11 {
+            let mut parameters = [0.0; 11];
+            parameters[k] = 1e-6;
+            let z_m = |x_m: f64, y_m: f64| tip_at([x_m, y_m, 0.1], parameters).z;
+            let mixed = z_m(0.7, 0.45) - z_m(0.7, 0.1) - z_m(0.3, 0.45) + z_m(0.3, 0.1);
+            assert!(mixed.abs() > 0.05e-6, "{k}");
+        }
+    }
+
+    #[test]
+    fn an_axis_does_not_carry_itself() {
+        let shape = Shape::new().text("carrying", "x").text("carriage", "x");
+        assert!(construct(&shape, &machine()).is_err());
+    }
+}
