@@ -5,6 +5,7 @@
 //! for live, replay and tests; [`node`] only wires it to transports. SI, machine frame.
 
 pub mod driver;
+pub mod feed;
 pub mod launch;
 pub mod node;
 pub mod record;

@@ -2,89 +2,28 @@
 
 #![allow(clippy::unwrap_used)] // helpers of a test
 
-use abbe_files::{MachineFile, read_machine};
+mod common;
+
 use abbe_geometry::correct::correct;
 use abbe_geometry::effects::{NoCovariates, State};
-use abbe_geometry::model::MachineModel;
-use abbe_graph::step::{GeometricStep, HealthState, MonitorSettings, MonitorStep, ResidualStep};
-use abbe_identify::{Options, identify};
-use abbe_measurement::campaign::Campaign;
+use abbe_graph::step::{GeometricStep, HealthState, MonitorStep, ResidualStep};
 use abbe_msgs::{
-    CorrectedCoordinates, CorrectionStatus, RangeResidual, ResidualStatus, ScaleReading, Sha256, Stamp, Text,
-    TracerReading,
+    CorrectedCoordinates, CorrectionStatus, RangeResidual, ResidualStatus, ScaleReading, Sha256, Text, TracerReading,
 };
-use abbe_virtual_machine::environment::EnvironmentConfig;
-use abbe_virtual_machine::instrument::InstrumentConfig;
-use abbe_virtual_machine::machine::Roughness;
-use abbe_virtual_machine::plan::presets::case_like;
-use abbe_virtual_machine::{SimulationConfig, TruthRecipe, simulate_campaign};
-use std::path::Path;
-use std::sync::{Arc, OnceLock};
+use common::{HASH, bench, monitor, other_bench};
 
-struct Bench {
-    machine: MachineFile,
-    campaign: Campaign,
-    model: Arc<MachineModel>,
-}
-
-const HASH: Sha256 = Sha256::from_bytes([3; 32]);
-
-/// One simulated machine with its model, shared by all tests.
-fn bench() -> &'static Bench {
-    static BENCH: OnceLock<Bench> = OnceLock::new();
-    BENCH.get_or_init(|| {
-        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../launch-config/machines/bridge_xyz.toml");
-        let machine = read_machine(&path).unwrap();
-        let recipe = TruthRecipe { seed: 5, roughness: Roughness::SMOOTH, volumetric_rms_m: 20e-6 };
-        let truth = recipe.bridge_xyz().unwrap();
-        let plan = case_like(truth.stroke_m, 5).build().unwrap();
-        let config = SimulationConfig {
-            seed: 5,
-            machine: truth,
-            plan,
-            instrument: InstrumentConfig::LASER_TRACER,
-            environment: EnvironmentConfig::workshop(),
-            effects: Vec::new(),
-        };
-        let campaign = simulate_campaign(&config).unwrap().campaign;
-        let found =
-            identify(&machine.machine, machine.instrument, &campaign, &Options::default(), &mut |_| true).unwrap();
-        Bench { machine, campaign, model: Arc::new(found.model) }
-    })
-}
+const OTHER_HASH: Sha256 = Sha256::from_bytes([4; 32]);
 
 fn geometric() -> GeometricStep {
     GeometricStep::new(Some((bench().model.clone(), HASH)), 10.0)
 }
 
 fn scale(row: usize) -> ScaleReading {
-    let reading = &bench().campaign.readings[row];
-    ScaleReading {
-        stamp: Stamp::from_seconds(reading.time_s).unwrap(),
-        sequence: row as u64,
-        reading_m: reading.reading_m,
-        offset_m: reading.offset_m,
-        frame_id: Text::new(&bench().machine.machine.frame_id).unwrap(),
-        ..ScaleReading::default()
-    }
+    bench().scale(row)
 }
 
 fn tracer(row: usize, error_m: f64) -> TracerReading {
-    let reading = &bench().campaign.readings[row];
-    TracerReading {
-        stamp: Stamp::from_seconds(reading.time_s).unwrap(),
-        sequence: row as u64,
-        length_m: reading.length_m + error_m,
-        u_length_m: bench().machine.instrument.standard_m(1.0),
-        frame_id: Text::new(&bench().machine.machine.frame_id).unwrap(),
-        station: Text::new(&bench().campaign.stations[reading.station as usize]).unwrap(),
-        line: Text::default(),
-    }
-}
-
-fn monitor() -> MonitorStep {
-    let settings = MonitorSettings { single_bound: 4.0, window: 200, match_within_s: 0.0005 };
-    MonitorStep::new(bench().model.clone(), HASH, settings)
+    bench().tracer(row, error_m)
 }
 
 /// Runs rows through correction and monitor; `error_m` is added to the lengths.
@@ -188,4 +127,65 @@ fn what_cannot_be_predicted_is_said_not_guessed() {
     assert_eq!(monitor.tracer(&tracer(1, 0.0)).unwrap().status, ResidualStatus::NotCorrected);
     assert_eq!(monitor.health().unpredicted, 2);
     assert_eq!(monitor.health().state, HealthState::Unknown);
+}
+
+/// The machine of the other bench, corrected by its own model.
+fn other_sample(row: usize) -> CorrectedCoordinates {
+    GeometricStep::new(Some((other_bench().model.clone(), OTHER_HASH)), 10.0).correct(&other_bench().scale(row))
+}
+
+#[test]
+fn each_sample_is_judged_by_the_model_that_it_names() {
+    let mut monitor = monitor();
+    run(&mut monitor, 0..250, |_| 0.0);
+    assert!(monitor.learn(other_bench().model.clone(), OTHER_HASH).is_empty());
+    assert_eq!(monitor.health().model_sha256, HASH, "known, but nothing is corrected by it yet");
+    // Two late readings of samples made by the first model.
+    let late = [geometric().correct(&scale(250)), geometric().correct(&scale(251))];
+    late.iter().for_each(|sample| assert!(monitor.corrected(sample).is_empty()));
+    for row in 400..650 {
+        monitor.corrected(&other_sample(row));
+        let residual = monitor.tracer(&other_bench().tracer(row, 0.0)).unwrap();
+        assert_eq!((residual.model_sha256, residual.status), (OTHER_HASH, ResidualStatus::Consistent), "{residual:?}");
+    }
+    let in_use = monitor.health();
+    assert_eq!((in_use.state, in_use.model_sha256), (HealthState::Consistent, OTHER_HASH));
+    for row in [250, 251] {
+        let residual = monitor.tracer(&tracer(row, 0.0)).unwrap();
+        assert_eq!((residual.model_sha256, residual.status), (HASH, ResidualStatus::Consistent), "{residual:?}");
+    }
+    assert_eq!(monitor.health(), in_use, "late samples of the model before say nothing about the one in use");
+}
+
+#[test]
+fn the_verdict_begins_anew_with_a_new_model() {
+    let mut monitor = monitor();
+    run(&mut monitor, 0..300, |_| 5e-6);
+    assert_eq!(monitor.health().state, HealthState::Degraded);
+    monitor.learn(other_bench().model.clone(), OTHER_HASH);
+    monitor.corrected(&other_sample(400));
+    let health = monitor.health();
+    assert_eq!((health.state, health.residuals, health.unsound_since), (HealthState::Unknown, 0, None));
+    let residual = monitor.tracer(&other_bench().tracer(400, 0.0)).unwrap();
+    assert_eq!(monitor.health().unsound_since, Some(residual.stamp), "not yet shown to be sound");
+}
+
+#[test]
+fn a_sample_waits_for_the_model_it_names_and_is_told_when_that_never_comes() {
+    let pair = |monitor: &mut MonitorStep, row: usize| {
+        monitor.corrected(&other_sample(row));
+        monitor.tracer(&other_bench().tracer(row, 0.0))
+    };
+    let mut early = monitor();
+    assert!((0..20).all(|row| pair(&mut early, row).is_none()));
+    assert_eq!(early.awaited_model(), Some(OTHER_HASH));
+    let residuals = early.learn(other_bench().model.clone(), OTHER_HASH);
+    assert_eq!(residuals.iter().map(|r| r.sequence).collect::<Vec<_>>(), (0..20).collect::<Vec<_>>());
+    assert!(residuals.iter().all(|r| r.status == ResidualStatus::Consistent));
+    assert_eq!((early.awaited_model(), early.health().residuals), (None, 20));
+    let mut never = monitor();
+    assert!((0..20).all(|row| pair(&mut never, row).is_none()));
+    let residuals = never.give_up();
+    assert!(residuals.iter().all(|r| r.status == ResidualStatus::NotCorrected && !r.residual_valid));
+    assert_eq!((residuals.len(), never.health().unpredicted, never.health().residuals), (20, 20, 0));
 }

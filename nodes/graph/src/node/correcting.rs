@@ -1,8 +1,10 @@
 //! The geometric and the residual node: one sample in, one sample out, on one thread.
 //!
 //! Place in the flow: the correcting path. Nothing here waits for a subscriber, for the network or for a file:
-//! transports hand samples on without waiting, and the standard message goes out on a thread of its own.
+//! transports hand samples on without waiting, the standard message goes out on a thread of its own, and a new model is
+//! read on another; the loop takes it between two samples, so that none is lost and none corrected by half of each.
 
+use super::model::ModelFeed;
 use super::{LOOK_UP, NodeContext, NodeError, NodeSummary, take};
 use crate::launch::NodeName;
 use crate::step::{GeometricStep, ResidualStep};
@@ -20,36 +22,85 @@ const KEPT_DURATIONS: usize = 65_536;
 /// How often a node reports its health.
 const REPORT_EVERY: Duration = Duration::from_secs(1);
 
+/// What a correcting node does with its samples.
+trait Stage<M> {
+    /// Puts into use what has become ready since; called between two samples, and must not wait.
+    fn refresh(&mut self) {}
+
+    /// One sample in, one out.
+    fn correct(&self, sample: &M) -> CorrectedCoordinates;
+
+    /// What goes out beside it.
+    fn beside(&self, _corrected: &CorrectedCoordinates) {}
+
+    /// What it has to say of itself on `/diagnostics`.
+    fn report(&self, _health: &Diagnostics) -> Result<(), NodeError> {
+        Ok(())
+    }
+
+    /// Its figures for the summary.
+    fn figures(&self, _summary: &mut NodeSummary) {}
+}
+
+struct Geometric {
+    step: GeometricStep,
+    models: ModelFeed,
+}
+
+impl Stage<ScaleReading> for Geometric {
+    fn refresh(&mut self) {
+        if let Some((model, sha256)) = self.models.newest() {
+            self.step.put_in_use(model, sha256);
+        }
+    }
+
+    fn correct(&self, reading: &ScaleReading) -> CorrectedCoordinates {
+        self.step.correct(reading)
+    }
+
+    fn report(&self, health: &Diagnostics) -> Result<(), NodeError> {
+        self.models.report(health, self.step.model_sha256())
+    }
+
+    fn figures(&self, summary: &mut NodeSummary) {
+        self.models.figures(summary);
+    }
+}
+
+/// A residual field that is learned anew would come by a feed of its own and be put into use in `refresh`.
+struct Residual {
+    step: ResidualStep,
+    points: Option<QueuedPublisher<PointStamped>>,
+}
+
+impl Stage<CorrectedCoordinates> for Residual {
+    fn correct(&self, sample: &CorrectedCoordinates) -> CorrectedCoordinates {
+        self.step.correct(sample)
+    }
+
+    fn beside(&self, corrected: &CorrectedCoordinates) {
+        if let (Some(publisher), Some(point)) = (&self.points, PointStamped::from_corrected(corrected)) {
+            publisher.publish(point);
+        }
+    }
+}
+
 pub(super) fn geometric(context: &NodeContext) -> Result<NodeSummary, NodeError> {
-    let step = GeometricStep::new(context.model()?, context.launch.max_covariate_age_s);
-    pump::<ScaleReading>(context, NodeName::Scale, |reading| step.correct(reading), |_| {})
+    let (model, models) = ModelFeed::open(context)?;
+    let step = GeometricStep::new(model, context.launch.max_covariate_age_s);
+    pump(context, NodeName::Scale, Geometric { step, models })
 }
 
 pub(super) fn residual(context: &NodeContext) -> Result<NodeSummary, NodeError> {
-    let step = ResidualStep::default();
-    let points: Option<QueuedPublisher<PointStamped>> = match &context.ros {
+    let points = match &context.ros {
         Some(node) => Some(node.publisher(topics::CORRECTED_POINT, &ros::stream_qos(QUEUE), QUEUE)?),
         None => None,
     };
-    pump::<CorrectedCoordinates>(
-        context,
-        NodeName::Geometric,
-        |sample| step.correct(sample),
-        |corrected| {
-            if let (Some(publisher), Some(point)) = (&points, PointStamped::from_corrected(corrected)) {
-                publisher.publish(point);
-            }
-        },
-    )
+    pump(context, NodeName::Geometric, Residual { step: ResidualStep::default(), points })
 }
 
 /// Takes, corrects, gives; counts what each status says.
-fn pump<M: Message>(
-    context: &NodeContext,
-    from: NodeName,
-    correct: impl Fn(&M) -> CorrectedCoordinates,
-    beside: impl Fn(&CorrectedCoordinates),
-) -> Result<NodeSummary, NodeError> {
+fn pump<M: Message>(context: &NodeContext, from: NodeName, mut stage: impl Stage<M>) -> Result<NodeSummary, NodeError> {
     let mut summary = NodeSummary { node: context.name.name().to_owned(), ..NodeSummary::default() };
     let mut statuses = [0_u64; CorrectionStatus::ALL.len()];
     let health = context.ros.as_ref().map(|node| node.diagnostics(&context.machine.machine.name)).transpose()?;
@@ -62,20 +113,24 @@ fn pump<M: Message>(
         let patience = if stopping { Duration::ZERO } else { LOOK_UP };
         match take(subscriber.as_mut(), patience, &mut summary)? {
             Some(sample) => {
+                stage.refresh();
                 let since = Instant::now();
-                let corrected = correct(&sample);
+                let corrected = stage.correct(&sample);
                 durations.push(since.elapsed());
                 publisher.send(&corrected)?;
-                beside(&corrected);
+                stage.beside(&corrected);
                 statuses[corrected.status as usize] += 1;
                 summary.sent += 1;
             }
             None if stopping => break,
-            None => {}
+            None => stage.refresh(),
         }
         if reported.elapsed() >= REPORT_EVERY {
             reported = Instant::now();
-            report(health.as_ref(), &summary, subscriber.lost(), &statuses)?;
+            if let Some(health) = &health {
+                report(health, &summary, subscriber.lost(), &statuses)?;
+                stage.report(health)?;
+            }
         }
     }
     (summary.lost, summary.dropped) = (subscriber.lost(), publisher.dropped());
@@ -83,6 +138,7 @@ fn pump<M: Message>(
         summary.figures.insert(status.name().to_lowercase(), count as f64);
     }
     durations.figures(&mut summary);
+    stage.figures(&mut summary);
     Ok(summary)
 }
 
@@ -113,12 +169,11 @@ impl Durations {
 }
 
 fn report(
-    health: Option<&Diagnostics>,
+    health: &Diagnostics,
     summary: &NodeSummary,
     lost: u64,
     statuses: &[u64; CorrectionStatus::ALL.len()],
 ) -> Result<(), NodeError> {
-    let Some(health) = health else { return Ok(()) };
     let uncorrected = statuses[CorrectionStatus::Rejected as usize] + statuses[CorrectionStatus::NoModel as usize];
     let (level, message) = match (uncorrected, lost) {
         (0, 0) => (DiagnosticStatus::OK, "correcting"),

@@ -4,6 +4,7 @@
 //! from it are there, opens its subscribers and pumps samples through its step until told to stop.
 
 mod correcting;
+mod model;
 mod monitor;
 mod parameters;
 mod recorder;
@@ -12,11 +13,11 @@ mod source;
 pub use source::{STARTED, monotonic_s};
 
 use crate::driver::DriverError;
+use crate::feed::FeedError;
 use crate::launch::{Launch, LaunchError, NodeName};
-use abbe_files::{FileError, MachineFile, ModelFile, read_machine};
-use abbe_geometry::model::MachineModel;
+use abbe_files::{FileError, MachineFile, read_machine};
 use abbe_msgs::bag::BagError;
-use abbe_msgs::{Message, MessageError, Sha256};
+use abbe_msgs::{Message, MessageError};
 use abbe_runtime::ros::{ArgsError, Domain, NodeIdentity, NodeOptions, RosArgs, RosError, RosNode};
 use abbe_runtime::transport::shared_memory::{self, CleanupError};
 use abbe_runtime::{
@@ -25,7 +26,6 @@ use abbe_runtime::{
 use serde::{Deserialize, Serialize};
 use std::os::unix::process::parent_id;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 use std::time::{Duration, Instant};
 use thiserror::Error;
 
@@ -75,6 +75,9 @@ pub enum NodeError {
     /// Machine or model file.
     #[error(transparent)]
     File(#[from] FileError),
+    /// The thread that takes new versions of a file.
+    #[error(transparent)]
+    Feed(#[from] FeedError),
     /// Driver.
     #[error(transparent)]
     Driver(#[from] DriverError),
@@ -125,9 +128,6 @@ pub enum NodeError {
         waited_s: f64,
     },
 }
-
-/// A model in use and its hash.
-pub(crate) type LoadedModel = Option<(Arc<MachineModel>, Sha256)>;
 
 /// Everything a node's loop needs.
 pub(crate) struct NodeContext {
@@ -195,13 +195,6 @@ impl NodeContext {
         config.run = if launch.uses(call.name, TransportKind::SharedMemory) { call.run } else { None };
         config.ros = ros.clone();
         Ok(NodeContext { name: call.name, launch, base, machine, edges: Edges::open(config)?, ros, shutdown })
-    }
-
-    /// The model that the launch file names.
-    pub(crate) fn model(&self) -> Result<LoadedModel, NodeError> {
-        let Some(path) = &self.launch.model else { return Ok(None) };
-        let (file, sha256) = ModelFile::load_for(&self.base.join(path), &self.machine.machine.name)?;
-        Ok(Some((Arc::new(file.model), Sha256::from_bytes(sha256))))
     }
 
     /// Publisher of this node's own topic, once the nodes that take from it are there.

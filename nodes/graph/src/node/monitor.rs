@@ -2,6 +2,7 @@
 //!
 //! Place in the flow: beside the correcting path, never in it.
 
+use super::model::ModelFeed;
 use super::{LOOK_UP, NodeContext, NodeError, NodeSummary, take};
 use crate::launch::NodeName;
 use crate::step::{Health, HealthState, MonitorStep};
@@ -18,7 +19,8 @@ const DEGRADED: &str = "range residuals exceed their uncertainties: the model la
 
 pub(super) fn run(context: &NodeContext) -> Result<NodeSummary, NodeError> {
     let incomplete = |part| NodeError::Incomplete { node: context.name.name(), part };
-    let (model, sha256) = context.model()?.ok_or_else(|| incomplete("a model"))?;
+    let (model, models) = ModelFeed::open(context)?;
+    let (model, sha256) = model.ok_or_else(|| incomplete("a model"))?;
     let settings = context.launch.monitor_settings().ok_or_else(|| incomplete("the monitor's bounds"))?;
     let mut step = MonitorStep::new(model, sha256, settings);
     let mut summary = NodeSummary { node: context.name.name().to_owned(), ..NodeSummary::default() };
@@ -29,16 +31,25 @@ pub(super) fn run(context: &NodeContext) -> Result<NodeSummary, NodeError> {
     let mut tracer = context.subscriber::<TracerReading>(NodeName::Tracer)?;
     let mut reported = Instant::now();
     let mut told = HealthState::Unknown;
+    let mut looked_for = None;
     loop {
         let stopping = context.shutdown.requested();
         let patience = if stopping { Duration::ZERO } else { LOOK_UP };
         let mut residuals = Vec::new();
+        if let Some((model, sha256)) = models.newest() {
+            residuals.extend(step.learn(model, sha256));
+        }
         let sample = take(corrected.as_mut(), patience, &mut summary)?;
         residuals.extend(sample.iter().flat_map(|sample| step.corrected(sample)));
         let mut idle = sample.is_none();
         while let Some(reading) = take(tracer.as_mut(), Duration::ZERO, &mut summary)? {
             residuals.extend(step.tracer(&reading));
             idle = false;
+        }
+        // The correcting node may be first to see a new model.
+        if step.awaited_model() != looked_for {
+            looked_for = step.awaited_model();
+            models.look_now();
         }
         summary.sent += give(publisher.as_deref_mut(), &residuals)?;
         let now = step.health();
@@ -47,15 +58,20 @@ pub(super) fn run(context: &NodeContext) -> Result<NodeSummary, NodeError> {
         }
         if now.state != told || reported.elapsed() >= REPORT_EVERY {
             (told, reported) = (now.state, Instant::now());
-            report(health.as_ref(), &now)?;
+            if let Some(health) = &health {
+                report(health, &now)?;
+                models.report(health, now.model_sha256)?;
+            }
         }
         if stopping && idle {
             break;
         }
     }
+    summary.sent += give(publisher.as_deref_mut(), &step.give_up())?;
     summary.lost = corrected.lost() + tracer.lost();
     summary.dropped = publisher.map_or(0, |p| p.dropped());
     figures(&mut summary, &step.health());
+    models.figures(&mut summary);
     Ok(summary)
 }
 
@@ -81,13 +97,12 @@ fn figures(summary: &mut NodeSummary, health: &Health) {
     }
 }
 
-fn report(diagnostics: Option<&Diagnostics>, health: &Health) -> Result<(), NodeError> {
+fn report(diagnostics: &Diagnostics, health: &Health) -> Result<(), NodeError> {
     let (level, message) = match health.state {
         HealthState::Unknown => (DiagnosticStatus::OK, "too few range residuals to judge the model"),
         HealthState::Consistent => (DiagnosticStatus::OK, "range residuals are as large as their uncertainties say"),
         HealthState::Degraded => (DiagnosticStatus::WARN, DEGRADED),
     };
-    let Some(diagnostics) = diagnostics else { return Ok(()) };
     let optional = |value: Option<f64>, scale: f64| value.map_or("unknown".to_owned(), |v| format!("{:.3}", v * scale));
     let figures = [
         ("residuals in window", health.residuals.to_string()),

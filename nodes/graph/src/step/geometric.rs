@@ -39,6 +39,16 @@ impl GeometricStep {
         GeometricStep { model, max_covariate_age_s }
     }
 
+    /// Corrects with this model from the next reading on.
+    pub fn put_in_use(&mut self, model: Arc<MachineModel>, sha256: Sha256) {
+        self.model = Some((model, sha256));
+    }
+
+    /// Hash of the model in use; [`Sha256::NONE`] without one.
+    pub fn model_sha256(&self) -> Sha256 {
+        self.model.as_ref().map_or(Sha256::NONE, |(_, sha256)| *sha256)
+    }
+
     /// The corrected coordinates of one reading.
     pub fn correct(&self, reading: &ScaleReading) -> CorrectedCoordinates {
         let Some((model, sha256)) = &self.model else {

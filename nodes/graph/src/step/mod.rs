@@ -4,9 +4,12 @@
 //! same bytes.
 
 mod geometric;
+mod health;
 mod monitor;
+mod pairs;
 mod residual;
 
 pub use geometric::GeometricStep;
-pub use monitor::{Health, HealthState, MonitorSettings, MonitorStep};
+pub use health::{Health, HealthState};
+pub use monitor::{MonitorSettings, MonitorStep};
 pub use residual::ResidualStep;

@@ -2,17 +2,22 @@
 //!
 //! Place in the flow: takes corrected coordinates and tracer readings of the same instants in any order of
 //! arrival; gives one range residual a tracer reading and a running verdict. Instants are matched by stamp within
-//! a tolerance, so replay gives what live gave.
+//! a tolerance, so replay gives what live gave. A sample is judged by the model that it names: its stations and its
+//! covariance, and no other's.
 
+use super::health::{Health, Window};
+use super::pairs::Pairs;
 use abbe_geometry::Vector3;
 use abbe_geometry::correct::predicted_length_m;
 use abbe_geometry::model::MachineModel;
 use abbe_msgs::{CorrectedCoordinates, RangeResidual, ResidualStatus, Sha256, TracerReading};
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::VecDeque;
 use std::sync::Arc;
 
-/// Samples kept while their counterpart is awaited.
-const WAITING_SAMPLES: usize = 20_000;
+/// Models kept for samples that come late: the newest, and those it replaced.
+const KEPT_MODELS: usize = 3;
+/// Pairs kept while the model that their sample names is awaited: 4 s at 1 kHz.
+const AWAITING_MODEL: usize = 4096;
 
 /// What the monitor judges by.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -25,126 +30,107 @@ pub struct MonitorSettings {
     pub match_within_s: f64,
 }
 
-/// Verdict over the window.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum HealthState {
-    /// Too few residuals to say.
-    Unknown,
-    /// Residuals are as large as their uncertainties say.
-    Consistent,
-    /// The mean square is larger than chance allows (99.9 %): the model lacks something, or something changed.
-    Degraded,
-}
-
-/// Figures behind the verdict.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Health {
-    /// The verdict.
-    pub state: HealthState,
-    /// Residuals in the window.
-    pub residuals: usize,
-    /// Mean of (residual/u)² over the window; `None` while it is empty.
-    pub mean_square: Option<f64>,
-    /// Rms residual over the window (m); `None` while it is empty.
-    pub rms_m: Option<f64>,
-    /// Single residuals out of bounds since the start.
-    pub out_of_bounds: u64,
-    /// Tracer readings that nothing could be predicted for.
-    pub unpredicted: u64,
-}
-
 /// Matches and compares.
 pub struct MonitorStep {
-    model: Arc<MachineModel>,
-    sha256: Sha256,
+    /// The newest last.
+    models: VecDeque<(Arc<MachineModel>, Sha256)>,
     settings: MonitorSettings,
-    corrected: BTreeMap<i64, CorrectedCoordinates>,
-    waiting: BTreeMap<i64, Vec<TracerReading>>,
-    window: VecDeque<(f64, f64)>,
+    pairs: Pairs<CorrectedCoordinates>,
+    awaiting_model: VecDeque<(CorrectedCoordinates, TracerReading)>,
+    /// Model of the latest corrected sample: the window is about it.
+    in_use: Sha256,
+    window: Window,
     out_of_bounds: u64,
     unpredicted: u64,
 }
 
 impl MonitorStep {
-    /// A monitor for this model.
+    /// A monitor that knows this model.
     pub fn new(model: Arc<MachineModel>, sha256: Sha256, settings: MonitorSettings) -> MonitorStep {
         MonitorStep {
-            model,
-            sha256,
+            models: VecDeque::from([(model, sha256)]),
             settings,
-            corrected: BTreeMap::new(),
-            waiting: BTreeMap::new(),
-            window: VecDeque::new(),
+            pairs: Pairs::new(settings.match_within_s),
+            awaiting_model: VecDeque::new(),
+            in_use: sha256,
+            window: Window::new(settings.window),
             out_of_bounds: 0,
             unpredicted: 0,
         }
     }
 
-    /// Takes a corrected sample; gives the residuals of tracer readings that waited for it.
-    pub fn corrected(&mut self, sample: &CorrectedCoordinates) -> Vec<RangeResidual> {
-        let nanos = sample.stamp.to_nanos();
-        let readings: Vec<i64> = self.waiting.range(self.around(nanos)).map(|(stamp, _)| *stamp).collect();
-        let mut residuals = Vec::new();
-        for stamp in readings {
-            for reading in self.waiting.remove(&stamp).unwrap_or_default() {
-                residuals.push(self.compare(sample, &reading));
-            }
+    /// Makes a further model known; gives the residuals of pairs that awaited it. It is in use from the first
+    /// corrected sample that names it.
+    pub fn learn(&mut self, model: Arc<MachineModel>, sha256: Sha256) -> Vec<RangeResidual> {
+        self.models.retain(|(_, known)| *known != sha256);
+        self.models.push_back((model, sha256));
+        if self.models.len() > KEPT_MODELS {
+            self.models.pop_front();
         }
-        self.corrected.insert(nanos, *sample);
-        if self.corrected.len() > WAITING_SAMPLES {
-            self.corrected.pop_first();
-        }
-        residuals
+        let awaiting = std::mem::take(&mut self.awaiting_model);
+        let (ready, awaiting): (VecDeque<_>, _) =
+            awaiting.into_iter().partition(|(sample, _)| sample.model_sha256 == sha256);
+        self.awaiting_model = awaiting;
+        ready.iter().map(|(sample, reading)| self.compare(sample, reading)).collect()
     }
 
-    /// Takes a tracer reading; gives its residual if the corrected sample of that instant is there already.
-    pub fn tracer(&mut self, reading: &TracerReading) -> Option<RangeResidual> {
-        let nanos = reading.stamp.to_nanos();
-        let nearest = self.corrected.range(self.around(nanos)).min_by_key(|(stamp, _)| (*stamp - nanos).abs());
-        match nearest.map(|(_, sample)| *sample) {
-            Some(sample) => Some(self.compare(&sample, reading)),
-            None => {
-                self.waiting.entry(nanos).or_default().push(*reading);
-                if self.waiting.len() > WAITING_SAMPLES {
-                    self.waiting.pop_first();
-                    self.unpredicted += 1;
-                }
-                None
-            }
+    /// Model that samples name and that is not known; `None` when there is none.
+    pub fn awaited_model(&self) -> Option<Sha256> {
+        self.awaiting_model.back().map(|(sample, _)| sample.model_sha256)
+    }
+
+    /// Takes a corrected sample; gives the residuals of tracer readings that waited for it.
+    pub fn corrected(&mut self, sample: &CorrectedCoordinates) -> Vec<RangeResidual> {
+        if !sample.model_sha256.is_none() && sample.model_sha256 != self.in_use {
+            self.in_use = sample.model_sha256;
+            self.window = Window::new(self.settings.window);
         }
+        let readings = self.pairs.sample(sample.stamp, *sample);
+        readings.iter().filter_map(|reading| self.pair(sample, reading)).collect()
+    }
+
+    /// Takes a tracer reading; gives its residual if the corrected sample of that instant is there already. Where that
+    /// sample's model is awaited, gives the residual that it has to give up for it, if any.
+    pub fn tracer(&mut self, reading: &TracerReading) -> Option<RangeResidual> {
+        let sample = self.pairs.reading(reading)?;
+        self.pair(&sample, reading)
+    }
+
+    /// At the end: what still awaits its model, as not corrected.
+    pub fn give_up(&mut self) -> Vec<RangeResidual> {
+        let waiting = std::mem::take(&mut self.awaiting_model);
+        waiting.iter().map(|(sample, reading)| self.compare(sample, reading)).collect()
     }
 
     /// The verdict so far.
     pub fn health(&self) -> Health {
-        let count = self.window.len();
-        let mean =
-            |of: fn(&(f64, f64)) -> f64| (count > 0).then(|| self.window.iter().map(of).sum::<f64>() / count as f64);
-        let mean_square = mean(|(residual_m, u_m)| (residual_m / u_m).powi(2));
-        // χ²/n has variance 2/n: 3.3 deviations above 1 happen once in a thousand windows of a sound model.
-        let limit = 1.0 + 3.3 * (2.0 / count.max(1) as f64).sqrt();
-        let state = match mean_square {
-            Some(mean_square) if count >= self.settings.window.min(30) => {
-                if mean_square > limit {
-                    HealthState::Degraded
-                } else {
-                    HealthState::Consistent
-                }
-            }
-            _ => HealthState::Unknown,
-        };
         Health {
-            state,
-            residuals: count,
-            mean_square,
-            rms_m: mean(|(residual_m, _)| residual_m * residual_m).map(f64::sqrt),
+            state: self.window.state(),
+            model_sha256: self.in_use,
+            residuals: self.window.len(),
+            mean_square: self.window.mean_square(),
+            rms_m: self.window.rms_m(),
+            unsound_since: self.window.unsound_since(),
             out_of_bounds: self.out_of_bounds,
-            unpredicted: self.unpredicted,
+            unpredicted: self.unpredicted + self.pairs.alone(),
         }
     }
 
-    fn around(&self, nanos: i64) -> std::ops::RangeInclusive<i64> {
-        let tolerance = (self.settings.match_within_s * 1e9) as i64;
-        nanos.saturating_sub(tolerance)..=nanos.saturating_add(tolerance)
+    /// Judges a pair, or keeps it until its model is known; the oldest that waits too long is told as not corrected.
+    fn pair(&mut self, sample: &CorrectedCoordinates, reading: &TracerReading) -> Option<RangeResidual> {
+        if !sample.corrected_valid || self.model(sample.model_sha256).is_some() {
+            return Some(self.compare(sample, reading));
+        }
+        self.awaiting_model.push_back((*sample, *reading));
+        if self.awaiting_model.len() <= AWAITING_MODEL {
+            return None;
+        }
+        let (sample, reading) = self.awaiting_model.pop_front()?;
+        Some(self.compare(&sample, &reading))
+    }
+
+    fn model(&self, sha256: Sha256) -> Option<Arc<MachineModel>> {
+        self.models.iter().find(|(_, known)| *known == sha256).map(|(model, _)| Arc::clone(model))
     }
 
     fn compare(&mut self, sample: &CorrectedCoordinates, reading: &TracerReading) -> RangeResidual {
@@ -155,19 +141,20 @@ impl MonitorStep {
             predicted_length_m: 0.0,
             residual_m: 0.0,
             u_residual_m: 0.0,
-            model_sha256: self.sha256,
+            model_sha256: sample.model_sha256,
             frame_id: reading.frame_id,
             station: reading.station,
             residual_valid: false,
             status: ResidualStatus::NotCorrected,
         };
-        if !sample.corrected_valid || sample.model_sha256 != self.sha256 {
+        let model = self.model(sample.model_sha256).filter(|_| sample.corrected_valid);
+        let Some(model) = model else {
             self.unpredicted += 1;
             return residual;
-        }
+        };
         let position_m = Vector3::from(sample.corrected_m);
         let predicted =
-            predicted_length_m(&self.model, sample.reading_m, sample.offset_m, &position_m, reading.station.as_str());
+            predicted_length_m(&model, sample.reading_m, sample.offset_m, &position_m, reading.station.as_str());
         let Some((predicted_m, u_model_m)) = predicted else {
             self.unpredicted += 1;
             return RangeResidual { status: ResidualStatus::UnknownStation, ..residual };
@@ -184,9 +171,9 @@ impl MonitorStep {
         let inside = residual.residual_m.abs() <= self.settings.single_bound * residual.u_residual_m;
         residual.status = if inside { ResidualStatus::Consistent } else { ResidualStatus::OutOfBounds };
         self.out_of_bounds += u64::from(!inside);
-        self.window.push_back((residual.residual_m, residual.u_residual_m));
-        if self.window.len() > self.settings.window {
-            self.window.pop_front();
+        // A late sample of the model before is judged, but says nothing about the model in use.
+        if residual.model_sha256 == self.in_use {
+            self.window.push(residual.stamp, residual.residual_m, residual.u_residual_m);
         }
     }
 }

@@ -1,0 +1,242 @@
+//! A file that a running node takes new versions of: watched, read and checked on a thread of its own.
+//!
+//! Place in the flow: between a model file and a node's loop. The thread looks at the file several times a second and
+//! reads it when it has changed and come to rest, or when asked; what it has read and found good waits in a queue that
+//! the loop empties between two samples, without ever waiting itself. What cannot be used is refused and told, and the
+//! version in use goes on. Any artifact with a hash can come this way: the caller says how to load it.
+
+use abbe_files::FileError;
+use abbe_msgs::Sha256;
+use std::os::unix::fs::MetadataExt;
+use std::path::{Path, PathBuf};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, SyncSender, channel, sync_channel};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::thread;
+use std::time::Duration;
+use thiserror::Error;
+
+/// How often the file is looked at. A change is taken when two looks in a row find the same, so that a file that is
+/// still being copied is left to grow.
+const LOOK_EVERY: Duration = Duration::from_millis(200);
+/// Longest that somebody who asks for a load waits for its outcome.
+const ANSWER_WITHIN: Duration = Duration::from_secs(30);
+
+/// Why a file cannot be fed to a node.
+#[derive(Debug, Error)]
+pub enum FeedError {
+    /// The version at the start cannot be used.
+    #[error(transparent)]
+    File(#[from] FileError),
+    /// The thread that reads could not be started.
+    #[error("{file}: cannot be watched: {source}; let this user start more threads, and start the node again")]
+    Thread {
+        /// The file.
+        file: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+}
+
+/// What became of the versions of a file.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct FeedStatus {
+    /// Versions found good, the one at the start included.
+    pub loaded: u64,
+    /// Versions refused.
+    pub refused: u64,
+    /// Why the file as it is now is not in use, and what to do; `None` while it is.
+    pub problem: Option<String>,
+}
+
+/// What the reading thread can be asked.
+enum Ask {
+    /// Load now if the file differs from what was read last.
+    Look,
+    /// Load now and say what came of it.
+    Load(SyncSender<Result<Sha256, String>>),
+}
+
+/// The loop's end: takes what is ready.
+#[derive(Debug)]
+pub struct Feed<T> {
+    path: PathBuf,
+    ready: Receiver<(T, Sha256)>,
+    asks: Sender<Ask>,
+    status: Arc<Mutex<FeedStatus>>,
+}
+
+/// Asks for a load from any thread.
+#[derive(Debug, Clone)]
+pub struct Reload(Sender<Ask>);
+
+impl<T: Send + 'static> Feed<T> {
+    /// Loads the file now, and watches it from then on; gives what was loaded.
+    ///
+    /// `load` reads and checks one version; it runs on this thread once, then on that of the feed.
+    pub fn open(
+        path: &Path,
+        mut load: impl FnMut(&Path) -> Result<(T, Sha256), FileError> + Send + 'static,
+    ) -> Result<((T, Sha256), Feed<T>), FeedError> {
+        // Before the load: what changes while it reads is then a change, not the version that was read.
+        let read = Version::of(path);
+        let first = load(path)?;
+        let (give, ready) = channel();
+        let (asks, asked) = channel();
+        let status = Arc::new(Mutex::new(FeedStatus { loaded: 1, ..FeedStatus::default() }));
+        let reader = Reader { path: path.to_owned(), load, read, sha256: first.1, give, status: Arc::clone(&status) };
+        let started = thread::Builder::new().name("file-feed".into()).spawn(move || reader.run(&asked));
+        started.map_err(|source| FeedError::Thread { file: path.to_owned(), source })?;
+        Ok((first, Feed { path: path.to_owned(), ready, asks, status }))
+    }
+}
+
+impl<T> Feed<T> {
+    /// The newest version that has become ready since the last call. Never waits for the file.
+    pub fn newest(&self) -> Option<(T, Sha256)> {
+        self.ready.try_iter().last()
+    }
+
+    /// Has the file looked at now rather than at the next look. Does not wait.
+    pub fn look_now(&self) {
+        // The thread lives as long as this end of the queue.
+        let _ = self.asks.send(Ask::Look);
+    }
+
+    /// The handle by which others ask for a load.
+    pub fn reload(&self) -> Reload {
+        Reload(self.asks.clone())
+    }
+
+    /// What became of the versions so far.
+    pub fn status(&self) -> FeedStatus {
+        lock(&self.status).clone()
+    }
+
+    /// The file.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+}
+
+impl Reload {
+    /// Loads the file whether it has changed or not, and waits for what comes of it.
+    ///
+    /// # Errors
+    /// Why the file is refused, in words for a person.
+    pub fn load(&self) -> Result<Sha256, String> {
+        let (reply, outcome) = sync_channel(1);
+        let ended = "the node is stopping".to_owned();
+        self.0.send(Ask::Load(reply)).map_err(|_| ended.clone())?;
+        match outcome.recv_timeout(ANSWER_WITHIN) {
+            Ok(outcome) => outcome,
+            Err(RecvTimeoutError::Timeout) => Err(format!(
+                "the file is still being read after {} s; look at /diagnostics for the outcome",
+                ANSWER_WITHIN.as_secs()
+            )),
+            Err(RecvTimeoutError::Disconnected) => Err(ended),
+        }
+    }
+}
+
+/// What tells one version of a file from the next without reading it; `None` where there is no file.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct Version(Option<[i64; 7]>);
+
+impl Version {
+    fn of(path: &Path) -> Version {
+        let numbers = |m: std::fs::Metadata| {
+            let [device, inode, bytes] = [m.dev(), m.ino(), m.size()].map(|number| number as i64);
+            [device, inode, bytes, m.mtime(), m.mtime_nsec(), m.ctime(), m.ctime_nsec()]
+        };
+        Version(std::fs::metadata(path).ok().map(numbers))
+    }
+
+    /// Whether this is another version than the one `read`, and the same as a look `before`.
+    fn has_settled(self, before: Version, read: Version) -> bool {
+        self != read && self == before
+    }
+}
+
+/// The thread's end: looks, reads, checks, gives.
+struct Reader<T, L> {
+    path: PathBuf,
+    load: L,
+    /// The version that was read last, used or refused.
+    read: Version,
+    /// Hash of the last version found good.
+    sha256: Sha256,
+    give: Sender<(T, Sha256)>,
+    status: Arc<Mutex<FeedStatus>>,
+}
+
+impl<T, L: FnMut(&Path) -> Result<(T, Sha256), FileError>> Reader<T, L> {
+    /// Until the loop's end is dropped and nobody can ask any more.
+    fn run(mut self, asked: &Receiver<Ask>) {
+        let mut before = self.read;
+        loop {
+            let ask = asked.recv_timeout(LOOK_EVERY);
+            let now = Version::of(&self.path);
+            match ask {
+                Ok(Ask::Load(reply)) => {
+                    // Who asked may have given up.
+                    let _ = reply.send(self.take(now));
+                }
+                // The outcome is in the status and in the log.
+                Ok(Ask::Look) if now != self.read => drop(self.take(now)),
+                Err(RecvTimeoutError::Timeout) if now.has_settled(before, self.read) => drop(self.take(now)),
+                Ok(Ask::Look) | Err(RecvTimeoutError::Timeout) => {}
+                Err(RecvTimeoutError::Disconnected) => return,
+            }
+            before = now;
+        }
+    }
+
+    /// Reads and checks the file; what is good and new goes to the loop.
+    fn take(&mut self, version: Version) -> Result<Sha256, String> {
+        self.read = version;
+        match (self.load)(&self.path) {
+            Ok((_, sha256)) if sha256 == self.sha256 => {
+                lock(&self.status).problem = None;
+                Ok(sha256)
+            }
+            Ok((artifact, sha256)) => {
+                let mut status = lock(&self.status);
+                (status.loaded, status.problem) = (status.loaded + 1, None);
+                drop(status);
+                self.sha256 = sha256;
+                // A loop that has ended needs no model.
+                let _ = self.give.send((artifact, sha256));
+                tracing::info!(file = %self.path.display(), %sha256, "new version in use from the next sample on");
+                Ok(sha256)
+            }
+            Err(error) => {
+                let problem = format!("{error}; {} stays in use", self.sha256);
+                tracing::warn!("refused a new version of the model: {problem}");
+                let mut status = lock(&self.status);
+                (status.refused, status.problem) = (status.refused + 1, Some(problem.clone()));
+                Err(problem)
+            }
+        }
+    }
+}
+
+/// The status is consistent between any two statements; it is never held while the file is read.
+fn lock(status: &Mutex<FeedStatus>) -> MutexGuard<'_, FeedStatus> {
+    status.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_file_that_is_still_growing_is_left_to_grow() {
+        let [old, part, more] = [1, 2, 3].map(|bytes| Version(Some([0, 0, bytes, 0, 0, 0, 0])));
+        assert!(!old.has_settled(old, old), "nothing new");
+        assert!(!part.has_settled(old, old), "just changed");
+        assert!(!more.has_settled(part, old), "still growing");
+        assert!(more.has_settled(more, old));
+        assert!(!more.has_settled(more, more), "already read, used or refused");
+        assert!(Version(None).has_settled(Version(None), old), "gone for good");
+    }
+}

@@ -1,0 +1,148 @@
+//! Verdict over the last range residuals: does the model in use still describe the machine?
+//!
+//! Place in the flow: filled by the monitor's step with residuals (m) and their standard uncertainties (m); read by the
+//! monitor node for `/diagnostics` and to know which readings a diagnosis is about.
+
+use abbe_msgs::{Sha256, Stamp};
+use std::collections::VecDeque;
+
+/// Residuals from which a verdict is given, where the window is not shorter.
+const LEAST: usize = 30;
+
+/// Verdict over the window.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum HealthState {
+    /// Too few residuals to say.
+    Unknown,
+    /// Residuals are as large as their uncertainties say.
+    Consistent,
+    /// The mean square is larger than chance allows (99.9 %): the model lacks something, or something changed.
+    Degraded,
+}
+
+/// Figures behind the verdict.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Health {
+    /// The verdict.
+    pub state: HealthState,
+    /// The model in use: that of the latest corrected sample. All residuals in the window are its own.
+    pub model_sha256: Sha256,
+    /// Residuals in the window.
+    pub residuals: usize,
+    /// Mean of (residual/u)² over the window; `None` while it is empty.
+    pub mean_square: Option<f64>,
+    /// Rms residual over the window (m); `None` while it is empty.
+    pub rms_m: Option<f64>,
+    /// First residual of this model since it was last consistent for a whole window; `None` while it is.
+    ///
+    /// Readings from then on belong to the state that the model does not describe. The readings in which the window
+    /// filled up with the new state are left out, which keeps those of the old state out as well. A short return to
+    /// consistency counts as the same state: many effects show in parts of the volume only.
+    pub unsound_since: Option<Stamp>,
+    /// Single residuals out of bounds since the start.
+    pub out_of_bounds: u64,
+    /// Tracer readings that nothing could be predicted for.
+    pub unpredicted: u64,
+}
+
+/// The last residuals of one model.
+pub(super) struct Window {
+    length: usize,
+    /// Residual and its standard uncertainty (m).
+    residuals: VecDeque<(f64, f64)>,
+    /// Residuals in a row that left the verdict at consistent.
+    consistent: usize,
+    unsound_since: Option<Stamp>,
+}
+
+impl Window {
+    pub(super) fn new(length: usize) -> Window {
+        Window { length, residuals: VecDeque::new(), consistent: 0, unsound_since: None }
+    }
+
+    /// Adds a residual and its standard uncertainty (m).
+    pub(super) fn push(&mut self, stamp: Stamp, residual_m: f64, u_m: f64) {
+        self.residuals.push_back((residual_m, u_m));
+        if self.residuals.len() > self.length {
+            self.residuals.pop_front();
+        }
+        self.consistent = if self.state() == HealthState::Consistent { self.consistent + 1 } else { 0 };
+        if self.consistent >= self.length {
+            self.unsound_since = None;
+        } else if self.consistent == 0 {
+            self.unsound_since.get_or_insert(stamp);
+        }
+    }
+
+    pub(super) fn len(&self) -> usize {
+        self.residuals.len()
+    }
+
+    pub(super) fn unsound_since(&self) -> Option<Stamp> {
+        self.unsound_since
+    }
+
+    pub(super) fn state(&self) -> HealthState {
+        let count = self.len();
+        // χ²/n has variance 2/n: 3.3 deviations above 1 happen once in a thousand windows of a sound model.
+        let limit = 1.0 + 3.3 * (2.0 / count.max(1) as f64).sqrt();
+        match self.mean_square() {
+            Some(mean_square) if count >= self.length.min(LEAST) && mean_square > limit => HealthState::Degraded,
+            Some(_) if count >= self.length.min(LEAST) => HealthState::Consistent,
+            _ => HealthState::Unknown,
+        }
+    }
+
+    pub(super) fn mean_square(&self) -> Option<f64> {
+        self.mean(|(residual_m, u_m)| (residual_m / u_m).powi(2))
+    }
+
+    pub(super) fn rms_m(&self) -> Option<f64> {
+        self.mean(|(residual_m, _)| residual_m * residual_m).map(f64::sqrt)
+    }
+
+    fn mean(&self, of: impl Fn(&(f64, f64)) -> f64) -> Option<f64> {
+        let count = self.residuals.len();
+        (count > 0).then(|| self.residuals.iter().map(of).sum::<f64>() / count as f64)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Pushes residuals of one second each, all of this many standard uncertainties.
+    fn push(window: &mut Window, seconds: std::ops::Range<i32>, deviations: f64) {
+        seconds.for_each(|s| window.push(Stamp::new(s, 0).unwrap(), deviations * 1e-6, 1e-6));
+    }
+
+    #[test]
+    fn a_state_begins_where_a_model_that_held_stops_holding() {
+        let mut window = Window::new(50);
+        push(&mut window, 0..100, 0.9);
+        assert_eq!((window.state(), window.unsound_since()), (HealthState::Consistent, None));
+        push(&mut window, 100..160, 5.0);
+        let since = window.unsound_since().unwrap().to_seconds();
+        assert!((100.0..110.0).contains(&since), "{since}");
+        assert_eq!(window.state(), HealthState::Degraded);
+    }
+
+    #[test]
+    fn a_model_that_never_held_is_unsound_from_its_first_residual() {
+        let mut window = Window::new(50);
+        push(&mut window, 7..80, 5.0);
+        assert_eq!(window.unsound_since(), Some(Stamp::new(7, 0).unwrap()));
+    }
+
+    #[test]
+    fn a_short_return_to_consistency_is_the_same_state_and_a_long_one_is_not() {
+        let mut window = Window::new(50);
+        push(&mut window, 0..100, 0.9);
+        push(&mut window, 100..160, 5.0);
+        let since = window.unsound_since();
+        push(&mut window, 160..215, 0.9);
+        assert_eq!((window.state(), window.unsound_since()), (HealthState::Consistent, since));
+        push(&mut window, 215..270, 0.9);
+        assert_eq!(window.unsound_since(), None);
+    }
+}
