@@ -1,0 +1,35 @@
+//! What can go wrong in a diagnosis, with what to do about it.
+//!
+//! Place in the flow: returned by every entry point of this crate; the command line prints it once.
+
+use abbe_geometry::effects::{CovariateProblem, EffectError};
+use abbe_identify::IdentifyError;
+use thiserror::Error;
+
+/// Why a diagnosis could not be made.
+#[derive(Debug, Error)]
+pub enum DiagnoseError {
+    /// The campaign cannot be identified at all.
+    #[error(transparent)]
+    Identify(#[from] IdentifyError),
+    /// An effect of the model does not fit the machine.
+    #[error(transparent)]
+    Effect(#[from] EffectError),
+    /// The campaign lacks a covariate that the model's effects need.
+    #[error("the campaign cannot be judged with the model's effects: {0}")]
+    Covariate(#[from] CovariateProblem),
+    /// Columns that depend on each other, or a covariance that is none.
+    #[error("the fit's own columns depend on each other, so nothing can be projected off them; measure a richer plan")]
+    Singular,
+    /// The observer said stop.
+    #[error("stopped before the end; nothing was changed")]
+    Stopped,
+    /// Data that a study without a chain cannot use.
+    #[error("{problem}; {remedy}")]
+    Data {
+        /// What is wrong, with row or key.
+        problem: String,
+        /// What to do.
+        remedy: String,
+    },
+}

@@ -1,0 +1,214 @@
+//! A fit as a linear problem, and what further columns would tell of its residuals.
+//!
+//! Place in the flow: the engine under every kind of measured data (tracer ranges, ISO 230-2 runs, residual vectors,
+//! sphere centres). Rows are whitened: divided by their standard uncertainty, so residuals have no unit and a column
+//! has the inverse unit of its parameter. Parameters may have Gaussian priors (smooth error functions do); then
+//! V = (JᵀJ + prior)⁻¹, and a candidate's columns C keep the information CᵀC − CᵀJ V JᵀC once the model's own columns
+//! have taken what they can. This is the score test of the mixed model (Wood 2017, Generalized Additive Models, 6.12;
+//! without priors it is the partial F test).
+
+use crate::error::DiagnoseError;
+use faer::linalg::solvers::{DenseSolveCore, Llt, Solve};
+use faer::{Mat, MatRef, Side};
+
+/// Rows, residuals and covariance of a settled fit.
+#[derive(Debug, Clone)]
+pub struct Linear {
+    /// Rows × parameters, whitened.
+    jacobian: Mat<f64>,
+    residuals: Vec<f64>,
+    /// Posterior covariance of the parameters for unit noise.
+    covariance: Mat<f64>,
+    /// L with V = L Lᵀ.
+    root: Mat<f64>,
+    chi2: f64,
+    degrees: f64,
+}
+
+/// What columns would tell: their gradient, their information alone and with the model's columns projected out.
+#[derive(Debug, Clone)]
+pub struct Projected {
+    /// Cᵀr.
+    pub gradient: Vec<f64>,
+    /// CᵀC: what the columns would tell if nothing else were unknown.
+    pub alone: Mat<f64>,
+    /// CᵀC − CᵀJ V JᵀC: what is left of it.
+    pub left: Mat<f64>,
+}
+
+impl Linear {
+    /// A fit whose posterior covariance (unit noise) is known; `used` rows are not zero.
+    ///
+    /// # Errors
+    /// [`DiagnoseError::Singular`] where the covariance is not positive definite.
+    pub fn new(
+        jacobian: Mat<f64>,
+        residuals: Vec<f64>,
+        covariance: Mat<f64>,
+        used: usize,
+    ) -> Result<Linear, DiagnoseError> {
+        let llt = Llt::new(covariance.as_ref(), Side::Lower).map_err(|_| DiagnoseError::Singular)?;
+        let root = llt.L().to_owned();
+        let taken = (&jacobian * &root).squared_norm_l2();
+        let chi2 = residuals.iter().map(|r| r * r).sum();
+        let degrees = (used as f64 - taken).max(1.0);
+        Ok(Linear { jacobian, residuals, covariance, root, chi2, degrees })
+    }
+
+    /// The least-squares fit of `observed` by these columns, and its parameters. Columns that the others contain are an
+    /// error.
+    ///
+    /// # Errors
+    /// [`DiagnoseError::Singular`] where the columns depend on each other to a millionth.
+    pub fn least_squares(jacobian: Mat<f64>, observed: &[f64]) -> Result<(Linear, Vec<f64>), DiagnoseError> {
+        let normal = jacobian.transpose() * &jacobian;
+        let scale: Vec<f64> = (0..normal.nrows()).map(|k| normal[(k, k)].sqrt()).collect();
+        if scale.iter().any(|s| *s <= 0.0 || !s.is_finite()) {
+            return Err(DiagnoseError::Singular);
+        }
+        let equal = Mat::from_fn(normal.nrows(), normal.ncols(), |i, j| normal[(i, j)] / (scale[i] * scale[j]));
+        let (values, _) = eigen(&equal).ok_or(DiagnoseError::Singular)?;
+        if values.first().is_some_and(|least| *least < DEPENDENT) {
+            return Err(DiagnoseError::Singular);
+        }
+        let llt = Llt::new(equal.as_ref(), Side::Lower).map_err(|_| DiagnoseError::Singular)?;
+        let right = jacobian.transpose() * column(observed);
+        let scaled = Mat::from_fn(right.nrows(), 1, |k, _| right[(k, 0)] / scale[k]);
+        let solution = llt.solve(&scaled);
+        let parameters: Vec<f64> = (0..scale.len()).map(|k| solution[(k, 0)] / scale[k]).collect();
+        let predicted = &jacobian * column(&parameters);
+        let residuals = observed.iter().enumerate().map(|(k, value)| value - predicted[(k, 0)]).collect();
+        let inverse = llt.inverse();
+        let covariance = Mat::from_fn(scale.len(), scale.len(), |i, j| inverse[(i, j)] / (scale[i] * scale[j]));
+        Ok((Linear::new(jacobian, residuals, covariance, observed.len())?, parameters))
+    }
+
+    /// Sum of squared whitened residuals.
+    pub fn chi2(&self) -> f64 {
+        self.chi2
+    }
+
+    /// Degrees of freedom: rows used less the effective number of parameters.
+    pub fn degrees(&self) -> f64 {
+        self.degrees
+    }
+
+    /// χ² per degree of freedom.
+    pub fn noise_factor(&self) -> f64 {
+        self.chi2 / self.degrees
+    }
+
+    /// Whitened residuals.
+    pub fn residuals(&self) -> &[f64] {
+        &self.residuals
+    }
+
+    /// Whitened columns of the model's own parameters.
+    pub fn jacobian(&self) -> MatRef<'_, f64> {
+        self.jacobian.as_ref()
+    }
+
+    /// Posterior covariance of the parameters for unit noise.
+    pub fn covariance(&self) -> MatRef<'_, f64> {
+        self.covariance.as_ref()
+    }
+
+    /// LᵀJᵀC, whose Gram matrix is what the model's columns take away.
+    pub(crate) fn taken(&self, columns: MatRef<f64>) -> Mat<f64> {
+        let shared = self.jacobian.transpose() * columns;
+        self.root.transpose() * shared
+    }
+
+    /// Cᵀr.
+    pub(crate) fn gradient(&self, columns: MatRef<f64>) -> Vec<f64> {
+        let gradient = columns.transpose() * column(&self.residuals);
+        (0..columns.ncols()).map(|k| gradient[(k, 0)]).collect()
+    }
+
+    /// What columns (rows × m, whitened) would tell of the residuals.
+    pub fn project(&self, columns: MatRef<f64>) -> Projected {
+        let taken = self.taken(columns);
+        let alone = columns.transpose() * columns;
+        let left = &alone - taken.transpose() * &taken;
+        Projected { gradient: self.gradient(columns), alone, left }
+    }
+
+    /// The fit with these columns added, without a prior on them.
+    ///
+    /// # Errors
+    /// [`DiagnoseError::Singular`] where the model's own columns contain them.
+    pub fn with(&self, columns: MatRef<f64>) -> Result<Linear, DiagnoseError> {
+        let (rows, own, added) = (self.residuals.len(), self.jacobian.ncols(), columns.ncols());
+        let shared = self.jacobian.transpose() * columns;
+        let reach = &self.covariance * &shared;
+        let left = columns.transpose() * columns - shared.transpose() * &reach;
+        let inverse = Llt::new(left.as_ref(), Side::Lower).map_err(|_| DiagnoseError::Singular)?.inverse();
+        let estimate = &inverse * column(&self.gradient(columns));
+        // Blocks of the inverse of a partitioned matrix.
+        let cross = -(&reach * &inverse);
+        let corner = &self.covariance - &cross * reach.transpose();
+        let covariance = Mat::from_fn(own + added, own + added, |i, j| match (i < own, j < own) {
+            (true, true) => 0.5 * (corner[(i, j)] + corner[(j, i)]),
+            (true, false) => cross[(i, j - own)],
+            (false, true) => cross[(j, i - own)],
+            (false, false) => 0.5 * (inverse[(i - own, j - own)] + inverse[(j - own, i - own)]),
+        });
+        let moved = columns * &estimate - &self.jacobian * (&reach * &estimate);
+        let residuals = (0..rows).map(|k| self.residuals[k] - moved[(k, 0)]).collect();
+        let jacobian =
+            Mat::from_fn(rows, own + added, |k, j| if j < own { self.jacobian[(k, j)] } else { columns[(k, j - own)] });
+        let used = (0..rows).filter(|k| (0..own).any(|j| self.jacobian[(*k, j)] != 0.0)).count();
+        Linear::new(jacobian, residuals, covariance, used)
+    }
+}
+
+/// Smallest eigenvalue of an equilibrated matrix below which its columns count as dependent.
+const DEPENDENT: f64 = 1e-12;
+
+/// Numbers as a column.
+pub(crate) fn column(values: &[f64]) -> Mat<f64> {
+    Mat::from_fn(values.len(), 1, |k, _| values[k])
+}
+
+/// Eigenvalues (ascending) and eigenvectors (columns) of a symmetric matrix.
+pub(crate) fn eigen(matrix: &Mat<f64>) -> Option<(Vec<f64>, Mat<f64>)> {
+    let eigen = matrix.self_adjoint_eigen(Side::Lower).ok()?;
+    Some(((0..matrix.nrows()).map(|k| eigen.S()[k]).collect(), eigen.U().to_owned()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn rows(count: usize) -> (Mat<f64>, Mat<f64>, Vec<f64>) {
+        let wave = |k: usize, a: f64| (a * k as f64 + 0.3 * a).sin();
+        let base = Mat::from_fn(count, 3, |k, j| wave(k, 0.37 * (j + 1) as f64) + if j == 0 { 1.0 } else { 0.0 });
+        let more = Mat::from_fn(count, 2, |k, j| wave(k, 0.91 * (j + 1) as f64) + 0.4 * wave(k, 0.37));
+        let observed = (0..count).map(|k| 0.7 + wave(k, 0.91) + 0.01 * wave(k, 7.7)).collect();
+        (base, more, observed)
+    }
+
+    #[test]
+    fn adding_columns_gives_the_joint_least_squares_fit() {
+        let (base, more, observed) = rows(60);
+        let (fit, _) = Linear::least_squares(base.clone(), &observed).unwrap();
+        let both = Mat::from_fn(60, 5, |k, j| if j < 3 { base[(k, j)] } else { more[(k, j - 3)] });
+        let (joint, _) = Linear::least_squares(both, &observed).unwrap();
+        let added = fit.with(more.as_ref()).unwrap();
+        assert!((added.chi2() / joint.chi2() - 1.0).abs() < 1e-9);
+        assert!((added.degrees() - 55.0).abs() < 1e-9);
+        let difference = added.covariance().to_owned() - joint.covariance();
+        assert!(difference.norm_max() < 1e-9);
+        assert!(added.residuals().iter().zip(joint.residuals()).all(|(a, b)| (a - b).abs() < 1e-10));
+    }
+
+    #[test]
+    fn dependent_columns_are_refused() {
+        let (base, _, observed) = rows(60);
+        let twice = Mat::from_fn(60, 4, |k, j| base[(k, j % 3)]);
+        assert!(matches!(Linear::least_squares(twice, &observed), Err(DiagnoseError::Singular)));
+        let (fit, _) = Linear::least_squares(base.clone(), &observed).unwrap();
+        let left = fit.project(base.as_ref()).left;
+        assert!(left.norm_max() < 1e-9 * fit.project(base.as_ref()).alone.norm_max());
+    }
+}

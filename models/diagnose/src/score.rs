@@ -1,0 +1,139 @@
+//! The group test: do these columns explain more of the residual than chance, given what the model already has?
+//!
+//! Place in the flow: every candidate effect, every pair of quantities and every finer error function is judged here,
+//! from [`crate::linear::Projected`]. No units: whitened rows.
+
+use crate::linear::{Projected, eigen};
+use faer::Mat;
+use statrs::distribution::{ContinuousCDF, FisherSnedecor};
+
+/// Share of a column's information that must be left for the direction to be tested: below it the direction is the
+/// model's own to a thousandth of its amplitude, and what is left is rounding.
+const LEFT: f64 = 1e-6;
+
+/// Outcome of a group test.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Score {
+    /// Reduction of χ² that the group brings.
+    pub reduction: f64,
+    /// Directions tested: parameters less those that the model's own columns contain.
+    pub degrees: usize,
+    /// Probability of such a reduction by chance (F test), before any correction for the number of tests.
+    pub p_value: f64,
+    /// Gain of twice the log likelihood, with the noise estimated.
+    pub gain: f64,
+    /// Share of the found signature (of the whole group where nothing is found) that model columns could absorb.
+    pub alias_share: f64,
+    /// Estimate of each parameter, in the direction that the data determine.
+    pub estimate: Vec<f64>,
+}
+
+impl Score {
+    /// Evidence after a price for parameters and trials: gain − degrees · ln n − 2 ln(trials) (Schwarz 1978, with the
+    /// choice among equals as a uniform prior).
+    pub fn evidence(&self, rows: usize, trials: usize) -> f64 {
+        self.gain - self.degrees as f64 * (rows.max(2) as f64).ln() - 2.0 * (trials.max(1) as f64).ln()
+    }
+}
+
+/// Tests a group of columns; `chi2` and `degrees` are those of the fit without it.
+pub fn score(group: &Projected, chi2: f64, degrees: f64) -> Score {
+    let count = group.gradient.len();
+    let scale: Vec<f64> = (0..count).map(|k| inverse_root(group.alone[(k, k)])).collect();
+    let left = Mat::from_fn(count, count, |i, j| 0.5 * (group.left[(i, j)] + group.left[(j, i)]) * scale[i] * scale[j]);
+    let gradient: Vec<f64> = group.gradient.iter().zip(&scale).map(|(g, s)| g * s).collect();
+    let Some((values, vectors)) = eigen(&left) else { return nothing(count) };
+    let (mut reduction, mut tested, mut estimate) = (0.0, 0, vec![0.0; count]);
+    for (k, value) in values.iter().enumerate().filter(|(_, value)| **value > LEFT) {
+        let along: f64 = (0..count).map(|i| vectors[(i, k)] * gradient[i]).sum();
+        reduction += along * along / value;
+        tested += 1;
+        (0..count).for_each(|i| estimate[i] += vectors[(i, k)] * along / value * scale[i]);
+    }
+    let rest = (degrees - tested as f64).max(1.0);
+    let remaining = (chi2 - reduction).max(f64::MIN_POSITIVE);
+    let gain = if tested == 0 { 0.0 } else { (degrees.max(1.0)) * (chi2 / remaining).ln() };
+    let p_value = p_of(reduction, tested, remaining, rest);
+    Score { reduction, degrees: tested, p_value, gain, alias_share: alias_share(group, &estimate), estimate }
+}
+
+fn nothing(count: usize) -> Score {
+    Score { reduction: 0.0, degrees: 0, p_value: 1.0, gain: 0.0, alias_share: 1.0, estimate: vec![0.0; count] }
+}
+
+fn inverse_root(value: f64) -> f64 {
+    if value > 0.0 { value.sqrt().recip() } else { 0.0 }
+}
+
+fn p_of(reduction: f64, tested: usize, remaining: f64, rest: f64) -> f64 {
+    if tested == 0 {
+        return 1.0;
+    }
+    let f = (reduction / tested as f64) / (remaining / rest);
+    match FisherSnedecor::new(tested as f64, rest) {
+        Ok(distribution) if f.is_finite() => distribution.sf(f),
+        _ => 1.0,
+    }
+}
+
+/// 1 − (what is left of the signature)² / (the signature)², for the estimate; for the group's trace without one.
+fn alias_share(group: &Projected, estimate: &[f64]) -> f64 {
+    let quadratic = |matrix: &Mat<f64>| -> f64 {
+        (0..estimate.len())
+            .map(|i| estimate[i] * (0..estimate.len()).map(|j| matrix[(i, j)] * estimate[j]).sum::<f64>())
+            .sum()
+    };
+    let (left, alone) = (quadratic(&group.left), quadratic(&group.alone));
+    if alone > 0.0 { (1.0 - left / alone).clamp(0.0, 1.0) } else { 1.0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::linear::Linear;
+    use rand::{Rng, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+
+    const ROWS: usize = 200;
+
+    fn normal(generator: &mut ChaCha8Rng) -> f64 {
+        let (a, b): (f64, f64) = (generator.random(), generator.random());
+        (-2.0 * (1.0 - a).ln()).sqrt() * (std::f64::consts::TAU * b).cos()
+    }
+
+    fn scored(seed: u64, size: f64) -> Score {
+        let mut generator = ChaCha8Rng::seed_from_u64(seed);
+        let base = Mat::from_fn(ROWS, 4, |k, j| (k as f64 / ROWS as f64).powi(j as i32));
+        let group = Mat::from_fn(ROWS, 3, |_, _| normal(&mut generator));
+        let observed: Vec<f64> = (0..ROWS).map(|k| size * group[(k, 1)] + normal(&mut generator)).collect();
+        let (fit, _) = Linear::least_squares(base, &observed).unwrap();
+        score(&fit.project(group.as_ref()), fit.chi2(), fit.degrees())
+    }
+
+    #[test]
+    fn p_values_of_nothing_are_uniform() {
+        let mut values: Vec<f64> = (0..400).map(|seed| scored(seed, 0.0).p_value).collect();
+        values.sort_by(f64::total_cmp);
+        let distance = values.iter().enumerate().map(|(k, p)| (p - (k as f64 + 0.5) / 400.0).abs()).fold(0.0, f64::max);
+        // Kolmogorov-Smirnov at 1 %: 1.63/sqrt(400).
+        assert!(distance < 0.0815, "{distance}");
+    }
+
+    #[test]
+    fn a_signal_is_found_with_its_size() {
+        let found = scored(7, 2.0);
+        assert!(found.p_value < 1e-12 && found.degrees == 3);
+        assert!((found.estimate[1] - 2.0).abs() < 0.3 && found.estimate[0].abs() < 0.3, "{found:?}");
+        assert!(found.alias_share < 0.1 && found.evidence(ROWS, 10) > 0.0);
+    }
+
+    #[test]
+    fn what_the_model_contains_is_not_tested() {
+        let base = Mat::from_fn(ROWS, 4, |k, j| (k as f64 / ROWS as f64).powi(j as i32));
+        let observed: Vec<f64> = (0..ROWS).map(|k| (k as f64 * 0.7).sin()).collect();
+        let (fit, _) = Linear::least_squares(base.clone(), &observed).unwrap();
+        let group = Mat::from_fn(ROWS, 2, |k, j| base[(k, j)] + base[(k, 3)]);
+        let found = score(&fit.project(group.as_ref()), fit.chi2(), fit.degrees());
+        assert_eq!((found.degrees, found.p_value), (0, 1.0));
+    }
+}
