@@ -1,0 +1,162 @@
+//! The scenarios of the bench: every effect, pairs, effects without a name, poor plans, and machines without any.
+//!
+//! Place in the flow: the runner goes through them. Sizes with `*` are about the literature's; the bench scales them.
+
+use abbe_geometry::error_function::Kind;
+use abbe_identify::OrderChoice;
+use abbe_virtual_machine::instrument::Outliers;
+use abbe_virtual_machine::machine::Roughness;
+
+use crate::scenario::{Family, PlanKind, Scenario};
+
+/// Factors of the power curve.
+pub const FACTORS: [f64; 5] = [1.2, 1.5, 2.0, 3.0, 5.0];
+
+/// Every effect alone: name of the scenario and template.
+const SINGLE: &[(&str, &str)] = &[
+    ("expansion", "scale_expansion axis=$axis per_kelvin_um_m=10* fixed_at_mm=0"),
+    ("expansion fixed in the middle", "scale_expansion axis=$axis per_kelvin_um_m=10* fixed_at_mm=300"),
+    ("bow", "gradient_bow urad_per_m_kelvin=10*"),
+    ("warming", "warm_up final_x_um=1* final_y_um=-2* final_z_um=4* time_constant_s=4000"),
+    ("play", "backlash axis=$axis size_um=1*"),
+    ("play growing", "backlash axis=$axis size_um=0.5* growth_um=1*"),
+    ("acceleration", "acceleration axis=$axis about=$next urad_per_m_s2=8*"),
+    ("lag", "speed_lag axis=$axis lag_us=10*"),
+    ("periodic", "periodic_scale axis=$axis size_um=0.5* pitch_mm=$pitch phase_deg=$phase"),
+    ("sag", "carriage_sag carrying=x carriage=y sag_um=1* twist_urad=3*"),
+    ("twist", "carriage_twist carrying=x carriage=y twist_urad=5*"),
+    ("load", "table_load um_per_kg=0.3*"),
+    ("refraction", "refraction range_share=1* dead_path_share=0"),
+    ("dead path", "dead_path unseen_mm=500*"),
+    ("gimbal", "gimbal sin_az_um=0.3* sin_2az_um=0.2* sin_2el_um=0.2*"),
+    ("drift", "station_drift rate_x_um_h=2* rate_y_um_h=1* rate_z_um_h=-1*"),
+    ("incidence", "reflector_incidence size_um=0.5* looks_z=-1"),
+    ("holders", "reflector_offset size_um=1* seed=$seed"),
+    ("run", "outlying_run line=$line shift_um=3*"),
+];
+
+/// Smooth effects without a name: what they depend on.
+const UNDESCRIBED: &[(&str, &str)] = &[
+    (
+        "air and y",
+        "undescribed seed=$seed of=temp_air_c of_from=19.5 of_to=20.9 and=y_mm and_from=0 and_to=600 along=$axis size_um=1*",
+    ),
+    (
+        "bridge and x",
+        "undescribed seed=$seed of=temp_bridge_top_c of_from=19.7 of_to=21.9 and=x_mm and_from=0 and_to=800 along=$axis size_um=1*",
+    ),
+    (
+        "x and z",
+        "undescribed seed=$seed of=x_mm of_from=0 of_to=800 and=z_mm and_from=0 and_to=600 along=$axis size_um=1*",
+    ),
+    (
+        "load and y",
+        "undescribed seed=$seed of=load_kg of_from=0 of_to=10 and=y_mm and_from=0 and_to=600 along=$axis size_um=1*",
+    ),
+    (
+        "pressure and z",
+        "undescribed seed=$seed of=pressure_hpa of_from=1003 of_to=1015 and=z_mm and_from=0 and_to=600 along=$axis size_um=1*",
+    ),
+];
+
+/// Pairs, by their names in [`SINGLE`].
+const PAIRS: &[[&str; 2]] = &[
+    ["expansion", "play"],
+    ["expansion", "periodic"],
+    ["bow", "acceleration"],
+    ["warming", "play"],
+    ["load", "lag"],
+    ["drift", "expansion"],
+    ["play", "periodic"],
+    ["refraction", "bow"],
+    ["twist", "load"],
+];
+
+/// Effects on plan A, whose one direction and one offset hide them.
+const ALIASED: &[(&str, &str)] = &[
+    ("play", "backlash axis=x size_um=1*"),
+    ("lag", "speed_lag axis=x lag_us=10*"),
+    ("periodic at the step", "periodic_scale axis=x size_um=0.5* pitch_mm=54.857142857 phase_deg=$phase"),
+    ("bow", "gradient_bow urad_per_m_kelvin=10*"),
+    ("sag", "carriage_sag carrying=x carriage=y sag_um=1* twist_urad=3*"),
+    ("gimbal", "gimbal sin_az_um=0.3* sin_2az_um=0.2* sin_2el_um=0.2*"),
+];
+
+/// With one offset on the ram's axis these turn a point about itself, or do what a straightness does.
+const HELD_ON_PLAN_A: &[&str] = &["ECY", "EAZ", "EBZ", "ECZ"];
+
+/// All scenarios.
+pub fn scenarios() -> Vec<Scenario> {
+    let mut out = vec![Scenario::plain("nothing", Family::Clean)];
+    out.push(Scenario { roughness: Roughness::ROUGH, ..Scenario::plain("nothing, rough machine", Family::Clean) });
+    out.push(Scenario { plan: PlanKind::C, ..Scenario::plain("nothing, plan C", Family::Clean) });
+    out.extend(adverse());
+    let with = |name: &str, family, injected, factors: &[f64]| Scenario {
+        injected,
+        factors: factors.to_vec(),
+        ..Scenario::plain(name, family)
+    };
+    out.extend(SINGLE.iter().map(|(name, template)| with(name, Family::Single, vec![*template], &FACTORS)));
+    out.extend(UNDESCRIBED.iter().map(|(name, template)| with(name, Family::Undescribed, vec![*template], &FACTORS)));
+    for names in PAIRS {
+        let templates = SINGLE.iter().filter(|(name, _)| names.contains(name)).map(|(_, template)| *template);
+        out.push(with(&names.join(" and "), Family::Pair, templates.collect(), &[2.0, 3.0]));
+    }
+    out.extend(ALIASED.iter().map(|(name, template)| Scenario {
+        plan: PlanKind::A,
+        held_zero: HELD_ON_PLAN_A,
+        ..with(&format!("{name}, plan A"), Family::Aliased, vec![*template], &[2.0, 5.0])
+    }));
+    out
+}
+
+/// Machines without effect that a careless diagnosis takes for machines with one.
+fn adverse() -> [Scenario; 4] {
+    let rough = |name| Scenario { roughness: Roughness::ROUGH, ..Scenario::plain(name, Family::Adverse) };
+    [
+        Scenario { kind: Kind::Polynomial { degree: 3 }, ..rough("too few coefficients: cubics") },
+        Scenario {
+            kind: Kind::Nodes { count: 5 },
+            order: OrderChoice::Fixed,
+            ..rough("too few coefficients: 5 nodes")
+        },
+        Scenario { noise: 1.5, ..Scenario::plain("noise 1.5 times the declared", Family::Adverse) },
+        Scenario {
+            outliers: Some(Outliers { fraction: 0.01, size_m: 20e-6 }),
+            ..Scenario::plain("1 % gross outliers", Family::Adverse)
+        },
+    ]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scenario::choices;
+    use abbe_virtual_machine::effects::{examples, from_text};
+    use std::collections::BTreeSet;
+
+    #[test]
+    fn names_are_unique_and_every_template_makes_an_effect() {
+        let all = scenarios();
+        let names: BTreeSet<_> = all.iter().map(|scenario| &scenario.name).collect();
+        assert_eq!(names.len(), all.len());
+        for scenario in &all {
+            let config = scenario.clean_config(3).unwrap();
+            for template in &scenario.injected {
+                let text = choices(&config).fill(template, 1.0).unwrap();
+                from_text(&text).unwrap_or_else(|problem| panic!("{text}: {problem}"));
+                assert_ne!(choices(&config).fill(template, 2.0).unwrap(), text, "its size can be changed");
+            }
+            assert_eq!(scenario.injected.is_empty(), scenario.factors.is_empty());
+        }
+    }
+
+    #[test]
+    fn every_effect_of_the_simulator_is_tried_alone_and_pairs_are_pairs() {
+        let first = |text: &str| text.split_whitespace().next().unwrap().to_owned();
+        let tried: BTreeSet<String> = SINGLE.iter().chain(UNDESCRIBED).map(|(_, template)| first(template)).collect();
+        let known: BTreeSet<String> = examples().map(first).collect();
+        assert_eq!(tried, known);
+        assert!(scenarios().iter().filter(|s| s.family == Family::Pair).all(|s| s.injected.len() == 2));
+    }
+}

@@ -1,0 +1,157 @@
+//! Tables of many trials: how often effects are detected, rightly or wrongly named, and how much error goes away.
+//!
+//! Place in the flow: last step of the bench; records in, text and rows out. Shares come with Wilson's 95 % intervals;
+//! trials without a result are counted beside them, never among them.
+
+use std::collections::BTreeMap;
+use std::fmt::Write;
+
+use crate::record::{Outcome, Record};
+use crate::statistics::{Count, median_and_largest};
+
+/// Trials of one scenario at one factor.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Line {
+    /// Family of the scenario.
+    pub family: String,
+    /// Name of the scenario.
+    pub scenario: String,
+    /// Factor asked for.
+    pub factor: Option<f64>,
+    /// Something was found.
+    pub detected: Count,
+    /// Everything injected was named.
+    pub right: Count,
+    /// A cause was claimed that was not there.
+    pub wrong: Count,
+    /// The error after is within 15 % of that without the effect.
+    pub within_15_percent: Count,
+    /// Median and largest error after, in units of that without the effect.
+    pub after_over_clean: Option<[f64; 2]>,
+    /// Median share of the excess that was removed.
+    pub excess_removed: Option<f64>,
+    /// Trials without a result.
+    pub failed: usize,
+    /// Seeds of the trials.
+    pub seeds: [u64; 2],
+}
+
+/// One line for each scenario and factor, and one for each family over all its scenarios.
+pub fn lines(records: &[Record]) -> Vec<Line> {
+    let mut groups: BTreeMap<(String, String, u64), Vec<&Record>> = BTreeMap::new();
+    for record in records {
+        // Factors are positive, so the bits of the number sort as the number does.
+        let factor = record.factor_wanted.map_or(0, f64::to_bits);
+        for scenario in [record.scenario.clone(), format!("all {}", record.family)] {
+            groups.entry((record.family.clone(), scenario, factor)).or_default().push(record);
+        }
+    }
+    groups.into_iter().map(|((family, scenario, _), group)| line(family, scenario, &group)).collect()
+}
+
+fn line(family: String, scenario: String, group: &[&Record]) -> Line {
+    let done: Vec<&Outcome> = group.iter().filter_map(|record| record.outcome.as_ref().ok()).collect();
+    let count = |test: fn(&Outcome) -> bool| Count::among(done.iter().map(|outcome| test(outcome)));
+    let seeds = group.iter().map(|record| record.seed);
+    Line {
+        family,
+        scenario,
+        factor: group.first().and_then(|record| record.factor_wanted),
+        detected: count(|o| o.attribution.detected),
+        right: count(|o| o.attribution.right),
+        wrong: count(|o| o.attribution.wrong),
+        within_15_percent: count(|o| o.after_m <= 1.15 * o.clean_m),
+        after_over_clean: median_and_largest(done.iter().map(|o| o.after_m / o.clean_m)),
+        excess_removed: median_and_largest(done.iter().filter_map(|o| o.excess_removed())).map(|[median, _]| median),
+        failed: group.len() - done.len(),
+        seeds: [seeds.clone().min().unwrap_or(0), seeds.max().unwrap_or(0)],
+    }
+}
+
+/// The table as text.
+pub fn text(lines: &[Line]) -> String {
+    let mut out = String::new();
+    let _ = writeln!(
+        out,
+        "{:<12} {:<34} {:>6} {:>4} {:>6}  {:<17} {:<17} {:<17} {:<17} {:>12} {:>8}  seeds",
+        "family",
+        "scenario",
+        "factor",
+        "n",
+        "failed",
+        "detected",
+        "right",
+        "wrong",
+        "within 15 %",
+        "after/clean",
+        "removed"
+    );
+    for line in lines {
+        let _ = writeln!(
+            out,
+            "{:<12} {:<34} {:>6} {:>4} {:>6}  {:<17} {:<17} {:<17} {:<17} {:>12} {:>8}  {}-{}",
+            line.family,
+            line.scenario,
+            line.factor.map_or("-".to_owned(), |f| f.to_string()),
+            line.detected.of,
+            line.failed,
+            share(line.detected),
+            share(line.right),
+            share(line.wrong),
+            share(line.within_15_percent),
+            line.after_over_clean.map_or("-".to_owned(), |[median, largest]| format!("{median:.2}/{largest:.2}")),
+            line.excess_removed.map_or("-".to_owned(), |share| format!("{:.0} %", share * 100.0)),
+            line.seeds[0],
+            line.seeds[1],
+        );
+    }
+    out
+}
+
+/// A count with its interval, such as `95 % (76-99)`.
+fn share(count: Count) -> String {
+    match count.interval() {
+        None => "-".to_owned(),
+        Some([low, high]) => {
+            let percent = 100.0 * count.hits as f64 / count.of as f64;
+            format!("{percent:.0} % ({:.0}-{:.0})", low * 100.0, high * 100.0)
+        }
+    }
+}
+
+/// Trials that did not come out as wanted, one text each: the list from which a diagnosis is improved.
+pub fn failures(records: &[Record]) -> Vec<String> {
+    records.iter().filter_map(failure).collect()
+}
+
+fn failure(record: &Record) -> Option<String> {
+    let factor = record.factor_wanted.map_or(String::new(), |f| format!(" x{f}"));
+    let place = format!("{} {}{factor} seed {}", record.family, record.scenario, record.seed);
+    let outcome = match &record.outcome {
+        Ok(outcome) => outcome,
+        Err(problem) => return Some(format!("{place}: {problem}")),
+    };
+    let found = if outcome.found.is_empty() { "nothing".to_owned() } else { outcome.found.join(" + ") };
+    let is_free = matches!(record.family.as_str(), "clean" | "adverse");
+    let what = match outcome.attribution {
+        a if is_free && a.detected => "false alarm",
+        _ if is_free => return None,
+        a if a.wrong => "wrong name",
+        a if record.family == "aliased" && a.detected => "claimed although aliased",
+        _ if record.family == "aliased" => return None,
+        a if !a.detected => "missed",
+        a if !a.right && record.family != "undescribed" => "not named",
+        _ if outcome.after_m > 1.15 * outcome.clean_m && record.family != "undescribed" => "error left",
+        _ if outcome.excess_removed().is_some_and(|share| share < 0.7) => "excess left",
+        _ => return None,
+    };
+    Some(format!(
+        "{place}: {what}; injected {}; found {found}; clean {:.3} before {:.3} after {:.3} um; chi2 {:.3} to {:.3}",
+        outcome.injected.join(" + "),
+        outcome.clean_m * 1e6,
+        outcome.before_m * 1e6,
+        outcome.after_m * 1e6,
+        outcome.chi2_per_dof[0],
+        outcome.chi2_per_dof[1]
+    ))
+}
