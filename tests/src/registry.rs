@@ -4,31 +4,35 @@
 //! elsewhere, out.
 
 use crate::source::Source;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
-/// Effect files and the text of the table they are entered in disagree: each file needs `mod name;`, and one
-/// `name::construct` beside one `name::NAME` in the table; no line may stand for no file.
+/// Effect files and the table they are entered in disagree: each file needs one `name::KNOWN` in the table, and no
+/// line may stand for no file.
 pub fn effects_against_table(files: &[String], table: &Source) -> Vec<String> {
-    let mut entered: BTreeMap<String, [usize; 2]> = BTreeMap::new();
+    let mut entered: BTreeMap<String, usize> = BTreeMap::new();
     for found in table.paths() {
-        if let Some((name, what)) = found.what.split_once("::")
-            && let Some(column) = ["NAME", "construct"].iter().position(|known| *known == what)
-        {
-            entered.entry(name.to_owned()).or_default()[column] += 1;
+        if let Some((name, "KNOWN")) = found.what.split_once("::") {
+            *entered.entry(name.to_owned()).or_default() += 1;
         }
     }
     let mut wrong = Vec::new();
     for file in files {
         match entered.remove(file) {
-            Some([1, 1]) => {}
-            Some([names, constructors]) => {
-                wrong.push(format!("{file}: {names} names and {constructors} constructors in the table, not one each"));
-            }
+            Some(1) => {}
+            Some(lines) => wrong.push(format!("{file}: {lines} lines in the table, not one")),
             None => wrong.push(format!("{file}: a file, but not in the table")),
         }
     }
     wrong.extend(entered.into_keys().map(|name| format!("{name}: in the table, but no file")));
     wrong
+}
+
+/// Effects whose name in model files is not that of their file.
+pub fn names_against_files(files: &[String], names: &[&str]) -> Vec<String> {
+    let files: BTreeSet<&str> = files.iter().map(String::as_str).collect();
+    let names: BTreeSet<&str> = names.iter().copied().collect();
+    let without = files.difference(&names).map(|file| format!("{file}: a file, but no effect of that name"));
+    without.chain(names.difference(&files).map(|name| format!("{name}: an effect, but no file of that name"))).collect()
 }
 
 /// Words that stand in the production code of a file.
@@ -75,14 +79,19 @@ mod tests {
 
     #[test]
     fn an_effect_missing_double_or_dangling_is_caught() {
-        let table = source("const R: &[X] = &[(bow::NAME, bow::construct), (sag::NAME, sag::construct)];");
+        let table = source("use super::{bow, sag}; const R: &[Known] = &[bow::KNOWN, sag::KNOWN];");
         assert!(effects_against_table(&names(&["bow", "sag"]), &table).is_empty());
         assert_eq!(effects_against_table(&names(&["bow", "sag", "tilt"]), &table).len(), 1, "a file not entered");
         assert_eq!(effects_against_table(&names(&["bow"]), &table).len(), 1, "a line without file");
-        let double = source("const R: &[X] = &[(bow::NAME, bow::construct), (bow::NAME, bow::construct)];");
+        let double = source("const R: &[Known] = &[bow::KNOWN, bow::KNOWN];");
         assert_eq!(effects_against_table(&names(&["bow"]), &double).len(), 1, "entered twice");
-        let crossed = source("const R: &[X] = &[(bow::NAME, sag::construct)];");
-        assert_eq!(effects_against_table(&names(&["bow", "sag"]), &crossed).len(), 2, "name of one, code of another");
+    }
+
+    #[test]
+    fn an_effect_with_the_name_of_another_file_is_caught() {
+        assert!(names_against_files(&names(&["bow", "sag"]), &["sag", "bow"]).is_empty());
+        assert_eq!(names_against_files(&names(&["bow", "sag"]), &["bow", "bow"]).len(), 1, "one name for two");
+        assert_eq!(names_against_files(&names(&["bow"]), &["arch"]).len(), 2, "another name");
     }
 
     #[test]

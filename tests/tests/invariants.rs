@@ -11,6 +11,10 @@ use abbe_tests::{documents, registry, rules};
 use std::path::{Path, PathBuf};
 
 const EFFECTS: &str = "models/geometry/src/effects";
+/// What effects share, beside them.
+const SHARED_BY_EFFECTS: [&str; 4] = ["known", "shape", "source", "tests"];
+/// Effects that propose no shapes of their own: the search that finds a period, a line or a dependence names them.
+const FOUND_BY_A_SEARCH: [&str; 3] = ["empirical", "outlying_run", "periodic_scale"];
 const DRIVERS: &str = "nodes/graph/src/driver";
 /// Simulates physics with its own code, so that truth and model share no mistake; it has effects of its own.
 const INDEPENDENT_TRUTH: &str = "models/virtual-machine";
@@ -105,11 +109,16 @@ fn no_file_names_a_folder_of_somebodys_machine() {
 
 #[test]
 fn an_effect_is_one_file_and_one_line() {
-    let names = stems(EFFECTS);
+    let (shared, mut names): (Vec<String>, Vec<String>) =
+        stems(EFFECTS).into_iter().partition(|name| SHARED_BY_EFFECTS.contains(&name.as_str()));
+    assert_eq!(shared.len(), SHARED_BY_EFFECTS.len(), "what effects share is there");
     let all = rust_files();
-    let table = all.iter().find(|file| file.path == Path::new(EFFECTS).join("mod.rs")).expect("the table of effects");
+    let table = all.iter().find(|file| file.path == Path::new(EFFECTS).join("known.rs")).expect("the table of effects");
     assert_none("effects and their table", &registry::effects_against_table(&names, &table.source));
-    assert_eq!(names.len(), abbe_geometry::effects::REGISTRY.len(), "one entry a file");
+    let registered: Vec<&str> = abbe_geometry::effects::REGISTRY.iter().map(|known| known.name).collect();
+    assert_eq!(names.len(), registered.len(), "one entry a file");
+    assert_none("effects and their files", &registry::names_against_files(&names, &registered));
+    names.retain(|name| !FOUND_BY_A_SEARCH.contains(&name.as_str()));
     let elsewhere = |file: &&RustFile| {
         !file.for_tests
             && !file.path.starts_with(EFFECTS)
