@@ -11,7 +11,7 @@ pub const COLUMNS: [&str; 21] = [
     "scenario",
     "family",
     "seed",
-    "factor_wanted",
+    "level",
     "factor",
     "clean_um",
     "before_um",
@@ -44,8 +44,8 @@ pub struct Record {
     pub family: String,
     /// Seed.
     pub seed: u64,
-    /// Factor asked for, `None` without effect.
-    pub factor_wanted: Option<f64>,
+    /// Level asked for, `None` without effect.
+    pub level: Option<f64>,
     /// What came of it, or why nothing did.
     pub outcome: Result<Outcome, String>,
 }
@@ -87,7 +87,7 @@ impl Outcome {
 impl Record {
     /// What tells this trial from all others.
     pub fn key(&self) -> (String, u64, Option<String>) {
-        (self.scenario.clone(), self.seed, self.factor_wanted.map(|f| format!("{f}")))
+        (self.scenario.clone(), self.seed, self.level.map(|f| format!("{f}")))
     }
 
     /// The row of a file, in the order of [`COLUMNS`].
@@ -102,7 +102,7 @@ impl Record {
             self.scenario.clone(),
             self.family.clone(),
             self.seed.to_string(),
-            self.factor_wanted.map_or(String::new(), |f| format!("{f}")),
+            self.level.map_or(String::new(), |f| format!("{f}")),
             with(|o| o.before_m / o.clean_m),
             with(|o| o.clean_m / MICRO),
             with(|o| o.before_m / MICRO),
@@ -130,12 +130,12 @@ impl Record {
         }
         let at = |name: &str| COLUMNS.iter().position(|column| *column == name).map(|k| row[k]);
         let problem = at("problem")?;
-        let factor = at("factor_wanted")?;
+        let level = at("level")?;
         Some(Record {
             scenario: at("scenario")?.to_owned(),
             family: at("family")?.to_owned(),
             seed: at("seed")?.parse().ok()?,
-            factor_wanted: if factor.is_empty() { None } else { Some(factor.parse().ok()?) },
+            level: if level.is_empty() { None } else { Some(level.parse().ok()?) },
             outcome: if problem.is_empty() { Ok(outcome(&at)?) } else { Err(problem.to_owned()) },
         })
     }
@@ -179,7 +179,7 @@ mod tests {
             scenario: "play".to_owned(),
             family: "single".to_owned(),
             seed: 4,
-            factor_wanted: Some(1.5),
+            level: Some(1.5),
             outcome: Ok(Outcome {
                 injected: vec!["play axis=x".to_owned(), "heat".to_owned()],
                 clean_m: 3e-7,
@@ -206,7 +206,7 @@ mod tests {
         assert_eq!(came.key(), went.key());
         assert_eq!(back(&came), came);
         assert_eq!(came.outcome.unwrap().injected, went.outcome.unwrap().injected);
-        let failed = Record { outcome: Err("no size".to_owned()), factor_wanted: None, ..record() };
+        let failed = Record { outcome: Err("no size".to_owned()), level: None, ..record() };
         assert_eq!(back(&failed), failed);
         assert_eq!(Record::from_row(&["play", "single"]), None);
     }

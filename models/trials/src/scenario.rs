@@ -59,6 +59,15 @@ pub enum PlanKind {
     C,
 }
 
+/// What the level of an effect is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum SizedBy {
+    /// The factor by which the effect alone raises the verification error.
+    Error,
+    /// The factor on the template's size, for effects that spoil readings more than the model.
+    Size,
+}
+
 /// One kind of trial.
 #[derive(Debug, Clone)]
 pub struct Scenario {
@@ -68,8 +77,10 @@ pub struct Scenario {
     pub family: Family,
     /// Templates of the injected effects, see [`crate::template`].
     pub injected: Vec<&'static str>,
-    /// By how much the effects are to raise the verification error; empty where none is injected.
-    pub factors: Vec<f64>,
+    /// How large the effects are, see [`Self::sized_by`]; empty where none is injected.
+    pub levels: Vec<f64>,
+    /// What a level is.
+    pub sized_by: SizedBy,
     /// The plan.
     pub plan: PlanKind,
     /// Roughness of the machine.
@@ -93,7 +104,8 @@ impl Scenario {
             name: name.into(),
             family,
             injected: Vec::new(),
-            factors: Vec::new(),
+            levels: Vec::new(),
+            sized_by: SizedBy::Error,
             plan: PlanKind::CaseLike,
             roughness: Roughness::TYPICAL,
             kind: Kind::BSpline { intervals: 9 },

@@ -8,6 +8,8 @@ use crate::trial::TrialError;
 
 /// Share by which the factor reached may differ from the one asked for.
 pub const TOLERANCE: f64 = 0.05;
+/// Share by which it may differ where the error jumps with the size, because the fit changes its mind.
+const JUMPING: f64 = 0.2;
 /// Excess that fixes the proportionality: well above scatter, not yet so large that readings are rejected.
 const GAUGED: [f64; 2] = [0.4, 6.0];
 /// Largest size tried, in units of the template's.
@@ -51,7 +53,8 @@ pub fn gauge(clean_m: f64, evaluate: &mut dyn FnMut(f64) -> Result<f64, TrialErr
     Err(TrialError::Unreachable { size })
 }
 
-/// The size at which the error is `factor` times that without the effect, within [`TOLERANCE`].
+/// The size at which the error is `factor` times that without the effect, within [`TOLERANCE`]; where the error jumps
+/// with the size, the nearest that was found.
 ///
 /// # Errors
 /// No size within reason reaches the factor, or an evaluation fails.
@@ -62,19 +65,24 @@ pub fn find(
     evaluate: &mut dyn FnMut(f64) -> Result<f64, TrialError>,
 ) -> Result<Sized, TrialError> {
     let wanted = (factor * factor - 1.0).sqrt();
+    let miss = |sized: &Sized| (sized.rms_m / clean_m / factor - 1.0).abs();
     let mut size = wanted / per_size;
+    let mut nearest: Option<Sized> = None;
     for _ in 0..STEPS {
         if size > LARGEST {
             break;
         }
-        let rms_m = evaluate(size)?;
-        if (rms_m / clean_m / factor - 1.0).abs() <= TOLERANCE {
-            return Ok(Sized { size, rms_m });
+        let sized = Sized { size, rms_m: evaluate(size)? };
+        if nearest.is_none_or(|best| miss(&sized) < miss(&best)) {
+            nearest = Some(sized);
         }
-        let found = excess(rms_m, clean_m);
+        if miss(&sized) <= TOLERANCE {
+            break;
+        }
+        let found = excess(sized.rms_m, clean_m);
         size *= if found > 0.0 { (wanted / found).clamp(1.0 / STRIDE, STRIDE) } else { STRIDE };
     }
-    Err(TrialError::Unreachable { size })
+    nearest.filter(|best| miss(best) <= JUMPING).ok_or(TrialError::Unreachable { size })
 }
 
 #[cfg(test)]
@@ -107,6 +115,13 @@ mod tests {
         let per_size = gauge(3e-7, &mut evaluate).unwrap();
         let found = find(3.0, 3e-7, per_size, &mut evaluate).unwrap();
         assert!((found.rms_m / 3e-7 / 3.0 - 1.0).abs() <= TOLERANCE);
+    }
+
+    #[test]
+    fn an_error_that_jumps_over_the_factor_is_taken_next_to_it() {
+        let mut evaluate = |size: f64| Ok(3e-7 * if size < 2.0 { (1.0 + size * size).sqrt() } else { 3.3 });
+        let found = find(3.0, 3e-7, 1.0, &mut evaluate).unwrap();
+        assert_eq!(found.rms_m, 3e-7 * 3.3);
     }
 
     #[test]

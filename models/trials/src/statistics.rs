@@ -24,12 +24,14 @@ impl Count {
         })
     }
 
+    /// Share of the trials that did, `None` without trials.
+    pub fn share(&self) -> Option<f64> {
+        (self.of > 0).then(|| self.hits as f64 / self.of as f64)
+    }
+
     /// Wilson's 95 % interval of the share behind the count, `None` without trials.
     pub fn interval(&self) -> Option<[f64; 2]> {
-        if self.of == 0 {
-            return None;
-        }
-        let (n, share) = (self.of as f64, self.hits as f64 / self.of as f64);
+        let (n, share) = (self.of as f64, self.share()?);
         let z2 = Z_95 * Z_95;
         let centre = (share + z2 / (2.0 * n)) / (1.0 + z2 / n);
         let half = Z_95 / (1.0 + z2 / n) * (share * (1.0 - share) / n + z2 / (4.0 * n * n)).sqrt();

@@ -9,15 +9,15 @@ use std::fmt::Write;
 use crate::record::{Outcome, Record};
 use crate::statistics::{Count, median_and_largest};
 
-/// Trials of one scenario at one factor.
+/// Trials of one scenario at one level.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Line {
     /// Family of the scenario.
     pub family: String,
     /// Name of the scenario.
     pub scenario: String,
-    /// Factor asked for.
-    pub factor: Option<f64>,
+    /// Level asked for.
+    pub level: Option<f64>,
     /// Something was found.
     pub detected: Count,
     /// Everything injected was named.
@@ -36,14 +36,14 @@ pub struct Line {
     pub seeds: [u64; 2],
 }
 
-/// One line for each scenario and factor, and one for each family over all its scenarios.
+/// One line for each scenario and level, and one for each family over all its scenarios.
 pub fn lines(records: &[Record]) -> Vec<Line> {
     let mut groups: BTreeMap<(String, String, u64), Vec<&Record>> = BTreeMap::new();
     for record in records {
-        // Factors are positive, so the bits of the number sort as the number does.
-        let factor = record.factor_wanted.map_or(0, f64::to_bits);
+        // Levels are positive, so the bits of the number sort as the number does.
+        let level = record.level.map_or(0, f64::to_bits);
         for scenario in [record.scenario.clone(), format!("all {}", record.family)] {
-            groups.entry((record.family.clone(), scenario, factor)).or_default().push(record);
+            groups.entry((record.family.clone(), scenario, level)).or_default().push(record);
         }
     }
     groups.into_iter().map(|((family, scenario, _), group)| line(family, scenario, &group)).collect()
@@ -56,7 +56,7 @@ fn line(family: String, scenario: String, group: &[&Record]) -> Line {
     Line {
         family,
         scenario,
-        factor: group.first().and_then(|record| record.factor_wanted),
+        level: group.first().and_then(|record| record.level),
         detected: count(|o| o.attribution.detected),
         right: count(|o| o.attribution.right),
         wrong: count(|o| o.attribution.wrong),
@@ -76,7 +76,7 @@ pub fn text(lines: &[Line]) -> String {
         "{:<12} {:<34} {:>6} {:>4} {:>6}  {:<17} {:<17} {:<17} {:<17} {:>12} {:>8}  seeds",
         "family",
         "scenario",
-        "factor",
+        "level",
         "n",
         "failed",
         "detected",
@@ -92,7 +92,7 @@ pub fn text(lines: &[Line]) -> String {
             "{:<12} {:<34} {:>6} {:>4} {:>6}  {:<17} {:<17} {:<17} {:<17} {:>12} {:>8}  {}-{}",
             line.family,
             line.scenario,
-            line.factor.map_or("-".to_owned(), |f| f.to_string()),
+            line.level.map_or("-".to_owned(), |level| level.to_string()),
             line.detected.of,
             line.failed,
             share(line.detected),
@@ -108,14 +108,58 @@ pub fn text(lines: &[Line]) -> String {
     out
 }
 
+/// Columns of [`power_row`].
+pub const POWER_COLUMNS: [&str; 18] = [
+    "family",
+    "scenario",
+    "level",
+    "trials",
+    "failed",
+    "detected",
+    "detected_low",
+    "detected_high",
+    "right",
+    "right_low",
+    "right_high",
+    "wrong",
+    "wrong_low",
+    "wrong_high",
+    "within_15_percent",
+    "after_over_clean_median",
+    "after_over_clean_largest",
+    "excess_removed_median",
+];
+
+/// One point of the power curve: shares with their 95 % intervals against the level.
+pub fn power_row(line: &Line) -> Vec<String> {
+    let number = |value: Option<f64>| value.map_or(String::new(), |v| format!("{v:.4}"));
+    let mut row = vec![
+        line.family.clone(),
+        line.scenario.clone(),
+        line.level.map_or(String::new(), |level| level.to_string()),
+        line.detected.of.to_string(),
+        line.failed.to_string(),
+    ];
+    for count in [line.detected, line.right, line.wrong] {
+        let interval = count.interval();
+        row.push(number(count.share()));
+        row.push(number(interval.map(|[low, _]| low)));
+        row.push(number(interval.map(|[_, high]| high)));
+    }
+    row.push(number(line.within_15_percent.share()));
+    row.push(number(line.after_over_clean.map(|[median, _]| median)));
+    row.push(number(line.after_over_clean.map(|[_, largest]| largest)));
+    row.push(number(line.excess_removed));
+    row
+}
+
 /// A count with its interval, such as `95 % (76-99)`.
 fn share(count: Count) -> String {
-    match count.interval() {
-        None => "-".to_owned(),
-        Some([low, high]) => {
-            let percent = 100.0 * count.hits as f64 / count.of as f64;
-            format!("{percent:.0} % ({:.0}-{:.0})", low * 100.0, high * 100.0)
+    match (count.share(), count.interval()) {
+        (Some(share), Some([low, high])) => {
+            format!("{:.0} % ({:.0}-{:.0})", share * 100.0, low * 100.0, high * 100.0)
         }
+        _ => "-".to_owned(),
     }
 }
 
@@ -125,8 +169,8 @@ pub fn failures(records: &[Record]) -> Vec<String> {
 }
 
 fn failure(record: &Record) -> Option<String> {
-    let factor = record.factor_wanted.map_or(String::new(), |f| format!(" x{f}"));
-    let place = format!("{} {}{factor} seed {}", record.family, record.scenario, record.seed);
+    let level = record.level.map_or(String::new(), |level| format!(" x{level}"));
+    let place = format!("{} {}{level} seed {}", record.family, record.scenario, record.seed);
     let outcome = match &record.outcome {
         Ok(outcome) => outcome,
         Err(problem) => return Some(format!("{place}: {problem}")),
@@ -154,4 +198,51 @@ fn failure(record: &Record) -> Option<String> {
         outcome.chi2_per_dof[0],
         outcome.chi2_per_dof[1]
     ))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::attribution::Attribution;
+
+    /// A trial of an effect of factor 2: named rightly or not, with an error left in units of the clean one.
+    fn record(seed: u64, right: bool, left: f64) -> Record {
+        let attribution = Attribution { detected: true, right, wrong: !right, empirical: false };
+        let outcome = Outcome {
+            injected: vec!["play axis=x".to_owned()],
+            clean_m: 3e-7,
+            before_m: 6e-7,
+            after_m: 3e-7 * left,
+            consistent_with_noise: false,
+            attribution,
+            found: vec!["reverse x".to_owned()],
+            not_identifiable: Vec::new(),
+            chi2_per_dof: [2.0, 1.0],
+        };
+        let (scenario, family) = ("play".to_owned(), "single".to_owned());
+        Record { scenario, family, seed, level: Some(2.0), outcome: Ok(outcome) }
+    }
+
+    #[test]
+    fn trials_without_a_result_are_counted_apart() {
+        let failed = Record { outcome: Err("no size".to_owned()), ..record(3, true, 1.0) };
+        let all = [record(1, true, 1.0), record(2, false, 1.5), failed];
+        let lines = lines(&all);
+        assert_eq!(lines.len(), 2, "the scenario and its family");
+        for line in &lines {
+            assert_eq!((line.right, line.failed, line.seeds), (Count { hits: 1, of: 2 }, 1, [1, 3]));
+            assert_eq!(line.within_15_percent, Count { hits: 1, of: 2 });
+            let [median, largest] = line.after_over_clean.unwrap();
+            assert!((median - 1.25).abs() < 1e-12 && (largest - 1.5).abs() < 1e-12);
+            assert_eq!(power_row(line).len(), POWER_COLUMNS.len());
+        }
+        assert_eq!(failures(&all).len(), 2);
+        assert!(failures(&all)[0].contains("wrong name"));
+    }
+
+    #[test]
+    fn an_error_that_stays_is_a_failure_even_under_the_right_name() {
+        assert!(failures(&[record(1, true, 1.1)]).is_empty());
+        assert!(failures(&[record(1, true, 1.2)])[0].contains("error left"));
+    }
 }

@@ -19,7 +19,7 @@ use thiserror::Error;
 use crate::attribution::{Accepted, Finding, attribute};
 use crate::description::describe;
 use crate::record::{Outcome, Record};
-use crate::scenario::{Scenario, choices, declared_instrument, with_effects};
+use crate::scenario::{Scenario, SizedBy, choices, declared_instrument, with_effects};
 use crate::score::verification_rms_m;
 use crate::sizing;
 
@@ -115,8 +115,8 @@ pub struct Trial<'a> {
     pub scenario: &'a Scenario,
     /// Its seed.
     pub seed: u64,
-    /// By how much the effect is to raise the verification error; `None` without effect.
-    pub factor: Option<f64>,
+    /// How large the effect is to be, see [`SizedBy`]; `None` without effect.
+    pub level: Option<f64>,
 }
 
 /// Everything about a trial before its effect has a size.
@@ -139,13 +139,13 @@ struct Staged {
 /// Runs one trial. What goes wrong with it is part of the record, not an error of the bench.
 pub fn run(trial: &Trial, memory: &Memory, diagnoser: &dyn Diagnoser, table: &[Accepted]) -> Record {
     let outcome = Prepared::new(trial)
-        .and_then(|prepared| prepared.stage(trial.factor, memory).map(|staged| (prepared, staged)))
+        .and_then(|prepared| prepared.stage(trial.level, memory).map(|staged| (prepared, staged)))
         .and_then(|(prepared, staged)| prepared.diagnose(&staged, diagnoser, table));
     Record {
         scenario: trial.scenario.name.clone(),
         family: trial.scenario.family.name().to_owned(),
         seed: trial.seed,
-        factor_wanted: trial.factor,
+        level: trial.level,
         outcome: outcome.map_err(|problem| problem.to_string()),
     }
 }
@@ -170,25 +170,32 @@ impl Prepared<'_> {
     }
 
     /// Gives the effects their sizes.
-    fn stage(&self, factor: Option<f64>, memory: &Memory) -> Result<Staged, TrialError> {
+    fn stage(&self, level: Option<f64>, memory: &Memory) -> Result<Staged, TrialError> {
         let clean_m = memory.get(self.key.clone(), || self.left_m(&self.config))?;
-        let Some(factor) = factor else {
+        let Some(level) = level else {
             return Ok(Staged { texts: Vec::new(), config: self.config.clone(), clean_m, before_m: clean_m });
         };
-        let mut sizes = Vec::new();
-        for template in &self.scenario.injected {
-            let key = format!("{} {template}", self.key);
-            let per_size = memory.get(key, || sizing::gauge(clean_m, &mut |size| self.left_with_m(template, size)))?;
-            sizes.push(match self.scenario.injected.len() {
-                1 => sizing::find(factor, clean_m, per_size, &mut |size| self.left_with_m(template, size))?.size,
-                // Each of several effects would reach the factor alone, by proportion.
-                _ => (factor * factor - 1.0).sqrt() / per_size,
-            });
-        }
-        let texts = self.scenario.texts(&self.config, &sizes)?;
+        let templates = self.scenario.injected.iter();
+        let sizes: Result<Vec<f64>, TrialError> =
+            templates.map(|template| self.size(template, level, clean_m, memory)).collect();
+        let texts = self.scenario.texts(&self.config, &sizes?)?;
         let config = with_effects(&self.config, &texts)?;
         let before_m = self.left_m(&config)?;
         Ok(Staged { texts, config, clean_m, before_m })
+    }
+
+    fn size(&self, template: &str, level: f64, clean_m: f64, memory: &Memory) -> Result<f64, TrialError> {
+        if self.scenario.sized_by == SizedBy::Size {
+            return Ok(level);
+        }
+        let mut evaluate = |size| self.left_with_m(template, size);
+        let key = format!("{} {template}", self.key);
+        let per_size = memory.get(key, || sizing::gauge(clean_m, &mut evaluate))?;
+        match self.scenario.injected.len() {
+            1 => Ok(sizing::find(level, clean_m, per_size, &mut evaluate)?.size),
+            // Each of several effects would reach the factor alone, by proportion.
+            _ => Ok((level * level - 1.0).sqrt() / per_size),
+        }
     }
 
     fn left_with_m(&self, template: &str, size: f64) -> Result<f64, TrialError> {

@@ -55,7 +55,7 @@ fn outcome(record: &Record) -> &abbe_trials::record::Outcome {
 fn an_effect_has_the_size_asked_for_and_a_diagnosis_that_does_nothing_removes_nothing() {
     let (scenario, memory) = (scenario("play"), Memory::default());
     for factor in [1.5, 3.0] {
-        let trial = Trial { scenario: &scenario, seed: 3, factor: Some(factor) };
+        let trial = Trial { scenario: &scenario, seed: 3, level: Some(factor) };
         let record = run(&trial, &memory, &Says(Vec::new()), TABLE);
         let outcome = outcome(&record);
         let reached = outcome.before_m / outcome.clean_m;
@@ -70,7 +70,7 @@ fn an_effect_has_the_size_asked_for_and_a_diagnosis_that_does_nothing_removes_no
 #[test]
 fn the_same_trial_gives_the_same_record_whatever_was_run_before() {
     let scenario = scenario("bow");
-    let trial = |factor| Trial { scenario: &scenario, seed: 5, factor: Some(factor) };
+    let trial = |factor| Trial { scenario: &scenario, seed: 5, level: Some(factor) };
     let fresh = run(&trial(2.0), &Memory::default(), &Says(Vec::new()), TABLE);
     let memory = Memory::default();
     run(&trial(1.2), &memory, &Says(Vec::new()), TABLE);
@@ -87,7 +87,7 @@ fn a_claim_on_a_clean_machine_is_a_false_alarm() {
         shape: [("axis".to_owned(), "x".to_owned())].into(),
         detail: "reversal of x".to_owned(),
     };
-    let trial = Trial { scenario: &scenario, seed: 2, factor: None };
+    let trial = Trial { scenario: &scenario, seed: 2, level: None };
     let record = run(&trial, &Memory::default(), &Says(vec![claim]), TABLE);
     let attribution = outcome(&record).attribution;
     assert!(attribution.detected && attribution.wrong && !attribution.right);
@@ -100,8 +100,8 @@ fn a_claim_on_a_clean_machine_is_a_false_alarm() {
 #[test]
 fn every_scenario_can_be_identified_without_its_effect() {
     for scenario in suite::scenarios().into_iter().filter(|scenario| scenario.family != abbe_trials::Family::Single) {
-        let plain = Scenario { injected: Vec::new(), factors: Vec::new(), ..scenario };
-        let trial = Trial { scenario: &plain, seed: 1, factor: None };
+        let plain = Scenario { injected: Vec::new(), levels: Vec::new(), ..scenario };
+        let trial = Trial { scenario: &plain, seed: 1, level: None };
         let record = run(&trial, &Memory::default(), &Says(Vec::new()), TABLE);
         // Of 20 µm rms the worst description here, cubics on a rough machine, leaves a third.
         assert!(outcome(&record).after_m < 8e-6, "{}: {:e}", plain.name, outcome(&record).after_m);
