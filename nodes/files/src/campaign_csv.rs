@@ -14,7 +14,8 @@ use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
-const KNOWN: [Known; 10] =
+/// Columns of every campaign, in the order in which they are written.
+pub(crate) const KNOWN: [Known; 10] =
     [STATION, LINE, TIME, READING[0], READING[1], READING[2], OFFSET[0], OFFSET[1], OFFSET[2], LENGTH];
 const NUMBER_REMEDY: &str = "write a number with a decimal point, or remove the row";
 const COVARIATE_REMEDY: &str = "a further column must hold numbers to be a covariate: write a number, leave the cell \

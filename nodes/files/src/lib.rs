@@ -6,6 +6,7 @@
 
 mod atomic;
 mod campaign_csv;
+mod campaign_writer;
 mod columns;
 mod csv_source;
 mod error;
@@ -20,6 +21,7 @@ mod units;
 
 pub use atomic::{AtomicFile, write_atomically};
 pub use campaign_csv::{CampaignFile, read_campaign, read_campaign_file};
+pub use campaign_writer::write_campaign;
 pub use error::{FileError, Place};
 pub use machine::{MachineFile, OrderChoice, SIGN_CONVENTION, machine_text, parse_machine, read_machine};
 pub use model_file::{DataSource, ModelFile, ResidualReference, hex};

@@ -201,7 +201,7 @@ impl<W: Write> PointsWriter<W> {
     }
 }
 
-fn unwritten(file: &str, error: csv::Error) -> FileError {
+pub(crate) fn unwritten(file: &str, error: csv::Error) -> FileError {
     match error.into_kind() {
         csv::ErrorKind::Io(source) => FileError::io(file, "write")(source),
         other => FileError::content(Place::file(file), format!("a row cannot be written ({other:?})"), "check the row"),

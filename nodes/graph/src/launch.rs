@@ -4,6 +4,8 @@
 //! every node knows which transport its edges use. Unknown keys, dangling names and impossible edges are refused
 //! with the file and the key.
 
+mod check;
+
 use crate::driver::DriverConfig;
 use crate::step::MonitorSettings;
 use crate::topics;
@@ -71,10 +73,19 @@ impl NodeName {
             NodeName::Scale | NodeName::Tracer => &[],
             NodeName::Geometric => &[NodeName::Scale],
             NodeName::Residual => &[NodeName::Geometric],
-            NodeName::Monitor => &[NodeName::Residual, NodeName::Tracer],
+            NodeName::Monitor => &[NodeName::Residual, NodeName::Tracer, NodeName::Scale],
             NodeName::Recorder => {
                 &[NodeName::Scale, NodeName::Tracer, NodeName::Geometric, NodeName::Residual, NodeName::Monitor]
             }
+        }
+    }
+
+    /// Those of its inputs that this node does nothing without.
+    fn needs(self) -> &'static [NodeName] {
+        match self {
+            NodeName::Monitor => &[NodeName::Residual, NodeName::Tracer],
+            NodeName::Recorder => &[],
+            other => other.inputs(),
         }
     }
 }
@@ -111,8 +122,8 @@ pub struct Source {
     pub pace: Pace,
 }
 
-/// The monitor's bounds.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+/// The monitor's bounds, and what it does when the model does not hold any more.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct MonitorConfig {
     /// A single residual is out of bounds beyond this many standard uncertainties.
@@ -121,6 +132,40 @@ pub struct MonitorConfig {
     pub window: usize,
     /// Stamps this close are the same instant (s).
     pub match_within_s: f64,
+    /// Folder of diagnoses, relative to this file; each has a numbered folder in it. Without one there are none.
+    pub diagnosis_folder: Option<PathBuf>,
+    /// Readings that a diagnosis needs at least; [`MonitorConfig::LEAST_READINGS`] without it.
+    pub diagnosis_readings: Option<usize>,
+    /// Whether a diagnosis starts by itself, once for each model, when the model turns out degraded.
+    #[serde(default)]
+    pub diagnose_when_degraded: bool,
+    /// Whether the model that a diagnosis gives takes the place of the model file.
+    #[serde(default)]
+    pub adopt_diagnosed_model: bool,
+}
+
+impl MonitorConfig {
+    /// Readings that a diagnosis needs at least where the launch file does not say: fewer do not tell the stations of
+    /// a tracer from the errors of a machine.
+    pub const LEAST_READINGS: usize = 300;
+
+    /// Readings that a diagnosis needs at least.
+    pub fn least_readings(&self) -> usize {
+        self.diagnosis_readings.unwrap_or(MonitorConfig::LEAST_READINGS)
+    }
+
+    /// A monitor with these bounds that diagnoses nothing.
+    pub fn new(single_bound: f64, window: usize, match_within_s: f64) -> MonitorConfig {
+        MonitorConfig {
+            single_bound,
+            window,
+            match_within_s,
+            diagnosis_folder: None,
+            diagnosis_readings: None,
+            diagnose_when_degraded: false,
+            adopt_diagnosed_model: false,
+        }
+    }
 }
 
 /// One edge: who gives, who takes, over what.
@@ -258,97 +303,10 @@ impl Launch {
 
     /// The monitor's settings.
     pub fn monitor_settings(&self) -> Option<MonitorSettings> {
-        self.monitor.map(|m| MonitorSettings {
+        self.monitor.as_ref().map(|m| MonitorSettings {
             single_bound: m.single_bound,
             window: m.window,
             match_within_s: m.match_within_s,
         })
-    }
-
-    fn check(&self, path: &Path) -> Result<(), LaunchError> {
-        let wrong = |key: &str, problem: &str| {
-            Err(LaunchError::Value { file: path.to_owned(), key: key.to_owned(), problem: problem.to_owned() })
-        };
-        let positive = |value: f64| value.is_finite() && value > 0.0;
-        if !positive(self.max_covariate_age_s) {
-            return wrong("max_covariate_age_s", "must be a number of seconds above 0");
-        }
-        if !positive(self.wait_for_subscribers_s) {
-            return wrong("wait_for_subscribers_s", "must be a number of seconds above 0");
-        }
-        for (node, source, key) in [(NodeName::Scale, &self.scale, "scale"), (NodeName::Tracer, &self.tracer, "tracer")]
-        {
-            match source {
-                None if self.nodes.contains(&node) => {
-                    return wrong(key, "this node is started but has no driver; add a table with driver and pace");
-                }
-                Some(Source { pace: Pace::RateHz(value) | Pace::TimeFactor(value), .. }) if !positive(*value) => {
-                    return wrong(&format!("{key}.pace"), "must be above 0");
-                }
-                _ => {}
-            }
-        }
-        match self.monitor {
-            None if self.nodes.contains(&NodeName::Monitor) => {
-                return wrong(
-                    "monitor",
-                    "the monitor is started but has no bounds; add single_bound, window, match_within_s",
-                );
-            }
-            Some(m)
-                if !(positive(m.single_bound)
-                    && m.match_within_s >= 0.0
-                    && m.match_within_s.is_finite()
-                    && m.window > 0) =>
-            {
-                return wrong("monitor", "single_bound and window must be above 0, match_within_s 0 or more");
-            }
-            _ => {}
-        }
-        if self.nodes.contains(&NodeName::Monitor) && self.model.is_none() {
-            return wrong("model", "the monitor needs a model to predict with");
-        }
-        if self.nodes.contains(&NodeName::Recorder) && self.record.is_none() {
-            return wrong("record", "the recorder is started but has no bag to write");
-        }
-        self.check_edges(path)
-    }
-
-    fn check_edges(&self, path: &Path) -> Result<(), LaunchError> {
-        for (index, edge) in self.edges.iter().enumerate() {
-            let wrong = |problem: String| {
-                Err(LaunchError::Value { file: path.to_owned(), key: format!("edges[{index}]"), problem })
-            };
-            if let Err(error) = edge.transport.parse::<TransportKind>() {
-                return wrong(error.to_string());
-            }
-            if edge.from == NodeName::Recorder {
-                return wrong("the recorder publishes nothing".to_owned());
-            }
-            if edge.to != "*" && edge.to != "user" {
-                let taker: NodeName = match edge.to.parse() {
-                    Ok(node) => node,
-                    Err(error) => return wrong(format!("to: {error}, user or *")),
-                };
-                if !taker.inputs().contains(&edge.from) {
-                    return wrong(format!("{} does not take what {} gives", edge.to, edge.from.name()));
-                }
-            }
-            let twice = |other: &Edge| other.from == edge.from && other.to == edge.to && edge.to != "*";
-            if self.edges[..index].iter().any(twice) {
-                return wrong(format!("a second edge from {} to {}", edge.from.name(), edge.to));
-            }
-        }
-        for node in &self.nodes {
-            let missing = node
-                .inputs()
-                .iter()
-                .find(|input| *node != NodeName::Recorder && self.takes_over(node.name(), **input).is_none());
-            if let Some(input) = missing {
-                let problem = format!("{} is started but has no edge from {}", node.name(), input.name());
-                return Err(LaunchError::Value { file: path.to_owned(), key: "edges".to_owned(), problem });
-            }
-        }
-        Ok(())
     }
 }

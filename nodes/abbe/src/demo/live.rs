@@ -136,7 +136,7 @@ fn launch(run: &Run) -> Launch {
         wait_for_subscribers_s: 20.0,
         scale: Some(play(topics::SCALE_READING)),
         tracer: Some(play(topics::TRACER_READING)),
-        monitor: Some(MonitorConfig { single_bound: 4.0, window: 200, match_within_s: 0.0005 }),
+        monitor: Some(MonitorConfig::new(4.0, 200, 0.0005)),
         record: Some(run.out.join("corrected")),
         edges,
     }

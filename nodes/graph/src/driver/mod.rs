@@ -51,6 +51,9 @@ pub enum DriverConfig {
     VirtualMachine {
         /// Seed of machine, plan and noise.
         seed: u64,
+        /// Effects beyond the 21 errors, in the simulator's text form; none without it.
+        #[serde(default)]
+        effects: Vec<String>,
     },
 }
 
@@ -125,7 +128,7 @@ pub fn open_scale(
     Ok(match config {
         DriverConfig::Campaign { file } => Box::new(campaign_file::open(&base.join(file), machine)?),
         DriverConfig::Bag { file, topic } => Box::new(bag::open_scale(&base.join(file), topic)?),
-        DriverConfig::VirtualMachine { seed } => Box::new(virtual_machine::open(*seed, machine)?),
+        DriverConfig::VirtualMachine { seed, effects } => Box::new(virtual_machine::open(*seed, effects, machine)?),
     })
 }
 
@@ -138,6 +141,6 @@ pub fn open_tracer(
     Ok(match config {
         DriverConfig::Campaign { file } => Box::new(campaign_file::open(&base.join(file), machine)?),
         DriverConfig::Bag { file, topic } => Box::new(bag::open_tracer(&base.join(file), topic)?),
-        DriverConfig::VirtualMachine { seed } => Box::new(virtual_machine::open(*seed, machine)?),
+        DriverConfig::VirtualMachine { seed, effects } => Box::new(virtual_machine::open(*seed, effects, machine)?),
     })
 }

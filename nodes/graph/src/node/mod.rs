@@ -4,6 +4,8 @@
 //! from it are there, opens its subscribers and pumps samples through its step until told to stop.
 
 mod correcting;
+mod diagnosis;
+mod diagnosis_run;
 mod model;
 mod monitor;
 mod parameters;
@@ -99,6 +101,12 @@ pub enum NodeError {
     /// Bag.
     #[error(transparent)]
     Bag(#[from] BagError),
+    /// A thread that the system refuses.
+    #[error("a thread cannot be started: {0}; let this user start more threads")]
+    Thread(#[source] std::io::Error),
+    /// The path of this program.
+    #[error("the path of this program is unknown, so that it cannot be started for a diagnosis: {0}")]
+    Program(#[source] std::io::Error),
     /// A name the ROS graph refuses.
     #[error("{0}")]
     Name(String),

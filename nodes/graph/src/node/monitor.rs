@@ -1,15 +1,17 @@
 //! The monitor node: range residuals as a topic, the model's health on `/diagnostics`.
 //!
-//! Place in the flow: beside the correcting path, never in it.
+//! Place in the flow: beside the correcting path, never in it. Keeps readings for a diagnosis where the launch file has
+//! an edge from the scale node to it.
 
+use super::diagnosis::Diagnosis;
 use super::model::ModelFeed;
 use super::{LOOK_UP, NodeContext, NodeError, NodeSummary, take};
 use crate::launch::NodeName;
 use crate::step::{Health, HealthState, MonitorStep};
 use abbe_msgs::standard::DiagnosticStatus;
-use abbe_msgs::{CorrectedCoordinates, RangeResidual, TracerReading};
+use abbe_msgs::{CorrectedCoordinates, RangeResidual, ScaleReading, Sha256, TracerReading};
 use abbe_runtime::ros::Diagnostics;
-use abbe_runtime::{Publish, TransportError};
+use abbe_runtime::{Publish, Subscribe, TransportError};
 use std::time::{Duration, Instant};
 
 /// How often the health is told.
@@ -17,62 +19,129 @@ const REPORT_EVERY: Duration = Duration::from_secs(1);
 /// What a degraded model means.
 const DEGRADED: &str = "range residuals exceed their uncertainties: the model lacks something, or the machine changed";
 
+/// What comes in.
+struct Inputs {
+    corrected: Box<dyn Subscribe<CorrectedCoordinates>>,
+    tracer: Box<dyn Subscribe<TracerReading>>,
+    /// Only where the launch file has an edge for it.
+    scale: Option<Box<dyn Subscribe<ScaleReading>>>,
+}
+
+/// What the loop works with.
+struct Monitor {
+    step: MonitorStep,
+    models: ModelFeed,
+    diagnosis: Diagnosis,
+    health: Option<Diagnostics>,
+    reported: Instant,
+    told: HealthState,
+    looked_for: Option<Sha256>,
+}
+
 pub(super) fn run(context: &NodeContext) -> Result<NodeSummary, NodeError> {
-    let incomplete = |part| NodeError::Incomplete { node: context.name.name(), part };
-    let (model, models) = ModelFeed::open(context)?;
-    let (model, sha256) = model.ok_or_else(|| incomplete("a model"))?;
-    let settings = context.launch.monitor_settings().ok_or_else(|| incomplete("the monitor's bounds"))?;
-    let mut step = MonitorStep::new(model, sha256, settings);
+    let mut monitor = Monitor::open(context)?;
     let mut summary = NodeSummary { node: context.name.name().to_owned(), ..NodeSummary::default() };
-    let health = context.ros.as_ref().map(|node| node.diagnostics(&context.machine.machine.name)).transpose()?;
     let mut publisher: Option<Box<dyn Publish<RangeResidual>>> =
         if context.launch.publishes_over(context.name).is_empty() { None } else { Some(context.publisher()?) };
-    let mut corrected = context.subscriber::<CorrectedCoordinates>(NodeName::Residual)?;
-    let mut tracer = context.subscriber::<TracerReading>(NodeName::Tracer)?;
-    let mut reported = Instant::now();
-    let mut told = HealthState::Unknown;
-    let mut looked_for = None;
+    let mut inputs = Inputs::open(context)?;
     loop {
         let stopping = context.shutdown.requested();
         let patience = if stopping { Duration::ZERO } else { LOOK_UP };
-        let mut residuals = Vec::new();
-        if let Some((model, sha256)) = models.newest() {
-            residuals.extend(step.learn(model, sha256));
-        }
-        let sample = take(corrected.as_mut(), patience, &mut summary)?;
-        residuals.extend(sample.iter().flat_map(|sample| step.corrected(sample)));
-        let mut idle = sample.is_none();
-        while let Some(reading) = take(tracer.as_mut(), Duration::ZERO, &mut summary)? {
-            residuals.extend(step.tracer(&reading));
-            idle = false;
-        }
-        // The correcting node may be first to see a new model.
-        if step.awaited_model() != looked_for {
-            looked_for = step.awaited_model();
-            models.look_now();
-        }
+        let before = summary.received;
+        let residuals = monitor.take(&mut inputs, patience, &mut summary)?;
         summary.sent += give(publisher.as_deref_mut(), &residuals)?;
-        let now = step.health();
-        if now.state != told && now.state == HealthState::Degraded {
-            tracing::warn!(mean_square = now.mean_square, "{DEGRADED}");
-        }
-        if now.state != told || reported.elapsed() >= REPORT_EVERY {
-            (told, reported) = (now.state, Instant::now());
-            if let Some(health) = &health {
-                report(health, &now)?;
-                models.report(health, now.model_sha256)?;
-            }
-        }
-        if stopping && idle {
+        monitor.attend()?;
+        if stopping && summary.received == before {
             break;
         }
     }
-    summary.sent += give(publisher.as_deref_mut(), &step.give_up())?;
-    summary.lost = corrected.lost() + tracer.lost();
+    summary.sent += give(publisher.as_deref_mut(), &monitor.step.give_up())?;
+    summary.lost =
+        inputs.corrected.lost() + inputs.tracer.lost() + inputs.scale.as_ref().map_or(0, |scale| scale.lost());
     summary.dropped = publisher.map_or(0, |p| p.dropped());
-    figures(&mut summary, &step.health());
-    models.figures(&mut summary);
+    figures(&mut summary, &monitor.step.health());
+    monitor.models.figures(&mut summary);
+    monitor.diagnosis.figures(&mut summary);
     Ok(summary)
+}
+
+impl Inputs {
+    fn open(context: &NodeContext) -> Result<Inputs, NodeError> {
+        let from_scale = context.launch.takes_over(context.name.name(), NodeName::Scale);
+        Ok(Inputs {
+            corrected: context.subscriber(NodeName::Residual)?,
+            tracer: context.subscriber(NodeName::Tracer)?,
+            scale: from_scale.map(|_| context.subscriber(NodeName::Scale)).transpose()?,
+        })
+    }
+}
+
+impl Monitor {
+    fn open(context: &NodeContext) -> Result<Monitor, NodeError> {
+        let incomplete = |part| NodeError::Incomplete { node: context.name.name(), part };
+        let (model, models) = ModelFeed::open(context)?;
+        let (model, sha256) = model.ok_or_else(|| incomplete("a model"))?;
+        let bounds = || incomplete("the monitor's bounds");
+        let settings = context.launch.monitor_settings().ok_or_else(bounds)?;
+        let config = context.launch.monitor.as_ref().ok_or_else(bounds)?;
+        Ok(Monitor {
+            step: MonitorStep::new(model, sha256, settings),
+            models,
+            diagnosis: Diagnosis::open(context, config)?,
+            health: context.ros.as_ref().map(|node| node.diagnostics(&context.machine.machine.name)).transpose()?,
+            reported: Instant::now(),
+            told: HealthState::Unknown,
+            looked_for: None,
+        })
+    }
+
+    /// Takes what has come, waiting at most `patience` for it; gives what can be said about it.
+    fn take(
+        &mut self,
+        inputs: &mut Inputs,
+        patience: Duration,
+        summary: &mut NodeSummary,
+    ) -> Result<Vec<RangeResidual>, NodeError> {
+        let mut residuals = Vec::new();
+        if let Some((model, sha256)) = self.models.newest() {
+            residuals.extend(self.step.learn(model, sha256));
+        }
+        if let Some(sample) = take(inputs.corrected.as_mut(), patience, summary)? {
+            residuals.extend(self.step.corrected(&sample));
+        }
+        if let Some(scale) = &mut inputs.scale {
+            while let Some(reading) = take(scale.as_mut(), Duration::ZERO, summary)? {
+                self.diagnosis.scale(&reading);
+            }
+        }
+        while let Some(reading) = take(inputs.tracer.as_mut(), Duration::ZERO, summary)? {
+            self.diagnosis.tracer(&reading);
+            residuals.extend(self.step.tracer(&reading));
+        }
+        // The correcting node may be first to see a new model.
+        if self.step.awaited_model() != self.looked_for {
+            self.looked_for = self.step.awaited_model();
+            self.models.look_now();
+        }
+        Ok(residuals)
+    }
+
+    /// Looks after diagnoses and tells the health, at once when there is news.
+    fn attend(&mut self) -> Result<(), NodeError> {
+        let now = self.step.health();
+        let news = self.diagnosis.attend(&now)?;
+        if now.state != self.told && now.state == HealthState::Degraded {
+            tracing::warn!(mean_square = now.mean_square, "{DEGRADED}; {}", self.diagnosis.advice());
+        }
+        if !news && now.state == self.told && self.reported.elapsed() < REPORT_EVERY {
+            return Ok(());
+        }
+        (self.told, self.reported) = (now.state, Instant::now());
+        let Some(health) = &self.health else { return Ok(()) };
+        report(health, &now, self.diagnosis.advice())?;
+        self.models.report(health, now.model_sha256)?;
+        self.diagnosis.report(health, &now)
+    }
 }
 
 fn give(
@@ -97,11 +166,13 @@ fn figures(summary: &mut NodeSummary, health: &Health) {
     }
 }
 
-fn report(diagnostics: &Diagnostics, health: &Health) -> Result<(), NodeError> {
+fn report(diagnostics: &Diagnostics, health: &Health, advice: &str) -> Result<(), NodeError> {
     let (level, message) = match health.state {
-        HealthState::Unknown => (DiagnosticStatus::OK, "too few range residuals to judge the model"),
-        HealthState::Consistent => (DiagnosticStatus::OK, "range residuals are as large as their uncertainties say"),
-        HealthState::Degraded => (DiagnosticStatus::WARN, DEGRADED),
+        HealthState::Unknown => (DiagnosticStatus::OK, "too few range residuals to judge the model".to_owned()),
+        HealthState::Consistent => {
+            (DiagnosticStatus::OK, "range residuals are as large as their uncertainties say".to_owned())
+        }
+        HealthState::Degraded => (DiagnosticStatus::WARN, format!("{DEGRADED}; {advice}")),
     };
     let optional = |value: Option<f64>, scale: f64| value.map_or("unknown".to_owned(), |v| format!("{:.3}", v * scale));
     let figures = [
@@ -111,6 +182,6 @@ fn report(diagnostics: &Diagnostics, health: &Health) -> Result<(), NodeError> {
         ("out of bounds", health.out_of_bounds.to_string()),
         ("not predicted", health.unpredicted.to_string()),
     ];
-    diagnostics.report("range residual", level, message, figures)?;
+    diagnostics.report("range residual", level, &message, figures)?;
     Ok(())
 }

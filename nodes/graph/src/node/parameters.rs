@@ -45,7 +45,7 @@ fn monitor(
     launch: &Launch,
     positive: impl Fn(&'static str, f64, &'static str, &'static str) -> ParameterSpec,
 ) -> Vec<ParameterSpec> {
-    let Some(bounds) = launch.monitor else { return Vec::new() };
+    let Some(bounds) = &launch.monitor else { return Vec::new() };
     let window = i64::try_from(bounds.window).unwrap_or(i64::MAX);
     let within = positive(MATCH_WITHIN, bounds.match_within_s, "s", "Stamps this close are the same instant.");
     vec![

@@ -7,9 +7,11 @@ mod geometric;
 mod health;
 mod monitor;
 mod pairs;
+mod readings;
 mod residual;
 
 pub use geometric::GeometricStep;
 pub use health::{Health, HealthState};
 pub use monitor::{MonitorSettings, MonitorStep};
+pub use readings::{KEPT_READINGS, ReadingBuffer};
 pub use residual::ResidualStep;

@@ -1,0 +1,138 @@
+//! What makes a launch file a graph: values in range, nodes with their inputs, edges that can be.
+//!
+//! Place in the flow: under [`Launch::parse`]. Each refusal names the file, the key and what to do.
+
+use super::{Edge, Launch, LaunchError, NodeName, Pace, Source};
+use crate::driver::DriverConfig;
+use crate::step::KEPT_READINGS;
+use abbe_runtime::TransportKind;
+use abbe_virtual_machine::effects::from_text;
+use std::path::Path;
+
+impl Launch {
+    /// Refuses what makes no graph; `path` names the file.
+    pub(super) fn check(&self, path: &Path) -> Result<(), LaunchError> {
+        let wrong = |key: &str, problem: &str| {
+            Err(LaunchError::Value { file: path.to_owned(), key: key.to_owned(), problem: problem.to_owned() })
+        };
+        let positive = |value: f64| value.is_finite() && value > 0.0;
+        if !positive(self.max_covariate_age_s) {
+            return wrong("max_covariate_age_s", "must be a number of seconds above 0");
+        }
+        if !positive(self.wait_for_subscribers_s) {
+            return wrong("wait_for_subscribers_s", "must be a number of seconds above 0");
+        }
+        for (node, source, key) in [(NodeName::Scale, &self.scale, "scale"), (NodeName::Tracer, &self.tracer, "tracer")]
+        {
+            match source {
+                None if self.nodes.contains(&node) => {
+                    return wrong(key, "this node is started but has no driver; add a table with driver and pace");
+                }
+                Some(Source { pace: Pace::RateHz(value) | Pace::TimeFactor(value), .. }) if !positive(*value) => {
+                    return wrong(&format!("{key}.pace"), "must be above 0");
+                }
+                _ => {}
+            }
+        }
+        self.check_effects(path)?;
+        self.check_monitor(path)?;
+        if self.nodes.contains(&NodeName::Recorder) && self.record.is_none() {
+            return wrong("record", "the recorder is started but has no bag to write");
+        }
+        self.check_edges(path)
+    }
+
+    /// Effects to simulate can be told from their text, and both sources simulate the same machine.
+    fn check_effects(&self, path: &Path) -> Result<(), LaunchError> {
+        let wrong = |key: String, problem: String| Err(LaunchError::Value { file: path.to_owned(), key, problem });
+        let mut simulated = None;
+        for (source, name) in [(&self.scale, "scale"), (&self.tracer, "tracer")] {
+            let Some(Source { driver: DriverConfig::VirtualMachine { seed, effects }, .. }) = source else { continue };
+            for (place, text) in effects.iter().enumerate() {
+                if let Err(error) = from_text(text) {
+                    return wrong(format!("{name}.driver.effects[{place}]"), error.to_string());
+                }
+            }
+            if *simulated.get_or_insert((seed, effects)) != (seed, effects) {
+                let problem = "scale and tracer see different machines; give both the same seed and effects";
+                return wrong(format!("{name}.driver"), problem.to_owned());
+            }
+        }
+        Ok(())
+    }
+
+    fn check_monitor(&self, path: &Path) -> Result<(), LaunchError> {
+        let wrong = |key: &str, problem: &str| {
+            Err(LaunchError::Value { file: path.to_owned(), key: key.to_owned(), problem: problem.to_owned() })
+        };
+        let started = self.nodes.contains(&NodeName::Monitor);
+        if started && self.model.is_none() {
+            return wrong("model", "the monitor needs a model to predict with");
+        }
+        let Some(monitor) = &self.monitor else {
+            let problem = "the monitor is started but has no bounds; add single_bound, window, match_within_s";
+            return if started { wrong("monitor", problem) } else { Ok(()) };
+        };
+        let bounds = [monitor.single_bound, monitor.match_within_s];
+        if bounds.iter().any(|bound| !bound.is_finite())
+            || monitor.single_bound <= 0.0
+            || monitor.match_within_s < 0.0
+            || monitor.window == 0
+        {
+            return wrong("monitor", "single_bound and window must be above 0, match_within_s 0 or more");
+        }
+        if !(1..=KEPT_READINGS).contains(&monitor.least_readings()) {
+            let problem = format!("must be 1 to {KEPT_READINGS}, which is what the monitor keeps");
+            return wrong("monitor.diagnosis_readings", &problem);
+        }
+        if monitor.diagnosis_folder.is_none() {
+            let without = "needs diagnosis_folder, the folder that diagnoses are put into";
+            let keys = [
+                ("monitor.diagnosis_readings", monitor.diagnosis_readings.is_some()),
+                ("monitor.diagnose_when_degraded", monitor.diagnose_when_degraded),
+                ("monitor.adopt_diagnosed_model", monitor.adopt_diagnosed_model),
+            ];
+            return keys.iter().find(|(_, set)| *set).map_or(Ok(()), |(key, _)| wrong(key, without));
+        }
+        if started && self.takes_over(NodeName::Monitor.name(), NodeName::Scale).is_none() {
+            let problem = "a diagnosis needs the covariates of the scale readings; add an edge from scale to monitor";
+            return wrong("monitor.diagnosis_folder", problem);
+        }
+        Ok(())
+    }
+
+    fn check_edges(&self, path: &Path) -> Result<(), LaunchError> {
+        for (index, edge) in self.edges.iter().enumerate() {
+            let wrong = |problem: String| {
+                Err(LaunchError::Value { file: path.to_owned(), key: format!("edges[{index}]"), problem })
+            };
+            if let Err(error) = edge.transport.parse::<TransportKind>() {
+                return wrong(error.to_string());
+            }
+            if edge.from == NodeName::Recorder {
+                return wrong("the recorder publishes nothing".to_owned());
+            }
+            if edge.to != "*" && edge.to != "user" {
+                let taker: NodeName = match edge.to.parse() {
+                    Ok(node) => node,
+                    Err(error) => return wrong(format!("to: {error}, user or *")),
+                };
+                if !taker.inputs().contains(&edge.from) {
+                    return wrong(format!("{} does not take what {} gives", edge.to, edge.from.name()));
+                }
+            }
+            let twice = |other: &Edge| other.from == edge.from && other.to == edge.to && edge.to != "*";
+            if self.edges[..index].iter().any(twice) {
+                return wrong(format!("a second edge from {} to {}", edge.from.name(), edge.to));
+            }
+        }
+        for node in &self.nodes {
+            let missing = node.needs().iter().find(|input| self.takes_over(node.name(), **input).is_none());
+            if let Some(input) = missing {
+                let problem = format!("{} is started but has no edge from {}", node.name(), input.name());
+                return Err(LaunchError::Value { file: path.to_owned(), key: "edges".to_owned(), problem });
+            }
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,237 @@
+//! The monitor's way to a diagnosis: the readings it keeps, who may ask, when it starts by itself, what it tells.
+//!
+//! Place in the flow: beside the monitor's loop, which hands it readings and the health of the model. A diagnosis is
+//! about the readings since the model in use was last consistent over a whole window, and about all that are kept while
+//! it is. So an effect that set in during the run is not diluted by readings from before; the readings in which the
+//! verdict turned are left out too.
+
+use super::diagnosis_run::{DiagnosisRun, Job};
+use super::{NodeContext, NodeError, NodeSummary};
+use crate::launch::{MonitorConfig, NodeName};
+use crate::step::{Health, HealthState, ReadingBuffer};
+use abbe_msgs::standard::DiagnosticStatus;
+use abbe_msgs::{ScaleReading, Sha256, TracerReading};
+use abbe_runtime::ros::{Diagnostics, TriggerOutcome, TriggerService};
+use std::path::PathBuf;
+use std::sync::mpsc::{Receiver, SyncSender, channel, sync_channel};
+use std::time::Duration;
+
+/// Service that starts a diagnosis.
+const DIAGNOSE: &str = "~/diagnose";
+/// Longest that somebody who asks waits until it has started.
+const ANSWER_WITHIN: Duration = Duration::from_secs(30);
+
+/// What the launch file says about diagnoses.
+struct Plan {
+    config: MonitorConfig,
+    folder: PathBuf,
+    program: PathBuf,
+    model_file: PathBuf,
+    machine: String,
+}
+
+/// How far diagnoses have come.
+#[derive(Default)]
+struct Counts {
+    started: u64,
+    finished: u64,
+    failed: u64,
+}
+
+/// Everything about diagnoses.
+pub(super) struct Diagnosis {
+    /// Nothing where the launch file names no folder.
+    plan: Option<Plan>,
+    /// Nothing where the scale readings do not come here.
+    readings: Option<ReadingBuffer>,
+    running: Option<DiagnosisRun>,
+    /// What the last one came to.
+    last: Option<Result<String, String>>,
+    /// Model that one has been started for by itself.
+    started_for: Option<Sha256>,
+    counts: Counts,
+    asked: Receiver<SyncSender<TriggerOutcome>>,
+    advice: String,
+    _service: Option<TriggerService>,
+}
+
+impl Diagnosis {
+    /// Offers the service, and keeps readings where the scale readings come here.
+    pub(super) fn open(context: &NodeContext, config: &MonitorConfig) -> Result<Diagnosis, NodeError> {
+        let kept = context.launch.takes_over(context.name.name(), NodeName::Scale).is_some();
+        let readings = kept.then(|| ReadingBuffer::new(config.match_within_s, context.launch.max_covariate_age_s));
+        let plan = match (&config.diagnosis_folder, &context.launch.model) {
+            (Some(folder), Some(model)) => Some(Plan {
+                config: config.clone(),
+                folder: context.base.join(folder),
+                program: std::env::current_exe().map_err(NodeError::Program)?,
+                model_file: context.base.join(model),
+                machine: context.machine.machine.name.clone(),
+            }),
+            _ => None,
+        };
+        let (ask, asked) = channel::<SyncSender<TriggerOutcome>>();
+        let handler = move || {
+            let (reply, answer) = sync_channel(1);
+            let stopping = "the node is stopping".to_owned();
+            ask.send(reply).map_err(|_| stopping.clone())?;
+            answer.recv_timeout(ANSWER_WITHIN).unwrap_or(Err(stopping))
+        };
+        let serve = |node: &abbe_runtime::ros::RosNode| node.trigger_service(DIAGNOSE, handler);
+        let service = context.ros.as_ref().map(serve).transpose()?;
+        let advice = advice(context, plan.is_some());
+        let (counts, running, last, started_for) = (Counts::default(), None, None, None);
+        Ok(Diagnosis { plan, readings, running, last, started_for, counts, asked, advice, _service: service })
+    }
+
+    /// Keeps a scale reading.
+    pub(super) fn scale(&mut self, reading: &ScaleReading) {
+        if let Some(readings) = &mut self.readings {
+            readings.scale(reading);
+        }
+    }
+
+    /// Keeps a tracer reading.
+    pub(super) fn tracer(&mut self, reading: &TracerReading) {
+        if let Some(readings) = &mut self.readings {
+            readings.tracer(reading);
+        }
+    }
+
+    /// What to do about a model that does not hold.
+    pub(super) fn advice(&self) -> &str {
+        &self.advice
+    }
+
+    /// Looks after a diagnosis under way, answers who asks, starts one where that is due. Whether there is news.
+    pub(super) fn attend(&mut self, health: &Health) -> Result<bool, NodeError> {
+        let mut news = self.conclude();
+        while let Ok(reply) = self.asked.try_recv() {
+            match self.job(health) {
+                Ok(job) => self.start(job, Some(reply))?,
+                // Who asked may have given up.
+                Err(refusal) => drop(reply.send(Err(refusal))),
+            }
+            news = true;
+        }
+        if self.is_due(health)
+            && let Ok(job) = self.job(health)
+        {
+            tracing::warn!(readings = job.campaign.readings.len(), "the model is degraded: a diagnosis starts");
+            self.started_for = Some(health.model_sha256);
+            self.start(job, None)?;
+            news = true;
+        }
+        Ok(news)
+    }
+
+    /// Whether a diagnosis is to start by itself: once for a model, when enough of the new state has been seen.
+    fn is_due(&self, health: &Health) -> bool {
+        let (Some(plan), Some(readings)) = (&self.plan, &self.readings) else { return false };
+        let least = plan.config.least_readings();
+        plan.config.diagnose_when_degraded
+            && health.state == HealthState::Degraded
+            && self.running.is_none()
+            && self.started_for != Some(health.model_sha256)
+            && readings.count_since(health.unsound_since, least) >= least
+    }
+
+    /// What there is to diagnose, or why there is nothing.
+    fn job(&self, health: &Health) -> Result<Job, String> {
+        let without = "diagnoses are off: name a folder for them as diagnosis_folder in [monitor] of the launch file";
+        let plan = self.plan.as_ref().ok_or(without)?;
+        let readings =
+            self.readings.as_ref().ok_or("no scale readings come here: add an edge from scale to monitor")?;
+        if self.running.is_some() {
+            return Err("a diagnosis is running; its outcome will stand on /diagnostics".to_owned());
+        }
+        let least = plan.config.least_readings();
+        let found = readings.count_since(health.unsound_since, least);
+        if found < least {
+            let which = if health.unsound_since.is_some() { " since the model was last consistent" } else { "" };
+            return Err(format!("{found} readings{which} are too few; a diagnosis needs {least}, go on measuring"));
+        }
+        Ok(Job {
+            program: plan.program.clone(),
+            model_file: plan.model_file.clone(),
+            machine: plan.machine.clone(),
+            in_use: health.model_sha256,
+            campaign: readings.campaign(health.unsound_since),
+            folder: plan.folder.clone(),
+            adopt: plan.config.adopt_diagnosed_model,
+        })
+    }
+
+    fn start(&mut self, job: Job, reply: Option<SyncSender<TriggerOutcome>>) -> Result<(), NodeError> {
+        self.running = Some(DiagnosisRun::start(job, reply)?);
+        self.counts.started += 1;
+        Ok(())
+    }
+
+    /// Takes the outcome of a diagnosis that has ended.
+    fn conclude(&mut self) -> bool {
+        let Some(outcome) = self.running.as_mut().and_then(DiagnosisRun::outcome) else { return false };
+        self.running = None;
+        match &outcome {
+            Ok(words) => {
+                self.counts.finished += 1;
+                tracing::warn!("diagnosis {words}");
+            }
+            Err(problem) => {
+                self.counts.failed += 1;
+                tracing::warn!("no diagnosis: {problem}");
+            }
+        }
+        self.last = Some(outcome);
+        true
+    }
+
+    /// Tells what is kept, and how far diagnoses have come.
+    pub(super) fn report(&self, diagnostics: &Diagnostics, health: &Health) -> Result<(), NodeError> {
+        let (level, message) = match (&self.running, &self.last) {
+            (Some(_), _) => (DiagnosticStatus::OK, "a diagnosis is running"),
+            (None, Some(Ok(words))) => (DiagnosticStatus::OK, words.as_str()),
+            (None, Some(Err(problem))) => (DiagnosticStatus::WARN, problem.as_str()),
+            (None, None) if self.plan.is_none() => (DiagnosticStatus::OK, "diagnoses are off"),
+            (None, None) => (DiagnosticStatus::OK, "no diagnosis so far"),
+        };
+        let count = |of: fn(&ReadingBuffer) -> u64| self.readings.as_ref().map_or(0, of).to_string();
+        let since = |readings: &ReadingBuffer| readings.count_since(health.unsound_since, usize::MAX);
+        let needed = self.plan.as_ref().map_or("none".to_owned(), |plan| plan.config.least_readings().to_string());
+        let figures = [
+            ("readings kept", count(|readings| readings.len() as u64)),
+            ("oldest readings given up", count(ReadingBuffer::dropped)),
+            ("readings not usable", count(ReadingBuffer::unusable)),
+            ("readings to diagnose", self.readings.as_ref().map_or(0, since).to_string()),
+            ("readings needed", needed),
+            ("diagnoses started", self.counts.started.to_string()),
+            ("diagnoses finished", self.counts.finished.to_string()),
+            ("diagnoses failed", self.counts.failed.to_string()),
+        ];
+        Ok(diagnostics.report("diagnosis", level, message, figures)?)
+    }
+
+    /// Counts for the node's summary.
+    pub(super) fn figures(&self, summary: &mut NodeSummary) {
+        let counts = &self.counts;
+        let kept = self.readings.as_ref().map_or(0, ReadingBuffer::len);
+        let figures = [
+            ("readings_kept", kept as f64),
+            ("diagnoses_started", counts.started as f64),
+            ("diagnoses_finished", counts.finished as f64),
+            ("diagnoses_failed", counts.failed as f64),
+        ];
+        summary.figures.extend(figures.map(|(name, value)| (name.to_owned(), value)));
+    }
+}
+
+/// How a person gets a diagnosis from this node.
+fn advice(context: &NodeContext, is_on: bool) -> String {
+    match &context.ros {
+        _ if !is_on => "name a diagnosis_folder in [monitor] of the launch file to have it diagnosed".to_owned(),
+        Some(node) => format!("call the service {}/diagnose (std_srvs/srv/Trigger)", node.identity().qualified()),
+        None => "set diagnose_when_degraded in [monitor] of the launch file, or give the monitor an edge over dds and \
+                 call its service ~/diagnose"
+            .to_owned(),
+    }
+}

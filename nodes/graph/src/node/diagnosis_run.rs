@@ -1,0 +1,222 @@
+//! One diagnosis: its folder, its files, the program that does it, and what becomes of the model that comes out.
+//!
+//! Place in the flow: started by the monitor node on a thread of its own. The readings and the model in use are written
+//! into a numbered folder; `abbe diagnose` works there as a child process that ends with this one. Everything a person
+//! needs afterwards stands in that folder: readings, model, log, report.
+
+use super::NodeError;
+use abbe_files::{FileError, ModelFile, hex, write_atomically, write_campaign};
+use abbe_measurement::campaign::Campaign;
+use abbe_msgs::Sha256;
+use abbe_runtime::Shutdown;
+use abbe_runtime::ros::TriggerOutcome;
+use std::fs::File;
+use std::io::ErrorKind;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::sync::mpsc::SyncSender;
+use std::thread::{self, JoinHandle};
+use std::time::Duration;
+use thiserror::Error;
+
+/// How often the program is looked after.
+const LOOK_EVERY: Duration = Duration::from_millis(50);
+/// Names in the folder of a diagnosis.
+const CAMPAIGN: &str = "campaign.csv";
+const MODEL_IN_USE: &str = "model_in_use.json";
+const DIAGNOSED_MODEL: &str = "model.json";
+const LOG: &str = "diagnose.log";
+const REPORT: &str = "report.html";
+
+/// Why there is no outcome.
+#[derive(Debug, Error)]
+pub(super) enum RunError {
+    /// A file of the folder, or the model.
+    #[error(transparent)]
+    File(#[from] FileError),
+    /// The folder.
+    #[error("{folder}: the folder cannot be made: {source}; correct monitor.diagnosis_folder")]
+    Folder { folder: PathBuf, source: std::io::Error },
+    /// The model file is not what corrects.
+    #[error(
+        "{file} holds model {held}, not the one in use ({in_use}); put a whole model in its place, or wait until it is \
+         in use"
+    )]
+    OtherModel { file: PathBuf, held: Sha256, in_use: Sha256 },
+    /// The program.
+    #[error("{program} cannot be run: {source}")]
+    Program { program: PathBuf, source: std::io::Error },
+    /// It ended with an error.
+    #[error("the diagnosis in {folder} ended with {status}: {words}; its words stand in {LOG} there")]
+    Failed { folder: PathBuf, status: ExitStatus, words: String },
+    /// The node ends.
+    #[error("the diagnosis in {folder} was ended with the node")]
+    Stopped { folder: PathBuf },
+}
+
+/// What to diagnose, and with what.
+pub(super) struct Job {
+    pub(super) program: PathBuf,
+    /// The file that the model in use came from.
+    pub(super) model_file: PathBuf,
+    pub(super) machine: String,
+    pub(super) in_use: Sha256,
+    pub(super) campaign: Campaign,
+    /// Folder in which this diagnosis gets one of its own.
+    pub(super) folder: PathBuf,
+    /// Whether the model that comes out takes the place of the model file.
+    pub(super) adopt: bool,
+}
+
+/// A diagnosis under way. Dropping it ends it.
+pub(super) struct DiagnosisRun {
+    stop: Shutdown,
+    thread: Option<JoinHandle<Result<String, RunError>>>,
+}
+
+impl DiagnosisRun {
+    /// Starts a diagnosis; `started` is told once its program runs, or why it does not.
+    pub(super) fn start(job: Job, started: Option<SyncSender<TriggerOutcome>>) -> Result<DiagnosisRun, NodeError> {
+        let stop = Shutdown::manual();
+        let stopped = stop.clone();
+        let run = move || {
+            let begun = begin(&job);
+            if let Some(started) = started {
+                let said = begun.as_ref().map(|begun| format!("started, see {}", begun.folder.display()));
+                // Who asked may have given up.
+                let _ = started.send(said.map_err(ToString::to_string));
+            }
+            let folder = begun?.end(&job.program, &stopped)?;
+            conclude(&job, &folder)
+        };
+        let thread = thread::Builder::new().name("diagnosis".into()).spawn(run).map_err(NodeError::Thread)?;
+        Ok(DiagnosisRun { stop, thread: Some(thread) })
+    }
+
+    /// What came of it, in words, once it has ended.
+    pub(super) fn outcome(&mut self) -> Option<Result<String, String>> {
+        let thread = self.thread.take_if(|thread| thread.is_finished())?;
+        let outcome = thread.join().map_err(|_| "the diagnosis broke off; its log says more".to_owned());
+        Some(outcome.and_then(|outcome| outcome.map_err(|error| error.to_string())))
+    }
+}
+
+impl Drop for DiagnosisRun {
+    fn drop(&mut self) {
+        self.stop.request();
+        if let Some(thread) = self.thread.take() {
+            // Whatever it would have said, nobody asks any more.
+            let _ = thread.join();
+        }
+    }
+}
+
+/// A program at work in its folder.
+struct Begun {
+    folder: PathBuf,
+    child: Child,
+}
+
+fn begin(job: &Job) -> Result<Begun, RunError> {
+    let bytes = std::fs::read(&job.model_file).map_err(|source| unreadable(&job.model_file, source))?;
+    let (_, held) = ModelFile::from_bytes(&bytes, &job.model_file.display().to_string())?;
+    let held = Sha256::from_bytes(held);
+    if held != job.in_use {
+        return Err(RunError::OtherModel { file: job.model_file.clone(), held, in_use: job.in_use });
+    }
+    let folder = next_folder(&job.folder)?;
+    let [campaign, model] = [CAMPAIGN, MODEL_IN_USE].map(|name| folder.join(name));
+    write_atomically(&model, &bytes)?;
+    write_campaign(&campaign, &job.campaign)?;
+    let unusable = |source| RunError::Program { program: job.program.clone(), source };
+    let log = File::create(folder.join(LOG)).map_err(unusable)?;
+    let words = log.try_clone().map_err(unusable)?;
+    let child = Command::new(&job.program)
+        .arg("diagnose")
+        .args([Path::new("--model"), &model, Path::new("--campaign"), &campaign, Path::new("--out"), &folder])
+        .stdin(Stdio::null())
+        .stdout(log)
+        .stderr(words)
+        .spawn()
+        .map_err(unusable)?;
+    Ok(Begun { folder, child })
+}
+
+impl Begun {
+    /// Waits for the program; ends it when told to stop.
+    fn end(mut self, program: &Path, stop: &Shutdown) -> Result<PathBuf, RunError> {
+        let unwatched = |source| RunError::Program { program: program.to_owned(), source };
+        loop {
+            if let Some(status) = self.child.try_wait().map_err(unwatched)? {
+                let folder = self.folder;
+                if status.success() {
+                    return Ok(folder);
+                }
+                let words = last_words(&folder.join(LOG));
+                return Err(RunError::Failed { folder, status, words });
+            }
+            if stop.sleep(LOOK_EVERY) {
+                // Its files appear whole or not at all, so that nothing half is left. It may have ended just now.
+                let _ = self.child.kill();
+                let _ = self.child.wait();
+                return Err(RunError::Stopped { folder: self.folder });
+            }
+        }
+    }
+}
+
+/// What a finished diagnosis leads to.
+fn conclude(job: &Job, folder: &Path) -> Result<String, RunError> {
+    let report = format!("finished, see {}", folder.join(REPORT).display());
+    let path = folder.join(DIAGNOSED_MODEL);
+    if !path.exists() {
+        return Ok(format!("{report}; it proposes no model"));
+    }
+    let (_, sha256) = ModelFile::load_for(&path, &job.machine)?;
+    let proposed = Sha256::from_bytes(sha256);
+    if proposed == job.in_use {
+        return Ok(format!("{report}; the model in use stays the best"));
+    }
+    if !job.adopt {
+        let (from, to) = (path.display(), job.model_file.display());
+        return Ok(format!("{report}; to use its model {proposed}, copy {from} over {to}"));
+    }
+    let bytes = std::fs::read(&path).map_err(|source| unreadable(&path, source))?;
+    let (_, held) = ModelFile::load_for(&job.model_file, &job.machine)?;
+    if Sha256::from_bytes(held) != job.in_use {
+        // Somebody was faster; a person's choice is not overwritten.
+        return Ok(format!(
+            "{report}; the model file has changed since, so model {} is not put into use",
+            hex(&sha256)
+        ));
+    }
+    write_atomically(&job.model_file, &bytes)?;
+    Ok(format!("{report}; its model {proposed} is put into use"))
+}
+
+/// The next folder that does not exist yet: `0001`, `0002`, …
+fn next_folder(folder: &Path) -> Result<PathBuf, RunError> {
+    let failed = |folder: &Path, source| RunError::Folder { folder: folder.to_owned(), source };
+    let base = std::path::absolute(folder).map_err(|source| failed(folder, source))?;
+    std::fs::create_dir_all(&base).map_err(|source| failed(&base, source))?;
+    let mut number = 1_u64;
+    loop {
+        let next = base.join(format!("{number:04}"));
+        match std::fs::create_dir(&next) {
+            Ok(()) => return Ok(next),
+            Err(error) if error.kind() == ErrorKind::AlreadyExists => number += 1,
+            Err(source) => return Err(failed(&next, source)),
+        }
+    }
+}
+
+/// The last line of a log; what cannot be read is only missing from a message.
+fn last_words(log: &Path) -> String {
+    let text = std::fs::read(log).unwrap_or_default();
+    let text = String::from_utf8_lossy(&text).into_owned();
+    text.lines().rfind(|line| !line.trim().is_empty()).unwrap_or("(it said nothing)").trim().to_owned()
+}
+
+fn unreadable(path: &Path, source: std::io::Error) -> RunError {
+    RunError::File(FileError::Io { file: path.display().to_string(), action: "read the model", source })
+}
