@@ -181,7 +181,8 @@ fn failure(record: &Record) -> Option<String> {
         a if is_free && a.detected => "false alarm",
         _ if is_free => return None,
         a if a.wrong => "wrong name",
-        a if record.family == "aliased" && a.detected => "claimed although aliased",
+        _ if outcome.after_m > 1.1 * outcome.before_m => "harm done",
+        // What the plan hides may be left alone, as long as nothing else is claimed in its place.
         _ if record.family == "aliased" => return None,
         a if !a.detected => "missed",
         a if !a.right && record.family != "undescribed" => "not named",
