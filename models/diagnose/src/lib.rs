@@ -8,5 +8,6 @@ pub mod error;
 pub mod held_out;
 pub mod linear;
 pub mod score;
+pub mod study;
 
 pub use error::DiagnoseError;
