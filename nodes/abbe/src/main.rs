@@ -9,6 +9,7 @@ mod demo;
 mod pipeline;
 mod verification;
 
+use abbe_runtime::follow_launcher;
 use abbe_runtime::ros::RosArgs;
 use clap::Parser;
 use std::io::IsTerminal;
@@ -47,6 +48,8 @@ fn told(error: &anyhow::Error) -> String {
 }
 
 fn run() -> anyhow::Result<()> {
+    // A node that starts a command for work beside its own takes it along when it ends.
+    follow_launcher()?;
     // ROS arguments may follow any command; they are taken off before the rest is parsed.
     let (ros_args, own) = RosArgs::split(std::env::args())?;
     let arguments = Arguments::parse_from(own);

@@ -210,8 +210,8 @@ impl<T, L: FnMut(&Path) -> Result<(T, Sha256), FileError>> Reader<T, L> {
                 Ok(sha256)
             }
             Err(error) => {
-                let problem = format!("{error}; {} stays in use", self.sha256);
-                tracing::warn!("refused a new version of the model: {problem}");
+                let problem = format!("{error}; version {} stays in use", self.sha256);
+                tracing::warn!("refused a new version: {problem}");
                 let mut status = lock(&self.status);
                 (status.refused, status.problem) = (status.refused + 1, Some(problem.clone()));
                 Err(problem)

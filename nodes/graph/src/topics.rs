@@ -1,6 +1,6 @@
-//! Names of the topics, relative to the machine's namespace.
+//! Names of the topics, relative to the machine's namespace, and of the services, relative to their node.
 //!
-//! Place in the flow: every node and tool that opens a topic takes its name from here; `nodes/README.md` lists
+//! Place in the flow: every node and tool that opens one takes its name from here; `nodes/README.md` lists
 //! them with types, quality of service, frames and units.
 
 /// `abbe_msgs/ScaleReading` from the scale node.
@@ -17,3 +17,7 @@ pub const CORRECTED: &str = "corrected";
 pub const CORRECTED_POINT: &str = "corrected_point";
 /// `abbe_msgs/RangeResidual` from the monitor node.
 pub const RANGE_RESIDUAL: &str = "monitor/range_residual";
+/// `std_srvs/Trigger` of the geometric and the monitor node: load the model file now.
+pub const RELOAD_MODEL: &str = "~/reload_model";
+/// `std_srvs/Trigger` of the monitor node: start a diagnosis.
+pub const DIAGNOSE: &str = "~/diagnose";

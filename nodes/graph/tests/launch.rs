@@ -105,6 +105,58 @@ fn a_node_without_its_input_is_refused() {
     assert!(error.contains("residual is started but has no edge from geometric"), "{error}");
 }
 
+/// A graph with a monitor that diagnoses.
+fn diagnosing(keys: &str) -> String {
+    let edge = |from: &str, to: &str| {
+        format!("\n[[edges]]\nfrom = \"{from}\"\nto = \"{to}\"\ntransport = \"shared-memory\"\n")
+    };
+    let source = "driver = { kind = \"virtual_machine\", seed = 1 }\npace = { rate_hz = 100.0 }\n";
+    let monitor = format!("\n[monitor]\nsingle_bound = 4.0\nwindow = 200\nmatch_within_s = 0.0005\n{keys}\n");
+    GOOD.replacen("\"residual\"]", "\"residual\", \"monitor\", \"tracer\"]", 1).replacen(
+        "driver = { kind = \"campaign\", file = \"campaign.csv\" }\npace = { rate_hz = 1000.0 }\n",
+        source,
+        1,
+    ) + &format!("\n[tracer]\n{source}{monitor}")
+        + &edge("residual", "monitor")
+        + &edge("tracer", "monitor")
+        + &edge("scale", "monitor")
+}
+
+#[test]
+fn diagnoses_are_off_unless_asked_for_and_no_model_is_adopted_unless_wanted() {
+    let config = |keys: &str| parse(&diagnosing(keys)).unwrap().monitor.unwrap();
+    let off = config("");
+    assert_eq!((off.diagnosis_folder, off.diagnose_when_degraded, off.adopt_diagnosed_model), (None, false, false));
+    let on = config("diagnosis_folder = \"diagnoses\"\ndiagnosis_readings = 50\ndiagnose_when_degraded = true");
+    assert_eq!((on.least_readings(), on.diagnose_when_degraded, on.adopt_diagnosed_model), (50, true, false));
+}
+
+#[test]
+fn a_diagnosis_that_cannot_be_is_refused_by_its_key() {
+    let folder = "diagnosis_folder = \"diagnoses\"\n";
+    let from_scale = "from = \"scale\"\nto = \"monitor\"";
+    let cases = [
+        (diagnosing("diagnose_when_degraded = true"), "monitor.diagnose_when_degraded", "diagnosis_folder"),
+        (diagnosing("adopt_diagnosed_model = true"), "monitor.adopt_diagnosed_model", "diagnosis_folder"),
+        (diagnosing(&format!("{folder}diagnosis_readings = 0")), "monitor.diagnosis_readings", "100000"),
+        (diagnosing(folder).replace(from_scale, "from = \"scale\"\nto = \"user\""), "monitor.diagnosis_folder", "edge"),
+    ];
+    for (text, key, words) in cases {
+        let error = parse(&text).unwrap_err();
+        assert!(error.contains("graph.toml") && error.contains(key) && error.contains(words), "{error}");
+    }
+}
+
+#[test]
+fn effects_are_refused_by_place_and_both_sources_simulate_one_machine() {
+    let both = |effects: &str| diagnosing("").replace("seed = 1 }", &format!("seed = 1, effects = [{effects}] }}"));
+    assert!(parse(&both("\"backlash axis=x size_um=3 from_s=600\"")).is_ok());
+    let error = parse(&both("\"backlash axis=x size_um=3\", \"backlsh axis=x\"")).unwrap_err();
+    assert!(error.contains("scale.driver.effects[1]") && error.contains("backlash"), "{error}");
+    let error = parse(&diagnosing("").replacen("seed = 1 }", "seed = 2 }", 1)).unwrap_err();
+    assert!(error.contains("tracer.driver") && error.contains("same seed"), "{error}");
+}
+
 #[test]
 fn an_unknown_node_is_told_the_known_ones() {
     let error = "geometry".parse::<NodeName>().unwrap_err().to_string();

@@ -165,9 +165,9 @@ fn the_verdict_begins_anew_with_a_new_model() {
     monitor.learn(other_bench().model.clone(), OTHER_HASH);
     monitor.corrected(&other_sample(400));
     let health = monitor.health();
-    assert_eq!((health.state, health.residuals, health.unsound_since), (HealthState::Unknown, 0, None));
+    assert_eq!((health.state, health.residuals, health.unsound), (HealthState::Unknown, 0, None));
     let residual = monitor.tracer(&other_bench().tracer(400, 0.0)).unwrap();
-    assert_eq!(monitor.health().unsound_since, Some(residual.stamp), "not yet shown to be sound");
+    assert_eq!(monitor.health().unsound.unwrap().since, residual.stamp, "not yet shown to be sound");
 }
 
 #[test]

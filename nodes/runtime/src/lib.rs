@@ -22,5 +22,5 @@ pub mod transport;
 
 pub use outbox::{Outbox, OutboxCounts};
 pub use run_id::{RunId, RunIdError};
-pub use shutdown::{Shutdown, ShutdownError};
+pub use shutdown::{LAUNCHER_PID, Shutdown, ShutdownError, follow_launcher};
 pub use transport::{Edges, EdgesConfig, Publish, Subscribe, TransportError, TransportKind};

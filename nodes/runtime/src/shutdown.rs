@@ -13,6 +13,9 @@ use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use signal_hook::iterator::Signals;
 use thiserror::Error;
 
+/// Environment variable that names the process whose end is the end of this one; see [`follow_launcher`].
+pub const LAUNCHER_PID: &str = "ABBE_LAUNCHER_PID";
+
 /// How often the watcher looks whether the launcher still lives.
 const PARENT_POLL: Duration = Duration::from_millis(100);
 
@@ -43,6 +46,12 @@ pub enum ShutdownError {
     ParentGone {
         /// Process id of the launcher.
         expected: u32,
+    },
+    /// The launcher is not named by its process id.
+    #[error("{LAUNCHER_PID}={value:?} is no process id; unset it, or give the id of the process that starts this one")]
+    NoProcess {
+        /// What the variable says.
+        value: String,
     },
     /// The operating system refused.
     #[error("cannot watch the process that started this node: {0}")]
@@ -131,6 +140,20 @@ impl Shutdown {
         tracing::error!("did not stop within {ORPHAN_GRACE:?} of the launcher's end; exiting");
         std::process::exit(ORPHAN_EXIT_CODE);
     }
+}
+
+/// Ends this process, with exit code 70, within some seconds of the end of the one that [`LAUNCHER_PID`] names, its
+/// parent; does nothing where the variable is not set. For a program that a node starts for work beside its own, and
+/// that is started by hand as well.
+///
+/// # Errors
+/// When the launcher has ended already, is no process id, or the operating system refuses the watch.
+pub fn follow_launcher() -> Result<(), ShutdownError> {
+    let Some(value) = std::env::var_os(LAUNCHER_PID) else { return Ok(()) };
+    let value = value.to_string_lossy().into_owned();
+    let launcher_pid = value.parse().map_err(|_| ShutdownError::NoProcess { value })?;
+    // A flag of its own: the program may look at none, and then signals must go on ending it.
+    Shutdown::manual().follow_parent(launcher_pid)
 }
 
 /// SIGTERM, and those of SIGINT and SIGHUP that the process was not started to ignore.

@@ -12,7 +12,7 @@ use std::process::Command;
 use std::thread;
 use std::time::{Duration, Instant};
 
-use abbe_runtime::Shutdown;
+use abbe_runtime::{LAUNCHER_PID, Shutdown, follow_launcher};
 use common::peer::{Peer, role};
 use common::samples::PATIENCE;
 
@@ -51,6 +51,18 @@ fn play_stuck_node(folder: &Path) {
     thread::sleep(3 * PATIENCE);
 }
 
+/// A program for work beside a node's own, which looks at no flag.
+fn play_program(folder: &Path) {
+    follow_launcher().unwrap();
+    fs::write(told(folder, "started"), format!("{}\n", std::process::id())).unwrap();
+    thread::sleep(3 * PATIENCE);
+}
+
+fn play_launcher_of_program(test: &str) {
+    let _program = Peer::start_with(test, "program", LAUNCHER_PID, &std::process::id().to_string());
+    thread::sleep(PATIENCE);
+}
+
 fn play_launcher(test: &str, node: &str) {
     let _node = Peer::start(test, node);
     thread::sleep(PATIENCE);
@@ -80,6 +92,8 @@ fn play(test: &str) -> bool {
         "node" => play_node(&folder),
         "stuck" => play_stuck_node(&folder),
         "launcher" => play_launcher(test, "node"),
+        "program" => play_program(&folder),
+        "launcher of program" => play_launcher_of_program(test),
         "launcher of stuck" => play_launcher(test, "stuck"),
         other => panic!("unknown role {other}"),
     }
@@ -131,4 +145,16 @@ fn a_stuck_node_does_not_outlive_its_launcher() {
     let node = wait_for(&told(folder.path(), "started"));
     launcher.kill();
     wait_for_end(&node);
+}
+
+#[test]
+fn a_program_beside_a_node_does_not_outlive_it() {
+    let test = "a_program_beside_a_node_does_not_outlive_it";
+    if play(test) {
+        return;
+    }
+    let (mut launcher, folder) = start(test, "launcher of program");
+    let program = wait_for(&told(folder.path(), "started"));
+    launcher.kill();
+    wait_for_end(&program);
 }

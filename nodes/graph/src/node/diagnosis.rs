@@ -3,21 +3,21 @@
 //! Place in the flow: beside the monitor's loop, which hands it readings and the health of the model. A diagnosis is
 //! about the readings since the model in use was last consistent over a whole window, and about all that are kept while
 //! it is. So an effect that set in during the run is not diluted by readings from before; the readings in which the
-//! verdict turned are left out too.
+//! verdict turned are left out too. One starts by itself only when these readings together contradict the model: a
+//! window of a sound one does so once in a while.
 
-use super::diagnosis_run::{DiagnosisRun, Job};
 use super::{NodeContext, NodeError, NodeSummary};
+use crate::diagnosis::{DiagnosisRun, Job};
 use crate::launch::{MonitorConfig, NodeName};
 use crate::step::{Health, HealthState, ReadingBuffer};
+use crate::topics;
 use abbe_msgs::standard::DiagnosticStatus;
-use abbe_msgs::{ScaleReading, Sha256, TracerReading};
-use abbe_runtime::ros::{Diagnostics, TriggerOutcome, TriggerService};
+use abbe_msgs::{ScaleReading, Sha256, Stamp, TracerReading};
+use abbe_runtime::ros::{Diagnostics, RosNode, TriggerOutcome, TriggerService};
 use std::path::PathBuf;
 use std::sync::mpsc::{Receiver, SyncSender, channel, sync_channel};
 use std::time::Duration;
 
-/// Service that starts a diagnosis.
-const DIAGNOSE: &str = "~/diagnose";
 /// Longest that somebody who asks waits until it has started.
 const ANSWER_WITHIN: Duration = Duration::from_secs(30);
 
@@ -77,9 +77,9 @@ impl Diagnosis {
             ask.send(reply).map_err(|_| stopping.clone())?;
             answer.recv_timeout(ANSWER_WITHIN).unwrap_or(Err(stopping))
         };
-        let serve = |node: &abbe_runtime::ros::RosNode| node.trigger_service(DIAGNOSE, handler);
+        let serve = |node: &RosNode| node.trigger_service(topics::DIAGNOSE, handler);
         let service = context.ros.as_ref().map(serve).transpose()?;
-        let advice = advice(context, plan.is_some());
+        let advice = advice(context, config);
         let (counts, running, last, started_for) = (Counts::default(), None, None, None);
         Ok(Diagnosis { plan, readings, running, last, started_for, counts, asked, advice, _service: service })
     }
@@ -131,9 +131,10 @@ impl Diagnosis {
         let least = plan.config.least_readings();
         plan.config.diagnose_when_degraded
             && health.state == HealthState::Degraded
+            && health.unsound.is_some_and(|unsound| unsound.state == HealthState::Degraded)
             && self.running.is_none()
             && self.started_for != Some(health.model_sha256)
-            && readings.count_since(health.unsound_since, least) >= least
+            && readings.count_since(since(health), least) >= least
     }
 
     /// What there is to diagnose, or why there is nothing.
@@ -146,9 +147,9 @@ impl Diagnosis {
             return Err("a diagnosis is running; its outcome will stand on /diagnostics".to_owned());
         }
         let least = plan.config.least_readings();
-        let found = readings.count_since(health.unsound_since, least);
+        let found = readings.count_since(since(health), least);
         if found < least {
-            let which = if health.unsound_since.is_some() { " since the model was last consistent" } else { "" };
+            let which = if health.unsound.is_some() { " since the model was last consistent" } else { "" };
             return Err(format!("{found} readings{which} are too few; a diagnosis needs {least}, go on measuring"));
         }
         Ok(Job {
@@ -156,14 +157,14 @@ impl Diagnosis {
             model_file: plan.model_file.clone(),
             machine: plan.machine.clone(),
             in_use: health.model_sha256,
-            campaign: readings.campaign(health.unsound_since),
+            campaign: readings.campaign(since(health)),
             folder: plan.folder.clone(),
             adopt: plan.config.adopt_diagnosed_model,
         })
     }
 
     fn start(&mut self, job: Job, reply: Option<SyncSender<TriggerOutcome>>) -> Result<(), NodeError> {
-        self.running = Some(DiagnosisRun::start(job, reply)?);
+        self.running = Some(DiagnosisRun::start(job, reply).map_err(NodeError::Thread)?);
         self.counts.started += 1;
         Ok(())
     }
@@ -196,13 +197,13 @@ impl Diagnosis {
             (None, None) => (DiagnosticStatus::OK, "no diagnosis so far"),
         };
         let count = |of: fn(&ReadingBuffer) -> u64| self.readings.as_ref().map_or(0, of).to_string();
-        let since = |readings: &ReadingBuffer| readings.count_since(health.unsound_since, usize::MAX);
+        let to_diagnose = |readings: &ReadingBuffer| readings.count_since(since(health), usize::MAX);
         let needed = self.plan.as_ref().map_or("none".to_owned(), |plan| plan.config.least_readings().to_string());
         let figures = [
             ("readings kept", count(|readings| readings.len() as u64)),
             ("oldest readings given up", count(ReadingBuffer::dropped)),
             ("readings not usable", count(ReadingBuffer::unusable)),
-            ("readings to diagnose", self.readings.as_ref().map_or(0, since).to_string()),
+            ("readings to diagnose", self.readings.as_ref().map_or(0, to_diagnose).to_string()),
             ("readings needed", needed),
             ("diagnoses started", self.counts.started.to_string()),
             ("diagnoses finished", self.counts.finished.to_string()),
@@ -225,13 +226,25 @@ impl Diagnosis {
     }
 }
 
-/// How a person gets a diagnosis from this node.
-fn advice(context: &NodeContext, is_on: bool) -> String {
-    match &context.ros {
-        _ if !is_on => "name a diagnosis_folder in [monitor] of the launch file to have it diagnosed".to_owned(),
-        Some(node) => format!("call the service {}/diagnose (std_srvs/srv/Trigger)", node.identity().qualified()),
-        None => "set diagnose_when_degraded in [monitor] of the launch file, or give the monitor an edge over dds and \
-                 call its service ~/diagnose"
-            .to_owned(),
+/// Instant from which readings are about the state to diagnose; `None` where all are.
+fn since(health: &Health) -> Option<Stamp> {
+    health.unsound.map(|unsound| unsound.since)
+}
+
+/// What to do about a model that does not hold.
+fn advice(context: &NodeContext, config: &MonitorConfig) -> String {
+    let itself = "a diagnosis starts by itself when enough readings of this state have come";
+    let service =
+        |node: &RosNode| format!("call the service {}/diagnose (std_srvs/srv/Trigger)", node.identity().qualified());
+    match (&config.diagnosis_folder, &context.ros, config.diagnose_when_degraded) {
+        (None, _, _) => "name a diagnosis_folder in [monitor] of the launch file to have it diagnosed".to_owned(),
+        (_, Some(node), false) => format!("to have it diagnosed, {}", service(node)),
+        (_, Some(node), true) => format!("{itself}; to have it now, {}", service(node)),
+        (_, None, true) => itself.to_owned(),
+        (_, None, false) => {
+            "to have it diagnosed, set diagnose_when_degraded in [monitor] of the launch file, or give \
+                             the monitor an edge over dds and call its service ~/diagnose"
+                .to_owned()
+        }
     }
 }

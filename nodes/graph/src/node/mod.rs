@@ -5,7 +5,6 @@
 
 mod correcting;
 mod diagnosis;
-mod diagnosis_run;
 mod model;
 mod monitor;
 mod parameters;

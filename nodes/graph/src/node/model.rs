@@ -6,16 +6,14 @@
 
 use super::{NodeContext, NodeError, NodeSummary};
 use crate::feed::{Feed, FeedStatus};
+use crate::topics;
 use abbe_files::{FileError, ModelFile};
 use abbe_geometry::model::MachineModel;
 use abbe_msgs::Sha256;
 use abbe_msgs::standard::DiagnosticStatus;
-use abbe_runtime::ros::{Diagnostics, TriggerService};
+use abbe_runtime::ros::{Diagnostics, RosNode, TriggerService};
 use std::path::Path;
 use std::sync::Arc;
-
-/// Service that loads the model file now.
-const RELOAD: &str = "~/reload_model";
 
 /// A model ready to correct, and its hash.
 pub(super) type LoadedModel = (Arc<MachineModel>, Sha256);
@@ -48,7 +46,7 @@ impl ModelFeed {
             Some(reload) => reload.load().map(|sha256| format!("model {} is in use from now on", sha256.to_hex())),
             None => Err("the launch file names no model; add the key model and start the node again".to_owned()),
         };
-        let serve = |node: &abbe_runtime::ros::RosNode| node.trigger_service(RELOAD, handler);
+        let serve = |node: &RosNode| node.trigger_service(topics::RELOAD_MODEL, handler);
         Ok(context.ros.as_ref().map(serve).transpose()?)
     }
 

@@ -9,7 +9,7 @@ use super::{LOOK_UP, NodeContext, NodeError, NodeSummary, take};
 use crate::launch::NodeName;
 use crate::step::{Health, HealthState, MonitorStep};
 use abbe_msgs::standard::DiagnosticStatus;
-use abbe_msgs::{CorrectedCoordinates, RangeResidual, ScaleReading, Sha256, TracerReading};
+use abbe_msgs::{CorrectedCoordinates, RangeResidual, ScaleReading, Sha256, Stamp, TracerReading};
 use abbe_runtime::ros::Diagnostics;
 use abbe_runtime::{Publish, Subscribe, TransportError};
 use std::time::{Duration, Instant};
@@ -35,6 +35,8 @@ struct Monitor {
     health: Option<Diagnostics>,
     reported: Instant,
     told: HealthState,
+    /// Beginning of the state that has been warned of; a verdict may come and go in it.
+    warned: Option<Stamp>,
     looked_for: Option<Sha256>,
 }
 
@@ -91,6 +93,7 @@ impl Monitor {
             health: context.ros.as_ref().map(|node| node.diagnostics(&context.machine.machine.name)).transpose()?,
             reported: Instant::now(),
             told: HealthState::Unknown,
+            warned: None,
             looked_for: None,
         })
     }
@@ -130,7 +133,9 @@ impl Monitor {
     fn attend(&mut self) -> Result<(), NodeError> {
         let now = self.step.health();
         let news = self.diagnosis.attend(&now)?;
-        if now.state != self.told && now.state == HealthState::Degraded {
+        let spell = now.unsound.map(|unsound| unsound.since);
+        if now.state == HealthState::Degraded && self.warned != spell {
+            self.warned = spell;
             tracing::warn!(mean_square = now.mean_square, "{DEGRADED}; {}", self.diagnosis.advice());
         }
         if !news && now.state == self.told && self.reported.elapsed() < REPORT_EVERY {

@@ -11,7 +11,7 @@ mod readings;
 mod residual;
 
 pub use geometric::GeometricStep;
-pub use health::{Health, HealthState};
+pub use health::{Health, HealthState, Unsound};
 pub use monitor::{MonitorSettings, MonitorStep};
 pub use readings::{KEPT_READINGS, ReadingBuffer};
 pub use residual::ResidualStep;

@@ -110,7 +110,7 @@ impl MonitorStep {
             residuals: self.window.len(),
             mean_square: self.window.mean_square(),
             rms_m: self.window.rms_m(),
-            unsound_since: self.window.unsound_since(),
+            unsound: self.window.unsound(),
             out_of_bounds: self.out_of_bounds,
             unpredicted: self.unpredicted + self.pairs.alone(),
         }

@@ -4,12 +4,11 @@
 //! into a numbered folder; `abbe diagnose` works there as a child process that ends with this one. Everything a person
 //! needs afterwards stands in that folder: readings, model, log, report.
 
-use super::NodeError;
 use abbe_files::{FileError, ModelFile, hex, write_atomically, write_campaign};
 use abbe_measurement::campaign::Campaign;
 use abbe_msgs::Sha256;
-use abbe_runtime::Shutdown;
 use abbe_runtime::ros::TriggerOutcome;
+use abbe_runtime::{LAUNCHER_PID, Shutdown};
 use std::fs::File;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
@@ -30,7 +29,7 @@ const REPORT: &str = "report.html";
 
 /// Why there is no outcome.
 #[derive(Debug, Error)]
-pub(super) enum RunError {
+enum RunError {
     /// A file of the folder, or the model.
     #[error(transparent)]
     File(#[from] FileError),
@@ -55,28 +54,32 @@ pub(super) enum RunError {
 }
 
 /// What to diagnose, and with what.
-pub(super) struct Job {
-    pub(super) program: PathBuf,
+pub struct Job {
+    /// The program that has the command `diagnose`.
+    pub program: PathBuf,
     /// The file that the model in use came from.
-    pub(super) model_file: PathBuf,
-    pub(super) machine: String,
-    pub(super) in_use: Sha256,
-    pub(super) campaign: Campaign,
+    pub model_file: PathBuf,
+    /// The machine that a model has to be of.
+    pub machine: String,
+    /// The model in use.
+    pub in_use: Sha256,
+    /// The readings to diagnose.
+    pub campaign: Campaign,
     /// Folder in which this diagnosis gets one of its own.
-    pub(super) folder: PathBuf,
+    pub folder: PathBuf,
     /// Whether the model that comes out takes the place of the model file.
-    pub(super) adopt: bool,
+    pub adopt: bool,
 }
 
 /// A diagnosis under way. Dropping it ends it.
-pub(super) struct DiagnosisRun {
+pub struct DiagnosisRun {
     stop: Shutdown,
     thread: Option<JoinHandle<Result<String, RunError>>>,
 }
 
 impl DiagnosisRun {
     /// Starts a diagnosis; `started` is told once its program runs, or why it does not.
-    pub(super) fn start(job: Job, started: Option<SyncSender<TriggerOutcome>>) -> Result<DiagnosisRun, NodeError> {
+    pub fn start(job: Job, started: Option<SyncSender<TriggerOutcome>>) -> std::io::Result<DiagnosisRun> {
         let stop = Shutdown::manual();
         let stopped = stop.clone();
         let run = move || {
@@ -89,12 +92,12 @@ impl DiagnosisRun {
             let folder = begun?.end(&job.program, &stopped)?;
             conclude(&job, &folder)
         };
-        let thread = thread::Builder::new().name("diagnosis".into()).spawn(run).map_err(NodeError::Thread)?;
+        let thread = thread::Builder::new().name("diagnosis".into()).spawn(run)?;
         Ok(DiagnosisRun { stop, thread: Some(thread) })
     }
 
     /// What came of it, in words, once it has ended.
-    pub(super) fn outcome(&mut self) -> Option<Result<String, String>> {
+    pub fn outcome(&mut self) -> Option<Result<String, String>> {
         let thread = self.thread.take_if(|thread| thread.is_finished())?;
         let outcome = thread.join().map_err(|_| "the diagnosis broke off; its log says more".to_owned());
         Some(outcome.and_then(|outcome| outcome.map_err(|error| error.to_string())))
@@ -133,6 +136,7 @@ fn begin(job: &Job) -> Result<Begun, RunError> {
     let words = log.try_clone().map_err(unusable)?;
     let child = Command::new(&job.program)
         .arg("diagnose")
+        .env(LAUNCHER_PID, std::process::id().to_string())
         .args([Path::new("--model"), &model, Path::new("--campaign"), &campaign, Path::new("--out"), &folder])
         .stdin(Stdio::null())
         .stdout(log)
