@@ -4,10 +4,29 @@
 //! which effects were found and how surely, what cannot be told apart, and the model with the effects added. Pure: the
 //! `abbe diagnose` command reads, reports and stores.
 
-pub mod error;
+mod alias;
+mod candidates;
+mod context;
+mod diagnose;
+mod diagnosis;
+mod error;
 pub mod held_out;
+mod judge;
 pub mod linear;
+mod look;
+mod noise;
+mod options;
+mod order;
+mod periodic;
+mod runs;
 pub mod score;
+mod search;
 pub mod study;
+mod wald;
 
+pub use diagnose::diagnose;
+pub use diagnosis::{Diagnosis, Found, FoundParameter, Kind, NotIdentifiable, Rival, Untestable};
 pub use error::DiagnoseError;
+pub use judge::{Blocked, HeldOutError, Placebo, Unseen};
+pub use noise::{Detection, Group, Structure};
+pub use options::{Options, Progress};

@@ -55,6 +55,22 @@ impl Linear {
         Ok(Linear { jacobian, residuals, covariance, root, chi2, degrees })
     }
 
+    /// The same rows fitted without the priors, and its residuals: what the columns could absorb if nothing were known
+    /// of their parameters. Candidates are tested against this fit, since a smoothness that the data chose is no
+    /// evidence against a rough truth. Directions that the rows do not see keep a negligible prior.
+    ///
+    /// # Errors
+    /// [`DiagnoseError::Singular`] where rounding leaves no covariance.
+    pub fn without_priors(&self, used: usize) -> Result<Linear, DiagnoseError> {
+        let mut normal = self.jacobian.transpose() * &self.jacobian;
+        (0..normal.nrows()).for_each(|k| normal[(k, k)] += UNSEEN * normal[(k, k)].max(f64::MIN_POSITIVE));
+        let inverse = Llt::new(normal.as_ref(), Side::Lower).map_err(|_| DiagnoseError::Singular)?.inverse();
+        let change = &inverse * (self.jacobian.transpose() * column(&self.residuals));
+        let moved = &self.jacobian * &change;
+        let residuals = self.residuals.iter().enumerate().map(|(k, r)| r - moved[(k, 0)]).collect();
+        Linear::new(self.jacobian.clone(), residuals, inverse, used)
+    }
+
     /// The least-squares fit of `observed` by these columns, and its parameters. Columns that the others contain are an
     /// error.
     ///
@@ -162,6 +178,8 @@ impl Linear {
     }
 }
 
+/// Prior of directions that the rows do not see, as a share of each column's information.
+const UNSEEN: f64 = 1e-9;
 /// Smallest eigenvalue of an equilibrated matrix below which its columns count as dependent.
 const DEPENDENT: f64 = 1e-12;
 

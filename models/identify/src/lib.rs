@@ -30,6 +30,6 @@ pub use bound::at_cramer_rao_bound;
 pub use error::{IdentifyError, Unobservable};
 pub use evidence::{CorrelatedPair, ErrorEvidence, Evidence, RejectedReading, StationEvidence};
 pub use options::{Options, OrderChoice, Progress};
-pub use rows::Rows;
+pub use rows::{Rows, residuals_of};
 pub use solve::{Identified, identify, identify_with};
 pub use term::{CampaignRow, EffectTerm, TIME};

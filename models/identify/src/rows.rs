@@ -7,11 +7,12 @@
 
 use crate::design::{Estimate, Row, Setup};
 use crate::error::IdentifyError;
-use crate::linear::Factor;
+use crate::normal::residuals;
 use crate::solve::Identified;
 use crate::term::{CampaignRow, EffectTerm};
 use abbe_geometry::Vector3;
 use abbe_geometry::effects::{CovariateProblem, Effect, Ray};
+use abbe_geometry::model::MachineModel;
 use abbe_measurement::campaign::Campaign;
 use abbe_measurement::instrument::RangeUncertainty;
 use faer::Mat;
@@ -38,19 +39,12 @@ pub struct Rows<'a> {
 
 impl<'a> Rows<'a> {
     /// Rows of a fit of this campaign.
-    ///
-    /// # Errors
-    /// [`IdentifyError::Singular`] where the fit's covariance cannot be inverted.
-    pub fn new(
-        fit: &Identified,
-        instrument: RangeUncertainty,
-        campaign: &'a Campaign,
-    ) -> Result<Rows<'a>, IdentifyError> {
+    pub fn new(fit: &Identified, instrument: RangeUncertainty, campaign: &'a Campaign) -> Rows<'a> {
         let model = &fit.model;
         let parts = model.parts();
         let terms: Vec<EffectTerm> = parts.effects.iter().map(EffectTerm::of).collect();
         let setup = Setup { machine: &parts.machine, layout: model.layout(), instrument, terms: &terms };
-        let parameters = all_parameters(fit);
+        let parameters = parameters_of(model);
         let estimate = Estimate { setup, campaign, parameters: &parameters };
         let free: Vec<usize> = (0..parameters.len()).filter(|k| model.covariance(*k, *k) > 0.0).collect();
         let scale = fit.evidence.chi2_per_dof.max(1.0);
@@ -67,7 +61,7 @@ impl<'a> Rows<'a> {
             partials: Vec::with_capacity(count),
         };
         rows.fill(&estimate);
-        Ok(rows)
+        rows
     }
 
     fn fill(&mut self, estimate: &Estimate) {
@@ -116,24 +110,38 @@ impl<'a> Rows<'a> {
         }
         Ok(columns)
     }
-
-    /// Precision of the prior that the fit put on its parameters: (J'J + prior) − J'J, in units of the noise.
-    ///
-    /// # Errors
-    /// [`IdentifyError::Singular`] where the covariance cannot be inverted.
-    pub fn prior(&self) -> Result<Mat<f64>, IdentifyError> {
-        let precision = Factor::new(&self.covariance).map_err(|_| IdentifyError::Singular)?.inverse();
-        Ok(precision - self.jacobian.transpose() * &self.jacobian)
-    }
 }
 
 /// Geometry, effects, then x, y, z, dead path of each station.
-fn all_parameters(fit: &Identified) -> Vec<f64> {
-    let parts = fit.model.parts();
+fn parameters_of(model: &MachineModel) -> Vec<f64> {
+    let parts = model.parts();
     let effects = parts.effects.iter().flat_map(|fitted| &fitted.parameters);
     let mut parameters: Vec<f64> = parts.coefficients.iter().chain(effects).copied().collect();
     for station in &parts.stations {
         parameters.extend(station.position_m.iter().chain([&station.dead_path_m]));
     }
     parameters
+}
+
+/// Residual (measured minus predicted, m) and declared standard uncertainty (m) of readings that a model was not
+/// identified from; station names must be those of the model, in its order.
+///
+/// # Errors
+/// [`IdentifyError::NoCovariate`] where a reading lacks what the model's effects need, [`IdentifyError::Dangling`] for
+/// a station that the model does not know.
+pub fn residuals_of(
+    model: &MachineModel,
+    instrument: RangeUncertainty,
+    campaign: &Campaign,
+) -> Result<Vec<(f64, f64)>, IdentifyError> {
+    let parts = model.parts();
+    let terms: Vec<EffectTerm> = parts.effects.iter().map(EffectTerm::of).collect();
+    crate::term::check(&terms, campaign)?;
+    let known = |k: u32| parts.stations.get(k as usize).map(|s| &s.name) == campaign.stations.get(k as usize);
+    if let Some(reading) = campaign.readings.iter().position(|r| !known(r.station)) {
+        let index = campaign.readings[reading].station;
+        return Err(IdentifyError::Dangling { reading: reading + 1, what: "station", index });
+    }
+    let setup = Setup { machine: &parts.machine, layout: model.layout(), instrument, terms: &terms };
+    Ok(residuals(&Estimate { setup, campaign, parameters: &parameters_of(model) }))
 }

@@ -1,6 +1,6 @@
 //! Dynamic bending: the last acceleration of an axis twists its carriage and pushes it back along its way.
 //!
-//! Formula: EA, EB, EC of the axis = c·a and its linear error = d·a, a the last acceleration of that axis (m/s²).
+//! Formula: EA, EB, EC of the axis = c·a and its three linear errors = d·a, a the last acceleration of that axis (m/s²).
 //! Input: `acc_<axis>_mm_s2`. Some µrad at 1 m/s², so 1–20 µm at half a metre of lever when fast (Schwenke 2008).
 
 use super::known::{Known, Observed};
@@ -13,7 +13,7 @@ use crate::machine::Machine;
 pub(super) const KNOWN: Known = Known {
     name: "acceleration",
     title: "dynamic bending",
-    formula: "EA, EB, EC of the axis = c a and its linear error = d a, a the last acceleration of the axis",
+    formula: "EA, EB, EC of the axis = c a and its linear errors = d a, a the last acceleration of the axis",
     typical: "1-20 um when fast",
     source: "Schwenke et al. 2008 (dynamic errors of coordinate measuring machines)",
     needs: "the last acceleration of the axis (acc_x_mm_s2 ...) at two levels or more, at more than one lever",
@@ -54,7 +54,8 @@ impl Effect for Acceleration {
     fn parameters(&self) -> Vec<ParameterSpec> {
         let twist = |about: Axis| ParameterSpec::new(format!("twist_{}", about.lower()), "rad/(m/s2)", 500e-6);
         let mut specs = Axis::ALL.map(twist).to_vec();
-        specs.push(ParameterSpec::new("push", "m/(m/s2)", 500e-6));
+        // The joint turns about a point that no drawing tells: a push of the whole moves the pivot.
+        specs.extend(Axis::ALL.map(|axis| ParameterSpec::new(format!("push_{}", axis.lower()), "m/(m/s2)", 500e-6)));
         specs
     }
 
@@ -63,7 +64,9 @@ impl Effect for Acceleration {
         for about in Axis::ALL {
             part(about.index(), Acts::Error(ErrorId::angular(about, self.axis)), acceleration_m_s2);
         }
-        part(3, Acts::Error(ErrorId::linear(self.axis, self.axis)), acceleration_m_s2);
+        for direction in Axis::ALL {
+            part(3 + direction.index(), Acts::Error(ErrorId::linear(direction, self.axis)), acceleration_m_s2);
+        }
         Ok(())
     }
 }
@@ -81,7 +84,7 @@ mod tests {
         let at = |acceleration_mm_s2: f64, offset_z_m: f64| {
             let offset_m = [0.0, 0.0, offset_z_m];
             let state = State { reading_m: [0.3, 0.0, 0.0], offset_m, covariates: &One(acceleration_mm_s2) };
-            tip_m(effect.as_ref(), &state, &[0.0, 4e-6, 0.0, 0.0])
+            tip_m(effect.as_ref(), &state, &[0.0, 4e-6, 0.0, 0.0, 0.0, 0.0])
         };
         assert!((at(500.0, -0.5) - Vector3::new(-1e-6, 0.0, 0.0)).norm() < 1e-18);
         assert!((at(1000.0, -0.25) - at(500.0, -0.5)).norm() < 1e-18);

@@ -3,7 +3,8 @@
 //! Formula, with u the carrying axis and v the carriage, each −1 … 1 over its stroke, and Legendre polynomials P:
 //! roll about the carrying axis = Σ roll_ij P_i(v)·P_j(u), i ≥ 1, i + j ≤ 3; height of the carrying axis =
 //! Σ height_ij P_i(v)·P_j(u), i and j ≥ 1, j ≤ 2, i + j ≤ 4: one order more along the carriage, as a roll lifts by its
-//! lever. Inputs: readings (m). Typical 0.5–5 µm, some µrad.
+//! lever. Sideways (across both) it moves by Σ side_ij P_i(v)·P_j(u), i and j ≥ 1, i + j ≤ 3: the roll's pivot lies at a
+//! height that no drawing tells. Inputs: readings (m). Typical 0.5–5 µm, some µrad.
 //! Left out is what a rigid-body machine has already: terms of u alone, and heights of v alone, which are the
 //! straightness of the carriage. A roll by v alone is the carriage's own angle where the two are neighbours in the
 //! chain, and no such angle where the third axis hangs between them.
@@ -19,7 +20,7 @@ use crate::machine::Machine;
 pub(super) const KNOWN: Known = Known {
     name: "carriage_sag",
     title: "sag under a travelling carriage",
-    formula: "roll of u = sum roll_ij P_i(v) P_j(u), height of u = sum height_ij P_i(v) P_j(u), v the carriage",
+    formula: "roll of u = sum roll_ij P_i(v) P_j(u), height and side of u likewise, v the carriage",
     typical: "0.5-5 um, some urad",
     source: "Schwenke et al. 2008 (load-induced errors); beam on two supports under a moving load",
     needs: "lines that vary both axes, with some lever below the carriage",
@@ -32,6 +33,8 @@ pub(super) const KNOWN: Known = Known {
 const ROLL: [(usize, usize); 6] = [(1, 0), (2, 0), (3, 0), (1, 1), (2, 1), (1, 2)];
 /// Orders of the height.
 const HEIGHT: [(usize, usize); 5] = [(1, 1), (2, 1), (3, 1), (1, 2), (2, 2)];
+/// Orders of the sideways motion.
+const SIDE: [(usize, usize); 3] = [(1, 1), (2, 1), (1, 2)];
 /// Highest order of either.
 const ORDER: usize = 3;
 
@@ -59,6 +62,14 @@ fn propose(_observed: &Observed) -> Vec<Shape> {
 }
 
 impl CarriageSag {
+    /// Where a roll of the carrying axis takes what hangs below it.
+    fn sideways(&self) -> Axis {
+        match self.carrying {
+            Axis::X => Axis::Y,
+            Axis::Y | Axis::Z => Axis::X,
+        }
+    }
+
     fn orders(&self, axis: Axis, state: &State) -> Vec<f64> {
         let (lower_m, upper_m) = self.stroke_m[axis.index()];
         legendre((2.0 * state.reading_m[axis.index()] - lower_m - upper_m) / (upper_m - lower_m), ORDER)
@@ -73,14 +84,17 @@ impl Effect for CarriageSag {
     fn parameters(&self) -> Vec<ParameterSpec> {
         let roll = ROLL.map(|(i, j)| ParameterSpec::new(format!("roll_{i}_{j}"), "rad", 200e-6));
         let height = HEIGHT.map(|(i, j)| ParameterSpec::new(format!("height_{i}_{j}"), "m", 100e-6));
-        roll.into_iter().chain(height).collect()
+        let side = SIDE.map(|(i, j)| ParameterSpec::new(format!("side_{i}_{j}"), "m", 100e-6));
+        roll.into_iter().chain(height).chain(side).collect()
     }
 
     fn motion(&self, state: &State, part: &mut Motion) -> Result<(), CovariateProblem> {
         let (u, v) = (self.orders(self.carrying, state), self.orders(self.carriage, state));
         let roll = Acts::Error(ErrorId::angular(self.carrying, self.carrying));
         let height = Acts::Error(ErrorId::linear(Axis::Z, self.carrying));
+        let side = Acts::Error(ErrorId::linear(self.sideways(), self.carrying));
         let terms = ROLL.map(|orders| (roll, orders)).into_iter().chain(HEIGHT.map(|orders| (height, orders)));
+        let terms = terms.chain(SIDE.map(|orders| (side, orders)));
         for (k, (acts, (i, j))) in terms.enumerate() {
             part(k, acts, v[i] * u[j]);
         }
@@ -93,7 +107,7 @@ mod tests {
     use super::super::tests::{One, machine, tip_m};
     use super::*;
 
-    fn tip_at(reading_m: [f64; 3], parameters: [f64; 11]) -> nalgebra::Vector3<f64> {
+    fn tip_at(reading_m: [f64; 3], parameters: [f64; 14]) -> nalgebra::Vector3<f64> {
         let shape = Shape::new().text("carrying", "x").text("carriage", "y");
         let effect = construct(&shape, &machine()).unwrap();
         let state = State { reading_m, offset_m: [0.0, 0.0, -0.5], covariates: &One(0.0) };
@@ -103,7 +117,7 @@ mod tests {
     /// A twist EAX = 8 µrad·(share of x)·(share of y) is 2 µrad·(1 + P1(u))(1 + P1(v)); what depends on both is here.
     #[test]
     fn a_twist_by_the_product_of_two_positions_moves_half_a_metre_of_lever_by_two_micrometres() {
-        let mut parameters = [0.0; 11];
+        let mut parameters = [0.0; 14];
         (parameters[0], parameters[3]) = (2e-6, 2e-6);
         let y_m = |x_m: f64, y_m: f64| tip_at([x_m, y_m, 0.0], parameters).y;
         let mixed = y_m(0.8, 0.6) - y_m(0.8, 0.0) - y_m(0.0, 0.6) + y_m(0.0, 0.0);
@@ -114,7 +128,7 @@ mod tests {
     #[test]
     fn no_height_is_the_straightness_of_one_axis() {
         for k in 6..11 {
-            let mut parameters = [0.0; 11];
+            let mut parameters = [0.0; 14];
             parameters[k] = 1e-6;
             let z_m = |x_m: f64, y_m: f64| tip_at([x_m, y_m, 0.1], parameters).z;
             let mixed = z_m(0.7, 0.45) - z_m(0.7, 0.1) - z_m(0.3, 0.45) + z_m(0.3, 0.1);

@@ -1,7 +1,8 @@
-//! An empirical term: the tip or the range follows a smooth or periodic function of one or two logged quantities.
+//! An empirical term: the tip, an error of the chain or the range follows a smooth or periodic function of one or two logged quantities.
 //!
 //! Formula: e = Σ c_ij P_i(p) P_j(q) with Legendre polynomials of the quantities scaled to −1 … 1 and 1 ≤ i + j ≤
-//! degree; with `cycles`, sine and cosine of 2π·cycles·(p's share of its range) instead. It says what the residual
+//! degree; what scales alone would move on the tip is left out, since the machine's errors do that; with `mixed` only
+//! products of both quantities remain. With `cycles`, sine and cosine of 2π·cycles·(p's share of its range) instead. It says what the residual
 //! depends on, not why: diagnosis offers it only where no other effect explains what it finds. A quantity beyond the
 //! range that the term was fitted in is evaluated at the end of that range, and correction reports the sample as
 //! extrapolated. Quantities are covariates, `time_s`, scales (`x_m`) and offsets (`offset_x_m`).
@@ -10,7 +11,7 @@ use super::known::{Known, Observed};
 use super::shape::{EffectError, Reader, Shape, ShapeValue};
 use super::source::position;
 use super::{Acts, CovariateProblem, Effect, Motion, ParameterSpec, Sight, State};
-use crate::axis::Axis;
+use crate::axis::ErrorId;
 use crate::machine::Machine;
 use std::f64::consts::TAU;
 
@@ -31,6 +32,8 @@ pub(super) const KNOWN: Known = Known {
 const MOST: usize = 64;
 /// Largest motion believed (m).
 const PLAUSIBLE_M: f64 = 100e-6;
+/// Largest turn believed (rad).
+const PLAUSIBLE_RAD: f64 = 500e-6;
 
 /// Legendre polynomials P_0 … P_degree at `x`.
 pub(super) fn legendre(x: f64, degree: usize) -> Vec<f64> {
@@ -67,7 +70,8 @@ enum Form {
 #[derive(Debug)]
 struct Empirical {
     /// `None` acts on the range.
-    acts: Option<Axis>,
+    acts: Option<Acts>,
+    mixed: bool,
     quantities: Vec<Quantity>,
     form: Form,
 }
@@ -76,7 +80,10 @@ fn construct(shape: &Shape, _machine: &Machine) -> Result<Box<dyn Effect>, Effec
     let mut reader = Reader::new(KNOWN.name, shape);
     let acts = match reader.text("acts")? {
         "range" => None,
-        _ => Some(reader.axis("acts")?),
+        name => match ErrorId::from_name(name) {
+            Some(id) => Some(Acts::Error(id)),
+            None => Some(Acts::Tip(reader.axis("acts")?)),
+        },
     };
     let mut quantities = vec![quantity(&mut reader, ["p", "p_low", "p_high"])?];
     if shape.0.contains_key("q") {
@@ -86,8 +93,17 @@ fn construct(shape: &Shape, _machine: &Machine) -> Result<Box<dyn Effect>, Effec
         Some(ShapeValue::Number(_)) => Form::Periodic { cycles: reader.positive("cycles")? },
         _ => Form::Polynomial { degree: reader.count("degree", MOST)? },
     };
+    let mixed = shape.0.contains_key("mixed") && reader.count("mixed", 1)? == 1;
     reader.finish()?;
-    Ok(Box::new(Empirical { acts, quantities, form }))
+    let effect = Empirical { acts, mixed, quantities, form };
+    if matches!(effect.form, Form::Polynomial { degree } if effect.terms(degree).is_empty()) {
+        return Err(EffectError::Shape {
+            effect: KNOWN.name,
+            key: "degree".to_owned(),
+            problem: "leaves no term; raise it, or name a quantity that is not a scale",
+        });
+    }
+    Ok(Box::new(effect))
 }
 
 fn quantity(reader: &mut Reader, [name, low, high]: [&'static str; 3]) -> Result<Quantity, EffectError> {
@@ -99,6 +115,11 @@ fn quantity(reader: &mut Reader, [name, low, high]: [&'static str; 3]) -> Result
     Ok(quantity)
 }
 
+/// Whether a quantity is the reading of an axis.
+fn is_scale(name: &str) -> bool {
+    matches!(position(name), Some((false, _)))
+}
+
 /// None: the look without candidates proposes them.
 fn propose(_observed: &Observed) -> Vec<Shape> {
     Vec::new()
@@ -108,10 +129,14 @@ impl Empirical {
     /// Exponents of the terms, by total degree.
     fn terms(&self, degree: usize) -> Vec<(usize, usize)> {
         let two = self.quantities.len() == 2;
-        (1..=degree)
-            .flat_map(|total| (0..=total).map(move |j| (total - j, j)))
-            .filter(|(_, j)| two || *j == 0)
-            .collect()
+        // The error functions move the tip by each scale alone already; on the range they do not.
+        let own = |k: usize| self.acts.is_some() && self.quantities.get(k).is_some_and(|q| is_scale(&q.name));
+        let kept = |(i, j): &(usize, usize)| match (*i, *j) {
+            (_, 0) => !own(0) && !(two && self.mixed),
+            (0, _) => two && !self.mixed && !own(1),
+            _ => two,
+        };
+        (1..=degree).flat_map(|total| (0..=total).map(move |j| (total - j, j))).filter(kept).collect()
     }
 
     fn values(&self, state: &State) -> Result<Vec<f64>, CovariateProblem> {
@@ -148,7 +173,11 @@ impl Effect for Empirical {
     }
 
     fn parameters(&self) -> Vec<ParameterSpec> {
-        let spec = |name: String| ParameterSpec::new(name, "m", PLAUSIBLE_M);
+        let (unit, plausible) = match self.acts {
+            Some(Acts::Error(id)) if id.is_angular() => ("rad", PLAUSIBLE_RAD),
+            _ => ("m", PLAUSIBLE_M),
+        };
+        let spec = |name: String| ParameterSpec::new(name, unit, plausible);
         match self.form {
             Form::Periodic { .. } => ["sine", "cosine"].map(|name| spec(name.to_owned())).to_vec(),
             Form::Polynomial { degree } => {
@@ -158,9 +187,9 @@ impl Effect for Empirical {
     }
 
     fn motion(&self, state: &State, part: &mut Motion) -> Result<(), CovariateProblem> {
-        let Some(axis) = self.acts else { return Ok(()) };
+        let Some(acts) = self.acts else { return Ok(()) };
         for (k, value) in self.values(state)?.into_iter().enumerate() {
-            part(k, Acts::Tip(axis), value);
+            part(k, acts, value);
         }
         Ok(())
     }
@@ -193,10 +222,12 @@ mod tests {
         let shape = shape.text("q", "x_m").number("q_low", 0.0).number("q_high", 0.8);
         let effect = construct(&shape, &machine()).unwrap();
         let names: Vec<String> = effect.parameters().into_iter().map(|p| p.name).collect();
-        assert_eq!(names, ["c_1_0", "c_0_1", "c_2_0", "c_1_1", "c_0_2"]);
+        assert_eq!(names, ["c_1_0", "c_2_0", "c_1_1"], "x alone is the machine's own error");
+        let mixed = construct(&shape.clone().number("mixed", 1.0), &machine()).unwrap();
+        assert_eq!(mixed.parameters().len(), 1);
         let at = |air_c: f64, x_m: f64| {
             let state = State { reading_m: [x_m, 0.1, 0.1], offset_m: [0.0; 3], covariates: &One(air_c) };
-            tip_m(effect.as_ref(), &state, &[1e-6, 0.0, 0.0, 2e-6, 0.0]).y
+            tip_m(effect.as_ref(), &state, &[1e-6, 0.0, 2e-6]).y
         };
         assert!((at(20.5, 0.6) - (0.5e-6 + 2e-6 * 0.5 * 0.5)).abs() < 1e-18);
         assert_eq!(at(25.0, 0.6), at(21.0, 0.6));

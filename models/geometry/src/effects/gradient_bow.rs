@@ -1,9 +1,11 @@
 //! Bow of a guideway under a temperature gradient: warm on top it arches, and its carriage pitches along the arc.
 //!
-//! Formula, with ΔT = warm − cold (K), reading r on the stroke r₀ … r₁, middle m: the guideway runs at height
-//! h(r) = ΔT·(−½κ(r − r₀)(r − r₁) + pitch·(r − m) + heave), the carriage turns by its slope h′(r). Curvature κ moves
-//! what the gradient bends; pitch and heave say about which points it bends, as no frame says so. Inputs: reading (m),
-//! two logged temperatures (°C). κ is about α/height of the guideway (1e-5/(m·K) at one metre), so 1–5 µm/K.
+//! Formula, with ΔT = warm − cold (K), reading r on the stroke r₀ … r₁ and middle m, all times ΔT: the guideway runs at
+//! height −½κ(r − r₀)(r − r₁) + ramp·(r − m) + heave; the carriage pitches by −slope·(r − m) + tilt; it moves along the
+//! axis by shift + stretch·(r − m). On one bent beam slope = κ and tilt = ramp (bending theory); they are separate since
+//! columns and carriage may ride on other parts than the one that bends, and shift and stretch say at which height the
+//! carriage pivots, as no drawing tells. Inputs: reading (m), two logged temperatures (°C). κ is about α/height of the
+//! guideway (1e-5/(m·K) at one metre), so 1–5 µm/K.
 //! Of a workpiece-side axis the table follows the guideway: the tool sinks relative to it where the guideway rises.
 
 use super::known::{Known, Observed};
@@ -16,7 +18,8 @@ use crate::machine::{Machine, Side};
 pub(super) const KNOWN: Known = Known {
     name: "gradient_bow",
     title: "bow under a temperature gradient",
-    formula: "h = dT (-kappa (r - r0)(r - r1) / 2 + pitch (r - m) + heave) across the axis, with its slope as angle",
+    formula: "times dT: height -kappa (r - r0)(r - r1)/2 + ramp (r - m) + heave, pitch angle -slope (r - m) + tilt, \
+              along the axis shift + stretch (r - m)",
     typical: "1-5 um/K",
     source: "bending of a beam under a linear gradient, kappa = alpha dT / height; Schwenke et al. 2008",
     needs: "two temperatures that span the gradient (temp_bridge_top_c and temp_bridge_bottom_c, or air and granite)",
@@ -28,7 +31,7 @@ pub(super) const KNOWN: Known = Known {
 
 #[derive(Debug)]
 struct GradientBow {
-    along: ErrorId,
+    height: ErrorId,
     turn: ErrorId,
     axis: Axis,
     stroke_m: (f64, f64),
@@ -55,7 +58,7 @@ fn construct(shape: &Shape, machine: &Machine) -> Result<Box<dyn Effect>, Effect
     reader.finish()?;
     let on_table = machine.joints.iter().any(|joint| joint.axis == axis && joint.side == Side::Workpiece);
     Ok(Box::new(GradientBow {
-        along: ErrorId::linear(Axis::Z, axis),
+        height: ErrorId::linear(Axis::Z, axis),
         turn: ErrorId::angular(about, axis),
         axis,
         stroke_m: machine.stroke_m[axis.index()],
@@ -95,8 +98,12 @@ impl Effect for GradientBow {
     fn parameters(&self) -> Vec<ParameterSpec> {
         vec![
             ParameterSpec::new("curvature", "1/(m K)", 200e-6),
-            ParameterSpec::new("pitch", "rad/K", 100e-6),
+            ParameterSpec::new("slope", "1/(m K)", 200e-6),
+            ParameterSpec::new("ramp", "rad/K", 100e-6),
+            ParameterSpec::new("tilt", "rad/K", 100e-6),
             ParameterSpec::new("heave", "m/K", 50e-6),
+            ParameterSpec::new("shift", "m/K", 50e-6),
+            ParameterSpec::new("stretch", "1/K", 50e-6),
         ]
     }
 
@@ -106,10 +113,16 @@ impl Effect for GradientBow {
         let r_m = state.reading_m[self.axis.index()];
         let from_middle_m = r_m - 0.5 * (lower_m + upper_m);
         let arch = -0.5 * (r_m - lower_m) * (r_m - upper_m);
-        for (k, (height, slope)) in [(arch, -from_middle_m), (from_middle_m, 1.0), (1.0, 0.0)].into_iter().enumerate() {
-            part(k, Acts::Error(self.along), difference_k * self.rise * height);
-            part(k, Acts::Error(self.turn), difference_k * self.turn_sign * slope);
-        }
+        let (height, turn) = (Acts::Error(self.height), Acts::Error(self.turn));
+        let along = Acts::Error(ErrorId::linear(self.axis, self.axis));
+        let (rise, turned) = (difference_k * self.rise, difference_k * self.turn_sign);
+        part(0, height, rise * arch);
+        part(1, turn, -turned * from_middle_m);
+        part(2, height, rise * from_middle_m);
+        part(3, turn, turned);
+        part(4, height, rise);
+        part(5, along, difference_k);
+        part(6, along, difference_k * from_middle_m);
         Ok(())
     }
 }
@@ -141,18 +154,18 @@ mod tests {
         let at = |x_m: f64| motions("x", &machine(), [x_m, 0.1, 0.1]);
         assert!((amount(&at(0.4), 0, "EZX") * kappa - 0.4e-6).abs() < 1e-18);
         assert_eq!((amount(&at(0.0), 0, "EZX"), amount(&at(0.8), 0, "EZX")), (0.0, 0.0));
-        let turned = amount(&at(0.8), 0, "EBX") - amount(&at(0.0), 0, "EBX");
+        let turned = amount(&at(0.8), 1, "EBX") - amount(&at(0.0), 1, "EBX");
         assert!((turned * kappa - 4e-6).abs() < 1e-18, "climbing along x is a negative turn about y");
     }
 
     #[test]
-    fn the_carriage_turns_by_the_slope_of_its_guideway() {
+    fn on_one_beam_the_carriage_turns_by_the_slope_of_its_guideway() {
         for (axis, height, turn, sign) in [("x", "EZX", "EBX", -1.0), ("y", "EZY", "EAY", 1.0)] {
-            for parameter in 0..3 {
+            for (rising, turning) in [(0, 1), (2, 3)] {
                 let at = |r_m: f64| motions(axis, &machine(), [r_m, r_m, 0.1]);
-                let slope = amount(&at(0.501), parameter, height) - amount(&at(0.499), parameter, height);
-                let angle = amount(&at(0.5), parameter, turn);
-                assert!((sign * slope / 0.002 - angle).abs() < 1e-12, "{axis} {parameter}");
+                let slope = amount(&at(0.501), rising, height) - amount(&at(0.499), rising, height);
+                let angle = amount(&at(0.5), turning, turn);
+                assert!((sign * slope / 0.002 - angle).abs() < 1e-12, "{axis} {rising}");
             }
         }
     }
@@ -163,6 +176,6 @@ mod tests {
         table.joints[0].side = Side::Workpiece;
         let [tool, table] = [machine(), table].map(|machine| motions("x", &machine, [0.3, 0.1, 0.1]));
         assert_eq!(amount(&tool, 0, "EZX"), -amount(&table, 0, "EZX"));
-        assert_eq!(amount(&tool, 0, "EBX"), amount(&table, 0, "EBX"));
+        assert_eq!(amount(&tool, 1, "EBX"), amount(&table, 1, "EBX"));
     }
 }

@@ -1,7 +1,8 @@
 //! Reversal (backlash): the axis lags behind its reading by half the reversal value, against the approach.
 //!
 //! Formula: e = −½·B(u)·sign(approach) along the axis, B(u) = Σ b_k P_k(2u − 1) with Legendre polynomials P_k of the
-//! share u of the stroke; degree 0 is the constant form. Inputs: reading (m), logged sign of approach (−1, 0, +1).
+//! share u of a stroke, the axis' own or, with `over`, another's (play that differs from side to side of a wide
+//! carriage); degree 0 is the constant form. Inputs: reading (m), logged sign of approach (−1, 0, +1).
 //! B is the reversal value of ISO 230-2, positive when the mean position from above lies higher than from below.
 //! Typical 0.1–2 µm.
 
@@ -26,14 +27,16 @@ pub(super) const KNOWN: Known = Known {
     refine: None,
 };
 const SIGNS: [&str; 3] = ["dir_x", "dir_y", "dir_z"];
-/// Constant, and as curved as play that follows a worn or sagging guideway.
-const DEGREES: [usize; 2] = [0, 4];
+/// Terms of play that varies: a slope, and as curved as a worn or sagging guideway makes it. The constant has one.
+const TERMS: [f64; 3] = [2.0, 3.0, 5.0];
 /// Highest degree that makes sense on a stroke.
 const MAX_DEGREE: usize = 9;
 
 #[derive(Debug)]
 struct Reversal {
     axis: Axis,
+    /// Axis whose position B depends on.
+    over: Axis,
     stroke_m: (f64, f64),
     degree: usize,
 }
@@ -43,15 +46,21 @@ fn construct(shape: &Shape, machine: &Machine) -> Result<Box<dyn Effect>, Effect
     let axis = reader.axis("axis")?;
     // Stored as the number of terms, so that the constant form is a whole number above zero like all counts.
     let degree = reader.count("terms", MAX_DEGREE + 1)? - 1;
+    let over = reader.axis("over")?;
     reader.finish()?;
-    Ok(Box::new(Reversal { axis, stroke_m: machine.stroke_m[axis.index()], degree }))
+    Ok(Box::new(Reversal { axis, over, stroke_m: machine.stroke_m[over.index()], degree }))
 }
 
 fn propose(observed: &Observed) -> Vec<Shape> {
-    let shape =
-        |axis: Axis, degree: usize| Shape::new().text("axis", axis.lower()).number("terms", degree as f64 + 1.0);
     let logged = Axis::ALL.into_iter().filter(|axis| observed.varies(SIGNS[axis.index()]));
-    logged.flat_map(|axis| DEGREES.map(|degree| shape(axis, degree))).collect()
+    let shapes = |axis: Axis| {
+        let shape = move |over: Axis, terms: f64| {
+            Shape::new().text("axis", axis.lower()).text("over", over.lower()).number("terms", terms)
+        };
+        let varying = Axis::ALL.into_iter().flat_map(move |over| TERMS.map(|terms| shape(over, terms)));
+        std::iter::once(shape(axis, 1.0)).chain(varying)
+    };
+    logged.flat_map(shapes).collect()
 }
 
 impl Effect for Reversal {
@@ -70,7 +79,7 @@ impl Effect for Reversal {
     fn motion(&self, state: &State, part: &mut Motion) -> Result<(), CovariateProblem> {
         let sign = state.covariate(SIGNS[self.axis.index()])?;
         let (lower_m, upper_m) = self.stroke_m;
-        let share = (state.reading_m[self.axis.index()] - lower_m) / (upper_m - lower_m);
+        let share = (state.reading_m[self.over.index()] - lower_m) / (upper_m - lower_m);
         let along = Acts::Error(ErrorId::linear(self.axis, self.axis));
         for (k, value) in legendre(2.0 * share - 1.0, self.degree).into_iter().enumerate() {
             part(k, along, -0.5 * sign * value);
@@ -87,7 +96,7 @@ mod tests {
 
     #[test]
     fn two_approaches_differ_by_the_reversal_value() {
-        let shape = Shape::new().text("axis", "y").number("terms", 1.0);
+        let shape = Shape::new().text("axis", "y").text("over", "y").number("terms", 1.0);
         let effect = construct(&shape, &machine()).unwrap();
         let at = |sign: f64| {
             let state = State { reading_m: [0.5; 3], offset_m: [0.0; 3], covariates: &One(sign) };

@@ -141,8 +141,8 @@ fn unknown_effects_and_shapes_are_refused_by_name() {
     let machine = machine();
     let unknown = construct("scale_expansoin", &Shape::new(), &machine).unwrap_err().to_string();
     assert!(unknown.contains("scale_expansion"));
-    let shape = Shape::new().text("axis", "x").number("terms", 1.0).number("period_m", 0.02);
+    let shape = Shape::new().text("axis", "x").text("over", "x").number("terms", 1.0).number("period_m", 0.02);
     assert!(construct("reversal", &shape, &machine).unwrap_err().to_string().contains("period_m"));
-    let shape = Shape::new().text("axis", "w").number("terms", 1.0);
+    let shape = Shape::new().text("axis", "w").text("over", "x").number("terms", 1.0);
     assert!(construct("reversal", &shape, &machine).unwrap_err().to_string().contains("must be x, y or z"));
 }

@@ -1,0 +1,124 @@
+//! Scores of named effects: every registered effect in every shape that it proposes for the campaign.
+//!
+//! Place in the flow: one pass over the candidates per round of [`crate::search`]; shapes that need a search of their
+//! own (periods, runs) come from [`crate::periodic`] and [`crate::runs`].
+
+use crate::context::Context;
+use crate::error::DiagnoseError;
+use crate::linear::{Linear, Projected};
+use crate::score::{Score, score};
+use abbe_geometry::effects::{Known, REGISTRY, Shape};
+use abbe_geometry::machine::Machine;
+use abbe_identify::{EffectTerm, Rows};
+use faer::Mat;
+
+/// An effect in one shape, and what the data say of it.
+#[derive(Debug, Clone)]
+pub(crate) struct Candidate {
+    pub(crate) known: &'static Known,
+    pub(crate) term: EffectTerm,
+    pub(crate) score: Score,
+    /// Shapes among which this one was chosen.
+    pub(crate) trials: usize,
+}
+
+impl Candidate {
+    /// Evidence after the price of parameters and trials.
+    pub(crate) fn evidence(&self, rows: usize) -> f64 {
+        self.score.evidence(rows, self.trials)
+    }
+
+    /// Its place in the order of evidence: larger is better, the same on every run.
+    pub(crate) fn better_than(&self, other: &Candidate, rows: usize) -> bool {
+        self.evidence(rows) > other.evidence(rows)
+    }
+}
+
+/// The fit of one round, as rows and as a linear problem.
+pub(crate) struct Round<'a> {
+    pub(crate) rows: Rows<'a>,
+    /// The fit as it is, with the priors of its error functions: predicts blocks left out.
+    pub(crate) linear: Linear,
+    /// The same columns without priors: candidates are tested against it.
+    pub(crate) free: Linear,
+    /// Rows that are not rejected.
+    pub(crate) used: usize,
+}
+
+impl Round<'_> {
+    /// What these columns tell.
+    pub(crate) fn score(&self, projected: &Projected) -> Score {
+        score(projected, self.free.chi2(), self.free.degrees())
+    }
+}
+
+/// All shapes worth testing on this campaign, with the number that each effect proposes.
+pub(crate) fn proposals(
+    machine: &Machine,
+    context: &Context,
+) -> Result<Vec<(&'static Known, EffectTerm, usize)>, DiagnoseError> {
+    let observed = context.observed(machine);
+    let mut all = Vec::new();
+    for known in REGISTRY {
+        let shapes: Vec<Shape> = (known.propose)(&observed);
+        let trials = shapes.len();
+        for shape in shapes {
+            all.push((known, EffectTerm::new(known.name, shape, machine)?, trials));
+        }
+    }
+    Ok(all)
+}
+
+/// Scores terms in one go: their columns are projected together.
+pub(crate) fn score_all(
+    round: &Round,
+    terms: Vec<(&'static Known, EffectTerm, usize)>,
+) -> Result<Vec<Candidate>, DiagnoseError> {
+    let columns = terms
+        .iter()
+        .map(|(_, term, _)| round.rows.columns(term.effect.as_ref()))
+        .collect::<Result<Vec<Mat<f64>>, _>>()?;
+    let scored = |((known, term, trials), columns): ((&'static Known, EffectTerm, usize), Mat<f64>)| {
+        let score = round.score(&round.free.project(columns.as_ref()));
+        Candidate { known, term, score, trials }
+    };
+    Ok(terms.into_iter().zip(columns).map(scored).collect())
+}
+
+/// Refines the figure of a candidate's shape between its neighbours (golden section on the reduction of χ²).
+pub(crate) fn refined(round: &Round, machine: &Machine, candidate: Candidate) -> Result<Candidate, DiagnoseError> {
+    use abbe_geometry::effects::ShapeValue;
+    let Some(refine) = candidate.known.refine else { return Ok(candidate) };
+    let Some(ShapeValue::Number(start)) = candidate.term.shape.0.get(refine.key).cloned() else {
+        return Ok(candidate);
+    };
+    let at = |log_ratio: f64| -> Result<Candidate, DiagnoseError> {
+        let shape = candidate.term.shape.clone().number(refine.key, start * log_ratio.exp());
+        let term = EffectTerm::new(candidate.known.name, shape, machine)?;
+        let mut scored = score_all(round, vec![(candidate.known, term, candidate.trials)])?;
+        scored.pop().ok_or(DiagnoseError::Singular)
+    };
+    let span = refine.ratio.ln().abs();
+    let (mut low, mut high) = (-span, span);
+    let mut best = candidate.clone();
+    for _ in 0..GOLDEN_STEPS {
+        let (a, b) = (high - GOLDEN * (high - low), low + GOLDEN * (high - low));
+        let (left, right) = (at(a)?, at(b)?);
+        let better = if left.score.reduction > right.score.reduction {
+            high = b;
+            left
+        } else {
+            low = a;
+            right
+        };
+        if better.score.reduction > best.score.reduction {
+            best = better;
+        }
+    }
+    Ok(best)
+}
+
+/// Golden section.
+const GOLDEN: f64 = 0.618_033_988_749_894_9;
+/// Steps: the figure is then known to some percent, closer than data tell.
+const GOLDEN_STEPS: usize = 8;

@@ -1,0 +1,67 @@
+//! What a campaign offers: covariates that vary, offsets, time.
+//!
+//! Place in the flow: made once for a campaign; effects propose shapes from it, the look without candidates takes its
+//! variables from it. Covariates in the unit of their name; positions and offsets in m.
+
+use abbe_geometry::effects::Observed;
+use abbe_geometry::machine::Machine;
+use abbe_identify::TIME;
+use abbe_measurement::campaign::Campaign;
+
+/// Offsets closer than this are one (m).
+const SAME_OFFSET_M: f64 = 1e-6;
+/// Spread, as a share of the largest magnitude, from which a covariate counts as varying.
+const VARYING: f64 = 1e-9;
+
+/// What a campaign offers to effects.
+#[derive(Debug, Clone)]
+pub(crate) struct Context {
+    pub(crate) varying: Vec<String>,
+    pub(crate) stations: Vec<String>,
+    pub(crate) offsets_m: Vec<[f64; 3]>,
+    pub(crate) time_s: (f64, f64),
+    /// Logged covariates that do not vary, or not for every reading.
+    pub(crate) unusable: Vec<String>,
+}
+
+impl Context {
+    pub(crate) fn new(campaign: &Campaign) -> Context {
+        let times = campaign.readings.iter().map(|r| r.time_s);
+        let time_s = times.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), t| (l.min(t), h.max(t)));
+        let mut varying = if time_s.1 > time_s.0 { vec![TIME.to_owned()] } else { Vec::new() };
+        let mut unusable = Vec::new();
+        for column in &campaign.covariates {
+            let list = if varies(&column.values) { &mut varying } else { &mut unusable };
+            list.push(column.name.clone());
+        }
+        let mut offsets_m: Vec<[f64; 3]> = Vec::new();
+        for reading in &campaign.readings {
+            let same = |o: &[f64; 3]| (0..3).all(|d| (o[d] - reading.offset_m[d]).abs() < SAME_OFFSET_M);
+            if !offsets_m.iter().any(same) {
+                offsets_m.push(reading.offset_m);
+            }
+        }
+        Context { varying, stations: campaign.stations.clone(), offsets_m, time_s, unusable }
+    }
+
+    pub(crate) fn observed<'a>(&'a self, machine: &'a Machine) -> Observed<'a> {
+        Observed {
+            machine,
+            varying: &self.varying,
+            stations: &self.stations,
+            offsets_m: &self.offsets_m,
+            time_s: self.time_s,
+        }
+    }
+}
+
+fn varies(values: &[Option<f64>]) -> bool {
+    let mut range = (f64::INFINITY, f64::NEG_INFINITY);
+    for value in values {
+        match value {
+            Some(value) if value.is_finite() => range = (range.0.min(*value), range.1.max(*value)),
+            _ => return false,
+        }
+    }
+    range.1 - range.0 > VARYING * range.0.abs().max(range.1.abs())
+}

@@ -1,0 +1,232 @@
+//! The diagnosis of a tracer campaign: detect, search, judge, say what cannot be told.
+//!
+//! Place in the flow: the entry point behind `abbe diagnose` and the monitor's request. Model (its machine and effects)
+//! and campaign in, SI, machine frame; nothing is read or written here.
+
+use crate::alias;
+use crate::candidates::{Candidate, Round};
+use crate::diagnosis::{Diagnosis, Found, FoundParameter, Kind, Rival};
+use crate::error::DiagnoseError;
+use crate::judge::{self, Blocked};
+use crate::noise;
+use crate::options::{Options, Progress};
+use crate::search::{Search, State, Step};
+use abbe_geometry::machine::Machine;
+use abbe_geometry::model::FittedEffect;
+use abbe_identify::{EffectTerm, Identified};
+use abbe_measurement::campaign::Campaign;
+use abbe_measurement::instrument::RangeUncertainty;
+
+/// Lines per fold below which leaving lines out would starve the fit.
+const LINES_PER_FOLD: usize = 5;
+/// Next measurements named at most.
+const MEASUREMENTS: usize = 6;
+
+/// Diagnoses a campaign with the machine's model as it is: its error functions and the effects it already has.
+///
+/// # Errors
+/// What identification refuses, covariates that the model's own effects lack, or [`DiagnoseError::Stopped`].
+pub fn diagnose(
+    machine: &Machine,
+    effects: &[FittedEffect],
+    instrument: RangeUncertainty,
+    campaign: &Campaign,
+    options: &Options,
+    observe: &mut dyn FnMut(Progress) -> bool,
+) -> Result<Diagnosis, DiagnoseError> {
+    let base: Vec<EffectTerm> = effects.iter().map(EffectTerm::of).collect();
+    let search = Search::new(instrument, campaign, options);
+    let before = search.fit(machine, &base, observe)?;
+    let first = search.round(&before)?;
+    let detection_before = noise::detect(&first, campaign, before.evidence.robust_scale);
+    let state = search.run(machine, base.clone(), observe)?;
+    let last = search.round(&state.fit)?;
+    let detection_after = noise::detect(&last, campaign, state.fit.evidence.robust_scale);
+    let enriched = state.steps.iter().any(|step| matches!(step, Step::Enriched { .. }));
+    let found = found(&search, &state, &base, &last, observe)?;
+    let changed = !found.is_empty() || enriched;
+    let enough = campaign.lines.len() >= LINES_PER_FOLD * options.folds && options.folds > 1;
+    let unseen = match changed && enough {
+        true => Some(judge::unseen(&search, machine, &base, &state.fit.weights, observe)?),
+        false => None,
+    };
+    let named = search.named(&last, &state.machine)?;
+    let not_identifiable = alias::not_identifiable(&last, &state.fit.model, &named)?;
+    let untestable = alias::untestable(&state.machine, &search.context);
+    let next_measurements = next_measurements(&found, &not_identifiable, &untestable);
+    Ok(Diagnosis {
+        consistent_with_noise: found.is_empty() && !enriched && !detection_after.has_structure(),
+        steps: state.steps.iter().map(describe).collect(),
+        blocked: blocked(campaign, &first, &last),
+        before,
+        after: state.fit,
+        detection_before,
+        detection_after,
+        found,
+        enriched,
+        unseen,
+        not_identifiable,
+        untestable,
+        next_measurements,
+    })
+}
+
+fn blocked(campaign: &Campaign, before: &Round, after: &Round) -> Vec<Blocked> {
+    // Readings that one fit rejects and the other keeps would be compared with nothing.
+    let of = |round: &Round, by: usize| judge::blocked_rms(&round.linear, &judge::blocks(campaign, round)[by].1);
+    let kinds = ["line", "station", "time"];
+    kinds.iter().enumerate().map(|(k, by)| Blocked { by, before: of(before, k), after: of(after, k) }).collect()
+}
+
+fn found(
+    search: &Search,
+    state: &State,
+    base: &[EffectTerm],
+    last: &Round,
+    observe: &mut dyn FnMut(Progress) -> bool,
+) -> Result<Vec<Found>, DiagnoseError> {
+    let effects = &state.fit.model.parts().effects;
+    let mut first = state.fit.model.layout().len();
+    let mut all = Vec::new();
+    for (index, fitted) in effects.iter().enumerate() {
+        if index >= base.len().min(effects.len()) || !is_base(base, fitted) {
+            all.push(one(search, state, (index, first), last, observe)?);
+        }
+        first += fitted.parameters.len();
+    }
+    Ok(all)
+}
+
+fn is_base(base: &[EffectTerm], fitted: &FittedEffect) -> bool {
+    base.iter().any(|term| term.effect.name() == fitted.effect.name() && term.shape == fitted.shape)
+}
+
+fn one(
+    search: &Search,
+    state: &State,
+    (index, first): (usize, usize),
+    last: &Round,
+    observe: &mut dyn FnMut(Progress) -> bool,
+) -> Result<Found, DiagnoseError> {
+    let model = &state.fit.model;
+    let fitted = &model.parts().effects[index];
+    let (candidate, rivals, p_value) = added(state, fitted).ok_or(DiagnoseError::Singular)?;
+    let mut others = state.terms.clone();
+    others.remove(index);
+    let without = search.fit(&state.machine, &others, observe)?;
+    let without = search.round(&without)?;
+    let columns = without.rows.columns(fitted.effect.as_ref())?;
+    let placebo = judge::placebo(&without, &columns, search.campaign, (search.options.placebos, search.options.seed))?;
+    let score = without.score(&without.free.project(columns.as_ref()));
+    let lines = |round: &Round| judge::blocked_rms(&round.linear, &judge::blocks(search.campaign, round)[0].1);
+    let unit_m = typical_u_m(&state.fit);
+    let names = fitted.effect.covariates().into_iter().chain(fitted.effect.range_covariates());
+    Ok(Found {
+        name: candidate.known.name,
+        title: candidate.known.title,
+        formula: candidate.known.formula,
+        kind: if candidate.known.name == "empirical" { Kind::Empirical } else { Kind::Attributed },
+        shape: fitted.shape.clone(),
+        covariates: quantities(fitted, names.collect()),
+        p_value,
+        evidence: candidate.evidence(last.used),
+        alias_share: score.alias_share,
+        parameters: parameters(&state.fit, fitted, first),
+        size_m: size_m(last, fitted)?,
+        rivals: rivals.iter().map(|r| rival(candidate, r, last.used)).collect(),
+        held_out_gain_m: (lines(&without) - lines(last)) * unit_m,
+        placebo,
+    })
+}
+
+/// Quantities of an empirical term stand in its shape; other effects name their covariates.
+fn quantities(fitted: &FittedEffect, mut names: Vec<String>) -> Vec<String> {
+    use abbe_geometry::effects::ShapeValue;
+    for key in ["p", "q"] {
+        if let Some(ShapeValue::Text(name)) = fitted.shape.0.get(key)
+            && !names.contains(name)
+        {
+            names.push(name.clone());
+        }
+    }
+    names.dedup();
+    names
+}
+
+fn rival(chosen: &Candidate, rival: &Candidate, rows: usize) -> Rival {
+    let evidence_behind = chosen.evidence(rows) - rival.evidence(rows);
+    Rival { name: rival.known.name, shape: rival.term.shape.clone(), evidence_behind }
+}
+
+/// The step that added a fitted effect.
+fn added<'s>(state: &'s State, fitted: &FittedEffect) -> Option<(&'s Candidate, &'s [Candidate], f64)> {
+    state.steps.iter().rev().find_map(|step| match step {
+        Step::Added { term, candidate, rivals, p_corrected }
+            if term.effect.name() == fitted.effect.name() && term.shape == fitted.shape =>
+        {
+            Some((candidate.as_ref(), rivals.as_slice(), *p_corrected))
+        }
+        _ => None,
+    })
+}
+
+fn parameters(fit: &Identified, fitted: &FittedEffect, first: usize) -> Vec<FoundParameter> {
+    let of = |(k, (spec, value)): (usize, (abbe_geometry::effects::ParameterSpec, &f64))| FoundParameter {
+        name: spec.name,
+        unit: spec.unit,
+        value: *value,
+        u: fit.model.covariance(first + k, first + k).max(0.0).sqrt(),
+        plausible: spec.plausible,
+    };
+    fitted.effect.parameters().into_iter().zip(&fitted.parameters).enumerate().map(of).collect()
+}
+
+/// Rms of what an effect does to the ranges, about its mean (m).
+fn size_m(round: &Round, fitted: &FittedEffect) -> Result<f64, DiagnoseError> {
+    let columns = round.rows.columns(fitted.effect.as_ref())?;
+    let used: Vec<usize> = (0..round.rows.len()).filter(|k| round.rows.whitening[*k] > 0.0).collect();
+    let value = |k: usize| {
+        let whitened: f64 = fitted.parameters.iter().enumerate().map(|(j, p)| columns[(k, j)] * p).sum();
+        whitened / round.rows.whitening[k]
+    };
+    let values: Vec<f64> = used.iter().map(|k| value(*k)).collect();
+    let mean = values.iter().sum::<f64>() / values.len().max(1) as f64;
+    Ok((values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / values.len().max(1) as f64).sqrt())
+}
+
+/// Rms of the declared uncertainties (m): turns whitened figures into metres.
+fn typical_u_m(fit: &Identified) -> f64 {
+    (fit.u_m.iter().map(|u| u * u).sum::<f64>() / fit.u_m.len().max(1) as f64).sqrt()
+}
+
+fn describe(step: &Step) -> String {
+    match step {
+        Step::Added { candidate, rivals, p_corrected, .. } => {
+            let also: Vec<&str> = rivals.iter().map(|r| r.known.name).collect();
+            let also = if also.is_empty() { String::new() } else { format!(" (nearly as good: {})", also.join(", ")) };
+            format!("added {} at p = {p_corrected:.1e}{also}", candidate.known.title)
+        }
+        Step::Removed { term } => format!("removed {}: the others explain what it did", term.effect.name()),
+        Step::Enriched { because } => format!("gave the error functions more coefficients: {because} needed them"),
+    }
+}
+
+fn next_measurements(
+    found: &[Found],
+    not_identifiable: &[crate::diagnosis::NotIdentifiable],
+    untestable: &[crate::diagnosis::Untestable],
+) -> Vec<String> {
+    let decided = |name: &str| abbe_geometry::effects::known(name).map(|known| known.decided_by.to_owned());
+    let doubted = found.iter().filter(|f| !f.rivals.is_empty());
+    let doubted = doubted.flat_map(|f| std::iter::once(f.name).chain(f.rivals.iter().map(|r| r.name)));
+    let mut list: Vec<String> = Vec::new();
+    let mut push = |text: String| {
+        if list.len() < MEASUREMENTS && !list.contains(&text) {
+            list.push(text);
+        }
+    };
+    doubted.filter_map(decided).for_each(&mut push);
+    not_identifiable.iter().for_each(|n| push(n.decided_by.to_owned()));
+    untestable.iter().for_each(|u| push(format!("log {}", u.needs)));
+    list
+}

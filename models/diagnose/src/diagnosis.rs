@@ -1,0 +1,140 @@
+//! What a diagnosis says: found, not found, not tellable, and the error before and after.
+//!
+//! Place in the flow: the result of [`crate::diagnose`]; the command line writes it as JSON and as a report. SI.
+
+use crate::judge::{Blocked, Placebo, Unseen};
+use crate::noise::Detection;
+use abbe_geometry::effects::Shape;
+use abbe_identify::Identified;
+
+/// Outcome of a diagnosis.
+#[derive(Debug)]
+pub struct Diagnosis {
+    /// The model's fit of the campaign as it was.
+    pub before: Identified,
+    /// With what was found; equal to `before` in structure where nothing was.
+    pub after: Identified,
+    /// Residual of `before`.
+    pub detection_before: Detection,
+    /// Residual of `after`.
+    pub detection_after: Detection,
+    /// Nothing was found, and the residual has no structure that noise lacks.
+    pub consistent_with_noise: bool,
+    /// Effects found, in the order in which they went in.
+    pub found: Vec<Found>,
+    /// What the search decided, in words.
+    pub steps: Vec<String>,
+    /// Error functions had too few coefficients and got more.
+    pub enriched: bool,
+    /// Error on lines that no step saw; `None` where the campaign has too few lines.
+    pub unseen: Option<Unseen>,
+    /// Blocked error of the final structure.
+    pub blocked: Vec<Blocked>,
+    /// Effects that this plan cannot judge, or not tell from others.
+    pub not_identifiable: Vec<NotIdentifiable>,
+    /// Effects that need what was not logged or not varied.
+    pub untestable: Vec<Untestable>,
+    /// Measurements that would decide, most useful first.
+    pub next_measurements: Vec<String>,
+}
+
+/// Whether an effect is explained or only described.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Kind {
+    /// A registered effect explains it.
+    Attributed,
+    /// The data show the dependence; nothing known explains it.
+    Empirical,
+}
+
+/// One effect found.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Found {
+    /// Name in the registry.
+    pub name: &'static str,
+    /// Name for readers.
+    pub title: &'static str,
+    /// Formula.
+    pub formula: &'static str,
+    /// Explained or described.
+    pub kind: Kind,
+    /// Shape.
+    pub shape: Shape,
+    /// Covariates and quantities it depends on.
+    pub covariates: Vec<String>,
+    /// Probability by chance when it was found, corrected for the number of tests.
+    pub p_value: f64,
+    /// Evidence when it was found: twice the log likelihood after the price of parameters and trials.
+    pub evidence: f64,
+    /// Share of its signature that errors, stations and dead paths could absorb.
+    pub alias_share: f64,
+    /// Parameters.
+    pub parameters: Vec<FoundParameter>,
+    /// Rms of what it does to the ranges (m).
+    pub size_m: f64,
+    /// Other effects that explain nearly the same here.
+    pub rivals: Vec<Rival>,
+    /// Gain in blocked rms over the model without it (m), lines left out.
+    pub held_out_gain_m: f64,
+    /// Its gain beside placebos.
+    pub placebo: Placebo,
+}
+
+/// A parameter with its uncertainty.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FoundParameter {
+    /// Name.
+    pub name: String,
+    /// SI unit.
+    pub unit: &'static str,
+    /// Value.
+    pub value: f64,
+    /// Standard uncertainty (k = 1).
+    pub u: f64,
+    /// Magnitude beyond which it is not believed.
+    pub plausible: f64,
+}
+
+impl FoundParameter {
+    /// Whether the value is one that such a parameter can have.
+    pub fn is_plausible(&self) -> bool {
+        self.value.abs() <= self.plausible
+    }
+}
+
+/// Another effect that explains nearly the same.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Rival {
+    /// Name.
+    pub name: &'static str,
+    /// Its shape.
+    pub shape: Shape,
+    /// How much less evidence it has.
+    pub evidence_behind: f64,
+}
+
+/// An effect that this plan cannot judge.
+#[derive(Debug, Clone, PartialEq)]
+pub struct NotIdentifiable {
+    /// Name.
+    pub name: &'static str,
+    /// Shape.
+    pub shape: Shape,
+    /// Share of its signature that the model's own parameters absorb.
+    pub alias_share: f64,
+    /// The parameters that absorb most of it.
+    pub aliased_with: Vec<String>,
+    /// What would tell.
+    pub decided_by: &'static str,
+}
+
+/// An effect that cannot be tested.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Untestable {
+    /// Name.
+    pub name: &'static str,
+    /// Title.
+    pub title: &'static str,
+    /// What it needs.
+    pub needs: &'static str,
+}

@@ -1,0 +1,336 @@
+//! The search: the effect with the most evidence goes in, everything is fitted again, until nothing passes.
+//!
+//! Place in the flow: [`crate::diagnose`] starts it from the model's own effects. In each round named effects, periods,
+//! runs, finer error functions and the look without candidates compete; a named effect goes before an empirical term
+//! unless the latter explains far more. After each addition, terms that the new one made superfluous go out again.
+
+use crate::candidates::{Candidate, Round, proposals, refined, score_all};
+use crate::context::Context;
+use crate::error::DiagnoseError;
+use crate::linear::Linear;
+use crate::look::{self, Variable};
+use crate::options::{Options, Progress};
+use crate::{order, periodic, runs};
+use abbe_geometry::effects::known;
+use abbe_geometry::machine::Machine;
+use abbe_identify::{EffectTerm, Identified, IdentifyError, Rows, identify_with};
+use abbe_measurement::campaign::Campaign;
+use abbe_measurement::instrument::RangeUncertainty;
+
+/// Share of what the best free dependence explains that a named effect must explain to go before it.
+const EXPLAINS: f64 = 0.6;
+/// Share of the best effect's reduction from which finer error functions go first.
+const AS_WELL: f64 = 0.5;
+/// Rounds at most.
+const MAX_ROUNDS: usize = 10;
+
+/// What stays the same during a search.
+pub(crate) struct Search<'a> {
+    pub(crate) instrument: RangeUncertainty,
+    pub(crate) campaign: &'a Campaign,
+    pub(crate) options: &'a Options,
+    pub(crate) context: Context,
+    pub(crate) variables: Vec<Variable>,
+}
+
+/// How far a search has come.
+#[derive(Debug)]
+pub(crate) struct State {
+    pub(crate) machine: Machine,
+    pub(crate) terms: Vec<EffectTerm>,
+    pub(crate) fit: Identified,
+    pub(crate) steps: Vec<Step>,
+    /// Finer error functions were tried and have no more evidence than these.
+    pub(crate) order_settled: bool,
+    /// Candidates of the last round, which found nothing more.
+    pub(crate) last: Vec<Candidate>,
+}
+
+/// One thing that a round decided.
+#[derive(Debug, Clone)]
+pub(crate) enum Step {
+    /// A term went in.
+    Added { term: EffectTerm, candidate: Box<Candidate>, rivals: Vec<Candidate>, p_corrected: f64 },
+    /// A term went out: the others explain what it did.
+    Removed { term: EffectTerm },
+    /// Error functions got more coefficients.
+    Enriched {
+        /// The error function that needed them most.
+        because: String,
+    },
+}
+
+/// What a round proposes.
+enum Proposal {
+    Named(Candidate),
+    Free(Candidate),
+    Order(abbe_geometry::ErrorId),
+    Nothing,
+}
+
+impl<'a> Search<'a> {
+    pub(crate) fn new(instrument: RangeUncertainty, campaign: &'a Campaign, options: &'a Options) -> Search<'a> {
+        let context = Context::new(campaign);
+        let variables = look::variables(campaign, &context);
+        Search { instrument, campaign, options, context, variables }
+    }
+
+    /// Fits these terms.
+    pub(crate) fn fit(
+        &self,
+        machine: &Machine,
+        terms: &[EffectTerm],
+        observe: &mut dyn FnMut(Progress) -> bool,
+    ) -> Result<Identified, DiagnoseError> {
+        let mut observe =
+            |p: abbe_identify::Progress| observe(Progress::Fitting { pass: p.pass, effects: terms.len() });
+        match identify_with(machine, self.instrument, self.campaign, terms, &self.options.identify, &mut observe) {
+            Err(IdentifyError::Stopped) => Err(DiagnoseError::Stopped),
+            other => Ok(other?),
+        }
+    }
+
+    /// The rows of a fit.
+    pub(crate) fn round(&self, fit: &Identified) -> Result<Round<'a>, DiagnoseError> {
+        let rows = Rows::new(fit, self.instrument, self.campaign);
+        let used = rows.whitening.iter().filter(|w| **w > 0.0).count();
+        let linear = Linear::new(rows.jacobian.clone(), rows.residuals.clone(), rows.covariance.clone(), used)?;
+        let free = linear.without_priors(used)?;
+        Ok(Round { rows, linear, free, used })
+    }
+
+    /// Runs rounds until nothing passes.
+    pub(crate) fn run(
+        &self,
+        machine: &Machine,
+        terms: Vec<EffectTerm>,
+        observe: &mut dyn FnMut(Progress) -> bool,
+    ) -> Result<State, DiagnoseError> {
+        let fit = self.fit(machine, &terms, observe)?;
+        let mut state = State {
+            machine: fit.model.parts().machine.clone(),
+            terms,
+            fit,
+            steps: Vec::new(),
+            order_settled: false,
+            last: Vec::new(),
+        };
+        for round in 0..MAX_ROUNDS {
+            if !observe(Progress::Scoring { round: round + 1, effects: state.terms.len() }) {
+                return Err(DiagnoseError::Stopped);
+            }
+            if !self.advance(&mut state, observe)? {
+                break;
+            }
+        }
+        Ok(state)
+    }
+
+    /// One round; false where nothing passed.
+    fn advance(&self, state: &mut State, observe: &mut dyn FnMut(Progress) -> bool) -> Result<bool, DiagnoseError> {
+        let t0 = std::time::Instant::now();
+        let round = self.round(&state.fit)?;
+        let t1 = t0.elapsed();
+        let named = self.named(&round, &state.machine)?;
+        let t2 = t0.elapsed();
+        let tests: usize = named.iter().map(|c| c.trials.max(1)).sum::<usize>().max(1);
+        if std::env::var_os("DBG").is_some() {
+            eprintln!("   TIME round {t1:?} named {:?}", t2 - t1);
+            let mut sorted: Vec<&Candidate> = named.iter().collect();
+            sorted.sort_by(|a, b| b.evidence(round.used).total_cmp(&a.evidence(round.used)));
+            for c in sorted.iter().take(8) {
+                eprintln!(
+                    "   {} {:?} red {:.0} dof {} ev {:.0} alias {:.3}",
+                    c.known.name,
+                    c.term.shape.0,
+                    c.score.reduction,
+                    c.score.degrees,
+                    c.evidence(round.used),
+                    c.score.alias_share
+                );
+            }
+            for f in look::look(&round, &self.variables) {
+                eprintln!(
+                    "   FREE {} {:?} {:?} red {:.0} dof {} ev {:.0}",
+                    f.acts,
+                    f.variables.iter().map(|v| &self.variables[*v].name).collect::<Vec<_>>(),
+                    f.half_cycles,
+                    f.score.reduction,
+                    f.score.degrees,
+                    f.score.evidence(round.used, f.trials)
+                );
+            }
+        }
+        let proposal = self.propose(&round, state, &named)?;
+        match proposal {
+            Proposal::Nothing => {
+                state.last = named;
+                return Ok(false);
+            }
+            Proposal::Order(id) => {
+                let richer = self.fit(&order::enriched(&state.machine), &state.terms, observe)?;
+                let likelihood = |fit: &Identified| fit.evidence.minus_two_log_likelihood;
+                let gain = likelihood(&state.fit) - likelihood(&richer);
+                state.order_settled = gain < self.options.least_evidence;
+                if std::env::var_os("DBG").is_some() {
+                    let r = self.round(&richer)?;
+                    for (by, (a, b)) in crate::judge::blocks(self.campaign, &round)
+                        .into_iter()
+                        .zip(crate::judge::blocks(self.campaign, &r))
+                        .map(|(a, b)| (a.0, (a.1, b.1)))
+                    {
+                        eprintln!(
+                            "   ORDER {by} {} -> {} lik gain {gain}",
+                            crate::judge::blocked_rms(&round.linear, &a),
+                            crate::judge::blocked_rms(&r.linear, &b)
+                        );
+                    }
+                }
+                if !state.order_settled {
+                    state.fit = richer;
+                    state.machine = state.fit.model.parts().machine.clone();
+                    state.steps.push(Step::Enriched { because: id.name() });
+                }
+            }
+            Proposal::Named(candidate) => {
+                let candidate = refined(&round, &state.machine, candidate)?;
+                let rivals = self.rivals(&round, &named, &candidate);
+                self.add(state, candidate, rivals, tests, observe)?;
+            }
+            Proposal::Free(candidate) => {
+                let rivals = self.rivals(&round, &named, &candidate);
+                self.add(state, candidate, rivals, 1, observe)?;
+            }
+        }
+        Ok(true)
+    }
+
+    fn add(
+        &self,
+        state: &mut State,
+        candidate: Candidate,
+        rivals: Vec<Candidate>,
+        tests: usize,
+        observe: &mut dyn FnMut(Progress) -> bool,
+    ) -> Result<(), DiagnoseError> {
+        let p_corrected = (candidate.score.p_value * tests as f64).min(1.0);
+        state.terms.push(candidate.term.clone());
+        state.fit = self.fit(&state.machine, &state.terms, observe)?;
+        let term = candidate.term.clone();
+        state.steps.push(Step::Added { term, candidate: Box::new(candidate), rivals, p_corrected });
+        self.prune(state, observe)
+    }
+
+    /// Named candidates: registered shapes, the best period of each axis, the line that stands out most.
+    pub(crate) fn named(&self, round: &Round, machine: &Machine) -> Result<Vec<Candidate>, DiagnoseError> {
+        let mut named = score_all(round, proposals(machine, &self.context)?)?;
+        named.extend(periodic::candidates(round, machine, self.campaign)?);
+        named.extend(runs::candidate(round, machine, self.campaign)?);
+        Ok(named)
+    }
+
+    fn propose(&self, round: &Round, state: &State, named: &[Candidate]) -> Result<Proposal, DiagnoseError> {
+        let rows = round.used;
+        let tests: usize = named.iter().map(|c| c.trials.max(1)).max().unwrap_or(1).max(named.len());
+        let best =
+            named.iter().filter(|c| !has(&state.terms, &c.term)).fold(None::<&Candidate>, |best, c| match best {
+                Some(other) if !c.better_than(other, rows) => Some(other),
+                _ => Some(c),
+            });
+        let best = best.filter(|c| self.passes(c.score.p_value, tests, c.evidence(rows)));
+        let t0 = std::time::Instant::now();
+        let free = self.empirical(round, &state.machine)?;
+        let t1 = t0.elapsed();
+        let finer = if state.order_settled { None } else { order::best(round, &state.machine)? };
+        let finer = finer
+            .filter(|(_, score)| score.p_value * abbe_geometry::ErrorId::COUNT as f64 <= self.options.significance);
+        if std::env::var_os("DBG").is_some() {
+            eprintln!("   TIME look {t1:?} order {:?}", t0.elapsed() - t1);
+        }
+        let reduction = best.map_or(0.0, |c| c.score.reduction).max(free.as_ref().map_or(0.0, |f| f.score.reduction));
+        // Finer splines cost nothing where they are not needed, so they need no price; but what an effect explains far
+        // better is the effect's.
+        if let Some((id, score)) = finer
+            && score.reduction > AS_WELL * reduction
+        {
+            return Ok(Proposal::Order(id));
+        }
+        Ok(match (best, free) {
+            (Some(named), Some(free)) if named.score.reduction < EXPLAINS * free.score.reduction => {
+                Proposal::Free(free)
+            }
+            (Some(named), _) => Proposal::Named(named.clone()),
+            (None, Some(free)) => Proposal::Free(free),
+            (None, None) => Proposal::Nothing,
+        })
+    }
+
+    /// Significant after correction for the number of tests, and worth its parameters.
+    fn passes(&self, p_value: f64, tests: usize, evidence: f64) -> bool {
+        p_value * tests as f64 <= self.options.significance && evidence > self.options.least_evidence
+    }
+
+    /// The best empirical term: of the findings of the look and of the same quantities turning a joint, in the form that
+    /// the data pay for.
+    fn empirical(&self, round: &Round, machine: &Machine) -> Result<Option<Candidate>, DiagnoseError> {
+        let known = known("empirical").ok_or(DiagnoseError::Singular)?;
+        let mut terms = Vec::new();
+        for finding in look::look(round, &self.variables) {
+            if !self.passes(finding.score.p_value, finding.trials, finding.score.evidence(round.used, finding.trials)) {
+                continue;
+            }
+            for shape in finding.shapes(&self.variables) {
+                // A shape whose terms all belong to the error functions is none.
+                if let Ok(term) = EffectTerm::new(known.name, shape, machine) {
+                    terms.push((known, term, finding.trials));
+                }
+            }
+        }
+        let scored = score_all(round, terms)?;
+        let rows = round.used;
+        let best = scored.into_iter().reduce(|best, c| if c.better_than(&best, rows) { c } else { best });
+        Ok(best.filter(|c| self.passes(c.score.p_value, c.trials, c.evidence(rows))))
+    }
+
+    /// Other effects that explain nearly as much as the chosen one.
+    fn rivals(&self, round: &Round, named: &[Candidate], chosen: &Candidate) -> Vec<Candidate> {
+        let limit = chosen.evidence(round.used) - self.options.rival_margin;
+        let mut rivals: Vec<Candidate> = Vec::new();
+        for candidate in named.iter().filter(|c| c.known.name != chosen.known.name && c.evidence(round.used) > limit) {
+            match rivals.iter_mut().find(|r| r.known.name == candidate.known.name) {
+                Some(rival) if candidate.better_than(rival, round.used) => *rival = candidate.clone(),
+                Some(_) => {}
+                None => rivals.push(candidate.clone()),
+            }
+        }
+        rivals
+    }
+
+    /// Takes out terms that no longer earn their parameters, the weakest first.
+    fn prune(&self, state: &mut State, observe: &mut dyn FnMut(Progress) -> bool) -> Result<(), DiagnoseError> {
+        while state.terms.len() > 1 {
+            let Some(weakest) = self.weakest(state)? else { break };
+            let term = state.terms.remove(weakest);
+            state.fit = self.fit(&state.machine, &state.terms, observe)?;
+            state.steps.push(Step::Removed { term });
+        }
+        Ok(())
+    }
+
+    /// The term whose parameters are jointly closest to zero, if it does not earn them (Wald test).
+    fn weakest(&self, state: &State) -> Result<Option<usize>, DiagnoseError> {
+        let rows = state.fit.weights.iter().filter(|w| **w > 0.0).count();
+        let mut weakest: Option<(usize, f64)> = None;
+        for (index, wald) in crate::wald::of_terms(&state.fit).into_iter().enumerate() {
+            let earned = wald.statistic - wald.degrees as f64 * (rows.max(2) as f64).ln();
+            if (earned < 0.0 || wald.degrees == 0) && weakest.is_none_or(|(_, other)| earned < other) {
+                weakest = Some((index, earned));
+            }
+        }
+        Ok(weakest.map(|(index, _)| index))
+    }
+}
+
+fn has(terms: &[EffectTerm], term: &EffectTerm) -> bool {
+    terms.iter().any(|other| other.effect.name() == term.effect.name() && other.shape == term.shape)
+}
