@@ -7,12 +7,10 @@ use super::diagnosis::{Ambiguity, Blocks, Effect, Judgement, LackOfFit, Paramete
 use super::fit::{Fit, Fitted};
 use super::judge::judge;
 use super::placebo::placebo;
-use super::search::{Found, Options, score_all, search};
+use super::search::{COMPARABLE, Found, Options, score_all, search};
 use crate::error::DiagnoseError;
 use statrs::distribution::{ChiSquared, ContinuousCDF};
 
-/// Difference in evidence within which two candidates explain the same: odds of 20 to 1 (Kass & Raftery 1995).
-const RIVAL: f64 = 6.0;
 /// Alias share from which an effect found is mostly the model's own.
 pub(super) const ALIASED: f64 = 0.95;
 
@@ -77,7 +75,7 @@ fn effects(study: &dyn Study, last: &Fit, options: &Options) -> Result<Vec<Effec
         let is_rival = |other: &&super::search::Scored| {
             let is_other = !set.contains(&other.candidate);
             is_other
-                && own.evidence - other.evidence < RIVAL
+                && own.evidence - other.evidence < COMPARABLE
                 && study.candidates()[other.candidate].family != candidate.family
         };
         let mut rivals: Vec<_> = all.iter().filter(is_rival).collect();

@@ -14,7 +14,9 @@ mod fit;
 pub mod five_axis;
 mod judge;
 mod placebo;
+pub mod runs;
 mod search;
+mod smooth;
 
 pub use diagnosis::{
     Alternative, Ambiguity, Blocks, Considered, Effect, HeldOutRms, Judgement, Kind, LackOfFit, Parameter, Placebo,

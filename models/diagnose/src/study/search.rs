@@ -34,6 +34,8 @@ impl Default for Options {
 
 /// Share of placebos that may do as well as the columns themselves.
 const PLACEBO_SHARE: f64 = 0.05;
+/// Difference in evidence within which two candidates explain the same: odds of 20 to 1 (Kass & Raftery 1995).
+pub(super) const COMPARABLE: f64 = 6.0;
 /// Candidates that are taken to the judge on one rung before the search ends.
 const TRIED: usize = 12;
 
@@ -117,6 +119,7 @@ fn step(
     let mut passing = score_all(study, fit);
     passing.retain(|scored| scored.p_holm <= options.significance && scored.evidence > 0.0);
     passing.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
+    simplest_first(study, &mut passing);
     for scored in passing.iter().take(TRIED) {
         study.refine(&fit.linear, scored.candidate);
         let mut set = fit.set();
@@ -131,6 +134,19 @@ fn step(
         }
     }
     Ok(None)
+}
+
+/// Moves the simplest form of the best candidate to the front, where its evidence is close: the finer form has to pass
+/// on what the simple one leaves.
+fn simplest_first(study: &dyn Study, passing: &mut Vec<Scored>) {
+    let Some(best) = passing.first() else { return };
+    let (family, evidence) = (&study.candidates()[best.candidate].family, best.evidence);
+    let is_form = |s: &Scored| study.candidates()[s.candidate].family == *family && evidence - s.evidence < COMPARABLE;
+    let simplest = (0..passing.len()).filter(|k| is_form(&passing[*k])).min_by_key(|k| passing[*k].score.degrees);
+    if let Some(k) = simplest {
+        let first = passing.remove(k);
+        passing.insert(0, first);
+    }
 }
 
 fn reason_against(

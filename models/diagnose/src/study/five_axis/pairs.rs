@@ -1,4 +1,4 @@
-//! Every effect alone and every two together, and which of them look the same from these poses.
+//! Every effect alone and, where poses are few, every two together, and which of them look the same from these poses.
 //!
 //! Place in the flow: beside the search, because so few poses often leave several explanations. Best prediction of poses
 //! left out first; a set that one pose alone determines is listed with fewer directions judged and comes last.
@@ -12,12 +12,16 @@ use crate::study::fit::Fit;
 use crate::study::judge::judge;
 use statrs::distribution::{ContinuousCDF, FisherSnedecor};
 
-/// All single effects and pairs.
+/// Poses up to which pairs are listed: with more the search tells them apart.
+const FEW: usize = 12;
+
+/// All single effects, and all pairs where poses are few.
 pub(super) fn alternatives(spheres: &Spheres) -> Result<Vec<Alternative>, DiagnoseError> {
     let base = Fit::settle(spheres, &[])?;
     let testable = testable(spheres, &base);
     let mut sets: Vec<Vec<usize>> = testable.iter().map(|k| vec![*k]).collect();
-    for (i, a) in testable.iter().enumerate() {
+    let few = if spheres.blocks().len() <= FEW { testable.as_slice() } else { &[] };
+    for (i, a) in few.iter().enumerate() {
         sets.extend(testable[i + 1..].iter().map(|b| vec![*a, *b]));
     }
     let rows = base.linear.residuals().len() as f64;

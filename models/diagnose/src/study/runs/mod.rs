@@ -1,0 +1,72 @@
+//! Positioning runs after ISO 230-2: what a linear axis does beyond a mean offset, as a ladder of error on unseen cycles.
+//!
+//! Place in the flow: approaches to target positions (m, s) in, diagnosis out. Error = actual − indicated = measured −
+//! target. Base model: one mean offset an axis. Candidates: position (smooth or target by target), reversal (constant,
+//! smooth, target by target), drift with time and cycle, expansion of the scale with each logged temperature, periodic
+//! error of unknown period, and any other logged quantity. Blocks are cycles. Reversal value after ISO 230-2: B = mean
+//! error approaching in the positive direction less mean error approaching in the negative.
+
+mod positions;
+mod problem;
+mod shape;
+
+use super::assemble;
+use super::diagnosis::StudyDiagnosis;
+use super::search::Options;
+use crate::error::DiagnoseError;
+pub use positions::{PositionSummary, positions};
+use problem::Runs;
+use std::collections::BTreeMap;
+
+/// Direction from which a target was approached.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Approach {
+    /// Towards larger positions (ISO 230-2: ↑).
+    Positive,
+    /// Towards smaller positions (↓).
+    Negative,
+}
+
+impl Approach {
+    /// +1 or −1.
+    pub fn sign(self) -> f64 {
+        match self {
+            Approach::Positive => 1.0,
+            Approach::Negative => -1.0,
+        }
+    }
+}
+
+/// One approach to one target.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Run {
+    /// Name of the axis.
+    pub axis: String,
+    /// Target position, which the axis indicates when it stands there (m).
+    pub target_m: f64,
+    /// Direction of approach.
+    pub approach: Approach,
+    /// Number of the cycle.
+    pub cycle: i64,
+    /// Position actually reached (m).
+    pub measured_m: f64,
+    /// Time (s).
+    pub time_s: Option<f64>,
+    /// Further logged quantities by name, in the unit of their name.
+    pub covariates: BTreeMap<String, f64>,
+}
+
+impl Run {
+    /// Actual − indicated (m).
+    pub fn error_m(&self) -> f64 {
+        self.measured_m - self.target_m
+    }
+}
+
+/// Diagnoses positioning runs.
+///
+/// # Errors
+/// Fewer than three cycles on an axis, figures that are not finite, the same approach twice.
+pub fn diagnose(runs: &[Run], options: &Options) -> Result<StudyDiagnosis, DiagnoseError> {
+    assemble::diagnose(&mut Runs::new(runs)?, options)
+}

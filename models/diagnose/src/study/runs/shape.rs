@@ -1,0 +1,153 @@
+//! Shapes of what an axis can do in positioning runs, as columns of one axis.
+//!
+//! Place in the flow: the study of runs makes one candidate of each shape and axis. A column is the error (m) of one
+//! approach per unit of its parameter.
+
+use super::Run;
+use super::positions::key;
+use crate::study::smooth::legendre;
+use std::f64::consts::TAU;
+
+/// ISO 1 reference temperature (°C).
+const REFERENCE_C: f64 = 20.0;
+
+/// What an axis can do.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) enum Shape {
+    /// Error follows the target: Legendre polynomials 1 … degree.
+    Position(usize),
+    /// Error target by target.
+    PositionTable,
+    /// Half the reversal value times the sign of approach: Legendre polynomials 0 … degree of the target.
+    Lost(usize),
+    /// Reversal value target by target.
+    LostTable,
+    /// Error follows the number of the cycle: Legendre polynomials 1 … degree.
+    Cycle(usize),
+    /// Error follows the time: Legendre polynomials 1 … degree.
+    Time(usize),
+    /// Offset and scale follow the time.
+    TimeAndTarget,
+    /// a·(1 − e^(−t/τ)), τ in s, t since the first run.
+    Creep(f64),
+    /// α·(T − 20 °C)·target + shift·(T − 20 °C).
+    Expansion(String),
+    /// Sine and cosine of 2π·target/period (m).
+    Periodic(f64),
+    /// Error follows a logged quantity: Legendre polynomials 1 … degree.
+    Smooth(String, usize),
+}
+
+/// Ranges of one axis, to scale by.
+#[derive(Debug, Clone)]
+pub(super) struct Ranges {
+    pub(super) target_m: (f64, f64),
+    pub(super) time_s: Option<(f64, f64)>,
+    pub(super) cycle: Option<(f64, f64)>,
+    /// Range of the quantity that the shape names.
+    pub(super) quantity: Option<(f64, f64)>,
+    /// Keys of all targets, ascending.
+    pub(super) targets: Vec<i64>,
+}
+
+impl Shape {
+    /// Names and units of the parameters.
+    pub(super) fn parameters(&self, ranges: &Ranges) -> Vec<(String, &'static str)> {
+        let numbered = |letter: &str, from: usize, to: usize| -> Vec<(String, &'static str)> {
+            (from..=to).map(|k| (format!("{letter}_{k}"), "m")).collect()
+        };
+        let table = |letter: &str| -> Vec<(String, &'static str)> {
+            ranges.targets.iter().map(|key| (format!("{letter} at {:.3} mm", *key as f64 / 1e6), "m")).collect()
+        };
+        match self {
+            Shape::Position(degree) | Shape::Smooth(_, degree) => numbered("p", 1, *degree),
+            Shape::Cycle(degree) | Shape::Time(degree) => numbered("d", 1, *degree),
+            Shape::PositionTable => table("error"),
+            Shape::Lost(degree) => numbered("B", 0, *degree),
+            Shape::LostTable => table("B"),
+            Shape::TimeAndTarget => vec![("d_1".to_owned(), "m"), ("d_1 x_1".to_owned(), "m")],
+            Shape::Creep(_) => vec![("growth".to_owned(), "m")],
+            Shape::Expansion(_) => vec![("alpha".to_owned(), "1/K"), ("shift".to_owned(), "m/K")],
+            Shape::Periodic(_) => vec![("sine".to_owned(), "m"), ("cosine".to_owned(), "m")],
+        }
+    }
+
+    /// Columns of one approach; `None` where the run lacks what the shape needs.
+    pub(super) fn columns(&self, run: &Run, ranges: &Ranges) -> Option<Vec<f64>> {
+        let target = |degree: usize| legendre(run.target_m, ranges.target_m, degree);
+        let at_target = |value: f64| -> Vec<f64> {
+            let own = key(run.target_m);
+            ranges.targets.iter().map(|key| if *key == own { value } else { 0.0 }).collect()
+        };
+        let half = 0.5 * run.approach.sign();
+        Some(match self {
+            Shape::Position(degree) => target(*degree).split_off(1),
+            Shape::PositionTable => at_target(1.0),
+            Shape::Lost(degree) => target(*degree).into_iter().map(|value| half * value).collect(),
+            Shape::LostTable => at_target(half),
+            Shape::Cycle(degree) => legendre(run.cycle as f64, ranges.cycle?, *degree).split_off(1),
+            Shape::Time(degree) => legendre(run.time_s?, ranges.time_s?, *degree).split_off(1),
+            Shape::TimeAndTarget => {
+                let time = legendre(run.time_s?, ranges.time_s?, 1)[1];
+                vec![time, time * target(1)[1]]
+            }
+            // −expm1 keeps the digits of the first seconds.
+            Shape::Creep(tau_s) => vec![-(-(run.time_s? - ranges.time_s?.0) / tau_s).exp_m1()],
+            Shape::Expansion(sensor) => {
+                let above_k = run.covariates.get(sensor)? - REFERENCE_C;
+                vec![above_k * run.target_m, above_k]
+            }
+            Shape::Periodic(period_m) => {
+                let (sine, cosine) = (TAU * run.target_m / period_m).sin_cos();
+                vec![sine, cosine]
+            }
+            Shape::Smooth(name, degree) => legendre(*run.covariates.get(name)?, ranges.quantity?, *degree).split_off(1),
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::study::runs::Approach;
+
+    fn run(approach: Approach) -> Run {
+        let covariates = [("temp_scale_x_c".to_owned(), 22.0)].into();
+        Run { axis: "X".into(), target_m: 0.25, approach, cycle: 2, measured_m: 0.25, time_s: Some(100.0), covariates }
+    }
+
+    fn ranges() -> Ranges {
+        Ranges {
+            target_m: (0.0, 1.0),
+            time_s: Some((0.0, 400.0)),
+            cycle: Some((1.0, 5.0)),
+            quantity: None,
+            targets: vec![0, 250_000_000, 1_000_000_000],
+        }
+    }
+
+    fn error_m(shape: &Shape, run: &Run, parameters: &[f64]) -> f64 {
+        let columns = shape.columns(run, &ranges()).unwrap();
+        assert_eq!(columns.len(), shape.parameters(&ranges()).len());
+        columns.iter().zip(parameters).map(|(c, p)| c * p).sum()
+    }
+
+    #[test]
+    fn each_shape_follows_its_formula() {
+        let (up, down) = (run(Approach::Positive), run(Approach::Negative));
+        let difference = |shape: &Shape, p: &[f64]| error_m(shape, &up, p) - error_m(shape, &down, p);
+        assert_eq!(difference(&Shape::Lost(0), &[2e-6]), 2e-6);
+        assert!((difference(&Shape::Lost(1), &[2e-6, 1e-6]) - 1.5e-6).abs() < 1e-18, "B falls to the lower end");
+        assert_eq!(difference(&Shape::LostTable, &[9.0, 3e-6, 9.0]), 3e-6);
+        assert_eq!(error_m(&Shape::PositionTable, &up, &[9.0, 4e-6, 9.0]), 4e-6);
+        assert!((error_m(&Shape::Position(2), &up, &[1e-6, 2e-6]) - (-0.5e-6 - 0.25e-6)).abs() < 1e-18);
+        let steel = Shape::Expansion("temp_scale_x_c".into());
+        assert!((error_m(&steel, &up, &[11.5e-6, 0.0]) - 5.75e-6).abs() < 1e-18, "two kelvin on a quarter metre");
+        assert!((error_m(&Shape::Creep(100.0), &up, &[1e-6]) - 0.632_120_558_8e-6).abs() < 1e-15);
+        assert!((error_m(&Shape::Periodic(1.0), &up, &[1e-6, 1e-6]) - 1e-6).abs() < 1e-15);
+        assert_eq!(error_m(&Shape::Time(1), &up, &[1e-6]), -0.5e-6);
+        assert_eq!(error_m(&Shape::TimeAndTarget, &up, &[0.0, 1e-6]), 0.25e-6);
+        assert_eq!(error_m(&Shape::Cycle(1), &up, &[1e-6]), -0.5e-6);
+        assert_eq!(Shape::Smooth("load_kg".into(), 1).columns(&up, &ranges()), None, "not logged");
+    }
+}
