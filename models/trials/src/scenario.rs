@@ -9,7 +9,7 @@ use abbe_virtual_machine::effects::from_text;
 use abbe_virtual_machine::environment::EnvironmentConfig;
 use abbe_virtual_machine::instrument::{InstrumentConfig, Outliers};
 use abbe_virtual_machine::machine::Roughness;
-use abbe_virtual_machine::plan::presets;
+use abbe_virtual_machine::plan::{PlanRecipe, presets};
 use abbe_virtual_machine::{SimulationConfig, TruthRecipe};
 
 use crate::template::Choices;
@@ -51,6 +51,8 @@ impl Family {
 pub enum PlanKind {
     /// Five stations, drawn lines, three offsets, both directions.
     CaseLike,
+    /// The same with another table load for every line.
+    LoadByLine,
     /// Four stations, one offset, all lines in +X, in order.
     A,
     /// As A with three offsets and both directions.
@@ -125,6 +127,7 @@ impl Scenario {
         let machine = recipe.bridge_xyz()?;
         let plan = match self.plan {
             PlanKind::CaseLike => presets::case_like(machine.stroke_m, seed),
+            PlanKind::LoadByLine => PlanRecipe { load_by_line: true, ..presets::case_like(machine.stroke_m, seed) },
             PlanKind::A => presets::plan_a(machine.stroke_m, seed),
             PlanKind::B => presets::plan_b(machine.stroke_m, seed),
             PlanKind::C => presets::plan_c(machine.stroke_m, seed),

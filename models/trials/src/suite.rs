@@ -12,6 +12,9 @@ use crate::scenario::{Family, PlanKind, Scenario, SizedBy};
 /// Factors of the power curve.
 pub const FACTORS: [f64; 5] = [1.2, 1.5, 2.0, 3.0, 5.0];
 
+/// As rough as a worn guideway, but without waves: a wave that repeats is a periodic error, and naming it one no fault.
+const BUMPY: Roughness = Roughness { half_waves: 4, decay: 1.8, bumps: 8 };
+
 /// Every effect alone: name of the scenario and template.
 const SINGLE: &[(&str, &str)] = &[
     ("expansion", "scale_expansion axis=$axis per_kelvin_um_m=10* fixed_at_mm=0"),
@@ -75,7 +78,7 @@ const PAIRS: &[[&str; 2]] = &[
 ];
 
 /// Effects that their plan hides, at the literature's sizes and three times that: one direction and one offset (plan
-/// A), or a sag that depends on the carriage alone, which the carriage's own straightness and angle do as well.
+/// A), one load a station, or a sag by the carriage alone, which the carriage's own straightness and angle describe.
 const ALIASED: &[(&str, PlanKind, &str)] = &[
     ("play, plan A", PlanKind::A, "backlash axis=x size_um=1*"),
     ("lag, plan A", PlanKind::A, "speed_lag axis=x lag_us=10*"),
@@ -86,6 +89,7 @@ const ALIASED: &[(&str, PlanKind, &str)] = &[
     ),
     ("bow, plan A", PlanKind::A, "gradient_bow urad_per_m_kelvin=10*"),
     ("tracer centre, plan A", PlanKind::A, "gimbal sin_az_um=0.3* sin_2az_um=0.2* sin_2el_um=0.2*"),
+    ("load, one a station", PlanKind::CaseLike, "table_load um_per_kg=0.1*"),
     ("sag", PlanKind::CaseLike, "carriage_sag carrying=x carriage=y sag_um=2* twist_urad=5*"),
 ];
 
@@ -95,14 +99,15 @@ const HELD_ON_PLAN_A: &[&str] = &["ECY", "EAZ", "EBZ", "ECZ"];
 /// All scenarios.
 pub fn scenarios() -> Vec<Scenario> {
     let mut out = vec![Scenario::plain("nothing", Family::Clean)];
-    out.push(Scenario { roughness: Roughness::ROUGH, ..Scenario::plain("nothing, rough machine", Family::Clean) });
+    out.push(Scenario { roughness: BUMPY, ..Scenario::plain("nothing, rough machine", Family::Clean) });
     out.push(on(PlanKind::A, Scenario::plain("nothing, plan A", Family::Clean)));
     out.push(on(PlanKind::C, Scenario::plain("nothing, plan C", Family::Clean)));
     out.extend(adverse());
-    let with = |name: &str, family, injected, levels: &[f64]| Scenario {
-        injected,
-        levels: levels.to_vec(),
-        ..Scenario::plain(name, family)
+    let with = |name: &str, family, injected: Vec<&'static str>, levels: &[f64]| {
+        // What the load does can only be seen where the load changes on a station.
+        let is_of_load = injected.iter().any(|text| text.contains("load"));
+        let plan = if is_of_load { PlanKind::LoadByLine } else { PlanKind::CaseLike };
+        Scenario { injected, levels: levels.to_vec(), plan, ..Scenario::plain(name, family) }
     };
     out.extend(SINGLE.iter().map(|(name, template)| with(name, Family::Single, vec![*template], &FACTORS)));
     out.push(Scenario { sized_by: SizedBy::Size, ..with(RUN.0, Family::Single, vec![RUN.1], &RUN_LEVELS) });
@@ -121,7 +126,7 @@ pub fn scenarios() -> Vec<Scenario> {
 /// The scenario on another plan. Those of the raster have five levels across, which only a smooth machine needs.
 fn on(plan: PlanKind, scenario: Scenario) -> Scenario {
     match plan {
-        PlanKind::CaseLike => scenario,
+        PlanKind::CaseLike | PlanKind::LoadByLine => Scenario { plan, ..scenario },
         PlanKind::A => Scenario { plan, roughness: Roughness::SMOOTH, held_zero: HELD_ON_PLAN_A, ..scenario },
         PlanKind::B | PlanKind::C => Scenario { plan, roughness: Roughness::SMOOTH, ..scenario },
     }
@@ -129,7 +134,7 @@ fn on(plan: PlanKind, scenario: Scenario) -> Scenario {
 
 /// Machines without effect that a careless diagnosis takes for machines with one.
 fn adverse() -> [Scenario; 4] {
-    let rough = |name| Scenario { roughness: Roughness::ROUGH, ..Scenario::plain(name, Family::Adverse) };
+    let rough = |name| Scenario { roughness: BUMPY, ..Scenario::plain(name, Family::Adverse) };
     [
         Scenario { kind: Kind::Polynomial { degree: 3 }, ..rough("too few coefficients: cubics") },
         Scenario {

@@ -5,7 +5,7 @@
 use std::collections::BTreeSet;
 
 use abbe_virtual_machine::TruthRecipe;
-use abbe_virtual_machine::plan::{Plan, Target, presets};
+use abbe_virtual_machine::plan::{Plan, PlanRecipe, Target, presets};
 
 const STROKE_M: [[f64; 2]; 3] = [[0.0, 0.8], [0.0, 0.6], [0.0, 0.6]];
 
@@ -62,6 +62,19 @@ fn each_station_ends_where_it_began() {
     }
     let firsts = plan.targets().filter(|t| t.first_of_station).count();
     assert_eq!(firsts, 5);
+}
+
+#[test]
+fn a_load_stays_for_a_station_or_changes_from_line_to_line() {
+    let recipe = presets::case_like([[0.0, 0.8], [0.0, 0.6], [0.0, 0.6]], 3);
+    let by_line = PlanRecipe { load_by_line: true, ..recipe.clone() };
+    for (recipe, alone) in [(recipe, true), (by_line, false)] {
+        for station in &recipe.build().unwrap().stations {
+            let same = station.lines.iter().all(|line| line.load_kg == station.lines[0].load_kg);
+            // 37 lines with the same of three loads by chance: one plan in 3³⁶.
+            assert_eq!(same, alone);
+        }
+    }
 }
 
 #[test]

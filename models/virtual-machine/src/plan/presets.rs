@@ -152,6 +152,7 @@ fn raster(stroke_m: [[f64; 2]; 3], seed: u64, stations: usize) -> PlanRecipe {
         feeds_m_s: vec![0.02, 0.06, 0.12],
         acceleration_m_s2: [0.1, 0.9],
         loads_kg: vec![0.0, 5.0, 10.0],
+        load_by_line: false,
         pause_s: [3.0, 15.0],
         close_station: false,
     }

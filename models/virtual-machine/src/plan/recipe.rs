@@ -66,8 +66,11 @@ pub struct PlanRecipe {
     pub feeds_m_s: Vec<f64>,
     /// Range of the acceleration before a stop (m/s²).
     pub acceleration_m_s2: [f64; 2],
-    /// Table loads to draw from, one a station (kg).
+    /// Table loads to draw from (kg).
     pub loads_kg: Vec<f64>,
+    /// Draws a load for every line; otherwise one serves a whole station, and whatever it does to all points of the
+    /// station alike cannot be told from the station's place.
+    pub load_by_line: bool,
     /// Range of the pause before a line (s).
     pub pause_s: [f64; 2],
     /// Ends each station with its very first point again and one near it, to see drift.
@@ -132,11 +135,12 @@ impl PlanRecipe {
 
     fn lines(&self, station: &str, generator: &mut ChaCha8Rng) -> Result<Vec<LinePlan>, SimulationError> {
         let paths = self.paths(generator);
-        let load_kg = pick(generator, &self.loads_kg).copied();
+        let station_load_kg = pick(generator, &self.loads_kg).copied();
         let mut lines = Vec::new();
         for (place, [from_m, to_m]) in paths.into_iter().enumerate() {
             let feed_m_s = pick(generator, &self.feeds_m_s).copied();
             let offset_m = self.offsets_m.get(place % self.offsets_m.len()).copied();
+            let load_kg = if self.load_by_line { pick(generator, &self.loads_kg).copied() } else { station_load_kg };
             // `check` refused empty lists; a missing entry is still an error here, not a default.
             let (Some(feed_m_s), Some(offset_m), Some(load_kg)) = (feed_m_s, offset_m, load_kg) else {
                 return Err(SimulationError::new(
