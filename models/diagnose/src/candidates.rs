@@ -78,11 +78,12 @@ pub(crate) fn score_all(
         .iter()
         .map(|(_, term, _)| round.rows.columns(term.effect.as_ref()))
         .collect::<Result<Vec<Mat<f64>>, _>>()?;
-    let scored = |((known, term, trials), columns): ((&'static Known, EffectTerm, usize), Mat<f64>)| {
-        let score = round.score(&round.free.project(columns.as_ref()));
+    let projected = round.free.project_all(&columns);
+    let scored = |((known, term, trials), projected): ((&'static Known, EffectTerm, usize), Projected)| {
+        let score = round.score(&projected);
         Candidate { known, term, score, trials }
     };
-    Ok(terms.into_iter().zip(columns).map(scored).collect())
+    Ok(terms.into_iter().zip(projected).map(scored).collect())
 }
 
 /// Refines the figure of a candidate's shape between its neighbours (golden section on the reduction of χ²).

@@ -62,13 +62,37 @@ impl Linear {
     /// # Errors
     /// [`DiagnoseError::Singular`] where rounding leaves no covariance.
     pub fn without_priors(&self, used: usize) -> Result<Linear, DiagnoseError> {
-        let mut normal = self.jacobian.transpose() * &self.jacobian;
-        (0..normal.nrows()).for_each(|k| normal[(k, k)] += UNSEEN * normal[(k, k)].max(f64::MIN_POSITIVE));
-        let inverse = Llt::new(normal.as_ref(), Side::Lower).map_err(|_| DiagnoseError::Singular)?.inverse();
-        let change = &inverse * (self.jacobian.transpose() * column(&self.residuals));
-        let moved = &self.jacobian * &change;
-        let residuals = self.residuals.iter().enumerate().map(|(k, r)| r - moved[(k, 0)]).collect();
-        Linear::new(self.jacobian.clone(), residuals, inverse, used)
+        Linear::without_priors_of(self.jacobian.clone(), &self.residuals, used)
+    }
+
+    fn without_priors_of(jacobian: Mat<f64>, residuals: &[f64], used: usize) -> Result<Linear, DiagnoseError> {
+        let normal = jacobian.transpose() * &jacobian;
+        // Equilibrated first: the negligible prior is then the same share of every column.
+        let scale: Vec<f64> = (0..normal.nrows()).map(|k| normal[(k, k)].max(f64::MIN_POSITIVE).sqrt()).collect();
+        let equal = Mat::from_fn(normal.nrows(), normal.ncols(), |i, j| {
+            normal[(i, j)] / (scale[i] * scale[j]) + if i == j { UNSEEN } else { 0.0 }
+        });
+        let inverse = Llt::new(equal.as_ref(), Side::Lower).map_err(|_| DiagnoseError::Singular)?.inverse();
+        let covariance = Mat::from_fn(normal.nrows(), normal.ncols(), |i, j| inverse[(i, j)] / (scale[i] * scale[j]));
+        let change = &covariance * (jacobian.transpose() * column(residuals));
+        let moved = &jacobian * &change;
+        let residuals = residuals.iter().enumerate().map(|(k, r)| r - moved[(k, 0)]).collect();
+        Linear::new(jacobian, residuals, covariance, used)
+    }
+
+    /// The fit without priors, with these columns beside its own.
+    ///
+    /// # Errors
+    /// [`DiagnoseError::Singular`] where rounding leaves no covariance.
+    pub fn widened(&self, columns: &[Mat<f64>], used: usize) -> Result<Linear, DiagnoseError> {
+        let total: usize = self.jacobian.ncols() + columns.iter().map(|c| c.ncols()).sum::<usize>();
+        let mut jacobian = Mat::zeros(self.residuals.len(), total);
+        let mut first = 0;
+        for block in std::iter::once(&self.jacobian).chain(columns) {
+            jacobian.as_mut().subcols_mut(first, block.ncols()).copy_from(block);
+            first += block.ncols();
+        }
+        Linear::without_priors_of(jacobian, &self.residuals, used)
     }
 
     /// The least-squares fit of `observed` by these columns, and its parameters. Columns that the others contain are an
@@ -141,6 +165,45 @@ impl Linear {
         (0..columns.ncols()).map(|k| gradient[(k, 0)]).collect()
     }
 
+    /// What groups of columns would tell of the residuals; their columns are projected together, which is several times
+    /// faster than one by one.
+    pub fn project_all(&self, groups: &[Mat<f64>]) -> Vec<Projected> {
+        let mut projected = Vec::with_capacity(groups.len());
+        let mut rest = groups;
+        while !rest.is_empty() {
+            let mut count = 0;
+            let fits = |group: &&Mat<f64>| {
+                count += group.ncols();
+                count <= TOGETHER
+            };
+            let (batch, later) = rest.split_at(rest.iter().take_while(fits).count().max(1));
+            projected.extend(self.project_batch(batch));
+            rest = later;
+        }
+        projected
+    }
+
+    fn project_batch(&self, groups: &[Mat<f64>]) -> Vec<Projected> {
+        let total = groups.iter().map(|g| g.ncols()).sum();
+        let mut columns = Mat::zeros(self.residuals.len(), total);
+        let mut first = 0;
+        for group in groups {
+            columns.as_mut().subcols_mut(first, group.ncols()).copy_from(group);
+            first += group.ncols();
+        }
+        let (taken, gradient) = (self.taken(columns.as_ref()), self.gradient(columns.as_ref()));
+        let mut first = 0;
+        let one = |group: &Mat<f64>| {
+            let own = taken.as_ref().subcols(first, group.ncols());
+            let alone = group.transpose() * group;
+            let left = &alone - own.transpose() * own;
+            let gradient = gradient[first..first + group.ncols()].to_vec();
+            first += group.ncols();
+            Projected { gradient, alone, left }
+        };
+        groups.iter().map(one).collect()
+    }
+
     /// What columns (rows × m, whitened) would tell of the residuals.
     pub fn project(&self, columns: MatRef<f64>) -> Projected {
         let taken = self.taken(columns);
@@ -180,6 +243,8 @@ impl Linear {
 
 /// Prior of directions that the rows do not see, as a share of each column's information.
 const UNSEEN: f64 = 1e-9;
+/// Columns projected together: enough for matrix products to be fast, few enough to stay in memory.
+const TOGETHER: usize = 512;
 /// Smallest eigenvalue of an equilibrated matrix below which its columns count as dependent.
 const DEPENDENT: f64 = 1e-12;
 

@@ -3,7 +3,7 @@
 //!
 //! Place in the flow: each round of [`crate::search`], beside the named effects. Quantities are covariates, time, scales
 //! and offsets; each is scaled to −1 … 1 over its range. For each direction of the tip and for the range, Legendre
-//! products up to total degree 4 of every pair (14 columns) and sines of up to 48 half cycles of every quantity are
+//! products up to total degree 2, 3 and 4 of every pair, with and without what each does alone, and sines of up to 48 half cycles of every quantity are
 //! tested with the model's columns projected out. What is found becomes an empirical term if no named effect explains it.
 
 use crate::candidates::Round;
@@ -30,6 +30,8 @@ const HALF_CYCLES: std::ops::RangeInclusive<usize> = 3..=48;
 const SINES: usize = 24;
 /// Correlation from which two quantities are one to the data.
 const SAME: f64 = 0.9995;
+/// Forms of each pair.
+const FORMS: usize = 6;
 /// Findings kept of one look.
 const KEPT: usize = 3;
 /// What a term may act on.
@@ -60,30 +62,39 @@ pub(crate) struct Finding {
 }
 
 impl Finding {
-    /// Shapes of the empirical terms that may describe this finding: as found, and the same quantities turning a joint;
-    /// of every degree, with and without what each quantity does alone.
-    pub(crate) fn shapes(&self, variables: &[Variable]) -> Vec<Shape> {
+    /// Shapes that act as found, and on each joint's angles instead, of the degree looked with.
+    pub(crate) fn acting(&self, variables: &[Variable]) -> Vec<Shape> {
         let joints = ErrorId::all().filter(|id| id.is_angular()).map(|id| id.name());
         let acts: Vec<String> = match self.acts.as_str() {
             "range" => vec![self.acts.clone()],
             _ => std::iter::once(self.acts.clone()).chain(joints).collect(),
         };
-        acts.iter().flat_map(|acts| self.forms(Shape::new().text("acts", acts.as_str()), variables)).collect()
+        acts.iter().map(|acts| self.shape(variables, acts).number(self.form().0, self.form().1)).collect()
     }
 
-    fn forms(&self, mut shape: Shape, variables: &[Variable]) -> Vec<Shape> {
+    fn form(&self) -> (&'static str, f64) {
+        self.half_cycles.map_or(("degree", DEGREE as f64), |half| ("cycles", half as f64 / 2.0))
+    }
+
+    fn shape(&self, variables: &[Variable], acts: &str) -> Shape {
         let keys = [["p", "p_low", "p_high"], ["q", "q_low", "q_high"]];
+        let mut shape = Shape::new().text("acts", acts);
         for (index, [name, low, high]) in self.variables.iter().zip(keys) {
             let variable = &variables[*index];
             shape = shape.text(name, &variable.name).number(low, variable.low).number(high, variable.high);
         }
-        if let Some(half) = self.half_cycles {
-            return vec![shape.number("cycles", half as f64 / 2.0)];
-        }
-        let all = TERM_DEGREES.map(|degree| shape.clone().number("degree", degree as f64));
-        let mixed = TERM_DEGREES.map(|degree| shape.clone().number("degree", degree as f64).number("mixed", 1.0));
-        if self.variables.len() == 2 { all.chain(mixed).collect() } else { all.collect() }
+        shape
     }
+}
+
+/// The same term in all degrees, with and without what each quantity does alone.
+pub(crate) fn forms(shape: &Shape) -> Vec<Shape> {
+    if shape.0.contains_key("cycles") {
+        return vec![shape.clone()];
+    }
+    let all = TERM_DEGREES.map(|degree| shape.clone().number("degree", degree as f64));
+    let mixed = TERM_DEGREES.map(|degree| shape.clone().number("degree", degree as f64).number("mixed", 1.0));
+    if shape.0.contains_key("q") { all.chain(mixed).collect() } else { all.collect() }
 }
 
 /// The quantities of a campaign that vary, each one once.
@@ -124,7 +135,7 @@ fn correlation(a: &[f64], b: &[f64]) -> f64 {
 
 /// The dependences that explain most after the price of their parameters and of the search, best first.
 pub(crate) fn look(round: &Round, variables: &[Variable]) -> Vec<Finding> {
-    let trials = ACTS.len() * variables.len() * (variables.len() + 1) / 2;
+    let trials = ACTS.len() * variables.len() * (variables.len() + 1) / 2 * FORMS;
     let halves: Vec<Vec<Finding>> = std::thread::scope(|scope| {
         let acts: Vec<usize> = (0..ACTS.len()).collect();
         let workers: Vec<_> = acts
@@ -139,8 +150,15 @@ pub(crate) fn look(round: &Round, variables: &[Variable]) -> Vec<Finding> {
     let mut all: Vec<Finding> = halves.into_iter().flatten().collect();
     let evidence = |finding: &Finding| finding.score.evidence(round.used, finding.trials);
     all.sort_by(|a, b| evidence(b).total_cmp(&evidence(a)));
-    all.truncate(KEPT);
-    all
+    // Of one pair and act the best form is enough.
+    let mut kept: Vec<Finding> = Vec::new();
+    for finding in all {
+        let same = |other: &Finding| other.acts == finding.acts && other.variables == finding.variables;
+        if kept.len() < KEPT && !kept.iter().any(same) {
+            kept.push(finding);
+        }
+    }
+    kept
 }
 
 /// Factor of each reading that turns a motion (m) into a whitened range.
@@ -200,12 +218,22 @@ fn smooth(round: &Round, variables: &[Variable], act: usize, weights: &[f64], tr
     // What scales alone do to the tip is the error functions' business.
     let has_own = |v: usize| !(act < 3 && is_scale(&variables[v].name));
     let own = |v: usize| if has_own(v) { (DEGREE * v..DEGREE * (v + 1)).collect() } else { Vec::<usize>::new() };
-    let mut found: Vec<Finding> = (0..count).filter(|v| has_own(*v)).map(|v| finding(vec![v], &own(v))).collect();
+    let mut found: Vec<Finding> = Vec::new();
+    for v in (0..count).filter(|v| has_own(*v)) {
+        found.extend((1..=DEGREE).map(|degree| finding(vec![v], &own(v)[..degree])));
+    }
     for (p, (a, b)) in pairs.iter().enumerate() {
-        let mut members = own(*a);
-        members.extend(own(*b));
-        members.extend((0..MIXED.len()).map(|m| mains + p * MIXED.len() + m));
-        found.push(finding(vec![*a, *b], &members));
+        for degree in 2..=DEGREE {
+            let mixed = (0..MIXED.len()).filter(|m| MIXED[*m].0 + MIXED[*m].1 <= degree);
+            let mixed: Vec<usize> = mixed.map(|m| mains + p * MIXED.len() + m).collect();
+            found.push(finding(vec![*a, *b], &mixed));
+            let mut all: Vec<usize> =
+                own(*a).into_iter().take(degree).chain(own(*b).into_iter().take(degree)).collect();
+            if !all.is_empty() {
+                all.extend(mixed);
+                found.push(finding(vec![*a, *b], &all));
+            }
+        }
     }
     found
 }

@@ -26,12 +26,13 @@ pub struct Options {
 impl Default for Options {
     fn default() -> Options {
         Options {
-            identify: abbe_identify::Options::default(),
+            // Effects that errors nearly absorb settle slowly.
+            identify: abbe_identify::Options { max_passes: 60, ..abbe_identify::Options::default() },
             significance: 0.01,
             least_evidence: 10.0,
             rival_margin: 10.0,
             folds: 4,
-            placebos: 20,
+            placebos: 10,
             seed: 1,
         }
     }

@@ -11,6 +11,7 @@ use abbe_geometry::ErrorId;
 use abbe_geometry::effects::{Acts, CovariateProblem, Effect, Motion, ParameterSpec, State};
 use abbe_geometry::error_function::{Basis, Kind};
 use abbe_geometry::machine::Machine;
+use faer::Mat;
 
 /// Intervals of the splines that replace polynomials and nodes: what the shipped machines have.
 const FIRST_INTERVALS: usize = 9;
@@ -53,21 +54,19 @@ fn finer(kind: Kind) -> Option<usize> {
     (intervals <= MOST_INTERVALS).then_some(intervals)
 }
 
-/// The error function whose refinement explains most, and how much.
-pub(crate) fn best(round: &Round, machine: &Machine) -> Result<Option<(ErrorId, Score)>, DiagnoseError> {
-    let mut best: Option<(ErrorId, Score)> = None;
+/// How much a refinement of each error function explains, and the columns of that refinement.
+pub(crate) fn refinements(round: &Round, machine: &Machine) -> Result<Vec<(ErrorId, Score, Mat<f64>)>, DiagnoseError> {
+    let (mut ids, mut columns) = (Vec::new(), Vec::new());
     for id in ErrorId::all() {
         let (Some(kind), Ok(Some(own))) = (machine.kinds[id.index()], machine.basis(id)) else { continue };
         let Some(intervals) = finer(kind) else { continue };
         let (lower_m, upper_m) = own.stroke_m();
         let Ok(basis) = Basis::new(Kind::BSpline { intervals }, own.closure(), lower_m, upper_m) else { continue };
-        let columns = round.rows.columns(&Finer { id, basis })?;
-        let score = round.score(&round.free.project(columns.as_ref()));
-        if best.as_ref().is_none_or(|(_, other)| score.p_value < other.p_value) {
-            best = Some((id, score));
-        }
+        columns.push(round.rows.columns(&Finer { id, basis })?);
+        ids.push(id);
     }
-    Ok(best)
+    let scores: Vec<Score> = round.free.project_all(&columns).iter().map(|group| round.score(group)).collect();
+    Ok(ids.into_iter().zip(scores).zip(columns).map(|((id, score), columns)| (id, score, columns)).collect())
 }
 
 /// The machine with finer splines for all its error functions: their penalties settle what each needs.

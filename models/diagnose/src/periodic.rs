@@ -1,7 +1,7 @@
 //! Periods of the scales: a periodogram of the residual along each axis, from 10 µm to the stroke.
 //!
 //! Place in the flow: proposes shapes of the periodic scale error to [`crate::search`]. The residuals, weighted by the
-//! sight's component along the axis, are laid on a grid of a micrometre and transformed (FFT); the highest peaks are
+//! sight's component along the axis, are laid on a grid of two micrometres and transformed (FFT); the highest peaks are
 //! scored exactly, with the model's columns projected out. Positions in m.
 
 use crate::candidates::{Candidate, Round, score_all};
@@ -14,8 +14,8 @@ use abbe_measurement::campaign::Campaign;
 use rustfft::FftPlanner;
 use rustfft::num_complex::Complex;
 
-/// Grid on which positions are laid (m): a twentieth of the pitch of usual scales, so that nothing of it is lost.
-const GRID_M: f64 = 1e-6;
+/// Grid on which positions are laid (m): a tenth of the pitch of usual scales, which keeps 97 % of its amplitude.
+const GRID_M: f64 = 2e-6;
 /// Shortest period looked for (m).
 const SHORTEST_M: f64 = 10e-6;
 /// Peaks scored exactly per axis.

@@ -3,12 +3,13 @@
 //! Place in the flow: proposes shapes of the outlying run to [`crate::search`]; a run that is found is taken out of the
 //! geometry's way by a constant of its own and named in the report.
 
-use crate::candidates::{Candidate, Round, score_all};
+use crate::candidates::{Candidate, Round};
 use crate::error::DiagnoseError;
 use abbe_geometry::effects::{Shape, known};
 use abbe_geometry::machine::Machine;
 use abbe_identify::EffectTerm;
 use abbe_measurement::campaign::Campaign;
+use faer::Mat;
 
 /// The line that stands out most.
 pub(crate) fn candidate(
@@ -17,14 +18,14 @@ pub(crate) fn candidate(
     campaign: &Campaign,
 ) -> Result<Option<Candidate>, DiagnoseError> {
     let Some(known) = known("outlying_run") else { return Ok(None) };
-    let mut terms = Vec::new();
-    for line in &campaign.lines {
-        terms.push((
-            known,
-            EffectTerm::new(known.name, Shape::new().text("line", line), machine)?,
-            campaign.lines.len(),
-        ));
+    // The column of a line is its readings' whitening; asking the effect for each line would look at all readings.
+    let mut columns: Vec<Mat<f64>> = vec![Mat::zeros(round.rows.len(), 1); campaign.lines.len()];
+    for (k, reading) in campaign.readings.iter().enumerate() {
+        columns[reading.line as usize][(k, 0)] = round.rows.whitening[k];
     }
-    let scored = score_all(round, terms)?;
-    Ok(scored.into_iter().max_by(|a, b| a.score.reduction.total_cmp(&b.score.reduction)))
+    let scores = round.free.project_all(&columns).into_iter().map(|group| round.score(&group));
+    let best = scores.enumerate().max_by(|a, b| a.1.reduction.total_cmp(&b.1.reduction));
+    let Some((line, score)) = best else { return Ok(None) };
+    let term = EffectTerm::new(known.name, Shape::new().text("line", &campaign.lines[line]), machine)?;
+    Ok(Some(Candidate { known, term, score, trials: campaign.lines.len() }))
 }

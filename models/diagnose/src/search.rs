@@ -10,7 +10,9 @@ use crate::error::DiagnoseError;
 use crate::linear::Linear;
 use crate::look::{self, Variable};
 use crate::options::{Options, Progress};
-use crate::{order, periodic, runs};
+use crate::score::Score;
+use crate::{judge, order, periodic, runs};
+use abbe_geometry::ErrorId;
 use abbe_geometry::effects::known;
 use abbe_geometry::machine::Machine;
 use abbe_identify::{EffectTerm, Identified, IdentifyError, Rows, identify_with};
@@ -21,6 +23,8 @@ use abbe_measurement::instrument::RangeUncertainty;
 const EXPLAINS: f64 = 0.6;
 /// Share of the best effect's reduction from which finer error functions go first.
 const AS_WELL: f64 = 0.5;
+/// Share of the blocked mean square that finer error functions must save.
+const MATERIAL: f64 = 0.1;
 /// Rounds at most.
 const MAX_ROUNDS: usize = 10;
 
@@ -42,8 +46,16 @@ pub(crate) struct State {
     pub(crate) steps: Vec<Step>,
     /// Finer error functions were tried and have no more evidence than these.
     pub(crate) order_settled: bool,
+    /// Terms whose fit did not settle or that others made superfluous: not tried again.
+    pub(crate) refused: Vec<EffectTerm>,
     /// Candidates of the last round, which found nothing more.
     pub(crate) last: Vec<Candidate>,
+}
+
+impl State {
+    fn is_refused(&self, term: &EffectTerm) -> bool {
+        has(&self.refused, term)
+    }
 }
 
 /// One thing that a round decided.
@@ -64,7 +76,7 @@ pub(crate) enum Step {
 enum Proposal {
     Named(Candidate),
     Free(Candidate),
-    Order(abbe_geometry::ErrorId),
+    Order(ErrorId),
     Nothing,
 }
 
@@ -113,6 +125,7 @@ impl<'a> Search<'a> {
             fit,
             steps: Vec::new(),
             order_settled: false,
+            refused: Vec::new(),
             last: Vec::new(),
         };
         for round in 0..MAX_ROUNDS {
@@ -128,70 +141,16 @@ impl<'a> Search<'a> {
 
     /// One round; false where nothing passed.
     fn advance(&self, state: &mut State, observe: &mut dyn FnMut(Progress) -> bool) -> Result<bool, DiagnoseError> {
-        let t0 = std::time::Instant::now();
-        let round = self.round(&state.fit)?;
-        let t1 = t0.elapsed();
+        let round = self.round_without_misfit(state)?;
         let named = self.named(&round, &state.machine)?;
-        let t2 = t0.elapsed();
         let tests: usize = named.iter().map(|c| c.trials.max(1)).sum::<usize>().max(1);
-        if std::env::var_os("DBG").is_some() {
-            eprintln!("   TIME round {t1:?} named {:?}", t2 - t1);
-            let mut sorted: Vec<&Candidate> = named.iter().collect();
-            sorted.sort_by(|a, b| b.evidence(round.used).total_cmp(&a.evidence(round.used)));
-            for c in sorted.iter().take(8) {
-                eprintln!(
-                    "   {} {:?} red {:.0} dof {} ev {:.0} alias {:.3}",
-                    c.known.name,
-                    c.term.shape.0,
-                    c.score.reduction,
-                    c.score.degrees,
-                    c.evidence(round.used),
-                    c.score.alias_share
-                );
-            }
-            for f in look::look(&round, &self.variables) {
-                eprintln!(
-                    "   FREE {} {:?} {:?} red {:.0} dof {} ev {:.0}",
-                    f.acts,
-                    f.variables.iter().map(|v| &self.variables[*v].name).collect::<Vec<_>>(),
-                    f.half_cycles,
-                    f.score.reduction,
-                    f.score.degrees,
-                    f.score.evidence(round.used, f.trials)
-                );
-            }
-        }
         let proposal = self.propose(&round, state, &named)?;
         match proposal {
             Proposal::Nothing => {
                 state.last = named;
                 return Ok(false);
             }
-            Proposal::Order(id) => {
-                let richer = self.fit(&order::enriched(&state.machine), &state.terms, observe)?;
-                let likelihood = |fit: &Identified| fit.evidence.minus_two_log_likelihood;
-                let gain = likelihood(&state.fit) - likelihood(&richer);
-                state.order_settled = gain < self.options.least_evidence;
-                if std::env::var_os("DBG").is_some() {
-                    let r = self.round(&richer)?;
-                    for (by, (a, b)) in crate::judge::blocks(self.campaign, &round)
-                        .into_iter()
-                        .zip(crate::judge::blocks(self.campaign, &r))
-                        .map(|(a, b)| (a.0, (a.1, b.1)))
-                    {
-                        eprintln!(
-                            "   ORDER {by} {} -> {} lik gain {gain}",
-                            crate::judge::blocked_rms(&round.linear, &a),
-                            crate::judge::blocked_rms(&r.linear, &b)
-                        );
-                    }
-                }
-                if !state.order_settled {
-                    state.fit = richer;
-                    state.machine = state.fit.model.parts().machine.clone();
-                    state.steps.push(Step::Enriched { because: id.name() });
-                }
-            }
+            Proposal::Order(id) => self.refine(state, &round, id, observe)?,
             Proposal::Named(candidate) => {
                 let candidate = refined(&round, &state.machine, candidate)?;
                 let rivals = self.rivals(&round, &named, &candidate);
@@ -205,6 +164,56 @@ impl<'a> Search<'a> {
         Ok(true)
     }
 
+    /// Tries finer error functions; they stay if they have more evidence and predict lines left out better by more than
+    /// a tenth of the noise. A misfit below that is not worth twice the coefficients, whose uncertainty every corrected
+    /// point would carry; it is kept from passing for an effect by [`Search::round_without_misfit`].
+    fn refine(
+        &self,
+        state: &mut State,
+        round: &Round,
+        id: ErrorId,
+        observe: &mut dyn FnMut(Progress) -> bool,
+    ) -> Result<(), DiagnoseError> {
+        state.order_settled = true;
+        let richer = match self.fit(&order::enriched(&state.machine), &state.terms, observe) {
+            Err(DiagnoseError::Identify(_)) => return Ok(()),
+            other => other?,
+        };
+        let likelihood = |fit: &Identified| fit.evidence.minus_two_log_likelihood;
+        let square = |round: &Round| {
+            let [(_, lines), ..] = judge::blocks(self.campaign, round);
+            judge::blocked_rms(&round.linear, &lines).powi(2)
+        };
+        let is_material = square(&self.round(&richer)?) < (1.0 - MATERIAL) * square(round);
+        if is_material && likelihood(&state.fit) - likelihood(&richer) > self.options.least_evidence {
+            state.order_settled = false;
+            state.fit = richer;
+            state.machine = state.fit.model.parts().machine.clone();
+            state.steps.push(Step::Enriched { because: id.name() });
+        }
+        Ok(())
+    }
+
+    /// The rows of a fit; once the order is settled, with what finer error functions would still explain taken out of
+    /// what candidates are tested against.
+    fn round_without_misfit(&self, state: &State) -> Result<Round<'a>, DiagnoseError> {
+        let mut round = self.round(&state.fit)?;
+        if state.order_settled {
+            let misfit = order::refinements(&round, &state.machine)?.into_iter();
+            let misfit: Vec<_> =
+                misfit.filter(|(_, score, _)| self.shows(score)).map(|(_, _, columns)| columns).collect();
+            if !misfit.is_empty() {
+                round.free = round.linear.widened(&misfit, round.used)?;
+            }
+        }
+        Ok(round)
+    }
+
+    /// Whether the refinement of an error function is significant among all of them.
+    fn shows(&self, score: &Score) -> bool {
+        score.p_value * ErrorId::COUNT as f64 <= self.options.significance
+    }
+
     fn add(
         &self,
         state: &mut State,
@@ -214,9 +223,16 @@ impl<'a> Search<'a> {
         observe: &mut dyn FnMut(Progress) -> bool,
     ) -> Result<(), DiagnoseError> {
         let p_corrected = (candidate.score.p_value * tests as f64).min(1.0);
-        state.terms.push(candidate.term.clone());
-        state.fit = self.fit(&state.machine, &state.terms, observe)?;
         let term = candidate.term.clone();
+        let terms: Vec<EffectTerm> = state.terms.iter().chain([&term]).cloned().collect();
+        match self.fit(&state.machine, &terms, observe) {
+            Ok(fit) => (state.fit, state.terms) = (fit, terms),
+            Err(DiagnoseError::Identify(_)) => {
+                state.refused.push(term);
+                return Ok(());
+            }
+            Err(other) => return Err(other),
+        }
         state.steps.push(Step::Added { term, candidate: Box::new(candidate), rivals, p_corrected });
         self.prune(state, observe)
     }
@@ -238,15 +254,10 @@ impl<'a> Search<'a> {
                 _ => Some(c),
             });
         let best = best.filter(|c| self.passes(c.score.p_value, tests, c.evidence(rows)));
-        let t0 = std::time::Instant::now();
-        let free = self.empirical(round, &state.machine)?;
-        let t1 = t0.elapsed();
-        let finer = if state.order_settled { None } else { order::best(round, &state.machine)? };
-        let finer = finer
-            .filter(|(_, score)| score.p_value * abbe_geometry::ErrorId::COUNT as f64 <= self.options.significance);
-        if std::env::var_os("DBG").is_some() {
-            eprintln!("   TIME look {t1:?} order {:?}", t0.elapsed() - t1);
-        }
+        let free = self.empirical(round, &state.machine)?.filter(|c| !state.is_refused(&c.term));
+        let finer = if state.order_settled { Vec::new() } else { order::refinements(round, &state.machine)? };
+        let finer = finer.into_iter().map(|(id, score, _)| (id, score)).filter(|(_, score)| self.shows(score));
+        let finer = finer.min_by(|a, b| a.1.p_value.total_cmp(&b.1.p_value));
         let reduction = best.map_or(0.0, |c| c.score.reduction).max(free.as_ref().map_or(0.0, |f| f.score.reduction));
         // Finer splines cost nothing where they are not needed, so they need no price; but what an effect explains far
         // better is the effect's.
@@ -273,23 +284,30 @@ impl<'a> Search<'a> {
     /// The best empirical term: of the findings of the look and of the same quantities turning a joint, in the form that
     /// the data pay for.
     fn empirical(&self, round: &Round, machine: &Machine) -> Result<Option<Candidate>, DiagnoseError> {
+        let passing = look::look(round, &self.variables).into_iter().filter(|finding| {
+            self.passes(finding.score.p_value, finding.trials, finding.score.evidence(round.used, finding.trials))
+        });
+        let acting = passing.flat_map(|finding| {
+            finding.acting(&self.variables).into_iter().map(move |shape| (shape, finding.trials)).collect::<Vec<_>>()
+        });
+        let Some(best) = self.best_empirical(round, machine, acting.collect())? else { return Ok(None) };
+        let forms = look::forms(&best.term.shape).into_iter().map(|shape| (shape, best.trials)).collect();
+        let best = self.best_empirical(round, machine, forms)?;
+        Ok(best.filter(|c| self.passes(c.score.p_value, c.trials, c.evidence(round.used))))
+    }
+
+    /// Of empirical shapes (and the trials that led to each) the one with most evidence.
+    fn best_empirical(
+        &self,
+        round: &Round,
+        machine: &Machine,
+        shapes: Vec<(abbe_geometry::effects::Shape, usize)>,
+    ) -> Result<Option<Candidate>, DiagnoseError> {
         let known = known("empirical").ok_or(DiagnoseError::Singular)?;
-        let mut terms = Vec::new();
-        for finding in look::look(round, &self.variables) {
-            if !self.passes(finding.score.p_value, finding.trials, finding.score.evidence(round.used, finding.trials)) {
-                continue;
-            }
-            for shape in finding.shapes(&self.variables) {
-                // A shape whose terms all belong to the error functions is none.
-                if let Ok(term) = EffectTerm::new(known.name, shape, machine) {
-                    terms.push((known, term, finding.trials));
-                }
-            }
-        }
-        let scored = score_all(round, terms)?;
-        let rows = round.used;
-        let best = scored.into_iter().reduce(|best, c| if c.better_than(&best, rows) { c } else { best });
-        Ok(best.filter(|c| self.passes(c.score.p_value, c.trials, c.evidence(rows))))
+        // A shape whose terms all belong to the error functions is none.
+        let term = |(shape, trials)| Some((known, EffectTerm::new(known.name, shape, machine).ok()?, trials));
+        let scored = score_all(round, shapes.into_iter().filter_map(term).collect())?;
+        Ok(scored.into_iter().reduce(|best, c| if c.better_than(&best, round.used) { c } else { best }))
     }
 
     /// Other effects that explain nearly as much as the chosen one.
@@ -312,6 +330,7 @@ impl<'a> Search<'a> {
             let Some(weakest) = self.weakest(state)? else { break };
             let term = state.terms.remove(weakest);
             state.fit = self.fit(&state.machine, &state.terms, observe)?;
+            state.refused.push(term.clone());
             state.steps.push(Step::Removed { term });
         }
         Ok(())

@@ -1,13 +1,12 @@
-//! Sag under a travelling carriage: a joint rolls and gives way with the position of another axis too.
+//! Sag and twist under a travelling carriage: a joint turns and gives way with the position of another axis too.
 //!
-//! Formula, with u the carrying axis and v the carriage, each −1 … 1 over its stroke, and Legendre polynomials P:
-//! roll about the carrying axis = Σ roll_ij P_i(v)·P_j(u), i ≥ 1, i + j ≤ 3; height of the carrying axis =
-//! Σ height_ij P_i(v)·P_j(u), i and j ≥ 1, j ≤ 2, i + j ≤ 4: one order more along the carriage, as a roll lifts by its
-//! lever. Sideways (across both) it moves by Σ side_ij P_i(v)·P_j(u), i and j ≥ 1, i + j ≤ 3: the roll's pivot lies at a
-//! height that no drawing tells. Inputs: readings (m). Typical 0.5–5 µm, some µrad.
-//! Left out is what a rigid-body machine has already: terms of u alone, and heights of v alone, which are the
-//! straightness of the carriage. A roll by v alone is the carriage's own angle where the two are neighbours in the
-//! chain, and no such angle where the third axis hangs between them.
+//! Formula, with u the axis of the joint and v the other one, each −1 … 1 over its stroke, and Legendre polynomials P:
+//! angle of the joint about one machine axis = Σ angle_ij P_i(v)·P_j(u), i ≥ 1, i + j ≤ 3; across that axis the joint
+//! moves by Σ P_i(v)·P_j(u), i and j ≥ 1, i + j ≤ 3, upwards with one order more, as a roll lifts by its lever: the
+//! turn's pivot lies where no drawing tells. Inputs: readings (m). Typical 0.5–5 µm, some µrad.
+//! Left out is what a rigid-body machine has already: terms of u alone, and motions by v alone, which are the errors of
+//! v. An angle by v alone is that axis' own where the two are neighbours in the chain, and no such angle where the third
+//! hangs between them.
 
 use super::empirical::legendre;
 use super::known::{Known, Observed};
@@ -19,8 +18,8 @@ use crate::machine::Machine;
 /// Entry in the registry.
 pub(super) const KNOWN: Known = Known {
     name: "carriage_sag",
-    title: "sag under a travelling carriage",
-    formula: "roll of u = sum roll_ij P_i(v) P_j(u), height and side of u likewise, v the carriage",
+    title: "sag or twist under a travelling carriage",
+    formula: "angle of u = sum angle_ij P_i(v) P_j(u), motions across it likewise, v the other axis",
     typical: "0.5-5 um, some urad",
     source: "Schwenke et al. 2008 (load-induced errors); beam on two supports under a moving load",
     needs: "lines that vary both axes, with some lever below the carriage",
@@ -29,45 +28,58 @@ pub(super) const KNOWN: Known = Known {
     propose,
     refine: None,
 };
-/// Orders (along the carriage, along the carrying axis) of the roll.
-const ROLL: [(usize, usize); 6] = [(1, 0), (2, 0), (3, 0), (1, 1), (2, 1), (1, 2)];
+/// Orders (of the other axis, of the joint's own) of the angle.
+const ANGLE: [(usize, usize); 6] = [(1, 0), (2, 0), (3, 0), (1, 1), (2, 1), (1, 2)];
+/// Orders of level motions.
+const LEVEL: [(usize, usize); 3] = [(1, 1), (2, 1), (1, 2)];
 /// Orders of the height.
-const HEIGHT: [(usize, usize); 5] = [(1, 1), (2, 1), (3, 1), (1, 2), (2, 2)];
-/// Orders of the sideways motion.
-const SIDE: [(usize, usize); 3] = [(1, 1), (2, 1), (1, 2)];
-/// Highest order of either.
+const HEIGHT: [(usize, usize); 5] = [(1, 1), (2, 1), (1, 2), (3, 1), (2, 2)];
+/// Highest order of any.
 const ORDER: usize = 3;
 
 #[derive(Debug)]
 struct CarriageSag {
     carrying: Axis,
     carriage: Axis,
+    about: Axis,
     stroke_m: [(f64, f64); 3],
 }
 
 fn construct(shape: &Shape, machine: &Machine) -> Result<Box<dyn Effect>, EffectError> {
     let mut reader = Reader::new(KNOWN.name, shape);
     let (carrying, carriage) = (reader.axis("carrying")?, reader.axis("carriage")?);
+    let about = reader.axis("about")?;
     if carrying == carriage {
         return Err(reader.wrong("carriage", "must be another axis than the carrying one"));
     }
     reader.finish()?;
-    Ok(Box::new(CarriageSag { carrying, carriage, stroke_m: machine.stroke_m }))
+    Ok(Box::new(CarriageSag { carrying, carriage, about, stroke_m: machine.stroke_m }))
 }
 
-/// All pairs in both orders: which way the load is passed on is not in the chain alone.
+/// All pairs in both orders, about each axis: which way the load is passed on is not in the chain alone.
 fn propose(_observed: &Observed) -> Vec<Shape> {
     let pairs = Axis::ALL.into_iter().flat_map(|u| Axis::ALL.into_iter().map(move |v| (u, v))).filter(|(u, v)| u != v);
-    pairs.map(|(u, v)| Shape::new().text("carrying", u.lower()).text("carriage", v.lower())).collect()
+    let shape = |u: Axis, v: Axis, about: Axis| {
+        Shape::new().text("carrying", u.lower()).text("carriage", v.lower()).text("about", about.lower())
+    };
+    pairs.flat_map(|(u, v)| Axis::ALL.map(|about| shape(u, v, about))).collect()
 }
 
 impl CarriageSag {
-    /// Where a roll of the carrying axis takes what hangs below it.
-    fn sideways(&self) -> Axis {
-        match self.carrying {
-            Axis::X => Axis::Y,
-            Axis::Y | Axis::Z => Axis::X,
+    /// Name, what it moves and orders of each parameter.
+    fn terms(&self) -> Vec<(&'static str, Acts, (usize, usize))> {
+        let turn = Acts::Error(ErrorId::angular(self.about, self.carrying));
+        let mut terms: Vec<_> = ANGLE.map(|orders| ("angle", turn, orders)).to_vec();
+        for direction in Axis::ALL.into_iter().filter(|axis| *axis != self.about) {
+            let motion = Acts::Error(ErrorId::linear(direction, self.carrying));
+            let (name, orders): (_, &[(usize, usize)]) = match direction {
+                Axis::X => ("x", &LEVEL),
+                Axis::Y => ("y", &LEVEL),
+                Axis::Z => ("height", &HEIGHT),
+            };
+            terms.extend(orders.iter().map(|orders| (name, motion, *orders)));
         }
+        terms
     }
 
     fn orders(&self, axis: Axis, state: &State) -> Vec<f64> {
@@ -82,20 +94,16 @@ impl Effect for CarriageSag {
     }
 
     fn parameters(&self) -> Vec<ParameterSpec> {
-        let roll = ROLL.map(|(i, j)| ParameterSpec::new(format!("roll_{i}_{j}"), "rad", 200e-6));
-        let height = HEIGHT.map(|(i, j)| ParameterSpec::new(format!("height_{i}_{j}"), "m", 100e-6));
-        let side = SIDE.map(|(i, j)| ParameterSpec::new(format!("side_{i}_{j}"), "m", 100e-6));
-        roll.into_iter().chain(height).chain(side).collect()
+        let spec = |(name, _, (i, j)): (&str, Acts, (usize, usize))| match name {
+            "angle" => ParameterSpec::new(format!("angle_{i}_{j}"), "rad", 200e-6),
+            _ => ParameterSpec::new(format!("{name}_{i}_{j}"), "m", 100e-6),
+        };
+        self.terms().into_iter().map(spec).collect()
     }
 
     fn motion(&self, state: &State, part: &mut Motion) -> Result<(), CovariateProblem> {
         let (u, v) = (self.orders(self.carrying, state), self.orders(self.carriage, state));
-        let roll = Acts::Error(ErrorId::angular(self.carrying, self.carrying));
-        let height = Acts::Error(ErrorId::linear(Axis::Z, self.carrying));
-        let side = Acts::Error(ErrorId::linear(self.sideways(), self.carrying));
-        let terms = ROLL.map(|orders| (roll, orders)).into_iter().chain(HEIGHT.map(|orders| (height, orders)));
-        let terms = terms.chain(SIDE.map(|orders| (side, orders)));
-        for (k, (acts, (i, j))) in terms.enumerate() {
+        for (k, (_, acts, (i, j))) in self.terms().into_iter().enumerate() {
             part(k, acts, v[i] * u[j]);
         }
         Ok(())
@@ -108,7 +116,7 @@ mod tests {
     use super::*;
 
     fn tip_at(reading_m: [f64; 3], parameters: [f64; 14]) -> nalgebra::Vector3<f64> {
-        let shape = Shape::new().text("carrying", "x").text("carriage", "y");
+        let shape = Shape::new().text("carrying", "x").text("carriage", "y").text("about", "x");
         let effect = construct(&shape, &machine()).unwrap();
         let state = State { reading_m, offset_m: [0.0, 0.0, -0.5], covariates: &One(0.0) };
         tip_m(effect.as_ref(), &state, &parameters)
@@ -127,7 +135,7 @@ mod tests {
     /// A height without mixed terms would be a straightness: its double difference is zero, that of these is not.
     #[test]
     fn no_height_is_the_straightness_of_one_axis() {
-        for k in 6..11 {
+        for k in 9..14 {
             let mut parameters = [0.0; 14];
             parameters[k] = 1e-6;
             let z_m = |x_m: f64, y_m: f64| tip_at([x_m, y_m, 0.1], parameters).z;
@@ -138,7 +146,7 @@ mod tests {
 
     #[test]
     fn an_axis_does_not_carry_itself() {
-        let shape = Shape::new().text("carrying", "x").text("carriage", "x");
+        let shape = Shape::new().text("carrying", "x").text("carriage", "x").text("about", "x");
         assert!(construct(&shape, &machine()).is_err());
     }
 }

@@ -2,8 +2,8 @@
 //!
 //! Formula, with ΔT = warm − cold (K), reading r on the stroke r₀ … r₁ and middle m, all times ΔT: the guideway runs at
 //! height −½κ(r − r₀)(r − r₁) + ramp·(r − m) + heave; the carriage pitches by −slope·(r − m) + tilt; it moves along the
-//! axis by shift + stretch·(r − m). On one bent beam slope = κ and tilt = ramp (bending theory); they are separate since
-//! columns and carriage may ride on other parts than the one that bends, and shift and stretch say at which height the
+//! axis by shift + stretch·(r − m). On one bent beam (form `beam`) slope = κ, tilt = ramp (bending theory) and nothing
+//! moves along; in form `free` they are separate, since columns and carriage may ride on other parts than the one that bends, and shift and stretch say at which height the
 //! carriage pivots, as no drawing tells. Inputs: reading (m), two logged temperatures (°C). κ is about α/height of the
 //! guideway (1e-5/(m·K) at one metre), so 1–5 µm/K.
 //! Of a workpiece-side axis the table follows the guideway: the tool sinks relative to it where the guideway rises.
@@ -39,6 +39,8 @@ struct GradientBow {
     rise: f64,
     /// Angle of the carriage per slope of the guideway: a climb along x turns about −y, along y about +x.
     turn_sign: f64,
+    /// One bent beam carries everything: slope = curvature, tilt = ramp, and nothing moves along the axis.
+    beam: bool,
     warm: String,
     cold: String,
 }
@@ -55,6 +57,11 @@ fn construct(shape: &Shape, machine: &Machine) -> Result<Box<dyn Effect>, Effect
     if warm == cold {
         return Err(reader.wrong("cold", "must name another sensor than warm"));
     }
+    let beam = match reader.text("form")? {
+        "beam" => true,
+        "free" => false,
+        _ => return Err(reader.wrong("form", "must be beam or free")),
+    };
     reader.finish()?;
     let on_table = machine.joints.iter().any(|joint| joint.axis == axis && joint.side == Side::Workpiece);
     Ok(Box::new(GradientBow {
@@ -64,6 +71,7 @@ fn construct(shape: &Shape, machine: &Machine) -> Result<Box<dyn Effect>, Effect
         stroke_m: machine.stroke_m[axis.index()],
         rise: if on_table { -1.0 } else { 1.0 },
         turn_sign,
+        beam,
         warm,
         cold,
     }))
@@ -80,10 +88,11 @@ fn propose(observed: &Observed) -> Vec<Shape> {
     if observed.varies("temp_air_c") && observed.varies("temp_granite_c") {
         pairs.push(("temp_air_c".to_owned(), "temp_granite_c".to_owned()));
     }
-    let shape = |axis: Axis, (warm, cold): &(String, String)| {
-        Shape::new().text("axis", axis.lower()).text("warm", warm.as_str()).text("cold", cold.as_str())
+    let shapes = |axis: Axis, (warm, cold): &(String, String)| {
+        let shape = Shape::new().text("axis", axis.lower()).text("warm", warm.as_str()).text("cold", cold.as_str());
+        ["beam", "free"].map(|form| shape.clone().text("form", form))
     };
-    [Axis::X, Axis::Y].into_iter().flat_map(|axis| pairs.iter().map(move |pair| shape(axis, pair))).collect()
+    [Axis::X, Axis::Y].into_iter().flat_map(|axis| pairs.iter().flat_map(move |pair| shapes(axis, pair))).collect()
 }
 
 impl Effect for GradientBow {
@@ -96,15 +105,17 @@ impl Effect for GradientBow {
     }
 
     fn parameters(&self) -> Vec<ParameterSpec> {
-        vec![
+        let mut specs = vec![
             ParameterSpec::new("curvature", "1/(m K)", 200e-6),
-            ParameterSpec::new("slope", "1/(m K)", 200e-6),
             ParameterSpec::new("ramp", "rad/K", 100e-6),
-            ParameterSpec::new("tilt", "rad/K", 100e-6),
             ParameterSpec::new("heave", "m/K", 50e-6),
+            ParameterSpec::new("slope", "1/(m K)", 200e-6),
+            ParameterSpec::new("tilt", "rad/K", 100e-6),
             ParameterSpec::new("shift", "m/K", 50e-6),
             ParameterSpec::new("stretch", "1/K", 50e-6),
-        ]
+        ];
+        specs.truncate(if self.beam { 3 } else { 7 });
+        specs
     }
 
     fn motion(&self, state: &State, part: &mut Motion) -> Result<(), CovariateProblem> {
@@ -117,12 +128,15 @@ impl Effect for GradientBow {
         let along = Acts::Error(ErrorId::linear(self.axis, self.axis));
         let (rise, turned) = (difference_k * self.rise, difference_k * self.turn_sign);
         part(0, height, rise * arch);
-        part(1, turn, -turned * from_middle_m);
-        part(2, height, rise * from_middle_m);
-        part(3, turn, turned);
-        part(4, height, rise);
-        part(5, along, difference_k);
-        part(6, along, difference_k * from_middle_m);
+        part(1, height, rise * from_middle_m);
+        part(2, height, rise);
+        let (slope, tilt) = if self.beam { (0, 1) } else { (3, 4) };
+        part(slope, turn, -turned * from_middle_m);
+        part(tilt, turn, turned);
+        if !self.beam {
+            part(5, along, difference_k);
+            part(6, along, difference_k * from_middle_m);
+        }
         Ok(())
     }
 }
@@ -133,7 +147,11 @@ mod tests {
     use super::*;
 
     fn motions(axis: &str, machine: &Machine, reading_m: [f64; 3]) -> Vec<(usize, Acts, f64)> {
-        let shape = Shape::new().text("axis", axis).text("warm", "temp_top_c").text("cold", "temp_bottom_c");
+        let shape = Shape::new()
+            .text("axis", axis)
+            .text("warm", "temp_top_c")
+            .text("cold", "temp_bottom_c")
+            .text("form", "free");
         let effect = construct(&shape, machine).unwrap();
         let source = Each(&[("temp_top_c", 20.5), ("temp_bottom_c", 20.0)]);
         let mut found = Vec::new();
@@ -154,14 +172,14 @@ mod tests {
         let at = |x_m: f64| motions("x", &machine(), [x_m, 0.1, 0.1]);
         assert!((amount(&at(0.4), 0, "EZX") * kappa - 0.4e-6).abs() < 1e-18);
         assert_eq!((amount(&at(0.0), 0, "EZX"), amount(&at(0.8), 0, "EZX")), (0.0, 0.0));
-        let turned = amount(&at(0.8), 1, "EBX") - amount(&at(0.0), 1, "EBX");
+        let turned = amount(&at(0.8), 3, "EBX") - amount(&at(0.0), 3, "EBX");
         assert!((turned * kappa - 4e-6).abs() < 1e-18, "climbing along x is a negative turn about y");
     }
 
     #[test]
     fn on_one_beam_the_carriage_turns_by_the_slope_of_its_guideway() {
         for (axis, height, turn, sign) in [("x", "EZX", "EBX", -1.0), ("y", "EZY", "EAY", 1.0)] {
-            for (rising, turning) in [(0, 1), (2, 3)] {
+            for (rising, turning) in [(0, 3), (1, 4)] {
                 let at = |r_m: f64| motions(axis, &machine(), [r_m, r_m, 0.1]);
                 let slope = amount(&at(0.501), rising, height) - amount(&at(0.499), rising, height);
                 let angle = amount(&at(0.5), turning, turn);
@@ -176,6 +194,6 @@ mod tests {
         table.joints[0].side = Side::Workpiece;
         let [tool, table] = [machine(), table].map(|machine| motions("x", &machine, [0.3, 0.1, 0.1]));
         assert_eq!(amount(&tool, 0, "EZX"), -amount(&table, 0, "EZX"));
-        assert_eq!(amount(&tool, 1, "EBX"), amount(&table, 1, "EBX"));
+        assert_eq!(amount(&tool, 3, "EBX"), amount(&table, 3, "EBX"));
     }
 }
