@@ -18,6 +18,13 @@ pub(crate) struct Known {
     unit: &'static str,
 }
 
+impl Known {
+    /// A column by its name, the name before the unit suffix, and the unit in words.
+    pub(crate) const fn new(name: &'static str, stem: &'static str, unit: &'static str) -> Known {
+        Known { name, stem, unit }
+    }
+}
+
 const fn millimetres(name: &'static str, stem: &'static str) -> Known {
     Known { name, stem, unit: "millimetres" }
 }

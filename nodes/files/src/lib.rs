@@ -16,6 +16,7 @@ mod model_file;
 mod model_record;
 mod names;
 mod points_csv;
+mod study_csv;
 mod toml_place;
 mod units;
 
@@ -26,3 +27,7 @@ pub use error::{FileError, Place};
 pub use machine::{MachineFile, OrderChoice, SIGN_CONVENTION, machine_text, parse_machine, read_machine};
 pub use model_file::{DataSource, ModelFile, ResidualReference, hex};
 pub use points_csv::{ADDED_COLUMNS, PointRow, PointsReader, PointsWriter, RowCovariates, status_word};
+pub use study_csv::{
+    StudyFile, read_residual_vectors, read_residual_vectors_file, read_runs, read_runs_file, read_sphere_centres,
+    read_sphere_centres_file,
+};

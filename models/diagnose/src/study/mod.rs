@@ -17,6 +17,7 @@ mod placebo;
 pub mod runs;
 mod search;
 mod smooth;
+pub mod vectors;
 
 pub use diagnosis::{
     Alternative, Ambiguity, Blocks, Considered, Effect, HeldOutRms, Judgement, Kind, LackOfFit, Parameter, Placebo,

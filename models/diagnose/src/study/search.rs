@@ -6,7 +6,7 @@
 //! superfluous goes out again.
 
 use super::candidate::Study;
-use super::diagnosis::Considered;
+use super::diagnosis::{Considered, Kind};
 use super::fit::Fit;
 use super::judge::held_out_rms;
 use super::placebo::placebo;
@@ -136,14 +136,17 @@ fn step(
     Ok(None)
 }
 
-/// Moves the simplest form of the best candidate to the front, where its evidence is close: the finer form has to pass
-/// on what the simple one leaves.
+/// Moves to the front what explains as well as the best in simpler words, where the evidence is close: a physical
+/// effect before a description, and of its forms the simplest. The finer form has to pass on what the simple one leaves.
 fn simplest_first(study: &dyn Study, passing: &mut Vec<Scored>) {
-    let Some(best) = passing.first() else { return };
-    let (family, evidence) = (&study.candidates()[best.candidate].family, best.evidence);
-    let is_form = |s: &Scored| study.candidates()[s.candidate].family == *family && evidence - s.evidence < COMPARABLE;
-    let simplest = (0..passing.len()).filter(|k| is_form(&passing[*k])).min_by_key(|k| passing[*k].score.degrees);
-    if let Some(k) = simplest {
+    let Some(most) = passing.first().map(|scored| scored.evidence) else { return };
+    let candidate = |scored: &Scored| &study.candidates()[scored.candidate];
+    let close = |scored: &Scored| most - scored.evidence < COMPARABLE;
+    let is_physical = |scored: &&Scored| close(scored) && candidate(scored).kind == Kind::Attributed;
+    let Some(best) = passing.iter().find(is_physical).or(passing.first()) else { return };
+    let family = candidate(best).family.clone();
+    let forms = (0..passing.len()).filter(|k| close(&passing[*k]) && candidate(&passing[*k]).family == family);
+    if let Some(k) = forms.min_by_key(|k| passing[*k].score.degrees) {
         let first = passing.remove(k);
         passing.insert(0, first);
     }

@@ -1,0 +1,50 @@
+//! Residual vectors of any calibration: what a model that is not ours lacks.
+//!
+//! Place in the flow: residuals (actual − predicted, m) with positions and whatever was logged in, diagnosis out. Base
+//! model: a rigid motion of the frame, six unknowns. Candidates: every registered effect that moves the tip, where a
+//! machine says which chain stands behind the positions; and, without any chain, each component of the residual as a
+//! smooth function of each logged quantity and each pair, and once or twice a turn of each angle. The 21 errors of a
+//! chain are not part of the base, so what they do shows up as dependence on position. Blocks are those of the file,
+//! else stretches of time, else cells of space.
+
+mod blocks;
+mod problem;
+mod registered;
+mod shape;
+
+use super::assemble;
+use super::diagnosis::StudyDiagnosis;
+use super::search::Options;
+use crate::error::DiagnoseError;
+use abbe_geometry::machine::Machine;
+use problem::Vectors;
+use std::collections::BTreeMap;
+
+/// One residual.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct ResidualVector {
+    /// Indicated position (m, machine frame).
+    pub position_m: [f64; 3],
+    /// Actual less predicted (m).
+    pub residual_m: [f64; 3],
+    /// Standard uncertainty (k = 1) of each component (m).
+    pub u_m: Option<[f64; 3]>,
+    /// Time (s).
+    pub time_s: Option<f64>,
+    /// Name of what was measured together.
+    pub block: Option<String>,
+    /// Joints and further logged quantities by name, in the unit of their name.
+    pub covariates: BTreeMap<String, f64>,
+}
+
+/// Diagnoses residual vectors; `machine` names the chain behind the positions, its default offset that of the tip.
+///
+/// # Errors
+/// Too few vectors, figures that are not finite, an effect that does not fit the machine.
+pub fn diagnose(
+    vectors: &[ResidualVector],
+    machine: Option<&Machine>,
+    options: &Options,
+) -> Result<StudyDiagnosis, DiagnoseError> {
+    assemble::diagnose(&mut Vectors::new(vectors, machine)?, options)
+}

@@ -1,0 +1,158 @@
+//! Registered effects on residual vectors: their tip motion under a nominal chain.
+//!
+//! Place in the flow: the study of vectors takes effects from the one registry of the geometry crate. An effect that
+//! moves only what a tracer reads cannot show here and is listed as untestable. SI.
+
+use super::ResidualVector;
+use crate::error::DiagnoseError;
+use crate::study::candidate::Candidate;
+use crate::study::diagnosis::{Kind, Untestable};
+use abbe_geometry::chain::{ErrorValues, chain_point};
+use abbe_geometry::effects::{
+    CovariateSource, CovariateValue, Effect, Known, Observed, REGISTRY, Shape, ShapeValue, State, construct,
+    tip_columns,
+};
+use abbe_geometry::machine::Machine;
+use abbe_geometry::{Axis, Vector3};
+
+/// Effects that the look without candidates covers by other means.
+const LOOKED_FOR_OTHERWISE: &str = "empirical";
+/// The effect whose shapes are a scan of periods.
+const SCANNED: &str = "periodic_scale";
+/// Cycles over the range of positions that are scanned, and their step.
+const CYCLES: (f64, f64, f64) = (2.0, 20.0, 0.25);
+
+/// A registered effect with its candidate.
+#[derive(Debug)]
+pub(super) struct Registered {
+    pub(super) effect: Box<dyn Effect>,
+    pub(super) candidate: Candidate,
+}
+
+/// What one vector logged, for effects; times count from the first.
+pub(super) struct Logged<'a> {
+    pub(super) vector: &'a ResidualVector,
+    pub(super) start_s: f64,
+}
+
+impl CovariateSource for Logged<'_> {
+    fn covariate(&self, name: &str) -> CovariateValue {
+        let value = match name {
+            "time_s" => self.vector.time_s.map(|time_s| time_s - self.start_s),
+            _ => self.vector.covariates.get(name).copied(),
+        };
+        value.map_or(CovariateValue::Missing, CovariateValue::Fresh)
+    }
+}
+
+/// Motion of the tip per unit of each parameter (m per unit) at one vector.
+pub(super) fn motion(
+    effect: &dyn Effect,
+    machine: &Machine,
+    logged: &Logged,
+) -> Result<Vec<Vector3<f64>>, DiagnoseError> {
+    let offset_m = machine.default_offset_m.unwrap_or([0.0; 3]);
+    let position_m = logged.vector.position_m;
+    let reading_m = [0, 1, 2].map(|k| position_m[k] - offset_m[k]);
+    let point = chain_point(machine, reading_m, offset_m, &ErrorValues::ZERO);
+    let state = State { reading_m, offset_m, covariates: logged };
+    Ok(tip_columns(effect, &state, &point.by_error)?)
+}
+
+/// All effects that can be tested, and those that cannot.
+pub(super) fn registered(
+    vectors: &[ResidualVector],
+    machine: &Machine,
+    varying: &[String],
+    time_s: (f64, f64),
+) -> Result<(Vec<Registered>, Vec<Untestable>), DiagnoseError> {
+    let (mut effects, mut untestable) = (Vec::new(), Vec::new());
+    // Effects of stations are proposed for one that does not exist, so that they show themselves as such.
+    let stations = ["none".to_owned()];
+    let offsets_m = [machine.default_offset_m.unwrap_or([0.0; 3])];
+    let observed = Observed { machine, varying, stations: &stations, offsets_m: &offsets_m, time_s };
+    for entry in REGISTRY.iter().filter(|entry| entry.name != LOOKED_FOR_OTHERWISE) {
+        let shapes = if entry.name == SCANNED { periods(vectors) } else { (entry.propose)(&observed) };
+        let none = |needs: String| Untestable { name: entry.title.to_owned(), needs };
+        if shapes.is_empty() {
+            untestable.push(none(entry.needs.to_owned()));
+            continue;
+        }
+        let before = effects.len();
+        for shape in shapes {
+            let effect = construct(entry.name, &shape, machine)?;
+            if moves_the_tip(effect.as_ref(), vectors, machine, time_s.0)? {
+                let candidate = candidate(entry, &shape, effect.as_ref());
+                effects.push(Registered { effect, candidate });
+            }
+        }
+        if effects.len() == before {
+            let needs = "ranges of a tracer: it does not move the tip, so residual vectors cannot show it";
+            untestable.push(none(needs.to_owned()));
+        }
+    }
+    Ok((effects, untestable))
+}
+
+/// Whether it moves the tip at any vector; an effect that needs what was not logged does not.
+fn moves_the_tip(
+    effect: &dyn Effect,
+    vectors: &[ResidualVector],
+    machine: &Machine,
+    start_s: f64,
+) -> Result<bool, DiagnoseError> {
+    for vector in vectors {
+        match motion(effect, machine, &Logged { vector, start_s }) {
+            Ok(columns) if columns.iter().any(|column| *column != Vector3::zeros()) => return Ok(true),
+            Ok(_) => {}
+            Err(DiagnoseError::Covariate(_)) => return Ok(false),
+            Err(other) => return Err(other),
+        }
+    }
+    Ok(false)
+}
+
+fn periods(vectors: &[ResidualVector]) -> Vec<Shape> {
+    let (first, last, step) = CYCLES;
+    let count = ((last - first) / step) as usize;
+    let mut shapes = Vec::new();
+    for axis in Axis::ALL {
+        let values: Vec<f64> = vectors.iter().map(|vector| vector.position_m[axis.index()]).collect();
+        let Some((low, high)) = crate::study::smooth::range(&values) else { continue };
+        // Beyond half as many cycles as there are positions along the axis nothing is resolved.
+        let most = crate::study::smooth::levels(&values) as f64 / 2.0;
+        let cycles = (0..=count).map(|k| first + step * k as f64).filter(|cycles| *cycles < most);
+        shapes.extend(cycles.map(|c| Shape::new().text("axis", axis.lower()).number("period_m", (high - low) / c)));
+    }
+    shapes
+}
+
+fn candidate(entry: &'static Known, shape: &Shape, effect: &dyn Effect) -> Candidate {
+    let text = |value: &ShapeValue| match value {
+        ShapeValue::Text(text) => Some(text.clone()),
+        ShapeValue::Texts(texts) => Some(texts.join(" and ")),
+        ShapeValue::Number(_) | ShapeValue::Numbers(_) => None,
+    };
+    let named: Vec<String> = shape.0.values().filter_map(text).collect();
+    let figures: Vec<String> = shape.0.iter().filter_map(|(key, value)| figure(key, value)).collect();
+    let about = named.iter().chain(&figures).cloned().collect::<Vec<_>>().join(", ");
+    Candidate {
+        name: if about.is_empty() { entry.title.to_owned() } else { format!("{} ({about})", entry.title) },
+        formula: format!("{}; typical {}", entry.formula, entry.typical),
+        kind: Kind::Attributed,
+        family: format!("{} {}", entry.name, named.join(" ")),
+        covariates: effect.covariates(),
+        parameters: effect.parameters(),
+        decided_by: entry.decided_by.to_owned(),
+    }
+}
+
+fn figure(key: &str, value: &ShapeValue) -> Option<String> {
+    match value {
+        ShapeValue::Number(value) => Some(format!("{key} {value:.6}")),
+        ShapeValue::Numbers(values) => {
+            Some(format!("{key} {}", values.iter().map(|v| format!("{v:.6}")).collect::<Vec<_>>().join(" ")))
+        }
+        ShapeValue::Text(_) | ShapeValue::Texts(_) => None,
+    }
+}

@@ -1,0 +1,199 @@
+//! Simulated residual vectors with and without each cause: named where a registered effect explains them, described
+//! where none does, silent where there is nothing. The errors are written out here, not taken from the effects.
+#![allow(clippy::unwrap_used, clippy::panic)] // tests may
+
+use abbe_diagnose::study::vectors::{ResidualVector, diagnose};
+use abbe_diagnose::study::{Kind, Options, StudyDiagnosis};
+use abbe_geometry::Axis;
+use abbe_geometry::machine::{Joint, Machine, Side, Squareness};
+use abbe_geometry::rotation::RotationForm;
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use std::f64::consts::TAU;
+
+const SIGMA_M: f64 = 1e-6;
+const SEEDS: u64 = 20;
+
+/// Error (m) at a vector.
+type Error = fn(&ResidualVector) -> [f64; 3];
+
+fn machine() -> Machine {
+    let tilt = |name: &str, tilts, about| Squareness { name: name.to_owned(), tilts, about };
+    Machine {
+        name: "bridge".to_owned(),
+        frame_id: "machine".to_owned(),
+        joints: Axis::ALL.map(|axis| Joint { axis, side: Side::Tool }),
+        stroke_m: [(0.0, 0.8), (0.0, 0.6), (0.0, 0.6)],
+        squareness: [tilt("C0Y", Axis::Y, Axis::Z), tilt("B0Z", Axis::Z, Axis::Y), tilt("A0Z", Axis::Z, Axis::X)],
+        rotation: RotationForm::Exact,
+        kinds: [None; 18],
+        repeatability_m: [0.25e-6; 3],
+        default_offset_m: None,
+    }
+}
+
+fn normal(generator: &mut ChaCha8Rng) -> f64 {
+    let (a, b): (f64, f64) = (generator.random(), generator.random());
+    (-2.0 * (1.0 - a).ln()).sqrt() * (TAU * b).cos()
+}
+
+/// 240 positions in random order with a temperature, a load, a direction and a joint angle; a frame slightly moved.
+fn measured(error: Error, seed: u64) -> Vec<ResidualVector> {
+    let mut generator = ChaCha8Rng::seed_from_u64(seed);
+    let mut vectors = Vec::new();
+    for k in 0..240 {
+        let position_m = [0.8, 0.6, 0.6].map(|stroke| stroke * generator.random::<f64>());
+        let time_s = 10.0 * k as f64;
+        let covariates = [
+            ("temp_scale_x_c".to_owned(), 21.0 + (time_s / 300.0).sin()),
+            ("payload_n".to_owned(), generator.random_range(0.0..40.0)),
+            ("dir_x".to_owned(), if generator.random_bool(0.5) { 1.0 } else { -1.0 }),
+            ("joint_1_deg".to_owned(), generator.random_range(-170.0..170.0)),
+        ];
+        let mut vector = ResidualVector {
+            position_m,
+            time_s: Some(time_s),
+            covariates: covariates.into(),
+            u_m: Some([SIGMA_M; 3]),
+            ..ResidualVector::default()
+        };
+        let [x, y, _] = position_m;
+        let moved = [5e-6 - 8e-6 * y, -3e-6 + 8e-6 * x, 1e-6];
+        let own = error(&vector);
+        vector.residual_m = [0, 1, 2].map(|d| moved[d] + own[d] + SIGMA_M * normal(&mut generator));
+        vectors.push(vector);
+    }
+    vectors
+}
+
+fn options() -> Options {
+    Options { placebo_draws: 30, ..Options::default() }
+}
+
+fn study(error: Error, seed: u64) -> StudyDiagnosis {
+    diagnose(&measured(error, seed), Some(&machine()), &options()).unwrap()
+}
+
+fn names(diagnosis: &StudyDiagnosis) -> Vec<&str> {
+    diagnosis.effects.iter().map(|effect| effect.name.as_str()).collect()
+}
+
+#[test]
+fn nothing_is_found_in_noise() {
+    let mut alarms = Vec::new();
+    for seed in 0..SEEDS {
+        let diagnosis = study(|_| [0.0; 3], seed);
+        if !diagnosis.effects.is_empty() {
+            alarms.push((seed, names(&diagnosis).join(", ")));
+        }
+        assert!((0.85..1.15).contains(&diagnosis.before.chi2_per_dof.unwrap()));
+    }
+    assert!(alarms.len() <= 1, "more than 5 %: {alarms:?}");
+}
+
+/// In every seed exactly one effect, whose name holds these words, and the noise left.
+#[track_caller]
+fn assert_found(error: Error, words: &[&str], kind: Kind) {
+    let mut wrong = Vec::new();
+    for seed in 0..5 {
+        let diagnosis = study(error, 500 + seed);
+        let found = names(&diagnosis);
+        let is_right = found.len() == 1 && words.iter().all(|word| found[0].contains(word));
+        let (before, after) = (diagnosis.before.held_out.rms_um, diagnosis.after.held_out.rms_um);
+        if !(is_right && diagnosis.effects[0].kind == kind && after < 1.1 && before > 1.05 * after) {
+            wrong.push((seed, found.join(" + "), before, after));
+        }
+    }
+    assert!(wrong.is_empty(), "{wrong:?}");
+}
+
+#[test]
+fn thermal_expansion_is_attributed() {
+    let error: Error = |v| [11e-6 * (v.covariates["temp_scale_x_c"] - 20.0) * (v.position_m[0] - 0.2), 0.0, 0.0];
+    assert_found(error, &["expansion", "x", "temp_scale_x_c"], Kind::Attributed);
+}
+
+#[test]
+fn backlash_is_attributed() {
+    assert_found(|v| [-0.5 * 3e-6 * v.covariates["dir_x"], 0.0, 0.0], &["backlash", "x"], Kind::Attributed);
+}
+
+#[test]
+fn warm_up_is_attributed() {
+    let error: Error = |v| {
+        let grown = 1.0 - (-v.time_s.unwrap() / 700.0).exp();
+        [0.0, 2e-6 * grown, -8e-6 * grown]
+    };
+    assert_found(error, &["warm-up"], Kind::Attributed);
+}
+
+#[test]
+fn what_no_effect_describes_is_named_by_its_quantities_and_component() {
+    let error: Error = |v| [0.0, 3e-6 * (v.covariates["payload_n"] / 20.0 - 1.0).powi(2), 0.0];
+    assert_found(error, &["smooth in payload_n", "component y"], Kind::Empirical);
+    let error: Error = |v| {
+        let [p, z] = [v.covariates["payload_n"] / 20.0 - 1.0, v.position_m[2] / 0.3 - 1.0];
+        [0.0, 0.0, 3e-6 * p * z]
+    };
+    assert_found(error, &["product of z_m and payload_n", "component z"], Kind::Empirical);
+    let error: Error = |v| [2e-6 * (v.covariates["joint_1_deg"].to_radians() + 0.5).sin(), 0.0, 0.0];
+    assert_found(error, &["1 a turn of joint_1_deg", "component x"], Kind::Empirical);
+}
+
+#[test]
+fn two_causes_are_found_one_after_another_and_the_ladder_descends() {
+    let error: Error = |v| {
+        let grown = 11e-6 * (v.covariates["temp_scale_x_c"] - 20.0) * v.position_m[0];
+        [grown, 3e-6 * (v.covariates["payload_n"] / 20.0 - 1.0).powi(2), 0.0]
+    };
+    let diagnosis = study(error, 9);
+    assert_eq!(diagnosis.effects.len(), 2, "{:?}", names(&diagnosis));
+    let rungs: Vec<f64> = diagnosis.ladder.iter().map(|rung| rung.judgement.held_out.rms_um).collect();
+    assert!(rungs.windows(2).all(|pair| pair[1] < pair[0]) && rungs[2] < 1.1, "{rungs:?}");
+    let alpha = diagnosis.effects.iter().flat_map(|effect| &effect.parameters).find(|p| p.name == "alpha").unwrap();
+    assert!((alpha.value - 11e-6).abs() < 4.0 * alpha.u, "{alpha:?}");
+    assert!(diagnosis.effects.iter().all(|effect| effect.placebo.gain_95_um < 0.2 * effect.held_out_gain_um));
+}
+
+#[test]
+fn without_a_machine_it_still_says_what_the_residual_depends_on() {
+    let error: Error = |v| [11e-6 * (v.covariates["temp_scale_x_c"] - 20.0) * v.position_m[0], 0.0, 0.0];
+    let diagnosis = diagnose(&measured(error, 4), None, &options()).unwrap();
+    assert!(diagnosis.effects.iter().all(|effect| effect.kind == Kind::Empirical));
+    assert!(diagnosis.effects[0].covariates.contains(&"temp_scale_x_c".to_owned()), "{:?}", names(&diagnosis));
+    assert!(diagnosis.untestable.iter().any(|item| item.needs.contains("machine file")));
+}
+
+#[test]
+fn what_acts_on_ranges_only_and_what_was_not_logged_is_untestable() {
+    let diagnosis = study(|_| [0.0; 3], 1);
+    let needs = |part: &str| {
+        let found = diagnosis.untestable.iter().find(|item| item.name.contains(part));
+        found.unwrap_or_else(|| panic!("{part} is not in {:?}", diagnosis.untestable)).needs.clone()
+    };
+    assert!(needs("gimbal").contains("does not move the tip"));
+    assert!(needs("drift of the stand").contains("does not move the tip"));
+    assert!(needs("bow").contains("two temperatures"));
+}
+
+#[test]
+fn uncertainties_that_are_too_small_look_like_something_missing_but_nothing_is_claimed() {
+    let mut vectors = measured(|_| [0.0; 3], 2);
+    vectors.iter_mut().for_each(|vector| vector.u_m = Some([0.5 * SIGMA_M; 3]));
+    let diagnosis = diagnose(&vectors, None, &options()).unwrap();
+    assert!(diagnosis.effects.is_empty() && !diagnosis.consistent_with_noise);
+    assert!(diagnosis.before.chi2_per_dof.unwrap() > 3.5 && (diagnosis.before.estimated_sigma_um - 1.0).abs() < 0.1);
+}
+
+#[test]
+fn what_cannot_be_used_is_refused_with_a_remedy() {
+    let vectors = measured(|_| [0.0; 3], 1);
+    let message = |vectors: &[ResidualVector]| diagnose(vectors, None, &options()).unwrap_err().to_string();
+    assert!(message(&vectors[..5]).contains("more points"));
+    let mut two = vectors.clone();
+    two.iter_mut().enumerate().for_each(|(k, vector)| vector.block = Some(format!("{}", k % 2)));
+    assert!(message(&two).contains("column block"));
+    let mut broken = vectors;
+    broken[6].residual_m[1] = f64::NAN;
+    assert!(message(&broken).contains("vector 7"));
+}

@@ -1,0 +1,274 @@
+//! Data without a tracer from CSV: sphere centres of a five-axis machine, positioning runs, residual vectors.
+//!
+//! Place in the flow: file → here → rows in SI → study. Columns, units in the name:
+//! - sphere centres: `a_deg c_deg d_mm x_mm y_mm z_mm`, optional `u_um`;
+//! - positioning runs: `axis target_mm direction cycle measured_mm`, optional `time_s`; measured is the position actually
+//!   reached; direction is `+` or `-`, also `+1 -1 up down`;
+//! - residual vectors: `x_ y_ z_` in mm, um or m, `res_x_ res_y_ res_z_` and optionally `u_x_ u_y_ u_z_` likewise,
+//!   optional `time_s` and `block`.
+//!
+//! Any further column of the latter two holds numbers and is a covariate; an empty cell there was not logged.
+
+use crate::columns::{Header, Known, READING, TIME};
+use crate::csv_source::CsvSource;
+use crate::error::{FileError, Place};
+use abbe_diagnose::study::five_axis::SphereCentre;
+use abbe_diagnose::study::runs::{Approach, Run};
+use abbe_diagnose::study::vectors::ResidualVector;
+use csv::ByteRecord;
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::Read;
+use std::path::Path;
+
+const NUMBER_REMEDY: &str = "write a number with a decimal point, or remove the row";
+const COVARIATE_REMEDY: &str = "a further column must hold numbers to be a covariate: write a number, leave the cell \
+                                empty where nothing was logged, or remove the column";
+const A: Known = Known::new("a_deg", "a", "degrees");
+const C: Known = Known::new("c_deg", "c", "degrees");
+const DISTANCE: Known = Known::new("d_mm", "d", "millimetres");
+const U: Known = Known::new("u_um", "u", "micrometres");
+const CENTRES: [Known; 7] = [A, C, DISTANCE, READING[0], READING[1], READING[2], U];
+const AXIS: Known = Known::new("axis", "axis", "text");
+const TARGET: Known = Known::new("target_mm", "target", "millimetres");
+const DIRECTION: Known = Known::new("direction", "direction", "+ or -");
+const CYCLE: Known = Known::new("cycle", "cycle", "whole number");
+const MEASURED: Known = Known::new("measured_mm", "measured", "millimetres");
+const RUNS: [Known; 6] = [AXIS, TARGET, DIRECTION, CYCLE, MEASURED, TIME];
+const BLOCK: Known = Known::new("block", "block", "text");
+
+/// Rows of a study and the hash of the file they came from.
+#[derive(Debug, Clone, PartialEq)]
+pub struct StudyFile<T> {
+    /// In the order of the file.
+    pub rows: Vec<T>,
+    /// SHA-256 of the bytes of the file.
+    pub sha256: [u8; 32],
+}
+
+/// Reads sphere centres of a five-axis machine.
+pub fn read_sphere_centres_file(path: &Path) -> Result<StudyFile<SphereCentre>, FileError> {
+    let (input, file) = open(path)?;
+    read_sphere_centres(input, &file)
+}
+
+/// Reads positioning runs.
+pub fn read_runs_file(path: &Path) -> Result<StudyFile<Run>, FileError> {
+    let (input, file) = open(path)?;
+    read_runs(input, &file)
+}
+
+/// Reads residual vectors.
+pub fn read_residual_vectors_file(path: &Path) -> Result<StudyFile<ResidualVector>, FileError> {
+    let (input, file) = open(path)?;
+    read_residual_vectors(input, &file)
+}
+
+fn open(path: &Path) -> Result<(File, String), FileError> {
+    let file = path.display().to_string();
+    let input = File::open(path).map_err(FileError::io(&file, "open the data"))?;
+    Ok((input, file))
+}
+
+/// Reads sphere centres from anything; `file` is its name in messages.
+pub fn read_sphere_centres(input: impl Read, file: &str) -> Result<StudyFile<SphereCentre>, FileError> {
+    let source = CsvSource::new(input, file)?;
+    let header = source.header();
+    let require = |column| header.require(column, &CENTRES);
+    let [a, c, distance] = [require(A)?, require(C)?, require(DISTANCE)?];
+    let centre = [require(READING[0])?, require(READING[1])?, require(READING[2])?];
+    let u = header.optional(U, &CENTRES)?;
+    if let Some(stranger) = header.names().iter().find(|name| CENTRES.iter().all(|known| known.name != **name)) {
+        let problem = "the column is not known here";
+        return Err(FileError::content(header.place().column(stranger), problem, "remove it, or correct its name"));
+    }
+    rows(source, |row| {
+        Ok(SphereCentre {
+            a_rad: row.number(a)?.to_radians(),
+            c_rad: row.number(c)?.to_radians(),
+            distance_m: row.number(distance)? / 1e3,
+            centre_m: row.three(centre, 1e3)?,
+            u_m: u.map(|column| row.positive(column, 1e6)).transpose()?,
+        })
+    })
+}
+
+/// Reads positioning runs from anything; `file` is its name in messages.
+pub fn read_runs(input: impl Read, file: &str) -> Result<StudyFile<Run>, FileError> {
+    let source = CsvSource::new(input, file)?;
+    let header = source.header();
+    let require = |column| header.require(column, &RUNS);
+    let [axis, target, direction] = [require(AXIS)?, require(TARGET)?, require(DIRECTION)?];
+    let [cycle, measured] = [require(CYCLE)?, require(MEASURED)?];
+    let time = header.optional(TIME, &RUNS)?;
+    let covariates = strangers(header, |name| RUNS.iter().any(|known| known.name == name));
+    rows(source, |row| {
+        Ok(Run {
+            axis: row.text(axis)?,
+            target_m: row.number(target)? / 1e3,
+            approach: row.approach(direction)?,
+            cycle: row.whole(cycle)?,
+            measured_m: row.number(measured)? / 1e3,
+            time_s: row.optional(time)?,
+            covariates: row.covariates(&covariates)?,
+        })
+    })
+}
+
+/// Reads residual vectors from anything; `file` is its name in messages.
+pub fn read_residual_vectors(input: impl Read, file: &str) -> Result<StudyFile<ResidualVector>, FileError> {
+    let source = CsvSource::new(input, file)?;
+    let header = source.header();
+    let position = lengths(header, "")?.ok_or_else(|| no_lengths(header, ""))?;
+    let residual = lengths(header, "res_")?.ok_or_else(|| no_lengths(header, "res_"))?;
+    let u = lengths(header, "u_")?;
+    let known = [TIME, BLOCK];
+    let (time, block) = (header.optional(TIME, &known)?, header.optional(BLOCK, &known)?);
+    let mut used: Vec<usize> = [position.0, residual.0].concat();
+    used.extend(u.iter().flat_map(|(columns, _)| *columns).chain(time).chain(block));
+    let covariates = strangers(header, |name| header.find(name).is_some_and(|column| used.contains(&column)));
+    rows(source, |row| {
+        Ok(ResidualVector {
+            position_m: row.three(position.0, position.1)?,
+            residual_m: row.three(residual.0, residual.1)?,
+            u_m: u.map(|(columns, per_m)| row.three_positive(columns, per_m)).transpose()?,
+            time_s: row.optional(time)?,
+            block: block.map(|column| row.text(column)).transpose()?,
+            covariates: row.covariates(&covariates)?,
+        })
+    })
+}
+
+/// Suffixes of lengths and how many of the unit make a metre.
+const LENGTHS: [(&str, f64); 3] = [("mm", 1e3), ("um", 1e6), ("m", 1.0)];
+
+/// Columns of x, y and z with this prefix, all in one unit, and that unit per metre; `None` where none of them is there.
+fn lengths(header: &Header, prefix: &str) -> Result<Option<([usize; 3], f64)>, FileError> {
+    let find = |axis: &str, unit: &str| header.find(&format!("{prefix}{axis}_{unit}"));
+    let mut partly = None;
+    for (unit, per_m) in LENGTHS {
+        match ["x", "y", "z"].map(|axis| find(axis, unit)) {
+            [Some(x), Some(y), Some(z)] => return Ok(Some(([x, y, z], per_m))),
+            [None, None, None] => {}
+            found => partly = found.iter().position(Option::is_none).map(|k| (k, unit)),
+        }
+    }
+    let Some((missing, unit)) = partly else { return Ok(None) };
+    let name = format!("{prefix}{}_{unit}", ["x", "y", "z"][missing]);
+    let remedy = format!("add the column {name}, and write all three in one unit");
+    Err(FileError::content(header.place().column(&name), "the column is missing", remedy))
+}
+
+fn no_lengths(header: &Header, prefix: &str) -> FileError {
+    let name = format!("{prefix}x_mm");
+    let remedy =
+        format!("add the columns {prefix}x_mm, {prefix}y_mm and {prefix}z_mm (or all three ending in _um or _m)");
+    FileError::content(header.place().column(&name), "the column is missing", remedy)
+}
+
+/// Columns that nobody has asked for, with their names.
+fn strangers(header: &Header, is_known: impl Fn(&str) -> bool) -> Vec<(usize, String)> {
+    header.names().iter().enumerate().filter(|(_, name)| !is_known(name)).map(|(k, name)| (k, name.clone())).collect()
+}
+
+/// All rows of a file, at least one.
+fn rows<R: Read, T>(
+    mut source: CsvSource<R>,
+    mut read: impl FnMut(&Row) -> Result<T, FileError>,
+) -> Result<StudyFile<T>, FileError> {
+    let mut rows = Vec::new();
+    let mut record = ByteRecord::new();
+    while let Some(line) = source.next(&mut record)? {
+        rows.push(read(&Row { header: source.header(), record: &record, line })?);
+    }
+    if rows.is_empty() {
+        let remedy = "give one row for each measurement";
+        return Err(FileError::content(source.header().place(), "the file holds a header but no row", remedy));
+    }
+    Ok(StudyFile { rows, sha256: source.sha256() })
+}
+
+/// One row with its place.
+struct Row<'a> {
+    header: &'a Header,
+    record: &'a ByteRecord,
+    line: u64,
+}
+
+impl Row<'_> {
+    fn number(&self, column: usize) -> Result<f64, FileError> {
+        self.header.number(self.record, column, self.line, NUMBER_REMEDY)
+    }
+
+    fn place(&self, column: usize) -> Place {
+        self.header.cell(self.line, column)
+    }
+
+    fn three(&self, columns: [usize; 3], per_m: f64) -> Result<[f64; 3], FileError> {
+        Ok([self.number(columns[0])? / per_m, self.number(columns[1])? / per_m, self.number(columns[2])? / per_m])
+    }
+
+    /// A standard uncertainty (m).
+    fn positive(&self, column: usize, per_m: f64) -> Result<f64, FileError> {
+        let value = self.number(column)?;
+        if value > 0.0 {
+            return Ok(value / per_m);
+        }
+        let remedy = "write the standard uncertainty (k = 1), or remove the column";
+        Err(FileError::content(self.place(column), format!("the uncertainty {value} is not above zero"), remedy))
+    }
+
+    fn three_positive(&self, columns: [usize; 3], per_m: f64) -> Result<[f64; 3], FileError> {
+        let at = |k: usize| self.positive(columns[k], per_m);
+        Ok([at(0)?, at(1)?, at(2)?])
+    }
+
+    fn is_empty(&self, column: usize) -> bool {
+        self.record.get(column).unwrap_or_default().trim_ascii().is_empty()
+    }
+
+    fn optional(&self, column: Option<usize>) -> Result<Option<f64>, FileError> {
+        column.filter(|column| !self.is_empty(*column)).map(|column| self.number(column)).transpose()
+    }
+
+    fn text(&self, column: usize) -> Result<String, FileError> {
+        let cell = self.record.get(column).unwrap_or_default().trim_ascii();
+        let text = std::str::from_utf8(cell).ok().filter(|text| !text.is_empty());
+        text.map(str::to_owned).ok_or_else(|| {
+            FileError::content(self.place(column), "the name is empty or not UTF-8", "write a name in every row")
+        })
+    }
+
+    fn whole(&self, column: usize) -> Result<i64, FileError> {
+        let text = self.text(column)?;
+        text.parse().map_err(|_| {
+            let problem = format!("{text:?} is not a whole number");
+            FileError::content(self.place(column), problem, "number the cycles 1, 2, 3 and so on")
+        })
+    }
+
+    fn approach(&self, column: usize) -> Result<Approach, FileError> {
+        let text = self.text(column)?;
+        match text.to_lowercase().as_str() {
+            "+" | "+1" | "1" | "up" | "positive" => Ok(Approach::Positive),
+            "-" | "-1" | "down" | "negative" => Ok(Approach::Negative),
+            _ => {
+                let problem = format!("{text:?} is no direction of approach");
+                Err(FileError::content(
+                    self.place(column),
+                    problem,
+                    "write + towards larger positions, - towards smaller",
+                ))
+            }
+        }
+    }
+
+    fn covariates(&self, columns: &[(usize, String)]) -> Result<BTreeMap<String, f64>, FileError> {
+        let mut logged = BTreeMap::new();
+        for (column, name) in columns.iter().filter(|(column, _)| !self.is_empty(*column)) {
+            let value = self.header.number(self.record, *column, self.line, COVARIATE_REMEDY)?;
+            logged.insert(name.clone(), value);
+        }
+        Ok(logged)
+    }
+}
