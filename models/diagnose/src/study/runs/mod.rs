@@ -6,6 +6,7 @@
 //! error of unknown period, and any other logged quantity. Blocks are cycles. Reversal value after ISO 230-2: B = mean
 //! error approaching in the positive direction less mean error approaching in the negative.
 
+mod naming;
 mod positions;
 mod problem;
 mod shape;

@@ -2,6 +2,7 @@
 //!
 //! Place in the flow: between the shapes and the common search. One row an approach, error over 1 µm.
 
+use super::naming::named;
 use super::positions::key;
 use super::shape::{Ranges, Shape};
 use super::{Approach, Run};
@@ -9,20 +10,15 @@ use crate::error::DiagnoseError;
 use crate::linear::Linear;
 use crate::score::{Score, score};
 use crate::study::candidate::{Candidate, Local, Study};
-use crate::study::diagnosis::{Ambiguity, Kind, Untestable};
+use crate::study::diagnosis::{Ambiguity, Untestable};
 use crate::study::fit::Fit;
 use crate::study::smooth::{levels, range};
-use abbe_geometry::effects::ParameterSpec;
 use faer::Mat;
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Only ratios matter: no uncertainty is declared.
 const UNIT_M: f64 = 1e-6;
 const FEWEST_CYCLES: usize = 3;
-/// Largest error of an axis believed (m).
-const PLAUSIBLE_M: f64 = 200e-6;
-/// Largest expansion coefficient believed (1/K): aluminium with something on top.
-const PLAUSIBLE_PER_K: f64 = 30e-6;
 /// Steps of the scan of periods in a cycle over the range of targets.
 const OVERSAMPLING: f64 = 4.0;
 /// Slowest periodic error told from a smooth one: cycles over the range of targets.
@@ -88,7 +84,7 @@ impl Runs {
             .all(|approach| axis.rows.iter().any(|row| self.runs[*row].approach == *approach));
         let (shapes, untestable) = axis.shapes(both, &self.runs);
         for shape in shapes {
-            self.candidates.push(candidate(&axis, &shape));
+            self.candidates.push(named(&axis.name, &axis.ranges, &shape));
             self.shapes.push((self.axes.len(), shape));
         }
         self.untestable.extend(untestable);
@@ -247,7 +243,7 @@ impl Study for Runs {
         let reach = 1.0 / (OVERSAMPLING * span_m);
         let frequency = golden_section((1.0 / period_m - reach, 1.0 / period_m + reach), explained);
         self.shapes[candidate].1 = Shape::Periodic(1.0 / frequency);
-        let refined = self::candidate(&self.axes[axis], &self.shapes[candidate].1);
+        let refined = named(&self.axes[axis].name, &self.axes[axis].ranges, &self.shapes[candidate].1);
         self.candidates[candidate] = refined;
     }
 
@@ -317,108 +313,6 @@ impl Study for Runs {
     fn notes(&self) -> Vec<String> {
         vec!["Reversal value B: mean error approaching in the positive direction less that in the negative.".to_owned()]
     }
-}
-
-fn candidate(axis: &AxisRuns, shape: &Shape) -> Candidate {
-    let (what, family, kind, covariates, formula): (String, &str, Kind, Vec<String>, &str) = match shape {
-        Shape::Position(1) => ("position, straight".into(), "position", Kind::Attributed, vec![], "e = p_1 P_1(x)"),
-        Shape::Position(d) => {
-            (format!("position, degree {d}"), "position", Kind::Attributed, vec![], "e = sum p_k P_k(x), Legendre")
-        }
-        Shape::PositionTable => {
-            ("position, target by target".into(), "position", Kind::Attributed, vec![], "e = table of targets")
-        }
-        Shape::Lost(0) => {
-            ("reversal value, constant".into(), "lost motion", Kind::Attributed, vec![], "e = B sign(approach) / 2")
-        }
-        Shape::Lost(d) => (
-            format!("reversal value, degree {d}"),
-            "lost motion",
-            Kind::Attributed,
-            vec![],
-            "e = B(x) sign(approach) / 2, B(x) = sum B_k P_k(x)",
-        ),
-        Shape::LostTable => (
-            "reversal value, target by target".into(),
-            "lost motion",
-            Kind::Attributed,
-            vec![],
-            "e = B_i sign(approach) / 2",
-        ),
-        Shape::Cycle(_) => {
-            ("drift with the cycle".into(), "drift", Kind::Empirical, vec!["cycle".into()], "e = d_1 P_1(cycle)")
-        }
-        Shape::Time(d) => (
-            format!("drift with time, degree {d}"),
-            "drift",
-            Kind::Empirical,
-            vec!["time_s".into()],
-            "e = sum d_k P_k(t), Legendre",
-        ),
-        Shape::TimeAndTarget => (
-            "drift of offset and scale with time".into(),
-            "drift",
-            Kind::Empirical,
-            vec!["time_s".into()],
-            "e = d_1 P_1(t) + d_1 x_1 P_1(t) P_1(x)",
-        ),
-        Shape::Creep(tau_s) => (
-            format!("warm-up, time constant {tau_s:.0} s"),
-            "drift",
-            Kind::Attributed,
-            vec!["time_s".into()],
-            "e = growth (1 - exp(-t / tau))",
-        ),
-        Shape::Expansion(sensor) => (
-            format!("expansion of the scale by {sensor}"),
-            "expansion",
-            Kind::Attributed,
-            vec![sensor.clone()],
-            "e = alpha (T - 20 C) x + shift (T - 20 C); steel 11-12 um/(m K)",
-        ),
-        Shape::Periodic(period_m) => (
-            format!("periodic error, period {:.4} mm", period_m * 1e3),
-            "periodic",
-            Kind::Attributed,
-            vec![],
-            "e = s sin(2 pi x / p) + c cos(2 pi x / p)",
-        ),
-        Shape::Smooth(name, d) => (
-            format!("dependence on {name}, degree {d}"),
-            name.as_str(),
-            Kind::Empirical,
-            vec![name.clone()],
-            "e = sum p_k P_k(quantity), Legendre",
-        ),
-    };
-    let spec = |(name, unit): (String, &'static str)| {
-        ParameterSpec::new(name, unit, if unit == "1/K" { PLAUSIBLE_PER_K } else { PLAUSIBLE_M })
-    };
-    Candidate {
-        name: format!("{what}, axis {}", axis.name),
-        formula: formula.to_owned(),
-        kind,
-        family: format!("{family}, axis {}", axis.name),
-        covariates,
-        parameters: shape.parameters(&axis.ranges).into_iter().map(spec).collect(),
-        decided_by: decided_by(shape),
-    }
-}
-
-fn decided_by(shape: &Shape) -> String {
-    match shape {
-        Shape::Position(_) | Shape::PositionTable | Shape::Periodic(_) => {
-            "measure at further targets, between those there are and at irregular steps"
-        }
-        Shape::Lost(_) | Shape::LostTable => "approach every target from both sides, at two feeds",
-        Shape::Cycle(_) | Shape::Time(_) | Shape::TimeAndTarget | Shape::Creep(_) => {
-            "log temperatures and times, pause between cycles, and return to one target throughout"
-        }
-        Shape::Expansion(_) | Shape::Smooth(..) => {
-            "vary the logged quantities independently of each other, of time and of the target"
-        }
-    }
-    .to_owned()
 }
 
 /// The distance of neighbouring targets where all are equal to a thousandth.
