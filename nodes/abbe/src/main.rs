@@ -6,6 +6,7 @@
 
 mod command;
 mod demo;
+mod diagnosis;
 mod pipeline;
 mod verification;
 

@@ -74,7 +74,7 @@ pub(crate) fn identify(
         OrderChoice::Fixed => abbe_identify::OrderChoice::Fixed,
     };
     let options = Options { order, robust, absolute_range: machine.absolute_range, ..Options::default() };
-    let Identified { model, evidence, residuals_m, u_m } =
+    let Identified { model, evidence, residuals_m, u_m, .. } =
         abbe_identify::identify(&machine.machine, machine.instrument, &loaded.campaign, &options, observe)
             .with_context(|| loaded.source.file.clone())?;
     let file = ModelFile {

@@ -5,7 +5,8 @@
 //! the caller to write. Same data, same bytes.
 //!
 //! A [`Report`] is a list of [`Section`]s; every command composes its own from the same kinds. [`DemoReport`] is the
-//! one for a corrected campaign: it holds the run's data and builds the sections from them.
+//! one for a corrected campaign: it holds the run's data and builds the sections from them. [`diagnosis::DiagnosisReport`]
+//! is the one for what a model lacks.
 //!
 //! ```
 //! use abbe_report::{KeyFigure, KeyFigures, Quantity, Report, Section};
@@ -23,6 +24,7 @@
 //! ```
 
 mod demo;
+pub mod diagnosis;
 mod error;
 mod finite;
 mod frame;

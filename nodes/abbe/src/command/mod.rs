@@ -4,6 +4,7 @@
 
 mod convert;
 mod correct;
+mod diagnose;
 mod identify;
 mod launch;
 mod node;
@@ -26,6 +27,8 @@ pub(crate) enum Command {
     Identify(identify::Arguments),
     /// Correct recorded coordinates with a model
     Correct(correct::Arguments),
+    /// Find what a model lacks, add it, and judge the gain
+    Diagnose(diagnose::Arguments),
     /// Hold a model against points whose actual position is known
     Verify(verify::Arguments),
     /// The whole chain on a recorded campaign: identify, correct live, report
@@ -65,6 +68,7 @@ pub(crate) fn run(command: Command, ros_args: RosArgs) -> anyhow::Result<()> {
     match command {
         Command::Identify(arguments) => identify::run(&arguments),
         Command::Correct(arguments) => correct::run(&arguments),
+        Command::Diagnose(arguments) => diagnose::run(&arguments),
         Command::Verify(arguments) => verify::run(&arguments),
         Command::Demo(arguments) => crate::demo::run(&arguments),
         Command::Launch(arguments) => launch::run(&arguments),

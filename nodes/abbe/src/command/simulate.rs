@@ -10,6 +10,7 @@ use abbe_geometry::effects::{NoCovariates, State};
 use abbe_geometry::model::MachineModel;
 use abbe_identify::{Options, at_cramer_rao_bound, identify};
 use abbe_measurement::campaign::Campaign;
+use abbe_virtual_machine::effects::from_text;
 use abbe_virtual_machine::environment::EnvironmentConfig;
 use abbe_virtual_machine::instrument::InstrumentConfig;
 use abbe_virtual_machine::machine::Roughness;
@@ -47,9 +48,12 @@ pub(crate) struct Arguments {
     /// Repeat the plan until the campaign has at least this many readings
     #[arg(long)]
     readings: Option<u64>,
+    /// Physics beyond the geometry, such as "backlash axis=y size_um=3"; may be given several times
+    #[arg(long = "effect")]
+    effects: Vec<String>,
     /// Identify this many machines (seeds from --seed on); print achieved error, reported uncertainty,
     /// Cramér-Rao bound and coverage
-    #[arg(long)]
+    #[arg(long, conflicts_with = "effects")]
     trials: Option<u64>,
 }
 
@@ -61,6 +65,7 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let out = arguments.out.as_ref().context("name a folder with --out")?;
     std::fs::create_dir_all(out).with_context(|| format!("{}: cannot be made", out.display()))?;
     let mut config = config(&machine, arguments.seed)?;
+    config.effects = arguments.effects.iter().map(|text| from_text(text)).collect::<Result<_, _>>()?;
     if let Some(readings) = arguments.readings {
         config.plan = config.plan.repeated_to(readings)?;
     }

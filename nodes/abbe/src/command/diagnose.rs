@@ -1,0 +1,105 @@
+//! `abbe diagnose`: measured data in; what the model lacks, the report of it, and the model that has it out.
+//!
+//! Place in the flow: offline, or started by the monitor node on the readings it keeps. The error before and after is
+//! that on data which no step used; verification points score at the very end.
+
+use super::identify::spinner;
+use crate::diagnosis::study::{self, DataKind};
+use crate::diagnosis::{Product, Request, output, tracer};
+use abbe_diagnose::Progress;
+use abbe_runtime::Shutdown;
+use anyhow::{Context, bail};
+use std::path::PathBuf;
+
+/// Arguments of `diagnose`.
+#[derive(Debug, clap::Args)]
+pub(crate) struct Arguments {
+    /// Model file that the campaign belongs to; data without a tracer need none
+    #[arg(long)]
+    model: Option<PathBuf>,
+    /// Tracer campaign (CSV, .mcap or rosbag2 folder), ISO 230-2 runs (CSV) or sphere centres (CSV); the header decides
+    #[arg(long, required_unless_present = "residuals", conflicts_with = "residuals")]
+    campaign: Option<PathBuf>,
+    /// Residual vectors of any other calibration (CSV); with --model, its machine is the chain behind them
+    #[arg(long, conflicts_with = "verify")]
+    residuals: Option<PathBuf>,
+    /// Folder for report.html, diagnosis.json and model.json; what was there is replaced at the end
+    #[arg(long)]
+    out: PathBuf,
+    /// Points with known actual positions, for scoring only
+    #[arg(long, requires = "model")]
+    verify: Option<PathBuf>,
+    /// Seed of the parts left out and of the placebos
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Parts in which lines are left out of the whole search
+    #[arg(long)]
+    folds: Option<usize>,
+    /// Print diagnosis.json on standard output
+    #[arg(long)]
+    json: bool,
+}
+
+pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    let shutdown = Shutdown::on_signals()?;
+    let inputs = [&arguments.model, &arguments.campaign, &arguments.residuals, &arguments.verify];
+    let inputs: Vec<_> = inputs.into_iter().flatten().map(PathBuf::as_path).collect();
+    output::check(&arguments.out, &inputs)?;
+    let bar = spinner("diagnosing");
+    let mut fold = None;
+    let mut observe = |progress: Progress| {
+        bar.set_message(progress_text(&progress, &mut fold));
+        !shutdown.requested()
+    };
+    let made = product(arguments, &mut observe);
+    bar.finish_and_clear();
+    let product = made?;
+    let json = product.report.json()?;
+    if shutdown.requested() {
+        bail!("stopped on request; nothing was written");
+    }
+    output::write(&arguments.out, &product, &json)?;
+    match arguments.json {
+        true => print!("{json}"),
+        false => println!("{}", output::words(&product.report.record, &arguments.out)),
+    }
+    Ok(())
+}
+
+fn product(arguments: &Arguments, observe: &mut dyn FnMut(Progress) -> bool) -> anyhow::Result<Product> {
+    let request = Request { verify: arguments.verify.as_deref(), seed: arguments.seed, folds: arguments.folds };
+    if let Some(residuals) = &arguments.residuals {
+        return study::run_residuals(residuals, arguments.model.as_deref(), &request);
+    }
+    let campaign = arguments.campaign.as_deref().context("name the data with --campaign or --residuals")?;
+    match (study::kind_of(campaign), &arguments.model) {
+        (Some(kind), Some(_)) => bail!(
+            "{}: {} need no model; leave --model out",
+            campaign.display(),
+            match kind {
+                DataKind::Runs => "positioning runs",
+                DataKind::SphereCentres => "sphere centres",
+            }
+        ),
+        (None, Some(model)) => tracer::run(model, campaign, &request, observe),
+        (None, None) => bail!(
+            "{}: a tracer campaign is diagnosed with the model it belongs to; name it with --model, or make it with abbe \
+             identify",
+            campaign.display()
+        ),
+        (Some(kind), None) => study::run(kind, campaign, &request),
+    }
+}
+
+/// Progress in words. Within a part left out, the search goes through the same steps again.
+fn progress_text(progress: &Progress, fold: &mut Option<String>) -> String {
+    if let Progress::Judging { fold: number, folds } = progress {
+        *fold = Some(format!("without part {number} of {folds} of the lines: "));
+    }
+    let part = fold.as_deref().unwrap_or("");
+    match progress {
+        Progress::Fitting { pass, effects } => format!("{part}fit with {effects} effects, pass {pass}"),
+        Progress::Scoring { round, effects } => format!("{part}round {round}, {effects} effects so far"),
+        Progress::Judging { .. } => format!("{part}search from the start"),
+    }
+}

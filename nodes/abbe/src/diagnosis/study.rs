@@ -1,0 +1,123 @@
+//! Diagnosis of data that need no model: positioning runs, sphere centres, residual vectors.
+//!
+//! Place in the flow: the header of the file says which kind it is; the study of that kind gives report and JSON. There
+//! is no model file to come out.
+
+use super::study_record;
+use super::{Product, Request, name_of};
+use crate::pipeline::software;
+use abbe_diagnose::DiagnoseError;
+use abbe_diagnose::study::runs::{PositionSummary, positions};
+use abbe_diagnose::study::{Options, StudyDiagnosis, five_axis, runs, vectors};
+use abbe_files::{FileError, ModelFile, hex, read_residual_vectors_file, read_runs_file, read_sphere_centres_file};
+use abbe_geometry::machine::Machine;
+use abbe_report::diagnosis::{DiagnosisReport, File};
+use abbe_report::{Axis, Curve, CurveStyle, LinePanel, LinePlot, Section};
+use anyhow::Context;
+use std::path::Path;
+
+/// Kinds of data without a model, told by their header.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum DataKind {
+    /// ISO 230-2 runs.
+    Runs,
+    /// Sphere centres of a five-axis machine.
+    SphereCentres,
+}
+
+/// Longest header that is looked at (bytes).
+const HEADER: u64 = 1 << 16;
+
+/// The kind that a CSV file's header names; `None` for a campaign, a bag, or what cannot be read.
+pub(crate) fn kind_of(path: &Path) -> Option<DataKind> {
+    use std::io::{BufRead, BufReader, Read};
+    let file = std::fs::File::open(path).ok()?;
+    let mut line = Vec::new();
+    // A file without line ends is not read as a whole to look at it.
+    BufReader::new(file.take(HEADER)).read_until(b'\n', &mut line).ok()?;
+    let header = String::from_utf8_lossy(&line).into_owned();
+    let bare = |name: &str| name.trim().trim_matches('"').to_owned();
+    let names: Vec<String> = header.trim_start_matches('\u{feff}').split(',').map(bare).collect();
+    let has = |wanted: [&str; 2]| wanted.iter().all(|name| names.iter().any(|n| n == name));
+    match () {
+        () if has(["axis", "target_mm"]) => Some(DataKind::Runs),
+        () if has(["a_deg", "c_deg"]) => Some(DataKind::SphereCentres),
+        () => None,
+    }
+}
+
+/// Diagnoses runs or sphere centres.
+pub(crate) fn run(kind: DataKind, path: &Path, request: &Request) -> anyhow::Result<Product> {
+    match kind {
+        DataKind::Runs => {
+            let file = read_runs_file(path)?;
+            let figures = position_figures(&positions(&file.rows));
+            conclude(path, file.sha256, request, figures, |options| runs::diagnose(&file.rows, options))
+        }
+        DataKind::SphereCentres => {
+            let file = read_sphere_centres_file(path)?;
+            conclude(path, file.sha256, request, Vec::new(), |options| five_axis::diagnose(&file.rows, options))
+        }
+    }
+}
+
+/// Diagnoses residual vectors; the machine of a model, where one is given, says which chain stands behind them.
+pub(crate) fn run_residuals(path: &Path, model: Option<&Path>, request: &Request) -> anyhow::Result<Product> {
+    let machine = model.map(machine_of).transpose()?;
+    let file = read_residual_vectors_file(path)?;
+    conclude(path, file.sha256, request, Vec::new(), |options| vectors::diagnose(&file.rows, machine.as_ref(), options))
+}
+
+fn machine_of(model: &Path) -> Result<Machine, FileError> {
+    Ok(ModelFile::load(model)?.0.model.parts().machine.clone())
+}
+
+fn conclude(
+    path: &Path,
+    sha256: [u8; 32],
+    request: &Request,
+    figures: Vec<Section>,
+    diagnose: impl FnOnce(&Options) -> Result<StudyDiagnosis, DiagnoseError>,
+) -> anyhow::Result<Product> {
+    let options = Options { seed: request.seed, ..Options::default() };
+    let diagnosis = diagnose(&options).with_context(|| path.display().to_string())?;
+    let data = File { file: name_of(path), sha256: hex(&sha256) };
+    let record = study_record::record(&diagnosis, data, &options, software());
+    Ok(Product { report: DiagnosisReport { record, residuals: None, figures }, model: None })
+}
+
+/// The position table as a picture: mean error and two standard deviations by target and direction, an axis a panel.
+fn position_figures(positions: &[PositionSummary]) -> Vec<Section> {
+    let mut axes: Vec<&str> = positions.iter().map(|p| p.axis.as_str()).collect();
+    axes.dedup();
+    let panel = |axis: &str| {
+        let own: Vec<&PositionSummary> = positions.iter().filter(|p| p.axis == axis).collect();
+        let curve = |name: &str, series: u8, of: fn(&PositionSummary) -> (Option<f64>, Option<f64>)| Curve {
+            name: name.to_owned(),
+            style: CurveStyle::Line(series),
+            x: own.iter().map(|p| p.target_m * 1e3).collect(),
+            y: own.iter().map(|p| of(p).0.map(|m| m * 1e6)).collect(),
+            half_width: Some(own.iter().map(|p| of(p).1.map(|m| 2.0 * m * 1e6)).collect()),
+        };
+        LinePanel {
+            title: format!("Axis {axis}"),
+            x: Axis::new("target", "mm"),
+            y: Axis::new("error (actual − target)", "µm"),
+            curves: vec![
+                curve("approach +", 1, |p| (p.mean_positive_m, p.deviation_positive_m)),
+                curve("approach −", 2, |p| (p.mean_negative_m, p.deviation_negative_m)),
+            ],
+        }
+    };
+    let panels: Vec<LinePanel> = axes.iter().map(|axis| panel(axis)).collect();
+    if panels.is_empty() {
+        return Vec::new();
+    }
+    vec![Section::LinePlot(LinePlot {
+        title: "What was measured".to_owned(),
+        note: Some("Mean over the cycles; the band is ± 2 standard deviations of one approach (ISO 230-2).".to_owned()),
+        columns: panels.len().min(2),
+        band_name: Some("± 2 standard deviations".to_owned()),
+        panels,
+    })]
+}

@@ -1,0 +1,186 @@
+//! Diagnosis of a tracer campaign with the model that it belongs to.
+//!
+//! Place in the flow: model file and campaign in; report, JSON and the model with what was found out. The model's own
+//! machine, instrument, effects and options are the start.
+
+use super::scoring::Points;
+use super::{MODEL, Product, Request, name_of, pictures, record};
+use crate::pipeline::{LoadedCampaign, evidence_json, load_campaign, software};
+use abbe_diagnose::{Diagnosis, Options, Progress, diagnose};
+use abbe_files::{MachineFile, ModelFile, OrderChoice, hex};
+use abbe_geometry::model::MachineModel;
+use abbe_identify::Evidence;
+use abbe_report::diagnosis::{Both, DiagnosisReport, File, ModelOut, Record};
+use anyhow::{Context, bail, ensure};
+use serde_json::{Value, json};
+use std::path::Path;
+
+/// A model file as it was given.
+struct Given {
+    file: ModelFile,
+    sha256: [u8; 32],
+    bytes: Vec<u8>,
+}
+
+impl Given {
+    fn read(path: &Path) -> anyhow::Result<Given> {
+        let name = path.display().to_string();
+        let bytes = std::fs::read(path).with_context(|| format!("{name}: the model cannot be read"))?;
+        let (file, sha256) = ModelFile::from_bytes(&bytes, &name)?;
+        if file.residual_network.is_some() {
+            bail!(
+                "{name}: the model names a residual network, which this version cannot apply; use the version that made it"
+            );
+        }
+        Ok(Given { file, sha256, bytes })
+    }
+
+    /// The machine file that the model was identified with, as far as it matters here.
+    fn machine(&self) -> MachineFile {
+        MachineFile {
+            machine: self.file.model.parts().machine.clone(),
+            instrument: self.file.instrument,
+            absolute_range: self.file.absolute_range,
+            order: self.file.order,
+        }
+    }
+
+    /// Options of the diagnosis; the model's own where it says how it was identified.
+    fn options(&self, request: &Request) -> Options {
+        let usual = Options::default();
+        let order = match self.file.order {
+            OrderChoice::Evidence => abbe_identify::OrderChoice::Evidence,
+            OrderChoice::Fixed => abbe_identify::OrderChoice::Fixed,
+        };
+        let robust = self.file.options.get("robust").and_then(Value::as_bool).unwrap_or(usual.identify.robust);
+        let absolute_range = self.file.absolute_range;
+        Options {
+            identify: abbe_identify::Options { order, robust, absolute_range, ..usual.identify },
+            folds: request.folds.unwrap_or(usual.folds),
+            seed: request.seed,
+            ..usual
+        }
+    }
+
+    /// The same kind of file with another model in it.
+    fn with(&self, model: MachineModel, loaded: &LoadedCampaign, options: &Options, evidence: Value) -> ModelFile {
+        ModelFile {
+            model,
+            order: self.file.order,
+            instrument: self.file.instrument,
+            absolute_range: self.file.absolute_range,
+            residual_network: None,
+            data: vec![loaded.source.clone()],
+            seed: Some(options.seed),
+            options: options_json(options),
+            evidence,
+            software: software(),
+        }
+    }
+
+    /// Whether the model that came out is the one that went in: the same structure from the same data.
+    fn is_kept(&self, diagnosis: &Diagnosis, loaded: &LoadedCampaign) -> bool {
+        let same_data = matches!(self.file.data.as_slice(), [only] if only.sha256 == loaded.source.sha256);
+        diagnosis.found.is_empty() && !diagnosis.enriched && same_data
+    }
+}
+
+/// Diagnoses a campaign; `observe` sees the progress and returns false to stop.
+pub(crate) fn run(
+    model: &Path,
+    campaign: &Path,
+    request: &Request,
+    observe: &mut dyn FnMut(Progress) -> bool,
+) -> anyhow::Result<Product> {
+    let given = Given::read(model)?;
+    let loaded = load_campaign(campaign, &given.machine())?;
+    let options = given.options(request);
+    ensure!(options.folds > 1, "--folds must be at least 2: one part is left out, the others are fitted");
+    let points = request.verify.map(|path| Points::read(path, &given.file)).transpose()?;
+    let parts = given.file.model.parts();
+    let instrument = given.file.instrument;
+    let diagnosis = diagnose(&parts.machine, &parts.effects, instrument, &loaded.campaign, &options, observe)
+        .with_context(|| format!("{} with {}", loaded.source.file, name_of(model)))?;
+    let mut record = recorded(&diagnosis, &given, model, &loaded, &options);
+    let labels: Vec<String> = record.effects.iter().map(abbe_report::diagnosis::Effect::label).collect();
+    let residuals = pictures::residuals(&diagnosis, instrument, &loaded.campaign, &labels)?;
+    let kept = given.is_kept(&diagnosis, &loaded);
+    let evidence = [&diagnosis.before.evidence, &diagnosis.after.evidence].map(|e| evidence_of(e, &record));
+    let [before, after] = [diagnosis.before.model, diagnosis.after.model]
+        .into_iter()
+        .zip(evidence)
+        .map(|(model, evidence)| given.with(model, &loaded, &options, evidence))
+        .collect::<Vec<_>>()
+        .try_into()
+        .map_err(|_| anyhow::anyhow!("two fits gave another number of models"))?;
+    let (bytes, sha256) = if kept { (given.bytes.clone(), given.sha256) } else { after.to_bytes(MODEL)? };
+    record.model_out =
+        Some(ModelOut { file: File { file: MODEL.to_owned(), sha256: hex(&sha256) }, is_the_one_given: kept });
+    if let Some(points) = points {
+        points.score(&mut record, &before, &after)?;
+    }
+    Ok(Product {
+        report: DiagnosisReport { record, residuals: Some(residuals), figures: Vec::new() },
+        model: Some(bytes),
+    })
+}
+
+/// Evidence of a fit, with what the diagnosis added to it.
+fn evidence_of(evidence: &Evidence, record: &Record) -> Value {
+    let mut value = evidence_json(evidence);
+    let effects: Vec<Value> = record
+        .effects
+        .iter()
+        .map(|e| json!({ "name": e.name, "kind": e.kind, "p_value": e.p_value, "alias_share": e.alias_share }))
+        .collect();
+    value["diagnosis"] = json!({ "verdict": record.verdict, "effects": effects });
+    value
+}
+
+fn options_json(options: &Options) -> Value {
+    json!({
+        "robust": options.identify.robust,
+        "max_passes": options.identify.max_passes,
+        "significance": options.significance,
+        "least_evidence": options.least_evidence,
+        "rival_margin": options.rival_margin,
+        "folds": options.folds,
+        "placebos": options.placebos,
+    })
+}
+
+fn recorded(diagnosis: &Diagnosis, given: &Given, model: &Path, loaded: &LoadedCampaign, options: &Options) -> Record {
+    let (before, after) = record::errors(diagnosis);
+    let mut record = Record {
+        verdict: String::new(),
+        consistent_with_noise: diagnosis.consistent_with_noise,
+        enriched: diagnosis.enriched,
+        effects: record::effects(diagnosis),
+        before,
+        after,
+        held_out: record::held_out(diagnosis),
+        verification: None,
+        not_identifiable: record::not_identifiable(diagnosis),
+        untestable: record::untestable(diagnosis),
+        next_measurements: diagnosis.next_measurements.clone(),
+        detection: Both {
+            before: record::detection(&diagnosis.detection_before),
+            after: record::detection(&diagnosis.detection_after),
+        },
+        steps: diagnosis.steps.clone(),
+        ladder: Vec::new(),
+        considered: Vec::new(),
+        alternatives: Vec::new(),
+        notes: Vec::new(),
+        data_kind: "tracer campaign".to_owned(),
+        machine: Some(given.file.model.parts().machine.name.clone()),
+        model: Some(File { file: name_of(model), sha256: hex(&given.sha256) }),
+        data: File { file: loaded.source.file.clone(), sha256: loaded.source.sha256.clone() },
+        model_out: None,
+        seed: options.seed,
+        options: options_json(options),
+        software: software(),
+    };
+    record.verdict = record.words();
+    record
+}

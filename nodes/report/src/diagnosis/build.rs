@@ -1,0 +1,196 @@
+//! From a diagnosis to its page: the answer, the figures, the pictures, then evidence and limits.
+
+use super::DiagnosisReport;
+use super::record::Record;
+use crate::report::{MetaItem, Report};
+use crate::sections::{Callout, Heading, KeyFigure, KeyFigures, Quantity, Section, Tone};
+use crate::text::significant;
+
+pub(super) fn report(diagnosis: &DiagnosisReport) -> Report {
+    let record = &diagnosis.record;
+    let mut sections = vec![Section::Callout(record.answer()), Section::KeyFigures(record.key_figures())];
+    sections.extend(record.warnings().into_iter().map(Section::Callout));
+    effects(diagnosis, &mut sections);
+    evidence(diagnosis, &mut sections);
+    limits(record, &mut sections);
+    search(record, &mut sections);
+    Report {
+        title: "Diagnosis".to_owned(),
+        lead: Some(format!("What the model lacks, from {} ({}).", record.data.file, record.data_kind)),
+        meta: record.meta(),
+        main_plot: None,
+        footer: Some(record.footer()),
+        sections,
+    }
+}
+
+fn heading(title: &str, intro: Option<&str>) -> Section {
+    Section::Heading(Heading { title: title.to_owned(), intro: intro.map(str::to_owned) })
+}
+
+fn effects(diagnosis: &DiagnosisReport, sections: &mut Vec<Section>) {
+    let record = &diagnosis.record;
+    if record.effects.is_empty() {
+        return;
+    }
+    sections.push(heading("What was found", None));
+    if let Some(residuals) = &diagnosis.residuals {
+        sections.extend(residuals.effects());
+    }
+    sections.push(record.effects_table());
+    sections.push(record.parameters_table());
+    sections.push(record.placebo_table());
+    sections.extend(record.rivals_table());
+    sections.extend(record.ladder_table());
+    sections.extend(record.alternatives_table());
+}
+
+fn evidence(diagnosis: &DiagnosisReport, sections: &mut Vec<Section>) {
+    let record = &diagnosis.record;
+    sections.push(heading("Is the residual noise?", None));
+    sections.push(record.detection_table());
+    sections.extend(diagnosis.figures.iter().cloned());
+    if let Some(residuals) = &diagnosis.residuals {
+        sections.extend(residuals.by_group());
+        sections.extend(residuals.over_time());
+    }
+    sections.extend(record.groups_table());
+    sections.extend(record.blocked_table());
+}
+
+fn limits(record: &Record, sections: &mut Vec<Section>) {
+    sections.push(heading("What these data cannot tell", None));
+    sections.push(record.not_identifiable_table());
+    sections.push(record.untestable_table());
+    let note = "Most useful first.";
+    sections.push(Record::list("Next measurements", Some(note), "measurement", &record.next_measurements));
+}
+
+fn search(record: &Record, sections: &mut Vec<Section>) {
+    sections.push(heading("How it was found", None));
+    sections.push(Record::list("Steps of the search", None, "step", &record.steps));
+    sections.extend(record.considered_table());
+    if !record.notes.is_empty() {
+        sections.push(Record::list("Notes", None, "note", &record.notes));
+    }
+}
+
+impl Record {
+    fn answer(&self) -> Callout {
+        let (tone, title) = match (self.effects.is_empty() && !self.enriched, self.consistent_with_noise) {
+            (true, true) => (Tone::Good, "Consistent with noise"),
+            (true, false) => (Tone::Warning, "Not noise, and not explained"),
+            (false, _) if self.effects.is_empty() => (Tone::Neutral, "Finer error functions"),
+            (false, _) => (Tone::Neutral, "The model lacks something"),
+        };
+        Callout { tone, title: title.to_owned(), text: self.verdict.clone() }
+    }
+
+    fn key_figures(&self) -> KeyFigures {
+        let quantity = |value: Option<f64>, decimals: u8| value.map(|v| Quantity::new(v, decimals));
+        let interval = |interval: Option<(f64, f64)>| match interval {
+            Some((low, high)) => format!("95 % after: {} to {}", significant(low, 3), significant(high, 3)),
+            None => String::new(),
+        };
+        let (before, after) = (&self.before, &self.after);
+        let held_out = match &self.held_out.missing_because {
+            Some(reason) => reason.clone(),
+            None => format!("{}; {}", self.held_out.blocks, interval(after.held_out_interval_um)),
+        };
+        let figure = |label: &str, b: Option<f64>, a: Option<f64>, decimals, unit: &str, detail: String| KeyFigure {
+            label: label.to_owned(),
+            before: quantity(b, decimals),
+            value: quantity(a, decimals),
+            unit: unit.to_owned(),
+            detail: Some(detail),
+            tone: Tone::Neutral,
+        };
+        let (b, a) = (before.held_out_rms_um, after.held_out_rms_um);
+        let mut figures = vec![figure("Error on data left out, rms", b, a, 3, "µm", held_out)];
+        if let Some(verification) = &self.verification {
+            let detail = format!(
+                "3-D, {} points of {}; {}",
+                verification.points,
+                verification.file.file,
+                interval(after.verify_interval_um)
+            );
+            let (b, a) = (before.verify_rms_um, after.verify_rms_um);
+            figures.push(figure("Verification error, rms", b, a, 3, "µm", detail));
+            let (b, a) = (before.verify_max_um, after.verify_max_um);
+            figures.push(figure("Verification error, largest", b, a, 3, "µm", "the same points".to_owned()));
+        }
+        let (b, a) = (before.chi2_per_dof, after.chi2_per_dof);
+        let detail = "1 where the declared uncertainties explain the residual".to_owned();
+        figures.push(figure("χ² per degree of freedom", b, a, 3, "", detail));
+        let (b, a) = (before.residual_rms_um, after.residual_rms_um);
+        let detail = format!("{} used, {} rejected", self.detection.after.used, self.detection.after.rejected);
+        figures.push(figure("Residual of the fit, rms", b, a, 3, "µm", detail));
+        KeyFigures { title: "Key figures".to_owned(), figures }
+    }
+
+    fn warnings(&self) -> Vec<Callout> {
+        let warning = |text: String| Callout { tone: Tone::Warning, title: String::new(), text };
+        let mut all = Vec::new();
+        for effect in &self.effects {
+            for parameter in effect.parameters.iter().filter(|p| !p.is_plausible) {
+                all.push(warning(format!(
+                    "{}: {} lies outside what such a parameter can be; another cause may look like this effect.",
+                    effect.label(),
+                    parameter.name
+                )));
+            }
+            if !effect.cannot_be_told_from.is_empty() {
+                let rivals: Vec<&str> = effect.cannot_be_told_from.iter().map(|r| r.name.as_str()).collect();
+                all.push(warning(format!(
+                    "{} explains these data best, but they do not tell it from: {}.",
+                    effect.label(),
+                    rivals.join(", ")
+                )));
+            }
+        }
+        if let Some(v) = self.verification.as_ref().filter(|v| v.covariate_missing > 0) {
+            all.push(warning(format!(
+                "{} of {} verification points lack a covariate that the model needs; they count, corrected without \
+                 the effect.",
+                v.covariate_missing, v.points
+            )));
+        }
+        if let Some(v) = self.verification.as_ref().filter(|v| v.extrapolated > 0) {
+            all.push(warning(format!(
+                "{} of {} verification points lie outside the volume that the model was identified in.",
+                v.extrapolated, v.points
+            )));
+        }
+        all
+    }
+
+    fn meta(&self) -> Vec<MetaItem> {
+        let item = |label: &str, value: Option<String>| MetaItem { label: label.to_owned(), value };
+        let mut meta = vec![item("Kind of data", Some(self.data_kind.clone()))];
+        meta.push(item("Data", Some(format!("{}, SHA-256 {}", self.data.file, self.data.sha256))));
+        if let Some(model) = &self.model {
+            meta.push(item("Machine", self.machine.clone()));
+            meta.push(item("Model before", Some(format!("{}, SHA-256 {}", model.file, model.sha256))));
+        }
+        if let Some(out) = &self.model_out {
+            let what = if out.is_the_one_given { " (the model given)" } else { "" };
+            let text = format!("{}, SHA-256 {}{what}", out.file.file, out.file.sha256);
+            meta.push(item("Model after", Some(text)));
+        }
+        if let Some(verification) = &self.verification {
+            let text = format!("{}, SHA-256 {}", verification.file.file, verification.file.sha256);
+            meta.push(item("Verification (scoring only)", Some(text)));
+        }
+        meta.push(item("Seed", Some(self.seed.to_string())));
+        meta.push(item("Software", Some(self.software.clone())));
+        meta
+    }
+
+    fn footer(&self) -> String {
+        let short = |hash: &str| hash.chars().take(16).collect::<String>();
+        let mut parts = vec![self.software.clone(), format!("data {}", short(&self.data.sha256))];
+        parts.extend(self.model.iter().map(|model| format!("model before {}", short(&model.sha256))));
+        parts.extend(self.model_out.iter().map(|model| format!("model after {}", short(&model.file.sha256))));
+        parts.join("  ·  ")
+    }
+}

@@ -1,0 +1,379 @@
+//! The data of a diagnosis: everything that stands in `diagnosis.json`, for every kind of data that can be diagnosed.
+//!
+//! Place in the flow: `abbe diagnose` fills it, [`super::DiagnosisReport`] shows it. Micrometres where the name says so,
+//! parameters and shapes in the SI unit beside them. Missing is `None`, never 0: JSON then says `null`.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+/// A diagnosis.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Record {
+    /// The answer in a few sentences.
+    pub verdict: String,
+    /// Nothing was found, and the residual has no structure that noise lacks.
+    pub consistent_with_noise: bool,
+    /// The error functions had too few coefficients and got more.
+    pub enriched: bool,
+    /// Effects found, in the order in which they went in.
+    pub effects: Vec<Effect>,
+    /// Error of the model as it was.
+    pub before: ErrorFigures,
+    /// Error with everything found.
+    pub after: ErrorFigures,
+    /// How `held_out_rms_um` came about.
+    pub held_out: HeldOut,
+    /// The independent points, where a file of them was given.
+    pub verification: Option<Verification>,
+    /// Effects that these data cannot judge.
+    pub not_identifiable: Vec<NotIdentifiable>,
+    /// Effects that need what was not logged or not varied.
+    pub untestable: Vec<Untestable>,
+    /// Measurements that would decide, most useful first.
+    pub next_measurements: Vec<String>,
+    /// Is the residual consistent with noise? Before and after.
+    pub detection: Both<Detection>,
+    /// What the search decided, in order.
+    pub steps: Vec<String>,
+    /// From the model as it was to all effects, where they were added one by one in a fixed order.
+    pub ladder: Vec<Rung>,
+    /// Every candidate against the model as it was, where that is listed.
+    pub considered: Vec<Considered>,
+    /// Other sets of effects, where they were tried.
+    pub alternatives: Vec<Alternative>,
+    /// Sentences that a reader of the figures must know.
+    pub notes: Vec<String>,
+    /// Kind of data.
+    pub data_kind: String,
+    /// Machine, where the data belong to a model.
+    pub machine: Option<String>,
+    /// The model that the diagnosis started from.
+    pub model: Option<File>,
+    /// The data.
+    pub data: File,
+    /// The model that came out.
+    pub model_out: Option<ModelOut>,
+    /// Seed of folds and placebos.
+    pub seed: u64,
+    /// All options.
+    pub options: Value,
+    /// Name and version of the software.
+    pub software: String,
+}
+
+/// The same before and after.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Both<T> {
+    /// With the model as it was.
+    pub before: T,
+    /// With everything found.
+    pub after: T,
+}
+
+/// A file by its name, without folder, and its hash.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct File {
+    /// Name.
+    pub file: String,
+    /// SHA-256: of the model in a model file, of the bytes of any other.
+    pub sha256: String,
+}
+
+/// The model that came out.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct ModelOut {
+    /// Name and hash.
+    #[serde(flatten)]
+    pub file: File,
+    /// Whether it is the model that went in, byte for byte.
+    pub is_the_one_given: bool,
+}
+
+/// One effect found.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Effect {
+    /// Name in the registry of effects.
+    pub name: String,
+    /// Name for readers.
+    pub title: String,
+    /// `attributed` or `empirical`.
+    pub kind: String,
+    /// Formula.
+    pub formula: String,
+    /// What it is about (axis, sensor, period), figures in SI.
+    pub shape: BTreeMap<String, Value>,
+    /// Logged quantities it depends on.
+    pub covariates: Vec<String>,
+    /// Probability by chance, corrected for the number of tests.
+    pub p_value: Option<f64>,
+    /// Twice the log likelihood gained, after the price of parameters and trials.
+    pub evidence: Option<f64>,
+    /// Share of its signature that the model without it could absorb.
+    pub alias_share: Option<f64>,
+    /// Estimates.
+    pub parameters: Vec<Parameter>,
+    /// Error on blocks left out without it, less that with it.
+    pub held_out_gain_um: Option<f64>,
+    /// What the same flexibility gains without the tie to the data.
+    pub placebo: Placebo,
+    /// Other effects that explain nearly the same.
+    pub cannot_be_told_from: Vec<Rival>,
+    /// Rms of what it does to the readings.
+    pub size_um: Option<f64>,
+}
+
+/// A parameter, SI.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Parameter {
+    /// Name.
+    pub name: String,
+    /// Value.
+    pub value: Option<f64>,
+    /// SI unit.
+    pub unit: String,
+    /// Standard uncertainty (k = 1).
+    pub u: Option<f64>,
+    /// Magnitude beyond which it is not believed.
+    pub plausible: Option<f64>,
+    /// Whether the value is within it.
+    pub is_plausible: bool,
+}
+
+/// Gain of an effect beside that of placebos: its own columns, cut loose from the readings they belong to.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Placebo {
+    /// Gain of the effect.
+    pub gain: Option<f64>,
+    /// Unit of the gains, in words.
+    pub unit: String,
+    /// Placebos drawn.
+    pub draws: usize,
+    /// Median gain of the placebos.
+    pub median: Option<f64>,
+    /// Gain that one placebo in twenty exceeds.
+    pub quantile_95: Option<f64>,
+    /// Share of placebos, the effect itself counted as one, that gain as much or more.
+    pub share_as_good: Option<f64>,
+}
+
+/// Another effect that explains nearly the same.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Rival {
+    /// Name.
+    pub name: String,
+    /// Its shape, figures in SI.
+    pub shape: BTreeMap<String, Value>,
+    /// How much less evidence it has.
+    pub evidence_behind: Option<f64>,
+}
+
+/// Error of one model.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct ErrorFigures {
+    /// Rms on blocks that no step saw.
+    pub held_out_rms_um: Option<f64>,
+    /// Its 95 % interval.
+    pub held_out_interval_um: Option<(f64, f64)>,
+    /// Rms at the independent points, three-dimensional, after rigid alignment.
+    pub verify_rms_um: Option<f64>,
+    /// Its 95 % interval.
+    pub verify_interval_um: Option<(f64, f64)>,
+    /// Largest error at the independent points.
+    pub verify_max_um: Option<f64>,
+    /// χ² per degree of freedom with the declared uncertainties.
+    pub chi2_per_dof: Option<f64>,
+    /// Rms of the residuals of the fit itself.
+    pub residual_rms_um: Option<f64>,
+}
+
+/// How the error on data left out came about.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct HeldOut {
+    /// What was left out together.
+    pub blocks: String,
+    /// Why there is no figure; `None` where there is one.
+    pub missing_because: Option<String>,
+    /// 95 % interval of mean square before less mean square after (µm²): above zero where the gain is sure.
+    pub gain_interval_um2: Option<(f64, f64)>,
+    /// What each part of the data found by itself.
+    pub found_by_part: Vec<Vec<String>>,
+    /// Error of blocks left out of the final fit only, over the declared noise.
+    pub blocked: Vec<Blocked>,
+}
+
+/// Error on blocks of one kind, as a ratio to the declared noise.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Blocked {
+    /// Kind of block.
+    pub by: String,
+    /// With the model as it was.
+    pub before: Option<f64>,
+    /// With everything found.
+    pub after: Option<f64>,
+}
+
+/// What independent points say.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Verification {
+    /// The file.
+    #[serde(flatten)]
+    pub file: File,
+    /// Points.
+    pub points: usize,
+    /// Points outside the volume that the model after was identified in.
+    pub extrapolated: usize,
+    /// Points that lack a covariate the model after needs; they count, without the effect.
+    pub covariate_missing: usize,
+    /// 95 % interval of mean square before less mean square after (µm²).
+    pub gain_interval_um2: Option<(f64, f64)>,
+}
+
+/// An effect that the data cannot judge.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct NotIdentifiable {
+    /// Name.
+    pub name: String,
+    /// Shape, figures in SI.
+    pub shape: BTreeMap<String, Value>,
+    /// Share of its signature that the model absorbs.
+    pub alias_share: Option<f64>,
+    /// What it looks like.
+    pub aliased_with: Vec<String>,
+    /// Why, where there is more to say than the share.
+    pub because: Option<String>,
+    /// What would tell.
+    pub decided_by: String,
+}
+
+/// An effect that cannot be tested.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Untestable {
+    /// Name.
+    pub name: String,
+    /// Sensor, column or move that is missing.
+    pub needs: String,
+}
+
+/// What the residual says about itself.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct Detection {
+    /// In words.
+    pub words: String,
+    /// Whether some structure is shown that noise does not have.
+    pub has_structure: Option<bool>,
+    /// χ² per degree of freedom with the declared uncertainties.
+    pub chi2_per_dof: Option<f64>,
+    /// Probability of such a χ² if the declared uncertainties are right.
+    pub p_declared: Option<f64>,
+    /// Estimated over declared standard deviation.
+    pub estimated_over_declared: Option<f64>,
+    /// Estimated standard deviation of one observation.
+    pub estimated_sigma_um: Option<f64>,
+    /// Rms of the residuals used.
+    pub rms_um: Option<f64>,
+    /// Observations used.
+    pub used: usize,
+    /// Observations rejected.
+    pub rejected: usize,
+    /// Correlation of neighbours on a line; 0 for noise.
+    pub along_lines: Option<Structure>,
+    /// Scatter of the lines' means over what noise gives; 1 for noise.
+    pub between_lines: Option<Structure>,
+    /// Misfit over the scatter of replicates; 1 for noise. `None` without enough replicates.
+    pub lack_of_fit: Option<Structure>,
+    /// By station, offset and direction of approach.
+    pub groups: Vec<Group>,
+}
+
+/// A figure and how probable it is by chance.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Structure {
+    /// The figure; `None` where only the probability is known.
+    pub value: Option<f64>,
+    /// Probability of such a value by chance.
+    pub p_value: Option<f64>,
+}
+
+/// Residuals of some observations.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Group {
+    /// Which.
+    pub name: String,
+    /// Observations.
+    pub count: usize,
+    /// Mean residual.
+    pub mean_um: Option<f64>,
+    /// Mean square over the declared variance.
+    pub mean_square: Option<f64>,
+}
+
+/// One step of the ladder from the base model to all effects.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Rung {
+    /// Effect added here; `None` for the base model.
+    pub added: Option<String>,
+    /// Error on blocks left out.
+    pub held_out_rms_um: Option<f64>,
+    /// Its 95 % interval.
+    pub held_out_interval_um: Option<(f64, f64)>,
+    /// Rms of the residuals of the fit.
+    pub residual_rms_um: Option<f64>,
+    /// Probability by chance on this rung, corrected.
+    pub p_value: Option<f64>,
+    /// Share that the rungs below could absorb.
+    pub alias_share: Option<f64>,
+    /// Parameters as fitted on this rung.
+    pub parameters: Vec<Parameter>,
+}
+
+/// A candidate against the base model.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Considered {
+    /// Name.
+    pub name: String,
+    /// `attributed` or `empirical`.
+    pub kind: String,
+    /// Parameters that the base model leaves to be determined.
+    pub tested: usize,
+    /// Uncorrected.
+    pub p_value: Option<f64>,
+    /// After Holm.
+    pub p_holm: Option<f64>,
+    /// Twice the log likelihood gained, less the price.
+    pub evidence: Option<f64>,
+    /// Share that the base model could absorb.
+    pub alias_share: Option<f64>,
+}
+
+/// A set of effects and how well it predicts.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Alternative {
+    /// Names.
+    pub effects: Vec<String>,
+    /// Error on blocks left out.
+    pub held_out_rms_um: Option<f64>,
+    /// Its 95 % interval.
+    pub held_out_interval_um: Option<(f64, f64)>,
+    /// F test against the base model, not corrected.
+    pub p_value: Option<f64>,
+    /// Twice the log likelihood gained, less the price.
+    pub evidence: Option<f64>,
+}
+
+impl Effect {
+    /// Title with what it is about: `backlash of Y`.
+    pub fn label(&self) -> String {
+        let text = |key: &str| self.shape.get(key).and_then(Value::as_str);
+        match (text("axis"), text("carriage"), text("line")) {
+            (Some(axis), ..) => format!("{} of {}", self.title, axis.to_uppercase()),
+            (None, Some(carriage), _) => format!("{} of {}", self.title, carriage.to_uppercase()),
+            (None, None, Some(line)) => format!("{} {line}", self.title),
+            _ if self.kind == "empirical" && !self.covariates.is_empty() => {
+                format!("{} in {}", self.title, self.covariates.join(" and "))
+            }
+            _ => self.title.clone(),
+        }
+    }
+}

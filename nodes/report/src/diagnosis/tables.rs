@@ -1,0 +1,351 @@
+//! Tables of a diagnosis: effects, parameters, rivals, what cannot be told, detection, search.
+
+use super::readable;
+use super::record::{Effect, NotIdentifiable, Parameter, Placebo, Record, Structure};
+use super::words::alias_words;
+use crate::sections::{Cell, Column, Section, TableSection};
+use crate::text::significant;
+
+/// Probabilities below this are beyond what the distributions are computed to.
+const SMALLEST_P: f64 = 1e-300;
+
+fn table(title: &str, note: Option<&str>, columns: Vec<Column>, rows: Vec<Vec<Option<Cell>>>) -> Section {
+    let note = note.map(str::to_owned);
+    Section::Table(TableSection { title: title.to_owned(), note, columns, rows, total_rows: None })
+}
+
+/// A probability as text: most are far too small for decimals.
+pub(super) fn probability(p: Option<f64>) -> Option<Cell> {
+    Cell::text(match p? {
+        p if p < SMALLEST_P => "below 10⁻³⁰⁰".to_owned(),
+        p if p >= 1e-3 => format!("{p:.3}"),
+        p => significant(p, 2),
+    })
+}
+
+fn interval_cell(interval: Option<(f64, f64)>) -> Option<Cell> {
+    interval.and_then(|(low, high)| Cell::text(format!("{} … {}", significant(low, 3), significant(high, 3))))
+}
+
+fn words(list: &[String]) -> Option<Cell> {
+    if list.is_empty() { None } else { Cell::text(list.join(", ")) }
+}
+
+impl Record {
+    /// What was found and how surely.
+    pub(super) fn effects_table(&self) -> Section {
+        let columns = vec![
+            Column::text("effect"),
+            Column::text("kind"),
+            Column::text("depends on"),
+            Column::text("probability by chance, corrected"),
+            Column::number("size in the readings, rms", "µm"),
+            Column::number("gain on blocks left out", "µm"),
+            Column::number("share that geometry absorbs", "1"),
+            Column::text("which means"),
+            Column::text("formula"),
+        ];
+        let row = |e: &Effect| {
+            vec![
+                Cell::text(e.label()),
+                Cell::text(kind_words(&e.kind)),
+                words(&e.covariates),
+                probability(e.p_value),
+                Cell::maybe(e.size_um, 3),
+                Cell::maybe(e.held_out_gain_um, 3),
+                Cell::maybe(e.alias_share, 3),
+                Cell::text(alias_words(e.alias_share)),
+                Cell::text(&e.formula),
+            ]
+        };
+        let note = "Attributed: a known effect explains it. Empirical: the data depend on the named quantities in this \
+                    shape; nothing known explains why.";
+        table("Effects found", Some(note), columns, self.effects.iter().map(row).collect())
+    }
+
+    /// Parameters of all effects, in units that people read.
+    pub(super) fn parameters_table(&self) -> Section {
+        let columns = vec![
+            Column::text("effect"),
+            Column::text("parameter"),
+            Column::text("value ± standard uncertainty (k = 1)"),
+            Column::text("plausible up to"),
+            Column::text("inside"),
+        ];
+        let rows = self.effects.iter().flat_map(|e| e.parameters.iter().map(|p| parameter_row(&e.label(), p)));
+        let note = "Plausible is what such a parameter can be on a sound machine; a value outside points to another \
+                    cause.";
+        table("Parameters", Some(note), columns, rows.collect())
+    }
+
+    /// Gain beside placebos.
+    pub(super) fn placebo_table(&self) -> Section {
+        let columns = vec![
+            Column::text("effect"),
+            Column::number("gain", "as named"),
+            Column::number("placebos, median", "as named"),
+            Column::number("placebos, 95 %", "as named"),
+            Column::number("share of placebos as good", "1"),
+            Column::number("placebos", "1"),
+            Column::text("what is counted"),
+        ];
+        let row = |e: &Effect| {
+            let Placebo { gain, unit, draws, median, quantile_95, share_as_good } = &e.placebo;
+            vec![
+                Cell::text(e.label()),
+                Cell::maybe(*gain, 4),
+                Cell::maybe(*median, 4),
+                Cell::maybe(*quantile_95, 4),
+                Cell::maybe(*share_as_good, 3),
+                Cell::count(*draws),
+                Cell::text(unit),
+            ]
+        };
+        let note = "A placebo has the effect's own columns, cut loose from the readings they belong to: as flexible, \
+                    but without meaning. An effect that gains no more than its placebos is flexibility, not physics.";
+        table("Real gain and placebo gain", Some(note), columns, self.effects.iter().map(row).collect())
+    }
+
+    /// Effects that would do as well; nothing where there are none.
+    pub(super) fn rivals_table(&self) -> Option<Section> {
+        let columns = vec![
+            Column::text("effect found"),
+            Column::text("cannot be told from"),
+            Column::number("evidence behind", "1"),
+        ];
+        let of = |e: &Effect| {
+            let label = e.label();
+            let row = move |r: &super::Rival| {
+                vec![Cell::text(&label), Cell::text(shaped(&r.name, &r.shape)), Cell::maybe(r.evidence_behind, 1)]
+            };
+            e.cannot_be_told_from.iter().map(row).collect::<Vec<_>>()
+        };
+        let rows: Vec<_> = self.effects.iter().flat_map(of).collect();
+        let note = "Evidence is twice the log likelihood after the price of parameters and trials; below 10 the data \
+                    do not decide.";
+        (!rows.is_empty()).then(|| table("Rivals", Some(note), columns, rows))
+    }
+
+    /// What aliases with the model.
+    pub(super) fn not_identifiable_table(&self) -> Section {
+        let columns = vec![
+            Column::text("effect"),
+            Column::number("share absorbed", "1"),
+            Column::text("looks like"),
+            Column::text("why"),
+            Column::text("decided by"),
+        ];
+        let row = |n: &NotIdentifiable| {
+            vec![
+                Cell::text(shaped(&n.name, &n.shape)),
+                Cell::maybe(n.alias_share, 4),
+                words(&n.aliased_with),
+                n.because.as_ref().and_then(Cell::text),
+                Cell::text(&n.decided_by),
+            ]
+        };
+        let note = "These effects may be there: with this plan the model's own parameters would take them up. Where \
+                    they belong to position alone, correction at the campaign's conditions does not suffer.";
+        table("Cannot be identified", Some(note), columns, self.not_identifiable.iter().map(row).collect())
+    }
+
+    /// What needs a sensor.
+    pub(super) fn untestable_table(&self) -> Section {
+        let columns = vec![Column::text("effect"), Column::text("needs")];
+        let row = |u: &super::Untestable| vec![Cell::text(&u.name), Cell::text(&u.needs)];
+        let note = "Not logged, or logged and constant. Nothing is claimed of these effects.";
+        table("Untestable", Some(note), columns, self.untestable.iter().map(row).collect())
+    }
+
+    /// A numbered list.
+    pub(super) fn list(title: &str, note: Option<&str>, heading: &str, lines: &[String]) -> Section {
+        let rows = lines.iter().enumerate().map(|(k, text)| vec![Cell::count(k + 1), Cell::text(text)]);
+        table(title, note, vec![Column::number("no.", "1"), Column::text(heading)], rows.collect())
+    }
+
+    /// Detection, before beside after.
+    pub(super) fn detection_table(&self) -> Section {
+        let columns = vec![
+            Column::text("figure"),
+            Column::text("noise has"),
+            Column::number("before", "1"),
+            Column::text("probability before"),
+            Column::number("after", "1"),
+            Column::text("probability after"),
+        ];
+        let (b, a) = (&self.detection.before, &self.detection.after);
+        let plain = |value: Option<f64>, p_value: Option<f64>| Some(Structure { value, p_value });
+        let rows = [
+            (
+                "χ² per degree of freedom, declared uncertainties",
+                "1",
+                plain(b.chi2_per_dof, b.p_declared),
+                plain(a.chi2_per_dof, a.p_declared),
+            ),
+            (
+                "estimated over declared standard deviation",
+                "1",
+                plain(b.estimated_over_declared, None),
+                plain(a.estimated_over_declared, None),
+            ),
+            ("correlation of neighbours on a line", "0", b.along_lines, a.along_lines),
+            ("scatter of the lines' means over that of noise", "1", b.between_lines, a.between_lines),
+            ("misfit over the scatter of replicates", "1", b.lack_of_fit, a.lack_of_fit),
+        ];
+        let row = |(name, noise, before, after): (&str, &str, Option<Structure>, Option<Structure>)| {
+            let cells = |s: Option<Structure>| {
+                [Cell::maybe(s.and_then(|s| s.value), 3), probability(s.and_then(|s| s.p_value))]
+            };
+            [vec![Cell::text(name), Cell::text(noise)], cells(before).to_vec(), cells(after).to_vec()].concat()
+        };
+        let note = format!("Before: {} After: {} A dash is a figure that these data do not give.", b.words, a.words);
+        table("Is it noise?", Some(&note), columns, rows.into_iter().map(row).collect())
+    }
+
+    /// Residual by station, offset, direction.
+    pub(super) fn groups_table(&self) -> Option<Section> {
+        let (before, after) = (&self.detection.before.groups, &self.detection.after.groups);
+        if before.is_empty() {
+            return None;
+        }
+        let columns = vec![
+            Column::text("observations"),
+            Column::number("count", "1"),
+            Column::number("mean before", "µm"),
+            Column::number("mean after", "µm"),
+            Column::number("mean square over declared, before", "1"),
+            Column::number("after", "1"),
+        ];
+        let row = |g: &super::Group| {
+            let later = after.iter().find(|other| other.name == g.name);
+            vec![
+                Cell::text(&g.name),
+                Cell::count(g.count),
+                Cell::maybe(g.mean_um, 3),
+                Cell::maybe(later.and_then(|l| l.mean_um), 3),
+                Cell::maybe(g.mean_square, 3),
+                Cell::maybe(later.and_then(|l| l.mean_square), 3),
+            ]
+        };
+        let title = "By station, offset and direction";
+        Some(table(title, None, columns, before.iter().map(row).collect()))
+    }
+
+    /// Error of blocks left out of the final fit.
+    pub(super) fn blocked_table(&self) -> Option<Section> {
+        let columns = vec![Column::text("left out"), Column::number("before", "1"), Column::number("after", "1")];
+        let row = |b: &super::Blocked| vec![Cell::text(&b.by), Cell::maybe(b.before, 3), Cell::maybe(b.after, 3)];
+        let note = "Rms over the declared noise, predicted by the final structure fitted to the rest.";
+        let rows: Vec<_> = self.held_out.blocked.iter().map(row).collect();
+        (!rows.is_empty()).then(|| table("Blocks left out of the final fit", Some(note), columns, rows))
+    }
+
+    /// From the base model to all effects.
+    pub(super) fn ladder_table(&self) -> Option<Section> {
+        let columns = vec![
+            Column::text("added"),
+            Column::number("error on blocks left out", "µm"),
+            Column::text("95 % interval / µm"),
+            Column::number("residual rms of the fit", "µm"),
+            Column::text("probability by chance, corrected"),
+            Column::number("share absorbed below", "1"),
+        ];
+        let row = |r: &super::Rung| {
+            vec![
+                Cell::text(r.added.as_deref().unwrap_or("(the model as it was)")),
+                Cell::maybe(r.held_out_rms_um, 3),
+                interval_cell(r.held_out_interval_um),
+                Cell::maybe(r.residual_rms_um, 3),
+                probability(r.p_value),
+                Cell::maybe(r.alias_share, 3),
+            ]
+        };
+        let rows: Vec<_> = self.ladder.iter().map(row).collect();
+        (!rows.is_empty()).then(|| table("Ladder: one effect more on each rung", None, columns, rows))
+    }
+
+    /// Other sets of effects.
+    pub(super) fn alternatives_table(&self) -> Option<Section> {
+        let columns = vec![
+            Column::text("effects"),
+            Column::number("error on blocks left out", "µm"),
+            Column::text("95 % interval / µm"),
+            Column::text("probability by chance"),
+            Column::number("evidence", "1"),
+        ];
+        let row = |a: &super::Alternative| {
+            vec![
+                Cell::text(if a.effects.is_empty() { "(none)".to_owned() } else { a.effects.join(" + ") }),
+                Cell::maybe(a.held_out_rms_um, 3),
+                interval_cell(a.held_out_interval_um),
+                probability(a.p_value),
+                Cell::maybe(a.evidence, 1),
+            ]
+        };
+        let note = "Best prediction first; probabilities are not corrected for the number of sets.";
+        let rows: Vec<_> = self.alternatives.iter().map(row).collect();
+        (!rows.is_empty()).then(|| table("Other sets of effects", Some(note), columns, rows))
+    }
+
+    /// All candidates against the base model.
+    pub(super) fn considered_table(&self) -> Option<Section> {
+        let columns = vec![
+            Column::text("candidate"),
+            Column::text("kind"),
+            Column::number("parameters", "1"),
+            Column::text("probability by chance"),
+            Column::text("corrected"),
+            Column::number("evidence", "1"),
+            Column::number("share absorbed", "1"),
+        ];
+        let row = |c: &super::Considered| {
+            vec![
+                Cell::text(&c.name),
+                Cell::text(kind_words(&c.kind)),
+                Cell::count(c.tested),
+                probability(c.p_value),
+                probability(c.p_holm),
+                Cell::maybe(c.evidence, 1),
+                Cell::maybe(c.alias_share, 3),
+            ]
+        };
+        let rows: Vec<_> = self.considered.iter().map(row).collect();
+        (!rows.is_empty()).then(|| table("Every candidate against the model as it was", None, columns, rows))
+    }
+}
+
+fn parameter_row(effect: &str, parameter: &Parameter) -> Vec<Option<Cell>> {
+    let (value, u, plausible, unit, decimals) = readable(parameter);
+    let shown = |v: f64| crate::text::fixed(v, decimals);
+    let value = value.map(|v| match u {
+        Some(u) => format!("{} ± {} {unit}", shown(v), shown(u)),
+        None => format!("{} {unit}", significant(v, 3)),
+    });
+    vec![
+        Cell::text(effect),
+        Cell::text(&parameter.name),
+        value.and_then(Cell::text),
+        plausible.and_then(|p| Cell::text(format!("{} {unit}", significant(p, 2)))),
+        Cell::text(if parameter.is_plausible { "yes" } else { "NO" }),
+    ]
+}
+
+fn kind_words(kind: &str) -> String {
+    if kind == "empirical" { "empirical (described, not explained)".to_owned() } else { kind.to_owned() }
+}
+
+/// A name with its shape: `reversal (axis y, over y, terms 1)`.
+fn shaped(name: &str, shape: &std::collections::BTreeMap<String, serde_json::Value>) -> String {
+    let entry = |(key, value): (&String, &serde_json::Value)| match value {
+        serde_json::Value::String(text) => format!("{key} {text}"),
+        serde_json::Value::Number(number) => match number.as_f64() {
+            Some(number) => format!("{key} {}", significant(number, 4)),
+            None => format!("{key} {number}"),
+        },
+        other => format!("{key} {other}"),
+    };
+    match shape.is_empty() {
+        true => name.to_owned(),
+        false => format!("{name} ({})", shape.iter().map(entry).collect::<Vec<_>>().join(", ")),
+    }
+}

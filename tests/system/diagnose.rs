@@ -1,0 +1,291 @@
+//! `abbe diagnose` as a user meets it: the effect is named, the model that comes out corrects with it, verification
+//! points only score, the same input gives the same bytes, and wrong input leaves the folder as it was.
+
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // A test fails by panicking.
+
+mod common;
+
+use std::fs;
+use std::thread;
+use std::time::Duration;
+
+use common::assert_says;
+use common::files::{Bench, listing, machine, other_machine, text};
+use common::program::{Started, abbe, run, signal};
+use rustix::process::Signal;
+use serde_json::Value;
+
+/// A machine with play in Y, its campaign and the model that does not know of it.
+fn with_backlash() -> Bench {
+    identified(&["--effect", "backlash axis=y size_um=3"])
+}
+
+fn identified(effects: &[&str]) -> Bench {
+    let bench = Bench::simulated(7);
+    let (machine, out, campaign) = (text(&machine()), bench.text(""), bench.text("campaign.csv"));
+    run([&["simulate", "--machine", &machine, "--seed", "7", "--out", &out], effects].concat()).ok();
+    run(["identify", "--machine", &machine, "--campaign", &campaign, "--out", &bench.text("before.json")]).ok();
+    bench
+}
+
+/// Diagnoses the bench's campaign into a folder of it.
+fn diagnose(bench: &Bench, out: &str, more: &[&str]) -> String {
+    let (model, campaign, out) = (bench.text("before.json"), bench.text("campaign.csv"), bench.text(out));
+    let arguments = ["diagnose", "--model", &model, "--campaign", &campaign, "--out", &out, "--folds", "2"];
+    run([&arguments, more].concat()).ok()
+}
+
+fn json(bench: &Bench, name: &str) -> Value {
+    serde_json::from_str(&bench.read(name)).unwrap()
+}
+
+#[track_caller]
+fn number(value: &Value) -> f64 {
+    value.as_f64().unwrap_or_else(|| panic!("{value} is no number"))
+}
+
+/// A CSV file without one column.
+fn without(table: &str, column: &str) -> String {
+    let place = table.lines().next().unwrap().split(',').position(|name| name == column).unwrap();
+    let cut = |line: &str| {
+        let cells = line.split(',').enumerate().filter(|(k, _)| *k != place).map(|(_, cell)| cell);
+        cells.collect::<Vec<_>>().join(",") + "\n"
+    };
+    table.lines().map(cut).collect()
+}
+
+#[test]
+fn play_is_found_and_corrected_and_verification_points_only_score() {
+    let bench = with_backlash();
+    let words = diagnose(&bench, "scored", &["--verify", &bench.text("verify.csv")]);
+    assert_says(&words, &["backlash of Y", "report.html", "verification error"]);
+
+    let found = json(&bench, "scored/diagnosis.json");
+    assert_eq!(found["consistent_with_noise"], false);
+    let effect = &found["effects"][0];
+    assert_eq!((&effect["name"], &effect["kind"]), (&"reversal".into(), &"attributed".into()));
+    assert_eq!(effect["shape"]["axis"], "y");
+    let play = &effect["parameters"][0];
+    let (value, u) = (number(&play["value"]), number(&play["u"]));
+    assert!((value.abs() - 3e-6).abs() < 4.0 * u, "{value} ± {u} m of 3 µm");
+    assert_eq!((&play["unit"], &play["is_plausible"]), (&"m".into(), &true.into()));
+    assert!(number(&effect["placebo"]["share_as_good"]) < 0.1);
+    for figure in ["held_out_rms_um", "verify_rms_um", "verify_max_um", "chi2_per_dof"] {
+        let (before, after) = (number(&found["before"][figure]), number(&found["after"][figure]));
+        assert!(after < 0.8 * before, "{figure}: {before} to {after}");
+    }
+    let page = bench.read("scored/report.html");
+    assert_says(&page, &["The model lacks: backlash of Y", "Residual before and after", "Real gain and placebo gain"]);
+    assert!(!page.contains("<script") && !page.contains("src=\"http"), "the page opens without network");
+
+    scoring_changes_nothing_else(&bench, found);
+    the_model_corrects(&bench);
+}
+
+/// Without verification points: the same model, and the same JSON but for their figures. Again: the same bytes.
+fn scoring_changes_nothing_else(bench: &Bench, mut scored: Value) {
+    for out in ["plain", "again"] {
+        diagnose(bench, out, &[]);
+    }
+    let plain = json(bench, "plain/diagnosis.json");
+    assert!(plain["before"]["verify_rms_um"].is_null() && plain["verification"].is_null());
+    scored["verification"] = Value::Null;
+    for state in ["before", "after"] {
+        for figure in ["verify_rms_um", "verify_max_um", "verify_interval_um"] {
+            scored[state][figure] = Value::Null;
+        }
+    }
+    assert_eq!(scored, plain);
+    let bytes = |name: &str| fs::read(bench.path(name)).unwrap();
+    assert!(bytes("scored/model.json") == bytes("plain/model.json"), "scoring changed the model");
+    for file in ["report.html", "diagnosis.json", "model.json"] {
+        assert!(bytes(&format!("plain/{file}")) == bytes(&format!("again/{file}")), "{file} differs from run to run");
+    }
+}
+
+/// With the covariate the play is corrected; without it the status says so.
+fn the_model_corrects(bench: &Bench) {
+    let correct = |input: &str| {
+        let (model, out) = (bench.text("scored/model.json"), bench.text("corrected.csv"));
+        run(["correct", "--model", &model, "--in", input, "--out", &out]).ok();
+        bench.read("corrected.csv")
+    };
+    let with = correct(&bench.text("verify.csv"));
+    assert!(with.lines().skip(1).all(|line| !line.contains("covariate_missing")));
+    let bare = bench.write("bare.csv", without(&bench.read("verify.csv"), "dir_y"));
+    let missing = correct(&bare);
+    assert!(missing.lines().skip(1).all(|line| line.contains("covariate_missing")));
+}
+
+#[test]
+fn a_clean_machine_is_consistent_with_noise_and_keeps_its_model() {
+    let bench = identified(&[]);
+    let printed = diagnose(&bench, "out", &["--json"]);
+    assert_eq!(printed, bench.read("out/diagnosis.json"));
+    let found = json(&bench, "out/diagnosis.json");
+    assert_eq!(found["consistent_with_noise"], true, "{}", found["verdict"]);
+    assert_eq!(found["effects"].as_array().unwrap().len(), 0);
+    assert!(found["after"]["held_out_rms_um"].is_null() && found["held_out"]["missing_because"].is_string());
+    assert_eq!(found["model_out"]["is_the_one_given"], true);
+    assert_eq!(bench.read("out/model.json"), bench.read("before.json"));
+
+    // Nothing logged: still a diagnosis, which says what it could not look for.
+    let table = bench.read("campaign.csv");
+    let header: Vec<&str> = table.lines().next().unwrap().split(',').collect();
+    let bare = header[10..].iter().fold(table.clone(), |table, column| without(&table, column));
+    let bare = bench.write("bare.csv", bare);
+    run(["diagnose", "--model", &bench.text("before.json"), "--campaign", &bare, "--out", &bench.text("bare")]).ok();
+    let found = json(&bench, "bare/diagnosis.json");
+    let untestable: Vec<_> = found["untestable"].as_array().unwrap().iter().map(|u| u["name"].clone()).collect();
+    for name in ["reversal", "scale_expansion", "table_load"] {
+        assert!(untestable.contains(&name.into()), "{name} is not in {untestable:?}");
+    }
+    assert!(found["untestable"][0]["needs"].as_str().is_some_and(|needs| !needs.is_empty()));
+    assert_eq!(found["model_out"]["is_the_one_given"], false, "other data, fitted anew");
+}
+
+/// Runs a command that must refuse its input, and asserts that it changed nothing in the folder.
+#[track_caller]
+fn refused(bench: &Bench, arguments: &[&str], says: &[&str]) {
+    let before = listing(&bench.path(""));
+    let said = run(arguments).refused();
+    assert_says(&said, says);
+    assert_eq!(listing(&bench.path("")), before, "something was left behind by {arguments:?}");
+}
+
+#[test]
+fn wrong_input_is_refused_with_place_and_remedy_and_the_folder_stays() {
+    let bench = identified(&[]);
+    let (model, campaign, out) = (bench.text("before.json"), bench.text("campaign.csv"), bench.text("out"));
+    let good = bench.read("campaign.csv");
+    fs::create_dir(bench.path("out")).unwrap();
+    bench.write("out/diagnosis.json", "older");
+    let diagnose = |model: &str, campaign: &str, says: &[&str]| {
+        refused(&bench, &["diagnose", "--model", model, "--campaign", campaign, "--out", &out], says);
+    };
+
+    let foreign = good.replacen(",0.0000000,", ",9000.0000000,", 1);
+    assert_ne!(foreign, good);
+    diagnose(&model, &bench.write("foreign.csv", foreign), &["foreign.csv", "outside the stroke", "another machine"]);
+    let word = good.replacen(",0.0000000,", ",NaN,", 1);
+    diagnose(&model, &bench.write("nan.csv", word), &["nan.csv", "line", "not a finite number"]);
+    diagnose(&model, &bench.write("empty.csv", ""), &["empty.csv", "empty", "header"]);
+    diagnose(&bench.text("none.json"), &campaign, &["none.json", "cannot be read"]);
+    diagnose(&campaign, &campaign, &["campaign.csv", "abbe identify"]);
+    let other = fs::read_to_string(other_machine()).unwrap();
+    diagnose(&bench.write("machine.toml", other), &campaign, &["machine.toml", "abbe identify"]);
+
+    let bad_points = bench.write("points.csv", without(&bench.read("verify.csv"), "actual_x_mm"));
+    let arguments = ["diagnose", "--model", &model, "--campaign", &campaign, "--out", &out, "--verify", &bad_points];
+    refused(&bench, &arguments, &["points.csv", "actual_x_mm", "missing"]);
+    let to_file = ["diagnose", "--model", &model, "--campaign", &campaign, "--out", &campaign];
+    refused(&bench, &to_file, &["this is a file", "name a folder"]);
+    refused(&bench, &["diagnose", "--campaign", &campaign, "--out", &out], &["--model", "abbe identify"]);
+    fs::create_dir(bench.path("same")).unwrap();
+    let own = bench.write("same/model.json", bench.read("before.json"));
+    let over = ["diagnose", "--model", &own, "--campaign", &campaign, "--out", &bench.text("same")];
+    refused(&bench, &over, &["would overwrite", "another folder"]);
+    let alone = ["diagnose", "--model", &model, "--campaign", &campaign, "--out", &out, "--folds", "1"];
+    refused(&bench, &alone, &["--folds", "at least 2"]);
+}
+
+#[test]
+fn a_model_whose_effect_the_campaign_cannot_feed_is_refused() {
+    let bench = with_backlash();
+    diagnose(&bench, "first", &[]);
+    let bare = bench.write("bare.csv", without(&bench.read("campaign.csv"), "dir_y"));
+    let arguments =
+        ["diagnose", "--model", &bench.text("first/model.json"), "--campaign", &bare, "--out", &bench.text("second")];
+    refused(&bench, &arguments, &["bare.csv", "reversal", "dir_y", "log it"]);
+}
+
+#[test]
+fn a_stop_leaves_the_folder_as_it_was() {
+    let bench = with_backlash();
+    let before = listing(&bench.path(""));
+    let (model, campaign, out) = (bench.text("before.json"), bench.text("campaign.csv"), bench.text("out"));
+    let started = Started::start(abbe(["diagnose", "--model", &model, "--campaign", &campaign, "--out", &out]));
+    thread::sleep(Duration::from_millis(500));
+    signal(started.id(), Signal::INT);
+    let said = started.finish().refused();
+    assert_says(&said, &["stopped", "nothing"]);
+    assert_eq!(listing(&bench.path("")), before);
+}
+
+/// Positioning runs of one axis with play of 4 µm, five cycles of eleven targets.
+fn runs() -> String {
+    let mut table = "axis,target_mm,direction,cycle,measured_mm,time_s\n".to_owned();
+    let mut state = 1_u32;
+    for cycle in 1..=5 {
+        for (direction, play_um) in [("+", 2.0), ("-", -2.0)] {
+            for target in 0..11 {
+                state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+                let noise_um = f64::from(state >> 16) / 65536.0 - 0.5;
+                let target_mm = f64::from(target) * 50.0;
+                let error_um = play_um + 0.01 * target_mm + 0.4 * noise_um;
+                let time_s = f64::from((cycle * 2 + i32::from(direction == "-")) * 11 + target) * 5.0;
+                let measured_mm = target_mm + error_um / 1e3;
+                table += &format!("X,{target_mm},{direction},{cycle},{measured_mm:.6},{time_s}\n");
+            }
+        }
+    }
+    table
+}
+
+#[test]
+fn positioning_runs_need_no_model() {
+    let bench = Bench::simulated(7);
+    let campaign = bench.write("runs.csv", runs());
+    let words = run(["diagnose", "--campaign", &campaign, "--out", &bench.text("out")]).ok();
+    assert_says(&words, &["report.html"]);
+    let found = json(&bench, "out/diagnosis.json");
+    assert!(!found["effects"].as_array().unwrap().is_empty(), "{}", found["verdict"]);
+    assert!(number(&found["after"]["held_out_rms_um"]) < 0.3 * number(&found["before"]["held_out_rms_um"]));
+    assert!(!bench.path("out/model.json").exists() && found["model_out"].is_null());
+    assert_says(&bench.read("out/report.html"), &["What was measured", "Ladder"]);
+
+    let model = bench.write("model.json", "{}");
+    let arguments = ["diagnose", "--model", &model, "--campaign", &campaign, "--out", &bench.text("out")];
+    refused(&bench, &arguments, &["need no model", "leave --model out"]);
+}
+
+/// Residual vectors over X, Y, Z that grow with a temperature.
+fn vectors(unit: &str) -> String {
+    let mut table = format!("x_mm,y_mm,z_mm,res_x_{unit},res_y_{unit},res_z_{unit},temp_c,block\n");
+    let mut state = 1_u32;
+    let mut noise = || {
+        state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        f64::from(state >> 16) / 65536.0 - 0.5
+    };
+    for k in 0..160_i32 {
+        let [x, y, z] = [(k * 37) % 400, (k * 53) % 300, (k * 71) % 200];
+        let warm = (f64::from(k) * 0.7).sin();
+        let [a, b, c] = [3.0 * warm + noise(), noise(), noise()];
+        table += &format!("{x},{y},{z},{a:.4},{b:.4},{c:.4},{:.3},{}\n", 20.0 + warm, k / 8);
+    }
+    table
+}
+
+#[test]
+fn residual_vectors_of_other_software_are_diagnosed_and_checked() {
+    let bench = Bench::simulated(7);
+    let good = bench.write("residuals.csv", vectors("um"));
+    let out = bench.text("out");
+    run(["diagnose", "--residuals", &good, "--out", &out]).ok();
+    let found = json(&bench, "out/diagnosis.json");
+    let effect = &found["effects"][0];
+    assert_eq!(effect["kind"], "empirical", "{}", found["verdict"]);
+    assert!(effect["covariates"].as_array().unwrap().contains(&"temp_c".into()), "{effect}");
+
+    let refuse = |name: &str, content: String, says: &[&str]| {
+        let file = bench.write(name, content);
+        refused(&bench, &["diagnose", "--residuals", &file, "--out", &out], says);
+    };
+    refuse("inches.csv", vectors("in"), &["inches.csv", "res_x_"]);
+    refuse("nan.csv", vectors("um").replacen(",20.000,", ",NaN,", 1), &["nan.csv", "line 2", "finite"]);
+    refuse("empty.csv", String::new(), &["empty.csv", "empty"]);
+    let (good, model) = (good.as_str(), bench.text("campaign.csv"));
+    let both = ["diagnose", "--residuals", good, "--campaign", &model, "--out", &out];
+    let code = run(both).code;
+    assert_eq!(code, Some(2), "one kind of data at a time");
+}
