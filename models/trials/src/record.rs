@@ -7,7 +7,7 @@ use crate::attribution::Attribution;
 use crate::sizing::excess;
 
 /// Columns of a row, in order.
-pub const COLUMNS: [&str; 21] = [
+pub const COLUMNS: [&str; 22] = [
     "scenario",
     "family",
     "seed",
@@ -27,6 +27,7 @@ pub const COLUMNS: [&str; 21] = [
     "injected",
     "found",
     "not_identifiable",
+    "steps",
     "problem",
     "wall_s",
 ];
@@ -69,6 +70,8 @@ pub struct Outcome {
     pub found: Vec<String>,
     /// What diagnosis says it cannot tell.
     pub not_identifiable: Vec<String>,
+    /// What it decided on the way.
+    pub steps: Vec<String>,
     /// χ² per degree of freedom before and after.
     pub chi2_per_dof: [f64; 2],
 }
@@ -118,6 +121,7 @@ impl Record {
             list(|o| &o.injected),
             list(|o| &o.found),
             list(|o| &o.not_identifiable),
+            list(|o| &o.steps),
             self.outcome.as_ref().err().cloned().unwrap_or_default(),
             format!("{wall_s:.1}"),
         ]
@@ -166,6 +170,7 @@ fn outcome<'a>(at: &dyn Fn(&str) -> Option<&'a str>) -> Option<Outcome> {
         },
         found: list("found")?,
         not_identifiable: list("not_identifiable")?,
+        steps: list("steps")?,
         chi2_per_dof: [number("chi2_per_dof_before")?, number("chi2_per_dof_after")?],
     })
 }
@@ -189,6 +194,7 @@ mod tests {
                 attribution: Attribution { detected: true, right: true, wrong: false, empirical: false },
                 found: Vec::new(),
                 not_identifiable: vec!["a".to_owned()],
+                steps: Vec::new(),
                 chi2_per_dof: [2.5, 1.0],
             }),
         }

@@ -218,6 +218,7 @@ mod tests {
             attribution,
             found: vec!["reverse x".to_owned()],
             not_identifiable: Vec::new(),
+            steps: Vec::new(),
             chi2_per_dof: [2.0, 1.0],
         };
         let (scenario, family) = ("play".to_owned(), "single".to_owned());

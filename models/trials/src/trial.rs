@@ -71,6 +71,8 @@ pub struct Verdict {
     pub findings: Vec<Finding>,
     /// What it says cannot be told apart, in its words.
     pub not_identifiable: Vec<String>,
+    /// What it decided on the way, in its words.
+    pub steps: Vec<String>,
     /// χ² per degree of freedom before and after.
     pub chi2_per_dof: [f64; 2],
 }
@@ -226,6 +228,7 @@ impl Prepared<'_> {
             attribution: attribute(&verdict.findings, &with_line_names(&staged.texts, &campaign), table),
             found: verdict.findings.iter().map(|finding| finding.detail.clone()).collect(),
             not_identifiable: verdict.not_identifiable,
+            steps: verdict.steps,
             chi2_per_dof: verdict.chi2_per_dof,
         })
     }

@@ -31,6 +31,7 @@ impl Diagnoser for Says {
             consistent_with_noise: self.0.is_empty(),
             findings: self.0.clone(),
             not_identifiable: Vec::new(),
+            steps: Vec::new(),
             chi2_per_dof: [chi2, chi2],
         })
     }

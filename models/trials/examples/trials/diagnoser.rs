@@ -46,6 +46,7 @@ fn verdict(diagnosis: Diagnosis) -> Verdict {
         consistent_with_noise: diagnosis.consistent_with_noise,
         findings: diagnosis.found.iter().map(finding).collect(),
         not_identifiable: not_identifiable.collect(),
+        steps: diagnosis.steps,
         chi2_per_dof: [diagnosis.before.evidence.chi2_per_dof, diagnosis.after.evidence.chi2_per_dof],
         model: diagnosis.after.model,
     }

@@ -35,8 +35,8 @@ struct Arguments {
     /// Families to run: single, pair, undescribed, aliased, clean, adverse.
     #[arg(long, value_delimiter = ',')]
     family: Vec<String>,
-    /// Scenarios to run, by exact name.
-    #[arg(long, value_delimiter = ',')]
+    /// A scenario to run, by exact name; may be given several times.
+    #[arg(long)]
     scenario: Vec<String>,
     /// Levels to run of those that each scenario has; without it all.
     #[arg(long, value_delimiter = ',')]
