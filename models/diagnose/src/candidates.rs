@@ -28,11 +28,15 @@ impl Candidate {
         self.score.evidence(rows, self.trials)
     }
 
-    /// Its place in the order of evidence: larger is better, the same on every run.
+    /// Whether it has more evidence by an amount that matters: of equals, the one proposed first stays, on every machine
+    /// and whatever the rounding.
     pub(crate) fn better_than(&self, other: &Candidate, rows: usize) -> bool {
-        self.evidence(rows) > other.evidence(rows)
+        self.evidence(rows) > other.evidence(rows) + EQUAL
     }
 }
+
+/// Difference of evidence that counts as none.
+const EQUAL: f64 = 1.0;
 
 /// The fit of one round, as rows and as a linear problem.
 pub(crate) struct Round<'a> {

@@ -20,8 +20,6 @@ pub(crate) struct Context {
     pub(crate) stations: Vec<String>,
     pub(crate) offsets_m: Vec<[f64; 3]>,
     pub(crate) time_s: (f64, f64),
-    /// Logged covariates that do not vary, or not for every reading.
-    pub(crate) unusable: Vec<String>,
 }
 
 impl Context {
@@ -29,11 +27,8 @@ impl Context {
         let times = campaign.readings.iter().map(|r| r.time_s);
         let time_s = times.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), t| (l.min(t), h.max(t)));
         let mut varying = if time_s.1 > time_s.0 { vec![TIME.to_owned()] } else { Vec::new() };
-        let mut unusable = Vec::new();
-        for column in &campaign.covariates {
-            let list = if varies(&column.values) { &mut varying } else { &mut unusable };
-            list.push(column.name.clone());
-        }
+        let usable = campaign.covariates.iter().filter(|column| varies(&column.values));
+        varying.extend(usable.map(|column| column.name.clone()));
         let mut offsets_m: Vec<[f64; 3]> = Vec::new();
         for reading in &campaign.readings {
             let same = |o: &[f64; 3]| (0..3).all(|d| (o[d] - reading.offset_m[d]).abs() < SAME_OFFSET_M);
@@ -41,7 +36,7 @@ impl Context {
                 offsets_m.push(reading.offset_m);
             }
         }
-        Context { varying, stations: campaign.stations.clone(), offsets_m, time_s, unusable }
+        Context { varying, stations: campaign.stations.clone(), offsets_m, time_s }
     }
 
     pub(crate) fn observed<'a>(&'a self, machine: &'a Machine) -> Observed<'a> {

@@ -54,9 +54,13 @@ pub fn diagnose(
     let not_identifiable = alias::not_identifiable(&last, &state.fit.model, &named)?;
     let untestable = alias::untestable(&state.machine, &search.context);
     let next_measurements = next_measurements(&found, &not_identifiable, &untestable);
+    let rejected_lines = rejected_lines(campaign, &state.fit.weights);
+    let structured = enriched || detection_after.has_structure() || !rejected_lines.is_empty();
+    let said = rejected_lines.iter().map(|line| format!("line {line} was rejected: most of its readings are outliers"));
     Ok(Diagnosis {
-        consistent_with_noise: found.is_empty() && !enriched && !detection_after.has_structure(),
-        steps: state.steps.iter().map(describe).collect(),
+        consistent_with_noise: found.is_empty() && !structured,
+        steps: state.steps.iter().map(describe).chain(said).collect(),
+        rejected_lines,
         blocked: blocked(campaign, &first, &last),
         before,
         after: state.fit,
@@ -69,6 +73,19 @@ pub fn diagnose(
         untestable,
         next_measurements,
     })
+}
+
+/// Lines of which more than half was rejected: a run that is off as a whole never reaches the search, since the fit
+/// gives it no weight.
+fn rejected_lines(campaign: &Campaign, weights: &[f64]) -> Vec<String> {
+    let mut counts = vec![(0_usize, 0_usize); campaign.lines.len()];
+    for (reading, weight) in campaign.readings.iter().zip(weights) {
+        let (all, rejected) = &mut counts[reading.line as usize];
+        *all += 1;
+        *rejected += usize::from(*weight == 0.0);
+    }
+    let lost = campaign.lines.iter().zip(counts).filter(|(_, (all, rejected))| *all > 1 && 2 * rejected > *all);
+    lost.map(|(line, _)| line.clone()).collect()
 }
 
 fn blocked(campaign: &Campaign, before: &Round, after: &Round) -> Vec<Blocked> {

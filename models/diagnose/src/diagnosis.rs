@@ -24,6 +24,8 @@ pub struct Diagnosis {
     pub found: Vec<Found>,
     /// What the search decided, in words.
     pub steps: Vec<String>,
+    /// Lines that the fit rejected as a whole: measure them again.
+    pub rejected_lines: Vec<String>,
     /// Error functions had too few coefficients and got more.
     pub enriched: bool,
     /// Error on lines that no step saw; `None` where the campaign has too few lines.

@@ -7,9 +7,9 @@ use crate::linear::{Projected, eigen};
 use faer::Mat;
 use statrs::distribution::{ContinuousCDF, FisherSnedecor};
 
-/// Share of a direction's information that must be left for it to be tested: a tenth of its amplitude. What is left of
-/// less is dominated by how well the error functions can bend, not by the effect.
-pub(crate) const LEFT: f64 = 0.01;
+/// Share of a direction's information that must be left for it to be tested: a twentieth of its amplitude. What is left
+/// of less is dominated by how well the error functions can bend, not by the effect.
+pub(crate) const LEFT: f64 = 0.0003;
 
 /// Outcome of a group test.
 #[derive(Debug, Clone, PartialEq)]

@@ -13,7 +13,7 @@ use crate::options::{Options, Progress};
 use crate::score::Score;
 use crate::{judge, order, periodic, runs};
 use abbe_geometry::ErrorId;
-use abbe_geometry::effects::known;
+use abbe_geometry::effects::{ShapeValue, known};
 use abbe_geometry::machine::Machine;
 use abbe_identify::{EffectTerm, Identified, IdentifyError, Rows, identify_with};
 use abbe_measurement::campaign::Campaign;
@@ -314,7 +314,7 @@ impl<'a> Search<'a> {
     fn rivals(&self, round: &Round, named: &[Candidate], chosen: &Candidate) -> Vec<Candidate> {
         let limit = chosen.evidence(round.used) - self.options.rival_margin;
         let mut rivals: Vec<Candidate> = Vec::new();
-        for candidate in named.iter().filter(|c| c.known.name != chosen.known.name && c.evidence(round.used) > limit) {
+        for candidate in named.iter().filter(|c| c.evidence(round.used) > limit && !is_variant(c, chosen)) {
             match rivals.iter_mut().find(|r| r.known.name == candidate.known.name) {
                 Some(rival) if candidate.better_than(rival, round.used) => *rival = candidate.clone(),
                 Some(_) => {}
@@ -348,6 +348,15 @@ impl<'a> Search<'a> {
         }
         Ok(weakest.map(|(index, _)| index))
     }
+}
+
+/// Whether a candidate is the chosen effect with other figures (degree, time constant): no rival but the same claim. With
+/// another axis or sensor it is another claim.
+fn is_variant(candidate: &Candidate, chosen: &Candidate) -> bool {
+    let texts = |c: &Candidate| {
+        c.term.shape.0.values().filter(|v| !matches!(v, ShapeValue::Number(_))).cloned().collect::<Vec<_>>()
+    };
+    candidate.known.name == chosen.known.name && texts(candidate) == texts(chosen)
 }
 
 fn has(terms: &[EffectTerm], term: &EffectTerm) -> bool {

@@ -31,6 +31,9 @@ const LINEAR: f64 = 1e-6;
 /// Passes in which the data choose the smoothness: afterwards the rows change too little to tell, and a
 /// smoothness that follows every pass would keep the parameters moving.
 const SMOOTHING_PASSES: usize = 3;
+/// Passes in which robust weights follow the residuals: afterwards a few readings at the edge of rejection can only go in
+/// and out by turns, and each turn moves what they determine.
+const WEIGHING_PASSES: usize = 15;
 /// Share of the splines' coefficients that counts as nearly all of them.
 const SATURATED: f64 = 0.9;
 /// Share of one spline's coefficients from which it is as good as free.
@@ -294,7 +297,8 @@ impl<'a> Fit<'a> {
             let solution = self.solve(&linear, pass < SMOOTHING_PASSES).map_err(|_| IdentifyError::Singular)?;
             largest_step = self.step(&solution);
             let residuals = residuals(&self.estimate());
-            let (weights, scale) = self.weigh(&residuals);
+            let (found, scale) = self.weigh(&residuals);
+            let weights = if pass < WEIGHING_PASSES { found } else { linear.weights.clone() };
             let chi2_per_dof = solution.noise_factor;
             if !(self.observe)(Progress { pass: self.passes, largest_step, chi2_per_dof }) {
                 return Err(IdentifyError::Stopped);

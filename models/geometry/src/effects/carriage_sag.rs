@@ -56,13 +56,18 @@ fn construct(shape: &Shape, machine: &Machine) -> Result<Box<dyn Effect>, Effect
     Ok(Box::new(CarriageSag { carrying, carriage, about, stroke_m: machine.stroke_m }))
 }
 
-/// All pairs in both orders, about each axis: which way the load is passed on is not in the chain alone.
-fn propose(_observed: &Observed) -> Vec<Shape> {
-    let pairs = Axis::ALL.into_iter().flat_map(|u| Axis::ALL.into_iter().map(move |v| (u, v))).filter(|(u, v)| u != v);
+/// All pairs about each axis, first those in which the joint nearer to the bed carries the other axis: where the data
+/// cannot tell which of two turns, that one does. The other way round is possible: load paths are not in the chain alone.
+fn propose(observed: &Observed) -> Vec<Shape> {
+    let order = observed.machine.joints.map(|joint| joint.axis);
+    let pairs = |near: bool| {
+        let place = move |k: usize| if near { k } else { 2 - k };
+        (0..3).flat_map(move |i| (i + 1..3).map(move |j| (order[place(i)], order[place(j)])))
+    };
     let shape = |u: Axis, v: Axis, about: Axis| {
         Shape::new().text("carrying", u.lower()).text("carriage", v.lower()).text("about", about.lower())
     };
-    pairs.flat_map(|(u, v)| Axis::ALL.map(|about| shape(u, v, about))).collect()
+    pairs(true).chain(pairs(false)).flat_map(|(u, v)| Axis::ALL.map(|about| shape(u, v, about))).collect()
 }
 
 impl CarriageSag {

@@ -1,10 +1,10 @@
-//! Reversal (backlash): the axis lags behind its reading by half the reversal value, against the approach.
+//! Reversal (backlash): where the axis stops depends on the side it comes from.
 //!
-//! Formula: e = −½·B(u)·sign(approach) along the axis, B(u) = Σ b_k P_k(2u − 1) with Legendre polynomials P_k of the
+//! Formula: e = ½·B(u)·sign(approach) along the axis, B(u) = Σ b_k P_k(2u − 1) with Legendre polynomials P_k of the
 //! share u of a stroke, the axis' own or, with `over`, another's (play that differs from side to side of a wide
 //! carriage); degree 0 is the constant form. Inputs: reading (m), logged sign of approach (−1, 0, +1).
-//! B is the reversal value of ISO 230-2, positive when the mean position from above lies higher than from below.
-//! Typical 0.1–2 µm.
+//! B is the reversal value of ISO 230-2, mean deviation of approaches in + less that in −: play, by which the axis lags
+//! behind, is negative. Typical 0.1–2 µm.
 
 use super::empirical::legendre;
 use super::known::{Known, Observed};
@@ -17,7 +17,7 @@ use crate::machine::Machine;
 pub(super) const KNOWN: Known = Known {
     name: "reversal",
     title: "backlash",
-    formula: "e = -B(u) sign(approach) / 2 along the axis, B(u) = sum b_k P_k(2u - 1), u the share of the stroke",
+    formula: "e = B(u) sign(approach) / 2 along the axis, B(u) = sum b_k P_k(2u - 1), u the share of the stroke",
     typical: "0.1-2 um",
     source: "ISO 230-2 (reversal value B)",
     needs: "the sign of approach (dir_x, dir_y, dir_z) with approaches from both sides",
@@ -82,7 +82,7 @@ impl Effect for Reversal {
         let share = (state.reading_m[self.over.index()] - lower_m) / (upper_m - lower_m);
         let along = Acts::Error(ErrorId::linear(self.axis, self.axis));
         for (k, value) in legendre(2.0 * share - 1.0, self.degree).into_iter().enumerate() {
-            part(k, along, -0.5 * sign * value);
+            part(k, along, 0.5 * sign * value);
         }
         Ok(())
     }
@@ -102,7 +102,7 @@ mod tests {
             let state = State { reading_m: [0.5; 3], offset_m: [0.0; 3], covariates: &One(sign) };
             tip_m(effect.as_ref(), &state, &[1.2e-6])
         };
-        assert!((at(-1.0) - at(1.0) - Vector3::new(0.0, 1.2e-6, 0.0)).norm() < 1e-18);
+        assert!((at(1.0) - at(-1.0) - Vector3::new(0.0, 1.2e-6, 0.0)).norm() < 1e-18);
         assert_eq!(at(0.0), Vector3::zeros());
     }
 }

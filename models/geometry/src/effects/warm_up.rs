@@ -1,7 +1,8 @@
 //! Warm-up: the head grows, and the tip creeps away, as the machine comes to temperature.
 //!
 //! Formula: tip = a·(1 − e^(−t/τ)) along x, y and z, t the time since the campaign began (s), τ the time constant (s).
-//! Several time constants are several effects of this name. Input: `time_s`. Typical 1–10 µm within minutes to hours
+//! With two stages a second growth with four times that constant follows in the same way: a spindle or head warms its
+//! neighbours after itself. Input: `time_s`. Typical 1–10 µm within minutes to hours
 //! (ISO 230-3, drift tests; Schwenke 2008).
 
 use super::known::{Known, Observed, Refine};
@@ -14,7 +15,7 @@ use crate::machine::Machine;
 pub(super) const KNOWN: Known = Known {
     name: "warm_up",
     title: "warm-up growth of the head",
-    formula: "tip = a (1 - exp(-t / tau)) along x, y and z, t the time since the campaign began",
+    formula: "tip = a (1 - exp(-t / tau)) [+ b (1 - exp(-t / 4 tau))] along x, y and z, t since the campaign began",
     typical: "1-10 um",
     source: "ISO 230-3 (thermal drift tests); Schwenke et al. 2008",
     needs: "time_s, and positions that do not follow the time",
@@ -28,14 +29,18 @@ const RATIO: f64 = 2.1;
 /// Time constants tested, from the whole campaign down to a fortieth of it.
 const TESTED: i32 = 6;
 
+/// Ratio of the time constants of two stages.
+const SLOWER: f64 = 4.0;
+
 #[derive(Debug)]
 struct WarmUp {
     tau_s: f64,
+    stages: usize,
 }
 
 fn construct(shape: &Shape, _machine: &Machine) -> Result<Box<dyn Effect>, EffectError> {
     let mut reader = Reader::new(KNOWN.name, shape);
-    let effect = WarmUp { tau_s: reader.positive("tau_s")? };
+    let effect = WarmUp { tau_s: reader.positive("tau_s")?, stages: reader.count("stages", 2)? };
     reader.finish()?;
     Ok(Box::new(effect))
 }
@@ -45,7 +50,9 @@ fn propose(observed: &Observed) -> Vec<Shape> {
     if !observed.varies("time_s") || duration_s.is_nan() || duration_s <= 0.0 {
         return Vec::new();
     }
-    (0..TESTED).map(|k| Shape::new().number("tau_s", duration_s / RATIO.powi(k))).collect()
+    let shape = |k: i32, stages: f64| Shape::new().number("tau_s", duration_s / RATIO.powi(k)).number("stages", stages);
+    // The slower stage of the longest would be a straight line.
+    (0..TESTED).map(|k| shape(k, 1.0)).chain((1..TESTED).map(|k| shape(k, 2.0))).collect()
 }
 
 impl Effect for WarmUp {
@@ -58,13 +65,19 @@ impl Effect for WarmUp {
     }
 
     fn parameters(&self) -> Vec<ParameterSpec> {
-        Axis::ALL.map(|axis| ParameterSpec::new(format!("growth_{}", axis.lower()), "m", 100e-6)).to_vec()
+        let spec = |stage: &'static str| {
+            Axis::ALL.map(move |axis| ParameterSpec::new(format!("{stage}_{}", axis.lower()), "m", 100e-6))
+        };
+        ["growth", "later_growth"].into_iter().take(self.stages).flat_map(spec).collect()
     }
 
     fn motion(&self, state: &State, part: &mut Motion) -> Result<(), CovariateProblem> {
-        // −expm1 keeps the digits of the first seconds.
-        let grown = -(-state.covariate("time_s")? / self.tau_s).exp_m1();
-        Axis::ALL.into_iter().for_each(|axis| part(axis.index(), Acts::Tip(axis), grown));
+        let time_s = state.covariate("time_s")?;
+        for (stage, tau_s) in [self.tau_s, SLOWER * self.tau_s].into_iter().enumerate().take(self.stages) {
+            // −expm1 keeps the digits of the first seconds.
+            let grown = -(-time_s / tau_s).exp_m1();
+            Axis::ALL.into_iter().for_each(|axis| part(3 * stage + axis.index(), Acts::Tip(axis), grown));
+        }
         Ok(())
     }
 }
@@ -77,7 +90,7 @@ mod tests {
 
     #[test]
     fn two_thirds_of_the_growth_are_there_after_one_time_constant() {
-        let effect = construct(&Shape::new().number("tau_s", 1800.0), &machine()).unwrap();
+        let effect = construct(&Shape::new().number("tau_s", 1800.0).number("stages", 1.0), &machine()).unwrap();
         let at = |time_s: f64| {
             let state = State { reading_m: [0.3; 3], offset_m: [0.0; 3], covariates: &One(time_s) };
             tip_m(effect.as_ref(), &state, &[1e-6, 0.0, -5e-6])
@@ -93,9 +106,9 @@ mod tests {
         let observed =
             Observed { machine: &machine, varying: &varying, stations: &[], offsets_m: &[], time_s: (0.0, 7200.0) };
         let shapes = propose(&observed);
-        assert_eq!(shapes[0], Shape::new().number("tau_s", 7200.0));
-        assert_eq!(shapes[1], Shape::new().number("tau_s", 7200.0 / 2.1));
-        assert_eq!(shapes.len(), 6);
+        assert_eq!(shapes[0], Shape::new().number("tau_s", 7200.0).number("stages", 1.0));
+        assert_eq!(shapes[1], Shape::new().number("tau_s", 7200.0 / 2.1).number("stages", 1.0));
+        assert_eq!(shapes.len(), 11, "six of one stage, five of two");
         assert!(propose(&Observed { varying: &[], ..observed }).is_empty(), "no time, no warm-up");
     }
 }

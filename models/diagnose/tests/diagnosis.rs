@@ -1,0 +1,183 @@
+//! Diagnoses of simulated campaigns: what is there is named, what is not there is not, what cannot be told is said.
+//!
+//! The power of the method over many machines and sizes is the business of the trial bench (`models/trials`); here each
+//! rule has one or two cases that fail when it breaks.
+
+#![allow(clippy::unwrap_used, clippy::panic)] // a test that fails panics
+
+mod common;
+
+use abbe_diagnose::{DiagnoseError, Diagnosis, Kind, Options, diagnose};
+use abbe_geometry::effects::ShapeValue;
+use abbe_geometry::error_function;
+use abbe_virtual_machine::effects::from_text;
+use abbe_virtual_machine::environment::EnvironmentConfig;
+use abbe_virtual_machine::plan::presets::case_like;
+use abbe_virtual_machine::simulate_campaign;
+use common::{Case, INSTRUMENT};
+
+fn names(diagnosis: &Diagnosis) -> Vec<&str> {
+    diagnosis.found.iter().map(|found| found.name).collect()
+}
+
+fn text<'a>(diagnosis: &'a Diagnosis, name: &str, key: &str) -> &'a str {
+    let found = diagnosis.found.iter().find(|found| found.name == name).unwrap();
+    match found.shape.0.get(key) {
+        Some(ShapeValue::Text(value)) => value,
+        other => panic!("{name} {key}: {other:?}"),
+    }
+}
+
+#[test]
+fn a_clean_machine_stays_without_effect() {
+    for seed in [1, 2, 3] {
+        let diagnosis = Case::new(seed, &[]).diagnose();
+        assert_eq!(names(&diagnosis), [""; 0], "seed {seed}: {:?}", diagnosis.steps);
+        assert!(diagnosis.consistent_with_noise, "{}", diagnosis.detection_after.verdict());
+        assert!(diagnosis.unseen.is_none(), "nothing to judge");
+    }
+}
+
+/// Each injected effect is named with its axis, and the error on another day falls to near that of the clean machine.
+#[test]
+fn one_effect_is_named_and_removed() {
+    let clean_m = {
+        let case = Case::new(4, &[]);
+        case.verification_m(&case.diagnose().after.model)
+    };
+    let cases = [
+        ("backlash axis=y size_um=1.5", "reversal", Some(("axis", "y"))),
+        ("scale_expansion axis=x per_kelvin_um_m=9 fixed_at_mm=0", "scale_expansion", Some(("axis", "x"))),
+        ("station_drift rate_x_um_h=3 rate_y_um_h=1", "station_drift", None),
+    ];
+    for (injected, name, axis) in cases {
+        let case = Case::new(4, &[injected]);
+        let diagnosis = case.diagnose();
+        assert_eq!(names(&diagnosis), [name], "{injected}: {:?}", diagnosis.steps);
+        if let Some((key, value)) = axis {
+            assert_eq!(text(&diagnosis, name, key), value, "{injected}");
+        }
+        let found = &diagnosis.found[0];
+        assert_eq!(found.kind, Kind::Attributed);
+        assert!(found.p_value < 1e-6 && found.parameters.iter().all(|p| p.is_plausible()), "{found:?}");
+        let placebo = found.placebo.placebo_gains.iter().copied().fold(f64::MIN, f64::max);
+        assert!(found.placebo.gain > 5.0 * placebo.max(0.0), "{injected}: placebo {placebo}");
+        let (before_m, after_m) =
+            (case.verification_m(&diagnosis.before.model), case.verification_m(&diagnosis.after.model));
+        assert!(after_m < 1.15 * clean_m && before_m > 1.15 * clean_m, "{injected}: {before_m} {after_m} {clean_m}");
+    }
+}
+
+#[test]
+fn the_size_of_a_backlash_is_found_within_its_uncertainty() {
+    let diagnosis = Case::new(5, &["backlash axis=x size_um=1.2"]).diagnose();
+    let parameter = &diagnosis.found[0].parameters[0];
+    // Play of 1.2 µm from side to side is a reversal value of −1.2 µm.
+    assert!((parameter.value + 1.2e-6).abs() < 4.0 * parameter.u, "{parameter:?}");
+    assert!(parameter.u < 0.1e-6, "{parameter:?}");
+}
+
+#[test]
+fn two_effects_are_found_one_after_the_other() {
+    let effects = ["backlash axis=z size_um=1.5", "speed_lag axis=y lag_us=20"];
+    let mut found = Case::new(6, &effects).diagnose().found;
+    found.sort_by_key(|f| f.name);
+    let names: Vec<&str> = found.iter().map(|f| f.name).collect();
+    assert_eq!(names, ["reversal", "speed_lag"]);
+}
+
+#[test]
+fn what_no_effect_describes_becomes_an_empirical_term() {
+    let injected =
+        "undescribed seed=3 of=temp_air_c of_from=19 of_to=21.5 and=y_mm and_from=0 and_to=600 along=x size_um=1.5";
+    let case = Case::new(7, &[injected]);
+    let diagnosis = case.diagnose();
+    assert!(diagnosis.found.iter().any(|f| f.kind == Kind::Empirical), "{:?}", diagnosis.steps);
+    let clean = Case::new(7, &[]);
+    let clean_m = clean.verification_m(&clean.diagnose().after.model);
+    let square = |model| case.verification_m(model).powi(2) - clean_m * clean_m;
+    let removed = 1.0 - square(&diagnosis.after.model) / square(&diagnosis.before.model);
+    assert!(removed > 0.7, "{removed}");
+}
+
+#[test]
+fn too_few_coefficients_are_no_effect() {
+    let kind = error_function::Kind::Polynomial { degree: 2 };
+    let diagnosis = Case::with(8, &[], kind, case_like).diagnose();
+    assert!(diagnosis.enriched, "{:?}", diagnosis.steps);
+    assert_eq!(names(&diagnosis), [""; 0], "{:?}", diagnosis.steps);
+    assert!(!diagnosis.consistent_with_noise, "the model as it was is not");
+}
+
+/// A scale two kelvin warm for the whole campaign is a longer scale: nothing in the data says which.
+#[test]
+fn expansion_at_a_constant_temperature_is_not_claimed() {
+    let mut case = Case::new(9, &[]);
+    case.config.environment = EnvironmentConfig::constant();
+    case.config.environment.channels[1].mean = 22.0;
+    case.config.effects = vec![from_text("scale_expansion axis=x per_kelvin_um_m=10 fixed_at_mm=0").unwrap()];
+    case.simulated = simulate_campaign(&case.config).unwrap();
+    let diagnosis = case.diagnose();
+    assert_eq!(names(&diagnosis), [""; 0], "{:?}", diagnosis.steps);
+    let untestable = diagnosis.untestable.iter().find(|u| u.name == "scale_expansion").unwrap();
+    assert!(untestable.needs.contains("changes in the campaign"), "{}", untestable.needs);
+    assert!(
+        diagnosis.next_measurements.iter().any(|m| m.contains("temp_scale_x_c")),
+        "{:?}",
+        diagnosis.next_measurements
+    );
+}
+
+/// The tracer's own harmonics look like a moved station to this plan: whoever asks is told, with what would decide.
+#[test]
+fn what_stations_and_errors_absorb_is_listed_with_what_absorbs_it() {
+    let diagnosis = Case::new(9, &[]).diagnose();
+    let gimbal = diagnosis.not_identifiable.iter().find(|n| n.name == "gimbal").unwrap();
+    assert!(gimbal.alias_share > 0.95 && gimbal.alias_share <= 1.0);
+    assert!(gimbal.aliased_with.iter().any(|name| name.contains("station")), "{:?}", gimbal.aliased_with);
+    assert!(diagnosis.next_measurements.iter().any(|m| m == gimbal.decided_by));
+}
+
+#[test]
+fn without_covariates_effects_are_untestable_by_name_and_sensor() {
+    let mut case = Case::new(10, &[]);
+    case.simulated.campaign.covariates.clear();
+    let diagnosis = case.diagnose();
+    let needs = |name: &str| diagnosis.untestable.iter().find(|u| u.name == name).unwrap().needs;
+    assert!(needs("scale_expansion").contains("temp_scale_x_c"));
+    assert!(needs("table_load").contains("load"));
+    assert_eq!(names(&diagnosis), [""; 0]);
+}
+
+#[test]
+fn the_error_on_lines_that_no_step_saw_falls() {
+    let case = Case::new(11, &["backlash axis=y size_um=1.5"]);
+    let diagnosis = case.diagnose_with(&Options { folds: 2, placebos: 2, ..Options::default() });
+    let unseen = diagnosis.unseen.unwrap();
+    assert!(unseen.gain_m2.0 > 0.0, "{unseen:?}");
+    assert!(unseen.after.interval_m.1 < unseen.before.interval_m.0, "{unseen:?}");
+    assert!(unseen.found.iter().all(|fold| fold == &["reversal"]), "{:?}", unseen.found);
+}
+
+#[test]
+fn the_same_input_gives_the_same_model() {
+    let bits = || {
+        let diagnosis = Case::new(12, &["speed_lag axis=x lag_us=20"]).diagnose();
+        let parts = diagnosis.after.model.parts().clone();
+        parts.coefficients.iter().chain(&parts.covariance).map(|v| v.to_bits()).collect::<Vec<_>>()
+    };
+    assert_eq!(bits(), bits());
+}
+
+#[test]
+fn an_observer_that_says_no_stops_it() {
+    let case = Case::new(13, &[]);
+    let mut steps = 0;
+    let mut observe = |_| {
+        steps += 1;
+        steps < 4
+    };
+    let campaign = &case.simulated.campaign;
+    let stopped = diagnose(&case.machine, &[], INSTRUMENT.range, campaign, &Options::default(), &mut observe);
+    assert!(matches!(stopped, Err(DiagnoseError::Stopped)));
+}
