@@ -66,14 +66,14 @@ fn all_share(round: &Round, effect: &dyn Effect) -> f64 {
     round.rows.columns(effect).map_or(1.0, |columns| share(round, &columns))
 }
 
-/// Least share that is absorbed of any single parameter of the effect.
+/// Share that is absorbed of the effect's information, each parameter counting the same.
 fn share(round: &Round, columns: &Mat<f64>) -> f64 {
     let projected = round.free.project(columns.as_ref());
     let one = |k: usize| {
         let alone = projected.alone[(k, k)];
         if alone > 0.0 { 1.0 - projected.left[(k, k)] / alone } else { 1.0 }
     };
-    (0..columns.ncols()).map(one).fold(1.0, f64::min)
+    (0..columns.ncols()).map(one).sum::<f64>() / columns.ncols().max(1) as f64
 }
 
 /// Share absorbed and the parameters that absorb the effect's first column.
