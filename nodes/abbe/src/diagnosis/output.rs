@@ -4,7 +4,7 @@
 
 use super::{Product, targets};
 use abbe_files::AtomicFile;
-use abbe_report::diagnosis::{Effect, Record, readable};
+use abbe_report::diagnosis::{Effect, Record, Rival, readable};
 use anyhow::{Context, ensure};
 use std::fmt::Write as _;
 use std::io::Write;
@@ -68,7 +68,7 @@ pub(crate) fn words(record: &Record, folder: &Path) -> String {
     }
     if !record.not_identifiable.is_empty() || !record.untestable.is_empty() {
         let (hidden, untestable) = (record.not_identifiable.len(), record.untestable.len());
-        let _ = writeln!(text, "\n  {hidden} effects cannot be identified with this plan, {untestable} are untestable");
+        let _ = writeln!(text, "\n  not identifiable   {hidden}; untestable {untestable} (see the report)");
     }
     for next in record.next_measurements.iter().take(3) {
         let _ = writeln!(text, "  next               {next}");
@@ -79,9 +79,13 @@ pub(crate) fn words(record: &Record, folder: &Path) -> String {
 
 fn describe(text: &mut String, effect: &Effect) {
     let share = |v: Option<f64>| v.map_or_else(|| "-".to_owned(), |v| format!("{v:.2}"));
-    let p = effect.p_value.map_or_else(|| "-".to_owned(), |p| format!("{p:.1e}"));
+    let p = match effect.p_value {
+        None => "-".to_owned(),
+        Some(p) if p < f64::MIN_POSITIVE => "below 1e-300".to_owned(),
+        Some(p) => format!("{p:.1e}"),
+    };
     let alias = share(effect.alias_share);
-    let _ = writeln!(text, "  {} [{}]: p {p}, share absorbed by geometry {alias}", effect.label(), effect.kind);
+    let _ = writeln!(text, "  {} [{}]: p {p}, share absorbed by the model {alias}", effect.label(), effect.kind);
     for parameter in &effect.parameters {
         let (value, u, plausible, unit, decimals) = readable(parameter);
         let shown = |v: Option<f64>| v.map_or_else(|| "-".to_owned(), |v| format!("{v:.*}", usize::from(decimals)));
@@ -92,7 +96,7 @@ fn describe(text: &mut String, effect: &Effect) {
         let _ = writeln!(text, "    {:<18} {} +- {} {unit}{limit}", parameter.name, shown(value), shown(u));
     }
     if !effect.cannot_be_told_from.is_empty() {
-        let rivals: Vec<&str> = effect.cannot_be_told_from.iter().map(|r| r.name.as_str()).collect();
+        let rivals: Vec<String> = effect.cannot_be_told_from.iter().map(Rival::label).collect();
         let _ = writeln!(text, "    cannot be told from {}", rivals.join(", "));
     }
 }

@@ -160,10 +160,9 @@ impl Used<'_> {
     /// Readings by the sign of a direction of approach.
     fn split(&self, direction: &str) -> Option<Split> {
         let (_, signs) = self.quantity(direction)?;
-        let kinds = [(-1.0, "approach −"), (0.0, "at rest"), (1.0, "approach +")];
-        let present: Vec<_> = kinds.into_iter().filter(|(sign, _)| signs.contains(sign)).collect();
-        let of = |sign: &f64| present.iter().position(|(known, _)| known == sign);
-        let of = signs.iter().map(of).collect::<Option<_>>()?;
-        Some(Split { names: present.iter().map(|(_, name)| (*name).to_owned()).collect(), of })
+        // An axis that did not move tells nothing of its play.
+        let of = |sign: &f64| if *sign == 0.0 { None } else { Some(usize::from(*sign > 0.0)) };
+        let names = ["approach −", "approach +"].map(str::to_owned).to_vec();
+        Some(Split { names, of: signs.iter().map(of).collect() })
     }
 }

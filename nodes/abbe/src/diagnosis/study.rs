@@ -25,19 +25,19 @@ pub(crate) enum DataKind {
     SphereCentres,
 }
 
-/// Longest header that is looked at (bytes).
+/// How far into a file its header may stand (bytes).
 const HEADER: u64 = 1 << 16;
 
 /// The kind that a CSV file's header names; `None` for a campaign, a bag, or what cannot be read.
 pub(crate) fn kind_of(path: &Path) -> Option<DataKind> {
     use std::io::{BufRead, BufReader, Read};
     let file = std::fs::File::open(path).ok()?;
-    let mut line = Vec::new();
     // A file without line ends is not read as a whole to look at it.
-    BufReader::new(file.take(HEADER)).read_until(b'\n', &mut line).ok()?;
-    let header = String::from_utf8_lossy(&line).into_owned();
+    let lines = BufReader::new(file.take(HEADER)).split(b'\n').map_while(Result::ok);
+    let texts = lines.map(|line| String::from_utf8_lossy(&line).trim_start_matches('\u{feff}').trim().to_owned());
+    let header = texts.into_iter().find(|line| !line.is_empty() && !line.starts_with('#'))?;
     let bare = |name: &str| name.trim().trim_matches('"').to_owned();
-    let names: Vec<String> = header.trim_start_matches('\u{feff}').split(',').map(bare).collect();
+    let names: Vec<String> = header.split(',').map(bare).collect();
     let has = |wanted: [&str; 2]| wanted.iter().all(|name| names.iter().any(|n| n == name));
     match () {
         () if has(["axis", "target_mm"]) => Some(DataKind::Runs),

@@ -5,8 +5,10 @@
 
 /// Levels up to which each value of the quantity is a bin of its own.
 const LEVELS: usize = 12;
-/// Bins of equal count otherwise.
+/// Bins of equal width otherwise.
 const BINS: usize = 24;
+/// A bin with fewer observations joins its neighbour.
+const FEWEST: usize = 6;
 /// Half width of a 95 % interval in standard deviations.
 const BAND_95: f64 = 1.96;
 /// Values closer than this share of the range are one level.
@@ -40,12 +42,22 @@ pub(super) fn binned(points: &[Point]) -> Binned {
 
 fn bins(sorted: &[Point]) -> Vec<&[Point]> {
     let (Some(first), Some(last)) = (sorted.first(), sorted.last()) else { return Vec::new() };
-    let apart = SAME * (last.0 - first.0);
-    let levels: Vec<&[Point]> = sorted.chunk_by(|a, b| b.0 - a.0 <= apart).collect();
+    let range = last.0 - first.0;
+    let levels: Vec<&[Point]> = sorted.chunk_by(|a, b| b.0 - a.0 <= SAME * range).collect();
     if levels.len() <= LEVELS {
         return levels;
     }
-    sorted.chunks(sorted.len().div_ceil(BINS)).collect()
+    let bin = |p: &Point| (((p.0 - first.0) / range * BINS as f64) as usize).min(BINS - 1);
+    let mut starts = vec![0];
+    for (k, pair) in sorted.windows(2).enumerate() {
+        let next = k + 1;
+        let is_full = next - starts.last().unwrap_or(&0) >= FEWEST && sorted.len() - next >= FEWEST;
+        if bin(&pair[0]) != bin(&pair[1]) && is_full {
+            starts.push(next);
+        }
+    }
+    let ends = starts.iter().skip(1).copied().chain([sorted.len()]);
+    starts.iter().zip(ends).map(|(start, end)| &sorted[*start..end]).collect()
 }
 
 /// Size and half width of its 95 % interval; missing where the weights say nothing.
@@ -82,8 +94,16 @@ mod tests {
             (f64::from(k), share, -2.5 * share)
         };
         let found = binned(&(0..500).map(point).collect::<Vec<_>>());
-        assert_eq!(found.x.len(), BINS);
+        assert_eq!(found.x.len(), BINS, "500 observations fill every bin");
         assert!(found.y.iter().all(|y| (y.unwrap() + 2.5).abs() < 1e-12));
+    }
+
+    #[test]
+    fn sparse_bins_join_their_neighbours() {
+        let cluster = (0..100).map(|k| (f64::from(k) * 1e-3, 1.0, 1.0));
+        let tail = (1..=8).map(|k| (f64::from(k) * 10.0, 1.0, 1.0));
+        let found = binned(&cluster.chain(tail).collect::<Vec<_>>());
+        assert_eq!(found.x.len(), 2, "{:?}", found.x);
     }
 
     #[test]

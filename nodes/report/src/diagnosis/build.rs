@@ -39,6 +39,7 @@ fn effects(diagnosis: &DiagnosisReport, sections: &mut Vec<Section>) {
     }
     sections.push(record.effects_table());
     sections.push(record.parameters_table());
+    sections.push(record.formulas_table());
     sections.push(record.placebo_table());
     sections.extend(record.rivals_table());
     sections.extend(record.ladder_table());
@@ -88,14 +89,21 @@ impl Record {
 
     fn key_figures(&self) -> KeyFigures {
         let quantity = |value: Option<f64>, decimals: u8| value.map(|v| Quantity::new(v, decimals));
-        let interval = |interval: Option<(f64, f64)>| match interval {
-            Some((low, high)) => format!("95 % after: {} to {}", significant(low, 3), significant(high, 3)),
-            None => String::new(),
+        let interval = |before: Option<(f64, f64)>, after: Option<(f64, f64)>| {
+            let one = |(low, high)| format!("{} to {}", significant(low, 3), significant(high, 3));
+            match (before, after) {
+                (Some(before), Some(after)) => format!("95 %: {} → {}", one(before), one(after)),
+                _ => "no interval".to_owned(),
+            }
         };
         let (before, after) = (&self.before, &self.after);
         let held_out = match &self.held_out.missing_because {
             Some(reason) => reason.clone(),
-            None => format!("{}; {}", self.held_out.blocks, interval(after.held_out_interval_um)),
+            None => format!(
+                "{}; {}",
+                self.held_out.blocks,
+                interval(before.held_out_interval_um, after.held_out_interval_um)
+            ),
         };
         let figure = |label: &str, b: Option<f64>, a: Option<f64>, decimals, unit: &str, detail: String| KeyFigure {
             label: label.to_owned(),
@@ -112,7 +120,7 @@ impl Record {
                 "3-D, {} points of {}; {}",
                 verification.points,
                 verification.file.file,
-                interval(after.verify_interval_um)
+                interval(before.verify_interval_um, after.verify_interval_um)
             );
             let (b, a) = (before.verify_rms_um, after.verify_rms_um);
             figures.push(figure("Verification error, rms", b, a, 3, "µm", detail));
@@ -140,7 +148,7 @@ impl Record {
                 )));
             }
             if !effect.cannot_be_told_from.is_empty() {
-                let rivals: Vec<&str> = effect.cannot_be_told_from.iter().map(|r| r.name.as_str()).collect();
+                let rivals: Vec<String> = effect.cannot_be_told_from.iter().map(super::Rival::label).collect();
                 all.push(warning(format!(
                     "{} explains these data best, but they do not tell it from: {}.",
                     effect.label(),

@@ -51,44 +51,34 @@ pub struct View {
 pub struct Split {
     /// Names of the kinds.
     pub names: Vec<String>,
-    /// Kind of each observation, an index into `names`.
-    pub of: Vec<usize>,
+    /// Kind of each observation, an index into `names`; `None` for those that tell nothing of the effect.
+    pub of: Vec<Option<usize>>,
 }
 
 impl Residuals {
-    /// Pictures of what the effects do.
+    /// Pictures of what the effects do: one a view.
     pub(super) fn effects(&self) -> Vec<Section> {
-        let mut titles: Vec<&str> = Vec::new();
-        for view in &self.views {
-            if !titles.contains(&view.effect.as_str()) {
-                titles.push(&view.effect);
-            }
-        }
-        titles.into_iter().map(|title| self.of_effect(title)).collect()
+        let is_first = |k: usize| self.views[..k].iter().all(|earlier| earlier.effect != self.views[k].effect);
+        self.views.iter().enumerate().map(|(k, view)| self.picture(view, is_first(k))).collect()
     }
 
-    fn of_effect(&self, effect: &str) -> Section {
-        let views = self.views.iter().filter(|view| view.effect == effect);
-        let panels: Vec<LinePanel> = views.map(|view| self.panel(view)).collect();
-        let alone = panels.len() == 1;
+    fn picture(&self, view: &View, explained: bool) -> Section {
+        let note = "Every point is an estimate over the observations around it; the band is its 95 % interval. What \
+                    the model lacks shows as a curve before and is gone after. The geometry of the model before has \
+                    taken up a part of the effect, so that the curve may be smaller than the effect.";
         Section::LinePlot(LinePlot {
-            title: format!("Residual before and after: {effect}"),
-            note: Some(
-                "Every point is an estimate over the observations around it; the band is its 95 % interval. What the \
-                 model lacks shows as a curve before and is gone after. The geometry of the model before has taken up \
-                 a part of the effect, so the curve may be smaller than the effect."
-                    .to_owned(),
-            ),
-            columns: if alone { 1 } else { 2 },
+            title: format!("Residual before and after: {}, over {}", view.effect, view.x.label),
+            note: explained.then(|| note.to_owned()),
+            columns: 1,
             band_name: Some("95 % interval".to_owned()),
-            panels,
+            panels: vec![self.panel(view)],
         })
     }
 
     fn panel(&self, view: &View) -> LinePanel {
-        let (y, title) = match &view.share {
-            Some((label, _)) => (Axis::new(label, "µm"), String::new()),
-            None => (Axis::new(format!("mean {}", self.label), "µm"), String::new()),
+        let y = match &view.share {
+            Some((label, _)) => Axis::new(label, "µm"),
+            None => Axis::new(format!("mean {}", self.label), "µm"),
         };
         let kinds = view.split.as_ref().map_or(1, |split| split.names.len());
         let mut curves = Vec::new();
@@ -102,7 +92,7 @@ impl Residuals {
                 curves.push(curve(name, series, &view.points(residuals, kind)));
             }
         }
-        LinePanel { title, x: view.x.clone(), y, curves }
+        LinePanel { title: String::new(), x: view.x.clone(), y, curves }
     }
 
     /// Residuals over time.
@@ -147,7 +137,7 @@ impl Residuals {
 impl View {
     fn points(&self, residuals: &[f64], kind: usize) -> Vec<Point> {
         let share = |k: usize| self.share.as_ref().and_then(|(_, s)| s.get(k).copied()).unwrap_or(1.0);
-        let is_kind = |k: usize| self.split.as_ref().is_none_or(|split| split.of.get(k) == Some(&kind));
+        let is_kind = |k: usize| self.split.as_ref().is_none_or(|split| split.of.get(k) == Some(&Some(kind)));
         let all = self.values.iter().zip(residuals).enumerate();
         all.filter(|(k, _)| is_kind(*k)).map(|(k, (x, r))| (*x, share(k), *r)).collect()
     }

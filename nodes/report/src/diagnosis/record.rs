@@ -370,10 +370,17 @@ impl Effect {
             (Some(axis), ..) => format!("{} of {}", self.title, axis.to_uppercase()),
             (None, Some(carriage), _) => format!("{} of {}", self.title, carriage.to_uppercase()),
             (None, None, Some(line)) => format!("{} {line}", self.title),
-            _ if self.kind == "empirical" && !self.covariates.is_empty() => {
+            _ if self.name == "empirical" && !self.covariates.is_empty() => {
                 format!("{} in {}", self.title, self.covariates.join(" and "))
             }
             _ => self.title.clone(),
         }
+    }
+}
+
+impl Rival {
+    /// Name and shape: `reversal (axis y, over x, terms 2)`.
+    pub fn label(&self) -> String {
+        super::tables::shaped(&self.name, &self.shape)
     }
 }

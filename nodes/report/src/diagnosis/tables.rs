@@ -5,6 +5,8 @@ use super::record::{Effect, NotIdentifiable, Parameter, Placebo, Record, Structu
 use super::words::alias_words;
 use crate::sections::{Cell, Column, Section, TableSection};
 use crate::text::significant;
+use serde_json::Value;
+use std::collections::BTreeMap;
 
 /// Probabilities below this are beyond what the distributions are computed to.
 const SMALLEST_P: f64 = 1e-300;
@@ -36,31 +38,42 @@ impl Record {
     pub(super) fn effects_table(&self) -> Section {
         let columns = vec![
             Column::text("effect"),
-            Column::text("kind"),
-            Column::text("depends on"),
             Column::text("probability by chance, corrected"),
             Column::number("size in the readings, rms", "µm"),
-            Column::number("gain on blocks left out", "µm"),
-            Column::number("share that geometry absorbs", "1"),
+            Column::number("gain on data left out", "µm"),
+            Column::number("share absorbed", "1"),
             Column::text("which means"),
-            Column::text("formula"),
         ];
         let row = |e: &Effect| {
             vec![
                 Cell::text(e.label()),
-                Cell::text(kind_words(&e.kind)),
-                words(&e.covariates),
                 probability(e.p_value),
                 Cell::maybe(e.size_um, 3),
                 Cell::maybe(e.held_out_gain_um, 3),
                 Cell::maybe(e.alias_share, 3),
                 Cell::text(alias_words(e.alias_share)),
+            ]
+        };
+        let note =
+            "Share absorbed: how much of what the effect does to the readings the model without it could imitate.";
+        table("Effects found", Some(note), columns, self.effects.iter().map(row).collect())
+    }
+
+    /// What the effects are.
+    pub(super) fn formulas_table(&self) -> Section {
+        let columns = ["effect", "kind", "depends on", "shape", "formula"].map(Column::text).to_vec();
+        let row = |e: &Effect| {
+            vec![
+                Cell::text(e.label()),
+                Cell::text(&e.kind),
+                words(&e.covariates),
+                if e.shape.is_empty() { None } else { Cell::text(entries(&e.shape)) },
                 Cell::text(&e.formula),
             ]
         };
         let note = "Attributed: a known effect explains it. Empirical: the data depend on the named quantities in this \
-                    shape; nothing known explains why.";
-        table("Effects found", Some(note), columns, self.effects.iter().map(row).collect())
+                    shape; nothing known explains why. Figures of a shape are in SI.";
+        table("What they are", Some(note), columns, self.effects.iter().map(row).collect())
     }
 
     /// Parameters of all effects, in units that people read.
@@ -116,7 +129,7 @@ impl Record {
         let of = |e: &Effect| {
             let label = e.label();
             let row = move |r: &super::Rival| {
-                vec![Cell::text(&label), Cell::text(shaped(&r.name, &r.shape)), Cell::maybe(r.evidence_behind, 1)]
+                vec![Cell::text(&label), Cell::text(r.label()), Cell::maybe(r.evidence_behind, 1)]
             };
             e.cannot_be_told_from.iter().map(row).collect::<Vec<_>>()
         };
@@ -335,17 +348,19 @@ fn kind_words(kind: &str) -> String {
 }
 
 /// A name with its shape: `reversal (axis y, over y, terms 1)`.
-fn shaped(name: &str, shape: &std::collections::BTreeMap<String, serde_json::Value>) -> String {
-    let entry = |(key, value): (&String, &serde_json::Value)| match value {
-        serde_json::Value::String(text) => format!("{key} {text}"),
-        serde_json::Value::Number(number) => match number.as_f64() {
+pub(super) fn shaped(name: &str, shape: &BTreeMap<String, Value>) -> String {
+    if shape.is_empty() { name.to_owned() } else { format!("{name} ({})", entries(shape)) }
+}
+
+fn entries(shape: &BTreeMap<String, Value>) -> String {
+    let entry = |(key, value): (&String, &Value)| match value {
+        Value::String(text) => format!("{key} {text}"),
+        Value::Number(number) => match number.as_f64() {
+            Some(number) if number.fract() == 0.0 => format!("{key} {number:.0}"),
             Some(number) => format!("{key} {}", significant(number, 4)),
             None => format!("{key} {number}"),
         },
         other => format!("{key} {other}"),
     };
-    match shape.is_empty() {
-        true => name.to_owned(),
-        false => format!("{name} ({})", shape.iter().map(entry).collect::<Vec<_>>().join(", ")),
-    }
+    shape.iter().map(entry).collect::<Vec<_>>().join(", ")
 }

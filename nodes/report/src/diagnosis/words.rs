@@ -46,8 +46,9 @@ impl Record {
         let what = &self.held_out.blocks;
         match (self.before.held_out_rms_um, self.after.held_out_rms_um) {
             (Some(before), Some(after)) => format!(
-                "The error on {what} goes from {} to {} µm{}.",
+                "The error on {what} goes from {}{} to {} µm{}.",
                 significant(before, 3),
+                interval(&self.before),
                 significant(after, 3),
                 interval(&self.after)
             ),
@@ -69,7 +70,12 @@ fn interval(figures: &ErrorFigures) -> String {
 /// An effect with its first parameter.
 fn named(effect: &Effect) -> String {
     let label = if effect.kind == "empirical" { format!("{} (not explained)", effect.label()) } else { effect.label() };
-    let [parameter] = effect.parameters.as_slice() else { return label };
+    let [parameter] = effect.parameters.as_slice() else {
+        return match effect.size_um {
+            Some(size_um) => format!("{label}, {} µm rms in the readings", significant(size_um, 2)),
+            None => label,
+        };
+    };
     match readable(parameter) {
         (Some(value), Some(u), _, unit, decimals) => {
             format!("{label}, {} ± {} {unit} (k = 1)", fixed(value, decimals), fixed(u, decimals))
