@@ -45,7 +45,7 @@ fn write_problem(path: &std::path::Path, case: &Case, fit: &Identified) -> usize
     let mut file = std::io::BufWriter::new(std::fs::File::create(path).unwrap());
     let mut put = |value: f64| file.write_all(&value.to_le_bytes()).unwrap();
     let (count, parameters) = (rows.len(), rows.parameters.len());
-    [count as f64, parameters as f64, scored.len() as f64].map(&mut put);
+    [count, parameters, scored.len()].into_iter().for_each(|size| put(size as f64));
     (0..parameters).for_each(|j| (0..count).for_each(|k| put(rows.jacobian[(k, j)])));
     rows.residuals.iter().for_each(|r| put(*r));
     for candidate in &scored {

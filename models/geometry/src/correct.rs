@@ -148,7 +148,7 @@ fn add_effects(
     let mut status = None;
     let mut index = model.layout().len();
     for fitted in &model.parts().effects {
-        match tip_columns(fitted.effect.as_ref(), state, &chain.by_error) {
+        match tip_columns(fitted.effect.as_ref(), fitted.parameters.len(), state, &chain.by_error) {
             Ok(columns) => {
                 for (k, (column, value)) in columns.iter().zip(&fitted.parameters).enumerate() {
                     tip_m += column * *value;

@@ -138,7 +138,8 @@ impl Estimate<'_> {
     fn effect_columns(&self, index: usize, ray: Ray, chain: &ChainPoint) -> Vec<f64> {
         let row = CampaignRow { campaign: self.campaign, reading: index };
         let columns = |term: &EffectTerm| {
-            row.columns(term.effect.as_ref(), ray, &chain.by_error).unwrap_or_else(|_| vec![0.0; term.len()])
+            row.columns((term.effect.as_ref(), term.len()), ray, &chain.by_error)
+                .unwrap_or_else(|_| vec![0.0; term.len()])
         };
         self.setup.terms.iter().flat_map(columns).collect()
     }

@@ -105,7 +105,7 @@ impl<'a> Rows<'a> {
         let mut columns = Mat::zeros(self.len(), count);
         for k in (0..self.len()).filter(|k| self.whitening[*k] > 0.0) {
             let row = CampaignRow { campaign: self.campaign, reading: k };
-            let partials = row.columns(effect, self.rays[k], &self.partials[k])?;
+            let partials = row.columns((effect, count), self.rays[k], &self.partials[k])?;
             partials.into_iter().enumerate().for_each(|(j, value)| columns[(k, j)] = value * self.whitening[k]);
         }
         Ok(columns)

@@ -25,6 +25,8 @@ pub struct EffectTerm {
     pub effect: Arc<dyn Effect>,
     /// Its shape.
     pub shape: Shape,
+    /// Number of its parameters.
+    count: usize,
 }
 
 impl EffectTerm {
@@ -33,17 +35,19 @@ impl EffectTerm {
     /// # Errors
     /// An unknown name, or a shape that does not fit it.
     pub fn new(name: &str, shape: Shape, machine: &Machine) -> Result<EffectTerm, EffectError> {
-        Ok(EffectTerm { effect: construct(name, &shape, machine)?.into(), shape })
+        let effect: Arc<dyn Effect> = construct(name, &shape, machine)?.into();
+        Ok(EffectTerm { count: effect.parameters().len(), effect, shape })
     }
 
     /// The term of a fitted effect.
     pub fn of(fitted: &FittedEffect) -> EffectTerm {
-        EffectTerm { effect: Arc::clone(&fitted.effect), shape: fitted.shape.clone() }
+        let count = fitted.parameters.len();
+        EffectTerm { effect: Arc::clone(&fitted.effect), shape: fitted.shape.clone(), count }
     }
 
     /// Number of its parameters.
     pub fn len(&self) -> usize {
-        self.effect.parameters().len()
+        self.count
     }
 
     /// Whether it has no parameter.
@@ -73,14 +77,14 @@ impl CovariateSource for CampaignRow<'_> {
 }
 
 impl CampaignRow<'_> {
-    /// Partials of the length read by the parameters of an effect (m per unit), given the line of sight and the
-    /// chain's partials by error.
+    /// Partials of the length read by the parameters of an effect (and how many it has; m per unit), given the line of
+    /// sight and the chain's partials by error.
     ///
     /// # Errors
     /// A covariate that this reading lacks.
     pub fn columns(
         &self,
-        effect: &dyn Effect,
+        (effect, count): (&dyn Effect, usize),
         ray: Ray,
         by_error: &[Vector3<f64>; 18],
     ) -> Result<Vec<f64>, CovariateProblem> {
@@ -88,7 +92,7 @@ impl CampaignRow<'_> {
         let state = State { reading_m: reading.reading_m, offset_m: reading.offset_m, covariates: self };
         let station = &self.campaign.stations[reading.station as usize];
         let line = &self.campaign.lines[reading.line as usize];
-        range_columns(effect, &state, &Sight { station, line, ray }, by_error)
+        range_columns(effect, count, &state, &Sight { station, line, ray }, by_error)
     }
 }
 

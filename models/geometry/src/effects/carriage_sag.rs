@@ -41,9 +41,13 @@ const ORDER: usize = 3;
 struct CarriageSag {
     carrying: Axis,
     carriage: Axis,
-    about: Axis,
     stroke_m: [(f64, f64); 3],
+    /// Name, what it moves and orders of each parameter.
+    terms: Vec<Term>,
 }
+
+/// Name, what it moves and orders of one parameter.
+type Term = (&'static str, Acts, (usize, usize));
 
 fn construct(shape: &Shape, machine: &Machine) -> Result<Box<dyn Effect>, EffectError> {
     let mut reader = Reader::new(KNOWN.name, shape);
@@ -53,7 +57,8 @@ fn construct(shape: &Shape, machine: &Machine) -> Result<Box<dyn Effect>, Effect
         return Err(reader.wrong("carriage", "must be another axis than the carrying one"));
     }
     reader.finish()?;
-    Ok(Box::new(CarriageSag { carrying, carriage, about, stroke_m: machine.stroke_m }))
+    let terms = terms(carrying, about);
+    Ok(Box::new(CarriageSag { carrying, carriage, stroke_m: machine.stroke_m, terms }))
 }
 
 /// All pairs about each axis, first those in which the joint nearer to the bed carries the other axis: where the data
@@ -70,23 +75,23 @@ fn propose(observed: &Observed) -> Vec<Shape> {
     pairs(true).chain(pairs(false)).flat_map(|(u, v)| Axis::ALL.map(|about| shape(u, v, about))).collect()
 }
 
-impl CarriageSag {
-    /// Name, what it moves and orders of each parameter.
-    fn terms(&self) -> Vec<(&'static str, Acts, (usize, usize))> {
-        let turn = Acts::Error(ErrorId::angular(self.about, self.carrying));
-        let mut terms: Vec<_> = ANGLE.map(|orders| ("angle", turn, orders)).to_vec();
-        for direction in Axis::ALL.into_iter().filter(|axis| *axis != self.about) {
-            let motion = Acts::Error(ErrorId::linear(direction, self.carrying));
-            let (name, orders): (_, &[(usize, usize)]) = match direction {
-                Axis::X => ("x", &LEVEL),
-                Axis::Y => ("y", &LEVEL),
-                Axis::Z => ("height", &HEIGHT),
-            };
-            terms.extend(orders.iter().map(|orders| (name, motion, *orders)));
-        }
-        terms
+/// Angle of the joint, and motions across the axis it turns about.
+fn terms(carrying: Axis, about: Axis) -> Vec<Term> {
+    let turn = Acts::Error(ErrorId::angular(about, carrying));
+    let mut terms: Vec<_> = ANGLE.map(|orders| ("angle", turn, orders)).to_vec();
+    for direction in Axis::ALL.into_iter().filter(|axis| *axis != about) {
+        let motion = Acts::Error(ErrorId::linear(direction, carrying));
+        let (name, orders): (_, &[(usize, usize)]) = match direction {
+            Axis::X => ("x", &LEVEL),
+            Axis::Y => ("y", &LEVEL),
+            Axis::Z => ("height", &HEIGHT),
+        };
+        terms.extend(orders.iter().map(|orders| (name, motion, *orders)));
     }
+    terms
+}
 
+impl CarriageSag {
     fn orders(&self, axis: Axis, state: &State) -> Vec<f64> {
         let (lower_m, upper_m) = self.stroke_m[axis.index()];
         legendre((2.0 * state.reading_m[axis.index()] - lower_m - upper_m) / (upper_m - lower_m), ORDER)
@@ -103,13 +108,13 @@ impl Effect for CarriageSag {
             "angle" => ParameterSpec::new(format!("angle_{i}_{j}"), "rad", 200e-6),
             _ => ParameterSpec::new(format!("{name}_{i}_{j}"), "m", 100e-6),
         };
-        self.terms().into_iter().map(spec).collect()
+        self.terms.iter().copied().map(spec).collect()
     }
 
     fn motion(&self, state: &State, part: &mut Motion) -> Result<(), CovariateProblem> {
         let (u, v) = (self.orders(self.carrying, state), self.orders(self.carriage, state));
-        for (k, (_, acts, (i, j))) in self.terms().into_iter().enumerate() {
-            part(k, acts, v[i] * u[j]);
+        for (k, (_, acts, (i, j))) in self.terms.iter().enumerate() {
+            part(k, *acts, v[*i] * u[*j]);
         }
         Ok(())
     }

@@ -124,14 +124,15 @@ pub trait Effect: Debug + Send + Sync {
     }
 }
 
-/// Motion of tip or reflector per unit of each parameter (m per unit, machine frame), from the chain's partials by
-/// error in the order of [`ErrorId::index`].
+/// Motion of tip or reflector per unit of each of the effect's `count` parameters (m per unit, machine frame), from the
+/// chain's partials by error in the order of [`ErrorId::index`].
 pub fn tip_columns(
     effect: &dyn Effect,
+    count: usize,
     state: &State,
     by_error: &[Vector3<f64>; ErrorId::COUNT],
 ) -> Result<Vec<Vector3<f64>>, CovariateProblem> {
-    let mut columns = vec![Vector3::zeros(); effect.parameters().len()];
+    let mut columns = vec![Vector3::zeros(); count];
     effect.motion(state, &mut |parameter, acts, amount| {
         columns[parameter] += match acts {
             Acts::Error(id) => by_error[id.index()] * amount,
@@ -141,16 +142,24 @@ pub fn tip_columns(
     Ok(columns)
 }
 
-/// Change of the measured range per unit of each parameter (m per unit): the tip's motion along the sight, and what
-/// acts on the range alone.
+/// Change of the measured range per unit of each of the effect's `count` parameters (m per unit): the tip's motion along
+/// the sight, and what acts on the range alone.
 pub fn range_columns(
     effect: &dyn Effect,
+    count: usize,
     state: &State,
     sight: &Sight,
     by_error: &[Vector3<f64>; ErrorId::COUNT],
 ) -> Result<Vec<f64>, CovariateProblem> {
-    let tip = tip_columns(effect, state, by_error)?;
-    let mut columns: Vec<f64> = tip.iter().map(|column| column.dot(&sight.ray.direction)).collect();
+    let mut columns = vec![0.0; count];
+    let direction = &sight.ray.direction;
+    effect.motion(state, &mut |parameter, acts, amount| {
+        columns[parameter] += amount
+            * match acts {
+                Acts::Error(id) => by_error[id.index()].dot(direction),
+                Acts::Tip(axis) => direction[axis.index()],
+            };
+    })?;
     effect.range(state, sight, &mut |parameter, amount| columns[parameter] += amount)?;
     Ok(columns)
 }

@@ -50,14 +50,14 @@ pub(super) fn machine() -> Machine {
 /// Motion of the tip of [`machine`] with these parameters (m, machine frame).
 pub(super) fn tip_m(effect: &dyn Effect, state: &State, parameters: &[f64]) -> Vector3<f64> {
     let chain = chain_point(&machine(), state.reading_m, state.offset_m, &ErrorValues::ZERO);
-    let columns = tip_columns(effect, state, &chain.by_error).unwrap();
+    let columns = tip_columns(effect, parameters.len(), state, &chain.by_error).unwrap();
     columns.iter().zip(parameters).map(|(column, value)| column * *value).sum()
 }
 
 /// What these parameters add to the range that a tracer reads off [`machine`] (m).
 pub(super) fn range_m(effect: &dyn Effect, state: &State, sight: &Sight, parameters: &[f64]) -> f64 {
     let chain = chain_point(&machine(), state.reading_m, state.offset_m, &ErrorValues::ZERO);
-    let columns = range_columns(effect, state, sight, &chain.by_error).unwrap();
+    let columns = range_columns(effect, parameters.len(), state, sight, &chain.by_error).unwrap();
     columns.iter().zip(parameters).map(|(column, value)| column * value).sum()
 }
 
@@ -119,7 +119,7 @@ fn laws_of(entry: &Known, shape: &Shape, machine: &Machine) {
     let ray = Ray { direction: Vector3::new(0.6, 0.48, 0.64), range_m: 0.5 };
     let sight = Sight { station: "S1", line: "S1-00", ray };
     let count = effect.parameters().len();
-    let columns = range_columns(effect.as_ref(), &state, &sight, &chain.by_error).unwrap();
+    let columns = range_columns(effect.as_ref(), count, &state, &sight, &chain.by_error).unwrap();
     assert_eq!(columns.len(), count, "{name}: one column a parameter");
     assert!(columns.iter().any(|c| *c != 0.0), "{name}: does something");
     assert!(columns.iter().all(|c| c.is_finite()), "{name}");
@@ -128,12 +128,12 @@ fn laws_of(entry: &Known, shape: &Shape, machine: &Machine) {
     assert!((1..count).all(|k| specs[..k].iter().all(|other| other.name != specs[k].name)), "{name}: names differ");
     let blind = State { covariates: &NoCovariates, ..state };
     assert_eq!(
-        tip_columns(effect.as_ref(), &blind, &chain.by_error).is_err(),
+        tip_columns(effect.as_ref(), count, &blind, &chain.by_error).is_err(),
         !effect.covariates().is_empty(),
         "{name}: needs its covariates"
     );
     let all_needed = effect.covariates().is_empty() && effect.range_covariates().is_empty();
-    assert_eq!(range_columns(effect.as_ref(), &blind, &sight, &chain.by_error).is_err(), !all_needed, "{name}");
+    assert_eq!(range_columns(effect.as_ref(), count, &blind, &sight, &chain.by_error).is_err(), !all_needed, "{name}");
 }
 
 #[test]
