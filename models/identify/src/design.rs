@@ -204,7 +204,7 @@ mod tests {
             let shape = Shape::new().text("acts", acts).number("degree", 2.0);
             shape.text("p", "temp_air_c").number("p_low", 19.0).number("p_high", 24.0)
         };
-        let reversal = Shape::new().text("axis", "y").number("terms", 2.0);
+        let reversal = Shape::new().text("axis", "y").text("over", "y").number("terms", 2.0);
         [("reversal", reversal), ("empirical", smooth("z")), ("empirical", smooth("range"))]
             .map(|(name, shape)| EffectTerm::new(name, shape, machine).unwrap())
             .to_vec()

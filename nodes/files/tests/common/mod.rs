@@ -23,8 +23,10 @@ pub(crate) fn model(seed: u64) -> ModelFile {
     };
     let coefficients = numbers(Layout::new(&machine).unwrap().len(), 1e-5);
     let axis = Shape::new().text("axis", "y");
-    let shapes =
-        [("reversal", axis.clone().number("terms", 3.0)), ("scale_expansion", axis.text("sensor", "temp_y_c"))];
+    let shapes = [
+        ("reversal", axis.clone().text("over", "z").number("terms", 3.0)),
+        ("scale_expansion", axis.text("sensor", "temp_y_c")),
+    ];
     let effects = shapes.map(|(name, shape)| {
         let count = abbe_geometry::effects::construct(name, &shape, &machine).unwrap().parameters().len();
         MachineModel::fitted_effect(name, shape, &machine, numbers(count, 1e-6)).unwrap()
