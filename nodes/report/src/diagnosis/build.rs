@@ -80,7 +80,7 @@ impl Record {
     fn answer(&self) -> Callout {
         let (tone, title) = match (self.effects.is_empty() && !self.enriched, self.consistent_with_noise) {
             (true, true) => (Tone::Good, "Consistent with noise"),
-            (true, false) => (Tone::Warning, "Not noise, and not explained"),
+            (true, false) => (Tone::Warning, "Not noise, and not attributed"),
             (false, _) if self.effects.is_empty() => (Tone::Neutral, "Finer error functions"),
             (false, _) => (Tone::Neutral, "The model lacks something"),
         };
@@ -150,7 +150,7 @@ impl Record {
             if !effect.cannot_be_told_from.is_empty() {
                 let rivals: Vec<String> = effect.cannot_be_told_from.iter().map(super::Rival::label).collect();
                 all.push(warning(format!(
-                    "{} explains these data best, but they do not tell it from: {}.",
+                    "{}: explains these data best, but they do not tell it from {}.",
                     effect.label(),
                     rivals.join(", ")
                 )));

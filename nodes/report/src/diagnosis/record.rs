@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 /// A diagnosis.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Record {
     /// The answer in a few sentences.
     pub verdict: String,
@@ -64,7 +64,7 @@ pub struct Record {
 }
 
 /// The same before and after.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Both<T> {
     /// With the model as it was.
     pub before: T,
@@ -73,7 +73,7 @@ pub struct Both<T> {
 }
 
 /// A file by its name, without folder, and its hash.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct File {
     /// Name.
     pub file: String,
@@ -368,7 +368,10 @@ impl Effect {
         let text = |key: &str| self.shape.get(key).and_then(Value::as_str);
         match (text("axis"), text("carriage"), text("line")) {
             (Some(axis), ..) => format!("{} of {}", self.title, axis.to_uppercase()),
-            (None, Some(carriage), _) => format!("{} of {}", self.title, carriage.to_uppercase()),
+            (None, Some(carriage), _) => {
+                let carrying = text("carrying").unwrap_or("?");
+                format!("{}, {} on {}", self.title, carriage.to_uppercase(), carrying.to_uppercase())
+            }
             (None, None, Some(line)) => format!("{} {line}", self.title),
             _ if self.name == "empirical" && !self.covariates.is_empty() => {
                 format!("{} in {}", self.title, self.covariates.join(" and "))

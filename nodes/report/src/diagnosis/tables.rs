@@ -211,8 +211,10 @@ impl Record {
             };
             [vec![Cell::text(name), Cell::text(noise)], cells(before).to_vec(), cells(after).to_vec()].concat()
         };
+        let is_known = |s: &Option<Structure>| s.is_some_and(|s| s.value.is_some() || s.p_value.is_some());
+        let rows = rows.into_iter().filter(|(_, _, before, after)| is_known(before) || is_known(after));
         let note = format!("Before: {} After: {} A dash is a figure that these data do not give.", b.words, a.words);
-        table("Is it noise?", Some(&note), columns, rows.into_iter().map(row).collect())
+        table("Is it noise?", Some(&note), columns, rows.map(row).collect())
     }
 
     /// Residual by station, offset, direction.

@@ -21,7 +21,8 @@ impl Record {
             sentences.push(self.gain());
             if self.detection.after.has_structure == Some(true) {
                 sentences.push(
-                    "The residual after still has structure that noise lacks, and no candidate explains it.".to_owned(),
+                    "The residual after still has structure that noise lacks and that no candidate explains."
+                        .to_owned(),
                 );
             }
         }
@@ -39,7 +40,7 @@ impl Record {
         if self.consistent_with_noise {
             return "Consistent with noise: nothing is missing that these data can show.".to_owned();
         }
-        format!("Something is there that no candidate explains. {}", self.detection.before.words)
+        format!("Something is there that these data attribute to no candidate. {}", self.detection.before.words)
     }
 
     fn gain(&self) -> String {
@@ -92,5 +93,57 @@ pub(super) fn alias_words(share: Option<f64>) -> &'static str {
         Some(share) if share < 0.9 => "partly like geometry: larger uncertainty",
         Some(share) if share < 0.99 => "mostly like geometry: measure more before trusting the size",
         Some(_) => "nearly the same as geometry: do not trust the size",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{DiagnosisReport, HeldOut};
+    use super::*;
+
+    fn record() -> Record {
+        let blocks = "lines that no step saw".to_owned();
+        Record { held_out: HeldOut { blocks, ..HeldOut::default() }, ..Record::default() }
+    }
+
+    #[test]
+    fn a_clean_residual_is_called_noise_and_nothing_more() {
+        let clean = Record { consistent_with_noise: true, ..record() };
+        assert!(clean.words().starts_with("Consistent with noise"), "{}", clean.words());
+        assert!(!clean.words().contains("lacks") && !clean.words().contains("goes from"));
+    }
+
+    #[test]
+    fn structure_without_a_name_is_not_given_one() {
+        let mut unexplained = record();
+        unexplained.detection.before.words = "Whole lines are off.".to_owned();
+        let words = unexplained.words();
+        assert!(words.contains("attribute to no candidate") && words.contains("Whole lines are off."), "{words}");
+    }
+
+    #[test]
+    fn a_gain_stands_with_both_intervals_and_a_missing_one_with_its_reason() {
+        let figures = |rms: f64| ErrorFigures {
+            held_out_rms_um: Some(rms),
+            held_out_interval_um: Some((0.9 * rms, 1.1 * rms)),
+            ..ErrorFigures::default()
+        };
+        let mut finer = Record { enriched: true, before: figures(0.8), after: figures(0.4), ..record() };
+        let words = finer.words();
+        assert!(words.contains("from 0.800 (95 %: 0.720 to 0.880) to 0.400 µm (95 %: 0.360 to 0.440)"), "{words}");
+        finer.after.held_out_rms_um = None;
+        finer.held_out.missing_because = Some("there are too few lines".to_owned());
+        assert!(finer.words().contains("no error on lines that no step saw: there are too few lines"));
+    }
+
+    #[test]
+    fn a_record_without_figures_makes_a_page_and_nulls() {
+        let report = DiagnosisReport { record: record(), residuals: None, figures: Vec::new() };
+        assert!(report.html().unwrap().contains("Not noise, and not attributed"));
+        assert!(report.json().unwrap().contains("\"held_out_rms_um\": null"));
+        let mut wrong = report;
+        wrong.record.before.chi2_per_dof = Some(f64::NAN);
+        let error = wrong.json().unwrap_err().to_string();
+        assert!(error.contains("chi2_per_dof"), "{error}");
     }
 }
