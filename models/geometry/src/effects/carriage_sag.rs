@@ -3,7 +3,8 @@
 //! Formula, with u the axis of the joint and v the other one, each −1 … 1 over its stroke, and Legendre polynomials P:
 //! angle of the joint about one machine axis = Σ angle_ij P_i(v)·P_j(u), i ≥ 1, i + j ≤ 3; across that axis the joint
 //! moves by Σ P_i(v)·P_j(u), i and j ≥ 1, i + j ≤ 3, upwards with one order more, as a roll lifts by its lever: the
-//! turn's pivot lies where no drawing tells. Inputs: readings (m). Typical 0.5–5 µm, some µrad.
+//! turn's pivot lies where no drawing tells. In form `lean` a column leans by that angle (the tip moves with the height
+//! z − z₀) without turning what it guides. Inputs: readings (m). Typical 0.5–5 µm, some µrad.
 //! Left out is what a rigid-body machine has already: terms of u alone, and motions by v alone, which are the errors of
 //! v. An angle by v alone is that axis' own where the two are neighbours in the chain, and no such angle where the third
 //! hangs between them.
@@ -44,6 +45,8 @@ struct CarriageSag {
     stroke_m: [(f64, f64); 3],
     /// Name, what it moves and orders of each parameter.
     terms: Vec<Term>,
+    /// The axis about which a column leans without turning what it guides, in place of a turn of the joint.
+    leans: Option<Axis>,
 }
 
 /// Name, what it moves and orders of one parameter.
@@ -53,12 +56,19 @@ fn construct(shape: &Shape, machine: &Machine) -> Result<Box<dyn Effect>, Effect
     let mut reader = Reader::new(KNOWN.name, shape);
     let (carrying, carriage) = (reader.axis("carrying")?, reader.axis("carriage")?);
     let about = reader.axis("about")?;
+    let leans = match reader.text("form")? {
+        "turn" => false,
+        "lean" if about != Axis::Z => true,
+        "lean" => return Err(reader.wrong("form", "must be turn about z: nothing leans that way")),
+        _ => return Err(reader.wrong("form", "must be turn or lean")),
+    };
     if carrying == carriage {
         return Err(reader.wrong("carriage", "must be another axis than the carrying one"));
     }
     reader.finish()?;
     let terms = terms(carrying, about);
-    Ok(Box::new(CarriageSag { carrying, carriage, stroke_m: machine.stroke_m, terms }))
+    let leans = leans.then_some(about);
+    Ok(Box::new(CarriageSag { carrying, carriage, stroke_m: machine.stroke_m, terms, leans }))
 }
 
 /// All pairs about each axis, first those in which the joint nearer to the bed carries the other axis: where the data
@@ -69,10 +79,13 @@ fn propose(observed: &Observed) -> Vec<Shape> {
         let place = move |k: usize| if near { k } else { 2 - k };
         (0..3).flat_map(move |i| (i + 1..3).map(move |j| (order[place(i)], order[place(j)])))
     };
-    let shape = |u: Axis, v: Axis, about: Axis| {
-        Shape::new().text("carrying", u.lower()).text("carriage", v.lower()).text("about", about.lower())
+    let shape = |u: Axis, v: Axis, about: Axis, form: &str| {
+        let shape = Shape::new().text("carrying", u.lower()).text("carriage", v.lower());
+        shape.text("about", about.lower()).text("form", form)
     };
-    pairs(true).chain(pairs(false)).flat_map(|(u, v)| Axis::ALL.map(|about| shape(u, v, about))).collect()
+    let turns = |(u, v)| Axis::ALL.map(|about| shape(u, v, about, "turn"));
+    let leans = |(u, v)| [Axis::X, Axis::Y].map(|about| shape(u, v, about, "lean"));
+    pairs(true).chain(pairs(false)).flat_map(|pair| turns(pair).into_iter().chain(leans(pair))).collect()
 }
 
 /// Angle of the joint, and motions across the axis it turns about.
@@ -114,7 +127,16 @@ impl Effect for CarriageSag {
     fn motion(&self, state: &State, part: &mut Motion) -> Result<(), CovariateProblem> {
         let (u, v) = (self.orders(self.carrying, state), self.orders(self.carriage, state));
         for (k, (_, acts, (i, j))) in self.terms.iter().enumerate() {
-            part(k, *acts, v[*i] * u[*j]);
+            let amount = v[*i] * u[*j];
+            match self.leans.filter(|_| k < ANGLE.len()) {
+                Some(about) => {
+                    let height_m = state.reading_m[Axis::Z.index()] - self.stroke_m[Axis::Z.index()].0;
+                    // A turn about x takes what is above towards −y, one about y towards +x.
+                    let (across, sign) = if about == Axis::X { (Axis::Y, -1.0) } else { (Axis::X, 1.0) };
+                    part(k, Acts::Tip(across), sign * height_m * amount);
+                }
+                None => part(k, *acts, amount),
+            }
         }
         Ok(())
     }
@@ -126,7 +148,7 @@ mod tests {
     use super::*;
 
     fn tip_at(reading_m: [f64; 3], parameters: [f64; 14]) -> nalgebra::Vector3<f64> {
-        let shape = Shape::new().text("carrying", "x").text("carriage", "y").text("about", "x");
+        let shape = Shape::new().text("carrying", "x").text("carriage", "y").text("about", "x").text("form", "turn");
         let effect = construct(&shape, &machine()).unwrap();
         let state = State { reading_m, offset_m: [0.0, 0.0, -0.5], covariates: &One(0.0) };
         tip_m(effect.as_ref(), &state, &parameters)
@@ -156,7 +178,7 @@ mod tests {
 
     #[test]
     fn an_axis_does_not_carry_itself() {
-        let shape = Shape::new().text("carrying", "x").text("carriage", "x").text("about", "x");
+        let shape = Shape::new().text("carrying", "x").text("carriage", "x").text("about", "x").text("form", "turn");
         assert!(construct(&shape, &machine()).is_err());
     }
 }

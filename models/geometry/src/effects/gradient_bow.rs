@@ -2,10 +2,11 @@
 //!
 //! Formula, with ΔT = warm − cold (K), reading r on the stroke r₀ … r₁ and middle m, all times ΔT: the guideway runs at
 //! height −½κ(r − r₀)(r − r₁) + ramp·(r − m) + heave; the carriage pitches by −slope·(r − m) + tilt; it moves along the
-//! axis by shift + stretch·(r − m). On one bent beam (form `beam`) slope = κ, tilt = ramp (bending theory) and nothing
-//! moves along; in form `free` they are separate, since columns and carriage may ride on other parts than the one that bends, and shift and stretch say at which height the
-//! carriage pivots, as no drawing tells. Inputs: reading (m), two logged temperatures (°C). κ is about α/height of the
-//! guideway (1e-5/(m·K) at one metre), so 1–5 µm/K.
+//! axis by shift + stretch·(r − m) + lean·(z − z₀). On one bent beam (form `beam`) slope = κ, tilt = ramp (bending
+//! theory) and nothing moves along; in form `free` they are separate, since columns and carriage may ride on other parts
+//! than the one that bends: shift and stretch say at which height the carriage pivots, as no drawing tells, and lean is a
+//! column that leans without turning what it guides. Inputs: readings (m), two logged temperatures (°C). κ is about
+//! α/height of the guideway (1e-5/(m·K) at one metre), so 1–5 µm/K.
 //! Of a workpiece-side axis the table follows the guideway: the tool sinks relative to it where the guideway rises.
 
 use super::known::{Known, Observed};
@@ -19,7 +20,7 @@ pub(super) const KNOWN: Known = Known {
     name: "gradient_bow",
     title: "bow under a temperature gradient",
     formula: "times dT: height -kappa (r - r0)(r - r1)/2 + ramp (r - m) + heave, pitch angle -slope (r - m) + tilt, \
-              along the axis shift + stretch (r - m)",
+              along the axis shift + stretch (r - m) + lean (z - z0)",
     typical: "1-5 um/K",
     source: "bending of a beam under a linear gradient, kappa = alpha dT / height; Schwenke et al. 2008",
     needs: "two temperatures that span the gradient (temp_bridge_top_c and temp_bridge_bottom_c, or air and granite)",
@@ -35,6 +36,8 @@ struct GradientBow {
     turn: ErrorId,
     axis: Axis,
     stroke_m: (f64, f64),
+    /// Lower end of the vertical stroke.
+    foot_m: f64,
     /// Motion of the tip per rise of the guideway: −1 where the table follows it.
     rise: f64,
     /// Angle of the carriage per slope of the guideway: a climb along x turns about −y, along y about +x.
@@ -69,6 +72,7 @@ fn construct(shape: &Shape, machine: &Machine) -> Result<Box<dyn Effect>, Effect
         turn: ErrorId::angular(about, axis),
         axis,
         stroke_m: machine.stroke_m[axis.index()],
+        foot_m: machine.stroke_m[Axis::Z.index()].0,
         rise: if on_table { -1.0 } else { 1.0 },
         turn_sign,
         beam,
@@ -113,8 +117,9 @@ impl Effect for GradientBow {
             ParameterSpec::new("tilt", "rad/K", 100e-6),
             ParameterSpec::new("shift", "m/K", 50e-6),
             ParameterSpec::new("stretch", "1/K", 50e-6),
+            ParameterSpec::new("lean", "1/K", 50e-6),
         ];
-        specs.truncate(if self.beam { 3 } else { 7 });
+        specs.truncate(if self.beam { 3 } else { 8 });
         specs
     }
 
@@ -136,6 +141,7 @@ impl Effect for GradientBow {
         if !self.beam {
             part(5, along, difference_k);
             part(6, along, difference_k * from_middle_m);
+            part(7, Acts::Tip(self.axis), difference_k * (state.reading_m[Axis::Z.index()] - self.foot_m));
         }
         Ok(())
     }
