@@ -219,13 +219,28 @@ fn typical_u_m(fit: &Identified) -> f64 {
 fn describe(step: &Step) -> String {
     match step {
         Step::Added { candidate, rivals, p_corrected, .. } => {
-            let also: Vec<&str> = rivals.iter().map(|r| r.known.name).collect();
-            let also = if also.is_empty() { String::new() } else { format!(" (nearly as good: {})", also.join(", ")) };
-            format!("added {} at p = {p_corrected:.1e}{also}", candidate.known.title)
+            let also: Vec<String> = rivals.iter().map(|r| named(r.known.name, &r.term.shape)).collect();
+            let also = if also.is_empty() { String::new() } else { format!("; nearly as good: {}", also.join(", ")) };
+            // Below the smallest double a probability reads as zero, which it is not.
+            let p = if *p_corrected > 0.0 { format!("p = {p_corrected:.1e}") } else { "p below 1e-300".to_owned() };
+            format!("added {} at {p}{also}", named(candidate.known.title, &candidate.term.shape))
         }
-        Step::Removed { term } => format!("removed {}: the others explain what it did", term.effect.name()),
+        Step::Removed { term } => {
+            format!("removed {}: the others explain what it did", named(term.effect.name(), &term.shape))
+        }
         Step::Enriched { because } => format!("gave the error functions more coefficients: {because} needed them"),
     }
+}
+
+/// A name with what the shape says of axis and sensor: `backlash (axis y, over x)`.
+fn named(name: &str, shape: &abbe_geometry::effects::Shape) -> String {
+    use abbe_geometry::effects::ShapeValue;
+    let word = |(key, value): (&String, &ShapeValue)| match value {
+        ShapeValue::Text(text) => Some(format!("{key} {text}")),
+        ShapeValue::Number(_) | ShapeValue::Numbers(_) | ShapeValue::Texts(_) => None,
+    };
+    let words: Vec<String> = shape.0.iter().filter_map(word).collect();
+    if words.is_empty() { name.to_owned() } else { format!("{name} ({})", words.join(", ")) }
 }
 
 fn next_measurements(
