@@ -106,7 +106,7 @@ fn found(
     let mut first = state.fit.model.layout().len();
     let mut all = Vec::new();
     for (index, fitted) in effects.iter().enumerate() {
-        if index >= base.len().min(effects.len()) || !is_base(base, fitted) {
+        if !is_base(base, fitted) {
             all.push(one(search, state, (index, first), last, observe)?);
         }
         first += fitted.parameters.len();

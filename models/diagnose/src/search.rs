@@ -18,6 +18,7 @@ use abbe_geometry::machine::Machine;
 use abbe_identify::{EffectTerm, Identified, IdentifyError, Rows, identify_with};
 use abbe_measurement::campaign::Campaign;
 use abbe_measurement::instrument::RangeUncertainty;
+use std::collections::BTreeMap;
 
 /// Share of what the best free dependence explains that a named effect must explain to go before it.
 const EXPLAINS: f64 = 0.6;
@@ -48,8 +49,6 @@ pub(crate) struct State {
     pub(crate) order_settled: bool,
     /// Terms whose fit did not settle or that others made superfluous: not tried again.
     pub(crate) refused: Vec<EffectTerm>,
-    /// Candidates of the last round, which found nothing more.
-    pub(crate) last: Vec<Candidate>,
 }
 
 impl State {
@@ -126,7 +125,6 @@ impl<'a> Search<'a> {
             steps: Vec::new(),
             order_settled: false,
             refused: Vec::new(),
-            last: Vec::new(),
         };
         for round in 0..MAX_ROUNDS {
             if !observe(Progress::Scoring { round: round + 1, effects: state.terms.len() }) {
@@ -143,22 +141,17 @@ impl<'a> Search<'a> {
     fn advance(&self, state: &mut State, observe: &mut dyn FnMut(Progress) -> bool) -> Result<bool, DiagnoseError> {
         let round = self.round_without_misfit(state)?;
         let named = self.named(&round, &state.machine)?;
-        let tests: usize = named.iter().map(|c| c.trials.max(1)).sum::<usize>().max(1);
-        let proposal = self.propose(&round, state, &named)?;
-        match proposal {
-            Proposal::Nothing => {
-                state.last = named;
-                return Ok(false);
-            }
+        match self.propose(&round, state, &named)? {
+            Proposal::Nothing => return Ok(false),
             Proposal::Order(id) => self.refine(state, &round, id, observe)?,
             Proposal::Named(candidate) => {
                 let candidate = refined(&round, &state.machine, candidate)?;
-                let rivals = self.rivals(&round, &named, &candidate);
+                let (rivals, tests) = (self.rivals(&round, &named, &candidate), tests(&named));
                 self.add(state, candidate, rivals, tests, observe)?;
             }
             Proposal::Free(candidate) => {
-                let rivals = self.rivals(&round, &named, &candidate);
-                self.add(state, candidate, rivals, 1, observe)?;
+                let (rivals, tests) = (self.rivals(&round, &named, &candidate), candidate.trials);
+                self.add(state, candidate, rivals, tests, observe)?;
             }
         }
         Ok(true)
@@ -247,7 +240,7 @@ impl<'a> Search<'a> {
 
     fn propose(&self, round: &Round, state: &State, named: &[Candidate]) -> Result<Proposal, DiagnoseError> {
         let rows = round.used;
-        let tests: usize = named.iter().map(|c| c.trials.max(1)).max().unwrap_or(1).max(named.len());
+        let tests = tests(named);
         let best =
             named.iter().filter(|c| !has(&state.terms, &c.term)).fold(None::<&Candidate>, |best, c| match best {
                 Some(other) if !c.better_than(other, rows) => Some(other),
@@ -348,6 +341,16 @@ impl<'a> Search<'a> {
         }
         Ok(weakest.map(|(index, _)| index))
     }
+}
+
+/// Number of tests behind a list of candidates: each effect's shapes, those that a search went through among them.
+fn tests(named: &[Candidate]) -> usize {
+    let mut by_name: BTreeMap<&str, usize> = BTreeMap::new();
+    for candidate in named {
+        let trials = by_name.entry(candidate.known.name).or_default();
+        *trials = candidate.trials.max(*trials);
+    }
+    by_name.values().sum::<usize>().max(1)
 }
 
 /// Whether a candidate is the chosen effect with other figures (degree, time constant): no rival but the same claim. With
