@@ -132,7 +132,7 @@ impl Empirical {
         // The error functions move the tip by each scale alone already; on the range they do not.
         let own = |k: usize| self.acts.is_some() && self.quantities.get(k).is_some_and(|q| is_scale(&q.name));
         let kept = |(i, j): &(usize, usize)| match (*i, *j) {
-            (_, 0) => !own(0) && !(two && self.mixed),
+            (_, 0) => !(own(0) || two && self.mixed),
             (0, _) => two && !self.mixed && !own(1),
             _ => two,
         };
