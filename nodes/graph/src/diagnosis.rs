@@ -9,6 +9,7 @@ use abbe_measurement::campaign::Campaign;
 use abbe_msgs::Sha256;
 use abbe_runtime::ros::TriggerOutcome;
 use abbe_runtime::{LAUNCHER_PID, Shutdown};
+use std::collections::BTreeSet;
 use std::fs::File;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
@@ -176,7 +177,7 @@ fn conclude(job: &Job, folder: &Path) -> Result<String, RunError> {
     if !path.exists() {
         return Ok(format!("{report}; it proposes no model"));
     }
-    let (_, sha256) = ModelFile::load_for(&path, &job.machine)?;
+    let (diagnosed, sha256) = ModelFile::load_for(&path, &job.machine)?;
     let proposed = Sha256::from_bytes(sha256);
     if proposed == job.in_use {
         return Ok(format!("{report}; the model in use stays the best"));
@@ -184,6 +185,14 @@ fn conclude(job: &Job, folder: &Path) -> Result<String, RunError> {
     if !job.adopt {
         let (from, to) = (path.display(), job.model_file.display());
         return Ok(format!("{report}; to use its model {proposed}, copy {from} over {to}"));
+    }
+    let lacking = lacking_live(&diagnosed, &job.campaign);
+    if !lacking.is_empty() {
+        let lacking = lacking.join(", ");
+        return Ok(format!(
+            "{report}; its model {proposed} is not put into use: it corrects by {lacking}, which the scale readings do \
+             not carry; add that to them, or diagnose again on more readings"
+        ));
     }
     let bytes = std::fs::read(&path).map_err(|source| unreadable(&path, source))?;
     let (_, held) = ModelFile::load_for(&job.model_file, &job.machine)?;
@@ -196,6 +205,14 @@ fn conclude(job: &Job, folder: &Path) -> Result<String, RunError> {
     }
     write_atomically(&job.model_file, &bytes)?;
     Ok(format!("{report}; its model {proposed} is put into use"))
+}
+
+/// Covariates that the model corrects by and no scale reading carried. A campaign also has `time_s`, the time since it
+/// began; a live sample has none.
+fn lacking_live(diagnosed: &ModelFile, campaign: &Campaign) -> Vec<String> {
+    let effects = diagnosed.model.parts().effects.iter();
+    let read: BTreeSet<String> = effects.flat_map(|effect| effect.effect.covariates()).collect();
+    read.into_iter().filter(|name| campaign.covariate(name).is_none()).collect()
 }
 
 /// The next folder that does not exist yet: `0001`, `0002`, …

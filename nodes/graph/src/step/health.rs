@@ -24,7 +24,8 @@ pub enum HealthState {
 ///
 /// They belong to the state that the model does not describe. The readings in which the window filled up with the new
 /// state are left out, which keeps those of the old state out as well. A short return to consistency counts as the
-/// same state: many effects show in parts of the volume only. A model that is new in use is in this state until it has
+/// same state: many effects show in parts of the volume only; but where the squares have exceeded the window's limit from
+/// some residual on, for a whole window or longer, the state begins there. A model that is new in use is in this state until it has
 /// shown otherwise.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Unsound {
@@ -57,20 +58,49 @@ pub struct Health {
 
 /// Verdict on `count` residuals with that mean square of residual/u, where `least` are enough for one.
 fn verdict(count: usize, mean_square: f64, least: usize) -> HealthState {
-    // χ²/n has variance 2/n: 3.3 deviations above 1 happen once in a thousand windows of a sound model.
-    let limit = 1.0 + 3.3 * (2.0 / count.max(1) as f64).sqrt();
     match count >= least {
         false => HealthState::Unknown,
-        true if mean_square > limit => HealthState::Degraded,
+        true if mean_square > mean_square_limit(count) => HealthState::Degraded,
         true => HealthState::Consistent,
     }
 }
 
-/// The sum behind [`Unsound`].
-struct Spell {
+/// Mean square of so many residuals that a sound model exceeds once in a thousand times.
+fn mean_square_limit(count: usize) -> f64 {
+    // χ²/n has variance 2/n: 3.3 deviations above 1.
+    1.0 + 3.3 * (2.0 / count.max(1) as f64).sqrt()
+}
+
+/// Residuals from one on.
+#[derive(Clone, Copy)]
+struct Tally {
     since: Stamp,
     count: usize,
     squares: f64,
+}
+
+impl Tally {
+    fn new(since: Stamp) -> Tally {
+        Tally { since, count: 0, squares: 0.0 }
+    }
+
+    fn add(&mut self, square: f64) {
+        self.count += 1;
+        self.squares += square;
+    }
+
+    fn unsound(&self, least: usize) -> Unsound {
+        Unsound { since: self.since, state: verdict(self.count, self.squares / self.count as f64, least) }
+    }
+}
+
+/// The sums behind [`Unsound`]: of all, and of those since the squares began to exceed the window's limit.
+///
+/// The second one is Page's cumulative sum. A window of a sound model is degraded once in a while, and an effect may set
+/// in before the model was consistent for a whole window again; without it the readings between would dilute the effect.
+struct Spell {
+    all: Tally,
+    recent: Tally,
 }
 
 /// The last residuals of one model.
@@ -96,13 +126,18 @@ impl Window {
         }
         self.consistent = if self.state() == HealthState::Consistent { self.consistent + 1 } else { 0 };
         if self.consistent == 0 {
-            self.spell.get_or_insert(Spell { since: stamp, count: 0, squares: 0.0 });
+            self.spell.get_or_insert(Spell { all: Tally::new(stamp), recent: Tally::new(stamp) });
         } else if self.consistent >= self.length {
             self.spell = None;
         }
         if let Some(spell) = &mut self.spell {
-            spell.count += 1;
-            spell.squares += (residual_m / u_m).powi(2);
+            let (square, limit) = ((residual_m / u_m).powi(2), mean_square_limit(self.length));
+            let recent = &spell.recent;
+            if recent.squares <= recent.count as f64 * limit {
+                spell.recent = Tally::new(stamp);
+            }
+            spell.all.add(square);
+            spell.recent.add(square);
         }
     }
 
@@ -111,8 +146,10 @@ impl Window {
     }
 
     pub(super) fn unsound(&self) -> Option<Unsound> {
-        let state = |spell: &Spell| verdict(spell.count, spell.squares / spell.count as f64, self.least());
-        self.spell.as_ref().map(|spell| Unsound { since: spell.since, state: state(spell) })
+        let Spell { all, recent } = self.spell.as_ref()?;
+        // A whole window above its limit is no chance cluster.
+        let recent = recent.unsound(self.length.max(LEAST));
+        Some(if recent.state == HealthState::Degraded { recent } else { all.unsound(self.least()) })
     }
 
     /// Residuals from which a verdict is given.
@@ -179,6 +216,17 @@ mod tests {
         assert_eq!((window.state(), since_s(&window)), (HealthState::Consistent, since));
         push(&mut window, 215..270, 0.9);
         assert_eq!(window.unsound(), None);
+    }
+
+    #[test]
+    fn a_state_that_sets_in_soon_after_a_degraded_window_begins_where_it_sets_in() {
+        let mut window = Window::new(50);
+        push(&mut window, 0..100, 0.9);
+        push(&mut window, 100..104, 4.5);
+        push(&mut window, 104..180, 0.9);
+        assert!(since_s(&window).unwrap() < 104.0);
+        push(&mut window, 180..240, 3.0);
+        assert_eq!((since_s(&window), window.unsound().unwrap().state), (Some(180.0), HealthState::Degraded));
     }
 
     #[test]
