@@ -25,8 +25,8 @@ pub enum HealthState {
 /// They belong to the state that the model does not describe. The readings in which the window filled up with the new
 /// state are left out, which keeps those of the old state out as well. A short return to consistency counts as the
 /// same state: many effects show in parts of the volume only; but where the squares have exceeded the window's limit from
-/// some residual on, for a whole window or longer, the state begins there. A model that is new in use is in this state until it has
-/// shown otherwise.
+/// some residual on, for a whole window or longer, the state begins there. A model that is new in use is in this state
+/// until it has shown otherwise.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Unsound {
     /// Stamp of the first.
