@@ -1,6 +1,6 @@
 //! What a diagnosis says: found, not found, not tellable, and the error before and after.
 //!
-//! Place in the flow: the result of [`crate::diagnose`]; the command line writes it as JSON and as a report. SI.
+//! Place in the flow: the result of [`crate::diagnose()`]; the command line writes it as JSON and as a report. SI.
 
 use crate::judge::{Blocked, Placebo, Unseen};
 use crate::noise::Detection;

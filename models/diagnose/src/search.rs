@@ -1,6 +1,6 @@
 //! The search: the effect with the most evidence goes in, everything is fitted again, until nothing passes.
 //!
-//! Place in the flow: [`crate::diagnose`] starts it from the model's own effects. In each round named effects, periods,
+//! Place in the flow: [`crate::diagnose()`] starts it from the model's own effects. In each round named effects, periods,
 //! runs, finer error functions and the look without candidates compete; a named effect goes before an empirical term
 //! unless the latter explains far more. After each addition, terms that the new one made superfluous go out again.
 
