@@ -1,9 +1,9 @@
 //! The loop closes live: an effect sets in during a run, the monitor notices, a diagnosis names it, its model goes in,
 //! and the range residual returns to noise, with no sample lost. And by hand: another model is put in place.
 //!
-//! Place in the flow: the shipped `launch-config/live_loop.toml` with a recording in place of the virtual machine, whose
-//! tracer returns to its stations: five tracers stand still and take the machine's lines in turn. The truth behind each
-//! reading stays in this test.
+//! Place in the flow: the shipped `launch-config/live_loop.toml` with a recording in place of the virtual machine, stitched
+//! from simulated campaigns so that the lines of the five stations come in turn, as if a tracer stood at each. The truth
+//! behind each reading stays in this test.
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // A test fails by panicking.
 
