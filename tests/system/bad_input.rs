@@ -334,7 +334,7 @@ fn launch_files_that_make_no_graph_are_refused_by_key() {
         ("unknown key", "colour = 1\n".to_owned() + &good, &["colour", "expected one of"]),
         ("unknown node", good.replace("\"scale\", \"geometric\"", "\"scales\""), &["scales", "scale"]),
         ("unknown transport", good.replace(MEMORY, "pigeon"), &["edges[0]", "pigeon", "shared-memory"]),
-        ("impossible edge", good.replace("to = \"geometric\"", "to = \"monitor\""), &["edges[0]", "does not take"]),
+        ("impossible edge", good.replace("to = \"geometric\"", "to = \"tracer\""), &["edges[0]", "does not take"]),
         ("unknown taker", good.replace("to = \"user\"", "to = \"usr\""), &["edges[1]", "usr"]),
         ("rate", good.replace("1000.0", "0.0"), &["scale.pace", "above 0"]),
         ("no driver", good.replace("[scale]", "[tracer]"), &["scale", "add a table with driver"]),
