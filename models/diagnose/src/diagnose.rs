@@ -20,7 +20,7 @@ use abbe_measurement::instrument::RangeUncertainty;
 /// Lines per fold below which leaving lines out would starve the fit.
 const LINES_PER_FOLD: usize = 5;
 /// Next measurements named at most.
-const MEASUREMENTS: usize = 6;
+const MEASUREMENTS: usize = 12;
 
 /// Diagnoses a campaign with the machine's model as it is: its error functions and the effects it already has.
 ///
