@@ -5,7 +5,8 @@
 //! What only the block itself determines (the position of a station whose readings are all left out) has eigenvalue 1
 //! in H: there the fit has no opinion, and that part of the block is not judged. Whitened rows; no units.
 
-use crate::linear::{Linear, column, eigen};
+use crate::linear::{Linear, column};
+use abbe_identify::symmetric_eigen;
 use faer::Mat;
 
 /// 1 − eigenvalue from which a direction of a block is determined by other blocks too.
@@ -30,7 +31,7 @@ fn one(fit: &Linear, block: &[usize]) -> HeldOut {
     let rows = Mat::from_fn(block.len(), parameters, |i, j| fit.jacobian()[(block[i], j)]);
     let hat = &rows * fit.covariance() * rows.transpose();
     let residuals: Vec<f64> = block.iter().map(|k| fit.residuals()[*k]).collect();
-    let Some((values, vectors)) = eigen(&hat) else { return HeldOut { square: 0.0, judged: 0 } };
+    let Some((values, vectors)) = symmetric_eigen(&hat) else { return HeldOut { square: 0.0, judged: 0 } };
     let along = vectors.transpose() * column(&residuals);
     let (mut square, mut judged) = (0.0, 0);
     for (k, value) in values.iter().enumerate() {

@@ -8,6 +8,7 @@
 //! without priors it is the partial F test).
 
 use crate::error::DiagnoseError;
+use abbe_identify::symmetric_eigen;
 use faer::linalg::solvers::{DenseSolveCore, Llt, Solve};
 use faer::{Mat, MatRef, Side};
 
@@ -107,7 +108,7 @@ impl Linear {
             return Err(DiagnoseError::Singular);
         }
         let equal = Mat::from_fn(normal.nrows(), normal.ncols(), |i, j| normal[(i, j)] / (scale[i] * scale[j]));
-        let (values, _) = eigen(&equal).ok_or(DiagnoseError::Singular)?;
+        let (values, _) = symmetric_eigen(&equal).ok_or(DiagnoseError::Singular)?;
         if values.first().is_some_and(|least| *least < DEPENDENT) {
             return Err(DiagnoseError::Singular);
         }
@@ -251,12 +252,6 @@ const DEPENDENT: f64 = 1e-12;
 /// Numbers as a column.
 pub(crate) fn column(values: &[f64]) -> Mat<f64> {
     Mat::from_fn(values.len(), 1, |k, _| values[k])
-}
-
-/// Eigenvalues (ascending) and eigenvectors (columns) of a symmetric matrix.
-pub(crate) fn eigen(matrix: &Mat<f64>) -> Option<(Vec<f64>, Mat<f64>)> {
-    let eigen = matrix.self_adjoint_eigen(Side::Lower).ok()?;
-    Some(((0..matrix.nrows()).map(|k| eigen.S()[k]).collect(), eigen.U().to_owned()))
 }
 
 #[cfg(test)]

@@ -11,9 +11,8 @@ use crate::context::Context;
 use crate::linear::{Linear, Projected};
 use crate::score::Score;
 use abbe_geometry::ErrorId;
-use abbe_geometry::effects::Shape;
-use abbe_geometry::effects::State;
-use abbe_identify::{CampaignRow, Rows, TIME};
+use abbe_geometry::effects::{self, Shape, State, is_scale};
+use abbe_identify::{CampaignRow, Rows, in_parallel};
 use abbe_measurement::campaign::Campaign;
 use faer::Mat;
 use std::f64::consts::TAU;
@@ -34,6 +33,8 @@ const SAME: f64 = 0.9995;
 const FORMS: usize = 6;
 /// Findings kept of one look.
 const KEPT: usize = 3;
+/// Quantities that every reading has: scales, and offsets of the reflector.
+const POSITIONS: [&str; 6] = ["x_m", "y_m", "z_m", "offset_x_m", "offset_y_m", "offset_z_m"];
 /// What a term may act on.
 pub(crate) const ACTS: [&str; 4] = ["x", "y", "z", "range"];
 
@@ -50,8 +51,8 @@ pub(crate) struct Variable {
 /// Something the residual depends on.
 #[derive(Debug, Clone)]
 pub(crate) struct Finding {
-    /// What it acts on: one of [`ACTS`], or an angular error of the chain.
-    pub(crate) acts: String,
+    /// What it acts on: one of [`ACTS`].
+    pub(crate) acts: &'static str,
     /// One or two quantities.
     pub(crate) variables: Vec<usize>,
     /// Half cycles of a sine; `None` for a polynomial.
@@ -65,10 +66,10 @@ impl Finding {
     /// Shapes that act as found, and on each joint's angles instead, of the degree looked with.
     pub(crate) fn acting(&self, variables: &[Variable]) -> Vec<Shape> {
         let joints = ErrorId::all().filter(|id| id.is_angular()).map(|id| id.name());
-        let acts: Vec<String> = match self.acts.as_str() {
-            "range" => vec![self.acts.clone()],
-            _ => std::iter::once(self.acts.clone()).chain(joints).collect(),
-        };
+        let mut acts = vec![self.acts.to_owned()];
+        if self.acts != "range" {
+            acts.extend(joints);
+        }
         acts.iter().map(|acts| self.shape(variables, acts).number(self.form().0, self.form().1)).collect()
     }
 
@@ -99,9 +100,8 @@ pub(crate) fn forms(shape: &Shape) -> Vec<Shape> {
 
 /// The quantities of a campaign that vary, each one once.
 pub(crate) fn variables(campaign: &Campaign, context: &Context) -> Vec<Variable> {
-    let own = ["x_m", "y_m", "z_m", "offset_x_m", "offset_y_m", "offset_z_m"].map(str::to_owned);
     let mut variables: Vec<Variable> = Vec::new();
-    for name in own.iter().chain(&context.varying) {
+    for name in POSITIONS.into_iter().chain(context.varying.iter().map(String::as_str)) {
         let Some(variable) = variable(campaign, name) else { continue };
         if !variables.iter().any(|other| correlation(&other.scaled, &variable.scaled).abs() > SAME) {
             variables.push(variable);
@@ -136,18 +136,8 @@ fn correlation(a: &[f64], b: &[f64]) -> f64 {
 /// The dependences that explain most after the price of their parameters and of the search, best first.
 pub(crate) fn look(round: &Round, variables: &[Variable]) -> Vec<Finding> {
     let trials = ACTS.len() * variables.len() * (variables.len() + 1) / 2 * FORMS;
-    let halves: Vec<Vec<Finding>> = std::thread::scope(|scope| {
-        let acts: Vec<usize> = (0..ACTS.len()).collect();
-        let workers: Vec<_> = acts
-            .chunks(ACTS.len().div_ceil(2))
-            .map(|acts| {
-                let acts = acts.to_vec();
-                scope.spawn(move || acts.into_iter().flat_map(|act| acting(round, variables, act, trials)).collect())
-            })
-            .collect();
-        workers.into_iter().filter_map(|worker| worker.join().ok()).collect()
-    });
-    let mut all: Vec<Finding> = halves.into_iter().flatten().collect();
+    let acts: Vec<usize> = (0..ACTS.len()).collect();
+    let mut all = in_parallel(&acts, |act| acting(round, variables, *act, trials)).concat();
     let evidence = |finding: &Finding| finding.score.evidence(round.used, finding.trials);
     all.sort_by(|a, b| evidence(b).total_cmp(&evidence(a)));
     // Of one pair and act the best form is enough.
@@ -213,7 +203,7 @@ fn smooth(round: &Round, variables: &[Variable], act: usize, weights: &[f64], tr
     let block = Block::new(&round.free, columns);
     let finding = |variables: Vec<usize>, members: &[usize]| {
         let score = round.score(&block.group(members));
-        Finding { acts: ACTS[act].to_owned(), variables, half_cycles: None, score, trials }
+        Finding { acts: ACTS[act], variables, half_cycles: None, score, trials }
     };
     // What scales alone do to the tip is the error functions' business.
     let has_own = |v: usize| !(act < 3 && is_scale(&variables[v].name));
@@ -238,28 +228,18 @@ fn smooth(round: &Round, variables: &[Variable], act: usize, weights: &[f64], tr
     found
 }
 
-fn is_scale(name: &str) -> bool {
-    matches!(name, "x_m" | "y_m" | "z_m")
-}
-
 /// P_1 … P_DEGREE of each value, by degree.
 fn legendre(values: &[f64]) -> Vec<Vec<f64>> {
-    let mut all = vec![vec![1.0; values.len()], values.to_vec()];
-    for n in 1..DEGREE {
-        let order = n as f64;
-        let next = |k: usize| ((2.0 * order + 1.0) * values[k] * all[n][k] - order * all[n - 1][k]) / (order + 1.0);
-        let next = (0..values.len()).map(next).collect();
-        all.push(next);
-    }
-    all.split_off(1)
+    let powers: Vec<Vec<f64>> = values.iter().map(|value| effects::legendre(*value, DEGREE)).collect();
+    (1..=DEGREE).map(|degree| powers.iter().map(|of_value| of_value[degree]).collect()).collect()
 }
 
 /// Sines over the range of a quantity; scales have a periodogram of their own.
 fn sines(round: &Round, variables: &[Variable], act: usize, weights: &[f64], trials: usize) -> Vec<Finding> {
     let residuals = round.free.residuals();
-    let logged = |v: &&(usize, &Variable)| !v.1.name.ends_with("_m") || v.1.name == TIME;
+    let logged = variables.iter().enumerate().filter(|(_, v)| !POSITIONS.contains(&v.name.as_str()));
     let mut raw: Vec<(f64, usize, usize)> = Vec::new();
-    for (index, variable) in variables.iter().enumerate().collect::<Vec<_>>().iter().filter(logged) {
+    for (index, variable) in logged {
         for half in HALF_CYCLES {
             let (mut sine, mut cosine, mut norm) = (0.0, 0.0, 0.0);
             for (k, value) in variable.scaled.iter().enumerate() {
@@ -268,7 +248,7 @@ fn sines(round: &Round, variables: &[Variable], act: usize, weights: &[f64], tri
                 cosine += weights[k] * c * residuals[k];
                 norm += weights[k] * weights[k];
             }
-            raw.push(((sine * sine + cosine * cosine) / norm.max(f64::MIN_POSITIVE), *index, half));
+            raw.push(((sine * sine + cosine * cosine) / norm.max(f64::MIN_POSITIVE), index, half));
         }
     }
     raw.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)).then(a.2.cmp(&b.2)));
@@ -281,7 +261,7 @@ fn sines(round: &Round, variables: &[Variable], act: usize, weights: &[f64], tri
     });
     let block = Block::new(&round.free, columns);
     let finding = |(k, (_, variable, half)): (usize, &(f64, usize, usize))| Finding {
-        acts: ACTS[act].to_owned(),
+        acts: ACTS[act],
         variables: vec![*variable],
         half_cycles: Some(*half),
         score: round.score(&block.group(&[2 * k, 2 * k + 1])),

@@ -3,7 +3,8 @@
 //! Place in the flow: every candidate effect, every pair of quantities and every finer error function is judged here,
 //! from [`crate::linear::Projected`]. No units: whitened rows.
 
-use crate::linear::{Projected, eigen};
+use crate::linear::Projected;
+use abbe_identify::symmetric_eigen;
 use faer::Mat;
 use statrs::distribution::{ContinuousCDF, FisherSnedecor};
 
@@ -42,7 +43,7 @@ pub fn score(group: &Projected, chi2: f64, degrees: f64) -> Score {
     let scale: Vec<f64> = (0..count).map(|k| inverse_root(group.alone[(k, k)])).collect();
     let left = Mat::from_fn(count, count, |i, j| 0.5 * (group.left[(i, j)] + group.left[(j, i)]) * scale[i] * scale[j]);
     let gradient: Vec<f64> = group.gradient.iter().zip(&scale).map(|(g, s)| g * s).collect();
-    let Some((values, vectors)) = eigen(&left) else { return nothing(count) };
+    let Some((values, vectors)) = symmetric_eigen(&left) else { return nothing(count) };
     let (mut reduction, mut tested, mut estimate) = (0.0, 0, vec![0.0; count]);
     for (k, value) in values.iter().enumerate().filter(|(_, value)| **value > LEFT) {
         let along: f64 = (0..count).map(|i| vectors[(i, k)] * gradient[i]).sum();

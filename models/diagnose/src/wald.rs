@@ -3,9 +3,9 @@
 //! Place in the flow: pruning in [`crate::search`], and p-values of the final model. Uses the model's own covariance,
 //! which is widened by misfit already; directions that only the prior determines are left out.
 
-use crate::linear::eigen;
 use abbe_geometry::model::MachineModel;
 use abbe_identify::Identified;
+use abbe_identify::symmetric_eigen;
 use faer::Mat;
 
 /// Share of its prior's variance that a direction must have lost to count as measured.
@@ -38,7 +38,7 @@ fn plausible(fitted: &abbe_geometry::model::FittedEffect) -> Vec<f64> {
 fn of(model: &MachineModel, first: usize, values: &[f64], priors: &[f64]) -> Wald {
     let count = values.len();
     let scaled = Mat::from_fn(count, count, |i, j| model.covariance(first + i, first + j) / (priors[i] * priors[j]));
-    let Some((variances, directions)) = eigen(&scaled) else { return Wald { statistic: 0.0, degrees: 0 } };
+    let Some((variances, directions)) = symmetric_eigen(&scaled) else { return Wald { statistic: 0.0, degrees: 0 } };
     let (mut statistic, mut degrees) = (0.0, 0);
     for (k, variance) in variances.iter().enumerate().filter(|(_, v)| **v > 0.0 && **v < MEASURED) {
         let along: f64 = (0..count).map(|i| directions[(i, k)] * values[i] / priors[i]).sum();

@@ -48,8 +48,8 @@ pub(crate) fn select(matrix: &[f64], size: usize, free: &[usize]) -> Mat<f64> {
     })
 }
 
-/// Eigenvalues (ascending) and eigenvectors (columns) of a symmetric matrix.
-pub(crate) fn symmetric_eigen(matrix: &Mat<f64>) -> Option<(Vec<f64>, Mat<f64>)> {
+/// Eigenvalues (ascending) and eigenvectors (columns) of a symmetric matrix; `None` if it cannot be decomposed.
+pub fn symmetric_eigen(matrix: &Mat<f64>) -> Option<(Vec<f64>, Mat<f64>)> {
     let eigen = matrix.self_adjoint_eigen(Side::Lower).ok()?;
     let values = (0..matrix.nrows()).map(|k| eigen.S()[k]).collect();
     Some((values, eigen.U().to_owned()))

@@ -5,6 +5,7 @@
 //! into a fixed number of chunks that are summed in order, so the result does not depend on the threads.
 
 use crate::design::{Estimate, Row};
+use crate::parallel::in_parallel;
 use std::ops::Range;
 
 /// Chunks of a large campaign; fixed, so that the same input gives the same bytes on any machine.
@@ -119,20 +120,4 @@ pub(crate) fn residuals(estimate: &Estimate) -> Vec<(f64, f64)> {
 fn chunks(count: usize) -> Vec<Range<usize>> {
     let size = count.div_ceil(CHUNKS);
     (0..CHUNKS).map(|k| (k * size).min(count)..((k + 1) * size).min(count)).collect()
-}
-
-/// Maps parts on as many threads as the machine has, keeping their order.
-fn in_parallel<P: Sync, R: Send>(parts: &[P], work: impl Fn(&P) -> R + Sync) -> Vec<R> {
-    let threads = std::thread::available_parallelism().map_or(1, |n| n.get()).min(parts.len());
-    let mut results: Vec<Option<R>> = parts.iter().map(|_| None).collect();
-    let share = parts.len().div_ceil(threads.max(1)).max(1);
-    std::thread::scope(|scope| {
-        for (parts, results) in parts.chunks(share).zip(results.chunks_mut(share)) {
-            let work = &work;
-            scope.spawn(move || {
-                parts.iter().zip(results).for_each(|(part, result)| *result = Some(work(part)));
-            });
-        }
-    });
-    results.into_iter().flatten().collect()
 }

@@ -6,8 +6,9 @@
 
 use super::candidate::Study;
 use crate::error::DiagnoseError;
-use crate::linear::{Linear, column, eigen};
+use crate::linear::{Linear, column};
 use crate::score::{Score, score};
+use abbe_identify::symmetric_eigen;
 use faer::{Mat, MatRef};
 
 /// Share of a direction's information that must be left beside the columns before it.
@@ -150,7 +151,7 @@ fn combinations(left: &Mat<f64>, alone: &Mat<f64>, share: f64) -> Mat<f64> {
     let scale: Vec<f64> =
         (0..count).map(|k| if alone[(k, k)] > 0.0 { alone[(k, k)].sqrt().recip() } else { 0.0 }).collect();
     let equal = Mat::from_fn(count, count, |i, j| 0.5 * (left[(i, j)] + left[(j, i)]) * scale[i] * scale[j]);
-    let Some((values, vectors)) = eigen(&equal) else { return Mat::zeros(count, 0) };
+    let Some((values, vectors)) = symmetric_eigen(&equal) else { return Mat::zeros(count, 0) };
     let kept: Vec<usize> = (0..count).filter(|k| values[*k] > share).collect();
     Mat::from_fn(count, kept.len(), |i, j| vectors[(i, kept[j])] * scale[i])
 }

@@ -2,6 +2,8 @@
 //!
 //! Place in the flow: the look without candidates, and every "smooth function of" in positioning runs.
 
+use abbe_geometry::effects;
+
 /// Range of the values, `None` where they do not vary.
 pub(super) fn range(values: &[f64]) -> Option<(f64, f64)> {
     let low = values.iter().copied().fold(f64::INFINITY, f64::min);
@@ -11,14 +13,7 @@ pub(super) fn range(values: &[f64]) -> Option<(f64, f64)> {
 
 /// P_0 … P_degree at the share of the range scaled to −1 … 1.
 pub(super) fn legendre(value: f64, (low, high): (f64, f64), degree: usize) -> Vec<f64> {
-    let x = 2.0 * (value - low) / (high - low) - 1.0;
-    let mut values = vec![1.0, x];
-    for k in 1..degree {
-        let n = k as f64;
-        values.push(((2.0 * n + 1.0) * x * values[k] - n * values[k - 1]) / (n + 1.0));
-    }
-    values.truncate(degree + 1);
-    values
+    effects::legendre(2.0 * (value - low) / (high - low) - 1.0, degree)
 }
 
 /// Number of different values.

@@ -9,7 +9,7 @@
 
 use super::known::{Known, Observed};
 use super::shape::{EffectError, Reader, Shape, ShapeValue};
-use super::source::position;
+use super::source::{is_scale, position};
 use super::{Acts, CovariateProblem, Effect, Motion, ParameterSpec, Sight, State};
 use crate::axis::ErrorId;
 use crate::machine::Machine;
@@ -36,7 +36,7 @@ const PLAUSIBLE_M: f64 = 100e-6;
 const PLAUSIBLE_RAD: f64 = 500e-6;
 
 /// Legendre polynomials P_0 … P_degree at `x`.
-pub(super) fn legendre(x: f64, degree: usize) -> Vec<f64> {
+pub fn legendre(x: f64, degree: usize) -> Vec<f64> {
     let mut values = vec![1.0, x];
     for k in 1..degree {
         let n = k as f64;
@@ -113,11 +113,6 @@ fn quantity(reader: &mut Reader, [name, low, high]: [&'static str; 3]) -> Result
         return Err(reader.wrong(high, "must lie above the lower end"));
     }
     Ok(quantity)
-}
-
-/// Whether a quantity is the reading of an axis.
-fn is_scale(name: &str) -> bool {
-    matches!(position(name), Some((false, _)))
 }
 
 /// None: the look without candidates proposes them.

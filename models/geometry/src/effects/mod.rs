@@ -28,9 +28,10 @@ mod station_drift;
 mod table_load;
 mod warm_up;
 
+pub use empirical::legendre;
 pub use known::{Construct, Known, Observed, REGISTRY, Refine, construct, known};
 pub use shape::{EffectError, Shape, ShapeValue};
-pub use source::{CovariateProblem, CovariateSource, CovariateValue, NoCovariates, State};
+pub use source::{CovariateProblem, CovariateSource, CovariateValue, NoCovariates, State, is_scale};
 
 use crate::axis::{Axis, ErrorId};
 use nalgebra::Vector3;

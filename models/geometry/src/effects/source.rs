@@ -73,6 +73,11 @@ impl State<'_> {
     }
 }
 
+/// Whether a quantity of that name is the reading of an axis (`x_m`).
+pub fn is_scale(name: &str) -> bool {
+    matches!(position(name), Some((false, _)))
+}
+
 /// Whether the name is that of a scale (`x_m`) or an offset (`offset_x_m`), and of which axis.
 pub(super) fn position(name: &str) -> Option<(bool, usize)> {
     let (is_offset, rest) = match name.strip_prefix("offset_") {

@@ -1,0 +1,20 @@
+//! Work on parts side by side, with results in the order of the parts.
+//!
+//! Place in the flow: sums over large campaigns here, the look without candidates in diagnosis. A result never depends on
+//! the number of threads, since the parts do not.
+
+/// Maps parts on as many threads as the machine has, keeping their order.
+pub fn in_parallel<P: Sync, R: Send>(parts: &[P], work: impl Fn(&P) -> R + Sync) -> Vec<R> {
+    let threads = std::thread::available_parallelism().map_or(1, |n| n.get()).min(parts.len());
+    let mut results: Vec<Option<R>> = parts.iter().map(|_| None).collect();
+    let share = parts.len().div_ceil(threads.max(1)).max(1);
+    std::thread::scope(|scope| {
+        for (parts, results) in parts.chunks(share).zip(results.chunks_mut(share)) {
+            let work = &work;
+            scope.spawn(move || {
+                parts.iter().zip(results).for_each(|(part, result)| *result = Some(work(part)));
+            });
+        }
+    });
+    results.into_iter().flatten().collect()
+}
