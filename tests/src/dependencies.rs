@@ -33,8 +33,8 @@ const IMPURE: [&str; 22] = [
     "walkdir",
     "burn",
 ];
-/// The one crate of `models/` that is made of a network.
-const NETWORK_CRATE: &str = "abbe-residual-net";
+/// The one crate of `models/` that may be built on a network framework: it trains; what runs live needs none.
+const NETWORK_CRATE: &str = "abbe-residual-training";
 
 /// A crate of the workspace.
 #[derive(Debug, Clone, PartialEq, Eq)]
