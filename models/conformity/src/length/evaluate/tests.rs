@@ -1,0 +1,152 @@
+//! Figures of the length test against hand cases, and data that are no test.
+
+use super::*;
+use crate::decision::TestUncertainty;
+use crate::length::{LINES_E0, Probing};
+
+fn measurement(line: &str, calibrated_mm: f64, repeat: u32, error_um: f64) -> LengthMeasurement {
+    LengthMeasurement {
+        line: line.to_owned(),
+        calibrated_m: calibrated_mm / 1e3,
+        repeat,
+        error: ObservedError::from_metres(error_um / 1e6),
+    }
+}
+
+/// A whole test: error = line/10 + length/1000 + repeat/100, in µm, on seven lines of 600 mm.
+fn whole() -> (LengthTest, Vec<LengthMeasurement>) {
+    let mut measurements = Vec::new();
+    for line in 1..=LINES_E0 {
+        for length_mm in [50.0, 150.0, 250.0, 350.0, 450.0] {
+            for repeat in 1..=3 {
+                let error_um = line as f64 / 10.0 + length_mm / 1000.0 + f64::from(repeat) / 100.0;
+                measurements.push(measurement(&line.to_string(), length_mm, repeat, error_um));
+            }
+        }
+    }
+    let travel_m = (1..=LINES_E0).map(|line| (line.to_string(), 0.6)).collect();
+    (LengthTest { tool_offset_m: 0.0, probing: Probing::Bidirectional, travel_m }, measurements)
+}
+
+#[test]
+fn a_whole_test_has_no_departures_and_the_figures_worked_out_by_hand() {
+    let (test, measurements) = whole();
+    let errors = evaluate(test, &measurements).unwrap();
+    assert!(errors.departures.is_empty(), "{:?}", errors.departures);
+    assert_eq!((errors.sets.len(), errors.errors().count()), (35, 105));
+    // Line 7 at 450 mm, third repeat: 0.7 + 0.45 + 0.03 µm. Ranges are all 0.02 µm.
+    let (largest, line, length_m) = errors.largest();
+    assert!((largest.metres() - 1.18e-6).abs() < 1e-15 && line == "7" && length_m == 0.45);
+    assert!((errors.repeatability().unwrap().metres() - 0.02e-6).abs() < 1e-15);
+    assert!((errors.lines[2].largest.0.metres() - 0.78e-6).abs() < 1e-15);
+    assert_eq!(errors.test.symbol(), "E0");
+}
+
+#[test]
+fn a_verdict_counts_sets_and_keeps_repeatability_apart() {
+    let (test, measurements) = whole();
+    let errors = evaluate(test, &measurements).unwrap();
+    let limit = |text| MaximumPermissibleError::from_text(text).unwrap();
+    let simple = DecisionRule::SimpleAcceptance;
+    let verdict = errors.verdict(&limit("0.73+L/1000"), Some(PermissibleError::from_metres(0.03e-6)), &simple);
+    assert_eq!((verdict.overall(), verdict.is_whole_test), (Verdict::Conforms, true));
+    // Line 7 with 0.725 µm: its third repeat is beyond at all five lengths; with 0.715 the second is as well.
+    let verdict = errors.verdict(&limit("0.725+L/1000"), None, &simple);
+    assert_eq!(
+        (verdict.errors, verdict.sets_with_one_beyond, verdict.sets_with_more_beyond),
+        (Verdict::DoesNotConform, 5, 0)
+    );
+    let verdict = errors.verdict(&limit("0.715+L/1000"), None, &simple);
+    assert_eq!((verdict.sets_with_one_beyond, verdict.sets_with_more_beyond), (0, 5));
+    let verdict = errors.verdict(&limit("9"), Some(PermissibleError::from_metres(0.01e-6)), &simple);
+    assert_eq!((verdict.errors, verdict.overall()), (Verdict::Conforms, Verdict::DoesNotConform));
+}
+
+#[test]
+fn the_uncertainty_of_the_test_turns_a_narrow_pass_into_doubt() {
+    let (test, measurements) = whole();
+    let errors = evaluate(test, &measurements).unwrap();
+    let limit = MaximumPermissibleError::from_text("0.75+L/1000").unwrap();
+    let guarded = DecisionRule::GuardBand(TestUncertainty::expanded(0.05e-6, 0.0).unwrap());
+    assert_eq!(errors.verdict(&limit, None, &DecisionRule::SimpleAcceptance).overall(), Verdict::Conforms);
+    assert_eq!(errors.verdict(&limit, None, &guarded).overall(), Verdict::Undecided);
+}
+
+#[test]
+fn the_tightest_limit_holds_all_errors_of_the_test() {
+    let (test, measurements) = whole();
+    let errors = evaluate(test, &measurements).unwrap();
+    // Line 7, third repeat: 0.73 µm + L/1000 touches all five of its points.
+    let tightest = errors.frontier().unwrap().smallest_area();
+    assert!((tightest.constant_m - 0.73e-6).abs() < 1e-15 && (tightest.per_metre - 1e-6).abs() < 1e-15, "{tightest:?}");
+}
+
+#[test]
+fn what_a_whole_test_lacks_is_named() {
+    let (test, measurements) = whole();
+    let says = |test: LengthTest, measurements: Vec<LengthMeasurement>, says: &str| {
+        let found = evaluate(test, &measurements).unwrap();
+        assert!(found.departures.iter().any(|d| d.to_string().contains(says)), "{says}: {:?}", found.departures);
+        let limit = MaximumPermissibleError::from_text("9").unwrap();
+        assert!(!found.verdict(&limit, None, &DecisionRule::SimpleAcceptance).is_whole_test);
+    };
+    let keep = |wanted: fn(&LengthMeasurement) -> bool| measurements.iter().filter(|m| wanted(m)).cloned().collect();
+    says(test.clone(), keep(|m| m.line != "4"), "7 measuring lines are asked for, there are 6");
+    says(
+        test.clone(),
+        keep(|m| m.line != "4" || m.calibrated_m != 0.05),
+        "line 4: 5 lengths are asked for, there are 4",
+    );
+    says(test.clone(), keep(|m| m.line != "4" || m.repeat != 2), "line 4: 5 of its lengths were measured fewer than 3");
+    let mut longer = test.clone();
+    longer.travel_m.insert("4".to_owned(), 0.7);
+    says(longer, measurements.clone(), "line 4: the longest length, 450.0 mm, is 64.3 % of the travel of 700.0 mm");
+    let mut unknown = test;
+    unknown.travel_m.remove("4");
+    says(unknown, measurements, "line 4: the travel along it is not given");
+}
+
+#[test]
+fn exactly_66_percent_is_enough() {
+    let (mut test, measurements) = whole();
+    test.travel_m.values_mut().for_each(|travel_m| *travel_m = 0.45 / 0.66);
+    assert!(evaluate(test, &measurements).unwrap().departures.is_empty());
+}
+
+#[test]
+fn a_test_with_a_tool_offset_has_two_lines() {
+    let (mut test, mut measurements) = whole();
+    test.tool_offset_m = 0.15;
+    measurements.retain(|m| m.line == "1" || m.line == "2");
+    let errors = evaluate(test, &measurements).unwrap();
+    assert_eq!((errors.test.symbol().as_str(), errors.departures.len()), ("E150", 0));
+}
+
+#[test]
+fn slips_and_doubles_are_refused_with_their_place() {
+    let (test, measurements) = whole();
+    let refused = |spoil: &dyn Fn(&mut Vec<LengthMeasurement>), says: &[&str]| {
+        let mut spoilt = measurements.clone();
+        spoil(&mut spoilt);
+        let told = evaluate(test.clone(), &spoilt).unwrap_err().to_string();
+        assert!(says.iter().all(|s| told.contains(s)), "{told}");
+    };
+    refused(&|m| m.clear(), &["no measurement"]);
+    refused(
+        &|m| m[0].error = ObservedError::from_metres(f64::NAN),
+        &["line 1, 50 mm, repeat 1", "not a finite number"],
+    );
+    refused(&|m| m[3].calibrated_m = f64::INFINITY, &["not a finite number"]);
+    refused(&|m| m[0].error = ObservedError::from_metres(0.0012), &["1.200 mm", "unit"]);
+    refused(&|m| m[0].calibrated_m = 50.0e-6, &["calibrated lengths in millimetres"]);
+    refused(&|m| m[0].calibrated_m = 450.0, &["no calibrated length"]);
+    refused(&|m| m[1].repeat = 1, &["line 1, 50 mm, repeat 1", "stands twice"]);
+    let again = measurements[4].clone();
+    refused(&|m| m.push(again.clone()), &["stands twice"]);
+    let mut bad = test.clone();
+    bad.tool_offset_m = 150.0;
+    assert!(evaluate(bad, &measurements).unwrap_err().to_string().contains("E150"));
+    let mut bad = test.clone();
+    bad.travel_m.insert("1".to_owned(), 0.0);
+    assert!(evaluate(bad, &measurements).unwrap_err().to_string().contains("line 1"));
+}

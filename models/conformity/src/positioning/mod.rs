@@ -1,0 +1,143 @@
+//! Positioning of a linear axis after ISO 230-2: reversal, repeatability, systematic error, accuracy.
+//!
+//! Place in the flow: approaches to target positions (m) in, figures of each target and of the axis (m) out. Deviation
+//! x = actual − target, as in ISO 230-1 and everywhere in Abbe. Also used along diagonals ([`crate::diagonals`]).
+//!
+//! Equations (ISO 230-2:2014, for target i, ↑ approached towards larger positions, ↓ towards smaller, n approaches):
+//!
+//! - x̄_i↑, x̄_i↓ means; s_i↑, s_i↓ standard deviations with n − 1; x̄_i = (x̄_i↑ + x̄_i↓)/2; B_i = x̄_i↑ − x̄_i↓
+//! - R_i↑ = 4 s_i↑, R_i↓ = 4 s_i↓, R_i = max(2 s_i↑ + 2 s_i↓ + |B_i|, R_i↑, R_i↓)
+//! - B = max |B_i|, B̄ = mean of B_i, R↑ = max R_i↑, R↓ = max R_i↓, R = max R_i
+//! - E↑ = max x̄_i↑ − min x̄_i↑, E↓ likewise, E = max(x̄_i↑, x̄_i↓) − min(x̄_i↑, x̄_i↓), M = max x̄_i − min x̄_i
+//! - A↑ = max(x̄_i↑ + 2 s_i↑) − min(x̄_i↑ − 2 s_i↑), A↓ likewise, A the same over both directions
+
+mod figures;
+
+pub use figures::{AxisFigures, DirectionFigures, TargetFigures};
+
+use crate::departure::Departure;
+use crate::error::ConformityError;
+use std::collections::BTreeMap;
+
+/// Approaches to a target from each direction that the standard asks for.
+pub const APPROACHES: usize = 5;
+/// Targets an axis at least.
+pub const TARGETS: usize = 5;
+/// Targets a metre of travel at least.
+pub const TARGETS_PER_METRE: f64 = 5.0;
+/// Longest travel for which this form of the test is meant (m).
+pub const LONGEST_M: f64 = 2.0;
+/// A deviation beyond this is a slip of units, or another target (m).
+const PLAUSIBLE_M: f64 = 2e-3;
+/// Targets of one position are the same to this (m).
+const SAME_TARGET_M: f64 = 1e-6;
+
+/// Direction of approach.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Direction {
+    /// Towards larger positions (↑).
+    Up,
+    /// Towards smaller positions (↓).
+    Down,
+}
+
+/// One approach to one target.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Approach {
+    /// Target position (m).
+    pub target_m: f64,
+    /// Direction of approach.
+    pub direction: Direction,
+    /// Number of the cycle.
+    pub cycle: i64,
+    /// Actual − target (m).
+    pub deviation_m: f64,
+}
+
+/// Figures of one axis.
+///
+/// # Errors
+/// No approach; a figure that is not finite; the same approach twice; a deviation of millimetres; fewer than two targets;
+/// a target approached once only from a direction, so that its scatter is unknown. What else a test after the standard
+/// asks for is a departure.
+pub fn evaluate(axis: &str, approaches: &[Approach]) -> Result<AxisFigures, ConformityError> {
+    let place = format!("axis {axis}");
+    if approaches.is_empty() {
+        return Err(ConformityError::new(place, "there is no approach", "give measured positions"));
+    }
+    approaches.iter().try_for_each(|approach| check(&place, approach))?;
+    let grouped = by_target(&place, approaches)?;
+    if grouped.len() < 2 {
+        let remedy = "measure at five targets at least";
+        return Err(ConformityError::new(place, "one target is no axis", remedy));
+    }
+    let targets = grouped.iter().map(|group| figures::target(&place, group)).collect::<Result<Vec<_>, _>>()?;
+    let departures = departures(&place, &grouped);
+    Ok(figures::axis(axis, targets, departures))
+}
+
+/// Approaches to one target: deviations (m) by direction.
+struct Group {
+    target_m: f64,
+    up_m: BTreeMap<i64, f64>,
+    down_m: BTreeMap<i64, f64>,
+}
+
+fn check(place: &str, approach: &Approach) -> Result<(), ConformityError> {
+    let at = || format!("{place}, target {} mm, cycle {}", approach.target_m * 1e3, approach.cycle);
+    if !(approach.target_m.is_finite() && approach.deviation_m.is_finite()) {
+        return Err(ConformityError::new(at(), "target or deviation is not a finite number", "correct or remove it"));
+    }
+    if approach.deviation_m.abs() > PLAUSIBLE_M {
+        let problem = format!("a deviation of {:.3} mm is that of another target or unit", approach.deviation_m * 1e3);
+        return Err(ConformityError::new(at(), problem, "check target, measured position and their units"));
+    }
+    Ok(())
+}
+
+fn by_target(place: &str, approaches: &[Approach]) -> Result<Vec<Group>, ConformityError> {
+    let mut sorted: Vec<&Approach> = approaches.iter().collect();
+    sorted.sort_by(|a, b| a.target_m.total_cmp(&b.target_m));
+    let mut groups: Vec<Group> = Vec::new();
+    for approach in sorted {
+        let same = groups.last().is_some_and(|group| approach.target_m - group.target_m <= SAME_TARGET_M);
+        if !same {
+            groups.push(Group { target_m: approach.target_m, up_m: BTreeMap::new(), down_m: BTreeMap::new() });
+        }
+        let Some(group) = groups.last_mut() else { continue };
+        let own = match approach.direction {
+            Direction::Up => &mut group.up_m,
+            Direction::Down => &mut group.down_m,
+        };
+        if own.insert(approach.cycle, approach.deviation_m).is_some() {
+            let at = format!("{place}, target {} mm, cycle {}", approach.target_m * 1e3, approach.cycle);
+            let remedy = "number the cycles 1, 2, 3, and give each approach once";
+            return Err(ConformityError::new(at, "the approach from this direction stands twice", remedy));
+        }
+    }
+    Ok(groups)
+}
+
+fn departures(place: &str, groups: &[Group]) -> Vec<Departure> {
+    let mut found = Vec::new();
+    let travel_m = groups.last().map_or(0.0, |last| last.target_m) - groups.first().map_or(0.0, |first| first.target_m);
+    // Rounding of a travel of whole metres must not ask for one target more.
+    let asked = TARGETS.max((TARGETS_PER_METRE * travel_m - 1e-9).ceil() as usize);
+    if groups.len() < asked {
+        let text = format!("{asked} targets are asked for on {:.0} mm, there are {}", travel_m * 1e3, groups.len());
+        found.push(Departure::new(place, text));
+    }
+    let few = groups.iter().filter(|g| g.up_m.len().min(g.down_m.len()) < APPROACHES).count();
+    if few > 0 {
+        let text = format!("{few} of {} targets were approached fewer than 5 times from each direction", groups.len());
+        found.push(Departure::new(place, text));
+    }
+    if travel_m > LONGEST_M {
+        let text = format!("{:.1} m of travel; above 2 m the standard asks for another form of the test", travel_m);
+        found.push(Departure::new(place, text));
+    }
+    found
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,107 @@
+//! Figures of ISO 230-2 against a case worked out by hand, and data that are no axis.
+
+use super::*;
+
+/// Deviations in µm: for each target the five approaches upwards and downwards.
+///
+/// By hand, µm. Target 0: ↑ −1 0 1 0 0: mean 0, s = √(2/4) = 0.70711; ↓ 2 2 2 2 2: mean 2, s = 0; B = −2, x̄ = 1.
+/// Target 100: ↑ 4 6 5 5 5: mean 5, s = 0.70711; ↓ 3 5 4 2 6: mean 4, s = √(10/4) = 1.58114; B = 1, x̄ = 4.5.
+/// Target 200: ↑ 1 1 1 1 1; ↓ 1 1 1 1 1: mean 1, s = 0, B = 0, x̄ = 1. Targets 300 and 400 as 200.
+const CASE_UM: [([f64; 5], [f64; 5]); 5] = [
+    ([-1.0, 0.0, 1.0, 0.0, 0.0], [2.0; 5]),
+    ([4.0, 6.0, 5.0, 5.0, 5.0], [3.0, 5.0, 4.0, 2.0, 6.0]),
+    ([1.0; 5], [1.0; 5]),
+    ([1.0; 5], [1.0; 5]),
+    ([1.0; 5], [1.0; 5]),
+];
+
+fn case() -> Vec<Approach> {
+    let mut list = Vec::new();
+    for (k, (up, down)) in CASE_UM.iter().enumerate() {
+        for (direction, values) in [(Direction::Up, up), (Direction::Down, down)] {
+            for (cycle, value) in values.iter().enumerate() {
+                let target_m = 0.1 * k as f64;
+                list.push(Approach { target_m, direction, cycle: cycle as i64 + 1, deviation_m: value * 1e-6 });
+            }
+        }
+    }
+    list
+}
+
+fn close(value_m: Option<f64>, expected_um: f64) {
+    let value_um = value_m.unwrap() * 1e6;
+    assert!((value_um - expected_um).abs() < 1e-9, "{value_um} instead of {expected_um}");
+}
+
+#[test]
+fn figures_are_those_worked_out_by_hand() {
+    let found = evaluate("X", &case()).unwrap();
+    let (s_a, s_b) = (0.5_f64.sqrt(), 2.5_f64.sqrt());
+    close(found.targets[0].reversal_m(), -2.0);
+    close(found.targets[1].mean_m(), 4.5);
+    // R_0 = max(2·0.70711 + 0 + 2, 2.828, 0) = 3.414; R_1 = max(1.414 + 3.162 + 1, 2.828, 6.325) = 6.325.
+    close(found.targets[0].repeatability_m(), 2.0 * s_a + 2.0);
+    close(found.targets[1].repeatability_m(), 4.0 * s_b);
+    close(found.reversal_m, 2.0);
+    close(found.mean_reversal_m, (-2.0 + 1.0) / 5.0);
+    close(found.repeatability_up_m, 4.0 * s_a);
+    close(found.repeatability_down_m, 4.0 * s_b);
+    close(found.repeatability_m, 4.0 * s_b);
+    close(found.systematic_up_m, 5.0);
+    close(found.systematic_down_m, 3.0);
+    close(found.systematic_m, 5.0);
+    close(found.mean_bidirectional_m, 3.5);
+    // A↑: 5 + 2·0.70711 − (0 − 2·0.70711); A↓: 4 + 3.16228 − min(4 − 3.16228, 1) = 7.16228 − 0.83772.
+    close(found.accuracy_up_m, 5.0 + 4.0 * s_a);
+    close(found.accuracy_down_m, 4.0 * s_b);
+    // A: max(6.41421, 7.16228) − min(−1.41421, 0.83772).
+    close(found.accuracy_m, 4.0 + 2.0 * s_b + 2.0 * s_a);
+    assert!(found.departures.is_empty(), "{:?}", found.departures);
+}
+
+#[test]
+fn one_direction_alone_gives_unidirectional_figures_only() {
+    let up: Vec<Approach> = case().into_iter().filter(|a| a.direction == Direction::Up).collect();
+    let found = evaluate("X", &up).unwrap();
+    close(found.accuracy_up_m, 5.0 + 4.0 * 0.5_f64.sqrt());
+    assert_eq!(
+        (found.reversal_m, found.accuracy_m, found.repeatability_m, found.systematic_down_m),
+        (None, None, None, None)
+    );
+    assert!(found.departures.iter().any(|d| d.text.contains("fewer than 5 times from each direction")));
+}
+
+#[test]
+fn order_of_the_approaches_does_not_matter() {
+    let mut turned = case();
+    turned.reverse();
+    assert_eq!(evaluate("X", &turned).unwrap(), evaluate("X", &case()).unwrap());
+}
+
+#[test]
+fn what_a_whole_test_lacks_is_named() {
+    let few: Vec<Approach> = case().into_iter().filter(|a| a.target_m < 0.35 && a.cycle < 5).collect();
+    let told: Vec<String> = evaluate("X", &few).unwrap().departures.iter().map(ToString::to_string).collect();
+    assert!(told[0].contains("axis X: 5 targets are asked for on 300 mm, there are 4"), "{told:?}");
+    assert!(told[1].contains("4 of 4 targets were approached fewer than 5 times"), "{told:?}");
+    let long: Vec<Approach> = case().into_iter().map(|a| Approach { target_m: a.target_m * 6.0, ..a }).collect();
+    let told: Vec<String> = evaluate("X", &long).unwrap().departures.iter().map(ToString::to_string).collect();
+    assert!(told.iter().any(|d| d.contains("12 targets")) && told.iter().any(|d| d.contains("above 2 m")), "{told:?}");
+}
+
+#[test]
+fn data_that_are_no_axis_are_refused_with_their_place() {
+    let refused = |spoil: &dyn Fn(&mut Vec<Approach>), says: &str| {
+        let mut spoilt = case();
+        spoil(&mut spoilt);
+        let told = evaluate("X", &spoilt).unwrap_err().to_string();
+        assert!(told.contains("axis X") && told.contains(says), "{told}");
+    };
+    refused(&|a| a.clear(), "no approach");
+    refused(&|a| a.retain(|a| a.target_m == 0.0), "one target is no axis");
+    refused(&|a| a[2].deviation_m = f64::NAN, "not a finite number");
+    refused(&|a| a[2].target_m = f64::INFINITY, "not a finite number");
+    refused(&|a| a[2].deviation_m = 0.004, "4.000 mm");
+    refused(&|a| a[2].cycle = 1, "stands twice");
+    refused(&|a| a.retain(|a| a.target_m > 0.05 || a.cycle == 1), "one approach has no scatter");
+}

@@ -1,0 +1,165 @@
+//! Probing errors after ISO 10360-5: 25 points on a calibrated sphere with one stylus.
+//!
+//! Place in the flow: probed points (m, any Cartesian frame, tip radius already taken off) and the calibrated diameter
+//! in; form and size error (m) out. Names: `PFTU` and `PSTU` in the edition of 2010, `PForm.Sph.1x25:SS:Tact` and
+//! `PSize.Sph.1x25:SS:Tact` in that of 2020. Form = largest − smallest distance from the centre of the least-squares
+//! sphere; size = diameter of that sphere − calibrated diameter.
+
+mod sphere;
+
+pub use sphere::{Sphere, fit_sphere};
+
+use crate::decision::{DecisionRule, Verdict};
+use crate::departure::Departure;
+use crate::error::ConformityError;
+use crate::quantity::{ObservedError, PermissibleError};
+use nalgebra::Vector3;
+
+/// Points of the test.
+pub const POINTS: usize = 25;
+/// Diameters of test spheres (m): the standard asks for 10 mm to 50 mm.
+pub const DIAMETER_M: (f64, f64) = (0.010, 0.050);
+/// Name of the form error, editions of 2020 and 2010.
+pub const FORM_NAMES: [&str; 2] = ["PForm.Sph.1x25:SS:Tact", "PFTU"];
+/// Name of the size error, editions of 2020 and 2010.
+pub const SIZE_NAMES: [&str; 2] = ["PSize.Sph.1x25:SS:Tact", "PSTU"];
+/// A size or form error beyond this is a slip: another sphere, tip radius left in, wrong unit (m).
+const PLAUSIBLE_M: f64 = 1e-3;
+/// Two points nearer than this are the same (m).
+const SAME_POINT_M: f64 = 1e-7;
+/// Part of the sphere that the points must cover at least: the farthest lies this many radii from the pole, along the
+/// axis of the hemisphere.
+const HEMISPHERE: f64 = 0.9;
+
+/// Observed figures of a probing test.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ProbingErrors {
+    /// Least-squares sphere.
+    pub sphere: Sphere,
+    /// Calibrated diameter (m), where it is known.
+    pub calibrated_diameter_m: Option<f64>,
+    /// Form error.
+    pub form: ObservedError,
+    /// Size error; missing without a calibrated diameter.
+    pub size: Option<ObservedError>,
+    /// Distance of each point from the sphere (m, outside positive), in the order of the points.
+    pub residuals_m: Vec<f64>,
+    /// What a whole test after the standard has and these data lack.
+    pub departures: Vec<Departure>,
+}
+
+impl ProbingErrors {
+    /// Holds form and size against their limits; `None` for what has no limit or no figure.
+    pub fn verdicts(
+        &self,
+        form_limit: Option<PermissibleError>,
+        size_limit: Option<PermissibleError>,
+        rule: &DecisionRule,
+    ) -> (Option<Verdict>, Option<Verdict>) {
+        let length_m = self.calibrated_diameter_m.unwrap_or(2.0 * self.sphere.radius_m);
+        let form = form_limit.map(|limit| rule.decide(self.form, limit, length_m));
+        let size = size_limit.zip(self.size).map(|(limit, size)| rule.decide(size, limit, length_m));
+        (form, size)
+    }
+}
+
+/// The 25 points that the standard recommends, as unit vectors from the centre: one at the pole of `axis`, 4 at 22.5°
+/// from it, 8 at 45°, 4 at 67.5° and 8 at 90°, each ring turned by 22.5° against the one before.
+///
+/// # Errors
+/// An axis of no length.
+pub fn recommended_points(axis: &Vector3<f64>) -> Result<Vec<Vector3<f64>>, ConformityError> {
+    let Some(pole) = axis.try_normalize(0.0).filter(|p| p.iter().all(|v| v.is_finite())) else {
+        return Err(ConformityError::new("axis of the sphere", "it has no direction", "give a vector of some length"));
+    };
+    let helper = if pole.x.abs() < 0.9 { Vector3::x() } else { Vector3::y() };
+    let across = pole.cross(&helper).normalize();
+    let other = pole.cross(&across);
+    let mut points = vec![pole];
+    for (ring, count) in [(1, 4), (2, 8), (3, 4), (4, 8)] {
+        let (polar_rad, turned_rad) = ((22.5 * f64::from(ring)).to_radians(), (22.5 * f64::from(ring)).to_radians());
+        for k in 0..count {
+            let angle_rad = turned_rad + std::f64::consts::TAU * f64::from(k) / f64::from(count);
+            let around = across * angle_rad.cos() + other * angle_rad.sin();
+            points.push(pole * polar_rad.cos() + around * polar_rad.sin());
+        }
+    }
+    Ok(points)
+}
+
+/// Figures of a probing test.
+///
+/// # Errors
+/// Too few, double, collinear, coplanar or one-sided points, points that are no numbers, and sizes that only a slip of
+/// units explains.
+pub fn evaluate(
+    points_m: &[Vector3<f64>],
+    calibrated_diameter_m: Option<f64>,
+) -> Result<ProbingErrors, ConformityError> {
+    if let Some(diameter_m) = calibrated_diameter_m
+        && !(diameter_m.is_finite() && (1e-3..1.0).contains(&diameter_m))
+    {
+        let problem = format!("a diameter of {diameter_m} m is that of no test sphere");
+        return Err(ConformityError::new("calibrated diameter", problem, "give it in the unit asked for"));
+    }
+    check_doubles(points_m)?;
+    let sphere = fit_sphere(points_m)?;
+    let residuals_m: Vec<f64> = points_m.iter().map(|p| (p - sphere.centre_m).norm() - sphere.radius_m).collect();
+    let extreme = |pick: fn(f64, f64) -> f64| residuals_m.iter().copied().reduce(pick).unwrap_or(0.0);
+    let form = ObservedError::from_metres(extreme(f64::max) - extreme(f64::min));
+    let size = calibrated_diameter_m.map(|d| ObservedError::from_metres(2.0 * sphere.radius_m - d));
+    for (name, error) in [("form", Some(form)), ("size", size)] {
+        if let Some(error) = error.filter(|e| e.magnitude_m() > PLAUSIBLE_M) {
+            let problem = format!("a {name} error of {:.3} mm is none of a probe", error.metres() * 1e3);
+            let remedy = "check units, calibrated diameter, and that the tip radius was taken off";
+            return Err(ConformityError::new("test sphere", problem, remedy));
+        }
+    }
+    let departures = departures(points_m, &sphere, calibrated_diameter_m);
+    Ok(ProbingErrors { sphere, calibrated_diameter_m, form, size, residuals_m, departures })
+}
+
+fn check_doubles(points_m: &[Vector3<f64>]) -> Result<(), ConformityError> {
+    for (k, point) in points_m.iter().enumerate() {
+        if let Some(other) = points_m[..k].iter().position(|p| (p - point).norm() < SAME_POINT_M) {
+            let problem = format!("it is point {} again", other + 1);
+            return Err(ConformityError::new(format!("point {}", k + 1), problem, "give each probed point once"));
+        }
+    }
+    Ok(())
+}
+
+fn departures(points_m: &[Vector3<f64>], sphere: &Sphere, calibrated_diameter_m: Option<f64>) -> Vec<Departure> {
+    let mut found = Vec::new();
+    if points_m.len() != POINTS {
+        let text = format!("{POINTS} points are asked for, there are {}", points_m.len());
+        found.push(Departure::new("test sphere", text));
+    }
+    if calibrated_diameter_m.is_none() {
+        found.push(Departure::new(
+            "test sphere",
+            "the calibrated diameter is not given, so that there is no size error",
+        ));
+    }
+    let (least_m, most_m) = DIAMETER_M;
+    let diameter_m = calibrated_diameter_m.unwrap_or(2.0 * sphere.radius_m);
+    if !(least_m..=most_m).contains(&diameter_m) {
+        let text = format!("a diameter of {:.3} mm; 10 mm to 50 mm are asked for", diameter_m * 1e3);
+        found.push(Departure::new("test sphere", text));
+    }
+    // Of points over a hemisphere the mean direction is its axis, and the equator lies near its plane.
+    let mean: Vector3<f64> = points_m.iter().map(|p| (p - sphere.centre_m).normalize()).sum();
+    if let Some(axis) = mean.try_normalize(1e-9) {
+        let lowest = points_m.iter().map(|p| (p - sphere.centre_m).normalize().dot(&axis)).fold(1.0, f64::min);
+        if lowest > 1.0 - HEMISPHERE {
+            let angle = lowest.acos().to_degrees();
+            let text =
+                format!("the points reach {angle:.0} degrees from the middle of their cap; a hemisphere is asked for");
+            found.push(Departure::new("test sphere", text));
+        }
+    }
+    found
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,131 @@
+//! Figures of the probing test against spheres that are known, and points that are no sphere.
+
+use super::*;
+
+const CENTRE_M: Vector3<f64> = Vector3::new(0.3, -0.2, 0.9);
+const RADIUS_M: f64 = 0.0149868;
+/// Rounding of coordinates of a metre, a few times.
+const ROUNDING_M: f64 = 2e-15;
+
+fn directions() -> Vec<Vector3<f64>> {
+    recommended_points(&Vector3::new(0.2, 0.1, 1.0)).unwrap()
+}
+
+fn on_sphere(out_m: impl Fn(usize) -> f64) -> Vec<Vector3<f64>> {
+    directions().iter().enumerate().map(|(k, d)| CENTRE_M + d * (RADIUS_M + out_m(k))).collect()
+}
+
+#[test]
+fn recommended_points_are_25_over_a_hemisphere_and_apart() {
+    let points = directions();
+    assert_eq!(points.len(), POINTS);
+    let axis = Vector3::new(0.2, 0.1, 1.0).normalize();
+    assert!(points.iter().all(|p| (p.norm() - 1.0).abs() < 1e-15 && p.dot(&axis) > -1e-12));
+    let rings = [1.0, 22.5_f64.to_radians().cos(), 0.5_f64.sqrt(), 67.5_f64.to_radians().cos(), 0.0];
+    for (height, count) in rings.iter().zip([1, 4, 8, 4, 8]) {
+        assert_eq!(points.iter().filter(|p| (p.dot(&axis) - height).abs() < 1e-12).count(), count);
+    }
+    let nearest = (0..25).flat_map(|a| (0..a).map(move |b| (a, b))).map(|(a, b)| (points[a] - points[b]).norm());
+    assert!(nearest.fold(f64::INFINITY, f64::min) > 0.38, "22.5 degrees apart");
+    assert!(recommended_points(&Vector3::zeros()).is_err());
+}
+
+#[test]
+fn a_sphere_without_error_is_found_exactly() {
+    let found = evaluate(&on_sphere(|_| 0.0), Some(2.0 * RADIUS_M)).unwrap();
+    assert!((found.sphere.centre_m - CENTRE_M).amax() < ROUNDING_M && found.form.metres() < ROUNDING_M);
+    assert!(found.size.unwrap().magnitude_m() < 2.0 * ROUNDING_M && found.departures.is_empty(), "{found:?}");
+}
+
+#[test]
+fn a_sphere_that_is_probed_too_large_has_a_size_error_and_no_form_error() {
+    let found = evaluate(&on_sphere(|_| 0.3e-6), Some(2.0 * RADIUS_M)).unwrap();
+    assert!((found.size.unwrap().metres() - 0.6e-6).abs() < 4.0 * ROUNDING_M && found.form.metres() < ROUNDING_M);
+}
+
+/// A term that centre and radius cannot take up: two lobes, ± 1 µm, sampled where the rings of 8 carry it whole. It is
+/// orthogonal to the columns of the fit on these points, so the form error is its whole range.
+#[test]
+fn form_is_the_range_of_what_no_sphere_takes_up() {
+    let axis = Vector3::new(0.2, 0.1, 1.0).normalize();
+    let points = directions();
+    let across = points[17] - axis * points[17].dot(&axis);
+    let lobes = |k: usize| {
+        let equator = points[k].dot(&axis).abs() < 1e-9;
+        let angle = points[k].dot(&across.normalize()).clamp(-1.0, 1.0).acos();
+        if equator { 1e-6 * (4.0 * angle).cos() } else { 0.0 }
+    };
+    let found = evaluate(&on_sphere(lobes), Some(2.0 * RADIUS_M)).unwrap();
+    assert!((found.form.metres() - 2e-6).abs() < 1e-11, "{found:?}");
+}
+
+/// Residuals of a least-squares sphere are orthogonal to what moves it: their sum, and their sum along each direction.
+#[test]
+fn the_fit_is_the_least_squares_one() {
+    let found = evaluate(&on_sphere(|k| 1e-6 * (k as f64 * 1.3).sin()), Some(2.0 * RADIUS_M)).unwrap();
+    assert!(found.residuals_m.iter().sum::<f64>().abs() < 1e-14);
+    let along: Vector3<f64> = on_sphere(|k| 1e-6 * (k as f64 * 1.3).sin())
+        .iter()
+        .zip(&found.residuals_m)
+        .map(|(p, r)| (p - found.sphere.centre_m).normalize() * *r)
+        .sum();
+    assert!(along.amax() < 1e-14, "{along}");
+    let range = |v: &[f64]| v.iter().copied().fold(f64::MIN, f64::max) - v.iter().copied().fold(f64::MAX, f64::min);
+    assert_eq!(found.form.metres(), range(&found.residuals_m));
+}
+
+#[test]
+fn limits_for_form_and_size_are_held_apart() {
+    let found = evaluate(&on_sphere(|k| if k == 0 { 0.5e-6 } else { 0.0 }), Some(2.0 * RADIUS_M)).unwrap();
+    let limit = |um: f64| Some(PermissibleError::from_metres(um * 1e-6));
+    let rule = DecisionRule::SimpleAcceptance;
+    assert_eq!(
+        found.verdicts(limit(0.35), limit(0.35), &rule),
+        (Some(Verdict::DoesNotConform), Some(Verdict::Conforms))
+    );
+    assert_eq!(found.verdicts(None, None, &rule), (None, None));
+}
+
+#[test]
+fn what_a_whole_test_lacks_is_named() {
+    let says = |points: &[Vector3<f64>], diameter_m: Option<f64>, says: &str| {
+        let departures = evaluate(points, diameter_m).unwrap().departures;
+        assert!(departures.iter().any(|d| d.to_string().contains(says)), "{says}: {departures:?}");
+    };
+    says(&on_sphere(|_| 0.0)[..24], Some(2.0 * RADIUS_M), "25 points are asked for, there are 24");
+    says(&on_sphere(|_| 0.0), None, "no size error");
+    let small: Vec<_> = directions().iter().map(|d| d * 0.004).collect();
+    says(&small, Some(0.008), "10 mm to 50 mm");
+    let cap = &on_sphere(|_| 0.0)[..17];
+    says(cap, Some(2.0 * RADIUS_M), "a hemisphere is asked for");
+}
+
+#[test]
+fn points_that_fix_no_sphere_are_refused() {
+    let refused = |points: Vec<Vector3<f64>>, diameter_m: Option<f64>, says: &str| {
+        let told = evaluate(&points, diameter_m).unwrap_err().to_string();
+        assert!(told.contains(says), "{told}");
+    };
+    let good = || on_sphere(|_| 0.0);
+    refused(Vec::new(), None, "0 points");
+    refused(good()[..4].to_vec(), None, "4 points");
+    refused((0..25).map(|k| Vector3::new(f64::from(k) * 1e-3, 0.0, 0.0)).collect(), None, "on a line, in a plane");
+    let ring = |k: i32| Vector3::new((f64::from(k) * 0.25).cos(), (f64::from(k) * 0.25).sin(), 0.0) * RADIUS_M;
+    refused((0..25).map(ring).collect(), None, "in a plane");
+    let speck = |k: i32| {
+        let (around, polar) = (f64::from(k), 0.01 * f64::from(k + 1));
+        Vector3::new(polar.sin() * around.cos(), polar.sin() * around.sin(), polar.cos()) * RADIUS_M
+    };
+    refused((0..12).map(speck).collect(), None, "so small a cap");
+    let mut spoilt = good();
+    spoilt[7].y = f64::NAN;
+    refused(spoilt, None, "not a finite number");
+    let mut double = good();
+    double[9] = double[2];
+    refused(double, None, "point 10: it is point 3 again");
+    refused(good(), Some(29.97), "no test sphere");
+    refused(good(), Some(0.0319736), "size error of -2.000 mm");
+    let mut far = good();
+    far[0] += Vector3::new(0.0, 0.0, 0.004);
+    refused(far, Some(2.0 * RADIUS_M), "form error");
+}
