@@ -1,4 +1,4 @@
-//! What an instrument sees: tracer campaigns and the uncertainty of their ranges.
+//! What an instrument sees: tracer campaigns and the uncertainty of their ranges, spheres, probes, guideways.
 //!
 //! Place in the flow: files and bags are read into a [`campaign::Campaign`]; identification, the monitor and
 //! the simulator share that one form. Pure data and numerics: no file, no clock, no ROS.
@@ -6,3 +6,7 @@
 pub mod alignment;
 pub mod campaign;
 pub mod instrument;
+mod least_squares;
+pub mod probe_pose;
+pub mod sphere;
+pub mod tracker;

@@ -1,0 +1,54 @@
+//! Why no pose of the probe is given, and what to do.
+//!
+//! Place in the flow: returned by [`super::ProbePose::fit`]. Centres are counted from 1.
+
+use super::undetermined::Undetermined;
+use thiserror::Error;
+
+/// Centres that give no pose.
+#[derive(Debug, Clone, PartialEq, Error)]
+pub enum ProbePoseError {
+    /// A figure is not finite.
+    #[error("centre {0} holds a figure that is not finite; remove or correct it")]
+    NotFinite(usize),
+    /// An uncertainty that cannot be.
+    #[error("centre {0} has an uncertainty that is not above zero; correct it")]
+    Uncertainty(usize),
+    /// A row given twice.
+    #[error("centres {first} and {second} are the same to the last digit; remove the copy")]
+    Duplicate {
+        /// The earlier one.
+        first: usize,
+        /// The later one.
+        second: usize,
+    },
+    /// The poses do not determine all unknowns.
+    #[error(transparent)]
+    Undetermined(#[from] Undetermined),
+    /// Centres that contradict the sense of an axis.
+    #[error(
+        "the centres fit {ratio:.0} times better with {axis} turned the other way; angles are right-handed about the machine's \
+         axes: change the sign of {axis}"
+    )]
+    Sense {
+        /// `A`, `C` or `A and C`.
+        axis: &'static str,
+        /// Ratio of the root mean squares.
+        ratio: f64,
+    },
+    /// A beam whose length is not near one.
+    #[error(
+        "the probe's reading moves the point by {length:.4} of what it reads; it must be near 1: check the unit and sign of the \
+         distance and the angles"
+    )]
+    Beam {
+        /// Length of R_p.
+        length: f64,
+    },
+    /// The constraint on the beam's length did not settle.
+    #[error("the fit with a beam of length one did not settle in {0} passes; check angles and distances")]
+    NotSettled(usize),
+    /// No pose has enough others to judge it.
+    #[error("no pose can be left out: the others do not determine the unknowns; measure at further angles")]
+    NothingLeftOut,
+}
