@@ -112,7 +112,19 @@ impl Layout {
         actual_point_m(machine, reading_m, offset_m, &self.values(coefficients, &self.locals(reading_m)))
     }
 
-    fn locals(&self, reading_m: [f64; 3]) -> Vec<LocalBasis> {
+    /// The same with basis functions from [`Layout::locals`], for fits that come back to a reading thousands of times.
+    pub fn position_from_m(
+        &self,
+        machine: &Machine,
+        coefficients: &[f64],
+        (reading_m, offset_m): ([f64; 3], [f64; 3]),
+        locals: &[LocalBasis],
+    ) -> Vector3<f64> {
+        actual_point_m(machine, reading_m, offset_m, &self.values(coefficients, locals))
+    }
+
+    /// Basis functions at a reading, one for each basis that differs.
+    pub fn locals(&self, reading_m: [f64; 3]) -> Vec<LocalBasis> {
         self.distinct.iter().map(|(axis, basis)| basis.at(reading_m[*axis])).collect()
     }
 

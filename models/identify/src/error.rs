@@ -172,7 +172,7 @@ fn unobservable_text(groups: &[Unobservable], lines: &[String], rank: usize, unk
 }
 
 /// `ECY`, or `EAZ apart from EYZ, A0Z`.
-fn group_text(group: &Unobservable) -> String {
+pub(crate) fn group_text(group: &Unobservable) -> String {
     match group.errors.split_first() {
         Some((first, [])) => first.clone(),
         Some((first, others)) => format!("{first} apart from {}", others.join(", ")),

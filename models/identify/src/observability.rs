@@ -72,6 +72,17 @@ pub(crate) fn check(
     })
 }
 
+/// Rank and condition of a normal matrix whose unknowns have these names, and the combinations that are not seen;
+/// `None` if it cannot be decomposed.
+pub(crate) fn named_rank(matrix: &Mat<f64>, names: &[String]) -> Option<(Observability, Vec<Unobservable>)> {
+    let spectrum = Spectrum::new(matrix)?;
+    let shape = |(k, name): (usize, &String)| Shape { name: name.clone(), of_station: None, entries: vec![(k, 1.0)] };
+    let shapes: Vec<Shape> = names.iter().enumerate().map(shape).collect();
+    let seen =
+        Observability { rank: names.len() - spectrum.unseen(), unknowns: names.len(), condition: spectrum.condition() };
+    Some((seen, groups(&shapes, spectrum.null_space())))
+}
+
 /// Line and parabola of each error, squareness angles, stations.
 fn shapes(setup: &Setup, stations: &[String], absolute: bool) -> Vec<Shape> {
     let mut shapes = Vec::new();

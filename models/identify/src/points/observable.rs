@@ -1,0 +1,36 @@
+//! Can these points see every unknown? If not, which combinations are hidden?
+//!
+//! Place in the flow: before anything is fitted, on the normal matrix at a perfect machine, scaled to a unit diagonal as in
+//! [`crate::observability`].
+
+use super::PointsError;
+use super::problem::Problem;
+use crate::linear::select;
+use crate::observability::{Observability, named_rank};
+use abbe_geometry::ErrorId;
+
+const FRAME_NAMES: [&str; 6] = ["frame x", "frame y", "frame z", "frame A", "frame B", "frame C"];
+
+/// Rank and condition of the fit, or the combinations that cannot be seen.
+pub(super) fn check(problem: &Problem) -> Result<Observability, PointsError> {
+    let unknowns = vec![0.0; problem.unknowns()];
+    let normal = problem.normal(&unknowns, &vec![1.0; problem.points.len()]);
+    let all: Vec<usize> = (0..normal.size).collect();
+    let matrix = select(&normal.matrix, normal.size, &all);
+    let (seen, groups) = named_rank(&matrix, &names(problem)).ok_or(PointsError::Singular)?;
+    if seen.rank == seen.unknowns {
+        return Ok(seen);
+    }
+    Err(PointsError::RankDeficient { groups, rank: seen.rank, unknowns: seen.unknowns })
+}
+
+/// The error, angle or frame coordinate that each unknown belongs to.
+fn names(problem: &Problem) -> Vec<String> {
+    let mut names = Vec::new();
+    for id in ErrorId::all() {
+        names.extend(problem.layout.range(id).map(|_| id.name()));
+    }
+    names.extend(problem.machine.squareness.iter().map(|s| s.name.clone()));
+    names.extend(FRAME_NAMES.map(str::to_owned));
+    names
+}

@@ -1,0 +1,208 @@
+//! The objective and its derivatives: residuals of measured positions, normal equations.
+//!
+//! Place in the flow: both ways to the minimum evaluate this one object, so that they have the same objective. Unknowns:
+//! the geometric parameters in [`Layout`] order (m, rad), then shift (m) and turn (rad) of the measuring frame about the
+//! middle of the points. Residual = measured − predicted (m, measuring frame brought near the machine's).
+
+use super::loss::Loss;
+use super::{MeasuredPoint, PointsError};
+use crate::normal::NormalEquations;
+use abbe_geometry::chain::nominal_point_m;
+use abbe_geometry::error_function::LocalBasis;
+use abbe_geometry::layout::Layout;
+use abbe_geometry::machine::Machine;
+use abbe_geometry::rotation::{RotationForm, rotation, rotation_partials};
+use abbe_geometry::{Matrix3, Vector3};
+use abbe_measurement::alignment::RigidAlignment;
+
+/// Unknowns of the measuring frame.
+pub(super) const FRAME: usize = 6;
+
+/// Points, brought near the machine frame, and what they are compared with.
+#[derive(Clone)]
+pub(super) struct Problem<'a> {
+    pub(super) machine: &'a Machine,
+    pub(super) layout: &'a Layout,
+    pub(super) points: &'a [MeasuredPoint],
+    /// Measured positions after the alignment to the nominal ones (m).
+    measured_m: Vec<Vector3<f64>>,
+    /// Basis functions at each reading.
+    locals: Vec<Vec<LocalBasis>>,
+    /// 1/u² of each point (1/m²).
+    information: Vec<f64>,
+    /// Turn and centroids of the alignment.
+    pub(super) alignment: RigidAlignment,
+}
+
+impl<'a> Problem<'a> {
+    /// Aligns the positions with the nominal points.
+    pub(super) fn new(
+        machine: &'a Machine,
+        layout: &'a Layout,
+        points: &'a [MeasuredPoint],
+    ) -> Result<Problem<'a>, PointsError> {
+        let nominal_m: Vec<Vector3<f64>> = points.iter().map(|p| nominal_point_m(p.reading_m, p.offset_m)).collect();
+        let actual_m: Vec<Vector3<f64>> = points.iter().map(|p| p.actual_m).collect();
+        let alignment = RigidAlignment::between(&actual_m, &nominal_m)?;
+        let measured_m = actual_m.iter().map(|p| alignment.apply(p)).collect();
+        let repeatability = machine.repeatability_m.map(|r| r * r).iter().sum::<f64>() / 3.0;
+        let information = points.iter().map(|p| 1.0 / (p.u_m * p.u_m + repeatability)).collect();
+        let locals = points.iter().map(|p| layout.locals(p.reading_m)).collect();
+        Ok(Problem { machine, layout, points, measured_m, locals, information, alignment })
+    }
+
+    /// The same with every point's information multiplied by its weight.
+    pub(super) fn with_weights(&self, weights: &[f64]) -> Problem<'a> {
+        let mut problem = self.clone();
+        problem.information.iter_mut().zip(weights).for_each(|(information, weight)| *information *= weight);
+        problem
+    }
+
+    /// Number of unknowns: geometry and measuring frame.
+    pub(super) fn unknowns(&self) -> usize {
+        self.layout.len() + FRAME
+    }
+
+    /// Distance of each measured position from its nominal point after alignment (m).
+    pub(super) fn nominal_distances_m(&self) -> Vec<f64> {
+        let distance = |(point, measured_m): (&MeasuredPoint, &Vector3<f64>)| {
+            (measured_m - nominal_point_m(point.reading_m, point.offset_m)).norm()
+        };
+        self.points.iter().zip(&self.measured_m).map(distance).collect()
+    }
+
+    /// Residual of one point (m).
+    pub(super) fn residual_m(&self, k: usize, unknowns: &[f64]) -> Vector3<f64> {
+        self.measured_m[k] - self.frame(unknowns).apply(&self.position_m(k, unknowns))
+    }
+
+    /// Squared standardised distance of each point.
+    pub(super) fn squares(&self, unknowns: &[f64]) -> Vec<f64> {
+        let frame = self.frame(unknowns);
+        let square = |k: usize| {
+            let residual_m = self.measured_m[k] - frame.apply(&self.position_m(k, unknowns));
+            residual_m.norm_squared() * self.information[k]
+        };
+        (0..self.points.len()).map(square).collect()
+    }
+
+    /// Where the model puts a point (m, machine frame).
+    fn position_m(&self, k: usize, unknowns: &[f64]) -> Vector3<f64> {
+        let point = &self.points[k];
+        let at = (point.reading_m, point.offset_m);
+        self.layout.position_from_m(self.machine, unknowns, at, &self.locals[k])
+    }
+
+    /// The objective.
+    pub(super) fn objective(&self, unknowns: &[f64], loss: Loss, scale: f64) -> f64 {
+        loss.total(&mut self.squares(unknowns), unknowns.len(), scale)
+    }
+
+    /// JᵀWJ and JᵀWr of the weighted least-squares problem at these unknowns.
+    pub(super) fn normal(&self, unknowns: &[f64], weights: &[f64]) -> NormalEquations {
+        let size = unknowns.len();
+        let mut normal = NormalEquations {
+            size,
+            matrix: vec![0.0; size * size],
+            gradient: vec![0.0; size],
+            weighted_square: 0.0,
+            weight: weights.iter().sum(),
+        };
+        let mut rows = vec![Vector3::zeros(); size];
+        for k in (0..self.points.len()).filter(|k| weights[*k] > 0.0) {
+            let residual_m = self.rows(k, unknowns, &mut rows);
+            let information = weights[k] * self.information[k];
+            normal.weighted_square += information * residual_m.norm_squared();
+            for i in 0..size {
+                let scaled = rows[i] * information;
+                normal.gradient[i] += scaled.dot(&residual_m);
+                let line = &mut normal.matrix[i * size + i..(i + 1) * size];
+                line.iter_mut().zip(&rows[i..]).for_each(|(entry, other)| *entry += scaled.dot(other));
+            }
+        }
+        normal
+    }
+
+    /// Residual of one point (m), and the partials of its prediction by every unknown.
+    fn rows(&self, k: usize, unknowns: &[f64], rows: &mut [Vector3<f64>]) -> Vector3<f64> {
+        let point = &self.points[k];
+        let frame = self.frame(unknowns);
+        let at = self.layout.point(self.machine, unknowns, point.reading_m, point.offset_m);
+        rows.fill(Vector3::zeros());
+        self.layout.visit_errors(&at, |first, partial, values| {
+            let turned = frame.turn * partial;
+            values.iter().enumerate().for_each(|(j, value)| rows[first + j] = turned * *value);
+        });
+        for (index, column) in self.layout.squareness().zip(&at.chain.by_squareness) {
+            rows[index] = frame.turn * column;
+        }
+        let arm_m = at.chain.position_m - frame.middle_m;
+        let by_turn = rotation_partials(RotationForm::Exact, &frame.angles_rad, &arm_m);
+        let first = self.layout.len();
+        for d in 0..3 {
+            rows[first + d] = Vector3::ith(d, 1.0);
+            rows[first + 3 + d] = by_turn.column(d).into_owned();
+        }
+        self.measured_m[k] - frame.apply(&at.chain.position_m)
+    }
+
+    pub(super) fn frame(&self, unknowns: &[f64]) -> Frame {
+        let own = &unknowns[self.layout.len()..];
+        let angles_rad = Vector3::new(own[3], own[4], own[5]);
+        Frame {
+            shift_m: Vector3::new(own[0], own[1], own[2]),
+            turn: rotation(RotationForm::Exact, &angles_rad),
+            angles_rad,
+            middle_m: self.alignment.to_m,
+        }
+    }
+}
+
+/// Pose of the measuring frame relative to the machine's, after alignment.
+pub(super) struct Frame {
+    pub(super) shift_m: Vector3<f64>,
+    pub(super) turn: Matrix3<f64>,
+    angles_rad: Vector3<f64>,
+    pub(super) middle_m: Vector3<f64>,
+}
+
+impl Frame {
+    /// A point of the machine frame in the measuring frame. The tiny turn is applied to the arm alone and added last.
+    fn apply(&self, point_m: &Vector3<f64>) -> Vector3<f64> {
+        let arm_m = point_m - self.middle_m;
+        point_m + ((self.turn - Matrix3::identity()) * arm_m + self.shift_m)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::points::error::tests::{cube, machine};
+
+    #[test]
+    fn partials_agree_with_central_differences_away_from_zero() {
+        let machine = machine();
+        let layout = Layout::new(&machine).unwrap();
+        let points = cube();
+        let problem = Problem::new(&machine, &layout, &points).unwrap();
+        let unknowns: Vec<f64> = (0..problem.unknowns()).map(|k| 0.01 * (1.3 * k as f64 + 0.4).sin()).collect();
+        let mut rows = vec![Vector3::zeros(); unknowns.len()];
+        let mut touched = 0;
+        for k in [3, 17, 26] {
+            let residual_m = problem.rows(k, &unknowns, &mut rows);
+            assert!((residual_m - problem.residual_m(k, &unknowns)).norm() < 1e-15);
+            for j in 0..unknowns.len() {
+                let shifted = |by: f64| {
+                    let mut shifted = unknowns.clone();
+                    shifted[j] += by;
+                    -problem.residual_m(k, &shifted)
+                };
+                let difference = (shifted(1e-6) - shifted(-1e-6)) / 2e-6;
+                // Rounding 1e-16/1e-6, curvature 1e-12.
+                assert!((rows[j] - difference).norm() < 2e-9, "{k} {j}: {} {difference}", rows[j]);
+                touched += usize::from(rows[j].norm() > 1e-3);
+            }
+        }
+        assert!(touched > unknowns.len());
+    }
+}

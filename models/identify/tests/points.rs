@@ -1,0 +1,241 @@
+//! Evidence for the fit of measured positions: both ways, outliers, what cannot be seen, what is refused.
+
+#![allow(clippy::unwrap_used, clippy::panic)] // helpers of a test
+
+use abbe_geometry::correct::correct;
+use abbe_geometry::effects::{NoCovariates, State};
+use abbe_geometry::error_function::Kind;
+use abbe_geometry::machine::Machine;
+use abbe_geometry::{ErrorId, Vector3};
+use abbe_identify::points::{
+    FittedPoints, JadeChoices, Loss, MeasuredPoint, Method, PointOptions, PointsError, fit_points,
+    fit_points_of_best_degree,
+};
+use abbe_virtual_machine::{TruthRecipe, VirtualMachine};
+use common::{description, of_low_order};
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rand_distr::StandardNormal;
+
+mod common;
+
+/// Standard deviation of each measured coordinate (m).
+const NOISE_M: f64 = 0.3e-6;
+const OFFSETS_M: [[f64; 3]; 3] = [[0.0, 0.0, -0.06], [0.12, 0.0, -0.06], [0.0, 0.14, -0.09]];
+
+/// A bridge whose errors are polynomials of this degree, and what its maker writes down of it.
+fn bridge(seed: u64, degree: u32) -> (VirtualMachine, Machine) {
+    let truth = of_low_order(TruthRecipe { seed, ..TruthRecipe::default() }.bridge_xyz().unwrap(), degree);
+    let mut machine = description(&truth, Kind::Polynomial { degree: degree as usize });
+    machine.repeatability_m = [0.0; 3];
+    (VirtualMachine::new(truth).unwrap(), machine)
+}
+
+/// Random points in the stroke, seen from a frame that is turned by more than a radian.
+fn measure(truth: &VirtualMachine, count: usize, noise_m: f64, seed: u64) -> Vec<MeasuredPoint> {
+    let mut generator = ChaCha8Rng::seed_from_u64(seed);
+    let turn = nalgebra::Rotation3::new(Vector3::new(0.4, -0.7, 1.2));
+    let stroke = truth.truth().stroke_m;
+    let mut point = |k: usize| {
+        let reading_m = stroke.map(|[low, high]| low + (high - low) * generator.random::<f64>());
+        let offset_m = OFFSETS_M[k % 3];
+        let mut noise = || noise_m * generator.sample::<f64, _>(StandardNormal);
+        let actual = Vector3::from(truth.actual_point_m(reading_m, offset_m)) + Vector3::new(noise(), noise(), noise());
+        MeasuredPoint { reading_m, offset_m, actual_m: turn * actual + Vector3::new(3.0, -1.0, 0.7), u_m: NOISE_M }
+    };
+    (0..count).map(&mut point).collect()
+}
+
+fn fit(machine: &Machine, points: &[MeasuredPoint], options: &PointOptions) -> Result<FittedPoints, PointsError> {
+    fit_points(machine, points, options, &mut |_| true)
+}
+
+fn with(method: Method, loss: Loss) -> PointOptions {
+    PointOptions { method, loss }
+}
+
+const LM: Method = Method::LevenbergMarquardt;
+
+/// Rms of corrected minus true position (m) at points that no fit has seen, in the machine frame without alignment.
+fn verification_rms_m(truth: &VirtualMachine, found: &FittedPoints) -> f64 {
+    let fresh = measure(truth, 200, 0.0, 999);
+    let error = |p: &MeasuredPoint| {
+        let state = State { reading_m: p.reading_m, offset_m: p.offset_m, covariates: &NoCovariates };
+        let actual = Vector3::from(truth.actual_point_m(p.reading_m, p.offset_m));
+        (correct(&found.model, &state).position_m - actual).norm_squared()
+    };
+    (fresh.iter().map(error).sum::<f64>() / 200.0).sqrt()
+}
+
+#[test]
+fn without_noise_every_error_and_the_measuring_frame_come_out() {
+    let (truth, mut machine) = bridge(3, 3);
+    let points = measure(&truth, 150, 0.0, 1);
+    machine.rotation = abbe_geometry::rotation::RotationForm::Exact;
+    let found = fit(&machine, &points, &PointOptions::default()).unwrap();
+    for id in ErrorId::all() {
+        for reading_m in [0.1, 0.3, 0.55] {
+            let difference = found.model.error(id, reading_m).0 - truth.error_value(&id.name(), reading_m).unwrap();
+            // Truth and model order their small rotations differently: (20 µrad)² over a metre.
+            assert!(difference.abs() < 1e-9, "{} {difference:e}", id.name());
+        }
+    }
+    for (k, squareness) in machine.squareness.iter().enumerate() {
+        let truth = truth.squareness_rad(&squareness.name).unwrap();
+        assert!((found.model.squareness(k).0 - truth).abs() < 1e-9, "{}", squareness.name);
+    }
+    let p = &points[7];
+    let back = found.pose.machine_from_measured * p.actual_m + found.pose.origin_m;
+    let actual = Vector3::from(truth.actual_point_m(p.reading_m, p.offset_m));
+    assert!((back - actual).norm() < 1e-9, "{:e}", (back - actual).norm());
+    assert_eq!(found.evidence.rank, found.evidence.unknowns);
+}
+
+#[test]
+fn with_noise_the_intervals_hold_and_chi_square_is_one() {
+    let (mut inside, mut all) = (0, 0);
+    for seed in 1..=12 {
+        let (truth, machine) = bridge(seed, 3);
+        let found = fit(&machine, &measure(&truth, 120, NOISE_M, seed), &PointOptions::default()).unwrap();
+        // 360 equations, 57 unknowns: χ²/ν scatters by √(2/303) = 0.08; five of these.
+        assert!((found.evidence.chi2_per_dof - 1.0).abs() < 0.4, "{}", found.evidence.chi2_per_dof);
+        for id in ErrorId::all() {
+            let (value, u) = found.model.error(id, 0.31);
+            let truth = truth.error_value(&id.name(), 0.31).unwrap();
+            inside += usize::from((value - truth).abs() <= 1.96 * u);
+            all += 1;
+        }
+    }
+    // 216 intervals of 95 %: 205 expected, deviation 3.2; widened where χ²/ν exceeds one by chance.
+    assert!(inside as f64 > 0.90 * f64::from(all), "{inside} of {all}");
+}
+
+#[test]
+fn jade_ends_where_levenberg_marquardt_does() {
+    let (truth, mut machine) = bridge(5, 2);
+    // Small enough for a test: what an offset is needed for is left out.
+    for name in ["EAZ", "EBZ", "ECZ", "ECX", "ECY"] {
+        machine.kinds[ErrorId::from_name(name).unwrap().index()] = None;
+    }
+    let points = measure(&truth, 60, NOISE_M, 2);
+    let direct = fit(&machine, &points, &with(LM, Loss::Squares)).unwrap();
+    let jade = fit(&machine, &points, &with(Method::Jade(JadeChoices::default()), Loss::Squares)).unwrap();
+    assert!((jade.evidence.objective / direct.evidence.objective - 1.0).abs() < 1e-3);
+    assert!(jade.evidence.objective >= direct.evidence.objective * (1.0 - 1e-12), "the minimum is not one");
+    assert!(jade.evidence.largest_step <= 0.1);
+    for id in ErrorId::all() {
+        let ((a, u), (b, u_jade)) = (direct.model.error(id, 0.4), jade.model.error(id, 0.4));
+        assert!((a - b).abs() <= 0.1 * u && (u - u_jade).abs() <= 1e-3 * u, "{}: {a:e} {b:e} {u:e}", id.name());
+    }
+    let again = fit(&machine, &points, &with(Method::Jade(JadeChoices::default()), Loss::Squares)).unwrap();
+    assert_eq!(again.model.parts().coefficients, jade.model.parts().coefficients);
+}
+
+#[test]
+fn a_jade_that_ran_out_of_generations_is_refused() {
+    let (truth, machine) = bridge(5, 2);
+    let choices = JadeChoices { max_generations: 20, ..JadeChoices::default() };
+    // A start so far off that 20 generations cannot come back.
+    let choices = JadeChoices { perturbation: 1e4, ..choices };
+    let points = measure(&truth, 60, NOISE_M, 2);
+    let options = with(Method::Jade(choices), Loss::Squares);
+    // The estimate itself is a member, and least squares is already there: the certificate accepts it.
+    assert!(fit(&machine, &points, &options).unwrap().evidence.largest_step < 0.1);
+    // Huber's minimum is elsewhere, and no 20 generations find it.
+    let mut spoilt = points;
+    (0..10).for_each(|k| spoilt[6 * k].actual_m.x += 40e-6);
+    let refused = fit(&machine, &spoilt, &with(Method::Jade(choices), Loss::Huber)).unwrap_err();
+    assert!(matches!(refused, PointsError::NotConverged { method: "JADE", .. }), "{refused}");
+}
+
+#[test]
+fn gross_errors_spoil_squares_but_not_the_robust_losses() {
+    let (truth, machine) = bridge(7, 3);
+    let mut points = measure(&truth, 150, NOISE_M, 3);
+    (0..10).for_each(|k| points[15 * k].actual_m += Vector3::new(30e-6, -20e-6, 25e-6));
+    let error = |loss| verification_rms_m(&truth, &fit(&machine, &points, &with(LM, loss)).unwrap());
+    let clean = verification_rms_m(
+        &truth,
+        &fit(&machine, &measure(&truth, 150, NOISE_M, 3), &PointOptions::default()).unwrap(),
+    );
+    assert!(error(Loss::Squares) > 5.0 * clean);
+    assert!(error(Loss::Huber) < 1.5 * clean);
+    assert!(error(Loss::Trimmed) < 1.2 * clean);
+    let trimmed = fit(&machine, &points, &with(LM, Loss::Trimmed)).unwrap();
+    let rejected: Vec<usize> = trimmed.evidence.rejected.iter().map(|r| r.point).collect();
+    assert_eq!(rejected, (0..10).map(|k| 15 * k + 1).collect::<Vec<_>>());
+    assert_eq!(trimmed.model.parts().quality.rejected, 10);
+}
+
+#[test]
+fn the_degree_is_the_one_that_the_machine_has() {
+    for degree in [2, 4] {
+        let (truth, machine) = bridge(9, degree);
+        let points = measure(&truth, 250, NOISE_M, 4);
+        let found =
+            fit_points_of_best_degree(&machine, &points, 1..=7, &PointOptions::default(), &mut |_| true).unwrap();
+        assert_eq!(found.model.parts().machine.kinds[0], Some(Kind::Polynomial { degree: degree as usize }));
+    }
+}
+
+#[test]
+fn points_that_cannot_see_an_error_are_refused_with_its_name() {
+    let (truth, machine) = bridge(1, 2);
+    let all = measure(&truth, 200, 0.0, 1);
+    let refusal = |points: &[MeasuredPoint]| fit(&machine, points, &PointOptions::default()).unwrap_err();
+    let moved = |change: fn(&mut MeasuredPoint)| {
+        let mut points = all.clone();
+        points.iter_mut().for_each(|p| {
+            change(p);
+            p.actual_m = Vector3::from(p.reading_m) + Vector3::from(p.offset_m);
+        });
+        refusal(&points)
+    };
+    // One offset on the axis of Z: ECZ turns a point on its own axis, and so on.
+    let text = moved(|p| p.offset_m = [0.0; 3]).to_string();
+    assert!(text.contains("ECZ") && text.contains("EBZ") && text.contains("offset"), "{text}");
+    // A plane: nothing of Z.
+    let text = moved(|p| p.reading_m[2] = 0.3).to_string();
+    assert!(text.contains("EZZ"), "{text}");
+    // A line.
+    let text = moved(|p| (p.reading_m[1], p.reading_m[2]) = (0.2, 0.3)).to_string();
+    assert!(text.contains("EYY") && text.contains("EZZ"), "{text}");
+    assert!(matches!(refusal(&all[..13]), PointsError::TooFew { points: 13, equations: 39, unknowns: 39 }));
+    assert!(matches!(refusal(&[]), PointsError::TooFew { points: 0, .. }));
+}
+
+#[test]
+fn points_in_a_wrong_unit_order_or_hand_are_refused() {
+    let (truth, machine) = bridge(1, 2);
+    let refusal = |change: fn(&mut MeasuredPoint)| {
+        let mut points = measure(&truth, 100, NOISE_M, 1);
+        points.iter_mut().for_each(change);
+        fit(&machine, &points, &PointOptions::default()).unwrap_err()
+    };
+    assert!(matches!(refusal(|p| p.actual_m *= 1e3), PointsError::Implausible { .. }));
+    assert!(matches!(refusal(|p| p.actual_m.swap_rows(0, 1)), PointsError::Implausible { .. }));
+    assert!(matches!(refusal(|p| p.actual_m.x = -p.actual_m.x), PointsError::Implausible { .. }));
+    assert!(matches!(refusal(|p| p.reading_m = p.reading_m.map(|v| v * 1e3)), PointsError::OutsideStroke { .. }));
+    assert!(matches!(refusal(|p| p.u_m = f64::NAN), PointsError::Uncertainty { point: 1, .. }));
+    let jade = |choices| with(Method::Jade(choices), Loss::Squares);
+    let points = measure(&truth, 100, NOISE_M, 1);
+    for choices in [
+        JadeChoices { members: Some(0), ..JadeChoices::default() },
+        JadeChoices { members: Some(3), ..JadeChoices::default() },
+        JadeChoices { max_generations: 0, ..JadeChoices::default() },
+    ] {
+        assert!(matches!(fit(&machine, &points, &jade(choices)), Err(PointsError::Jade(_))), "{choices:?}");
+    }
+    let choices = JadeChoices { perturbation: 0.0, ..JadeChoices::default() };
+    assert!(matches!(fit(&machine, &points, &jade(choices)), Err(PointsError::Choice(_))));
+}
+
+#[test]
+fn a_stop_ends_both_ways() {
+    let (truth, machine) = bridge(1, 2);
+    let points = measure(&truth, 100, NOISE_M, 1);
+    for method in [LM, Method::Jade(JadeChoices::default())] {
+        let stopped = fit_points(&machine, &points, &with(method, Loss::Squares), &mut |p| p.step < 2);
+        assert_eq!(stopped.unwrap_err(), PointsError::Stopped);
+    }
+}
