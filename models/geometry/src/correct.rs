@@ -103,6 +103,14 @@ fn geometric_point(model: &MachineModel, reading_m: [f64; 3], offset_m: [f64; 3]
     (point.chain, sensitivity)
 }
 
+/// Corrected position (m) and its sensitivity to every parameter of geometry and effects; effects whose covariate is
+/// missing are left out.
+pub(crate) fn sensitive_point(model: &MachineModel, state: &State) -> (Vector3<f64>, Sensitivity) {
+    let (chain, mut sensitivity) = geometric_point(model, state.reading_m, state.offset_m);
+    let (effects_m, _) = add_effects(model, state, &chain, &mut sensitivity);
+    (chain.position_m + effects_m, sensitivity)
+}
+
 /// Adds what a residual field says at a corrected point: moves the point, widens its covariance; gives what it said.
 pub fn add_residual(
     position_m: &mut Vector3<f64>,
@@ -124,6 +132,11 @@ pub(crate) struct Sensitivity {
 impl Sensitivity {
     fn push(&mut self, index: usize, column: Vector3<f64>) {
         self.entries.push((index, column));
+    }
+
+    /// Sensitivity of the position's component in a direction, by parameter.
+    pub(crate) fn along(&self, direction: &Vector3<f64>) -> Vec<(usize, f64)> {
+        self.entries.iter().map(|(index, column)| (*index, direction.dot(column))).collect()
     }
 
     /// J V Jᵀ (m²).

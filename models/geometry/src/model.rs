@@ -171,6 +171,12 @@ impl MachineModel {
         self.parts.covariance[row * (row + 1) / 2 + column]
     }
 
+    /// Variance of a linear combination of parameters, given as index and factor; an index may come more than once.
+    pub(crate) fn variance(&self, combination: &[(usize, f64)]) -> f64 {
+        let row = |(a, x): &(usize, f64)| combination.iter().map(|(b, y)| x * y * self.covariance(*a, *b)).sum::<f64>();
+        combination.iter().map(row).sum()
+    }
+
     /// Row of the covariance of the machine parameters.
     pub(crate) fn machine_covariance_row(&self, row: usize) -> &[f64] {
         &self.covariance[row * self.machine_parameters..(row + 1) * self.machine_parameters]
