@@ -5,6 +5,7 @@
 
 pub mod alignment;
 pub mod campaign;
+pub mod free_network;
 pub mod instrument;
 mod least_squares;
 pub mod probe_pose;
