@@ -8,6 +8,7 @@ mod chen2020;
 mod figure;
 mod fyxz;
 mod liang2025;
+mod statistics;
 mod zhang2011;
 mod zhang2016;
 
