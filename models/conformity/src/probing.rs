@@ -5,14 +5,11 @@
 //! `PSize.Sph.1x25:SS:Tact` in that of 2020. Form = largest − smallest distance from the centre of the least-squares
 //! sphere; size = diameter of that sphere − calibrated diameter.
 
-mod sphere;
-
-pub use sphere::{Sphere, fit_sphere};
-
 use crate::decision::{DecisionRule, Verdict};
 use crate::departure::Departure;
 use crate::error::ConformityError;
 use crate::quantity::{ObservedError, PermissibleError};
+use abbe_measurement::sphere::{SphereFit, SphereRadius};
 use nalgebra::Vector3;
 
 /// Points of the test.
@@ -25,25 +22,24 @@ pub const FORM_NAMES: [&str; 2] = ["PForm.Sph.1x25:SS:Tact", "PFTU"];
 pub const SIZE_NAMES: [&str; 2] = ["PSize.Sph.1x25:SS:Tact", "PSTU"];
 /// A size or form error beyond this is a slip: another sphere, tip radius left in, wrong unit (m).
 const PLAUSIBLE_M: f64 = 1e-3;
-/// Two points nearer than this are the same (m).
-const SAME_POINT_M: f64 = 1e-7;
-/// Part of the sphere that the points must cover at least: the farthest lies this many radii from the pole, along the
-/// axis of the hemisphere.
-const HEMISPHERE: f64 = 0.9;
+/// Four points lie on a sphere of any form; one more leaves something to judge.
+const LEAST_POINTS: usize = 5;
+/// Points that reach less far from the middle of their cap show no diameter (degrees).
+const LEAST_REACH_DEG: f64 = 45.0;
+/// A hemisphere, less what aligning its equator by hand costs (degrees).
+const HEMISPHERE_DEG: f64 = 84.0;
 
 /// Observed figures of a probing test.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ProbingErrors {
     /// Least-squares sphere.
-    pub sphere: Sphere,
+    pub sphere: SphereFit,
     /// Calibrated diameter (m), where it is known.
     pub calibrated_diameter_m: Option<f64>,
     /// Form error.
     pub form: ObservedError,
     /// Size error; missing without a calibrated diameter.
     pub size: Option<ObservedError>,
-    /// Distance of each point from the sphere (m, outside positive), in the order of the points.
-    pub residuals_m: Vec<f64>,
     /// What a whole test after the standard has and these data lack.
     pub departures: Vec<Departure>,
 }
@@ -102,11 +98,18 @@ pub fn evaluate(
         let problem = format!("a diameter of {diameter_m} m is that of no test sphere");
         return Err(ConformityError::new("calibrated diameter", problem, "give it in the unit asked for"));
     }
-    check_doubles(points_m)?;
-    let sphere = fit_sphere(points_m)?;
-    let residuals_m: Vec<f64> = points_m.iter().map(|p| (p - sphere.centre_m).norm() - sphere.radius_m).collect();
-    let extreme = |pick: fn(f64, f64) -> f64| residuals_m.iter().copied().reduce(pick).unwrap_or(0.0);
-    let form = ObservedError::from_metres(extreme(f64::max) - extreme(f64::min));
+    if points_m.len() < LEAST_POINTS {
+        let problem = format!("{} points do not show the form of a sphere", points_m.len());
+        return Err(ConformityError::new("test sphere", problem, "probe 25 points over a hemisphere"));
+    }
+    let fit = SphereFit::new(points_m, SphereRadius::Free, None);
+    let sphere =
+        fit.map_err(|e| ConformityError::new("test sphere", e.to_string(), "probe 25 points over a hemisphere"))?;
+    if let Some(reach) = reach_deg(points_m, &sphere).filter(|reach| *reach < LEAST_REACH_DEG) {
+        let problem = format!("the points reach only {reach:.0} degrees from the middle of their cap");
+        return Err(ConformityError::new("test sphere", problem, "probe 25 points over a hemisphere"));
+    }
+    let form = ObservedError::from_metres(sphere.form_m());
     let size = calibrated_diameter_m.map(|d| ObservedError::from_metres(2.0 * sphere.radius_m - d));
     for (name, error) in [("form", Some(form)), ("size", size)] {
         if let Some(error) = error.filter(|e| e.magnitude_m() > PLAUSIBLE_M) {
@@ -116,20 +119,10 @@ pub fn evaluate(
         }
     }
     let departures = departures(points_m, &sphere, calibrated_diameter_m);
-    Ok(ProbingErrors { sphere, calibrated_diameter_m, form, size, residuals_m, departures })
+    Ok(ProbingErrors { sphere, calibrated_diameter_m, form, size, departures })
 }
 
-fn check_doubles(points_m: &[Vector3<f64>]) -> Result<(), ConformityError> {
-    for (k, point) in points_m.iter().enumerate() {
-        if let Some(other) = points_m[..k].iter().position(|p| (p - point).norm() < SAME_POINT_M) {
-            let problem = format!("it is point {} again", other + 1);
-            return Err(ConformityError::new(format!("point {}", k + 1), problem, "give each probed point once"));
-        }
-    }
-    Ok(())
-}
-
-fn departures(points_m: &[Vector3<f64>], sphere: &Sphere, calibrated_diameter_m: Option<f64>) -> Vec<Departure> {
+fn departures(points_m: &[Vector3<f64>], sphere: &SphereFit, calibrated_diameter_m: Option<f64>) -> Vec<Departure> {
     let mut found = Vec::new();
     if points_m.len() != POINTS {
         let text = format!("{POINTS} points are asked for, there are {}", points_m.len());
@@ -147,18 +140,22 @@ fn departures(points_m: &[Vector3<f64>], sphere: &Sphere, calibrated_diameter_m:
         let text = format!("a diameter of {:.3} mm; 10 mm to 50 mm are asked for", diameter_m * 1e3);
         found.push(Departure::new("test sphere", text));
     }
-    // Of points over a hemisphere the mean direction is its axis, and the equator lies near its plane.
-    let mean: Vector3<f64> = points_m.iter().map(|p| (p - sphere.centre_m).normalize()).sum();
-    if let Some(axis) = mean.try_normalize(1e-9) {
-        let lowest = points_m.iter().map(|p| (p - sphere.centre_m).normalize().dot(&axis)).fold(1.0, f64::min);
-        if lowest > 1.0 - HEMISPHERE {
-            let angle = lowest.acos().to_degrees();
-            let text =
-                format!("the points reach {angle:.0} degrees from the middle of their cap; a hemisphere is asked for");
-            found.push(Departure::new("test sphere", text));
-        }
+    if let Some(reach) = reach_deg(points_m, sphere).filter(|reach| *reach < HEMISPHERE_DEG) {
+        let text =
+            format!("the points reach {reach:.0} degrees from the middle of their cap; a hemisphere is asked for");
+        found.push(Departure::new("test sphere", text));
     }
     found
+}
+
+/// Angle between the middle of the points' cap and the farthest of them (degrees); `None` for points all around, which have
+/// no middle.
+fn reach_deg(points_m: &[Vector3<f64>], sphere: &SphereFit) -> Option<f64> {
+    let directions: Vec<Vector3<f64>> =
+        points_m.iter().filter_map(|p| (p - sphere.centre_m).try_normalize(0.0)).collect();
+    let axis = directions.iter().sum::<Vector3<f64>>().try_normalize(1e-9)?;
+    let lowest = directions.iter().map(|d| d.dot(&axis)).fold(1.0, f64::min);
+    Some(lowest.clamp(-1.0, 1.0).acos().to_degrees())
 }
 
 #[cfg(test)]

@@ -12,6 +12,7 @@ pub mod effects;
 pub mod environment;
 pub mod error;
 pub mod instrument;
+pub mod length_test;
 pub mod machine;
 pub mod plan;
 mod random;

@@ -22,6 +22,7 @@ pub(crate) enum Purpose {
     Verification = 9,
     Undescribed = 10,
     ReflectorOffset = 11,
+    LengthTest = 12,
 }
 
 /// The generator of one purpose under one seed.

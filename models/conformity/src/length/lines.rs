@@ -53,6 +53,14 @@ impl MeasuringLine {
         (self.to_m - self.from_m).norm()
     }
 
+    /// The same line for a tip that hangs at `stylus_m` (m, ram frame): the tip's volume lies that far from the ram's.
+    pub fn with_stylus(mut self, stylus_m: Vector3<f64>) -> MeasuringLine {
+        self.from_m += stylus_m;
+        self.to_m += stylus_m;
+        self.offset_m += stylus_m;
+        self
+    }
+
     /// Unit vector along the line.
     pub fn direction(&self) -> Vector3<f64> {
         (self.to_m - self.from_m) / self.travel_m()

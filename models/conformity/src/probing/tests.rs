@@ -63,15 +63,15 @@ fn form_is_the_range_of_what_no_sphere_takes_up() {
 #[test]
 fn the_fit_is_the_least_squares_one() {
     let found = evaluate(&on_sphere(|k| 1e-6 * (k as f64 * 1.3).sin()), Some(2.0 * RADIUS_M)).unwrap();
-    assert!(found.residuals_m.iter().sum::<f64>().abs() < 1e-14);
+    assert!(found.sphere.residuals_m.iter().sum::<f64>().abs() < 1e-14);
     let along: Vector3<f64> = on_sphere(|k| 1e-6 * (k as f64 * 1.3).sin())
         .iter()
-        .zip(&found.residuals_m)
+        .zip(&found.sphere.residuals_m)
         .map(|(p, r)| (p - found.sphere.centre_m).normalize() * *r)
         .sum();
     assert!(along.amax() < 1e-14, "{along}");
     let range = |v: &[f64]| v.iter().copied().fold(f64::MIN, f64::max) - v.iter().copied().fold(f64::MAX, f64::min);
-    assert_eq!(found.form.metres(), range(&found.residuals_m));
+    assert_eq!(found.form.metres(), range(&found.sphere.residuals_m));
 }
 
 #[test]
@@ -109,20 +109,20 @@ fn points_that_fix_no_sphere_are_refused() {
     let good = || on_sphere(|_| 0.0);
     refused(Vec::new(), None, "0 points");
     refused(good()[..4].to_vec(), None, "4 points");
-    refused((0..25).map(|k| Vector3::new(f64::from(k) * 1e-3, 0.0, 0.0)).collect(), None, "on a line, in a plane");
+    refused((0..25).map(|k| Vector3::new(f64::from(k) * 1e-3, 0.0, 0.0)).collect(), None, "one plane");
     let ring = |k: i32| Vector3::new((f64::from(k) * 0.25).cos(), (f64::from(k) * 0.25).sin(), 0.0) * RADIUS_M;
-    refused((0..25).map(ring).collect(), None, "in a plane");
+    refused((0..25).map(ring).collect(), None, "one plane");
     let speck = |k: i32| {
         let (around, polar) = (f64::from(k), 0.01 * f64::from(k + 1));
         Vector3::new(polar.sin() * around.cos(), polar.sin() * around.sin(), polar.cos()) * RADIUS_M
     };
-    refused((0..12).map(speck).collect(), None, "so small a cap");
+    refused((0..12).map(speck).collect(), None, "middle of their cap");
     let mut spoilt = good();
     spoilt[7].y = f64::NAN;
     refused(spoilt, None, "not a finite number");
     let mut double = good();
     double[9] = double[2];
-    refused(double, None, "point 10: it is point 3 again");
+    refused(double, None, "points 3 and 10");
     refused(good(), Some(29.97), "no test sphere");
     refused(good(), Some(0.0319736), "size error of -2.000 mm");
     let mut far = good();
