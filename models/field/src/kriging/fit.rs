@@ -1,0 +1,171 @@
+//! Fit of one component: scaling, starts, the maximum of the likelihood.
+//!
+//! Place in the flow: one call a component from [`super::Kriging::fit`]. Several starts on a part of the points, the best
+//! of them refined on all: the likelihood may have more than one maximum, and its cost grows with the third power.
+
+use super::bounded::{self, Minimum};
+use super::likelihood::{Data, Scaled};
+use super::process::{Process, Scaling};
+use super::{COMPONENTS, FittedComponent, Hyperparameters, KrigingError, Noise, Options};
+use crate::measured::MeasuredField;
+use nalgebra::Vector3;
+
+/// Points on which the starts are tried.
+const FIRST_POINTS: usize = 160;
+/// Bounds of a length scale in extents of the volume: from a fiftieth to fifty-fold.
+const LENGTH: (f64, f64) = (0.02, 50.0);
+/// Bounds of the signal's deviation, in deviations of the errors.
+const SIGNAL: (f64, f64) = (1e-3, 1e3);
+/// Bounds of the fitted noise, in deviations of the errors; the lower one keeps matrices factorable and is far below what
+/// any instrument leaves.
+const NOISE: (f64, f64) = (1e-4, 1e1);
+/// Starts: length scale in extents, and noise in deviations of the errors.
+const STARTS: [(f64, f64); 3] = [(1.0, 0.1), (0.25, 0.1), (4.0, 0.5)];
+/// Gain in −2 L below which the parameters have settled: far below what a difference in likelihood means.
+const GAIN: f64 = 1e-4;
+/// Steps at most.
+const MOST_STEPS: usize = 200;
+/// Relative deviation of the errors below which they are all the same.
+const SAME: f64 = 1e-12;
+/// How near to a bound is at it, in the logarithm.
+const AT_BOUND: f64 = 1e-6;
+/// Fractional part of the golden ratio: its multiples fill an interval evenly.
+const GOLDEN: f64 = 0.618_033_988_749_894_9;
+
+/// Fits one component.
+pub(crate) fn fit(
+    field: &MeasuredField,
+    component: usize,
+    options: &Options,
+) -> Result<(Process, FittedComponent), KrigingError> {
+    let (data, scaling) = scaled(field, component, options)?;
+    let bounds = bounds(options);
+    let start = first_fit(&data, &bounds, component)?;
+    let found = maximum(&data, &start, &bounds).ok_or(not_positive(component))?;
+    if !found.is_settled {
+        return Err(KrigingError::NotConverged { component: COMPONENTS[component], steps: found.steps });
+    }
+    finish(data, scaling, &Scaled::from_logarithms(&found.at), at_bound(&found.at, &bounds), component)
+}
+
+/// The component at given parameters.
+pub(crate) fn with(
+    field: &MeasuredField,
+    component: usize,
+    options: &Options,
+    parameters: &Hyperparameters,
+) -> Result<(Process, FittedComponent), KrigingError> {
+    let (data, scaling) = scaled(field, component, options)?;
+    let [x, y, z] = parameters.length_m;
+    let named =
+        [(x, "a length scale"), (y, "a length scale"), (z, "a length scale"), (parameters.signal_m, "the signal")];
+    let noise = parameters.noise_m.map(|noise| (noise, "the noise"));
+    if let Some((_, what)) = named.into_iter().chain(noise).find(|(value, _)| !(value.is_finite() && *value > 0.0)) {
+        return Err(KrigingError::Parameter { component: COMPONENTS[component], what });
+    }
+    let parameters = Scaled {
+        signal: parameters.signal_m / scaling.deviation_m,
+        length: [0, 1, 2].map(|d| parameters.length_m[d] / scaling.extent_m[d]),
+        noise: parameters.noise_m.map(|noise| noise / scaling.deviation_m),
+    };
+    finish(data, scaling, &parameters, Vec::new(), component)
+}
+
+fn finish(
+    data: Data,
+    scaling: Scaling,
+    parameters: &Scaled,
+    at_bound: Vec<&'static str>,
+    component: usize,
+) -> Result<(Process, FittedComponent), KrigingError> {
+    let factored = data.factored(parameters).map_err(|_| not_positive(component))?;
+    let freedom = (data.points.len() - factored.coefficients.len()) as f64;
+    let two_pi = 2.0 * std::f64::consts::PI;
+    // The density of errors in metres, not in deviations.
+    let log_likelihood = -0.5 * (factored.minus_two_log + freedom * (two_pi.ln() + 2.0 * scaling.deviation_m.ln()));
+    let hyperparameters = Hyperparameters {
+        length_m: [0, 1, 2].map(|d| parameters.length[d] * scaling.extent_m[d]),
+        signal_m: parameters.signal * scaling.deviation_m,
+        noise_m: parameters.noise.map(|noise| noise * scaling.deviation_m),
+    };
+    let fitted = FittedComponent { hyperparameters, log_likelihood, at_bound };
+    Ok((Process::new(data, scaling, *parameters, factored), fitted))
+}
+
+/// Points in extents about their middle, errors in deviations.
+fn scaled(field: &MeasuredField, component: usize, options: &Options) -> Result<(Data, Scaling), KrigingError> {
+    let points = field.points_m();
+    let extreme = |pick: fn(f64, f64) -> f64| points.iter().skip(1).fold(points[0], |e, p| e.zip_map(p, pick));
+    let (lower, upper) = (extreme(f64::min), extreme(f64::max));
+    let values: Vec<f64> = field.errors_m().iter().map(|e| e[component]).collect();
+    let mean = values.iter().sum::<f64>() / values.len() as f64;
+    let square = values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / values.len() as f64;
+    let largest = values.iter().fold(0.0_f64, |largest, v| largest.max(v.abs()));
+    let scaling = Scaling { middle_m: (lower + upper) / 2.0, extent_m: upper - lower, deviation_m: square.sqrt() };
+    if scaling.deviation_m <= SAME * largest {
+        return Err(KrigingError::Constant { component: COMPONENTS[component] });
+    }
+    let variance = |u: &Vector3<f64>| (u[component] / scaling.deviation_m).powi(2);
+    let declared = field.u_m().filter(|_| options.noise != Noise::Fitted);
+    let data = Data {
+        points: points.iter().map(|p| scaling.point(p)).collect(),
+        values: values.iter().map(|v| v / scaling.deviation_m).collect(),
+        declared: declared.map(|list| list.iter().map(variance).collect()),
+        kernel: options.kernel,
+        trend: options.trend,
+    };
+    Ok((data, scaling))
+}
+
+fn bounds(options: &Options) -> Vec<(f64, f64)> {
+    let logarithms = |(lower, upper): (f64, f64)| (lower.ln(), upper.ln());
+    let noise = (options.noise != Noise::Declared).then_some(NOISE);
+    [SIGNAL, LENGTH, LENGTH, LENGTH].into_iter().chain(noise).map(logarithms).collect()
+}
+
+/// The best of all starts on a part of the points.
+fn first_fit(data: &Data, bounds: &[(f64, f64)], component: usize) -> Result<Vec<f64>, KrigingError> {
+    let part = part(data);
+    let mut best: Option<Minimum> = None;
+    for (length, noise) in STARTS {
+        let start = Scaled { signal: 1.0, length: [length; 3], noise: (bounds.len() > 4).then_some(noise) };
+        let Some(found) = maximum(&part, &start.logarithms(), bounds) else { continue };
+        if best.as_ref().is_none_or(|before| found.value < before.value) {
+            best = Some(found);
+        }
+    }
+    best.map(|found| found.at).ok_or(not_positive(component))
+}
+
+/// Points spread over the list, so that a lattice's order does not pick out one of its planes.
+fn part(data: &Data) -> Data {
+    let count = data.points.len();
+    if count <= FIRST_POINTS {
+        return data.clone();
+    }
+    let mut order: Vec<usize> = (0..count).collect();
+    order.sort_by(|a, b| (*a as f64 * GOLDEN).fract().total_cmp(&(*b as f64 * GOLDEN).fract()));
+    order.truncate(FIRST_POINTS);
+    Data {
+        points: order.iter().map(|k| data.points[*k]).collect(),
+        values: order.iter().map(|k| data.values[*k]).collect(),
+        declared: data.declared.as_ref().map(|list| order.iter().map(|k| list[*k]).collect()),
+        kernel: data.kernel,
+        trend: data.trend,
+    }
+}
+
+fn maximum(data: &Data, start: &[f64], bounds: &[(f64, f64)]) -> Option<Minimum> {
+    bounded::minimum(|logarithms| data.minus_two_log(logarithms).ok(), start, bounds, GAIN, MOST_STEPS)
+}
+
+fn at_bound(logarithms: &[f64], bounds: &[(f64, f64)]) -> Vec<&'static str> {
+    let names = ["signal", "length x", "length y", "length z", "noise"];
+    let is_at = |value: f64, (lower, upper): (f64, f64)| value - lower < AT_BOUND || upper - value < AT_BOUND;
+    let all = names.into_iter().zip(logarithms.iter().zip(bounds));
+    all.filter(|(_, (value, bounds))| is_at(**value, **bounds)).map(|(name, _)| name).collect()
+}
+
+fn not_positive(component: usize) -> KrigingError {
+    KrigingError::NotPositiveDefinite { component: COMPONENTS[component] }
+}

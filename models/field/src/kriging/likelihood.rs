@@ -1,0 +1,191 @@
+//! Restricted marginal likelihood of one component and its gradient.
+//!
+//! Place in the flow: what [`super::fit`] maximises and [`super::process`] predicts with. Everything is in scaled units:
+//! points in extents of the volume, errors in their own deviation, so that bounds and steps mean the same for any machine.
+//! With K the covariance of the data, H the trend's columns and P = K⁻¹ − K⁻¹H(HᵀK⁻¹H)⁻¹HᵀK⁻¹:
+//! −2 L = yᵀPy + ln|K| + ln|HᵀK⁻¹H| + (n − p) ln 2π, and ∂(−2 L) = tr(P ∂K) − yᵀP ∂K P y.
+//! Source: Rasmussen & Williams 2006 eq. 2.45, 5.9; Patterson & Thompson 1971 for the restriction.
+
+use super::kernel::Kernel;
+use faer::linalg::solvers::{DenseSolveCore, Llt, Solve};
+use faer::{Mat, Side};
+use nalgebra::Vector3;
+
+/// What is removed from the errors before they count as signal; its coefficients have a flat prior.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Trend {
+    /// Nothing: the field is zero far from the points.
+    Zero,
+    /// A constant: ordinary kriging.
+    Constant,
+    /// A constant and a slope along each axis: universal kriging.
+    Linear,
+}
+
+impl Trend {
+    /// Values of the trend's functions at a scaled point.
+    pub(crate) fn row(self, point: &Vector3<f64>) -> Vec<f64> {
+        match self {
+            Trend::Zero => vec![],
+            Trend::Constant => vec![1.0],
+            Trend::Linear => vec![1.0, point.x, point.y, point.z],
+        }
+    }
+}
+
+/// Logarithms of the parameters in scaled units: signal, the three length scales, and noise where it is fitted.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Scaled {
+    pub(crate) signal: f64,
+    pub(crate) length: [f64; 3],
+    pub(crate) noise: Option<f64>,
+}
+
+impl Scaled {
+    /// From logarithms: signal, lengths, and noise if there are five.
+    pub(crate) fn from_logarithms(logarithms: &[f64]) -> Scaled {
+        let at = |k: usize| logarithms.get(k).map(|v| v.exp());
+        let length = [1, 2, 3].map(|k| at(k).unwrap_or(f64::NAN));
+        Scaled { signal: at(0).unwrap_or(f64::NAN), length, noise: at(4) }
+    }
+
+    pub(crate) fn logarithms(&self) -> Vec<f64> {
+        let [x, y, z] = self.length;
+        [self.signal, x, y, z].into_iter().chain(self.noise).map(f64::ln).collect()
+    }
+
+    /// Squares (Δ_d/ℓ_d)² between two scaled points.
+    pub(crate) fn squares(&self, a: &Vector3<f64>, b: &Vector3<f64>) -> [f64; 3] {
+        [0, 1, 2].map(|d| ((a[d] - b[d]) / self.length[d]).powi(2))
+    }
+}
+
+/// Data of one component in scaled units.
+#[derive(Debug, Clone)]
+pub(crate) struct Data {
+    pub(crate) points: Vec<Vector3<f64>>,
+    pub(crate) values: Vec<f64>,
+    /// Declared noise variance of each value, where there is one.
+    pub(crate) declared: Option<Vec<f64>>,
+    pub(crate) kernel: Kernel,
+    pub(crate) trend: Trend,
+}
+
+/// A covariance matrix that cannot be factored.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct NotPositiveDefinite;
+
+/// Everything that follows from the covariance at one set of parameters.
+pub(crate) struct Factored {
+    pub(crate) factor: Llt<f64>,
+    /// K⁻¹H (n × p).
+    pub(crate) whitened_trend: Mat<f64>,
+    /// (HᵀK⁻¹H)⁻¹ (p × p).
+    pub(crate) trend_covariance: Mat<f64>,
+    /// Coefficients of the trend.
+    pub(crate) coefficients: Vec<f64>,
+    /// Py = K⁻¹(y − Hβ).
+    pub(crate) weights: Vec<f64>,
+    /// −2 L, without the constant (n − p) ln 2π.
+    pub(crate) minus_two_log: f64,
+}
+
+impl Data {
+    /// Covariance matrix of the values.
+    fn covariance(&self, parameters: &Scaled) -> Mat<f64> {
+        let count = self.points.len();
+        let variance = parameters.signal * parameters.signal;
+        let mut matrix = Mat::zeros(count, count);
+        for column in 0..count {
+            for row in column..count {
+                let squares = parameters.squares(&self.points[row], &self.points[column]);
+                let value = variance * self.kernel.correlation(squares);
+                matrix[(row, column)] = value;
+                matrix[(column, row)] = value;
+            }
+            let noise = parameters.noise.map_or(0.0, |noise| noise * noise);
+            matrix[(column, column)] += noise + self.declared.as_ref().map_or(0.0, |list| list[column]);
+        }
+        matrix
+    }
+
+    /// Columns of the trend (n × p).
+    fn trend_columns(&self) -> Mat<f64> {
+        let rows: Vec<Vec<f64>> = self.points.iter().map(|point| self.trend.row(point)).collect();
+        Mat::from_fn(rows.len(), rows.first().map_or(0, Vec::len), |i, j| rows[i][j])
+    }
+
+    /// Factors the covariance and finds trend and weights.
+    pub(crate) fn factored(&self, parameters: &Scaled) -> Result<Factored, NotPositiveDefinite> {
+        let count = self.points.len();
+        let factor = Llt::new(self.covariance(parameters).as_ref(), Side::Lower).map_err(|_| NotPositiveDefinite)?;
+        let columns = self.trend_columns();
+        let whitened_trend = factor.solve(&columns);
+        let values = Mat::from_fn(count, 1, |row, _| self.values[row]);
+        let mut minus_two_log = log_determinant(&factor, count);
+        let (trend_covariance, coefficients) = if columns.ncols() == 0 {
+            (Mat::zeros(0, 0), Mat::zeros(0, 1))
+        } else {
+            let information = columns.transpose() * &whitened_trend;
+            let trend = Llt::new(information.as_ref(), Side::Lower).map_err(|_| NotPositiveDefinite)?;
+            minus_two_log += log_determinant(&trend, columns.ncols());
+            (trend.inverse(), trend.solve(&(whitened_trend.transpose() * &values)))
+        };
+        let residual = &values - &columns * &coefficients;
+        let weights = factor.solve(&residual);
+        minus_two_log += (0..count).map(|k| residual[(k, 0)] * weights[(k, 0)]).sum::<f64>();
+        if !minus_two_log.is_finite() {
+            return Err(NotPositiveDefinite);
+        }
+        let list = |column: &Mat<f64>| (0..column.nrows()).map(|k| column[(k, 0)]).collect();
+        let (coefficients, weights) = (list(&coefficients), list(&weights));
+        Ok(Factored { factor, whitened_trend, trend_covariance, coefficients, weights, minus_two_log })
+    }
+
+    /// −2 L and its gradient by the logarithms of the parameters.
+    pub(crate) fn minus_two_log(&self, logarithms: &[f64]) -> Result<(f64, Vec<f64>), NotPositiveDefinite> {
+        let parameters = Scaled::from_logarithms(logarithms);
+        let factored = self.factored(&parameters)?;
+        let projector = factored.projector();
+        let mut gradient = vec![0.0; logarithms.len()];
+        let variance = parameters.signal * parameters.signal;
+        let weights = &factored.weights;
+        for column in 0..self.points.len() {
+            let own = projector[(column, column)] - weights[column] * weights[column];
+            gradient[0] += 2.0 * variance * own;
+            if let Some(noise) = parameters.noise {
+                gradient[4] += 2.0 * noise * noise * own;
+            }
+            let mut below = [0.0; 4];
+            for row in column + 1..self.points.len() {
+                let squares = parameters.squares(&self.points[row], &self.points[column]);
+                let (correlation, slope) = self.kernel.with_derivative(squares);
+                let share = projector[(row, column)] - weights[row] * weights[column];
+                below[0] += 2.0 * share * correlation;
+                for d in 0..3 {
+                    below[d + 1] += share * slope * squares[d];
+                }
+            }
+            // Each entry below the diagonal stands for itself and its mirror image.
+            for (entry, sum) in gradient.iter_mut().zip(below) {
+                *entry += 2.0 * variance * sum;
+            }
+        }
+        Ok((factored.minus_two_log, gradient))
+    }
+}
+
+impl Factored {
+    /// P = K⁻¹ − K⁻¹H(HᵀK⁻¹H)⁻¹HᵀK⁻¹.
+    pub(crate) fn projector(&self) -> Mat<f64> {
+        let inverse = self.factor.inverse();
+        if self.whitened_trend.ncols() == 0 {
+            return inverse;
+        }
+        inverse - &self.whitened_trend * &self.trend_covariance * self.whitened_trend.transpose()
+    }
+}
+
+fn log_determinant(factor: &Llt<f64>, size: usize) -> f64 {
+    (0..size).map(|k| 2.0 * factor.L()[(k, k)].ln()).sum()
+}
