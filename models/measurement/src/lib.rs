@@ -8,6 +8,7 @@ pub mod campaign;
 pub mod free_network;
 pub mod instrument;
 mod least_squares;
+pub mod multilateration;
 pub mod probe_pose;
 pub mod sphere;
 pub mod tracker;
