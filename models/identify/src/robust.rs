@@ -13,7 +13,7 @@ const CUT: f64 = 6.0;
 const MEDIAN_OF_NORMAL: f64 = 0.674_489_750_196_081_7;
 
 /// Robust standard deviation of the standardised residuals; 0 for none.
-pub(crate) fn scale(standardised: &[f64]) -> f64 {
+pub fn scale(standardised: &[f64]) -> f64 {
     let mut magnitudes: Vec<f64> = standardised.iter().map(|z| z.abs()).collect();
     if magnitudes.is_empty() {
         return 0.0;
@@ -24,7 +24,7 @@ pub(crate) fn scale(standardised: &[f64]) -> f64 {
 }
 
 /// Weight of each reading from its residual divided by `u` (declared) and by `scale` (found).
-pub(crate) fn weights(standardised: &[f64], scale: f64) -> Vec<f64> {
+pub fn weights(standardised: &[f64], scale: f64) -> Vec<f64> {
     let weight = |z: &f64| {
         let excess = ((z.abs() / scale - FULL) / (CUT - FULL)).max(0.0);
         if excess < 1.0 { (1.0 - excess * excess).powi(2) } else { 0.0 }

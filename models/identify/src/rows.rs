@@ -113,7 +113,7 @@ impl<'a> Rows<'a> {
 }
 
 /// Geometry, effects, then x, y, z, dead path of each station.
-fn parameters_of(model: &MachineModel) -> Vec<f64> {
+pub(crate) fn parameters_of(model: &MachineModel) -> Vec<f64> {
     let parts = model.parts();
     let effects = parts.effects.iter().flat_map(|fitted| &fitted.parameters);
     let mut parameters: Vec<f64> = parts.coefficients.iter().chain(effects).copied().collect();
@@ -137,11 +137,7 @@ pub fn residuals_of(
     let parts = model.parts();
     let terms: Vec<EffectTerm> = parts.effects.iter().map(EffectTerm::of).collect();
     crate::term::check(&terms, campaign)?;
-    let known = |k: u32| parts.stations.get(k as usize).map(|s| &s.name) == campaign.stations.get(k as usize);
-    if let Some(reading) = campaign.readings.iter().position(|r| !known(r.station)) {
-        let index = campaign.readings[reading].station;
-        return Err(IdentifyError::Dangling { reading: reading + 1, what: "station", index });
-    }
+    crate::term::check_stations(model, campaign)?;
     let setup = Setup { machine: &parts.machine, layout: model.layout(), instrument, terms: &terms };
     Ok(residuals(&Estimate { setup, campaign, parameters: &parameters_of(model) }))
 }

@@ -11,7 +11,7 @@ use abbe_geometry::effects::{
     range_columns,
 };
 use abbe_geometry::machine::Machine;
-use abbe_geometry::model::FittedEffect;
+use abbe_geometry::model::{FittedEffect, MachineModel};
 use abbe_measurement::campaign::Campaign;
 use std::sync::Arc;
 
@@ -93,6 +93,19 @@ impl CampaignRow<'_> {
         let station = &self.campaign.stations[reading.station as usize];
         let line = &self.campaign.lines[reading.line as usize];
         range_columns(effect, count, &state, &Sight { station, line, ray }, by_error)
+    }
+}
+
+/// Refuses a campaign whose stations are not those of the model, in its order.
+pub(crate) fn check_stations(model: &MachineModel, campaign: &Campaign) -> Result<(), IdentifyError> {
+    let stations = &model.parts().stations;
+    let known = |k: u32| stations.get(k as usize).map(|s| &s.name) == campaign.stations.get(k as usize);
+    match campaign.readings.iter().position(|r| !known(r.station)) {
+        None => Ok(()),
+        Some(reading) => {
+            let index = campaign.readings[reading].station;
+            Err(IdentifyError::Dangling { reading: reading + 1, what: "station", index })
+        }
     }
 }
 

@@ -22,4 +22,4 @@ pub mod verification;
 pub use error::SimulationError;
 pub use machine::{Axis, MachineTruth, TruthRecipe, VirtualMachine};
 pub use simulate::{ReadingStream, Simulated, SimulatedReading, SimulationConfig, simulate_campaign};
-pub use verification::{verification_points, verification_points_with};
+pub use verification::{actual_points_m, verification_points, verification_points_with};

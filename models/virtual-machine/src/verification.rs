@@ -16,6 +16,8 @@ use crate::simulate::{COVARIATES, SimulationConfig, covariates, disturbance, mom
 /// Rest between the end of the campaign and the first point, and time from point to point (s).
 const REST_S: f64 = 2100.0;
 const STEP_S: f64 = 20.0;
+/// Feed before a stop at a pose that is asked for (m/s).
+const SLOW_M_S: f64 = 0.02;
 /// Largest turn (rad) and shift (m) of a frame of its own, each component.
 const FRAME_TURN_RAD: f64 = 100e-6;
 const FRAME_SHIFT_M: f64 = 100e-6;
@@ -109,6 +111,38 @@ pub fn verification_points_with(
         time_s += STEP_S;
     }
     Ok(out)
+}
+
+/// True tip positions (m, machine frame) at these poses (axis reading and tip offset, m) on the day of the verification,
+/// each axis approached in its + direction without load.
+///
+/// # Errors
+/// Names the key of the first setting that makes no sense.
+pub fn actual_points_m(
+    config: &SimulationConfig,
+    poses: &[([f64; 3], [f64; 3])],
+) -> Result<Vec<[f64; 3]>, SimulationError> {
+    let machine = config.checked_machine()?;
+    let environment = Environment::new(&config.environment, config.seed);
+    let time_s = config.plan.targets().last().map_or(0.0, |t| t.time_s) + REST_S;
+    let state = environment.state(time_s);
+    let actual = |(reading_m, offset_m): &([f64; 3], [f64; 3])| {
+        let target = Target {
+            station: 0,
+            line: 0,
+            first_of_station: false,
+            time_s,
+            reading_m: *reading_m,
+            offset_m: *offset_m,
+            direction: [1.0; 3],
+            feed_m_s: SLOW_M_S,
+            acceleration_m_s2: [0.0; 3],
+            load_kg: 0.0,
+        };
+        let extra = disturbance(&config.effects, &moment_of(&target, &config.machine, state));
+        machine.disturbed_point_m(*reading_m, *offset_m, &extra)
+    };
+    Ok(poses.iter().map(actual).collect())
 }
 
 /// A random standstill within the strokes, approached and loaded like some line of the plan.
