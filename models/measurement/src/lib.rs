@@ -6,6 +6,7 @@
 pub mod alignment;
 pub mod campaign;
 pub mod free_network;
+pub mod guideway;
 pub mod instrument;
 mod least_squares;
 pub mod multilateration;
