@@ -11,12 +11,14 @@ struct ReadmeExample;
 pub mod effects;
 pub mod environment;
 pub mod error;
+pub mod guideway;
 pub mod instrument;
 pub mod length_test;
 pub mod machine;
 pub mod plan;
 mod random;
 pub mod simulate;
+pub mod sphere_scan;
 pub mod verification;
 
 pub use error::SimulationError;

@@ -23,6 +23,9 @@ pub(crate) enum Purpose {
     Undescribed = 10,
     ReflectorOffset = 11,
     LengthTest = 12,
+    SphereScan = 13,
+    Head = 14,
+    Tracker = 15,
 }
 
 /// The generator of one purpose under one seed.
