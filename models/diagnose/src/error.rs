@@ -4,6 +4,7 @@
 
 use abbe_geometry::effects::{CovariateProblem, EffectError};
 use abbe_identify::IdentifyError;
+use abbe_measurement::probe_pose::ProbePoseError;
 use thiserror::Error;
 
 /// Why a diagnosis could not be made.
@@ -18,6 +19,9 @@ pub enum DiagnoseError {
     /// The campaign lacks a covariate that the model's effects need.
     #[error("the campaign cannot be judged with the model's effects: {0}")]
     Covariate(#[from] CovariateProblem),
+    /// Sphere centres that do not give the probe's pose.
+    #[error(transparent)]
+    ProbePose(#[from] ProbePoseError),
     /// Columns that depend on each other, or a covariance that is none.
     #[error("the fit's own columns depend on each other, so nothing can be projected off them; measure a richer plan")]
     Singular,

@@ -2,9 +2,9 @@
 
 #![allow(clippy::unwrap_used, clippy::panic)] // helpers of tests may
 
-use abbe_diagnose::study::five_axis::ProbePose;
 use abbe_diagnose::study::runs::Approach;
 use abbe_files::{read_residual_vectors, read_runs, read_sphere_centres, read_sphere_centres_file};
+use abbe_measurement::probe_pose::{ProbePose, ProbePoseModel};
 use std::path::Path;
 
 const CENTRES: &str = "a_deg,c_deg,d_mm,x_mm,y_mm,z_mm,u_um";
@@ -36,7 +36,7 @@ fn val_zhang_2016_the_shipped_centres_give_the_sphere_of_plain_least_squares() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../launch-config/data/zhang2016_centres.csv");
     let file = read_sphere_centres_file(&path).unwrap();
     assert_eq!(file.rows.len(), 10);
-    let centre_mm = ProbePose::fit(&file.rows).unwrap().centre_m * 1e3;
+    let centre_mm = ProbePose::fit(&file.rows, ProbePoseModel::NINE).unwrap().centre_m * 1e3;
     for (found, expected) in centre_mm.iter().zip([-398.677719, -340.600360, -864.734832]) {
         assert!((found - expected).abs() < 2e-6, "{found} {expected}");
     }

@@ -52,7 +52,9 @@ pub(super) fn by_position(points: &[TargetPoint]) -> Result<Vec<Run<'_>>, Guidew
         }
         let seen = Seen { point_m: point.point_m, covariance_m2: point.covariance_m2 };
         match runs.iter_mut().find(|run| run.position_m == position_m) {
-            Some(run) => drop(run.targets.insert(&point.target, seen)),
+            Some(run) => {
+                run.targets.insert(&point.target, seen);
+            }
             None => runs.push(Run { position_m, targets: BTreeMap::from([(point.target.as_str(), seen)]) }),
         }
     }

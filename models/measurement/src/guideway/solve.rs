@@ -121,7 +121,7 @@ pub(super) fn whitening(covariance_m2: &Matrix3<f64>) -> Matrix3<f64> {
     covariance_m2.cholesky().and_then(|factor| factor.l().try_inverse()).unwrap_or_else(Matrix3::identity)
 }
 
-/// [I, −[p]×], whitened: how Δ depends on δ and ε (eq. 9).
+/// \[I, −\[p\]×\], whitened: how Δ depends on δ and ε (eq. 9).
 pub(super) fn design<'a>(arms: impl ExactSizeIterator<Item = (&'a Vector3<f64>, &'a Matrix3<f64>)>) -> DMatrix<f64> {
     let mut matrix = DMatrix::zeros(3 * arms.len(), 6);
     for (i, (arm_m, whitening)) in arms.enumerate() {

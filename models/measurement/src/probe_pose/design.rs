@@ -17,7 +17,7 @@ pub fn head_in_machine(a_rad: f64, c_rad: f64) -> Matrix3<f64> {
     c_in_machine(c_rad) * Matrix3::new(1.0, 0.0, 0.0, 0.0, cosine, -sine, 0.0, sine, cosine)
 }
 
-/// [I, −d·R, −R]: how S1 depends on S0, R_p and T_p (eq. 6), for R = R_C·R_A and distance d (m).
+/// \[I, −d·R, −R\]: how S1 depends on S0, R_p and T_p (eq. 6), for R = R_C·R_A and distance d (m).
 pub fn centre_rows(head_in_machine: &Matrix3<f64>, distance_m: f64) -> SMatrix<f64, 3, 9> {
     let mut rows = SMatrix::<f64, 3, 9>::zeros();
     rows.fixed_view_mut::<3, 3>(0, 0).copy_from(&Matrix3::identity());

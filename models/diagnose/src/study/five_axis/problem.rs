@@ -6,9 +6,9 @@
 //! (Montgomery, Design and Analysis of Experiments, chapter 14). The nine unknowns come from all centres, and are at their
 //! best for the flaws at every point of linearisation.
 
+use super::SphereCentre;
 use super::chain::{Acts, Flaws, Pose, point};
 use super::effects::{Known, REGISTRY};
-use super::{ProbePose, SphereCentre};
 use crate::error::DiagnoseError;
 use crate::linear::Linear;
 use crate::score::{Score, score};
@@ -17,12 +17,11 @@ use crate::study::diagnosis::Untestable;
 use crate::study::fit::Fit;
 use abbe_geometry::Vector3;
 use abbe_geometry::effects::ParameterSpec;
+use abbe_measurement::probe_pose::{self, ProbePose, ProbePoseModel};
 use faer::Mat;
 
 /// Assumed where no uncertainty is declared (m); only ratios matter then.
 const ASSUMED_M: f64 = 1e-6;
-/// Angles closer than this are one pose (rad).
-const SAME_RAD: f64 = 1e-6;
 const FEWEST_POSES: usize = 4;
 
 /// All that is measured.
@@ -41,7 +40,7 @@ pub(super) struct Spheres {
 
 impl Spheres {
     pub(super) fn new(centres: &[SphereCentre]) -> Result<Spheres, DiagnoseError> {
-        check(centres)?;
+        ProbePose::fit(centres, ProbePoseModel::NINE)?;
         let pose = |c: &SphereCentre| Pose {
             a_rad: c.a_rad,
             c_rad: c.c_rad,
@@ -51,34 +50,22 @@ impl Spheres {
         let is_declared = centres.iter().all(|centre| centre.u_m.is_some());
         let sigma = |c: &SphereCentre| if is_declared { c.u_m.unwrap_or(ASSUMED_M) } else { ASSUMED_M };
         let poses: Vec<Pose> = centres.iter().map(pose).collect();
-        let groups = groups(&poses);
+        let groups = probe_pose::poses(centres);
         if groups.len() < FEWEST_POSES {
-            return Err(data(
-                format!("the centres come from {} poses of A and C, at least {FEWEST_POSES} are needed", groups.len()),
-                "measure the sphere at further angles",
-            ));
+            return Err(DiagnoseError::Data {
+                problem: format!(
+                    "the centres come from {} poses of A and C, at least {FEWEST_POSES} are needed",
+                    groups.len()
+                ),
+                remedy: "measure the sphere at further angles".to_owned(),
+            });
         }
         let blocks = (0..groups.len()).map(|k| vec![3 * k, 3 * k + 1, 3 * k + 2]).collect();
         let parts: Vec<(&'static Known, &'static [usize])> =
             REGISTRY.iter().flat_map(|known| known.groups.iter().map(move |group| (known, *group))).collect();
         let candidates = parts.iter().map(|(known, group)| candidate(known, group)).collect();
         let sigma_m = centres.iter().map(sigma).collect();
-        let spheres = Spheres { poses, sigma_m, is_declared, groups, blocks, candidates, parts };
-        spheres.probe_pose()?;
-        Ok(spheres)
-    }
-
-    /// The base model without any flaw.
-    pub(super) fn probe_pose(&self) -> Result<ProbePose, DiagnoseError> {
-        let (unknowns, linear) = self.base_fit(&[])?;
-        let three = |k: usize| Vector3::new(unknowns[k], unknowns[k + 1], unknowns[k + 2]);
-        let residual = |k: usize| Vector3::from_fn(|d, _| linear.residuals()[3 * k + d] * self.sigma_m[k]);
-        Ok(ProbePose {
-            centre_m: three(0),
-            direction: three(3),
-            zero_m: three(6),
-            residuals_m: (0..self.poses.len()).map(residual).collect(),
-        })
+        Ok(Spheres { poses, sigma_m, is_declared, groups, blocks, candidates, parts })
     }
 
     fn flaws(&self, pose: &Pose, added: &[(usize, Vec<f64>)]) -> Flaws {
@@ -100,14 +87,11 @@ impl Spheres {
         let (mut columns, mut observed) = (Mat::zeros(rows, 9), vec![0.0; rows]);
         for (i, pose) in self.poses.iter().enumerate() {
             let at = point(pose, &self.flaws(pose, added), &Vector3::zeros(), &Vector3::zeros());
+            let own = probe_pose::centre_rows(&at.turn, at.distance_m);
             for d in 0..3 {
                 let weight = 1.0 / self.sigma_m[i];
                 observed[3 * i + d] = (pose.reading_m[d] + at.constant_m[d]) * weight;
-                columns[(3 * i + d, d)] = weight;
-                for k in 0..3 {
-                    columns[(3 * i + d, 3 + k)] = -at.distance_m * at.turn[(d, k)] * weight;
-                    columns[(3 * i + d, 6 + k)] = -at.turn[(d, k)] * weight;
-                }
+                (0..9).for_each(|k| columns[(3 * i + d, k)] = own[(d, k)] * weight);
             }
         }
         (columns, observed)
@@ -116,12 +100,7 @@ impl Spheres {
     /// The nine unknowns at their best for these flaws.
     fn base_fit(&self, added: &[(usize, Vec<f64>)]) -> Result<(Vec<f64>, Linear), DiagnoseError> {
         let (columns, observed) = self.base(added);
-        let (linear, unknowns) = Linear::least_squares(columns, &observed).map_err(|_| {
-            data(
-                "the poses do not determine sphere centre, probe direction and probe zero".to_owned(),
-                "measure at two distances or more, and at A angles of both signs with at least two C angles",
-            )
-        })?;
+        let (linear, unknowns) = Linear::least_squares(columns, &observed)?;
         Ok((unknowns, linear))
     }
 
@@ -268,37 +247,4 @@ fn candidate(known: &'static Known, group: &[usize]) -> Candidate {
         parameters: group.iter().map(spec).collect(),
         decided_by: known.decided_by.to_owned(),
     }
-}
-
-/// Centres at the same angles.
-fn groups(poses: &[Pose]) -> Vec<Vec<usize>> {
-    let mut first: Vec<(f64, f64)> = Vec::new();
-    let mut groups: Vec<Vec<usize>> = Vec::new();
-    for (i, pose) in poses.iter().enumerate() {
-        let same = |(a, c): &(f64, f64)| (a - pose.a_rad).abs() < SAME_RAD && (c - pose.c_rad).abs() < SAME_RAD;
-        let k = first.iter().position(same).unwrap_or_else(|| {
-            first.push((pose.a_rad, pose.c_rad));
-            groups.push(Vec::new());
-            groups.len() - 1
-        });
-        groups[k].push(i);
-    }
-    groups
-}
-
-fn check(centres: &[SphereCentre]) -> Result<(), DiagnoseError> {
-    for (k, centre) in centres.iter().enumerate() {
-        let [x, y, z] = centre.centre_m;
-        if ![centre.a_rad, centre.c_rad, centre.distance_m, x, y, z].iter().all(|value| value.is_finite()) {
-            return Err(data(format!("centre {} holds a figure that is not finite", k + 1), "remove or correct it"));
-        }
-        if centre.u_m.is_some_and(|u| !(u.is_finite() && u > 0.0)) {
-            return Err(data(format!("centre {} has an uncertainty that is not above zero", k + 1), "correct it"));
-        }
-    }
-    Ok(())
-}
-
-fn data(problem: String, remedy: &str) -> DiagnoseError {
-    DiagnoseError::Data { problem, remedy: remedy.to_owned() }
 }
