@@ -64,7 +64,7 @@ pub fn read_residual_vectors_file(path: &Path) -> Result<StudyFile<ResidualVecto
     read_residual_vectors(input, &file)
 }
 
-fn open(path: &Path) -> Result<(File, String), FileError> {
+pub(crate) fn open(path: &Path) -> Result<(File, String), FileError> {
     let file = path.display().to_string();
     let input = File::open(path).map_err(FileError::io(&file, "open the data"))?;
     Ok((input, file))
@@ -172,7 +172,7 @@ fn strangers(header: &Header, is_known: impl Fn(&str) -> bool) -> Vec<(usize, St
 }
 
 /// All rows of a file, at least one.
-fn rows<R: Read, T>(
+pub(crate) fn rows<R: Read, T>(
     mut source: CsvSource<R>,
     mut read: impl FnMut(&Row) -> Result<T, FileError>,
 ) -> Result<StudyFile<T>, FileError> {
@@ -189,27 +189,27 @@ fn rows<R: Read, T>(
 }
 
 /// One row with its place.
-struct Row<'a> {
+pub(crate) struct Row<'a> {
     header: &'a Header,
     record: &'a ByteRecord,
     line: u64,
 }
 
 impl Row<'_> {
-    fn number(&self, column: usize) -> Result<f64, FileError> {
+    pub(crate) fn number(&self, column: usize) -> Result<f64, FileError> {
         self.header.number(self.record, column, self.line, NUMBER_REMEDY)
     }
 
-    fn place(&self, column: usize) -> Place {
+    pub(crate) fn place(&self, column: usize) -> Place {
         self.header.cell(self.line, column)
     }
 
-    fn three(&self, columns: [usize; 3], per_m: f64) -> Result<[f64; 3], FileError> {
+    pub(crate) fn three(&self, columns: [usize; 3], per_m: f64) -> Result<[f64; 3], FileError> {
         Ok([self.number(columns[0])? / per_m, self.number(columns[1])? / per_m, self.number(columns[2])? / per_m])
     }
 
     /// A standard uncertainty (m).
-    fn positive(&self, column: usize, per_m: f64) -> Result<f64, FileError> {
+    pub(crate) fn positive(&self, column: usize, per_m: f64) -> Result<f64, FileError> {
         let value = self.number(column)?;
         if value > 0.0 {
             return Ok(value / per_m);
@@ -227,11 +227,11 @@ impl Row<'_> {
         self.record.get(column).unwrap_or_default().trim_ascii().is_empty()
     }
 
-    fn optional(&self, column: Option<usize>) -> Result<Option<f64>, FileError> {
+    pub(crate) fn optional(&self, column: Option<usize>) -> Result<Option<f64>, FileError> {
         column.filter(|column| !self.is_empty(*column)).map(|column| self.number(column)).transpose()
     }
 
-    fn text(&self, column: usize) -> Result<String, FileError> {
+    pub(crate) fn text(&self, column: usize) -> Result<String, FileError> {
         let cell = self.record.get(column).unwrap_or_default().trim_ascii();
         let text = std::str::from_utf8(cell).ok().filter(|text| !text.is_empty());
         text.map(str::to_owned).ok_or_else(|| {
@@ -239,7 +239,7 @@ impl Row<'_> {
         })
     }
 
-    fn whole(&self, column: usize) -> Result<i64, FileError> {
+    pub(crate) fn whole(&self, column: usize) -> Result<i64, FileError> {
         let text = self.text(column)?;
         text.parse().map_err(|_| {
             let problem = format!("{text:?} is not a whole number");

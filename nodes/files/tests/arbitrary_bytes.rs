@@ -2,19 +2,34 @@
 
 #![allow(clippy::unwrap_used, clippy::panic)] // helpers of tests may
 
-use abbe_files::{ModelFile, PointRow, PointsReader, machine_text, parse_machine, read_campaign};
+use abbe_files::{
+    ModelFile, PointRow, PointsReader, SeenTarget, machine_text, parse_machine, read_campaign, read_guideway,
+    read_sphere_centres,
+};
 use proptest::collection::vec;
 use proptest::prelude::*;
 
 const BRIDGE: &str = include_str!("../../../launch-config/machines/bridge_xyz.toml");
 const CAMPAIGN: &str = "station,line,time_s,x_mm,y_mm,z_mm,offset_x_mm,offset_y_mm,offset_z_mm,length_mm,load_kg\n\
                         S1,A,1,600,588,450,0,0,-60,0,1\nS1,A,2,600,574.1,450,0,0,-60,-8.4,\nS2,B,2,1,2,3,0,0,-60,0,2\n";
+const GUIDEWAY: &str = "position_mm,target,range_mm,azimuth_deg,elevation_deg\n0,P,2000,30,-10\n0,Q,2100,31,-9.5\n";
 
 /// Puts every reader to the bytes; what they say does not matter here.
 fn read_all(bytes: &[u8]) {
     let _ = read_campaign(bytes, "fuzz", None);
     let _ = read_campaign(bytes, "fuzz", Some([0.0; 3]));
     let _ = ModelFile::from_bytes(bytes, "fuzz");
+    let _ = read_sphere_centres(bytes, "fuzz");
+    if let Ok(file) = read_guideway(bytes, "fuzz") {
+        let finite = |seen: &SeenTarget| match seen {
+            SeenTarget::Reading(reading) => reading.point_m().iter().all(|v| v.is_finite()),
+            SeenTarget::Point { point_m, .. } => point_m.iter().all(|v| v.is_finite()),
+        };
+        assert!(
+            file.rows.iter().all(|row| row.position_m.is_finite() && finite(&row.seen)),
+            "accepted rows are finite"
+        );
+    }
     if let Ok(text) = std::str::from_utf8(bytes) {
         let _ = parse_machine(text, "fuzz");
     }
@@ -49,8 +64,13 @@ proptest! {
     }
 
     #[test]
-    fn mangled_files_never_panic(campaign in mangled(CAMPAIGN), machine in mangled(BRIDGE)) {
+    fn mangled_files_never_panic(
+        campaign in mangled(CAMPAIGN),
+        machine in mangled(BRIDGE),
+        guideway in mangled(GUIDEWAY),
+    ) {
         read_all(&campaign);
+        read_all(&guideway);
         read_all(&machine);
     }
 
@@ -72,6 +92,27 @@ proptest! {
             prop_assert_eq!(reading.reading_m, [x / 1e3, y / 1e3, z / 1e3]);
             prop_assert_eq!((reading.length_m, reading.time_s), (length / 1e3, k as f64));
             prop_assert_eq!(file.campaign.covariates[0].values[k], *load);
+        }
+    }
+
+    /// Readings of a tracker come back as these numbers, in either unit of the range.
+    #[test]
+    fn tracker_readings_come_back(
+        rows in vec((-1e3f64..1e3, 1e-3f64..4e4, -360f64..360.0, -90f64..90.0), 1..30),
+        metres: bool,
+    ) {
+        let unit = if metres { "m" } else { "mm" };
+        let mut text = format!("elevation_deg,range_{unit},target,azimuth_deg,position_mm\n");
+        for (k, (position, range, azimuth, elevation)) in rows.iter().enumerate() {
+            text += &format!("{elevation},{range},T{k},{azimuth},{position}\n");
+        }
+        let file = read_guideway(text.as_bytes(), "g.csv").unwrap();
+        prop_assert_eq!(file.rows.len(), rows.len());
+        for (row, (position, range, azimuth, elevation)) in file.rows.iter().zip(&rows) {
+            let SeenTarget::Reading(reading) = row.seen else { panic!("a reading") };
+            prop_assert_eq!(row.position_m, position / 1e3);
+            prop_assert_eq!(reading.range_m, if metres { *range } else { range / 1e3 });
+            prop_assert_eq!([reading.azimuth_rad, reading.elevation_rad], [azimuth.to_radians(), elevation.to_radians()]);
         }
     }
 
