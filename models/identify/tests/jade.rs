@@ -150,9 +150,8 @@ fn bad_populations_bounds_and_options_are_refused() {
 }
 
 #[test]
-fn a_perturbed_population_holds_the_estimate_and_scatters_as_asked() {
+fn a_perturbed_population_scatters_about_the_estimate_as_asked() {
     let population = perturbed_population(&[5.0, -2.0], &[0.1, 3.0], 2000, 9).unwrap();
-    assert_eq!(population[0], [5.0, -2.0]);
     for (k, (centre, deviation)) in [(5.0, 0.1), (-2.0, 3.0)].into_iter().enumerate() {
         let square = population.iter().map(|m| (m[k] - centre) * (m[k] - centre)).sum::<f64>() / 2000.0;
         // The variance of 2000 normal deviates scatters by 3 %; five of these.

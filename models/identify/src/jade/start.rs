@@ -26,7 +26,7 @@ pub fn uniform_population(bounds: &Bounds, members: usize, seed: u64) -> Result<
     Ok((0..members).map(|_| member()).collect())
 }
 
-/// The estimate itself, and members about it with a normal deviation for each number.
+/// Members about an estimate with a normal deviation for each number; the estimate itself is none of them.
 ///
 /// # Errors
 /// Lists of different length, or a deviation that is not above zero.
@@ -47,7 +47,7 @@ pub fn perturbed_population(
         let numbers = estimate.iter().zip(deviations);
         numbers.map(|(value, deviation)| value + deviation * generator.sample::<f64, _>(StandardNormal)).collect()
     };
-    Ok((0..members).map(|k| if k == 0 { estimate.to_vec() } else { about() }).collect())
+    Ok((0..members).map(|_| about()).collect())
 }
 
 pub(super) fn check_bounds(bounds: &Bounds) -> Result<(), JadeError> {

@@ -12,6 +12,7 @@ use abbe_geometry::{Axis, Vector3};
 use abbe_identify::points::MeasuredPoint;
 use abbe_virtual_machine::machine::{Roughness, Term};
 use abbe_virtual_machine::{TruthRecipe, VirtualMachine};
+use rand::seq::SliceRandom;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
@@ -35,13 +36,16 @@ pub(super) struct Measurement {
     pub(super) truth: VirtualMachine,
 }
 
-/// Gross errors: a share of the lines is shifted as a whole, as by counts that an interferometer lost.
+/// Gross errors: some lines are shifted as a whole.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Shifted {
     /// Share of the lines.
     pub(super) share: f64,
     /// Length of each line's shift (m); its direction is drawn.
     pub(super) by_m: f64,
+    /// One direction for all, as when an instrument was bumped into; otherwise each line has its own, as when an
+    /// interferometer lost counts.
+    pub(super) together: bool,
 }
 
 impl Measurement {
@@ -75,7 +79,7 @@ impl Measurement {
 fn measure(truth: &VirtualMachine, seed: u64, shifted: Option<Shifted>) -> Vec<MeasuredPoint> {
     let mut generator = ChaCha8Rng::seed_from_u64(seed);
     let paths = paths();
-    let shifts: Vec<Vector3<f64>> = paths.iter().map(|_| shift_m(&mut generator, shifted)).collect();
+    let shifts = shifts_m(&mut generator, paths.len(), shifted);
     let mut points = Vec::new();
     for (line, (from_m, to_m, offset_m)) in paths.into_iter().enumerate() {
         for k in 0..POINTS {
@@ -90,16 +94,21 @@ fn measure(truth: &VirtualMachine, seed: u64, shifted: Option<Shifted>) -> Vec<M
     points
 }
 
-/// The shift of a line: none, or one of the asked length in a drawn direction.
-fn shift_m(generator: &mut ChaCha8Rng, shifted: Option<Shifted>) -> Vector3<f64> {
-    // All is drawn for every line, so that the share does not change which direction belongs to which line.
-    let chance: f64 = generator.random();
-    let mut normal = || generator.sample::<f64, _>(StandardNormal);
-    let direction = Vector3::new(normal(), normal(), normal()).normalize();
-    match shifted {
-        Some(Shifted { share, by_m }) if chance < share => direction * by_m,
-        _ => Vector3::zeros(),
+/// The shift of each line (m), zero for most.
+fn shifts_m(generator: &mut ChaCha8Rng, lines: usize, shifted: Option<Shifted>) -> Vec<Vector3<f64>> {
+    let mut shifts = vec![Vector3::zeros(); lines];
+    let Some(Shifted { share, by_m, together }) = shifted else { return shifts };
+    let mut order: Vec<usize> = (0..lines).collect();
+    order.shuffle(generator);
+    let mut direction = |_: &usize| {
+        let mut normal = || generator.sample::<f64, _>(StandardNormal);
+        Vector3::new(normal(), normal(), normal()).normalize() * by_m
+    };
+    let common = direction(&0);
+    for line in &order[..(share * lines as f64).round() as usize] {
+        shifts[*line] = if together { common } else { direction(line) };
     }
+    shifts
 }
 
 /// A straight path: first and last reading, and the offset (m).
