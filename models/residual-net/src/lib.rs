@@ -1,3 +1,23 @@
-//! The residual network as it runs live and offline.
+//! The residual network as it runs, live and offline: what geometry leaves, predicted from measured residuals nearby.
 //!
-//! Place in the flow: trained parameters in, residual of a point (m, machine frame) with its uncertainty out.
+//! Place in the flow: trained parameters and calibrated points in ([`ResidualModel`]), residual of any point (m, machine
+//! frame, actual − corrected so far) with its covariance out. No framework: plain loops, the same bits everywhere.
+//!
+//! The calibrated points are the lattice. A target is any other point: in training, a measured point that is taken out
+//! of the lattice together with what lies around it, so that no target ever sees itself.
+
+mod calibration;
+mod exponential;
+mod hull;
+mod kriging;
+mod lattice;
+mod model;
+pub mod network;
+mod neighbourhood;
+pub mod record;
+
+pub use calibration::{Calibration, NORMAL_95};
+pub use kriging::{Component, Kriging, KrigingMean};
+pub use lattice::Lattice;
+pub use model::{Ensemble, Kind, ModelError, Parts, ResidualModel, check_units};
+pub use neighbourhood::{Neighbourhood, VERTICES, Vertices, spacing_m};

@@ -1,0 +1,321 @@
+//! Kriging as it runs live: the mean exactly, the variance from the nearest calibrated points.
+//!
+//! Place in the flow: fitted length scales (m) from `abbe_field::kriging` and calibrated residuals (m) in, mean and standard
+//! uncertainty of the field (m) at any point out; on its own, below the network, and as the measure of how far a point lies
+//! from what was measured. Each component: constant trend β, signal s² ρ(Δ/ℓ), noise σ² + u².
+//! Mean β + s² Σ ρ(x, x_i) α_i with α = K⁻¹(y − β) over all points. Variance s² − kᵀA k + (1 − 1ᵀA k)²/(1ᵀA1) over the
+//! [`NEAREST`] points around the nearest one, A = K⁻¹ of these: never below the variance from all points, and it costs the same
+//! however many there are. Source: Rasmussen & Williams 2006, eq. 2.25, 2.41-2.42.
+
+use crate::exponential::exp;
+use abbe_field::MeasuredField;
+use abbe_field::kriging::Kernel;
+use faer::linalg::solvers::{DenseSolveCore, Llt, Solve};
+use faer::{Mat, Side};
+use nalgebra::Vector3;
+
+/// Points that the variance is computed from.
+const NEAREST: usize = 24;
+/// Lengths of arrays are multiples of this, so that loops run in vector registers.
+const LANES: usize = 8;
+
+/// Fitted parameters of one component.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Component {
+    /// Length scales along x, y, z (m).
+    pub length_m: Vector3<f64>,
+    /// Standard deviation of the signal (m).
+    pub signal_m: f64,
+    /// Standard deviation of the noise that is the same for all points (m); 0 where it is all declared.
+    pub noise_m: f64,
+    /// Constant trend β (m).
+    pub trend_m: f64,
+    /// α = K⁻¹(y − β), one a calibrated point (1/m).
+    pub weights_per_m: Vec<f64>,
+}
+
+/// Kriging of three components.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Kriging {
+    /// Covariance of the signal.
+    pub kernel: Kernel,
+    /// x, y, z.
+    pub components: [Component; 3],
+}
+
+impl Kriging {
+    /// The parameters of a fit, solved for a field: the one it was fitted to, or a part of it. The trend is constant. `None` if
+    /// the covariance of the points is not positive definite.
+    pub fn from_fit(fit: &abbe_field::Kriging, kernel: Kernel, field: &MeasuredField) -> Option<Kriging> {
+        let solved = |axis: usize| {
+            let fitted = fit.fitted()[axis].hyperparameters;
+            let component = Component {
+                length_m: Vector3::from(fitted.length_m),
+                signal_m: fitted.signal_m,
+                noise_m: fitted.noise_m.unwrap_or(0.0),
+                trend_m: 0.0,
+                weights_per_m: Vec::new(),
+            };
+            component.solved(kernel, field, axis)
+        };
+        Some(Kriging { kernel, components: [solved(0)?, solved(1)?, solved(2)?] })
+    }
+
+    /// The same parameters solved for another field.
+    pub fn on(&self, field: &MeasuredField) -> Option<Kriging> {
+        let solved = |axis: usize| self.components[axis].clone().solved(self.kernel, field, axis);
+        Some(Kriging { kernel: self.kernel, components: [solved(0)?, solved(1)?, solved(2)?] })
+    }
+
+    /// Variance of the noise of a measurement at each point of a field (m²): fitted, and declared where it is.
+    pub fn noise_m2(&self, field: &MeasuredField, index: usize) -> Vector3<f64> {
+        Vector3::from_fn(|axis, _| self.components[axis].noise(field, axis, index))
+    }
+}
+
+impl Component {
+    /// Trend and weights for these parameters; `None` if the covariance of the points is not positive definite.
+    pub(crate) fn solved(mut self, kernel: Kernel, field: &MeasuredField, axis: usize) -> Option<Component> {
+        let points = field.points_m();
+        let covariance = Mat::from_fn(points.len(), points.len(), |i, j| {
+            self.covariance(kernel, &points[i], &points[j]) + if i == j { self.noise(field, axis, i) } else { 0.0 }
+        });
+        let factor = Llt::new(covariance.as_ref(), Side::Lower).ok()?;
+        let right = Mat::from_fn(points.len(), 2, |i, k| if k == 0 { field.errors_m()[i][axis] } else { 1.0 });
+        let solved = factor.solve(&right);
+        let sum = |k: usize| (0..points.len()).map(|i| solved[(i, k)]).sum::<f64>();
+        self.trend_m = sum(0) / sum(1);
+        self.weights_per_m = (0..points.len()).map(|i| solved[(i, 0)] - self.trend_m * solved[(i, 1)]).collect();
+        let is_finite = self.trend_m.is_finite() && self.weights_per_m.iter().all(|w| w.is_finite());
+        is_finite.then_some(self)
+    }
+
+    fn covariance(&self, kernel: Kernel, a: &Vector3<f64>, b: &Vector3<f64>) -> f64 {
+        let square = (a - b).component_div(&self.length_m).norm_squared();
+        self.signal_m * self.signal_m * correlation(kernel, square)
+    }
+
+    /// Noise variance of a calibrated point (m²).
+    fn noise(&self, field: &MeasuredField, axis: usize, index: usize) -> f64 {
+        self.noise_m * self.noise_m + field.u_m().map_or(0.0, |u| u[index][axis].powi(2))
+    }
+}
+
+/// Correlation at a scaled square distance Σ (Δ_d/ℓ_d)².
+#[inline(always)]
+fn correlation(kernel: Kernel, square: f64) -> f64 {
+    match kernel {
+        Kernel::Matern52 => {
+            let a = (5.0 * square).sqrt();
+            (1.0 + a + a * a * (1.0 / 3.0)) * exp(-a)
+        }
+        Kernel::SquaredExponential => exp(-0.5 * square),
+    }
+}
+
+/// Evaluates the mean of a [`Kriging`].
+#[derive(Debug, Clone)]
+pub struct KrigingMean {
+    kernel: Kernel,
+    components: [Signal; 3],
+}
+
+/// Mean of one component. Calibrated points over the length scales, by coordinate, and their weights; padded with weights
+/// of zero.
+#[derive(Debug, Clone)]
+struct Signal {
+    per_length: Vector3<f64>,
+    trend_m: f64,
+    place: [Vec<f64>; 3],
+    weight_m: Vec<f64>,
+}
+
+impl KrigingMean {
+    /// Prepares the evaluation; the field is the one that the kriging was solved for.
+    pub fn new(kriging: &Kriging, field: &MeasuredField) -> KrigingMean {
+        let components = kriging.components.each_ref().map(|component| Signal::new(component, field));
+        KrigingMean { kernel: kriging.kernel, components }
+    }
+
+    /// Expected residual (m) at a point (m, machine frame).
+    pub fn at(&self, point_m: &Vector3<f64>) -> Vector3<f64> {
+        // The kernel is chosen outside the loops, so that they have no branches.
+        let sum = |signal: &Signal| match self.kernel {
+            Kernel::Matern52 => signal.sum(point_m, |square| correlation(Kernel::Matern52, square)),
+            Kernel::SquaredExponential => signal.sum(point_m, |square| correlation(Kernel::SquaredExponential, square)),
+        };
+        Vector3::from_fn(|axis, _| sum(&self.components[axis]))
+    }
+}
+
+impl Signal {
+    fn new(component: &Component, field: &MeasuredField) -> Signal {
+        let points = field.points_m();
+        let per_length = component.length_m.map(|length| 1.0 / length);
+        let padded = points.len().next_multiple_of(LANES);
+        let place = |axis: usize| (0..padded).map(|k| points.get(k).map_or(0.0, |p| p[axis] * per_length[axis])).collect();
+        let variance_m2 = component.signal_m * component.signal_m;
+        let weight = |k: usize| component.weights_per_m.get(k).map_or(0.0, |w| w * variance_m2);
+        Signal {
+            per_length,
+            trend_m: component.trend_m,
+            place: std::array::from_fn(place),
+            weight_m: (0..padded).map(weight).collect(),
+        }
+    }
+
+    #[inline(always)]
+    fn sum(&self, point_m: &Vector3<f64>, correlation: impl Fn(f64) -> f64) -> f64 {
+        let at = point_m.component_mul(&self.per_length);
+        let mut sums = [0.0; LANES];
+        let [x, y, z] = self.place.each_ref().map(|place| place.chunks_exact(LANES));
+        for (((x, y), z), weight) in x.zip(y).zip(z).zip(self.weight_m.chunks_exact(LANES)) {
+            for lane in 0..LANES {
+                let (dx, dy, dz) = (x[lane] - at.x, y[lane] - at.y, z[lane] - at.z);
+                sums[lane] += correlation(dx * dx + dy * dy + dz * dz) * weight[lane];
+            }
+        }
+        self.trend_m + sums.iter().sum::<f64>()
+    }
+}
+
+/// Evaluates the variance of a [`Kriging`].
+#[derive(Debug, Clone)]
+pub(crate) struct KrigingVariance {
+    kernel: Kernel,
+    components: [Vec<Local>; 3],
+}
+
+/// What the variance of a component near one calibrated point needs.
+#[derive(Debug, Clone)]
+struct Local {
+    per_length: Vector3<f64>,
+    variance_m2: f64,
+    /// Nearest calibrated points over the length scales; what stands in places left over has no effect.
+    place: [[f64; NEAREST]; 3],
+    /// A, row by row.
+    inverse: [[f64; NEAREST]; NEAREST],
+    /// A 1 and 1ᵀA1.
+    row_sums: [f64; NEAREST],
+    total: f64,
+}
+
+impl KrigingVariance {
+    /// Prepares the evaluation; `None` if the covariance of neighbouring points is not positive definite.
+    pub(crate) fn new(kriging: &Kriging, field: &MeasuredField) -> Option<KrigingVariance> {
+        let near = |axis: usize| -> Option<Vec<Local>> {
+            let component = &kriging.components[axis];
+            (0..field.points_m().len()).map(|k| Local::new(kriging.kernel, component, field, axis, k)).collect()
+        };
+        Some(KrigingVariance { kernel: kriging.kernel, components: [near(0)?, near(1)?, near(2)?] })
+    }
+
+    /// Variance of the field (m²) at a point (m) whose nearest calibrated point is `nearest`.
+    pub(crate) fn at(&self, point_m: &Vector3<f64>, nearest: usize) -> Vector3<f64> {
+        Vector3::from_fn(|axis, _| self.components[axis][nearest].variance_m2(self.kernel, point_m))
+    }
+}
+
+impl Local {
+    fn new(kernel: Kernel, component: &Component, field: &MeasuredField, axis: usize, centre: usize) -> Option<Local> {
+        let points = field.points_m();
+        let square = |k: usize| (points[k] - points[centre]).component_div(&component.length_m).norm_squared();
+        let mut near: Vec<(f64, usize)> = (0..points.len()).map(|k| (square(k), k)).collect();
+        let by_distance = |a: &(f64, usize), b: &(f64, usize)| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1));
+        if near.len() > NEAREST {
+            near.select_nth_unstable_by(NEAREST - 1, by_distance);
+            near.truncate(NEAREST);
+        }
+        near.sort_by(by_distance);
+        let covariance = Mat::from_fn(near.len(), near.len(), |i, j| {
+            let noise = if i == j { component.noise(field, axis, near[i].1) } else { 0.0 };
+            component.covariance(kernel, &points[near[i].1], &points[near[j].1]) + noise
+        });
+        let inverse = Llt::new(covariance.as_ref(), Side::Lower).ok()?.inverse();
+        let mut local = Local {
+            per_length: component.length_m.map(|length| 1.0 / length),
+            variance_m2: component.signal_m * component.signal_m,
+            place: [[0.0; NEAREST]; 3],
+            inverse: [[0.0; NEAREST]; NEAREST],
+            row_sums: [0.0; NEAREST],
+            total: 0.0,
+        };
+        for (i, (_, index)) in near.iter().enumerate() {
+            for a in 0..3 {
+                local.place[a][i] = points[*index][a] / component.length_m[a];
+            }
+            for j in 0..near.len() {
+                local.inverse[i][j] = inverse[(i, j)];
+            }
+            local.row_sums[i] = local.inverse[i].iter().sum();
+        }
+        local.total = local.row_sums.iter().sum();
+        (local.total > 0.0 && local.total.is_finite()).then_some(local)
+    }
+
+    fn variance_m2(&self, kernel: Kernel, point_m: &Vector3<f64>) -> f64 {
+        let at = point_m.component_mul(&self.per_length);
+        let mut k = [0.0; NEAREST];
+        for lane in 0..NEAREST {
+            let d = [0, 1, 2].map(|a| self.place[a][lane] - at[a]);
+            k[lane] = self.variance_m2 * correlation(kernel, d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
+        }
+        let mut solved = [0.0; NEAREST];
+        for (row, factor) in self.inverse.iter().zip(k) {
+            for lane in 0..NEAREST {
+                solved[lane] += row[lane] * factor;
+            }
+        }
+        let dot = |a: &[f64; NEAREST], b: &[f64; NEAREST]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+        let open = 1.0 - dot(&self.row_sums, &k);
+        // Rounding may leave less than nothing where the field is known exactly.
+        (self.variance_m2 - dot(&solved, &k)).max(0.0) + open * open / self.total
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::tests::{bent_field, fitted};
+    use crate::neighbourhood::Neighbourhood;
+    use rand::{Rng, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+
+    /// Relative to the field; both solve the same equations, in other units.
+    const MEAN_TOLERANCE: f64 = 1e-7;
+    /// The deviation from the nearest points may be this much larger than from all, on fields as smooth and noisy as these.
+    const WIDER: f64 = 2.0;
+
+    #[test]
+    fn val_abbe_field_mean_is_the_same_and_the_deviation_never_smaller() {
+        for (noise_m, kernel) in [(2e-8, Kernel::Matern52), (4e-7, Kernel::SquaredExponential)] {
+            let field = bent_field(150, noise_m, 3);
+            let (reference, kriging) = fitted(&field, kernel);
+            let (mean, variance) = (KrigingMean::new(&kriging, &field), KrigingVariance::new(&kriging, &field).unwrap());
+            let search = Neighbourhood::new(field.points_m());
+            let mut random = ChaCha8Rng::seed_from_u64(1);
+            for _ in 0..200 {
+                let at = Vector3::from_fn(|_, _| random.random::<f64>() * 0.7 - 0.1);
+                let nearest = search.vertices(&at).unwrap().nearest;
+                let expected = reference.predict(&at);
+                let error = (mean.at(&at) - expected.error_m).norm();
+                assert!(error < MEAN_TOLERANCE * 1e-6, "{at}: {error}");
+                let deviation = variance.at(&at, nearest).map(f64::sqrt);
+                for axis in 0..3 {
+                    let ratio = deviation[axis] / expected.u_m[axis];
+                    assert!((1.0 - 1e-6..WIDER).contains(&ratio), "{at}: {ratio}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn far_from_all_points_the_variance_is_that_of_the_signal_and_its_trend() {
+        let field = bent_field(100, 1e-7, 4);
+        let (_, kriging) = fitted(&field, Kernel::Matern52);
+        let variance = KrigingVariance::new(&kriging, &field).unwrap().at(&Vector3::repeat(1e4), 0);
+        for axis in 0..3 {
+            assert!(variance[axis] > kriging.components[axis].signal_m.powi(2));
+        }
+    }
+}

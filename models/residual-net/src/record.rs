@@ -1,0 +1,370 @@
+//! A residual model as a plain record, and back: what an artifact keeps.
+//!
+//! Place in the flow: the writer of artifacts serialises a [`Record`] without knowing what is in it; the reader hands it back, and
+//! nothing is taken that is missing, of another shape, no number, or not known. Units stand in the names. Values come back
+//! bit for bit (f32 is widened, which is exact), so a model read predicts the same bits as the one written.
+
+use crate::calibration::Calibration;
+use crate::kriging::{Component, Kriging};
+use crate::model::{Ensemble, Kind, ModelError, Parts, ResidualModel};
+use crate::network::{ConfigError, NetworkConfig, Normaliser, Parameters, ParametersError};
+use abbe_field::kriging::Kernel;
+use abbe_field::{FieldError, MeasuredField};
+use nalgebra::Vector3;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use thiserror::Error;
+
+/// Axes, for names.
+const AXES: [&str; 3] = ["x", "y", "z"];
+/// Largest whole number that is taken for a size.
+const LARGEST_SIZE: f64 = 1e6;
+/// Members at most.
+const MOST_MEMBERS: usize = 1000;
+
+/// A model in plain numbers and words, by name.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Record {
+    /// What predicts: "kriging", "network", "kriging-network".
+    pub kind: String,
+    /// Scalars; the unit stands in the name.
+    pub numbers: BTreeMap<String, f64>,
+    /// Words.
+    pub texts: BTreeMap<String, String>,
+    /// Lists and matrices.
+    pub arrays: BTreeMap<String, Array>,
+}
+
+/// An array of any shape, row by row.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Array {
+    /// Length along each direction.
+    pub shape: Vec<usize>,
+    /// As many values as the product of the shape.
+    pub values: Vec<f64>,
+}
+
+/// A record that is no model; the text names the entry.
+#[derive(Debug, Clone, PartialEq, Error)]
+pub enum RecordError {
+    /// A kind that this program does not know.
+    #[error("kind {0:?} is not known; known are kriging, network, kriging-network")]
+    Kind(String),
+    /// An entry is not there.
+    #[error("{0} is missing")]
+    Missing(String),
+    /// An entry that nothing reads.
+    #[error("{0} is not known in a model of this kind; the record is from another version")]
+    Unknown(String),
+    /// A word that this program does not know.
+    #[error("{name} is {found:?}; known are {known}")]
+    Text {
+        /// Entry.
+        name: &'static str,
+        /// What it says.
+        found: String,
+        /// What it may say.
+        known: &'static str,
+    },
+    /// A number that is no size.
+    #[error("{name} is {value}; it must be a whole number")]
+    Size {
+        /// Entry.
+        name: String,
+        /// What it is.
+        value: f64,
+    },
+    /// An array of another shape.
+    #[error("{name} has the shape {found:?} with {values} values; expected {expected}")]
+    Shape {
+        /// Entry.
+        name: String,
+        /// Its shape.
+        found: Vec<usize>,
+        /// Number of its values.
+        values: usize,
+        /// What is expected.
+        expected: String,
+    },
+    /// The calibrated points make no field.
+    #[error("calibrated points: {0}")]
+    Field(#[from] FieldError),
+    /// Network sizes that do not hold.
+    #[error("network: {0}")]
+    Config(#[from] ConfigError),
+    /// Parameters that do not fit.
+    #[error("member {member}: {source}")]
+    Parameters {
+        /// Which.
+        member: usize,
+        /// Why.
+        source: ParametersError,
+    },
+    /// The parts do not fit each other.
+    #[error(transparent)]
+    Model(#[from] ModelError),
+}
+
+impl ResidualModel {
+    /// Everything the model is made of.
+    pub fn to_record(&self) -> Record {
+        let parts = self.parts();
+        let mut record = Record {
+            kind: parts.kind.name().to_owned(),
+            numbers: BTreeMap::new(),
+            texts: BTreeMap::new(),
+            arrays: BTreeMap::new(),
+        };
+        record.vectors("point_m", parts.field.points_m());
+        record.vectors("residual_m", parts.field.errors_m());
+        if let Some(u_m) = parts.field.u_m() {
+            record.vectors("residual_u_m", u_m);
+        }
+        record.array("calibration", vec![3], parts.calibration.scale.iter().copied().collect());
+        record.texts.insert("kernel".into(), kernel_name(parts.kriging.kernel).into());
+        for (axis, component) in AXES.iter().zip(&parts.kriging.components) {
+            record.array(&format!("length_{axis}_m"), vec![3], component.length_m.iter().copied().collect());
+            record.numbers.insert(format!("signal_{axis}_m"), component.signal_m);
+            record.numbers.insert(format!("noise_{axis}_m"), component.noise_m);
+            record.numbers.insert(format!("trend_{axis}_m"), component.trend_m);
+            let weights = component.weights_per_m.clone();
+            record.array(&format!("weights_{axis}_per_m"), vec![weights.len()], weights);
+        }
+        if let Some(ensemble) = &parts.ensemble {
+            record.write_ensemble(ensemble);
+        }
+        record
+    }
+
+    /// The model of a record; every name and shape is checked, and nothing may be left over.
+    pub fn from_record(record: Record) -> Result<ResidualModel, RecordError> {
+        let kind = Kind::ALL.into_iter().find(|kind| kind.name() == record.kind);
+        let kind = kind.ok_or_else(|| RecordError::Kind(record.kind.clone()))?;
+        let mut record = Reader(record);
+        let points_m = record.vectors("point_m")?;
+        let errors_m = record.vectors("residual_m")?;
+        let u_m = if record.0.arrays.contains_key("residual_u_m") { Some(record.vectors("residual_u_m")?) } else { None };
+        let field = MeasuredField::new(points_m, errors_m, u_m)?;
+        let calibration = Calibration { scale: record.vector("calibration")? };
+        let kernel = record.kernel()?;
+        let components = [record.component(0)?, record.component(1)?, record.component(2)?];
+        let ensemble = if kind.has_network() { Some(record.ensemble()?) } else { None };
+        record.is_empty()?;
+        let kriging = Kriging { kernel, components };
+        Ok(ResidualModel::new(Parts { kind, field, kriging, ensemble, calibration })?)
+    }
+}
+
+fn kernel_name(kernel: Kernel) -> &'static str {
+    match kernel {
+        Kernel::Matern52 => "matern-5/2",
+        Kernel::SquaredExponential => "squared-exponential",
+    }
+}
+
+impl Record {
+    fn array(&mut self, name: &str, shape: Vec<usize>, values: Vec<f64>) {
+        self.arrays.insert(name.to_owned(), Array { shape, values });
+    }
+
+    fn vectors(&mut self, name: &str, list: &[Vector3<f64>]) {
+        let values = list.iter().flat_map(|v| [v.x, v.y, v.z]).collect();
+        self.array(name, vec![list.len(), 3], values);
+    }
+
+    fn write_ensemble(&mut self, ensemble: &Ensemble) {
+        let NetworkConfig { width, heads, sigma, attention, weighting, position } = ensemble.config;
+        let flag = |is_on: bool| if is_on { "on" } else { "off" }.to_owned();
+        self.numbers.insert("width".into(), width as f64);
+        self.numbers.insert("heads".into(), heads as f64);
+        self.numbers.insert("sigma_spacings".into(), sigma);
+        self.texts.insert("attention".into(), flag(attention));
+        self.texts.insert("weighting".into(), flag(weighting));
+        self.texts.insert("position".into(), flag(position));
+        self.array("mean_m", vec![3], ensemble.normaliser.mean_m.iter().copied().collect());
+        self.array("scale_m", vec![3], ensemble.normaliser.scale_m.iter().copied().collect());
+        self.numbers.insert("spacing_m".into(), ensemble.normaliser.spacing_m);
+        self.numbers.insert("members".into(), ensemble.members.len() as f64);
+        for (index, member) in ensemble.members.iter().enumerate() {
+            let values: Vec<f64> = member.values().iter().map(|v| f64::from(*v)).collect();
+            self.array(&format!("member_{index}"), vec![values.len()], values);
+        }
+    }
+}
+
+/// A record from which entries are taken one by one.
+struct Reader(Record);
+
+impl Reader {
+    fn number(&mut self, name: &str) -> Result<f64, RecordError> {
+        self.0.numbers.remove(name).ok_or_else(|| RecordError::Missing(name.to_owned()))
+    }
+
+    fn size(&mut self, name: &str) -> Result<usize, RecordError> {
+        let value = self.number(name)?;
+        let is_whole = value.fract() == 0.0 && (0.0..=LARGEST_SIZE).contains(&value);
+        is_whole.then_some(value as usize).ok_or(RecordError::Size { name: name.to_owned(), value })
+    }
+
+    fn text(&mut self, name: &'static str) -> Result<String, RecordError> {
+        self.0.texts.remove(name).ok_or_else(|| RecordError::Missing(name.to_owned()))
+    }
+
+    fn flag(&mut self, name: &'static str) -> Result<bool, RecordError> {
+        match self.text(name)?.as_str() {
+            "on" => Ok(true),
+            "off" => Ok(false),
+            found => Err(RecordError::Text { name, found: found.to_owned(), known: "on, off" }),
+        }
+    }
+
+    fn kernel(&mut self) -> Result<Kernel, RecordError> {
+        let found = self.text("kernel")?;
+        let all = [Kernel::Matern52, Kernel::SquaredExponential];
+        let known = "matern-5/2, squared-exponential";
+        let kernel = all.into_iter().find(|kernel| kernel_name(*kernel) == found);
+        kernel.ok_or(RecordError::Text { name: "kernel", found, known })
+    }
+
+    /// An array whose shape is accepted, for which `expected` is the word.
+    fn array(&mut self, name: &str, fits: impl Fn(&[usize]) -> bool, expected: &str) -> Result<Vec<f64>, RecordError> {
+        let array = self.0.arrays.remove(name).ok_or_else(|| RecordError::Missing(name.to_owned()))?;
+        let size = array.shape.iter().try_fold(1_usize, |size, length| size.checked_mul(*length));
+        if fits(&array.shape) && size == Some(array.values.len()) {
+            return Ok(array.values);
+        }
+        let (name, expected) = (name.to_owned(), expected.to_owned());
+        Err(RecordError::Shape { name, values: array.values.len(), found: array.shape, expected })
+    }
+
+    fn list(&mut self, name: &str) -> Result<Vec<f64>, RecordError> {
+        self.array(name, |shape| shape.len() == 1, "[n]")
+    }
+
+    fn vector(&mut self, name: &str) -> Result<Vector3<f64>, RecordError> {
+        Ok(Vector3::from_column_slice(&self.array(name, |shape| shape == [3], "[3]")?))
+    }
+
+    fn vectors(&mut self, name: &str) -> Result<Vec<Vector3<f64>>, RecordError> {
+        let values = self.array(name, |shape| matches!(shape, [_, 3]), "[n, 3]")?;
+        Ok(values.chunks_exact(3).map(Vector3::from_column_slice).collect())
+    }
+
+    fn component(&mut self, axis: usize) -> Result<Component, RecordError> {
+        let axis = AXES[axis];
+        Ok(Component {
+            length_m: self.vector(&format!("length_{axis}_m"))?,
+            signal_m: self.number(&format!("signal_{axis}_m"))?,
+            noise_m: self.number(&format!("noise_{axis}_m"))?,
+            trend_m: self.number(&format!("trend_{axis}_m"))?,
+            weights_per_m: self.list(&format!("weights_{axis}_per_m"))?,
+        })
+    }
+
+    fn ensemble(&mut self) -> Result<Ensemble, RecordError> {
+        let config = NetworkConfig {
+            width: self.size("width")?,
+            heads: self.size("heads")?,
+            sigma: self.number("sigma_spacings")?,
+            attention: self.flag("attention")?,
+            weighting: self.flag("weighting")?,
+            position: self.flag("position")?,
+        };
+        config.check()?;
+        let normaliser = Normaliser {
+            mean_m: self.vector("mean_m")?,
+            scale_m: self.vector("scale_m")?,
+            spacing_m: self.number("spacing_m")?,
+        };
+        let count = self.size("members")?;
+        let mut members = Vec::new();
+        for member in 0..count.min(MOST_MEMBERS) {
+            // What was widened comes back exactly; anything else is refused as no number of that precision.
+            let values = self.list(&format!("member_{member}"))?.into_iter().map(narrow).collect();
+            let parameters = Parameters::new(&config, values);
+            members.push(parameters.map_err(|source| RecordError::Parameters { member, source })?);
+        }
+        Ok(Ensemble { config, normaliser, members })
+    }
+
+    fn is_empty(&self) -> Result<(), RecordError> {
+        let Record { numbers, texts, arrays, .. } = &self.0;
+        let left = numbers.keys().chain(texts.keys()).chain(arrays.keys()).next();
+        left.map_or(Ok(()), |name| Err(RecordError::Unknown(name.clone())))
+    }
+}
+
+/// The single-precision number that was widened; not a number if there is none.
+fn narrow(value: f64) -> f32 {
+    let narrow = value as f32;
+    if f64::from(narrow) == value { narrow } else { f32::NAN }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::tests::random_model;
+
+    #[test]
+    fn a_model_read_back_predicts_the_same_bits() {
+        for kind in Kind::ALL {
+            let model = random_model(kind, 7);
+            let again = ResidualModel::from_record(model.to_record()).unwrap();
+            assert_eq!(again.to_record(), model.to_record());
+            for k in 0..50 {
+                let at = Vector3::new(f64::from(k) * 0.013, f64::from(k) * 0.011, 0.3);
+                assert_eq!(again.predict(&at), model.predict(&at));
+            }
+        }
+    }
+
+    #[test]
+    fn every_entry_is_needed_and_no_other_is_taken() {
+        let whole = random_model(Kind::KrigingNetwork, 8).to_record();
+        for name in whole.numbers.keys() {
+            let mut record = whole.clone();
+            record.numbers.remove(name);
+            assert_eq!(ResidualModel::from_record(record).unwrap_err(), RecordError::Missing(name.clone()));
+        }
+        for name in whole.texts.keys() {
+            let mut record = whole.clone();
+            record.texts.insert(name.clone(), "of another kind".into());
+            assert!(matches!(ResidualModel::from_record(record), Err(RecordError::Text { .. })), "{name}");
+        }
+        for name in whole.arrays.keys() {
+            let mut record = whole.clone();
+            record.arrays.remove(name);
+            assert_eq!(ResidualModel::from_record(record).unwrap_err(), RecordError::Missing(name.clone()));
+            let mut record = whole.clone();
+            record.arrays.entry(name.clone()).and_modify(|array| array.values.truncate(2));
+            assert!(matches!(ResidualModel::from_record(record), Err(RecordError::Shape { .. })), "{name}");
+        }
+        let mut record = whole.clone();
+        record.numbers.insert("momentum".into(), 1.0);
+        assert_eq!(ResidualModel::from_record(record).unwrap_err(), RecordError::Unknown("momentum".into()));
+        let mut record = whole.clone();
+        record.kind = "kriging".into();
+        assert!(matches!(ResidualModel::from_record(record), Err(RecordError::Unknown(_))));
+        let mut record = whole;
+        record.kind = "oracle".into();
+        assert_eq!(ResidualModel::from_record(record).unwrap_err(), RecordError::Kind("oracle".into()));
+    }
+
+    #[test]
+    fn sizes_that_are_none_and_weights_that_are_no_numbers_are_refused() {
+        let whole = random_model(Kind::Network, 9).to_record();
+        for (name, value) in [("width", 8.5), ("heads", -1.0), ("heads", 3.0), ("members", 1e300), ("width", f64::NAN)] {
+            let mut record = whole.clone();
+            record.numbers.insert(name.into(), value);
+            assert!(ResidualModel::from_record(record).is_err(), "{name} {value}");
+        }
+        for value in [f64::NAN, f64::INFINITY, 0.1] {
+            let mut record = whole.clone();
+            record.arrays.entry("member_1".into()).and_modify(|array| array.values[5] = value);
+            let error = ResidualModel::from_record(record).unwrap_err();
+            assert!(matches!(error, RecordError::Parameters { member: 1, .. }), "{value}: {error}");
+        }
+    }
+}

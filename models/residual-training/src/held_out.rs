@@ -1,0 +1,107 @@
+//! Predictions of points that a model did not learn from.
+//!
+//! Place in the flow: a method and the folds in; for each point its error (predicted − measured, m) and stated deviation (m) out.
+//! Each fold is predicted by a model of the other folds' points, with the very function that runs live. The deviation is
+//! that of the difference to a measurement: field and noise.
+
+use crate::recommend::Candidate;
+use crate::train::{HeldOutPoint, TrainingError, ZERO};
+use abbe_field::MeasuredField;
+use abbe_residual_net::{Calibration, Ensemble, Kind, Kriging, NORMAL_95, Parts, ResidualModel};
+use nalgebra::Vector3;
+
+/// Predictions of one method.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Predicted {
+    /// What predicted.
+    pub(crate) kind: Kind,
+    /// Fold of each point.
+    pub(crate) fold: Vec<usize>,
+    /// Predicted − measured (m); none where nothing was trained for the fold.
+    pub(crate) errors_m: Vec<Option<Vector3<f64>>>,
+    /// Stated standard deviation of the error (m), before calibration.
+    pub(crate) deviations_m: Vec<Option<Vector3<f64>>>,
+}
+
+/// Predicts each fold from the others. Member k of an ensemble predicts fold k.
+pub(crate) fn predict(
+    field: &MeasuredField,
+    kriging: &Kriging,
+    fold: &[usize],
+    kind: Kind,
+    ensemble: Option<&Ensemble>,
+) -> Result<Predicted, TrainingError> {
+    let folds = fold.iter().max().map_or(0, |last| last + 1);
+    let trained = ensemble.map_or(folds, |ensemble| ensemble.members.len());
+    let mut predicted = Predicted {
+        kind,
+        fold: fold.to_vec(),
+        errors_m: vec![None; fold.len()],
+        deviations_m: vec![None; fold.len()],
+    };
+    for held in 0..folds.min(trained) {
+        let rest: Vec<usize> = (0..fold.len()).filter(|k| fold[*k] != held).collect();
+        let part = field.part(&rest).map_err(crate::views::ViewError::from)?;
+        let kriging = kriging.on(&part).ok_or(TrainingError::NotPositiveDefinite)?;
+        let ensemble = ensemble.map(|e| Ensemble { members: vec![e.members[held].clone()], ..e.clone() });
+        let parts = Parts { kind, field: part, kriging: kriging.clone(), ensemble, calibration: Calibration::none() };
+        let model = ResidualModel::new(parts)?;
+        for index in (0..fold.len()).filter(|k| fold[*k] == held) {
+            let found = model.predict(&field.points_m()[index]);
+            let variance = found.covariance_m2.diagonal() + kriging.noise_m2(field, index);
+            predicted.errors_m[index] = Some(found.residual_m - field.errors_m()[index]);
+            predicted.deviations_m[index] = Some(variance.map(f64::sqrt));
+        }
+    }
+    Ok(predicted)
+}
+
+impl Predicted {
+    /// Errors with their deviations (m).
+    pub(crate) fn pairs(&self) -> Vec<(Vector3<f64>, Vector3<f64>)> {
+        self.errors_m.iter().zip(&self.deviations_m).filter_map(|(e, u)| Some(((*e)?, (*u)?))).collect()
+    }
+
+    /// Predictions with their calibrated uncertainty.
+    pub(crate) fn points(&self, field: &MeasuredField, calibration: &Calibration) -> Vec<HeldOutPoint> {
+        let one = |index: usize| {
+            Some(HeldOutPoint {
+                index,
+                predicted_m: self.errors_m[index]? + field.errors_m()[index],
+                u_m: self.deviations_m[index]?.component_mul(&calibration.scale),
+            })
+        };
+        (0..self.fold.len()).filter_map(one).collect()
+    }
+
+    /// Share of components within their 95 % interval when each fold is scaled by factors found on the others.
+    pub(crate) fn coverage_95(&self) -> Option<f64> {
+        let folds = self.fold.iter().max()? + 1;
+        let (mut held, mut within) = (0_usize, 0_usize);
+        for fold in 0..folds {
+            let of = |wanted: &dyn Fn(usize) -> bool| -> Vec<(Vector3<f64>, Vector3<f64>)> {
+                let all = self.fold.iter().zip(self.errors_m.iter().zip(&self.deviations_m));
+                all.filter(|(f, _)| wanted(**f)).filter_map(|(_, (e, u))| Some(((*e)?, (*u)?))).collect()
+            };
+            let (own, others) = (of(&|f| f == fold), of(&|f| f != fold));
+            let Some(calibration) = Calibration::from_held_out(&others) else { continue };
+            for (error, deviation) in own {
+                let half = deviation.component_mul(&calibration.scale) * NORMAL_95;
+                within += (0..3).filter(|axis| error[*axis].abs() <= half[*axis]).count();
+                held += 3;
+            }
+        }
+        (held > 0).then(|| within as f64 / held as f64)
+    }
+}
+
+/// Methods with their errors at some points, "zero" first; each must have predicted these points.
+pub(crate) fn candidates(field: &MeasuredField, predicted: &[Predicted], points: &[usize]) -> Vec<Candidate> {
+    let zero = points.iter().map(|k| -field.errors_m()[*k]).collect();
+    let of = |p: &Predicted| Candidate {
+        method: p.kind.name().to_owned(),
+        errors_m: points.iter().filter_map(|k| p.errors_m[*k]).collect(),
+    };
+    let zero = Candidate { method: ZERO.to_owned(), errors_m: zero };
+    std::iter::once(zero).chain(predicted.iter().map(of)).collect()
+}

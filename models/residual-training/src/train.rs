@@ -1,0 +1,458 @@
+//! One training: measured residuals in, a model with calibrated uncertainty and the evidence for it out.
+//!
+//! Place in the flow: called by the command that trains; what comes out is what runs live. Points m in the machine frame,
+//! residual = actual − corrected so far (m).
+//!
+//! 1. Kriging: length scales, signal and noise by restricted likelihood, for two kernels; the likelier is kept.
+//! 2. The points are dealt into folds, by default of blocks of space. Of each kind of network, member k learns from all folds
+//!    but k and k + 1; fold k + 1 says when to stop, and fold k is not seen.
+//! 3. Each method predicts each fold from the points of the others (a network: member k predicts fold k). These errors
+//!    decide which method is recommended, and scale its deviations so that 95 % intervals hold 95 %.
+//! 4. The model: all points as the lattice, all members as an ensemble.
+//!
+//! The two things that held-out points do influence are the parameters of kriging (five a component) and the units of the
+//! network (mean and deviation of the residuals).
+
+use crate::attention::Attention;
+use crate::config::{Config, ConfigRange, Split};
+use crate::held_out::{self, Predicted};
+use crate::optimise::{OptimiseError, Run, Training};
+use crate::recommend::{Recommendation, recommend};
+use crate::scores::Scores;
+use crate::split;
+use crate::views::{Material, ViewError, normaliser};
+use abbe_field::MeasuredField;
+use abbe_field::kriging::{Kernel, KrigingError, Noise, Options, Trend};
+use abbe_residual_net::network::{Normaliser, Parameters, ParametersError};
+use abbe_residual_net::{Calibration, Ensemble, Kind, Kriging, ModelError, Parts, ResidualModel, check_units};
+use burn::tensor::Device;
+use nalgebra::Vector3;
+use serde::{Deserialize, Serialize};
+use thiserror::Error;
+
+/// Name of the method that predicts no residual at all.
+pub const ZERO: &str = "zero";
+
+/// Whether to go on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Go {
+    /// On.
+    On,
+    /// Stop here and keep the best so far.
+    Stop,
+}
+
+/// How far a training is; told after each epoch.
+#[derive(Debug)]
+pub struct Progress<'a> {
+    /// Kind in training.
+    pub kind: Kind,
+    /// Member, from 0, counted over all kinds.
+    pub member: usize,
+    /// Members of all kinds.
+    pub members: usize,
+    /// Epoch of the member, from 0.
+    pub epoch: usize,
+    /// Epochs at most.
+    pub epochs: usize,
+    /// Mean squared error of the epoch, in units of the network squared.
+    pub training_loss: f64,
+    /// The same on the validation fold.
+    pub validation_loss: f64,
+    /// Best validation loss of the member so far.
+    pub best_validation_loss: f64,
+    /// What a later call needs to go on from here.
+    pub state: &'a State,
+}
+
+/// A stopped training: plain numbers.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct State {
+    /// Configuration it was started with.
+    pub config: Config,
+    /// Fingerprint of the data.
+    pub data: u64,
+    /// Members begun, in order; all but the last are done.
+    pub runs: Vec<Run>,
+}
+
+/// Loss curves of one member.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Curve {
+    /// Kind: "network" or "kriging-network".
+    pub kind: String,
+    /// Member of the kind, which is also the fold that it does not see.
+    pub member: usize,
+    /// Training loss of each epoch, in units of the network squared.
+    pub training_loss: Vec<f64>,
+    /// Validation loss before the first epoch and after each.
+    pub validation_loss: Vec<f64>,
+    /// Epochs after which the parameters were found that were kept.
+    pub best_epoch: usize,
+}
+
+/// Figures of a method on held-out folds.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct HeldOutScores {
+    /// Method.
+    pub method: String,
+    /// Points that were held out and predicted.
+    pub points: usize,
+    /// Its figures.
+    pub scores: Scores,
+    /// Share of components within their 95 % interval, each fold with the factors found on the others; none for "zero".
+    pub coverage_95: Option<f64>,
+}
+
+/// How a model came about.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TrainingRecord {
+    /// Configuration, with seed and split.
+    pub config: Config,
+    /// Points learnt from.
+    pub points: usize,
+    /// Whether the split flatters: single points instead of blocks.
+    pub flattering: bool,
+    /// Kernel of kriging.
+    pub kernel: String,
+    /// Loss curves.
+    pub curves: Vec<Curve>,
+    /// Figures on held-out folds.
+    pub held_out: Vec<HeldOutScores>,
+    /// What they recommend.
+    pub recommendation: Recommendation,
+    /// Kind of the model that was made.
+    pub kind: String,
+    /// Whether all members were trained to their end.
+    pub complete: bool,
+}
+
+/// What a training gives.
+#[derive(Debug, Clone)]
+pub struct Trained {
+    /// The model.
+    pub model: ResidualModel,
+    /// The evidence.
+    pub record: TrainingRecord,
+    /// To go on from, if it was stopped.
+    pub state: State,
+    /// Each held-out point as the method of the model predicted it; points of folds that a stopped training did not reach
+    /// are left out.
+    pub held_out: Vec<HeldOutPoint>,
+}
+
+/// Prediction of a point that was held out.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct HeldOutPoint {
+    /// Index of the point in the data.
+    pub index: usize,
+    /// Predicted residual (m).
+    pub predicted_m: Vector3<f64>,
+    /// Standard uncertainty of predicted − measured (m), calibrated: of field and measurement.
+    pub u_m: Vector3<f64>,
+}
+
+/// Why there is no model.
+#[derive(Debug, Clone, PartialEq, Error)]
+pub enum TrainingError {
+    /// Configuration out of range.
+    #[error("configuration: {0}")]
+    Config(#[from] ConfigRange),
+    /// Kriging has no fit.
+    #[error("kriging: {0}")]
+    Kriging(#[from] KrigingError),
+    /// Covariance without an inverse.
+    #[error("kriging: the covariance of the points is not positive definite")]
+    NotPositiveDefinite,
+    /// A fold leaves too little.
+    #[error("{0}")]
+    View(#[from] ViewError),
+    /// A member cannot be trained.
+    #[error("{kind}, member {member}: {source}")]
+    Member {
+        /// Kind.
+        kind: &'static str,
+        /// Member.
+        member: usize,
+        /// Why.
+        source: OptimiseError,
+    },
+    /// Parameters that are none.
+    #[error("trained parameters: {0}")]
+    Parameters(#[from] ParametersError),
+    /// The parts make no model.
+    #[error("{0}")]
+    Model(#[from] ModelError),
+    /// A state of something else.
+    #[error("the state to go on from was made with another {0}; start the training anew")]
+    State(&'static str),
+    /// Nothing held out, or errors of exactly zero.
+    #[error("{0}: held-out predictions give no scale for the uncertainty; are all residuals equal?")]
+    NoCalibration(&'static str),
+}
+
+/// Trains on a CPU. `resume` is the state of a stopped training of the same data and configuration; the result is the
+/// same, bit for bit, as without the stop. `observe` is told after each epoch and says whether to go on.
+pub fn train(
+    field: &MeasuredField,
+    config: &Config,
+    resume: Option<State>,
+    observe: &mut dyn FnMut(&Progress) -> Go,
+) -> Result<Trained, TrainingError> {
+    config.check()?;
+    check_units(field)?;
+    let data = fingerprint(field);
+    let mut state = resume.unwrap_or(State { config: config.clone(), data, runs: Vec::new() });
+    if state.config != *config {
+        return Err(TrainingError::State("configuration"));
+    }
+    if state.data != data {
+        return Err(TrainingError::State("set of residuals"));
+    }
+    let kriging = fitted_kriging(field)?;
+    let fold = split::folds(field.points_m(), &config.split, config.seed);
+    let kinds = config.method.kinds();
+    let networks: Vec<Kind> = kinds.iter().copied().filter(|kind| kind.has_network()).collect();
+    let mut ensembles = Vec::new();
+    let mut complete = true;
+    for (number, kind) in networks.iter().enumerate() {
+        let task = Task { field, config, kriging: &kriging, fold: &fold, kind: *kind, number, kinds: networks.len() };
+        let (ensemble, done) = task.ensemble(&mut state, observe)?;
+        ensembles.push((*kind, ensemble));
+        complete = done;
+        if !done {
+            break;
+        }
+    }
+    finish(field, config, &kriging, &fold, ensembles, state, complete)
+}
+
+/// Kriging with the likelier kernel, on all points.
+pub(crate) fn fitted_kriging(field: &MeasuredField) -> Result<Kriging, TrainingError> {
+    let noise = if field.u_m().is_some() { Noise::DeclaredAndFitted } else { Noise::Fitted };
+    let fit = |kernel| abbe_field::Kriging::fit(field, &Options { kernel, trend: Trend::Constant, noise });
+    let likelihood = |fit: &abbe_field::Kriging| fit.fitted().iter().map(|c| c.log_likelihood).sum::<f64>();
+    let matern = fit(Kernel::Matern52)?;
+    // The smoother kernel may be too smooth to be factored: then the other one is the likelier.
+    let smooth = fit(Kernel::SquaredExponential).ok();
+    let better = smooth.filter(|smooth| likelihood(smooth) > likelihood(&matern));
+    let (kernel, fit) = match better {
+        Some(smooth) => (Kernel::SquaredExponential, smooth),
+        None => (Kernel::Matern52, matern),
+    };
+    Kriging::from_fit(&fit, kernel, field).ok_or(TrainingError::NotPositiveDefinite)
+}
+
+/// Training of one kind of network.
+struct Task<'a> {
+    field: &'a MeasuredField,
+    config: &'a Config,
+    kriging: &'a Kriging,
+    fold: &'a [usize],
+    kind: Kind,
+    number: usize,
+    kinds: usize,
+}
+
+impl Task<'_> {
+    /// All members, or those until it was stopped.
+    fn ensemble(
+        &self,
+        state: &mut State,
+        observe: &mut dyn FnMut(&Progress) -> Go,
+    ) -> Result<(Ensemble, bool), TrainingError> {
+        let folds = self.config.split.folds;
+        let normaliser = self.normaliser()?;
+        let mut members = Vec::new();
+        let mut done = true;
+        for member in 0..folds {
+            done = self.member(member, &normaliser, state, observe)?;
+            let run = &state.runs[self.number * folds + member];
+            members.push(Parameters::new(&self.config.network, run.best.clone())?);
+            if !done {
+                break;
+            }
+        }
+        Ok((Ensemble { config: self.config.network, normaliser, members }, done))
+    }
+
+    fn material<'b>(&'b self, normaliser: &'b Normaliser) -> Material<'b> {
+        Material {
+            kind: self.kind,
+            field: self.field,
+            kriging: self.kriging,
+            config: &self.config.network,
+            normaliser,
+            split: &self.config.split,
+        }
+    }
+
+    /// Units of what this kind of network learns.
+    fn normaliser(&self) -> Result<Normaliser, TrainingError> {
+        let own = normaliser(self.field.points_m(), self.field.errors_m());
+        if self.kind == Kind::Network {
+            return Ok(own);
+        }
+        let all: Vec<usize> = (0..self.fold.len()).collect();
+        let left = self.material(&own).left_by_kriging(&all, self.config.seed)?;
+        Ok(normaliser(self.field.points_m(), &left))
+    }
+
+    /// Trains one member to its end, or until it is stopped.
+    fn member(
+        &self,
+        member: usize,
+        normaliser: &Normaliser,
+        state: &mut State,
+        observe: &mut dyn FnMut(&Progress) -> Go,
+    ) -> Result<bool, TrainingError> {
+        let folds = self.config.split.folds;
+        let place = self.number * folds + member;
+        let is_over = |state: &State| state.runs.get(place).is_some_and(|run| run.is_over(&self.config.optimiser));
+        if is_over(state) {
+            return Ok(true);
+        }
+        let failed = |source| TrainingError::Member { kind: self.kind.name(), member, source };
+        let stopping = (member + 1) % folds;
+        let of = |wanted: &dyn Fn(usize) -> bool| (0..self.fold.len()).filter(|k| wanted(self.fold[*k])).collect::<Vec<_>>();
+        let (training, validation) = (of(&|f| f != member && f != stopping), of(&|f| f == stopping));
+        let seed = seed_of(self.config.seed, place);
+        let examples = self.material(normaliser).examples(&training, &validation, seed)?;
+        let network = Attention { config: self.config.network, starts_at_zero: self.kind == Kind::KrigingNetwork };
+        let device = Device::flex();
+        let training = Training::new(&network, &examples, &self.config.optimiser, seed, &device).map_err(failed)?;
+        if state.runs.len() == place {
+            state.runs.push(training.start().map_err(failed)?);
+        }
+        while !is_over(state) {
+            let run = state.runs.get_mut(place).ok_or(TrainingError::State("order of members"))?;
+            training.epoch(run).map_err(failed)?;
+            let run = &state.runs[place];
+            let last = |list: &[f64]| list.last().copied().unwrap_or(f64::NAN);
+            let progress = Progress {
+                kind: self.kind,
+                member: place,
+                members: self.kinds * folds,
+                epoch: run.epochs().saturating_sub(1),
+                epochs: self.config.optimiser.epochs,
+                training_loss: last(&run.training_loss),
+                validation_loss: last(&run.validation_loss),
+                best_validation_loss: run.best_loss(),
+                state,
+            };
+            if observe(&progress) == Go::Stop {
+                return Ok(is_over(state) && place + 1 == self.kinds * folds);
+            }
+        }
+        Ok(true)
+    }
+}
+
+/// Judges, chooses, calibrates, assembles.
+fn finish(
+    field: &MeasuredField,
+    config: &Config,
+    kriging: &Kriging,
+    fold: &[usize],
+    ensembles: Vec<(Kind, Ensemble)>,
+    state: State,
+    complete: bool,
+) -> Result<Trained, TrainingError> {
+    let mut predicted = Vec::new();
+    if config.method.kinds().contains(&Kind::Kriging) {
+        predicted.push(held_out::predict(field, kriging, fold, Kind::Kriging, None)?);
+    }
+    for (kind, ensemble) in &ensembles {
+        predicted.push(held_out::predict(field, kriging, fold, *kind, Some(ensemble))?);
+    }
+    let block = split::blocks(field.points_m(), &config.split);
+    let (recommendation, kind) = choose(field, &predicted, &block, config);
+    let chosen = predicted.iter().find(|p| p.kind == kind).ok_or(TrainingError::NoCalibration(kind.name()))?;
+    let calibration =
+        Calibration::from_held_out(&chosen.pairs()).ok_or(TrainingError::NoCalibration(kind.name()))?;
+    let held_out = chosen.points(field, &calibration);
+    let record = TrainingRecord {
+        config: config.clone(),
+        points: fold.len(),
+        flattering: config.split.is_flattering(),
+        kernel: format!("{:?}", kriging.kernel),
+        curves: curves(&state, &config.split, &ensembles),
+        held_out: held_out_scores(field, &predicted),
+        recommendation,
+        kind: kind.name().to_owned(),
+        complete,
+    };
+    let ensemble = ensembles.into_iter().find(|(k, _)| *k == kind).map(|(_, ensemble)| ensemble);
+    let parts = Parts { kind, field: field.clone(), kriging: kriging.clone(), ensemble, calibration };
+    Ok(Trained { model: ResidualModel::new(parts)?, record, state, held_out })
+}
+
+/// What held-out points recommend among everything that predicted them, and the kind to make. Where "zero" is recommended
+/// and a model was asked for all the same, the kind is the best of those trained.
+fn choose(field: &MeasuredField, predicted: &[Predicted], block: &[usize], config: &Config) -> (Recommendation, Kind) {
+    // A stopped training has not predicted all folds with all methods: they compete on the points they share.
+    let shared: Vec<usize> = (0..block.len()).filter(|k| predicted.iter().all(|p| p.errors_m[*k].is_some())).collect();
+    let candidates = held_out::candidates(field, predicted, &shared);
+    let blocks: Vec<usize> = shared.iter().map(|k| block[*k]).collect();
+    let nothing = || Recommendation { method: ZERO.into(), why: "no point was held out".into() };
+    let recommendation = recommend(&candidates, &blocks).unwrap_or_else(nothing);
+    let among_kinds = recommend(&candidates[1..], &blocks);
+    let named = |name: &str| config.method.kinds().iter().copied().find(|kind| kind.name() == name);
+    let kind = among_kinds.and_then(|found| named(&found.method)).unwrap_or(config.method.kinds()[0]);
+    (recommendation, kind)
+}
+
+fn held_out_scores(field: &MeasuredField, predicted: &[Predicted]) -> Vec<HeldOutScores> {
+    let all: Vec<usize> = (0..field.points_m().len()).collect();
+    let zero = held_out::candidates(field, &[], &all).remove(0).errors_m;
+    let zero = Scores::of(&zero).map(|scores| HeldOutScores {
+        method: ZERO.into(),
+        points: zero.len(),
+        scores,
+        coverage_95: None,
+    });
+    let one = |p: &Predicted| {
+        let errors: Vec<_> = p.errors_m.iter().flatten().copied().collect();
+        let scores = Scores::of(&errors)?;
+        let method = p.kind.name().to_owned();
+        Some(HeldOutScores { method, points: errors.len(), scores, coverage_95: p.coverage_95() })
+    };
+    zero.into_iter().chain(predicted.iter().filter_map(one)).collect()
+}
+
+fn curves(state: &State, split: &Split, ensembles: &[(Kind, Ensemble)]) -> Vec<Curve> {
+    let one = |(place, run): (usize, &Run)| {
+        let (kind, _) = ensembles.get(place / split.folds)?;
+        Some(Curve {
+            kind: kind.name().to_owned(),
+            member: place % split.folds,
+            training_loss: run.training_loss.clone(),
+            validation_loss: run.validation_loss.clone(),
+            best_epoch: run.best_epoch,
+        })
+    };
+    state.runs.iter().enumerate().filter_map(one).collect()
+}
+
+/// A seed of its own for each member (splitmix64).
+pub(crate) fn seed_of(seed: u64, place: usize) -> u64 {
+    let mut mixed = seed.wrapping_add((place as u64 + 1).wrapping_mul(0x9E37_79B9_7F4A_7C15));
+    mixed = (mixed ^ (mixed >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+    mixed = (mixed ^ (mixed >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+    mixed ^ (mixed >> 31)
+}
+
+/// FNV-1a over the bits of all numbers: tells whether a state belongs to the data, no more.
+fn fingerprint(field: &MeasuredField) -> u64 {
+    let lists = [Some(field.points_m()), Some(field.errors_m()), field.u_m()];
+    let numbers = lists.into_iter().flatten().flatten().flat_map(|v| [v.x, v.y, v.z]);
+    let step = |hash: u64, byte: u8| (hash ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01B3);
+    numbers.flat_map(|n| n.to_bits().to_le_bytes()).fold(0xCBF2_9CE4_8422_2325, step)
+}
+
+#[cfg(test)]
+mod tests;
