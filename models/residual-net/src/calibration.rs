@@ -45,7 +45,8 @@ mod tests {
 
     #[test]
     fn the_factor_makes_the_interval_hold_95_of_100() {
-        let held_out: Vec<_> = (1..=99).map(|k| (Vector3::repeat(f64::from(k)), Vector3::new(1.0, 2.0, 10.0))).collect();
+        let held_out: Vec<_> =
+            (1..=99).map(|k| (Vector3::repeat(f64::from(k)), Vector3::new(1.0, 2.0, 10.0))).collect();
         let scale = Calibration::from_held_out(&held_out).unwrap().scale;
         assert!((scale * NORMAL_95 - Vector3::new(95.0, 47.5, 9.5)).norm() < 1e-12);
     }

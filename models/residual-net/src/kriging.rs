@@ -153,7 +153,8 @@ impl Signal {
         let points = field.points_m();
         let per_length = component.length_m.map(|length| 1.0 / length);
         let padded = points.len().next_multiple_of(LANES);
-        let place = |axis: usize| (0..padded).map(|k| points.get(k).map_or(0.0, |p| p[axis] * per_length[axis])).collect();
+        let place =
+            |axis: usize| (0..padded).map(|k| points.get(k).map_or(0.0, |p| p[axis] * per_length[axis])).collect();
         let variance_m2 = component.signal_m * component.signal_m;
         let weight = |k: usize| component.weights_per_m.get(k).map_or(0.0, |w| w * variance_m2);
         Signal {
@@ -291,7 +292,8 @@ mod tests {
         for (noise_m, kernel) in [(2e-8, Kernel::Matern52), (4e-7, Kernel::SquaredExponential)] {
             let field = bent_field(150, noise_m, 3);
             let (reference, kriging) = fitted(&field, kernel);
-            let (mean, variance) = (KrigingMean::new(&kriging, &field), KrigingVariance::new(&kriging, &field).unwrap());
+            let (mean, variance) =
+                (KrigingMean::new(&kriging, &field), KrigingVariance::new(&kriging, &field).unwrap());
             let search = Neighbourhood::new(field.points_m());
             let mut random = ChaCha8Rng::seed_from_u64(1);
             for _ in 0..200 {

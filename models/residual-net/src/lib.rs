@@ -12,8 +12,8 @@ mod hull;
 mod kriging;
 mod lattice;
 mod model;
-pub mod network;
 mod neighbourhood;
+pub mod network;
 pub mod record;
 
 pub use calibration::{Calibration, NORMAL_95};

@@ -152,7 +152,12 @@ impl ResidualModel {
     }
 
     /// Mean of the members (m) and the variance of a single one about it (m²).
-    fn evaluate(&self, ensemble: &Ensemble, point_m: &Vector3<f64>, vertices: &Vertices) -> (Vector3<f64>, Vector3<f64>) {
+    fn evaluate(
+        &self,
+        ensemble: &Ensemble,
+        point_m: &Vector3<f64>,
+        vertices: &Vertices,
+    ) -> (Vector3<f64>, Vector3<f64>) {
         let tokens = self.lattice.tokens(&ensemble.config, &ensemble.normaliser, point_m, vertices);
         let count = self.members.len() as f64;
         let (mut sum, mut squares) = (Vector3::zeros(), Vector3::zeros());
@@ -209,7 +214,9 @@ pub enum ModelError {
     #[error("the covariance of neighbouring calibrated points is not positive definite; fit kriging with more noise")]
     NotPositiveDefinite,
     /// Residuals that no machine has.
-    #[error("a residual of {largest_m} m: residuals are in metres, and above {LARGEST_RESIDUAL_M} m they are no residuals")]
+    #[error(
+        "a residual of {largest_m} m: residuals are in metres, and above {LARGEST_RESIDUAL_M} m they are no residuals"
+    )]
     Unit {
         /// Largest component (m).
         largest_m: f64,

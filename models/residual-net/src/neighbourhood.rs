@@ -219,7 +219,9 @@ mod tests {
     #[test]
     fn the_quick_search_finds_what_trying_all_points_finds() {
         let mut random = ChaCha8Rng::seed_from_u64(5);
-        for (points, seed) in [(lattice(6, 0.1), 1), (scattered(300, 1), 2), (scattered(40, 2), 3), (scattered(1, 4), 4)] {
+        for (points, seed) in
+            [(lattice(6, 0.1), 1), (scattered(300, 1), 2), (scattered(40, 2), 3), (scattered(1, 4), 4)]
+        {
             let search = Neighbourhood::new(&points);
             for _ in 0..500 {
                 let target = Vector3::from_fn(|_, _| random.random::<f64>() * 1.2 - 0.2);

@@ -145,7 +145,8 @@ impl ResidualModel {
         let mut record = Reader(record);
         let points_m = record.vectors("point_m")?;
         let errors_m = record.vectors("residual_m")?;
-        let u_m = if record.0.arrays.contains_key("residual_u_m") { Some(record.vectors("residual_u_m")?) } else { None };
+        let u_m =
+            if record.0.arrays.contains_key("residual_u_m") { Some(record.vectors("residual_u_m")?) } else { None };
         let field = MeasuredField::new(points_m, errors_m, u_m)?;
         let calibration = Calibration { scale: record.vector("calibration")? };
         let kernel = record.kernel()?;
@@ -355,7 +356,8 @@ mod tests {
     #[test]
     fn sizes_that_are_none_and_weights_that_are_no_numbers_are_refused() {
         let whole = random_model(Kind::Network, 9).to_record();
-        for (name, value) in [("width", 8.5), ("heads", -1.0), ("heads", 3.0), ("members", 1e300), ("width", f64::NAN)] {
+        for (name, value) in [("width", 8.5), ("heads", -1.0), ("heads", 3.0), ("members", 1e300), ("width", f64::NAN)]
+        {
             let mut record = whole.clone();
             record.numbers.insert(name.into(), value);
             assert!(ResidualModel::from_record(record).is_err(), "{name} {value}");

@@ -19,12 +19,16 @@ fn lattice_m(per_axis: usize) -> Vec<Vector3<f64>> {
 }
 
 fn print(name: &str, tables: &[Comparison]) {
-    println!("\n{name}\nmethod                mse_um2   mae_um    p95_um  worst_um   train_s  predict_us   of kriging's mse");
+    println!(
+        "\n{name}\nmethod                mse_um2   mae_um    p95_um  worst_um   train_s  predict_us   of kriging's mse"
+    );
     let mean = |values: Vec<f64>| values.iter().sum::<f64>() / values.len() as f64;
-    let kriging = tables.iter().filter_map(|t| t.rows.iter().find(|r| r.rival == Rival::Kriging)?.mse_um2.map(|m| m.mean));
+    let kriging =
+        tables.iter().filter_map(|t| t.rows.iter().find(|r| r.rival == Rival::Kriging)?.mse_um2.map(|m| m.mean));
     let kriging: Vec<f64> = kriging.collect();
     for rival in &tables[0].config.rivals {
-        let rows: Vec<_> = tables.iter().filter_map(|t| t.rows.iter().find(|r| r.rival == *rival)?.seeds.first()).collect();
+        let rows: Vec<_> =
+            tables.iter().filter_map(|t| t.rows.iter().find(|r| r.rival == *rival)?.seeds.first()).collect();
         if rows.len() < tables.len() {
             println!("{:20}  no answer at some points", rival.name());
             continue;

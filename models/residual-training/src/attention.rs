@@ -54,7 +54,8 @@ impl Network for Attention {
         let matrix = |range: &Range<usize>, rows: usize| -> Tensor<2> {
             parameters.clone().slice([range.clone()]).reshape([rows, range.len() / rows])
         };
-        let split = |rows: Tensor<2>| -> Tensor<4> { rows.reshape([batch, VERTICES, heads, head_width]).swap_dims(1, 2) };
+        let split =
+            |rows: Tensor<2>| -> Tensor<4> { rows.reshape([batch, VERTICES, heads, head_width]).swap_dims(1, 2) };
         let tokens = inputs.reshape([batch * VERTICES, TOKEN_SIZE]);
         let embedded = tokens.matmul(matrix(&layout.embedding, TOKEN_SIZE)) + matrix(&layout.embedding_bias, 1);
         let values = embedded.clone().matmul(matrix(&layout.value, d));
@@ -67,7 +68,8 @@ impl Network for Attention {
             values
         };
         let mixed = mixed.matmul(matrix(&layout.mixing, d)) + matrix(&layout.mixing_bias, 1);
-        mixed.reshape([batch, VERTICES * d]).matmul(matrix(&layout.output, VERTICES * d)) + matrix(&layout.output_bias, 1)
+        mixed.reshape([batch, VERTICES * d]).matmul(matrix(&layout.output, VERTICES * d))
+            + matrix(&layout.output_bias, 1)
     }
 }
 

@@ -29,7 +29,8 @@ pub(crate) fn pretrained(positions: &[f32], seed: u64) -> Perceptron {
         // The first layer learnt from (x + 1)/2, the network sees x: half the weights, and the other half into the bias.
         let halved = if number == 0 { 0.5 } else { 1.0 };
         start.extend(machine.weights.iter().flatten().map(|w| (w * halved) as f32));
-        let shift = |h: usize| if number == 0 { machine.weights.iter().map(|row| row[h]).sum::<f64>() / 2.0 } else { 0.0 };
+        let shift =
+            |h: usize| if number == 0 { machine.weights.iter().map(|row| row[h]).sum::<f64>() / 2.0 } else { 0.0 };
         start.extend((0..width).map(|h| (machine.hidden_bias[h] + shift(h)) as f32));
         visible = visible.iter().map(|v| machine.hidden(v)).collect();
     }
@@ -98,7 +99,8 @@ mod tests {
     #[test]
     fn a_machine_learns_to_reproduce_its_data() {
         // Two patterns: what is dreamt from either is nearer to it than to the other.
-        let data: Vec<Vec<f64>> = (0..200).map(|k| if k % 2 == 0 { vec![0.9, 0.1, 0.9] } else { vec![0.1, 0.9, 0.1] }).collect();
+        let data: Vec<Vec<f64>> =
+            (0..200).map(|k| if k % 2 == 0 { vec![0.9, 0.1, 0.9] } else { vec![0.1, 0.9, 0.1] }).collect();
         let machine = Machine::train(&data, 16, &mut ChaCha8Rng::seed_from_u64(1));
         for pattern in &data[..2] {
             let dreamt = machine.visible(&machine.hidden(pattern));

@@ -363,7 +363,9 @@ impl<'a> Trial<'a> {
             }
             Rival::Perceptron => Ok(self.on_position(Perceptron::plain(WIDTH))?),
             Rival::ResidualPerceptron => Ok(self.on_position(Perceptron::residual(WIDTH, BLOCKS))?),
-            Rival::Belief => Ok(self.on_position(belief::pretrained(&self.positions(&self.teaching).inputs, self.seed))?),
+            Rival::Belief => {
+                Ok(self.on_position(belief::pretrained(&self.positions(&self.teaching).inputs, self.seed))?)
+            }
             Rival::Swarm => Ok(self.swarm()),
             Rival::Kriging => Ok(self.model(Kind::Kriging)?),
             Rival::Network => Ok(self.model(Kind::Network)?),

@@ -33,12 +33,8 @@ pub(crate) fn predict(
 ) -> Result<Predicted, TrainingError> {
     let folds = fold.iter().max().map_or(0, |last| last + 1);
     let trained = ensemble.map_or(folds, |ensemble| ensemble.members.len());
-    let mut predicted = Predicted {
-        kind,
-        fold: fold.to_vec(),
-        errors_m: vec![None; fold.len()],
-        deviations_m: vec![None; fold.len()],
-    };
+    let mut predicted =
+        Predicted { kind, fold: fold.to_vec(), errors_m: vec![None; fold.len()], deviations_m: vec![None; fold.len()] };
     for held in 0..folds.min(trained) {
         let rest: Vec<usize> = (0..fold.len()).filter(|k| fold[*k] != held).collect();
         let part = field.part(&rest).map_err(crate::views::ViewError::from)?;

@@ -21,10 +21,12 @@ mod views;
 pub use attention::Attention;
 pub use compare::{CompareConfig, Comparison, Interval, Rival, RivalRow, SeedRow, compare};
 pub use config::{Config, ConfigRange, Method, Optimiser, Split, SplitKind};
-pub use perceptron::Perceptron;
 pub use optimise::{Examples, Network, OptimiseError, Run, Training, View, outputs};
+pub use perceptron::Perceptron;
 pub use recommend::{Candidate, Recommendation, recommend};
 pub use scores::Scores;
 pub use split::{blocks, folds};
-pub use train::{Curve, Go, HeldOutPoint, HeldOutScores, Progress, State, Trained, TrainingError, TrainingRecord, ZERO, train};
+pub use train::{
+    Curve, Go, HeldOutPoint, HeldOutScores, Progress, State, Trained, TrainingError, TrainingRecord, ZERO, train,
+};
 pub use views::ViewError;

@@ -161,7 +161,8 @@ mod tests {
         let noise = |character| {
             let field = SimulatedField::new(character, 3);
             let measured = field.measured(points.clone(), 5).unwrap();
-            let differences = points.iter().zip(measured.errors_m()).map(|(p, r)| (field.residual_m(p) - r).norm_squared());
+            let differences =
+                points.iter().zip(measured.errors_m()).map(|(p, r)| (field.residual_m(p) - r).norm_squared());
             (differences.sum::<f64>() / 1200.0).sqrt()
         };
         assert!((noise(Character::Smooth) / NOISE_M - 1.0).abs() < 0.1);

@@ -38,7 +38,8 @@ impl Swarm {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         let training = &examples.training[0];
         let mut draw = |size: f64| -> Vec<f64> { (0..WEIGHTS).map(|_| random.random_range(-size..size)).collect() };
-        let mut particles: Vec<Particle> = (0..PARTICLES).map(|_| Particle::new(draw(START), draw(0.1), training)).collect();
+        let mut particles: Vec<Particle> =
+            (0..PARTICLES).map(|_| Particle::new(draw(START), draw(0.1), training)).collect();
         let mut best = particles[0].best.clone();
         let mut best_value = f64::INFINITY;
         let (mut kept, mut kept_value) = (best.clone(), f64::INFINITY);

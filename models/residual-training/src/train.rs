@@ -318,7 +318,8 @@ impl Task<'_> {
         }
         let failed = |source| TrainingError::Member { kind: self.kind.name(), member, source };
         let stopping = (member + 1) % folds;
-        let of = |wanted: &dyn Fn(usize) -> bool| (0..self.fold.len()).filter(|k| wanted(self.fold[*k])).collect::<Vec<_>>();
+        let of =
+            |wanted: &dyn Fn(usize) -> bool| (0..self.fold.len()).filter(|k| wanted(self.fold[*k])).collect::<Vec<_>>();
         let (training, validation) = (of(&|f| f != member && f != stopping), of(&|f| f == stopping));
         let seed = seed_of(self.config.seed, place);
         let examples = self.material(normaliser).examples(&training, &validation, seed)?;
@@ -372,8 +373,7 @@ fn finish(
     let block = split::blocks(field.points_m(), &config.split);
     let (recommendation, kind) = choose(field, &predicted, &block, config);
     let chosen = predicted.iter().find(|p| p.kind == kind).ok_or(TrainingError::NoCalibration(kind.name()))?;
-    let calibration =
-        Calibration::from_held_out(&chosen.pairs()).ok_or(TrainingError::NoCalibration(kind.name()))?;
+    let calibration = Calibration::from_held_out(&chosen.pairs()).ok_or(TrainingError::NoCalibration(kind.name()))?;
     let held_out = chosen.points(field, &calibration);
     let record = TrainingRecord {
         config: config.clone(),

@@ -33,24 +33,24 @@ pub enum ViewError {
 
 /// What all networks of a training have in common.
 #[derive(Debug, Clone, Copy)]
-pub struct Material<'a> {
+pub(crate) struct Material<'a> {
     /// Network alone, or on kriging.
-    pub kind: Kind,
+    pub(crate) kind: Kind,
     /// All measured points.
-    pub field: &'a MeasuredField,
+    pub(crate) field: &'a MeasuredField,
     /// Kriging whose length scales are used for every part.
-    pub kriging: &'a Kriging,
+    pub(crate) kriging: &'a Kriging,
     /// Sizes and switches.
-    pub config: &'a NetworkConfig,
+    pub(crate) config: &'a NetworkConfig,
     /// Units of the network.
-    pub normaliser: &'a Normaliser,
+    pub(crate) normaliser: &'a Normaliser,
     /// How points are divided.
-    pub split: &'a Split,
+    pub(crate) split: &'a Split,
 }
 
 impl Material<'_> {
     /// Examples from points to learn from and points to validate by.
-    pub fn examples(&self, training: &[usize], validation: &[usize], seed: u64) -> Result<Examples, ViewError> {
+    pub(crate) fn examples(&self, training: &[usize], validation: &[usize], seed: u64) -> Result<Examples, ViewError> {
         let points: Vec<_> = training.iter().map(|k| self.field.points_m()[*k]).collect();
         let mut views = Vec::new();
         for (number, depth) in depths(self.split).iter().enumerate() {
@@ -64,10 +64,8 @@ impl Material<'_> {
     /// Each target seen in the lattice of all points that are not in its part.
     fn view(&self, training: &[usize], part: &[usize], parts: usize) -> Result<View, ViewError> {
         let input_size = abbe_residual_net::VERTICES * abbe_residual_net::network::TOKEN_SIZE;
-        let mut view = View {
-            inputs: vec![0.0; training.len() * input_size],
-            outputs: vec![0.0; training.len() * OUTPUTS],
-        };
+        let mut view =
+            View { inputs: vec![0.0; training.len() * input_size], outputs: vec![0.0; training.len() * OUTPUTS] };
         for number in 0..parts {
             let (targets, rest): (Vec<usize>, Vec<usize>) = (0..training.len()).partition(|k| part[*k] == number);
             let of = |list: &[usize]| list.iter().map(|k| training[*k]).collect::<Vec<_>>();
@@ -105,7 +103,7 @@ impl Material<'_> {
     }
 
     /// What kriging of the points to learn from leaves of each of them when its part of space is taken away (m).
-    pub fn left_by_kriging(&self, training: &[usize], seed: u64) -> Result<Vec<Vector3<f64>>, ViewError> {
+    pub(crate) fn left_by_kriging(&self, training: &[usize], seed: u64) -> Result<Vec<Vector3<f64>>, ViewError> {
         let points: Vec<_> = training.iter().map(|k| self.field.points_m()[*k]).collect();
         let part = split::folds(&points, &Split { folds: PARTS, ..*self.split }, seed);
         let mut left = vec![Vector3::zeros(); training.len()];
@@ -137,7 +135,7 @@ fn depths(split: &Split) -> Vec<Split> {
 }
 
 /// Units of a network for these residuals (m) at these points (m).
-pub fn normaliser(points_m: &[Vector3<f64>], residual_m: &[Vector3<f64>]) -> Normaliser {
+pub(crate) fn normaliser(points_m: &[Vector3<f64>], residual_m: &[Vector3<f64>]) -> Normaliser {
     let count = residual_m.len().max(1) as f64;
     let mean_m = residual_m.iter().sum::<Vector3<f64>>() / count;
     let square = residual_m.iter().map(|r| (r - mean_m).map(|d| d * d)).sum::<Vector3<f64>>() / count;

@@ -2,8 +2,8 @@
 
 use super::*;
 use crate::neighbourhood::Neighbourhood;
-use crate::network::tokens::tokens;
 use crate::network::Layout;
+use crate::network::tokens::tokens;
 use abbe_field::kriging::{Kernel, Noise, Options, Trend};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -13,7 +13,8 @@ pub(crate) fn bent_field(count: usize, noise_m: f64, seed: u64) -> MeasuredField
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let points: Vec<_> = (0..count).map(|_| Vector3::from_fn(|_, _| random.random::<f64>() * 0.5)).collect();
     let mut noise = || (random.random::<f64>() - 0.5) * noise_m * 12.0_f64.sqrt();
-    let error = |p: &Vector3<f64>| Vector3::new((p.x * 9.0).sin(), (p.y * 7.0 + p.x * 5.0).cos(), p.z * p.z * 8.0) * 1e-6;
+    let error =
+        |p: &Vector3<f64>| Vector3::new((p.x * 9.0).sin(), (p.y * 7.0 + p.x * 5.0).cos(), p.z * p.z * 8.0) * 1e-6;
     let errors = points.iter().map(|p| error(p) + Vector3::from_fn(|_, _| noise())).collect();
     MeasuredField::new(points, errors, None).unwrap()
 }

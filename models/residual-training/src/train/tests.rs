@@ -101,7 +101,10 @@ fn states_of_other_data_or_configurations_and_bad_input_are_refused() {
     let (data, config) = (field(Character::Smooth, 100, 7), quick(Method::Kriging));
     let state = train(&data, &config, None, &mut go_on).unwrap().state;
     let other = Config { seed: 99, ..config.clone() };
-    assert_eq!(train(&data, &other, Some(state.clone()), &mut go_on).err(), Some(TrainingError::State("configuration")));
+    assert_eq!(
+        train(&data, &other, Some(state.clone()), &mut go_on).err(),
+        Some(TrainingError::State("configuration"))
+    );
     let others = field(Character::Smooth, 100, 8);
     assert_eq!(train(&others, &config, Some(state), &mut go_on).err(), Some(TrainingError::State("set of residuals")));
     let no_epochs = Config { optimiser: Optimiser { epochs: 0, ..Optimiser::default() }, ..config.clone() };
