@@ -6,7 +6,10 @@
 mod common;
 
 use abbe_files::{ModelFile, read_campaign_file};
+use abbe_geometry::effects::Shape;
 use abbe_graph::diagnosis::{DiagnosisRun, Job};
+use abbe_identify::{EffectTerm, Options, TIME, identify_with};
+use abbe_measurement::campaign::Campaign;
 use abbe_msgs::Sha256;
 use common::{bench, other_bench};
 use std::fs;
@@ -121,6 +124,47 @@ fn a_model_that_cannot_be_used_is_never_put_into_use() {
         assert!(problem.contains("model.json"), "{problem}");
         assert_eq!(place.held(), place.in_use);
     }
+}
+
+/// The model of the machine with an effect that is smooth in one quantity, whose name the samples must carry.
+fn model_that_asks_for(quantity: &str) -> ModelFile {
+    let bench = bench();
+    let machine = &bench.machine.machine;
+    let shape = Shape::new().text("acts", "z").number("degree", 1.0);
+    let shape = shape.text("p", quantity).number("p_low", 0.0).number("p_high", 20_000.0);
+    let term = EffectTerm::new("empirical", shape, machine).unwrap();
+    let (instrument, options) = (bench.machine.instrument, Options::default());
+    let fit = identify_with(machine, instrument, &bench.campaign, &[term], &options, &mut |_| true).unwrap();
+    ModelFile { model: fit.model, ..bench.model_file(MACHINE) }
+}
+
+/// The campaign without one of its covariates.
+fn without(name: &str) -> Campaign {
+    let mut campaign = bench().campaign.clone();
+    assert!(campaign.covariate(name).is_some(), "{name} was logged");
+    campaign.covariates.retain(|covariate| covariate.name != name);
+    campaign
+}
+
+#[test]
+fn a_model_that_corrects_by_what_no_live_sample_carries_is_not_put_into_use() {
+    let place = Place::new("cp asking.json \"$out/model.json\"");
+    let propose =
+        |quantity: &str| Sha256::from_bytes(model_that_asks_for(quantity).save(&place.path("asking.json")).unwrap());
+    let adopt = |campaign: Campaign| run(Job { campaign, ..place.job(true) }).1.unwrap();
+    propose("temp_air_c");
+    let words = adopt(without("temp_air_c"));
+    assert!(words.contains("not put into use: it corrects by temp_air_c"), "{words}");
+    assert_eq!(place.held(), place.in_use);
+    // Every campaign has the time since it began, but no live sample has.
+    propose(TIME);
+    let words = adopt(bench().campaign.clone());
+    assert!(words.contains(&format!("not put into use: it corrects by {TIME}")), "{words}");
+    assert_eq!(place.held(), place.in_use);
+    let asking = propose("temp_air_c");
+    let words = adopt(bench().campaign.clone());
+    assert!(words.contains("is put into use"), "{words}");
+    assert_eq!(place.held(), asking);
 }
 
 #[test]
