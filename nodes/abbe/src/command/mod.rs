@@ -8,6 +8,7 @@ mod diagnose;
 mod identify;
 mod launch;
 mod node;
+mod papers;
 mod recover;
 mod replay;
 mod simulate;
@@ -45,6 +46,8 @@ pub(crate) enum Command {
     Simulate(simulate::Arguments),
     /// Turn a campaign into a bag
     Convert(convert::Arguments),
+    /// Compute the published figures of the source papers again
+    Papers(papers::Arguments),
 }
 
 /// Makes a bag with `write`, which gets a path beside the target; it is moved into place when it is whole, so that
@@ -77,5 +80,6 @@ pub(crate) fn run(command: Command, ros_args: RosArgs) -> anyhow::Result<()> {
         Command::Recover(arguments) => recover::run(&arguments),
         Command::Simulate(arguments) => simulate::run(&arguments),
         Command::Convert(arguments) => convert::run(&arguments),
+        Command::Papers(arguments) => papers::run(&arguments),
     }
 }
