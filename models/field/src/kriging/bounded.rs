@@ -13,6 +13,9 @@ const MOST_HALVINGS: usize = 30;
 /// Longest first trial of a step in any variable: the variables are logarithms, and a factor of e² is far.
 const LONGEST_STEP: f64 = 2.0;
 
+/// Gains that rounding may hide, in gains that are asked for.
+const HIDDEN: f64 = 100.0;
+
 /// Where the descent ended.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Minimum {
@@ -21,48 +24,61 @@ pub(crate) struct Minimum {
     /// Whether the expected further gain fell below what was asked for.
     pub(crate) is_settled: bool,
     pub(crate) steps: usize,
+    /// Inverse curvature as far as it was learnt: a start for a similar function.
+    pub(crate) inverse: Option<DMatrix<f64>>,
 }
 
 /// A function's value and gradient; `None` where it is not defined.
 pub(crate) type Evaluation = Option<(f64, Vec<f64>)>;
 
-/// Descends from `start` until the gain that a further step promises is below `gain`, for `most_steps` at most. `None` if
-/// the function is not defined at the start.
+/// Where to begin: variables, and the inverse curvature there if something is known of it.
+pub(crate) struct Start<'a> {
+    pub(crate) at: &'a [f64],
+    pub(crate) inverse: Option<DMatrix<f64>>,
+}
+
+/// Descends until the gain that a further step promises is below `gain`, for `most_steps` at most. Rounding may hide gains of
+/// up to a hundred times that: a search that finds nothing where no more is promised has arrived. `None` if the function is
+/// not defined at the start.
 pub(crate) fn minimum(
     evaluate: impl Fn(&[f64]) -> Evaluation,
-    start: &[f64],
+    start: Start<'_>,
     bounds: &[(f64, f64)],
     gain: f64,
     most_steps: usize,
 ) -> Option<Minimum> {
     let clamped = |x: &DVector<f64>| DVector::from_fn(x.len(), |k, _| x[k].clamp(bounds[k].0, bounds[k].1));
     let evaluate = |x: &DVector<f64>| evaluate(x.as_slice()).map(|(f, g)| (f, DVector::from_vec(g)));
-    let mut at = clamped(&DVector::from_column_slice(start));
+    let mut at = clamped(&DVector::from_column_slice(start.at));
     let (mut value, mut gradient) = evaluate(&at)?;
-    let mut inverse: Option<DMatrix<f64>> = None;
+    let mut inverse = start.inverse;
+    let (mut outcome, mut promised) = ((false, most_steps), f64::INFINITY);
     for step in 0..most_steps {
         let free = free(&at, &gradient, bounds);
         let direction = direction(inverse.as_ref(), &gradient, &free);
         let promise = -gradient.dot(&direction) / 2.0;
-        if promise < gain {
-            // Trusted only with a curvature that was learnt.
-            if inverse.is_some() || gradient_of(&gradient, &free).amax() < gain {
-                return Some(Minimum { at: at.as_slice().to_vec(), value, is_settled: true, steps: step });
-            }
+        // A promise is trusted only with a curvature that was learnt.
+        if promise < gain && (inverse.is_some() || gradient_of(&gradient, &free).amax() < gain) {
+            outcome = (true, step);
+            break;
         }
-        let found = search(&at, value, &gradient, &direction, &clamped, &evaluate);
-        let Some((next, next_value, next_gradient)) = found else {
-            // No descent along a learnt curvature: forget it once. Along the gradient: numerical floor.
-            if inverse.take().is_some() {
+        let Some(found) = search(&at, value, &gradient, &direction, &clamped, &evaluate) else {
+            // No step along the curvature is better: follow the gradient alone. None along that either: only rounding is left,
+            // and what the curvature promised says whether it hides anything that matters.
+            promised = promised.min(promise);
+            if promised >= HIDDEN * gain && inverse.take().is_some() {
                 continue;
             }
-            let is_settled = promise < gain.sqrt();
-            return Some(Minimum { at: at.as_slice().to_vec(), value, is_settled, steps: step });
+            outcome = (promised < HIDDEN * gain, step);
+            break;
         };
+        promised = f64::INFINITY;
+        let (next, next_value, next_gradient) = found;
         update(&mut inverse, &(&next - &at), &(&next_gradient - &gradient));
         (at, value, gradient) = (next, next_value, next_gradient);
     }
-    Some(Minimum { at: at.as_slice().to_vec(), value, is_settled: false, steps: most_steps })
+    let (is_settled, steps) = outcome;
+    Some(Minimum { at: at.as_slice().to_vec(), value, is_settled, steps, inverse })
 }
 
 /// Variables that may move: not at a bound that the descent pushes against.
@@ -132,24 +148,28 @@ mod tests {
         Some((a * a + 100.0 * b * b, vec![-2.0 * a - 400.0 * x[0] * b, 200.0 * b]))
     }
 
+    fn from(at: &[f64]) -> Start<'_> {
+        Start { at, inverse: None }
+    }
+
     #[test]
     fn a_curved_valley_is_followed_to_its_minimum() {
-        let found = minimum(valley, &[-1.2, 1.0], &[(-5.0, 5.0), (-5.0, 5.0)], 1e-14, 200).unwrap();
+        let found = minimum(valley, from(&[-1.2, 1.0]), &[(-5.0, 5.0), (-5.0, 5.0)], 1e-14, 200).unwrap();
         assert!(found.is_settled && (found.at[0] - 1.0).abs() < 1e-5 && (found.at[1] - 1.0).abs() < 1e-5, "{found:?}");
     }
 
     #[test]
     fn a_minimum_beyond_a_bound_is_found_on_the_bound() {
         // On x = 0.5 the valley is lowest at y = 0.25.
-        let found = minimum(valley, &[-1.2, 1.0], &[(-5.0, 0.5), (-5.0, 5.0)], 1e-14, 200).unwrap();
+        let found = minimum(valley, from(&[-1.2, 1.0]), &[(-5.0, 0.5), (-5.0, 5.0)], 1e-14, 200).unwrap();
         assert!(found.is_settled && found.at[0] == 0.5 && (found.at[1] - 0.25).abs() < 1e-6, "{found:?}");
     }
 
     #[test]
     fn an_undefined_start_has_no_minimum_and_undefined_steps_are_shortened() {
-        assert_eq!(minimum(|_| None, &[0.0], &[(-1.0, 1.0)], 1e-9, 10), None);
+        assert_eq!(minimum(|_| None, from(&[0.0]), &[(-1.0, 1.0)], 1e-9, 10), None);
         let half = |x: &[f64]| (x[0] > 0.0).then(|| (x[0] - x[0].ln(), vec![1.0 - 1.0 / x[0]]));
-        let found = minimum(half, &[3.0], &[(-10.0, 10.0)], 1e-14, 100).unwrap();
+        let found = minimum(half, from(&[3.0]), &[(-10.0, 10.0)], 1e-14, 100).unwrap();
         assert!(found.is_settled && (found.at[0] - 1.0).abs() < 1e-6, "{found:?}");
     }
 }

@@ -3,7 +3,7 @@
 //! Place in the flow: one call a component from [`super::Kriging::fit`]. Several starts on a part of the points, the best
 //! of them refined on all: the likelihood may have more than one maximum, and its cost grows with the third power.
 
-use super::bounded::{self, Minimum};
+use super::bounded::{self, Minimum, Start};
 use super::likelihood::{Data, Scaled};
 use super::process::{Process, Scaling};
 use super::{COMPONENTS, FittedComponent, Hyperparameters, KrigingError, Noise, Options};
@@ -12,17 +12,20 @@ use nalgebra::Vector3;
 
 /// Points on which the starts are tried.
 const FIRST_POINTS: usize = 160;
-/// Bounds of a length scale in extents of the volume: from a fiftieth to fifty-fold.
-const LENGTH: (f64, f64) = (0.02, 50.0);
-/// Bounds of the signal's deviation, in deviations of the errors.
-const SIGNAL: (f64, f64) = (1e-3, 1e3);
-/// Bounds of the fitted noise, in deviations of the errors; the lower one keeps matrices factorable and is far below what
-/// any instrument leaves.
-const NOISE: (f64, f64) = (1e-4, 1e1);
+/// Bounds of a length scale in extents of the volume: from a fiftieth to twenty-fold.
+const LENGTH: (f64, f64) = (0.02, 20.0);
+/// Bounds of the signal's deviation, in deviations of the errors; the upper one is that of a field of which the volume shows
+/// but a small part.
+const SIGNAL: (f64, f64) = (1e-3, 3e1);
+/// Bounds of the fitted noise, in deviations of the errors; the lower one, nanometres, is below what any instrument leaves, and
+/// with the signal's upper one keeps the condition of a covariance within what double precision can factor.
+const NOISE: (f64, f64) = (1e-3, 1e1);
 /// Starts: length scale in extents, and noise in deviations of the errors.
 const STARTS: [(f64, f64); 3] = [(1.0, 0.1), (0.25, 0.1), (4.0, 0.5)];
 /// Gain in −2 L below which the parameters have settled: far below what a difference in likelihood means.
-const GAIN: f64 = 1e-4;
+const GAIN: f64 = 1e-3;
+/// Difference in −2 L that no conclusion would rest on.
+const NO_MATTER: f64 = 0.1;
 /// Steps at most.
 const MOST_STEPS: usize = 200;
 /// Relative deviation of the errors below which they are all the same.
@@ -40,8 +43,13 @@ pub(crate) fn fit(
 ) -> Result<(Process, FittedComponent), KrigingError> {
     let (data, scaling) = scaled(field, component, options)?;
     let bounds = bounds(options);
-    let start = first_fit(&data, &bounds, component)?;
-    let found = maximum(&data, &start, &bounds).ok_or(not_positive(component))?;
+    let mut found = first_fit(&data, &bounds, component)?;
+    if data.points.len() > FIRST_POINTS {
+        // The curvature of a likelihood grows with the points.
+        let share = FIRST_POINTS as f64 / data.points.len() as f64;
+        let start = Start { at: &found.at, inverse: found.inverse.map(|inverse| inverse * share) };
+        found = maximum(&data, start, &bounds).ok_or(not_positive(component))?;
+    }
     if !found.is_settled {
         return Err(KrigingError::NotConverged { component: COMPONENTS[component], steps: found.steps });
     }
@@ -124,17 +132,28 @@ fn bounds(options: &Options) -> Vec<(f64, f64)> {
 }
 
 /// The best of all starts on a part of the points.
-fn first_fit(data: &Data, bounds: &[(f64, f64)], component: usize) -> Result<Vec<f64>, KrigingError> {
+fn first_fit(data: &Data, bounds: &[(f64, f64)], component: usize) -> Result<Minimum, KrigingError> {
     let part = part(data);
     let mut best: Option<Minimum> = None;
     for (length, noise) in STARTS {
         let start = Scaled { signal: 1.0, length: [length; 3], noise: (bounds.len() > 4).then_some(noise) };
-        let Some(found) = maximum(&part, &start.logarithms(), bounds) else { continue };
-        if best.as_ref().is_none_or(|before| found.value < before.value) {
+        let logarithms = start.logarithms();
+        let Some(found) = maximum(&part, Start { at: &logarithms, inverse: None }, bounds) else { continue };
+        if best.as_ref().is_none_or(|before| is_better(&found, before)) {
             best = Some(found);
         }
     }
-    best.map(|found| found.at).ok_or(not_positive(component))
+    best.ok_or(not_positive(component))
+}
+
+/// Whether a descent ended lower than another; one that settled may be higher by what does not matter.
+fn is_better(found: &Minimum, before: &Minimum) -> bool {
+    let lead = match (found.is_settled, before.is_settled) {
+        (true, false) => NO_MATTER,
+        (false, true) => -NO_MATTER,
+        _ => 0.0,
+    };
+    found.value < before.value + lead
 }
 
 /// Points spread over the list, so that a lattice's order does not pick out one of its planes.
@@ -155,7 +174,7 @@ fn part(data: &Data) -> Data {
     }
 }
 
-fn maximum(data: &Data, start: &[f64], bounds: &[(f64, f64)]) -> Option<Minimum> {
+fn maximum(data: &Data, start: Start<'_>, bounds: &[(f64, f64)]) -> Option<Minimum> {
     bounded::minimum(|logarithms| data.minus_two_log(logarithms).ok(), start, bounds, GAIN, MOST_STEPS)
 }
 
