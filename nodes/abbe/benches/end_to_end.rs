@@ -65,6 +65,7 @@ fn launch(kind: TransportKind) -> Launch {
         namespace: "bench".to_owned(),
         machine: "machine.toml".into(),
         model: Some("model.json".into()),
+        residual_model: None,
         nodes: vec![NodeName::Geometric, NodeName::Residual],
         max_covariate_age_s: 10.0,
         wait_for_subscribers_s: 20.0,

@@ -7,7 +7,11 @@
 mod command;
 mod demo;
 mod diagnosis;
+mod pairs;
 mod pipeline;
+mod residual;
+mod residual_bag;
+mod training;
 mod verification;
 
 use abbe_runtime::follow_launcher;

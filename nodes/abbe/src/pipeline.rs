@@ -34,17 +34,22 @@ pub(crate) fn load_campaign(path: &Path, machine: &MachineFile) -> anyhow::Resul
         machine.machine.name,
         machine.machine.frame_id
     );
-    let mut bytes = Vec::new();
-    for file in bag_files(path)? {
-        bytes.extend(std::fs::read(&file).with_context(|| format!("{}: cannot be read", file.display()))?);
-    }
-    let source = DataSource { file: name, sha256: Sha256::of(&bytes).to_hex() };
+    let source = DataSource { file: name, sha256: hex(&bag_sha256(path)?) };
     Ok(LoadedCampaign { campaign: from_bag.campaign, source })
 }
 
 /// Whether a path names a bag.
 pub(crate) fn is_bag(path: &Path) -> bool {
     path.is_dir() || path.extension().is_some_and(|extension| extension == "mcap")
+}
+
+/// SHA-256 of the recordings of a bag.
+pub(crate) fn bag_sha256(path: &Path) -> anyhow::Result<[u8; 32]> {
+    let mut bytes = Vec::new();
+    for file in bag_files(path)? {
+        bytes.extend(std::fs::read(&file).with_context(|| format!("{}: cannot be read", file.display()))?);
+    }
+    Ok(Sha256::of(&bytes).to_bytes())
 }
 
 fn bag_files(path: &Path) -> anyhow::Result<Vec<PathBuf>> {

@@ -3,11 +3,13 @@
 //! Place in the flow: `verify` and the demo. The reference has a frame of its own, so points are aligned rigidly
 //! first; nothing here ever feeds a fit.
 
+use crate::residual::with_residual;
 use abbe_files::{ModelFile, PointRow, PointsReader};
 use abbe_geometry::Vector3;
 use abbe_geometry::chain::nominal_point_m;
 use abbe_geometry::correct::{Status, correct};
 use abbe_geometry::effects::State;
+use abbe_graph::step::OwnedField;
 use abbe_measurement::alignment::aligned_residuals_m;
 use anyhow::ensure;
 use std::io::Read;
@@ -17,7 +19,6 @@ pub(crate) struct Verified {
     pub(crate) reading_m: [f64; 3],
     pub(crate) before_m: Vector3<f64>,
     pub(crate) after_m: Vector3<f64>,
-    pub(crate) extrapolated: bool,
 }
 
 /// Points of a verification file: readings, offsets, covariates and actual positions.
@@ -27,8 +28,13 @@ pub(crate) struct VerificationPoints {
     pub(crate) statuses: Vec<Status>,
 }
 
-/// Reads a verification file and corrects each point with the model.
-pub(crate) fn correct_points(input: impl Read, name: &str, model: &ModelFile) -> anyhow::Result<VerificationPoints> {
+/// Reads a verification file and corrects each point with the model, and the residual model where there is one.
+pub(crate) fn correct_points(
+    input: impl Read,
+    name: &str,
+    model: &ModelFile,
+    residual: Option<&OwnedField>,
+) -> anyhow::Result<VerificationPoints> {
     let default_offset_m = model.model.parts().machine.default_offset_m;
     let mut reader = PointsReader::verification(input, name, default_offset_m)?;
     let mut points = VerificationPoints { rows: Vec::new(), corrected_m: Vec::new(), statuses: Vec::new() };
@@ -36,7 +42,7 @@ pub(crate) fn correct_points(input: impl Read, name: &str, model: &ModelFile) ->
     while reader.read(&mut row)? {
         let covariates = reader.covariates(&row);
         let state = State { reading_m: row.reading_m, offset_m: row.offset_m, covariates: &covariates };
-        let correction = correct(&model.model, &state);
+        let correction = with_residual(correct(&model.model, &state), residual);
         ensure!(
             correction.status != Status::Rejected,
             "{name}, line {}: the reading is outside the machine",
@@ -55,15 +61,8 @@ pub(crate) fn errors(points: &VerificationPoints) -> anyhow::Result<Vec<Verified
     let indicated: Vec<Vector3<f64>> = points.rows.iter().map(|r| nominal_point_m(r.reading_m, r.offset_m)).collect();
     let before = aligned_residuals_m(&indicated, &actual)?;
     let after = aligned_residuals_m(&points.corrected_m, &actual)?;
-    let list = points.rows.iter().zip(before).zip(after).zip(&points.statuses);
-    Ok(list
-        .map(|(((row, before_m), after_m), status)| Verified {
-            reading_m: row.reading_m,
-            before_m,
-            after_m,
-            extrapolated: *status == Status::Extrapolated,
-        })
-        .collect())
+    let list = points.rows.iter().zip(before).zip(after);
+    Ok(list.map(|((row, before_m), after_m)| Verified { reading_m: row.reading_m, before_m, after_m }).collect())
 }
 
 /// Rms and largest length of some vectors (m).

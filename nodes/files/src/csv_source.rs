@@ -7,7 +7,9 @@ use crate::columns::Header;
 use crate::error::{FileError, Place};
 use csv::{ByteRecord, Reader, ReaderBuilder};
 use sha2::{Digest, Sha256};
-use std::io::Read;
+use std::fs::File;
+use std::io::{BufRead, BufReader, Read};
+use std::path::Path;
 
 const BUFFER_BYTES: usize = 1 << 16;
 
@@ -58,6 +60,19 @@ impl<R: Read> CsvSource<R> {
     pub(crate) fn sha256(self) -> [u8; 32] {
         self.reader.into_inner().hash.finalize().into()
     }
+}
+
+/// How far into a file its header may stand (bytes).
+const HEADER: u64 = 1 << 16;
+
+/// Column names of a CSV file, to tell what kind it is; `None` for what cannot be read as text.
+pub fn header_names(path: &Path) -> Option<Vec<String>> {
+    let file = File::open(path).ok()?;
+    // A file without line ends is not read as a whole to look at it.
+    let lines = BufReader::new(file.take(HEADER)).split(b'\n').map_while(Result::ok);
+    let texts = lines.map(|line| String::from_utf8_lossy(&line).trim_start_matches('\u{feff}').trim().to_owned());
+    let header = texts.into_iter().find(|line| !line.is_empty() && !line.starts_with('#'))?;
+    Some(header.split(',').map(|name| name.trim().trim_matches('"').to_owned()).collect())
 }
 
 fn next_line<R: Read>(

@@ -9,6 +9,7 @@ mod campaign_csv;
 mod campaign_writer;
 mod columns;
 mod csv_source;
+mod envelope;
 mod error;
 mod guideway_csv;
 mod machine;
@@ -17,6 +18,9 @@ mod model_file;
 mod model_record;
 mod names;
 mod points_csv;
+mod predicted_csv;
+mod residual_csv;
+mod residual_file;
 mod study_csv;
 mod toml_place;
 mod units;
@@ -24,11 +28,16 @@ mod units;
 pub use atomic::{AtomicFile, write_atomically};
 pub use campaign_csv::{CampaignFile, read_campaign, read_campaign_file};
 pub use campaign_writer::write_campaign;
+pub use csv_source::header_names;
+pub use envelope::{hex, sha256_of_hex};
 pub use error::{FileError, Place};
 pub use guideway_csv::{GuidewayRow, SeenTarget, read_guideway, read_guideway_file};
 pub use machine::{MachineFile, OrderChoice, SIGN_CONVENTION, machine_text, parse_machine, read_machine};
-pub use model_file::{DataSource, ModelFile, ResidualReference, hex};
+pub use model_file::{DataSource, ModelFile, ResidualReference};
 pub use points_csv::{ADDED_COLUMNS, PointRow, PointsReader, PointsWriter, RowCovariates, status_word};
+pub use predicted_csv::{PlainPoints, PredictedWriter};
+pub use residual_csv::{ResidualOrigin, read_residual_origin, write_residual_vectors};
+pub use residual_file::{LoadedResidual, ResidualFile, ResidualOwner};
 pub use study_csv::{
     StudyFile, read_residual_vectors, read_residual_vectors_file, read_runs, read_runs_file, read_sphere_centres,
     read_sphere_centres_file,

@@ -1,11 +1,11 @@
 //! Model files: JSON in an envelope with the hash of its content.
 //!
 //! Place in the flow: identification → [`ModelFile::save`] → nodes, `abbe correct`, monitor through
-//! [`ModelFile::load`]. `{"format":"abbe-model","version":1,"sha256":"…","model":{…}}`, where the hash is of the
-//! bytes of the value of `model`. A file that is cut off, changed in one bit, of an unknown version or of another
-//! machine is refused.
+//! [`ModelFile::load`], in the envelope of [`crate::envelope`]: `{"format":"abbe-model","version":1,"sha256":"…",
+//! "model":{…}}`. A file that is cut off, changed in one bit, of an unknown version or of another machine is refused.
 
 use crate::atomic::write_atomically;
+use crate::envelope::{self, Kind};
 use crate::error::{FileError, Place};
 use crate::machine::OrderChoice;
 use crate::model_record::ModelRecord;
@@ -13,12 +13,10 @@ use abbe_geometry::model::MachineModel;
 use abbe_measurement::instrument::RangeUncertainty;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
-use serde_json::value::RawValue;
-use sha2::{Digest, Sha256};
 use std::path::Path;
 
-const FORMAT: &str = "abbe-model";
-const VERSION: u64 = 1;
+const KIND: Kind =
+    Kind { format: "abbe-model", version: 1, name: "model", maker: "abbe identify", again: "identify the model again" };
 
 /// A file that the model was identified from.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -65,36 +63,11 @@ pub struct ModelFile {
     pub software: String,
 }
 
-#[derive(Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Envelope<'a> {
-    format: &'a str,
-    version: u64,
-    sha256: &'a str,
-    #[serde(borrow)]
-    model: &'a RawValue,
-}
-
-/// What is read first, so that a later version is recognised as such.
-#[derive(Deserialize)]
-struct Head {
-    format: String,
-    version: u64,
-}
-
 impl ModelFile {
     /// Bytes of the file and SHA-256 of the model in it. The same model gives the same bytes.
     pub fn to_bytes(&self, name: &str) -> Result<(Vec<u8>, [u8; 32]), FileError> {
         self.check_finite(name)?;
-        let unwritable = |error: serde_json::Error| {
-            FileError::content(Place::file(name), format!("the model cannot be written: {error}"), "report this")
-        };
-        let model = serde_json::to_string_pretty(&ModelRecord::new(self)).map_err(unwritable)?;
-        let digest: [u8; 32] = Sha256::digest(model.as_bytes()).into();
-        let model = RawValue::from_string(model).map_err(unwritable)?;
-        let envelope = Envelope { format: FORMAT, version: VERSION, sha256: &hex(&digest), model: &model };
-        // No line end after the last brace: every byte counts, so that a file cut by one byte is recognised.
-        Ok((serde_json::to_vec(&envelope).map_err(unwritable)?, digest))
+        envelope::seal(&KIND, &ModelRecord::new(self), name)
     }
 
     /// SHA-256 of the model, as on the wire and in reports.
@@ -130,26 +103,7 @@ impl ModelFile {
 
     /// Reads the bytes of a model file; `name` is the file in messages.
     pub fn from_bytes(bytes: &[u8], name: &str) -> Result<(ModelFile, [u8; 32]), FileError> {
-        let head: Head = serde_json::from_slice(bytes).map_err(|error| unreadable(name, bytes, &error))?;
-        let refuse = |key: &str, problem: String, remedy: &str| {
-            Err(FileError::content(Place::file(name).key(key), problem, remedy))
-        };
-        if head.format != FORMAT {
-            let problem = format!("{:?} is not a model, which says {FORMAT:?} here", head.format);
-            return refuse("format", problem, "give a file that abbe identify has written");
-        }
-        if head.version != VERSION {
-            let problem = format!("version {} is not known; this software reads version {VERSION}", head.version);
-            return refuse("version", problem, "use the software that wrote the model, or identify it again");
-        }
-        let envelope: Envelope<'_> = serde_json::from_slice(bytes).map_err(|error| unreadable(name, bytes, &error))?;
-        let digest: [u8; 32] = Sha256::digest(envelope.model.get().as_bytes()).into();
-        if envelope.sha256 != hex(&digest) {
-            let problem = "the content does not match its hash: it was changed after it was written".to_owned();
-            return refuse("sha256", problem, "copy the file again, or identify the model again");
-        }
-        let record: ModelRecord =
-            serde_json::from_str(envelope.model.get()).map_err(|error| unreadable(name, bytes, &error))?;
+        let (record, digest): (ModelRecord, [u8; 32]) = envelope::open(&KIND, bytes, name)?;
         Ok((record.into_model_file(name)?, digest))
     }
 
@@ -176,21 +130,4 @@ impl ModelFile {
         }
         Ok(())
     }
-}
-
-/// Lower-case hexadecimal digits.
-pub fn hex(bytes: &[u8]) -> String {
-    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
-}
-
-fn unreadable(name: &str, bytes: &[u8], error: &serde_json::Error) -> FileError {
-    let place = Place::file(name).line(error.line() as u64);
-    // A file cut within a number is no end of file to the parser, but no whole file ends without its brace.
-    let cut_off = error.is_eof() || (bytes.starts_with(b"{") && !bytes.ends_with(b"}"));
-    let (problem, remedy) = if cut_off {
-        ("the model file is cut off".to_owned(), "copy it again, or identify the model again")
-    } else {
-        (format!("this is no model file: {error}"), "give a file that abbe identify has written")
-    };
-    FileError::content(place, problem, remedy)
 }

@@ -132,7 +132,7 @@ struct CovarianceRecord {
 /// A list that stays on one line where everything around it is indented.
 #[derive(Deserialize)]
 #[serde(transparent)]
-struct OneLine(Vec<f64>);
+pub(crate) struct OneLine(pub(crate) Vec<f64>);
 
 impl Serialize for OneLine {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {

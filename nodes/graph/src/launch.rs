@@ -190,6 +190,8 @@ pub struct Launch {
     pub machine: PathBuf,
     /// Model file, relative to this file; without one, samples say that there is no model.
     pub model: Option<PathBuf>,
+    /// Residual model file, relative to this file; without one the residual node passes samples on as they are.
+    pub residual_model: Option<PathBuf>,
     /// Nodes that this launch starts.
     pub nodes: Vec<NodeName>,
     /// Age from which a covariate is stale (s).

@@ -21,6 +21,7 @@ pub(crate) struct LaunchText {
     nodes: Vec<&'static str>,
     edges: String,
     record: String,
+    residual: String,
     tables: String,
 }
 
@@ -37,6 +38,12 @@ impl LaunchText {
 
     pub(crate) fn record(mut self, bag: &str) -> Self {
         self.record = format!("record = \"{bag}\"\n");
+        self
+    }
+
+    /// The residual node adds this residual model.
+    pub(crate) fn residual_model(mut self, file: &str) -> Self {
+        self.residual = format!("residual_model = \"{file}\"\n");
         self
     }
 
@@ -58,9 +65,10 @@ impl LaunchText {
     pub(crate) fn text(&self) -> String {
         format!(
             "namespace = \"{NAMESPACE}\"\nmachine = \"{}\"\nmodel = \"model.json\"\nnodes = {:?}\n\
-             max_covariate_age_s = 10.0\nwait_for_subscribers_s = 20.0\n{}\n{}{}",
+             max_covariate_age_s = 10.0\nwait_for_subscribers_s = 20.0\n{}{}\n{}{}",
             text(&machine()),
             self.nodes,
+            self.residual,
             self.record,
             self.tables,
             self.edges

@@ -5,16 +5,17 @@
 
 use super::bag_in_place;
 use crate::pipeline::is_bag;
+use crate::residual::{load_residual, with_residual};
 use abbe_files::{AtomicFile, FileError, ModelFile, Place, PointRow, PointsReader, PointsWriter};
 use abbe_geometry::correct::correct;
 use abbe_geometry::effects::State;
 use abbe_geometry::model::IdentifiedVolume;
-use abbe_graph::step::{GeometricStep, ResidualStep};
+use abbe_graph::step::{GeometricStep, OwnedField, ResidualStep};
 use abbe_graph::topics;
 use abbe_msgs::bag::{BagWriter, messages};
 use abbe_msgs::{Message, ScaleReading, Sha256};
 use abbe_runtime::Shutdown;
-use anyhow::{Context, bail, ensure};
+use anyhow::{Context, ensure};
 use std::fs::File;
 use std::io::{BufReader, BufWriter, Read, Write};
 use std::path::{Path, PathBuf};
@@ -29,6 +30,9 @@ pub(crate) struct Arguments {
     /// Refuse a model of another machine than the one of this machine file
     #[arg(long)]
     machine: Option<PathBuf>,
+    /// Residual model that belongs to this model
+    #[arg(long)]
+    residual: Option<PathBuf>,
     /// CSV with scale readings, a bag, or - for standard input (CSV)
     #[arg(long = "in")]
     input: PathBuf,
@@ -45,15 +49,12 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         Some(machine) => ModelFile::load_for(&arguments.model, &abbe_files::read_machine(machine)?.machine.name)?,
         None => ModelFile::load(&arguments.model)?,
     };
-    if model.residual_network.is_some() {
-        bail!(
-            "{}: the model names a residual network, which this version cannot apply; use the version that made it",
-            arguments.model.display()
-        );
-    }
+    let residual = arguments.residual.as_deref().map(|path| load_residual(path, &model, &sha256)).transpose()?;
     check_kinds(&arguments.input, &arguments.output)?;
     if is_bag(&arguments.input) {
-        return bag_in_place(&arguments.output, |unfinished| correct_bag(arguments, model, sha256, unfinished));
+        return bag_in_place(&arguments.output, |unfinished| {
+            correct_bag(arguments, model, sha256, residual, unfinished)
+        });
     }
     let standard = |path: &Path| path.as_os_str() == "-";
     let name =
@@ -64,18 +65,25 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         Box::new(BufReader::new(File::open(&arguments.input).with_context(|| format!("{name}: cannot be opened"))?))
     };
     let shutdown = Shutdown::on_signals()?;
+    let correcting = Correcting { model: &model, residual: residual.as_ref() };
     if standard(&arguments.output) {
         let output = BufWriter::new(std::io::stdout().lock());
-        correct_csv(&model, input, &name, output, &shutdown)?;
+        correct_csv(&correcting, input, &name, output, &shutdown)?;
         return Ok(());
     }
     let mut file = AtomicFile::create(&arguments.output)?;
-    correct_csv(&model, input, &name, BufWriter::new(&mut file), &shutdown)?;
+    correct_csv(&correcting, input, &name, BufWriter::new(&mut file), &shutdown)?;
     Ok(file.commit()?)
 }
 
+/// What rows are corrected with.
+struct Correcting<'a> {
+    model: &'a ModelFile,
+    residual: Option<&'a OwnedField>,
+}
+
 fn correct_csv(
-    model: &ModelFile,
+    Correcting { model, residual }: &Correcting,
     input: Box<dyn Read>,
     name: &str,
     output: impl Write,
@@ -90,7 +98,7 @@ fn correct_csv(
         check_offset_signs(&model.model.parts().identified, &row, name)?;
         let covariates = reader.covariates(&row);
         let state = State { reading_m: row.reading_m, offset_m: row.offset_m, covariates: &covariates };
-        writer.write(&row, &correct(&model.model, &state))?;
+        writer.write(&row, &with_residual(correct(&model.model, &state), *residual))?;
     }
     writer.finish()?.flush()?;
     Ok(())
@@ -117,10 +125,16 @@ fn check_offset_signs(identified: &IdentifiedVolume, row: &PointRow, name: &str)
 }
 
 /// Copies a bag and adds a corrected message after each scale reading.
-fn correct_bag(arguments: &Arguments, model: ModelFile, sha256: [u8; 32], unfinished: &Path) -> anyhow::Result<()> {
+fn correct_bag(
+    arguments: &Arguments,
+    model: ModelFile,
+    sha256: [u8; 32],
+    residual: Option<OwnedField>,
+    unfinished: &Path,
+) -> anyhow::Result<()> {
     let step =
         GeometricStep::new(Some((Arc::new(model.model), Sha256::from_bytes(sha256))), arguments.max_covariate_age_s);
-    let residual = ResidualStep::default();
+    let residual = ResidualStep::new(residual);
     let mut writer = BagWriter::create(unfinished)?;
     let mut corrected = 0_u64;
     for message in messages(&arguments.input)? {

@@ -2,6 +2,7 @@
 //!
 //! Place in the flow: parsed in `main`, dispatched here; each file holds its arguments and its work.
 
+mod compare;
 mod convert;
 mod correct;
 mod diagnose;
@@ -9,9 +10,12 @@ mod identify;
 mod launch;
 mod node;
 mod papers;
+mod predict;
 mod recover;
 mod replay;
+mod residuals;
 mod simulate;
+mod train;
 mod verify;
 
 pub(crate) use identify::progress_text;
@@ -30,6 +34,14 @@ pub(crate) enum Command {
     Correct(correct::Arguments),
     /// Find what a model lacks, add it, and judge the gain
     Diagnose(diagnose::Arguments),
+    /// Compute what a model leaves unexplained at measured points, to train on
+    Residuals(residuals::Arguments),
+    /// Train a residual model on residual vectors
+    Train(train::Arguments),
+    /// Judge the residual network and its rivals on the same held-out data
+    Compare(compare::Arguments),
+    /// Predict the residual at any points with a residual model
+    Predict(predict::Arguments),
     /// Hold a model against points whose actual position is known
     Verify(verify::Arguments),
     /// The whole chain on a recorded campaign: identify, correct live, report
@@ -72,6 +84,10 @@ pub(crate) fn run(command: Command, ros_args: RosArgs) -> anyhow::Result<()> {
         Command::Identify(arguments) => identify::run(&arguments),
         Command::Correct(arguments) => correct::run(&arguments),
         Command::Diagnose(arguments) => diagnose::run(&arguments),
+        Command::Residuals(arguments) => residuals::run(&arguments),
+        Command::Train(arguments) => train::run(&arguments),
+        Command::Compare(arguments) => compare::run(&arguments),
+        Command::Predict(arguments) => predict::run(&arguments),
         Command::Verify(arguments) => verify::run(&arguments),
         Command::Demo(arguments) => crate::demo::run(&arguments),
         Command::Launch(arguments) => launch::run(&arguments),

@@ -131,6 +131,7 @@ fn launch(run: &Run) -> Launch {
         namespace: run.bag.namespace.clone(),
         machine: run.machine_file.to_owned(),
         model: Some(run.out.join("model.json")),
+        residual_model: None,
         nodes: NodeName::ALL.to_vec(),
         max_covariate_age_s: 10.0,
         wait_for_subscribers_s: 20.0,

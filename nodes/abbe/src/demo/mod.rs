@@ -72,7 +72,7 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let bar = step("record");
     let verification_file = std::fs::File::open(&inputs.verify)
         .with_context(|| format!("{}: cannot be opened", inputs.verify.display()))?;
-    let points = verification::correct_points(verification_file, &inputs.verify.display().to_string(), &model)?;
+    let points = verification::correct_points(verification_file, &inputs.verify.display().to_string(), &model, None)?;
     let bag = timed(&mut steps, "make the recording", || recording::write(&machine, &inputs, &out))?;
     finish(&bar, &format!("{} scale and {} tracer readings", bag.scale_readings, bag.tracer_readings));
 

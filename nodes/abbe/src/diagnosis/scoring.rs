@@ -35,7 +35,7 @@ impl Points {
     }
 
     fn errors(&self, model: &ModelFile) -> anyhow::Result<(VerificationPoints, Vec<f64>)> {
-        let points = correct_points(self.bytes.as_slice(), &self.shown, model)?;
+        let points = correct_points(self.bytes.as_slice(), &self.shown, model, None)?;
         let errors = errors(&points).with_context(|| self.shown.clone())?;
         let squares = errors.iter().map(|v| v.after_m.norm_squared() * UM2).collect();
         Ok((points, squares))

@@ -9,7 +9,7 @@ use crate::pipeline::software;
 use abbe_diagnose::DiagnoseError;
 use abbe_diagnose::study::runs::{PositionSummary, positions};
 use abbe_diagnose::study::{Options, StudyDiagnosis, five_axis, runs, vectors};
-use abbe_files::{FileError, ModelFile, hex, read_residual_vectors_file, read_runs_file, read_sphere_centres_file};
+use abbe_files::{FileError, ModelFile, header_names, hex, read_residual_vectors_file, read_runs_file, read_sphere_centres_file};
 use abbe_geometry::machine::Machine;
 use abbe_report::diagnosis::{DiagnosisReport, File};
 use abbe_report::{Axis, Curve, CurveStyle, LinePanel, LinePlot, Section};
@@ -25,19 +25,9 @@ pub(crate) enum DataKind {
     SphereCentres,
 }
 
-/// How far into a file its header may stand (bytes).
-const HEADER: u64 = 1 << 16;
-
 /// The kind that a CSV file's header names; `None` for a campaign, a bag, or what cannot be read.
 pub(crate) fn kind_of(path: &Path) -> Option<DataKind> {
-    use std::io::{BufRead, BufReader, Read};
-    let file = std::fs::File::open(path).ok()?;
-    // A file without line ends is not read as a whole to look at it.
-    let lines = BufReader::new(file.take(HEADER)).split(b'\n').map_while(Result::ok);
-    let texts = lines.map(|line| String::from_utf8_lossy(&line).trim_start_matches('\u{feff}').trim().to_owned());
-    let header = texts.into_iter().find(|line| !line.is_empty() && !line.starts_with('#'))?;
-    let bare = |name: &str| name.trim().trim_matches('"').to_owned();
-    let names: Vec<String> = header.split(',').map(bare).collect();
+    let names = header_names(path)?;
     let has = |wanted: [&str; 2]| wanted.iter().all(|name| names.iter().any(|n| n == name));
     match () {
         () if has(["axis", "target_mm"]) => Some(DataKind::Runs),

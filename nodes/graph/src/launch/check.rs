@@ -34,6 +34,9 @@ impl Launch {
                 _ => {}
             }
         }
+        if self.residual_model.is_some() && self.model.is_none() {
+            return wrong("residual_model", "corrects what a geometric model leaves; add the key model");
+        }
         self.check_effects(path)?;
         self.check_monitor(path)?;
         if self.nodes.contains(&NodeName::Recorder) && self.record.is_none() {

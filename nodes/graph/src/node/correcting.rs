@@ -4,14 +4,15 @@
 //! transports hand samples on without waiting, the standard message goes out on a thread of its own, and a new model is
 //! read on another; the loop takes it between two samples, so that none is lost and none corrected by half of each.
 
-use super::model::ModelFeed;
+use super::model::{ModelFeed, ResidualFeed};
 use super::{LOOK_UP, NodeContext, NodeError, NodeSummary, take};
 use crate::launch::NodeName;
 use crate::step::{GeometricStep, ResidualStep};
 use crate::topics;
 use abbe_msgs::standard::{DiagnosticStatus, PointStamped};
-use abbe_msgs::{CorrectedCoordinates, CorrectionStatus, Message, ScaleReading};
+use abbe_msgs::{CorrectedCoordinates, CorrectionStatus, Message, ScaleReading, Sha256};
 use abbe_runtime::ros::{self, Diagnostics, QueuedPublisher};
+use std::cell::Cell;
 use std::num::NonZeroUsize;
 use std::time::{Duration, Instant};
 
@@ -67,21 +68,68 @@ impl Stage<ScaleReading> for Geometric {
     }
 }
 
-/// A residual field that is learned anew would come by a feed of its own and be put into use in `refresh`.
 struct Residual {
     step: ResidualStep,
+    fields: ResidualFeed,
     points: Option<QueuedPublisher<PointStamped>>,
+    without: Cell<Without>,
+}
+
+/// Corrected samples that no residual model belonged to.
+#[derive(Debug, Clone, Copy, Default)]
+struct Without {
+    /// So many in all.
+    samples: u64,
+    /// Geometric model of the last sample, while it is one of them.
+    model_sha256: Option<Sha256>,
+}
+
+impl Residual {
+    /// What to tell while samples come from another geometric model than the residual model belongs to.
+    fn warning(&self) -> Option<String> {
+        let model = self.without.get().model_sha256.filter(|_| !self.step.residual_sha256().is_none())?;
+        Some(format!(
+            "samples pass without the residual: they are of model {model}, the residual model belongs to {}; train on the \
+             residuals of the model in use",
+            self.step.model_sha256()
+        ))
+    }
 }
 
 impl Stage<CorrectedCoordinates> for Residual {
+    fn refresh(&mut self) {
+        if let Some((field, _)) = self.fields.newest() {
+            self.step.put_in_use(field);
+        }
+    }
+
     fn correct(&self, sample: &CorrectedCoordinates) -> CorrectedCoordinates {
         self.step.correct(sample)
     }
 
     fn beside(&self, corrected: &CorrectedCoordinates) {
+        let before = self.without.get();
+        let lacks = corrected.corrected_valid && corrected.residual_model_sha256.is_none();
+        let model_sha256 = lacks.then_some(corrected.model_sha256);
+        self.without.set(Without { samples: before.samples + u64::from(lacks), model_sha256 });
+        if lacks
+            && before.model_sha256 != model_sha256
+            && let Some(warning) = self.warning()
+        {
+            tracing::warn!("{warning}");
+        }
         if let (Some(publisher), Some(point)) = (&self.points, PointStamped::from_corrected(corrected)) {
             publisher.publish(point);
         }
+    }
+
+    fn report(&self, health: &Diagnostics) -> Result<(), NodeError> {
+        self.fields.report_with(health, self.step.residual_sha256(), self.warning().as_deref())
+    }
+
+    fn figures(&self, summary: &mut NodeSummary) {
+        self.fields.figures(summary);
+        summary.figures.insert("without_residual".to_owned(), self.without.get().samples as f64);
     }
 }
 
@@ -96,7 +144,9 @@ pub(super) fn residual(context: &NodeContext) -> Result<NodeSummary, NodeError> 
         Some(node) => Some(node.publisher(topics::CORRECTED_POINT, &ros::stream_qos(QUEUE), QUEUE)?),
         None => None,
     };
-    pump(context, NodeName::Geometric, Residual { step: ResidualStep::default(), points })
+    let (field, fields) = ResidualFeed::open(context)?;
+    let without = Cell::default();
+    pump(context, NodeName::Geometric, Residual { step: ResidualStep::new(field), fields, points, without })
 }
 
 /// Takes, corrects, gives; counts what each status says.

@@ -1,13 +1,14 @@
 //! The model of a running node: the one at the start, and every better one that takes its place.
 //!
-//! Place in the flow: the geometric and the monitor node open it once; it brings them each new version of the file that
-//! the launch file names, offers `~/reload_model`, and tells on `/diagnostics` which model is in use. The residual
-//! node's artifact can come by the same [`Feed`] and the same service.
+//! Place in the flow: the geometric, the residual and the monitor node open it once; it brings them each new version of
+//! the file that the launch file names, offers `~/reload_model`, and tells on `/diagnostics` which model is in use. What
+//! kind of file it is only matters to how it is loaded.
 
 use super::{NodeContext, NodeError, NodeSummary};
 use crate::feed::{Feed, FeedStatus};
+use crate::step::OwnedField;
 use crate::topics;
-use abbe_files::{FileError, ModelFile};
+use abbe_files::{FileError, LoadedResidual, ModelFile, ResidualFile};
 use abbe_geometry::model::MachineModel;
 use abbe_msgs::Sha256;
 use abbe_msgs::standard::DiagnosticStatus;
@@ -19,39 +20,79 @@ use std::sync::Arc;
 pub(super) type LoadedModel = (Arc<MachineModel>, Sha256);
 
 /// New versions of the model file; none where the launch file names no model.
-pub(super) struct ModelFeed {
-    feed: Option<Feed<Arc<MachineModel>>>,
+pub(super) type ModelFeed = ArtifactFeed<Arc<MachineModel>>;
+
+/// New versions of the residual model file; none where the launch file names none.
+pub(super) type ResidualFeed = ArtifactFeed<OwnedField>;
+
+/// Words for one kind of file.
+#[derive(Debug, Clone, Copy)]
+struct Words {
+    /// What it is called, on `/diagnostics` too.
+    name: &'static str,
+    /// Key of the launch file.
+    key: &'static str,
+    /// Whether a node without such a file does not do its work.
+    is_needed: bool,
+}
+
+const MODEL: Words = Words { name: "model", key: "model", is_needed: true };
+const RESIDUAL: Words = Words { name: "residual model", key: "residual_model", is_needed: false };
+
+/// New versions of a file that a node corrects with.
+pub(super) struct ArtifactFeed<T> {
+    words: Words,
+    feed: Option<Feed<T>>,
     _service: Option<TriggerService>,
 }
 
 impl ModelFeed {
     /// Loads the model that the launch file names, and watches it.
     pub(super) fn open(context: &NodeContext) -> Result<(Option<LoadedModel>, ModelFeed), NodeError> {
-        let Some(path) = &context.launch.model else {
-            return Ok((None, ModelFeed { feed: None, _service: Self::serve(context, None)? }));
-        };
         let machine = context.machine.machine.name.clone();
-        let load = move |path: &Path| load(path, &machine);
+        ArtifactFeed::of_file(context, MODEL, context.launch.model.as_deref(), move |path| load(path, &machine))
+    }
+}
+
+impl ResidualFeed {
+    /// Loads the residual model that the launch file names, and watches it.
+    pub(super) fn open(context: &NodeContext) -> Result<(Option<OwnedField>, ResidualFeed), NodeError> {
+        let machine = context.machine.machine.name.clone();
+        let load = move |path: &Path| load_residual(path, &machine);
+        let (first, feed) = ArtifactFeed::of_file(context, RESIDUAL, context.launch.residual_model.as_deref(), load)?;
+        Ok((first.map(|(field, _)| field), feed))
+    }
+}
+
+impl<T: Send + 'static> ArtifactFeed<T> {
+    fn of_file(
+        context: &NodeContext,
+        words: Words,
+        path: Option<&Path>,
+        load: impl FnMut(&Path) -> Result<(T, Sha256), FileError> + Send + 'static,
+    ) -> Result<(Option<(T, Sha256)>, ArtifactFeed<T>), NodeError> {
+        let Some(path) = path else {
+            let service = Self::serve(context, words, None)?;
+            return Ok((None, ArtifactFeed { words, feed: None, _service: service }));
+        };
         let (first, feed) = Feed::open(&context.base.join(path), load)?;
-        let service = Self::serve(context, Some(&feed))?;
-        Ok((Some(first), ModelFeed { feed: Some(feed), _service: service }))
+        let service = Self::serve(context, words, Some(&feed))?;
+        Ok((Some(first), ArtifactFeed { words, feed: Some(feed), _service: service }))
     }
 
-    fn serve(
-        context: &NodeContext,
-        feed: Option<&Feed<Arc<MachineModel>>>,
-    ) -> Result<Option<TriggerService>, NodeError> {
+    fn serve(context: &NodeContext, words: Words, feed: Option<&Feed<T>>) -> Result<Option<TriggerService>, NodeError> {
         let reload = feed.map(Feed::reload);
+        let Words { name, key, .. } = words;
         let handler = move || match &reload {
-            Some(reload) => reload.load().map(|sha256| format!("model {} is in use from now on", sha256.to_hex())),
-            None => Err("the launch file names no model; add the key model and start the node again".to_owned()),
+            Some(reload) => reload.load().map(|sha256| format!("{name} {} is in use from now on", sha256.to_hex())),
+            None => Err(format!("the launch file names no {name}; add the key {key} and start the node again")),
         };
         let serve = |node: &RosNode| node.trigger_service(topics::RELOAD_MODEL, handler);
         Ok(context.ros.as_ref().map(serve).transpose()?)
     }
 
     /// The newest model that has become ready since the last call. Never waits.
-    pub(super) fn newest(&self) -> Option<LoadedModel> {
+    pub(super) fn newest(&self) -> Option<(T, Sha256)> {
         self.feed.as_ref().and_then(Feed::newest)
     }
 
@@ -68,32 +109,53 @@ impl ModelFeed {
 
     /// Tells which model is in use, and why a newer one is not.
     pub(super) fn report(&self, health: &Diagnostics, in_use: Sha256) -> Result<(), NodeError> {
+        self.report_with(health, in_use, None)
+    }
+
+    /// The same, where the node itself has something to `warn` of.
+    pub(super) fn report_with(
+        &self,
+        health: &Diagnostics,
+        in_use: Sha256,
+        warning: Option<&str>,
+    ) -> Result<(), NodeError> {
         let FeedStatus { loaded, refused, problem } = self.status();
-        let (level, message) = match &problem {
-            Some(problem) => (DiagnosticStatus::WARN, format!("refused a new model: {problem}")),
-            None if in_use.is_none() => (DiagnosticStatus::WARN, "no model".to_owned()),
-            None => (DiagnosticStatus::OK, "model in use".to_owned()),
+        let name = self.words.name;
+        let (level, message) = match (&problem, warning) {
+            (Some(problem), _) => (DiagnosticStatus::WARN, format!("refused a new {name}: {problem}")),
+            (None, Some(warning)) => (DiagnosticStatus::WARN, warning.to_owned()),
+            (None, None) if in_use.is_none() && self.words.is_needed => (DiagnosticStatus::WARN, format!("no {name}")),
+            (None, None) if in_use.is_none() => (DiagnosticStatus::OK, format!("no {name}: samples pass as they are")),
+            (None, None) => (DiagnosticStatus::OK, format!("{name} in use")),
         };
         let file = self.feed.as_ref().map_or("none".to_owned(), |feed| feed.path().display().to_string());
         let sha256 = if in_use.is_none() { "none".to_owned() } else { in_use.to_hex() };
         let figures = [
-            ("model sha256", sha256),
-            ("models loaded", loaded.to_string()),
-            ("models refused", refused.to_string()),
-            ("model file", file),
+            (format!("{name} sha256"), sha256),
+            (format!("{name}s loaded"), loaded.to_string()),
+            (format!("{name}s refused"), refused.to_string()),
+            (format!("{name} file"), file),
         ];
-        Ok(health.report("model", level, &message, figures)?)
+        let figures = figures.iter().map(|(key, value)| (key.as_str(), value.clone()));
+        Ok(health.report(name, level, &message, figures)?)
     }
 
     /// Counts for the node's summary.
     pub(super) fn figures(&self, summary: &mut NodeSummary) {
         let status = self.status();
-        summary.figures.insert("models_loaded".to_owned(), status.loaded as f64);
-        summary.figures.insert("models_refused".to_owned(), status.refused as f64);
+        let name = self.words.name.replace(' ', "_");
+        summary.figures.insert(format!("{name}s_loaded"), status.loaded as f64);
+        summary.figures.insert(format!("{name}s_refused"), status.refused as f64);
     }
 }
 
 fn load(path: &Path, machine: &str) -> Result<LoadedModel, FileError> {
     let (file, sha256) = ModelFile::load_for(path, machine)?;
     Ok((Arc::new(file.model), Sha256::from_bytes(sha256)))
+}
+
+fn load_residual(path: &Path, machine: &str) -> Result<(OwnedField, Sha256), FileError> {
+    let (file, owner, sha256) = ResidualFile::load_for(path, machine)?;
+    let field = Arc::new(LoadedResidual::new(file.model, sha256));
+    Ok((OwnedField { field, model_sha256: Sha256::from_bytes(owner.model_sha256) }, Sha256::from_bytes(sha256)))
 }

@@ -14,4 +14,4 @@ pub use geometric::GeometricStep;
 pub use health::{Health, HealthState, Unsound};
 pub use monitor::{MonitorSettings, MonitorStep};
 pub use readings::{KEPT_READINGS, ReadingBuffer};
-pub use residual::ResidualStep;
+pub use residual::{OwnedField, ResidualStep};

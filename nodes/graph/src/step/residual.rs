@@ -1,7 +1,9 @@
 //! The residual node's step: adds what a residual field says, or passes the sample through.
 //!
 //! Place in the flow: after the geometric node, before the users of corrected coordinates. Wraps
-//! [`abbe_geometry::correct::add_residual`] between the message types; without a field the sample leaves as it came.
+//! [`abbe_geometry::correct::add_residual`] between the message types. A field is what one geometric model leaves, so it is
+//! added only to samples that this model made; every other sample leaves as it came, and its `residual_model_sha256`
+//! stays empty, which says that nothing was added.
 
 use abbe_geometry::correct::add_residual;
 use abbe_geometry::residual_field::ResidualField;
@@ -9,21 +11,55 @@ use abbe_geometry::{Matrix3, Vector3};
 use abbe_msgs::{CorrectedCoordinates, CorrectionStatus, Sha256};
 use std::sync::Arc;
 
-/// Adds one residual field.
+/// Fields kept for samples of different geometric models: a new model and its field never come at the same instant.
+const KEPT_FIELDS: usize = 3;
+
+/// A residual field and the geometric model that it belongs to.
+#[derive(Clone)]
+pub struct OwnedField {
+    /// The field.
+    pub field: Arc<dyn ResidualField>,
+    /// SHA-256 of the geometric model that leaves it.
+    pub model_sha256: Sha256,
+}
+
+/// Adds the residual field that belongs to the model of each sample.
 #[derive(Clone, Default)]
 pub struct ResidualStep {
-    field: Option<Arc<dyn ResidualField>>,
+    /// One for each geometric model, the newest last.
+    fields: Vec<OwnedField>,
 }
 
 impl ResidualStep {
     /// A step with this field, or none.
-    pub fn new(field: Option<Arc<dyn ResidualField>>) -> ResidualStep {
-        ResidualStep { field }
+    pub fn new(field: Option<OwnedField>) -> ResidualStep {
+        ResidualStep { fields: field.into_iter().collect() }
     }
 
-    /// The sample with the residual added; what is not valid passes unchanged.
+    /// Adds this field from the next sample on. It takes the place of the one for the same geometric model; those for
+    /// other models stay for samples that they still make.
+    pub fn put_in_use(&mut self, field: OwnedField) {
+        self.fields.retain(|other| other.model_sha256 != field.model_sha256);
+        self.fields.push(field);
+        if self.fields.len() > KEPT_FIELDS {
+            self.fields.remove(0);
+        }
+    }
+
+    /// Hash of the newest field; [`Sha256::NONE`] without one.
+    pub fn residual_sha256(&self) -> Sha256 {
+        self.fields.last().map_or(Sha256::NONE, |newest| Sha256::from_bytes(newest.field.sha256()))
+    }
+
+    /// Geometric model that the newest field belongs to; [`Sha256::NONE`] without one.
+    pub fn model_sha256(&self) -> Sha256 {
+        self.fields.last().map_or(Sha256::NONE, |newest| newest.model_sha256)
+    }
+
+    /// The sample with the residual added; what is not valid, or of a model that no field belongs to, passes unchanged.
     pub fn correct(&self, sample: &CorrectedCoordinates) -> CorrectedCoordinates {
-        let (Some(field), true) = (&self.field, sample.corrected_valid) else { return *sample };
+        let of_model = self.fields.iter().rev().find(|owned| owned.model_sha256 == sample.model_sha256);
+        let (Some(OwnedField { field, .. }), true) = (of_model, sample.corrected_valid) else { return *sample };
         let mut position_m = Vector3::from(sample.corrected_m);
         let mut covariance_m2 = Matrix3::from_row_slice(&sample.covariance_m2);
         let prediction = add_residual(&mut position_m, &mut covariance_m2, field.as_ref());
@@ -44,8 +80,12 @@ mod tests {
     use super::*;
     use abbe_geometry::residual_field::ResidualPrediction;
 
+    const MODEL: Sha256 = Sha256::from_bytes([1; 32]);
+    const OTHER_MODEL: Sha256 = Sha256::from_bytes([2; 32]);
+
     struct Shift {
         inside: bool,
+        sha256: [u8; 32],
     }
 
     impl ResidualField for Shift {
@@ -55,14 +95,19 @@ mod tests {
         }
 
         fn sha256(&self) -> [u8; 32] {
-            [7; 32]
+            self.sha256
         }
+    }
+
+    fn field(inside: bool, sha256: u8, model_sha256: Sha256) -> OwnedField {
+        OwnedField { field: Arc::new(Shift { inside, sha256: [sha256; 32] }), model_sha256 }
     }
 
     fn sample(corrected_valid: bool, status: CorrectionStatus) -> CorrectedCoordinates {
         let mut sample = crate::step::GeometricStep::new(None, 1.0).correct(&abbe_msgs::ScaleReading::default());
         sample.corrected_valid = corrected_valid;
         sample.status = status;
+        sample.model_sha256 = MODEL;
         sample
     }
 
@@ -74,9 +119,10 @@ mod tests {
 
     #[test]
     fn a_field_moves_the_point_widens_the_covariance_and_signs_with_its_hash() {
-        let step = ResidualStep::new(Some(Arc::new(Shift { inside: true })));
+        let step = ResidualStep::new(Some(field(true, 7, MODEL)));
         let out = step.correct(&sample(true, CorrectionStatus::InVolume));
         assert_eq!(out.corrected_m, [1e-6, -2e-6, 3e-6]);
+        assert_eq!(out.residual_correction_m, [1e-6, -2e-6, 3e-6]);
         assert_eq!(out.covariance_m2[4], 1e-14);
         assert_eq!(out.residual_model_sha256.to_bytes(), [7; 32]);
         assert_eq!(out.status, CorrectionStatus::InVolume);
@@ -84,10 +130,32 @@ mod tests {
 
     #[test]
     fn outside_the_field_is_extrapolated_and_a_worse_status_stays() {
-        let step = ResidualStep::new(Some(Arc::new(Shift { inside: false })));
+        let step = ResidualStep::new(Some(field(false, 7, MODEL)));
         assert_eq!(step.correct(&sample(true, CorrectionStatus::InVolume)).status, CorrectionStatus::Extrapolated);
         assert_eq!(step.correct(&sample(true, CorrectionStatus::Stale)).status, CorrectionStatus::Stale);
         let rejected = sample(false, CorrectionStatus::Rejected);
         assert_eq!(step.correct(&rejected), rejected);
+    }
+
+    #[test]
+    fn a_sample_of_another_model_passes_without_the_field_and_says_so() {
+        let step = ResidualStep::new(Some(field(true, 7, OTHER_MODEL)));
+        let sample = sample(true, CorrectionStatus::InVolume);
+        let out = step.correct(&sample);
+        assert_eq!(out, sample);
+        assert!(out.residual_model_sha256.is_none());
+    }
+
+    #[test]
+    fn each_sample_gets_the_newest_field_of_its_own_model() {
+        let mut step = ResidualStep::new(Some(field(true, 7, MODEL)));
+        step.put_in_use(field(true, 8, OTHER_MODEL));
+        let old = sample(true, CorrectionStatus::InVolume);
+        let new = CorrectedCoordinates { model_sha256: OTHER_MODEL, ..old };
+        let hash = |step: &ResidualStep, sample| step.correct(sample).residual_model_sha256.to_bytes()[0];
+        assert_eq!([hash(&step, &old), hash(&step, &new)], [7, 8]);
+        step.put_in_use(field(true, 9, MODEL));
+        assert_eq!([hash(&step, &old), hash(&step, &new)], [9, 8]);
+        assert_eq!((step.model_sha256(), step.residual_sha256().to_bytes()), (MODEL, [9; 32]));
     }
 }

@@ -1,0 +1,106 @@
+//! `abbe compare`: the residual network and its rivals on the same held-out data.
+//!
+//! Place in the flow: before a method is chosen. Residual vectors in, one table out: figures by seed with 95 % intervals of
+//! their mean, the published figures beside them, and which method these data speak for.
+
+use super::identify::spinner;
+use crate::training::{self, Data};
+use abbe_files::hex;
+use abbe_residual_training::{CompareConfig, Comparison, Go, Interval, RivalRow, compare};
+use abbe_runtime::Shutdown;
+use anyhow::{Context, ensure};
+use serde_json::json;
+use std::path::PathBuf;
+use std::time::Instant;
+
+/// Arguments of `compare`.
+#[derive(Debug, clap::Args)]
+pub(crate) struct Arguments {
+    /// Residual vectors: CSV or bag of abbe residuals, or CSV of any other software
+    #[arg(long)]
+    residuals: PathBuf,
+    /// Splits and trainings, each with a seed of its own
+    #[arg(long)]
+    seeds: Option<usize>,
+    /// Configuration of the training (TOML); left out, the paper's values
+    #[arg(long)]
+    config: Option<PathBuf>,
+    /// Print as JSON
+    #[arg(long)]
+    json: bool,
+}
+
+pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    let shutdown = Shutdown::on_signals()?;
+    let training = training::read_config(arguments.config.as_deref())?;
+    let usual = CompareConfig::default();
+    let config = CompareConfig { training, seeds: arguments.seeds.unwrap_or(usual.seeds), ..usual };
+    ensure!(config.seeds > 0, "--seeds must be at least 1");
+    let data = Data::read(&arguments.residuals)?;
+    let since = Instant::now();
+    let clock = || since.elapsed().as_secs_f64();
+    let bar = spinner(&format!("comparing on {} points", data.points()));
+    bar.set_message(format!("0 of {} trainings", config.seeds * config.rivals.len()));
+    let mut observe = |done: usize, all: usize| {
+        bar.set_message(format!("{done} of {all} trainings"));
+        if shutdown.requested() { Go::Stop } else { Go::On }
+    };
+    let compared = compare(&data.field, &config, &clock, &mut observe);
+    bar.finish_and_clear();
+    let compared = compared.with_context(|| arguments.residuals.display().to_string())?;
+    match arguments.json {
+        true => {
+            let value = json!({ "data": { "file": data.file, "sha256": hex(&data.sha256) }, "comparison": compared });
+            println!("{}", serde_json::to_string_pretty(&value)?);
+        }
+        false => say(&data, &compared),
+    }
+    ensure!(compared.complete, "stopped on request; the table holds the seeds that were done");
+    Ok(())
+}
+
+fn say(data: &Data, compared: &Comparison) {
+    let split = if compared.flattering { "single points (flattering)" } else { "blocks of space" };
+    println!("{}: {} points, held out by {split}, {} seeds", data.file, compared.points, compared.config.seeds);
+    let head = ["method", "MSE um2 (95 %)", "MAE um (95 %)", "95 % um", "worst um", "train s", "point us"];
+    let [method, mse, mae, most, worst, train, point] = head;
+    println!("{method:<20} {mse:>25} {mae:>25} {most:>9} {worst:>9} {train:>9} {point:>9}   Liang 2025: MSE, MAE");
+    for row in &compared.rows {
+        println!("{}", line(row));
+    }
+    if let Some(recommended) = &compared.recommendation {
+        println!("these data speak for {}: {}", recommended.method, recommended.why);
+    }
+    println!(
+        "published figures are of data that are not published; only the columns before them compare like with like"
+    );
+}
+
+fn line(row: &RivalRow) -> String {
+    let published = row.rival.published().map_or(String::new(), |(mse, mae)| format!("{mse:.4}, {mae:.4}"));
+    let mean = |interval: &Option<Interval>, factor: f64, decimals: usize| {
+        interval.map_or_else(|| "-".to_owned(), |i| format!("{:.decimals$}", i.mean * factor))
+    };
+    let mut text = format!(
+        "{:<20} {:>25} {:>25} {:>9} {:>9} {:>9} {:>9}   {published}",
+        row.rival.name(),
+        with_ends(&row.mse_um2),
+        with_ends(&row.mae_um),
+        mean(&row.error_95_um, 1.0, 3),
+        mean(&row.worst_um, 1.0, 3),
+        mean(&row.training_s, 1.0, 2),
+        mean(&row.prediction_s, 1e6, 1)
+    );
+    if let Some(reason) = &row.missing {
+        text += &format!("  ({} seeds without: {reason})", if row.seeds.is_empty() { "all" } else { "some" });
+    }
+    text.trim_end().to_owned()
+}
+
+fn with_ends(interval: &Option<Interval>) -> String {
+    match interval {
+        None => "-".to_owned(),
+        Some(Interval { mean, low: Some(low), high: Some(high) }) => format!("{mean:.4} ({low:.4} to {high:.4})"),
+        Some(Interval { mean, .. }) => format!("{mean:.4}"),
+    }
+}

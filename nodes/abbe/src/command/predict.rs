@@ -1,0 +1,51 @@
+//! `abbe predict`: points in, the same points with the residual that a residual model predicts there out.
+//!
+//! Place in the flow: offline look at a residual model; nothing is corrected here, so the model need not say which
+//! geometric model it belongs to. Points in the machine frame; residual = actual − corrected, with standard uncertainty.
+
+use abbe_files::{AtomicFile, PlainPoints, PredictedWriter, ResidualFile, hex};
+use abbe_geometry::Vector3;
+use abbe_runtime::Shutdown;
+use anyhow::{Context, ensure};
+use std::fs::File;
+use std::io::{BufReader, BufWriter, Write};
+use std::path::PathBuf;
+
+/// Arguments of `predict`.
+#[derive(Debug, clap::Args)]
+pub(crate) struct Arguments {
+    /// Residual model, as abbe train writes it
+    #[arg(long)]
+    model: PathBuf,
+    /// CSV with points x_mm, y_mm, z_mm in the machine frame
+    #[arg(long = "in")]
+    input: PathBuf,
+    /// CSV to write
+    #[arg(long = "out")]
+    output: PathBuf,
+}
+
+pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    let shutdown = Shutdown::on_signals()?;
+    let (file, sha256) = ResidualFile::load(&arguments.model)?;
+    let name = arguments.input.display().to_string();
+    let input = File::open(&arguments.input).with_context(|| format!("{name}: cannot be opened"))?;
+    let mut points = PlainPoints::new(BufReader::new(input), &name)?;
+    let mut output = AtomicFile::create(&arguments.output)?;
+    let shown = arguments.output.display().to_string();
+    let mut writer = PredictedWriter::new(BufWriter::new(&mut output), &shown, points.columns())?;
+    let (mut count, mut outside) = (0_u64, 0_u64);
+    while let Some(point_m) = points.next_point_m()? {
+        ensure!(!shutdown.requested(), "stopped on request; no output was written");
+        let prediction = file.model.predict(&Vector3::from(point_m));
+        outside += u64::from(!prediction.inside);
+        count += 1;
+        writer.write(&points, &prediction)?;
+    }
+    writer.finish()?.flush()?;
+    output.commit()?;
+    println!("{}", arguments.output.display());
+    println!("  residual model    {}", hex(&sha256));
+    println!("  points            {count}, {outside} of them outside the measured ones");
+    Ok(())
+}

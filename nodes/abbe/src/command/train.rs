@@ -1,0 +1,202 @@
+//! `abbe train`: residual vectors in, a residual model with the evidence for it out.
+//!
+//! Place in the flow: offline, between `abbe residuals` and the residual node. Prints and reports what held-out data say;
+//! Ctrl-C keeps the best so far and what is needed to go on. The model belongs to the geometric model that the residuals
+//! are of, and corrects nothing else.
+
+use super::identify::spinner;
+use crate::pipeline::software;
+use crate::training::{self, Data, report};
+use abbe_files::{DataSource, ModelFile, ResidualFile, ResidualOwner, hex, write_atomically};
+use abbe_residual_training::{Config, Go, Progress, State, Trained, ZERO, train};
+use abbe_runtime::Shutdown;
+use anyhow::{Context, bail, ensure};
+use std::path::{Path, PathBuf};
+
+/// Arguments of `train`.
+#[derive(Debug, clap::Args)]
+pub(crate) struct Arguments {
+    /// Residual vectors: CSV or bag of abbe residuals, or CSV of any other software
+    #[arg(long)]
+    residuals: PathBuf,
+    /// Residual model to write; its report is written beside it, ending in .html
+    #[arg(long)]
+    out: PathBuf,
+    /// Configuration (TOML); left out, the paper's values
+    #[arg(long)]
+    config: Option<PathBuf>,
+    /// Geometric model that leaves these residuals, where the file does not say
+    #[arg(long)]
+    model: Option<PathBuf>,
+    /// Where it is trained
+    #[arg(long, value_enum, default_value_t = Device::Cpu)]
+    device: Device,
+    /// Go on with a training that was stopped
+    #[arg(long)]
+    resume: bool,
+}
+
+/// Where a network is trained.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum Device {
+    /// Processor; the same bytes each time.
+    Cpu,
+    /// Graphics card.
+    Wgpu,
+}
+
+pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    if arguments.device == Device::Wgpu {
+        bail!(
+            "--device wgpu: this program is built without it, because a graphics card gives other bytes from run to run; \
+             train with --device cpu, which takes seconds to minutes"
+        );
+    }
+    let shutdown = Shutdown::on_signals()?;
+    let config = training::read_config(arguments.config.as_deref())?;
+    let data = Data::read(&arguments.residuals)?;
+    let owner = owner(arguments, &data)?;
+    let paths = Paths::beside(&arguments.out);
+    let resume = arguments.resume.then(|| read_state(&paths.state)).transpose()?;
+    let trained =
+        with_progress(&data, &config, resume, &shutdown).with_context(|| arguments.residuals.display().to_string())?;
+    let file = artifact(&trained, &data, &config, owner)?;
+    let html = report::html(&trained, &file, &data)?;
+    let sha256 = file.save(&arguments.out)?;
+    write_atomically(&paths.report, html.as_bytes())?;
+    if trained.record.complete {
+        remove_state(&paths.state)?;
+    } else {
+        write_atomically(&paths.state, &serde_json::to_vec(&trained.state)?)?;
+    }
+    say(arguments, &trained, &file, &sha256, &paths);
+    ensure!(
+        trained.record.complete,
+        "stopped on request; {} holds the best so far, and --resume goes on from {}",
+        arguments.out.display(),
+        paths.state.display()
+    );
+    Ok(())
+}
+
+/// Files beside the residual model.
+struct Paths {
+    report: PathBuf,
+    state: PathBuf,
+}
+
+impl Paths {
+    fn beside(out: &Path) -> Paths {
+        Paths { report: out.with_extension("html"), state: out.with_extension("state.json") }
+    }
+}
+
+/// The geometric model that leaves these residuals, as the file or the command line says; both must agree.
+fn owner(arguments: &Arguments, data: &Data) -> anyhow::Result<Option<ResidualOwner>> {
+    let told = data.owner.clone();
+    let Some(path) = &arguments.model else { return Ok(told) };
+    let (model, model_sha256) = ModelFile::load(path)?;
+    let given = ResidualOwner { machine: model.model.parts().machine.name.clone(), model_sha256 };
+    if let Some(told) = told {
+        ensure!(
+            told == given,
+            "{}: these are residuals of model {} of machine {}, not of {} ({} of machine {}); leave --model out, or compute \
+             the residuals of this model",
+            arguments.residuals.display(),
+            hex(&told.model_sha256),
+            told.machine,
+            path.display(),
+            hex(&given.model_sha256),
+            given.machine
+        );
+    }
+    Ok(Some(given))
+}
+
+fn read_state(path: &Path) -> anyhow::Result<State> {
+    let bytes = std::fs::read(path).with_context(|| {
+        format!("{}: there is no stopped training to go on with; leave --resume out", path.display())
+    })?;
+    serde_json::from_slice(&bytes)
+        .with_context(|| format!("{}: this is no stopped training; remove it and leave --resume out", path.display()))
+}
+
+fn remove_state(path: &Path) -> anyhow::Result<()> {
+    match std::fs::remove_file(path) {
+        Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
+            Err(error).with_context(|| format!("{}: cannot be removed", path.display()))
+        }
+        _ => Ok(()),
+    }
+}
+
+fn with_progress(data: &Data, config: &Config, resume: Option<State>, shutdown: &Shutdown) -> anyhow::Result<Trained> {
+    let bar = spinner(&format!("training on {} points", data.points()));
+    let mut observe = |progress: &Progress| {
+        bar.set_message(format!(
+            "{} {} of {}, epoch {} of {}: loss {:.4}, validation {:.4}, best {:.4}",
+            progress.kind.name(),
+            progress.member + 1,
+            progress.members,
+            progress.epoch + 1,
+            progress.epochs,
+            progress.training_loss,
+            progress.validation_loss,
+            progress.best_validation_loss
+        ));
+        if shutdown.requested() { Go::Stop } else { Go::On }
+    };
+    let trained = train(&data.field, config, resume, &mut observe);
+    bar.finish_and_clear();
+    Ok(trained?)
+}
+
+fn artifact(
+    trained: &Trained,
+    data: &Data,
+    config: &Config,
+    owner: Option<ResidualOwner>,
+) -> anyhow::Result<ResidualFile> {
+    Ok(ResidualFile {
+        model: trained.model.clone(),
+        owner,
+        data: vec![DataSource { file: data.file.clone(), sha256: hex(&data.sha256) }],
+        seed: config.seed,
+        complete: trained.record.complete,
+        config: serde_json::to_value(config)?,
+        validation: serde_json::to_value(&trained.record)?,
+        software: software(),
+    })
+}
+
+fn say(arguments: &Arguments, trained: &Trained, file: &ResidualFile, sha256: &[u8; 32], paths: &Paths) {
+    let record = &trained.record;
+    println!("{}", arguments.out.display());
+    println!("  residual model    {}", hex(sha256));
+    match &file.owner {
+        Some(owner) => println!("  belongs to        {} of machine {}", hex(&owner.model_sha256), owner.machine),
+        None => {
+            println!("  belongs to        no known model: it predicts, but corrects nothing; name one with --model")
+        }
+    }
+    println!(
+        "  points            {}, held out by {}",
+        record.points,
+        if record.flattering { "single points (flattering)" } else { "blocks of space" }
+    );
+    println!("  held out            MSE um2    MAE um   95 % um  worst um   in 95 %    points");
+    for method in &record.held_out {
+        let coverage = method.coverage_95.map_or_else(|| "-".to_owned(), |share| format!("{:.1} %", share * 100.0));
+        let s = &method.scores;
+        println!(
+            "    {:<15} {:>9.4} {:>9.4} {:>9.4} {:>9.4} {coverage:>9} {:>9}",
+            method.method, s.mse_um2, s.mae_um, s.error_95_um, s.worst_um, method.points
+        );
+    }
+    println!("  made              {}", record.kind);
+    println!("  recommended       {}: {}", record.recommendation.method, record.recommendation.why);
+    if record.recommendation.method == ZERO {
+        println!("  note              held-out data speak for no residual model at all: do not correct with this one");
+    }
+    println!("  report            {}", paths.report.display());
+}

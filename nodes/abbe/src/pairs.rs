@@ -1,0 +1,77 @@
+//! Length errors between pairs of points whose actual positions are known.
+//!
+//! Place in the flow: `abbe verify`. The distance of two points needs no alignment. Error of indication = measured −
+//! actual length, as in ISO 10360-2, over all pairs at once. It is no acceptance test after that standard, which has gauges
+//! on seven lines; it is what the points at hand say of lengths anywhere in the volume.
+
+use abbe_conformity::{Frontier, ObservedError, SupportedLimit};
+use abbe_geometry::Vector3;
+
+/// Pairs nearer than this say nothing of a length (m).
+const SHORTEST_M: f64 = 0.01;
+
+/// Length errors over all pairs.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct PairErrors {
+    /// Number of pairs.
+    pub(crate) pairs: usize,
+    /// Largest magnitude (m).
+    pub(crate) largest_m: f64,
+    /// Tightest limit A + L/K that holds them all (smallest mean over the lengths).
+    pub(crate) tightest: SupportedLimit,
+}
+
+/// Length errors between all pairs of points; corresponding lists (m).
+pub(crate) fn pair_errors(measured_m: &[Vector3<f64>], actual_m: &[Vector3<f64>]) -> anyhow::Result<PairErrors> {
+    let points = measured_m.iter().zip(actual_m);
+    let points: Vec<_> = points.collect();
+    let of = |(k, (measured, actual)): (usize, &(&Vector3<f64>, &Vector3<f64>))| {
+        let rest = points[k + 1..].iter();
+        let error = |(other, truth): &(&Vector3<f64>, &Vector3<f64>)| {
+            let length_m = (*truth - *actual).norm();
+            (length_m, ObservedError::from_metres((*other - *measured).norm() - length_m))
+        };
+        rest.map(error).filter(|(length_m, _)| *length_m >= SHORTEST_M).collect::<Vec<_>>()
+    };
+    let errors: Vec<(f64, ObservedError)> = points.iter().enumerate().flat_map(of).collect();
+    let largest_m = errors.iter().map(|(_, error)| error.magnitude_m()).fold(0.0, f64::max);
+    let frontier = Frontier::of(errors.iter().copied())?;
+    Ok(PairErrors { pairs: errors.len(), largest_m, tightest: frontier.smallest_area() })
+}
+
+impl PairErrors {
+    /// The tightest limit in words: A in µm, K in mm, as specifications are written.
+    pub(crate) fn limit(&self) -> String {
+        let SupportedLimit { constant_m, per_metre } = self.tightest;
+        match per_metre > 0.0 {
+            // µm per mm is a thousandth of m per m.
+            true => format!("{:.2} + L/{:.0}", constant_m * 1e6, 1e-3 / per_metre),
+            false => format!("{:.2}", constant_m * 1e6),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_scale_that_is_too_long_shows_as_a_length_error_whatever_the_frame() {
+        let actual: Vec<Vector3<f64>> =
+            (0..20).map(|k| Vector3::new(f64::from(k) * 0.04, f64::from(k % 3) * 0.1, 0.0)).collect();
+        let turn = nalgebra_turn();
+        // 10 µm/m too long, in another frame.
+        let measured: Vec<_> = actual.iter().map(|p| turn * (p * 1.000_010) + Vector3::new(1.0, 2.0, 3.0)).collect();
+        let found = pair_errors(&measured, &actual).unwrap();
+        let longest_m = (actual[19] - actual[0]).norm();
+        assert_eq!(found.pairs, 190);
+        assert!((found.largest_m - 10e-6 * longest_m).abs() < 1e-9, "{found:?}");
+        assert!((found.tightest.per_metre - 10e-6).abs() < 1e-8 && found.tightest.constant_m < 1e-9, "{found:?}");
+        assert_eq!(found.limit(), "0.00 + L/100");
+    }
+
+    fn nalgebra_turn() -> abbe_geometry::Matrix3<f64> {
+        let (sin, cos) = 0.7_f64.sin_cos();
+        abbe_geometry::Matrix3::new(cos, -sin, 0.0, sin, cos, 0.0, 0.0, 0.0, 1.0)
+    }
+}

@@ -1,0 +1,28 @@
+//! A residual model beside the geometric model it belongs to, for the commands that correct.
+//!
+//! Place in the flow: `correct`, `verify` and `replay` load it here; `correct` on CSV and `verify` add it to a corrected
+//! row through [`abbe_geometry::correct::add_residual`], which the residual node calls as well.
+
+use abbe_files::{FileError, LoadedResidual, ModelFile, ResidualFile};
+use abbe_geometry::correct::{Correction, Status, add_residual};
+use abbe_graph::step::OwnedField;
+use abbe_msgs::Sha256;
+use std::path::Path;
+use std::sync::Arc;
+
+/// Loads a residual model; refused where it belongs to another machine or another geometric model.
+pub(crate) fn load_residual(path: &Path, model: &ModelFile, sha256: &[u8; 32]) -> Result<OwnedField, FileError> {
+    let (file, own) = ResidualFile::load_for_model(path, &model.model.parts().machine.name, sha256)?;
+    Ok(OwnedField { field: Arc::new(LoadedResidual::new(file.model, own)), model_sha256: Sha256::from_bytes(*sha256) })
+}
+
+/// A correction with what the residual model adds to it; what was rejected stays so.
+pub(crate) fn with_residual(mut correction: Correction, residual: Option<&OwnedField>) -> Correction {
+    if let (Some(OwnedField { field, .. }), Some(covariance_m2)) = (residual, &mut correction.covariance_m2) {
+        let prediction = add_residual(&mut correction.position_m, covariance_m2, field.as_ref());
+        if !prediction.inside {
+            correction.status = correction.status.max(Status::Extrapolated);
+        }
+    }
+    correction
+}

@@ -1,0 +1,94 @@
+//! What `train` and `compare` have in common: residual vectors as a field, the configuration, and the report.
+//!
+//! Place in the flow: files in, what the training crate takes out. Points and residuals in m, machine frame.
+
+pub(crate) mod report;
+
+use crate::pipeline::is_bag;
+use crate::residual_bag;
+use abbe_field::MeasuredField;
+use abbe_files::{ResidualOwner, read_residual_origin, read_residual_vectors_file};
+use abbe_geometry::Vector3;
+use abbe_residual_training::Config;
+use anyhow::Context;
+use std::path::Path;
+
+/// Residual vectors of a file.
+pub(crate) struct Data {
+    /// Points, residuals and their uncertainty.
+    pub(crate) field: MeasuredField,
+    /// The geometric model that leaves them, if the file says so.
+    pub(crate) owner: Option<ResidualOwner>,
+    /// Name of the file without its folder.
+    pub(crate) file: String,
+    /// SHA-256 of its bytes.
+    pub(crate) sha256: [u8; 32],
+}
+
+impl Data {
+    /// Reads residual vectors from CSV or a bag.
+    pub(crate) fn read(path: &Path) -> anyhow::Result<Data> {
+        let (rows, owner, sha256) = if is_bag(path) {
+            let (rows, owner, sha256) = residual_bag::read(path)?;
+            (rows, Some(owner), sha256)
+        } else {
+            let table = read_residual_vectors_file(path)?;
+            (table.rows, read_residual_origin(path)?.map(|origin| origin.owner), table.sha256)
+        };
+        let points_m = rows.iter().map(|row| Vector3::from(row.position_m)).collect();
+        let residual_m = rows.iter().map(|row| Vector3::from(row.residual_m)).collect();
+        let u_m: Option<Vec<Vector3<f64>>> = rows.iter().map(|row| row.u_m.map(Vector3::from)).collect();
+        let field = MeasuredField::new(points_m, residual_m, u_m).with_context(|| path.display().to_string())?;
+        let file =
+            path.file_name().map_or_else(|| path.display().to_string(), |name| name.to_string_lossy().into_owned());
+        Ok(Data { field, owner, file, sha256 })
+    }
+
+    /// Number of points.
+    pub(crate) fn points(&self) -> usize {
+        self.field.points_m().len()
+    }
+}
+
+/// The configuration of a training; without a file, the defaults.
+pub(crate) fn read_config(path: Option<&Path>) -> anyhow::Result<Config> {
+    let Some(path) = path else { return Ok(Config::default()) };
+    let text = std::fs::read_to_string(path).with_context(|| format!("{}: cannot be read", path.display()))?;
+    let config: Config = toml::from_str(&text).with_context(|| path.display().to_string())?;
+    config.check().with_context(|| path.display().to_string())?;
+    Ok(config)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::path::PathBuf;
+
+    fn shipped() -> PathBuf {
+        Path::new(env!("CARGO_MANIFEST_DIR")).join("../../launch-config/training/defaults.toml")
+    }
+
+    #[test]
+    fn the_shipped_configuration_shows_every_key_with_its_default() {
+        assert_eq!(read_config(Some(&shipped())).unwrap(), Config::default());
+        let text = std::fs::read_to_string(shipped()).unwrap();
+        let written = toml::to_string(&Config::default()).unwrap();
+        for line in written.lines().filter(|line| !line.is_empty()) {
+            let key = line.split_once(" =").map_or(line, |(key, _)| key);
+            assert!(text.lines().any(|shown| shown.starts_with(key)), "{key} is not shown");
+        }
+    }
+
+    #[test]
+    fn unknown_keys_and_values_out_of_range_are_refused_by_file_and_key() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("t.toml");
+        for (text, says) in
+            [("epoch = 3", "epoch"), ("[optimiser]\nepochs = 0", "optimiser.epochs"), ("[network]\nheads = 3", "heads")]
+        {
+            std::fs::write(&path, text).unwrap();
+            let error = format!("{:#}", read_config(Some(&path)).unwrap_err());
+            assert!(error.contains("t.toml") && error.contains(says), "{error}");
+        }
+    }
+}

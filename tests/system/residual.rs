@@ -1,0 +1,277 @@
+//! The residual model from end to end: residuals of a simulated machine, training, correction offline and live, a swap in
+//! the running node, replay to the byte, and what must be refused.
+//!
+//! Place in the flow: only the command and its files. The machine has a field of position that no chain of rigid bodies
+//! makes; its known points teach, others judge.
+
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // A test fails by panicking.
+
+mod common;
+
+use std::collections::BTreeSet;
+use std::fs;
+use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
+use std::time::{Duration, Instant};
+
+use abbe_msgs::{CorrectedCoordinates, ScaleReading, Sha256};
+use common::assert_says;
+use common::files::{Bench, machine, other_machine, samples, text};
+use common::graph::{LaunchText, MEMORY, long_recording, stream_of, topic};
+use common::program::{Started, abbe, run};
+use serde_json::Value;
+
+/// What no chain of rigid bodies makes.
+const FIELD: [&str; 2] = [
+    "undescribed seed=3 of=x_mm of_from=0 of_to=800 and=y_mm and_from=0 and_to=600 along=z size_um=3",
+    "undescribed seed=4 of=y_mm of_from=0 of_to=600 and=z_mm and_from=0 and_to=600 along=x size_um=2",
+];
+/// A training that a test can wait for: kriging needs no epochs, and two of the network show that it runs.
+const QUICK: &str = "seed = 5\nmethod = \"kriging\"\n";
+const QUICK_NETWORK: &str =
+    "seed = 5\nmethod = \"network\"\n[network]\nwidth = 8\nheads = 2\n[optimiser]\nepochs = 2\n[split]\nfolds = 3\n";
+/// Samples of the run in which the residual model changes.
+const LONG: u64 = 4000;
+const PATIENCE: Duration = Duration::from_secs(60);
+
+/// The tests that write a launch file take turns.
+static TURN: Mutex<()> = Mutex::new(());
+
+fn my_turn() -> MutexGuard<'static, ()> {
+    TURN.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// The folder of all tests: `model.json`, `residuals.csv`, `residual.json`, `network.json`, and points that judge.
+fn bench() -> &'static Bench {
+    static BENCH: OnceLock<Bench> = OnceLock::new();
+    BENCH.get_or_init(|| {
+        let bench = Bench::simulated(9);
+        let simulate = |out: &str, seed: &str| {
+            let machine = text(&machine());
+            let mut arguments = vec!["simulate", "--machine", &machine, "--seed", seed, "--out", out];
+            FIELD.iter().for_each(|effect| arguments.extend(["--effect", effect]));
+            run(arguments).ok();
+        };
+        simulate(&bench.text(""), "9");
+        let (campaign, model) = (bench.text("campaign.csv"), bench.text("model.json"));
+        run(["identify", "--machine", &text(&machine()), "--campaign", &campaign, "--out", &model]).ok();
+        // Two thirds of the known points teach, the others judge.
+        let points = bench.read("verify.csv");
+        let (header, rows) = points.split_once('\n').unwrap();
+        let part = |keep: fn(usize) -> bool| {
+            let rows = rows.lines().enumerate().filter(|(k, _)| keep(*k)).map(|(_, row)| row);
+            format!("{header}\n{}\n", rows.collect::<Vec<_>>().join("\n"))
+        };
+        bench.write("teach.csv", part(|k| k % 3 != 0));
+        bench.write("judge.csv", part(|k| k % 3 == 0));
+        let said = run([
+            "residuals",
+            "--model",
+            &model,
+            "--campaign",
+            &bench.text("teach.csv"),
+            "--out",
+            &bench.text("residuals.csv"),
+        ])
+        .ok();
+        assert_says(&said, &["points with known actual position", "um rms"]);
+        train(&bench, QUICK, "residual.json").ok();
+        train(&bench, QUICK_NETWORK, "network.json").ok();
+        bench
+    })
+}
+
+fn train(bench: &Bench, config: &str, out: &str) -> common::program::Ran {
+    let config = bench.write(&format!("{out}.toml"), config);
+    run(["train", "--residuals", &bench.text("residuals.csv"), "--config", &config, "--out", &bench.text(out)])
+}
+
+fn json(arguments: &[&str]) -> Value {
+    serde_json::from_str(&run(arguments).ok()).unwrap()
+}
+
+#[test]
+fn a_residual_model_brings_the_error_down_at_points_that_taught_nothing() {
+    let bench = bench();
+    let (model, residual, points) = (bench.text("model.json"), bench.text("residual.json"), bench.text("judge.csv"));
+    let verified = json(&["verify", "--model", &model, "--residual", &residual, "--points", &points, "--json"]);
+    let um = |key: &str| verified[key].as_f64().unwrap();
+    println!("{} -> {} um rms", um("geometric_rms_um"), um("after_rms_um"));
+    assert!(um("after_rms_um") < 0.5 * um("geometric_rms_um"), "{verified}");
+    assert!(um("after_length_error_max_um") < um("geometric_length_error_max_um"), "{verified}");
+}
+
+#[test]
+fn training_again_gives_the_same_bytes_and_says_what_it_is_of() {
+    let bench = bench();
+    for (config, first) in [(QUICK, "residual.json"), (QUICK_NETWORK, "network.json")] {
+        let said = train(bench, config, "again.json").ok();
+        assert_says(&said, &["again.json", "bridge_xyz"]);
+        assert_eq!(bench.read("again.json"), bench.read(first), "{first}");
+    }
+    let html = bench.read("again.html");
+    assert!(html.contains("<svg") && html.trim_end().ends_with("</html>"));
+}
+
+#[test]
+fn predicted_points_are_the_ones_that_correction_adds() {
+    let bench = bench();
+    let (model, residual) = (bench.text("model.json"), bench.text("residual.json"));
+    let [plain, whole] = ["plain.csv", "whole.csv"].map(|name| bench.text(name));
+    run(["correct", "--model", &model, "--in", &bench.text("judge.csv"), "--out", &plain]).ok();
+    run(["correct", "--model", &model, "--residual", &residual, "--in", &bench.text("judge.csv"), "--out", &whole])
+        .ok();
+    let column = |file: &str, name: &str| -> Vec<f64> {
+        let text = bench.read(file);
+        let mut lines = text.lines().filter(|line| !line.starts_with('#'));
+        let place = lines.next().unwrap().split(',').position(|n| n == name).unwrap_or_else(|| panic!("no {name}"));
+        lines.map(|line| line.split(',').nth(place).unwrap().parse().unwrap()).collect()
+    };
+    let axes = ["x", "y", "z"];
+    let corrected = axes.map(|axis| column("plain.csv", &format!("corrected_{axis}_mm")));
+    let rows =
+        (0..corrected[0].len()).map(|k| format!("{k},{},{},{}\n", corrected[0][k], corrected[1][k], corrected[2][k]));
+    let points = format!("point,x_mm,y_mm,z_mm\n{}", rows.collect::<String>());
+    let (points, predicted) = (bench.write("points.csv", points), bench.text("predicted.csv"));
+    run(["predict", "--model", &residual, "--in", &points, "--out", &predicted]).ok();
+    for (d, axis) in axes.iter().enumerate() {
+        let with = column("whole.csv", &format!("corrected_{axis}_mm"));
+        let added = column("predicted.csv", &format!("res_{axis}_um"));
+        for k in 0..with.len() {
+            // Coordinates in files have 0.1 nm, residuals as well.
+            assert!((with[k] - corrected[d][k] - added[k] * 1e-3).abs() < 3e-7, "row {k}");
+        }
+    }
+    assert_eq!(column("predicted.csv", "point").len(), corrected[0].len(), "other columns are handed through");
+    let said = run(["predict", "--model", &residual, "--in", &bench.text("judge.csv"), "--out", &predicted]).refused();
+    assert_says(&said, &["offset_x_mm", "abbe correct --residual"]);
+}
+
+#[test]
+fn what_it_does_not_belong_to_is_refused() {
+    let bench = bench();
+    let residual = bench.text("residual.json");
+    let other = Bench::identified(10);
+    let correct = |model: &str, residual: &str| {
+        run([
+            "correct",
+            "--model",
+            model,
+            "--residual",
+            residual,
+            "--in",
+            &bench.text("judge.csv"),
+            "--out",
+            &bench.text("no.csv"),
+        ])
+        .refused()
+    };
+    assert_says(
+        &correct(&other.text("model.json"), &residual),
+        &["residual.json", "belongs_to", "trained on what model"],
+    );
+    assert_says(&correct(&bench.text("model.json"), &bench.text("model.json")), &["model.json", "abbe-residual"]);
+    let flipped = bench.read("residual.json").replacen("\"seed\": 5", "\"seed\": 6", 1);
+    assert_says(&correct(&bench.text("model.json"), &bench.write("flipped.json", flipped)), &["flipped.json", "hash"]);
+    assert!(!bench.path("no.csv").exists());
+
+    let unowned = bench
+        .read("residuals.csv")
+        .lines()
+        .filter(|l| !l.starts_with('#'))
+        .map(|l| format!("{l}\n"))
+        .collect::<String>();
+    let unowned = bench.write("unowned.csv", unowned);
+    let config = bench.write("quick.toml", QUICK);
+    let out = bench.text("unowned.json");
+    run(["train", "--residuals", &unowned, "--config", &config, "--out", &out]).ok();
+    assert_says(&correct(&bench.text("model.json"), &out), &["does not say which geometric model"]);
+    let other_model = other.text("model.json");
+    let said = run([
+        "train",
+        "--residuals",
+        &bench.text("residuals.csv"),
+        "--model",
+        &other_model,
+        "--config",
+        &config,
+        "--out",
+        &out,
+    ])
+    .refused();
+    assert_says(&said, &["residuals.csv", "model"]);
+    let wrong = bench.write("wrong.toml", "epochs = 3\n");
+    let said = run(["train", "--residuals", &unowned, "--config", &wrong, "--out", &out]).refused();
+    assert_says(&said, &["wrong.toml", "epochs"]);
+    let said = run(["train", "--residuals", &unowned, "--device", "wgpu", "--out", &out]).refused();
+    assert_says(&said, &["wgpu"]);
+
+    let _turn = my_turn();
+    let launch = stream_of(bench, |launch| launch.residual_model("residual.json"));
+    let moved = fs::read_to_string(launch).unwrap().replace(&text(&machine()), &text(&other_machine()));
+    let launch = bench.write("moved.toml", moved);
+    let said = run(["node", "residual", "--launch", &launch]).refused();
+    assert_says(&said, &["bridge_xyz", "fyxz"]);
+}
+
+#[test]
+fn a_clean_campaign_gives_no_residuals_to_train_on() {
+    let clean = Bench::identified(12);
+    let (model, campaign, out) = (clean.text("model.json"), clean.text("campaign.csv"), clean.text("r.csv"));
+    let said =
+        run(["residuals", "--model", &model, "--campaign", &campaign, "--readings", "500", "--out", &out]).refused();
+    assert_says(&said, &["campaign.csv", "no field beyond the model and noise"]);
+    assert!(!clean.path("r.csv").exists());
+}
+
+#[test]
+fn a_residual_model_changes_in_the_running_node_and_all_is_replayed_to_the_byte() {
+    let (bench, _turn) = (bench(), my_turn());
+    long_recording(bench, LONG);
+    fs::copy(bench.path("residual.json"), bench.path("live.json")).unwrap();
+    let recorder = |launch: LaunchText| launch.nodes(&["recorder"]).edge("residual", "recorder", MEMORY).record("run");
+    let launch = stream_of(bench, |launch| recorder(launch).residual_model("live.json"));
+    let mut launch = Started::start(abbe(["launch", &launch]));
+    // A second of the run, then another residual model takes the place of the first.
+    std::thread::sleep(Duration::from_millis(2500));
+    assert!(launch.is_running());
+    fs::copy(bench.path("network.json"), bench.path("swap.json")).unwrap();
+    fs::rename(bench.path("swap.json"), bench.path("live.json")).unwrap();
+    let since = Instant::now();
+    let said = launch.finish().ok();
+    assert!(since.elapsed() < PATIENCE);
+    let residual: Value =
+        said.lines().map(|l| serde_json::from_str(l).unwrap()).find(|s: &Value| s["node"] == "residual").unwrap();
+    assert_eq!((&residual["lost"], &residual["sent"]), (&Value::from(0), &Value::from(LONG)));
+    assert_eq!(residual["figures"]["residual_models_loaded"], Value::from(2.0), "{residual}");
+    assert_eq!(residual["figures"]["without_residual"], Value::from(0.0));
+
+    let corrected: Vec<CorrectedCoordinates> = samples(&bench.path("run"), &topic("corrected"));
+    let hashes: Vec<Sha256> = corrected.iter().map(|sample| sample.residual_model_sha256).collect();
+    let changes = hashes.windows(2).filter(|pair| pair[0] != pair[1]).count();
+    let distinct: BTreeSet<String> = hashes.iter().map(|hash| hash.to_hex()).collect();
+    assert_eq!((corrected.len() as u64, changes, distinct.len()), (LONG, 1, 2), "one switch, visible by hash");
+
+    // The recorder takes the corrected stream; the readings are those of the bag that was played.
+    let both = bench.path("both");
+    let mut writer = abbe_msgs::bag::BagWriter::create(&both).unwrap();
+    for reading in samples::<ScaleReading>(&bench.path("long"), &topic("scale/reading")) {
+        writer.write(&topic("scale/reading"), &reading, reading.sequence).unwrap();
+    }
+    for sample in &corrected {
+        writer.write(&topic("corrected"), sample, sample.sequence).unwrap();
+    }
+    writer.finish().unwrap();
+    let (bag, model) = (text(&both), bench.text("model.json"));
+    let [first, second] = ["residual.json", "network.json"].map(|name| bench.text(name));
+    let said = run(["replay", "--bag", &bag, "--model", &model, "--residual", &first, "--residual", &second]).ok();
+    assert_says(&said, &["4000 of 4000 corrected messages are identical", "4000 of them with a residual correction"]);
+    let said = run(["replay", "--bag", &bag, "--model", &model, "--residual", &first]).refused();
+    assert_says(&said, &["differ", "not given"]);
+
+    // Offline on the same bag: the same bytes as the nodes gave with that residual model.
+    let offline = bench.text("offline");
+    run(["correct", "--model", &model, "--residual", &first, "--in", &bench.text("long"), "--out", &offline]).ok();
+    let before: Vec<CorrectedCoordinates> = samples(&bench.path("offline"), &topic("corrected"));
+    let same = before.iter().zip(&corrected).take_while(|(a, b)| a == b).count();
+    assert_eq!(same, hashes.iter().take_while(|hash| **hash == hashes[0]).count(), "up to the switch");
+}
