@@ -9,7 +9,9 @@ use crate::pipeline::software;
 use abbe_diagnose::DiagnoseError;
 use abbe_diagnose::study::runs::{PositionSummary, positions};
 use abbe_diagnose::study::{Options, StudyDiagnosis, five_axis, runs, vectors};
-use abbe_files::{FileError, ModelFile, header_names, hex, read_residual_vectors_file, read_runs_file, read_sphere_centres_file};
+use abbe_files::{
+    FileError, ModelFile, header_names, hex, read_residual_vectors_file, read_runs_file, read_sphere_centres_file,
+};
 use abbe_geometry::machine::Machine;
 use abbe_report::diagnosis::{DiagnosisReport, File};
 use abbe_report::{Axis, Curve, CurveStyle, LinePanel, LinePlot, Section};
