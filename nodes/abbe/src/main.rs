@@ -4,6 +4,7 @@
 //! replay), the live graph (launch, node), and the demo that does all of it on a recorded campaign. Errors are
 //! printed once, here, and give exit code 1.
 
+mod calibration;
 mod command;
 mod demo;
 mod diagnosis;

@@ -6,15 +6,18 @@ mod compare;
 mod convert;
 mod correct;
 mod diagnose;
+mod guideway;
 mod identify;
 mod launch;
 mod node;
 mod papers;
 mod predict;
+mod probe_pose;
 mod recover;
 mod replay;
 mod residuals;
 mod simulate;
+mod sphere;
 mod train;
 mod verify;
 
@@ -42,6 +45,12 @@ pub(crate) enum Command {
     Compare(compare::Arguments),
     /// Predict the residual at any points with a residual model
     Predict(predict::Arguments),
+    /// Fit a sphere to measured points
+    Sphere(sphere::Arguments),
+    /// Calibrate the pose of a laser probe on a five-axis machine
+    ProbePose(probe_pose::Arguments),
+    /// Six errors of a linear axis from targets on its table
+    Guideway(guideway::Arguments),
     /// Hold a model against points whose actual position is known
     Verify(verify::Arguments),
     /// The whole chain on a recorded campaign: identify, correct live, report
@@ -88,6 +97,9 @@ pub(crate) fn run(command: Command, ros_args: RosArgs) -> anyhow::Result<()> {
         Command::Train(arguments) => train::run(&arguments),
         Command::Compare(arguments) => compare::run(&arguments),
         Command::Predict(arguments) => predict::run(&arguments),
+        Command::Sphere(arguments) => sphere::run(&arguments),
+        Command::ProbePose(arguments) => probe_pose::run(&arguments),
+        Command::Guideway(arguments) => guideway::run(&arguments),
         Command::Verify(arguments) => verify::run(&arguments),
         Command::Demo(arguments) => crate::demo::run(&arguments),
         Command::Launch(arguments) => launch::run(&arguments),

@@ -1,0 +1,222 @@
+//! The six errors of an axis from targets on its table: words, JSON, CSV and report.
+//!
+//! Place in the flow: file of readings or points → `abbe_measurement::guideway` → [`Product`]. Error = actual − indicated;
+//! µm and µrad, uncertainties k = 2.
+
+use super::{COVERAGE, Product, meta};
+use abbe_files::{GuidewayRow, SeenTarget, hex, read_guideway_file};
+use abbe_measurement::guideway::{
+    Guideway, GuidewayFrame, GuidewayOptions, GuidewayRotation, PositionErrors, TargetPoint,
+};
+use abbe_measurement::tracker::TrackerUncertainty;
+use abbe_report::{
+    Axis, Callout, Curve, CurveStyle, KeyFigure, KeyFigures, LinePanel, LinePlot, Quantity, Report, Section, Tone,
+};
+use anyhow::{Context, bail};
+use serde_json::{Value, json};
+use std::fmt::Write as _;
+use std::path::Path;
+
+/// Names of the files beside the report.
+const ERRORS: &str = "errors.csv";
+const FIGURES: &str = "guideway.json";
+/// Extent of the targets across their longest direction, relative to that along it, below which the report warns.
+const NARROW: f64 = 0.2;
+
+/// Solves and describes.
+pub(crate) fn product(
+    path: &Path,
+    options: GuidewayOptions,
+    tracker: Option<TrackerUncertainty>,
+) -> anyhow::Result<Product> {
+    let file = read_guideway_file(path)?;
+    let readings = file.rows.iter().filter(|row| matches!(row.seen, SeenTarget::Reading(_))).count();
+    if tracker.is_some() && readings == 0 {
+        bail!("{}: the file holds points; give their uncertainty in a column u_um, not by options", path.display());
+    }
+    let points: Vec<TargetPoint> = file.rows.iter().map(|row| target(row, tracker)).collect();
+    let solved = Guideway::new(&points, options).with_context(|| path.display().to_string())?;
+    let json = json(&solved, &file.sha256);
+    let mut text = serde_json::to_string_pretty(&json)?;
+    text.push('\n');
+    Ok(Product {
+        words: words(&solved),
+        files: vec![(ERRORS, csv(&solved)), (FIGURES, text)],
+        report: Some(report(&solved, path, &file.sha256)),
+        json,
+    })
+}
+
+fn target(row: &GuidewayRow, tracker: Option<TrackerUncertainty>) -> TargetPoint {
+    let (point_m, covariance_m2) = match row.seen {
+        SeenTarget::Reading(reading) => (reading.point_m(), tracker.map(|tracker| tracker.covariance_m2(&reading))),
+        SeenTarget::Point { point_m, u_m } => (point_m.into(), u_m.map(|u| abbe_geometry::Matrix3::identity() * u * u)),
+    };
+    TargetPoint { position_m: row.position_m, target: row.target.clone(), point_m, covariance_m2 }
+}
+
+/// Errors in µm and µrad.
+fn shown(position: &PositionErrors) -> [f64; 6] {
+    std::array::from_fn(|k| position.errors[k] * 1e6)
+}
+
+/// Their expanded uncertainties; none at the lowest position.
+fn expanded(position: &PositionErrors) -> Option<[f64; 6]> {
+    Guideway::u(position).map(|u| u.map(|u| COVERAGE * u * 1e6))
+}
+
+fn unit(k: usize) -> &'static str {
+    if k < 3 { "um" } else { "urad" }
+}
+
+fn csv(solved: &Guideway) -> String {
+    let names = solved.options.axis.error_names();
+    let columns =
+        |prefix: &str| (0..6).map(|k| format!("{prefix}{}_{}", names[k], unit(k))).collect::<Vec<_>>().join(",");
+    let mut text = format!("position_mm,{},{},targets,residual_rms_um\n", columns(""), columns("u_"));
+    for position in &solved.positions {
+        let errors = shown(position).map(|e| format!("{e:.4}")).join(",");
+        let u = expanded(position).map_or_else(|| ",".repeat(5), |u| u.map(|u| format!("{u:.4}")).join(","));
+        let (mm, rms) = (position.position_m * 1e3, position.residual_rms_m * 1e6);
+        // Writing to a string cannot fail.
+        let _ = writeln!(text, "{mm},{errors},{u},{},{rms:.4}", position.targets);
+    }
+    text
+}
+
+fn words(solved: &Guideway) -> String {
+    let names = solved.options.axis.error_names();
+    let mut text =
+        format!("{} positions, largest errors and their largest uncertainty (k = 2)\n", solved.positions.len());
+    for (k, name) in names.iter().enumerate() {
+        let error =
+            solved.positions.iter().map(|p| shown(p)[k]).fold(0.0, |a: f64, b| if b.abs() > a.abs() { b } else { a });
+        let u = solved.positions.iter().filter_map(expanded).map(|u| u[k]).fold(0.0, f64::max);
+        let _ = writeln!(text, "  {name}  {error:10.3} +- {u:.3} {}", unit(k));
+    }
+    let _ = writeln!(
+        text,
+        "  residual of a rigid table {:.3} um, spread of the targets {:.2}",
+        solved.scatter_m * 1e6,
+        solved.spread_ratio
+    );
+    if let Some(chi2) = solved.chi2_per_dof {
+        let _ = writeln!(text, "  chi2 per degree of freedom {chi2:.2} with the declared uncertainties");
+    }
+    text
+}
+
+fn json(solved: &Guideway, sha256: &[u8; 32]) -> Value {
+    let names = solved.options.axis.error_names();
+    let position = |position: &PositionErrors| {
+        let errors = shown(position);
+        let u = expanded(position);
+        let named = |values: [f64; 6]| -> Value {
+            (0..6)
+                .map(|k| (format!("{}_{}", names[k], unit(k)), json!(values[k])))
+                .collect::<serde_json::Map<_, _>>()
+                .into()
+        };
+        json!({
+            "position_mm": position.position_m * 1e3,
+            "errors": named(errors),
+            "expanded_uncertainty": u.map(named),
+            "covariance_si": position.covariance.map(|c| (0..6).map(|i| (0..6).map(|j| c[(i, j)]).collect()).collect::<Vec<Vec<f64>>>()),
+            "targets": position.targets,
+            "residual_rms_um": position.residual_rms_m * 1e6,
+        })
+    };
+    json!({
+        "sign_convention": "error = actual - indicated; angles right-handed; relative to the lowest position",
+        "coverage_factor": COVERAGE,
+        "frame": match solved.options.frame { GuidewayFrame::Given => "given", GuidewayFrame::AlongMotion => "along_motion" },
+        "rotation": match solved.options.rotation { GuidewayRotation::SmallAngle => "small_angle", GuidewayRotation::Exact => "exact" },
+        "reference_mm": (solved.reference_m * 1e3).as_slice(),
+        "machine_from_points": (0..3).map(|i| (0..3).map(|j| solved.machine_from_points[(i, j)]).collect()).collect::<Vec<Vec<f64>>>(),
+        "spread_ratio": solved.spread_ratio,
+        "scatter_um": solved.scatter_m * 1e6,
+        "chi2_per_dof": solved.chi2_per_dof,
+        "positions": solved.positions.iter().map(position).collect::<Vec<_>>(),
+        "data_sha256": hex(sha256),
+        "software": crate::pipeline::software(),
+    })
+}
+
+fn report(solved: &Guideway, path: &Path, sha256: &[u8; 32]) -> Report {
+    let names = solved.options.axis.error_names();
+    let x: Vec<f64> = solved.positions.iter().map(|p| p.position_m * 1e3).collect();
+    let panel = |k: usize| LinePanel {
+        title: names[k].clone(),
+        x: Axis::new("position", "mm"),
+        y: Axis::new(names[k].clone(), if k < 3 { "µm" } else { "µrad" }),
+        curves: vec![Curve {
+            name: "error".to_owned(),
+            style: CurveStyle::Line(1),
+            x: x.clone(),
+            y: solved.positions.iter().map(|p| Some(shown(p)[k])).collect(),
+            half_width: Some(solved.positions.iter().map(|p| expanded(p).map(|u| u[k])).collect()),
+        }],
+    };
+    let figure = |label: &str, value: f64, decimals: u8, unit: &str| KeyFigure {
+        label: label.to_owned(),
+        value: Some(Quantity::new(value, decimals)),
+        unit: unit.to_owned(),
+        ..KeyFigure::default()
+    };
+    let mut sections = vec![
+        Section::KeyFigures(KeyFigures {
+            title: "At a glance".to_owned(),
+            figures: vec![
+                figure("residual of a rigid table", solved.scatter_m * 1e6, 3, "µm"),
+                figure("extent of the targets across over along", solved.spread_ratio, 2, ""),
+                figure("positions", solved.positions.len() as f64, 0, ""),
+            ],
+        }),
+        Section::LinePlot(LinePlot {
+            title: "Errors by position".to_owned(),
+            note: Some(
+                "Actual less indicated, against the lowest position, where every error is zero by definition. Displacements are \
+                 those of the reference point."
+                    .to_owned(),
+            ),
+            columns: 3,
+            band_name: Some("uncertainty, k = 2".to_owned()),
+            panels: (0..6).map(panel).collect(),
+        }),
+    ];
+    sections.extend(warnings(solved));
+    Report {
+        title: format!("Errors of the {:?} axis", solved.options.axis),
+        lead: Some("Six errors of a linear axis from targets on its table (ISO 230-1 names).".to_owned()),
+        meta: meta(path, sha256),
+        main_plot: Some(1),
+        footer: None,
+        sections,
+    }
+}
+
+fn warnings(solved: &Guideway) -> Vec<Section> {
+    let callout = |title: &str, text: &str| {
+        Section::Callout(Callout { tone: Tone::Warning, title: title.to_owned(), text: text.to_owned() })
+    };
+    let mut list = Vec::new();
+    if solved.spread_ratio < NARROW {
+        list.push(callout(
+            "Targets nearly on a line",
+            "The rotation about that line is far less certain than the others; put a target further aside.",
+        ));
+    }
+    if solved.options.frame == GuidewayFrame::AlongMotion {
+        list.push(callout(
+            "Frame along the motion",
+            "Slopes of straightness are zero by construction, and about the axis the frame of the points is taken as it stands.",
+        ));
+    }
+    if solved.chi2_per_dof.is_some_and(|chi2| chi2 > 2.0) {
+        list.push(callout(
+            "Worse than declared",
+            "The targets move against each other more than the declared uncertainties allow; the uncertainties shown are too small.",
+        ));
+    }
+    list
+}

@@ -1,0 +1,344 @@
+//! Pose of a laser probe and its compensation table: words, JSON, CSV and report.
+//!
+//! Place in the flow: centres file → `abbe_measurement::probe_pose` → [`Product`]. Every calibration is judged on poses and
+//! centres left out of it. mm and µm, uncertainties k = 2.
+
+use super::{COVERAGE, Product, meta};
+use abbe_files::{hex, read_sphere_centres_file};
+use abbe_geometry::Vector3;
+use abbe_measurement::probe_pose::{
+    Compensation, CompensationTable, LeftOutCentre, LeftOutPose, ProbePose, ProbePoseModel, SphereCentre,
+    leave_one_centre_out, leave_one_pose_out,
+};
+use abbe_report::{Callout, Cell, Column, KeyFigure, KeyFigures, Quantity, Report, Section, TableSection, Tone};
+use anyhow::Context;
+use serde_json::{Value, json};
+use std::fmt::Write as _;
+use std::path::Path;
+
+/// Names of the files beside the report.
+const TABLE: &str = "compensation.csv";
+const FIGURES: &str = "probe_pose.json";
+/// Names of the unknowns in the order of the covariance, and what makes a unit of SI one of the file.
+const UNKNOWNS: [(&str, &str, f64); 10] = [
+    ("S0 x", "mm", 1e3),
+    ("S0 y", "mm", 1e3),
+    ("S0 z", "mm", 1e3),
+    ("R_p x", "1", 1.0),
+    ("R_p y", "1", 1.0),
+    ("R_p z", "1", 1.0),
+    ("T_p x", "mm", 1e3),
+    ("T_p y", "mm", 1e3),
+    ("T_p z", "mm", 1e3),
+    ("axis offset y", "mm", 1e3),
+];
+
+/// A calibration with everything that judges it.
+struct Judged {
+    centres: Vec<SphereCentre>,
+    pose: ProbePose,
+    table: CompensationTable,
+    /// `None` where no pose can be spared.
+    poses: Option<Vec<LeftOutPose>>,
+    again: Vec<Option<LeftOutCentre>>,
+}
+
+/// Calibrates, judges and describes.
+pub(crate) fn product(path: &Path, model: ProbePoseModel) -> anyhow::Result<Product> {
+    let file = read_sphere_centres_file(path)?;
+    let name = || path.display().to_string();
+    let pose = ProbePose::fit(&file.rows, model).with_context(name)?;
+    let table = CompensationTable::new(&pose, &file.rows);
+    let again = leave_one_centre_out(&file.rows, model).with_context(name)?;
+    let poses = leave_one_pose_out(&file.rows, model).ok();
+    let judged = Judged { centres: file.rows, pose, table, poses, again };
+    let json = judged.json(&file.sha256);
+    let mut text = serde_json::to_string_pretty(&json)?;
+    text.push('\n');
+    Ok(Product {
+        words: judged.words(),
+        report: Some(judged.report(path, &file.sha256)),
+        files: vec![(TABLE, judged.csv()), (FIGURES, text)],
+        json,
+    })
+}
+
+fn mean(values: impl Iterator<Item = f64>) -> Option<f64> {
+    let (mut sum, mut count) = (0.0, 0);
+    values.for_each(|value| {
+        sum += value;
+        count += 1;
+    });
+    (count > 0).then(|| sum / f64::from(count))
+}
+
+fn um(vector_m: &Vector3<f64>) -> f64 {
+    vector_m.norm() * 1e6
+}
+
+impl Judged {
+    fn values(&self) -> Vec<f64> {
+        let pose = &self.pose;
+        let three = [&pose.centre_m, &pose.direction, &pose.zero_m];
+        let nine = three.iter().flat_map(|v| v.iter().copied());
+        nine.chain(pose.axis_offset_m).zip(UNKNOWNS).map(|(value, (_, _, scale))| value * scale).collect()
+    }
+
+    fn expanded(&self) -> Option<Vec<f64>> {
+        let u = self.pose.u()?;
+        Some(u.iter().zip(UNKNOWNS).map(|(u, (_, _, scale))| COVERAGE * u * scale).collect())
+    }
+
+    /// Means over what was left out (µm): in a pose that the table has, before and after; in a pose that it has not.
+    fn again_um(&self) -> Option<(f64, f64)> {
+        let known = || self.again.iter().flatten();
+        Some((mean(known().map(|c| um(&c.error_m)))?, mean(known().map(|c| um(&c.compensated_m)))?))
+    }
+
+    fn elsewhere_um(&self) -> Option<f64> {
+        mean(self.poses.iter().flatten().filter_map(|pose| Some(um(&pose.error_m?))))
+    }
+
+    fn interpolated_um(&self) -> Option<(f64, f64)> {
+        let known =
+            || self.poses.iter().flatten().filter_map(|pose| Some((um(&pose.error_m?), um(&pose.compensated_m?))));
+        Some((mean(known().map(|k| k.0))?, mean(known().map(|k| k.1))?))
+    }
+
+    fn csv(&self) -> String {
+        let mut text = "a_deg,c_deg,delta_x_mm,delta_y_mm,delta_z_mm,centres,spread_um\n".to_owned();
+        for entry in &self.table.entries {
+            let delta = entry.delta_m * 1e3;
+            let spread = entry.spread_m.map_or_else(String::new, |s| format!("{:.3}", s * 1e6));
+            // Writing to a string cannot fail.
+            let _ = writeln!(
+                text,
+                "{:.7},{:.7},{:.6},{:.6},{:.6},{},{spread}",
+                entry.a_rad.to_degrees(),
+                entry.c_rad.to_degrees(),
+                delta.x,
+                delta.y,
+                delta.z,
+                entry.centres
+            );
+        }
+        text
+    }
+
+    fn words(&self) -> String {
+        let mut text = format!("{} centres in {} poses\n", self.centres.len(), self.table.entries.len());
+        let expanded = self.expanded();
+        for (k, value) in self.values().iter().enumerate() {
+            let (name, unit, _) = UNKNOWNS[k];
+            let u = expanded.as_ref().map_or_else(|| "unknown".to_owned(), |u| format!("{:.6}", u[k]));
+            let _ = writeln!(text, "  {name:<14} {value:14.6} +- {u} {unit}");
+        }
+        let (length, condition) = (self.pose.direction.norm(), self.pose.condition);
+        let _ =
+            writeln!(text, "  length of R_p  {length:14.6} (scale of the distance reading), condition {condition:.0}");
+        let line = |text: &mut String, what: &str, value: Option<String>| {
+            let value = value.unwrap_or_else(|| "cannot be told from these centres".to_owned());
+            let _ = writeln!(text, "  {what:<52} {value}");
+        };
+        let scatter = &self.pose.scatter;
+        let micrometres = |m: Option<f64>| m.map(|m| format!("{:.1} um", m * 1e6));
+        line(&mut text, "scatter of a coordinate within a pose", micrometres(scatter.within_m));
+        line(&mut text, "what a pose adds in common (the model lacks it)", micrometres(scatter.between_m));
+        let arrow = |pair: Option<(f64, f64)>| pair.map(|(b, a)| format!("{b:.1} -> {a:.1} um"));
+        line(&mut text, "mean error, centre left out, table for its pose", arrow(self.again_um()));
+        line(&mut text, "mean error, pose left out, no table", self.elsewhere_um().map(|e| format!("{e:.1} um")));
+        line(&mut text, "mean error, pose left out, interpolated table", arrow(self.interpolated_um()));
+        text
+    }
+
+    fn json(&self, sha256: &[u8; 32]) -> Value {
+        let expanded = self.expanded();
+        let unknown = |(k, value): (usize, &f64)| {
+            let (name, unit, _) = UNKNOWNS[k];
+            json!({ "name": name, "value": value, "unit": unit, "expanded_uncertainty": expanded.as_ref().map(|u| u[k]) })
+        };
+        let vector = |v: &Vector3<f64>| json!((v * 1e6).as_slice());
+        let pose = |pose: &LeftOutPose| {
+            let word = match pose.compensation {
+                Some(Compensation::Tabulated { .. }) => "tabulated",
+                Some(Compensation::Interpolated { .. }) => "interpolated",
+                Some(Compensation::Outside) => "outside",
+                None => "undetermined",
+            };
+            json!({
+                "a_deg": pose.a_rad.to_degrees(), "c_deg": pose.c_rad.to_degrees(),
+                "error_um": pose.error_m.as_ref().map(vector),
+                "compensated_um": pose.compensated_m.as_ref().map(vector),
+                "table": word,
+            })
+        };
+        let entry = |entry: &abbe_measurement::probe_pose::TableEntry| {
+            json!({
+                "a_deg": entry.a_rad.to_degrees(), "c_deg": entry.c_rad.to_degrees(),
+                "delta_um": vector(&entry.delta_m), "centres": entry.centres, "spread_um": entry.spread_m.map(|s| s * 1e6),
+            })
+        };
+        let covariance = self.pose.covariance.as_ref();
+        json!({
+            "equation": "S0 = S1 + R_C (o + R_A (d R_p + T_p)); o = (0, axis offset, 0); compensation is added to a probed point",
+            "unknowns": self.values().iter().enumerate().map(unknown).collect::<Vec<_>>(),
+            "coverage_factor": COVERAGE,
+            "covariance_si": covariance.map(|c| c.row_iter().map(|r| r.iter().copied().collect()).collect::<Vec<Vec<f64>>>()),
+            "beam_length": self.pose.direction.norm(),
+            "condition": self.pose.condition,
+            "degrees_of_freedom": self.pose.degrees_of_freedom,
+            "scatter_within_um": self.pose.scatter.within_m.map(|s| s * 1e6),
+            "scatter_between_um": self.pose.scatter.between_m.map(|s| s * 1e6),
+            "chi2_per_dof": self.pose.scatter.chi2_per_dof,
+            "residuals_um": self.pose.residuals_m.iter().map(vector).collect::<Vec<_>>(),
+            "table": self.table.entries.iter().map(entry).collect::<Vec<_>>(),
+            "poses_left_out": self.poses.as_ref().map(|poses| poses.iter().map(pose).collect::<Vec<_>>()),
+            "centres_left_out": self.again.iter().map(|c| c.as_ref().map(|c| json!({
+                "error_um": vector(&c.error_m), "compensated_um": vector(&c.compensated_m),
+            }))).collect::<Vec<_>>(),
+            "data_sha256": hex(sha256),
+            "software": crate::pipeline::software(),
+        })
+    }
+
+    fn report(&self, path: &Path, sha256: &[u8; 32]) -> Report {
+        Report {
+            title: "Pose of the laser probe".to_owned(),
+            lead: Some(format!(
+                "{} sphere centres in {} poses of a fork head.",
+                self.centres.len(),
+                self.table.entries.len()
+            )),
+            meta: meta(path, sha256),
+            main_plot: None,
+            footer: None,
+            sections: vec![
+                self.key_figures(),
+                self.unknown_table(),
+                self.compensation_section(),
+                self.left_out_section(),
+                note(),
+            ],
+        }
+    }
+
+    fn key_figures(&self) -> Section {
+        let figure = |label: &str, before: Option<f64>, value: Option<f64>, detail: &str| KeyFigure {
+            label: label.to_owned(),
+            before: before.map(|b| Quantity::new(b, 1)),
+            value: value.map(|v| Quantity::new(v, 1)),
+            unit: "µm".to_owned(),
+            detail: Some(detail.to_owned()),
+            ..KeyFigure::default()
+        };
+        let again = self.again_um();
+        Section::KeyFigures(KeyFigures {
+            title: "At a glance".to_owned(),
+            figures: vec![
+                figure("residual of the fit, rms", None, Some(self.pose.rms_m() * 1e6), "length of the vectors"),
+                figure(
+                    "pose in the table",
+                    again.map(|a| a.0),
+                    again.map(|a| a.1),
+                    "mean over centres left out, their pose's other centres kept",
+                ),
+                figure("pose not in the table", None, self.elsewhere_um(), "mean over poses left out"),
+            ],
+        })
+    }
+
+    fn unknown_table(&self) -> Section {
+        let expanded = self.expanded();
+        let row = |(k, value): (usize, &f64)| {
+            let (name, unit, _) = UNKNOWNS[k];
+            vec![
+                Cell::text(name),
+                Cell::text(format!("{value:.6}")),
+                expanded.as_ref().and_then(|u| Cell::text(format!("{:.6}", u[k]))),
+                Cell::text(unit),
+            ]
+        };
+        let columns =
+            vec![Column::text("unknown"), Column::text("value"), Column::text("± (k = 2)"), Column::text("unit")];
+        Section::Table(TableSection {
+            title: "Unknowns".to_owned(),
+            note: Some("Uncertainty from the scatter within and between the poses.".to_owned()),
+            columns,
+            rows: self.values().iter().enumerate().map(row).collect(),
+            total_rows: None,
+        })
+    }
+
+    fn compensation_section(&self) -> Section {
+        let row = |entry: &abbe_measurement::probe_pose::TableEntry| {
+            let delta = entry.delta_m * 1e6;
+            vec![
+                Cell::number(entry.a_rad.to_degrees(), 3),
+                Cell::number(entry.c_rad.to_degrees(), 3),
+                Cell::number(delta.x, 1),
+                Cell::number(delta.y, 1),
+                Cell::number(delta.z, 1),
+                Cell::maybe(entry.spread_m.map(|s| s * 1e6), 1),
+            ]
+        };
+        let columns = vec![
+            Column::number("A", "°"),
+            Column::number("C", "°"),
+            Column::number("x", "µm"),
+            Column::number("y", "µm"),
+            Column::number("z", "µm"),
+            Column::number("spread", "µm"),
+        ];
+        Section::Table(TableSection {
+            title: "Compensation by pose".to_owned(),
+            note: Some(
+                "To be added to a point probed in that pose (S0 less where the pose puts the sphere).".to_owned(),
+            ),
+            columns,
+            rows: self.table.entries.iter().map(row).collect(),
+            total_rows: None,
+        })
+    }
+
+    fn left_out_section(&self) -> Section {
+        let row = |pose: &LeftOutPose| {
+            let word = match pose.compensation {
+                Some(Compensation::Interpolated { .. }) => "interpolated",
+                Some(Compensation::Outside) => "outside the other poses",
+                Some(Compensation::Tabulated { .. }) => "in the table",
+                None => "the others do not determine the pose",
+            };
+            vec![
+                Cell::number(pose.a_rad.to_degrees(), 3),
+                Cell::number(pose.c_rad.to_degrees(), 3),
+                Cell::maybe(pose.error_m.as_ref().map(um), 1),
+                Cell::maybe(pose.compensated_m.as_ref().map(um), 1),
+                Cell::text(word),
+            ]
+        };
+        let columns = vec![
+            Column::number("A", "°"),
+            Column::number("C", "°"),
+            Column::number("error", "µm"),
+            Column::number("with the others' table", "µm"),
+            Column::text("table"),
+        ];
+        Section::Table(TableSection {
+            title: "Each pose predicted by the others".to_owned(),
+            note: None,
+            columns,
+            rows: self.poses.iter().flatten().map(row).collect(),
+            total_rows: None,
+        })
+    }
+}
+
+fn note() -> Section {
+    Section::Callout(Callout {
+        tone: Tone::Neutral,
+        title: "What the table is worth".to_owned(),
+        text: "It holds for its own poses. Between them it is interpolated by inverse squared angle of turn, which the table \
+               above judges; outside them there is none. What the calibration leaves is diagnosed by abbe diagnose on the same file."
+            .to_owned(),
+    })
+}

@@ -1,0 +1,64 @@
+//! A sphere through measured points, in words and JSON.
+//!
+//! Place in the flow: points file → `abbe_measurement::sphere` → [`Product`].
+
+use super::{COVERAGE, Product};
+use abbe_files::{PointRow, PointsReader};
+use abbe_geometry::Vector3;
+use abbe_measurement::sphere::{SphereFit, SphereRadius};
+use anyhow::Context;
+use serde_json::json;
+use std::fmt::Write as _;
+use std::fs::File;
+use std::path::Path;
+
+/// Condition from which the terminal says that a small cap was measured: half angles below about 0.2 rad.
+const SMALL_CAP: f64 = 30.0;
+
+/// Points (m); columns beside x_mm, y_mm and z_mm play no part.
+fn read(path: &Path) -> anyhow::Result<Vec<Vector3<f64>>> {
+    let name = path.display().to_string();
+    let input = File::open(path).with_context(|| format!("{name}: cannot be opened"))?;
+    let mut reader = PointsReader::new(input, &name, Some([0.0; 3]))?;
+    let (mut row, mut points_m) = (PointRow::default(), Vec::new());
+    while reader.read(&mut row)? {
+        points_m.push(Vector3::from(row.reading_m));
+    }
+    Ok(points_m)
+}
+
+/// Fits and describes.
+pub(crate) fn product(path: &Path, radius: SphereRadius, u_point_m: Option<f64>) -> anyhow::Result<Product> {
+    let points_m = read(path)?;
+    let fit = SphereFit::new(&points_m, radius, u_point_m).with_context(|| path.display().to_string())?;
+    let expanded_um = fit.u_m().map(|u| u.map(|u| COVERAGE * u * 1e6));
+    let shown = |k: usize| expanded_um.map_or_else(|| "unknown".to_owned(), |u| format!("{:.2}", u[k]));
+    let mut words = format!("{} points\n", points_m.len());
+    for (k, axis) in ["x", "y", "z"].iter().enumerate() {
+        // Writing to a string cannot fail.
+        let _ = writeln!(words, "  centre {axis}  {:14.5} mm  +- {} um (k = 2)", fit.centre_m[k] * 1e3, shown(k));
+    }
+    let _ = writeln!(words, "  radius    {:14.5} mm  +- {} um (k = 2)", fit.radius_m * 1e3, shown(3));
+    let _ =
+        writeln!(words, "  form      {:14.2} um  (largest less smallest distance from the centre)", fit.form_m() * 1e6);
+    let scatter = fit
+        .scatter_m
+        .map_or_else(|| "unknown: no more points than unknowns".to_owned(), |s| format!("{:.2} um", s * 1e6));
+    let _ = writeln!(words, "  scatter   {scatter}");
+    let note = if fit.condition > SMALL_CAP { ": a small cap; mind the uncertainty" } else { "" };
+    let _ = writeln!(words, "  condition {:.1}{note}", fit.condition);
+    let json = json!({
+        "points": points_m.len(),
+        "centre_mm": (fit.centre_m * 1e3).as_slice(),
+        "radius_mm": fit.radius_m * 1e3,
+        "radius_is_known": matches!(radius, SphereRadius::Known { .. }),
+        "expanded_uncertainty_um": expanded_um.map(|u| json!({ "x": u[0], "y": u[1], "z": u[2], "radius": u[3], "k": COVERAGE })),
+        "form_um": fit.form_m() * 1e6,
+        "scatter_um": fit.scatter_m.map(|s| s * 1e6),
+        "degrees_of_freedom": fit.degrees_of_freedom,
+        "condition": fit.condition,
+        "residuals_um": fit.residuals_m.iter().map(|r| r * 1e6).collect::<Vec<_>>(),
+        "software": crate::pipeline::software(),
+    });
+    Ok(Product { words, json, report: None, files: Vec::new() })
+}
