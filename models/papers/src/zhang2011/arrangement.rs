@@ -143,11 +143,14 @@ mod tests {
         assert!(narrow[5] < 2.0 * wide[5], "yaw rests on both directions");
     }
 
-    /// Yaw comes from range behind the table, and from angles beside it: there it is worse.
+    /// Position along the beam is certain, across it not; from behind and from beside, the two directions exchange their parts,
+    /// and yaw rests on range from either side.
     #[test]
     fn the_tracker_is_best_where_the_beam_measures() {
         let behind = seen(&square(0.3), &Vector3::new(-2.0, 0.0, 0.3), &DATA_SHEET).unwrap();
-        assert!(behind[0] < 0.5 * behind[1], "position along the beam is the certain one");
+        let beside = seen(&square(0.3), &Vector3::new(0.0, -2.0, 0.3), &DATA_SHEET).unwrap();
+        assert!(behind[0] < 0.5 * behind[1] && beside[1] < 0.5 * beside[0]);
+        assert!((behind[5] / beside[5] - 1.0).abs() < 1e-6 && behind[5] < 0.5 * behind[4]);
         assert_eq!(figures().unwrap().len(), 8);
     }
 }
