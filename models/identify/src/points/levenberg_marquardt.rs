@@ -1,8 +1,9 @@
 //! Levenberg-Marquardt on the objective of measured positions.
 //!
-//! Place in the flow: the usual way of [`super::fit_points`]. A step solves (JᵀWJ + μ diag JᵀWJ) δ = JᵀWr (Marquardt 1963: the
-//! damping has the units of the unknowns) with the weights that the loss gives at the present unknowns, and is taken only
-//! if the objective falls. For trimmed squares these are the concentration steps of Rousseeuw & Van Driessen 2006.
+//! Place in the flow: the usual way of [`super::fit_points`]. A step solves (JᵀWJ + μ D) δ = JᵀWr with D the diagonal of JᵀJ
+//! (Marquardt 1963: the damping has the units of the unknowns; all points are in D, since those that a loss keeps for the
+//! moment need not see everything) and the weights that the loss gives at the present unknowns, and is taken only if the
+//! objective falls. For trimmed squares these are the concentration steps of Rousseeuw & Van Driessen 2006.
 
 use super::loss::{Loss, scale_of};
 use super::problem::Problem;
@@ -15,6 +16,8 @@ use faer::Mat;
 const SETTLED: f64 = 1e-3;
 /// Damping of the first step: the problem is nearly linear.
 const FIRST_DAMPING: f64 = 1e-6;
+/// Smallest damping: enough to hold what the kept points do not see, too little to slow down what they do.
+const LEAST_DAMPING: f64 = 1e-10;
 /// Damping beyond which a step no longer changes anything.
 const LARGEST_DAMPING: f64 = 1e12;
 /// Steps taken or tried at most.
@@ -70,9 +73,10 @@ pub(super) fn descend_at_scale(
     let mut objective = problem.objective(&unknowns, loss, scale);
     let mut weights = loss.weights(&problem.squares(&unknowns), unknowns.len(), scale);
     let mut normal = problem.normal(&unknowns, &weights);
+    let whole = problem.normal(&unknowns, &vec![1.0; weights.len()]);
     let mut length = f64::INFINITY;
     for step in 1..=MAX_STEPS {
-        let change = damped_step(&normal, damping)?;
+        let change = damped_step(&normal, &whole, damping)?;
         length = change.iter().zip(&normal.gradient).map(|(d, g)| d * g).sum::<f64>().max(0.0).sqrt();
         let tried: Vec<f64> = unknowns.iter().zip(&change).map(|(x, d)| x + d).collect();
         let value = problem.objective(&tried, loss, scale);
@@ -82,7 +86,7 @@ pub(super) fn descend_at_scale(
         }
         if value <= objective {
             (unknowns, objective) = (tried, value);
-            damping = (damping / 10.0).max(f64::MIN_POSITIVE);
+            damping = (damping / 10.0).max(LEAST_DAMPING);
             weights = loss.weights(&problem.squares(&unknowns), unknowns.len(), scale);
         }
         // A step this short that did not help met rounding, not a hill.
@@ -103,11 +107,11 @@ pub(super) fn descend_at_scale(
     Err(PointsError::NotConverged { method: "Levenberg-Marquardt", steps, largest_step: length, remedy })
 }
 
-fn damped_step(normal: &NormalEquations, damping: f64) -> Result<Vec<f64>, PointsError> {
+fn damped_step(normal: &NormalEquations, whole: &NormalEquations, damping: f64) -> Result<Vec<f64>, PointsError> {
     let all: Vec<usize> = (0..normal.size).collect();
     let mut matrix: Mat<f64> = select(&normal.matrix, normal.size, &all);
     for k in 0..normal.size {
-        matrix[(k, k)] *= 1.0 + damping;
+        matrix[(k, k)] += damping * whole.entry(k, k);
     }
     let factor = Factor::new(&matrix).map_err(|_| PointsError::Singular)?;
     Ok(factor.solve(&normal.gradient))

@@ -16,7 +16,7 @@
 //! in the basis itself (as everywhere in Abbe), and the six numbers of the frame take the place of what they stood for.
 //!
 //! F is least by Levenberg-Marquardt, or by [`crate::jade`] started from least squares with perturbations as in the paper.
-//! F is so nearly quadratic that both end in the same point; JADE takes thousands of times as long, and is of use only
+//! F is so nearly quadratic that both end in the same point; JADE takes a thousand times as long, and is of use only
 //! where ρ has many minima ([`Loss::Trimmed`] with gross errors in a large share of the points).
 
 mod certificate;
