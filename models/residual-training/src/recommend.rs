@@ -2,14 +2,14 @@
 //!
 //! Place in the flow: errors of several methods at the same held-out points (m) in, the method to use and why out. Rule: the
 //! method with the least squared error wins, unless a simpler one is not demonstrably worse. Demonstrably: the difference of
-//! squared errors, summed block by block of what was held out together, exceeds zero by 1.645 standard errors (95 %, one-sided).
+//! squared errors, summed block by block of what was held out together, exceeds zero by 2.326 standard errors (99 %, one-sided).
 
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
-/// Quantile of the normal distribution for 95 %, one-sided.
-const NORMAL_ONE_SIDED_95: f64 = 1.645;
+/// Quantile of the normal distribution for 99 %, one-sided: to correct where nothing is to be corrected is worse than not to.
+const NORMAL_ONE_SIDED_99: f64 = 2.326;
 
 /// A method with its errors at held-out points.
 #[derive(Debug, Clone, PartialEq)]
@@ -38,7 +38,7 @@ pub fn recommend(candidates: &[Candidate], block: &[usize]) -> Option<Recommenda
     }
     let square = |c: &Candidate| c.errors_m.iter().map(Vector3::norm_squared).sum::<f64>();
     let best = candidates.iter().min_by(|a, b| square(a).total_cmp(&square(b)))?;
-    let chosen = candidates.iter().find(|c| excess(c, best, block) < NORMAL_ONE_SIDED_95)?;
+    let chosen = candidates.iter().find(|c| excess(c, best, block) < NORMAL_ONE_SIDED_99)?;
     let rms_um = |c: &Candidate| (square(c) / (3 * block.len()) as f64).sqrt() * 1e6;
     let blocks = block.iter().collect::<std::collections::BTreeSet<_>>().len();
     let why = if chosen.method == best.method {
