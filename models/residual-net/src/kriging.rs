@@ -284,8 +284,9 @@ mod tests {
 
     /// Relative to the field; both solve the same equations, in other units.
     const MEAN_TOLERANCE: f64 = 1e-7;
-    /// The deviation from the nearest points may be this much larger than from all, on fields as smooth and noisy as these.
-    const WIDER: f64 = 2.0;
+    /// The deviation from the nearest points may be this much larger than from all, on fields as smooth and noisy as these:
+    /// there every point of the volume counts, most of all just beyond the edge.
+    const WIDER: f64 = 3.0;
 
     #[test]
     fn val_abbe_field_mean_is_the_same_and_the_deviation_never_smaller() {

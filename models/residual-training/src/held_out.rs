@@ -23,22 +23,20 @@ pub(crate) struct Predicted {
     pub(crate) deviations_m: Vec<Option<Vector3<f64>>>,
 }
 
-/// Predicts each fold from the others. Member k of an ensemble predicts fold k.
+/// Predicts each fold from the others, with kriging `without` it. Member k of an ensemble predicts fold k.
 pub(crate) fn predict(
     field: &MeasuredField,
-    kriging: &Kriging,
+    without: &[Kriging],
     fold: &[usize],
     kind: Kind,
     ensemble: Option<&Ensemble>,
 ) -> Result<Predicted, TrainingError> {
-    let folds = fold.iter().max().map_or(0, |last| last + 1);
-    let trained = ensemble.map_or(folds, |ensemble| ensemble.members.len());
+    let trained = ensemble.map_or(without.len(), |ensemble| ensemble.members.len());
     let mut predicted =
         Predicted { kind, fold: fold.to_vec(), errors_m: vec![None; fold.len()], deviations_m: vec![None; fold.len()] };
-    for held in 0..folds.min(trained) {
+    for (held, kriging) in without.iter().enumerate().take(trained) {
         let rest: Vec<usize> = (0..fold.len()).filter(|k| fold[*k] != held).collect();
         let part = field.part(&rest).map_err(crate::views::ViewError::from)?;
-        let kriging = kriging.on(&part).ok_or(TrainingError::NotPositiveDefinite)?;
         let ensemble = ensemble.map(|e| Ensemble { members: vec![e.members[held].clone()], ..e.clone() });
         let parts = Parts { kind, field: part, kriging: kriging.clone(), ensemble, calibration: Calibration::none() };
         let model = ResidualModel::new(parts)?;

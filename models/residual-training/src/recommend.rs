@@ -2,14 +2,19 @@
 //!
 //! Place in the flow: errors of several methods at the same held-out points (m) in, the method to use and why out. Rule: the
 //! method with the least squared error wins, unless a simpler one is not demonstrably worse. Demonstrably: the difference of
-//! squared errors, summed block by block of what was held out together, exceeds zero by 2.326 standard errors (99 %, one-sided).
+//! squared errors, summed block by block of what was held out together, exceeds zero by so many of its standard errors: one
+//! between methods (the rule of one standard error; Hastie, Tibshirani & Friedman 2009, section 7.10), 2.326 (99 %) against no
+//! correction at all, as to correct where nothing is to be corrected is worse than not to.
 
+use crate::train::ZERO;
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
-/// Quantile of the normal distribution for 99 %, one-sided: to correct where nothing is to be corrected is worse than not to.
-const NORMAL_ONE_SIDED_99: f64 = 2.326;
+/// Standard errors by which a method must be worse to be passed over.
+const BETWEEN_METHODS: f64 = 1.0;
+/// The same for no correction: 99 %, one-sided.
+const AGAINST_NONE: f64 = 2.326;
 
 /// A method with its errors at held-out points.
 #[derive(Debug, Clone, PartialEq)]
@@ -36,9 +41,10 @@ pub fn recommend(candidates: &[Candidate], block: &[usize]) -> Option<Recommenda
     if block.is_empty() || candidates.iter().any(|c| c.errors_m.len() != block.len()) {
         return None;
     }
+    let limit = |c: &Candidate| if c.method == ZERO { AGAINST_NONE } else { BETWEEN_METHODS };
     let square = |c: &Candidate| c.errors_m.iter().map(Vector3::norm_squared).sum::<f64>();
     let best = candidates.iter().min_by(|a, b| square(a).total_cmp(&square(b)))?;
-    let chosen = candidates.iter().find(|c| excess(c, best, block) < NORMAL_ONE_SIDED_99)?;
+    let chosen = candidates.iter().find(|c| excess(c, best, block) < limit(c))?;
     let rms_um = |c: &Candidate| (square(c) / (3 * block.len()) as f64).sqrt() * 1e6;
     let blocks = block.iter().collect::<std::collections::BTreeSet<_>>().len();
     let why = if chosen.method == best.method {

@@ -10,8 +10,8 @@
 //!    decide which method is recommended, and scale its deviations so that 95 % intervals hold 95 %.
 //! 4. The model: all points as the lattice, all members as an ensemble.
 //!
-//! The two things that held-out points do influence are the parameters of kriging (five a component) and the units of the
-//! network (mean and deviation of the residuals).
+//! A fold's kriging is fitted anew without it; only the kernel and the units of the network (mean and deviation of the
+//! residuals) come from all points.
 
 use crate::attention::Attention;
 use crate::config::{Config, ConfigRange, Split};
@@ -215,12 +215,16 @@ pub fn train(
     }
     let kriging = fitted_kriging(field)?;
     let fold = split::folds(field.points_m(), &config.split, config.seed);
+    let without: Vec<Kriging> = (0..config.split.folds)
+        .map(|held| fitted_without(field, &fold, held, kriging.kernel))
+        .collect::<Result<_, _>>()?;
     let kinds = config.method.kinds();
     let networks: Vec<Kind> = kinds.iter().copied().filter(|kind| kind.has_network()).collect();
     let mut ensembles = Vec::new();
     let mut complete = true;
     for (number, kind) in networks.iter().enumerate() {
-        let task = Task { field, config, kriging: &kriging, fold: &fold, kind: *kind, number, kinds: networks.len() };
+        let (kriging, without, fold, kinds) = (&kriging, &without, &fold, networks.len());
+        let task = Task { field, config, kriging, without, fold, kind: *kind, number, kinds };
         let (ensemble, done) = task.ensemble(&mut state, observe)?;
         ensembles.push((*kind, ensemble));
         complete = done;
@@ -228,17 +232,15 @@ pub fn train(
             break;
         }
     }
-    finish(field, config, &kriging, &fold, ensembles, state, complete)
+    finish(field, config, (&kriging, &without), &fold, ensembles, state, complete)
 }
 
 /// Kriging with the likelier kernel, on all points.
 pub(crate) fn fitted_kriging(field: &MeasuredField) -> Result<Kriging, TrainingError> {
-    let noise = if field.u_m().is_some() { Noise::DeclaredAndFitted } else { Noise::Fitted };
-    let fit = |kernel| abbe_field::Kriging::fit(field, &Options { kernel, trend: Trend::Constant, noise });
     let likelihood = |fit: &abbe_field::Kriging| fit.fitted().iter().map(|c| c.log_likelihood).sum::<f64>();
-    let matern = fit(Kernel::Matern52)?;
+    let matern = fit(field, Kernel::Matern52)?;
     // The smoother kernel may be too smooth to be factored: then the other one is the likelier.
-    let smooth = fit(Kernel::SquaredExponential).ok();
+    let smooth = fit(field, Kernel::SquaredExponential).ok();
     let better = smooth.filter(|smooth| likelihood(smooth) > likelihood(&matern));
     let (kernel, fit) = match better {
         Some(smooth) => (Kernel::SquaredExponential, smooth),
@@ -247,11 +249,30 @@ pub(crate) fn fitted_kriging(field: &MeasuredField) -> Result<Kriging, TrainingE
     Kriging::from_fit(&fit, kernel, field).ok_or(TrainingError::NotPositiveDefinite)
 }
 
+/// Kriging of the points outside a fold, with parameters that have not seen it.
+fn fitted_without(
+    field: &MeasuredField,
+    fold: &[usize],
+    held: usize,
+    kernel: Kernel,
+) -> Result<Kriging, TrainingError> {
+    let rest: Vec<usize> = (0..fold.len()).filter(|k| fold[*k] != held).collect();
+    let part = field.part(&rest).map_err(ViewError::from)?;
+    Kriging::from_fit(&fit(&part, kernel)?, kernel, &part).ok_or(TrainingError::NotPositiveDefinite)
+}
+
+fn fit(field: &MeasuredField, kernel: Kernel) -> Result<abbe_field::Kriging, KrigingError> {
+    let noise = if field.u_m().is_some() { Noise::DeclaredAndFitted } else { Noise::Fitted };
+    abbe_field::Kriging::fit(field, &Options { kernel, trend: Trend::Constant, noise })
+}
+
 /// Training of one kind of network.
 struct Task<'a> {
     field: &'a MeasuredField,
     config: &'a Config,
     kriging: &'a Kriging,
+    /// Kriging without each fold.
+    without: &'a [Kriging],
     fold: &'a [usize],
     kind: Kind,
     number: usize,
@@ -280,11 +301,11 @@ impl Task<'_> {
         Ok((Ensemble { config: self.config.network, normaliser, members }, done))
     }
 
-    fn material<'b>(&'b self, normaliser: &'b Normaliser) -> Material<'b> {
+    fn material<'b>(&'b self, kriging: &'b Kriging, normaliser: &'b Normaliser) -> Material<'b> {
         Material {
             kind: self.kind,
             field: self.field,
-            kriging: self.kriging,
+            kriging,
             config: &self.config.network,
             normaliser,
             split: &self.config.split,
@@ -298,7 +319,7 @@ impl Task<'_> {
             return Ok(own);
         }
         let all: Vec<usize> = (0..self.fold.len()).collect();
-        let left = self.material(&own).left_by_kriging(&all, self.config.seed)?;
+        let left = self.material(self.kriging, &own).left_by_kriging(&all, self.config.seed)?;
         Ok(normaliser(self.field.points_m(), &left))
     }
 
@@ -322,7 +343,7 @@ impl Task<'_> {
             |wanted: &dyn Fn(usize) -> bool| (0..self.fold.len()).filter(|k| wanted(self.fold[*k])).collect::<Vec<_>>();
         let (training, validation) = (of(&|f| f != member && f != stopping), of(&|f| f == stopping));
         let seed = seed_of(self.config.seed, place);
-        let examples = self.material(normaliser).examples(&training, &validation, seed)?;
+        let examples = self.material(&self.without[member], normaliser).examples(&training, &validation, seed)?;
         let network = Attention { config: self.config.network, starts_at_zero: self.kind == Kind::KrigingNetwork };
         let device = Device::flex();
         let training = Training::new(&network, &examples, &self.config.optimiser, seed, &device).map_err(failed)?;
@@ -357,7 +378,7 @@ impl Task<'_> {
 fn finish(
     field: &MeasuredField,
     config: &Config,
-    kriging: &Kriging,
+    (kriging, without): (&Kriging, &[Kriging]),
     fold: &[usize],
     ensembles: Vec<(Kind, Ensemble)>,
     state: State,
@@ -365,10 +386,10 @@ fn finish(
 ) -> Result<Trained, TrainingError> {
     let mut predicted = Vec::new();
     if config.method.kinds().contains(&Kind::Kriging) {
-        predicted.push(held_out::predict(field, kriging, fold, Kind::Kriging, None)?);
+        predicted.push(held_out::predict(field, without, fold, Kind::Kriging, None)?);
     }
     for (kind, ensemble) in &ensembles {
-        predicted.push(held_out::predict(field, kriging, fold, *kind, Some(ensemble))?);
+        predicted.push(held_out::predict(field, without, fold, *kind, Some(ensemble))?);
     }
     let block = split::blocks(field.points_m(), &config.split);
     let (recommendation, kind) = choose(field, &predicted, &block, config);
