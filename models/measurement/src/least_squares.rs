@@ -44,8 +44,10 @@ pub(crate) fn solve(matrix: &DMatrix<f64>, right: &DVector<f64>) -> Result<Solut
     let values = &svd.singular_values;
     let largest = values.max();
     let unscaled = |k: usize| DVector::from_fn(unknowns, |j, _| v_t[(k, j)] / scale[j]);
+    // What is not a number is not determined either.
+    let is_dependent = |value: f64| value.is_nan() || value <= DEPENDENT * largest;
     let free: Vec<DVector<f64>> =
-        (0..unknowns).filter(|k| !(values[*k] > DEPENDENT * largest)).map(|k| unscaled(k).normalize()).collect();
+        (0..unknowns).filter(|k| is_dependent(values[*k])).map(|k| unscaled(k).normalize()).collect();
     if !free.is_empty() {
         return Err(RankDeficient { rank: unknowns - free.len(), free });
     }

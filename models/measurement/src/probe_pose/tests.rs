@@ -74,7 +74,9 @@ fn a_beam_of_length_one_is_held_to_it() {
 #[test]
 fn plans_that_do_not_determine_the_pose_say_what_is_open() {
     let two = [0.09, 0.1];
-    let cases: [(&[[f64; 2]], &[f64], usize, &str, &str); 6] = [
+    // Plan, distances (m), rank, what stays open, why.
+    type Case<'a> = (&'a [[f64; 2]], &'a [f64], usize, &'a str, &'a str);
+    let cases: [Case; 6] = [
         (&PLAN[..1], &two, 6, "S0, T_p", "one pose"),
         (&PLAN, &two[..1], 6, "R_p, T_p", "one distance"),
         (&[[0.0, 0.0], [0.0, 50.0], [0.0, 120.0]], &two, 8, "S0, T_p", "one axis"),

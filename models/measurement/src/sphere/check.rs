@@ -74,8 +74,9 @@ fn duplicates(points_m: &[Vector3<f64>]) -> Option<(usize, usize)> {
 /// Refuses a radius or an uncertainty that cannot be.
 pub(super) fn options(radius: SphereRadius, u_point_m: Option<f64>) -> Result<(), SphereError> {
     if let SphereRadius::Known { radius_m, u_m } = radius {
-        let is_radius = radius_m.is_finite() && radius_m > 0.0;
-        if !is_radius || !(u_m.is_finite() && u_m >= 0.0) {
+        let is_length = radius_m.is_finite() && radius_m > 0.0;
+        let is_uncertainty = u_m.is_finite() && u_m >= 0.0;
+        if !(is_length && is_uncertainty) {
             return Err(SphereError::Radius);
         }
     }

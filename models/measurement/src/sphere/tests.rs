@@ -149,7 +149,7 @@ fn what_fixes_no_sphere_is_refused_with_a_remedy() {
     let mut twice = whole.clone();
     twice[11] = twice[4];
     refused(&twice, "points 5 and 12");
-    refused(&vec![whole[0]; 5], "points 1 and 2");
+    refused(&[whole[0]; 5], "points 1 and 2");
     let ring = |sigma: f64| -> Vec<_> {
         let off = |k: usize, seed| sigma * noise(seed, k);
         let at = |k: usize| {
