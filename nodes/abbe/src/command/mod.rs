@@ -6,6 +6,7 @@ mod compare;
 mod convert;
 mod correct;
 mod diagnose;
+mod fit_points;
 mod guideway;
 mod identify;
 mod launch;
@@ -20,6 +21,7 @@ mod simulate;
 mod sphere;
 mod train;
 mod verify;
+mod volumetric;
 
 pub(crate) use identify::progress_text;
 
@@ -33,6 +35,8 @@ use std::path::Path;
 pub(crate) enum Command {
     /// Identify a machine from a tracer campaign
     Identify(identify::Arguments),
+    /// Identify a machine from measured 3-D positions
+    FitPoints(fit_points::Arguments),
     /// Correct recorded coordinates with a model
     Correct(correct::Arguments),
     /// Find what a model lacks, add it, and judge the gain
@@ -53,6 +57,8 @@ pub(crate) enum Command {
     Guideway(guideway::Arguments),
     /// Hold a model against points whose actual position is known
     Verify(verify::Arguments),
+    /// Map of a model's volumetric error, and its body diagonals with uncertainty
+    Volumetric(volumetric::Arguments),
     /// The whole chain on a recorded campaign: identify, correct live, report
     Demo(crate::demo::Arguments),
     /// Run a graph of nodes from a launch file
@@ -91,6 +97,7 @@ fn bag_in_place<T>(target: &Path, write: impl FnOnce(&Path) -> anyhow::Result<T>
 pub(crate) fn run(command: Command, ros_args: RosArgs) -> anyhow::Result<()> {
     match command {
         Command::Identify(arguments) => identify::run(&arguments),
+        Command::FitPoints(arguments) => fit_points::run(&arguments),
         Command::Correct(arguments) => correct::run(&arguments),
         Command::Diagnose(arguments) => diagnose::run(&arguments),
         Command::Residuals(arguments) => residuals::run(&arguments),
@@ -101,6 +108,7 @@ pub(crate) fn run(command: Command, ros_args: RosArgs) -> anyhow::Result<()> {
         Command::ProbePose(arguments) => probe_pose::run(&arguments),
         Command::Guideway(arguments) => guideway::run(&arguments),
         Command::Verify(arguments) => verify::run(&arguments),
+        Command::Volumetric(arguments) => volumetric::run(&arguments),
         Command::Demo(arguments) => crate::demo::run(&arguments),
         Command::Launch(arguments) => launch::run(&arguments),
         Command::Node(arguments) => node::run(arguments, ros_args),

@@ -1,0 +1,311 @@
+//! `abbe fit-points`: measured positions in, model out.
+//!
+//! Place in the flow: offline, beside `identify`, for instruments that give 3-D positions instead of ranges (Liang 2025).
+//! Reads the columns of `verify` (scale readings, offsets, actual position); writes the same kind of model file.
+
+use super::identify::spinner;
+use crate::pipeline::software;
+use abbe_files::{DataSource, FileError, MachineFile, ModelFile, PointRow, PointsReader, hex, read_machine};
+use abbe_geometry::Vector3;
+use abbe_geometry::effects::{CovariateSource, CovariateValue};
+use abbe_identify::points::{
+    FittedPoints, JadeChoices, Loss, MeasuredPoint, Method, PointOptions, PointProgress, fit_points,
+    fit_points_of_best_degree,
+};
+use abbe_runtime::Shutdown;
+use anyhow::{Context, ensure};
+use clap::ValueEnum;
+use serde_json::{Value, json};
+use std::fs::File;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+/// Column with the standard uncertainty of a measured position, each coordinate, k = 1.
+const U_COLUMN: &str = "u_actual_um";
+/// Degrees that are compared where none is asked for.
+const DEGREES: std::ops::RangeInclusive<usize> = 1..=8;
+/// χ² per degree of freedom above which the residual is more than the declared noise.
+const MISFIT: f64 = 1.3;
+
+/// Way to the minimum, as on the command line.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum MethodName {
+    /// Damped Gauss-Newton with analytic derivatives
+    LevenbergMarquardt,
+    /// Adaptive differential evolution (Zhang & Sanderson 2009)
+    Jade,
+}
+
+/// Loss, as on the command line.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum LossName {
+    /// Squared distances
+    Squares,
+    /// Huber's loss: a few gross errors
+    Huber,
+    /// Least trimmed squares, then least squares on what is left: many gross errors
+    Trimmed,
+}
+
+/// Error functions, as on the command line.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum FunctionsName {
+    /// Polynomials, whose degree the data choose unless --degree is given
+    Polynomial,
+    /// As the machine file names them, without any penalty
+    Machine,
+}
+
+/// Arguments of `fit-points`.
+#[derive(Debug, clap::Args)]
+pub(crate) struct Arguments {
+    /// Machine file (launch-config/machines/*.toml)
+    #[arg(long)]
+    machine: PathBuf,
+    /// CSV: x_mm y_mm z_mm, offset columns, actual_x_mm actual_y_mm actual_z_mm, optional u_actual_um (k = 1)
+    #[arg(long)]
+    points: PathBuf,
+    /// Model file to write
+    #[arg(long)]
+    out: PathBuf,
+    /// Standard uncertainty (k = 1) of each measured coordinate, where the file has no u_actual_um (um)
+    #[arg(long)]
+    u_um: Option<f64>,
+    /// Way to the minimum
+    #[arg(long, value_enum, default_value = "levenberg-marquardt")]
+    method: MethodName,
+    /// What is summed over the points
+    #[arg(long, value_enum, default_value = "huber")]
+    loss: LossName,
+    /// Error functions
+    #[arg(long, value_enum, default_value = "polynomial")]
+    functions: FunctionsName,
+    /// Degree of the polynomials; chosen by the data (BIC, 1 to 8) if not given
+    #[arg(long)]
+    degree: Option<usize>,
+    /// Seed of JADE
+    #[arg(long, default_value_t = JadeChoices::default().seed)]
+    seed: u64,
+    /// Population of JADE; four members for each unknown if not given
+    #[arg(long)]
+    population: Option<usize>,
+    /// Generations after which JADE is given up
+    #[arg(long, default_value_t = JadeChoices::default().max_generations)]
+    generations: usize,
+    /// Print what was found as JSON on standard output
+    #[arg(long)]
+    json: bool,
+}
+
+impl Arguments {
+    fn options(&self) -> PointOptions {
+        let jade = JadeChoices {
+            seed: self.seed,
+            members: self.population,
+            max_generations: self.generations,
+            ..JadeChoices::default()
+        };
+        let method = match self.method {
+            MethodName::LevenbergMarquardt => Method::LevenbergMarquardt,
+            MethodName::Jade => Method::Jade(jade),
+        };
+        let loss = match self.loss {
+            LossName::Squares => Loss::Squares,
+            LossName::Huber => Loss::Huber,
+            LossName::Trimmed => Loss::Trimmed,
+        };
+        PointOptions { method, loss }
+    }
+
+    fn method_name(&self) -> &'static str {
+        match self.method {
+            MethodName::LevenbergMarquardt => "levenberg-marquardt",
+            MethodName::Jade => "jade",
+        }
+    }
+}
+
+pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    let shutdown = Shutdown::on_signals()?;
+    let machine = read_machine(&arguments.machine)?;
+    let (points, source) = read_points(&arguments.points, &machine, arguments.u_um)?;
+    let bar = spinner(&format!("fitting {} to {} points", machine.machine.name, points.len()));
+    let mut observe = |progress: PointProgress| {
+        bar.set_message(format!(
+            "step {}, objective {:.6e}, spread {:.1e}",
+            progress.step, progress.objective, progress.spread
+        ));
+        !shutdown.requested()
+    };
+    let since = Instant::now();
+    let fitted = fit(arguments, &machine, &points, &mut observe);
+    bar.finish_and_clear();
+    let fitted = fitted.with_context(|| format!("{} (points count from 1)", arguments.points.display()))?;
+    let seconds = since.elapsed().as_secs_f64();
+    let evidence = evidence_json(&fitted);
+    let file = model_file(arguments, &machine, source, fitted, &evidence);
+    let sha256 = hex(&file.save(&arguments.out)?);
+    if arguments.json {
+        let value = json!({
+            "machine": file.model.parts().machine.name,
+            "model": arguments.out.display().to_string(),
+            "model_sha256": sha256,
+            "data": file.data,
+            "options": file.options,
+            "evidence": evidence,
+            "fit_s": seconds,
+            "software": file.software,
+        });
+        println!("{}", serde_json::to_string_pretty(&value)?);
+    } else {
+        print_words(arguments, &file, &evidence, &sha256, seconds);
+    }
+    Ok(())
+}
+
+fn fit(
+    arguments: &Arguments,
+    machine: &MachineFile,
+    points: &[MeasuredPoint],
+    observe: &mut dyn FnMut(PointProgress) -> bool,
+) -> anyhow::Result<FittedPoints> {
+    let options = arguments.options();
+    let degrees = match (arguments.functions, arguments.degree) {
+        (FunctionsName::Machine, None) => return Ok(fit_points(&machine.machine, points, &options, observe)?),
+        (FunctionsName::Machine, Some(_)) => {
+            anyhow::bail!("--degree belongs to --functions polynomial; leave one of the two out")
+        }
+        (FunctionsName::Polynomial, Some(degree)) => degree..=degree,
+        (FunctionsName::Polynomial, None) => DEGREES,
+    };
+    Ok(fit_points_of_best_degree(&machine.machine, points, degrees, &options, observe)?)
+}
+
+/// Points of a file with the columns of verification.
+fn read_points(
+    path: &Path,
+    machine: &MachineFile,
+    u_um: Option<f64>,
+) -> anyhow::Result<(Vec<MeasuredPoint>, DataSource)> {
+    let name = path.display().to_string();
+    let input = File::open(path).with_context(|| format!("{name}: cannot be opened"))?;
+    let mut reader = PointsReader::verification(input, &name, machine.machine.default_offset_m)?;
+    let has_column = reader.columns().iter().any(|column| column == U_COLUMN);
+    ensure!(
+        has_column != u_um.is_some(),
+        "{name}: state the standard uncertainty (k = 1) of a measured coordinate either in a column {U_COLUMN} or with \
+         --u-um, and not in both"
+    );
+    let mut points = Vec::new();
+    let mut row = PointRow::default();
+    while reader.read(&mut row)? {
+        let Some(actual_m) = row.actual_m else { continue };
+        let u_um = match (u_um, reader.covariates(&row).covariate(U_COLUMN)) {
+            (Some(u_um), _) | (None, CovariateValue::Fresh(u_um)) => u_um,
+            (None, _) => {
+                let place = abbe_files::Place::file(&name).line(row.line()).column(U_COLUMN);
+                return Err(FileError::content(place, "no number", "write the standard uncertainty, k = 1").into());
+            }
+        };
+        let actual_m = Vector3::from(actual_m);
+        let (reading_m, offset_m) = (row.reading_m, row.offset_m);
+        points.push(MeasuredPoint { reading_m, offset_m, actual_m, u_m: u_um * 1e-6 });
+    }
+    let file = path.file_name().map_or_else(|| name.clone(), |n| n.to_string_lossy().into_owned());
+    Ok((points, DataSource { file, sha256: hex(&reader.sha256()) }))
+}
+
+fn model_file(
+    arguments: &Arguments,
+    machine: &MachineFile,
+    source: DataSource,
+    fitted: FittedPoints,
+    evidence: &Value,
+) -> ModelFile {
+    ModelFile {
+        model: fitted.model,
+        order: abbe_files::OrderChoice::Fixed,
+        instrument: machine.instrument,
+        absolute_range: machine.absolute_range,
+        residual_network: None,
+        data: vec![source],
+        seed: (arguments.method == MethodName::Jade).then_some(arguments.seed),
+        options: json!({
+            "from": "points", "method": arguments.method_name(), "loss": arguments.options().loss.name(),
+            "degree": arguments.degree, "population": arguments.population, "generations": arguments.generations,
+            "u_um": arguments.u_um,
+        }),
+        evidence: evidence.clone(),
+        software: software(),
+    }
+}
+
+/// The evidence in the units people read.
+fn evidence_json(fitted: &FittedPoints) -> Value {
+    let evidence = &fitted.evidence;
+    let pose = &fitted.pose;
+    let rejected: Vec<Value> =
+        evidence.rejected.iter().map(|r| json!({ "point": r.point, "distance_um": r.distance_m * 1e6 })).collect();
+    let degree = fitted.model.parts().machine.kinds.iter().flatten().find_map(|kind| match kind {
+        abbe_geometry::error_function::Kind::Polynomial { degree } => Some(*degree),
+        _ => None,
+    });
+    json!({
+        "converged": true,
+        "unknowns": evidence.unknowns,
+        "rank": evidence.rank,
+        "condition": evidence.condition,
+        "polynomial_degree": degree,
+        "steps": evidence.steps,
+        "evaluations": evidence.evaluations,
+        "objective": evidence.objective,
+        "largest_step_in_u": evidence.largest_step,
+        "chi2_per_dof": evidence.chi2_per_dof,
+        "sigma_over_declared": evidence.robust_scale,
+        "bic": evidence.bic,
+        "largest_residual_um": evidence.largest_residual_m * 1e6,
+        "rejected": rejected,
+        "machine_from_measured": {
+            "rotation_by_rows": (0..3).map(|i| (0..3).map(|j| pose.machine_from_measured[(i, j)]).collect()).collect::<Vec<Vec<f64>>>(),
+            "origin_mm": pose.origin_m.iter().map(|v| v * 1e3).collect::<Vec<f64>>(),
+        },
+    })
+}
+
+fn print_words(arguments: &Arguments, file: &ModelFile, evidence: &Value, sha256: &str, seconds: f64) {
+    let quality = &file.model.parts().quality;
+    println!("{}", arguments.out.display());
+    println!("  model sha256      {sha256}");
+    println!("  points            {} used, {} rejected", quality.readings, quality.rejected);
+    println!(
+        "  residual          {:.3} um rms, {:.3} um at most, chi2/dof {:.3} with the declared uncertainties",
+        quality.residual_rms_m * 1e6,
+        evidence["largest_residual_um"].as_f64().unwrap_or(f64::NAN),
+        quality.chi2_per_dof
+    );
+    println!(
+        "  unknowns          {} (rank {}), condition {:.0}, polynomial degree {}",
+        evidence["unknowns"],
+        evidence["rank"],
+        evidence["condition"].as_f64().unwrap_or(f64::NAN),
+        evidence["polynomial_degree"]
+    );
+    println!("  {:<17} {:.0} ms, {} steps", arguments.method_name(), seconds * 1e3, evidence["steps"]);
+    for point in evidence["rejected"].as_array().into_iter().flatten() {
+        println!(
+            "  rejected          point {}: {:.2} um off",
+            point["point"],
+            point["distance_um"].as_f64().unwrap_or(f64::NAN)
+        );
+    }
+    if arguments.degree.is_none() && evidence["polynomial_degree"] == json!(*DEGREES.end()) {
+        println!(
+            "  note              the highest degree on offer was chosen: the errors may be rougher than polynomials; compare with --functions machine"
+        );
+    }
+    if quality.chi2_per_dof > MISFIT {
+        println!(
+            "  note              the residual is larger than the declared noise: the model lacks something, the noise is understated, or there are gross errors"
+        );
+    }
+}

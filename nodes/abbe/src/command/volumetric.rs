@@ -1,0 +1,238 @@
+//! `abbe volumetric`: volumetric error map of a model, and positioning along the body diagonals with uncertainty.
+//!
+//! Place in the flow: after `identify` or `fit-points`; nothing is fitted. Writes `map.csv` (error = actual − indicated, µm),
+//! `diagonals.csv` and `report.html`; with `--diagonals` it also compares what an interferometer measured (ISO 230-6).
+
+mod measured;
+mod report;
+
+use abbe_files::{ModelFile, hex, write_atomically};
+use abbe_geometry::Vector3;
+use abbe_geometry::correct::Status;
+use abbe_geometry::model::MachineModel;
+use abbe_geometry::volumetric::{Diagonal, LinePoint, MapPoint, along_line, at_distances, error_map};
+use anyhow::{Context, ensure};
+use measured::{Comparison, MeasuredDiagonal};
+use serde_json::json;
+use std::fmt::Write;
+use std::path::PathBuf;
+
+/// Targets on a diagonal, where no measurement names them: ISO 230-6 asks for five a metre at least.
+const TARGETS: usize = 11;
+
+/// Arguments of `volumetric`.
+#[derive(Debug, clap::Args)]
+pub(crate) struct Arguments {
+    /// Model file
+    #[arg(long)]
+    model: PathBuf,
+    /// Folder for map.csv, diagonals.csv and report.html
+    #[arg(long)]
+    out: PathBuf,
+    /// Grid points along each axis
+    #[arg(long, default_value_t = 11)]
+    steps: usize,
+    /// Offset of tip or reflector in the ram frame: x y z (mm); the machine file's default, else 0 0 0
+    #[arg(long, num_args = 3, allow_negative_numbers = true, value_names = ["X", "Y", "Z"])]
+    offset_mm: Option<Vec<f64>>,
+    /// Measured diagonals to compare with: CSV diagonal, distance_mm, deviation_um, u_um (k = 1)
+    #[arg(long)]
+    diagonals: Option<PathBuf>,
+    /// Print the answer as JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// Everything that is written.
+pub(crate) struct Answer {
+    machine: String,
+    model_sha256: String,
+    offset_m: [f64; 3],
+    bounds_m: [(f64, f64); 3],
+    steps: usize,
+    map: Vec<MapPoint>,
+    diagonals: Vec<(Diagonal, Vec<LinePoint>)>,
+    comparisons: Vec<Comparison>,
+}
+
+impl Answer {
+    fn largest(&self) -> Option<&MapPoint> {
+        self.map.iter().max_by(|a, b| a.error_m.norm().total_cmp(&b.error_m.norm()))
+    }
+
+    fn rms_m(&self) -> f64 {
+        (self.map.iter().map(|p| p.error_m.norm_squared()).sum::<f64>() / self.map.len().max(1) as f64).sqrt()
+    }
+
+    fn extrapolated(&self) -> usize {
+        self.map.iter().filter(|p| p.status != Status::InVolume).count()
+    }
+}
+
+pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    let (file, sha256) = ModelFile::load(&arguments.model)?;
+    let parts = file.model.parts();
+    let offset_m = match &arguments.offset_mm {
+        Some(offset_mm) => {
+            ensure!(offset_mm.iter().all(|v| v.is_finite()), "--offset-mm must be three finite numbers");
+            std::array::from_fn(|d| offset_mm[d] * 1e-3)
+        }
+        None => parts.machine.default_offset_m.unwrap_or([0.0; 3]),
+    };
+    let bounds_m = parts.machine.stroke_m;
+    let measured = arguments.diagonals.as_deref().map(measured::read).transpose()?.unwrap_or_default();
+    let answer = Answer {
+        machine: parts.machine.name.clone(),
+        model_sha256: hex(&sha256),
+        offset_m,
+        bounds_m,
+        steps: arguments.steps,
+        map: error_map(&file.model, &bounds_m, [arguments.steps; 3], offset_m)?,
+        diagonals: diagonals(&file.model, &bounds_m, offset_m)?,
+        comparisons: measured
+            .iter()
+            .map(|diagonal| compare(&file.model, diagonal, &bounds_m, offset_m))
+            .collect::<anyhow::Result<_>>()?,
+    };
+    std::fs::create_dir_all(&arguments.out).with_context(|| format!("{}: cannot be made", arguments.out.display()))?;
+    write_atomically(&arguments.out.join("map.csv"), map_text(&answer)?.as_bytes())?;
+    write_atomically(&arguments.out.join("diagonals.csv"), diagonals_text(&answer)?.as_bytes())?;
+    write_atomically(&arguments.out.join("report.html"), report::report(&answer).html()?.as_bytes())?;
+    if arguments.json { print_json(&answer) } else { print_words(arguments, &answer) }
+}
+
+fn diagonals(
+    model: &MachineModel,
+    bounds_m: &[(f64, f64); 3],
+    offset_m: [f64; 3],
+) -> anyhow::Result<Vec<(Diagonal, Vec<LinePoint>)>> {
+    let of = |diagonal: Diagonal| Ok((diagonal, along_line(model, diagonal.ends_m(bounds_m), TARGETS, offset_m)?));
+    Diagonal::ALL.into_iter().map(of).collect()
+}
+
+fn compare(
+    model: &MachineModel,
+    measured: &MeasuredDiagonal,
+    bounds_m: &[(f64, f64); 3],
+    offset_m: [f64; 3],
+) -> anyhow::Result<Comparison> {
+    let distances_m: Vec<f64> = measured.targets.iter().map(|t| t.distance_m).collect();
+    let predicted = at_distances(model, measured.diagonal.ends_m(bounds_m), &distances_m, offset_m)
+        .with_context(|| format!("diagonal {}", measured.diagonal.name()))?;
+    Ok(Comparison::new(measured.clone(), predicted))
+}
+
+fn map_text(answer: &Answer) -> anyhow::Result<String> {
+    let mut text = "x_mm,y_mm,z_mm,error_x_um,error_y_um,error_z_um,error_um,u_x_um,u_y_um,u_z_um,status\n".to_owned();
+    for point in &answer.map {
+        let [x, y, z] = point.reading_m.map(|v| v * 1e3);
+        let error_um = point.error_m * 1e6;
+        let u_um: Vector3<f64> = point.covariance_m2.diagonal().map(|v| 2e6 * v.max(0.0).sqrt());
+        let status = abbe_files::status_word(point.status);
+        writeln!(
+            text,
+            "{x:.4},{y:.4},{z:.4},{:.4},{:.4},{:.4},{:.4},{:.4},{:.4},{:.4},{status}",
+            error_um.x,
+            error_um.y,
+            error_um.z,
+            error_um.norm(),
+            u_um.x,
+            u_um.y,
+            u_um.z
+        )?;
+    }
+    Ok(text)
+}
+
+fn diagonals_text(answer: &Answer) -> anyhow::Result<String> {
+    let mut text = "diagonal,distance_mm,x_mm,y_mm,z_mm,deviation_um,u_um\n".to_owned();
+    for (diagonal, points) in &answer.diagonals {
+        for point in points {
+            let [x, y, z] = point.reading_m.map(|v| v * 1e3);
+            let (name, distance_mm) = (diagonal.name(), point.distance_m * 1e3);
+            let (deviation_um, u_um) = (point.deviation_m * 1e6, 2e6 * point.u_m);
+            writeln!(text, "{name},{distance_mm:.4},{x:.4},{y:.4},{z:.4},{deviation_um:.4},{u_um:.4}")?;
+        }
+    }
+    Ok(text)
+}
+
+/// Largest magnitude of the deviations on a diagonal (m) and the uncertainty there (k = 2).
+fn extreme(points: &[LinePoint]) -> Option<(f64, f64)> {
+    let largest = points.iter().max_by(|a, b| a.deviation_m.abs().total_cmp(&b.deviation_m.abs()))?;
+    Some((largest.deviation_m, 2.0 * largest.u_m))
+}
+
+fn print_json(answer: &Answer) -> anyhow::Result<()> {
+    let diagonals: Vec<_> = answer
+        .diagonals
+        .iter()
+        .filter_map(|(diagonal, points)| {
+            let (deviation_m, u_m) = extreme(points)?;
+            Some(json!({ "diagonal": diagonal.name(), "largest_um": deviation_m * 1e6, "u_um_k2": u_m * 1e6 }))
+        })
+        .collect();
+    let compared: Vec<_> = answer
+        .comparisons
+        .iter()
+        .map(|c| {
+            json!({
+                "diagonal": c.measured.diagonal.name(), "largest_difference_um": c.largest_difference_m() * 1e6,
+                "targets": c.measured.targets.len(), "outside_95_percent": c.outside(),
+            })
+        })
+        .collect();
+    let value = json!({
+        "machine": answer.machine,
+        "model_sha256": answer.model_sha256,
+        "points": answer.map.len(),
+        "extrapolated": answer.extrapolated(),
+        "largest_um": answer.largest().map(|p| p.error_m.norm() * 1e6),
+        "largest_at_mm": answer.largest().map(|p| p.reading_m.map(|v| v * 1e3)),
+        "rms_um": answer.rms_m() * 1e6,
+        "diagonals": diagonals,
+        "compared": compared,
+    });
+    println!("{}", serde_json::to_string_pretty(&value)?);
+    Ok(())
+}
+
+fn print_words(arguments: &Arguments, answer: &Answer) -> anyhow::Result<()> {
+    println!("{}", arguments.out.display());
+    if let Some(largest) = answer.largest() {
+        let [x, y, z] = largest.reading_m.map(|v| v * 1e3);
+        println!(
+            "  volumetric error  {:.2} um at most, at X {x:.0} Y {y:.0} Z {z:.0} mm; {:.2} um rms over {} points, {} extrapolated",
+            largest.error_m.norm() * 1e6,
+            answer.rms_m() * 1e6,
+            answer.map.len(),
+            answer.extrapolated()
+        );
+    }
+    if answer.extrapolated() == answer.map.len() {
+        let [x, y, z] = answer.offset_m.map(|v| v * 1e3);
+        println!(
+            "  note              offset {x} {y} {z} mm or the whole volume is outside what the model was identified from; see --offset-mm"
+        );
+    }
+    for (diagonal, points) in &answer.diagonals {
+        if let Some((deviation_m, u_m)) = extreme(points) {
+            println!(
+                "  diagonal {}      {:+.2} +- {:.2} um (k = 2) at most",
+                diagonal.name(),
+                deviation_m * 1e6,
+                u_m * 1e6
+            );
+        }
+    }
+    for comparison in &answer.comparisons {
+        println!(
+            "  measured {}      differs by {:.2} um at most; {} of {} targets outside the 95 % interval",
+            comparison.measured.diagonal.name(),
+            comparison.largest_difference_m() * 1e6,
+            comparison.outside(),
+            comparison.measured.targets.len()
+        );
+    }
+    Ok(())
+}

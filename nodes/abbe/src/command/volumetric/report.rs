@@ -1,0 +1,140 @@
+//! The page of `abbe volumetric`: largest error, map in planes of Z, diagonals with their bands.
+//!
+//! Place in the flow: last step; millimetres and micrometres, uncertainties k = 2.
+
+use super::{Answer, extreme};
+use abbe_geometry::volumetric::LinePoint;
+use abbe_report::{
+    Axis, CellMap, CellPanel, Curve, CurveStyle, KeyFigure, KeyFigures, LinePanel, LinePlot, MetaItem, Quantity,
+    Report, Section,
+};
+
+/// Planes of Z shown, lowest to highest.
+const PLANES: usize = 3;
+/// Cells of a plane along each side at most: more cannot be read.
+const CELLS: usize = 8;
+
+/// The report.
+pub(super) fn report(answer: &Answer) -> Report {
+    let meta = |label: &str, value: String| MetaItem { label: label.to_owned(), value: Some(value) };
+    let [x, y, z] = answer.offset_m.map(|v| v * 1e3);
+    Report {
+        title: format!("Volumetric error of {}", answer.machine),
+        lead: Some("Error = actual − indicated, as the model predicts it before correction.".to_owned()),
+        meta: vec![
+            meta("model", answer.model_sha256.clone()),
+            meta("offset", format!("{x} {y} {z} mm")),
+            meta("grid", format!("{0} × {0} × {0}", answer.steps)),
+        ],
+        main_plot: None,
+        footer: Some(crate::pipeline::software()),
+        sections: vec![key_figures(answer), map(answer), diagonals(answer)],
+    }
+}
+
+fn key_figures(answer: &Answer) -> Section {
+    let figure = |label: &str, value_m: Option<f64>, detail: Option<String>| KeyFigure {
+        label: label.to_owned(),
+        value: value_m.map(|v| Quantity::new(v * 1e6, 2)),
+        unit: "µm".to_owned(),
+        detail,
+        ..KeyFigure::default()
+    };
+    let place = |reading_m: [f64; 3]| {
+        let [x, y, z] = reading_m.map(|v| v * 1e3);
+        format!("at X {x:.0}, Y {y:.0}, Z {z:.0} mm")
+    };
+    let largest = answer.largest();
+    let mut figures = vec![
+        figure("largest error", largest.map(|p| p.error_m.norm()), largest.map(|p| place(p.reading_m))),
+        figure(
+            "rms over the grid",
+            Some(answer.rms_m()),
+            Some(format!("{} points extrapolated", answer.extrapolated())),
+        ),
+    ];
+    figures.extend(answer.diagonals.iter().map(|(diagonal, points)| {
+        let (value, detail) = extreme(points).unzip();
+        figure(
+            &format!("diagonal {}", diagonal.name()),
+            value,
+            detail.map(|u_m| format!("± {:.2} µm (k = 2), largest on it", u_m * 1e6)),
+        )
+    }));
+    Section::KeyFigures(KeyFigures { title: "At a glance".to_owned(), figures })
+}
+
+/// Largest error in each cell of X and Y, for the lowest, middle and highest plane of Z.
+fn map(answer: &Answer) -> Section {
+    let planes = (0..PLANES).map(|k| k * (answer.steps - 1) / (PLANES - 1));
+    Section::CellMap(CellMap {
+        title: "Volumetric error in planes of Z".to_owned(),
+        note: Some("The largest length of the error vector in each cell; all points are in map.csv.".to_owned()),
+        value: Axis::new("largest error", "µm"),
+        decimals: 1,
+        columns: PLANES,
+        panels: planes.map(|plane| panel(answer, plane)).collect(),
+    })
+}
+
+fn panel(answer: &Answer, plane: usize) -> CellPanel {
+    let (steps, cells) = (answer.steps, CELLS.min(answer.steps - 1));
+    let at = |axis: usize, share: f64| {
+        let (lower_m, upper_m) = answer.bounds_m[axis];
+        (lower_m + (upper_m - lower_m) * share) * 1e3
+    };
+    let edges = |axis: usize| (0..=cells).map(|k| at(axis, k as f64 / cells as f64)).collect();
+    let mut values: Vec<Option<f64>> = vec![None; cells * cells];
+    // A point on an edge belongs to the cell above it, the last one to the last cell.
+    let cell = |step: usize| (step * cells / (steps - 1)).min(cells - 1);
+    for (k, point) in answer.map[plane * steps * steps..(plane + 1) * steps * steps].iter().enumerate() {
+        let entry = &mut values[cell(k / steps) * cells + cell(k % steps)];
+        let error_um = point.error_m.norm() * 1e6;
+        *entry = Some(entry.map_or(error_um, |largest| largest.max(error_um)));
+    }
+    CellPanel {
+        title: format!("Z = {:.0} mm", at(2, plane as f64 / (steps - 1) as f64)),
+        x: Axis::new("X", "mm"),
+        y: Axis::new("Y", "mm"),
+        x_edges: edges(0),
+        y_edges: edges(1),
+        values,
+    }
+}
+
+fn diagonals(answer: &Answer) -> Section {
+    let panels = answer.diagonals.iter().map(|(diagonal, points)| {
+        let mut curves = vec![predicted(points)];
+        for comparison in answer.comparisons.iter().filter(|c| c.measured.diagonal == *diagonal) {
+            let targets = &comparison.measured.targets;
+            curves.push(Curve {
+                name: "measured".to_owned(),
+                style: CurveStyle::Points(2),
+                x: targets.iter().map(|t| t.distance_m * 1e3).collect(),
+                y: targets.iter().map(|t| Some(t.deviation_m * 1e6)).collect(),
+                half_width: None,
+            });
+        }
+        LinePanel { title: diagonal.name(), x: Axis::new("distance", "mm"), y: Axis::new("deviation", "µm"), curves }
+    });
+    Section::LinePlot(LinePlot {
+        title: "Positioning along the body diagonals".to_owned(),
+        note: Some(
+            "Actual minus nominal distance from the first target; P and N are the signs of the motion of X, Y and Z."
+                .to_owned(),
+        ),
+        columns: 2,
+        band_name: Some("k = 2".to_owned()),
+        panels: panels.collect(),
+    })
+}
+
+fn predicted(points: &[LinePoint]) -> Curve {
+    Curve {
+        name: "model".to_owned(),
+        style: CurveStyle::Line(1),
+        x: points.iter().map(|p| p.distance_m * 1e3).collect(),
+        y: points.iter().map(|p| Some(p.deviation_m * 1e6)).collect(),
+        half_width: Some(points.iter().map(|p| Some(2e6 * p.u_m)).collect()),
+    }
+}
