@@ -15,6 +15,7 @@ const EFFECTS: &str = "models/geometry/src/effects";
 const SHARED_BY_EFFECTS: [&str; 4] = ["known", "shape", "source", "tests"];
 /// Effects that propose no shapes of their own: the search that finds a period, a line or a dependence names them.
 const FOUND_BY_A_SEARCH: [&str; 3] = ["empirical", "outlying_run", "periodic_scale"];
+const EXPORTS: &str = "nodes/files/src/export";
 const DRIVERS: &str = "nodes/graph/src/driver";
 /// Simulates physics with its own code, so that truth and model share no mistake; it has effects of its own.
 const INDEPENDENT_TRUTH: &str = "models/virtual-machine";
@@ -131,6 +132,15 @@ fn an_effect_is_one_file_and_one_line() {
         found.extend(known.into_iter().map(|name| format!("{} knows {name}", file.path.display())));
     }
     assert_none("no code but its own file knows an effect by name", &found);
+}
+
+#[test]
+fn an_export_format_is_one_file_and_one_line_and_is_documented() {
+    let names: Vec<&str> = abbe_files::export::FORMATS.iter().map(|format| format.name).collect();
+    let files: Vec<String> = stems(EXPORTS).into_iter().map(|stem| stem.replace('_', "-")).collect();
+    assert_none("export formats and their files", &registry::names_against_files(&files, &names));
+    let words: Vec<String> = names.iter().map(|name| (*name).to_owned()).collect();
+    assert_none("nodes/files/EXPORTS.md lacks", &documents::not_named(&read("nodes/files/EXPORTS.md"), &words));
 }
 
 #[test]

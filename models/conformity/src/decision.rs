@@ -3,6 +3,8 @@
 //! Place in the flow: the only place where an observed and a permissible error meet. ISO 10360 asks for ISO 14253-1: to
 //! prove conformity the limit is narrowed by the expanded uncertainty U of the test value, to prove nonconformity it is
 //! widened by U; in between neither is proved. Simple acceptance leaves the uncertainty out; who uses it must say so.
+//! U is taken with k = 2, as in editions of ISO 14253-1 up to 2013. That of 2017 starts from a probability of conformity of
+//! 95 %, which for the same u makes a narrower guard band (1.65 u); what conforms here conforms there too.
 
 use crate::error::ConformityError;
 use crate::quantity::{ObservedError, PermissibleError};

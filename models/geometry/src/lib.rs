@@ -14,6 +14,7 @@ pub mod machine;
 pub mod model;
 pub mod residual_field;
 pub mod rotation;
+pub mod sampled;
 pub mod volumetric;
 
 pub use axis::{Axis, ErrorId};

@@ -6,6 +6,7 @@
 
 mod calibration;
 mod command;
+mod conformity;
 mod demo;
 mod diagnosis;
 mod pairs;

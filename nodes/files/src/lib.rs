@@ -8,10 +8,12 @@ mod atomic;
 mod campaign_csv;
 mod campaign_writer;
 mod columns;
+mod conformity_csv;
 mod csv_source;
 mod diagonals_csv;
 mod envelope;
 mod error;
+pub mod export;
 mod guideway_csv;
 mod machine;
 mod machine_document;
@@ -29,6 +31,9 @@ mod units;
 pub use atomic::{AtomicFile, write_atomically};
 pub use campaign_csv::{CampaignFile, read_campaign, read_campaign_file};
 pub use campaign_writer::write_campaign;
+pub use conformity_csv::{
+    LengthFile, ProbedPoints, read_lengths, read_lengths_file, read_probed_points, read_probed_points_file,
+};
 pub use csv_source::header_names;
 pub use diagonals_csv::{DiagonalReading, read_diagonals, read_diagonals_file};
 pub use envelope::{hex, sha256_of_hex};

@@ -3,9 +3,11 @@
 //! Place in the flow: parsed in `main`, dispatched here; each file holds its arguments and its work.
 
 mod compare;
+mod conformity;
 mod convert;
 mod correct;
 mod diagnose;
+mod export;
 mod fit_points;
 mod guideway;
 mod identify;
@@ -17,7 +19,7 @@ mod probe_pose;
 mod recover;
 mod replay;
 mod residuals;
-mod simulate;
+pub(crate) mod simulate;
 mod sphere;
 mod train;
 mod verify;
@@ -55,6 +57,10 @@ pub(crate) enum Command {
     ProbePose(probe_pose::Arguments),
     /// Six errors of a linear axis from targets on its table
     Guideway(guideway::Arguments),
+    /// Figures of ISO 10360-2, -5 and ISO 230-2, -6, and what limits they support
+    Conformity(conformity::Arguments),
+    /// A model as error tables for controllers and other software
+    Export(export::Arguments),
     /// Hold a model against points whose actual position is known
     Verify(verify::Arguments),
     /// Map of a model's volumetric error, and its body diagonals with uncertainty
@@ -107,6 +113,8 @@ pub(crate) fn run(command: Command, ros_args: RosArgs) -> anyhow::Result<()> {
         Command::Sphere(arguments) => sphere::run(&arguments),
         Command::ProbePose(arguments) => probe_pose::run(&arguments),
         Command::Guideway(arguments) => guideway::run(&arguments),
+        Command::Conformity(arguments) => conformity::run(&arguments),
+        Command::Export(arguments) => export::run(&arguments),
         Command::Verify(arguments) => verify::run(&arguments),
         Command::Volumetric(arguments) => volumetric::run(&arguments),
         Command::Demo(arguments) => crate::demo::run(&arguments),

@@ -79,7 +79,7 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     Ok(())
 }
 
-fn config(machine: &MachineFile, seed: u64) -> anyhow::Result<SimulationConfig> {
+pub(crate) fn config(machine: &MachineFile, seed: u64) -> anyhow::Result<SimulationConfig> {
     let recipe = TruthRecipe { seed, roughness: Roughness::TYPICAL, volumetric_rms_m: VOLUMETRIC_RMS_M };
     let truth = recipe.bridge_xyz()?;
     for (simulated, (lower_m, upper_m)) in truth.stroke_m.iter().zip(machine.machine.stroke_m) {

@@ -1,0 +1,137 @@
+//! `abbe conformity`: figures of ISO 10360-2, -5 and ISO 230-2, -6, observed and, where limits are given, held against them.
+//!
+//! Place in the flow: on measured data of an acceptance test, or on the virtual machine before and after correction.
+
+use super::identify::{progress_text, spinner};
+use crate::conformity::{self, Limits, Product, lengths, runs, simulated, sphere};
+use abbe_conformity::MaximumPermissibleError;
+use abbe_conformity::length::Probing;
+use abbe_identify::Progress;
+use abbe_runtime::Shutdown;
+use anyhow::{Context, bail, ensure};
+use clap::ValueEnum;
+use std::path::PathBuf;
+
+/// How the ends of a length were probed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum ProbingText {
+    /// From opposite sides, as on a gauge block
+    Bidirectional,
+    /// From the same side
+    Unidirectional,
+}
+
+/// Arguments of `conformity`.
+#[derive(Debug, clap::Args)]
+pub(crate) struct Arguments {
+    /// Measured lengths (CSV): ISO 10360-2
+    #[arg(
+        long,
+        requires = "probing",
+        required_unless_present_any = ["sphere", "runs", "machine"],
+        conflicts_with_all = ["sphere", "runs", "machine"]
+    )]
+    lengths: Option<PathBuf>,
+    /// Points probed on a sphere (CSV): ISO 10360-5
+    #[arg(long, conflicts_with_all = ["runs", "machine"])]
+    sphere: Option<PathBuf>,
+    /// Positioning runs (CSV): ISO 230-2, and ISO 230-6 for runs along diagonals
+    #[arg(long, conflicts_with = "machine")]
+    runs: Option<PathBuf>,
+    /// Machine file of a bridge XYZ machine: simulated, identified, and tested before and after correction
+    #[arg(long, requires = "seed")]
+    machine: Option<PathBuf>,
+    /// How the lengths were probed; must be stated
+    #[arg(long, requires = "lengths")]
+    probing: Option<ProbingText>,
+    /// Distance of the tip from the ram axis: 0 for E0, 150 for E150
+    #[arg(long, default_value_t = 0.0, conflicts_with_all = ["sphere", "runs"])]
+    tool_offset_mm: f64,
+    /// Maximum permissible error of length, as on a data sheet: "0.5+L/400" (um, L in mm)
+    #[arg(long, conflicts_with_all = ["sphere", "runs"])]
+    mpe: Option<String>,
+    /// Limit of the repeatability range R0
+    #[arg(long, requires = "mpe")]
+    r0_limit_um: Option<f64>,
+    /// Calibrated diameter of the sphere
+    #[arg(long, requires = "sphere")]
+    diameter_mm: Option<f64>,
+    /// Limit of the form error of probing
+    #[arg(long, requires = "sphere")]
+    form_limit_um: Option<f64>,
+    /// Limit of the size error of probing
+    #[arg(long, requires_all = ["sphere", "diameter_mm"])]
+    size_limit_um: Option<f64>,
+    /// Expanded uncertainty (k = 2) of the test, such as "0.07+L/4000": decide after ISO 14253-1
+    #[arg(long, conflicts_with = "runs")]
+    uncertainty: Option<String>,
+    /// Seed of the simulated machine
+    #[arg(long, requires = "machine")]
+    seed: Option<u64>,
+    /// Physics beyond the geometry of the simulated machine, such as "backlash axis=y size_um=3"
+    #[arg(long = "effect", requires = "machine")]
+    effects: Vec<String>,
+    /// Folder for report.html and conformity.json
+    #[arg(long)]
+    out: Option<PathBuf>,
+    /// Print conformity.json on standard output
+    #[arg(long)]
+    json: bool,
+}
+
+pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    let product = product(arguments)?;
+    if let Some(folder) = &arguments.out {
+        conformity::write(folder, &product)?;
+    }
+    match arguments.json {
+        true => println!("{}", serde_json::to_string_pretty(&product.json)?),
+        false => print!("{}", product.words),
+    }
+    Ok(())
+}
+
+fn product(arguments: &Arguments) -> anyhow::Result<Product> {
+    let rule = conformity::rule(arguments.uncertainty.as_deref())?;
+    let length = arguments.mpe.as_deref().map(MaximumPermissibleError::from_text).transpose().context("--mpe")?;
+    let limits = Limits {
+        length,
+        repeatability: conformity::limit_um("--r0-limit-um", arguments.r0_limit_um)?,
+        form: conformity::limit_um("--form-limit-um", arguments.form_limit_um)?,
+        size: conformity::limit_um("--size-limit-um", arguments.size_limit_um)?,
+    };
+    let has_limit = limits.length.is_some() || limits.form.is_some() || limits.size.is_some();
+    ensure!(arguments.uncertainty.is_none() || has_limit, "--uncertainty is for a decision; give a limit as well");
+    match (&arguments.lengths, &arguments.sphere, &arguments.runs, &arguments.machine) {
+        (Some(path), ..) => {
+            let probing = match arguments.probing.context("state how the lengths were probed with --probing")? {
+                ProbingText::Bidirectional => Probing::Bidirectional,
+                ProbingText::Unidirectional => Probing::Unidirectional,
+            };
+            let stated = lengths::Stated { probing, tool_offset_m: arguments.tool_offset_mm / 1e3 };
+            lengths::run(path, &stated, &limits, &rule)
+        }
+        (_, Some(path), ..) => sphere::run(path, arguments.diameter_mm.map(|d| d / 1e3), &limits, &rule),
+        (.., Some(path), _) => runs::run(path),
+        (.., Some(machine)) => {
+            let seed = arguments.seed.context("name a seed with --seed")?;
+            let tool_offset_m = arguments.tool_offset_mm / 1e3;
+            let asked = simulated::Simulated { machine, seed, effects: &arguments.effects, tool_offset_m };
+            with_progress(|observe| simulated::run(&asked, &limits, &rule, observe))
+        }
+        _ => bail!("name the data with --lengths, --sphere, --runs or --machine"),
+    }
+}
+
+fn with_progress(
+    work: impl FnOnce(&mut dyn FnMut(Progress) -> bool) -> anyhow::Result<Product>,
+) -> anyhow::Result<Product> {
+    let shutdown = Shutdown::on_signals()?;
+    let bar = spinner("identifying the simulated machine");
+    let made = work(&mut |progress: Progress| {
+        bar.set_message(progress_text(&progress));
+        !shutdown.requested()
+    });
+    bar.finish_and_clear();
+    made
+}

@@ -1,0 +1,138 @@
+//! `abbe export`: an identified model as tables of errors for controllers and other software.
+//!
+//! Place in the flow: after `identify`, before a controller. What a table cannot hold is named in its head and on standard
+//! error.
+
+use abbe_field::{Grid, Table, table_within};
+use abbe_files::export::{About, ExportedFile, FORMATS, Format, SampledGrid, Writer, format, geometric_error_m};
+use abbe_files::{AtomicFile, ModelFile};
+use abbe_geometry::Vector3;
+use abbe_geometry::sampled::SampledErrors;
+use anyhow::{Context, bail, ensure};
+use std::convert::Infallible;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+/// Step where none is asked for (mm).
+const DEFAULT_STEP_MM: f64 = 25.0;
+/// Nodes of the largest grid that is written.
+const MOST_NODES: usize = 2_000_000;
+/// Halvings of the step in search of a wanted interpolation error, from the whole stroke.
+const MOST_HALVINGS: u32 = 16;
+
+/// Arguments of `export`.
+#[derive(Debug, clap::Args)]
+pub(crate) struct Arguments {
+    /// Model file
+    #[arg(long)]
+    model: PathBuf,
+    /// Format: csv, etalon-exchange, isg-csv, heidenhain-style, volumetric-grid or eight-corners
+    #[arg(long)]
+    format: String,
+    /// File to write; a folder for formats of several files
+    #[arg(long)]
+    out: PathBuf,
+    /// Largest step between nodes; 25 mm, if neither this nor --within-um is given
+    #[arg(long, conflicts_with = "within_um")]
+    step_mm: Option<f64>,
+    /// Choose the step so that interpolation misses the model by at most this (um; angles likewise in urad)
+    #[arg(long)]
+    within_um: Option<f64>,
+    /// Tip or reflector relative to the ram reference point, for grids: x,y,z (mm); the machine's default where it has one
+    #[arg(long, value_delimiter = ',', num_args = 3, allow_hyphen_values = true)]
+    offset_mm: Option<Vec<f64>>,
+}
+
+pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    let names = || FORMATS.iter().map(|format| format.name).collect::<Vec<_>>().join(", ");
+    let format = format(&arguments.format).with_context(|| {
+        format!("--format {:?}: there is no such format; choose one of {}", arguments.format, names())
+    })?;
+    for (option, value) in [("--step-mm", arguments.step_mm), ("--within-um", arguments.within_um)] {
+        ensure!(value.is_none_or(|v| v.is_finite() && v > 0.0), "{option}: give a number above zero");
+    }
+    let (file, sha256) = ModelFile::load(&arguments.model)?;
+    let about = About::new(&file, &sha256, &crate::pipeline::software());
+    let files = match format.writer {
+        Writer::Functions(write) => write(&about, &sampled(arguments, &file)?)?,
+        Writer::Grid(write) => write(&about, &grid(arguments, &file)?)?,
+    };
+    write_files(&arguments.out, &files)?;
+    for what in &about.left_out {
+        eprintln!("abbe: {}: not in this table, and not corrected by it: {what}", arguments.out.display());
+    }
+    print_words(arguments, format, &files);
+    Ok(())
+}
+
+fn sampled(arguments: &Arguments, file: &ModelFile) -> anyhow::Result<SampledErrors> {
+    ensure!(arguments.offset_mm.is_none(), "--offset-mm is for grids; {} holds error functions", arguments.format);
+    let Some(within_um) = arguments.within_um else {
+        return Ok(SampledErrors::of(&file.model, arguments.step_mm.unwrap_or(DEFAULT_STEP_MM) / 1e3)?);
+    };
+    let longest_m = file.model.parts().machine.travel_m().into_iter().fold(0.0, f64::max);
+    for halvings in 0..=MOST_HALVINGS {
+        let errors = SampledErrors::of(&file.model, longest_m / f64::from(1_u32 << halvings))?;
+        let (linear_m, angular_rad) = errors.missed();
+        if linear_m.max(angular_rad) <= within_um / 1e6 {
+            return Ok(errors);
+        }
+    }
+    bail!(
+        "--within-um {within_um}: no step down to {:.4} mm does that; ask for more",
+        longest_m * 1e3 / f64::from(1_u32 << MOST_HALVINGS)
+    )
+}
+
+fn grid(arguments: &Arguments, file: &ModelFile) -> anyhow::Result<SampledGrid> {
+    let machine = &file.model.parts().machine;
+    let offset_m = match (arguments.offset_mm.as_deref(), machine.default_offset_m) {
+        (Some([x, y, z]), _) => [x / 1e3, y / 1e3, z / 1e3],
+        (None, Some(offset_m)) => offset_m,
+        _ => bail!(
+            "a grid holds for one tip, and the machine declares no default_offset_mm; give --offset-mm x,y,z, where the tip \
+             stands from the ram reference point"
+        ),
+    };
+    ensure!(offset_m.iter().all(|v| v.is_finite() && v.abs() < 10.0), "--offset-mm: give three numbers in millimetres");
+    let error_m = |p: &Vector3<f64>| Ok::<_, Infallible>(geometric_error_m(&file.model, (*p).into(), offset_m));
+    let (table, missed) = match arguments.within_um {
+        Some(within_um) => table_within(machine.stroke_m, within_um / 1e6, MOST_NODES, error_m)?,
+        None => {
+            let step_m = arguments.step_mm.unwrap_or(DEFAULT_STEP_MM) / 1e3;
+            let steps = machine.travel_m().map(|travel_m| ((travel_m / step_m - 1e-9).ceil()).max(1.0));
+            let nodes: f64 = steps.iter().map(|n| n + 1.0).product();
+            ensure!(nodes <= MOST_NODES as f64, "--step-mm {}: {nodes} nodes; {MOST_NODES} are the most", step_m * 1e3);
+            let table = Table::of(Grid::regular(machine.stroke_m, steps.map(|n| n as usize))?, error_m)?;
+            let missed = table.interpolation_error(error_m)?;
+            (table, missed)
+        }
+    };
+    Ok(SampledGrid { table, missed_m: missed.largest_m.max(), offset_m })
+}
+
+/// One file under the name asked for, several in a folder of that name; each appears whole.
+fn write_files(out: &Path, files: &[ExportedFile]) -> anyhow::Result<()> {
+    if let [single] = files {
+        return Ok(abbe_files::write_atomically(out, single.text.as_bytes())?);
+    }
+    ensure!(!out.exists() || out.is_dir(), "--out {}: this format has several files; name a folder", out.display());
+    std::fs::create_dir_all(out).with_context(|| format!("{}: the folder cannot be made", out.display()))?;
+    let mut written = Vec::new();
+    for exported in files {
+        let path = out.join(&exported.name);
+        let mut file = AtomicFile::create(&path)?;
+        file.write_all(exported.text.as_bytes()).with_context(|| format!("{}: cannot be written", path.display()))?;
+        written.push(file);
+    }
+    Ok(written.into_iter().try_for_each(AtomicFile::commit)?)
+}
+
+fn print_words(arguments: &Arguments, format: &Format, files: &[ExportedFile]) {
+    println!("{}: {} ({})", arguments.out.display(), format.name, format.title);
+    let missed = files.iter().flat_map(|file| file.text.lines()).find_map(|line| line.split("interpolation: ").nth(1));
+    if let Some(missed) = missed {
+        println!("  {missed}");
+    }
+    println!("  {}", format.source);
+}

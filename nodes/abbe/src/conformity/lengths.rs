@@ -1,0 +1,292 @@
+//! Length errors after ISO 10360-2: figures, limits, words, JSON and tables.
+//!
+//! Place in the flow: `abbe conformity --lengths`, and before and after a correction in [`super::simulated`].
+
+use super::{
+    Limits, Product, departure_callout, departure_json, departure_words, meta, pictures, tone, um, verdict_word,
+};
+use crate::pipeline::software;
+use abbe_conformity::length::{LengthErrors, LengthTest, LengthVerdict, Probing, evaluate};
+use abbe_conformity::{DecisionRule, Frontier, MaximumPermissibleError, SupportedLimit, Verdict};
+use abbe_files::{hex, read_lengths_file};
+use abbe_report::{Callout, Cell, Column, KeyFigure, KeyFigures, Quantity, Report, Section, TableSection, Tone};
+use anyhow::Context;
+use serde_json::{Value, json};
+use std::fmt::Write as _;
+use std::path::Path;
+
+pub(crate) const STANDARD: &str = "ISO 10360-2";
+
+/// What the user said of the test.
+pub(crate) struct Stated {
+    pub(crate) probing: Probing,
+    pub(crate) tool_offset_m: f64,
+}
+
+/// Figures of a file of measured lengths.
+pub(crate) fn run(path: &Path, stated: &Stated, limits: &Limits, rule: &DecisionRule) -> anyhow::Result<Product> {
+    let file = read_lengths_file(path)?;
+    let test =
+        LengthTest { tool_offset_m: stated.tool_offset_m, probing: stated.probing, travel_m: file.travel_m.clone() };
+    let errors = evaluate(test, &file.measurements).with_context(|| path.display().to_string())?;
+    let mut words = words(&errors, limits, rule)?;
+    words.insert_str(0, &format!("{}\n", path.display()));
+    let mut json = figures(&errors, limits, rule)?;
+    json["data_sha256"] = json!(hex(&file.sha256));
+    json["software"] = json!(software());
+    let mut sections = sections(&errors, limits, rule)?;
+    sections.push(departure_callout(STANDARD, &errors.departures));
+    let report = Report {
+        title: format!("Length measurement error {}", errors.test.symbol()),
+        lead: Some(lead(&errors)),
+        meta: meta(path, &file.sha256),
+        main_plot: None,
+        footer: Some(software()),
+        sections,
+    };
+    Ok(Product { words, json, report })
+}
+
+fn lead(errors: &LengthErrors) -> String {
+    format!(
+        "{} measurements of {} lengths on {} lines, {} probing; error = measured − calibrated.",
+        errors.errors().count(),
+        errors.sets.len(),
+        errors.lines.len(),
+        errors.test.probing.word()
+    )
+}
+
+/// A limit that certainly holds, rounded outwards: A up to 1 nm, K down to whole numbers.
+pub(crate) fn supported_text(limit: &SupportedLimit) -> String {
+    let constant_um = (limit.constant_m * 1e9 - 1e-6).ceil() / 1e3;
+    match limit.per_metre {
+        0.0 => format!("{constant_um:.3} um"),
+        slope => format!("{constant_um:.3} + L/{:.0} um", (1e-3 / slope + 1e-6).floor()),
+    }
+}
+
+/// Words for the terminal.
+pub(crate) fn words(errors: &LengthErrors, limits: &Limits, rule: &DecisionRule) -> anyhow::Result<String> {
+    let symbol = errors.test.symbol();
+    let mut text = format!("{symbol}: {}\n", lead(errors).replace('−', "-"));
+    // Writing to a string cannot fail.
+    let _ = writeln!(
+        text,
+        "  {:<14} {:>7} {:>12} {:>9} {:>12} {:>10} {:>9}",
+        "line", "lengths", "longest_mm", "travel_%", "largest_um", "at_mm", "range_um"
+    );
+    for line in &errors.lines {
+        let share = line.travel_m.map_or_else(|| "-".to_owned(), |t| format!("{:.1}", 100.0 * line.longest_m / t));
+        let range = line.range.map_or_else(|| "-".to_owned(), |r| format!("{:.3}", um(r.metres())));
+        let (largest, at_m) = line.largest;
+        let _ = writeln!(
+            text,
+            "  {:<14} {:>7} {:>12.4} {share:>9} {:>12.3} {:>10.4} {range:>9}",
+            line.line,
+            line.lengths,
+            line.longest_m * 1e3,
+            um(largest.metres()),
+            at_m * 1e3
+        );
+    }
+    let (largest, line, length_m) = errors.largest();
+    let _ = writeln!(text, "  largest error  {:.3} um at {:.4} mm on {line}", um(largest.metres()), length_m * 1e3);
+    if let Some(range) = errors.repeatability() {
+        let _ = writeln!(text, "  R0             {:.3} um", um(range.metres()));
+    }
+    let frontier = errors.frontier()?;
+    let _ = writeln!(
+        text,
+        "  tightest limit {} (smallest area up to the longest length)",
+        supported_text(&frontier.smallest_area())
+    );
+    let corners: Vec<String> = frontier.corners().iter().map(supported_text).collect();
+    let _ = writeln!(text, "  as tight       {}", corners.join("; "));
+    text.push_str(&limit_words(errors, &frontier, limits, rule));
+    text.push_str(&departure_words(STANDARD, &errors.departures));
+    Ok(text)
+}
+
+fn limit_words(errors: &LengthErrors, frontier: &Frontier, limits: &Limits, rule: &DecisionRule) -> String {
+    let Some(limit) = &limits.length else { return String::new() };
+    let verdict = errors.verdict(limit, limits.repeatability, rule);
+    let symbol = errors.test.symbol();
+    let mut text = format!("  {symbol},MPE         {limit}: {}\n", verdict_text(errors, &verdict));
+    let (used, line, length_m) = most_used(errors, limit);
+    // Writing to a string cannot fail.
+    let _ = writeln!(
+        text,
+        "                 largest share of it {:.1} %, at {:.4} mm on {line}",
+        100.0 * used,
+        length_m * 1e3
+    );
+    let _ = writeln!(
+        text,
+        "                 with its K, A = {:.3} um would do; with its A, {}",
+        um(frontier.smallest_constant_m(limit.per_metre())),
+        match frontier.smallest_per_metre(limit.constant_m()) {
+            0.0 => "no L/K is needed".to_owned(),
+            slope => format!("K = {:.0} would do", (1e-3 / slope).floor()),
+        }
+    );
+    let _ = writeln!(text, "                 {}", rule.words());
+    if let (Some(verdict), Some(limit)) = (verdict.repeatability, limits.repeatability) {
+        let _ = writeln!(text, "  R0,MPL         {:.3} um: {}", um(limit.metres()), verdict_word(verdict));
+    }
+    text
+}
+
+fn verdict_text(errors: &LengthErrors, verdict: &LengthVerdict) -> String {
+    let total = errors.sets.len();
+    match verdict.errors {
+        Verdict::Conforms => "every error conforms".to_owned(),
+        Verdict::Undecided => "neither conformity nor nonconformity is proved".to_owned(),
+        Verdict::DoesNotConform => format!(
+            "does not conform: {} of {total} sets have one error beyond, {} more than one (repeating a measurement is for the \
+             standard to allow, not for this program)",
+            verdict.sets_with_one_beyond, verdict.sets_with_more_beyond
+        ),
+    }
+}
+
+/// Largest share of a limit that an error uses, with its line and length (m).
+pub(crate) fn most_used<'a>(errors: &'a LengthErrors, limit: &MaximumPermissibleError) -> (f64, &'a str, f64) {
+    let mut most = (0.0, "", 0.0);
+    for set in &errors.sets {
+        let share = set.largest().magnitude_m() / limit.at(set.calibrated_m).metres();
+        if most.1.is_empty() || share > most.0 {
+            most = (share, &set.line, set.calibrated_m);
+        }
+    }
+    most
+}
+
+/// All figures as JSON.
+pub(crate) fn figures(errors: &LengthErrors, limits: &Limits, rule: &DecisionRule) -> anyhow::Result<Value> {
+    let supported = |l: &SupportedLimit| json!({ "constant_um": um(l.constant_m), "um_per_mm": l.per_metre * 1e3 });
+    let frontier = errors.frontier()?;
+    let (largest, line, length_m) = errors.largest();
+    let lines: Vec<Value> = errors
+        .lines
+        .iter()
+        .map(|l| {
+            json!({
+                "line": l.line, "lengths": l.lengths, "longest_mm": l.longest_m * 1e3,
+                "travel_mm": l.travel_m.map(|t| t * 1e3),
+                "largest_error_um": um(l.largest.0.metres()), "at_mm": l.largest.1 * 1e3,
+                "largest_range_um": l.range.map(|r| um(r.metres())),
+            })
+        })
+        .collect();
+    let sets: Vec<Value> = errors
+        .sets
+        .iter()
+        .map(|s| {
+            let errors_um: Vec<f64> = s.errors.iter().map(|e| um(e.metres())).collect();
+            json!({ "line": s.line, "calibrated_mm": s.calibrated_m * 1e3, "errors_um": errors_um })
+        })
+        .collect();
+    let against = limits.length.map(|limit| {
+        let verdict = errors.verdict(&limit, limits.repeatability, rule);
+        json!({
+            "mpe": limit.to_string(), "decision_rule": rule.words(),
+            "errors": verdict_word(verdict.errors),
+            "repeatability": verdict.repeatability.map(verdict_word),
+            "sets_with_one_beyond": verdict.sets_with_one_beyond,
+            "sets_with_more_beyond": verdict.sets_with_more_beyond,
+            "verified": verdict.is_whole_test && verdict.overall() == Verdict::Conforms,
+            "largest_share": most_used(errors, &limit).0,
+            "smallest_constant_for_its_k_um": um(frontier.smallest_constant_m(limit.per_metre())),
+            "smallest_um_per_mm_for_its_a": frontier.smallest_per_metre(limit.constant_m()) * 1e3,
+        })
+    });
+    Ok(json!({
+        "test": errors.test.symbol(), "standard": STANDARD, "probing": errors.test.probing.word(),
+        "tool_offset_mm": errors.test.tool_offset_m * 1e3,
+        "error": "measured - calibrated",
+        "largest_error_um": um(largest.metres()), "largest_error_line": line, "largest_error_at_mm": length_m * 1e3,
+        "repeatability_range_um": errors.repeatability().map(|r| um(r.metres())),
+        "tightest_by_smallest_area": supported(&frontier.smallest_area()),
+        "tightest": frontier.corners().iter().map(supported).collect::<Vec<_>>(),
+        "lines": lines, "sets": sets,
+        "against_limits": against,
+        "departures": departure_json(&errors.departures),
+    }))
+}
+
+/// Key figures, verdict, picture and table.
+pub(crate) fn sections(errors: &LengthErrors, limits: &Limits, rule: &DecisionRule) -> anyhow::Result<Vec<Section>> {
+    let frontier = errors.frontier()?;
+    let (largest, line, length_m) = errors.largest();
+    let figure = |label: &str, value: Option<f64>, detail: String| KeyFigure {
+        label: label.to_owned(),
+        value: value.map(|v| Quantity::new(v, 3)),
+        unit: "µm".to_owned(),
+        detail: Some(detail),
+        ..KeyFigure::default()
+    };
+    let figures = vec![
+        figure("largest error, observed", Some(um(largest.metres())), format!("{line}, {:.4} mm", length_m * 1e3)),
+        figure(
+            "repeatability range, observed",
+            errors.repeatability().map(|r| um(r.metres())),
+            "largest of all sets".into(),
+        ),
+        figure(
+            "tightest limit, A of A + L/K",
+            Some(um(frontier.smallest_area().constant_m)),
+            supported_text(&frontier.smallest_area()),
+        ),
+    ];
+    let mut sections = vec![Section::KeyFigures(KeyFigures { title: "Observed".to_owned(), figures })];
+    if let Some(limit) = &limits.length {
+        let verdict = errors.verdict(limit, limits.repeatability, rule);
+        sections.push(Section::Callout(Callout {
+            tone: if verdict.is_whole_test || verdict.overall() == Verdict::DoesNotConform {
+                tone(verdict.overall())
+            } else {
+                Tone::Neutral
+            },
+            title: format!("Against {limit}"),
+            text: format!("{}. Decision rule: {}.", verdict_text(errors, &verdict), rule.words()),
+        }));
+    }
+    sections.push(pictures::errors_against_length(
+        "Errors against length",
+        errors,
+        limits.length.as_ref(),
+        &frontier.smallest_area(),
+    ));
+    sections.push(table(errors));
+    Ok(sections)
+}
+
+fn table(errors: &LengthErrors) -> Section {
+    let row = |line: &abbe_conformity::length::LineSummary| {
+        vec![
+            Cell::text(&line.line),
+            Cell::count(line.lengths),
+            Cell::number(line.longest_m * 1e3, 4),
+            Cell::maybe(line.travel_m.map(|t| 100.0 * line.longest_m / t), 1),
+            Cell::number(um(line.largest.0.metres()), 3),
+            Cell::number(line.largest.1 * 1e3, 4),
+            Cell::maybe(line.range.map(|r| um(r.metres())), 3),
+        ]
+    };
+    Section::Table(TableSection {
+        title: "Measuring lines".to_owned(),
+        note: Some("Largest error by magnitude; the range is that of repeated measurements of one length.".to_owned()),
+        columns: vec![
+            Column::text("line"),
+            Column::number("lengths", "1"),
+            Column::number("longest", "mm"),
+            Column::number("share of travel", "%"),
+            Column::number("largest error", "µm"),
+            Column::number("at", "mm"),
+            Column::number("largest range", "µm"),
+        ],
+        rows: errors.lines.iter().map(row).collect(),
+        total_rows: None,
+    })
+}

@@ -1,0 +1,138 @@
+//! Acceptance tests: figures of ISO 10360-2, -5 and ISO 230-2, -6 from files or from the virtual machine.
+//!
+//! Place in the flow: `abbe conformity` calls one of [`lengths`], [`sphere`], [`runs`] and [`simulated`]; each gives a
+//! [`Product`]: words for the terminal, JSON, and a report. Observed figures come first and stand without any limit.
+
+pub(crate) mod lengths;
+pub(crate) mod pictures;
+pub(crate) mod runs;
+pub(crate) mod simulated;
+pub(crate) mod sphere;
+
+use abbe_conformity::{DecisionRule, Departure, MaximumPermissibleError, PermissibleError, TestUncertainty, Verdict};
+use abbe_files::{AtomicFile, hex};
+use abbe_report::{Callout, MetaItem, Report, Section, Tone};
+use anyhow::{Context, ensure};
+use serde_json::{Value, json};
+use std::fmt::Write as _;
+use std::io::Write;
+use std::path::Path;
+
+/// Names in the output folder.
+pub(crate) const REPORT: &str = "report.html";
+pub(crate) const FIGURES: &str = "conformity.json";
+
+/// What a test gives.
+pub(crate) struct Product {
+    /// Summary for a terminal.
+    pub(crate) words: String,
+    /// All figures.
+    pub(crate) json: Value,
+    /// The report.
+    pub(crate) report: Report,
+}
+
+/// Limits as the user stated them, all optional.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct Limits {
+    pub(crate) length: Option<MaximumPermissibleError>,
+    pub(crate) repeatability: Option<PermissibleError>,
+    pub(crate) form: Option<PermissibleError>,
+    pub(crate) size: Option<PermissibleError>,
+}
+
+/// The decision rule: with an uncertainty of the test, ISO 14253-1; without one, simple acceptance.
+pub(crate) fn rule(uncertainty: Option<&str>) -> anyhow::Result<DecisionRule> {
+    let Some(text) = uncertainty else { return Ok(DecisionRule::SimpleAcceptance) };
+    let form = MaximumPermissibleError::from_text(text).context("--uncertainty")?;
+    ensure!(form.cap_m().is_none(), "--uncertainty {text:?}: min( ) makes no sense for an uncertainty; write A+L/K");
+    Ok(DecisionRule::GuardBand(TestUncertainty::expanded(form.constant_m(), form.per_metre())?))
+}
+
+/// A limit in micrometres from an option.
+pub(crate) fn limit_um(option: &str, value: Option<f64>) -> anyhow::Result<Option<PermissibleError>> {
+    value
+        .map(|um| {
+            ensure!(
+                um.is_finite() && um > 0.0 && um < 1000.0,
+                "{option} {um}: give a limit in micrometres, above zero"
+            );
+            Ok(PermissibleError::from_metres(um / 1e6))
+        })
+        .transpose()
+}
+
+/// A verdict as a word.
+pub(crate) fn verdict_word(verdict: Verdict) -> &'static str {
+    match verdict {
+        Verdict::Conforms => "conforms",
+        Verdict::Undecided => "undecided",
+        Verdict::DoesNotConform => "does_not_conform",
+    }
+}
+
+/// A verdict as a tone.
+pub(crate) fn tone(verdict: Verdict) -> Tone {
+    match verdict {
+        Verdict::Conforms => Tone::Good,
+        Verdict::Undecided => Tone::Warning,
+        Verdict::DoesNotConform => Tone::Bad,
+    }
+}
+
+/// Micrometres.
+pub(crate) fn um(metres: f64) -> f64 {
+    metres * 1e6
+}
+
+/// What a whole test after the standard has and the data lack, in words.
+pub(crate) fn departure_words(standard: &str, departures: &[Departure]) -> String {
+    if departures.is_empty() {
+        return format!("  a whole test after {standard}\n");
+    }
+    let mut text = format!("  not a whole test after {standard}, so that nothing is verified by it:\n");
+    for departure in departures {
+        // Writing to a string cannot fail.
+        let _ = writeln!(text, "    {departure}");
+    }
+    text
+}
+
+/// The same for JSON.
+pub(crate) fn departure_json(departures: &[Departure]) -> Value {
+    departures.iter().map(|d| json!({ "place": d.place, "text": d.text })).collect()
+}
+
+/// The same for the report.
+pub(crate) fn departure_callout(standard: &str, departures: &[Departure]) -> Section {
+    let (tone, title, text) = if departures.is_empty() {
+        (Tone::Good, "Whole test", format!("The data hold all that {standard} asks for."))
+    } else {
+        let list: Vec<String> = departures.iter().map(ToString::to_string).collect();
+        (Tone::Warning, "Not a whole test", format!("Nothing is verified by it after {standard}. {}.", list.join("; ")))
+    };
+    Section::Callout(Callout { tone, title: title.to_owned(), text })
+}
+
+/// Lines of the report's head for a data file.
+pub(crate) fn meta(path: &Path, sha256: &[u8; 32]) -> Vec<MetaItem> {
+    let item = |label: &str, value: String| MetaItem { label: label.to_owned(), value: Some(value) };
+    let name = path.file_name().map_or_else(|| path.display().to_string(), |n| n.to_string_lossy().into_owned());
+    vec![item("data", name), item("data sha256", hex(sha256))]
+}
+
+/// Writes report and figures; each appears whole.
+pub(crate) fn write(folder: &Path, product: &Product) -> anyhow::Result<()> {
+    ensure!(!folder.exists() || folder.is_dir(), "--out {}: this is a file; name a folder", folder.display());
+    let html = product.report.html()?;
+    let json = serde_json::to_string_pretty(&product.json)? + "\n";
+    std::fs::create_dir_all(folder).with_context(|| format!("{}: the folder cannot be made", folder.display()))?;
+    let mut files = Vec::new();
+    for (name, content) in [(REPORT, html), (FIGURES, json)] {
+        let path = folder.join(name);
+        let mut file = AtomicFile::create(&path)?;
+        file.write_all(content.as_bytes()).with_context(|| format!("{}: cannot be written", path.display()))?;
+        files.push(file);
+    }
+    Ok(files.into_iter().try_for_each(AtomicFile::commit)?)
+}

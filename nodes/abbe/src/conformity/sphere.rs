@@ -1,0 +1,128 @@
+//! Probing errors after ISO 10360-5 from points on a sphere.
+//!
+//! Place in the flow: `abbe conformity --sphere`. Names of both editions stand side by side.
+
+use super::{Limits, Product, departure_callout, departure_json, departure_words, meta, tone, um, verdict_word};
+use crate::pipeline::software;
+use abbe_conformity::probing::{FORM_NAMES, ProbingErrors, SIZE_NAMES, evaluate};
+use abbe_conformity::{DecisionRule, PermissibleError, Verdict};
+use abbe_files::{hex, read_probed_points_file};
+use abbe_report::{
+    Axis, Callout, Curve, CurveStyle, KeyFigure, KeyFigures, LinePanel, LinePlot, Quantity, Report, Section,
+};
+use anyhow::Context;
+use serde_json::json;
+use std::fmt::Write as _;
+use std::path::Path;
+
+const STANDARD: &str = "ISO 10360-5";
+
+/// Figures of probed points.
+pub(crate) fn run(
+    path: &Path,
+    diameter_m: Option<f64>,
+    limits: &Limits,
+    rule: &DecisionRule,
+) -> anyhow::Result<Product> {
+    let file = read_probed_points_file(path)?;
+    let errors = evaluate(&file.points_m, diameter_m).with_context(|| path.display().to_string())?;
+    let (form, size) = errors.verdicts(limits.form, limits.size, rule);
+    let rows = [
+        Row { names: FORM_NAMES, value_m: Some(errors.form.metres()), limit: limits.form, verdict: form },
+        Row { names: SIZE_NAMES, value_m: errors.size.map(|s| s.metres()), limit: limits.size, verdict: size },
+    ];
+    let json = json!({
+        "standard": STANDARD, "points": file.points_m.len(), "data_sha256": hex(&file.sha256), "software": software(),
+        "centre_mm": errors.sphere.centre_m.iter().map(|v| v * 1e3).collect::<Vec<_>>(),
+        "diameter_mm": errors.sphere.radius_m * 2e3,
+        "calibrated_diameter_mm": diameter_m.map(|d| d * 1e3),
+        "form_error_um": um(errors.form.metres()), "form_names": FORM_NAMES,
+        "size_error_um": errors.size.map(|s| um(s.metres())), "size_names": SIZE_NAMES,
+        "form_limit_um": limits.form.map(|l| um(l.metres())), "form": form.map(verdict_word),
+        "size_limit_um": limits.size.map(|l| um(l.metres())), "size": size.map(verdict_word),
+        "decision_rule": rule.words(),
+        "departures": departure_json(&errors.departures),
+    });
+    Ok(Product {
+        words: words(path, &errors, &rows, rule),
+        json,
+        report: report(path, &file.sha256, &errors, &rows, rule),
+    })
+}
+
+/// One error with its limit.
+struct Row {
+    names: [&'static str; 2],
+    value_m: Option<f64>,
+    limit: Option<PermissibleError>,
+    verdict: Option<Verdict>,
+}
+
+fn words(path: &Path, errors: &ProbingErrors, rows: &[Row], rule: &DecisionRule) -> String {
+    let mut text = format!("{}\n", path.display());
+    // Writing to a string cannot fail.
+    for row in rows {
+        let value = row.value_m.map_or_else(|| "-".to_owned(), |v| format!("{:.3} um", um(v)));
+        let _ = write!(text, "  {} ({})  {value}", row.names[0], row.names[1]);
+        if let (Some(limit), Some(verdict)) = (row.limit, row.verdict) {
+            let _ = write!(text, ", limit {:.3} um: {}", um(limit.metres()), verdict_word(verdict));
+        }
+        text.push('\n');
+    }
+    let _ = writeln!(text, "  diameter of the least-squares sphere {:.6} mm", errors.sphere.radius_m * 2e3);
+    if rows.iter().any(|row| row.verdict.is_some()) {
+        let _ = writeln!(text, "  {}", rule.words());
+    }
+    text.push_str(&departure_words(STANDARD, &errors.departures));
+    text
+}
+
+fn report(path: &Path, sha256: &[u8; 32], errors: &ProbingErrors, rows: &[Row], rule: &DecisionRule) -> Report {
+    let figure = |row: &Row| KeyFigure {
+        label: format!("{}, observed", row.names[0]),
+        value: row.value_m.map(|v| Quantity::new(um(v), 3)),
+        unit: "µm".to_owned(),
+        detail: Some(format!("{} in the edition of 2010", row.names[1])),
+        ..KeyFigure::default()
+    };
+    let figures = rows.iter().map(figure).collect();
+    let mut sections = vec![Section::KeyFigures(KeyFigures { title: "Observed".to_owned(), figures })];
+    for row in rows {
+        if let (Some(limit), Some(verdict)) = (row.limit, row.verdict) {
+            sections.push(Section::Callout(Callout {
+                tone: tone(verdict),
+                title: format!("{} against {:.3} µm", row.names[0], um(limit.metres())),
+                text: format!("{}. Decision rule: {}.", verdict_word(verdict).replace('_', " "), rule.words()),
+            }));
+        }
+    }
+    let residuals = &errors.sphere.residuals_m;
+    let curve = Curve {
+        name: "points".to_owned(),
+        style: CurveStyle::Points(1),
+        x: (1..=residuals.len()).map(|k| k as f64).collect(),
+        y: residuals.iter().map(|r| Some(um(*r))).collect(),
+        half_width: None,
+    };
+    sections.push(Section::LinePlot(LinePlot {
+        title: "Distance of each point from the least-squares sphere".to_owned(),
+        note: Some("Outside is positive; the form error is the range.".to_owned()),
+        columns: 1,
+        band_name: None,
+        panels: vec![LinePanel {
+            title: String::new(),
+            x: Axis::new("point", "1"),
+            y: Axis::new("distance from the sphere", "µm"),
+            curves: vec![curve],
+        }],
+    }));
+    sections.push(departure_callout(STANDARD, &errors.departures));
+    Report {
+        title: "Probing error".to_owned(),
+        lead: Some(format!("{} points on a sphere.", residuals.len())),
+        meta: meta(path, sha256),
+        main_plot: None,
+        footer: Some(software()),
+        sections,
+    }
+}

@@ -1,0 +1,38 @@
+//! Plain CSV of all 21 errors with their uncertainty, one value a row: for spreadsheets and other programs.
+//!
+//! Place in the flow: one of [`super::FORMATS`]. Columns `error,position_mm,value,u,unit`: ISO 230-1 name; reading of its own
+//! axis (empty for squareness, which has none); value and standard uncertainty (k = 1) in `um` or `urad`. Numbers read back
+//! as they were, but for the last bit of some. Order: X, Y, Z, of each E_X E_Y E_Z E_A E_B E_C, positions ascending; squareness last.
+
+use super::{About, ExportedFile, Format, Writer, commented, missed_words};
+use crate::error::FileError;
+use crate::units::{micrometres_from_m, millimetres_from_m};
+use abbe_geometry::sampled::{SampledErrors, errors_of};
+use std::fmt::Write as _;
+
+pub(super) const FORMAT: Format = Format {
+    name: "csv",
+    title: "all 21 errors with uncertainty, one value a row",
+    source: "own; columns error, position_mm, value, u (k = 1), unit",
+    writer: Writer::Functions(write),
+};
+
+fn write(about: &About, errors: &SampledErrors) -> Result<Vec<ExportedFile>, FileError> {
+    let units = format!("position_mm in mm, value and u as the column unit says; {}", about.reference());
+    let mut text = commented(&about.lines(&FORMAT, &units, &missed_words(errors)), "#");
+    text.push_str("error,position_mm,value,u,unit\n");
+    // Writing to a string cannot fail.
+    for axis in &errors.axes {
+        for (k, id) in errors_of(axis.axis).into_iter().enumerate() {
+            let unit = if k < 3 { "um" } else { "urad" };
+            for (node, position_m) in axis.positions_m.iter().enumerate() {
+                let (value, u) = (micrometres_from_m(axis.errors[node][k]), micrometres_from_m(axis.u[node][k]));
+                let _ = writeln!(text, "{},{},{value},{u},{unit}", id.name(), millimetres_from_m(*position_m));
+            }
+        }
+    }
+    for (name, value, u) in &errors.squareness {
+        let _ = writeln!(text, "{name},,{},{},urad", micrometres_from_m(*value), micrometres_from_m(*u));
+    }
+    Ok(vec![ExportedFile { name: "errors.csv".to_owned(), text }])
+}

@@ -1,0 +1,80 @@
+//! Tables in the style of Heidenhain's axis-error compensation: a `.COM` table an axis, a `.CMA` table that names them.
+//!
+//! Place in the flow: one of [`super::FORMATS`]. Columns and limits are those that Heidenhain's technical manuals describe:
+//! `AXISPOS` at equal steps, at most 256 points; a column named like the axis for positioning; `C2` to `C6` for straightness,
+//! roll, pitch and yaw (KinematicsComp: EYX → C2, EZX → C3, EAX → C4, EBX → C5, ECX → C6). The exact syntax of such files and
+//! the sign of their values could not be checked, hence "style". Squareness has no column of its own: it is added to the
+//! straightness of the axis that it tilts, so that the straightness columns are not zero at their upper end.
+//!
+//! For axis Y the linear columns are Y, C2 (EXY), C3 (EZY); for Z they are Z, C2 (EXZ), C3 (EYZ); the head of each says so.
+
+use super::{About, ExportedFile, Format, Writer, commented, fixed, missed_words, refused};
+use crate::error::FileError;
+use crate::units::millimetres_from_m;
+use abbe_geometry::axis::Axis;
+use abbe_geometry::sampled::{SampledAxis, SampledErrors, errors_of};
+use std::fmt::Write as _;
+
+/// Points that a table holds.
+const MOST_POINTS: usize = 256;
+/// Decimals of mm and degrees: below what a controller resolves.
+const DECIMALS: usize = 9;
+
+pub(super) const FORMAT: Format = Format {
+    name: "heidenhain-style",
+    title: "one X.COM, Y.COM, Z.COM table an axis and config.CMA, in the style of Heidenhain's compensation tables",
+    source: "columns as in Heidenhain's technical manuals (MANUALplus 620, section 6.10; iTNC 530 HSCI, KinematicsComp); \
+             syntax and sign could not be checked against a controller: transfer by hand or convert",
+    writer: Writer::Functions(write),
+};
+
+fn write(about: &About, errors: &SampledErrors) -> Result<Vec<ExportedFile>, FileError> {
+    let mut files = Vec::new();
+    for axis in &errors.axes {
+        files.push(table(about, errors, axis)?);
+    }
+    let letters = Axis::ALL.map(|axis| axis.letter().to_string());
+    let names = Axis::ALL.map(|axis| format!("{}.COM", axis.letter()));
+    let text = format!("NR ACTIVE {}\n0 * {}\n", letters.join(" "), names.join(" "));
+    files.push(ExportedFile { name: "config.CMA".to_owned(), text });
+    Ok(files)
+}
+
+fn table(about: &About, errors: &SampledErrors, axis: &SampledAxis) -> Result<ExportedFile, FileError> {
+    let points = axis.positions_m.len();
+    if points > MOST_POINTS {
+        let problem = format!("axis {} would have {points} points; a table holds {MOST_POINTS}", axis.axis.letter());
+        return Err(refused(&FORMAT, problem, "ask for a larger step"));
+    }
+    let others = Axis::ALL.into_iter().filter(|other| *other != axis.axis).map(Axis::index);
+    let order: Vec<usize> = [axis.axis.index()].into_iter().chain(others).chain(3..6).collect();
+    let ids = errors_of(axis.axis);
+    let columns = [axis.axis.letter().to_string(), "C2".into(), "C3".into(), "C4".into(), "C5".into(), "C6".into()];
+    let meaning: Vec<String> = columns.iter().zip(&order).map(|(c, k)| format!("{c} = {}", ids[*k].name())).collect();
+    let units = format!(
+        "AXISPOS and linear errors mm, angles degrees; {}, with squareness added to straightness; every error is zero at the \
+         lower end of its stroke",
+        meaning.join(", ")
+    );
+    let mut text = commented(&about.lines(&FORMAT, &units, &missed_words(errors)), ";");
+    // Writing to a string cannot fail.
+    let _ = writeln!(text, "NR AXISPOS {}", columns.join(" "));
+    for (number, (position_m, values)) in axis.positions_m.iter().zip(&axis.errors).enumerate() {
+        let tilted_m = tilted_m(about, errors, axis.axis, position_m - axis.positions_m[0]);
+        let cell = |k: &usize| {
+            let value = if *k < 3 { (values[*k] + tilted_m[*k]) * 1e3 } else { values[*k].to_degrees() };
+            fixed(value, DECIMALS)
+        };
+        let cells: Vec<String> = order.iter().map(cell).collect();
+        let _ = writeln!(text, "{number} {} {}", millimetres_from_m(*position_m), cells.join(" "));
+    }
+    Ok(ExportedFile { name: format!("{}.COM", axis.axis.letter()), text })
+}
+
+/// What squareness moves at this distance from the lower end (m): angle · (about × axis) · distance.
+fn tilted_m(about: &About, errors: &SampledErrors, axis: Axis, distance_m: f64) -> [f64; 3] {
+    let own = about.machine.squareness.iter().zip(&errors.squareness).filter(|(entry, _)| entry.tilts == axis);
+    let moved =
+        own.map(|(entry, (_, angle, _))| entry.about.direction().cross(&axis.direction()) * (angle * distance_m));
+    moved.fold([0.0; 3], |sum, m| [sum[0] + m.x, sum[1] + m.y, sum[2] + m.z])
+}

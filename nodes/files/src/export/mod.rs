@@ -1,0 +1,196 @@
+//! Exports of an identified model for controllers and other software: one file a format, one line each in [`FORMATS`].
+//!
+//! Place in the flow: model → sampled error functions or a grid of errors → texts, which `abbe export` writes. Every file
+//! says in its head what its numbers mean: sign, unit, reference point, order, by how much interpolation between its nodes
+//! misses the model, and what of the model it does not hold. Values are errors, actual − indicated; a controller that
+//! wants corrections of its set points needs the other sign.
+//!
+//! What a table of positions cannot hold (effects beyond geometry, residual networks) is left out and named.
+
+mod csv;
+mod eight_corners;
+mod etalon_exchange;
+mod heidenhain_style;
+mod isg_csv;
+mod volumetric_grid;
+
+use crate::error::{FileError, Place};
+use crate::machine::SIGN_CONVENTION;
+use crate::model_file::ModelFile;
+use abbe_field::Table;
+use abbe_geometry::Vector3;
+use abbe_geometry::axis::Axis;
+use abbe_geometry::chain::nominal_point_m;
+use abbe_geometry::effects::known;
+use abbe_geometry::machine::{Machine, Side};
+use abbe_geometry::model::MachineModel;
+use abbe_geometry::sampled::SampledErrors;
+
+/// A format.
+#[derive(Debug)]
+pub struct Format {
+    /// Name on the command line; that of its file with `-` for `_`.
+    pub name: &'static str,
+    /// What it is, in a line.
+    pub title: &'static str,
+    /// Where the format is described, or that it could not be checked against the vendor's description.
+    pub source: &'static str,
+    /// What it is made from, and how.
+    pub writer: Writer,
+}
+
+/// How a format is written.
+#[derive(Debug, Clone, Copy)]
+pub enum Writer {
+    /// From the error functions of each axis.
+    Functions(fn(&About, &SampledErrors) -> Result<Vec<ExportedFile>, FileError>),
+    /// From the errors at the nodes of a grid.
+    Grid(fn(&About, &SampledGrid) -> Result<Vec<ExportedFile>, FileError>),
+}
+
+/// One file of an export.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ExportedFile {
+    /// Name, without folder.
+    pub name: String,
+    /// Content.
+    pub text: String,
+}
+
+/// All formats.
+pub const FORMATS: &[Format] = &[
+    csv::FORMAT,
+    etalon_exchange::FORMAT,
+    isg_csv::FORMAT,
+    heidenhain_style::FORMAT,
+    volumetric_grid::FORMAT,
+    eight_corners::FORMAT,
+];
+
+/// The format of that name.
+pub fn format(name: &str) -> Option<&'static Format> {
+    FORMATS.iter().find(|format| format.name == name)
+}
+
+/// What stands in the head of every file.
+#[derive(Debug, Clone)]
+pub struct About {
+    /// The machine.
+    pub machine: Machine,
+    /// SHA-256 of the model, hexadecimal.
+    pub model_sha256: String,
+    /// Program that writes.
+    pub software: String,
+    /// What of the model does not fit into a table of positions.
+    pub left_out: Vec<String>,
+}
+
+/// Errors on a grid of readings.
+#[derive(Debug, Clone)]
+pub struct SampledGrid {
+    /// Errors of tip or reflector at the nodes: readings X, Y, Z (m), actual − indicated (m).
+    pub table: Table,
+    /// What trilinear interpolation between the nodes misses at most, over all directions (m).
+    pub missed_m: f64,
+    /// Tip or reflector for which it holds (m, ram frame).
+    pub offset_m: [f64; 3],
+}
+
+impl About {
+    /// Of a model file with this SHA-256.
+    pub fn new(file: &ModelFile, sha256: &[u8; 32], software: &str) -> About {
+        let effects = file.model.parts().effects.iter().map(|fitted| {
+            let name = fitted.effect.name();
+            known(name).map_or_else(|| name.to_owned(), |known| format!("{} ({name})", known.title))
+        });
+        let network = file.residual_network.iter().map(|network| format!("residual network {}", network.file));
+        About {
+            machine: file.model.parts().machine.clone(),
+            model_sha256: crate::envelope::hex(sha256),
+            software: software.to_owned(),
+            left_out: effects.chain(network).collect(),
+        }
+    }
+
+    /// Lines of the head, without marks of comments.
+    fn lines(&self, format: &Format, units: &str, missed: &str) -> Vec<String> {
+        let side = |wanted: Side| {
+            let axes = self.machine.joints.iter().filter(|joint| joint.side == wanted);
+            let letters: String = axes.map(|joint| joint.axis.letter()).collect();
+            if letters.is_empty() { "none".to_owned() } else { letters }
+        };
+        let mut lines = vec![
+            format!("{}: {}", format.name, format.title),
+            format!("machine {}, model sha256 {}, written by {}", self.machine.name, self.model_sha256, self.software),
+            format!("sign: {SIGN_CONVENTION}"),
+            format!(
+                "chain: workpiece side {}, tool side {}, each from the bed outwards; rotations about the ram reference point",
+                side(Side::Workpiece),
+                side(Side::Tool)
+            ),
+            format!("units: {units}"),
+            format!("interpolation: {missed}"),
+            format!("format: {}", format.source),
+        ];
+        lines.extend(self.left_out.iter().map(|what| format!("NOT in this table, and not corrected by it: {what}")));
+        lines
+    }
+
+    /// Zero of the error functions.
+    fn reference(&self) -> String {
+        let ends = Axis::ALL.map(|axis| {
+            format!("{} {}", axis.letter(), crate::units::millimetres_from_m(self.machine.stroke_m[axis.index()].0))
+        });
+        format!(
+            "every error is zero at the lower end of its stroke ({} mm), straightness also at the upper end; squareness turns \
+             the motion of an axis, not the tool, from there on",
+            ends.join(", ")
+        )
+    }
+}
+
+/// Error of a model's geometry at a reading (m): actual − indicated, without effects beyond geometry.
+pub fn geometric_error_m(model: &MachineModel, reading_m: [f64; 3], offset_m: [f64; 3]) -> Vector3<f64> {
+    let parts = model.parts();
+    let actual_m = model.layout().position_m(&parts.machine, &parts.coefficients, reading_m, offset_m);
+    actual_m - nominal_point_m(reading_m, offset_m)
+}
+
+/// `// line` for every line.
+fn commented(lines: &[String], mark: &str) -> String {
+    lines.iter().map(|line| format!("{mark} {line}\n")).collect()
+}
+
+/// What linear interpolation misses, in words.
+fn missed_words(errors: &SampledErrors) -> String {
+    let (linear_m, angular_rad) = errors.missed();
+    format!(
+        "linear between the nodes misses the model by at most {:.4} um (linear errors) and {:.4} urad (angular errors)",
+        linear_m * 1e6,
+        angular_rad * 1e6
+    )
+}
+
+/// What trilinear interpolation misses, and for which tip, in words.
+fn grid_words(grid: &SampledGrid) -> String {
+    let offset = grid.offset_m.map(|v| crate::units::millimetres_from_m(v).to_string());
+    format!(
+        "trilinear between the nodes misses the model by at most {:.4} um a direction; holds for a tip or reflector at {} mm \
+         (ram frame)",
+        grid.missed_m * 1e6,
+        offset.join(" ")
+    )
+}
+
+fn refused(format: &Format, problem: String, remedy: &str) -> FileError {
+    FileError::content(Place::file(format.name), problem, remedy)
+}
+
+/// A number with so many decimals and no negative zero.
+fn fixed(value: f64, decimals: usize) -> String {
+    let text = format!("{value:.decimals$}");
+    match text.strip_prefix('-') {
+        Some(rest) if rest.bytes().all(|b| matches!(b, b'0' | b'.')) => rest.to_owned(),
+        _ => text,
+    }
+}

@@ -1,0 +1,217 @@
+//! `abbe conformity` and `abbe export` as a user sees them: figures of shipped and simulated data, files, refusals.
+
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // A test fails by panicking.
+
+mod common;
+
+use std::fs;
+use std::path::Path;
+
+use common::assert_says;
+use common::files::{Bench, listing, machine, text};
+use common::program::run;
+use serde_json::Value;
+
+/// The deviations of Liang 2025, Table 2.
+fn shipped_lengths() -> String {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../launch-config/data/liang2025_lengths.csv");
+    text(&path.canonicalize().unwrap())
+}
+
+fn json(arguments: &[&str]) -> Value {
+    serde_json::from_str(&run(arguments).ok()).unwrap()
+}
+
+#[test]
+fn val_liang_2025_lengths_are_judged_against_their_limit_and_the_standard() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = text(&folder.path().join("report"));
+    let lengths = shipped_lengths();
+    let arguments =
+        ["conformity", "--lengths", &lengths, "--probing", "bidirectional", "--mpe", "0.5+L/400", "--out", &out];
+    let words = run(arguments).ok();
+    assert_says(
+        &words,
+        &[
+            "-0.580 um at 420.0000 mm on diagonal_d",
+            "every error conforms",
+            "simple acceptance",
+            "52.5 %",
+            "nothing is verified",
+        ],
+    );
+    let figures: Value =
+        serde_json::from_str(&fs::read_to_string(folder.path().join("report/conformity.json")).unwrap()).unwrap();
+    assert_eq!(figures["against_limits"]["errors"], "conforms");
+    assert_eq!(figures["against_limits"]["verified"], false);
+    assert_eq!(figures["departures"].as_array().unwrap().len(), 5);
+    // Worked out by hand in the figures of the papers: 0.12 µm over 160.0284 mm.
+    let tightest = &figures["tightest_by_smallest_area"];
+    assert!((tightest["um_per_mm"].as_f64().unwrap() - 0.12 / 160.0284).abs() < 1e-9, "{tightest}");
+    let page = fs::read_to_string(folder.path().join("report/report.html")).unwrap();
+    assert_says(&page, &["<svg", "measured − calibrated", "Not a whole test", "simple acceptance"]);
+}
+
+#[test]
+fn a_limit_that_is_too_tight_and_an_uncertainty_change_the_verdict() {
+    let lengths = shipped_lengths();
+    let verdict = |mpe: &str, more: &[&str]| {
+        let mut arguments =
+            vec!["conformity", "--lengths", &lengths, "--probing", "bidirectional", "--json", "--mpe", mpe];
+        arguments.extend(more);
+        json(&arguments)["against_limits"]["errors"].as_str().unwrap().to_owned()
+    };
+    assert_eq!(verdict("0.58", &[]), "conforms");
+    assert_eq!(verdict("0.58", &["--uncertainty", "0.07+L/4000"]), "undecided");
+    assert_eq!(verdict("0.3", &["--uncertainty", "0.07+L/4000"]), "does_not_conform");
+}
+
+#[test]
+fn a_simulated_machine_is_better_after_correction_than_before() {
+    let machine = text(&machine());
+    let arguments = ["conformity", "--machine", &machine, "--seed", "4", "--mpe", "2+L/400", "--json"];
+    let figures = json(&arguments);
+    let largest = |when: &str| figures[when]["largest_error_um"].as_f64().unwrap().abs();
+    assert!(largest("before") > 10.0 * largest("after"), "{} {}", largest("before"), largest("after"));
+    for when in ["before", "after"] {
+        assert_eq!(figures[when]["departures"].as_array().unwrap().len(), 0);
+        assert_eq!(figures[when]["sets"].as_array().unwrap().len(), 35);
+    }
+    assert_eq!(figures["after"]["against_limits"]["verified"], true);
+    assert_eq!(run(arguments).ok(), run(arguments).ok(), "the same seed gives the same bytes");
+    let offset = json(&["conformity", "--machine", &machine, "--seed", "4", "--tool-offset-mm", "150", "--json"]);
+    assert_eq!(
+        (offset["after"]["test"].as_str(), offset["after"]["lines"].as_array().unwrap().len()),
+        (Some("E150"), 2)
+    );
+}
+
+#[test]
+fn points_on_a_sphere_give_form_and_size() {
+    let bench = Bench::simulated(1);
+    // Corners of a cube and an octahedron: 14 points of radius 10 mm, but for one pole that is 1 um out.
+    let mut points = "x_mm,y_mm,z_mm\n".to_owned();
+    let s = 10.0 / 3.0_f64.sqrt();
+    for x in [-s, s] {
+        for y in [-s, s] {
+            for z in [-s, s] {
+                points += &format!("{x},{y},{z}\n");
+            }
+        }
+    }
+    points += "10.001,0,0\n-10,0,0\n0,10,0\n0,-10,0\n0,0,10\n0,0,-10\n";
+    let sphere = bench.write("sphere.csv", points);
+    let figures = json(&["conformity", "--sphere", &sphere, "--diameter-mm", "20", "--form-limit-um", "0.5", "--json"]);
+    let form = figures["form_error_um"].as_f64().unwrap();
+    assert!((0.5..1.0).contains(&form), "{form}");
+    assert_eq!((figures["form"].as_str(), figures["size"].as_str()), (Some("does_not_conform"), None));
+    assert!(figures["departures"][0]["text"].as_str().unwrap().contains("25 points are asked for, there are 14"));
+}
+
+#[test]
+fn runs_give_the_figures_of_axes_and_diagonals() {
+    let bench = Bench::simulated(1);
+    let mut rows = "axis,target_mm,direction,cycle,measured_mm\n".to_owned();
+    for axis in ["X", "PPP"] {
+        for step in 0..6 {
+            for cycle in 1..6 {
+                let target = f64::from(step) * 100.0;
+                rows += &format!("{axis},{target},+,{cycle},{}\n", target + 0.001);
+                rows += &format!("{axis},{target},-,{cycle},{}\n", target - 0.002);
+            }
+        }
+    }
+    let runs = bench.write("runs.csv", rows);
+    let figures = json(&["conformity", "--runs", &runs, "--json"]);
+    for axis in [&figures["axes"][0], &figures["diagonals"][0]] {
+        // Reversal 3 µm and no scatter: B = R = E = A = 3 µm.
+        for figure in ["B_um", "R_um", "E_um", "A_um"] {
+            assert!((axis[figure].as_f64().unwrap() - 3.0).abs() < 1e-6, "{figure} {axis}");
+        }
+        assert!(axis["M_um"].as_f64().unwrap().abs() < 1e-6);
+    }
+    assert_eq!(figures["departures_230_2"].as_array().unwrap().len(), 0);
+    assert_eq!(figures["departures_230_6"].as_array().unwrap().len(), 3, "three body diagonals are missing");
+}
+
+#[test]
+fn a_model_is_exported_in_every_format_and_a_step_can_be_chosen_by_its_error() {
+    let bench = Bench::identified(6);
+    let model = bench.text("model.json");
+    for (format, file) in [
+        ("csv", ""),
+        ("etalon-exchange", ""),
+        ("isg-csv", ""),
+        ("heidenhain-style", "Y.COM"),
+        ("volumetric-grid", ""),
+        ("eight-corners", ""),
+    ] {
+        let out = bench.text(format);
+        let mut arguments = vec!["export", "--model", &model, "--format", format, "--out", &out, "--step-mm", "50"];
+        if format.contains('-') && (format.starts_with('v') || format.starts_with("ei")) {
+            arguments.extend(["--offset-mm", "0,0,-60"]);
+        }
+        assert_says(&run(arguments).ok(), &["misses the model by at most", format]);
+        let path = bench.path(format);
+        let text = fs::read_to_string(if file.is_empty() { path } else { path.join(file) }).unwrap();
+        assert_says(&text, &["error = actual - indicated", "units:"]);
+    }
+    let out = bench.text("fine.csv");
+    run(["export", "--model", &model, "--format", "csv", "--out", &out, "--within-um", "0.05"]).ok();
+    let stated = bench.read("fine.csv");
+    let missed = stated.lines().find_map(|line| line.split("by at most ").nth(1)).unwrap();
+    assert!(missed.split(' ').next().unwrap().parse::<f64>().unwrap() <= 0.05, "{missed}");
+}
+
+#[test]
+fn wrong_input_is_refused_with_its_place_and_leaves_nothing() {
+    let bench = Bench::identified(6);
+    let (model, lengths) = (bench.text("model.json"), shipped_lengths());
+    let twice = bench.write("twice.csv", "line,calibrated_mm,repeat,deviation_um\nX,100,1,0.1\nX,100,1,0.2\n");
+    let unit = bench.write("unit.csv", "line,calibrated_mm,repeat,deviation_um\nX,100,1,0.0002\nX,100,2,-0.0003\n");
+    let line = bench.write("line.csv", "x_mm,y_mm,z_mm\n0,0,0\n1,0,0\n2,0,0\n3,0,0\n4,0,0\n5,0,0\n");
+    let once = bench.write("once.csv", "axis,target_mm,direction,cycle,measured_mm\nX,0,+,1,0\nX,10,+,1,10\n");
+    let (out, folder) = (bench.text("out.txt"), bench.text("out"));
+    let cases: [(&[&str], &[&str]); 11] = [
+        (
+            &["conformity", "--lengths", &twice, "--probing", "bidirectional", "--out", &folder],
+            &["twice.csv", "line X, 100 mm, repeat 1", "stands twice"],
+        ),
+        (
+            &["conformity", "--lengths", &unit, "--probing", "bidirectional"],
+            &["unit.csv", "deviation_um", "multiply them by 1000"],
+        ),
+        (
+            &["conformity", "--lengths", &lengths, "--probing", "bidirectional", "--mpe", "0,5+L/400"],
+            &["--mpe", "decimal comma", "0.5+L/400"],
+        ),
+        (
+            &["conformity", "--lengths", &lengths, "--probing", "bidirectional", "--uncertainty", "0.1"],
+            &["--uncertainty", "limit"],
+        ),
+        (&["conformity", "--sphere", &line, "--out", &folder], &["line.csv", "one plane"]),
+        (&["conformity", "--runs", &once, "--out", &folder], &["once.csv", "axis X", "no scatter"]),
+        (
+            &["export", "--model", &model, "--format", "fanuc", "--out", &out],
+            &["fanuc", "no such format", "etalon-exchange"],
+        ),
+        (&["export", "--model", &model, "--format", "volumetric-grid", "--out", &out], &["--offset-mm", "tip"]),
+        (
+            &["export", "--model", &model, "--format", "csv", "--out", &out, "--step-mm", "0"],
+            &["--step-mm", "above zero"],
+        ),
+        (
+            &["export", "--model", &model, "--format", "heidenhain-style", "--out", &folder, "--step-mm", "2"],
+            &["256", "larger step"],
+        ),
+        (
+            &["export", "--model", &lengths, "--format", "csv", "--out", &out],
+            &["liang2025_lengths.csv", "no model file"],
+        ),
+    ];
+    let before = listing(&bench.path(""));
+    for (arguments, says) in cases {
+        assert_says(&run(arguments).refused(), says);
+        assert_eq!(listing(&bench.path("")), before, "something was left behind by {arguments:?}");
+    }
+}
