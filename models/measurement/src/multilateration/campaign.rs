@@ -175,6 +175,14 @@ fn indicated_m(reading: &RangeReading) -> Vector3<f64> {
     Vector3::from(reading.reading_m) + Vector3::from(reading.offset_m)
 }
 
+/// Readings of one target so far: the first one's place and offset, the sum of all places, and their number.
+struct Gathered {
+    first_m: Vector3<f64>,
+    offset_m: Vector3<f64>,
+    sum_m: Vector3<f64>,
+    readings: f64,
+}
+
 /// Targets in the order of their first reading, and the target of each reading.
 ///
 /// Readings are dealt into boxes as wide as the tolerance, so that only neighbouring boxes need a look. The same point with
@@ -182,26 +190,28 @@ fn indicated_m(reading: &RangeReading) -> Vector3<f64> {
 fn group(readings: &[RangeReading], tolerance_m: f64) -> (Vec<Target>, Vec<usize>) {
     let box_of = |p: &Vector3<f64>| [0, 1, 2].map(|d| (p[d] / tolerance_m).floor() as i64);
     let mut boxes: BTreeMap<[i64; 3], Vec<usize>> = BTreeMap::new();
-    let mut sums: Vec<(Vector3<f64>, Vector3<f64>, Vector3<f64>, f64)> = Vec::new();
+    let mut gathered: Vec<Gathered> = Vec::new();
     let mut target_of = Vec::with_capacity(readings.len());
     for reading in readings {
         let (axes_m, offset_m) = (Vector3::from(reading.reading_m), Vector3::from(reading.offset_m));
         let own = box_of(&axes_m);
-        let near = |(first, _, offset, _): &(Vector3<f64>, Vector3<f64>, Vector3<f64>, f64)| {
-            (first - axes_m).norm() <= tolerance_m && (offset - offset_m).norm() <= tolerance_m
+        let near = |target: &usize| {
+            let Gathered { first_m, offset_m: its_offset_m, .. } = &gathered[*target];
+            (first_m - axes_m).norm() <= tolerance_m && (its_offset_m - offset_m).norm() <= tolerance_m
         };
-        let neighbours = (0..27).map(|k| [own[0] + k % 3 - 1, own[1] + k / 3 % 3 - 1, own[2] + k / 9 - 1]);
-        let known = neighbours.flat_map(|key| boxes.get(&key).into_iter().flatten()).copied().find(|t| near(&sums[*t]));
+        let beside = |k: i64| [k % 3 - 1, k / 3 % 3 - 1, k / 9 - 1];
+        let neighbours = (0..27).map(|k| [0, 1, 2].map(|d| own[d].saturating_add(beside(k)[d])));
+        let known = neighbours.flat_map(|key| boxes.get(&key).into_iter().flatten()).copied().find(near);
         let target = known.unwrap_or_else(|| {
-            boxes.entry(own).or_default().push(sums.len());
-            sums.push((axes_m, Vector3::zeros(), offset_m, 0.0));
-            sums.len() - 1
+            boxes.entry(own).or_default().push(gathered.len());
+            gathered.push(Gathered { first_m: axes_m, offset_m, sum_m: Vector3::zeros(), readings: 0.0 });
+            gathered.len() - 1
         });
-        sums[target].1 += axes_m;
-        sums[target].3 += 1.0;
+        gathered[target].sum_m += axes_m;
+        gathered[target].readings += 1.0;
         target_of.push(target);
     }
-    let targets = sums.iter().map(|(_, sum, offset_m, n)| Target { reading_m: sum / *n, offset_m: *offset_m });
+    let targets = gathered.iter().map(|g| Target { reading_m: g.sum_m / g.readings, offset_m: g.offset_m });
     (targets.collect(), target_of)
 }
 
