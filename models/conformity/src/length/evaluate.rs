@@ -143,7 +143,7 @@ impl LengthErrors {
     /// The limits A + L/K that hold all of these errors.
     ///
     /// # Errors
-    /// None on data that [`evaluate`] took.
+    /// None on data that [`evaluate()`] took.
     pub fn frontier(&self) -> Result<Frontier, ConformityError> {
         Frontier::of(self.errors())
     }

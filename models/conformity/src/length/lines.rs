@@ -1,6 +1,6 @@
 //! Where the measuring lines of ISO 10360-2 lie in a measuring volume.
 //!
-//! Place in the flow: lines for [`super::measure`], and their travel for the 66 % of [`super::evaluate`]. Machine frame, m.
+//! Place in the flow: lines for [`super::measure()`], and their travel for the 66 % of [`super::evaluate()`]. Machine frame, m.
 
 use crate::error::ConformityError;
 use nalgebra::Vector3;

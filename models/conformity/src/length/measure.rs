@@ -1,7 +1,7 @@
 //! The length test on a machine of which only its error of indication is known: simulated, or corrected by a model.
 //!
 //! Place in the flow: an error function "measured − true at a point" (m, machine frame) in, length measurements for
-//! [`super::evaluate`] out. Calibrated ends p₁, p₂ are indicated at p + e(p), so that
+//! [`super::evaluate()`] out. Calibrated ends p₁, p₂ are indicated at p + e(p), so that
 //! E = |p₂ + e(p₂) − p₁ − e(p₁)| − |p₂ − p₁|, evaluated so that it does not cancel.
 
 use super::{LEAST_SHARE, LENGTHS, LengthMeasurement, MeasuringLine, REPEATS};

@@ -1,7 +1,7 @@
 //! Length measurement errors after ISO 10360-2: E0 (tool offset 0), E150, and repeatability range R0.
 //!
-//! Place in the flow: measured lengths of gauge blocks or step gauges, or of [`measure`] on a machine's error function,
-//! go into [`evaluate`]; out come errors by line and length, ranges, departures from the test, and a verdict.
+//! Place in the flow: measured lengths of gauge blocks or step gauges, or of [`measure()`] on a machine's error function,
+//! go into [`evaluate()`]; out come errors by line and length, ranges, departures from the test, and a verdict.
 //! Error of length measurement = measured − calibrated (m).
 //!
 //! Source: ISO 10360-2:2009: seven measuring lines (four body diagonals of the measuring volume required, parallels to
