@@ -39,6 +39,9 @@ struct Words {
 const MODEL: Words = Words { name: "model", key: "model", is_needed: true };
 const RESIDUAL: Words = Words { name: "residual model", key: "residual_model", is_needed: false };
 
+/// What a file holds at the start, if one is named, and the feed of what it will hold.
+type Opened<T> = (Option<(T, Sha256)>, ArtifactFeed<T>);
+
 /// New versions of a file that a node corrects with.
 pub(super) struct ArtifactFeed<T> {
     words: Words,
@@ -70,7 +73,7 @@ impl<T: Send + 'static> ArtifactFeed<T> {
         words: Words,
         path: Option<&Path>,
         load: impl FnMut(&Path) -> Result<(T, Sha256), FileError> + Send + 'static,
-    ) -> Result<(Option<(T, Sha256)>, ArtifactFeed<T>), NodeError> {
+    ) -> Result<Opened<T>, NodeError> {
         let Some(path) = path else {
             let service = Self::serve(context, words, None)?;
             return Ok((None, ArtifactFeed { words, feed: None, _service: service }));
