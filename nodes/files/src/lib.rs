@@ -27,6 +27,7 @@ mod residual_file;
 mod study_csv;
 mod toml_place;
 mod units;
+mod vectors_csv;
 
 pub use atomic::{AtomicFile, write_atomically};
 pub use campaign_csv::{CampaignFile, read_campaign, read_campaign_file};
@@ -49,3 +50,4 @@ pub use study_csv::{
     StudyFile, read_residual_vectors, read_residual_vectors_file, read_runs, read_runs_file, read_sphere_centres,
     read_sphere_centres_file,
 };
+pub use vectors_csv::{ErrorVector, read_positions, read_positions_file, write_error_vectors};

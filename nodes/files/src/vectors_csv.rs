@@ -1,0 +1,148 @@
+//! Error vectors at points to CSV, and bare points from it.
+//!
+//! Place in the flow: `abbe points` and `abbe interpolate` write what `abbe interpolate`, `abbe diagnose --residuals` and
+//! whatever else takes residual vectors reads ([`crate::read_residual_vectors`]). Points in mm in the machine frame, errors
+//! (actual − indicated) and standard uncertainties (k = 1) in µm.
+
+use crate::atomic::AtomicFile;
+use crate::columns::READING;
+use crate::csv_source::CsvSource;
+use crate::error::FileError;
+use crate::points_csv::unwritten;
+use csv::{ByteRecord, Writer};
+use std::fs::File;
+use std::io::{Read, Write};
+use std::path::Path;
+
+const NUMBER_REMEDY: &str = "write a number with a decimal point, or remove the row";
+const ERRORS: [&str; 3] = ["res_x_um", "res_y_um", "res_z_um"];
+const UNCERTAINTIES: [&str; 3] = ["u_x_um", "u_y_um", "u_z_um"];
+
+/// An error vector.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ErrorVector {
+    /// Where (m, machine frame).
+    pub position_m: [f64; 3],
+    /// Actual − indicated (m); `None` where there is no answer.
+    pub error_m: Option<[f64; 3]>,
+    /// Standard uncertainty of each component (m, k = 1), where it is known.
+    pub u_m: Option<[f64; 3]>,
+    /// A word about it, where there is one to say: written to a column `status`.
+    pub status: Option<&'static str>,
+}
+
+/// Writes error vectors, whole or not at all. Columns for uncertainties and status are there if any vector has them; an empty
+/// cell is a missing value.
+pub fn write_error_vectors(path: &Path, vectors: &[ErrorVector]) -> Result<(), FileError> {
+    let file = path.display().to_string();
+    let mut output = AtomicFile::create(path)?;
+    write_rows(&mut output, &file, vectors)?;
+    output.commit()
+}
+
+fn write_rows(output: impl Write, file: &str, vectors: &[ErrorVector]) -> Result<(), FileError> {
+    let with_u = vectors.iter().any(|v| v.u_m.is_some());
+    let with_status = vectors.iter().any(|v| v.status.is_some());
+    let mut writer = Writer::from_writer(output);
+    let mut header: Vec<&str> = READING.iter().map(|known| known.name).chain(ERRORS).collect();
+    header.extend(UNCERTAINTIES.iter().filter(|_| with_u));
+    header.extend(["status"].iter().filter(|_| with_status));
+    writer.write_record(header).map_err(|error| unwritten(file, error))?;
+    for vector in vectors {
+        let mut cells: Vec<String> = vector.position_m.iter().map(|m| format!("{:.7}", m * 1e3)).collect();
+        let three = |values: Option<[f64; 3]>| match values {
+            Some(metres) => metres.map(|m| format!("{:.6}", m * 1e6)),
+            None => Default::default(),
+        };
+        cells.extend(three(vector.error_m));
+        if with_u {
+            cells.extend(three(vector.u_m));
+        }
+        if with_status {
+            cells.push(vector.status.unwrap_or_default().to_owned());
+        }
+        writer.write_record(cells).map_err(|error| unwritten(file, error))?;
+    }
+    writer.flush().map_err(FileError::io(file, "write"))
+}
+
+/// Reads points from `x_mm`, `y_mm`, `z_mm` (machine frame) into metres; other columns are left alone.
+pub fn read_positions_file(path: &Path) -> Result<Vec<[f64; 3]>, FileError> {
+    let file = path.display().to_string();
+    let input = File::open(path).map_err(FileError::io(&file, "open the points"))?;
+    read_positions(input, &file)
+}
+
+/// Reads points from anything; `file` is its name in messages.
+pub fn read_positions(input: impl Read, file: &str) -> Result<Vec<[f64; 3]>, FileError> {
+    let mut source = CsvSource::new(input, file)?;
+    let mut columns = [0; 3];
+    for (column, known) in columns.iter_mut().zip(READING) {
+        *column = source.header().require(known, &READING)?;
+    }
+    let (mut positions, mut record) = (Vec::new(), ByteRecord::new());
+    while let Some(line) = source.next(&mut record)? {
+        let mut position = [0.0; 3];
+        for (value, column) in position.iter_mut().zip(columns) {
+            *value = source.header().number(&record, column, line, NUMBER_REMEDY)? / 1e3;
+        }
+        positions.push(position);
+    }
+    if positions.is_empty() {
+        return Err(FileError::content(
+            source.header().place(),
+            "the file holds a header but no point",
+            "give one row a point",
+        ));
+    }
+    Ok(positions)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::read_residual_vectors;
+
+    fn vector(k: f64) -> ErrorVector {
+        ErrorVector {
+            position_m: [0.1 * k, -0.25, 0.125],
+            error_m: Some([1e-6 * k, -2.5e-6, 0.0]),
+            u_m: Some([0.2e-6, 0.3e-6, 0.4e-6]),
+            status: None,
+        }
+    }
+
+    #[test]
+    fn what_is_written_reads_back_as_residual_vectors() {
+        let mut bytes = Vec::new();
+        write_rows(&mut bytes, "points.csv", &[vector(1.0), vector(2.0)]).unwrap();
+        let read = read_residual_vectors(bytes.as_slice(), "points.csv").unwrap().rows;
+        for (row, k) in read.iter().zip([1.0, 2.0]) {
+            let same = |a: [f64; 3], b: [f64; 3]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-12);
+            assert!(same(row.position_m, vector(k).position_m));
+            assert!(same(row.residual_m, vector(k).error_m.unwrap()));
+            assert!(same(row.u_m.unwrap(), vector(k).u_m.unwrap()));
+        }
+        let positions = read_positions(bytes.as_slice(), "points.csv").unwrap();
+        assert_eq!(positions.len(), 2);
+        assert!((positions[1][0] - 0.2).abs() < 1e-12);
+    }
+
+    #[test]
+    fn what_is_missing_is_an_empty_cell_and_no_zero() {
+        let mut bytes = Vec::new();
+        let silent = ErrorVector { error_m: None, u_m: None, status: Some("no_answer"), ..vector(1.0) };
+        write_rows(&mut bytes, "points.csv", &[silent]).unwrap();
+        let text = String::from_utf8(bytes).unwrap();
+        assert_eq!(text.lines().nth(1).unwrap(), "100.0000000,-250.0000000,125.0000000,,,,no_answer");
+    }
+
+    #[test]
+    fn points_that_are_none_are_refused_with_their_line() {
+        let refused = |text: &str| read_positions(text.as_bytes(), "p.csv").unwrap_err().to_string();
+        assert!(refused("x_mm,y_mm,z_mm\n1,2,nan\n").contains("p.csv, line 2, column z_mm"));
+        assert!(refused("x_mm,y_mm\n1,2\n").contains("z_mm"));
+        assert!(refused("x_m,y_mm,z_mm\n1,2,3\n").contains("millimetres"));
+        assert!(refused("x_mm,y_mm,z_mm\n").contains("no point"));
+    }
+}
