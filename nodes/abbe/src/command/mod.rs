@@ -11,9 +11,11 @@ mod export;
 mod fit_points;
 mod guideway;
 mod identify;
+mod interpolate;
 mod launch;
 mod node;
 mod papers;
+mod points;
 mod predict;
 mod probe_pose;
 mod recover;
@@ -65,6 +67,10 @@ pub(crate) enum Command {
     Verify(verify::Arguments),
     /// Map of a model's volumetric error, and its body diagonals with uncertainty
     Volumetric(volumetric::Arguments),
+    /// Solve points measured from several stations, without a model of the machine
+    Points(points::Arguments),
+    /// Interpolate measured error vectors, or score the methods that do
+    Interpolate(interpolate::Arguments),
     /// The whole chain on a recorded campaign: identify, correct live, report
     Demo(crate::demo::Arguments),
     /// Run a graph of nodes from a launch file
@@ -117,6 +123,8 @@ pub(crate) fn run(command: Command, ros_args: RosArgs) -> anyhow::Result<()> {
         Command::Export(arguments) => export::run(&arguments),
         Command::Verify(arguments) => verify::run(&arguments),
         Command::Volumetric(arguments) => volumetric::run(&arguments),
+        Command::Points(arguments) => points::run(&arguments),
+        Command::Interpolate(arguments) => interpolate::run(&arguments),
         Command::Demo(arguments) => crate::demo::run(&arguments),
         Command::Launch(arguments) => launch::run(&arguments),
         Command::Node(arguments) => node::run(arguments, ros_args),

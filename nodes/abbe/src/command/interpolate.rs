@@ -1,0 +1,216 @@
+//! `abbe interpolate`: measured error vectors in, the error at any other point out, or scores of all methods.
+//!
+//! Place in the flow: without a model of the machine, straight from measured points (`abbe points`, or any calibration). The
+//! methods are those of `abbe_field`; scores are of points that did not interpolate (Chen 2020 eq. 14-19).
+
+use abbe_field::idw::{EXPONENT, Idw, Reference};
+use abbe_field::kriging::{Kernel, Kriging, Noise, Options, Trend};
+use abbe_field::rbf::{Radial, Rbf};
+use abbe_field::scores::{INTERPOLATING_SHARE, Score, score, split};
+use abbe_field::{Interpolator, MeasuredField, Trilinear, Unanswered};
+use abbe_files::{ErrorVector, read_positions_file, read_residual_vectors_file, write_error_vectors};
+use abbe_runtime::Shutdown;
+use anyhow::{Context, ensure};
+use clap::ValueEnum;
+use std::path::PathBuf;
+
+/// Micrometres in a metre.
+const UM: f64 = 1e6;
+
+/// Arguments of `interpolate`.
+#[derive(Debug, clap::Args)]
+pub(crate) struct Arguments {
+    /// CSV with measured error vectors: x_mm, y_mm, z_mm, res_x_um, res_y_um, res_z_um, optionally u_x_um, u_y_um, u_z_um
+    #[arg(long)]
+    vectors: PathBuf,
+    /// CSV with the points to answer: x_mm, y_mm, z_mm
+    #[arg(long, requires = "out", conflicts_with = "splits")]
+    at: Option<PathBuf>,
+    /// CSV to write: the points with error, uncertainty where the method has one, and status
+    #[arg(long, requires = "at")]
+    out: Option<PathBuf>,
+    /// Method for --at; scores are of all methods
+    #[arg(long, value_enum, default_value_t = Method::Kriging)]
+    method: Method,
+    /// Neighbours of idw-nearest
+    #[arg(long, default_value_t = 8)]
+    neighbours: usize,
+    /// Radius of idw-within
+    #[arg(long)]
+    radius_mm: Option<f64>,
+    /// Score all methods on so many random splits of the measured points
+    #[arg(long, required_unless_present = "at")]
+    splits: Option<u64>,
+    /// Share of the points that interpolates in a split
+    #[arg(long, default_value_t = INTERPOLATING_SHARE)]
+    share: f64,
+    /// Seed of the first split
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+}
+
+/// A method of interpolation.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Method {
+    /// Inverse square distances over the smallest enclosing hexahedron
+    Idw,
+    /// Inverse square distances over the nearest points
+    IdwNearest,
+    /// Inverse square distances over all points within a radius
+    IdwWithin,
+    /// Trilinear in the smallest enclosing box of measured points
+    Trilinear,
+    /// Thin plate (r² ln r) with a linear part
+    ThinPlate,
+    /// Cubic radial functions (r³) with a linear part
+    Cubic,
+    /// Gaussian process, covariance and noise fitted; gives an uncertainty
+    Kriging,
+}
+
+pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    let field = read(arguments)?;
+    match (&arguments.at, &arguments.out, arguments.splits) {
+        (Some(at), Some(out), _) => answer(arguments, &field, at, out),
+        (_, _, Some(splits)) => score_all(arguments, &field, splits),
+        _ => anyhow::bail!("name points with --at and a file with --out, or a number of --splits"),
+    }
+}
+
+fn read(arguments: &Arguments) -> anyhow::Result<MeasuredField> {
+    let rows = read_residual_vectors_file(&arguments.vectors)?.rows;
+    let points = rows.iter().map(|row| row.position_m.into()).collect();
+    let errors = rows.iter().map(|row| row.residual_m.into()).collect();
+    let u: Option<Vec<_>> = rows.iter().map(|row| row.u_m.map(Into::into)).collect();
+    // Points are counted from 0 in messages of the library, rows of a file are not: the row is the point's place in it.
+    MeasuredField::new(points, errors, u)
+        .with_context(|| format!("{} (points are its rows, from 0)", arguments.vectors.display()))
+}
+
+fn build(arguments: &Arguments, method: Method, field: &MeasuredField) -> anyhow::Result<Box<dyn Interpolator>> {
+    let idw = |reference| Idw::new(field, reference, EXPONENT);
+    Ok(match method {
+        Method::Idw => Box::new(idw(Reference::Hexahedron)?),
+        Method::IdwNearest => Box::new(idw(Reference::Nearest(arguments.neighbours))?),
+        Method::IdwWithin => {
+            let radius_mm = arguments.radius_mm.context("idw-within needs a radius; give --radius-mm")?;
+            Box::new(idw(Reference::Within { radius_m: radius_mm / 1e3 })?)
+        }
+        Method::Trilinear => Box::new(Trilinear::new(field)),
+        Method::ThinPlate => Box::new(Rbf::new(field, Radial::ThinPlate, 0.0)?),
+        Method::Cubic => Box::new(Rbf::new(field, Radial::Cubic, 0.0)?),
+        Method::Kriging => {
+            let noise = if field.u_m().is_some() { Noise::DeclaredAndFitted } else { Noise::Fitted };
+            Box::new(Kriging::fit(field, &Options { kernel: Kernel::Matern52, trend: Trend::Linear, noise })?)
+        }
+    })
+}
+
+fn answer(
+    arguments: &Arguments,
+    field: &MeasuredField,
+    at: &std::path::Path,
+    out: &std::path::Path,
+) -> anyhow::Result<()> {
+    let positions = read_positions_file(at)?;
+    let method = build(arguments, arguments.method, field)?;
+    let vectors: Vec<ErrorVector> = positions.into_iter().map(|position_m| one(method.as_ref(), position_m)).collect();
+    write_error_vectors(out, &vectors)?;
+    let count = |status: &str| vectors.iter().filter(|v| v.status == Some(status)).count();
+    println!(
+        "{}: {} points among the measured ones, {} beyond them (extrapolated), {} without answer",
+        out.display(),
+        count("interpolated"),
+        count("extrapolated"),
+        count("no_answer")
+    );
+    Ok(())
+}
+
+fn one(method: &dyn Interpolator, position_m: [f64; 3]) -> ErrorVector {
+    match method.at(&position_m.into()) {
+        Ok(found) => ErrorVector {
+            position_m,
+            error_m: Some(found.error_m.into()),
+            u_m: found.u_m.map(Into::into),
+            status: Some(if found.region.is_inside() { "interpolated" } else { "extrapolated" }),
+        },
+        // A position that was read from a file is finite; what is left are methods without an answer there.
+        Err(Unanswered::NotFinite | Unanswered::NoPointWithin { .. } | Unanswered::NoHexahedron) => {
+            ErrorVector { position_m, error_m: None, u_m: None, status: Some("no_answer") }
+        }
+    }
+}
+
+/// Sums of scores over the splits.
+#[derive(Default)]
+struct Total {
+    scores: Vec<Score>,
+    answered: usize,
+    unanswered: usize,
+}
+
+fn score_all(arguments: &Arguments, field: &MeasuredField, splits: u64) -> anyhow::Result<()> {
+    ensure!(splits > 0, "--splits must be at least 1");
+    let shutdown = Shutdown::on_signals()?;
+    let methods: Vec<Method> = Method::value_variants()
+        .iter()
+        .copied()
+        .filter(|m| *m != Method::IdwWithin || arguments.radius_mm.is_some())
+        .collect();
+    let mut totals: Vec<Total> = methods.iter().map(|_| Total::default()).collect();
+    let mut done = 0;
+    for seed in arguments.seed..arguments.seed + splits {
+        if shutdown.requested() {
+            println!("stopped on request after {done} of {splits} splits");
+            break;
+        }
+        let dealt = split(field.points_m().len(), arguments.share, seed)?;
+        let (known, unseen) = (field.part(&dealt.interpolating)?, field.pairs(&dealt.scoring));
+        for (method, total) in methods.iter().zip(&mut totals) {
+            let scored = score(build(arguments, *method, &known)?.as_ref(), &unseen);
+            total.answered += scored.all.map_or(0, |score| score.points);
+            total.unanswered += scored.unanswered;
+            total.scores.extend(scored.all);
+        }
+        done += 1;
+    }
+    println!(
+        "{} points, {done} splits, {:.0} % interpolate; mean over the splits, ± its 95 % interval",
+        field.points_m().len(),
+        arguments.share * 100.0
+    );
+    println!(
+        "{:<12} {:>24} {:>24} {:>24} {:>22} {:>9}",
+        "method", "rmse_x_um", "rmse_y_um", "rmse_z_um", "R2 x/y/z", "answered"
+    );
+    for (method, total) in methods.iter().zip(&totals) {
+        println!("{}", line(*method, total));
+    }
+    Ok(())
+}
+
+fn line(method: Method, total: &Total) -> String {
+    let name = method.to_possible_value().map_or_else(String::new, |value| value.get_name().to_owned());
+    let share = 100.0 * total.answered as f64 / (total.answered + total.unanswered).max(1) as f64;
+    let direction = |d: usize| {
+        let values: Vec<f64> = total.scores.iter().map(|score| score.rmse_m[d] * UM).collect();
+        let count = values.len() as f64;
+        let mean = values.iter().sum::<f64>() / count;
+        let square = values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (count - 1.0).max(1.0);
+        format!("{mean:.3} ± {:.3}", 1.96 * (square / count).sqrt())
+    };
+    let r2 = |d: usize| {
+        let values: Vec<f64> = total.scores.iter().filter_map(|score| score.r2[d]).collect();
+        if values.is_empty() {
+            "-".to_owned()
+        } else {
+            format!("{:.3}", values.iter().sum::<f64>() / values.len() as f64)
+        }
+    };
+    if total.scores.is_empty() {
+        return format!("{name:<12} {:>24} {:>24} {:>24} {:>22} {share:>7.1} %", "-", "-", "-", "-");
+    }
+    let agreement = format!("{}/{}/{}", r2(0), r2(1), r2(2));
+    format!("{name:<12} {:>24} {:>24} {:>24} {agreement:>22} {share:>7.1} %", direction(0), direction(1), direction(2))
+}
