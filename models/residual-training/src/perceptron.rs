@@ -84,9 +84,9 @@ impl Network for Perceptron {
         let mut place = 0;
         let mut layer = |x: Tensor<2>, number: usize| {
             let [inputs, outputs] = self.layers[number];
-            let matrix = parameters.clone().slice([place..place + inputs * outputs]).reshape([inputs, outputs]);
+            let matrix = parameters.clone().narrow(0, place, inputs * outputs).reshape([inputs, outputs]);
             place += inputs * outputs;
-            let bias = parameters.clone().slice([place..place + outputs]).reshape([1, outputs]);
+            let bias = parameters.clone().narrow(0, place, outputs).reshape([1, outputs]);
             place += outputs;
             x.matmul(matrix) + bias
         };

@@ -27,14 +27,14 @@ fn samples() -> Vec<CorrectedCoordinates> {
         let share = |factor: f64| (k as f64 * factor).fract();
         [0.8 * share(0.819_172_5), 0.6 * share(0.671_043_6), 0.6 * share(0.549_700_5)]
     };
-    let sample = |k| CorrectedCoordinates {
-        corrected_valid: true,
-        corrected_m: at(k),
-        status: CorrectionStatus::InVolume,
-        model_sha256: MODEL,
-        ..blank
-    };
-    (0..4096).map(sample).collect()
+    let mut samples = vec![blank; 4096];
+    for (k, sample) in samples.iter_mut().enumerate() {
+        sample.corrected_valid = true;
+        sample.corrected_m = at(k);
+        sample.status = CorrectionStatus::InVolume;
+        sample.model_sha256 = MODEL;
+    }
+    samples
 }
 
 /// Quantiles of single calls (µs).

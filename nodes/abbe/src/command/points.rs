@@ -106,7 +106,7 @@ fn print_words(arguments: &Arguments, solved: &MultiStation) -> anyhow::Result<(
 
 fn print_json(arguments: &Arguments, solved: &MultiStation) -> anyhow::Result<()> {
     let (residual_m, chi2_per_dof) = residual(solved);
-    let stations: Vec<_> = solved.names.iter().zip(&solved.stations).map(|(name, station)| {
+    let stations = solved.names.iter().zip(&solved.stations).map(|(name, station)| {
         let u_um = station.covariance_m2.diagonal().map(|v| v.sqrt() * 1e6);
         json!({
             "name": name,

@@ -161,11 +161,11 @@ fn of_known_points(arguments: &Arguments, model: &ModelFile) -> anyhow::Result<C
     Ok(Computed { points: found, rows, data_sha256: hex(&covariates.1), notes })
 }
 
+/// Covariates of each row by name, and the hash of their file.
+type Covariates = (Vec<BTreeMap<String, f64>>, [u8; 32]);
+
 /// Numeric columns of the points beside readings, offsets and truth, and the hash of the file.
-fn covariates_of_points(
-    mut reader: PointsReader<File>,
-    rows: &[PointRow],
-) -> anyhow::Result<(Vec<BTreeMap<String, f64>>, [u8; 32])> {
+fn covariates_of_points(mut reader: PointsReader<File>, rows: &[PointRow]) -> anyhow::Result<Covariates> {
     // Columns of a corrected file say nothing that the residuals do not.
     let own = |name: &&String| !ADDED_COLUMNS.contains(&name.as_str()) && !name.starts_with("res_");
     let names: Vec<String> = reader.columns().iter().filter(own).cloned().collect();
