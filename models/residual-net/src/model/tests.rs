@@ -8,6 +8,9 @@ use abbe_field::kriging::{Kernel, Noise, Options, Trend};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
+/// Something done to the parts of a model.
+type Change<'a> = &'a dyn Fn(&mut Parts);
+
 /// A smooth field of some micrometres in a box of 0.5 m, with noise.
 pub(crate) fn bent_field(count: usize, noise_m: f64, seed: u64) -> MeasuredField {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
@@ -112,7 +115,7 @@ fn parts_that_do_not_fit_are_refused_by_name() {
     };
     let in_mm = parts.field.points_m().iter().map(|p| p * 1000.0).collect();
     let in_mm = MeasuredField::new(in_mm, parts.field.errors_m().to_vec(), None).unwrap();
-    let cases: [(&dyn Fn(&mut Parts), &str); 9] = [
+    let cases: [(Change, &str); 9] = [
         (&|p| p.kind = Kind::Kriging, "has no use for an ensemble"),
         (&|p| p.ensemble = None, "needs an ensemble"),
         (&|p| p.kriging.components[1].weights_per_m.truncate(5), "5 kriging weights for 70"),
