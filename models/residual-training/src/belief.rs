@@ -1,6 +1,6 @@
 //! Restricted Boltzmann machines: the start of a deep belief network.
 //!
-//! Place in the flow: rival in [`crate::compare`], after Wang et al. 2022 (Robotics and Computer-Integrated Manufacturing 73):
+//! Place in the flow: rival in [`crate::compare()`], after Wang et al. 2022 (Robotics and Computer-Integrated Manufacturing 73):
 //! layers are pretrained one after the other without targets, and the whole network is then trained on them. Method:
 //! contrastive divergence with one step (Hinton 2002); the visible units of the first layer are positions scaled to 0..1,
 //! taken as probabilities.

@@ -1,6 +1,6 @@
 //! Configuration of a training: plain data with the paper's values as defaults.
 //!
-//! Place in the flow: from a file or the command line into [`crate::train`] and [`crate::compare`]; kept beside the result. Unknown
+//! Place in the flow: from a file or the command line into [`crate::train()`] and [`crate::compare()`]; kept beside the result. Unknown
 //! keys are refused when it is read, values out of range by [`Config::check`].
 
 use abbe_residual_net::Kind;

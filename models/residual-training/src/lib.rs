@@ -1,6 +1,6 @@
 //! Trains the residual network and judges it against its rivals on the same data.
 //!
-//! Place in the flow: measured residual vectors in ([`train`]), a model with the evidence for it out. The only crate that
+//! Place in the flow: measured residual vectors in ([`train()`]), a model with the evidence for it out. The only crate that
 //! knows `burn`; what it makes runs without.
 
 mod attention;

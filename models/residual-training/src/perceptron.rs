@@ -1,6 +1,6 @@
 //! Networks that map a position to a residual: what the paper compares with.
 //!
-//! Place in the flow: rivals in [`crate::compare`]. Input: position in ±1 over the box of the points; output: normalised residual.
+//! Place in the flow: rivals in [`crate::compare()`]. Input: position in ±1 over the box of the points; output: normalised residual.
 //!
 //! | network | layers |
 //! |---|---|

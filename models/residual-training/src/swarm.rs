@@ -1,6 +1,6 @@
 //! A network on the position whose weights are searched by a particle swarm with genetic operators.
 //!
-//! Place in the flow: rival in [`crate::compare`], after Li et al. 2022 (Chinese Journal of Aeronautics 35(2)), whose sizes are
+//! Place in the flow: rival in [`crate::compare()`], after Li et al. 2022 (Chinese Journal of Aeronautics 35(2)), whose sizes are
 //! not given in Liang 2025. One hidden layer with tanh. Each particle is a vector of all weights; after each move the worse
 //! half is replaced by children of the better half (arithmetic crossover), some of whose weights mutate. The fitness is the
 //! mean squared error on the training examples; the best particle by the validation examples is kept.

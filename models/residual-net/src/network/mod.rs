@@ -1,6 +1,6 @@
 //! Neighbourhood attention network (NCNN, Liang 2025, chapter 3, eq. 15-19).
 //!
-//! Place in the flow: eight measured residuals around a target become tokens ([`tokens`]); embedding, multi-head
+//! Place in the flow: eight measured residuals around a target become tokens ([`tokens()`]); embedding, multi-head
 //! self-attention and output layer make a residual vector of them. [`forward`] computes it as printed, [`folded`] the same
 //! function with all matrices multiplied out beforehand, which is what runs live.
 

@@ -39,7 +39,7 @@ pub(crate) struct Arguments {
     #[arg(long)]
     within_um: Option<f64>,
     /// Tip or reflector relative to the ram reference point, for grids: x,y,z (mm); the machine's default where it has one
-    #[arg(long, value_delimiter = ',', num_args = 3, allow_hyphen_values = true)]
+    #[arg(long, value_delimiter = ',', num_args = 1, allow_hyphen_values = true, value_name = "X,Y,Z")]
     offset_mm: Option<Vec<f64>>,
 }
 
@@ -88,8 +88,9 @@ fn grid(arguments: &Arguments, file: &ModelFile) -> anyhow::Result<SampledGrid> 
     let machine = &file.model.parts().machine;
     let offset_m = match (arguments.offset_mm.as_deref(), machine.default_offset_m) {
         (Some([x, y, z]), _) => [x / 1e3, y / 1e3, z / 1e3],
+        (Some(other), _) => bail!("--offset-mm has {} numbers; write three, x,y,z", other.len()),
         (None, Some(offset_m)) => offset_m,
-        _ => bail!(
+        (None, None) => bail!(
             "a grid holds for one tip, and the machine declares no default_offset_mm; give --offset-mm x,y,z, where the tip \
              stands from the ram reference point"
         ),

@@ -11,7 +11,7 @@ use abbe_geometry::Vector3;
 use abbe_geometry::correct::Status;
 use abbe_geometry::model::MachineModel;
 use abbe_geometry::volumetric::{Diagonal, LinePoint, MapPoint, along_line, at_distances, error_map};
-use anyhow::{Context, ensure};
+use anyhow::{Context, bail};
 use measured::{Comparison, MeasuredDiagonal};
 use serde_json::json;
 use std::fmt::Write;
@@ -32,8 +32,8 @@ pub(crate) struct Arguments {
     /// Grid points along each axis
     #[arg(long, default_value_t = 11)]
     steps: usize,
-    /// Offset of tip or reflector in the ram frame: x y z (mm); the machine file's default, else 0 0 0
-    #[arg(long, num_args = 3, allow_negative_numbers = true, value_names = ["X", "Y", "Z"])]
+    /// Offset of tip or reflector in the ram frame: x,y,z (mm); the machine file's default, else 0,0,0
+    #[arg(long, value_delimiter = ',', num_args = 1, allow_hyphen_values = true, value_name = "X,Y,Z")]
     offset_mm: Option<Vec<f64>>,
     /// Measured diagonals to compare with: CSV diagonal, distance_mm, deviation_um, u_um (k = 1)
     #[arg(long)]
@@ -72,11 +72,9 @@ impl Answer {
 pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let (file, sha256) = ModelFile::load(&arguments.model)?;
     let parts = file.model.parts();
-    let offset_m = match &arguments.offset_mm {
-        Some(offset_mm) => {
-            ensure!(offset_mm.iter().all(|v| v.is_finite()), "--offset-mm must be three finite numbers");
-            std::array::from_fn(|d| offset_mm[d] * 1e-3)
-        }
+    let offset_m = match arguments.offset_mm.as_deref() {
+        Some([x, y, z]) if [x, y, z].iter().all(|v| v.is_finite()) => [x * 1e-3, y * 1e-3, z * 1e-3],
+        Some(_) => bail!("--offset-mm: write three finite numbers in millimetres, x,y,z"),
         None => parts.machine.default_offset_m.unwrap_or([0.0; 3]),
     };
     let bounds_m = parts.machine.stroke_m;
