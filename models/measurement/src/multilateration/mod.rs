@@ -5,7 +5,7 @@
 //! what comes out is what an error field is made of. Source: Chen 2020 eq. 1-11.
 //!
 //! 1. [`station`]: position and dead path of each station from the nominal points (Levenberg-Marquardt).
-//! 2. [`pairs`]: repeated readings of a point from a station are compared; a pair that differs by more than a limit is
+//! 2. `pairs`: repeated readings of a point from a station are compared; a pair that differs by more than a limit is
 //!    rejected, and reported.
 //! 3. [`point`]: actual position of each point from all its stations (Levenberg-Marquardt with Armijo's step).
 //!
