@@ -26,6 +26,9 @@ const LEAST_EVIDENCE: f64 = 10.0;
 const FIELD_NUMBERS: f64 = 6.0;
 /// Share of the field's own standard deviation from which a component counts as not seen.
 const NOT_SEEN: f64 = 0.9;
+/// Points nearer than this are one place of the field (m): another reading there adds no place to estimate it at, and files
+/// round to a tenth of a micrometre.
+const SAME_PLACE_M: f64 = 2e-6;
 /// Points solved for side by side: a fixed number, so that results do not depend on the number of threads.
 const CHUNK: usize = 64;
 
@@ -102,7 +105,7 @@ pub fn from_ranges(
     }
     let field = Field { problem: &problem, prior: &prior, factored: &factored };
     let stride = problem.len().div_ceil(options.points.max(1));
-    let chosen: Vec<usize> = (0..problem.len()).step_by(stride).collect();
+    let chosen = places(&problem.points_m, stride);
     let chunks: Vec<&[usize]> = chosen.chunks(CHUNK).collect();
     let estimated = in_parallel(&chunks, |rows| field.at(rows)).concat();
     let count = estimated.len();
@@ -120,6 +123,17 @@ pub fn from_ranges(
         noise_without: none.noise,
         readings: (problem.len(), all.rejected),
     })
+}
+
+/// Every so many points, each place once.
+fn places(points_m: &[Vector3<f64>], stride: usize) -> Vec<usize> {
+    let mut chosen: Vec<usize> = Vec::new();
+    for row in (0..points_m.len()).step_by(stride) {
+        if chosen.iter().all(|other| (points_m[*other] - points_m[row]).norm() >= SAME_PLACE_M) {
+            chosen.push(row);
+        }
+    }
+    chosen
 }
 
 /// Components of a point of which its ranges tell next to nothing.
@@ -171,5 +185,17 @@ impl Field<'_> {
                 }
             })
             .collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_place_that_was_measured_twice_is_one_place() {
+        let at = |x_m: f64| Vector3::new(x_m, 0.3, 0.1);
+        assert_eq!(places(&[at(0.1), at(0.2), at(0.1 + 1e-6), at(0.1 + 3e-6)], 1), [0, 1, 3]);
+        assert_eq!(places(&[at(0.1), at(0.2), at(0.3), at(0.4)], 2), [0, 2]);
     }
 }
