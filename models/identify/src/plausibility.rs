@@ -41,22 +41,40 @@ pub(crate) fn check_readings(machine: &Machine, campaign: &Campaign) -> Result<(
 }
 
 fn check_stroke(machine: &Machine, index: usize, reading: &RangeReading) -> Result<(), IdentifyError> {
-    for (axis, (position_m, (lower_m, upper_m))) in
-        ['X', 'Y', 'Z'].into_iter().zip(reading.reading_m.into_iter().zip(machine.stroke_m))
-    {
-        let slack_m = (upper_m - lower_m) * OVERTRAVEL;
-        if !(lower_m - slack_m..=upper_m + slack_m).contains(&position_m) {
-            return Err(IdentifyError::OutsideStroke {
-                reading: index + 1,
-                axis,
-                position_mm: position_m * 1e3,
-                lower_mm: lower_m * 1e3,
-                upper_mm: upper_m * 1e3,
-                machine: machine.name.clone(),
-            });
-        }
+    match beyond_stroke(machine, reading.reading_m) {
+        None => Ok(()),
+        Some(BeyondStroke { axis, position_mm, lower_mm, upper_mm }) => Err(IdentifyError::OutsideStroke {
+            reading: index + 1,
+            axis,
+            position_mm,
+            lower_mm,
+            upper_mm,
+            machine: machine.name.clone(),
+        }),
     }
-    Ok(())
+}
+
+/// An axis that stands where its machine cannot go, in the unit of messages.
+pub(crate) struct BeyondStroke {
+    pub(crate) axis: char,
+    pub(crate) position_mm: f64,
+    pub(crate) lower_mm: f64,
+    pub(crate) upper_mm: f64,
+}
+
+/// The first axis whose reading (m) lies beyond stroke and overtravel.
+pub(crate) fn beyond_stroke(machine: &Machine, reading_m: [f64; 3]) -> Option<BeyondStroke> {
+    let mut axes = ['X', 'Y', 'Z'].into_iter().zip(reading_m.into_iter().zip(machine.stroke_m));
+    let is_beyond = |(_, (position_m, (lower_m, upper_m))): &(char, (f64, (f64, f64)))| {
+        let slack_m = (upper_m - lower_m) * OVERTRAVEL;
+        !(lower_m - slack_m..=upper_m + slack_m).contains(position_m)
+    };
+    axes.find(is_beyond).map(|(axis, (position_m, (lower_m, upper_m)))| BeyondStroke {
+        axis,
+        position_mm: position_m * 1e3,
+        lower_mm: lower_m * 1e3,
+        upper_mm: upper_m * 1e3,
+    })
 }
 
 /// Places all stations from nominal points and refuses lines that contradict them.

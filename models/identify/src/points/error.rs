@@ -6,14 +6,13 @@
 use super::{Loss, MeasuredPoint};
 use crate::error::{Unobservable, group_text};
 use crate::jade::JadeError;
+use crate::plausibility::{BeyondStroke, beyond_stroke};
 use abbe_geometry::machine::{Machine, MachineError};
 use abbe_geometry::model::ModelError;
 use abbe_measurement::alignment::AlignmentError;
 use std::collections::BTreeMap;
 use thiserror::Error;
 
-/// How far beyond the stroke a scale may read: overtravel, as a share of the stroke.
-const OVERTRAVEL: f64 = 0.02;
 /// Median distance (m) between measured and nominal points after alignment that no machine worth correcting has.
 const PLAUSIBLE_M: f64 = 1e-3;
 
@@ -176,22 +175,17 @@ pub(super) fn check(machine: &Machine, points: &[MeasuredPoint]) -> Result<(), P
 }
 
 fn check_stroke(machine: &Machine, k: usize, point: &MeasuredPoint) -> Result<(), PointsError> {
-    for (axis, (position_m, (lower_m, upper_m))) in
-        ['X', 'Y', 'Z'].into_iter().zip(point.reading_m.into_iter().zip(machine.stroke_m))
-    {
-        let slack_m = (upper_m - lower_m) * OVERTRAVEL;
-        if !(lower_m - slack_m..=upper_m + slack_m).contains(&position_m) {
-            return Err(PointsError::OutsideStroke {
-                point: k + 1,
-                axis,
-                position_mm: position_m * 1e3,
-                lower_mm: lower_m * 1e3,
-                upper_mm: upper_m * 1e3,
-                machine: machine.name.clone(),
-            });
-        }
+    match beyond_stroke(machine, point.reading_m) {
+        None => Ok(()),
+        Some(BeyondStroke { axis, position_mm, lower_mm, upper_mm }) => Err(PointsError::OutsideStroke {
+            point: k + 1,
+            axis,
+            position_mm,
+            lower_mm,
+            upper_mm,
+            machine: machine.name.clone(),
+        }),
     }
-    Ok(())
 }
 
 /// Refuses positions whose shape is not that of the nominal points.
