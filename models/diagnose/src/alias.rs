@@ -7,7 +7,7 @@ use crate::context::Context;
 use crate::diagnosis::{NotIdentifiable, Untestable};
 use crate::error::DiagnoseError;
 use abbe_geometry::ErrorId;
-use abbe_geometry::effects::{Effect, REGISTRY};
+use abbe_geometry::effects::{REGISTRY, ShapeValue};
 use abbe_geometry::machine::Machine;
 use abbe_geometry::model::MachineModel;
 use faer::Mat;
@@ -25,59 +25,43 @@ pub(crate) fn not_identifiable(
     model: &MachineModel,
     named: &[Candidate],
 ) -> Result<Vec<NotIdentifiable>, DiagnoseError> {
-    let mut all: Vec<NotIdentifiable> = Vec::new();
+    let mut least: Vec<&Candidate> = Vec::new();
     for candidate in named.iter().filter(|c| !SEARCHED.contains(&c.known.name)) {
-        let columns = round.rows.columns(candidate.term.effect.as_ref())?;
-        let (share, by) = absorbed(round, model, &columns);
-        if share <= ABSORBED {
-            continue;
-        }
-        let entry = NotIdentifiable {
-            name: candidate.known.name,
-            shape: candidate.term.shape.clone(),
-            alias_share: share,
-            aliased_with: by,
-            decided_by: candidate.known.decided_by,
-        };
-        let key = |n: &NotIdentifiable| (n.name, axis_of(n));
-        match all.iter_mut().find(|known| key(known) == key(&entry)) {
-            Some(known) if known.alias_share > entry.alias_share => *known = entry,
+        match least.iter_mut().find(|known| key(known) == key(candidate)) {
+            Some(known) if known.absorbed > candidate.absorbed => *known = candidate,
             Some(_) => {}
-            None => all.push(entry),
+            None => least.push(candidate),
         }
     }
     // An effect with one shape that can be judged is judged.
-    let judged = |n: &NotIdentifiable| {
-        named.iter().any(|c| {
-            c.known.name == n.name
-                && c.term.shape.0.get("axis") == n.shape.0.get("axis")
-                && all_share(round, c.term.effect.as_ref()) <= ABSORBED
+    let axis = |c: &Candidate| c.term.shape.0.get("axis").cloned();
+    let is_judged = |hidden: &Candidate| {
+        let same = |c: &Candidate| c.known.name == hidden.known.name && axis(c) == axis(hidden);
+        named.iter().any(|c| same(c) && c.absorbed <= ABSORBED)
+    };
+    let hidden = least.into_iter().filter(|c| c.absorbed > ABSORBED && !is_judged(c));
+    hidden
+        .map(|candidate| -> Result<NotIdentifiable, DiagnoseError> {
+            let columns = round.rows.columns(candidate.term.effect.as_ref())?;
+            Ok(NotIdentifiable {
+                name: candidate.known.name,
+                shape: candidate.term.shape.clone(),
+                alias_share: candidate.absorbed,
+                aliased_with: absorbing(round, model, &columns),
+                decided_by: candidate.known.decided_by,
+            })
         })
-    };
-    let kept = all.iter().filter(|n| !judged(n)).cloned().collect();
-    Ok(kept)
+        .collect()
 }
 
-fn axis_of(entry: &NotIdentifiable) -> String {
-    format!("{:?}", entry.shape.0.get("axis").or_else(|| entry.shape.0.get("carrying")))
+/// Shapes of one effect on one axis, or carrying one axis, are one claim.
+fn key(candidate: &Candidate) -> (&str, Option<&ShapeValue>) {
+    let shape = &candidate.term.shape.0;
+    (candidate.known.name, shape.get("axis").or_else(|| shape.get("carrying")))
 }
 
-fn all_share(round: &Round, effect: &dyn Effect) -> f64 {
-    round.rows.columns(effect).map_or(1.0, |columns| share(round, &columns))
-}
-
-/// Share that is absorbed of the effect's information, each parameter counting the same.
-fn share(round: &Round, columns: &Mat<f64>) -> f64 {
-    let projected = round.free.project(columns.as_ref());
-    let one = |k: usize| {
-        let alone = projected.alone[(k, k)];
-        if alone > 0.0 { 1.0 - projected.left[(k, k)] / alone } else { 1.0 }
-    };
-    (0..columns.ncols()).map(one).sum::<f64>() / columns.ncols().max(1) as f64
-}
-
-/// Share absorbed and the parameters that absorb the effect's first column.
-fn absorbed(round: &Round, model: &MachineModel, columns: &Mat<f64>) -> (f64, Vec<String>) {
+/// The parameters that absorb most of an effect's first column.
+fn absorbing(round: &Round, model: &MachineModel, columns: &Mat<f64>) -> Vec<String> {
     let shared = round.free.jacobian().transpose() * columns;
     let reach = round.free.covariance() * &shared;
     let mut blocks: Vec<(String, Vec<f64>)> = Vec::new();
@@ -92,7 +76,7 @@ fn absorbed(round: &Round, model: &MachineModel, columns: &Mat<f64>) -> (f64, Ve
     }
     let size = |values: &[f64]| values.iter().map(|v| v * v).sum::<f64>();
     blocks.sort_by(|a, b| size(&b.1).total_cmp(&size(&a.1)));
-    (share(round, columns), blocks.into_iter().take(NAMED).map(|(name, _)| name).collect())
+    blocks.into_iter().take(NAMED).map(|(name, _)| name).collect()
 }
 
 /// Name of the error, angle, effect or station that a parameter belongs to.

@@ -20,6 +20,8 @@ pub(crate) struct Candidate {
     pub(crate) score: Score,
     /// Shapes among which this one was chosen.
     pub(crate) trials: usize,
+    /// Share of its information that the model's own columns absorb, each parameter counting the same.
+    pub(crate) absorbed: f64,
 }
 
 impl Candidate {
@@ -84,8 +86,8 @@ pub(crate) fn score_all(
         .collect::<Result<Vec<Mat<f64>>, _>>()?;
     let projected = round.free.project_all(&columns);
     let scored = |((known, term, trials), projected): ((&'static Known, EffectTerm, usize), Projected)| {
-        let score = round.score(&projected);
-        Candidate { known, term, score, trials }
+        let (score, absorbed) = (round.score(&projected), projected.absorbed());
+        Candidate { known, term, score, trials, absorbed }
     };
     Ok(terms.into_iter().zip(projected).map(scored).collect())
 }

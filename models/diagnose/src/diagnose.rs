@@ -16,6 +16,7 @@ use abbe_geometry::model::FittedEffect;
 use abbe_identify::{EffectTerm, Identified};
 use abbe_measurement::campaign::Campaign;
 use abbe_measurement::instrument::RangeUncertainty;
+use std::rc::Rc;
 
 /// Lines per fold below which leaving lines out would starve the fit.
 const LINES_PER_FOLD: usize = 5;
@@ -37,10 +38,17 @@ pub fn diagnose(
     let base: Vec<EffectTerm> = effects.iter().map(EffectTerm::of).collect();
     let search = Search::new(instrument, campaign, options);
     let before = search.fit(machine, &base, observe)?;
-    let first = search.round(&before)?;
+    let first = Rc::new(search.round(&before)?);
     let detection_before = noise::detect(&first, campaign, before.evidence.robust_scale);
-    let state = search.run(machine, base.clone(), observe)?;
-    let last = search.round(&state.fit)?;
+    let mut state = search.run(before.clone(), Rc::clone(&first), base.clone(), observe)?;
+    let (last, named) = match state.looked_at.take() {
+        Some(looked_at) => looked_at,
+        None => {
+            let last = Rc::new(search.round(&state.fit)?);
+            let named = search.named(&last, &state.machine)?;
+            (last, named)
+        }
+    };
     let detection_after = noise::detect(&last, campaign, state.fit.evidence.robust_scale);
     let enriched = state.steps.iter().any(|step| matches!(step, Step::Enriched { .. }));
     let found = found(&search, &state, &base, &last, observe)?;
@@ -50,7 +58,6 @@ pub fn diagnose(
         true => Some(judge::unseen(&search, machine, &base, &state.fit.weights, observe)?),
         false => None,
     };
-    let named = search.named(&last, &state.machine)?;
     let not_identifiable = alias::not_identifiable(&last, &state.fit.model, &named)?;
     let untestable = alias::untestable(&state.machine, &search.context);
     let next_measurements = next_measurements(&found, &not_identifiable, &untestable);

@@ -16,6 +16,7 @@ use abbe_measurement::campaign::Campaign;
 use faer::Mat;
 use rand::{Rng, SeedableRng, seq::SliceRandom};
 use rand_chacha::ChaCha8Rng;
+use std::rc::Rc;
 
 /// Half width of a 95 % interval in standard deviations.
 const BAND_95: f64 = 1.96;
@@ -85,7 +86,8 @@ pub(crate) fn unseen(
         let (seen_part, left_part) = (search.campaign.part(&seen), search.campaign.part(&left));
         let inner = Search::new(search.instrument, &seen_part, search.options);
         let before = inner.fit(machine, base, observe)?;
-        let state = inner.run(machine, base.to_vec(), observe)?;
+        let first = Rc::new(inner.round(&before)?);
+        let state = inner.run(before.clone(), first, base.to_vec(), observe)?;
         let predict = |model| residuals_of(model, search.instrument, &left_part);
         let (without, with) = (predict(&before.model)?, predict(&state.fit.model)?);
         found.push(names(&state, base));

@@ -11,17 +11,22 @@ use crate::error::DiagnoseError;
 use abbe_identify::symmetric_eigen;
 use faer::linalg::solvers::{DenseSolveCore, Llt, Solve};
 use faer::{Mat, MatRef, Side};
+use std::sync::{Arc, OnceLock};
 
 /// Rows, residuals and covariance of a settled fit.
 #[derive(Debug, Clone)]
 pub struct Linear {
-    /// Rows × parameters, whitened.
-    jacobian: Mat<f64>,
+    /// Rows × parameters, whitened; fits of the same rows share it.
+    jacobian: Arc<Mat<f64>>,
+    /// JᵀJ.
+    normal: Mat<f64>,
     residuals: Vec<f64>,
     /// Posterior covariance of the parameters for unit noise.
     covariance: Mat<f64>,
     /// L with V = L Lᵀ.
     root: Mat<f64>,
+    /// J L, made when it is first asked for.
+    spread: OnceLock<Mat<f64>>,
     chi2: f64,
     degrees: f64,
 }
@@ -37,6 +42,29 @@ pub struct Projected {
     pub left: Mat<f64>,
 }
 
+impl Projected {
+    /// The same for some of the columns.
+    pub(crate) fn pick(&self, members: &[usize]) -> Projected {
+        let of =
+            |matrix: &Mat<f64>| Mat::from_fn(members.len(), members.len(), |i, j| matrix[(members[i], members[j])]);
+        let gradient = members.iter().map(|k| self.gradient[*k]).collect();
+        Projected { gradient, alone: of(&self.alone), left: of(&self.left) }
+    }
+
+    /// Share of the information that the model's columns take away, each column counting the same; 1 for no columns.
+    pub(crate) fn absorbed(&self) -> f64 {
+        let count = self.gradient.len();
+        if count == 0 {
+            return 1.0;
+        }
+        let one = |k: usize| match self.alone[(k, k)] {
+            alone if alone > 0.0 => 1.0 - self.left[(k, k)] / alone,
+            _ => 1.0,
+        };
+        (0..count).map(one).sum::<f64>() / count as f64
+    }
+}
+
 impl Linear {
     /// A fit whose posterior covariance (unit noise) is known; `used` rows are not zero.
     ///
@@ -48,12 +76,25 @@ impl Linear {
         covariance: Mat<f64>,
         used: usize,
     ) -> Result<Linear, DiagnoseError> {
+        let normal = jacobian.transpose() * &jacobian;
+        Linear::of_parts(Arc::new(jacobian), normal, residuals, covariance, used)
+    }
+
+    fn of_parts(
+        jacobian: Arc<Mat<f64>>,
+        normal: Mat<f64>,
+        residuals: Vec<f64>,
+        covariance: Mat<f64>,
+        used: usize,
+    ) -> Result<Linear, DiagnoseError> {
         let llt = Llt::new(covariance.as_ref(), Side::Lower).map_err(|_| DiagnoseError::Singular)?;
         let root = llt.L().to_owned();
-        let taken = (&jacobian * &root).squared_norm_l2();
+        // tr(J V Jᵀ) = tr(V JᵀJ): the rows are not needed again.
+        let columns = covariance.col_iter().zip(normal.col_iter());
+        let taken: f64 = columns.map(|(v, n)| v.iter().zip(n.iter()).map(|(v, n)| v * n).sum::<f64>()).sum();
         let chi2 = residuals.iter().map(|r| r * r).sum();
         let degrees = (used as f64 - taken).max(1.0);
-        Ok(Linear { jacobian, residuals, covariance, root, chi2, degrees })
+        Ok(Linear { jacobian, normal, residuals, covariance, root, spread: OnceLock::new(), chi2, degrees })
     }
 
     /// The same rows fitted without the priors, and its residuals: what the columns could absorb if nothing were known
@@ -63,11 +104,15 @@ impl Linear {
     /// # Errors
     /// [`DiagnoseError::Singular`] where rounding leaves no covariance.
     pub fn without_priors(&self, used: usize) -> Result<Linear, DiagnoseError> {
-        Linear::without_priors_of(self.jacobian.clone(), &self.residuals, used)
+        Linear::without_priors_of(Arc::clone(&self.jacobian), self.normal.clone(), &self.residuals, used)
     }
 
-    fn without_priors_of(jacobian: Mat<f64>, residuals: &[f64], used: usize) -> Result<Linear, DiagnoseError> {
-        let normal = jacobian.transpose() * &jacobian;
+    fn without_priors_of(
+        jacobian: Arc<Mat<f64>>,
+        normal: Mat<f64>,
+        residuals: &[f64],
+        used: usize,
+    ) -> Result<Linear, DiagnoseError> {
         // Equilibrated first: the negligible prior is then the same share of every column.
         let scale: Vec<f64> = (0..normal.nrows()).map(|k| normal[(k, k)].max(f64::MIN_POSITIVE).sqrt()).collect();
         let equal = Mat::from_fn(normal.nrows(), normal.ncols(), |i, j| {
@@ -76,9 +121,9 @@ impl Linear {
         let inverse = Llt::new(equal.as_ref(), Side::Lower).map_err(|_| DiagnoseError::Singular)?.inverse();
         let covariance = Mat::from_fn(normal.nrows(), normal.ncols(), |i, j| inverse[(i, j)] / (scale[i] * scale[j]));
         let change = &covariance * (jacobian.transpose() * column(residuals));
-        let moved = &jacobian * &change;
+        let moved = &*jacobian * &change;
         let residuals = residuals.iter().enumerate().map(|(k, r)| r - moved[(k, 0)]).collect();
-        Linear::new(jacobian, residuals, covariance, used)
+        Linear::of_parts(jacobian, normal, residuals, covariance, used)
     }
 
     /// The fit without priors, with these columns beside its own.
@@ -89,11 +134,12 @@ impl Linear {
         let total: usize = self.jacobian.ncols() + columns.iter().map(|c| c.ncols()).sum::<usize>();
         let mut jacobian = Mat::zeros(self.residuals.len(), total);
         let mut first = 0;
-        for block in std::iter::once(&self.jacobian).chain(columns) {
+        for block in std::iter::once(&*self.jacobian).chain(columns) {
             jacobian.as_mut().subcols_mut(first, block.ncols()).copy_from(block);
             first += block.ncols();
         }
-        Linear::without_priors_of(jacobian, &self.residuals, used)
+        let normal = jacobian.transpose() * &jacobian;
+        Linear::without_priors_of(Arc::new(jacobian), normal, &self.residuals, used)
     }
 
     /// The least-squares fit of `observed` by these columns, and its parameters. Columns that the others contain are an
@@ -146,12 +192,17 @@ impl Linear {
 
     /// Whitened columns of the model's own parameters.
     pub fn jacobian(&self) -> MatRef<'_, f64> {
-        self.jacobian.as_ref()
+        (*self.jacobian).as_ref()
     }
 
     /// Posterior covariance of the parameters for unit noise.
     pub fn covariance(&self) -> MatRef<'_, f64> {
         self.covariance.as_ref()
+    }
+
+    /// J L, whose product with its transpose is the hat matrix J V Jᵀ.
+    pub(crate) fn spread(&self) -> MatRef<'_, f64> {
+        self.spread.get_or_init(|| &*self.jacobian * &self.root).as_ref()
     }
 
     /// LᵀJᵀC, whose Gram matrix is what the model's columns take away.
@@ -233,7 +284,7 @@ impl Linear {
             (false, true) => cross[(j, i - own)],
             (false, false) => 0.5 * (inverse[(i - own, j - own)] + inverse[(j - own, i - own)]),
         });
-        let moved = columns * &estimate - &self.jacobian * (&reach * &estimate);
+        let moved = columns * &estimate - &*self.jacobian * (&reach * &estimate);
         let residuals = (0..rows).map(|k| self.residuals[k] - moved[(k, 0)]).collect();
         let jacobian =
             Mat::from_fn(rows, own + added, |k, j| if j < own { self.jacobian[(k, j)] } else { columns[(k, j - own)] });

@@ -6,16 +6,19 @@
 //! products up to total degree 2, 3 and 4 of every pair, with and without what each does alone, and sines of up to 48 half cycles of every quantity are
 //! tested with the model's columns projected out. What is found becomes an empirical term if no named effect explains it.
 
+mod products;
+mod sines;
+
 use crate::candidates::Round;
 use crate::context::Context;
-use crate::linear::{Linear, Projected};
+use crate::linear::Projected;
 use crate::score::Score;
 use abbe_geometry::ErrorId;
 use abbe_geometry::effects::{self, Shape, State, is_scale};
 use abbe_identify::{CampaignRow, Rows, in_parallel};
 use abbe_measurement::campaign::Campaign;
 use faer::Mat;
-use std::f64::consts::TAU;
+use products::Products;
 
 /// Total degree of the products.
 const DEGREE: usize = 4;
@@ -23,14 +26,12 @@ const DEGREE: usize = 4;
 pub(crate) const TERM_DEGREES: std::ops::RangeInclusive<usize> = 1..=6;
 /// Mixed products of two quantities: degrees in each.
 const MIXED: [(usize, usize); 6] = [(1, 1), (2, 1), (1, 2), (3, 1), (2, 2), (1, 3)];
-/// Half cycles of sines over a quantity's range.
-const HALF_CYCLES: std::ops::RangeInclusive<usize> = 3..=48;
-/// Sines scored exactly, of those that look best before projection.
-const SINES: usize = 24;
 /// Correlation from which two quantities are one to the data.
 const SAME: f64 = 0.9995;
 /// Forms of each pair.
 const FORMS: usize = 6;
+/// Pairs projected together: enough for matrix products to be fast, few enough for their columns to stay in the cache.
+const TOGETHER: usize = 24;
 /// Findings kept of one look.
 const KEPT: usize = 3;
 /// Quantities that every reading has: scales, and offsets of the reflector.
@@ -136,8 +137,16 @@ fn correlation(a: &[f64], b: &[f64]) -> f64 {
 /// The dependences that explain most after the price of their parameters and of the search, best first.
 pub(crate) fn look(round: &Round, variables: &[Variable]) -> Vec<Finding> {
     let trials = ACTS.len() * variables.len() * (variables.len() + 1) / 2 * FORMS;
+    let weights: Vec<Vec<f64>> = (0..ACTS.len()).map(|act| weights(&round.rows, act)).collect();
+    let powers: Vec<Mat<f64>> = variables.iter().map(|v| legendre(&v.scaled)).collect();
+    let waves = sines::strongest(round, variables, &weights);
     let acts: Vec<usize> = (0..ACTS.len()).collect();
-    let mut all = in_parallel(&acts, |act| acting(round, variables, *act, trials)).concat();
+    let acting = |act: &usize| {
+        let mut found = smooth(round, (variables, powers.as_slice()), *act, &weights[*act], trials);
+        found.extend(sines::findings(round, variables, *act, (weights[*act].as_slice(), &waves[*act]), trials));
+        found
+    };
+    let mut all = in_parallel(&acts, acting).concat();
     let evidence = |finding: &Finding| finding.score.evidence(round.used, finding.trials);
     all.sort_by(|a, b| evidence(b).total_cmp(&evidence(a)));
     // Of one pair and act the best form is enough.
@@ -157,71 +166,41 @@ fn weights(rows: &Rows, act: usize) -> Vec<f64> {
     (0..rows.len()).map(|k| rows.whitening[k] * along(k)).collect()
 }
 
-fn acting(round: &Round, variables: &[Variable], act: usize, trials: usize) -> Vec<Finding> {
-    let weights = weights(&round.rows, act);
-    let mut found = smooth(round, variables, act, &weights, trials);
-    found.extend(sines(round, variables, act, &weights, trials));
-    found
-}
-
-/// Columns of one act with what projection takes of them.
-struct Block {
-    columns: Mat<f64>,
-    taken: Mat<f64>,
-    gradient: Vec<f64>,
-}
-
-impl Block {
-    fn new(linear: &Linear, columns: Mat<f64>) -> Block {
-        let taken = linear.taken(columns.as_ref());
-        let gradient = linear.gradient(columns.as_ref());
-        Block { columns, taken, gradient }
-    }
-
-    fn group(&self, members: &[usize]) -> Projected {
-        let pick = |matrix: &Mat<f64>| Mat::from_fn(matrix.nrows(), members.len(), |i, j| matrix[(i, members[j])]);
-        let (columns, taken) = (pick(&self.columns), pick(&self.taken));
-        let alone = columns.transpose() * &columns;
-        let left = &alone - taken.transpose() * &taken;
-        Projected { gradient: members.iter().map(|k| self.gradient[*k]).collect(), alone, left }
-    }
-}
-
 /// Legendre polynomials P_1 … P_4 of each quantity and mixed products of each pair.
-fn smooth(round: &Round, variables: &[Variable], act: usize, weights: &[f64], trials: usize) -> Vec<Finding> {
-    let powers: Vec<Vec<Vec<f64>>> = variables.iter().map(|v| legendre(&v.scaled)).collect();
-    let count = variables.len();
-    let pairs: Vec<(usize, usize)> = (0..count).flat_map(|i| (0..i).map(move |j| (j, i))).collect();
-    let mains = DEGREE * count;
-    let columns = Mat::from_fn(weights.len(), mains + MIXED.len() * pairs.len(), |k, column| {
-        if column < mains {
-            return weights[k] * powers[column / DEGREE][column % DEGREE][k];
-        }
-        let ((a, b), (i, j)) = (pairs[(column - mains) / MIXED.len()], MIXED[(column - mains) % MIXED.len()]);
-        weights[k] * powers[a][i - 1][k] * powers[b][j - 1][k]
-    });
-    let block = Block::new(&round.free, columns);
-    let finding = |variables: Vec<usize>, members: &[usize]| {
-        let score = round.score(&block.group(members));
+fn smooth(
+    round: &Round,
+    (variables, powers): (&[Variable], &[Mat<f64>]),
+    act: usize,
+    weights: &[f64],
+    trials: usize,
+) -> Vec<Finding> {
+    let finding = |variables: Vec<usize>, group: &Projected| {
+        let score = round.score(group);
         Finding { acts: ACTS[act], variables, half_cycles: None, score, trials }
     };
     // What scales alone do to the tip is the error functions' business.
     let has_own = |v: usize| !(act < 3 && is_scale(&variables[v].name));
-    let own = |v: usize| if has_own(v) { (DEGREE * v..DEGREE * (v + 1)).collect() } else { Vec::<usize>::new() };
+    let own = Products::of_each(&round.free, powers, weights);
     let mut found: Vec<Finding> = Vec::new();
-    for v in (0..count).filter(|v| has_own(*v)) {
-        found.extend((1..=DEGREE).map(|degree| finding(vec![v], &own(v)[..degree])));
+    for v in (0..variables.len()).filter(|v| has_own(*v)) {
+        let all = own.of(v);
+        found.extend((1..=DEGREE).map(|degree| finding(vec![v], &all.pick(&(0..degree).collect::<Vec<_>>()))));
     }
-    for (p, (a, b)) in pairs.iter().enumerate() {
-        for degree in 2..=DEGREE {
-            let mixed = (0..MIXED.len()).filter(|m| MIXED[*m].0 + MIXED[*m].1 <= degree);
-            let mixed: Vec<usize> = mixed.map(|m| mains + p * MIXED.len() + m).collect();
-            found.push(finding(vec![*a, *b], &mixed));
-            let mut all: Vec<usize> =
-                own(*a).into_iter().take(degree).chain(own(*b).into_iter().take(degree)).collect();
-            if !all.is_empty() {
-                all.extend(mixed);
-                found.push(finding(vec![*a, *b], &all));
+    let pairs: Vec<(usize, usize)> = (0..variables.len()).flat_map(|i| (0..i).map(move |j| (j, i))).collect();
+    for batch in pairs.chunks(TOGETHER) {
+        let mixed = Products::of_pairs(&round.free, powers, weights, batch);
+        for (place, (a, b)) in batch.iter().enumerate() {
+            let quantities: Vec<usize> = [*a, *b].into_iter().filter(|v| has_own(*v)).collect();
+            let all = mixed.with(place, &own, &quantities);
+            for degree in 2..=DEGREE {
+                let products: Vec<usize> = (0..MIXED.len()).filter(|m| MIXED[*m].0 + MIXED[*m].1 <= degree).collect();
+                found.push(finding(vec![*a, *b], &all.pick(&products)));
+                if !quantities.is_empty() {
+                    let of = |q: usize| (0..degree).map(move |d| MIXED.len() + DEGREE * q + d);
+                    let mut members: Vec<usize> = (0..quantities.len()).flat_map(of).collect();
+                    members.extend(products);
+                    found.push(finding(vec![*a, *b], &all.pick(&members)));
+                }
             }
         }
     }
@@ -229,48 +208,11 @@ fn smooth(round: &Round, variables: &[Variable], act: usize, weights: &[f64], tr
 }
 
 /// P_1 … P_DEGREE of each value, by degree.
-fn legendre(values: &[f64]) -> Vec<Vec<f64>> {
-    let powers: Vec<Vec<f64>> = values.iter().map(|value| effects::legendre(*value, DEGREE)).collect();
-    (1..=DEGREE).map(|degree| powers.iter().map(|of_value| of_value[degree]).collect()).collect()
-}
-
-/// Sines over the range of a quantity; scales have a periodogram of their own.
-fn sines(round: &Round, variables: &[Variable], act: usize, weights: &[f64], trials: usize) -> Vec<Finding> {
-    let residuals = round.free.residuals();
-    let logged = variables.iter().enumerate().filter(|(_, v)| !POSITIONS.contains(&v.name.as_str()));
-    let mut raw: Vec<(f64, usize, usize)> = Vec::new();
-    for (index, variable) in logged {
-        for half in HALF_CYCLES {
-            let (mut sine, mut cosine, mut norm) = (0.0, 0.0, 0.0);
-            for (k, value) in variable.scaled.iter().enumerate() {
-                let (s, c) = turn(*value, half).sin_cos();
-                sine += weights[k] * s * residuals[k];
-                cosine += weights[k] * c * residuals[k];
-                norm += weights[k] * weights[k];
-            }
-            raw.push(((sine * sine + cosine * cosine) / norm.max(f64::MIN_POSITIVE), index, half));
-        }
+fn legendre(values: &[f64]) -> Mat<f64> {
+    let mut powers = Mat::zeros(values.len(), DEGREE);
+    for (k, value) in values.iter().enumerate() {
+        let of_value = effects::legendre(*value, DEGREE);
+        (0..DEGREE).for_each(|degree| powers[(k, degree)] = of_value[degree + 1]);
     }
-    raw.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)).then(a.2.cmp(&b.2)));
-    let trials = trials + ACTS.len() * raw.len();
-    raw.truncate(SINES);
-    let columns = Mat::from_fn(weights.len(), 2 * raw.len(), |k, j| {
-        let (_, variable, half) = raw[j / 2];
-        let angle = turn(variables[variable].scaled[k], half);
-        weights[k] * if j % 2 == 0 { angle.sin() } else { angle.cos() }
-    });
-    let block = Block::new(&round.free, columns);
-    let finding = |(k, (_, variable, half)): (usize, &(f64, usize, usize))| Finding {
-        acts: ACTS[act],
-        variables: vec![*variable],
-        half_cycles: Some(*half),
-        score: round.score(&block.group(&[2 * k, 2 * k + 1])),
-        trials,
-    };
-    raw.iter().enumerate().map(finding).collect()
-}
-
-/// Phase of a sine of so many half cycles over the range.
-fn turn(scaled: f64, half_cycles: usize) -> f64 {
-    TAU * 0.5 * half_cycles as f64 * 0.5 * (scaled + 1.0)
+    powers
 }

@@ -11,8 +11,10 @@ use abbe_geometry::effects::{Shape, known};
 use abbe_geometry::machine::Machine;
 use abbe_identify::EffectTerm;
 use abbe_measurement::campaign::Campaign;
-use rustfft::FftPlanner;
 use rustfft::num_complex::Complex;
+use rustfft::{Fft, FftPlanner};
+use std::collections::BTreeMap;
+use std::sync::Arc;
 
 /// Grid on which positions are laid (m): a tenth of the pitch of usual scales, which keeps 97 % of its amplitude.
 const GRID_M: f64 = 2e-6;
@@ -22,18 +24,39 @@ const SHORTEST_M: f64 = 10e-6;
 const PEAKS: usize = 10;
 /// Trial frequencies about each peak, as shares of the width of a peak.
 const ABOUT: [f64; 7] = [-0.45, -0.3, -0.15, 0.0, 0.15, 0.3, 0.45];
+/// Cells of a grid at least; far more than any stroke needs.
+const LEAST_SIZE: usize = 8;
 /// Reductions of χ² this close are equal to the eye of the data.
 pub(crate) const AS_GOOD: f64 = 6.0;
+
+/// Transforms that were planned and the memory that they need, for the next residual.
+#[derive(Default)]
+pub(crate) struct Periodogram {
+    plans: BTreeMap<usize, Arc<dyn Fft<f64>>>,
+    grid: Vec<Complex<f64>>,
+    scratch: Vec<Complex<f64>>,
+}
+
+impl Periodogram {
+    /// Transforms the grid in place.
+    fn transform(&mut self) {
+        let size = self.grid.len();
+        let plan = self.plans.entry(size).or_insert_with(|| FftPlanner::new().plan_fft_forward(size));
+        self.scratch.resize(plan.get_inplace_scratch_len(), Complex::new(0.0, 0.0));
+        plan.process_with_scratch(&mut self.grid, &mut self.scratch);
+    }
+}
 
 /// Best period of each axis, and all others that explain as much.
 pub(crate) fn candidates(
     round: &Round,
     machine: &Machine,
     campaign: &Campaign,
+    periodogram: &mut Periodogram,
 ) -> Result<Vec<Candidate>, DiagnoseError> {
     let mut best = Vec::new();
     for axis in Axis::ALL {
-        best.extend(best_of(round, machine, campaign, axis)?);
+        best.extend(best_of(round, machine, campaign, axis, periodogram)?);
     }
     Ok(best)
 }
@@ -43,13 +66,14 @@ fn best_of(
     machine: &Machine,
     campaign: &Campaign,
     axis: Axis,
+    periodogram: &mut Periodogram,
 ) -> Result<Option<Candidate>, DiagnoseError> {
     let (lower_m, upper_m) = machine.stroke_m[axis.index()];
     let stroke_m = upper_m - lower_m;
     let Some(known) = known("periodic_scale") else { return Ok(None) };
     let trials = (stroke_m / SHORTEST_M) as usize;
     let mut terms = Vec::new();
-    for frequency in peaks(round, campaign, axis, lower_m, stroke_m) {
+    for frequency in peaks((round, campaign), axis, (lower_m, stroke_m), periodogram) {
         for about in ABOUT {
             let period_m = stroke_m / (frequency * stroke_m + about);
             if period_m > SHORTEST_M && period_m < stroke_m {
@@ -69,24 +93,71 @@ fn period_m(candidate: &Candidate) -> f64 {
     candidate.term.shape.figures().next().unwrap_or(0.0)
 }
 
-/// Frequencies (1/m) of the highest peaks.
-fn peaks(round: &Round, campaign: &Campaign, axis: Axis, lower_m: f64, stroke_m: f64) -> Vec<f64> {
+/// Frequencies (1/m) of the highest peaks, the highest first.
+///
+/// The grid is real, so that it is transformed as a complex one of half the length: even places are real parts, odd ones
+/// imaginary parts.
+fn peaks(
+    (round, campaign): (&Round, &Campaign),
+    axis: Axis,
+    (lower_m, stroke_m): (f64, f64),
+    periodogram: &mut Periodogram,
+) -> Vec<f64> {
     // Twice the stroke, so that neighbouring frequencies are half a peak apart.
-    let size = ((2.0 * stroke_m / GRID_M) as usize + 1).next_power_of_two();
-    let mut grid = vec![Complex::new(0.0, 0.0); size];
+    let size = ((2.0 * stroke_m / GRID_M) as usize + 1).next_power_of_two().max(LEAST_SIZE);
+    periodogram.grid.clear();
+    periodogram.grid.resize(size / 2, Complex::new(0.0, 0.0));
     let rows = &round.rows;
     for (k, reading) in campaign.readings.iter().enumerate() {
         let place = ((reading.reading_m[axis.index()] - lower_m) / GRID_M).round();
         if place >= 0.0 && (place as usize) < size {
-            grid[place as usize].re +=
-                round.free.residuals()[k] * rows.whitening[k] * rows.rays[k].direction[axis.index()];
+            let value = round.free.residuals()[k] * rows.whitening[k] * rows.rays[k].direction[axis.index()];
+            let cell = &mut periodogram.grid[place as usize / 2];
+            *(if (place as usize).is_multiple_of(2) { &mut cell.re } else { &mut cell.im }) += value;
         }
     }
-    FftPlanner::new().plan_fft_forward(size).process(&mut grid);
+    periodogram.transform();
     let step = 1.0 / (size as f64 * GRID_M);
     let last = ((1.0 / SHORTEST_M / step) as usize).min(size / 2 - 2);
-    let power = |k: usize| grid[k].norm_sqr();
-    let mut peaks: Vec<usize> = (1..last).filter(|k| power(*k) >= power(k - 1) && power(*k) > power(k + 1)).collect();
-    peaks.sort_by(|a, b| power(*b).total_cmp(&power(*a)).then(a.cmp(b)));
-    peaks.into_iter().take(PEAKS).map(|k| k as f64 * step).collect()
+    let powers = powers(&periodogram.grid, last + 2);
+    let is_peak = |k: &usize| powers[*k] >= powers[k - 1] && powers[*k] > powers[k + 1];
+    let mut peaks: Vec<usize> = (1..last).filter(is_peak).collect();
+    let higher = |a: &usize, b: &usize| powers[*b].total_cmp(&powers[*a]).then(a.cmp(b));
+    if peaks.len() > PEAKS {
+        peaks.select_nth_unstable_by(PEAKS - 1, higher);
+        peaks.truncate(PEAKS);
+    }
+    peaks.sort_by(higher);
+    peaks.into_iter().map(|k| k as f64 * step).collect()
+}
+
+/// Squared magnitudes of the first `count` frequencies of a real sequence, from the transform of its packed half: with
+/// E and O those of even and odd places, the sequence's is E + e^(−2πik/N) O.
+fn powers(packed: &[Complex<f64>], count: usize) -> Vec<f64> {
+    let half = packed.len();
+    let power = |k: usize| {
+        let (forward, backward) = (packed[k % half], packed[(half - k % half) % half].conj());
+        let (even, odd) = ((forward + backward) * 0.5, (forward - backward) * Complex::new(0.0, -0.5));
+        let turn = Complex::from_polar(1.0, -std::f64::consts::PI * k as f64 / half as f64);
+        (even + turn * odd).norm_sqr()
+    };
+    (0..count).map(power).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_packed_transform_gives_the_powers_of_the_sequence() {
+        let size = 64;
+        let sequence: Vec<f64> = (0..size).map(|k| (0.37 * f64::from(k)).sin() + 0.1 * f64::from(k % 5)).collect();
+        let mut whole: Vec<Complex<f64>> = sequence.iter().map(|value| Complex::new(*value, 0.0)).collect();
+        FftPlanner::new().plan_fft_forward(whole.len()).process(&mut whole);
+        let grid = sequence.chunks(2).map(|pair| Complex::new(pair[0], pair[1])).collect();
+        let mut periodogram = Periodogram { grid, ..Periodogram::default() };
+        periodogram.transform();
+        let found = powers(&periodogram.grid, whole.len() / 2);
+        assert!(found.iter().zip(&whole).all(|(a, b)| (a - b.norm_sqr()).abs() < 1e-9), "{found:?}");
+    }
 }

@@ -23,9 +23,10 @@ pub(crate) fn candidate(
     for (k, reading) in campaign.readings.iter().enumerate() {
         columns[reading.line as usize][(k, 0)] = round.rows.whitening[k];
     }
-    let scores = round.free.project_all(&columns).into_iter().map(|group| round.score(&group));
-    let best = scores.enumerate().max_by(|a, b| a.1.reduction.total_cmp(&b.1.reduction));
-    let Some((line, score)) = best else { return Ok(None) };
+    let groups = round.free.project_all(&columns).into_iter();
+    let scores = groups.map(|group| (round.score(&group), group.absorbed()));
+    let best = scores.enumerate().max_by(|a, b| a.1.0.reduction.total_cmp(&b.1.0.reduction));
+    let Some((line, (score, absorbed))) = best else { return Ok(None) };
     let term = EffectTerm::new(known.name, Shape::new().text("line", &campaign.lines[line]), machine)?;
-    Ok(Some(Candidate { known, term, score, trials: campaign.lines.len() }))
+    Ok(Some(Candidate { known, term, score, trials: campaign.lines.len(), absorbed }))
 }

@@ -10,6 +10,7 @@ use crate::error::DiagnoseError;
 use crate::linear::Linear;
 use crate::look::{self, Variable};
 use crate::options::{Options, Progress};
+use crate::periodic::Periodogram;
 use crate::score::Score;
 use crate::{judge, order, periodic, runs};
 use abbe_geometry::ErrorId;
@@ -18,7 +19,9 @@ use abbe_geometry::machine::Machine;
 use abbe_identify::{EffectTerm, Identified, IdentifyError, Rows, identify_with};
 use abbe_measurement::campaign::Campaign;
 use abbe_measurement::instrument::RangeUncertainty;
+use std::cell::RefCell;
 use std::collections::BTreeMap;
+use std::rc::Rc;
 
 /// Share of what the best free dependence explains that a named effect must explain to go before it.
 const EXPLAINS: f64 = 0.6;
@@ -36,11 +39,11 @@ pub(crate) struct Search<'a> {
     pub(crate) options: &'a Options,
     pub(crate) context: Context,
     pub(crate) variables: Vec<Variable>,
+    periodogram: RefCell<Periodogram>,
 }
 
 /// How far a search has come.
-#[derive(Debug)]
-pub(crate) struct State {
+pub(crate) struct State<'a> {
     pub(crate) machine: Machine,
     pub(crate) terms: Vec<EffectTerm>,
     pub(crate) fit: Identified,
@@ -49,9 +52,11 @@ pub(crate) struct State {
     pub(crate) order_settled: bool,
     /// Terms whose fit did not settle or that others made superfluous: not tried again.
     pub(crate) refused: Vec<EffectTerm>,
+    /// The rows of `fit` as they are, where the last round looked at them so, with its named candidates.
+    pub(crate) looked_at: Option<(Rc<Round<'a>>, Vec<Candidate>)>,
 }
 
-impl State {
+impl State<'_> {
     fn is_refused(&self, term: &EffectTerm) -> bool {
         has(&self.refused, term)
     }
@@ -83,7 +88,8 @@ impl<'a> Search<'a> {
     pub(crate) fn new(instrument: RangeUncertainty, campaign: &'a Campaign, options: &'a Options) -> Search<'a> {
         let context = Context::new(campaign);
         let variables = look::variables(campaign, &context);
-        Search { instrument, campaign, options, context, variables }
+        let periodogram = RefCell::new(Periodogram::default());
+        Search { instrument, campaign, options, context, variables, periodogram }
     }
 
     /// Fits these terms.
@@ -110,14 +116,14 @@ impl<'a> Search<'a> {
         Ok(Round { rows, linear, free, used })
     }
 
-    /// Runs rounds until nothing passes.
+    /// Runs rounds from a fit of these terms until nothing passes; `first` are the rows of that fit.
     pub(crate) fn run(
         &self,
-        machine: &Machine,
+        fit: Identified,
+        first: Rc<Round<'a>>,
         terms: Vec<EffectTerm>,
         observe: &mut dyn FnMut(Progress) -> bool,
-    ) -> Result<State, DiagnoseError> {
-        let fit = self.fit(machine, &terms, observe)?;
+    ) -> Result<State<'a>, DiagnoseError> {
         let mut state = State {
             machine: fit.model.parts().machine.clone(),
             terms,
@@ -125,12 +131,19 @@ impl<'a> Search<'a> {
             steps: Vec::new(),
             order_settled: false,
             refused: Vec::new(),
+            looked_at: None,
         };
-        for round in 0..MAX_ROUNDS {
-            if !observe(Progress::Scoring { round: round + 1, effects: state.terms.len() }) {
+        let (mut round, mut as_it_is) = (first, true);
+        for number in 0..MAX_ROUNDS {
+            if number > 0 {
+                (round, as_it_is) = self.round_without_misfit(&state)?;
+            }
+            if !observe(Progress::Scoring { round: number + 1, effects: state.terms.len() }) {
                 return Err(DiagnoseError::Stopped);
             }
-            if !self.advance(&mut state, observe)? {
+            let named = self.named(&round, &state.machine)?;
+            if !self.advance(&mut state, &round, &named, observe)? {
+                state.looked_at = as_it_is.then_some((round, named));
                 break;
             }
         }
@@ -138,19 +151,23 @@ impl<'a> Search<'a> {
     }
 
     /// One round; false where nothing passed.
-    fn advance(&self, state: &mut State, observe: &mut dyn FnMut(Progress) -> bool) -> Result<bool, DiagnoseError> {
-        let round = self.round_without_misfit(state)?;
-        let named = self.named(&round, &state.machine)?;
-        match self.propose(&round, state, &named)? {
+    fn advance(
+        &self,
+        state: &mut State,
+        round: &Round,
+        named: &[Candidate],
+        observe: &mut dyn FnMut(Progress) -> bool,
+    ) -> Result<bool, DiagnoseError> {
+        match self.propose(round, state, named)? {
             Proposal::Nothing => return Ok(false),
-            Proposal::Order(id) => self.refine(state, &round, id, observe)?,
+            Proposal::Order(id) => self.refine(state, round, id, observe)?,
             Proposal::Named(candidate) => {
-                let candidate = refined(&round, &state.machine, candidate)?;
-                let (rivals, tests) = (self.rivals(&round, &named, &candidate), tests(&named));
+                let candidate = refined(round, &state.machine, candidate)?;
+                let (rivals, tests) = (self.rivals(round, named, &candidate), tests(named));
                 self.add(state, candidate, rivals, tests, observe)?;
             }
             Proposal::Free(candidate) => {
-                let (rivals, tests) = (self.rivals(&round, &named, &candidate), candidate.trials);
+                let (rivals, tests) = (self.rivals(round, named, &candidate), candidate.trials);
                 self.add(state, candidate, rivals, tests, observe)?;
             }
         }
@@ -188,18 +205,20 @@ impl<'a> Search<'a> {
     }
 
     /// The rows of a fit; once the order is settled, with what finer error functions would still explain taken out of
-    /// what candidates are tested against.
-    fn round_without_misfit(&self, state: &State) -> Result<Round<'a>, DiagnoseError> {
+    /// what candidates are tested against. Also whether nothing had to be taken out.
+    fn round_without_misfit(&self, state: &State) -> Result<(Rc<Round<'a>>, bool), DiagnoseError> {
         let mut round = self.round(&state.fit)?;
+        let mut as_it_is = true;
         if state.order_settled {
             let misfit = order::refinements(&round, &state.machine)?.into_iter();
             let misfit: Vec<_> =
                 misfit.filter(|(_, score, _)| self.shows(score)).map(|(_, _, columns)| columns).collect();
             if !misfit.is_empty() {
+                as_it_is = false;
                 round.free = round.linear.widened(&misfit, round.used)?;
             }
         }
-        Ok(round)
+        Ok((Rc::new(round), as_it_is))
     }
 
     /// Whether the refinement of an error function is significant among all of them.
@@ -233,7 +252,8 @@ impl<'a> Search<'a> {
     /// Named candidates: registered shapes, the best period of each axis, the line that stands out most.
     pub(crate) fn named(&self, round: &Round, machine: &Machine) -> Result<Vec<Candidate>, DiagnoseError> {
         let mut named = score_all(round, proposals(machine, &self.context)?)?;
-        named.extend(periodic::candidates(round, machine, self.campaign)?);
+        let mut periodogram = self.periodogram.borrow_mut();
+        named.extend(periodic::candidates(round, machine, self.campaign, &mut periodogram)?);
         named.extend(runs::candidate(round, machine, self.campaign)?);
         Ok(named)
     }

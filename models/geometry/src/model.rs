@@ -108,7 +108,7 @@ pub enum ModelError {
 }
 
 /// An identified machine, checked and ready to correct.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct MachineModel {
     parts: ModelParts,
     layout: Layout,

@@ -137,11 +137,16 @@ impl Estimate<'_> {
     /// Partials of the length by the effects' parameters; covariates were checked before.
     fn effect_columns(&self, index: usize, ray: Ray, chain: &ChainPoint) -> Vec<f64> {
         let row = CampaignRow { campaign: self.campaign, reading: index };
-        let columns = |term: &EffectTerm| {
-            row.columns((term.effect.as_ref(), term.len()), ray, &chain.by_error)
-                .unwrap_or_else(|_| vec![0.0; term.len()])
-        };
-        self.setup.terms.iter().flat_map(columns).collect()
+        let mut columns = vec![0.0; self.setup.terms.iter().map(EffectTerm::len).sum()];
+        let mut rest = columns.as_mut_slice();
+        for term in self.setup.terms {
+            let (own, others) = std::mem::take(&mut rest).split_at_mut(term.len());
+            if row.add_columns(term.effect.as_ref(), ray, &chain.by_error, own).is_err() {
+                own.fill(0.0);
+            }
+            rest = others;
+        }
+        columns
     }
 
     /// What the effects add to the length (m).

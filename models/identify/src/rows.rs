@@ -103,10 +103,12 @@ impl<'a> Rows<'a> {
     pub fn columns(&self, effect: &dyn Effect) -> Result<Mat<f64>, CovariateProblem> {
         let count = effect.parameters().len();
         let mut columns = Mat::zeros(self.len(), count);
+        let mut partials = vec![0.0; count];
         for k in (0..self.len()).filter(|k| self.whitening[*k] > 0.0) {
+            partials.fill(0.0);
             let row = CampaignRow { campaign: self.campaign, reading: k };
-            let partials = row.columns((effect, count), self.rays[k], &self.partials[k])?;
-            partials.into_iter().enumerate().for_each(|(j, value)| columns[(k, j)] = value * self.whitening[k]);
+            row.add_columns(effect, self.rays[k], &self.partials[k], &mut partials)?;
+            partials.iter().enumerate().for_each(|(j, value)| columns[(k, j)] = value * self.whitening[k]);
         }
         Ok(columns)
     }

@@ -49,7 +49,7 @@ const READINGS_PER_UNKNOWN: usize = 4;
 const LARGE: usize = 60_000;
 
 /// A model and what was found out on the way.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct Identified {
     /// The model, ready to correct.
     pub model: MachineModel,

@@ -7,8 +7,8 @@ use crate::error::IdentifyError;
 use abbe_geometry::Vector3;
 use abbe_geometry::effects::Ray;
 use abbe_geometry::effects::{
-    CovariateProblem, CovariateSource, CovariateValue, Effect, EffectError, Shape, Sight, State, construct,
-    range_columns,
+    CovariateProblem, CovariateSource, CovariateValue, Effect, EffectError, Shape, Sight, State, add_range_columns,
+    construct,
 };
 use abbe_geometry::machine::Machine;
 use abbe_geometry::model::{FittedEffect, MachineModel};
@@ -77,22 +77,23 @@ impl CovariateSource for CampaignRow<'_> {
 }
 
 impl CampaignRow<'_> {
-    /// Partials of the length read by the parameters of an effect (and how many it has; m per unit), given the line of
-    /// sight and the chain's partials by error.
+    /// Adds the partials of the length read by an effect's parameters (m per unit) to `columns`, one a parameter, given
+    /// the line of sight and the chain's partials by error.
     ///
     /// # Errors
     /// A covariate that this reading lacks.
-    pub fn columns(
+    pub fn add_columns(
         &self,
-        (effect, count): (&dyn Effect, usize),
+        effect: &dyn Effect,
         ray: Ray,
         by_error: &[Vector3<f64>; 18],
-    ) -> Result<Vec<f64>, CovariateProblem> {
+        columns: &mut [f64],
+    ) -> Result<(), CovariateProblem> {
         let reading = &self.campaign.readings[self.reading];
         let state = State { reading_m: reading.reading_m, offset_m: reading.offset_m, covariates: self };
         let station = &self.campaign.stations[reading.station as usize];
         let line = &self.campaign.lines[reading.line as usize];
-        range_columns(effect, count, &state, &Sight { station, line, ray }, by_error)
+        add_range_columns(effect, &state, &Sight { station, line, ray }, by_error, columns)
     }
 }
 

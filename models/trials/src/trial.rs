@@ -178,25 +178,41 @@ impl Prepared<'_> {
             return Ok(Staged { texts: Vec::new(), config: self.config.clone(), clean_m, before_m: clean_m });
         };
         let templates = self.scenario.injected.iter();
-        let sizes: Result<Vec<f64>, TrialError> =
+        let sized: Result<Vec<(f64, Option<f64>)>, TrialError> =
             templates.map(|template| self.size(template, level, clean_m, memory)).collect();
-        let texts = self.scenario.texts(&self.config, &sizes?)?;
+        let sized = sized?;
+        let sizes: Vec<f64> = sized.iter().map(|(size, _)| *size).collect();
+        let texts = self.scenario.texts(&self.config, &sizes)?;
         let config = with_effects(&self.config, &texts)?;
-        let before_m = self.left_m(&config)?;
+        // The search for the size of a single effect ended with this very campaign.
+        let before_m = match sized.as_slice() {
+            [(_, Some(rms_m))] => *rms_m,
+            _ => self.left_m(&config)?,
+        };
         Ok(Staged { texts, config, clean_m, before_m })
     }
 
-    fn size(&self, template: &str, level: f64, clean_m: f64, memory: &Memory) -> Result<f64, TrialError> {
+    /// Size of an effect, and the verification error (m) with it alone, where that is known.
+    fn size(
+        &self,
+        template: &str,
+        level: f64,
+        clean_m: f64,
+        memory: &Memory,
+    ) -> Result<(f64, Option<f64>), TrialError> {
         if self.scenario.sized_by == SizedBy::Size {
-            return Ok(level);
+            return Ok((level, None));
         }
         let mut evaluate = |size| self.left_with_m(template, size);
         let key = format!("{} {template}", self.key);
         let per_size = memory.get(key, || sizing::gauge(clean_m, &mut evaluate))?;
         match self.scenario.injected.len() {
-            1 => Ok(sizing::find(level, clean_m, per_size, &mut evaluate)?.size),
+            1 => {
+                let found = sizing::find(level, clean_m, per_size, &mut evaluate)?;
+                Ok((found.size, Some(found.rms_m)))
+            }
             // Each of several effects would reach the factor alone, by proportion.
-            _ => Ok((level * level - 1.0).sqrt() / per_size),
+            _ => Ok(((level * level - 1.0).sqrt() / per_size, None)),
         }
     }
 

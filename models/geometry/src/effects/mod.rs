@@ -143,16 +143,15 @@ pub fn tip_columns(
     Ok(columns)
 }
 
-/// Change of the measured range per unit of each of the effect's `count` parameters (m per unit): the tip's motion along
-/// the sight, and what acts on the range alone.
-pub fn range_columns(
+/// Adds the change of the measured range per unit of each of the effect's parameters (m per unit) to `columns`, one a
+/// parameter: the tip's motion along the sight, and what acts on the range alone. `by_error` as in [`tip_columns`].
+pub fn add_range_columns(
     effect: &dyn Effect,
-    count: usize,
     state: &State,
     sight: &Sight,
     by_error: &[Vector3<f64>; ErrorId::COUNT],
-) -> Result<Vec<f64>, CovariateProblem> {
-    let mut columns = vec![0.0; count];
+    columns: &mut [f64],
+) -> Result<(), CovariateProblem> {
     let direction = &sight.ray.direction;
     effect.motion(state, &mut |parameter, acts, amount| {
         columns[parameter] += amount
@@ -161,8 +160,7 @@ pub fn range_columns(
                 Acts::Tip(axis) => direction[axis.index()],
             };
     })?;
-    effect.range(state, sight, &mut |parameter, amount| columns[parameter] += amount)?;
-    Ok(columns)
+    effect.range(state, sight, &mut |parameter, amount| columns[parameter] += amount)
 }
 
 #[cfg(test)]

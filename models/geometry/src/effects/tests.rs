@@ -47,6 +47,19 @@ pub(super) fn machine() -> Machine {
     }
 }
 
+/// Change of the range per unit of each of `count` parameters (m per unit).
+fn range_columns(
+    effect: &dyn Effect,
+    count: usize,
+    state: &State,
+    sight: &Sight,
+    by_error: &[Vector3<f64>; ErrorId::COUNT],
+) -> Result<Vec<f64>, CovariateProblem> {
+    let mut columns = vec![0.0; count];
+    add_range_columns(effect, state, sight, by_error, &mut columns)?;
+    Ok(columns)
+}
+
 /// Motion of the tip of [`machine`] with these parameters (m, machine frame).
 pub(super) fn tip_m(effect: &dyn Effect, state: &State, parameters: &[f64]) -> Vector3<f64> {
     let chain = chain_point(&machine(), state.reading_m, state.offset_m, &ErrorValues::ZERO);
