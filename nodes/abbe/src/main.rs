@@ -19,7 +19,7 @@ mod verification;
 use abbe_runtime::follow_launcher;
 use abbe_runtime::ros::RosArgs;
 use clap::Parser;
-use std::io::IsTerminal;
+use std::io::{IsTerminal, Write};
 use std::process::ExitCode;
 use tracing_subscriber::EnvFilter;
 
@@ -39,7 +39,8 @@ fn main() -> ExitCode {
     match run() {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("abbe: {}", told(&error));
+            // Not `eprintln!`: where nobody reads it, the exit code still tells.
+            let _ = writeln!(std::io::stderr(), "abbe: {}", told(&error));
             ExitCode::FAILURE
         }
     }

@@ -9,7 +9,7 @@
 //!   by kind.
 //! - [`ros`]: a node in the ROS 2 graph: arguments, names, parameters, diagnostics, services.
 //! - [`Outbox`]: publishing on a thread of its own, behind a bounded queue.
-//! - [`Shutdown`]: signals, and the death of the launcher.
+//! - [`Shutdown`]: signals, the death of the launcher, and of who reads the output.
 //! - [`RunId`]: the name of one run, which all its shared-memory files carry.
 //!
 //! Samples are SI with the frame in their header; this crate changes no number in them.
@@ -22,5 +22,5 @@ pub mod transport;
 
 pub use outbox::{Outbox, OutboxCounts};
 pub use run_id::{RunId, RunIdError};
-pub use shutdown::{LAUNCHER_PID, Shutdown, ShutdownError, follow_launcher};
+pub use shutdown::{LAUNCHER_PID, Shutdown, ShutdownError, end_with_reader, follow_launcher};
 pub use transport::{Edges, EdgesConfig, Publish, Subscribe, TransportError, TransportKind};

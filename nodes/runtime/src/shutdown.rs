@@ -2,14 +2,17 @@
 //!
 //! Place in the flow: every loop of a node polls [`Shutdown::requested`], or sleeps with
 //! [`Shutdown::sleep`]; then the node drops its endpoints and returns from `main`, which removes
-//! its shared-memory files and tells its DDS peers.
+//! its shared-memory files and tells its DDS peers. A command that only prints ends with its reader instead:
+//! [`end_with_reader`].
 
 use std::os::unix::process::parent_id;
+use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, Condvar, Mutex, OnceLock, PoisonError};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+use signal_hook::consts::{SIGHUP, SIGINT, SIGPIPE, SIGTERM};
+use signal_hook::flag::register_conditional_default;
 use signal_hook::iterator::Signals;
 use thiserror::Error;
 
@@ -41,6 +44,9 @@ pub enum ShutdownError {
     /// The signal handler.
     #[error("cannot handle SIGINT, SIGTERM and SIGHUP: {0}")]
     Signals(#[source] std::io::Error),
+    /// The handler of broken pipes.
+    #[error("cannot handle SIGPIPE: {0}")]
+    BrokenPipe(#[source] std::io::Error),
     /// The parent is gone already.
     #[error("the process {expected} that started this node has ended; start the node again")]
     ParentGone {
@@ -154,6 +160,18 @@ pub fn follow_launcher() -> Result<(), ShutdownError> {
     let launcher_pid = value.parse().map_err(|_| ShutdownError::NoProcess { value })?;
     // A flag of its own: the program may look at none, and then signals must go on ending it.
     Shutdown::manual().follow_parent(launcher_pid)
+}
+
+/// From now on, writing to a pipe that nobody reads any more (`abbe … | head`) ends this process without a word, by
+/// SIGPIPE, as it ends other programs; before, a broken pipe is an error. Not for a process that has peers or children
+/// to take leave of: it calls this when they are gone.
+///
+/// # Errors
+/// When the operating system refuses.
+pub fn end_with_reader() -> Result<(), ShutdownError> {
+    let always = Arc::new(AtomicBool::new(true));
+    register_conditional_default(SIGPIPE, always).map_err(ShutdownError::BrokenPipe)?;
+    Ok(())
 }
 
 /// SIGTERM, and those of SIGINT and SIGHUP that the process was not started to ignore.

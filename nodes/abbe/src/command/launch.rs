@@ -3,8 +3,9 @@
 //! Place in the flow: live use. Prints what each node did.
 
 use abbe_graph::supervisor::Supervisor;
-use abbe_runtime::{RunId, Shutdown};
+use abbe_runtime::{RunId, Shutdown, end_with_reader};
 use anyhow::Context;
+use std::io::Write;
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -25,13 +26,16 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let shutdown = Shutdown::on_signals()?;
     let program = std::env::current_exe().context("the path of this program is unknown")?;
     let run = arguments.run.as_deref().map(str::parse::<RunId>).transpose()?.unwrap_or_else(RunId::unique);
-    eprintln!("run {run}: Ctrl-C stops all nodes", run = run.as_str());
+    // Not `eprintln!`: the nodes run whether or not somebody reads this.
+    let _ = writeln!(std::io::stderr(), "run {run}: Ctrl-C stops all nodes", run = run.as_str());
     let mut supervisor = Supervisor::start(&program, &arguments.file, run)?;
     supervisor.wait_for_sources(&shutdown)?;
     if !shutdown.requested() {
         shutdown.sleep(SETTLE);
     }
-    for summary in supervisor.stop()? {
+    let summaries = supervisor.stop()?;
+    end_with_reader()?;
+    for summary in summaries {
         println!("{}", serde_json::to_string(&summary)?);
     }
     Ok(())

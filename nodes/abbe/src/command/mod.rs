@@ -29,6 +29,7 @@ mod volumetric;
 
 pub(crate) use identify::progress_text;
 
+use abbe_runtime::end_with_reader;
 use abbe_runtime::ros::RosArgs;
 use anyhow::{Context, ensure};
 use clap::Subcommand;
@@ -107,6 +108,10 @@ fn bag_in_place<T>(target: &Path, write: impl FnOnce(&Path) -> anyhow::Result<T>
 
 /// Runs a subcommand.
 pub(crate) fn run(command: Command, ros_args: RosArgs) -> anyhow::Result<()> {
+    // `abbe … | head` ends in silence. A graph goes on without a reader; its commands ask for this when it has ended.
+    if !matches!(command, Command::Demo(_) | Command::Launch(_) | Command::Node(_)) {
+        end_with_reader()?;
+    }
     match command {
         Command::Identify(arguments) => identify::run(&arguments),
         Command::FitPoints(arguments) => fit_points::run(&arguments),

@@ -4,8 +4,8 @@
 
 use abbe_graph::launch::NodeName;
 use abbe_graph::node::{NodeCall, run as run_node};
-use abbe_runtime::RunId;
 use abbe_runtime::ros::RosArgs;
+use abbe_runtime::{RunId, end_with_reader};
 use std::path::PathBuf;
 
 /// Arguments of `node`.
@@ -29,6 +29,7 @@ pub(crate) fn run(arguments: Arguments, ros_args: RosArgs) -> anyhow::Result<()>
     let run = arguments.run.map(|run| run.parse::<RunId>()).transpose()?;
     let call = NodeCall { name, launch_file: arguments.launch, run, ros_args, launcher_pid: arguments.launcher_pid };
     let summary = run_node(call)?;
+    end_with_reader()?;
     println!("{}", serde_json::to_string(&summary)?);
     Ok(())
 }

@@ -13,9 +13,10 @@ use crate::command::progress_text;
 use crate::pipeline;
 use crate::verification;
 use abbe_files::{hex, read_machine, write_atomically};
-use abbe_runtime::Shutdown;
+use abbe_runtime::{Shutdown, end_with_reader};
 use anyhow::{Context, ensure};
 use indicatif::{ProgressBar, ProgressStyle};
+use std::io::Write;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
@@ -105,6 +106,7 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     write_atomically(&out.join("report.png"), &data.png()?)?;
     write_atomically(&out.join("report.json"), data.json()?.as_bytes())?;
     finish(&bar, &format!("written in {:.1} s", since.elapsed().as_secs_f64()));
+    end_with_reader()?;
     report::print(&data, &out);
     Ok(())
 }
@@ -128,5 +130,6 @@ fn step(name: &str) -> ProgressBar {
 fn finish(bar: &ProgressBar, outcome: &str) {
     let name = bar.prefix();
     bar.finish_and_clear();
-    eprintln!("{name:>10}  {outcome}");
+    // Not `eprintln!`: the nodes run whether or not somebody reads this.
+    let _ = writeln!(std::io::stderr(), "{name:>10}  {outcome}");
 }
