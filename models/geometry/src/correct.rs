@@ -5,9 +5,10 @@
 //! covariates; output: the actual position of tip or reflector in the machine frame (m) with its covariance.
 //! Corrected = indicated + offset + correction, and correction = error = actual − indicated.
 
+use crate::axis::ErrorId;
 use crate::chain::{ChainPoint, nominal_point_m};
 use crate::effects::{CovariateProblem, CovariateValue, Ray, State, tip_columns};
-use crate::model::{IdentifiedVolume, MachineModel};
+use crate::model::{Combination, IdentifiedVolume, MachineModel};
 use crate::residual_field::{ResidualField, ResidualPrediction};
 use nalgebra::{Matrix3, Vector3};
 
@@ -81,12 +82,11 @@ pub fn predicted_length_m(
     let (first, station) = model.station(station)?;
     let Ray { direction, range_m } = Ray::between(&station.position_m, position_m);
     let (_, sensitivity) = geometric_point(model, reading_m, offset_m);
-    let mut row: Vec<(usize, f64)> =
-        sensitivity.entries.iter().map(|(k, column)| (*k, direction.dot(column))).collect();
-    row.extend(direction.iter().map(|u| -u).chain([-1.0]).enumerate().map(|(d, value)| (first + d, value)));
-    let weighted = |(a, x): &(usize, f64)| row.iter().map(|(b, y)| x * y * model.covariance(*a, *b)).sum::<f64>();
+    let mut length = sensitivity.along(&direction);
+    let of_station = direction.iter().map(|u| -u).chain([-1.0]);
+    length.parameters.extend(of_station.enumerate().map(|(d, value)| (first + d, value)));
     let repeatability = Vector3::from(model.parts().machine.repeatability_m).component_mul(&direction).norm_squared();
-    let variance = row.iter().map(weighted).sum::<f64>().max(0.0) + repeatability;
+    let variance = model.variance(&length).max(0.0) + repeatability;
     Some((range_m - station.dead_path_m, variance.sqrt()))
 }
 
@@ -100,7 +100,19 @@ fn geometric_point(model: &MachineModel, reading_m: [f64; 3], offset_m: [f64; 3]
     });
     let squareness = model.layout().squareness();
     squareness.zip(&point.chain.by_squareness).for_each(|(index, column)| sensitivity.push(index, *column));
+    if !model.between_nodes().is_empty() {
+        sensitivity.between_nodes = departures(model, &point.chain, reading_m);
+    }
     (point.chain, sensitivity)
+}
+
+/// Sensitivities of the position to what straight lines between nodes miss: index and column.
+fn departures(model: &MachineModel, chain: &ChainPoint, reading_m: [f64; 3]) -> Vec<(usize, Vector3<f64>)> {
+    let of = |id: ErrorId| {
+        let (index, shape) = model.between_nodes().at(id, reading_m[id.axis().index()])?;
+        Some((index, chain.by_error[id.index()] * shape))
+    };
+    ErrorId::all().filter_map(of).collect()
 }
 
 /// Corrected position (m) and its sensitivity to every parameter of geometry and effects; effects whose covariate is
@@ -127,6 +139,8 @@ pub fn add_residual(
 #[derive(Default)]
 pub(crate) struct Sensitivity {
     entries: Vec<(usize, Vector3<f64>)>,
+    /// The same for departures between nodes.
+    between_nodes: Vec<(usize, Vector3<f64>)>,
 }
 
 impl Sensitivity {
@@ -134,18 +148,24 @@ impl Sensitivity {
         self.entries.push((index, column));
     }
 
-    /// Sensitivity of the position's component in a direction, by parameter.
-    pub(crate) fn along(&self, direction: &Vector3<f64>) -> Vec<(usize, f64)> {
-        self.entries.iter().map(|(index, column)| (*index, direction.dot(column))).collect()
+    /// Sensitivity of the position's component in a direction.
+    pub(crate) fn along(&self, direction: &Vector3<f64>) -> Combination {
+        let along = |entries: &[(usize, Vector3<f64>)]| {
+            entries.iter().map(|(index, column)| (*index, direction.dot(column))).collect()
+        };
+        Combination { parameters: along(&self.entries), between_nodes: along(&self.between_nodes) }
     }
 
-    /// J V Jᵀ (m²).
+    /// J V Jᵀ (m²), and what straight lines between nodes miss.
     fn covariance_m2(&self, model: &MachineModel) -> Matrix3<f64> {
         let mut total = Matrix3::zeros();
         for (row, a) in &self.entries {
             let variances = model.machine_covariance_row(*row);
             let weighted: Vector3<f64> = self.entries.iter().map(|(column, b)| b * variances[*column]).sum();
             total += a * weighted.transpose();
+        }
+        for (index, column) in &self.between_nodes {
+            total += column * column.transpose() * model.between_nodes().variance(*index);
         }
         (total + total.transpose()) * 0.5
     }

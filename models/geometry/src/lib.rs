@@ -5,6 +5,7 @@
 //! frame; error = actual − indicated. Pure numerics: no file, no clock, no ROS.
 
 pub mod axis;
+pub mod between_nodes;
 pub mod chain;
 pub mod correct;
 pub mod effects;

@@ -4,6 +4,7 @@
 //! error = actual − indicated.
 
 use crate::axis::ErrorId;
+use crate::between_nodes::BetweenNodes;
 use crate::effects::{Effect, EffectError, Shape, construct};
 use crate::layout::Layout;
 use crate::machine::{Machine, MachineError};
@@ -72,6 +73,9 @@ pub struct ModelParts {
     /// Covariance of geometric parameters, effect parameters and stations (x, y, z, dead path each), packed lower
     /// triangle row by row, SI. Already scaled by what the fit found of the noise.
     pub covariance: Vec<f64>,
+    /// What straight lines between nodes add to it: they do not hold the machine's functions, and what they miss at
+    /// readings between nodes moves the fitted parameters. Packed alike; empty where there is nothing to add.
+    pub chord_covariance: Vec<f64>,
     /// What the data covered.
     pub identified: IdentifiedVolume,
     /// How well it fits.
@@ -107,14 +111,33 @@ pub enum ModelError {
     },
 }
 
+/// A linear combination of what a model does not know for certain, as index and factor; an index may come more than once.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Combination {
+    /// Of the whole vector of parameters (geometry, effects, stations).
+    pub(crate) parameters: Vec<(usize, f64)>,
+    /// Of the departures between nodes.
+    pub(crate) between_nodes: Vec<(usize, f64)>,
+}
+
+impl Combination {
+    /// This less another.
+    pub(crate) fn minus(mut self, other: Combination) -> Combination {
+        self.parameters.extend(other.parameters.into_iter().map(|(index, factor)| (index, -factor)));
+        self.between_nodes.extend(other.between_nodes.into_iter().map(|(index, factor)| (index, -factor)));
+        self
+    }
+}
+
 /// An identified machine, checked and ready to correct.
 #[derive(Debug, Clone)]
 pub struct MachineModel {
     parts: ModelParts,
     layout: Layout,
     machine_parameters: usize,
-    /// Full square of the machine's block of the covariance, row-major: correction reads rows of it.
+    /// Full square of the machine's block of the whole covariance, row-major: correction reads rows of it.
     covariance: Vec<f64>,
+    between_nodes: BetweenNodes,
 }
 
 impl MachineModel {
@@ -126,18 +149,22 @@ impl MachineModel {
         let total = machine_parameters + 4 * parts.stations.len();
         check("coefficients", &parts.coefficients, layout.len())?;
         check("covariance", &parts.covariance, total * (total + 1) / 2)?;
+        if !parts.chord_covariance.is_empty() {
+            check("covariance of chords", &parts.chord_covariance, total * (total + 1) / 2)?;
+        }
         for fitted in &parts.effects {
             check("effect parameters", &fitted.parameters, fitted.effect.parameters().len())?;
         }
         let mut covariance = vec![0.0; machine_parameters * machine_parameters];
         for row in 0..machine_parameters {
             for column in 0..=row {
-                let value = parts.covariance[row * (row + 1) / 2 + column];
+                let value = whole_covariance(&parts, row, column);
                 covariance[row * machine_parameters + column] = value;
                 covariance[column * machine_parameters + row] = value;
             }
         }
-        Ok(MachineModel { parts, layout, machine_parameters, covariance })
+        let between_nodes = BetweenNodes::new(&layout, &parts.coefficients, |a, b| parts.covariance[packed(a, b)]);
+        Ok(MachineModel { parts, layout, machine_parameters, covariance, between_nodes })
     }
 
     /// An effect by name and shape, for readers of model files.
@@ -165,16 +192,27 @@ impl MachineModel {
         self.machine_parameters
     }
 
-    /// Covariance between two parameters of the whole vector (geometry, effects, stations).
+    /// Covariance between two parameters of the whole vector (geometry, effects, stations), as the fit has it: without
+    /// what straight lines between nodes do to them.
     pub fn covariance(&self, a: usize, b: usize) -> f64 {
-        let (row, column) = (a.max(b), a.min(b));
-        self.parts.covariance[row * (row + 1) / 2 + column]
+        self.parts.covariance[packed(a, b)]
     }
 
-    /// Variance of a linear combination of parameters, given as index and factor; an index may come more than once.
-    pub(crate) fn variance(&self, combination: &[(usize, f64)]) -> f64 {
-        let row = |(a, x): &(usize, f64)| combination.iter().map(|(b, y)| x * y * self.covariance(*a, *b)).sum::<f64>();
-        combination.iter().map(row).sum()
+    /// What straight lines between nodes miss.
+    pub(crate) fn between_nodes(&self) -> &BetweenNodes {
+        &self.between_nodes
+    }
+
+    /// Variance of a linear combination of parameters and of departures between nodes.
+    pub(crate) fn variance(&self, combination: &Combination) -> f64 {
+        let Combination { parameters, between_nodes } = combination;
+        let row = |(a, x): &(usize, f64)| {
+            parameters.iter().map(|(b, y)| x * y * whole_covariance(&self.parts, *a, *b)).sum::<f64>()
+        };
+        let mut departures: BTreeMap<usize, f64> = BTreeMap::new();
+        between_nodes.iter().for_each(|(index, factor)| *departures.entry(*index).or_default() += factor);
+        let missed = departures.iter().map(|(index, factor)| factor * factor * self.between_nodes.variance(*index));
+        parameters.iter().map(row).sum::<f64>() + missed.sum::<f64>()
     }
 
     /// Row of the covariance of the machine parameters.
@@ -190,8 +228,11 @@ impl MachineModel {
         let mut variance = 0.0;
         for (i, a) in local.values().iter().enumerate() {
             for (j, b) in local.values().iter().enumerate() {
-                variance += a * b * self.covariance(first + i, first + j);
+                variance += a * b * whole_covariance(&self.parts, first + i, first + j);
             }
+        }
+        if let Some((index, shape)) = self.between_nodes.at(id, position_m) {
+            variance += shape * shape * self.between_nodes.variance(index);
         }
         (local.dot(&self.parts.coefficients[self.layout.range(id)]), variance.max(0.0).sqrt())
     }
@@ -199,7 +240,7 @@ impl MachineModel {
     /// Value and standard uncertainty (rad) of a squareness, in the order of [`Machine::squareness`].
     pub fn squareness(&self, k: usize) -> (f64, f64) {
         let index = self.layout.squareness().start + k;
-        (self.parts.coefficients[index], self.covariance(index, index).max(0.0).sqrt())
+        (self.parts.coefficients[index], whole_covariance(&self.parts, index, index).max(0.0).sqrt())
     }
 
     /// Index of a station's first parameter in the covariance, and the station.
@@ -207,6 +248,18 @@ impl MachineModel {
         let k = self.parts.stations.iter().position(|s| s.name == name)?;
         Some((self.machine_parameters + 4 * k, &self.parts.stations[k]))
     }
+}
+
+/// Place of an entry in a packed lower triangle.
+fn packed(a: usize, b: usize) -> usize {
+    let (row, column) = (a.max(b), a.min(b));
+    row * (row + 1) / 2 + column
+}
+
+/// Covariance of two parameters with what straight lines between nodes add.
+fn whole_covariance(parts: &ModelParts, a: usize, b: usize) -> f64 {
+    let place = packed(a, b);
+    parts.covariance[place] + parts.chord_covariance.get(place).copied().unwrap_or(0.0)
 }
 
 fn check(what: &'static str, values: &[f64], expected: usize) -> Result<(), ModelError> {

@@ -190,9 +190,8 @@ pub fn at_distances(
         } else {
             0.0
         };
-        let mut row = sensitivity.along(&direction);
-        row.extend(first.along(&direction).into_iter().map(|(index, value)| (index, -value)));
-        Ok(LinePoint { reading_m, distance_m, deviation_m, u_m: model.variance(&row).max(0.0).sqrt() })
+        let difference = sensitivity.along(&direction).minus(first.along(&direction));
+        Ok(LinePoint { reading_m, distance_m, deviation_m, u_m: model.variance(&difference).max(0.0).sqrt() })
     };
     distances_m.iter().map(target).collect()
 }

@@ -49,6 +49,7 @@ pub fn at_cramer_rao_bound(
         effects: Vec::new(),
         stations: parts.stations.clone(),
         covariance: packed,
+        chord_covariance: Vec::new(),
         identified: parts.identified.clone(),
         quality: parts.quality.clone(),
     })?)

@@ -4,11 +4,12 @@
 //! coefficients, squareness, effects and this reading's station; a station touches only its own rows.
 
 use crate::term::{CampaignRow, EffectTerm};
-use abbe_geometry::Vector3;
+use abbe_geometry::between_nodes::BetweenNodes;
 use abbe_geometry::chain::ChainPoint;
 use abbe_geometry::effects::Ray;
 use abbe_geometry::layout::Layout;
 use abbe_geometry::machine::Machine;
+use abbe_geometry::{ErrorId, Vector3};
 use abbe_measurement::campaign::{Campaign, RangeReading};
 use abbe_measurement::instrument::RangeUncertainty;
 
@@ -105,6 +106,23 @@ impl Estimate<'_> {
         self.fill(reading, None, row);
     }
 
+    /// Calls `visit(departure, partial)` for the length's partial by each departure between nodes at a reading, given the
+    /// line of sight.
+    pub(crate) fn visit_departures(
+        &self,
+        index: usize,
+        (between_nodes, ray): (&BetweenNodes, &Ray),
+        mut visit: impl FnMut(usize, f64),
+    ) {
+        let (setup, reading) = (&self.setup, &self.campaign.readings[index]);
+        let point = setup.layout.point(setup.machine, self.parameters, reading.reading_m, reading.offset_m);
+        for id in ErrorId::all() {
+            if let Some((departure, shape)) = between_nodes.at(id, reading.reading_m[id.axis().index()]) {
+                visit(departure, shape * ray.direction.dot(&point.chain.by_error[id.index()]));
+            }
+        }
+    }
+
     fn fill(&self, reading: &RangeReading, index: Option<usize>, row: &mut Row) {
         row.values.clear();
         row.segment_count = 0;
@@ -163,11 +181,11 @@ impl Estimate<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use abbe_geometry::Axis;
     use abbe_geometry::effects::Shape;
     use abbe_geometry::error_function::Kind;
     use abbe_geometry::machine::{Joint, Side, Squareness};
     use abbe_geometry::rotation::RotationForm;
-    use abbe_geometry::{Axis, ErrorId};
     use abbe_measurement::campaign::Covariate;
 
     /// A chain given from the workpiece to the tool.

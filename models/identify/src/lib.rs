@@ -6,6 +6,7 @@
 //! by weighted, penalised Gauss-Newton least squares (FYXZ paper eq. 4-9 with Liang 2025's chain).
 
 mod bound;
+mod chords;
 mod contradiction;
 mod design;
 mod error;

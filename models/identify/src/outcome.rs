@@ -2,12 +2,15 @@
 //!
 //! Place in the flow: the last step of [`crate::solve`]; nothing is estimated here any more.
 
+use crate::chords::Chords;
+use crate::design::{Estimate, Row};
 use crate::error::IdentifyError;
 use crate::evidence::{self, ErrorEvidence, Evidence, RejectedReading, StationEvidence};
 use crate::observability::Observability;
-use crate::smoothing::Solution;
+use crate::smoothing::{Solution, noise_factor_for_covariance};
 use crate::solve::{Fit, Identified, Settled};
 use crate::term::{CampaignRow, EffectTerm};
+use abbe_geometry::between_nodes::BetweenNodes;
 use abbe_geometry::effects::{CovariateSource, CovariateValue};
 use abbe_geometry::model::{FitQuality, FittedEffect, IdentifiedVolume, MachineModel, ModelParts, Station};
 use abbe_geometry::{ErrorId, Vector3};
@@ -104,6 +107,7 @@ impl Fit<'_> {
             let own = &self.parameters[stations + 4 * k..stations + 4 * k + 4];
             Station { name: name.clone(), position_m: Vector3::new(own[0], own[1], own[2]), dead_path_m: own[3] }
         };
+        let covariance = self.packed_covariance(&settled.solution);
         let kept = settled.residuals.iter().zip(&settled.weights).filter(|(_, weight)| **weight > 0.0);
         let (used, square_m2) = kept.fold((0_usize, 0.0), |(n, sum), ((r, _), _)| (n + 1, sum + r * r));
         let parts = ModelParts {
@@ -111,7 +115,8 @@ impl Fit<'_> {
             coefficients: self.parameters[..geometric].to_vec(),
             effects: self.effects(),
             stations: self.campaign.stations.iter().enumerate().map(station).collect(),
-            covariance: self.packed_covariance(&settled.solution),
+            chord_covariance: self.chord_covariance(settled, &covariance),
+            covariance,
             identified: IdentifiedVolume {
                 covariates: self.covariate_ranges(&settled.weights),
                 ..identified_volume(&self.campaign.readings, &settled.weights)
@@ -124,6 +129,32 @@ impl Fit<'_> {
             },
         };
         Ok(MachineModel::new(parts)?)
+    }
+
+    /// What straight lines between nodes add to the packed covariance.
+    fn chord_covariance(&self, settled: &Settled, covariance: &[f64]) -> Vec<f64> {
+        let of = |a: usize, b: usize| covariance[a.max(b) * (a.max(b) + 1) / 2 + a.min(b)];
+        let between_nodes = BetweenNodes::new(self.setup.layout, &self.parameters, of);
+        if between_nodes.is_empty() {
+            return Vec::new();
+        }
+        let estimate = Estimate { setup: self.setup, campaign: self.campaign, parameters: &self.parameters };
+        let (mut chords, mut row) = (Chords::new(self.parameters.len(), &between_nodes), Row::new());
+        for (index, (weight, (_, u_m))) in settled.weights.iter().zip(&settled.residuals).enumerate() {
+            estimate.row(index, &mut row);
+            let information = weight / (u_m * u_m);
+            estimate.visit_departures(index, (&between_nodes, &row.ray), |departure, partial| {
+                for (first, values) in row.segments() {
+                    for (k, value) in values.iter().enumerate() {
+                        chords.add(first + k, departure, information * value * partial);
+                    }
+                }
+            });
+        }
+        // The covariance is (JᵀWJ + P)⁻¹, widened by misfit.
+        let widened = noise_factor_for_covariance(settled.solution.noise_factor);
+        let inverse = faer::Scale(1.0 / widened) * &settled.solution.covariance;
+        chords.packed(&between_nodes, (&self.free, &inverse), self.parameters.len())
     }
 
     fn effects(&self) -> Vec<FittedEffect> {

@@ -292,6 +292,6 @@ impl<'a> Problem<'a> {
 }
 
 /// The declared noise is the least that is believed: a covariance is widened by misfit, never narrowed by luck.
-fn noise_factor_for_covariance(noise_factor: f64) -> f64 {
+pub(crate) fn noise_factor_for_covariance(noise_factor: f64) -> f64 {
     noise_factor.max(1.0)
 }

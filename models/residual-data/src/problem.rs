@@ -165,7 +165,7 @@ fn with_stations_of(
     let total = machine + 4 * stations.len();
     let covariance = (0..total).flat_map(|row| (0..=row).map(move |column| (row, column)));
     let covariance = covariance.map(|(row, column)| entry(row, column)).collect();
-    let parts = ModelParts { stations, covariance, ..model.parts().clone() };
+    let parts = ModelParts { stations, covariance, chord_covariance: Vec::new(), ..model.parts().clone() };
     Ok(MachineModel::new(parts).map_err(IdentifyError::from)?)
 }
 

@@ -127,6 +127,10 @@ struct QualityRecord {
 struct CovarianceRecord {
     order: String,
     packed: OneLine,
+    /// What straight lines between nodes add, in the same order; where they add nothing, and in files of earlier software,
+    /// there is none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    of_chords_packed: Option<OneLine>,
 }
 
 /// A list that stays on one line where everything around it is indented.
@@ -186,6 +190,7 @@ impl ModelRecord {
             covariance: CovarianceRecord {
                 order: COVARIANCE_ORDER.to_owned(),
                 packed: OneLine(parts.covariance.clone()),
+                of_chords_packed: Some(OneLine(parts.chord_covariance.clone())).filter(|chords| !chords.0.is_empty()),
             },
         }
     }
@@ -209,6 +214,7 @@ impl ModelRecord {
             effects,
             stations: self.stations.into_iter().map(station).collect(),
             covariance: self.covariance.packed.0,
+            chord_covariance: self.covariance.of_chords_packed.map(|chords| chords.0).unwrap_or_default(),
             identified: IdentifiedVolume {
                 reading_m: self.identified_volume.reading_m,
                 offset_m: self.identified_volume.offset_m,

@@ -111,13 +111,26 @@ fn other_files_and_later_versions_are_refused() {
 }
 
 #[test]
+fn a_file_of_earlier_software_that_says_nothing_of_chords_is_read() {
+    let bytes = forged(|body| {
+        let (before, rest) = body.split_at(body.find("\"of_chords_packed\"").unwrap());
+        let after = &rest[rest.find(']').unwrap() + 1..];
+        format!("{}{after}", before.trim_end().trim_end_matches(','))
+    });
+    let (read, whole) = (load(&bytes).unwrap().0, model(1));
+    assert_eq!(read.model.parts().chord_covariance, Vec::<f64>::new());
+    assert_eq!(read.model.parts().covariance, whole.model.parts().covariance);
+}
+
+#[test]
 fn models_that_do_not_fit_together_are_refused_even_with_the_right_hash() {
-    let cases: [(&str, &str, &[&str]); 9] = [
+    let cases: [(&str, &str, &[&str]); 10] = [
         ("\"reversal\"", "\"revresal\"", &["key effects.revresal", "unknown effect", "known are", "reversal"]),
         ("\"EXX\": {", "\"EXW\": {", &["key error_functions.EXX", "missing"]),
         ("\"C0Y\": {", "\"C1Y\": {", &["C0Y in rad is missing"]),
         ("error = actual - indicated, of", "error = indicated - actual, of", &["key sign_convention"]),
         ("\"packed\": [", "\"packed\": [0.5,", &["covariance holds", "numbers, but"]),
+        ("\"of_chords_packed\": [", "\"of_chords_packed\": [0.5,", &["covariance of chords holds", "numbers, but"]),
         ("\"degree\": 2", "\"degree\": 3", &["coefficients in", "are needed for this machine"]),
         ("\"degree\": 2", "\"degree\": 99", &["degree 1 to 10"]),
         ("\"unit\": \"rad\"", "\"unit\": \"deg\"", &["deg"]),

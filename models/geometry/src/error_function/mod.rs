@@ -170,6 +170,15 @@ impl Basis {
         }
     }
 
+    /// For nodes: the interval that `position_m` lies in, and the parabola over it that is 0 at both nodes and 1 midway.
+    /// `None` for other kinds, which have no nodes, and beyond the stroke.
+    pub(crate) fn between_nodes(&self, position_m: f64) -> Option<(usize, f64)> {
+        let Kind::Nodes { count } = self.kind else { return None };
+        let t = (position_m - self.lower_m) / (self.upper_m - self.lower_m);
+        let (interval, u) = nodes::interval(count, t);
+        (0.0..=1.0).contains(&t).then_some((interval, 4.0 * u * (1.0 - u)))
+    }
+
     /// Roughness matrix ∫ f″(t)² dt over the unit stroke as a row-major square of side [`Basis::len`]; zero for
     /// kinds whose order, not whose curvature, is chosen.
     pub fn roughness(&self) -> Vec<f64> {

@@ -118,14 +118,16 @@ pub(super) fn finish(problem: &Problem, found: Minimised) -> Result<FittedPoints
     };
     let geometric = problem.layout.len();
     let scale = widening(certificate.chi2_per_dof);
-    let packed = (0..geometric).flat_map(|i| (0..=i).map(move |j| (i, j)));
+    let triangle = (0..geometric).flat_map(|i| (0..=i).map(move |j| (i, j)));
+    // The pose of the measuring frame is marginalised: its rows are left out of the inverse, not of the normal matrix.
+    let covariance: Vec<f64> = triangle.map(|(i, j)| certificate.inverse[(i, j)] * scale).collect();
     let parts = ModelParts {
         machine: problem.machine.clone(),
         coefficients: unknowns[..geometric].to_vec(),
         effects: Vec::new(),
         stations: Vec::new(),
-        // The pose of the measuring frame is marginalised: its rows are left out of the inverse, not of the normal matrix.
-        covariance: packed.map(|(i, j)| certificate.inverse[(i, j)] * scale).collect(),
+        chord_covariance: problem.chord_covariance(unknowns, &descent.weights, (&certificate.inverse, &covariance)),
+        covariance,
         identified: volume(problem, &descent.weights),
         quality,
     };

@@ -6,14 +6,17 @@
 
 use super::loss::Loss;
 use super::{MeasuredPoint, PointsError};
+use crate::chords::Chords;
 use crate::normal::NormalEquations;
+use abbe_geometry::between_nodes::BetweenNodes;
 use abbe_geometry::chain::nominal_point_m;
 use abbe_geometry::error_function::LocalBasis;
 use abbe_geometry::layout::Layout;
 use abbe_geometry::machine::Machine;
 use abbe_geometry::rotation::{RotationForm, rotation, rotation_partials};
-use abbe_geometry::{Matrix3, Vector3};
+use abbe_geometry::{ErrorId, Matrix3, Vector3};
 use abbe_measurement::alignment::RigidAlignment;
+use faer::Mat;
 
 /// Unknowns of the measuring frame.
 pub(super) const FRAME: usize = 6;
@@ -121,6 +124,39 @@ impl<'a> Problem<'a> {
             }
         }
         normal
+    }
+
+    /// What straight lines between nodes add to the packed covariance of the geometric parameters; `inverse` is that of all
+    /// unknowns, not widened.
+    pub(super) fn chord_covariance(
+        &self,
+        unknowns: &[f64],
+        weights: &[f64],
+        (inverse, covariance): (&Mat<f64>, &[f64]),
+    ) -> Vec<f64> {
+        let of = |a: usize, b: usize| covariance[a.max(b) * (a.max(b) + 1) / 2 + a.min(b)];
+        let between_nodes = BetweenNodes::new(self.layout, unknowns, of);
+        if between_nodes.is_empty() {
+            return Vec::new();
+        }
+        let mut chords = Chords::new(unknowns.len(), &between_nodes);
+        let (turn, mut rows) = (self.frame(unknowns).turn, vec![Vector3::zeros(); unknowns.len()]);
+        for (k, point) in self.points.iter().enumerate().filter(|(k, _)| weights[*k] > 0.0) {
+            self.rows(k, unknowns, &mut rows);
+            let at = self.layout.point(self.machine, unknowns, point.reading_m, point.offset_m);
+            for id in ErrorId::all() {
+                let Some((departure, shape)) = between_nodes.at(id, point.reading_m[id.axis().index()]) else {
+                    continue;
+                };
+                let partial = turn * at.chain.by_error[id.index()] * (shape * weights[k] * self.information[k]);
+                rows.iter().enumerate().for_each(|(i, row)| chords.add(i, departure, row.dot(&partial)));
+            }
+        }
+        let all: Vec<usize> = (0..unknowns.len()).collect();
+        let mut packed = chords.packed(&between_nodes, (&all, inverse), unknowns.len());
+        // The pose of the measuring frame comes last.
+        packed.truncate(covariance.len());
+        packed
     }
 
     /// Residual of one point (m), and the partials of its prediction by every unknown.

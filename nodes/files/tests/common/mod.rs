@@ -40,6 +40,7 @@ pub(crate) fn model(seed: u64) -> ModelFile {
     let total = coefficients.len() + 5 + 4;
     let parts = ModelParts {
         covariance: numbers(total * (total + 1) / 2, 1e-12),
+        chord_covariance: numbers(total * (total + 1) / 2, 1e-13),
         identified: IdentifiedVolume {
             reading_m: [(0.0, 0.8); 3],
             offset_m: [(-0.1, 0.1); 3],
