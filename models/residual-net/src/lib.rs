@@ -15,9 +15,11 @@ mod model;
 mod neighbourhood;
 pub mod network;
 pub mod record;
+mod trend;
 
 pub use calibration::{Calibration, NORMAL_95};
 pub use kriging::{Component, Kriging, KrigingMean};
 pub use lattice::Lattice;
 pub use model::{Ensemble, Kind, ModelError, Parts, ResidualModel, check_units};
 pub use neighbourhood::{Neighbourhood, VERTICES, Vertices, spacing_m};
+pub use trend::{PositionEnsemble, Trend, TrendError, corners_m, place};

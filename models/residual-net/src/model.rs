@@ -9,6 +9,7 @@
 //! | kriging | kriging of the calibrated residuals |
 //! | network | mean of the members on the calibrated residuals around the point |
 //! | kriging-network | kriging, and the mean of the members on what kriging leaves at the calibrated points around |
+//! | perceptron-kriging | mean of networks on the position, and kriging of what it leaves at the calibrated points |
 //!
 //! Variance of a component: calibration² · (variance of kriging at the point + variance of the members' mean about it). Kriging's
 //! variance stands under every kind, as it knows how far the point lies from what was measured. Beyond the calibrated
@@ -21,6 +22,7 @@ use crate::lattice::Lattice;
 use crate::neighbourhood::{VERTICES, Vertices};
 use crate::network::tokens::Normaliser;
 use crate::network::{ConfigError, Folded, NetworkConfig, Parameters, ParametersError};
+use crate::trend::{PositionEnsemble, Trend, TrendError};
 use abbe_field::MeasuredField;
 use abbe_geometry::residual_field::ResidualPrediction;
 use nalgebra::{Matrix3, Vector3};
@@ -35,11 +37,13 @@ pub enum Kind {
     Network,
     /// Kriging, and the network on what it leaves.
     KrigingNetwork,
+    /// A network on the position, and kriging of what it leaves.
+    PerceptronKriging,
 }
 
 impl Kind {
-    /// All of them.
-    pub const ALL: [Kind; 3] = [Kind::Kriging, Kind::Network, Kind::KrigingNetwork];
+    /// All of them, the simplest first.
+    pub const ALL: [Kind; 4] = [Kind::Kriging, Kind::Network, Kind::KrigingNetwork, Kind::PerceptronKriging];
 
     /// Name in files and tables.
     pub fn name(self) -> &'static str {
@@ -47,16 +51,27 @@ impl Kind {
             Kind::Kriging => "kriging",
             Kind::Network => "network",
             Kind::KrigingNetwork => "kriging-network",
+            Kind::PerceptronKriging => "perceptron-kriging",
         }
     }
 
-    /// Whether it has a network.
+    /// Whether it has networks on the neighbourhood.
+    pub fn has_attention(self) -> bool {
+        matches!(self, Kind::Network | Kind::KrigingNetwork)
+    }
+
+    /// Whether it has networks on the position.
+    pub fn has_trend(self) -> bool {
+        self == Kind::PerceptronKriging
+    }
+
+    /// Whether it has any network.
     pub fn has_network(self) -> bool {
-        self != Kind::Kriging
+        self.has_attention() || self.has_trend()
     }
 }
 
-/// An ensemble of networks of one configuration.
+/// An ensemble of networks on the neighbourhood, of one configuration.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Ensemble {
     /// Sizes and switches.
@@ -74,10 +89,12 @@ pub struct Parts {
     pub kind: Kind,
     /// Calibrated points (m, machine frame), residuals and, where known, their standard uncertainty (m).
     pub field: MeasuredField,
-    /// Kriging of the calibrated residuals.
+    /// Kriging of the calibrated residuals, or of what the trend leaves of them.
     pub kriging: Kriging,
-    /// The network, for the kinds that have one.
+    /// Networks on the neighbourhood, for the kinds that have them.
     pub ensemble: Option<Ensemble>,
+    /// Networks on the position, for the kind that has them.
+    pub trend: Option<PositionEnsemble>,
     /// Factors on the deviations.
     pub calibration: Calibration,
 }
@@ -90,6 +107,7 @@ pub struct ResidualModel {
     hull: Hull,
     variance: KrigingVariance,
     members: Vec<Folded>,
+    trend: Option<Trend>,
 }
 
 impl ResidualModel {
@@ -104,7 +122,8 @@ impl ResidualModel {
         let normaliser = parts.ensemble.as_ref().map(|ensemble| ensemble.normaliser);
         let lattice = Lattice::new(parts.kind, &parts.field, &parts.kriging, normaliser);
         let hull = Hull::new(parts.field.points_m());
-        Ok(ResidualModel { lattice, hull, variance, members, parts })
+        let trend = parts.trend.clone().map(Trend::new).transpose()?;
+        Ok(ResidualModel { lattice, hull, variance, members, trend, parts })
     }
 
     /// What it is made of.
@@ -139,6 +158,12 @@ impl ResidualModel {
         inside: bool,
     ) -> (Vector3<f64>, Vector3<f64>) {
         let variance_m2 = self.variance.at(point_m, vertices.nearest);
+        if let Some(trend) = &self.trend {
+            let trend_m = trend.at(point_m);
+            let beyond_m =
+                if inside { Vector3::zeros() } else { trend_m - trend.at(self.lattice.point_m(vertices.nearest)) };
+            return (trend_m + self.lattice.kriging_m(point_m), variance_m2 + beyond_m.component_mul(&beyond_m));
+        }
         let Some(ensemble) = &self.parts.ensemble else {
             return (self.lattice.kriging_m(point_m), variance_m2);
         };
@@ -189,13 +214,18 @@ pub enum ModelError {
         source: ParametersError,
     },
     /// Kind and parts disagree.
-    #[error("a model of kind {kind} {} an ensemble of networks; train it again", if *.needed { "needs" } else { "has no use for" })]
+    #[error("a model of kind {kind} {} {what}; train it again", if *.needed { "needs" } else { "has no use for" })]
     Ensemble {
         /// Kind.
         kind: &'static str,
+        /// What.
+        what: &'static str,
         /// Whether it should have one.
         needed: bool,
     },
+    /// Networks on the position do not hold.
+    #[error("networks on the position: {0}")]
+    Trend(#[from] TrendError),
     /// A scale that is none.
     #[error("{0} is not a finite number above zero")]
     Scale(&'static str),
@@ -268,11 +298,16 @@ fn check(parts: &Parts) -> Result<(), ModelError> {
             return Err(ModelError::NotFinite("a weight or the trend of kriging"));
         }
     }
-    let needed = parts.kind.has_network();
+    let kind = parts.kind.name();
+    let needed = parts.kind.has_trend();
+    if parts.trend.is_some() != needed {
+        return Err(ModelError::Ensemble { kind, what: "networks on the position", needed });
+    }
+    let needed = parts.kind.has_attention();
     match &parts.ensemble {
         Some(ensemble) if needed && !ensemble.members.is_empty() => check_ensemble(ensemble),
         None if !needed => Ok(()),
-        _ => Err(ModelError::Ensemble { kind: parts.kind.name(), needed }),
+        _ => Err(ModelError::Ensemble { kind, what: "networks on the neighbourhood", needed }),
     }
 }
 

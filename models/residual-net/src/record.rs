@@ -7,7 +7,8 @@
 use crate::calibration::Calibration;
 use crate::kriging::{Component, Kriging};
 use crate::model::{Ensemble, Kind, ModelError, Parts, ResidualModel};
-use crate::network::{ConfigError, NetworkConfig, Normaliser, Parameters, ParametersError};
+use crate::network::{ConfigError, NetworkConfig, Normaliser, Parameters, ParametersError, PositionConfig};
+use crate::trend::PositionEnsemble;
 use abbe_field::kriging::Kernel;
 use abbe_field::{FieldError, MeasuredField};
 use nalgebra::Vector3;
@@ -26,7 +27,7 @@ const MOST_MEMBERS: usize = 1000;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Record {
-    /// What predicts: "kriging", "network", "kriging-network".
+    /// What predicts: a name of [`Kind`].
     pub kind: String,
     /// Scalars; the unit stands in the name.
     pub numbers: BTreeMap<String, f64>,
@@ -50,7 +51,7 @@ pub struct Array {
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum RecordError {
     /// A kind that this program does not know.
-    #[error("kind {0:?} is not known; known are kriging, network, kriging-network")]
+    #[error("kind {0:?} is not known; known are {known}", known = Kind::ALL.map(Kind::name).join(", "))]
     Kind(String),
     /// An entry is not there.
     #[error("{0} is missing")]
@@ -135,6 +136,9 @@ impl ResidualModel {
         if let Some(ensemble) = &parts.ensemble {
             record.write_ensemble(ensemble);
         }
+        if let Some(trend) = &parts.trend {
+            record.write_trend(trend);
+        }
         record
     }
 
@@ -151,10 +155,11 @@ impl ResidualModel {
         let calibration = Calibration { scale: record.vector("calibration")? };
         let kernel = record.kernel()?;
         let components = [record.component(0)?, record.component(1)?, record.component(2)?];
-        let ensemble = if kind.has_network() { Some(record.ensemble()?) } else { None };
+        let ensemble = if kind.has_attention() { Some(record.ensemble()?) } else { None };
+        let trend = if kind.has_trend() { Some(record.trend()?) } else { None };
         record.is_empty()?;
         let kriging = Kriging { kernel, components };
-        Ok(ResidualModel::new(Parts { kind, field, kriging, ensemble, calibration })?)
+        Ok(ResidualModel::new(Parts { kind, field, kriging, ensemble, trend, calibration })?)
     }
 }
 
@@ -187,9 +192,23 @@ impl Record {
         self.array("mean_m", vec![3], ensemble.normaliser.mean_m.iter().copied().collect());
         self.array("scale_m", vec![3], ensemble.normaliser.scale_m.iter().copied().collect());
         self.numbers.insert("spacing_m".into(), ensemble.normaliser.spacing_m);
-        self.numbers.insert("members".into(), ensemble.members.len() as f64);
-        for (index, member) in ensemble.members.iter().enumerate() {
-            let values: Vec<f64> = member.values().iter().map(|v| f64::from(*v)).collect();
+        self.write_members(ensemble.members.iter().map(Parameters::values));
+    }
+
+    fn write_trend(&mut self, trend: &PositionEnsemble) {
+        self.numbers.insert("width".into(), trend.config.width as f64);
+        self.numbers.insert("blocks".into(), trend.config.blocks as f64);
+        self.array("low_m", vec![3], trend.low_m.iter().copied().collect());
+        self.array("high_m", vec![3], trend.high_m.iter().copied().collect());
+        self.array("mean_m", vec![3], trend.mean_m.iter().copied().collect());
+        self.array("scale_m", vec![3], trend.scale_m.iter().copied().collect());
+        self.write_members(trend.members.iter().map(Vec::as_slice));
+    }
+
+    fn write_members<'a>(&mut self, members: impl ExactSizeIterator<Item = &'a [f32]>) {
+        self.numbers.insert("members".into(), members.len() as f64);
+        for (index, member) in members.enumerate() {
+            let values: Vec<f64> = member.iter().map(|v| f64::from(*v)).collect();
             self.array(&format!("member_{index}"), vec![values.len()], values);
         }
     }
@@ -279,15 +298,30 @@ impl Reader {
             scale_m: self.vector("scale_m")?,
             spacing_m: self.number("spacing_m")?,
         };
-        let count = self.size("members")?;
-        let mut members = Vec::new();
-        for member in 0..count.min(MOST_MEMBERS) {
-            // What was widened comes back exactly; anything else is refused as no number of that precision.
-            let values = self.list(&format!("member_{member}"))?.into_iter().map(narrow).collect();
-            let parameters = Parameters::new(&config, values);
-            members.push(parameters.map_err(|source| RecordError::Parameters { member, source })?);
-        }
+        let checked = |(member, values)| {
+            Parameters::new(&config, values).map_err(|source| RecordError::Parameters { member, source })
+        };
+        let members = self.members()?.into_iter().enumerate().map(checked).collect::<Result<_, _>>()?;
         Ok(Ensemble { config, normaliser, members })
+    }
+
+    fn trend(&mut self) -> Result<PositionEnsemble, RecordError> {
+        Ok(PositionEnsemble {
+            config: PositionConfig { width: self.size("width")?, blocks: self.size("blocks")? },
+            low_m: self.vector("low_m")?,
+            high_m: self.vector("high_m")?,
+            mean_m: self.vector("mean_m")?,
+            scale_m: self.vector("scale_m")?,
+            members: self.members()?,
+        })
+    }
+
+    /// Parameters of all members. What was widened comes back exactly; anything else is no number of that precision, and
+    /// refused as such by the networks.
+    fn members(&mut self) -> Result<Vec<Vec<f32>>, RecordError> {
+        let count = self.size("members")?;
+        let one = |member| Ok(self.list(&format!("member_{member}"))?.into_iter().map(narrow).collect());
+        (0..count.min(MOST_MEMBERS)).map(one).collect()
     }
 
     fn is_empty(&self) -> Result<(), RecordError> {
@@ -323,7 +357,13 @@ mod tests {
 
     #[test]
     fn every_entry_is_needed_and_no_other_is_taken() {
-        let whole = random_model(Kind::KrigingNetwork, 8).to_record();
+        for kind in [Kind::KrigingNetwork, Kind::PerceptronKriging] {
+            every_entry_of(kind);
+        }
+    }
+
+    fn every_entry_of(kind: Kind) {
+        let whole = random_model(kind, 8).to_record();
         for name in whole.numbers.keys() {
             let mut record = whole.clone();
             record.numbers.remove(name);

@@ -106,7 +106,10 @@ fn models() -> Vec<(Kind, ResidualModel)> {
         config.optimiser.epochs = 1;
         train(&field, &config, None, &mut |_| Go::On).unwrap().model
     };
-    [Method::Kriging, Method::Network, Method::KrigingNetwork].map(of).map(|model| (model.kind(), model)).into()
+    [Method::Kriging, Method::Network, Method::KrigingNetwork, Method::PerceptronKriging]
+        .map(of)
+        .map(|model| (model.kind(), model))
+        .into()
 }
 
 /// Percentiles of single predictions at points that the model has not seen before.

@@ -8,18 +8,19 @@
 use crate::attention::Attention;
 use crate::belief;
 use crate::config::{Config, Split};
-use crate::optimise::{Examples, Network, Training, View, outputs};
+use crate::networks::Networks;
+use crate::optimise::{Examples, Network, Training, outputs};
 use crate::perceptron::Perceptron;
 use crate::recommend::{Candidate, Recommendation, recommend};
 use crate::scores::Scores;
 use crate::split;
 use crate::swarm::Swarm;
 use crate::train::{Go, TrainingError, ZERO, fitted_kriging, seed_of};
-use crate::views::{Material, ViewError, normaliser};
+use crate::views::{Material, Positions, ViewError, normaliser};
 use abbe_field::idw::{EXPONENT, Reference};
 use abbe_field::{Idw, Interpolator, MeasuredField, Trilinear};
 use abbe_residual_net::network::{Normaliser, Parameters};
-use abbe_residual_net::{Calibration, Ensemble, Kind, Kriging, Parts, ResidualModel, check_units};
+use abbe_residual_net::{Calibration, Ensemble, Kind, Kriging, PositionEnsemble, check_units, corners_m, place};
 use burn::tensor::Device;
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
@@ -29,9 +30,8 @@ use statrs::distribution::{ContinuousCDF, StudentsT};
 const PARTS: usize = 10;
 /// Parts that say when to stop; part 0 judges.
 const STOPPING: [usize; 2] = [1, 2];
-/// Width and blocks of the networks on the position.
+/// Width of the plain network on the position.
 const WIDTH: usize = 64;
-const BLOCKS: usize = 3;
 
 /// A method of the table.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
@@ -57,11 +57,13 @@ pub enum Rival {
     Network,
     /// The same on what kriging leaves.
     KrigingNetwork,
+    /// Residual blocks on the position, and kriging of what they leave.
+    PerceptronKriging,
 }
 
 impl Rival {
     /// All of them, the simplest first.
-    pub const ALL: [Rival; 10] = [
+    pub const ALL: [Rival; 11] = [
         Rival::Zero,
         Rival::Trilinear,
         Rival::Idw,
@@ -72,6 +74,7 @@ impl Rival {
         Rival::Belief,
         Rival::Network,
         Rival::KrigingNetwork,
+        Rival::PerceptronKriging,
     ];
 
     /// Name in tables.
@@ -87,6 +90,7 @@ impl Rival {
             Rival::Belief => "deep-belief",
             Rival::Network => "network",
             Rival::KrigingNetwork => "kriging-network",
+            Rival::PerceptronKriging => "perceptron-kriging",
         }
     }
 
@@ -107,6 +111,7 @@ impl Rival {
             Rival::Kriging => Some(Kind::Kriging),
             Rival::Network => Some(Kind::Network),
             Rival::KrigingNetwork => Some(Kind::KrigingNetwork),
+            Rival::PerceptronKriging => Some(Kind::PerceptronKriging),
             _ => None,
         }
     }
@@ -338,7 +343,7 @@ impl<'a> Trial<'a> {
         let predicted: Result<Vec<_>, String> =
             self.judging.iter().map(|k| predictor(&self.field.points_m()[*k])).collect();
         let end = (self.clock)();
-        let shared_s = if matches!(rival, Rival::Kriging | Rival::KrigingNetwork) { self.kriging_s } else { 0.0 };
+        let shared_s = if rival.kind().is_some_and(|kind| kind != Kind::Network) { self.kriging_s } else { 0.0 };
         let error = |(k, p): (&usize, Vector3<f64>)| p - self.field.errors_m()[*k];
         Ok(predicted.map(|predicted| Judged {
             seed: self.seed,
@@ -362,45 +367,40 @@ impl<'a> Trial<'a> {
                 interpolator(made.map(|f| -> Box<dyn Interpolator> { Box::new(f) }).map_err(|e| e.to_string()))
             }
             Rival::Perceptron => Ok(self.on_position(Perceptron::plain(WIDTH))?),
-            Rival::ResidualPerceptron => Ok(self.on_position(Perceptron::residual(WIDTH, BLOCKS))?),
+            Rival::ResidualPerceptron => Ok(self.on_position(Perceptron::residual(&self.config.perceptron))?),
             Rival::Belief => {
-                Ok(self.on_position(belief::pretrained(&self.positions(&self.teaching).inputs, self.seed))?)
+                Ok(self.on_position(belief::pretrained(&self.positions().view(&self.teaching).inputs, self.seed))?)
             }
             Rival::Swarm => Ok(self.swarm()),
             Rival::Kriging => Ok(self.model(Kind::Kriging)?),
             Rival::Network => Ok(self.model(Kind::Network)?),
             Rival::KrigingNetwork => Ok(self.model(Kind::KrigingNetwork)?),
+            Rival::PerceptronKriging => Ok(self.model(Kind::PerceptronKriging)?),
         })
     }
 
-    /// Positions in ±1 over the box of the known points, and normalised residuals.
-    fn positions(&self, points: &[usize]) -> View {
-        let mut view = View::default();
-        for k in points {
-            view.inputs.extend(place(&self.field.points_m()[*k], &self.known));
-            let residual = self.normaliser.normalise(&self.field.errors_m()[*k]);
-            view.outputs.extend(residual.iter().map(|r| *r as f32));
-        }
-        view
+    fn positions(&self) -> Positions<'_> {
+        Positions::new(self.field, &self.known, &self.normaliser)
     }
 
     fn position_examples(&self) -> Examples {
-        Examples { training: vec![self.positions(&self.teaching)], validation: self.positions(&self.stopping) }
+        self.positions().examples(&self.teaching, &self.stopping)
     }
 
     fn on_position(&self, network: Perceptron) -> Result<Predictor, TrainingError> {
         let best = self.trained(&network, &self.position_examples(), "perceptron")?;
-        let (known, normaliser) = (self.known.clone(), self.normaliser);
+        let ((low_m, high_m), normaliser) = (corners_m(self.known.points_m()), self.normaliser);
         Ok(Box::new(move |p| {
-            let output = outputs(&network, &best, &place(p, &known), &Device::flex()).map_err(|e| e.to_string())?;
+            let at = place(p, &low_m, &high_m);
+            let output = outputs(&network, &best, &at, &Device::flex()).map_err(|e| e.to_string())?;
             Ok(normaliser.restore(&Vector3::from_fn(|k, _| f64::from(output[k]))))
         }))
     }
 
     fn swarm(&self) -> Predictor {
         let swarm = Swarm::train(&self.position_examples(), self.seed);
-        let (known, normaliser) = (self.known.clone(), self.normaliser);
-        Box::new(move |p| Ok(normaliser.restore(&Vector3::from(swarm.output(&place(p, &known))))))
+        let ((low_m, high_m), normaliser) = (corners_m(self.known.points_m()), self.normaliser);
+        Box::new(move |p| Ok(normaliser.restore(&Vector3::from(swarm.output(&place(p, &low_m, &high_m))))))
     }
 
     fn trained<N: Network>(
@@ -421,11 +421,19 @@ impl<'a> Trial<'a> {
 
     /// A model as it runs live, with a single network.
     fn model(&self, kind: Kind) -> Result<Predictor, TrainingError> {
-        let kriging = self.kriging.clone();
-        let ensemble = if kind.has_network() { Some(self.ensemble(kind, &kriging)?) } else { None };
-        let calibration = Calibration::none();
-        let model = ResidualModel::new(Parts { kind, field: self.known.clone(), kriging, ensemble, calibration })?;
+        let networks = match kind {
+            Kind::Kriging => Networks::None,
+            Kind::Network | Kind::KrigingNetwork => Networks::Neighbourhood(self.ensemble(kind, &self.kriging)?),
+            Kind::PerceptronKriging => Networks::Position(self.trend()?),
+        };
+        let model = networks.model(kind, &self.known, &self.kriging, Calibration::none())?;
         Ok(Box::new(move |p| Ok(model.predict(p).residual_m)))
+    }
+
+    fn trend(&self) -> Result<PositionEnsemble, TrainingError> {
+        let config = self.config.perceptron;
+        let best = self.trained(&Perceptron::residual(&config), &self.position_examples(), "perceptron-kriging")?;
+        Ok(self.positions().ensemble(config, vec![best]))
     }
 
     fn ensemble(&self, kind: Kind, kriging: &Kriging) -> Result<Ensemble, TrainingError> {
@@ -449,14 +457,6 @@ impl<'a> Trial<'a> {
         let best = self.trained(&Attention { config, starts_at_zero }, &examples, kind.name())?;
         Ok(Ensemble { config, normaliser, members: vec![Parameters::new(&config, best)?] })
     }
-}
-
-/// A position (m) in ±1 over the box of the known points.
-fn place(point_m: &Vector3<f64>, known: &MeasuredField) -> [f32; 3] {
-    let points = known.points_m();
-    let low = points.iter().fold(Vector3::repeat(f64::INFINITY), |low, p| low.inf(p));
-    let high = points.iter().fold(Vector3::repeat(f64::NEG_INFINITY), |high, p| high.sup(p));
-    std::array::from_fn(|axis| ((point_m[axis] - low[axis]) / (high[axis] - low[axis]) * 2.0 - 1.0) as f32)
 }
 
 #[cfg(test)]

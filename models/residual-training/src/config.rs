@@ -4,7 +4,7 @@
 //! keys are refused when it is read, values out of range by [`Config::check`].
 
 use abbe_residual_net::Kind;
-use abbe_residual_net::network::{ConfigError, NetworkConfig};
+use abbe_residual_net::network::{ConfigError, NetworkConfig, PositionConfig, PositionConfigError};
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
@@ -16,8 +16,10 @@ pub struct Config {
     pub seed: u64,
     /// What is trained.
     pub method: Method,
-    /// Sizes and switches of the network.
+    /// Sizes and switches of the network on the neighbourhood.
     pub network: NetworkConfig,
+    /// Sizes of the network on the position.
+    pub perceptron: PositionConfig,
     /// How it is trained.
     pub optimiser: Optimiser,
     /// How data are divided.
@@ -37,6 +39,8 @@ pub enum Method {
     Network,
     /// Kriging, and the network on what it leaves.
     KrigingNetwork,
+    /// A network on the position, and kriging of what it leaves.
+    PerceptronKriging,
 }
 
 impl Method {
@@ -47,6 +51,7 @@ impl Method {
             Method::Kriging => &[Kind::Kriging],
             Method::Network => &[Kind::Network],
             Method::KrigingNetwork => &[Kind::KrigingNetwork],
+            Method::PerceptronKriging => &[Kind::PerceptronKriging],
         }
     }
 }
@@ -112,9 +117,12 @@ impl Split {
 /// A configuration out of range; the text names the key.
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum ConfigRange {
-    /// Of the network.
+    /// Of the network on the neighbourhood.
     #[error("network: {0}")]
     Network(#[from] ConfigError),
+    /// Of the network on the position.
+    #[error("perceptron: {0}")]
+    Perceptron(#[from] PositionConfigError),
     /// Anything else.
     #[error("{key} is {value}; {expected}")]
     Key {
@@ -131,6 +139,7 @@ impl Config {
     /// Refuses values out of range.
     pub fn check(&self) -> Result<(), ConfigRange> {
         self.network.check()?;
+        self.perceptron.check()?;
         let Optimiser { epochs, batch, learning_rate, decay, patience } = self.optimiser;
         let rule = |key, value: String, expected, holds: bool| {
             if holds { Ok(()) } else { Err(ConfigRange::Key { key, value, expected }) }

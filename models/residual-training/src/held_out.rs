@@ -4,10 +4,11 @@
 //! Each fold is predicted by a model of the other folds' points, with the very function that runs live. The deviation is
 //! that of the difference to a measurement: field and noise.
 
+use crate::networks::Networks;
 use crate::recommend::Candidate;
 use crate::train::{HeldOutPoint, TrainingError, ZERO};
 use abbe_field::MeasuredField;
-use abbe_residual_net::{Calibration, Ensemble, Kind, Kriging, NORMAL_95, Parts, ResidualModel};
+use abbe_residual_net::{Calibration, Kind, Kriging, NORMAL_95};
 use nalgebra::Vector3;
 
 /// Predictions of one method.
@@ -23,26 +24,24 @@ pub(crate) struct Predicted {
     pub(crate) deviations_m: Vec<Option<Vector3<f64>>>,
 }
 
-/// Predicts each fold from the others, with kriging `without` it. Member k of an ensemble predicts fold k.
+/// Predicts each fold from the others, with kriging `without` it. Member k of the networks predicts fold k.
 pub(crate) fn predict(
     field: &MeasuredField,
     without: &[Kriging],
     fold: &[usize],
     kind: Kind,
-    ensemble: Option<&Ensemble>,
+    networks: &Networks,
 ) -> Result<Predicted, TrainingError> {
-    let trained = ensemble.map_or(without.len(), |ensemble| ensemble.members.len());
+    let trained = networks.members().unwrap_or(without.len());
     let mut predicted =
         Predicted { kind, fold: fold.to_vec(), errors_m: vec![None; fold.len()], deviations_m: vec![None; fold.len()] };
     for (held, kriging) in without.iter().enumerate().take(trained) {
         let rest: Vec<usize> = (0..fold.len()).filter(|k| fold[*k] != held).collect();
         let part = field.part(&rest).map_err(crate::views::ViewError::from)?;
-        let ensemble = ensemble.map(|e| Ensemble { members: vec![e.members[held].clone()], ..e.clone() });
-        let parts = Parts { kind, field: part, kriging: kriging.clone(), ensemble, calibration: Calibration::none() };
-        let model = ResidualModel::new(parts)?;
+        let model = networks.member(held).model(kind, &part, kriging, Calibration::none())?;
         for index in (0..fold.len()).filter(|k| fold[*k] == held) {
             let found = model.predict(&field.points_m()[index]);
-            let variance = found.covariance_m2.diagonal() + kriging.noise_m2(field, index);
+            let variance = found.covariance_m2.diagonal() + model.parts().kriging.noise_m2(field, index);
             predicted.errors_m[index] = Some(found.residual_m - field.errors_m()[index]);
             predicted.deviations_m[index] = Some(variance.map(f64::sqrt));
         }

@@ -8,6 +8,7 @@ mod belief;
 mod compare;
 mod config;
 mod held_out;
+mod networks;
 mod optimise;
 mod perceptron;
 mod recommend;

@@ -9,13 +9,14 @@
 //! | belief | hidden layers with sigmoid, started from restricted Boltzmann machines ([`crate::belief`]; Wang 2022) |
 
 use crate::optimise::{Network, OUTPUTS};
+use abbe_residual_net::network::PositionConfig;
 use burn::tensor::Tensor;
 use burn::tensor::activation::{relu, sigmoid, tanh};
 use rand::Rng;
 use rand_chacha::ChaCha8Rng;
 
 /// Coordinates of a position.
-pub(crate) const POSITION: usize = 3;
+pub(crate) const POSITION: usize = abbe_residual_net::network::POSITION_SIZE;
 
 /// How hidden layers are connected.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -41,11 +42,9 @@ impl Perceptron {
         Perceptron { form: Form::Plain, layers: vec![[POSITION, width], [width, width], [width, OUTPUTS]], start: None }
     }
 
-    /// Residual blocks of two layers of this width.
-    pub fn residual(width: usize, blocks: usize) -> Perceptron {
-        let hidden = std::iter::repeat_n([width, width], 2 * blocks);
-        let layers = std::iter::once([POSITION, width]).chain(hidden).chain([[width, OUTPUTS]]).collect();
-        Perceptron { form: Form::Residual, layers, start: None }
+    /// Residual blocks: what a model with a trend runs live.
+    pub fn residual(config: &PositionConfig) -> Perceptron {
+        Perceptron { form: Form::Residual, layers: config.layers().collect(), start: None }
     }
 
     /// Sigmoid layers of these widths, started from given parameters of the hidden layers; the output layer is drawn.
@@ -111,6 +110,38 @@ impl Network for Perceptron {
                     x = x + layer(hidden, number + 1);
                 }
                 layer(x, last)
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::optimise::outputs;
+    use abbe_residual_net::{PositionEnsemble, Trend};
+    use burn::tensor::Device;
+    use nalgebra::Vector3;
+    use rand::SeedableRng;
+
+    /// Relative difference of single-precision sums in different order.
+    const TOLERANCE: f64 = 1e-5;
+
+    #[test]
+    fn val_burn_forward_pass_of_residual_blocks_is_the_live_one() {
+        let mut random = ChaCha8Rng::seed_from_u64(1);
+        for (width, blocks) in [(32, 3), (64, 2), (13, 1)] {
+            let config = PositionConfig { width, blocks };
+            let network = Perceptron::residual(&config);
+            let values = network.initial(&mut random);
+            let (low_m, high_m) = (Vector3::repeat(-1.0), Vector3::repeat(1.0));
+            let (mean_m, scale_m, members) = (Vector3::zeros(), Vector3::repeat(1.0), vec![values.clone()]);
+            let trend = Trend::new(PositionEnsemble { config, low_m, high_m, mean_m, scale_m, members }).unwrap();
+            for _ in 0..40 {
+                let at = Vector3::from_fn(|_, _| random.random_range(-1.0..1.0));
+                let output = outputs(&network, &values, &trend.parts().place(&at), &Device::flex()).unwrap();
+                let burn = Vector3::from_fn(|k, _| f64::from(output[k]));
+                assert!((burn - trend.at(&at)).norm() < TOLERANCE * burn.norm(), "{burn} {}", trend.at(&at));
             }
         }
     }

@@ -8,27 +8,30 @@
 //!    but k and k + 1; fold k + 1 says when to stop, and fold k is not seen.
 //! 3. Each method predicts each fold from the points of the others (a network: member k predicts fold k). These errors
 //!    decide which method is recommended, and scale its deviations so that 95 % intervals hold 95 %.
-//! 4. The model: all points as the lattice, all members as an ensemble.
+//! 4. The model: all points as the lattice, all members as an ensemble; over a trend kriging is fitted anew to what all of them
+//!    leave.
 //!
 //! A fold's kriging is fitted anew without it; only the kernel and the units of the network (mean and deviation of the
 //! residuals) come from all points.
 
-use crate::attention::Attention;
 use crate::config::{Config, ConfigRange, Split};
 use crate::held_out::{self, Predicted};
-use crate::optimise::{OptimiseError, Run, Training};
+use crate::networks::Networks;
+use crate::optimise::{OptimiseError, Run};
 use crate::recommend::{Recommendation, recommend};
 use crate::scores::Scores;
 use crate::split;
-use crate::views::{Material, ViewError, normaliser};
+use crate::views::ViewError;
 use abbe_field::MeasuredField;
 use abbe_field::kriging::{Kernel, KrigingError, Noise, Options, Trend};
-use abbe_residual_net::network::{Normaliser, Parameters, ParametersError};
-use abbe_residual_net::{Calibration, Ensemble, Kind, Kriging, ModelError, Parts, ResidualModel, check_units};
-use burn::tensor::Device;
+use abbe_residual_net::network::ParametersError;
+use abbe_residual_net::{Calibration, Kind, Kriging, ModelError, ResidualModel, check_units};
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
+use task::Task;
 use thiserror::Error;
+
+mod task;
 
 /// Name of the method that predicts no residual at all.
 pub const ZERO: &str = "zero";
@@ -81,7 +84,7 @@ pub struct State {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Curve {
-    /// Kind: "network" or "kriging-network".
+    /// Kind that has networks.
     pub kind: String,
     /// Member of the kind, which is also the fold that it does not see.
     pub member: usize,
@@ -220,19 +223,20 @@ pub fn train(
         .collect::<Result<_, _>>()?;
     let kinds = config.method.kinds();
     let networks: Vec<Kind> = kinds.iter().copied().filter(|kind| kind.has_network()).collect();
-    let mut ensembles = Vec::new();
+    let mut trained: Vec<(Kind, Networks)> =
+        kinds.iter().filter(|kind| !kind.has_network()).map(|kind| (*kind, Networks::None)).collect();
     let mut complete = true;
     for (number, kind) in networks.iter().enumerate() {
         let (kriging, without, fold, kinds) = (&kriging, &without, &fold, networks.len());
         let task = Task { field, config, kriging, without, fold, kind: *kind, number, kinds };
-        let (ensemble, done) = task.ensemble(&mut state, observe)?;
-        ensembles.push((*kind, ensemble));
+        let (networks, done) = task.networks(&mut state, observe)?;
+        trained.push((*kind, networks));
         complete = done;
         if !done {
             break;
         }
     }
-    finish(field, config, (&kriging, &without), &fold, ensembles, state, complete)
+    finish(field, config, (&kriging, &without), &fold, trained, state, complete)
 }
 
 /// Kriging with the likelier kernel, on all points.
@@ -261,117 +265,10 @@ fn fitted_without(
     Kriging::from_fit(&fit(&part, kernel)?, kernel, &part).ok_or(TrainingError::NotPositiveDefinite)
 }
 
-fn fit(field: &MeasuredField, kernel: Kernel) -> Result<abbe_field::Kriging, KrigingError> {
+/// Fitted by restricted likelihood, with the declared uncertainties where there are any.
+pub(crate) fn fit(field: &MeasuredField, kernel: Kernel) -> Result<abbe_field::Kriging, KrigingError> {
     let noise = if field.u_m().is_some() { Noise::DeclaredAndFitted } else { Noise::Fitted };
     abbe_field::Kriging::fit(field, &Options { kernel, trend: Trend::Constant, noise })
-}
-
-/// Training of one kind of network.
-struct Task<'a> {
-    field: &'a MeasuredField,
-    config: &'a Config,
-    kriging: &'a Kriging,
-    /// Kriging without each fold.
-    without: &'a [Kriging],
-    fold: &'a [usize],
-    kind: Kind,
-    number: usize,
-    kinds: usize,
-}
-
-impl Task<'_> {
-    /// All members, or those until it was stopped.
-    fn ensemble(
-        &self,
-        state: &mut State,
-        observe: &mut dyn FnMut(&Progress) -> Go,
-    ) -> Result<(Ensemble, bool), TrainingError> {
-        let folds = self.config.split.folds;
-        let normaliser = self.normaliser()?;
-        let mut members = Vec::new();
-        let mut done = true;
-        for member in 0..folds {
-            done = self.member(member, &normaliser, state, observe)?;
-            let run = &state.runs[self.number * folds + member];
-            members.push(Parameters::new(&self.config.network, run.best.clone())?);
-            if !done {
-                break;
-            }
-        }
-        Ok((Ensemble { config: self.config.network, normaliser, members }, done))
-    }
-
-    fn material<'b>(&'b self, kriging: &'b Kriging, normaliser: &'b Normaliser) -> Material<'b> {
-        Material {
-            kind: self.kind,
-            field: self.field,
-            kriging,
-            config: &self.config.network,
-            normaliser,
-            split: &self.config.split,
-        }
-    }
-
-    /// Units of what this kind of network learns.
-    fn normaliser(&self) -> Result<Normaliser, TrainingError> {
-        let own = normaliser(self.field.points_m(), self.field.errors_m());
-        if self.kind == Kind::Network {
-            return Ok(own);
-        }
-        let all: Vec<usize> = (0..self.fold.len()).collect();
-        let left = self.material(self.kriging, &own).left_by_kriging(&all, self.config.seed)?;
-        Ok(normaliser(self.field.points_m(), &left))
-    }
-
-    /// Trains one member to its end, or until it is stopped.
-    fn member(
-        &self,
-        member: usize,
-        normaliser: &Normaliser,
-        state: &mut State,
-        observe: &mut dyn FnMut(&Progress) -> Go,
-    ) -> Result<bool, TrainingError> {
-        let folds = self.config.split.folds;
-        let place = self.number * folds + member;
-        let is_over = |state: &State| state.runs.get(place).is_some_and(|run| run.is_over(&self.config.optimiser));
-        if is_over(state) {
-            return Ok(true);
-        }
-        let failed = |source| TrainingError::Member { kind: self.kind.name(), member, source };
-        let stopping = (member + 1) % folds;
-        let of =
-            |wanted: &dyn Fn(usize) -> bool| (0..self.fold.len()).filter(|k| wanted(self.fold[*k])).collect::<Vec<_>>();
-        let (training, validation) = (of(&|f| f != member && f != stopping), of(&|f| f == stopping));
-        let seed = seed_of(self.config.seed, place);
-        let examples = self.material(&self.without[member], normaliser).examples(&training, &validation, seed)?;
-        let network = Attention { config: self.config.network, starts_at_zero: self.kind == Kind::KrigingNetwork };
-        let device = Device::flex();
-        let training = Training::new(&network, &examples, &self.config.optimiser, seed, &device).map_err(failed)?;
-        if state.runs.len() == place {
-            state.runs.push(training.start().map_err(failed)?);
-        }
-        while !is_over(state) {
-            let run = state.runs.get_mut(place).ok_or(TrainingError::State("order of members"))?;
-            training.epoch(run).map_err(failed)?;
-            let run = &state.runs[place];
-            let last = |list: &[f64]| list.last().copied().unwrap_or(f64::NAN);
-            let progress = Progress {
-                kind: self.kind,
-                member: place,
-                members: self.kinds * folds,
-                epoch: run.epochs().saturating_sub(1),
-                epochs: self.config.optimiser.epochs,
-                training_loss: last(&run.training_loss),
-                validation_loss: last(&run.validation_loss),
-                best_validation_loss: run.best_loss(),
-                state,
-            };
-            if observe(&progress) == Go::Stop {
-                return Ok(is_over(state) && place + 1 == self.kinds * folds);
-            }
-        }
-        Ok(true)
-    }
 }
 
 /// Judges, chooses, calibrates, assembles.
@@ -380,36 +277,32 @@ fn finish(
     config: &Config,
     (kriging, without): (&Kriging, &[Kriging]),
     fold: &[usize],
-    ensembles: Vec<(Kind, Ensemble)>,
+    trained: Vec<(Kind, Networks)>,
     state: State,
     complete: bool,
 ) -> Result<Trained, TrainingError> {
-    let mut predicted = Vec::new();
-    if config.method.kinds().contains(&Kind::Kriging) {
-        predicted.push(held_out::predict(field, without, fold, Kind::Kriging, None)?);
-    }
-    for (kind, ensemble) in &ensembles {
-        predicted.push(held_out::predict(field, without, fold, *kind, Some(ensemble))?);
-    }
+    let one = |(kind, networks): &(Kind, Networks)| held_out::predict(field, without, fold, *kind, networks);
+    let predicted = trained.iter().map(one).collect::<Result<Vec<_>, _>>()?;
     let block = split::blocks(field.points_m(), &config.split);
     let (recommendation, kind) = choose(field, &predicted, &block, config);
     let chosen = predicted.iter().find(|p| p.kind == kind).ok_or(TrainingError::NoCalibration(kind.name()))?;
     let calibration = Calibration::from_held_out(&chosen.pairs()).ok_or(TrainingError::NoCalibration(kind.name()))?;
     let held_out = chosen.points(field, &calibration);
+    let networks: Vec<Kind> = config.method.kinds().iter().copied().filter(|kind| kind.has_network()).collect();
     let record = TrainingRecord {
         config: config.clone(),
         points: fold.len(),
         flattering: config.split.is_flattering(),
         kernel: format!("{:?}", kriging.kernel),
-        curves: curves(&state, &config.split, &ensembles),
+        curves: curves(&state, &config.split, &networks),
         held_out: held_out_scores(field, &predicted),
         recommendation,
         kind: kind.name().to_owned(),
         complete,
     };
-    let ensemble = ensembles.into_iter().find(|(k, _)| *k == kind).map(|(_, ensemble)| ensemble);
-    let parts = Parts { kind, field: field.clone(), kriging: kriging.clone(), ensemble, calibration };
-    Ok(Trained { model: ResidualModel::new(parts)?, record, state, held_out })
+    let found = trained.into_iter().find(|(k, _)| *k == kind).map_or(Networks::None, |(_, networks)| networks);
+    let model = found.model(kind, field, kriging, calibration)?;
+    Ok(Trained { model, record, state, held_out })
 }
 
 /// What held-out points recommend among everything that predicted them, and the kind to make. Where "zero" is recommended
@@ -445,9 +338,9 @@ fn held_out_scores(field: &MeasuredField, predicted: &[Predicted]) -> Vec<HeldOu
     zero.into_iter().chain(predicted.iter().filter_map(one)).collect()
 }
 
-fn curves(state: &State, split: &Split, ensembles: &[(Kind, Ensemble)]) -> Vec<Curve> {
+fn curves(state: &State, split: &Split, networks: &[Kind]) -> Vec<Curve> {
     let one = |(place, run): (usize, &Run)| {
-        let (kind, _) = ensembles.get(place / split.folds)?;
+        let kind = networks.get(place / split.folds)?;
         Some(Curve {
             kind: kind.name().to_owned(),
             member: place % split.folds,

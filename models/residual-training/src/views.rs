@@ -10,8 +10,8 @@ use crate::config::{Split, SplitKind};
 use crate::optimise::{Examples, OUTPUTS, View};
 use crate::split;
 use abbe_field::{FieldError, MeasuredField};
-use abbe_residual_net::network::{NetworkConfig, Normaliser};
-use abbe_residual_net::{Kind, Kriging, Lattice, spacing_m};
+use abbe_residual_net::network::{NetworkConfig, Normaliser, PositionConfig};
+use abbe_residual_net::{Kind, Kriging, Lattice, PositionEnsemble, corners_m, place, spacing_m};
 use nalgebra::Vector3;
 use thiserror::Error;
 
@@ -118,6 +118,45 @@ impl Material<'_> {
             }
         }
         Ok(left)
+    }
+}
+
+/// Examples for a network on the position: places in ±1 over the box of the known points, and normalised residuals.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Positions<'a> {
+    field: &'a MeasuredField,
+    normaliser: &'a Normaliser,
+    low_m: Vector3<f64>,
+    high_m: Vector3<f64>,
+}
+
+impl<'a> Positions<'a> {
+    /// Of the points of a field, over the box of what is known of it.
+    pub(crate) fn new(field: &'a MeasuredField, known: &MeasuredField, normaliser: &'a Normaliser) -> Positions<'a> {
+        let (low_m, high_m) = corners_m(known.points_m());
+        Positions { field, normaliser, low_m, high_m }
+    }
+
+    /// Examples of these points.
+    pub(crate) fn view(&self, points: &[usize]) -> View {
+        let mut view = View::default();
+        for k in points {
+            view.inputs.extend(place(&self.field.points_m()[*k], &self.low_m, &self.high_m));
+            let residual = self.normaliser.normalise(&self.field.errors_m()[*k]);
+            view.outputs.extend(residual.iter().map(|r| *r as f32));
+        }
+        view
+    }
+
+    /// Points to learn from and points to validate by.
+    pub(crate) fn examples(&self, training: &[usize], validation: &[usize]) -> Examples {
+        Examples { training: vec![self.view(training)], validation: self.view(validation) }
+    }
+
+    /// What was trained on these examples.
+    pub(crate) fn ensemble(&self, config: PositionConfig, members: Vec<Vec<f32>>) -> PositionEnsemble {
+        let Normaliser { mean_m, scale_m, .. } = *self.normaliser;
+        PositionEnsemble { config, low_m: self.low_m, high_m: self.high_m, mean_m, scale_m, members }
     }
 }
 

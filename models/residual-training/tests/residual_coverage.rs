@@ -71,7 +71,7 @@ fn intervals_of_95_percent_hold_95_percent_in_blocks_that_were_held_out() {
 
 #[test]
 fn intervals_of_networks_hold_95_percent_in_blocks_that_were_held_out() {
-    for method in [Method::Network, Method::KrigingNetwork] {
+    for method in [Method::Network, Method::KrigingNetwork, Method::PerceptronKriging] {
         let share = share(method, NETWORK_SEEDS);
         assert!((share - 0.95).abs() <= NETWORK_TOLERANCE, "{method:?}: {share}");
     }

@@ -2,8 +2,8 @@
 
 use super::*;
 use crate::neighbourhood::Neighbourhood;
-use crate::network::Layout;
 use crate::network::tokens::tokens;
+use crate::network::{Layout, PositionConfig};
 use abbe_field::kriging::{Kernel, Noise, Options, Trend};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -43,14 +43,30 @@ pub(crate) fn random_model(kind: Kind, seed: u64) -> ResidualModel {
     let members = (0..3).map(|_| member()).collect();
     let normaliser =
         Normaliser { mean_m: Vector3::new(1e-7, 0.0, 3e-7), scale_m: Vector3::new(1e-6, 7e-7, 6e-7), spacing_m: 0.1 };
-    let ensemble = kind.has_network().then_some(Ensemble { config, normaliser, members });
+    let ensemble = kind.has_attention().then_some(Ensemble { config, normaliser, members });
     let calibration = Calibration { scale: Vector3::new(1.2, 1.0, 0.9) };
-    ResidualModel::new(Parts { kind, field, kriging, ensemble, calibration }).unwrap()
+    let trend = kind.has_trend().then(|| random_trend(seed));
+    ResidualModel::new(Parts { kind, field, kriging, ensemble, trend, calibration }).unwrap()
+}
+
+/// Three random networks on the position.
+fn random_trend(seed: u64) -> PositionEnsemble {
+    let config = PositionConfig { width: 5, blocks: 2 };
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    let mut member = || (0..config.parameters()).map(|_| random.random::<f32>() - 0.5).collect();
+    PositionEnsemble {
+        members: (0..3).map(|_| member()).collect(),
+        config,
+        low_m: Vector3::zeros(),
+        high_m: Vector3::repeat(0.5),
+        mean_m: Vector3::new(1e-7, 0.0, 3e-7),
+        scale_m: Vector3::new(1e-6, 7e-7, 6e-7),
+    }
 }
 
 #[test]
 fn each_kind_adds_up_to_what_it_says() {
-    let [kriging, network, both] = Kind::ALL.map(|kind| random_model(kind, 1));
+    let [kriging, network, both, trend] = Kind::ALL.map(|kind| random_model(kind, 1));
     let at = Vector3::new(0.21, 0.33, 0.14);
     let residual = |model: &ResidualModel| model.predict(&at).residual_m;
     assert!((residual(&kriging) - residual(&network)).norm() > 1e-8);
@@ -64,6 +80,21 @@ fn each_kind_adds_up_to_what_it_says() {
     let forward = |member| crate::network::forward::forward(&ensemble.config, member, &tokens);
     let mean = ensemble.members.iter().map(forward).sum::<Vector3<f64>>() / 3.0;
     assert!((residual(&network) - ensemble.normaliser.restore(&mean)).norm() < 1e-11);
+    let below = trend.trend.as_ref().unwrap().at(&at);
+    assert!(below.norm() > 1e-8 && (residual(&trend) - residual(&kriging) - below).norm() < 1e-15);
+}
+
+#[test]
+fn kriging_of_what_a_trend_leaves_brings_the_whole_back_to_the_measured_points() {
+    let model = random_model(Kind::PerceptronKriging, 6);
+    let mut parts = model.parts().clone();
+    let left = crate::trend::Trend::new(random_trend(6)).unwrap().left(&parts.field).unwrap();
+    parts.kriging = fitted(&left, Kernel::Matern52).1;
+    let model = ResidualModel::new(parts.clone()).unwrap();
+    for (point, error) in parts.field.points_m().iter().zip(parts.field.errors_m()) {
+        // Noise of 0.1 µm is smoothed, the trend of some tenths of a micrometre does not show.
+        assert!((model.predict(point).residual_m - error).norm() < 3e-7);
+    }
 }
 
 #[test]
@@ -109,15 +140,26 @@ fn parts_that_do_not_fit_are_refused_by_name() {
         change(&mut changed);
         ResidualModel::new(changed).map(|_| ()).unwrap_err().to_string()
     };
+    fn with_trend(change: fn(&mut PositionEnsemble)) -> Parts {
+        let mut parts = random_model(Kind::PerceptronKriging, 5).parts().clone();
+        parts.trend.iter_mut().for_each(change);
+        parts
+    }
     let scaled = |factor: f64| {
         let errors = parts.field.errors_m().iter().map(|e| e * factor).collect();
         MeasuredField::new(parts.field.points_m().to_vec(), errors, None).unwrap()
     };
     let in_mm = parts.field.points_m().iter().map(|p| p * 1000.0).collect();
     let in_mm = MeasuredField::new(in_mm, parts.field.errors_m().to_vec(), None).unwrap();
-    let cases: [(Change, &str); 9] = [
-        (&|p| p.kind = Kind::Kriging, "has no use for an ensemble"),
-        (&|p| p.ensemble = None, "needs an ensemble"),
+    let cases: [(Change, &str); 15] = [
+        (&|p| p.kind = Kind::Kriging, "has no use for networks on the neighbourhood"),
+        (&|p| p.ensemble = None, "needs networks on the neighbourhood"),
+        (&|p| p.trend = Some(random_trend(1)), "has no use for networks on the position"),
+        (&|p| (p.kind, p.ensemble) = (Kind::PerceptronKriging, None), "needs networks on the position"),
+        (&|p| *p = with_trend(|t| t.members[1][3] = f32::NAN), "member 1: parameter 3 is not a finite number"),
+        (&|p| *p = with_trend(|t| t.members[2].truncate(9)), "another layout"),
+        (&|p| *p = with_trend(|t| t.high_m.y = 0.0), "no extent"),
+        (&|p| *p = with_trend(|t| t.scale_m.z = 0.0), "scale"),
         (&|p| p.kriging.components[1].weights_per_m.truncate(5), "5 kriging weights for 70"),
         (&|p| p.kriging.components[0].length_m.y = -1.0, "length scale"),
         (&|p| p.kriging.components[2].trend_m = f64::NAN, "not a finite number"),

@@ -1,4 +1,4 @@
-//! Neighbourhood attention network (NCNN, Liang 2025, chapter 3, eq. 15-19).
+//! Networks: neighbourhood attention (NCNN, Liang 2025, chapter 3, eq. 15-19), and residual blocks on the position ([`position`]).
 //!
 //! Place in the flow: eight measured residuals around a target become tokens ([`tokens()`]); embedding, multi-head
 //! self-attention and output layer make a residual vector of them. [`forward`] computes it as printed, [`folded`] the same
@@ -8,9 +8,11 @@ pub mod config;
 pub mod folded;
 pub mod forward;
 pub mod parameters;
+pub mod position;
 pub mod tokens;
 
 pub use config::{ConfigError, NetworkConfig};
 pub use folded::Folded;
 pub use parameters::{Layout, Parameters, ParametersError};
+pub use position::{POSITION_SIZE, PositionConfig, PositionConfigError, PositionNetwork};
 pub use tokens::{Normaliser, TOKEN_SIZE, Token, tokens};

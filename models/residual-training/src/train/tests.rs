@@ -13,6 +13,7 @@ fn quick(method: Method) -> Config {
     let mut config = Config { method, seed: 5, ..Config::default() };
     config.network.width = 16;
     config.network.heads = 2;
+    config.perceptron.width = 16;
     config.optimiser = Optimiser { epochs: 4, learning_rate: 5e-3, ..Optimiser::default() };
     config.split.folds = 3;
     config
@@ -34,10 +35,10 @@ fn data_become_a_model_that_predicts_them_with_evidence() {
     });
     let Trained { model, record, state, held_out } = trained.unwrap();
     assert_eq!(held_out.len(), 160);
-    assert_eq!((told.len(), state.runs.len(), record.curves.len()), (2 * 3 * 4, 6, 6));
+    assert_eq!((told.len(), state.runs.len(), record.curves.len()), (3 * 3 * 4, 9, 9));
     assert!(record.complete && !record.flattering && record.points == 160);
     let methods: Vec<&str> = record.held_out.iter().map(|h| h.method.as_str()).collect();
-    assert_eq!(methods, ["zero", "kriging", "network", "kriging-network"]);
+    assert_eq!(methods, ["zero", "kriging", "network", "kriging-network", "perceptron-kriging"]);
     let of = |name: &str| record.held_out.iter().find(|h| h.method == name).unwrap();
     assert!(of("kriging").scores.mse_um2 < of("zero").scores.mse_um2 / 2.0, "{record:?}");
     assert!((0.85..=1.0).contains(&of("kriging").coverage_95.unwrap()), "{record:?}");
@@ -52,7 +53,13 @@ fn data_become_a_model_that_predicts_them_with_evidence() {
 
 #[test]
 fn a_stopped_training_goes_on_to_the_same_bits() {
-    let (field, config) = (field(Character::Sharp, 110, 2), quick(Method::KrigingNetwork));
+    for method in [Method::KrigingNetwork, Method::PerceptronKriging] {
+        goes_on_to_the_same_bits(method);
+    }
+}
+
+fn goes_on_to_the_same_bits(method: Method) {
+    let (field, config) = (field(Character::Sharp, 110, 2), quick(method));
     let whole = train(&field, &config, None, &mut go_on).unwrap();
     let mut epochs = 0;
     let stopped = train(&field, &config, None, &mut |_| {

@@ -1,0 +1,86 @@
+//! Networks of a kind, and the model that they make with kriging of a field.
+//!
+//! Place in the flow: trained members in; the same model for held-out folds (one member, part of the points), for the
+//! comparison, and for what runs live. Kriging under networks on the neighbourhood is that of the field itself; over a trend it is
+//! fitted anew to what the trend leaves.
+
+use crate::train::{TrainingError, fit};
+use crate::views::ViewError;
+use abbe_field::MeasuredField;
+use abbe_field::kriging::Kernel;
+use abbe_residual_net::{
+    Calibration, Ensemble, Kind, Kriging, ModelError, Parts, PositionEnsemble, ResidualModel, Trend,
+};
+
+/// Covariance of what a trend leaves. A network that bends sharply leaves nothing very smooth.
+const LEFT_KERNEL: Kernel = Kernel::Matern52;
+
+/// What a kind has beside kriging.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) enum Networks {
+    /// Nothing.
+    None,
+    /// Networks on the neighbourhood.
+    Neighbourhood(Ensemble),
+    /// Networks on the position.
+    Position(PositionEnsemble),
+}
+
+impl Networks {
+    /// Number of members that were trained; `None` where there is nothing to train.
+    pub(crate) fn members(&self) -> Option<usize> {
+        match self {
+            Networks::None => None,
+            Networks::Neighbourhood(ensemble) => Some(ensemble.members.len()),
+            Networks::Position(ensemble) => Some(ensemble.members.len()),
+        }
+    }
+
+    /// A single member.
+    pub(crate) fn member(&self, number: usize) -> Networks {
+        match self {
+            Networks::None => Networks::None,
+            Networks::Neighbourhood(all) => {
+                Networks::Neighbourhood(Ensemble { members: vec![all.members[number].clone()], ..all.clone() })
+            }
+            Networks::Position(all) => {
+                Networks::Position(PositionEnsemble { members: vec![all.members[number].clone()], ..all.clone() })
+            }
+        }
+    }
+
+    /// The model of a kind on a field, whose own kriging is given.
+    pub(crate) fn model(
+        self,
+        kind: Kind,
+        field: &MeasuredField,
+        kriging: &Kriging,
+        calibration: Calibration,
+    ) -> Result<ResidualModel, TrainingError> {
+        let (mut parts_ensemble, mut parts_trend, mut parts_kriging) = (None, None, None);
+        match self {
+            Networks::None => {}
+            Networks::Neighbourhood(ensemble) => parts_ensemble = Some(ensemble),
+            Networks::Position(ensemble) => {
+                parts_kriging = Some(of_left(&ensemble, field)?);
+                parts_trend = Some(ensemble);
+            }
+        }
+        let parts = Parts {
+            kind,
+            field: field.clone(),
+            kriging: parts_kriging.unwrap_or_else(|| kriging.clone()),
+            ensemble: parts_ensemble,
+            trend: parts_trend,
+            calibration,
+        };
+        Ok(ResidualModel::new(parts)?)
+    }
+}
+
+/// Kriging of what a trend leaves of a field.
+fn of_left(ensemble: &PositionEnsemble, field: &MeasuredField) -> Result<Kriging, TrainingError> {
+    let trend = Trend::new(ensemble.clone()).map_err(ModelError::from)?;
+    let left = trend.left(field).map_err(ViewError::from)?;
+    Kriging::from_fit(&fit(&left, LEFT_KERNEL)?, LEFT_KERNEL, &left).ok_or(TrainingError::NotPositiveDefinite)
+}
