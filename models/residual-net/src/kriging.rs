@@ -9,6 +9,7 @@
 //! up to 3.4 times beyond the edge; calibration takes the mean of it back.) Source: Rasmussen & Williams 2006, eq. 2.25, 2.41-2.42.
 
 use crate::exponential::exp;
+use crate::registers::{Loops, wide};
 use abbe_field::MeasuredField;
 use abbe_field::kriging::Kernel;
 use faer::linalg::solvers::{DenseSolveCore, Llt, Solve};
@@ -102,15 +103,34 @@ impl Component {
     }
 }
 
-/// Correlation at a scaled square distance Σ (Δ_d/ℓ_d)².
-#[inline(always)]
+/// A kernel that is known when loops are compiled, so that they have no branches.
+trait Correlation {
+    /// Correlation at a scaled square distance Σ (Δ_d/ℓ_d)².
+    fn at(square: f64) -> f64;
+}
+
+struct Matern52;
+struct SquaredExponential;
+
+impl Correlation for Matern52 {
+    #[inline(always)]
+    fn at(square: f64) -> f64 {
+        let a = (5.0 * square).sqrt();
+        (1.0 + a + a * a * (1.0 / 3.0)) * exp(-a)
+    }
+}
+
+impl Correlation for SquaredExponential {
+    #[inline(always)]
+    fn at(square: f64) -> f64 {
+        exp(-0.5 * square)
+    }
+}
+
 fn correlation(kernel: Kernel, square: f64) -> f64 {
     match kernel {
-        Kernel::Matern52 => {
-            let a = (5.0 * square).sqrt();
-            (1.0 + a + a * a * (1.0 / 3.0)) * exp(-a)
-        }
-        Kernel::SquaredExponential => exp(-0.5 * square),
+        Kernel::Matern52 => Matern52::at(square),
+        Kernel::SquaredExponential => SquaredExponential::at(square),
     }
 }
 
@@ -140,12 +160,33 @@ impl KrigingMean {
 
     /// Expected residual (m) at a point (m, machine frame).
     pub fn at(&self, point_m: &Vector3<f64>) -> Vector3<f64> {
-        // The kernel is chosen outside the loops, so that they have no branches.
-        let sum = |signal: &Signal| match self.kernel {
-            Kernel::Matern52 => signal.sum(point_m, |square| correlation(Kernel::Matern52, square)),
-            Kernel::SquaredExponential => signal.sum(point_m, |square| correlation(Kernel::SquaredExponential, square)),
-        };
-        Vector3::from_fn(|axis, _| sum(&self.components[axis]))
+        wide(MeanAt(self, point_m))
+    }
+
+    #[inline(always)]
+    fn in_plain_loops(&self, point_m: &Vector3<f64>) -> Vector3<f64> {
+        match self.kernel {
+            Kernel::Matern52 => self.sums::<Matern52>(point_m),
+            Kernel::SquaredExponential => self.sums::<SquaredExponential>(point_m),
+        }
+    }
+
+    #[inline(always)]
+    fn sums<C: Correlation>(&self, point_m: &Vector3<f64>) -> Vector3<f64> {
+        let [x, y, z] = &self.components;
+        Vector3::new(x.sum::<C>(point_m), y.sum::<C>(point_m), z.sum::<C>(point_m))
+    }
+}
+
+/// Arguments of the loops, to be run in wide registers.
+struct MeanAt<'a>(&'a KrigingMean, &'a Vector3<f64>);
+
+impl Loops for MeanAt<'_> {
+    type Output = Vector3<f64>;
+
+    #[inline(always)]
+    fn run(self) -> Vector3<f64> {
+        self.0.in_plain_loops(self.1)
     }
 }
 
@@ -167,14 +208,15 @@ impl Signal {
     }
 
     #[inline(always)]
-    fn sum(&self, point_m: &Vector3<f64>, correlation: impl Fn(f64) -> f64) -> f64 {
+    fn sum<C: Correlation>(&self, point_m: &Vector3<f64>) -> f64 {
         let at = point_m.component_mul(&self.per_length);
         let mut sums = [0.0; LANES];
-        let [x, y, z] = self.place.each_ref().map(|place| place.chunks_exact(LANES));
-        for (((x, y), z), weight) in x.zip(y).zip(z).zip(self.weight_m.chunks_exact(LANES)) {
+        let [x, y, z] = &self.place;
+        let places = x.chunks_exact(LANES).zip(y.chunks_exact(LANES)).zip(z.chunks_exact(LANES));
+        for (((x, y), z), weight) in places.zip(self.weight_m.chunks_exact(LANES)) {
             for lane in 0..LANES {
                 let (dx, dy, dz) = (x[lane] - at.x, y[lane] - at.y, z[lane] - at.z);
-                sums[lane] += correlation(dx * dx + dy * dy + dz * dz) * weight[lane];
+                sums[lane] += C::at(dx * dx + dy * dy + dz * dz) * weight[lane];
             }
         }
         self.trend_m + sums.iter().sum::<f64>()
@@ -214,7 +256,34 @@ impl KrigingVariance {
 
     /// Variance of the field (m²) at a point (m) whose nearest calibrated point is `nearest`.
     pub(crate) fn at(&self, point_m: &Vector3<f64>, nearest: usize) -> Vector3<f64> {
-        Vector3::from_fn(|axis, _| self.components[axis][nearest].variance_m2(self.kernel, point_m))
+        wide(VarianceAt(self, point_m, nearest))
+    }
+
+    #[inline(always)]
+    fn in_plain_loops(&self, point_m: &Vector3<f64>, nearest: usize) -> Vector3<f64> {
+        match self.kernel {
+            Kernel::Matern52 => self.variances::<Matern52>(point_m, nearest),
+            Kernel::SquaredExponential => self.variances::<SquaredExponential>(point_m, nearest),
+        }
+    }
+
+    #[inline(always)]
+    fn variances<C: Correlation>(&self, point_m: &Vector3<f64>, nearest: usize) -> Vector3<f64> {
+        let [x, y, z] = &self.components;
+        let (x, y, z) = (&x[nearest], &y[nearest], &z[nearest]);
+        Vector3::new(x.variance_m2::<C>(point_m), y.variance_m2::<C>(point_m), z.variance_m2::<C>(point_m))
+    }
+}
+
+/// Arguments of the loops, to be run in wide registers.
+struct VarianceAt<'a>(&'a KrigingVariance, &'a Vector3<f64>, usize);
+
+impl Loops for VarianceAt<'_> {
+    type Output = Vector3<f64>;
+
+    #[inline(always)]
+    fn run(self) -> Vector3<f64> {
+        self.0.in_plain_loops(self.1, self.2)
     }
 }
 
@@ -255,24 +324,35 @@ impl Local {
         (local.total > 0.0 && local.total.is_finite()).then_some(local)
     }
 
-    fn variance_m2(&self, kernel: Kernel, point_m: &Vector3<f64>) -> f64 {
+    #[inline(always)]
+    fn variance_m2<C: Correlation>(&self, point_m: &Vector3<f64>) -> f64 {
         let at = point_m.component_mul(&self.per_length);
         let mut k = [0.0; NEAREST];
         for lane in 0..NEAREST {
-            let d = [0, 1, 2].map(|a| self.place[a][lane] - at[a]);
-            k[lane] = self.variance_m2 * correlation(kernel, d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
+            let [dx, dy, dz] = [self.place[0][lane] - at.x, self.place[1][lane] - at.y, self.place[2][lane] - at.z];
+            k[lane] = self.variance_m2 * C::at(dx * dx + dy * dy + dz * dz);
         }
         let mut solved = [0.0; NEAREST];
-        for (row, factor) in self.inverse.iter().zip(k) {
+        for (row, factor) in self.inverse.iter().zip(&k) {
             for lane in 0..NEAREST {
                 solved[lane] += row[lane] * factor;
             }
         }
-        let dot = |a: &[f64; NEAREST], b: &[f64; NEAREST]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
         let open = 1.0 - dot(&self.row_sums, &k);
         // Rounding may leave less than nothing where the field is known exactly.
         (self.variance_m2 - dot(&solved, &k)).max(0.0) + open * open / self.total
     }
+}
+
+#[inline(always)]
+fn dot(a: &[f64; NEAREST], b: &[f64; NEAREST]) -> f64 {
+    let mut sums = [0.0; LANES];
+    for (a, b) in a.chunks_exact(LANES).zip(b.chunks_exact(LANES)) {
+        for lane in 0..LANES {
+            sums[lane] += a[lane] * b[lane];
+        }
+    }
+    sums.iter().sum()
 }
 
 #[cfg(test)]
@@ -308,6 +388,21 @@ mod tests {
                     let ratio = deviation[axis] / expected.u_m[axis];
                     assert!(ratio > 1.0 - ROUNDING, "{at}: {ratio}");
                 }
+            }
+        }
+    }
+
+    #[test]
+    fn wide_registers_give_the_bits_of_the_plain_loops() {
+        for kernel in [Kernel::Matern52, Kernel::SquaredExponential] {
+            let field = bent_field(90, 1e-7, 5);
+            let (_, kriging) = fitted(&field, kernel);
+            let (mean, variance) =
+                (KrigingMean::new(&kriging, &field), KrigingVariance::new(&kriging, &field).unwrap());
+            for k in 0..50 {
+                let at = Vector3::new(0.01, 0.004, 0.007) * f64::from(k);
+                assert_eq!(mean.at(&at), mean.in_plain_loops(&at));
+                assert_eq!(variance.at(&at, k as usize), variance.in_plain_loops(&at, k as usize));
             }
         }
     }

@@ -15,6 +15,7 @@ mod model;
 mod neighbourhood;
 pub mod network;
 pub mod record;
+mod registers;
 mod trend;
 
 pub use calibration::{Calibration, NORMAL_95};

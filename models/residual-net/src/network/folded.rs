@@ -15,6 +15,7 @@ use super::parameters::{Layout, Parameters};
 use super::tokens::{TOKEN_SIZE, Token};
 use crate::exponential::exp_f32;
 use crate::neighbourhood::VERTICES;
+use crate::registers::{Loops, wide};
 use nalgebra::{DMatrix, DMatrixView, Vector3};
 
 /// Length of an extended token, and of a row of vertices.
@@ -77,6 +78,11 @@ impl Folded {
 
     /// Output of the network in its own units.
     pub fn evaluate(&self, tokens: &[Token; VERTICES]) -> Vector3<f64> {
+        wide(Evaluation(self, tokens))
+    }
+
+    #[inline(always)]
+    fn in_plain_loops(&self, tokens: &[Token; VERTICES]) -> Vector3<f64> {
         let mut extended: Square = [[0.0; LANES]; VERTICES];
         for (row, token) in extended.iter_mut().zip(tokens) {
             row[..TOKEN_SIZE].copy_from_slice(token);
@@ -102,7 +108,19 @@ impl Folded {
     }
 }
 
-#[inline]
+/// Arguments of the loops, to be run in wide registers.
+struct Evaluation<'a>(&'a Folded, &'a [Token; VERTICES]);
+
+impl Loops for Evaluation<'_> {
+    type Output = Vector3<f64>;
+
+    #[inline(always)]
+    fn run(self) -> Vector3<f64> {
+        self.0.in_plain_loops(self.1)
+    }
+}
+
+#[inline(always)]
 fn product(left: &Square, right: &Square) -> Square {
     let mut result = [[0.0; LANES]; LANES];
     for (row, out) in left.iter().zip(&mut result) {
@@ -115,13 +133,13 @@ fn product(left: &Square, right: &Square) -> Square {
     result
 }
 
-#[inline]
+#[inline(always)]
 fn transpose(matrix: &Square) -> Square {
     std::array::from_fn(|i| std::array::from_fn(|j| matrix[j][i]))
 }
 
 /// Softmax of each row.
-#[inline]
+#[inline(always)]
 fn softmax(scores: &Square) -> Square {
     let mut result = *scores;
     for row in &mut result {
@@ -175,6 +193,7 @@ mod tests {
                 for seed in 0..20 {
                     let tokens = random_tokens(seed);
                     let (found, expected) = (folded.evaluate(&tokens), forward(&config, &parameters, &tokens));
+                    assert_eq!(found, folded.in_plain_loops(&tokens));
                     let error = (found - expected).norm() / expected.norm();
                     assert!(error < TOLERANCE, "width {width}, heads {heads}: {error}");
                 }

@@ -5,6 +5,7 @@
 //! then blocks x + W₂ relu(W₁ x + b₁) + b₂ (He 2016), linear. Parameters of a layer are its matrix, row by row `[inputs, outputs]`, and
 //! its bias; the layers follow each other.
 
+use crate::registers::{Loops, wide};
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
@@ -103,6 +104,11 @@ impl PositionNetwork {
 
     /// Output in units of the network at a place in ±1.
     pub fn evaluate(&self, place: &[f32; POSITION_SIZE]) -> Vector3<f64> {
+        wide(Evaluation(self, place))
+    }
+
+    #[inline(always)]
+    fn in_plain_loops(&self, place: &[f32; POSITION_SIZE]) -> Vector3<f64> {
         let [first, hidden @ .., last] = self.layers.as_slice() else { return Vector3::zeros() };
         let (mut x, mut inner, mut step) = ([0.0; WIDEST], [0.0; WIDEST], [0.0; WIDEST]);
         let width = first.apply(place, &mut x);
@@ -117,8 +123,21 @@ impl PositionNetwork {
     }
 }
 
+/// Arguments of the loops, to be run in wide registers.
+struct Evaluation<'a>(&'a PositionNetwork, &'a [f32; POSITION_SIZE]);
+
+impl Loops for Evaluation<'_> {
+    type Output = Vector3<f64>;
+
+    #[inline(always)]
+    fn run(self) -> Vector3<f64> {
+        self.0.in_plain_loops(self.1)
+    }
+}
+
 impl Layer {
     /// y = x W + b for the inputs that the matrix has rows for; gives the padded length of y.
+    #[inline(always)]
     fn apply(&self, x: &[f32], y: &mut [f32; WIDEST]) -> usize {
         let padded = self.bias.len();
         let y = &mut y[..padded];
@@ -171,6 +190,7 @@ mod tests {
             for _ in 0..20 {
                 let place = std::array::from_fn(|_| random.random_range(-1.0..1.0));
                 let (found, expected) = (network.evaluate(&place), printed(&config, &parameters, &place));
+                assert_eq!(found, network.in_plain_loops(&place));
                 assert!(
                     (found - expected).norm() < TOLERANCE * expected.norm().max(1.0),
                     "{width}: {found} {expected}"
