@@ -24,7 +24,7 @@ pub fn table_within<E>(
     error_m: impl Fn(&Vector3<f64>) -> Result<Vector3<f64>, E>,
 ) -> Result<(Table, InterpolationError), TableError<E>> {
     if !(wanted_m.is_finite() && wanted_m > 0.0) {
-        return Err(TableError::Wanted { wanted_um: wanted_m * 1e6 });
+        return Err(TableError::Wanted { wanted_um: to_um(wanted_m) });
     }
     Grid::regular(ends_m, [1; 3])?; // refuses ends out of order before anything is evaluated
     let mut lines = Vec::new();
@@ -43,11 +43,16 @@ pub fn table_within<E>(
             return Ok((table, missed));
         }
         if table.grid().nodes() > most_nodes {
-            let (wanted_um, reached_um) = (wanted_m * 1e6, missed.largest_m.max() * 1e6);
+            let (wanted_um, reached_um) = (to_um(wanted_m), to_um(missed.largest_m.max()));
             return Err(TableError::TooFine { wanted_um, most_nodes, nodes: table.grid().nodes(), reached_um });
         }
         refine(&mut steps, &mut errors, &lines);
     }
+}
+
+/// Micrometres to six digits, for people: 0.025 where the metres are 2.4999999999999998e-8.
+fn to_um(value_m: f64) -> f64 {
+    format!("{:.5e}", value_m * 1e6).parse().unwrap_or(value_m * 1e6)
 }
 
 fn nodes(steps: [usize; 3]) -> usize {
