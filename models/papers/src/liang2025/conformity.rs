@@ -8,7 +8,7 @@ mod published;
 
 use crate::figure::{Figure, PaperError, Settings, Verdict};
 use abbe_conformity::length::{
-    LengthErrors, LengthMeasurement, LengthPlan, LengthTest, MeasuringVolume, Probing, e0_lines, evaluate,
+    LengthErrors, LengthMeasurement, LengthPlan, LengthSet, LengthTest, MeasuringVolume, Probing, e0_lines, evaluate,
 };
 use abbe_conformity::{ConformityError, DecisionRule, MaximumPermissibleError, ObservedError, TestUncertainty};
 use abbe_geometry::correct::correct;
@@ -36,8 +36,13 @@ const PROBING_CLAIM_UM: f64 = 0.35;
 /// Uncertainty of the gauge blocks, 0.07 µm + L/4000, and of the sphere (µm), as stated; its coverage factor is not.
 const GAUGE_UNCERTAINTY: (f64, f64) = (0.07e-6, 0.25e-6);
 const SPHERE_UNCERTAINTY_UM: f64 = 0.03;
-/// Raw volumetric error of the simulated machines (rms, m): a bridge machine before compensation.
+/// Raw volumetric error (rms, m) of the first simulated machine of a seed; the machine tested has the same errors, larger.
 const VOLUMETRIC_RMS_M: f64 = 20e-6;
+/// Raw length error (m) that the paper reports as exceeded.
+const RAW_M: f64 = 50e-6;
+/// Raw length error (m) that each simulated machine is scaled to: beyond what is reported by a tenth, so that repeatability
+/// leaves no doubt.
+const SCALED_TO_M: f64 = 1.1 * RAW_M;
 
 /// The figures of the acceptance test.
 pub(super) fn figures(settings: &Settings) -> Result<Vec<Figure>, PaperError> {
@@ -45,7 +50,7 @@ pub(super) fn figures(settings: &Settings) -> Result<Vec<Figure>, PaperError> {
     let mut figures = lengths(&errors).map_err(failed)?;
     figures.push(requirement(&errors));
     figures.extend(sphere());
-    figures.push(before_and_after(settings)?);
+    figures.extend(before_and_after(settings)?);
     Ok(figures)
 }
 
@@ -205,43 +210,76 @@ fn sphere() -> Vec<Figure> {
     ]
 }
 
-/// The largest length errors of simulated machines, before and after correction.
-fn before_and_after(settings: &Settings) -> Result<Figure, PaperError> {
+/// The largest length errors of simulated machines as poor as the paper's, before and after correction.
+fn before_and_after(settings: &Settings) -> Result<[Figure; 2], PaperError> {
     let limit = MaximumPermissibleError::from_text(CLAIM).map_err(failed)?;
     let runs = settings.runs(20, 2);
-    let (mut before_um, mut after_um, mut met) = (Vec::new(), Vec::new(), 0);
+    let (mut before_um, mut after_um, mut shares, mut met) = (Vec::new(), Vec::new(), Vec::new(), 0);
     for seed in (settings.seed..).take(runs) {
-        let (machine, config) = simulated_bridge(seed).map_err(failed)?;
+        let (machine, config) = poor_bridge(seed)?;
         let [before, after] = tested(&machine, &config, seed)?;
         before_um.push(before.largest().0.magnitude_m() * 1e6);
         after_um.push(after.largest().0.magnitude_m() * 1e6);
-        met += usize::from(
-            after.verdict(&limit, None, &DecisionRule::SimpleAcceptance).overall()
-                == abbe_conformity::Verdict::Conforms,
-        );
+        let share = |set: &LengthSet| set.largest().magnitude_m() / limit.at(set.calibrated_m).metres();
+        shares.push(100.0 * after.sets.iter().map(share).fold(0.0, f64::max));
+        let verdict = after.verdict(&limit, None, &DecisionRule::SimpleAcceptance).overall();
+        met += usize::from(verdict == abbe_conformity::Verdict::Conforms);
     }
-    let range = |values: &[f64]| {
-        let (low, high) = values.iter().fold((f64::MAX, f64::MIN), |(l, h), v| (l.min(*v), h.max(*v)));
-        format!("{low:.2} to {high:.2}")
-    };
-    Ok(Figure {
-        place: "Fig. 10",
-        what: "largest length error before and after compensation (µm)".to_owned(),
-        published: Some("over 50 before, within 0.5 + L/400 after".to_owned()),
-        reproduced: format!("{} before, {} after; {met} of {runs} within 0.5 + L/400 after", range(&before_um), range(&after_um)),
-        how: format!(
-            "{runs} simulated machines of 800 x 600 x 600 mm, 20 µm rms, geometry identified from a tracer campaign of five stations, \
-             no network; whole test after ISO 10360-2 with lengths up to 90 % of the travel"
-        ),
-        verdict: Verdict::NotPublished,
-        reason: "raw data of Fig. 10 are not published; the claim was tested on simulated machines whose raw error is smaller than theirs"
+    let ends = |values: &[f64]| values.iter().fold((f64::MAX, f64::MIN), |(l, h), v| (l.min(*v), h.max(*v)));
+    let range = |values: &[f64]| format!("{:.2} to {:.2}", ends(values).0, ends(values).1);
+    let how = format!(
+        "{runs} simulated machines of 800 x 600 x 600 mm, errors scaled until the raw length error is {:.0} µm; geometry \
+         identified from a tracer campaign of five stations, no network; the whole test after ISO 10360-2, lengths up to 90 % of \
+         the travel, the same touches before and after",
+        SCALED_TO_M * 1e6
+    );
+    let fulfilled = |yes: bool| if yes { Verdict::Reproduced } else { Verdict::DoesNotFollow };
+    Ok([
+        Figure {
+            place: "section 4.4, Fig. 10",
+            what: "largest length error without compensation (µm)".to_owned(),
+            published: Some("over 50".to_owned()),
+            reproduced: range(&before_um),
+            how: how.clone(),
+            verdict: Verdict::NotPublished,
+            reason: "readings of Fig. 10 are not published; machines of that size and error were made to test the claim below".to_owned(),
+        },
+        Figure {
+            place: "section 4.4, Fig. 10",
+            what: "largest length error after compensation (µm)".to_owned(),
+            published: Some("within 0.5 + L/400 from over 50".to_owned()),
+            reproduced: format!(
+                "{}; {met} of {runs} machines within 0.5 + L/400, which is used up to {:.0} to {:.0} %",
+                range(&after_um),
+                ends(&shares).0,
+                ends(&shares).1
+            ),
+            how,
+            verdict: fulfilled(met == runs),
+            reason: if met == runs {
+                "a rigid-body model from one campaign reaches the limit alone; the simulated machines have no error beyond geometry, \
+                 which the paper's network is for"
+            } else {
+                "geometry alone does not bring every machine as poor as this within the limit"
+            }
             .to_owned(),
-    })
+        },
+    ])
 }
 
-/// A bridge machine of the paper's size, and its measurement by a tracer on five stations.
-fn simulated_bridge(seed: u64) -> Result<(Machine, SimulationConfig), SimulationError> {
-    let recipe = TruthRecipe { seed, roughness: Roughness::TYPICAL, volumetric_rms_m: VOLUMETRIC_RMS_M };
+/// A bridge machine whose raw length error is [`SCALED_TO_M`]: that of its seed with larger errors.
+fn poor_bridge(seed: u64) -> Result<(Machine, SimulationConfig), PaperError> {
+    let mut rms_m = VOLUMETRIC_RMS_M;
+    let (machine, config) = simulated_bridge(seed, rms_m).map_err(failed)?;
+    // Errors are small, so that lengths grow with them but for the repeatability.
+    rms_m *= SCALED_TO_M / raw(&machine, &config, seed)?.largest().0.magnitude_m();
+    simulated_bridge(seed, rms_m).map_err(failed)
+}
+
+/// A bridge machine of the paper's size and of that raw volumetric error (rms, m), and its measurement by a tracer on five
+/// stations.
+fn simulated_bridge(seed: u64, volumetric_rms_m: f64) -> Result<(Machine, SimulationConfig), SimulationError> {
+    let recipe = TruthRecipe { seed, roughness: Roughness::TYPICAL, volumetric_rms_m };
     let truth = recipe.bridge_xyz()?;
     let tilt = |name: &str, tilts, about| Squareness { name: name.to_owned(), tilts, about };
     let joint = |axis| Joint { axis, side: Side::Tool };
@@ -272,20 +310,31 @@ fn tested(machine: &Machine, config: &SimulationConfig, seed: u64) -> Result<[Le
     let campaign = simulate_campaign(config).map_err(failed)?.campaign;
     let found = identify(machine, config.instrument.range, &campaign, &Options::default(), &mut |_| true);
     let model = found.map_err(failed)?.model;
-    let volume = MeasuringVolume::new(machine.stroke_m).map_err(failed)?;
-    let stylus_m = Vector3::from(CASE_OFFSETS_M[0]);
-    let lines: Vec<_> = e0_lines(&volume).into_iter().map(|line| line.with_stylus(stylus_m)).collect();
-    let travel_m: BTreeMap<String, f64> = lines.iter().map(|line| (line.name.clone(), line.travel_m())).collect();
-    let run = |believed_m: &dyn Fn(&MachineAtTouch) -> [f64; 3]| {
-        let measured = length_test(config, &lines, &LengthPlan::default(), seed, believed_m).map_err(failed)?;
-        let test = LengthTest { tool_offset_m: 0.0, probing: Probing::Bidirectional, travel_m: travel_m.clone() };
-        evaluate(test, &measured).map_err(failed)
-    };
     let corrected_m = |at: &MachineAtTouch| -> [f64; 3] {
         let state = State { reading_m: at.reading_m, offset_m: at.offset_m, covariates: &NoCovariates };
         correct(&model, &state).position_m.into()
     };
-    Ok([run(&|at| at.indicated_m())?, run(&corrected_m)?])
+    Ok([raw(machine, config, seed)?, whole_test(machine, config, seed, &corrected_m)?])
+}
+
+/// The whole test of the machine as it is.
+fn raw(machine: &Machine, config: &SimulationConfig, seed: u64) -> Result<LengthErrors, PaperError> {
+    whole_test(machine, config, seed, &|at| at.indicated_m())
+}
+
+/// Seven lines, five lengths, three repeats, with the stylus where the plan hangs the reflector.
+fn whole_test(
+    machine: &Machine,
+    config: &SimulationConfig,
+    seed: u64,
+    believed_m: &dyn Fn(&MachineAtTouch) -> [f64; 3],
+) -> Result<LengthErrors, PaperError> {
+    let volume = MeasuringVolume::new(machine.stroke_m).map_err(failed)?;
+    let stylus_m = Vector3::from(CASE_OFFSETS_M[0]);
+    let lines: Vec<_> = e0_lines(&volume).into_iter().map(|line| line.with_stylus(stylus_m)).collect();
+    let travel_m: BTreeMap<String, f64> = lines.iter().map(|line| (line.name.clone(), line.travel_m())).collect();
+    let measured = length_test(config, &lines, &LengthPlan::default(), seed, believed_m).map_err(failed)?;
+    evaluate(LengthTest { tool_offset_m: 0.0, probing: Probing::Bidirectional, travel_m }, &measured).map_err(failed)
 }
 
 fn failed(problem: impl ToString) -> PaperError {
@@ -334,9 +383,10 @@ mod tests {
     }
 
     #[test]
-    fn correction_makes_the_largest_length_error_at_least_ten_times_smaller() {
-        let (machine, config) = simulated_bridge(3).unwrap();
+    fn a_raw_length_error_beyond_50_um_becomes_at_least_ten_times_smaller() {
+        let (machine, config) = poor_bridge(3).unwrap();
         let [before, after] = tested(&machine, &config, 3).unwrap();
+        assert!(before.largest().0.magnitude_m() > RAW_M);
         assert!(before.departures.is_empty() && after.departures.is_empty());
         assert!(before.largest().0.magnitude_m() > 10.0 * after.largest().0.magnitude_m());
     }
