@@ -120,7 +120,25 @@ fn tracker_readings_give_the_six_errors_by_position() {
     let last: Vec<f64> = lines[5][..13].iter().map(|cell| cell.parse().unwrap()).collect();
     assert!(last[1..6].iter().all(|error| error.abs() < 1e-3) && (last[6] - 40.0).abs() < 1e-3, "{last:?}");
     assert!(last[7..].iter().all(|u| *u > 0.0));
-    assert!(fs::read_to_string(folder.path().join("out/report.html")).unwrap().contains("Errors of the X axis"));
+    let report = fs::read_to_string(folder.path().join("out/report.html")).unwrap();
+    assert_says(&report, &["Errors of the X axis", "What the arrangement of the targets does"]);
+    let figures: Value =
+        serde_json::from_str(&fs::read_to_string(folder.path().join("out/guideway.json")).unwrap()).unwrap();
+    let by_spread = &figures["uncertainty_by_spread_of_targets"];
+    let place = |spread: f64| by_spread["spread"].as_array().unwrap().iter().position(|s| *s == spread).unwrap();
+    let u = |how: &str, spread: f64, k: usize| by_spread[how][place(spread)][k].as_f64().unwrap();
+    for k in 0..6 {
+        // As measured, but for the tracker's uncertainty, which is a little larger at the next position.
+        let measured: f64 = lines[2][7 + k].parse().unwrap();
+        assert!((u("in_all_directions", 1.0, k) / measured - 1.0).abs() < 0.05, "{k}: {by_spread}");
+        assert_eq!(u("in_all_directions", 1.0, k), u("across_the_motion", 1.0, k));
+    }
+    for angle in 3..6 {
+        assert!((u("in_all_directions", 2.0, angle) / u("in_all_directions", 1.0, angle) - 0.5).abs() < 1e-9);
+    }
+    // Roll rests on what lies across the motion, pitch hardly.
+    assert!((u("across_the_motion", 2.0, 3) / u("across_the_motion", 1.0, 3) - 0.5).abs() < 0.05, "{by_spread}");
+    assert!(u("across_the_motion", 2.0, 4) > 0.8 * u("across_the_motion", 1.0, 4), "{by_spread}");
 }
 
 #[test]

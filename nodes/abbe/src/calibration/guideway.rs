@@ -3,6 +3,7 @@
 //! Place in the flow: file of readings or points → `abbe_measurement::guideway` → [`Product`]. Error = actual − indicated;
 //! µm and µrad, uncertainties k = 2.
 
+use super::arrangement::BySpread;
 use super::{COVERAGE, Product, meta};
 use abbe_files::{GuidewayRow, SeenTarget, hex, read_guideway_file};
 use abbe_measurement::guideway::{
@@ -36,13 +37,15 @@ pub(crate) fn product(
     }
     let points: Vec<TargetPoint> = file.rows.iter().map(|row| target(row, tracker)).collect();
     let solved = Guideway::new(&points, options).with_context(|| path.display().to_string())?;
-    let json = json(&solved, &file.sha256);
+    let by_spread = BySpread::of(&solved, &points);
+    let mut json = json(&solved, &file.sha256);
+    json["uncertainty_by_spread_of_targets"] = by_spread.as_ref().map_or(Value::Null, BySpread::json);
     let mut text = serde_json::to_string_pretty(&json)?;
     text.push('\n');
     Ok(Product {
         words: words(&solved),
         files: vec![(ERRORS, csv(&solved)), (FIGURES, text)],
-        report: Some(report(&solved, path, &file.sha256)),
+        report: Some(report(&solved, by_spread.as_ref(), path, &file.sha256)),
         json,
     })
 }
@@ -142,7 +145,7 @@ fn json(solved: &Guideway, sha256: &[u8; 32]) -> Value {
     })
 }
 
-fn report(solved: &Guideway, path: &Path, sha256: &[u8; 32]) -> Report {
+fn report(solved: &Guideway, by_spread: Option<&BySpread>, path: &Path, sha256: &[u8; 32]) -> Report {
     let names = solved.options.axis.error_names();
     let x: Vec<f64> = solved.positions.iter().map(|p| p.position_m * 1e3).collect();
     let panel = |k: usize| LinePanel {
@@ -184,6 +187,7 @@ fn report(solved: &Guideway, path: &Path, sha256: &[u8; 32]) -> Report {
             panels: (0..6).map(panel).collect(),
         }),
     ];
+    sections.extend(by_spread.map(|by_spread| Section::LinePlot(by_spread.plot())));
     sections.extend(warnings(solved));
     Report {
         title: format!("Errors of the {:?} axis", solved.options.axis),

@@ -3,6 +3,7 @@
 //! Place in the flow: `abbe sphere`, `abbe probe-pose` and `abbe guideway` make a [`Product`]: words for the terminal, JSON,
 //! and files for a folder.
 
+mod arrangement;
 pub(crate) mod guideway;
 pub(crate) mod probe_pose;
 pub(crate) mod sphere;

@@ -1,0 +1,115 @@
+//! What another arrangement of the targets would make of the uncertainties: a picture for whoever places them.
+//!
+//! Place in the flow: part of the report of `abbe guideway`. The targets as seen at the lowest position are moved away from
+//! their centroid or towards it, in all directions or across the motion only; each keeps the certainty that it has
+//! (`abbe_measurement::guideway::arrangement_covariance`). µm and µrad, k = 2.
+
+use super::COVERAGE;
+use abbe_geometry::{Matrix3, Vector3};
+use abbe_measurement::guideway::{ArrangedTarget, Guideway, TargetPoint, arrangement_covariance};
+use abbe_report::{Axis, Curve, CurveStyle, LinePanel, LinePlot};
+use serde_json::{Value, json};
+
+/// Distances from the centroid that are looked at, over those that the targets have.
+const SPREADS: [f64; 12] = [0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.25, 1.5, 2.0, 2.5, 3.0];
+
+/// Which distances change.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Moved {
+    Everywhere,
+    Across,
+}
+
+/// Expanded uncertainties of the six errors (µm, µrad) at each of [`SPREADS`].
+#[derive(Debug)]
+pub(super) struct BySpread {
+    names: [String; 6],
+    everywhere: Vec<Option<[f64; 6]>>,
+    across: Vec<Option<[f64; 6]>>,
+}
+
+impl BySpread {
+    /// Of a solved guideway and the points it was solved from; `None` where nothing is known of their certainty.
+    pub(super) fn of(solved: &Guideway, points: &[TargetPoint]) -> Option<BySpread> {
+        let lowest = solved.positions.first()?.position_m;
+        let turn = solved.machine_from_points;
+        // The scatter of undeclared points is that of the difference of two readings.
+        let scatter_m2 = Matrix3::identity() * (0.5 * solved.scatter_m * solved.scatter_m);
+        let target = |point: &TargetPoint| ArrangedTarget {
+            point_m: turn * point.point_m,
+            covariance_m2: point
+                .covariance_m2
+                .map_or(scatter_m2, |covariance| turn.matrix() * covariance * turn.matrix().transpose()),
+        };
+        let targets: Vec<ArrangedTarget> =
+            points.iter().filter(|point| point.position_m == lowest).map(target).collect();
+        let reference_m = turn * solved.reference_m;
+        let motion = solved.options.axis.unit();
+        let all = |moved: Moved| -> Vec<Option<[f64; 6]>> {
+            SPREADS.iter().map(|spread| expanded(&targets, &reference_m, (moved, motion, *spread))).collect()
+        };
+        let (everywhere, across) = (all(Moved::Everywhere), all(Moved::Across));
+        let names = solved.options.axis.error_names();
+        everywhere.iter().any(Option::is_some).then_some(BySpread { names, everywhere, across })
+    }
+
+    pub(super) fn json(&self) -> Value {
+        json!({ "coverage_factor": COVERAGE, "spread": SPREADS, "in_all_directions": self.everywhere, "across_the_motion": self.across })
+    }
+
+    pub(super) fn plot(&self) -> LinePlot {
+        let panel = |title: &str, first: usize, values: &[Option<[f64; 6]>]| LinePanel {
+            title: title.to_owned(),
+            x: Axis::new("distances between the targets, over those measured with", ""),
+            y: Axis::new("uncertainty", if first == 0 { "µm" } else { "µrad" }),
+            curves: (first..first + 3).map(|k| self.curve(k, values)).collect(),
+        };
+        LinePlot {
+            title: "What the arrangement of the targets does".to_owned(),
+            note: Some(
+                "Uncertainty (k = 2) of each error if the same targets, as certain as they were, stood nearer together or further \
+                 apart; 1 is the arrangement measured with. Angles fall with the spread across their axis, displacements with the \
+                 number of targets only, unless the reference point lies away from them."
+                    .to_owned(),
+            ),
+            columns: 2,
+            band_name: None,
+            panels: vec![
+                panel("Angles, spread in all directions", 3, &self.everywhere),
+                panel("Angles, spread across the motion only", 3, &self.across),
+                panel("Displacements, spread in all directions", 0, &self.everywhere),
+                panel("Displacements, spread across the motion only", 0, &self.across),
+            ],
+        }
+    }
+
+    fn curve(&self, k: usize, values: &[Option<[f64; 6]>]) -> Curve {
+        Curve {
+            name: self.names[k].clone(),
+            style: CurveStyle::Line(k as u8 + 1),
+            x: SPREADS.to_vec(),
+            y: values.iter().map(|u| u.map(|u| u[k])).collect(),
+            half_width: None,
+        }
+    }
+}
+
+fn expanded(
+    targets: &[ArrangedTarget],
+    reference_m: &Vector3<f64>,
+    (moved, motion, spread): (Moved, Vector3<f64>, f64),
+) -> Option<[f64; 6]> {
+    let centroid_m = targets.iter().map(|target| target.point_m).sum::<Vector3<f64>>() / targets.len().max(1) as f64;
+    let place = |target: &ArrangedTarget| {
+        let from_centre_m = target.point_m - centroid_m;
+        let along_m = motion * from_centre_m.dot(&motion);
+        let moved_m = match moved {
+            Moved::Everywhere => from_centre_m * spread,
+            Moved::Across => along_m + (from_centre_m - along_m) * spread,
+        };
+        ArrangedTarget { point_m: centroid_m + moved_m, ..*target }
+    };
+    let arranged: Vec<ArrangedTarget> = targets.iter().map(place).collect();
+    let covariance = arrangement_covariance(&arranged, reference_m).ok()?;
+    Some(std::array::from_fn(|k| COVERAGE * covariance[(k, k)].max(0.0).sqrt() * 1e6))
+}
