@@ -258,9 +258,7 @@ fn ranking(condition: &Condition, outcome: &Outcome, fields: usize) -> Figure {
         let verdict = Verdict::NotPublished;
         (verdict, "trilinear needs a box of eight measured points, which points dealt at random do not give".to_owned())
     } else {
-        let wins = both.iter().filter(|(idw, trilinear)| idw < trilinear).count();
-        let verdict = if 2 * wins > fields { Verdict::Reproduced } else { Verdict::DoesNotFollow };
-        (verdict, format!("IDW is better than trilinear on {wins} of {fields} fields"))
+        compared(&both)
     };
     Figure {
         place: "Table 5",
@@ -271,6 +269,24 @@ fn ranking(condition: &Condition, outcome: &Outcome, fields: usize) -> Figure {
         verdict,
         reason,
     }
+}
+
+/// Inverse distances against trilinear on the same fields: the claim holds or fails where the interval of the ratio leaves out 1.
+fn compared(both: &[(f64, f64)]) -> (Verdict, String) {
+    let wins = both.iter().filter(|(idw, trilinear)| idw < trilinear).count();
+    let ratios: Vec<f64> = both.iter().map(|(idw, trilinear)| idw / trilinear).collect();
+    let (verdict, ratio) = match Interval::of_ratios(&ratios) {
+        Some((mean, low, high)) => {
+            let verdict = match (high < 1.0, low > 1.0) {
+                (true, _) => Verdict::Reproduced,
+                (_, true) => Verdict::DoesNotFollow,
+                _ => Verdict::NotPublished,
+            };
+            (verdict, format!("{mean:.2} (95 %: {low:.2} to {high:.2}) times as much as trilinear"))
+        }
+        None => (Verdict::NotPublished, "as much as cannot be told from these fields".to_owned()),
+    };
+    (verdict, format!("IDW leaves {ratio}, less on {wins} of {} fields", both.len()))
 }
 
 /// The least difference that even a perfect method would show.

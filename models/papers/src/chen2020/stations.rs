@@ -222,7 +222,7 @@ fn single_campaign(middle: &Simulated, everywhere: &Simulated) -> Figure {
     Figure {
         place: "Tables 2-3",
         what: "station error of one campaign, standard deviations by coordinate (µm)".to_owned(),
-        published: None,
+        published: Some("0.4, of the mean of 1000".to_owned()),
         reproduced: format!(
             "{least:.1} to {most:.1} with points in 470 x 1200 x 400 mm, {middle_least:.1} to {middle_most:.1} in \
              400 x 300 x 250 mm"

@@ -116,7 +116,7 @@ fn lengths(errors: &LengthErrors) -> Result<Vec<Figure>, ConformityError> {
         ),
         row(
             "largest length error",
-            None,
+            Some("a row of Table 2, not named"),
             format!(
                 "{:.2} µm at {:.0} mm on {line}; R0 {:.2} µm",
                 um(largest.metres()),
@@ -128,7 +128,7 @@ fn lengths(errors: &LengthErrors) -> Result<Vec<Figure>, ConformityError> {
         ),
         row(
             "largest length error by line",
-            None,
+            Some("rows of Table 2, not named"),
             by_line.collect::<Vec<_>>().join("; "),
             Verdict::Reproduced,
             "labels are out of order in the text at hand: X, Y and Z are labelled, the other four blocks of gauge lengths are the \
