@@ -126,8 +126,10 @@ fn search(
     None
 }
 
-/// BFGS update of the inverse curvature, left as it is where the step saw none.
+/// BFGS update of the inverse curvature, left as it is where the step saw none. The gradient along a variable that stayed at
+/// its bound changes with the others, which says nothing of the curvature among them: counted, it would make steps too long.
 fn update(inverse: &mut Option<DMatrix<f64>>, step: &DVector<f64>, change: &DVector<f64>) {
+    let change = &change.zip_map(step, |change, step| if step == 0.0 { 0.0 } else { change });
     let curvature = step.dot(change);
     if curvature <= 1e-12 * step.norm() * change.norm() {
         return;
@@ -163,6 +165,22 @@ mod tests {
         // On x = 0.5 the valley is lowest at y = 0.25.
         let found = minimum(valley, from(&[-1.2, 1.0]), &[(-5.0, 0.5), (-5.0, 5.0)], 1e-14, 200).unwrap();
         assert!(found.is_settled && found.at[0] == 0.5 && (found.at[1] - 0.25).abs() < 1e-6, "{found:?}");
+    }
+
+    #[test]
+    fn a_variable_at_its_bound_does_not_disturb_the_curvature_of_the_others() {
+        // A bowl in x and y; z is pushed against its bound by a gradient that changes steeply with both.
+        let bowl = |v: &[f64]| {
+            let [x, y, z] = [v[0], v[1], v[2]];
+            let value = x * x + 4.0 * y * y + 0.5 * x * y + z * (300.0 + 100.0 * x - 60.0 * y);
+            let gradient =
+                vec![2.0 * x + 0.5 * y + 100.0 * z, 8.0 * y + 0.5 * x - 60.0 * z, 300.0 + 100.0 * x - 60.0 * y];
+            Some((value, gradient))
+        };
+        let found =
+            minimum(bowl, from(&[1.0, -1.5, 0.0]), &[(-2.0, 2.0), (-2.0, 2.0), (0.0, 1.0)], 1e-14, 200).unwrap();
+        assert!(found.is_settled && found.steps < 15, "{found:?}");
+        assert!(found.at[0].abs() < 1e-6 && found.at[1].abs() < 1e-6 && found.at[2] == 0.0, "{found:?}");
     }
 
     #[test]

@@ -3,6 +3,7 @@
 //! Place in the flow: on measured data of an acceptance test, or on the virtual machine before and after correction.
 
 use super::identify::{progress_text, spinner};
+use super::simulate::VOLUMETRIC_RMS_UM;
 use crate::conformity::{self, Limits, Product, lengths, runs, simulated, sphere};
 use abbe_conformity::MaximumPermissibleError;
 use abbe_conformity::length::Probing;
@@ -71,6 +72,15 @@ pub(crate) struct Arguments {
     /// Physics beyond the geometry of the simulated machine, such as "backlash axis=y size_um=3"
     #[arg(long = "effect", requires = "machine")]
     effects: Vec<String>,
+    /// Raw volumetric error of the simulated machine (rms)
+    #[arg(long, requires = "machine", default_value_t = VOLUMETRIC_RMS_UM)]
+    volumetric_um: f64,
+    /// Model to correct the simulated machine with; left out, one is identified from a simulated campaign
+    #[arg(long, requires = "machine")]
+    model: Option<PathBuf>,
+    /// Residual model that belongs to the model: a third test, with both
+    #[arg(long, requires = "model")]
+    residual: Option<PathBuf>,
     /// Folder for report.html and conformity.json
     #[arg(long)]
     out: Option<PathBuf>,
@@ -116,7 +126,15 @@ fn product(arguments: &Arguments) -> anyhow::Result<Product> {
         (.., Some(machine)) => {
             let seed = arguments.seed.context("name a seed with --seed")?;
             let tool_offset_m = arguments.tool_offset_mm / 1e3;
-            let asked = simulated::Simulated { machine, seed, effects: &arguments.effects, tool_offset_m };
+            let asked = simulated::Simulated {
+                machine,
+                seed,
+                effects: &arguments.effects,
+                volumetric_um: arguments.volumetric_um,
+                tool_offset_m,
+                model: arguments.model.as_deref(),
+                residual: arguments.residual.as_deref(),
+            };
             with_progress(|observe| simulated::run(&asked, &limits, &rule, observe))
         }
         _ => bail!("name the data with --lengths, --sphere, --runs or --machine"),

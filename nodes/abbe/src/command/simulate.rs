@@ -23,8 +23,8 @@ use anyhow::{Context, ensure};
 use std::fmt::Write;
 use std::path::PathBuf;
 
-/// Raw volumetric error of the simulated machine (rms, m): a bridge CMM before compensation.
-const VOLUMETRIC_RMS_M: f64 = 20e-6;
+/// Raw volumetric error of the simulated machine (rms, µm) where nothing is said: a bridge CMM before compensation.
+pub(crate) const VOLUMETRIC_RMS_UM: f64 = 20.0;
 /// Verification points.
 const POINTS: usize = 400;
 /// How well the verification points are known (m).
@@ -51,6 +51,9 @@ pub(crate) struct Arguments {
     /// Physics beyond the geometry, such as "backlash axis=y size_um=3"; may be given several times
     #[arg(long = "effect")]
     effects: Vec<String>,
+    /// Raw volumetric error of the machine (rms)
+    #[arg(long, default_value_t = VOLUMETRIC_RMS_UM)]
+    volumetric_um: f64,
     /// Identify this many machines (seeds from --seed on); print achieved error, reported uncertainty,
     /// Cramér-Rao bound and coverage
     #[arg(long, conflicts_with = "effects")]
@@ -60,11 +63,11 @@ pub(crate) struct Arguments {
 pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let machine = read_machine(&arguments.machine)?;
     if let Some(trials) = arguments.trials {
-        return run_trials(&machine, arguments.seed, trials);
+        return run_trials(&machine, arguments, trials);
     }
     let out = arguments.out.as_ref().context("name a folder with --out")?;
     std::fs::create_dir_all(out).with_context(|| format!("{}: cannot be made", out.display()))?;
-    let mut config = config(&machine, arguments.seed)?;
+    let mut config = config(&machine, arguments.seed, arguments.volumetric_um)?;
     config.effects = arguments.effects.iter().map(|text| from_text(text)).collect::<Result<_, _>>()?;
     if let Some(readings) = arguments.readings {
         config.plan = config.plan.repeated_to(readings)?;
@@ -79,8 +82,13 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     Ok(())
 }
 
-pub(crate) fn config(machine: &MachineFile, seed: u64) -> anyhow::Result<SimulationConfig> {
-    let recipe = TruthRecipe { seed, roughness: Roughness::TYPICAL, volumetric_rms_m: VOLUMETRIC_RMS_M };
+/// The shipped bridge with errors of this size (rms, µm), measured by a plan like the recorded ones.
+pub(crate) fn config(machine: &MachineFile, seed: u64, volumetric_um: f64) -> anyhow::Result<SimulationConfig> {
+    ensure!(
+        (0.1..=1000.0).contains(&volumetric_um),
+        "--volumetric-um {volumetric_um}: give a raw volumetric error of 0.1 to 1000 um"
+    );
+    let recipe = TruthRecipe { seed, roughness: Roughness::TYPICAL, volumetric_rms_m: volumetric_um * 1e-6 };
     let truth = recipe.bridge_xyz()?;
     for (simulated, (lower_m, upper_m)) in truth.stroke_m.iter().zip(machine.machine.stroke_m) {
         ensure!(
@@ -140,7 +148,8 @@ impl Score {
 }
 
 /// Achieved error against reported uncertainty and Cramér-Rao bound, 3-D rms, machine by machine.
-fn run_trials(machine: &MachineFile, first_seed: u64, trials: u64) -> anyhow::Result<()> {
+fn run_trials(machine: &MachineFile, arguments: &Arguments, trials: u64) -> anyhow::Result<()> {
+    let first_seed = arguments.seed;
     ensure!(trials > 0, "--trials must be at least 1");
     println!(
         "{:>6} {:>10} {:>10} {:>10} {:>14} {:>11} {:>9} {:>12}",
@@ -148,7 +157,7 @@ fn run_trials(machine: &MachineFile, first_seed: u64, trials: u64) -> anyhow::Re
     );
     let mut total = Score::default();
     for seed in first_seed..first_seed + trials {
-        let config = config(machine, seed)?;
+        let config = config(machine, seed, arguments.volumetric_um)?;
         let campaign = simulate_campaign(&config)?.campaign;
         let found = identify(&machine.machine, machine.instrument, &campaign, &Options::default(), &mut |_| true)?;
         let bound = at_cramer_rao_bound(&found.model, machine.instrument, &campaign, machine.absolute_range)?;

@@ -184,12 +184,12 @@ fn say(arguments: &Arguments, trained: &Trained, file: &ResidualFile, sha256: &[
         record.points,
         if record.flattering { "single points (flattering)" } else { "blocks of space" }
     );
-    println!("  held out            MSE um2    MAE um   95 % um  worst um   in 95 %    points");
+    println!("  held out               MSE um2    MAE um   95 % um  worst um   in 95 %    points");
     for method in &record.held_out {
         let coverage = method.coverage_95.map_or_else(|| "-".to_owned(), |share| format!("{:.1} %", share * 100.0));
         let s = &method.scores;
         println!(
-            "    {:<15} {:>9.4} {:>9.4} {:>9.4} {:>9.4} {coverage:>9} {:>9}",
+            "    {:<18} {:>9.4} {:>9.4} {:>9.4} {:>9.4} {coverage:>9} {:>9}",
             method.method, s.mse_um2, s.mae_um, s.error_95_um, s.worst_um, method.points
         );
     }

@@ -1,22 +1,24 @@
 //! The length test of ISO 10360-2 on the virtual machine, before and after its correction by an identified model.
 //!
 //! Place in the flow: `abbe conformity --machine M --seed N`. A machine is simulated, a campaign measured and identified;
-//! then the same gauges are touched in the same order by the machine as it is and as the model corrects it. The model sees the
-//! campaign only.
+//! then the same gauges are touched in the same order by the machine as it is, as the model corrects it and, where there is one,
+//! as model and residual model do. The models see the campaign only.
 
 use super::lengths::{self, STANDARD};
 use super::{Limits, Product, departure_callout};
 use crate::command::simulate;
 use crate::pipeline::software;
+use crate::residual::{load_residual, with_residual};
 use abbe_conformity::DecisionRule;
 use abbe_conformity::length::{
     LengthErrors, LengthPlan, LengthTest, MeasuringVolume, OffsetPlane, Probing, e0_lines, evaluate, offset_lines,
 };
-use abbe_files::read_machine;
+use abbe_files::{MachineFile, ModelFile, read_machine};
 use abbe_geometry::Vector3;
 use abbe_geometry::correct::{Status, correct};
 use abbe_geometry::effects::{CovariateSource, CovariateValue, State};
 use abbe_geometry::model::MachineModel;
+use abbe_graph::step::OwnedField;
 use abbe_identify::{Options, Progress, identify};
 use abbe_report::{Heading, MetaItem, Report, Section};
 use abbe_virtual_machine::effects::from_text;
@@ -33,8 +35,22 @@ pub(crate) struct Simulated<'a> {
     pub(crate) machine: &'a Path,
     pub(crate) seed: u64,
     pub(crate) effects: &'a [String],
+    /// Raw volumetric error (rms, µm).
+    pub(crate) volumetric_um: f64,
     /// 0 for E0; otherwise the two diagonals of the YZ plane with the tip so far across (m).
     pub(crate) tool_offset_m: f64,
+    /// Model to correct with; without one, a campaign is simulated and identified.
+    pub(crate) model: Option<&'a Path>,
+    /// Residual model that belongs to it.
+    pub(crate) residual: Option<&'a Path>,
+}
+
+/// One state of the machine with its length errors.
+struct Stage {
+    title: &'static str,
+    /// Key in JSON.
+    key: &'static str,
+    errors: LengthErrors,
 }
 
 /// Measures before and after.
@@ -45,23 +61,47 @@ pub(crate) fn run(
     observe: &mut dyn FnMut(Progress) -> bool,
 ) -> anyhow::Result<Product> {
     let machine = read_machine(asked.machine)?;
-    let mut config = simulate::config(&machine, asked.seed)?;
+    let mut config = simulate::config(&machine, asked.seed, asked.volumetric_um)?;
     config.effects = asked.effects.iter().map(|text| from_text(text)).collect::<Result<_, _>>()?;
-    let campaign = simulate_campaign(&config)?.campaign;
-    let model = identify(&machine.machine, machine.instrument, &campaign, &Options::default(), observe)?.model;
-    let before = measured(&config, asked, |at| Some(at.indicated_m()))?;
-    let after = measured(&config, asked, |at| corrected_m(&model, at))?;
-    let mut words = format!("machine {}, seed {}\n\nbefore correction, ", machine.machine.name, asked.seed);
-    words.push_str(&lengths::words(&before, limits, rule)?);
-    words.push_str("\nafter correction, ");
-    words.push_str(&lengths::words(&after, limits, rule)?);
-    let json = json!({
+    let (model, residual) = correction(asked, &machine, &config, observe)?;
+    let stage = |title, key, errors| Stage { title, key, errors };
+    let mut stages = vec![stage("Before correction", "before", measured(&config, asked, |at| Some(at.indicated_m()))?)];
+    if residual.is_some() {
+        let by_geometry = measured(&config, asked, |at| corrected_m(&model, None, at))?;
+        stages.push(stage("After the geometric model alone", "geometric", by_geometry));
+    }
+    let after = measured(&config, asked, |at| corrected_m(&model, residual.as_ref(), at))?;
+    stages.push(stage("After correction", "after", after));
+    let mut words = format!("machine {}, seed {}\n", machine.machine.name, asked.seed);
+    let mut json = json!({
         "machine": machine.machine.name, "seed": asked.seed, "effects": asked.effects, "software": software(),
-        "before": lengths::figures(&before, limits, rule)?,
-        "after": lengths::figures(&after, limits, rule)?,
+        "volumetric_um": asked.volumetric_um,
     });
-    let report = report(&machine.machine.name, asked, [&before, &after], limits, rule)?;
+    for Stage { title, key, errors } in &stages {
+        words.push_str(&format!("\n{title}, {}", lengths::words(errors, limits, rule)?));
+        json[*key] = lengths::figures(errors, limits, rule)?;
+    }
+    let report = report(&machine.machine.name, asked, &stages, limits, rule)?;
     Ok(Product { words, json, report })
+}
+
+/// The model asked for and its residual model, or one that is identified from a campaign of the simulated machine.
+fn correction(
+    asked: &Simulated,
+    machine: &MachineFile,
+    config: &SimulationConfig,
+    observe: &mut dyn FnMut(Progress) -> bool,
+) -> anyhow::Result<(MachineModel, Option<OwnedField>)> {
+    let Some(path) = asked.model else {
+        let campaign = simulate_campaign(config)?.campaign;
+        let fit = identify(&machine.machine, machine.instrument, &campaign, &Options::default(), observe)?;
+        return Ok((fit.model, None));
+    };
+    let (file, sha256) = ModelFile::load(path)?;
+    let (own, found) = (&machine.machine.name, &file.model.parts().machine.name);
+    ensure!(own == found, "{}: a model of machine {found}, not of {own}", path.display());
+    let residual = asked.residual.map(|residual| load_residual(residual, &file, &sha256)).transpose()?;
+    Ok((file.model, residual))
 }
 
 fn measured(
@@ -91,10 +131,10 @@ fn measured(
     )?)
 }
 
-fn corrected_m(model: &MachineModel, at: &MachineAtTouch) -> Option<[f64; 3]> {
+fn corrected_m(model: &MachineModel, residual: Option<&OwnedField>, at: &MachineAtTouch) -> Option<[f64; 3]> {
     let covariates = Logged(at);
     let state = State { reading_m: at.reading_m, offset_m: at.offset_m, covariates: &covariates };
-    let correction = correct(model, &state);
+    let correction = with_residual(correct(model, &state), residual);
     (correction.status != Status::Rejected).then(|| correction.position_m.into())
 }
 
@@ -114,23 +154,24 @@ impl CovariateSource for Logged<'_> {
 fn report(
     machine: &str,
     asked: &Simulated,
-    [before, after]: [&LengthErrors; 2],
+    stages: &[Stage],
     limits: &Limits,
     rule: &DecisionRule,
 ) -> anyhow::Result<Report> {
-    let chapter = |title: &str| Section::Heading(Heading { title: title.to_owned(), intro: None });
-    let mut sections = vec![chapter("Before correction")];
-    sections.extend(lengths::sections(before, limits, rule)?);
-    sections.push(chapter("After correction"));
-    sections.extend(lengths::sections(after, limits, rule)?);
-    sections.push(departure_callout(STANDARD, &after.departures));
+    let mut sections = Vec::new();
+    for Stage { title, errors, .. } in stages {
+        sections.push(Section::Heading(Heading { title: (*title).to_owned(), intro: None }));
+        sections.extend(lengths::sections(errors, limits, rule)?);
+    }
+    let departures = stages.last().map_or(&[][..], |stage| &stage.errors.departures);
+    sections.push(departure_callout(STANDARD, departures));
     let item = |label: &str, value: String| MetaItem { label: label.to_owned(), value: Some(value) };
     let mut meta = vec![item("machine", machine.to_owned()), item("seed", asked.seed.to_string())];
     meta.extend(asked.effects.iter().map(|effect| item("effect", effect.clone())));
     Ok(Report {
         title: "Length measurement error before and after correction".to_owned(),
         lead: Some(
-            "The same gauges, touched in the same order by a simulated machine as it is and as its model corrects it."
+            "The same gauges, touched in the same order by a simulated machine as it is and as its models correct it."
                 .to_owned(),
         ),
         meta,
