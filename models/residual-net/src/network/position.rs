@@ -18,8 +18,8 @@ const OUTPUTS: usize = 3;
 const WIDEST: usize = 128;
 /// Blocks at most.
 const MOST_BLOCKS: usize = 16;
-/// Rows are padded to a multiple of this, so that loops run in vector registers.
-const LANES: usize = 8;
+/// Rows are padded to a multiple of this: as many sums as stay in vector registers while the inputs pass by.
+const LANES: usize = 32;
 
 /// Sizes of the network.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -140,12 +140,16 @@ impl Layer {
     #[inline(always)]
     fn apply(&self, x: &[f32], y: &mut [f32; WIDEST]) -> usize {
         let padded = self.bias.len();
-        let y = &mut y[..padded];
-        y.copy_from_slice(&self.bias);
-        for (row, factor) in self.matrix.chunks_exact(padded).zip(x) {
-            for (sum, weight) in y.iter_mut().zip(row) {
-                *sum += factor * weight;
+        for (start, y) in (0..padded).step_by(LANES).zip(y.chunks_exact_mut(LANES)) {
+            let mut sums = [0.0; LANES];
+            sums.copy_from_slice(&self.bias[start..start + LANES]);
+            for (row, factor) in self.matrix.chunks_exact(padded).zip(x) {
+                let row = &row[start..start + LANES];
+                for lane in 0..LANES {
+                    sums[lane] += factor * row[lane];
+                }
             }
+            y.copy_from_slice(&sums);
         }
         padded
     }
