@@ -160,15 +160,7 @@ impl KrigingMean {
 
     /// Expected residual (m) at a point (m, machine frame).
     pub fn at(&self, point_m: &Vector3<f64>) -> Vector3<f64> {
-        wide(MeanAt(self, point_m))
-    }
-
-    #[inline(always)]
-    fn in_plain_loops(&self, point_m: &Vector3<f64>) -> Vector3<f64> {
-        match self.kernel {
-            Kernel::Matern52 => self.sums::<Matern52>(point_m),
-            Kernel::SquaredExponential => self.sums::<SquaredExponential>(point_m),
-        }
+        wide((self, point_m))
     }
 
     #[inline(always)]
@@ -178,15 +170,16 @@ impl KrigingMean {
     }
 }
 
-/// Arguments of the loops, to be run in wide registers.
-struct MeanAt<'a>(&'a KrigingMean, &'a Vector3<f64>);
-
-impl Loops for MeanAt<'_> {
+impl Loops for (&KrigingMean, &Vector3<f64>) {
     type Output = Vector3<f64>;
 
     #[inline(always)]
     fn run(self) -> Vector3<f64> {
-        self.0.in_plain_loops(self.1)
+        let (mean, point_m) = self;
+        match mean.kernel {
+            Kernel::Matern52 => mean.sums::<Matern52>(point_m),
+            Kernel::SquaredExponential => mean.sums::<SquaredExponential>(point_m),
+        }
     }
 }
 
@@ -256,15 +249,7 @@ impl KrigingVariance {
 
     /// Variance of the field (m²) at a point (m) whose nearest calibrated point is `nearest`.
     pub(crate) fn at(&self, point_m: &Vector3<f64>, nearest: usize) -> Vector3<f64> {
-        wide(VarianceAt(self, point_m, nearest))
-    }
-
-    #[inline(always)]
-    fn in_plain_loops(&self, point_m: &Vector3<f64>, nearest: usize) -> Vector3<f64> {
-        match self.kernel {
-            Kernel::Matern52 => self.variances::<Matern52>(point_m, nearest),
-            Kernel::SquaredExponential => self.variances::<SquaredExponential>(point_m, nearest),
-        }
+        wide((self, point_m, nearest))
     }
 
     #[inline(always)]
@@ -275,15 +260,16 @@ impl KrigingVariance {
     }
 }
 
-/// Arguments of the loops, to be run in wide registers.
-struct VarianceAt<'a>(&'a KrigingVariance, &'a Vector3<f64>, usize);
-
-impl Loops for VarianceAt<'_> {
+impl Loops for (&KrigingVariance, &Vector3<f64>, usize) {
     type Output = Vector3<f64>;
 
     #[inline(always)]
     fn run(self) -> Vector3<f64> {
-        self.0.in_plain_loops(self.1, self.2)
+        let (variance, point_m, nearest) = self;
+        match variance.kernel {
+            Kernel::Matern52 => variance.variances::<Matern52>(point_m, nearest),
+            Kernel::SquaredExponential => variance.variances::<SquaredExponential>(point_m, nearest),
+        }
     }
 }
 
@@ -401,8 +387,8 @@ mod tests {
                 (KrigingMean::new(&kriging, &field), KrigingVariance::new(&kriging, &field).unwrap());
             for k in 0..50 {
                 let at = Vector3::new(0.01, 0.004, 0.007) * f64::from(k);
-                assert_eq!(mean.at(&at), mean.in_plain_loops(&at));
-                assert_eq!(variance.at(&at, k as usize), variance.in_plain_loops(&at, k as usize));
+                assert_eq!(mean.at(&at), (&mean, &at).run());
+                assert_eq!(variance.at(&at, k as usize), (&variance, &at, k as usize).run());
             }
         }
     }

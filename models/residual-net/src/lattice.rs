@@ -41,11 +41,6 @@ impl Lattice {
         self.search.vertices(target_m)
     }
 
-    /// A calibrated point (m).
-    pub(crate) fn point_m(&self, index: usize) -> &Vector3<f64> {
-        &self.search.points_m()[index]
-    }
-
     /// Kriging at a point (m).
     pub fn kriging_m(&self, point_m: &Vector3<f64>) -> Vector3<f64> {
         self.kriging.at(point_m)

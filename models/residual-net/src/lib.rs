@@ -22,5 +22,5 @@ pub use calibration::{Calibration, NORMAL_95};
 pub use kriging::{Component, Kriging, KrigingMean};
 pub use lattice::Lattice;
 pub use model::{Ensemble, Kind, ModelError, Parts, ResidualModel, check_units};
-pub use neighbourhood::{Neighbourhood, VERTICES, Vertices, spacing_m};
-pub use trend::{PositionEnsemble, Trend, TrendError, corners_m, place};
+pub use neighbourhood::{Neighbourhood, VERTICES, Vertices, corners_m, spacing_m};
+pub use trend::{PositionEnsemble, Trend, TrendError, place, place_box_m};

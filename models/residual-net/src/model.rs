@@ -160,8 +160,11 @@ impl ResidualModel {
         let variance_m2 = self.variance.at(point_m, vertices.nearest);
         if let Some(trend) = &self.trend {
             let trend_m = trend.at(point_m);
-            let beyond_m =
-                if inside { Vector3::zeros() } else { trend_m - trend.at(self.lattice.point_m(vertices.nearest)) };
+            let beyond_m = if inside {
+                Vector3::zeros()
+            } else {
+                trend_m - trend.at(&self.parts.field.points_m()[vertices.nearest])
+            };
             return (trend_m + self.lattice.kriging_m(point_m), variance_m2 + beyond_m.component_mul(&beyond_m));
         }
         let Some(ensemble) = &self.parts.ensemble else {

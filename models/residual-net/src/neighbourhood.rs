@@ -39,8 +39,7 @@ pub struct Neighbourhood {
 impl Neighbourhood {
     /// Bins of finite points (m).
     pub fn new(points_m: &[Vector3<f64>]) -> Neighbourhood {
-        let low_m = points_m.iter().fold(Vector3::repeat(f64::INFINITY), |low, p| low.inf(p));
-        let high_m = points_m.iter().fold(Vector3::repeat(f64::NEG_INFINITY), |high, p| high.sup(p));
+        let (low_m, high_m) = corners_m(points_m);
         let longest = (high_m - low_m).max();
         let bin_m = spacing_m(points_m).max(longest / MOST_BINS as f64).max(f64::MIN_POSITIVE);
         let count = |axis: usize| (((high_m[axis] - low_m[axis]) / bin_m) as usize + 1).min(MOST_BINS + 1);
@@ -165,11 +164,17 @@ impl Search {
     }
 }
 
+/// Lower and upper corner of the box around some points (m); infinite the wrong way round without any.
+pub fn corners_m(points_m: &[Vector3<f64>]) -> (Vector3<f64>, Vector3<f64>) {
+    let low = points_m.iter().fold(Vector3::repeat(f64::INFINITY), |low, p| low.inf(p));
+    let high = points_m.iter().fold(Vector3::repeat(f64::NEG_INFINITY), |high, p| high.sup(p));
+    (low, high)
+}
+
 /// Typical distance of neighbouring points (m): the edge of the cube that each has to itself in the box around them all.
 /// Directions in which the box is flat do not count.
 pub fn spacing_m(points_m: &[Vector3<f64>]) -> f64 {
-    let low = points_m.iter().fold(Vector3::repeat(f64::INFINITY), |low, p| low.inf(p));
-    let high = points_m.iter().fold(Vector3::repeat(f64::NEG_INFINITY), |high, p| high.sup(p));
+    let (low, high) = corners_m(points_m);
     let extent = high - low;
     let longest = extent.max();
     let wide: Vec<f64> = extent.iter().copied().filter(|e| *e > longest * 1e-6).collect();

@@ -5,6 +5,7 @@
 //! sharp in the residual and rings beside it; a network bends there, and kriging then has only what is smooth. Known as residual
 //! kriging or regression kriging (Hengl et al. 2007, Computers & Geosciences 33), here with a network as the regression.
 
+use crate::neighbourhood::corners_m;
 use crate::network::ParametersError;
 use crate::network::position::{POSITION_SIZE, PositionConfig, PositionConfigError, PositionNetwork};
 use abbe_field::{FieldError, MeasuredField};
@@ -85,10 +86,10 @@ pub fn place(point_m: &Vector3<f64>, low_m: &Vector3<f64>, high_m: &Vector3<f64>
     std::array::from_fn(|axis| ((point_m[axis] - low_m[axis]) / (high_m[axis] - low_m[axis]) * 2.0 - 1.0) as f32)
 }
 
-/// Lower and upper corner of the box of some points (m); along an axis on which they do not differ it reaches a metre either way.
-pub fn corners_m(points_m: &[Vector3<f64>]) -> (Vector3<f64>, Vector3<f64>) {
-    let low = points_m.iter().fold(Vector3::repeat(f64::INFINITY), |low, p| low.inf(p));
-    let high = points_m.iter().fold(Vector3::repeat(f64::NEG_INFINITY), |high, p| high.sup(p));
+/// Corners (m) of the box that is ±1 for a network of these points; along an axis on which they do not differ it reaches a metre
+/// either way.
+pub fn place_box_m(points_m: &[Vector3<f64>]) -> (Vector3<f64>, Vector3<f64>) {
+    let (low, high) = corners_m(points_m);
     let margin = (high - low).map(|extent| if extent > 0.0 { 0.0 } else { 1.0 });
     (low - margin, high + margin)
 }

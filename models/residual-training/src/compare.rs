@@ -20,7 +20,7 @@ use crate::views::{Material, Positions, ViewError, normaliser};
 use abbe_field::idw::{EXPONENT, Reference};
 use abbe_field::{Idw, Interpolator, MeasuredField, Trilinear};
 use abbe_residual_net::network::{Normaliser, Parameters};
-use abbe_residual_net::{Calibration, Ensemble, Kind, Kriging, PositionEnsemble, check_units, corners_m, place};
+use abbe_residual_net::{Calibration, Ensemble, Kind, Kriging, PositionEnsemble, check_units, place, place_box_m};
 use burn::tensor::Device;
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
@@ -389,7 +389,7 @@ impl<'a> Trial<'a> {
 
     fn on_position(&self, network: Perceptron) -> Result<Predictor, TrainingError> {
         let best = self.trained(&network, &self.position_examples(), "perceptron")?;
-        let ((low_m, high_m), normaliser) = (corners_m(self.known.points_m()), self.normaliser);
+        let ((low_m, high_m), normaliser) = (place_box_m(self.known.points_m()), self.normaliser);
         Ok(Box::new(move |p| {
             let at = place(p, &low_m, &high_m);
             let output = outputs(&network, &best, &at, &Device::flex()).map_err(|e| e.to_string())?;
@@ -399,7 +399,7 @@ impl<'a> Trial<'a> {
 
     fn swarm(&self) -> Predictor {
         let swarm = Swarm::train(&self.position_examples(), self.seed);
-        let ((low_m, high_m), normaliser) = (corners_m(self.known.points_m()), self.normaliser);
+        let ((low_m, high_m), normaliser) = (place_box_m(self.known.points_m()), self.normaliser);
         Box::new(move |p| Ok(normaliser.restore(&Vector3::from(swarm.output(&place(p, &low_m, &high_m))))))
     }
 

@@ -57,23 +57,12 @@ impl Networks {
         kriging: &Kriging,
         calibration: Calibration,
     ) -> Result<ResidualModel, TrainingError> {
-        let (mut parts_ensemble, mut parts_trend, mut parts_kriging) = (None, None, None);
-        match self {
-            Networks::None => {}
-            Networks::Neighbourhood(ensemble) => parts_ensemble = Some(ensemble),
-            Networks::Position(ensemble) => {
-                parts_kriging = Some(of_left(&ensemble, field)?);
-                parts_trend = Some(ensemble);
-            }
-        }
-        let parts = Parts {
-            kind,
-            field: field.clone(),
-            kriging: parts_kriging.unwrap_or_else(|| kriging.clone()),
-            ensemble: parts_ensemble,
-            trend: parts_trend,
-            calibration,
+        let (kriging, ensemble, trend) = match self {
+            Networks::None => (kriging.clone(), None, None),
+            Networks::Neighbourhood(ensemble) => (kriging.clone(), Some(ensemble), None),
+            Networks::Position(trend) => (of_left(&trend, field)?, None, Some(trend)),
         };
+        let parts = Parts { kind, field: field.clone(), kriging, ensemble, trend, calibration };
         Ok(ResidualModel::new(parts)?)
     }
 }

@@ -5,6 +5,7 @@
 //! division of the box around all points, dealt to the folds in random order such that folds grow evenly.
 
 use crate::config::{Split, SplitKind};
+use abbe_residual_net::corners_m;
 use nalgebra::Vector3;
 use rand::SeedableRng;
 use rand::seq::SliceRandom;
@@ -21,8 +22,7 @@ pub fn blocks(points_m: &[Vector3<f64>], split: &Split) -> Vec<usize> {
 
 /// Cell of each point when the box around them is divided `per_axis` times along each axis.
 fn cells(points_m: &[Vector3<f64>], per_axis: usize) -> Vec<usize> {
-    let low = points_m.iter().fold(Vector3::repeat(f64::INFINITY), |low, p| low.inf(p));
-    let high = points_m.iter().fold(Vector3::repeat(f64::NEG_INFINITY), |high, p| high.sup(p));
+    let (low, high) = corners_m(points_m);
     let cell = |point: &Vector3<f64>| {
         let place = |axis: usize| {
             let share = (point[axis] - low[axis]) / (high[axis] - low[axis]);

@@ -222,7 +222,7 @@ pub fn train(
         .map(|held| fitted_without(field, &fold, held, kriging.kernel))
         .collect::<Result<_, _>>()?;
     let kinds = config.method.kinds();
-    let networks: Vec<Kind> = kinds.iter().copied().filter(|kind| kind.has_network()).collect();
+    let networks = config.method.networks();
     let mut trained: Vec<(Kind, Networks)> =
         kinds.iter().filter(|kind| !kind.has_network()).map(|kind| (*kind, Networks::None)).collect();
     let mut complete = true;
@@ -288,13 +288,12 @@ fn finish(
     let chosen = predicted.iter().find(|p| p.kind == kind).ok_or(TrainingError::NoCalibration(kind.name()))?;
     let calibration = Calibration::from_held_out(&chosen.pairs()).ok_or(TrainingError::NoCalibration(kind.name()))?;
     let held_out = chosen.points(field, &calibration);
-    let networks: Vec<Kind> = config.method.kinds().iter().copied().filter(|kind| kind.has_network()).collect();
     let record = TrainingRecord {
         config: config.clone(),
         points: fold.len(),
         flattering: config.split.is_flattering(),
         kernel: format!("{:?}", kriging.kernel),
-        curves: curves(&state, &config.split, &networks),
+        curves: curves(&state, &config.split, &config.method.networks()),
         held_out: held_out_scores(field, &predicted),
         recommendation,
         kind: kind.name().to_owned(),

@@ -11,7 +11,7 @@ use crate::optimise::{Examples, OUTPUTS, View};
 use crate::split;
 use abbe_field::{FieldError, MeasuredField};
 use abbe_residual_net::network::{NetworkConfig, Normaliser, PositionConfig};
-use abbe_residual_net::{Kind, Kriging, Lattice, PositionEnsemble, corners_m, place, spacing_m};
+use abbe_residual_net::{Kind, Kriging, Lattice, PositionEnsemble, place, place_box_m, spacing_m};
 use nalgebra::Vector3;
 use thiserror::Error;
 
@@ -133,7 +133,7 @@ pub(crate) struct Positions<'a> {
 impl<'a> Positions<'a> {
     /// Of the points of a field, over the box of what is known of it.
     pub(crate) fn new(field: &'a MeasuredField, known: &MeasuredField, normaliser: &'a Normaliser) -> Positions<'a> {
-        let (low_m, high_m) = corners_m(known.points_m());
+        let (low_m, high_m) = place_box_m(known.points_m());
         Positions { field, normaliser, low_m, high_m }
     }
 

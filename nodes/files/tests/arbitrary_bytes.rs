@@ -2,10 +2,13 @@
 
 #![allow(clippy::unwrap_used, clippy::panic)] // helpers of tests may
 
+mod mangled;
+
 use abbe_files::{
     ModelFile, PointRow, PointsReader, SeenTarget, machine_text, parse_machine, read_campaign, read_guideway,
     read_sphere_centres,
 };
+use mangled::mangled;
 use proptest::collection::vec;
 use proptest::prelude::*;
 
@@ -37,22 +40,6 @@ fn read_all(bytes: &[u8]) {
         let mut row = PointRow::default();
         while let Ok(true) = reader.read(&mut row) {}
     }
-}
-
-/// A text with some of its bytes replaced, left out or doubled.
-fn mangled(text: &'static str) -> impl Strategy<Value = Vec<u8>> {
-    vec((any::<prop::sample::Index>(), any::<u8>(), 0..3), 1..6).prop_map(move |changes| {
-        let mut bytes = text.as_bytes().to_vec();
-        for (position, byte, how) in changes {
-            let index = position.index(bytes.len());
-            match how {
-                0 => bytes[index] = byte,
-                1 => drop(bytes.remove(index)),
-                _ => bytes.insert(index, bytes[index]),
-            }
-        }
-        bytes
-    })
 }
 
 proptest! {

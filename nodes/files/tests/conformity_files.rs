@@ -2,10 +2,13 @@
 
 #![allow(clippy::unwrap_used, clippy::panic)] // helpers of tests may
 
+mod mangled;
+
 use abbe_conformity::length::{LengthTest, Probing, evaluate};
 use abbe_conformity::positioning::{self, Approach, Direction};
 use abbe_diagnose::study::runs::Approach as Approached;
 use abbe_files::{FileError, LengthFile, StudyFile, read_lengths, read_runs};
+use mangled::mangled;
 use proptest::collection::vec;
 use proptest::prelude::*;
 
@@ -61,22 +64,6 @@ fn runs(bytes: &[u8]) -> Result<StudyFile<abbe_diagnose::study::runs::Run>, File
         let _ = positioning::evaluate("X", &approaches);
     }
     read
-}
-
-/// A text with some of its bytes replaced, left out or doubled.
-fn mangled(text: &'static str) -> impl Strategy<Value = Vec<u8>> {
-    vec((any::<prop::sample::Index>(), any::<u8>(), 0..3), 1..6).prop_map(move |changes| {
-        let mut bytes = text.as_bytes().to_vec();
-        for (position, byte, how) in changes {
-            let index = position.index(bytes.len());
-            match how {
-                0 => bytes[index] = byte,
-                1 => drop(bytes.remove(index)),
-                _ => bytes.insert(index, bytes[index]),
-            }
-        }
-        bytes
-    })
 }
 
 /// A text with one cell replaced; the line and the column's name.

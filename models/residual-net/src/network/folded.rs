@@ -78,11 +78,16 @@ impl Folded {
 
     /// Output of the network in its own units.
     pub fn evaluate(&self, tokens: &[Token; VERTICES]) -> Vector3<f64> {
-        wide(Evaluation(self, tokens))
+        wide((self, tokens))
     }
+}
+
+impl Loops for (&Folded, &[Token; VERTICES]) {
+    type Output = Vector3<f64>;
 
     #[inline(always)]
-    fn in_plain_loops(&self, tokens: &[Token; VERTICES]) -> Vector3<f64> {
+    fn run(self) -> Vector3<f64> {
+        let (network, tokens) = self;
         let mut extended: Square = [[0.0; LANES]; VERTICES];
         for (row, token) in extended.iter_mut().zip(tokens) {
             row[..TOKEN_SIZE].copy_from_slice(token);
@@ -90,8 +95,8 @@ impl Folded {
         }
         let keys = transpose(&extended);
         let mut sums = [[0.0_f32; LANES]; 3];
-        for head in &self.heads {
-            let seen = if self.attention {
+        for head in &network.heads {
+            let seen = if network.attention {
                 product(&softmax(&product(&product(&extended, &head.score), &keys)), &extended)
             } else {
                 extended
@@ -104,19 +109,7 @@ impl Folded {
                 }
             }
         }
-        Vector3::from_fn(|k, _| f64::from(self.constant[k] + sums[k].iter().sum::<f32>()))
-    }
-}
-
-/// Arguments of the loops, to be run in wide registers.
-struct Evaluation<'a>(&'a Folded, &'a [Token; VERTICES]);
-
-impl Loops for Evaluation<'_> {
-    type Output = Vector3<f64>;
-
-    #[inline(always)]
-    fn run(self) -> Vector3<f64> {
-        self.0.in_plain_loops(self.1)
+        Vector3::from_fn(|k, _| f64::from(network.constant[k] + sums[k].iter().sum::<f32>()))
     }
 }
 
@@ -193,7 +186,7 @@ mod tests {
                 for seed in 0..20 {
                     let tokens = random_tokens(seed);
                     let (found, expected) = (folded.evaluate(&tokens), forward(&config, &parameters, &tokens));
-                    assert_eq!(found, folded.in_plain_loops(&tokens));
+                    assert_eq!(found, (&folded, &tokens).run());
                     let error = (found - expected).norm() / expected.norm();
                     assert!(error < TOLERANCE, "width {width}, heads {heads}: {error}");
                 }

@@ -104,12 +104,17 @@ impl PositionNetwork {
 
     /// Output in units of the network at a place in ±1.
     pub fn evaluate(&self, place: &[f32; POSITION_SIZE]) -> Vector3<f64> {
-        wide(Evaluation(self, place))
+        wide((self, place))
     }
+}
+
+impl Loops for (&PositionNetwork, &[f32; POSITION_SIZE]) {
+    type Output = Vector3<f64>;
 
     #[inline(always)]
-    fn in_plain_loops(&self, place: &[f32; POSITION_SIZE]) -> Vector3<f64> {
-        let [first, hidden @ .., last] = self.layers.as_slice() else { return Vector3::zeros() };
+    fn run(self) -> Vector3<f64> {
+        let (network, place) = self;
+        let [first, hidden @ .., last] = network.layers.as_slice() else { return Vector3::zeros() };
         let (mut x, mut inner, mut step) = ([0.0; WIDEST], [0.0; WIDEST], [0.0; WIDEST]);
         let width = first.apply(place, &mut x);
         for block in hidden.chunks_exact(2) {
@@ -120,18 +125,6 @@ impl PositionNetwork {
         }
         last.apply(&x[..width], &mut inner);
         Vector3::from_fn(|k, _| f64::from(inner[k]))
-    }
-}
-
-/// Arguments of the loops, to be run in wide registers.
-struct Evaluation<'a>(&'a PositionNetwork, &'a [f32; POSITION_SIZE]);
-
-impl Loops for Evaluation<'_> {
-    type Output = Vector3<f64>;
-
-    #[inline(always)]
-    fn run(self) -> Vector3<f64> {
-        self.0.in_plain_loops(self.1)
     }
 }
 
@@ -194,7 +187,7 @@ mod tests {
             for _ in 0..20 {
                 let place = std::array::from_fn(|_| random.random_range(-1.0..1.0));
                 let (found, expected) = (network.evaluate(&place), printed(&config, &parameters, &place));
-                assert_eq!(found, network.in_plain_loops(&place));
+                assert_eq!(found, (&network, &place).run());
                 assert!(
                     (found - expected).norm() < TOLERANCE * expected.norm().max(1.0),
                     "{width}: {found} {expected}"
