@@ -8,16 +8,19 @@
 //! however many there are. (On smooth fields of 150 points the deviation is up to 2.2 times that from all points among them, and
 //! up to 3.4 times beyond the edge; calibration takes the mean of it back.) Source: Rasmussen & Williams 2006, eq. 2.25, 2.41-2.42.
 
-use crate::exponential::exp;
+use crate::exponential::halved;
 use crate::registers::{Loops, wide};
 use abbe_field::MeasuredField;
 use abbe_field::kriging::Kernel;
 use faer::linalg::solvers::{DenseSolveCore, Llt, Solve};
 use faer::{Mat, Side};
 use nalgebra::Vector3;
+use std::f64::consts::{LN_2, LOG2_E};
 
 /// Points that the variance is computed from.
 const NEAREST: usize = 24;
+/// Cyclic diagonals of a symmetric matrix of that size that are not the same numbers again.
+const DIAGONALS: usize = NEAREST / 2 + 1;
 /// Lengths of arrays are multiples of this, so that loops run in vector registers.
 const LANES: usize = 8;
 
@@ -93,7 +96,7 @@ impl Component {
     }
 
     fn covariance(&self, kernel: Kernel, a: &Vector3<f64>, b: &Vector3<f64>) -> f64 {
-        let square = (a - b).component_div(&self.length_m).norm_squared();
+        let square = (a - b).component_mul(&per_length(kernel, &self.length_m)).norm_squared();
         self.signal_m * self.signal_m * correlation(kernel, square)
     }
 
@@ -105,25 +108,33 @@ impl Component {
 
 /// A kernel that is known when loops are compiled, so that they have no branches.
 trait Correlation {
-    /// Correlation at a scaled square distance Σ (Δ_d/ℓ_d)².
+    /// Factor on distances over length scales with which the kernel is a polynomial times 2^−t: no factors are left in the loops.
+    const SCALE: f64;
+    /// Correlation at a scaled square distance Σ (SCALE Δ_d/ℓ_d)².
     fn at(square: f64) -> f64;
 }
 
 struct Matern52;
 struct SquaredExponential;
 
+/// (1 + a + a²/3) e^−a with a = √5 Δ/ℓ = t ln 2.
 impl Correlation for Matern52 {
+    const SCALE: f64 = 2.236_067_977_499_79 * LOG2_E;
+
     #[inline(always)]
     fn at(square: f64) -> f64 {
-        let a = (5.0 * square).sqrt();
-        (1.0 + a + a * a * (1.0 / 3.0)) * exp(-a)
+        let t = square.sqrt();
+        (1.0 + LN_2 * t + LN_2 * LN_2 / 3.0 * square) * halved(t)
     }
 }
 
+/// e^−(Δ/ℓ)²/2 = 2^−t².
 impl Correlation for SquaredExponential {
+    const SCALE: f64 = 0.849_321_800_288_019_1; // √(log₂ e / 2)
+
     #[inline(always)]
     fn at(square: f64) -> f64 {
-        exp(-0.5 * square)
+        halved(square)
     }
 }
 
@@ -134,28 +145,47 @@ fn correlation(kernel: Kernel, square: f64) -> f64 {
     }
 }
 
+/// Scaled distance of points that are a metre apart along each axis.
+fn per_length(kernel: Kernel, length_m: &Vector3<f64>) -> Vector3<f64> {
+    let scale = match kernel {
+        Kernel::Matern52 => Matern52::SCALE,
+        Kernel::SquaredExponential => SquaredExponential::SCALE,
+    };
+    length_m.map(|length| scale / length)
+}
+
 /// Evaluates the mean of a [`Kriging`].
 #[derive(Debug, Clone)]
 pub struct KrigingMean {
     kernel: Kernel,
+    /// Calibrated points (m) by coordinate, as many at a time as run in registers; padded with weights of zero.
+    place_m: [Vec<[f64; LANES]>; 3],
     components: [Signal; 3],
 }
 
-/// Mean of one component. Calibrated points over the length scales, by coordinate, and their weights; padded with weights
-/// of zero.
+/// What the mean of one component adds up.
 #[derive(Debug, Clone)]
 struct Signal {
-    per_length: Vector3<f64>,
     trend_m: f64,
-    place: [Vec<f64>; 3],
-    weight_m: Vec<f64>,
+    /// Square of the scaled distance of points a metre apart along each axis.
+    scale_per_m2: Vector3<f64>,
+    weight_m: Vec<[f64; LANES]>,
 }
 
 impl KrigingMean {
     /// Prepares the evaluation; the field is the one that the kriging was solved for.
     pub fn new(kriging: &Kriging, field: &MeasuredField) -> KrigingMean {
-        let components = kriging.components.each_ref().map(|component| Signal::new(component, field));
-        KrigingMean { kernel: kriging.kernel, components }
+        let points = field.points_m();
+        let signal = |component: &Component| Signal {
+            trend_m: component.trend_m,
+            scale_per_m2: per_length(kriging.kernel, &component.length_m).map(|s| s * s),
+            weight_m: in_lanes(component.weights_per_m.iter().map(|w| w * component.signal_m * component.signal_m)),
+        };
+        KrigingMean {
+            kernel: kriging.kernel,
+            place_m: std::array::from_fn(|axis| in_lanes(points.iter().map(|point| point[axis]))),
+            components: kriging.components.each_ref().map(signal),
+        }
     }
 
     /// Expected residual (m) at a point (m, machine frame).
@@ -165,9 +195,32 @@ impl KrigingMean {
 
     #[inline(always)]
     fn sums<C: Correlation>(&self, point_m: &Vector3<f64>) -> Vector3<f64> {
-        let [x, y, z] = &self.components;
-        Vector3::new(x.sum::<C>(point_m), y.sum::<C>(point_m), z.sum::<C>(point_m))
+        let mut sums = [[0.0; LANES]; 3];
+        let [x, y, z] = &self.place_m;
+        let weights = self.components.each_ref().map(|component| component.weight_m.as_slice());
+        for k in 0..x.len() {
+            let mut squares = [[0.0; LANES]; 3];
+            for lane in 0..LANES {
+                let [dx, dy, dz] = [x[k][lane] - point_m.x, y[k][lane] - point_m.y, z[k][lane] - point_m.z];
+                [squares[0][lane], squares[1][lane], squares[2][lane]] = [dx * dx, dy * dy, dz * dz];
+            }
+            for (axis, component) in self.components.iter().enumerate() {
+                let scale = &component.scale_per_m2;
+                for lane in 0..LANES {
+                    let [xx, yy, zz] = [squares[0][lane], squares[1][lane], squares[2][lane]];
+                    sums[axis][lane] += C::at(xx * scale.x + yy * scale.y + zz * scale.z) * weights[axis][k][lane];
+                }
+            }
+        }
+        Vector3::from_fn(|axis, _| self.components[axis].trend_m + sums[axis].iter().sum::<f64>())
     }
+}
+
+/// Numbers in groups, the last one filled up with zeros.
+fn in_lanes(values: impl Iterator<Item = f64>) -> Vec<[f64; LANES]> {
+    let values: Vec<f64> = values.collect();
+    let group = |group: &[f64]| std::array::from_fn(|lane| group.get(lane).copied().unwrap_or(0.0));
+    values.chunks(LANES).map(group).collect()
 }
 
 impl Loops for (&KrigingMean, &Vector3<f64>) {
@@ -183,39 +236,6 @@ impl Loops for (&KrigingMean, &Vector3<f64>) {
     }
 }
 
-impl Signal {
-    fn new(component: &Component, field: &MeasuredField) -> Signal {
-        let points = field.points_m();
-        let per_length = component.length_m.map(|length| 1.0 / length);
-        let padded = points.len().next_multiple_of(LANES);
-        let place =
-            |axis: usize| (0..padded).map(|k| points.get(k).map_or(0.0, |p| p[axis] * per_length[axis])).collect();
-        let variance_m2 = component.signal_m * component.signal_m;
-        let weight = |k: usize| component.weights_per_m.get(k).map_or(0.0, |w| w * variance_m2);
-        Signal {
-            per_length,
-            trend_m: component.trend_m,
-            place: std::array::from_fn(place),
-            weight_m: (0..padded).map(weight).collect(),
-        }
-    }
-
-    #[inline(always)]
-    fn sum<C: Correlation>(&self, point_m: &Vector3<f64>) -> f64 {
-        let at = point_m.component_mul(&self.per_length);
-        let mut sums = [0.0; LANES];
-        let [x, y, z] = &self.place;
-        let places = x.chunks_exact(LANES).zip(y.chunks_exact(LANES)).zip(z.chunks_exact(LANES));
-        for (((x, y), z), weight) in places.zip(self.weight_m.chunks_exact(LANES)) {
-            for lane in 0..LANES {
-                let (dx, dy, dz) = (x[lane] - at.x, y[lane] - at.y, z[lane] - at.z);
-                sums[lane] += C::at(dx * dx + dy * dy + dz * dz) * weight[lane];
-            }
-        }
-        self.trend_m + sums.iter().sum::<f64>()
-    }
-}
-
 /// Evaluates the variance of a [`Kriging`].
 #[derive(Debug, Clone)]
 pub(crate) struct KrigingVariance {
@@ -228,10 +248,11 @@ pub(crate) struct KrigingVariance {
 struct Local {
     per_length: Vector3<f64>,
     variance_m2: f64,
-    /// Nearest calibrated points over the length scales; what stands in places left over has no effect.
+    /// Nearest calibrated points in scaled distances; what stands in places left over has no effect.
     place: [[f64; NEAREST]; 3],
-    /// A, row by row.
-    inverse: [[f64; NEAREST]; NEAREST],
+    /// A by its cyclic diagonals, `[d][i]` = A_i,i+d: the matrix is symmetric, so half of them say all, with the factor of those
+    /// that stand for two.
+    inverse: [[f64; NEAREST]; DIAGONALS],
     /// A 1 and 1ᵀA1.
     row_sums: [f64; NEAREST],
     total: f64,
@@ -290,21 +311,23 @@ impl Local {
         });
         let inverse = Llt::new(covariance.as_ref(), Side::Lower).ok()?.inverse();
         let mut local = Local {
-            per_length: component.length_m.map(|length| 1.0 / length),
+            per_length: per_length(kernel, &component.length_m),
             variance_m2: component.signal_m * component.signal_m,
             place: [[0.0; NEAREST]; 3],
-            inverse: [[0.0; NEAREST]; NEAREST],
+            inverse: [[0.0; NEAREST]; DIAGONALS],
             row_sums: [0.0; NEAREST],
             total: 0.0,
         };
         for (i, (_, index)) in near.iter().enumerate() {
             for a in 0..3 {
-                local.place[a][i] = points[*index][a] / component.length_m[a];
+                local.place[a][i] = points[*index][a] * local.per_length[a];
             }
-            for j in 0..near.len() {
-                local.inverse[i][j] = inverse[(i, j)];
+            for d in 0..DIAGONALS {
+                let j = (i + d) % NEAREST;
+                let times = if d == 0 || d == NEAREST - d { 1.0 } else { 2.0 };
+                local.inverse[d][i] = if j < near.len() { times * inverse[(i, j)] } else { 0.0 };
             }
-            local.row_sums[i] = local.inverse[i].iter().sum();
+            local.row_sums[i] = (0..near.len()).map(|j| inverse[(i, j)]).sum();
         }
         local.total = local.row_sums.iter().sum();
         (local.total > 0.0 && local.total.is_finite()).then_some(local)
@@ -313,25 +336,29 @@ impl Local {
     #[inline(always)]
     fn variance_m2<C: Correlation>(&self, point_m: &Vector3<f64>) -> f64 {
         let at = point_m.component_mul(&self.per_length);
-        let mut k = [0.0; NEAREST];
+        // Twice in a row, so that the diagonals run on where the rows end.
+        let mut twice = [0.0; 2 * NEAREST];
         for lane in 0..NEAREST {
             let [dx, dy, dz] = [self.place[0][lane] - at.x, self.place[1][lane] - at.y, self.place[2][lane] - at.z];
-            k[lane] = self.variance_m2 * C::at(dx * dx + dy * dy + dz * dz);
+            twice[lane] = self.variance_m2 * C::at(dx * dx + dy * dy + dz * dz);
         }
+        let (k, again) = twice.split_at_mut(NEAREST);
+        again.copy_from_slice(k);
         let mut solved = [0.0; NEAREST];
-        for (row, factor) in self.inverse.iter().zip(&k) {
+        for (d, diagonal) in self.inverse.iter().enumerate() {
             for lane in 0..NEAREST {
-                solved[lane] += row[lane] * factor;
+                solved[lane] += diagonal[lane] * twice[lane + d];
             }
         }
-        let open = 1.0 - dot(&self.row_sums, &k);
+        let k = &twice[..NEAREST];
+        let open = 1.0 - dot(&self.row_sums, k);
         // Rounding may leave less than nothing where the field is known exactly.
-        (self.variance_m2 - dot(&solved, &k)).max(0.0) + open * open / self.total
+        (self.variance_m2 - dot(&solved, k)).max(0.0) + open * open / self.total
     }
 }
 
 #[inline(always)]
-fn dot(a: &[f64; NEAREST], b: &[f64; NEAREST]) -> f64 {
+fn dot(a: &[f64; NEAREST], b: &[f64]) -> f64 {
     let mut sums = [0.0; LANES];
     for (a, b) in a.chunks_exact(LANES).zip(b.chunks_exact(LANES)) {
         for lane in 0..LANES {

@@ -6,6 +6,7 @@
 //! In training the target is not among the calibrated points, and neither is a part of space around it.
 
 use nalgebra::Vector3;
+use std::ops::RangeInclusive;
 
 /// Vertices of a cell.
 pub const VERTICES: usize = 8;
@@ -31,9 +32,9 @@ pub struct Neighbourhood {
     low_m: Vector3<f64>,
     bin_m: f64,
     counts: [usize; 3],
-    /// Points of bin b are `order[start[b]..start[b + 1]]`, ascending.
+    /// Points of bin b are `binned[start[b]..start[b + 1]]`, ascending.
     start: Vec<usize>,
-    order: Vec<usize>,
+    binned: Vec<(Vector3<f64>, usize)>,
 }
 
 impl Neighbourhood {
@@ -49,19 +50,15 @@ impl Neighbourhood {
             low_m,
             bin_m,
             counts,
-            start: Vec::new(),
-            order: (0..points_m.len()).collect(),
+            start: vec![0; counts.iter().product::<usize>() + 1],
+            binned: points_m.iter().copied().zip(0..).collect(),
         };
-        let bin = |k: usize| found.flat(found.bin(&points_m[k]));
-        let mut order = found.order.clone();
-        order.sort_by_key(|k| (bin(*k), *k));
-        let mut start = vec![0; counts.iter().product::<usize>() + 1];
-        order.iter().for_each(|k| start[bin(*k) + 1] += 1);
-        for b in 1..start.len() {
-            start[b] += start[b - 1];
+        let bins: Vec<usize> = points_m.iter().map(|point| found.flat(found.bin(point))).collect();
+        found.binned.sort_by_key(|(_, k)| (bins[*k], *k));
+        bins.iter().for_each(|bin| found.start[bin + 1] += 1);
+        for b in 1..found.start.len() {
+            found.start[b] += found.start[b - 1];
         }
-        found.order = order;
-        found.start = start;
         found
     }
 
@@ -87,21 +84,24 @@ impl Neighbourhood {
         let centre = self.bin(target_m);
         let mut search = Search { squares: [f64::INFINITY; VERTICES], index: [usize::MAX; VERTICES] };
         let most = self.counts.iter().max().copied().unwrap_or(1);
-        for shell in 0..=most {
+        // The first shell is the whole block of bins around the target.
+        for shell in 1..=most {
             let low = centre.map(|c| c.saturating_sub(shell));
             let high: [usize; 3] = std::array::from_fn(|axis| (centre[axis] + shell).min(self.counts[axis] - 1));
             for i in low[0]..=high[0] {
                 for j in low[1]..=high[1] {
-                    let on_shell = i.abs_diff(centre[0]) == shell || j.abs_diff(centre[1]) == shell;
+                    let gap_m2 = self.gap_m(0, i, target_m).powi(2) + self.gap_m(1, j, target_m).powi(2);
+                    if search.is_beyond(gap_m2) {
+                        continue;
+                    }
+                    let is_new = shell == 1 || i.abs_diff(centre[0]) == shell || j.abs_diff(centre[1]) == shell;
+                    if is_new {
+                        self.offer_row([i, j], low[2]..=high[2], target_m, &mut search);
+                        continue;
+                    }
                     // Inside the shell only the two end bins of a row are new.
-                    let step = if on_shell { 1 } else { (2 * shell).max(1) };
-                    let first = if on_shell { Some(low[2]) } else { centre[2].checked_sub(shell) };
-                    let first = first.unwrap_or(centre[2] + shell);
-                    for k in (first..=high[2]).step_by(step) {
-                        let bin = self.flat([i, j, k]);
-                        for place in &self.order[self.start[bin]..self.start[bin + 1]] {
-                            search.offer(*place, &(self.points_m[*place] - target_m));
-                        }
+                    for k in [centre[2].checked_sub(shell), Some(centre[2] + shell)].into_iter().flatten() {
+                        self.offer_row([i, j], k..=k.min(high[2]), target_m, &mut search);
                     }
                 }
             }
@@ -110,6 +110,26 @@ impl Neighbourhood {
             }
         }
         search.vertices()
+    }
+
+    /// Offers the points of bins that follow each other along z.
+    fn offer_row(&self, [i, j]: [usize; 2], along_z: RangeInclusive<usize>, target_m: &Vector3<f64>, to: &mut Search) {
+        if along_z.is_empty() {
+            return;
+        }
+        let (first, last) = (self.flat([i, j, *along_z.start()]), self.flat([i, j, *along_z.end()]));
+        for (point_m, index) in &self.binned[self.start[first]..self.start[last + 1]] {
+            to.offer(*index, &(point_m - target_m));
+        }
+    }
+
+    /// Distance (m) of a target from the nearest plane of a layer of bins across an axis; zero within it.
+    fn gap_m(&self, axis: usize, layer: usize, target_m: &Vector3<f64>) -> f64 {
+        let edge = self.low_m[axis] + layer as f64 * self.bin_m;
+        // The last layer holds what rounding puts on its far side.
+        let is_last = layer + 1 == self.counts[axis];
+        let above = if is_last { 0.0 } else { target_m[axis] - (edge + self.bin_m) };
+        (edge - target_m[axis]).max(above).max(0.0)
     }
 
     /// Whether no bin left out can hold a nearer point of any octant.
@@ -137,7 +157,16 @@ struct Search {
     index: [usize; VERTICES],
 }
 
+/// Share of a distance between bins that rounding leaves of it at least.
+const ROUNDED: f64 = 1.0 - 1e-9;
+
 impl Search {
+    /// Whether points at this square distance (m²) and beyond are in nobody's place.
+    #[inline]
+    fn is_beyond(&self, square_m2: f64) -> bool {
+        self.squares.iter().all(|held| *held < square_m2 * ROUNDED)
+    }
+
     #[inline]
     fn offer(&mut self, index: usize, relative: &Vector3<f64>) {
         let octant = (0..3).map(|a| usize::from(relative[a] >= 0.0) << a).sum::<usize>();
