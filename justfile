@@ -11,6 +11,10 @@ demo *options:
 test:
     cargo test --workspace
 
+# Training on a graphics card, or on Mesa's software card (Debian: mesa-vulkan-drivers); compiles some 200 more crates
+graphics:
+    cargo test -p abbe-residual-training --features wgpu --test graphics_card
+
 # Everything that must pass before a change is taken
 ci:
     .ci/run

@@ -197,8 +197,18 @@ fn what_it_does_not_belong_to_is_refused() {
     let wrong = bench.write("wrong.toml", "epochs = 3\n");
     let said = run(["train", "--residuals", &unowned, "--config", &wrong, "--out", &out]).refused();
     assert_says(&said, &["wrong.toml", "epochs"]);
-    let said = run(["train", "--residuals", &unowned, "--device", "wgpu", "--out", &out]).refused();
-    assert_says(&said, &["wgpu"]);
+}
+
+#[test]
+fn a_graphics_card_is_refused_with_a_way_out_by_a_program_built_without() {
+    if cfg!(feature = "wgpu") {
+        return; // Then `graphics_card.rs` of the training crate says what must hold.
+    }
+    let bench = bench();
+    let (residuals, out) = (bench.text("residuals.csv"), bench.text("card.json"));
+    let said = run(["train", "--residuals", &residuals, "--device", "wgpu", "--out", &out]).refused();
+    assert_says(&said, &["--device wgpu", "--features wgpu", "--device cpu"]);
+    assert!(!bench.path("card.json").exists());
 }
 
 #[test]

@@ -12,8 +12,10 @@ use abbe_residual_net::network::forward::forward;
 use abbe_residual_net::network::{Folded, NetworkConfig, Parameters, Token};
 use abbe_residual_net::{Kind, ResidualModel, VERTICES};
 use abbe_residual_training::simulated::{Character, SimulatedField, random_points_m};
-use abbe_residual_training::{Attention, Config, Examples, Go, Method, Network, Optimiser, Training, View, train};
-use burn::tensor::{Device, Tensor, TensorData};
+use abbe_residual_training::{
+    Attention, Config, Device, Examples, Go, Method, Network, Optimiser, Training, View, train,
+};
+use burn::tensor::{Tensor, TensorData};
 use criterion::{Criterion, criterion_group, criterion_main};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -61,7 +63,7 @@ fn against_pytorch() {
     let (examples, config) = (examples(), NetworkConfig::default());
     let optimiser = Optimiser { epochs: EPOCHS, ..Optimiser::default() };
     let network = Attention { config, starts_at_zero: false };
-    let device = Device::flex();
+    let device = Device::cpu();
     let training = Training::new(&network, &examples, &optimiser, 1, &device).unwrap();
     let start = training.start().unwrap();
     let path = std::env::temp_dir().join(format!("abbe-training-bench-{}.f32", std::process::id()));
@@ -104,7 +106,7 @@ fn models() -> Vec<(Kind, ResidualModel)> {
     let of = |method| {
         let mut config = Config { method, ..Config::default() };
         config.optimiser.epochs = 1;
-        train(&field, &config, None, &mut |_| Go::On).unwrap().model
+        train(&field, &config, &Device::cpu(), None, &mut |_| Go::On).unwrap().model
     };
     [Method::Kriging, Method::Network, Method::KrigingNetwork, Method::PerceptronKriging]
         .map(of)
@@ -138,14 +140,15 @@ fn bench(criterion: &mut Criterion) {
     let values = network.initial(&mut ChaCha8Rng::seed_from_u64(1));
     let parameters = Parameters::new(&config, values.clone()).unwrap();
     let tokens: [Token; VERTICES] = std::array::from_fn(|i| std::array::from_fn(|j| ((i * 6 + j) as f32).sin()));
-    let device = Device::flex();
+    let device = Device::cpu();
+    let device = device.burn();
     let length = values.len();
-    let tensor = Tensor::<1>::from_data(TensorData::new(values, [length]), &device);
+    let tensor = Tensor::<1>::from_data(TensorData::new(values, [length]), device);
     let mut group = criterion.benchmark_group("one prediction");
     group.bench_function("burn, network alone", |b| {
         b.iter(|| {
             let input = TensorData::new(tokens.as_flattened().to_vec(), [1, network.input_size()]);
-            network.forward(&tensor, Tensor::from_data(input, &device)).into_data()
+            network.forward(&tensor, Tensor::from_data(input, device)).into_data()
         });
     });
     group.bench_function("as printed, plain loops", |b| b.iter(|| forward(&config, &parameters, black_box(&tokens))));

@@ -76,9 +76,10 @@ impl Network for Attention {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::device::Device;
     use abbe_residual_net::network::forward::forward;
     use abbe_residual_net::network::{Folded, Parameters, Token};
-    use burn::tensor::{Device, TensorData};
+    use burn::tensor::TensorData;
     use rand::SeedableRng;
 
     /// Relative difference of single-precision sums in different order.
@@ -94,11 +95,12 @@ mod tests {
             let examples: Vec<[Token; VERTICES]> = (0..40)
                 .map(|_| std::array::from_fn(|_| std::array::from_fn(|_| random.random_range(-2.0..2.0))))
                 .collect();
-            let device = Device::flex();
+            let device = Device::cpu();
+            let device = device.burn();
             let flat: Vec<f32> = examples.iter().flatten().flatten().copied().collect();
-            let inputs = Tensor::from_data(TensorData::new(flat, [40, network.input_size()]), &device);
+            let inputs = Tensor::from_data(TensorData::new(flat, [40, network.input_size()]), device);
             let length = values.len();
-            let tensor = Tensor::from_data(TensorData::new(values.clone(), [length]), &device);
+            let tensor = Tensor::from_data(TensorData::new(values.clone(), [length]), device);
             let outputs: Vec<f32> = network.forward(&tensor, inputs).into_data().try_to_vec().unwrap();
             let parameters = Parameters::new(&config, values).unwrap();
             let folded = Folded::new(&config, &parameters);

@@ -8,6 +8,7 @@
 use crate::attention::Attention;
 use crate::belief;
 use crate::config::{Config, Split};
+use crate::device::Device;
 use crate::networks::Networks;
 use crate::optimise::{Examples, Network, Training, outputs};
 use crate::perceptron::Perceptron;
@@ -21,7 +22,6 @@ use abbe_field::idw::{EXPONENT, Reference};
 use abbe_field::{Idw, Interpolator, MeasuredField, Trilinear};
 use abbe_residual_net::network::{Normaliser, Parameters};
 use abbe_residual_net::{Calibration, Ensemble, Kind, Kriging, PositionEnsemble, check_units, place, place_box_m};
-use burn::tensor::Device;
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 use statrs::distribution::{ContinuousCDF, StudentsT};
@@ -392,7 +392,7 @@ impl<'a> Trial<'a> {
         let ((low_m, high_m), normaliser) = (place_box_m(self.known.points_m()), self.normaliser);
         Ok(Box::new(move |p| {
             let at = place(p, &low_m, &high_m);
-            let output = outputs(&network, &best, &at, &Device::flex()).map_err(|e| e.to_string())?;
+            let output = outputs(&network, &best, &at, &Device::cpu()).map_err(|e| e.to_string())?;
             Ok(normaliser.restore(&Vector3::from_fn(|k, _| f64::from(output[k]))))
         }))
     }
@@ -411,7 +411,7 @@ impl<'a> Trial<'a> {
     ) -> Result<Vec<f32>, TrainingError> {
         let failed = |source| TrainingError::Member { kind, member: 0, source };
         let optimiser = &self.config.optimiser;
-        let training = Training::new(network, examples, optimiser, self.seed, &Device::flex()).map_err(failed)?;
+        let training = Training::new(network, examples, optimiser, self.seed, &Device::cpu()).map_err(failed)?;
         let mut run = training.start().map_err(failed)?;
         while !run.is_over(optimiser) {
             training.epoch(&mut run).map_err(failed)?;

@@ -6,8 +6,9 @@
 //! ε 1e-8; Kingma & Ba 2015), the step itself by `burn`.
 
 use crate::config::Optimiser;
+use crate::device::Device;
 use burn::optim::{Adam, AdamConfig, AdamState, AdaptiveMomentumState, Optimizer as _};
-use burn::tensor::{Device, Tensor, TensorData};
+use burn::tensor::{Tensor, TensorData};
 use rand::seq::SliceRandom;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -163,12 +164,16 @@ impl<'a, N: Network> Training<'a, N> {
         let rate = self.optimiser.learning_rate * self.optimiser.decay.powi(epoch as i32);
         let mut parameters = self.vector(&run.parameters);
         let mut state = self.adam_state(run);
-        let mut sum = 0.0;
+        let mut losses = Vec::new();
         for batch in order.chunks(self.optimiser.batch) {
             let (loss, next, next_state) = self.step(parameters, state, batch, rate)?;
-            sum += loss * batch.len() as f64;
+            losses.push(loss);
             (parameters, state) = (next, next_state);
         }
+        // Read at the end of the epoch: a graphics card would have to be waited for after each step.
+        let losses = numbers(Tensor::cat(losses, 0))?;
+        let sizes = order.chunks(self.optimiser.batch).map(|batch| batch.len() as f64);
+        let sum = losses.iter().zip(sizes).map(|(loss, size)| f64::from(*loss) * size).sum::<f64>();
         run.steps += count.div_ceil(self.optimiser.batch);
         run.parameters = numbers(parameters)?;
         if let Some(AdamState { momentum }) = state {
@@ -188,7 +193,7 @@ impl<'a, N: Network> Training<'a, N> {
     }
 
     fn vector(&self, values: &[f32]) -> Tensor<1> {
-        Tensor::from_data(TensorData::new(values.to_vec(), [values.len()]), &self.device)
+        Tensor::from_data(TensorData::new(values.to_vec(), [values.len()]), self.device.burn())
     }
 
     /// Adam's state; none before the first step.
@@ -204,7 +209,7 @@ impl<'a, N: Network> Training<'a, N> {
         state: Option<AdamState<1>>,
         batch: &[(usize, usize)],
         rate: f64,
-    ) -> Result<(f64, Tensor<1>, Option<AdamState<1>>), OptimiseError> {
+    ) -> Result<(Tensor<1>, Tensor<1>, Option<AdamState<1>>), OptimiseError> {
         let width = self.network.input_size();
         let pick = |list: fn(&View) -> &Vec<f32>, size: usize| -> Vec<f32> {
             let one = |(target, view): &(usize, usize)| {
@@ -212,7 +217,7 @@ impl<'a, N: Network> Training<'a, N> {
             };
             batch.iter().flat_map(one).collect()
         };
-        let device = self.device.clone().autodiff();
+        let device = self.device.burn().clone().autodiff();
         let matrix = |values: Vec<f32>, size: usize| -> Tensor<2> {
             Tensor::from_data(TensorData::new(values, [batch.len(), size]), &device)
         };
@@ -221,9 +226,8 @@ impl<'a, N: Network> Training<'a, N> {
         let loss = (outputs - matrix(pick(|view| &view.outputs, OUTPUTS), OUTPUTS)).square().mean();
         let gradients = loss.backward();
         let gradient = tracked.grad(&gradients).ok_or_else(|| OptimiseError::Framework("no gradient".into()))?;
-        let loss = f64::from(loss.into_scalar::<f32>());
         let (next, next_state) = self.adam.step(rate, parameters, gradient, state);
-        Ok((loss, next, next_state))
+        Ok((loss.inner(), next, next_state))
     }
 
     fn loss(&self, parameters: &[f32], view: &View) -> Result<f64, OptimiseError> {
@@ -240,6 +244,7 @@ pub fn outputs<N: Network>(
     inputs: &[f32],
     device: &Device,
 ) -> Result<Vec<f32>, OptimiseError> {
+    let device = device.burn();
     let parameters = Tensor::from_data(TensorData::new(parameters.to_vec(), [parameters.len()]), device);
     let shape = [inputs.len() / network.input_size(), network.input_size()];
     numbers(network.forward(&parameters, Tensor::from_data(TensorData::new(inputs.to_vec(), shape), device)))

@@ -118,9 +118,9 @@ impl Network for Perceptron {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::device::Device;
     use crate::optimise::outputs;
     use abbe_residual_net::{PositionEnsemble, Trend};
-    use burn::tensor::Device;
     use nalgebra::Vector3;
     use rand::SeedableRng;
 
@@ -139,7 +139,7 @@ mod tests {
             let trend = Trend::new(PositionEnsemble { config, low_m, high_m, mean_m, scale_m, members }).unwrap();
             for _ in 0..40 {
                 let at = Vector3::from_fn(|_, _| random.random_range(-1.0..1.0));
-                let output = outputs(&network, &values, &trend.parts().place(&at), &Device::flex()).unwrap();
+                let output = outputs(&network, &values, &trend.parts().place(&at), &Device::cpu()).unwrap();
                 let burn = Vector3::from_fn(|k, _| f64::from(output[k]));
                 assert!((burn - trend.at(&at)).norm() < TOLERANCE * burn.norm(), "{burn} {}", trend.at(&at));
             }

@@ -15,6 +15,7 @@
 //! residuals) come from all points.
 
 use crate::config::{Config, ConfigRange, Split};
+use crate::device::Device;
 use crate::held_out::{self, Predicted};
 use crate::networks::Networks;
 use crate::optimise::{OptimiseError, Run};
@@ -76,6 +77,8 @@ pub struct State {
     pub config: Config,
     /// Fingerprint of the data.
     pub data: u64,
+    /// Name of what it was trained on.
+    pub device: String,
     /// Members begun, in order; all but the last are done.
     pub runs: Vec<Run>,
 }
@@ -116,6 +119,8 @@ pub struct HeldOutScores {
 pub struct TrainingRecord {
     /// Configuration, with seed and split.
     pub config: Config,
+    /// What the networks were trained on.
+    pub device: String,
     /// Points learnt from.
     pub points: usize,
     /// Whether the split flatters: single points instead of blocks.
@@ -198,23 +203,29 @@ pub enum TrainingError {
     NoCalibration(&'static str),
 }
 
-/// Trains on a CPU. `resume` is the state of a stopped training of the same data and configuration; the result is the
-/// same, bit for bit, as without the stop. `observe` is told after each epoch and says whether to go on.
+/// Trains. `resume` is the state of a stopped training of the same data and configuration on the same device; on the
+/// processor the result is the same, bit for bit, as without the stop. `observe` is told after each epoch and says whether to
+/// go on.
 pub fn train(
     field: &MeasuredField,
     config: &Config,
+    device: &Device,
     resume: Option<State>,
     observe: &mut dyn FnMut(&Progress) -> Go,
 ) -> Result<Trained, TrainingError> {
     config.check()?;
     check_units(field)?;
     let data = fingerprint(field);
-    let mut state = resume.unwrap_or(State { config: config.clone(), data, runs: Vec::new() });
+    let mut state =
+        resume.unwrap_or(State { config: config.clone(), data, device: device.name().to_owned(), runs: Vec::new() });
     if state.config != *config {
         return Err(TrainingError::State("configuration"));
     }
     if state.data != data {
         return Err(TrainingError::State("set of residuals"));
+    }
+    if state.device != device.name() {
+        return Err(TrainingError::State("device"));
     }
     let kriging = fitted_kriging(field)?;
     let fold = split::folds(field.points_m(), &config.split, config.seed);
@@ -228,7 +239,7 @@ pub fn train(
     let mut complete = true;
     for (number, kind) in networks.iter().enumerate() {
         let (kriging, without, fold, kinds) = (&kriging, &without, &fold, networks.len());
-        let task = Task { field, config, kriging, without, fold, kind: *kind, number, kinds };
+        let task = Task { field, config, device, kriging, without, fold, kind: *kind, number, kinds };
         let (networks, done) = task.networks(&mut state, observe)?;
         trained.push((*kind, networks));
         complete = done;
@@ -290,6 +301,7 @@ fn finish(
     let held_out = chosen.points(field, &calibration);
     let record = TrainingRecord {
         config: config.clone(),
+        device: state.device.clone(),
         points: fold.len(),
         flattering: config.split.is_flattering(),
         kernel: format!("{:?}", kriging.kernel),

@@ -10,7 +10,7 @@
 
 use abbe_residual_net::NORMAL_95;
 use abbe_residual_training::simulated::{Character, SimulatedField, random_points_m};
-use abbe_residual_training::{Config, Go, Method, Split, folds, train};
+use abbe_residual_training::{Config, Device, Go, Method, Split, folds, train};
 
 /// Measured points of a field.
 const POINTS: usize = 320;
@@ -35,7 +35,7 @@ fn within(character: Character, method: Method, seed: u64) -> (usize, usize, f64
     config.network.width = 16;
     config.optimiser.epochs = 10;
     config.optimiser.learning_rate = 5e-3;
-    let trained = train(&field.part(&of(false)).unwrap(), &config, None, &mut |_| Go::On).unwrap();
+    let trained = train(&field.part(&of(false)).unwrap(), &config, &Device::cpu(), None, &mut |_| Go::On).unwrap();
     let model = trained.model;
     let own = trained.record.held_out.iter().find(|held| held.method == model.kind().name()).unwrap();
     let scale = model.parts().calibration.scale;

@@ -4,6 +4,7 @@
 
 use super::{Config, Go, Progress, State, TrainingError, seed_of};
 use crate::attention::Attention;
+use crate::device::Device;
 use crate::networks::Networks;
 use crate::optimise::{Examples, Network, Training};
 use crate::perceptron::Perceptron;
@@ -11,12 +12,12 @@ use crate::views::{Material, Positions, normaliser};
 use abbe_field::MeasuredField;
 use abbe_residual_net::network::{Normaliser, Parameters};
 use abbe_residual_net::{Ensemble, Kind, Kriging};
-use burn::tensor::Device;
 
 /// One kind to be trained.
 pub(super) struct Task<'a> {
     pub(super) field: &'a MeasuredField,
     pub(super) config: &'a Config,
+    pub(super) device: &'a Device,
     pub(super) kriging: &'a Kriging,
     /// Kriging without each fold.
     pub(super) without: &'a [Kriging],
@@ -134,8 +135,8 @@ impl Task<'_> {
         let Config { optimiser, split, seed, .. } = self.config;
         let members = self.kinds * split.folds;
         let failed = |source| TrainingError::Member { kind: self.kind.name(), member: place % split.folds, source };
-        let training =
-            Training::new(network, examples, optimiser, seed_of(*seed, place), &Device::flex()).map_err(failed)?;
+        let seed = seed_of(*seed, place);
+        let training = Training::new(network, examples, optimiser, seed, self.device).map_err(failed)?;
         if state.runs.len() == place {
             state.runs.push(training.start().map_err(failed)?);
         }

@@ -28,7 +28,7 @@ fn data_become_a_model_that_predicts_them_with_evidence() {
     let field = field(Character::Smooth, 160, 1);
     let config = quick(Method::Recommended);
     let mut told = Vec::new();
-    let trained = train(&field, &config, None, &mut |p| {
+    let trained = train(&field, &config, &Device::cpu(), None, &mut |p| {
         assert!(p.training_loss.is_finite() && p.best_validation_loss <= p.validation_loss);
         told.push((p.kind, p.member, p.epoch));
         Go::On
@@ -60,9 +60,9 @@ fn a_stopped_training_goes_on_to_the_same_bits() {
 
 fn goes_on_to_the_same_bits(method: Method) {
     let (field, config) = (field(Character::Sharp, 110, 2), quick(method));
-    let whole = train(&field, &config, None, &mut go_on).unwrap();
+    let whole = train(&field, &config, &Device::cpu(), None, &mut go_on).unwrap();
     let mut epochs = 0;
-    let stopped = train(&field, &config, None, &mut |_| {
+    let stopped = train(&field, &config, &Device::cpu(), None, &mut |_| {
         epochs += 1;
         if epochs == 6 { Go::Stop } else { Go::On }
     });
@@ -70,7 +70,7 @@ fn goes_on_to_the_same_bits(method: Method) {
     assert!(!stopped.record.complete && stopped.state.runs.len() == 2);
     // What it has is usable.
     assert!(stopped.model.predict(&Vector3::new(0.4, 0.3, 0.3)).inside);
-    let resumed = train(&field, &config, Some(stopped.state), &mut go_on).unwrap();
+    let resumed = train(&field, &config, &Device::cpu(), Some(stopped.state), &mut go_on).unwrap();
     assert_eq!(resumed.record, whole.record);
     assert_eq!(resumed.model.to_record(), whole.model.to_record());
 }
@@ -78,10 +78,11 @@ fn goes_on_to_the_same_bits(method: Method) {
 #[test]
 fn training_repeats_bit_for_bit_and_another_seed_differs() {
     let (field, config) = (field(Character::Smooth, 110, 3), quick(Method::Network));
-    let [first, second] = [(); 2].map(|()| train(&field, &config, None, &mut go_on).unwrap().model.to_record());
+    let [first, second] =
+        [(); 2].map(|()| train(&field, &config, &Device::cpu(), None, &mut go_on).unwrap().model.to_record());
     assert_eq!(first, second);
     let other = Config { seed: 6, ..config };
-    assert_ne!(train(&field, &other, None, &mut go_on).unwrap().model.to_record(), first);
+    assert_ne!(train(&field, &other, &Device::cpu(), None, &mut go_on).unwrap().model.to_record(), first);
 }
 
 #[test]
@@ -93,7 +94,7 @@ fn where_nothing_is_to_be_learnt_zero_is_recommended() {
         let noisy = clean.measured(points.clone(), seed + 3).unwrap();
         let only = points.iter().zip(noisy.errors_m()).map(|(p, r)| r - clean.residual_m(p)).collect();
         let field = MeasuredField::new(points, only, None).unwrap();
-        let trained = train(&field, &quick(Method::Kriging), None, &mut go_on).unwrap();
+        let trained = train(&field, &quick(Method::Kriging), &Device::cpu(), None, &mut go_on).unwrap();
         assert_eq!(trained.record.recommendation.method, ZERO, "{}", trained.record.recommendation.why);
     }
 }
@@ -102,23 +103,31 @@ fn where_nothing_is_to_be_learnt_zero_is_recommended() {
 fn a_random_split_is_labelled_as_flattering() {
     let mut config = quick(Method::Kriging);
     config.split.kind = SplitKind::Random;
-    assert!(train(&field(Character::Smooth, 100, 6), &config, None, &mut go_on).unwrap().record.flattering);
+    assert!(
+        train(&field(Character::Smooth, 100, 6), &config, &Device::cpu(), None, &mut go_on).unwrap().record.flattering
+    );
 }
 
 #[test]
 fn states_of_other_data_or_configurations_and_bad_input_are_refused() {
     let (data, config) = (field(Character::Smooth, 100, 7), quick(Method::Kriging));
-    let state = train(&data, &config, None, &mut go_on).unwrap().state;
+    let state = train(&data, &config, &Device::cpu(), None, &mut go_on).unwrap().state;
     let other = Config { seed: 99, ..config.clone() };
     assert_eq!(
-        train(&data, &other, Some(state.clone()), &mut go_on).err(),
+        train(&data, &other, &Device::cpu(), Some(state.clone()), &mut go_on).err(),
         Some(TrainingError::State("configuration"))
     );
     let others = field(Character::Smooth, 100, 8);
-    assert_eq!(train(&others, &config, Some(state), &mut go_on).err(), Some(TrainingError::State("set of residuals")));
+    assert_eq!(
+        train(&others, &config, &Device::cpu(), Some(state), &mut go_on).err(),
+        Some(TrainingError::State("set of residuals"))
+    );
     let no_epochs = Config { optimiser: Optimiser { epochs: 0, ..Optimiser::default() }, ..config.clone() };
-    assert!(matches!(train(&data, &no_epochs, None, &mut go_on), Err(TrainingError::Config(_))));
+    assert!(matches!(train(&data, &no_epochs, &Device::cpu(), None, &mut go_on), Err(TrainingError::Config(_))));
     let in_um = data.errors_m().iter().map(|e| e * 1e6).collect();
     let in_um = MeasuredField::new(data.points_m().to_vec(), in_um, None).unwrap();
-    assert!(matches!(train(&in_um, &config, None, &mut go_on), Err(TrainingError::Model(ModelError::Unit { .. }))));
+    assert!(matches!(
+        train(&in_um, &config, &Device::cpu(), None, &mut go_on),
+        Err(TrainingError::Model(ModelError::Unit { .. }))
+    ));
 }

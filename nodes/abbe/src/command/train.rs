@@ -8,9 +8,9 @@ use super::identify::spinner;
 use crate::pipeline::software;
 use crate::training::{self, Data, report};
 use abbe_files::{DataSource, ModelFile, ResidualFile, ResidualOwner, hex, write_atomically};
-use abbe_residual_training::{Config, Go, Progress, State, Trained, ZERO, train};
+use abbe_residual_training::{Config, Device, Go, Progress, State, Trained, ZERO, train};
 use abbe_runtime::Shutdown;
-use anyhow::{Context, bail, ensure};
+use anyhow::{Context, ensure};
 use std::path::{Path, PathBuf};
 
 /// Arguments of `train`.
@@ -28,38 +28,33 @@ pub(crate) struct Arguments {
     /// Geometric model that leaves these residuals, where the file does not say
     #[arg(long)]
     model: Option<PathBuf>,
-    /// Where it is trained
-    #[arg(long, value_enum, default_value_t = Device::Cpu)]
-    device: Device,
+    /// Where networks are trained
+    #[arg(long, value_enum, default_value_t = Processor::Cpu)]
+    device: Processor,
     /// Go on with a training that was stopped
     #[arg(long)]
     resume: bool,
 }
 
-/// Where a network is trained.
+/// Where networks are trained.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
-enum Device {
-    /// Processor; the same bytes each time.
+enum Processor {
+    /// Processor; the same bytes each time
     Cpu,
-    /// Graphics card.
+    /// Graphics card, in programs built with it; as good, but other bytes from card to card
     Wgpu,
 }
 
 pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
-    if arguments.device == Device::Wgpu {
-        bail!(
-            "--device wgpu: this program is built without it, because a graphics card gives other bytes from run to run; \
-             train with --device cpu, which takes seconds to minutes"
-        );
-    }
+    let device = device(arguments.device)?;
     let shutdown = Shutdown::on_signals()?;
     let config = training::read_config(arguments.config.as_deref())?;
     let data = Data::read(&arguments.residuals)?;
     let owner = owner(arguments, &data)?;
     let paths = Paths::beside(&arguments.out);
     let resume = arguments.resume.then(|| read_state(&paths.state)).transpose()?;
-    let trained =
-        with_progress(&data, &config, resume, &shutdown).with_context(|| arguments.residuals.display().to_string())?;
+    let trained = with_progress(&data, &config, &device, resume, &shutdown)
+        .with_context(|| arguments.residuals.display().to_string())?;
     let file = artifact(&trained, &data, &config, owner)?;
     let html = report::html(&trained, &file, &data)?;
     let sha256 = file.save(&arguments.out)?;
@@ -77,6 +72,15 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         paths.state.display()
     );
     Ok(())
+}
+
+fn device(processor: Processor) -> anyhow::Result<Device> {
+    match processor {
+        Processor::Cpu => Ok(Device::cpu()),
+        Processor::Wgpu => {
+            Device::wgpu().context("--device wgpu; --device cpu trains everywhere, in seconds to minutes")
+        }
+    }
 }
 
 /// Files beside the residual model.
@@ -130,7 +134,13 @@ fn remove_state(path: &Path) -> anyhow::Result<()> {
     }
 }
 
-fn with_progress(data: &Data, config: &Config, resume: Option<State>, shutdown: &Shutdown) -> anyhow::Result<Trained> {
+fn with_progress(
+    data: &Data,
+    config: &Config,
+    device: &Device,
+    resume: Option<State>,
+    shutdown: &Shutdown,
+) -> anyhow::Result<Trained> {
     let bar = spinner(&format!("training on {} points", data.points()));
     let mut observe = |progress: &Progress| {
         bar.set_message(format!(
@@ -146,7 +156,7 @@ fn with_progress(data: &Data, config: &Config, resume: Option<State>, shutdown: 
         ));
         if shutdown.requested() { Go::Stop } else { Go::On }
     };
-    let trained = train(&data.field, config, resume, &mut observe);
+    let trained = train(&data.field, config, device, resume, &mut observe);
     bar.finish_and_clear();
     Ok(trained?)
 }
@@ -184,6 +194,7 @@ fn say(arguments: &Arguments, trained: &Trained, file: &ResidualFile, sha256: &[
         record.points,
         if record.flattering { "single points (flattering)" } else { "blocks of space" }
     );
+    println!("  trained on        {}", record.device);
     println!("  held out               MSE um2    MAE um   95 % um  worst um   in 95 %    points");
     for method in &record.held_out {
         let coverage = method.coverage_95.map_or_else(|| "-".to_owned(), |share| format!("{:.1} %", share * 100.0));
