@@ -68,26 +68,29 @@ pub fn correct(model: &MachineModel, state: &State) -> Correction {
 }
 
 /// Length that a tracer on an identified station should read when tip or reflector is at `position_m` (the
-/// corrected position of this reading and offset), and its standard uncertainty without the instrument's (m, k = 1).
+/// corrected position of this reading and offset, of covariance `covariance_m2`), and its standard uncertainty without the
+/// instrument's (m, k = 1).
 ///
-/// The station comes from the same fit as the errors; their correlation is taken into account. `None` for a station
-/// the model does not know.
+/// The station comes from the same fit as the errors; their correlation is taken into account. What the position has beyond
+/// the errors (repeatability, effects, a residual field) is taken as independent of the station. `None` for a station the
+/// model does not know.
 pub fn predicted_length_m(
     model: &MachineModel,
     reading_m: [f64; 3],
     offset_m: [f64; 3],
     position_m: &Vector3<f64>,
+    covariance_m2: &Matrix3<f64>,
     station: &str,
 ) -> Option<(f64, f64)> {
     let (first, station) = model.station(station)?;
     let Ray { direction, range_m } = Ray::between(&station.position_m, position_m);
     let (_, sensitivity) = geometric_point(model, reading_m, offset_m);
+    let beyond_m2 = direction.dot(&((covariance_m2 - sensitivity.covariance_m2(model)) * direction)).max(0.0);
     let mut length = sensitivity.along(&direction);
     let of_station = direction.iter().map(|u| -u).chain([-1.0]);
     length.parameters.extend(of_station.enumerate().map(|(d, value)| (first + d, value)));
-    let repeatability = Vector3::from(model.parts().machine.repeatability_m).component_mul(&direction).norm_squared();
-    let variance = model.variance(&length).max(0.0) + repeatability;
-    Some((range_m - station.dead_path_m, variance.sqrt()))
+    let variance_m2 = model.variance(&length).max(0.0) + beyond_m2;
+    Some((range_m - station.dead_path_m, variance_m2.sqrt()))
 }
 
 /// Position and partials from the chain (m), and the position's sensitivity to every geometric parameter.

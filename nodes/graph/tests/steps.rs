@@ -4,6 +4,7 @@
 
 mod common;
 
+use abbe_geometry::Vector3;
 use abbe_geometry::correct::correct;
 use abbe_geometry::effects::{NoCovariates, State};
 use abbe_graph::step::{GeometricStep, HealthState, MonitorStep, ResidualStep};
@@ -89,6 +90,26 @@ fn the_monitor_finds_a_sound_model_consistent() {
     assert!(residuals.iter().all(|r| r.residual_valid));
     let worst = residuals.iter().map(|r| r.residual_m.abs()).fold(0.0, f64::max);
     assert!(worst < 3e-6, "{worst}");
+}
+
+#[test]
+fn the_monitor_allows_for_what_a_residual_field_leaves_open() {
+    let judged = |sample: &CorrectedCoordinates| {
+        let mut monitor = monitor();
+        monitor.corrected(sample);
+        monitor.tracer(&tracer(0, 0.0)).unwrap()
+    };
+    let sample = geometric().correct(&scale(0));
+    let added_m2 = Vector3::new(1e-12, 4e-12, 9e-12);
+    let mut widened = sample;
+    (0..3).for_each(|axis| widened.covariance_m2[4 * axis] += added_m2[axis]);
+    let (plain, widened) = (judged(&sample), judged(&widened));
+    let (_, station) = bench().model.station(plain.station.as_str()).unwrap();
+    let direction = (Vector3::from(sample.corrected_m) - station.position_m).normalize();
+    let expected_m = (plain.u_residual_m.powi(2) + direction.component_mul(&direction).dot(&added_m2)).sqrt();
+    assert!((widened.u_residual_m / expected_m - 1.0).abs() < 1e-9, "{} {expected_m}", widened.u_residual_m);
+    assert!(widened.u_residual_m > 2.0 * plain.u_residual_m);
+    assert_eq!(widened.residual_m, plain.residual_m);
 }
 
 #[test]

@@ -7,9 +7,9 @@
 
 use super::health::{Health, Window};
 use super::pairs::Pairs;
-use abbe_geometry::Vector3;
 use abbe_geometry::correct::predicted_length_m;
 use abbe_geometry::model::MachineModel;
+use abbe_geometry::{Matrix3, Vector3};
 use abbe_msgs::{CorrectedCoordinates, RangeResidual, ResidualStatus, Sha256, TracerReading};
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -153,8 +153,10 @@ impl MonitorStep {
             return residual;
         };
         let position_m = Vector3::from(sample.corrected_m);
-        let predicted =
-            predicted_length_m(&model, sample.reading_m, sample.offset_m, &position_m, reading.station.as_str());
+        let covariance_m2 = Matrix3::from_row_slice(&sample.covariance_m2);
+        let CorrectedCoordinates { reading_m, offset_m, .. } = *sample;
+        let station = reading.station.as_str();
+        let predicted = predicted_length_m(&model, reading_m, offset_m, &position_m, &covariance_m2, station);
         let Some((predicted_m, u_model_m)) = predicted else {
             self.unpredicted += 1;
             return RangeResidual { status: ResidualStatus::UnknownStation, ..residual };
