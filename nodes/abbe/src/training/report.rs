@@ -37,7 +37,7 @@ pub(crate) fn html(trained: &Trained, file: &ResidualFile, data: &Data) -> anyho
     let report = Report {
         title: "Residual model".to_owned(),
         lead: Some(format!("What geometry leaves, learnt from {} ({} points).", data.file, data.points())),
-        meta: meta(file, data),
+        meta: meta(record, file, data),
         main_plot: None,
         footer: Some(file.software.clone()),
         sections,
@@ -53,7 +53,7 @@ fn callout(tone: Tone, title: &str, text: &str) -> Section {
     Section::Callout(Callout { tone, title: title.to_owned(), text: text.to_owned() })
 }
 
-fn meta(file: &ResidualFile, data: &Data) -> Vec<MetaItem> {
+fn meta(record: &TrainingRecord, file: &ResidualFile, data: &Data) -> Vec<MetaItem> {
     let item = |label: &str, value: Option<String>| MetaItem { label: label.to_owned(), value };
     let owner = file.owner.as_ref();
     vec![
@@ -61,6 +61,7 @@ fn meta(file: &ResidualFile, data: &Data) -> Vec<MetaItem> {
         item("geometric model", owner.map(|owner| hex(&owner.model_sha256))),
         item("residuals", Some(format!("{} ({})", data.file, hex(&data.sha256)))),
         item("seed", Some(file.seed.to_string())),
+        item("trained on", Some(record.device.clone())),
     ]
 }
 
