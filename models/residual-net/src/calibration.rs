@@ -33,10 +33,20 @@ impl Calibration {
             ratios.sort_by(f64::total_cmp);
             // The finite-sample quantile: of n values and one to come, the one to come lies below with 95 %.
             let place = ((ratios.len() + 1) as f64 * COVERAGE).ceil() as usize;
-            scale[axis] = ratios.get(place.min(ratios.len()).checked_sub(1)?)? / NORMAL_95;
+            let quantile = if place > ratios.len() { of_few(&ratios)? } else { ratios[place - 1] };
+            scale[axis] = quantile / NORMAL_95;
         }
         scale.iter().all(|s| s.is_finite() && *s > 0.0).then_some(Calibration { scale })
     }
+}
+
+/// 95 % quantile where fewer than 19 values (ascending) cannot show it: that of Student's distribution about their mean square, as if
+/// they were normal, but no less than the largest. `None` without any. Source: Abramowitz & Stegun 1964, 26.7.5.
+fn of_few(ratios: &[f64]) -> Option<f64> {
+    let n = ratios.len() as f64;
+    let student = NORMAL_95 + 2.372 / n + 2.823 / (n * n);
+    let root_mean_square = (ratios.iter().map(|r| r * r).sum::<f64>() / n).sqrt();
+    Some(ratios.last()?.max(student * root_mean_square))
 }
 
 #[cfg(test)]
@@ -49,6 +59,16 @@ mod tests {
             (1..=99).map(|k| (Vector3::repeat(f64::from(k)), Vector3::new(1.0, 2.0, 10.0))).collect();
         let scale = Calibration::from_held_out(&held_out).unwrap().scale;
         assert!((scale * NORMAL_95 - Vector3::new(95.0, 47.5, 9.5)).norm() < 1e-12);
+    }
+
+    #[test]
+    fn few_values_give_the_wider_interval_of_few() {
+        // t of 5 degrees of freedom at 97.5 % is 2.571.
+        let held_out = [1.0, -1.0, 1.0, -1.0, 1.0].map(|e| (Vector3::repeat(e), Vector3::repeat(1.0)));
+        let scale = Calibration::from_held_out(&held_out).unwrap().scale;
+        assert!((scale.x * NORMAL_95 / 2.571 - 1.0).abs() < 0.02, "{scale}");
+        let one_wild = [0.1, 0.1, 9.0].map(|e| (Vector3::repeat(e), Vector3::repeat(1.0)));
+        assert!(Calibration::from_held_out(&one_wild).unwrap().scale.x * NORMAL_95 >= 9.0);
     }
 
     #[test]

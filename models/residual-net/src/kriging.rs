@@ -2,7 +2,8 @@
 //!
 //! Place in the flow: fitted length scales (m) from `abbe_field::kriging` and calibrated residuals (m) in, mean and standard
 //! uncertainty of the field (m) at any point out; on its own, below the network, and as the measure of how far a point lies
-//! from what was measured. Each component: constant trend β, signal s² ρ(Δ/ℓ), noise σ² + u².
+//! from what was measured. Each component: constant trend β, signal s² ρ(Δ/ℓ), noise σ² + (f u)² with the share f of the declared
+//! uncertainty u that the residuals scatter by.
 //! Mean β + s² Σ ρ(x, x_i) α_i with α = K⁻¹(y − β) over all points. Variance s² − kᵀA k + (1 − 1ᵀA k)²/(1ᵀA1) over the
 //! [`NEAREST`] points around the nearest one, A = K⁻¹ of these: never below the variance from all points, and it costs the same
 //! however many there are. (On smooth fields of 150 points the deviation is up to 2.2 times that from all points among them, and
@@ -31,8 +32,11 @@ pub struct Component {
     pub length_m: Vector3<f64>,
     /// Standard deviation of the signal (m).
     pub signal_m: f64,
-    /// Standard deviation of the noise that is the same for all points (m); 0 where it is all declared.
+    /// Standard deviation of what neighbouring points do not share (m), beyond what is declared: repeatability, and field finer than
+    /// the points.
     pub noise_m: f64,
+    /// How much of the declared uncertainties the residuals scatter by, 0 to 1. The rest is common to neighbours.
+    pub seen: f64,
     /// Constant trend β (m).
     pub trend_m: f64,
     /// α = K⁻¹(y − β), one a calibrated point (1/m).
@@ -49,15 +53,21 @@ pub struct Kriging {
 }
 
 impl Kriging {
-    /// The parameters of a fit, solved for a field: the one it was fitted to, or a part of it. The trend is constant. `None` if
-    /// the covariance of the points is not positive definite.
-    pub fn from_fit(fit: &abbe_field::Kriging, kernel: Kernel, field: &MeasuredField) -> Option<Kriging> {
+    /// The parameters of a fit, solved for a field: the one it was fitted to, with its declared uncertainties times `seen`, or a
+    /// part of it. The trend is constant. `None` if the covariance of the points is not positive definite.
+    pub fn from_fit(
+        fit: &abbe_field::Kriging,
+        kernel: Kernel,
+        field: &MeasuredField,
+        seen: &Vector3<f64>,
+    ) -> Option<Kriging> {
         let solved = |axis: usize| {
             let fitted = fit.fitted()[axis].hyperparameters;
             let component = Component {
                 length_m: Vector3::from(fitted.length_m),
                 signal_m: fitted.signal_m,
                 noise_m: fitted.noise_m.unwrap_or(0.0),
+                seen: seen[axis],
                 trend_m: 0.0,
                 weights_per_m: Vec::new(),
             };
@@ -72,9 +82,27 @@ impl Kriging {
         Some(Kriging { kernel: self.kernel, components: [solved(0)?, solved(1)?, solved(2)?] })
     }
 
-    /// Variance of the noise of a measurement at each point of a field (m²): fitted, and declared where it is.
-    pub fn noise_m2(&self, field: &MeasuredField, index: usize) -> Vector3<f64> {
-        Vector3::from_fn(|axis, _| self.components[axis].noise(field, axis, index))
+    /// How much of the declared uncertainties each component scatters by.
+    pub fn seen(&self) -> Vector3<f64> {
+        Vector3::from_fn(|axis, _| self.components[axis].seen)
+    }
+
+    /// Variance (m²) by which a measurement scatters about what the machine does, at a point of a field: the part of its declared
+    /// uncertainty that is seen.
+    pub fn scatter_m2(&self, field: &MeasuredField, index: usize) -> Vector3<f64> {
+        Vector3::from_fn(|axis, _| self.components[axis].scatter(field, axis, index))
+    }
+
+    /// Variance (m²) that the points around one of a field have in common with it and that none of them shows: the part of its
+    /// declared uncertainty that is not seen.
+    pub fn common_m2(&self, field: &MeasuredField, index: usize) -> Vector3<f64> {
+        let declared = field.u_m().map_or(Vector3::zeros(), |u| u[index]);
+        Vector3::from_fn(|axis, _| (1.0 - self.components[axis].seen.powi(2)) * declared[axis].powi(2))
+    }
+
+    /// Variance (m²) of what neighbouring points do not share, beyond what is declared.
+    pub fn unshared_m2(&self) -> Vector3<f64> {
+        Vector3::from_fn(|axis, _| self.components[axis].noise_m.powi(2))
     }
 }
 
@@ -102,7 +130,12 @@ impl Component {
 
     /// Noise variance of a calibrated point (m²).
     fn noise(&self, field: &MeasuredField, axis: usize, index: usize) -> f64 {
-        self.noise_m * self.noise_m + field.u_m().map_or(0.0, |u| u[index][axis].powi(2))
+        self.noise_m * self.noise_m + self.scatter(field, axis, index)
+    }
+
+    /// The seen part of the declared variance of a calibrated point (m²).
+    fn scatter(&self, field: &MeasuredField, axis: usize, index: usize) -> f64 {
+        field.u_m().map_or(0.0, |u| (self.seen * u[index][axis]).powi(2))
     }
 }
 

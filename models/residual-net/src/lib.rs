@@ -21,6 +21,6 @@ mod trend;
 pub use calibration::{Calibration, NORMAL_95};
 pub use kriging::{Component, Kriging, KrigingMean};
 pub use lattice::Lattice;
-pub use model::{Ensemble, Kind, ModelError, Parts, ResidualModel, check_units};
+pub use model::{Apart, Ensemble, Kind, ModelError, Parts, ResidualModel, check_units};
 pub use neighbourhood::{Neighbourhood, VERTICES, Vertices, corners_m, spacing_m};
 pub use trend::{PositionEnsemble, Trend, TrendError, place, place_box_m};

@@ -11,9 +11,11 @@
 //! | kriging-network | kriging, and the mean of the members on what kriging leaves at the calibrated points around |
 //! | perceptron-kriging | mean of networks on the position, and kriging of what it leaves at the calibrated points |
 //!
-//! Variance of a component: calibration² · (variance of kriging at the point + variance of the members' mean about it). Kriging's
-//! variance stands under every kind, as it knows how far the point lies from what was measured. Beyond the calibrated
-//! points a network says nothing reliable: there the square of its difference to kriging is added.
+//! Variance of a component: calibration² · (variance of kriging at the point + variance of the members' mean about it + σ²) + what
+//! is common. Kriging's variance stands under every kind, as it knows how far the point lies from what was measured. Beyond the
+//! calibrated points a network says nothing reliable: there the square of its difference to kriging is added. σ² is what
+//! neighbours do not share beyond their declared uncertainty: the machine's repeatability and field finer than the points, both
+//! of which will be there again. What is declared and not seen as scatter is common to neighbours, so no number of them takes it away.
 
 use crate::calibration::Calibration;
 use crate::hull::Hull;
@@ -99,6 +101,19 @@ pub struct Parts {
     pub calibration: Calibration,
 }
 
+/// A prediction with its variance in two parts.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Apart {
+    /// Residual (m).
+    pub residual_m: Vector3<f64>,
+    /// Variance (m²) of what the machine does at the point about the prediction, as far as neighbouring points can show it.
+    pub own_m2: Vector3<f64>,
+    /// Variance (m²) that the calibrated points have in common and that none of them shows.
+    pub common_m2: Vector3<f64>,
+    /// Whether the point lies among the calibrated ones.
+    pub inside: bool,
+}
+
 /// A checked model, ready to predict.
 #[derive(Debug, Clone)]
 pub struct ResidualModel {
@@ -106,6 +121,7 @@ pub struct ResidualModel {
     lattice: Lattice,
     hull: Hull,
     variance: KrigingVariance,
+    unshared_m2: Vector3<f64>,
     members: Vec<Folded>,
     trend: Option<Trend>,
 }
@@ -123,7 +139,8 @@ impl ResidualModel {
         let lattice = Lattice::new(parts.kind, &parts.field, &parts.kriging, normaliser);
         let hull = Hull::new(parts.field.points_m());
         let trend = parts.trend.clone().map(Trend::new).transpose()?;
-        Ok(ResidualModel { lattice, hull, variance, members, trend, parts })
+        let unshared_m2 = parts.kriging.unshared_m2();
+        Ok(ResidualModel { lattice, hull, variance, unshared_m2, members, trend, parts })
     }
 
     /// What it is made of.
@@ -136,19 +153,28 @@ impl ResidualModel {
         self.parts.kind
     }
 
-    /// Residual at a geometrically corrected point (m, machine frame). For a point that is no number the residual is zero,
-    /// its covariance infinite and the point not inside.
+    /// Residual at a geometrically corrected point (m, machine frame). For a point that is no number, or so far away that it has
+    /// none, the residual is zero, its covariance infinite and the point not inside.
     pub fn predict(&self, point_in_machine_m: &Vector3<f64>) -> ResidualPrediction {
-        let vertices = self.lattice.vertices(point_in_machine_m);
-        let Some(vertices) = vertices.filter(|_| point_in_machine_m.iter().all(|c| c.is_finite())) else {
+        let Some(apart) = self.predict_apart(point_in_machine_m) else {
             let covariance_m2 = Matrix3::from_diagonal(&Vector3::repeat(f64::INFINITY));
             return ResidualPrediction { residual_m: Vector3::zeros(), covariance_m2, inside: false };
         };
+        let covariance_m2 = Matrix3::from_diagonal(&(apart.own_m2 + apart.common_m2));
+        ResidualPrediction { residual_m: apart.residual_m, covariance_m2, inside: apart.inside }
+    }
+
+    /// The same with its variance in two parts; `None` where there is no number.
+    pub fn predict_apart(&self, point_in_machine_m: &Vector3<f64>) -> Option<Apart> {
+        let is_finite = |vector: &Vector3<f64>| vector.iter().all(|value| value.is_finite());
+        let vertices = self.lattice.vertices(point_in_machine_m).filter(|_| is_finite(point_in_machine_m))?;
         let inside = vertices.occupied == [true; VERTICES] || self.hull.holds(point_in_machine_m);
         let (residual_m, variance_m2) = self.mean_and_variance(point_in_machine_m, &vertices, inside);
         let scale = self.parts.calibration.scale;
-        let covariance_m2 = Matrix3::from_diagonal(&variance_m2.component_mul(&scale.component_mul(&scale)));
-        ResidualPrediction { residual_m, covariance_m2, inside }
+        let own_m2 = (variance_m2 + self.unshared_m2).component_mul(&scale.component_mul(&scale));
+        let common_m2 = self.parts.kriging.common_m2(&self.parts.field, vertices.nearest);
+        let has_number = is_finite(&residual_m) && is_finite(&own_m2);
+        has_number.then_some(Apart { residual_m, own_m2, common_m2, inside })
     }
 
     fn mean_and_variance(
@@ -232,6 +258,9 @@ pub enum ModelError {
     /// A scale that is none.
     #[error("{0} is not a finite number above zero")]
     Scale(&'static str),
+    /// A share that is none.
+    #[error("the share of the declared uncertainty that is seen as scatter is not between 0 and 1")]
+    Share,
     /// Lists of different lengths.
     #[error("{weights} kriging weights for {points} calibrated points; the parts are from different fits")]
     Weights {
@@ -293,6 +322,9 @@ fn check(parts: &Parts) -> Result<(), ModelError> {
         positive(&[component.signal_m], "the signal of kriging")?;
         if !(component.noise_m.is_finite() && component.noise_m >= 0.0) {
             return Err(ModelError::Scale("the noise of kriging"));
+        }
+        if !(0.0..=1.0).contains(&component.seen) {
+            return Err(ModelError::Share);
         }
         if component.weights_per_m.len() != points {
             return Err(ModelError::Weights { weights: component.weights_per_m.len(), points });

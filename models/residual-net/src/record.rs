@@ -129,6 +129,7 @@ impl ResidualModel {
             record.array(&format!("length_{axis}_m"), vec![3], component.length_m.iter().copied().collect());
             record.numbers.insert(format!("signal_{axis}_m"), component.signal_m);
             record.numbers.insert(format!("noise_{axis}_m"), component.noise_m);
+            record.numbers.insert(format!("seen_{axis}"), component.seen);
             record.numbers.insert(format!("trend_{axis}_m"), component.trend_m);
             let weights = component.weights_per_m.clone();
             record.array(&format!("weights_{axis}_per_m"), vec![weights.len()], weights);
@@ -278,6 +279,7 @@ impl Reader {
             length_m: self.vector(&format!("length_{axis}_m"))?,
             signal_m: self.number(&format!("signal_{axis}_m"))?,
             noise_m: self.number(&format!("noise_{axis}_m"))?,
+            seen: self.number(&format!("seen_{axis}"))?,
             trend_m: self.number(&format!("trend_{axis}_m"))?,
             weights_per_m: self.list(&format!("weights_{axis}_per_m"))?,
         })

@@ -2,7 +2,8 @@
 //!
 //! Place in the flow: a method and the folds in; for each point its error (predicted − measured, m) and stated deviation (m) out.
 //! Each fold is predicted by a model of the other folds' points, with the very function that runs live. The deviation is
-//! that of the difference to a measurement: field and noise.
+//! that of the difference to a measurement: what the machine does about the prediction, and what the measurement scatters by. What
+//! all measurements have in common does not show in a difference between them.
 
 use crate::networks::Networks;
 use crate::recommend::Candidate;
@@ -40,10 +41,10 @@ pub(crate) fn predict(
         let part = field.part(&rest).map_err(crate::views::ViewError::from)?;
         let model = networks.member(held).model(kind, &part, kriging, Calibration::none())?;
         for index in (0..fold.len()).filter(|k| fold[*k] == held) {
-            let found = model.predict(&field.points_m()[index]);
-            let variance = found.covariance_m2.diagonal() + model.parts().kriging.noise_m2(field, index);
+            let Some(found) = model.predict_apart(&field.points_m()[index]) else { continue };
+            let variance_m2 = found.own_m2 + model.parts().kriging.scatter_m2(field, index);
             predicted.errors_m[index] = Some(found.residual_m - field.errors_m()[index]);
-            predicted.deviations_m[index] = Some(variance.map(f64::sqrt));
+            predicted.deviations_m[index] = Some(variance_m2.map(f64::sqrt));
         }
     }
     Ok(predicted)

@@ -4,7 +4,7 @@
 //! comparison, and for what runs live. Kriging under networks on the neighbourhood is that of the field itself; over a trend it is
 //! fitted anew to what the trend leaves.
 
-use crate::train::{TrainingError, fit};
+use crate::train::{TrainingError, kriging_of};
 use crate::views::ViewError;
 use abbe_field::MeasuredField;
 use abbe_field::kriging::Kernel;
@@ -60,16 +60,16 @@ impl Networks {
         let (kriging, ensemble, trend) = match self {
             Networks::None => (kriging.clone(), None, None),
             Networks::Neighbourhood(ensemble) => (kriging.clone(), Some(ensemble), None),
-            Networks::Position(trend) => (of_left(&trend, field)?, None, Some(trend)),
+            Networks::Position(trend) => (of_left(&trend, field, kriging)?, None, Some(trend)),
         };
         let parts = Parts { kind, field: field.clone(), kriging, ensemble, trend, calibration };
         Ok(ResidualModel::new(parts)?)
     }
 }
 
-/// Kriging of what a trend leaves of a field.
-fn of_left(ensemble: &PositionEnsemble, field: &MeasuredField) -> Result<Kriging, TrainingError> {
+/// Kriging of what a trend leaves of a field, with what is seen of the declared uncertainties as in kriging of the field itself.
+fn of_left(ensemble: &PositionEnsemble, field: &MeasuredField, kriging: &Kriging) -> Result<Kriging, TrainingError> {
     let trend = Trend::new(ensemble.clone()).map_err(ModelError::from)?;
     let left = trend.left(field).map_err(ViewError::from)?;
-    Kriging::from_fit(&fit(&left, LEFT_KERNEL)?, LEFT_KERNEL, &left).ok_or(TrainingError::NotPositiveDefinite)
+    kriging_of(&left, LEFT_KERNEL, &kriging.seen())
 }

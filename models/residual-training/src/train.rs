@@ -11,10 +11,10 @@
 //! 4. The model: all points as the lattice, all members as an ensemble; over a trend kriging is fitted anew to what all of them
 //!    leave.
 //!
-//! A fold's kriging is fitted anew without it; only the kernel and the units of the network (mean and deviation of the
-//! residuals) come from all points.
+//! A fold's kriging is fitted anew without it; only the kernel, how much of the declared uncertainties is seen as scatter, and the
+//! units of the network (mean and deviation of the residuals) come from all points.
 
-use crate::config::{Config, ConfigRange, Split};
+use crate::config::{Config, ConfigRange, Split, SplitKind};
 use crate::device::Device;
 use crate::held_out::{self, Predicted};
 use crate::networks::Networks;
@@ -29,6 +29,7 @@ use abbe_residual_net::network::ParametersError;
 use abbe_residual_net::{Calibration, Kind, Kriging, ModelError, ResidualModel, check_units};
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeSet;
 use task::Task;
 use thiserror::Error;
 
@@ -36,6 +37,11 @@ mod task;
 
 /// Name of the method that predicts no residual at all.
 pub const ZERO: &str = "zero";
+
+/// Points below which no held-out share tells 95 % from all.
+const LEAST_POINTS: usize = 20;
+/// Points that a member learns from at least.
+const LEAST_LEARNT: usize = 8;
 
 /// Whether to go on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -127,6 +133,11 @@ pub struct TrainingRecord {
     pub flattering: bool,
     /// Kernel of kriging.
     pub kernel: String,
+    /// Share of the declared uncertainties that the residuals scatter by, x y z; none where nothing is declared. What is not seen is
+    /// taken as common to neighbours, and stays in the uncertainty of every prediction.
+    pub declared_seen: Option<[f64; 3]>,
+    /// Standard deviation of what neighbours do not share beyond that (µm), x y z; in the uncertainty of every prediction as well.
+    pub unshared_um: [f64; 3],
     /// Loss curves.
     pub curves: Vec<Curve>,
     /// Figures on held-out folds.
@@ -170,6 +181,24 @@ pub enum TrainingError {
     /// Configuration out of range.
     #[error("configuration: {0}")]
     Config(#[from] ConfigRange),
+    /// Fewer points than can show what 95 % is.
+    #[error(
+        "{0} points; at least {LEAST_POINTS} are needed, so that held-out ones can show what their 95 % interval is: measure more"
+    )]
+    Few(usize),
+    /// A fold without points.
+    #[error(
+        "the points lie in {occupied} of {blocks} blocks of space, which cannot be dealt to {folds} folds with enough points each; in \
+         [split] of the configuration give fewer folds or more blocks_per_axis, or kind = \"random\", whose figures flatter"
+    )]
+    Folds {
+        /// Blocks with points.
+        occupied: usize,
+        /// All blocks.
+        blocks: usize,
+        /// Folds.
+        folds: usize,
+    },
     /// Kriging has no fit.
     #[error("kriging: {0}")]
     Kriging(#[from] KrigingError),
@@ -227,11 +256,11 @@ pub fn train(
     if state.device != device.name() {
         return Err(TrainingError::State("device"));
     }
-    let kriging = fitted_kriging(field)?;
     let fold = split::folds(field.points_m(), &config.split, config.seed);
-    let without: Vec<Kriging> = (0..config.split.folds)
-        .map(|held| fitted_without(field, &fold, held, kriging.kernel))
-        .collect::<Result<_, _>>()?;
+    check_folds(field, config, &fold)?;
+    let kriging = fitted_kriging(field)?;
+    let without: Vec<Kriging> =
+        (0..config.split.folds).map(|held| fitted_without(field, &fold, held, &kriging)).collect::<Result<_, _>>()?;
     let kinds = config.method.kinds();
     let networks = config.method.networks();
     let mut trained: Vec<(Kind, Networks)> =
@@ -250,18 +279,54 @@ pub fn train(
     finish(field, config, (&kriging, &without), &fold, trained, state, complete)
 }
 
+/// Refuses points that cannot be held out: too few, or in so few blocks that a fold is empty or leaves next to nothing.
+fn check_folds(field: &MeasuredField, config: &Config, fold: &[usize]) -> Result<(), TrainingError> {
+    if fold.len() < LEAST_POINTS {
+        return Err(TrainingError::Few(fold.len()));
+    }
+    let folds = config.split.folds;
+    let held = |number: usize| fold.iter().filter(|f| **f == number).count();
+    // A network does not see two folds: the one it predicts, and the one that stops it.
+    let seen_none = |number: usize| held(number) + held((number + 1) % folds) + LEAST_LEARNT > fold.len();
+    if (0..folds).any(|number| held(number) == 0 || seen_none(number)) {
+        let occupied = split::blocks(field.points_m(), &config.split).into_iter().collect::<BTreeSet<_>>().len();
+        let blocks = match config.split.kind {
+            SplitKind::Random => fold.len(),
+            SplitKind::Blocks => config.split.blocks_per_axis.pow(3),
+        };
+        return Err(TrainingError::Folds { occupied, blocks, folds });
+    }
+    Ok(())
+}
+
 /// Kriging with the likelier kernel, on all points.
 pub(crate) fn fitted_kriging(field: &MeasuredField) -> Result<Kriging, TrainingError> {
+    let seen = seen(field)?;
     let likelihood = |fit: &abbe_field::Kriging| fit.fitted().iter().map(|c| c.log_likelihood).sum::<f64>();
-    let matern = fit(field, Kernel::Matern52)?;
+    let matern = fit(field, Kernel::Matern52, &seen)?;
     // The smoother kernel may be too smooth to be factored: then the other one is the likelier.
-    let smooth = fit(field, Kernel::SquaredExponential).ok();
+    let smooth = fit(field, Kernel::SquaredExponential, &seen).ok();
     let better = smooth.filter(|smooth| likelihood(smooth) > likelihood(&matern));
     let (kernel, fit) = match better {
         Some(smooth) => (Kernel::SquaredExponential, smooth),
         None => (Kernel::Matern52, matern),
     };
-    Kriging::from_fit(&fit, kernel, field).ok_or(TrainingError::NotPositiveDefinite)
+    Kriging::from_fit(&fit, kernel, field, &seen).ok_or(TrainingError::NotPositiveDefinite)
+}
+
+/// How much of the declared uncertainties the residuals scatter by, 0 to 1 a component. Uncertainties that neighbours have in
+/// common (of the frame, of a station, of an estimate from shared readings) are declared but do not scatter: taken for noise, they
+/// would make kriging smooth away what was measured, and held-out errors would call every deviation too large.
+fn seen(field: &MeasuredField) -> Result<Vector3<f64>, TrainingError> {
+    let Some(u_m) = field.u_m() else { return Ok(Vector3::repeat(1.0)) };
+    let options = Options { kernel: Kernel::Matern52, trend: Trend::Constant, noise: Noise::Scaled };
+    let fit = abbe_field::Kriging::fit(field, &options)?;
+    let share = |axis: usize| {
+        let declared_m2 = u_m.iter().map(|u| u[axis] * u[axis]).sum::<f64>() / u_m.len() as f64;
+        let scatter_m = fit.fitted()[axis].hyperparameters.noise_m.unwrap_or(0.0);
+        (scatter_m / declared_m2.sqrt()).min(1.0)
+    };
+    Ok(Vector3::from_fn(|axis, _| share(axis)))
 }
 
 /// Kriging of the points outside a fold, with parameters that have not seen it.
@@ -269,17 +334,25 @@ fn fitted_without(
     field: &MeasuredField,
     fold: &[usize],
     held: usize,
-    kernel: Kernel,
+    kriging: &Kriging,
 ) -> Result<Kriging, TrainingError> {
     let rest: Vec<usize> = (0..fold.len()).filter(|k| fold[*k] != held).collect();
     let part = field.part(&rest).map_err(ViewError::from)?;
-    Kriging::from_fit(&fit(&part, kernel)?, kernel, &part).ok_or(TrainingError::NotPositiveDefinite)
+    kriging_of(&part, kriging.kernel, &kriging.seen())
 }
 
-/// Fitted by restricted likelihood, with the declared uncertainties where there are any.
-pub(crate) fn fit(field: &MeasuredField, kernel: Kernel) -> Result<abbe_field::Kriging, KrigingError> {
+/// Kriging of a field.
+pub(crate) fn kriging_of(field: &MeasuredField, kernel: Kernel, seen: &Vector3<f64>) -> Result<Kriging, TrainingError> {
+    Kriging::from_fit(&fit(field, kernel, seen)?, kernel, field, seen).ok_or(TrainingError::NotPositiveDefinite)
+}
+
+/// Fitted by restricted likelihood, with what is seen of the declared uncertainties where there are any.
+fn fit(field: &MeasuredField, kernel: Kernel, seen: &Vector3<f64>) -> Result<abbe_field::Kriging, TrainingError> {
     let noise = if field.u_m().is_some() { Noise::DeclaredAndFitted } else { Noise::Fitted };
-    abbe_field::Kriging::fit(field, &Options { kernel, trend: Trend::Constant, noise })
+    let scatter_m = field.u_m().map(|u_m| u_m.iter().map(|u| u.component_mul(seen)).collect());
+    let (points, errors) = (field.points_m().to_vec(), field.errors_m().to_vec());
+    let field = MeasuredField::new(points, errors, scatter_m).map_err(ViewError::from)?;
+    Ok(abbe_field::Kriging::fit(&field, &Options { kernel, trend: Trend::Constant, noise })?)
 }
 
 /// Judges, chooses, calibrates, assembles.
@@ -299,12 +372,14 @@ fn finish(
     let chosen = predicted.iter().find(|p| p.kind == kind).ok_or(TrainingError::NoCalibration(kind.name()))?;
     let calibration = Calibration::from_held_out(&chosen.pairs()).ok_or(TrainingError::NoCalibration(kind.name()))?;
     let held_out = chosen.points(field, &calibration);
-    let record = TrainingRecord {
+    let mut record = TrainingRecord {
         config: config.clone(),
         device: state.device.clone(),
         points: fold.len(),
         flattering: config.split.is_flattering(),
         kernel: format!("{:?}", kriging.kernel),
+        declared_seen: field.u_m().map(|_| kriging.seen().into()),
+        unshared_um: [0.0; 3], // known with the model, below
         curves: curves(&state, &config.split, &config.method.networks()),
         held_out: held_out_scores(field, &predicted),
         recommendation,
@@ -313,6 +388,9 @@ fn finish(
     };
     let found = trained.into_iter().find(|(k, _)| *k == kind).map_or(Networks::None, |(_, networks)| networks);
     let model = found.model(kind, field, kriging, calibration)?;
+    let scale = model.parts().calibration.scale;
+    record.unshared_um =
+        model.parts().kriging.unshared_m2().map(f64::sqrt).component_mul(&scale).map(|u| u * 1e6).into();
     Ok(Trained { model, record, state, held_out })
 }
 

@@ -1,8 +1,8 @@
 //! Do 95 % intervals hold 95 % in regions where nothing was measured?
 //!
 //! Place in the flow: simulated residuals of every character; a fifth of the volume, in blocks, is kept from the training
-//! altogether and predicted by the model that comes out. What counts is the measured value within ±1.96 deviations of field
-//! and measurement, and the share over all fields and seeds. Networks take longer: of them the folds that training itself
+//! altogether and predicted by the model that comes out. What counts is the measured value within ±1.96 of the deviations that
+//! the model states, and the share over all fields and seeds. Networks take longer: of them the folds that training itself
 //! holds out count as well, each with the factors found on the others, which is four times as many points.
 
 #![allow(missing_docs)]
@@ -38,13 +38,11 @@ fn within(character: Character, method: Method, seed: u64) -> (usize, usize, f64
     let trained = train(&field.part(&of(false)).unwrap(), &config, &Device::cpu(), None, &mut |_| Go::On).unwrap();
     let model = trained.model;
     let own = trained.record.held_out.iter().find(|held| held.method == model.kind().name()).unwrap();
-    let scale = model.parts().calibration.scale;
     let mut within = 0;
     for k in of(true) {
         let predicted = model.predict(&field.points_m()[k]);
-        let noise_m2 = model.parts().kriging.components.each_ref().map(|c| c.noise_m * c.noise_m);
         for axis in 0..3 {
-            let variance = predicted.covariance_m2[(axis, axis)] + noise_m2[axis] * scale[axis] * scale[axis];
+            let variance = predicted.covariance_m2[(axis, axis)];
             let error = predicted.residual_m[axis] - field.errors_m()[k][axis];
             within += usize::from(error.abs() <= NORMAL_95 * variance.sqrt());
         }

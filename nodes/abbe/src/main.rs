@@ -9,6 +9,7 @@ mod command;
 mod conformity;
 mod demo;
 mod diagnosis;
+mod output;
 mod pairs;
 mod pipeline;
 mod residual;

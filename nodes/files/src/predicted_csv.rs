@@ -100,12 +100,11 @@ impl<W: Write> PredictedWriter<W> {
         for cell in cells {
             self.writer.write_field(cell)?;
         }
-        for residual_m in prediction.residual_m.iter() {
-            self.writer.write_field(format!("{:.4}", residual_m * 1e6))?;
-        }
-        for k in 0..3 {
-            let u_m = prediction.covariance_m2[(k, k)].max(0.0).sqrt();
-            self.writer.write_field(format!("{:.4}", u_m * 1e6))?;
+        let u_m = prediction.covariance_m2.diagonal().map(f64::sqrt);
+        // Where the model has no number, neither has the file.
+        let is_known = u_m.iter().all(|u_m| u_m.is_finite());
+        for value_m in prediction.residual_m.iter().chain(&u_m) {
+            self.writer.write_field(if is_known { format!("{:.4}", value_m * 1e6) } else { String::new() })?;
         }
         self.writer.write_field(if prediction.inside { "0" } else { "1" })?;
         self.writer.write_record(None::<&[u8]>)

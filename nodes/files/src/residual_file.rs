@@ -1,7 +1,7 @@
 //! Residual model files: a trained residual field with everything needed to use it and to trust it.
 //!
 //! Place in the flow: `abbe train` → [`ResidualFile::save`] → residual node, `abbe correct`, `predict` and replay through
-//! [`ResidualFile::load`], in the envelope of [`crate::envelope`]: `{"format":"abbe-residual","version":1,"sha256":"…",
+//! [`ResidualFile::load`], in the envelope of [`crate::envelope`]: `{"format":"abbe-residual","version":2,"sha256":"…",
 //! "residual":{…}}`. Points and lengths in m, machine frame; residual = actual − corrected by the geometric model that the
 //! file names. A file that is cut off, changed in one bit, of another version, layout or machine is refused.
 
@@ -22,7 +22,7 @@ use std::path::Path;
 
 const KIND: Kind = Kind {
     format: "abbe-residual",
-    version: 1,
+    version: 2,
     name: "residual model",
     maker: "abbe train",
     again: "train the residual model again",
@@ -146,14 +146,25 @@ impl ResidualFile {
         Ok(digest)
     }
 
-    /// Reads a residual model; also returns the SHA-256 of its content.
+    /// Reads a residual model; also returns the SHA-256 of its content. What its training said against it goes to the log.
     ///
     /// # Errors
     /// What is wrong with the file, and what to do.
     pub fn load(path: &Path) -> Result<(ResidualFile, [u8; 32]), FileError> {
         let file = path.display().to_string();
         let bytes = std::fs::read(path).map_err(FileError::io(&file, "read the residual model"))?;
-        ResidualFile::from_bytes(&bytes, &file)
+        let (model, digest) = ResidualFile::from_bytes(&bytes, &file)?;
+        model.doubts().for_each(|doubt| tracing::warn!("{file}: {doubt}"));
+        Ok((model, digest))
+    }
+
+    /// What whoever corrects with this model should know: what its own training said against it.
+    pub fn doubts(&self) -> impl Iterator<Item = &'static str> {
+        let advised = self.validation.pointer("/recommendation/method").and_then(Value::as_str);
+        let against = "held-out data spoke for no residual model at all when it was trained; do not correct with it";
+        let stopped = "its training was stopped before its end; abbe train --resume goes on";
+        let doubts = [(advised == Some("zero"), against), (!self.complete, stopped)];
+        doubts.into_iter().filter_map(|(is_so, doubt)| is_so.then_some(doubt))
     }
 
     /// Reads a residual model that belongs to a geometric model of the machine with that name; also says which.

@@ -12,6 +12,7 @@
 use crate::columns::{Header, Known, READING, TIME};
 use crate::csv_source::CsvSource;
 use crate::error::{FileError, Place};
+use crate::names::nearest;
 use abbe_diagnose::study::five_axis::SphereCentre;
 use abbe_diagnose::study::runs::{Approach, Run};
 use abbe_diagnose::study::vectors::ResidualVector;
@@ -127,6 +128,9 @@ pub fn read_residual_vectors(input: impl Read, file: &str) -> Result<StudyFile<R
     let mut used: Vec<usize> = [position.0, residual.0].concat();
     used.extend(u.iter().flat_map(|(columns, _)| *columns).chain(time).chain(block));
     let covariates = strangers(header, |name| header.find(name).is_some_and(|column| used.contains(&column)));
+    if u.is_none() {
+        refuse_misspelt(header, &covariates, ["u_x_um", "u_y_um", "u_z_um"])?;
+    }
     rows(source, |row| {
         Ok(ResidualVector {
             position_m: row.three(position.0, position.1)?,
@@ -169,6 +173,18 @@ fn no_lengths(header: &Header, prefix: &str) -> FileError {
 /// Columns that nobody has asked for, with their names.
 fn strangers(header: &Header, is_known: impl Fn(&str) -> bool) -> Vec<(usize, String)> {
     header.names().iter().enumerate().filter(|(_, name)| !is_known(name)).map(|(k, name)| (k, name.clone())).collect()
+}
+
+/// Refuses columns that stand where others are missing, and are named nearly like them: they would pass for covariates.
+fn refuse_misspelt(header: &Header, strangers: &[(usize, String)], wanted: [&str; 3]) -> Result<(), FileError> {
+    for name in wanted {
+        if let Some(misspelt) = nearest(name, strangers.iter().map(|(_, stranger)| stranger.as_str())) {
+            let problem = format!("the column {name} is missing; did you mean it by {misspelt}?");
+            let remedy = format!("rename the column {misspelt} to {name}, or to a name that is not so like it");
+            return Err(FileError::content(header.place().column(misspelt), problem, remedy));
+        }
+    }
+    Ok(())
 }
 
 /// All rows of a file, at least one.

@@ -43,6 +43,7 @@ fn record() -> Record {
         scalars.extend([
             (format!("signal_{axis}_m"), 1.3e-6),
             (format!("noise_{axis}_m"), 2.1e-7),
+            (format!("seen_{axis}"), 0.6),
             (format!("trend_{axis}_m"), 1e-7),
         ]);
     }
@@ -70,7 +71,7 @@ fn forged(change: impl Fn(&str) -> String) -> Vec<u8> {
     let body = change(&text[start..text.len() - 1]);
     assert_ne!(body, text[start..text.len() - 1], "nothing was changed");
     let hash = hex(&Sha256::digest(body.as_bytes()));
-    format!("{{\"format\":\"abbe-residual\",\"version\":1,\"sha256\":\"{hash}\",\"residual\":{body}}}").into_bytes()
+    format!("{{\"format\":\"abbe-residual\",\"version\":2,\"sha256\":\"{hash}\",\"residual\":{body}}}").into_bytes()
 }
 
 #[track_caller]
@@ -135,7 +136,7 @@ fn a_file_cut_off_anywhere_is_refused() {
 fn other_files_and_later_versions_are_refused() {
     let text = String::from_utf8(file().to_bytes("r").unwrap().0).unwrap();
     refused(text.replace("abbe-residual", "abbe-model").as_bytes(), &["key format", "abbe-model", "abbe train"]);
-    refused(text.replace("\"version\":1", "\"version\":2").as_bytes(), &["key version", "version 2 is not known"]);
+    refused(text.replace("\"version\":2", "\"version\":1").as_bytes(), &["key version", "version 1 is not known"]);
     refused(text.replace("\"residual\":", "\"model\":").as_bytes(), &["holds no such content"]);
     refused(text.replace("bridge_xyz", "bridge_xyy").as_bytes(), &["key sha256", "does not match its hash"]);
 }

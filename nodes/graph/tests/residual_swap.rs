@@ -43,6 +43,7 @@ fn residual_file(machine: &str, model_sha256: Sha256, seed: usize) -> ResidualFi
         numbers.extend([
             (format!("signal_{axis}_m"), 1e-6),
             (format!("noise_{axis}_m"), 1e-7),
+            (format!("seen_{axis}"), 1.0),
             (format!("trend_{axis}_m"), 1e-7),
         ]);
     }

@@ -115,14 +115,23 @@ fn scaled(field: &MeasuredField, component: usize, options: &Options) -> Result<
     }
     let variance = |u: &Vector3<f64>| (u[component] / scaling.deviation_m).powi(2);
     let declared = field.u_m().filter(|_| options.noise != Noise::Fitted);
+    let declared: Option<Vec<f64>> = declared.map(|list| list.iter().map(variance).collect());
+    let scaled = options.noise == Noise::Scaled;
     let data = Data {
         points: points.iter().map(|p| scaling.point(p)).collect(),
         values: values.iter().map(|v| v / scaling.deviation_m).collect(),
-        declared: declared.map(|list| list.iter().map(variance).collect()),
+        shares: declared.as_ref().filter(|_| scaled).map(|list| over_mean(list)),
+        declared: declared.filter(|_| !scaled),
         kernel: options.kernel,
         trend: options.trend,
     };
     Ok((data, scaling))
+}
+
+/// Numbers over their mean.
+fn over_mean(list: &[f64]) -> Vec<f64> {
+    let mean = list.iter().sum::<f64>() / list.len() as f64;
+    list.iter().map(|value| value / mean).collect()
 }
 
 fn bounds(options: &Options) -> Vec<(f64, f64)> {
@@ -169,6 +178,7 @@ fn part(data: &Data) -> Data {
         points: order.iter().map(|k| data.points[*k]).collect(),
         values: order.iter().map(|k| data.values[*k]).collect(),
         declared: data.declared.as_ref().map(|list| order.iter().map(|k| list[*k]).collect()),
+        shares: data.shares.as_ref().map(|list| order.iter().map(|k| list[*k]).collect()),
         kernel: data.kernel,
         trend: data.trend,
     }

@@ -67,6 +67,8 @@ pub(crate) struct Data {
     pub(crate) values: Vec<f64>,
     /// Declared noise variance of each value, where there is one.
     pub(crate) declared: Option<Vec<f64>>,
+    /// Share of the fitted noise variance at each value, where it is not the same for all; 1 on average.
+    pub(crate) shares: Option<Vec<f64>>,
     pub(crate) kernel: Kernel,
     pub(crate) trend: Trend,
 }
@@ -103,10 +105,15 @@ impl Data {
                 matrix[(row, column)] = value;
                 matrix[(column, row)] = value;
             }
-            let noise = parameters.noise.map_or(0.0, |noise| noise * noise);
+            let noise = parameters.noise.map_or(0.0, |noise| noise * noise * self.share(column));
             matrix[(column, column)] += noise + self.declared.as_ref().map_or(0.0, |list| list[column]);
         }
         matrix
+    }
+
+    /// Share of the fitted noise variance at a value.
+    fn share(&self, index: usize) -> f64 {
+        self.shares.as_ref().map_or(1.0, |list| list[index])
     }
 
     /// Columns of the trend (n × p).
@@ -154,7 +161,7 @@ impl Data {
             let own = projector[(column, column)] - weights[column] * weights[column];
             gradient[0] += 2.0 * variance * own;
             if let Some(noise) = parameters.noise {
-                gradient[4] += 2.0 * noise * noise * own;
+                gradient[4] += 2.0 * noise * noise * self.share(column) * own;
             }
             let mut below = [0.0; 4];
             for row in column + 1..self.points.len() {

@@ -34,6 +34,8 @@ pub enum Noise {
     Declared,
     /// The uncertainties of the measured field, and a variance for all points, fitted, on top.
     DeclaredAndFitted,
+    /// The uncertainties of the measured field times one factor, fitted: how much of them the errors scatter by.
+    Scaled,
 }
 
 /// What kind of process is fitted.
@@ -54,7 +56,8 @@ pub struct Hyperparameters {
     pub length_m: [f64; 3],
     /// Standard deviation of the signal (m).
     pub signal_m: f64,
-    /// Standard deviation of the fitted noise (m); `None` where noise is only declared.
+    /// Standard deviation of the fitted noise (m); `None` where noise is only declared. Where declared uncertainties are scaled,
+    /// that of a point whose declared variance is the mean of all.
     pub noise_m: Option<f64>,
 }
 

@@ -60,7 +60,8 @@ fn the_gradient_of_the_likelihood_is_its_slope() {
         let points = scatter(40, 3);
         let values = drawn(&points, Kernel::Matern52, [0.4, 0.6, 0.9], 5);
         let declared = Some((0..40).map(|k| 1e-3 * (1.0 + f64::from(k))).collect());
-        let data = Data { points, values, declared, kernel, trend };
+        let shares = (trend == Trend::Constant).then(|| (0..40).map(|k| (1.0 + f64::from(k)) / 20.5).collect());
+        let data = Data { points, values, declared, shares, kernel, trend };
         let at = [0.2, -0.7, -0.3, 0.4, -1.5];
         let (_, gradient) = data.minus_two_log(&at).unwrap();
         for k in 0..5 {
@@ -160,6 +161,22 @@ fn declared_uncertainties_weigh_the_points() {
     u[31] = Vector3::repeat(5e-6);
     let doubted = fit(&u);
     assert!(trusted > 4e-6 && doubted < 0.5e-6, "{trusted} {doubted}");
+}
+
+#[test]
+fn how_much_of_the_declared_uncertainty_the_errors_scatter_by_is_found() {
+    let points = scatter(300, 5);
+    let mut random = ChaCha8Rng::seed_from_u64(6);
+    let u: Vec<_> = (0..300).map(|k| Vector3::repeat(1e-6 * (0.2 + f64::from(k % 5)))).collect();
+    let mut one = |(p, u): (&Vector3<f64>, &Vector3<f64>)| smooth(p) + u.map(|u| 0.2 * u * normal(&mut random));
+    let errors = points.iter().zip(&u).map(&mut one).collect();
+    let mean_square = u.iter().map(|u| u.x * u.x).sum::<f64>() / 300.0;
+    let field = MeasuredField::new(points, errors, Some(u)).unwrap();
+    let kriging = Kriging::fit(&field, &Options { noise: Noise::Scaled, ..OPTIONS }).unwrap();
+    for fitted in kriging.fitted() {
+        let factor = fitted.hyperparameters.noise_m.unwrap() / mean_square.sqrt();
+        assert!((factor / 0.2 - 1.0).abs() < 0.15, "{factor}");
+    }
 }
 
 #[test]

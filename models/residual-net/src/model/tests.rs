@@ -26,7 +26,7 @@ pub(crate) fn bent_field(count: usize, noise_m: f64, seed: u64) -> MeasuredField
 pub(crate) fn fitted(field: &MeasuredField, kernel: Kernel) -> (abbe_field::Kriging, Kriging) {
     let options = Options { kernel, trend: Trend::Constant, noise: Noise::Fitted };
     let reference = abbe_field::Kriging::fit(field, &options).unwrap();
-    let kriging = Kriging::from_fit(&reference, kernel, field).unwrap();
+    let kriging = Kriging::from_fit(&reference, kernel, field, &Vector3::repeat(1.0)).unwrap();
     (reference, kriging)
 }
 
@@ -124,9 +124,9 @@ fn the_calibration_scales_the_deviation_and_nothing_else() {
 }
 
 #[test]
-fn a_point_that_is_no_number_has_no_residual() {
-    let model = random_model(Kind::KrigingNetwork, 4);
-    for bad in [f64::NAN, f64::INFINITY] {
+fn a_point_that_is_no_number_or_has_none_has_no_residual() {
+    let all = Kind::ALL.map(|kind| random_model(kind, 4));
+    for (model, bad) in all.iter().flat_map(|model| [f64::NAN, f64::INFINITY, 1e305].map(|bad| (model, bad))) {
         let found = model.predict(&Vector3::new(0.1, bad, 0.1));
         assert!(!found.inside && found.residual_m == Vector3::zeros() && found.covariance_m2[(1, 1)].is_infinite());
     }

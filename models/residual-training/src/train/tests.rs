@@ -4,6 +4,9 @@ use super::*;
 use crate::config::{Method, Optimiser, SplitKind};
 use crate::simulated::{Character, SimulatedField, random_points_m};
 use nalgebra::Vector3;
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rand_distr::StandardNormal;
 
 fn field(character: Character, count: usize, seed: u64) -> MeasuredField {
     SimulatedField::new(character, seed).measured(random_points_m(count, seed + 100), seed + 200).unwrap()
@@ -97,6 +100,55 @@ fn where_nothing_is_to_be_learnt_zero_is_recommended() {
         let trained = train(&field, &quick(Method::Kriging), &Device::cpu(), None, &mut go_on).unwrap();
         assert_eq!(trained.record.recommendation.method, ZERO, "{}", trained.record.recommendation.why);
     }
+}
+
+/// A smooth field of which measurements scatter by `scatter_m` and declare `declared_m`: the model, and its largest error and
+/// least deviation (m) at points between.
+fn declared(scatter_m: f64, declared_m: f64) -> (Trained, f64, f64) {
+    let simulated = SimulatedField::new(Character::Smooth, 3);
+    let points = random_points_m(200, 4);
+    let mut random = ChaCha8Rng::seed_from_u64(5);
+    let mut noise = || Vector3::from_fn(|_, _| random.sample::<f64, _>(StandardNormal) * scatter_m);
+    let measured = points.iter().map(|p| simulated.residual_m(p) + noise()).collect();
+    let field = MeasuredField::new(points, measured, Some(vec![Vector3::repeat(declared_m); 200])).unwrap();
+    let trained = train(&field, &quick(Method::Kriging), &Device::cpu(), None, &mut go_on).unwrap();
+    let (mut error_m, mut least_m) = (0.0_f64, f64::INFINITY);
+    for at in random_points_m(60, 6) {
+        let found = trained.model.predict(&at);
+        error_m = error_m.max((found.residual_m - simulated.residual_m(&at)).amax());
+        least_m = least_m.min(found.covariance_m2.diagonal().min().sqrt());
+    }
+    (trained, error_m, least_m)
+}
+
+#[test]
+fn what_is_declared_and_does_not_scatter_is_common_to_all_and_stays_in_the_uncertainty() {
+    let (honest, error_m, _) = declared(0.1e-6, 0.1e-6);
+    assert!(honest.record.declared_seen.unwrap().iter().all(|seen| *seen > 0.7), "{:?}", honest.record.declared_seen);
+    let (cautious, cautious_error_m, least_m) = declared(0.1e-6, 1e-6);
+    let seen = cautious.record.declared_seen.unwrap();
+    assert!(seen.iter().all(|seen| (0.05..0.2).contains(seen)), "{seen:?}");
+    assert!(cautious_error_m < 1.1 * error_m, "{cautious_error_m} {error_m}");
+    assert!(least_m > 0.98e-6, "{least_m}");
+}
+
+#[test]
+fn what_neighbours_do_not_share_beyond_what_is_declared_stays_in_the_uncertainty() {
+    let (trained, _, least_m) = declared(0.5e-6, 0.1e-6);
+    assert!(trained.record.unshared_um.iter().all(|um| (0.35..0.7).contains(um)), "{:?}", trained.record.unshared_um);
+    assert!(least_m > 0.35e-6, "{least_m}");
+}
+
+#[test]
+fn points_that_cannot_be_held_out_are_refused_with_a_way_out() {
+    let refused = |field: &MeasuredField| train(field, &quick(Method::Kriging), &Device::cpu(), None, &mut go_on).err();
+    assert_eq!(refused(&field(Character::Smooth, 12, 1)), Some(TrainingError::Few(12)));
+    let far = |k: usize| if k % 2 == 0 { Vector3::zeros() } else { Vector3::repeat(3.0) };
+    let points: Vec<_> = random_points_m(60, 2).into_iter().enumerate().map(|(k, p)| p * 0.1 + far(k)).collect();
+    let clusters = SimulatedField::new(Character::Smooth, 2).measured(points, 3).unwrap();
+    let error = refused(&clusters).unwrap();
+    assert_eq!(error, TrainingError::Folds { occupied: 2, blocks: 64, folds: 3 });
+    assert!(error.to_string().contains("blocks_per_axis"), "{error}");
 }
 
 #[test]

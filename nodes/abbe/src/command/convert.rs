@@ -3,6 +3,7 @@
 //! Place in the flow: the same messages that the scale and tracer node would publish, without running them.
 
 use super::bag_in_place;
+use crate::output;
 use abbe_files::read_machine;
 use abbe_graph::driver::DriverConfig;
 use abbe_graph::record::write_bag;
@@ -27,6 +28,7 @@ pub(crate) struct Arguments {
 }
 
 pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    output::check([arguments.out.as_path()], [arguments.machine.as_path(), arguments.campaign.as_path()])?;
     let machine = read_machine(&arguments.machine)?;
     let file = std::path::absolute(&arguments.campaign).context("the campaign's path cannot be made absolute")?;
     let namespace = arguments.namespace.clone().unwrap_or_else(|| machine.machine.name.clone());

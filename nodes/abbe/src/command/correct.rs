@@ -4,6 +4,7 @@
 //! by row, also from standard input to standard output; bags message by message.
 
 use super::bag_in_place;
+use crate::output;
 use crate::pipeline::is_bag;
 use crate::residual::{load_residual, with_residual};
 use abbe_files::{AtomicFile, FileError, ModelFile, Place, PointRow, PointsReader, PointsWriter};
@@ -45,6 +46,8 @@ pub(crate) struct Arguments {
 }
 
 pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    let others = arguments.machine.iter().chain(&arguments.residual).map(PathBuf::as_path);
+    output::check([arguments.output.as_path()], others.chain([arguments.input.as_path(), arguments.model.as_path()]))?;
     let (model, sha256) = match &arguments.machine {
         Some(machine) => ModelFile::load_for(&arguments.model, &abbe_files::read_machine(machine)?.machine.name)?,
         None => ModelFile::load(&arguments.model)?,

@@ -4,6 +4,7 @@
 //! Reads the columns of `verify` (scale readings, offsets, actual position); writes the same kind of model file.
 
 use super::identify::spinner;
+use crate::output;
 use crate::pipeline::software;
 use abbe_files::{DataSource, FileError, MachineFile, ModelFile, PointRow, PointsReader, hex, read_machine};
 use abbe_geometry::Vector3;
@@ -126,6 +127,7 @@ impl Arguments {
 }
 
 pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    output::check([arguments.out.as_path()], [arguments.machine.as_path(), arguments.points.as_path()])?;
     let shutdown = Shutdown::on_signals()?;
     let machine = read_machine(&arguments.machine)?;
     let (points, source) = read_points(&arguments.points, &machine, arguments.u_um)?;

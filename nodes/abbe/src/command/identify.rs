@@ -3,6 +3,7 @@
 //! Place in the flow: offline, before anything is corrected. Writes the model file and, with `--json`, what was
 //! found to standard output; otherwise the same in words.
 
+use crate::output;
 use crate::pipeline::{self, LoadedCampaign};
 use abbe_files::{ModelFile, hex, read_machine};
 use abbe_identify::{Evidence, Progress};
@@ -33,6 +34,7 @@ pub(crate) struct Arguments {
 }
 
 pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    output::check([arguments.out.as_path()], [arguments.machine.as_path(), arguments.campaign.as_path()])?;
     let shutdown = Shutdown::on_signals()?;
     let machine = read_machine(&arguments.machine)?;
     let since = Instant::now();

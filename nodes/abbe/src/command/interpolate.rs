@@ -3,6 +3,7 @@
 //! Place in the flow: without a model of the machine, straight from measured points (`abbe points`, or any calibration). The
 //! methods are those of `abbe_field`; scores are of points that did not interpolate (Chen 2020 eq. 14-19).
 
+use crate::output;
 use abbe_field::idw::{EXPONENT, Idw, Reference};
 use abbe_field::kriging::{Kernel, Kriging, Noise, Options, Trend};
 use abbe_field::rbf::{Radial, Rbf};
@@ -69,6 +70,8 @@ enum Method {
 }
 
 pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    let inputs = arguments.at.iter().chain([&arguments.vectors]).map(PathBuf::as_path);
+    output::check(arguments.out.as_deref(), inputs)?;
     let field = read(arguments)?;
     match (&arguments.at, &arguments.out, arguments.splits) {
         (Some(at), Some(out), _) => answer(arguments, &field, at, out),

@@ -4,6 +4,7 @@
 //! error of every point with its uncertainty out, as residual vectors for `abbe interpolate` or `abbe diagnose --residuals`.
 //! Source: Chen 2020 eq. 1-11, see `abbe_measurement::multilateration`.
 
+use crate::output;
 use crate::pipeline;
 use abbe_files::{ErrorVector, MachineFile, read_machine, write_error_vectors};
 use abbe_measurement::multilateration::{LIMIT_M, MultiStation, Options, SolvedPoint, solve};
@@ -35,6 +36,7 @@ pub(crate) struct Arguments {
 }
 
 pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    output::check([arguments.out.as_path()], [arguments.machine.as_path(), arguments.campaign.as_path()])?;
     let machine = read_machine(&arguments.machine)?;
     let loaded = pipeline::load_campaign(&arguments.campaign, &machine)?;
     let options = Options {

@@ -3,6 +3,7 @@
 //! Place in the flow: offline look at a residual model; nothing is corrected here, so the model need not say which
 //! geometric model it belongs to. Points in the machine frame; residual = actual − corrected, with standard uncertainty.
 
+use crate::output;
 use abbe_files::{AtomicFile, PlainPoints, PredictedWriter, ResidualFile, hex};
 use abbe_geometry::Vector3;
 use abbe_runtime::Shutdown;
@@ -26,6 +27,7 @@ pub(crate) struct Arguments {
 }
 
 pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    output::check([arguments.output.as_path()], [arguments.input.as_path(), arguments.model.as_path()])?;
     let shutdown = Shutdown::on_signals()?;
     let (file, sha256) = ResidualFile::load(&arguments.model)?;
     let name = arguments.input.display().to_string();

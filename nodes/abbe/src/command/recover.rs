@@ -2,6 +2,7 @@
 //!
 //! Place in the flow: the remedy that the bag reader's errors name. The damaged bag stays as it is.
 
+use crate::output;
 use abbe_msgs::bag::recover;
 use std::path::PathBuf;
 
@@ -17,6 +18,7 @@ pub(crate) struct Arguments {
 }
 
 pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    output::check([arguments.out.as_path()], [arguments.bag.as_path()])?;
     let recovery = recover(&arguments.bag, &arguments.out)?;
     println!("{}: {} messages saved", arguments.out.display(), recovery.messages_saved);
     for fault in &recovery.faults {

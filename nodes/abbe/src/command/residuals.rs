@@ -6,6 +6,7 @@
 
 use super::bag_in_place;
 use super::identify::spinner;
+use crate::output;
 use crate::pipeline::{LoadedCampaign, load_campaign};
 use crate::residual_bag::{self, BagPoint};
 use crate::verification::correct_points;
@@ -92,6 +93,7 @@ impl CovariateSource for Row {
 }
 
 pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    output::check([arguments.out.as_path()], [arguments.model.as_path(), arguments.campaign.as_path()])?;
     let (model, sha256) = ModelFile::load(&arguments.model)?;
     let known = header_names(&arguments.campaign).is_some_and(|names| names.iter().any(|name| name == "actual_x_mm"));
     let computed = if known {

@@ -5,6 +5,7 @@
 //! are of, and corrects nothing else.
 
 use super::identify::spinner;
+use crate::output;
 use crate::pipeline::software;
 use crate::training::{self, Data, report};
 use abbe_files::{DataSource, ModelFile, ResidualFile, ResidualOwner, hex, write_atomically};
@@ -46,15 +47,16 @@ enum Processor {
 }
 
 pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    let paths = Paths::beside(&arguments.out);
+    let inputs = arguments.config.iter().chain(&arguments.model).chain([&arguments.residuals]).map(PathBuf::as_path);
+    output::check([arguments.out.as_path(), &paths.report, &paths.state], inputs)?;
     let device = device(arguments.device)?;
-    let shutdown = Shutdown::on_signals()?;
     let config = training::read_config(arguments.config.as_deref())?;
     let data = Data::read(&arguments.residuals)?;
     let owner = owner(arguments, &data)?;
-    let paths = Paths::beside(&arguments.out);
     let resume = arguments.resume.then(|| read_state(&paths.state)).transpose()?;
-    let trained = with_progress(&data, &config, &device, resume, &shutdown)
-        .with_context(|| arguments.residuals.display().to_string())?;
+    let trained =
+        with_progress(&data, &config, &device, resume).with_context(|| arguments.residuals.display().to_string())?;
     let file = artifact(&trained, &data, &config, owner)?;
     let html = report::html(&trained, &file, &data)?;
     let sha256 = file.save(&arguments.out)?;
@@ -134,13 +136,9 @@ fn remove_state(path: &Path) -> anyhow::Result<()> {
     }
 }
 
-fn with_progress(
-    data: &Data,
-    config: &Config,
-    device: &Device,
-    resume: Option<State>,
-    shutdown: &Shutdown,
-) -> anyhow::Result<Trained> {
+fn with_progress(data: &Data, config: &Config, device: &Device, resume: Option<State>) -> anyhow::Result<Trained> {
+    // Before the first epoch there is nothing to keep: until then Ctrl-C ends this program as it ends any other.
+    let mut shutdown = None;
     let bar = spinner(&format!("training on {} points", data.points()));
     let mut observe = |progress: &Progress| {
         bar.set_message(format!(
@@ -154,7 +152,8 @@ fn with_progress(
             progress.validation_loss,
             progress.best_validation_loss
         ));
-        if shutdown.requested() { Go::Stop } else { Go::On }
+        let shutdown = shutdown.get_or_insert_with(Shutdown::on_signals);
+        if shutdown.as_ref().is_ok_and(Shutdown::requested) { Go::Stop } else { Go::On }
     };
     let trained = train(&data.field, config, device, resume, &mut observe);
     bar.finish_and_clear();
@@ -195,6 +194,21 @@ fn say(arguments: &Arguments, trained: &Trained, file: &ResidualFile, sha256: &[
         if record.flattering { "single points (flattering)" } else { "blocks of space" }
     );
     println!("  trained on        {}", record.device);
+    if let Some([x, y, z]) = record.declared_seen.map(|seen| seen.map(|share| share * 100.0)) {
+        println!(
+            "  declared u        {x:.0} {y:.0} {z:.0} % of it (x y z) is seen as scatter; the rest is taken as common to all points \
+             around, and stays in u_*"
+        );
+    }
+    let [x, y, z] = record.unshared_um;
+    println!(
+        "  unshared          {x:.3} {y:.3} {z:.3} um (x y z) that neighbours do not share{}; in u_*",
+        if record.declared_seen.is_some() {
+            ", beyond what is declared"
+        } else {
+            ", noise of the measurement included: no u is declared"
+        }
+    );
     println!("  held out               MSE um2    MAE um   95 % um  worst um   in 95 %    points");
     for method in &record.held_out {
         let coverage = method.coverage_95.map_or_else(|| "-".to_owned(), |share| format!("{:.1} %", share * 100.0));

@@ -12,7 +12,7 @@ use sha2::{Digest, Sha256};
 fuzz_target!(|bytes: &[u8]| {
     let _ = ResidualFile::from_bytes(bytes, "fuzz");
     let hash = hex(&Sha256::digest(bytes));
-    let head = format!("{{\"format\":\"abbe-residual\",\"version\":1,\"sha256\":\"{hash}\",\"residual\":");
+    let head = format!("{{\"format\":\"abbe-residual\",\"version\":2,\"sha256\":\"{hash}\",\"residual\":");
     let file = [head.as_bytes(), bytes, b"}"].concat();
     let Ok((file, digest)) = ResidualFile::from_bytes(&file, "fuzz") else { return };
     let field = LoadedResidual::new(file.model, digest);
