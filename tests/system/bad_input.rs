@@ -161,7 +161,7 @@ fn identify_names_what_is_wrong_with_a_campaign_and_leaves_nothing() {
     println!("no such folder");
     let out = bench.text("none/model.json");
     let arguments = ["identify", "--machine", &text(&machine()), "--campaign", &campaign, "--out", &out];
-    refused(&bench, &arguments, &["none/model.json", "cannot create"]);
+    refused(&bench, &arguments, &["none/model.json", "there is no folder"]);
 }
 
 #[test]
