@@ -2,8 +2,7 @@
 //!
 //! Place in the flow: fitted length scales (m) from `abbe_field::kriging` and calibrated residuals (m) in, mean and standard
 //! uncertainty of the field (m) at any point out; on its own, below the network, and as the measure of how far a point lies
-//! from what was measured. Each component: constant trend β, signal s² ρ(Δ/ℓ), noise σ² + (f u)² with the share f of the declared
-//! uncertainty u that the residuals scatter by.
+//! from what was measured. Each component: constant trend β, signal s² ρ(Δ/ℓ), noise σ² + u².
 //! Mean β + s² Σ ρ(x, x_i) α_i with α = K⁻¹(y − β) over all points. Variance s² − kᵀA k + (1 − 1ᵀA k)²/(1ᵀA1) over the
 //! [`NEAREST`] points around the nearest one, A = K⁻¹ of these: never below the variance from all points, and it costs the same
 //! however many there are. (On smooth fields of 150 points the deviation is up to 2.2 times that from all points among them, and
@@ -53,8 +52,8 @@ pub struct Kriging {
 }
 
 impl Kriging {
-    /// The parameters of a fit, solved for a field: the one it was fitted to, with its declared uncertainties times `seen`, or a
-    /// part of it. The trend is constant. `None` if the covariance of the points is not positive definite.
+    /// The parameters of a fit, solved for a field: the one it was fitted to, or a part of it; `seen` of its declared uncertainties
+    /// shows as scatter. The trend is constant. `None` if the covariance of the points is not positive definite.
     pub fn from_fit(
         fit: &abbe_field::Kriging,
         kernel: Kernel,
@@ -130,10 +129,10 @@ impl Component {
 
     /// Noise variance of a calibrated point (m²).
     fn noise(&self, field: &MeasuredField, axis: usize, index: usize) -> f64 {
-        self.noise_m * self.noise_m + self.scatter(field, axis, index)
+        self.noise_m * self.noise_m + field.u_m().map_or(0.0, |u| u[index][axis].powi(2))
     }
 
-    /// The seen part of the declared variance of a calibrated point (m²).
+    /// The part of the declared variance of a calibrated point that shows as scatter (m²).
     fn scatter(&self, field: &MeasuredField, axis: usize, index: usize) -> f64 {
         field.u_m().map_or(0.0, |u| (self.seen * u[index][axis]).powi(2))
     }

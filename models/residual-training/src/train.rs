@@ -303,9 +303,9 @@ fn check_folds(field: &MeasuredField, config: &Config, fold: &[usize]) -> Result
 pub(crate) fn fitted_kriging(field: &MeasuredField) -> Result<Kriging, TrainingError> {
     let seen = seen(field)?;
     let likelihood = |fit: &abbe_field::Kriging| fit.fitted().iter().map(|c| c.log_likelihood).sum::<f64>();
-    let matern = fit(field, Kernel::Matern52, &seen)?;
+    let matern = fit(field, Kernel::Matern52)?;
     // The smoother kernel may be too smooth to be factored: then the other one is the likelier.
-    let smooth = fit(field, Kernel::SquaredExponential, &seen).ok();
+    let smooth = fit(field, Kernel::SquaredExponential).ok();
     let better = smooth.filter(|smooth| likelihood(smooth) > likelihood(&matern));
     let (kernel, fit) = match better {
         Some(smooth) => (Kernel::SquaredExponential, smooth),
@@ -315,8 +315,9 @@ pub(crate) fn fitted_kriging(field: &MeasuredField) -> Result<Kriging, TrainingE
 }
 
 /// How much of the declared uncertainties the residuals scatter by, 0 to 1 a component. Uncertainties that neighbours have in
-/// common (of the frame, of a station, of an estimate from shared readings) are declared but do not scatter: taken for noise, they
-/// would make kriging smooth away what was measured, and held-out errors would call every deviation too large.
+/// common (of the frame, of a station, of an estimate from shared readings) are declared but do not scatter. In full they weigh the
+/// points against each other and against the field; but held-out errors do not contain them, and would call every deviation too
+/// large.
 fn seen(field: &MeasuredField) -> Result<Vector3<f64>, TrainingError> {
     let Some(u_m) = field.u_m() else { return Ok(Vector3::repeat(1.0)) };
     let options = Options { kernel: Kernel::Matern52, trend: Trend::Constant, noise: Noise::Scaled };
@@ -343,16 +344,13 @@ fn fitted_without(
 
 /// Kriging of a field.
 pub(crate) fn kriging_of(field: &MeasuredField, kernel: Kernel, seen: &Vector3<f64>) -> Result<Kriging, TrainingError> {
-    Kriging::from_fit(&fit(field, kernel, seen)?, kernel, field, seen).ok_or(TrainingError::NotPositiveDefinite)
+    Kriging::from_fit(&fit(field, kernel)?, kernel, field, seen).ok_or(TrainingError::NotPositiveDefinite)
 }
 
-/// Fitted by restricted likelihood, with what is seen of the declared uncertainties where there are any.
-fn fit(field: &MeasuredField, kernel: Kernel, seen: &Vector3<f64>) -> Result<abbe_field::Kriging, TrainingError> {
+/// Fitted by restricted likelihood, with the declared uncertainties where there are any.
+fn fit(field: &MeasuredField, kernel: Kernel) -> Result<abbe_field::Kriging, TrainingError> {
     let noise = if field.u_m().is_some() { Noise::DeclaredAndFitted } else { Noise::Fitted };
-    let scatter_m = field.u_m().map(|u_m| u_m.iter().map(|u| u.component_mul(seen)).collect());
-    let (points, errors) = (field.points_m().to_vec(), field.errors_m().to_vec());
-    let field = MeasuredField::new(points, errors, scatter_m).map_err(ViewError::from)?;
-    Ok(abbe_field::Kriging::fit(&field, &Options { kernel, trend: Trend::Constant, noise })?)
+    Ok(abbe_field::Kriging::fit(field, &Options { kernel, trend: Trend::Constant, noise })?)
 }
 
 /// Judges, chooses, calibrates, assembles.

@@ -123,13 +123,12 @@ fn declared(scatter_m: f64, declared_m: f64) -> (Trained, f64, f64) {
 
 #[test]
 fn what_is_declared_and_does_not_scatter_is_common_to_all_and_stays_in_the_uncertainty() {
-    let (honest, error_m, _) = declared(0.1e-6, 0.1e-6);
+    let (honest, ..) = declared(0.1e-6, 0.1e-6);
     assert!(honest.record.declared_seen.unwrap().iter().all(|seen| *seen > 0.7), "{:?}", honest.record.declared_seen);
-    let (cautious, cautious_error_m, least_m) = declared(0.1e-6, 1e-6);
+    let (cautious, error_m, least_m) = declared(0.1e-6, 1e-6);
     let seen = cautious.record.declared_seen.unwrap();
     assert!(seen.iter().all(|seen| (0.05..0.2).contains(seen)), "{seen:?}");
-    assert!(cautious_error_m < 1.1 * error_m, "{cautious_error_m} {error_m}");
-    assert!(least_m > 0.98e-6, "{least_m}");
+    assert!(least_m > 0.98e-6 && error_m < 1.96 * least_m, "{least_m} {error_m}");
 }
 
 #[test]
@@ -143,7 +142,7 @@ fn what_neighbours_do_not_share_beyond_what_is_declared_stays_in_the_uncertainty
 fn points_that_cannot_be_held_out_are_refused_with_a_way_out() {
     let refused = |field: &MeasuredField| train(field, &quick(Method::Kriging), &Device::cpu(), None, &mut go_on).err();
     assert_eq!(refused(&field(Character::Smooth, 12, 1)), Some(TrainingError::Few(12)));
-    let far = |k: usize| if k % 2 == 0 { Vector3::zeros() } else { Vector3::repeat(3.0) };
+    let far = |k: usize| if k.is_multiple_of(2) { Vector3::zeros() } else { Vector3::repeat(3.0) };
     let points: Vec<_> = random_points_m(60, 2).into_iter().enumerate().map(|(k, p)| p * 0.1 + far(k)).collect();
     let clusters = SimulatedField::new(Character::Smooth, 2).measured(points, 3).unwrap();
     let error = refused(&clusters).unwrap();
