@@ -200,6 +200,35 @@ fn what_it_does_not_belong_to_is_refused() {
 }
 
 #[test]
+fn what_is_read_is_never_replaced_and_a_missing_folder_is_found_before_the_work() {
+    let bench = bench();
+    let own = Bench::identified(9);
+    let copy = |name: &str| {
+        fs::copy(bench.path(name), own.path(name)).unwrap();
+        own.text(name)
+    };
+    let (residuals, residual, model) = (copy("residuals.csv"), copy("residual.json"), copy("model.json"));
+    let points = copy("judge.csv");
+    let page = own.text("page.html");
+    let lost = "would be lost";
+    for (arguments, says) in [
+        (["train", "--residuals", &residuals, "--out", &residuals, "--model", &model], lost),
+        (["train", "--residuals", &residuals, "--out", &model, "--model", &model], lost),
+        (["train", "--residuals", &residuals, "--out", &page, "--model", &model], "two files"),
+        (["predict", "--model", &residual, "--in", &points, "--out", &residual], lost),
+        (["correct", "--model", &model, "--in", &points, "--out", &model], lost),
+        (["residuals", "--model", &model, "--campaign", &points, "--out", &points], lost),
+        (["train", "--residuals", &residuals, "--model", &model, "--out", &own.text("none/r.json")], "no folder"),
+    ] {
+        assert_says(&run(arguments).refused(), &[says]);
+    }
+    for name in ["residuals.csv", "residual.json", "model.json", "judge.csv"] {
+        assert_eq!(own.read(name), bench.read(name), "{name}");
+    }
+    assert!(!own.path("page.html").exists());
+}
+
+#[test]
 fn a_graphics_card_is_refused_with_a_way_out_by_a_program_built_without() {
     if cfg!(feature = "wgpu") {
         return; // Then `graphics_card.rs` of the training crate says what must hold.

@@ -20,6 +20,7 @@ mod swarm;
 mod train;
 mod views;
 
+pub use abbe_residual_net::corners_m;
 pub use attention::Attention;
 pub use compare::{CompareConfig, Comparison, Interval, Rival, RivalRow, SeedRow, compare};
 pub use config::{Config, ConfigRange, Method, Optimiser, Split, SplitKind};

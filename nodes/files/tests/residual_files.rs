@@ -82,6 +82,16 @@ fn refused(bytes: &[u8], parts: &[&str]) {
 }
 
 #[test]
+fn what_its_own_training_says_against_a_model_is_known() {
+    let mut file = file();
+    assert_eq!(file.doubts().count(), 0);
+    file.validation = serde_json::json!({"recommendation": {"method": "zero"}});
+    file.complete = false;
+    let said: Vec<_> = file.doubts().collect();
+    assert!(said[0].contains("no residual model") && said[1].contains("--resume"), "{said:?}");
+}
+
+#[test]
 fn a_residual_model_comes_back_bit_for_bit_and_predicts_the_same_bits() {
     let (bytes, digest) = file().to_bytes("r").unwrap();
     let (after, digest_read) = load(&bytes).unwrap();

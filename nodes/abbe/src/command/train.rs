@@ -9,10 +9,19 @@ use crate::output;
 use crate::pipeline::software;
 use crate::training::{self, Data, report};
 use abbe_files::{DataSource, ModelFile, ResidualFile, ResidualOwner, hex, write_atomically};
-use abbe_residual_training::{Config, Device, Go, Progress, State, Trained, ZERO, train};
+use abbe_geometry::Vector3;
+use abbe_residual_training::{Config, Device, Go, Progress, State, Trained, ZERO, corners_m, train};
 use abbe_runtime::Shutdown;
 use anyhow::{Context, ensure};
 use std::path::{Path, PathBuf};
+
+/// Deviations beyond which a held-out point is named: one in two million of a normal distribution.
+const FAR: f64 = 5.0;
+/// Outliers that are shown.
+const MOST_SHOWN: usize = 5;
+/// Extent of the points over the stroke, along the axis where it is largest.
+const SMALLEST_SHARE: f64 = 0.02;
+const LARGEST_SHARE: f64 = 5.0;
 
 /// Arguments of `train`.
 #[derive(Debug, clap::Args)]
@@ -66,7 +75,7 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     } else {
         write_atomically(&paths.state, &serde_json::to_vec(&trained.state)?)?;
     }
-    say(arguments, &trained, &file, &sha256, &paths);
+    say(arguments, &trained, &data, &file, &sha256, &paths);
     ensure!(
         trained.record.complete,
         "stopped on request; {} holds the best so far, and --resume goes on from {}",
@@ -102,6 +111,8 @@ fn owner(arguments: &Arguments, data: &Data) -> anyhow::Result<Option<ResidualOw
     let told = data.owner.clone();
     let Some(path) = &arguments.model else { return Ok(told) };
     let (model, model_sha256) = ModelFile::load(path)?;
+    check_extent(data, &model.model.parts().machine.stroke_m)
+        .with_context(|| arguments.residuals.display().to_string())?;
     let given = ResidualOwner { machine: model.model.parts().machine.name.clone(), model_sha256 };
     if let Some(told) = told {
         ensure!(
@@ -117,6 +128,42 @@ fn owner(arguments: &Arguments, data: &Data) -> anyhow::Result<Option<ResidualOw
         );
     }
     Ok(Some(given))
+}
+
+/// Refuses points that are a speck in the machine, or larger than it: they are in another unit, or another machine's.
+fn check_extent(data: &Data, stroke_m: &[(f64, f64); 3]) -> anyhow::Result<()> {
+    let (low, high) = corners_m(data.field.points_m());
+    let shares = Vector3::from_fn(|axis, _| (high[axis] - low[axis]) / (stroke_m[axis].1 - stroke_m[axis].0));
+    let [x, y, z] = <[f64; 3]>::from((high - low) * 1e3);
+    let strokes = stroke_m.map(|(low, high)| (high - low) * 1e3);
+    ensure!(
+        shares.max() >= SMALLEST_SHARE && shares.max() <= LARGEST_SHARE,
+        "the points span {x:.3} x {y:.3} x {z:.3} mm of a machine that moves {:.0} x {:.0} x {:.0} mm; check the unit of their \
+         columns, and that they are of this machine",
+        strokes[0],
+        strokes[1],
+        strokes[2]
+    );
+    Ok(())
+}
+
+/// Points that measured residuals leave far from what all others say, the farthest first, as text.
+fn outliers(trained: &Trained, data: &Data) -> Vec<String> {
+    let mut found = Vec::new();
+    for point in &trained.held_out {
+        let (at_m, measured_m) = (data.field.points_m()[point.index], data.field.errors_m()[point.index]);
+        for (axis, name) in ["x", "y", "z"].iter().enumerate() {
+            let off_m = measured_m[axis] - point.predicted_m[axis];
+            let times = (off_m / point.u_m[axis]).abs();
+            if times > FAR {
+                let [x, y, z] = <[f64; 3]>::from(at_m * 1e3);
+                let text = format!("({x:.3} {y:.3} {z:.3}) mm: {name} is {:+.3} um off, {times:.0} u", off_m * 1e6);
+                found.push((times, text));
+            }
+        }
+    }
+    found.sort_by(|a, b| b.0.total_cmp(&a.0));
+    found.into_iter().map(|(_, text)| text).collect()
 }
 
 fn read_state(path: &Path) -> anyhow::Result<State> {
@@ -178,7 +225,7 @@ fn artifact(
     })
 }
 
-fn say(arguments: &Arguments, trained: &Trained, file: &ResidualFile, sha256: &[u8; 32], paths: &Paths) {
+fn say(arguments: &Arguments, trained: &Trained, data: &Data, file: &ResidualFile, sha256: &[u8; 32], paths: &Paths) {
     let record = &trained.record;
     println!("{}", arguments.out.display());
     println!("  residual model    {}", hex(sha256));
@@ -222,6 +269,13 @@ fn say(arguments: &Arguments, trained: &Trained, file: &ResidualFile, sha256: &[
     println!("  recommended       {}: {}", record.recommendation.method, record.recommendation.why);
     if record.recommendation.method == ZERO {
         println!("  note              held-out data speak for no residual model at all: do not correct with this one");
+    }
+    if let [first, rest @ ..] = outliers(trained, data).as_slice() {
+        println!(
+            "  outliers          {} more than {FAR} u from what the others say; look at them first:",
+            rest.len() + 1
+        );
+        [first].into_iter().chain(rest).take(MOST_SHOWN).for_each(|outlier| println!("    {outlier}"));
     }
     println!("  report            {}", paths.report.display());
 }
