@@ -40,8 +40,9 @@ pub const ZERO: &str = "zero";
 
 /// Points below which no held-out share tells 95 % from all.
 const LEAST_POINTS: usize = 20;
-/// Points that a member learns from at least.
+/// Points that kriging, or a member of networks, learns from at least; of a member's, a quarter leaves the lattice at a time.
 const LEAST_LEARNT: usize = 8;
+const LEAST_LEARNT_BY_MEMBERS: usize = 16;
 
 /// Whether to go on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -287,8 +288,10 @@ fn check_folds(field: &MeasuredField, config: &Config, fold: &[usize]) -> Result
     let folds = config.split.folds;
     let held = |number: usize| fold.iter().filter(|f| **f == number).count();
     // A network does not see two folds: the one it predicts, and the one that stops it.
-    let seen_none = |number: usize| held(number) + held((number + 1) % folds) + LEAST_LEARNT > fold.len();
-    if (0..folds).any(|number| held(number) == 0 || seen_none(number)) {
+    let has_networks = !config.method.networks().is_empty();
+    let (least, stopping) = if has_networks { (LEAST_LEARNT_BY_MEMBERS, 1) } else { (LEAST_LEARNT, 0) };
+    let learnt = |number: usize| fold.len() - held(number) - stopping * held((number + 1) % folds);
+    if (0..folds).any(|number| held(number) == 0 || learnt(number) < least) {
         let occupied = split::blocks(field.points_m(), &config.split).into_iter().collect::<BTreeSet<_>>().len();
         let blocks = match config.split.kind {
             SplitKind::Random => fold.len(),

@@ -24,7 +24,9 @@ const LEAST_SCALE: f64 = 1e-6;
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum ViewError {
     /// Too few points are left somewhere.
-    #[error("of the points left after holding some out: {0}")]
+    #[error(
+        "of the points left after holding some out: {0}; or hold out less by fewer folds or more blocks_per_axis in [split]"
+    )]
     Field(#[from] FieldError),
     /// Kriging of a part has no solution.
     #[error("kriging of a part of the points is not positive definite; are points measured twice without noise?")]
