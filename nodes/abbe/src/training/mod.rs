@@ -38,7 +38,9 @@ impl Data {
         let points_m = rows.iter().map(|row| Vector3::from(row.position_m)).collect();
         let residual_m = rows.iter().map(|row| Vector3::from(row.residual_m)).collect();
         let u_m: Option<Vec<Vector3<f64>>> = rows.iter().map(|row| row.u_m.map(Vector3::from)).collect();
-        let field = MeasuredField::new(points_m, residual_m, u_m).with_context(|| path.display().to_string())?;
+        // Points are counted from 0 in messages of the library, rows of a file are not: the row is the point's place in it.
+        let field = MeasuredField::new(points_m, residual_m, u_m)
+            .with_context(|| format!("{} (points are its rows, from 0)", path.display()))?;
         let file =
             path.file_name().map_or_else(|| path.display().to_string(), |name| name.to_string_lossy().into_owned());
         Ok(Data { field, owner, file, sha256 })
