@@ -85,8 +85,8 @@ pub fn predicted_length_m(
     let (first, station) = model.station(station)?;
     let Ray { direction, range_m } = Ray::between(&station.position_m, position_m);
     let (_, sensitivity) = geometric_point(model, reading_m, offset_m);
-    let beyond_m2 = direction.dot(&((covariance_m2 - sensitivity.covariance_m2(model)) * direction)).max(0.0);
     let mut length = sensitivity.along(&direction);
+    let beyond_m2 = (direction.dot(&(covariance_m2 * direction)) - model.variance(&length)).max(0.0);
     let of_station = direction.iter().map(|u| -u).chain([-1.0]);
     length.parameters.extend(of_station.enumerate().map(|(d, value)| (first + d, value)));
     let variance_m2 = model.variance(&length).max(0.0) + beyond_m2;

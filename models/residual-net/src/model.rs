@@ -121,7 +121,6 @@ pub struct ResidualModel {
     lattice: Lattice,
     hull: Hull,
     variance: KrigingVariance,
-    unshared_m2: Vector3<f64>,
     members: Vec<Folded>,
     trend: Option<Trend>,
 }
@@ -139,8 +138,7 @@ impl ResidualModel {
         let lattice = Lattice::new(parts.kind, &parts.field, &parts.kriging, normaliser);
         let hull = Hull::new(parts.field.points_m());
         let trend = parts.trend.clone().map(Trend::new).transpose()?;
-        let unshared_m2 = parts.kriging.unshared_m2();
-        Ok(ResidualModel { lattice, hull, variance, unshared_m2, members, trend, parts })
+        Ok(ResidualModel { lattice, hull, variance, members, trend, parts })
     }
 
     /// What it is made of.
@@ -170,9 +168,9 @@ impl ResidualModel {
         let vertices = self.lattice.vertices(point_in_machine_m).filter(|_| is_finite(point_in_machine_m))?;
         let inside = vertices.occupied == [true; VERTICES] || self.hull.holds(point_in_machine_m);
         let (residual_m, variance_m2) = self.mean_and_variance(point_in_machine_m, &vertices, inside);
-        let scale = self.parts.calibration.scale;
-        let own_m2 = (variance_m2 + self.unshared_m2).component_mul(&scale.component_mul(&scale));
-        let common_m2 = self.parts.kriging.common_m2(&self.parts.field, vertices.nearest);
+        let Parts { kriging, field, calibration: Calibration { scale }, .. } = &self.parts;
+        let own_m2 = (variance_m2 + kriging.unshared_m2()).component_mul(&scale.component_mul(scale));
+        let common_m2 = kriging.common_m2(field, vertices.nearest);
         let has_number = is_finite(&residual_m) && is_finite(&own_m2);
         has_number.then_some(Apart { residual_m, own_m2, common_m2, inside })
     }

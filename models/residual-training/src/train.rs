@@ -373,25 +373,23 @@ fn finish(
     let chosen = predicted.iter().find(|p| p.kind == kind).ok_or(TrainingError::NoCalibration(kind.name()))?;
     let calibration = Calibration::from_held_out(&chosen.pairs()).ok_or(TrainingError::NoCalibration(kind.name()))?;
     let held_out = chosen.points(field, &calibration);
-    let mut record = TrainingRecord {
+    let found = trained.into_iter().find(|(k, _)| *k == kind).map_or(Networks::None, |(_, networks)| networks);
+    let model = found.model(kind, field, kriging, calibration)?;
+    let unshared_m = model.parts().kriging.unshared_m2().map(f64::sqrt).component_mul(&calibration.scale);
+    let record = TrainingRecord {
         config: config.clone(),
         device: state.device.clone(),
         points: fold.len(),
         flattering: config.split.is_flattering(),
         kernel: format!("{:?}", kriging.kernel),
         declared_seen: field.u_m().map(|_| kriging.seen().into()),
-        unshared_um: [0.0; 3], // known with the model, below
+        unshared_um: unshared_m.map(|u| u * 1e6).into(),
         curves: curves(&state, &config.split, &config.method.networks()),
         held_out: held_out_scores(field, &predicted),
         recommendation,
         kind: kind.name().to_owned(),
         complete,
     };
-    let found = trained.into_iter().find(|(k, _)| *k == kind).map_or(Networks::None, |(_, networks)| networks);
-    let model = found.model(kind, field, kriging, calibration)?;
-    let scale = model.parts().calibration.scale;
-    record.unshared_um =
-        model.parts().kriging.unshared_m2().map(f64::sqrt).component_mul(&scale).map(|u| u * 1e6).into();
     Ok(Trained { model, record, state, held_out })
 }
 

@@ -270,12 +270,11 @@ fn say(arguments: &Arguments, trained: &Trained, data: &Data, file: &ResidualFil
     if record.recommendation.method == ZERO {
         println!("  note              held-out data speak for no residual model at all: do not correct with this one");
     }
-    if let [first, rest @ ..] = outliers(trained, data).as_slice() {
-        println!(
-            "  outliers          {} more than {FAR} u from what the others say; look at them first:",
-            rest.len() + 1
-        );
-        [first].into_iter().chain(rest).take(MOST_SHOWN).for_each(|outlier| println!("    {outlier}"));
+    let outliers = outliers(trained, data);
+    if !outliers.is_empty() {
+        let count = outliers.len();
+        println!("  outliers          {count} more than {FAR} u from what the others say; look at them first:");
+        outliers.iter().take(MOST_SHOWN).for_each(|outlier| println!("    {outlier}"));
     }
     println!("  report            {}", paths.report.display());
 }
