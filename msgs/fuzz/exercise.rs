@@ -17,6 +17,18 @@ pub fn read_bag(bytes: &[u8]) {
     }
 }
 
+/// Recovers what the bytes hold as a bag.
+pub fn recover_bag(bytes: &[u8]) {
+    let mut kept = 0;
+    let recovery = bag::recover_from(Path::new("any.mcap"), std::io::Cursor::new(bytes), |_| {
+        kept += 1;
+        Ok(())
+    });
+    let Ok(file) = recovery else { return };
+    assert_eq!(file.messages_saved, kept);
+    assert!(file.faults.iter().all(|fault| !fault.to_string().is_empty()));
+}
+
 /// Decodes the bytes as every message; what decodes must encode and decode to the same again.
 pub fn decode_cdr(bytes: &[u8]) {
     decode_sample::<ScaleReading>(bytes);

@@ -133,6 +133,12 @@ pub enum MessageError {
         /// The instant in seconds.
         seconds: f64,
     },
+    /// An instant that a bag cannot hold.
+    #[error("the instant {seconds} s is before 0 (1970), from which a bag counts; correct the clock, or begin at 0")]
+    LogTime {
+        /// The instant in seconds.
+        seconds: f64,
+    },
     /// Two fields that contradict each other.
     #[error("{field} contradicts status {status}: {reason}; correct the sender")]
     Contradiction {

@@ -6,7 +6,7 @@ mod common;
 
 use std::path::{Path, PathBuf};
 
-use abbe_msgs::bag::{self, BagError, BagMessage, BagWriter, Qos};
+use abbe_msgs::bag::{self, BagError, BagMessage, BagWriter, Qos, Recovery};
 use abbe_msgs::{Message, RosType, ScaleReading, TracerReading, cdr, standard::PointStamped};
 use tempfile::TempDir;
 
@@ -144,16 +144,146 @@ fn a_killed_recording_is_recovered_but_for_the_last_hundred_messages() {
     let mut writer = BagWriter::create(&path).unwrap();
     let written = write_rounds(&mut writer, 300);
     std::mem::forget(writer); // as kill -9: nothing is flushed, nothing completed
-    let error = message_of(read_all(&path));
-    assert!(error.contains("metadata.yaml: missing"), "{error}");
+    let (read, error) = read_until_error(&path);
+    assert!(read.len() >= 1100 && content(&read) == written[..read.len()], "what is there can be read");
+    assert!(error.contains("damaged or cut off") && error.contains("recover the bag"), "{error}");
 
     let out = folder.join("saved");
     let recovery = bag::recover(&path, &out).unwrap();
     assert!(recovery.messages_saved >= 1100, "{recovery:?}");
-    assert_eq!(recovery.faults.len(), 1);
+    assert!(!recovery.is_complete() && recovery.messages_missing().is_none(), "nobody knows what is missing");
+    assert_eq!(faults(&recovery), 1, "{recovery:?}");
     let saved = read_all(&out).unwrap();
     assert_eq!(saved.len() as u64, recovery.messages_saved);
     assert_eq!(content(&saved), written[..saved.len()]);
+}
+
+/// What can be read, and the error after it.
+fn read_until_error(path: &Path) -> (Vec<BagMessage>, String) {
+    let mut read: Vec<_> = bag::messages(path).unwrap().collect();
+    let error = read.pop().unwrap().unwrap_err().to_string();
+    (read.into_iter().map(Result::unwrap).collect(), error)
+}
+
+fn faults(recovery: &Recovery) -> usize {
+    recovery.files.iter().map(|file| file.faults.len()).sum()
+}
+
+/// A bag in three files of `rounds` rounds each.
+fn write_split(path: &Path, rounds: u64) -> Vec<(String, u64, Vec<u8>)> {
+    let mut writer = BagWriter::create(path).unwrap();
+    let mut written = Vec::new();
+    for part in 0..3 {
+        if part > 0 {
+            writer.split().unwrap();
+        }
+        written.extend(write_rounds(&mut writer, rounds));
+    }
+    assert_eq!((writer.files(), writer.message_count()), (3, 12 * rounds));
+    assert_eq!(writer.finish().unwrap().messages_by_topic["/machine/scales"], 3 * rounds);
+    written
+}
+
+#[test]
+fn a_split_bag_gives_back_its_messages_in_order_and_each_file_is_a_bag() {
+    let (_guard, folder) = folder();
+    let path = folder.join("run");
+    let written = write_split(&path, 100);
+    assert_eq!(content(&read_all(&path).unwrap()), written);
+    for number in 0..3 {
+        let file = read_all(&path.join(format!("run_{number}.mcap"))).unwrap();
+        assert_eq!(content(&file), written[number * 400..(number + 1) * 400]);
+    }
+    let yaml = std::fs::read_to_string(path.join("metadata.yaml")).unwrap();
+    assert_eq!(yaml.matches("message_count: 400").count(), 3, "{yaml}");
+    let error = BagWriter::create(folder.join("bare.mcap")).unwrap().split().unwrap_err().to_string();
+    assert!(error.contains("cannot be split; name a directory"), "{error}");
+}
+
+#[test]
+fn a_split_that_holds_nothing_makes_no_file() {
+    let (_guard, folder) = folder();
+    let path = folder.join("run");
+    let mut writer = BagWriter::create(&path).unwrap();
+    writer.split().unwrap();
+    assert_eq!(writer.files(), 1);
+    writer.finish().unwrap();
+    assert_eq!(read_all(&path).unwrap().len(), 0);
+}
+
+#[test]
+fn a_bag_whose_last_file_is_cut_is_read_up_to_there() {
+    let (_guard, folder) = folder();
+    let path = folder.join("killed");
+    let mut writer = BagWriter::create(&path).unwrap();
+    let mut written = write_rounds(&mut writer, 100);
+    writer.split().unwrap();
+    written.extend(write_rounds(&mut writer, 100));
+    writer.flush().unwrap();
+    std::mem::forget(writer);
+    let (read, error) = read_until_error(&path);
+    assert_eq!(content(&read), written);
+    assert!(error.contains("killed_1.mcap: damaged or cut off after 400 readable messages"), "{error}");
+    // Even where the last file happens to be whole, the recording is not.
+    write_bag(&folder.join("whole.mcap"), 1);
+    std::fs::rename(folder.join("whole.mcap"), path.join("killed_1.mcap")).unwrap();
+    let (read, error) = read_until_error(&path);
+    assert_eq!(read.len(), 404);
+    assert!(error.contains("does not name killed_1.mcap") && error.contains("not finished"), "{error}");
+}
+
+#[test]
+fn regress_one_flipped_bit_costs_its_chunk_and_the_rest_is_recovered() {
+    let (_guard, folder) = folder();
+    let path = folder.join("run.mcap");
+    let written = write_bag(&path, 1000);
+    let mut bytes = std::fs::read(&path).unwrap();
+    // In the packed records of the first chunk after a tenth of the file.
+    let tenth = bytes.len() / 10;
+    let at = tenth + bytes[tenth..].windows(3).position(|window| window == b"lz4").unwrap() + 200;
+    bytes[at] ^= 4;
+    std::fs::write(&path, bytes).unwrap();
+    let recovery = bag::recover(&path, folder.join("saved.mcap")).unwrap();
+    let saved = content(&read_all(&folder.join("saved.mcap")).unwrap());
+    assert!(saved.len() >= written.len() - 100, "{recovery:?}");
+    assert_eq!(recovery.messages_missing(), Some((written.len() - saved.len()) as u64), "{recovery:?}");
+    assert!(!recovery.is_complete());
+    let file = &recovery.files[0];
+    assert_eq!(file.chunks_named.unwrap() - file.chunks_saved, 1);
+    let told = file.faults[0].to_string();
+    assert!(told.contains("bytes ") && told.contains("between 1700000000."), "{told}");
+    let before = saved.iter().zip(&written).take_while(|(a, b)| a == b).count();
+    assert_eq!(saved[before..], written[written.len() - (saved.len() - before)..], "nothing else is missing");
+}
+
+#[test]
+fn a_file_that_metadata_names_and_that_is_gone_is_told_with_its_messages() {
+    let (_guard, folder) = folder();
+    let path = folder.join("run");
+    let written = write_split(&path, 50);
+    std::fs::remove_file(path.join("run_1.mcap")).unwrap();
+    let recovery = bag::recover(&path, folder.join("saved")).unwrap();
+    assert_eq!((recovery.messages_saved, recovery.messages_missing()), (400, Some(200)));
+    assert!(recovery.files[1].faults[0].to_string().contains("missing, although metadata.yaml names it"));
+    let saved = content(&read_all(&folder.join("saved")).unwrap());
+    assert_eq!(saved, [&written[..200], &written[400..]].concat());
+}
+
+#[test]
+fn what_is_no_bag_or_holds_nothing_is_not_recovered() {
+    let (_guard, folder) = folder();
+    let cases: [(&str, &[u8], &str); 4] = [
+        ("table.mcap", b"x_mm,y_mm,z_mm\n1,2,3\n", "does not begin as MCAP does"),
+        ("empty.mcap", b"", "the file is empty"),
+        ("magic.mcap", mcap::MAGIC, "not finished"),
+        ("text.mcap", b"a", "does not begin as MCAP does"),
+    ];
+    for (name, bytes, says) in cases {
+        std::fs::write(folder.join(name), bytes).unwrap();
+        let error = bag::recover(folder.join(name), folder.join("out")).unwrap_err().to_string();
+        assert!(error.contains("not a bag") && error.contains(says) && error.contains("name a .mcap"), "{error}");
+        assert!(!folder.join("out").exists(), "no output is left");
+    }
 }
 
 #[test]
@@ -167,7 +297,7 @@ fn recovery_keeps_schemas_and_quality_of_service() {
     let again = folder.join("again/run.mcap");
     std::fs::create_dir(folder.join("again")).unwrap();
     let recovery = bag::recover(&path, &again).unwrap();
-    assert!(recovery.faults.is_empty(), "nothing is wrong with it");
+    assert!(recovery.is_complete() && faults(&recovery) == 0, "nothing is wrong with it");
     let (before, after) = (read_all(&path).unwrap(), read_all(&again).unwrap());
     assert_eq!(before[0].channel(), after[0].channel());
     assert!(after[0].channel().offered_qos_profiles.contains("durability: 1"));

@@ -76,14 +76,22 @@ fn wrong_tracer_readings_are_refused() {
 #[test]
 fn wrong_corrected_coordinates_are_refused() {
     let mut ros = common::corrected().to_ros();
-    ros.status = 6;
-    assert_refused::<CorrectedCoordinates>(ros, "status 6 of abbe_msgs/msg/CorrectedCoordinates");
+    ros.status = 9;
+    assert_refused::<CorrectedCoordinates>(ros, "status 9 of abbe_msgs/msg/CorrectedCoordinates");
     let mut ros = common::corrected().to_ros();
     ros.corrected_valid = false;
     assert_refused::<CorrectedCoordinates>(ros, "contradicts status EXTRAPOLATED");
     let mut ros = common::corrected().to_ros();
     ros.status = CorrectionStatus::NoModel as u8;
     assert_refused::<CorrectedCoordinates>(ros, "contradicts status NO_MODEL");
+    for status in [CorrectionStatus::OtherFrame, CorrectionStatus::SeveralSources] {
+        let mut ros = common::corrected().to_ros();
+        ros.status = status as u8;
+        assert_refused::<CorrectedCoordinates>(ros, &format!("contradicts status {}", status.name()));
+        let withheld = common::corrected().withheld(status);
+        assert!(CorrectedCoordinates::from_ros(withheld.to_ros()).is_ok());
+        assert_eq!(withheld.corrected_point_in_machine_m(), None);
+    }
     let mut ros = common::corrected().to_ros();
     ros.covariance_m2[4] = f64::NAN;
     assert_refused::<CorrectedCoordinates>(ros, "covariance_m2 is NaN");
@@ -92,8 +100,8 @@ fn wrong_corrected_coordinates_are_refused() {
 #[test]
 fn wrong_residuals_are_refused() {
     let mut ros = common::residual().to_ros();
-    ros.status = 4;
-    assert_refused::<RangeResidual>(ros, "status 4 of abbe_msgs/msg/RangeResidual");
+    ros.status = 8;
+    assert_refused::<RangeResidual>(ros, "status 8 of abbe_msgs/msg/RangeResidual");
     let mut ros = common::residual().to_ros();
     ros.status = ResidualStatus::UnknownStation as u8;
     assert_refused::<RangeResidual>(ros, "contradicts status UNKNOWN_STATION");

@@ -6,77 +6,20 @@
 mod common;
 
 use std::fs;
+use std::process::Command;
 
-use abbe_msgs::{RangeResidual, ResidualStatus};
+use abbe_msgs::bag::BagWriter;
+use abbe_msgs::{RangeResidual, ResidualStatus, ScaleReading, Stamp};
 use common::assert_says;
-use common::files::{Bench, listing, machine, other_machine, samples, text};
-use common::graph::{LaunchText, MEMORY, topic};
-use common::program::run;
-
-/// A table as lines of cells, to be spoilt.
-struct Table(Vec<Vec<String>>);
-
-impl Table {
-    fn of(text: &str) -> Table {
-        Table(text.lines().map(|line| line.split(',').map(str::to_owned).collect()).collect())
-    }
-
-    fn column(&self, name: &str) -> usize {
-        self.0[0].iter().position(|column| column == name).unwrap()
-    }
-
-    /// Line numbers as in the file: the header is line 1.
-    fn cell(&mut self, line: usize, column: &str) -> &mut String {
-        let column = self.column(column);
-        &mut self.0[line - 1][column]
-    }
-
-    fn without(&mut self, column: &str) {
-        let column = self.column(column);
-        self.0.iter_mut().for_each(|row| drop(row.remove(column)));
-    }
-
-    fn rename(&mut self, column: &str, name: &str) {
-        let column = self.column(column);
-        self.0[0][column] = name.to_owned();
-    }
-
-    fn keep(&mut self, mut row: impl FnMut(usize, &[String]) -> bool) {
-        let mut number = 0;
-        self.0.retain(|cells| {
-            number += 1;
-            number == 1 || row(number, cells)
-        });
-    }
-
-    fn text(&self) -> String {
-        self.0.iter().map(|row| row.join(",") + "\n").collect()
-    }
-}
-
-/// Runs a command that must refuse its input, and asserts that it changed nothing in the folder.
-#[track_caller]
-fn refused(bench: &Bench, arguments: &[&str], says: &[&str]) {
-    let before = listing(&bench.path(""));
-    let said = run(arguments).refused();
-    assert_says(&said, says);
-    let verdict = said.lines().last().unwrap();
-    assert!(verdict.matches("os error").count() <= 1, "the cause is said twice: {verdict}");
-    assert_eq!(listing(&bench.path("")), before, "something was left behind by {arguments:?}");
-}
-
-#[track_caller]
-fn identify_refused(bench: &Bench, machine: &str, campaign: &str, says: &[&str]) {
-    let arguments = ["identify", "--machine", machine, "--campaign", campaign, "--out", &bench.text("refused.json")];
-    refused(bench, &arguments, says);
-}
+use common::files::{Bench, machine, other_machine, samples, text};
+use common::graph::{DDS, LaunchText, MEMORY, topic};
+use common::program::{Started, abbe, run};
+use common::spoil::{Spoil, Table, identify_refused, refused};
 
 #[track_caller]
 fn correct_refused(bench: &Bench, model: &str, input: &str, says: &[&str]) {
     refused(bench, &["correct", "--model", model, "--in", input, "--out", &bench.text("refused.csv")], says);
 }
-
-type Spoil = fn(&mut Table);
 
 /// What can be wrong with a campaign, and what `identify` must say about it.
 const CAMPAIGNS: [(&str, Spoil, &[&str]); 14] = [
@@ -206,9 +149,32 @@ fn a_bag_that_is_cut_off_anywhere_and_a_bag_under_the_name_of_a_table_are_refuse
     }
     let saved = bench.text("saved.mcap");
     bench.write("cut.mcap", &whole[..whole.len() / 2]);
-    let said = run(["recover", "--bag", &bench.text("cut.mcap"), "--out", &saved]).ok();
-    assert_says(&said, &["messages saved", "lost"]);
-    assert!(samples::<abbe_msgs::ScaleReading>(&bench.path("saved.mcap"), "/bridge_xyz/scale/reading").len() > 1000);
+    let ran = run(["recover", "--bag", &bench.text("cut.mcap"), "--out", &saved]);
+    assert_says(&String::from_utf8_lossy(&ran.output), &["messages saved", "damaged: bytes", "after "]);
+    assert_says(&ran.refused(), &["messages may be lost", "saved.mcap"]);
+    assert!(samples::<ScaleReading>(&bench.path("saved.mcap"), "/bridge_xyz/scale/reading").len() > 1000);
+}
+
+#[test]
+fn regress_recover_goes_on_after_a_damaged_chunk_and_refuses_what_is_no_bag() {
+    let bench = Bench::simulated(5);
+    let (bag, campaign) = (bench.text("whole.mcap"), bench.text("campaign.csv"));
+    run(["convert", "--machine", &text(&machine()), "--campaign", &campaign, "--out", &bag]).ok();
+    let mut bytes = fs::read(bench.path("whole.mcap")).unwrap();
+    let tenth = bytes.len() / 10;
+    let at = tenth + bytes[tenth..].windows(3).position(|window| window == b"lz4").unwrap() + 200;
+    bytes[at] ^= 1;
+    let damaged = bench.write("damaged.mcap", bytes);
+    let ran = run(["recover", "--bag", &damaged, "--out", &bench.text("saved.mcap")]);
+    assert_says(&String::from_utf8_lossy(&ran.output), &["damaged: bytes", "between", "chunks are whole"]);
+    assert_says(&ran.refused(), &["messages are lost; the rest is in"]);
+    let readings = |bag: &str| samples::<ScaleReading>(&bench.path(bag), "/bridge_xyz/scale/reading").len();
+    assert!(readings("saved.mcap") + 100 > readings("whole.mcap"), "{}", readings("saved.mcap"));
+    run(["recover", "--bag", &bag, "--out", &bench.text("again.mcap")]).ok();
+    let out = bench.text("refused.mcap");
+    refused(&bench, &["recover", "--bag", &campaign, "--out", &out], &["not a bag", "does not begin as MCAP does"]);
+    let empty = bench.write("empty.mcap", "");
+    refused(&bench, &["recover", "--bag", &empty, "--out", &out], &["not a bag", "the file is empty"]);
 }
 
 #[test]
@@ -292,6 +258,48 @@ fn what_lies_outside_is_flagged_and_what_lies_far_outside_is_rejected_with_empty
 }
 
 #[test]
+fn regress_rows_that_could_not_be_corrected_are_counted_with_their_cause_and_an_exit_code() {
+    let bench = Bench::identified(5);
+    let correct = |rows: &[&str]| {
+        let points = bench.write("points.csv", format!("{POINT_HEAD}\n{}\n", rows.join("\n")));
+        run(["correct", "--model", &bench.text("model.json"), "--in", &points, "--out", &bench.text("out.csv")])
+    };
+    let good = "100,100,100,0,0,-60";
+    let ran = correct(&[good; 3]);
+    assert_eq!(ran.errors.trim_end(), format!("abbe: {}: 3 rows, 3 corrected, 3 in volume", bench.text("points.csv")));
+    ran.ok();
+    let few = [[good; 19].as_slice(), &["2000,100,100,0,0,-60"]].concat();
+    let ran = correct(&few);
+    assert_says(&ran.errors, &["abbe: /", "20 rows, 19 corrected, 19 in volume, 1 rejected (first: line 21)"]);
+    assert_says(&ran.errors, &["rejected, all of them: X is outside 0.0000 … 800.0000 mm, 2000.0000 mm at most"]);
+    ran.ok();
+    // A large share is a warning; no row inside is an exit code of its own. The output says it row by row.
+    let said = correct(&[good, "100,100,100,0,0,-300", "100,100,900,0,0,-400"]);
+    assert_says(&said.errors, &["abbe: warning: ", "1 extrapolated (first: line 3), 1 rejected (first: line 4)"]);
+    assert_says(&said.errors, &["extrapolated, all of them: the offset in Z is outside", "-300.0000 mm at most"]);
+    said.ok();
+    let said = correct(&["100,100,100,0,0,-300", "2,100,100,0,0,-300"]).ended(4);
+    assert_says(&said, &["0 in volume, 2 extrapolated (first: line 2)", "no row could be corrected inside"]);
+    assert!(said.contains("the offset in Z is outside") && !said.contains("X is outside"), "not in all: {said}");
+    assert_eq!(bench.read("out.csv").lines().count(), 3);
+    // Metres under the name of millimetres.
+    let metres = ["0.1,0.1,0.1,0,0,-60", "0.7,0.5,0.5,0,0,-60"];
+    assert_says(&correct(&metres).ended(4), &["as metres the readings would lie inside"]);
+    // The brothers: a map that is beside the offsets of the campaign all over.
+    let map = bench.text("map");
+    let said = run(["volumetric", "--model", &bench.text("model.json"), "--out", &map, "--steps", "3"]).ended(4);
+    assert_says(&said, &["warning", "27 of 27 points are outside", "an offset of 0 0 0 mm; see --offset-mm"]);
+    fs::remove_dir_all(map).unwrap();
+    let out = bench.text("refused.csv");
+    let none = bench.write("points.csv", format!("{POINT_HEAD}\n"));
+    refused(
+        &bench,
+        &["correct", "--model", &bench.text("model.json"), "--in", &none, "--out", &out],
+        &["points.csv", "header but no row"],
+    );
+}
+
+#[test]
 fn a_station_that_the_model_does_not_know_is_reported_as_such_and_nothing_is_predicted() {
     let bench = Bench::identified(5);
     let strange = bench.read("campaign.csv").replace("\nS5,", "\nS9,");
@@ -320,6 +328,120 @@ fn a_station_that_the_model_does_not_know_is_reported_as_such_and_nothing_is_pre
     assert!(outside * 50 < known.len(), "{outside} of {} are out of bounds", known.len());
 }
 
+/// A bag `readings` of these, to be played.
+fn played(bench: &Bench, readings: &[ScaleReading]) {
+    let mut writer = BagWriter::create(bench.path("readings")).unwrap();
+    for (log_time_ns, reading) in (0..).zip(readings) {
+        writer.write(&topic("scale/reading"), reading, log_time_ns).unwrap();
+    }
+    writer.finish().unwrap();
+}
+
+/// A graph that plays `readings` at 200 Hz and records them with what is made of them; gives the recorder's summary.
+fn record(bench: &Bench, readings: &[ScaleReading], table: &str) -> serde_json::Value {
+    played(bench, readings);
+    let launch = LaunchText::default()
+        .nodes(&["scale", "geometric", "recorder"])
+        .record("recorded")
+        .edge("scale", "geometric", MEMORY)
+        .edge("scale", "recorder", MEMORY)
+        .edge("geometric", "recorder", MEMORY)
+        .source("scale", "readings", Some(&topic("scale/reading")), 200.0);
+    let text = launch.text().replace("record = \"recorded\"\n", table);
+    let said = run(["launch", &bench.write("launch.toml", text)]).ok();
+    let summaries = said.lines().map(|line| serde_json::from_str::<serde_json::Value>(line).unwrap());
+    let summaries: Vec<_> = summaries.collect();
+    let of = |node: &str| summaries.iter().find(|summary| summary["node"] == node).unwrap().clone();
+    let all = serde_json::Value::from(readings.len());
+    assert_eq!((&of("geometric")["received"], &of("geometric")["sent"]), (&all, &all), "the graph goes on");
+    of("recorder")
+}
+
+#[test]
+fn regress_stamps_that_no_bag_can_hold_end_no_node_and_are_counted() {
+    let bench = Bench::identified(5);
+    let bounds = [(i32::MIN, 0), (-1, 999_999_999), (0, 0), (i32::MAX, 999_999_999), (-5, 0), (7, 0)];
+    let readings: Vec<ScaleReading> = (0..60)
+        .map(|sequence| {
+            let (sec, nanosec) = bounds[sequence as usize % bounds.len()];
+            ScaleReading { stamp: Stamp::new(sec, nanosec).unwrap(), sequence, ..ScaleReading::default() }
+        })
+        .collect();
+    let summary = record(&bench, &readings, "record = \"recorded\"\n");
+    assert_eq!((&summary["received"], &summary["sent"], &summary["lost"]), (&120.into(), &60.into(), &0.into()));
+    assert_eq!(summary["figures"]["stamps_refused"], 60.0);
+    assert_eq!(samples::<ScaleReading>(&bench.path("recorded"), &topic("scale/reading")).len(), 30);
+}
+
+/// A library that shifts the system clock of the programs that load it by `CLOCK_OFFSET_S` seconds.
+const CLOCK: &str = "
+#define _GNU_SOURCE
+#include <dlfcn.h>
+#include <stdlib.h>
+#include <time.h>
+int clock_gettime(clockid_t id, struct timespec *t) {
+  static int (*real)(clockid_t, struct timespec *);
+  if (!real) real = (int (*)(clockid_t, struct timespec *))dlsym(RTLD_NEXT, \"clock_gettime\");
+  int result = real(id, t);
+  const char *offset = getenv(\"CLOCK_OFFSET_S\");
+  if (result == 0 && id == CLOCK_REALTIME && offset) t->tv_sec += atoll(offset);
+  return result;
+}
+";
+
+#[test]
+fn regress_a_clock_before_1970_or_after_2038_ends_no_node() {
+    let bench = Bench::identified(5);
+    let (source, library) = (bench.write("clock.c", CLOCK), bench.text("clock.so"));
+    let built = Command::new("cc").args(["-shared", "-fPIC", "-o", &library, &source, "-ldl"]).status();
+    if !built.is_ok_and(|status| status.success()) {
+        println!("SKIPPED: no C compiler to shift the clock with");
+        return;
+    }
+    let readings: Vec<ScaleReading> =
+        (0..600).map(|sequence| ScaleReading { sequence, ..ScaleReading::default() }).collect();
+    played(&bench, &readings);
+    // Past 2038 with DDS and /diagnostics, for three seconds; before 1970 over shared memory.
+    for (offset_s, dds) in [("600000000", true), ("-2000000000", false)] {
+        let mut launch = LaunchText::default()
+            .nodes(&["scale", "geometric", "recorder"])
+            .record(&format!("recorded{offset_s}"))
+            .edge("scale", "geometric", MEMORY)
+            .edge("geometric", "recorder", MEMORY)
+            .source("scale", "readings", Some(&topic("scale/reading")), 200.0);
+        if dds {
+            launch = launch.edge("geometric", "*", DDS);
+        }
+        let mut command = abbe(["launch", &launch.write(&bench)]);
+        command.env("LD_PRELOAD", &library).env("CLOCK_OFFSET_S", offset_s);
+        let said = Started::start(command).finish().ok();
+        let recorder = said.lines().map(|line| serde_json::from_str::<serde_json::Value>(line).unwrap());
+        let recorder = recorder.into_iter().find(|summary| summary["node"] == "recorder").unwrap();
+        assert_eq!((&recorder["sent"], &recorder["lost"]), (&600.into(), &0.into()), "{offset_s}: {recorder}");
+    }
+}
+
+#[test]
+fn a_recording_is_split_by_time_and_stops_with_a_whole_bag_before_the_disk_is_full() {
+    let stamped = |sequence: u64| {
+        let stamp = Stamp::from_nanos(i64::try_from(sequence).unwrap() * 5_000_000).unwrap();
+        ScaleReading { stamp, sequence, ..ScaleReading::default() }
+    };
+    let readings: Vec<ScaleReading> = (0..500).map(stamped).collect();
+    let bench = Bench::identified(5);
+    let summary = record(&bench, &readings, "record = { bag = \"recorded\", split_s = 1.0, split_mib = 100 }\n");
+    assert!(summary["figures"]["files"].as_f64().unwrap() >= 2.0, "{summary}");
+    assert_eq!((&summary["sent"], &summary["dropped"]), (&1000.into(), &0.into()));
+    let back = samples::<ScaleReading>(&bench.path("recorded"), &topic("scale/reading"));
+    assert!(back == readings, "{} of {} readings, in order", back.len(), readings.len());
+
+    let bench = Bench::identified(5);
+    let full = "record = { bag = \"recorded\", least_free_mib = 1_000_000_000_000 }\n";
+    let summary = record(&bench, &readings[..50], full);
+    assert_eq!((&summary["sent"], &summary["dropped"]), (&0.into(), &100.into()), "{summary}");
+    assert!(samples::<ScaleReading>(&bench.path("recorded"), &topic("scale/reading")).is_empty(), "a whole bag");
+}
+
 #[test]
 fn launch_files_that_make_no_graph_are_refused_by_key() {
     let bench = Bench::identified(5);
@@ -329,7 +451,8 @@ fn launch_files_that_make_no_graph_are_refused_by_key() {
         .edge("geometric", "user", MEMORY)
         .source("scale", "campaign.csv", None, 1000.0)
         .text();
-    let spoilt: [(&str, String, &[&str]); 9] = [
+    let with_record = |record: &str| format!("record = {record}\n{good}");
+    let spoilt: [(&str, String, &[&str]); 16] = [
         ("no TOML", "nodes = [".into(), &["launch.toml"]),
         ("unknown key", "colour = 1\n".to_owned() + &good, &["colour", "expected one of"]),
         ("unknown node", good.replace("\"scale\", \"geometric\"", "\"scales\""), &["scales", "scale"]),
@@ -338,6 +461,17 @@ fn launch_files_that_make_no_graph_are_refused_by_key() {
         ("unknown taker", good.replace("to = \"user\"", "to = \"usr\""), &["edges[1]", "usr"]),
         ("rate", good.replace("1000.0", "0.0"), &["scale.pace", "above 0"]),
         ("no driver", good.replace("[scale]", "[tracer]"), &["scale", "add a table with driver"]),
+        ("endless rate", good.replace("1000.0", "1e-300"), &["scale.pace", "1e-6 at least"]),
+        ("wait", good.replace("subscribers_s = 20.0", "subscribers_s = 1e300"), &["wait_for_subscribers_s", "1e9"]),
+        ("record a number", with_record("7"), &["record", "the path of a bag, or a table"]),
+        ("record unknown", with_record("{ bag = \"a\", colour = 1 }"), &["colour", "split_mib"]),
+        ("record split file", with_record("{ bag = \"a.mcap\", split_s = 9.0 }"), &["record.bag", "name a folder"]),
+        ("record split time", with_record("{ bag = \"a\", split_s = nan }"), &["record.split_s", "from 1 to 1e9"]),
+        (
+            "record no room",
+            with_record("{ bag = \"a\", least_free_mib = 3 }"),
+            &["record.least_free_mib", "16 or more"],
+        ),
         ("no bag", good.replace("\"geometric\"]", "\"geometric\", \"recorder\"]"), &["record", "no bag"]),
     ];
     for (name, content, says) in spoilt {

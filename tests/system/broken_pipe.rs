@@ -1,5 +1,6 @@
 //! `abbe … | head`: a command whose reader has gone ends as other programs do, by SIGPIPE and in silence, and leaves no
-//! partial file. A graph of nodes does its work to the end without a reader.
+//! partial file. A graph of nodes does its work to the end without a reader. Ctrl-C ends a command soon, with words and
+//! without a trace, whatever it waits for or computes.
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // A test fails by panicking.
 
@@ -10,12 +11,15 @@ use std::fmt::Write as _;
 use std::io::{BufRead, BufReader, pipe};
 use std::os::unix::process::ExitStatusExt;
 use std::path::{Path, PathBuf};
-use std::process::{Output, Stdio};
+use std::process::{Command, Output, Stdio};
+use std::thread;
+use std::time::{Duration, Instant};
 
 use abbe_msgs::CorrectedCoordinates;
+use common::assert_says;
 use common::files::{Bench, listing, machine, samples, text};
 use common::graph::{long_recording, recorded_stream_of, topic};
-use common::program::{abbe, run};
+use common::program::{Started, abbe, run, signal, wait_until_interruptible};
 use rustix::process::Signal;
 
 /// Runs `abbe` with a standard output that nobody reads any more.
@@ -53,7 +57,7 @@ fn a_command_whose_reader_has_gone_ends_in_silence_and_leaves_what_it_leaves_wit
         &["identify", "--machine", &machine, "--campaign", &campaign, "--out", "OUT/model.json", "--json"],
         &["verify", "--model", &model, "--points", &verify],
         &["correct", "--model", &model, "--in", &verify, "--out", "-"],
-        &["volumetric", "--model", &model, "--out", "OUT/map", "--steps", "3"],
+        &["volumetric", "--model", &model, "--out", "OUT/map", "--steps", "3", "--offset-mm", "0,0,-60"],
         &["conformity", "--lengths", &lengths, "--probing", "bidirectional", "--out", "OUT/tests", "--json"],
         &["probe-pose", "--centres", &centres, "--out", "OUT/probe"],
         &["simulate", "--machine", &machine, "--seed", "3", "--out", "OUT/virtual"],
@@ -110,4 +114,51 @@ fn a_graph_does_its_work_without_a_reader() {
     assert!(!said.contains("panicked"), "{said}");
     assert_eq!(output.status.signal(), Some(Signal::PIPE.as_raw()), "{:?}: {said}", output.status);
     assert_eq!(samples::<CorrectedCoordinates>(&bench.path("recorded"), &topic("corrected")).len(), 500);
+}
+
+/// When a command has begun its work, and within what it ends after Ctrl-C on a machine that is busy. It is to be half a second.
+const BEGUN: Duration = Duration::from_millis(700);
+const ENDS_WITHIN: Duration = Duration::from_secs(5);
+
+#[test]
+fn regress_ctrl_c_ends_a_command_soon_whatever_it_waits_for() {
+    let bench = Bench::identified(5);
+    let (machine, model, verify) = (text(&machine()), bench.text("model.json"), bench.text("verify.csv"));
+    // A pipe into which nobody writes: no loop comes round in which a request could be looked at.
+    let endless = bench.text("endless.csv");
+    assert!(Command::new("mkfifo").arg(&endless).status().unwrap().success());
+    let out = bench.text("out");
+    let commands: [&[&str]; 6] = [
+        &["identify", "--machine", &machine, "--campaign", &endless, "--out", &out],
+        &["diagnose", "--model", &model, "--campaign", &endless, "--out", &out],
+        &["train", "--residuals", &endless, "--out", &out],
+        &["correct", "--model", &model, "--in", &endless, "--out", &out],
+        &["correct", "--model", &model, "--in", &endless, "--out", "-"],
+        &["convert", "--machine", &machine, "--campaign", &endless, "--out", &out],
+    ];
+    let before = names(&bench.path(""));
+    let running: Vec<Started> = commands.iter().map(|arguments| Started::start(abbe(*arguments))).collect();
+    running.iter().for_each(|started| wait_until_interruptible(started.id()));
+    thread::sleep(BEGUN);
+    for (command, started) in commands.iter().zip(running) {
+        let since = Instant::now();
+        signal(started.id(), Signal::INT);
+        let said = started.finish().ended(130);
+        assert!(since.elapsed() < ENDS_WITHIN, "{command:?} took {:?}", since.elapsed());
+        assert_says(&said, &["abbe: stopped on request before"]);
+    }
+    // The standard input too, in the middle of a row.
+    let mut command = abbe(["correct", "--model", &model, "--in", "-", "--out", &out]);
+    command.stdin(Stdio::piped());
+    let mut started = Started::start(command);
+    let head = bench.read("verify.csv");
+    let mut input = started.child.stdin.take().unwrap();
+    std::io::Write::write_all(&mut input, &head.as_bytes()[..head.len() / 2]).unwrap();
+    wait_until_interruptible(started.id());
+    thread::sleep(BEGUN);
+    signal(started.id(), Signal::INT);
+    assert_says(&started.finish().ended(130), &["stopped on request"]);
+    drop(input);
+    assert_eq!(names(&bench.path("")), before, "something was left behind");
+    run(["correct", "--model", &model, "--in", &verify, "--out", &out]).ok();
 }

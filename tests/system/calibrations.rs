@@ -89,6 +89,17 @@ fn centres_that_do_not_determine_the_pose_say_what_is_missing() {
     assert_says(&run(["probe-pose", "--centres", &path]).refused(), &["A turned the other way"]);
 }
 
+#[test]
+fn regress_centres_with_a_and_c_exchanged_are_refused() {
+    let exchanged =
+        fs::read_to_string(centres()).unwrap().replace("a_deg", "?").replace("c_deg", "a_deg").replace('?', "c_deg");
+    let (_folder, path) = file(&exchanged);
+    assert_says(
+        &run(["probe-pose", "--centres", &path]).refused(),
+        &["data.csv", "A and C exchanged", "exchange the columns"],
+    );
+}
+
 /// Three targets on a table that moves along x and yaws by 1e-5 rad per 100 mm about the first, seen from the origin.
 fn guideway(aside_mm: f64) -> String {
     let mut content = "position_mm,target,range_mm,azimuth_deg,elevation_deg\n".to_owned();

@@ -53,17 +53,21 @@ fn val_liang_2025_lengths_are_judged_against_their_limit_and_the_standard() {
 }
 
 #[test]
-fn a_limit_that_is_too_tight_and_an_uncertainty_change_the_verdict() {
+fn regress_a_limit_that_is_too_tight_and_an_uncertainty_change_verdict_and_exit_code() {
     let lengths = shipped_lengths();
-    let verdict = |mpe: &str, more: &[&str]| {
+    let verdict = |mpe: &str, more: &[&str], code: i32| {
         let mut arguments =
             vec!["conformity", "--lengths", &lengths, "--probing", "bidirectional", "--json", "--mpe", mpe];
         arguments.extend(more);
-        json(&arguments)["against_limits"]["errors"].as_str().unwrap().to_owned()
+        let ran = run(&arguments);
+        assert_eq!(ran.code, Some(code), "{}", ran.errors);
+        let figures: Value = serde_json::from_slice(&ran.output).unwrap();
+        figures["against_limits"]["errors"].as_str().unwrap().to_owned()
     };
-    assert_eq!(verdict("0.58", &[]), "conforms");
-    assert_eq!(verdict("0.58", &["--uncertainty", "0.07+L/4000"]), "undecided");
-    assert_eq!(verdict("0.3", &["--uncertainty", "0.07+L/4000"]), "does_not_conform");
+    // A script tells a machine that fails from a file that cannot be read (1) by the exit code.
+    assert_eq!(verdict("0.58", &[], 0), "conforms");
+    assert_eq!(verdict("0.58", &["--uncertainty", "0.07+L/4000"], 5), "undecided");
+    assert_eq!(verdict("0.3", &["--uncertainty", "0.07+L/4000"], 3), "does_not_conform");
 }
 
 #[test]
@@ -132,7 +136,9 @@ fn points_on_a_sphere_give_form_and_size() {
     }
     points += "10.001,0,0\n-10,0,0\n0,10,0\n0,-10,0\n0,0,10\n0,0,-10\n";
     let sphere = bench.write("sphere.csv", points);
-    let figures = json(&["conformity", "--sphere", &sphere, "--diameter-mm", "20", "--form-limit-um", "0.5", "--json"]);
+    let ran = run(["conformity", "--sphere", &sphere, "--diameter-mm", "20", "--form-limit-um", "0.5", "--json"]);
+    assert_eq!(ran.code, Some(3), "{}", ran.errors);
+    let figures: Value = serde_json::from_slice(&ran.output).unwrap();
     let form = figures["form_error_um"].as_f64().unwrap();
     assert!((0.5..1.0).contains(&form), "{form}");
     assert_eq!((figures["form"].as_str(), figures["size"].as_str()), (Some("does_not_conform"), None));
@@ -187,6 +193,14 @@ fn a_model_is_exported_in_every_format_and_a_step_can_be_chosen_by_its_error() {
         let text = fs::read_to_string(if file.is_empty() { path } else { path.join(file) }).unwrap();
         assert_says(&text, &["error = actual - indicated", "units:"]);
     }
+    // Without a step: so fine that the table is no worse than what it is to correct. The step is said.
+    let ran = run(["export", "--model", &model, "--format", "csv", "--out", &bench.text("default.csv")]);
+    assert_says(&ran.errors, &["default.csv: linear between the nodes", "steps of", "(asked for: 0.1 um)"]);
+    ran.ok();
+    let stated = bench.read("default.csv");
+    let missed = stated.lines().find_map(|line| line.split("by at most ").nth(1)).unwrap();
+    assert!(missed.split(' ').next().unwrap().parse::<f64>().unwrap() <= 0.1, "{missed}");
+    assert_says(missed, &["steps of"]);
     let out = bench.text("fine.csv");
     run(["export", "--model", &model, "--format", "csv", "--out", &out, "--within-um", "0.05"]).ok();
     let stated = bench.read("fine.csv");

@@ -11,9 +11,14 @@ use std::time::Duration;
 
 use common::assert_says;
 use common::files::{Bench, listing, machine, other_machine, text};
-use common::program::{Started, abbe, run, signal};
+use common::program::{Started, abbe, run, signal, wait_until_interruptible};
 use rustix::process::Signal;
 use serde_json::Value;
+
+/// Exit code of a command that Ctrl-C ended.
+const INTERRUPTED: i32 = 130;
+/// Exit code where every row is extrapolated, rejected or lacks covariates.
+const NOTHING_IN_VOLUME: i32 = 4;
 
 /// A machine with play in Y, its campaign and the model that does not know of it.
 fn with_backlash() -> Bench {
@@ -114,15 +119,15 @@ fn scoring_changes_nothing_else(bench: &Bench, mut scored: Value) {
 
 /// With the covariate the play is corrected; without it the status says so.
 fn the_model_corrects(bench: &Bench) {
-    let correct = |input: &str| {
+    let correct = |input: &str, code: i32| {
         let (model, out) = (bench.text("scored/model.json"), bench.text("corrected.csv"));
-        run(["correct", "--model", &model, "--in", input, "--out", &out]).ok();
+        run(["correct", "--model", &model, "--in", input, "--out", &out]).ended(code);
         bench.read("corrected.csv")
     };
-    let with = correct(&bench.text("verify.csv"));
+    let with = correct(&bench.text("verify.csv"), 0);
     assert!(with.lines().skip(1).all(|line| !line.contains("covariate_missing")));
     let bare = bench.write("bare.csv", without(&bench.read("verify.csv"), "dir_y"));
-    let missing = correct(&bare);
+    let missing = correct(&bare, NOTHING_IN_VOLUME);
     assert!(missing.lines().skip(1).all(|line| line.contains("covariate_missing")));
 }
 
@@ -213,10 +218,11 @@ fn a_stop_leaves_the_folder_as_it_was() {
     let before = listing(&bench.path(""));
     let (model, campaign, out) = (bench.text("before.json"), bench.text("campaign.csv"), bench.text("out"));
     let started = Started::start(abbe(["diagnose", "--model", &model, "--campaign", &campaign, "--out", &out]));
+    wait_until_interruptible(started.id());
     thread::sleep(Duration::from_millis(500));
     signal(started.id(), Signal::INT);
-    let said = started.finish().refused();
-    assert_says(&said, &["stopped", "nothing"]);
+    // In its own words where it looks in time, in those of the program where a step takes longer.
+    assert_says(&started.finish().ended(INTERRUPTED), &["stopped"]);
     assert_eq!(listing(&bench.path("")), before);
 }
 

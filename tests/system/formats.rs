@@ -5,10 +5,16 @@
 mod common;
 
 use std::fs;
+use std::io::{BufRead, BufReader, Write};
+use std::process::Stdio;
+use std::sync::mpsc::channel;
+use std::thread;
+use std::time::Duration;
 
 use abbe_msgs::{CorrectedCoordinates, CorrectionStatus};
+use common::assert_says;
 use common::files::{Bench, machine, samples, text};
-use common::program::{run, run_with_input};
+use common::program::{abbe, run, run_with_input};
 use serde_json::Value;
 
 fn convert(bench: &Bench, out: &str) -> String {
@@ -88,4 +94,92 @@ fn a_bag_is_corrected_to_the_same_values_as_the_csv() {
         assert_eq!(sample.status, CorrectionStatus::InVolume);
         assert_eq!(row[column("status")], "in_volume");
     }
+}
+
+/// Far longer than a row takes; only a test that fails waits for it.
+const ROW_WITHIN: Duration = Duration::from_secs(20);
+
+#[test]
+fn regress_a_row_is_answered_while_the_input_stays_open() {
+    let bench = Bench::identified(5);
+    let points = bench.read("verify.csv");
+    let mut command = abbe(["correct", "--model", &bench.text("model.json"), "--in", "-", "--out", "-"]);
+    command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
+    let mut running = command.spawn().unwrap();
+    let mut input = running.stdin.take().unwrap();
+    let output = BufReader::new(running.stdout.take().unwrap());
+    let (send, answers) = channel();
+    let reading = thread::spawn(move || output.lines().for_each(|line| send.send(line.unwrap()).unwrap()));
+    for (number, line) in points.lines().take(20).enumerate() {
+        // A row that comes in two parts is one row.
+        let (first, second) = line.split_at(line.len() / 2);
+        input.write_all(first.as_bytes()).unwrap();
+        input.write_all(format!("{second}\n").as_bytes()).unwrap();
+        let answer = answers.recv_timeout(ROW_WITHIN).unwrap_or_else(|_| panic!("row {number} was held back"));
+        assert!(answer.starts_with(&format!("{line},")), "{answer}");
+    }
+    drop(input);
+    reading.join().unwrap();
+    let ended = running.wait_with_output().unwrap();
+    assert_eq!(ended.status.code(), Some(0));
+    assert_says(&String::from_utf8_lossy(&ended.stderr), &["standard input: 19 rows, 19 corrected, 19 in volume"]);
+}
+
+#[test]
+fn regress_the_tour_of_the_readme_follows_a_growing_file() {
+    let bench = Bench::identified(5);
+    let points = bench.read("verify.csv");
+    let lines: Vec<&str> = points.lines().collect();
+    let scales = bench.write("scales.csv", lines[..31].join("\n") + "\n");
+    let follow = |options: &[&str]| {
+        let mut tail = std::process::Command::new("tail");
+        tail.args(options).arg(&scales).stdout(Stdio::piped()).spawn().unwrap()
+    };
+    // As printed: all lines from the first on, then those that come.
+    let mut tail = follow(&["-n", "+1", "-f"]);
+    let mut command = abbe(["correct", "--model", &bench.text("model.json"), "--in", "-", "--out", "-"]);
+    command.stdin(tail.stdout.take().unwrap()).stdout(Stdio::piped()).stderr(Stdio::null());
+    let mut running = command.spawn().unwrap();
+    let mut answers = BufReader::new(running.stdout.take().unwrap()).lines().map(Result::unwrap);
+    assert_eq!((&mut answers).take(31).count(), 31);
+    let mut growing = fs::OpenOptions::new().append(true).open(&scales).unwrap();
+    writeln!(growing, "{}", lines[31]).unwrap();
+    assert!(answers.next().unwrap().starts_with(lines[31]));
+    tail.kill().unwrap();
+    tail.wait().unwrap();
+    assert_eq!((answers.next(), running.wait().unwrap().code()), (None, Some(0)));
+    // The last ten lines have no column names: said, with what to do.
+    let last = lines[20..31].join("\n");
+    let said =
+        run_with_input(["correct", "--model", &bench.text("model.json"), "--in", "-", "--out", "-"], last.as_bytes());
+    assert_says(&said.refused(), &["standard input, line 1", "no column names", "tail -n +1 -f"]);
+}
+
+#[test]
+fn regress_tables_of_excel_and_packed_tables_are_corrected_to_the_same_numbers() {
+    let bench = Bench::identified(5);
+    let model = bench.text("model.json");
+    let plain = bench.read("verify.csv");
+    let correct = |bytes: &[u8]| {
+        let ran = run_with_input(["correct", "--model", &model, "--in", "-", "--out", "-"], bytes);
+        (ran.errors.clone(), ran.ok())
+    };
+    let (said, expected) = correct(plain.as_bytes());
+    assert!(!said.contains("columns between"), "a plain table needs no words: {said}");
+    let european = |text: &str| format!("\u{feff}{}", text.replace(',', ";").replace('.', ",").replace('\n', "\r\n"));
+    let (said, through) = correct(european(&plain).as_bytes());
+    assert_says(&said, &["byte order mark, columns between semicolons, lines end with CR LF", "decimal commas, as"]);
+    assert!(through == european(&expected), "the table comes out in its own dialect");
+    let (said, unpacked) = correct(&zstd::encode_all(plain.as_bytes(), 3).unwrap());
+    assert_says(&said, &["Zstandard"]);
+    assert!(unpacked == expected);
+    // The campaign too: the same model from the same numbers.
+    let campaign =
+        bench.write("european.csv.zst", zstd::encode_all(european(&bench.read("campaign.csv")).as_bytes(), 3).unwrap());
+    let out = bench.text("again.json");
+    run(["identify", "--machine", &text(&machine()), "--campaign", &campaign, "--out", &out]).ok();
+    assert!(model_alone(&bench.read("again.json")) == model_alone(&bench.read("model.json")), "the models differ");
+    let packed = bench.text("corrected.csv.gz");
+    let said = run(["correct", "--model", &model, "--in", &bench.text("verify.csv"), "--out", &packed]).refused();
+    assert_says(&said, &["corrected.csv.gz", "written as they are", "| gzip >"]);
 }

@@ -67,8 +67,10 @@ struct Machines {
 impl Machines {
     fn simulated() -> Machines {
         let recipe = TruthRecipe { seed: SEED, roughness: Roughness::TYPICAL, volumetric_rms_m: 20e-6 };
-        let truth = recipe.bridge_xyz().unwrap();
+        let mut truth = recipe.bridge_xyz().unwrap();
         let plan = case_like(truth.stroke_m, SEED).build().unwrap();
+        // The frame that identification chooses: samples are compared with the truth one by one.
+        truth.ram_turn.about_m = plan.mean_offset_m();
         let once = plan.readings();
         let with = |effects: &[&str]| {
             let config = SimulationConfig {
@@ -159,7 +161,7 @@ fn launch_on(bench: &Bench, change: impl FnOnce(&mut Launch)) -> String {
     let mut launch = Launch::read(&machine().parent().unwrap().with_file_name("live_loop.toml")).unwrap();
     launch.machine = machine();
     launch.model = Some("model.json".into());
-    launch.record = Some("recorded".into());
+    launch.record = Some(abbe_graph::launch::RecordConfig::new("recorded"));
     for source in [launch.scale.as_mut(), launch.tracer.as_mut()].into_iter().flatten() {
         source.driver = DriverConfig::Campaign { file: "run.csv".into() };
         source.pace = abbe_graph::launch::Pace::RateHz(RATE_HZ);

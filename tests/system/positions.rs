@@ -31,7 +31,9 @@ fn positions_make_a_model_that_corrects_and_can_be_mapped() {
     let (before, after) = (verified["before_rms_um"].as_f64().unwrap(), verified["after_rms_um"].as_f64().unwrap());
     assert!(after < 0.1 * before, "{verified}");
     let out = bench.text("volumetric");
-    let mapped = json(&run(["volumetric", "--model", &model, "--out", &out, "--steps", "5", "--json"]).ok());
+    let mapped = json(
+        &run(["volumetric", "--model", &model, "--out", &out, "--steps", "5", "--offset-mm", "0,0,-60", "--json"]).ok(),
+    );
     assert_eq!(mapped["points"], 125);
     assert_eq!(mapped["diagonals"].as_array().unwrap().len(), 4);
     let map = bench.read("volumetric/map.csv");
@@ -47,7 +49,9 @@ fn positions_make_a_model_that_corrects_and_can_be_mapped() {
     });
     let measured =
         bench.write("diagonals.csv", format!("diagonal,distance_mm,deviation_um,u_um\n{}", rows.collect::<String>()));
-    let compared = run(["volumetric", "--model", &model, "--out", &out, "--diagonals", &measured, "--json"]).ok();
+    let compared =
+        ["volumetric", "--model", &model, "--out", &out, "--offset-mm", "0,0,-60", "--diagonals", &measured, "--json"];
+    let compared = run(compared).ok();
     for diagonal in json(&compared)["compared"].as_array().unwrap() {
         assert!(diagonal["largest_difference_um"].as_f64().unwrap() < 0.001, "{diagonal}");
         assert_eq!(diagonal["outside_95_percent"], 0);

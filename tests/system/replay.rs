@@ -8,9 +8,11 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use abbe_graph::driver::DriverConfig;
-use abbe_graph::launch::Launch;
+use abbe_graph::launch::{Launch, RecordConfig};
+use abbe_msgs::ScaleReading;
+use abbe_msgs::bag::{BagMessage, BagWriter, messages};
 use common::assert_says;
-use common::files::{Bench, listing, machine, recorded, text};
+use common::files::{Bench, listing, machine, recorded, samples, text};
 use common::program::run;
 use serde_json::Value;
 
@@ -108,7 +110,7 @@ fn a_recorded_run_played_through_the_nodes_again_gives_the_same_bytes() {
 
     let mut launch = Launch::read(&out.join("launch.toml")).unwrap();
     launch.edges.retain(|edge| edge.to != "user");
-    launch.record = Some(bench.path("again"));
+    launch.record = Some(RecordConfig::new(bench.path("again")));
     for source in [launch.scale.as_mut(), launch.tracer.as_mut()].into_iter().flatten() {
         let DriverConfig::Bag { file, .. } = &mut source.driver else { panic!("the demo plays a bag") };
         file.clone_from(&first);
@@ -131,6 +133,65 @@ fn a_recorded_run_played_through_the_nodes_again_gives_the_same_bytes() {
     }
 }
 
+/// The corrected run of a bench with more behind it.
+fn recording(bench: &Bench, out: &str, more: impl FnOnce(Vec<BagMessage>) -> Vec<BagMessage>) -> PathBuf {
+    let first = messages(bench.path("corrected")).unwrap().map(Result::unwrap).collect();
+    let mut writer = BagWriter::create(bench.path(out)).unwrap();
+    more(first).iter().for_each(|message| writer.copy(message).unwrap());
+    writer.finish().unwrap();
+    bench.path(out)
+}
+
+#[test]
+fn regress_every_message_of_a_source_that_began_anew_with_another_model_is_compared() {
+    let (bench, other) = (Bench::identified(5), Bench::identified(6));
+    let (bag, model) = (bench.text("bag"), bench.text("model.json"));
+    run(["convert", "--machine", &text(&machine()), "--campaign", &bench.text("campaign.csv"), "--out", &bag]).ok();
+    for (model, out) in [(&model, "corrected"), (&other.text("model.json"), "anew")] {
+        run(["correct", "--model", model, "--in", &bag, "--out", &bench.text(out)]).ok();
+    }
+    // Sequence and stamps begin again with the same readings.
+    let anew: Vec<BagMessage> = messages(bench.path("anew")).unwrap().map(Result::unwrap).collect();
+    let twice = recording(&bench, "twice", |mut first| {
+        first.extend(anew.iter().cloned());
+        first
+    });
+    let count = samples::<ScaleReading>(&bench.path("bag"), "/bridge_xyz/scale/reading").len();
+    let half = replay(&twice, &bench.path("model.json"));
+    assert_says(
+        &String::from_utf8_lossy(&half.output),
+        &[&format!("{count} of {} corrected", 2 * count), "anew 1 times"],
+    );
+    assert_says(&half.refused(), &[&format!("{count} cannot be compared"), "were not given"]);
+    let both = ["replay", "--bag", &text(&twice), "--model", &model, "--model", &other.text("model.json")];
+    assert_says(&run(both).ok(), &[&format!("{0} of {0} corrected messages are identical", 2 * count)]);
+
+    let is_corrected = |message: &BagMessage| message.topic().ends_with("/corrected");
+    let spoilt = |out: &str, spoil: fn(&mut Vec<BagMessage>, Vec<usize>), says: &[&str]| {
+        let bag = recording(&bench, out, |mut messages| {
+            let places = (0..messages.len()).filter(|place| is_corrected(&messages[*place])).collect();
+            spoil(&mut messages, places);
+            messages
+        });
+        assert_says(&replay(&bag, &bench.path("model.json")).refused(), says);
+    };
+    spoilt("missing", |all, places| drop(all.remove(places[7])), &["1 scale readings have no corrected", "sequence 7"]);
+    spoilt("repeated", |all, places| all.push(all[places[7]].clone()), &["1 repeat an earlier message"]);
+    spoilt("reordered", |all, places| all.swap(places[7], places[8]), &["1 are out of order"]);
+    spoilt("additional", |all, places| drop(all.remove(places[7] - 1)), &["1 have no scale reading", "sequence 7"]);
+    let wrong = |all: &mut Vec<BagMessage>, places: Vec<usize>| {
+        let last = all[places[9]].cdr.len() - 80;
+        all[places[9]].cdr[last] ^= 1;
+    };
+    spoilt("different", wrong, &["differ", "check that model"]);
+
+    let file = bench.path("corrected").join("corrected_0.mcap");
+    let cut = fs::read(&file).unwrap();
+    fs::write(&file, &cut[..cut.len() / 2]).unwrap();
+    let said = replay(&bench.path("corrected"), &bench.path("model.json")).refused();
+    assert_says(&said, &["compared only as far as the bag can be read", "recover the bag"]);
+}
+
 #[test]
 fn a_replay_with_another_model_fails_and_names_the_first_difference() {
     let (bench, other) = (Bench::identified(5), Bench::identified(6));
@@ -140,9 +201,15 @@ fn a_replay_with_another_model_fails_and_names_the_first_difference() {
     replay(&bench.path("corrected"), &bench.path("model.json")).ok();
 
     let said = replay(&bench.path("corrected"), &other.path("model.json")).refused();
-    assert_says(&said, &["corrected", "differ", "sequence 0", "check that model"]);
+    assert_says(
+        &said,
+        &["corrected", "cannot be compared", "sequence 0", "name models that were not given", "give each"],
+    );
     let said = replay(&bench.path("bag"), &bench.path("model.json")).refused();
-    assert_says(&said, &["not recorded", "sequence 0"]);
+    assert_says(&said, &["have no corrected message (lost, or not recorded)", "sequence 0"]);
+    BagWriter::create(bench.path("empty")).unwrap().finish().unwrap();
+    let said = replay(&bench.path("empty"), &bench.path("model.json")).refused();
+    assert_says(&said, &["empty", "holds no scale readings", "nothing was compared"]);
 
     let digit = bench.read("model.json").replacen("\"dead_path_m\": ", "\"dead_path_m\": 1", 1);
     bench.write("tampered.json", digit);

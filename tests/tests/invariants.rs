@@ -204,8 +204,10 @@ fn the_table_of_topics_is_whole() {
 #[test]
 fn the_table_of_launch_keys_is_whole() {
     let all = rust_files();
-    let launch = all.iter().find(|file| file.path.ends_with("nodes/graph/src/launch.rs")).expect("the launch file");
-    let keys = launch.source.public_fields();
+    let is_launch = |path: &Path| path.ends_with("graph/src/launch.rs") || path.ends_with("graph/src/launch/record.rs");
+    let launch: Vec<_> = all.iter().filter(|file| is_launch(&file.path)).collect();
+    assert_eq!(launch.len(), 2, "the launch file and its table of the recorder");
+    let keys: Vec<_> = launch.iter().flat_map(|file| file.source.public_fields()).collect();
     assert!(keys.len() >= 10, "{keys:?}");
     assert_none("nodes/README.md lacks", &documents::not_named(&read("nodes/README.md"), &keys));
 }

@@ -11,6 +11,7 @@ use abbe_geometry::effects::{Known, REGISTRY, Shape};
 use abbe_geometry::machine::Machine;
 use abbe_identify::{EffectTerm, Rows};
 use faer::Mat;
+use std::sync::Arc;
 
 /// An effect in one shape, and what the data say of it.
 #[derive(Debug, Clone)]
@@ -41,12 +42,13 @@ impl Candidate {
 const EQUAL: f64 = 1.0;
 
 /// The fit of one round, as rows and as a linear problem.
+#[derive(Debug, Clone)]
 pub(crate) struct Round<'a> {
-    pub(crate) rows: Rows<'a>,
+    pub(crate) rows: Arc<Rows<'a>>,
     /// The fit as it is, with the priors of its error functions: predicts blocks left out.
-    pub(crate) linear: Linear,
+    pub(crate) linear: Arc<Linear>,
     /// The same columns without priors: candidates are tested against it.
-    pub(crate) free: Linear,
+    pub(crate) free: Arc<Linear>,
     /// Rows that are not rejected.
     pub(crate) used: usize,
 }

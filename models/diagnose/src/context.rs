@@ -31,8 +31,7 @@ impl Context {
         varying.extend(usable.map(|column| column.name.clone()));
         let mut offsets_m: Vec<[f64; 3]> = Vec::new();
         for reading in &campaign.readings {
-            let same = |o: &[f64; 3]| (0..3).all(|d| (o[d] - reading.offset_m[d]).abs() < SAME_OFFSET_M);
-            if !offsets_m.iter().any(same) {
+            if !offsets_m.iter().any(|known| same_offset(known, &reading.offset_m)) {
                 offsets_m.push(reading.offset_m);
             }
         }
@@ -48,6 +47,11 @@ impl Context {
             time_s: self.time_s,
         }
     }
+}
+
+/// Whether two offsets (m) are the same.
+pub(crate) fn same_offset(a: &[f64; 3], b: &[f64; 3]) -> bool {
+    (0..3).all(|d| (a[d] - b[d]).abs() < SAME_OFFSET_M)
 }
 
 fn varies(values: &[Option<f64>]) -> bool {

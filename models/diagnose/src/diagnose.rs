@@ -7,16 +7,16 @@ use crate::alias;
 use crate::candidates::{Candidate, Round};
 use crate::diagnosis::{Diagnosis, Found, FoundParameter, Kind, Rival};
 use crate::error::DiagnoseError;
-use crate::judge::{self, Blocked};
+use crate::gate::{self, Verdict};
+use crate::judge::{self, Blocked, Unseen};
 use crate::noise;
 use crate::options::{Options, Progress};
-use crate::search::{Search, State, Step};
+use crate::search::{Search, State, Step, has};
 use abbe_geometry::machine::Machine;
 use abbe_geometry::model::FittedEffect;
 use abbe_identify::{EffectTerm, Identified};
 use abbe_measurement::campaign::Campaign;
 use abbe_measurement::instrument::RangeUncertainty;
-use std::rc::Rc;
 
 /// Lines per fold below which leaving lines out would starve the fit.
 const LINES_PER_FOLD: usize = 5;
@@ -38,34 +38,32 @@ pub fn diagnose(
     let base: Vec<EffectTerm> = effects.iter().map(EffectTerm::of).collect();
     let search = Search::new(instrument, campaign, options);
     let before = search.fit(machine, &base, observe)?;
-    let first = Rc::new(search.round(&before)?);
+    let first = search.round(&before)?;
     let detection_before = noise::detect(&first, campaign, before.evidence.robust_scale);
-    let mut state = search.run(before.clone(), Rc::clone(&first), base.clone(), observe)?;
-    let (last, named) = match state.looked_at.take() {
-        Some(looked_at) => looked_at,
-        None => {
-            let last = Rc::new(search.round(&state.fit)?);
-            let named = search.named(&last, &state.machine)?;
-            (last, named)
-        }
+    let mut state = search.run(before.clone(), first.clone(), base.clone(), observe)?;
+    let judged = Judged::of(&search, machine, (&first, &base), &state, observe)?;
+    if let Some(because) = &judged.not_adopted {
+        state.withdraw((before.clone(), first.clone(), base.clone()), because);
+    }
+    let named = match state.named.take() {
+        Some(named) => named,
+        None => search.named(&state.round, &state.machine)?,
     };
+    let last = state.round.clone();
     let detection_after = noise::detect(&last, campaign, state.fit.evidence.robust_scale);
-    let enriched = state.steps.iter().any(|step| matches!(step, Step::Enriched { .. }));
-    let found = found(&search, &state, &base, &last, observe)?;
-    let changed = !found.is_empty() || enriched;
-    let enough = campaign.lines.len() >= LINES_PER_FOLD * options.folds && options.folds > 1;
-    let unseen = match changed && enough {
-        true => Some(judge::unseen(&search, machine, &base, &state.fit.weights, observe)?),
-        false => None,
-    };
+    let enriched = state.is_enriched();
+    let found = found(&search, &state, &base, observe)?;
     let not_identifiable = alias::not_identifiable(&last, &state.fit.model, &named)?;
     let untestable = alias::untestable(&state.machine, &search.context);
     let next_measurements = next_measurements(&found, &not_identifiable, &untestable);
     let rejected_lines = rejected_lines(campaign, &state.fit.weights);
+    let set_aside = state.set_aside();
     let structured = enriched || detection_after.has_structure() || !rejected_lines.is_empty();
+    // What was significant and stays out is no noise either.
+    let explained = found.is_empty() && set_aside.is_empty() && judged.not_adopted.is_none();
     let said = rejected_lines.iter().map(|line| format!("line {line} was rejected: most of its readings are outliers"));
     Ok(Diagnosis {
-        consistent_with_noise: found.is_empty() && !structured,
+        consistent_with_noise: explained && !structured,
         steps: state.steps.iter().map(describe).chain(said).collect(),
         rejected_lines,
         blocked: blocked(campaign, &first, &last),
@@ -75,11 +73,64 @@ pub fn diagnose(
         detection_after,
         found,
         enriched,
-        unseen,
+        set_aside,
+        not_adopted: judged.not_adopted,
+        gate: judged.gate,
+        unseen: judged.unseen,
+        unseen_missing: judged.unseen_missing,
         not_identifiable,
         untestable,
         next_measurements,
     })
+}
+
+/// What is said of all that the search found together.
+#[derive(Default)]
+struct Judged {
+    gate: Option<Verdict>,
+    unseen: Option<Unseen>,
+    unseen_missing: Option<String>,
+    not_adopted: Option<String>,
+}
+
+impl Judged {
+    fn of(
+        search: &Search,
+        machine: &Machine,
+        (first, base): (&Round, &[EffectTerm]),
+        state: &State,
+        observe: &mut dyn FnMut(Progress) -> bool,
+    ) -> Result<Judged, DiagnoseError> {
+        let added: Vec<EffectTerm> = state.terms.iter().filter(|term| !has(base, term)).cloned().collect();
+        if added.is_empty() && !state.is_enriched() {
+            let missing = "nothing was added, so that before and after are the same".to_owned();
+            return Ok(Judged { unseen_missing: Some(missing), ..Judged::default() });
+        }
+        let gate = gate::judge(first, &state.round, search.campaign, &added);
+        if let Some(because) = &gate.refused {
+            let missing = Some("nothing was adopted, so that before and after are the same".to_owned());
+            let not_adopted = Some(format!("all that was found together: {because}"));
+            return Ok(Judged { not_adopted, gate: Some(gate), unseen_missing: missing, unseen: None });
+        }
+        let enough = search.campaign.lines.len() >= LINES_PER_FOLD * search.options.folds && search.options.folds > 1;
+        let unseen = match enough {
+            true => judge::unseen(search, machine, base, &state.fit.weights, observe)?,
+            false => Err("the campaign has too few lines to leave some out of the whole search".to_owned()),
+        };
+        let mut judged = Judged { gate: Some(gate), ..Judged::default() };
+        match unseen {
+            Ok(unseen) if unseen.loses() => {
+                let (before, after) = (unseen.before.rms_m * 1e6, unseen.after.rms_m * 1e6);
+                judged.unseen_missing = Some("nothing was adopted, so that before and after are the same".to_owned());
+                judged.not_adopted = Some(format!(
+                    "lines that no step of the search saw are predicted worse with what it found: {before:.3} -> {after:.3} µm"
+                ));
+            }
+            Ok(unseen) => judged.unseen = Some(unseen),
+            Err(missing) => judged.unseen_missing = Some(missing),
+        }
+        Ok(judged)
+    }
 }
 
 /// Lines of which more than half was rejected: a run that is off as a whole never reaches the search, since the fit
@@ -95,18 +146,16 @@ fn rejected_lines(campaign: &Campaign, weights: &[f64]) -> Vec<String> {
     lost.map(|(line, _)| line.clone()).collect()
 }
 
+/// Blocks left out of both fits, judged over the readings and directions that both have.
 fn blocked(campaign: &Campaign, before: &Round, after: &Round) -> Vec<Blocked> {
-    // Readings that one fit rejects and the other keeps would be compared with nothing.
-    let of = |round: &Round, by: usize| judge::blocked_rms(&round.linear, &judge::blocks(campaign, round)[by].1);
-    let kinds = ["line", "station", "time"];
-    kinds.iter().enumerate().map(|(k, by)| Blocked { by, before: of(before, k), after: of(after, k) }).collect()
+    let verdict = gate::judge(before, after, campaign, &[]).judged.into_iter();
+    verdict.map(|judged| Blocked { by: judged.by, before: judged.before, after: judged.after }).collect()
 }
 
 fn found(
     search: &Search,
     state: &State,
     base: &[EffectTerm],
-    last: &Round,
     observe: &mut dyn FnMut(Progress) -> bool,
 ) -> Result<Vec<Found>, DiagnoseError> {
     let effects = &state.fit.model.parts().effects;
@@ -114,7 +163,7 @@ fn found(
     let mut all = Vec::new();
     for (index, fitted) in effects.iter().enumerate() {
         if !is_base(base, fitted) {
-            all.push(one(search, state, (index, first), last, observe)?);
+            all.push(one(search, state, (index, first), observe)?);
         }
         first += fitted.parameters.len();
     }
@@ -129,21 +178,24 @@ fn one(
     search: &Search,
     state: &State,
     (index, first): (usize, usize),
-    last: &Round,
     observe: &mut dyn FnMut(Progress) -> bool,
 ) -> Result<Found, DiagnoseError> {
     let model = &state.fit.model;
     let fitted = &model.parts().effects[index];
-    let (candidate, rivals, p_value) = added(state, fitted).ok_or(DiagnoseError::Singular)?;
+    let last = &state.round;
+    let (candidate, rivals, p_value, gate) = added(state, fitted).ok_or(DiagnoseError::Singular)?;
     let mut others = state.terms.clone();
     others.remove(index);
-    let without = search.fit(&state.machine, &others, observe)?;
-    let without = search.round(&without)?;
-    let columns = without.rows.columns(fitted.effect.as_ref())?;
-    let placebo = judge::placebo(&without, &columns, search.campaign, (search.options.placebos, search.options.seed))?;
-    let score = without.score(&without.free.project(columns.as_ref()));
-    let lines = |round: &Round| judge::blocked_rms(&round.linear, &judge::blocks(search.campaign, round)[0].1);
-    let unit_m = typical_u_m(&state.fit);
+    let columns = last.rows.columns(fitted.effect.as_ref())?;
+    // Where there is no fit without it, what it gains cannot be said; that it was found can.
+    let (mut held_out_gain_m, mut placebo, mut alias_share) = (None, None, candidate.score.alias_share);
+    if let Ok((_, without)) = search.attempt(&state.machine, &others, observe)? {
+        let draws = (search.options.placebos, search.options.seed);
+        placebo = judge::placebo(&without, &columns, search.campaign, draws).ok();
+        alias_share = without.score(&without.free.project(columns.as_ref())).alias_share;
+        let lines = gate::judge(&without, last, search.campaign, &[]).judged.into_iter().find(|j| j.by == "line");
+        held_out_gain_m = lines.map(|lines| (lines.before - lines.after) * typical_u_m(&state.fit));
+    }
     let names = fitted.effect.covariates().into_iter().chain(fitted.effect.range_covariates());
     Ok(Found {
         name: candidate.known.name,
@@ -154,12 +206,13 @@ fn one(
         covariates: quantities(fitted, names.collect()),
         p_value,
         evidence: candidate.evidence(last.used),
-        alias_share: score.alias_share,
+        alias_share,
         parameters: parameters(&state.fit, fitted, first),
         size_m: size_m(last, fitted)?,
         rivals: rivals.iter().map(|r| rival(candidate, r, last.used)).collect(),
-        held_out_gain_m: (lines(&without) - lines(last)) * unit_m,
+        held_out_gain_m,
         placebo,
+        gate: gate.clone(),
     })
 }
 
@@ -183,12 +236,12 @@ fn rival(chosen: &Candidate, rival: &Candidate, rows: usize) -> Rival {
 }
 
 /// The step that added a fitted effect.
-fn added<'s>(state: &'s State, fitted: &FittedEffect) -> Option<(&'s Candidate, &'s [Candidate], f64)> {
+fn added<'s>(state: &'s State, fitted: &FittedEffect) -> Option<(&'s Candidate, &'s [Candidate], f64, &'s Verdict)> {
     state.steps.iter().rev().find_map(|step| match step {
-        Step::Added { term, candidate, rivals, p_corrected }
+        Step::Added { term, candidate, rivals, p_corrected, verdict }
             if term.effect.name() == fitted.effect.name() && term.shape == fitted.shape =>
         {
-            Some((candidate.as_ref(), rivals.as_slice(), *p_corrected))
+            Some((candidate.as_ref(), rivals.as_slice(), *p_corrected, verdict))
         }
         _ => None,
     })
@@ -235,6 +288,8 @@ fn describe(step: &Step) -> String {
         Step::Removed { term } => {
             format!("removed {}: the others explain what it did", named(term.effect.name(), &term.shape))
         }
+        Step::SetAside { term, title, because } => format!("set aside {}: {because}", named(title, &term.shape)),
+        Step::Noted(words) => words.clone(),
         Step::Enriched { because } => format!("gave the error functions more coefficients: {because} needed them"),
     }
 }

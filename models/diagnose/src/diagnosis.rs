@@ -2,6 +2,7 @@
 //!
 //! Place in the flow: the result of [`crate::diagnose()`]; the command line writes it as JSON and as a report. SI.
 
+use crate::gate::Verdict;
 use crate::judge::{Blocked, Placebo, Unseen};
 use crate::noise::Detection;
 use abbe_geometry::effects::Shape;
@@ -28,8 +29,16 @@ pub struct Diagnosis {
     pub rejected_lines: Vec<String>,
     /// Error functions had too few coefficients and got more.
     pub enriched: bool,
-    /// Error on lines that no step saw; `None` where the campaign has too few lines.
+    /// Candidates that explain the residual but stay out, each with the reason.
+    pub set_aside: Vec<SetAside>,
+    /// Why nothing at all was adopted although the search found something; `after` is then `before`.
+    pub not_adopted: Option<String>,
+    /// All that was found together, judged on what it was not fitted to; `None` where nothing was found.
+    pub gate: Option<Verdict>,
+    /// Error on lines that no step saw.
     pub unseen: Option<Unseen>,
+    /// Why there is no such error; `None` where there is one.
+    pub unseen_missing: Option<String>,
     /// Blocked error of the final structure.
     pub blocked: Vec<Blocked>,
     /// Effects that this plan cannot judge, or not tell from others.
@@ -76,10 +85,25 @@ pub struct Found {
     pub size_m: f64,
     /// Other effects that explain nearly the same here.
     pub rivals: Vec<Rival>,
-    /// Gain in blocked rms over the model without it (m), lines left out.
-    pub held_out_gain_m: f64,
-    /// Its gain beside placebos.
-    pub placebo: Placebo,
+    /// Gain in blocked rms over the model without it (m), lines left out; `None` where there is no fit without it.
+    pub held_out_gain_m: Option<f64>,
+    /// Its gain beside placebos; `None` where there is no fit without it.
+    pub placebo: Option<Placebo>,
+    /// How it predicts lines, times, stations, offsets and covariates that it was not fitted to.
+    pub gate: Verdict,
+}
+
+/// A candidate that explains the residual but stays out of the model.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SetAside {
+    /// Name in the registry.
+    pub name: String,
+    /// Name for readers.
+    pub title: &'static str,
+    /// Its shape.
+    pub shape: Shape,
+    /// Why it stays out.
+    pub because: String,
 }
 
 /// A parameter with its uncertainty.

@@ -10,6 +10,7 @@ mod context;
 mod diagnose;
 mod diagnosis;
 mod error;
+mod gate;
 pub mod held_out;
 mod judge;
 pub mod linear;
@@ -17,6 +18,7 @@ mod look;
 mod noise;
 mod options;
 mod order;
+mod paired;
 mod pass;
 mod periodic;
 mod runs;
@@ -26,9 +28,13 @@ pub mod study;
 mod wald;
 
 pub use diagnose::diagnose;
-pub use diagnosis::{Diagnosis, Found, FoundParameter, Kind, NotIdentifiable, Rival, Untestable};
+pub use diagnosis::{Diagnosis, Found, FoundParameter, Kind, NotIdentifiable, Rival, SetAside, Untestable};
 pub use error::DiagnoseError;
+pub use gate::{Judged, Verdict};
 pub use judge::{Blocked, HeldOutError, Placebo, Unseen};
 pub use noise::{Detection, Group, Structure};
 pub use options::{Options, Progress};
 pub use pass::{Scored, score_pass};
+
+#[cfg(test)]
+mod tests;

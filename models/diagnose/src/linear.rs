@@ -114,7 +114,9 @@ impl Linear {
         used: usize,
     ) -> Result<Linear, DiagnoseError> {
         // Equilibrated first: the negligible prior is then the same share of every column.
-        let scale: Vec<f64> = (0..normal.nrows()).map(|k| normal[(k, k)].max(f64::MIN_POSITIVE).sqrt()).collect();
+        // A column of zeros (the turn of the ram where only one offset was measured) has no scale; any does.
+        let scale_of = |square: f64| if square > 0.0 { square.sqrt() } else { 1.0 };
+        let scale: Vec<f64> = (0..normal.nrows()).map(|k| scale_of(normal[(k, k)])).collect();
         let equal = Mat::from_fn(normal.nrows(), normal.ncols(), |i, j| {
             normal[(i, j)] / (scale[i] * scale[j]) + if i == j { UNSEEN } else { 0.0 }
         });
@@ -329,6 +331,24 @@ mod tests {
         let difference = added.covariance().to_owned() - joint.covariance();
         assert!(difference.norm_max() < 1e-9);
         assert!(added.residuals().iter().zip(joint.residuals()).all(|(a, b)| (a - b).abs() < 1e-10));
+    }
+
+    #[test]
+    fn regress_a_column_that_no_row_sees_does_not_spoil_the_fit_without_priors() {
+        let (base, more, observed) = rows(60);
+        let (whole, _) = Linear::least_squares(base.clone(), &observed).unwrap();
+        let wider = Mat::from_fn(60, 4, |k, j| if j < 3 { base[(k, j)] } else { 0.0 });
+        let covariance = Mat::from_fn(4, 4, |i, j| match (i < 3, j < 3) {
+            (true, true) => whole.covariance()[(i, j)],
+            (false, false) => 4e-8,
+            _ => 0.0,
+        });
+        let with_unseen = Linear::new(wider, whole.residuals().to_vec(), covariance, 60).unwrap();
+        let (alone, beside) = (whole.without_priors(60).unwrap(), with_unseen.without_priors(60).unwrap());
+        assert!(beside.covariance().norm_max().is_finite());
+        let (left, expected) = (beside.project(more.as_ref()).left, alone.project(more.as_ref()).left);
+        assert!((&left - &expected).norm_max() < 1e-9 * expected.norm_max());
+        assert!((beside.chi2() / alone.chi2() - 1.0).abs() < 1e-9 && (beside.degrees() - alone.degrees()).abs() < 1e-6);
     }
 
     #[test]

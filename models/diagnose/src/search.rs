@@ -2,26 +2,30 @@
 //!
 //! Place in the flow: [`crate::diagnose()`] starts it from the model's own effects. In each round named effects, periods,
 //! runs, finer error functions and the look without candidates compete; a named effect goes before an empirical term
-//! unless the latter explains far more. After each addition, terms that the new one made superfluous go out again.
+//! unless the latter explains far more. What was fitted must pass [`crate::gate`]; what does not, or cannot be fitted, is
+//! set aside with the reason and the next best is tried. After each addition, terms that the new one made superfluous go
+//! out again.
 
 use crate::candidates::{Candidate, Round, proposals, refined, score_all};
 use crate::context::Context;
+use crate::diagnosis::SetAside;
 use crate::error::DiagnoseError;
+use crate::gate::{self, Verdict};
 use crate::linear::Linear;
 use crate::look::{self, Variable};
 use crate::options::{Options, Progress};
 use crate::periodic::Periodogram;
 use crate::score::Score;
-use crate::{judge, order, periodic, runs};
+use crate::{order, periodic, runs};
 use abbe_geometry::ErrorId;
 use abbe_geometry::effects::{ShapeValue, known};
 use abbe_geometry::machine::Machine;
-use abbe_identify::{EffectTerm, Identified, IdentifyError, Rows, identify_with};
+use abbe_identify::{EffectTerm, Identified, IdentifyError, Rows, identify_with, minus_two_log_likelihood_on};
 use abbe_measurement::campaign::Campaign;
 use abbe_measurement::instrument::RangeUncertainty;
 use std::cell::RefCell;
 use std::collections::BTreeMap;
-use std::rc::Rc;
+use std::sync::Arc;
 
 /// Share of what the best free dependence explains that a named effect must explain to go before it.
 const EXPLAINS: f64 = 0.6;
@@ -31,6 +35,8 @@ const AS_WELL: f64 = 0.5;
 const MATERIAL: f64 = 0.1;
 /// Rounds at most.
 const MAX_ROUNDS: usize = 10;
+/// Candidates set aside in one round after which it ends: each costs a fit, and what ranks below explains less.
+const MAX_TRIED: usize = 8;
 
 /// What stays the same during a search.
 pub(crate) struct Search<'a> {
@@ -50,15 +56,69 @@ pub(crate) struct State<'a> {
     pub(crate) steps: Vec<Step>,
     /// Finer error functions were tried and have no more evidence than these.
     pub(crate) order_settled: bool,
-    /// Terms whose fit did not settle or that others made superfluous: not tried again.
+    /// Terms that others made superfluous: not tried again, nor with other figures.
     pub(crate) refused: Vec<EffectTerm>,
-    /// The rows of `fit` as they are, where the last round looked at them so, with its named candidates.
-    pub(crate) looked_at: Option<(Rc<Round<'a>>, Vec<Candidate>)>,
+    /// Terms that could not be fitted beside what the model has now, or did not pass the gate: not tried again until the
+    /// model has changed.
+    pub(crate) set_aside: Vec<EffectTerm>,
+    /// All that was found was given up again.
+    withdrawn: bool,
+    /// The rows of `fit`.
+    pub(crate) round: Round<'a>,
+    /// Named candidates of the last round, where it looked at `round` as it is.
+    pub(crate) named: Option<Vec<Candidate>>,
 }
 
-impl State<'_> {
-    fn is_refused(&self, term: &EffectTerm) -> bool {
-        has(&self.refused, term)
+impl<'a> State<'a> {
+    /// A search that has not begun.
+    pub(crate) fn new(fit: Identified, round: Round<'a>, terms: Vec<EffectTerm>) -> State<'a> {
+        State {
+            machine: fit.model.parts().machine.clone(),
+            terms,
+            fit,
+            steps: Vec::new(),
+            order_settled: false,
+            refused: Vec::new(),
+            set_aside: Vec::new(),
+            withdrawn: false,
+            round,
+            named: None,
+        }
+    }
+
+    /// Goes back to the fit and terms that the search began with. What it did stays to be read.
+    pub(crate) fn withdraw(&mut self, (fit, round, terms): (Identified, Round<'a>, Vec<EffectTerm>), because: &str) {
+        self.machine = fit.model.parts().machine.clone();
+        (self.fit, self.round, self.terms) = (fit, round, terms);
+        self.named = None;
+        self.withdrawn = true;
+        self.steps.push(Step::Noted(format!("nothing is adopted: {because}")));
+    }
+
+    /// Whether the term, or the same with other figures, is in the model or was refused.
+    fn is_out(&self, term: &EffectTerm) -> bool {
+        let mut refused = self.refused.iter().chain(&self.set_aside);
+        has(&self.terms, term) || refused.any(|refused| is_variant(refused, term))
+    }
+
+    /// Whether error functions got more coefficients.
+    pub(crate) fn is_enriched(&self) -> bool {
+        !self.withdrawn && self.steps.iter().any(|step| matches!(step, Step::Enriched { .. }))
+    }
+
+    /// What the search refused for good reason and did not let in later, the last reason of each.
+    pub(crate) fn set_aside(&self) -> Vec<SetAside> {
+        let mut all: Vec<SetAside> = Vec::new();
+        for step in &self.steps {
+            if let Step::SetAside { term, title, because } = step {
+                let (name, shape) = (term.effect.name().to_owned(), term.shape.clone());
+                all.retain(|known| known.name != name || known.shape != shape);
+                all.push(SetAside { name, title, shape, because: because.clone() });
+            }
+        }
+        let is_in = |s: &SetAside| self.terms.iter().any(|t| t.effect.name() == s.name && t.shape == s.shape);
+        all.retain(|known| !is_in(known));
+        all
     }
 }
 
@@ -66,7 +126,27 @@ impl State<'_> {
 #[derive(Debug, Clone)]
 pub(crate) enum Step {
     /// A term went in.
-    Added { term: EffectTerm, candidate: Box<Candidate>, rivals: Vec<Candidate>, p_corrected: f64 },
+    Added {
+        /// What went in.
+        term: EffectTerm,
+        /// Its score.
+        candidate: Box<Candidate>,
+        /// Others that explain nearly as much.
+        rivals: Vec<Candidate>,
+        /// Probability by chance, corrected for the number of tests.
+        p_corrected: f64,
+        /// How it predicts what it was not fitted to.
+        verdict: Verdict,
+    },
+    /// A candidate was tried and stays out.
+    SetAside {
+        /// Which.
+        term: EffectTerm,
+        /// Name for readers.
+        title: &'static str,
+        /// Why.
+        because: String,
+    },
     /// A term went out: the others explain what it did.
     Removed { term: EffectTerm },
     /// Error functions got more coefficients.
@@ -74,6 +154,8 @@ pub(crate) enum Step {
         /// The error function that needed them most.
         because: String,
     },
+    /// Something that the search could not do.
+    Noted(String),
 }
 
 /// What a round proposes.
@@ -92,8 +174,33 @@ impl<'a> Search<'a> {
         Search { instrument, campaign, options, context, variables, periodogram }
     }
 
-    /// Fits these terms.
+    /// Fits these terms. Where the data leave directions of a term open, it is fitted once more with these believed to be
+    /// up to three times as large as what the data tell of the term: open directions are those in which the term looks like
+    /// the machine (a wrong holder like a turned ram), and must not take from it what they please. What stays open shows in
+    /// the uncertainty of both.
     pub(crate) fn fit(
+        &self,
+        machine: &Machine,
+        terms: &[EffectTerm],
+        observe: &mut dyn FnMut(Progress) -> bool,
+    ) -> Result<Identified, DiagnoseError> {
+        let fit = self.fit_as_believed(machine, terms, observe)?;
+        let shares = crate::wald::told(&fit);
+        if shares.iter().all(Option::is_none) {
+            return Ok(fit);
+        }
+        let term = |(term, share): (&EffectTerm, &Option<f64>)| match share {
+            Some(share) => term.clone().believed(*share),
+            None => term.clone(),
+        };
+        let terms: Vec<EffectTerm> = terms.iter().zip(&shares).map(term).collect();
+        match self.fit_as_believed(machine, &terms, observe) {
+            Err(DiagnoseError::Identify(_)) => Ok(fit),
+            other => other,
+        }
+    }
+
+    fn fit_as_believed(
         &self,
         machine: &Machine,
         terms: &[EffectTerm],
@@ -113,112 +220,130 @@ impl<'a> Search<'a> {
         let used = rows.whitening.iter().filter(|w| **w > 0.0).count();
         let linear = Linear::new(rows.jacobian.clone(), rows.residuals.clone(), rows.covariance.clone(), used)?;
         let free = linear.without_priors(used)?;
-        Ok(Round { rows, linear, free, used })
+        Ok(Round { rows: Arc::new(rows), linear: Arc::new(linear), free: Arc::new(free), used })
+    }
+
+    /// A fit of these terms and its rows, or why there is none. Only a stop by the observer is an error.
+    pub(crate) fn attempt(
+        &self,
+        machine: &Machine,
+        terms: &[EffectTerm],
+        observe: &mut dyn FnMut(Progress) -> bool,
+    ) -> Result<Result<(Identified, Round<'a>), String>, DiagnoseError> {
+        match self.fit(machine, terms, observe).and_then(|fit| self.round(&fit).map(|round| (fit, round))) {
+            Ok(fitted) => Ok(Ok(fitted)),
+            Err(DiagnoseError::Stopped) => Err(DiagnoseError::Stopped),
+            Err(problem) => Ok(Err(problem.to_string())),
+        }
     }
 
     /// Runs rounds from a fit of these terms until nothing passes; `first` are the rows of that fit.
     pub(crate) fn run(
         &self,
         fit: Identified,
-        first: Rc<Round<'a>>,
+        first: Round<'a>,
         terms: Vec<EffectTerm>,
         observe: &mut dyn FnMut(Progress) -> bool,
     ) -> Result<State<'a>, DiagnoseError> {
-        let mut state = State {
-            machine: fit.model.parts().machine.clone(),
-            terms,
-            fit,
-            steps: Vec::new(),
-            order_settled: false,
-            refused: Vec::new(),
-            looked_at: None,
-        };
-        let (mut round, mut as_it_is) = (first, true);
+        let mut state = State::new(fit, first, terms);
         for number in 0..MAX_ROUNDS {
-            if number > 0 {
-                (round, as_it_is) = self.round_without_misfit(&state)?;
-            }
             if !observe(Progress::Scoring { round: number + 1, effects: state.terms.len() }) {
                 return Err(DiagnoseError::Stopped);
             }
+            let (round, as_it_is) = self.round_without_misfit(&state)?;
             let named = self.named(&round, &state.machine)?;
             if !self.advance(&mut state, &round, &named, observe)? {
-                state.looked_at = as_it_is.then_some((round, named));
+                state.named = as_it_is.then_some(named);
                 break;
             }
         }
         Ok(state)
     }
 
-    /// One round; false where nothing passed.
-    fn advance(
+    /// One round; false where nothing passed. Candidates that fail are set aside and the next best is tried.
+    pub(crate) fn advance(
         &self,
-        state: &mut State,
-        round: &Round,
+        state: &mut State<'a>,
+        round: &Round<'a>,
         named: &[Candidate],
         observe: &mut dyn FnMut(Progress) -> bool,
     ) -> Result<bool, DiagnoseError> {
-        match self.propose(round, state, named)? {
-            Proposal::Nothing => return Ok(false),
-            Proposal::Order(id) => self.refine(state, round, id, observe)?,
-            Proposal::Named(candidate) => {
-                let candidate = refined(round, &state.machine, candidate)?;
-                let (rivals, tests) = (self.rivals(round, named, &candidate), tests(named));
-                self.add(state, candidate, rivals, tests, observe)?;
-            }
-            Proposal::Free(candidate) => {
-                let (rivals, tests) = (self.rivals(round, named, &candidate), candidate.trials);
-                self.add(state, candidate, rivals, tests, observe)?;
+        let looked = self.look(round, &state.machine)?;
+        for _ in 0..MAX_TRIED {
+            let (candidate, tests) = match self.propose(round, state, named, &looked)? {
+                Proposal::Nothing => return Ok(false),
+                Proposal::Order(id) => return self.refine(state, id, observe).map(|()| true),
+                Proposal::Named(candidate) => (refined(round, &state.machine, candidate)?, tests(named)),
+                Proposal::Free(candidate) => (candidate.clone(), candidate.trials),
+            };
+            let rivals = self.rivals(round, named, &candidate);
+            if self.add(state, candidate, rivals, tests, observe)? {
+                return Ok(true);
             }
         }
-        Ok(true)
+        state
+            .steps
+            .push(Step::Noted(format!("{MAX_TRIED} candidates in a row were set aside; the search ended there")));
+        Ok(false)
     }
 
-    /// Tries finer error functions; they stay if they have more evidence and predict lines left out better by more than
-    /// a tenth of the noise. A misfit below that is not worth twice the coefficients, whose uncertainty every corrected
-    /// point would carry; it is kept from passing for an effect by [`Search::round_without_misfit`].
+    /// Tries finer error functions; they stay if they have more evidence over the same readings and predict lines left out
+    /// better by more than a tenth of the noise. A misfit below that is not worth twice the coefficients, whose uncertainty
+    /// every corrected point would carry; it is kept from passing for an effect by [`Search::round_without_misfit`].
     fn refine(
         &self,
-        state: &mut State,
-        round: &Round,
+        state: &mut State<'a>,
         id: ErrorId,
         observe: &mut dyn FnMut(Progress) -> bool,
     ) -> Result<(), DiagnoseError> {
         state.order_settled = true;
-        let richer = match self.fit(&order::enriched(&state.machine), &state.terms, observe) {
-            Err(DiagnoseError::Identify(_)) => return Ok(()),
-            other => other?,
+        let machine = order::enriched(&state.machine);
+        let (richer, round) = match self.attempt(&machine, &state.terms, observe)? {
+            Ok(fitted) => fitted,
+            Err(problem) => {
+                state.steps.push(Step::Noted(format!("finer error functions cannot be fitted: {problem}")));
+                return Ok(());
+            }
         };
-        let likelihood = |fit: &Identified| fit.evidence.minus_two_log_likelihood;
-        let square = |round: &Round| {
-            let [(_, lines), ..] = judge::blocks(self.campaign, round);
-            judge::blocked_rms(&round.linear, &lines).powi(2)
-        };
-        let is_material = square(&self.round(&richer)?) < (1.0 - MATERIAL) * square(round);
-        if is_material && likelihood(&state.fit) - likelihood(&richer) > self.options.least_evidence {
+        let verdict = gate::judge(&state.round, &round, self.campaign, &[]);
+        let is_material =
+            verdict.judged.first().is_some_and(|lines| lines.after.powi(2) < (1.0 - MATERIAL) * lines.before.powi(2));
+        if let Some(because) = verdict.refused.filter(|_| is_material) {
+            state.steps.push(Step::Noted(format!("finer error functions stay out: {because}")));
+        } else if is_material
+            && self.gain_alike(&state.fit, &richer).is_ok_and(|gain| gain > self.options.least_evidence)
+        {
             state.order_settled = false;
-            state.fit = richer;
-            state.machine = state.fit.model.parts().machine.clone();
+            state.machine = richer.model.parts().machine.clone();
+            (state.fit, state.round) = (richer, round);
+            state.set_aside.clear();
             state.steps.push(Step::Enriched { because: id.name() });
         }
         Ok(())
     }
 
-    /// The rows of a fit; once the order is settled, with what finer error functions would still explain taken out of
+    /// Twice the log likelihood that the second fit gains with the weights of the first: each fit's own figure leaves out
+    /// what that fit rejects, and whoever rejects more would win.
+    fn gain_alike(&self, first: &Identified, second: &Identified) -> Result<f64, DiagnoseError> {
+        let likelihood =
+            |fit: &Identified| minus_two_log_likelihood_on(fit, self.instrument, self.campaign, &first.weights);
+        Ok(likelihood(first)? - likelihood(second)?)
+    }
+
+    /// The rows of the fit; once the order is settled, with what finer error functions would still explain taken out of
     /// what candidates are tested against. Also whether nothing had to be taken out.
-    fn round_without_misfit(&self, state: &State) -> Result<(Rc<Round<'a>>, bool), DiagnoseError> {
-        let mut round = self.round(&state.fit)?;
-        let mut as_it_is = true;
-        if state.order_settled {
-            let misfit = order::refinements(&round, &state.machine)?.into_iter();
-            let misfit: Vec<_> =
-                misfit.filter(|(_, score, _)| self.shows(score)).map(|(_, _, columns)| columns).collect();
-            if !misfit.is_empty() {
-                as_it_is = false;
-                round.free = round.linear.widened(&misfit, round.used)?;
-            }
+    fn round_without_misfit(&self, state: &State<'a>) -> Result<(Round<'a>, bool), DiagnoseError> {
+        let mut round = state.round.clone();
+        if !state.order_settled {
+            return Ok((round, true));
         }
-        Ok((Rc::new(round), as_it_is))
+        let misfit = order::refinements(&round, &state.machine)?.into_iter();
+        let misfit: Vec<_> = misfit.filter(|(_, score, _)| self.shows(score)).map(|(_, _, columns)| columns).collect();
+        if misfit.is_empty() {
+            return Ok((round, true));
+        }
+        round.free = Arc::new(round.linear.widened(&misfit, round.used)?);
+        Ok((round, false))
     }
 
     /// Whether the refinement of an error function is significant among all of them.
@@ -226,27 +351,39 @@ impl<'a> Search<'a> {
         score.p_value * ErrorId::COUNT as f64 <= self.options.significance
     }
 
+    /// Fits a candidate with all the rest and lets it in if the gate does; false where it was set aside.
     fn add(
         &self,
-        state: &mut State,
+        state: &mut State<'a>,
         candidate: Candidate,
         rivals: Vec<Candidate>,
         tests: usize,
         observe: &mut dyn FnMut(Progress) -> bool,
-    ) -> Result<(), DiagnoseError> {
+    ) -> Result<bool, DiagnoseError> {
         let p_corrected = (candidate.score.p_value * tests as f64).min(1.0);
         let term = candidate.term.clone();
         let terms: Vec<EffectTerm> = state.terms.iter().chain([&term]).cloned().collect();
-        match self.fit(&state.machine, &terms, observe) {
-            Ok(fit) => (state.fit, state.terms) = (fit, terms),
-            Err(DiagnoseError::Identify(_)) => {
-                state.refused.push(term);
-                return Ok(());
+        let fitted = match self.attempt(&state.machine, &terms, observe)? {
+            Ok((fit, round)) => {
+                let verdict = gate::judge(&state.round, &round, self.campaign, std::slice::from_ref(&term));
+                verdict.refused.clone().map_or(Ok((fit, round, verdict)), Err)
             }
-            Err(other) => return Err(other),
+            Err(problem) => Err(format!("it cannot be fitted: {problem}")),
+        };
+        match fitted {
+            Ok((fit, round, verdict)) => {
+                (state.fit, state.round, state.terms) = (fit, round, terms);
+                state.set_aside.clear();
+                state.steps.push(Step::Added { term, candidate: Box::new(candidate), rivals, p_corrected, verdict });
+                self.prune(state, observe)?;
+                Ok(true)
+            }
+            Err(because) => {
+                state.set_aside.push(term.clone());
+                state.steps.push(Step::SetAside { term, title: candidate.known.title, because });
+                Ok(false)
+            }
         }
-        state.steps.push(Step::Added { term, candidate: Box::new(candidate), rivals, p_corrected });
-        self.prune(state, observe)
     }
 
     /// Named candidates: registered shapes, the best period of each axis, the line that stands out most.
@@ -258,16 +395,21 @@ impl<'a> Search<'a> {
         Ok(named)
     }
 
-    fn propose(&self, round: &Round, state: &State, named: &[Candidate]) -> Result<Proposal, DiagnoseError> {
+    fn propose(
+        &self,
+        round: &Round,
+        state: &State,
+        named: &[Candidate],
+        looked: &[Candidate],
+    ) -> Result<Proposal, DiagnoseError> {
         let rows = round.used;
         let tests = tests(named);
-        let best =
-            named.iter().filter(|c| !has(&state.terms, &c.term)).fold(None::<&Candidate>, |best, c| match best {
-                Some(other) if !c.better_than(other, rows) => Some(other),
-                _ => Some(c),
-            });
+        let best = named.iter().filter(|c| !state.is_out(&c.term)).fold(None::<&Candidate>, |best, c| match best {
+            Some(other) if !c.better_than(other, rows) => Some(other),
+            _ => Some(c),
+        });
         let best = best.filter(|c| self.passes(c.score.p_value, tests, c.evidence(rows)));
-        let free = self.empirical(round, &state.machine)?.filter(|c| !state.is_refused(&c.term));
+        let free = self.empirical(round, state, looked)?;
         let finer = if state.order_settled { Vec::new() } else { order::refinements(round, &state.machine)? };
         let finer = finer.into_iter().map(|(id, score, _)| (id, score)).filter(|(_, score)| self.shows(score));
         let finer = finer.min_by(|a, b| a.1.p_value.total_cmp(&b.1.p_value));
@@ -294,40 +436,52 @@ impl<'a> Search<'a> {
         p_value * tests as f64 <= self.options.significance && evidence > self.options.least_evidence
     }
 
-    /// The best empirical term: of the findings of the look and of the same quantities turning a joint, in the form that
-    /// the data pay for.
-    fn empirical(&self, round: &Round, machine: &Machine) -> Result<Option<Candidate>, DiagnoseError> {
+    /// Empirical terms: of the findings of the look and of the same quantities turning a joint.
+    fn look(&self, round: &Round, machine: &Machine) -> Result<Vec<Candidate>, DiagnoseError> {
         let passing = look::look(round, &self.variables).into_iter().filter(|finding| {
             self.passes(finding.score.p_value, finding.trials, finding.score.evidence(round.used, finding.trials))
         });
         let acting = passing.flat_map(|finding| {
             finding.acting(&self.variables).into_iter().map(move |shape| (shape, finding.trials)).collect::<Vec<_>>()
         });
-        let Some(best) = self.best_empirical(round, machine, acting.collect())? else { return Ok(None) };
-        let forms = look::forms(&best.term.shape).into_iter().map(|shape| (shape, best.trials)).collect();
-        let best = self.best_empirical(round, machine, forms)?;
+        self.described(round, machine, acting.collect())
+    }
+
+    /// The best of these that was not refused, in the form that the data pay for.
+    fn empirical(
+        &self,
+        round: &Round,
+        state: &State,
+        looked: &[Candidate],
+    ) -> Result<Option<Candidate>, DiagnoseError> {
+        let best = |candidates: &[Candidate]| {
+            let open = candidates.iter().filter(|c| !state.is_out(&c.term)).cloned();
+            open.reduce(|best, c| if c.better_than(&best, round.used) { c } else { best })
+        };
+        let Some(found) = best(looked) else { return Ok(None) };
+        let forms = look::forms(&found.term.shape).into_iter().map(|shape| (shape, found.trials)).collect();
+        let best = best(&self.described(round, &state.machine, forms)?);
         Ok(best.filter(|c| self.passes(c.score.p_value, c.trials, c.evidence(round.used))))
     }
 
-    /// Of empirical shapes (and the trials that led to each) the one with most evidence.
-    fn best_empirical(
+    /// Empirical shapes (and the trials that led to each), scored.
+    fn described(
         &self,
         round: &Round,
         machine: &Machine,
         shapes: Vec<(abbe_geometry::effects::Shape, usize)>,
-    ) -> Result<Option<Candidate>, DiagnoseError> {
+    ) -> Result<Vec<Candidate>, DiagnoseError> {
         let known = known("empirical").ok_or(DiagnoseError::Singular)?;
         // A shape whose terms all belong to the error functions is none.
         let term = |(shape, trials)| Some((known, EffectTerm::new(known.name, shape, machine).ok()?, trials));
-        let scored = score_all(round, shapes.into_iter().filter_map(term).collect())?;
-        Ok(scored.into_iter().reduce(|best, c| if c.better_than(&best, round.used) { c } else { best }))
+        score_all(round, shapes.into_iter().filter_map(term).collect())
     }
 
     /// Other effects that explain nearly as much as the chosen one.
     fn rivals(&self, round: &Round, named: &[Candidate], chosen: &Candidate) -> Vec<Candidate> {
         let limit = chosen.evidence(round.used) - self.options.rival_margin;
         let mut rivals: Vec<Candidate> = Vec::new();
-        for candidate in named.iter().filter(|c| c.evidence(round.used) > limit && !is_variant(c, chosen)) {
+        for candidate in named.iter().filter(|c| c.evidence(round.used) > limit && !is_variant(&c.term, &chosen.term)) {
             match rivals.iter_mut().find(|r| r.known.name == candidate.known.name) {
                 Some(rival) if candidate.better_than(rival, round.used) => *rival = candidate.clone(),
                 Some(_) => {}
@@ -337,12 +491,20 @@ impl<'a> Search<'a> {
         rivals
     }
 
-    /// Takes out terms that no longer earn their parameters, the weakest first.
-    fn prune(&self, state: &mut State, observe: &mut dyn FnMut(Progress) -> bool) -> Result<(), DiagnoseError> {
+    /// Takes out terms that no longer earn their parameters, the weakest first. One without which there is no fit stays.
+    fn prune(&self, state: &mut State<'a>, observe: &mut dyn FnMut(Progress) -> bool) -> Result<(), DiagnoseError> {
         while state.terms.len() > 1 {
             let Some(weakest) = self.weakest(state)? else { break };
-            let term = state.terms.remove(weakest);
-            state.fit = self.fit(&state.machine, &state.terms, observe)?;
+            let mut rest = state.terms.clone();
+            let term = rest.remove(weakest);
+            match self.attempt(&state.machine, &rest, observe)? {
+                Ok((fit, round)) => (state.fit, state.round, state.terms) = (fit, round, rest),
+                Err(problem) => {
+                    let name = term.effect.name();
+                    state.steps.push(Step::Noted(format!("{name} stays: there is no fit without it: {problem}")));
+                    break;
+                }
+            }
             state.refused.push(term.clone());
             state.steps.push(Step::Removed { term });
         }
@@ -373,15 +535,16 @@ fn tests(named: &[Candidate]) -> usize {
     by_name.values().sum::<usize>().max(1)
 }
 
-/// Whether a candidate is the chosen effect with other figures (degree, time constant): no rival but the same claim. With
-/// another axis or sensor it is another claim.
-fn is_variant(candidate: &Candidate, chosen: &Candidate) -> bool {
-    let texts = |c: &Candidate| {
-        c.term.shape.0.values().filter(|v| !matches!(v, ShapeValue::Number(_))).cloned().collect::<Vec<_>>()
+/// Whether two terms are the same effect with other figures (degree, time constant): the same claim. With another axis or
+/// sensor it is another claim.
+fn is_variant(a: &EffectTerm, b: &EffectTerm) -> bool {
+    let texts = |term: &EffectTerm| {
+        let others = term.shape.0.iter().filter(|(_, value)| !matches!(value, ShapeValue::Number(_)));
+        others.map(|(key, value)| (key.clone(), value.clone())).collect::<Vec<_>>()
     };
-    candidate.known.name == chosen.known.name && texts(candidate) == texts(chosen)
+    a.effect.name() == b.effect.name() && texts(a) == texts(b)
 }
 
-fn has(terms: &[EffectTerm], term: &EffectTerm) -> bool {
+pub(crate) fn has(terms: &[EffectTerm], term: &EffectTerm) -> bool {
     terms.iter().any(|other| other.effect.name() == term.effect.name() && other.shape == term.shape)
 }

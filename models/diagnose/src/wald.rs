@@ -11,6 +11,15 @@ use faer::Mat;
 /// Share of its prior's variance that a direction must have lost to count as measured.
 const MEASURED: f64 = 0.5;
 
+/// Share of the plausible size to which a direction must be known for the data to tell it.
+const TOLD: f64 = 0.05;
+/// Share of the squared size of what is told from which the variance of another direction counts as open.
+const OPEN: f64 = 0.25;
+
+/// Factor on the largest size told: a few directions tell the size of others to a factor of three (Student's t with one or two
+/// degrees of freedom).
+const FEW: f64 = 3.0;
+
 /// Wald statistic of one effect.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Wald {
@@ -29,6 +38,29 @@ pub(crate) fn of_terms(fit: &Identified) -> Vec<Wald> {
         first += fitted.parameters.len();
     }
     all
+}
+
+/// For every effect, how large (as a share of its plausible sizes) its directions may be, by those that the data tell;
+/// `None` where they tell all of them, or none.
+pub(crate) fn told(fit: &Identified) -> Vec<Option<f64>> {
+    let mut first = fit.model.layout().len();
+    let mut all = Vec::new();
+    for fitted in &fit.model.parts().effects {
+        all.push(told_of(&fit.model, first, &fitted.parameters, &plausible(fitted)));
+        first += fitted.parameters.len();
+    }
+    all
+}
+
+fn told_of(model: &MachineModel, first: usize, values: &[f64], priors: &[f64]) -> Option<f64> {
+    let count = values.len();
+    let scaled = Mat::from_fn(count, count, |i, j| model.covariance(first + i, first + j) / (priors[i] * priors[j]));
+    let (variances, directions) = symmetric_eigen(&scaled)?;
+    let along = |k: usize| (0..count).map(|i| directions[(i, k)] * values[i] / priors[i]).sum::<f64>();
+    let told = (0..count).filter(|k| variances[*k] < TOLD * TOLD);
+    let largest = told.map(|k| along(k).abs()).reduce(f64::max)?;
+    let believed = FEW * largest;
+    variances.iter().any(|variance| *variance > OPEN * believed * believed).then_some(believed)
 }
 
 fn plausible(fitted: &abbe_geometry::model::FittedEffect) -> Vec<f64> {

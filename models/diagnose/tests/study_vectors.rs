@@ -28,6 +28,7 @@ fn machine() -> Machine {
         rotation: RotationForm::Exact,
         kinds: [None; 18],
         repeatability_m: [0.25e-6; 3],
+        u_ram_turn_rad: [abbe_geometry::machine::USUAL_RAM_TURN_RAD; 3],
         default_offset_m: None,
     }
 }

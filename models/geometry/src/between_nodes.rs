@@ -132,7 +132,7 @@ fn mean(values: impl Iterator<Item = f64>) -> Option<f64> {
 mod tests {
     use super::*;
     use crate::axis::Axis;
-    use crate::machine::{Joint, Machine, Side, Squareness};
+    use crate::machine::{Joint, Machine, Side, Squareness, USUAL_RAM_TURN_RAD};
     use crate::rotation::RotationForm;
 
     const COUNT: usize = 9;
@@ -151,11 +151,12 @@ mod tests {
             rotation: RotationForm::Exact,
             kinds,
             repeatability_m: [0.0; 3],
+            u_ram_turn_rad: [USUAL_RAM_TURN_RAD; 3],
             default_offset_m: None,
         };
-        let layout = Layout::new(&machine).unwrap();
+        let layout = Layout::new(&machine, [0.0; 3]).unwrap();
         let nodes = (1..count).map(|k| value(k as f64 / (count - 1) as f64));
-        let coefficients: Vec<f64> = nodes.chain([0.0; 3]).collect();
+        let coefficients: Vec<f64> = nodes.chain([0.0; 6]).collect();
         let between = BetweenNodes::new(&layout, &coefficients, |a, b| if a == b { variance } else { 0.0 });
         (layout, between)
     }

@@ -36,6 +36,8 @@ pub struct ChainPoint {
     pub by_error: [Vector3<f64>; 18],
     /// ∂position/∂squareness, in the order of [`Machine::squareness`] (m/rad).
     pub by_squareness: [Vector3<f64>; 3],
+    /// ∂position/∂offset: what all joints together turn the offset by.
+    pub by_offset: Matrix3<f64>,
 }
 
 /// Where an ideal machine would be: readings plus offset (m, machine frame).
@@ -47,8 +49,12 @@ pub fn nominal_point_m(reading_m: [f64; 3], offset_m: [f64; 3]) -> Vector3<f64> 
 pub fn chain_point(machine: &Machine, reading_m: [f64; 3], offset_m: [f64; 3], values: &ErrorValues) -> ChainPoint {
     let joints = joints(machine, reading_m, values);
     let (point, arms) = outward(&joints, offset_m);
-    let mut result =
-        ChainPoint { position_m: point, by_error: [Vector3::zeros(); 18], by_squareness: [Vector3::zeros(); 3] };
+    let mut result = ChainPoint {
+        position_m: point,
+        by_error: [Vector3::zeros(); 18],
+        by_squareness: [Vector3::zeros(); 3],
+        by_offset: Matrix3::identity(),
+    };
     let mut before = Matrix3::identity();
     for (joint, arm) in joints.iter().zip(&arms) {
         let turned = before * rotation_partials(machine.rotation, &joint.angles_rad, arm);
@@ -63,6 +69,7 @@ pub fn chain_point(machine: &Machine, reading_m: [f64; 3], offset_m: [f64; 3], v
         }
         before *= joint.turn;
     }
+    result.by_offset = before;
     result
 }
 

@@ -7,13 +7,27 @@
 
 use crate::axis::ErrorId;
 use crate::chain::{ChainPoint, nominal_point_m};
-use crate::effects::{CovariateProblem, CovariateValue, Ray, State, tip_columns};
-use crate::model::{Combination, IdentifiedVolume, MachineModel};
+use crate::doubt::{self, is_outside};
+use crate::effects::{CovariateProblem, State, tip_columns};
+use crate::model::{Combination, FittedEffect, MachineModel};
 use crate::residual_field::{ResidualField, ResidualPrediction};
 use nalgebra::{Matrix3, Vector3};
 
 /// How far beyond its end a stroke may be read, as a share of its length, before the reading is rejected.
 const BEYOND_STROKE: f64 = 0.25;
+/// How far beyond the identified offsets an offset may lie, at least (m), and as far as the longest stroke: a holder or
+/// stylus is no longer than that, and one given in millimetres instead of metres is.
+const BEYOND_OFFSETS_M: f64 = 1.0;
+/// What an effect may add beyond the range that it was identified in, at least (m), and as a share of the longest stroke.
+/// Machines err by micrometres to tenths of a millimetre; a law that adds more where nobody has seen it was given a reading
+/// of a broken sensor, or has run away.
+const BEYOND_RANGE_M: f64 = 100e-6;
+const BEYOND_RANGE: f64 = 1e-3;
+/// What a correction may be at most, as a share of the longest stroke and the offset: a machine that errs by a tenth of its
+/// size is none, and its model is damaged.
+const MOST_CORRECTION: f64 = 0.1;
+/// Share of its trace by which rounding may leave a covariance below zero.
+const ROUNDING: f64 = 1e-9;
 /// Scales and offsets within this of the identified bounds are inside (m): less than any scale resolves.
 const BOUND_TOLERANCE_M: f64 = 1e-9;
 
@@ -22,13 +36,16 @@ const BOUND_TOLERANCE_M: f64 = 1e-9;
 pub enum Status {
     /// Inside the identified volume and offsets; the uncertainty holds.
     InVolume,
-    /// Outside the identified volume, offsets or covariates; the uncertainty is a lower bound.
+    /// Outside the identified volume, offsets or covariates; the uncertainty is a lower bound. An effect outside the range
+    /// of its covariates widens it by all that it adds there.
     Extrapolated,
-    /// An effect lacks a covariate and was left out.
+    /// An effect lacks a covariate and was left out; the uncertainty holds what it does over the usual range.
     CovariateMissing,
-    /// An effect's covariate is too old, and the effect was left out.
+    /// An effect's covariate is too old, and the effect was left out; the uncertainty as for a missing one.
     Stale,
-    /// The reading is not finite, or beyond the stroke by more than a quarter of it; nothing was corrected.
+    /// Nothing was corrected: a reading or offset is not finite or implausibly far (beyond the stroke by a quarter of it), an
+    /// effect left out has no known bound, an effect adds an implausible amount beyond the range of its covariates, or the
+    /// result is no number or no correction of a machine of that size.
     Rejected,
 }
 
@@ -47,54 +64,50 @@ pub struct Correction {
     pub status: Status,
 }
 
+impl Correction {
+    /// The same sample rejected: what had been added is taken off again, to rounding.
+    pub fn rejected(self) -> Correction {
+        rejected(self.position_m - self.geometric_m - self.effects_m)
+    }
+}
+
 /// Corrects one sample with the geometric model and its effects.
+///
+/// A sample is corrected with finite coordinates and a covariance that is one, or rejected.
 pub fn correct(model: &MachineModel, state: &State) -> Correction {
     let nominal_m = nominal_point_m(state.reading_m, state.offset_m);
     if !is_plausible(model, state) {
         return rejected(nominal_m);
     }
+    corrected(model, state, nominal_m).unwrap_or_else(|| rejected(nominal_m))
+}
+
+fn corrected(model: &MachineModel, state: &State, nominal_m: Vector3<f64>) -> Option<Correction> {
     let parts = model.parts();
     let (chain, mut sensitivity) = geometric_point(model, state.reading_m, state.offset_m);
     let point_m = chain.position_m;
-    let (effects_m, problem) = add_effects(model, state, &chain, &mut sensitivity);
+    let effects = add_effects(model, state, &chain, &mut sensitivity)?;
     let repeatability = Vector3::from(parts.machine.repeatability_m).map(|r| r * r);
-    Correction {
+    let position_m = point_m + effects.tip_m;
+    let covariance_m2 = sensitivity.covariance_m2(model) + effects.doubt_m2 + Matrix3::from_diagonal(&repeatability);
+    let status = if effects.outside || !is_in_volume(model, state) { Status::Extrapolated } else { Status::InVolume };
+    let most_m = MOST_CORRECTION * (longest_stroke_m(model) + Vector3::from(state.offset_m).norm());
+    let sound = is_sound(&position_m, &covariance_m2) && (position_m - nominal_m).norm() <= most_m;
+    sound.then_some(Correction {
         geometric_m: point_m - nominal_m,
-        effects_m,
-        position_m: point_m + effects_m,
-        covariance_m2: Some(sensitivity.covariance_m2(model) + Matrix3::from_diagonal(&repeatability)),
-        status: problem.unwrap_or_else(|| volume_status(&parts.identified, state)),
-    }
-}
-
-/// Length that a tracer on an identified station should read when tip or reflector is at `position_m` (the
-/// corrected position of this reading and offset, of covariance `covariance_m2`), and its standard uncertainty without the
-/// instrument's (m, k = 1).
-///
-/// The station comes from the same fit as the errors; their correlation is taken into account. What the position has beyond
-/// the errors (repeatability, effects, a residual field) is taken as independent of the station. `None` for a station the
-/// model does not know.
-pub fn predicted_length_m(
-    model: &MachineModel,
-    reading_m: [f64; 3],
-    offset_m: [f64; 3],
-    position_m: &Vector3<f64>,
-    covariance_m2: &Matrix3<f64>,
-    station: &str,
-) -> Option<(f64, f64)> {
-    let (first, station) = model.station(station)?;
-    let Ray { direction, range_m } = Ray::between(&station.position_m, position_m);
-    let (_, sensitivity) = geometric_point(model, reading_m, offset_m);
-    let mut length = sensitivity.along(&direction);
-    let beyond_m2 = (direction.dot(&(covariance_m2 * direction)) - model.variance(&length)).max(0.0);
-    let of_station = direction.iter().map(|u| -u).chain([-1.0]);
-    length.parameters.extend(of_station.enumerate().map(|(d, value)| (first + d, value)));
-    let variance_m2 = model.variance(&length).max(0.0) + beyond_m2;
-    Some((range_m - station.dead_path_m, variance_m2.sqrt()))
+        effects_m: effects.tip_m,
+        position_m,
+        covariance_m2: Some(covariance_m2),
+        status: effects.left_out.unwrap_or(status),
+    })
 }
 
 /// Position and partials from the chain (m), and the position's sensitivity to every geometric parameter.
-fn geometric_point(model: &MachineModel, reading_m: [f64; 3], offset_m: [f64; 3]) -> (ChainPoint, Sensitivity) {
+pub(crate) fn geometric_point(
+    model: &MachineModel,
+    reading_m: [f64; 3],
+    offset_m: [f64; 3],
+) -> (ChainPoint, Sensitivity) {
     let parts = model.parts();
     let point = model.layout().point(&parts.machine, &parts.coefficients, reading_m, offset_m);
     let mut sensitivity = Sensitivity::default();
@@ -103,6 +116,8 @@ fn geometric_point(model: &MachineModel, reading_m: [f64; 3], offset_m: [f64; 3]
     });
     let squareness = model.layout().squareness();
     squareness.zip(&point.chain.by_squareness).for_each(|(index, column)| sensitivity.push(index, *column));
+    let ram_turn = model.layout().ram_turn();
+    ram_turn.zip(&point.by_ram_turn).for_each(|(index, column)| sensitivity.push(index, *column));
     if !model.between_nodes().is_empty() {
         sensitivity.between_nodes = departures(model, &point.chain, reading_m);
     }
@@ -119,23 +134,37 @@ fn departures(model: &MachineModel, chain: &ChainPoint, reading_m: [f64; 3]) -> 
 }
 
 /// Corrected position (m) and its sensitivity to every parameter of geometry and effects; effects whose covariate is
-/// missing are left out.
-pub(crate) fn sensitive_point(model: &MachineModel, state: &State) -> (Vector3<f64>, Sensitivity) {
+/// missing are left out. `None` where [`correct`] rejects the sample.
+pub(crate) fn sensitive_point(model: &MachineModel, state: &State) -> Option<(Vector3<f64>, Sensitivity)> {
+    if correct(model, state).status == Status::Rejected {
+        return None;
+    }
     let (chain, mut sensitivity) = geometric_point(model, state.reading_m, state.offset_m);
-    let (effects_m, _) = add_effects(model, state, &chain, &mut sensitivity);
-    (chain.position_m + effects_m, sensitivity)
+    let effects = add_effects(model, state, &chain, &mut sensitivity)?;
+    Some((chain.position_m + effects.tip_m, sensitivity))
 }
 
 /// Adds what a residual field says at a corrected point: moves the point, widens its covariance; gives what it said.
+/// `None`, and everything as it was, where that is no number or no covariance: such a sample is to be rejected.
 pub fn add_residual(
     position_m: &mut Vector3<f64>,
     covariance_m2: &mut Matrix3<f64>,
     field: &dyn ResidualField,
-) -> ResidualPrediction {
+) -> Option<ResidualPrediction> {
     let prediction = field.predict(position_m);
-    *position_m += prediction.residual_m;
-    *covariance_m2 += prediction.covariance_m2;
-    prediction
+    let (moved_m, widened_m2) = (*position_m + prediction.residual_m, *covariance_m2 + prediction.covariance_m2);
+    if !is_sound(&prediction.residual_m, &prediction.covariance_m2) || !is_sound(&moved_m, &widened_m2) {
+        return None;
+    }
+    (*position_m, *covariance_m2) = (moved_m, widened_m2);
+    Some(prediction)
+}
+
+/// Whether a position is a number and its covariance one: finite, and not below zero beyond rounding.
+fn is_sound(position_m: &Vector3<f64>, covariance_m2: &Matrix3<f64>) -> bool {
+    let finite = position_m.iter().chain(covariance_m2.iter()).all(|value| value.is_finite());
+    let slack = ROUNDING * covariance_m2.trace() + f64::MIN_POSITIVE;
+    finite && (covariance_m2 + Matrix3::identity() * slack).cholesky().is_some()
 }
 
 /// Sensitivities of the position by parameter: index and column.
@@ -174,29 +203,85 @@ impl Sensitivity {
     }
 }
 
+/// What the effects do to one sample.
+struct Effects {
+    tip_m: Vector3<f64>,
+    /// What is not known of effects that were left out or stand outside their ranges.
+    doubt_m2: Matrix3<f64>,
+    /// Why an effect was left out, if one was.
+    left_out: Option<Status>,
+    /// Whether one stands outside the range of its covariates.
+    outside: bool,
+}
+
+/// Adds the sensitivities to the effects' parameters; `None` where an effect is implausible or cannot be bounded.
 fn add_effects(
     model: &MachineModel,
     state: &State,
     chain: &ChainPoint,
     sensitivity: &mut Sensitivity,
-) -> (Vector3<f64>, Option<Status>) {
-    let mut tip_m = Vector3::zeros();
-    let mut status = None;
-    let mut index = model.layout().len();
-    for fitted in &model.parts().effects {
-        match tip_columns(fitted.effect.as_ref(), fitted.parameters.len(), state, &chain.by_error) {
+) -> Option<Effects> {
+    let mut all = Effects { tip_m: Vector3::zeros(), doubt_m2: Matrix3::zeros(), left_out: None, outside: false };
+    let mut first = model.layout().len();
+    let inside_m = nearest_identified_m(model, state.reading_m);
+    for (k, fitted) in model.parts().effects.iter().enumerate() {
+        let (usual, count) = (model.usual_on_tip(k), fitted.parameters.len());
+        let columns = |state: &State| tip_columns(fitted.effect.as_ref(), count, state, &chain.by_error);
+        let motion = |state: &State| Some(moved_m(fitted, &columns(state).ok()?));
+        match columns(state) {
             Ok(columns) => {
-                for (k, (column, value)) in columns.iter().zip(&fitted.parameters).enumerate() {
-                    tip_m += column * *value;
-                    sensitivity.push(index + k, *column);
+                all.tip_m += moved_m(fitted, &columns);
+                columns.into_iter().enumerate().for_each(|(j, column)| sensitivity.push(first + j, column));
+                if is_outside(usual, state) {
+                    let (added_m, doubt_m2) = doubt::outside(usual, state, motion)?;
+                    all.outside = true;
+                    all.doubt_m2 += doubt_m2;
+                    (added_m.norm() <= most_beyond_m(model)).then_some(())?;
+                }
+                if inside_m != state.reading_m {
+                    // Effects are polynomials of the readings, which run away where the chain goes on as a straight line.
+                    let added_m = motion(state)? - motion(&State { reading_m: inside_m, ..*state })?;
+                    all.doubt_m2 += added_m * added_m.transpose();
+                    (added_m.norm() <= most_beyond_m(model)).then_some(())?;
                 }
             }
-            Err(CovariateProblem::Missing(_)) => status = status.max(Some(Status::CovariateMissing)),
-            Err(CovariateProblem::Stale(_)) => status = status.max(Some(Status::Stale)),
+            Err(problem) => {
+                let status = match problem {
+                    CovariateProblem::Missing(_) => Status::CovariateMissing,
+                    CovariateProblem::Stale(_) => Status::Stale,
+                };
+                all.left_out = all.left_out.max(Some(status));
+                let uncertain = |state: &State| {
+                    let mut own = Sensitivity::default();
+                    columns(state).ok()?.into_iter().enumerate().for_each(|(j, column)| own.push(first + j, column));
+                    Some(own.covariance_m2(model))
+                };
+                all.doubt_m2 += doubt::left_out(usual, state, motion, uncertain)?;
+            }
         }
-        index += fitted.parameters.len();
+        first += count;
     }
-    (tip_m, status)
+    Some(all)
+}
+
+/// The identified readings (m) that are nearest to these.
+fn nearest_identified_m(model: &MachineModel, reading_m: [f64; 3]) -> [f64; 3] {
+    let bounds = &model.parts().identified.reading_m;
+    // Not clamp, which ends the program where a damaged model has its bounds the wrong way round.
+    std::array::from_fn(|d| reading_m[d].max(bounds[d].0).min(bounds[d].1))
+}
+
+/// Motion of the tip by an effect with its fitted parameters (m).
+fn moved_m(fitted: &FittedEffect, columns: &[Vector3<f64>]) -> Vector3<f64> {
+    columns.iter().zip(&fitted.parameters).map(|(column, value)| column * *value).sum()
+}
+
+fn most_beyond_m(model: &MachineModel) -> f64 {
+    (longest_stroke_m(model) * BEYOND_RANGE).max(BEYOND_RANGE_M)
+}
+
+fn longest_stroke_m(model: &MachineModel) -> f64 {
+    model.parts().machine.travel_m().into_iter().fold(0.0, f64::max)
 }
 
 fn rejected(nominal_m: Vector3<f64>) -> Correction {
@@ -210,28 +295,27 @@ fn rejected(nominal_m: Vector3<f64>) -> Correction {
 }
 
 fn is_plausible(model: &MachineModel, state: &State) -> bool {
+    let parts = model.parts();
     let finite = state.reading_m.iter().chain(&state.offset_m).all(|v| v.is_finite());
+    let within = |(value, ((lower, upper), beyond)): (f64, ((f64, f64), f64))| {
+        (lower - beyond..=upper + beyond).contains(&value)
+    };
+    let strokes = parts.machine.stroke_m.map(|(lower, upper)| ((lower, upper), (upper - lower) * BEYOND_STROKE));
+    let beyond_m = longest_stroke_m(model).max(BEYOND_OFFSETS_M);
+    let offsets = parts.identified.offset_m.map(|bounds| (bounds, beyond_m));
     finite
-        && model.parts().machine.stroke_m.iter().zip(state.reading_m).all(|((lower, upper), reading)| {
-            let beyond = (upper - lower) * BEYOND_STROKE;
-            (lower - beyond..=upper + beyond).contains(&reading)
-        })
+        && state.reading_m.into_iter().zip(strokes).all(within)
+        && state.offset_m.into_iter().zip(offsets).all(within)
 }
 
-fn volume_status(identified: &IdentifiedVolume, state: &State) -> Status {
+fn is_in_volume(model: &MachineModel, state: &State) -> bool {
     let within = |bounds: &[(f64, f64); 3], values: [f64; 3]| {
         let inside = |(b, v): (&(f64, f64), f64)| v >= b.0 - BOUND_TOLERANCE_M && v <= b.1 + BOUND_TOLERANCE_M;
         bounds.iter().zip(values).all(inside)
     };
-    // A covariate that cannot be read has its own status, which stands above this one.
-    let known = |(name, (low, high)): (&String, &(f64, f64))| match state.covariates.covariate(name) {
-        CovariateValue::Fresh(value) => (*low..=*high).contains(&value),
-        CovariateValue::Stale | CovariateValue::Missing => true,
-    };
-    let usual = identified.covariates.iter().all(known);
-    if usual && within(&identified.reading_m, state.reading_m) && within(&identified.offset_m, state.offset_m) {
-        Status::InVolume
-    } else {
-        Status::Extrapolated
-    }
+    let identified = &model.parts().identified;
+    within(&identified.reading_m, state.reading_m) && within(&identified.offset_m, state.offset_m)
 }
+
+#[cfg(test)]
+mod tests;

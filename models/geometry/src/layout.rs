@@ -1,14 +1,22 @@
 //! Which parameter stands where in the vector that identification estimates and the model stores.
 //!
 //! Place in the flow: shared by identification, covariance, correction and the model file. Order: coefficients
-//! of the 18 error functions in [`ErrorId::index`] order, the three squareness angles, effect parameters;
-//! after these, outside this layout, four for each station (x, y, z, dead path).
+//! of the 18 error functions in [`ErrorId::index`] order, the three squareness angles, the three angles of the turn of the
+//! ram; after these, outside this layout, effect parameters, and four for each station (x, y, z, dead path).
+//!
+//! The turn of the ram is what is left of the nine constants of the angular errors. Every error function is zero at the
+//! lower end of its stroke, and the frame is fixed by the motions of the axes; so whatever turned all axes and the ram alike
+//! is in the frame, whatever turned one axis against another is squareness, and how the ram and all that it carries stand
+//! in that frame is left: a rotation vector φ (rad), the same in every chain. It turns the offset about the centre ō of
+//! the offsets that were measured, o ↦ ō + R(φ)·(o − ō): a turn about any other point would only shift the frame, which
+//! the stations follow, and what one offset alone was measured with must not depend on φ.
 
 use crate::axis::ErrorId;
 use crate::chain::{ChainPoint, ErrorValues, actual_point_m, chain_point};
 use crate::error_function::{Basis, LocalBasis};
 use crate::machine::{Machine, MachineError};
-use nalgebra::Vector3;
+use crate::rotation::{RotationForm, rotation, rotation_partials};
+use nalgebra::{Matrix3, Vector3};
 use std::ops::Range;
 
 /// Bases and positions of all machine parameters.
@@ -21,6 +29,8 @@ pub struct Layout {
     /// Axis and basis that differ: most functions of an axis share one, which is evaluated once a point.
     distinct: Vec<(usize, Basis)>,
     squareness: usize,
+    /// Offset about which the ram turns (m, ram frame).
+    offset_centre_m: Vector3<f64>,
 }
 
 /// One chain evaluation with what is needed to spread its partials over the coefficients.
@@ -28,13 +38,39 @@ pub struct Layout {
 pub struct ModelPoint {
     /// Position and partials by error value.
     pub chain: ChainPoint,
+    /// ∂position/∂turn of the ram (m/rad).
+    pub by_ram_turn: [Vector3<f64>; 3],
     /// In the order of the layout's distinct bases.
     locals: Vec<LocalBasis>,
 }
 
+/// The ram with an offset on it.
+struct Ram {
+    form: RotationForm,
+    turn_rad: Vector3<f64>,
+    offset_m: Vector3<f64>,
+    /// From the offset that the turn leaves where it is.
+    arm_m: Vector3<f64>,
+}
+
+impl Ram {
+    /// Where the turned ram holds the offset (m, frame of the last joint); the tiny part is added last.
+    fn carried_m(&self) -> Vector3<f64> {
+        self.offset_m + (rotation(self.form, &self.turn_rad) - Matrix3::identity()) * self.arm_m
+    }
+}
+
+/// Mean of some offsets (m), exactly the offset where there is but one; zero for none.
+pub fn centre_of(mut offsets_m: impl Iterator<Item = [f64; 3]>) -> [f64; 3] {
+    let Some(first_m) = offsets_m.next().map(Vector3::from) else { return [0.0; 3] };
+    let sum = |(total, count), offset_m: [f64; 3]| (total + (Vector3::from(offset_m) - first_m), count + 1.0);
+    let (total, count) = offsets_m.fold((Vector3::zeros(), 1.0), sum);
+    (first_m + total / count).into()
+}
+
 impl Layout {
-    /// Layout of the machine's error functions.
-    pub fn new(machine: &Machine) -> Result<Layout, MachineError> {
+    /// Layout of the machine's error functions; the ram turns about `offset_centre_m` (m, ram frame).
+    pub fn new(machine: &Machine, offset_centre_m: [f64; 3]) -> Result<Layout, MachineError> {
         machine.validate()?;
         let bases = ErrorId::all().map(|id| machine.basis(id)).collect::<Result<Vec<_>, _>>()?;
         let mut next = 0;
@@ -55,7 +91,8 @@ impl Layout {
             })
         };
         let which = ErrorId::all().zip(&bases).map(|(id, basis)| basis.map(|basis| place((id, basis)))).collect();
-        Ok(Layout { bases, ranges, which, distinct, squareness: next })
+        let offset_centre_m = Vector3::from(offset_centre_m);
+        Ok(Layout { bases, ranges, which, distinct, squareness: next, offset_centre_m })
     }
 
     /// Coefficients of one error function.
@@ -73,9 +110,19 @@ impl Layout {
         self.squareness..self.squareness + 3
     }
 
-    /// Number of geometric parameters (errors and squareness).
+    /// The turn of the ram about X, Y and Z.
+    pub fn ram_turn(&self) -> Range<usize> {
+        self.squareness + 3..self.squareness + 6
+    }
+
+    /// Offset about which the ram turns (m, ram frame).
+    pub fn offset_centre_m(&self) -> [f64; 3] {
+        self.offset_centre_m.into()
+    }
+
+    /// Number of geometric parameters (errors, squareness, turn of the ram).
     pub fn len(&self) -> usize {
-        self.squareness + 3
+        self.squareness + 6
     }
 
     /// Never: there are always three squareness angles.
@@ -98,7 +145,10 @@ impl Layout {
     ) -> ModelPoint {
         let locals = self.locals(reading_m);
         let values = self.values(coefficients, &locals);
-        ModelPoint { chain: chain_point(machine, reading_m, offset_m, &values), locals }
+        let ram = self.ram(machine.rotation, coefficients, offset_m);
+        let chain = chain_point(machine, reading_m, ram.carried_m().into(), &values);
+        let turned = chain.by_offset * rotation_partials(machine.rotation, &ram.turn_rad, &ram.arm_m);
+        ModelPoint { chain, by_ram_turn: std::array::from_fn(|d| turned.column(d).into_owned()), locals }
     }
 
     /// Actual position (m, machine frame) without partials, from the geometric coefficients.
@@ -109,7 +159,7 @@ impl Layout {
         reading_m: [f64; 3],
         offset_m: [f64; 3],
     ) -> Vector3<f64> {
-        actual_point_m(machine, reading_m, offset_m, &self.values(coefficients, &self.locals(reading_m)))
+        self.position_from_m(machine, coefficients, (reading_m, offset_m), &self.locals(reading_m))
     }
 
     /// The same with basis functions from [`Layout::locals`], for fits that come back to a reading thousands of times.
@@ -120,7 +170,14 @@ impl Layout {
         (reading_m, offset_m): ([f64; 3], [f64; 3]),
         locals: &[LocalBasis],
     ) -> Vector3<f64> {
-        actual_point_m(machine, reading_m, offset_m, &self.values(coefficients, locals))
+        let carried_m = self.ram(machine.rotation, coefficients, offset_m).carried_m();
+        actual_point_m(machine, reading_m, carried_m.into(), &self.values(coefficients, locals))
+    }
+
+    fn ram(&self, form: RotationForm, coefficients: &[f64], offset_m: [f64; 3]) -> Ram {
+        let offset_m = Vector3::from(offset_m);
+        let turn_rad = Vector3::from_column_slice(&coefficients[self.ram_turn()]);
+        Ram { form, turn_rad, offset_m, arm_m: offset_m - self.offset_centre_m }
     }
 
     /// Basis functions at a reading, one for each basis that differs.

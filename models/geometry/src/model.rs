@@ -5,6 +5,7 @@
 
 use crate::axis::ErrorId;
 use crate::between_nodes::BetweenNodes;
+use crate::doubt::Usual;
 use crate::effects::{Effect, EffectError, Shape, construct};
 use crate::layout::Layout;
 use crate::machine::{Machine, MachineError};
@@ -42,7 +43,8 @@ pub struct IdentifiedVolume {
     pub reading_m: [(f64, f64); 3],
     /// Smallest and largest offset in each direction (m, ram frame).
     pub offset_m: [(f64, f64); 3],
-    /// Smallest and largest value of each covariate that the effects read, in the unit of its name.
+    /// Smallest and largest value of each covariate that the effects read, for the tip or for the range, in the unit of
+    /// its name.
     pub covariates: BTreeMap<String, (f64, f64)>,
 }
 
@@ -66,6 +68,8 @@ pub struct ModelParts {
     pub machine: Machine,
     /// Geometric parameters in [`Layout`] order.
     pub coefficients: Vec<f64>,
+    /// Offset about which the turn of the ram acts (m, ram frame): the mean of those measured.
+    pub offset_centre_m: [f64; 3],
     /// Effects beyond geometry.
     pub effects: Vec<FittedEffect>,
     /// Stations of the campaign.
@@ -103,6 +107,24 @@ pub enum ModelError {
         /// The length it must have.
         expected: usize,
     },
+    /// A range of a covariate that is none.
+    #[error("covariate {name} is said to go from {low} to {high}, which is no range; the model is damaged")]
+    Covariate {
+        /// Its name.
+        name: String,
+        /// Lower end.
+        low: f64,
+        /// Upper end.
+        high: f64,
+    },
+    /// A variance is below zero.
+    #[error("the covariance holds a variance of {variance} for parameter {parameter}; the model is damaged")]
+    Variance {
+        /// Number of the parameter, from 1.
+        parameter: usize,
+        /// Its variance.
+        variance: f64,
+    },
     /// A number is not finite.
     #[error("{what} holds a number that is not finite; the model is damaged")]
     NotFinite {
@@ -138,22 +160,33 @@ pub struct MachineModel {
     /// Full square of the machine's block of the whole covariance, row-major: correction reads rows of it.
     covariance: Vec<f64>,
     between_nodes: BetweenNodes,
+    /// Covariates of each effect: those that it reads for the tip, and those for the range alone.
+    usual: Vec<[Vec<Usual>; 2]>,
 }
 
 impl MachineModel {
     /// Checks that the parts fit together.
     pub fn new(parts: ModelParts) -> Result<MachineModel, ModelError> {
-        let layout = Layout::new(&parts.machine)?;
+        let layout = Layout::new(&parts.machine, parts.offset_centre_m)?;
         let effect_parameters: usize = parts.effects.iter().map(|e| e.effect.parameters().len()).sum();
         let machine_parameters = layout.len() + effect_parameters;
         let total = machine_parameters + 4 * parts.stations.len();
         check("coefficients", &parts.coefficients, layout.len())?;
+        check("offset centre", &parts.offset_centre_m, 3)?;
         check("covariance", &parts.covariance, total * (total + 1) / 2)?;
         if !parts.chord_covariance.is_empty() {
             check("covariance of chords", &parts.chord_covariance, total * (total + 1) / 2)?;
         }
         for fitted in &parts.effects {
             check("effect parameters", &fitted.parameters, fitted.effect.parameters().len())?;
+        }
+        let ordered = |(_, (low, high)): &(&String, &(f64, f64))| low.is_finite() && high.is_finite() && low <= high;
+        if let Some((name, (low, high))) = parts.identified.covariates.iter().find(|range| !ordered(range)) {
+            return Err(ModelError::Covariate { name: name.clone(), low: *low, high: *high });
+        }
+        let variances = (0..total).map(|k| (k + 1, whole_covariance(&parts, k, k)));
+        if let Some((parameter, variance)) = variances.into_iter().find(|(_, variance)| *variance < 0.0) {
+            return Err(ModelError::Variance { parameter, variance });
         }
         let mut covariance = vec![0.0; machine_parameters * machine_parameters];
         for row in 0..machine_parameters {
@@ -164,7 +197,8 @@ impl MachineModel {
             }
         }
         let between_nodes = BetweenNodes::new(&layout, &parts.coefficients, |a, b| parts.covariance[packed(a, b)]);
-        Ok(MachineModel { parts, layout, machine_parameters, covariance, between_nodes })
+        let usual = parts.effects.iter().map(|fitted| usual(fitted, &parts.identified)).collect();
+        Ok(MachineModel { parts, layout, machine_parameters, covariance, between_nodes, usual })
     }
 
     /// An effect by name and shape, for readers of model files.
@@ -201,6 +235,16 @@ impl MachineModel {
     /// What straight lines between nodes miss.
     pub(crate) fn between_nodes(&self) -> &BetweenNodes {
         &self.between_nodes
+    }
+
+    /// Covariates that an effect reads for the tip, with the ranges in which it was identified.
+    pub(crate) fn usual_on_tip(&self, effect: usize) -> &[Usual] {
+        &self.usual[effect][0]
+    }
+
+    /// Covariates that an effect reads for the range alone, likewise.
+    pub(crate) fn usual_on_range(&self, effect: usize) -> &[Usual] {
+        &self.usual[effect][1]
     }
 
     /// Variance of a linear combination of parameters and of departures between nodes.
@@ -243,11 +287,26 @@ impl MachineModel {
         (self.parts.coefficients[index], whole_covariance(&self.parts, index, index).max(0.0).sqrt())
     }
 
+    /// Value and standard uncertainty (rad) of the turn of the ram about X, Y and Z.
+    pub fn ram_turn(&self) -> [(f64, f64); 3] {
+        let of = |index: usize| {
+            (self.parts.coefficients[index], whole_covariance(&self.parts, index, index).max(0.0).sqrt())
+        };
+        let first = self.layout.ram_turn().start;
+        std::array::from_fn(|d| of(first + d))
+    }
+
     /// Index of a station's first parameter in the covariance, and the station.
     pub fn station(&self, name: &str) -> Option<(usize, &Station)> {
         let k = self.parts.stations.iter().position(|s| s.name == name)?;
         Some((self.machine_parameters + 4 * k, &self.parts.stations[k]))
     }
+}
+
+fn usual(fitted: &FittedEffect, identified: &IdentifiedVolume) -> [Vec<Usual>; 2] {
+    let with_range = |name: String| Usual { range: identified.covariates.get(&name).copied(), name };
+    [fitted.effect.covariates(), fitted.effect.range_covariates()]
+        .map(|names| names.into_iter().map(with_range).collect())
 }
 
 /// Place of an entry in a packed lower triangle.

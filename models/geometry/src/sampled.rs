@@ -28,13 +28,15 @@ pub struct SampledAxis {
     pub missed: [f64; 6],
 }
 
-/// All 21 errors.
+/// All 21 errors, and the turn of the ram.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SampledErrors {
     /// X, Y, Z.
     pub axes: [SampledAxis; 3],
     /// Squareness in the order of the machine: name, value and standard uncertainty (rad).
     pub squareness: Vec<(String, f64, f64)>,
+    /// Turn of the ram about X, Y, Z: value and standard uncertainty (rad).
+    pub ram_turn: [(f64, f64); 3],
 }
 
 /// A step that no table can have.
@@ -74,7 +76,7 @@ impl SampledErrors {
             let (value, u) = model.squareness(k);
             (entry.name.clone(), value, u)
         });
-        Ok(SampledErrors { axes, squareness: squareness.collect() })
+        Ok(SampledErrors { axes, squareness: squareness.collect(), ram_turn: model.ram_turn() })
     }
 
     /// Largest miss of linear interpolation: of the linear errors (m) and of the angular ones (rad).

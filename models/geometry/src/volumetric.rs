@@ -171,10 +171,7 @@ pub fn at_distances(
     let direction = span_m / length_m;
     let point = |reading_m: [f64; 3]| {
         let state = State { reading_m, offset_m, covariates: &NoCovariates };
-        match correct(model, &state).status {
-            Status::Rejected => Err(outside(reading_m, offset_m)),
-            _ => Ok(sensitive_point(model, &state)),
-        }
+        sensitive_point(model, &state).ok_or_else(|| outside(reading_m, offset_m))
     };
     let (first_m, first) = point(from_m)?;
     let target = |distance_m: &f64| {

@@ -19,6 +19,7 @@ fn machine(order: [(Axis, Side); 3], rotation: RotationForm) -> Machine {
         rotation,
         kinds: [Some(Kind::BSpline { intervals: 4 }); 18],
         repeatability_m: [0.0; 3],
+        u_ram_turn_rad: [abbe_geometry::machine::USUAL_RAM_TURN_RAD; 3],
         default_offset_m: None,
     }
 }

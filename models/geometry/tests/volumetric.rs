@@ -29,19 +29,21 @@ fn model(set: &[(&str, f64)], c0y_rad: f64) -> MachineModel {
         rotation: RotationForm::SmallAngle,
         kinds: kinds.collect::<Vec<_>>().try_into().unwrap(),
         repeatability_m: [0.5e-6; 3],
+        u_ram_turn_rad: [abbe_geometry::machine::USUAL_RAM_TURN_RAD; 3],
         default_offset_m: None,
     };
-    // Twelve functions of one coefficient, the value at the upper end; then C0Y, B0Z, A0Z.
+    // Twelve functions of one coefficient, the value at the upper end; then C0Y, B0Z, A0Z; then the turn of the ram, known.
     let names: Vec<String> = ErrorId::all().filter(|id| !id.is_straightness()).map(ErrorId::name).collect();
-    let mut coefficients = vec![0.0; 15];
+    let mut coefficients = vec![0.0; 18];
     for (name, value) in set {
         coefficients[names.iter().position(|n| n == name).unwrap()] = *value;
     }
     coefficients[12] = c0y_rad;
-    let packed = (0..15).flat_map(|i| (0..=i).map(move |j| if i == j { U * U } else { 0.0 }));
+    let packed = (0..18).flat_map(|i| (0..=i).map(move |j| if i == j && i < 15 { U * U } else { 0.0 }));
     MachineModel::new(ModelParts {
         machine,
         coefficients,
+        offset_centre_m: [0.0; 3],
         effects: Vec::new(),
         stations: Vec::new(),
         covariance: packed.collect(),

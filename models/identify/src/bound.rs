@@ -3,7 +3,7 @@
 //! Place in the flow: `abbe simulate` and the tests compare what identification achieves with it. Inputs: a model
 //! (where the range model is linearised), the instrument and the campaign whose plan is judged (SI, machine frame);
 //! the lengths play no part. The bound is (JᵀWJ)⁻¹ with the declared uncertainties, without penalty and without
-//! rejected readings.
+//! rejected readings; only the turn of the ram keeps its prior, since a plan need not tell it.
 
 use crate::design::{Estimate, Setup};
 use crate::error::IdentifyError;
@@ -35,7 +35,9 @@ pub fn at_cramer_rao_bound(
     let setup = Setup { machine: &parts.machine, layout: model.layout(), instrument, terms: &[] };
     let weights = vec![1.0; campaign.readings.len()];
     let normal = accumulate(&Estimate { setup, campaign, parameters: &parameters }, &weights);
-    let information = select(&normal.matrix, normal.size, &free);
+    let mut information = select(&normal.matrix, normal.size, &free);
+    // Geometric parameters come first and are all free, so that each stands at its own place.
+    setup.priors().into_iter().for_each(|(k, size)| information[(k, k)] += 1.0 / (size * size));
     let covariance = Factor::new(&information).map_err(|_| IdentifyError::Singular)?.inverse();
     let mut packed = vec![0.0; parameters.len() * (parameters.len() + 1) / 2];
     for (i, row) in free.iter().enumerate() {
@@ -46,6 +48,7 @@ pub fn at_cramer_rao_bound(
     Ok(MachineModel::new(ModelParts {
         machine: parts.machine.clone(),
         coefficients: parts.coefficients.clone(),
+        offset_centre_m: parts.offset_centre_m,
         effects: Vec::new(),
         stations: parts.stations.clone(),
         covariance: packed,

@@ -6,9 +6,12 @@
 //! cause that leaves no contradiction with the fewest mended lines is offered as the explanation.
 
 use crate::error::IdentifyError;
+use crate::mistake::Mistake;
 use crate::station_start::{PointAndLength, StationStart, residual_m, start};
+use crate::verdict::{Seen, find_step};
 use abbe_geometry::chain::nominal_point_m;
 use abbe_measurement::campaign::{Campaign, RangeReading};
+use abbe_measurement::subset::spread;
 
 /// Disagreement of a whole line (median, m) that no machine error makes: fifty times a poor machine's.
 const CONTRADICTION_M: f64 = 2e-3;
@@ -18,59 +21,14 @@ const ROUNDS: usize = 6;
 const LINE_READINGS: usize = 25;
 /// Groups of lines with one offset that a station is tentatively placed from.
 const OFFSET_GROUPS: usize = 8;
+/// What a machine leaves before it is corrected (m): with it, readings that a step explains are told from those it does not.
+const RAW_MACHINE_M: f64 = 1e-4;
 /// Other lines named in a message.
 const NAMED_LINES: usize = 4;
 
 /// Nominal point and length of a reading.
 pub(crate) fn point(reading: &RangeReading) -> PointAndLength {
     (nominal_point_m(reading.reading_m, reading.offset_m), reading.length_m)
-}
-
-/// A mistake that would explain a contradiction.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Cause {
-    /// The offset has the wrong sign in this direction.
-    Sign(usize),
-    /// Two columns of axis positions are exchanged.
-    Exchanged(usize, usize),
-    /// The readings belong to this station.
-    OtherStation(usize),
-}
-
-impl Cause {
-    fn all(stations: usize, own: usize) -> Vec<Cause> {
-        let mut all = vec![Cause::Sign(0), Cause::Sign(1), Cause::Sign(2)];
-        all.extend([Cause::Exchanged(0, 1), Cause::Exchanged(0, 2), Cause::Exchanged(1, 2)]);
-        all.extend((0..stations).filter(|k| *k != own).map(Cause::OtherStation));
-        all
-    }
-
-    /// The reading as it would be without the mistake.
-    fn mended(self, mut reading: RangeReading) -> RangeReading {
-        match self {
-            Cause::Sign(d) => reading.offset_m[d] = -reading.offset_m[d],
-            Cause::Exchanged(a, b) => reading.reading_m.swap(a, b),
-            Cause::OtherStation(station) => reading.station = station as u32,
-        }
-        reading
-    }
-
-    fn text(self, campaign: &Campaign) -> String {
-        let letter = |d: usize| ['x', 'y', 'z'][d];
-        match self {
-            Cause::Sign(d) => {
-                format!("when offset_{0}_mm changes its sign: correct the sign of offset_{0}_mm", letter(d))
-            }
-            Cause::Exchanged(a, b) => {
-                let (a, b) = (letter(a), letter(b));
-                format!("when {a}_mm and {b}_mm are exchanged: correct the order of these columns")
-            }
-            Cause::OtherStation(k) => {
-                let name = &campaign.stations[k];
-                format!("with station {name}: correct the station's name")
-            }
-        }
-    }
 }
 
 /// One station's lines as readings' places in the campaign.
@@ -80,6 +38,21 @@ struct Suspects<'a> {
     placed: &'a [StationStart],
     lines: Vec<&'a [usize]>,
     absolute: bool,
+}
+
+/// Mistakes of a whole station that let it be placed where its readings as they are do not, in words.
+pub(crate) fn of_whole_station(campaign: &Campaign, indices: &[usize], absolute: bool) -> Vec<String> {
+    let explains = |mistake: &Mistake| {
+        let mended: Vec<PointAndLength> =
+            indices.iter().map(|place| point(&mistake.mended(campaign.readings[*place]))).collect();
+        start(&mended, absolute).is_ok_and(|station| {
+            let mut left: Vec<f64> = mended.iter().map(|one| residual_m(&station, one).abs()).collect();
+            left.sort_by(f64::total_cmp);
+            left.get(left.len() / 2).is_some_and(|median_m| *median_m <= CONTRADICTION_M)
+        })
+    };
+    let all = Mistake::all(0, 0).into_iter().filter(explains);
+    all.map(|mistake| format!("it can be placed {}", mistake.text(campaign))).collect()
 }
 
 /// Refuses the station when one of its lines contradicts the others.
@@ -102,13 +75,14 @@ pub(crate) fn check(
 impl Suspects<'_> {
     /// A few readings of a line, spread over it.
     fn sample<'b>(&'b self, line: &'b [usize]) -> impl Iterator<Item = &'b RangeReading> {
-        line.iter().step_by(line.len().div_ceil(LINE_READINGS).max(1)).map(|k| &self.campaign.readings[*k])
+        let part = spread(line.len(), LINE_READINGS).into_iter();
+        part.map(|place| &self.campaign.readings[line[place]])
     }
 
     /// Median disagreement of a line with a station (m): single outliers are for the robust weights, not for here.
-    fn median_m(&self, line: &[usize], own: &StationStart, cause: Option<Cause>) -> f64 {
+    fn median_m(&self, line: &[usize], own: &StationStart, cause: Option<Mistake>) -> f64 {
         let disagreement = |reading: &RangeReading| match cause {
-            Some(Cause::OtherStation(k)) => residual_m(&self.placed[k], &point(reading)).abs(),
+            Some(Mistake::OtherStation(k)) => residual_m(&self.placed[k], &point(reading)).abs(),
             Some(cause) => residual_m(own, &point(&cause.mended(*reading))).abs(),
             None => residual_m(own, &point(reading)).abs(),
         };
@@ -118,7 +92,7 @@ impl Suspects<'_> {
     }
 
     /// Lines that must be mended so that nothing contradicts, starting from this position.
-    fn mended_lines(&self, from: StationStart, cause: Cause) -> Option<Vec<bool>> {
+    fn mended_lines(&self, from: StationStart, cause: Mistake) -> Option<Vec<bool>> {
         let mut station = from;
         let mut mended = Vec::new();
         for _ in 0..ROUNDS {
@@ -133,11 +107,11 @@ impl Suspects<'_> {
     }
 
     /// Points of the station with the marked lines mended, or left out where they belong elsewhere.
-    fn points(&self, mended: &[bool], cause: Cause) -> Vec<PointAndLength> {
+    fn points(&self, mended: &[bool], cause: Mistake) -> Vec<PointAndLength> {
         let mut points = Vec::new();
         for (line, mended) in self.lines.iter().zip(mended) {
             match (mended, cause) {
-                (true, Cause::OtherStation(_)) => {}
+                (true, Mistake::OtherStation(_)) => {}
                 (true, cause) => points.extend(self.sample(line).map(|reading| point(&cause.mended(*reading)))),
                 (false, _) => points.extend(self.sample(line).map(point)),
             }
@@ -162,31 +136,22 @@ impl Suspects<'_> {
     }
 
     fn refusal(&self, station: usize, medians: &[f64]) -> IdentifyError {
-        let starts = self.starts(self.placed[station]);
-        let causes = Cause::all(self.campaign.stations.len(), station);
-        let explained = causes
-            .into_iter()
-            .flat_map(|cause| {
-                // The last start is right where the whole station has the mistake.
-                let all = start(&self.points(&vec![true; self.lines.len()], cause), self.absolute).ok();
-                starts.iter().copied().chain(all).map(move |from| (cause, from))
-            })
-            .filter_map(|(cause, from)| self.mended_lines(from, cause).map(|mended| (cause, mended)))
-            .min_by_key(|(_, mended)| mended.iter().filter(|m| **m).count());
+        let mut explained = self.explained(station);
+        explained.sort_by_key(|(_, mended)| mended.iter().filter(|m| **m).count());
         let worst = (0..medians.len()).max_by(|a, b| medians[*a].total_cmp(&medians[*b])).unwrap_or(0);
-        let (line, explanation) = match &explained {
-            Some((cause, mended)) => {
-                let named: Vec<usize> = (0..mended.len()).filter(|k| mended[*k]).collect();
-                let largest = named.iter().copied().max_by(|a, b| medians[*a].total_cmp(&medians[*b]));
-                let line = largest.unwrap_or(worst);
-                (line, format!("it agrees {}{}", cause.text(self.campaign), self.others(&named, line)))
-            }
-            None => (
-                worst,
-                "check its station name, its offsets, the order and unit of x, y, z, and whether the beam was lost"
-                    .to_owned(),
-            ),
+        let named = |mended: &[bool]| -> Vec<usize> { (0..mended.len()).filter(|k| mended[*k]).collect() };
+        let largest = |named: Vec<usize>| named.into_iter().max_by(|a, b| medians[*a].total_cmp(&medians[*b]));
+        let line = explained.first().and_then(|(_, mended)| largest(named(mended))).unwrap_or(worst);
+        let words = |(mistake, mended): &(Mistake, Vec<bool>)| {
+            format!("it agrees {}{}", mistake.text(self.campaign), self.others(&named(mended), line))
         };
+        let mut likely: Vec<String> = explained.iter().map(words).collect();
+        likely.extend(self.step(station));
+        if likely.is_empty() {
+            let all = "check its station name, its offsets, the order and unit of x, y, z and of the lengths, the sense of each axis, \
+                       and whether the beam was lost or the tracer moved";
+            likely.push(all.to_owned());
+        }
         let (places, reading) = (self.lines[line], &self.campaign.readings[self.lines[line][0]]);
         IdentifyError::Contradiction {
             line: self.campaign.lines[reading.line as usize].clone(),
@@ -194,8 +159,56 @@ impl Suspects<'_> {
             first: places[0] + 1,
             last: places[places.len() - 1] + 1,
             residual_mm: medians[line] * 1e3,
-            explanation,
+            explanation: likely.join("; or "),
         }
+    }
+
+    /// Every mistake that leaves no contradiction, with the lines that have it.
+    fn explained(&self, station: usize) -> Vec<(Mistake, Vec<bool>)> {
+        let starts = self.starts(self.placed[station]);
+        let of = |mistake: Mistake| {
+            // The last start is right where the whole station has the mistake.
+            let all = start(&self.points(&vec![true; self.lines.len()], mistake), self.absolute).ok();
+            let single = starts.iter().copied().filter(|_| mistake.is_of_single_lines());
+            let mended = single.chain(all).filter_map(|from| self.mended_lines(from, mistake));
+            Some((mistake, mended.min_by_key(|mended| mended.iter().filter(|m| **m).count())?))
+        };
+        Mistake::all(self.campaign.stations.len(), station).into_iter().filter_map(of).collect()
+    }
+
+    /// The instant from which on the station's readings agree among themselves, in words.
+    fn step(&self, station: usize) -> Option<String> {
+        let own = &self.placed[station];
+        let mut places: Vec<usize> = self.lines.iter().flat_map(|line| line.iter().copied()).collect();
+        places.sort_by(|a, b| {
+            let time_s = |place: usize| self.campaign.readings[place].time_s;
+            time_s(*a).total_cmp(&time_s(*b)).then(a.cmp(b))
+        });
+        let seen = |place: &usize| {
+            let (point_m, length_m) = point(&self.campaign.readings[*place]);
+            let sight = (point_m - own.position_m).normalize();
+            let residual_m = residual_m(own, &(point_m, length_m));
+            Seen { reading: *place, sight, residual_m, u_m: RAW_MACHINE_M }
+        };
+        let found = find_step(&places.iter().map(seen).collect::<Vec<_>>())?;
+        let (before, after) = found.readings;
+        let line = |place: usize| &self.campaign.lines[self.campaign.readings[place].line as usize];
+        let what = match found.moved_m {
+            Some(moved_m) => format!("the tracer moved by about {:.3} mm", moved_m.norm() * 1e3),
+            None => format!("the beam was interrupted (the lengths shift by about {:.3} mm)", -found.dead_path_m * 1e3),
+        };
+        let time_s = |place: usize| self.campaign.readings[place].time_s;
+        Some(format!(
+            "{what} between readings {} and {} (line {} at {:.2} s, line {} at {:.2} s): give the station's readings from reading {} \
+             on a station name of their own",
+            before + 1,
+            after + 1,
+            line(before),
+            time_s(before),
+            line(after),
+            time_s(after),
+            after + 1
+        ))
     }
 
     /// `; so do 5 more lines (S1-03, S1-07 …)`.

@@ -1,7 +1,7 @@
 //! One reading as one row: residual and sparse partial derivatives.
 //!
 //! Place in the flow: [`crate::normal`] sums the rows. The row holds the partials of the predicted length by geometric
-//! coefficients, squareness, effects and this reading's station; a station touches only its own rows.
+//! coefficients, squareness, turn of the ram, effects and this reading's station; a station touches only its own rows.
 
 use crate::term::{CampaignRow, EffectTerm};
 use abbe_geometry::between_nodes::BetweenNodes;
@@ -13,7 +13,7 @@ use abbe_geometry::{ErrorId, Vector3};
 use abbe_measurement::campaign::{Campaign, RangeReading};
 use abbe_measurement::instrument::RangeUncertainty;
 
-/// Most segments of a row: eighteen errors, squareness, effects, station.
+/// Most segments of a row: eighteen errors, squareness with the turn of the ram, effects, station.
 const MAX_SEGMENTS: usize = 21;
 
 /// Residual (m) and partials of one reading.
@@ -65,6 +65,14 @@ impl Setup<'_> {
     /// Number of parameters before those of the stations: geometry and effects.
     pub(crate) fn machine_parameters(&self) -> usize {
         self.layout.len() + self.terms.iter().map(EffectTerm::len).sum::<usize>()
+    }
+
+    /// Parameters with a prior about zero, and its standard deviation: the turn of the ram, which no plan need tell, and
+    /// effects.
+    pub(crate) fn priors(&self) -> Vec<(usize, f64)> {
+        let of_effects = self.terms.iter().flat_map(EffectTerm::priors);
+        let of_effects = of_effects.enumerate().map(|(k, size)| (self.layout.len() + k, size));
+        self.layout.ram_turn().zip(self.machine.u_ram_turn_rad).chain(of_effects).collect()
     }
 
     /// Standard uncertainty of one range: the instrument's, and the machine's repeatability along the sight (m).
@@ -135,7 +143,8 @@ impl Estimate<'_> {
             let along = ray.direction.dot(partial);
             row.push(index, values.iter().map(|value| value * along));
         });
-        row.push(setup.layout.squareness().start, point.chain.by_squareness.iter().map(|c| ray.direction.dot(c)));
+        let angles = point.chain.by_squareness.iter().chain(&point.by_ram_turn);
+        row.push(setup.layout.squareness().start, angles.map(|column| ray.direction.dot(column)));
         if let Some(index) = index.filter(|_| !setup.terms.is_empty()) {
             let columns = self.effect_columns(index, ray, &point.chain);
             row.residual_m -= self.effects_m(&columns);
@@ -201,6 +210,7 @@ mod tests {
             rotation,
             kinds: std::array::from_fn(|k| Some(kinds[k % 3])),
             repeatability_m: [0.3e-6; 3],
+            u_ram_turn_rad: [abbe_geometry::machine::USUAL_RAM_TURN_RAD; 3],
             default_offset_m: None,
         }
     }
@@ -234,7 +244,7 @@ mod tests {
     }
 
     fn assert_partials(machine: &Machine) {
-        let layout = Layout::new(machine).unwrap();
+        let layout = Layout::new(machine, [0.01, 0.02, -0.05]).unwrap();
         let terms = terms(machine);
         let setup = Setup {
             machine,
@@ -286,5 +296,6 @@ mod tests {
         // Every error takes part, so that none of the comparisons is of zeros only.
         let touched = ErrorId::all().filter(|id| layout.range(*id).any(|k| partials[k] != 0.0)).count();
         assert_eq!(touched, 18);
+        assert!(layout.ram_turn().all(|k| partials[k] != 0.0));
     }
 }

@@ -72,7 +72,8 @@ pub struct Evidence {
     pub effective_unknowns: f64,
     /// χ² per degree of freedom with the declared uncertainties.
     pub chi2_per_dof: f64,
-    /// −2 log of the restricted marginal likelihood, up to a constant of the data: compares orders; smaller is better.
+    /// −2 log of the restricted marginal likelihood, up to a constant of data and weights: compares orders on the same
+    /// weights ([`crate::minus_two_log_likelihood_on`]); smaller is better.
     pub minus_two_log_likelihood: f64,
     /// Robust standard deviation of the residuals in units of the declared one.
     pub robust_scale: f64,
@@ -90,6 +91,8 @@ pub struct Evidence {
     pub correlated: Vec<CorrelatedPair>,
     /// Rejected readings.
     pub rejected: Vec<RejectedReading>,
+    /// Why a fit with finer splines, which the data asked for, came to nothing; this one is the fit without them.
+    pub refinement_given_up: Option<String>,
 }
 
 /// Magnitude from which a correlation is reported.
@@ -155,6 +158,9 @@ fn views(setup: &Setup, free: &[usize], stations: &[String]) -> Vec<(String, Vec
     }
     for (entry, index) in setup.machine.squareness.iter().zip(setup.layout.squareness()) {
         push(entry.name.clone(), &[(index, 1.0)]);
+    }
+    for (letter, index) in ['A', 'B', 'C'].into_iter().zip(setup.layout.ram_turn()) {
+        push(format!("ram turn {letter}"), &[(index, 1.0)]);
     }
     let mut index = setup.layout.len();
     for term in setup.terms {

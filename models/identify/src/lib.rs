@@ -7,12 +7,14 @@
 
 mod bound;
 mod chords;
+mod comparison;
 mod contradiction;
 mod design;
 mod error;
 mod evidence;
 pub mod jade;
 mod linear;
+mod mistake;
 mod model_rows;
 mod normal;
 mod observability;
@@ -30,8 +32,10 @@ mod smoothing;
 mod solve;
 pub mod station_start;
 mod term;
+pub mod verdict;
 
 pub use bound::at_cramer_rao_bound;
+pub use comparison::minus_two_log_likelihood_on;
 pub use error::{IdentifyError, Unobservable};
 pub use evidence::{CorrelatedPair, ErrorEvidence, Evidence, RejectedReading, StationEvidence};
 pub use linear::symmetric_eigen;

@@ -3,6 +3,7 @@
 //! Place in the flow: the last step of [`crate::solve`]; nothing is estimated here any more.
 
 use crate::chords::Chords;
+use crate::comparison::Ended;
 use crate::design::{Estimate, Row};
 use crate::error::IdentifyError;
 use crate::evidence::{self, ErrorEvidence, Evidence, RejectedReading, StationEvidence};
@@ -24,7 +25,8 @@ impl Fit<'_> {
         let evidence = self.evidence(&settled);
         let model = self.model(&settled)?;
         let (residuals_m, u_m) = settled.residuals.iter().copied().unzip();
-        Ok(Identified { model, evidence, residuals_m, u_m, weights: settled.weights })
+        let ended = Ended { free: self.free, smoothness: self.smoothness, noise_factor: self.noise_factor };
+        Ok(Identified { model, evidence, residuals_m, u_m, weights: settled.weights, ended })
     }
 
     fn evidence(&self, settled: &Settled) -> Evidence {
@@ -45,6 +47,7 @@ impl Fit<'_> {
             stations: self.station_evidence(settled),
             correlated: evidence::correlated(&self.setup, solution, &self.free, &self.campaign.stations),
             rejected: self.rejected(settled),
+            refinement_given_up: None,
         }
     }
 
@@ -113,6 +116,7 @@ impl Fit<'_> {
         let parts = ModelParts {
             machine: self.setup.machine.clone(),
             coefficients: self.parameters[..geometric].to_vec(),
+            offset_centre_m: self.setup.layout.offset_centre_m(),
             effects: self.effects(),
             stations: self.campaign.stations.iter().enumerate().map(station).collect(),
             chord_covariance: self.chord_covariance(settled, &covariance),
@@ -167,9 +171,10 @@ impl Fit<'_> {
         self.setup.terms.iter().map(fitted).collect()
     }
 
-    /// Range of every covariate that a corrected sample needs, over the readings used.
+    /// Range of every covariate that a corrected sample or a predicted length needs, over the readings used.
     fn covariate_ranges(&self, weights: &[f64]) -> BTreeMap<String, (f64, f64)> {
-        let names = self.setup.terms.iter().flat_map(|term| term.effect.covariates());
+        let effects = self.setup.terms.iter().map(|term| &term.effect);
+        let names = effects.flat_map(|effect| effect.covariates().into_iter().chain(effect.range_covariates()));
         let of = |name: String| {
             let used = (0..weights.len()).filter(|k| weights[*k] > 0.0);
             let values =

@@ -8,6 +8,7 @@ use crate::error::IdentifyError;
 use crate::station_start::{PointAndLength, StationStart, start};
 use abbe_geometry::machine::Machine;
 use abbe_measurement::campaign::{Campaign, RangeReading};
+use abbe_measurement::subset::spread;
 
 /// Readings that place a station for a start: more add nothing, since the errors are not in yet.
 const START_READINGS: usize = 4000;
@@ -82,15 +83,49 @@ pub(crate) fn place_stations(campaign: &Campaign, absolute: bool) -> Result<Vec<
     let mut by_station: Vec<Vec<usize>> = vec![Vec::new(); campaign.stations.len()];
     campaign.readings.iter().enumerate().for_each(|(k, r)| by_station[r.station as usize].push(k));
     let place = |(indices, name): (&Vec<usize>, &String)| {
-        let stride = indices.len().div_ceil(START_READINGS);
+        let part = spread(indices.len(), START_READINGS).into_iter();
         let points: Vec<PointAndLength> =
-            indices.iter().step_by(stride.max(1)).map(|k| contradiction::point(&campaign.readings[*k])).collect();
-        start(&points, absolute)
-            .map_err(|error| IdentifyError::Station { station: name.clone(), problem: error.to_string() })
+            part.map(|place| contradiction::point(&campaign.readings[indices[place]])).collect();
+        start(&points, absolute).map_err(|error| {
+            let likely = contradiction::of_whole_station(campaign, indices, absolute);
+            let problem = std::iter::once(error.to_string()).chain(likely).collect::<Vec<_>>().join("; or ");
+            IdentifyError::Station { station: name.clone(), problem }
+        })
     };
     let placed: Vec<StationStart> = by_station.iter().zip(&campaign.stations).map(place).collect::<Result<_, _>>()?;
     for (station, indices) in by_station.iter().enumerate() {
         contradiction::check(campaign, indices, &placed, station, absolute)?;
     }
     Ok(placed)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use abbe_geometry::Vector3;
+
+    /// Lines of eleven points along X that fill a volume, read from two stations: every eleventh of them lies in a plane.
+    #[test]
+    fn regress_a_raster_whose_lines_are_as_long_as_a_stride_places_its_stations() {
+        let stations = [Vector3::new(-0.4, 1.2, 0.3), Vector3::new(1.1, -0.5, 0.6)];
+        let count = 11 * START_READINGS;
+        let reading = |(station, k): (u32, usize)| {
+            let (place, line) = (k % 11, k / 11);
+            let [x, y, z] = [place as f64 * 0.07, (line % 63) as f64 * 0.01, (line / 63) as f64 * 0.01];
+            let point_m = Vector3::new(x, y, z);
+            let length_m = (point_m - stations[station as usize]).norm() - 0.2;
+            let (reading_m, offset_m) = ([x, y, z], [0.0; 3]);
+            RangeReading { station, line: line as u32, time_s: k as f64, reading_m, offset_m, length_m }
+        };
+        let campaign = Campaign {
+            stations: ["S1", "S2"].map(str::to_owned).to_vec(),
+            lines: (0..count / 11).map(|k| k.to_string()).collect(),
+            readings: (0..2).flat_map(|station| (0..count).map(move |k| (station, k))).map(reading).collect(),
+            covariates: Vec::new(),
+        };
+        let placed = place_stations(&campaign, false).unwrap();
+        for (found, truth) in placed.iter().zip(stations) {
+            assert!((found.position_m - truth).norm() < 1e-9, "{found:?}");
+        }
+    }
 }

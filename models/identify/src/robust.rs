@@ -26,8 +26,14 @@ pub fn scale(standardised: &[f64]) -> f64 {
 /// Weight of each reading from its residual divided by `u` (declared) and by `scale` (found).
 pub fn weights(standardised: &[f64], scale: f64) -> Vec<f64> {
     let weight = |z: &f64| {
-        let excess = ((z.abs() / scale - FULL) / (CUT - FULL)).max(0.0);
-        if excess < 1.0 { (1.0 - excess * excess).powi(2) } else { 0.0 }
+        let excess = (z.abs() / scale - FULL) / (CUT - FULL);
+        match excess {
+            // With a scale of zero too.
+            _ if *z == 0.0 || excess <= 0.0 => 1.0,
+            _ if excess < 1.0 => (1.0 - excess * excess).powi(2),
+            // What is no number is no reading either.
+            _ => 0.0,
+        }
     };
     standardised.iter().map(weight).collect()
 }
@@ -47,5 +53,7 @@ mod tests {
         let weights = weights(&sample, found);
         assert_eq!(weights[999], 0.0);
         assert!(weights[..999].iter().all(|w| *w == 1.0));
+        assert_eq!(super::weights(&[f64::NAN, f64::INFINITY, 0.0], 1.0), [0.0, 0.0, 1.0]);
+        assert_eq!(super::weights(&[1.0, 0.0], 0.0), [0.0, 1.0]);
     }
 }

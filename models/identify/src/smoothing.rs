@@ -16,7 +16,7 @@ use abbe_geometry::error_function::{Closure, Kind};
 use abbe_geometry::layout::Layout;
 use faer::Mat;
 use std::ops::Range;
-use std::rc::Rc;
+use std::sync::Arc;
 
 /// Updates after which the smoothness is taken as it is: it then changes by less than the data can tell.
 const MAX_UPDATES: usize = 60;
@@ -44,7 +44,7 @@ pub(crate) struct Penalty {
     rank: f64,
     /// Which of [`Smoothness::curvatures`] it has.
     curvature: usize,
-    roughness: Rc<Roughness>,
+    roughness: Arc<Roughness>,
 }
 
 impl Penalty {
@@ -70,7 +70,7 @@ impl Penalty {
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Smoothness {
     pub(crate) penalties: Vec<Penalty>,
-    /// Effect parameters and the standard deviation of the prior about zero that each has.
+    /// Parameters with a prior about zero (turn of the ram, effects), and its standard deviation.
     pub(crate) priors: Vec<(usize, f64)>,
     curvatures: Vec<Curvature>,
     exponent: f64,
@@ -93,7 +93,7 @@ impl Smoothness {
             let own = &smoothness.curvatures[curvature];
             let Some(roughness) = own.at(EXPONENTS.0) else { continue };
             let (rank, range) = (own.rank() as f64, layout.range(id));
-            let roughness = Rc::new(roughness);
+            let roughness = Arc::new(roughness);
             smoothness.penalties.push(Penalty { range, lambda: 0.0, first_lambda: 0.0, rank, curvature, roughness });
         }
         smoothness
@@ -101,12 +101,12 @@ impl Smoothness {
 
     /// Recomputes the roughness matrices for another exponent.
     fn set_exponent(&mut self, exponent: f64) {
-        let Some(roughness) = self.curvatures.iter().map(|c| c.at(exponent).map(Rc::new)).collect::<Option<Vec<_>>>()
+        let Some(roughness) = self.curvatures.iter().map(|c| c.at(exponent).map(Arc::new)).collect::<Option<Vec<_>>>()
         else {
             return;
         };
         self.exponent = exponent;
-        self.penalties.iter_mut().for_each(|penalty| penalty.roughness = Rc::clone(&roughness[penalty.curvature]));
+        self.penalties.iter_mut().for_each(|penalty| penalty.roughness = Arc::clone(&roughness[penalty.curvature]));
     }
 
     /// First penalty: prior information equal to a thousandth of the data's, per function.

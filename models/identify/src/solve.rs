@@ -1,8 +1,9 @@
 //! The passes over the campaign: linearise, solve, weigh, until nothing moves.
 //!
-//! Place in the flow: the one entry point of this crate. Large campaigns are first solved on every n-th reading, where
+//! Place in the flow: the one entry point of this crate. Large campaigns are first solved on a part of the readings, where
 //! the fineness of the splines is decided too, so that the full passes start next to the solution.
 
+use crate::comparison::{self, Ended};
 use crate::design::{Estimate, Setup};
 use crate::error::IdentifyError;
 use crate::evidence::Evidence;
@@ -17,11 +18,12 @@ use crate::smoothing::{self, Smoothness, Solution};
 use crate::station_start::StationStart;
 use crate::term::{self, EffectTerm};
 use abbe_geometry::error_function::Kind;
-use abbe_geometry::layout::Layout;
+use abbe_geometry::layout::{Layout, centre_of};
 use abbe_geometry::machine::Machine;
 use abbe_geometry::model::{MachineModel, Station};
-use abbe_measurement::campaign::{Campaign, RangeReading};
+use abbe_measurement::campaign::Campaign;
 use abbe_measurement::instrument::RangeUncertainty;
+use abbe_measurement::subset::spread_by_group;
 
 /// Step, in units of the parameters' uncertainty, that counts as settled.
 const SETTLED: f64 = 5e-3;
@@ -61,6 +63,7 @@ pub struct Identified {
     pub u_m: Vec<f64>,
     /// Robust weight of every reading, 0 for rejected ones.
     pub weights: Vec<f64>,
+    pub(crate) ended: Ended,
 }
 
 /// Identifies all errors, stations and dead paths of a campaign.
@@ -101,7 +104,18 @@ pub fn identify_with(
     let parts = found.model.parts();
     let effects = parts.effects.iter().flat_map(|fitted| &fitted.parameters);
     let start: Vec<f64> = parts.coefficients.iter().chain(effects).copied().collect();
-    inputs.once(&parts.machine, campaign, &stations_of(&found), &start)
+    match inputs.once(&parts.machine, campaign, &stations_of(&found), &start) {
+        // The part may have asked for splines that the whole does not settle with.
+        Err(problem) if problem != IdentifyError::Stopped && parts.machine != *machine => {
+            let mut as_given = inputs.once(machine, campaign, &stations, &[])?;
+            as_given.evidence.refinement_given_up = Some(problem.to_string());
+            Ok(as_given)
+        }
+        other => other.map(|mut whole| {
+            whole.evidence.refinement_given_up = found.evidence.refinement_given_up.clone();
+            whole
+        }),
+    }
 }
 
 /// What stays the same from fit to fit.
@@ -113,7 +127,8 @@ struct Inputs<'a> {
 }
 
 impl Inputs<'_> {
-    /// Fits, and tries finer splines while they are used up and the evidence is better.
+    /// Fits, and tries finer splines while they are used up and the evidence is better. Both are compared on the weights of
+    /// the coarser fit, and where the finer one comes to nothing, the coarser one stands and says so.
     fn with_refined_splines(
         &mut self,
         machine: &Machine,
@@ -128,13 +143,30 @@ impl Inputs<'_> {
             {
                 break;
             }
-            let next = self.once(&finer, campaign, &stations_of(&best), &[])?;
-            if next.evidence.minus_two_log_likelihood >= best.evidence.minus_two_log_likelihood {
-                break;
+            match self.finer_if_likelier(&finer, campaign, &best) {
+                Ok(Some(next)) => best = next,
+                Ok(None) => break,
+                Err(IdentifyError::Stopped) => return Err(IdentifyError::Stopped),
+                Err(problem) => {
+                    best.evidence.refinement_given_up = Some(problem.to_string());
+                    break;
+                }
             }
-            best = next;
         }
         Ok(best)
+    }
+
+    /// The fit with finer splines, where it is likelier on the same weights.
+    fn finer_if_likelier(
+        &mut self,
+        finer: &Machine,
+        campaign: &Campaign,
+        best: &Identified,
+    ) -> Result<Option<Identified>, IdentifyError> {
+        let next = self.once(finer, campaign, &stations_of(best), &[])?;
+        let likelihood =
+            |fit: &Identified| comparison::minus_two_log_likelihood_on(fit, self.instrument, campaign, &best.weights);
+        Ok((likelihood(&next)? < likelihood(best)?).then_some(next))
     }
 
     /// One fit, from these stations, coefficients and effect parameters (none: all zero).
@@ -145,7 +177,7 @@ impl Inputs<'_> {
         stations: &[StationStart],
         start: &[f64],
     ) -> Result<Identified, IdentifyError> {
-        let layout = Layout::new(machine)?;
+        let layout = Layout::new(machine, centre_of(campaign.readings.iter().map(|r| r.offset_m)))?;
         let setup = Setup { machine, layout: &layout, instrument: self.instrument, terms: self.terms };
         let mut fit = Fit::new(setup, campaign, stations, self.options, &mut *self.observe);
         if campaign.readings.len() < fit.free.len() {
@@ -162,22 +194,13 @@ fn stations_of(fit: &Identified) -> Vec<StationStart> {
     fit.model.parts().stations.iter().map(of).collect()
 }
 
-/// Every n-th reading of each station of a large campaign; `None` for one that is not large.
+/// As many readings of each station of a large campaign, spread over it; `None` for one that is not large.
 fn part_of(campaign: &Campaign) -> Option<Campaign> {
     if campaign.readings.len() <= LARGE {
         return None;
     }
-    let mut counts = vec![0_usize; campaign.stations.len()];
-    campaign.readings.iter().for_each(|r| counts[r.station as usize] += 1);
-    let share = LARGE / 2 / campaign.stations.len();
-    let mut seen = vec![0_usize; campaign.stations.len()];
-    let mut kept = |reading: &RangeReading| {
-        let station = reading.station as usize;
-        seen[station] += 1;
-        (seen[station] - 1).is_multiple_of(counts[station].div_ceil(share.max(1)).max(1))
-    };
-    let indices: Vec<usize> = (0..campaign.readings.len()).filter(|k| kept(&campaign.readings[*k])).collect();
-    Some(campaign.part(&indices))
+    let share = (LARGE / 2 / campaign.stations.len()).max(1);
+    Some(campaign.part(&spread_by_group(campaign.readings.iter().map(|r| r.station), |_| share)))
 }
 
 /// The machine with finer splines, where the fit uses up nearly all coefficients of those it has, or fits badly with
@@ -261,8 +284,7 @@ impl<'a> Fit<'a> {
         }
         let mut smoothness =
             if options.order == OrderChoice::Evidence { Smoothness::new(setup.layout) } else { Smoothness::default() };
-        let plausible = setup.terms.iter().flat_map(|term| term.effect.parameters()).map(|spec| spec.plausible);
-        smoothness.priors = plausible.enumerate().map(|(k, size)| (setup.layout.len() + k, size)).collect();
+        smoothness.priors = setup.priors();
         Fit {
             setup,
             campaign,
@@ -341,7 +363,9 @@ impl<'a> Fit<'a> {
         let mut largest: f64 = 0.0;
         for (k, index) in self.free.iter().enumerate() {
             let moved = (solution.parameters[*index] - self.parameters[*index]).abs();
-            largest = largest.max(moved / solution.covariance[(k, k)].sqrt());
+            let step = moved / solution.covariance[(k, k)].sqrt();
+            // A step that is no number is not settled; `max` would pass over it.
+            largest = if step.is_nan() || largest.is_nan() { f64::NAN } else { largest.max(step) };
         }
         self.parameters.clone_from(&solution.parameters);
         largest
@@ -353,5 +377,35 @@ impl<'a> Fit<'a> {
         let weights =
             if self.options.robust { robust::weights(&standardised, scale) } else { vec![1.0; residuals.len()] };
         (weights, scale)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use abbe_measurement::campaign::RangeReading;
+    use std::collections::BTreeSet;
+
+    /// 300,000 readings in lines of twenty points: every tenth of them would know two places of each line.
+    #[test]
+    fn regress_the_part_of_a_large_campaign_has_every_place_of_its_lines() {
+        let reading = |k: usize| RangeReading {
+            station: (k / 150_000) as u32,
+            line: (k / 20) as u32,
+            time_s: k as f64,
+            reading_m: [(k % 20) as f64, 0.0, 0.0],
+            offset_m: [0.0; 3],
+            length_m: 0.0,
+        };
+        let stations = ["S1", "S2"].map(str::to_owned).to_vec();
+        let lines = (0..15_000).map(|k| k.to_string()).collect();
+        let campaign = Campaign { stations, lines, readings: (0..300_000).map(reading).collect(), covariates: vec![] };
+        let part = part_of(&campaign).unwrap();
+        for station in 0..2 {
+            let own: Vec<&RangeReading> = part.readings.iter().filter(|r| r.station == station).collect();
+            let places: BTreeSet<u64> = own.iter().map(|r| r.reading_m[0] as u64).collect();
+            assert_eq!((own.len(), places.len()), (LARGE / 4, 20));
+        }
+        assert!(part_of(&part).is_none());
     }
 }

@@ -18,6 +18,9 @@ use std::sync::Arc;
 /// Name under which effects ask for the time of a reading (s since the campaign began).
 pub const TIME: &str = "time_s";
 
+/// Least share of its plausible size that a term is believed to have: enough to be found.
+const LEAST_BELIEVED: f64 = 1e-3;
+
 /// An effect whose parameters are to be fitted.
 #[derive(Debug, Clone)]
 pub struct EffectTerm {
@@ -27,6 +30,8 @@ pub struct EffectTerm {
     pub shape: Shape,
     /// Number of its parameters.
     count: usize,
+    /// Standard deviation of the prior of each parameter as a share of its plausible size.
+    believed: f64,
 }
 
 impl EffectTerm {
@@ -36,13 +41,25 @@ impl EffectTerm {
     /// An unknown name, or a shape that does not fit it.
     pub fn new(name: &str, shape: Shape, machine: &Machine) -> Result<EffectTerm, EffectError> {
         let effect: Arc<dyn Effect> = construct(name, &shape, machine)?.into();
-        Ok(EffectTerm { count: effect.parameters().len(), effect, shape })
+        Ok(EffectTerm { count: effect.parameters().len(), effect, shape, believed: 1.0 })
     }
 
     /// The term of a fitted effect.
     pub fn of(fitted: &FittedEffect) -> EffectTerm {
         let count = fitted.parameters.len();
-        EffectTerm { effect: Arc::clone(&fitted.effect), shape: fitted.shape.clone(), count }
+        EffectTerm { effect: Arc::clone(&fitted.effect), shape: fitted.shape.clone(), count, believed: 1.0 }
+    }
+
+    /// The same, believed to be at most about this share of its plausible size: for directions of its parameters that the
+    /// data do not tell, which otherwise could be anything plausible and take what belongs to the machine.
+    pub fn believed(mut self, share: f64) -> EffectTerm {
+        self.believed = share.clamp(LEAST_BELIEVED, 1.0);
+        self
+    }
+
+    /// Standard deviation of the prior about zero of each parameter, in its unit.
+    pub fn priors(&self) -> impl Iterator<Item = f64> + '_ {
+        self.effect.parameters().into_iter().map(|spec| self.believed * spec.plausible)
     }
 
     /// Number of its parameters.

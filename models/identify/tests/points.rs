@@ -25,7 +25,9 @@ const OFFSETS_M: [[f64; 3]; 3] = [[0.0, 0.0, -0.06], [0.12, 0.0, -0.06], [0.0, 0
 
 /// A bridge whose errors are polynomials of this degree, and what its maker writes down of it.
 fn bridge(seed: u64, degree: u32) -> (VirtualMachine, Machine) {
-    let truth = of_low_order(TruthRecipe { seed, ..TruthRecipe::default() }.bridge_xyz().unwrap(), degree);
+    let mut truth = of_low_order(TruthRecipe { seed, ..TruthRecipe::default() }.bridge_xyz().unwrap(), degree);
+    // The frame of the model: nothing of it moves with the mean of the offsets.
+    truth.ram_turn.about_m = std::array::from_fn(|d| OFFSETS_M.iter().map(|offset| offset[d]).sum::<f64>() / 3.0);
     let mut machine = description(&truth, Kind::Polynomial { degree: degree as usize });
     machine.repeatability_m = [0.0; 3];
     (VirtualMachine::new(truth).unwrap(), machine)
@@ -72,6 +74,8 @@ fn without_noise_every_error_and_the_measuring_frame_come_out() {
     let (truth, mut machine) = bridge(3, 3);
     let points = measure(&truth, 150, 0.0, 1);
     machine.rotation = abbe_geometry::rotation::RotationForm::Exact;
+    // Nothing is known before: a prior of 200 µrad would pull 20 µrad by their ratio to what these points tell.
+    machine.u_ram_turn_rad = [0.05; 3];
     let found = fit(&machine, &points, &PointOptions::default()).unwrap();
     for id in ErrorId::all() {
         for reading_m in [0.1, 0.3, 0.55] {
@@ -83,6 +87,9 @@ fn without_noise_every_error_and_the_measuring_frame_come_out() {
     for (k, squareness) in machine.squareness.iter().enumerate() {
         let truth = truth.squareness_rad(&squareness.name).unwrap();
         assert!((found.model.squareness(k).0 - truth).abs() < 1e-9, "{}", squareness.name);
+    }
+    for ((value, _), truth) in found.model.ram_turn().into_iter().zip(truth.truth().ram_turn.angles_rad) {
+        assert!((value - truth).abs() < 1e-9, "{value:e} {truth:e}");
     }
     let p = &points[7];
     let back = found.pose.machine_from_measured * p.actual_m + found.pose.origin_m;
@@ -194,7 +201,7 @@ fn points_that_cannot_see_an_error_are_refused_with_its_name() {
     // A line.
     let text = moved(|p| (p.reading_m[1], p.reading_m[2]) = (0.2, 0.3)).to_string();
     assert!(text.contains("EYY") && text.contains("EZZ"), "{text}");
-    assert!(matches!(refusal(&all[..13]), PointsError::TooFew { points: 13, equations: 39, unknowns: 39 }));
+    assert!(matches!(refusal(&all[..14]), PointsError::TooFew { points: 14, equations: 42, unknowns: 42 }));
     assert!(matches!(refusal(&[]), PointsError::TooFew { points: 0, .. }));
 }
 
@@ -206,9 +213,9 @@ fn points_in_a_wrong_unit_order_or_hand_are_refused() {
         points.iter_mut().for_each(change);
         fit(&machine, &points, &PointOptions::default()).unwrap_err()
     };
-    assert!(matches!(refusal(|p| p.actual_m *= 1e3), PointsError::Implausible { .. }));
-    assert!(matches!(refusal(|p| p.actual_m.swap_rows(0, 1)), PointsError::Implausible { .. }));
-    assert!(matches!(refusal(|p| p.actual_m.x = -p.actual_m.x), PointsError::Implausible { .. }));
+    assert!(matches!(refusal(|p| p.actual_m *= 1e3), PointsError::Mixed(_)));
+    assert!(matches!(refusal(|p| p.actual_m.swap_rows(0, 1)), PointsError::Mixed(_)));
+    assert!(matches!(refusal(|p| p.actual_m.x = -p.actual_m.x), PointsError::Mixed(_)));
     assert!(matches!(refusal(|p| p.reading_m = p.reading_m.map(|v| v * 1e3)), PointsError::OutsideStroke { .. }));
     assert!(matches!(refusal(|p| p.u_m = f64::NAN), PointsError::Uncertainty { point: 1, .. }));
     let jade = |choices| with(Method::Jade(choices), Loss::Squares);
@@ -232,4 +239,42 @@ fn a_stop_ends_both_ways() {
         let stopped = fit_points(&machine, &points, &with(method, Loss::Squares), &mut |p| p.step < 2);
         assert_eq!(stopped.unwrap_err(), PointsError::Stopped);
     }
+}
+
+/// Measured positions tell the turn of the ram where offsets differ, and say what they do not know where they do not.
+#[test]
+fn positions_tell_the_turn_of_the_ram_or_carry_it_as_uncertainty() {
+    let (mut inside, mut all) = (0, 0);
+    for seed in 1..=8 {
+        let (mut truth, mut machine) = bridge(seed, 3);
+        let mut data = truth.truth().clone();
+        data.ram_turn.angles_rad =
+            [1.7, -0.6, 0.9].map(|factor| factor * 150e-6 * if seed % 2 == 0 { 1.0 } else { -1.0 });
+        truth = VirtualMachine::new(data.clone()).unwrap();
+        let found = fit(&machine, &measure(&truth, 120, NOISE_M, seed), &PointOptions::default()).unwrap();
+        for ((value, u), truth) in found.model.ram_turn().into_iter().zip(data.ram_turn.angles_rad) {
+            assert!(u < 5e-6, "{u:e}");
+            inside += usize::from((value - truth).abs() <= 1.96 * u);
+            all += 1;
+        }
+        // One offset: nothing is told of the turn, points with that offset do not suffer, others carry it.
+        for name in ["ECY", "ECZ", "EAZ", "EBZ"] {
+            machine.kinds[ErrorId::from_name(name).unwrap().index()] = None;
+            data.errors.remove(name).unwrap();
+        }
+        let truth = VirtualMachine::new(data).unwrap();
+        let mut points = measure(&truth, 120, NOISE_M, seed);
+        points.retain(|point| point.offset_m == OFFSETS_M[1]);
+        points.extend(measure(&truth, 240, NOISE_M, seed + 50).into_iter().filter(|p| p.offset_m == OFFSETS_M[1]));
+        let one = fit(&machine, &points, &PointOptions::default()).unwrap();
+        let u_m = |offset_m: [f64; 3]| {
+            let state = State { reading_m: [0.3, 0.2, 0.4], offset_m, covariates: &NoCovariates };
+            correct(&one.model, &state).covariance_m2.unwrap().trace().sqrt()
+        };
+        assert!(u_m(OFFSETS_M[1]) < 1e-6, "{:e}", u_m(OFFSETS_M[1]));
+        // 185 mm away, 200 µrad about two axes across it: 52 µm.
+        assert!((40e-6..65e-6).contains(&u_m(OFFSETS_M[2])), "{:e}", u_m(OFFSETS_M[2]));
+    }
+    // 24 intervals of 95 %.
+    assert!(inside >= 20, "{inside} of {all}");
 }

@@ -5,6 +5,7 @@
 
 pub mod alignment;
 pub mod campaign;
+pub mod correspondence;
 pub mod free_network;
 pub mod guideway;
 pub mod instrument;
@@ -12,4 +13,5 @@ mod least_squares;
 pub mod multilateration;
 pub mod probe_pose;
 pub mod sphere;
+pub mod subset;
 pub mod tracker;

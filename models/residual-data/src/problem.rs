@@ -15,6 +15,7 @@ use abbe_identify::station_start::start;
 use abbe_identify::{CampaignRow, IdentifyError, ModelRows, robust, symmetric_eigen};
 use abbe_measurement::campaign::Campaign;
 use abbe_measurement::instrument::RangeUncertainty;
+use abbe_measurement::subset::spread_by_group;
 use faer::linalg::solvers::{DenseSolveCore, Llt};
 use faer::{Mat, Side};
 
@@ -103,9 +104,10 @@ impl Problem {
         })
     }
 
-    /// Every `stride`-th row, for figures that need not all of them.
-    pub(crate) fn thinned(&self, stride: usize) -> Problem {
-        let kept: Vec<usize> = (0..self.readings.len()).step_by(stride.max(1)).collect();
+    /// About `most` rows, of each station its share, for figures that need not all of them.
+    pub(crate) fn thinned(&self, most: usize) -> Problem {
+        let all = self.readings.len().max(1);
+        let kept = spread_by_group(self.stations.iter().copied(), |own| (own * most).div_ceil(all));
         Problem {
             readings: kept.iter().map(|k| self.readings[*k]).collect(),
             stations: kept.iter().map(|k| self.stations[*k]).collect(),

@@ -16,6 +16,7 @@ use abbe_geometry::model::MachineModel;
 use abbe_identify::in_parallel;
 use abbe_measurement::campaign::Campaign;
 use abbe_measurement::instrument::RangeUncertainty;
+use abbe_measurement::subset::spread;
 use faer::Mat;
 use faer::linalg::solvers::Solve;
 use nalgebra::{Matrix3, Vector3};
@@ -91,8 +92,8 @@ pub fn from_ranges(
     observe: &mut dyn FnMut(Progress) -> bool,
 ) -> Result<FromRanges, ResidualError> {
     let all = Problem::new(model, instrument, campaign, own)?;
-    let problem = all.thinned(all.len().div_ceil(options.readings.max(1)));
-    let few = problem.thinned(problem.len().div_ceil(options.search_readings.max(1)));
+    let problem = all.thinned(options.readings.max(1));
+    let few = problem.thinned(options.search_readings.max(1));
     let (prior, none) = search(&few, &mut |count| observe(Progress::Searching(count)))?;
     if !observe(Progress::Estimating) {
         return Err(ResidualError::Stopped);
@@ -104,8 +105,7 @@ pub fn from_ranges(
         return Err(ResidualError::NothingThere { evidence, least: LEAST_EVIDENCE, noise: none.noise });
     }
     let field = Field { problem: &problem, prior: &prior, factored: &factored };
-    let stride = problem.len().div_ceil(options.points.max(1));
-    let chosen = places(&problem.points_m, stride);
+    let chosen = places(&problem.points_m, options.points.max(1));
     let chunks: Vec<&[usize]> = chosen.chunks(CHUNK).collect();
     let estimated = in_parallel(&chunks, |rows| field.at(rows)).concat();
     let count = estimated.len();
@@ -125,10 +125,10 @@ pub fn from_ranges(
     })
 }
 
-/// Every so many points, each place once.
-fn places(points_m: &[Vector3<f64>], stride: usize) -> Vec<usize> {
+/// At most so many points, spread over all, each place once.
+fn places(points_m: &[Vector3<f64>], most: usize) -> Vec<usize> {
     let mut chosen: Vec<usize> = Vec::new();
-    for row in (0..points_m.len()).step_by(stride) {
+    for row in spread(points_m.len(), most) {
         if chosen.iter().all(|other| (points_m[*other] - points_m[row]).norm() >= SAME_PLACE_M) {
             chosen.push(row);
         }
@@ -195,7 +195,8 @@ mod tests {
     #[test]
     fn a_place_that_was_measured_twice_is_one_place() {
         let at = |x_m: f64| Vector3::new(x_m, 0.3, 0.1);
-        assert_eq!(places(&[at(0.1), at(0.2), at(0.1 + 1e-6), at(0.1 + 3e-6)], 1), [0, 1, 3]);
-        assert_eq!(places(&[at(0.1), at(0.2), at(0.3), at(0.4)], 2), [0, 2]);
+        assert_eq!(places(&[at(0.1), at(0.2), at(0.1 + 1e-6), at(0.1 + 3e-6)], 4), [0, 1, 3]);
+        let two = places(&[at(0.1), at(0.2), at(0.3), at(0.4)], 2);
+        assert!(two.len() == 2 && two[0] < 2 && two[1] >= 2, "{two:?}");
     }
 }

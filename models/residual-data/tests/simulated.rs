@@ -52,6 +52,7 @@ fn machine() -> abbe_geometry::machine::Machine {
         rotation: abbe_geometry::rotation::RotationForm::Exact,
         kinds: std::array::from_fn(|_| Some(Kind::BSpline { intervals: 6 })),
         repeatability_m: [0.25e-6; 3],
+        u_ram_turn_rad: [abbe_geometry::machine::USUAL_RAM_TURN_RAD; 3],
         default_offset_m: None,
     }
 }

@@ -49,6 +49,7 @@ pub fn describe(
         rotation: RotationForm::Exact,
         kinds,
         repeatability_m,
+        u_ram_turn_rad: [abbe_geometry::machine::USUAL_RAM_TURN_RAD; 3],
         default_offset_m: None,
     })
 }

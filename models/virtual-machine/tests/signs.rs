@@ -6,7 +6,7 @@
 
 use std::collections::BTreeMap;
 
-use abbe_virtual_machine::machine::{Axis, MachineTruth, Roughness, Squareness, Term};
+use abbe_virtual_machine::machine::{Axis, MachineTruth, RamTurn, Roughness, Squareness, Term};
 use abbe_virtual_machine::{TruthRecipe, VirtualMachine};
 
 /// Coordinates near 1 m carry rounding of 2e-16 an operation; a few dozen operations stay below this.
@@ -28,6 +28,7 @@ fn machine(sides: [&[Axis]; 2], error: Option<(&str, f64)>) -> MachineTruth {
         workpiece_side: sides[1].to_vec(),
         errors,
         squareness: Vec::new(),
+        ram_turn: RamTurn::default(),
     }
 }
 
@@ -50,6 +51,25 @@ fn a_perfect_machine_is_where_it_says_in_every_chain() {
     for sides in [BRIDGE, FYXZ, TABLE_Y] {
         let found = actual(machine(sides, None), [0.3, 0.2, 0.1], [0.05, -0.02, -0.06]);
         assert_close(found, [0.35, 0.18, 0.04]);
+    }
+}
+
+#[test]
+fn a_turn_of_the_ram_moves_a_reflector_by_its_arm_from_the_fixed_offset_wherever_the_axes_stand() {
+    for sides in [BRIDGE, FYXZ, TABLE_Y] {
+        let mut turned = machine(sides, None);
+        turned.ram_turn = RamTurn { angles_rad: [0.0, 0.0, 10e-6], about_m: [0.1, 0.0, -0.06] };
+        // 10 µrad about Z: an arm of 0.1 m along Y goes to -X by 1 µm, one of -0.1 m along X to -Y.
+        for reading_m in [[0.3, 0.2, 0.1], [0.0, 0.5, 0.4]] {
+            let at = |shift: [f64; 3]| [0, 1, 2].map(|d| reading_m[d] + shift[d]);
+            // The second order of 10 µrad is 5e-12 m.
+            let near = |found: [f64; 3], wanted: [f64; 3]| {
+                (0..3).for_each(|d| assert!((found[d] - wanted[d]).abs() < 2e-11, "{found:?} is not {wanted:?}"));
+            };
+            near(actual(turned.clone(), reading_m, [0.1, 0.1, -0.06]), at([0.1 - 1e-6, 0.1, -0.06]));
+            near(actual(turned.clone(), reading_m, [0.0, 0.0, -0.06]), at([0.0, -1e-6, -0.06]));
+            near(actual(turned.clone(), reading_m, [0.1, 0.0, 0.3]), at([0.1, 0.0, 0.3]));
+        }
     }
 }
 
@@ -114,7 +134,9 @@ fn squareness_tilts_the_axis_it_names() {
 fn val_fyxz_paper_equation_1_to_first_order() {
     // DX = EXX+EXY+EXZ + Z(B0Z+EBX+EBY); DY = EYX+EYY+EYZ − Z(A0Z+EAX+EAY) + X(C0Y+ECY);
     // DZ = EZX+EZY+EZZ − X·EBY (its misprinted third line as corrected in the digest).
-    let truth = TruthRecipe::default().fyxz().unwrap();
+    let mut truth = TruthRecipe::default().fyxz().unwrap();
+    // The paper's point is the ram's end; its frame sits there.
+    truth.ram_turn.about_m = [0.0; 3];
     let machine = VirtualMachine::new(truth).unwrap();
     let reading = [0.53, 0.71, 0.37];
     let [x, y, z] = reading;
@@ -163,7 +185,9 @@ fn every_error_is_zero_at_the_lower_end_and_straightness_at_both() {
 #[test]
 fn the_machine_is_exact_at_the_lower_end_of_all_strokes() {
     for truth in [TruthRecipe::default().bridge_xyz(), TruthRecipe::default().moving_table()] {
-        let found = actual(truth.unwrap(), [0.0; 3], [0.01, 0.02, -0.06]);
+        // Exact for every offset on a ram that stands as the axes do.
+        let truth = MachineTruth { ram_turn: RamTurn::default(), ..truth.unwrap() };
+        let found = actual(truth, [0.0; 3], [0.01, 0.02, -0.06]);
         assert_eq!(found, [0.01, 0.02, -0.06]);
     }
 }

@@ -131,6 +131,12 @@ pub enum BagError {
         /// The type.
         ros_type: String,
     },
+    /// A bag of one file that should be split.
+    #[error("{}: is one .mcap file, which cannot be split; name a directory", path.display())]
+    Bare {
+        /// The `.mcap` file.
+        path: PathBuf,
+    },
     /// The MCAP writer failed.
     #[error("{}: cannot write: {source}; check the free space, then record again", path.display())]
     Write {
@@ -146,6 +152,15 @@ impl BagError {
     pub(super) fn io(path: &Path, action: &'static str) -> impl FnOnce(std::io::Error) -> BagError + use<> {
         let path = path.to_owned();
         move |source| BagError::Io { path, action, source }
+    }
+
+    /// Makes an error of a place that could not be created.
+    pub(super) fn already(path: &Path, error: std::io::Error) -> BagError {
+        if error.kind() == std::io::ErrorKind::AlreadyExists {
+            BagError::Exists { path: path.to_owned() }
+        } else {
+            BagError::io(path, "create the bag")(error)
+        }
     }
 
     /// Makes an error of an error of the MCAP writer.

@@ -39,6 +39,16 @@ impl<'a> Walk<'a> {
         let length = self.u32()?;
         self.take(length)
     }
+
+    /// A map of texts: its length in bytes, then keys and values inside it.
+    fn map(&mut self) -> Result<(), McapError> {
+        let mut entries = Walk { rest: self.text()? };
+        while !entries.rest.is_empty() {
+            entries.text()?;
+            entries.text()?;
+        }
+        Ok(())
+    }
 }
 
 /// Checks the lengths inside a record that is going to be parsed.
@@ -58,16 +68,82 @@ pub(super) fn check(opcode: u8, body: &[u8]) -> Result<(), McapError> {
             walk.take(4)?; // ids of channel and schema
             walk.text()?; // topic
             walk.text()?; // encoding
-            let mut metadata = Walk { rest: walk.text()? };
-            while !metadata.rest.is_empty() {
-                metadata.text()?; // key
-                metadata.text()?; // value, inside the map as well
-            }
+            walk.map()?;
+        }
+        op::METADATA => {
+            walk.text()?; // name
+            walk.map()?;
         }
         op::CHUNK => check_chunk(&mut walk)?,
         _ => {}
     }
     Ok(())
+}
+
+/// Checks that a record outside chunks fills its length exactly, as far as its kind says how long it is: a
+/// damaged length must not lead past records that are whole.
+///
+/// # Errors
+/// What is wrong with it, in words.
+pub(super) fn check_whole(opcode: u8, body: &[u8]) -> Result<(), &'static str> {
+    let fits = match opcode {
+        op::HEADER => fills(body, |walk| walk.text().and_then(|_| walk.text())),
+        op::SCHEMA => fills(body, |walk| {
+            walk.take(2)?;
+            walk.text()?;
+            walk.text()?;
+            walk.text()
+        }),
+        op::CHANNEL => fills(body, |walk| {
+            walk.take(4)?;
+            walk.text()?;
+            walk.text()?;
+            walk.text()
+        }),
+        op::MESSAGE => body.len() >= 22,
+        op::MESSAGE_INDEX => fills(body, |walk| {
+            walk.take(2)?;
+            walk.text()
+        }),
+        op::ATTACHMENT => fills(body, |walk| {
+            walk.take(16)?;
+            walk.text()?;
+            walk.text()?;
+            let data = walk.u64()?;
+            walk.take(data)?;
+            walk.take(4)
+        }),
+        op::METADATA => fills(body, |walk| walk.text().and_then(|_| walk.text())),
+        op::DATA_END => body.len() == 4,
+        op::SUMMARY_OFFSET => body.len() == 17,
+        op::CHUNK_INDEX => fills(body, |walk| {
+            walk.take(32)?;
+            walk.text()?; // a map as long as it says
+            walk.take(8)?;
+            walk.text()?;
+            walk.take(16)
+        }),
+        op::STATISTICS => fills(body, |walk| {
+            walk.take(8 + 2 + 4 * 4 + 16)?;
+            walk.text()
+        }),
+        op::METADATA_INDEX => fills(body, |walk| {
+            walk.take(16)?;
+            walk.text()
+        }),
+        op::ATTACHMENT_INDEX => fills(body, |walk| {
+            walk.take(40)?;
+            walk.text()?;
+            walk.text()
+        }),
+        _ => return Err("a record is of no known kind"),
+    };
+    if fits { Ok(()) } else { Err("a record is not as long as its content") }
+}
+
+fn fills<'a>(body: &'a [u8], fields: impl FnOnce(&mut Walk<'a>) -> Result<&'a [u8], McapError>) -> bool {
+    let mut walk = Walk { rest: body };
+    fields(&mut walk).is_ok() && walk.rest.is_empty()
 }
 
 fn check_chunk(walk: &mut Walk<'_>) -> Result<(), McapError> {

@@ -4,9 +4,9 @@
 //! and correction read with [`messages`]. Stamps inside the messages and `log_time_ns` are
 //! nanoseconds since the epoch of the recording.
 //!
-//! A bag is a directory as rosbag2 writes it (`<name>/<name>_0.mcap` and `metadata.yaml`) or one
-//! `.mcap` file. Schemas are embedded. A bag that is cut off or damaged is an error that says how
-//! much came before; [`recover()`] keeps that part.
+//! A bag is a directory as rosbag2 writes it (`<name>/<name>_0.mcap`, further files where it was split,
+//! and `metadata.yaml`) or one `.mcap` file. Schemas are embedded. A bag that is cut off or damaged gives
+//! what can be read up to there and then an error; [`recover()`] keeps all that is whole.
 //!
 //! ```
 //! use abbe_msgs::{Message, ScaleReading, bag};
@@ -26,17 +26,23 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
+mod channels;
 mod chunk;
+mod definitions;
 mod error;
+mod file_writer;
 mod framing;
+mod index;
 mod metadata;
 mod qos;
 mod reader;
 mod recover;
+mod salvage;
 mod writer;
 
+pub use channels::BagChannel;
 pub use error::BagError;
 pub use qos::Qos;
-pub use reader::{BagChannel, BagMessage, Messages, messages, messages_from};
-pub use recover::{Recovery, recover};
+pub use reader::{BagMessage, Messages, messages, messages_from};
+pub use recover::{Fault, FileRecovery, Recovery, recover, recover_from};
 pub use writer::{BagSummary, BagWriter};

@@ -4,37 +4,22 @@
 //! identification, correction. Messages come in the order they were recorded. Checksums of chunks,
 //! data and index are compared; the first fault is an error and the end.
 
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::VecDeque;
 use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use mcap::McapError;
-use mcap::read::ChannelAccumulator;
 use mcap::records::{MessageHeader, Record, op};
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
 
+use super::channels::{BagChannel, ChannelFault, Channels};
 use super::{BagError, chunk, metadata};
 use crate::{Message, RosType, cdr};
 
 /// Bytes asked of the operating system at once.
 const READ_SIZE: usize = 64 * 1024;
-
-/// A topic of a bag.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct BagChannel {
-    /// Name of the topic.
-    pub topic: String,
-    /// Full name of the messages' type, such as `abbe_msgs/msg/ScaleReading`.
-    pub ros_type: String,
-    /// How `schema` is written: `ros2msg` or `ros2idl`.
-    pub schema_encoding: String,
-    /// Definition of the type.
-    pub schema: Vec<u8>,
-    /// Quality of service, as YAML; empty when the bag does not say.
-    pub offered_qos_profiles: String,
-}
 
 /// One recorded message.
 #[derive(Debug, Clone)]
@@ -50,6 +35,16 @@ pub struct BagMessage {
 }
 
 impl BagMessage {
+    pub(super) fn new(
+        log_time_ns: u64,
+        cdr: Vec<u8>,
+        index: u64,
+        channel: Arc<BagChannel>,
+        file_path: &Arc<Path>,
+    ) -> BagMessage {
+        BagMessage { log_time_ns, cdr, index, channel, file_path: Arc::clone(file_path) }
+    }
+
     /// The topic, its type and its definition.
     #[must_use]
     pub fn channel(&self) -> &BagChannel {
@@ -111,24 +106,24 @@ pub struct Messages {
     later: Vec<PathBuf>,
     /// The `metadata.yaml` and the number of messages it promises.
     promised: Option<(PathBuf, u64)>,
+    /// What is wrong with the bag as a whole; told when everything readable has been given.
+    at_end: Option<BagError>,
     read: u64,
 }
 
 /// Opens a bag: a rosbag2 directory or a `.mcap` file.
 ///
+/// A recording that was not finished is given as far as it can be read; then comes an error.
+///
 /// # Errors
-/// When there is none at `path`, or the `metadata.yaml` of the directory is missing or wrong.
+/// When there is none at `path`, or the `metadata.yaml` of the directory is wrong.
 pub fn messages(path: impl AsRef<Path>) -> Result<Messages, BagError> {
     let path = path.as_ref();
     let entry = std::fs::metadata(path).map_err(BagError::io(path, "open the bag"))?;
-    let (mut later, promised) = if entry.is_dir() {
-        let (files, count) = metadata::read(path)?;
-        (files, Some((path.join(metadata::FILE_NAME), count)))
-    } else {
-        (vec![path.to_owned()], None)
-    };
+    let listing = if entry.is_dir() { metadata::list(path)? } else { metadata::Listing::file(path) };
+    let metadata::Listing { files: mut later, promised, at_end } = listing;
     later.reverse();
-    let mut messages = Messages { current: None, later, promised, read: 0 };
+    let mut messages = Messages { current: None, later, promised, at_end, read: 0 };
     messages.open_next()?;
     Ok(messages)
 }
@@ -158,6 +153,9 @@ impl Messages {
             }
             self.open_next()?;
         }
+        if let Some(problem) = self.at_end.take() {
+            return Err(problem);
+        }
         match self.promised.take() {
             Some((path, count)) if count != self.read => Err(BagError::Metadata {
                 path,
@@ -178,7 +176,7 @@ impl Iterator for Messages {
     fn next(&mut self) -> Option<Self::Item> {
         let step = self.step();
         if step.is_err() {
-            (self.current, self.promised) = (None, None);
+            (self.current, self.promised, self.at_end) = (None, None, None);
             self.later.clear();
         }
         step.transpose()
@@ -190,8 +188,7 @@ pub(super) struct FileMessages<R> {
     path: Arc<Path>,
     source: R,
     reader: LinearReader,
-    accumulator: ChannelAccumulator<'static>,
-    channels: BTreeMap<u16, Arc<BagChannel>>,
+    channels: Channels,
     /// Messages of the chunk that was unpacked last.
     ready: VecDeque<BagMessage>,
     first_index: u64,
@@ -212,8 +209,7 @@ impl<R: Read> FileMessages<R> {
                     .with_check_finishes_after_end_magic(true)
                     .with_record_length_limit(chunk::RECORD_LIMIT),
             ),
-            accumulator: ChannelAccumulator::default(),
-            channels: BTreeMap::new(),
+            channels: Channels::default(),
             ready: VecDeque::new(),
             first_index,
             read: 0,
@@ -259,60 +255,25 @@ impl<R: Read> FileMessages<R> {
     }
 
     fn take(&mut self, record: Record<'static>) -> Result<(), BagError> {
-        let taken = match record {
-            Record::Schema { header, data } => self.accumulator.add_schema(header, data),
-            Record::Channel(channel) => self.accumulator.add_channel(channel),
-            Record::Message { header, data } => {
-                return self.take_message(&header, data.into_owned());
-            }
-            _ => Ok(()),
-        };
-        taken.map_err(|error| self.damaged(error))
+        match record {
+            Record::Message { header, data } => self.take_message(&header, data.into_owned()),
+            definition => self.channels.define(definition).map_err(|error| self.damaged(error)),
+        }
     }
 
     fn take_message(&mut self, header: &MessageHeader, cdr: Vec<u8>) -> Result<(), BagError> {
-        let channel = self.channel(header)?;
-        self.ready.push_back(BagMessage {
-            log_time_ns: header.log_time,
-            cdr,
-            index: self.first_index + self.read,
-            channel,
-            file_path: Arc::clone(&self.path),
-        });
+        let channel = self.channels.of(header, &self.path).map_err(|fault| match fault {
+            ChannelFault::Unknown(error) => self.damaged(error),
+            ChannelFault::Unusable(error) => error,
+        })?;
+        let index = self.first_index + self.read;
+        self.ready.push_back(BagMessage::new(header.log_time, cdr, index, channel, &self.path));
         self.read += 1;
         Ok(())
     }
 
-    fn channel(&mut self, header: &MessageHeader) -> Result<Arc<BagChannel>, BagError> {
-        let id = header.channel_id;
-        if let Some(channel) = self.channels.get(&id) {
-            return Ok(Arc::clone(channel));
-        }
-        let Some(found) = self.accumulator.get(id) else {
-            return Err(self.damaged(McapError::UnknownChannel(header.sequence, id)));
-        };
-        let unusable =
-            |reason: String| BagError::Channel { path: self.path.to_path_buf(), topic: found.topic.clone(), reason };
-        if found.message_encoding != "cdr" {
-            return Err(unusable(format!("messages are '{}', not cdr", found.message_encoding)));
-        }
-        let Some(schema) = &found.schema else {
-            return Err(unusable("has no schema, so its type is unknown".to_owned()));
-        };
-        let qos = found.metadata.get("offered_qos_profiles");
-        let channel = Arc::new(BagChannel {
-            topic: found.topic.clone(),
-            ros_type: schema.name.clone(),
-            schema_encoding: schema.encoding.clone(),
-            schema: schema.data.to_vec(),
-            offered_qos_profiles: qos.cloned().unwrap_or_default(),
-        });
-        self.channels.insert(id, Arc::clone(&channel));
-        Ok(channel)
-    }
-
     fn damaged(&self, error: McapError) -> BagError {
-        if matches!(error, McapError::BadMagic) && self.read == 0 && self.channels.is_empty() {
+        if matches!(error, McapError::BadMagic) && self.read == 0 && self.channels.none_used() {
             return BagError::NotABag {
                 path: self.path.to_path_buf(),
                 reason: "does not begin and end as MCAP does; name a .mcap file or the directory \

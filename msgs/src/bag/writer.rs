@@ -1,25 +1,17 @@
 //! Writes bags that rosbag2, Foxglove and Python readers open.
 //!
-//! Place in the flow: samples and ROS messages -> `.mcap` (and `metadata.yaml`). The same messages
-//! in the same order give the same bytes. Chunks are small, so that a killed recorder loses at most
-//! the last [`FLUSH_INTERVAL`] messages.
+//! Place in the flow: samples and ROS messages -> one or more `.mcap` (and `metadata.yaml`). The same
+//! messages in the same order, split at the same places, give the same bytes.
 
 use std::collections::BTreeMap;
 use std::fs::File;
-use std::io::BufWriter;
+use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use mcap::records::MessageHeader;
-
-use super::metadata::{self, Metadata, TopicSummary};
+use super::file_writer::FileWriter;
+use super::metadata::{self, FileSummary, Metadata, TopicSummary};
 use super::{BagError, BagMessage, Qos};
 use crate::{Message, RosType, cdr, definition};
-
-/// Uncompressed size at which a chunk is closed.
-const CHUNK_SIZE: u64 = 64 * 1024;
-
-/// Messages after which a chunk is closed and handed to the operating system.
-const FLUSH_INTERVAL: u64 = 100;
 
 /// What was written.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -30,27 +22,19 @@ pub struct BagSummary {
     pub messages_by_topic: BTreeMap<String, u64>,
 }
 
-struct Topic {
-    channel_id: u16,
-    /// Counts the messages of the topic, as MCAP wants; wraps around.
-    sequence: u32,
-    summary: TopicSummary,
-}
-
-/// A bag that is being recorded. Call [`BagWriter::finish`]; a writer that is dropped leaves a
-/// readable `.mcap`, but a directory without `metadata.yaml`.
+/// A bag that is being recorded. Call [`BagWriter::finish`]; a writer that is dropped leaves a bag whose
+/// last file has no index: it is read to its last whole chunk, and recovering completes it.
 pub struct BagWriter {
     path: PathBuf,
     /// The directory, unless the bag is a bare file.
     directory: Option<PathBuf>,
-    file_path: PathBuf,
-    mcap: mcap::Writer<BufWriter<File>>,
-    /// In the order of their first message.
-    topics: Vec<Topic>,
-    index_by_topic: BTreeMap<String, usize>,
+    /// The file that is written.
+    file: FileWriter,
+    /// Files that are complete.
+    finished: Vec<FileSummary>,
+    finished_messages: u64,
+    type_by_topic: BTreeMap<String, String>,
     qos_by_topic: BTreeMap<String, Qos>,
-    span_ns: Option<(u64, u64)>,
-    unflushed: u64,
 }
 
 impl BagWriter {
@@ -63,25 +47,18 @@ impl BagWriter {
         let bare = path.extension().is_some_and(|extension| extension == "mcap");
         let (directory, file_path) =
             if bare { (None, path.to_owned()) } else { (Some(path.to_owned()), create_directory(path)?) };
-        let file = File::create_new(&file_path).map_err(|error| already(&file_path, error))?;
-        let options = mcap::WriteOptions::new()
-            .profile("ros2")
-            .library("abbe")
-            .compression(Some(mcap::Compression::Lz4))
-            .chunk_size(Some(CHUNK_SIZE))
-            // A chunk is written whole or not at all, so that a kill leaves whole chunks.
-            .disable_seeking(true);
-        let mcap = options.create(BufWriter::new(file)).map_err(BagError::write(&file_path))?;
+        let file = FileWriter::create(&file_path)?;
+        if let Some(directory) = &directory {
+            sync_directory(directory)?;
+        }
         Ok(Self {
             path: path.to_owned(),
             directory,
-            file_path,
-            mcap,
-            topics: Vec::new(),
-            index_by_topic: BTreeMap::new(),
+            file,
+            finished: Vec::new(),
+            finished_messages: 0,
+            type_by_topic: BTreeMap::new(),
             qos_by_topic: BTreeMap::new(),
-            span_ns: None,
-            unflushed: 0,
         })
     }
 
@@ -98,7 +75,7 @@ impl BagWriter {
     /// writing fails.
     pub fn write<M: Message>(&mut self, topic: &str, sample: &M, log_time_ns: u64) -> Result<(), BagError> {
         sample.validate().map_err(|source| BagError::Message {
-            path: self.file_path.clone(),
+            path: self.file.path().to_owned(),
             index: self.message_count(),
             topic: topic.to_owned(),
             source,
@@ -112,7 +89,7 @@ impl BagWriter {
     /// When the topic carries another type, or writing fails.
     pub fn write_ros<R: RosType>(&mut self, topic: &str, ros: &R, log_time_ns: u64) -> Result<(), BagError> {
         let bytes = cdr::encode(ros).map_err(|source| BagError::Cdr {
-            path: self.file_path.clone(),
+            path: self.file.path().to_owned(),
             index: self.message_count(),
             topic: topic.to_owned(),
             source,
@@ -143,7 +120,7 @@ impl BagWriter {
                 self.add_topic(summary, "ros2msg", schema.as_bytes())?
             }
         };
-        self.write_bytes(index, cdr, log_time_ns)
+        self.file.write(index, cdr, log_time_ns)
     }
 
     /// Writes a message that was read from another bag, with the schema and quality of service it
@@ -165,7 +142,7 @@ impl BagWriter {
                 self.add_topic(summary, &channel.schema_encoding, &channel.schema)?
             }
         };
-        self.write_bytes(index, &message.cdr, message.log_time_ns)
+        self.file.write(index, &message.cdr, message.log_time_ns)
     }
 
     /// Hands everything written so far to the operating system, so that it survives a kill.
@@ -173,133 +150,128 @@ impl BagWriter {
     /// # Errors
     /// When writing fails.
     pub fn flush(&mut self) -> Result<(), BagError> {
-        self.unflushed = 0;
-        self.mcap.flush().map_err(BagError::write(&self.file_path))
+        self.file.flush()
+    }
+
+    /// Has everything written so far put on the disk, so that it survives a power cut. Waits for the disk.
+    ///
+    /// # Errors
+    /// When writing fails.
+    pub fn sync(&mut self) -> Result<(), BagError> {
+        self.file.sync()
+    }
+
+    /// Size of the file that is written, as far as it has been handed to the operating system.
+    ///
+    /// # Errors
+    /// When the operating system does not say.
+    pub fn file_bytes(&self) -> Result<u64, BagError> {
+        self.file.bytes()
+    }
+
+    /// Files that the bag consists of, the one that is written included.
+    #[must_use]
+    pub fn files(&self) -> usize {
+        self.finished.len() + 1
+    }
+
+    /// Completes the file that is written and goes on in the next one: `<name>_1.mcap` and so on. What is
+    /// complete is on the disk and named in `metadata.yaml` then. Does nothing while the file is empty.
+    ///
+    /// # Errors
+    /// When the bag is a bare file, or writing fails.
+    pub fn split(&mut self) -> Result<(), BagError> {
+        let Some(directory) = &self.directory else {
+            return Err(BagError::Bare { path: self.path.clone() });
+        };
+        if self.file.messages() == 0 {
+            return Ok(());
+        }
+        let next = FileWriter::create(&file_path(directory, self.finished.len() + 1)?)?;
+        let complete = std::mem::replace(&mut self.file, next).finish()?;
+        self.finished_messages += complete.messages();
+        self.finished.push(complete);
+        write_metadata(directory, &self.finished)
     }
 
     /// Messages written so far.
     #[must_use]
     pub fn message_count(&self) -> u64 {
-        self.topics.iter().map(|topic| topic.summary.messages).sum()
+        self.finished_messages + self.file.messages()
     }
 
     /// Completes the bag: index, and `metadata.yaml` of a directory.
     ///
     /// # Errors
     /// When writing fails.
-    pub fn finish(mut self) -> Result<BagSummary, BagError> {
-        let metadata = self.metadata();
-        // rosbag2 reads the version of its metadata from this record of the file.
-        let record = mcap::records::Metadata {
-            name: "rosbag2".to_owned(),
-            metadata: BTreeMap::from([("serialized_metadata".to_owned(), metadata.body())]),
-        };
-        self.mcap
-            .write_metadata(&record)
-            .and_then(|()| self.mcap.finish())
-            .map_err(BagError::write(&self.file_path))?;
-        self.mcap
-            .into_inner()
-            .into_inner()
-            .map_err(std::io::IntoInnerError::into_error)
-            .and_then(|file| file.sync_all())
-            .map_err(BagError::io(&self.file_path, "complete the file"))?;
+    pub fn finish(self) -> Result<BagSummary, BagError> {
+        let mut files = self.finished;
+        files.push(self.file.finish()?);
         if let Some(directory) = &self.directory {
-            write_atomically(&directory.join(metadata::FILE_NAME), &metadata.text())?;
+            write_metadata(directory, &files)?;
         }
-        let topics = self.topics.into_iter().map(|topic| topic.summary);
+        let topics = Metadata { files: &files }.topics().into_iter();
         Ok(BagSummary {
             path: self.path,
             messages_by_topic: topics.map(|topic| (topic.topic, topic.messages)).collect(),
         })
     }
 
-    fn metadata(&self) -> Metadata {
-        let file_name = self.file_path.file_name().unwrap_or_default();
-        Metadata {
-            file_name: file_name.to_string_lossy().into_owned(),
-            span_ns: self.span_ns,
-            topics: self.topics.iter().map(|t| t.summary.clone()).collect(),
-        }
-    }
-
     fn known_topic(&self, topic: &str, ros_type: &str) -> Result<Option<usize>, BagError> {
-        let Some(&index) = self.index_by_topic.get(topic) else {
-            return Ok(None);
-        };
-        let known = &self.topics[index].summary.ros_type;
-        if known != ros_type {
-            return Err(BagError::TopicType {
+        match self.type_by_topic.get(topic) {
+            Some(known) if known != ros_type => Err(BagError::TopicType {
                 path: self.path.clone(),
                 topic: topic.to_owned(),
                 known: known.clone(),
                 new: ros_type.to_owned(),
-            });
+            }),
+            _ => Ok(self.file.topic(topic)),
         }
-        Ok(Some(index))
     }
 
     fn add_topic(&mut self, summary: TopicSummary, schema_encoding: &str, schema: &[u8]) -> Result<usize, BagError> {
-        let channel_metadata = BTreeMap::from([("offered_qos_profiles".to_owned(), summary.qos_yaml.clone())]);
-        let mcap = &mut self.mcap;
-        let channel_id = mcap
-            .add_schema(&summary.ros_type, schema_encoding, schema)
-            .and_then(|schema_id| mcap.add_channel(schema_id, &summary.topic, "cdr", &channel_metadata))
-            .map_err(BagError::write(&self.file_path))?;
-        let index = self.topics.len();
-        self.index_by_topic.insert(summary.topic.clone(), index);
-        self.topics.push(Topic { channel_id, sequence: 0, summary });
+        let (topic, ros_type) = (summary.topic.clone(), summary.ros_type.clone());
+        let index = self.file.add_topic(summary, schema_encoding, schema)?;
+        self.type_by_topic.insert(topic, ros_type);
         Ok(index)
-    }
-
-    fn write_bytes(&mut self, index: usize, cdr: &[u8], log_time_ns: u64) -> Result<(), BagError> {
-        let topic = &mut self.topics[index];
-        let header = MessageHeader {
-            channel_id: topic.channel_id,
-            sequence: topic.sequence,
-            log_time: log_time_ns,
-            publish_time: log_time_ns,
-        };
-        self.mcap.write_to_known_channel(&header, cdr).map_err(BagError::write(&self.file_path))?;
-        topic.sequence = topic.sequence.wrapping_add(1);
-        topic.summary.messages += 1;
-        self.span_ns = Some(match self.span_ns {
-            None => (log_time_ns, log_time_ns),
-            Some((first, last)) => (first.min(log_time_ns), last.max(log_time_ns)),
-        });
-        self.unflushed += 1;
-        if self.unflushed >= FLUSH_INTERVAL {
-            self.flush()?;
-        }
-        Ok(())
     }
 }
 
-/// Creates the directory of a bag and names the file in it.
+/// Creates the directory of a bag and names the first file in it.
 fn create_directory(path: &Path) -> Result<PathBuf, BagError> {
-    let Some(name) = path.file_name() else {
+    let first = file_path(path, 0)?;
+    std::fs::create_dir(path).map_err(|error| BagError::already(path, error))?;
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    sync_directory(folder)?;
+    Ok(first)
+}
+
+/// The file of this number in a bag's directory.
+fn file_path(directory: &Path, number: usize) -> Result<PathBuf, BagError> {
+    let Some(name) = directory.file_name() else {
         return Err(BagError::NotABag {
-            path: path.to_owned(),
+            path: directory.to_owned(),
             reason: "the path has no last part to name the bag; name a new directory".to_owned(),
         });
     };
     let mut file_name = name.to_os_string();
-    file_name.push("_0.mcap");
-    std::fs::create_dir(path).map_err(|error| already(path, error))?;
-    Ok(path.join(file_name))
+    file_name.push(format!("_{number}.mcap"));
+    Ok(directory.join(file_name))
 }
 
-fn already(path: &Path, error: std::io::Error) -> BagError {
-    if error.kind() == std::io::ErrorKind::AlreadyExists {
-        BagError::Exists { path: path.to_owned() }
-    } else {
-        BagError::io(path, "create the bag")(error)
-    }
-}
-
-fn write_atomically(path: &Path, text: &str) -> Result<(), BagError> {
+/// Writes `metadata.yaml` about these files: the old text or the new one, whatever happens meanwhile.
+fn write_metadata(directory: &Path, files: &[FileSummary]) -> Result<(), BagError> {
+    let path = directory.join(metadata::FILE_NAME);
     let partial = path.with_extension("yaml.partial");
-    std::fs::write(&partial, text)
-        .and_then(|()| std::fs::rename(&partial, path))
-        .map_err(BagError::io(path, "write the metadata"))
+    let text = Metadata { files }.text();
+    File::create(&partial)
+        .and_then(|mut file| file.write_all(text.as_bytes()).and_then(|()| file.sync_all()))
+        .and_then(|()| std::fs::rename(&partial, &path))
+        .map_err(BagError::io(&path, "write the metadata"))?;
+    sync_directory(directory)
+}
+
+/// A new name in a directory is on the disk only after the directory is.
+fn sync_directory(path: &Path) -> Result<(), BagError> {
+    File::open(path).and_then(|directory| directory.sync_all()).map_err(BagError::io(path, "put the bag on the disk"))
 }

@@ -27,12 +27,27 @@ pub enum CorrectionStatus {
     Rejected = 4,
     /// No model loaded; not corrected.
     NoModel = 5,
+    /// The frame is empty or not that of the model's machine; not corrected.
+    OtherFrame = 6,
+    /// The samples of several publishers are mixed on the topic; not corrected.
+    SeveralSources = 7,
+    /// The stamp does not follow that of the sample before; corrected, but the instant is not to be trusted.
+    OutOfOrder = 8,
 }
 
 impl CorrectionStatus {
     /// All statuses, in the order of their numbers.
-    pub const ALL: [Self; 6] =
-        [Self::InVolume, Self::Extrapolated, Self::CovariateMissing, Self::Stale, Self::Rejected, Self::NoModel];
+    pub const ALL: [Self; 9] = [
+        Self::InVolume,
+        Self::Extrapolated,
+        Self::CovariateMissing,
+        Self::Stale,
+        Self::Rejected,
+        Self::NoModel,
+        Self::OtherFrame,
+        Self::SeveralSources,
+        Self::OutOfOrder,
+    ];
 
     /// Name of the constant in the `.msg` file, without `STATUS_`.
     #[must_use]
@@ -44,6 +59,9 @@ impl CorrectionStatus {
             Self::Stale => "STALE",
             Self::Rejected => "REJECTED",
             Self::NoModel => "NO_MODEL",
+            Self::OtherFrame => "OTHER_FRAME",
+            Self::SeveralSources => "SEVERAL_SOURCES",
+            Self::OutOfOrder => "OUT_OF_ORDER",
         }
     }
 }
@@ -55,7 +73,7 @@ impl TryFrom<u8> for CorrectionStatus {
         Self::ALL.get(usize::from(value)).copied().ok_or(MessageError::UnknownStatus {
             message: ros::CorrectedCoordinates::ROS_TYPE,
             value,
-            highest: Self::NoModel as u8,
+            highest: Self::OutOfOrder as u8,
         })
     }
 }
@@ -63,7 +81,7 @@ impl TryFrom<u8> for CorrectionStatus {
 /// One corrected position, what it is made of, and how far to trust it.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, ZeroCopySend)]
-#[type_name("abbe/CorrectedCoordinates/4121c59e")]
+#[type_name("abbe/CorrectedCoordinates/6f7a0c7f")]
 #[allow(unsafe_code)] // The derive implements the unsafe marker trait ZeroCopySend; plain data.
 pub struct CorrectedCoordinates {
     /// Stamp of the scale reading.
@@ -110,11 +128,32 @@ impl CorrectedCoordinates {
         self.corrected_valid.then_some(self.covariance_m2)
     }
 
+    /// The same sample with nothing corrected: it repeats the indicated position, and `status` says why.
+    #[must_use]
+    pub fn withheld(self, status: CorrectionStatus) -> CorrectedCoordinates {
+        CorrectedCoordinates {
+            geometric_correction_m: [0.0; 3],
+            effect_correction_m: [0.0; 3],
+            residual_correction_m: [0.0; 3],
+            corrected_m: std::array::from_fn(|d| self.reading_m[d] + self.offset_m[d]),
+            covariance_m2: [0.0; 9],
+            residual_model_sha256: Sha256::NONE,
+            corrected_valid: false,
+            status,
+            ..self
+        }
+    }
+
     fn check_status(&self) -> Result<(), MessageError> {
+        use CorrectionStatus::{
+            CovariateMissing, Extrapolated, InVolume, NoModel, OtherFrame, OutOfOrder, Rejected, SeveralSources, Stale,
+        };
         let reason = match (self.status, self.corrected_valid) {
-            (CorrectionStatus::InVolume | CorrectionStatus::Extrapolated, false) => "such a sample is corrected",
-            (CorrectionStatus::Rejected | CorrectionStatus::NoModel, true) => "such a sample is not corrected",
-            _ => return Ok(()),
+            (InVolume | Extrapolated | OutOfOrder, false) => "such a sample is corrected",
+            (Rejected | NoModel | OtherFrame | SeveralSources, true) => "such a sample is not corrected",
+            (InVolume | Extrapolated | OutOfOrder, true)
+            | (Rejected | NoModel | OtherFrame | SeveralSources, false)
+            | (CovariateMissing | Stale, _) => return Ok(()),
         };
         Err(MessageError::Contradiction { field: "corrected_valid", status: self.status.name(), reason })
     }

@@ -21,11 +21,28 @@ pub enum ResidualStatus {
     UnknownStation = 2,
     /// The corrected sample of that instant is not valid; nothing predicted.
     NotCorrected = 3,
+    /// The sample lacks what an effect of the model depends on; nothing predicted.
+    NotPredicted = 4,
+    /// The frame is empty or not that of the model's machine; nothing predicted.
+    OtherFrame = 5,
+    /// Several publishers are mixed on a topic; nothing predicted.
+    SeveralSources = 6,
+    /// A stamp does not follow that of the sample before; nothing predicted.
+    OutOfOrder = 7,
 }
 
 impl ResidualStatus {
     /// All statuses, in the order of their numbers.
-    pub const ALL: [Self; 4] = [Self::Consistent, Self::OutOfBounds, Self::UnknownStation, Self::NotCorrected];
+    pub const ALL: [Self; 8] = [
+        Self::Consistent,
+        Self::OutOfBounds,
+        Self::UnknownStation,
+        Self::NotCorrected,
+        Self::NotPredicted,
+        Self::OtherFrame,
+        Self::SeveralSources,
+        Self::OutOfOrder,
+    ];
 
     /// Name of the constant in the `.msg` file, without `STATUS_`.
     #[must_use]
@@ -35,6 +52,10 @@ impl ResidualStatus {
             Self::OutOfBounds => "OUT_OF_BOUNDS",
             Self::UnknownStation => "UNKNOWN_STATION",
             Self::NotCorrected => "NOT_CORRECTED",
+            Self::NotPredicted => "NOT_PREDICTED",
+            Self::OtherFrame => "OTHER_FRAME",
+            Self::SeveralSources => "SEVERAL_SOURCES",
+            Self::OutOfOrder => "OUT_OF_ORDER",
         }
     }
 }
@@ -46,7 +67,7 @@ impl TryFrom<u8> for ResidualStatus {
         Self::ALL.get(usize::from(value)).copied().ok_or(MessageError::UnknownStatus {
             message: ros::RangeResidual::ROS_TYPE,
             value,
-            highest: Self::NotCorrected as u8,
+            highest: Self::OutOfOrder as u8,
         })
     }
 }
@@ -54,7 +75,7 @@ impl TryFrom<u8> for ResidualStatus {
 /// One comparison of the instrument with the model.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, ZeroCopySend)]
-#[type_name("abbe/RangeResidual/ca7b3ee9")]
+#[type_name("abbe/RangeResidual/84f4d7de")]
 #[allow(unsafe_code)] // The derive implements the unsafe marker trait ZeroCopySend; plain data.
 pub struct RangeResidual {
     /// Stamp of the tracer reading.

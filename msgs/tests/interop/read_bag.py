@@ -102,12 +102,15 @@ def compare_with_rosbags(path, expected):
 
 
 def compare_with_mcap_ros2(path, expected):
-    file = path if path.suffix == ".mcap" else next(path.glob("*.mcap"))
-    with file.open("rb") as stream:
-        reader = make_reader(stream, validate_crcs=True, decoder_factories=[DecoderFactory()])
-        if reader.get_header().profile != "ros2":
-            raise Difference(f"profile is {reader.get_header().profile!r}, expected 'ros2'")
-        found = list(reader.iter_decoded_messages(log_time_order=False))
+    number = lambda file: int(file.stem.rpartition("_")[2])
+    files = [path] if path.suffix == ".mcap" else sorted(path.glob("*.mcap"), key=number)
+    found = []
+    for file in files:
+        with file.open("rb") as stream:
+            reader = make_reader(stream, validate_crcs=True, decoder_factories=[DecoderFactory()])
+            if reader.get_header().profile != "ros2":
+                raise Difference(f"profile is {reader.get_header().profile!r}, expected 'ros2'")
+            found += reader.iter_decoded_messages(log_time_order=False)
     if len(found) != len(expected):
         raise Difference(f"mcap finds {len(found)} messages, expected {len(expected)}")
     for index, ((schema, channel, record, message), want) in enumerate(zip(found, expected)):

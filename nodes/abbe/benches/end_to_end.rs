@@ -13,7 +13,7 @@ use abbe_graph::supervisor::Supervisor;
 use abbe_graph::topics;
 use abbe_msgs::{CorrectedCoordinates, CorrectionStatus, ScaleReading, Stamp, Text};
 use abbe_runtime::ros::{NodeOptions, RosArgs, RosNode};
-use abbe_runtime::{Edges, EdgesConfig, Publish, RunId, Subscribe, TransportKind};
+use abbe_runtime::{Edges, EdgesConfig, Publish, RunId, Shutdown, Subscribe, TransportKind};
 use std::path::Path;
 use std::process::Command;
 use std::time::{Duration, Instant};
@@ -69,6 +69,7 @@ fn launch(kind: TransportKind) -> Launch {
         nodes: vec![NodeName::Geometric, NodeName::Residual],
         max_covariate_age_s: 10.0,
         wait_for_subscribers_s: 20.0,
+        gateway_memory_mib: None,
         scale: None,
         tracer: None,
         monitor: None,
@@ -111,7 +112,8 @@ fn measure(folder: &Path, kind: TransportKind, seconds: f64) -> Vec<f64> {
     let (most, lost) = (latencies.last().copied().unwrap_or(f64::NAN), samples - WARM_UP - latencies.len());
     println!("{:>14} {p50:>9.1} {p99:>9.1} {p999:>9.1} {most:>9.1} {lost:>7}", kind.name());
     drop((publisher, subscriber, edges));
-    supervisor.stop().expect("nodes stop");
+    let stopped = supervisor.stop(&Shutdown::manual()).expect("nodes stop");
+    assert!(stopped.problems.is_empty(), "{:?}", stopped.problems);
     latencies
 }
 

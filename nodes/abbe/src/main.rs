@@ -2,27 +2,36 @@
 //!
 //! Place in the flow: the one program a user runs; offline commands (identify, correct, verify, simulate, convert,
 //! replay), the live graph (launch, node), and the demo that does all of it on a recorded campaign. Errors are
-//! printed once, here, and give exit code 1.
+//! printed once, here, and give their exit code ([`exit`]).
 
 mod calibration;
 mod command;
 mod conformity;
 mod demo;
 mod diagnosis;
+mod exit;
+mod log;
 mod output;
 mod pairs;
 mod pipeline;
 mod residual;
 mod residual_bag;
+mod service_manager;
+mod stop;
+mod tally;
 mod training;
+mod verdict;
 mod verification;
 
-use abbe_runtime::follow_launcher;
 use abbe_runtime::ros::RosArgs;
+use abbe_runtime::{follow_launcher, gateway};
 use clap::Parser;
 use std::io::{IsTerminal, Write};
 use std::process::ExitCode;
 use tracing_subscriber::EnvFilter;
+
+/// How lines of the DDS libraries are known in the log.
+const LIBRARIES: [&str; 2] = ["rustdds::", "ros2_client::"];
 
 #[derive(Debug, Parser)]
 #[command(
@@ -42,7 +51,7 @@ fn main() -> ExitCode {
         Err(error) => {
             // Not `eprintln!`: where nobody reads it, the exit code still tells.
             let _ = writeln!(std::io::stderr(), "abbe: {}", told(&error));
-            ExitCode::FAILURE
+            ExitCode::from(exit::code(&error))
         }
     }
 }
@@ -62,13 +71,18 @@ fn run() -> anyhow::Result<()> {
     // ROS arguments may follow any command; they are taken off before the rest is parsed.
     let (ros_args, own) = RosArgs::split(std::env::args())?;
     let arguments = Arguments::parse_from(own);
-    let level = ros_args.log_level.clone().unwrap_or_else(|| "warn".to_owned());
-    // The DDS libraries call every clean exit an error; what really fails there comes back as a result. RUST_LOG
-    // shows them.
-    let fallback = EnvFilter::try_new(format!("{level},rustdds=off,ros2_client=off")).unwrap_or_default();
+    // How a table is written that is not plain CSV is always said.
+    let level = ros_args.log_level.clone().unwrap_or_else(|| "warn,abbe_files=info".to_owned());
+    let is_gateway = matches!(arguments.command, command::Command::Gateway(_));
+    // DDS speaks in gateways only; what its library has to say there is heard, but for its complaints about every clean
+    // exit and about questions that come before it has found its own publishers. RUST_LOG shows more, and less.
+    let fallback = EnvFilter::try_new(format!("{level},rustdds=error,ros2_client=error,ros2_client::node=off"))
+        .unwrap_or_default();
     let filter = EnvFilter::try_from_default_env().unwrap_or(fallback);
-    // A log that nobody reads any more (the launcher was killed) must not end the thread that writes to it.
-    let log = tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr);
+    let before = if is_gateway { "gateway: " } else { "" };
+    let is_wanted = |line: &str| !gateway::is_leaving() || LIBRARIES.iter().all(|library| !line.contains(library));
+    let writer = log::Log::new(before, arguments.command.is_live(), std::io::stderr, is_wanted);
+    let log = tracing_subscriber::fmt().with_env_filter(filter).with_writer(writer);
     let log = log.with_ansi(std::io::stderr().is_terminal());
     log.log_internal_errors(false).init();
     command::run(arguments.command, ros_args)

@@ -21,6 +21,11 @@ pub(crate) fn check<'a>(
         let (true, Ok(whole)) = (folder.is_dir(), folder.canonicalize()) else {
             bail!("{shown}: there is no folder {}; make it, or write elsewhere", folder.display());
         };
+        if output.extension().is_some_and(|ending| ending == "gz" || ending == "zst") {
+            bail!(
+                "{shown}: tables are written as they are; name it without this ending, or pack it (--out - | gzip > FILE)"
+            );
+        }
         // A link is followed when it is written, so it counts as what it points to.
         let whole = output.canonicalize().unwrap_or_else(|_| whole.join(output.file_name().unwrap_or_default()));
         if inputs.contains(&whole) {
@@ -56,5 +61,6 @@ mod tests {
         }
         assert!(said(&[&at("none/out.csv")]).unwrap_err().contains("there is no folder"));
         assert!(said(&[&at("a.html"), &at("a.html")]).unwrap_err().contains("two files"));
+        assert!(said(&[&at("a.csv.gz")]).unwrap_err().contains("written as they are"));
     }
 }

@@ -2,9 +2,11 @@
 //!
 //! Place in the flow: machine file and campaign in, model file with its evidence out.
 
+use crate::verdict::{self, Accept};
 use abbe_files::{DataSource, MachineFile, ModelFile, OrderChoice, hex, read_campaign_file};
-use abbe_graph::driver::campaign_from_bag;
-use abbe_identify::{Evidence, Identified, Options, Progress};
+use abbe_graph::driver::{JoinSettings, campaign_from_bag};
+use abbe_identify::verdict::{Grade, Verdict, of_campaign, stroke, widened};
+use abbe_identify::{Evidence, IdentifyError, Options, Progress};
 use abbe_measurement::campaign::Campaign;
 use abbe_msgs::Sha256;
 use anyhow::{Context, ensure};
@@ -17,23 +19,53 @@ pub(crate) struct LoadedCampaign {
     pub(crate) source: DataSource,
 }
 
-/// Reads a campaign from CSV or from a bag (`.mcap`, or a rosbag2 folder).
-pub(crate) fn load_campaign(path: &Path, machine: &MachineFile) -> anyhow::Result<LoadedCampaign> {
+/// How a bag is read as a campaign.
+#[derive(Debug, Clone, clap::Args)]
+pub(crate) struct BagJoin {
+    /// Of a bag: stamps of scale and tracer this close are the same instant, in seconds, as in the launch file
+    #[arg(long, default_value_t = JoinSettings::default().match_within_s)]
+    match_within_s: f64,
+    /// Of a bag: age in seconds from which a covariate is missing, as in the launch file
+    #[arg(long, default_value_t = JoinSettings::default().max_covariate_age_s)]
+    max_covariate_age_s: f64,
+    /// Of a bag: namespace of the machine's topics, where several machines are in it
+    #[arg(long)]
+    namespace: Option<String>,
+}
+
+impl Default for BagJoin {
+    fn default() -> BagJoin {
+        let JoinSettings { match_within_s, max_covariate_age_s, namespace } = JoinSettings::default();
+        BagJoin { match_within_s, max_covariate_age_s, namespace }
+    }
+}
+
+impl BagJoin {
+    fn settings(&self) -> anyhow::Result<JoinSettings> {
+        let BagJoin { match_within_s, max_covariate_age_s, namespace } = self.clone();
+        ensure!(
+            (0.0..=1e6).contains(&match_within_s),
+            "--match-within-s must be 0 to 1e6 seconds, not {match_within_s}"
+        );
+        ensure!(max_covariate_age_s > 0.0, "--max-covariate-age-s must be above 0, not {max_covariate_age_s}");
+        Ok(JoinSettings { match_within_s, max_covariate_age_s, namespace })
+    }
+}
+
+/// Reads a campaign from CSV or from a bag (`.mcap`, or a rosbag2 folder). What of a bag is left out is told on standard
+/// error.
+pub(crate) fn load_campaign(path: &Path, machine: &MachineFile, join: &BagJoin) -> anyhow::Result<LoadedCampaign> {
     let name = path.file_name().map_or_else(|| path.display().to_string(), |n| n.to_string_lossy().into_owned());
     if !is_bag(path) {
         let file = read_campaign_file(path, machine.machine.default_offset_m)?;
         let source = DataSource { file: name, sha256: hex(&file.sha256) };
         return Ok(LoadedCampaign { campaign: file.campaign, source });
     }
-    let from_bag = campaign_from_bag(path)?;
-    ensure!(
-        from_bag.frame_id == machine.machine.frame_id,
-        "{}: recorded in frame {:?}, but machine {} has frame {:?}; this bag is of another machine",
-        path.display(),
-        from_bag.frame_id,
-        machine.machine.name,
-        machine.machine.frame_id
-    );
+    let from_bag = campaign_from_bag(path, &machine.machine.frame_id, &join.settings()?)
+        .with_context(|| format!("machine {}", machine.machine.name))?;
+    for words in &from_bag.left_out {
+        eprintln!("{}: left out: {words}", path.display());
+    }
     let source = DataSource { file: name, sha256: hex(&bag_sha256(path)?) };
     Ok(LoadedCampaign { campaign: from_bag.campaign, source })
 }
@@ -67,34 +99,60 @@ fn bag_files(path: &Path) -> anyhow::Result<Vec<PathBuf>> {
     Ok(files)
 }
 
+/// What the user may choose of an identification.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Choices {
+    /// Down-weight outliers.
+    pub(crate) robust: bool,
+    /// Make a model although the fit contradicts itself.
+    pub(crate) accept: Accept,
+}
+
 /// Identifies a model and puts it into its file form.
+///
+/// # Errors
+/// Data that no model can be identified from; [`verdict::Refused`] where the fit speaks against itself and that is not accepted.
 pub(crate) fn identify(
     machine: &MachineFile,
     loaded: &LoadedCampaign,
-    robust: bool,
+    choices: Choices,
     observe: &mut dyn FnMut(Progress) -> bool,
 ) -> anyhow::Result<(ModelFile, Identification)> {
     let order = match machine.order {
         OrderChoice::Evidence => abbe_identify::OrderChoice::Evidence,
         OrderChoice::Fixed => abbe_identify::OrderChoice::Fixed,
     };
+    let Choices { robust, accept } = choices;
     let options = Options { order, robust, absolute_range: machine.absolute_range, ..Options::default() };
-    let Identified { model, evidence, residuals_m, u_m, .. } =
-        abbe_identify::identify(&machine.machine, machine.instrument, &loaded.campaign, &options, observe)
-            .with_context(|| loaded.source.file.clone())?;
+    let fit = abbe_identify::identify(&machine.machine, machine.instrument, &loaded.campaign, &options, observe)
+        .map_err(|error| with_stroke(error, machine, &loaded.campaign))
+        .with_context(|| loaded.source.file.clone())?;
+    let verdict = of_campaign(&loaded.campaign, &fit);
+    verdict::check(&verdict, accept, &loaded.source.file, || evidence_json(&fit.evidence))?;
+    let abbe_identify::Identified { model, evidence, residuals_m, u_m, .. } = fit;
     let file = ModelFile {
-        model,
+        model: widened(model, verdict.widening)?,
         order: machine.order,
         instrument: machine.instrument,
         absolute_range: machine.absolute_range,
         residual_network: None,
         data: vec![loaded.source.clone()],
         seed: None,
-        options: json!({ "robust": robust, "max_passes": options.max_passes }),
+        options: json!({ "robust": robust, "accept_misfit": accept.accept_misfit, "max_passes": options.max_passes }),
         evidence: evidence_json(&evidence),
+        doubts: verdict::doubts(&verdict),
         software: software(),
     };
-    Ok((file, Identification { evidence, residuals_m, u_m }))
+    Ok((file, Identification { evidence, residuals_m, u_m, verdict }))
+}
+
+/// Why nothing was identified, with a stroke that was hardly driven: a unit or a machine file that is behind both.
+fn with_stroke(error: IdentifyError, machine: &MachineFile, campaign: &Campaign) -> anyhow::Error {
+    let driven = stroke(&machine.machine, campaign.readings.iter().map(|reading| reading.reading_m));
+    match driven.filter(|finding| finding.grade == Grade::Refusal && error != IdentifyError::Stopped) {
+        Some(finding) => anyhow::anyhow!("{error}; and {finding}"),
+        None => error.into(),
+    }
 }
 
 /// What identification found besides the model.
@@ -102,6 +160,7 @@ pub(crate) struct Identification {
     pub(crate) evidence: Evidence,
     pub(crate) residuals_m: Vec<f64>,
     pub(crate) u_m: Vec<f64>,
+    pub(crate) verdict: Verdict,
 }
 
 /// Name and version of this program.
@@ -152,5 +211,6 @@ pub(crate) fn evidence_json(evidence: &Evidence) -> Value {
         "stations": stations,
         "correlations_above_0_9": correlated,
         "rejected": rejected,
+        "refinement_given_up": evidence.refinement_given_up,
     })
 }

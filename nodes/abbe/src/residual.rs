@@ -16,12 +16,16 @@ pub(crate) fn load_residual(path: &Path, model: &ModelFile, sha256: &[u8; 32]) -
     Ok(OwnedField { field: Arc::new(LoadedResidual::new(file.model, own)), model_sha256: Sha256::from_bytes(*sha256) })
 }
 
-/// A correction with what the residual model adds to it; what was rejected stays so.
+/// A correction with what the residual model adds to it; what was rejected stays so, and what the residual model gives no
+/// number for is.
 pub(crate) fn with_residual(mut correction: Correction, residual: Option<&OwnedField>) -> Correction {
     if let (Some(OwnedField { field, .. }), Some(covariance_m2)) = (residual, &mut correction.covariance_m2) {
-        let prediction = add_residual(&mut correction.position_m, covariance_m2, field.as_ref());
-        if !prediction.inside {
-            correction.status = correction.status.max(Status::Extrapolated);
+        match add_residual(&mut correction.position_m, covariance_m2, field.as_ref()) {
+            None => return correction.rejected(),
+            Some(prediction) if !prediction.inside => {
+                correction.status = correction.status.max(Status::Extrapolated);
+            }
+            Some(_) => {}
         }
     }
     correction

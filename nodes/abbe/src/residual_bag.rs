@@ -52,7 +52,7 @@ fn sample(
     let BagPoint { point, reading_m, offset_m, correction, time_s } = bag_point;
     let covariance_m2 = point.covariance_m2.unwrap_or_default();
     Ok(CorrectedCoordinates {
-        stamp: Stamp::from_nanos((time_s * 1e9).round() as i64)?,
+        stamp: Stamp::from_seconds(*time_s)?,
         sequence,
         reading_m: *reading_m,
         offset_m: *offset_m,

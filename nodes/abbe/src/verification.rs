@@ -11,7 +11,8 @@ use abbe_geometry::correct::{Status, correct};
 use abbe_geometry::effects::State;
 use abbe_graph::step::OwnedField;
 use abbe_measurement::alignment::aligned_residuals_m;
-use anyhow::ensure;
+use abbe_measurement::correspondence::{self, Pair};
+use anyhow::{Context, ensure};
 use std::io::Read;
 
 /// One verification point with its errors (m, actual − position, aligned).
@@ -29,6 +30,9 @@ pub(crate) struct VerificationPoints {
 }
 
 /// Reads a verification file and corrects each point with the model, and the residual model where there is one.
+///
+/// # Errors
+/// What is wrong with the file; actual positions that are not those of the readings, with the likely mistake.
 pub(crate) fn correct_points(
     input: impl Read,
     name: &str,
@@ -52,6 +56,12 @@ pub(crate) fn correct_points(
         points.statuses.push(correction.status);
         points.rows.push(row.clone());
     }
+    let pair = |row: &PointRow| {
+        let actual_m = row.actual_m.map(Vector3::from)?;
+        Some(Pair { reading_m: row.reading_m, offset_m: row.offset_m, actual_m })
+    };
+    let pairs: Vec<Pair> = points.rows.iter().filter_map(pair).collect();
+    correspondence::check_all(&pairs).with_context(|| format!("{name} (points count from 1)"))?;
     Ok(points)
 }
 

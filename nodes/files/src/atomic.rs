@@ -3,15 +3,46 @@
 //! Place in the flow: every file that Abbe writes goes through [`AtomicFile`]. On Linux the content grows in a
 //! file without a name, so that an error, Ctrl-C or `kill -9` leaves nothing behind; it gets its name only when
 //! it is complete and on the disk. Where the file system cannot do that, a named temporary file beside the target
-//! takes its place, removed when the value is dropped.
+//! takes its place, removed when the value is dropped, or by [`remove_unfinished`] where the program ends on request without
+//! dropping its values.
 
 use crate::error::{FileError, Place};
+use std::collections::BTreeSet;
 use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
 use tempfile::{Builder, NamedTempFile};
 
 const BUFFER_BYTES: usize = 1 << 16;
+
+/// Files and folders with a name that are not finished.
+static UNFINISHED: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
+
+/// Notes a file or folder under a temporary name for as long as this lives.
+#[derive(Debug)]
+pub struct Unfinished(PathBuf);
+
+impl Unfinished {
+    /// Notes this one.
+    pub fn new(path: &Path) -> Unfinished {
+        UNFINISHED.lock().unwrap_or_else(PoisonError::into_inner).insert(path.to_owned());
+        Unfinished(path.to_owned())
+    }
+}
+
+impl Drop for Unfinished {
+    fn drop(&mut self) {
+        UNFINISHED.lock().unwrap_or_else(PoisonError::into_inner).remove(&self.0);
+    }
+}
+
+/// Removes what is not finished, just before the program ends. Nothing can be told any more of what cannot be removed.
+pub fn remove_unfinished() {
+    for path in UNFINISHED.lock().unwrap_or_else(PoisonError::into_inner).iter() {
+        let _ = if path.is_dir() { std::fs::remove_dir_all(path) } else { std::fs::remove_file(path) };
+    }
+}
 
 /// A file in the making.
 #[derive(Debug)]
@@ -81,7 +112,10 @@ fn folder(target: &Path) -> &Path {
 enum Storage {
     #[cfg(target_os = "linux")]
     Unnamed(File),
-    Named(NamedTempFile),
+    Named {
+        file: NamedTempFile,
+        _unfinished: Unfinished,
+    },
 }
 
 impl Storage {
@@ -94,14 +128,20 @@ impl Storage {
                 return Ok(Storage::Unnamed(file.into()));
             }
         }
-        named(folder).map(Storage::Named)
+        Storage::named(folder)
+    }
+
+    fn named(folder: &Path) -> std::io::Result<Storage> {
+        let file = named(folder)?;
+        let unfinished = Unfinished::new(file.path());
+        Ok(Storage::Named { file, _unfinished: unfinished })
     }
 
     fn file(&mut self) -> &mut File {
         match self {
             #[cfg(target_os = "linux")]
             Storage::Unnamed(file) => file,
-            Storage::Named(file) => file.as_file_mut(),
+            Storage::Named { file, .. } => file.as_file_mut(),
         }
     }
 
@@ -111,7 +151,7 @@ impl Storage {
         match self {
             #[cfg(target_os = "linux")]
             Storage::Unnamed(file) => link(&file, folder)?.persist(target).map_err(|error| error.error)?,
-            Storage::Named(file) => file.persist(target).map(drop).map_err(|error| error.error)?,
+            Storage::Named { file, .. } => file.persist(target).map(drop).map_err(|error| error.error)?,
         }
         // The name is on the disk only once the folder is.
         File::open(folder)?.sync_all()
@@ -192,13 +232,22 @@ mod tests {
     fn a_named_temporary_file_does_the_same_where_nameless_ones_cannot_be() {
         let folder = tempfile::tempdir().unwrap();
         let target = folder.path().join("out.csv");
-        let mut storage = Storage::Named(named(folder.path()).unwrap());
+        let mut storage = Storage::named(folder.path()).unwrap();
         storage.write_all(b"text").unwrap();
         assert!(!target.exists());
         storage.publish(&target).unwrap();
         assert_eq!((fs::read(&target).unwrap(), names(folder.path()).len()), (b"text".to_vec(), 1));
-        drop(Storage::Named(named(folder.path()).unwrap()));
+        drop(Storage::named(folder.path()).unwrap());
         assert_eq!(names(folder.path()).len(), 1);
+        // Where the program ends without dropping it, it is removed beforehand.
+        let unfinished = Storage::named(folder.path()).unwrap();
+        let bag = folder.path().join("bag");
+        fs::create_dir_all(bag.join("inside")).unwrap();
+        let of_bag = Unfinished::new(&bag);
+        assert_eq!(names(folder.path()).len(), 3);
+        remove_unfinished();
+        assert_eq!(names(folder.path()), ["out.csv"]);
+        drop((unfinished, of_bag));
     }
 
     #[test]

@@ -1,11 +1,14 @@
 //! Column names of a CSV header, and the numbers below them.
 //!
 //! Place in the flow: the readers of campaigns and points look up their columns here, so that a missing,
-//! misspelt or wrongly scaled column is refused in the same words everywhere.
+//! misspelt or wrongly scaled column is refused in the same words everywhere, and so is a number that could be another.
 
+use crate::decimals::{Contradiction, Decimals, Mark, NoNumber, Number, Seen, number};
+use crate::dialect::{self, Dialect};
 use crate::error::{FileError, Place};
 use crate::names::nearest;
 use csv::ByteRecord;
+use std::cell::RefCell;
 
 /// A column that a reader knows.
 #[derive(Debug, Clone, Copy)]
@@ -55,17 +58,23 @@ pub(crate) struct Header {
     names: Vec<String>,
     file: String,
     line: u64,
+    dialect: Dialect,
+    /// What the numbers read so far tell of their marks.
+    decimals: RefCell<Decimals>,
 }
 
 impl Header {
-    pub(crate) fn new(record: &ByteRecord, file: &str, line: u64) -> Result<Header, FileError> {
-        let mut header = Header { names: Vec::with_capacity(record.len()), file: file.to_owned(), line };
+    pub(crate) fn new(record: &ByteRecord, file: &str, line: u64, dialect: Dialect) -> Result<Header, FileError> {
+        let decimals = dialect.declared.map_or(Decimals::Unknown, |(mark, line)| Decimals::Declared(mark, line));
+        let (names, decimals) = (Vec::with_capacity(record.len()), RefCell::new(decimals));
+        let mut header = Header { names, file: file.to_owned(), line, dialect, decimals };
+        header.refuse_numbers(record)?;
         for (k, cell) in record.iter().enumerate() {
             let place = || header.place().column(&format!("number {}", k + 1));
             let Ok(name) = std::str::from_utf8(cell) else {
                 return Err(FileError::content(place(), "the name is not UTF-8", "save the file as UTF-8"));
             };
-            let name = name.trim_start_matches('\u{feff}').trim();
+            let name = name.trim();
             if name.is_empty() {
                 return Err(FileError::content(place(), "the column has no name", "name or remove it"));
             }
@@ -160,16 +169,110 @@ impl Header {
     /// A finite number in a cell; `remedy` says what to do where it is none.
     pub(crate) fn number(&self, record: &ByteRecord, column: usize, line: u64, remedy: &str) -> Result<f64, FileError> {
         let cell = record.get(column).unwrap_or_default();
-        parse_number(cell).map_err(|problem| {
-            let text = String::from_utf8_lossy(cell.trim_ascii()).chars().take(40).collect::<String>();
-            let problem = match problem {
-                NoNumber::Empty => "the cell is empty".to_owned(),
-                NoNumber::Text => format!("{text:?} is not a number"),
-                NoNumber::NotFinite => format!("{text:?} is not a finite number"),
-            };
-            FileError::content(self.cell(line, column), problem, remedy)
-        })
+        let found = number(cell).map_err(|problem| self.no_number(cell, problem, line, column, remedy))?;
+        self.take(found, cell, line, column)
     }
+
+    /// A finite number in a cell that need not hold one. Text that would contradict the file's mark of decimals is none.
+    pub(crate) fn optional_number(&self, record: &ByteRecord, column: usize, line: u64) -> Option<f64> {
+        let cell = record.get(column).unwrap_or_default();
+        self.take(number(cell).ok()?, cell, line, column).ok()
+    }
+
+    fn take(&self, found: Number, cell: &[u8], line: u64, column: usize) -> Result<f64, FileError> {
+        let seen = || Seen { line, column, text: shown(cell) };
+        let taken = self.decimals.borrow_mut().take(found, seen);
+        let taken = taken.map_err(|contradiction| self.contradicted(contradiction, cell, line, column))?;
+        if taken.is_news && self.mark() == Mark::Comma {
+            tracing::info!("{}: decimal commas, as {:?} shows", self.cell(line, column), shown(cell));
+        }
+        Ok(taken.value)
+    }
+
+    /// How decimals are marked, as far as numbers have shown.
+    pub(crate) fn mark(&self) -> Mark {
+        self.decimals.borrow().mark()
+    }
+
+    /// How the table is written.
+    pub(crate) fn dialect(&self) -> Dialect {
+        self.dialect
+    }
+
+    /// Refuses a number that has two readings, which nothing read so far tells apart.
+    pub(crate) fn refuse_open_numbers(&self) -> Result<(), FileError> {
+        let decimals = self.decimals.borrow();
+        let Some(open) = decimals.open() else { return Ok(()) };
+        let problem = format!("{}, and no number up to here tells which", two_readings(&open.text));
+        let remedy = "write the line # decimal=, above the column names where it is a decimal comma, or remove the commas \
+                      between thousands";
+        Err(FileError::content(self.cell(open.line, open.column), problem, remedy))
+    }
+
+    fn no_number(&self, cell: &[u8], problem: NoNumber, line: u64, column: usize, remedy: &str) -> FileError {
+        let (text, place) = (shown(cell), self.cell(line, column));
+        let problem = match problem {
+            NoNumber::Empty => "the cell is empty".to_owned(),
+            NoNumber::Text => format!("{text:?} is not a number"),
+            NoNumber::NotFinite => format!("{text:?} is not a finite number"),
+            NoNumber::Thousands => {
+                let problem = format!("{text:?} has marks between thousands");
+                return FileError::content(place, problem, "write numbers without them");
+            }
+        };
+        FileError::content(place, problem, remedy)
+    }
+
+    fn contradicted(&self, contradiction: Contradiction, cell: &[u8], line: u64, column: usize) -> FileError {
+        let (text, place) = (shown(cell), self.cell(line, column));
+        let at = |seen: &Seen| format!("{:?} in line {}", seen.text, seen.line);
+        let remove = "remove the commas between thousands";
+        match contradiction {
+            Contradiction::Mixed(seen) => {
+                let problem = format!("{text:?} marks decimals in another way than {}", at(&seen));
+                FileError::content(place, problem, "write all numbers of a file in one way")
+            }
+            Contradiction::CommaBetweenThousands(seen) => {
+                let problem = format!("{text:?} has a comma between thousands, as {} has a decimal point", at(&seen));
+                FileError::content(place, problem, remove)
+            }
+            Contradiction::OpenWasThousands(seen) => {
+                let problem = format!("{}, and {text:?} in line {line} has a decimal point", two_readings(&seen.text));
+                let remedy = format!("{remove}, or write all numbers of a file in one way");
+                FileError::content(self.cell(seen.line, seen.column), problem, remedy)
+            }
+            Contradiction::Declared(mark, says) => {
+                let problem = format!("{text:?} is no number here: line {says} says decimal={}", mark.sign());
+                FileError::content(place, problem, "correct that line, or write all numbers of a file in one way")
+            }
+        }
+    }
+
+    /// Refuses numbers where column names are to stand.
+    fn refuse_numbers(&self, record: &ByteRecord) -> Result<(), FileError> {
+        let numbers = record.iter().filter(|cell| number(cell).is_ok()).count();
+        if numbers == 0 || 2 * numbers < record.len() {
+            return Ok(());
+        }
+        let problem = format!("the first row holds numbers and no column names (between {})", self.between());
+        let remedy = "begin the file with the column names; tail -f leaves them out, tail -n +1 -f does not";
+        Err(FileError::content(self.place(), problem, remedy))
+    }
+
+    /// What separates the columns, in a word.
+    pub(crate) fn between(&self) -> &'static str {
+        dialect::name(self.dialect.delimiter)
+    }
+}
+
+/// A cell as messages show it.
+fn shown(cell: &[u8]) -> String {
+    String::from_utf8_lossy(cell.trim_ascii()).chars().take(40).collect()
+}
+
+fn two_readings(text: &str) -> String {
+    let (point, whole) = (text.replace(',', "."), text.replace(',', ""));
+    format!("{text:?} is {point} with a decimal comma and {whole} with a comma between thousands")
 }
 
 /// Where a row's offset comes from.
@@ -179,24 +282,6 @@ pub(crate) enum Offset {
     Columns([usize; 3]),
     /// The machine's own (m, ram frame).
     Constant([f64; 3]),
-}
-
-/// Why a cell holds no number.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum NoNumber {
-    Empty,
-    Text,
-    NotFinite,
-}
-
-/// The finite number in a cell, blanks around it aside.
-pub(crate) fn parse_number(cell: &[u8]) -> Result<f64, NoNumber> {
-    let cell = cell.trim_ascii();
-    if cell.is_empty() {
-        return Err(NoNumber::Empty);
-    }
-    let value: f64 = std::str::from_utf8(cell).ok().and_then(|text| text.parse().ok()).ok_or(NoNumber::Text)?;
-    if value.is_finite() { Ok(value) } else { Err(NoNumber::NotFinite) }
 }
 
 fn is_other_unit(name: &str, wanted: Known) -> bool {

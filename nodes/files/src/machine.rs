@@ -11,7 +11,7 @@ use crate::names::nearest;
 use crate::toml_place::{key_at, line_at, line_of};
 use crate::units::{micrometres_from_m, millimetres_from_m};
 use abbe_geometry::error_function::Kind;
-use abbe_geometry::machine::{Joint, Machine, MachineError, Side, Squareness};
+use abbe_geometry::machine::{Joint, Machine, MachineError, Side, Squareness, USUAL_RAM_TURN_RAD};
 use abbe_geometry::{Axis, ErrorId};
 use abbe_measurement::instrument::RangeUncertainty;
 use std::path::Path;
@@ -110,6 +110,7 @@ impl Reader<'_> {
             rotation: record.rotation.into(),
             kinds: self.kinds(&record.error_functions)?,
             repeatability_m: record.repeatability_m,
+            u_ram_turn_rad: record.u_ram_turn_rad.unwrap_or([USUAL_RAM_TURN_RAD; 3]),
             default_offset_m: record.default_offset_m,
             name: record.name,
             frame_id: record.frame_id,
@@ -219,6 +220,10 @@ impl Reader<'_> {
             MachineError::Figure { .. } => {
                 self.wrong(&["repeatability_um"], error.to_string(), "write three numbers, k = 1")
             }
+            MachineError::RamTurn { .. } => {
+                let remedy = "write three numbers, k = 1, or leave the key out for the usual 200 µrad";
+                self.wrong(&["u_k1_ram_turn_urad"], error.to_string(), remedy)
+            }
         }
     }
 }
@@ -236,6 +241,7 @@ pub(crate) fn record_of_machine(machine: &Machine, order: OrderChoice) -> Machin
         sign_convention: SIGN_CONVENTION.to_owned(),
         rotation: machine.rotation.into(),
         repeatability_m: machine.repeatability_m,
+        u_ram_turn_rad: Some(machine.u_ram_turn_rad),
         default_offset_m: machine.default_offset_m,
         chain: ChainText::from(machine),
         stroke_m: ByAxis::from_array(machine.stroke_m.map(|(lower_m, upper_m)| [lower_m, upper_m])),

@@ -23,6 +23,9 @@ pub(crate) struct MachineDocument {
     pub(crate) rotation: RotationText,
     /// Standard uncertainty (k = 1) of repositioning.
     pub(crate) repeatability_um: [f64; 3],
+    /// Standard uncertainty (k = 1) of the turn of the ram about X, Y, Z before anything was measured.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) u_k1_ram_turn_urad: Option<[f64; 3]>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) default_offset_mm: Option<[f64; 3]>,
     pub(crate) chain: ChainText,
@@ -43,6 +46,9 @@ pub(crate) struct MachineRecord {
     pub(crate) rotation: RotationText,
     /// Standard uncertainty (k = 1) of repositioning.
     pub(crate) repeatability_m: [f64; 3],
+    /// Standard uncertainty (k = 1) of the turn of the ram; none in files of earlier software, and where nobody stated it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) u_ram_turn_rad: Option<[f64; 3]>,
     pub(crate) default_offset_m: Option<[f64; 3]>,
     pub(crate) chain: ChainText,
     pub(crate) stroke_m: ByAxis<[f64; 2]>,
@@ -60,6 +66,7 @@ impl MachineDocument {
             sign_convention: self.sign_convention,
             rotation: self.rotation,
             repeatability_m: self.repeatability_um.map(|um| um / 1e6),
+            u_ram_turn_rad: self.u_k1_ram_turn_urad.map(|turn| turn.map(|urad| urad / 1e6)),
             default_offset_m: self.default_offset_mm.map(|offset| offset.map(|mm| mm / 1e3)),
             chain: self.chain,
             stroke_m: ByAxis::from_array(self.stroke_mm.into_array().map(metres)),
@@ -77,6 +84,7 @@ impl MachineDocument {
             sign_convention: record.sign_convention,
             rotation: record.rotation,
             repeatability_um: record.repeatability_m.map(micrometres_from_m),
+            u_k1_ram_turn_urad: record.u_ram_turn_rad.map(|turn| turn.map(micrometres_from_m)),
             default_offset_mm: record.default_offset_m.map(|offset| offset.map(millimetres_from_m)),
             chain: record.chain,
             stroke_mm: ByAxis::from_array(record.stroke_m.into_array().map(millimetres)),

@@ -38,6 +38,16 @@ pub struct ResidualReference {
     pub sha256: String,
 }
 
+/// What speaks against a model, as its own identification found it: everyone who uses the model should know.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Doubt {
+    /// `warning`, or `refusal` where the model was made all the same because its user accepted that.
+    pub grade: String,
+    /// What it is, and what may be behind it.
+    pub text: String,
+}
+
 /// A model with everything that is to be known of how it came about.
 #[derive(Debug)]
 pub struct ModelFile {
@@ -59,6 +69,8 @@ pub struct ModelFile {
     pub options: Value,
     /// What identification wants to keep: order selection, correlations, rejected readings.
     pub evidence: Value,
+    /// What speaks against it.
+    pub doubts: Vec<Doubt>,
     /// Name and version of the software that made the model.
     pub software: String,
 }
@@ -82,11 +94,21 @@ impl ModelFile {
         Ok(digest)
     }
 
-    /// Reads a model file; also returns the SHA-256 of the model.
+    /// Reads a model file; also returns the SHA-256 of the model. What speaks against it goes to the log.
     pub fn load(path: &Path) -> Result<(ModelFile, [u8; 32]), FileError> {
         let file = path.display().to_string();
         let bytes = std::fs::read(path).map_err(FileError::io(&file, "read the model"))?;
-        ModelFile::from_bytes(&bytes, &file)
+        let (model, digest) = ModelFile::from_bytes(&bytes, &file)?;
+        model.said_against().for_each(|doubt| tracing::warn!("{file}: {doubt}"));
+        Ok((model, digest))
+    }
+
+    /// What whoever corrects with this model should know, in words.
+    pub fn said_against(&self) -> impl Iterator<Item = String> {
+        self.doubts.iter().map(|Doubt { grade, text }| match grade.as_str() {
+            "refusal" => format!("this model was refused and made all the same, because that was accepted: {text}"),
+            _ => format!("identification warned of this model: {text}"),
+        })
     }
 
     /// Reads a model file of the machine with that name, and no other.

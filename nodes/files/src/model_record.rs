@@ -6,7 +6,8 @@
 use crate::error::{FileError, Place};
 use crate::machine::{SIGN_CONVENTION, machine_of_record, record_of_machine};
 use crate::machine_document::MachineRecord;
-use crate::model_file::{DataSource, ModelFile, ResidualReference};
+use crate::model_file::{DataSource, Doubt, ModelFile, ResidualReference};
+use crate::ram_turn_record::{RamTurnRecord, with_three_more};
 use abbe_geometry::effects::{ParameterSpec, Shape, ShapeValue};
 use abbe_geometry::layout::Layout;
 use abbe_geometry::machine::Machine;
@@ -22,7 +23,11 @@ const UNITS: &str = "SI: m, rad, s; uncertainties are standard uncertainties (k 
 const REFERENCE_POINT: &str = "ram reference point; the offset leads from it to tip or reflector in the ram frame; \
                                every error is 0 at the lower end of its stroke, straightness also at the upper end";
 const COVARIANCE_ORDER: &str = "packed lower triangle row by row: error coefficients EXX EYX EZX EAX EBX ECX EXY ... \
-                                ECZ, squareness, effect parameters, then x y z and dead path of each station";
+                                ECZ, squareness, turn of the ram, effect parameters, then x y z and dead path of each \
+                                station";
+/// Of software that knew no turn of the ram.
+const EARLIER_COVARIANCE_ORDER: &str = "packed lower triangle row by row: error coefficients EXX EYX EZX EAX EBX ECX EXY \
+                                        ... ECZ, squareness, effect parameters, then x y z and dead path of each station";
 
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -35,6 +40,9 @@ pub(crate) struct ModelRecord {
     instrument: InstrumentRecord,
     error_functions: BTreeMap<String, CoefficientsRecord>,
     squareness: BTreeMap<String, ValueRecord>,
+    /// None in files of earlier software.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    ram_turn: Option<RamTurnRecord>,
     effects: Vec<EffectRecord>,
     residual_network: Option<ResidualReference>,
     stations: Vec<StationRecord>,
@@ -120,6 +128,9 @@ struct QualityRecord {
     rejected: usize,
     chi2_per_dof: f64,
     residual_rms_m: f64,
+    /// What speaks against the model; files of earlier software have none.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    doubts: Vec<Doubt>,
 }
 
 #[derive(Serialize, Deserialize)]
@@ -169,6 +180,10 @@ impl ModelRecord {
             squareness: squareness
                 .map(|(entry, value)| (entry.name.clone(), ValueRecord { unit: "rad".to_owned(), value: *value }))
                 .collect(),
+            ram_turn: Some(RamTurnRecord {
+                angles_rad: file.model.ram_turn().map(|(angle_rad, _)| angle_rad),
+                about_offset_m: parts.offset_centre_m,
+            }),
             effects: parts.effects.iter().map(effect_record).collect(),
             residual_network: file.residual_network.clone(),
             stations: parts.stations.iter().map(station_record).collect(),
@@ -182,6 +197,7 @@ impl ModelRecord {
                 rejected: parts.quality.rejected,
                 chi2_per_dof: parts.quality.chi2_per_dof,
                 residual_rms_m: parts.quality.residual_rms_m,
+                doubts: file.doubts.clone(),
             },
             data: file.data.clone(),
             seed: file.seed,
@@ -198,23 +214,35 @@ impl ModelRecord {
     /// The model, checked; `name` is the file in messages.
     pub(crate) fn into_model_file(mut self, name: &str) -> Result<ModelFile, FileError> {
         self.check_texts(name)?;
+        let RamTurnRecord { angles_rad, about_offset_m } =
+            self.ram_turn.unwrap_or_else(|| RamTurnRecord::unknown(&self.identified_volume.offset_m));
         let order = self.machine.error_functions.order;
         let machine = machine_of_record(self.machine, name)?;
-        let layout = Layout::new(&machine).map_err(|error| damaged(name, "machine", error.to_string()))?;
+        let layout =
+            Layout::new(&machine, about_offset_m).map_err(|error| damaged(name, "machine", error.to_string()))?;
         let mut coefficients = error_coefficients(&layout, &mut self.error_functions, name)?;
         coefficients.extend(squareness_values(&machine, &mut self.squareness, name)?);
+        coefficients.extend(angles_rad);
         let effects = self.effects.into_iter().map(|record| {
             let key = format!("effects.{}", record.name);
             fitted_effect(record, &machine).map_err(|problem| damaged(name, &key, problem))
         });
         let effects = effects.collect::<Result<_, _>>()?;
+        let mut covariance = self.covariance.packed.0;
+        let mut chord_covariance = self.covariance.of_chords_packed.map(|chords| chords.0).unwrap_or_default();
+        if self.ram_turn.is_none() {
+            let first = layout.ram_turn().start;
+            covariance = with_three_more(&covariance, first, machine.u_ram_turn_rad.map(|u| u * u));
+            chord_covariance = with_three_more(&chord_covariance, first, [0.0; 3]);
+        }
         let parts = ModelParts {
             machine,
             coefficients,
+            offset_centre_m: about_offset_m,
             effects,
             stations: self.stations.into_iter().map(station).collect(),
-            covariance: self.covariance.packed.0,
-            chord_covariance: self.covariance.of_chords_packed.map(|chords| chords.0).unwrap_or_default(),
+            covariance,
+            chord_covariance,
             identified: IdentifiedVolume {
                 reading_m: self.identified_volume.reading_m,
                 offset_m: self.identified_volume.offset_m,
@@ -240,16 +268,18 @@ impl ModelRecord {
             seed: self.seed,
             options: self.options,
             evidence: self.evidence,
+            doubts: self.quality.doubts,
             software: self.software,
         })
     }
 
     fn check_texts(&self, name: &str) -> Result<(), FileError> {
+        let order = if self.ram_turn.is_some() { COVARIANCE_ORDER } else { EARLIER_COVARIANCE_ORDER };
         let texts = [
             ("sign_convention", &self.sign_convention, SIGN_CONVENTION),
             ("units", &self.units, UNITS),
             ("reference_point", &self.reference_point, REFERENCE_POINT),
-            ("covariance.order", &self.covariance.order, COVARIANCE_ORDER),
+            ("covariance.order", &self.covariance.order, order),
         ];
         match texts.into_iter().find(|(_, found, expected)| found != expected) {
             None => Ok(()),

@@ -2,10 +2,13 @@
 //!
 //! Place in the flow: points file → [`PointsReader`] → `abbe_geometry::correct` → [`PointsWriter`]. Needed are
 //! `x_mm y_mm z_mm` and the offset columns (or the machine's declared offset, ram frame); every other column is
-//! handed through as it is and can serve as covariate by its name. Memory is one row.
+//! handed through as it is and can serve as covariate by its name. What comes out is written as what went in: the same
+//! delimiter, decimal mark and line ends ([`Dialect`]). Memory is one row.
 
-use crate::columns::{ACTUAL, Known, OFFSET, Offset, READING, parse_number};
+use crate::columns::{ACTUAL, Header, Known, OFFSET, Offset, READING};
 use crate::csv_source::CsvSource;
+use crate::decimals::Mark;
+use crate::dialect::Dialect;
 use crate::error::{FileError, Place};
 use abbe_geometry::correct::{Correction, Status};
 use abbe_geometry::effects::{CovariateSource, CovariateValue};
@@ -26,6 +29,8 @@ const NUMBER_REMEDY: &str = "write a number with a decimal point, or remove the 
 pub struct PointRow {
     cells: ByteRecord,
     line: u64,
+    /// How decimals are marked, as far as this row and those before it have shown.
+    mark: Mark,
     /// Indicated axis positions (m).
     pub reading_m: [f64; 3],
     /// Tip or reflector relative to the ram reference point (m, ram frame).
@@ -78,17 +83,32 @@ impl<R: Read> PointsReader<R> {
     }
 
     fn open(input: R, file: &str, default_offset_m: Option<[f64; 3]>) -> Result<PointsReader<R>, FileError> {
-        let source = CsvSource::new(input, file)?;
+        let mut source = CsvSource::new(input, file)?;
         let header = source.header();
         let require = |k: usize| header.require(READING[k], &KNOWN);
         let reading = [require(0)?, require(1)?, require(2)?];
         let offset = header.offset(default_offset_m, &KNOWN)?;
+        match offset {
+            Offset::Columns(columns) => source.look_ahead(&[reading, columns].concat()),
+            Offset::Constant(_) => source.look_ahead(&reading),
+        }
         Ok(PointsReader { source, reading, offset, actual: None })
     }
 
     /// Column names as in the file.
     pub fn columns(&self) -> &[String] {
         self.source.header().names()
+    }
+
+    /// How the file is written.
+    pub fn dialect(&self) -> Dialect {
+        self.source.header().dialect()
+    }
+
+    /// Refuses a number that has two readings, which no row read so far tells apart. At the end of the file [`PointsReader::read`]
+    /// does; whoever hands out rows before must ask at each.
+    pub fn refuse_open_numbers(&self) -> Result<(), FileError> {
+        self.source.header().refuse_open_numbers()
     }
 
     /// Reads the next row into `row`; false at the end of the file.
@@ -101,13 +121,14 @@ impl<R: Read> PointsReader<R> {
             Offset::Constant(offset_m) => offset_m,
         };
         row.actual_m = self.actual.map(|columns| self.metres(&row.cells, line, columns)).transpose()?;
+        row.mark = self.source.header().mark();
         Ok(true)
     }
 
     /// The further columns of a row as covariates. A cell that holds no finite number is a missing covariate: the
     /// correction then says so where an effect needs it.
     pub fn covariates<'a>(&'a self, row: &'a PointRow) -> RowCovariates<'a> {
-        RowCovariates { names: self.columns(), cells: &row.cells }
+        RowCovariates { header: self.source.header(), row }
     }
 
     /// SHA-256 of the bytes read so far: of the whole file once [`PointsReader::read`] has returned false.
@@ -124,8 +145,8 @@ impl<R: Read> PointsReader<R> {
 /// Covariates of one row.
 #[derive(Clone, Copy)]
 pub struct RowCovariates<'a> {
-    names: &'a [String],
-    cells: &'a ByteRecord,
+    header: &'a Header,
+    row: &'a PointRow,
 }
 
 impl CovariateSource for RowCovariates<'_> {
@@ -133,8 +154,8 @@ impl CovariateSource for RowCovariates<'_> {
         if KNOWN.iter().any(|known| known.name == name) {
             return CovariateValue::Missing; // readings, offsets and truth are no covariates
         }
-        let column = self.names.iter().position(|known| known == name);
-        let value = column.and_then(|k| self.cells.get(k)).and_then(|cell| parse_number(cell).ok());
+        let column = self.header.find(name);
+        let value = column.and_then(|k| self.header.optional_number(&self.row.cells, k, self.row.line));
         value.map_or(CovariateValue::Missing, CovariateValue::Fresh)
     }
 }
@@ -150,24 +171,26 @@ pub const fn status_word(status: Status) -> &'static str {
     }
 }
 
-/// Writes rows with their corrected coordinates.
+/// Writes rows with their corrected coordinates, as the table they come from is written.
 pub struct PointsWriter<W: Write> {
     writer: Writer<W>,
     file: String,
     text: String,
+    marks: OneMark,
 }
 
 impl<W: Write> PointsWriter<W> {
-    /// Writes the header: the columns of the input and [`ADDED_COLUMNS`].
-    pub fn new(output: W, file: &str, columns: &[String]) -> Result<PointsWriter<W>, FileError> {
-        let mut writer = Writer::from_writer(output);
-        let header = columns.iter().map(String::as_str).chain(ADDED_COLUMNS);
-        writer.write_record(header).map_err(|error| unwritten(file, error))?;
-        Ok(PointsWriter { writer, file: file.to_owned(), text: String::new() })
+    /// Writes the header: the columns of the input and [`ADDED_COLUMNS`]; `file` is the name of the output.
+    pub fn new<R: Read>(output: W, file: &str, input: &PointsReader<R>) -> Result<PointsWriter<W>, FileError> {
+        let header = input.source.header();
+        let writer = started(output, file, header, &ADDED_COLUMNS)?;
+        let marks = OneMark { mark: None, input: header.file().to_owned() };
+        Ok(PointsWriter { writer, file: file.to_owned(), text: String::new(), marks })
     }
 
     /// Writes one row: corrected position in mm (0.1 nm), u with k = 2 in µm, both empty where rejected.
     pub fn write(&mut self, row: &PointRow, correction: &Correction) -> Result<(), FileError> {
+        self.marks.check(row.mark, row.line)?;
         self.write_cells(row, correction).map_err(|error| unwritten(&self.file, error))
     }
 
@@ -185,19 +208,63 @@ impl<W: Write> PointsWriter<W> {
                 Some(_) if k < 3 => write!(self.text, "{:.7}", correction.position_m[k] * 1e3),
                 Some(v) => write!(self.text, "{:.4}", COVERAGE * v[(k - 3, k - 3)].max(0.0).sqrt() * 1e6),
             };
-            self.writer.write_field(&self.text)?;
+            self.writer.write_field(row.mark.of(&mut self.text))?;
         }
         self.writer.write_field(status_word(correction.status))?;
         self.writer.write_record(None::<&[u8]>)
     }
 
+    /// Hands on what was written so far.
+    pub fn flush(&mut self) -> std::io::Result<()> {
+        self.writer.flush()
+    }
+
     /// Flushes and hands the output back, to be committed.
     pub fn finish(self) -> Result<W, FileError> {
-        let file = self.file;
-        self.writer.into_inner().map_err(|error| {
-            let source = std::io::Error::new(error.error().kind(), error.error().to_string());
-            FileError::io(&file, "write")(source)
-        })
+        finished(self.writer, &self.file)
+    }
+}
+
+/// Writes the head of a table that hands another through: what stands above its column names, the names, and those added.
+pub(crate) fn started<W: Write>(
+    mut output: W,
+    file: &str,
+    input: &Header,
+    added: &[&str],
+) -> Result<Writer<W>, FileError> {
+    let dialect = input.dialect();
+    output.write_all(dialect.head().as_bytes()).map_err(FileError::io(file, "write"))?;
+    let mut writer = dialect.writer(output);
+    let names = input.names().iter().map(String::as_str).chain(added.iter().copied());
+    writer.write_record(names).map_err(|error| unwritten(file, error))?;
+    Ok(writer)
+}
+
+/// Flushes and hands the output back.
+pub(crate) fn finished<W: Write>(writer: Writer<W>, file: &str) -> Result<W, FileError> {
+    writer.into_inner().map_err(|error| {
+        let source = std::io::Error::new(error.error().kind(), error.error().to_string());
+        FileError::io(file, "write")(source)
+    })
+}
+
+/// The mark of decimals in which rows are written: that of the first, and no other.
+pub(crate) struct OneMark {
+    pub(crate) mark: Option<Mark>,
+    /// Name of the table that is handed through.
+    pub(crate) input: String,
+}
+
+impl OneMark {
+    /// Refuses a row whose mark is known only now, after rows of whole numbers were written with points.
+    pub(crate) fn check(&mut self, mark: Mark, line: u64) -> Result<(), FileError> {
+        if *self.mark.get_or_insert(mark) == mark {
+            return Ok(());
+        }
+        let problem =
+            "decimal commas begin here, after rows of whole numbers that were written out with decimal points";
+        let remedy = "write the line # decimal=, above the column names";
+        Err(FileError::content(Place::file(&self.input).line(line), problem, remedy))
     }
 }
 

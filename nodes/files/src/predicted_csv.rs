@@ -8,8 +8,9 @@
 
 use crate::columns::READING;
 use crate::csv_source::CsvSource;
+use crate::decimals::Mark;
 use crate::error::FileError;
-use crate::points_csv::unwritten;
+use crate::points_csv::{OneMark, finished, started, unwritten};
 use abbe_geometry::residual_field::ResidualPrediction;
 use csv::{ByteRecord, Writer};
 use std::io::{Read, Write};
@@ -24,6 +25,7 @@ pub struct PlainPoints<R: Read> {
     source: CsvSource<R>,
     columns: [usize; 3],
     cells: ByteRecord,
+    line: u64,
 }
 
 impl<R: Read> PlainPoints<R> {
@@ -32,7 +34,7 @@ impl<R: Read> PlainPoints<R> {
     /// # Errors
     /// Columns that are missing or already there, or that say that these are scale readings.
     pub fn new(input: R, file: &str) -> Result<PlainPoints<R>, FileError> {
-        let source = CsvSource::new(input, file)?;
+        let mut source = CsvSource::new(input, file)?;
         let header = source.header();
         let require = |k: usize| header.require(READING[k], &READING);
         let columns = [require(0)?, require(1)?, require(2)?];
@@ -45,12 +47,8 @@ impl<R: Read> PlainPoints<R> {
             let problem = "the file already holds a column that prediction adds";
             return Err(FileError::content(header.place().column(name), problem, "remove or rename the column"));
         }
-        Ok(PlainPoints { source, columns, cells: ByteRecord::new() })
-    }
-
-    /// Column names as in the file.
-    pub fn columns(&self) -> &[String] {
-        self.source.header().names()
+        source.look_ahead(&columns);
+        Ok(PlainPoints { source, columns, cells: ByteRecord::new(), line: 0 })
     }
 
     /// The next point (m); `None` at the end of the file.
@@ -59,14 +57,19 @@ impl<R: Read> PlainPoints<R> {
     /// A row that is not whole, a cell that holds no number.
     pub fn next_point_m(&mut self) -> Result<Option<[f64; 3]>, FileError> {
         let Some(line) = self.source.next(&mut self.cells)? else { return Ok(None) };
+        self.line = line;
         let header = self.source.header();
         let metres = |k: usize| Ok(header.number(&self.cells, self.columns[k], line, NUMBER_REMEDY)? / 1e3);
         Ok(Some([metres(0)?, metres(1)?, metres(2)?]))
     }
 
-    /// The cells of the last row as they are.
-    fn cells(&self) -> &ByteRecord {
-        &self.cells
+    /// Line of the last row.
+    pub fn line(&self) -> u64 {
+        self.line
+    }
+
+    fn mark(&self) -> Mark {
+        self.source.header().mark()
     }
 }
 
@@ -74,6 +77,7 @@ impl<R: Read> PlainPoints<R> {
 pub struct PredictedWriter<W: Write> {
     writer: Writer<W>,
     file: String,
+    marks: OneMark,
 }
 
 impl<W: Write> PredictedWriter<W> {
@@ -81,11 +85,11 @@ impl<W: Write> PredictedWriter<W> {
     ///
     /// # Errors
     /// What the system says.
-    pub fn new(output: W, file: &str, columns: &[String]) -> Result<PredictedWriter<W>, FileError> {
-        let mut writer = Writer::from_writer(output);
-        let header = columns.iter().map(String::as_str).chain(ADDED);
-        writer.write_record(header).map_err(|error| unwritten(file, error))?;
-        Ok(PredictedWriter { writer, file: file.to_owned() })
+    pub fn new<R: Read>(output: W, file: &str, input: &PlainPoints<R>) -> Result<PredictedWriter<W>, FileError> {
+        let header = input.source.header();
+        let writer = started(output, file, header, &ADDED)?;
+        let marks = OneMark { mark: None, input: header.file().to_owned() };
+        Ok(PredictedWriter { writer, file: file.to_owned(), marks })
     }
 
     /// Writes the last row read with its prediction.
@@ -93,10 +97,12 @@ impl<W: Write> PredictedWriter<W> {
     /// # Errors
     /// What the system says.
     pub fn write<R: Read>(&mut self, row: &PlainPoints<R>, prediction: &ResidualPrediction) -> Result<(), FileError> {
-        self.write_cells(row.cells(), prediction).map_err(|error| unwritten(&self.file, error))
+        let mark = row.mark();
+        self.marks.check(mark, row.line)?;
+        self.write_cells(&row.cells, mark, prediction).map_err(|error| unwritten(&self.file, error))
     }
 
-    fn write_cells(&mut self, cells: &ByteRecord, prediction: &ResidualPrediction) -> csv::Result<()> {
+    fn write_cells(&mut self, cells: &ByteRecord, mark: Mark, prediction: &ResidualPrediction) -> csv::Result<()> {
         for cell in cells {
             self.writer.write_field(cell)?;
         }
@@ -104,7 +110,8 @@ impl<W: Write> PredictedWriter<W> {
         // Where the model has no number, neither has the file.
         let is_known = u_m.iter().all(|u_m| u_m.is_finite());
         for value_m in prediction.residual_m.iter().chain(&u_m) {
-            self.writer.write_field(if is_known { format!("{:.4}", value_m * 1e6) } else { String::new() })?;
+            let mut text = if is_known { format!("{:.4}", value_m * 1e6) } else { String::new() };
+            self.writer.write_field(mark.of(&mut text))?;
         }
         self.writer.write_field(if prediction.inside { "0" } else { "1" })?;
         self.writer.write_record(None::<&[u8]>)
@@ -115,10 +122,6 @@ impl<W: Write> PredictedWriter<W> {
     /// # Errors
     /// What the system says.
     pub fn finish(self) -> Result<W, FileError> {
-        let file = self.file;
-        self.writer.into_inner().map_err(|error| {
-            let source = std::io::Error::new(error.error().kind(), error.error().to_string());
-            FileError::io(&file, "write")(source)
-        })
+        finished(self.writer, &self.file)
     }
 }

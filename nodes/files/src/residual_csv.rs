@@ -7,6 +7,7 @@
 //! `# abbe residuals machine=bridge_xyz model_sha256=… data_sha256=…`.
 
 use crate::atomic::AtomicFile;
+use crate::csv_bytes::TableBytes;
 use crate::envelope::{hex, sha256_of_hex};
 use crate::error::{FileError, Place};
 use crate::points_csv::unwritten;
@@ -101,17 +102,19 @@ pub fn read_residual_origin(path: &Path) -> Result<Option<ResidualOrigin>, FileE
     let file = path.display().to_string();
     let input = File::open(path).map_err(FileError::io(&file, "open the data"))?;
     // No head is longer than this; a table is not read to its end for it.
-    let mut lines = BufReader::new(input.take(1 << 16));
+    let bytes = TableBytes::new(input, &file)?;
+    let mut lines = BufReader::new(bytes.take(1 << 16));
     let mut bytes = Vec::new();
     for line in 1.. {
         bytes.clear();
-        lines.read_until(b'\n', &mut bytes).map_err(FileError::io(&file, "read the data"))?;
+        lines.read_until(b'\n', &mut bytes).map_err(|error| lines.get_ref().get_ref().told(error, &file, line))?;
         let text = String::from_utf8_lossy(&bytes);
-        let text = text.trim_start_matches('\u{feff}').trim();
+        // Excel fills comments up with delimiters when it saves.
+        let text = text.trim().trim_end_matches([',', ';', '\t']);
         if let Some(words) = text.strip_prefix(MARK.trim_end()) {
             return origin_of(words, &file, line).map(Some);
         }
-        if bytes.is_empty() || !(text.is_empty() || text.starts_with('#')) {
+        if bytes.is_empty() || !(text.is_empty() || text.starts_with('#') || text.starts_with("sep=")) {
             break;
         }
     }

@@ -31,6 +31,8 @@ const DISTANCE: Known = Known::new("d_mm", "d", "millimetres");
 const U: Known = Known::new("u_um", "u", "micrometres");
 const CENTRES: [Known; 7] = [A, C, DISTANCE, READING[0], READING[1], READING[2], U];
 const AXIS: Known = Known::new("axis", "axis", "text");
+/// How far an axis may stand from its target (mm): ten times a poor machine tool of several metres.
+const LARGEST_MM: f64 = 10.0;
 const TARGET: Known = Known::new("target_mm", "target", "millimetres");
 const DIRECTION: Known = Known::new("direction", "direction", "+ or -");
 const CYCLE: Known = Known::new("cycle", "cycle", "whole number");
@@ -104,12 +106,19 @@ pub fn read_runs(input: impl Read, file: &str) -> Result<StudyFile<Run>, FileErr
     let time = header.optional(TIME, &RUNS)?;
     let covariates = strangers(header, |name| RUNS.iter().any(|known| known.name == name));
     rows(source, |row| {
+        let (target_mm, measured_mm) = (row.number(target)?, row.number(measured)?);
+        if (measured_mm - target_mm).abs() > LARGEST_MM {
+            let problem = format!("{:.3} mm off its target is another unit or another column", measured_mm - target_mm);
+            let remedy =
+                "check the units of target_mm and measured_mm, and that measured_mm holds positions, not errors";
+            return Err(FileError::content(row.place(measured), problem, remedy));
+        }
         Ok(Run {
             axis: row.text(axis)?,
-            target_m: row.number(target)? / 1e3,
+            target_m: target_mm / 1e3,
             approach: row.approach(direction)?,
             cycle: row.whole(cycle)?,
-            measured_m: row.number(measured)? / 1e3,
+            measured_m: measured_mm / 1e3,
             time_s: row.optional(time)?,
             covariates: row.covariates(&covariates)?,
         })

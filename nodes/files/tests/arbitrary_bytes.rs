@@ -5,9 +5,11 @@
 mod mangled;
 
 use abbe_files::{
-    ModelFile, PointRow, PointsReader, SeenTarget, machine_text, parse_machine, read_campaign, read_guideway,
-    read_sphere_centres,
+    ModelFile, PlainPoints, PointRow, PointsReader, PredictedWriter, SeenTarget, machine_text, parse_machine,
+    read_campaign, read_guideway, read_positions, read_sphere_centres,
 };
+use abbe_geometry::residual_field::ResidualPrediction;
+use abbe_geometry::{Matrix3, Vector3};
 use mangled::mangled;
 use proptest::collection::vec;
 use proptest::prelude::*;
@@ -15,6 +17,9 @@ use proptest::prelude::*;
 const BRIDGE: &str = include_str!("../../../launch-config/machines/bridge_xyz.toml");
 const CAMPAIGN: &str = "station,line,time_s,x_mm,y_mm,z_mm,offset_x_mm,offset_y_mm,offset_z_mm,length_mm,load_kg\n\
                         S1,A,1,600,588,450,0,0,-60,0,1\nS1,A,2,600,574.1,450,0,0,-60,-8.4,\nS2,B,2,1,2,3,0,0,-60,0,2\n";
+const EUROPEAN: &str =
+    "\u{feff}sep=;\r\n# decimal=,\r\nstation;time_s;x_mm;y_mm;z_mm;length_mm\r\nS1;1;600,125;588;450,5;0;\r\n";
+const POINTS: &str = "sep=;\r\n# decimal=,\r\n\"note\";x_mm;y_mm;z_mm\r\n\"#1\";1,5;-2;3,25\r\n\r\n#;\r\nsep=,;1,125;\"2\";0\r\n\"a\"\"b;\r\nc\";0;0,5;1\r\n";
 const GUIDEWAY: &str = "position_mm,target,range_mm,azimuth_deg,elevation_deg\n0,P,2000,30,-10\n0,Q,2100,31,-9.5\n";
 
 /// Puts every reader to the bytes; what they say does not matter here.
@@ -42,6 +47,19 @@ fn read_all(bytes: &[u8]) {
     }
 }
 
+/// The points of a table and the table as it is handed through; `None` where it is refused.
+fn handed_through(bytes: &[u8]) -> Option<(Vec<[f64; 3]>, Vec<u8>)> {
+    let mut input = PlainPoints::new(bytes, "fuzz").ok()?;
+    let mut writer = PredictedWriter::new(Vec::new(), "out", &input).ok()?;
+    let (residual_m, covariance_m2) = (Vector3::new(1.5e-6, 0.0, -2e-6), Matrix3::identity() * 1e-12);
+    let mut points = Vec::new();
+    while let Some(point_m) = input.next_point_m().ok()? {
+        points.push(point_m);
+        writer.write(&input, &ResidualPrediction { residual_m, covariance_m2, inside: true }).ok()?;
+    }
+    Some((points, writer.finish().ok()?))
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(1000))]
 
@@ -55,10 +73,24 @@ proptest! {
         campaign in mangled(CAMPAIGN),
         machine in mangled(BRIDGE),
         guideway in mangled(GUIDEWAY),
+        european in mangled(EUROPEAN),
     ) {
         read_all(&campaign);
+        read_all(&european);
+        read_all(&zstd::encode_all(campaign.as_slice(), 1).unwrap());
         read_all(&guideway);
         read_all(&machine);
+    }
+
+    /// A table that is handed through reads back as the same points, whatever its dialect and its other columns.
+    #[test]
+    fn regress_what_is_handed_through_reads_back(bytes in mangled(POINTS)) {
+        if let Some((points, through)) = handed_through(&bytes)
+            && !points.is_empty()
+        {
+            let again = read_positions(through.as_slice(), "through");
+            prop_assert_eq!(again.map_err(|error| error.to_string()), Ok(points), "{:?}", String::from_utf8_lossy(&through));
+        }
     }
 
     /// Rows as a logger writes them, with seven decimals, come back as these numbers.
@@ -79,6 +111,34 @@ proptest! {
             prop_assert_eq!(reading.reading_m, [x / 1e3, y / 1e3, z / 1e3]);
             prop_assert_eq!((reading.length_m, reading.time_s), (length / 1e3, k as f64));
             prop_assert_eq!(file.campaign.covariates[0].values[k], *load);
+        }
+    }
+
+    /// The same rows in the dialects of Excel are the same numbers, or refused with both readings; never other numbers.
+    #[test]
+    fn campaigns_come_back_in_any_dialect(
+        rows in vec((-1e3f64..1e3, 0usize..4), 1..6),
+        delimiter in prop::sample::select(vec![';', '\t']),
+        has_mark: bool,
+    ) {
+        let mut text = String::from(if has_mark { "\u{feff}" } else { "" });
+        text += &"station;time_s;x_mm;y_mm;z_mm;length_mm\r\n".replace(';', &delimiter.to_string());
+        let mut expected = Vec::new();
+        for (k, (value, digits)) in rows.iter().enumerate() {
+            let number = format!("{value:.digits$}");
+            expected.push(number.parse::<f64>().unwrap() / 1e3);
+            text += &format!("S1;{k};{number};0;0;1\r\n").replace('.', ",").replace(';', &delimiter.to_string());
+        }
+        match read_campaign(text.as_bytes(), "c.csv", Some([0.0; 3])) {
+            Ok(file) => {
+                let read: Vec<f64> = file.campaign.readings.iter().map(|reading| reading.reading_m[0]).collect();
+                prop_assert_eq!(read, expected);
+            }
+            Err(error) => {
+                prop_assert!(error.to_string().contains("with a comma between thousands"), "{}", error);
+                let only_threes = rows.iter().all(|(value, digits)| [0, 3].contains(digits) && (value.abs() >= 1.0 || *digits == 0));
+                prop_assert!(only_threes, "{}", text);
+            }
         }
     }
 

@@ -135,7 +135,11 @@ fn cells_that_are_no_finite_number() {
         assert_says(&refused(&[HEAD, ROW_1, &row]), &["c.csv, line 3, column y_mm", says, "remove the row"]);
     }
     let comma = ROW_2.replace("574.133268", "\"574,13\"");
-    assert_says(&refused(&[HEAD, ROW_1, &comma]), &["\"574,13\" is not a number", "decimal point"]);
+    assert_says(
+        &refused(&[HEAD, ROW_1, &comma]),
+        &["line 3, column y_mm", "\"574,13\" marks decimals in another way", "in line 2", "in one way"],
+    );
+    assert_says(&refused(&[HEAD, ROW_1, &ROW_2.replace("574.133268", "\"1,574.13\"")]), &["marks between thousands"]);
     let covariate = format!("{ROW_2}nan");
     assert_says(&refused(&[HEAD, ROW_1, &covariate]), &["line 3, column temp_air_c", "leave the cell empty"]);
 }
@@ -147,13 +151,106 @@ fn a_further_column_that_is_text_is_refused_by_name() {
     assert_says(&refused(&[&head, &row]), &["line 2, column operator", "\"Ernst\"", "or remove the column"]);
 }
 
+/// The lines of a campaign as a European Excel writes them.
+fn european(lines: &[&str]) -> String {
+    lines.iter().map(|line| line.replace(',', ";").replace('.', ",") + "\r\n").collect()
+}
+
+#[test]
+fn regress_the_dialects_of_excel_are_the_same_campaign() {
+    let plain = read(&[HEAD, ROW_1, ROW_2].join("\n")).unwrap().campaign;
+    let semicolons = european(&[HEAD, ROW_1, ROW_2]);
+    let tabs = semicolons.replace(';', "\t");
+    for text in [
+        semicolons.clone(),
+        format!("\u{feff}{semicolons}"),
+        format!("sep=;\r\n{semicolons}"),
+        format!("sep=;;;;;\r\n# by night; and fog\r\n{semicolons}"),
+        tabs.clone(),
+        format!("sep=\t\n{tabs}"),
+        tabs.replace("\r\n", "\r"),
+        [HEAD, ROW_1, ROW_2].join("\n").replace(',', ";"),
+        semicolons.replace(';', "\",\"").replace("\r\n", "\"\r\n\"").replacen("station", "\"station", 1) + "\"\n",
+    ] {
+        let text = text.trim_end_matches("\"\"\n");
+        let read = read(text).unwrap_or_else(|error| panic!("{error} in {text:?}"));
+        assert_eq!(read.campaign, plain, "{text:?}");
+    }
+}
+
+#[test]
+fn regress_a_comma_that_may_stand_between_thousands_is_settled_by_other_numbers_or_refused() {
+    let head = HEAD.replace(',', ";");
+    // Three decimals everywhere, as a display in micrometres gives them.
+    let [open, settles] =
+        ["S1;A;1;600,125;588,000;450,500;1;2;60;700,250;", "S1;A;2;600,125;588,000;450,500;1;2;60;7,25;"];
+    let message = refused(&[&head, open]);
+    assert_says(
+        &message,
+        &["c.csv, line 2, column x_mm", "\"600,125\" is 600.125 with a decimal comma and 600125 with a comma between"],
+    );
+    assert_says(&message, &["no number up to here tells which", "# decimal=,"]);
+    assert_eq!(read(&[&head, open, settles].join("\n")).unwrap().campaign.readings[0].reading_m[0], 0.600125);
+    let declared = read(&["# decimal=,", &head, open].join("\n")).unwrap().campaign;
+    assert_eq!(declared.readings[0].length_m, 0.70025);
+    assert_says(&refused(&["# decimal=.", &head, open]), &["line 3", "line 1 says decimal=."]);
+    let american = open.replace("700,250", "700.5");
+    assert_says(&refused(&[&head, &american]), &["column x_mm", "600125", "\"700.5\" in line 2 has a decimal point"]);
+    let grouped = open.replace("600,125", "1.600,125");
+    assert_says(&refused(&[&head, &grouped]), &["\"1.600,125\" has marks between thousands", "without them"]);
+    let mixed = settles.replace("7,25", "7.25").replace("600,125", "0,5");
+    assert_says(&refused(&[&head, &mixed]), &["\"7.25\" marks decimals in another way than \"0,5\" in line 2"]);
+}
+
+#[test]
+fn regress_numbers_are_no_column_names() {
+    assert_says(&refused(&[ROW_1, ROW_2]), &["line 1", "holds numbers and no column names", "tail -n +1 -f"]);
+    assert_says(&refused(&["a,b;c", "1,2;3"]), &["line 1", "both commas and semicolons", "sep="]);
+}
+
+#[test]
+fn regress_packed_campaigns_are_read_as_they_are() {
+    use std::io::Write;
+    let text = [HEAD, ROW_1, ROW_2].join("\n");
+    let plain = read(&text).unwrap();
+    let mut gzip = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::default());
+    gzip.write_all(text.as_bytes()).unwrap();
+    for packed in [gzip.finish().unwrap(), zstd::encode_all(text.as_bytes(), 3).unwrap()] {
+        let unpacked = read_campaign(packed.as_slice(), "c.csv.gz", None).unwrap();
+        assert_eq!(unpacked.campaign, plain.campaign);
+        assert_ne!(unpacked.sha256, plain.sha256, "the hash is of the file");
+        // Parts one after the other are one text, as gunzip and zstdcat have it.
+        let twice = [packed.as_slice(), &packed].concat();
+        assert_says(&read_campaign(twice.as_slice(), "c", None).unwrap_err().to_string(), &["line 3"]);
+        for length in 5..packed.len() {
+            let message = read_campaign(&packed[..length], "c.csv.gz", None).unwrap_err().to_string();
+            assert_says(&message, &["c.csv.gz, line", "damaged or cut off", "again"]);
+        }
+        let mut broken = packed.clone();
+        broken[packed.len() / 2] ^= 0x10;
+        assert_says(&read_campaign(broken.as_slice(), "c", None).unwrap_err().to_string(), &["c"]);
+    }
+}
+
+#[test]
+fn regress_a_bomb_is_refused_before_it_fills_the_memory() {
+    // A gibibyte of blanks without a line end in a few kilobytes.
+    let mut bomb = zstd::Encoder::new(Vec::new(), 1).unwrap();
+    std::io::copy(&mut std::io::Read::take(std::io::repeat(b' '), 1 << 30), &mut bomb).unwrap();
+    let bomb = bomb.finish().unwrap();
+    let message = read_campaign(bomb.as_slice(), "bomb.csv.zst", None).unwrap_err().to_string();
+    assert_says(&message, &["bomb.csv.zst, line 1", "longer than 4 MiB"]);
+    let quoted = format!("{HEAD}\n\"{}", "S1,\n".repeat(2_000_000));
+    assert_says(&refused(&[&quoted]), &["c.csv, line", "longer than 4 MiB", "close the quotes"]);
+}
+
 #[test]
 fn ragged_rows_and_empty_files() {
     assert_says(
         &refused(&[HEAD, ROW_1, "S1,S1-00,2.5,600.0"]),
         &["c.csv, line 3", "4 cells", "header has 11", "cut off"],
     );
-    assert_says(&refused(&[HEAD, &format!("{ROW_1},1")]), &["line 2", "12 cells"]);
+    assert_says(&refused(&[HEAD, &format!("{ROW_1},1")]), &["line 2", "12 cells", "semicolons"]);
     assert_says(&refused(&[""]), &["c.csv: the file is empty", "header line"]);
     assert_says(&refused(&["# only a comment", ""]), &["the file is empty"]);
     assert_says(&refused(&[HEAD, ""]), &["line 1", "header but no reading", "one row"]);

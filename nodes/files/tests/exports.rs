@@ -132,6 +132,25 @@ fn plain_csv_reads_back() {
             (squareness[&entry.name].0 - value).abs() < LAST_BIT && (squareness[&entry.name].1 - u).abs() < LAST_BIT
         );
     }
+    for (axis, (value, u)) in Axis::ALL.into_iter().zip(file.model.ram_turn()) {
+        let found = squareness[&format!("ram_turn_{}", axis.lower())];
+        assert!((found.0 - value).abs() < LAST_BIT && (found.1 - u).abs() < LAST_BIT, "{found:?} {value} {u}");
+    }
+}
+
+#[test]
+fn every_export_says_how_the_ram_stands_and_whether_it_holds_it() {
+    let file = model();
+    let turn = file.model.ram_turn().map(|(angle_rad, _)| format!("{:.3}", angle_rad * 1e6)).join(" ");
+    for format in FORMATS {
+        let grid = matches!(format.writer, Writer::Grid(_));
+        for exported in written(format.name, &file).iter().filter(|exported| !exported.name.ends_with(".CMA")) {
+            let line = exported.text.lines().find(|line| line.contains("ram: ")).unwrap();
+            assert!(line.contains(&format!("turned by {turn} urad")), "{line}");
+            assert_eq!(line.contains("contained"), grid, "{line}");
+            assert_eq!(line.contains("NOT in the error functions"), !grid, "{line}");
+        }
+    }
 }
 
 #[test]

@@ -115,6 +115,19 @@ fn chains_strokes_and_squareness_that_make_no_machine() {
 }
 
 #[test]
+fn a_ram_that_is_known_too_well_or_not_at_all() {
+    let with = |turn: &str| format!("repeatability_um = [0.25, 0.25, 0.25]\nu_k1_ram_turn_urad = {turn}");
+    for turn in ["[200.0, 0.0, 200.0]", "[200.0, -1.0, 200.0]", "[inf, 200.0, 200.0]", "[nan, 1.0, 1.0]"] {
+        refused(
+            "repeatability_um = [0.25, 0.25, 0.25]",
+            &with(turn),
+            &["key u_k1_ram_turn_urad", "between 0.001 and 50000 µrad", ", line", "leave the key out"],
+        );
+    }
+    refused("repeatability_um = [0.25, 0.25, 0.25]", &with("200.0"), &["u_k1_ram_turn_urad", ", line"]);
+}
+
+#[test]
 fn error_functions_that_do_not_exist() {
     let with = |line: &str| format!("intervals = 9 }}\n{line}");
     refused("intervals = 9 }", "intervals = 0 }", &["key error_functions.default", "between 1 and 1000"]);

@@ -122,6 +122,42 @@ fn a_file_of_earlier_software_that_says_nothing_of_chords_is_read() {
     assert_eq!(read.model.parts().covariance, whole.model.parts().covariance);
 }
 
+/// The file as software wrote it that knew no turn of the ram: no such entry, three rows less in the covariance.
+#[test]
+fn a_file_of_earlier_software_that_says_nothing_of_the_ram_is_read_as_one_that_does_not_know() {
+    let whole = model(1);
+    let place = whole.model.layout().ram_turn();
+    let without = |packed: &[f64]| -> Vec<f64> {
+        let size = whole.model.machine_parameters() + 4;
+        let kept = (0..size).flat_map(|i| (0..=i).map(move |j| (i, j)));
+        let kept = kept.zip(packed).filter(|((i, j), _)| !place.contains(i) && !place.contains(j));
+        kept.map(|(_, value)| *value).collect()
+    };
+    let text = |packed: &[f64]| serde_json::to_string(packed).unwrap();
+    let parts = whole.model.parts();
+    let bytes = forged(|body| {
+        let (before, rest) = body.split_at(body.find("\"ram_turn\"").unwrap());
+        let after = rest[rest.find('}').unwrap() + 1..].trim_start_matches(',');
+        let earlier = format!("{before}{}", after.trim_start())
+            .replace("squareness, turn of the ram, effect", "squareness, effect");
+        let earlier = earlier.replace(&text(&parts.covariance), &text(&without(&parts.covariance)));
+        let earlier = earlier.replace(&text(&parts.chord_covariance), &text(&without(&parts.chord_covariance)));
+        let (before, rest) = earlier.split_at(earlier.find("\"u_ram_turn_rad\"").unwrap());
+        format!("{before}{}", rest[rest.find("],").unwrap() + 2..].trim_start())
+    });
+    let read = load(&bytes).unwrap().0.model;
+    // Zero about the middle of the offsets, as uncertain as a ram that nobody measured; everything else is as it was.
+    assert_eq!(read.parts().offset_centre_m, [0.0; 3]);
+    assert_eq!(read.ram_turn(), [(0.0, abbe_geometry::machine::USUAL_RAM_TURN_RAD); 3]);
+    assert_eq!(without(&read.parts().covariance), without(&parts.covariance));
+    assert_eq!(without(&read.parts().chord_covariance), without(&parts.chord_covariance));
+    assert_eq!(read.parts().coefficients[..place.start], parts.coefficients[..place.start]);
+    assert!(place.clone().all(|k| (0..place.start).all(|other| read.covariance(k, other) == 0.0)));
+    // Written again, it is a file of this software.
+    let again = ModelFile { model: read, ..model(1) };
+    assert_eq!(format!("{:?}", load(&again.to_bytes("m").unwrap().0).unwrap().0), format!("{again:?}"));
+}
+
 #[test]
 fn models_that_do_not_fit_together_are_refused_even_with_the_right_hash() {
     let cases: [(&str, &str, &[&str]); 10] = [

@@ -45,7 +45,7 @@ fn the_output_is_the_input_and_seven_columns() {
     let far = ROW.replace("316.5469976", "5000");
     let text = format!("{HEAD}\n{ROW}\n{far}\n");
     let mut reader = open(&text).unwrap();
-    let mut writer = PointsWriter::new(Vec::new(), "out.csv", reader.columns()).unwrap();
+    let mut writer = PointsWriter::new(Vec::new(), "out.csv", &reader).unwrap();
     let (mut row, mut corrections) = (PointRow::default(), Vec::new());
     while reader.read(&mut row).unwrap() {
         let covariates = reader.covariates(&row);
@@ -65,6 +65,67 @@ fn the_output_is_the_input_and_seven_columns() {
     assert_eq!(lines[1], expected);
     assert_eq!(lines[2], format!("{far},,,,,,,rejected"));
     refused(open(&output), &["p.csv, line 1, column corrected_x_mm", "already holds", "before correction"]);
+}
+
+/// What comes out where these points go in, corrected by a model.
+fn handed_through(text: &str) -> Result<String, FileError> {
+    let file = common::model(3);
+    let mut reader = PointsReader::new(text.as_bytes(), "p.csv", Some([0.0; 3]))?;
+    let mut writer = PointsWriter::new(Vec::new(), "out.csv", &reader)?;
+    let mut row = PointRow::default();
+    while reader.read(&mut row)? {
+        let state = State { reading_m: row.reading_m, offset_m: row.offset_m, covariates: &reader.covariates(&row) };
+        writer.write(&row, &correct(&file.model, &state))?;
+    }
+    Ok(String::from_utf8(writer.finish()?).unwrap())
+}
+
+#[test]
+fn regress_points_come_out_in_the_dialect_in_which_they_came_in() {
+    let plain = format!("{HEAD}\n{ROW}\n").replace("\"slow, twice\"", "slow");
+    let of_plain = handed_through(&plain).unwrap();
+    let european = |text: &str| text.replace(',', ";").replace('.', ",").replace('\n', "\r\n");
+    for (head, text) in [("", plain.clone()), ("\u{feff}", plain.clone()), ("# decimal=.\n", plain.clone())] {
+        assert_eq!(handed_through(&format!("{head}{text}")).unwrap(), format!("{head}{of_plain}"));
+    }
+    for head in ["", "\u{feff}", "sep=;\r\n", "\u{feff}sep=;\r\n# decimal=,\r\n"] {
+        let through = handed_through(&format!("{head}{}", european(&plain))).unwrap();
+        assert_eq!(through, format!("{head}{}", european(&of_plain)), "{head:?}");
+    }
+    let tabs = |text: &str| text.replace(',', "\t");
+    assert_eq!(handed_through(&tabs(&plain)).unwrap(), tabs(&of_plain));
+    // Reading it back gives the numbers of the plain one.
+    let again = handed_through(&european(&plain)).unwrap();
+    refused(open(&again), &["column corrected_x_mm", "already holds"]);
+}
+
+#[test]
+fn regress_whole_numbers_do_not_make_an_output_of_two_dialects() {
+    let rows = "x_mm;y_mm;z_mm\n1;2;3\n1,5;2;3\n";
+    let lines = handed_through(rows).unwrap();
+    assert!(lines.lines().nth(1).unwrap().starts_with("1;2;3;0,"), "the second row tells for the first: {lines}");
+    // More whole numbers than come at a time: then nobody can know.
+    let many = format!("x_mm;y_mm;z_mm\n{}1,5;2;3\n", "1;2;3\n".repeat(20_000));
+    let message = handed_through(&many).unwrap_err().to_string();
+    assert!(message.starts_with("p.csv, line 20002: decimal commas begin here"), "{message}");
+    assert!(handed_through(&format!("# decimal=,\n{many}")).is_ok());
+}
+
+#[test]
+fn regress_covariates_with_decimal_commas_are_read_and_open_ones_refused() {
+    let text = "x_mm;y_mm;z_mm;temp_air_c;note\n100,5;2;3;20,125;about 1,5\n";
+    let mut reader = PointsReader::new(text.as_bytes(), "p.csv", Some([0.0; 3])).unwrap();
+    let mut row = PointRow::default();
+    assert!(reader.read(&mut row).unwrap());
+    assert_eq!(reader.covariates(&row).covariate("temp_air_c"), CovariateValue::Fresh(20.125));
+    assert_eq!(reader.covariates(&row).covariate("note"), CovariateValue::Missing);
+    let open = "x_mm;y_mm;z_mm;temp_air_c\n100;2;3;20,125\n";
+    let mut reader = PointsReader::new(open.as_bytes(), "p.csv", Some([0.0; 3])).unwrap();
+    assert!(reader.read(&mut row).unwrap());
+    assert!(reader.refuse_open_numbers().is_ok());
+    reader.covariates(&row).covariate("temp_air_c");
+    let told = reader.refuse_open_numbers().unwrap_err().to_string();
+    assert!(told.starts_with("p.csv, line 2, column temp_air_c: \"20,125\" is 20.125 with"), "{told}");
 }
 
 #[test]

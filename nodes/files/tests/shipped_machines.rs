@@ -11,7 +11,7 @@ fn every_shipped_machine_loads_and_is_written_back_the_same() {
     for entry in std::fs::read_dir(folder).unwrap() {
         let path = entry.unwrap().path();
         let file = read_machine(&path).unwrap();
-        assert!(Layout::new(&file.machine).unwrap().len() > 21, "{}", path.display());
+        assert!(Layout::new(&file.machine, [0.0; 3]).unwrap().len() > 21, "{}", path.display());
         assert_eq!(Some(file.machine.name.as_str()), path.file_stem().and_then(|stem| stem.to_str()));
         let text = machine_text(&file).unwrap();
         assert_eq!(parse_machine(&text, "written").unwrap(), file, "{text}");

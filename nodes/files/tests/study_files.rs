@@ -77,6 +77,11 @@ fn runs_are_read_in_si_with_what_was_logged() {
 fn wrong_runs_are_refused() {
     assert_says(&runs(&[&RUNS.replace("measured_mm", "measured_um"), "1"]), &["column measured_um", "millimetres"]);
     assert_says(&runs(&[&RUNS.replace("target_mm", "targt_mm"), "1"]), &["did you mean it by targt_mm", "rename"]);
+    // Errors instead of positions, and metres.
+    assert_says(
+        &runs(&[RUNS, "X,100,+,1,0.0025,1,20"]),
+        &["line 2, column measured_mm", "off its target", "positions, not errors"],
+    );
     assert_says(&runs(&[RUNS, "X,100,left,1,100,1,20"]), &["line 2, column direction", "\"left\"", "write +"]);
     assert_says(&runs(&[RUNS, "X,100,+,one,100,1,20"]), &["line 2, column cycle", "whole number", "1, 2, 3"]);
     assert_says(&runs(&[RUNS, "X,100,+,1,nan,1,20"]), &["line 2, column measured_mm", "not a finite number"]);

@@ -5,6 +5,7 @@
 //! needs afterwards stands in that folder: readings, model, log, report.
 
 use abbe_files::{FileError, ModelFile, hex, write_atomically, write_campaign};
+use abbe_geometry::effects::Effect;
 use abbe_measurement::campaign::Campaign;
 use abbe_msgs::Sha256;
 use abbe_runtime::ros::TriggerOutcome;
@@ -186,7 +187,7 @@ fn conclude(job: &Job, folder: &Path) -> Result<String, RunError> {
         let (from, to) = (path.display(), job.model_file.display());
         return Ok(format!("{report}; to use its model {proposed}, copy {from} over {to}"));
     }
-    let lacking = lacking_live(&diagnosed, &job.campaign);
+    let lacking = lacking_live(&diagnosed, &job.campaign, |effect| effect.covariates());
     if !lacking.is_empty() {
         let lacking = lacking.join(", ");
         return Ok(format!(
@@ -204,14 +205,22 @@ fn conclude(job: &Job, folder: &Path) -> Result<String, RunError> {
         ));
     }
     write_atomically(&job.model_file, &bytes)?;
-    Ok(format!("{report}; its model {proposed} is put into use"))
+    let unseen = lacking_live(&diagnosed, &job.campaign, |effect| effect.range_covariates());
+    let blind = match unseen.is_empty() {
+        true => String::new(),
+        false => format!(
+            ", but the monitor cannot judge it: the ranges depend on {}, which the scale readings do not carry",
+            unseen.join(", ")
+        ),
+    };
+    Ok(format!("{report}; its model {proposed} is put into use{blind}"))
 }
 
-/// Covariates that the model corrects by and no scale reading carried. A campaign also has `time_s`, the time since it
+/// Covariates that the model corrects by, or predicts ranges by, and no scale reading carried. A campaign also has `time_s`, the time since it
 /// began; a live sample has none.
-fn lacking_live(diagnosed: &ModelFile, campaign: &Campaign) -> Vec<String> {
+fn lacking_live(diagnosed: &ModelFile, campaign: &Campaign, reads: impl Fn(&dyn Effect) -> Vec<String>) -> Vec<String> {
     let effects = diagnosed.model.parts().effects.iter();
-    let read: BTreeSet<String> = effects.flat_map(|effect| effect.effect.covariates()).collect();
+    let read: BTreeSet<String> = effects.flat_map(|fitted| reads(fitted.effect.as_ref())).collect();
     read.into_iter().filter(|name| campaign.covariate(name).is_none()).collect()
 }
 

@@ -5,6 +5,9 @@
 //! with the file and the key.
 
 mod check;
+mod record;
+
+pub use record::RecordConfig;
 
 use crate::driver::DriverConfig;
 use crate::step::MonitorSettings;
@@ -198,14 +201,17 @@ pub struct Launch {
     pub max_covariate_age_s: f64,
     /// Longest a node waits for the nodes that take from it (s).
     pub wait_for_subscribers_s: f64,
+    /// Memory that the gateway of each node with an edge over DDS may reserve (MiB);
+    /// [`Launch::GATEWAY_MEMORY_MIB`] without it.
+    pub gateway_memory_mib: Option<u64>,
     /// Driver of the scale node.
     pub scale: Option<Source>,
     /// Driver of the tracer node.
     pub tracer: Option<Source>,
     /// Bounds of the monitor node.
     pub monitor: Option<MonitorConfig>,
-    /// Bag that the recorder writes, relative to this file.
-    pub record: Option<PathBuf>,
+    /// What the recorder writes.
+    pub record: Option<RecordConfig>,
     /// All edges.
     pub edges: Vec<Edge>,
 }
@@ -250,6 +256,16 @@ pub enum LaunchError {
 }
 
 impl Launch {
+    /// Memory that a gateway may reserve where the launch file does not say (MiB).
+    pub const GATEWAY_MEMORY_MIB: u64 = 1024;
+    /// Less is not enough to start one (MiB).
+    pub const LEAST_GATEWAY_MEMORY_MIB: u64 = 512;
+
+    /// Memory that a gateway may reserve (bytes).
+    pub fn gateway_memory_bytes(&self) -> u64 {
+        self.gateway_memory_mib.unwrap_or(Launch::GATEWAY_MEMORY_MIB).saturating_mul(1 << 20)
+    }
+
     /// Reads and checks a launch file.
     pub fn read(path: &Path) -> Result<Launch, LaunchError> {
         let text =

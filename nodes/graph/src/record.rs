@@ -96,5 +96,5 @@ pub fn write_bag(
 /// Log time of a recorded message: its stamp, so that a recording says when things were measured.
 pub(crate) fn log_time_ns<M: Message>(sample: &M) -> Result<u64, MessageError> {
     let seconds = sample.stamp().to_seconds();
-    u64::try_from(sample.stamp().to_nanos()).map_err(|_| MessageError::StampRange { seconds })
+    u64::try_from(sample.stamp().to_nanos()).map_err(|_| MessageError::LogTime { seconds })
 }

@@ -7,11 +7,12 @@ mod common;
 
 use abbe_files::write_campaign;
 use abbe_geometry::chain::nominal_point_m;
-use abbe_graph::driver::{DriverConfig, open_scale, open_tracer};
-use abbe_graph::step::{GeometricStep, MonitorSettings, MonitorStep};
+use abbe_graph::driver::{DriverConfig, JoinSettings, campaign_from_bag, open_scale, open_tracer};
+use abbe_graph::step::{GeometricStep, MonitorSettings, MonitorStep, ReadingBuffer};
 use abbe_identify::{Options, identify};
 use abbe_measurement::campaign::Campaign;
-use abbe_msgs::TracerReading;
+use abbe_msgs::bag::BagWriter;
+use abbe_msgs::{Covariates, Message, ScaleReading, Stamp, Text, TracerReading};
 use common::{HASH, bench};
 use std::sync::Arc;
 
@@ -91,4 +92,99 @@ fn the_mean_square_over_a_sound_machine_is_one() {
     println!("mean square over {} residuals: {mean_square:.3}", health.residuals);
     // Three deviations of χ²/n over some 1400 residuals are 0.11.
     assert!((mean_square - 1.0).abs() < 0.11, "{mean_square}");
+}
+
+/// A run as a recorder and a monitor hear it: stamps of scale and tracer a little apart, covariates of all ages, lines
+/// without a name, an offset that changes within a line, a tracer that starts again, a beam that was lost.
+fn run() -> Vec<(ScaleReading, TracerReading)> {
+    let frame_id = Text::new("cmm").unwrap();
+    let sequences = |k: u64| if k < 20 { 100 + k } else { k };
+    let reading = |k: u64| {
+        let at =
+            |nanos: i64| Stamp::from_nanos(1_000_000_000 + i64::try_from(k).unwrap() * 10_000_000 + nanos).unwrap();
+        let mut covariates = Covariates::new();
+        covariates.push("temp_scale_x_c", 20.0 + k as f64, 0.5).unwrap();
+        covariates.push("load_kg", 7.0, if k.is_multiple_of(3) { 60.0 } else { 1.0 }).unwrap();
+        let offset_m = [0.0, 0.0, if k < 50 { -0.1 } else { -0.2 }];
+        let reading_m = [k as f64 * 1e-3, 0.2, if k == 33 { f64::NAN } else { 0.3 }];
+        let scale = ScaleReading { stamp: at(0), sequence: k, reading_m, offset_m, covariates, frame_id };
+        let tracer = TracerReading {
+            stamp: at(200_000),
+            // It starts again at its twentieth reading, while it stands on S1.
+            sequence: sequences(k),
+            length_m: k as f64 * 1e-3,
+            u_length_m: 1e-7,
+            frame_id,
+            station: Text::new(if k < 40 { "S1" } else { "S2" }).unwrap(),
+            line: Text::new(if k % 20 < 10 { "" } else { "a" }).unwrap(),
+        };
+        (scale, tracer)
+    };
+    (0..60).map(reading).collect()
+}
+
+fn write<M: Message>(writer: &mut BagWriter, topic: &str, sample: &M) {
+    writer.write(topic, sample, sample.stamp().to_nanos().unsigned_abs()).unwrap();
+}
+
+#[test]
+fn regress_a_recorded_run_gives_offline_the_campaign_of_the_live_diagnosis() {
+    let folder = tempfile::tempdir().unwrap();
+    let bag = folder.path().join("run");
+    let mut writer = BagWriter::create(&bag).unwrap();
+    // The monitor hears the tracer first, the recorder the scales; another machine is on the network as well.
+    let join = JoinSettings { max_covariate_age_s: 10.0, ..JoinSettings::default() };
+    let mut live = ReadingBuffer::new("cmm", join.match_within_s, join.max_covariate_age_s);
+    for (scale, tracer) in run() {
+        write(&mut writer, "/cmm/scale/reading", &scale);
+        write(&mut writer, "/cmm/tracer/reading", &tracer);
+        let frame_id = Text::new("other").unwrap();
+        let reading_m = [9.0; 3];
+        write(&mut writer, "/other/scale/reading", &ScaleReading { frame_id, reading_m, ..scale });
+        write(&mut writer, "/other/tracer/reading", &TracerReading { frame_id, length_m: 9.0, ..tracer });
+        live.tracer(&tracer);
+        live.scale(&scale);
+    }
+    let (_, last) = run()[59];
+    let alone = TracerReading { stamp: Stamp::from_seconds(1.8).unwrap(), sequence: 60, ..last };
+    write(&mut writer, "/cmm/tracer/reading", &alone);
+    live.tracer(&alone);
+    writer.finish().unwrap();
+
+    let offline = campaign_from_bag(&bag, "cmm", &join).unwrap();
+    assert_eq!(offline.campaign, live.campaign(None));
+    assert_eq!(offline.campaign.readings.len(), 39, "40 since the tracer started again, less one that is no number");
+    assert_eq!(offline.campaign.lines, ["S1", "a", "S2", "a-2"]);
+    assert_eq!(offline.campaign.covariate("load_kg").unwrap().values.iter().flatten().count(), 27);
+    for says in [
+        "1 tracer readings have no scale reading within 0.5 ms",
+        "20 tracer readings are from before their tracer started again",
+        "1 tracer readings are not usable",
+        "20 scale readings have covariates older than 10 s",
+        "120 readings are of another frame or namespace",
+    ] {
+        assert!(offline.left_out.iter().any(|words| words.contains(says)), "{says}: {:?}", offline.left_out);
+    }
+}
+
+#[test]
+fn a_bag_of_another_machine_or_of_several_is_refused_until_one_is_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let bag = folder.path().join("run");
+    let mut writer = BagWriter::create(&bag).unwrap();
+    for (scale, tracer) in run() {
+        for namespace in ["left", "right"] {
+            write(&mut writer, &format!("/{namespace}/scale/reading"), &scale);
+            write(&mut writer, &format!("/{namespace}/tracer/reading"), &tracer);
+        }
+    }
+    writer.finish().unwrap();
+    let refused = |frame: &str, join: &JoinSettings| campaign_from_bag(&bag, frame, join).unwrap_err().to_string();
+    let join = JoinSettings::default();
+    assert!(refused("cmm", &join).contains("/left/scale/reading, /right/scale/reading; name one"));
+    assert!(refused("bridge", &join).contains("another machine"));
+    let left = JoinSettings { namespace: Some("/left".to_owned()), ..join.clone() };
+    assert_eq!(campaign_from_bag(&bag, "cmm", &left).unwrap().campaign.readings.len(), 39);
+    let strict = JoinSettings { match_within_s: 0.0001, ..left };
+    assert!(refused("cmm", &strict).contains("none of 60 tracer readings has a usable scale reading within 0.1 ms"));
 }

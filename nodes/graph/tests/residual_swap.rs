@@ -189,7 +189,7 @@ fn offline_and_live_add_the_same_bits() {
         let live = step.correct(&sample);
         let mut position_m = Vector3::from(sample.corrected_m);
         let mut covariance_m2 = Matrix3::from_row_slice(&sample.covariance_m2);
-        let prediction = add_residual(&mut position_m, &mut covariance_m2, field.field.as_ref());
+        let prediction = add_residual(&mut position_m, &mut covariance_m2, field.field.as_ref()).unwrap();
         assert_eq!(live.corrected_m, <[f64; 3]>::from(position_m));
         assert_eq!(live.residual_correction_m, <[f64; 3]>::from(prediction.residual_m));
     }

@@ -4,6 +4,7 @@ use crate::scale::Scale;
 use crate::svg::{Anchor, Svg, text_width_px};
 use crate::text;
 use crate::theme::DIVERGING_STEPS;
+use abbe_measurement::subset::spread;
 
 /// Width of every drawing on the page, px.
 pub(crate) const WIDTH_PX: f64 = 1080.0;
@@ -158,12 +159,17 @@ pub(crate) fn axis_text(axis: &crate::sections::Axis) -> String {
     text::with_unit(&axis.label, &axis.unit)
 }
 
-/// Most dots a panel shows; of more, every k-th is shown and the note says so.
+/// Most dots a panel shows; of more, one in k is shown and the note says so.
 const MAX_DOTS: usize = 8000;
 
-/// Every how many points one is drawn.
-pub(crate) fn stride(count: usize) -> usize {
+/// Of how many points one is drawn.
+pub(crate) fn one_in(count: usize) -> usize {
     count.div_ceil(MAX_DOTS).max(1)
+}
+
+/// The points that are drawn: evenly spread, but not every k-th, which would show the same place of each line.
+pub(crate) fn drawn<T>(points: &[T], one_in: usize) -> impl Iterator<Item = &T> {
+    spread(points.len(), points.len().div_ceil(one_in)).into_iter().map(|place| &points[place])
 }
 
 /// Areas of `count` panels in `columns` columns below `top`, and the height of the whole drawing.

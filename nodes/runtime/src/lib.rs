@@ -7,19 +7,24 @@
 //!
 //! - [`transport`]: the two traits, their three implementations, and [`Edges`], which opens either
 //!   by kind.
+//! - [`gateway`]: DDS in a process beside the node, started again when it ends.
 //! - [`ros`]: a node in the ROS 2 graph: arguments, names, parameters, diagnostics, services.
 //! - [`Outbox`]: publishing on a thread of its own, behind a bounded queue.
 //! - [`Shutdown`]: signals, the death of the launcher, and of who reads the output.
+//! - [`Claim`]: a run and a topic have one holder at a time on a host.
 //! - [`RunId`]: the name of one run, which all its shared-memory files carry.
 //!
 //! Samples are SI with the frame in their header; this crate changes no number in them.
 
+mod claim;
+pub mod gateway;
 mod outbox;
 pub mod ros;
 mod run_id;
 mod shutdown;
 pub mod transport;
 
+pub use claim::{Claim, ClaimError};
 pub use outbox::{Outbox, OutboxCounts};
 pub use run_id::{RunId, RunIdError};
 pub use shutdown::{LAUNCHER_PID, Shutdown, ShutdownError, end_with_reader, follow_launcher};

@@ -37,6 +37,14 @@ impl RunId {
         Self(format!("{:x}-{:x}", std::process::id(), nanos & 0xff_ffff_ffff))
     }
 
+    /// The process that chose the name by [`RunId::unique`]; none for a name of another form.
+    #[must_use]
+    pub fn chosen_by(&self) -> Option<u32> {
+        let (process, nanos) = self.0.split_once('-')?;
+        u64::from_str_radix(nanos, 16).ok()?;
+        u32::from_str_radix(process, 16).ok()
+    }
+
     /// The name.
     #[must_use]
     pub fn as_str(&self) -> &str {
@@ -78,5 +86,9 @@ mod tests {
     fn a_unique_name_is_a_valid_name() {
         let run = RunId::unique();
         assert_eq!(run.as_str().parse::<RunId>().unwrap(), run);
+        assert_eq!(run.chosen_by(), Some(std::process::id()));
+        for name in ["line-2", "line", "12", "12-34-56", "-12", "12-"] {
+            assert_eq!(name.parse::<RunId>().unwrap().chosen_by(), None, "{name}");
+        }
     }
 }

@@ -6,8 +6,8 @@
 //! [`end_with_reader`].
 
 use std::os::unix::process::parent_id;
-use std::sync::atomic::AtomicBool;
-use std::sync::{Arc, Condvar, Mutex, OnceLock, PoisonError};
+use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -34,8 +34,13 @@ pub struct Shutdown(Arc<Flag>);
 
 #[derive(Debug, Default)]
 struct Flag {
-    requested: Mutex<bool>,
+    /// How often it was asked for.
+    requests: Mutex<u32>,
     raised: Condvar,
+    /// How often a loop has looked.
+    looks: AtomicU64,
+    /// Threads that sleep on the flag.
+    asleep: AtomicUsize,
 }
 
 /// Why stopping could not be arranged.
@@ -60,7 +65,7 @@ pub enum ShutdownError {
         value: String,
     },
     /// The operating system refused.
-    #[error("cannot watch the process that started this node: {0}")]
+    #[error("cannot start a thread that watches: {0}")]
     Watch(#[source] std::io::Error),
 }
 
@@ -94,20 +99,61 @@ impl Shutdown {
     /// Whether the process should stop.
     #[must_use]
     pub fn requested(&self) -> bool {
-        *self.0.requested.lock().unwrap_or_else(PoisonError::into_inner)
+        self.0.looks.fetch_add(1, Ordering::Relaxed);
+        *self.requests() > 0
+    }
+
+    /// Whether it was asked for more than once (a second Ctrl-C): then nothing more is waited for.
+    #[must_use]
+    pub fn is_urgent(&self) -> bool {
+        *self.requests() > 1
     }
 
     /// Asks the process to stop.
     pub fn request(&self) {
-        *self.0.requested.lock().unwrap_or_else(PoisonError::into_inner) = true;
+        let mut requests = self.requests();
+        *requests = requests.saturating_add(1);
+        drop(requests);
         self.0.raised.notify_all();
+    }
+
+    /// Calls `act` on a thread of its own when stopping was asked for `times` times. For a command that looks at
+    /// [`Shutdown::requested`] too seldom, or whose user asks twice.
+    ///
+    /// # Errors
+    /// When the operating system refuses the thread.
+    pub fn when_requested(&self, times: u32, act: impl FnOnce() + Send + 'static) -> Result<(), ShutdownError> {
+        let shutdown = self.clone();
+        let wait = move || {
+            let flag = &shutdown.0;
+            let requests = flag.requests.lock().unwrap_or_else(PoisonError::into_inner);
+            drop(flag.raised.wait_while(requests, |requests| *requests < times));
+            act();
+        };
+        thread::Builder::new().name("on-request".into()).spawn(wait).map_err(ShutdownError::Watch)?;
+        Ok(())
     }
 
     /// Sleeps for `duration`, or until the process should stop. Returns [`Shutdown::requested`].
     pub fn sleep(&self, duration: Duration) -> bool {
-        let requested = self.0.requested.lock().unwrap_or_else(PoisonError::into_inner);
-        let slept = self.0.raised.wait_timeout_while(requested, duration, |requested| !*requested);
-        *slept.unwrap_or_else(PoisonError::into_inner).0
+        self.0.asleep.fetch_add(1, Ordering::Relaxed);
+        let slept = self.0.raised.wait_timeout_while(self.requests(), duration, |requests| *requests == 0);
+        let requested = *slept.unwrap_or_else(PoisonError::into_inner).0 > 0;
+        self.0.looks.fetch_add(1, Ordering::Relaxed);
+        self.0.asleep.fetch_sub(1, Ordering::Relaxed);
+        requested
+    }
+
+    /// Whether a loop of this process sleeps on the flag, or has looked at it since the last call with `looks`: a loop
+    /// that hangs does neither.
+    #[must_use]
+    pub fn is_looked_at(&self, looks: &mut u64) -> bool {
+        let now = self.0.looks.load(Ordering::Relaxed);
+        std::mem::replace(looks, now) != now || self.0.asleep.load(Ordering::Relaxed) > 0
+    }
+
+    fn requests(&self) -> MutexGuard<'_, u32> {
+        self.0.requests.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Ties the life of this process to that of `launcher_pid`, its parent: when the launcher ends,
@@ -209,6 +255,48 @@ mod tests {
         shutdown.request();
         assert!(asleep.join().unwrap(), "slept to the end");
         assert!(shutdown.requested());
+    }
+
+    #[test]
+    fn what_shall_happen_at_the_second_request_does_not_happen_at_the_first() {
+        let shutdown = Shutdown::manual();
+        let (send, acted) = std::sync::mpsc::channel();
+        for times in [2, 1] {
+            let send = send.clone();
+            shutdown.when_requested(times, move || send.send(times).unwrap()).unwrap();
+        }
+        shutdown.request();
+        assert_eq!(acted.recv().unwrap(), 1);
+        assert!(acted.recv_timeout(Duration::from_millis(50)).is_err());
+        shutdown.request();
+        assert_eq!(acted.recv().unwrap(), 2);
+    }
+
+    #[test]
+    fn a_second_request_is_urgent() {
+        let shutdown = Shutdown::manual();
+        shutdown.request();
+        assert!(shutdown.requested() && !shutdown.is_urgent());
+        shutdown.request();
+        assert!(shutdown.is_urgent());
+    }
+
+    #[test]
+    fn a_loop_that_looks_or_sleeps_is_told_from_one_that_hangs() {
+        let shutdown = Shutdown::manual();
+        let mut looks = 0;
+        assert!(!shutdown.is_looked_at(&mut looks), "nobody looked");
+        assert!(!shutdown.requested());
+        assert!(shutdown.is_looked_at(&mut looks));
+        assert!(!shutdown.is_looked_at(&mut looks), "nobody looked again");
+        let sleeper = shutdown.clone();
+        let asleep = thread::spawn(move || sleeper.sleep(Duration::from_secs(60)));
+        while !shutdown.is_looked_at(&mut looks) {
+            thread::yield_now();
+        }
+        assert!(shutdown.is_looked_at(&mut looks), "a sleeper does not hang");
+        shutdown.request();
+        assert!(asleep.join().unwrap());
     }
 
     #[test]

@@ -11,16 +11,22 @@ mod common;
 mod laws;
 
 use std::num::NonZeroUsize;
+use std::process::Command;
+use std::sync::{Arc, OnceLock};
 
 use abbe_msgs::ScaleReading;
+use abbe_runtime::gateway::{GatewayNode, GatewayOptions, serve};
 use abbe_runtime::ros::{Domain, NodeIdentity, NodeOptions, ParameterTable, RosNode};
 use abbe_runtime::transport::in_process::InProcess;
 use abbe_runtime::transport::shared_memory::cleanup;
 use abbe_runtime::{Edges, EdgesConfig, Publish, RunId, Subscribe, TransportKind};
+use common::peer::{ROLE, role};
 
 /// One transport with one topic, where a law can open as many ends as it needs.
 pub(crate) struct World {
     kind: TransportKind,
+    /// Whether each node has a gateway to DDS, in place of a participant.
+    gateways: bool,
     in_process: InProcess,
     run: RunId,
     domain: Domain,
@@ -28,7 +34,7 @@ pub(crate) struct World {
 
 impl World {
     fn new(kind: TransportKind, domain: Domain) -> Self {
-        Self { kind, in_process: InProcess::default(), run: RunId::unique(), domain }
+        Self { kind, gateways: false, in_process: InProcess::default(), run: RunId::unique(), domain }
     }
 
     fn publisher(&self) -> Box<dyn Publish<ScaleReading>> {
@@ -48,6 +54,7 @@ impl World {
         match self.kind {
             TransportKind::InProcess => config.in_process = Some(self.in_process.clone()),
             TransportKind::SharedMemory => config.run = Some(self.run.clone()),
+            TransportKind::Dds if self.gateways => config.gateway = Some(gateway(identity, self.domain, config.depth)),
             TransportKind::Dds => config.ros = Some(node(identity, self.domain)),
         }
         Edges::open(config).unwrap()
@@ -76,7 +83,50 @@ fn check(kind: TransportKind, test: &str, law: fn(&World)) {
     }
 }
 
+/// The same law with a gateway, a process of its own, between each end and DDS.
+fn check_behind_gateways(test: &str, law: fn(&World)) {
+    if role().is_some() {
+        return serve().unwrap();
+    }
+    TEST.set(test.to_owned()).unwrap_or_default();
+    common::network::in_own_network(test, |domain| {
+        let mut world = World::new(TransportKind::Dds, domain);
+        world.gateways = true;
+        law(&world);
+    });
+}
+
+/// The test of this process, which its gateways start again.
+static TEST: OnceLock<String> = OnceLock::new();
+
+fn gateway(identity: NodeIdentity, domain: Domain, depth: NonZeroUsize) -> GatewayNode {
+    let command = || {
+        let mut command = Command::new(std::env::current_exe().unwrap());
+        let test = TEST.get().unwrap();
+        command.args([test, "--exact", "--nocapture", "--test-threads=1"]).env(ROLE, "gateway");
+        command
+    };
+    let node = NodeOptions { identity, domain, remaps: Vec::new(), parameters: ParameterTable::default() };
+    GatewayNode::start(GatewayOptions {
+        node,
+        run: None,
+        depth,
+        memory_limit_bytes: 1 << 30,
+        hardware_id: "cmm".to_owned(),
+        command: Arc::new(command),
+    })
+    .unwrap()
+}
+
 macro_rules! conformance {
+    (@gateways $($law:ident,)*) => {
+        mod dds_behind_gateways {
+            $(#[test]
+            fn $law() {
+                super::check_behind_gateways(concat!("dds_behind_gateways::", stringify!($law)), super::laws::$law);
+            })*
+        }
+    };
     ($($transport:ident: $kind:expr;)*) => {
         $(mod $transport {
             conformance!(@laws $transport, $kind,
@@ -106,4 +156,15 @@ conformance! {
     in_process: abbe_runtime::TransportKind::InProcess;
     shared_memory: abbe_runtime::TransportKind::SharedMemory;
     dds: abbe_runtime::TransportKind::Dds;
+}
+
+conformance! { @gateways
+    order_is_kept_and_content_is_identical_to_the_bit,
+    who_joins_late_gets_what_is_sent_from_then_on,
+    a_publisher_that_starts_again_is_heard_again,
+    a_burst_of_2000_arrives_whole,
+    overflow_is_counted_and_never_blocks,
+    two_publishers_are_both_heard,
+    waiting_ends_in_time_and_takes_nothing,
+    the_publisher_knows_its_subscribers,
 }

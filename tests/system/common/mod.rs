@@ -6,10 +6,12 @@
 #![allow(dead_code)] // Every test program uses another part.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // A test fails by panicking.
 
+pub(crate) mod attack;
 pub(crate) mod files;
 pub(crate) mod graph;
 pub(crate) mod program;
 pub(crate) mod python;
+pub(crate) mod spoil;
 
 #[path = "../../../nodes/runtime/tests/common/network.rs"]
 pub(crate) mod network;

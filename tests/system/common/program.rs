@@ -33,7 +33,13 @@ impl Ran {
     /// What it complained about, if the command failed with exit code 1.
     #[track_caller]
     pub(crate) fn refused(self) -> String {
-        assert_eq!(self.code, Some(1), "exit code; it said: {}", self.errors);
+        self.ended(1)
+    }
+
+    /// What it said on standard error, if the command ended with this exit code.
+    #[track_caller]
+    pub(crate) fn ended(self, code: i32) -> String {
+        assert_eq!(self.code, Some(code), "exit code; it said: {}", self.errors);
         self.errors
     }
 }
@@ -132,6 +138,18 @@ pub(crate) fn signal(process_id: u32, signal: Signal) {
     kill_process(pid(process_id), signal).unwrap();
 }
 
+/// Waits until a program handles Ctrl-C: before that it ends without words, or not at all where it was started in the background.
+#[track_caller]
+pub(crate) fn wait_until_interruptible(process_id: u32) {
+    let handled = || {
+        let status = fs::read_to_string(format!("/proc/{process_id}/status")).unwrap_or_default();
+        let mask = status.lines().find_map(|line| line.strip_prefix("SigCgt:"));
+        let bits = mask.and_then(|mask| u64::from_str_radix(mask.trim(), 16).ok()).unwrap_or_default();
+        bits >> (Signal::INT.as_raw() - 1) & 1 == 1
+    };
+    wait_until("the program handles Ctrl-C", Duration::from_secs(30), handled);
+}
+
 /// Sends a signal to a process and its children, as a terminal does.
 pub(crate) fn signal_group(process_id: u32, signal: Signal) {
     kill_process_group(pid(process_id), signal).unwrap();
@@ -154,6 +172,25 @@ fn command_line(process_id: u32) -> String {
 pub(crate) fn children(parent: u32) -> Vec<(u32, String)> {
     let of_parent = processes().filter(|id| stat(*id).is_some_and(|(_, its_parent)| its_parent == parent));
     of_parent.map(|id| (id, command_line(id))).collect()
+}
+
+/// The gateway to DDS of a node; none while it has none.
+pub(crate) fn gateway_of(node: u32) -> Option<u32> {
+    let found = children(node).into_iter().find(|(id, line)| line.contains(" gateway ") && is_running(*id));
+    found.map(|(id, _)| id)
+}
+
+/// Ports of IPv4 at which a process takes UDP packets.
+pub(crate) fn udp_ports(process_id: u32) -> Vec<u16> {
+    let sockets = fs::read_dir(format!("/proc/{process_id}/fd")).map(|entries| {
+        let targets = entries.filter_map(|entry| fs::read_link(entry.ok()?.path()).ok());
+        targets.map(|target| target.display().to_string()).collect::<Vec<_>>()
+    });
+    let sockets = sockets.unwrap_or_default();
+    let table = fs::read_to_string(format!("/proc/{process_id}/net/udp")).unwrap_or_default();
+    let lines = table.lines().skip(1).map(|line| line.split_whitespace().collect::<Vec<_>>());
+    let ours = lines.filter(|fields| sockets.contains(&format!("socket:[{}]", fields[9])));
+    ours.filter_map(|fields| u16::from_str_radix(fields[1].split(':').nth(1)?, 16).ok()).collect()
 }
 
 /// Living processes with this word on their command line.

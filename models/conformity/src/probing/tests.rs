@@ -126,6 +126,8 @@ fn points_that_fix_no_sphere_are_refused() {
     refused(good(), Some(29.97), "no test sphere");
     refused(good(), Some(0.0319736), "size error of -2.000 mm");
     let mut far = good();
-    far[0] += Vector3::new(0.0, 0.0, 0.004);
-    refused(far, Some(2.0 * RADIUS_M), "form error");
+    far[0] += Vector3::new(0.0, 0.0, 0.0012);
+    refused(far.clone(), Some(2.0 * RADIUS_M), "form error");
+    far[0] += Vector3::new(0.0, 0.0, 0.0028);
+    refused(far, Some(2.0 * RADIUS_M), "that is none");
 }

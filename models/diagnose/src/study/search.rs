@@ -124,9 +124,16 @@ fn step(
         study.refine(&fit.linear, scored.candidate);
         let mut set = fit.set();
         set.push(scored.candidate);
-        let next = Fit::settle(study, &set)?;
-        match reason_against(study, fit, &next, scored.candidate, options)? {
-            None => return Ok(Some(next)),
+        // One candidate that has no fit must not take the others with it.
+        let (next, reason) = match Fit::settle(study, &set) {
+            Ok(next) => {
+                let reason = reason_against(study, fit, &next, scored.candidate, options)?;
+                (Some(next), reason)
+            }
+            Err(_) => (None, Some("it cannot be fitted beside the rest")),
+        };
+        match reason {
+            None => return Ok(next),
             Some(reason) if !refused.iter().any(|(k, _)| *k == scored.candidate) => {
                 refused.push((scored.candidate, reason));
             }
@@ -179,7 +186,8 @@ fn prune(study: &dyn Study, mut fit: Fit, options: &Options) -> Result<Fit, Diag
         for k in 0..set.len().saturating_sub(1) {
             let mut rest = set.clone();
             let candidate = rest.remove(k);
-            let without = Fit::settle(study, &rest)?;
+            // What the others cannot be fitted without is not superfluous.
+            let Ok(without) = Fit::settle(study, &rest) else { continue };
             let score = without.score(study, candidate);
             let trials = study.candidates().len();
             let evidence = score.evidence(without.linear.residuals().len(), trials);

@@ -110,6 +110,7 @@ fn description(kind: Kind, stroke_m: &[[f64; 2]; 3]) -> Machine {
         rotation: RotationForm::Exact,
         kinds: [Some(kind); 18],
         repeatability_m: INSTRUMENT.repeatability_m,
+        u_ram_turn_rad: [abbe_geometry::machine::USUAL_RAM_TURN_RAD; 3],
         default_offset_m: None,
     }
 }

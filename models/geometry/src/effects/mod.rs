@@ -114,6 +114,11 @@ pub trait Effect: Debug + Send + Sync {
         Vec::new()
     }
 
+    /// Lines of the campaign that it is about. Lines measured later may bear the same names, and are other runs.
+    fn runs(&self) -> Vec<String> {
+        Vec::new()
+    }
+
     /// What a unit of each parameter does to chain and tip in this state.
     fn motion(&self, _state: &State, _part: &mut Motion) -> Result<(), CovariateProblem> {
         Ok(())
@@ -164,4 +169,4 @@ pub fn add_range_columns(
 }
 
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;

@@ -44,6 +44,10 @@ impl Effect for OutlyingRun {
         KNOWN.name
     }
 
+    fn runs(&self) -> Vec<String> {
+        vec![self.line.clone()]
+    }
+
     fn parameters(&self) -> Vec<ParameterSpec> {
         vec![ParameterSpec::new("shift", "m", 1e-3)]
     }

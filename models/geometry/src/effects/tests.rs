@@ -7,7 +7,7 @@ use crate::machine::{Joint, Machine, Side, Squareness};
 use crate::rotation::RotationForm;
 
 /// Every covariate has this value.
-pub(super) struct One(pub(super) f64);
+pub(crate) struct One(pub(crate) f64);
 impl CovariateSource for One {
     fn covariate(&self, _name: &str) -> CovariateValue {
         CovariateValue::Fresh(self.0)
@@ -32,7 +32,7 @@ impl CovariateSource for Distinct {
 }
 
 /// A bridge machine, stroke 0.8 x 0.6 x 0.6 m.
-pub(super) fn machine() -> Machine {
+pub(crate) fn machine() -> Machine {
     let tilt = |name: &str, tilts, about| Squareness { name: name.to_owned(), tilts, about };
     Machine {
         name: "bridge".to_owned(),
@@ -43,6 +43,7 @@ pub(super) fn machine() -> Machine {
         rotation: RotationForm::Exact,
         kinds: [Some(Kind::Polynomial { degree: 3 }); 18],
         repeatability_m: [0.25e-6; 3],
+        u_ram_turn_rad: [crate::machine::USUAL_RAM_TURN_RAD; 3],
         default_offset_m: None,
     }
 }
@@ -75,7 +76,7 @@ pub(super) fn range_m(effect: &dyn Effect, state: &State, sight: &Sight, paramet
 }
 
 /// Everything logged, and shapes for those effects that a search proposes.
-fn shapes(entry: &Known, machine: &Machine) -> Vec<Shape> {
+pub(crate) fn shapes(entry: &Known, machine: &Machine) -> Vec<Shape> {
     let varying = [
         "time_s",
         "dir_x",

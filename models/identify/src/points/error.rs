@@ -10,11 +10,9 @@ use crate::plausibility::{BeyondStroke, beyond_stroke};
 use abbe_geometry::machine::{Machine, MachineError};
 use abbe_geometry::model::ModelError;
 use abbe_measurement::alignment::AlignmentError;
+use abbe_measurement::correspondence::{CorrespondenceError, Pair, check_shape};
 use std::collections::BTreeMap;
 use thiserror::Error;
-
-/// Median distance (m) between measured and nominal points after alignment that no machine worth correcting has.
-const PLAUSIBLE_M: f64 = 1e-3;
 
 /// Why a fit was refused or failed.
 #[derive(Debug, Clone, PartialEq, Error)]
@@ -84,15 +82,8 @@ pub enum PointsError {
     #[error("the measured positions cannot be compared with the readings: {0}")]
     Alignment(#[from] AlignmentError),
     /// Measured and nominal points have different shapes.
-    #[error(
-        "half of the measured positions lie {median_mm:.3} mm or more from where the scales say, after the best rigid \
-         alignment; no machine error is that large: check units, the order of the columns, the offsets, and that the \
-         measuring frame is right-handed"
-    )]
-    Implausible {
-        /// Median distance (mm).
-        median_mm: f64,
-    },
+    #[error(transparent)]
+    Mixed(#[from] CorrespondenceError),
     /// The points cannot determine all unknowns.
     #[error("{}", undetermined_text(.groups, *.rank, *.unknowns))]
     RankDeficient {
@@ -189,12 +180,9 @@ fn check_stroke(machine: &Machine, k: usize, point: &MeasuredPoint) -> Result<()
 }
 
 /// Refuses positions whose shape is not that of the nominal points.
-pub(super) fn check_distances(mut distances_m: Vec<f64>) -> Result<(), PointsError> {
-    distances_m.sort_by(f64::total_cmp);
-    match distances_m.get(distances_m.len() / 2) {
-        Some(median_m) if *median_m > PLAUSIBLE_M => Err(PointsError::Implausible { median_mm: median_m * 1e3 }),
-        _ => Ok(()),
-    }
+pub(super) fn check_positions(points: &[MeasuredPoint]) -> Result<(), PointsError> {
+    let pair = |p: &MeasuredPoint| Pair { reading_m: p.reading_m, offset_m: p.offset_m, actual_m: p.actual_m };
+    Ok(check_shape(&points.iter().map(pair).collect::<Vec<_>>())?)
 }
 
 /// Refuses fewer equations than unknowns.
@@ -219,7 +207,7 @@ pub(super) fn check_used(weights: &[f64], unknowns: usize) -> Result<(), PointsE
 }
 
 #[cfg(test)]
-pub(super) mod tests {
+pub(crate) mod tests {
     use super::*;
     use abbe_geometry::error_function::Kind;
     use abbe_geometry::machine::{Joint, Side, Squareness};
@@ -227,7 +215,7 @@ pub(super) mod tests {
     use abbe_geometry::{Axis, Vector3};
 
     /// A bridge with polynomials of degree 3.
-    pub(in crate::points) fn machine() -> Machine {
+    pub(crate) fn machine() -> Machine {
         let tilt = |name: &str, tilts, about| Squareness { name: name.to_owned(), tilts, about };
         let joint = |axis| Joint { axis, side: Side::Tool };
         Machine {
@@ -239,6 +227,7 @@ pub(super) mod tests {
             rotation: RotationForm::SmallAngle,
             kinds: [Some(Kind::Polynomial { degree: 3 }); 18],
             repeatability_m: [0.2e-6; 3],
+            u_ram_turn_rad: [abbe_geometry::machine::USUAL_RAM_TURN_RAD; 3],
             default_offset_m: None,
         }
     }
@@ -279,8 +268,11 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn distances_of_a_millimetre_in_half_of_the_points_are_no_machine_error() {
-        assert_eq!(check_distances(vec![0.5, 1e-5, 1e-5]), Ok(()));
-        assert_eq!(check_distances(vec![0.5, 2e-3, 1e-5]), Err(PointsError::Implausible { median_mm: 2.0 }));
+    fn positions_of_another_shape_are_refused_with_the_likely_mistake() {
+        assert_eq!(check_positions(&cube()), Ok(()));
+        let mirrored: Vec<MeasuredPoint> =
+            cube().into_iter().map(|p| MeasuredPoint { actual_m: p.actual_m.yxz(), ..p }).collect();
+        let refusal = check_positions(&mirrored).unwrap_err().to_string();
+        assert!(refusal.contains("mirrored"), "{refusal}");
     }
 }

@@ -9,7 +9,7 @@ use super::outcome::{FittedPoints, Minimised, finish};
 use super::problem::Problem;
 use super::{MeasuredPoint, Method, PointOptions, PointProgress, PointsError, error, observable, search};
 use abbe_geometry::error_function::Kind;
-use abbe_geometry::layout::Layout;
+use abbe_geometry::layout::{Layout, centre_of};
 use abbe_geometry::machine::Machine;
 use std::ops::RangeInclusive;
 
@@ -36,12 +36,12 @@ pub fn fit_points(
     options: &PointOptions,
     observe: &mut dyn FnMut(PointProgress) -> bool,
 ) -> Result<FittedPoints, PointsError> {
-    let layout = Layout::new(machine)?;
     error::check(machine, points)?;
+    let layout = Layout::new(machine, centre_of(points.iter().map(|p| p.offset_m)))?;
     let unknowns = layout.len() + super::problem::FRAME;
     error::check_count(points.len(), options.loss, unknowns)?;
+    error::check_positions(points)?;
     let problem = Problem::new(machine, &layout, points)?;
-    error::check_distances(problem.nominal_distances_m())?;
     let seen = observable::check(&problem)?;
     let (descent, evaluations) = minimum(&problem, options, observe)?;
     let certificate = certify(&problem, &descent.unknowns, &descent.weights)?;

@@ -11,9 +11,11 @@
 //!
 //! The paper lists 18 polynomials a₀ … aₙ and three squareness angles, n = 4 makes 93 numbers. Fifteen of their
 //! combinations move no point: nine constants of the linear errors only add up to three, nine constants of the angles and
-//! three squareness angles only repeat the slopes of the linear errors or turn the offset. Nine more merely say where the
-//! measuring frame lies and how the offset is turned about the ram. So every error is zero at its origin and straightness at both ends,
-//! in the basis itself (as everywhere in Abbe), and the six numbers of the frame take the place of what they stood for.
+//! three squareness angles only repeat the slopes of the linear errors or turn the offset. Of the 78 that are left, six merely
+//! say where the measuring frame lies and three how the ram is turned. So every error is zero at its origin and straightness
+//! at both ends, in the basis itself (as everywhere in Abbe), and six numbers of the frame and three of the ram take the
+//! place of what they stood for: 72 unknowns of the machine, 78 in all. The turn of the ram has a prior, for points with
+//! one offset or several on a line.
 //!
 //! F is least by Levenberg-Marquardt, or by [`crate::jade`] started from least squares with perturbations as in the paper.
 //! F is so nearly quadratic that both end in the same point; JADE takes a thousand times as long, and is of use only
@@ -30,6 +32,8 @@ mod problem;
 mod search;
 
 pub use error::PointsError;
+#[cfg(test)]
+pub(crate) use error::tests::machine as tests_machine;
 pub use fit::{fit_points, fit_points_of_best_degree};
 pub use loss::Loss;
 pub use outcome::{FittedPoints, PointEvidence, Pose, RejectedPoint};

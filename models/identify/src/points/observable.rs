@@ -1,7 +1,7 @@
 //! Can these points see every unknown? If not, which combinations are hidden?
 //!
 //! Place in the flow: before anything is fitted, on the normal matrix at a perfect machine, scaled to a unit diagonal as in
-//! [`crate::observability`].
+//! [`crate::observability`]. The turn of the ram is left out: where the offsets do not tell it, its prior does.
 
 use super::PointsError;
 use super::problem::Problem;
@@ -14,17 +14,19 @@ const FRAME_NAMES: [&str; 6] = ["frame x", "frame y", "frame z", "frame A", "fra
 /// Rank and condition of the fit, or the combinations that cannot be seen.
 pub(super) fn check(problem: &Problem) -> Result<Observability, PointsError> {
     let unknowns = vec![0.0; problem.unknowns()];
-    let normal = problem.normal(&unknowns, &vec![1.0; problem.points.len()]);
-    let all: Vec<usize> = (0..normal.size).collect();
-    let matrix = select(&normal.matrix, normal.size, &all);
-    let (seen, groups) = named_rank(&matrix, &names(problem)).ok_or(PointsError::Singular)?;
+    let normal = problem.normal_of_points(&unknowns, &vec![1.0; problem.points.len()]);
+    let with_prior = problem.layout.ram_turn();
+    let judged: Vec<usize> = (0..normal.size).filter(|k| !with_prior.contains(k)).collect();
+    let matrix = select(&normal.matrix, normal.size, &judged);
+    let (mut seen, groups) = named_rank(&matrix, &names(problem)).ok_or(PointsError::Singular)?;
     if seen.rank == seen.unknowns {
+        (seen.rank, seen.unknowns) = (normal.size, normal.size);
         return Ok(seen);
     }
     Err(PointsError::RankDeficient { groups, rank: seen.rank, unknowns: seen.unknowns })
 }
 
-/// The error, angle or frame coordinate that each unknown belongs to.
+/// The error, angle or frame coordinate that each unknown without a prior belongs to.
 fn names(problem: &Problem) -> Vec<String> {
     let mut names = Vec::new();
     for id in ErrorId::all() {

@@ -48,7 +48,7 @@ pub struct RejectedPoint {
 /// What the fit says about itself.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PointEvidence {
-    /// Unknowns: coefficients, squareness angles, six of the measuring frame.
+    /// Unknowns: coefficients, squareness angles, three of the turn of the ram, six of the measuring frame.
     pub unknowns: usize,
     /// Rank of the problem, equal to the unknowns where the fit was accepted.
     pub rank: usize,
@@ -124,6 +124,7 @@ pub(super) fn finish(problem: &Problem, found: Minimised) -> Result<FittedPoints
     let parts = ModelParts {
         machine: problem.machine.clone(),
         coefficients: unknowns[..geometric].to_vec(),
+        offset_centre_m: problem.layout.offset_centre_m(),
         effects: Vec::new(),
         stations: Vec::new(),
         chord_covariance: problem.chord_covariance(unknowns, &descent.weights, (&certificate.inverse, &covariance)),

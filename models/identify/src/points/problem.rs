@@ -66,14 +66,6 @@ impl<'a> Problem<'a> {
         self.layout.len() + FRAME
     }
 
-    /// Distance of each measured position from its nominal point after alignment (m).
-    pub(super) fn nominal_distances_m(&self) -> Vec<f64> {
-        let distance = |(point, measured_m): (&MeasuredPoint, &Vector3<f64>)| {
-            (measured_m - nominal_point_m(point.reading_m, point.offset_m)).norm()
-        };
-        self.points.iter().zip(&self.measured_m).map(distance).collect()
-    }
-
     /// Residual of one point (m).
     pub(super) fn residual_m(&self, k: usize, unknowns: &[f64]) -> Vector3<f64> {
         self.measured_m[k] - self.frame(unknowns).apply(&self.position_m(k, unknowns))
@@ -96,13 +88,29 @@ impl<'a> Problem<'a> {
         self.layout.position_from_m(self.machine, unknowns, at, &self.locals[k])
     }
 
-    /// The objective.
+    /// The objective: the loss, and what the turn of the ram is known by before.
     pub(super) fn objective(&self, unknowns: &[f64], loss: Loss, scale: f64) -> f64 {
-        loss.total(&mut self.squares(unknowns), unknowns.len(), scale)
+        let known: f64 = self.priors().map(|(k, information)| information * unknowns[k] * unknowns[k]).sum();
+        loss.total(&mut self.squares(unknowns), unknowns.len(), scale) + known
     }
 
-    /// JᵀWJ and JᵀWr of the weighted least-squares problem at these unknowns.
+    /// The turn of the ram, which the offsets of the points need not tell: index and information of its prior (1/rad²).
+    fn priors(&self) -> impl Iterator<Item = (usize, f64)> {
+        self.layout.ram_turn().zip(self.machine.u_ram_turn_rad.map(|u| 1.0 / (u * u)))
+    }
+
+    /// JᵀWJ and JᵀWr of the weighted least-squares problem at these unknowns, with the prior of the turn of the ram.
     pub(super) fn normal(&self, unknowns: &[f64], weights: &[f64]) -> NormalEquations {
+        let mut normal = self.normal_of_points(unknowns, weights);
+        for (k, information) in self.priors() {
+            normal.matrix[k * normal.size + k] += information;
+            normal.gradient[k] -= information * unknowns[k];
+        }
+        normal
+    }
+
+    /// The same of the points alone.
+    pub(super) fn normal_of_points(&self, unknowns: &[f64], weights: &[f64]) -> NormalEquations {
         let size = unknowns.len();
         let mut normal = NormalEquations {
             size,
@@ -172,6 +180,9 @@ impl<'a> Problem<'a> {
         for (index, column) in self.layout.squareness().zip(&at.chain.by_squareness) {
             rows[index] = frame.turn * column;
         }
+        for (index, column) in self.layout.ram_turn().zip(&at.by_ram_turn) {
+            rows[index] = frame.turn * column;
+        }
         let arm_m = at.chain.position_m - frame.middle_m;
         let by_turn = rotation_partials(RotationForm::Exact, &frame.angles_rad, &arm_m);
         let first = self.layout.len();
@@ -218,7 +229,7 @@ mod tests {
     #[test]
     fn partials_agree_with_central_differences_away_from_zero() {
         let machine = machine();
-        let layout = Layout::new(&machine).unwrap();
+        let layout = Layout::new(&machine, [0.01, 0.02, -0.05]).unwrap();
         let points = cube();
         let problem = Problem::new(&machine, &layout, &points).unwrap();
         let unknowns: Vec<f64> = (0..problem.unknowns()).map(|k| 0.01 * (1.3 * k as f64 + 0.4).sin()).collect();

@@ -35,8 +35,10 @@ pub(crate) struct Case {
 }
 
 impl Case {
-    /// Drives `truth` along `plan` with the noise of `seed`.
-    pub(crate) fn new(truth: MachineTruth, plan: Plan, kind: Kind, seed: u64) -> Case {
+    /// Drives `truth` along `plan` with the noise of `seed`; its ram turns about the plan's mean offset, so that truth and
+    /// model share a frame.
+    pub(crate) fn new(mut truth: MachineTruth, plan: Plan, kind: Kind, seed: u64) -> Case {
+        truth.ram_turn.about_m = plan.mean_offset_m();
         let machine = description(&truth, kind);
         let config = SimulationConfig {
             seed,
@@ -117,6 +119,7 @@ pub(crate) fn description(truth: &MachineTruth, kind: Kind) -> Machine {
         rotation: RotationForm::Exact,
         kinds: [Some(kind); ErrorId::COUNT],
         repeatability_m: INSTRUMENT.repeatability_m,
+        u_ram_turn_rad: [abbe_geometry::machine::USUAL_RAM_TURN_RAD; 3],
         default_offset_m: None,
     }
 }

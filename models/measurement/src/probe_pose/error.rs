@@ -25,16 +25,27 @@ pub enum ProbePoseError {
     /// The poses do not determine all unknowns.
     #[error(transparent)]
     Undetermined(#[from] Undetermined),
-    /// Centres that contradict the sense of an axis.
+    /// Centres that fit far better when columns are read in another way.
     #[error(
-        "the centres fit {ratio:.0} times better with {axis} turned the other way; angles are right-handed about the machine's \
-         axes: change the sign of {axis}"
+        "the centres fit {ratio:.0} times better {}; angles are right-handed about the machine's axes, A about X, C about Z",
+        .mistakes.join("; or ")
     )]
-    Sense {
-        /// `A`, `C` or `A and C`.
-        axis: &'static str,
-        /// Ratio of the root mean squares.
+    Misread {
+        /// What may be mixed up, and the remedy; likeliest first.
+        mistakes: Vec<&'static str>,
+        /// Ratio of the root mean squares, of the likeliest.
         ratio: f64,
+    },
+    /// Centres that no head leaves.
+    #[error(
+        "the fit leaves {rms_mm:.3} mm rms at a lever of {lever_mm:.0} mm; no head is that bad: check the order and units of the \
+         columns, and that the centres are of one sphere that did not move"
+    )]
+    NoHead {
+        /// Root mean square of the residuals (mm).
+        rms_mm: f64,
+        /// Length from the A axis to the beam's end (mm).
+        lever_mm: f64,
     },
     /// A beam whose length is not near one.
     #[error(

@@ -106,11 +106,11 @@ impl ProbePose {
     ///
     /// # Errors
     /// Figures that are not finite, a centre given twice, poses that do not determine the unknowns (named), a beam far from
-    /// length one, angles that fit far better with the other sign.
+    /// length one, columns that fit far better when they are read in another way, centres that no head could leave.
     pub fn fit(centres: &[SphereCentre], model: ProbePoseModel) -> Result<ProbePose, ProbePoseError> {
         check::centres(centres)?;
         let pose = solve::fit(centres, model)?;
-        check::senses(centres, &pose)?;
+        check::readings(centres, &pose)?;
         check::beam(&pose)?;
         Ok(pose)
     }

@@ -122,6 +122,16 @@ fn bad_centres_are_refused_with_a_remedy() {
         // Not symmetric about zero, or another sense would only exchange S0 and T_p.
         refused(&turn, axis);
     }
+    let exchange: fn(&mut Vec<SphereCentre>) =
+        |list| list.iter_mut().for_each(|centre| (centre.a_rad, centre.c_rad) = (centre.c_rad, centre.a_rad));
+    refused(&exchange, "with A and C exchanged");
+    let radians: fn(&mut Vec<SphereCentre>) =
+        |list| list.iter_mut().for_each(|c| (c.a_rad, c.c_rad) = (c.a_rad.to_radians(), c.c_rad.to_radians()));
+    refused(&radians, "radians");
+    refused(&|list| list.iter_mut().for_each(|c| c.centre_m.swap(0, 2)), "x_mm and z_mm exchanged");
+    let moved: fn(&mut Vec<SphereCentre>) =
+        |list| list.iter_mut().enumerate().for_each(|(k, c)| c.centre_m[k % 3] += 0.05 * (k as f64).sin());
+    refused(&moved, "no head is that bad");
 }
 
 /// Deterministic noise of unit variance.

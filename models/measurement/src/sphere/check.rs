@@ -11,6 +11,9 @@ const FEWEST: usize = 4;
 const FLAT: f64 = 1e-9;
 /// How much worse than the sphere a plane must fit: below, radius and centre along the normal are guesses.
 const CURVED: f64 = 2.0;
+/// Root mean square distance from the sphere, in radii, beyond which the points are on none: a column in another unit, another
+/// body. The roughest scan of a ball of 25 mm leaves a tenth of a millimetre, 0.8 %.
+const NO_SPHERE: f64 = 0.02;
 
 /// Points about their centroid in units of their extent.
 pub(super) struct Cloud {
@@ -57,6 +60,14 @@ impl Cloud {
         }
         Err(SphereError::Flat { plane_um: self.from_plane * self.size_m * 1e6, sphere_um: rms * self.size_m * 1e6 })
     }
+}
+
+/// Refuses points that no sphere fits; both in the same unit.
+pub(super) fn is_sphere(rms: f64, radius: f64, size_m: f64) -> Result<(), SphereError> {
+    if rms <= NO_SPHERE * radius {
+        return Ok(());
+    }
+    Err(SphereError::NoSphere { rms_mm: rms * size_m * 1e3, radius_mm: radius * size_m * 1e3 })
 }
 
 /// Two points with the same coordinates; copied rows, not measurements.

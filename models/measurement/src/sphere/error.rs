@@ -35,6 +35,17 @@ pub enum SphereError {
         /// What the sphere leaves (µm).
         sphere_um: f64,
     },
+    /// No sphere at all.
+    #[error(
+        "the points lie {rms_mm:.4} mm rms from the best sphere, of radius {radius_mm:.4} mm: that is none; check that x_mm, y_mm and \
+         z_mm have one unit, and that all points are of one sphere"
+    )]
+    NoSphere {
+        /// What the best sphere leaves (mm).
+        rms_mm: f64,
+        /// Its radius (mm).
+        radius_mm: f64,
+    },
     /// A sphere, but not of the radius that is said to be known.
     #[error(
         "the points lie on a sphere of radius {fitted_mm:.4} mm, not of the known {known_mm:.4} mm; correct the radius and its \

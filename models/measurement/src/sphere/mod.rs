@@ -61,7 +61,7 @@ impl SphereFit {
     ///
     /// # Errors
     /// Fewer than four points, figures that are not finite, a point given twice, points in a plane or in a cap so flat that a
-    /// plane fits them nearly as well, a radius or an uncertainty that is not positive, a fit that does not settle.
+    /// plane fits them nearly as well, points on no sphere, a radius or an uncertainty that is not positive, a fit that does not settle.
     pub fn new(
         points_m: &[Vector3<f64>],
         radius: SphereRadius,
@@ -76,7 +76,8 @@ impl SphereFit {
         };
         let fit = |known| {
             let settled = Geometric { cloud: &cloud, points: &cloud.scaled, known }.settle(start)?;
-            cloud.check_curved(rms(&settled.residuals)).map(|()| settled)
+            cloud.check_curved(rms(&settled.residuals))?;
+            check::is_sphere(rms(&settled.residuals), settled.sphere.radius, cloud.size_m).map(|()| settled)
         };
         match (fit(known), radius) {
             (Ok(settled), _) => Ok(outcome(&cloud, &settled, radius, u_point_m)),

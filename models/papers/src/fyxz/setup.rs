@@ -51,7 +51,9 @@ impl Experiment {
         place_m: fn([f64; 3]) -> [f64; 3],
     ) -> Result<Experiment, PaperError> {
         let recipe = TruthRecipe { seed, roughness: Roughness::TYPICAL, volumetric_rms_m };
-        let truth = recipe.fyxz().map_err(failed)?;
+        let mut truth = recipe.fyxz().map_err(failed)?;
+        // The reflector sits at the ram's end, and so does the frame: how the ram is turned moves nothing.
+        truth.ram_turn.about_m = [0.0; 3];
         let mut plan = edges_12(truth.stroke_m, NODES, seed).map_err(failed)?;
         plan.stations.iter_mut().for_each(|station| station.position_m = place_m(station.position_m));
         let machine = described(&truth)?;
@@ -109,6 +111,7 @@ fn described(truth: &abbe_virtual_machine::MachineTruth) -> Result<Machine, Pape
         rotation: RotationForm::SmallAngle,
         kinds: kinds.try_into().map_err(|_| failed("eighteen kinds were expected"))?,
         repeatability_m: [REPEATABILITY_M; 3],
+        u_ram_turn_rad: [abbe_geometry::machine::USUAL_RAM_TURN_RAD; 3],
         default_offset_m: Some([0.0; 3]),
     })
 }

@@ -292,6 +292,7 @@ fn simulated_bridge(seed: u64, volumetric_rms_m: f64) -> Result<(Machine, Simula
         rotation: RotationForm::Exact,
         kinds: [Some(Kind::BSpline { intervals: 9 }); ErrorId::COUNT],
         repeatability_m: InstrumentConfig::LASER_TRACER.repeatability_m,
+        u_ram_turn_rad: [abbe_geometry::machine::USUAL_RAM_TURN_RAD; 3],
         default_offset_m: None,
     };
     let config = SimulationConfig {

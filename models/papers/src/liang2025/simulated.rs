@@ -68,6 +68,7 @@ impl Measurement {
             rotation: RotationForm::SmallAngle,
             kinds: [Some(Kind::Polynomial { degree }); 18],
             repeatability_m: [0.0; 3],
+            u_ram_turn_rad: [abbe_geometry::machine::USUAL_RAM_TURN_RAD; 3],
             default_offset_m: None,
         };
         let truth = VirtualMachine::new(truth).map_err(failed)?;

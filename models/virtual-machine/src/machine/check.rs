@@ -27,6 +27,8 @@ pub(super) fn check(truth: &MachineTruth) -> Result<(), SimulationError> {
             term.check().map_err(|e| e.under(&format!("errors.{name}[{place}]")))?;
         }
     }
+    require_finite("ram_turn.angles_rad", &truth.ram_turn.angles_rad)?;
+    require_finite("ram_turn.about_m", &truth.ram_turn.about_m)?;
     check_squareness(truth)
 }
 

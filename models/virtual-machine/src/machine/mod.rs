@@ -6,7 +6,8 @@
 //!
 //! Tool-side axis: T = Trans(reading·e + δ)·Rot(ε), the pivot moves with the axis and turns all that is nearer
 //! the tool. Workpiece-side axis: p = Rot(ε)·(rest + reading·e) + δ, the pivot is the table's zero; its errors
-//! are those of the tool relative to the table. Squareness: δ gains angle·(about × e)·(reading − stroke start).
+//! are those of the tool relative to the table. Squareness: δ gains angle·(about × e)·(reading − stroke start). Before all
+//! joints the turn of the ram takes the reflector from its offset o to c + Rot(φ)·(o − c).
 
 mod check;
 pub(crate) mod curve;
@@ -74,6 +75,15 @@ pub struct Squareness {
     pub angle_rad: f64,
 }
 
+/// How the ram, with all that it carries, stands in the frame of the axes' motions.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct RamTurn {
+    /// Rotation vector φ (rad, machine directions).
+    pub angles_rad: [f64; 3],
+    /// Offset c that stays where it is: the machine frame is fixed by it (m, ram frame).
+    pub about_m: [f64; 3],
+}
+
 /// Everything that makes one machine, as data.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MachineTruth {
@@ -89,6 +99,8 @@ pub struct MachineTruth {
     pub errors: BTreeMap<String, Vec<Term>>,
     /// Squareness errors, at most one about each machine-frame axis.
     pub squareness: Vec<Squareness>,
+    /// Turn of the ram: what is left of the constants of the angular errors when the frame follows the axes' motions.
+    pub ram_turn: RamTurn,
 }
 
 /// What enters the joints and the tip beyond the machine's own error functions; effects and noise add to it.
@@ -179,7 +191,7 @@ impl VirtualMachine {
         for axis in &self.truth.tool_side {
             ram_in_bed = product(&ram_in_bed, &self.tool_joint(*axis, reading_m, extra));
         }
-        let mut point_m = apply(&ram_in_bed, offset_m);
+        let mut point_m = apply(&ram_in_bed, self.carried_m(offset_m));
         for axis in &self.truth.workpiece_side {
             point_m = apply(&self.table_joint(*axis, reading_m, extra), point_m);
         }
@@ -187,6 +199,14 @@ impl VirtualMachine {
             point_m[i] += extra.tip_m[i];
         }
         point_m
+    }
+
+    /// Where the turned ram holds a reflector of this offset (m, ram frame).
+    fn carried_m(&self, offset_m: [f64; 3]) -> [f64; 3] {
+        let RamTurn { angles_rad, about_m } = self.truth.ram_turn;
+        let back = about_m.map(|v| -v);
+        let about = product(&product(&translation(about_m), &rotation(angles_rad)), &translation(back));
+        apply(&about, offset_m)
     }
 
     fn tool_joint(&self, axis: Axis, reading_m: [f64; 3], extra: &JointErrors) -> Homogeneous {

@@ -2,13 +2,14 @@
 //!
 //! Place in the flow: a [`TruthRecipe`] makes the [`MachineTruth`] of a simulated campaign.
 //! Typical sizes are a few micrometres and a few to 20 µrad; all are then scaled together until the rms of the
-//! volumetric error over the stroke is the one asked for.
+//! volumetric error over the stroke is the one asked for. The turn of the ram is not scaled with them: it comes from
+//! mounting, not from guideways.
 
 use std::collections::BTreeMap;
 
 use rand_chacha::ChaCha8Rng;
 
-use super::{Axis, MachineTruth, Squareness, Term, VirtualMachine};
+use super::{Axis, MachineTruth, RamTurn, Squareness, Term, VirtualMachine};
 use crate::error::{SimulationError, require_not_negative, require_positive};
 use crate::random::{Purpose, normal, stream, uniform};
 
@@ -20,7 +21,9 @@ const POSITIONING_M: f64 = 9e-6;
 const ANGLE_RAD: f64 = 6e-6;
 /// Largest squareness before scaling (rad).
 const SQUARENESS_RAD: f64 = 18e-6;
-/// Reflector offset at which the volumetric error is taken (m, ram frame).
+/// Largest turn of the ram about each axis (rad): 20 µrad rms.
+const RAM_TURN_RAD: f64 = 35e-6;
+/// Reflector offset at which the volumetric error is taken, and about which the ram turns (m, ram frame).
 const PROBE_M: [f64; 3] = [0.0, 0.0, -0.06];
 
 /// How rough the error functions are.
@@ -119,6 +122,11 @@ impl TruthRecipe {
             workpiece_side: sides[1].to_vec(),
             errors,
             squareness: squareness.to_vec(),
+            // Drawn last: errors and squareness of a seed do not depend on it.
+            ram_turn: RamTurn {
+                angles_rad: [0; 3].map(|_| uniform(&mut generator, -RAM_TURN_RAD, RAM_TURN_RAD)),
+                about_m: PROBE_M,
+            },
         };
         let rms_m = volumetric_rms_m(&VirtualMachine::new(truth.clone())?, PROBE_M);
         Ok(scaled(truth, self.volumetric_rms_m / rms_m))

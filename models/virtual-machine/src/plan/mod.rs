@@ -72,6 +72,19 @@ impl Plan {
         lines.map(|line| u64::from(line.points)).sum()
     }
 
+    /// Mean offset of all readings (m, ram frame): a [`crate::machine::RamTurn`] about it leaves the frame where
+    /// identification puts it.
+    pub fn mean_offset_m(&self) -> [f64; 3] {
+        let mut sum = [0.0; 3];
+        for line in self.stations.iter().flat_map(|station| &station.lines) {
+            for d in 0..3 {
+                sum[d] += f64::from(line.points) * line.offset_m[d];
+            }
+        }
+        let readings = self.readings().max(1) as f64;
+        sum.map(|total| total / readings)
+    }
+
     /// The points in the order in which they are measured, made one by one.
     pub fn targets(&self) -> Targets<'_> {
         Targets::new(self)

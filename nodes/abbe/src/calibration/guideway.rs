@@ -5,7 +5,9 @@
 
 use super::arrangement::BySpread;
 use super::{COVERAGE, Product, meta};
+use crate::verdict::{self, Accept};
 use abbe_files::{GuidewayRow, SeenTarget, hex, read_guideway_file};
+use abbe_identify::verdict::Verdict;
 use abbe_measurement::guideway::{
     Guideway, GuidewayFrame, GuidewayOptions, GuidewayRotation, PositionErrors, TargetPoint,
 };
@@ -29,6 +31,7 @@ pub(crate) fn product(
     path: &Path,
     options: GuidewayOptions,
     tracker: Option<TrackerUncertainty>,
+    accept: Accept,
 ) -> anyhow::Result<Product> {
     let file = read_guideway_file(path)?;
     let readings = file.rows.iter().filter(|row| matches!(row.seen, SeenTarget::Reading(_))).count();
@@ -39,13 +42,16 @@ pub(crate) fn product(
     let solved = Guideway::new(&points, options).with_context(|| path.display().to_string())?;
     let by_spread = BySpread::of(&solved, &points);
     let mut json = json(&solved, &file.sha256);
+    let verdict = verdict::of_fit(solved.chi2_per_dof.map(|chi2| (chi2, degrees(&solved))), None);
+    verdict::check(&verdict, accept, &path.display().to_string(), || json.clone())?;
+    json["findings"] = verdict::json(&verdict.findings);
     json["uncertainty_by_spread_of_targets"] = by_spread.as_ref().map_or(Value::Null, BySpread::json);
     let mut text = serde_json::to_string_pretty(&json)?;
     text.push('\n');
     Ok(Product {
-        words: words(&solved),
+        words: words(&solved) + &verdict::words(&verdict.findings),
         files: vec![(ERRORS, csv(&solved)), (FIGURES, text)],
-        report: Some(report(&solved, by_spread.as_ref(), path, &file.sha256)),
+        report: Some(report((&solved, &verdict), by_spread.as_ref(), path, &file.sha256)),
         json,
     })
 }
@@ -56,6 +62,12 @@ fn target(row: &GuidewayRow, tracker: Option<TrackerUncertainty>) -> TargetPoint
         SeenTarget::Point { point_m, u_m } => (point_m.into(), u_m.map(|u| abbe_geometry::Matrix3::identity() * u * u)),
     };
     TargetPoint { position_m: row.position_m, target: row.target.clone(), point_m, covariance_m2 }
+}
+
+/// Coordinates of common targets less six unknowns, at each position but the lowest.
+fn degrees(solved: &Guideway) -> usize {
+    let others = solved.positions.iter().filter(|position| position.covariance.is_some());
+    others.map(|position| (3 * position.targets).saturating_sub(6)).sum()
 }
 
 /// Errors in µm and µrad.
@@ -145,7 +157,12 @@ fn json(solved: &Guideway, sha256: &[u8; 32]) -> Value {
     })
 }
 
-fn report(solved: &Guideway, by_spread: Option<&BySpread>, path: &Path, sha256: &[u8; 32]) -> Report {
+fn report(
+    (solved, verdict): (&Guideway, &Verdict),
+    by_spread: Option<&BySpread>,
+    path: &Path,
+    sha256: &[u8; 32],
+) -> Report {
     let names = solved.options.axis.error_names();
     let x: Vec<f64> = solved.positions.iter().map(|p| p.position_m * 1e3).collect();
     let panel = |k: usize| LinePanel {
@@ -188,7 +205,7 @@ fn report(solved: &Guideway, by_spread: Option<&BySpread>, path: &Path, sha256: 
         }),
     ];
     sections.extend(by_spread.map(|by_spread| Section::LinePlot(by_spread.plot())));
-    sections.extend(warnings(solved));
+    sections.extend(warnings(solved, verdict));
     Report {
         title: format!("Errors of the {:?} axis", solved.options.axis),
         lead: Some("Six errors of a linear axis from targets on its table (ISO 230-1 names).".to_owned()),
@@ -199,7 +216,7 @@ fn report(solved: &Guideway, by_spread: Option<&BySpread>, path: &Path, sha256: 
     }
 }
 
-fn warnings(solved: &Guideway) -> Vec<Section> {
+fn warnings(solved: &Guideway, verdict: &Verdict) -> Vec<Section> {
     let callout = |title: &str, text: &str| {
         Section::Callout(Callout { tone: Tone::Warning, title: title.to_owned(), text: text.to_owned() })
     };
@@ -216,11 +233,6 @@ fn warnings(solved: &Guideway) -> Vec<Section> {
             "Slopes of straightness are zero by construction, and about the axis the frame of the points is taken as it stands.",
         ));
     }
-    if solved.chi2_per_dof.is_some_and(|chi2| chi2 > 2.0) {
-        list.push(callout(
-            "Worse than declared",
-            "The targets move against each other more than the declared uncertainties allow; the uncertainties shown are too small.",
-        ));
-    }
+    list.extend(verdict.findings.iter().map(|finding| callout("What speaks against it", &finding.to_string())));
     list
 }

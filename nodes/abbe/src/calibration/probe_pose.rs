@@ -4,6 +4,7 @@
 //! centres left out of it. mm and µm, uncertainties k = 2.
 
 use super::{COVERAGE, Product, meta};
+use crate::verdict::{self, Accept};
 use abbe_files::{hex, read_sphere_centres_file};
 use abbe_geometry::Vector3;
 use abbe_measurement::probe_pose::{
@@ -44,7 +45,7 @@ struct Judged {
 }
 
 /// Calibrates, judges and describes.
-pub(crate) fn product(path: &Path, model: ProbePoseModel) -> anyhow::Result<Product> {
+pub(crate) fn product(path: &Path, model: ProbePoseModel, accept: Accept) -> anyhow::Result<Product> {
     let file = read_sphere_centres_file(path)?;
     let name = || path.display().to_string();
     let pose = ProbePose::fit(&file.rows, model).with_context(name)?;
@@ -52,11 +53,14 @@ pub(crate) fn product(path: &Path, model: ProbePoseModel) -> anyhow::Result<Prod
     let again = leave_one_centre_out(&file.rows, model).with_context(name)?;
     let poses = leave_one_pose_out(&file.rows, model).ok();
     let judged = Judged { centres: file.rows, pose, table, poses, again };
-    let json = judged.json(&file.sha256);
+    let mut json = judged.json(&file.sha256);
+    let verdict = verdict::of_fit(judged.within(), None);
+    verdict::check(&verdict, accept, &name(), || json.clone())?;
+    json["findings"] = verdict::json(&verdict.findings);
     let mut text = serde_json::to_string_pretty(&json)?;
     text.push('\n');
     Ok(Product {
-        words: judged.words(),
+        words: judged.words() + &verdict::words(&verdict.findings),
         report: Some(judged.report(path, &file.sha256)),
         files: vec![(TABLE, judged.csv()), (FIGURES, text)],
         json,
@@ -87,6 +91,15 @@ impl Judged {
     fn expanded(&self) -> Option<Vec<f64>> {
         let u = self.pose.u()?;
         Some(u.iter().zip(UNKNOWNS).map(|(u, (_, _, scale))| COVERAGE * u * scale).collect())
+    }
+
+    /// Square of the scatter within poses over the declared uncertainty, and its degrees of freedom. What a pose adds in common is
+    /// the head's, not the noise: the table is for it.
+    fn within(&self) -> Option<(f64, usize)> {
+        let declared: Option<Vec<f64>> = self.centres.iter().map(|centre| centre.u_m).collect();
+        let variance_m2 = mean(declared?.into_iter().map(|u_m| u_m * u_m))?;
+        let repeats = 3 * self.centres.len().saturating_sub(self.table.entries.len());
+        Some((self.pose.scatter.within_m?.powi(2) / variance_m2, repeats))
     }
 
     /// Means over what was left out (µm): in a pose that the table has, before and after; in a pose that it has not.

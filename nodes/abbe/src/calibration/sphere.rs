@@ -3,6 +3,7 @@
 //! Place in the flow: points file → `abbe_measurement::sphere` → [`Product`].
 
 use super::{COVERAGE, Product};
+use crate::verdict::{self, Accept};
 use abbe_files::{PointRow, PointsReader};
 use abbe_geometry::Vector3;
 use abbe_measurement::sphere::{SphereFit, SphereRadius};
@@ -28,9 +29,24 @@ fn read(path: &Path) -> anyhow::Result<Vec<Vector3<f64>>> {
 }
 
 /// Fits and describes.
-pub(crate) fn product(path: &Path, radius: SphereRadius, u_point_m: Option<f64>) -> anyhow::Result<Product> {
+pub(crate) fn product(
+    path: &Path,
+    radius: SphereRadius,
+    u_point_m: Option<f64>,
+    accept: Accept,
+) -> anyhow::Result<Product> {
     let points_m = read(path)?;
     let fit = SphereFit::new(&points_m, radius, u_point_m).with_context(|| path.display().to_string())?;
+    let chi2_per_dof =
+        u_point_m.zip(fit.scatter_m).map(|(u_m, scatter_m)| ((scatter_m / u_m).powi(2), fit.degrees_of_freedom));
+    let verdict = verdict::of_fit(chi2_per_dof, None);
+    let name = path.display().to_string();
+    verdict::check(
+        &verdict,
+        accept,
+        &name,
+        || json!({ "form_um": fit.form_m() * 1e6, "radius_mm": fit.radius_m * 1e3 }),
+    )?;
     let expanded_um = fit.u_m().map(|u| u.map(|u| COVERAGE * u * 1e6));
     let shown = |k: usize| expanded_um.map_or_else(|| "unknown".to_owned(), |u| format!("{:.2}", u[k]));
     let mut words = format!("{} points\n", points_m.len());
@@ -47,7 +63,9 @@ pub(crate) fn product(path: &Path, radius: SphereRadius, u_point_m: Option<f64>)
     let _ = writeln!(words, "  scatter   {scatter}");
     let note = if fit.condition > SMALL_CAP { ": a small cap; mind the uncertainty" } else { "" };
     let _ = writeln!(words, "  condition {:.1}{note}", fit.condition);
+    words.push_str(&verdict::words(&verdict.findings));
     let json = json!({
+        "findings": verdict::json(&verdict.findings),
         "points": points_m.len(),
         "centre_mm": (fit.centre_m * 1e3).as_slice(),
         "radius_mm": fit.radius_m * 1e3,

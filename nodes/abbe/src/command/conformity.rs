@@ -5,8 +5,9 @@
 use super::identify::{progress_text, spinner};
 use super::simulate::VOLUMETRIC_RMS_UM;
 use crate::conformity::{self, Limits, Product, lengths, runs, simulated, sphere};
-use abbe_conformity::MaximumPermissibleError;
+use crate::exit::Ended;
 use abbe_conformity::length::Probing;
+use abbe_conformity::{MaximumPermissibleError, Verdict};
 use abbe_identify::Progress;
 use abbe_runtime::Shutdown;
 use anyhow::{Context, bail, ensure};
@@ -98,7 +99,13 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         true => println!("{}", serde_json::to_string_pretty(&product.json)?),
         false => print!("{}", product.words),
     }
-    Ok(())
+    match product.verdict {
+        None | Some(Verdict::Conforms) => Ok(()),
+        Some(Verdict::Undecided) => {
+            Err(Ended::undecided("neither conformity nor nonconformity is proved".to_owned()).into())
+        }
+        Some(Verdict::DoesNotConform) => Err(Ended::not_conforming("does not conform".to_owned()).into()),
+    }
 }
 
 fn product(arguments: &Arguments) -> anyhow::Result<Product> {

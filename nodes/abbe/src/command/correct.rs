@@ -1,24 +1,29 @@
 //! `abbe correct`: recorded scale readings in, the same with corrected coordinates out.
 //!
 //! Place in the flow: offline twin of the geometric and residual nodes; calls the same correcting function. CSV row
-//! by row, also from standard input to standard output; bags message by message.
+//! by row, also from standard input to standard output; bags message by message. What the rows were worth is said on
+//! standard error.
 
 use super::bag_in_place;
+use crate::exit::Ended;
 use crate::output;
 use crate::pipeline::is_bag;
 use crate::residual::{load_residual, with_residual};
+use crate::tally::Tally;
 use abbe_files::{AtomicFile, FileError, ModelFile, Place, PointRow, PointsReader, PointsWriter};
 use abbe_geometry::correct::correct;
 use abbe_geometry::effects::State;
 use abbe_geometry::model::IdentifiedVolume;
-use abbe_graph::step::{GeometricStep, OwnedField, ResidualStep};
+use abbe_graph::step::{GeometricStep, Mark, OwnedField, ResidualStep, StreamWatch};
 use abbe_graph::topics;
 use abbe_msgs::bag::{BagWriter, messages};
 use abbe_msgs::{Message, ScaleReading, Sha256};
 use abbe_runtime::Shutdown;
 use anyhow::{Context, ensure};
+use std::cell::RefCell;
+use std::collections::BTreeMap;
 use std::fs::File;
-use std::io::{BufReader, BufWriter, Read, Write};
+use std::io::{BufWriter, Read, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -59,52 +64,96 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
             correct_bag(arguments, model, sha256, residual, unfinished)
         });
     }
-    let standard = |path: &Path| path.as_os_str() == "-";
-    let name =
-        if standard(&arguments.input) { "standard input".to_owned() } else { arguments.input.display().to_string() };
-    let input: Box<dyn Read> = if standard(&arguments.input) {
-        Box::new(std::io::stdin().lock())
-    } else {
-        Box::new(BufReader::new(File::open(&arguments.input).with_context(|| format!("{name}: cannot be opened"))?))
-    };
     let shutdown = Shutdown::on_signals()?;
-    let correcting = Correcting { model: &model, residual: residual.as_ref() };
-    if standard(&arguments.output) {
-        let output = BufWriter::new(std::io::stdout().lock());
-        correct_csv(&correcting, input, &name, output, &shutdown)?;
-        return Ok(());
+    let correcting = Correcting { model: &model, residual: residual.as_ref(), shutdown: &shutdown };
+    let (input, name) = input(&arguments.input)?;
+    let tally = if is_standard(&arguments.output) {
+        correct_csv(&correcting, input, &name, BufWriter::new(std::io::stdout().lock()), true)?
+    } else {
+        let mut file = AtomicFile::create(&arguments.output)?;
+        let tally = correct_csv(&correcting, input, &name, BufWriter::new(&mut file), false)?;
+        // What ends the input on Ctrl-C may be the same Ctrl-C.
+        ensure!(!shutdown.requested(), Ended::stopped("stopped on request; no output was written".to_owned()));
+        file.commit()?;
+        tally
+    };
+    conclude(&tally, &model, &name, "line")
+}
+
+/// Says what the rows were worth.
+fn conclude(tally: &Tally, model: &ModelFile, name: &str, place: &str) -> anyhow::Result<()> {
+    eprintln!("abbe: {}", tally.words(&model.model, name, place));
+    Ok(tally.judge(name)?)
+}
+
+fn is_standard(path: &Path) -> bool {
+    path.as_os_str() == "-"
+}
+
+/// The input and its name in messages.
+fn input(path: &Path) -> anyhow::Result<(Box<dyn Read>, String)> {
+    if is_standard(path) {
+        return Ok((Box::new(std::io::stdin().lock()), "standard input".to_owned()));
     }
-    let mut file = AtomicFile::create(&arguments.output)?;
-    correct_csv(&correcting, input, &name, BufWriter::new(&mut file), &shutdown)?;
-    Ok(file.commit()?)
+    let name = path.display().to_string();
+    let file = File::open(path).with_context(|| format!("{name}: cannot be opened"))?;
+    Ok((Box::new(file), name))
 }
 
 /// What rows are corrected with.
 struct Correcting<'a> {
     model: &'a ModelFile,
     residual: Option<&'a OwnedField>,
+    shutdown: &'a Shutdown,
 }
 
+/// An input that has everything written so far leave before it waits for more: rows that come one by one go on one by one, and a
+/// file is still read and written in large pieces.
+struct FlushFirst<R, F> {
+    input: R,
+    flush: F,
+}
+
+impl<R: Read, F: FnMut() -> std::io::Result<()>> Read for FlushFirst<R, F> {
+    fn read(&mut self, buffer: &mut [u8]) -> std::io::Result<usize> {
+        (self.flush)()?;
+        self.input.read(buffer)
+    }
+}
+
+/// Corrects row by row. `is_stream` where rows leave as they are made: then a number with two readings is refused at its row.
 fn correct_csv(
-    Correcting { model, residual }: &Correcting,
+    Correcting { model, residual, shutdown }: &Correcting,
     input: Box<dyn Read>,
     name: &str,
     output: impl Write,
-    shutdown: &Shutdown,
-) -> anyhow::Result<()> {
+    is_stream: bool,
+) -> anyhow::Result<Tally> {
     let machine = &model.model.parts().machine;
-    let mut reader = PointsReader::new(input, name, machine.default_offset_m)?;
-    let mut writer = PointsWriter::new(output, "output", reader.columns())?;
-    let mut row = PointRow::default();
+    let writer = RefCell::new(None);
+    let flush = || writer.borrow_mut().as_mut().map_or(Ok(()), PointsWriter::flush);
+    let mut reader = PointsReader::new(FlushFirst { input, flush }, name, machine.default_offset_m)?;
+    *writer.borrow_mut() = Some(PointsWriter::new(output, "output", &reader)?);
+    let (mut row, mut tally) = (PointRow::default(), Tally::default());
     while reader.read(&mut row)? {
-        ensure!(!shutdown.requested(), "stopped on request; no output was written");
+        ensure!(!shutdown.requested(), Ended::stopped("stopped on request".to_owned()));
         check_offset_signs(&model.model.parts().identified, &row, name)?;
         let covariates = reader.covariates(&row);
         let state = State { reading_m: row.reading_m, offset_m: row.offset_m, covariates: &covariates };
-        writer.write(&row, &with_residual(correct(&model.model, &state), *residual))?;
+        let correction = with_residual(correct(&model.model, &state), *residual);
+        if is_stream {
+            reader.refuse_open_numbers()?;
+        }
+        tally.add(&model.model, &state, correction.status, row.line());
+        if let Some(writer) = writer.borrow_mut().as_mut() {
+            writer.write(&row, &correction)?;
+        }
     }
-    writer.finish()?.flush()?;
-    Ok(())
+    ensure!(tally.rows() > 0, "{name}: the file holds a header but no row; give one row for each point");
+    if let Some(writer) = writer.take() {
+        writer.finish()?.flush()?;
+    }
+    Ok(tally)
 }
 
 /// Refuses an offset on the side where no offset of the campaign was: a sign error moves every lever arm.
@@ -140,13 +189,15 @@ fn correct_bag(
     let residual = ResidualStep::new(residual);
     let mut writer = BagWriter::create(unfinished)?;
     let mut corrected = 0_u64;
+    let mut watches: BTreeMap<String, StreamWatch> = BTreeMap::new();
     for message in messages(&arguments.input)? {
         let message = message?;
         writer.copy(&message)?;
         if message.ros_type() == ScaleReading::ROS_TYPE {
             let reading: ScaleReading = message.decode()?;
             let namespace = message.topic().strip_suffix(topics::SCALE_READING).unwrap_or("/").to_owned();
-            let sample = residual.correct(&step.correct(&reading));
+            let watch = watches.entry(message.topic().to_owned()).or_default();
+            let sample = residual.correct(&watch.pass(Mark::from(&reading), step.correct(&reading)));
             writer.write(&format!("{namespace}{}", topics::CORRECTED), &sample, message.log_time_ns)?;
             corrected += 1;
         }

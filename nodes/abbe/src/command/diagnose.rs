@@ -6,6 +6,8 @@
 use super::identify::spinner;
 use crate::diagnosis::study::{self, DataKind};
 use crate::diagnosis::{Product, Request, output, tracer};
+use crate::pipeline::BagJoin;
+use crate::verdict::{Accept, shown};
 use abbe_diagnose::Progress;
 use abbe_runtime::Shutdown;
 use anyhow::{Context, bail};
@@ -20,6 +22,8 @@ pub(crate) struct Arguments {
     /// Tracer campaign (CSV, .mcap or rosbag2 folder), ISO 230-2 runs (CSV) or sphere centres (CSV); the header decides
     #[arg(long, required_unless_present = "residuals", conflicts_with = "residuals")]
     campaign: Option<PathBuf>,
+    #[command(flatten)]
+    join: BagJoin,
     /// Residual vectors of any other calibration (CSV); with --model, its machine is the chain behind them
     #[arg(long, conflicts_with = "verify")]
     residuals: Option<PathBuf>,
@@ -38,6 +42,8 @@ pub(crate) struct Arguments {
     /// Print diagnosis.json on standard output
     #[arg(long)]
     json: bool,
+    #[command(flatten)]
+    accept: Accept,
 }
 
 pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
@@ -53,7 +59,7 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     };
     let made = product(arguments, &mut observe);
     bar.finish_and_clear();
-    let product = made?;
+    let product = shown(made, arguments.json)?;
     let json = product.report.json()?;
     if shutdown.requested() {
         bail!("stopped on request; nothing was written");
@@ -67,7 +73,13 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
 }
 
 fn product(arguments: &Arguments, observe: &mut dyn FnMut(Progress) -> bool) -> anyhow::Result<Product> {
-    let request = Request { verify: arguments.verify.as_deref(), seed: arguments.seed, folds: arguments.folds };
+    let request = Request {
+        verify: arguments.verify.as_deref(),
+        seed: arguments.seed,
+        folds: arguments.folds,
+        accept: arguments.accept,
+        join: &arguments.join,
+    };
     if let Some(residuals) = &arguments.residuals {
         return study::run_residuals(residuals, arguments.model.as_deref(), &request);
     }

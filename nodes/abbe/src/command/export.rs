@@ -13,10 +13,13 @@ use std::convert::Infallible;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-/// Step where none is asked for (mm).
-const DEFAULT_STEP_MM: f64 = 25.0;
+/// What interpolation may miss where neither a step nor an error is asked for (um, urad): less than corrected errors are uncertain
+/// by.
+const DEFAULT_WITHIN_UM: f64 = 0.1;
 /// Nodes of the largest grid that is written.
 const MOST_NODES: usize = 2_000_000;
+/// Share of a stroke that campaigns leave out at its ends without a word.
+const UNSEEN_SHARE: f64 = 0.05;
 /// Halvings of the step in search of a wanted interpolation error, from the whole stroke.
 const MOST_HALVINGS: u32 = 16;
 
@@ -32,10 +35,11 @@ pub(crate) struct Arguments {
     /// File to write; a folder for formats of several files
     #[arg(long)]
     out: PathBuf,
-    /// Largest step between nodes; 25 mm, if neither this nor --within-um is given
+    /// Largest step between nodes
     #[arg(long, conflicts_with = "within_um")]
     step_mm: Option<f64>,
-    /// Choose the step so that interpolation misses the model by at most this (um; angles likewise in urad)
+    /// Choose the step so that interpolation misses the model by at most this (um; angles likewise in urad); 0.1, if no step is
+    /// given
     #[arg(long)]
     within_um: Option<f64>,
     /// Tip or reflector relative to the ram reference point, for grids: x,y,z (mm); the machine's default where it has one
@@ -58,6 +62,12 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         Writer::Grid(write) => write(&about, &grid(arguments, &file)?)?,
     };
     write_files(&arguments.out, &files)?;
+    if let (Some(within_um), Some(missed)) = (wanted_um(arguments), missed_words(&files)) {
+        eprintln!("abbe: {}: {missed} (asked for: {within_um} um)", arguments.out.display());
+    }
+    if let Some(words) = outside_words(&file) {
+        eprintln!("abbe: warning: {}: {words}", arguments.out.display());
+    }
     for what in &about.left_out {
         eprintln!("abbe: {}: not in this table, and not corrected by it: {what}", arguments.out.display());
     }
@@ -67,9 +77,10 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
 
 fn sampled(arguments: &Arguments, file: &ModelFile) -> anyhow::Result<SampledErrors> {
     ensure!(arguments.offset_mm.is_none(), "--offset-mm is for grids; {} holds error functions", arguments.format);
-    let Some(within_um) = arguments.within_um else {
-        return Ok(SampledErrors::of(&file.model, arguments.step_mm.unwrap_or(DEFAULT_STEP_MM) / 1e3)?);
-    };
+    if let Some(step_mm) = arguments.step_mm {
+        return Ok(SampledErrors::of(&file.model, step_mm / 1e3)?);
+    }
+    let within_um = arguments.within_um.unwrap_or(DEFAULT_WITHIN_UM);
     let longest_m = file.model.parts().machine.travel_m().into_iter().fold(0.0, f64::max);
     for halvings in 0..=MOST_HALVINGS {
         let errors = SampledErrors::of(&file.model, longest_m / f64::from(1_u32 << halvings))?;
@@ -97,10 +108,13 @@ fn grid(arguments: &Arguments, file: &ModelFile) -> anyhow::Result<SampledGrid> 
     };
     ensure!(offset_m.iter().all(|v| v.is_finite() && v.abs() < 10.0), "--offset-mm: give three numbers in millimetres");
     let error_m = |p: &Vector3<f64>| Ok::<_, Infallible>(geometric_error_m(&file.model, (*p).into(), offset_m));
-    let (table, missed) = match arguments.within_um {
-        Some(within_um) => table_within(machine.stroke_m, within_um / 1e6, MOST_NODES, error_m)?,
+    let (table, missed) = match arguments.step_mm {
         None => {
-            let step_m = arguments.step_mm.unwrap_or(DEFAULT_STEP_MM) / 1e3;
+            let within_um = arguments.within_um.unwrap_or(DEFAULT_WITHIN_UM);
+            table_within(machine.stroke_m, within_um / 1e6, MOST_NODES, error_m)?
+        }
+        Some(step_mm) => {
+            let step_m = step_mm / 1e3;
             let steps = machine.travel_m().map(|travel_m| ((travel_m / step_m - 1e-9).ceil()).max(1.0));
             let nodes: f64 = steps.iter().map(|n| n + 1.0).product();
             ensure!(nodes <= MOST_NODES as f64, "--step-mm {}: {nodes} nodes; {MOST_NODES} are the most", step_m * 1e3);
@@ -129,10 +143,33 @@ fn write_files(out: &Path, files: &[ExportedFile]) -> anyhow::Result<()> {
     Ok(written.into_iter().try_for_each(AtomicFile::commit)?)
 }
 
+/// The error that the step follows from, where it was not given.
+fn wanted_um(arguments: &Arguments) -> Option<f64> {
+    arguments.step_mm.is_none().then(|| arguments.within_um.unwrap_or(DEFAULT_WITHIN_UM))
+}
+
+/// What the files say of the step and what interpolation misses.
+fn missed_words(files: &[ExportedFile]) -> Option<&str> {
+    files.iter().flat_map(|file| file.text.lines()).find_map(|line| line.split("interpolation: ").nth(1))
+}
+
+/// Where the tables go beyond what was measured: they reach over the whole stroke.
+fn outside_words(file: &ModelFile) -> Option<String> {
+    let parts = file.model.parts();
+    let measured = parts.identified.reading_m.iter().zip(&parts.machine.stroke_m).zip(["X", "Y", "Z"]);
+    let beyond = measured.filter_map(|((seen, stroke), axis)| {
+        let left_out = 1.0 - (seen.1.min(stroke.1) - seen.0.max(stroke.0)) / (stroke.1 - stroke.0);
+        let said =
+            || format!("{:.0} % of {axis} (measured: {:.1} … {:.1} mm)", left_out * 1e2, seen.0 * 1e3, seen.1 * 1e3);
+        (left_out > UNSEEN_SHARE).then(said)
+    });
+    let beyond: Vec<String> = beyond.collect();
+    (!beyond.is_empty()).then(|| format!("extrapolated, beyond what was measured: {}", beyond.join(", ")))
+}
+
 fn print_words(arguments: &Arguments, format: &Format, files: &[ExportedFile]) {
     println!("{}: {} ({})", arguments.out.display(), format.name, format.title);
-    let missed = files.iter().flat_map(|file| file.text.lines()).find_map(|line| line.split("interpolation: ").nth(1));
-    if let Some(missed) = missed {
+    if let Some(missed) = missed_words(files) {
         println!("  {missed}");
     }
     println!("  {}", format.source);

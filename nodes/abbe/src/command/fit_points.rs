@@ -6,6 +6,7 @@
 use super::identify::spinner;
 use crate::output;
 use crate::pipeline::software;
+use crate::verdict::{self, Accept};
 use abbe_files::{DataSource, FileError, MachineFile, ModelFile, PointRow, PointsReader, hex, read_machine};
 use abbe_geometry::Vector3;
 use abbe_geometry::effects::{CovariateSource, CovariateValue};
@@ -13,6 +14,7 @@ use abbe_identify::points::{
     FittedPoints, JadeChoices, Loss, MeasuredPoint, Method, PointOptions, PointProgress, fit_points,
     fit_points_of_best_degree,
 };
+use abbe_identify::verdict::{Cause, Counted, Grade, Verdict, of_noise, of_rejected, stroke};
 use abbe_runtime::Shutdown;
 use anyhow::{Context, ensure};
 use clap::ValueEnum;
@@ -25,8 +27,9 @@ use std::time::Instant;
 const U_COLUMN: &str = "u_actual_um";
 /// Degrees that are compared where none is asked for.
 const DEGREES: std::ops::RangeInclusive<usize> = 1..=8;
-/// χ² per degree of freedom above which the residual is more than the declared noise.
-const MISFIT: f64 = 1.3;
+
+/// Rejected points that are printed one by one.
+const MOST_SHOWN: usize = 10;
 
 /// Way to the minimum, as on the command line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -96,6 +99,8 @@ pub(crate) struct Arguments {
     /// Print what was found as JSON on standard output
     #[arg(long)]
     json: bool,
+    #[command(flatten)]
+    accept: Accept,
 }
 
 impl Arguments {
@@ -145,7 +150,13 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let fitted = fitted.with_context(|| format!("{} (points count from 1)", arguments.points.display()))?;
     let seconds = since.elapsed().as_secs_f64();
     let evidence = evidence_json(&fitted);
-    let file = model_file(arguments, &machine, source, fitted, &evidence);
+    let verdict = judged(&machine, &points, &fitted, arguments.loss);
+    let name = arguments.points.display().to_string();
+    verdict::shown(
+        verdict::check(&verdict, arguments.accept, &name, || evidence.clone()).map_err(Into::into),
+        arguments.json,
+    )?;
+    let file = model_file(arguments, &machine, source, (fitted, &verdict), &evidence);
     let sha256 = hex(&file.save(&arguments.out)?);
     if arguments.json {
         let value = json!({
@@ -154,13 +165,14 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
             "model_sha256": sha256,
             "data": file.data,
             "options": file.options,
+            "findings": verdict::json(&verdict.findings),
             "evidence": evidence,
             "fit_s": seconds,
             "software": file.software,
         });
         println!("{}", serde_json::to_string_pretty(&value)?);
     } else {
-        print_words(arguments, &file, &evidence, &sha256, seconds);
+        print_words(arguments, (&file, &verdict), &evidence, &sha256, seconds);
     }
     Ok(())
 }
@@ -217,11 +229,32 @@ fn read_points(
     Ok((points, DataSource { file, sha256: hex(&reader.sha256()) }))
 }
 
+/// What speaks against the fit.
+fn judged(machine: &MachineFile, points: &[MeasuredPoint], fitted: &FittedPoints, loss: LossName) -> Verdict {
+    let evidence = &fitted.evidence;
+    let counted = Counted { what: "points", rejected: evidence.rejected.len(), all: points.len() };
+    let rejected = of_rejected(counted, vec![Cause::Scattered, Cause::Lacks]).map(|mut finding| {
+        // Who asks for trimmed squares expects gross errors in a large share of the points.
+        if loss == LossName::Trimmed {
+            finding.grade = finding.grade.min(Grade::Warning);
+        }
+        finding
+    });
+    let degrees = 3.0 * fitted.weights.iter().sum::<f64>() - evidence.unknowns as f64;
+    let causes = match evidence.chi2_per_dof > 1.0 {
+        true => vec![Cause::Lacks, Cause::Understated, Cause::Scattered],
+        false => vec![Cause::Overstated, Cause::Computed],
+    };
+    let noise = of_noise(evidence.chi2_per_dof, degrees, causes);
+    let driven = stroke(&machine.machine, points.iter().map(|point| point.reading_m));
+    Verdict::new([rejected, noise, driven].into_iter().flatten().collect(), 1.0)
+}
+
 fn model_file(
     arguments: &Arguments,
     machine: &MachineFile,
     source: DataSource,
-    fitted: FittedPoints,
+    (fitted, verdict): (FittedPoints, &Verdict),
     evidence: &Value,
 ) -> ModelFile {
     ModelFile {
@@ -238,6 +271,7 @@ fn model_file(
             "u_um": arguments.u_um,
         }),
         evidence: evidence.clone(),
+        doubts: verdict::doubts(verdict),
         software: software(),
     }
 }
@@ -274,7 +308,13 @@ fn evidence_json(fitted: &FittedPoints) -> Value {
     })
 }
 
-fn print_words(arguments: &Arguments, file: &ModelFile, evidence: &Value, sha256: &str, seconds: f64) {
+fn print_words(
+    arguments: &Arguments,
+    (file, verdict): (&ModelFile, &Verdict),
+    evidence: &Value,
+    sha256: &str,
+    seconds: f64,
+) {
     let quality = &file.model.parts().quality;
     println!("{}", arguments.out.display());
     println!("  model sha256      {sha256}");
@@ -292,12 +332,20 @@ fn print_words(arguments: &Arguments, file: &ModelFile, evidence: &Value, sha256
         evidence["condition"].as_f64().unwrap_or(f64::NAN),
         evidence["polynomial_degree"]
     );
+    super::identify::print_ram_turn(file);
     println!("  {:<17} {:.0} ms, {} steps", arguments.method_name(), seconds * 1e3, evidence["steps"]);
-    for point in evidence["rejected"].as_array().into_iter().flatten() {
+    let rejected = evidence["rejected"].as_array().map_or(&[] as &[Value], Vec::as_slice);
+    for point in rejected.iter().take(MOST_SHOWN) {
         println!(
             "  rejected          point {}: {:.2} um off",
             point["point"],
             point["distance_um"].as_f64().unwrap_or(f64::NAN)
+        );
+    }
+    if rejected.len() > MOST_SHOWN {
+        println!(
+            "  rejected          and {} more: see --json, or evidence in the model file",
+            rejected.len() - MOST_SHOWN
         );
     }
     if arguments.degree.is_none() && evidence["polynomial_degree"] == json!(*DEGREES.end()) {
@@ -305,9 +353,5 @@ fn print_words(arguments: &Arguments, file: &ModelFile, evidence: &Value, sha256
             "  note              the highest degree on offer was chosen: the errors may be rougher than polynomials; compare with --functions machine"
         );
     }
-    if quality.chi2_per_dof > MISFIT {
-        println!(
-            "  note              the residual is larger than the declared noise: the model lacks something, the noise is understated, or there are gross errors"
-        );
-    }
+    print!("{}", verdict::words(&verdict.findings));
 }

@@ -3,6 +3,7 @@
 //! Place in the flow: on its own. Tracker readings or points of any instrument; CSV, JSON and report in a folder.
 
 use crate::calibration::{check_folder, finish, guideway};
+use crate::verdict::{Accept, shown};
 use abbe_measurement::guideway::{GuidewayAxis, GuidewayFrame, GuidewayOptions, GuidewayRotation};
 use abbe_measurement::tracker::TrackerUncertainty;
 use anyhow::{Context, bail, ensure};
@@ -71,6 +72,8 @@ pub(crate) struct Arguments {
     /// Print as JSON
     #[arg(long)]
     json: bool,
+    #[command(flatten)]
+    accept: Accept,
 }
 
 pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
@@ -96,7 +99,8 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
             Some(text) => Some(numbers::<3>("--reference-mm", text)?.map(|mm| mm / 1e3).into()),
         },
     };
-    let product = guideway::product(&arguments.points, options, tracker(arguments)?)?;
+    let product = guideway::product(&arguments.points, options, tracker(arguments)?, arguments.accept);
+    let product = shown(product, arguments.json)?;
     finish(&product, arguments.out.as_deref(), arguments.json)
 }
 

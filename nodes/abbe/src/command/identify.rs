@@ -4,14 +4,20 @@
 //! found to standard output; otherwise the same in words.
 
 use crate::output;
-use crate::pipeline::{self, LoadedCampaign};
+use crate::pipeline::{self, Choices, Identification, LoadedCampaign};
+use crate::verdict::{self, Accept};
 use abbe_files::{ModelFile, hex, read_machine};
-use abbe_identify::{Evidence, Progress};
+use abbe_identify::{Progress, RejectedReading};
 use abbe_runtime::Shutdown;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::json;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
+
+/// Share of what was known before, from which the campaign has told the turn of the ram.
+const TOLD: f64 = 0.5;
+/// Rejected readings that are printed one by one.
+const MOST_SHOWN: usize = 10;
 
 /// Arguments of `identify`.
 #[derive(Debug, clap::Args)]
@@ -22,6 +28,8 @@ pub(crate) struct Arguments {
     /// Campaign: CSV, or a bag (.mcap or rosbag2 folder)
     #[arg(long)]
     campaign: PathBuf,
+    #[command(flatten)]
+    join: pipeline::BagJoin,
     /// Model file to write
     #[arg(long)]
     out: PathBuf,
@@ -31,6 +39,8 @@ pub(crate) struct Arguments {
     /// Weigh all readings as declared instead of down-weighting outliers
     #[arg(long)]
     no_robust: bool,
+    #[command(flatten)]
+    accept: Accept,
 }
 
 pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
@@ -38,7 +48,7 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let shutdown = Shutdown::on_signals()?;
     let machine = read_machine(&arguments.machine)?;
     let since = Instant::now();
-    let loaded = pipeline::load_campaign(&arguments.campaign, &machine)?;
+    let loaded = pipeline::load_campaign(&arguments.campaign, &machine, &arguments.join)?;
     let read_s = since.elapsed().as_secs_f64();
     let bar =
         spinner(&format!("identifying {} from {} readings", machine.machine.name, loaded.campaign.readings.len()));
@@ -47,15 +57,16 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         bar.set_message(progress_text(&progress));
         !shutdown.requested()
     };
-    let identified = pipeline::identify(&machine, &loaded, !arguments.no_robust, &mut observe);
+    let choices = Choices { robust: !arguments.no_robust, accept: arguments.accept };
+    let identified = pipeline::identify(&machine, &loaded, choices, &mut observe);
     bar.finish_and_clear();
-    let (file, found) = identified?;
+    let (file, found) = verdict::shown(identified, arguments.json)?;
     let identify_s = since.elapsed().as_secs_f64();
     let sha256 = file.save(&arguments.out)?;
     if arguments.json {
-        print_json(arguments, &loaded, &file, &sha256, [read_s, identify_s])?;
+        print_json(arguments, &loaded, (&file, &found), &sha256, [read_s, identify_s])?;
     } else {
-        print_words(arguments, &file, &found.evidence, &sha256, identify_s);
+        print_words(arguments, &file, &found, &sha256, identify_s);
     }
     Ok(())
 }
@@ -80,7 +91,7 @@ pub(crate) fn progress_text(progress: &Progress) -> String {
 fn print_json(
     arguments: &Arguments,
     loaded: &LoadedCampaign,
-    file: &ModelFile,
+    (file, found): (&ModelFile, &Identification),
     sha256: &[u8; 32],
     [read_s, identify_s]: [f64; 2],
 ) -> anyhow::Result<()> {
@@ -106,8 +117,13 @@ fn print_json(
         "rejected": parts.quality.rejected,
         "chi2_per_dof": parts.quality.chi2_per_dof,
         "residual_rms_um": parts.quality.residual_rms_m * 1e6,
+        "ram_turn_urad": file.model.ram_turn().map(|(angle_rad, _)| angle_rad * 1e6),
+        "ram_turn_u_urad": file.model.ram_turn().map(|(_, u_rad)| u_rad * 1e6),
+        "ram_turn_about_offset_mm": parts.offset_centre_m.map(|v| v * 1e3),
         "covariates": loaded.campaign.covariates.iter().map(|c| c.name.clone()).collect::<Vec<_>>(),
         "stations": stations,
+        "findings": verdict::json(&found.verdict.findings),
+        "widening": found.verdict.widening,
         "evidence": file.evidence,
         "read_s": read_s,
         "identify_s": identify_s,
@@ -117,7 +133,24 @@ fn print_json(
     Ok(())
 }
 
-fn print_words(arguments: &Arguments, file: &ModelFile, evidence: &Evidence, sha256: &[u8; 32], seconds: f64) {
+/// The turn of the ram, and what follows where the campaign's offsets did not tell it.
+pub(crate) fn print_ram_turn(file: &ModelFile) {
+    let parts = file.model.parts();
+    let turn = file.model.ram_turn();
+    let [a, b, c] = turn.map(|(angle_rad, u_rad)| format!("{:+.1} ± {:.1}", angle_rad * 1e6, u_rad * 1e6));
+    let [x, y, z] = parts.offset_centre_m.map(|v| v * 1e3);
+    println!("  turn of the ram   A {a}, B {b}, C {c} urad (k = 1), about offset ({x:.1}, {y:.1}, {z:.1}) mm");
+    let told = turn.iter().zip(parts.machine.u_ram_turn_rad).all(|((_, u_rad), before)| *u_rad < TOLD * before);
+    if !told {
+        println!(
+            "  note              the offsets measured do not tell all of the turn of the ram: the uncertainty of points with \
+             other offsets holds what is left; measure lines with three offsets that are not on one line from the same station"
+        );
+    }
+}
+
+fn print_words(arguments: &Arguments, file: &ModelFile, found: &Identification, sha256: &[u8; 32], seconds: f64) {
+    let evidence = &found.evidence;
     let quality = &file.model.parts().quality;
     println!("{}", arguments.out.display());
     println!("  model sha256      {}", hex(sha256));
@@ -131,11 +164,29 @@ fn print_words(arguments: &Arguments, file: &ModelFile, evidence: &Evidence, sha
         "  unknowns          {} ({:.1} effective), condition {:.0}",
         evidence.unknowns, evidence.effective_unknowns, evidence.condition
     );
+    print_ram_turn(file);
     println!("  time              {:.0} ms in {} passes", seconds * 1e3, evidence.passes);
+    if let Some(problem) = &evidence.refinement_given_up {
+        println!(
+            "  note              finer splines were tried and given up, and this is the fit without them: {problem}"
+        );
+    }
     for pair in &evidence.correlated {
         println!("  correlated        {} with {}: {:+.3}", pair.first, pair.second, pair.correlation);
     }
-    for reading in &evidence.rejected {
+    print!("{}", verdict::words(&found.verdict.findings));
+    if found.verdict.widening > 1.0 {
+        println!(
+            "  widened           uncertainties by {:.1}, so that they hold for the rejected readings too",
+            found.verdict.widening.sqrt()
+        );
+    }
+    print_rejected(&evidence.rejected);
+}
+
+/// The first of the rejected readings; all of them are in the model file and in the JSON.
+fn print_rejected(rejected: &[RejectedReading]) {
+    for reading in rejected.iter().take(MOST_SHOWN) {
         println!(
             "  rejected          reading {} (station {}, line {}): {:+.2} um, {:.1} standard deviations",
             reading.reading,
@@ -145,9 +196,10 @@ fn print_words(arguments: &Arguments, file: &ModelFile, evidence: &Evidence, sha
             reading.standardised
         );
     }
-    if quality.chi2_per_dof > 1.3 {
+    if rejected.len() > MOST_SHOWN {
         println!(
-            "  note              the residual is larger than the declared noise: the model lacks something, or the noise is understated"
+            "  rejected          and {} more: all of them are in the model file under evidence, and printed by --json",
+            rejected.len() - MOST_SHOWN
         );
     }
 }

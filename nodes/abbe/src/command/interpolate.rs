@@ -3,6 +3,7 @@
 //! Place in the flow: without a model of the machine, straight from measured points (`abbe points`, or any calibration). The
 //! methods are those of `abbe_field`; scores are of points that did not interpolate (Chen 2020 eq. 14-19).
 
+use crate::exit::Ended;
 use crate::output;
 use abbe_field::idw::{EXPONENT, Idw, Reference};
 use abbe_field::kriging::{Kernel, Kriging, Noise, Options, Trend};
@@ -10,6 +11,7 @@ use abbe_field::rbf::{Radial, Rbf};
 use abbe_field::scores::{INTERPOLATING_SHARE, Score, score, split};
 use abbe_field::{Interpolator, MeasuredField, Trilinear, Unanswered};
 use abbe_files::{ErrorVector, read_positions_file, read_residual_vectors_file, write_error_vectors};
+use abbe_measurement::correspondence::check_vectors;
 use abbe_runtime::Shutdown;
 use anyhow::{Context, ensure};
 use clap::ValueEnum;
@@ -50,6 +52,13 @@ pub(crate) struct Arguments {
     seed: u64,
 }
 
+impl Arguments {
+    /// Whether methods are scored, split after split, of which those done are kept on Ctrl-C.
+    pub(crate) fn is_scored(&self) -> bool {
+        self.splits.is_some()
+    }
+}
+
 /// A method of interpolation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Method {
@@ -83,7 +92,8 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
 fn read(arguments: &Arguments) -> anyhow::Result<MeasuredField> {
     let rows = read_residual_vectors_file(&arguments.vectors)?.rows;
     let points = rows.iter().map(|row| row.position_m.into()).collect();
-    let errors = rows.iter().map(|row| row.residual_m.into()).collect();
+    let errors: Vec<abbe_geometry::Vector3<f64>> = rows.iter().map(|row| row.residual_m.into()).collect();
+    check_vectors(&errors, false).with_context(|| arguments.vectors.display().to_string())?;
     let u: Option<Vec<_>> = rows.iter().map(|row| row.u_m.map(Into::into)).collect();
     // Points are counted from 0 in messages of the library, rows of a file are not: the row is the point's place in it.
     MeasuredField::new(points, errors, u)
@@ -127,6 +137,17 @@ fn answer(
         count("extrapolated"),
         count("no_answer")
     );
+    if count("interpolated") < vectors.len() {
+        let first = |status: &str| vectors.iter().position(|v| v.status == Some(status)).map(|k| k + 1);
+        let kind =
+            |status: &'static str| first(status).map(|row| format!("{} {status} (first: row {row})", count(status)));
+        let kinds: Vec<String> = ["extrapolated", "no_answer"].into_iter().filter_map(kind).collect();
+        eprintln!("abbe: warning: {}: {} of {} points", at.display(), kinds.join(", "), vectors.len());
+    }
+    ensure!(
+        count("interpolated") > 0,
+        Ended::nothing_inside(format!("{}: no point lies among the measured ones", at.display()))
+    );
     Ok(())
 }
 
@@ -165,7 +186,6 @@ fn score_all(arguments: &Arguments, field: &MeasuredField, splits: u64) -> anyho
     let mut done = 0;
     for seed in arguments.seed..arguments.seed + splits {
         if shutdown.requested() {
-            println!("stopped on request after {done} of {splits} splits");
             break;
         }
         let dealt = split(field.points_m().len(), arguments.share, seed)?;
@@ -190,6 +210,7 @@ fn score_all(arguments: &Arguments, field: &MeasuredField, splits: u64) -> anyho
     for (method, total) in methods.iter().zip(&totals) {
         println!("{}", line(*method, total));
     }
+    ensure!(done == splits, Ended::stopped(format!("stopped on request after {done} of {splits} splits")));
     Ok(())
 }
 

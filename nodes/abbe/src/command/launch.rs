@@ -2,9 +2,10 @@
 //!
 //! Place in the flow: live use. Prints what each node did.
 
+use crate::service_manager::ServiceManager;
 use abbe_graph::supervisor::Supervisor;
 use abbe_runtime::{RunId, Shutdown, end_with_reader};
-use anyhow::Context;
+use anyhow::{Context, ensure};
 use std::io::Write;
 use std::path::PathBuf;
 use std::time::Duration;
@@ -29,14 +30,18 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     // Not `eprintln!`: the nodes run whether or not somebody reads this.
     let _ = writeln!(std::io::stderr(), "run {run}: Ctrl-C stops all nodes", run = run.as_str());
     let mut supervisor = Supervisor::start(&program, &arguments.file, run)?;
-    supervisor.wait_for_sources(&shutdown)?;
-    if !shutdown.requested() {
+    let mut manager = ServiceManager::from_environment();
+    let ran = supervisor.wait_for_sources(&shutdown, |graph| manager.tell(graph.is_healthy()));
+    if ran.is_ok() && !shutdown.requested() {
         shutdown.sleep(SETTLE);
     }
-    let summaries = supervisor.stop()?;
+    manager.stopping();
+    let stopped = supervisor.stop(&shutdown)?;
     end_with_reader()?;
-    for summary in summaries {
-        println!("{}", serde_json::to_string(&summary)?);
+    for summary in &stopped.summaries {
+        println!("{}", serde_json::to_string(summary)?);
     }
+    ran?;
+    ensure!(stopped.problems.is_empty(), "the graph did not run well: {}", stopped.problems.join("; "));
     Ok(())
 }

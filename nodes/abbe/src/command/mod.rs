@@ -9,6 +9,7 @@ mod correct;
 mod diagnose;
 mod export;
 mod fit_points;
+mod gateway;
 mod guideway;
 mod identify;
 mod interpolate;
@@ -29,11 +30,15 @@ mod volumetric;
 
 pub(crate) use identify::progress_text;
 
+use crate::{exit, stop};
+use abbe_files::Unfinished;
 use abbe_runtime::end_with_reader;
 use abbe_runtime::ros::RosArgs;
 use anyhow::{Context, ensure};
 use clap::Subcommand;
 use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 
 /// What to do.
 #[derive(Debug, Subcommand)]
@@ -78,6 +83,9 @@ pub(crate) enum Command {
     Launch(launch::Arguments),
     /// Run one node (started by `launch`, or by hand)
     Node(node::Arguments),
+    /// Stand between a node and DDS (started by the node)
+    #[command(hide = true)]
+    Gateway(gateway::Arguments),
     /// Replay a recorded run and compare it byte for byte
     Replay(replay::Arguments),
     /// Save what can be read of a cut-off or damaged bag
@@ -90,6 +98,13 @@ pub(crate) enum Command {
     Papers(papers::Arguments),
 }
 
+impl Command {
+    /// Whether it is, or runs, a part of a graph.
+    pub(crate) fn is_live(&self) -> bool {
+        matches!(self, Command::Demo(_) | Command::Launch(_) | Command::Node(_) | Command::Gateway(_))
+    }
+}
+
 /// Makes a bag with `write`, which gets a path beside the target; it is moved into place when it is whole, so that
 /// no half bag is left.
 fn bag_in_place<T>(target: &Path, write: impl FnOnce(&Path) -> anyhow::Result<T>) -> anyhow::Result<T> {
@@ -100,6 +115,7 @@ fn bag_in_place<T>(target: &Path, write: impl FnOnce(&Path) -> anyhow::Result<T>
         .prefix(".abbe-")
         .tempdir_in(folder)
         .with_context(|| format!("{}: cannot be written to", folder.display()))?;
+    let _unfinished = Unfinished::new(workshop.path());
     let unfinished = workshop.path().join(name);
     let outcome = write(&unfinished)?;
     std::fs::rename(&unfinished, target).with_context(|| format!("{}: cannot be put in place", target.display()))?;
@@ -109,9 +125,27 @@ fn bag_in_place<T>(target: &Path, write: impl FnOnce(&Path) -> anyhow::Result<T>
 /// Runs a subcommand.
 pub(crate) fn run(command: Command, ros_args: RosArgs) -> anyhow::Result<()> {
     // `abbe … | head` ends in silence. A graph goes on without a reader; its commands ask for this when it has ended.
-    if !matches!(command, Command::Demo(_) | Command::Launch(_) | Command::Node(_)) {
+    if !command.is_live() {
         end_with_reader()?;
     }
+    let shutdown = match &command {
+        command if command.is_live() => None,
+        Command::Train(_) => None, // has something to keep from its first network on
+        Command::Compare(_) | Command::Papers(_) => Some(stop::keep_what_there_is(&Arc::new(AtomicBool::new(true)))?),
+        Command::Interpolate(arguments) if arguments.is_scored() => {
+            Some(stop::keep_what_there_is(&Arc::new(AtomicBool::new(true)))?)
+        }
+        _ => Some(stop::end_soon()?),
+    };
+    dispatch(command, ros_args).map_err(|error| match shutdown {
+        Some(shutdown) if shutdown.requested() && exit::code(&error) == exit::REFUSED => {
+            exit::Ended::stopped(crate::told(&error)).into()
+        }
+        _ => error,
+    })
+}
+
+fn dispatch(command: Command, ros_args: RosArgs) -> anyhow::Result<()> {
     match command {
         Command::Identify(arguments) => identify::run(&arguments),
         Command::FitPoints(arguments) => fit_points::run(&arguments),
@@ -133,6 +167,7 @@ pub(crate) fn run(command: Command, ros_args: RosArgs) -> anyhow::Result<()> {
         Command::Demo(arguments) => crate::demo::run(&arguments),
         Command::Launch(arguments) => launch::run(&arguments),
         Command::Node(arguments) => node::run(arguments, ros_args),
+        Command::Gateway(arguments) => gateway::run(&arguments),
         Command::Replay(arguments) => replay::run(&arguments),
         Command::Recover(arguments) => recover::run(&arguments),
         Command::Simulate(arguments) => simulate::run(&arguments),

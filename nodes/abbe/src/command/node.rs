@@ -22,12 +22,16 @@ pub(crate) struct Arguments {
     /// Process that started the node: when it ends, the node ends
     #[arg(long)]
     launcher_pid: Option<u32>,
+    /// How often the launcher has started the node before
+    #[arg(long, default_value_t = 0, hide = true)]
+    life: u32,
 }
 
 pub(crate) fn run(arguments: Arguments, ros_args: RosArgs) -> anyhow::Result<()> {
     let name: NodeName = arguments.name.parse()?;
     let run = arguments.run.map(|run| run.parse::<RunId>()).transpose()?;
-    let call = NodeCall { name, launch_file: arguments.launch, run, ros_args, launcher_pid: arguments.launcher_pid };
+    let Arguments { launch: launch_file, launcher_pid, life, .. } = arguments;
+    let call = NodeCall { name, launch_file, run, ros_args, launcher_pid, life };
     let summary = run_node(call)?;
     end_with_reader()?;
     println!("{}", serde_json::to_string(&summary)?);

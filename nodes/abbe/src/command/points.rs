@@ -4,11 +4,14 @@
 //! error of every point with its uncertainty out, as residual vectors for `abbe interpolate` or `abbe diagnose --residuals`.
 //! Source: Chen 2020 eq. 1-11, see `abbe_measurement::multilateration`.
 
+use crate::exit::Ended;
 use crate::output;
 use crate::pipeline;
+use crate::verdict::{self, Accept, shown};
 use abbe_files::{ErrorVector, MachineFile, read_machine, write_error_vectors};
+use abbe_identify::verdict::{Counted, Verdict};
 use abbe_measurement::multilateration::{LIMIT_M, MultiStation, Options, SolvedPoint, solve};
-use anyhow::Context;
+use anyhow::{Context, ensure};
 use serde_json::json;
 use std::path::PathBuf;
 
@@ -21,6 +24,8 @@ pub(crate) struct Arguments {
     /// Campaign that measured the same points from at least four stations: CSV, or a bag
     #[arg(long)]
     campaign: PathBuf,
+    #[command(flatten)]
+    join: pipeline::BagJoin,
     /// CSV to write: points with their error (actual − indicated) and its uncertainty
     #[arg(long)]
     out: PathBuf,
@@ -33,12 +38,14 @@ pub(crate) struct Arguments {
     /// Print what was found as JSON on standard output
     #[arg(long)]
     json: bool,
+    #[command(flatten)]
+    accept: Accept,
 }
 
 pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     output::check([arguments.out.as_path()], [arguments.machine.as_path(), arguments.campaign.as_path()])?;
     let machine = read_machine(&arguments.machine)?;
-    let loaded = pipeline::load_campaign(&arguments.campaign, &machine)?;
+    let loaded = pipeline::load_campaign(&arguments.campaign, &machine, &arguments.join)?;
     let options = Options {
         instrument: machine.instrument,
         repeatability_m: line_of_sight_m(&machine),
@@ -46,9 +53,29 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         same_point_m: arguments.same_point_mm / 1e3,
     };
     let solved = solve(&loaded.campaign, &options).with_context(|| arguments.campaign.display().to_string())?;
+    let contradicting = solved.rejected.iter().map(|pair| pair.readings.len()).sum();
+    let counted = Counted { what: "readings", rejected: contradicting, all: loaded.campaign.readings.len() };
+    // The noise of points is not graded: stations from nominal points make it larger by what the machine's errors are.
+    let verdict = verdict::of_fit(None, Some(counted));
+    let name = arguments.campaign.display().to_string();
+    let found = || json!({ "rejected_readings": contradicting, "pair_limit_um": arguments.pair_limit_um });
+    shown(verdict::check(&verdict, arguments.accept, &name, found).map_err(Into::into), arguments.json)?;
     let vectors: Vec<ErrorVector> = solved.points.iter().map(|point| vector(&solved, point)).collect();
     write_error_vectors(&arguments.out, &vectors)?;
-    if arguments.json { print_json(arguments, &solved) } else { print_words(arguments, &solved) }
+    if arguments.json {
+        print_json(arguments, &solved, &verdict)?
+    } else {
+        print_words(arguments, &solved, &verdict)?
+    }
+    let (missing, all) = (solved.unsolved.len(), solved.unsolved.len() + solved.points.len());
+    if missing > 0 {
+        eprintln!("abbe: warning: {}: {missing} of {all} points could not be solved", arguments.campaign.display());
+    }
+    ensure!(
+        !solved.points.is_empty(),
+        Ended::nothing_inside(format!("{}: no point could be solved", arguments.campaign.display()))
+    );
+    Ok(())
 }
 
 /// Repeatability along a line of sight whose direction is not known: root of the mean of the squares (m).
@@ -75,7 +102,7 @@ fn residual(solved: &MultiStation) -> (f64, f64) {
     ((square / ranges as f64).sqrt(), chi2 / freedom as f64)
 }
 
-fn print_words(arguments: &Arguments, solved: &MultiStation) -> anyhow::Result<()> {
+fn print_words(arguments: &Arguments, solved: &MultiStation, verdict: &Verdict) -> anyhow::Result<()> {
     let (residual_m, chi2_per_dof) = residual(solved);
     println!("{}: {} points solved, {} not", arguments.out.display(), solved.points.len(), solved.unsolved.len());
     println!("  range residual    {:.3} um rms, chi2/dof {chi2_per_dof:.3}", residual_m * 1e6);
@@ -86,6 +113,7 @@ fn print_words(arguments: &Arguments, solved: &MultiStation) -> anyhow::Result<(
         let (dead, scatter) = (station.dead_path_m * 1e3, station.deviation_m * 1e6);
         println!("  {name:<17} {:<13.5} {:<13.5} {:<13.5} {dead:<13.5} {u_um:<6.2} {scatter:.2}", p.x, p.y, p.z);
     }
+    print!("{}", verdict::words(&verdict.findings));
     for pair in &solved.rejected {
         let readings: Vec<String> = pair.readings.iter().map(|k| (k + 1).to_string()).collect();
         println!(
@@ -106,7 +134,7 @@ fn print_words(arguments: &Arguments, solved: &MultiStation) -> anyhow::Result<(
     Ok(())
 }
 
-fn print_json(arguments: &Arguments, solved: &MultiStation) -> anyhow::Result<()> {
+fn print_json(arguments: &Arguments, solved: &MultiStation, verdict: &Verdict) -> anyhow::Result<()> {
     let (residual_m, chi2_per_dof) = residual(solved);
     let stations = solved.names.iter().zip(&solved.stations).map(|(name, station)| {
         let u_um = station.covariance_m2.diagonal().map(|v| v.sqrt() * 1e6);
@@ -133,7 +161,7 @@ fn print_json(arguments: &Arguments, solved: &MultiStation) -> anyhow::Result<()
     let value = json!({
         "points": arguments.out.display().to_string(), "solved": solved.points.len(),
         "residual_rms_um": residual_m * 1e6, "chi2_per_dof": chi2_per_dof,
-        "stations": stations.collect::<Vec<_>>(), "rejected": rejected, "unsolved": unsolved,
+        "findings": verdict::json(&verdict.findings), "stations": stations.collect::<Vec<_>>(), "rejected": rejected, "unsolved": unsolved,
     });
     println!("{}", serde_json::to_string_pretty(&value)?);
     Ok(())

@@ -3,13 +3,14 @@
 //! Place in the flow: offline look at a residual model; nothing is corrected here, so the model need not say which
 //! geometric model it belongs to. Points in the machine frame; residual = actual − corrected, with standard uncertainty.
 
+use crate::exit::Ended;
 use crate::output;
 use abbe_files::{AtomicFile, PlainPoints, PredictedWriter, ResidualFile, hex};
 use abbe_geometry::Vector3;
 use abbe_runtime::Shutdown;
 use anyhow::{Context, ensure};
 use std::fs::File;
-use std::io::{BufReader, BufWriter, Write};
+use std::io::{BufWriter, Write};
 use std::path::PathBuf;
 
 /// Arguments of `predict`.
@@ -32,22 +33,37 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let (file, sha256) = ResidualFile::load(&arguments.model)?;
     let name = arguments.input.display().to_string();
     let input = File::open(&arguments.input).with_context(|| format!("{name}: cannot be opened"))?;
-    let mut points = PlainPoints::new(BufReader::new(input), &name)?;
+    let mut points = PlainPoints::new(input, &name)?;
     let mut output = AtomicFile::create(&arguments.output)?;
     let shown = arguments.output.display().to_string();
-    let mut writer = PredictedWriter::new(BufWriter::new(&mut output), &shown, points.columns())?;
-    let (mut count, mut outside) = (0_u64, 0_u64);
+    let mut writer = PredictedWriter::new(BufWriter::new(&mut output), &shown, &points)?;
+    let (mut count, mut outside, mut first) = (0_u64, 0_u64, None);
     while let Some(point_m) = points.next_point_m()? {
         ensure!(!shutdown.requested(), "stopped on request; no output was written");
         let prediction = file.model.predict(&Vector3::from(point_m));
-        outside += u64::from(!prediction.inside);
+        if !prediction.inside {
+            outside += 1;
+            first.get_or_insert(points.line());
+        }
         count += 1;
         writer.write(&points, &prediction)?;
     }
     writer.finish()?.flush()?;
+    ensure!(count > 0, "{name}: the file holds a header but no point; give one row a point");
     output.commit()?;
     println!("{}", arguments.output.display());
     println!("  residual model    {}", hex(&sha256));
     println!("  points            {count}, {outside} of them outside the measured ones");
+    if let Some(line) = first {
+        eprintln!(
+            "abbe: warning: {name}: {outside} of {count} points lie outside the measured ones (first: line {line})"
+        );
+    }
+    ensure!(
+        outside < count,
+        Ended::nothing_inside(format!(
+            "{name}: no point lies among the measured ones; do not use what is predicted there"
+        ))
+    );
     Ok(())
 }

@@ -4,6 +4,7 @@
 //! `abbe diagnose`, which takes the same file.
 
 use crate::calibration::{check_folder, finish, probe_pose};
+use crate::verdict::{Accept, shown};
 use abbe_measurement::probe_pose::{BeamLength, ProbePoseModel};
 use clap::ValueEnum;
 use std::path::PathBuf;
@@ -35,6 +36,8 @@ pub(crate) struct Arguments {
     /// Print as JSON
     #[arg(long)]
     json: bool,
+    #[command(flatten)]
+    accept: Accept,
 }
 
 pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
@@ -46,6 +49,6 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         BeamText::One => BeamLength::One,
     };
     let model = ProbePoseModel { beam, axis_offset: arguments.axis_offset };
-    let product = probe_pose::product(&arguments.centres, model)?;
+    let product = shown(probe_pose::product(&arguments.centres, model, arguments.accept), arguments.json)?;
     finish(&product, arguments.out.as_deref(), arguments.json)
 }

@@ -1,21 +1,22 @@
 //! `abbe replay`: the scale readings of a recorded run through the same steps, compared byte for byte.
 //!
-//! Place in the flow: evidence that a correction can be repeated; exit code 1 when anything differs.
+//! Place in the flow: evidence that a correction can be repeated; exit code 1 unless every message was compared and is
+//! identical.
 
 use abbe_files::{LoadedResidual, ModelFile, ResidualFile};
-use abbe_graph::replay::{ReplaySteps, replay};
+use abbe_graph::replay::{ReplayOutcome, ReplaySteps, TopicOutcome, replay};
 use abbe_graph::step::{GeometricStep, OwnedField, ResidualStep};
 use abbe_msgs::Sha256;
-use anyhow::bail;
-use std::path::PathBuf;
+use anyhow::ensure;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 /// Arguments of `replay`.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Arguments {
-    /// Recorded bag with scale readings and corrected coordinates
-    #[arg(long)]
-    bag: PathBuf,
+    /// Recorded bag with scale readings and corrected coordinates; several are replayed one after the other
+    #[arg(long, required = true)]
+    bag: Vec<PathBuf>,
     /// Model that was used; where it changed during the run, give each of them
     #[arg(long, required = true)]
     model: Vec<PathBuf>,
@@ -29,35 +30,76 @@ pub(crate) struct Arguments {
 
 pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let steps = steps(arguments)?;
-    let outcome = replay(&arguments.bag, &steps)?;
-    println!("{} of {} corrected messages are identical to the recorded ones", outcome.identical, outcome.replayed);
-    if !arguments.residual.is_empty() {
-        println!("{} of them with a residual correction", outcome.with_residual);
+    let mut faults = Vec::new();
+    for bag in &arguments.bag {
+        let outcome = replay(bag, &steps)?;
+        if arguments.bag.len() > 1 {
+            println!("{}", bag.display());
+        }
+        outcome.topics.iter().for_each(|topic| tell(topic, !arguments.residual.is_empty()));
+        for hash in &outcome.models_not_named {
+            println!("no message names the given model {hash}");
+        }
+        faults.extend(faults_of(bag, &outcome));
     }
-    if outcome.is_identical() {
-        return Ok(());
+    ensure!(faults.is_empty(), "{}", faults.join("\n"));
+    Ok(())
+}
+
+fn tell(topic: &TopicOutcome, residual: bool) {
+    let TopicOutcome { topic: name, recorded, identical, with_residual, restarts, corrector_restarts, .. } = topic;
+    println!("{name}: {identical} of {recorded} corrected messages are identical to the recorded ones");
+    if residual {
+        println!("  {with_residual} of them with a residual correction");
     }
-    if outcome.replayed == 0 {
-        bail!("{}: holds no scale readings", arguments.bag.display());
+    if *restarts > 0 {
+        println!("  the source of the readings began anew {restarts} times in the recording");
     }
-    let first = outcome.different.iter().chain(&outcome.unrecorded).min();
-    let not_given: Vec<&str> = outcome.models_not_given.iter().map(String::as_str).collect();
-    let not_given = match not_given.as_slice() {
-        [] => String::new(),
-        hashes => format!("; samples name models that were not given: {}", hashes.join(", ")),
-    };
-    bail!(
-        "{}: {} differ and {} were not recorded, the first with sequence {}; check that model and launch file are those of the run{not_given}",
-        arguments.bag.display(),
-        outcome.different.len(),
-        outcome.unrecorded.len(),
-        first.map_or_else(|| "unknown".to_owned(), u64::to_string)
-    )
+    if *corrector_restarts > 0 {
+        println!("  the node that corrected them was started again {corrector_restarts} times");
+    }
+}
+
+/// What keeps a bag from being the same again, in words.
+fn faults_of(bag: &Path, outcome: &ReplayOutcome) -> Vec<String> {
+    let bag = bag.display();
+    let mut faults: Vec<String> = Vec::new();
+    if let Some(damage) = &outcome.damage {
+        faults.push(format!("compared only as far as the bag can be read: {damage}"));
+    }
+    if outcome.topics.is_empty() {
+        faults.push(format!("{bag}: holds no scale readings and no corrected messages, so nothing was compared"));
+    }
+    faults.extend(outcome.topics.iter().filter(|topic| !topic.is_identical()).map(|topic| {
+        let counts = [
+            (topic.different, "differ"),
+            (topic.not_comparable, "cannot be compared, because their model was not given"),
+            (topic.missing, "scale readings have no corrected message (lost, or not recorded)"),
+            (topic.repeated, "repeat an earlier message"),
+            (topic.additional, "have no scale reading (lost, or not recorded)"),
+            (topic.reordered, "are out of order"),
+        ];
+        let counts = counts.iter().filter(|(count, _)| *count > 0).map(|(count, what)| format!("{count} {what}"));
+        let counts: Vec<String> = counts.collect();
+        let counts = if counts.is_empty() { "holds no messages".to_owned() } else { counts.join(", ") };
+        let first = topic.first_fault.map_or_else(String::new, |first| format!(", the first with sequence {first}"));
+        format!("{bag}: {}: {counts}{first}", topic.topic)
+    }));
+    if !outcome.models_not_given.is_empty() {
+        let hashes: Vec<&str> = outcome.models_not_given.iter().map(String::as_str).collect();
+        faults
+            .push(format!("{bag}: messages name models that were not given: {}; give each of them", hashes.join(", ")));
+    }
+    if outcome.topics.iter().any(|topic| topic.different > 0) {
+        faults.push(format!("{bag}: check that model and launch file are those of the run"));
+    }
+    faults
 }
 
 /// A step for each model given; residual models are those of the machine, each with the geometric model it belongs to.
 fn steps(arguments: &Arguments) -> anyhow::Result<ReplaySteps> {
-    let mut steps = ReplaySteps { geometric: Vec::new(), residual: Vec::new() };
+    let without_model = GeometricStep::new(None, arguments.max_covariate_age_s);
+    let mut steps = ReplaySteps { geometric: Vec::new(), residual: Vec::new(), without_model };
     let mut machine = String::new();
     for path in &arguments.model {
         let (file, sha256) = ModelFile::load(path)?;

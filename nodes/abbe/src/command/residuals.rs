@@ -7,8 +7,9 @@
 use super::bag_in_place;
 use super::identify::spinner;
 use crate::output;
-use crate::pipeline::{LoadedCampaign, load_campaign};
+use crate::pipeline::{BagJoin, LoadedCampaign, load_campaign};
 use crate::residual_bag::{self, BagPoint};
+use crate::verdict::{self, Accept};
 use crate::verification::correct_points;
 use abbe_diagnose::study::vectors::ResidualVector;
 use abbe_files::{
@@ -16,9 +17,10 @@ use abbe_files::{
     write_residual_vectors,
 };
 use abbe_geometry::Vector3;
-use abbe_geometry::correct::correct;
+use abbe_geometry::correct::{Status, correct};
 use abbe_geometry::effects::{CovariateSource, CovariateValue, State};
 use abbe_identify::TIME;
+use abbe_identify::verdict::Counted;
 use abbe_measurement::campaign::Campaign;
 use abbe_residual_data::{
     FromRanges, Options, PointResidual, Progress, SharedPoints, from_known_points, from_ranges, shared_points,
@@ -41,6 +43,8 @@ pub(crate) struct Arguments {
     /// Tracer campaign (CSV, .mcap or rosbag2 folder), or points with actual_x_mm, actual_y_mm, actual_z_mm (CSV)
     #[arg(long)]
     campaign: PathBuf,
+    #[command(flatten)]
+    join: BagJoin,
     /// CSV to write, or a bag where it does not end in .csv
     #[arg(long)]
     out: PathBuf,
@@ -56,6 +60,8 @@ pub(crate) struct Arguments {
     /// Standard uncertainty (k = 1) in µm of each coordinate of the known actual positions
     #[arg(long)]
     u_actual_um: Option<f64>,
+    #[command(flatten)]
+    accept: Accept,
 }
 
 /// Where residual vectors of a tracer campaign come from.
@@ -141,6 +147,19 @@ fn of_known_points(arguments: &Arguments, model: &ModelFile) -> anyhow::Result<C
     let name = arguments.campaign.display().to_string();
     let open = || File::open(&arguments.campaign).with_context(|| format!("{name}: cannot be opened"));
     let points = correct_points(open()?, &name, model, None)?;
+    let inside = points.statuses.iter().filter(|status| **status == Status::InVolume).count();
+    if inside < points.statuses.len() {
+        let all = points.statuses.len();
+        eprintln!(
+            "abbe: warning: {name}: {} of {all} points are outside what the model was identified from, or lack covariates; what \
+             the model does there wrongly counts as residual",
+            all - inside
+        );
+    }
+    ensure!(
+        inside > 0,
+        "{name}: no point is inside what the model was identified from; give points of its volume and offsets"
+    );
     let actual_m: Vec<Vector3<f64>> = points.rows.iter().filter_map(|row| row.actual_m).map(Vector3::from).collect();
     if let Some(u_um) = arguments.u_actual_um {
         ensure!(u_um.is_finite() && u_um > 0.0, "--u-actual-um {u_um}: must be above 0");
@@ -193,7 +212,7 @@ fn of_campaign(arguments: &Arguments, model: &ModelFile) -> anyhow::Result<Compu
         absolute_range: model.absolute_range,
         order: model.order,
     };
-    let loaded = load_campaign(&arguments.campaign, &machine)?;
+    let loaded = load_campaign(&arguments.campaign, &machine, &arguments.join)?;
     // The same data pull on the model's parameters only once.
     let own = model.data.iter().any(|source| source.sha256 == loaded.source.sha256);
     let (found, mut notes) = match shared(arguments, model, &loaded, own)? {
@@ -273,6 +292,10 @@ fn ranges(
     bar.finish_and_clear();
     let FromRanges { points, unseen_points, unseen_components, prior, evidence, noise_without, readings } =
         found.with_context(|| loaded.source.file.clone())?;
+    let counted = Counted { what: "readings", rejected: readings.1, all: readings.0 + readings.1 };
+    let degrees = readings.0;
+    let verdict = verdict::of_fit(Some((prior.noise.powi(2), degrees)), Some(counted));
+    verdict::check(&verdict, arguments.accept, &loaded.source.file, || serde_json::Value::Null)?;
     let um = |m: [f64; 3]| m.map(|v| format!("{:.2}", v * 1e6)).join(" ");
     let mm = |m: [f64; 3]| m.map(|v| format!("{:.0}", v * 1e3)).join(" ");
     let notes = vec![
@@ -292,7 +315,8 @@ fn ranges(
             "{unseen_points} points left out and {unseen_components} components uncertain, because no line of sight tells of them"
         ),
     ];
-    Ok((points, notes))
+    let findings = verdict.findings.iter().map(ToString::to_string);
+    Ok((points, notes.into_iter().chain(findings).collect()))
 }
 
 fn covariates_of(campaign: &Campaign, reading: usize) -> BTreeMap<String, f64> {

@@ -89,7 +89,7 @@ pub(crate) fn config(machine: &MachineFile, seed: u64, volumetric_um: f64) -> an
         "--volumetric-um {volumetric_um}: give a raw volumetric error of 0.1 to 1000 um"
     );
     let recipe = TruthRecipe { seed, roughness: Roughness::TYPICAL, volumetric_rms_m: volumetric_um * 1e-6 };
-    let truth = recipe.bridge_xyz()?;
+    let mut truth = recipe.bridge_xyz()?;
     for (simulated, (lower_m, upper_m)) in truth.stroke_m.iter().zip(machine.machine.stroke_m) {
         ensure!(
             *simulated == [lower_m, upper_m],
@@ -98,6 +98,8 @@ pub(crate) fn config(machine: &MachineFile, seed: u64, volumetric_um: f64) -> an
         );
     }
     let plan = case_like(truth.stroke_m, seed).build()?;
+    // In the frame that identification chooses, so that truth and model can be compared point by point.
+    truth.ram_turn.about_m = plan.mean_offset_m();
     let instrument = InstrumentConfig {
         range: machine.instrument,
         repeatability_m: machine.machine.repeatability_m,

@@ -3,6 +3,7 @@
 //! Place in the flow: on its own; the centres of several poses make the file that `abbe probe-pose` takes.
 
 use crate::calibration::{finish, sphere};
+use crate::verdict::{Accept, shown};
 use abbe_measurement::sphere::SphereRadius;
 use std::path::PathBuf;
 
@@ -24,6 +25,8 @@ pub(crate) struct Arguments {
     /// Print as JSON
     #[arg(long)]
     json: bool,
+    #[command(flatten)]
+    accept: Accept,
 }
 
 pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
@@ -31,6 +34,7 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         None => SphereRadius::Free,
         Some(mm) => SphereRadius::Known { radius_m: mm / 1e3, u_m: arguments.u_radius_um / 1e6 },
     };
-    let product = sphere::product(&arguments.points, radius, arguments.u_um.map(|um| um / 1e6))?;
+    let product = sphere::product(&arguments.points, radius, arguments.u_um.map(|um| um / 1e6), arguments.accept);
+    let product = shown(product, arguments.json)?;
     finish(&product, None, arguments.json)
 }

@@ -1,19 +1,24 @@
 //! `abbe train`: residual vectors in, a residual model with the evidence for it out.
 //!
 //! Place in the flow: offline, between `abbe residuals` and the residual node. Prints and reports what held-out data say;
-//! Ctrl-C keeps the best so far and what is needed to go on. The model belongs to the geometric model that the residuals
+//! Ctrl-C keeps the best so far and what is needed to go on, or says that there is nothing yet. The model belongs to the geometric model that the residuals
 //! are of, and corrects nothing else.
 
 use super::identify::spinner;
+use crate::exit::Ended;
 use crate::output;
 use crate::pipeline::software;
+use crate::stop;
 use crate::training::{self, Data, report};
 use abbe_files::{DataSource, ModelFile, ResidualFile, ResidualOwner, hex, write_atomically};
 use abbe_geometry::Vector3;
+use abbe_measurement::correspondence::check_vectors;
 use abbe_residual_training::{Config, Device, Go, Progress, State, Trained, ZERO, corners_m, train};
-use abbe_runtime::Shutdown;
 use anyhow::{Context, ensure};
+use indicatif::ProgressBar;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Deviations beyond which a held-out point is named: one in two million of a normal distribution.
 const FAR: f64 = 5.0;
@@ -57,6 +62,9 @@ enum Processor {
 
 pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let paths = Paths::beside(&arguments.out);
+    // Before the first epoch there is nothing to keep.
+    let has_something = Arc::new(AtomicBool::new(false));
+    let shutdown = stop::keep_what_there_is(&has_something)?;
     let inputs = arguments.config.iter().chain(&arguments.model).chain([&arguments.residuals]).map(PathBuf::as_path);
     output::check([arguments.out.as_path(), &paths.report, &paths.state], inputs)?;
     let device = device(arguments.device)?;
@@ -64,8 +72,13 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let data = Data::read(&arguments.residuals)?;
     let owner = owner(arguments, &data)?;
     let resume = arguments.resume.then(|| read_state(&paths.state)).transpose()?;
-    let trained =
-        with_progress(&data, &config, &device, resume).with_context(|| arguments.residuals.display().to_string())?;
+    let mut observe = |progress: &Progress, bar: &ProgressBar| {
+        bar.set_message(progress_text(progress));
+        has_something.store(true, Ordering::Relaxed);
+        if shutdown.requested() { Go::Stop } else { Go::On }
+    };
+    let trained = with_progress(&data, &config, &device, resume, &mut observe)
+        .with_context(|| arguments.residuals.display().to_string())?;
     let file = artifact(&trained, &data, &config, owner)?;
     let html = report::html(&trained, &file, &data)?;
     let sha256 = file.save(&arguments.out)?;
@@ -76,12 +89,9 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         write_atomically(&paths.state, &serde_json::to_vec(&trained.state)?)?;
     }
     say(arguments, &trained, &data, &file, &sha256, &paths);
-    ensure!(
-        trained.record.complete,
-        "stopped on request; {} holds the best so far, and --resume goes on from {}",
-        arguments.out.display(),
-        paths.state.display()
-    );
+    let (out, state) = (arguments.out.display(), paths.state.display());
+    let stopped = || format!("stopped on request; {out} holds the best so far, and --resume goes on from {state}");
+    ensure!(trained.record.complete, Ended::stopped(stopped()));
     Ok(())
 }
 
@@ -111,8 +121,9 @@ fn owner(arguments: &Arguments, data: &Data) -> anyhow::Result<Option<ResidualOw
     let told = data.owner.clone();
     let Some(path) = &arguments.model else { return Ok(told) };
     let (model, model_sha256) = ModelFile::load(path)?;
-    check_extent(data, &model.model.parts().machine.stroke_m)
-        .with_context(|| arguments.residuals.display().to_string())?;
+    let name = || arguments.residuals.display().to_string();
+    check_extent(data, &model.model.parts().machine.stroke_m).with_context(name)?;
+    check_vectors(data.field.errors_m(), true).with_context(name)?;
     let given = ResidualOwner { machine: model.model.parts().machine.name.clone(), model_sha256 };
     if let Some(told) = told {
         ensure!(
@@ -183,28 +194,31 @@ fn remove_state(path: &Path) -> anyhow::Result<()> {
     }
 }
 
-fn with_progress(data: &Data, config: &Config, device: &Device, resume: Option<State>) -> anyhow::Result<Trained> {
-    // Before the first epoch there is nothing to keep: until then Ctrl-C ends this program as it ends any other.
-    let mut shutdown = None;
+fn with_progress(
+    data: &Data,
+    config: &Config,
+    device: &Device,
+    resume: Option<State>,
+    observe: &mut dyn FnMut(&Progress, &ProgressBar) -> Go,
+) -> anyhow::Result<Trained> {
     let bar = spinner(&format!("training on {} points", data.points()));
-    let mut observe = |progress: &Progress| {
-        bar.set_message(format!(
-            "{} {} of {}, epoch {} of {}: loss {:.4}, validation {:.4}, best {:.4}",
-            progress.kind.name(),
-            progress.member + 1,
-            progress.members,
-            progress.epoch + 1,
-            progress.epochs,
-            progress.training_loss,
-            progress.validation_loss,
-            progress.best_validation_loss
-        ));
-        let shutdown = shutdown.get_or_insert_with(Shutdown::on_signals);
-        if shutdown.as_ref().is_ok_and(Shutdown::requested) { Go::Stop } else { Go::On }
-    };
-    let trained = train(&data.field, config, device, resume, &mut observe);
+    let trained = train(&data.field, config, device, resume, &mut |progress: &Progress| observe(progress, &bar));
     bar.finish_and_clear();
     Ok(trained?)
+}
+
+fn progress_text(progress: &Progress) -> String {
+    format!(
+        "{} {} of {}, epoch {} of {}: loss {:.4}, validation {:.4}, best {:.4}",
+        progress.kind.name(),
+        progress.member + 1,
+        progress.members,
+        progress.epoch + 1,
+        progress.epochs,
+        progress.training_loss,
+        progress.validation_loss,
+        progress.best_validation_loss
+    )
 }
 
 fn artifact(

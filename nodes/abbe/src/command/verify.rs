@@ -73,7 +73,10 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     stages.push(Stage::new(("corrected", "after"), &points.corrected_m, &actual_m)?);
     let extrapolated = points.statuses.iter().filter(|status| **status == Status::Extrapolated).count();
     if arguments.json {
-        let mut value = json!({ "points": points.rows.len(), "extrapolated": extrapolated });
+        let mut value = json!({
+            "points": points.rows.len(), "extrapolated": extrapolated,
+            "model_doubts": model.said_against().collect::<Vec<_>>(),
+        });
         for stage in &stages {
             let Stage { key, rms_um, max_um, lengths, .. } = stage;
             value[format!("{key}_rms_um")] = json!(rms_um);

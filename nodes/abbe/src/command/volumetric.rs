@@ -6,12 +6,13 @@
 mod measured;
 mod report;
 
+use crate::exit::Ended;
 use abbe_files::{ModelFile, hex, write_atomically};
 use abbe_geometry::Vector3;
 use abbe_geometry::correct::Status;
 use abbe_geometry::model::MachineModel;
 use abbe_geometry::volumetric::{Diagonal, LinePoint, MapPoint, along_line, at_distances, error_map};
-use anyhow::{Context, bail};
+use anyhow::{Context, bail, ensure};
 use measured::{Comparison, MeasuredDiagonal};
 use serde_json::json;
 use std::fmt::Write;
@@ -53,6 +54,8 @@ pub(crate) struct Answer {
     map: Vec<MapPoint>,
     diagonals: Vec<(Diagonal, Vec<LinePoint>)>,
     comparisons: Vec<Comparison>,
+    /// What speaks against the model.
+    doubts: Vec<String>,
 }
 
 impl Answer {
@@ -82,6 +85,7 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let answer = Answer {
         machine: parts.machine.name.clone(),
         model_sha256: hex(&sha256),
+        doubts: file.said_against().collect(),
         offset_m,
         bounds_m,
         steps: arguments.steps,
@@ -96,7 +100,30 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     write_atomically(&arguments.out.join("map.csv"), map_text(&answer)?.as_bytes())?;
     write_atomically(&arguments.out.join("diagonals.csv"), diagonals_text(&answer)?.as_bytes())?;
     write_atomically(&arguments.out.join("report.html"), report::report(&answer).html()?.as_bytes())?;
-    if arguments.json { print_json(&answer) } else { print_words(arguments, &answer) }
+    if arguments.json {
+        print_json(&answer)?
+    } else {
+        print_words(arguments, &answer)?
+    }
+    judge(arguments, &answer)
+}
+
+/// Says on standard error how much of the map is outside what the model was identified from.
+fn judge(arguments: &Arguments, answer: &Answer) -> anyhow::Result<()> {
+    let (outside, all) = (answer.extrapolated(), answer.map.len());
+    let [x, y, z] = answer.offset_m.map(|v| v * 1e3);
+    if outside > 0 {
+        eprintln!(
+            "abbe: warning: {}: {outside} of {all} points are outside what the model was identified from, or lack covariates \
+             (offset {x} {y} {z} mm)",
+            arguments.out.display()
+        );
+    }
+    ensure!(
+        outside < all,
+        Ended::nothing_inside(format!("no point of the map is inside at an offset of {x} {y} {z} mm; see --offset-mm"))
+    );
+    Ok(())
 }
 
 fn diagonals(
@@ -182,6 +209,7 @@ fn print_json(answer: &Answer) -> anyhow::Result<()> {
         .collect();
     let value = json!({
         "machine": answer.machine,
+        "model_doubts": answer.doubts,
         "model_sha256": answer.model_sha256,
         "points": answer.map.len(),
         "extrapolated": answer.extrapolated(),
@@ -205,12 +233,6 @@ fn print_words(arguments: &Arguments, answer: &Answer) -> anyhow::Result<()> {
             answer.rms_m() * 1e6,
             answer.map.len(),
             answer.extrapolated()
-        );
-    }
-    if answer.extrapolated() == answer.map.len() {
-        let [x, y, z] = answer.offset_m.map(|v| v * 1e3);
-        println!(
-            "  note              offset {x} {y} {z} mm or the whole volume is outside what the model was identified from; see --offset-mm"
         );
     }
     for (diagonal, points) in &answer.diagonals {

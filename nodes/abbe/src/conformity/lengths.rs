@@ -3,7 +3,7 @@
 //! Place in the flow: `abbe conformity --lengths`, and before and after a correction in [`super::simulated`].
 
 use super::{
-    Limits, Product, departure_callout, departure_json, departure_words, meta, pictures, tone, um, verdict_word,
+    Limits, Product, departure_callout, departure_json, departure_words, meta, pictures, tone, um, verdict_word, worst,
 };
 use crate::pipeline::software;
 use abbe_conformity::length::{LengthErrors, LengthTest, LengthVerdict, Probing, evaluate};
@@ -44,7 +44,14 @@ pub(crate) fn run(path: &Path, stated: &Stated, limits: &Limits, rule: &Decision
         footer: Some(software()),
         sections,
     };
-    Ok(Product { words, json, report })
+    Ok(Product { words, json, report, verdict: verdict(&errors, limits, rule) })
+}
+
+/// The verdict on the limits, where there are some.
+pub(crate) fn verdict(errors: &LengthErrors, limits: &Limits, rule: &DecisionRule) -> Option<Verdict> {
+    let limit = limits.length.as_ref()?;
+    let LengthVerdict { errors, repeatability, .. } = errors.verdict(limit, limits.repeatability, rule);
+    worst([Some(errors), repeatability])
 }
 
 fn lead(errors: &LengthErrors) -> String {

@@ -30,6 +30,13 @@ pub(crate) struct Product {
     pub(crate) json: Value,
     /// The report.
     pub(crate) report: Report,
+    /// The verdict on all limits that were given.
+    pub(crate) verdict: Option<Verdict>,
+}
+
+/// The verdict on several limits: one that is not kept decides, then one that is not proved.
+pub(crate) fn worst(verdicts: impl IntoIterator<Item = Option<Verdict>>) -> Option<Verdict> {
+    verdicts.into_iter().flatten().max()
 }
 
 /// Limits as the user stated them, all optional.

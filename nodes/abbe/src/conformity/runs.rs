@@ -37,7 +37,8 @@ pub(crate) fn run(path: &Path) -> anyhow::Result<Product> {
         .then(|| diagonals::evaluate(&along).with_context(|| path.display().to_string()))
         .transpose()?;
     let (words, json) = (words(path, &axes, diagonals.as_ref()), json(&axes, diagonals.as_ref(), &file.sha256));
-    Ok(Product { words, json, report: report(path, &file.sha256, &axes, diagonals.as_ref()) })
+    let report = report(path, &file.sha256, &axes, diagonals.as_ref());
+    Ok(Product { words, json, report, verdict: None })
 }
 
 fn approach(run: &Run) -> positioning::Approach {

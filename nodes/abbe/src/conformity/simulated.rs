@@ -82,7 +82,8 @@ pub(crate) fn run(
         json[*key] = lengths::figures(errors, limits, rule)?;
     }
     let report = report(&machine.machine.name, asked, &stages, limits, rule)?;
-    Ok(Product { words, json, report })
+    let verdict = stages.last().and_then(|after| lengths::verdict(&after.errors, limits, rule));
+    Ok(Product { words, json, report, verdict })
 }
 
 /// The model asked for and its residual model, or one that is identified from a campaign of the simulated machine.

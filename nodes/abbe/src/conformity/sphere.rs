@@ -2,7 +2,7 @@
 //!
 //! Place in the flow: `abbe conformity --sphere`. Names of both editions stand side by side.
 
-use super::{Limits, Product, departure_callout, departure_json, departure_words, meta, tone, um, verdict_word};
+use super::{Limits, Product, departure_callout, departure_json, departure_words, meta, tone, um, verdict_word, worst};
 use crate::pipeline::software;
 use abbe_conformity::probing::{FORM_NAMES, ProbingErrors, SIZE_NAMES, evaluate};
 use abbe_conformity::{DecisionRule, PermissibleError, Verdict};
@@ -47,6 +47,7 @@ pub(crate) fn run(
         words: words(path, &errors, &rows, rule),
         json,
         report: report(path, &file.sha256, &errors, &rows, rule),
+        verdict: worst([form, size]),
     })
 }
 

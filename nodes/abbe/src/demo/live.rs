@@ -6,7 +6,7 @@
 use super::recording::Bag;
 use abbe_files::write_atomically;
 use abbe_graph::driver::DriverConfig;
-use abbe_graph::launch::{Edge, Launch, MonitorConfig, NodeName, Pace, Source};
+use abbe_graph::launch::{Edge, Launch, MonitorConfig, NodeName, Pace, RecordConfig, Source};
 use abbe_graph::node::{NodeSummary, STARTED, monotonic_s, user_identity};
 use abbe_graph::supervisor::Supervisor;
 use abbe_graph::topics;
@@ -62,7 +62,9 @@ pub(super) fn run(run: &Run, shutdown: &Shutdown, bar: &ProgressBar) -> anyhow::
     drop(edges);
     ensure!(!shutdown.requested(), "stopped on request");
     shutdown.sleep(SETTLE);
-    let summaries = supervisor.stop()?;
+    let stopped = supervisor.stop(shutdown)?;
+    ensure!(stopped.problems.is_empty(), "the graph did not run well: {}", stopped.problems.join("; "));
+    let summaries = stopped.summaries;
     let latencies_us = latencies_us(&received, &summaries, run.rate_hz);
     Ok(Live { corrected: received.into_iter().map(|(sample, _)| sample).collect(), latencies_us, lost, summaries })
 }
@@ -135,10 +137,11 @@ fn launch(run: &Run) -> Launch {
         nodes: NodeName::ALL.to_vec(),
         max_covariate_age_s: 10.0,
         wait_for_subscribers_s: 20.0,
+        gateway_memory_mib: None,
         scale: Some(play(topics::SCALE_READING)),
         tracer: Some(play(topics::TRACER_READING)),
         monitor: Some(MonitorConfig::new(4.0, 200, 0.0005)),
-        record: Some(run.out.join("corrected")),
+        record: Some(RecordConfig::new(run.out.join("corrected"))),
         edges,
     }
 }

@@ -10,7 +10,8 @@ mod report;
 mod shipped;
 
 use crate::command::progress_text;
-use crate::pipeline;
+use crate::pipeline::{self, BagJoin, Choices};
+use crate::verdict::Accept;
 use crate::verification;
 use abbe_files::{hex, read_machine, write_atomically};
 use abbe_runtime::{Shutdown, end_with_reader};
@@ -38,6 +39,8 @@ pub(crate) struct Arguments {
     /// Samples a second that the recording is played at
     #[arg(long, default_value_t = 1000.0)]
     rate_hz: f64,
+    #[command(flatten)]
+    accept: Accept,
     /// Also publish on DDS (ROS 2), on the domain of the environment
     #[arg(long)]
     dds: bool,
@@ -61,12 +64,16 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
 
     let bar = step("identify");
     let machine = timed(&mut steps, "read machine", || read_machine(&inputs.machine))?;
-    let loaded = timed(&mut steps, "read campaign", || pipeline::load_campaign(&inputs.campaign, &machine))?;
+    let loaded = timed(&mut steps, "read campaign", || {
+        pipeline::load_campaign(&inputs.campaign, &machine, &BagJoin::default())
+    })?;
     let mut observe = |progress| {
         bar.set_message(progress_text(&progress));
         !shutdown.requested()
     };
-    let (model, found) = timed(&mut steps, "identify", || pipeline::identify(&machine, &loaded, true, &mut observe))?;
+    let choices = Choices { robust: true, accept: arguments.accept };
+    let identified = timed(&mut steps, "identify", || pipeline::identify(&machine, &loaded, choices, &mut observe));
+    let (model, found) = identified?;
     let sha256 = model.save(&out.join("model.json"))?;
     finish(&bar, &format!("model {} from {} readings", &hex(&sha256)[..12], loaded.campaign.readings.len()));
 

@@ -186,16 +186,16 @@ fn curves(facts: &Facts) -> Vec<ErrorCurve> {
 
 fn squareness(facts: &Facts) -> Vec<SquarenessError> {
     let model = &facts.model.model;
-    let entry = |k: usize| {
-        let (value, u) = model.squareness(k);
-        SquarenessError {
-            name: model.parts().machine.squareness[k].name.clone(),
-            value_urad: Some(value * 1e6),
-            expanded_95_urad: Some(BAND_95 * u * 1e6),
-            truth_urad: None,
-        }
+    let entry = |(name, (value, u)): (String, (f64, f64))| SquarenessError {
+        name,
+        value_urad: Some(value * 1e6),
+        expanded_95_urad: Some(BAND_95 * u * 1e6),
+        truth_urad: None,
     };
-    (0..3).map(entry).collect()
+    let between_axes = model.parts().machine.squareness.iter().enumerate();
+    let between_axes = between_axes.map(|(k, entry)| (entry.name.clone(), model.squareness(k)));
+    let of_ram = ["turn of the ram, A", "turn of the ram, B", "turn of the ram, C"].map(str::to_owned);
+    between_axes.chain(of_ram.into_iter().zip(model.ram_turn())).map(entry).collect()
 }
 
 fn stations(facts: &Facts) -> Vec<StationEntry> {
@@ -296,15 +296,7 @@ fn live(facts: &Facts) -> LiveFigures {
 }
 
 fn warnings(facts: &Facts) -> Vec<String> {
-    let quality = &facts.model.model.parts().quality;
-    let mut warnings = Vec::new();
-    if quality.chi2_per_dof > 1.3 {
-        warnings.push(format!(
-            "The range residual is {:.1} times as large as the declared noise: the rigid-body model lacks something, or \
-             the noise is understated. The stated uncertainties are widened accordingly.",
-            quality.chi2_per_dof.sqrt()
-        ));
-    }
+    let mut warnings: Vec<String> = facts.found.verdict.findings.iter().map(ToString::to_string).collect();
     let extrapolated =
         facts.points.statuses.iter().filter(|s| **s == abbe_geometry::correct::Status::Extrapolated).count();
     if extrapolated > 0 {

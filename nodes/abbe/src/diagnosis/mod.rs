@@ -11,6 +11,8 @@ pub(crate) mod study;
 mod study_record;
 pub(crate) mod tracer;
 
+use crate::pipeline::BagJoin;
+use crate::verdict::Accept;
 use abbe_report::diagnosis::DiagnosisReport;
 use std::path::{Path, PathBuf};
 
@@ -23,6 +25,10 @@ pub(crate) struct Request<'a> {
     pub(crate) seed: u64,
     /// Parts in which data are left out; `None` for the usual number.
     pub(crate) folds: Option<usize>,
+    /// Whether a model is given although the data contradict themselves.
+    pub(crate) accept: Accept,
+    /// How a bag is read as a campaign.
+    pub(crate) join: &'a BagJoin,
 }
 
 /// What a diagnosis gives.

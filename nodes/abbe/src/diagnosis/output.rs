@@ -66,6 +66,12 @@ pub(crate) fn words(record: &Record, folder: &Path) -> String {
         text.push('\n');
         describe(&mut text, effect);
     }
+    for candidate in &record.set_aside {
+        let _ = writeln!(text, "\n  set aside {}: {}", candidate.title, candidate.because);
+    }
+    for words in &record.held_out.not_judged {
+        let _ = writeln!(text, "  not judged         {words}");
+    }
     if !record.not_identifiable.is_empty() || !record.untestable.is_empty() {
         let (hidden, untestable) = (record.not_identifiable.len(), record.untestable.len());
         let _ = writeln!(text, "\n  not identifiable   {hidden}; untestable {untestable} (see the report)");
@@ -94,6 +100,9 @@ fn describe(text: &mut String, effect: &Effect) {
             _ => String::new(),
         };
         let _ = writeln!(text, "    {:<18} {} +- {} {unit}{limit}", parameter.name, shown(value), shown(u));
+    }
+    for words in &effect.predicts.not_judged {
+        let _ = writeln!(text, "    {words}");
     }
     if !effect.cannot_be_told_from.is_empty() {
         let rivals: Vec<String> = effect.cannot_be_told_from.iter().map(Rival::label).collect();

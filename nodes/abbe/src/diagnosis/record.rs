@@ -46,10 +46,45 @@ fn effect(found: &library::Found) -> shown::Effect {
         evidence: finite(found.evidence),
         alias_share: finite(found.alias_share),
         parameters: found.parameters.iter().map(parameter).collect(),
-        held_out_gain_um: um(found.held_out_gain_m),
-        placebo: placebo(&found.placebo),
+        held_out_gain_um: found.held_out_gain_m.and_then(um),
+        placebo: found.placebo.as_ref().map_or_else(no_placebo, placebo),
         cannot_be_told_from: found.rivals.iter().map(rival).collect(),
         size_um: um(found.size_m),
+        predicts: predicts(&found.gate),
+    }
+}
+
+/// How an effect predicts what it was not fitted to.
+fn predicts(verdict: &library::Verdict) -> shown::Predicts {
+    let judged = |judged: &library::Judged| shown::LeftOut {
+        by: judged.by.clone(),
+        blocks: judged.blocks,
+        without: finite(judged.before),
+        with: finite(judged.after),
+        deviations: finite(judged.deviations),
+    };
+    shown::Predicts { left_out: verdict.judged.iter().map(judged).collect(), not_judged: verdict.missing.clone() }
+}
+
+/// Candidates that stay out.
+pub(super) fn set_aside(diagnosis: &library::Diagnosis) -> Vec<shown::SetAside> {
+    let entry = |s: &library::SetAside| shown::SetAside {
+        name: s.name.clone(),
+        title: s.title.to_owned(),
+        shape: shape(&s.shape),
+        because: s.because.clone(),
+    };
+    diagnosis.set_aside.iter().map(entry).collect()
+}
+
+fn no_placebo() -> shown::Placebo {
+    shown::Placebo {
+        gain: None,
+        unit: PLACEBO_UNIT.to_owned(),
+        draws: 0,
+        median: None,
+        quantile_95: None,
+        share_as_good: None,
     }
 }
 
@@ -109,17 +144,13 @@ pub(super) fn errors(diagnosis: &library::Diagnosis) -> (shown::ErrorFigures, sh
 
 /// How the error on unseen lines came about.
 pub(super) fn held_out(diagnosis: &library::Diagnosis) -> shown::HeldOut {
-    let missing_because = match (&diagnosis.unseen, diagnosis.found.is_empty() && !diagnosis.enriched) {
-        (Some(_), _) => None,
-        (None, true) => Some("nothing was added, so that before and after are the same".to_owned()),
-        (None, false) => Some("the campaign has too few lines to leave some out of the whole search".to_owned()),
-    };
     let blocked =
-        |b: &library::Blocked| shown::Blocked { by: b.by.to_owned(), before: finite(b.before), after: finite(b.after) };
+        |b: &library::Blocked| shown::Blocked { by: b.by.clone(), before: finite(b.before), after: finite(b.after) };
     let unseen = diagnosis.unseen.as_ref();
     shown::HeldOut {
         blocks: UNSEEN.to_owned(),
-        missing_because,
+        missing_because: diagnosis.unseen_missing.clone(),
+        not_judged: unseen.map_or_else(Vec::new, |u| u.not_judged.clone()),
         gain_interval_um2: unseen.and_then(|u| interval(1e12, u.gain_m2)),
         found_by_part: unseen.map_or_else(Vec::new, |u| u.found.clone()),
         blocked: diagnosis.blocked.iter().map(blocked).collect(),

@@ -12,7 +12,9 @@ use abbe_diagnose::study::{Options, StudyDiagnosis, five_axis, runs, vectors};
 use abbe_files::{
     FileError, ModelFile, header_names, hex, read_residual_vectors_file, read_runs_file, read_sphere_centres_file,
 };
+use abbe_geometry::Vector3;
 use abbe_geometry::machine::Machine;
+use abbe_measurement::correspondence::check_vectors;
 use abbe_report::diagnosis::{DiagnosisReport, File};
 use abbe_report::{Axis, Curve, CurveStyle, LinePanel, LinePlot, Section};
 use anyhow::Context;
@@ -57,6 +59,8 @@ pub(crate) fn run(kind: DataKind, path: &Path, request: &Request) -> anyhow::Res
 pub(crate) fn run_residuals(path: &Path, model: Option<&Path>, request: &Request) -> anyhow::Result<Product> {
     let machine = model.map(machine_of).transpose()?;
     let file = read_residual_vectors_file(path)?;
+    let vectors_m: Vec<Vector3<f64>> = file.rows.iter().map(|row| row.residual_m.into()).collect();
+    check_vectors(&vectors_m, false).with_context(|| path.display().to_string())?;
     conclude(path, file.sha256, request, Vec::new(), |options| vectors::diagnose(&file.rows, machine.as_ref(), options))
 }
 

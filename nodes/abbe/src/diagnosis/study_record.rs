@@ -22,6 +22,8 @@ pub(super) fn record(
         consistent_with_noise: diagnosis.consistent_with_noise,
         enriched: false,
         effects: diagnosis.effects.iter().map(effect).collect(),
+        set_aside: Vec::new(),
+        not_adopted: None,
         before: errors(&diagnosis.before),
         after: errors(&diagnosis.after),
         held_out: held_out(diagnosis),
@@ -76,6 +78,7 @@ fn effect(effect: &library::Effect) -> shown::Effect {
         },
         cannot_be_told_from: effect.rivals.iter().map(rival).collect(),
         size_um: None,
+        predicts: shown::Predicts::default(),
     }
 }
 

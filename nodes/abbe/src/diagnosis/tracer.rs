@@ -6,10 +6,12 @@
 use super::scoring::Points;
 use super::{MODEL, Product, Request, name_of, pictures, record};
 use crate::pipeline::{LoadedCampaign, evidence_json, load_campaign, software};
+use crate::verdict::{self, Accept};
 use abbe_diagnose::{Diagnosis, Options, Progress, diagnose};
 use abbe_files::{MachineFile, ModelFile, OrderChoice, hex};
 use abbe_geometry::model::MachineModel;
 use abbe_identify::Evidence;
+use abbe_identify::verdict::{Grade, Verdict, of_campaign, widened};
 use abbe_report::diagnosis::{Both, DiagnosisReport, File, ModelOut, Record};
 use anyhow::{Context, bail, ensure};
 use serde_json::{Value, json};
@@ -74,8 +76,14 @@ impl Given {
             seed: Some(options.seed),
             options: options_json(options),
             evidence,
+            doubts: Vec::new(),
             software: software(),
         }
+    }
+
+    /// Whether its user accepted that it contradicts its data.
+    fn was_accepted(&self) -> bool {
+        self.file.doubts.iter().any(|doubt| doubt.grade == Grade::Refusal.name())
     }
 
     /// Whether the model that came out is the one that went in: the same structure from the same data.
@@ -93,7 +101,7 @@ pub(crate) fn run(
     observe: &mut dyn FnMut(Progress) -> bool,
 ) -> anyhow::Result<Product> {
     let given = Given::read(model)?;
-    let loaded = load_campaign(campaign, &given.machine())?;
+    let loaded = load_campaign(campaign, &given.machine(), request.join)?;
     let options = given.options(request);
     ensure!(options.folds > 1, "--folds must be at least 2: one part is left out, the others are fitted");
     let points = request.verify.map(|path| Points::read(path, &given.file)).transpose()?;
@@ -101,18 +109,20 @@ pub(crate) fn run(
     let instrument = given.file.instrument;
     let diagnosis = diagnose(&parts.machine, &parts.effects, instrument, &loaded.campaign, &options, observe)
         .with_context(|| format!("{} with {}", loaded.source.file, name_of(model)))?;
+    let verdict = of_campaign(&loaded.campaign, &diagnosis.after);
+    // A model that was accepted with its misfit is diagnosed to find the cause of it: what is left then is said, not refused.
+    let accept = Accept { accept_misfit: request.accept.accept_misfit || given.was_accepted() };
+    verdict::check(&verdict, accept, &loaded.source.file, || evidence_json(&diagnosis.after.evidence))?;
     let mut record = recorded(&diagnosis, &given, model, &loaded, &options);
+    caution(&mut record, &verdict);
     let labels: Vec<String> = record.effects.iter().map(abbe_report::diagnosis::Effect::label).collect();
     let residuals = pictures::residuals(&diagnosis, instrument, &loaded.campaign, &labels)?;
     let kept = given.is_kept(&diagnosis, &loaded);
     let evidence = [&diagnosis.before.evidence, &diagnosis.after.evidence].map(|e| evidence_of(e, &record));
-    let [before, after] = [diagnosis.before.model, diagnosis.after.model]
-        .into_iter()
-        .zip(evidence)
-        .map(|(model, evidence)| given.with(model, &loaded, &options, evidence))
-        .collect::<Vec<_>>()
-        .try_into()
-        .map_err(|_| anyhow::anyhow!("two fits gave another number of models"))?;
+    let [of_before, of_after] = evidence;
+    let before = given.with(diagnosis.before.model, &loaded, &options, of_before);
+    let after = widened(diagnosis.after.model, verdict.widening)?;
+    let after = ModelFile { doubts: verdict::doubts(&verdict), ..given.with(after, &loaded, &options, of_after) };
     let (bytes, sha256) = if kept { (given.bytes.clone(), given.sha256) } else { after.to_bytes(MODEL)? };
     record.model_out =
         Some(ModelOut { file: File { file: MODEL.to_owned(), sha256: hex(&sha256) }, is_the_one_given: kept });
@@ -123,6 +133,20 @@ pub(crate) fn run(
         report: DiagnosisReport { record, residuals: Some(residuals), figures: Vec::new() },
         model: Some(bytes),
     })
+}
+
+/// What is still wrong with the whole stands before what was found in it.
+fn caution(record: &mut Record, verdict: &Verdict) {
+    let doubtful = |grade: Grade| verdict.of(grade).map(ToString::to_string);
+    let doubts: Vec<String> = doubtful(Grade::Refusal).chain(doubtful(Grade::Warning)).collect();
+    record.notes.extend(verdict.findings.iter().map(ToString::to_string));
+    if !doubts.is_empty() {
+        record.verdict = format!(
+            "With care, since the data contradict themselves beside what follows: {}. {}",
+            doubts.join("; "),
+            record.verdict
+        );
+    }
 }
 
 /// Evidence of a fit, with what the diagnosis added to it.
@@ -156,6 +180,8 @@ fn recorded(diagnosis: &Diagnosis, given: &Given, model: &Path, loaded: &LoadedC
         consistent_with_noise: diagnosis.consistent_with_noise,
         enriched: diagnosis.enriched,
         effects: record::effects(diagnosis),
+        set_aside: record::set_aside(diagnosis),
+        not_adopted: diagnosis.not_adopted.clone(),
         before,
         after,
         held_out: record::held_out(diagnosis),

@@ -9,6 +9,7 @@ use crate::residual_bag;
 use abbe_field::MeasuredField;
 use abbe_files::{ResidualOwner, read_residual_origin, read_residual_vectors_file};
 use abbe_geometry::Vector3;
+use abbe_measurement::correspondence::check_vectors;
 use abbe_residual_training::Config;
 use anyhow::Context;
 use std::path::Path;
@@ -36,7 +37,8 @@ impl Data {
             (table.rows, read_residual_origin(path)?.map(|origin| origin.owner), table.sha256)
         };
         let points_m = rows.iter().map(|row| Vector3::from(row.position_m)).collect();
-        let residual_m = rows.iter().map(|row| Vector3::from(row.residual_m)).collect();
+        let residual_m: Vec<Vector3<f64>> = rows.iter().map(|row| Vector3::from(row.residual_m)).collect();
+        check_vectors(&residual_m, owner.is_some()).with_context(|| path.display().to_string())?;
         let u_m: Option<Vec<Vector3<f64>>> = rows.iter().map(|row| row.u_m.map(Vector3::from)).collect();
         // Points are counted from 0 in messages of the library, rows of a file are not: the row is the point's place in it.
         let field = MeasuredField::new(points_m, residual_m, u_m)

@@ -1,12 +1,14 @@
 //! Plain CSV of all 21 errors with their uncertainty, one value a row: for spreadsheets and other programs.
 //!
 //! Place in the flow: one of [`super::FORMATS`]. Columns `error,position_mm,value,u,unit`: ISO 230-1 name; reading of its own
-//! axis (empty for squareness, which has none); value and standard uncertainty (k = 1) in `um` or `urad`. Numbers read back
-//! as they were, but for the last bit of some. Order: X, Y, Z, of each E_X E_Y E_Z E_A E_B E_C, positions ascending; squareness last.
+//! axis (empty for squareness and the turn of the ram, which have none); value and standard uncertainty (k = 1) in `um` or
+//! `urad`. Numbers read back as they were, but for the last bit of some. Order: X, Y, Z, of each E_X E_Y E_Z E_A E_B E_C,
+//! positions ascending; squareness, then `ram_turn_x`, `ram_turn_y`, `ram_turn_z`, last.
 
 use super::{About, ExportedFile, Format, Writer, commented, missed_words};
 use crate::error::FileError;
 use crate::units::{micrometres_from_m, millimetres_from_m};
+use abbe_geometry::Axis;
 use abbe_geometry::sampled::{SampledErrors, errors_of};
 use std::fmt::Write as _;
 
@@ -33,6 +35,10 @@ fn write(about: &About, errors: &SampledErrors) -> Result<Vec<ExportedFile>, Fil
     }
     for (name, value, u) in &errors.squareness {
         let _ = writeln!(text, "{name},,{},{},urad", micrometres_from_m(*value), micrometres_from_m(*u));
+    }
+    for (axis, (value, u)) in Axis::ALL.into_iter().zip(errors.ram_turn) {
+        let _ =
+            writeln!(text, "ram_turn_{},,{},{},urad", axis.lower(), micrometres_from_m(value), micrometres_from_m(u));
     }
     Ok(vec![ExportedFile { name: "errors.csv".to_owned(), text }])
 }

@@ -81,6 +81,8 @@ pub struct About {
     pub model_sha256: String,
     /// Program that writes.
     pub software: String,
+    /// Turn of the ram (rad), and the offset about which it acts (m, ram frame).
+    pub ram_turn: ([f64; 3], [f64; 3]),
     /// What of the model does not fit into a table of positions.
     pub left_out: Vec<String>,
 }
@@ -108,6 +110,7 @@ impl About {
             machine: file.model.parts().machine.clone(),
             model_sha256: crate::envelope::hex(sha256),
             software: software.to_owned(),
+            ram_turn: (file.model.ram_turn().map(|(angle_rad, _)| angle_rad), file.model.parts().offset_centre_m),
             left_out: effects.chain(network).collect(),
         }
     }
@@ -130,10 +133,26 @@ impl About {
             ),
             format!("units: {units}"),
             format!("interpolation: {missed}"),
+            format!("ram: {}", self.ram_words(format.writer)),
             format!("format: {}", format.source),
         ];
         lines.extend(self.left_out.iter().map(|what| format!("NOT in this table, and not corrected by it: {what}")));
         lines
+    }
+
+    /// How the ram stands, which error functions of positions cannot hold.
+    fn ram_words(&self, writer: Writer) -> String {
+        let (angles_rad, about_m) = self.ram_turn;
+        let turn = angles_rad.map(|angle_rad| format!("{:.3}", angle_rad * 1e6)).join(" ");
+        let about = about_m.map(|v| fixed(v * 1e3, 4)).join(" ");
+        let how = format!("turned by {turn} urad about X Y Z, acting about the offset {about} mm (ram frame)");
+        match writer {
+            Writer::Grid(_) => format!("{how}; contained in these errors"),
+            Writer::Functions(_) => format!(
+                "{how}; NOT in the error functions: a tip at another offset stands off by turn x (its offset - that offset), \
+                 the same everywhere: correct the offset of each tool by it"
+            ),
+        }
     }
 
     /// Zero of the error functions.
@@ -165,19 +184,29 @@ fn commented(lines: &[String], mark: &str) -> String {
 fn missed_words(errors: &SampledErrors) -> String {
     let (linear_m, angular_rad) = errors.missed();
     format!(
-        "linear between the nodes misses the model by at most {:.4} um (linear errors) and {:.4} urad (angular errors)",
+        "linear between the nodes misses the model by at most {:.4} um (linear errors) and {:.4} urad (angular errors); steps of \
+         {} mm",
         linear_m * 1e6,
-        angular_rad * 1e6
+        angular_rad * 1e6,
+        steps_mm(errors.axes.iter().map(|axis| axis.positions_m.as_slice()))
     )
+}
+
+/// Largest step of X, Y and Z in mm.
+fn steps_mm<'a>(axes_m: impl Iterator<Item = &'a [f64]>) -> String {
+    let step = |nodes: &[f64]| nodes.windows(2).map(|pair| pair[1] - pair[0]).fold(0.0, f64::max);
+    let steps: Vec<String> = axes_m.map(|nodes| format!("{:.4}", step(nodes) * 1e3)).collect();
+    steps.join(", ")
 }
 
 /// What trilinear interpolation misses, and for which tip, in words.
 fn grid_words(grid: &SampledGrid) -> String {
     let offset = grid.offset_m.map(|v| crate::units::millimetres_from_m(v).to_string());
     format!(
-        "trilinear between the nodes misses the model by at most {:.4} um a direction; holds for a tip or reflector at {} mm \
-         (ram frame)",
+        "trilinear between the nodes misses the model by at most {:.4} um a direction; steps of at most {} mm; holds for a tip \
+         or reflector at {} mm (ram frame)",
         grid.missed_m * 1e6,
+        steps_mm(grid.table.grid().axes_m().iter().map(Vec::as_slice)),
         offset.join(" ")
     )
 }

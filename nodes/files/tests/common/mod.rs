@@ -1,6 +1,6 @@
 //! A model with random numbers everywhere, for the tests of files.
 
-use abbe_files::{DataSource, ModelFile, ResidualReference, parse_machine};
+use abbe_files::{DataSource, Doubt, ModelFile, ResidualReference, parse_machine};
 use abbe_geometry::Vector3;
 use abbe_geometry::effects::Shape;
 use abbe_geometry::error_function::Kind;
@@ -21,7 +21,7 @@ pub(crate) fn model(seed: u64) -> ModelFile {
     let mut numbers = |count: usize, scale: f64| -> Vec<f64> {
         (0..count).map(|_| scale * rng.random_range(-1.0..1.0) * 10f64.powi(rng.random_range(-6..3))).collect()
     };
-    let coefficients = numbers(Layout::new(&machine).unwrap().len(), 1e-5);
+    let coefficients = numbers(Layout::new(&machine, [0.0; 3]).unwrap().len(), 1e-5);
     let axis = Shape::new().text("axis", "y");
     let shapes = [
         ("reversal", axis.clone().text("over", "z").number("terms", 3.0)),
@@ -37,18 +37,32 @@ pub(crate) fn model(seed: u64) -> ModelFile {
         position_m: Vector3::new(position[0], position[1], position[2]),
         dead_path_m: numbers(1, 1.0)[0],
     }];
+    let offset_centre_m = [0, 1, 2].map(|_| numbers(1, 0.1)[0]);
     let total = coefficients.len() + 5 + 4;
+    // Correlations that sum to less than one in every row, so that it is a covariance.
+    let mut covariance = |scale: f64| -> Vec<f64> {
+        let (sizes, links) = (numbers(total, 1.0), numbers(total * total, 1.0));
+        let correlation = |a: usize, b: usize| links[a * total + b] / (1.0 + links[a * total + b].abs()) / total as f64;
+        let entry = |(a, b): (usize, usize)| match a == b {
+            true => scale * sizes[a] * sizes[a],
+            false => scale * correlation(a, b) * (sizes[a] * sizes[b]).abs(),
+        };
+        (0..total).flat_map(|a| (0..=a).map(move |b| (a, b))).map(entry).collect()
+    };
     let parts = ModelParts {
-        covariance: numbers(total * (total + 1) / 2, 1e-12),
-        chord_covariance: numbers(total * (total + 1) / 2, 1e-13),
+        covariance: covariance(1e-12),
+        chord_covariance: covariance(1e-13),
         identified: IdentifiedVolume {
             reading_m: [(0.0, 0.8); 3],
             offset_m: [(-0.1, 0.1); 3],
-            covariates: [("temp_y_c".to_owned(), (19.8, 20.0 + 1.0 / 3.0))].into(),
+            covariates: [("temp_y_c", (19.8, 20.0 + 1.0 / 3.0)), ("dir_y", (-1.0, 1.0))]
+                .map(|(name, range)| (name.to_owned(), range))
+                .into(),
         },
         quality: FitQuality { readings: 2817, rejected: 3, chi2_per_dof: 1.0 / 3.0, residual_rms_m: 0.1e-6 },
         machine,
         coefficients,
+        offset_centre_m,
         effects: effects.into(),
         stations,
     };
@@ -62,6 +76,7 @@ pub(crate) fn model(seed: u64) -> ModelFile {
         seed: Some(7),
         options: serde_json::json!({"robust": true}),
         evidence: serde_json::json!({"bic": [0.1, -2.5e-3], "note": "µm"}),
+        doubts: vec![Doubt { grade: "warning".to_owned(), text: "the data cover 40.0 % of Y only".to_owned() }],
         software: "abbe 0.1.0".to_owned(),
     }
 }

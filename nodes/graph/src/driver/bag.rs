@@ -1,13 +1,16 @@
 //! Driver: a recorded bag; and a bag as a campaign.
 //!
-//! Place in the flow: `kind = "bag"` in a launch configuration replays what was recorded, message by message;
-//! `abbe identify` reads a bag as a campaign by joining scale and tracer readings of the same instant.
+//! Place in the flow: `kind = "bag"` in a launch configuration replays what was recorded, message by message; every
+//! command that reads a campaign takes a bag for one. Its readings are joined by the rules of the live diagnosis and by
+//! its code, so that a recorded run gives offline what the diagnosis of that run saw. What is left out is counted.
 
 use super::{DriverError, ScaleDriver, TracerDriver};
-use abbe_measurement::campaign::{Campaign, Covariate, RangeReading};
+use crate::step::ReadingBuffer;
+use crate::topics;
+use abbe_measurement::campaign::Campaign;
 use abbe_msgs::bag::{Messages, messages};
-use abbe_msgs::{Message, ScaleReading, Stamp, TracerReading};
-use std::collections::BTreeMap;
+use abbe_msgs::{Message, ScaleReading, TracerReading};
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 /// Messages of one topic of a bag.
@@ -52,84 +55,149 @@ impl TracerDriver for BagTopic {
     }
 }
 
-/// A bag as a campaign, and the frame it was recorded in.
+/// How the readings of a bag become a campaign: as the live diagnosis makes one of what it hears.
+#[derive(Debug, Clone, PartialEq)]
+pub struct JoinSettings {
+    /// Stamps this close are the same instant (s).
+    pub match_within_s: f64,
+    /// Age from which a covariate is stale, and so missing (s).
+    pub max_covariate_age_s: f64,
+    /// Namespace of the machine in the bag; needed where several machines share its frame.
+    pub namespace: Option<String>,
+}
+
+impl Default for JoinSettings {
+    /// The figures of the shipped launch files.
+    fn default() -> JoinSettings {
+        JoinSettings { match_within_s: 0.0005, max_covariate_age_s: 10.0, namespace: None }
+    }
+}
+
+/// A bag as a campaign.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CampaignFromBag {
-    /// The campaign; times are seconds since its first reading.
+    /// The campaign; times are seconds since its first reading, or those that all readings carry as `time_s`.
     pub campaign: Campaign,
-    /// Frame of the scale readings.
-    pub frame_id: String,
+    /// What of the bag is not in it, each in words with its number; empty where everything is.
+    pub left_out: Vec<String>,
 }
 
-/// Joins scale and tracer readings of the same stamp.
-pub fn campaign_from_bag(path: &Path) -> Result<CampaignFromBag, DriverError> {
-    let mut scales: BTreeMap<Stamp, ScaleReading> = BTreeMap::new();
-    let mut tracers: Vec<TracerReading> = Vec::new();
+/// Joins the scale and tracer readings of a machine, whose frame is `frame_id`, by the rules of the live diagnosis
+/// ([`ReadingBuffer`]), in the order in which they were recorded.
+///
+/// # Errors
+/// When the bag cannot be read to its end, holds no readings of this machine, or those of several, or none of them belong
+/// together.
+pub fn campaign_from_bag(path: &Path, frame_id: &str, join: &JoinSettings) -> Result<CampaignFromBag, DriverError> {
+    let topics = Topics::choose(path, frame_id, join.namespace.as_deref())?;
+    let JoinSettings { match_within_s, max_covariate_age_s, .. } = *join;
+    let mut buffer = ReadingBuffer::with_capacity(frame_id, match_within_s, max_covariate_age_s, usize::MAX);
+    let (mut tracers, mut stale, mut elsewhere) = (0_usize, 0_usize, topics.other_messages);
     for message in messages(path)? {
         let message = message?;
-        if message.ros_type() == ScaleReading::ROS_TYPE {
+        if message.topic() == topics.scale {
             let reading: ScaleReading = message.decode()?;
-            scales.insert(reading.stamp, reading);
-        } else if message.ros_type() == TracerReading::ROS_TYPE {
-            tracers.push(message.decode()?);
+            if reading.frame_id.as_str() != frame_id {
+                elsewhere += 1;
+                continue;
+            }
+            stale += usize::from(reading.covariates.iter().any(|c| c.age_s > max_covariate_age_s));
+            buffer.scale(&reading);
+        } else if message.topic() == topics.tracer {
+            tracers += 1;
+            buffer.tracer(&message.decode()?);
         }
     }
-    let missing =
-        |ros_type| DriverError::NoMessages { bag: path.display().to_string(), ros_type, topic: String::new() };
-    let Some(first) = scales.keys().next().copied() else { return Err(missing(ScaleReading::ROS_TYPE)) };
-    if tracers.is_empty() {
-        return Err(missing(TracerReading::ROS_TYPE));
+    let campaign = buffer.campaign(None);
+    let joined = campaign.readings.len();
+    if joined == 0 {
+        return Err(DriverError::NothingJoined { bag: path.display().to_string(), tracers, match_within_s });
     }
-    let frame_id = scales[&first].frame_id.to_string();
-    let mut join = Join { campaign: Campaign::default(), start: first.to_seconds() };
-    for tracer in &tracers {
-        let scale = scales.get(&tracer.stamp).ok_or_else(|| DriverError::Unmatched {
-            bag: path.display().to_string(),
-            sequence: tracer.sequence,
-            stamp_s: tracer.stamp.to_seconds(),
-        })?;
-        join.push(scale, tracer);
-    }
-    Ok(CampaignFromBag { campaign: join.campaign, frame_id })
+    let (dropped, unusable) = (buffer.dropped() as usize, buffer.unusable() as usize);
+    let doubled = buffer.len() - joined;
+    let waiting = tracers.saturating_sub(joined + dropped + unusable + doubled);
+    let counts = [
+        (waiting, format!("tracer readings have no scale reading within {} ms of their stamp", match_within_s * 1e3)),
+        (unusable, "tracer readings are not usable (no number, another frame, a stamp that does not follow, or two tracers under one name)".into()),
+        (dropped, "tracer readings are from before their tracer started again, or its clock was set back".into()),
+        (doubled, "tracer readings repeat an instant of their station".into()),
+        (stale, format!("scale readings have covariates older than {max_covariate_age_s} s, which are missing")),
+        (elsewhere, "readings are of another frame or namespace".into()),
+    ];
+    let left_out = counts.into_iter().filter(|(count, _)| *count > 0).map(|(count, what)| format!("{count} {what}"));
+    Ok(CampaignFromBag { campaign, left_out: left_out.collect() })
 }
 
-struct Join {
-    campaign: Campaign,
-    start: f64,
+/// The topics of one machine in a bag.
+struct Topics {
+    scale: String,
+    tracer: String,
+    /// Scale and tracer readings on other topics.
+    other_messages: usize,
 }
 
-impl Join {
-    fn push(&mut self, scale: &ScaleReading, tracer: &TracerReading) {
-        let station = index_of(&mut self.campaign.stations, tracer.station.as_str());
-        let line = index_of(&mut self.campaign.lines, tracer.line.as_str());
-        let row = self.campaign.readings.len();
-        self.campaign.readings.push(RangeReading {
-            station,
-            line,
-            time_s: tracer.stamp.to_seconds() - self.start,
-            reading_m: scale.reading_m,
-            offset_m: scale.offset_m,
-            length_m: tracer.length_m,
-        });
-        for entry in &scale.covariates {
-            let name = entry.name.as_str();
-            if self.campaign.covariate(name).is_none() {
-                self.campaign.covariates.push(Covariate { name: name.to_owned(), values: vec![None; row] });
+/// A topic of readings.
+#[derive(Default)]
+struct Found {
+    messages: usize,
+    frames: BTreeSet<String>,
+}
+
+impl Topics {
+    fn choose(path: &Path, frame_id: &str, namespace: Option<&str>) -> Result<Topics, DriverError> {
+        let bag = path.display().to_string();
+        let (mut scales, mut tracers) = (BTreeMap::<String, Found>::new(), BTreeMap::<String, Found>::new());
+        for message in messages(path)? {
+            let message = message?;
+            let (found, frame) = if message.ros_type() == ScaleReading::ROS_TYPE {
+                (&mut scales, message.decode::<ScaleReading>()?.frame_id.to_string())
+            } else if message.ros_type() == TracerReading::ROS_TYPE {
+                (&mut tracers, message.decode::<TracerReading>()?.frame_id.to_string())
+            } else {
+                continue;
+            };
+            let topic = found.entry(message.topic().to_owned()).or_default();
+            topic.messages += 1;
+            topic.frames.insert(frame);
+        }
+        let missing = |ros_type| DriverError::NoMessages { bag: bag.clone(), ros_type, topic: String::new() };
+        for (found, ros_type) in [(&scales, ScaleReading::ROS_TYPE), (&tracers, TracerReading::ROS_TYPE)] {
+            if found.is_empty() {
+                return Err(missing(ros_type));
             }
         }
-        for covariate in &mut self.campaign.covariates {
-            covariate.values.push(scale.covariates.get(&covariate.name).map(|entry| entry.value));
-        }
-    }
-}
-
-/// Place of a name, added when it is new. The last name is the likeliest, so it is looked for from the end.
-fn index_of(names: &mut Vec<String>, name: &str) -> u32 {
-    match names.iter().rposition(|known| known == name) {
-        Some(index) => index as u32,
-        None => {
-            names.push(name.to_owned());
-            names.len() as u32 - 1
-        }
+        let in_namespace = |topic: &str, name: &str| {
+            namespace.is_none_or(|wanted| topic.trim_matches('/') == format!("{}/{name}", wanted.trim_matches('/')))
+        };
+        let own = |(topic, found): &(&String, &Found)| {
+            found.frames.contains(frame_id) && in_namespace(topic, topics::SCALE_READING)
+        };
+        let own: Vec<&String> = scales.iter().filter(own).map(|(topic, _)| topic).collect();
+        let scale = match own.as_slice() {
+            [only] => (*only).clone(),
+            [] => {
+                let frames: BTreeSet<&str> = scales.values().flat_map(|f| &f.frames).map(String::as_str).collect();
+                let frames = frames.into_iter().collect::<Vec<_>>().join(", ");
+                return Err(DriverError::OtherMachine { bag, frame_id: frame_id.to_owned(), frames });
+            }
+            several => {
+                let topics = several.iter().map(|topic| topic.as_str()).collect::<Vec<_>>().join(", ");
+                return Err(DriverError::SeveralMachines { bag, topics });
+            }
+        };
+        // The tracer of the same namespace; the only one there is, where names tell nothing.
+        let beside =
+            scale.strip_suffix(topics::SCALE_READING).map(|space| format!("{space}{}", topics::TRACER_READING));
+        let tracer = match (beside.filter(|topic| tracers.contains_key(topic)), tracers.len()) {
+            (Some(topic), _) => topic,
+            (None, 1) => tracers.keys().next().cloned().unwrap_or_default(),
+            (None, _) => {
+                let topics = tracers.keys().map(String::as_str).collect::<Vec<_>>().join(", ");
+                return Err(DriverError::SeveralMachines { bag, topics });
+            }
+        };
+        let others = scales.iter().chain(&tracers).filter(|(topic, _)| **topic != scale && **topic != tracer);
+        let other_messages = others.map(|(_, found)| found.messages).sum();
+        Ok(Topics { scale, tracer, other_messages })
     }
 }

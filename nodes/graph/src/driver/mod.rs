@@ -17,7 +17,7 @@ use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
-pub use bag::{CampaignFromBag, campaign_from_bag};
+pub use bag::{CampaignFromBag, JoinSettings, campaign_from_bag};
 
 /// A source of scale readings.
 pub trait ScaleDriver: Send {
@@ -105,18 +105,48 @@ pub enum DriverError {
         /// Topic looked for; empty for any.
         topic: String,
     },
-    /// A tracer reading without a scale reading of its instant.
+    /// No tracer reading has a scale reading.
     #[error(
-        "bag {bag}: tracer reading {sequence} at {stamp_s:.6} s has no scale reading of the same instant; latch both together"
+        "bag {bag}: none of {tracers} tracer readings has a usable scale reading within {} ms of its stamp; latch both \
+         together, or allow more with --match-within-s",
+        match_within_s * 1e3
     )]
-    Unmatched {
+    NothingJoined {
         /// The bag.
         bag: String,
-        /// Sequence of the tracer reading.
-        sequence: u64,
-        /// Its stamp (s).
-        stamp_s: f64,
+        /// Tracer readings.
+        tracers: usize,
+        /// Tolerance (s).
+        match_within_s: f64,
     },
+    /// The bag holds no readings of this machine.
+    #[error(
+        "bag {bag}: recorded in frame {frames:?}, but the machine has frame {frame_id:?}, and --namespace must be that of its \
+         topics where it is given; this bag is of another machine"
+    )]
+    OtherMachine {
+        /// The bag.
+        bag: String,
+        /// Frame of the machine.
+        frame_id: String,
+        /// Frames of the scale readings.
+        frames: String,
+    },
+    /// The bag holds readings on several topics, any of which may be meant.
+    #[error("bag {bag}: any of these topics may be meant: {topics}; name one machine with --namespace")]
+    SeveralMachines {
+        /// The bag.
+        bag: String,
+        /// The topics.
+        topics: String,
+    },
+}
+
+impl DriverError {
+    /// Whether one reading cannot be a sample, and the ones after it may be.
+    pub fn is_of_one_reading(&self) -> bool {
+        matches!(self, DriverError::Message { .. } | DriverError::Text { .. } | DriverError::Covariate { .. })
+    }
 }
 
 /// Opens the driver of the scale node; paths are relative to `base`.

@@ -11,6 +11,7 @@ use abbe_geometry::chain::nominal_point_m;
 use abbe_identify::station_start::{PointAndLength, start};
 use abbe_measurement::campaign::{Campaign, RangeReading};
 use abbe_measurement::instrument::RangeUncertainty;
+use abbe_measurement::subset::spread;
 use abbe_msgs::{Covariates, MessageError, ScaleReading, Stamp, Text, TextError, TracerReading};
 
 /// Readings that place a station at most: a micrometre of distance is more than an uncertainty asks for.
@@ -63,9 +64,9 @@ impl Recorded {
 /// Distance at length zero (m) of a station, from its indicated points and lengths.
 fn dead_path_m(campaign: &Campaign, station: usize) -> Option<f64> {
     let readings: Vec<&RangeReading> = campaign.readings.iter().filter(|r| r.station as usize == station).collect();
-    let step = readings.len().div_ceil(PLACING_READINGS).max(1);
-    let point = |r: &&RangeReading| (nominal_point_m(r.reading_m, r.offset_m), r.length_m);
-    let points: Vec<PointAndLength> = readings.iter().step_by(step).map(point).collect();
+    let point = |r: &RangeReading| (nominal_point_m(r.reading_m, r.offset_m), r.length_m);
+    let part = spread(readings.len(), PLACING_READINGS).into_iter();
+    let points: Vec<PointAndLength> = part.map(|place| point(readings[place])).collect();
     match start(&points, false) {
         Ok(placed) => Some(placed.dead_path_m),
         Err(problem) => {

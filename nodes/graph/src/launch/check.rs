@@ -2,12 +2,17 @@
 //!
 //! Place in the flow: under [`Launch::parse`]. Each refusal names the file, the key and what to do.
 
-use super::{Edge, Launch, LaunchError, NodeName, Pace, Source};
+use super::{Edge, Launch, LaunchError, NodeName, Pace, RecordConfig, Source};
 use crate::driver::DriverConfig;
 use crate::step::KEPT_READINGS;
 use abbe_runtime::TransportKind;
 use abbe_virtual_machine::effects::from_text;
 use std::path::Path;
+
+/// Longest time that is waited (s): a lifetime, and far from what the clock's arithmetic cannot hold.
+const LONGEST_S: f64 = 1e9;
+/// Slowest pace (Hz, or times the recorded one): the next sample is due at a time that the clock can hold.
+const SLOWEST: f64 = 1e-6;
 
 impl Launch {
     /// Refuses what makes no graph; `path` names the file.
@@ -19,8 +24,13 @@ impl Launch {
         if !positive(self.max_covariate_age_s) {
             return wrong("max_covariate_age_s", "must be a number of seconds above 0");
         }
-        if !positive(self.wait_for_subscribers_s) {
-            return wrong("wait_for_subscribers_s", "must be a number of seconds above 0");
+        if !positive(self.wait_for_subscribers_s) || self.wait_for_subscribers_s > LONGEST_S {
+            return wrong("wait_for_subscribers_s", "must be a number of seconds above 0, at most 1e9");
+        }
+        if self.gateway_memory_mib.is_some_and(|mebibytes| mebibytes < Launch::LEAST_GATEWAY_MEMORY_MIB) {
+            let problem =
+                format!("must be {} or more: a gateway does not start with less", Launch::LEAST_GATEWAY_MEMORY_MIB);
+            return wrong("gateway_memory_mib", &problem);
         }
         for (node, source, key) in [(NodeName::Scale, &self.scale, "scale"), (NodeName::Tracer, &self.tracer, "tracer")]
         {
@@ -28,8 +38,10 @@ impl Launch {
                 None if self.nodes.contains(&node) => {
                     return wrong(key, "this node is started but has no driver; add a table with driver and pace");
                 }
-                Some(Source { pace: Pace::RateHz(value) | Pace::TimeFactor(value), .. }) if !positive(*value) => {
-                    return wrong(&format!("{key}.pace"), "must be above 0");
+                Some(Source { pace: Pace::RateHz(value) | Pace::TimeFactor(value), .. })
+                    if !positive(*value) || *value < SLOWEST =>
+                {
+                    return wrong(&format!("{key}.pace"), "must be above 0, 1e-6 at least");
                 }
                 _ => {}
             }
@@ -41,6 +53,9 @@ impl Launch {
         self.check_monitor(path)?;
         if self.nodes.contains(&NodeName::Recorder) && self.record.is_none() {
             return wrong("record", "the recorder is started but has no bag to write");
+        }
+        if let Some((key, problem)) = self.record.as_ref().and_then(RecordConfig::problem) {
+            return wrong(key, &problem);
         }
         self.check_edges(path)
     }

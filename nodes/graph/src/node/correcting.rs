@@ -2,22 +2,22 @@
 //!
 //! Place in the flow: the correcting path. Nothing here waits for a subscriber, for the network or for a file:
 //! transports hand samples on without waiting, the standard message goes out on a thread of its own, and a new model is
-//! read on another; the loop takes it between two samples, so that none is lost and none corrected by half of each.
+//! read on another; the loop takes it between two samples, so that none is lost and none corrected by half of each. Once
+//! it is at work nothing that comes in, and no transport, ends the loop.
 
 use super::model::{ModelFeed, ResidualFeed};
+use super::remarks::{self, Input, Remarks};
+use super::traffic::{Trouble, send};
 use super::{LOOK_UP, NodeContext, NodeError, NodeSummary, take};
 use crate::launch::NodeName;
-use crate::step::{GeometricStep, ResidualStep};
+use crate::step::{GeometricStep, Mark, ResidualStep, StreamCounts, StreamWatch};
 use crate::topics;
-use abbe_msgs::standard::{DiagnosticStatus, PointStamped};
+use abbe_msgs::standard::DiagnosticStatus;
 use abbe_msgs::{CorrectedCoordinates, CorrectionStatus, Message, ScaleReading, Sha256};
-use abbe_runtime::ros::{self, Diagnostics, QueuedPublisher};
-use std::cell::Cell;
-use std::num::NonZeroUsize;
+use abbe_runtime::Subscribe;
+use abbe_runtime::ros::Diagnostics;
 use std::time::{Duration, Instant};
 
-/// Standard messages waiting to be published.
-const QUEUE: NonZeroUsize = NonZeroUsize::MIN.saturating_add(1023);
 /// Durations kept for the figures at the end.
 const KEPT_DURATIONS: usize = 65_536;
 /// How often a node reports its health.
@@ -29,10 +29,18 @@ trait Stage<M> {
     fn refresh(&mut self) {}
 
     /// One sample in, one out.
-    fn correct(&self, sample: &M) -> CorrectedCoordinates;
+    fn correct(&mut self, sample: &M) -> CorrectedCoordinates;
 
-    /// What goes out beside it.
-    fn beside(&self, _corrected: &CorrectedCoordinates) {}
+    /// What comes in, and what was found of its order.
+    fn input(&self) -> (&'static str, StreamCounts);
+
+    /// Topics of the standard message that is made of each corrected sample for ROS 2.
+    fn companions(&self) -> &'static [&'static str] {
+        &[]
+    }
+
+    /// What is kept of it.
+    fn beside(&mut self, _corrected: &CorrectedCoordinates) {}
 
     /// What it has to say of itself on `/diagnostics`.
     fn report(&self, _health: &Diagnostics) -> Result<(), NodeError> {
@@ -45,6 +53,7 @@ trait Stage<M> {
 
 struct Geometric {
     step: GeometricStep,
+    watch: StreamWatch,
     models: ModelFeed,
 }
 
@@ -55,8 +64,12 @@ impl Stage<ScaleReading> for Geometric {
         }
     }
 
-    fn correct(&self, reading: &ScaleReading) -> CorrectedCoordinates {
-        self.step.correct(reading)
+    fn correct(&mut self, reading: &ScaleReading) -> CorrectedCoordinates {
+        self.watch.pass(Mark::from(reading), self.step.correct(reading))
+    }
+
+    fn input(&self) -> (&'static str, StreamCounts) {
+        ("scale readings", self.watch.counts())
     }
 
     fn report(&self, health: &Diagnostics) -> Result<(), NodeError> {
@@ -70,9 +83,9 @@ impl Stage<ScaleReading> for Geometric {
 
 struct Residual {
     step: ResidualStep,
+    watch: StreamWatch,
     fields: ResidualFeed,
-    points: Option<QueuedPublisher<PointStamped>>,
-    without: Cell<Without>,
+    without: Without,
 }
 
 /// Corrected samples that no residual model belonged to.
@@ -87,7 +100,7 @@ struct Without {
 impl Residual {
     /// What to tell while samples come from another geometric model than the residual model belongs to.
     fn warning(&self) -> Option<String> {
-        let model = self.without.get().model_sha256.filter(|_| !self.step.residual_sha256().is_none())?;
+        let model = self.without.model_sha256.filter(|_| !self.step.residual_sha256().is_none())?;
         Some(format!(
             "samples pass without the residual: they are of model {model}, the residual model belongs to {}; train on the \
              residuals of the model in use",
@@ -103,23 +116,28 @@ impl Stage<CorrectedCoordinates> for Residual {
         }
     }
 
-    fn correct(&self, sample: &CorrectedCoordinates) -> CorrectedCoordinates {
-        self.step.correct(sample)
+    fn correct(&mut self, sample: &CorrectedCoordinates) -> CorrectedCoordinates {
+        self.watch.pass(Mark::from(sample), self.step.correct(sample))
     }
 
-    fn beside(&self, corrected: &CorrectedCoordinates) {
-        let before = self.without.get();
+    fn companions(&self) -> &'static [&'static str] {
+        &[topics::CORRECTED_POINT]
+    }
+
+    fn input(&self) -> (&'static str, StreamCounts) {
+        ("corrected samples", self.watch.counts())
+    }
+
+    fn beside(&mut self, corrected: &CorrectedCoordinates) {
+        let before = self.without;
         let lacks = corrected.corrected_valid && corrected.residual_model_sha256.is_none();
         let model_sha256 = lacks.then_some(corrected.model_sha256);
-        self.without.set(Without { samples: before.samples + u64::from(lacks), model_sha256 });
+        self.without = Without { samples: before.samples + u64::from(lacks), model_sha256 };
         if lacks
             && before.model_sha256 != model_sha256
             && let Some(warning) = self.warning()
         {
             tracing::warn!("{warning}");
-        }
-        if let (Some(publisher), Some(point)) = (&self.points, PointStamped::from_corrected(corrected)) {
-            publisher.publish(point);
         }
     }
 
@@ -129,60 +147,62 @@ impl Stage<CorrectedCoordinates> for Residual {
 
     fn figures(&self, summary: &mut NodeSummary) {
         self.fields.figures(summary);
-        summary.figures.insert("without_residual".to_owned(), self.without.get().samples as f64);
+        summary.figures.insert("without_residual".to_owned(), self.without.samples as f64);
     }
 }
 
 pub(super) fn geometric(context: &NodeContext) -> Result<NodeSummary, NodeError> {
     let (model, models) = ModelFeed::open(context)?;
     let step = GeometricStep::new(model, context.launch.max_covariate_age_s);
-    pump(context, NodeName::Scale, Geometric { step, models })
+    pump(context, NodeName::Scale, Geometric { step, watch: StreamWatch::default(), models })
 }
 
 pub(super) fn residual(context: &NodeContext) -> Result<NodeSummary, NodeError> {
-    let points = match &context.ros {
-        Some(node) => Some(node.publisher(topics::CORRECTED_POINT, &ros::stream_qos(QUEUE), QUEUE)?),
-        None => None,
-    };
     let (field, fields) = ResidualFeed::open(context)?;
-    let without = Cell::default();
-    pump(context, NodeName::Geometric, Residual { step: ResidualStep::new(field), fields, points, without })
+    let step = ResidualStep::new(field).in_frame(&context.machine.machine.frame_id);
+    let (watch, without) = (StreamWatch::default(), Without::default());
+    pump(context, NodeName::Geometric, Residual { step, watch, fields, without })
 }
 
 /// Takes, corrects, gives; counts what each status says.
 fn pump<M: Message>(context: &NodeContext, from: NodeName, mut stage: impl Stage<M>) -> Result<NodeSummary, NodeError> {
     let mut summary = NodeSummary { node: context.name.name().to_owned(), ..NodeSummary::default() };
     let mut statuses = [0_u64; CorrectionStatus::ALL.len()];
-    let health = context.ros.as_ref().map(|node| node.diagnostics(&context.machine.machine.name)).transpose()?;
-    let mut publisher = context.publisher::<CorrectedCoordinates>()?;
+    let health = context.ros.as_ref().map(|node| node.diagnostics(&context.machine.machine.name));
+    let mut publisher = context.publisher_with::<CorrectedCoordinates>(stage.companions())?;
     let mut subscriber = context.subscriber::<M>(from)?;
     let mut reported = Instant::now();
-    let mut durations = Durations::default();
+    let (mut durations, mut remarks) = (Durations::default(), Remarks::default());
     loop {
         let stopping = context.shutdown.requested();
         let patience = if stopping { Duration::ZERO } else { LOOK_UP };
-        match take(subscriber.as_mut(), patience, &mut summary)? {
+        match take(subscriber.as_mut(), patience, &mut summary) {
             Some(sample) => {
                 stage.refresh();
                 let since = Instant::now();
                 let corrected = stage.correct(&sample);
                 durations.push(since.elapsed());
-                publisher.send(&corrected)?;
+                send(publisher.as_mut(), &corrected, &mut summary);
                 stage.beside(&corrected);
                 statuses[corrected.status as usize] += 1;
-                summary.sent += 1;
             }
             None if stopping => break,
             None => stage.refresh(),
         }
         if reported.elapsed() >= REPORT_EVERY {
             reported = Instant::now();
+            let input = input(&stage, subscriber.as_ref());
+            let mut told = remarks.report(health.as_ref(), &summary, &[input]);
             if let Some(health) = &health {
-                report(health, &summary, subscriber.lost(), &statuses)?;
-                stage.report(health)?;
+                let correction = report(health, &summary, subscriber.lost(), &statuses);
+                told = told.and(correction).and(stage.report(health));
+            }
+            if let Err(error) = told {
+                summary.troubles.note(Trouble::Reporting, error);
             }
         }
     }
+    remarks::figures(&mut summary, &[input(&stage, subscriber.as_ref())]);
     (summary.lost, summary.dropped) = (subscriber.lost(), publisher.dropped());
     for (status, count) in CorrectionStatus::ALL.iter().zip(statuses) {
         summary.figures.insert(status.name().to_lowercase(), count as f64);
@@ -190,6 +210,11 @@ fn pump<M: Message>(context: &NodeContext, from: NodeName, mut stage: impl Stage
     durations.figures(&mut summary);
     stage.figures(&mut summary);
     Ok(summary)
+}
+
+fn input<M: Message>(stage: &impl Stage<M>, subscriber: &dyn Subscribe<M>) -> Input {
+    let (name, counts) = stage.input();
+    Input { name, counts, interleaved: subscriber.interleaved() }
 }
 
 /// How long the last corrections took.
@@ -224,7 +249,9 @@ fn report(
     lost: u64,
     statuses: &[u64; CorrectionStatus::ALL.len()],
 ) -> Result<(), NodeError> {
-    let uncorrected = statuses[CorrectionStatus::Rejected as usize] + statuses[CorrectionStatus::NoModel as usize];
+    use CorrectionStatus::{NoModel, OtherFrame, Rejected, SeveralSources};
+    let uncorrected: u64 =
+        [Rejected, NoModel, OtherFrame, SeveralSources].map(|status| statuses[status as usize]).iter().sum();
     let (level, message) = match (uncorrected, lost) {
         (0, 0) => (DiagnosticStatus::OK, "correcting"),
         (0, _) => (DiagnosticStatus::WARN, "samples were lost on the way here"),

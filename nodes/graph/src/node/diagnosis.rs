@@ -13,7 +13,8 @@ use crate::step::{Health, HealthState, ReadingBuffer};
 use crate::topics;
 use abbe_msgs::standard::DiagnosticStatus;
 use abbe_msgs::{ScaleReading, Sha256, Stamp, TracerReading};
-use abbe_runtime::ros::{Diagnostics, RosNode, TriggerOutcome, TriggerService};
+use abbe_runtime::gateway::{GatewayNode, GatewayService};
+use abbe_runtime::ros::{Diagnostics, TriggerOutcome};
 use std::path::PathBuf;
 use std::sync::mpsc::{Receiver, SyncSender, channel, sync_channel};
 use std::time::Duration;
@@ -52,14 +53,16 @@ pub(super) struct Diagnosis {
     counts: Counts,
     asked: Receiver<SyncSender<TriggerOutcome>>,
     advice: String,
-    _service: Option<TriggerService>,
+    _service: Option<GatewayService>,
 }
 
 impl Diagnosis {
     /// Offers the service, and keeps readings where the scale readings come here.
     pub(super) fn open(context: &NodeContext, config: &MonitorConfig) -> Result<Diagnosis, NodeError> {
         let kept = context.launch.takes_over(context.name.name(), NodeName::Scale).is_some();
-        let readings = kept.then(|| ReadingBuffer::new(config.match_within_s, context.launch.max_covariate_age_s));
+        let frame_id = &context.machine.machine.frame_id;
+        let buffer = || ReadingBuffer::new(frame_id, config.match_within_s, context.launch.max_covariate_age_s);
+        let readings = kept.then(buffer);
         let plan = match (&config.diagnosis_folder, &context.launch.model) {
             (Some(folder), Some(model)) => Some(Plan {
                 config: config.clone(),
@@ -77,7 +80,7 @@ impl Diagnosis {
             ask.send(reply).map_err(|_| stopping.clone())?;
             answer.recv_timeout(ANSWER_WITHIN).unwrap_or(Err(stopping))
         };
-        let serve = |node: &RosNode| node.trigger_service(topics::DIAGNOSE, handler);
+        let serve = |node: &GatewayNode| node.trigger_service(topics::DIAGNOSE, handler);
         let service = context.ros.as_ref().map(serve).transpose()?;
         let advice = advice(context, config);
         let (counts, running, last, started_for) = (Counts::default(), None, None, None);
@@ -104,11 +107,11 @@ impl Diagnosis {
     }
 
     /// Looks after a diagnosis under way, answers who asks, starts one where that is due. Whether there is news.
-    pub(super) fn attend(&mut self, health: &Health) -> Result<bool, NodeError> {
+    pub(super) fn attend(&mut self, health: &Health) -> bool {
         let mut news = self.conclude();
         while let Ok(reply) = self.asked.try_recv() {
             match self.job(health) {
-                Ok(job) => self.start(job, Some(reply))?,
+                Ok(job) => self.start(job, Some(reply)),
                 // Who asked may have given up.
                 Err(refusal) => drop(reply.send(Err(refusal))),
             }
@@ -119,10 +122,10 @@ impl Diagnosis {
         {
             tracing::warn!(readings = job.campaign.readings.len(), "the model is degraded: a diagnosis starts");
             self.started_for = Some(health.model_sha256);
-            self.start(job, None)?;
+            self.start(job, None);
             news = true;
         }
-        Ok(news)
+        news
     }
 
     /// Whether a diagnosis is to start by itself: once for a model, when enough of the new state has been seen.
@@ -163,10 +166,20 @@ impl Diagnosis {
         })
     }
 
-    fn start(&mut self, job: Job, reply: Option<SyncSender<TriggerOutcome>>) -> Result<(), NodeError> {
-        self.running = Some(DiagnosisRun::start(job, reply).map_err(NodeError::Thread)?);
-        self.counts.started += 1;
-        Ok(())
+    /// Starts a diagnosis; one that cannot be started has failed, and the monitor goes on.
+    fn start(&mut self, job: Job, reply: Option<SyncSender<TriggerOutcome>>) {
+        match DiagnosisRun::start(job, reply) {
+            Ok(run) => {
+                self.running = Some(run);
+                self.counts.started += 1;
+            }
+            Err(error) => {
+                let problem = NodeError::Thread(error).to_string();
+                tracing::warn!("no diagnosis: {problem}");
+                self.counts.failed += 1;
+                self.last = Some(Err(problem));
+            }
+        }
     }
 
     /// Takes the outcome of a diagnosis that has ended.
@@ -234,8 +247,9 @@ fn since(health: &Health) -> Option<Stamp> {
 /// What to do about a model that does not hold.
 fn advice(context: &NodeContext, config: &MonitorConfig) -> String {
     let itself = "a diagnosis starts by itself when enough readings of this state have come";
-    let service =
-        |node: &RosNode| format!("call the service {}/diagnose (std_srvs/srv/Trigger)", node.identity().qualified());
+    let service = |node: &GatewayNode| {
+        format!("call the service {}/diagnose (std_srvs/srv/Trigger)", node.identity().qualified())
+    };
     match (&config.diagnosis_folder, &context.ros, config.diagnose_when_degraded) {
         (None, _, _) => "name a diagnosis_folder in [monitor] of the launch file to have it diagnosed".to_owned(),
         (_, Some(node), false) => format!("to have it diagnosed, {}", service(node)),

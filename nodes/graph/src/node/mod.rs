@@ -9,9 +9,13 @@ mod model;
 mod monitor;
 mod parameters;
 mod recorder;
+mod recording;
+mod remarks;
 mod source;
+mod traffic;
 
 pub use source::{STARTED, monotonic_s};
+pub(crate) use traffic::take;
 
 use crate::driver::DriverError;
 use crate::feed::FeedError;
@@ -19,19 +23,32 @@ use crate::launch::{Launch, LaunchError, NodeName};
 use abbe_files::{FileError, MachineFile, read_machine};
 use abbe_msgs::bag::BagError;
 use abbe_msgs::{Message, MessageError};
-use abbe_runtime::ros::{ArgsError, Domain, NodeIdentity, NodeOptions, RosArgs, RosError, RosNode};
+use abbe_runtime::gateway::{GatewayCommand, GatewayNode, GatewayOptions};
+use abbe_runtime::ros::{ArgsError, Domain, NodeIdentity, NodeOptions, RosArgs, RosError};
 use abbe_runtime::transport::shared_memory::{self, CleanupError};
 use abbe_runtime::{
-    Edges, EdgesConfig, Publish, RunId, Shutdown, ShutdownError, Subscribe, TransportError, TransportKind,
+    Claim, ClaimError, Edges, EdgesConfig, Publish, RunId, Shutdown, ShutdownError, Subscribe, TransportError,
+    TransportKind,
 };
 use serde::{Deserialize, Serialize};
+use std::cell::Cell;
+use std::io::Write;
 use std::os::unix::process::parent_id;
 use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 use thiserror::Error;
 
 /// How long a subscriber sleeps at most before it looks whether to stop.
 const LOOK_UP: Duration = Duration::from_millis(50);
+
+/// How often a node that a launcher started says that its loop turns.
+const SAY_ALIVE_EVERY: Duration = Duration::from_millis(500);
+/// Line on standard output of a node that a launcher started: it takes part in the graph.
+pub const READY: &str = "ready";
+/// Line on standard output of a node that a launcher started: its loop turns.
+pub const ALIVE: &str = "alive";
 
 /// What a node was asked to be.
 #[derive(Debug, Clone)]
@@ -46,6 +63,8 @@ pub struct NodeCall {
     pub ros_args: RosArgs,
     /// Process that started it, when its end should end the node.
     pub launcher_pid: Option<u32>,
+    /// How often the launcher has started it before.
+    pub life: u32,
 }
 
 /// What a node did, printed as its last line.
@@ -63,6 +82,12 @@ pub struct NodeSummary {
     pub malformed: u64,
     /// Samples that could not be handed to a transport.
     pub dropped: u64,
+    /// Whether it ended because its recording did.
+    #[serde(default)]
+    pub recording_ended: bool,
+    /// What went wrong, for the log and `/diagnostics`.
+    #[serde(skip)]
+    pub(crate) troubles: traffic::Troubles,
     /// Figures of this kind of node, by name.
     pub figures: std::collections::BTreeMap<String, f64>,
 }
@@ -85,6 +110,9 @@ pub enum NodeError {
     /// Transport.
     #[error(transparent)]
     Transport(#[from] TransportError),
+    /// Another process publishes what this node would.
+    #[error(transparent)]
+    Claim(#[from] ClaimError),
     /// ROS 2.
     #[error(transparent)]
     Ros(#[from] RosError),
@@ -104,7 +132,7 @@ pub enum NodeError {
     #[error("a thread cannot be started: {0}; let this user start more threads")]
     Thread(#[source] std::io::Error),
     /// The path of this program.
-    #[error("the path of this program is unknown, so that it cannot be started for a diagnosis: {0}")]
+    #[error("the path of this program is unknown, so that it cannot be started for a diagnosis or as a gateway: {0}")]
     Program(#[source] std::io::Error),
     /// A name the ROS graph refuses.
     #[error("{0}")]
@@ -143,8 +171,13 @@ pub(crate) struct NodeContext {
     pub(crate) base: PathBuf,
     pub(crate) machine: MachineFile,
     pub(crate) edges: Edges,
-    pub(crate) ros: Option<RosNode>,
+    run: Option<RunId>,
+    pub(crate) ros: Option<GatewayNode>,
     pub(crate) shutdown: Shutdown,
+    /// How often the launcher has started this node before.
+    pub(crate) life: u32,
+    /// Whether the launcher is still to be told that the node is ready.
+    unready: Cell<bool>,
 }
 
 /// Runs a node until its source ends or it is told to stop.
@@ -154,18 +187,44 @@ pub fn run(call: NodeCall) -> Result<NodeSummary, NodeError> {
         shutdown.follow_parent(pid)?;
     }
     let (run, launcher_pid) = (call.run.clone(), call.launcher_pid);
-    let outcome = NodeContext::open(call, shutdown).and_then(|context| match context.name {
-        NodeName::Scale => source::scale(&context),
-        NodeName::Tracer => source::tracer(&context),
-        NodeName::Geometric => correcting::geometric(&context),
-        NodeName::Residual => correcting::residual(&context),
-        NodeName::Monitor => monitor::run(&context),
-        NodeName::Recorder => recorder::run(&context),
+    if launcher_pid.is_some() {
+        say_alive(shutdown.clone())?;
+    }
+    let outcome = NodeContext::open(call, shutdown).and_then(|context| {
+        let summary = match context.name {
+            NodeName::Scale => source::scale(&context),
+            NodeName::Tracer => source::tracer(&context),
+            NodeName::Geometric => correcting::geometric(&context),
+            NodeName::Residual => correcting::residual(&context),
+            NodeName::Monitor => monitor::run(&context),
+            NodeName::Recorder => recorder::run(&context),
+        };
+        summary.map(|summary| context.with_gateway_figures(summary))
     });
     if launcher_pid.is_some_and(|pid| parent_id() != pid) {
         remove_shared_memory(run.as_ref());
     }
     outcome
+}
+
+/// Tells the launcher, as long as the process lives, that the loop of the node turns.
+fn say_alive(shutdown: Shutdown) -> Result<(), NodeError> {
+    let mut looks = 0;
+    let telling = move || {
+        loop {
+            std::thread::sleep(SAY_ALIVE_EVERY);
+            if shutdown.is_looked_at(&mut looks) {
+                say(ALIVE);
+            }
+        }
+    };
+    std::thread::Builder::new().name("alive".into()).spawn(telling).map_err(NodeError::Thread)?;
+    Ok(())
+}
+
+/// A line to the launcher; one that is gone needs to hear nothing.
+fn say(word: &str) {
+    let _ = writeln!(std::io::stdout(), "{word}");
 }
 
 /// In place of a launcher that was killed: the last node of the run to leave removes what is left of it.
@@ -190,26 +249,55 @@ impl NodeContext {
         let table = table.with_assignments(&identity, &call.ros_args.parameters).map_err(RosError::from)?;
         parameters::apply(&table, &mut launch, call.name);
         let remaps = call.ros_args.remaps;
+        let mut config = EdgesConfig::new(identity.clone());
         let ros = if launch.uses(call.name, TransportKind::Dds) {
             let domain = Domain::from_environment().map_err(RosError::from)?;
-            let options = NodeOptions { identity: identity.clone(), domain, remaps: remaps.clone(), parameters: table };
-            Some(RosNode::start(options)?)
+            Some(GatewayNode::start(GatewayOptions {
+                command: gateway_command(&identity, call.run.as_ref())?,
+                node: NodeOptions { identity, domain, remaps: remaps.clone(), parameters: table },
+                run: call.run.clone(),
+                depth: config.depth,
+                memory_limit_bytes: launch.gateway_memory_bytes(),
+                hardware_id: machine.machine.name.clone(),
+            })?)
         } else {
             None
         };
-        let mut config = EdgesConfig::new(identity);
         config.remaps = remaps;
-        config.run = if launch.uses(call.name, TransportKind::SharedMemory) { call.run } else { None };
-        config.ros = ros.clone();
-        Ok(NodeContext { name: call.name, launch, base, machine, edges: Edges::open(config)?, ros, shutdown })
+        let run = if launch.uses(call.name, TransportKind::SharedMemory) { call.run } else { None };
+        config.run.clone_from(&run);
+        config.gateway = ros.clone();
+        config.remembers = true;
+        let edges = Edges::open(config)?;
+        let unready = Cell::new(call.launcher_pid.is_some());
+        let (name, life) = (call.name, call.life);
+        Ok(NodeContext { name, launch, base, machine, edges, run, ros, shutdown, life, unready })
+    }
+
+    /// The summary with how the gateway has fared.
+    fn with_gateway_figures(&self, mut summary: NodeSummary) -> NodeSummary {
+        if let Some(node) = &self.ros {
+            let figures = node.figures();
+            summary.figures.insert("gateway_restarts".to_owned(), figures.restarts as f64);
+            summary.figures.insert("gateway_missed".to_owned(), figures.missed as f64);
+        }
+        summary
     }
 
     /// Publisher of this node's own topic, once the nodes that take from it are there.
     pub(crate) fn publisher<M: Message>(&self) -> Result<Box<dyn Publish<M>>, NodeError> {
+        self.publisher_with(&[])
+    }
+
+    /// The same, with topics of the standard message that is made of each sample for ROS 2.
+    pub(crate) fn publisher_with<M: Message>(&self, companions: &[&str]) -> Result<Box<dyn Publish<M>>, NodeError> {
         let topic = self.name.topic().ok_or(NodeError::Incomplete { node: self.name.name(), part: "a topic" })?;
         let kinds = self.launch.publishes_over(self.name);
-        let publisher = self.edges.publisher::<M>(topic, &kinds)?;
-        let wanted = self.launch.awaited(self.name);
+        let claims = kinds.iter().map(|kind| self.claim(topic, *kind)).collect::<Result<_, _>>()?;
+        let publisher = self.edges.publisher_with::<M>(topic, &kinds, companions)?;
+        let publisher = Claimed { publisher, _claims: claims };
+        // One that starts again finds the others at work; who of them is gone for good is not waited for.
+        let wanted = if self.life == 0 { self.launch.awaited(self.name) } else { 0 };
         let patience = Duration::from_secs_f64(self.launch.wait_for_subscribers_s);
         let since = Instant::now();
         while publisher.subscribers() < wanted && !self.shutdown.requested() {
@@ -219,36 +307,84 @@ impl NodeContext {
             }
             self.shutdown.sleep(Duration::from_millis(2));
         }
-        Ok(publisher)
+        self.is_ready();
+        Ok(Box::new(publisher))
+    }
+
+    /// Holds the right to publish a topic where others on this host could publish it as well.
+    fn claim(&self, topic: &str, kind: TransportKind) -> Result<Option<Claim>, NodeError> {
+        let topic = self.edges.resolve(topic)?;
+        Ok(match (kind, &self.run) {
+            (TransportKind::SharedMemory, Some(run)) => Some(Claim::in_run(run, &topic)?),
+            (TransportKind::Dds, _) => {
+                Some(Claim::in_domain(Domain::from_environment().map_err(RosError::from)?, &topic)?)
+            }
+            (TransportKind::SharedMemory | TransportKind::InProcess, _) => None,
+        })
+    }
+
+    /// A file or folder that is written anew by each process of the node: those after the first get a number.
+    pub(crate) fn of_this_life(&self, path: &Path) -> PathBuf {
+        match (self.life, path.file_name()) {
+            (1.., Some(name)) => path.with_file_name(format!("{}-{}", name.to_string_lossy(), self.life + 1)),
+            _ => path.to_owned(),
+        }
+    }
+
+    /// Tells the launcher, once, that the node takes part in the graph.
+    fn is_ready(&self) {
+        if self.unready.replace(false) {
+            say(READY);
+        }
     }
 
     /// Subscriber to what another node gives.
     pub(crate) fn subscriber<M: Message>(&self, from: NodeName) -> Result<Box<dyn Subscribe<M>>, NodeError> {
         let incomplete = NodeError::Incomplete { node: self.name.name(), part: "an edge from a node it takes from" };
         match (self.launch.takes_over(self.name.name(), from), from.topic()) {
-            (Some(kind), Some(topic)) => Ok(self.edges.subscriber(topic, kind)?),
+            (Some(kind), Some(topic)) => {
+                let subscriber = self.edges.subscriber(topic, kind)?;
+                // What is published for others to wait for is opened first; here nobody is waited for.
+                if self.launch.publishes_over(self.name).is_empty() {
+                    self.is_ready();
+                }
+                Ok(subscriber)
+            }
             _ => Err(incomplete),
         }
     }
 }
 
-/// The next sample; malformed ones are counted and told, the stream goes on.
-pub(crate) fn take<M: Message>(
-    subscriber: &mut dyn Subscribe<M>,
-    within: Duration,
-    summary: &mut NodeSummary,
-) -> Result<Option<M>, NodeError> {
-    match subscriber.take_within(within) {
-        Ok(sample) => {
-            summary.received += u64::from(sample.is_some());
-            Ok(sample)
-        }
-        Err(error @ TransportError::Malformed { .. }) => {
-            summary.malformed += 1;
-            tracing::warn!(%error, "sample refused");
-            Ok(None)
-        }
-        Err(error) => Err(error.into()),
+/// This program again, as the gateway of a node; what it is told comes over a socket, the words are for who looks at
+/// the list of processes.
+fn gateway_command(node: &NodeIdentity, run: Option<&RunId>) -> Result<GatewayCommand, NodeError> {
+    let program = std::env::current_exe().map_err(NodeError::Program)?;
+    let mut words = vec!["gateway".to_owned(), "--of".to_owned(), node.qualified()];
+    words.extend(run.into_iter().flat_map(|run| ["--run".to_owned(), run.to_string()]));
+    Ok(Arc::new(move || {
+        let mut command = Command::new(&program);
+        command.args(&words);
+        command
+    }))
+}
+
+/// A publisher of a topic that nobody else publishes on this host while it lives.
+struct Claimed<M> {
+    publisher: Box<dyn Publish<M>>,
+    _claims: Vec<Option<Claim>>,
+}
+
+impl<M: Message> Publish<M> for Claimed<M> {
+    fn send(&mut self, sample: &M) -> Result<(), TransportError> {
+        self.publisher.send(sample)
+    }
+
+    fn dropped(&self) -> u64 {
+        self.publisher.dropped()
+    }
+
+    fn subscribers(&self) -> usize {
+        self.publisher.subscribers()
     }
 }
 

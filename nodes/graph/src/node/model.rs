@@ -12,9 +12,11 @@ use abbe_files::{FileError, LoadedResidual, ModelFile, ResidualFile};
 use abbe_geometry::model::MachineModel;
 use abbe_msgs::Sha256;
 use abbe_msgs::standard::DiagnosticStatus;
-use abbe_runtime::ros::{Diagnostics, RosNode, TriggerService};
+use abbe_runtime::gateway::{GatewayNode, GatewayService};
+use abbe_runtime::ros::Diagnostics;
+use std::collections::BTreeMap;
 use std::path::Path;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 
 /// A model ready to correct, and its hash.
 pub(super) type LoadedModel = (Arc<MachineModel>, Sha256);
@@ -42,18 +44,26 @@ const RESIDUAL: Words = Words { name: "residual model", key: "residual_model", i
 /// What a file holds at the start, if one is named, and the feed of what it will hold.
 type Opened<T> = (Option<(T, Sha256)>, ArtifactFeed<T>);
 
+/// What speaks against each file that was loaded, by its hash.
+type SaidAgainst = Arc<Mutex<BTreeMap<Sha256, String>>>;
+
 /// New versions of a file that a node corrects with.
 pub(super) struct ArtifactFeed<T> {
     words: Words,
+    said_against: SaidAgainst,
     feed: Option<Feed<T>>,
-    _service: Option<TriggerService>,
+    _service: Option<GatewayService>,
 }
 
 impl ModelFeed {
     /// Loads the model that the launch file names, and watches it.
     pub(super) fn open(context: &NodeContext) -> Result<(Option<LoadedModel>, ModelFeed), NodeError> {
         let machine = context.machine.machine.name.clone();
-        ArtifactFeed::of_file(context, MODEL, context.launch.model.as_deref(), move |path| load(path, &machine))
+        let said_against = SaidAgainst::default();
+        let of_loading = Arc::clone(&said_against);
+        let load = move |path: &Path| load(path, &machine, &of_loading);
+        let (first, feed) = ArtifactFeed::of_file(context, MODEL, context.launch.model.as_deref(), load)?;
+        Ok((first, ArtifactFeed { said_against, ..feed }))
     }
 }
 
@@ -76,21 +86,25 @@ impl<T: Send + 'static> ArtifactFeed<T> {
     ) -> Result<Opened<T>, NodeError> {
         let Some(path) = path else {
             let service = Self::serve(context, words, None)?;
-            return Ok((None, ArtifactFeed { words, feed: None, _service: service }));
+            return Ok((
+                None,
+                ArtifactFeed { words, said_against: SaidAgainst::default(), feed: None, _service: service },
+            ));
         };
         let (first, feed) = Feed::open(&context.base.join(path), load)?;
         let service = Self::serve(context, words, Some(&feed))?;
-        Ok((Some(first), ArtifactFeed { words, feed: Some(feed), _service: service }))
+        let said_against = SaidAgainst::default();
+        Ok((Some(first), ArtifactFeed { words, said_against, feed: Some(feed), _service: service }))
     }
 
-    fn serve(context: &NodeContext, words: Words, feed: Option<&Feed<T>>) -> Result<Option<TriggerService>, NodeError> {
+    fn serve(context: &NodeContext, words: Words, feed: Option<&Feed<T>>) -> Result<Option<GatewayService>, NodeError> {
         let reload = feed.map(Feed::reload);
         let Words { name, key, .. } = words;
         let handler = move || match &reload {
             Some(reload) => reload.load().map(|sha256| format!("{name} {} is in use from now on", sha256.to_hex())),
             None => Err(format!("the launch file names no {name}; add the key {key} and start the node again")),
         };
-        let serve = |node: &RosNode| node.trigger_service(topics::RELOAD_MODEL, handler);
+        let serve = |node: &GatewayNode| node.trigger_service(topics::RELOAD_MODEL, handler);
         Ok(context.ros.as_ref().map(serve).transpose()?)
     }
 
@@ -112,7 +126,8 @@ impl<T: Send + 'static> ArtifactFeed<T> {
 
     /// Tells which model is in use, and why a newer one is not.
     pub(super) fn report(&self, health: &Diagnostics, in_use: Sha256) -> Result<(), NodeError> {
-        self.report_with(health, in_use, None)
+        let said_against = self.said_against.lock().unwrap_or_else(PoisonError::into_inner).get(&in_use).cloned();
+        self.report_with(health, in_use, said_against.as_deref())
     }
 
     /// The same, where the node itself has something to `warn` of.
@@ -152,8 +167,13 @@ impl<T: Send + 'static> ArtifactFeed<T> {
     }
 }
 
-fn load(path: &Path, machine: &str) -> Result<LoadedModel, FileError> {
+fn load(path: &Path, machine: &str, said_against: &SaidAgainst) -> Result<LoadedModel, FileError> {
     let (file, sha256) = ModelFile::load_for(path, machine)?;
+    let doubts: Vec<String> = file.said_against().collect();
+    if !doubts.is_empty() {
+        let mut known = said_against.lock().unwrap_or_else(PoisonError::into_inner);
+        known.insert(Sha256::from_bytes(sha256), doubts.join("; "));
+    }
     Ok((Arc::new(file.model), Sha256::from_bytes(sha256)))
 }
 

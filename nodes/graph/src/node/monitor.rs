@@ -5,13 +5,15 @@
 
 use super::diagnosis::Diagnosis;
 use super::model::ModelFeed;
+use super::remarks::{self, Input, Remarks};
+use super::traffic::{Trouble, send};
 use super::{LOOK_UP, NodeContext, NodeError, NodeSummary, take};
 use crate::launch::NodeName;
 use crate::step::{Health, HealthState, MonitorStep};
 use abbe_msgs::standard::DiagnosticStatus;
 use abbe_msgs::{CorrectedCoordinates, RangeResidual, ScaleReading, Sha256, Stamp, TracerReading};
 use abbe_runtime::ros::Diagnostics;
-use abbe_runtime::{Publish, Subscribe, TransportError};
+use abbe_runtime::{Publish, Subscribe};
 use std::time::{Duration, Instant};
 
 /// How often the health is told.
@@ -38,6 +40,7 @@ struct Monitor {
     /// Beginning of the state that has been warned of; a verdict may come and go in it.
     warned: Option<Stamp>,
     looked_for: Option<Sha256>,
+    remarks: Remarks,
 }
 
 pub(super) fn run(context: &NodeContext) -> Result<NodeSummary, NodeError> {
@@ -50,14 +53,17 @@ pub(super) fn run(context: &NodeContext) -> Result<NodeSummary, NodeError> {
         let stopping = context.shutdown.requested();
         let patience = if stopping { Duration::ZERO } else { LOOK_UP };
         let before = summary.received;
-        let residuals = monitor.take(&mut inputs, patience, &mut summary)?;
-        summary.sent += give(publisher.as_deref_mut(), &residuals)?;
-        monitor.attend()?;
+        let residuals = monitor.take(&mut inputs, patience, &mut summary);
+        give(publisher.as_deref_mut(), &residuals, &mut summary);
+        if let Err(error) = monitor.attend(&inputs, &summary) {
+            summary.troubles.note(Trouble::Reporting, error);
+        }
         if stopping && summary.received == before {
             break;
         }
     }
-    summary.sent += give(publisher.as_deref_mut(), &monitor.step.give_up())?;
+    give(publisher.as_deref_mut(), &monitor.step.give_up(), &mut summary);
+    remarks::figures(&mut summary, &inputs.remarkable(&monitor.step));
     summary.lost =
         inputs.corrected.lost() + inputs.tracer.lost() + inputs.scale.as_ref().map_or(0, |scale| scale.lost());
     summary.dropped = publisher.map_or(0, |p| p.dropped());
@@ -76,6 +82,16 @@ impl Inputs {
             scale: from_scale.map(|_| context.subscriber(NodeName::Scale)).transpose()?,
         })
     }
+
+    /// What was found of the order of what comes in.
+    fn remarkable(&self, step: &MonitorStep) -> [Input; 2] {
+        let [corrected, tracer] = step.streams();
+        [
+            Input { name: "corrected samples", counts: corrected, interleaved: self.corrected.interleaved() },
+            // Several tracers may share the topic; those that share a station's name are told by their sequences.
+            Input { name: "tracer readings", counts: tracer, interleaved: 0 },
+        ]
+    }
 }
 
 impl Monitor {
@@ -87,37 +103,37 @@ impl Monitor {
         let settings = context.launch.monitor_settings().ok_or_else(bounds)?;
         let config = context.launch.monitor.as_ref().ok_or_else(bounds)?;
         Ok(Monitor {
-            step: MonitorStep::new(model, sha256, settings),
+            step: match context.launch.takes_over(context.name.name(), NodeName::Scale) {
+                Some(_) => MonitorStep::new(model, sha256, settings).with_scales(context.launch.max_covariate_age_s),
+                None => MonitorStep::new(model, sha256, settings),
+            },
             models,
             diagnosis: Diagnosis::open(context, config)?,
-            health: context.ros.as_ref().map(|node| node.diagnostics(&context.machine.machine.name)).transpose()?,
+            health: context.ros.as_ref().map(|node| node.diagnostics(&context.machine.machine.name)),
             reported: Instant::now(),
             told: HealthState::Unknown,
             warned: None,
             looked_for: None,
+            remarks: Remarks::default(),
         })
     }
 
     /// Takes what has come, waiting at most `patience` for it; gives what can be said about it.
-    fn take(
-        &mut self,
-        inputs: &mut Inputs,
-        patience: Duration,
-        summary: &mut NodeSummary,
-    ) -> Result<Vec<RangeResidual>, NodeError> {
+    fn take(&mut self, inputs: &mut Inputs, patience: Duration, summary: &mut NodeSummary) -> Vec<RangeResidual> {
         let mut residuals = Vec::new();
         if let Some((model, sha256)) = self.models.newest() {
             residuals.extend(self.step.learn(model, sha256));
         }
-        if let Some(sample) = take(inputs.corrected.as_mut(), patience, summary)? {
+        if let Some(sample) = take(inputs.corrected.as_mut(), patience, summary) {
             residuals.extend(self.step.corrected(&sample));
         }
         if let Some(scale) = &mut inputs.scale {
-            while let Some(reading) = take(scale.as_mut(), Duration::ZERO, summary)? {
+            while let Some(reading) = take(scale.as_mut(), Duration::ZERO, summary) {
                 self.diagnosis.scale(&reading);
+                residuals.extend(self.step.scale(&reading));
             }
         }
-        while let Some(reading) = take(inputs.tracer.as_mut(), Duration::ZERO, summary)? {
+        while let Some(reading) = take(inputs.tracer.as_mut(), Duration::ZERO, summary) {
             self.diagnosis.tracer(&reading);
             residuals.extend(self.step.tracer(&reading));
         }
@@ -126,13 +142,13 @@ impl Monitor {
             self.looked_for = self.step.awaited_model();
             self.models.look_now();
         }
-        Ok(residuals)
+        residuals
     }
 
     /// Looks after diagnoses and tells the health, at once when there is news.
-    fn attend(&mut self) -> Result<(), NodeError> {
+    fn attend(&mut self, inputs: &Inputs, summary: &NodeSummary) -> Result<(), NodeError> {
         let now = self.step.health();
-        let news = self.diagnosis.attend(&now)?;
+        let news = self.diagnosis.attend(&now);
         let spell = now.unsound.map(|unsound| unsound.since);
         if now.state == HealthState::Degraded && self.warned != spell {
             self.warned = spell;
@@ -142,8 +158,9 @@ impl Monitor {
             return Ok(());
         }
         (self.told, self.reported) = (now.state, Instant::now());
+        self.remarks.report(self.health.as_ref(), summary, &inputs.remarkable(&self.step))?;
         let Some(health) = &self.health else { return Ok(()) };
-        report(health, &now, self.diagnosis.advice())?;
+        report(health, &now, self.diagnosis.advice(), self.step.lacking())?;
         self.models.report(health, now.model_sha256)?;
         self.diagnosis.report(health, &now)
     }
@@ -152,12 +169,10 @@ impl Monitor {
 fn give(
     publisher: Option<&mut (dyn Publish<RangeResidual> + 'static)>,
     residuals: &[RangeResidual],
-) -> Result<u64, TransportError> {
-    let Some(publisher) = publisher else { return Ok(0) };
-    for residual in residuals {
-        publisher.send(residual)?;
-    }
-    Ok(residuals.len() as u64)
+    summary: &mut NodeSummary,
+) {
+    let Some(publisher) = publisher else { return };
+    residuals.iter().for_each(|residual| send(publisher, residual, summary));
 }
 
 fn figures(summary: &mut NodeSummary, health: &Health) {
@@ -171,13 +186,16 @@ fn figures(summary: &mut NodeSummary, health: &Health) {
     }
 }
 
-fn report(diagnostics: &Diagnostics, health: &Health, advice: &str) -> Result<(), NodeError> {
-    let (level, message) = match health.state {
-        HealthState::Unknown => (DiagnosticStatus::OK, "too few range residuals to judge the model".to_owned()),
-        HealthState::Consistent => {
+fn report(diagnostics: &Diagnostics, health: &Health, advice: &str, lacking: Option<&str>) -> Result<(), NodeError> {
+    let (level, message) = match (health.state, lacking) {
+        (HealthState::Unknown, Some(lacking)) => {
+            (DiagnosticStatus::WARN, format!("nothing tells whether the model holds: {lacking}"))
+        }
+        (HealthState::Unknown, None) => (DiagnosticStatus::OK, "too few range residuals to judge the model".to_owned()),
+        (HealthState::Consistent, _) => {
             (DiagnosticStatus::OK, "range residuals are as large as their uncertainties say".to_owned())
         }
-        HealthState::Degraded => (DiagnosticStatus::WARN, format!("{DEGRADED}; {advice}")),
+        (HealthState::Degraded, _) => (DiagnosticStatus::WARN, format!("{DEGRADED}; {advice}")),
     };
     let optional = |value: Option<f64>, scale: f64| value.map_or("unknown".to_owned(), |v| format!("{:.3}", v * scale));
     let figures = [
@@ -186,6 +204,7 @@ fn report(diagnostics: &Diagnostics, health: &Health, advice: &str) -> Result<()
         ("rms residual (um)", optional(health.rms_m, 1e6)),
         ("out of bounds", health.out_of_bounds.to_string()),
         ("not predicted", health.unpredicted.to_string()),
+        ("lacking for a prediction", lacking.unwrap_or("nothing").to_owned()),
     ];
     diagnostics.report("range residual", level, &message, figures)?;
     Ok(())

@@ -1,35 +1,53 @@
 //! The recorder node: every topic it has an edge from, into one rosbag2-readable bag.
 //!
 //! Place in the flow: beside the correcting path. The log time of a message is its stamp, so a recording says when
-//! things were measured and replay depends on nothing else.
+//! things were measured and replay depends on nothing else. A sample that no bag can hold (stamped before 1970: log times
+//! are unsigned) is left out, counted and told; it never ends the node. Nor does a disk that is full or fails.
 
+use super::recording::{Record, Recording, Status};
+use super::traffic::Trouble;
 use super::{LOOK_UP, NodeContext, NodeError, NodeSummary, take};
 use crate::launch::NodeName;
 use crate::record::log_time_ns;
-use abbe_msgs::bag::BagWriter;
-use abbe_msgs::{CorrectedCoordinates, Message, RangeResidual, ScaleReading, TracerReading};
+use abbe_msgs::standard::DiagnosticStatus;
+use abbe_msgs::{CorrectedCoordinates, Message, RangeResidual, ScaleReading, TracerReading, cdr};
 use abbe_runtime::Subscribe;
-use std::time::Duration;
+use abbe_runtime::ros::Diagnostics;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+/// How often the node reports its health.
+const REPORT_EVERY: Duration = Duration::from_secs(1);
 
 pub(super) fn run(context: &NodeContext) -> Result<NodeSummary, NodeError> {
     let part = "a bag to record to";
-    let path = context.launch.record.as_ref().ok_or(NodeError::Incomplete { node: context.name.name(), part })?;
-    let mut writer = BagWriter::create(context.base.join(path))?;
+    let config = context.launch.record.as_ref().ok_or(NodeError::Incomplete { node: context.name.name(), part })?;
+    let path = context.of_this_life(&context.base.join(&config.bag));
+    let recording = Recording::start(&path, config)?.map_err(NodeError::Thread)?;
+    let health = context.ros.as_ref().map(|node| node.diagnostics(&context.machine.machine.name));
     let mut summary = NodeSummary { node: context.name.name().to_owned(), ..NodeSummary::default() };
+    let mut tape = Tape { recording, refused: 0 };
     let mut scale = Track::<ScaleReading>::open(context, NodeName::Scale)?;
     let mut tracer = Track::<TracerReading>::open(context, NodeName::Tracer)?;
     let mut geometric = Track::<CorrectedCoordinates>::open(context, NodeName::Geometric)?;
     let mut residual = Track::<CorrectedCoordinates>::open(context, NodeName::Residual)?;
     let mut monitor = Track::<RangeResidual>::open(context, NodeName::Monitor)?;
+    let mut reported = Instant::now();
     loop {
         let stopping = context.shutdown.requested();
-        let before = summary.received;
-        scale.drain(&mut writer, &mut summary)?;
-        tracer.drain(&mut writer, &mut summary)?;
-        geometric.drain(&mut writer, &mut summary)?;
-        residual.drain(&mut writer, &mut summary)?;
-        monitor.drain(&mut writer, &mut summary)?;
-        if summary.received == before {
+        let before = (summary.received, summary.malformed);
+        scale.drain(&mut tape, &mut summary);
+        tracer.drain(&mut tape, &mut summary);
+        geometric.drain(&mut tape, &mut summary);
+        residual.drain(&mut tape, &mut summary);
+        monitor.drain(&mut tape, &mut summary);
+        if let Some(health) = health.as_ref().filter(|_| reported.elapsed() >= REPORT_EVERY) {
+            reported = Instant::now();
+            if let Err(error) = report(health, &tape.recording.status(), tape.refused) {
+                summary.troubles.note(Trouble::Reporting, error);
+            }
+        }
+        if (summary.received, summary.malformed) == before {
             if stopping {
                 break;
             }
@@ -37,13 +55,45 @@ pub(super) fn run(context: &NodeContext) -> Result<NodeSummary, NodeError> {
         }
     }
     summary.lost = scale.lost() + tracer.lost() + geometric.lost() + residual.lost() + monitor.lost();
-    writer.finish()?;
+    let Tape { recording, refused } = tape;
+    let status = recording.finish()?;
+    (summary.sent, summary.dropped) = (status.recorded, status.unrecorded);
+    let figures = [
+        ("stamps_refused", refused as f64),
+        ("files", status.files as f64),
+        ("longest_sync_ms", status.longest_sync.as_secs_f64() * 1e3),
+    ];
+    summary.figures.extend(figures.map(|(name, value)| (name.to_owned(), value)));
     Ok(summary)
+}
+
+/// Where samples go, and how many could not.
+struct Tape {
+    recording: Recording,
+    refused: u64,
+}
+
+impl Tape {
+    fn record<M: Message>(&mut self, topic: &Arc<str>, sample: &M) {
+        let encoded = log_time_ns(sample).map_err(|error| error.to_string()).and_then(|log_time_ns| {
+            let cdr = cdr::encode(&sample.to_ros()).map_err(|error| error.to_string())?;
+            Ok(Record { topic: Arc::clone(topic), ros_type: M::ROS_TYPE, cdr, log_time_ns })
+        });
+        match encoded {
+            Ok(record) => self.recording.push(record),
+            Err(reason) => {
+                self.refused += 1;
+                if self.refused.is_power_of_two() {
+                    tracing::warn!(topic = &**topic, refused = self.refused, "sample is not recorded: {reason}");
+                }
+            }
+        }
+    }
 }
 
 /// One recorded topic.
 struct Track<M: Message> {
-    topic: String,
+    topic: Arc<str>,
     subscriber: Option<Box<dyn Subscribe<M>>>,
 }
 
@@ -52,19 +102,40 @@ impl<M: Message> Track<M> {
         let topic = format!("/{}/{}", context.launch.namespace.trim_matches('/'), from.topic().unwrap_or_default());
         let recorded = context.launch.takes_over(context.name.name(), from).is_some();
         let subscriber = if recorded { Some(context.subscriber(from)?) } else { None };
-        Ok(Track { topic, subscriber })
+        Ok(Track { topic: topic.into(), subscriber })
     }
 
-    fn drain(&mut self, writer: &mut BagWriter, summary: &mut NodeSummary) -> Result<(), NodeError> {
-        let Some(subscriber) = self.subscriber.as_mut() else { return Ok(()) };
-        while let Some(sample) = take(subscriber.as_mut(), Duration::ZERO, summary)? {
-            writer.write(&self.topic, &sample, log_time_ns(&sample)?)?;
-            summary.sent += 1;
+    fn drain(&mut self, tape: &mut Tape, summary: &mut NodeSummary) {
+        let Some(subscriber) = self.subscriber.as_mut() else { return };
+        while let Some(sample) = take(subscriber.as_mut(), Duration::ZERO, summary) {
+            tape.record(&self.topic, &sample);
         }
-        Ok(())
     }
 
     fn lost(&self) -> u64 {
         self.subscriber.as_ref().map_or(0, |s| s.lost())
     }
+}
+
+fn report(health: &Diagnostics, status: &Status, refused: u64) -> Result<(), NodeError> {
+    let (level, message) = match &status.stopped {
+        Some(reason) => (DiagnosticStatus::ERROR, format!("recording has stopped: {reason}")),
+        None if status.is_low => (DiagnosticStatus::WARN, "little space is left, recording stops soon".to_owned()),
+        None if status.unrecorded > 0 => (DiagnosticStatus::WARN, "the disk is too slow for what comes".to_owned()),
+        None if refused > 0 => {
+            (DiagnosticStatus::WARN, "samples with stamps that no bag can hold are not recorded".to_owned())
+        }
+        None => (DiagnosticStatus::OK, "recording".to_owned()),
+    };
+    let free = status.free_bytes.map_or("unknown".to_owned(), |bytes| (bytes >> 20).to_string());
+    let figures = [
+        ("recorded", status.recorded.to_string()),
+        ("not recorded", status.unrecorded.to_string()),
+        ("stamps refused", refused.to_string()),
+        ("files", status.files.to_string()),
+        ("free (MiB)", free),
+        ("longest wait for the disk (ms)", format!("{:.1}", status.longest_sync.as_secs_f64() * 1e3)),
+    ];
+    health.report("recording", level, &message, figures)?;
+    Ok(())
 }

@@ -3,43 +3,25 @@
 //! Place in the flow: the start of the graph. A recording is played at a fixed rate or with its own timing; stamps
 //! stay those of the recording.
 
+use super::traffic::{Trouble, send};
 use super::{NodeContext, NodeError, NodeSummary};
 use crate::driver::{self, DriverError};
 use crate::launch::{Pace, Source};
 use crate::topics;
-use abbe_msgs::standard::JointState;
 use abbe_msgs::{Message, ScaleReading, Stamp, TracerReading};
 use abbe_runtime::Shutdown;
-use abbe_runtime::ros::{self, QueuedPublisher};
-use std::num::NonZeroUsize;
 use std::time::{Duration, Instant};
-
-/// Standard messages waiting to be published.
-const QUEUE: NonZeroUsize = NonZeroUsize::MIN.saturating_add(1023);
 
 pub(super) fn scale(context: &NodeContext) -> Result<NodeSummary, NodeError> {
     let source = source(context, context.launch.scale.as_ref())?;
     let mut driver = driver::open_scale(&source.driver, &context.base, &context.machine)?;
-    let joints: Option<QueuedPublisher<JointState>> = match &context.ros {
-        Some(node) => Some(node.publisher(topics::JOINT_STATE, &ros::stream_qos(QUEUE), QUEUE)?),
-        None => None,
-    };
-    play::<ScaleReading>(
-        context,
-        source.pace,
-        || driver.next_reading(),
-        |reading| {
-            if let Some(publisher) = &joints {
-                publisher.publish(JointState::from_scales(reading, ["x", "y", "z"]));
-            }
-        },
-    )
+    play::<ScaleReading>(context, source.pace, &[topics::JOINT_STATE], || driver.next_reading())
 }
 
 pub(super) fn tracer(context: &NodeContext) -> Result<NodeSummary, NodeError> {
     let source = source(context, context.launch.tracer.as_ref())?;
     let mut driver = driver::open_tracer(&source.driver, &context.base, &context.machine)?;
-    play::<TracerReading>(context, source.pace, || driver.next_reading(), |_| {})
+    play::<TracerReading>(context, source.pace, &[], || driver.next_reading())
 }
 
 fn source<'a>(context: &NodeContext, source: Option<&'a Source>) -> Result<&'a Source, NodeError> {
@@ -49,20 +31,24 @@ fn source<'a>(context: &NodeContext, source: Option<&'a Source>) -> Result<&'a S
 fn play<M: Message>(
     context: &NodeContext,
     pace: Pace,
+    companions: &[&str],
     mut next: impl FnMut() -> Result<Option<M>, DriverError>,
-    beside: impl Fn(&M),
 ) -> Result<NodeSummary, NodeError> {
     let mut summary = NodeSummary { node: context.name.name().to_owned(), ..NodeSummary::default() };
-    let mut publisher = context.publisher::<M>()?;
+    let mut publisher = context.publisher_with::<M>(companions)?;
     let mut schedule: Option<Schedule> = None;
-    while let Some(sample) = next()? {
+    let mut given = 0;
+    loop {
+        let Some(sample) = usable(&mut next, &mut summary)? else {
+            summary.recording_ended = true;
+            break;
+        };
         let schedule = schedule.get_or_insert_with(|| Schedule::new(pace, sample.stamp()));
-        if schedule.wait_for(summary.sent, sample.stamp(), &context.shutdown) {
+        if schedule.wait_for(given, sample.stamp(), &context.shutdown) {
             break;
         }
-        publisher.send(&sample)?;
-        beside(&sample);
-        summary.sent += 1;
+        send(publisher.as_mut(), &sample, &mut summary);
+        given += 1;
     }
     if let Some(schedule) = &schedule {
         summary.figures.insert(STARTED.to_owned(), schedule.started_s);
@@ -70,6 +56,22 @@ fn play<M: Message>(
     summary.dropped = publisher.dropped();
     linger(context);
     Ok(summary)
+}
+
+/// The next reading that can be a sample; one that cannot is told and passed over.
+fn usable<M>(
+    next: &mut impl FnMut() -> Result<Option<M>, DriverError>,
+    summary: &mut NodeSummary,
+) -> Result<Option<M>, DriverError> {
+    loop {
+        match next() {
+            Err(error) if error.is_of_one_reading() => {
+                summary.malformed += 1;
+                summary.troubles.note(Trouble::Malformed, error);
+            }
+            other => return other,
+        }
+    }
 }
 
 /// Gives what is queued the time to leave before the publisher goes.

@@ -2,7 +2,8 @@
 //!
 //! Place in the flow: wraps [`abbe_geometry::correct::correct`], the one correcting function, between the message
 //! types. Every reading gives exactly one output with the same stamp and sequence; what could not be corrected
-//! says so in its status.
+//! says so in its status. A reading in another frame than the model's machine is of another machine, and one that names
+//! no frame may be: neither is corrected.
 
 use abbe_geometry::correct::{Correction, Status, correct};
 use abbe_geometry::effects::{CovariateSource, CovariateValue, State};
@@ -10,18 +11,26 @@ use abbe_geometry::model::MachineModel;
 use abbe_msgs::{CorrectedCoordinates, CorrectionStatus, Covariates, ScaleReading, Sha256};
 use std::sync::Arc;
 
+/// How far a covariate may be from after the instant of latching (s): clocks that are kept together agree to that.
+const CLOCK_TOLERANCE_S: f64 = 1e-3;
+
+/// Whether a covariate of this age may be used. One from the future has an age that nobody knows.
+pub(super) fn is_fresh(age_s: f64, max_age_s: f64) -> bool {
+    (-CLOCK_TOLERANCE_S..=max_age_s).contains(&age_s)
+}
+
 /// Covariates of a sample, with the age from which they are stale.
-struct SampleCovariates<'a> {
-    table: &'a Covariates,
-    max_age_s: f64,
+pub(super) struct SampleCovariates<'a> {
+    pub(super) table: &'a Covariates,
+    pub(super) max_age_s: f64,
 }
 
 impl CovariateSource for SampleCovariates<'_> {
     fn covariate(&self, name: &str) -> CovariateValue {
         match self.table.get(name) {
             None => CovariateValue::Missing,
-            Some(entry) if entry.age_s > self.max_age_s => CovariateValue::Stale,
-            Some(entry) => CovariateValue::Fresh(entry.value),
+            Some(entry) if is_fresh(entry.age_s, self.max_age_s) => CovariateValue::Fresh(entry.value),
+            Some(_) => CovariateValue::Stale,
         }
     }
 }
@@ -54,6 +63,9 @@ impl GeometricStep {
         let Some((model, sha256)) = &self.model else {
             return uncorrected(reading, CorrectionStatus::NoModel, Sha256::NONE);
         };
+        if reading.frame_id.as_str() != model.parts().machine.frame_id {
+            return uncorrected(reading, CorrectionStatus::OtherFrame, *sha256);
+        }
         let covariates = SampleCovariates { table: &reading.covariates, max_age_s: self.max_covariate_age_s };
         let state = State { reading_m: reading.reading_m, offset_m: reading.offset_m, covariates: &covariates };
         let correction = correct(model, &state);

@@ -84,7 +84,10 @@ impl Tally {
         Tally { since, count: 0, squares: 0.0 }
     }
 
-    fn add(&mut self, square: f64) {
+    /// Adds a square. A clock that was set back makes the readings from then on the earlier ones: `since` goes with it,
+    /// or they would count as from before the state.
+    fn add(&mut self, stamp: Stamp, square: f64) {
+        self.since = self.since.min(stamp);
         self.count += 1;
         self.squares += square;
     }
@@ -136,8 +139,8 @@ impl Window {
             if recent.squares <= recent.count as f64 * limit {
                 spell.recent = Tally::new(stamp);
             }
-            spell.all.add(square);
-            spell.recent.add(square);
+            spell.all.add(stamp, square);
+            spell.recent.add(stamp, square);
         }
     }
 
@@ -227,6 +230,14 @@ mod tests {
         assert!(since_s(&window).unwrap() < 104.0);
         push(&mut window, 180..240, 3.0);
         assert_eq!((since_s(&window), window.unsound().unwrap().state), (Some(180.0), HealthState::Degraded));
+    }
+
+    #[test]
+    fn regress_a_clock_set_back_in_a_state_does_not_leave_its_readings_out() {
+        let mut window = Window::new(50);
+        push(&mut window, 10_000..10_060, 5.0);
+        push(&mut window, 6_400..6_500, 5.0);
+        assert_eq!(since_s(&window), Some(6_400.0));
     }
 
     #[test]

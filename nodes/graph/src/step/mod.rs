@@ -3,15 +3,18 @@
 //! Place in the flow: called by [`crate::node`] live and by [`crate::replay`] on a recording, so that both give the
 //! same bytes.
 
+mod asked;
 mod geometric;
 mod health;
 mod monitor;
 mod pairs;
 mod readings;
 mod residual;
+mod stream;
 
 pub use geometric::GeometricStep;
 pub use health::{Health, HealthState, Unsound};
 pub use monitor::{MonitorSettings, MonitorStep};
 pub use readings::{KEPT_READINGS, ReadingBuffer};
 pub use residual::{OwnedField, ResidualStep};
+pub use stream::{Mark, REMARKED_STEP_S, StreamCounts, StreamWatch, Verdict};

@@ -3,21 +3,29 @@
 //! Place in the flow: takes corrected coordinates and tracer readings of the same instants in any order of
 //! arrival; gives one range residual a tracer reading and a running verdict. Instants are matched by stamp within
 //! a tolerance, so replay gives what live gave. A sample is judged by the model that it names: its stations and its
-//! covariance, and no other's.
+//! covariance, and no other's. What effects of that model read (temperatures, the time since the campaign began) comes
+//! with the scale reading of the sample; where it does not, nothing is predicted, and that is said. Nothing is predicted
+//! either from samples of another frame, of several publishers, or whose stamp does not follow: an instant is all that joins
+//! the two streams.
 
+use super::asked::{Asked, Scales};
 use super::health::{Health, Window};
 use super::pairs::Pairs;
-use abbe_geometry::correct::predicted_length_m;
+use super::stream::{Mark, StationWatch, StreamCounts, StreamWatch, Verdict};
+use abbe_geometry::effects::{CovariateSource, NoCovariates, State};
 use abbe_geometry::model::MachineModel;
+use abbe_geometry::predict::{Sighted, Unpredictable, predicted_length};
 use abbe_geometry::{Matrix3, Vector3};
-use abbe_msgs::{CorrectedCoordinates, RangeResidual, ResidualStatus, Sha256, TracerReading};
+use abbe_msgs::{
+    CorrectedCoordinates, CorrectionStatus, RangeResidual, ResidualStatus, ScaleReading, Sha256, TracerReading,
+};
 use std::collections::VecDeque;
 use std::sync::Arc;
 
 /// Models kept for samples that come late: the newest, and those it replaced.
 const KEPT_MODELS: usize = 3;
-/// Pairs kept while the model that their sample names is awaited: 4 s at 1 kHz.
-const AWAITING_MODEL: usize = 4096;
+/// Pairs kept while the model that their sample names, or its scale reading, is awaited: 4 s at 1 kHz.
+const AWAITING: usize = 4096;
 
 /// What the monitor judges by.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -30,13 +38,39 @@ pub struct MonitorSettings {
     pub match_within_s: f64,
 }
 
+/// A corrected sample and the tracer reading of its instant.
+type Pair = (CorrectedCoordinates, TracerReading);
+
+/// A model, and what it asks of a sample.
+#[derive(Clone)]
+struct Known {
+    model: Arc<MachineModel>,
+    sha256: Sha256,
+    asked: Arc<Asked>,
+}
+
+impl Known {
+    fn new(model: Arc<MachineModel>, sha256: Sha256) -> Known {
+        Known { asked: Arc::new(Asked::by(&model)), model, sha256 }
+    }
+}
+
 /// Matches and compares.
 pub struct MonitorStep {
     /// The newest last.
-    models: VecDeque<(Arc<MachineModel>, Sha256)>,
+    models: VecDeque<Known>,
     settings: MonitorSettings,
+    frame_id: String,
+    corrected: StreamWatch,
+    tracers: StationWatch,
+    foreign: Foreign,
     pairs: Pairs<CorrectedCoordinates>,
-    awaiting_model: VecDeque<(CorrectedCoordinates, TracerReading)>,
+    /// Nothing where the scale readings do not come here.
+    scales: Option<Scales>,
+    awaiting_model: VecDeque<Pair>,
+    awaiting_scales: VecDeque<Pair>,
+    /// Why the latest reading that lacked something was not predicted.
+    lacking: Option<String>,
     /// Model of the latest corrected sample: the window is about it.
     in_use: Sha256,
     window: Window,
@@ -44,14 +78,28 @@ pub struct MonitorStep {
     unpredicted: u64,
 }
 
+/// Samples of another frame.
+#[derive(Default)]
+struct Foreign {
+    corrected: u64,
+    tracer: u64,
+}
+
 impl MonitorStep {
     /// A monitor that knows this model.
     pub fn new(model: Arc<MachineModel>, sha256: Sha256, settings: MonitorSettings) -> MonitorStep {
         MonitorStep {
-            models: VecDeque::from([(model, sha256)]),
+            frame_id: model.parts().machine.frame_id.clone(),
+            corrected: StreamWatch::default(),
+            tracers: StationWatch::default(),
+            foreign: Foreign::default(),
+            models: VecDeque::from([Known::new(model, sha256)]),
             settings,
             pairs: Pairs::new(settings.match_within_s),
+            scales: None,
             awaiting_model: VecDeque::new(),
+            awaiting_scales: VecDeque::new(),
+            lacking: None,
             in_use: sha256,
             window: Window::new(settings.window),
             out_of_bounds: 0,
@@ -59,11 +107,16 @@ impl MonitorStep {
         }
     }
 
+    /// The same with scale readings, whose covariates older than `max_covariate_age_s` (s) are stale.
+    pub fn with_scales(self, max_covariate_age_s: f64) -> MonitorStep {
+        MonitorStep { scales: Some(Scales::new(max_covariate_age_s)), ..self }
+    }
+
     /// Makes a further model known; gives the residuals of pairs that awaited it. It is in use from the first
     /// corrected sample that names it.
     pub fn learn(&mut self, model: Arc<MachineModel>, sha256: Sha256) -> Vec<RangeResidual> {
-        self.models.retain(|(_, known)| *known != sha256);
-        self.models.push_back((model, sha256));
+        self.models.retain(|known| known.sha256 != sha256);
+        self.models.push_back(Known::new(model, sha256));
         if self.models.len() > KEPT_MODELS {
             self.models.pop_front();
         }
@@ -71,7 +124,25 @@ impl MonitorStep {
         let (ready, awaiting): (VecDeque<_>, _) =
             awaiting.into_iter().partition(|(sample, _)| sample.model_sha256 == sha256);
         self.awaiting_model = awaiting;
+        ready.iter().filter_map(|(sample, reading)| self.pair(sample, reading)).collect()
+    }
+
+    /// Takes a scale reading; gives the residuals of pairs that awaited it, or one that was lost before it.
+    pub fn scale(&mut self, reading: &ScaleReading) -> Vec<RangeResidual> {
+        // The geometric node answers one of another frame; here it would stand for this machine's.
+        let is_own = reading.frame_id.as_str() == self.frame_id;
+        let Some(scales) = self.scales.as_mut().filter(|_| is_own) else { return Vec::new() };
+        scales.keep(reading);
+        let awaiting = std::mem::take(&mut self.awaiting_scales);
+        let (ready, awaiting): (VecDeque<_>, _) =
+            awaiting.into_iter().partition(|(sample, _)| !scales.may_come(sample));
+        self.awaiting_scales = awaiting;
         ready.iter().map(|(sample, reading)| self.compare(sample, reading)).collect()
+    }
+
+    /// Why the latest reading that lacked something was not predicted; `None` while none did.
+    pub fn lacking(&self) -> Option<&str> {
+        self.lacking.as_deref()
     }
 
     /// Model that samples name and that is not known; `None` when there is none.
@@ -81,7 +152,14 @@ impl MonitorStep {
 
     /// Takes a corrected sample; gives the residuals of tracer readings that waited for it.
     pub fn corrected(&mut self, sample: &CorrectedCoordinates) -> Vec<RangeResidual> {
-        if !sample.model_sha256.is_none() && sample.model_sha256 != self.in_use {
+        if sample.frame_id.as_str() != self.frame_id {
+            self.foreign.corrected += 1;
+            return Vec::new();
+        }
+        let sample = &self.corrected.look(Mark::from(sample)).apply(*sample);
+        // Of several correctors none is the one in use.
+        let is_one = sample.status != CorrectionStatus::SeveralSources;
+        if is_one && !sample.model_sha256.is_none() && sample.model_sha256 != self.in_use {
             self.in_use = sample.model_sha256;
             self.window = Window::new(self.settings.window);
         }
@@ -92,13 +170,36 @@ impl MonitorStep {
     /// Takes a tracer reading; gives its residual if the corrected sample of that instant is there already. Where that
     /// sample's model is awaited, gives the residual that it has to give up for it, if any.
     pub fn tracer(&mut self, reading: &TracerReading) -> Option<RangeResidual> {
+        let refused = if reading.frame_id.as_str() != self.frame_id {
+            self.foreign.tracer += 1;
+            Some(ResidualStatus::OtherFrame)
+        } else {
+            match self.tracers.look(reading) {
+                Verdict::InOrder => None,
+                Verdict::OutOfOrder => Some(ResidualStatus::OutOfOrder),
+                Verdict::SeveralSources => Some(ResidualStatus::SeveralSources),
+            }
+        };
+        if let Some(status) = refused {
+            return Some(self.unpredicted(reading, Sha256::NONE, status));
+        }
         let sample = self.pairs.reading(reading)?;
         self.pair(&sample, reading)
     }
 
-    /// At the end: what still awaits its model, as not corrected.
+    /// What was found of the corrected samples, and of the tracer readings.
+    pub fn streams(&self) -> [StreamCounts; 2] {
+        let Foreign { corrected, tracer } = self.foreign;
+        [
+            StreamCounts { other_frame: corrected, ..self.corrected.counts() },
+            StreamCounts { other_frame: tracer, ..self.tracers.counts() },
+        ]
+    }
+
+    /// At the end: what still awaits its model or its scale reading, as not predicted.
     pub fn give_up(&mut self) -> Vec<RangeResidual> {
-        let waiting = std::mem::take(&mut self.awaiting_model);
+        let mut waiting = std::mem::take(&mut self.awaiting_model);
+        waiting.append(&mut self.awaiting_scales);
         waiting.iter().map(|(sample, reading)| self.compare(sample, reading)).collect()
     }
 
@@ -116,57 +217,97 @@ impl MonitorStep {
         }
     }
 
-    /// Judges a pair, or keeps it until its model is known; the oldest that waits too long is told as not corrected.
+    /// Judges a pair, or keeps it until its model and its scale reading are there; the oldest that waits too long is told as
+    /// not predicted.
     fn pair(&mut self, sample: &CorrectedCoordinates, reading: &TracerReading) -> Option<RangeResidual> {
-        if !sample.corrected_valid || self.model(sample.model_sha256).is_some() {
-            return Some(self.compare(sample, reading));
-        }
-        self.awaiting_model.push_back((*sample, *reading));
-        if self.awaiting_model.len() <= AWAITING_MODEL {
+        let waiting = match self.model(sample.model_sha256) {
+            _ if !sample.corrected_valid => return Some(self.compare(sample, reading)),
+            None => &mut self.awaiting_model,
+            Some(known) => match &self.scales {
+                Some(scales) if known.asked.covariates && scales.may_come(sample) => &mut self.awaiting_scales,
+                _ => return Some(self.compare(sample, reading)),
+            },
+        };
+        waiting.push_back((*sample, *reading));
+        if waiting.len() <= AWAITING {
             return None;
         }
-        let (sample, reading) = self.awaiting_model.pop_front()?;
+        let (sample, reading) = waiting.pop_front()?;
         Some(self.compare(&sample, &reading))
     }
 
-    fn model(&self, sha256: Sha256) -> Option<Arc<MachineModel>> {
-        self.models.iter().find(|(_, known)| *known == sha256).map(|(model, _)| Arc::clone(model))
+    fn model(&self, sha256: Sha256) -> Option<Known> {
+        self.models.iter().find(|known| known.sha256 == sha256).cloned()
+    }
+
+    /// A tracer reading that nothing is predicted for, and why.
+    fn unpredicted(&mut self, reading: &TracerReading, model_sha256: Sha256, status: ResidualStatus) -> RangeResidual {
+        self.unpredicted += 1;
+        blank(reading, model_sha256, status)
     }
 
     fn compare(&mut self, sample: &CorrectedCoordinates, reading: &TracerReading) -> RangeResidual {
-        let mut residual = RangeResidual {
-            stamp: reading.stamp,
-            sequence: reading.sequence,
-            measured_length_m: reading.length_m,
-            predicted_length_m: 0.0,
-            residual_m: 0.0,
-            u_residual_m: 0.0,
-            model_sha256: sample.model_sha256,
-            frame_id: reading.frame_id,
-            station: reading.station,
-            residual_valid: false,
-            status: ResidualStatus::NotCorrected,
+        let known = self.model(sample.model_sha256).filter(|_| sample.corrected_valid);
+        let predicted = match (sample.status, &known) {
+            (CorrectionStatus::SeveralSources, _) => Err(ResidualStatus::SeveralSources),
+            (CorrectionStatus::OutOfOrder, _) => Err(ResidualStatus::OutOfOrder),
+            (_, Some(known)) => self.predict(known, sample, reading),
+            (_, None) => Err(ResidualStatus::NotCorrected),
         };
-        let model = self.model(sample.model_sha256).filter(|_| sample.corrected_valid);
-        let Some(model) = model else {
-            self.unpredicted += 1;
-            return residual;
+        match predicted {
+            Ok((predicted_m, u_model_m)) => {
+                let mut residual = blank(reading, sample.model_sha256, ResidualStatus::Consistent);
+                residual.predicted_length_m = predicted_m;
+                residual.residual_m = reading.length_m - predicted_m;
+                residual.u_residual_m = u_model_m.hypot(reading.u_length_m);
+                residual.residual_valid = true;
+                self.judge(&mut residual);
+                residual
+            }
+            Err(status) => self.unpredicted(reading, sample.model_sha256, status),
+        }
+    }
+
+    /// Length (m) and its standard uncertainty (m) without the instrument's, or the status that says why there is none.
+    fn predict(
+        &mut self,
+        known: &Known,
+        sample: &CorrectedCoordinates,
+        reading: &TracerReading,
+    ) -> Result<(f64, f64), ResidualStatus> {
+        let line = reading.line.as_str();
+        if known.asked.runs.iter().any(|run| run == line) {
+            self.lacking = Some(format!(
+                "the model holds line {line} of its campaign to be an outlying run, and a line of that name need not be \
+                 the same run; give runs names of their own"
+            ));
+            return Err(ResidualStatus::NotPredicted);
+        }
+        let covariates = self.scales.as_ref().and_then(|scales| scales.of(sample));
+        let source: &dyn CovariateSource = match &covariates {
+            Some(covariates) => covariates,
+            None => &NoCovariates,
         };
-        let position_m = Vector3::from(sample.corrected_m);
-        let covariance_m2 = Matrix3::from_row_slice(&sample.covariance_m2);
-        let CorrectedCoordinates { reading_m, offset_m, .. } = *sample;
-        let station = reading.station.as_str();
-        let predicted = predicted_length_m(&model, reading_m, offset_m, &position_m, &covariance_m2, station);
-        let Some((predicted_m, u_model_m)) = predicted else {
-            self.unpredicted += 1;
-            return RangeResidual { status: ResidualStatus::UnknownStation, ..residual };
+        let state = State { reading_m: sample.reading_m, offset_m: sample.offset_m, covariates: source };
+        let sighted = Sighted {
+            station: reading.station.as_str(),
+            line,
+            residual_m: Vector3::from(sample.residual_correction_m),
+            covariance_m2: Matrix3::from_row_slice(&sample.covariance_m2),
         };
-        residual.predicted_length_m = predicted_m;
-        residual.residual_m = reading.length_m - predicted_m;
-        residual.u_residual_m = u_model_m.hypot(reading.u_length_m);
-        residual.residual_valid = true;
-        self.judge(&mut residual);
-        residual
+        match predicted_length(&known.model, &state, &sighted) {
+            Ok(predicted) => Ok((predicted.length_m, predicted.u_m)),
+            Err(Unpredictable::Station(_)) => Err(ResidualStatus::UnknownStation),
+            Err(problem @ (Unpredictable::Covariate(_) | Unpredictable::NotFinite)) => {
+                let unseen = if self.scales.is_none() {
+                    "; no scale reading comes to the monitor: add an edge from scale to monitor"
+                } else {
+                    ""
+                };
+                self.lacking = Some(format!("{problem}{unseen}"));
+                Err(ResidualStatus::NotPredicted)
+            }
+        }
     }
 
     fn judge(&mut self, residual: &mut RangeResidual) {
@@ -177,5 +318,22 @@ impl MonitorStep {
         if residual.model_sha256 == self.in_use {
             self.window.push(residual.stamp, residual.residual_m, residual.u_residual_m);
         }
+    }
+}
+
+/// A residual of a tracer reading without figures.
+fn blank(reading: &TracerReading, model_sha256: Sha256, status: ResidualStatus) -> RangeResidual {
+    RangeResidual {
+        stamp: reading.stamp,
+        sequence: reading.sequence,
+        measured_length_m: reading.length_m,
+        predicted_length_m: 0.0,
+        residual_m: 0.0,
+        u_residual_m: 0.0,
+        model_sha256,
+        frame_id: reading.frame_id,
+        station: reading.station,
+        residual_valid: false,
+        status,
     }
 }

@@ -3,9 +3,13 @@
 //! Place in the flow: beside the monitor's step. Scale and tracer readings go in, in any order of arrival (m, machine
 //! frame; covariates in the unit of their name's suffix); a [`Campaign`] of all of them, or of those since an instant,
 //! comes out. It does not matter whether a model can predict a reading. Bounded: the oldest go, counted. A covariate
-//! that is stale at its reading is kept as missing, as it is for the correction.
+//! that is stale at its reading is kept as missing, as it is for the correction. Readings of another frame, of several
+//! tracers under one name, or whose stamp does not follow are not kept, counted.
 
+use super::geometric::is_fresh;
 use super::pairs::Pairs;
+use super::stream::{Mark, StationWatch, StreamWatch, Verdict};
+use abbe_identify::TIME;
 use abbe_measurement::campaign::{Campaign, Covariate, RangeReading};
 use abbe_msgs::{ScaleReading, Stamp, TracerReading};
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
@@ -47,6 +51,7 @@ impl Names {
 
 /// Keeps readings for a diagnosis.
 pub struct ReadingBuffer {
+    frame_id: String,
     max_covariate_age_s: f64,
     capacity: usize,
     pairs: Pairs<Latching>,
@@ -54,22 +59,30 @@ pub struct ReadingBuffer {
     stations: Names,
     lines: Names,
     covariates: Names,
-    /// Sequence of the last tracer reading of each station.
-    sequences: BTreeMap<usize, u64>,
+    /// Sequence and stamp of the last tracer reading of each station.
+    last: BTreeMap<usize, (u64, Stamp)>,
+    scales: StreamWatch,
+    tracers: StationWatch,
     dropped: u64,
     unusable: u64,
 }
 
 impl ReadingBuffer {
-    /// A buffer of [`KEPT_READINGS`]; stamps at most `match_within_s` (s) apart are one instant, covariates older than
-    /// `max_covariate_age_s` (s) are missing.
-    pub fn new(match_within_s: f64, max_covariate_age_s: f64) -> ReadingBuffer {
-        ReadingBuffer::with_capacity(match_within_s, max_covariate_age_s, KEPT_READINGS)
+    /// A buffer of [`KEPT_READINGS`] in the machine frame `frame_id`; stamps at most `match_within_s` (s) apart are one
+    /// instant, covariates older than `max_covariate_age_s` (s) are missing.
+    pub fn new(frame_id: &str, match_within_s: f64, max_covariate_age_s: f64) -> ReadingBuffer {
+        ReadingBuffer::with_capacity(frame_id, match_within_s, max_covariate_age_s, KEPT_READINGS)
     }
 
     /// The same with room for so many readings.
-    pub fn with_capacity(match_within_s: f64, max_covariate_age_s: f64, capacity: usize) -> ReadingBuffer {
+    pub fn with_capacity(
+        frame_id: &str,
+        match_within_s: f64,
+        max_covariate_age_s: f64,
+        capacity: usize,
+    ) -> ReadingBuffer {
         ReadingBuffer {
+            frame_id: frame_id.to_owned(),
             max_covariate_age_s,
             capacity,
             pairs: Pairs::new(match_within_s),
@@ -77,7 +90,9 @@ impl ReadingBuffer {
             stations: Names::default(),
             lines: Names::default(),
             covariates: Names::default(),
-            sequences: BTreeMap::new(),
+            last: BTreeMap::new(),
+            scales: StreamWatch::default(),
+            tracers: StationWatch::default(),
             dropped: 0,
             unusable: 0,
         }
@@ -85,7 +100,12 @@ impl ReadingBuffer {
 
     /// Takes a scale reading.
     pub fn scale(&mut self, reading: &ScaleReading) {
-        let fresh = reading.covariates.iter().filter(|covariate| covariate.age_s <= self.max_covariate_age_s);
+        if reading.frame_id.as_str() != self.frame_id
+            || self.scales.look(Mark::from(reading)) == Verdict::SeveralSources
+        {
+            return;
+        }
+        let fresh = reading.covariates.iter().filter(|entry| is_fresh(entry.age_s, self.max_covariate_age_s));
         let covariates = fresh.map(|covariate| (self.covariates.index(covariate.name.as_str()), covariate.value));
         let scales =
             Latching { reading_m: reading.reading_m, offset_m: reading.offset_m, covariates: covariates.collect() };
@@ -96,12 +116,28 @@ impl ReadingBuffer {
 
     /// Takes a tracer reading.
     pub fn tracer(&mut self, reading: &TracerReading) {
+        if reading.frame_id.as_str() != self.frame_id {
+            self.unusable += 1;
+            return;
+        }
+        let verdict = self.tracers.look(reading);
         let station = self.stations.index(reading.station.as_str());
-        if self.sequences.insert(station, reading.sequence).is_some_and(|before| reading.sequence <= before) {
-            // The tracer has started again, and its lengths count from a new zero.
+        if let Some((sequence, stamp)) = self.last.insert(station, (reading.sequence, reading.stamp)) {
             let before = self.kept.len();
-            self.kept.retain(|kept| kept.station != station);
+            if reading.sequence < sequence {
+                // The tracer has started again, and its lengths count from a new zero. One that does not count at all
+                // says nothing about that.
+                self.kept.retain(|kept| kept.station != station);
+            }
+            if reading.stamp < stamp {
+                // The clock was set back: what it comes to again is another instant than the one that is kept.
+                self.kept.retain(|kept| kept.stamp < reading.stamp);
+            }
             self.dropped += (before - self.kept.len()) as u64;
+        }
+        if verdict != Verdict::InOrder {
+            self.unusable += 1;
+            return;
         }
         if let Some(scales) = self.pairs.reading(reading) {
             self.keep(reading, scales);
@@ -118,12 +154,13 @@ impl ReadingBuffer {
         self.kept.is_empty()
     }
 
-    /// Readings given up for newer ones, or because their tracer started again.
+    /// Readings given up for newer ones, because their tracer started again, or because the clock was set back.
     pub fn dropped(&self) -> u64 {
         self.dropped
     }
 
-    /// Tracer readings without scale readings of their instant, or with such that are no numbers.
+    /// Tracer readings without scale readings of their instant, with such that are no numbers, of another frame, of several
+    /// tracers under one name, or whose stamp does not follow.
     pub fn unusable(&self) -> u64 {
         self.unusable + self.pairs.alone()
     }
@@ -144,10 +181,9 @@ impl ReadingBuffer {
         rows.retain(|kept| instants.insert((kept.station, kept.stamp)));
         let mut campaign = Campaign::default();
         let (mut stations, mut lines) = (BTreeMap::new(), Lines::default());
-        let start_ns = rows.first().map_or(0, |kept| kept.stamp.to_nanos());
         let used: BTreeSet<usize> =
             rows.iter().flat_map(|kept| kept.scales.covariates.iter().map(|(k, _)| *k)).collect();
-        for kept in &rows {
+        for (kept, time_s) in rows.iter().zip(self.times_s(&rows)) {
             let name = &self.stations.0[kept.station];
             let station = *stations.entry(kept.station).or_insert_with(|| {
                 campaign.stations.push(name.clone());
@@ -157,15 +193,30 @@ impl ReadingBuffer {
             campaign.readings.push(RangeReading {
                 station,
                 line,
-                time_s: (kept.stamp.to_nanos() - start_ns) as f64 * 1e-9,
+                time_s,
                 reading_m: kept.scales.reading_m,
                 offset_m: kept.scales.offset_m,
                 length_m: kept.length_m,
             });
         }
         campaign.lines = lines.names;
-        campaign.covariates = used.into_iter().map(|k| self.covariate(k, &rows)).collect();
+        let logged = used.into_iter().filter(|k| self.covariates.0[*k] != TIME);
+        campaign.covariates = logged.map(|k| self.covariate(k, &rows)).collect();
         campaign
+    }
+
+    /// Time of each row (s since the campaign began). Effects read it from live samples as the covariate `time_s`: where all
+    /// of these carry it and it goes on at every station, it is the campaign's time too, or a model made from the campaign
+    /// would correct the same samples by another clock. Else it is the time since the first stamp.
+    fn times_s(&self, rows: &[&Kept]) -> Vec<f64> {
+        let start_ns = rows.first().map_or(0, |kept| kept.stamp.to_nanos());
+        let by_stamp = || rows.iter().map(|kept| (kept.stamp.to_nanos() - start_ns) as f64 / 1e9).collect();
+        let Some(clock) = self.covariates.0.iter().position(|name| name == TIME) else { return by_stamp() };
+        let told: Option<Vec<f64>> = self.covariate(clock, rows).values.into_iter().collect();
+        let mut latest: BTreeMap<usize, f64> = BTreeMap::new();
+        let mut goes_on =
+            |(kept, time_s): (&&Kept, &f64)| latest.insert(kept.station, *time_s).is_none_or(|before| before < *time_s);
+        told.filter(|told| rows.iter().zip(told).all(&mut goes_on)).unwrap_or_else(by_stamp)
     }
 
     fn covariate(&self, index: usize, rows: &[&Kept]) -> Covariate {
@@ -218,11 +269,14 @@ mod tests {
     use super::*;
     use abbe_msgs::Text;
 
+    const FRAME: &str = "machine";
+
     fn scale(millis: i64, offset_z_m: f64) -> ScaleReading {
         let mut reading = ScaleReading {
             stamp: Stamp::from_nanos(millis * 1_000_000).unwrap(),
             reading_m: [millis as f64 * 1e-3, 0.2, 0.3],
             offset_m: [0.0, 0.0, offset_z_m],
+            frame_id: Text::new(FRAME).unwrap(),
             ..ScaleReading::default()
         };
         reading.covariates.push("temp_scale_x_c", 20.0 + millis as f64, 0.5).unwrap();
@@ -239,12 +293,13 @@ mod tests {
             length_m: millis as f64,
             station: Text::new(station).unwrap(),
             line: Text::new(line).unwrap(),
+            frame_id: Text::new(FRAME).unwrap(),
             ..TracerReading::default()
         }
     }
 
     fn buffer() -> ReadingBuffer {
-        ReadingBuffer::with_capacity(0.0002, 1.0, 6)
+        ReadingBuffer::with_capacity(FRAME, 0.0002, 1.0, 6)
     }
 
     #[test]
@@ -262,6 +317,26 @@ mod tests {
         let [temperature, load] = &campaign.covariates[..] else { panic!("{:?}", campaign.covariates) };
         assert_eq!(temperature.values, [Some(21.0), Some(22.0), Some(23.0), Some(24.0)]);
         assert_eq!(load.values, [None, Some(7.0), None, Some(7.0)]);
+    }
+
+    #[test]
+    fn regress_the_clock_that_samples_carry_is_that_of_the_campaign() {
+        let times = |told: &[Option<f64>]| {
+            let mut buffer = buffer();
+            for (millis, time_s) in (1..).zip(told) {
+                let mut scale = scale(millis, -0.1);
+                time_s.iter().for_each(|time_s| scale.covariates.push(TIME, *time_s, 0.0).unwrap());
+                buffer.scale(&scale);
+                buffer.tracer(&tracer(millis, "S1", "a"));
+            }
+            let campaign = buffer.campaign(None);
+            assert!(campaign.covariate(TIME).is_none(), "a campaign has one time");
+            campaign.readings.iter().map(|reading| reading.time_s).collect::<Vec<f64>>()
+        };
+        assert_eq!(times(&[Some(500.0), Some(500.5), Some(501.0)]), [500.0, 500.5, 501.0]);
+        // One that is missing or goes back is no clock.
+        assert_eq!(times(&[Some(500.0), None, Some(501.0)]), [0.0, 1e-3, 2e-3]);
+        assert_eq!(times(&[Some(500.0), Some(0.0), Some(0.5)]), [0.0, 1e-3, 2e-3]);
     }
 
     #[test]
@@ -313,6 +388,47 @@ mod tests {
         buffer.tracer(&TracerReading { sequence: 0, ..tracer(4, "S1", "a") });
         let lengths: Vec<f64> = buffer.campaign(None).readings.iter().map(|r| r.length_m).collect();
         assert_eq!((lengths, buffer.dropped()), (vec![2.0, 4.0], 2));
+    }
+
+    #[test]
+    fn regress_a_tracer_that_does_not_count_keeps_its_readings() {
+        let mut buffer = buffer();
+        for millis in 1..=5 {
+            buffer.scale(&scale(millis, -0.1));
+            buffer.tracer(&TracerReading { sequence: 0, ..tracer(millis, "S1", "a") });
+        }
+        assert_eq!((buffer.len(), buffer.dropped(), buffer.unusable()), (5, 0, 0));
+    }
+
+    #[test]
+    fn regress_a_clock_set_back_leaves_readings_in_the_order_of_time_and_new_ones_to_diagnose() {
+        let mut buffer = buffer();
+        for (sequence, millis) in [(1, 5001), (2, 5002), (3, 9000), (4, 6000), (5, 6001), (6, 6002)] {
+            buffer.scale(&scale(millis, -0.1));
+            buffer.tracer(&TracerReading { sequence, ..tracer(millis, "S1", "a") });
+        }
+        // The first after the step may be of either time; those of the time that comes again are gone.
+        let lengths: Vec<f64> = buffer.campaign(None).readings.iter().map(|r| r.length_m).collect();
+        assert_eq!((lengths, buffer.dropped(), buffer.unusable()), (vec![5001.0, 5002.0, 6001.0, 6002.0], 1, 1));
+        assert_eq!(buffer.count_since(Some(tracer(6001, "S1", "a").stamp), 10), 2);
+    }
+
+    #[test]
+    fn regress_readings_of_another_frame_and_of_two_tracers_under_one_name_are_not_kept() {
+        let mut buffer = ReadingBuffer::with_capacity(FRAME, 0.0002, 1.0, 1000);
+        for frame_id in ["", "other"] {
+            let frame_id = Text::new(frame_id).unwrap();
+            buffer.scale(&ScaleReading { frame_id, ..scale(1, -0.1) });
+            buffer.tracer(&TracerReading { frame_id, ..tracer(1, "S1", "a") });
+        }
+        assert_eq!((buffer.len(), buffer.unusable()), (0, 2));
+        for millis in 10..110 {
+            buffer.scale(&scale(millis, -0.1));
+            let sequence = if millis % 2 == 0 { 500 + millis } else { millis } as u64;
+            buffer.tracer(&TracerReading { sequence, ..tracer(millis, "S1", "a") });
+        }
+        assert!(buffer.len() <= 1, "{} readings of two zeros are kept", buffer.len());
+        assert!(buffer.unusable() > 90, "{}", buffer.unusable());
     }
 
     #[test]

@@ -3,8 +3,10 @@
 //! Place in the flow: after the geometric node, before the users of corrected coordinates. Wraps
 //! [`abbe_geometry::correct::add_residual`] between the message types. A field is what one geometric model leaves, so it is
 //! added only to samples that this model made; every other sample leaves as it came, and its `residual_model_sha256`
-//! stays empty, which says that nothing was added.
+//! stays empty, which says that nothing was added. A sample in another frame than the machine's comes from the corrector of
+//! another machine, and is not passed on as a corrected one.
 
+use abbe_geometry::chain::nominal_point_m;
 use abbe_geometry::correct::add_residual;
 use abbe_geometry::residual_field::ResidualField;
 use abbe_geometry::{Matrix3, Vector3};
@@ -28,12 +30,19 @@ pub struct OwnedField {
 pub struct ResidualStep {
     /// One for each geometric model, the newest last.
     fields: Vec<OwnedField>,
+    /// Machine frame; none where the samples come from a step of the same machine.
+    frame_id: Option<String>,
 }
 
 impl ResidualStep {
     /// A step with this field, or none.
     pub fn new(field: Option<OwnedField>) -> ResidualStep {
-        ResidualStep { fields: field.into_iter().collect() }
+        ResidualStep { fields: field.into_iter().collect(), frame_id: None }
+    }
+
+    /// The same for samples that come over a topic: those of another frame than this are withheld.
+    pub fn in_frame(self, frame_id: &str) -> ResidualStep {
+        ResidualStep { frame_id: Some(frame_id.to_owned()), ..self }
     }
 
     /// Adds this field from the next sample on. It takes the place of the one for the same geometric model; those for
@@ -56,13 +65,19 @@ impl ResidualStep {
         self.fields.last().map_or(Sha256::NONE, |newest| newest.model_sha256)
     }
 
-    /// The sample with the residual added; what is not valid, or of a model that no field belongs to, passes unchanged.
+    /// The sample with the residual added; what is not valid, or of a model that no field belongs to, passes unchanged. Where
+    /// the field gives no number or no covariance, the sample is rejected.
     pub fn correct(&self, sample: &CorrectedCoordinates) -> CorrectedCoordinates {
+        if self.frame_id.as_ref().is_some_and(|frame_id| sample.frame_id.as_str() != frame_id) {
+            return sample.withheld(CorrectionStatus::OtherFrame);
+        }
         let of_model = self.fields.iter().rev().find(|owned| owned.model_sha256 == sample.model_sha256);
         let (Some(OwnedField { field, .. }), true) = (of_model, sample.corrected_valid) else { return *sample };
         let mut position_m = Vector3::from(sample.corrected_m);
         let mut covariance_m2 = Matrix3::from_row_slice(&sample.covariance_m2);
-        let prediction = add_residual(&mut position_m, &mut covariance_m2, field.as_ref());
+        let Some(prediction) = add_residual(&mut position_m, &mut covariance_m2, field.as_ref()) else {
+            return rejected(sample);
+        };
         let inside = if prediction.inside { CorrectionStatus::InVolume } else { CorrectionStatus::Extrapolated };
         CorrectedCoordinates {
             residual_correction_m: prediction.residual_m.into(),
@@ -72,6 +87,20 @@ impl ResidualStep {
             status: sample.status.max(inside),
             ..*sample
         }
+    }
+}
+
+/// The sample as it was before any correction.
+fn rejected(sample: &CorrectedCoordinates) -> CorrectedCoordinates {
+    CorrectedCoordinates {
+        geometric_correction_m: [0.0; 3],
+        effect_correction_m: [0.0; 3],
+        residual_correction_m: [0.0; 3],
+        corrected_m: nominal_point_m(sample.reading_m, sample.offset_m).into(),
+        covariance_m2: [0.0; 9],
+        corrected_valid: false,
+        status: CorrectionStatus::Rejected,
+        ..*sample
     }
 }
 
@@ -137,6 +166,46 @@ mod tests {
         assert_eq!(step.correct(&rejected), rejected);
     }
 
+    /// A field that says this at every point.
+    struct Says(ResidualPrediction);
+    impl ResidualField for Says {
+        fn predict(&self, _point_in_machine_m: &Vector3<f64>) -> ResidualPrediction {
+            self.0
+        }
+
+        fn sha256(&self) -> [u8; 32] {
+            [7; 32]
+        }
+    }
+
+    #[test]
+    fn regress_what_a_field_gives_is_a_number_with_a_covariance_or_the_sample_is_rejected() {
+        let good = ResidualPrediction {
+            residual_m: Vector3::repeat(1e-6),
+            covariance_m2: Matrix3::identity() * 1e-14,
+            inside: true,
+        };
+        let of = |said| {
+            let owned = OwnedField { field: Arc::new(Says(said)), model_sha256: MODEL };
+            ResidualStep::new(Some(owned)).correct(&sample(true, CorrectionStatus::InVolume))
+        };
+        assert!(of(good).corrected_valid);
+        let bad = [
+            ResidualPrediction { residual_m: Vector3::new(0.0, f64::NAN, 0.0), ..good },
+            ResidualPrediction { residual_m: Vector3::new(f64::INFINITY, 0.0, 0.0), ..good },
+            ResidualPrediction { covariance_m2: Matrix3::repeat(f64::NAN), ..good },
+            ResidualPrediction { covariance_m2: -good.covariance_m2, ..good },
+            ResidualPrediction { covariance_m2: Matrix3::repeat(1e300) * 1e300, ..good },
+        ];
+        for said in bad {
+            let out = of(said);
+            assert_eq!((out.corrected_valid, out.status), (false, CorrectionStatus::Rejected), "{said:?}");
+            let indicated_m: [f64; 3] = std::array::from_fn(|d| out.reading_m[d] + out.offset_m[d]);
+            assert_eq!((out.corrected_m, out.covariance_m2), (indicated_m, [0.0; 9]));
+            assert!(abbe_msgs::Message::validate(&out).is_ok());
+        }
+    }
+
     #[test]
     fn a_sample_of_another_model_passes_without_the_field_and_says_so() {
         let step = ResidualStep::new(Some(field(true, 7, OTHER_MODEL)));
@@ -144,6 +213,20 @@ mod tests {
         let out = step.correct(&sample);
         assert_eq!(out, sample);
         assert!(out.residual_model_sha256.is_none());
+    }
+
+    #[test]
+    fn regress_a_corrected_sample_of_another_frame_is_withheld() {
+        let step = ResidualStep::new(Some(field(true, 7, MODEL))).in_frame("machine");
+        for frame_id in ["", "other"] {
+            let mut sample = sample(true, CorrectionStatus::InVolume);
+            sample.frame_id = abbe_msgs::Text::new(frame_id).unwrap();
+            let out = step.correct(&sample);
+            assert_eq!((out.status, out.corrected_point_in_machine_m()), (CorrectionStatus::OtherFrame, None));
+        }
+        let mut own = sample(true, CorrectionStatus::InVolume);
+        own.frame_id = abbe_msgs::Text::new("machine").unwrap();
+        assert_eq!(step.correct(&own).status, CorrectionStatus::InVolume);
     }
 
     #[test]

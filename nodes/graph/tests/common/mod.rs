@@ -70,6 +70,7 @@ impl Bench {
             seed: None,
             options: Default::default(),
             evidence: Default::default(),
+            doubts: Vec::new(),
             software: "test".to_owned(),
         }
     }
@@ -85,6 +86,13 @@ impl Bench {
             frame_id: Text::new(&self.machine.machine.frame_id).unwrap(),
             ..ScaleReading::default()
         }
+    }
+
+    /// Standard uncertainty of the length of a row (m, k = 1) at the distance of its reflector.
+    pub(crate) fn u_length_m(&self, row: usize) -> f64 {
+        let reading = &self.campaign.readings[row];
+        let (_, station) = self.model.station(&self.campaign.stations[reading.station as usize]).unwrap();
+        self.machine.instrument.standard_m(reading.length_m + station.dead_path_m)
     }
 
     /// The tracer reading of a row, with an error added.

@@ -1,4 +1,4 @@
-//! Chapter "The 21 errors": 18 curves with 95 % bands, squareness as a table.
+//! Chapter "The 21 errors": 18 curves with 95 % bands, squareness and turn of the ram as a table.
 
 use super::build::heading;
 use super::{DemoReport, ErrorCurve, ErrorCurveSet};
@@ -35,11 +35,11 @@ impl ErrorCurveSet {
         }
     }
 
-    /// The squareness errors as a table.
+    /// The squareness errors and the turn of the ram as a table.
     pub fn squareness_table(&self) -> TableSection {
         let with_truth = self.squareness.iter().any(|s| s.truth_urad.is_some());
         let mut columns =
-            vec![Column::text("squareness"), Column::number("value", "µrad"), Column::number("± U (95 %)", "µrad")];
+            vec![Column::text("angle"), Column::number("value", "µrad"), Column::number("± U (95 %)", "µrad")];
         if with_truth {
             columns.push(Column::number("true", "µrad"));
         }
@@ -55,7 +55,13 @@ impl ErrorCurveSet {
                 row
             })
             .collect();
-        TableSection { title: "Squareness errors".to_owned(), note: None, columns, rows, total_rows: None }
+        TableSection {
+            title: "Squareness errors and turn of the ram".to_owned(),
+            note: None,
+            columns,
+            rows,
+            total_rows: None,
+        }
     }
 }
 

@@ -136,10 +136,10 @@ pub struct ErrorCurve {
     pub truth: Option<Vec<Option<f64>>>,
 }
 
-/// One of the squareness errors.
+/// One of the squareness errors, or an angle of the turn of the ram.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct SquarenessError {
-    /// ISO 230-1 name, e.g. `C0Y`.
+    /// ISO 230-1 name, e.g. `C0Y`, or what it is.
     pub name: String,
     /// Its value.
     pub value_urad: Option<f64>,
@@ -149,12 +149,12 @@ pub struct SquarenessError {
     pub truth_urad: Option<f64>,
 }
 
-/// The 21 errors: 18 curves and the squareness errors.
+/// The 21 errors: 18 curves and the squareness errors; the turn of the ram beside them.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct ErrorCurveSet {
     /// The curves; shown three a row in the order given.
     pub curves: Vec<ErrorCurve>,
-    /// The squareness errors.
+    /// The squareness errors, and the turn of the ram.
     pub squareness: Vec<SquarenessError>,
 }
 

@@ -41,6 +41,7 @@ fn effects(diagnosis: &DiagnosisReport, sections: &mut Vec<Section>) {
     sections.push(record.parameters_table());
     sections.push(record.formulas_table());
     sections.push(record.placebo_table());
+    sections.extend(record.predicts_table());
     sections.extend(record.rivals_table());
     sections.extend(record.ladder_table());
     sections.extend(record.alternatives_table());
@@ -61,6 +62,7 @@ fn evidence(diagnosis: &DiagnosisReport, sections: &mut Vec<Section>) {
 
 fn limits(record: &Record, sections: &mut Vec<Section>) {
     sections.push(heading("What these data cannot tell", None));
+    sections.extend(record.set_aside_table());
     sections.push(record.not_identifiable_table());
     sections.push(record.untestable_table());
     let note = "Most useful first.";
@@ -138,8 +140,9 @@ impl Record {
 
     fn warnings(&self) -> Vec<Callout> {
         let warning = |text: String| Callout { tone: Tone::Warning, title: String::new(), text };
-        let mut all = Vec::new();
+        let mut all: Vec<Callout> = self.held_out.not_judged.iter().cloned().map(warning).collect();
         for effect in &self.effects {
+            all.extend(effect.predicts.not_judged.iter().map(|words| warning(format!("{}: {words}.", effect.label()))));
             for parameter in effect.parameters.iter().filter(|p| !p.is_plausible) {
                 all.push(warning(format!(
                     "{}: {} lies outside what such a parameter can be; another cause may look like this effect.",

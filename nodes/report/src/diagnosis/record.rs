@@ -19,6 +19,12 @@ pub struct Record {
     pub enriched: bool,
     /// Effects found, in the order in which they went in.
     pub effects: Vec<Effect>,
+    /// Candidates that explain the residual but stay out of the model, each with the reason.
+    #[serde(default)]
+    pub set_aside: Vec<SetAside>,
+    /// Why nothing was adopted although something was found.
+    #[serde(default)]
+    pub not_adopted: Option<String>,
     /// Error of the model as it was.
     pub before: ErrorFigures,
     /// Error with everything found.
@@ -122,6 +128,46 @@ pub struct Effect {
     pub cannot_be_told_from: Vec<Rival>,
     /// Rms of what it does to the readings.
     pub size_um: Option<f64>,
+    /// How it predicts what it was not fitted to.
+    #[serde(default)]
+    pub predicts: Predicts,
+}
+
+/// How the model with an effect predicts readings left out, beside the model without it.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct Predicts {
+    /// By kind of block.
+    pub left_out: Vec<LeftOut>,
+    /// What could not be left out, in words.
+    pub not_judged: Vec<String>,
+}
+
+/// Blocks of one kind left out of both fits.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct LeftOut {
+    /// `line`, `station`, `time`, `offset` or the name of a covariate.
+    pub by: String,
+    /// Blocks.
+    pub blocks: usize,
+    /// Rms without the effect over the declared noise.
+    pub without: Option<f64>,
+    /// Rms with it, over the same readings.
+    pub with: Option<f64>,
+    /// Gain in standard deviations.
+    pub deviations: Option<f64>,
+}
+
+/// A candidate that stays out of the model.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct SetAside {
+    /// Name in the registry of effects.
+    pub name: String,
+    /// Name for readers.
+    pub title: String,
+    /// Shape, figures in SI.
+    pub shape: BTreeMap<String, Value>,
+    /// Why it stays out.
+    pub because: String,
 }
 
 /// A parameter, SI.
@@ -195,6 +241,9 @@ pub struct HeldOut {
     pub blocks: String,
     /// Why there is no figure; `None` where there is one.
     pub missing_because: Option<String>,
+    /// Lines that could not be left out and parts that could not be fitted, in words.
+    #[serde(default)]
+    pub not_judged: Vec<String>,
     /// 95 % interval of mean square before less mean square after (µm²): above zero where the gain is sure.
     pub gain_interval_um2: Option<(f64, f64)>,
     /// What each part of the data found by itself.

@@ -139,6 +139,47 @@ impl Record {
         (!rows.is_empty()).then(|| table("Rivals", Some(note), columns, rows))
     }
 
+    /// How effects predict what they were not fitted to; nothing where that was not judged.
+    pub(super) fn predicts_table(&self) -> Option<Section> {
+        let columns = vec![
+            Column::text("effect"),
+            Column::text("left out"),
+            Column::number("blocks", "1"),
+            Column::number("without it", "1"),
+            Column::number("with it", "1"),
+            Column::number("gain in standard deviations", "1"),
+        ];
+        let of = |e: &Effect| {
+            let label = e.label();
+            let row = |l: &super::LeftOut| {
+                vec![
+                    Cell::text(&label),
+                    Cell::text(&l.by),
+                    Cell::count(l.blocks),
+                    Cell::maybe(l.without, 3),
+                    Cell::maybe(l.with, 3),
+                    Cell::maybe(l.deviations, 1),
+                ]
+            };
+            let missing = |words: &String| vec![Cell::text(&label), Cell::text(words), None, None, None, None];
+            e.predicts.left_out.iter().map(row).chain(e.predicts.not_judged.iter().map(missing)).collect::<Vec<_>>()
+        };
+        let rows: Vec<_> = self.effects.iter().flat_map(of).collect();
+        let note = "Rms over the declared noise of blocks left out of both fits, over the same readings. An effect that \
+                    loses beyond chance in any kind of block, or does not gain on lines, stays out of the model.";
+        (!rows.is_empty()).then(|| table("Predicted elsewhere", Some(note), columns, rows))
+    }
+
+    /// What stays out; nothing where nothing does.
+    pub(super) fn set_aside_table(&self) -> Option<Section> {
+        let columns = vec![Column::text("candidate"), Column::text("stays out because")];
+        let row = |s: &super::SetAside| vec![Cell::text(shaped(&s.title, &s.shape)), Cell::text(&s.because)];
+        let rows: Vec<_> = self.set_aside.iter().map(row).collect();
+        let note = "These explain the readings better than chance, but something else may be the cause: with them the \
+                    model would not predict better what they were not fitted to.";
+        (!rows.is_empty()).then(|| table("Set aside", Some(note), columns, rows))
+    }
+
     /// What aliases with the model.
     pub(super) fn not_identifiable_table(&self) -> Section {
         let columns = vec![

@@ -6,10 +6,24 @@ use super::readable;
 use super::record::{Effect, ErrorFigures, Record};
 use crate::text::{fixed, significant};
 
+/// Candidates set aside that are named at most.
+const SET_ASIDE: usize = 3;
+
 impl Record {
     /// What the diagnosis says, in a few sentences; for [`Record::verdict`].
     pub fn words(&self) -> String {
         let mut sentences = vec![self.finding()];
+        sentences.extend(self.not_adopted.iter().map(|because| format!("Nothing was adopted: {because}.")));
+        if !self.set_aside.is_empty() {
+            let names: Vec<String> =
+                self.set_aside.iter().map(|s| super::tables::shaped(&s.title, &s.shape)).take(SET_ASIDE).collect();
+            let more = self.set_aside.len().saturating_sub(SET_ASIDE);
+            let more = if more > 0 { format!(" and {more} more") } else { String::new() };
+            sentences.push(format!(
+                "Set aside, since they do not predict what they were not fitted to: {}{more}.",
+                names.join("; ")
+            ));
+        }
         if self.enriched {
             sentences.push(
                 "The error functions had too few coefficients and got more; what that explains is geometry, not an \
@@ -119,6 +133,25 @@ mod tests {
         unexplained.detection.before.words = "Whole lines are off.".to_owned();
         let words = unexplained.words();
         assert!(words.contains("attribute to no candidate") && words.contains("Whole lines are off."), "{words}");
+    }
+
+    #[test]
+    fn what_stays_out_is_named_in_the_answer_and_explained_on_the_page() {
+        let aside = |title: &str| super::super::SetAside {
+            name: "x".to_owned(),
+            title: title.to_owned(),
+            shape: std::collections::BTreeMap::new(),
+            because: "stations left out are predicted worse".to_owned(),
+        };
+        let set_aside = ["wrong reflector offset", "b", "c", "d"].map(aside).to_vec();
+        let not_adopted = Some("all of it loses on lines".to_owned());
+        let record = Record { set_aside, not_adopted, ..record() };
+        let words = record.words();
+        assert!(words.contains("Nothing was adopted: all of it loses on lines."), "{words}");
+        assert!(words.contains("wrong reflector offset; b; c and 1 more"), "{words}");
+        let report = DiagnosisReport { record, residuals: None, figures: Vec::new() };
+        assert!(report.html().unwrap().contains("stations left out are predicted worse"));
+        assert!(report.json().unwrap().contains("\"set_aside\""));
     }
 
     #[test]

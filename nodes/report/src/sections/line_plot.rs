@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::Axis;
 use crate::error::ReportError;
-use crate::frame::{self, Area, Labels, Swatch, WIDTH_PX, axis_text, draw_frame, draw_legend, grid, stride};
+use crate::frame::{self, Area, Labels, Swatch, WIDTH_PX, axis_text, draw_frame, draw_legend, drawn, grid, one_in};
 use crate::scale::{Scale, extent};
 use crate::svg::{Drawing, Svg};
 use crate::theme::SERIES;
@@ -117,9 +117,9 @@ impl Curve {
 
     fn draw(&self, svg: &mut Svg, x: &Scale, y: &Scale) {
         let points = matches!(self.style, CurveStyle::Points(_));
-        let step = if points { stride(self.x.len()) } else { 1 };
+        let step = if points { one_in(self.x.len()) } else { 1 };
         for run in self.runs() {
-            let pixels: Vec<_> = run.iter().step_by(step).map(|&(px, py, _)| (x.map(px), y.map(py))).collect();
+            let pixels: Vec<_> = drawn(&run, step).map(|&(px, py, _)| (x.map(px), y.map(py))).collect();
             if points {
                 svg.dots(&self.style.stroke_class(), &pixels);
             } else {
@@ -168,7 +168,7 @@ impl LinePlot {
     pub(crate) fn full_note(&self) -> Option<String> {
         let curves = self.panels.iter().flat_map(|p| &p.curves);
         let points = curves.filter(|c| matches!(c.style, CurveStyle::Points(_)));
-        let step = points.map(|c| stride(c.x.len())).max().unwrap_or(1);
+        let step = points.map(|c| one_in(c.x.len())).max().unwrap_or(1);
         let thinned = (step > 1).then(|| format!("One point in {step} is drawn; all of them are in the JSON file."));
         let parts: Vec<String> = self.note.iter().cloned().chain(thinned).collect();
         (!parts.is_empty()).then(|| parts.join(" "))

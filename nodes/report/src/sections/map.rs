@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use super::Axis;
 use crate::error::ReportError;
 use crate::frame::{
-    Area, Labels, WIDTH_PX, axis_text, diverging_step, draw_diverging_bar, draw_empty, draw_frame, stride,
+    Area, Labels, WIDTH_PX, axis_text, diverging_step, draw_diverging_bar, draw_empty, draw_frame, drawn, one_in,
 };
 use crate::scale::{Scale, extent};
 use crate::stats::{max_abs, quantile_sorted, sorted};
@@ -106,7 +106,7 @@ impl ResidualMap {
                 significant(max, 3)
             ));
         }
-        let step = self.panels.iter().map(|p| stride(p.points.len())).max().unwrap_or(1);
+        let step = self.panels.iter().map(|p| one_in(p.points.len())).max().unwrap_or(1);
         if step > 1 {
             parts.push(format!("One point in {step} is drawn; all of them are in the JSON file."));
         }
@@ -168,7 +168,7 @@ impl MapPanel {
         };
         draw_frame(svg, area, &x, &y, &labels);
         let mut classes = vec![Vec::new(); DIVERGING_STEPS];
-        for point in self.points.iter().step_by(stride(self.points.len())) {
+        for point in drawn(&self.points, one_in(self.points.len())) {
             classes[diverging_step(point.value, limit)].push((x.map(point.x), y.map(point.y)));
         }
         // Small residuals first, so that the large ones are never hidden below them.

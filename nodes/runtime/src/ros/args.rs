@@ -34,7 +34,7 @@ pub struct RosArgs {
 }
 
 /// `[node:]from:=to`.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct RemapRule {
     /// The node it is meant for; none means all.
     pub node: Option<String>,

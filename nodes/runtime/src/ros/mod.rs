@@ -54,6 +54,12 @@ pub enum RosError {
         /// Why.
         reason: String,
     },
+    /// The system clock.
+    #[error("cannot join ROS domain {domain_id}: the system clock is before 1970, with which DDS cannot run; set it")]
+    Clock {
+        /// The domain.
+        domain_id: u16,
+    },
     /// The node.
     #[error("cannot create node {node}: {source}")]
     Node {
@@ -61,6 +67,12 @@ pub enum RosError {
         node: String,
         /// Why.
         source: NodeCreateError,
+    },
+    /// The process that holds the node's place in the graph.
+    #[error("the gateway to DDS: {reason}")]
+    Gateway {
+        /// Why.
+        reason: String,
     },
     /// A topic, publisher, subscriber or service.
     #[error("cannot open {what} {name}: {source}")]

@@ -9,14 +9,15 @@ use std::num::NonZeroUsize;
 use std::pin::pin;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::{self, JoinHandle};
+use std::time::{SystemTime, UNIX_EPOCH};
 
 use abbe_msgs::RosType;
 use futures::future::{self, Either};
-use ros2_client::dds::rustdds::DomainParticipantBuilder;
+use ros2_client::dds::rustdds::{DomainParticipantBuilder, RTPSEntity};
 use ros2_client::service::Server;
 use ros2_client::{
-    Context, Message, MessageTypeName, Name, Node, NodeName, ParameterValue, Publisher, QosProfile, ServiceMapping,
-    ServiceTypeName, Subscription,
+    Context, Gid, Message, MessageTypeName, Name, Node, NodeName, ParameterValue, Publisher, QosProfile,
+    ServiceMapping, ServiceTypeName, Subscription,
 };
 
 use super::diagnostics::Diagnostics;
@@ -26,6 +27,7 @@ use super::parameters::{ParameterSpec, ParameterTable};
 use super::queued::QueuedPublisher;
 use super::trigger::{TriggerOutcome, TriggerService};
 use super::{DiscoveryRange, Domain, RemapRule, RosArgs, RosError, service_qos};
+use crate::gateway::Introduced;
 
 /// What a node starts with.
 #[derive(Debug, Clone)]
@@ -65,6 +67,7 @@ pub struct RosNode(Arc<Inner>);
 struct Inner {
     identity: NodeIdentity,
     remaps: Vec<RemapRule>,
+    introduced: Introduced,
     node: Arc<Mutex<Node>>,
     spinner: Option<JoinHandle<()>>,
 }
@@ -73,9 +76,14 @@ impl RosNode {
     /// Joins the graph.
     ///
     /// # Errors
-    /// When the network or the domain refuse the participant, or the node cannot be made.
+    /// When the network or the domain refuse the participant, the system clock is before 1970, or the node cannot be
+    /// made.
     pub fn start(options: NodeOptions) -> Result<Self, RosError> {
-        let context = participant(options.domain)?;
+        // The library's threads would end then, and what it says of that leads nowhere.
+        if SystemTime::now() < UNIX_EPOCH {
+            return Err(RosError::Clock { domain_id: options.domain.id() });
+        }
+        let (context, introduced) = participant(options.domain)?;
         let mut node = create(&context, &options)?;
         let parameters = ParameterServices::open(&mut node, &options)?;
         let spinner = node.spinner().map_err(|source| RosError::Endpoint {
@@ -97,7 +105,8 @@ impl RosNode {
                 }
             })
             .map_err(|source| RosError::Thread { what: "the ROS node", source })?;
-        Ok(Self(Arc::new(Inner { identity: options.identity, remaps: options.remaps, node, spinner: Some(spinner) })))
+        let NodeOptions { identity, remaps, .. } = options;
+        Ok(Self(Arc::new(Inner { identity, remaps, introduced, node, spinner: Some(spinner) })))
     }
 
     /// The name of the node in the graph.
@@ -110,6 +119,11 @@ impl RosNode {
     #[must_use]
     pub fn remaps(&self) -> &[RemapRule] {
         &self.0.remaps
+    }
+
+    /// What the participant of this node is introduced to itself as.
+    pub(crate) fn introduced(&self) -> Introduced {
+        self.0.introduced
     }
 
     /// The absolute name of what the node calls `name`, after remapping.
@@ -224,14 +238,20 @@ impl std::fmt::Debug for RosNode {
     }
 }
 
-fn participant(domain: Domain) -> Result<Context, RosError> {
+fn participant(domain: Domain) -> Result<(Context, Introduced), RosError> {
     let failed = |reason: String| RosError::Participant { domain_id: domain.id(), reason };
     let mut builder = DomainParticipantBuilder::new(domain.id());
     if domain.range == DiscoveryRange::Localhost {
         builder = builder.with_only_networks([Ipv4Addr::LOCALHOST]);
     }
     let participant = builder.build().map_err(|error| failed(error.to_string()))?;
-    Context::from_domain_participant(participant).map_err(|error| failed(error.to_string()))
+    let guid = Gid::from(participant.guid()).to_bytes16();
+    let mut guid_prefix = [0; 12];
+    guid_prefix.copy_from_slice(&guid[..12]);
+    let (domain_id, participant_id) = (participant.domain_id(), participant.participant_id());
+    let introduced = Introduced { guid_prefix, domain_id, participant_id };
+    let context = Context::from_domain_participant(participant).map_err(|error| failed(error.to_string()))?;
+    Ok((context, introduced))
 }
 
 fn create(context: &Context, options: &NodeOptions) -> Result<Node, RosError> {

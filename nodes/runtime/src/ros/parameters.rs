@@ -180,6 +180,12 @@ impl ParameterTable {
         Ok(())
     }
 
+    /// A parameter that may change while the node runs; none where all are fixed.
+    #[must_use]
+    pub fn changeable(&self) -> Option<&'static str> {
+        self.entries.values().find(|entry| !entry.spec.read_only).map(|entry| entry.spec.name)
+    }
+
     /// The declaration of a parameter.
     #[must_use]
     pub fn spec(&self, name: &str) -> Option<&ParameterSpec> {

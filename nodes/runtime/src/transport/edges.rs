@@ -11,6 +11,7 @@ use super::in_process::InProcess;
 use super::shared_memory::SharedMemory;
 use super::{DEFAULT_DEPTH, FanOut, Publish, Subscribe, TransportError, TransportKind};
 use crate::RunId;
+use crate::gateway::{GatewayNode, GatewayPublisher, GatewaySubscriber};
 use crate::ros::{self, NodeIdentity, RemapRule, RosNode};
 
 /// Which transports a node takes part in.
@@ -22,12 +23,16 @@ pub struct EdgesConfig {
     pub remaps: Vec<RemapRule>,
     /// The run whose shared memory the node joins; none for no shared memory.
     pub run: Option<RunId>,
-    /// The node in the ROS 2 graph; none for no DDS.
+    /// The node in the ROS 2 graph, as a participant of this process: for programs beside the graph, and for tests.
     pub ros: Option<RosNode>,
+    /// The node in the ROS 2 graph, behind a gateway; comes before `ros`. Without both there is no DDS.
+    pub gateway: Option<GatewayNode>,
     /// The topics of this process; none for no in-process edges.
     pub in_process: Option<InProcess>,
     /// Samples a subscriber can be behind; the same in all nodes of a run.
     pub depth: NonZeroUsize,
+    /// Whether subscribers over shared memory count what they missed since an earlier process of this node.
+    pub remembers: bool,
 }
 
 impl EdgesConfig {
@@ -39,8 +44,10 @@ impl EdgesConfig {
             remaps: Vec::new(),
             run: None,
             ros: None,
+            gateway: None,
             in_process: None,
             depth: NonZeroUsize::MIN.saturating_add(DEFAULT_DEPTH - 1),
+            remembers: false,
         }
     }
 
@@ -65,7 +72,10 @@ impl Edges {
     /// When the shared memory of the run cannot be joined.
     pub fn open(config: EdgesConfig) -> Result<Self, TransportError> {
         let run = config.run.as_ref();
-        let memory = run.map(|run| SharedMemory::join(run, config.depth)).transpose()?;
+        let mut memory = run.map(|run| SharedMemory::join(run, config.depth)).transpose()?;
+        if config.remembers {
+            memory = memory.map(|memory| memory.remembering(&config.identity.qualified()));
+        }
         Ok(Self { config, memory })
     }
 
@@ -78,9 +88,38 @@ impl Edges {
         topic: &str,
         kinds: &[TransportKind],
     ) -> Result<Box<dyn Publish<M>>, TransportError> {
+        self.publisher_with(topic, kinds, &[])
+    }
+
+    /// As [`Edges::publisher`]. Where the node has a gateway, that publishes the standard message which is made of each
+    /// sample, too, on the topics `companions`: `sensor_msgs/JointState` of a scale reading, `geometry_msgs/PointStamped`
+    /// of a valid corrected coordinate.
+    ///
+    /// # Errors
+    /// As [`Edges::publisher`].
+    pub fn publisher_with<M: Message>(
+        &self,
+        topic: &str,
+        kinds: &[TransportKind],
+        companions: &[&str],
+    ) -> Result<Box<dyn Publish<M>>, TransportError> {
         let topic = &self.resolve(topic)?;
-        let opened = kinds.iter().map(|kind| self.one_publisher(topic, *kind));
-        let mut publishers = opened.collect::<Result<Vec<_>, _>>()?;
+        let companions = companions.iter().map(|name| self.resolve(name)).collect::<Result<Vec<_>, _>>()?;
+        let mut publishers: Vec<Box<dyn Publish<M>>> = Vec::new();
+        for kind in kinds {
+            publishers.push(match (&self.config.gateway, kind) {
+                (Some(gateway), TransportKind::Dds) => {
+                    Box::new(GatewayPublisher::open(gateway, Some(topic), &companions)?)
+                }
+                _ => self.one_publisher(topic, *kind)?,
+            });
+        }
+        // The companions alone, for whoever has a gateway for other reasons.
+        if let (Some(gateway), false, false) =
+            (&self.config.gateway, kinds.contains(&TransportKind::Dds), companions.is_empty())
+        {
+            publishers.push(Box::new(GatewayPublisher::open(gateway, None, &companions)?));
+        }
         match (publishers.len(), publishers.pop()) {
             (1, Some(only)) => Ok(only),
             (_, Some(last)) => {
@@ -105,7 +144,10 @@ impl Edges {
         Ok(match kind {
             TransportKind::InProcess => Box::new(self.in_process(topic)?.subscriber(topic, depth)?),
             TransportKind::SharedMemory => Box::new(self.memory(topic)?.subscriber::<M>(topic)?),
-            TransportKind::Dds => Box::new(DdsSubscriber::open(self.ros(topic)?, topic, depth)?),
+            TransportKind::Dds => match &self.config.gateway {
+                Some(gateway) => Box::new(GatewaySubscriber::open(gateway, topic)?),
+                None => Box::new(DdsSubscriber::open(self.ros(topic)?, topic, depth)?),
+            },
         })
     }
 
@@ -129,7 +171,10 @@ impl Edges {
     }
 
     /// One absolute name for all transports.
-    fn resolve(&self, topic: &str) -> Result<String, TransportError> {
+    ///
+    /// # Errors
+    /// When the name is wrong.
+    pub fn resolve(&self, topic: &str) -> Result<String, TransportError> {
         let resolved = ros::resolve(topic, &self.config.identity, &self.config.remaps);
         Ok(resolved.map_err(ros::RosError::from)?)
     }

@@ -14,6 +14,8 @@ pub(crate) struct Losses {
     /// Publisher and the number it will use next; most recently active last.
     expected: VecDeque<([u8; 16], u64)>,
     lost: u64,
+    /// Samples of a publisher that came after those of another that had come after its own.
+    interleaved: u64,
 }
 
 /// What a number says about its sample.
@@ -31,14 +33,27 @@ impl Losses {
         self.lost
     }
 
+    /// Goes on where another process stopped: the sample of `publisher` that comes next was to be `next`.
+    pub(crate) fn resume(&mut self, publisher: [u8; 16], next: u64) {
+        self.expected.push_back((publisher, next));
+    }
+
+    /// The publisher heard last, and the number it will use next.
+    pub(crate) fn latest(&self) -> Option<([u8; 16], u64)> {
+        self.expected.back().copied()
+    }
+
+    /// How often the stream came back to a publisher after another one's samples.
+    pub(crate) fn interleaved(&self) -> u64 {
+        self.interleaved
+    }
+
     /// Judges the sample `number` of `publisher`. The first of a publisher loses nothing: who joins
     /// late has no claim to what was sent before.
     pub(crate) fn judge(&mut self, publisher: [u8; 16], number: u64) -> Arrival {
-        let known = self
-            .expected
-            .iter()
-            .position(|(other, _)| *other == publisher)
-            .and_then(|position| self.expected.remove(position));
+        let place = self.expected.iter().position(|(other, _)| *other == publisher);
+        self.interleaved += u64::from(place.is_some_and(|place| place + 1 < self.expected.len()));
+        let known = place.and_then(|place| self.expected.remove(place));
         let next = known.map_or(number, |(_, next)| next);
         if self.expected.len() >= REMEMBERED {
             self.expected.pop_front();
@@ -71,6 +86,19 @@ mod tests {
     }
 
     #[test]
+    fn who_goes_on_for_another_loses_what_came_in_between() {
+        let mut killed = Losses::default();
+        killed.judge(A, 41);
+        let (publisher, next) = killed.latest().unwrap();
+        let mut losses = Losses::default();
+        losses.resume(publisher, next);
+        assert_eq!(losses.judge(A, 50), Arrival::New);
+        assert_eq!(losses.count(), 8);
+        assert_eq!(losses.judge(B, 50), Arrival::New, "a new publisher loses nothing");
+        assert_eq!(losses.count(), 8);
+    }
+
+    #[test]
     fn a_repetition_is_told_apart_from_another_publisher() {
         let mut losses = Losses::default();
         losses.judge(A, 5);
@@ -78,6 +106,18 @@ mod tests {
         assert_eq!(losses.judge(A, 5), Arrival::Repeated);
         assert_eq!(losses.judge(A, 6), Arrival::New);
         assert_eq!(losses.count(), 0);
+    }
+
+    #[test]
+    fn regress_two_publishers_at_once_are_told_from_one_that_takes_the_place_of_another() {
+        let mut losses = Losses::default();
+        (0..10).for_each(|number| assert_eq!(losses.judge(A, number), Arrival::New));
+        (0..10).for_each(|number| assert_eq!(losses.judge(B, number), Arrival::New));
+        assert_eq!(losses.interleaved(), 0, "the second came in the place of the first");
+        losses.judge(A, 10);
+        losses.judge(B, 10);
+        losses.judge(B, 11);
+        assert_eq!(losses.interleaved(), 2);
     }
 
     #[test]

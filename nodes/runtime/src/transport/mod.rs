@@ -112,6 +112,10 @@ pub trait Subscribe<M: Message>: Send {
     /// here, or lost on the way.
     fn lost(&self) -> u64;
 
+    /// How often samples of one publisher came between those of another: above 0, the topic has several at a time. One
+    /// that takes the place of another does not count.
+    fn interleaved(&self) -> u64;
+
     /// The next sample, waiting for it at most `timeout`.
     ///
     /// # Errors

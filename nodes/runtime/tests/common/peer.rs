@@ -6,7 +6,8 @@
 use std::env;
 use std::process::{Child, Command, Stdio};
 
-const ROLE: &str = "ABBE_TEST_ROLE";
+/// Variable that names the role of a process.
+pub(crate) const ROLE: &str = "ABBE_TEST_ROLE";
 
 /// The role this process plays; none for the test itself.
 pub(crate) fn role() -> Option<String> {

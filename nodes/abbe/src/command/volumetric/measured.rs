@@ -3,7 +3,10 @@
 //! Place in the flow: only with `--diagonals`; nothing is fitted to them. Differences are measured − predicted (m).
 
 use abbe_files::{DiagonalReading, read_diagonals_file};
+use abbe_geometry::Vector3;
 use abbe_geometry::volumetric::{Diagonal, LinePoint};
+use abbe_measurement::correspondence::check_vectors;
+use anyhow::Context;
 use std::path::Path;
 
 /// Factor of a 95 % interval of a normal distribution.
@@ -47,7 +50,10 @@ impl Comparison {
 /// Reads measured diagonals, one group a diagonal in the order of the file.
 pub(super) fn read(path: &Path) -> anyhow::Result<Vec<MeasuredDiagonal>> {
     let mut groups: Vec<MeasuredDiagonal> = Vec::new();
-    for reading in read_diagonals_file(path)? {
+    let readings = read_diagonals_file(path)?;
+    let deviations_m: Vec<Vector3<f64>> = readings.iter().map(|reading| Vector3::x() * reading.deviation_m).collect();
+    check_vectors(&deviations_m, false).with_context(|| path.display().to_string())?;
+    for reading in readings {
         match groups.iter_mut().find(|group| group.diagonal == reading.diagonal) {
             Some(group) => group.targets.push(reading),
             None => groups.push(MeasuredDiagonal { diagonal: reading.diagonal, targets: vec![reading] }),

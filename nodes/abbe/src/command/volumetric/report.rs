@@ -5,8 +5,8 @@
 use super::{Answer, extreme};
 use abbe_geometry::volumetric::LinePoint;
 use abbe_report::{
-    Axis, CellMap, CellPanel, Curve, CurveStyle, KeyFigure, KeyFigures, LinePanel, LinePlot, MetaItem, Quantity,
-    Report, Section,
+    Axis, Callout, CellMap, CellPanel, Curve, CurveStyle, KeyFigure, KeyFigures, LinePanel, LinePlot, MetaItem,
+    Quantity, Report, Section, Tone,
 };
 
 /// Planes of Z shown, lowest to highest.
@@ -28,8 +28,21 @@ pub(super) fn report(answer: &Answer) -> Report {
         ],
         main_plot: None,
         footer: Some(crate::pipeline::software()),
-        sections: vec![key_figures(answer), map(answer), diagonals(answer)],
+        sections: answer
+            .doubts
+            .iter()
+            .map(|doubt| doubtful(doubt))
+            .chain([key_figures(answer), map(answer), diagonals(answer)])
+            .collect(),
     }
+}
+
+fn doubtful(doubt: &str) -> Section {
+    Section::Callout(Callout {
+        tone: Tone::Warning,
+        title: "What speaks against this model".to_owned(),
+        text: doubt.to_owned(),
+    })
 }
 
 fn key_figures(answer: &Answer) -> Section {

@@ -13,7 +13,11 @@ use ros2_client::{ReadError, Subscription};
 use crate::ros::{RosNode, stream_qos};
 use crate::transport::deadline::Deadline;
 use crate::transport::losses::{Arrival, Losses};
+use crate::transport::shared_memory::SampleOrigin;
 use crate::transport::{Subscribe, TransportError, TransportKind};
+
+/// A sample and who sent it, or why one that arrived must not be used.
+type Taken<M> = Result<(M, SampleOrigin), TransportError>;
 
 /// Receives over DDS. Losses are counted from the first sample of a publisher on.
 pub struct DdsSubscriber<M: Message> {
@@ -23,7 +27,7 @@ pub struct DdsSubscriber<M: Message> {
     events: Events,
     losses: Losses,
     /// Found while waiting, not yet taken.
-    waiting: Option<Result<M, TransportError>>,
+    waiting: Option<Taken<M>>,
     // Last: the node leaves the graph after its endpoints.
     _node: RosNode,
 }
@@ -53,7 +57,7 @@ impl<M: Message> DdsSubscriber<M> {
     }
 
     /// The next sample, or why one that arrived must not be used.
-    fn receive(&mut self) -> Result<Option<Result<M, TransportError>>, TransportError> {
+    fn receive(&mut self) -> Result<Option<Taken<M>>, TransportError> {
         loop {
             let (message, info) = match self.samples.take() {
                 Ok(Some(taken)) => taken,
@@ -65,11 +69,27 @@ impl<M: Message> DdsSubscriber<M> {
                 Err(error) => return Err(self.failed(&error)),
             };
             let number = info.sequence_number().unsigned_abs();
-            match self.losses.judge(info.publisher_gid().to_bytes16(), number) {
-                Arrival::New => return Ok(Some(self.checked(message))),
+            let source = info.publisher_gid().to_bytes16();
+            match self.losses.judge(source, number) {
+                Arrival::New => {
+                    let checked = self.checked(message);
+                    return Ok(Some(checked.map(|sample| (sample, SampleOrigin { source, number }))));
+                }
                 Arrival::Repeated => {}
             }
         }
+    }
+
+    /// The next sample and who sent it, waiting for it at most `timeout`; errors as [`Subscribe::try_take`].
+    pub(crate) fn take_with_origin(&mut self, timeout: Duration) -> Result<Option<(M, SampleOrigin)>, TransportError> {
+        if !self.wait(timeout)? {
+            return Ok(None);
+        }
+        self.next().transpose()
+    }
+
+    fn next(&mut self) -> Option<Taken<M>> {
+        self.waiting.take().or_else(|| self.receive().unwrap_or_else(|error| Some(Err(error))))
     }
 
     fn checked(&self, message: M::Ros) -> Result<M, TransportError> {
@@ -89,11 +109,8 @@ fn polling<R: abbe_msgs::RosType>(samples: &mut Subscription<R>) -> std::io::Res
 
 impl<M: Message> Subscribe<M> for DdsSubscriber<M> {
     fn try_take(&mut self) -> Result<Option<M>, TransportError> {
-        let next = match self.waiting.take() {
-            Some(sample) => Some(sample),
-            None => self.receive()?,
-        };
-        next.transpose()
+        let next = self.next().transpose()?;
+        Ok(next.map(|(sample, _)| sample))
     }
 
     fn wait(&mut self, timeout: Duration) -> Result<bool, TransportError> {
@@ -117,5 +134,9 @@ impl<M: Message> Subscribe<M> for DdsSubscriber<M> {
 
     fn lost(&self) -> u64 {
         self.losses.count()
+    }
+
+    fn interleaved(&self) -> u64 {
+        self.losses.interleaved()
     }
 }

@@ -12,12 +12,9 @@ use iceoryx2::prelude::CallbackProgression;
 use iceoryx2::service::ipc_threadsafe::Service;
 use thiserror::Error;
 
-use super::{config, prefix, root};
+use super::{SHARED_MEMORY_FOLDER, config, prefix, root};
 use crate::RunId;
 use crate::transport::TransportError;
-
-/// Where Linux keeps POSIX shared-memory objects.
-const SHARED_MEMORY_FOLDER: &str = "/dev/shm";
 
 /// Why files of a run remain.
 #[derive(Debug, Error)]
@@ -65,6 +62,27 @@ pub fn cleanup(run: &RunId) -> Result<(), CleanupError> {
         outcome = outcome.and(removed(&object, fs::remove_file(&object)));
     }
     outcome.and(removed(&root, fs::remove_dir_all(&root)))
+}
+
+/// Removes what runs with automatic names left behind whose process has ended without a chance to clean up (`kill -9`,
+/// a crash, a power cut that `/tmp` outlived). Returns how many runs these were.
+///
+/// A run stays untouched while a node of it lives, while a process with the number in its name does, where its files
+/// are another user's, and where its folder is not here: then it may be that of a container that shares `/dev/shm`.
+pub fn remove_leftovers() -> usize {
+    let Ok(folders) = fs::read_dir("/tmp") else { return 0 };
+    let names = folders.filter_map(|entry| entry.ok()?.file_name().into_string().ok());
+    let runs = names.filter_map(|name| name.strip_prefix("abbe_")?.parse::<RunId>().ok());
+    let dead =
+        runs.filter(|run| run.chosen_by().is_some_and(|process| !Path::new(&format!("/proc/{process}")).exists()));
+    let removed = dead.filter(|run| match cleanup(run) {
+        Ok(()) => true,
+        Err(error) => {
+            tracing::debug!(%error, "a leftover stays");
+            false
+        }
+    });
+    removed.count()
 }
 
 fn refuse_if_alive(run: &RunId) -> Result<(), CleanupError> {

@@ -9,6 +9,7 @@
 //! publisher. Every file of a run carries its [`RunId`]; [`cleanup()`] removes them.
 
 mod cleanup;
+mod ledger;
 mod publisher;
 mod subscriber;
 
@@ -18,7 +19,7 @@ use std::sync::Arc;
 use abbe_msgs::Message;
 use iceoryx2::config::Config;
 use iceoryx2::node::{Node, NodeBuilder};
-use iceoryx2::prelude::{FileName, LogLevel, Path, SemanticString, SignalHandlingMode};
+use iceoryx2::prelude::{FileName, LogLevel, Path, SemanticString, SignalHandlingMode, ZeroCopySend};
 use iceoryx2::service::builder::publish_subscribe::{PublishSubscribeOpenError, PublishSubscribeOpenOrCreateError};
 use iceoryx2::service::ipc_threadsafe::Service;
 use iceoryx2::service::port_factory::{event, publish_subscribe};
@@ -27,9 +28,12 @@ use iceoryx2::service::service_name::ServiceName;
 use super::{TransportError, TransportKind};
 use crate::RunId;
 
-pub use cleanup::{CleanupError, cleanup};
+pub use cleanup::{CleanupError, cleanup, remove_leftovers};
 pub use publisher::SharedMemoryPublisher;
 pub use subscriber::SharedMemorySubscriber;
+
+/// Where Linux keeps POSIX shared-memory objects.
+const SHARED_MEMORY_FOLDER: &str = "/dev/shm";
 
 /// Publishers one topic can have at a time.
 pub const MAX_PUBLISHERS: usize = 8;
@@ -42,16 +46,29 @@ const MAX_BORROWED: usize = 2;
 /// Samples a publisher fills at a time.
 const MAX_LOANED: usize = 1;
 
-/// The number of a sample among those of its publisher: the user header of iceoryx2.
-type SampleNumber = u64;
-type SampleService<M> = publish_subscribe::PortFactory<Service, M, SampleNumber>;
+/// Who sent a sample, and its number among those of that sender: the user header of iceoryx2.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ZeroCopySend)]
+#[type_name("abbe/SampleOrigin/v1")]
+#[allow(unsafe_code)] // The derive implements the unsafe marker trait ZeroCopySend; plain data.
+pub(crate) struct SampleOrigin {
+    /// The sender, where the sample came over DDS; all zero for the publisher of the topic itself.
+    pub(crate) source: [u8; 16],
+    /// Counted from 0 by the publisher, as DDS says for others.
+    pub(crate) number: u64,
+}
+
+type SampleService<M> = publish_subscribe::PortFactory<Service, M, SampleOrigin>;
 type EventService = event::PortFactory<Service>;
 
 /// This process in the shared memory of one run. Clones share it.
 #[derive(Debug, Clone)]
 pub struct SharedMemory {
     node: Arc<Node<Service>>,
+    run: RunId,
     depth: NonZeroUsize,
+    /// Name under which subscribers note how far they have come; none for those that nobody starts again.
+    remembered_as: Option<Arc<str>>,
 }
 
 impl SharedMemory {
@@ -69,7 +86,14 @@ impl SharedMemory {
             .signal_handling_mode(SignalHandlingMode::Disabled)
             .create::<Service>()
             .map_err(|error| open_error(format!("{error:?} for the files of run {run}")))?;
-        Ok(Self { node: Arc::new(node), depth })
+        Ok(Self { node: Arc::new(node), run: run.clone(), depth, remembered_as: None })
+    }
+
+    /// Subscribers opened from now on count what was sent since an earlier process of `node`, an absolute name, took its
+    /// last sample.
+    #[must_use]
+    pub fn remembering(self, node: &str) -> Self {
+        Self { remembered_as: Some(node.into()), ..self }
     }
 
     /// Removes what killed nodes of the run left behind, so that their places become free. Takes
@@ -94,7 +118,21 @@ impl SharedMemory {
     /// # Errors
     /// As [`SharedMemory::publisher`].
     pub fn subscriber<M: Message>(&self, topic: &str) -> Result<SharedMemorySubscriber<M>, TransportError> {
-        SharedMemorySubscriber::open(self, topic)
+        SharedMemorySubscriber::open(self, topic, topic)
+    }
+
+    /// A subscriber on `link` that counts what it missed as being about `topic`.
+    pub(crate) fn link_subscriber<M: Message>(
+        &self,
+        link: &str,
+        topic: &str,
+    ) -> Result<SharedMemorySubscriber<M>, TransportError> {
+        SharedMemorySubscriber::open(self, link, topic)
+    }
+
+    /// Samples that a subscriber can be behind.
+    pub(crate) fn depth(&self) -> NonZeroUsize {
+        self.depth
     }
 
     fn services<M: Message>(
@@ -108,7 +146,7 @@ impl SharedMemory {
             .node
             .service_builder(&name)
             .publish_subscribe::<M>()
-            .user_header::<SampleNumber>()
+            .user_header::<SampleOrigin>()
             .enable_safe_overflow(true)
             .subscriber_max_buffer_size(self.depth.get())
             .subscriber_max_borrowed_samples(MAX_BORROWED)

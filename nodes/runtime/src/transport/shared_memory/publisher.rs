@@ -9,7 +9,7 @@ use iceoryx2::port::publisher::Publisher;
 use iceoryx2::service::ipc_threadsafe::Service;
 use iceoryx2::service::port_factory::PortFactory;
 
-use super::{MAX_BORROWED, MAX_LOANED, MAX_SUBSCRIBERS, SampleNumber, SampleService, SharedMemory, endpoint_error};
+use super::{MAX_BORROWED, MAX_LOANED, MAX_SUBSCRIBERS, SampleOrigin, SampleService, SharedMemory, endpoint_error};
 use crate::transport::{Publish, TransportError, TransportKind};
 
 const WHAT: &str = "publisher";
@@ -18,10 +18,10 @@ const WHAT: &str = "publisher";
 #[derive(Debug)]
 pub struct SharedMemoryPublisher<M: Message> {
     topic: String,
-    samples: Publisher<Service, M, SampleNumber>,
+    samples: Publisher<Service, M, SampleOrigin>,
     wake: Notifier<Service>,
     service: SampleService<M>,
-    next_number: SampleNumber,
+    next_number: u64,
     dropped: u64,
     // Last: the node leaves the run after its endpoints.
     _node: SharedMemory,
@@ -45,10 +45,18 @@ impl<M: Message> SharedMemoryPublisher<M> {
         Ok(Self { topic: topic.to_owned(), samples, wake, service, next_number: 0, dropped: 0, _node: memory.clone() })
     }
 
-    fn deliver(&self, sample: &M) -> Result<(), String> {
+    /// Sends a sample of someone else's.
+    pub(crate) fn send_as(&mut self, sample: &M, origin: SampleOrigin) -> Result<(), TransportError> {
+        self.deliver(sample, origin).map_err(|reason| {
+            self.dropped += 1;
+            TransportError::Send { topic: self.topic.clone(), kind: TransportKind::SharedMemory, reason }
+        })
+    }
+
+    fn deliver(&self, sample: &M, origin: SampleOrigin) -> Result<(), String> {
         let loan = self.samples.loan_uninit();
         let mut loan = loan.map_err(|error| format!("{error:?}"))?;
-        *loan.user_header_mut() = self.next_number;
+        *loan.user_header_mut() = origin;
         let delivered = loan.write_payload(*sample).send();
         delivered.map_err(|error| format!("{error:?}"))?;
         let woken = self.wake.notify();
@@ -59,13 +67,10 @@ impl<M: Message> SharedMemoryPublisher<M> {
 
 impl<M: Message> Publish<M> for SharedMemoryPublisher<M> {
     fn send(&mut self, sample: &M) -> Result<(), TransportError> {
-        let delivered = self.deliver(sample);
+        let origin = SampleOrigin { number: self.next_number, ..SampleOrigin::default() };
         // Also after a failure: subscribers then see the gap.
         self.next_number += 1;
-        delivered.map_err(|reason| {
-            self.dropped += 1;
-            TransportError::Send { topic: self.topic.clone(), kind: TransportKind::SharedMemory, reason }
-        })
+        self.send_as(sample, origin)
     }
 
     fn dropped(&self) -> u64 {

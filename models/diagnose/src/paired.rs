@@ -1,0 +1,174 @@
+//! Two fits of the same readings, compared on blocks that neither saw.
+//!
+//! Place in the flow: under [`crate::gate`] and every figure "with and without". Both fits give the residuals of a block
+//! left out (see [`crate::held_out`]); they are compared over the same readings with the same weights, the smaller of
+//! both, and over the same directions: what only the block itself determines in one of the fits is judged in neither.
+//! Otherwise a fit that rejects more readings, or a parameter that lives in one block, would look like a gain. Whitened
+//! residuals; no units.
+
+use crate::candidates::Round;
+use crate::linear::Linear;
+use abbe_identify::symmetric_eigen;
+use faer::Mat;
+
+/// 1 − eigenvalue of H below which only the block itself tells of a direction: predicted without it, its uncertainty is
+/// a thousand times the noise.
+const TOLD: f64 = 1e-6;
+/// 1 − eigenvalue of H from which other blocks tell of a direction. Below, little but a prior does: what a term says of
+/// such a direction counts, but that it could be anything does not excuse it where the fit without it knew better.
+const MEASURED: f64 = 1e-2;
+/// Eigenvalue of H below which the model does not reach a direction: rounding is a thousandth of it.
+const NONE: f64 = 1e-12;
+/// Share of a direction's length that must be new for it to be another one.
+const NEW: f64 = 1e-6;
+
+/// One block predicted by two fits that did not see it.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(crate) struct Pair {
+    /// Sum of squares by the first fit.
+    pub(crate) before: f64,
+    /// Sum of squares by the second.
+    pub(crate) after: f64,
+    /// Variance of `before` − `after` for unit noise if the second fit is right.
+    pub(crate) variance: f64,
+    /// Directions judged.
+    pub(crate) judged: usize,
+}
+
+/// What the second fit must say of directions that only its priors tell it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Untold {
+    /// Its prior's mean is its word, and is judged: a correction is used there.
+    Judged,
+    /// Nothing: what acts on the range alone need not know a holder, line or station that it never saw.
+    LeftOut,
+}
+
+/// Each block predicted by both fits.
+pub(crate) fn pairs(before: &Round, after: &Round, blocks: &[Vec<usize>], untold: Untold) -> Vec<Pair> {
+    blocks.iter().filter_map(|block| pair(before, after, block, untold)).collect()
+}
+
+fn pair(before: &Round, after: &Round, block: &[usize], untold: Untold) -> Option<Pair> {
+    let shared = |round: &Round, other: &Round| -> Vec<f64> {
+        let of = |k: &usize| match (round.rows.whitening[*k], other.rows.whitening[*k]) {
+            (own, other) if own > 0.0 => own.min(other) / own,
+            _ => 0.0,
+        };
+        block.iter().map(of).collect()
+    };
+    let (to_before, to_after) = (shared(before, after), shared(after, before));
+    let limit = match untold {
+        Untold::Judged => TOLD,
+        Untold::LeftOut => MEASURED,
+    };
+    let (first, second) = (left_out(&before.linear, block, TOLD)?, left_out(&after.linear, block, limit)?);
+    let mut hidden: Vec<Vec<f64>> = Vec::new();
+    let own = first.own().map(|own| times(&own, &to_before));
+    own.chain(second.own().map(|own| times(&own, &to_after))).for_each(|direction| add(&mut hidden, direction));
+    let common = |residuals: &[f64], factors: &[f64]| without(times(residuals, factors), &hidden);
+    let (a, b) = (common(&first.residuals, &to_before), common(&second.residuals, &to_after));
+    let difference: Vec<f64> = a.iter().zip(&b).map(|(a, b)| a - b).collect();
+    let variance = 4.0 * second.variance(&times(&difference, &to_after));
+    let judged = to_after.iter().filter(|factor| **factor > 0.0).count().saturating_sub(hidden.len());
+    Some(Pair { before: square(&a), after: square(&b), variance, judged })
+}
+
+/// A block predicted by a fit that did not see it.
+struct LeftOut {
+    /// Residuals, without what only the block tells.
+    residuals: Vec<f64>,
+    /// Eigenvalues of the block's hat matrix and their directions, those that the model does not reach left out.
+    values: Vec<f64>,
+    directions: Vec<Vec<f64>>,
+    /// 1 − eigenvalue up to which only the block tells of a direction.
+    limit: f64,
+}
+
+impl LeftOut {
+    /// Directions of which only the block tells.
+    fn own(&self) -> impl Iterator<Item = Vec<f64>> + '_ {
+        self.values
+            .iter()
+            .zip(&self.directions)
+            .filter(|(value, _)| 1.0 - **value <= self.limit)
+            .map(|(_, d)| d.clone())
+    }
+
+    /// xᵀ (I − H)⁻¹ x: variance along x of what is predicted, for unit noise.
+    fn variance(&self, x: &[f64]) -> f64 {
+        let mut variance = square(x);
+        for (value, direction) in self.values.iter().zip(&self.directions) {
+            let along = dot(direction, x).powi(2);
+            variance += match 1.0 - value {
+                rest if rest > MEASURED => along * value / rest,
+                rest if rest > self.limit => 0.0,
+                _ => -along,
+            };
+        }
+        variance.max(0.0)
+    }
+}
+
+fn left_out(fit: &Linear, block: &[usize], limit: f64) -> Option<LeftOut> {
+    let spread = fit.spread();
+    let rows = Mat::from_fn(block.len(), spread.ncols(), |i, j| spread[(block[i], j)]);
+    let seen: Vec<f64> = block.iter().map(|k| fit.residuals()[*k]).collect();
+    let (values, directions) = directions(&rows)?;
+    let mut residuals = seen.clone();
+    for (value, direction) in values.iter().zip(&directions) {
+        let along = dot(direction, &seen);
+        let change = if 1.0 - value > limit { along * value / (1.0 - value) } else { -along };
+        residuals.iter_mut().zip(direction).for_each(|(residual, d)| *residual += change * d);
+    }
+    Some(LeftOut { residuals, values, directions, limit })
+}
+
+/// Eigenvalues and eigenvectors of R Rᵀ, from whichever of R Rᵀ and RᵀR is smaller.
+fn directions(rows: &Mat<f64>) -> Option<(Vec<f64>, Vec<Vec<f64>>)> {
+    let is_tall = rows.nrows() > rows.ncols();
+    let (values, vectors) = match is_tall {
+        true => symmetric_eigen(&(rows.transpose() * rows))?,
+        false => symmetric_eigen(&(rows * rows.transpose()))?,
+    };
+    let vectors = if is_tall { rows * &vectors } else { vectors };
+    let reached: Vec<usize> = (0..values.len()).filter(|k| values[*k] > NONE).collect();
+    let direction = |k: &usize| {
+        let length = if is_tall { values[*k].sqrt() } else { 1.0 };
+        (0..rows.nrows()).map(|i| vectors[(i, *k)] / length).collect()
+    };
+    Some((reached.iter().map(|k| values[*k]).collect(), reached.iter().map(direction).collect()))
+}
+
+/// Adds what is new of a direction to an orthonormal set.
+fn add(set: &mut Vec<Vec<f64>>, direction: Vec<f64>) {
+    let length = square(&direction).sqrt();
+    // Twice: once leaves rounding of the order of what was taken away.
+    let mut new = without(without(direction, set), set);
+    let left = square(&new).sqrt();
+    if left > NEW * length.max(NEW) {
+        new.iter_mut().for_each(|v| *v /= left);
+        set.push(new);
+    }
+}
+
+/// A vector without its part in the span of an orthonormal set.
+fn without(mut vector: Vec<f64>, set: &[Vec<f64>]) -> Vec<f64> {
+    for direction in set {
+        let along = dot(direction, &vector);
+        vector.iter_mut().zip(direction).for_each(|(v, d)| *v -= along * d);
+    }
+    vector
+}
+
+fn times(a: &[f64], b: &[f64]) -> Vec<f64> {
+    a.iter().zip(b).map(|(a, b)| a * b).collect()
+}
+
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
+}
+
+fn square(a: &[f64]) -> f64 {
+    dot(a, a)
+}

@@ -1,0 +1,217 @@
+//! What leaves the correcting function: a number with a covariance that holds, or a rejection.
+
+use super::*;
+use crate::effects::tests::{machine, shapes};
+use crate::effects::{CovariateSource, CovariateValue, NoCovariates, REGISTRY, Shape};
+use crate::model::{FitQuality, IdentifiedVolume, ModelParts, Station};
+use proptest::prelude::*;
+use std::collections::BTreeMap;
+use std::sync::OnceLock;
+
+/// Range in which every covariate of the test models was identified.
+const USUAL: (f64, f64) = (0.0, 10.0);
+const READING_M: [f64; 3] = [0.31, 0.22, 0.13];
+const OFFSET_M: [f64; 3] = [0.1, 0.0, -0.06];
+/// Offset about which the ram turns.
+const CENTRE_M: [f64; 3] = [0.04, 0.05, -0.07];
+
+/// A covariate by name.
+struct By<F>(F);
+impl<F: Fn(&str) -> CovariateValue> CovariateSource for By<F> {
+    fn covariate(&self, name: &str) -> CovariateValue {
+        (self.0)(name)
+    }
+}
+
+/// A model with these effects, whose parameters are some thousandths of what is believable.
+fn model(effects: &[(&str, Shape)]) -> MachineModel {
+    let machine = machine();
+    let (mut fitted, mut sizes, mut covariates) = (Vec::new(), Vec::new(), BTreeMap::new());
+    for (name, shape) in effects {
+        let effect = crate::effects::construct(name, shape, &machine).unwrap();
+        let plausible: Vec<f64> = effect.parameters().iter().map(|spec| spec.plausible).collect();
+        let parameters = plausible.iter().enumerate().map(|(k, p)| p * 2e-3 * (1.3 * k as f64 + 1.0).sin()).collect();
+        sizes.extend(plausible.iter().map(|p| 2e-4 * p));
+        covariates.extend(effect.covariates().into_iter().chain(effect.range_covariates()).map(|name| (name, USUAL)));
+        fitted.push(MachineModel::fitted_effect(name, shape.clone(), &machine, parameters).unwrap());
+    }
+    let geometric = crate::layout::Layout::new(&machine, CENTRE_M).unwrap().len();
+    let coefficients = (0..geometric).map(|k| 3e-6 * (1.7 * k as f64).sin()).collect();
+    let deviations: Vec<f64> = vec![1e-7; geometric].into_iter().chain(sizes).chain([1e-6; 4]).collect();
+    let packed = |row: usize| (0..=row).map(move |column| (row, column));
+    let entry = |(a, b): (usize, usize)| if a == b { deviations[a].powi(2) } else { 0.0 };
+    let parts = ModelParts {
+        coefficients,
+        offset_centre_m: CENTRE_M,
+        effects: fitted,
+        stations: vec![Station { name: "S1".to_owned(), position_m: Vector3::new(-0.4, 1.1, 0.2), dead_path_m: 0.3 }],
+        covariance: (0..deviations.len()).flat_map(packed).map(entry).collect(),
+        chord_covariance: Vec::new(),
+        identified: IdentifiedVolume { reading_m: machine.stroke_m, offset_m: [(-0.15, 0.15); 3], covariates },
+        quality: FitQuality { readings: 1000, rejected: 0, chi2_per_dof: 1.0, residual_rms_m: 1e-7 },
+        machine,
+    };
+    MachineModel::new(parts).unwrap()
+}
+
+/// A model of every shape of every effect, and last one with an effect of each kind.
+fn models() -> &'static [MachineModel] {
+    static MODELS: OnceLock<Vec<MachineModel>> = OnceLock::new();
+    MODELS.get_or_init(|| {
+        let machine = machine();
+        let all = REGISTRY.iter().map(|entry| (entry.name, shapes(entry, &machine)));
+        let all: Vec<(&str, Vec<Shape>)> = all.collect();
+        let each = all.iter().flat_map(|(name, shapes)| shapes.iter().map(|shape| model(&[(*name, shape.clone())])));
+        let together: Vec<(&str, Shape)> = all.iter().map(|(name, shapes)| (*name, shapes[0].clone())).collect();
+        each.chain([model(&together)]).collect()
+    })
+}
+
+fn warm_up() -> MachineModel {
+    model(&[("warm_up", Shape::new().number("tau_s", 2.0).number("stages", 1.0))])
+}
+
+fn at<'a>(covariates: &'a dyn CovariateSource) -> State<'a> {
+    State { reading_m: READING_M, offset_m: OFFSET_M, covariates }
+}
+
+fn is_covariance(covariance_m2: &Matrix3<f64>) -> bool {
+    let least = covariance_m2.symmetric_eigenvalues().min();
+    covariance_m2.iter().all(|v| v.is_finite()) && least >= -1e-8 * covariance_m2.trace()
+}
+
+/// Any number at all, or one of the size that the quantity has.
+fn figure(low: f64, high: f64) -> impl Strategy<Value = f64> {
+    prop_oneof![3 => low..high, 1 => any::<f64>(), 1 => -1e4..1e4]
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(4000))]
+
+    #[test]
+    fn regress_what_is_corrected_is_finite_whatever_the_sample(
+        which in any::<prop::sample::Index>(),
+        reading_m in [figure(-0.1, 0.9), figure(-0.1, 0.7), figure(-0.1, 0.7)],
+        offset_m in [figure(-0.2, 0.2), figure(-0.2, 0.2), figure(-0.2, 0.2)],
+        values in prop::collection::vec((0..6_u8, figure(USUAL.0, USUAL.1)), 5),
+    ) {
+        let model = which.get(models());
+        let covariates = By(|name: &str| match values[name.len() % values.len()] {
+            (0, _) => CovariateValue::Missing,
+            (1, _) => CovariateValue::Stale,
+            (_, value) => CovariateValue::Fresh(value),
+        });
+        let correction = correct(model, &State { reading_m, offset_m, covariates: &covariates });
+        match correction.covariance_m2 {
+            None => prop_assert_eq!(correction.status, Status::Rejected),
+            Some(covariance_m2) => {
+                prop_assert!(correction.status != Status::Rejected);
+                prop_assert!(correction.position_m.iter().all(|v| v.is_finite()), "{correction:?}");
+                prop_assert!(is_covariance(&covariance_m2), "{correction:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn regress_a_warm_up_long_before_its_campaign_is_rejected() {
+    let model = warm_up();
+    let status = |time_s: f64| correct(&model, &at(&By(|_: &str| CovariateValue::Fresh(time_s)))).status;
+    assert_eq!([status(5.0), status(10.0)], [Status::InVolume; 2]);
+    // Before the campaign the law grows without bound; long after it, it stands still.
+    assert_eq!([-3e6, -3e3, -50.0].map(status), [Status::Rejected; 3]);
+    assert_eq!([-0.1, 11.0, 3e6].map(status), [Status::Extrapolated; 3]);
+}
+
+#[test]
+fn regress_offsets_that_no_holder_has_are_rejected() {
+    let model = model(&[]);
+    let status = |x_m: f64| correct(&model, &State { offset_m: [x_m, 0.0, -0.06], ..at(&NoCovariates) }).status;
+    assert_eq!(status(0.15), Status::InVolume);
+    assert_eq!([0.16, -0.5, 1.1].map(status), [Status::Extrapolated; 3]);
+    // A metre beyond what was identified; 60 mm taken for 60 m; what overflows.
+    assert_eq!([1.2, -60.0, 1e308, f64::INFINITY].map(status), [Status::Rejected; 4]);
+}
+
+#[test]
+fn regress_a_sensor_that_is_broken_does_not_correct() {
+    let shape = Shape::new().text("axis", "x").text("sensor", "temp_scale_x_c");
+    let model = model(&[("scale_expansion", shape)]);
+    let of = |value: f64| correct(&model, &at(&By(|_: &str| CovariateValue::Fresh(value))));
+    let u_m = |correction: Correction| correction.covariance_m2.unwrap()[(0, 0)].sqrt();
+    let (inside, outside) = (of(10.0), of(20.0));
+    assert_eq!((inside.status, outside.status), (Status::InVolume, Status::Extrapolated));
+    // One range beyond its end: what the law adds there, and as much again for what it may hide.
+    let added_m = (outside.effects_m - inside.effects_m).norm();
+    assert!(added_m > 1e-7 && u_m(outside) > 1.3 * added_m, "{added_m} {}", u_m(outside));
+    assert_eq!([1e6, -1e6, f64::MAX].map(|value| of(value).status), [Status::Rejected; 3]);
+    assert_eq!(of(f64::NAN).status, Status::CovariateMissing);
+}
+
+/// Whatever the covariates are over their range: what was left out stays within the covariance stated without them.
+#[test]
+fn regress_an_effect_that_is_left_out_widens_the_covariance_by_all_that_it_does() {
+    for model in models() {
+        let asked: Vec<String> = model.parts().effects.iter().flat_map(|fitted| fitted.effect.covariates()).collect();
+        let without = correct(model, &at(&NoCovariates));
+        if asked.is_empty() {
+            assert_eq!(without.status, Status::InVolume);
+            continue;
+        }
+        assert_eq!(without.status, Status::CovariateMissing);
+        let inverse = without.covariance_m2.unwrap().try_inverse().unwrap();
+        let mut most = 0.0_f64;
+        for k in 0..50_usize {
+            let value = |name: &str| USUAL.1 * (k as f64 * 0.37 * (1.0 + 0.1 * name.len() as f64)).fract();
+            let with = correct(model, &at(&By(|name: &str| CovariateValue::Fresh(value(name)))));
+            assert_eq!(with.status, Status::InVolume);
+            let moved_m = with.position_m - without.position_m;
+            most = most.max(moved_m.dot(&(inverse * moved_m)));
+        }
+        // Between the places of the grid a curved law may stand a little higher than at them. Several effects left out add
+        // up as independent ones.
+        let count = model.parts().effects.len() as f64;
+        assert!(most < 1.1 * count, "{asked:?}: {most}");
+    }
+}
+
+#[test]
+fn regress_an_effect_beyond_the_identified_readings_counts_as_uncertain_by_what_it_adds() {
+    let shape = Shape::new().text("axis", "x").text("over", "x").number("terms", 5.0);
+    let mut parts = model(&[("reversal", shape)]).parts().clone();
+    parts.covariance.fill(0.0);
+    let certain = MachineModel::new(parts).unwrap();
+    let played = By(|_: &str| CovariateValue::Fresh(1.0));
+    let of = |x_m: f64| correct(&certain, &State { reading_m: [x_m, 0.2, 0.1], ..at(&played) });
+    let (end, beyond) = (of(0.8), of(0.95));
+    assert_eq!((end.status, beyond.status), (Status::InVolume, Status::Extrapolated));
+    let added_m = (beyond.effects_m - end.effects_m).norm();
+    let variance_m2 = |correction: Correction| correction.covariance_m2.unwrap().trace();
+    let widened_m2 = variance_m2(beyond) - variance_m2(end);
+    assert!(added_m > 1e-7 && (widened_m2 / added_m.powi(2) - 1.0).abs() < 1e-3, "{added_m} {widened_m2}");
+}
+
+#[test]
+fn what_no_range_bounds_is_not_left_out_in_silence() {
+    let mut parts = warm_up().parts().clone();
+    parts.identified.covariates.clear();
+    let unbounded = MachineModel::new(parts.clone()).unwrap();
+    assert_eq!(correct(&unbounded, &at(&NoCovariates)).status, Status::Rejected);
+    let fresh = By(|_: &str| CovariateValue::Fresh(5.0));
+    assert_eq!(correct(&unbounded, &at(&fresh)).status, Status::Extrapolated);
+    for range in [(1.0, 0.0), (0.0, f64::NAN), (f64::INFINITY, f64::NEG_INFINITY)] {
+        parts.identified.covariates.insert("time_s".to_owned(), range);
+        assert!(MachineModel::new(parts.clone()).is_err(), "{range:?}");
+    }
+}
+
+#[test]
+fn regress_a_model_without_a_covariance_is_refused_and_one_that_overflows_rejects() {
+    let mut parts = model(&[]).parts().clone();
+    parts.covariance[0] = -1e-18;
+    assert!(MachineModel::new(parts.clone()).unwrap_err().to_string().contains("variance"));
+    parts.covariance[0] = f64::MAX;
+    parts.coefficients[0] = f64::MAX;
+    let overflowing = MachineModel::new(parts).unwrap();
+    assert_eq!(correct(&overflowing, &at(&NoCovariates)).status, Status::Rejected);
+}

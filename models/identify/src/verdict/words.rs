@@ -1,0 +1,152 @@
+//! Findings in words: what, how much, what may be behind it, and what to do.
+//!
+//! Place in the flow: the one place that says them, for terminal, reports, model files and logs alike.
+
+use super::{Cause, Finding, Grade, Subject, Verdict};
+use std::fmt;
+
+/// Lines named in a message.
+const NAMED: usize = 4;
+
+impl fmt::Display for Finding {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}", self.subject)?;
+        for (k, cause) in self.causes.iter().enumerate() {
+            write!(f, "{}{cause}", if k == 0 { ". Likely: " } else { ". Or: " })?;
+        }
+        Ok(())
+    }
+}
+
+impl fmt::Display for Subject {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Subject::Rejected { what, rejected, all, explained } => {
+                let share = 100.0 * *rejected as f64 / (*all).max(1) as f64;
+                write!(
+                    f,
+                    "{rejected} of {all} {what} ({share:.1} %) contradict the others; noise and 2 % of gross errors make at most {explained}"
+                )
+            }
+            Subject::Noise { ratio, chi2_per_dof } if *ratio > 1.0 => {
+                write!(f, "the residual is {ratio:.1} times the declared noise (chi2/dof {chi2_per_dof:.3})")
+            }
+            Subject::Noise { ratio, chi2_per_dof } => {
+                let times = ratio.max(f64::MIN_POSITIVE).recip();
+                write!(
+                    f,
+                    "the residual is {} times smaller than the declared noise (chi2/dof {chi2_per_dof:.2e})",
+                    rounded(times)
+                )
+            }
+            Subject::Stroke { shares } => {
+                let shares: Vec<String> =
+                    shares.iter().map(|(letter, share)| format!("{:.1} % of {letter}", share * 100.0)).collect();
+                write!(f, "the data cover {} only", shares.join(", "))
+            }
+        }
+    }
+}
+
+/// A factor without figures that mean nothing.
+fn rounded(times: f64) -> String {
+    if times < 10.0 {
+        format!("{times:.1}")
+    } else if times < 1e6 {
+        format!("{times:.0}")
+    } else {
+        "millions of".to_owned()
+    }
+}
+
+/// A length in the unit that fits it.
+fn length(m: f64) -> String {
+    if m.abs() < 1e-3 { format!("{:.1} um", m * 1e6) } else { format!("{:.3} mm", m * 1e3) }
+}
+
+impl fmt::Display for Cause {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Cause::Step { station, lines, readings, times_s, moved_m, dead_path_m, explains } => {
+                match moved_m {
+                    Some(moved_m) => write!(f, "station {station} moved by about {}", length(moved_m.norm()))?,
+                    None => write!(
+                        f,
+                        "the beam of station {station} was interrupted (its lengths shift by about {})",
+                        length(-dead_path_m)
+                    )?,
+                }
+                write!(
+                    f,
+                    " between readings {} and {} (line {} at {:.2} s, line {} at {:.2} s), which explains {explains} of them: give its \
+                     readings from reading {} on a station name of their own",
+                    readings.0, readings.1, lines.0, times_s.0, lines.1, times_s.1, readings.1
+                )
+            }
+            Cause::Lines { lines } => {
+                let named: Vec<String> = lines
+                    .iter()
+                    .take(NAMED)
+                    .map(|(line, station, rejected, all)| format!("{line} of station {station} ({rejected} of {all})"))
+                    .collect();
+                let more = lines.len().saturating_sub(NAMED);
+                let more = if more > 0 { format!(" and {more} more") } else { String::new() };
+                write!(
+                    f,
+                    "single lines: {}{more}; look for a collision, an interrupted beam or a wrong offset there, and remove or correct them",
+                    named.join(", ")
+                )
+            }
+            Cause::Offset { offset_m, rejected, all } => {
+                let [x, y, z] = offset_m.map(|m| m * 1e3);
+                write!(
+                    f,
+                    "the offset ({x} {y} {z}) mm is wrong, or its reflector was loose ({rejected} of its {all} readings); measure the offset again"
+                )
+            }
+            Cause::Station { station, rejected, all } => write!(
+                f,
+                "station {station} ({rejected} of its {all} readings): it was not stable, or its lengths are disturbed; measure it again or remove it"
+            ),
+            Cause::Rounded { columns, step_m } => write!(
+                f,
+                "{} {} rounded to {} mm, or {} commanded positions instead of scale readings: export them with all digits",
+                columns.join(", "),
+                if columns.len() == 1 { "is" } else { "are" },
+                // Steps are powers of ten; a binary fraction would show digits that are none.
+                (step_m * 1e9).round() / 1e6,
+                if columns.len() == 1 { "holds" } else { "hold" },
+            ),
+            Cause::Unit { unit } => {
+                write!(f, "all values are in {unit}: convert them to the unit in the column's name")
+            }
+            Cause::OtherMachine { machine } => {
+                write!(f, "this is not machine {machine}: check the machine file and its strokes")
+            }
+            Cause::PartOfStroke => f.write_str(
+                "only a part was driven: beyond it coordinates are extrapolated; measure the whole stroke that is used",
+            ),
+            Cause::Scattered => f.write_str(
+                "gross errors all over the data (interrupted beam, axes not at rest, rows mixed up): measure again",
+            ),
+            Cause::Lacks => f.write_str("the model lacks an effect: abbe diagnose looks for it"),
+            Cause::Understated => f.write_str(
+                "the declared uncertainties are too small: check their unit, and whether they are k = 1 or k = 2",
+            ),
+            Cause::Overstated => f.write_str(
+                "the declared uncertainties are too large: check their unit, and whether they are k = 1 or k = 2",
+            ),
+            Cause::Computed => {
+                f.write_str("the values are no readings of an instrument, but computed, smoothed or averaged")
+            }
+        }
+    }
+}
+
+impl Verdict {
+    /// Why there is no result, in one paragraph; `None` where nothing is refused.
+    pub fn refusal(&self) -> Option<String> {
+        let refusals: Vec<String> = self.of(Grade::Refusal).map(ToString::to_string).collect();
+        (!refusals.is_empty()).then(|| refusals.join("; and "))
+    }
+}

@@ -1,0 +1,189 @@
+//! What rows were worth: how many were corrected, in what state, where the first bad ones stand, and what all of them share.
+//!
+//! Place in the flow: `abbe correct` (tables and bags) counts here and says it on standard error, so that a file of rows outside
+//! the machine does not pass for a corrected one. Lengths in m, shown in mm.
+
+use crate::exit::Ended;
+use abbe_files::status_word;
+use abbe_geometry::correct::Status;
+use abbe_geometry::effects::{CovariateValue, State};
+use abbe_geometry::model::MachineModel;
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+
+/// Share of rows that are not in volume from which it is a warning.
+const WARNED_SHARE: f64 = 0.1;
+/// Room between a bound and a value that only rounding makes (m).
+const ROUNDING_M: f64 = 1e-9;
+const AXES: [&str; 3] = ["X", "Y", "Z"];
+/// Factors by which readings of another unit miss millimetres.
+const UNITS: [(f64, &str); 3] = [(1e3, "metres"), (25.4, "inches"), (1e-3, "micrometres")];
+/// Share of the volume's largest extent that readings of the right unit cover.
+const COVERED: f64 = 0.2;
+
+/// Rows by status.
+#[derive(Debug, Default)]
+pub(crate) struct Tally {
+    rows: u64,
+    kinds: BTreeMap<Status, Kind>,
+    /// Smallest and largest reading of each axis (m).
+    span_m: Option<[(f64, f64); 3]>,
+}
+
+/// Rows of one status.
+#[derive(Debug, Default)]
+struct Kind {
+    rows: u64,
+    first: u64,
+    /// What is wrong in every one of them, with the value furthest off.
+    shared: BTreeMap<Reason, f64>,
+}
+
+/// What is wrong with a row.
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
+enum Reason {
+    Reading(usize),
+    Offset(usize),
+    OutsideCovariate(String),
+    MissingCovariate(String),
+}
+
+impl Tally {
+    /// Counts a row; `place` is its line, or its number.
+    pub(crate) fn add(&mut self, model: &MachineModel, state: &State, status: Status, place: u64) {
+        self.rows += 1;
+        let span_m = self.span_m.get_or_insert(state.reading_m.map(|value| (value, value)));
+        for ((low, high), value) in span_m.iter_mut().zip(state.reading_m) {
+            (*low, *high) = (low.min(value), high.max(value));
+        }
+        let kind = self.kinds.entry(status).or_default();
+        kind.rows += 1;
+        if status == Status::InVolume {
+            return;
+        }
+        let found = reasons(model, state, status);
+        if kind.rows == 1 {
+            (kind.first, kind.shared) = (place, found.into_iter().collect());
+            return;
+        }
+        kind.shared.retain(|reason, furthest| {
+            let here = found.iter().find(|(other, _)| other == reason);
+            let further = here.filter(|(_, value)| value.abs() > furthest.abs());
+            *furthest = further.map_or(*furthest, |(_, value)| *value);
+            here.is_some()
+        });
+    }
+
+    fn count(&self, status: Status) -> u64 {
+        self.kinds.get(&status).map_or(0, |kind| kind.rows)
+    }
+
+    /// Number of rows.
+    pub(crate) fn rows(&self) -> u64 {
+        self.rows
+    }
+
+    /// The words for standard error; `place` is `line` or `reading`.
+    pub(crate) fn words(&self, model: &MachineModel, file: &str, place: &str) -> String {
+        let inside = self.count(Status::InVolume);
+        let bad = (self.rows - inside) as f64;
+        let warning = if bad > WARNED_SHARE * self.rows as f64 { "warning: " } else { "" };
+        let corrected = self.rows - self.count(Status::Rejected);
+        let mut text = format!("{warning}{file}: {} rows, {corrected} corrected, {inside} in volume", self.rows);
+        for (status, kind) in self.kinds.iter().filter(|(status, _)| **status != Status::InVolume) {
+            // Writing to a string cannot fail.
+            let _ = write!(text, ", {} {} (first: {place} {})", kind.rows, status_word(*status), kind.first);
+        }
+        for (status, kind) in self.kinds.iter().filter(|(_, kind)| !kind.shared.is_empty()) {
+            let causes: Vec<String> =
+                kind.shared.iter().map(|(why, furthest)| why.words(model, *status, *furthest)).collect();
+            let _ = write!(text, "\n  {}, all of them: {}", status_word(*status), causes.join("; "));
+        }
+        if let Some(unit) = self.unit(model).filter(|_| inside == 0) {
+            let _ = write!(text, "\n  as {unit} the readings would lie inside; x_mm, y_mm and z_mm are millimetres");
+        }
+        text
+    }
+
+    /// An error where no row is inside what the model knows.
+    pub(crate) fn judge(&self, file: &str) -> Result<(), Ended> {
+        if self.count(Status::InVolume) > 0 {
+            return Ok(());
+        }
+        let why = format!(
+            "{file}: no row could be corrected inside what the model was identified from; do not use them as corrected"
+        );
+        Err(Ended::nothing_inside(why))
+    }
+
+    /// The unit in which the readings would fill the volume, where they do not as millimetres.
+    fn unit(&self, model: &MachineModel) -> Option<&'static str> {
+        let (span_m, bounds_m) = (self.span_m?, &model.parts().identified.reading_m);
+        let covered = |factor: f64| {
+            let shares = span_m.iter().zip(bounds_m).map(|(s, b)| (s.1 - s.0) * factor / (b.1 - b.0));
+            shares.fold(0.0, f64::max)
+        };
+        let inside = |factor: f64| {
+            let mut axes = span_m.iter().zip(bounds_m);
+            axes.all(|(s, b)| s.0 * factor >= b.0 - ROUNDING_M && s.1 * factor <= b.1 + ROUNDING_M)
+        };
+        UNITS.iter().find(|(factor, _)| inside(*factor) && covered(*factor) > COVERED).map(|(_, name)| *name)
+    }
+}
+
+impl Reason {
+    fn words(&self, model: &MachineModel, status: Status, furthest: f64) -> String {
+        let parts = model.parts();
+        let outside = |what: String, (low, high): (f64, f64), unit: &str| {
+            format!("{what} is outside {low:.4} … {high:.4}{unit}, {furthest:.4}{unit} at most")
+        };
+        let mm = |(low, high): (f64, f64)| (low * 1e3, high * 1e3);
+        match self {
+            Reason::Reading(axis) if status == Status::Rejected => {
+                outside(AXES[*axis].to_owned(), mm(parts.machine.stroke_m[*axis]), " mm")
+            }
+            Reason::Reading(axis) => outside(AXES[*axis].to_owned(), mm(parts.identified.reading_m[*axis]), " mm"),
+            Reason::Offset(axis) => {
+                outside(format!("the offset in {}", AXES[*axis]), mm(parts.identified.offset_m[*axis]), " mm")
+            }
+            Reason::OutsideCovariate(name) => match parts.identified.covariates.get(name) {
+                Some(bounds) => outside(name.clone(), *bounds, ""),
+                None => name.clone(),
+            },
+            Reason::MissingCovariate(name) => format!("{name} is missing, empty, no number or too old"),
+        }
+    }
+}
+
+/// What is wrong with a row, and the value that is (mm, or the unit of a covariate).
+fn reasons(model: &MachineModel, state: &State, status: Status) -> Vec<(Reason, f64)> {
+    let parts = model.parts();
+    let off = |value: f64, bounds: &(f64, f64)| value < bounds.0 - ROUNDING_M || value > bounds.1 + ROUNDING_M;
+    let beyond = |values: [f64; 3], bounds: &[(f64, f64); 3]| -> Vec<(usize, f64)> {
+        let axes = values.into_iter().zip(bounds).enumerate().filter(|(_, (value, bounds))| off(*value, bounds));
+        axes.map(|(axis, (value, _))| (axis, value * 1e3)).collect()
+    };
+    let readings = |bounds| beyond(state.reading_m, bounds).into_iter().map(|(axis, mm)| (Reason::Reading(axis), mm));
+    match status {
+        Status::InVolume => Vec::new(),
+        Status::Rejected => readings(&parts.machine.stroke_m).collect(),
+        Status::Extrapolated => {
+            let offsets = beyond(state.offset_m, &parts.identified.offset_m).into_iter();
+            let covariates = parts.identified.covariates.iter().filter_map(|(name, bounds)| {
+                match state.covariates.covariate(name) {
+                    CovariateValue::Fresh(value) if value < bounds.0 || value > bounds.1 => {
+                        Some((Reason::OutsideCovariate(name.clone()), value))
+                    }
+                    _ => None,
+                }
+            });
+            let offsets = offsets.map(|(axis, mm)| (Reason::Offset(axis), mm));
+            readings(&parts.identified.reading_m).chain(offsets).chain(covariates).collect()
+        }
+        Status::CovariateMissing | Status::Stale => {
+            let names = parts.effects.iter().flat_map(|fitted| fitted.effect.covariates());
+            let lacks = |name: &String| !matches!(state.covariates.covariate(name), CovariateValue::Fresh(_));
+            names.filter(lacks).map(|name| (Reason::MissingCovariate(name), 0.0)).collect()
+        }
+    }
+}

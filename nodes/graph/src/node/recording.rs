@@ -1,0 +1,273 @@
+//! The disk's side of the recorder: one thread that writes, splits, watches the free space and waits for the disk.
+//!
+//! Place in the flow: [`super::recorder`] -> bounded queue -> bag. Nothing else of the node touches the disk, so that a
+//! disk that stalls costs room in the queue and, when that is used up, counted messages, but never holds anybody up. What
+//! was taken is on the disk half a second later: a power cut costs less than a second.
+
+use crate::launch::RecordConfig;
+use abbe_msgs::bag::{BagError, BagWriter};
+use std::path::{Path, PathBuf};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::thread::{self, JoinHandle};
+use std::time::{Duration, Instant};
+
+/// Messages that wait for the disk at most: some seconds of a 1 kHz graph with all topics, some 20 MB.
+const QUEUE: usize = 32_768;
+/// How often everything is put on the disk.
+const SYNC_EVERY: Duration = Duration::from_millis(500);
+/// Warned is below so many times the space that is left free.
+const WARN_FACTOR: u64 = 2;
+
+/// A message on its way to the bag.
+pub(super) struct Record {
+    pub(super) topic: Arc<str>,
+    pub(super) ros_type: &'static str,
+    pub(super) cdr: Vec<u8>,
+    pub(super) log_time_ns: u64,
+}
+
+/// What there is to say of the recording.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Status {
+    /// Messages in the bag.
+    pub(super) recorded: u64,
+    /// Messages that came after recording had stopped, or that found the queue full.
+    pub(super) unrecorded: u64,
+    /// Files of the bag.
+    pub(super) files: u64,
+    /// Free space of the disk (bytes); `None` where the system does not say.
+    pub(super) free_bytes: Option<u64>,
+    /// Whether little space is left.
+    pub(super) is_low: bool,
+    /// Longest that the disk took to have everything.
+    pub(super) longest_sync: Duration,
+    /// Why recording has stopped, and what to do.
+    pub(super) stopped: Option<String>,
+}
+
+/// A recording under way.
+pub(super) struct Recording {
+    queue: Option<SyncSender<Record>>,
+    status: Arc<Mutex<Status>>,
+    thread: Option<JoinHandle<Result<(), BagError>>>,
+}
+
+impl Recording {
+    /// Creates the bag at `path` and starts the thread that writes it.
+    pub(super) fn start(path: &Path, config: &RecordConfig) -> Result<std::io::Result<Recording>, BagError> {
+        let writer = BagWriter::create(path)?;
+        let status = Arc::new(Mutex::new(Status { files: 1, ..Status::default() }));
+        let (queue, records) = sync_channel(QUEUE);
+        let mut disk = Disk {
+            path: path.to_owned(),
+            split_bytes: config.split_mib.map(|mib| mib.saturating_mul(1 << 20)),
+            split_after: config.split_s.and_then(|seconds| Duration::try_from_secs_f64(seconds).ok()),
+            least_free_bytes: config.least_free_bytes(),
+            begun: Instant::now(),
+            status: Arc::clone(&status),
+        };
+        let started = thread::Builder::new().name("recording".into()).spawn(move || disk.run(writer, &records));
+        Ok(started.map(|thread| Recording { queue: Some(queue), status, thread: Some(thread) }))
+    }
+
+    /// Hands a message on; never waits.
+    pub(super) fn push(&self, record: Record) {
+        let handed = self.queue.as_ref().is_some_and(|queue| queue.try_send(record).is_ok());
+        if !handed {
+            lock(&self.status).unrecorded += 1;
+        }
+    }
+
+    pub(super) fn status(&self) -> Status {
+        lock(&self.status).clone()
+    }
+
+    /// Completes the bag.
+    pub(super) fn finish(mut self) -> Result<Status, BagError> {
+        drop(self.queue.take());
+        let ended = self.thread.take().map(JoinHandle::join);
+        if let Some(Err(_)) = ended {
+            lock(&self.status).stopped = Some("the recording broke off; recover the bag".to_owned());
+        }
+        if let Some(Ok(outcome)) = ended {
+            outcome?;
+        }
+        Ok(self.status())
+    }
+}
+
+/// What the thread works with.
+struct Disk {
+    path: PathBuf,
+    split_bytes: Option<u64>,
+    split_after: Option<Duration>,
+    least_free_bytes: u64,
+    /// When the file that is written was begun.
+    begun: Instant,
+    status: Arc<Mutex<Status>>,
+}
+
+impl Disk {
+    /// Writes until the queue is closed, or until nothing more may be written; then only counts.
+    fn run(&mut self, mut writer: BagWriter, records: &Receiver<Record>) -> Result<(), BagError> {
+        match self.record(&mut writer, records) {
+            Ok(None) => writer.finish().map(drop),
+            Ok(Some(reason)) => {
+                let finished = writer.finish().map(drop);
+                self.stop(reason, records);
+                finished
+            }
+            Err(error) => {
+                // What is on the disk stays as it is: a writer that failed cannot complete its file.
+                std::mem::forget(writer);
+                self.stop(format!("{error}; what was written before can be recovered"), records);
+                Ok(())
+            }
+        }
+    }
+
+    /// Writes what comes; gives why no more may be written, or nothing when the queue is closed.
+    fn record(&mut self, writer: &mut BagWriter, records: &Receiver<Record>) -> Result<Option<String>, BagError> {
+        let mut synced = Instant::now();
+        if let Some(reason) = self.look(writer)? {
+            return Ok(Some(reason));
+        }
+        loop {
+            match records.recv_timeout(SYNC_EVERY.saturating_sub(synced.elapsed())) {
+                Ok(record) => {
+                    writer.write_cdr(&record.topic, record.ros_type, &record.cdr, record.log_time_ns)?;
+                    lock(&self.status).recorded += 1;
+                }
+                Err(RecvTimeoutError::Timeout) => {}
+                Err(RecvTimeoutError::Disconnected) => return Ok(None),
+            }
+            if synced.elapsed() >= SYNC_EVERY {
+                let since = Instant::now();
+                writer.sync()?;
+                let mut status = lock(&self.status);
+                status.longest_sync = status.longest_sync.max(since.elapsed());
+                drop(status);
+                synced = Instant::now();
+                if let Some(reason) = self.look(writer)? {
+                    return Ok(Some(reason));
+                }
+            }
+        }
+    }
+
+    /// Begins the next file where that is due, and looks at the free space; gives why no more may be written.
+    fn look(&mut self, writer: &mut BagWriter) -> Result<Option<String>, BagError> {
+        let large = match self.split_bytes {
+            Some(limit) => writer.file_bytes()? >= limit,
+            None => false,
+        };
+        if large || self.split_after.is_some_and(|after| self.begun.elapsed() >= after) {
+            writer.split()?;
+            self.begun = Instant::now();
+        }
+        let free_bytes = free_bytes(&self.path);
+        let least = self.least_free_bytes;
+        let mut status = lock(&self.status);
+        status.files = writer.files() as u64;
+        status.free_bytes = free_bytes;
+        let was_low = status.is_low;
+        status.is_low = free_bytes.is_some_and(|free| free < least.saturating_mul(WARN_FACTOR));
+        let free_mib = free_bytes.unwrap_or(0) >> 20;
+        if status.is_low && !was_low {
+            tracing::warn!(
+                free_mib,
+                "{}: little space is left; recording stops at {} MiB",
+                self.path.display(),
+                least >> 20
+            );
+        }
+        let full = free_bytes.is_some_and(|free| free < least);
+        Ok(full.then(|| {
+            format!("{free_mib} MiB are free, less than the {} MiB to be left; make room and start again", least >> 20)
+        }))
+    }
+
+    /// Says why, and counts what still comes until the queue is closed.
+    fn stop(&self, reason: String, records: &Receiver<Record>) {
+        tracing::error!("{}: recording has stopped: {reason}; the graph goes on without it", self.path.display());
+        lock(&self.status).stopped = Some(reason);
+        while records.recv().is_ok() {
+            lock(&self.status).unrecorded += 1;
+        }
+    }
+}
+
+/// Free space for this user where the bag lies.
+fn free_bytes(path: &Path) -> Option<u64> {
+    let disk = rustix::fs::statvfs(path).ok()?;
+    disk.f_bavail.checked_mul(disk.f_frsize)
+}
+
+/// The status is consistent between any two statements.
+fn lock(status: &Mutex<Status>) -> MutexGuard<'_, Status> {
+    status.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use abbe_msgs::bag::messages;
+    use abbe_msgs::{Message, ScaleReading, cdr};
+
+    fn record(sequence: u64) -> Record {
+        let reading = ScaleReading { sequence, ..ScaleReading::default() };
+        let cdr = cdr::encode(&reading.to_ros()).unwrap();
+        Record { topic: "/m/scale/reading".into(), ros_type: ScaleReading::ROS_TYPE, cdr, log_time_ns: sequence }
+    }
+
+    fn start(path: &Path, config: &RecordConfig) -> Recording {
+        Recording::start(path, config).unwrap().unwrap()
+    }
+
+    #[test]
+    fn a_recording_is_split_by_time_and_holds_everything_in_order() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("run");
+        let recording = start(&path, &RecordConfig { split_s: Some(1.0), ..RecordConfig::new(&path) });
+        for sequence in 0..320 {
+            recording.push(record(sequence));
+            thread::sleep(Duration::from_millis(8));
+        }
+        let status = recording.finish().unwrap();
+        assert_eq!((status.recorded, status.unrecorded, status.stopped), (320, 0, None));
+        assert!(status.files >= 2 && status.longest_sync > Duration::ZERO, "{} files", status.files);
+        let times = messages(&path).unwrap().map(|message| message.unwrap().log_time_ns);
+        assert!(times.eq(0..320));
+    }
+
+    #[test]
+    fn what_was_taken_a_second_ago_is_in_the_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("run");
+        let recording = start(&path, &RecordConfig::new(&path));
+        (0..5).for_each(|sequence| recording.push(record(sequence)));
+        thread::sleep(Duration::from_millis(1000));
+        // Five messages fill no chunk: only putting them on the disk in time brings them here.
+        assert_eq!(messages(&path).unwrap().filter(Result::is_ok).count(), 5);
+        recording.finish().unwrap();
+    }
+
+    #[test]
+    fn a_disk_that_is_nearly_full_ends_the_bag_properly_and_what_comes_later_is_counted() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("run");
+        let recording = start(&path, &RecordConfig { least_free_mib: Some(u64::MAX), ..RecordConfig::new(&path) });
+        for _ in 0..200 {
+            if recording.status().stopped.is_some() {
+                break;
+            }
+            thread::sleep(Duration::from_millis(10));
+        }
+        (0..5).for_each(|sequence| recording.push(record(sequence)));
+        let status = recording.finish().unwrap();
+        assert!(status.is_low && status.stopped.unwrap().contains("make room"));
+        assert_eq!((status.recorded, status.unrecorded), (0, 5));
+        assert_eq!(messages(&path).unwrap().map(Result::unwrap).count(), 0, "a whole bag");
+    }
+}

@@ -1,0 +1,187 @@
+//! One node as a child process: how it is started, what it says, how it is told to end.
+//!
+//! Place in the flow: under the supervisor. A node runs in a process group of its own, so that Ctrl-C in a terminal
+//! reaches the launcher alone and the nodes end in the order that the launcher wants.
+
+use super::SupervisorError;
+use crate::launch::NodeName;
+use crate::node::{ALIVE, NodeSummary, READY};
+use rustix::process::Signal;
+use std::io::{BufRead, BufReader, Read, Write};
+use std::os::unix::process::{CommandExt, ExitStatusExt};
+use std::process::{Child, ChildStderr, ChildStdout, Command, ExitStatus, Stdio};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+/// What begins a line that a node passes on from its gateway: such a line is not the node's own last word.
+const GATEWAY: &str = "gateway: ";
+
+/// How a node ended.
+#[derive(Debug)]
+pub(super) struct Ended {
+    pub(super) status: ExitStatus,
+    /// Last words on its error stream.
+    pub(super) words: String,
+    pub(super) summary: Option<NodeSummary>,
+}
+
+/// What a node said on its standard output so far.
+#[derive(Debug, Default)]
+struct Said {
+    ready: bool,
+    alive: Option<Instant>,
+    summary: Option<NodeSummary>,
+}
+
+/// A running node.
+pub(super) struct NodeProcess {
+    name: NodeName,
+    child: Child,
+    said: Arc<Mutex<Said>>,
+    started: Instant,
+    /// They end with the streams of the node.
+    errors: Option<JoinHandle<String>>,
+    output: Option<JoinHandle<()>>,
+}
+
+impl NodeProcess {
+    /// Starts `command`, which makes the node `name`.
+    pub(super) fn start(name: NodeName, mut command: Command) -> Result<NodeProcess, SupervisorError> {
+        command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped()).process_group(0);
+        let mut child = command.spawn().map_err(|source| SupervisorError::Start {
+            node: name.name(),
+            program: command.get_program().into(),
+            source,
+        })?;
+        let said = Arc::new(Mutex::new(Said::default()));
+        let listening = Arc::clone(&said);
+        let errors = child.stderr.take().map(|stream| std::thread::spawn(move || pass_on(name, stream)));
+        let output = child.stdout.take().map(|stream| std::thread::spawn(move || listen(stream, &listening)));
+        Ok(NodeProcess { name, child, said, started: Instant::now(), errors, output })
+    }
+
+    pub(super) fn id(&self) -> u32 {
+        self.child.id()
+    }
+
+    /// Whether it has said that it is ready.
+    pub(super) fn is_ready(&self) -> bool {
+        lock(&self.said).ready
+    }
+
+    /// How long its loop has not turned, as far as it is known here.
+    pub(super) fn silent_for(&self) -> Duration {
+        lock(&self.said).alive.unwrap_or(self.started).elapsed()
+    }
+
+    /// How it ended, if it has.
+    pub(super) fn ended(&mut self) -> Result<Option<Ended>, SupervisorError> {
+        let watch = |source| SupervisorError::Watch { node: self.name.name(), source };
+        Ok(self.child.try_wait().map_err(watch)?.map(|status| self.collect(status)))
+    }
+
+    /// Asks it to stop, and ends it if it does not within `patience`, or sooner where there is a `hurry`. The second is
+    /// whether it had to be ended.
+    pub(super) fn end(
+        &mut self,
+        patience: Duration,
+        hurry: &dyn Fn() -> bool,
+    ) -> Result<(Ended, bool), SupervisorError> {
+        self.signal(Signal::TERM);
+        // One that is stopped (Ctrl-Z, a debugger) hears nothing else.
+        self.signal(Signal::CONT);
+        let since = Instant::now();
+        while since.elapsed() < patience && !hurry() {
+            if let Some(ended) = self.ended()? {
+                return Ok((ended, false));
+            }
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        tracing::warn!(node = self.name.name(), "did not stop in time and is ended");
+        let watch = |source| SupervisorError::Watch { node: self.name.name(), source };
+        self.child.kill().map_err(watch)?;
+        let status = self.child.wait().map_err(watch)?;
+        Ok((self.collect(status), true))
+    }
+
+    fn signal(&self, signal: Signal) {
+        if let Some(pid) = i32::try_from(self.child.id()).ok().and_then(rustix::process::Pid::from_raw) {
+            // It may have ended by itself in between; then there is nothing to ask.
+            let _ = rustix::process::kill_process(pid, signal);
+        }
+    }
+
+    fn collect(&mut self, status: ExitStatus) -> Ended {
+        let words = self.errors.take().and_then(|thread| thread.join().ok()).unwrap_or_default();
+        if self.output.take().is_some_and(|thread| thread.join().is_err()) {
+            tracing::error!(node = self.name.name(), "the thread that reads its output panicked");
+        }
+        Ended { status, words, summary: lock(&self.said).summary.take() }
+    }
+}
+
+impl Ended {
+    /// Whether it ended with an error of its own.
+    pub(super) fn gave_up(&self) -> bool {
+        self.status.code().is_some_and(|code| code != 0)
+    }
+
+    /// Whether this is how a node ends that was asked to, also before it could handle the request.
+    pub(super) fn is_in_order(&self) -> bool {
+        self.status.success() || self.was_interrupted()
+    }
+
+    /// Whether it ended by SIGINT or SIGTERM, which a node handles as soon as it can.
+    pub(super) fn was_interrupted(&self) -> bool {
+        let asked = [Signal::INT, Signal::TERM].map(|signal| Some(signal.as_raw()));
+        asked.contains(&self.status.signal())
+    }
+
+    /// Exit status and last words.
+    pub(super) fn told(&self) -> String {
+        let words = if self.words.is_empty() { "(it said nothing)" } else { &self.words };
+        format!("{}: {words}", self.status)
+    }
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Hands on what a node says as it says it: a full pipe would hold the node up in the middle of its work.
+fn pass_on(name: NodeName, stream: ChildStderr) -> String {
+    let mut last = String::new();
+    lines(stream, |words| {
+        // Not `eprintln!`: it would end this thread where nobody reads the launcher's own words.
+        let _ = writeln!(std::io::stderr(), "{}: {words}", name.name());
+        if !words.starts_with(GATEWAY) {
+            last = words.to_owned();
+        }
+    });
+    last
+}
+
+fn listen(stream: ChildStdout, said: &Mutex<Said>) {
+    lines(stream, |words| {
+        let mut said = lock(said);
+        match words {
+            READY => said.ready = true,
+            ALIVE => said.alive = Some(Instant::now()),
+            words => said.summary = serde_json::from_str(words).ok().or(said.summary.take()),
+        }
+    });
+}
+
+fn lines(stream: impl Read, mut each: impl FnMut(&str)) {
+    let mut stream = BufReader::new(stream);
+    let mut line = Vec::new();
+    // What cannot be read is only missing from the log.
+    while stream.read_until(b'\n', &mut line).is_ok_and(|bytes| bytes > 0) {
+        let words = String::from_utf8_lossy(&line);
+        if !words.trim_end().is_empty() {
+            each(words.trim_end());
+        }
+        line.clear();
+    }
+}

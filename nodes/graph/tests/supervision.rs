@@ -1,0 +1,100 @@
+//! What the launcher does with nodes that end, hang or will not stop; nodes here are small programs.
+
+#![allow(clippy::unwrap_used)] // helpers of a test
+
+use abbe_graph::launch::NodeName;
+use abbe_graph::supervisor::{Stopped, Supervisor, SupervisorError};
+use abbe_runtime::{RunId, Shutdown};
+use std::fs;
+use std::os::unix::fs::PermissionsExt;
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+const LAUNCH: &str = r#"
+namespace = "cmm"
+machine = "machine.toml"
+nodes = ["geometric"]
+max_covariate_age_s = 10.0
+wait_for_subscribers_s = 5.0
+
+[[edges]]
+from = "scale"
+to = "geometric"
+transport = "shared-memory"
+"#;
+
+/// A graph of one node that is this script; `$life` counts its starts from 0.
+fn start(folder: &Path, script: &str) -> Supervisor {
+    let (program, launch) = (folder.join("node"), folder.join("launch.toml"));
+    let life = r#"life=0; while [ $# -gt 0 ]; do [ "$1" = --life ] && life=$2; shift; done"#;
+    fs::write(&program, format!("#!/bin/sh\n{life}\n{script}\n")).unwrap();
+    fs::set_permissions(&program, fs::Permissions::from_mode(0o755)).unwrap();
+    fs::write(&launch, LAUNCH).unwrap();
+    Supervisor::start(&program, &launch, RunId::unique()).unwrap()
+}
+
+/// Looks after the graph until it fails or `done` says so.
+fn look_after(graph: &mut Supervisor, done: impl Fn(&Supervisor) -> bool) -> Result<(), SupervisorError> {
+    let deadline = Instant::now() + Duration::from_secs(20);
+    while !done(graph) {
+        assert!(Instant::now() < deadline, "it did not come to that");
+        graph.check()?;
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    Ok(())
+}
+
+const WORKS: &str = "echo ready; echo alive; while :; do sleep 0.05; done";
+
+#[test]
+fn a_node_that_ends_without_an_error_starts_again_and_the_graph_is_healthy_again() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut graph = start(folder.path(), &format!("[ $life = 0 ] && {{ echo ready; exit 0; }}\n{WORKS}"));
+    let first = graph.process_ids();
+    look_after(&mut graph, |graph| graph.is_healthy() && graph.process_ids() != first).unwrap();
+    let Stopped { problems, .. } = graph.stop(&Shutdown::manual()).unwrap();
+    assert_eq!(problems, Vec::<String>::new());
+}
+
+#[test]
+fn a_correcting_node_that_keeps_ending_ends_the_launch_with_its_words() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut graph = start(folder.path(), "echo ready; echo 'no light' >&2; kill -9 $$");
+    let error = look_after(&mut graph, |_| false).unwrap_err().to_string();
+    for words in ["node geometric ended with signal: 9", "no light", "started again and ended again"] {
+        assert!(error.contains(words), "{error:?} does not say {words:?}");
+    }
+}
+
+#[test]
+fn regress_a_node_that_fails_or_will_not_stop_is_told_of_at_the_end() {
+    for (script, words) in [
+        (format!("trap '' TERM\n{WORKS}"), "did not stop in time"),
+        (format!("trap 'exit 3' TERM\n{WORKS}"), "exit status: 3"),
+    ] {
+        let folder = tempfile::tempdir().unwrap();
+        let mut graph = start(folder.path(), &script);
+        look_after(&mut graph, Supervisor::is_healthy).unwrap();
+        let hurry = Shutdown::manual();
+        let again = hurry.clone();
+        // As a second Ctrl-C does: what will not stop is not waited for.
+        std::thread::spawn(move || {
+            std::thread::sleep(Duration::from_millis(500));
+            again.request();
+            again.request();
+        });
+        let since = Instant::now();
+        let Stopped { problems, .. } = graph.stop(&hurry).unwrap();
+        assert!(since.elapsed() < Duration::from_secs(4), "it was waited for");
+        assert!(problems.len() == 1 && problems[0].contains(words), "{problems:?}");
+    }
+}
+
+#[test]
+fn a_graph_with_a_node_that_does_not_run_is_not_healthy() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut graph = start(folder.path(), "echo ready; [ $life = 0 ] && exit 0; sleep 5");
+    look_after(&mut graph, |graph| graph.process_ids().is_empty()).unwrap();
+    assert!(!graph.is_healthy());
+    assert!(!graph.has_ended(NodeName::Geometric).unwrap());
+}

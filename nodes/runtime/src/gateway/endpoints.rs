@@ -1,0 +1,123 @@
+//! The node's ends of topics over DDS: samples go to, and come from, the gateway through shared memory.
+//!
+//! Place in the flow: on the correcting thread, in place of a DDS publisher or subscriber. Sending costs a copy into
+//! shared memory, whether or not there is a gateway.
+
+use std::sync::atomic::Ordering;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+use abbe_msgs::Message;
+
+use super::node::{GatewayNode, Held, NodeEnd, Publication, SubscriptionState};
+use super::protocol::Endpoint;
+use crate::transport::shared_memory::{SharedMemoryPublisher, SharedMemorySubscriber};
+use crate::transport::{Publish, Subscribe, TransportError};
+
+/// Sends over DDS through the gateway.
+pub struct GatewayPublisher<M: Message> {
+    link: SharedMemoryPublisher<M>,
+    publication: Arc<Publication>,
+    // Last: the gateway closes its end when this one is gone.
+    _held: Held,
+}
+
+impl<M: Message> GatewayPublisher<M> {
+    /// A publisher on `topic`, an absolute name; without one only what is made of the samples goes out, on the topics
+    /// `companions`.
+    ///
+    /// # Errors
+    /// When a name is wrong, or the gateway cannot open it.
+    pub fn open(node: &GatewayNode, topic: Option<&str>, companions: &[String]) -> Result<Self, TransportError> {
+        let name = node.link_name(topic.or(companions.first().map(String::as_str)).unwrap_or_default());
+        let link = node.memory().publisher(&name)?;
+        let publication = Arc::new(Publication::default());
+        let endpoint = Endpoint::Publication {
+            link: name,
+            ros_type: M::ROS_TYPE.to_owned(),
+            topic: topic.map(str::to_owned),
+            companions: companions.to_vec(),
+        };
+        let held = node.open(endpoint, NodeEnd::Publication(Arc::clone(&publication)))?;
+        Ok(Self { link, publication, _held: held })
+    }
+}
+
+impl<M: Message> Publish<M> for GatewayPublisher<M> {
+    /// Cannot fail: what cannot be handed on is counted.
+    fn send(&mut self, sample: &M) -> Result<(), TransportError> {
+        self.publication.sent.fetch_add(1, Ordering::Relaxed);
+        // A sample that the link cannot take is a gap in its numbers, which the gateway reports; where there is no
+        // gateway, it is missed like all the others.
+        if let Err(error) = self.link.send(sample) {
+            tracing::debug!(%error, "not handed to the gateway");
+        }
+        Ok(())
+    }
+
+    fn dropped(&self) -> u64 {
+        self.publication.dropped()
+    }
+
+    fn subscribers(&self) -> usize {
+        self.publication.subscribers()
+    }
+}
+
+/// Receives over DDS through the gateway.
+pub struct GatewaySubscriber<M: Message> {
+    topic: String,
+    link: SharedMemorySubscriber<M>,
+    refused: Arc<Mutex<SubscriptionState>>,
+    /// Refused samples that have been told of.
+    told: u64,
+    _held: Held,
+}
+
+impl<M: Message> GatewaySubscriber<M> {
+    /// A subscriber on `topic`, an absolute name.
+    ///
+    /// # Errors
+    /// When the name is wrong, or the gateway cannot open it.
+    pub fn open(node: &GatewayNode, topic: &str) -> Result<Self, TransportError> {
+        let name = node.link_name(topic);
+        let link = node.memory().link_subscriber(&name, topic)?;
+        let refused = Arc::new(Mutex::default());
+        let endpoint = Endpoint::Subscription { link: name, ros_type: M::ROS_TYPE.to_owned(), topic: topic.to_owned() };
+        let held = node.open(endpoint, NodeEnd::Subscription(Arc::clone(&refused)))?;
+        Ok(Self { topic: topic.to_owned(), link, refused, told: 0, _held: held })
+    }
+
+    /// Tells of one more sample that the gateway had to refuse.
+    fn refusal(&mut self) -> Option<TransportError> {
+        let refused = self.refused.lock().unwrap_or_else(PoisonError::into_inner);
+        if self.told >= refused.malformed {
+            return None;
+        }
+        self.told += 1;
+        Some(TransportError::Malformed { topic: self.topic.clone(), reason: refused.last_reason.clone() })
+    }
+}
+
+impl<M: Message> Subscribe<M> for GatewaySubscriber<M> {
+    fn try_take(&mut self) -> Result<Option<M>, TransportError> {
+        if let Some(sample) = self.link.try_take()? {
+            return Ok(Some(sample));
+        }
+        self.refusal().map_or(Ok(None), Err)
+    }
+
+    fn wait(&mut self, timeout: Duration) -> Result<bool, TransportError> {
+        let refusals = self.refused.lock().unwrap_or_else(PoisonError::into_inner).malformed;
+        Ok(refusals > self.told || self.link.wait(timeout)?)
+    }
+
+    fn lost(&self) -> u64 {
+        self.link.lost()
+    }
+
+    /// The gateway hands on which publisher a sample is of.
+    fn interleaved(&self) -> u64 {
+        self.link.interleaved()
+    }
+}

@@ -1,0 +1,275 @@
+//! The gateway's process: it joins the graph as its node, moves samples, and ends when DDS or its node does.
+//!
+//! Place in the flow: `abbe gateway`, started by the node with one end of a socket as standard input. The process may
+//! die at any time; nothing that corrects is in it.
+
+use std::collections::BTreeMap;
+use std::num::NonZeroUsize;
+use std::sync::mpsc::{SyncSender, sync_channel};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, Instant};
+
+use abbe_msgs::standard::DiagnosticArray;
+use rustix::process::{Resource, Rlimit, Signal, setrlimit};
+use thiserror::Error;
+
+use super::health::{Dead, Heartbeat};
+use super::protocol::{Beat, Channel, Endpoint, FromGateway, Join, Progress, Received, ToGateway};
+use super::streams::{Stream, World};
+use crate::ros::{QueuedPublisher, RosError, RosNode, TriggerOutcome, TriggerService, diagnostics_qos};
+use crate::transport::TransportError;
+use crate::transport::shared_memory::{self, CleanupError, SharedMemory};
+use crate::{RunId, RunIdError};
+
+/// How long the first word of the node may take.
+const FIRST_WORD: Duration = Duration::from_secs(10);
+/// How long the loop waits for a word of the node.
+const LOOK_UP: Duration = Duration::from_millis(20);
+/// Time between beats to the node.
+const BEAT_EVERY: Duration = Duration::from_millis(100);
+/// What was published last needs a moment to leave.
+const LAST_WORDS: Duration = Duration::from_millis(100);
+/// Longest that leaving may take.
+const LEAVE_WITHIN: Duration = Duration::from_secs(3);
+/// Longest that a service waits for its node.
+const ANSWER_WITHIN: Duration = Duration::from_secs(60);
+/// Reports waiting to be published; older ones say nothing any more.
+const REPORTS: NonZeroUsize = NonZeroUsize::MIN.saturating_add(31);
+/// Exit code of a gateway that could not leave in time.
+const STUCK_EXIT_CODE: i32 = 70;
+
+/// Why a gateway ended, other than that it was to.
+#[derive(Debug, Error)]
+pub enum GatewayError {
+    /// It was not started by a node.
+    #[error("a gateway is started by its node; start the node")]
+    NoNode,
+    /// The operating system refuses.
+    #[error("cannot {what}: {source}")]
+    System {
+        /// What.
+        what: &'static str,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// The name of the run.
+    #[error(transparent)]
+    Run(#[from] RunIdError),
+    /// The graph.
+    #[error(transparent)]
+    Ros(#[from] RosError),
+    /// Shared memory, or an endpoint.
+    #[error(transparent)]
+    Transport(#[from] TransportError),
+    /// DDS does not work any more.
+    #[error("DDS is dead: {reason}; its gateway ends, and is started again by its node")]
+    Dead {
+        /// What was found.
+        reason: String,
+    },
+}
+
+/// Calls of services that wait for the node's answer.
+#[derive(Default)]
+struct Calls {
+    next: u64,
+    waiting: BTreeMap<u64, SyncSender<TriggerOutcome>>,
+}
+
+/// An endpoint that is open.
+enum Open {
+    Stream(Stream),
+    Service(#[allow(dead_code)] TriggerService), // Held until it is closed.
+}
+
+struct Gateway {
+    // In the order in which they go: endpoints, what they stand on, the node.
+    open: BTreeMap<u32, Open>,
+    reports: QueuedPublisher<DiagnosticArray>,
+    heartbeat: Heartbeat<BTreeMap<u32, Progress>>,
+    proved: BTreeMap<u32, Progress>,
+    calls: Arc<Mutex<Calls>>,
+    memory: SharedMemory,
+    node: RosNode,
+    channel: Arc<Channel>,
+}
+
+/// Runs the gateway of the node that started this process, until the node ends or DDS does.
+///
+/// # Errors
+/// When the graph cannot be joined, or DDS does not work any more.
+pub fn serve() -> Result<(), GatewayError> {
+    let system = |what| move |source| GatewayError::System { what, source };
+    // A gateway that is stopped (Ctrl-Z, a debugger) when its node ends is woken, so that it ends as well.
+    rustix::process::set_parent_process_death_signal(Some(Signal::CONT))
+        .map_err(|error| system("follow the node")(error.into()))?;
+    let channel = Arc::new(Channel::from_standard_input().map_err(system("hear the node"))?);
+    let Received::Packet(ToGateway::Join(join)) = channel.receive(FIRST_WORD) else {
+        return Err(GatewayError::NoNode);
+    };
+    let run: RunId = join.run.parse()?;
+    let outcome = Gateway::join(*join, &run, Arc::clone(&channel)).inspect_err(|error| {
+        // The node may be gone; then nobody needs to hear it.
+        let _ = channel.send(&FromGateway::Refused(error.to_string()));
+    });
+    let outcome = outcome.and_then(|mut gateway| {
+        let outcome = gateway.work();
+        match &outcome {
+            Ok(()) => gateway.leave()?,
+            // Nothing of a dead library can be taken leave of; waiting for it would only cost time.
+            Err(_) => std::mem::forget(gateway),
+        }
+        outcome
+    });
+    drop(channel);
+    clean_up(&run);
+    outcome
+}
+
+/// In place of a node that was killed: who leaves the run last removes what is left of it.
+fn clean_up(run: &RunId) {
+    match shared_memory::cleanup(run) {
+        Ok(()) | Err(CleanupError::Alive { .. }) => {}
+        Err(error) => tracing::warn!(%error, "shared memory of the run could not be removed"),
+    }
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+impl Gateway {
+    fn join(join: Join, run: &RunId, channel: Arc<Channel>) -> Result<Gateway, GatewayError> {
+        let limit = Some(join.memory_limit_bytes);
+        setrlimit(Resource::As, Rlimit { current: limit, maximum: limit })
+            .map_err(|error| GatewayError::System { what: "limit the memory", source: error.into() })?;
+        let depth = NonZeroUsize::new(join.depth).unwrap_or(NonZeroUsize::MIN);
+        let memory = SharedMemory::join(run, depth)?;
+        let node = RosNode::start(join.node_options()?)?;
+        let heartbeat = Heartbeat::open(&node)?;
+        let reports = node.publisher(super::DIAGNOSTICS, &diagnostics_qos(), REPORTS)?;
+        // The node waits for this word.
+        channel
+            .send(&FromGateway::Joined)
+            .map_err(|source| GatewayError::System { what: "answer the node", source })?;
+        let (open, proved, calls) = (BTreeMap::new(), BTreeMap::new(), Arc::default());
+        Ok(Gateway { open, reports, heartbeat, proved, calls, memory, node, channel })
+    }
+
+    /// Until the node says so or is gone, or DDS is dead.
+    fn work(&mut self) -> Result<(), GatewayError> {
+        let mut told = Instant::now();
+        loop {
+            match self.channel.receive(LOOK_UP) {
+                Received::Packet(ToGateway::Leave) | Received::End => return Ok(()),
+                Received::Packet(packet) => self.follow(packet),
+                Received::Nothing => {}
+            }
+            let open = &self.open;
+            let progress = || open.iter().filter_map(|(id, open)| Some((*id, open.stream()?.progress()))).collect();
+            let back = self.heartbeat.turn(progress).map_err(|Dead(reason)| GatewayError::Dead { reason })?;
+            let news = back.is_some();
+            self.proved = back.unwrap_or(std::mem::take(&mut self.proved));
+            if news || told.elapsed() >= BEAT_EVERY {
+                told = Instant::now();
+                // A node that does not read (a debugger stopped it) gets the next one.
+                let _ = self.channel.send(&FromGateway::Beat(self.beat()));
+            }
+        }
+    }
+
+    fn follow(&mut self, packet: ToGateway) {
+        match packet {
+            ToGateway::Open(id, endpoint) => {
+                let answer = match self.open(id, &endpoint) {
+                    Ok(open) => {
+                        self.open.insert(id, open);
+                        FromGateway::Opened(id)
+                    }
+                    Err(error) => FromGateway::NotOpened(id, error.to_string()),
+                };
+                if let Err(error) = self.channel.send(&answer) {
+                    tracing::warn!(%error, "the node cannot be answered");
+                }
+            }
+            ToGateway::Close(id) => drop(self.open.remove(&id)),
+            ToGateway::Report(report) => self.reports.publish(report),
+            ToGateway::Answer(call, outcome) => {
+                // Who asked may have given up.
+                let _ = lock(&self.calls).waiting.remove(&call).map(|caller| caller.try_send(outcome));
+            }
+            ToGateway::Join(_) | ToGateway::Leave => {}
+        }
+    }
+
+    fn open(&self, id: u32, endpoint: &Endpoint) -> Result<Open, GatewayError> {
+        let world = World { node: &self.node, memory: &self.memory };
+        if let Some(stream) = Stream::open(&world, endpoint)? {
+            return Ok(Open::Stream(stream));
+        }
+        let Endpoint::Service(name) = endpoint else { return Err(GatewayError::NoNode) };
+        let (channel, calls) = (Arc::clone(&self.channel), Arc::clone(&self.calls));
+        let service = self.node.trigger_service(name, move || ask(&channel, &calls, id))?;
+        Ok(Open::Service(service))
+    }
+
+    fn beat(&self) -> Beat {
+        let mut beat = Beat { is_proved: self.heartbeat.is_proved(), ..Beat::default() };
+        for (id, stream) in self.open.iter().filter_map(|(id, open)| Some((*id, open.stream()?))) {
+            beat.publications.push((id, stream.publication(self.proved.get(&id).copied().unwrap_or_default())));
+            beat.subscriptions.push((id, stream.refused()));
+        }
+        beat
+    }
+
+    /// Closes everything in order; ends the process where that takes too long.
+    fn leave(self) -> Result<(), GatewayError> {
+        let watch = || {
+            std::thread::sleep(LEAVE_WITHIN);
+            tracing::error!("could not leave the graph within {LEAVE_WITHIN:?}; exiting");
+            std::process::exit(STUCK_EXIT_CODE);
+        };
+        std::thread::Builder::new()
+            .name("leaving".into())
+            .spawn(watch)
+            .map_err(|source| GatewayError::System { what: "watch the way out", source })?;
+        super::LEAVING.store(true, std::sync::atomic::Ordering::Relaxed);
+        // Services that wait for the node hear that it is leaving.
+        lock(&self.calls).waiting.clear();
+        let Gateway { open, reports, heartbeat, memory, node, .. } = self;
+        drop(open);
+        std::thread::sleep(LAST_WORDS);
+        drop((reports, heartbeat, memory));
+        drop(node);
+        Ok(())
+    }
+}
+
+impl Open {
+    fn stream(&self) -> Option<&Stream> {
+        match self {
+            Open::Stream(stream) => Some(stream),
+            Open::Service(_) => None,
+        }
+    }
+}
+
+/// Hands a call to the node and waits for its answer.
+fn ask(channel: &Channel, calls: &Mutex<Calls>, service: u32) -> TriggerOutcome {
+    let (caller, answer) = sync_channel(1);
+    let call = {
+        let mut calls = lock(calls);
+        calls.next += 1;
+        let call = calls.next;
+        calls.waiting.insert(call, caller);
+        call
+    };
+    let busy = |_| "the node does not answer; try again".to_owned();
+    let asked = channel.send(&FromGateway::Call(call, service)).map_err(busy);
+    let outcome = asked.and_then(|()| {
+        let answered = answer.recv_timeout(ANSWER_WITHIN);
+        answered.unwrap_or_else(|_| Err("the node is stopping, or does not answer".to_owned()))
+    });
+    lock(calls).waiting.remove(&call);
+    outcome
+}

@@ -1,0 +1,237 @@
+//! The streams of a gateway: samples from shared memory to DDS, and from DDS to shared memory, a thread each.
+//!
+//! Place in the flow: in the gateway's process, between its node's end of a link and the network. What cannot keep up
+//! loses the oldest on the link, counted; the node never notices.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::{self, JoinHandle};
+use std::time::Duration;
+
+use abbe_msgs::standard::{JointState, PointStamped};
+use abbe_msgs::{CorrectedCoordinates, Message, RangeResidual, ScaleReading, TracerReading};
+use ros2_client::Publisher;
+
+use super::protocol::{Endpoint, Progress, PublicationBeat, SubscriptionBeat};
+use crate::ros::{RosError, RosNode, stream_qos};
+use crate::transport::dds::DdsSubscriber;
+use crate::transport::shared_memory::{SharedMemory, SharedMemoryPublisher, SharedMemorySubscriber};
+use crate::transport::{Subscribe, TransportError};
+
+/// How long a stream sleeps at most before it looks whether to end.
+const LOOK_UP: Duration = Duration::from_millis(50);
+
+/// A stream that runs. Dropping it ends it; what is on the link still goes out.
+pub(super) struct Stream {
+    shared: Arc<Shared>,
+    subscribers: Option<Box<dyn Fn() -> usize + Send>>,
+    thread: Option<JoinHandle<()>>,
+}
+
+#[derive(Default)]
+struct Shared {
+    ending: AtomicBool,
+    progress: Mutex<Progress>,
+    refused: Mutex<SubscriptionBeat>,
+}
+
+/// Makes the standard message beside a sample and publishes it.
+type Beside<M> = Box<dyn FnMut(&M) -> Result<(), String> + Send>;
+
+/// What a stream works with.
+pub(super) struct World<'a> {
+    pub(super) node: &'a RosNode,
+    pub(super) memory: &'a SharedMemory,
+}
+
+impl Stream {
+    /// Opens the stream of an endpoint; none for a service.
+    pub(super) fn open(world: &World, endpoint: &Endpoint) -> Result<Option<Stream>, TransportError> {
+        match endpoint {
+            Endpoint::Publication { link, ros_type, topic, companions } => {
+                let out = Out { link, topic: topic.as_deref(), companions };
+                match ros_type.as_str() {
+                    ScaleReading::ROS_TYPE => publication::<ScaleReading>(world, out, joint_states).map(Some),
+                    CorrectedCoordinates::ROS_TYPE => publication::<CorrectedCoordinates>(world, out, points).map(Some),
+                    TracerReading::ROS_TYPE => publication::<TracerReading>(world, out, nothing).map(Some),
+                    RangeResidual::ROS_TYPE => publication::<RangeResidual>(world, out, nothing).map(Some),
+                    other => Err(unknown(link, other)),
+                }
+            }
+            Endpoint::Subscription { link, ros_type, topic } => match ros_type.as_str() {
+                ScaleReading::ROS_TYPE => subscription::<ScaleReading>(world, link, topic).map(Some),
+                CorrectedCoordinates::ROS_TYPE => subscription::<CorrectedCoordinates>(world, link, topic).map(Some),
+                TracerReading::ROS_TYPE => subscription::<TracerReading>(world, link, topic).map(Some),
+                RangeResidual::ROS_TYPE => subscription::<RangeResidual>(world, link, topic).map(Some),
+                other => Err(unknown(topic, other)),
+            },
+            Endpoint::Service(_) => Ok(None),
+        }
+    }
+
+    /// How far it has come.
+    pub(super) fn progress(&self) -> Progress {
+        *lock(&self.shared.progress)
+    }
+
+    /// How a publication stands, with the progress that was proved last.
+    pub(super) fn publication(&self, proved: Progress) -> PublicationBeat {
+        let subscribers = self.subscribers.as_ref().map_or(0, |count| count());
+        PublicationBeat { subscribers, now: self.progress(), proved }
+    }
+
+    /// What a subscription had to refuse.
+    pub(super) fn refused(&self) -> SubscriptionBeat {
+        lock(&self.shared.refused).clone()
+    }
+
+    fn start(
+        subscribers: Option<Box<dyn Fn() -> usize + Send>>,
+        run: impl FnOnce(&Shared) + Send + 'static,
+    ) -> Result<Stream, TransportError> {
+        let shared = Arc::new(Shared::default());
+        let its = Arc::clone(&shared);
+        let thread = thread::Builder::new()
+            .name("stream".into())
+            .spawn(move || run(&its))
+            .map_err(|source| RosError::Thread { what: "a stream", source })?;
+        Ok(Stream { shared, subscribers, thread: Some(thread) })
+    }
+}
+
+impl Drop for Stream {
+    fn drop(&mut self) {
+        self.shared.ending.store(true, Ordering::Relaxed);
+        if self.thread.take().is_some_and(|thread| thread.join().is_err()) {
+            tracing::error!("the thread of a stream panicked");
+        }
+    }
+}
+
+fn unknown(topic: &str, ros_type: &str) -> TransportError {
+    let reason = format!("a gateway knows no type {ros_type}");
+    TransportError::Endpoint { topic: topic.to_owned(), what: "stream", kind: super::KIND, reason }
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Where a publication's samples come from, and under which names they go out.
+struct Out<'a> {
+    link: &'a str,
+    topic: Option<&'a str>,
+    companions: &'a [String],
+}
+
+fn publication<M: Message>(
+    world: &World,
+    out: Out,
+    beside: fn(&RosNode, &str) -> Result<Beside<M>, RosError>,
+) -> Result<Stream, TransportError> {
+    let mut link = world.memory.subscriber::<M>(out.link)?;
+    let qos = stream_qos(world.memory.depth());
+    let publisher = out.topic.map(|topic| world.node.raw_publisher::<M::Ros>(topic, &qos)).transpose()?.map(Arc::new);
+    let companions = out.companions.iter().map(|topic| beside(world.node, topic));
+    let mut companions = companions.collect::<Result<Vec<_>, _>>()?;
+    let subscribers = publisher.clone().map(|publisher| {
+        let node = world.node.clone();
+        Box::new(move || node.subscribers(&publisher)) as Box<dyn Fn() -> usize + Send>
+    });
+    Stream::start(subscribers, move |shared| {
+        let mut failed = 0;
+        while let Some(sample) = next(&mut link, shared) {
+            let (published, others) = publish(&sample, publisher.as_deref(), &mut companions);
+            failed += u64::from(published.is_err());
+            for error in [published, others].into_iter().filter_map(Result::err) {
+                tracing::warn!(error, "could not publish");
+            }
+            note(shared, &link, failed);
+        }
+    })
+}
+
+/// The next sample of a link; none once the stream is to end and the link is empty.
+fn next<M: Message>(link: &mut SharedMemorySubscriber<M>, shared: &Shared) -> Option<M> {
+    loop {
+        let ending = shared.ending.load(Ordering::Relaxed);
+        match link.take_within(if ending { Duration::ZERO } else { LOOK_UP }) {
+            Ok(Some(sample)) => return Some(sample),
+            Ok(None) if ending => return None,
+            Ok(None) => {}
+            // The node sends what it took or made; over shared memory nothing is refused that it did not refuse.
+            Err(error) if error.is_malformed_sample() => tracing::warn!(%error, "not published"),
+            Err(error) => {
+                tracing::error!(%error, "the link to the node fails");
+                thread::sleep(LOOK_UP);
+            }
+        }
+    }
+}
+
+fn publish<M: Message>(
+    sample: &M,
+    publisher: Option<&Publisher<M::Ros>>,
+    companions: &mut [Beside<M>],
+) -> (Result<(), String>, Result<(), String>) {
+    let published = publisher.map_or(Ok(()), |publisher| publisher.publish(sample.to_ros()));
+    let others = companions.iter_mut().try_for_each(|beside| beside(sample));
+    (published.map_err(|error| error.to_string()), others)
+}
+
+fn note<M: Message>(shared: &Shared, link: &SharedMemorySubscriber<M>, failed: u64) {
+    let Some(next) = link.next_number() else { return };
+    let mut progress = lock(&shared.progress);
+    progress.first.get_or_insert(next.saturating_sub(1));
+    (progress.next, progress.dropped) = (next, link.lost() + failed);
+}
+
+fn joint_states(node: &RosNode, topic: &str) -> Result<Beside<ScaleReading>, RosError> {
+    let publisher = node.raw_publisher::<JointState>(topic, &stream_qos(super::COMPANION_DEPTH))?;
+    Ok(Box::new(move |reading| {
+        let published = publisher.publish(JointState::from_scales(reading, ["x", "y", "z"]));
+        published.map_err(|error| error.to_string())
+    }))
+}
+
+fn points(node: &RosNode, topic: &str) -> Result<Beside<CorrectedCoordinates>, RosError> {
+    let publisher = node.raw_publisher::<PointStamped>(topic, &stream_qos(super::COMPANION_DEPTH))?;
+    Ok(Box::new(move |corrected| {
+        let point = PointStamped::from_corrected(corrected);
+        let published = point.map_or(Ok(()), |point| publisher.publish(point));
+        published.map_err(|error| error.to_string())
+    }))
+}
+
+/// Samples that no standard message is made of.
+fn nothing<M>(_: &RosNode, _: &str) -> Result<Beside<M>, RosError> {
+    Ok(Box::new(|_| Ok(())))
+}
+
+fn subscription<M: Message>(world: &World, link: &str, topic: &str) -> Result<Stream, TransportError> {
+    let mut link: SharedMemoryPublisher<M> = world.memory.publisher(link)?;
+    let mut samples = DdsSubscriber::<M>::open(world.node, topic, world.memory.depth())?;
+    Stream::start(None, move |shared| {
+        while !shared.ending.load(Ordering::Relaxed) {
+            match samples.take_with_origin(LOOK_UP) {
+                Ok(Some((sample, origin))) => {
+                    // One that finds no room is a gap in the numbers, which the node counts.
+                    if let Err(error) = link.send_as(&sample, origin) {
+                        tracing::warn!(%error, "not handed to the node");
+                    }
+                }
+                Ok(None) => {}
+                Err(error) if error.is_malformed_sample() => {
+                    tracing::warn!(%error, "refused");
+                    let mut refused = lock(&shared.refused);
+                    refused.malformed += 1;
+                    refused.last_reason = error.to_string();
+                }
+                Err(error) => {
+                    tracing::error!(%error, "DDS fails to receive");
+                    thread::sleep(LOOK_UP);
+                }
+            }
+        }
+    })
+}

@@ -1,0 +1,162 @@
+//! Data that contradict themselves or each other: refused with the likely causes, and what is accepted all the same is told
+//! wherever it is used.
+
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // A test fails by panicking.
+
+mod common;
+
+use common::assert_says;
+use common::files::{Bench, machine, text};
+use common::program::run;
+use common::spoil::{Spoil, Table, identify_refused, refused};
+
+/// A number in a cell, changed.
+fn change(cell: &mut String, change: impl Fn(f64) -> f64) {
+    *cell = format!("{}", change(cell.parse::<f64>().unwrap()));
+}
+
+/// Changes columns in all rows below the header.
+fn change_columns(table: &mut Table, columns: &[&str], of: impl Fn(f64) -> f64) {
+    let columns: Vec<usize> = columns.iter().map(|name| table.column(name)).collect();
+    for row in table.0.iter_mut().skip(1) {
+        columns.iter().for_each(|column| change(&mut row[*column], &of));
+    }
+}
+
+const POSITION: [&str; 3] = ["x_mm", "y_mm", "z_mm"];
+
+/// The beam of S2 is interrupted: its lengths shift by 60 µm from its 300th reading on.
+fn interrupt(table: &mut Table) {
+    let (station, length) = (table.column("station"), table.column("length_mm"));
+    let own = table.0.iter_mut().filter(|row| row[station] == "S2");
+    own.skip(300).for_each(|row| change(&mut row[length], |mm| mm + 0.06));
+}
+
+#[test]
+fn regress_a_campaign_that_contradicts_itself_is_refused_with_its_likely_causes() {
+    let bench = Bench::simulated(5);
+    let good = bench.read("campaign.csv");
+    let cases: [(&str, Spoil, &[&str]); 5] = [
+        (
+            "positions to a millimetre",
+            |t| change_columns(t, &POSITION, f64::round),
+            &["times the declared noise", "x_mm, y_mm, z_mm are rounded to 1 mm", "--accept-misfit"],
+        ),
+        (
+            "interrupted beam",
+            interrupt,
+            &["contradict the others", "beam of station S2 was interrupted", "station name of their own"],
+        ),
+        (
+            "inches",
+            |t| {
+                change_columns(t, &POSITION, |mm| mm / 25.4);
+                change_columns(t, &["offset_x_mm", "offset_y_mm", "offset_z_mm", "length_mm"], |mm| mm / 25.4);
+            },
+            &["cover 3.", "of X", "inches"],
+        ),
+        ("length in um", |t| change_columns(t, &["length_mm"], |mm| mm * 1e3), &["the lengths are in micrometres"]),
+        (
+            "reversed axis",
+            |t| change_columns(t, &["x_mm"], |mm| 800.0 - mm),
+            &["x_mm changes its sign", "offset_x_mm changes its sign"],
+        ),
+    ];
+    for (name, spoil, says) in cases {
+        println!("{name}");
+        let mut table = Table::of(&good);
+        spoil(&mut table);
+        let campaign = bench.write("spoilt.csv", table.text());
+        identify_refused(&bench, &text(&machine()), &campaign, &[says, &["spoilt.csv"]].concat());
+    }
+}
+
+#[test]
+fn regress_an_accepted_misfit_is_told_wherever_the_model_is_used_and_rejected_readings_are_capped() {
+    let bench = Bench::simulated(5);
+    let mut table = Table::of(&bench.read("campaign.csv"));
+    interrupt(&mut table);
+    let (machine, campaign, model) =
+        (text(&machine()), bench.write("spoilt.csv", table.text()), bench.text("model.json"));
+    let identify = ["identify", "--machine", &machine, "--campaign", &campaign, "--out", &model];
+    // Who asks for JSON gets all of the refusal, on standard output.
+    let refused = run(identify.into_iter().chain(["--json"]));
+    let json: serde_json::Value = serde_json::from_slice(&refused.output).unwrap();
+    assert_eq!((refused.code, &json["refused"]), (Some(1), &serde_json::Value::Bool(true)));
+    assert!(json["evidence"]["rejected"].as_array().unwrap().len() > 200, "{json}");
+    let said = run(identify.into_iter().chain(["--accept-misfit"])).ok();
+    assert_says(
+        &said,
+        &["ACCEPTED", "beam of station S2 was interrupted", "widened", "more: all of them are in the model file"],
+    );
+    assert!(said.matches("  rejected          reading").count() <= 10, "{said}");
+    let (points, out) = (bench.text("verify.csv"), bench.text("corrected.csv"));
+    for arguments in [
+        vec!["correct", "--model", &model, "--in", &points, "--out", &out],
+        vec!["verify", "--model", &model, "--points", &points],
+    ] {
+        let ran = run(&arguments);
+        assert_says(&ran.errors, &["WARN", "model.json", "made all the same", "beam of station S2 was interrupted"]);
+        assert_eq!(ran.code, Some(0), "{}", ran.errors);
+    }
+}
+
+#[test]
+fn regress_actual_positions_that_are_not_those_of_the_readings_are_refused_by_all_who_take_them() {
+    let bench = Bench::identified(5);
+    let good = bench.read("verify.csv");
+    const ACTUAL: [&str; 3] = ["actual_x_mm", "actual_y_mm", "actual_z_mm"];
+    let cases: [(&str, Spoil, &str); 5] = [
+        ("exchanged", |t| t.rename("actual_x_mm", "?"), "mirrored"),
+        ("mirrored", |t| change_columns(t, &["actual_y_mm"], |mm| -mm), "mirrored"),
+        ("metres", |t| change_columns(t, &ACTUAL, |mm| mm / 1e3), "metres"),
+        ("inches", |t| change_columns(t, &ACTUAL, |mm| mm / 25.4), "inches"),
+        ("one row", |t| change(t.cell(40, "actual_z_mm"), |mm| mm + 12.0), "point 39 by 1"),
+    ];
+    let (model, machine, out) = (bench.text("model.json"), text(&machine()), bench.text("refused"));
+    for (name, spoil, says) in cases {
+        println!("{name}");
+        let mut table = Table::of(&good);
+        spoil(&mut table);
+        if name == "exchanged" {
+            table.rename("actual_y_mm", "actual_x_mm");
+            table.rename("?", "actual_y_mm");
+        }
+        let points = bench.write("spoilt.csv", table.text());
+        let says = ["spoilt.csv", says];
+        refused(&bench, &["verify", "--model", &model, "--points", &points], &says);
+        refused(&bench, &["residuals", "--model", &model, "--campaign", &points, "--out", &out], &says);
+        if name != "one row" {
+            let u = ["fit-points", "--machine", &machine, "--points", &points, "--u-um", "0.1", "--out", &out];
+            refused(&bench, &u, &says);
+        }
+    }
+}
+
+#[test]
+fn regress_residuals_a_thousand_times_too_large_are_refused_by_all_who_take_them() {
+    let bench = Bench::simulated(5);
+    let row = |k: usize| {
+        let at = k as f64;
+        let (x, y, z) =
+            (400.0 + 390.0 * (1.3 * at).sin(), 300.0 + 290.0 * (2.1 * at).cos(), 300.0 + 290.0 * (0.7 * at).sin());
+        format!(
+            "{x:.3},{y:.3},{z:.3},{:.2},{:.2},{:.2}\n",
+            2e3 * (x / 90.0).sin(),
+            1e3 * (y / 90.0).cos(),
+            1e3 * (z / 90.0).sin()
+        )
+    };
+    let rows: String = (0..60).map(row).collect();
+    let residuals = bench.write("residuals.csv", format!("x_mm,y_mm,z_mm,res_x_um,res_y_um,res_z_um\n{rows}"));
+    let out = bench.text("refused.json");
+    let says = ["residuals.csv", "check the unit"];
+    for arguments in [
+        vec!["train", "--residuals", &residuals, "--out", &out],
+        vec!["compare", "--residuals", &residuals],
+        vec!["interpolate", "--vectors", &residuals, "--splits", "2"],
+        vec!["diagnose", "--residuals", &residuals, "--out", &out],
+    ] {
+        refused(&bench, &arguments, &says);
+    }
+}
