@@ -20,7 +20,10 @@ use abbe_msgs::Message;
 use iceoryx2::config::Config;
 use iceoryx2::node::{Node, NodeBuilder};
 use iceoryx2::prelude::{FileName, LogLevel, Path, SemanticString, SignalHandlingMode, ZeroCopySend};
-use iceoryx2::service::builder::publish_subscribe::{PublishSubscribeOpenError, PublishSubscribeOpenOrCreateError};
+use iceoryx2::service::builder::event::{EventCreateError, EventOpenError, EventOpenOrCreateError};
+use iceoryx2::service::builder::publish_subscribe::{
+    PublishSubscribeCreateError, PublishSubscribeOpenError, PublishSubscribeOpenOrCreateError,
+};
 use iceoryx2::service::ipc_threadsafe::Service;
 use iceoryx2::service::port_factory::{event, publish_subscribe};
 use iceoryx2::service::service_name::ServiceName;
@@ -43,6 +46,8 @@ pub const MAX_SUBSCRIBERS: usize = 16;
 pub const MAX_NODES: usize = 32;
 /// Samples a subscriber holds while it copies one out.
 const MAX_BORROWED: usize = 2;
+/// How often a service is opened where signals interrupt it: more than a person sends, and no loop without an end.
+const MAX_ATTEMPTS: usize = 100;
 /// Samples a publisher fills at a time.
 const MAX_LOANED: usize = 1;
 
@@ -142,31 +147,64 @@ impl SharedMemory {
     ) -> Result<(SampleService<M>, EventService), TransportError> {
         let endpoint = |reason: String| endpoint_error(topic, what, reason);
         let name = ServiceName::new(topic).map_err(|error| endpoint(format!("{error:?}")))?;
-        let samples = self
-            .node
-            .service_builder(&name)
-            .publish_subscribe::<M>()
-            .user_header::<SampleOrigin>()
-            .enable_safe_overflow(true)
-            .subscriber_max_buffer_size(self.depth.get())
-            .subscriber_max_borrowed_samples(MAX_BORROWED)
-            .history_size(0)
-            .max_publishers(MAX_PUBLISHERS)
-            .max_subscribers(MAX_SUBSCRIBERS)
-            .max_nodes(MAX_NODES)
-            .open_or_create()
-            .map_err(|error| service_error::<M>(topic, what, error))?;
-        let events = self
-            .node
-            .service_builder(&name)
-            .event()
-            .max_notifiers(MAX_PUBLISHERS)
-            .max_listeners(MAX_SUBSCRIBERS)
-            .max_nodes(MAX_NODES)
-            .open_or_create()
-            .map_err(|error| endpoint(format!("{error:?}")))?;
+        let samples = || {
+            self.node
+                .service_builder(&name)
+                .publish_subscribe::<M>()
+                .user_header::<SampleOrigin>()
+                .enable_safe_overflow(true)
+                .subscriber_max_buffer_size(self.depth.get())
+                .subscriber_max_borrowed_samples(MAX_BORROWED)
+                .history_size(0)
+                .max_publishers(MAX_PUBLISHERS)
+                .max_subscribers(MAX_SUBSCRIBERS)
+                .max_nodes(MAX_NODES)
+                .open_or_create()
+        };
+        let events = || {
+            self.node
+                .service_builder(&name)
+                .event()
+                .max_notifiers(MAX_PUBLISHERS)
+                .max_listeners(MAX_SUBSCRIBERS)
+                .max_nodes(MAX_NODES)
+                .open_or_create()
+        };
+        let samples =
+            again_when(samples_interrupted, samples).map_err(|error| service_error::<M>(topic, what, error))?;
+        let events = again_when(events_interrupted, events).map_err(|error| endpoint(format!("{error:?}")))?;
         Ok((samples, events))
     }
+}
+
+/// Does `open` once more for as long as it was `interrupted`: iceoryx2 gives up where a signal ends one of its short
+/// sleeps, and a Ctrl-C while nodes start would look like a fault of theirs. The caller asks for the signal afterwards.
+fn again_when<T, E>(interrupted: impl Fn(&E) -> bool, mut open: impl FnMut() -> Result<T, E>) -> Result<T, E> {
+    let mut opened = open();
+    for _ in 1..MAX_ATTEMPTS {
+        if !opened.as_ref().is_err_and(&interrupted) {
+            break;
+        }
+        opened = open();
+    }
+    opened
+}
+
+fn samples_interrupted(error: &PublishSubscribeOpenOrCreateError) -> bool {
+    use PublishSubscribeOpenOrCreateError as Error;
+    matches!(
+        error,
+        Error::PublishSubscribeOpenError(PublishSubscribeOpenError::Interrupt)
+            | Error::PublishSubscribeCreateError(PublishSubscribeCreateError::Interrupt)
+    )
+}
+
+fn events_interrupted(error: &EventOpenOrCreateError) -> bool {
+    use EventOpenOrCreateError as Error;
+    matches!(
+        error,
+        Error::EventOpenError(EventOpenError::Interrupt) | Error::EventCreateError(EventCreateError::Interrupt)
+    )
 }
 
 fn service_error<M: Message>(
@@ -208,4 +246,36 @@ fn config(run: &RunId) -> Result<Config, TransportError> {
     config.global.set_root_path(&root);
     config.global.prefix = FileName::new(prefix(run).as_bytes()).map_err(|error| open_error(format!("{error:?}")))?;
     Ok(config)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{MAX_ATTEMPTS, again_when};
+
+    #[test]
+    fn regress_a_signal_while_a_service_opens_is_no_fault_of_it() {
+        let mut attempts = 0;
+        let opened = again_when(
+            |error: &&str| *error == "interrupted",
+            || {
+                attempts += 1;
+                if attempts < 4 { Err("interrupted") } else { Ok(attempts) }
+            },
+        );
+        assert_eq!(opened, Ok(4));
+        assert_eq!(again_when(|_: &&str| false, || Err::<(), _>("refused")), Err("refused"));
+    }
+
+    #[test]
+    fn interruptions_without_an_end_are_an_error() {
+        let mut attempts = 0;
+        let opened = again_when(
+            |_: &&str| true,
+            || {
+                attempts += 1;
+                Err::<(), _>("interrupted")
+            },
+        );
+        assert_eq!((opened, attempts), (Err("interrupted"), MAX_ATTEMPTS));
+    }
 }
