@@ -9,10 +9,9 @@ pub fn not_named(document: &str, words: &[String]) -> Vec<String> {
 
 /// The commands of the first block of code of a document, comments and empty lines left out.
 pub fn first_commands(document: &str) -> Vec<String> {
-    let mut lines = document.lines().skip_while(|line| !line.trim_start().starts_with("```")).skip(1);
-    let block = lines.by_ref().take_while(|line| !line.trim_start().starts_with("```"));
-    let commands = block.map(|line| line.split(" #").next().unwrap_or_default().trim().to_owned());
-    commands.filter(|command| !command.is_empty() && !command.starts_with('#')).collect()
+    let lines = document.lines().skip_while(|line| !line.trim_start().starts_with("```")).skip(1);
+    let block: Vec<&str> = lines.take_while(|line| !line.trim_start().starts_with("```")).collect();
+    commands(&block.join("\n"))
 }
 
 /// Blocks of code of one language, such as `toml`.
@@ -32,16 +31,36 @@ pub fn blocks(document: &str, language: &str) -> Vec<String> {
     found
 }
 
+/// The commands of a block of code: lines that end in a backslash joined, comments and empty lines left out.
+pub fn commands(block: &str) -> Vec<String> {
+    let joined = block.replace("\\\n", " ");
+    let whole = joined.lines().map(|line| line.split(" #").next().unwrap_or_default());
+    let words = whole.map(|line| line.split_whitespace().collect::<Vec<_>>().join(" "));
+    words.filter(|command| !command.is_empty() && !command.starts_with('#')).collect()
+}
+
+/// Calls of a program in a document: in blocks of code of one language, and in code spans that begin with its name.
+pub fn calls(document: &str, language: &str, program: &str) -> Vec<String> {
+    let lines: Vec<String> = blocks(document, language).iter().flat_map(|block| commands(block)).collect();
+    // A bar in a table stands behind a backslash.
+    let prose = document.replace("\\|", "/");
+    let spans = prose.split("```").step_by(2).flat_map(|text| text.split('`').skip(1).step_by(2)).map(str::to_owned);
+    let parts = lines.iter().flat_map(|line| line.split(['|', ';', '&'])).map(|part| part.trim().to_owned());
+    parts.chain(spans).filter(|call| call.split(' ').next() == Some(program)).collect()
+}
+
+/// The subcommand of a call, where it names one, and the options that it names.
+pub fn subcommand_and_options(call: &str) -> (Option<&str>, Vec<&str>) {
+    let words: Vec<&str> =
+        call.split([' ', '[', ']', '(', ')', ',', '/', '=']).filter(|word| !word.is_empty()).collect();
+    let is_name = |word: &&&str| word.starts_with(|c: char| c.is_ascii_lowercase());
+    let options = words.iter().filter(|word| word.len() > 2 && word.starts_with("--")).copied().collect();
+    (words.get(1).filter(is_name).copied(), options)
+}
+
 /// Whether a script runs a command: a line of it ends in these words.
 pub fn runs(script: &str, command: &str) -> bool {
     script.lines().any(|line| !line.trim_start().starts_with('#') && line.trim_end().ends_with(command))
-}
-
-/// Targets of the links of a Markdown document that lead to files of the project.
-pub fn local_links(document: &str) -> Vec<String> {
-    let targets = document.match_indices("](").filter_map(|(at, _)| document[at + 2..].split(')').next());
-    let local = targets.filter(|target| !target.contains("://") && !target.starts_with('#') && !target.is_empty());
-    local.map(|target| target.split('#').next().unwrap_or_default().to_owned()).collect()
 }
 
 #[cfg(test)]
@@ -74,8 +93,13 @@ mod tests {
     }
 
     #[test]
-    fn links_to_files_are_told_from_links_to_sites() {
-        let text = "[a](nodes/README.md) [b](https://x.org/y) [c](#here) [d](ARCHITECTURE.md#wire)";
-        assert_eq!(local_links(text), ["nodes/README.md", "ARCHITECTURE.md"]);
+    fn calls_are_found_in_blocks_and_in_spans() {
+        let text = "`abbe a --b` `other` \n```console\nabbe c \\\n  --d e # f\ncat g | abbe h --i=j\n```\n| `abbe k [--l x\\|y]` |\n";
+        let found = calls(text, "console", "abbe");
+        assert_eq!(found, ["abbe c --d e", "abbe h --i=j", "abbe a --b", "abbe k [--l x/y]"]);
+        assert_eq!(subcommand_and_options(&found[1]), (Some("h"), vec!["--i"]));
+        assert_eq!(subcommand_and_options(&found[3]), (Some("k"), vec!["--l"]));
+        assert_eq!(subcommand_and_options("abbe --version"), (None, vec!["--version"]));
+        assert_eq!(subcommand_and_options("abbe COMMAND --help"), (None, vec!["--help"]));
     }
 }

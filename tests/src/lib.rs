@@ -9,6 +9,7 @@
 
 pub mod dependencies;
 pub mod documents;
+pub mod links;
 pub mod program;
 pub mod registry;
 pub mod rules;

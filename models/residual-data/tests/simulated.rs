@@ -15,7 +15,7 @@ use abbe_virtual_machine::plan::Plan;
 use abbe_virtual_machine::plan::presets::{case_like, plan_b};
 use abbe_virtual_machine::{Simulated, SimulationConfig, TruthRecipe, simulate_campaign};
 
-/// Work that a test can wait for; the figures of a full run stand in the README.
+/// Work that a test can wait for; the figures of a full run stand in the book.
 const QUICK: Options = Options { search_readings: 400, readings: 1200, points: 150 };
 /// Largest share of the error's power that may be left at points seen from four stations: their repeatability, four times
 /// 0.06 µm² a component, and that of the truth's own stop.

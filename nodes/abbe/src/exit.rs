@@ -1,4 +1,4 @@
-//! Exit codes, one meaning each; the table in the README says the same.
+//! Exit codes, one meaning each; the table in `docs/src/reference/exit-codes.md` says the same.
 //!
 //! Place in the flow: a command that ends otherwise than with "done" or "wrong input" returns [`Ended`]; `main` turns it into the
 //! exit code, so that a script can tell a machine that fails its test from a file that cannot be read.

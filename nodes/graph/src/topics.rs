@@ -1,6 +1,6 @@
 //! Names of the topics, relative to the machine's namespace, and of the services, relative to their node.
 //!
-//! Place in the flow: every node and tool that opens one takes its name from here; `nodes/README.md` lists
+//! Place in the flow: every node and tool that opens one takes its name from here; `docs/src/reference/live.md` lists
 //! them with types, quality of service, frames and units.
 
 /// `abbe_msgs/ScaleReading` from the scale node.

@@ -3,7 +3,7 @@
 //! Place in the flow: called by [`super::figures`]. The paper gives two reasons for JADE: least squares costs too much, and it
 //! may end in a local minimum. Both are tested here on simulated measurements with known truth: with the objective of
 //! eq. 11, and with gross errors under losses that bear them. Times need a clock, which models do not have: they stand in
-//! the README (`cargo bench -p abbe-identify --bench jade`); here evaluations are counted.
+//! `docs/src/figures` (`cargo bench -p abbe-identify --bench jade`); here evaluations are counted.
 
 use super::simulated::{Measurement, NOISE_M, Shifted, failed};
 use crate::figure::{Figure, PaperError, Settings, Verdict};
