@@ -31,6 +31,10 @@ lint:
 doc:
     RUSTDOCFLAGS='--deny warnings' cargo doc --workspace --no-deps --document-private-items
 
+# The book as pages in out/book (needs mdbook)
+book:
+    mdbook build docs
+
 # Measure everything (optimised; keep the machine quiet)
 bench *options:
     cargo bench --workspace --bench '*' {{ options }}

@@ -105,3 +105,15 @@ fn every_page_of_the_book_stands_in_its_contents_once() {
     }
     assert_none("docs/src/SUMMARY.md lists", &wrong);
 }
+
+#[test]
+fn the_citation_names_the_version_of_the_workspace() {
+    let cargo = read("Cargo.toml");
+    let package = cargo.split("[workspace.package]").nth(1).expect("the workspace has a version");
+    let version = package.split("version = \"").nth(1).and_then(|rest| rest.split('"').next()).expect("a version");
+    let citation = read("CITATION.cff");
+    assert!(
+        citation.lines().any(|line| line == format!("version: {version}")),
+        "CITATION.cff is not of version {version}"
+    );
+}
