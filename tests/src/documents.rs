@@ -44,7 +44,8 @@ pub fn calls(document: &str, language: &str, program: &str) -> Vec<String> {
     let lines: Vec<String> = blocks(document, language).iter().flat_map(|block| commands(block)).collect();
     // A bar in a table stands behind a backslash.
     let prose = document.replace("\\|", "/");
-    let spans = prose.split("```").step_by(2).flat_map(|text| text.split('`').skip(1).step_by(2)).map(str::to_owned);
+    let spans = prose.split("```").step_by(2).flat_map(|text| text.split('`').skip(1).step_by(2));
+    let spans = spans.map(|span| span.split_whitespace().collect::<Vec<_>>().join(" "));
     let parts = lines.iter().flat_map(|line| line.split(['|', ';', '&'])).map(|part| part.trim().to_owned());
     parts.chain(spans).filter(|call| call.split(' ').next() == Some(program)).collect()
 }
@@ -94,7 +95,7 @@ mod tests {
 
     #[test]
     fn calls_are_found_in_blocks_and_in_spans() {
-        let text = "`abbe a --b` `other` \n```console\nabbe c \\\n  --d e # f\ncat g | abbe h --i=j\n```\n| `abbe k [--l x\\|y]` |\n";
+        let text = "`abbe a\n--b` `other`\n```console\nabbe c \\\n  --d e # f\ncat g | abbe h --i=j\n```\n| `abbe k [--l x\\|y]` |\n";
         let found = calls(text, "console", "abbe");
         assert_eq!(found, ["abbe c --d e", "abbe h --i=j", "abbe a --b", "abbe k [--l x/y]"]);
         assert_eq!(subcommand_and_options(&found[1]), (Some("h"), vec!["--i"]));
