@@ -7,7 +7,7 @@ mod common;
 
 use abbe_files::write_campaign;
 use abbe_geometry::chain::nominal_point_m;
-use abbe_graph::driver::{DriverConfig, JoinSettings, campaign_from_bag, open_scale, open_tracer};
+use abbe_graph::driver::{CampaignFromBag, DriverConfig, JoinSettings, campaign_from_bag, open_scale, open_tracer};
 use abbe_graph::step::{GeometricStep, MonitorSettings, MonitorStep, ReadingBuffer};
 use abbe_identify::{Options, identify};
 use abbe_measurement::campaign::Campaign;
@@ -165,6 +165,26 @@ fn regress_a_recorded_run_gives_offline_the_campaign_of_the_live_diagnosis() {
     ] {
         assert!(offline.left_out.iter().any(|words| words.contains(says)), "{says}: {:?}", offline.left_out);
     }
+}
+
+#[test]
+fn regress_covariates_from_after_their_reading_are_counted_as_missing_from_a_bag() {
+    let folder = tempfile::tempdir().unwrap();
+    let bag = folder.path().join("run");
+    let mut writer = BagWriter::create(&bag).unwrap();
+    for (mut scale, tracer) in run() {
+        // Clocks agree to a millisecond; what is further ahead has an age that nobody knows.
+        let age_s = if scale.sequence.is_multiple_of(2) { -1e-3 } else { -1.5e-3 };
+        scale.covariates = Covariates::new();
+        scale.covariates.push("load_kg", 7.0, age_s).unwrap();
+        write(&mut writer, "/cmm/scale/reading", &scale);
+        write(&mut writer, "/cmm/tracer/reading", &tracer);
+    }
+    writer.finish().unwrap();
+    let CampaignFromBag { campaign, left_out } = campaign_from_bag(&bag, "cmm", &JoinSettings::default()).unwrap();
+    let told = "30 scale readings have covariates older than 10 s, or from after the reading, which are missing";
+    assert!(left_out.iter().any(|words| words == told), "{left_out:?}");
+    assert_eq!(campaign.covariate("load_kg").unwrap().values.iter().flatten().count(), 20);
 }
 
 #[test]

@@ -5,7 +5,7 @@
 //! its code, so that a recorded run gives offline what the diagnosis of that run saw. What is left out is counted.
 
 use super::{DriverError, ScaleDriver, TracerDriver};
-use crate::step::ReadingBuffer;
+use crate::step::{ReadingBuffer, is_fresh};
 use crate::topics;
 use abbe_measurement::campaign::Campaign;
 use abbe_msgs::bag::{Messages, messages};
@@ -101,7 +101,7 @@ pub fn campaign_from_bag(path: &Path, frame_id: &str, join: &JoinSettings) -> Re
                 elsewhere += 1;
                 continue;
             }
-            stale += usize::from(reading.covariates.iter().any(|c| c.age_s > max_covariate_age_s));
+            stale += usize::from(reading.covariates.iter().any(|c| !is_fresh(c.age_s, max_covariate_age_s)));
             buffer.scale(&reading);
         } else if message.topic() == topics.tracer {
             tracers += 1;
@@ -121,7 +121,12 @@ pub fn campaign_from_bag(path: &Path, frame_id: &str, join: &JoinSettings) -> Re
         (unusable, "tracer readings are not usable (no number, another frame, a stamp that does not follow, or two tracers under one name)".into()),
         (dropped, "tracer readings are from before their tracer started again, or its clock was set back".into()),
         (doubled, "tracer readings repeat an instant of their station".into()),
-        (stale, format!("scale readings have covariates older than {max_covariate_age_s} s, which are missing")),
+        (
+            stale,
+            format!(
+                "scale readings have covariates older than {max_covariate_age_s} s, or from after the reading, which are missing"
+            ),
+        ),
         (elsewhere, "readings are of another frame or namespace".into()),
     ];
     let left_out = counts.into_iter().filter(|(count, _)| *count > 0).map(|(count, what)| format!("{count} {what}"));

@@ -15,7 +15,7 @@ use std::sync::Arc;
 const CLOCK_TOLERANCE_S: f64 = 1e-3;
 
 /// Whether a covariate of this age may be used. One from the future has an age that nobody knows.
-pub(super) fn is_fresh(age_s: f64, max_age_s: f64) -> bool {
+pub(crate) fn is_fresh(age_s: f64, max_age_s: f64) -> bool {
     (-CLOCK_TOLERANCE_S..=max_age_s).contains(&age_s)
 }
 

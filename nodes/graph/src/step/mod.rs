@@ -13,6 +13,7 @@ mod residual;
 mod stream;
 
 pub use geometric::GeometricStep;
+pub(crate) use geometric::is_fresh;
 pub use health::{Health, HealthState, Unsound};
 pub use monitor::{MonitorSettings, MonitorStep};
 pub use readings::{KEPT_READINGS, ReadingBuffer};
