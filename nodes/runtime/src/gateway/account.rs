@@ -71,7 +71,7 @@ mod tests {
     fn beat(first: u64, next: u64, dropped: u64, proved: (u64, u64)) -> PublicationBeat {
         let now = Progress { first: Some(first), next, dropped };
         let proved = Progress { first: Some(first), next: proved.0, dropped: proved.1 };
-        PublicationBeat { subscribers: 1, now, proved }
+        PublicationBeat { subscribers: 1, others: 0, now, proved }
     }
 
     #[test]

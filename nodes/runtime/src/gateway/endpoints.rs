@@ -9,8 +9,9 @@ use std::time::Duration;
 
 use abbe_msgs::Message;
 
-use super::node::{GatewayNode, Held, NodeEnd, Publication, SubscriptionState};
+use super::node::{GatewayNode, Held};
 use super::protocol::Endpoint;
+use super::shared::{NodeEnd, Publication, SubscriptionState};
 use crate::transport::shared_memory::{SharedMemoryPublisher, SharedMemorySubscriber};
 use crate::transport::{Publish, Subscribe, TransportError};
 
@@ -61,6 +62,10 @@ impl<M: Message> Publish<M> for GatewayPublisher<M> {
 
     fn subscribers(&self) -> usize {
         self.publication.subscribers()
+    }
+
+    fn others(&self) -> usize {
+        self.publication.others.load(Ordering::Relaxed)
     }
 }
 

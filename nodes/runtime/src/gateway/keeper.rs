@@ -2,7 +2,8 @@
 //!
 //! Place in the flow: a thread of the node, beside the one that corrects. A gateway is never given up: it costs nobody
 //! anything but itself, and what keeps it from working (a network that is down, a flood of packets) may pass. The first
-//! new start comes after 0.1 s, later ones after up to 1 s while it keeps ending within 10 s.
+//! new start comes after 0.1 s, later ones after up to 1 s while it keeps ending within 10 s. The same holds for the first
+//! one; only what cannot pass (no program to start, a name that the graph refuses) ends the node.
 
 use std::os::fd::OwnedFd;
 use std::process::{Child, Command, Stdio};
@@ -10,8 +11,8 @@ use std::sync::Arc;
 use std::thread;
 use std::time::{Duration, Instant};
 
-use super::node::Shared;
 use super::protocol::{Channel, FromGateway, Join, Received, ToGateway};
+use super::shared::Shared;
 
 /// Makes the command that is a gateway.
 pub type GatewayCommand = Arc<dyn Fn() -> Command + Send + Sync>;
@@ -30,6 +31,8 @@ const SILENT_TOO_LONG: Duration = Duration::from_secs(5);
 const LONGEST_STEP: Duration = Duration::from_millis(100);
 /// Longest that a gateway may take to leave the graph.
 const LEAVE_WITHIN: Duration = Duration::from_secs(4);
+/// How often the same reason why there is no gateway is told.
+const SAY_EVERY: Duration = Duration::from_secs(60);
 
 /// The keeper's own.
 pub(super) struct Keeper {
@@ -45,16 +48,34 @@ struct Life {
     since: Instant,
 }
 
+/// Why there is no gateway.
+struct NotStarted {
+    why: String,
+    /// Whether it may be otherwise at another try.
+    may_pass: bool,
+}
+
 impl Keeper {
     /// Starts the first gateway.
+    ///
+    /// # Errors
+    /// What will not pass. After a failure that may, [`Keeper::keep`] tries again.
     pub(super) fn first(&self) -> Result<FirstLife, String> {
-        self.start().map(FirstLife)
+        match self.start() {
+            Ok(life) => Ok(FirstLife(Ok(life))),
+            Err(NotStarted { why, may_pass: true }) => Ok(FirstLife(Err(why))),
+            Err(NotStarted { why, may_pass: false }) => Err(why),
+        }
     }
 
     /// Keeps a gateway running until the node is done with it.
-    pub(super) fn keep(self, FirstLife(mut life): FirstLife) {
+    pub(super) fn keep(self, FirstLife(first): FirstLife) {
         let mut wait = FIRST_WAIT;
-        loop {
+        let mut next = match first {
+            Ok(life) => Some(life),
+            Err(why) => self.start_again(&mut wait, Some(why)),
+        };
+        while let Some(mut life) = next {
             let why = self.listen(&life);
             self.shared.down();
             if self.shared.is_leaving() {
@@ -66,56 +87,76 @@ impl Keeper {
             self.shared.restarting(&why);
             tracing::warn!(status, "the gateway to DDS has ended: {why}; it is started again");
             wait = if ran_well { FIRST_WAIT } else { wait };
-            life = loop {
-                if self.shared.sleep_unless_leaving(wait) {
-                    return;
+            next = self.start_again(&mut wait, None);
+        }
+    }
+
+    /// Tries until a gateway has joined; none when the node leaves before. `failed` says why the try before this did not.
+    fn start_again(&self, wait: &mut Duration, mut failed: Option<String>) -> Option<Life> {
+        let mut said: Option<(String, Instant)> = None;
+        loop {
+            if let Some(why) = failed {
+                self.shared.restarting(&why);
+                if said.as_ref().is_none_or(|(before, at)| *before != why || at.elapsed() >= SAY_EVERY) {
+                    tracing::warn!(
+                        "no gateway to DDS: {why}; it is tried again, and the node works without DDS meanwhile"
+                    );
+                    said = Some((why, Instant::now()));
                 }
-                wait = (wait * 2).min(LONGEST_WAIT);
-                // What the dead gateway held in shared memory becomes free for the next.
-                self.shared.memory().remove_dead_nodes();
-                match self.start() {
-                    Ok(life) => break life,
-                    Err(why) => {
-                        self.shared.restarting(&why);
-                        tracing::warn!("the gateway to DDS cannot be started: {why}; it is tried again");
-                    }
+            }
+            if self.shared.sleep_unless_leaving(*wait) {
+                return None;
+            }
+            *wait = (*wait * 2).min(LONGEST_WAIT);
+            // What the dead gateway held in shared memory becomes free for the next.
+            self.shared.memory().remove_dead_nodes();
+            match self.start() {
+                Ok(life) => {
+                    said.inspect(|_| tracing::warn!("the gateway to DDS runs now"));
+                    return Some(life);
                 }
-            };
+                Err(NotStarted { why, .. }) => failed = Some(why),
+            }
         }
     }
 
     /// A gateway that has joined the graph and opened what the node has open.
-    fn start(&self) -> Result<Life, String> {
-        let (channel, theirs) = Channel::pair().map_err(|error| format!("no socket to it: {error}"))?;
-        let mut child = spawn(&self.command, theirs)?;
+    fn start(&self) -> Result<Life, NotStarted> {
+        let for_good = |why| NotStarted { why, may_pass: false };
+        let pair = Channel::pair().map_err(|error| for_good(format!("no socket to it: {error}")));
+        let (channel, theirs) = pair?;
+        let mut child = spawn(&self.command, theirs).map_err(for_good)?;
         let channel = Arc::new(channel);
         let joined = channel
             .send(&ToGateway::Join(Box::new(self.join.clone())))
-            .map_err(|error| format!("it cannot be spoken to: {error}"))
+            .map_err(|error| NotStarted { why: format!("it cannot be spoken to: {error}"), may_pass: true })
             .and_then(|()| self.await_joined(&channel));
         match joined {
             Ok(()) => {
                 self.shared.up(&channel);
                 Ok(Life { child, channel, since: Instant::now() })
             }
-            Err(why) => {
+            Err(failure) => {
                 end(&mut child);
-                Err(why)
+                Err(failure)
             }
         }
     }
 
-    fn await_joined(&self, channel: &Channel) -> Result<(), String> {
+    fn await_joined(&self, channel: &Channel) -> Result<(), NotStarted> {
+        let not_yet = |why: String| NotStarted { why, may_pass: true };
         let mut patience = Patience::new(JOIN_WITHIN);
         while !patience.is_over() && !self.shared.is_leaving() {
             match channel.receive(LISTEN) {
                 Received::Packet(FromGateway::Joined) => return Ok(()),
-                Received::Packet(FromGateway::Refused(why)) => return Err(why),
+                Received::Packet(FromGateway::Refused { reason: why, may_pass }) => {
+                    return Err(NotStarted { why, may_pass });
+                }
                 Received::Packet(_) | Received::Nothing => {}
-                Received::End => return Err("it ended before it had joined the graph".to_owned()),
+                Received::End => return Err(not_yet("it ended before it had joined the graph".to_owned())),
             }
         }
-        Err(format!("it has not joined the graph within {JOIN_WITHIN:?}"))
+        Err(not_yet(format!("it has not joined the graph within {JOIN_WITHIN:?}")))
     }
 
     /// Hears the gateway until it ends, falls silent, or is not wanted any more. Says why.
@@ -156,8 +197,8 @@ impl Keeper {
     }
 }
 
-/// The first gateway, which has joined the graph.
-pub(super) struct FirstLife(Life);
+/// The first gateway, which has joined the graph, or why it has not yet.
+pub(super) struct FirstLife(Result<Life, String>);
 
 fn spawn(command: &GatewayCommand, socket: OwnedFd) -> Result<Child, String> {
     let mut command = command();

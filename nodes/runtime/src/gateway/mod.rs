@@ -9,6 +9,7 @@
 //! |---|---|---|
 //! | [`GatewayNode`] | node | opens endpoints, and opens them again in each new gateway |
 //! | `keeper` | node, a thread | starts the gateway, listens to it, starts it again |
+//! | `shared` | node | keeps what the node has open for the next gateway |
 //! | `account` | node | counts what did not go out, over all gateways |
 //! | [`serve()`] | gateway | joins the graph, moves samples, ends when DDS or the node does |
 //! | `health` | gateway | heartbeat through DDS itself; watches the library's threads |
@@ -24,6 +25,7 @@ mod keeper;
 mod node;
 mod protocol;
 mod serve;
+mod shared;
 mod streams;
 
 use std::num::NonZeroUsize;
@@ -34,8 +36,9 @@ use crate::transport::TransportKind;
 pub use endpoints::{GatewayPublisher, GatewaySubscriber};
 pub(crate) use introduction::Introduced;
 pub use keeper::GatewayCommand;
-pub use node::{GatewayFigures, GatewayNode, GatewayOptions, GatewayService};
+pub use node::{GatewayNode, GatewayOptions, GatewayService};
 pub use serve::{GatewayError, serve};
+pub use shared::GatewayFigures;
 
 const KIND: TransportKind = TransportKind::Dds;
 const DIAGNOSTICS: &str = "/diagnostics";

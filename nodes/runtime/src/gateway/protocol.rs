@@ -47,7 +47,12 @@ pub(super) enum FromGateway {
     /// It has joined the graph.
     Joined,
     /// It cannot, and ends.
-    Refused(String),
+    Refused {
+        /// Why.
+        reason: String,
+        /// Whether the next one may find it otherwise: a clock is set, a network comes up.
+        may_pass: bool,
+    },
     /// The endpoint is open.
     Opened(u32),
     /// The endpoint cannot be opened, and why.
@@ -130,6 +135,8 @@ pub(super) struct Beat {
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub(super) struct PublicationBeat {
     pub(super) subscribers: usize,
+    /// Publishers of the same topic in other participants.
+    pub(super) others: usize,
     pub(super) now: Progress,
     /// As it was when the last heartbeat that came back through DDS was sent.
     pub(super) proved: Progress,

@@ -69,6 +69,13 @@ pub enum GatewayError {
     },
 }
 
+impl GatewayError {
+    /// Whether another try may find it otherwise: the clock is set, the network comes up.
+    fn may_pass(&self) -> bool {
+        matches!(self, GatewayError::Ros(RosError::Clock { .. } | RosError::Participant { .. }))
+    }
+}
+
 /// Calls of services that wait for the node's answer.
 #[derive(Default)]
 struct Calls {
@@ -108,21 +115,26 @@ pub fn serve() -> Result<(), GatewayError> {
         return Err(GatewayError::NoNode);
     };
     let run: RunId = join.run.parse()?;
-    let outcome = Gateway::join(*join, &run, Arc::clone(&channel)).inspect_err(|error| {
-        // The node may be gone; then nobody needs to hear it.
-        let _ = channel.send(&FromGateway::Refused(error.to_string()));
-    });
-    let outcome = outcome.and_then(|mut gateway| {
-        let outcome = gateway.work();
-        match &outcome {
-            Ok(()) => gateway.leave()?,
-            // Nothing of a dead library can be taken leave of; waiting for it would only cost time.
-            Err(_) => std::mem::forget(gateway),
+    let outcome = match Gateway::join(*join, &run, Arc::clone(&channel)) {
+        Ok(gateway) => run_to_its_end(gateway),
+        // The node says why, and what becomes of it; one that is gone needs to hear nothing.
+        Err(error) => {
+            let refused = FromGateway::Refused { reason: error.to_string(), may_pass: error.may_pass() };
+            channel.send(&refused).or(Err(error))
         }
-        outcome
-    });
+    };
     drop(channel);
     clean_up(&run);
+    outcome
+}
+
+fn run_to_its_end(mut gateway: Gateway) -> Result<(), GatewayError> {
+    let outcome = gateway.work();
+    match &outcome {
+        Ok(()) => gateway.leave()?,
+        // Nothing of a dead library can be taken leave of; waiting for it would only cost time.
+        Err(_) => std::mem::forget(gateway),
+    }
     outcome
 }
 
@@ -215,8 +227,10 @@ impl Gateway {
 
     fn beat(&self) -> Beat {
         let mut beat = Beat { is_proved: self.heartbeat.is_proved(), ..Beat::default() };
+        let elsewhere = self.node.published_elsewhere();
         for (id, stream) in self.open.iter().filter_map(|(id, open)| Some((*id, open.stream()?))) {
-            beat.publications.push((id, stream.publication(self.proved.get(&id).copied().unwrap_or_default())));
+            let proved = self.proved.get(&id).copied().unwrap_or_default();
+            beat.publications.push((id, stream.publication(proved, &elsewhere)));
             beat.subscriptions.push((id, stream.refused()));
         }
         beat

@@ -24,6 +24,8 @@ const LOOK_UP: Duration = Duration::from_millis(50);
 /// A stream that runs. Dropping it ends it; what is on the link still goes out.
 pub(super) struct Stream {
     shared: Arc<Shared>,
+    /// Absolute name of the topic that samples are published on.
+    published_on: Option<String>,
     subscribers: Option<Box<dyn Fn() -> usize + Send>>,
     thread: Option<JoinHandle<()>>,
 }
@@ -74,10 +76,11 @@ impl Stream {
         *lock(&self.shared.progress)
     }
 
-    /// How a publication stands, with the progress that was proved last.
-    pub(super) fn publication(&self, proved: Progress) -> PublicationBeat {
+    /// How a publication stands, with the progress that was proved last, and the topics that others publish.
+    pub(super) fn publication(&self, proved: Progress, elsewhere: &[String]) -> PublicationBeat {
         let subscribers = self.subscribers.as_ref().map_or(0, |count| count());
-        PublicationBeat { subscribers, now: self.progress(), proved }
+        let others = elsewhere.iter().filter(|topic| Some(*topic) == self.published_on.as_ref()).count();
+        PublicationBeat { subscribers, others, now: self.progress(), proved }
     }
 
     /// What a subscription had to refuse.
@@ -86,6 +89,7 @@ impl Stream {
     }
 
     fn start(
+        published_on: Option<&str>,
         subscribers: Option<Box<dyn Fn() -> usize + Send>>,
         run: impl FnOnce(&Shared) + Send + 'static,
     ) -> Result<Stream, TransportError> {
@@ -95,7 +99,8 @@ impl Stream {
             .name("stream".into())
             .spawn(move || run(&its))
             .map_err(|source| RosError::Thread { what: "a stream", source })?;
-        Ok(Stream { shared, subscribers, thread: Some(thread) })
+        let published_on = published_on.map(str::to_owned);
+        Ok(Stream { shared, published_on, subscribers, thread: Some(thread) })
     }
 }
 
@@ -138,7 +143,7 @@ fn publication<M: Message>(
         let node = world.node.clone();
         Box::new(move || node.subscribers(&publisher)) as Box<dyn Fn() -> usize + Send>
     });
-    Stream::start(subscribers, move |shared| {
+    Stream::start(out.topic, subscribers, move |shared| {
         let mut failed = 0;
         while let Some(sample) = next(&mut link, shared) {
             let (published, others) = publish(&sample, publisher.as_deref(), &mut companions);
@@ -211,7 +216,7 @@ fn nothing<M>(_: &RosNode, _: &str) -> Result<Beside<M>, RosError> {
 fn subscription<M: Message>(world: &World, link: &str, topic: &str) -> Result<Stream, TransportError> {
     let mut link: SharedMemoryPublisher<M> = world.memory.publisher(link)?;
     let mut samples = DdsSubscriber::<M>::open(world.node, topic, world.memory.depth())?;
-    Stream::start(None, move |shared| {
+    Stream::start(None, None, move |shared| {
         while !shared.ending.load(Ordering::Relaxed) {
             match samples.take_with_origin(LOOK_UP) {
                 Ok(Some((sample, origin))) => {

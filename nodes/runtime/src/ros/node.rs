@@ -29,6 +29,9 @@ use super::trigger::{TriggerOutcome, TriggerService};
 use super::{DiscoveryRange, Domain, RemapRule, RosArgs, RosError, service_qos};
 use crate::gateway::Introduced;
 
+/// What ROS 2 puts before the name of a topic to make the name it has in DDS.
+const TOPICS: &str = "rt";
+
 /// What a node starts with.
 #[derive(Debug, Clone)]
 pub struct NodeOptions {
@@ -70,6 +73,7 @@ struct Inner {
     introduced: Introduced,
     node: Arc<Mutex<Node>>,
     spinner: Option<JoinHandle<()>>,
+    context: Context,
 }
 
 impl RosNode {
@@ -106,7 +110,7 @@ impl RosNode {
             })
             .map_err(|source| RosError::Thread { what: "the ROS node", source })?;
         let NodeOptions { identity, remaps, .. } = options;
-        Ok(Self(Arc::new(Inner { identity, remaps, introduced, node, spinner: Some(spinner) })))
+        Ok(Self(Arc::new(Inner { identity, remaps, introduced, node, spinner: Some(spinner), context })))
     }
 
     /// The name of the node in the graph.
@@ -209,6 +213,16 @@ impl RosNode {
     /// Subscribers elsewhere that this publisher has found.
     pub(crate) fn subscribers<R: RosType>(&self, publisher: &Publisher<R>) -> usize {
         publisher.get_subscription_count(&self.lock())
+    }
+
+    /// Topics that other participants publish, by their absolute names; one that two publish stands twice.
+    pub(crate) fn published_elsewhere(&self) -> Vec<String> {
+        let participant = self.0.context.domain_participant();
+        let own = participant.guid().prefix;
+        let writers = participant.discovered_writers().into_iter();
+        let elsewhere = writers.filter(|writer| writer.writer_proxy.remote_writer_guid.prefix != own);
+        let topics = elsewhere.map(|writer| writer.publication_topic_data.topic_name);
+        topics.filter_map(|name| name.strip_prefix(TOPICS).map(str::to_owned)).collect()
     }
 
     fn lock(&self) -> MutexGuard<'_, Node> {

@@ -38,4 +38,8 @@ impl<M: Message> Publish<M> for FanOut<M> {
     fn subscribers(&self) -> usize {
         self.publishers.iter().map(|one| one.subscribers()).sum()
     }
+
+    fn others(&self) -> usize {
+        self.publishers.iter().map(|one| one.others()).sum()
+    }
 }

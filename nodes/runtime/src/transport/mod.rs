@@ -90,6 +90,12 @@ pub trait Publish<M: Message>: Send {
     /// Subscribers that this publisher knows of. Over DDS a subscriber may still need a moment to
     /// know of the publisher.
     fn subscribers(&self) -> usize;
+
+    /// Publishers of the same topic that do not belong to this node, as far as the transport knows of any: a gateway
+    /// does. Never waits.
+    fn others(&self) -> usize {
+        0
+    }
 }
 
 /// The receiving end of an edge.
