@@ -77,7 +77,10 @@ prop_compose! {
             effect_correction_m: effect, residual_correction_m: residual, corrected_m,
             covariance_m2, model_sha256, residual_model_sha256, frame_id, status,
             corrected_valid: match status {
-                CorrectionStatus::InVolume | CorrectionStatus::Extrapolated | CorrectionStatus::OutOfOrder => true,
+                CorrectionStatus::InVolume
+                | CorrectionStatus::Extrapolated
+                | CorrectionStatus::OutOfOrder
+                | CorrectionStatus::OtherPublisher => true,
                 CorrectionStatus::Rejected
                 | CorrectionStatus::NoModel
                 | CorrectionStatus::OtherFrame

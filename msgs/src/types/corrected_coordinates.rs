@@ -33,11 +33,13 @@ pub enum CorrectionStatus {
     SeveralSources = 7,
     /// The stamp does not follow that of the sample before; corrected, but the instant is not to be trusted.
     OutOfOrder = 8,
+    /// Another program publishes the topic as well; corrected, but not everything on the topic is of this corrector.
+    OtherPublisher = 9,
 }
 
 impl CorrectionStatus {
     /// All statuses, in the order of their numbers.
-    pub const ALL: [Self; 9] = [
+    pub const ALL: [Self; 10] = [
         Self::InVolume,
         Self::Extrapolated,
         Self::CovariateMissing,
@@ -47,6 +49,7 @@ impl CorrectionStatus {
         Self::OtherFrame,
         Self::SeveralSources,
         Self::OutOfOrder,
+        Self::OtherPublisher,
     ];
 
     /// Name of the constant in the `.msg` file, without `STATUS_`.
@@ -62,6 +65,7 @@ impl CorrectionStatus {
             Self::OtherFrame => "OTHER_FRAME",
             Self::SeveralSources => "SEVERAL_SOURCES",
             Self::OutOfOrder => "OUT_OF_ORDER",
+            Self::OtherPublisher => "OTHER_PUBLISHER",
         }
     }
 }
@@ -73,7 +77,7 @@ impl TryFrom<u8> for CorrectionStatus {
         Self::ALL.get(usize::from(value)).copied().ok_or(MessageError::UnknownStatus {
             message: ros::CorrectedCoordinates::ROS_TYPE,
             value,
-            highest: Self::OutOfOrder as u8,
+            highest: Self::OtherPublisher as u8,
         })
     }
 }
@@ -144,14 +148,23 @@ impl CorrectedCoordinates {
         }
     }
 
+    /// The same sample of a topic that another program publishes as well. What was not corrected says why already, and an
+    /// instant that is not to be trusted says more.
+    #[must_use]
+    pub fn beside_another_publisher(self) -> CorrectedCoordinates {
+        let says_more = !self.corrected_valid || self.status == CorrectionStatus::OutOfOrder;
+        CorrectedCoordinates { status: if says_more { self.status } else { CorrectionStatus::OtherPublisher }, ..self }
+    }
+
     fn check_status(&self) -> Result<(), MessageError> {
         use CorrectionStatus::{
-            CovariateMissing, Extrapolated, InVolume, NoModel, OtherFrame, OutOfOrder, Rejected, SeveralSources, Stale,
+            CovariateMissing, Extrapolated, InVolume, NoModel, OtherFrame, OtherPublisher, OutOfOrder, Rejected,
+            SeveralSources, Stale,
         };
         let reason = match (self.status, self.corrected_valid) {
-            (InVolume | Extrapolated | OutOfOrder, false) => "such a sample is corrected",
+            (InVolume | Extrapolated | OutOfOrder | OtherPublisher, false) => "such a sample is corrected",
             (Rejected | NoModel | OtherFrame | SeveralSources, true) => "such a sample is not corrected",
-            (InVolume | Extrapolated | OutOfOrder, true)
+            (InVolume | Extrapolated | OutOfOrder | OtherPublisher, true)
             | (Rejected | NoModel | OtherFrame | SeveralSources, false)
             | (CovariateMissing | Stale, _) => return Ok(()),
         };

@@ -5,7 +5,8 @@
 //! of its topic that repeats its stamp, sequence, position, offset and frame and has no reading yet, so a source that
 //! restarted, or plays the same readings again, is compared like any other. A recorded message names the models that
 //! made it, and is computed with these and no others. What the order of the samples adds to a status is found again from
-//! the corrected ones, which lie in the order in which they were made. No clock, no transport. Memory is that of what has no partner.
+//! the corrected ones, which lie in the order in which they were made; what the network said of another publisher is taken
+//! as recorded. No clock, no transport. Memory is that of what has no partner.
 
 use crate::step::{GeometricStep, Mark, ResidualStep, StreamWatch, Verdict};
 use crate::topics;
@@ -45,12 +46,13 @@ impl ReplaySteps {
         } else {
             self.geometric.iter().find(|step| step.model_sha256() == recorded.model_sha256)?
         };
-        let sample = recorded.verdict.apply(geometric.correct(reading));
-        if recorded.residual_model_sha256.is_none() {
-            return Some(sample);
+        let mut sample = recorded.verdict.apply(geometric.correct(reading));
+        if !recorded.residual_model_sha256.is_none() {
+            let residual =
+                self.residual.iter().find(|step| step.residual_sha256() == recorded.residual_model_sha256)?;
+            sample = residual.correct(&sample);
         }
-        let residual = self.residual.iter().find(|step| step.residual_sha256() == recorded.residual_model_sha256)?;
-        Some(residual.correct(&sample))
+        Some(if recorded.beside_another { sample.beside_another_publisher() } else { sample })
     }
 
     /// Hashes of all models given.
@@ -65,6 +67,8 @@ struct Recorded {
     sequence: u64,
     /// What the order of the samples makes of it.
     verdict: Verdict,
+    /// Whether another program published the topic: no sample tells that, so it is taken as recorded.
+    beside_another: bool,
     model_sha256: Sha256,
     residual_model_sha256: Sha256,
     cdr: Vec<u8>,
@@ -315,7 +319,9 @@ impl Stream {
                 self.outcome.corrector_restarts += 1;
             }
             let (cdr, place) = (message.cdr.clone(), self.outcome.recorded);
-            let recorded = Recorded { sequence, verdict, model_sha256, residual_model_sha256, cdr, place };
+            let beside_another = status == CorrectionStatus::OtherPublisher;
+            let recorded =
+                Recorded { sequence, verdict, beside_another, model_sha256, residual_model_sha256, cdr, place };
             self.outcome.recorded += 1;
             named.extend(recorded.hashes());
             let key = Key::of_corrected(&sample);
@@ -372,7 +378,7 @@ impl Stream {
 fn is_unmarked(verdict: Verdict, sample: &CorrectedCoordinates) -> bool {
     let unmarked = match verdict {
         Verdict::InOrder => false,
-        Verdict::OutOfOrder => sample.status < CorrectionStatus::OutOfOrder,
+        Verdict::OutOfOrder => sample.status != CorrectionStatus::OutOfOrder,
         Verdict::SeveralSources => true,
     };
     unmarked && sample.corrected_valid

@@ -173,6 +173,7 @@ fn pump<M: Message>(context: &NodeContext, from: NodeName, mut stage: impl Stage
     let mut subscriber = context.subscriber::<M>(from)?;
     let mut reported = Instant::now();
     let (mut durations, mut remarks) = (Durations::default(), Remarks::default());
+    let mut rivals = Rivals::of(context.name);
     loop {
         let stopping = context.shutdown.requested();
         let patience = if stopping { Duration::ZERO } else { LOOK_UP };
@@ -180,7 +181,7 @@ fn pump<M: Message>(context: &NodeContext, from: NodeName, mut stage: impl Stage
             Some(sample) => {
                 stage.refresh();
                 let since = Instant::now();
-                let corrected = stage.correct(&sample);
+                let corrected = Rivals::mark(stage.correct(&sample), publisher.others());
                 durations.push(since.elapsed());
                 send(publisher.as_mut(), &corrected, &mut summary);
                 stage.beside(&corrected);
@@ -191,10 +192,11 @@ fn pump<M: Message>(context: &NodeContext, from: NodeName, mut stage: impl Stage
         }
         if reported.elapsed() >= REPORT_EVERY {
             reported = Instant::now();
+            rivals.tell(publisher.others());
             let input = input(&stage, subscriber.as_ref());
             let mut told = remarks.report(health.as_ref(), &summary, &[input]);
             if let Some(health) = &health {
-                let correction = report(health, &summary, subscriber.lost(), &statuses);
+                let correction = report(health, &summary, subscriber.lost(), &statuses, &rivals);
                 told = told.and(correction).and(stage.report(health));
             }
             if let Err(error) = told {
@@ -215,6 +217,49 @@ fn pump<M: Message>(context: &NodeContext, from: NodeName, mut stage: impl Stage
 fn input<M: Message>(stage: &impl Stage<M>, subscriber: &dyn Subscribe<M>) -> Input {
     let (name, counts) = stage.input();
     Input { name, counts, interleaved: subscriber.interleaved() }
+}
+
+/// Other programs that publish what this node does; on one host they would have been refused.
+struct Rivals {
+    topic: &'static str,
+    now: usize,
+    /// As many as were told of in the log.
+    told: usize,
+}
+
+impl Rivals {
+    fn of(node: NodeName) -> Rivals {
+        Rivals { topic: node.topic().unwrap_or_default(), now: 0, told: 0 }
+    }
+
+    /// The sample with what there is to say of its topic.
+    fn mark(corrected: CorrectedCoordinates, rivals: usize) -> CorrectedCoordinates {
+        if rivals > 0 { corrected.beside_another_publisher() } else { corrected }
+    }
+
+    /// What to say of it while there are any.
+    fn words(&self) -> Option<String> {
+        let (now, topic) = (self.now, self.topic);
+        (now > 0).then(|| {
+            format!(
+                "{now} other publishers of {topic} over DDS: users take a mixture; a second launch in this namespace, or a \
+                 recording that is played? Stop all but one (ros2 topic info --verbose names them)"
+            )
+        })
+    }
+
+    /// Puts every change into the log.
+    fn tell(&mut self, now: usize) {
+        self.now = now;
+        if self.now == self.told {
+            return;
+        }
+        match self.words() {
+            Some(words) => tracing::warn!("{words}"),
+            None => tracing::warn!("{} has no other publisher any more", self.topic),
+        }
+        self.told = self.now;
+    }
 }
 
 /// How long the last corrections took.
@@ -248,17 +293,23 @@ fn report(
     summary: &NodeSummary,
     lost: u64,
     statuses: &[u64; CorrectionStatus::ALL.len()],
+    rivals: &Rivals,
 ) -> Result<(), NodeError> {
     use CorrectionStatus::{NoModel, OtherFrame, Rejected, SeveralSources};
     let uncorrected: u64 =
         [Rejected, NoModel, OtherFrame, SeveralSources].map(|status| statuses[status as usize]).iter().sum();
-    let (level, message) = match (uncorrected, lost) {
-        (0, 0) => (DiagnosticStatus::OK, "correcting"),
-        (0, _) => (DiagnosticStatus::WARN, "samples were lost on the way here"),
-        _ => (DiagnosticStatus::WARN, "some samples were not corrected"),
+    let (level, message) = match (rivals.words(), uncorrected, lost) {
+        (Some(words), ..) => (DiagnosticStatus::WARN, words),
+        (None, 0, 0) => (DiagnosticStatus::OK, "correcting".to_owned()),
+        (None, 0, _) => (DiagnosticStatus::WARN, "samples were lost on the way here".to_owned()),
+        (None, ..) => (DiagnosticStatus::WARN, "some samples were not corrected".to_owned()),
     };
     let counts = CorrectionStatus::ALL.iter().zip(statuses).map(|(status, count)| (status.name(), count.to_string()));
-    let figures = [("received", summary.received.to_string()), ("lost", lost.to_string())];
-    health.report("correction", level, message, figures.into_iter().chain(counts))?;
+    let figures = [
+        ("received", summary.received.to_string()),
+        ("lost", lost.to_string()),
+        ("other publishers", rivals.now.to_string()),
+    ];
+    health.report("correction", level, &message, figures.into_iter().chain(counts))?;
     Ok(())
 }

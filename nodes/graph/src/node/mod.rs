@@ -386,6 +386,10 @@ impl<M: Message> Publish<M> for Claimed<M> {
     fn subscribers(&self) -> usize {
         self.publisher.subscribers()
     }
+
+    fn others(&self) -> usize {
+        self.publisher.others()
+    }
 }
 
 /// Identity of a program of the user's in the machine's namespace.

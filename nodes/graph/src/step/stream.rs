@@ -84,7 +84,7 @@ impl Verdict {
                 corrected.withheld(CorrectionStatus::SeveralSources)
             }
             Verdict::OutOfOrder if corrected.corrected_valid => {
-                CorrectedCoordinates { status: corrected.status.max(CorrectionStatus::OutOfOrder), ..corrected }
+                CorrectedCoordinates { status: CorrectionStatus::OutOfOrder, ..corrected }
             }
             _ => corrected,
         }
