@@ -65,6 +65,7 @@ impl Recording {
             split_after: config.split_s.and_then(|seconds| Duration::try_from_secs_f64(seconds).ok()),
             least_free_bytes: config.least_free_bytes(),
             begun: Instant::now(),
+            safe: 0,
             status: Arc::clone(&status),
         };
         let started = thread::Builder::new().name("recording".into()).spawn(move || disk.run(writer, &records));
@@ -105,26 +106,36 @@ struct Disk {
     least_free_bytes: u64,
     /// When the file that is written was begun.
     begun: Instant,
+    /// Messages that are on the disk.
+    safe: u64,
     status: Arc<Mutex<Status>>,
 }
 
 impl Disk {
     /// Writes until the queue is closed, or until nothing more may be written; then only counts.
     fn run(&mut self, mut writer: BagWriter, records: &Receiver<Record>) -> Result<(), BagError> {
-        match self.record(&mut writer, records) {
-            Ok(None) => writer.finish().map(drop),
-            Ok(Some(reason)) => {
-                let finished = writer.finish().map(drop);
-                self.stop(reason, records);
-                finished
-            }
+        let reason = match self.record(&mut writer, records) {
+            Ok(None) => return writer.finish().map(drop),
+            Ok(Some(reason)) => match writer.finish() {
+                Ok(_) => reason,
+                Err(error) => self.cut_short(format!("{reason}; {error}")),
+            },
             Err(error) => {
                 // What is on the disk stays as it is: a writer that failed cannot complete its file.
                 std::mem::forget(writer);
-                self.stop(format!("{error}; what was written before can be recovered"), records);
-                Ok(())
+                self.cut_short(error.to_string())
             }
-        }
+        };
+        self.stop(reason, records);
+        Ok(())
+    }
+
+    /// Why recording has stopped, where the bag could not be completed: only what had been put on the disk counts.
+    fn cut_short(&self, reason: String) -> String {
+        let mut status = lock(&self.status);
+        status.unrecorded += status.recorded - self.safe;
+        status.recorded = self.safe;
+        format!("{reason}; what was written before can be recovered")
     }
 
     /// Writes what comes; gives why no more may be written, or nothing when the queue is closed.
@@ -136,8 +147,9 @@ impl Disk {
         loop {
             match records.recv_timeout(SYNC_EVERY.saturating_sub(synced.elapsed())) {
                 Ok(record) => {
-                    writer.write_cdr(&record.topic, record.ros_type, &record.cdr, record.log_time_ns)?;
+                    // Before it is written: one that fails counts among those that are not on the disk.
                     lock(&self.status).recorded += 1;
+                    writer.write_cdr(&record.topic, record.ros_type, &record.cdr, record.log_time_ns)?;
                 }
                 Err(RecvTimeoutError::Timeout) => {}
                 Err(RecvTimeoutError::Disconnected) => return Ok(None),
@@ -146,6 +158,7 @@ impl Disk {
                 let since = Instant::now();
                 writer.sync()?;
                 let mut status = lock(&self.status);
+                self.safe = status.recorded;
                 status.longest_sync = status.longest_sync.max(since.elapsed());
                 drop(status);
                 synced = Instant::now();
