@@ -54,7 +54,7 @@ fn play<M: Message>(
         summary.figures.insert(STARTED.to_owned(), schedule.started_s);
     }
     summary.dropped = publisher.dropped();
-    linger(context);
+    context.shutdown.sleep(LINGER);
     Ok(summary)
 }
 
@@ -74,12 +74,9 @@ fn usable<M>(
     }
 }
 
-/// Gives what is queued the time to leave before the publisher goes.
-fn linger(context: &NodeContext) {
-    if context.ros.is_some() {
-        context.shutdown.sleep(Duration::from_millis(200));
-    }
-}
+/// Gives those that take the time to find what was sent, and what is queued to leave, before the publisher goes: over shared
+/// memory, a taker that has not looked since the publisher came finds nothing once it is gone.
+const LINGER: Duration = Duration::from_millis(200);
 
 /// Figure of a source's summary: when its first sample was due, in seconds of the host's monotonic clock.
 pub const STARTED: &str = "started_monotonic_s";

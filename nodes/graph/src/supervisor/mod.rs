@@ -9,7 +9,7 @@ mod process;
 
 use crate::launch::{Launch, LaunchError, NodeName};
 use crate::node::NodeSummary;
-use abbe_runtime::transport::shared_memory::{self, SharedMemory};
+use abbe_runtime::transport::shared_memory::{self, CleanupError, SharedMemory};
 use abbe_runtime::transport::{DEFAULT_DEPTH, TransportError};
 use abbe_runtime::{Claim, ClaimError, RunId, Shutdown};
 use policy::{Ending, Ends, Role, Verdict};
@@ -127,6 +127,7 @@ impl Supervisor {
     pub fn start(program: &Path, launch_file: &Path, run: RunId) -> Result<Supervisor, SupervisorError> {
         let launch = Launch::read(launch_file)?;
         let claim = Claim::of_run(&run)?;
+        remove_crashed(&run);
         let leftovers = shared_memory::remove_leftovers();
         if leftovers > 0 {
             tracing::info!(runs = leftovers, "removed what crashed runs had left in shared memory");
@@ -301,16 +302,27 @@ impl Supervisor {
             let Some(node) = self.nodes.iter_mut().find(|node| node.name == name) else { continue };
             let State::Running(process) = &mut node.state else { continue };
             let (ended, was_killed) = process.end(STOP_PATIENCE, hurry)?;
-            // One that is still starting may not look whether to stop; it has nothing to lose.
-            let problem = match (was_killed && node.was_ready, was_killed || ended.is_in_order()) {
-                (true, _) => Some(format!("node {} did not stop in time and was ended", name.name())),
-                (false, false) => Some(format!("node {} ended with {}", name.name(), ended.told())),
-                (false, true) => None,
+            node.notice_ready();
+            // One that was still starting has nothing to lose: it may not look whether to stop, or miss others that have.
+            let problem = match (node.was_ready, was_killed, ended.is_in_order()) {
+                (false, ..) | (true, false, true) => None,
+                (true, true, _) => Some(format!("node {} did not stop in time and was ended", name.name())),
+                (true, false, false) => Some(format!("node {} ended with {}", name.name(), ended.told())),
             };
             self.problems.extend(problem);
             (node.state, node.summary) = (State::Done, ended.summary);
         }
         Ok(())
+    }
+}
+
+/// Removes what an earlier run of this name left when it crashed. While a process of it lives, such as a user's program
+/// that waits for this launch, all of it stays.
+fn remove_crashed(run: &RunId) {
+    match shared_memory::cleanup(run) {
+        Ok(()) => {}
+        Err(error @ CleanupError::Alive { .. }) => tracing::debug!(%error, "what an earlier run left stays for now"),
+        Err(error) => tracing::warn!(%error, "what an earlier run of this name left could not be removed"),
     }
 }
 

@@ -7,7 +7,7 @@ use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
-use iceoryx2::node::{Node, NodeState};
+use iceoryx2::node::{Node, NodeListFailure, NodeState};
 use iceoryx2::prelude::CallbackProgression;
 use iceoryx2::service::ipc_threadsafe::Service;
 use thiserror::Error;
@@ -86,12 +86,23 @@ pub fn remove_leftovers() -> usize {
 }
 
 fn refuse_if_alive(run: &RunId) -> Result<(), CleanupError> {
-    let mut nodes = 0;
-    Node::<Service>::list(&config(run)?, |state| {
-        nodes += usize::from(!matches!(state, NodeState::Dead(_)));
-        CallbackProgression::Continue
-    })
-    .map_err(|error| CleanupError::List { run: run.clone(), reason: format!("{error:?}") })?;
+    let config = config(run)?;
+    let count = || {
+        let mut nodes = 0;
+        let listed = Node::<Service>::list(&config, |state| {
+            nodes += usize::from(!matches!(state, NodeState::Dead(_)));
+            CallbackProgression::Continue
+        });
+        listed.map(|()| nodes)
+    };
+    let nodes = loop {
+        match count() {
+            // A second Ctrl-C that comes just now must not leave the files.
+            Err(NodeListFailure::Interrupt) => {}
+            Err(error) => return Err(CleanupError::List { run: run.clone(), reason: format!("{error:?}") }),
+            Ok(nodes) => break nodes,
+        }
+    };
     if nodes > 0 {
         return Err(CleanupError::Alive { run: run.clone(), nodes });
     }
