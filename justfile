@@ -15,6 +15,10 @@ test:
 graphics:
     cargo test -p abbe-residual-training --features wgpu --test graphics_card
 
+# Faults that last for minutes (some fifteen), on a quiet machine: figures for nodes/runtime/README.md
+faults:
+    ABBE_FAULTS=long cargo test -p abbe --test faults -- --nocapture process_may_be_stopped packets_that_exhaust storm_of_ends
+
 # Everything that must pass before a change is taken
 ci:
     .ci/run

@@ -6,14 +6,12 @@
 mod common;
 
 use std::fs;
-use std::process::Command;
 
-use abbe_msgs::bag::BagWriter;
-use abbe_msgs::{RangeResidual, ResidualStatus, ScaleReading, Stamp};
+use abbe_msgs::{RangeResidual, ResidualStatus, ScaleReading};
 use common::assert_says;
 use common::files::{Bench, machine, other_machine, samples, text};
-use common::graph::{DDS, LaunchText, MEMORY, topic};
-use common::program::{Started, abbe, run};
+use common::graph::{LaunchText, MEMORY, topic};
+use common::program::run;
 use common::spoil::{Spoil, Table, identify_refused, refused};
 
 #[track_caller]
@@ -326,120 +324,6 @@ fn a_station_that_the_model_does_not_know_is_reported_as_such_and_nothing_is_pre
     assert!(known.iter().all(|r| r.status != ResidualStatus::UnknownStation && r.residual_valid));
     let outside = known.iter().filter(|r| r.status == ResidualStatus::OutOfBounds).count();
     assert!(outside * 50 < known.len(), "{outside} of {} are out of bounds", known.len());
-}
-
-/// A bag `readings` of these, to be played.
-fn played(bench: &Bench, readings: &[ScaleReading]) {
-    let mut writer = BagWriter::create(bench.path("readings")).unwrap();
-    for (log_time_ns, reading) in (0..).zip(readings) {
-        writer.write(&topic("scale/reading"), reading, log_time_ns).unwrap();
-    }
-    writer.finish().unwrap();
-}
-
-/// A graph that plays `readings` at 200 Hz and records them with what is made of them; gives the recorder's summary.
-fn record(bench: &Bench, readings: &[ScaleReading], table: &str) -> serde_json::Value {
-    played(bench, readings);
-    let launch = LaunchText::default()
-        .nodes(&["scale", "geometric", "recorder"])
-        .record("recorded")
-        .edge("scale", "geometric", MEMORY)
-        .edge("scale", "recorder", MEMORY)
-        .edge("geometric", "recorder", MEMORY)
-        .source("scale", "readings", Some(&topic("scale/reading")), 200.0);
-    let text = launch.text().replace("record = \"recorded\"\n", table);
-    let said = run(["launch", &bench.write("launch.toml", text)]).ok();
-    let summaries = said.lines().map(|line| serde_json::from_str::<serde_json::Value>(line).unwrap());
-    let summaries: Vec<_> = summaries.collect();
-    let of = |node: &str| summaries.iter().find(|summary| summary["node"] == node).unwrap().clone();
-    let all = serde_json::Value::from(readings.len());
-    assert_eq!((&of("geometric")["received"], &of("geometric")["sent"]), (&all, &all), "the graph goes on");
-    of("recorder")
-}
-
-#[test]
-fn regress_stamps_that_no_bag_can_hold_end_no_node_and_are_counted() {
-    let bench = Bench::identified(5);
-    let bounds = [(i32::MIN, 0), (-1, 999_999_999), (0, 0), (i32::MAX, 999_999_999), (-5, 0), (7, 0)];
-    let readings: Vec<ScaleReading> = (0..60)
-        .map(|sequence| {
-            let (sec, nanosec) = bounds[sequence as usize % bounds.len()];
-            ScaleReading { stamp: Stamp::new(sec, nanosec).unwrap(), sequence, ..ScaleReading::default() }
-        })
-        .collect();
-    let summary = record(&bench, &readings, "record = \"recorded\"\n");
-    assert_eq!((&summary["received"], &summary["sent"], &summary["lost"]), (&120.into(), &60.into(), &0.into()));
-    assert_eq!(summary["figures"]["stamps_refused"], 60.0);
-    assert_eq!(samples::<ScaleReading>(&bench.path("recorded"), &topic("scale/reading")).len(), 30);
-}
-
-/// A library that shifts the system clock of the programs that load it by `CLOCK_OFFSET_S` seconds.
-const CLOCK: &str = "
-#define _GNU_SOURCE
-#include <dlfcn.h>
-#include <stdlib.h>
-#include <time.h>
-int clock_gettime(clockid_t id, struct timespec *t) {
-  static int (*real)(clockid_t, struct timespec *);
-  if (!real) real = (int (*)(clockid_t, struct timespec *))dlsym(RTLD_NEXT, \"clock_gettime\");
-  int result = real(id, t);
-  const char *offset = getenv(\"CLOCK_OFFSET_S\");
-  if (result == 0 && id == CLOCK_REALTIME && offset) t->tv_sec += atoll(offset);
-  return result;
-}
-";
-
-#[test]
-fn regress_a_clock_before_1970_or_after_2038_ends_no_node() {
-    let bench = Bench::identified(5);
-    let (source, library) = (bench.write("clock.c", CLOCK), bench.text("clock.so"));
-    let built = Command::new("cc").args(["-shared", "-fPIC", "-o", &library, &source, "-ldl"]).status();
-    if !built.is_ok_and(|status| status.success()) {
-        println!("SKIPPED: no C compiler to shift the clock with");
-        return;
-    }
-    let readings: Vec<ScaleReading> =
-        (0..600).map(|sequence| ScaleReading { sequence, ..ScaleReading::default() }).collect();
-    played(&bench, &readings);
-    // Past 2038 with DDS and /diagnostics, for three seconds; before 1970 over shared memory.
-    for (offset_s, dds) in [("600000000", true), ("-2000000000", false)] {
-        let mut launch = LaunchText::default()
-            .nodes(&["scale", "geometric", "recorder"])
-            .record(&format!("recorded{offset_s}"))
-            .edge("scale", "geometric", MEMORY)
-            .edge("geometric", "recorder", MEMORY)
-            .source("scale", "readings", Some(&topic("scale/reading")), 200.0);
-        if dds {
-            launch = launch.edge("geometric", "*", DDS);
-        }
-        let mut command = abbe(["launch", &launch.write(&bench)]);
-        command.env("LD_PRELOAD", &library).env("CLOCK_OFFSET_S", offset_s);
-        let said = Started::start(command).finish().ok();
-        let recorder = said.lines().map(|line| serde_json::from_str::<serde_json::Value>(line).unwrap());
-        let recorder = recorder.into_iter().find(|summary| summary["node"] == "recorder").unwrap();
-        assert_eq!((&recorder["sent"], &recorder["lost"]), (&600.into(), &0.into()), "{offset_s}: {recorder}");
-    }
-}
-
-#[test]
-fn a_recording_is_split_by_time_and_stops_with_a_whole_bag_before_the_disk_is_full() {
-    let stamped = |sequence: u64| {
-        let stamp = Stamp::from_nanos(i64::try_from(sequence).unwrap() * 5_000_000).unwrap();
-        ScaleReading { stamp, sequence, ..ScaleReading::default() }
-    };
-    let readings: Vec<ScaleReading> = (0..500).map(stamped).collect();
-    let bench = Bench::identified(5);
-    let summary = record(&bench, &readings, "record = { bag = \"recorded\", split_s = 1.0, split_mib = 100 }\n");
-    assert!(summary["figures"]["files"].as_f64().unwrap() >= 2.0, "{summary}");
-    assert_eq!((&summary["sent"], &summary["dropped"]), (&1000.into(), &0.into()));
-    let back = samples::<ScaleReading>(&bench.path("recorded"), &topic("scale/reading"));
-    assert!(back == readings, "{} of {} readings, in order", back.len(), readings.len());
-
-    let bench = Bench::identified(5);
-    let full = "record = { bag = \"recorded\", least_free_mib = 1_000_000_000_000 }\n";
-    let summary = record(&bench, &readings[..50], full);
-    assert_eq!((&summary["sent"], &summary["dropped"]), (&0.into(), &100.into()), "{summary}");
-    assert!(samples::<ScaleReading>(&bench.path("recorded"), &topic("scale/reading")).is_empty(), "a whole bag");
 }
 
 #[test]

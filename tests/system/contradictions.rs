@@ -5,10 +5,19 @@
 
 mod common;
 
+use std::fs;
+
+use abbe_msgs::CorrectedCoordinates;
+use abbe_msgs::standard::DiagnosticStatus;
+use abbe_runtime::RunId;
 use common::assert_says;
+use common::dds::{Listener, PATIENCE};
 use common::files::{Bench, machine, text};
-use common::program::run;
+use common::graph::{DDS, MEMORY, long_recording, stream_of, user};
+use common::network::in_own_network;
+use common::program::{Started, abbe_in, run, signal, wait_until};
 use common::spoil::{Spoil, Table, identify_refused, refused};
+use rustix::process::Signal;
 
 /// A number in a cell, changed.
 fn change(cell: &mut String, change: impl Fn(f64) -> f64) {
@@ -99,6 +108,38 @@ fn regress_an_accepted_misfit_is_told_wherever_the_model_is_used_and_rejected_re
         assert_says(&ran.errors, &["WARN", "model.json", "made all the same", "beam of station S2 was interrupted"]);
         assert_eq!(ran.code, Some(0), "{}", ran.errors);
     }
+}
+
+#[test]
+fn regress_an_accepted_misfit_is_a_warning_on_diagnostics_while_its_model_is_in_use() {
+    let test = "regress_an_accepted_misfit_is_a_warning_on_diagnostics_while_its_model_is_in_use";
+    in_own_network(test, |domain| {
+        let bench = Bench::identified(5);
+        let good = bench.read("model.json");
+        let mut table = Table::of(&bench.read("campaign.csv"));
+        interrupt(&mut table);
+        let (machine, campaign) = (text(&machine()), bench.write("spoilt.csv", table.text()));
+        let (model, accepted) = (bench.text("model.json"), bench.text("accepted.json"));
+        run(["identify", "--machine", &machine, "--campaign", &campaign, "--out", &accepted, "--accept-misfit"]).ok();
+        fs::copy(&accepted, &model).unwrap();
+        long_recording(&bench, 60_000);
+        let launch = stream_of(&bench, |launch| launch.edge("residual", "user", MEMORY).edge("geometric", "*", DDS));
+        let run_name = RunId::unique();
+        let listener = Listener::on_diagnostics(domain);
+        let graph = Started::start(abbe_in(domain, ["launch", &launch, "--run", run_name.as_str()]));
+        let _taker = user::<CorrectedCoordinates>(&run_name, "corrected");
+        let words = ["this model was refused and made all the same", "beam of station S2 was interrupted"];
+        listener.hears_warnings("geometric: model", &words);
+        // The warning goes with the model.
+        fs::write(bench.path("next.json"), good).unwrap();
+        fs::rename(bench.path("next.json"), &model).unwrap();
+        wait_until("nothing is said against the good model", PATIENCE, || {
+            let mut news = listener.news("geometric: model").into_iter();
+            news.any(|status| status.level == DiagnosticStatus::OK && status.message == "model in use")
+        });
+        signal(graph.id(), Signal::INT);
+        graph.finish().ok();
+    });
 }
 
 #[test]

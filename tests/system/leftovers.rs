@@ -7,6 +7,7 @@ mod common;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
+use std::os::unix::fs::MetadataExt;
 use std::os::unix::process::CommandExt;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
@@ -23,7 +24,7 @@ use rustix::process::Signal;
 
 const PATIENCE: Duration = Duration::from_secs(20);
 /// How soon everything must have ended.
-const GONE_WITHIN: Duration = Duration::from_secs(5);
+const GONE_WITHIN: Duration = Duration::from_secs(10);
 
 /// How a launcher is told to end.
 #[derive(Debug, Clone, Copy)]
@@ -48,15 +49,22 @@ impl End {
     }
 }
 
-/// Ends a launcher that has `nodes` children and asserts that nothing of it is left.
-fn end_and_look(mut launcher: Started, nodes: usize, run: &str, end: End) -> common::program::Ran {
+/// Ends a launcher that has `nodes` children, and is in the middle of its stream when `flows` says so; asserts that nothing
+/// of it is left.
+fn end_and_look(
+    mut launcher: Started,
+    nodes: usize,
+    run: &str,
+    end: End,
+    flows: impl Fn() -> bool,
+) -> common::program::Ran {
     let id = launcher.id();
-    wait_until("all nodes run", PATIENCE, || {
+    wait_until("all nodes run, and samples flow", PATIENCE, || {
         assert!(launcher.is_running(), "{end:?}: it ended by itself");
-        children(id).len() == nodes
+        children(id).len() == nodes && flows()
     });
     // Into the middle of the stream.
-    thread::sleep(Duration::from_millis(700));
+    thread::sleep(Duration::from_millis(500));
     let processes = children(id);
     assert_eq!(processes.len(), nodes, "{end:?}: {processes:?}");
     assert!(!files_of_run(run).is_empty(), "there was no shared memory: the test tests nothing");
@@ -80,7 +88,7 @@ fn a_launch_that_is_interrupted_terminated_or_killed_leaves_no_process_and_no_fi
         let run = RunId::unique();
         let mut command = abbe(["launch", &file, "--run", run.as_str()]);
         command.process_group(0);
-        let ran = end_and_look(Started::start(command), 4, run.as_str(), end);
+        let ran = end_and_look(Started::start(command), 4, run.as_str(), end, || is_recording(&bench, &bag));
         match end {
             End::Kill => assert_eq!(ran.code, None),
             _ => assert_says(&ran.ok(), &["\"node\":\"residual\""]),
@@ -98,7 +106,7 @@ fn a_demo_that_is_interrupted_terminated_or_killed_leaves_no_process_and_no_file
         command.process_group(0);
         let demo = Started::start(command);
         let run = format!("{:x}-", demo.id());
-        let ran = end_and_look(demo, 6, &run, end);
+        let ran = end_and_look(demo, 6, &run, end, || files_of_run(&run).len() > 10);
         match end {
             End::Kill => assert_eq!(ran.code, None),
             _ => assert_says(&ran.refused(), &["stopped on request"]),
@@ -107,11 +115,17 @@ fn a_demo_that_is_interrupted_terminated_or_killed_leaves_no_process_and_no_file
     }
 }
 
-/// A launch whose nodes have been at work for half a second.
-fn at_work(file: &str, run: &RunId, nodes: usize) -> Started {
-    let launcher = Started::start(abbe(["launch", file, "--run", run.as_str()]));
-    wait_until("all nodes run", PATIENCE, || children(launcher.id()).len() == nodes);
-    thread::sleep(Duration::from_millis(500));
+/// Whether a bag holds what some tenths of a second at 1 kHz give.
+fn is_recording(bench: &Bench, bag: &str) -> bool {
+    fs::metadata(bench.path(&format!("{bag}/{bag}_0.mcap"))).is_ok_and(|file| file.len() > 32 << 10)
+}
+
+/// A launch of four nodes that record a stream to this bag, and are at work.
+fn at_work(bench: &Bench, bag: &str, run: &RunId) -> Started {
+    let mut command = abbe(["launch", &recorded_stream_of(bench, bag), "--run", run.as_str()]);
+    command.process_group(0);
+    let launcher = Started::start(command);
+    wait_until("all nodes are at work", PATIENCE, || children(launcher.id()).len() == 4 && is_recording(bench, bag));
     launcher
 }
 
@@ -133,9 +147,8 @@ fn regress_a_source_that_is_killed_or_terminated_ends_the_launch_with_its_name()
     let bench = Bench::identified(5);
     long_recording(&bench, 60_000);
     for (by, told) in [(Signal::KILL, "signal: 9"), (Signal::TERM, "exit status: 0")] {
-        let file = recorded_stream_of(&bench, &format!("without_source_{}", by.as_raw()));
         let run = RunId::unique();
-        let launcher = at_work(&file, &run, 4);
+        let launcher = at_work(&bench, &format!("without_source_{}", by.as_raw()), &run);
         let processes = children(launcher.id());
         signal(process_of(&launcher, "scale").unwrap(), by);
         let said = launcher.finish().refused();
@@ -220,6 +233,42 @@ fn regress_what_a_crashed_run_of_an_automatic_name_left_goes_with_the_next_launc
         signal(launcher.id(), Signal::INT);
         launcher.finish().ok();
         assert_eq!(files_of_run(&run), Vec::<String>::new());
+    }
+}
+
+#[test]
+fn regress_what_a_crashed_run_of_a_given_name_left_goes_when_the_next_of_that_name_starts() {
+    let bench = Bench::identified(5);
+    long_recording(&bench, 60_000);
+    // Names of this test alone, as a person would give them.
+    let names = ["line-7", "line-8"].map(|name| format!("{name}-{:x}", std::process::id()));
+    let runs = names.map(|name| name.parse::<RunId>().unwrap());
+    assert!(runs.iter().all(|run| run.chosen_by().is_none()), "{runs:?}");
+    let [crashed, living] = &runs;
+    let first = at_work(&bench, "crashed", crashed);
+    let other = at_work(&bench, "living", living);
+    let of_other = files_of_run(living.as_str()).len();
+    let processes: Vec<u32> = children(first.id()).into_iter().map(|(id, _)| id).chain([first.id()]).collect();
+    processes.iter().for_each(|id| signal(*id, Signal::STOP));
+    processes.iter().for_each(|id| signal(*id, Signal::KILL));
+    assert_eq!(first.finish().code, None);
+    wait_until("all have ended", PATIENCE, || processes.iter().all(|id| !is_running(*id)));
+    let left = files_of_run(crashed.as_str());
+    assert!(left.len() > 10, "the crash left nothing: the test tests nothing");
+    let identity = |path: &String| {
+        let file = fs::metadata(path).ok()?;
+        Some((path.clone(), file.ino(), file.created().ok(), file.is_dir()))
+    };
+    let left: BTreeSet<_> = left.iter().filter_map(identity).collect();
+    let next = at_work(&bench, "next", crashed);
+    let now: BTreeSet<_> = files_of_run(crashed.as_str()).iter().filter_map(identity).collect();
+    let stayed: Vec<_> = now.intersection(&left).collect();
+    assert!(stayed.is_empty(), "{} of {} files of the crash are still there: {stayed:?}", stayed.len(), left.len());
+    assert_eq!(files_of_run(living.as_str()).len(), of_other, "a living run lost its files");
+    for (launcher, run) in [(next, crashed), (other, living)] {
+        signal(launcher.id(), Signal::INT);
+        launcher.finish().ok();
+        assert_eq!(files_of_run(run.as_str()), Vec::<String>::new());
     }
 }
 
@@ -341,13 +390,8 @@ fn regress_correction_goes_on_without_a_recorder_that_keeps_ending_and_the_launc
 fn regress_an_interrupt_from_the_terminal_loses_no_answer_that_was_under_way() {
     let bench = Bench::identified(5);
     long_recording(&bench, 60_000);
-    let file = recorded_stream_of(&bench, "interrupted");
     let run = RunId::unique();
-    let mut command = abbe(["launch", &file, "--run", run.as_str()]);
-    command.process_group(0);
-    let launcher = Started::start(command);
-    wait_until("all nodes run", PATIENCE, || children(launcher.id()).len() == 4);
-    thread::sleep(Duration::from_millis(700));
+    let launcher = at_work(&bench, "interrupted", &run);
     signal_group(launcher.id(), Signal::INT);
     let nodes = summaries(&launcher.finish().ok());
     let sent = nodes["scale"].sent;

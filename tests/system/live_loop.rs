@@ -1,5 +1,6 @@
 //! The loop closes live: an effect sets in during a run, the monitor notices, a diagnosis names it, its model goes in,
-//! and the range residual returns to noise, with no sample lost. And by hand: another model is put in place.
+//! and the range residual returns to noise, with no sample lost. And by hand: another model is put in place. What a
+//! diagnosis saw is what the recording of that run gives offline.
 //!
 //! Place in the flow: the shipped `launch-config/live_loop.toml` with a recording in place of the virtual machine, stitched
 //! from simulated campaigns so that the lines of the five stations come in turn, as if a tracer stood at each. The truth
@@ -15,11 +16,12 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use abbe_files::{write_atomically, write_campaign};
-use abbe_graph::driver::DriverConfig;
+use abbe_files::{read_campaign_file, write_atomically, write_campaign};
+use abbe_graph::driver::{DriverConfig, JoinSettings, campaign_from_bag};
 use abbe_graph::launch::Launch;
 use abbe_measurement::campaign::{Campaign, Covariate, RangeReading};
-use abbe_msgs::{CorrectedCoordinates, CorrectionStatus, RangeResidual, Sha256};
+use abbe_msgs::bag::BagWriter;
+use abbe_msgs::{CorrectedCoordinates, CorrectionStatus, RangeResidual, ScaleReading, Sha256, TracerReading};
 use abbe_virtual_machine::effects::from_text;
 use abbe_virtual_machine::environment::EnvironmentConfig;
 use abbe_virtual_machine::instrument::InstrumentConfig;
@@ -314,6 +316,60 @@ fn an_effect_that_sets_in_during_a_run_is_diagnosed_and_corrected_without_a_lost
     println!("mean square over the monitor's last window: {last:.3}");
     // The monitor's own bound on its window of 200.
     assert!(last < 1.33 && closed.1 < 1.2, "{last} in the last window, {} with the new model", closed.1);
+}
+
+#[test]
+fn a_diagnosis_of_a_running_graph_sees_exactly_what_its_recording_gives_offline() {
+    /// Readings that the diagnosis waits for.
+    const ENOUGH: usize = 400;
+    let _turn = my_turn();
+    // From some reading on every second length is off, which no model explains.
+    let bench = Bench::identified(SEED);
+    let mut run = read_campaign_file(&bench.path("campaign.csv"), None).unwrap().campaign;
+    run.readings[ONSET..].iter_mut().step_by(2).for_each(|reading| reading.length_m += 30e-6);
+    write_campaign(&bench.path("run.csv"), &run).unwrap();
+    let file = launch_on(&bench, |launch| {
+        let monitor = launch.monitor.as_mut().unwrap();
+        (monitor.diagnosis_readings, monitor.adopt_diagnosed_model) = (Some(ENOUGH), false);
+    });
+    let join = JoinSettings {
+        match_within_s: Launch::read(Path::new(&file)).unwrap().monitor.unwrap().match_within_s,
+        max_covariate_age_s: Launch::read(Path::new(&file)).unwrap().max_covariate_age_s,
+        namespace: None,
+    };
+    let graph = Started::start(abbe(["launch", &file]));
+    let captured = bench.path("diagnoses/0001/campaign.csv");
+    wait_until("a diagnosis starts", CLOSED_WITHIN, || captured.exists());
+    let ended = Ended::interrupted(graph);
+    assert_eq!(ended.figure("monitor", "diagnoses_started"), 1.0);
+
+    // Of the recording, the part that the diagnosis saw: from its first reading to its last.
+    let live = read_campaign_file(&captured, None).unwrap().campaign;
+    assert!(live.readings.len() >= ENOUGH, "{}", live.readings.len());
+    let bag = bench.path("recorded");
+    let scales = samples::<ScaleReading>(&bag, &format!("{NAMESPACE}/scale/reading"));
+    let tracers = samples::<TracerReading>(&bag, &format!("{NAMESPACE}/tracer/reading"));
+    let is_first = |tracer: &TracerReading| (tracer.length_m - live.readings[0].length_m).abs() < 1e-12;
+    let first = tracers.iter().position(is_first).expect("its first reading was recorded");
+    assert!(first > ONSET / 2, "seen from the {first}th on: the test does not tell whether the right part is");
+    let mut part = BagWriter::create(bench.path("part")).unwrap();
+    for (scale, tracer) in scales.iter().zip(&tracers).skip(first).take(live.readings.len()) {
+        let log_time_ns = scale.stamp.to_nanos().unsigned_abs();
+        part.write(&format!("{NAMESPACE}/scale/reading"), scale, log_time_ns).unwrap();
+        part.write(&format!("{NAMESPACE}/tracer/reading"), tracer, log_time_ns).unwrap();
+    }
+    part.finish().unwrap();
+    let offline = campaign_from_bag(&bench.path("part"), scales[0].frame_id.as_str(), &join).unwrap();
+    assert_eq!(offline.left_out, Vec::<String>::new());
+    write_campaign(&bench.path("offline.csv"), &offline.campaign).unwrap();
+    println!("{} readings from the {first}th on", live.readings.len());
+    assert!(fs::read(bench.path("offline.csv")).unwrap() == fs::read(&captured).unwrap(), "see {captured:?}");
+
+    // All of it is the campaign that was played, as far as it was played.
+    let whole = campaign_from_bag(&bag, scales[0].frame_id.as_str(), &join).unwrap().campaign;
+    let played = read_campaign_file(&bench.path("run.csv"), None).unwrap().campaign;
+    let lengths = |campaign: &Campaign| campaign.readings.iter().map(|r| r.length_m).collect::<Vec<_>>();
+    assert_eq!(lengths(&whole), lengths(&played)[..whole.readings.len()]);
 }
 
 #[test]

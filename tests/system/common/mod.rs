@@ -7,11 +7,14 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // A test fails by panicking.
 
 pub(crate) mod attack;
+pub(crate) mod clock;
+pub(crate) mod dds;
 pub(crate) mod files;
 pub(crate) mod graph;
 pub(crate) mod program;
 pub(crate) mod python;
 pub(crate) mod spoil;
+pub(crate) mod watched;
 
 #[path = "../../../nodes/runtime/tests/common/network.rs"]
 pub(crate) mod network;

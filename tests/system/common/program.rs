@@ -138,6 +138,11 @@ pub(crate) fn signal(process_id: u32, signal: Signal) {
     kill_process(pid(process_id), signal).unwrap();
 }
 
+/// The same to one that may have ended; whether it had not.
+pub(crate) fn try_signal(process_id: u32, signal: Signal) -> bool {
+    kill_process(pid(process_id), signal).is_ok()
+}
+
 /// Waits until a program handles Ctrl-C: before that it ends without words, or not at all where it was started in the background.
 #[track_caller]
 pub(crate) fn wait_until_interruptible(process_id: u32) {
