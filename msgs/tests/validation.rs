@@ -76,11 +76,13 @@ fn wrong_tracer_readings_are_refused() {
 #[test]
 fn wrong_corrected_coordinates_are_refused() {
     let mut ros = common::corrected().to_ros();
-    ros.status = 9;
-    assert_refused::<CorrectedCoordinates>(ros, "status 9 of abbe_msgs/msg/CorrectedCoordinates");
+    ros.status = 10;
+    assert_refused::<CorrectedCoordinates>(ros, "status 10 of abbe_msgs/msg/CorrectedCoordinates");
     let mut ros = common::corrected().to_ros();
     ros.corrected_valid = false;
-    assert_refused::<CorrectedCoordinates>(ros, "contradicts status EXTRAPOLATED");
+    assert_refused::<CorrectedCoordinates>(ros.clone(), "contradicts status EXTRAPOLATED");
+    ros.status = CorrectionStatus::OtherPublisher as u8;
+    assert_refused::<CorrectedCoordinates>(ros, "contradicts status OTHER_PUBLISHER");
     let mut ros = common::corrected().to_ros();
     ros.status = CorrectionStatus::NoModel as u8;
     assert_refused::<CorrectedCoordinates>(ros, "contradicts status NO_MODEL");
