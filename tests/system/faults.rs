@@ -290,8 +290,10 @@ fn regress_packets_that_exhaust_memory_end_a_gateway_and_never_touch_the_chain_o
 fn a_storm_of_ends_of_nodes_and_gateways_never_ends_the_stream() {
     /// A node that ends five times within a minute is given up, so these take turns, this far apart.
     const BETWEEN_NODES: Duration = Duration::from_secs(8);
+    /// A gateway that is killed says no farewell: the user's participant keeps each for 50 s, and may be busy with them.
+    const FORGOTTEN_WITHIN: Duration = Duration::from_secs(60);
     let test = "a_storm_of_ends_of_nodes_and_gateways_never_ends_the_stream";
-    let storm = Duration::from_secs(lasting(10, 300));
+    let storm = Duration::from_secs(lasting(10, 60));
     let _turn = my_turn();
     in_own_network(test, |domain| {
         let (mut nodes, mut gateways) = (0_u32, 0_u32);
@@ -314,7 +316,10 @@ fn a_storm_of_ends_of_nodes_and_gateways_never_ends_the_stream() {
                 thread::sleep(Duration::from_millis(500));
             }
             graph.begin(2);
-            println!("after the storm: {:?}", graph.over_dds.flows_within(FLOWS_WITHIN, "the storm"));
+            println!(
+                "after the storm: {:?}",
+                graph.over_dds.flows_within(FLOWS_WITHIN + FORGOTTEN_WITHIN, "the storm")
+            );
         });
         tell(&format!("{nodes} times a correcting node is killed, {gateways} times a gateway"), &seen, 1);
         assert!(nodes >= 2 && gateways >= 4, "{nodes} nodes, {gateways} gateways: the test tests nothing");
