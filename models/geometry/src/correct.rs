@@ -75,31 +75,34 @@ impl Correction {
 ///
 /// A sample is corrected with finite coordinates and a covariance that is one, or rejected.
 pub fn correct(model: &MachineModel, state: &State) -> Correction {
-    let nominal_m = nominal_point_m(state.reading_m, state.offset_m);
-    if !is_plausible(model, state) {
-        return rejected(nominal_m);
-    }
-    corrected(model, state, nominal_m).unwrap_or_else(|| rejected(nominal_m))
+    let rejected = || rejected(nominal_point_m(state.reading_m, state.offset_m));
+    corrected(model, state).map_or_else(rejected, |(correction, _)| correction)
 }
 
-fn corrected(model: &MachineModel, state: &State, nominal_m: Vector3<f64>) -> Option<Correction> {
-    let parts = model.parts();
+/// A corrected sample, and the sensitivity of its position to every parameter of geometry and effects; effects whose
+/// covariate is missing are left out. `None` where [`correct`] rejects it.
+pub(crate) fn corrected(model: &MachineModel, state: &State) -> Option<(Correction, Sensitivity)> {
+    if !is_plausible(model, state) {
+        return None;
+    }
+    let nominal_m = nominal_point_m(state.reading_m, state.offset_m);
     let (chain, mut sensitivity) = geometric_point(model, state.reading_m, state.offset_m);
     let point_m = chain.position_m;
     let effects = add_effects(model, state, &chain, &mut sensitivity)?;
-    let repeatability = Vector3::from(parts.machine.repeatability_m).map(|r| r * r);
+    let repeatability = Vector3::from(model.parts().machine.repeatability_m).map(|r| r * r);
     let position_m = point_m + effects.tip_m;
     let covariance_m2 = sensitivity.covariance_m2(model) + effects.doubt_m2 + Matrix3::from_diagonal(&repeatability);
     let status = if effects.outside || !is_in_volume(model, state) { Status::Extrapolated } else { Status::InVolume };
     let most_m = MOST_CORRECTION * (longest_stroke_m(model) + Vector3::from(state.offset_m).norm());
     let sound = is_sound(&position_m, &covariance_m2) && (position_m - nominal_m).norm() <= most_m;
-    sound.then_some(Correction {
+    let correction = Correction {
         geometric_m: point_m - nominal_m,
         effects_m: effects.tip_m,
         position_m,
         covariance_m2: Some(covariance_m2),
         status: effects.left_out.unwrap_or(status),
-    })
+    };
+    sound.then_some((correction, sensitivity))
 }
 
 /// Position and partials from the chain (m), and the position's sensitivity to every geometric parameter.
@@ -131,17 +134,6 @@ fn departures(model: &MachineModel, chain: &ChainPoint, reading_m: [f64; 3]) -> 
         Some((index, chain.by_error[id.index()] * shape))
     };
     ErrorId::all().filter_map(of).collect()
-}
-
-/// Corrected position (m) and its sensitivity to every parameter of geometry and effects; effects whose covariate is
-/// missing are left out. `None` where [`correct`] rejects the sample.
-pub(crate) fn sensitive_point(model: &MachineModel, state: &State) -> Option<(Vector3<f64>, Sensitivity)> {
-    if correct(model, state).status == Status::Rejected {
-        return None;
-    }
-    let (chain, mut sensitivity) = geometric_point(model, state.reading_m, state.offset_m);
-    let effects = add_effects(model, state, &chain, &mut sensitivity)?;
-    Some((chain.position_m + effects.tip_m, sensitivity))
 }
 
 /// Adds what a residual field says at a corrected point: moves the point, widens its covariance; gives what it said.

@@ -6,14 +6,14 @@
 //! > l = |q₀ − S| − d + Σ p·(∂l/∂p) + u·r
 //!
 //! q₀ is the actual position by the chain alone, S and d the station and its dead path, p the parameters of the effects,
-//! whose columns are those of identification ([`add_range_columns`]): what moves the tip, and what acts on the range alone;
+//! whose columns are those of identification ([`crate::effects::add_range_columns`]): what moves the tip, and what acts on the range alone;
 //! u·r is the residual field along the line of sight u. Errors, effects and stations come from one fit, and their joint
 //! covariance is used; what the position has beyond them (repeatability, a residual field, effects outside their ranges) is
 //! independent of the station.
 
 use crate::correct::geometric_point;
 use crate::doubt::{self, is_outside};
-use crate::effects::{CovariateProblem, Effect, Ray, Sight, State, add_range_columns, tip_columns};
+use crate::effects::{CovariateProblem, Effect, Ray, Sight, State, tip_and_range_columns};
 use crate::model::MachineModel;
 use nalgebra::{Matrix3, Vector3};
 use thiserror::Error;
@@ -74,9 +74,7 @@ pub fn predicted_length(
     let mut first = model.layout().len();
     for (k, fitted) in model.parts().effects.iter().enumerate() {
         let (effect, count) = (fitted.effect.as_ref(), fitted.parameters.len());
-        let moved = tip_columns(effect, count, state, &chain.by_error)?;
-        let mut columns = vec![0.0; count];
-        add_range_columns(effect, state, &sight, &chain.by_error, &mut columns)?;
+        let (moved, columns) = tip_and_range_columns(effect, count, state, &sight, &chain.by_error)?;
         effects_m += columns.iter().zip(&fitted.parameters).map(|(column, value)| column * value).sum::<f64>();
         tip.parameters.extend(moved.iter().enumerate().map(|(j, column)| (first + j, ray.direction.dot(column))));
         length.parameters.extend(columns.into_iter().enumerate().map(|(j, column)| (first + j, column)));

@@ -6,7 +6,7 @@
 //! target (ISO 230-2; ISO 230-6 on diagonals), with the covariance of the same fit at both ends.
 
 use crate::axis::Axis;
-use crate::correct::{Status, correct, sensitive_point};
+use crate::correct::{Status, correct, corrected};
 use crate::effects::{NoCovariates, State};
 use crate::model::MachineModel;
 use nalgebra::{Matrix3, Vector3};
@@ -171,7 +171,8 @@ pub fn at_distances(
     let direction = span_m / length_m;
     let point = |reading_m: [f64; 3]| {
         let state = State { reading_m, offset_m, covariates: &NoCovariates };
-        sensitive_point(model, &state).ok_or_else(|| outside(reading_m, offset_m))
+        let point = corrected(model, &state).map(|(correction, sensitivity)| (correction.position_m, sensitivity));
+        point.ok_or_else(|| outside(reading_m, offset_m))
     };
     let (first_m, first) = point(from_m)?;
     let target = |distance_m: &f64| {

@@ -93,6 +93,24 @@ pub enum Acts {
     Tip(Axis),
 }
 
+impl Acts {
+    /// What a unit of it does to the tip (machine frame), from the chain's partials by error.
+    fn on_tip(self, by_error: &[Vector3<f64>; ErrorId::COUNT]) -> Vector3<f64> {
+        match self {
+            Acts::Error(id) => by_error[id.index()],
+            Acts::Tip(axis) => axis.direction(),
+        }
+    }
+
+    /// The part of that along a direction.
+    fn along(self, by_error: &[Vector3<f64>; ErrorId::COUNT], direction: &Vector3<f64>) -> f64 {
+        match self {
+            Acts::Error(id) => by_error[id.index()].dot(direction),
+            Acts::Tip(axis) => direction[axis.index()],
+        }
+    }
+}
+
 /// Takes parameter, what it moves, and by how much a unit of the parameter moves it (SI).
 pub type Motion<'a> = dyn FnMut(usize, Acts, f64) + 'a;
 
@@ -140,10 +158,7 @@ pub fn tip_columns(
 ) -> Result<Vec<Vector3<f64>>, CovariateProblem> {
     let mut columns = vec![Vector3::zeros(); count];
     effect.motion(state, &mut |parameter, acts, amount| {
-        columns[parameter] += match acts {
-            Acts::Error(id) => by_error[id.index()] * amount,
-            Acts::Tip(axis) => axis.direction() * amount,
-        };
+        columns[parameter] += acts.on_tip(by_error) * amount;
     })?;
     Ok(columns)
 }
@@ -159,13 +174,26 @@ pub fn add_range_columns(
 ) -> Result<(), CovariateProblem> {
     let direction = &sight.ray.direction;
     effect.motion(state, &mut |parameter, acts, amount| {
-        columns[parameter] += amount
-            * match acts {
-                Acts::Error(id) => by_error[id.index()].dot(direction),
-                Acts::Tip(axis) => direction[axis.index()],
-            };
+        columns[parameter] += amount * acts.along(by_error, direction);
     })?;
     effect.range(state, sight, &mut |parameter, amount| columns[parameter] += amount)
+}
+
+/// What [`tip_columns`] and [`add_range_columns`] give, from one evaluation of the effect.
+pub(crate) fn tip_and_range_columns(
+    effect: &dyn Effect,
+    count: usize,
+    state: &State,
+    sight: &Sight,
+    by_error: &[Vector3<f64>; ErrorId::COUNT],
+) -> Result<(Vec<Vector3<f64>>, Vec<f64>), CovariateProblem> {
+    let (mut tip, mut range) = (vec![Vector3::zeros(); count], vec![0.0; count]);
+    effect.motion(state, &mut |parameter, acts, amount| {
+        tip[parameter] += acts.on_tip(by_error) * amount;
+        range[parameter] += amount * acts.along(by_error, &sight.ray.direction);
+    })?;
+    effect.range(state, sight, &mut |parameter, amount| range[parameter] += amount)?;
+    Ok((tip, range))
 }
 
 #[cfg(test)]

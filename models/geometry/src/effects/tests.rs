@@ -140,6 +140,9 @@ fn laws_of(entry: &Known, shape: &Shape, machine: &Machine) {
     let specs = effect.parameters();
     assert!(specs.iter().all(|p| p.plausible > 0.0 && !p.unit.is_empty()), "{name}");
     assert!((1..count).all(|k| specs[..k].iter().all(|other| other.name != specs[k].name)), "{name}: names differ");
+    let tip = tip_columns(effect.as_ref(), count, &state, &chain.by_error).unwrap();
+    let both = tip_and_range_columns(effect.as_ref(), count, &state, &sight, &chain.by_error).unwrap();
+    assert_eq!(both, (tip, columns), "{name}: to the bit, together or one by one");
     let blind = State { covariates: &NoCovariates, ..state };
     assert_eq!(
         tip_columns(effect.as_ref(), count, &blind, &chain.by_error).is_err(),
