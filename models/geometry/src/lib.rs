@@ -12,6 +12,8 @@ mod doubt;
 pub mod effects;
 pub mod error_function;
 pub mod layout;
+#[cfg(test)]
+mod logged;
 pub mod machine;
 pub mod model;
 pub mod predict;

@@ -124,7 +124,12 @@ impl<'a> ModelRows<'a> {
 }
 
 #[cfg(test)]
+#[path = "../../geometry/src/logged.rs"]
+mod logged;
+
+#[cfg(test)]
 mod tests {
+    use super::logged::LOGGED;
     use super::*;
     use abbe_geometry::correct::correct;
     use abbe_geometry::effects::{Known, Observed, REGISTRY, Shape};
@@ -137,25 +142,7 @@ mod tests {
     use abbe_geometry::{Axis, Matrix3};
     use abbe_measurement::campaign::{Covariate, RangeReading};
 
-    /// Everything that any effect may ask for, with a range that holds all values below.
-    const LOGGED: [&str; 16] = [
-        "time_s",
-        "dir_x",
-        "dir_y",
-        "dir_z",
-        "speed_mm_s",
-        "acc_x_mm_s2",
-        "acc_y_mm_s2",
-        "acc_z_mm_s2",
-        "load_kg",
-        "temp_air_c",
-        "temp_granite_c",
-        "temp_scale_x_c",
-        "temp_bridge_top_c",
-        "temp_bridge_bottom_c",
-        "pressure_hpa",
-        "humidity_pct",
-    ];
+    /// Range of every covariate, which holds all values below.
     const USUAL: (f64, f64) = (-2000.0, 8000.0);
     const STATIONS: [[f64; 4]; 2] = [[-0.4, 1.1, 0.2, 0.31], [1.2, -0.3, -0.1, 0.17]];
     const OFFSETS_M: [[f64; 3]; 2] = [[0.0, 0.0, -0.06], [0.1, -0.02, -0.06]];
@@ -328,5 +315,10 @@ mod tests {
             together.push((entry.name, shapes(entry, &machine).remove(0)));
         }
         agree(&model(&together), "all effects");
+    }
+
+    #[test]
+    fn the_simulator_logs_all_that_an_effect_may_ask_for() {
+        assert!(abbe_virtual_machine::simulate::covariate_names().eq(LOGGED[1..].iter().copied()));
     }
 }

@@ -3,6 +3,7 @@
 use super::*;
 use crate::chain::{ErrorValues, chain_point};
 use crate::error_function::Kind;
+use crate::logged::LOGGED;
 use crate::machine::{Joint, Machine, Side, Squareness};
 use crate::rotation::RotationForm;
 
@@ -77,24 +78,7 @@ pub(super) fn range_m(effect: &dyn Effect, state: &State, sight: &Sight, paramet
 
 /// Everything logged, and shapes for those effects that a search proposes.
 pub(crate) fn shapes(entry: &Known, machine: &Machine) -> Vec<Shape> {
-    let varying = [
-        "time_s",
-        "dir_x",
-        "dir_y",
-        "dir_z",
-        "speed_mm_s",
-        "acc_x_mm_s2",
-        "acc_y_mm_s2",
-        "acc_z_mm_s2",
-        "load_kg",
-        "temp_air_c",
-        "temp_scale_x_c",
-        "temp_bridge_top_c",
-        "temp_bridge_bottom_c",
-        "pressure_hpa",
-        "humidity_pct",
-    ]
-    .map(str::to_owned);
+    let varying = LOGGED.map(str::to_owned);
     let stations = ["S1", "S2"].map(str::to_owned);
     let offsets_m = [[0.0, 0.0, -0.06], [0.1, 0.0, -0.06]];
     let observed =

@@ -54,6 +54,7 @@ use crate::environment::{EnvironmentState, SENSOR_NAMES};
 use crate::error::SimulationError;
 use crate::machine::JointErrors;
 use crate::plan::Plan;
+use crate::simulate::covariate_names;
 
 /// What an effect knows about one standstill of the machine.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -110,21 +111,8 @@ impl Moment {
 
 /// Whether [`Moment::quantity`] knows a name.
 fn known_quantity(name: &str) -> bool {
-    const OTHERS: [&str; 12] = [
-        "time_s",
-        "x_mm",
-        "y_mm",
-        "z_mm",
-        "dir_x",
-        "dir_y",
-        "dir_z",
-        "speed_mm_s",
-        "acc_x_mm_s2",
-        "acc_y_mm_s2",
-        "acc_z_mm_s2",
-        "load_kg",
-    ];
-    SENSOR_NAMES.contains(&name) || OTHERS.contains(&name)
+    const OTHERS: [&str; 4] = ["time_s", "x_mm", "y_mm", "z_mm"];
+    OTHERS.contains(&name) || covariate_names().any(|known| known == name)
 }
 
 /// The tracer and its beam at one reading.
