@@ -2,14 +2,15 @@
 
 #![allow(clippy::unwrap_used, clippy::panic)] // helpers of tests may
 
+#[path = "../fuzz/exercise.rs"]
+mod exercise;
 mod mangled;
 
 use abbe_files::{
-    ModelFile, PlainPoints, PointRow, PointsReader, PredictedWriter, SeenTarget, machine_text, parse_machine,
-    read_campaign, read_guideway, read_positions, read_sphere_centres,
+    ModelFile, PointRow, PointsReader, SeenTarget, machine_text, parse_machine, read_campaign, read_guideway,
+    read_positions, read_sphere_centres,
 };
-use abbe_geometry::residual_field::ResidualPrediction;
-use abbe_geometry::{Matrix3, Vector3};
+use exercise::handed_through;
 use mangled::mangled;
 use proptest::collection::vec;
 use proptest::prelude::*;
@@ -45,19 +46,6 @@ fn read_all(bytes: &[u8]) {
         let mut row = PointRow::default();
         while let Ok(true) = reader.read(&mut row) {}
     }
-}
-
-/// The points of a table and the table as it is handed through; `None` where it is refused.
-fn handed_through(bytes: &[u8]) -> Option<(Vec<[f64; 3]>, Vec<u8>)> {
-    let mut input = PlainPoints::new(bytes, "fuzz").ok()?;
-    let mut writer = PredictedWriter::new(Vec::new(), "out", &input).ok()?;
-    let (residual_m, covariance_m2) = (Vector3::new(1.5e-6, 0.0, -2e-6), Matrix3::identity() * 1e-12);
-    let mut points = Vec::new();
-    while let Some(point_m) = input.next_point_m().ok()? {
-        points.push(point_m);
-        writer.write(&input, &ResidualPrediction { residual_m, covariance_m2, inside: true }).ok()?;
-    }
-    Some((points, writer.finish().ok()?))
 }
 
 proptest! {

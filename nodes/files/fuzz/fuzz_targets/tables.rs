@@ -3,12 +3,14 @@
 
 #![no_main]
 
+#[path = "../exercise.rs"]
+mod exercise;
+
 use abbe_files::{
-    PlainPoints, PointRow, PointsReader, PredictedWriter, read_campaign, read_diagonals, read_guideway, read_lengths,
+    PointRow, PointsReader, read_campaign, read_diagonals, read_guideway, read_lengths,
     read_positions, read_probed_points, read_residual_vectors, read_runs, read_sphere_centres,
 };
-use abbe_geometry::residual_field::ResidualPrediction;
-use abbe_geometry::{Matrix3, Vector3};
+use exercise::handed_through;
 use libfuzzer_sys::fuzz_target;
 
 fn read_all(bytes: &[u8]) {
@@ -27,19 +29,6 @@ fn read_all(bytes: &[u8]) {
             assert!(row.reading_m.iter().chain(row.actual_m.iter().flatten()).all(|value| value.is_finite()));
         }
     }
-}
-
-/// The points of a table and the table as it is handed through; `None` where it is refused.
-fn handed_through(bytes: &[u8]) -> Option<(Vec<[f64; 3]>, Vec<u8>)> {
-    let mut input = PlainPoints::new(bytes, "fuzz").ok()?;
-    let mut writer = PredictedWriter::new(Vec::new(), "out", &input).ok()?;
-    let (residual_m, covariance_m2) = (Vector3::new(1.5e-6, 0.0, -2e-6), Matrix3::identity() * 1e-12);
-    let mut points = Vec::new();
-    while let Some(point_m) = input.next_point_m().ok()? {
-        points.push(point_m);
-        writer.write(&input, &ResidualPrediction { residual_m, covariance_m2, inside: true }).ok()?;
-    }
-    Some((points, writer.finish().ok()?))
 }
 
 fuzz_target!(|bytes: &[u8]| {
