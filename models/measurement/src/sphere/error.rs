@@ -46,6 +46,19 @@ pub enum SphereError {
         /// Its radius (mm).
         radius_mm: f64,
     },
+    /// A sphere but for single points.
+    #[error(
+        "point {point} lies {off_mm:.4} mm off the sphere of the others ({strays} of the points do not lie on it); measure again, or \
+         remove what is no part of it"
+    )]
+    Stray {
+        /// The point that is furthest off, from 1.
+        point: usize,
+        /// Its distance from the sphere, positive outside (mm).
+        off_mm: f64,
+        /// How many such points there are.
+        strays: usize,
+    },
     /// A sphere, but not of the radius that is said to be known.
     #[error(
         "the points lie on a sphere of radius {fitted_mm:.4} mm, not of the known {known_mm:.4} mm; correct the radius and its \

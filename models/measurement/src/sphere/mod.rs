@@ -3,12 +3,15 @@
 //! Place in the flow: probing test of ISO 10360-5, centres of a scanned reference sphere (Zhang 2016, step 5). Points in,
 //! centre and radius out, all in metres in the frame of the points. The squared distances of the points from the surface,
 //! (|p − c| − r)², are minimised by Gauss-Newton with Levenberg's damping, from an algebraic start; the radius is free or
-//! known. Source: Forbes 1991, Least-squares best-fit geometric elements, NPL DITC 140/89.
+//! known. [`SphereFit::without_strays`] leaves out what contradicts all others. Source: Forbes 1991, Least-squares best-fit
+//! geometric elements, NPL DITC 140/89.
 
 mod check;
 mod error;
+mod stray;
 
 pub use error::SphereError;
+pub use stray::Stray;
 
 use crate::least_squares;
 use nalgebra::{DMatrix, DVector, Matrix4, Vector3, Vector4};
@@ -18,6 +21,8 @@ const MOST_PASSES: usize = 100;
 /// What a step changes of the residuals (rms), relative to the distances they are the difference of, from which a fit counts as
 /// settled.
 const SETTLED: f64 = 1e-14;
+/// By how much rounding changes the residuals (rms), relative to the same: no step is turned down for less.
+const ROUNDING: f64 = 1e-15;
 /// Damping beyond which no smaller step could still reduce the residuals: they are at their least to rounding.
 const MOST_DAMPING: f64 = 1e16;
 
@@ -68,25 +73,21 @@ impl SphereFit {
         u_point_m: Option<f64>,
     ) -> Result<SphereFit, SphereError> {
         check::options(radius, u_point_m)?;
-        let cloud = check::Cloud::new(points_m)?;
-        let start = algebraic(&cloud.scaled)?;
-        let known = match radius {
-            SphereRadius::Free => None,
-            SphereRadius::Known { radius_m, .. } => Some(radius_m / cloud.size_m),
+        let fit = |radius| {
+            let (cloud, settled) = loose(points_m, radius)?;
+            let problem = check::is_sphere(rms(&settled.residuals), settled.sphere.radius, cloud.size_m);
+            problem.map(|()| (cloud, settled)).map_err(|problem| named(problem, points_m, radius))
         };
-        let fit = |known| {
-            let settled = Geometric { cloud: &cloud, points: &cloud.scaled, known }.settle(start)?;
-            cloud.check_curved(rms(&settled.residuals))?;
-            check::is_sphere(rms(&settled.residuals), settled.sphere.radius, cloud.size_m).map(|()| settled)
-        };
-        match (fit(known), radius) {
-            (Ok(settled), _) => Ok(outcome(&cloud, &settled, radius, u_point_m)),
+        match (fit(radius), radius) {
+            (Ok((cloud, settled)), _) => Ok(outcome(&cloud, &settled, radius, u_point_m)),
             (Err(problem), SphereRadius::Free) => Err(problem),
             // Points that are a sphere, but not of this radius, say so.
-            (Err(problem), SphereRadius::Known { radius_m, .. }) => Err(fit(None).map_or(problem, |free| {
-                let fitted_mm = free.sphere.radius * cloud.size_m * 1e3;
-                SphereError::OtherRadius { fitted_mm, known_mm: radius_m * 1e3 }
-            })),
+            (Err(problem), SphereRadius::Known { radius_m, .. }) => {
+                Err(fit(SphereRadius::Free).map_or(problem, |(cloud, free)| {
+                    let fitted_mm = free.sphere.radius * cloud.size_m * 1e3;
+                    SphereError::OtherRadius { fitted_mm, known_mm: radius_m * 1e3 }
+                }))
+            }
         }
     }
 
@@ -102,6 +103,30 @@ impl SphereFit {
         let covariance = self.covariance_m2?;
         Some(std::array::from_fn(|k| covariance[(k, k)].max(0.0).sqrt()))
     }
+}
+
+/// The best sphere of curved points, whether they lie on one or not.
+fn loose(points_m: &[Vector3<f64>], radius: SphereRadius) -> Result<(check::Cloud, Settled), SphereError> {
+    let cloud = check::Cloud::new(points_m)?;
+    let start = algebraic(&cloud.scaled)?;
+    let known = match radius {
+        SphereRadius::Free => None,
+        SphereRadius::Known { radius_m, .. } => Some(radius_m / cloud.size_m),
+    };
+    let settled = Geometric { cloud: &cloud, points: &cloud.scaled, known }.settle(start)?;
+    cloud.check_curved(rms(&settled.residuals))?;
+    Ok((cloud, settled))
+}
+
+/// The same problem with the point that makes it, where it is single points.
+fn named(problem: SphereError, points_m: &[Vector3<f64>], radius: SphereRadius) -> SphereError {
+    let strays = stray::strays(points_m, radius);
+    let worst = strays.iter().max_by(|a, b| a.off_m.abs().total_cmp(&b.off_m.abs()));
+    worst.map_or(problem, |worst| SphereError::Stray {
+        point: worst.point + 1,
+        off_mm: worst.off_m * 1e3,
+        strays: strays.len(),
+    })
 }
 
 /// Centre and radius in units of the cloud.
@@ -165,7 +190,7 @@ impl Geometric<'_> {
             if changed <= SETTLED * (1.0 + at.radius) || damping > MOST_DAMPING {
                 return self.settled(at, residuals);
             }
-            if next.radius > 0.0 && sum(&new_residuals) <= sum(&residuals) {
+            if next.radius > 0.0 && rms(&new_residuals) <= rms(&residuals) + ROUNDING * (1.0 + at.radius) {
                 (at, residuals) = (next, new_residuals);
                 damping = if damping < 1e-9 { 0.0 } else { damping / 10.0 };
             } else {

@@ -6,6 +6,7 @@ use super::{COVERAGE, Product};
 use crate::verdict::{self, Accept};
 use abbe_files::{PointRow, PointsReader};
 use abbe_geometry::Vector3;
+use abbe_identify::verdict::Counted;
 use abbe_measurement::sphere::{SphereFit, SphereRadius};
 use anyhow::Context;
 use serde_json::json;
@@ -16,16 +17,17 @@ use std::path::Path;
 /// Condition from which the terminal says that a small cap was measured: half angles below about 0.2 rad.
 const SMALL_CAP: f64 = 30.0;
 
-/// Points (m); columns beside x_mm, y_mm and z_mm play no part.
-fn read(path: &Path) -> anyhow::Result<Vec<Vector3<f64>>> {
+/// Points (m) and their lines; columns beside x_mm, y_mm and z_mm play no part.
+fn read(path: &Path) -> anyhow::Result<(Vec<Vector3<f64>>, Vec<u64>)> {
     let name = path.display().to_string();
     let input = File::open(path).with_context(|| format!("{name}: cannot be opened"))?;
     let mut reader = PointsReader::new(input, &name, Some([0.0; 3]))?;
-    let (mut row, mut points_m) = (PointRow::default(), Vec::new());
+    let (mut row, mut points_m, mut lines) = (PointRow::default(), Vec::new(), Vec::new());
     while reader.read(&mut row)? {
         points_m.push(Vector3::from(row.reading_m));
+        lines.push(row.line());
     }
-    Ok(points_m)
+    Ok((points_m, lines))
 }
 
 /// Fits and describes.
@@ -35,17 +37,20 @@ pub(crate) fn product(
     u_point_m: Option<f64>,
     accept: Accept,
 ) -> anyhow::Result<Product> {
-    let points_m = read(path)?;
-    let fit = SphereFit::new(&points_m, radius, u_point_m).with_context(|| path.display().to_string())?;
+    let (points_m, lines) = read(path)?;
+    let (fit, strays) =
+        SphereFit::without_strays(&points_m, radius, u_point_m).with_context(|| path.display().to_string())?;
+    let rejected: Vec<(u64, f64)> = strays.iter().map(|stray| (lines[stray.point], stray.off_m * 1e3)).collect();
     let chi2_per_dof =
         u_point_m.zip(fit.scatter_m).map(|(u_m, scatter_m)| ((scatter_m / u_m).powi(2), fit.degrees_of_freedom));
-    let verdict = verdict::of_fit(chi2_per_dof, None);
+    let counted = Counted { what: "points", rejected: rejected.len(), all: points_m.len() };
+    let verdict = verdict::of_fit(chi2_per_dof, Some(counted));
     let name = path.display().to_string();
     verdict::check(
         &verdict,
         accept,
         &name,
-        || json!({ "form_um": fit.form_m() * 1e6, "radius_mm": fit.radius_m * 1e3 }),
+        || json!({ "form_um": fit.form_m() * 1e6, "radius_mm": fit.radius_m * 1e3, "rejected": in_json(&rejected) }),
     )?;
     let expanded_um = fit.u_m().map(|u| u.map(|u| COVERAGE * u * 1e6));
     let shown = |k: usize| expanded_um.map_or_else(|| "unknown".to_owned(), |u| format!("{:.2}", u[k]));
@@ -64,9 +69,13 @@ pub(crate) fn product(
     let note = if fit.condition > SMALL_CAP { ": a small cap; mind the uncertainty" } else { "" };
     let _ = writeln!(words, "  condition {:.1}{note}", fit.condition);
     words.push_str(&verdict::words(&verdict.findings));
+    for (line, off_mm) in &rejected {
+        let _ = writeln!(words, "  rejected  line {line}: {off_mm:.4} mm off the sphere of the other points");
+    }
     let json = json!({
         "findings": verdict::json(&verdict.findings),
         "points": points_m.len(),
+        "rejected": in_json(&rejected),
         "centre_mm": (fit.centre_m * 1e3).as_slice(),
         "radius_mm": fit.radius_m * 1e3,
         "radius_is_known": matches!(radius, SphereRadius::Known { .. }),
@@ -79,4 +88,9 @@ pub(crate) fn product(
         "software": crate::pipeline::software(),
     });
     Ok(Product { words, json, report: None, files: Vec::new() })
+}
+
+/// Lines of rejected points, and how far they lie off the sphere of the others.
+fn in_json(rejected: &[(u64, f64)]) -> Vec<serde_json::Value> {
+    rejected.iter().map(|(line, off_mm)| json!({ "line": line, "off_mm": off_mm })).collect()
 }
