@@ -7,6 +7,7 @@ use crate::decimals::{Contradiction, Decimals, Mark, NoNumber, Number, Seen, num
 use crate::dialect::{self, Dialect};
 use crate::error::{FileError, Place};
 use crate::names::nearest;
+use crate::notice::tell_once;
 use csv::ByteRecord;
 use std::cell::RefCell;
 
@@ -184,7 +185,7 @@ impl Header {
         let taken = self.decimals.borrow_mut().take(found, seen);
         let taken = taken.map_err(|contradiction| self.contradicted(contradiction, cell, line, column))?;
         if taken.is_news && self.mark() == Mark::Comma {
-            tracing::info!("{}: decimal commas, as {:?} shows", self.cell(line, column), shown(cell));
+            tell_once(format!("{}: decimal commas, as {:?} shows", self.cell(line, column), shown(cell)));
         }
         Ok(taken.value)
     }

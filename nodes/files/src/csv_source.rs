@@ -4,12 +4,13 @@
 //! stand between commas, semicolons or tabs, told by the line of the column names or by a line `sep=` above it
 //! ([`crate::dialect`]); what marks decimals is told by the numbers ([`crate::decimals`]); files packed by gzip or Zstandard are
 //! unpacked on the way ([`crate::csv_bytes`]). Quoted fields, a byte order mark, CRLF line ends, blank lines and lines that
-//! start with `#` are accepted. What is not plain is told as an event of `tracing`. Memory is one row.
+//! start with `#` are accepted. What might be understood otherwise is told ([`crate::notice`]). Memory is one row.
 
 use crate::columns::Header;
 use crate::csv_bytes::TableBytes;
 use crate::dialect::{Dialect, Preamble};
 use crate::error::{FileError, Place};
+use crate::notice::tell_once;
 use csv::{ByteRecord, Reader, ReaderBuilder};
 use std::fs::File;
 use std::io::Read;
@@ -30,7 +31,7 @@ impl<R: Read> CsvSource<R> {
     pub(crate) fn new(input: R, file: &str) -> Result<CsvSource<R>, FileError> {
         let source = CsvSource::quiet(input, file)?;
         if let Some(words) = source.header.dialect().words() {
-            tracing::info!("{file}: {words}");
+            tell_once(format!("{file}: {words}"));
         }
         Ok(source)
     }

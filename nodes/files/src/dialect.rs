@@ -42,7 +42,7 @@ impl Default for Dialect {
 }
 
 impl Dialect {
-    /// What is not plain about it, in words; `None` for commas, points, LF and no more.
+    /// What is not plain about it, in words; `None` for commas and points. Line ends change no number, and alone need no word.
     pub(crate) fn words(&self) -> Option<String> {
         let mut words = Vec::new();
         words.extend(self.compression.map(str::to_owned));
@@ -51,8 +51,9 @@ impl Dialect {
             words.push(format!("columns between {}", name(self.delimiter)));
         }
         words.extend(self.declared.map(|(mark, _)| format!("decimals marked by {:?}", mark.sign())));
+        let needs_words = !words.is_empty();
         words.extend(self.crlf.then(|| "lines end with CR LF".to_owned()));
-        (!words.is_empty()).then(|| words.join(", "))
+        needs_words.then(|| words.join(", "))
     }
 
     /// What stands above the column names of a table of this dialect.

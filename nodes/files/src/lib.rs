@@ -23,6 +23,7 @@ mod machine_document;
 mod model_file;
 mod model_record;
 mod names;
+mod notice;
 mod points_csv;
 mod predicted_csv;
 mod ram_turn_record;
