@@ -9,6 +9,7 @@ mod bound;
 mod chords;
 mod comparison;
 mod contradiction;
+pub mod correlation;
 mod design;
 mod error;
 mod evidence;
