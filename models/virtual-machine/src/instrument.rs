@@ -1,4 +1,4 @@
-//! The tracer's and the machine's noise: range uncertainty, repeatability, resolution and outliers.
+//! The tracer's and the machine's noise: range uncertainty, white and correlated, repeatability, resolution and outliers.
 //!
 //! Place in the flow: [`crate::simulate`] adds it to every range. All values SI, standard deviations (k = 1).
 
@@ -15,11 +15,24 @@ pub struct Outliers {
     pub size_m: f64,
 }
 
+/// Noise of the range that one reading shares with those before it on its station (air, mounting, beam tracking).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Correlated {
+    /// Standard deviation (m).
+    pub deviation_m: f64,
+    /// Correlation of readings that follow one another, in [0, 1): a first-order autoregression in the order of measurement.
+    pub neighbours: f64,
+    /// Begins anew with each line instead of with each station.
+    pub by_line: bool,
+}
+
 /// Noise of one measurement set-up.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct InstrumentConfig {
     /// Standard deviation of the range noise, u(L) = a + b·L.
     pub range: RangeUncertainty,
+    /// Range noise beside it that hangs together from reading to reading; `None` for none.
+    pub correlated: Option<Correlated>,
     /// Standard deviation of where each axis stops for one and the same reading (m).
     pub repeatability_m: [f64; 3],
     /// Smallest step of the displayed length (m); `None` shows it in full.
@@ -32,6 +45,7 @@ impl InstrumentConfig {
     /// The recorded campaigns' set-up: U(k = 2) = 0.05 µm + 0.3 µm/m, 0.25 µm repeatability of each axis.
     pub const LASER_TRACER: InstrumentConfig = InstrumentConfig {
         range: RangeUncertainty { constant_m: 0.025e-6, per_metre: 0.15e-6 },
+        correlated: None,
         repeatability_m: [0.25e-6; 3],
         resolution_m: None,
         outliers: None,
@@ -40,6 +54,7 @@ impl InstrumentConfig {
     /// No noise at all: the length is the distance.
     pub const NOISELESS: InstrumentConfig = InstrumentConfig {
         range: RangeUncertainty { constant_m: 0.0, per_metre: 0.0 },
+        correlated: None,
         repeatability_m: [0.0; 3],
         resolution_m: None,
         outliers: None,
@@ -53,6 +68,16 @@ impl InstrumentConfig {
         }
         if let Some(step_m) = self.resolution_m {
             require_positive("instrument.resolution_m", step_m)?;
+        }
+        if let Some(correlated) = self.correlated {
+            require_not_negative("instrument.correlated.deviation_m", correlated.deviation_m)?;
+            if !(0.0..1.0).contains(&correlated.neighbours) {
+                return Err(SimulationError::new(
+                    "instrument.correlated.neighbours",
+                    format!("{} is not in [0, 1)", correlated.neighbours),
+                    "give the correlation of readings that follow one another, such as 0.9",
+                ));
+            }
         }
         if let Some(outliers) = self.outliers {
             require_finite("instrument.outliers.size_m", &[outliers.size_m])?;

@@ -26,6 +26,7 @@ pub(crate) enum Purpose {
     SphereScan = 13,
     Head = 14,
     Tracker = 15,
+    CorrelatedNoise = 16,
 }
 
 /// The generator of one purpose under one seed.

@@ -135,6 +135,9 @@ pub struct ReadingStream<'a> {
     repeatability: ChaCha8Rng,
     range_noise: ChaCha8Rng,
     outliers: ChaCha8Rng,
+    correlated_noise: ChaCha8Rng,
+    /// Line of the reading before, and its correlated noise in standard deviations.
+    correlated: Option<(u32, f64)>,
     reference: Option<Reference>,
 }
 
@@ -152,6 +155,8 @@ impl<'a> ReadingStream<'a> {
             repeatability: stream(config.seed, Purpose::Repeatability),
             range_noise: stream(config.seed, Purpose::RangeNoise),
             outliers: stream(config.seed, Purpose::Outliers),
+            correlated_noise: stream(config.seed, Purpose::CorrelatedNoise),
+            correlated: None,
             reference: None,
         })
     }
@@ -160,6 +165,7 @@ impl<'a> ReadingStream<'a> {
         let moment = moment_of(target, &self.config.machine, self.environment.state(target.time_s));
         if target.first_of_station {
             self.reference = None;
+            self.correlated = None;
         }
         let mut extra = disturbance(&self.config.effects, &moment);
         for axis in 0..3 {
@@ -169,7 +175,7 @@ impl<'a> ReadingStream<'a> {
         let actual_m = self.machine.disturbed_point_m(target.reading_m, target.offset_m, &extra);
         let beam = self.beam(target, &moment, actual_m)?;
         let outlier_m = self.outlier_m(target);
-        let shown_m = self.shown_m(&moment, &beam, outlier_m);
+        let shown_m = self.shown_m(&moment, &beam, outlier_m) + self.correlated_m(target);
         let reference = *self.reference.get_or_insert(Reference { shown_m, time_s: target.time_s });
         let reading = RangeReading {
             station: target.station,
@@ -252,6 +258,19 @@ impl<'a> ReadingStream<'a> {
             return None;
         }
         Some(if upward { outliers.size_m } else { -outliers.size_m })
+    }
+
+    /// A first-order autoregression that is stationary from its first reading on.
+    fn correlated_m(&mut self, target: &Target) -> f64 {
+        let Some(noise) = self.config.instrument.correlated else { return 0.0 };
+        let new = normal(&mut self.correlated_noise);
+        let before = self.correlated.filter(|(line, _)| !noise.by_line || *line == target.line);
+        let now = match before {
+            Some((_, before)) => noise.neighbours * before + (1.0 - noise.neighbours.powi(2)).sqrt() * new,
+            None => new,
+        };
+        self.correlated = Some((target.line, now));
+        noise.deviation_m * now
     }
 
     fn shown_m(&mut self, moment: &Moment, beam: &Beam, outlier_m: Option<f64>) -> f64 {
