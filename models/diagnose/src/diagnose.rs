@@ -39,7 +39,7 @@ pub fn diagnose(
     let search = Search::new(instrument, campaign, options);
     let before = search.fit(machine, &base, observe)?;
     let first = search.round(&before)?;
-    let detection_before = noise::detect(&first, campaign, before.evidence.robust_scale);
+    let detection_before = noise::detect(&first, campaign, &before.evidence);
     let mut state = search.run(before.clone(), first.clone(), base.clone(), observe)?;
     let judged = Judged::of(&search, machine, (&first, &base), &state, observe)?;
     if let Some(because) = &judged.not_adopted {
@@ -50,7 +50,7 @@ pub fn diagnose(
         None => search.named(&state.round, &state.machine)?,
     };
     let last = state.round.clone();
-    let detection_after = noise::detect(&last, campaign, state.fit.evidence.robust_scale);
+    let detection_after = noise::detect(&last, campaign, &state.fit.evidence);
     let enriched = state.is_enriched();
     let found = found(&search, &state, &base, observe)?;
     let not_identifiable = alias::not_identifiable(&last, &state.fit.model, &named)?;
@@ -260,12 +260,9 @@ fn parameters(fit: &Identified, fitted: &FittedEffect, first: usize) -> Vec<Foun
 
 /// Rms of what an effect does to the ranges, about its mean (m).
 fn size_m(round: &Round, fitted: &FittedEffect) -> Result<f64, DiagnoseError> {
-    let columns = round.rows.columns(fitted.effect.as_ref())?;
+    let partials = round.rows.partials(fitted.effect.as_ref())?;
     let used: Vec<usize> = (0..round.rows.len()).filter(|k| round.rows.whitening[*k] > 0.0).collect();
-    let value = |k: usize| {
-        let whitened: f64 = fitted.parameters.iter().enumerate().map(|(j, p)| columns[(k, j)] * p).sum();
-        whitened / round.rows.whitening[k]
-    };
+    let value = |k: usize| fitted.parameters.iter().enumerate().map(|(j, p)| partials[(k, j)] * p).sum::<f64>();
     let values: Vec<f64> = used.iter().map(|k| value(*k)).collect();
     let mean = values.iter().sum::<f64>() / values.len().max(1) as f64;
     Ok((values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / values.len().max(1) as f64).sqrt())

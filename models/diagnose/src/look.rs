@@ -160,10 +160,10 @@ pub(crate) fn look(round: &Round, variables: &[Variable]) -> Vec<Finding> {
     kept
 }
 
-/// Factor of each reading that turns a motion (m) into a whitened range.
+/// What a motion (m) does to each range used (m).
 fn weights(rows: &Rows, act: usize) -> Vec<f64> {
     let along = |k: usize| if act < 3 { rows.rays[k].direction[act] } else { 1.0 };
-    (0..rows.len()).map(|k| rows.whitening[k] * along(k)).collect()
+    (0..rows.len()).map(|k| if rows.whitening[k] > 0.0 { along(k) } else { 0.0 }).collect()
 }
 
 /// Legendre polynomials P_1 … P_4 of each quantity and mixed products of each pair.
@@ -180,7 +180,7 @@ fn smooth(
     };
     // What scales alone do to the tip is the error functions' business.
     let has_own = |v: usize| !(act < 3 && is_scale(&variables[v].name));
-    let own = Products::of_each(&round.free, powers, weights);
+    let own = Products::of_each(round, powers, weights);
     let mut found: Vec<Finding> = Vec::new();
     for v in (0..variables.len()).filter(|v| has_own(*v)) {
         let all = own.of(v);
@@ -188,7 +188,7 @@ fn smooth(
     }
     let pairs: Vec<(usize, usize)> = (0..variables.len()).flat_map(|i| (0..i).map(move |j| (j, i))).collect();
     for batch in pairs.chunks(TOGETHER) {
-        let mixed = Products::of_pairs(&round.free, powers, weights, batch);
+        let mixed = Products::of_pairs(round, powers, weights, batch);
         for (place, (a, b)) in batch.iter().enumerate() {
             let quantities: Vec<usize> = [*a, *b].into_iter().filter(|v| has_own(*v)).collect();
             let all = mixed.with(place, &own, &quantities);

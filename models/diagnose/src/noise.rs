@@ -4,6 +4,7 @@
 //! itself took out of the residuals (hat matrix). Whitened residuals have no unit; others are in m.
 
 use crate::candidates::Round;
+use abbe_identify::{CorrelatedNoise, Evidence};
 use abbe_measurement::campaign::Campaign;
 use faer::Mat;
 use statrs::distribution::{ChiSquared, ContinuousCDF, Normal};
@@ -34,6 +35,8 @@ pub struct Detection {
     pub between_lines: Structure,
     /// Misfit over the scatter of replicates, and its probability by chance; `None` without enough replicates.
     pub lack_of_fit: Option<Structure>,
+    /// How the noise hangs together, where the data show that it does: all other figures are of what is new in each reading.
+    pub correlated: Option<CorrelatedNoise>,
     /// Mean and mean square by station, offset and direction of approach.
     pub groups: Vec<Group>,
 }
@@ -80,24 +83,32 @@ impl Detection {
             (false, true) => "whole lines are off together",
             (false, false) => "neither neighbours nor lines hang together",
         };
-        format!("The residuals are {size} (chi2/dof {:.3}); {structure}.", self.chi2_per_dof)
+        let known = self.correlated.map_or_else(String::new, |noise| {
+            let (neighbours, effective) = (noise.neighbours, noise.effective_readings);
+            format!(
+                " The noise hangs together (neighbours on a line {neighbours:+.2}), which all figures allow for: on what \
+                 neighbours share the readings tell as much as {effective:.0} independent ones."
+            )
+        });
+        let beyond = if self.correlated.is_some() { "beyond that " } else { "" };
+        format!("The residuals are {size} (chi2/dof {:.3}); {beyond}{structure}.{known}", self.chi2_per_dof)
     }
 }
 
-pub(crate) fn detect(round: &Round, campaign: &Campaign, robust_scale: f64) -> Detection {
+pub(crate) fn detect(round: &Round, campaign: &Campaign, evidence: &Evidence) -> Detection {
     let (linear, rows) = (&round.linear, &round.rows);
     let used: Vec<usize> = (0..rows.len()).filter(|k| rows.whitening[*k] > 0.0).collect();
-    let residual_m = |k: usize| rows.residuals[k] / rows.whitening[k];
-    let square: f64 = used.iter().map(|k| residual_m(*k).powi(2)).sum();
+    let square: f64 = used.iter().map(|k| rows.residuals_m[*k].powi(2)).sum();
     Detection {
         chi2_per_dof: linear.noise_factor(),
         p_declared: p_chi2(linear.chi2(), linear.degrees()),
-        estimated_over_declared: robust_scale,
+        estimated_over_declared: evidence.robust_scale,
         rms_m: (square / used.len().max(1) as f64).sqrt(),
         readings: (used.len(), rows.len() - used.len()),
         along_lines: along_lines(round, campaign, &used),
         between_lines: between_lines(round, campaign, &used),
         lack_of_fit: lack_of_fit(round, campaign, &used),
+        correlated: evidence.noise,
         groups: groups(round, campaign, &used),
     }
 }
@@ -191,7 +202,7 @@ fn groups(round: &Round, campaign: &Campaign, used: &[usize]) -> Vec<Group> {
         Group {
             name,
             readings: members.len(),
-            mean_m: members.iter().map(|k| rows.residuals[*k] / rows.whitening[*k]).sum::<f64>() / count,
+            mean_m: members.iter().map(|k| rows.residuals_m[*k]).sum::<f64>() / count,
             mean_square: members.iter().map(|k| rows.residuals[*k].powi(2)).sum::<f64>() / count,
         }
     };

@@ -108,10 +108,11 @@ fn peaks(
     periodogram.grid.clear();
     periodogram.grid.resize(size / 2, Complex::new(0.0, 0.0));
     let rows = &round.rows;
+    let residuals = rows.weighted(round.free.residuals());
     for (k, reading) in campaign.readings.iter().enumerate() {
         let place = ((reading.reading_m[axis.index()] - lower_m) / GRID_M).round();
         if place >= 0.0 && (place as usize) < size {
-            let value = round.free.residuals()[k] * rows.whitening[k] * rows.rays[k].direction[axis.index()];
+            let value = residuals[k] * rows.rays[k].direction[axis.index()];
             let cell = &mut periodogram.grid[place as usize / 2];
             *(if (place as usize).is_multiple_of(2) { &mut cell.re } else { &mut cell.im }) += value;
         }

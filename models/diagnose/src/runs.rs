@@ -18,11 +18,12 @@ pub(crate) fn candidate(
     campaign: &Campaign,
 ) -> Result<Option<Candidate>, DiagnoseError> {
     let Some(known) = known("outlying_run") else { return Ok(None) };
-    // The column of a line is its readings' whitening; asking the effect for each line would look at all readings.
+    // Asking the effect for each line would look at all readings.
     let mut columns: Vec<Mat<f64>> = vec![Mat::zeros(round.rows.len(), 1); campaign.lines.len()];
     for (k, reading) in campaign.readings.iter().enumerate() {
-        columns[reading.line as usize][(k, 0)] = round.rows.whitening[k];
+        columns[reading.line as usize][(k, 0)] = if round.rows.whitening[k] > 0.0 { 1.0 } else { 0.0 };
     }
+    columns.iter_mut().for_each(|column| round.rows.whiten(column.col_as_slice_mut(0)));
     let groups = round.free.project_all(&columns).into_iter();
     let scores = groups.map(|group| (round.score(&group), group.absorbed()));
     let best = scores.enumerate().max_by(|a, b| a.1.0.reduction.total_cmp(&b.1.0.reduction));

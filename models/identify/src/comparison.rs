@@ -5,7 +5,7 @@
 
 use crate::design::{Estimate, Setup};
 use crate::error::IdentifyError;
-use crate::normal::accumulate;
+use crate::normal::{accumulate, accumulate_whitened};
 use crate::rows::parameters_of;
 use crate::smoothing::{Smoothness, solve};
 use crate::solve::Identified;
@@ -39,7 +39,11 @@ pub fn minus_two_log_likelihood_on(
     let terms: Vec<EffectTerm> = parts.effects.iter().map(EffectTerm::of).collect();
     let setup = Setup { machine: &parts.machine, layout: fit.model.layout(), instrument, terms: &terms };
     let parameters = parameters_of(&fit.model);
-    let normal = accumulate(&Estimate { setup, campaign, parameters: &parameters }, weights);
+    let estimate = Estimate { setup, campaign, parameters: &parameters };
+    let normal = match &fit.correlation {
+        Some(correlation) => accumulate_whitened(&estimate, weights, &correlation.whitener(campaign, weights)),
+        None => accumulate(&estimate, weights),
+    };
     let Ended { free, smoothness, noise_factor } = &fit.ended;
     let mut smoothness = smoothness.clone();
     let mut at_noise = |noise_factor: f64, choose: bool| {

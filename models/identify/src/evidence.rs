@@ -3,8 +3,10 @@
 //! Place in the flow: filled by [`crate::solve`], shown by reports and `--json`. SI.
 
 use crate::design::Setup;
+use crate::range_noise::RangeCorrelation;
 use crate::smoothing::Solution;
 use abbe_geometry::ErrorId;
+use abbe_measurement::campaign::Campaign;
 use faer::Mat;
 
 /// A reading whose weight fell to zero.
@@ -59,6 +61,27 @@ pub struct CorrelatedPair {
     pub correlation: f64,
 }
 
+/// How the noise hangs together, where the data show that it does.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CorrelatedNoise {
+    /// Its parameters.
+    pub correlation: RangeCorrelation,
+    /// Correlation of readings that follow one another on a line.
+    pub neighbours: f64,
+    /// How many independent readings would tell as much of what neighbours have in common.
+    pub effective_readings: f64,
+}
+
+impl CorrelatedNoise {
+    pub(crate) fn of(correlation: &RangeCorrelation, campaign: &Campaign, weights: &[f64]) -> CorrelatedNoise {
+        CorrelatedNoise {
+            correlation: *correlation,
+            neighbours: correlation.of_neighbours(campaign),
+            effective_readings: correlation.effective_readings(campaign, weights),
+        }
+    }
+}
+
 /// What the fit says about itself.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Evidence {
@@ -89,6 +112,8 @@ pub struct Evidence {
     pub stations: Vec<StationEvidence>,
     /// Correlations of magnitude above 0.9.
     pub correlated: Vec<CorrelatedPair>,
+    /// How the noise hangs together; `None` where it is white for all that the data say.
+    pub noise: Option<CorrelatedNoise>,
     /// Rejected readings.
     pub rejected: Vec<RejectedReading>,
     /// Why a fit with finer splines, which the data asked for, came to nothing; this one is the fit without them.

@@ -4,14 +4,20 @@
 //! about order, smoothness and rank is decided from these without going back to the readings. Readings are cut
 //! into a fixed number of chunks that are summed in order, so the result does not depend on the threads.
 
+use crate::correlation::Whitener;
 use crate::design::{Estimate, Row};
 use crate::parallel::in_parallel;
+use faer::linalg::matmul::triangular::{self, BlockStructure};
+use faer::{Accum, Mat, Par};
 use std::ops::Range;
 
 /// Chunks of a large campaign; fixed, so that the same input gives the same bytes on any machine.
 const CHUNKS: usize = 8;
 /// Below this many readings, threads cost more than they save.
 const SINGLE_CHUNK_READINGS: usize = 20_000;
+
+/// Whitened rows multiplied at a time: enough for the product to be fast, few enough to stay in the cache.
+const TOGETHER: usize = 256;
 
 /// JᵀWJ (lower triangle not filled), JᵀWr and sums, in whitened units.
 #[derive(Debug, Clone)]
@@ -24,12 +30,14 @@ pub(crate) struct NormalEquations {
     pub(crate) weighted_square: f64,
     /// Σ w.
     pub(crate) weight: f64,
+    /// Log determinant of the noise's correlation over that of white noise with the same weights; 0 for white noise.
+    pub(crate) log_determinant: f64,
 }
 
 impl NormalEquations {
     fn zeros(size: usize) -> NormalEquations {
         let (matrix, gradient) = (vec![0.0; size * size], vec![0.0; size]);
-        NormalEquations { size, matrix, gradient, weighted_square: 0.0, weight: 0.0 }
+        NormalEquations { size, matrix, gradient, weighted_square: 0.0, weight: 0.0, log_determinant: 0.0 }
     }
 
     /// An entry of JᵀWJ, which is symmetric.
@@ -98,6 +106,69 @@ pub(crate) fn accumulate(estimate: &Estimate, weights: &[f64]) -> NormalEquation
         total.absorb(&partial);
     }
     total
+}
+
+/// The same of rows that this whitener, made with these weights, has taken the noise's correlation from. Each row then holds
+/// something of the rows before it, and is multiplied in full.
+pub(crate) fn accumulate_whitened(estimate: &Estimate, weights: &[f64], whitener: &Whitener) -> NormalEquations {
+    let size = estimate.parameters.len();
+    let mut normal = NormalEquations::zeros(size);
+    let mut sums = Sums::new(size + 1);
+    let mut row = Row::new();
+    let fill = |index: usize, values: &mut [f64]| {
+        estimate.row(index, &mut row);
+        let u_m = estimate.setup.u_m(&row.ray);
+        values.fill(0.0);
+        for (first, partials) in row.segments() {
+            values[first..first + partials.len()].iter_mut().zip(partials).for_each(|(value, p)| *value = p / u_m);
+        }
+        values[size] = row.residual_m / u_m;
+    };
+    whitener.stream(size + 1, fill, |_, values| sums.add(values));
+    let sums = sums.finish();
+    for row in 0..size {
+        (row..size).for_each(|column| normal.matrix[row * size + column] = sums[(column, row)]);
+        normal.gradient[row] = sums[(size, row)];
+    }
+    normal.weighted_square = sums[(size, size)];
+    normal.weight = weights.iter().sum();
+    let of_weights: f64 = weights.iter().filter(|w| **w > 0.0).map(|w| w.ln()).sum();
+    normal.log_determinant = whitener.log_determinant() + of_weights;
+    normal
+}
+
+/// Lower triangle of the sum of products of rows, many at a time.
+struct Sums {
+    total: Mat<f64>,
+    /// Columns are rows that wait.
+    waiting: Mat<f64>,
+    count: usize,
+}
+
+impl Sums {
+    fn new(size: usize) -> Sums {
+        Sums { total: Mat::zeros(size, size), waiting: Mat::zeros(size, TOGETHER), count: 0 }
+    }
+
+    fn add(&mut self, row: &[f64]) {
+        self.waiting.col_as_slice_mut(self.count).copy_from_slice(row);
+        self.count += 1;
+        if self.count == TOGETHER {
+            self.multiply();
+        }
+    }
+
+    fn multiply(&mut self) {
+        let rows = self.waiting.as_ref().subcols(0, self.count);
+        let (half, full) = (BlockStructure::TriangularLower, BlockStructure::Rectangular);
+        triangular::matmul(self.total.as_mut(), half, Accum::Add, rows, full, rows.transpose(), full, 1.0, Par::Seq);
+        self.count = 0;
+    }
+
+    fn finish(mut self) -> Mat<f64> {
+        self.multiply();
+        self.total
+    }
 }
 
 /// Residual (m) and its standard uncertainty (m) of all readings.

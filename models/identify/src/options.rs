@@ -2,6 +2,8 @@
 //!
 //! Place in the flow: filled by the command line or a test; nothing here has a hidden default elsewhere.
 
+use crate::range_noise::RangeCorrelation;
+
 /// How many coefficients each error function gets.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum OrderChoice {
@@ -10,6 +12,15 @@ pub enum OrderChoice {
     Evidence,
     /// Exactly what the machine file says, without penalty.
     Fixed,
+}
+
+/// What is believed of how the noise of ranges hangs together.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Noise {
+    /// The data say: white, unless the likelihood shows a correlation.
+    Estimated,
+    /// As given; `None` for white.
+    Given(Option<RangeCorrelation>),
 }
 
 /// Choices of one identification.
@@ -21,13 +32,22 @@ pub struct Options {
     pub robust: bool,
     /// The instrument measures absolute distance, so that dead paths are zero.
     pub absolute_range: bool,
+    /// How the noise of ranges hangs together. White by default: what a model lacks looks like such noise, so a person has to
+    /// say that the model lacks nothing.
+    pub noise: Noise,
     /// Passes over the readings after which a fit that still moves is given up.
     pub max_passes: usize,
 }
 
 impl Default for Options {
     fn default() -> Options {
-        Options { order: OrderChoice::Evidence, robust: true, absolute_range: false, max_passes: 30 }
+        Options {
+            order: OrderChoice::Evidence,
+            robust: true,
+            absolute_range: false,
+            noise: Noise::Given(None),
+            max_passes: 30,
+        }
     }
 }
 

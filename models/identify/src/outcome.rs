@@ -6,7 +6,7 @@ use crate::chords::Chords;
 use crate::comparison::Ended;
 use crate::design::{Estimate, Row};
 use crate::error::IdentifyError;
-use crate::evidence::{self, ErrorEvidence, Evidence, RejectedReading, StationEvidence};
+use crate::evidence::{self, CorrelatedNoise, ErrorEvidence, Evidence, RejectedReading, StationEvidence};
 use crate::observability::Observability;
 use crate::smoothing::{Solution, noise_factor_for_covariance};
 use crate::solve::{Fit, Identified, Settled};
@@ -23,10 +23,11 @@ impl Fit<'_> {
     /// The model with its covariance, and what the fit says about itself.
     pub(crate) fn finish(self, settled: Settled) -> Result<Identified, IdentifyError> {
         let evidence = self.evidence(&settled);
+        let correlation = self.correlation;
         let model = self.model(&settled)?;
         let (residuals_m, u_m) = settled.residuals.iter().copied().unzip();
         let ended = Ended { free: self.free, smoothness: self.smoothness, noise_factor: self.noise_factor };
-        Ok(Identified { model, evidence, residuals_m, u_m, weights: settled.weights, ended })
+        Ok(Identified { model, evidence, residuals_m, u_m, weights: settled.weights, correlation, ended })
     }
 
     fn evidence(&self, settled: &Settled) -> Evidence {
@@ -46,6 +47,7 @@ impl Fit<'_> {
             errors: self.error_evidence(solution),
             stations: self.station_evidence(settled),
             correlated: evidence::correlated(&self.setup, solution, &self.free, &self.campaign.stations),
+            noise: self.correlation.map(|c| CorrelatedNoise::of(&c, self.campaign, &settled.weights)),
             rejected: self.rejected(settled),
             refinement_given_up: None,
         }

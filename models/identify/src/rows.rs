@@ -2,12 +2,15 @@
 //!
 //! Place in the flow: diagnosis asks here what the model already has (the Jacobian's columns) and what a candidate
 //! effect would add. Each row is divided by the reading's standard uncertainty and multiplied by the root of its robust
-//! weight; rejected readings are rows of zeros, so that rows and readings keep the same numbers. Range partials in
-//! m per unit before whitening.
+//! weight; rejected readings are rows of zeros, so that rows and readings keep the same numbers. Where the noise hangs
+//! together, each row is what is new in it beside the rows before ([`crate::correlation`]). Range partials in m per unit
+//! before whitening.
 
+use crate::correlation::Whitener;
 use crate::design::{Estimate, Row, Setup};
 use crate::error::IdentifyError;
 use crate::normal::residuals;
+use crate::range_noise::RangeCorrelation;
 use crate::solve::Identified;
 use crate::term::{CampaignRow, EffectTerm};
 use abbe_geometry::Vector3;
@@ -31,10 +34,18 @@ pub struct Rows<'a> {
     pub parameters: Vec<usize>,
     /// 1/u times the root of the robust weight, of each reading (1/m).
     pub whitening: Vec<f64>,
+    /// Residuals (measured minus predicted, m) of all readings.
+    pub residuals_m: Vec<f64>,
+    /// How the noise hangs together.
+    pub correlation: Option<RangeCorrelation>,
+    /// Takes out the correlation of the noise.
+    whitener: Option<Whitener>,
+    /// What rows are multiplied by before that (1/m).
+    factors: Vec<f64>,
     /// Line of sight of each reading.
     pub rays: Vec<Ray>,
     /// Partials of the point by error of each reading.
-    partials: Vec<[Vector3<f64>; 18]>,
+    by_error: Vec<[Vector3<f64>; 18]>,
 }
 
 impl<'a> Rows<'a> {
@@ -50,15 +61,26 @@ impl<'a> Rows<'a> {
         let scale = fit.evidence.chi2_per_dof.max(1.0);
         let covariance = Mat::from_fn(free.len(), free.len(), |i, j| model.covariance(free[i], free[j]) / scale);
         let count = campaign.readings.len();
+        let whitening: Vec<f64> = fit.u_m.iter().zip(&fit.weights).map(|(u_m, weight)| weight.sqrt() / u_m).collect();
+        let whitener = fit.correlation.map(|correlation| correlation.whitener(campaign, &fit.weights));
+        // The whitener knows the weights.
+        let factors = match &whitener {
+            Some(_) => fit.u_m.iter().map(|u_m| 1.0 / u_m).collect(),
+            None => whitening.clone(),
+        };
         let mut rows = Rows {
             campaign,
             jacobian: Mat::zeros(count, free.len()),
             residuals: vec![0.0; count],
             covariance,
             parameters: free,
-            whitening: fit.u_m.iter().zip(&fit.weights).map(|(u_m, weight)| weight.sqrt() / u_m).collect(),
+            whitening,
+            residuals_m: Vec::with_capacity(count),
+            correlation: fit.correlation,
+            whitener,
+            factors,
             rays: Vec::with_capacity(count),
-            partials: Vec::with_capacity(count),
+            by_error: Vec::with_capacity(count),
         };
         rows.fill(&estimate);
         rows
@@ -71,19 +93,43 @@ impl<'a> Rows<'a> {
         let mut row = Row::new();
         for (k, reading) in self.campaign.readings.iter().enumerate() {
             estimate.row(k, &mut row);
-            let whitening = self.whitening[k];
-            self.residuals[k] = row.residual_m * whitening;
+            let factor = self.factors[k];
+            self.residuals[k] = row.residual_m * factor;
+            self.residuals_m.push(row.residual_m);
             for (first, values) in row.segments() {
                 for (offset, value) in values.iter().enumerate() {
                     if let Some(column) = place[first + offset] {
-                        self.jacobian[(k, column)] = value * whitening;
+                        self.jacobian[(k, column)] = value * factor;
                     }
                 }
             }
             self.rays.push(row.ray);
             let point = setup.layout.point(setup.machine, estimate.parameters, reading.reading_m, reading.offset_m);
-            self.partials.push(point.chain.by_error);
+            self.by_error.push(point.chain.by_error);
         }
+        if let Some(whitener) = &self.whitener {
+            whitener.apply(&mut self.residuals);
+            (0..self.jacobian.ncols()).for_each(|j| whitener.apply(self.jacobian.col_as_slice_mut(j)));
+        }
+    }
+
+    /// Whitens a column of range partials (m per unit), one a reading, in place.
+    pub fn whiten(&self, column: &mut [f64]) {
+        column.iter_mut().zip(&self.factors).for_each(|(value, factor)| *value *= factor);
+        if let Some(whitener) = &self.whitener {
+            whitener.apply(column);
+        }
+    }
+
+    /// What range partials (m per unit) are multiplied by to give the product of their whitened column with these whitened
+    /// residuals.
+    pub fn weighted(&self, residuals: &[f64]) -> Vec<f64> {
+        let mut weighted = residuals.to_vec();
+        if let Some(whitener) = &self.whitener {
+            whitener.apply_transposed(&mut weighted);
+        }
+        weighted.iter_mut().zip(&self.factors).for_each(|(value, factor)| *value *= factor);
+        weighted
     }
 
     /// Number of readings.
@@ -101,14 +147,24 @@ impl<'a> Rows<'a> {
     /// # Errors
     /// A covariate that some reading lacks.
     pub fn columns(&self, effect: &dyn Effect) -> Result<Mat<f64>, CovariateProblem> {
+        let mut columns = self.partials(effect)?;
+        (0..columns.ncols()).for_each(|j| self.whiten(columns.col_as_slice_mut(j)));
+        Ok(columns)
+    }
+
+    /// Partials of the ranges used by an effect's parameters (m per unit), one column a parameter.
+    ///
+    /// # Errors
+    /// A covariate that some reading lacks.
+    pub fn partials(&self, effect: &dyn Effect) -> Result<Mat<f64>, CovariateProblem> {
         let count = effect.parameters().len();
         let mut columns = Mat::zeros(self.len(), count);
         let mut partials = vec![0.0; count];
         for k in (0..self.len()).filter(|k| self.whitening[*k] > 0.0) {
             partials.fill(0.0);
             let row = CampaignRow { campaign: self.campaign, reading: k };
-            row.add_columns(effect, self.rays[k], &self.partials[k], &mut partials)?;
-            partials.iter().enumerate().for_each(|(j, value)| columns[(k, j)] = value * self.whitening[k]);
+            row.add_columns(effect, self.rays[k], &self.by_error[k], &mut partials)?;
+            partials.iter().enumerate().for_each(|(j, value)| columns[(k, j)] = *value);
         }
         Ok(columns)
     }

@@ -99,6 +99,31 @@ impl Smoothness {
         smoothness
     }
 
+    /// Precision of the free parameters' prior for unit noise where the noise factor is this, and its rank.
+    pub(crate) fn precision(&self, free: &[usize], noise_factor: f64) -> (Mat<f64>, usize) {
+        let place = |index: usize| free.iter().position(|k| *k == index);
+        let (mut precision, mut rank) = (Mat::zeros(free.len(), free.len()), 0);
+        for penalty in &self.penalties {
+            let n = penalty.range.len();
+            let places: Vec<Option<usize>> = penalty.range.clone().map(place).collect();
+            for (i, row) in places.iter().enumerate() {
+                for (j, column) in places.iter().enumerate() {
+                    if let (Some(a), Some(b)) = (row, column) {
+                        precision[(*a, *b)] += noise_factor * penalty.lambda * penalty.roughness.matrix[i * n + j];
+                    }
+                }
+            }
+            rank += penalty.rank as usize;
+        }
+        for (index, size) in &self.priors {
+            if let Some(a) = place(*index) {
+                precision[(a, a)] += noise_factor / (size * size);
+                rank += 1;
+            }
+        }
+        (precision, rank)
+    }
+
     /// Recomputes the roughness matrices for another exponent.
     fn set_exponent(&mut self, exponent: f64) {
         let Some(roughness) = self.curvatures.iter().map(|c| c.at(exponent).map(Arc::new)).collect::<Option<Vec<_>>>()
@@ -233,6 +258,7 @@ impl<'a> Problem<'a> {
             + penalties.iter().map(prior).sum::<f64>()
             + smoothness.priors.iter().map(|(k, size)| (parameters[*k] / size).powi(2) + 2.0 * size.ln()).sum::<f64>()
             + (self.normal.weight - self.free.len() as f64) * phi.ln()
+            + self.normal.log_determinant
             + factor.log_determinant();
         Ok(Solution { parameters, covariance, effective, noise_factor, minus_two_log_likelihood })
     }

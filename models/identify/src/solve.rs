@@ -8,11 +8,12 @@ use crate::design::{Estimate, Setup};
 use crate::error::IdentifyError;
 use crate::evidence::Evidence;
 use crate::linear::NotPositiveDefinite;
-use crate::normal::{NormalEquations, accumulate, residuals};
+use crate::normal::{NormalEquations, accumulate, accumulate_whitened, residuals};
 use crate::observability::{self, Observability};
-use crate::options::{Options, OrderChoice, Progress};
+use crate::options::{Noise, Options, OrderChoice, Progress};
 use crate::order;
 use crate::plausibility;
+use crate::range_noise::{Asked, RangeCorrelation};
 use crate::robust;
 use crate::smoothing::{self, Smoothness, Solution};
 use crate::station_start::StationStart;
@@ -36,6 +37,10 @@ const SMOOTHING_PASSES: usize = 3;
 /// Passes in which robust weights follow the residuals: afterwards a few readings at the edge of rejection can only go in
 /// and out by turns, and each turn moves what they determine.
 const WEIGHING_PASSES: usize = 15;
+/// Times that the correlation of the noise and the fit beside it are estimated by turns.
+const NOISE_PASSES: usize = 1;
+/// Changes of a share, and of the logarithm of a length, that a fit beside does not feel.
+const SAME_NOISE: (f64, f64) = (0.02, 0.1);
 /// Share of the splines' coefficients that counts as nearly all of them.
 const SATURATED: f64 = 0.9;
 /// Share of one spline's coefficients from which it is as good as free.
@@ -63,6 +68,8 @@ pub struct Identified {
     pub u_m: Vec<f64>,
     /// Robust weight of every reading, 0 for rejected ones.
     pub weights: Vec<f64>,
+    /// How the noise hangs together; `None` where it is white for all that the data say.
+    pub correlation: Option<RangeCorrelation>,
     pub(crate) ended: Ended,
 }
 
@@ -100,7 +107,10 @@ pub fn identify_with(
     let Some(part) = part_of(campaign) else {
         return inputs.with_refined_splines(machine, campaign, &stations);
     };
-    let found = inputs.with_refined_splines(machine, &part, &stations)?;
+    // Neighbours in a part are none in the campaign.
+    let white = Options { noise: Noise::Given(None), ..*options };
+    let of_part = Inputs { options: &white, observe: &mut *inputs.observe, ..inputs };
+    let found = { of_part }.with_refined_splines(machine, &part, &stations)?;
     let parts = found.model.parts();
     let effects = parts.effects.iter().flat_map(|fitted| &fitted.parameters);
     let start: Vec<f64> = parts.coefficients.iter().chain(effects).copied().collect();
@@ -179,12 +189,19 @@ impl Inputs<'_> {
     ) -> Result<Identified, IdentifyError> {
         let layout = Layout::new(machine, centre_of(campaign.readings.iter().map(|r| r.offset_m)))?;
         let setup = Setup { machine, layout: &layout, instrument: self.instrument, terms: self.terms };
-        let mut fit = Fit::new(setup, campaign, stations, self.options, &mut *self.observe);
+        let options = self.options;
+        let mut fit = Fit::new(setup, campaign, stations, options, &mut *self.observe);
         if campaign.readings.len() < fit.free.len() {
             return Err(IdentifyError::TooFewReadings { readings: campaign.readings.len(), unknowns: fit.free.len() });
         }
         fit.parameters.iter_mut().zip(start).for_each(|(parameter, start)| *parameter = *start);
-        let settled = fit.settle()?;
+        let mut settled = fit.settle()?;
+        for _ in 0..NOISE_PASSES {
+            if options.noise != Noise::Estimated || !fit.noise_changes(&settled) {
+                break;
+            }
+            settled = fit.settle()?;
+        }
         fit.finish(settled)
     }
 }
@@ -233,6 +250,8 @@ pub(crate) struct Fit<'a> {
     pub(crate) parameters: Vec<f64>,
     pub(crate) free: Vec<usize>,
     pub(crate) smoothness: Smoothness,
+    /// How the noise hangs together, as far as it is known.
+    pub(crate) correlation: Option<RangeCorrelation>,
     pub(crate) observability: Option<Observability>,
     pub(crate) passes: usize,
     pub(crate) order_chosen: bool,
@@ -248,7 +267,7 @@ struct Linearised {
 }
 
 impl Linearised {
-    /// Other weights at the same point.
+    /// Other weights at the same point, of white noise.
     fn reweigh(&mut self, setup: Setup, campaign: &Campaign, weights: Vec<f64>) {
         let change: Vec<f64> = weights.iter().zip(&self.weights).map(|(now, then)| now - then).collect();
         if change.iter().any(|change| *change != 0.0) {
@@ -293,6 +312,10 @@ impl<'a> Fit<'a> {
             parameters,
             free,
             smoothness,
+            correlation: match options.noise {
+                Noise::Estimated => None,
+                Noise::Given(correlation) => correlation,
+            },
             observability: None,
             passes: 0,
             order_chosen: options.order == OrderChoice::Fixed,
@@ -311,8 +334,11 @@ impl<'a> Fit<'a> {
     fn settle(&mut self) -> Result<Settled, IdentifyError> {
         let (weights, _) = self.weigh(&residuals(&self.estimate()));
         let mut linear = self.linearise(weights);
-        let seen = observability::check(&self.estimate(), self.campaign, &linear.normal, self.options.absolute_range)?;
-        self.observability = Some(seen);
+        if self.observability.is_none() {
+            let of_plan =
+                observability::check(&self.estimate(), self.campaign, &linear.normal, self.options.absolute_range);
+            self.observability = Some(of_plan?);
+        }
         let mut largest_step = f64::INFINITY;
         for pass in 0..self.options.max_passes {
             self.passes += 1;
@@ -329,9 +355,10 @@ impl<'a> Fit<'a> {
                 return Ok(Settled { solution, residuals, weights, scale, largest_step });
             }
             let moved = self.parameters.iter().zip(&linear.at).map(|(now, then)| (now - then).abs());
-            if moved.fold(0.0, f64::max) > LINEAR {
+            let reweighed = self.correlation.is_some() && weights != linear.weights;
+            if moved.fold(0.0, f64::max) > LINEAR || reweighed {
                 linear = self.linearise(weights);
-            } else {
+            } else if self.correlation.is_none() {
                 linear.reweigh(self.setup, self.campaign, weights);
             }
         }
@@ -339,7 +366,38 @@ impl<'a> Fit<'a> {
     }
 
     fn linearise(&self, weights: Vec<f64>) -> Linearised {
-        Linearised { normal: accumulate(&self.estimate(), &weights), at: self.parameters.clone(), weights }
+        let normal = match &self.correlation {
+            None => accumulate(&self.estimate(), &weights),
+            Some(correlation) => {
+                accumulate_whitened(&self.estimate(), &weights, &correlation.whitener(self.campaign, &weights))
+            }
+        };
+        Linearised { normal, at: self.parameters.clone(), weights }
+    }
+
+    /// Asks the settled fit how its noise hangs together; whether that is news.
+    fn noise_changes(&mut self, settled: &Settled) -> bool {
+        let asked = Asked {
+            estimate: self.estimate(),
+            weights: &settled.weights,
+            free: &self.free,
+            smoothness: &self.smoothness,
+            noise_factor: self.noise_factor,
+        };
+        let found = asked.correlation(self.correlation);
+        let is_same = match (&found, &self.correlation) {
+            (None, None) => true,
+            (Some(now), Some(then)) => {
+                let share =
+                    (now.noise.share - then.noise.share).abs() + (now.noise.group_share - then.noise.group_share).abs();
+                share < SAME_NOISE.0 && (now.noise.length / then.noise.length).ln().abs() < SAME_NOISE.1
+            }
+            _ => false,
+        };
+        if !is_same {
+            self.correlation = found;
+        }
+        !is_same
     }
 
     /// Solves one pass; the order of polynomials is decided once, after the first linearisation.

@@ -4,7 +4,7 @@
 
 use abbe_measurement::instrument::RangeUncertainty;
 use abbe_virtual_machine::environment::EnvironmentConfig;
-use abbe_virtual_machine::instrument::{InstrumentConfig, Outliers};
+use abbe_virtual_machine::instrument::{Correlated, InstrumentConfig, Outliers};
 use abbe_virtual_machine::plan::presets;
 use abbe_virtual_machine::simulate::covariate_names;
 use abbe_virtual_machine::verification::{Frame, VerificationConfig};
@@ -122,6 +122,36 @@ fn a_machine_that_repeats_badly_leaves_the_tracers_noise_as_it_was() {
     for (calm, shaky) in noise_m([0.0; 3]).into_iter().zip(noise_m([1e-6; 3])) {
         // The range itself differs by micrometres, its noise by 0.15e-6 of that and by rounding.
         assert!((calm - shaky).abs() < 1e-11);
+    }
+}
+
+#[test]
+fn correlated_noise_hangs_together_as_asked_and_leaves_all_else_alone() {
+    let shown = |correlated| {
+        let config = config(InstrumentConfig { correlated, ..InstrumentConfig::LASER_TRACER });
+        let stream = ReadingStream::new(&config).unwrap().map(Result::unwrap);
+        let of = |s: abbe_virtual_machine::SimulatedReading| {
+            (s.reading.station, s.reading.line, s.reading.length_m + s.first_range_m)
+        };
+        stream.map(of).collect::<Vec<_>>()
+    };
+    let white = shown(None);
+    for by_line in [false, true] {
+        let noisy = shown(Some(Correlated { deviation_m: 0.3e-6, neighbours: 0.8, by_line }));
+        let noise: Vec<f64> = noisy.iter().zip(&white).map(|(a, b)| (a.2 - b.2) / 0.3e-6).collect();
+        let count = noise.len() as f64;
+        let pairs = |same: &dyn Fn(usize) -> bool| {
+            let products: Vec<f64> = (1..noise.len()).filter(|k| same(*k)).map(|k| noise[k] * noise[k - 1]).collect();
+            (products.iter().sum::<f64>() / products.len() as f64, products.len() as f64)
+        };
+        // Sums over readings that hang together scatter like those of fewer: (1 + ρ²)/(1 − ρ²) times the variance.
+        let scatter = |n: f64| 4.0 * (2.0 * 4.6 / n).sqrt();
+        assert!((noise.iter().map(|v| v * v).sum::<f64>() / count - 1.0).abs() < scatter(count));
+        let (on_lines, n) = pairs(&|k| noisy[k].1 == noisy[k - 1].1);
+        assert!((on_lines - 0.8).abs() < scatter(n), "{by_line}: {on_lines}");
+        let (between, n) = pairs(&|k| noisy[k].1 != noisy[k - 1].1 && noisy[k].0 == noisy[k - 1].0);
+        let wanted = if by_line { 0.0 } else { 0.8 };
+        assert!((between - wanted).abs() < scatter(n), "{by_line}: {between} of {n}");
     }
 }
 

@@ -6,7 +6,7 @@ use crate::verdict::{self, Accept};
 use abbe_files::{DataSource, MachineFile, ModelFile, OrderChoice, hex, read_campaign_file};
 use abbe_graph::driver::{JoinSettings, campaign_from_bag};
 use abbe_identify::verdict::{Grade, Verdict, of_campaign, stroke, widened};
-use abbe_identify::{Evidence, IdentifyError, Options, Progress};
+use abbe_identify::{Along, By, CorrelatedNoise, Evidence, IdentifyError, Noise, Options, Progress, RangeCorrelation};
 use abbe_measurement::campaign::Campaign;
 use abbe_msgs::Sha256;
 use anyhow::{Context, ensure};
@@ -104,6 +104,8 @@ fn bag_files(path: &Path) -> anyhow::Result<Vec<PathBuf>> {
 pub(crate) struct Choices {
     /// Down-weight outliers.
     pub(crate) robust: bool,
+    /// Estimate how the noise of ranges hangs together, instead of taking it to be white.
+    pub(crate) correlated_noise: bool,
     /// Make a model although the fit contradicts itself.
     pub(crate) accept: Accept,
 }
@@ -122,8 +124,9 @@ pub(crate) fn identify(
         OrderChoice::Evidence => abbe_identify::OrderChoice::Evidence,
         OrderChoice::Fixed => abbe_identify::OrderChoice::Fixed,
     };
-    let Choices { robust, accept } = choices;
-    let options = Options { order, robust, absolute_range: machine.absolute_range, ..Options::default() };
+    let Choices { robust, correlated_noise, accept } = choices;
+    let noise = if correlated_noise { Noise::Estimated } else { Noise::Given(None) };
+    let options = Options { order, robust, noise, absolute_range: machine.absolute_range, ..Options::default() };
     let fit = abbe_identify::identify(&machine.machine, machine.instrument, &loaded.campaign, &options, observe)
         .map_err(|error| with_stroke(error, machine, &loaded.campaign))
         .with_context(|| loaded.source.file.clone())?;
@@ -138,7 +141,12 @@ pub(crate) fn identify(
         residual_network: None,
         data: vec![loaded.source.clone()],
         seed: None,
-        options: json!({ "robust": robust, "accept_misfit": accept.accept_misfit, "max_passes": options.max_passes }),
+        options: json!({
+            "robust": robust,
+            "correlated_noise": correlated_noise,
+            "accept_misfit": accept.accept_misfit,
+            "max_passes": options.max_passes
+        }),
         evidence: evidence_json(&evidence),
         doubts: verdict::doubts(&verdict),
         software: software(),
@@ -166,6 +174,50 @@ pub(crate) struct Identification {
 /// Name and version of this program.
 pub(crate) fn software() -> String {
     format!("abbe {}", env!("CARGO_PKG_VERSION"))
+}
+
+/// How the noise of ranges hangs together.
+fn noise_json(noise: &CorrelatedNoise) -> Value {
+    let RangeCorrelation { noise: found, along, by, gain } = noise.correlation;
+    let (length_readings, length_s) = match by {
+        By::Order => (Some(found.length), None),
+        By::Time => (None, Some(found.length)),
+    };
+    json!({
+        "along": match along { Along::Line => "line", Along::Station => "station" },
+        "share_of_variance": found.share,
+        "length_readings": length_readings,
+        "length_s": length_s,
+        "share_of_lines": found.group_share,
+        "neighbours": noise.neighbours,
+        "effective_readings": noise.effective_readings,
+        "twice_log_likelihood_gain": gain,
+    })
+}
+
+/// The same in words.
+pub(crate) fn noise_words(noise: &CorrelatedNoise) -> String {
+    let RangeCorrelation { noise: found, along, by, .. } = noise.correlation;
+    let along = match along {
+        Along::Line => "along lines",
+        Along::Station => "from line to line of a station",
+    };
+    let unit = match by {
+        By::Order => "readings",
+        By::Time => "s",
+    };
+    let offsets = match found.group_share {
+        share if share > 0.0 => format!(", {:.0} % common to each line", share * 1e2),
+        _ => String::new(),
+    };
+    format!(
+        "hangs together {along}: neighbours {:+.2}, {:.0} % of the variance over {:.1} {unit}{offsets}; as much information \
+         on what neighbours share as {:.0} independent readings",
+        noise.neighbours,
+        found.share * 1e2,
+        found.length,
+        noise.effective_readings
+    )
 }
 
 /// The evidence in the units people read.
@@ -211,6 +263,7 @@ pub(crate) fn evidence_json(evidence: &Evidence) -> Value {
         "stations": stations,
         "correlations_above_0_9": correlated,
         "rejected": rejected,
+        "correlated_noise": evidence.noise.as_ref().map(noise_json),
         "refinement_given_up": evidence.refinement_given_up,
     })
 }

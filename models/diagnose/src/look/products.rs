@@ -4,7 +4,8 @@
 //! same few columns, so these are multiplied once and the forms pick from the result. Whitened rows; no units.
 
 use super::{DEGREE, MIXED};
-use crate::linear::{Linear, Projected};
+use crate::candidates::Round;
+use crate::linear::Projected;
 use faer::{Mat, MatRef};
 
 /// Columns in runs of equal length, one run a quantity or a pair.
@@ -19,35 +20,34 @@ pub(super) struct Products {
 
 impl Products {
     /// Polynomials of each quantity (rows × degrees), times the weights.
-    pub(super) fn of_each(linear: &Linear, powers: &[Mat<f64>], weights: &[f64]) -> Products {
+    pub(super) fn of_each(round: &Round, powers: &[Mat<f64>], weights: &[f64]) -> Products {
         let fill = |c: usize, column: &mut [f64]| {
             let power = powers[c / DEGREE].col_as_slice(c % DEGREE);
             column.iter_mut().zip(weights).zip(power).for_each(|((value, w), p)| *value = w * p);
         };
-        Products::new(linear, DEGREE, (weights.len(), DEGREE * powers.len()), fill)
+        Products::new(round, DEGREE, (weights.len(), DEGREE * powers.len()), fill)
     }
 
     /// Mixed products of the polynomials of these pairs of quantities, times the weights.
-    pub(super) fn of_pairs(
-        linear: &Linear,
-        powers: &[Mat<f64>],
-        weights: &[f64],
-        pairs: &[(usize, usize)],
-    ) -> Products {
+    pub(super) fn of_pairs(round: &Round, powers: &[Mat<f64>], weights: &[f64], pairs: &[(usize, usize)]) -> Products {
         let fill = |c: usize, column: &mut [f64]| {
             let ((a, b), (i, j)) = (pairs[c / MIXED.len()], MIXED[c % MIXED.len()]);
             let (first, second) = (powers[a].col_as_slice(i - 1), powers[b].col_as_slice(j - 1));
             let factors = weights.iter().zip(first).zip(second);
             column.iter_mut().zip(factors).for_each(|(value, ((w, p), q))| *value = w * p * q);
         };
-        Products::new(linear, MIXED.len(), (weights.len(), MIXED.len() * pairs.len()), fill)
+        Products::new(round, MIXED.len(), (weights.len(), MIXED.len() * pairs.len()), fill)
     }
 
-    fn new(linear: &Linear, run: usize, (rows, count): (usize, usize), fill: impl Fn(usize, &mut [f64])) -> Products {
+    fn new(round: &Round, run: usize, (rows, count): (usize, usize), fill: impl Fn(usize, &mut [f64])) -> Products {
         let mut columns = Mat::zeros(rows, count);
-        (0..count).for_each(|c| fill(c, columns.col_as_slice_mut(c)));
-        let taken = linear.taken(columns.as_ref());
-        let gradient = linear.gradient(columns.as_ref());
+        for c in 0..count {
+            let column = columns.col_as_slice_mut(c);
+            fill(c, column);
+            round.rows.whiten(column);
+        }
+        let taken = round.free.taken(columns.as_ref());
+        let gradient = round.free.gradient(columns.as_ref());
         Products { run, columns, taken, gradient }
     }
 

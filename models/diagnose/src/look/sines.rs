@@ -24,10 +24,11 @@ pub(super) struct Wave {
 
 /// Those that look best before projection, for each act given by its weights, and how many were compared.
 pub(super) fn strongest(round: &Round, variables: &[Variable], weights: &[Vec<f64>]) -> Vec<(Vec<Wave>, usize)> {
-    let residuals = round.free.residuals();
+    let residuals = round.rows.weighted(round.free.residuals());
     let weighted: Vec<Vec<f64>> =
-        weights.iter().map(|w| w.iter().zip(residuals).map(|(w, r)| w * r).collect()).collect();
-    let norms: Vec<f64> = weights.iter().map(|w| w.iter().map(|w| w * w).sum::<f64>()).collect();
+        weights.iter().map(|w| w.iter().zip(&residuals).map(|(w, r)| w * r).collect()).collect();
+    let square = |w: &Vec<f64>| w.iter().zip(&round.rows.whitening).map(|(w, u)| (w * u).powi(2)).sum::<f64>();
+    let norms: Vec<f64> = weights.iter().map(square).collect();
     let logged: Vec<usize> =
         (0..variables.len()).filter(|v| !POSITIONS.contains(&variables[*v].name.as_str())).collect();
     let of_variables = in_parallel(&logged, |variable| of_variable(*variable, &variables[*variable].scaled, &weighted));
@@ -87,6 +88,7 @@ pub(super) fn findings(
             pair[(k, 0)] = weight * sine;
             pair[(k, 1)] = weight * cosine;
         }
+        (0..2).for_each(|j| round.rows.whiten(pair.col_as_slice_mut(j)));
         pair
     };
     let columns: Vec<Mat<f64>> = waves.iter().map(column).collect();

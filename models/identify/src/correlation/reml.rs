@@ -170,8 +170,7 @@ impl Fitted<'_> {
             let Some(least) = known.iter().min_by(|a, b| a.1.total_cmp(&b.1)).map(|(point, _)| point.clone()) else {
                 break;
             };
-            let added: Vec<(Vec<f64>, f64)> =
-                known.iter().map(|(point, value)| (point.clone(), value - cheap(point))).collect();
+            let added: Vec<Sample> = known.iter().map(|(point, value)| (point.clone(), value - cheap(point))).collect();
             let Some(plane) = Plane::through(&added, &least) else { break };
             let far =
                 |point: &[f64]| point.iter().zip(&least).map(|(p, l)| ((p - l).abs() - REACH).max(0.0)).sum::<f64>();
@@ -230,6 +229,9 @@ impl Alone<'_> {
     }
 }
 
+/// A point and the value of the likelihood there.
+type Sample = (Vec<f64>, f64);
+
 /// A plane through the points nearest to one of them.
 struct Plane {
     at: Vec<f64>,
@@ -239,14 +241,14 @@ struct Plane {
 
 impl Plane {
     /// By least squares over all points, near ones counting more.
-    fn through(points: &[(Vec<f64>, f64)], about: &[f64]) -> Option<Plane> {
+    fn through(points: &[Sample], about: &[f64]) -> Option<Plane> {
         let size = about.len();
         let weight = |point: &[f64]| {
             let square: f64 = point.iter().zip(about).map(|(p, a)| (p - a).powi(2)).sum();
             1.0 / (NEAR * NEAR + square)
         };
         let column = |point: &[f64], k: usize| if k == 0 { 1.0 } else { point[k - 1] - about[k - 1] };
-        let sum = |of: &dyn Fn(&(Vec<f64>, f64)) -> f64| points.iter().map(|p| weight(&p.0) * of(p)).sum::<f64>();
+        let sum = |of: &dyn Fn(&Sample) -> f64| points.iter().map(|p| weight(&p.0) * of(p)).sum::<f64>();
         let normal = Mat::from_fn(size + 1, size + 1, |i, j| sum(&|p| column(&p.0, i) * column(&p.0, j)));
         let right = Mat::from_fn(size + 1, 1, |i, _| sum(&|p| column(&p.0, i) * p.1));
         let solved = Llt::new(normal.as_ref(), Side::Lower).ok()?.solve(&right);
@@ -285,7 +287,7 @@ fn unpacked(point: &[f64], unit: f64) -> Correlation {
 /// Least value of a function of a few unbounded coordinates and where it lies (Nelder & Mead 1965).
 fn minimum(start: &[f64], of: &dyn Fn(&[f64]) -> f64) -> (Vec<f64>, f64) {
     let size = start.len();
-    let mut simplex: Vec<(Vec<f64>, f64)> = vec![(start.to_vec(), of(start))];
+    let mut simplex: Vec<Sample> = vec![(start.to_vec(), of(start))];
     for k in 0..size {
         let mut corner = start.to_vec();
         corner[k] += 0.7;

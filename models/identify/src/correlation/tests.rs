@@ -9,8 +9,11 @@ use rand_distr::{Distribution, StandardNormal};
 
 const CORRELATION: Correlation = Correlation { share: 0.5, length: 2.5, group_share: 0.2 };
 
+/// Block, group and place of a row.
+type Place = (usize, usize, f64);
+
 /// Two blocks of 9 and 14 rows that are not in the order of the rows, each of two groups, at uneven places.
-fn sequence() -> (Sequence, Vec<Option<(usize, usize, f64)>>) {
+fn sequence() -> (Sequence, Vec<Option<Place>>) {
     let blocks: Vec<Vec<usize>> =
         vec![(0..9).map(|k| 2 * k).collect(), (0..14).map(|k| 24 - k).filter(|k| k % 2 == 1 || *k > 17).collect()];
     let mut known = vec![None; 26];

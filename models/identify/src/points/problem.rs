@@ -118,6 +118,7 @@ impl<'a> Problem<'a> {
             gradient: vec![0.0; size],
             weighted_square: 0.0,
             weight: weights.iter().sum(),
+            log_determinant: 0.0,
         };
         let mut rows = vec![Vector3::zeros(); size];
         for k in (0..self.points.len()).filter(|k| weights[*k] > 0.0) {

@@ -16,6 +16,8 @@ use std::time::{Duration, Instant};
 
 /// Share of what was known before, from which the campaign has told the turn of the ram.
 const TOLD: f64 = 0.5;
+/// Share of the readings that the independent ones are worth below which a reader is warned.
+const LITTLE_LEFT: f64 = 0.3;
 /// Rejected readings that are printed one by one.
 const MOST_SHOWN: usize = 10;
 
@@ -39,6 +41,10 @@ pub(crate) struct Arguments {
     /// Weigh all readings as declared instead of down-weighting outliers
     #[arg(long)]
     no_robust: bool,
+    /// Estimate how the noise of ranges hangs together, and weigh readings by it. Only where `abbe diagnose` says that the model
+    /// lacks nothing: what it lacks looks like such noise
+    #[arg(long)]
+    correlated_noise: bool,
     #[command(flatten)]
     accept: Accept,
 }
@@ -57,7 +63,11 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         bar.set_message(progress_text(&progress));
         !shutdown.requested()
     };
-    let choices = Choices { robust: !arguments.no_robust, accept: arguments.accept };
+    let choices = Choices {
+        robust: !arguments.no_robust,
+        correlated_noise: arguments.correlated_noise,
+        accept: arguments.accept,
+    };
     let identified = pipeline::identify(&machine, &loaded, choices, &mut observe);
     bar.finish_and_clear();
     let (file, found) = verdict::shown(identified, arguments.json)?;
@@ -165,6 +175,15 @@ fn print_words(arguments: &Arguments, file: &ModelFile, found: &Identification, 
         evidence.unknowns, evidence.effective_unknowns, evidence.condition
     );
     print_ram_turn(file);
+    if let Some(noise) = &evidence.noise {
+        println!("  noise             {}", pipeline::noise_words(noise));
+        if noise.effective_readings < LITTLE_LEFT * quality.readings as f64 {
+            println!(
+                "  warning           on what neighbours share, most of the readings tell what the one before told: shield the \
+                 beam from moving air, and measure lines in another order or again on another day rather than more points"
+            );
+        }
+    }
     println!("  time              {:.0} ms in {} passes", seconds * 1e3, evidence.passes);
     if let Some(problem) = &evidence.refinement_given_up {
         println!(

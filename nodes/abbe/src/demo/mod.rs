@@ -71,7 +71,7 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         bar.set_message(progress_text(&progress));
         !shutdown.requested()
     };
-    let choices = Choices { robust: true, accept: arguments.accept };
+    let choices = Choices { robust: true, correlated_noise: false, accept: arguments.accept };
     let identified = timed(&mut steps, "identify", || pipeline::identify(&machine, &loaded, choices, &mut observe));
     let (model, found) = identified?;
     let sha256 = model.save(&out.join("model.json"))?;

@@ -1,0 +1,218 @@
+//! Noise of a campaign's ranges that hangs together along lines or over whole stations.
+//!
+//! Place in the flow: [`crate::solve`] fits with white noise first. Where the residuals say more, the likeliest correlation is
+//! estimated beside all that the fit explains ([`crate::correlation`]), the rows are whitened by it and the fit settles
+//! again. Where they do not, nothing is different. Candidates are the order of measurement and the time, along each line
+//! and over all lines of a station, with an offset of each line where the data ask for it.
+
+use crate::comparison::Ended;
+use crate::correlation::{Correlation, Fitted, Sequence, Whitener};
+use crate::design::{Estimate, Row, Setup};
+use crate::rows::parameters_of;
+use crate::smoothing::Smoothness;
+use crate::solve::Identified;
+use crate::term::EffectTerm;
+use abbe_measurement::campaign::Campaign;
+use abbe_measurement::instrument::RangeUncertainty;
+use faer::Mat;
+use std::collections::BTreeMap;
+
+/// Readings that the parameters of the noise are estimated from: they are then known to some hundredths.
+const READINGS: usize = 2000;
+/// Readings that a first look takes.
+const GLANCED: usize = 1000;
+/// Lines in a run of neighbouring ones that are taken or left together.
+const RUN: usize = 4;
+
+/// What hangs together.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Along {
+    /// Readings of one line.
+    Line,
+    /// Readings of one station, from line to line.
+    Station,
+}
+
+/// What the distance of two readings is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum By {
+    /// Readings between them.
+    Order,
+    /// Time between them (s).
+    Time,
+}
+
+/// How the noise of ranges hangs together.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RangeCorrelation {
+    /// Shares of the variance, and the length in readings or s.
+    pub noise: Correlation,
+    /// What hangs together.
+    pub along: Along,
+    /// What the distance is.
+    pub by: By,
+    /// Gain of twice the restricted log likelihood over white noise.
+    pub gain: f64,
+}
+
+/// Orders in which noise may hang together, the simplest first.
+const ORDERS: [(Along, By); 4] =
+    [(Along::Line, By::Order), (Along::Station, By::Order), (Along::Line, By::Time), (Along::Station, By::Time)];
+
+impl RangeCorrelation {
+    /// What whitens rows of this campaign, one a reading, each divided by its declared uncertainty.
+    pub fn whitener(&self, campaign: &Campaign, weights: &[f64]) -> Whitener {
+        let all: Vec<usize> = (0..campaign.readings.len()).collect();
+        Whitener::new(&sequence(campaign, &all, (self.along, self.by)), &self.noise, weights)
+    }
+
+    /// How many independent readings would tell as much of what neighbours have in common.
+    pub fn effective_readings(&self, campaign: &Campaign, weights: &[f64]) -> f64 {
+        self.whitener(campaign, weights).effective_rows(weights.len())
+    }
+
+    /// Correlation of readings that follow one another on a line, at the usual step.
+    pub fn of_neighbours(&self, campaign: &Campaign) -> f64 {
+        let all: Vec<usize> = (0..campaign.readings.len()).collect();
+        let step = sequence(campaign, &all, (Along::Line, self.by)).usual_step();
+        step.map_or(0.0, |step| self.noise.at(step))
+    }
+}
+
+/// Rows of these readings (row k is reading `readings[k]`) in such an order.
+fn sequence(campaign: &Campaign, readings: &[usize], (along, by): (Along, By)) -> Sequence {
+    let of = |row: usize| &campaign.readings[readings[row]];
+    let mut blocks: BTreeMap<(u32, u32), Vec<usize>> = BTreeMap::new();
+    // Number of each reading among those of its block, left-out ones counted.
+    let mut counts: BTreeMap<(u32, u32), usize> = BTreeMap::new();
+    let mut numbers = Vec::with_capacity(readings.len());
+    let key = |station: u32, line: u32| (station, if along == Along::Line { line } else { 0 });
+    let mut rows = readings.iter().enumerate().peekable();
+    for (k, reading) in campaign.readings.iter().enumerate() {
+        let own = key(reading.station, reading.line);
+        let number = counts.entry(own).or_default();
+        if let Some((row, _)) = rows.next_if(|(_, index)| **index == k) {
+            blocks.entry(own).or_default().push(row);
+            numbers.push(*number);
+        }
+        *number += 1;
+    }
+    let place = |row: usize| match by {
+        By::Order => numbers[row] as f64,
+        By::Time => of(row).time_s,
+    };
+    let blocks: Vec<Vec<usize>> = blocks.into_values().collect();
+    Sequence::new(&blocks, place, |row| of(row).line as usize)
+}
+
+/// How the noise hangs together that a settled fit of this campaign leaves, where it is shown.
+pub fn correlation_of(fit: &Identified, instrument: RangeUncertainty, campaign: &Campaign) -> Option<RangeCorrelation> {
+    let parts = fit.model.parts();
+    let terms: Vec<EffectTerm> = parts.effects.iter().map(EffectTerm::of).collect();
+    let setup = Setup { machine: &parts.machine, layout: fit.model.layout(), instrument, terms: &terms };
+    let parameters = parameters_of(&fit.model);
+    let Ended { free, smoothness, noise_factor } = &fit.ended;
+    let asked = Asked {
+        estimate: Estimate { setup, campaign, parameters: &parameters },
+        weights: &fit.weights,
+        free,
+        smoothness,
+        noise_factor: *noise_factor,
+    };
+    asked.correlation(fit.correlation)
+}
+
+/// A settled fit, of whose noise the correlation is asked.
+pub(crate) struct Asked<'a> {
+    pub(crate) estimate: Estimate<'a>,
+    pub(crate) weights: &'a [f64],
+    pub(crate) free: &'a [usize],
+    pub(crate) smoothness: &'a Smoothness,
+    /// χ² per degree of freedom at which the smoothness was chosen.
+    pub(crate) noise_factor: f64,
+}
+
+impl Asked<'_> {
+    /// The likeliest correlation where it is shown; `near` is that of an earlier fit.
+    pub(crate) fn correlation(&self, near: Option<RangeCorrelation>) -> Option<RangeCorrelation> {
+        let campaign = self.estimate.campaign;
+        if near.is_none() {
+            let few = some(campaign, GLANCED);
+            let line = sequence(campaign, &few, ORDERS[0]);
+            if !self.of(&few, |fitted| fitted.hints_at_correlation(&line)) {
+                return None;
+            }
+        }
+        let readings = some(campaign, READINGS);
+        let sequences: Vec<Sequence> = ORDERS.iter().map(|order| sequence(campaign, &readings, *order)).collect();
+        let near = near.and_then(|near| {
+            let place = ORDERS.iter().position(|order| *order == (near.along, near.by))?;
+            Some((place, near.noise))
+        });
+        let found = self.of(&readings, |fitted| fitted.correlation(&sequences, near))?;
+        let (along, by) = ORDERS[found.sequence];
+        Some(RangeCorrelation { noise: found.correlation, along, by, gain: found.gain })
+    }
+
+    /// What is asked of the fit's rows of these readings.
+    fn of<T>(&self, readings: &[usize], ask: impl FnOnce(&Fitted) -> T) -> T {
+        let (design, residuals) = self.rows(readings);
+        let weights: Vec<f64> = readings.iter().map(|k| self.weights[*k]).collect();
+        let (prior, proper) = self.smoothness.precision(self.free, self.noise_factor);
+        ask(&Fitted {
+            design: design.as_ref(),
+            residuals: &residuals,
+            weights: &weights,
+            prior: prior.as_ref(),
+            improper: self.free.len().saturating_sub(proper),
+        })
+    }
+
+    /// Partials by the free parameters and residuals of these readings, divided by their uncertainty.
+    fn rows(&self, readings: &[usize]) -> (Mat<f64>, Vec<f64>) {
+        let mut place = vec![None; self.estimate.parameters.len()];
+        self.free.iter().enumerate().for_each(|(k, index)| place[*index] = Some(k));
+        let mut design = Mat::zeros(readings.len(), self.free.len());
+        let mut row = Row::new();
+        let residual = |(k, reading): (usize, &usize)| {
+            self.estimate.row(*reading, &mut row);
+            let u_m = self.estimate.setup.u_m(&row.ray);
+            for (first, values) in row.segments() {
+                for (offset, value) in values.iter().enumerate() {
+                    if let Some(column) = place[first + offset] {
+                        design[(k, column)] = value / u_m;
+                    }
+                }
+            }
+            row.residual_m / u_m
+        };
+        let residuals = readings.iter().enumerate().map(residual).collect();
+        (design, residuals)
+    }
+}
+
+/// All readings of a campaign of at most so many; of a larger one about as many, those of runs of neighbouring lines, spread over each station.
+fn some(campaign: &Campaign, most: usize) -> Vec<usize> {
+    let all = campaign.readings.len();
+    if all <= most {
+        return (0..all).collect();
+    }
+    // Number of each line among those of its station, in the order of measurement.
+    let mut numbers: BTreeMap<(u32, u32), usize> = BTreeMap::new();
+    let mut counts: BTreeMap<u32, usize> = BTreeMap::new();
+    for reading in &campaign.readings {
+        numbers.entry((reading.station, reading.line)).or_insert_with(|| {
+            let count = counts.entry(reading.station).or_default();
+            *count += 1;
+            *count - 1
+        });
+    }
+    let share = most as f64 / all as f64;
+    let is_in = |k: &usize| {
+        let reading = &campaign.readings[*k];
+        let run = numbers.get(&(reading.station, reading.line)).map_or(0, |number| number / RUN) as f64;
+        // The first run of each station, and then each that the share comes to.
+        ((run + 1.0) * share).ceil() > (run * share).ceil() || run == 0.0
+    };
+    (0..all).filter(is_in).collect()
+}
