@@ -11,6 +11,8 @@ use std::path::Path;
 use common::assert_says;
 use common::files::{machine, text};
 use common::program::run;
+use common::python::python;
+use serde_json::Value;
 
 /// Stations (mm): six around the volume, at two heights.
 const STATIONS_MM: [[f64; 3]; 6] = [
@@ -72,8 +74,8 @@ fn points_are_solved_a_bad_pair_is_named_and_the_field_between_them_is_found() {
         (0..3).for_each(|d| worst = worst.max((row[3 + d] - truth[d]).abs()));
         assert!(row[6..9].iter().all(|u| *u > 0.05 && *u < 10.0), "{row:?}");
     }
-    // Stations from nominal points take up a part of the ripple of 6 µm.
-    assert!(worst < 3.0, "{worst}");
+    // What ranges cannot tell of the ripple: its common shift and turn.
+    assert!(worst < 1.0, "{worst}");
 
     let said = run(["interpolate", "--vectors", &vectors, "--splits", "2", "--seed", "3"]).ok();
     assert_says(&said, &["120 points, 2 splits, 65 % interpolate", "kriging", "trilinear", "thin-plate"]);
@@ -111,4 +113,64 @@ fn what_gives_no_field_is_refused_and_nothing_is_written() {
         assert_says(&said, &["vectors.csv", says]);
     }
     assert!(!folder.path().join("out.csv").exists());
+}
+
+/// A machine simulated in NumPy, its ranges solved by `abbe points`; what the script `says` of it.
+fn by_other_hands(seed: u32, plan: &str, says: &str) -> Option<Value> {
+    let folder = tempfile::tempdir().unwrap();
+    let path = text(folder.path());
+    let made = python("network.py")?.args(["make", &path, &seed.to_string(), plan]).status().unwrap();
+    assert!(made.success());
+    // Range noise of the simulator, 0.3 µm, and nothing else.
+    let declared = fs::read_to_string(machine()).unwrap();
+    let declared = declared
+        .replace("repeatability_um = [0.25, 0.25, 0.25]", "repeatability_um = [0.0, 0.0, 0.0]")
+        .replace("u_k2_constant_um = 0.05", "u_k2_constant_um = 0.6")
+        .replace("u_k2_proportional_um_per_m = 0.3", "u_k2_proportional_um_per_m = 0.0");
+    let machine = write(folder.path(), "machine.toml", &declared);
+    let [campaign, vectors] = ["campaign.csv", "vectors.csv"].map(|name| text(&folder.path().join(name)));
+    let said = run(["points", "--machine", &machine, "--campaign", &campaign, "--out", &vectors, "--json"]).ok();
+    let said: Value = serde_json::from_str(&said).unwrap();
+    let judged = python("network.py")?.args([says, &path]).output().unwrap();
+    assert!(judged.status.success(), "{}", String::from_utf8_lossy(&judged.stderr));
+    let mut judged: Value = serde_json::from_slice(&judged.stdout).unwrap();
+    println!(
+        "{plan} {seed}: {judged}, chi2/dof {}, rejected {}",
+        said["chi2_per_dof"],
+        said["rejected"].as_array().unwrap().len()
+    );
+    judged["said"] = said;
+    Some(judged)
+}
+
+/// Straightness, squareness, scales and rolls of tens of micrometres: stations from nominal points are micrometres off, and
+/// their points too, whatever noise says. All unknowns together are as good as SciPy's.
+#[test]
+fn regress_val_scipy_points_of_a_bent_machine_are_as_good_as_their_ranges() {
+    for plan in ["all", "few", "outliers"] {
+        let Some(judged) = by_other_hands(3, plan, "rival") else { return };
+        let um = |name: &str| judged[name].as_f64().unwrap();
+        let (ours, scipy, two_steps) = (um("rms_um"), um("scipy_rms_um"), um("two_steps_rms_um"));
+        assert!(two_steps > 5.0, "{judged}");
+        // With gross errors to be found a few good readings go too, and points that nothing settles.
+        let near = if plan == "outliers" { 0.05 } else { 0.01 };
+        assert!((ours / scipy - 1.0).abs() < near, "{judged}");
+        assert!(plan == "few" || ours < 0.6, "{judged}");
+    }
+}
+
+/// 95 % intervals hold 95 % ± 3 of machines that this program has not made.
+#[test]
+fn stated_uncertainties_hold_on_machines_of_another_simulator() {
+    for plan in ["all", "few", "outliers"] {
+        let (mut inside, mut components) = (0.0, 0.0);
+        for seed in 10..22 {
+            let Some(judged) = by_other_hands(seed, plan, "judge") else { return };
+            inside += judged["inside"].as_f64().unwrap();
+            components += judged["components"].as_f64().unwrap();
+        }
+        let coverage = inside / components;
+        println!("{plan}: {coverage:.4}");
+        assert!((coverage - 0.95).abs() < 0.03, "{plan}: {coverage}");
+    }
 }

@@ -27,15 +27,14 @@ mod plausibility;
 pub mod points;
 mod proposal;
 mod range_noise;
-pub mod robust;
 mod roughness;
 mod rows;
 mod smoothing;
 mod solve;
-pub mod station_start;
 mod term;
 pub mod verdict;
 
+pub use abbe_measurement::{robust, station_start};
 pub use bound::at_cramer_rao_bound;
 pub use comparison::minus_two_log_likelihood_on;
 pub use error::{IdentifyError, Unobservable};

@@ -6,12 +6,14 @@
 pub mod alignment;
 pub mod campaign;
 pub mod correspondence;
-pub mod free_network;
 pub mod guideway;
 pub mod instrument;
 mod least_squares;
 pub mod multilateration;
+pub mod network;
 pub mod probe_pose;
+pub mod robust;
 pub mod sphere;
+pub mod station_start;
 pub mod subset;
 pub mod tracker;

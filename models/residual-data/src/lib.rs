@@ -9,6 +9,7 @@
 mod error;
 mod evidence;
 mod known_points;
+mod network;
 mod problem;
 mod ranges;
 mod search;
@@ -18,7 +19,7 @@ pub use error::ResidualError;
 pub use evidence::FieldPrior;
 pub use known_points::from_known_points;
 pub use ranges::{FromRanges, Options, Progress, from_ranges};
-pub use shared::{SharedPoints, shared_points};
+pub use shared::{Frame, SharedPoints, shared_points};
 
 use nalgebra::{Matrix3, Vector3};
 

@@ -47,6 +47,8 @@ pub(crate) struct Problem {
     pub(crate) pull: Vec<f64>,
     /// Partials of each row's point by the parameters (3 × parameters, m per unit).
     pub(crate) tips: Vec<Mat<f64>>,
+    /// Stations that residuals are relative to.
+    pub(crate) placed: Vec<Station>,
     /// Covariance of the stations' coordinates and dead paths, four each (m²).
     pub(crate) station_covariance: Mat<f64>,
     /// Readings left out as outliers.
@@ -93,6 +95,7 @@ impl Problem {
             points_m: readings.iter().map(|k| corrected_m[*k]).collect(),
             directions: readings.iter().map(|k| rows.rays[*k].direction).collect(),
             tips: readings.iter().map(|k| rows.tip(*k)).collect(),
+            placed: model.parts().stations.clone(),
             station_covariance: station_covariance(model),
             rejected: weights.len() - readings.len(),
             readings,
@@ -119,6 +122,7 @@ impl Problem {
             precision: self.precision.clone(),
             pull: self.pull.clone(),
             tips: kept.iter().map(|k| self.tips[*k].clone()).collect(),
+            placed: self.placed.clone(),
             station_covariance: self.station_covariance.clone(),
             rejected: self.rejected,
         }

@@ -1,16 +1,19 @@
 //! Residual vectors at points that several stations saw: multilateration about the model.
 //!
 //! Place in the flow: model and campaign in; for each pose of the machine (reading and offset) that at least three
-//! stations measured, actual − corrected (m, machine frame) with its covariance out. Linear, since a residual is a
-//! millionth of a range: l_k = u_k·ρ + station terms + noise, solved by weighted least squares. The stations come from
-//! the model with their covariance, which is part of that of the residual; their common part does not average out.
+//! stations measured, actual − corrected (m, machine frame) with its covariance out. Where the plan fixes stations and
+//! points together they are found so ([`crate::network`]). Where it does not, the stations come from the model with their
+//! covariance, which is part of that of the residual; their common part does not average out. That is linear, since a
+//! residual is a millionth of a range: l_k = u_k·ρ + station terms + noise, solved by weighted least squares.
 //! Source: Chen 2020 eq. 1, linearised at the corrected point.
 
+use crate::network::{self, OfNetwork};
 use crate::problem::Problem;
 use crate::{PointResidual, ResidualError};
 use abbe_geometry::model::MachineModel;
 use abbe_measurement::campaign::Campaign;
 use abbe_measurement::instrument::RangeUncertainty;
+use abbe_measurement::network::NetworkError;
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 use std::collections::BTreeMap;
 
@@ -30,6 +33,20 @@ pub struct SharedPoints {
     pub readings: (usize, usize),
     /// χ² per degree of freedom of the points seen by four stations or more; `None` without such a point.
     pub chi2_per_dof: Option<f64>,
+    /// Where the stations come from.
+    pub frame: Frame,
+}
+
+/// Where the stations come from that points are seen from.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Frame {
+    /// Found together with the points, from ranges alone: what the model lacks has no part in them.
+    Network,
+    /// Those of the model, with their covariance: they may have taken up a part of what it lacks.
+    Model {
+        /// Why not a network.
+        why: NetworkError,
+    },
 }
 
 /// Residuals at poses that at least three stations measured; `own` says that the model was identified from the campaign.
@@ -44,9 +61,23 @@ pub fn shared_points(
     own: bool,
 ) -> Result<SharedPoints, ResidualError> {
     let problem = Problem::new(model, instrument, campaign, own)?;
+    let poses = poses(&problem, campaign);
+    match network::of_poses(&problem, &poses) {
+        Ok(OfNetwork { points, used, chi2_per_dof }) => Ok(SharedPoints {
+            points,
+            readings: (used, problem.len()),
+            chi2_per_dof: Some(chi2_per_dof),
+            frame: Frame::Network,
+        }),
+        Err(why) => Ok(about_stations(&problem, &poses, why)),
+    }
+}
+
+/// Each pose by itself, seen from the stations of the model.
+fn about_stations(problem: &Problem, poses: &[Vec<usize>], why: NetworkError) -> SharedPoints {
     let (mut solved, mut used, mut chi2, mut degrees) = (Vec::new(), 0, 0.0, 0_usize);
-    for rows in poses(&problem, campaign) {
-        let Some(one) = solve(&problem, &rows) else { continue };
+    for rows in poses {
+        let Some(one) = solve(problem, rows) else { continue };
         used += rows.len();
         chi2 += one.chi2;
         degrees += rows.len() - 3;
@@ -61,7 +92,12 @@ pub fn shared_points(
         residual_m,
         covariance_m2: Some(of_noise_m2 * noise + of_stations_m2),
     };
-    Ok(SharedPoints { points: solved.into_iter().map(point).collect(), readings: (used, problem.len()), chi2_per_dof })
+    SharedPoints {
+        points: solved.into_iter().map(point).collect(),
+        readings: (used, problem.len()),
+        chi2_per_dof,
+        frame: Frame::Model { why },
+    }
 }
 
 /// Rows of each pose, in the order of its first row.

@@ -1,14 +1,16 @@
 //! A whole campaign: readings in, stations, points and what was left out.
 //!
 //! Place in the flow: [`solve`] takes a [`Campaign`] (SI, machine frame), groups readings by the point they were taken at,
-//! calibrates the stations, rejects contradicting pairs and solves every point (Chen 2020 eq. 1-11).
+//! rejects contradicting pairs, starts from stations that fit the indicated points (Chen 2020 eq. 1) and adjusts stations,
+//! dead paths and points together ([`crate::network`]).
 
 use super::pairs::{self, RejectedPair};
-use super::point::{self, LEAST_STATIONS, PointError, Position, Sight};
-use super::station::{self, Station, StationError};
+use super::targets::{Target, group, indicated_m};
 use crate::campaign::{Campaign, RangeReading};
 use crate::instrument::RangeUncertainty;
-use nalgebra::Vector3;
+use crate::network::{self, LEAST_STATIONS, Network, NetworkError, Placed, PointProblem, Progress, Sighting};
+use crate::station_start::{self, PointAndLength, StartError};
+use nalgebra::{Matrix3, Vector3};
 use std::collections::BTreeMap;
 use thiserror::Error;
 
@@ -23,22 +25,8 @@ pub struct Options {
     pub pair_limit_m: f64,
     /// Readings whose indicated reflector positions differ by less than this (m) are of one point.
     pub same_point_m: f64,
-}
-
-/// A measured point.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Target {
-    /// Mean indicated axis positions (m, machine frame).
-    pub reading_m: Vector3<f64>,
-    /// Reflector relative to the ram reference point (m, ram frame).
-    pub offset_m: Vector3<f64>,
-}
-
-impl Target {
-    /// Indicated position of the reflector (m, machine frame).
-    pub fn indicated_m(&self) -> Vector3<f64> {
-        self.reading_m + self.offset_m
-    }
+    /// Lengths are distances: there are no dead paths.
+    pub absolute_range: bool,
 }
 
 /// A solved point.
@@ -46,10 +34,16 @@ impl Target {
 pub struct SolvedPoint {
     /// Index into [`MultiStation::targets`].
     pub target: usize,
-    /// Indices of the stations that saw it.
+    /// Indices of the stations that saw it and were used.
     pub stations: Vec<usize>,
-    /// What was found.
-    pub position: Position,
+    /// Volumetric error: actual − indicated (m, machine frame), but for a motion common to all points.
+    pub error_m: Vector3<f64>,
+    /// Its covariance in that frame (m²).
+    pub covariance_m2: Matrix3<f64>,
+    /// Part of it that is the point's own: its ranges (m²). The rest it shares with other points: stations and frame.
+    pub own_m2: Matrix3<f64>,
+    /// What the noise of the frame does here (m²).
+    pub frame_m2: Matrix3<f64>,
 }
 
 /// A point that could not be solved.
@@ -58,7 +52,20 @@ pub struct Unsolved {
     /// Index into [`MultiStation::targets`].
     pub target: usize,
     /// Why.
-    pub why: PointError,
+    pub why: PointProblem,
+}
+
+/// The mean reading of a point from a station that contradicts all others.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RejectedSight {
+    /// Index of the station.
+    pub station: usize,
+    /// Index of the point.
+    pub point: usize,
+    /// Indices of the readings that were left out.
+    pub readings: Vec<usize>,
+    /// Measured less predicted length (m); `None` where the point was not solved either.
+    pub residual_m: Option<f64>,
 }
 
 /// A solved campaign.
@@ -66,8 +73,8 @@ pub struct Unsolved {
 pub struct MultiStation {
     /// Names of the stations.
     pub names: Vec<String>,
-    /// Stations as calibrated, in the order of the names.
-    pub stations: Vec<Station>,
+    /// Stations, in the order of the names.
+    pub stations: Vec<network::Station>,
     /// Points in the order of their first reading.
     pub targets: Vec<Target>,
     /// Index of the target of each reading.
@@ -78,6 +85,14 @@ pub struct MultiStation {
     pub unsolved: Vec<Unsolved>,
     /// Readings that contradict each other.
     pub rejected: Vec<RejectedPair>,
+    /// Readings that contradict other stations.
+    pub contradicted: Vec<RejectedSight>,
+    /// Measured minus predicted lengths of the sights used (m).
+    pub residuals_m: Vec<f64>,
+    /// χ² per degree of freedom, and these.
+    pub chi2_per_dof: f64,
+    /// Sights less unknowns.
+    pub degrees: usize,
 }
 
 /// Why a campaign has no solution; the text says what to do.
@@ -98,11 +113,24 @@ pub enum Problem {
         /// Its name.
         name: String,
         /// Why.
-        why: StationError,
+        why: StartError,
     },
-    /// The stations cannot solve any point.
-    #[error("the stations: {0}")]
-    Stations(PointError),
+    /// Lengths of another size than the ways of the machine.
+    #[error(
+        "station {0}: lengths change by more than twice the way between the points; they do not share a unit, or do not belong to these points"
+    )]
+    Unit(String),
+    /// Two stations are one.
+    #[error("stations {0} and {1} stand at the same place; move one, or merge them to one station")]
+    SameStation(String, String),
+    /// Stations and points have no common solution.
+    #[error("stations {stations}: {why}")]
+    Network {
+        /// Names of the stations that take part.
+        stations: String,
+        /// Why.
+        why: NetworkError,
+    },
     /// No point is left.
     #[error(
         "none of {points} points is seen from {LEAST_STATIONS} stations; measure the same points from every station"
@@ -113,31 +141,91 @@ pub enum Problem {
     },
 }
 
-/// Stations, dead paths and points of a campaign.
-pub fn solve(campaign: &Campaign, options: &Options) -> Result<MultiStation, Problem> {
+/// Stations, dead paths and points of a campaign; `observe` returns false to stop.
+///
+/// # Errors
+/// Plans that cannot tell stations, points and dead paths apart, readings that do not fit.
+pub fn solve(
+    campaign: &Campaign,
+    options: &Options,
+    observe: &mut dyn FnMut(Progress) -> bool,
+) -> Result<MultiStation, Problem> {
     check(campaign, options)?;
     let (targets, target_of) = group(&campaign.readings, options.same_point_m);
-    let all = vec![true; campaign.readings.len()];
-    let first = calibrate(campaign, &all)?;
-    let rejected = contradictions(campaign, &target_of, &first, options.pair_limit_m);
-    let mut kept = all;
+    let stations = starts(campaign, options.absolute_range)?;
+    let rejected = contradictions(campaign, &target_of, &stations, options.pair_limit_m);
+    let mut kept = vec![true; campaign.readings.len()];
     rejected.iter().flat_map(|pair| &pair.readings).for_each(|reading| kept[*reading] = false);
-    let stations = if rejected.is_empty() { first } else { calibrate(campaign, &kept)? };
-    let positions: Vec<Vector3<f64>> = stations.iter().map(|s| s.position_m).collect();
-    point::check_stations(&positions).map_err(Problem::Stations)?;
-    let sights = sights(campaign, &kept, &target_of, &stations, options);
+    let sights = sights(campaign, &kept, (&targets, &target_of), &stations, options);
+    let mut seen = vec![0; targets.len()];
+    sights.iter().for_each(|sight| seen[sight.sighting.point] += 1);
+    if seen.iter().all(|count| *count < LEAST_STATIONS) {
+        return Err(Problem::NoPoint { points: targets.len() });
+    }
+    let start = network::Start { stations, points_m: targets.iter().map(Target::indicated_m).collect() };
+    let sightings: Vec<Sighting> = sights.iter().map(|sight| sight.sighting).collect();
+    let network_options = network::Options { absolute: options.absolute_range, robust: true };
+    let found = network::solve(&start, &sightings, network_options, observe)
+        .map_err(|why| of_network(&campaign.stations, why))?;
+    Ok(told(campaign, (targets, target_of), rejected, &sights, found))
+}
+
+/// A network in the words of its campaign.
+fn told(
+    campaign: &Campaign,
+    (targets, target_of): (Vec<Target>, Vec<usize>),
+    rejected: Vec<RejectedPair>,
+    sights: &[MeanReading],
+    found: Network,
+) -> MultiStation {
+    let is_used = |k: usize| found.residuals_m[k].is_some() && found.rejected.binary_search(&k).is_err();
+    let mut stations_of = vec![Vec::new(); targets.len()];
+    for (_, MeanReading { sighting, .. }) in sights.iter().enumerate().filter(|(k, _)| is_used(*k)) {
+        stations_of[sighting.point].push(sighting.station);
+    }
     let (mut points, mut unsolved) = (Vec::new(), Vec::new());
-    for (target, seen) in sights_by_target(targets.len(), sights).into_iter().enumerate() {
-        let (stations, sights): (Vec<usize>, Vec<Sight>) = seen.into_iter().unzip();
-        match point::position(&sights) {
-            Ok(position) => points.push(SolvedPoint { target, stations, position }),
+    for ((target, point), stations) in found.points.into_iter().enumerate().zip(stations_of) {
+        match point {
+            Ok(point) => points.push(SolvedPoint {
+                target,
+                stations,
+                error_m: point.position_m - targets[target].indicated_m(),
+                covariance_m2: point.covariance_m2,
+                own_m2: point.of_ranges_m2,
+                frame_m2: point.of_frame_m2,
+            }),
             Err(why) => unsolved.push(Unsolved { target, why }),
         }
     }
-    if points.is_empty() {
-        return Err(Problem::NoPoint { points: targets.len() });
+    let contradicted = found.rejected.iter().map(|k| RejectedSight {
+        station: sights[*k].sighting.station,
+        point: sights[*k].sighting.point,
+        readings: sights[*k].readings.clone(),
+        residual_m: found.residuals_m[*k],
+    });
+    MultiStation {
+        names: campaign.stations.clone(),
+        stations: found.stations,
+        targets,
+        target_of,
+        points,
+        unsolved,
+        rejected,
+        contradicted: contradicted.collect(),
+        residuals_m: (0..sights.len()).filter(|k| is_used(*k)).filter_map(|k| found.residuals_m[k]).collect(),
+        chi2_per_dof: found.chi2 / found.degrees.max(1) as f64,
+        degrees: found.degrees,
     }
-    Ok(MultiStation { names: campaign.stations.clone(), stations, targets, target_of, points, unsolved, rejected })
+}
+
+fn of_network(names: &[String], why: NetworkError) -> Problem {
+    let part: Vec<&str> = match &why {
+        NetworkError::Loose { stations, .. } => {
+            stations.iter().filter_map(|k| names.get(*k)).map(String::as_str).collect()
+        }
+        _ => names.iter().map(String::as_str).collect(),
+    };
+    Problem::Network { stations: part.join(", "), why }
 }
 
 fn check(campaign: &Campaign, options: &Options) -> Result<(), Problem> {
@@ -171,57 +259,35 @@ fn check(campaign: &Campaign, options: &Options) -> Result<(), Problem> {
     }
 }
 
-fn indicated_m(reading: &RangeReading) -> Vector3<f64> {
-    Vector3::from(reading.reading_m) + Vector3::from(reading.offset_m)
-}
-
-/// Readings of one target so far: the first one's place and offset, the sum of all places, and their number.
-struct Gathered {
-    first_m: Vector3<f64>,
-    offset_m: Vector3<f64>,
-    sum_m: Vector3<f64>,
-    readings: f64,
-}
-
-/// Targets in the order of their first reading, and the target of each reading.
-///
-/// Readings are dealt into boxes as wide as the tolerance, so that only neighbouring boxes need a look. The same point with
-/// another reflector offset is another target: the error of a machine depends on the offset.
-fn group(readings: &[RangeReading], tolerance_m: f64) -> (Vec<Target>, Vec<usize>) {
-    let box_of = |p: &Vector3<f64>| [0, 1, 2].map(|d| (p[d] / tolerance_m).floor() as i64);
-    let mut boxes: BTreeMap<[i64; 3], Vec<usize>> = BTreeMap::new();
-    let mut gathered: Vec<Gathered> = Vec::new();
-    let mut target_of = Vec::with_capacity(readings.len());
-    for reading in readings {
-        let (axes_m, offset_m) = (Vector3::from(reading.reading_m), Vector3::from(reading.offset_m));
-        let own = box_of(&axes_m);
-        let near = |target: &usize| {
-            let Gathered { first_m, offset_m: its_offset_m, .. } = &gathered[*target];
-            (first_m - axes_m).norm() <= tolerance_m && (its_offset_m - offset_m).norm() <= tolerance_m
-        };
-        let beside = |k: i64| [k % 3 - 1, k / 3 % 3 - 1, k / 9 - 1];
-        let neighbours = (0..27).map(|k| [0, 1, 2].map(|d| own[d].saturating_add(beside(k)[d])));
-        let known = neighbours.flat_map(|key| boxes.get(&key).into_iter().flatten()).copied().find(near);
-        let target = known.unwrap_or_else(|| {
-            boxes.entry(own).or_default().push(gathered.len());
-            gathered.push(Gathered { first_m: axes_m, offset_m, sum_m: Vector3::zeros(), readings: 0.0 });
-            gathered.len() - 1
-        });
-        gathered[target].sum_m += axes_m;
-        gathered[target].readings += 1.0;
-        target_of.push(target);
-    }
-    let targets = gathered.iter().map(|g| Target { reading_m: g.sum_m / g.readings, offset_m: g.offset_m });
-    (targets.collect(), target_of)
-}
-
-fn calibrate(campaign: &Campaign, kept: &[bool]) -> Result<Vec<Station>, Problem> {
+/// Stations that fit the indicated points, with gross errors left out; refused where two stand at one place.
+fn starts(campaign: &Campaign, absolute: bool) -> Result<Vec<Placed>, Problem> {
+    /// Stations nearer than this (m) are one: no two instruments fit there.
+    const SAME_M: f64 = 1e-3;
+    /// Lengths of a point that is read again differ by less (m).
+    const REPEATED_M: f64 = 1e-3;
     let one = |(index, name): (usize, &String)| {
-        let own = campaign.readings.iter().zip(kept).filter(|(r, kept)| **kept && r.station as usize == index);
-        let (points, lengths): (Vec<_>, Vec<_>) = own.map(|(r, _)| (indicated_m(r), r.length_m)).unzip();
-        station::calibrate(&points, &lengths).map_err(|why| Problem::Station { name: name.clone(), why })
+        let own = campaign.readings.iter().filter(|r| r.station as usize == index);
+        let points: Vec<_> = own.map(|r| (indicated_m(r), r.length_m)).collect();
+        // No length changes faster than its point moves, wherever the station stands.
+        let is_fast = |pair: &&[PointAndLength]| {
+            (pair[1].1 - pair[0].1).abs() > 2.0 * (pair[1].0 - pair[0].0).norm() + REPEATED_M
+        };
+        if 2 * points.windows(2).filter(is_fast).count() > points.len() {
+            return Err(Problem::Unit(name.clone()));
+        }
+        let station = station_start::start(&points, absolute);
+        let station = station.map_err(|why| Problem::Station { name: name.clone(), why })?;
+        Ok(Placed { position_m: station.position_m, dead_path_m: station.dead_path_m })
     };
-    campaign.stations.iter().enumerate().map(one).collect()
+    let stations: Vec<Placed> = campaign.stations.iter().enumerate().map(one).collect::<Result<_, Problem>>()?;
+    for second in 1..stations.len() {
+        for first in 0..second {
+            if (stations[first].position_m - stations[second].position_m).norm() < SAME_M {
+                return Err(Problem::SameStation(campaign.stations[first].clone(), campaign.stations[second].clone()));
+            }
+        }
+    }
+    Ok(stations)
 }
 
 /// Readings of each station and target, in order.
@@ -234,11 +300,11 @@ fn by_station_and_target(campaign: &Campaign, target_of: &[usize]) -> BTreeMap<(
 }
 
 /// Measured length less that to the indicated position (m).
-fn deviation_m(reading: &RangeReading, station: &Station) -> f64 {
+fn deviation_m(reading: &RangeReading, station: &Placed) -> f64 {
     reading.length_m - ((indicated_m(reading) - station.position_m).norm() - station.dead_path_m)
 }
 
-fn contradictions(campaign: &Campaign, target_of: &[usize], stations: &[Station], limit_m: f64) -> Vec<RejectedPair> {
+fn contradictions(campaign: &Campaign, target_of: &[usize], stations: &[Placed], limit_m: f64) -> Vec<RejectedPair> {
     let mut rejected = Vec::new();
     for ((station, point), readings) in by_station_and_target(campaign, target_of) {
         let deviation = |k: &usize| deviation_m(&campaign.readings[*k], &stations[station]);
@@ -250,16 +316,21 @@ fn contradictions(campaign: &Campaign, target_of: &[usize], stations: &[Station]
     rejected
 }
 
-/// What each station saw of each target: the mean of its readings.
+/// The mean of what a station read at a point.
+struct MeanReading {
+    sighting: Sighting,
+    readings: Vec<usize>,
+}
+
 fn sights(
     campaign: &Campaign,
     kept: &[bool],
-    target_of: &[usize],
-    stations: &[Station],
+    (targets, target_of): (&[Target], &[usize]),
+    stations: &[Placed],
     options: &Options,
-) -> Vec<(usize, usize, Sight)> {
+) -> Vec<MeanReading> {
     let mut sights = Vec::new();
-    for ((index, target), mut readings) in by_station_and_target(campaign, target_of) {
+    for ((index, point), mut readings) in by_station_and_target(campaign, target_of) {
         readings.retain(|k| kept[*k]);
         if readings.is_empty() {
             continue;
@@ -268,25 +339,16 @@ fn sights(
         let station = &stations[index];
         let indicated = readings.iter().map(|k| indicated_m(&campaign.readings[*k])).sum::<Vector3<f64>>() / count;
         let deviation = readings.iter().map(|k| deviation_m(&campaign.readings[*k], station)).sum::<f64>() / count;
-        let line = indicated - station.position_m;
-        let range_m = line.norm() + deviation;
-        let ray = line / line.norm();
-        let column = ray.push(1.0);
+        let range_m = (indicated - station.position_m).norm() + deviation;
         let single_u_m = options.instrument.standard_m(range_m).hypot(options.repeatability_m);
-        let sight = Sight {
-            station_m: station.position_m,
-            indicated_m: indicated,
-            range_m,
+        let sighting = Sighting {
+            station: index,
+            point,
+            shift_m: indicated - targets[point].indicated_m(),
+            length_m: range_m - station.dead_path_m,
             u_m: single_u_m / count.sqrt(),
-            station_u_m: (column.transpose() * station.covariance_m2 * column).x.max(0.0).sqrt(),
         };
-        sights.push((target, index, sight));
+        sights.push(MeanReading { sighting, readings });
     }
     sights
-}
-
-fn sights_by_target(targets: usize, sights: Vec<(usize, usize, Sight)>) -> Vec<Vec<(usize, Sight)>> {
-    let mut lists = vec![Vec::new(); targets];
-    sights.into_iter().for_each(|(target, station, sight)| lists[target].push((station, sight)));
-    lists
 }

@@ -2,25 +2,29 @@
 //!
 //! Place in the flow: a tracer campaign whose points were measured from at least four stations in; stations, dead paths and
 //! the volumetric error of every point with its covariance out (m, machine frame). No model of the machine is involved:
-//! what comes out is what an error field is made of. Source: Chen 2020 eq. 1-11.
+//! what comes out is what an error field is made of.
 //!
-//! 1. [`station`]: position and dead path of each station from the nominal points (Levenberg-Marquardt).
+//! 1. `targets`: readings are dealt to the points they were taken at.
 //! 2. `pairs`: repeated readings of a point from a station are compared; a pair that differs by more than a limit is
-//!    rejected, and reported.
-//! 3. [`point`]: actual position of each point from all its stations (Levenberg-Marquardt with Armijo's step).
+//!    rejected, and reported (Chen 2020 section 3.1).
+//! 3. [`crate::network`]: stations, dead paths and points together, from the ranges alone; what contradicts is left out.
 //!
-//! Stations that come from nominal points take up part of the machine's errors, as far as a shift of a station can pass for
-//! one. The covariance here holds the noise of the ranges and of the stations, not that part; a joint identification of
-//! machine and stations does not have it.
+//! Ranges do not tell how everything together stands in the machine. Errors are of the frame in which the points fit their
+//! indicated positions best, so that they hold no common shift and no common turn; to compare, align first.
+//!
+//! [`station`] and [`point`] are the published procedure (Chen 2020 eq. 1-11), stations from nominal points and then points
+//! from stations. It takes a part of the machine's errors for stations, and is kept to be compared with.
 
 mod campaign;
 mod descent;
 mod pairs;
 pub mod point;
 pub mod station;
+mod targets;
 
-pub use campaign::{MultiStation, Options, Problem, SolvedPoint, Target, Unsolved, solve};
+pub use campaign::{MultiStation, Options, Problem, RejectedSight, SolvedPoint, Unsolved, solve};
 pub use pairs::{LIMIT_M, RejectedPair};
+pub use targets::Target;
 
 #[cfg(test)]
 mod tests;

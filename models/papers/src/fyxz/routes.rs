@@ -16,9 +16,9 @@ use abbe_geometry::volumetric::along_line;
 use abbe_identify::points::{Loss, MeasuredPoint, Method, PointOptions, fit_points};
 use abbe_identify::{Options, OrderChoice, identify};
 use abbe_measurement::alignment::aligned_residuals_m;
-use abbe_measurement::free_network::{self, Sighting};
 use abbe_measurement::multilateration::point::{Sight, position};
 use abbe_measurement::multilateration::station::{Station, calibrate};
+use abbe_measurement::network::{self, Placed, Sighting};
 
 /// Points of the volume at which corrected machines are compared: as many along each axis, most of them between nodes.
 const CHECKS: usize = 6;
@@ -117,20 +117,25 @@ fn nominal_stations(experiment: &Experiment) -> Result<Vec<Station>, PaperError>
 }
 
 fn network_points_m(experiment: &Experiment) -> Result<Vec<Vector3<f64>>, PaperError> {
-    let stations_m: Vec<Vector3<f64>> = nominal_stations(experiment)?.iter().map(|s| s.position_m).collect();
+    let placed = |station: &Station| Placed { position_m: station.position_m, dead_path_m: 0.0 };
+    let stations: Vec<Placed> = nominal_stations(experiment)?.iter().map(placed).collect();
     let (targets, of_readings) = experiment.targets();
-    let starts_m: Vec<Vector3<f64>> = targets.iter().copied().map(Vector3::from).collect();
+    let points_m: Vec<Vector3<f64>> = targets.iter().copied().map(Vector3::from).collect();
     let mut sums: std::collections::BTreeMap<(usize, usize), (f64, f64)> = std::collections::BTreeMap::new();
     for (reading, target) in experiment.campaign.readings.iter().zip(&of_readings) {
         let entry = sums.entry((reading.station as usize, *target)).or_default();
         *entry = (entry.0 + reading.length_m, entry.1 + 1.0);
     }
     let sighting = |((station, point), (sum_m, count)): (&(usize, usize), &(f64, f64))| {
-        let range_m = sum_m / count;
-        Sighting { station: *station, point: *point, range_m, u_m: RANGE.standard_m(range_m) / count.sqrt() }
+        let length_m = sum_m / count;
+        let u_m = RANGE.standard_m(length_m) / count.sqrt();
+        Sighting { station: *station, point: *point, shift_m: Vector3::zeros(), length_m, u_m }
     };
     let sightings: Vec<Sighting> = sums.iter().map(sighting).collect();
-    free_network::solve(&stations_m, &starts_m, &sightings).map(|found| found.points_m).map_err(failed)
+    let options = network::Options { absolute: true, robust: false };
+    let start = network::Start { stations, points_m };
+    let found = network::solve(&start, &sightings, options, &mut |_| true).map_err(failed)?;
+    found.points.into_iter().map(|point| point.map(|point| point.position_m).map_err(failed)).collect()
 }
 
 /// Score of a route that ends in points.

@@ -2,15 +2,19 @@
 //!
 //! Place in the flow: a campaign that measured the same points from at least four stations in; stations, and the volumetric
 //! error of every point with its uncertainty out, as residual vectors for `abbe interpolate` or `abbe diagnose --residuals`.
-//! Source: Chen 2020 eq. 1-11, see `abbe_measurement::multilateration`.
+//! Stations, dead paths and points are found together from the ranges alone, see `abbe_measurement::multilateration`.
 
+use super::identify::spinner;
 use crate::exit::Ended;
 use crate::output;
 use crate::pipeline;
 use crate::verdict::{self, Accept, shown};
 use abbe_files::{ErrorVector, MachineFile, read_machine, write_error_vectors};
 use abbe_identify::verdict::{Counted, Verdict};
+use abbe_measurement::campaign::Campaign;
 use abbe_measurement::multilateration::{LIMIT_M, MultiStation, Options, SolvedPoint, solve};
+use abbe_measurement::network::PointProblem;
+use abbe_runtime::Shutdown;
 use anyhow::{Context, ensure};
 use serde_json::json;
 use std::path::PathBuf;
@@ -46,36 +50,68 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     output::check([arguments.out.as_path()], [arguments.machine.as_path(), arguments.campaign.as_path()])?;
     let machine = read_machine(&arguments.machine)?;
     let loaded = pipeline::load_campaign(&arguments.campaign, &machine, &arguments.join)?;
-    let options = Options {
-        instrument: machine.instrument,
-        repeatability_m: line_of_sight_m(&machine),
-        pair_limit_m: arguments.pair_limit_um / 1e6,
-        same_point_m: arguments.same_point_mm / 1e3,
-    };
-    let solved = solve(&loaded.campaign, &options).with_context(|| arguments.campaign.display().to_string())?;
-    let contradicting = solved.rejected.iter().map(|pair| pair.readings.len()).sum();
-    let counted = Counted { what: "readings", rejected: contradicting, all: loaded.campaign.readings.len() };
-    // The noise of points is not graded: stations from nominal points make it larger by what the machine's errors are.
-    let verdict = verdict::of_fit(None, Some(counted));
     let name = arguments.campaign.display().to_string();
-    let found = || json!({ "rejected_readings": contradicting, "pair_limit_um": arguments.pair_limit_um });
+    let solved = solved(arguments, &machine, &loaded.campaign).with_context(|| name.clone())?;
+    let left_out = left_out(&solved);
+    let counted = Counted { what: "readings", rejected: left_out, all: loaded.campaign.readings.len() };
+    // Less noise than declared is no contradiction: what was declared holds parts that all ranges share.
+    let noise = Some((solved.chi2_per_dof, solved.degrees)).filter(|(chi2_per_dof, _)| *chi2_per_dof > 1.0);
+    let verdict = verdict::of_fit(noise, Some(counted));
+    let found = || json!({ "rejected_readings": left_out, "pair_limit_um": arguments.pair_limit_um });
     shown(verdict::check(&verdict, arguments.accept, &name, found).map_err(Into::into), arguments.json)?;
     let vectors: Vec<ErrorVector> = solved.points.iter().map(|point| vector(&solved, point)).collect();
+    ensure!(!vectors.is_empty(), Ended::nothing_inside(format!("{name}: no point could be solved")));
     write_error_vectors(&arguments.out, &vectors)?;
     if arguments.json {
         print_json(arguments, &solved, &verdict)?
     } else {
-        print_words(arguments, &solved, &verdict)?
+        print_words(arguments, &solved, &verdict)
     }
     let (missing, all) = (solved.unsolved.len(), solved.unsolved.len() + solved.points.len());
     if missing > 0 {
-        eprintln!("abbe: warning: {}: {missing} of {all} points could not be solved", arguments.campaign.display());
+        eprintln!("abbe: warning: {name}: {missing} of {all} points could not be solved");
     }
-    ensure!(
-        !solved.points.is_empty(),
-        Ended::nothing_inside(format!("{}: no point could be solved", arguments.campaign.display()))
-    );
+    let unchecked = unchecked(&solved);
+    if unchecked > 0 {
+        eprintln!(
+            "abbe: warning: {name}: {unchecked} of {} points are seen from three stations only, so that nothing would show a \
+             wrong reading there; measure them from a fourth",
+            solved.points.len()
+        );
+    }
     Ok(())
+}
+
+fn solved(arguments: &Arguments, machine: &MachineFile, campaign: &Campaign) -> anyhow::Result<MultiStation> {
+    let options = Options {
+        instrument: machine.instrument,
+        repeatability_m: line_of_sight_m(machine),
+        pair_limit_m: arguments.pair_limit_um / 1e6,
+        same_point_m: arguments.same_point_mm / 1e3,
+        absolute_range: machine.absolute_range,
+    };
+    let shutdown = Shutdown::on_signals()?;
+    let bar = spinner(&format!("stations and points from {} readings", campaign.readings.len()));
+    let found = solve(campaign, &options, &mut |progress| {
+        bar.set_message(format!("pass {}, step {}, {} left out", progress.round, progress.step, progress.rejected));
+        !shutdown.requested()
+    });
+    bar.finish_and_clear();
+    Ok(found?)
+}
+
+/// Readings that contradict others: of pairs, of single sights, and of points whose ranges do not agree.
+fn left_out(solved: &MultiStation) -> usize {
+    let pairs: usize = solved.rejected.iter().map(|pair| pair.readings.len()).sum();
+    let sights: usize = solved.contradicted.iter().map(|sight| sight.readings.len()).sum();
+    // Of such a point one sight is wrong; which one, nobody knows.
+    let points = solved.unsolved.iter().filter(|point| point.why == PointProblem::Contradicting).count();
+    pairs + sights + points
+}
+
+/// Points that no fourth station checks.
+fn unchecked(solved: &MultiStation) -> usize {
+    solved.points.iter().filter(|point| point.stations.len() == 3).count()
 }
 
 /// Repeatability along a line of sight whose direction is not known: root of the mean of the squares (m).
@@ -84,84 +120,117 @@ fn line_of_sight_m(machine: &MachineFile) -> f64 {
 }
 
 fn vector(solved: &MultiStation, point: &SolvedPoint) -> ErrorVector {
-    let variance = point.position.covariance_m2.diagonal();
     ErrorVector {
         position_m: solved.targets[point.target].reading_m.into(),
-        error_m: Some(point.position.error_m.into()),
-        u_m: Some(variance.map(f64::sqrt).into()),
+        error_m: Some(point.error_m.into()),
+        u_m: Some(point.covariance_m2.diagonal().map(f64::sqrt).into()),
         status: None,
     }
 }
 
-/// Root mean square of the residuals of all points (m), and χ² per degree of freedom.
-fn residual(solved: &MultiStation) -> (f64, f64) {
-    let ranges: usize = solved.points.iter().map(|p| p.stations.len()).sum();
-    let square: f64 = solved.points.iter().flat_map(|p| &p.position.residuals_m).map(|r| r * r).sum();
-    let chi2: f64 = solved.points.iter().map(|p| p.position.chi2).sum();
-    let freedom = ranges - 3 * solved.points.len();
-    ((square / ranges as f64).sqrt(), chi2 / freedom as f64)
+/// Root mean square of lengths (m).
+fn rms(squares: impl ExactSizeIterator<Item = f64>) -> f64 {
+    let count = squares.len().max(1) as f64;
+    (squares.sum::<f64>() / count).sqrt()
 }
 
-fn print_words(arguments: &Arguments, solved: &MultiStation, verdict: &Verdict) -> anyhow::Result<()> {
-    let (residual_m, chi2_per_dof) = residual(solved);
+/// Standard uncertainty of a component (m, k = 1), rms over points and components: in all, the points' own part, what the noise
+/// of the frame does.
+fn u_parts_m(solved: &MultiStation) -> [f64; 3] {
+    let of = |part: fn(&SolvedPoint) -> f64| rms(solved.points.iter().map(|point| part(point) / 3.0));
+    [of(|p| p.covariance_m2.trace()), of(|p| p.own_m2.trace()), of(|p| p.frame_m2.trace())]
+}
+
+const FRAME: &str = "that in which all points found fit best to where the machine indicated them: errors hold no common shift or turn, \
+                     which ranges cannot tell; align before comparing with errors of other points or another frame";
+
+fn print_words(arguments: &Arguments, solved: &MultiStation, verdict: &Verdict) {
+    let residual_um = rms(solved.residuals_m.iter().map(|r| r * r)) * 1e6;
     println!("{}: {} points solved, {} not", arguments.out.display(), solved.points.len(), solved.unsolved.len());
-    println!("  range residual    {:.3} um rms, chi2/dof {chi2_per_dof:.3}", residual_m * 1e6);
-    println!("  station           x_mm          y_mm          z_mm          dead_path_mm  u_um   scatter_um");
+    println!(
+        "  range residual    {residual_um:.3} um rms, chi2/dof {:.3}, {} degrees of freedom",
+        solved.chi2_per_dof, solved.degrees
+    );
+    let [all, own, frame] = u_parts_m(solved).map(|u_m| u_m * 1e6);
+    println!(
+        "  uncertainty       {all:.3} um (k = 1, rms of a component); {own:.3} a point's own, the rest shared with other points by \
+         stations and frame; of it the frame's noise {frame:.3}"
+    );
+    println!("  frame             {FRAME}");
+    println!(
+        "  scale             that of the ranges: what all of them share, such as a wrong refractive index, is not in the uncertainty"
+    );
+    println!("  station           x_mm          y_mm          z_mm          dead_path_mm  u_um");
     for (name, station) in solved.names.iter().zip(&solved.stations) {
-        let p = station.position_m * 1e3;
+        let p = station.placed.position_m * 1e3;
         let u_um = station.covariance_m2.diagonal().xyz().sum().sqrt() * 1e6;
-        let (dead, scatter) = (station.dead_path_m * 1e3, station.deviation_m * 1e6);
-        println!("  {name:<17} {:<13.5} {:<13.5} {:<13.5} {dead:<13.5} {u_um:<6.2} {scatter:.2}", p.x, p.y, p.z);
+        let dead = station.placed.dead_path_m * 1e3;
+        println!("  {name:<17} {:<13.5} {:<13.5} {:<13.5} {dead:<13.5} {u_um:.2}", p.x, p.y, p.z);
     }
     print!("{}", verdict::words(&verdict.findings));
     for pair in &solved.rejected {
-        let readings: Vec<String> = pair.readings.iter().map(|k| (k + 1).to_string()).collect();
         println!(
             "  rejected          readings {} of station {}: they differ by {:.2} um",
-            readings.join(", "),
+            numbers(&pair.readings),
             solved.names[pair.station],
             pair.difference_m * 1e6
+        );
+    }
+    for sight in &solved.contradicted {
+        println!(
+            "  rejected          readings {} of station {}: {} from what other stations say",
+            numbers(&sight.readings),
+            solved.names[sight.station],
+            sight.residual_m.map_or_else(|| "far".to_owned(), |m| format!("{:.2} um", m * 1e6))
         );
     }
     for missing in &solved.unsolved {
         let at = solved.targets[missing.target].reading_m * 1e3;
         println!("  not solved        ({:.3}, {:.3}, {:.3}) mm: {}", at.x, at.y, at.z, missing.why);
     }
-    println!(
-        "  note              stations from nominal points take up the part of the machine's errors that looks like a shift of \
-         the station; `abbe identify` does not have that"
-    );
-    Ok(())
+}
+
+/// Numbers of readings, from 1.
+fn numbers(readings: &[usize]) -> String {
+    let numbers: Vec<String> = readings.iter().map(|k| (k + 1).to_string()).collect();
+    numbers.join(", ")
 }
 
 fn print_json(arguments: &Arguments, solved: &MultiStation, verdict: &Verdict) -> anyhow::Result<()> {
-    let (residual_m, chi2_per_dof) = residual(solved);
     let stations = solved.names.iter().zip(&solved.stations).map(|(name, station)| {
-        let u_um = station.covariance_m2.diagonal().map(|v| v.sqrt() * 1e6);
+        let (placed, u_um) = (station.placed, station.covariance_m2.diagonal().map(|v| v.sqrt() * 1e6));
         json!({
             "name": name,
-            "x_mm": station.position_m.x * 1e3, "y_mm": station.position_m.y * 1e3, "z_mm": station.position_m.z * 1e3,
-            "dead_path_mm": station.dead_path_m * 1e3,
+            "x_mm": placed.position_m.x * 1e3, "y_mm": placed.position_m.y * 1e3, "z_mm": placed.position_m.z * 1e3,
+            "dead_path_mm": placed.dead_path_m * 1e3,
             "u_x_um": u_um.x, "u_y_um": u_um.y, "u_z_um": u_um.z, "u_dead_path_um": u_um.w,
-            "scatter_um": station.deviation_m * 1e6,
         })
     });
-    let rejected: Vec<_> = solved.rejected.iter().map(|pair| {
-        let readings: Vec<usize> = pair.readings.iter().map(|k| k + 1).collect();
-        json!({ "station": solved.names[pair.station], "readings": readings, "difference_um": pair.difference_m * 1e6 })
-    }).collect();
-    let unsolved: Vec<_> = solved
-        .unsolved
-        .iter()
-        .map(|missing| {
-            let at = solved.targets[missing.target].reading_m * 1e3;
-            json!({ "x_mm": at.x, "y_mm": at.y, "z_mm": at.z, "why": missing.why.to_string() })
+    let from_one = |readings: &[usize]| readings.iter().map(|k| k + 1).collect::<Vec<usize>>();
+    let pairs = solved.rejected.iter().map(|pair| {
+        json!({
+            "station": solved.names[pair.station], "readings": from_one(&pair.readings),
+            "difference_um": pair.difference_m * 1e6,
         })
-        .collect();
+    });
+    let sights = solved.contradicted.iter().map(|sight| {
+        json!({
+            "station": solved.names[sight.station], "readings": from_one(&sight.readings),
+            "residual_um": sight.residual_m.map(|m| m * 1e6),
+        })
+    });
+    let unsolved = solved.unsolved.iter().map(|missing| {
+        let at = solved.targets[missing.target].reading_m * 1e3;
+        json!({ "x_mm": at.x, "y_mm": at.y, "z_mm": at.z, "why": missing.why.to_string() })
+    });
+    let [all, own, frame] = u_parts_m(solved).map(|u_m| u_m * 1e6);
     let value = json!({
-        "points": arguments.out.display().to_string(), "solved": solved.points.len(),
-        "residual_rms_um": residual_m * 1e6, "chi2_per_dof": chi2_per_dof,
-        "findings": verdict::json(&verdict.findings), "stations": stations.collect::<Vec<_>>(), "rejected": rejected, "unsolved": unsolved,
+        "points": arguments.out.display().to_string(), "solved": solved.points.len(), "unchecked": unchecked(solved),
+        "residual_rms_um": rms(solved.residuals_m.iter().map(|r| r * r)) * 1e6,
+        "chi2_per_dof": solved.chi2_per_dof, "degrees_of_freedom": solved.degrees,
+        "frame": FRAME, "u_rms_um": all, "u_own_rms_um": own, "u_frame_rms_um": frame,
+        "findings": verdict::json(&verdict.findings), "stations": stations.collect::<Vec<_>>(),
+        "rejected": pairs.chain(sights).collect::<Vec<_>>(), "unsolved": unsolved.collect::<Vec<_>>(),
     });
     println!("{}", serde_json::to_string_pretty(&value)?);
     Ok(())

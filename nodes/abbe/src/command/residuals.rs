@@ -23,7 +23,7 @@ use abbe_identify::TIME;
 use abbe_identify::verdict::Counted;
 use abbe_measurement::campaign::Campaign;
 use abbe_residual_data::{
-    FromRanges, Options, PointResidual, Progress, SharedPoints, from_known_points, from_ranges, shared_points,
+    Frame, FromRanges, Options, PointResidual, Progress, SharedPoints, from_known_points, from_ranges, shared_points,
 };
 use abbe_runtime::Shutdown;
 use anyhow::{Context, ensure};
@@ -250,7 +250,7 @@ fn shared(
     if arguments.from == Some(Source::Ranges) {
         return Ok(None);
     }
-    let SharedPoints { points, readings: (used, all), chi2_per_dof } =
+    let SharedPoints { points, readings: (used, all), chi2_per_dof, frame } =
         shared_points(&model.model, model.instrument, &loaded.campaign, own)
             .with_context(|| loaded.source.file.clone())?;
     if arguments.from.is_none() && (used as f64) < MOSTLY_SHARED * all as f64 {
@@ -268,6 +268,15 @@ fn shared(
     if let Some(chi2) = chi2_per_dof {
         notes.push(format!("stations agree to chi2/dof {chi2:.2} of the declared noise"));
     }
+    notes.push(match frame {
+        Frame::Network => {
+            "stations found together with the points, from ranges alone; residuals hold no common shift or turn"
+                .to_owned()
+        }
+        Frame::Model { why } => {
+            format!("stations of the model, which may have taken up a part of what it lacks: {why}")
+        }
+    });
     Ok(Some(Shared { points, notes }))
 }
 

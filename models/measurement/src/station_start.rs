@@ -6,8 +6,7 @@
 //! from a given start).
 
 use crate::robust;
-use abbe_geometry::Vector3;
-use nalgebra::{DMatrix, DVector, Matrix4, Vector4};
+use nalgebra::{DMatrix, DVector, Matrix4, Vector3, Vector4};
 
 /// Relative size of the smallest singular value below which the points do not fix the station.
 const RANK_TOLERANCE: f64 = 1e-7;
