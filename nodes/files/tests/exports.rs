@@ -41,7 +41,9 @@ fn grid(file: &ModelFile) -> SampledGrid {
 
 fn written(name: &str, file: &ModelFile) -> Vec<ExportedFile> {
     match format(name).unwrap().writer {
-        Writer::Functions(write) => write(&about(file), &SampledErrors::of(&file.model, STEP_M).unwrap()).unwrap(),
+        Writer::Functions(write) | Writer::Approaches(write) => {
+            write(&about(file), &SampledErrors::of(&file.model, STEP_M).unwrap()).unwrap()
+        }
         Writer::Grid(write) => write(&about(file), &grid(file)).unwrap(),
     }
 }
@@ -144,7 +146,8 @@ fn every_export_says_how_the_ram_stands_and_whether_it_holds_it() {
     let turn = file.model.ram_turn().map(|(angle_rad, _)| format!("{:.3}", angle_rad * 1e6)).join(" ");
     for format in FORMATS {
         let grid = matches!(format.writer, Writer::Grid(_));
-        for exported in written(format.name, &file).iter().filter(|exported| !exported.name.ends_with(".CMA")) {
+        let headless = |exported: &&ExportedFile| exported.name.ends_with(".CMA") || exported.name.ends_with(".comp");
+        for exported in written(format.name, &file).iter().filter(|exported| !headless(exported)) {
             let line = exported.text.lines().find(|line| line.contains("ram: ")).unwrap();
             assert!(line.contains(&format!("turned by {turn} urad")), "{line}");
             assert_eq!(line.contains("contained"), grid, "{line}");

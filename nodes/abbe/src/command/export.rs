@@ -29,7 +29,8 @@ pub(crate) struct Arguments {
     /// Model file
     #[arg(long)]
     model: PathBuf,
-    /// Format: csv, etalon-exchange, isg-csv, heidenhain-style, volumetric-grid or eight-corners
+    /// Format: csv, etalon-exchange, isg-csv, heidenhain-style, volumetric-grid, eight-corners, siemens-enc-comp, fanuc-pitch,
+    /// linuxcnc-comp, klipper-skew or reprap-skew
     #[arg(long)]
     format: String,
     /// File to write; a folder for formats of several files
@@ -58,7 +59,7 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let (file, sha256) = ModelFile::load(&arguments.model)?;
     let about = About::new(&file, &sha256, &crate::pipeline::software());
     let files = match format.writer {
-        Writer::Functions(write) => write(&about, &sampled(arguments, &file)?)?,
+        Writer::Functions(write) | Writer::Approaches(write) => write(&about, &sampled(arguments, &file)?)?,
         Writer::Grid(write) => write(&about, &grid(arguments, &file)?)?,
     };
     write_files(&arguments.out, &files)?;
@@ -68,7 +69,7 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     if let Some(words) = outside_words(&file) {
         eprintln!("abbe: warning: {}: {words}", arguments.out.display());
     }
-    for what in &about.left_out {
+    for what in about.left_out(format) {
         eprintln!("abbe: {}: not in this table, and not corrected by it: {what}", arguments.out.display());
     }
     print_words(arguments, format, &files);

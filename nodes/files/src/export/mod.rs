@@ -7,12 +7,21 @@
 //!
 //! What a table of positions cannot hold (effects beyond geometry, residual networks) is left out and named.
 
+mod approach;
 mod csv;
 mod eight_corners;
 mod etalon_exchange;
+mod fanuc_pitch;
 mod heidenhain_style;
 mod isg_csv;
+mod klipper;
+mod linuxcnc_comp;
+mod reprap;
+mod siemens_enc_comp;
+mod skew;
 mod volumetric_grid;
+
+pub use approach::Approach;
 
 use crate::error::{FileError, Place};
 use crate::machine::SIGN_CONVENTION;
@@ -44,6 +53,8 @@ pub struct Format {
 pub enum Writer {
     /// From the error functions of each axis.
     Functions(fn(&About, &SampledErrors) -> Result<Vec<ExportedFile>, FileError>),
+    /// From the error functions of each axis, and what depends on the side it comes from.
+    Approaches(fn(&About, &SampledErrors) -> Result<Vec<ExportedFile>, FileError>),
     /// From the errors at the nodes of a grid.
     Grid(fn(&About, &SampledGrid) -> Result<Vec<ExportedFile>, FileError>),
 }
@@ -65,6 +76,11 @@ pub const FORMATS: &[Format] = &[
     heidenhain_style::FORMAT,
     volumetric_grid::FORMAT,
     eight_corners::FORMAT,
+    siemens_enc_comp::FORMAT,
+    fanuc_pitch::FORMAT,
+    linuxcnc_comp::FORMAT,
+    klipper::FORMAT,
+    reprap::FORMAT,
 ];
 
 /// The format of that name.
@@ -83,8 +99,12 @@ pub struct About {
     pub software: String,
     /// Turn of the ram (rad), and the offset about which it acts (m, ram frame).
     pub ram_turn: ([f64; 3], [f64; 3]),
+    /// Reversal of each axis.
+    pub approach: Approach,
     /// What of the model does not fit into a table of positions.
-    pub left_out: Vec<String>,
+    left_out: Vec<String>,
+    /// What fits into one that knows the side of approach.
+    of_approach: Vec<String>,
 }
 
 /// Errors on a grid of readings.
@@ -101,18 +121,37 @@ pub struct SampledGrid {
 impl About {
     /// Of a model file with this SHA-256.
     pub fn new(file: &ModelFile, sha256: &[u8; 32], software: &str) -> About {
-        let effects = file.model.parts().effects.iter().map(|fitted| {
+        let (approach, held) = Approach::of(&file.model);
+        let (mut left_out, mut of_approach) = (Vec::new(), Vec::new());
+        for (place, fitted) in file.model.parts().effects.iter().enumerate() {
             let name = fitted.effect.name();
-            known(name).map_or_else(|| name.to_owned(), |known| format!("{} ({name})", known.title))
-        });
+            let title = known(name).map_or_else(|| name.to_owned(), |known| format!("{} ({name})", known.title));
+            if held.contains(&place) { of_approach.push(title) } else { left_out.push(title) }
+        }
         let network = file.residual_network.iter().map(|network| format!("residual network {}", network.file));
         About {
             machine: file.model.parts().machine.clone(),
             model_sha256: crate::envelope::hex(sha256),
             software: software.to_owned(),
             ram_turn: (file.model.ram_turn().map(|(angle_rad, _)| angle_rad), file.model.parts().offset_centre_m),
-            left_out: effects.chain(network).collect(),
+            approach,
+            left_out: left_out.into_iter().chain(network).collect(),
+            of_approach,
         }
+    }
+
+    /// What of the model tables of this format do not hold.
+    pub fn left_out(&self, format: &Format) -> impl Iterator<Item = &String> {
+        let of_approach = (!matches!(format.writer, Writer::Approaches(_))).then_some(&self.of_approach);
+        self.left_out.iter().chain(of_approach.into_iter().flatten())
+    }
+
+    /// Of which axes the reversal is in the tables.
+    fn approach_words(&self) -> String {
+        let known = Axis::ALL.into_iter().filter(|axis| self.approach.has(*axis));
+        let letters: String = known.map(Axis::letter).collect();
+        let which = if letters.is_empty() { "none; the model has no reversal of any axis".to_owned() } else { letters };
+        format!("reversal: contained for axes: {which}")
     }
 
     /// Lines of the head, without marks of comments.
@@ -136,7 +175,7 @@ impl About {
             format!("ram: {}", self.ram_words(format.writer)),
             format!("format: {}", format.source),
         ];
-        lines.extend(self.left_out.iter().map(|what| format!("NOT in this table, and not corrected by it: {what}")));
+        lines.extend(self.left_out(format).map(|what| format!("NOT in this table, and not corrected by it: {what}")));
         lines
     }
 
@@ -148,7 +187,7 @@ impl About {
         let how = format!("turned by {turn} urad about X Y Z, acting about the offset {about} mm (ram frame)");
         match writer {
             Writer::Grid(_) => format!("{how}; contained in these errors"),
-            Writer::Functions(_) => format!(
+            Writer::Functions(_) | Writer::Approaches(_) => format!(
                 "{how}; NOT in the error functions: a tip at another offset stands off by turn x (its offset - that offset), \
                  the same everywhere: correct the offset of each tool by it"
             ),

@@ -1,0 +1,78 @@
+//! Fanuc stored pitch error compensation: parameters 3620 to 3624, 1851, and the values of each point.
+//!
+//! Place in the flow: one of [`super::FORMATS`]. Values are increments: what is output on the way from the point before, so that
+//! their sum up to a point is the correction there, indicated − actual. Whole multiples of 1 µm (detection unit) within ±7; what
+//! rounding leaves at a point never exceeds half a unit, since sums are rounded, not increments. Points of an axis are
+//! numbered upwards; the reference position is taken to be the lower end of the stroke. Parameter 1851 is the play.
+
+use super::{About, ExportedFile, Format, Writer, commented, missed_words, refused};
+use crate::error::FileError;
+use crate::units::millimetres_from_m;
+use abbe_geometry::sampled::{SampledAxis, SampledErrors};
+use std::fmt::Write as _;
+
+/// Detection unit (m).
+const UNIT_M: f64 = 1e-6;
+/// Largest increment, in units, that a point holds with magnification 1.
+const LARGEST: f64 = 7.0;
+/// Points that an axis holds between the ends of its stroke.
+const MOST_POINTS: usize = 128;
+/// Distance between the first points of two axes.
+const APART: usize = 200;
+
+pub(super) const FORMAT: Format = Format {
+    name: "fanuc-pitch",
+    title: "Fanuc stored pitch error compensation, parameters 3620 to 3624 and 1851, and increments by point number",
+    source: "Fanuc parameter manuals (Series 0i B-63980, 21i B-63090: 1851, 3620 to 3624), increments and numbering from there; \
+             the sign of increments (+ moves the axis in +) and the reference position could not be tried on a controller: \
+             compare one point before use",
+    writer: Writer::Approaches(write),
+};
+
+fn write(about: &About, errors: &SampledErrors) -> Result<Vec<ExportedFile>, FileError> {
+    let units = "increments in um (detection unit 1 um), the correction, indicated - actual, of approaches in + from the lower \
+                 end on, where the reference position is taken to be; positioning errors of each axis by itself, nothing else \
+                 of the model";
+    let mut lines = about.lines(&FORMAT, units, &missed_words(errors));
+    lines.push(about.approach_words());
+    let mut text = commented(&lines, "#");
+    for (number, axis) in errors.axes.iter().enumerate() {
+        table(about, number, axis, &mut text)?;
+    }
+    Ok(vec![ExportedFile { name: "pitch.txt".to_owned(), text }])
+}
+
+fn table(about: &About, number: usize, axis: &SampledAxis, text: &mut String) -> Result<(), FileError> {
+    let (letter, points) = (axis.axis.letter(), axis.positions_m.len());
+    if points > MOST_POINTS {
+        let problem = format!("axis {letter} would have {points} points; {MOST_POINTS} are the most");
+        return Err(refused(&FORMAT, problem, "ask for a larger step"));
+    }
+    let plays_m: Vec<f64> = axis.positions_m.iter().map(|p| about.approach.reversal_m(axis.axis, *p)).collect();
+    let mean_m = plays_m.iter().sum::<f64>() / points as f64;
+    let forward = |k: usize| axis.errors[k][axis.axis.index()] + plays_m[k] / 2.0;
+    let sum = |k: usize| ((forward(0) - forward(k)) / UNIT_M).round();
+    let first = number * APART;
+    let interval_m = (axis.positions_m[points - 1] - axis.positions_m[0]) / (points - 1) as f64;
+    // Writing to a string cannot fail.
+    let _ = writeln!(text, "axis {letter}");
+    for (parameter, value) in [(3620, first), (3621, first), (3622, first + points - 1), (3623, 1)] {
+        let _ = writeln!(text, "N{parameter} {letter} {value}");
+    }
+    let _ = writeln!(text, "N3624 {letter} {} (mm)", millimetres_from_m(interval_m));
+    let _ = writeln!(text, "N1851 {letter} {:.0} (um)", -mean_m / UNIT_M);
+    let _ = writeln!(text, "point {first} 0");
+    for k in 1..points {
+        let increment = sum(k) - sum(k - 1);
+        if increment.abs() > LARGEST {
+            let problem = format!(
+                "axis {letter}: {increment} um between {} and {} mm; a point holds {LARGEST}",
+                millimetres_from_m(axis.positions_m[k - 1]),
+                millimetres_from_m(axis.positions_m[k])
+            );
+            return Err(refused(&FORMAT, problem, "ask for a smaller step"));
+        }
+        let _ = writeln!(text, "point {} {increment:.0}", first + k);
+    }
+    Ok(())
+}

@@ -1,0 +1,66 @@
+//! Siemens SINUMERIK leadscrew (encoder) error compensation: `$AA_ENC_COMP` values of each axis, `MD32450` beside.
+//!
+//! Place in the flow: one of [`super::FORMATS`]. The controller adds the value to the actual position, so that a positive one
+//! moves the axis in the negative direction: the value is the error itself, actual − indicated. Linear between points, held beyond
+//! them. `MD32450 BACKLASH` is positive where the encoder leads the machine part, which is a negative reversal value B.
+//! The table holds approaches in +; in − the controller takes the backlash away. A B that changes along the axis has its mean
+//! there, and what is left of it is said.
+
+use super::{About, ExportedFile, Format, Writer, commented, fixed, missed_words};
+use crate::error::FileError;
+use crate::units::millimetres_from_m;
+use abbe_geometry::sampled::{SampledAxis, SampledErrors};
+use std::fmt::Write as _;
+
+/// Decimals of mm.
+const DECIMALS: usize = 7;
+
+pub(super) const FORMAT: Format = Format {
+    name: "siemens-enc-comp",
+    title: "SINUMERIK $AA_ENC_COMP tables of AX1, AX2, AX3 (X, Y, Z), one part program that fills them",
+    source: "Siemens function manual K3, \"Leadscrew error compensation\", and machine data 32450, 32700, 38000; names and signs \
+             from there, not tried on a controller: axis numbers, memory (MD38000) and MD32450 are the commissioner's",
+    writer: Writer::Approaches(write),
+};
+
+fn write(about: &About, errors: &SampledErrors) -> Result<Vec<ExportedFile>, FileError> {
+    let units = "mm; values are actual - indicated of approaches in + (the controller adds them to the actual position, so a \
+                 positive value moves the axis in the negative direction); positioning errors of each axis by itself, nothing \
+                 else of the model";
+    let mut lines = about.lines(&FORMAT, units, &missed_words(errors));
+    lines.push(about.approach_words());
+    let mut text = commented(&lines, ";");
+    for (number, axis) in (1..).zip(&errors.axes) {
+        table(about, number, axis, &mut text);
+    }
+    text.push_str("M17\n");
+    Ok(vec![ExportedFile { name: "enc_comp.spf".to_owned(), text }])
+}
+
+fn table(about: &About, number: usize, axis: &SampledAxis, text: &mut String) {
+    let count = axis.positions_m.len() as f64;
+    let plays_m: Vec<f64> = axis.positions_m.iter().map(|p| about.approach.reversal_m(axis.axis, *p)).collect();
+    let mean_m = plays_m.iter().sum::<f64>() / count;
+    let left_m = plays_m.iter().map(|play_m| (play_m - mean_m).abs()).fold(0.0, f64::max);
+    // Writing to a string cannot fail.
+    let _ = writeln!(
+        text,
+        "; axis {}: MD32450 BACKLASH[0] = {}; of the reversal this leaves {:.4} um at most in approaches in -",
+        axis.axis.letter(),
+        fixed(-mean_m * 1e3, DECIMALS),
+        left_m * 1e6
+    );
+    let (first_m, last_m) = (axis.positions_m[0], axis.positions_m[axis.positions_m.len() - 1]);
+    for (name, value) in [
+        ("STEP", millimetres_from_m((last_m - first_m) / (count - 1.0))),
+        ("MIN", millimetres_from_m(first_m)),
+        ("MAX", millimetres_from_m(last_m)),
+    ] {
+        let _ = writeln!(text, "$AA_ENC_COMP_{name}[0,AX{number}]={value}");
+    }
+    let _ = writeln!(text, "$AA_ENC_COMP_IS_MODULO[0,AX{number}]=0");
+    for (k, (values, play_m)) in axis.errors.iter().zip(&plays_m).enumerate() {
+        let value_m = values[axis.axis.index()] + play_m / 2.0;
+        let _ = writeln!(text, "$AA_ENC_COMP[0,{k},AX{number}]={}", fixed(value_m * 1e3, DECIMALS));
+    }
+}

@@ -1,0 +1,38 @@
+//! Skew of three axes as printers take it: one number a plane.
+//!
+//! Place in the flow: under [`super::klipper`] and [`super::reprap`]. Squareness of the model (angles that turn the motion of
+//! one axis about another) in, the shear of X by Y, X by Z and Y by Z out: error of X is xy·y + xz·z, error of Y is yz·z. A machine
+//! whose Y axis is the straight one and X is tilted has the same shear in a frame that is turned: how everything stands
+//! together is no error.
+
+use super::About;
+use abbe_geometry::axis::Axis;
+use abbe_geometry::sampled::SampledErrors;
+
+/// Shear by plane (rad): error of the first axis by the second.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Skew {
+    pub(super) xy: f64,
+    pub(super) xz: f64,
+    pub(super) yz: f64,
+}
+
+/// What such a number cannot hold.
+pub(super) const ONLY: &str = "squareness alone: positioning, straightness, rotations and reversal are NOT in it";
+
+pub(super) fn skew(about: &About, errors: &SampledErrors) -> Skew {
+    // Both axes of a plane: a turn of one towards the other is the same shear as that of the other towards the one.
+    let of = |a: Axis, b: Axis| -> f64 {
+        let entries = about.machine.squareness.iter().zip(&errors.squareness);
+        let shear = entries.map(|(entry, (_, angle, _))| {
+            let moved = entry.about.direction().cross(&entry.tilts.direction()) * *angle;
+            match entry.tilts {
+                tilts if tilts == b => moved[a.index()],
+                tilts if tilts == a => moved[b.index()],
+                _ => 0.0,
+            }
+        });
+        shear.sum()
+    };
+    Skew { xy: of(Axis::X, Axis::Y), xz: of(Axis::X, Axis::Z), yz: of(Axis::Y, Axis::Z) }
+}

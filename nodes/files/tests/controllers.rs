@@ -1,0 +1,223 @@
+//! Tables for controllers, applied as each controller applies them: the error of the machine shrinks to what tables miss.
+
+#![allow(clippy::unwrap_used, clippy::panic)] // A test fails by panicking.
+
+mod common;
+
+use abbe_files::ModelFile;
+use abbe_files::export::{About, ExportedFile, Writer, format};
+use abbe_geometry::Vector3;
+use abbe_geometry::axis::{Axis, ErrorId};
+use abbe_geometry::effects::Shape;
+use abbe_geometry::model::{MachineModel, ModelParts};
+use abbe_geometry::sampled::SampledErrors;
+
+const STEP_M: f64 = 0.02;
+/// Reversal of X: constant; of Y: changing along the stroke (m). Play is negative.
+const PLAY_X_M: f64 = -6e-6;
+const PLAYS_Y_M: [f64; 3] = [-5e-6, 1.5e-6, 0.7e-6];
+
+/// Positioning, straightness and squareness of some ten micrometres, and reversal of X and Y.
+fn model() -> ModelFile {
+    let mut file = common::model(7);
+    let parts = file.model.parts().clone();
+    let coefficients = (0..parts.coefficients.len()).map(|k| 2e-5 * (1.7 * k as f64).sin()).collect();
+    let reversal = |axis: &str, parameters: Vec<f64>| {
+        let shape = Shape::new().text("axis", axis).text("over", axis).number("terms", parameters.len() as f64);
+        MachineModel::fitted_effect("reversal", shape, &parts.machine, parameters).unwrap()
+    };
+    let effects = vec![reversal("x", vec![PLAY_X_M]), reversal("y", PLAYS_Y_M.to_vec())];
+    let total = parts.coefficients.len() + 4 + 4 * parts.stations.len();
+    let covariance: Vec<f64> =
+        (0..total).flat_map(|a| (0..=a).map(move |b| if a == b { 1e-14 } else { 0.0 })).collect();
+    let identified = {
+        let mut identified = parts.identified.clone();
+        identified.covariates = [("dir_x", (-1.0, 1.0)), ("dir_y", (-1.0, 1.0))].map(|(n, r)| (n.to_owned(), r)).into();
+        identified
+    };
+    let chord_covariance = Vec::new();
+    file.model =
+        MachineModel::new(ModelParts { coefficients, effects, covariance, chord_covariance, identified, ..parts })
+            .unwrap();
+    file
+}
+
+fn exported(name: &str, file: &ModelFile) -> Vec<ExportedFile> {
+    let about = About::new(file, &[0xab; 32], "abbe test");
+    let (Writer::Functions(write) | Writer::Approaches(write)) = format(name).unwrap().writer else { panic!() };
+    write(&about, &SampledErrors::of(&file.model, STEP_M).unwrap()).unwrap()
+}
+
+/// The machine: error of an axis along itself at a reading, coming from below or above (m).
+fn error_m(file: &ModelFile, axis: Axis, reading_m: f64, upwards: bool) -> f64 {
+    let (lower_m, upper_m) = file.model.parts().machine.stroke_m[axis.index()];
+    let x = 2.0 * (reading_m - lower_m) / (upper_m - lower_m) - 1.0;
+    let play_m = match axis {
+        Axis::X => PLAY_X_M,
+        Axis::Y => PLAYS_Y_M[0] + PLAYS_Y_M[1] * x + PLAYS_Y_M[2] * (1.5 * x * x - 0.5),
+        Axis::Z => 0.0,
+    };
+    file.model.error(ErrorId::linear(axis, axis), reading_m).0 + if upwards { play_m / 2.0 } else { -play_m / 2.0 }
+}
+
+/// Linear between points, held beyond them.
+fn interpolated(table: &[(f64, f64)], at: f64) -> f64 {
+    let Some(next) = table.iter().position(|(x, _)| *x >= at) else { return table[table.len() - 1].1 };
+    if next == 0 {
+        return table[0].1;
+    }
+    let ((x0, y0), (x1, y1)) = (table[next - 1], table[next]);
+    y0 + (y1 - y0) * (at - x0) / (x1 - x0)
+}
+
+/// Largest positioning error over the stroke, of both approaches, without and with a compensation: what is added to the reading
+/// (m) at a target, given the approach. Errors common to all targets are those of the reference position, and do not count.
+fn errors_m(file: &ModelFile, axis: Axis, added: impl Fn(f64, bool) -> f64) -> (f64, f64) {
+    let (lower_m, upper_m) = file.model.parts().machine.stroke_m[axis.index()];
+    let targets = (1..97).map(|k| lower_m + (upper_m - lower_m) * f64::from(k) / 97.0);
+    let at: Vec<(f64, bool)> = targets.flat_map(|target| [(target, true), (target, false)]).collect();
+    let range = |values: Vec<f64>| {
+        let (low, high) = values.iter().fold((f64::MAX, f64::MIN), |(l, h), v| (l.min(*v), h.max(*v)));
+        (high - low) / 2.0
+    };
+    let before = at.iter().map(|(target, up)| error_m(file, axis, *target, *up)).collect();
+    let after = at.iter().map(|(target, up)| {
+        let reading_m = target + added(*target, *up);
+        reading_m + error_m(file, axis, reading_m, *up) - target
+    });
+    (range(before), range(after.collect()))
+}
+
+fn numbers(line: &str) -> Vec<f64> {
+    line.split_whitespace().map(|cell| cell.parse().unwrap()).collect()
+}
+
+/// LinuxCNC reads triplets until the first line that is none; nominal − reached, by direction, is added to the command.
+#[test]
+fn linuxcnc_screw_compensation_leaves_what_interpolation_misses() {
+    let file = model();
+    let files = exported("linuxcnc-comp", &file);
+    assert!(files[0].text.contains("reversal: contained for axes: XY"), "{}", files[0].text);
+    for (axis, exported) in Axis::ALL.into_iter().zip(&files[1..]) {
+        let rows: Vec<Vec<f64>> = exported.text.lines().map(numbers).collect();
+        assert!(rows.iter().all(|row| row.len() == 3) && rows.len() <= 256);
+        let column = |c: usize| rows.iter().map(|row| (row[0] / 1e3, (row[0] - row[c]) / 1e3)).collect::<Vec<_>>();
+        let (forward, reverse) = (column(1), column(2));
+        let (before_m, after_m) =
+            errors_m(&file, axis, |target, up| interpolated(if up { &forward } else { &reverse }, target));
+        println!("{axis:?}: {:.3} um -> {:.4} um", before_m * 1e6, after_m * 1e6);
+        assert!(before_m > 2e-6 && after_m < 0.03e-6, "{before_m} {after_m}");
+    }
+}
+
+/// SINUMERIK adds the value to the actual position; coming from above it takes the backlash away that the encoder leads by.
+#[test]
+fn siemens_leadscrew_compensation_leaves_the_change_of_the_reversal() {
+    let file = model();
+    let text = exported("siemens-enc-comp", &file)[0].text.clone();
+    for (number, axis) in (1..).zip(Axis::ALL) {
+        let value = |name: &str| -> f64 {
+            let start = format!("$AA_ENC_COMP{name},AX{number}]=");
+            text.lines().find_map(|line| line.strip_prefix(&start)).unwrap().parse().unwrap()
+        };
+        let (first, last, step) = (value("_MIN[0"), value("_MAX[0"), value("_STEP[0"));
+        let count = ((last - first) / step).round() as usize + 1;
+        let table: Vec<(f64, f64)> =
+            (0..count).map(|k| ((first + step * k as f64) / 1e3, value(&format!("[0,{k}")) / 1e3)).collect();
+        let words = text.lines().find(|line| line.starts_with(&format!("; axis {}:", axis.letter()))).unwrap();
+        let after = |mark: &str| -> f64 {
+            let rest = words.split(mark).nth(1).unwrap();
+            rest.split([';', ' ']).next().unwrap().parse().unwrap()
+        };
+        let (backlash_m, left_m) = (after("BACKLASH[0] = ") / 1e3, after("leaves ") / 1e6);
+        let (before_m, after_m) = errors_m(&file, axis, |target, up| {
+            // The controller stops where encoder + value (+ backlash on the way down: the part has not come as far) is the target.
+            -interpolated(&table, target) - if up { 0.0 } else { backlash_m }
+        });
+        println!("{axis:?}: {:.3} um -> {:.4} um, said {:.4}", before_m * 1e6, after_m * 1e6, left_m * 1e6);
+        assert!(before_m > 2e-6 && after_m < left_m + 0.03e-6, "{before_m} {after_m} {left_m}");
+        assert!(axis == Axis::Y || left_m < 1e-12, "only the reversal of Y changes along it");
+    }
+}
+
+/// Fanuc puts out the increments on the way, from the reference position on, and the backlash when it turns round.
+#[test]
+fn fanuc_pitch_compensation_leaves_half_a_unit_and_the_change_of_the_reversal() {
+    let file = model();
+    let text = exported("fanuc-pitch", &file)[0].text.clone();
+    for (part, axis) in text.split("\naxis ").skip(1).zip(Axis::ALL) {
+        let parameter = |number: u32| -> f64 {
+            let start = format!("N{number} {} ", axis.letter());
+            let line = part.lines().find_map(|line| line.strip_prefix(&start)).unwrap();
+            line.split(' ').next().unwrap().parse().unwrap()
+        };
+        let increments: Vec<f64> =
+            part.lines().filter_map(|line| line.strip_prefix("point ")).map(|line| numbers(line)[1]).collect();
+        assert!(increments.iter().all(|increment| increment.abs() <= 7.0));
+        assert_eq!(increments.len() as f64, parameter(3622) - parameter(3621) + 1.0);
+        let lower_m = file.model.parts().machine.stroke_m[axis.index()].0;
+        let mut sum = 0.0;
+        let table: Vec<(f64, f64)> = increments
+            .iter()
+            .enumerate()
+            .map(|(k, increment)| {
+                sum += increment;
+                (lower_m + parameter(3624) / 1e3 * k as f64, sum / 1e6)
+            })
+            .collect();
+        let backlash_m = parameter(1851) / 1e6;
+        let (before_m, after_m) =
+            errors_m(&file, axis, |target, up| interpolated(&table, target) - if up { 0.0 } else { backlash_m });
+        println!("{axis:?}: {:.3} um -> {:.4} um", before_m * 1e6, after_m * 1e6);
+        let left_m = if axis == Axis::Y { 2.3e-6 } else { 0.0 };
+        assert!(before_m > 2e-6 && after_m < 0.8e-6 + left_m, "{before_m} {after_m}");
+    }
+}
+
+/// Where a machine that is out of square by its model alone stands (m) when it reads so much.
+fn out_of_square(file: &ModelFile, reading_m: Vector3<f64>) -> Vector3<f64> {
+    let machine = &file.model.parts().machine;
+    let moved = machine.squareness.iter().enumerate().map(|(k, entry)| {
+        let axis = entry.tilts.index();
+        let way_m = reading_m[axis] - machine.stroke_m[axis].0;
+        entry.about.direction().cross(&entry.tilts.direction()) * (file.model.squareness(k).0 * way_m)
+    });
+    reading_m + moved.sum::<Vector3<f64>>()
+}
+
+/// Largest error of a distance between corners of a box (m), when readings are moved so.
+fn distance_error_m(file: &ModelFile, moved: impl Fn(Vector3<f64>) -> Vector3<f64>) -> f64 {
+    let corner = |k: usize| Vector3::new((k & 1) as f64, (k >> 1 & 1) as f64, (k >> 2) as f64) * 0.1;
+    let pairs = (0..8).flat_map(|a| (0..a).map(move |b| (a, b)));
+    let error = |(a, b): (usize, usize)| {
+        let actual = |k: usize| out_of_square(file, moved(corner(k)));
+        ((actual(a) - actual(b)).norm() - (corner(a) - corner(b)).norm()).abs()
+    };
+    pairs.map(error).fold(0.0, f64::max)
+}
+
+#[test]
+fn skew_of_klipper_and_reprapfirmware_makes_the_machine_square() {
+    let file = model();
+    let text = exported("klipper-skew", &file)[0].text.clone();
+    let factor = |name: &str| -> f64 {
+        text.lines().find_map(|line| line.strip_prefix(&format!("{name} = "))).unwrap().parse().unwrap()
+    };
+    let (xy, xz, yz) = (factor("xy_skew"), factor("xz_skew"), factor("yz_skew"));
+    let klipper = |p: Vector3<f64>| Vector3::new(p.x - p.y * xy - p.z * (xz - xy * yz), p.y - p.z * yz, p.z);
+    let text = exported("reprap-skew", &file)[0].text.clone();
+    let command = text.lines().find(|line| line.starts_with("M556")).unwrap();
+    let letter = |letter: &str| -> f64 {
+        command.split(' ').find_map(|word| word.strip_prefix(letter)).unwrap().parse().unwrap()
+    };
+    let span = letter("S");
+    let (tan_xy, tan_yz, tan_xz) = (letter("X") / span, letter("Y") / span, letter("Z") / span);
+    let reprap = |p: Vector3<f64>| Vector3::new(p.x + tan_xy * p.y + tan_xz * p.z, p.y + tan_yz * p.z, p.z);
+    let before_m = distance_error_m(&file, |p| p);
+    for (name, after_m) in [("klipper", distance_error_m(&file, klipper)), ("reprap", distance_error_m(&file, reprap))]
+    {
+        println!("{name}: {:.4} um -> {:.5} um", before_m * 1e6, after_m * 1e6);
+        // Products of angles, and the last decimal written.
+        assert!(before_m > 0.3e-6 && after_m < 0.002e-6, "{name}: {before_m} {after_m}");
+    }
+}
