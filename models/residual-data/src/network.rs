@@ -16,8 +16,8 @@ pub(crate) struct OfNetwork {
     pub(crate) points: Vec<PointResidual>,
     /// Readings that belong to these points.
     pub(crate) used: usize,
-    /// χ² per degree of freedom.
-    pub(crate) chi2_per_dof: f64,
+    /// χ² per degree of freedom, and these degrees.
+    pub(crate) chi2_per_dof: (f64, usize),
 }
 
 /// Residuals of poses (rows of each); an error where the plan does not fix stations and points together.
@@ -43,7 +43,7 @@ pub(crate) fn of_poses(problem: &Problem, poses: &[Vec<usize>]) -> Result<OfNetw
             covariance_m2: Some(point.covariance_m2),
         });
     }
-    Ok(OfNetwork { points: residuals, used, chi2_per_dof: chi2 / degrees.max(1) as f64 })
+    Ok(OfNetwork { points: residuals, used, chi2_per_dof: (chi2 / degrees.max(1) as f64, degrees) })
 }
 
 fn mean_m(problem: &Problem, rows: &[usize]) -> Vector3<f64> {

@@ -31,8 +31,10 @@ pub struct SharedPoints {
     pub points: Vec<PointResidual>,
     /// Readings that belong to these points, and readings used in all.
     pub readings: (usize, usize),
-    /// χ² per degree of freedom of the points seen by four stations or more; `None` without such a point.
-    pub chi2_per_dof: Option<f64>,
+    /// Readings that contradict the model by far more than noise, and are not used.
+    pub rejected: usize,
+    /// χ² per degree of freedom of the points seen by four stations or more, and these degrees; `None` without such a point.
+    pub chi2_per_dof: Option<(f64, usize)>,
     /// Where the stations come from.
     pub frame: Frame,
 }
@@ -66,6 +68,7 @@ pub fn shared_points(
         Ok(OfNetwork { points, used, chi2_per_dof }) => Ok(SharedPoints {
             points,
             readings: (used, problem.len()),
+            rejected: problem.rejected,
             chi2_per_dof: Some(chi2_per_dof),
             frame: Frame::Network,
         }),
@@ -84,8 +87,8 @@ fn about_stations(problem: &Problem, poses: &[Vec<usize>], why: NetworkError) ->
         solved.push(one);
     }
     // What the stations disagree by is noise; what the model leaves of them all alike is the residual itself.
-    let chi2_per_dof = (degrees > 0).then(|| chi2 / degrees as f64);
-    let noise = chi2_per_dof.unwrap_or(1.0).max(1.0);
+    let chi2_per_dof = (degrees > 0).then(|| (chi2 / degrees as f64, degrees));
+    let noise = chi2_per_dof.map_or(1.0, |(chi2, _)| chi2.max(1.0));
     let point = |Solved { row, point_m, residual_m, of_noise_m2, of_stations_m2, .. }: Solved| PointResidual {
         row,
         point_m,
@@ -95,6 +98,7 @@ fn about_stations(problem: &Problem, poses: &[Vec<usize>], why: NetworkError) ->
     SharedPoints {
         points: solved.into_iter().map(point).collect(),
         readings: (used, problem.len()),
+        rejected: problem.rejected,
         chi2_per_dof,
         frame: Frame::Model { why },
     }

@@ -250,7 +250,7 @@ fn shared(
     if arguments.from == Some(Source::Ranges) {
         return Ok(None);
     }
-    let SharedPoints { points, readings: (used, all), chi2_per_dof, frame } =
+    let SharedPoints { points, readings: (used, all), rejected, chi2_per_dof, frame } =
         shared_points(&model.model, model.instrument, &loaded.campaign, own)
             .with_context(|| loaded.source.file.clone())?;
     if arguments.from.is_none() && (used as f64) < MOSTLY_SHARED * all as f64 {
@@ -265,7 +265,10 @@ fn shared(
         "residuals of {} points that three stations or more saw, from {used} of {all} readings",
         points.len()
     )];
-    if let Some(chi2) = chi2_per_dof {
+    let counted = Counted { what: "readings", rejected, all: all + rejected };
+    let verdict = verdict::of_fit(chi2_per_dof, Some(counted));
+    verdict::check(&verdict, arguments.accept, &loaded.source.file, || serde_json::Value::Null)?;
+    if let Some((chi2, _)) = chi2_per_dof {
         notes.push(format!("stations agree to chi2/dof {chi2:.2} of the declared noise"));
     }
     notes.push(match frame {
@@ -277,6 +280,7 @@ fn shared(
             format!("stations of the model, which may have taken up a part of what it lacks: {why}")
         }
     });
+    notes.extend(verdict.findings.iter().map(ToString::to_string));
     Ok(Some(Shared { points, notes }))
 }
 
