@@ -256,48 +256,6 @@ fn what_lies_outside_is_flagged_and_what_lies_far_outside_is_rejected_with_empty
 }
 
 #[test]
-fn regress_rows_that_could_not_be_corrected_are_counted_with_their_cause_and_an_exit_code() {
-    let bench = Bench::identified(5);
-    let correct = |rows: &[&str]| {
-        let points = bench.write("points.csv", format!("{POINT_HEAD}\n{}\n", rows.join("\n")));
-        run(["correct", "--model", &bench.text("model.json"), "--in", &points, "--out", &bench.text("out.csv")])
-    };
-    let good = "100,100,100,0,0,-60";
-    let ran = correct(&[good; 3]);
-    assert_eq!(ran.errors.trim_end(), format!("abbe: {}: 3 rows, 3 corrected, 3 in volume", bench.text("points.csv")));
-    ran.ok();
-    let few = [[good; 19].as_slice(), &["2000,100,100,0,0,-60"]].concat();
-    let ran = correct(&few);
-    assert_says(&ran.errors, &["abbe: /", "20 rows, 19 corrected, 19 in volume, 1 rejected (first: line 21)"]);
-    assert_says(&ran.errors, &["rejected, all of them: X is outside 0.0000 … 800.0000 mm, 2000.0000 mm at most"]);
-    ran.ok();
-    // A large share is a warning; no row inside is an exit code of its own. The output says it row by row.
-    let said = correct(&[good, "100,100,100,0,0,-300", "100,100,900,0,0,-400"]);
-    assert_says(&said.errors, &["abbe: warning: ", "1 extrapolated (first: line 3), 1 rejected (first: line 4)"]);
-    assert_says(&said.errors, &["extrapolated, all of them: the offset in Z is outside", "-300.0000 mm at most"]);
-    said.ok();
-    let said = correct(&["100,100,100,0,0,-300", "2,100,100,0,0,-300"]).ended(4);
-    assert_says(&said, &["0 in volume, 2 extrapolated (first: line 2)", "no row could be corrected inside"]);
-    assert!(said.contains("the offset in Z is outside") && !said.contains("X is outside"), "not in all: {said}");
-    assert_eq!(bench.read("out.csv").lines().count(), 3);
-    // Metres under the name of millimetres.
-    let metres = ["0.1,0.1,0.1,0,0,-60", "0.7,0.5,0.5,0,0,-60"];
-    assert_says(&correct(&metres).ended(4), &["as metres the readings would lie inside"]);
-    // The brothers: a map that is beside the offsets of the campaign all over.
-    let map = bench.text("map");
-    let said = run(["volumetric", "--model", &bench.text("model.json"), "--out", &map, "--steps", "3"]).ended(4);
-    assert_says(&said, &["warning", "27 of 27 points are outside", "an offset of 0 0 0 mm; see --offset-mm"]);
-    fs::remove_dir_all(map).unwrap();
-    let out = bench.text("refused.csv");
-    let none = bench.write("points.csv", format!("{POINT_HEAD}\n"));
-    refused(
-        &bench,
-        &["correct", "--model", &bench.text("model.json"), "--in", &none, "--out", &out],
-        &["points.csv", "header but no row"],
-    );
-}
-
-#[test]
 fn a_station_that_the_model_does_not_know_is_reported_as_such_and_nothing_is_predicted() {
     let bench = Bench::identified(5);
     let strange = bench.read("campaign.csv").replace("\nS5,", "\nS9,");

@@ -5,6 +5,7 @@
 
 mod common;
 
+use std::fmt::Write as _;
 use std::fs;
 
 use abbe_msgs::CorrectedCoordinates;
@@ -15,7 +16,7 @@ use common::dds::{Listener, PATIENCE};
 use common::files::{Bench, machine, text};
 use common::graph::{DDS, MEMORY, long_recording, stream_of, user};
 use common::network::in_own_network;
-use common::program::{Started, abbe_in, run, signal, wait_until};
+use common::program::{Ran, Started, abbe_in, run, signal, wait_until};
 use common::spoil::{Spoil, Table, identify_refused, refused};
 use rustix::process::Signal;
 
@@ -200,4 +201,110 @@ fn regress_residuals_a_thousand_times_too_large_are_refused_by_all_who_take_them
     ] {
         refused(&bench, &arguments, &says);
     }
+}
+
+/// What a command says of data that hold together, are to be looked at, and are refused, in this order; and of the last where
+/// that is accepted.
+fn graded(kinds: [&dyn Fn(&[&str]) -> Ran; 3], warned: &[&str], why: &[&str]) {
+    let [clean, doubtful, refused] = kinds;
+    let said = clean(&[]).ok();
+    assert!(!said.contains("WARNING") && !said.contains("  note "), "{said}");
+    let said = doubtful(&[]).ok();
+    assert_says(&said, &["WARNING"]);
+    assert_says(&said, warned);
+    assert_says(&refused(&[]).refused(), &[why, &["refused", "--accept-misfit"]].concat());
+    assert_says(&refused(&["--accept-misfit"]).ok(), &[why, &["ACCEPTED"]].concat());
+}
+
+/// Evenly spread numbers between −1 and 1, the same in every run.
+fn spread(k: usize) -> f64 {
+    2.0 * ((k + 1) as f64 * 0.618_033_988_75).fract() - 1.0
+}
+
+/// Thirty points over the upper half of a sphere of 12.5 mm, with 1 µm of scatter; some of them are off it (line, mm).
+fn on_a_sphere(off: &[(usize, f64)]) -> String {
+    let mut content = "x_mm,y_mm,z_mm\n".to_owned();
+    for k in 0..30 {
+        let (up, around) = (k as f64 / 30.0, k as f64 * 2.4);
+        let across = (1.0 - up * up).sqrt();
+        let moved: f64 = off.iter().filter(|(line, _)| *line == k + 2).map(|(_, mm)| mm).sum();
+        let radius = 12.5 + 0.001 * 3_f64.sqrt() * spread(k) + moved;
+        let (x, y, z) = (radius * across * around.cos(), radius * across * around.sin(), radius * up);
+        writeln!(content, "{:.6},{:.6},{:.6}", 100.0 + x, y - 20.0, 50.0 + z).unwrap();
+    }
+    content
+}
+
+#[test]
+fn the_scatter_on_a_sphere_is_graded_against_what_was_declared() {
+    let bench = Bench::empty();
+    let points = bench.write("points.csv", on_a_sphere(&[]));
+    let with = |u_um: &'static str| {
+        let points = points.clone();
+        move |more: &[&str]| {
+            run(["sphere", "--points", &points, "--u-um", u_um].iter().chain(more).copied().collect::<Vec<_>>())
+        }
+    };
+    let small = ["times the declared noise", "declared uncertainties are too small", "k = 1 or k = 2"];
+    graded([&with("1"), &with("0.2"), &with("0.05")], &small, &small);
+    let large = ["times smaller than the declared noise", "declared uncertainties are too large", "computed"];
+    graded([&with("1"), &with("5"), &with("30")], &large, &large);
+}
+
+#[test]
+fn regress_points_off_the_sphere_are_named_left_out_and_counted() {
+    let bench = Bench::empty();
+    let sphere = |name: &str, off: &[(usize, f64)], more: &[&str]| {
+        let points = bench.write(name, on_a_sphere(off));
+        run(["sphere", "--points", &points].iter().chain(more).copied().collect::<Vec<_>>())
+    };
+    let json = |ran: Ran| serde_json::from_str::<serde_json::Value>(&ran.ok()).unwrap();
+    let clean = json(sphere("clean.csv", &[], &["--json"]));
+    assert_eq!(clean["rejected"], serde_json::json!([]));
+    for off_mm in [1.2, -1.6, 2.0, 0.02] {
+        let said = sphere("one.csv", &[(7, off_mm)], &[]).ok();
+        assert_says(&said, &["1 of 30 points", "contradict the others", "rejected  line 7: "]);
+        let found = json(sphere("one.csv", &[(7, off_mm)], &["--json"]));
+        assert_eq!(found["rejected"][0]["line"], 7);
+        assert!((found["rejected"][0]["off_mm"].as_f64().unwrap() - off_mm).abs() < 0.005, "{found}");
+        for d in 0..3 {
+            let moved_mm = found["centre_mm"][d].as_f64().unwrap() - clean["centre_mm"][d].as_f64().unwrap();
+            assert!(moved_mm.abs() < 0.001, "{moved_mm}");
+        }
+    }
+    let many = [(3, 0.5), (8, -0.7), (13, 0.9), (18, -1.1), (23, 1.3), (28, -0.4)];
+    let said = sphere("many.csv", &many, &[]).refused();
+    assert_says(&said, &["many.csv: refused", "6 of 30 points", "contradict the others", "--accept-misfit"]);
+    assert_says(&sphere("many.csv", &many, &["--accept-misfit"]).ok(), &["ACCEPTED", "rejected  line 18: -1.1"]);
+}
+
+/// Four targets on a table that moves along x in eleven steps and errs by a micrometre or two, as points with scatter (µm).
+fn guideway(scatter_um: f64) -> String {
+    let mut content = "position_mm,target,x_mm,y_mm,z_mm,u_um\n".to_owned();
+    let targets = [("P", 0.0, 0.0, 0.0), ("Q", 300.0, 0.0, 10.0), ("K", 150.0, 200.0, 0.0), ("L", 20.0, 180.0, 90.0)];
+    for step in 0..11 {
+        for (j, (name, x, y, z)) in targets.iter().enumerate() {
+            let position = 50.0 * step as f64;
+            let off = |d: usize| 1e-3 * 3_f64.sqrt() * scatter_um * spread(12 * step + 3 * j + d);
+            let bow = 2e-3 * (position / 160.0).sin();
+            let (x, y, z) = (1000.0 + position + x + off(0), 500.0 + y + bow + off(1), z - 200.0 + off(2));
+            writeln!(content, "{position},{name},{x:.7},{y:.7},{z:.7},1").unwrap();
+        }
+    }
+    content
+}
+
+#[test]
+fn what_targets_of_a_guideway_disagree_by_is_graded_against_what_was_declared() {
+    let bench = Bench::empty();
+    let with = |scatter_um: f64| {
+        let points = bench.write(&format!("{scatter_um}.csv"), guideway(scatter_um));
+        move |more: &[&str]| {
+            run(["guideway", "--points", &points, "--axis", "x"].iter().chain(more).copied().collect::<Vec<_>>())
+        }
+    };
+    let small = ["times the declared noise", "declared uncertainties are too small"];
+    graded([&with(1.0), &with(5.0), &with(20.0)], &small, &small);
+    let large = ["times smaller than the declared noise", "declared uncertainties are too large"];
+    graded([&with(1.0), &with(0.2), &with(0.03)], &large, &large);
 }

@@ -12,6 +12,7 @@ use std::time::Duration;
 use common::assert_says;
 use common::files::{Bench, listing, machine, other_machine, text};
 use common::program::{Started, abbe, run, signal, wait_until_interruptible};
+use common::spoil::refused;
 use rustix::process::Signal;
 use serde_json::Value;
 
@@ -156,15 +157,6 @@ fn a_clean_machine_is_consistent_with_noise_and_keeps_its_model() {
     }
     assert!(found["untestable"][0]["needs"].as_str().is_some_and(|needs| !needs.is_empty()));
     assert_eq!(found["model_out"]["is_the_one_given"], false, "other data, fitted anew");
-}
-
-/// Runs a command that must refuse its input, and asserts that it changed nothing in the folder.
-#[track_caller]
-fn refused(bench: &Bench, arguments: &[&str], says: &[&str]) {
-    let before = listing(&bench.path(""));
-    let said = run(arguments).refused();
-    assert_says(&said, says);
-    assert_eq!(listing(&bench.path("")), before, "something was left behind by {arguments:?}");
 }
 
 #[test]
@@ -314,4 +306,37 @@ fn residual_vectors_of_other_software_are_diagnosed_and_checked() {
     let both = ["diagnose", "--residuals", good, "--campaign", &model, "--out", &out];
     let code = run(both).code;
     assert_eq!(code, Some(2), "one kind of data at a time");
+}
+
+/// The rows of a table that are kept, counted from 0; what stands above them stays.
+fn kept(table: &str, keep: impl Fn(usize, &str) -> bool) -> String {
+    let first = table.lines().position(|line| !line.starts_with('#')).unwrap() + 1;
+    let rows = table.lines().enumerate().filter(|(k, line)| *k < first || keep(*k - first, line));
+    rows.map(|(_, line)| format!("{line}\n")).collect()
+}
+
+#[test]
+fn data_that_fix_no_study_are_refused_by_their_file_with_a_remedy_and_nothing_is_written() {
+    let bench = Bench::empty();
+    let out = bench.text("out");
+    let refuse = |option: &str, content: String, says: &[&str]| {
+        let file = bench.write("data.csv", content);
+        refused(&bench, &["diagnose", option, &file, "--out", &out], &[says, &["data.csv"]].concat());
+    };
+    let runs = runs();
+    refuse("--campaign", kept(&runs, |k, _| k < 44), &["axis X has 2 cycles, at least 3", "five cycles"]);
+    refuse("--campaign", kept(&runs, |_, line| line.starts_with("X,100,")), &["one target only", "several targets"]);
+    refuse("--campaign", kept(&runs, |_, _| false), &["no row"]);
+    refuse("--campaign", runs.replace("X,100,+,2", "X,100,?,2"), &["column direction"]);
+    let centres = fs::read_to_string(machine().with_file_name("../data/zhang2016_centres.csv")).unwrap();
+    refuse("--campaign", kept(&centres, |k, _| k < 6), &["3 poses of A and C, at least", "further angles"]);
+    refuse("--campaign", kept(&centres, |k, _| k % 2 == 0), &["two distances"]);
+    let vectors = vectors("um");
+    refuse("--residuals", kept(&vectors, |k, _| k < 5), &["5 residual vectors, at least", "more points"]);
+    refuse("--residuals", kept(&vectors, |k, _| k < 16), &["2 blocks, at least", "column block"]);
+    let in_a_point = format!("{}\n{}", vectors.lines().next().unwrap(), "1,2,3,1,2,3,20,0\n".repeat(30));
+    refuse("--residuals", in_a_point, &["blocks, at least"]);
+    let model = bench.write("model.json", "{}");
+    let file = bench.write("data.csv", &vectors);
+    refused(&bench, &["diagnose", "--residuals", &file, "--model", &model, "--out", &out], &["model.json"]);
 }

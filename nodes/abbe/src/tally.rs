@@ -1,7 +1,7 @@
 //! What rows were worth: how many were corrected, in what state, where the first bad ones stand, and what all of them share.
 //!
-//! Place in the flow: `abbe correct` (tables and bags) counts here and says it on standard error, so that a file of rows outside
-//! the machine does not pass for a corrected one. Lengths in m, shown in mm.
+//! Place in the flow: what corrects rows (`abbe correct` of tables and bags, `verify`, `residuals`, the length test of a model)
+//! counts here and says it on standard error, so that rows outside the machine do not pass for corrected ones. Lengths in m, shown in mm.
 
 use crate::exit::Ended;
 use abbe_files::status_word;
@@ -76,6 +76,11 @@ impl Tally {
 
     fn count(&self, status: Status) -> u64 {
         self.kinds.get(&status).map_or(0, |kind| kind.rows)
+    }
+
+    /// Whether every row is inside what the model knows.
+    pub(crate) fn is_inside(&self) -> bool {
+        self.count(Status::InVolume) == self.rows
     }
 
     /// Number of rows.

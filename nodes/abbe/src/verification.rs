@@ -4,6 +4,7 @@
 //! first; nothing here ever feeds a fit.
 
 use crate::residual::with_residual;
+use crate::tally::Tally;
 use abbe_files::{ModelFile, PointRow, PointsReader};
 use abbe_geometry::Vector3;
 use abbe_geometry::chain::nominal_point_m;
@@ -23,10 +24,20 @@ pub(crate) struct Verified {
 }
 
 /// Points of a verification file: readings, offsets, covariates and actual positions.
+#[derive(Default)]
 pub(crate) struct VerificationPoints {
     pub(crate) rows: Vec<PointRow>,
     pub(crate) corrected_m: Vec<Vector3<f64>>,
     pub(crate) statuses: Vec<Status>,
+    /// What they were worth, in all.
+    pub(crate) tally: Tally,
+}
+
+impl VerificationPoints {
+    /// How many are extrapolated.
+    pub(crate) fn extrapolated(&self) -> usize {
+        self.statuses.iter().filter(|status| **status == Status::Extrapolated).count()
+    }
 }
 
 /// Reads a verification file and corrects each point with the model, and the residual model where there is one.
@@ -41,7 +52,7 @@ pub(crate) fn correct_points(
 ) -> anyhow::Result<VerificationPoints> {
     let default_offset_m = model.model.parts().machine.default_offset_m;
     let mut reader = PointsReader::verification(input, name, default_offset_m)?;
-    let mut points = VerificationPoints { rows: Vec::new(), corrected_m: Vec::new(), statuses: Vec::new() };
+    let mut points = VerificationPoints::default();
     let mut row = PointRow::default();
     while reader.read(&mut row)? {
         let covariates = reader.covariates(&row);
@@ -52,6 +63,7 @@ pub(crate) fn correct_points(
             "{name}, line {}: the reading is outside the machine",
             row.line()
         );
+        points.tally.add(&model.model, &state, correction.status, row.line());
         points.corrected_m.push(correction.position_m);
         points.statuses.push(correction.status);
         points.rows.push(row.clone());

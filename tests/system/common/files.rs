@@ -26,9 +26,14 @@ pub(crate) struct Bench {
 }
 
 impl Bench {
+    /// Nothing in it.
+    pub(crate) fn empty() -> Bench {
+        Bench { folder: tempfile::tempdir().unwrap() }
+    }
+
     /// `campaign.csv` and `verify.csv` of the machine with this seed.
     pub(crate) fn simulated(seed: u64) -> Bench {
-        let bench = Bench { folder: tempfile::tempdir().unwrap() };
+        let bench = Bench::empty();
         let seed = seed.to_string();
         run(["simulate", "--machine", &text(&machine()), "--seed", &seed, "--out", &bench.text("")]).ok();
         bench

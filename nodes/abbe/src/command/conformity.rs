@@ -99,6 +99,10 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         true => println!("{}", serde_json::to_string_pretty(&product.json)?),
         false => print!("{}", product.words),
     }
+    if let Some(outside) = product.outside {
+        eprintln!("abbe: {}", outside.words);
+        outside.judged?;
+    }
     match product.verdict {
         None | Some(Verdict::Conforms) => Ok(()),
         Some(Verdict::Undecided) => {

@@ -3,6 +3,7 @@
 //! Place in the flow: after `identify`, before a controller. What a table cannot hold is named in its head and on standard
 //! error.
 
+use crate::exit::Ended;
 use abbe_field::{Grid, Table, table_within};
 use abbe_files::export::{About, ExportedFile, FORMATS, Format, SampledGrid, Writer, format, geometric_error_m};
 use abbe_files::{AtomicFile, ModelFile};
@@ -20,6 +21,8 @@ const DEFAULT_WITHIN_UM: f64 = 0.1;
 const MOST_NODES: usize = 2_000_000;
 /// Share of a stroke that campaigns leave out at its ends without a word.
 const UNSEEN_SHARE: f64 = 0.05;
+/// Room between a bound and an offset that only rounding makes (m).
+const ROUNDING_M: f64 = 1e-9;
 /// Halvings of the step in search of a wanted interpolation error, from the whole stroke.
 const MOST_HALVINGS: u32 = 16;
 
@@ -58,9 +61,12 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     }
     let (file, sha256) = ModelFile::load(&arguments.model)?;
     let about = About::new(&file, &sha256, &crate::pipeline::software());
-    let files = match format.writer {
-        Writer::Functions(write) | Writer::Approaches(write) => write(&about, &sampled(arguments, &file)?)?,
-        Writer::Grid(write) => write(&about, &grid(arguments, &file)?)?,
+    let (files, offset_m) = match format.writer {
+        Writer::Functions(write) | Writer::Approaches(write) => (write(&about, &sampled(arguments, &file)?)?, None),
+        Writer::Grid(write) => {
+            let grid = grid(arguments, &file)?;
+            (write(&about, &grid)?, Some(grid.offset_m))
+        }
     };
     write_files(&arguments.out, &files)?;
     if let (Some(within_um), Some(missed)) = (wanted_um(arguments), missed_words(&files)) {
@@ -73,6 +79,25 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         eprintln!("abbe: {}: not in this table, and not corrected by it: {what}", arguments.out.display());
     }
     print_words(arguments, format, &files);
+    offset_m.map_or(Ok(()), |offset_m| judge(arguments, &file, offset_m))
+}
+
+/// An error where the whole grid is for a tip that was not measured.
+fn judge(arguments: &Arguments, file: &ModelFile, offset_m: [f64; 3]) -> anyhow::Result<()> {
+    let bounds_m = &file.model.parts().identified.offset_m;
+    let is_inside = |(v, b): (&f64, &(f64, f64))| (b.0 - ROUNDING_M..=b.1 + ROUNDING_M).contains(v);
+    let mm = |values_m: [f64; 3]| values_m.map(|v| format!("{:.4}", v * 1e3)).join(" ");
+    ensure!(
+        offset_m.iter().zip(bounds_m).all(is_inside),
+        Ended::nothing_inside(format!(
+            "{}: no node is inside what the model was identified from: the tip is at {} mm, offsets from {} to {} mm were \
+             measured; see --offset-mm",
+            arguments.out.display(),
+            mm(offset_m),
+            mm(bounds_m.map(|b| b.0)),
+            mm(bounds_m.map(|b| b.1)),
+        ))
+    );
     Ok(())
 }
 

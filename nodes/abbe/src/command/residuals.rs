@@ -147,17 +147,13 @@ fn of_known_points(arguments: &Arguments, model: &ModelFile) -> anyhow::Result<C
     let name = arguments.campaign.display().to_string();
     let open = || File::open(&arguments.campaign).with_context(|| format!("{name}: cannot be opened"));
     let points = correct_points(open()?, &name, model, None)?;
-    let inside = points.statuses.iter().filter(|status| **status == Status::InVolume).count();
-    if inside < points.statuses.len() {
-        let all = points.statuses.len();
-        eprintln!(
-            "abbe: warning: {name}: {} of {all} points are outside what the model was identified from, or lack covariates; what \
-             the model does there wrongly counts as residual",
-            all - inside
-        );
+    if !points.tally.is_inside() {
+        let words = points.tally.words(&model.model, &name, "line");
+        eprintln!("abbe: {words}; what the model does wrongly outside counts as residual");
     }
+    let inside = points.statuses.contains(&Status::InVolume);
     ensure!(
-        inside > 0,
+        inside,
         "{name}: no point is inside what the model was identified from; give points of its volume and offsets"
     );
     let actual_m: Vec<Vector3<f64>> = points.rows.iter().filter_map(|row| row.actual_m).map(Vector3::from).collect();

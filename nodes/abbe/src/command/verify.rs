@@ -4,11 +4,10 @@
 
 use crate::pairs::{PairErrors, pair_errors};
 use crate::residual::load_residual;
-use crate::verification::{correct_points, rms_and_max_m};
+use crate::verification::{VerificationPoints, correct_points, rms_and_max_m};
 use abbe_files::ModelFile;
 use abbe_geometry::Vector3;
 use abbe_geometry::chain::nominal_point_m;
-use abbe_geometry::correct::Status;
 use abbe_graph::step::OwnedField;
 use abbe_measurement::alignment::aligned_residuals_m;
 use anyhow::Context;
@@ -71,10 +70,9 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         stages.push(Stage::new(("by geometry", "geometric"), &corrected(None)?.corrected_m, &actual_m)?);
     }
     stages.push(Stage::new(("corrected", "after"), &points.corrected_m, &actual_m)?);
-    let extrapolated = points.statuses.iter().filter(|status| **status == Status::Extrapolated).count();
     if arguments.json {
         let mut value = json!({
-            "points": points.rows.len(), "extrapolated": extrapolated,
+            "points": points.rows.len(), "extrapolated": points.extrapolated(),
             "model_doubts": model.said_against().collect::<Vec<_>>(),
         });
         for stage in &stages {
@@ -85,16 +83,24 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
             value[format!("{key}_length_limit_um")] = json!(lengths.limit());
         }
         println!("{}", serde_json::to_string_pretty(&value)?);
-        return Ok(());
+    } else {
+        print_words(&points, &stages);
     }
+    if !points.tally.is_inside() {
+        eprintln!("abbe: {}", points.tally.words(&model.model, &name, "line"));
+    }
+    Ok(points.tally.judge(&name)?)
+}
+
+fn print_words(points: &VerificationPoints, stages: &[Stage]) {
+    let extrapolated = points.extrapolated();
     let pairs = stages.first().map_or(0, |stage| stage.lengths.pairs);
     println!(
         "{} points, {extrapolated} extrapolated; 3-D error after rigid alignment, and length error of {pairs} pairs (um; L in mm):",
         points.rows.len()
     );
-    for Stage { name, rms_um, max_um, lengths, .. } in &stages {
+    for Stage { name, rms_um, max_um, lengths, .. } in stages {
         let (length_um, limit) = (lengths.largest_m * 1e6, lengths.limit());
         println!("  {name:<11} rms {rms_um:8.3}  max {max_um:8.3}  lengths within {length_um:7.3}, {limit}");
     }
-    Ok(())
 }

@@ -44,7 +44,7 @@ pub(crate) fn run(path: &Path, stated: &Stated, limits: &Limits, rule: &Decision
         footer: Some(software()),
         sections,
     };
-    Ok(Product { words, json, report, verdict: verdict(&errors, limits, rule) })
+    Ok(Product { words, json, report, verdict: verdict(&errors, limits, rule), outside: None })
 }
 
 /// The verdict on the limits, where there are some.

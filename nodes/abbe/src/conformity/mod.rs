@@ -9,6 +9,7 @@ pub(crate) mod runs;
 pub(crate) mod simulated;
 pub(crate) mod sphere;
 
+use crate::exit::Ended;
 use abbe_conformity::{DecisionRule, Departure, MaximumPermissibleError, PermissibleError, TestUncertainty, Verdict};
 use abbe_files::{AtomicFile, hex};
 use abbe_report::{Callout, MetaItem, Report, Section, Tone};
@@ -32,6 +33,15 @@ pub(crate) struct Product {
     pub(crate) report: Report,
     /// The verdict on all limits that were given.
     pub(crate) verdict: Option<Verdict>,
+    /// What the touches that a model corrected were worth, where not all are inside what it knows.
+    pub(crate) outside: Option<Outside>,
+}
+
+/// Touches outside what a model knows.
+pub(crate) struct Outside {
+    pub(crate) words: String,
+    /// An error where all of them are, by a model that was given.
+    pub(crate) judged: Result<(), Ended>,
 }
 
 /// The verdict on several limits: one that is not kept decides, then one that is not proved.

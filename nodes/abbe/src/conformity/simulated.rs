@@ -5,17 +5,18 @@
 //! as model and residual model do. The models see the campaign only.
 
 use super::lengths::{self, STANDARD};
-use super::{Limits, Product, departure_callout};
+use super::{Limits, Outside, Product, departure_callout};
 use crate::command::simulate;
 use crate::pipeline::software;
 use crate::residual::{load_residual, with_residual};
+use crate::tally::Tally;
 use abbe_conformity::DecisionRule;
 use abbe_conformity::length::{
     LengthErrors, LengthPlan, LengthTest, MeasuringVolume, OffsetPlane, Probing, e0_lines, evaluate, offset_lines,
 };
 use abbe_files::{MachineFile, ModelFile, read_machine};
 use abbe_geometry::Vector3;
-use abbe_geometry::correct::{Status, correct};
+use abbe_geometry::correct::{Correction, Status, correct};
 use abbe_geometry::effects::{CovariateSource, CovariateValue, State};
 use abbe_geometry::model::MachineModel;
 use abbe_graph::step::OwnedField;
@@ -28,6 +29,7 @@ use abbe_virtual_machine::simulate::covariate_names;
 use abbe_virtual_machine::{SimulationConfig, simulate_campaign};
 use anyhow::ensure;
 use serde_json::json;
+use std::cell::RefCell;
 use std::path::Path;
 
 /// Seed, machine and effects of a simulated test.
@@ -67,10 +69,18 @@ pub(crate) fn run(
     let stage = |title, key, errors| Stage { title, key, errors };
     let mut stages = vec![stage("Before correction", "before", measured(&config, asked, |at| Some(at.indicated_m()))?)];
     if residual.is_some() {
-        let by_geometry = measured(&config, asked, |at| corrected_m(&model, None, at))?;
+        let by_geometry = measured(&config, asked, |at| position_m(&corrected(&model, None, at)))?;
         stages.push(stage("After the geometric model alone", "geometric", by_geometry));
     }
-    let after = measured(&config, asked, |at| corrected_m(&model, residual.as_ref(), at))?;
+    let tally = RefCell::new(Tally::default());
+    let after = measured(&config, asked, |at| {
+        let correction = corrected(&model, residual.as_ref(), at);
+        let mut tally = tally.borrow_mut();
+        let touch = tally.rows() + 1;
+        tally.add(&model, &state(at, &Logged(at)), correction.status, touch);
+        position_m(&correction)
+    })?;
+    let tally = tally.into_inner();
     stages.push(stage("After correction", "after", after));
     let mut words = format!("machine {}, seed {}\n", machine.machine.name, asked.seed);
     let mut json = json!({
@@ -82,8 +92,14 @@ pub(crate) fn run(
         json[*key] = lengths::figures(errors, limits, rule)?;
     }
     let report = report(&machine.machine.name, asked, &stages, limits, rule)?;
+    let test = "the length test";
+    let outside = (!tally.is_inside()).then(|| Outside {
+        words: tally.words(&model, test, "touch"),
+        // A model that is identified here knows the offsets of its campaign, which the test with a tool offset leaves on purpose.
+        judged: if asked.model.is_some() { tally.judge(test) } else { Ok(()) },
+    });
     let verdict = stages.last().and_then(|after| lengths::verdict(&after.errors, limits, rule));
-    Ok(Product { words, json, report, verdict })
+    Ok(Product { words, json, report, verdict, outside })
 }
 
 /// The model asked for and its residual model, or one that is identified from a campaign of the simulated machine.
@@ -132,10 +148,15 @@ fn measured(
     )?)
 }
 
-fn corrected_m(model: &MachineModel, residual: Option<&OwnedField>, at: &MachineAtTouch) -> Option<[f64; 3]> {
-    let covariates = Logged(at);
-    let state = State { reading_m: at.reading_m, offset_m: at.offset_m, covariates: &covariates };
-    let correction = with_residual(correct(model, &state), residual);
+fn corrected(model: &MachineModel, residual: Option<&OwnedField>, at: &MachineAtTouch) -> Correction {
+    with_residual(correct(model, &state(at, &Logged(at))), residual)
+}
+
+fn state<'a>(at: &MachineAtTouch, logged: &'a Logged) -> State<'a> {
+    State { reading_m: at.reading_m, offset_m: at.offset_m, covariates: logged }
+}
+
+fn position_m(correction: &Correction) -> Option<[f64; 3]> {
     (correction.status != Status::Rejected).then(|| correction.position_m.into())
 }
 

@@ -48,6 +48,7 @@ pub(crate) fn run(
         json,
         report: report(path, &file.sha256, &errors, &rows, rule),
         verdict: worst([form, size]),
+        outside: None,
     })
 }
 

@@ -79,23 +79,17 @@ pub(super) fn print(data: &DemoReport, out: &Path) {
     println!("report: {}", out.join("report.html").display());
 }
 
-/// Verification errors with the corrected positions that came over the live topic.
+/// Verification errors, once the corrected positions that came over the live topic are those of the file.
 fn live_errors(facts: &Facts) -> anyhow::Result<Vec<Verified>> {
     let received: std::collections::BTreeMap<u64, _> = facts.live.corrected.iter().map(|c| (c.sequence, c)).collect();
-    let mut points = VerificationPoints {
-        rows: facts.points.rows.clone(),
-        corrected_m: Vec::new(),
-        statuses: facts.points.statuses.clone(),
-    };
     for (number, offline_m) in facts.points.corrected_m.iter().enumerate() {
         let sequence = facts.bag.first_point + number as u64;
         let live_m = received.get(&sequence).and_then(|c| c.corrected_point_in_machine_m()).map(Vector3::from);
         ensure!(live_m.is_some(), "verification point {number} did not come back from the live graph");
-        let live_m = live_m.unwrap_or(*offline_m);
-        ensure!(live_m == *offline_m, "point {number}: live and offline correction differ; this must never happen");
-        points.corrected_m.push(live_m);
+        let same = live_m == Some(*offline_m);
+        ensure!(same, "point {number}: live and offline correction differ; this must never happen");
     }
-    errors(&points)
+    errors(facts.points)
 }
 
 fn verification_point(verified: &Verified) -> VerificationPoint {

@@ -1,0 +1,170 @@
+//! Points outside what is known: every command that answers point by point says so, and ends with a code of its own where no
+//! point is inside.
+
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // A test fails by panicking.
+
+mod common;
+
+use std::fs;
+
+use common::assert_says;
+use common::files::{Bench, machine, text};
+use common::program::run;
+use common::spoil::{Table, refused};
+
+const POINT_HEAD: &str = "x_mm,y_mm,z_mm,offset_x_mm,offset_y_mm,offset_z_mm";
+/// Exit code of an output without a row that is inside.
+const NOTHING_INSIDE: i32 = 4;
+
+#[test]
+fn regress_rows_that_could_not_be_corrected_are_counted_with_their_cause_and_an_exit_code() {
+    let bench = Bench::identified(5);
+    let correct = |rows: &[&str]| {
+        let points = bench.write("points.csv", format!("{POINT_HEAD}\n{}\n", rows.join("\n")));
+        run(["correct", "--model", &bench.text("model.json"), "--in", &points, "--out", &bench.text("out.csv")])
+    };
+    let good = "100,100,100,0,0,-60";
+    let ran = correct(&[good; 3]);
+    assert_eq!(ran.errors.trim_end(), format!("abbe: {}: 3 rows, 3 corrected, 3 in volume", bench.text("points.csv")));
+    ran.ok();
+    let few = [[good; 19].as_slice(), &["2000,100,100,0,0,-60"]].concat();
+    let ran = correct(&few);
+    assert_says(&ran.errors, &["abbe: /", "20 rows, 19 corrected, 19 in volume, 1 rejected (first: line 21)"]);
+    assert_says(&ran.errors, &["rejected, all of them: X is outside 0.0000 … 800.0000 mm, 2000.0000 mm at most"]);
+    ran.ok();
+    // A large share is a warning; no row inside is an exit code of its own. The output says it row by row.
+    let said = correct(&[good, "100,100,100,0,0,-300", "100,100,900,0,0,-400"]);
+    assert_says(&said.errors, &["abbe: warning: ", "1 extrapolated (first: line 3), 1 rejected (first: line 4)"]);
+    assert_says(&said.errors, &["extrapolated, all of them: the offset in Z is outside", "-300.0000 mm at most"]);
+    said.ok();
+    let said = correct(&["100,100,100,0,0,-300", "2,100,100,0,0,-300"]).ended(NOTHING_INSIDE);
+    assert_says(&said, &["0 in volume, 2 extrapolated (first: line 2)", "no row could be corrected inside"]);
+    assert!(said.contains("the offset in Z is outside") && !said.contains("X is outside"), "not in all: {said}");
+    assert_eq!(bench.read("out.csv").lines().count(), 3);
+    // Metres under the name of millimetres.
+    let metres = ["0.1,0.1,0.1,0,0,-60", "0.7,0.5,0.5,0,0,-60"];
+    assert_says(&correct(&metres).ended(NOTHING_INSIDE), &["as metres the readings would lie inside"]);
+    let out = bench.text("refused.csv");
+    let none = bench.write("points.csv", format!("{POINT_HEAD}\n"));
+    refused(
+        &bench,
+        &["correct", "--model", &bench.text("model.json"), "--in", &none, "--out", &out],
+        &["points.csv", "header but no row"],
+    );
+}
+
+/// Verification points with another offset than the campaign had, for rows that are to be moved.
+fn moved(bench: &Bench, is_moved: impl Fn(usize) -> bool) -> String {
+    let mut table = Table::of(&bench.read("verify.csv"));
+    let [offset, actual] = ["offset_z_mm", "actual_z_mm"].map(|name| table.column(name));
+    for (_, row) in table.0.iter_mut().enumerate().skip(1).filter(|(k, _)| is_moved(*k)) {
+        for column in [offset, actual] {
+            row[column] = format!("{}", row[column].parse::<f64>().unwrap() - 300.0);
+        }
+    }
+    bench.write("moved.csv", table.text())
+}
+
+#[test]
+fn regress_verification_points_outside_are_told_and_all_of_them_have_an_exit_code() {
+    let bench = Bench::identified(5);
+    let model = bench.text("model.json");
+    let verify = |points: &str, more: &[&str]| {
+        run(["verify", "--model", &model, "--points", points].iter().chain(more).copied().collect::<Vec<_>>())
+    };
+    let ran = verify(&bench.text("verify.csv"), &[]);
+    assert_eq!(ran.errors, "", "points inside need no words");
+    ran.ok();
+    let ran = verify(&moved(&bench, |row| row <= 10), &[]);
+    assert_says(&ran.errors, &["moved.csv: 400 rows, 400 corrected, 390 in volume, 10 extrapolated (first: line 2)"]);
+    assert_says(&ran.errors, &["the offset in Z is outside"]);
+    assert_says(&ran.ok(), &["400 points, 10 extrapolated"]);
+    let all = moved(&bench, |_| true);
+    for more in [&[][..], &["--json"]] {
+        let ran = verify(&all, more);
+        assert!(String::from_utf8_lossy(&ran.output).contains("extrapolated"), "the figures are given all the same");
+        assert_says(
+            &ran.ended(NOTHING_INSIDE),
+            &["warning", "0 in volume, 400 extrapolated", "no row could be corrected"],
+        );
+    }
+    // Where it would be learnt from, it is refused.
+    let residuals = ["residuals", "--model", &model, "--campaign", &all, "--out", &bench.text("refused.csv")];
+    refused(&bench, &residuals, &["warning", "moved.csv", "0 in volume", "no point is inside", "volume and offsets"]);
+}
+
+#[test]
+fn regress_maps_and_tables_for_a_tip_that_was_not_measured_have_an_exit_code() {
+    let bench = Bench::identified(5);
+    let (model, map, table) = (bench.text("model.json"), bench.text("map"), bench.text("table.csv"));
+    let said = run(["volumetric", "--model", &model, "--out", &map, "--steps", "3"]).ended(NOTHING_INSIDE);
+    assert_says(&said, &["warning", "27 of 27 points are outside", "an offset of 0 0 0 mm; see --offset-mm"]);
+    assert!(bench.path("map/report.html").exists());
+    let export = |offset: &str| {
+        let step = ["--step-mm", "100", "--offset-mm", offset];
+        let grid = ["export", "--model", &model, "--format", "volumetric-grid", "--out", &table];
+        run(grid.into_iter().chain(step))
+    };
+    export("0,0,-60").ok();
+    fs::remove_file(&table).unwrap();
+    let said = export("0,0,-300").ended(NOTHING_INSIDE);
+    assert_says(&said, &["table.csv: no node is inside", "the tip is at 0.0000 0.0000 -300.0000 mm", "--offset-mm"]);
+    assert!(bench.path("table.csv").exists());
+}
+
+#[test]
+fn regress_a_length_test_by_a_model_of_other_offsets_proves_nothing() {
+    let bench = Bench::simulated(5);
+    let mut table = Table::of(&bench.read("campaign.csv"));
+    let offset = table.column("offset_y_mm");
+    table.keep(|_, row| row[offset] != "0");
+    // Only the reflector 140 mm aside: the stylus of the length test stands elsewhere.
+    let machine = text(&machine());
+    let (campaign, model) = (bench.write("aside.csv", table.text()), bench.text("model.json"));
+    run(["identify", "--machine", &machine, "--campaign", &campaign, "--out", &model]).ok();
+    let test = ["conformity", "--machine", &machine, "--seed", "5", "--mpe", "50+L/100"];
+    let ran = run(test.into_iter().chain(["--model", &model]));
+    assert!(String::from_utf8_lossy(&ran.output).contains("After correction"));
+    let said = ran.ended(NOTHING_INSIDE);
+    assert_says(
+        &said,
+        &["warning: the length test: ", "0 in volume", "the offset in Y is outside", "no row could be corrected"],
+    );
+    // By a model of its own campaign the same test is inside, and conforms.
+    let ran = run(test);
+    assert!(!ran.errors.contains("extrapolated"), "{}", ran.errors);
+    ran.ok();
+}
+
+#[test]
+fn regress_answers_between_measured_points_are_told_from_those_beyond() {
+    let bench = Bench::simulated(5);
+    let row = |k: usize| {
+        let at = k as f64;
+        let [x, y, z] = [1.3, 2.1, 0.7].map(|step| 300.0 + 250.0 * (step * at).sin());
+        let [a, b] = [x, y].map(|mm| 2.0 * (mm / 90.0).sin());
+        format!("{x:.3},{y:.3},{z:.3},{a:.4},{b:.4},{:.4}\n", a * b)
+    };
+    let rows: String = (0..60).map(row).collect();
+    let vectors = bench.write("vectors.csv", format!("x_mm,y_mm,z_mm,res_x_um,res_y_um,res_z_um\n{rows}"));
+    let config = bench.write("quick.toml", "seed = 5\nmethod = \"kriging\"\n");
+    let (residual, out) = (bench.text("residual.json"), bench.text("out.csv"));
+    run(["train", "--residuals", &vectors, "--config", &config, "--out", &residual]).ok();
+    let commands = [["predict", "--model", &residual, "--in"], ["interpolate", "--vectors", &vectors, "--at"]];
+    let (inside, beyond) = ("300,300,300\n", "1900,300,300\n");
+    for command in commands {
+        let of = |rows: &[&str]| {
+            let points = bench.write("points.csv", format!("x_mm,y_mm,z_mm\n{}", rows.concat()));
+            run(command.into_iter().chain([points.as_str(), "--out", &out]))
+        };
+        let ran = of(&[inside]);
+        assert!(!ran.errors.contains("points.csv"), "{}", ran.errors);
+        ran.ok();
+        let ran = of(&[inside, beyond]);
+        assert_says(&ran.errors, &["warning", "points.csv: 1 ", "of 2 points"]);
+        ran.ok();
+        let said = of(&[beyond, "1900,1900,300\n"]).ended(NOTHING_INSIDE);
+        assert_says(&said, &["points.csv: 2 ", "of 2 points", "no point lies among the measured ones"]);
+        assert_eq!(bench.read("out.csv").lines().filter(|line| !line.starts_with('#')).count(), 3);
+    }
+}
