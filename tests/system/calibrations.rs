@@ -122,6 +122,9 @@ fn tracker_readings_give_the_six_errors_by_position() {
     let out = text(&folder.path().join("out"));
     let mut arguments = vec!["guideway", "--points", &points, "--axis", "x", "--reference-mm", "1000,500,-200"];
     arguments.extend(["--u-range", "0.5,0.5", "--u-across", "5,2", "--out", &out]);
+    assert_says(&run(&arguments).refused(), &["smaller than the declared noise", "computed"]);
+    // They are computed, and that is meant.
+    arguments.push("--accept-misfit");
     assert_says(&run(&arguments).ok(), &["5 positions", "EXX", "ECX", "40.000", "chi2"]);
     let csv = fs::read_to_string(folder.path().join("out/errors.csv")).unwrap();
     let lines: Vec<Vec<&str>> = csv.lines().map(|line| line.split(',').collect()).collect();

@@ -56,7 +56,9 @@ pub fn of_noise(chi2_per_dof: f64, degrees_of_freedom: f64, causes: Vec<Cause>) 
     if degrees_of_freedom < 1.0 || !chi2_per_dof.is_finite() {
         return None;
     }
-    let by_chance = (chi2_per_dof - 1.0).abs() <= CHANCE * (2.0 / degrees_of_freedom).sqrt();
+    // Nearly normal down to few degrees of freedom and down to zero (Wilson and Hilferty 1931).
+    let variance = 2.0 / (9.0 * degrees_of_freedom);
+    let by_chance = (chi2_per_dof.max(0.0).cbrt() - (1.0 - variance)).abs() <= CHANCE * variance.sqrt();
     if by_chance || TOLD.contains(&chi2_per_dof) {
         return None;
     }
@@ -93,6 +95,8 @@ mod tests {
     fn noise_is_graded_either_way_and_chance_is_let_through() {
         let of = |ratio: f64, dof: f64| of_noise(ratio * ratio, dof, Vec::new()).map(|finding| finding.grade);
         let (message, warning, refusal) = (Some(Grade::Message), Some(Grade::Warning), Some(Grade::Refusal));
+        // Thirty points on a sphere: scatter far below what was declared is no chance.
+        assert_eq!([1.0, 0.7, 0.2, 0.05].map(|ratio| of(ratio, 26.0)), [None, None, warning, refusal]);
         assert_eq!(
             [1.0, 1.1, 1.5, 2.9, 3.1, 9.9, 10.1].map(|ratio| of(ratio, 2600.0)),
             [None, None, message, message, warning, warning, refusal]
