@@ -6,6 +6,7 @@
 mod common;
 #[allow(dead_code)] // Its other rules are held elsewhere.
 #[path = "../src/documents.rs"]
+#[allow(unreachable_pub)] // Public where it is a library of its own.
 mod documents;
 
 use std::collections::BTreeMap;

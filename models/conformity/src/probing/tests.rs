@@ -129,5 +129,5 @@ fn points_that_fix_no_sphere_are_refused() {
     far[0] += Vector3::new(0.0, 0.0, 0.0012);
     refused(far.clone(), Some(2.0 * RADIUS_M), "form error");
     far[0] += Vector3::new(0.0, 0.0, 0.0028);
-    refused(far, Some(2.0 * RADIUS_M), "that is none");
+    refused(far, Some(2.0 * RADIUS_M), "point 1 lies");
 }

@@ -5,10 +5,10 @@
 //! solution that is meant and the frame it is given in.
 //!
 //! Least squares of ‖pᵢ + shift − Sⱼ‖ − dⱼ = lᵢⱼ by Levenberg-Marquardt. Points are eliminated one by one (Schur complement), so
-//! that cost and memory grow with the ranges ([`blocks`]). Ranges fix shape and scale. They do not change when everything
+//! that cost and memory grow with the ranges (`blocks`). Ranges fix shape and scale. They do not change when everything
 //! moves together, so six numbers are a convention: the frame is that in which the points fit their starts best (inner
-//! constraints; [`frame`]), and covariances are of that frame. Plans that leave more than the frame open are refused
-//! ([`rank`]). Gross errors are found by residuals over their own standard deviation ([`outliers`]).
+//! constraints; `frame`), and covariances are of that frame. Plans that leave more than the frame open are refused
+//! (`rank`). Gross errors are found by residuals over their own standard deviation (`outliers`).
 //! Source: Baarda 1968 (data snooping), 1973 (S-transformations); the network itself is that of multilateration.
 
 mod blocks;

@@ -116,7 +116,7 @@ fn the_frame_is_that_in_which_points_fit_their_starts_best() {
 #[test]
 fn stated_uncertainties_are_the_scatter() {
     // Half of the points are seen by three stations of six only.
-    let few = |station: usize, point: usize| point % 2 == 0 || (station + point / 2) % 2 == 0;
+    let few = |station: usize, point: usize| point.is_multiple_of(2) || (station + point / 2).is_multiple_of(2);
     for (options, seed) in [(FREE, 2), (ABSOLUTE, 3)] {
         let case = case(&stations(), options.absolute, few);
         let mut random = ChaCha8Rng::seed_from_u64(seed);
