@@ -57,7 +57,11 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         bar.set_message(progress_text(&progress, &mut fold));
         !shutdown.requested()
     };
-    let made = product(arguments, &mut observe);
+    let mut observe_study = |progress: study::Progress| {
+        bar.set_message(study_text(&progress));
+        !shutdown.requested()
+    };
+    let made = product(arguments, &mut observe, &mut observe_study);
     bar.finish_and_clear();
     let product = shown(made, arguments.json)?;
     let json = product.report.json()?;
@@ -72,7 +76,11 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     Ok(())
 }
 
-fn product(arguments: &Arguments, observe: &mut dyn FnMut(Progress) -> bool) -> anyhow::Result<Product> {
+fn product(
+    arguments: &Arguments,
+    observe: &mut dyn FnMut(Progress) -> bool,
+    observe_study: &mut dyn FnMut(study::Progress) -> bool,
+) -> anyhow::Result<Product> {
     let request = Request {
         verify: arguments.verify.as_deref(),
         seed: arguments.seed,
@@ -81,7 +89,7 @@ fn product(arguments: &Arguments, observe: &mut dyn FnMut(Progress) -> bool) -> 
         join: &arguments.join,
     };
     if let Some(residuals) = &arguments.residuals {
-        return study::run_residuals(residuals, arguments.model.as_deref(), &request);
+        return study::run_residuals(residuals, arguments.model.as_deref(), &request, observe_study);
     }
     let campaign = arguments.campaign.as_deref().context("name the data with --campaign or --residuals")?;
     match (study::kind_of(campaign), &arguments.model) {
@@ -99,8 +107,14 @@ fn product(arguments: &Arguments, observe: &mut dyn FnMut(Progress) -> bool) -> 
              identify",
             campaign.display()
         ),
-        (Some(kind), None) => study::run(kind, campaign, &request),
+        (Some(kind), None) => study::run(kind, campaign, &request, observe_study),
     }
+}
+
+/// Progress of a study in words.
+fn study_text(progress: &study::Progress) -> String {
+    let part = progress.part.map_or_else(String::new, |(number, of)| format!("without part {number} of {of}: "));
+    format!("{part}{} candidates beside {} effects", progress.candidates, progress.effects)
 }
 
 /// Progress in words. Within a part left out, the search goes through the same steps again.
