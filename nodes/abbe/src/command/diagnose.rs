@@ -57,11 +57,7 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         bar.set_message(progress_text(&progress, &mut fold));
         !shutdown.requested()
     };
-    let mut observe_study = |progress: study::Progress| {
-        bar.set_message(study_text(&progress));
-        !shutdown.requested()
-    };
-    let made = product(arguments, &mut observe, &mut observe_study);
+    let made = product(arguments, &mut observe);
     bar.finish_and_clear();
     let product = shown(made, arguments.json)?;
     let json = product.report.json()?;
@@ -76,11 +72,7 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     Ok(())
 }
 
-fn product(
-    arguments: &Arguments,
-    observe: &mut dyn FnMut(Progress) -> bool,
-    observe_study: &mut dyn FnMut(study::Progress) -> bool,
-) -> anyhow::Result<Product> {
+fn product(arguments: &Arguments, observe: &mut dyn FnMut(Progress) -> bool) -> anyhow::Result<Product> {
     let request = Request {
         verify: arguments.verify.as_deref(),
         seed: arguments.seed,
@@ -89,7 +81,7 @@ fn product(
         join: &arguments.join,
     };
     if let Some(residuals) = &arguments.residuals {
-        return study::run_residuals(residuals, arguments.model.as_deref(), &request, observe_study);
+        return study::run_residuals(residuals, arguments.model.as_deref(), &request);
     }
     let campaign = arguments.campaign.as_deref().context("name the data with --campaign or --residuals")?;
     match (study::kind_of(campaign), &arguments.model) {
@@ -107,14 +99,8 @@ fn product(
              identify",
             campaign.display()
         ),
-        (Some(kind), None) => study::run(kind, campaign, &request, observe_study),
+        (Some(kind), None) => study::run(kind, campaign, &request),
     }
-}
-
-/// Progress of a study in words.
-fn study_text(progress: &study::Progress) -> String {
-    let part = progress.part.map_or_else(String::new, |(number, of)| format!("without part {number} of {of}: "));
-    format!("{part}{} candidates beside {} effects", progress.candidates, progress.effects)
 }
 
 /// Progress in words. Within a part left out, the search goes through the same steps again.

@@ -7,9 +7,8 @@ use super::study_record;
 use super::{Product, Request, name_of};
 use crate::pipeline::software;
 use abbe_diagnose::DiagnoseError;
-pub(crate) use abbe_diagnose::study::Progress;
 use abbe_diagnose::study::runs::{PositionSummary, positions};
-use abbe_diagnose::study::{Observe, Options, StudyDiagnosis, five_axis, runs, vectors};
+use abbe_diagnose::study::{Options, StudyDiagnosis, five_axis, runs, vectors};
 use abbe_files::{
     FileError, ModelFile, header_names, hex, read_residual_vectors_file, read_runs_file, read_sphere_centres_file,
 };
@@ -42,38 +41,27 @@ pub(crate) fn kind_of(path: &Path) -> Option<DataKind> {
 }
 
 /// Diagnoses runs or sphere centres.
-pub(crate) fn run(kind: DataKind, path: &Path, request: &Request, observe: &mut Observe) -> anyhow::Result<Product> {
+pub(crate) fn run(kind: DataKind, path: &Path, request: &Request) -> anyhow::Result<Product> {
     match kind {
         DataKind::Runs => {
             let file = read_runs_file(path)?;
             let figures = position_figures(&positions(&file.rows));
-            conclude(path, file.sha256, request, figures, |options| {
-                runs::diagnose_observed(&file.rows, options, observe)
-            })
+            conclude(path, file.sha256, request, figures, |options| runs::diagnose(&file.rows, options))
         }
         DataKind::SphereCentres => {
             let file = read_sphere_centres_file(path)?;
-            conclude(path, file.sha256, request, Vec::new(), |options| {
-                five_axis::diagnose_observed(&file.rows, options, observe)
-            })
+            conclude(path, file.sha256, request, Vec::new(), |options| five_axis::diagnose(&file.rows, options))
         }
     }
 }
 
 /// Diagnoses residual vectors; the machine of a model, where one is given, says which chain stands behind them.
-pub(crate) fn run_residuals(
-    path: &Path,
-    model: Option<&Path>,
-    request: &Request,
-    observe: &mut Observe,
-) -> anyhow::Result<Product> {
+pub(crate) fn run_residuals(path: &Path, model: Option<&Path>, request: &Request) -> anyhow::Result<Product> {
     let machine = model.map(machine_of).transpose()?;
     let file = read_residual_vectors_file(path)?;
     let vectors_m: Vec<Vector3<f64>> = file.rows.iter().map(|row| row.residual_m.into()).collect();
     check_vectors(&vectors_m, false).with_context(|| path.display().to_string())?;
-    conclude(path, file.sha256, request, Vec::new(), |options| {
-        vectors::diagnose_observed(&file.rows, machine.as_ref(), options, observe)
-    })
+    conclude(path, file.sha256, request, Vec::new(), |options| vectors::diagnose(&file.rows, machine.as_ref(), options))
 }
 
 fn machine_of(model: &Path) -> Result<Machine, FileError> {
@@ -87,10 +75,10 @@ fn conclude(
     figures: Vec<Section>,
     diagnose: impl FnOnce(&Options) -> Result<StudyDiagnosis, DiagnoseError>,
 ) -> anyhow::Result<Product> {
-    let options = Options::default();
+    let options = Options { seed: request.seed, ..Options::default() };
     let diagnosis = diagnose(&options).with_context(|| path.display().to_string())?;
     let data = File { file: name_of(path), sha256: hex(&sha256) };
-    let record = study_record::record(&diagnosis, data, &options, request.seed, software());
+    let record = study_record::record(&diagnosis, data, &options, software());
     Ok(Product { report: DiagnosisReport { record, residuals: None, figures }, model: None })
 }
 

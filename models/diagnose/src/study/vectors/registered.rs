@@ -144,7 +144,6 @@ fn candidate(entry: &'static Known, shape: &Shape, effect: &dyn Effect) -> Candi
         covariates: effect.covariates(),
         parameters: effect.parameters(),
         decided_by: entry.decided_by.to_owned(),
-        stands_apart: entry.name == SCANNED,
     }
 }
 
