@@ -4,7 +4,6 @@
 //! and campaign in, SI, machine frame; nothing is read or written here.
 
 use crate::alias;
-use crate::belief;
 use crate::candidates::{Candidate, Round};
 use crate::diagnosis::{Diagnosis, Found, FoundParameter, Kind, Rival};
 use crate::error::DiagnoseError;
@@ -45,10 +44,6 @@ pub fn diagnose(
     let judged = Judged::of(&search, machine, (&first, &base), &state, observe)?;
     if let Some(because) = &judged.not_adopted {
         state.withdraw((before.clone(), first.clone(), base.clone()), because);
-    }
-    if !state.terms.iter().all(|term| has(&base, term)) {
-        state.fit.model = belief::believed(&state.fit.model, &state.round, campaign, &base)
-            .map_err(abbe_identify::IdentifyError::from)?;
     }
     let named = match state.named.take() {
         Some(named) => named,
@@ -167,7 +162,7 @@ fn found(
     let mut first = state.fit.model.layout().len();
     let mut all = Vec::new();
     for (index, fitted) in effects.iter().enumerate() {
-        if !is_base(base, fitted) && !is_base(&state.rivals, fitted) {
+        if !is_base(base, fitted) {
             all.push(one(search, state, (index, first), observe)?);
         }
         first += fitted.parameters.len();

@@ -17,12 +17,10 @@ const DETERMINED: f64 = 1e-6;
 const NONE: f64 = 1e-12;
 
 /// One block left out.
-#[derive(Debug, Clone, Default, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct HeldOut {
     /// Sum of squared whitened residuals of the block, predicted without it.
     pub square: f64,
-    /// The same, each direction over its variance if the fit is right, for unit noise: rᵀ(I − H)⁻¹r.
-    pub standardised: f64,
     /// Directions judged: rows of the block less those that only the block determines.
     pub judged: usize,
 }
@@ -50,8 +48,7 @@ fn determined(rows: &Mat<f64>, residuals: &[f64]) -> HeldOut {
     match (rest(DETERMINED), rest(0.0)) {
         (Ok(_), Ok(factor)) => {
             let left_out = factor.solve(column(residuals));
-            let standardised = residuals.iter().enumerate().map(|(k, residual)| residual * left_out[(k, 0)]).sum();
-            HeldOut { square: left_out.squared_norm_l2(), standardised, judged: residuals.len() }
+            HeldOut { square: left_out.squared_norm_l2(), judged: residuals.len() }
         }
         _ => by_directions(&hat, |_, vectors| vectors.transpose() * column(residuals)),
     }
@@ -71,24 +68,23 @@ fn tall(rows: &Mat<f64>, residuals: &[f64]) -> HeldOut {
         along
     });
     let all: f64 = residuals.iter().map(|r| r * r).sum();
-    let (outside, judged) = ((all - inside).max(0.0), of_model.judged + rows.nrows() - rows.ncols());
-    HeldOut { square: of_model.square + outside, standardised: of_model.standardised + outside, judged }
+    let judged = of_model.judged + rows.nrows() - rows.ncols();
+    HeldOut { square: of_model.square + (all - inside).max(0.0), judged }
 }
 
 /// Sum over the eigenvectors of a symmetric matrix whose directions others determine too, given the residual along each.
 fn by_directions(matrix: &Mat<f64>, along: impl FnOnce(&[f64], &Mat<f64>) -> Mat<f64>) -> HeldOut {
-    let Some((values, vectors)) = symmetric_eigen(matrix) else { return HeldOut::default() };
+    let Some((values, vectors)) = symmetric_eigen(matrix) else { return HeldOut { square: 0.0, judged: 0 } };
     let along = along(&values, &vectors);
-    let mut held_out = HeldOut::default();
+    let (mut square, mut judged) = (0.0, 0);
     for (k, value) in values.iter().enumerate() {
         let rest = 1.0 - value;
         if rest > DETERMINED {
-            held_out.square += (along[(k, 0)] / rest).powi(2);
-            held_out.standardised += along[(k, 0)].powi(2) / rest;
-            held_out.judged += 1;
+            square += (along[(k, 0)] / rest).powi(2);
+            judged += 1;
         }
     }
-    held_out
+    HeldOut { square, judged }
 }
 
 #[cfg(test)]
@@ -130,6 +126,6 @@ mod tests {
         // A block of one row alone on its parameter, of fewer rows than parameters.
         let base = Mat::from_fn(7, 2, |k, j| if (k == 0) == (j == 0) { 1.0 } else { 0.0 });
         let (fit, _) = Linear::least_squares(base, &observed[..7]).unwrap();
-        assert_eq!(held_out(&fit, &[vec![0]])[0], HeldOut::default());
+        assert_eq!(held_out(&fit, &[vec![0]])[0], HeldOut { square: 0.0, judged: 0 });
     }
 }

@@ -5,8 +5,6 @@
 //! `abbe diagnose` command reads, reports and stores.
 
 mod alias;
-mod average;
-mod belief;
 mod candidates;
 mod context;
 mod diagnose;
@@ -14,7 +12,6 @@ mod diagnosis;
 mod error;
 mod gate;
 pub mod held_out;
-mod holes;
 mod judge;
 pub mod linear;
 mod look;
@@ -34,7 +31,6 @@ pub use diagnose::diagnose;
 pub use diagnosis::{Diagnosis, Found, FoundParameter, Kind, NotIdentifiable, Rival, SetAside, Untestable};
 pub use error::DiagnoseError;
 pub use gate::{Judged, Verdict};
-pub use holes::{Complete, without_holes};
 pub use judge::{Blocked, HeldOutError, Placebo, Unseen};
 pub use noise::{Detection, Group, Structure};
 pub use options::{Options, Progress};

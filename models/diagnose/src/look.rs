@@ -64,13 +64,12 @@ pub(crate) struct Finding {
 }
 
 impl Finding {
-    /// Shapes that act as found, on each joint's angles instead, and on the range instead of the tip, of the degree looked with.
+    /// Shapes that act as found, and on each joint's angles instead, of the degree looked with.
     pub(crate) fn acting(&self, variables: &[Variable]) -> Vec<Shape> {
         let joints = ErrorId::all().filter(|id| id.is_angular()).map(|id| id.name());
         let mut acts = vec![self.acts.to_owned()];
         if self.acts != "range" {
             acts.extend(joints);
-            acts.push("range".to_owned());
         }
         acts.iter().map(|acts| self.shape(variables, acts).number(self.form().0, self.form().1)).collect()
     }

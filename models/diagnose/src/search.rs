@@ -16,7 +16,7 @@ use crate::look::{self, Variable};
 use crate::options::{Options, Progress};
 use crate::periodic::Periodogram;
 use crate::score::Score;
-use crate::{average, order, periodic, runs};
+use crate::{order, periodic, runs};
 use abbe_geometry::ErrorId;
 use abbe_geometry::effects::{ShapeValue, known};
 use abbe_geometry::machine::Machine;
@@ -35,8 +35,6 @@ const AS_WELL: f64 = 0.5;
 const MATERIAL: f64 = 0.1;
 /// Rounds at most.
 const MAX_ROUNDS: usize = 10;
-/// Empirical terms whose best form is looked for as a rival.
-const LOOKED_AT: usize = 12;
 /// Candidates set aside in one round after which it ends: each costs a fit, and what ranks below explains less.
 const MAX_TRIED: usize = 8;
 
@@ -65,8 +63,6 @@ pub(crate) struct State<'a> {
     pub(crate) set_aside: Vec<EffectTerm>,
     /// All that was found was given up again.
     withdrawn: bool,
-    /// What explains nearly as much as some of `terms` and is fitted beside them.
-    pub(crate) rivals: Vec<EffectTerm>,
     /// The rows of `fit`.
     pub(crate) round: Round<'a>,
     /// Named candidates of the last round, where it looked at `round` as it is.
@@ -85,7 +81,6 @@ impl<'a> State<'a> {
             refused: Vec::new(),
             set_aside: Vec::new(),
             withdrawn: false,
-            rivals: Vec::new(),
             round,
             named: None,
         }
@@ -96,7 +91,6 @@ impl<'a> State<'a> {
         self.machine = fit.model.parts().machine.clone();
         (self.fit, self.round, self.terms) = (fit, round, terms);
         self.named = None;
-        self.rivals.clear();
         self.withdrawn = true;
         self.steps.push(Step::Noted(format!("nothing is adopted: {because}")));
     }
@@ -236,24 +230,7 @@ impl<'a> Search<'a> {
         terms: &[EffectTerm],
         observe: &mut dyn FnMut(Progress) -> bool,
     ) -> Result<Result<(Identified, Round<'a>), String>, DiagnoseError> {
-        self.with_rows(self.fit(machine, terms, observe))
-    }
-
-    /// The same with each term believed to be as large as it says.
-    pub(crate) fn attempt_as_believed(
-        &self,
-        machine: &Machine,
-        terms: &[EffectTerm],
-        observe: &mut dyn FnMut(Progress) -> bool,
-    ) -> Result<Result<(Identified, Round<'a>), String>, DiagnoseError> {
-        self.with_rows(self.fit_as_believed(machine, terms, observe))
-    }
-
-    fn with_rows(
-        &self,
-        fit: Result<Identified, DiagnoseError>,
-    ) -> Result<Result<(Identified, Round<'a>), String>, DiagnoseError> {
-        match fit.and_then(|fit| self.round(&fit).map(|round| (fit, round))) {
+        match self.fit(machine, terms, observe).and_then(|fit| self.round(&fit).map(|round| (fit, round))) {
             Ok(fitted) => Ok(Ok(fitted)),
             Err(DiagnoseError::Stopped) => Err(DiagnoseError::Stopped),
             Err(problem) => Ok(Err(problem.to_string())),
@@ -280,7 +257,6 @@ impl<'a> Search<'a> {
                 break;
             }
         }
-        average::with_rivals(self, &mut state, observe)?;
         Ok(state)
     }
 
@@ -300,7 +276,7 @@ impl<'a> Search<'a> {
                 Proposal::Named(candidate) => (refined(round, &state.machine, candidate)?, tests(named)),
                 Proposal::Free(candidate) => (candidate.clone(), candidate.trials),
             };
-            let rivals = self.rivals((round, &state.machine), named, &looked, &candidate)?;
+            let rivals = self.rivals(round, named, &candidate);
             if self.add(state, candidate, rivals, tests, observe)? {
                 return Ok(true);
             }
@@ -468,9 +444,7 @@ impl<'a> Search<'a> {
         let acting = passing.flat_map(|finding| {
             finding.acting(&self.variables).into_iter().map(move |shape| (shape, finding.trials)).collect::<Vec<_>>()
         });
-        let mut looked = self.described(round, machine, acting.collect())?;
-        looked.sort_by(|a, b| b.evidence(round.used).total_cmp(&a.evidence(round.used)));
-        Ok(looked)
+        self.described(round, machine, acting.collect())
     }
 
     /// The best of these that was not refused, in the form that the data pay for.
@@ -503,36 +477,18 @@ impl<'a> Search<'a> {
         score_all(round, shapes.into_iter().filter_map(term).collect())
     }
 
-    /// Other explanations of nearly as much as the chosen one: named effects, and empirical terms of other quantities or that
-    /// act elsewhere (on the range instead of the tip) in the form that the data pay for. Those with most evidence first.
-    fn rivals(
-        &self,
-        (round, machine): (&Round, &Machine),
-        named: &[Candidate],
-        looked: &[Candidate],
-        chosen: &Candidate,
-    ) -> Result<Vec<Candidate>, DiagnoseError> {
-        let mut free: Vec<Candidate> = Vec::new();
-        for found in looked.iter().take(LOOKED_AT) {
-            let forms = look::forms(&found.term.shape).into_iter().map(|shape| (shape, found.trials)).collect();
-            free.extend(self.described(round, machine, forms)?);
-        }
+    /// Other effects that explain nearly as much as the chosen one.
+    fn rivals(&self, round: &Round, named: &[Candidate], chosen: &Candidate) -> Vec<Candidate> {
         let limit = chosen.evidence(round.used) - self.options.rival_margin;
-        let near = |c: &&Candidate| c.evidence(round.used) > limit && !is_variant(&c.term, &chosen.term);
-        let same = |a: &Candidate, b: &Candidate| match a.known.name {
-            "empirical" => is_variant(&a.term, &b.term),
-            name => name == b.known.name,
-        };
         let mut rivals: Vec<Candidate> = Vec::new();
-        for candidate in named.iter().chain(&free).filter(near) {
-            match rivals.iter_mut().find(|r| same(r, candidate)) {
+        for candidate in named.iter().filter(|c| c.evidence(round.used) > limit && !is_variant(&c.term, &chosen.term)) {
+            match rivals.iter_mut().find(|r| r.known.name == candidate.known.name) {
                 Some(rival) if candidate.better_than(rival, round.used) => *rival = candidate.clone(),
                 Some(_) => {}
                 None => rivals.push(candidate.clone()),
             }
         }
-        rivals.sort_by(|a, b| b.evidence(round.used).total_cmp(&a.evidence(round.used)));
-        Ok(rivals)
+        rivals
     }
 
     /// Takes out terms that no longer earn their parameters, the weakest first. One without which there is no fit stays.

@@ -59,7 +59,7 @@ mod tests {
 
     #[test]
     fn equal_blocks_leave_no_doubt_and_unequal_ones_some() {
-        let equal = vec![HeldOut { square: 8.0, judged: 2, ..HeldOut::default() }; 6];
+        let equal = vec![HeldOut { square: 8.0, judged: 2 }; 6];
         let (low, high) = interval(&equal).unwrap();
         assert!((pooled(equal.iter()) - 2.0).abs() < 1e-12 && (low - 2.0).abs() < 1e-9 && (high - 2.0).abs() < 1e-9);
         let mut unequal = equal;

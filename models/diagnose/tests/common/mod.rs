@@ -69,29 +69,16 @@ impl Case {
 
     /// 3-D error (rms, m) of a model at points on another day, after rigid alignment.
     pub(crate) fn verification_m(&self, model: &MachineModel) -> f64 {
-        let (errors, _) = self.verified(model);
-        (errors.iter().map(|e| e.norm_squared()).sum::<f64>() / errors.len() as f64).sqrt()
-    }
-
-    /// Error of each coordinate over its standard uncertainty at those points.
-    pub(crate) fn standardised(&self, model: &MachineModel) -> Vec<f64> {
-        let (errors, u_m) = self.verified(model);
-        errors.iter().zip(&u_m).flat_map(|(e, u)| (0..3).map(|d| e[d] / u[d]).collect::<Vec<_>>()).collect()
-    }
-
-    /// Errors after rigid alignment and stated standard uncertainties (m).
-    fn verified(&self, model: &MachineModel) -> (Vec<Vector3<f64>>, Vec<Vector3<f64>>) {
         let points = verification_points(&self.config, 300, 99).unwrap();
-        let (mut corrected, mut actual, mut u_m) = (Vec::new(), Vec::new(), Vec::new());
+        let (mut corrected, mut actual) = (Vec::new(), Vec::new());
         for point in &points {
             let logged = Logged { time_s: point.time_s, values: &point.covariates };
             let state = State { reading_m: point.reading_m, offset_m: point.offset_m, covariates: &logged };
-            let correction = correct(model, &state);
-            u_m.push(correction.covariance_m2.unwrap().diagonal().map(f64::sqrt));
-            corrected.push(correction.position_m);
+            corrected.push(correct(model, &state).position_m);
             actual.push(Vector3::from(point.actual_m));
         }
-        (aligned_residuals_m(&corrected, &actual).unwrap(), u_m)
+        let errors = aligned_residuals_m(&corrected, &actual).unwrap();
+        (errors.iter().map(|e| e.norm_squared()).sum::<f64>() / errors.len() as f64).sqrt()
     }
 }
 

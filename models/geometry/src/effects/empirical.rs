@@ -3,10 +3,9 @@
 //! Formula: e = Σ c_ij P_i(p) P_j(q) with Legendre polynomials of the quantities scaled to −1 … 1 and 1 ≤ i + j ≤
 //! degree; what scales alone would move on the tip is left out, since the machine's errors do that; with `mixed` only
 //! products of both quantities remain. With `cycles`, sine and cosine of 2π·cycles·(p's share of its range) instead. It says what the residual
-//! depends on, not why: diagnosis offers it only where no other effect explains what it finds. Beyond the range that the term
-//! was fitted in nothing is known: it is held at the end of that range, and returns to nothing with the distance d from it in
-//! widths of the range, as exp(−d²/2), like a process of that length; correction reports the sample as extrapolated and
-//! widens its covariance ([`crate::doubt`]). Quantities are covariates, `time_s`, scales (`x_m`) and offsets (`offset_x_m`).
+//! depends on, not why: diagnosis offers it only where no other effect explains what it finds. A quantity beyond the
+//! range that the term was fitted in is evaluated at the end of that range, and correction reports the sample as
+//! extrapolated. Quantities are covariates, `time_s`, scales (`x_m`) and offsets (`offset_x_m`).
 
 use super::known::{Known, Observed};
 use super::shape::{EffectError, Reader, Shape, ShapeValue};
@@ -56,11 +55,9 @@ struct Quantity {
 }
 
 impl Quantity {
-    /// Share of the range, held at its ends, and what is left of the term at that distance from it.
-    fn share(&self, state: &State) -> Result<(f64, f64), CovariateProblem> {
-        let share = (state.quantity(&self.name)? - self.low) / (self.high - self.low);
-        let held = share.clamp(0.0, 1.0);
-        Ok((held, (-0.5 * (share - held).powi(2)).exp()))
+    /// Share of the range, held at its ends.
+    fn share(&self, state: &State) -> Result<f64, CovariateProblem> {
+        Ok(((state.quantity(&self.name)? - self.low) / (self.high - self.low)).clamp(0.0, 1.0))
     }
 }
 
@@ -138,10 +135,8 @@ impl Empirical {
     }
 
     fn values(&self, state: &State) -> Result<Vec<f64>, CovariateProblem> {
-        let places = self.quantities.iter().map(|q| q.share(state)).collect::<Result<Vec<_>, _>>()?;
-        let left: f64 = places.iter().map(|(_, left)| left).product();
-        let shares: Vec<f64> = places.into_iter().map(|(share, _)| share).collect();
-        let mut values = match self.form {
+        let shares = self.quantities.iter().map(|q| q.share(state)).collect::<Result<Vec<f64>, _>>()?;
+        Ok(match self.form {
             Form::Periodic { cycles } => {
                 let (sine, cosine) = (TAU * cycles * shares[0]).sin_cos();
                 vec![sine, cosine]
@@ -151,9 +146,7 @@ impl Empirical {
                 let second = |j: usize| powers.get(1).map_or(1.0, |values| values[j]);
                 self.terms(degree).into_iter().map(|(i, j)| powers[0][i] * second(j)).collect()
             }
-        };
-        values.iter_mut().for_each(|value| *value *= left);
-        Ok(values)
+        })
     }
 
     fn logged(&self) -> Vec<String> {
@@ -218,7 +211,7 @@ mod tests {
     }
 
     #[test]
-    fn it_follows_two_quantities_and_returns_to_nothing_beyond_their_ranges() {
+    fn it_follows_two_quantities_and_holds_at_the_ends_of_their_ranges() {
         let shape = Shape::new().text("acts", "y").number("degree", 2.0);
         let shape = shape.text("p", "temp_air_c").number("p_low", 19.0).number("p_high", 21.0);
         let shape = shape.text("q", "x_m").number("q_low", 0.0).number("q_high", 0.8);
@@ -232,8 +225,6 @@ mod tests {
             tip_m(effect.as_ref(), &state, &[1e-6, 0.0, 2e-6]).y
         };
         assert!((at(20.5, 0.6) - (0.5e-6 + 2e-6 * 0.5 * 0.5)).abs() < 1e-18);
-        // Two widths beyond, e⁻² of the end's value is left; ten widths beyond, nothing.
-        assert!((at(25.0, 0.6) - at(21.0, 0.6) * (-2.0_f64).exp()).abs() < 1e-18);
-        assert!(at(41.0, 0.6).abs() < 1e-25);
+        assert_eq!(at(25.0, 0.6), at(21.0, 0.6));
     }
 }

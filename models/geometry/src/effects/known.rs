@@ -5,8 +5,8 @@
 use super::shape::{EffectError, Shape};
 use super::{
     Effect, acceleration, carriage_sag, dead_path, empirical, gimbal, gradient_bow, outlying_run, periodic_scale,
-    reflector_incidence, reflector_offset, refraction, reversal, scale_expansion, sight_direction, speed_lag,
-    station_drift, table_load, warm_up,
+    reflector_incidence, reflector_offset, refraction, reversal, scale_expansion, speed_lag, station_drift, table_load,
+    warm_up,
 };
 use crate::machine::Machine;
 
@@ -89,7 +89,6 @@ pub const REGISTRY: &[Known] = &[
     refraction::KNOWN,
     reversal::KNOWN,
     scale_expansion::KNOWN,
-    sight_direction::KNOWN,
     speed_lag::KNOWN,
     station_drift::KNOWN,
     table_load::KNOWN,

@@ -23,7 +23,6 @@ mod reflector_offset;
 mod refraction;
 mod reversal;
 mod scale_expansion;
-mod sight_direction;
 mod speed_lag;
 mod station_drift;
 mod table_load;

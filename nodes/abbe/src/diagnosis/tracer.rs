@@ -7,7 +7,7 @@ use super::scoring::Points;
 use super::{MODEL, Product, Request, name_of, pictures, record};
 use crate::pipeline::{LoadedCampaign, evidence_json, load_campaign, software};
 use crate::verdict::{self, Accept};
-use abbe_diagnose::{Complete, Diagnosis, Options, Progress, diagnose, without_holes};
+use abbe_diagnose::{Diagnosis, Options, Progress, diagnose};
 use abbe_files::{MachineFile, ModelFile, OrderChoice, hex};
 use abbe_geometry::model::MachineModel;
 use abbe_identify::Evidence;
@@ -102,8 +102,6 @@ pub(crate) fn run(
 ) -> anyhow::Result<Product> {
     let given = Given::read(model)?;
     let loaded = load_campaign(campaign, &given.machine(), request.join)?;
-    let Complete { campaign, said } = without_holes(&loaded.campaign);
-    let loaded = LoadedCampaign { campaign, ..loaded };
     let options = given.options(request);
     ensure!(options.folds > 1, "--folds must be at least 2: one part is left out, the others are fitted");
     let points = request.verify.map(|path| Points::read(path, &given.file)).transpose()?;
@@ -117,7 +115,6 @@ pub(crate) fn run(
     verdict::check(&verdict, accept, &loaded.source.file, || evidence_json(&diagnosis.after.evidence))?;
     let mut record = recorded(&diagnosis, &given, model, &loaded, &options);
     caution(&mut record, &verdict);
-    record.notes.extend(said);
     let labels: Vec<String> = record.effects.iter().map(abbe_report::diagnosis::Effect::label).collect();
     let residuals = pictures::residuals(&diagnosis, instrument, &loaded.campaign, &labels)?;
     let kept = given.is_kept(&diagnosis, &loaded);
