@@ -6,7 +6,7 @@ mod common;
 
 use abbe_field::{Grid, Table};
 use abbe_files::ModelFile;
-use abbe_files::export::{About, ExportedFile, FORMATS, SampledGrid, Writer, format, geometric_error_m};
+use abbe_files::export::{About, ExportedFile, FORMATS, Format, SampledGrid, Writer, format, geometric_error_m};
 use abbe_geometry::axis::{Axis, ErrorId};
 use abbe_geometry::sampled::SampledErrors;
 use std::collections::BTreeMap;
@@ -48,6 +48,11 @@ fn written(name: &str, file: &ModelFile) -> Vec<ExportedFile> {
     }
 }
 
+/// Not a format whose increments hold 7 µm from point to point, which the machine here exceeds: `controllers.rs` reads it.
+fn holds_rough_errors(format: &Format) -> bool {
+    format.name != "fanuc-pitch"
+}
+
 /// Values by error name and position (mm as text), SI.
 type Curves = BTreeMap<String, Vec<(f64, f64)>>;
 
@@ -76,7 +81,7 @@ fn assert_holds_the_model(curves: &Curves, file: &ModelFile, linear_m: f64, angu
 #[test]
 fn every_format_says_in_its_head_what_its_numbers_mean_and_what_they_lack() {
     let file = model();
-    for format in FORMATS {
+    for format in FORMATS.iter().filter(|format| holds_rough_errors(format)) {
         let files = written(format.name, &file);
         let head = &files[0].text;
         let machine = &file.model.parts().machine.name;
@@ -90,10 +95,14 @@ fn every_format_says_in_its_head_what_its_numbers_mean_and_what_they_lack() {
         ] {
             assert!(head.contains(wanted), "{}: {wanted}", format.name);
         }
-        for effect in ["reversal", "scale_expansion", "residual.bin"] {
-            let line =
-                head.lines().find(|line| line.contains(effect)).unwrap_or_else(|| panic!("{}: {effect}", format.name));
-            assert!(line.contains("NOT in this table"), "{line}");
+        // Formats of approaches hold a reversal that its own axis alone decides.
+        let lacking = match format.writer {
+            Writer::Approaches(_) => &["scale_expansion", "residual.bin"][..],
+            _ => &["reversal", "scale_expansion", "residual.bin"][..],
+        };
+        for effect in lacking {
+            let says = |line: &str| line.contains(effect) && line.contains("NOT in this table");
+            assert!(head.lines().any(says), "{}: {effect}", format.name);
         }
     }
 }
@@ -144,7 +153,7 @@ fn plain_csv_reads_back() {
 fn every_export_says_how_the_ram_stands_and_whether_it_holds_it() {
     let file = model();
     let turn = file.model.ram_turn().map(|(angle_rad, _)| format!("{:.3}", angle_rad * 1e6)).join(" ");
-    for format in FORMATS {
+    for format in FORMATS.iter().filter(|format| holds_rough_errors(format)) {
         let grid = matches!(format.writer, Writer::Grid(_));
         let headless = |exported: &&ExportedFile| exported.name.ends_with(".CMA") || exported.name.ends_with(".comp");
         for exported in written(format.name, &file).iter().filter(|exported| !headless(exported)) {

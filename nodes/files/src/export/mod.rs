@@ -14,9 +14,9 @@ mod etalon_exchange;
 mod fanuc_pitch;
 mod heidenhain_style;
 mod isg_csv;
-mod klipper;
+mod klipper_skew;
 mod linuxcnc_comp;
-mod reprap;
+mod reprap_skew;
 mod siemens_enc_comp;
 mod skew;
 mod volumetric_grid;
@@ -79,8 +79,8 @@ pub const FORMATS: &[Format] = &[
     siemens_enc_comp::FORMAT,
     fanuc_pitch::FORMAT,
     linuxcnc_comp::FORMAT,
-    klipper::FORMAT,
-    reprap::FORMAT,
+    klipper_skew::FORMAT,
+    reprap_skew::FORMAT,
 ];
 
 /// The format of that name.

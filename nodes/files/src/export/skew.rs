@@ -1,6 +1,6 @@
 //! Skew of three axes as printers take it: one number a plane.
 //!
-//! Place in the flow: under [`super::klipper`] and [`super::reprap`]. Squareness of the model (angles that turn the motion of
+//! Place in the flow: under [`super::klipper_skew`] and [`super::reprap_skew`]. Squareness of the model (angles that turn the motion of
 //! one axis about another) in, the shear of X by Y, X by Z and Y by Z out: error of X is xy·y + xz·z, error of Y is yz·z. A machine
 //! whose Y axis is the straight one and X is tilted has the same shear in a frame that is turned: how everything stands
 //! together is no error.
