@@ -7,6 +7,7 @@
 
 use crate::error::IdentifyError;
 use crate::mistake::Mistake;
+use crate::robust::median;
 use crate::station_start::{PointAndLength, StationStart, residual_m, start};
 use crate::verdict::{Seen, find_step};
 use abbe_geometry::chain::nominal_point_m;
@@ -46,9 +47,8 @@ pub(crate) fn of_whole_station(campaign: &Campaign, indices: &[usize], absolute:
         let mended: Vec<PointAndLength> =
             indices.iter().map(|place| point(&mistake.mended(campaign.readings[*place]))).collect();
         start(&mended, absolute).is_ok_and(|station| {
-            let mut left: Vec<f64> = mended.iter().map(|one| residual_m(&station, one).abs()).collect();
-            left.sort_by(f64::total_cmp);
-            left.get(left.len() / 2).is_some_and(|median_m| *median_m <= CONTRADICTION_M)
+            let left = mended.iter().map(|one| residual_m(&station, one).abs());
+            median(left.collect()).is_some_and(|median_m| median_m <= CONTRADICTION_M)
         })
     };
     let all = Mistake::all(0, 0).into_iter().filter(explains);
@@ -86,9 +86,7 @@ impl Suspects<'_> {
             Some(cause) => residual_m(own, &point(&cause.mended(*reading))).abs(),
             None => residual_m(own, &point(reading)).abs(),
         };
-        let mut all: Vec<f64> = self.sample(line).map(disagreement).collect();
-        all.sort_by(f64::total_cmp);
-        all[all.len() / 2]
+        median(self.sample(line).map(disagreement).collect()).unwrap_or(0.0)
     }
 
     /// Lines that must be mended so that nothing contradicts, starting from this position.

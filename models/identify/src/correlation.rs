@@ -17,6 +17,8 @@ mod tests;
 
 pub use reml::{Fitted, Found};
 
+use crate::robust::median;
+
 /// How noise hangs together.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Correlation {
@@ -68,13 +70,7 @@ impl Sequence {
 
     /// Median distance of neighbours in one block; `None` where no block has two rows.
     pub fn usual_step(&self) -> Option<f64> {
-        let mut gaps: Vec<f64> =
-            self.places.iter().map(|p| p.gap).filter(|gap| gap.is_finite() && *gap > 0.0).collect();
-        if gaps.is_empty() {
-            return None;
-        }
-        let middle = gaps.len() / 2;
-        Some(*gaps.select_nth_unstable_by(middle, f64::total_cmp).1)
+        median(self.places.iter().map(|p| p.gap).filter(|gap| gap.is_finite() && *gap > 0.0).collect())
     }
 }
 

@@ -50,6 +50,19 @@ impl Row {
             (*first as usize, values)
         })
     }
+
+    /// Partials of the parameters that have a column, with it; see [`places`].
+    pub(crate) fn entries(&self, place: &[Option<usize>]) -> impl Iterator<Item = (usize, f64)> {
+        let entries = self.segments().flat_map(|(first, values)| (first..).zip(values));
+        entries.filter_map(|(parameter, value)| Some((place[parameter]?, *value)))
+    }
+}
+
+/// Column of each of `count` parameters where these are the columns; `None` for the others.
+pub(crate) fn places(columns: &[usize], count: usize) -> Vec<Option<usize>> {
+    let mut place = vec![None; count];
+    columns.iter().enumerate().for_each(|(column, parameter)| place[*parameter] = Some(column));
+    place
 }
 
 /// What is known before a campaign: the machine and its instrument.

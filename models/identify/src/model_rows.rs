@@ -4,7 +4,7 @@
 //! needs no fit, only a model, from a file or elsewhere; rows are not whitened. Residual = measured − predicted length
 //! (m); station names must be those of the model, in its order.
 
-use crate::design::{Estimate, Row, Setup};
+use crate::design::{Estimate, Row, Setup, places};
 use crate::error::IdentifyError;
 use crate::normal::residuals;
 use crate::rows::parameters_of;
@@ -66,26 +66,13 @@ impl<'a> ModelRows<'a> {
     }
 
     fn fill(&mut self, estimate: &Estimate) {
-        let place = self.places(estimate.parameters.len());
+        let place = places(&self.parameters, estimate.parameters.len());
         let mut row = Row::new();
         for k in 0..self.campaign.readings.len() {
             estimate.row(k, &mut row);
-            for (first, values) in row.segments() {
-                for (offset, value) in values.iter().enumerate() {
-                    if let Some(column) = place[first + offset] {
-                        self.jacobian[(k, column)] = *value;
-                    }
-                }
-            }
+            row.entries(&place).for_each(|(column, value)| self.jacobian[(k, column)] = value);
             self.rays.push(row.ray);
         }
-    }
-
-    /// Column of each parameter that is free.
-    fn places(&self, count: usize) -> Vec<Option<usize>> {
-        let mut place = vec![None; count];
-        self.parameters.iter().enumerate().for_each(|(k, index)| place[*index] = Some(k));
-        place
     }
 
     /// Partials of the corrected point of a reading by the free parameters (3 × parameters, m per unit): chain, squareness
@@ -94,7 +81,7 @@ impl<'a> ModelRows<'a> {
         let parts = self.model.parts();
         let layout = self.model.layout();
         let total = self.model.machine_parameters() + 4 * parts.stations.len();
-        let place = self.places(total);
+        let place = places(&self.parameters, total);
         let mut tip = Mat::zeros(3, self.parameters.len());
         let mut put = |parameter: usize, column: Vector3<f64>| {
             if let Some(place) = place[parameter] {

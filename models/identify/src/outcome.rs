@@ -4,7 +4,7 @@
 
 use crate::chords::Chords;
 use crate::comparison::Ended;
-use crate::design::{Estimate, Row};
+use crate::design::{Estimate, Row, places};
 use crate::error::IdentifyError;
 use crate::evidence::{self, CorrelatedNoise, ErrorEvidence, Evidence, RejectedReading, StationEvidence};
 use crate::observability::Observability;
@@ -192,8 +192,7 @@ impl Fit<'_> {
 
     /// Lower triangle over all parameters; those that were not free have no variance.
     fn packed_covariance(&self, solution: &Solution) -> Vec<f64> {
-        let mut place = vec![None; self.parameters.len()];
-        self.free.iter().enumerate().for_each(|(k, index)| place[*index] = Some(k));
+        let place = places(&self.free, self.parameters.len());
         let entry = |row: usize, column: usize| match (place[row], place[column]) {
             (Some(a), Some(b)) => solution.covariance[(a, b)],
             _ => 0.0,

@@ -5,15 +5,10 @@
 //! again. Where they do not, nothing is different. Candidates are the order of measurement and the time, along each line
 //! and over all lines of a station, with an offset of each line where the data ask for it.
 
-use crate::comparison::Ended;
 use crate::correlation::{Correlation, Fitted, Sequence, Whitener};
-use crate::design::{Estimate, Row, Setup};
-use crate::rows::parameters_of;
+use crate::design::{Estimate, Row, places};
 use crate::smoothing::Smoothness;
-use crate::solve::Identified;
-use crate::term::EffectTerm;
 use abbe_measurement::campaign::Campaign;
-use abbe_measurement::instrument::RangeUncertainty;
 use faer::Mat;
 use std::collections::BTreeMap;
 
@@ -105,23 +100,6 @@ fn sequence(campaign: &Campaign, readings: &[usize], (along, by): (Along, By)) -
     Sequence::new(&blocks, place, |row| of(row).line as usize)
 }
 
-/// How the noise hangs together that a settled fit of this campaign leaves, where it is shown.
-pub fn correlation_of(fit: &Identified, instrument: RangeUncertainty, campaign: &Campaign) -> Option<RangeCorrelation> {
-    let parts = fit.model.parts();
-    let terms: Vec<EffectTerm> = parts.effects.iter().map(EffectTerm::of).collect();
-    let setup = Setup { machine: &parts.machine, layout: fit.model.layout(), instrument, terms: &terms };
-    let parameters = parameters_of(&fit.model);
-    let Ended { free, smoothness, noise_factor } = &fit.ended;
-    let asked = Asked {
-        estimate: Estimate { setup, campaign, parameters: &parameters },
-        weights: &fit.weights,
-        free,
-        smoothness,
-        noise_factor: *noise_factor,
-    };
-    asked.correlation(fit.correlation)
-}
-
 /// A settled fit, of whose noise the correlation is asked.
 pub(crate) struct Asked<'a> {
     pub(crate) estimate: Estimate<'a>,
@@ -133,23 +111,17 @@ pub(crate) struct Asked<'a> {
 }
 
 impl Asked<'_> {
-    /// The likeliest correlation where it is shown; `near` is that of an earlier fit.
-    pub(crate) fn correlation(&self, near: Option<RangeCorrelation>) -> Option<RangeCorrelation> {
+    /// The likeliest correlation where it is shown.
+    pub(crate) fn correlation(&self) -> Option<RangeCorrelation> {
         let campaign = self.estimate.campaign;
-        if near.is_none() {
-            let few = some(campaign, GLANCED);
-            let line = sequence(campaign, &few, ORDERS[0]);
-            if !self.of(&few, |fitted| fitted.hints_at_correlation(&line)) {
-                return None;
-            }
+        let few = some(campaign, GLANCED);
+        let line = sequence(campaign, &few, ORDERS[0]);
+        if !self.of(&few, |fitted| fitted.hints_at_correlation(&line)) {
+            return None;
         }
         let readings = some(campaign, READINGS);
         let sequences: Vec<Sequence> = ORDERS.iter().map(|order| sequence(campaign, &readings, *order)).collect();
-        let near = near.and_then(|near| {
-            let place = ORDERS.iter().position(|order| *order == (near.along, near.by))?;
-            Some((place, near.noise))
-        });
-        let found = self.of(&readings, |fitted| fitted.correlation(&sequences, near))?;
+        let found = self.of(&readings, |fitted| fitted.correlation(&sequences))?;
         let (along, by) = ORDERS[found.sequence];
         Some(RangeCorrelation { noise: found.correlation, along, by, gain: found.gain })
     }
@@ -170,20 +142,13 @@ impl Asked<'_> {
 
     /// Partials by the free parameters and residuals of these readings, divided by their uncertainty.
     fn rows(&self, readings: &[usize]) -> (Mat<f64>, Vec<f64>) {
-        let mut place = vec![None; self.estimate.parameters.len()];
-        self.free.iter().enumerate().for_each(|(k, index)| place[*index] = Some(k));
+        let place = places(self.free, self.estimate.parameters.len());
         let mut design = Mat::zeros(readings.len(), self.free.len());
         let mut row = Row::new();
         let residual = |(k, reading): (usize, &usize)| {
             self.estimate.row(*reading, &mut row);
             let u_m = self.estimate.setup.u_m(&row.ray);
-            for (first, values) in row.segments() {
-                for (offset, value) in values.iter().enumerate() {
-                    if let Some(column) = place[first + offset] {
-                        design[(k, column)] = value / u_m;
-                    }
-                }
-            }
+            row.entries(&place).for_each(|(column, value)| design[(k, column)] = value / u_m);
             row.residual_m / u_m
         };
         let residuals = readings.iter().enumerate().map(residual).collect();

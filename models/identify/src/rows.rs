@@ -7,7 +7,7 @@
 //! before whitening.
 
 use crate::correlation::Whitener;
-use crate::design::{Estimate, Row, Setup};
+use crate::design::{Estimate, Row, Setup, places};
 use crate::error::IdentifyError;
 use crate::normal::residuals;
 use crate::range_noise::RangeCorrelation;
@@ -87,8 +87,7 @@ impl<'a> Rows<'a> {
     }
 
     fn fill(&mut self, estimate: &Estimate) {
-        let mut place = vec![None; estimate.parameters.len()];
-        self.parameters.iter().enumerate().for_each(|(k, index)| place[*index] = Some(k));
+        let place = places(&self.parameters, estimate.parameters.len());
         let setup = &estimate.setup;
         let mut row = Row::new();
         for (k, reading) in self.campaign.readings.iter().enumerate() {
@@ -96,13 +95,7 @@ impl<'a> Rows<'a> {
             let factor = self.factors[k];
             self.residuals[k] = row.residual_m * factor;
             self.residuals_m.push(row.residual_m);
-            for (first, values) in row.segments() {
-                for (offset, value) in values.iter().enumerate() {
-                    if let Some(column) = place[first + offset] {
-                        self.jacobian[(k, column)] = value * factor;
-                    }
-                }
-            }
+            row.entries(&place).for_each(|(column, value)| self.jacobian[(k, column)] = value * factor);
             self.rays.push(row.ray);
             let point = setup.layout.point(setup.machine, estimate.parameters, reading.reading_m, reading.offset_m);
             self.by_error.push(point.chain.by_error);

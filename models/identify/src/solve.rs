@@ -37,10 +37,6 @@ const SMOOTHING_PASSES: usize = 3;
 /// Passes in which robust weights follow the residuals: afterwards a few readings at the edge of rejection can only go in
 /// and out by turns, and each turn moves what they determine.
 const WEIGHING_PASSES: usize = 15;
-/// Times that the correlation of the noise and the fit beside it are estimated by turns.
-const NOISE_PASSES: usize = 1;
-/// Changes of a share, and of the logarithm of a length, that a fit beside does not feel.
-const SAME_NOISE: (f64, f64) = (0.02, 0.1);
 /// Share of the splines' coefficients that counts as nearly all of them.
 const SATURATED: f64 = 0.9;
 /// Share of one spline's coefficients from which it is as good as free.
@@ -196,11 +192,11 @@ impl Inputs<'_> {
         }
         fit.parameters.iter_mut().zip(start).for_each(|(parameter, start)| *parameter = *start);
         let mut settled = fit.settle()?;
-        for _ in 0..NOISE_PASSES {
-            if options.noise != Noise::Estimated || !fit.noise_changes(&settled) {
-                break;
+        if options.noise == Noise::Estimated {
+            fit.correlation = fit.correlation_left(&settled);
+            if fit.correlation.is_some() {
+                settled = fit.settle()?;
             }
-            settled = fit.settle()?;
         }
         fit.finish(settled)
     }
@@ -375,8 +371,8 @@ impl<'a> Fit<'a> {
         Linearised { normal, at: self.parameters.clone(), weights }
     }
 
-    /// Asks the settled fit how its noise hangs together; whether that is news.
-    fn noise_changes(&mut self, settled: &Settled) -> bool {
+    /// How the noise hangs together that the settled fit leaves, where it is shown.
+    fn correlation_left(&self, settled: &Settled) -> Option<RangeCorrelation> {
         let asked = Asked {
             estimate: self.estimate(),
             weights: &settled.weights,
@@ -384,20 +380,7 @@ impl<'a> Fit<'a> {
             smoothness: &self.smoothness,
             noise_factor: self.noise_factor,
         };
-        let found = asked.correlation(self.correlation);
-        let is_same = match (&found, &self.correlation) {
-            (None, None) => true,
-            (Some(now), Some(then)) => {
-                let share =
-                    (now.noise.share - then.noise.share).abs() + (now.noise.group_share - then.noise.group_share).abs();
-                share < SAME_NOISE.0 && (now.noise.length / then.noise.length).ln().abs() < SAME_NOISE.1
-            }
-            _ => false,
-        };
-        if !is_same {
-            self.correlation = found;
-        }
-        !is_same
+        asked.correlation()
     }
 
     /// Solves one pass; the order of polynomials is decided once, after the first linearisation.

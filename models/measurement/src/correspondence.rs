@@ -6,6 +6,7 @@
 //! these mistakes is undone on trial, and those that leave a machine's error are named, all of them.
 
 use crate::alignment::{AlignmentError, RigidAlignment};
+use crate::robust::median;
 use nalgebra::Vector3;
 use thiserror::Error;
 
@@ -116,7 +117,7 @@ pub enum VectorSizeError {
 /// # Errors
 /// Half of them too large or too small.
 pub fn check_vectors(vectors_m: &[Vector3<f64>], after_correction: bool) -> Result<(), VectorSizeError> {
-    let median_m = median(&vectors_m.iter().map(Vector3::norm).collect::<Vec<_>>());
+    let median_m = typical(&vectors_m.iter().map(Vector3::norm).collect::<Vec<_>>());
     let (whose, limit_m) = match after_correction {
         true => ("a corrected machine", LEFT_AFTER_CORRECTION_M),
         false => ("a machine worth correcting", PLAUSIBLE_M),
@@ -170,11 +171,11 @@ pub fn check_all(pairs: &[Pair]) -> Result<(), CorrespondenceError> {
 /// Distances of all points (m) where half of them are plausible.
 fn shape(pairs: &[Pair]) -> Result<Vec<f64>, CorrespondenceError> {
     let distances_m = distances(pairs)?;
-    let median_m = median(&distances_m);
+    let median_m = typical(&distances_m);
     if median_m <= PLAUSIBLE_M {
         return Ok(distances_m);
     }
-    let explains = |mended: &[Pair]| distances(mended).is_ok_and(|distances_m| median(&distances_m) <= PLAUSIBLE_M);
+    let explains = |mended: &[Pair]| distances(mended).is_ok_and(|distances_m| typical(&distances_m) <= PLAUSIBLE_M);
     let causes = trials(pairs).into_iter().filter(|(_, mended)| explains(mended)).map(|(cause, _)| cause).collect();
     Err(CorrespondenceError::OtherShape { median_mm: median_m * 1e3, causes })
 }
@@ -188,7 +189,7 @@ fn distances(pairs: &[Pair]) -> Result<Vec<f64>, AlignmentError> {
     };
     let mut distances_m = of(&alignment);
     for _ in 0..PASSES {
-        let limit_m = (FAR * median(&distances_m)).max(f64::MIN_POSITIVE);
+        let limit_m = (FAR * typical(&distances_m)).max(f64::MIN_POSITIVE);
         let near: Vec<usize> = (0..pairs.len()).filter(|k| distances_m[*k] <= limit_m).collect();
         let pick = |all: &[Vector3<f64>]| -> Vec<Vector3<f64>> { near.iter().map(|k| all[*k]).collect() };
         // With fewer than three near points the alignment of all is the best there is.
@@ -202,10 +203,9 @@ fn distances(pairs: &[Pair]) -> Result<Vec<f64>, AlignmentError> {
     Ok(distances_m)
 }
 
-fn median(values: &[f64]) -> f64 {
-    let mut sorted = values.to_vec();
-    sorted.sort_by(f64::total_cmp);
-    sorted.get(sorted.len() / 2).copied().unwrap_or(0.0)
+/// Median; 0 for none.
+fn typical(values: &[f64]) -> f64 {
+    median(values.to_vec()).unwrap_or(0.0)
 }
 
 /// Mistakes undone, each with its words.

@@ -14,13 +14,13 @@ const MEDIAN_OF_NORMAL: f64 = 0.674_489_750_196_081_7;
 
 /// Robust standard deviation of the standardised residuals; 0 for none.
 pub fn scale(standardised: &[f64]) -> f64 {
-    let mut magnitudes: Vec<f64> = standardised.iter().map(|z| z.abs()).collect();
-    if magnitudes.is_empty() {
-        return 0.0;
-    }
-    let middle = magnitudes.len() / 2;
-    let (_, median, _) = magnitudes.select_nth_unstable_by(middle, f64::total_cmp);
-    *median / MEDIAN_OF_NORMAL
+    median(standardised.iter().map(|z| z.abs()).collect()).map_or(0.0, |median| median / MEDIAN_OF_NORMAL)
+}
+
+/// Median, the upper of the two middle values of an even number; `None` for none.
+pub fn median(mut values: Vec<f64>) -> Option<f64> {
+    let middle = values.len() / 2;
+    (!values.is_empty()).then(|| *values.select_nth_unstable_by(middle, f64::total_cmp).1)
 }
 
 /// Weight of each reading from its residual divided by `u` (declared) and by `scale` (found).

@@ -115,18 +115,15 @@ impl Fitted<'_> {
         self.minus_two_log_likelihood(None).is_some_and(|white| self.of(sequence, &look) < white - LOOK_GAIN)
     }
 
-    /// The correlation of the noise by one of these orders, where it is shown; `near` is a first guess from an earlier fit.
+    /// The correlation of the noise by one of these orders, where it is shown.
     ///
     /// Orders are compared, and the search is led, by the likelihood that the residuals would have if no parameter had been
     /// fitted to them, which takes no matrix; what the parameters add to it changes slowly and is followed as it goes.
-    pub fn correlation(&self, sequences: &[Sequence], near: Option<(usize, Correlation)>) -> Option<Found> {
+    pub fn correlation(&self, sequences: &[Sequence]) -> Option<Found> {
         let steps: Vec<Option<f64>> = sequences.iter().map(Sequence::usual_step).collect();
         let white = self.minus_two_log_likelihood(None)?;
         let alone = self.alone();
-        let (sequence, start) = match near {
-            Some(near) => near,
-            None => alone.best_start(sequences, &steps)?,
-        };
+        let (sequence, start) = alone.best_start(sequences, &steps)?;
         let unit = steps[sequence]?;
         let (mut best, mut value) = self.follow(&alone, &sequences[sequence], &start, unit);
         let half = Correlation { share: 0.7 * best.share, group_share: 0.3 * best.share, ..best };

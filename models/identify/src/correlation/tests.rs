@@ -191,7 +191,7 @@ fn found(seed: u64, share: f64, neighbours: f64, offset: f64, over_lines: bool) 
     let whole: Vec<usize> = (0..900).collect();
     let by_line = Sequence::new(&blocks, |row| row as f64, |row| row / 15);
     let over = Sequence::new(&[whole], |row| row as f64, |row| row / 15);
-    fitted.hints_at_correlation(&by_line).then(|| fitted.correlation(&[by_line, over], None)).flatten()
+    fitted.hints_at_correlation(&by_line).then(|| fitted.correlation(&[by_line, over])).flatten()
 }
 
 #[test]

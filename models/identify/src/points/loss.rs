@@ -4,6 +4,8 @@
 //! point has three degrees of freedom. Sources: Huber & Ronchetti, Robust Statistics, ch. 3; Rousseeuw 1984, J. Am. Stat.
 //! Assoc. 79 (least trimmed squares).
 
+use crate::robust::median;
+
 /// Distance, in robust standard deviations, from which Huber's loss grows linearly: 95 % of normal points are nearer.
 const HUBER: f64 = 2.795;
 /// Median length of a vector of three standard normal numbers.
@@ -75,13 +77,7 @@ pub(super) fn kept_points(points: usize, unknowns: usize) -> usize {
 
 /// Robust standard deviation in units of the declared one, from squared standardised distances.
 pub(super) fn scale_of(squares: &[f64]) -> f64 {
-    let mut lengths: Vec<f64> = squares.iter().map(|s| s.sqrt()).collect();
-    if lengths.is_empty() {
-        return 0.0;
-    }
-    let middle = lengths.len() / 2;
-    let (_, median, _) = lengths.select_nth_unstable_by(middle, f64::total_cmp);
-    *median / MEDIAN_LENGTH
+    median(squares.iter().map(|s| s.sqrt()).collect()).map_or(0.0, |median| median / MEDIAN_LENGTH)
 }
 
 #[cfg(test)]

@@ -7,8 +7,8 @@
 //! Source: Baarda 1968.
 
 use super::blocks::{Blocks, EACH, by_station};
-use super::rank::median;
 use super::{LEAST_SIGHTS, NetworkError, Search};
+use crate::robust;
 use nalgebra::{DMatrix, Vector4};
 
 /// Standardised residual from which a sighting contradicts the rest: 6e-7 of normal ones do.
@@ -19,8 +19,6 @@ const ALIKE: f64 = 0.5;
 const CLEAR: f64 = 9.0;
 /// Redundancy below which nothing checks a sighting.
 const LEAST_REDUNDANCY: f64 = 0.01;
-/// Median of |z| for a standard normal z.
-const MEDIAN_OF_NORMAL: f64 = 0.674_489_750_196_081_7;
 
 /// What is left out.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -35,7 +33,7 @@ pub(super) fn find(search: &Search) -> Result<Vec<Verdict>, NetworkError> {
     let sizes: Vec<f64> = by_point.iter().flat_map(|(_, list)| list).map(|(_, w)| w.abs()).collect();
     let largest = sizes.iter().copied().fold(0.0, f64::max);
     // An effect that lengths and stations share widens the band instead of throwing half the points away.
-    let scale = (median(sizes) / MEDIAN_OF_NORMAL).max(1.0);
+    let scale = robust::scale(&sizes).max(1.0);
     let limit = (LIMIT * scale).max(ALIKE * largest);
     let judged = by_point.iter().filter_map(|(point, list)| judge(search, *point, list, limit, scale));
     Ok(judged.collect())

@@ -7,6 +7,7 @@
 use super::blocks::{Blocks, of_station};
 use super::error::Lack;
 use super::{LEAST_SIGHTS, NetworkError, PointProblem, Search};
+use crate::robust::median;
 use nalgebra::{Matrix3, Vector3};
 
 /// Smallest over largest extent below which places are called flat.
@@ -26,7 +27,8 @@ fn is_linear(free_m: f64, range_m: f64, u_m: f64) -> bool {
 /// Points that take part and are not fixed by their stations, with the reason.
 pub(super) fn loose(search: &Search) -> Vec<(usize, PointProblem)> {
     let free: Vec<(usize, Result<f64, PointProblem>)> = search.solvable().map(|k| (k, free_m(search, k))).collect();
-    let limit_m = POOR * median(free.iter().filter_map(|(_, free_m)| free_m.as_ref().ok().copied()).collect());
+    let known = free.iter().filter_map(|(_, free_m)| free_m.as_ref().ok().copied()).collect();
+    let limit_m = POOR * median(known).unwrap_or(0.0);
     let problem = |free: &Result<f64, PointProblem>| match free {
         Ok(free_m) if *free_m > limit_m => Some(PointProblem::Poor),
         Ok(_) => None,
@@ -91,7 +93,8 @@ fn typical(search: &Search) -> (f64, f64) {
         let s = &search.sightings[k];
         (search.points_m[s.point] - search.stations[s.station].position_m).norm()
     };
-    (median(used().map(range).collect()), median(used().map(|k| search.sightings[k].u_m).collect()))
+    let of = |values| median(values).unwrap_or(0.0);
+    (of(used().map(range).collect()), of(used().map(|k| search.sightings[k].u_m).collect()))
 }
 
 /// Whether the stations lie nearly in a plane or on a line.
@@ -114,13 +117,4 @@ fn is_flat(places_m: &[Vector3<f64>]) -> bool {
     let spread: Matrix3<f64> = places_m.iter().map(|p| (p - mean) * (p - mean).transpose()).sum();
     let values = spread.symmetric_eigenvalues();
     values.min() <= FLAT * FLAT * values.max()
-}
-
-/// Median; 0 for none.
-pub(super) fn median(mut values: Vec<f64>) -> f64 {
-    if values.is_empty() {
-        return 0.0;
-    }
-    let middle = values.len() / 2;
-    *values.select_nth_unstable_by(middle, f64::total_cmp).1
 }

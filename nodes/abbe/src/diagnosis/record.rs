@@ -179,8 +179,6 @@ pub(super) fn detection(detection: &library::Detection) -> shown::Detection {
         along_lines: Some(structure(detection.along_lines)),
         between_lines: Some(structure(detection.between_lines)),
         lack_of_fit: detection.lack_of_fit.map(structure),
-        correlated_neighbours: detection.correlated.and_then(|noise| finite(noise.neighbours)),
-        effective_readings: detection.correlated.and_then(|noise| finite(noise.effective_readings)),
         groups: detection.groups.iter().map(group).collect(),
     }
 }

@@ -332,12 +332,6 @@ pub struct Detection {
     pub between_lines: Option<Structure>,
     /// Misfit over the scatter of replicates; 1 for noise. `None` without enough replicates.
     pub lack_of_fit: Option<Structure>,
-    /// Correlation of neighbours on a line that all figures allow for; `None` for white noise.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub correlated_neighbours: Option<f64>,
-    /// How many independent readings would tell as much of what neighbours share; `None` for white noise.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub effective_readings: Option<f64>,
     /// By station, offset and direction of approach.
     pub groups: Vec<Group>,
 }

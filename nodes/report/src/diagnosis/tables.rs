@@ -243,12 +243,6 @@ impl Record {
                 plain(a.estimated_over_declared, None),
             ),
             ("correlation of neighbours on a line", "0", b.along_lines, a.along_lines),
-            (
-                "correlation of neighbours that is allowed for",
-                "0",
-                plain(b.correlated_neighbours, None),
-                plain(a.correlated_neighbours, None),
-            ),
             ("scatter of the lines' means over that of noise", "1", b.between_lines, a.between_lines),
             ("misfit over the scatter of replicates", "1", b.lack_of_fit, a.lack_of_fit),
         ];
