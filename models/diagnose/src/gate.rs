@@ -144,9 +144,9 @@ fn moves_tip(campaign: &Campaign, terms: &[EffectTerm]) -> bool {
 /// Whether any term is seen on more than one line: what lives on one line cannot be predicted on others.
 fn touches_lines(round: &Round, campaign: &Campaign, terms: &[EffectTerm]) -> bool {
     terms.iter().any(|term| {
-        let Ok(columns) = round.rows.columns(term.effect.as_ref()) else { return true };
-        let moved = |k: usize| (0..columns.ncols()).any(|j| columns[(k, j)] != 0.0);
-        let mut lines = (0..columns.nrows()).filter(|k| moved(*k)).map(|k| campaign.readings[k].line);
+        let Ok(partials) = round.rows.partials(term.effect.as_ref()) else { return true };
+        let moved = |k: usize| round.rows.whitening[k] > 0.0 && (0..partials.ncols()).any(|j| partials[(k, j)] != 0.0);
+        let mut lines = (0..partials.nrows()).filter(|k| moved(*k)).map(|k| campaign.readings[k].line);
         let first = lines.next();
         lines.any(|line| Some(line) != first)
     })

@@ -269,8 +269,9 @@ impl<'a> Search<'a> {
         observe: &mut dyn FnMut(Progress) -> bool,
     ) -> Result<bool, DiagnoseError> {
         let looked = self.look(round, &state.machine)?;
+        let finer = self.finer(round, state)?;
         for _ in 0..MAX_TRIED {
-            let (candidate, tests) = match self.propose(round, state, named, &looked)? {
+            let (candidate, tests) = match self.propose(round, state, (named, &looked), finer.as_ref())? {
                 Proposal::Nothing => return Ok(false),
                 Proposal::Order(id) => return self.refine(state, id, observe).map(|()| true),
                 Proposal::Named(candidate) => (refined(round, &state.machine, candidate)?, tests(named)),
@@ -399,8 +400,8 @@ impl<'a> Search<'a> {
         &self,
         round: &Round,
         state: &State,
-        named: &[Candidate],
-        looked: &[Candidate],
+        (named, looked): (&[Candidate], &[Candidate]),
+        finer: Option<&(ErrorId, Score)>,
     ) -> Result<Proposal, DiagnoseError> {
         let rows = round.used;
         let tests = tests(named);
@@ -410,16 +411,13 @@ impl<'a> Search<'a> {
         });
         let best = best.filter(|c| self.passes(c.score.p_value, tests, c.evidence(rows)));
         let free = self.empirical(round, state, looked)?;
-        let finer = if state.order_settled { Vec::new() } else { order::refinements(round, &state.machine)? };
-        let finer = finer.into_iter().map(|(id, score, _)| (id, score)).filter(|(_, score)| self.shows(score));
-        let finer = finer.min_by(|a, b| a.1.p_value.total_cmp(&b.1.p_value));
         let reduction = best.map_or(0.0, |c| c.score.reduction).max(free.as_ref().map_or(0.0, |f| f.score.reduction));
         // Finer splines cost nothing where they are not needed, so they need no price; but what an effect explains far
         // better is the effect's.
         if let Some((id, score)) = finer
             && score.reduction > AS_WELL * reduction
         {
-            return Ok(Proposal::Order(id));
+            return Ok(Proposal::Order(*id));
         }
         Ok(match (best, free) {
             (Some(named), Some(free)) if named.score.reduction < EXPLAINS * free.score.reduction => {
@@ -429,6 +427,16 @@ impl<'a> Search<'a> {
             (None, Some(free)) => Proposal::Free(free),
             (None, None) => Proposal::Nothing,
         })
+    }
+
+    /// The error function that most surely needs finer splines; `None` once the order is settled.
+    fn finer(&self, round: &Round, state: &State) -> Result<Option<(ErrorId, Score)>, DiagnoseError> {
+        if state.order_settled {
+            return Ok(None);
+        }
+        let finer = order::refinements(round, &state.machine)?.into_iter().map(|(id, score, _)| (id, score));
+        let finer = finer.filter(|(_, score)| self.shows(score));
+        Ok(finer.min_by(|a, b| a.1.p_value.total_cmp(&b.1.p_value)))
     }
 
     /// Significant after correction for the number of tests, and worth its parameters.

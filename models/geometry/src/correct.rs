@@ -222,7 +222,8 @@ fn add_effects(
         let motion = |state: &State| Some(moved_m(fitted, &columns(state).ok()?));
         match columns(state) {
             Ok(columns) => {
-                all.tip_m += moved_m(fitted, &columns);
+                let here_m = moved_m(fitted, &columns);
+                all.tip_m += here_m;
                 columns.into_iter().enumerate().for_each(|(j, column)| sensitivity.push(first + j, column));
                 if is_outside(usual, state) {
                     let (added_m, doubt_m2) = doubt::outside(usual, state, motion)?;
@@ -232,7 +233,7 @@ fn add_effects(
                 }
                 if inside_m != state.reading_m {
                     // Effects are polynomials of the readings, which run away where the chain goes on as a straight line.
-                    let added_m = motion(state)? - motion(&State { reading_m: inside_m, ..*state })?;
+                    let added_m = here_m - motion(&State { reading_m: inside_m, ..*state })?;
                     all.doubt_m2 += added_m * added_m.transpose();
                     (added_m.norm() <= most_beyond_m(model)).then_some(())?;
                 }
@@ -300,11 +301,14 @@ fn is_plausible(model: &MachineModel, state: &State) -> bool {
         && state.offset_m.into_iter().zip(offsets).all(within)
 }
 
+/// Whether a reading or an offset (m) lies between these bounds, but for rounding.
+pub fn is_within((lower_m, upper_m): (f64, f64), value_m: f64) -> bool {
+    value_m >= lower_m - BOUND_TOLERANCE_M && value_m <= upper_m + BOUND_TOLERANCE_M
+}
+
 fn is_in_volume(model: &MachineModel, state: &State) -> bool {
-    let within = |bounds: &[(f64, f64); 3], values: [f64; 3]| {
-        let inside = |(b, v): (&(f64, f64), f64)| v >= b.0 - BOUND_TOLERANCE_M && v <= b.1 + BOUND_TOLERANCE_M;
-        bounds.iter().zip(values).all(inside)
-    };
+    let within =
+        |bounds: &[(f64, f64); 3], values: [f64; 3]| bounds.iter().zip(values).all(|(b, v)| is_within(*b, v));
     let identified = &model.parts().identified;
     within(&identified.reading_m, state.reading_m) && within(&identified.offset_m, state.offset_m)
 }

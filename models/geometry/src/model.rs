@@ -283,17 +283,17 @@ impl MachineModel {
 
     /// Value and standard uncertainty (rad) of a squareness, in the order of [`Machine::squareness`].
     pub fn squareness(&self, k: usize) -> (f64, f64) {
-        let index = self.layout.squareness().start + k;
-        (self.parts.coefficients[index], whole_covariance(&self.parts, index, index).max(0.0).sqrt())
+        self.angle(self.layout.squareness().start + k)
     }
 
     /// Value and standard uncertainty (rad) of the turn of the ram about X, Y and Z.
     pub fn ram_turn(&self) -> [(f64, f64); 3] {
-        let of = |index: usize| {
-            (self.parts.coefficients[index], whole_covariance(&self.parts, index, index).max(0.0).sqrt())
-        };
         let first = self.layout.ram_turn().start;
-        std::array::from_fn(|d| of(first + d))
+        std::array::from_fn(|d| self.angle(first + d))
+    }
+
+    fn angle(&self, index: usize) -> (f64, f64) {
+        (self.parts.coefficients[index], whole_covariance(&self.parts, index, index).max(0.0).sqrt())
     }
 
     /// Index of a station's first parameter in the covariance, and the station.

@@ -9,7 +9,7 @@ mod common;
 
 use abbe_geometry::Matrix3;
 use abbe_geometry::Vector3;
-use abbe_identify::{Along, Identified, Noise, Options};
+use abbe_identify::{Along, Identified, Noise, Options, in_parallel};
 use abbe_virtual_machine::instrument::Correlated;
 use abbe_virtual_machine::{TruthRecipe, simulate_campaign};
 use common::{Case, INSTRUMENT, SPLINE};
@@ -70,15 +70,19 @@ fn white_campaigns_give_the_same_bits_as_ever() {
 fn regress_intervals_hold_under_noise_that_hangs_together_and_points_get_better() {
     for (neighbours, by_line) in [(0.9, false), (0.9, true)] {
         let (mut share, mut square, mut white_share, mut white_square, mut own) = (0.0, 0.0, 0.0, 0.0, 0);
-        for seed in 1..=MACHINES {
-            let case = case(seed, neighbours, by_line);
+        let machine = |seed: &u64| {
+            let case = case(*seed, neighbours, by_line);
             let found = case.identify(&estimated());
             let noise = found.evidence.noise.unwrap();
-            own += usize::from((noise.correlation.along == Along::Line) == by_line);
             assert!(noise.effective_readings < 0.7 * case.campaign().readings.len() as f64, "{noise:?}");
-            let (inside, error) = held(&case, &found);
-            let (white_inside, white_error) = held(&case, &case.identify(&Options::default()));
+            let is_own = (noise.correlation.along == Along::Line) == by_line;
+            (is_own, held(&case, &found), held(&case, &case.identify(&Options::default())))
+        };
+        for (is_own, (inside, error), (white_inside, white_error)) in
+            in_parallel(&(1..=MACHINES).collect::<Vec<_>>(), machine)
+        {
             let count = MACHINES as f64;
+            own += usize::from(is_own);
             (share, square) = (share + inside / count, square + error / count);
             (white_share, white_square) = (white_share + white_inside / count, white_square + white_error / count);
         }

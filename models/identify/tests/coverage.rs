@@ -17,7 +17,7 @@ use abbe_geometry::effects::{NoCovariates, State};
 use abbe_geometry::machine::USUAL_RAM_TURN_RAD;
 use abbe_geometry::model::MachineModel;
 use abbe_geometry::{Matrix3, Vector3};
-use abbe_identify::Options;
+use abbe_identify::{Options, in_parallel};
 use abbe_virtual_machine::TruthRecipe;
 use abbe_virtual_machine::plan::{PlanRecipe, presets};
 use common::{Case, INSTRUMENT, SPLINE, held_zero};
@@ -67,15 +67,7 @@ fn covered(seed: u64) -> Covered {
 
 /// Runs `machines` on the threads there are; the order of the results is that of the seeds.
 fn all_machines<T: Send>(machines: u64, run: impl Fn(u64) -> T + Sync) -> Vec<T> {
-    let threads = std::thread::available_parallelism().map_or(1, |n| n.get()) as u64;
-    let run = &run;
-    let mut results: Vec<(u64, T)> = std::thread::scope(|scope| {
-        let work = |first: u64| (first..=machines).step_by(threads as usize).map(|seed| (seed, run(seed))).collect();
-        let handles: Vec<_> = (1..=threads).map(|first| scope.spawn(move || -> Vec<_> { work(first) })).collect();
-        handles.into_iter().flat_map(|handle| handle.join().unwrap()).collect()
-    });
-    results.sort_by_key(|(seed, _)| *seed);
-    results.into_iter().map(|(_, result)| result).collect()
+    in_parallel(&(1..=machines).collect::<Vec<_>>(), |seed| run(*seed))
 }
 
 /// Mean and standard deviation of the mean.
