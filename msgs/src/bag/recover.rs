@@ -41,7 +41,8 @@ impl Recovery {
     /// Messages that are missing; `None` where nobody knows.
     #[must_use]
     pub fn messages_missing(&self) -> Option<u64> {
-        self.files.iter().map(FileRecovery::messages_missing).sum()
+        // What a damaged metadata.yaml promises need not fit.
+        self.files.iter().try_fold(0_u64, |sum, file| Some(sum.saturating_add(file.messages_missing()?)))
     }
 }
 
@@ -163,7 +164,6 @@ fn sources(input: &Path) -> Result<Vec<(PathBuf, Option<u64>)>, BagError> {
     if !entry.is_dir() {
         return Ok(vec![(input.to_owned(), None)]);
     }
-    let promises = metadata::promises(input);
     let found = metadata::numbered_files(input)?;
     if found.is_empty() {
         return Err(BagError::NotABag {
@@ -171,11 +171,14 @@ fn sources(input: &Path) -> Result<Vec<(PathBuf, Option<u64>)>, BagError> {
             reason: "the directory holds no .mcap file; name the directory of the recording".to_owned(),
         });
     }
-    let known: BTreeSet<&PathBuf> = found.iter().collect();
-    let lost = promises.keys().filter(|path| !known.contains(path)).cloned();
-    let mut files: Vec<PathBuf> = lost.chain(found.iter().cloned()).collect();
-    files.sort_by_key(|path| (metadata::split_number(path), path.clone()));
-    Ok(files.into_iter().map(|path| (path.clone(), promises.get(&path).copied().flatten())).collect())
+    let mut named = metadata::promises(input);
+    for path in found {
+        named.entry(path).or_insert(None);
+    }
+    // By path already, which decides among equal numbers.
+    let mut files: Vec<_> = named.into_iter().collect();
+    files.sort_by_key(|(path, _)| metadata::split_number(path));
+    Ok(files)
 }
 
 fn missing(path: &Path) -> FileRecovery {
@@ -185,9 +188,8 @@ fn missing(path: &Path) -> FileRecovery {
 
 /// Why nothing was saved, and what to do.
 fn nothing_in(files: &[FileRecovery]) -> String {
-    let reasons: BTreeMap<&str, &Path> =
-        files.iter().flat_map(|file| file.faults.iter().map(|f| (f.reason.as_str(), file.path.as_path()))).collect();
-    let reasons: Vec<&str> = reasons.into_keys().collect();
+    let reasons: BTreeSet<&str> = files.iter().flat_map(|file| &file.faults).map(|f| f.reason.as_str()).collect();
+    let reasons: Vec<&str> = reasons.into_iter().collect();
     format!(
         "not one whole message is in it ({}), so there is nothing to recover; name a .mcap file or the directory of a \
          rosbag2 recording",
@@ -254,7 +256,6 @@ pub fn recover_from<S: Read + Seek>(
                 between_ns: (state.last_ns, None),
                 is_uncertain: false,
             }),
-            Found::End => {}
         }
     }
     if state.unchecked > 0 && salvage.data_checksum_differs() {

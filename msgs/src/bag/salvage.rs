@@ -35,8 +35,6 @@ pub(super) enum Found {
     Definition([Record<'static>; 2]),
     /// Bytes that belong to nothing whole, and what is wrong at their beginning.
     Gap { bytes: Range<u64>, reason: String },
-    /// The proper end of the file.
-    End,
 }
 
 /// What stands at a place.
@@ -110,7 +108,7 @@ impl<S: Read + Seek> Salvage<S> {
                         return gap;
                     }
                     self.ended = true;
-                    return Some(Found::End);
+                    return None;
                 }
                 Place::Record { record, next } if self.gap.is_none() => {
                     self.at = next;
