@@ -18,6 +18,7 @@
 
 mod claim;
 pub mod gateway;
+mod lock;
 mod outbox;
 pub mod ros;
 mod run_id;

@@ -4,7 +4,7 @@
 //! shared memory, whether or not there is a gateway.
 
 use std::sync::atomic::Ordering;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use abbe_msgs::Message;
@@ -12,6 +12,7 @@ use abbe_msgs::Message;
 use super::node::{GatewayNode, Held};
 use super::protocol::Endpoint;
 use super::shared::{NodeEnd, Publication, SubscriptionState};
+use crate::lock::lock;
 use crate::transport::shared_memory::{SharedMemoryPublisher, SharedMemorySubscriber};
 use crate::transport::{Publish, Subscribe, TransportError};
 
@@ -95,7 +96,7 @@ impl<M: Message> GatewaySubscriber<M> {
 
     /// Tells of one more sample that the gateway had to refuse.
     fn refusal(&mut self) -> Option<TransportError> {
-        let refused = self.refused.lock().unwrap_or_else(PoisonError::into_inner);
+        let refused = lock(&self.refused);
         if self.told >= refused.malformed {
             return None;
         }
@@ -113,7 +114,7 @@ impl<M: Message> Subscribe<M> for GatewaySubscriber<M> {
     }
 
     fn wait(&mut self, timeout: Duration) -> Result<bool, TransportError> {
-        let refusals = self.refused.lock().unwrap_or_else(PoisonError::into_inner).malformed;
+        let refusals = lock(&self.refused).malformed;
         Ok(refusals > self.told || self.link.wait(timeout)?)
     }
 

@@ -156,8 +156,7 @@ impl<S> Heartbeat<S> {
     }
 
     fn look_at_threads(&self) -> Result<(), Dead> {
-        let living = library_threads();
-        let gone = self.threads.iter().filter(|thread| !living.contains(thread)).count();
+        let gone = self.threads.iter().filter(|thread| !is_of_library(thread)).count();
         if gone > 0 {
             return Err(Dead(format!("{gone} of {} threads of the DDS library have ended", self.threads.len())));
         }
@@ -168,10 +167,12 @@ impl<S> Heartbeat<S> {
 /// Numbers of the library's threads in this process; nothing where the kernel does not tell.
 fn library_threads() -> Vec<String> {
     let Ok(threads) = fs::read_dir("/proc/self/task") else { return Vec::new() };
-    let is_library = |thread: &String| {
-        let name = fs::read_to_string(format!("/proc/self/task/{thread}/comm"));
-        name.is_ok_and(|name| name.starts_with(THREADS))
-    };
     let numbers = threads.filter_map(|thread| thread.ok()?.file_name().into_string().ok());
-    numbers.filter(is_library).collect()
+    numbers.filter(|thread| is_of_library(thread)).collect()
+}
+
+/// Whether this thread of the process lives and is the library's.
+fn is_of_library(thread: &str) -> bool {
+    let name = fs::read_to_string(format!("/proc/self/task/{thread}/comm"));
+    name.is_ok_and(|name| name.starts_with(THREADS))
 }

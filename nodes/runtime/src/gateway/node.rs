@@ -61,7 +61,10 @@ impl GatewayNode {
                 (own.clone(), OwnRun(Some(own)))
             }
         };
-        let memory = SharedMemory::join(&run, options.depth)?.remembering(&options.node.identity.qualified());
+        let memory = SharedMemory::join(&run, options.depth)?;
+        // A run of its own ends with this process, and what it remembered with it.
+        let remembers = own_run.0.is_none();
+        let memory = if remembers { memory.remembering(&options.node.identity.qualified()) } else { memory };
         if let Some(name) = options.node.parameters.changeable() {
             let reason =
                 format!("parameter '{name}' may change while the node runs, which only its gateway would hear of");

@@ -6,7 +6,7 @@
 use std::collections::BTreeMap;
 use std::num::NonZeroUsize;
 use std::sync::mpsc::{SyncSender, sync_channel};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 use abbe_msgs::standard::DiagnosticArray;
@@ -16,9 +16,10 @@ use thiserror::Error;
 use super::health::{Dead, Heartbeat};
 use super::protocol::{Beat, Channel, Endpoint, FromGateway, Join, Progress, Received, ToGateway};
 use super::streams::{Stream, World};
+use crate::lock::lock;
 use crate::ros::{QueuedPublisher, RosError, RosNode, TriggerOutcome, TriggerService, diagnostics_qos};
 use crate::transport::TransportError;
-use crate::transport::shared_memory::{self, CleanupError, SharedMemory};
+use crate::transport::shared_memory::{self, SharedMemory};
 use crate::{RunId, RunIdError};
 
 /// How long the first word of the node may take.
@@ -124,7 +125,7 @@ pub fn serve() -> Result<(), GatewayError> {
         }
     };
     drop(channel);
-    clean_up(&run);
+    shared_memory::cleanup_by_the_last(&run);
     outcome
 }
 
@@ -136,18 +137,6 @@ fn run_to_its_end(mut gateway: Gateway) -> Result<(), GatewayError> {
         Err(_) => std::mem::forget(gateway),
     }
     outcome
-}
-
-/// In place of a node that was killed: who leaves the run last removes what is left of it.
-fn clean_up(run: &RunId) {
-    match shared_memory::cleanup(run) {
-        Ok(()) | Err(CleanupError::Alive { .. }) => {}
-        Err(error) => tracing::warn!(%error, "shared memory of the run could not be removed"),
-    }
-}
-
-fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 impl Gateway {
@@ -227,7 +216,8 @@ impl Gateway {
 
     fn beat(&self) -> Beat {
         let mut beat = Beat { is_proved: self.heartbeat.is_proved(), ..Beat::default() };
-        let elsewhere = self.node.published_elsewhere();
+        let publishes = self.open.values().any(|open| open.stream().is_some_and(Stream::publishes));
+        let elsewhere = if publishes { self.node.published_elsewhere() } else { Vec::new() };
         for (id, stream) in self.open.iter().filter_map(|(id, open)| Some((*id, open.stream()?))) {
             let proved = self.proved.get(&id).copied().unwrap_or_default();
             beat.publications.push((id, stream.publication(proved, &elsewhere)));

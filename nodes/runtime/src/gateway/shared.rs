@@ -6,13 +6,14 @@
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::sync::mpsc::Sender;
-use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use abbe_msgs::standard::{DiagnosticArray, DiagnosticStatus};
 
 use super::account::Account;
 use super::protocol::{Channel, Endpoint, FromGateway, SubscriptionBeat, ToGateway};
+use crate::lock::lock;
 use crate::ros::{Diagnostics, TriggerOutcome};
 use crate::transport::shared_memory::SharedMemory;
 
@@ -86,10 +87,6 @@ pub(super) struct SubscriptionState {
     /// Of the gateway that runs, what is in it already.
     of_this_life: u64,
     pub(super) last_reason: String,
-}
-
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 impl Publication {

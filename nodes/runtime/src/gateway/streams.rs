@@ -4,7 +4,7 @@
 //! loses the oldest on the link, counted; the node never notices.
 
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
@@ -13,6 +13,7 @@ use abbe_msgs::{CorrectedCoordinates, Message, RangeResidual, ScaleReading, Trac
 use ros2_client::Publisher;
 
 use super::protocol::{Endpoint, Progress, PublicationBeat, SubscriptionBeat};
+use crate::lock::lock;
 use crate::ros::{RosError, RosNode, stream_qos};
 use crate::transport::dds::DdsSubscriber;
 use crate::transport::shared_memory::{SharedMemory, SharedMemoryPublisher, SharedMemorySubscriber};
@@ -76,6 +77,11 @@ impl Stream {
         *lock(&self.shared.progress)
     }
 
+    /// Whether it publishes over DDS.
+    pub(super) fn publishes(&self) -> bool {
+        self.published_on.is_some()
+    }
+
     /// How a publication stands, with the progress that was proved last, and the topics that others publish.
     pub(super) fn publication(&self, proved: Progress, elsewhere: &[String]) -> PublicationBeat {
         let subscribers = self.subscribers.as_ref().map_or(0, |count| count());
@@ -116,10 +122,6 @@ impl Drop for Stream {
 fn unknown(topic: &str, ros_type: &str) -> TransportError {
     let reason = format!("a gateway knows no type {ros_type}");
     TransportError::Endpoint { topic: topic.to_owned(), what: "stream", kind: super::KIND, reason }
-}
-
-fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// Where a publication's samples come from, and under which names they go out.

@@ -6,12 +6,13 @@
 use std::any::Any;
 use std::collections::{BTreeMap, VecDeque};
 use std::num::NonZeroUsize;
-use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError, Weak};
+use std::sync::{Arc, Condvar, Mutex, PoisonError, Weak};
 use std::time::Duration;
 
 use abbe_msgs::Message;
 
 use super::{Publish, Subscribe, TransportError};
+use crate::lock::lock;
 
 /// The topics of one process. Clones share them.
 #[derive(Debug, Clone, Default)]
@@ -89,10 +90,6 @@ impl InProcess {
 }
 
 /// No lock here is held across code that can panic half-way through a change.
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
-}
-
 impl<M: Message> Publish<M> for InProcessPublisher<M> {
     fn send(&mut self, sample: &M) -> Result<(), TransportError> {
         lock(&self.topic.rings).retain(|ring| match ring.upgrade() {

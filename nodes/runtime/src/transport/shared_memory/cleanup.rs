@@ -12,7 +12,7 @@ use iceoryx2::prelude::CallbackProgression;
 use iceoryx2::service::ipc_threadsafe::Service;
 use thiserror::Error;
 
-use super::{SHARED_MEMORY_FOLDER, config, prefix, root};
+use super::{SHARED_MEMORY_FOLDER, again_when, config, prefix, root};
 use crate::RunId;
 use crate::transport::TransportError;
 
@@ -64,6 +64,15 @@ pub fn cleanup(run: &RunId) -> Result<(), CleanupError> {
     outcome.and(removed(&root, fs::remove_dir_all(&root)))
 }
 
+/// In place of a launcher or a node that was killed: who leaves the run last removes what is left of it.
+pub fn cleanup_by_the_last(run: &RunId) {
+    match cleanup(run) {
+        // Others are still there; the last of them removes the files.
+        Ok(()) | Err(CleanupError::Alive { .. }) => {}
+        Err(error) => tracing::warn!(%error, "shared memory of the run could not be removed"),
+    }
+}
+
 /// Removes what runs with automatic names left behind whose process has ended without a chance to clean up (`kill -9`,
 /// a crash, a power cut that `/tmp` outlived). Returns how many runs these were.
 ///
@@ -95,14 +104,9 @@ fn refuse_if_alive(run: &RunId) -> Result<(), CleanupError> {
         });
         listed.map(|()| nodes)
     };
-    let nodes = loop {
-        match count() {
-            // A second Ctrl-C that comes just now must not leave the files.
-            Err(NodeListFailure::Interrupt) => {}
-            Err(error) => return Err(CleanupError::List { run: run.clone(), reason: format!("{error:?}") }),
-            Ok(nodes) => break nodes,
-        }
-    };
+    // A second Ctrl-C that comes just now must not leave the files.
+    let nodes = again_when(|error| matches!(error, NodeListFailure::Interrupt), count)
+        .map_err(|error| CleanupError::List { run: run.clone(), reason: format!("{error:?}") })?;
     if nodes > 0 {
         return Err(CleanupError::Alive { run: run.clone(), nodes });
     }

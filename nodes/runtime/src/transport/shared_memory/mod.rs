@@ -31,7 +31,7 @@ use iceoryx2::service::service_name::ServiceName;
 use super::{TransportError, TransportKind};
 use crate::RunId;
 
-pub use cleanup::{CleanupError, cleanup, remove_leftovers};
+pub use cleanup::{CleanupError, cleanup, cleanup_by_the_last, remove_leftovers};
 pub use publisher::SharedMemoryPublisher;
 pub use subscriber::SharedMemorySubscriber;
 
