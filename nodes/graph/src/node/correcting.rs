@@ -222,14 +222,13 @@ fn input<M: Message>(stage: &impl Stage<M>, subscriber: &dyn Subscribe<M>) -> In
 /// Other programs that publish what this node does; on one host they would have been refused.
 struct Rivals {
     topic: &'static str,
-    now: usize,
     /// As many as were told of in the log.
-    told: usize,
+    now: usize,
 }
 
 impl Rivals {
     fn of(node: NodeName) -> Rivals {
-        Rivals { topic: node.topic().unwrap_or_default(), now: 0, told: 0 }
+        Rivals { topic: node.topic().unwrap_or_default(), now: 0 }
     }
 
     /// The sample with what there is to say of its topic.
@@ -250,15 +249,13 @@ impl Rivals {
 
     /// Puts every change into the log.
     fn tell(&mut self, now: usize) {
-        self.now = now;
-        if self.now == self.told {
+        if std::mem::replace(&mut self.now, now) == now {
             return;
         }
         match self.words() {
             Some(words) => tracing::warn!("{words}"),
             None => tracing::warn!("{} has no other publisher any more", self.topic),
         }
-        self.told = self.now;
     }
 }
 

@@ -25,7 +25,7 @@ use abbe_msgs::bag::BagError;
 use abbe_msgs::{Message, MessageError};
 use abbe_runtime::gateway::{GatewayCommand, GatewayNode, GatewayOptions};
 use abbe_runtime::ros::{ArgsError, Domain, NodeIdentity, NodeOptions, RosArgs, RosError};
-use abbe_runtime::transport::shared_memory::{self, CleanupError};
+use abbe_runtime::transport::shared_memory;
 use abbe_runtime::{
     Claim, ClaimError, Edges, EdgesConfig, Publish, RunId, Shutdown, ShutdownError, Subscribe, TransportError,
     TransportKind,
@@ -201,8 +201,11 @@ pub fn run(call: NodeCall) -> Result<NodeSummary, NodeError> {
         };
         summary.map(|summary| context.with_gateway_figures(summary))
     });
-    if launcher_pid.is_some_and(|pid| parent_id() != pid) {
-        remove_shared_memory(run.as_ref());
+    // In place of a launcher that was killed.
+    if launcher_pid.is_some_and(|pid| parent_id() != pid)
+        && let Some(run) = &run
+    {
+        shared_memory::cleanup_by_the_last(run);
     }
     outcome
 }
@@ -225,15 +228,6 @@ fn say_alive(shutdown: Shutdown) -> Result<(), NodeError> {
 /// A line to the launcher; one that is gone needs to hear nothing.
 fn say(word: &str) {
     let _ = writeln!(std::io::stdout(), "{word}");
-}
-
-/// In place of a launcher that was killed: the last node of the run to leave removes what is left of it.
-fn remove_shared_memory(run: Option<&RunId>) {
-    match run.map(shared_memory::cleanup) {
-        // Others are still there; the last of them removes the files.
-        Some(Err(CleanupError::Alive { .. })) | Some(Ok(())) | None => {}
-        Some(Err(error)) => tracing::warn!(%error, "shared memory of the run could not be removed"),
-    }
 }
 
 impl NodeContext {

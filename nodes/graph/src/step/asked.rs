@@ -34,32 +34,34 @@ pub(super) struct Scales {
     max_age_s: f64,
     /// Sequence and covariates by stamp (ns).
     kept: BTreeMap<i64, (u64, Covariates)>,
-    /// Stamp (ns) of the latest that came.
-    latest: Option<i64>,
 }
 
 impl Scales {
     pub(super) fn new(max_age_s: f64) -> Scales {
-        Scales { max_age_s, kept: BTreeMap::new(), latest: None }
+        Scales { max_age_s, kept: BTreeMap::new() }
     }
 
     pub(super) fn keep(&mut self, reading: &ScaleReading) {
         let stamp = reading.stamp.to_nanos();
         // Of a clock that was set back, what lies ahead is of another time.
-        if self.latest.is_some_and(|latest| stamp < latest) {
+        if self.latest().is_some_and(|latest| stamp < latest) {
             self.kept.retain(|kept, _| *kept < stamp);
         }
-        self.latest = Some(stamp);
         self.kept.insert(stamp, (reading.sequence, reading.covariates));
         if self.kept.len() > KEPT {
             self.kept.pop_first();
         }
     }
 
+    /// Stamp (ns) of the latest that came: none that is kept is newer.
+    fn latest(&self) -> Option<i64> {
+        self.kept.last_key_value().map(|(stamp, _)| *stamp)
+    }
+
     /// Whether the scale reading of a sample has not come and may still do so: they come in the order of their stamps.
     pub(super) fn may_come(&self, sample: &CorrectedCoordinates) -> bool {
         let stamp = sample.stamp.to_nanos();
-        self.of(sample).is_none() && self.latest.is_none_or(|latest| latest < stamp)
+        self.of(sample).is_none() && self.latest().is_none_or(|latest| latest < stamp)
     }
 
     /// Covariates of a sample.

@@ -16,8 +16,6 @@ pub(super) struct Pairs<S> {
     within_ns: i64,
     samples: Waiting<S>,
     readings: Waiting<Vec<TracerReading>>,
-    /// Stamp (ns) of the sample that came last.
-    last_sample_ns: i64,
     alone: u64,
 }
 
@@ -28,7 +26,6 @@ impl<S: Clone> Pairs<S> {
             within_ns: (within_s * 1e9) as i64,
             samples: Waiting::default(),
             readings: Waiting::default(),
-            last_sample_ns: i64::MIN,
             alone: 0,
         }
     }
@@ -38,10 +35,10 @@ impl<S: Clone> Pairs<S> {
         let nanos = stamp.to_nanos();
         let stamps: Vec<i64> = self.readings.around(nanos, self.within_ns).map(|(stamp, _)| stamp).collect();
         let readings = stamps.into_iter().filter_map(|stamp| self.readings.take(stamp)).flatten().collect();
-        if nanos < self.last_sample_ns {
+        // The sample that came last has the latest stamp.
+        if self.samples.latest().is_some_and(|latest| nanos < latest) {
             self.samples.forget_from(nanos);
         }
-        self.last_sample_ns = nanos;
         // A sample that is given up may have had its readings.
         drop(self.samples.keep(nanos, sample));
         readings
@@ -97,6 +94,11 @@ impl<T> Waiting<T> {
 
     fn take(&mut self, stamp_ns: i64) -> Option<T> {
         self.by_stamp.remove(&stamp_ns).map(|(_, thing)| thing)
+    }
+
+    /// The latest stamp (ns).
+    fn latest(&self) -> Option<i64> {
+        self.by_stamp.last_key_value().map(|(stamp, _)| *stamp)
     }
 
     /// Forgets what has this stamp or a later one.

@@ -29,10 +29,6 @@ const INTERRUPT_REACHES_ALL: Duration = Duration::from_millis(200);
 /// A node whose loop has not turned for so long hangs, or is stopped.
 pub const HANGS_AFTER: Duration = Duration::from_secs(5);
 
-/// Those that give before those that take: the order in which nodes end, so that what is under way arrives.
-const GIVERS_FIRST: [NodeName; 6] =
-    [NodeName::Scale, NodeName::Tracer, NodeName::Geometric, NodeName::Residual, NodeName::Monitor, NodeName::Recorder];
-
 /// Why a graph could not be run.
 #[derive(Debug, Error)]
 pub enum SupervisorError {
@@ -165,8 +161,12 @@ impl Supervisor {
     /// Whether this node has ended for good; looks after all nodes as [`Supervisor::check`] does.
     pub fn has_ended(&mut self, name: NodeName) -> Result<bool, SupervisorError> {
         self.check()?;
+        Ok(self.is_over(name))
+    }
+
+    fn is_over(&self, name: NodeName) -> bool {
         let ended = |node: &Node| matches!(node.state, State::Done | State::GivenUp);
-        Ok(self.nodes.iter().filter(|node| node.name == name).all(ended))
+        self.nodes.iter().filter(|node| node.name == name).all(ended)
     }
 
     /// Looks after all nodes: starts again what has ended unasked, as its role wants it.
@@ -231,7 +231,8 @@ impl Supervisor {
     }
 
     fn sources_have_ended(&mut self) -> Result<bool, SupervisorError> {
-        Ok(self.has_ended(NodeName::Scale)? && self.has_ended(NodeName::Tracer)?)
+        self.check()?;
+        Ok([NodeName::Scale, NodeName::Tracer].into_iter().all(|name| self.is_over(name)))
     }
 
     /// Starts the process of a node; `life` is 0 for the first.
@@ -298,7 +299,8 @@ impl Supervisor {
 
     /// Ends every node, givers first; what goes wrong is added to the problems.
     fn end_all(&mut self, hurry: &dyn Fn() -> bool) -> Result<(), SupervisorError> {
-        for name in GIVERS_FIRST {
+        // Those that give before those that take, so that what is under way arrives.
+        for name in NodeName::ALL.into_iter().rev() {
             let Some(node) = self.nodes.iter_mut().find(|node| node.name == name) else { continue };
             let State::Running(process) = &mut node.state else { continue };
             let (ended, was_killed) = process.end(STOP_PATIENCE, hurry)?;
