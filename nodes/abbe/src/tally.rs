@@ -5,7 +5,7 @@
 
 use crate::exit::Ended;
 use abbe_files::status_word;
-use abbe_geometry::correct::Status;
+use abbe_geometry::correct::{Status, is_within};
 use abbe_geometry::effects::{CovariateValue, State};
 use abbe_geometry::model::MachineModel;
 use std::collections::BTreeMap;
@@ -13,8 +13,6 @@ use std::fmt::Write as _;
 
 /// Share of rows that are not in volume from which it is a warning.
 const WARNED_SHARE: f64 = 0.1;
-/// Room between a bound and a value that only rounding makes (m).
-const ROUNDING_M: f64 = 1e-9;
 const AXES: [&str; 3] = ["X", "Y", "Z"];
 /// Factors by which readings of another unit miss millimetres.
 const UNITS: [(f64, &str); 3] = [(1e3, "metres"), (25.4, "inches"), (1e-3, "micrometres")];
@@ -74,7 +72,8 @@ impl Tally {
         });
     }
 
-    fn count(&self, status: Status) -> u64 {
+    /// Number of rows of this status.
+    pub(crate) fn count(&self, status: Status) -> u64 {
         self.kinds.get(&status).map_or(0, |kind| kind.rows)
     }
 
@@ -130,7 +129,7 @@ impl Tally {
         };
         let inside = |factor: f64| {
             let mut axes = span_m.iter().zip(bounds_m);
-            axes.all(|(s, b)| s.0 * factor >= b.0 - ROUNDING_M && s.1 * factor <= b.1 + ROUNDING_M)
+            axes.all(|(s, b)| is_within(*b, s.0 * factor) && is_within(*b, s.1 * factor))
         };
         UNITS.iter().find(|(factor, _)| inside(*factor) && covered(*factor) > COVERED).map(|(_, name)| *name)
     }
@@ -163,9 +162,8 @@ impl Reason {
 /// What is wrong with a row, and the value that is (mm, or the unit of a covariate).
 fn reasons(model: &MachineModel, state: &State, status: Status) -> Vec<(Reason, f64)> {
     let parts = model.parts();
-    let off = |value: f64, bounds: &(f64, f64)| value < bounds.0 - ROUNDING_M || value > bounds.1 + ROUNDING_M;
     let beyond = |values: [f64; 3], bounds: &[(f64, f64); 3]| -> Vec<(usize, f64)> {
-        let axes = values.into_iter().zip(bounds).enumerate().filter(|(_, (value, bounds))| off(*value, bounds));
+        let axes = values.into_iter().zip(bounds).enumerate().filter(|(_, (value, bounds))| !is_within(**bounds, *value));
         axes.map(|(axis, (value, _))| (axis, value * 1e3)).collect()
     };
     let readings = |bounds| beyond(state.reading_m, bounds).into_iter().map(|(axis, mm)| (Reason::Reading(axis), mm));

@@ -28,7 +28,6 @@ pub(crate) struct Verified {
 pub(crate) struct VerificationPoints {
     pub(crate) rows: Vec<PointRow>,
     pub(crate) corrected_m: Vec<Vector3<f64>>,
-    pub(crate) statuses: Vec<Status>,
     /// What they were worth, in all.
     pub(crate) tally: Tally,
 }
@@ -36,7 +35,7 @@ pub(crate) struct VerificationPoints {
 impl VerificationPoints {
     /// How many are extrapolated.
     pub(crate) fn extrapolated(&self) -> usize {
-        self.statuses.iter().filter(|status| **status == Status::Extrapolated).count()
+        self.tally.count(Status::Extrapolated) as usize
     }
 }
 
@@ -65,7 +64,6 @@ pub(crate) fn correct_points(
         );
         points.tally.add(&model.model, &state, correction.status, row.line());
         points.corrected_m.push(correction.position_m);
-        points.statuses.push(correction.status);
         points.rows.push(row.clone());
     }
     let pair = |row: &PointRow| {

@@ -47,7 +47,7 @@ impl<R: Read> TableBytes<R> {
     /// Looks at the first bytes; `file` is the name in messages.
     pub(crate) fn new(input: R, file: &str) -> Result<TableBytes<R>, FileError> {
         let mut raw = Raw { input, hash: Sha256::new(), head: Vec::new(), taken: 0 };
-        raw.head = first_bytes(&mut raw, Vec::new()).map_err(FileError::io(file, "read the file"))?;
+        raw.head = first_bytes(&mut raw).map_err(FileError::io(file, "read the file"))?;
         refuse_strangers(&raw.head, file)?;
         let buffered = |raw| BufReader::with_capacity(1 << 16, raw);
         let mut dialect = Dialect::default();
@@ -71,7 +71,7 @@ impl<R: Read> TableBytes<R> {
             ends_with_newline: true,
             of_this_row: 0,
         };
-        let head = first_bytes(&mut bytes.unpacked, Vec::new()).map_err(|error| bytes.told(error, file, 1))?;
+        let head = first_bytes(&mut bytes.unpacked).map_err(|error| bytes.told(error, file, 1))?;
         refuse_strangers(&head, file)?;
         bytes.dialect.byte_order_mark = head.starts_with(BYTE_ORDER_MARK);
         let text = head.strip_prefix(BYTE_ORDER_MARK).unwrap_or(&head).to_vec();
@@ -214,8 +214,8 @@ impl fmt::Display for RowTooLong {
 impl std::error::Error for RowTooLong {}
 
 /// Up to [`SIGNATURE`] bytes, fewer only at the end.
-fn first_bytes(input: &mut impl Read, mut head: Vec<u8>) -> std::io::Result<Vec<u8>> {
-    let mut bytes = [0; SIGNATURE];
+fn first_bytes(input: &mut impl Read) -> std::io::Result<Vec<u8>> {
+    let (mut head, mut bytes) = (Vec::new(), [0; SIGNATURE]);
     while head.len() < SIGNATURE {
         let count = input.read(&mut bytes[head.len()..])?;
         if count == 0 {

@@ -146,7 +146,7 @@ fn line_length(text: &[u8], is_whole: bool) -> Option<usize> {
 }
 
 /// What a line `sep=` names; Excel fills such a line up with delimiters when it saves, and may quote it.
-fn separator(line: &[u8]) -> Option<u8> {
+pub(crate) fn separator(line: &[u8]) -> Option<u8> {
     let line = line.trim_ascii();
     let line = line.strip_prefix(b"\"").unwrap_or(line);
     let (word, rest) = line.split_at_checked(4)?;

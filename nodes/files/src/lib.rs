@@ -42,7 +42,6 @@ pub use conformity_csv::{
 };
 pub use csv_source::header_names;
 pub use diagonals_csv::{DiagonalReading, read_diagonals, read_diagonals_file};
-pub use dialect::Dialect;
 pub use envelope::{hex, sha256_of_hex};
 pub use error::{FileError, Place};
 pub use guideway_csv::{GuidewayRow, SeenTarget, read_guideway, read_guideway_file};

@@ -3,12 +3,11 @@
 //! Place in the flow: points file → [`PointsReader`] → `abbe_geometry::correct` → [`PointsWriter`]. Needed are
 //! `x_mm y_mm z_mm` and the offset columns (or the machine's declared offset, ram frame); every other column is
 //! handed through as it is and can serve as covariate by its name. What comes out is written as what went in: the same
-//! delimiter, decimal mark and line ends ([`Dialect`]). Memory is one row.
+//! delimiter, decimal mark and line ends (`crate::dialect`). Memory is one row.
 
 use crate::columns::{ACTUAL, Header, Known, OFFSET, Offset, READING};
 use crate::csv_source::CsvSource;
 use crate::decimals::Mark;
-use crate::dialect::Dialect;
 use crate::error::{FileError, Place};
 use abbe_geometry::correct::{Correction, Status};
 use abbe_geometry::effects::{CovariateSource, CovariateValue};
@@ -98,11 +97,6 @@ impl<R: Read> PointsReader<R> {
     /// Column names as in the file.
     pub fn columns(&self) -> &[String] {
         self.source.header().names()
-    }
-
-    /// How the file is written.
-    pub fn dialect(&self) -> Dialect {
-        self.source.header().dialect()
     }
 
     /// Refuses a number that has two readings, which no row read so far tells apart. At the end of the file [`PointsReader::read`]

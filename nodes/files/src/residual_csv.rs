@@ -8,6 +8,7 @@
 
 use crate::atomic::AtomicFile;
 use crate::csv_bytes::TableBytes;
+use crate::dialect::separator;
 use crate::envelope::{hex, sha256_of_hex};
 use crate::error::{FileError, Place};
 use crate::points_csv::unwritten;
@@ -114,7 +115,7 @@ pub fn read_residual_origin(path: &Path) -> Result<Option<ResidualOrigin>, FileE
         if let Some(words) = text.strip_prefix(MARK.trim_end()) {
             return origin_of(words, &file, line).map(Some);
         }
-        if bytes.is_empty() || !(text.is_empty() || text.starts_with('#') || text.starts_with("sep=")) {
+        if bytes.is_empty() || !(text.is_empty() || text.starts_with('#') || separator(&bytes).is_some()) {
             break;
         }
     }

@@ -8,6 +8,7 @@ use abbe_field::{Grid, Table, table_within};
 use abbe_files::export::{About, ExportedFile, FORMATS, Format, SampledGrid, Writer, format, geometric_error_m};
 use abbe_files::{AtomicFile, ModelFile};
 use abbe_geometry::Vector3;
+use abbe_geometry::correct::is_within;
 use abbe_geometry::sampled::SampledErrors;
 use anyhow::{Context, bail, ensure};
 use std::convert::Infallible;
@@ -21,8 +22,6 @@ const DEFAULT_WITHIN_UM: f64 = 0.1;
 const MOST_NODES: usize = 2_000_000;
 /// Share of a stroke that campaigns leave out at its ends without a word.
 const UNSEEN_SHARE: f64 = 0.05;
-/// Room between a bound and an offset that only rounding makes (m).
-const ROUNDING_M: f64 = 1e-9;
 /// Halvings of the step in search of a wanted interpolation error, from the whole stroke.
 const MOST_HALVINGS: u32 = 16;
 
@@ -85,10 +84,9 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
 /// An error where the whole grid is for a tip that was not measured.
 fn judge(arguments: &Arguments, file: &ModelFile, offset_m: [f64; 3]) -> anyhow::Result<()> {
     let bounds_m = &file.model.parts().identified.offset_m;
-    let is_inside = |(v, b): (&f64, &(f64, f64))| (b.0 - ROUNDING_M..=b.1 + ROUNDING_M).contains(v);
     let mm = |values_m: [f64; 3]| values_m.map(|v| format!("{:.4}", v * 1e3)).join(" ");
     ensure!(
-        offset_m.iter().zip(bounds_m).all(is_inside),
+        offset_m.into_iter().zip(bounds_m).all(|(v, b)| is_within(*b, v)),
         Ended::nothing_inside(format!(
             "{}: no node is inside what the model was identified from: the tip is at {} mm, offsets from {} to {} mm were \
              measured; see --offset-mm",

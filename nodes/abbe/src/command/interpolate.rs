@@ -184,7 +184,7 @@ fn score_all(arguments: &Arguments, field: &MeasuredField, splits: u64) -> anyho
         .collect();
     let mut totals: Vec<Total> = methods.iter().map(|_| Total::default()).collect();
     let mut done = 0;
-    for seed in arguments.seed..arguments.seed + splits {
+    for seed in (0..splits).map(|k| arguments.seed.wrapping_add(k)) {
         if shutdown.requested() {
             break;
         }

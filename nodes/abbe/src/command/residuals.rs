@@ -151,9 +151,8 @@ fn of_known_points(arguments: &Arguments, model: &ModelFile) -> anyhow::Result<C
         let words = points.tally.words(&model.model, &name, "line");
         eprintln!("abbe: {words}; what the model does wrongly outside counts as residual");
     }
-    let inside = points.statuses.contains(&Status::InVolume);
     ensure!(
-        inside,
+        points.tally.count(Status::InVolume) > 0,
         "{name}: no point is inside what the model was identified from; give points of its volume and offsets"
     );
     let actual_m: Vec<Vector3<f64>> = points.rows.iter().filter_map(|row| row.actual_m).map(Vector3::from).collect();

@@ -291,8 +291,7 @@ fn live(facts: &Facts) -> LiveFigures {
 
 fn warnings(facts: &Facts) -> Vec<String> {
     let mut warnings: Vec<String> = facts.found.verdict.findings.iter().map(ToString::to_string).collect();
-    let extrapolated =
-        facts.points.statuses.iter().filter(|s| **s == abbe_geometry::correct::Status::Extrapolated).count();
+    let extrapolated = facts.points.extrapolated();
     if extrapolated > 0 {
         warnings.push(format!("{extrapolated} verification points lie outside the identified volume or offsets."));
     }

@@ -48,7 +48,7 @@ impl Points {
         fill(&mut record.before, &squares_before);
         fill(&mut record.after, &squares_after);
         let gains: Vec<f64> = squares_before.iter().zip(&squares_after).map(|(b, a)| b - a).collect();
-        let count = |status: Status| points.statuses.iter().filter(|s| **s == status).count();
+        let count = |status: Status| points.tally.count(status) as usize;
         record.verification = Some(Verification {
             file: File { file: self.name.clone(), sha256: Sha256::of(&self.bytes).to_hex() },
             points: points.rows.len(),

@@ -137,8 +137,7 @@ pub(crate) fn run(
 
 /// What is still wrong with the whole stands before what was found in it.
 fn caution(record: &mut Record, verdict: &Verdict) {
-    let doubtful = |grade: Grade| verdict.of(grade).map(ToString::to_string);
-    let doubts: Vec<String> = doubtful(Grade::Refusal).chain(doubtful(Grade::Warning)).collect();
+    let doubts: Vec<String> = verdict::doubts(verdict).into_iter().map(|doubt| doubt.text).collect();
     record.notes.extend(verdict.findings.iter().map(ToString::to_string));
     if !doubts.is_empty() {
         record.verdict = format!(

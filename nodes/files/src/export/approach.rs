@@ -8,6 +8,7 @@ use abbe_geometry::axis::{Axis, ErrorId};
 use abbe_geometry::effects::{Acts, CovariateSource, CovariateValue, State};
 use abbe_geometry::machine::Machine;
 use abbe_geometry::model::{FittedEffect, MachineModel};
+use abbe_geometry::sampled::SampledAxis;
 
 /// Names of the signs of approach.
 const SIGNS: [&str; 3] = ["dir_x", "dir_y", "dir_z"];
@@ -59,6 +60,13 @@ impl Approach {
         let mut reading_m = [0.0; 3];
         reading_m[axis.index()] = position_m;
         self.effects[axis.index()].iter().filter_map(|fitted| reversal_m(fitted, axis, reading_m)).sum()
+    }
+
+    /// Reversal values at the nodes of an axis, and their mean (m).
+    pub(super) fn reversals_m(&self, axis: &SampledAxis) -> (Vec<f64>, f64) {
+        let values_m: Vec<f64> = axis.positions_m.iter().map(|p| self.reversal_m(axis.axis, *p)).collect();
+        let mean_m = values_m.iter().sum::<f64>() / values_m.len() as f64;
+        (values_m, mean_m)
     }
 }
 

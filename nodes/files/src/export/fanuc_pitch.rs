@@ -33,8 +33,7 @@ fn write(about: &About, errors: &SampledErrors) -> Result<Vec<ExportedFile>, Fil
     let units = "increments in um (detection unit 1 um), the correction, indicated - actual, of approaches in + from the lower \
                  end on, where the reference position is taken to be; positioning errors of each axis by itself, nothing else \
                  of the model";
-    let mut lines = about.lines(&FORMAT, units, &missed_words(errors));
-    lines.push(about.approach_words());
+    let lines = about.lines(&FORMAT, units, &missed_words(errors));
     let mut text = commented(&lines, "#");
     for (number, axis) in errors.axes.iter().enumerate() {
         table(about, number, axis, &mut text)?;
@@ -48,8 +47,7 @@ fn table(about: &About, number: usize, axis: &SampledAxis, text: &mut String) ->
         let problem = format!("axis {letter} would have {points} points; {MOST_POINTS} are the most");
         return Err(refused(&FORMAT, problem, "ask for a larger step"));
     }
-    let plays_m: Vec<f64> = axis.positions_m.iter().map(|p| about.approach.reversal_m(axis.axis, *p)).collect();
-    let mean_m = plays_m.iter().sum::<f64>() / points as f64;
+    let (plays_m, mean_m) = about.approach.reversals_m(axis);
     let forward = |k: usize| axis.errors[k][axis.axis.index()] + plays_m[k] / 2.0;
     let sum = |k: usize| ((forward(0) - forward(k)) / UNIT_M).round();
     let first = number * APART;

@@ -8,7 +8,7 @@
 //!
 //! For axis Y the linear columns are Y, C2 (EXY), C3 (EZY); for Z they are Z, C2 (EXZ), C3 (EYZ); the head of each says so.
 
-use super::{About, ExportedFile, Format, Writer, commented, fixed, missed_words, refused};
+use super::{About, ExportedFile, Format, Writer, commented, fixed, missed_words, refused, tilted_m};
 use crate::error::FileError;
 use crate::units::millimetres_from_m;
 use abbe_geometry::axis::Axis;
@@ -69,12 +69,4 @@ fn table(about: &About, errors: &SampledErrors, axis: &SampledAxis) -> Result<Ex
         let _ = writeln!(text, "{number} {} {}", millimetres_from_m(*position_m), cells.join(" "));
     }
     Ok(ExportedFile { name: format!("{}.COM", axis.axis.letter()), text })
-}
-
-/// What squareness moves at this distance from the lower end (m): angle · (about × axis) · distance.
-fn tilted_m(about: &About, errors: &SampledErrors, axis: Axis, distance_m: f64) -> [f64; 3] {
-    let own = about.machine.squareness.iter().zip(&errors.squareness).filter(|(entry, _)| entry.tilts == axis);
-    let moved =
-        own.map(|(entry, (_, angle, _))| entry.about.direction().cross(&axis.direction()) * (angle * distance_m));
-    moved.fold([0.0; 3], |sum, m| [sum[0] + m.x, sum[1] + m.y, sum[2] + m.z])
 }

@@ -25,8 +25,7 @@ pub(super) const FORMAT: Format = Format {
 fn write(about: &About, errors: &SampledErrors) -> Result<Vec<ExportedFile>, FileError> {
     let units = "mm; columns nominal, forward, reverse: the position commanded, and that reached coming from below and from above; \
                  positioning errors of each axis by itself, nothing else of the model";
-    let mut lines = about.lines(&FORMAT, units, &missed_words(errors));
-    lines.push(about.approach_words());
+    let lines = about.lines(&FORMAT, units, &missed_words(errors));
     let mut files = vec![ExportedFile { name: "head.txt".to_owned(), text: commented(&lines, "#") }];
     for axis in &errors.axes {
         files.push(table(about, axis)?);

@@ -176,6 +176,9 @@ impl About {
             format!("format: {}", format.source),
         ];
         lines.extend(self.left_out(format).map(|what| format!("NOT in this table, and not corrected by it: {what}")));
+        if matches!(format.writer, Writer::Approaches(_)) {
+            lines.push(self.approach_words());
+        }
         lines
     }
 
@@ -217,6 +220,14 @@ pub fn geometric_error_m(model: &MachineModel, reading_m: [f64; 3], offset_m: [f
 /// `// line` for every line.
 fn commented(lines: &[String], mark: &str) -> String {
     lines.iter().map(|line| format!("{mark} {line}\n")).collect()
+}
+
+/// What squareness moves at this distance from the lower end (m): angle · (about × axis) · distance.
+fn tilted_m(about: &About, errors: &SampledErrors, axis: Axis, distance_m: f64) -> [f64; 3] {
+    let own = about.machine.squareness.iter().zip(&errors.squareness).filter(|(entry, _)| entry.tilts == axis);
+    let moved =
+        own.map(|(entry, (_, angle, _))| entry.about.direction().cross(&axis.direction()) * (angle * distance_m));
+    moved.fold([0.0; 3], |sum, m| [sum[0] + m.x, sum[1] + m.y, sum[2] + m.z])
 }
 
 /// What linear interpolation misses, in words.

@@ -27,8 +27,7 @@ fn write(about: &About, errors: &SampledErrors) -> Result<Vec<ExportedFile>, Fil
     let units = "mm; values are actual - indicated of approaches in + (the controller adds them to the actual position, so a \
                  positive value moves the axis in the negative direction); positioning errors of each axis by itself, nothing \
                  else of the model";
-    let mut lines = about.lines(&FORMAT, units, &missed_words(errors));
-    lines.push(about.approach_words());
+    let lines = about.lines(&FORMAT, units, &missed_words(errors));
     let mut text = commented(&lines, ";");
     for (number, axis) in (1..).zip(&errors.axes) {
         table(about, number, axis, &mut text);
@@ -39,8 +38,7 @@ fn write(about: &About, errors: &SampledErrors) -> Result<Vec<ExportedFile>, Fil
 
 fn table(about: &About, number: usize, axis: &SampledAxis, text: &mut String) {
     let count = axis.positions_m.len() as f64;
-    let plays_m: Vec<f64> = axis.positions_m.iter().map(|p| about.approach.reversal_m(axis.axis, *p)).collect();
-    let mean_m = plays_m.iter().sum::<f64>() / count;
+    let (plays_m, mean_m) = about.approach.reversals_m(axis);
     let left_m = plays_m.iter().map(|play_m| (play_m - mean_m).abs()).fold(0.0, f64::max);
     // Writing to a string cannot fail.
     let _ = writeln!(

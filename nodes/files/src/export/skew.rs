@@ -5,7 +5,7 @@
 //! whose Y axis is the straight one and X is tilted has the same shear in a frame that is turned: how everything stands
 //! together is no error.
 
-use super::About;
+use super::{About, tilted_m};
 use abbe_geometry::axis::Axis;
 use abbe_geometry::sampled::SampledErrors;
 
@@ -22,17 +22,6 @@ pub(super) const ONLY: &str = "squareness alone: positioning, straightness, rota
 
 pub(super) fn skew(about: &About, errors: &SampledErrors) -> Skew {
     // Both axes of a plane: a turn of one towards the other is the same shear as that of the other towards the one.
-    let of = |a: Axis, b: Axis| -> f64 {
-        let entries = about.machine.squareness.iter().zip(&errors.squareness);
-        let shear = entries.map(|(entry, (_, angle, _))| {
-            let moved = entry.about.direction().cross(&entry.tilts.direction()) * *angle;
-            match entry.tilts {
-                tilts if tilts == b => moved[a.index()],
-                tilts if tilts == a => moved[b.index()],
-                _ => 0.0,
-            }
-        });
-        shear.sum()
-    };
+    let of = |a: Axis, b: Axis| tilted_m(about, errors, b, 1.0)[a.index()] + tilted_m(about, errors, a, 1.0)[b.index()];
     Skew { xy: of(Axis::X, Axis::Y), xz: of(Axis::X, Axis::Z), yz: of(Axis::Y, Axis::Z) }
 }
