@@ -1,4 +1,4 @@
-//! What the whole-system tests share: the rules of the workspace, and the built `abbe` program.
+//! What the whole-system tests share: the rules of the workspace.
 //!
 //! Place in the flow: beside it. Nothing depends on this crate; `tests/tests/*.rs` call it. The rules are functions
 //! of text or of a graph, so that each is shown to catch a violation (unit tests here) before it is held against
@@ -10,7 +10,6 @@
 pub mod dependencies;
 pub mod documents;
 pub mod links;
-pub mod program;
 pub mod registry;
 pub mod rules;
 pub mod source;

@@ -24,7 +24,7 @@ use common::graph::{DDS, MEMORY, files_of_run, long_recording, stream_of, topic,
 use common::network::{DOMAIN, in_own_network};
 use common::peer::{Peer, role};
 use common::program::{Started, abbe_in, signal, try_signal};
-use common::watched::{FLOWS_WITHIN, MAX_DELAY, PROCESSES_ON_THE_WAY, Seen, watch};
+use common::watched::{FLOWS_WITHIN, MAX_DELAY, PHASES, PROCESSES_ON_THE_WAY, Seen, StopAtEnd, control, watch};
 use ros2_client::QosProfile;
 use ros2_client::dds::rustdds::DomainParticipantBuilder;
 use rustix::process::Signal;
@@ -104,23 +104,16 @@ struct Arrivals {
     /// Between neighbours, by phase.
     gaps: [Duration; 2],
     /// Longest delay of a thread that only sleeps, by phase.
-    control: [Duration; 2],
+    control: [Duration; PHASES],
     received: u64,
 }
 
 /// Takes `count` samples and asserts that each came once and in order. `fault` runs in the middle.
 fn take_all(subscriber: &mut dyn Subscribe<CorrectedCoordinates>, count: u64, fault: impl FnOnce() + Send) -> Arrivals {
-    let (phase, running) = (AtomicUsize::new(0), AtomicBool::new(true));
+    let (phase, stop) = (AtomicUsize::new(0), AtomicBool::new(false));
     thread::scope(|scope| {
-        let control = scope.spawn(|| {
-            let mut longest = [Duration::ZERO; 2];
-            while running.load(Ordering::Relaxed) {
-                let (start, now) = (Instant::now(), phase.load(Ordering::Relaxed));
-                thread::sleep(Duration::from_millis(1));
-                longest[now] = longest[now].max(start.elapsed());
-            }
-            longest
-        });
+        let stops = StopAtEnd(&stop);
+        let control = scope.spawn(|| control(&phase, &stop));
         let mut fault = Some(fault);
         let (mut gaps, mut last) = ([Duration::ZERO; 2], None::<Instant>);
         for sequence in 0..count {
@@ -137,7 +130,7 @@ fn take_all(subscriber: &mut dyn Subscribe<CorrectedCoordinates>, count: u64, fa
                 scope.spawn(fault.take().unwrap());
             }
         }
-        running.store(false, Ordering::Relaxed);
+        drop(stops);
         Arrivals { gaps, control: control.join().unwrap(), received: count }
     })
 }

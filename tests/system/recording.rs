@@ -8,7 +8,7 @@ mod common;
 use std::fs;
 use std::path::Path;
 use std::process::{Command, Stdio};
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicUsize};
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -262,25 +262,18 @@ fn after_a_power_cut_everything_up_to_a_second_before_can_be_recovered() {
     command.env("LD_PRELOAD", &library).env("SYNCED_FILE", bench.path("synced"));
     let launcher = Started::start(command);
     let mut subscriber = user::<CorrectedCoordinates>(&run_name, "corrected");
-    let cut = AtomicBool::new(false);
+    let (phase, cut) = (AtomicUsize::new(0), AtomicBool::new(false));
     // A thread that only sleeps: how late the recorder may be for want of a processor.
     let (heard, control) = thread::scope(|scope| {
-        let control = scope.spawn(|| {
-            let mut longest = Duration::ZERO;
-            while !cut.load(Ordering::Relaxed) {
-                let since = Instant::now();
-                thread::sleep(Duration::from_millis(1));
-                longest = longest.max(since.elapsed());
-            }
-            longest
-        });
+        let stops = StopAtEnd(&cut);
+        let control = scope.spawn(|| control(&phase, &cut));
         let mut heard: Vec<(Instant, u64)> = Vec::new();
         while heard.len() < 4000 {
             let sample = subscriber.take_within(PATIENCE).unwrap().expect("the stream ended");
             heard.push((Instant::now(), sample.sequence));
         }
-        cut.store(true, Ordering::Relaxed);
-        (heard, control.join().unwrap())
+        drop(stops);
+        (heard, control.join().unwrap()[0])
     });
     let processes: Vec<u32> = children(launcher.id()).into_iter().map(|(id, _)| id).chain([launcher.id()]).collect();
     processes.iter().for_each(|id| signal(*id, Signal::STOP));

@@ -21,7 +21,7 @@ pub(crate) const MAX_DELAY: Duration = Duration::from_millis(50);
 /// Scale, geometric and residual node and this subscriber: each can be off the processor when a sample comes by.
 pub(crate) const PROCESSES_ON_THE_WAY: u32 = 4;
 /// Parts of a test whose gaps are told apart.
-const PHASES: usize = 4;
+pub(crate) const PHASES: usize = 4;
 
 /// What happens to a graph goes through this.
 pub(crate) struct Watched<'a> {
@@ -101,7 +101,7 @@ pub(crate) fn watch(domain: Domain, seconds: u64, on_dds: &[&str], happens: impl
 }
 
 /// Tells the threads of a test to stop, also where the test fails: it waits for them.
-struct StopAtEnd<'a>(&'a AtomicBool);
+pub(crate) struct StopAtEnd<'a>(pub(crate) &'a AtomicBool);
 
 impl Drop for StopAtEnd<'_> {
     fn drop(&mut self) {
@@ -134,7 +134,7 @@ fn take(subscriber: &mut dyn Subscribe<CorrectedCoordinates>, phase: &AtomicUsiz
 }
 
 /// The longest delay of a thread that only sleeps.
-fn control(phase: &AtomicUsize, stop: &AtomicBool) -> [Duration; PHASES] {
+pub(crate) fn control(phase: &AtomicUsize, stop: &AtomicBool) -> [Duration; PHASES] {
     let mut longest = [Duration::ZERO; PHASES];
     while !stop.load(Ordering::Relaxed) {
         let (start, now) = (Instant::now(), phase.load(Ordering::Relaxed));
