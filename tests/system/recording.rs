@@ -21,6 +21,7 @@ use common::dds::PATIENCE;
 use common::files::{Bench, samples};
 use common::graph::{DDS, LaunchText, MEMORY, long_recording, stream_of, topic, user};
 use common::program::{Ran, Started, abbe, children, is_running, run, signal, wait_until};
+use common::watched::{StopAtEnd, control};
 use rustix::process::Signal;
 
 /// A bag `readings` of these, to be played.

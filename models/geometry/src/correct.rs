@@ -307,8 +307,7 @@ pub fn is_within((lower_m, upper_m): (f64, f64), value_m: f64) -> bool {
 }
 
 fn is_in_volume(model: &MachineModel, state: &State) -> bool {
-    let within =
-        |bounds: &[(f64, f64); 3], values: [f64; 3]| bounds.iter().zip(values).all(|(b, v)| is_within(*b, v));
+    let within = |bounds: &[(f64, f64); 3], values: [f64; 3]| bounds.iter().zip(values).all(|(b, v)| is_within(*b, v));
     let identified = &model.parts().identified;
     within(&identified.reading_m, state.reading_m) && within(&identified.offset_m, state.offset_m)
 }

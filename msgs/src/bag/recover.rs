@@ -5,7 +5,7 @@
 //! time and, where an index of the bag survives, by number. Nothing is taken that does not match its
 //! checksum, unless its file has no checksums.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 use std::fmt;
 use std::fs::File;
 use std::io::{Read, Seek};

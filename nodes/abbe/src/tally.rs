@@ -163,7 +163,8 @@ impl Reason {
 fn reasons(model: &MachineModel, state: &State, status: Status) -> Vec<(Reason, f64)> {
     let parts = model.parts();
     let beyond = |values: [f64; 3], bounds: &[(f64, f64); 3]| -> Vec<(usize, f64)> {
-        let axes = values.into_iter().zip(bounds).enumerate().filter(|(_, (value, bounds))| !is_within(**bounds, *value));
+        let axes =
+            values.into_iter().zip(bounds).enumerate().filter(|(_, (value, bounds))| !is_within(**bounds, *value));
         axes.map(|(axis, (value, _))| (axis, value * 1e3)).collect()
     };
     let readings = |bounds| beyond(state.reading_m, bounds).into_iter().map(|(axis, mm)| (Reason::Reading(axis), mm));

@@ -14,7 +14,7 @@ const DETECTED: usize = 3;
 
 /// How a table is written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Dialect {
+pub(crate) struct Dialect {
     pub(crate) delimiter: u8,
     /// Lines end with CR LF.
     pub(crate) crlf: bool,

@@ -11,6 +11,7 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::thread;
 use std::time::{Duration, Instant};
 
+use nix::sys::signal::{SigSet, Signal};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGPIPE, SIGTERM};
 use signal_hook::flag::register_conditional_default;
 use signal_hook::iterator::Signals;
@@ -77,7 +78,9 @@ impl Shutdown {
     }
 
     /// The flag of the process, raised by SIGTERM, and by SIGINT and SIGHUP unless the process was started with these
-    /// ignored (`nohup abbe …`, `abbe … &` in a script). Every call gives the same.
+    /// ignored (`nohup abbe …`, `abbe … &` in a script). Every call gives the same. From the first call on, only one
+    /// thread of its own takes these signals: the caller, and what it starts later, is not interrupted by them. So call
+    /// it first in `main`.
     ///
     /// # Errors
     /// When the operating system refuses.
@@ -90,9 +93,19 @@ impl Shutdown {
         }
         let shutdown = Self::default();
         let raised_by_signal = shutdown.clone();
-        let mut signals = Signals::new(signals_to_handle()).map_err(ShutdownError::Signals)?;
-        let raise = move || signals.forever().for_each(|_| raised_by_signal.request());
+        let handled = signals_to_handle();
+        let mut signals = Signals::new(&handled).map_err(ShutdownError::Signals)?;
+        let taken = mask_of(&handled)?;
+        let raise = move || {
+            // The process may have been started by one that blocks them.
+            if let Err(error) = taken.thread_unblock() {
+                tracing::error!("Ctrl-C and SIGTERM will not end this process: {error}");
+            }
+            signals.forever().for_each(|_| raised_by_signal.request());
+        };
         thread::Builder::new().name("signals".into()).spawn(raise).map_err(ShutdownError::Signals)?;
+        // iceoryx2 and RustDDS give up where a signal interrupts one of their calls.
+        taken.thread_block().map_err(of_system)?;
         Ok(OF_PROCESS.get_or_init(|| shutdown).clone())
     }
 
@@ -227,6 +240,14 @@ fn signals_to_handle() -> Vec<i32> {
     let ignored = ignored_signals(&status);
     let inherited = |signal: &i32| ignored & (1 << (signal - 1)) != 0;
     [SIGTERM, SIGINT, SIGHUP].into_iter().filter(|signal| *signal == SIGTERM || !inherited(signal)).collect()
+}
+
+fn mask_of(signals: &[i32]) -> Result<SigSet, ShutdownError> {
+    signals.iter().map(|&number| Signal::try_from(number)).collect::<Result<_, _>>().map_err(of_system)
+}
+
+fn of_system(error: nix::Error) -> ShutdownError {
+    ShutdownError::Signals(error.into())
 }
 
 /// Mask of the ignored signals in the text of `/proc/PID/status`; bit 0 is signal 1.

@@ -43,6 +43,20 @@ fn play_node(folder: &Path) {
     fs::write(told(folder, "stopped"), "in order\n").unwrap();
 }
 
+/// A node with a second thread, which says of each thread which signals it blocks.
+fn play_threads(folder: &Path) {
+    let _shutdown = Shutdown::on_signals().unwrap();
+    let (_keep, wait) = std::sync::mpsc::channel::<()>();
+    thread::Builder::new().name("later".into()).spawn(move || wait.recv()).unwrap();
+    let blocked = fs::read_dir("/proc/self/task").unwrap().map(|thread| {
+        let status = fs::read_to_string(thread.unwrap().path().join("status")).unwrap();
+        let field = |name: &str| status.lines().find_map(|line| line.strip_prefix(name)).unwrap().trim().to_owned();
+        format!("{} {}\n", field("SigBlk:"), field("Name:"))
+    });
+    let blocked: String = blocked.collect();
+    fs::write(told(folder, "blocked"), blocked).unwrap();
+}
+
 /// A node whose loop does not look at the flag.
 fn play_stuck_node(folder: &Path) {
     let shutdown = Shutdown::on_signals().unwrap();
@@ -91,6 +105,7 @@ fn play(test: &str) -> bool {
     match role.as_str() {
         "node" => play_node(&folder),
         "stuck" => play_stuck_node(&folder),
+        "threads" => play_threads(&folder),
         "launcher" => play_launcher(test, "node"),
         "program" => play_program(&folder),
         "launcher of program" => play_launcher_of_program(test),
@@ -104,6 +119,29 @@ fn start(test: &str, role: &str) -> (Peer, tempfile::TempDir) {
     let folder = tempfile::tempdir().unwrap();
     let peer = Peer::start_with(test, role, FOLDER, folder.path().to_str().unwrap());
     (peer, folder)
+}
+
+#[test]
+fn regress_only_one_thread_of_a_process_is_interrupted_by_ctrl_c() {
+    let test = "regress_only_one_thread_of_a_process_is_interrupted_by_ctrl_c";
+    if play(test) {
+        return;
+    }
+    let (_peer, folder) = start(test, "threads");
+    let blocked = wait_for(&told(folder.path(), "blocked"));
+    let of = |name: &str| {
+        let mask =
+            blocked.lines().find_map(|line| line.strip_suffix(name)).unwrap_or_else(|| panic!("{name}: {blocked}"));
+        u64::from_str_radix(mask.trim(), 16).unwrap()
+    };
+    // SIGHUP 1, SIGINT 2, SIGTERM 15, where bit 0 is signal 1.
+    let ends = 1 | 1 << 1 | 1 << 14;
+    assert_eq!(of("signals") & ends, 0, "{blocked}");
+    assert_eq!(of("later") & ends, ends, "{blocked}");
+    let others = blocked.lines().filter(|line| !line.ends_with("signals"));
+    let heard = others.filter(|line| u64::from_str_radix(&line[..16], 16).unwrap() & ends != ends);
+    // The test harness starts threads of its own before.
+    assert_eq!(heard.filter(|line| line.ends_with(&test[..15])).count(), 0, "{blocked}");
 }
 
 #[test]
