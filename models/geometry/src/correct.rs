@@ -9,8 +9,9 @@ use crate::axis::ErrorId;
 use crate::chain::{ChainPoint, nominal_point_m};
 use crate::doubt::{self, is_outside};
 use crate::effects::{CovariateProblem, State, tip_columns};
-use crate::model::{Combination, FittedEffect, MachineModel};
+use crate::model::{FittedEffect, MachineModel};
 use crate::residual_field::{ResidualField, ResidualPrediction};
+use crate::sensitivity::Sensitivity;
 use nalgebra::{Matrix3, Vector3};
 
 /// How far beyond its end a stroke may be read, as a share of its length, before the reading is rejected.
@@ -76,19 +77,19 @@ impl Correction {
 /// A sample is corrected with finite coordinates and a covariance that is one, or rejected.
 pub fn correct(model: &MachineModel, state: &State) -> Correction {
     let rejected = || rejected(nominal_point_m(state.reading_m, state.offset_m));
-    corrected(model, state).map_or_else(rejected, |(correction, _)| correction)
+    corrected(model, state, &mut Sensitivity::default()).unwrap_or_else(rejected)
 }
 
-/// A corrected sample, and the sensitivity of its position to every parameter of geometry and effects; effects whose
-/// covariate is missing are left out. `None` where [`correct`] rejects it.
-pub(crate) fn corrected(model: &MachineModel, state: &State) -> Option<(Correction, Sensitivity)> {
+/// A corrected sample; fills in the sensitivity of its position to every parameter of geometry and effects, of which those
+/// whose covariate is missing are left out. `None` where [`correct`] rejects it.
+pub(crate) fn corrected(model: &MachineModel, state: &State, sensitivity: &mut Sensitivity) -> Option<Correction> {
     if !is_plausible(model, state) {
         return None;
     }
     let nominal_m = nominal_point_m(state.reading_m, state.offset_m);
-    let (chain, mut sensitivity) = geometric_point(model, state.reading_m, state.offset_m);
+    let chain = geometric_point(model, state.reading_m, state.offset_m, sensitivity);
     let point_m = chain.position_m;
-    let effects = add_effects(model, state, &chain, &mut sensitivity)?;
+    let effects = add_effects(model, state, &chain, sensitivity)?;
     let repeatability = Vector3::from(model.parts().machine.repeatability_m).map(|r| r * r);
     let position_m = point_m + effects.tip_m;
     let covariance_m2 = sensitivity.covariance_m2(model) + effects.doubt_m2 + Matrix3::from_diagonal(&repeatability);
@@ -102,38 +103,36 @@ pub(crate) fn corrected(model: &MachineModel, state: &State) -> Option<(Correcti
         covariance_m2: Some(covariance_m2),
         status: effects.left_out.unwrap_or(status),
     };
-    sound.then_some((correction, sensitivity))
+    sound.then_some(correction)
 }
 
-/// Position and partials from the chain (m), and the position's sensitivity to every geometric parameter.
+/// Position and partials from the chain (m); adds the position's sensitivity to every geometric parameter.
 pub(crate) fn geometric_point(
     model: &MachineModel,
     reading_m: [f64; 3],
     offset_m: [f64; 3],
-) -> (ChainPoint, Sensitivity) {
+    sensitivity: &mut Sensitivity,
+) -> ChainPoint {
     let parts = model.parts();
     let point = model.layout().point(&parts.machine, &parts.coefficients, reading_m, offset_m);
-    let mut sensitivity = Sensitivity::default();
-    model.layout().visit_errors(&point, |first, partial, values| {
-        values.iter().enumerate().for_each(|(k, value)| sensitivity.push(first + k, partial * *value));
-    });
+    model.layout().visit_errors(&point, |first, partial, values| sensitivity.push_function(first, *partial, values));
     let squareness = model.layout().squareness();
     squareness.zip(&point.chain.by_squareness).for_each(|(index, column)| sensitivity.push(index, *column));
     let ram_turn = model.layout().ram_turn();
     ram_turn.zip(&point.by_ram_turn).for_each(|(index, column)| sensitivity.push(index, *column));
     if !model.between_nodes().is_empty() {
-        sensitivity.between_nodes = departures(model, &point.chain, reading_m);
+        add_departures(model, &point.chain, reading_m, sensitivity);
     }
-    (point.chain, sensitivity)
+    point.chain
 }
 
-/// Sensitivities of the position to what straight lines between nodes miss: index and column.
-fn departures(model: &MachineModel, chain: &ChainPoint, reading_m: [f64; 3]) -> Vec<(usize, Vector3<f64>)> {
-    let of = |id: ErrorId| {
-        let (index, shape) = model.between_nodes().at(id, reading_m[id.axis().index()])?;
-        Some((index, chain.by_error[id.index()] * shape))
-    };
-    ErrorId::all().filter_map(of).collect()
+/// Sensitivities of the position to what straight lines between nodes miss.
+fn add_departures(model: &MachineModel, chain: &ChainPoint, reading_m: [f64; 3], sensitivity: &mut Sensitivity) {
+    for id in ErrorId::all() {
+        if let Some((index, shape)) = model.between_nodes().at(id, reading_m[id.axis().index()]) {
+            sensitivity.push_departure(index, chain.by_error[id.index()] * shape);
+        }
+    }
 }
 
 /// Adds what a residual field says at a corrected point: moves the point, widens its covariance; gives what it said.
@@ -157,42 +156,6 @@ fn is_sound(position_m: &Vector3<f64>, covariance_m2: &Matrix3<f64>) -> bool {
     let finite = position_m.iter().chain(covariance_m2.iter()).all(|value| value.is_finite());
     let slack = ROUNDING * covariance_m2.trace() + f64::MIN_POSITIVE;
     finite && (covariance_m2 + Matrix3::identity() * slack).cholesky().is_some()
-}
-
-/// Sensitivities of the position by parameter: index and column.
-#[derive(Default)]
-pub(crate) struct Sensitivity {
-    entries: Vec<(usize, Vector3<f64>)>,
-    /// The same for departures between nodes.
-    between_nodes: Vec<(usize, Vector3<f64>)>,
-}
-
-impl Sensitivity {
-    fn push(&mut self, index: usize, column: Vector3<f64>) {
-        self.entries.push((index, column));
-    }
-
-    /// Sensitivity of the position's component in a direction.
-    pub(crate) fn along(&self, direction: &Vector3<f64>) -> Combination {
-        let along = |entries: &[(usize, Vector3<f64>)]| {
-            entries.iter().map(|(index, column)| (*index, direction.dot(column))).collect()
-        };
-        Combination { parameters: along(&self.entries), between_nodes: along(&self.between_nodes) }
-    }
-
-    /// J V Jᵀ (m²), and what straight lines between nodes miss.
-    fn covariance_m2(&self, model: &MachineModel) -> Matrix3<f64> {
-        let mut total = Matrix3::zeros();
-        for (row, a) in &self.entries {
-            let variances = model.machine_covariance_row(*row);
-            let weighted: Vector3<f64> = self.entries.iter().map(|(column, b)| b * variances[*column]).sum();
-            total += a * weighted.transpose();
-        }
-        for (index, column) in &self.between_nodes {
-            total += column * column.transpose() * model.between_nodes().variance(*index);
-        }
-        (total + total.transpose()) * 0.5
-    }
 }
 
 /// What the effects do to one sample.

@@ -17,6 +17,7 @@ use crate::error_function::{Basis, LocalBasis};
 use crate::machine::{Machine, MachineError};
 use crate::rotation::{RotationForm, rotation, rotation_partials};
 use nalgebra::{Matrix3, Vector3};
+use smallvec::SmallVec;
 use std::ops::Range;
 
 /// Bases and positions of all machine parameters.
@@ -33,6 +34,9 @@ pub struct Layout {
     offset_centre_m: Vector3<f64>,
 }
 
+/// Basis functions at a reading, one for each basis that differs: six, where the functions of an axis are equally fine.
+pub type Locals = SmallVec<[LocalBasis; 6]>;
+
 /// One chain evaluation with what is needed to spread its partials over the coefficients.
 #[derive(Debug, Clone)]
 pub struct ModelPoint {
@@ -41,7 +45,7 @@ pub struct ModelPoint {
     /// ∂position/∂turn of the ram (m/rad).
     pub by_ram_turn: [Vector3<f64>; 3],
     /// In the order of the layout's distinct bases.
-    locals: Vec<LocalBasis>,
+    locals: Locals,
 }
 
 /// The ram with an offset on it.
@@ -181,7 +185,7 @@ impl Layout {
     }
 
     /// Basis functions at a reading, one for each basis that differs.
-    pub fn locals(&self, reading_m: [f64; 3]) -> Vec<LocalBasis> {
+    pub fn locals(&self, reading_m: [f64; 3]) -> Locals {
         self.distinct.iter().map(|(axis, basis)| basis.at(reading_m[*axis])).collect()
     }
 

@@ -20,6 +20,7 @@ pub mod predict;
 pub mod residual_field;
 pub mod rotation;
 pub mod sampled;
+mod sensitivity;
 pub mod volumetric;
 
 pub use axis::{Axis, ErrorId};

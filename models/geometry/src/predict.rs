@@ -15,6 +15,7 @@ use crate::correct::geometric_point;
 use crate::doubt::{self, is_outside};
 use crate::effects::{CovariateProblem, Effect, Ray, Sight, State, tip_and_range_columns};
 use crate::model::MachineModel;
+use crate::sensitivity::Sensitivity;
 use nalgebra::{Matrix3, Vector3};
 use thiserror::Error;
 
@@ -65,7 +66,8 @@ pub fn predicted_length(
 ) -> Result<PredictedLength, Unpredictable> {
     let unknown = || Unpredictable::Station(sighted.station.to_owned());
     let (first_of_station, station) = model.station(sighted.station).ok_or_else(unknown)?;
-    let (chain, sensitivity) = geometric_point(model, state.reading_m, state.offset_m);
+    let mut sensitivity = Sensitivity::default();
+    let chain = geometric_point(model, state.reading_m, state.offset_m, &mut sensitivity);
     let ray = Ray::between(&station.position_m, &chain.position_m);
     let sight = Sight { station: sighted.station, line: sighted.line, ray };
     let mut tip = sensitivity.along(&ray.direction);

@@ -9,6 +9,7 @@ use crate::axis::Axis;
 use crate::correct::{Status, correct, corrected};
 use crate::effects::{NoCovariates, State};
 use crate::model::MachineModel;
+use crate::sensitivity::Sensitivity;
 use nalgebra::{Matrix3, Vector3};
 use thiserror::Error;
 
@@ -171,8 +172,9 @@ pub fn at_distances(
     let direction = span_m / length_m;
     let point = |reading_m: [f64; 3]| {
         let state = State { reading_m, offset_m, covariates: &NoCovariates };
-        let point = corrected(model, &state).map(|(correction, sensitivity)| (correction.position_m, sensitivity));
-        point.ok_or_else(|| outside(reading_m, offset_m))
+        let mut sensitivity = Sensitivity::default();
+        let correction = corrected(model, &state, &mut sensitivity).ok_or_else(|| outside(reading_m, offset_m))?;
+        Ok((correction.position_m, sensitivity))
     };
     let (first_m, first) = point(from_m)?;
     let target = |distance_m: &f64| {

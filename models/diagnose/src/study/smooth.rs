@@ -13,7 +13,7 @@ pub(super) fn range(values: &[f64]) -> Option<(f64, f64)> {
 
 /// P_0 … P_degree at the share of the range scaled to −1 … 1.
 pub(super) fn legendre(value: f64, (low, high): (f64, f64), degree: usize) -> Vec<f64> {
-    effects::legendre(2.0 * (value - low) / (high - low) - 1.0, degree)
+    effects::legendre(2.0 * (value - low) / (high - low) - 1.0, degree).into_vec()
 }
 
 /// Number of different values.

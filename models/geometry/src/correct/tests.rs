@@ -215,3 +215,48 @@ fn regress_a_model_without_a_covariance_is_refused_and_one_that_overflows_reject
     let overflowing = MachineModel::new(parts).unwrap();
     assert_eq!(correct(&overflowing, &at(&NoCovariates)).status, Status::Rejected);
 }
+
+#[test]
+fn a_correction_takes_no_memory() {
+    let (all, each) = models().split_last().unwrap();
+    let inside = By(|_: &str| CovariateValue::Fresh(5.0));
+    for model in each.iter().chain([&model(&[])]) {
+        let counted = allocation_counter::measure(|| {
+            std::hint::black_box(correct(model, &at(&inside)));
+        });
+        let effects: Vec<_> = model.parts().effects.iter().map(|fitted| &fitted.shape).collect();
+        assert_eq!(correct(model, &at(&inside)).status, Status::InVolume, "{effects:?}");
+        assert_eq!(counted.count_total, 0, "{effects:?}");
+    }
+    // With one effect of each kind at once there is more to hold than a sample has room for.
+    assert!(all.parts().effects.len() > 10);
+}
+
+#[test]
+fn the_covariance_is_that_of_the_plain_sum_over_all_pairs_of_parameters() {
+    for model in models() {
+        let (plain, count) = (model.clone(), model.parts().covariance.len());
+        let mut parts = plain.parts().clone();
+        // Full, and diagonally dominant.
+        let order = ((8 * count + 1) as f64).sqrt() as usize / 2;
+        let largest = |k: usize| parts.covariance[k * (k + 3) / 2].sqrt();
+        let cell = |row: usize, column: usize| match row == column {
+            true => largest(row).powi(2),
+            false => {
+                0.5 / order as f64 * largest(row) * largest(column) * (1.9 * row as f64 + 0.7 * column as f64).sin()
+            }
+        };
+        let covariance = (0..order).flat_map(|row| (0..=row).map(move |column| (row, column)));
+        parts.covariance = covariance.map(|(row, column)| cell(row, column)).collect();
+        let model = MachineModel::new(parts).unwrap();
+        let inside = By(|_: &str| CovariateValue::Fresh(5.0));
+        let mut sensitivity = Sensitivity::default();
+        corrected(&model, &at(&inside), &mut sensitivity).unwrap();
+        let covariance_m2 = sensitivity.covariance_m2(&model);
+        for direction in [Vector3::x(), Vector3::y(), Vector3::z(), Vector3::new(0.6, -0.48, 0.64)] {
+            let plain_m2 = model.variance(&sensitivity.along(&direction));
+            let found_m2 = direction.dot(&(covariance_m2 * direction));
+            assert!((found_m2 - plain_m2).abs() < 1e-12 * plain_m2, "{found_m2} {plain_m2}");
+        }
+    }
+}

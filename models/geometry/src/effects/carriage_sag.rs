@@ -12,7 +12,7 @@
 use super::empirical::legendre;
 use super::known::{Known, Observed};
 use super::shape::{EffectError, Reader, Shape};
-use super::{Acts, CovariateProblem, Effect, Motion, ParameterSpec, State};
+use super::{Acts, CovariateProblem, Effect, Motion, ParameterSpec, State, Values};
 use crate::axis::{Axis, ErrorId};
 use crate::machine::Machine;
 
@@ -105,7 +105,7 @@ fn terms(carrying: Axis, about: Axis) -> Vec<Term> {
 }
 
 impl CarriageSag {
-    fn orders(&self, axis: Axis, state: &State) -> Vec<f64> {
+    fn orders(&self, axis: Axis, state: &State) -> Values {
         let (lower_m, upper_m) = self.stroke_m[axis.index()];
         legendre((2.0 * state.reading_m[axis.index()] - lower_m - upper_m) / (upper_m - lower_m), ORDER)
     }

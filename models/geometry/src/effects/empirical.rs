@@ -10,9 +10,10 @@
 use super::known::{Known, Observed};
 use super::shape::{EffectError, Reader, Shape, ShapeValue};
 use super::source::{is_scale, position};
-use super::{Acts, CovariateProblem, Effect, Motion, ParameterSpec, Sight, State};
+use super::{Acts, CovariateProblem, Effect, Motion, ParameterSpec, Sight, State, Values};
 use crate::axis::ErrorId;
 use crate::machine::Machine;
+use smallvec::SmallVec;
 use std::f64::consts::TAU;
 
 /// Entry in the registry.
@@ -36,8 +37,8 @@ const PLAUSIBLE_M: f64 = 100e-6;
 const PLAUSIBLE_RAD: f64 = 500e-6;
 
 /// Legendre polynomials P_0 … P_degree at `x`.
-pub fn legendre(x: f64, degree: usize) -> Vec<f64> {
-    let mut values = vec![1.0, x];
+pub fn legendre(x: f64, degree: usize) -> Values {
+    let mut values = Values::from_slice(&[1.0, x]);
     for k in 1..degree {
         let n = k as f64;
         values.push(((2.0 * n + 1.0) * x * values[k] - n * values[k - 1]) / (n + 1.0));
@@ -96,7 +97,7 @@ fn construct(shape: &Shape, _machine: &Machine) -> Result<Box<dyn Effect>, Effec
     let mixed = shape.0.contains_key("mixed") && reader.count("mixed", 1)? == 1;
     reader.finish()?;
     let effect = Empirical { acts, mixed, quantities, form };
-    if matches!(effect.form, Form::Polynomial { degree } if effect.terms(degree).is_empty()) {
+    if matches!(effect.form, Form::Polynomial { degree } if effect.terms(degree).next().is_none()) {
         return Err(EffectError::Shape {
             effect: KNOWN.name,
             key: "degree".to_owned(),
@@ -122,29 +123,30 @@ fn propose(_observed: &Observed) -> Vec<Shape> {
 
 impl Empirical {
     /// Exponents of the terms, by total degree.
-    fn terms(&self, degree: usize) -> Vec<(usize, usize)> {
+    fn terms(&self, degree: usize) -> impl Iterator<Item = (usize, usize)> {
         let two = self.quantities.len() == 2;
         // The error functions move the tip by each scale alone already; on the range they do not.
         let own = |k: usize| self.acts.is_some() && self.quantities.get(k).is_some_and(|q| is_scale(&q.name));
-        let kept = |(i, j): &(usize, usize)| match (*i, *j) {
+        let kept = move |(i, j): &(usize, usize)| match (*i, *j) {
             (_, 0) => !(own(0) || two && self.mixed),
             (0, _) => two && !self.mixed && !own(1),
             _ => two,
         };
-        (1..=degree).flat_map(|total| (0..=total).map(move |j| (total - j, j))).filter(kept).collect()
+        (1..=degree).flat_map(|total| (0..=total).map(move |j| (total - j, j))).filter(kept)
     }
 
-    fn values(&self, state: &State) -> Result<Vec<f64>, CovariateProblem> {
-        let shares = self.quantities.iter().map(|q| q.share(state)).collect::<Result<Vec<f64>, _>>()?;
+    fn values(&self, state: &State) -> Result<Values, CovariateProblem> {
+        let shares = self.quantities.iter().map(|q| q.share(state)).collect::<Result<Values, _>>()?;
         Ok(match self.form {
             Form::Periodic { cycles } => {
                 let (sine, cosine) = (TAU * cycles * shares[0]).sin_cos();
-                vec![sine, cosine]
+                Values::from_slice(&[sine, cosine])
             }
             Form::Polynomial { degree } => {
-                let powers: Vec<Vec<f64>> = shares.iter().map(|share| legendre(2.0 * share - 1.0, degree)).collect();
+                let powers: SmallVec<[Values; 2]> =
+                    shares.iter().map(|share| legendre(2.0 * share - 1.0, degree)).collect();
                 let second = |j: usize| powers.get(1).map_or(1.0, |values| values[j]);
-                self.terms(degree).into_iter().map(|(i, j)| powers[0][i] * second(j)).collect()
+                self.terms(degree).map(|(i, j)| powers[0][i] * second(j)).collect()
             }
         })
     }
@@ -175,9 +177,7 @@ impl Effect for Empirical {
         let spec = |name: String| ParameterSpec::new(name, unit, plausible);
         match self.form {
             Form::Periodic { .. } => ["sine", "cosine"].map(|name| spec(name.to_owned())).to_vec(),
-            Form::Polynomial { degree } => {
-                self.terms(degree).into_iter().map(|(i, j)| spec(format!("c_{i}_{j}"))).collect()
-            }
+            Form::Polynomial { degree } => self.terms(degree).map(|(i, j)| spec(format!("c_{i}_{j}"))).collect(),
         }
     }
 
@@ -207,7 +207,7 @@ mod tests {
         let x: f64 = 0.3;
         let expected = [1.0, x, 0.5 * (3.0 * x * x - 1.0), 0.5 * (5.0 * x.powi(3) - 3.0 * x)];
         assert!(legendre(x, 3).iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-15));
-        assert_eq!(legendre(x, 0), [1.0]);
+        assert_eq!(legendre(x, 0).as_slice(), [1.0]);
     }
 
     #[test]

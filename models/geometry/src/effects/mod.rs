@@ -35,6 +35,7 @@ pub use source::{CovariateProblem, CovariateSource, CovariateValue, NoCovariates
 
 use crate::axis::{Axis, ErrorId};
 use nalgebra::Vector3;
+use smallvec::SmallVec;
 use std::fmt::Debug;
 
 /// The line of sight of a tracer reading.
@@ -148,6 +149,11 @@ pub trait Effect: Debug + Send + Sync {
     }
 }
 
+/// A column a parameter. No effect that is measured has more than these, so that a sample takes no memory.
+pub type TipColumns = SmallVec<[Vector3<f64>; 16]>;
+/// A few numbers of one sample, likewise.
+pub type Values = SmallVec<[f64; 16]>;
+
 /// Motion of tip or reflector per unit of each of the effect's `count` parameters (m per unit, machine frame), from the
 /// chain's partials by error in the order of [`ErrorId::index`].
 pub fn tip_columns(
@@ -155,8 +161,8 @@ pub fn tip_columns(
     count: usize,
     state: &State,
     by_error: &[Vector3<f64>; ErrorId::COUNT],
-) -> Result<Vec<Vector3<f64>>, CovariateProblem> {
-    let mut columns = vec![Vector3::zeros(); count];
+) -> Result<TipColumns, CovariateProblem> {
+    let mut columns = TipColumns::from_elem(Vector3::zeros(), count);
     effect.motion(state, &mut |parameter, acts, amount| {
         columns[parameter] += acts.on_tip(by_error) * amount;
     })?;
@@ -186,8 +192,8 @@ pub(crate) fn tip_and_range_columns(
     state: &State,
     sight: &Sight,
     by_error: &[Vector3<f64>; ErrorId::COUNT],
-) -> Result<(Vec<Vector3<f64>>, Vec<f64>), CovariateProblem> {
-    let (mut tip, mut range) = (vec![Vector3::zeros(); count], vec![0.0; count]);
+) -> Result<(TipColumns, Vec<f64>), CovariateProblem> {
+    let (mut tip, mut range) = (TipColumns::from_elem(Vector3::zeros(), count), vec![0.0; count]);
     effect.motion(state, &mut |parameter, acts, amount| {
         tip[parameter] += acts.on_tip(by_error) * amount;
         range[parameter] += amount * acts.along(by_error, &sight.ray.direction);

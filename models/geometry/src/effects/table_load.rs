@@ -9,7 +9,7 @@
 use super::empirical::legendre;
 use super::known::{Known, Observed};
 use super::shape::{EffectError, Reader, Shape};
-use super::{Acts, CovariateProblem, Effect, Motion, ParameterSpec, State};
+use super::{Acts, CovariateProblem, Effect, Motion, ParameterSpec, State, Values};
 use crate::axis::Axis;
 use crate::machine::Machine;
 
@@ -63,7 +63,7 @@ fn propose(observed: &Observed) -> Vec<Shape> {
 }
 
 impl TableLoad {
-    fn orders(&self, axis: Axis, state: &State) -> Vec<f64> {
+    fn orders(&self, axis: Axis, state: &State) -> Values {
         let (lower_m, upper_m) = self.stroke_m[axis.index()];
         legendre((2.0 * state.reading_m[axis.index()] - lower_m - upper_m) / (upper_m - lower_m), ORDER)
     }
@@ -92,10 +92,10 @@ impl Effect for TableLoad {
     fn motion(&self, state: &State, part: &mut Motion) -> Result<(), CovariateProblem> {
         let load_kg = state.covariate(LOAD)?;
         let (u, v) = (self.orders(Axis::X, state), self.orders(Axis::Y, state));
-        let products: Vec<f64> = match self.form {
+        let products: Values = match self.form {
             Form::Dish => {
                 let inside = (1.0 - u[1] * u[1]) * (1.0 - v[1] * v[1]);
-                [1.0, u[2] + v[2], u[1], v[1]].map(|factor| inside * factor).to_vec()
+                Values::from_slice(&[1.0, u[2] + v[2], u[1], v[1]].map(|factor| inside * factor))
             }
             Form::Free => u.iter().flat_map(|along_x| v.iter().map(move |along_y| along_x * along_y)).collect(),
         };

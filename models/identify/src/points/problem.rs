@@ -10,8 +10,7 @@ use crate::chords::Chords;
 use crate::normal::NormalEquations;
 use abbe_geometry::between_nodes::BetweenNodes;
 use abbe_geometry::chain::nominal_point_m;
-use abbe_geometry::error_function::LocalBasis;
-use abbe_geometry::layout::Layout;
+use abbe_geometry::layout::{Layout, Locals};
 use abbe_geometry::machine::Machine;
 use abbe_geometry::rotation::{RotationForm, rotation, rotation_partials};
 use abbe_geometry::{ErrorId, Matrix3, Vector3};
@@ -30,7 +29,7 @@ pub(super) struct Problem<'a> {
     /// Measured positions after the alignment to the nominal ones (m).
     measured_m: Vec<Vector3<f64>>,
     /// Basis functions at each reading.
-    locals: Vec<Vec<LocalBasis>>,
+    locals: Vec<Locals>,
     /// 1/u² of each point (1/m²).
     information: Vec<f64>,
     /// Turn and centroids of the alignment.
