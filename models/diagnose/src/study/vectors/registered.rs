@@ -56,7 +56,7 @@ pub(super) fn motion(
     let reading_m = [0, 1, 2].map(|k| position_m[k] - offset_m[k]);
     let point = chain_point(machine, reading_m, offset_m, &ErrorValues::ZERO);
     let state = State { reading_m, offset_m, covariates: logged };
-    Ok(tip_columns(effect, effect.parameters().len(), &state, &point.by_error)?)
+    Ok(tip_columns(effect, effect.parameters().len(), &state, &point.by_error)?.into_vec())
 }
 
 /// All effects that can be tested, and those that cannot.
