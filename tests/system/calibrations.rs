@@ -76,6 +76,15 @@ fn the_shipped_centres_give_pose_table_and_report() {
 }
 
 #[test]
+fn regress_the_table_of_a_pose_does_not_replace_the_centres() {
+    let folder = tempfile::tempdir().unwrap();
+    let (out, own) = (text(folder.path()), text(&folder.path().join("compensation.csv")));
+    fs::copy(centres(), &own).unwrap();
+    assert_says(&run(["probe-pose", "--centres", &own, "--out", &out]).refused(), &["would be lost"]);
+    assert_eq!(fs::read(&own).unwrap(), fs::read(centres()).unwrap());
+}
+
+#[test]
 fn centres_that_do_not_determine_the_pose_say_what_is_missing() {
     let all = fs::read_to_string(centres()).unwrap();
     let one_distance: String = all.lines().filter(|line| !line.contains(",100,")).map(|l| format!("{l}\n")).collect();

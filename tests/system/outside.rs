@@ -163,3 +163,20 @@ fn regress_answers_between_measured_points_are_told_from_those_beyond() {
         assert_eq!(bench.read("out.csv").lines().filter(|line| !line.starts_with('#')).count(), 3);
     }
 }
+
+#[test]
+fn regress_files_of_a_folder_replace_no_input_that_lies_there() {
+    let bench = Bench::identified(5);
+    let (model, out) = (bench.text("model.json"), bench.text("out"));
+    let inside = |name: &str| text(&bench.path("out").join(name));
+    fs::create_dir(&out).unwrap();
+    let measured = "diagonal,distance_mm,deviation_um,u_um\nPPP,0,0,0.2\nPPP,100,1,0.2\n";
+    fs::write(inside("diagonals.csv"), measured).unwrap();
+    let said = run(["volumetric", "--model", &model, "--diagonals", &inside("diagonals.csv"), "--out", &out]);
+    assert_says(&said.refused(), &["diagonals.csv", "would be lost"]);
+    assert_eq!(fs::read_to_string(inside("diagonals.csv")).unwrap(), measured);
+    fs::copy(&model, inside("head.txt")).unwrap();
+    let said = run(["export", "--model", &inside("head.txt"), "--format", "linuxcnc-comp", "--out", &out]);
+    assert_says(&said.refused(), &["head.txt", "would be lost"]);
+    assert_eq!(fs::read(inside("head.txt")).unwrap(), fs::read(&model).unwrap());
+}

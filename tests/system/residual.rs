@@ -219,6 +219,7 @@ fn what_is_read_is_never_replaced_and_a_missing_folder_is_found_before_the_work(
         (["correct", "--model", &model, "--in", &points, "--out", &model], lost),
         (["residuals", "--model", &model, "--campaign", &points, "--out", &points], lost),
         (["train", "--residuals", &residuals, "--model", &model, "--out", &own.text("none/r.json")], "no folder"),
+        (["export", "--model", &model, "--format", "csv", "--out", &model], lost),
     ] {
         assert_says(&run(arguments).refused(), &[says]);
     }

@@ -8,9 +8,9 @@ use std::path::{Path, PathBuf};
 
 /// Refuses outputs that cannot be written to their folder, or that are an input or each other. `-` stands for standard input or
 /// output.
-pub(crate) fn check<'a>(
-    outputs: impl IntoIterator<Item = &'a Path>,
-    inputs: impl IntoIterator<Item = &'a Path>,
+pub(crate) fn check<'o, 'i>(
+    outputs: impl IntoIterator<Item = &'o Path>,
+    inputs: impl IntoIterator<Item = &'i Path>,
 ) -> anyhow::Result<()> {
     let is_file = |path: &&Path| path.as_os_str() != "-";
     let inputs: Vec<PathBuf> = inputs.into_iter().filter(is_file).filter_map(|path| path.canonicalize().ok()).collect();
@@ -37,6 +37,19 @@ pub(crate) fn check<'a>(
         before.push(whole);
     }
     Ok(())
+}
+
+/// Refuses a folder in which a file of one of these names is an input; the folder need not be there yet.
+pub(crate) fn check_in_folder<'a>(
+    folder: &Path,
+    names: &[&str],
+    inputs: impl IntoIterator<Item = &'a Path>,
+) -> anyhow::Result<()> {
+    if !folder.is_dir() {
+        return Ok(());
+    }
+    let outputs: Vec<PathBuf> = names.iter().map(|name| folder.join(name)).collect();
+    check(outputs.iter().map(PathBuf::as_path), inputs)
 }
 
 #[cfg(test)]

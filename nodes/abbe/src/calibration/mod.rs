@@ -8,6 +8,7 @@ pub(crate) mod guideway;
 pub(crate) mod probe_pose;
 pub(crate) mod sphere;
 
+use crate::output;
 use abbe_files::{AtomicFile, hex};
 use abbe_report::{MetaItem, Report};
 use anyhow::{Context, ensure};
@@ -38,10 +39,10 @@ pub(crate) fn check_folder(folder: &Path) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Prints, and writes the folder where one is named.
-pub(crate) fn finish(product: &Product, folder: Option<&Path>, as_json: bool) -> anyhow::Result<()> {
+/// Prints, and writes the folder where one is named. `input` is what the product was made of.
+pub(crate) fn finish(product: &Product, folder: Option<&Path>, input: &Path, as_json: bool) -> anyhow::Result<()> {
     if let Some(folder) = folder {
-        write(folder, product)?;
+        write(folder, product, input)?;
     }
     match as_json {
         true => println!("{}", serde_json::to_string_pretty(&product.json)?),
@@ -51,12 +52,14 @@ pub(crate) fn finish(product: &Product, folder: Option<&Path>, as_json: bool) ->
 }
 
 /// Each file appears whole.
-fn write(folder: &Path, product: &Product) -> anyhow::Result<()> {
+fn write(folder: &Path, product: &Product, input: &Path) -> anyhow::Result<()> {
     check_folder(folder)?;
     let mut contents = product.files.clone();
     if let Some(report) = &product.report {
         contents.push((REPORT, report.html()?));
     }
+    let names: Vec<&str> = contents.iter().map(|(name, _)| *name).collect();
+    output::check_in_folder(folder, &names, [input])?;
     std::fs::create_dir_all(folder).with_context(|| format!("{}: the folder cannot be made", folder.display()))?;
     let mut files = Vec::new();
     for (name, content) in contents {

@@ -4,6 +4,7 @@
 //! error.
 
 use crate::exit::Ended;
+use crate::output;
 use abbe_field::{Grid, Table, table_within};
 use abbe_files::export::{About, ExportedFile, FORMATS, Format, SampledGrid, Writer, format, geometric_error_m};
 use abbe_files::{AtomicFile, ModelFile};
@@ -13,7 +14,7 @@ use abbe_geometry::sampled::SampledErrors;
 use anyhow::{Context, bail, ensure};
 use std::convert::Infallible;
 use std::io::Write;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// What interpolation may miss where neither a step nor an error is asked for (um, urad): less than corrected errors are uncertain
 /// by.
@@ -67,7 +68,7 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
             (write(&about, &grid)?, Some(grid.offset_m))
         }
     };
-    write_files(&arguments.out, &files)?;
+    write_files(arguments, &files)?;
     if let (Some(within_um), Some(missed)) = (wanted_um(arguments), missed_words(&files)) {
         eprintln!("abbe: {}: {missed} (asked for: {within_um} um)", arguments.out.display());
     }
@@ -151,11 +152,15 @@ fn grid(arguments: &Arguments, file: &ModelFile) -> anyhow::Result<SampledGrid> 
 }
 
 /// One file under the name asked for, several in a folder of that name; each appears whole.
-fn write_files(out: &Path, files: &[ExportedFile]) -> anyhow::Result<()> {
+fn write_files(arguments: &Arguments, files: &[ExportedFile]) -> anyhow::Result<()> {
+    let (out, inputs) = (arguments.out.as_path(), [arguments.model.as_path()]);
     if let [single] = files {
+        output::check([out], inputs)?;
         return Ok(abbe_files::write_atomically(out, single.text.as_bytes())?);
     }
     ensure!(!out.exists() || out.is_dir(), "--out {}: this format has several files; name a folder", out.display());
+    let names: Vec<&str> = files.iter().map(|file| file.name.as_str()).collect();
+    output::check_in_folder(out, &names, inputs)?;
     std::fs::create_dir_all(out).with_context(|| format!("{}: the folder cannot be made", out.display()))?;
     let mut written = Vec::new();
     for exported in files {

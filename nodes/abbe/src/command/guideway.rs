@@ -101,7 +101,7 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     };
     let product = guideway::product(&arguments.points, options, tracker(arguments)?, arguments.accept);
     let product = shown(product, arguments.json)?;
-    finish(&product, arguments.out.as_deref(), arguments.json)
+    finish(&product, arguments.out.as_deref(), &arguments.points, arguments.json)
 }
 
 fn tracker(arguments: &Arguments) -> anyhow::Result<Option<TrackerUncertainty>> {

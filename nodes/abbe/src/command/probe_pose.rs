@@ -50,5 +50,5 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     };
     let model = ProbePoseModel { beam, axis_offset: arguments.axis_offset };
     let product = shown(probe_pose::product(&arguments.centres, model, arguments.accept), arguments.json)?;
-    finish(&product, arguments.out.as_deref(), arguments.json)
+    finish(&product, arguments.out.as_deref(), &arguments.centres, arguments.json)
 }

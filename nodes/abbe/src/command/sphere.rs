@@ -36,5 +36,5 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     };
     let product = sphere::product(&arguments.points, radius, arguments.u_um.map(|um| um / 1e6), arguments.accept);
     let product = shown(product, arguments.json)?;
-    finish(&product, None, arguments.json)
+    finish(&product, None, &arguments.points, arguments.json)
 }

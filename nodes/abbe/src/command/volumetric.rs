@@ -7,6 +7,7 @@ mod measured;
 mod report;
 
 use crate::exit::Ended;
+use crate::output;
 use abbe_files::{ModelFile, hex, write_atomically};
 use abbe_geometry::Vector3;
 use abbe_geometry::correct::Status;
@@ -20,6 +21,9 @@ use std::path::PathBuf;
 
 /// Targets on a diagonal, where no measurement names them: ISO 230-6 asks for five a metre at least.
 const TARGETS: usize = 11;
+
+/// What is written into the folder.
+const FILES: [&str; 3] = ["map.csv", "diagonals.csv", "report.html"];
 
 /// Arguments of `volumetric`.
 #[derive(Debug, clap::Args)]
@@ -73,6 +77,8 @@ impl Answer {
 }
 
 pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    let inputs = arguments.diagonals.iter().chain([&arguments.model]).map(PathBuf::as_path);
+    output::check_in_folder(&arguments.out, &FILES, inputs)?;
     let (file, sha256) = ModelFile::load(&arguments.model)?;
     let parts = file.model.parts();
     let offset_m = match arguments.offset_mm.as_deref() {
@@ -97,9 +103,9 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
             .collect::<anyhow::Result<_>>()?,
     };
     std::fs::create_dir_all(&arguments.out).with_context(|| format!("{}: cannot be made", arguments.out.display()))?;
-    write_atomically(&arguments.out.join("map.csv"), map_text(&answer)?.as_bytes())?;
-    write_atomically(&arguments.out.join("diagonals.csv"), diagonals_text(&answer)?.as_bytes())?;
-    write_atomically(&arguments.out.join("report.html"), report::report(&answer).html()?.as_bytes())?;
+    write_atomically(&arguments.out.join(FILES[0]), map_text(&answer)?.as_bytes())?;
+    write_atomically(&arguments.out.join(FILES[1]), diagonals_text(&answer)?.as_bytes())?;
+    write_atomically(&arguments.out.join(FILES[2]), report::report(&answer).html()?.as_bytes())?;
     if arguments.json {
         print_json(&answer)?
     } else {
