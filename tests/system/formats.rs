@@ -70,6 +70,29 @@ fn standard_input_and_output_give_the_bytes_of_files() {
 }
 
 #[test]
+fn rows_corrected_side_by_side_are_those_corrected_one_by_one() {
+    /// Several batches, and one that is not full.
+    const ROWS: usize = 40_123;
+    let bench = Bench::identified(5);
+    let (model, output) = (bench.text("model.json"), bench.text("long_corrected.csv"));
+    let text = bench.read("verify.csv");
+    let (head, rows) = text.split_once('\n').unwrap();
+    let mut long: Vec<String> = rows.lines().cycle().take(ROWS).map(str::to_owned).collect();
+    // One without an answer, in the second batch.
+    let columns: Vec<&str> = head.split(',').collect();
+    let x = columns.iter().position(|name| *name == "x_mm").unwrap();
+    let far = long[20_000].split(',').enumerate().map(|(k, cell)| if k == x { "9999" } else { cell });
+    long[20_000] = far.collect::<Vec<_>>().join(",");
+    let input = bench.write("long.csv", format!("{head}\n{}\n", long.join("\n")));
+    let of_file = run(["correct", "--model", &model, "--in", &input, "--out", &output]);
+    let of_stream = run(["correct", "--model", &model, "--in", &input, "--out", "-"]);
+    assert_eq!(of_file.errors, of_stream.errors);
+    assert_says(&of_file.errors, &["40123 rows, 40122 corrected", "line 20002"]);
+    of_file.ok();
+    assert!(bench.read("long_corrected.csv") == of_stream.ok(), "the rows differ");
+}
+
+#[test]
 fn a_bag_is_corrected_to_the_same_values_as_the_csv() {
     let bench = Bench::identified(5);
     let (model, bag, out) = (bench.text("model.json"), convert(&bench, "bag"), bench.text("corrected"));

@@ -16,6 +16,7 @@ mod pairs;
 mod pipeline;
 mod residual;
 mod residual_bag;
+mod rows;
 mod service_manager;
 mod stop;
 mod tally;

@@ -47,7 +47,9 @@ pub use error::{FileError, Place};
 pub use guideway_csv::{GuidewayRow, SeenTarget, read_guideway, read_guideway_file};
 pub use machine::{MachineFile, OrderChoice, SIGN_CONVENTION, machine_text, parse_machine, read_machine};
 pub use model_file::{DataSource, Doubt, ModelFile, ResidualReference};
-pub use points_csv::{ADDED_COLUMNS, PointRow, PointsReader, PointsWriter, RowCovariates, status_word};
+pub use points_csv::{
+    ADDED_COLUMNS, PointRow, PointsReader, PointsWriter, RowCovariates, RowsForm, RowsText, status_word,
+};
 pub use predicted_csv::{PlainPoints, PredictedWriter};
 pub use residual_csv::{ResidualOrigin, read_residual_origin, write_residual_vectors};
 pub use residual_file::{LoadedResidual, ResidualFile, ResidualOwner};

@@ -3,11 +3,13 @@
 //! Place in the flow: points file → [`PointsReader`] → `abbe_geometry::correct` → [`PointsWriter`]. Needed are
 //! `x_mm y_mm z_mm` and the offset columns (or the machine's declared offset, ram frame); every other column is
 //! handed through as it is and can serve as covariate by its name. What comes out is written as what went in: the same
-//! delimiter, decimal mark and line ends (`crate::dialect`). Memory is one row.
+//! delimiter, decimal mark and line ends (`crate::dialect`). Memory is one row here; rows may be turned into text on several
+//! threads ([`RowsText`]).
 
 use crate::columns::{ACTUAL, Header, Known, OFFSET, Offset, READING};
 use crate::csv_source::CsvSource;
 use crate::decimals::Mark;
+use crate::dialect::Dialect;
 use crate::error::{FileError, Place};
 use abbe_geometry::correct::{Correction, Status};
 use abbe_geometry::effects::{CovariateSource, CovariateValue};
@@ -165,27 +167,30 @@ pub const fn status_word(status: Status) -> &'static str {
     }
 }
 
-/// Writes rows with their corrected coordinates, as the table they come from is written.
-pub struct PointsWriter<W: Write> {
-    writer: Writer<W>,
-    file: String,
-    text: String,
-    marks: OneMark,
+/// How the rows of a table are written; goes to any thread.
+#[derive(Debug, Clone, Copy)]
+pub struct RowsForm(Dialect);
+
+impl RowsForm {
+    /// No row yet.
+    pub fn text(self) -> RowsText {
+        RowsText { writer: self.0.writer(Vec::new()), number: String::new() }
+    }
 }
 
-impl<W: Write> PointsWriter<W> {
-    /// Writes the header: the columns of the input and [`ADDED_COLUMNS`]; `file` is the name of the output.
-    pub fn new<R: Read>(output: W, file: &str, input: &PointsReader<R>) -> Result<PointsWriter<W>, FileError> {
-        let header = input.source.header();
-        let writer = started(output, file, header, &ADDED_COLUMNS)?;
-        let marks = OneMark { mark: None, input: header.file().to_owned() };
-        Ok(PointsWriter { writer, file: file.to_owned(), text: String::new(), marks })
-    }
+/// Rows with their corrected coordinates, as text of a table.
+pub struct RowsText {
+    writer: Writer<Vec<u8>>,
+    number: String,
+}
 
-    /// Writes one row: corrected position in mm (0.1 nm), u with k = 2 in µm, both empty where rejected.
-    pub fn write(&mut self, row: &PointRow, correction: &Correction) -> Result<(), FileError> {
-        self.marks.check(row.mark, row.line)?;
-        self.write_cells(row, correction).map_err(|error| unwritten(&self.file, error))
+impl RowsText {
+    /// Adds one row: corrected position in mm (0.1 nm), u with k = 2 in µm, both empty where rejected.
+    ///
+    /// # Errors
+    /// None that is known: the text grows in memory.
+    pub fn push(&mut self, row: &PointRow, correction: &Correction) -> Result<(), FileError> {
+        self.write_cells(row, correction).map_err(|error| unwritten("the table", error))
     }
 
     fn write_cells(&mut self, row: &PointRow, correction: &Correction) -> csv::Result<()> {
@@ -195,27 +200,69 @@ impl<W: Write> PointsWriter<W> {
         }
         let covariance_m2 = correction.covariance_m2;
         for k in 0..6 {
-            self.text.clear();
+            self.number.clear();
             // Writing to a String cannot fail; an empty cell would be all that came of it.
             let _ = match covariance_m2 {
                 None => Ok(()),
-                Some(_) if k < 3 => write!(self.text, "{:.7}", correction.position_m[k] * 1e3),
-                Some(v) => write!(self.text, "{:.4}", COVERAGE * v[(k - 3, k - 3)].max(0.0).sqrt() * 1e6),
+                Some(_) if k < 3 => write!(self.number, "{:.7}", correction.position_m[k] * 1e3),
+                Some(v) => write!(self.number, "{:.4}", COVERAGE * v[(k - 3, k - 3)].max(0.0).sqrt() * 1e6),
             };
-            self.writer.write_field(row.mark.of(&mut self.text))?;
+            self.writer.write_field(row.mark.of(&mut self.number))?;
         }
         self.writer.write_field(status_word(correction.status))?;
         self.writer.write_record(None::<&[u8]>)
     }
+}
+
+/// Writes rows with their corrected coordinates, as the table they come from is written.
+pub struct PointsWriter<W: Write> {
+    output: W,
+    file: String,
+    form: RowsForm,
+    marks: OneMark,
+}
+
+impl<W: Write> PointsWriter<W> {
+    /// Writes the header: the columns of the input and [`ADDED_COLUMNS`]; `file` is the name of the output.
+    pub fn new<R: Read>(output: W, file: &str, input: &PointsReader<R>) -> Result<PointsWriter<W>, FileError> {
+        let header = input.source.header();
+        let output = finished(started(output, file, header, &ADDED_COLUMNS)?, file)?;
+        let marks = OneMark { mark: None, input: header.file().to_owned() };
+        Ok(PointsWriter { output, file: file.to_owned(), form: RowsForm(header.dialect()), marks })
+    }
+
+    /// How its rows are written.
+    pub fn form(&self) -> RowsForm {
+        self.form
+    }
+
+    /// Writes one row.
+    pub fn write(&mut self, row: &PointRow, correction: &Correction) -> Result<(), FileError> {
+        let mut text = self.form.text();
+        text.push(row, correction)?;
+        self.append([row], text)
+    }
+
+    /// Writes the text of these rows.
+    pub fn append<'r>(
+        &mut self,
+        rows: impl IntoIterator<Item = &'r PointRow>,
+        text: RowsText,
+    ) -> Result<(), FileError> {
+        rows.into_iter().try_for_each(|row| self.marks.check(row.mark, row.line))?;
+        let text = finished(text.writer, &self.file)?;
+        self.output.write_all(&text).map_err(FileError::io(&self.file, "write"))
+    }
 
     /// Hands on what was written so far.
     pub fn flush(&mut self) -> std::io::Result<()> {
-        self.writer.flush()
+        self.output.flush()
     }
 
     /// Flushes and hands the output back, to be committed.
-    pub fn finish(self) -> Result<W, FileError> {
-        finished(self.writer, &self.file)
+    pub fn finish(mut self) -> Result<W, FileError> {
+        self.output.flush().map_err(FileError::io(&self.file, "write"))?;
+        Ok(self.output)
     }
 }
 

@@ -1,18 +1,17 @@
 //! `abbe correct`: recorded scale readings in, the same with corrected coordinates out.
 //!
-//! Place in the flow: offline twin of the geometric and residual nodes; calls the same correcting function. CSV row
-//! by row, also from standard input to standard output; bags message by message. What the rows were worth is said on
-//! standard error.
+//! Place in the flow: offline twin of the geometric and residual nodes; calls the same correcting function. CSV many rows
+//! at a time from file to file, row by row to standard output; bags message by message. What the rows were worth is
+//! said on standard error.
 
 use super::bag_in_place;
 use crate::exit::Ended;
 use crate::output;
 use crate::pipeline::is_bag;
-use crate::residual::{load_residual, with_residual};
+use crate::residual::load_residual;
+use crate::rows::{Batch, MANY};
 use crate::tally::Tally;
 use abbe_files::{AtomicFile, FileError, ModelFile, Place, PointRow, PointsReader, PointsWriter};
-use abbe_geometry::correct::correct;
-use abbe_geometry::effects::State;
 use abbe_geometry::model::IdentifiedVolume;
 use abbe_graph::step::{GeometricStep, Mark, OwnedField, ResidualStep, StreamWatch};
 use abbe_graph::topics;
@@ -121,7 +120,7 @@ impl<R: Read, F: FnMut() -> std::io::Result<()>> Read for FlushFirst<R, F> {
     }
 }
 
-/// Corrects row by row. `is_stream` where rows leave as they are made: then a number with two readings is refused at its row.
+/// Corrects a table. `is_stream` where rows leave as they come: then a number with two readings is refused at its row.
 fn correct_csv(
     Correcting { model, residual, shutdown }: &Correcting,
     input: Box<dyn Read>,
@@ -134,19 +133,22 @@ fn correct_csv(
     let flush = || writer.borrow_mut().as_mut().map_or(Ok(()), PointsWriter::flush);
     let mut reader = PointsReader::new(FlushFirst { input, flush }, name, machine.default_offset_m)?;
     *writer.borrow_mut() = Some(PointsWriter::new(output, "output", &reader)?);
-    let (mut row, mut tally) = (PointRow::default(), Tally::default());
-    while reader.read(&mut row)? {
-        ensure!(!shutdown.requested(), Ended::stopped("stopped on request".to_owned()));
-        check_offset_signs(&model.model.parts().identified, &row, name)?;
-        let covariates = reader.covariates(&row);
-        let state = State { reading_m: row.reading_m, offset_m: row.offset_m, covariates: &covariates };
-        let correction = with_residual(correct(&model.model, &state), *residual);
+    let mut batch = Batch::new(&model.model, if is_stream { 1 } else { MANY });
+    let mut tally = Tally::default();
+    loop {
+        batch.clear();
+        while let Some(row) = batch.read(&mut reader)? {
+            ensure!(!shutdown.requested(), Ended::stopped("stopped on request".to_owned()));
+            check_offset_signs(&model.model.parts().identified, row, name)?;
+        }
+        if batch.rows().is_empty() {
+            break;
+        }
         if is_stream {
             reader.refuse_open_numbers()?;
         }
-        tally.add(&model.model, &state, correction.status, row.line());
         if let Some(writer) = writer.borrow_mut().as_mut() {
-            writer.write(&row, &correction)?;
+            write_corrected(&batch, model, *residual, writer, &mut tally)?;
         }
     }
     ensure!(tally.rows() > 0, "{name}: the file holds a header but no row; give one row for each point");
@@ -154,6 +156,26 @@ fn correct_csv(
         writer.finish()?.flush()?;
     }
     Ok(tally)
+}
+
+/// Corrects the rows of a batch, writes and counts them.
+fn write_corrected(
+    batch: &Batch,
+    model: &ModelFile,
+    residual: Option<&OwnedField>,
+    writer: &mut PointsWriter<impl Write>,
+    tally: &mut Tally,
+) -> anyhow::Result<()> {
+    for part in batch.corrected(&model.model, residual, writer.form())? {
+        let mut statuses = part.statuses.iter();
+        batch.visit(part.rows(), |row, state| {
+            if let Some(status) = statuses.next() {
+                tally.add(&model.model, state, *status, row.line());
+            }
+        });
+        writer.append(&batch.rows()[part.rows()], part.text)?;
+    }
+    Ok(())
 }
 
 /// Refuses an offset on the side where no offset of the campaign was: a sign error moves every lever arm.
