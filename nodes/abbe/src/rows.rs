@@ -67,10 +67,6 @@ impl Batch {
         self.values.clear();
     }
 
-    pub(crate) fn is_full(&self) -> bool {
-        self.read == self.rows.len()
-    }
-
     /// The rows.
     pub(crate) fn rows(&self) -> &[PointRow] {
         &self.rows[..self.read]

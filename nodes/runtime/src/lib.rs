@@ -28,5 +28,5 @@ pub mod transport;
 pub use claim::{Claim, ClaimError};
 pub use outbox::{Outbox, OutboxCounts};
 pub use run_id::{RunId, RunIdError};
-pub use shutdown::{LAUNCHER_PID, Shutdown, ShutdownError, end_with_reader, follow_launcher};
+pub use shutdown::{LAUNCHER_PID, Shutdown, ShutdownError, end_on_signals, end_with_reader, follow_launcher};
 pub use transport::{Edges, EdgesConfig, Publish, Subscribe, TransportError, TransportKind};

@@ -96,13 +96,9 @@ impl Shutdown {
         let handled = signals_to_handle();
         let mut signals = Signals::new(&handled).map_err(ShutdownError::Signals)?;
         let taken = mask_of(&handled)?;
-        let raise = move || {
-            // The process may have been started by one that blocks them.
-            if let Err(error) = taken.thread_unblock() {
-                tracing::error!("Ctrl-C and SIGTERM will not end this process: {error}");
-            }
-            signals.forever().for_each(|_| raised_by_signal.request());
-        };
+        // The thread takes them over from this one.
+        taken.thread_unblock().map_err(of_system)?;
+        let raise = move || signals.forever().for_each(|_| raised_by_signal.request());
         thread::Builder::new().name("signals".into()).spawn(raise).map_err(ShutdownError::Signals)?;
         // iceoryx2 and RustDDS give up where a signal interrupts one of their calls.
         taken.thread_block().map_err(of_system)?;
@@ -207,14 +203,24 @@ impl Shutdown {
     }
 }
 
+/// Lets SIGINT, SIGTERM and SIGHUP end this process, whatever the one that started it blocks: nodes do, and what a process
+/// blocks it hands down. For a program that a node starts; call it first in `main`.
+///
+/// # Errors
+/// When the operating system refuses.
+pub fn end_on_signals() -> Result<(), ShutdownError> {
+    mask_of(&signals_to_handle())?.thread_unblock().map_err(of_system)
+}
+
 /// Ends this process, with exit code 70, within some seconds of the end of the one that [`LAUNCHER_PID`] names, its
-/// parent; does nothing where the variable is not set. For a program that a node starts for work beside its own, and
+/// parent; signals end it as well ([`end_on_signals`]). Does nothing where the variable is not set. For a program that a node starts for work beside its own, and
 /// that is started by hand as well.
 ///
 /// # Errors
 /// When the launcher has ended already, is no process id, or the operating system refuses the watch.
 pub fn follow_launcher() -> Result<(), ShutdownError> {
     let Some(value) = std::env::var_os(LAUNCHER_PID) else { return Ok(()) };
+    end_on_signals()?;
     let value = value.to_string_lossy().into_owned();
     let launcher_pid = value.parse().map_err(|_| ShutdownError::NoProcess { value })?;
     // A flag of its own: the program may look at none, and then signals must go on ending it.

@@ -73,6 +73,8 @@ fn play_program(folder: &Path) {
 }
 
 fn play_launcher_of_program(test: &str) {
+    // From now on it hands down blocked signals.
+    let _shutdown = Shutdown::on_signals().unwrap();
     let _program = Peer::start_with(test, "program", LAUNCHER_PID, &std::process::id().to_string());
     thread::sleep(PATIENCE);
 }
@@ -194,5 +196,17 @@ fn a_program_beside_a_node_does_not_outlive_it() {
     let (mut launcher, folder) = start(test, "launcher of program");
     let program = wait_for(&told(folder.path(), "started"));
     launcher.kill();
+    wait_for_end(&program);
+}
+
+#[test]
+fn regress_a_program_beside_a_node_ends_on_sigterm() {
+    let test = "regress_a_program_beside_a_node_ends_on_sigterm";
+    if play(test) {
+        return;
+    }
+    let (_launcher, folder) = start(test, "launcher of program");
+    let program = wait_for(&told(folder.path(), "started"));
+    assert!(Command::new("kill").args(["-TERM", program.trim()]).status().unwrap().success());
     wait_for_end(&program);
 }

@@ -3,6 +3,7 @@
 //! Place in the flow: started by a node with an edge over DDS, never by hand; everything it needs to know comes over the
 //! socket that it gets as standard input. Its arguments only tell who looks at the list of processes whose it is.
 
+use abbe_runtime::end_on_signals;
 use abbe_runtime::gateway::serve;
 
 /// Arguments of `gateway`.
@@ -18,5 +19,6 @@ pub(crate) struct Arguments {
 
 pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     tracing::debug!(of = arguments.of, run = arguments.run, "started");
+    end_on_signals()?;
     Ok(serve()?)
 }
