@@ -149,3 +149,18 @@ fn every_definition_has_a_schema_with_all_it_contains() {
     );
     assert_eq!(definition::schema("abbe_msgs/msg/Nothing"), None);
 }
+
+#[test]
+fn the_interface_package_of_ros_2_holds_every_message_and_this_version() {
+    let cmake = include_str!("../CMakeLists.txt");
+    let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("msg");
+    let mut messages: Vec<String> = std::fs::read_dir(folder)
+        .unwrap()
+        .map(|file| format!("msg/{}", file.unwrap().file_name().into_string().unwrap()))
+        .collect();
+    messages.sort();
+    let listed: Vec<&str> = cmake.split('"').filter(|word| word.ends_with(".msg")).collect();
+    assert_eq!(listed, messages);
+    let version = format!("<version>{}</version>", env!("CARGO_PKG_VERSION"));
+    assert!(include_str!("../package.xml").contains(&version), "package.xml has another version than Cargo.toml");
+}
