@@ -70,8 +70,17 @@ impl NodeName {
         }
     }
 
+    /// Topics of the standard message that is made of each of its samples for ROS 2.
+    pub fn companions(self) -> &'static [&'static str] {
+        match self {
+            NodeName::Scale => &[topics::JOINT_STATE],
+            NodeName::Residual => &[topics::CORRECTED_POINT],
+            NodeName::Tracer | NodeName::Geometric | NodeName::Monitor | NodeName::Recorder => &[],
+        }
+    }
+
     /// Nodes whose output this one can take.
-    fn inputs(self) -> &'static [NodeName] {
+    pub(crate) fn inputs(self) -> &'static [NodeName] {
         match self {
             NodeName::Scale | NodeName::Tracer => &[],
             NodeName::Geometric => &[NodeName::Scale],

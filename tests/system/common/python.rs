@@ -1,10 +1,15 @@
-//! Programs of others: Python with PyPI `cyclonedds` and `rosbags`, named by `ABBE_PYTHON`.
+//! Programs of others: Python with PyPI `cyclonedds` and `rosbags`, named by `ABBE_PYTHON`, and a real ROS 2 (rclpy on
+//! Fast DDS, the wheels `ros-jazzy-*`), named by `ABBE_ROS_PYTHON`.
 //!
-//! Without it such a test says that it was skipped; with `ABBE_REQUIRE_PEERS=1` it fails instead.
+//! Without one such a test says that it was skipped. With `ABBE_REQUIRE_PEERS=1` it fails instead where the first is not
+//! there; the second wants Python 3.12, which not every system has.
 
 use std::env;
 use std::path::Path;
 use std::process::{Command, Stdio};
+
+use abbe_runtime::ros::Domain;
+use serde_json::Value;
 
 /// Cyclone DDS on loopback and nowhere else.
 const CYCLONE: &str = "<CycloneDDS><Domain><General><Interfaces><NetworkInterface name=\"lo\" multicast=\"true\"/>\
@@ -22,4 +27,30 @@ pub(crate) fn python(script: &str) -> Option<Command> {
     let mut command = Command::new(interpreter);
     command.arg(path).env("CYCLONEDDS_URI", CYCLONE).env("PYTHONDONTWRITEBYTECODE", "1").stdin(Stdio::null());
     Some(command)
+}
+
+/// A user's program on ROS 2, `tests/system/peers/ros2_user.py`; none where there is no ROS 2 to run it.
+pub(crate) fn ros2(domain: Domain, words: &[&str]) -> Option<Command> {
+    let Ok(interpreter) = env::var("ABBE_ROS_PYTHON") else {
+        println!(
+            "SKIPPED ros2_user.py {words:?}: set ABBE_ROS_PYTHON to a Python 3.12 with the wheels of .ci/ros-peers.txt"
+        );
+        return None;
+    };
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/system/peers/ros2_user.py");
+    let mut command = Command::new(interpreter);
+    command.arg(path).args(words).stdin(Stdio::null()).env("PYTHONDONTWRITEBYTECODE", "1");
+    command.env("ROS_DOMAIN_ID", domain.id().to_string()).env("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET");
+    Some(command)
+}
+
+/// What such a program says.
+#[track_caller]
+pub(crate) fn said(mut command: Command) -> Value {
+    let output = command.output().unwrap();
+    let errors = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{errors}");
+    let text = String::from_utf8_lossy(&output.stdout);
+    let line = text.lines().last().unwrap_or_default();
+    serde_json::from_str(line).unwrap_or_else(|error| panic!("{error}: {text}{errors}"))
 }

@@ -4,6 +4,7 @@
 
 use crate::service_manager::ServiceManager;
 use abbe_graph::supervisor::Supervisor;
+use abbe_runtime::ros::RosArgs;
 use abbe_runtime::{RunId, Shutdown, end_with_reader};
 use anyhow::{Context, ensure};
 use std::io::Write;
@@ -23,13 +24,18 @@ pub(crate) struct Arguments {
     run: Option<String>,
 }
 
-pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
+pub(crate) fn run(arguments: &Arguments, ros_args: RosArgs) -> anyhow::Result<()> {
+    ensure!(
+        ros_args.node_name.is_none(),
+        "-r __node:={} would give every node of the launch the same name; rename nodes where they are started one by one",
+        ros_args.node_name.unwrap_or_default()
+    );
     let shutdown = Shutdown::on_signals()?;
     let program = std::env::current_exe().context("the path of this program is unknown")?;
     let run = arguments.run.as_deref().map(str::parse::<RunId>).transpose()?.unwrap_or_else(RunId::unique);
     // Not `eprintln!`: the nodes run whether or not somebody reads this.
     let _ = writeln!(std::io::stderr(), "run {run}: Ctrl-C stops all nodes", run = run.as_str());
-    let mut supervisor = Supervisor::start(&program, &arguments.file, run)?;
+    let mut supervisor = Supervisor::start_with(&program, &arguments.file, run, ros_args.words)?;
     let mut manager = ServiceManager::from_environment();
     let ran = supervisor.wait_for_sources(&shutdown, |graph| manager.tell(graph.is_healthy()));
     if ran.is_ok() && !shutdown.requested() {

@@ -146,6 +146,10 @@ pub(crate) fn run(command: Command, ros_args: RosArgs) -> anyhow::Result<()> {
 }
 
 fn dispatch(command: Command, ros_args: RosArgs) -> anyhow::Result<()> {
+    // The level of the log holds for every command.
+    let is_of_nodes = RosArgs { log_level: None, words: Vec::new(), ..ros_args.clone() } != RosArgs::default();
+    let takes_them = matches!(command, Command::Launch(_) | Command::Node(_));
+    ensure!(takes_them || !is_of_nodes, "only `abbe launch` and `abbe node` take --ros-args other than --log-level");
     match command {
         Command::Identify(arguments) => identify::run(&arguments),
         Command::FitPoints(arguments) => fit_points::run(&arguments),
@@ -165,7 +169,7 @@ fn dispatch(command: Command, ros_args: RosArgs) -> anyhow::Result<()> {
         Command::Points(arguments) => points::run(&arguments),
         Command::Interpolate(arguments) => interpolate::run(&arguments),
         Command::Demo(arguments) => crate::demo::run(&arguments),
-        Command::Launch(arguments) => launch::run(&arguments),
+        Command::Launch(arguments) => launch::run(&arguments, ros_args),
         Command::Node(arguments) => node::run(arguments, ros_args),
         Command::Gateway(arguments) => gateway::run(&arguments),
         Command::Replay(arguments) => replay::run(&arguments),

@@ -11,7 +11,6 @@ use super::traffic::{Trouble, send};
 use super::{LOOK_UP, NodeContext, NodeError, NodeSummary, take};
 use crate::launch::NodeName;
 use crate::step::{GeometricStep, Mark, ResidualStep, StreamCounts, StreamWatch};
-use crate::topics;
 use abbe_msgs::standard::DiagnosticStatus;
 use abbe_msgs::{CorrectedCoordinates, CorrectionStatus, Message, ScaleReading, Sha256};
 use abbe_runtime::Subscribe;
@@ -33,11 +32,6 @@ trait Stage<M> {
 
     /// What comes in, and what was found of its order.
     fn input(&self) -> (&'static str, StreamCounts);
-
-    /// Topics of the standard message that is made of each corrected sample for ROS 2.
-    fn companions(&self) -> &'static [&'static str] {
-        &[]
-    }
 
     /// What is kept of it.
     fn beside(&mut self, _corrected: &CorrectedCoordinates) {}
@@ -120,10 +114,6 @@ impl Stage<CorrectedCoordinates> for Residual {
         self.watch.pass(Mark::from(sample), self.step.correct(sample))
     }
 
-    fn companions(&self) -> &'static [&'static str] {
-        &[topics::CORRECTED_POINT]
-    }
-
     fn input(&self) -> (&'static str, StreamCounts) {
         ("corrected samples", self.watch.counts())
     }
@@ -166,10 +156,10 @@ pub(super) fn residual(context: &NodeContext) -> Result<NodeSummary, NodeError> 
 
 /// Takes, corrects, gives; counts what each status says.
 fn pump<M: Message>(context: &NodeContext, from: NodeName, mut stage: impl Stage<M>) -> Result<NodeSummary, NodeError> {
-    let mut summary = NodeSummary { node: context.name.name().to_owned(), ..NodeSummary::default() };
+    let mut summary = context.summary();
     let mut statuses = [0_u64; CorrectionStatus::ALL.len()];
     let health = context.ros.as_ref().map(|node| node.diagnostics(&context.machine.machine.name));
-    let mut publisher = context.publisher_with::<CorrectedCoordinates>(stage.companions())?;
+    let mut publisher = context.publisher::<CorrectedCoordinates>()?;
     let mut subscriber = context.subscriber::<M>(from)?;
     let mut reported = Instant::now();
     let (mut durations, mut remarks) = (Durations::default(), Remarks::default());

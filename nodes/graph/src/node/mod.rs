@@ -24,7 +24,7 @@ use abbe_files::{FileError, MachineFile, read_machine};
 use abbe_msgs::bag::BagError;
 use abbe_msgs::{Message, MessageError};
 use abbe_runtime::gateway::{GatewayCommand, GatewayNode, GatewayOptions};
-use abbe_runtime::ros::{ArgsError, Domain, NodeIdentity, NodeOptions, RosArgs, RosError};
+use abbe_runtime::ros::{ArgsError, Clock, Domain, NodeIdentity, NodeOptions, RosArgs, RosError, resolve};
 use abbe_runtime::transport::shared_memory;
 use abbe_runtime::{
     Claim, ClaimError, Edges, EdgesConfig, Publish, RunId, Shutdown, ShutdownError, Subscribe, TransportError,
@@ -173,6 +173,7 @@ pub(crate) struct NodeContext {
     pub(crate) edges: Edges,
     run: Option<RunId>,
     pub(crate) ros: Option<GatewayNode>,
+    clock: Clock,
     pub(crate) shutdown: Shutdown,
     /// How often the launcher has started this node before.
     pub(crate) life: u32,
@@ -239,9 +240,11 @@ impl NodeContext {
             .ros_args
             .identity(&launch.namespace, call.name.name())
             .map_err(|error| NodeError::Name(error.to_string()))?;
-        let table = parameters::table(&launch, call.name).map_err(RosError::from)?;
+        let qos = parameters::qos(&launch, call.name, |topic| resolve(topic, &identity, &call.ros_args.remaps));
+        let table = parameters::table(&launch, call.name, qos.map_err(RosError::from)?).map_err(RosError::from)?;
         let table = table.with_assignments(&identity, &call.ros_args.parameters).map_err(RosError::from)?;
         parameters::apply(&table, &mut launch, call.name);
+        let uses_sim_time = table.uses_sim_time();
         let remaps = call.ros_args.remaps;
         let mut config = EdgesConfig::new(identity.clone());
         let ros = if launch.uses(call.name, TransportKind::Dds) {
@@ -257,6 +260,15 @@ impl NodeContext {
         } else {
             None
         };
+        let clock = match &ros {
+            Some(node) => node.clock(),
+            // Nothing is ahead of a clock that says nothing, and nothing else asks for it.
+            None if uses_sim_time => {
+                tracing::warn!("use_sim_time is set, but this node has no edge over DDS and hears no /clock");
+                Clock::simulated()
+            }
+            None => Clock::of_system(),
+        };
         config.remaps = remaps;
         let run = if launch.uses(call.name, TransportKind::SharedMemory) { call.run } else { None };
         config.run.clone_from(&run);
@@ -265,7 +277,18 @@ impl NodeContext {
         let edges = Edges::open(config)?;
         let unready = Cell::new(call.launcher_pid.is_some());
         let (name, life) = (call.name, call.life);
-        Ok(NodeContext { name, launch, base, machine, edges, run, ros, shutdown, life, unready })
+        Ok(NodeContext { name, launch, base, machine, edges, run, ros, clock, shutdown, life, unready })
+    }
+
+    /// The summary of a node that has done nothing yet.
+    fn summary(&self) -> NodeSummary {
+        let troubles = traffic::Troubles::by_clock(self.clock());
+        NodeSummary { node: self.name.name().to_owned(), troubles, ..NodeSummary::default() }
+    }
+
+    /// The time that the node goes by.
+    pub(crate) fn clock(&self) -> Clock {
+        self.clock.clone()
     }
 
     /// The summary with how the gateway has fared.
@@ -278,17 +301,12 @@ impl NodeContext {
         summary
     }
 
-    /// Publisher of this node's own topic, once the nodes that take from it are there.
+    /// Publisher of this node's own topic and what goes beside it, once the nodes that take from it are there.
     pub(crate) fn publisher<M: Message>(&self) -> Result<Box<dyn Publish<M>>, NodeError> {
-        self.publisher_with(&[])
-    }
-
-    /// The same, with topics of the standard message that is made of each sample for ROS 2.
-    pub(crate) fn publisher_with<M: Message>(&self, companions: &[&str]) -> Result<Box<dyn Publish<M>>, NodeError> {
         let topic = self.name.topic().ok_or(NodeError::Incomplete { node: self.name.name(), part: "a topic" })?;
         let kinds = self.launch.publishes_over(self.name);
         let claims = kinds.iter().map(|kind| self.claim(topic, *kind)).collect::<Result<_, _>>()?;
-        let publisher = self.edges.publisher_with::<M>(topic, &kinds, companions)?;
+        let publisher = self.edges.publisher_with::<M>(topic, &kinds, self.name.companions())?;
         let publisher = Claimed { publisher, _claims: claims };
         // One that starts again finds the others at work; who of them is gone for good is not waited for.
         let wanted = if self.life == 0 { self.launch.awaited(self.name) } else { 0 };

@@ -45,7 +45,7 @@ struct Monitor {
 
 pub(super) fn run(context: &NodeContext) -> Result<NodeSummary, NodeError> {
     let mut monitor = Monitor::open(context)?;
-    let mut summary = NodeSummary { node: context.name.name().to_owned(), ..NodeSummary::default() };
+    let mut summary = context.summary();
     let mut publisher: Option<Box<dyn Publish<RangeResidual>>> =
         if context.launch.publishes_over(context.name).is_empty() { None } else { Some(context.publisher()?) };
     let mut inputs = Inputs::open(context)?;

@@ -4,7 +4,12 @@
 //! fixed while the node runs, so that a recording is corrected by one set of figures.
 
 use crate::launch::{Launch, NodeName, Pace};
-use abbe_runtime::ros::{ParameterError, ParameterSpec, ParameterTable, ParameterValue, Range};
+use abbe_runtime::TransportKind;
+use abbe_runtime::gateway::COMPANION_DEPTH;
+use abbe_runtime::ros::{
+    NameError, ParameterError, ParameterSpec, ParameterTable, ParameterValue, Range, TopicEnd, qos_parameters,
+};
+use abbe_runtime::transport::DEFAULT_DEPTH;
 
 /// Largest number a parameter in seconds, hertz or standard uncertainties may have.
 const LARGEST: f64 = 1e6;
@@ -18,8 +23,35 @@ const SINGLE_BOUND: &str = "single_bound";
 const WINDOW: &str = "window";
 const MATCH_WITHIN: &str = "match_within_s";
 
-/// The parameters of a node with the launch file's values.
-pub(super) fn table(launch: &Launch, node: NodeName) -> Result<ParameterTable, ParameterError> {
+/// Parameters for the quality of service of each topic that a node has over DDS; `resolve` gives its absolute name.
+pub(super) fn qos(
+    launch: &Launch,
+    node: NodeName,
+    resolve: impl Fn(&str) -> Result<String, NameError>,
+) -> Result<Vec<ParameterSpec>, NameError> {
+    let is_dds = |kind: &TransportKind| *kind == TransportKind::Dds;
+    let mut specs = Vec::new();
+    if launch.publishes_over(node).iter().any(is_dds) {
+        if let Some(topic) = node.topic() {
+            specs.extend(qos_parameters(&resolve(topic)?, TopicEnd::Publisher, DEFAULT_DEPTH));
+        }
+        for topic in node.companions() {
+            specs.extend(qos_parameters(&resolve(topic)?, TopicEnd::Publisher, COMPANION_DEPTH.get()));
+        }
+    }
+    let taken = node.inputs().iter().filter(|from| launch.takes_over(node.name(), **from).as_ref().is_some_and(is_dds));
+    for topic in taken.filter_map(|from| from.topic()) {
+        specs.extend(qos_parameters(&resolve(topic)?, TopicEnd::Subscription, DEFAULT_DEPTH));
+    }
+    Ok(specs)
+}
+
+/// The parameters of a node with the launch file's values, and `more`.
+pub(super) fn table(
+    launch: &Launch,
+    node: NodeName,
+    more: Vec<ParameterSpec>,
+) -> Result<ParameterTable, ParameterError> {
     let positive = |name, value: f64, unit, description| {
         let range = Range::Double(SMALLEST.min(value), LARGEST.max(value));
         ParameterSpec { name, default: ParameterValue::Double(value), unit, range, read_only: true, description }
@@ -38,7 +70,7 @@ pub(super) fn table(launch: &Launch, node: NodeName) -> Result<ParameterTable, P
         NodeName::Monitor => monitor(launch, positive),
         NodeName::Residual | NodeName::Recorder => Vec::new(),
     };
-    ParameterTable::new(specs)
+    ParameterTable::new(specs.into_iter().chain(more))
 }
 
 fn monitor(
@@ -112,7 +144,7 @@ mod tests {
         let (args, _) = RosArgs::split(arguments).map_err(|e| e.to_string())?;
         let identity = args.identity("bridge_xyz", node.name()).map_err(|e| e.to_string())?;
         let mut launch = launch();
-        let table = table(&launch, node).map_err(|e| e.to_string())?;
+        let table = table(&launch, node, Vec::new()).map_err(|e| e.to_string())?;
         let table = table.with_assignments(&identity, &args.parameters).map_err(|e| e.to_string())?;
         apply(&table, &mut launch, node);
         Ok(launch)
@@ -122,7 +154,7 @@ mod tests {
     fn without_arguments_the_launch_file_holds() {
         for node in NodeName::ALL {
             let mut applied = launch();
-            apply(&table(&launch(), node).unwrap(), &mut applied, node);
+            apply(&table(&launch(), node, Vec::new()).unwrap(), &mut applied, node);
             assert_eq!(applied, launch());
         }
     }

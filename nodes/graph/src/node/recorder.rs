@@ -25,7 +25,7 @@ pub(super) fn run(context: &NodeContext) -> Result<NodeSummary, NodeError> {
     let path = context.of_this_life(&context.base.join(&config.bag));
     let recording = Recording::start(&path, config)?.map_err(NodeError::Thread)?;
     let health = context.ros.as_ref().map(|node| node.diagnostics(&context.machine.machine.name));
-    let mut summary = NodeSummary { node: context.name.name().to_owned(), ..NodeSummary::default() };
+    let mut summary = context.summary();
     let mut tape = Tape { recording, refused: 0 };
     let mut scale = Track::<ScaleReading>::open(context, NodeName::Scale)?;
     let mut tracer = Track::<TracerReading>::open(context, NodeName::Tracer)?;

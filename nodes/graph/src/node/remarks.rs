@@ -149,7 +149,7 @@ fn of_node(summary: &NodeSummary) -> Vec<Counted> {
         Counted {
             name: "stamps ahead of the clock".to_owned(),
             count: troubles.ahead_of_clock(),
-            words: "stamps are ahead of this host's clock by more than 1 s: set the clocks of machine and host"
+            words: "stamps are ahead of this node's clock by more than 1 s: set the clocks of machine and host"
                 .to_owned(),
         },
     ]

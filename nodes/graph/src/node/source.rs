@@ -7,7 +7,6 @@ use super::traffic::{Trouble, send};
 use super::{NodeContext, NodeError, NodeSummary};
 use crate::driver::{self, DriverError};
 use crate::launch::{Pace, Source};
-use crate::topics;
 use abbe_msgs::{Message, ScaleReading, Stamp, TracerReading};
 use abbe_runtime::Shutdown;
 use std::time::{Duration, Instant};
@@ -15,13 +14,13 @@ use std::time::{Duration, Instant};
 pub(super) fn scale(context: &NodeContext) -> Result<NodeSummary, NodeError> {
     let source = source(context, context.launch.scale.as_ref())?;
     let mut driver = driver::open_scale(&source.driver, &context.base, &context.machine)?;
-    play::<ScaleReading>(context, source.pace, &[topics::JOINT_STATE], || driver.next_reading())
+    play::<ScaleReading>(context, source.pace, || driver.next_reading())
 }
 
 pub(super) fn tracer(context: &NodeContext) -> Result<NodeSummary, NodeError> {
     let source = source(context, context.launch.tracer.as_ref())?;
     let mut driver = driver::open_tracer(&source.driver, &context.base, &context.machine)?;
-    play::<TracerReading>(context, source.pace, &[], || driver.next_reading())
+    play::<TracerReading>(context, source.pace, || driver.next_reading())
 }
 
 fn source<'a>(context: &NodeContext, source: Option<&'a Source>) -> Result<&'a Source, NodeError> {
@@ -31,11 +30,10 @@ fn source<'a>(context: &NodeContext, source: Option<&'a Source>) -> Result<&'a S
 fn play<M: Message>(
     context: &NodeContext,
     pace: Pace,
-    companions: &[&str],
     mut next: impl FnMut() -> Result<Option<M>, DriverError>,
 ) -> Result<NodeSummary, NodeError> {
-    let mut summary = NodeSummary { node: context.name.name().to_owned(), ..NodeSummary::default() };
-    let mut publisher = context.publisher_with::<M>(companions)?;
+    let mut summary = context.summary();
+    let mut publisher = context.publisher::<M>()?;
     let mut schedule: Option<Schedule> = None;
     let mut given = 0;
     loop {

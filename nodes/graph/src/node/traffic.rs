@@ -6,10 +6,11 @@
 
 use super::NodeSummary;
 use abbe_msgs::Message;
+use abbe_runtime::ros::Clock;
 use abbe_runtime::{Publish, Subscribe, TransportError};
 use std::collections::BTreeMap;
 use std::fmt::Display;
-use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+use std::time::{Duration, Instant};
 
 /// How often the same kind of trouble is told in the log.
 const SAY_EVERY: Duration = Duration::from_secs(10);
@@ -17,7 +18,7 @@ const SAY_EVERY: Duration = Duration::from_secs(10);
 const REFUSED_AT_ONCE: usize = 256;
 /// Rest after a failure of the transport, so that a lasting one does not take a whole core.
 const REST: Duration = Duration::from_millis(10);
-/// A stamp further ahead of this host's clock is of the future (ns).
+/// A stamp further ahead of the node's clock is of the future (ns).
 const AHEAD_NS: i128 = 1_000_000_000;
 
 /// A kind of trouble.
@@ -43,12 +44,18 @@ struct Told {
 /// What went wrong so far.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(crate) struct Troubles {
+    clock: Clock,
     told: BTreeMap<Trouble, Told>,
-    /// Samples with a stamp ahead of this host's clock.
+    /// Samples with a stamp ahead of the node's clock.
     ahead_of_clock: u64,
 }
 
 impl Troubles {
+    /// None yet, in a node that goes by this clock.
+    pub(super) fn by_clock(clock: Clock) -> Self {
+        Self { clock, ..Self::default() }
+    }
+
     /// Counts a trouble, and tells it where that is due.
     pub(super) fn note(&mut self, trouble: Trouble, words: impl Display) {
         let now = Instant::now();
@@ -92,7 +99,7 @@ pub(crate) fn take<M: Message>(
             Ok(sample) => {
                 let sample = sample?;
                 summary.received += 1;
-                summary.troubles.ahead_of_clock += u64::from(is_ahead_of_clock(&sample));
+                summary.troubles.ahead_of_clock += u64::from(is_ahead_of_clock(&sample, &summary.troubles.clock));
                 return Some(sample);
             }
             Err(error @ TransportError::Malformed { .. }) => {
@@ -117,10 +124,9 @@ pub(super) fn send<M: Message>(publisher: &mut dyn Publish<M>, sample: &M, summa
     }
 }
 
-fn is_ahead_of_clock<M: Message>(sample: &M) -> bool {
-    // A clock before 1970 is a clock without a battery: it says nothing.
-    let Ok(now) = SystemTime::now().duration_since(UNIX_EPOCH) else { return false };
-    let now_ns = i128::try_from(now.as_nanos()).unwrap_or(i128::MAX);
+fn is_ahead_of_clock<M: Message>(sample: &M, clock: &Clock) -> bool {
+    // A clock before 1970 is a clock without a battery, and a /clock on which nothing has come knows no time either.
+    let Some(now_ns) = clock.now_ns() else { return false };
     i128::from(sample.stamp().to_nanos()) > now_ns.saturating_add(AHEAD_NS)
 }
 
@@ -219,8 +225,10 @@ mod tests {
     #[test]
     fn stamps_of_the_future_are_told_from_those_of_a_recording() {
         let at = |seconds: i32| ScaleReading { stamp: Stamp::new(seconds, 0).unwrap(), ..ScaleReading::default() };
-        let now = i32::try_from(SystemTime::now().duration_since(UNIX_EPOCH).unwrap().as_secs()).unwrap_or(i32::MAX);
-        assert!(!is_ahead_of_clock(&at(0)) && !is_ahead_of_clock(&at(now)));
-        assert!(is_ahead_of_clock(&at(now.saturating_add(3600))));
+        let clock = Clock::of_system();
+        let now = i32::try_from(clock.now_ns().unwrap() / 1_000_000_000).unwrap_or(i32::MAX);
+        assert!(!is_ahead_of_clock(&at(0), &clock) && !is_ahead_of_clock(&at(now), &clock));
+        assert!(is_ahead_of_clock(&at(now.saturating_add(3600)), &clock));
+        assert!(!is_ahead_of_clock(&at(i32::MAX), &Clock::simulated()), "nothing has come on /clock");
     }
 }

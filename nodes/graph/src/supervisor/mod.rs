@@ -111,6 +111,7 @@ pub struct Supervisor {
     _claim: Claim,
     program: PathBuf,
     launch_file: PathBuf,
+    ros_words: Vec<String>,
     /// The launcher takes part in the run, so that nobody removes its files while a node is being started again.
     memory: Option<SharedMemory>,
     problems: Vec<String>,
@@ -121,6 +122,16 @@ pub struct Supervisor {
 impl Supervisor {
     /// Starts the nodes of a launch file, those that take before those that give.
     pub fn start(program: &Path, launch_file: &Path, run: RunId) -> Result<Supervisor, SupervisorError> {
+        Supervisor::start_with(program, launch_file, run, Vec::new())
+    }
+
+    /// The same, with ROS arguments for every node, as they stand after `--ros-args`.
+    pub fn start_with(
+        program: &Path,
+        launch_file: &Path,
+        run: RunId,
+        ros_words: Vec<String>,
+    ) -> Result<Supervisor, SupervisorError> {
         let launch = Launch::read(launch_file)?;
         let claim = Claim::of_run(&run)?;
         remove_crashed(&run);
@@ -136,6 +147,7 @@ impl Supervisor {
             _claim: claim,
             program: program.to_owned(),
             launch_file: launch_file.to_owned(),
+            ros_words,
             memory,
             problems: Vec::new(),
             fed_from_outside: launch.is_fed_from_outside(),
@@ -242,6 +254,9 @@ impl Supervisor {
         command.args(["--run", self.run.as_str(), "--launcher-pid", &std::process::id().to_string()]);
         if life > 0 {
             command.args(["--life", &life.to_string()]);
+        }
+        if !self.ros_words.is_empty() {
+            command.arg("--ros-args").args(&self.ros_words);
         }
         NodeProcess::start(name, command)
     }

@@ -48,6 +48,11 @@ impl Account {
         self.beat.map_or(0, |beat| beat.subscribers)
     }
 
+    /// How often readers of the gateway that runs lagged and lost their oldest samples.
+    pub(super) fn given_up(&self) -> u64 {
+        self.beat.map_or(0, |beat| beat.given_up)
+    }
+
     /// Of `sent` samples, those that did not go out for want of a gateway.
     pub(super) fn missed(&self, sent: u64) -> u64 {
         let first = self.beat.and_then(|beat| beat.now.first);
@@ -71,7 +76,7 @@ mod tests {
     fn beat(first: u64, next: u64, dropped: u64, proved: (u64, u64)) -> PublicationBeat {
         let now = Progress { first: Some(first), next, dropped };
         let proved = Progress { first: Some(first), next: proved.0, dropped: proved.1 };
-        PublicationBeat { subscribers: 1, others: 0, now, proved }
+        PublicationBeat { subscribers: 1, others: 0, given_up: 0, now, proved }
     }
 
     #[test]

@@ -13,11 +13,11 @@ use std::num::NonZeroUsize;
 use std::time::{Duration, Instant};
 
 use abbe_msgs::RosType;
-use ros2_client::{Publisher, Subscription};
+use ros2_client::Subscription;
 use serde::{Deserialize, Serialize};
 
 use super::introduction::Introduced;
-use crate::ros::{RosError, RosNode, stream_qos};
+use crate::ros::{RosError, RosNode, Writer, stream_qos};
 
 /// Time between heartbeats.
 const BEAT_EVERY: Duration = Duration::from_millis(250);
@@ -50,7 +50,7 @@ pub(super) struct Dead(pub(super) String);
 
 /// The heartbeat through DDS. `S` is what is remembered with each.
 pub(super) struct Heartbeat<S> {
-    publisher: Publisher<Beat>,
+    publisher: Writer<Beat>,
     subscription: Subscription<Beat>,
     introduced: Introduced,
     introductions: u32,
@@ -71,7 +71,7 @@ impl<S> Heartbeat<S> {
         let name = node.resolve("~/_gateway/heartbeat")?;
         let mark = std::process::id();
         Ok(Self {
-            publisher: node.raw_publisher(&name, &stream_qos(DEPTH))?,
+            publisher: node.writer(&name, &stream_qos(DEPTH))?,
             subscription: node.raw_subscription(&name, &stream_qos(DEPTH))?,
             introduced: node.introduced(),
             introductions: 0,

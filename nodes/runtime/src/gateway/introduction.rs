@@ -43,6 +43,11 @@ impl Introduced {
         Ok(())
     }
 
+    /// Where it listens for samples, and for what readers say of them.
+    pub(crate) fn data_port(self) -> u16 {
+        self.port(DATA_OFFSET)
+    }
+
     fn port(self, offset: u16) -> u16 {
         PORT_BASE + DOMAIN_GAIN * self.domain_id + offset + PARTICIPANT_GAIN * self.participant_id
     }

@@ -12,12 +12,14 @@
 //! | `shared` | node | keeps what the node has open for the next gateway |
 //! | `account` | node | counts what did not go out, over all gateways |
 //! | [`serve()`] | gateway | joins the graph, moves samples, ends when DDS or the node does |
+//! | `clock` | gateway | hears `/clock`, where its node goes by it |
 //! | `health` | gateway | heartbeat through DDS itself; watches the library's threads |
 //!
 //! What is known to have failed behind it: an interrupted `poll` (SIGSTOP and SIGCONT, a debugger, a freezer), and packets
 //! that make the library reserve a gigabyte, which the limit of the process turns into its end.
 
 mod account;
+mod clock;
 mod endpoints;
 mod health;
 mod introduction;
@@ -43,7 +45,7 @@ pub use shared::GatewayFigures;
 const KIND: TransportKind = TransportKind::Dds;
 const DIAGNOSTICS: &str = "/diagnostics";
 /// Standard messages waiting to be published.
-const COMPANION_DEPTH: NonZeroUsize = NonZeroUsize::MIN.saturating_add(1023);
+pub const COMPANION_DEPTH: NonZeroUsize = NonZeroUsize::MIN.saturating_add(1023);
 /// Whether the gateway of this process takes its leave of the graph.
 static LEAVING: AtomicBool = AtomicBool::new(false);
 

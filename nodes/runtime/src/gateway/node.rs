@@ -13,7 +13,9 @@ use super::keeper::{GatewayCommand, Keeper};
 use super::protocol::{Endpoint, Join};
 use super::shared::{GatewayFigures, NodeEnd, Shared};
 use crate::RunId;
-use crate::ros::{Diagnostics, NameError, NodeIdentity, NodeOptions, RemapRule, RosError, TriggerOutcome, resolve};
+use crate::ros::{
+    Clock, Diagnostics, NameError, NodeIdentity, NodeOptions, RemapRule, RosError, TriggerOutcome, resolve,
+};
 use crate::transport::TransportError;
 use crate::transport::shared_memory::{self, SharedMemory};
 
@@ -71,7 +73,9 @@ impl GatewayNode {
             return Err(RosError::Gateway { reason }.into());
         }
         let join = Join::new(&options.node, run.as_str(), options.depth.get(), options.memory_limit_bytes);
-        let shared = Arc::new(Shared::new(memory));
+        let uses_sim_time = options.node.parameters.uses_sim_time();
+        let clock = if uses_sim_time { Clock::simulated() } else { Clock::of_system() };
+        let shared = Arc::new(Shared::new(memory, clock));
         let keeper = Keeper { shared: Arc::clone(&shared), command: options.command, join };
         let first = keeper.first().map_err(|reason| RosError::Gateway { reason })?;
         let keeper = thread::Builder::new()
@@ -107,7 +111,7 @@ impl GatewayNode {
                 shared.report(report);
             }
         };
-        Diagnostics::over(Box::new(send), &self.0.identity, hardware_id)
+        Diagnostics::over(Box::new(send), &self.0.identity, hardware_id).by_clock(self.clock())
     }
 
     /// A service of type `std_srvs/srv/Trigger`. `handler` runs on a thread of its own.
@@ -135,6 +139,12 @@ impl GatewayNode {
             .map_err(|source| RosError::Thread { what: "a service", source })?;
         let held = self.open(Endpoint::Service(name.to_owned()), NodeEnd::Service(calls))?;
         Ok(GatewayService { _held: held })
+    }
+
+    /// The time that the node goes by: the system's, or with `use_sim_time` that of `/clock`.
+    #[must_use]
+    pub fn clock(&self) -> Clock {
+        self.0.shared.clock().clone()
     }
 
     /// How the gateway has fared.

@@ -17,8 +17,8 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 use crate::ros::{
-    DiscoveryRange, Domain, NodeIdentity, NodeOptions, ParameterSpec, ParameterTable, Range, RemapRule, RosError,
-    TriggerOutcome,
+    DiscoveryRange, Domain, NodeIdentity, NodeOptions, ParameterSpec, ParameterTable, ParameterValue, Range, RemapRule,
+    RosError, TriggerOutcome, USE_SIM_TIME,
 };
 
 /// Longest packet; what is longer is refused.
@@ -61,6 +61,8 @@ pub(super) enum FromGateway {
     Beat(Beat),
     /// Somebody calls a service: number of the call, number of the endpoint.
     Call(u64, u32),
+    /// `/clock` says so (ns since 1970).
+    Clock(i64),
 }
 
 /// Who the gateway is in the graph, and where its node's samples are.
@@ -137,6 +139,8 @@ pub(super) struct PublicationBeat {
     pub(super) subscribers: usize,
     /// Publishers of the same topic in other participants.
     pub(super) others: usize,
+    /// How often a reliable reader lagged by a whole window and lost its oldest samples.
+    pub(super) given_up: u64,
     pub(super) now: Progress,
     /// As it was when the last heartbeat that came back through DDS was sent.
     pub(super) proved: Progress,
@@ -194,11 +198,16 @@ impl Join {
     /// What the gateway starts its node in the graph with.
     pub(super) fn node_options(self) -> Result<NodeOptions, RosError> {
         let range = if self.on_this_host_only { DiscoveryRange::Localhost } else { DiscoveryRange::Subnet };
+        let is_sim_time = |one: &Parameter| one.name == USE_SIM_TIME;
+        let (sim_time, declared): (Vec<_>, Vec<_>) = self.parameters.into_iter().partition(is_sim_time);
+        let uses_it =
+            sim_time.iter().any(|one| ParameterValue::from(one.value.clone()) == ParameterValue::Boolean(true));
+        let parameters = ParameterTable::new(declared.into_iter().map(Parameter::spec))?.with_sim_time(uses_it);
         Ok(NodeOptions {
             identity: NodeIdentity::new(&self.namespace, &self.name)?,
             domain: Domain::new(self.domain_id, range)?,
             remaps: self.remaps,
-            parameters: ParameterTable::new(self.parameters.into_iter().map(Parameter::spec))?,
+            parameters,
         })
     }
 }
@@ -293,7 +302,6 @@ impl Channel {
 mod tests {
     use super::*;
     use crate::ros::RosArgs;
-    use ros2_client::ParameterValue;
 
     fn ends() -> (Channel, Channel) {
         let (ours, theirs) = Channel::pair().unwrap();

@@ -13,6 +13,7 @@ use abbe_msgs::standard::DiagnosticArray;
 use rustix::process::{Resource, Rlimit, Signal, setrlimit};
 use thiserror::Error;
 
+use super::clock::ClockReader;
 use super::health::{Dead, Heartbeat};
 use super::protocol::{Beat, Channel, Endpoint, FromGateway, Join, Progress, Received, ToGateway};
 use super::streams::{Stream, World};
@@ -94,6 +95,7 @@ struct Gateway {
     // In the order in which they go: endpoints, what they stand on, the node.
     open: BTreeMap<u32, Open>,
     reports: QueuedPublisher<DiagnosticArray>,
+    clock: Option<ClockReader>,
     heartbeat: Heartbeat<BTreeMap<u32, Progress>>,
     proved: BTreeMap<u32, Progress>,
     calls: Arc<Mutex<Calls>>,
@@ -146,15 +148,18 @@ impl Gateway {
             .map_err(|error| GatewayError::System { what: "limit the memory", source: error.into() })?;
         let depth = NonZeroUsize::new(join.depth).unwrap_or(NonZeroUsize::MIN);
         let memory = SharedMemory::join(run, depth)?;
-        let node = RosNode::start(join.node_options()?)?;
+        let options = join.node_options()?;
+        let uses_sim_time = options.parameters.uses_sim_time();
+        let node = RosNode::start(options)?;
         let heartbeat = Heartbeat::open(&node)?;
         let reports = node.publisher(super::DIAGNOSTICS, &diagnostics_qos(), REPORTS)?;
+        let clock = uses_sim_time.then(|| ClockReader::open(&node, Arc::clone(&channel))).transpose()?;
         // The node waits for this word.
         channel
             .send(&FromGateway::Joined)
             .map_err(|source| GatewayError::System { what: "answer the node", source })?;
         let (open, proved, calls) = (BTreeMap::new(), BTreeMap::new(), Arc::default());
-        Ok(Gateway { open, reports, heartbeat, proved, calls, memory, node, channel })
+        Ok(Gateway { open, reports, clock, heartbeat, proved, calls, memory, node, channel })
     }
 
     /// Until the node says so or is gone, or DDS is dead.
@@ -240,8 +245,8 @@ impl Gateway {
         super::LEAVING.store(true, std::sync::atomic::Ordering::Relaxed);
         // Services that wait for the node hear that it is leaving.
         lock(&self.calls).waiting.clear();
-        let Gateway { open, reports, heartbeat, memory, node, .. } = self;
-        drop(open);
+        let Gateway { open, reports, clock, heartbeat, memory, node, .. } = self;
+        drop((open, clock));
         std::thread::sleep(LAST_WORDS);
         drop((reports, heartbeat, memory));
         drop(node);

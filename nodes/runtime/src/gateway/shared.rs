@@ -14,7 +14,7 @@ use abbe_msgs::standard::{DiagnosticArray, DiagnosticStatus};
 use super::account::Account;
 use super::protocol::{Channel, Endpoint, FromGateway, SubscriptionBeat, ToGateway};
 use crate::lock::lock;
-use crate::ros::{Diagnostics, TriggerOutcome};
+use crate::ros::{Clock, Diagnostics, TriggerOutcome};
 use crate::transport::shared_memory::SharedMemory;
 
 /// Longest that opening an endpoint may take.
@@ -41,6 +41,7 @@ pub(super) struct Shared {
     changed: Condvar,
     leaving: AtomicBool,
     memory: SharedMemory,
+    clock: Clock,
     diagnostics: Mutex<Option<Diagnostics>>,
 }
 
@@ -98,8 +99,21 @@ impl Publication {
         lock(&self.account).subscribers()
     }
 
+    fn given_up(&self) -> u64 {
+        lock(&self.account).given_up()
+    }
+
     fn missed(&self) -> u64 {
         lock(&self.account).missed(self.sent.load(Ordering::Relaxed))
+    }
+}
+
+impl Known {
+    fn given_up(&self) -> u64 {
+        match &self.end {
+            NodeEnd::Publication(publication) => publication.given_up(),
+            NodeEnd::Subscription(_) | NodeEnd::Service(_) => 0,
+        }
     }
 }
 
@@ -112,12 +126,13 @@ impl SubscriptionState {
 }
 
 impl Shared {
-    pub(super) fn new(memory: SharedMemory) -> Shared {
+    pub(super) fn new(memory: SharedMemory, clock: Clock) -> Shared {
         Shared {
             state: Mutex::default(),
             changed: Condvar::new(),
             leaving: AtomicBool::new(false),
             memory,
+            clock,
             diagnostics: Mutex::default(),
         }
     }
@@ -207,6 +222,7 @@ impl Shared {
                     let _ = calls.send(call);
                 }
             }
+            FromGateway::Clock(nanos) => self.clock.set(nanos),
             FromGateway::Joined | FromGateway::Refused { .. } => {}
         }
     }
@@ -295,6 +311,7 @@ impl Shared {
         state.reported_at = Some(Instant::now());
         let is_recent = state.ended_at.is_some_and(|at| at.elapsed() < RECENT);
         let (is_proved, reports_lost) = (state.is_proved, state.reports_lost);
+        let given_up: u64 = state.endpoints.values().map(|known| known.given_up()).sum();
         drop(state);
         let figures = self.figures();
         let (level, message) = match (is_recent, is_proved) {
@@ -305,6 +322,7 @@ impl Shared {
         let values = [
             ("restarts", figures.restarts.to_string()),
             ("missed", figures.missed.to_string()),
+            ("readers given up", given_up.to_string()),
             ("reports lost", reports_lost.to_string()),
             ("last end", figures.last_end),
         ];
@@ -313,6 +331,11 @@ impl Shared {
         if let Err(error) = diagnostics.report("gateway", level, message, values) {
             tracing::warn!(%error, "the gateway cannot be reported on");
         }
+    }
+
+    /// The time that the node goes by.
+    pub(super) fn clock(&self) -> &Clock {
+        &self.clock
     }
 
     pub(super) fn memory(&self) -> &SharedMemory {

@@ -3,18 +3,18 @@
 //! Place in the flow: in the gateway's process, between its node's end of a link and the network. What cannot keep up
 //! loses the oldest on the link, counted; the node never notices.
 
+use std::num::NonZeroUsize;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
 use abbe_msgs::standard::{JointState, PointStamped};
-use abbe_msgs::{CorrectedCoordinates, Message, RangeResidual, ScaleReading, TracerReading};
-use ros2_client::Publisher;
+use abbe_msgs::{CorrectedCoordinates, Message, RangeResidual, RosType, ScaleReading, TracerReading};
 
 use super::protocol::{Endpoint, Progress, PublicationBeat, SubscriptionBeat};
 use crate::lock::lock;
-use crate::ros::{RosError, RosNode, stream_qos};
+use crate::ros::{RosError, RosNode, TopicEnd, Writer, offered_qos, overridden};
 use crate::transport::dds::DdsSubscriber;
 use crate::transport::shared_memory::{SharedMemory, SharedMemoryPublisher, SharedMemorySubscriber};
 use crate::transport::{Subscribe, TransportError};
@@ -27,9 +27,12 @@ pub(super) struct Stream {
     shared: Arc<Shared>,
     /// Absolute name of the topic that samples are published on.
     published_on: Option<String>,
-    subscribers: Option<Box<dyn Fn() -> usize + Send>>,
+    readers: Option<Readers>,
     thread: Option<JoinHandle<()>>,
 }
+
+/// Subscribers of a publication elsewhere, and how often those who lagged lost their oldest samples.
+type Readers = Box<dyn Fn() -> (usize, u64) + Send>;
 
 #[derive(Default)]
 struct Shared {
@@ -84,9 +87,9 @@ impl Stream {
 
     /// How a publication stands, with the progress that was proved last, and the topics that others publish.
     pub(super) fn publication(&self, proved: Progress, elsewhere: &[String]) -> PublicationBeat {
-        let subscribers = self.subscribers.as_ref().map_or(0, |count| count());
+        let (subscribers, given_up) = self.readers.as_ref().map_or((0, 0), |readers| readers());
         let others = elsewhere.iter().filter(|topic| Some(*topic) == self.published_on.as_ref()).count();
-        PublicationBeat { subscribers, others, now: self.progress(), proved }
+        PublicationBeat { subscribers, others, given_up, now: self.progress(), proved }
     }
 
     /// What a subscription had to refuse.
@@ -96,7 +99,7 @@ impl Stream {
 
     fn start(
         published_on: Option<&str>,
-        subscribers: Option<Box<dyn Fn() -> usize + Send>>,
+        readers: Option<Readers>,
         run: impl FnOnce(&Shared) + Send + 'static,
     ) -> Result<Stream, TransportError> {
         let shared = Arc::new(Shared::default());
@@ -106,7 +109,7 @@ impl Stream {
             .spawn(move || run(&its))
             .map_err(|source| RosError::Thread { what: "a stream", source })?;
         let published_on = published_on.map(str::to_owned);
-        Ok(Stream { shared, published_on, subscribers, thread: Some(thread) })
+        Ok(Stream { shared, published_on, readers, thread: Some(thread) })
     }
 }
 
@@ -137,15 +140,15 @@ fn publication<M: Message>(
     beside: fn(&RosNode, &str) -> Result<Beside<M>, RosError>,
 ) -> Result<Stream, TransportError> {
     let mut link = world.memory.subscriber::<M>(out.link)?;
-    let qos = stream_qos(world.memory.depth());
-    let publisher = out.topic.map(|topic| world.node.raw_publisher::<M::Ros>(topic, &qos)).transpose()?.map(Arc::new);
+    let open = |topic| writer::<M::Ros>(world.node, topic, world.memory.depth());
+    let publisher = out.topic.map(open).transpose()?.map(Arc::new);
     let companions = out.companions.iter().map(|topic| beside(world.node, topic));
     let mut companions = companions.collect::<Result<Vec<_>, _>>()?;
-    let subscribers = publisher.clone().map(|publisher| {
+    let readers = publisher.clone().map(|publisher| {
         let node = world.node.clone();
-        Box::new(move || node.subscribers(&publisher)) as Box<dyn Fn() -> usize + Send>
+        Box::new(move || (node.subscribers(&publisher), publisher.given_up())) as Readers
     });
-    Stream::start(out.topic, subscribers, move |shared| {
+    Stream::start(out.topic, readers, move |shared| {
         let mut failed = 0;
         while let Some(sample) = next(&mut link, shared) {
             let (published, others) = publish(&sample, publisher.as_deref(), &mut companions);
@@ -178,12 +181,12 @@ fn next<M: Message>(link: &mut SharedMemorySubscriber<M>, shared: &Shared) -> Op
 
 fn publish<M: Message>(
     sample: &M,
-    publisher: Option<&Publisher<M::Ros>>,
+    publisher: Option<&Writer<M::Ros>>,
     companions: &mut [Beside<M>],
 ) -> (Result<(), String>, Result<(), String>) {
     let published = publisher.map_or(Ok(()), |publisher| publisher.publish(sample.to_ros()));
     let others = companions.iter_mut().try_for_each(|beside| beside(sample));
-    (published.map_err(|error| error.to_string()), others)
+    (published, others)
 }
 
 fn note<M: Message>(shared: &Shared, link: &SharedMemorySubscriber<M>, failed: u64) {
@@ -193,20 +196,21 @@ fn note<M: Message>(shared: &Shared, link: &SharedMemorySubscriber<M>, failed: u
     (progress.next, progress.dropped) = (next, link.lost() + failed);
 }
 
+/// A writer of a stream, with what the node's parameters say of its quality of service.
+fn writer<R: RosType>(node: &RosNode, topic: &str, depth: NonZeroUsize) -> Result<Writer<R>, RosError> {
+    node.writer(topic, &overridden(node, topic, TopicEnd::Publisher, offered_qos(depth)))
+}
+
 fn joint_states(node: &RosNode, topic: &str) -> Result<Beside<ScaleReading>, RosError> {
-    let publisher = node.raw_publisher::<JointState>(topic, &stream_qos(super::COMPANION_DEPTH))?;
-    Ok(Box::new(move |reading| {
-        let published = publisher.publish(JointState::from_scales(reading, ["x", "y", "z"]));
-        published.map_err(|error| error.to_string())
-    }))
+    let publisher = writer::<JointState>(node, topic, super::COMPANION_DEPTH)?;
+    Ok(Box::new(move |reading| publisher.publish(JointState::from_scales(reading, ["x", "y", "z"]))))
 }
 
 fn points(node: &RosNode, topic: &str) -> Result<Beside<CorrectedCoordinates>, RosError> {
-    let publisher = node.raw_publisher::<PointStamped>(topic, &stream_qos(super::COMPANION_DEPTH))?;
+    let publisher = writer::<PointStamped>(node, topic, super::COMPANION_DEPTH)?;
     Ok(Box::new(move |corrected| {
         let point = PointStamped::from_corrected(corrected);
-        let published = point.map_or(Ok(()), |point| publisher.publish(point));
-        published.map_err(|error| error.to_string())
+        point.map_or(Ok(()), |point| publisher.publish(point))
     }))
 }
 

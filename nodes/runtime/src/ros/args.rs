@@ -31,6 +31,8 @@ pub struct RosArgs {
     pub parameters: Vec<ParameterAssignment>,
     /// `--log-level`; the last counts.
     pub log_level: Option<String>,
+    /// All of these as they were given, for programs that this one starts.
+    pub words: Vec<String>,
 }
 
 /// `[node:]from:=to`.
@@ -102,7 +104,9 @@ impl RosArgs {
         let mut arguments = arguments.into_iter();
         while let Some(argument) = arguments.next() {
             if argument == "--ros-args" {
-                parsed.parse_group(&mut arguments)?;
+                let mut given = Vec::new();
+                parsed.parse_group(&mut arguments.by_ref().inspect(|word| given.push(word.clone())))?;
+                parsed.words.extend(given.into_iter().filter(|word| word != "--"));
             } else {
                 own.push(argument);
             }

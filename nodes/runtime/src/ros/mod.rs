@@ -5,30 +5,40 @@
 //! standard messages and services are opened on it.
 
 mod args;
+mod clock;
 mod diagnostics;
 mod environment;
+mod matched;
 mod names;
 mod node;
 mod parameter_services;
 mod parameters;
 mod qos;
+mod qos_overrides;
 mod queued;
+mod service;
 mod trigger;
+mod writer;
 mod yaml;
 
 use ros2_client::{CreateError, NodeCreateError};
 use thiserror::Error;
 
 pub use args::{ArgsError, RemapRule, RosArgs};
+pub use clock::Clock;
+pub(crate) use clock::{CLOCK_TOPIC, ClockMessage};
 pub use diagnostics::Diagnostics;
 pub use environment::{DiscoveryRange, Domain, EnvironmentError};
 pub use names::{NameError, NodeIdentity, resolve};
 pub use node::{NodeOptions, RosNode};
-pub use parameters::{ParameterError, ParameterSpec, ParameterTable, Range};
-pub use qos::{diagnostics_qos, service_qos, stream_qos};
+pub use parameters::{ParameterError, ParameterSpec, ParameterTable, Range, USE_SIM_TIME};
+pub use qos::{diagnostics_qos, offered_qos, service_qos, stream_qos};
+pub(crate) use qos_overrides::overridden;
+pub use qos_overrides::{TopicEnd, qos_parameters};
 pub use queued::QueuedPublisher;
 pub use ros2_client::ParameterValue;
 pub use trigger::{TriggerOutcome, TriggerService};
+pub(crate) use writer::Writer;
 pub use yaml::{ParameterAssignment, YamlError, YamlValue};
 
 /// Why a node is not, or no longer, in the graph.

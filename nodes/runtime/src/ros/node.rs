@@ -12,21 +12,23 @@ use std::thread::{self, JoinHandle};
 use std::time::{SystemTime, UNIX_EPOCH};
 
 use abbe_msgs::RosType;
-use futures::future::{self, Either};
-use ros2_client::dds::rustdds::{DomainParticipantBuilder, RTPSEntity};
-use ros2_client::service::Server;
-use ros2_client::{
-    Context, Gid, Message, MessageTypeName, Name, Node, NodeName, ParameterValue, Publisher, QosProfile,
-    ServiceMapping, ServiceTypeName, Subscription,
-};
+use futures::channel::oneshot;
+use futures::future;
+use ros2_client::dds::rustdds::{DomainParticipantBuilder, GUID, QosPolicies, QosPolicyBuilder, RTPSEntity, TopicKind};
+use ros2_client::{Context, Gid, MessageTypeName, Name, Node, NodeName, ParameterValue, QosProfile, Subscription};
+use serde::Serialize;
+use serde::de::DeserializeOwned;
 
 use super::diagnostics::Diagnostics;
+use super::matched::Matched;
 use super::names::{self, NameError, NodeIdentity};
 use super::parameter_services::ParameterServices;
 use super::parameters::{ParameterSpec, ParameterTable};
 use super::queued::QueuedPublisher;
+use super::service::Service;
 use super::trigger::{TriggerOutcome, TriggerService};
-use super::{DiscoveryRange, Domain, RemapRule, RosArgs, RosError, service_qos};
+use super::writer::{Writer, limits};
+use super::{DiscoveryRange, Domain, RemapRule, RosArgs, RosError};
 use crate::gateway::Introduced;
 
 /// What ROS 2 puts before the name of a topic to make the name it has in DDS.
@@ -67,12 +69,14 @@ impl NodeOptions {
 #[derive(Clone)]
 pub struct RosNode(Arc<Inner>);
 
-struct Inner {
+pub(super) struct Inner {
     identity: NodeIdentity,
     remaps: Vec<RemapRule>,
     introduced: Introduced,
     node: Arc<Mutex<Node>>,
-    spinner: Option<JoinHandle<()>>,
+    matched: Arc<Matched>,
+    stop: Option<oneshot::Sender<()>>,
+    thread: Option<JoinHandle<()>>,
     context: Context,
 }
 
@@ -90,27 +94,22 @@ impl RosNode {
         let (context, introduced) = participant(options.domain)?;
         let mut node = create(&context, &options)?;
         let parameters = ParameterServices::open(&mut node, &options)?;
-        let spinner = node.spinner().map_err(|source| RosError::Endpoint {
-            what: "spinner of",
-            name: options.identity.qualified(),
-            source,
-        })?;
         let node = Arc::new(Mutex::new(node));
-        let served = Arc::clone(&node);
-        let spinner = thread::Builder::new()
-            .name("ros-spinner".into())
+        let matched = Arc::<Matched>::default();
+        let (stop, stopped) = oneshot::channel();
+        let (served, following, participant) = (Arc::clone(&node), Arc::clone(&matched), context.domain_participant());
+        let thread = thread::Builder::new()
+            .name("ros-node".into())
             .spawn(move || {
                 let serving = pin!(parameters.serve(&served));
-                let spinning = pin!(spinner.spin());
-                // The spinner ends when the node is told to stop, and the services with it.
-                let ended = futures::executor::block_on(future::select(spinning, serving));
-                if let Either::Left((Err(error), _)) = ended {
-                    tracing::error!(%error, "discovery and parameters of the node have ended");
-                }
+                let following = pin!(following.follow(&participant));
+                let working = future::select(serving, following);
+                futures::executor::block_on(future::select(working, stopped));
             })
             .map_err(|source| RosError::Thread { what: "the ROS node", source })?;
         let NodeOptions { identity, remaps, .. } = options;
-        Ok(Self(Arc::new(Inner { identity, remaps, introduced, node, spinner: Some(spinner), context })))
+        let (stop, thread) = (Some(stop), Some(thread));
+        Ok(Self(Arc::new(Inner { identity, remaps, introduced, node, matched, stop, thread, context })))
     }
 
     /// The name of the node in the graph.
@@ -177,12 +176,18 @@ impl RosNode {
         TriggerService::open(self, name, handler)
     }
 
-    pub(crate) fn raw_publisher<R: RosType>(&self, name: &str, qos: &QosProfile) -> Result<Publisher<R>, RosError> {
+    pub(crate) fn writer<R: RosType>(&self, name: &str, qos: &QosProfile) -> Result<Writer<R>, RosError> {
         let failed = |source| endpoint_error("publisher of", name, source);
-        let mut node = self.lock();
-        let topic = node.create_topic(&dds_name(name)?, type_name::<R>(), qos);
-        let publisher = node.create_publisher(&topic.map_err(failed)?, Some(qos.clone()));
-        publisher.map_err(failed)
+        dds_name(name)?;
+        // The node's own way to a topic knows no window.
+        let policies: QosPolicies = qos.into();
+        let policies = policies.modify_by(&QosPolicyBuilder::new().resource_limits(limits()).build());
+        let participant = self.0.context.domain_participant();
+        let (topic, kind) = (format!("{TOPICS}{name}"), type_name::<R>().dds_msg_type());
+        let topic = participant.create_topic(topic, kind, &policies, TopicKind::NoKey);
+        let topic = topic.map_err(|error| failed(error.into()))?;
+        let publisher = self.lock().create_publisher(&topic, Some(qos.clone())).map_err(failed)?;
+        Ok(Writer::new(publisher, name, Arc::downgrade(&self.0)))
     }
 
     pub(crate) fn raw_subscription<R: RosType>(
@@ -197,22 +202,28 @@ impl RosNode {
         subscription.map_err(failed)
     }
 
-    pub(super) fn server<Request, Reply>(
+    pub(super) fn service<Request: DeserializeOwned, Reply: Serialize>(
         &self,
         name: &str,
         package: &str,
         service: &str,
-    ) -> Result<Server<Request, Reply>, RosError>
-    where
-        Request: Message + Clone + 'static,
-        Reply: Message + 'static,
-    {
-        server(&mut self.lock(), name, package, service)
+    ) -> Result<Service<Request, Reply>, RosError> {
+        Service::open(&mut self.lock(), name, package, service)
     }
 
     /// Subscribers elsewhere that this publisher has found.
-    pub(crate) fn subscribers<R: RosType>(&self, publisher: &Publisher<R>) -> usize {
-        publisher.get_subscription_count(&self.lock())
+    pub(crate) fn subscribers<R: RosType>(&self, writer: &Writer<R>) -> usize {
+        self.0.matched.readers(writer.guid()).len()
+    }
+
+    /// What the participant is introduced to itself as.
+    pub(super) fn introduced_as(inner: &Inner) -> Introduced {
+        inner.introduced
+    }
+
+    /// Readers elsewhere that a writer is connected to.
+    pub(super) fn readers_of(inner: &Inner, writer: GUID) -> Vec<[u8; 16]> {
+        inner.matched.readers(writer).into_iter().map(|reader| reader.to_bytes()).collect()
     }
 
     /// Topics that other participants publish, by their absolute names; one that two publish stands twice.
@@ -236,11 +247,8 @@ pub(super) fn lock(node: &Mutex<Node>) -> MutexGuard<'_, Node> {
 
 impl Drop for Inner {
     fn drop(&mut self) {
-        lock(&self.node).stop_spinner();
-        let Some(spinner) = self.spinner.take() else {
-            return;
-        };
-        if spinner.join().is_err() {
+        drop(self.stop.take());
+        if self.thread.take().is_some_and(|thread| thread.join().is_err()) {
             tracing::error!("the thread of the ROS node panicked");
         }
     }
@@ -290,27 +298,7 @@ fn create(context: &Context, options: &NodeOptions) -> Result<Node, RosError> {
     context.new_node(name, node_options).map_err(|source| RosError::Node { node: identity.qualified(), source })
 }
 
-pub(super) fn server<Request, Reply>(
-    node: &mut Node,
-    name: &str,
-    package: &str,
-    service: &str,
-) -> Result<Server<Request, Reply>, RosError>
-where
-    Request: Message + Clone + 'static,
-    Reply: Message + 'static,
-{
-    let server = node.create_server(
-        ServiceMapping::Enhanced,
-        &dds_name(name)?,
-        &ServiceTypeName::new(package, service),
-        service_qos(),
-        service_qos(),
-    );
-    server.map_err(|source| endpoint_error("service", name, source))
-}
-
-fn dds_name(name: &str) -> Result<Name, NameError> {
+pub(super) fn dds_name(name: &str) -> Result<Name, NameError> {
     Name::parse(name).map_err(|_| NameError { name: name.to_owned(), reason: "the DDS library refuses it" })
 }
 
@@ -321,6 +309,6 @@ fn type_name<R: RosType>() -> MessageTypeName {
     MessageTypeName::new(package, name)
 }
 
-fn endpoint_error(what: &'static str, name: &str, source: ros2_client::CreateError) -> RosError {
+pub(super) fn endpoint_error(what: &'static str, name: &str, source: ros2_client::CreateError) -> RosError {
     RosError::Endpoint { what, name: name.to_owned(), source }
 }

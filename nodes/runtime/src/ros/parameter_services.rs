@@ -13,12 +13,13 @@ use ros2_client::rcl_interfaces::{
     GetParametersRequest, GetParametersResponse, ListParametersRequest, ListParametersResponse, ListParametersResult,
     SetParametersAtomicallyResponse, SetParametersRequest, SetParametersResponse,
 };
-use ros2_client::service::Server;
-use ros2_client::{Message, Node, Parameter, ParameterValue};
+use ros2_client::{Node, Parameter, ParameterValue};
+use serde::Serialize;
+use serde::de::DeserializeOwned;
 
-use super::node::{lock, server};
+use super::node::lock;
 use super::parameters::{ParameterSpec, ParameterTable, Range};
-use super::trigger::answer;
+use super::service::Service;
 use super::{NodeOptions, RosError};
 
 const PACKAGE: &str = "rcl_interfaces";
@@ -26,12 +27,12 @@ const PACKAGE: &str = "rcl_interfaces";
 /// The open services.
 pub(super) struct ParameterServices {
     table: ParameterTable,
-    list: Server<ListParametersRequest, ListParametersResponse>,
-    get: Server<GetParametersRequest, GetParametersResponse>,
-    types: Server<GetParameterTypesRequest, GetParameterTypesResponse>,
-    describe: Server<DescribeParametersRequest, DescribeParametersResponse>,
-    set: Server<SetParametersRequest, SetParametersResponse>,
-    set_all: Server<SetParametersRequest, SetParametersAtomicallyResponse>,
+    list: Service<ListParametersRequest, ListParametersResponse>,
+    get: Service<GetParametersRequest, GetParametersResponse>,
+    types: Service<GetParameterTypesRequest, GetParameterTypesResponse>,
+    describe: Service<DescribeParametersRequest, DescribeParametersResponse>,
+    set: Service<SetParametersRequest, SetParametersResponse>,
+    set_all: Service<SetParametersRequest, SetParametersAtomicallyResponse>,
 }
 
 impl ParameterServices {
@@ -51,26 +52,24 @@ impl ParameterServices {
     /// Answers requests, for ever.
     pub(super) async fn serve(self, node: &Mutex<Node>) {
         let reading = future::join4(
-            answer(&self.list, "list_parameters", |request| ListParametersResponse {
-                result: list(&lock(node).list_parameters(), &request),
-            }),
-            answer(&self.get, "get_parameters", |request| GetParametersResponse {
+            self.list.serve(|request| ListParametersResponse { result: list(&lock(node).list_parameters(), &request) }),
+            self.get.serve(|request| GetParametersResponse {
                 values: values(node, &request.names).map(Into::into).collect(),
             }),
-            answer(&self.types, "get_parameter_types", |request| GetParameterTypesResponse {
+            self.types.serve(|request| GetParameterTypesResponse {
                 values: values(node, &request.names)
                     .map(|value| ParameterValue::to_parameter_type_raw(&value))
                     .collect(),
             }),
-            answer(&self.describe, "describe_parameters", |request| DescribeParametersResponse {
+            self.describe.serve(|request| DescribeParametersResponse {
                 values: request.names.iter().map(|name| self.description(node, name)).collect(),
             }),
         );
         let writing = future::join(
-            answer(&self.set, "set_parameters", |request| SetParametersResponse {
-                results: request.parameter.into_iter().map(|one| set(node, one).into()).collect(),
+            self.set.serve(|request| SetParametersResponse {
+                results: request.parameter.into_iter().map(|one| self.set_one(node, one).into()).collect(),
             }),
-            answer(&self.set_all, "set_parameters_atomically", |request| SetParametersAtomicallyResponse {
+            self.set_all.serve(|request| SetParametersAtomicallyResponse {
                 result: self.set_all(node, request.parameter).into(),
             }),
         );
@@ -84,6 +83,13 @@ impl ParameterServices {
             (None, None) => ParameterDescriptor::unknown(name),
         };
         descriptor.into()
+    }
+
+    /// The library itself lets `use_sim_time` pass.
+    fn set_one(&self, node: &Mutex<Node>, parameter: raw::Parameter) -> Result<(), String> {
+        let Parameter { name, value } = parameter.clone().into();
+        self.table.check_change(&name, &value).map_err(|error| error.to_string())?;
+        set(node, parameter)
     }
 
     /// All or nothing: every value is checked before the first is set.
@@ -102,12 +108,12 @@ struct Opener<'a> {
 }
 
 impl Opener<'_> {
-    fn open<Request, Reply>(&mut self, name: &str, service: &str) -> Result<Server<Request, Reply>, RosError>
+    fn open<Request, Reply>(&mut self, name: &str, service: &str) -> Result<Service<Request, Reply>, RosError>
     where
-        Request: Message + Clone + 'static,
-        Reply: Message + 'static,
+        Request: DeserializeOwned,
+        Reply: Serialize,
     {
-        server(self.node, &format!("{}/{name}", self.prefix), PACKAGE, service)
+        Service::open(self.node, &format!("{}/{name}", self.prefix), PACKAGE, service)
     }
 }
 

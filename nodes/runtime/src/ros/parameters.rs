@@ -14,7 +14,7 @@ use super::names::NodeIdentity;
 use super::yaml::{ParameterAssignment, YamlValue};
 
 /// The parameter that every ROS 2 node has.
-pub(super) const USE_SIM_TIME: &str = "use_sim_time";
+pub const USE_SIM_TIME: &str = "use_sim_time";
 
 /// Which values are allowed.
 #[derive(Debug, Clone, PartialEq)]
@@ -116,12 +116,11 @@ impl ParameterTable {
     /// When a name is declared twice or a default is out of its own range.
     pub fn new(specs: impl IntoIterator<Item = ParameterSpec>) -> Result<Self, ParameterError> {
         let mut entries = BTreeMap::new();
-        for spec in specs {
+        for spec in [use_sim_time()].into_iter().chain(specs) {
             let name = spec.name;
             let value = spec.default.clone();
             check(&spec, &value, "the declaration")?;
-            let earlier = entries.insert(name, Entry { spec, value });
-            if earlier.is_some() || name == USE_SIM_TIME {
+            if entries.insert(name, Entry { spec, value }).is_some() {
                 return Err(ParameterError::Duplicate { name });
             }
         }
@@ -197,12 +196,37 @@ impl ParameterTable {
         self.entries.iter().map(|(name, entry)| (*name, &entry.value))
     }
 
+    /// Whether the node goes by `/clock`.
+    #[must_use]
+    pub fn uses_sim_time(&self) -> bool {
+        self.entries.get(USE_SIM_TIME).is_some_and(|entry| entry.value == ParameterValue::Boolean(true))
+    }
+
+    /// The same table for a node that goes by `/clock`, or does not.
+    pub(crate) fn with_sim_time(mut self, uses_it: bool) -> Self {
+        if let Some(entry) = self.entries.get_mut(USE_SIM_TIME) {
+            entry.value = ParameterValue::Boolean(uses_it);
+        }
+        self
+    }
+
     fn known(&self) -> String {
         let names: Vec<&str> = self.entries.keys().copied().collect();
         match names.is_empty() {
             true => "none".into(),
             false => names.join(", "),
         }
+    }
+}
+
+fn use_sim_time() -> ParameterSpec {
+    ParameterSpec {
+        name: USE_SIM_TIME,
+        default: ParameterValue::Boolean(false),
+        unit: "",
+        range: Range::Any,
+        read_only: true,
+        description: "Whether time is that of /clock.",
     }
 }
 

@@ -3,12 +3,14 @@
 //!
 //! | use | reliability | durability | history |
 //! |---|---|---|---|
-//! | streams of samples, standard messages | best effort | volatile | keep last `depth` |
+//! | streams of samples and standard messages, as offered | reliable, never waits | volatile | keep last `depth` |
+//! | the same, as our own nodes ask for them | best effort | volatile | keep last `depth` |
 //! | `/diagnostics` | reliable, never waits | volatile | keep last 10 |
 //! | services | reliable, never waits | volatile | keep last 10 |
 //!
-//! Streams go best effort because a reliable reader that dies holds up a reliable writer until its
-//! lease ends (measured: 40 s at 1 kHz). History is never "keep all": such readers hold 64 samples.
+//! What is offered as reliable matches subscribers of either kind. A reliable reader that dies would hold up the
+//! library's writer until its lease ends (measured: 40 s at 1 kHz); [`super::writer`] sees to it that none does. History
+//! is never "keep all": such readers hold 64 samples.
 
 use std::num::NonZeroUsize;
 
@@ -17,7 +19,13 @@ use ros2_client::qos::{Durability, History, Liveliness, Reliability, WhenFull};
 
 const EVENT_DEPTH: usize = 10;
 
-/// Streams of samples: best effort, the newest `depth`.
+/// Streams of samples, as they are offered: reliable, the newest `depth`.
+#[must_use]
+pub fn offered_qos(depth: NonZeroUsize) -> QosProfile {
+    profile(NEVER_WAITS, depth.get())
+}
+
+/// Streams of samples, as our own nodes ask for them: best effort, the newest `depth`.
 #[must_use]
 pub fn stream_qos(depth: NonZeroUsize) -> QosProfile {
     profile(Reliability::BestEffort, depth.get())
@@ -36,7 +44,7 @@ pub fn service_qos() -> QosProfile {
 }
 
 /// A full window of unacknowledged samples is an error at once, not a wait.
-const NEVER_WAITS: Reliability = Reliability::Reliable { when_full: WhenFull::Fail };
+pub(super) const NEVER_WAITS: Reliability = Reliability::Reliable { when_full: WhenFull::Fail };
 
 fn profile(reliability: Reliability, depth: usize) -> QosProfile {
     QosProfile {

@@ -7,9 +7,9 @@ use std::num::NonZeroUsize;
 use std::sync::Arc;
 
 use abbe_msgs::RosType;
-use ros2_client::{Publisher, QosProfile};
+use ros2_client::QosProfile;
 
-use super::{RosError, RosNode};
+use super::{RosError, RosNode, Writer};
 use crate::{Outbox, OutboxCounts};
 
 /// Publishes messages made from items of type `T` (by default the message itself).
@@ -17,7 +17,7 @@ pub struct QueuedPublisher<R: RosType, T = R> {
     topic: String,
     // First of the three: its thread lets go of the publisher before the node can leave.
     outbox: Outbox<T>,
-    publisher: Arc<Publisher<R>>,
+    publisher: Arc<Writer<R>>,
     node: RosNode,
 }
 
@@ -30,12 +30,9 @@ impl<R: RosType, T: Send + 'static> QueuedPublisher<R, T> {
         depth: NonZeroUsize,
         message: impl Fn(T) -> R + Send + 'static,
     ) -> Result<Self, RosError> {
-        let publisher = Arc::new(node.raw_publisher::<R>(topic, qos)?);
+        let publisher = Arc::new(node.writer::<R>(topic, qos)?);
         let writer = Arc::clone(&publisher);
-        let outbox = Outbox::spawn(topic, depth, move |item| {
-            let published = writer.publish(message(item));
-            published.map_err(|error| error.to_string())
-        });
+        let outbox = Outbox::spawn(topic, depth, move |item| writer.publish(message(item)));
         let outbox = outbox.map_err(|source| RosError::Thread { what: "a publisher", source })?;
         Ok(Self { topic: topic.to_owned(), outbox, publisher, node: node.clone() })
     }
@@ -55,6 +52,12 @@ impl<R: RosType, T: Send + 'static> QueuedPublisher<R, T> {
     #[must_use]
     pub fn topic(&self) -> &str {
         &self.topic
+    }
+
+    /// How often a reliable reader lagged by a whole window and lost its oldest samples.
+    #[must_use]
+    pub fn given_up(&self) -> u64 {
+        self.publisher.given_up()
     }
 
     /// Subscribers found so far.

@@ -7,11 +7,9 @@ use std::thread::{self, JoinHandle};
 
 use futures::channel::oneshot;
 use futures::future;
-use futures::stream::StreamExt;
-use ros2_client::Message;
-use ros2_client::service::Server;
 use serde::{Deserialize, Serialize};
 
+use super::service::Service;
 use super::{RosError, RosNode};
 
 /// What the handler did: `Ok` and `Err` both carry a sentence for the caller.
@@ -23,15 +21,11 @@ pub(super) struct TriggerRequest {
     structure_needs_at_least_one_member: u8,
 }
 
-impl Message for TriggerRequest {}
-
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(super) struct TriggerReply {
     pub(super) success: bool,
     pub(super) message: String,
 }
-
-impl Message for TriggerReply {}
 
 /// A running service. Dropping it ends it.
 pub struct TriggerService {
@@ -48,13 +42,12 @@ impl TriggerService {
         mut handler: impl FnMut() -> TriggerOutcome + Send + 'static,
     ) -> Result<Self, RosError> {
         let name = node.resolve(name)?;
-        let server = node.server::<TriggerRequest, TriggerReply>(&name, "std_srvs", "Trigger")?;
+        let service: Service<TriggerRequest, TriggerReply> = node.service(&name, "std_srvs", "Trigger")?;
         let (stop, stopped) = oneshot::channel();
         let thread = thread::Builder::new()
             .name("ros-service".into())
             .spawn(move || {
-                let serving = answer(&server, "Trigger", move |_request| reply(handler()));
-                let serving = std::pin::pin!(serving);
+                let serving = std::pin::pin!(service.serve(move |_request| reply(handler())));
                 futures::executor::block_on(future::select(serving, stopped));
             })
             .map_err(|source| RosError::Thread { what: "a service", source })?;
@@ -66,28 +59,6 @@ fn reply(outcome: TriggerOutcome) -> TriggerReply {
     let success = outcome.is_ok();
     let message = outcome.unwrap_or_else(|reason| reason);
     TriggerReply { success, message }
-}
-
-/// Answers every request with `reply`, for ever.
-pub(super) async fn answer<Request, Reply>(
-    server: &Server<Request, Reply>,
-    service: &str,
-    mut reply: impl FnMut(Request) -> Reply,
-) where
-    Request: Message + Clone + 'static,
-    Reply: Message + 'static,
-{
-    let mut requests = server.receive_request_stream();
-    while let Some(request) = requests.next().await {
-        match request {
-            Ok((id, request)) => {
-                if let Err(error) = server.async_send_response(id, reply(request)).await {
-                    tracing::warn!(service, %error, "could not answer");
-                }
-            }
-            Err(error) => tracing::warn!(service, %error, "refused a request"),
-        }
-    }
 }
 
 impl Drop for TriggerService {

@@ -4,8 +4,8 @@
 //! ([`crate::ros::QueuedPublisher`]); conversion and the socket run on another thread. What arrives
 //! is checked before a node sees it, because DDS matches topics by name and not by type.
 //!
-//! Quality of service: [`crate::ros::stream_qos`], best effort at both ends. A reliable reader of
-//! someone else does not match a best-effort writer, so no reader anywhere can hold up a stream.
+//! Quality of service: offered as [`crate::ros::offered_qos`], asked for as [`crate::ros::stream_qos`]. Reliable readers
+//! of someone else match, and none of them can hold up a stream.
 
 mod publisher;
 mod subscriber;

@@ -7,7 +7,7 @@ use std::num::NonZeroUsize;
 
 use abbe_msgs::Message;
 
-use crate::ros::{QueuedPublisher, RosNode, stream_qos};
+use crate::ros::{QueuedPublisher, RosNode, offered_qos};
 use crate::transport::{Publish, TransportError};
 
 /// Sends over DDS.
@@ -22,7 +22,7 @@ impl<M: Message> DdsPublisher<M> {
     /// # Errors
     /// When the name is wrong or the DDS library refuses.
     pub fn open(node: &RosNode, topic: &str, depth: NonZeroUsize) -> Result<Self, TransportError> {
-        let qos = stream_qos(depth);
+        let qos = offered_qos(depth);
         let queue = QueuedPublisher::open(node, topic, &qos, depth, |sample: M| sample.to_ros())?;
         Ok(Self { queue })
     }

@@ -10,7 +10,7 @@ use abbe_msgs::Message;
 use ros2_client::dds::rustdds::mio1::{Events, Interest, Poll, Token};
 use ros2_client::{ReadError, Subscription};
 
-use crate::ros::{RosNode, stream_qos};
+use crate::ros::{RosNode, TopicEnd, overridden, stream_qos};
 use crate::transport::deadline::Deadline;
 use crate::transport::losses::{Arrival, Losses};
 use crate::transport::shared_memory::SampleOrigin;
@@ -38,7 +38,8 @@ impl<M: Message> DdsSubscriber<M> {
     /// # Errors
     /// When the name is wrong or the DDS library refuses.
     pub fn open(node: &RosNode, topic: &str, depth: NonZeroUsize) -> Result<Self, TransportError> {
-        let mut samples = node.raw_subscription::<M::Ros>(topic, &stream_qos(depth))?;
+        let qos = overridden(node, topic, TopicEnd::Subscription, stream_qos(depth));
+        let mut samples = node.raw_subscription::<M::Ros>(topic, &qos)?;
         let poll = polling(&mut samples).map_err(|error| TransportError::Endpoint {
             topic: topic.to_owned(),
             what: "subscriber",

@@ -1,0 +1,127 @@
+"""A user's programs on a real ROS 2: rclpy on Fast DDS, from the wheels `ros-jazzy-*` of PyPI.
+
+Usage: ros2_user.py streams NAMESPACE COUNT | parameters NODE NAME VALUE | trigger SERVICE
+       | clock SECONDS HARDWARE | types TOPIC
+
+streams     subscribes `corrected_point` and `scale/joint_states` with default quality of service (reliable) and
+            with that of sensors (best effort) until COUNT messages have come on each.
+parameters  lists, gets and describes the parameters of a node, and tries to set one.
+trigger     calls a `std_srvs/srv/Trigger`.
+clock       publishes SECONDS on /clock, and waits for /diagnostics of HARDWARE with that stamp.
+types       what the graph says of a topic: its types, and the publishers with their quality of service.
+
+The domain comes from the environment, as for every ROS 2 program. Prints one JSON object. Exits with 1 and a reason
+when what it waits for does not come.
+"""
+
+import json
+import sys
+import time
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PointStamped
+from rclpy.parameter import Parameter
+from rclpy.parameter_client import AsyncParameterClient
+from rclpy.qos import qos_profile_sensor_data
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
+
+PATIENCE_S = 20.0
+DEFAULT = 10  # what a user writes without a thought: reliable, volatile, keep last 10
+
+
+def spin_until(node, done, what):
+    deadline = time.monotonic() + PATIENCE_S
+    while not done():
+        rclpy.spin_once(node, timeout_sec=0.05)
+        if time.monotonic() > deadline:
+            sys.exit(f"{what} did not come within {PATIENCE_S} s")
+
+
+def answer(node, future, what):
+    spin_until(node, future.done, what)
+    return future.result()
+
+
+def stamp_s(header):
+    return header.stamp.sec + header.stamp.nanosec * 1e-9
+
+
+def streams(node, namespace, count):
+    taken = {}
+    for topic, kind in [("corrected_point", PointStamped), ("scale/joint_states", JointState)]:
+        for qos_name, qos in [("default", DEFAULT), ("sensor_data", qos_profile_sensor_data)]:
+            messages = taken.setdefault(f"{topic} {qos_name}", [])
+            node.create_subscription(kind, f"/{namespace}/{topic}", messages.append, qos)
+    spin_until(node, lambda: all(len(messages) >= int(count) for messages in taken.values()), "samples")
+    seen = {name: [stamp_s(message.header) for message in messages] for name, messages in taken.items()}
+    frames = sorted({message.header.frame_id for messages in taken.values() for message in messages})
+    return {"stamps_s": seen, "frames": frames, "now_s": time.time()}
+
+
+def parameters(node, remote, name, value):
+    client = AsyncParameterClient(node, remote)
+    if not client.wait_for_services(timeout_sec=PATIENCE_S):
+        sys.exit(f"no parameter services of {remote}")
+    listed = answer(node, client.list_parameters(), "the list").result.names
+    values = answer(node, client.get_parameters(listed), "the values").values
+    described = answer(node, client.describe_parameters(listed), "the descriptions").descriptors
+    set_to = Parameter(name, value=json.loads(value))
+    result = answer(node, client.set_parameters([set_to]), "the result").results[0]
+    after = answer(node, client.get_parameters([name]), "the value").values[0]
+    return {
+        "values": {key: one.bool_value if one.type == 1 else one.double_value or one.integer_value or one.string_value
+                   for key, one in zip(listed, values)},
+        "read_only": {one.name: one.read_only for one in described},
+        "set": {"successful": result.successful, "reason": result.reason},
+        "after": after.double_value or after.integer_value or after.string_value,
+    }
+
+
+def trigger(node, service):
+    client = node.create_client(Trigger, service)
+    if not client.wait_for_service(timeout_sec=PATIENCE_S):
+        sys.exit(f"no service {service}")
+    reply = answer(node, client.call_async(Trigger.Request()), "the reply")
+    return {"success": reply.success, "message": reply.message}
+
+
+def clock(node, seconds, hardware):
+    stamps = []
+
+    def hear(array):
+        stamps.extend(stamp_s(array.header) for status in array.status if status.hardware_id == hardware)
+
+    node.create_subscription(DiagnosticArray, "/diagnostics", hear, DEFAULT)
+    publisher = node.create_publisher(Clock, "/clock", DEFAULT)
+    message = Clock()
+    message.clock.sec = int(seconds)
+    node.create_timer(0.05, lambda: publisher.publish(message))
+    spin_until(node, lambda: float(seconds) in stamps, "diagnostics by that clock")
+    types = dict(node.get_topic_names_and_types())["/clock"]
+    return {"stamps_s": stamps, "types": types}
+
+
+def types(node, topic):
+    found = lambda: node.get_publishers_info_by_topic(topic)
+    spin_until(node, found, "a publisher")
+    return {
+        "types": dict(node.get_topic_names_and_types())[topic],
+        "publishers": [
+            {"node": one.node_name, "reliability": one.qos_profile.reliability.name, "type_hash": str(one.topic_type_hash)}
+            for one in found()
+        ],
+    }
+
+
+def main():
+    task, *words = sys.argv[1:]
+    rclpy.init()
+    node = rclpy.create_node("a_users_program")
+    print(json.dumps({"streams": streams, "parameters": parameters, "trigger": trigger, "clock": clock,
+                      "types": types}[task](node, *words)))
+
+
+main()

@@ -1,0 +1,142 @@
+//! A user on a real ROS 2 beside a live graph: rclpy on Fast DDS, and callers of services as Cyclone DDS writes them.
+//! What they do stands habit by habit in `docs/src/reference/ros2.md`.
+
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // A test fails by panicking.
+
+mod common;
+
+use std::time::Duration;
+
+use abbe_runtime::ros::Domain;
+use common::assert_says;
+use common::files::Bench;
+use common::graph::{DDS, MEMORY, NAMESPACE, long_recording, stream_of};
+use common::network::in_own_network;
+use common::program::{Started, abbe_in, signal};
+use common::python::{python, ros2, said};
+use rustix::process::Signal;
+use serde_json::{Value, json};
+
+/// Long enough for every peer here; whoever is done first ends the graph.
+const SAMPLES: u64 = 60_000;
+
+/// A graph whose scale and residual node are seen over DDS; `arguments` are those of the nodes.
+fn graph(bench: &Bench, domain: Domain) -> Started {
+    long_recording(bench, SAMPLES);
+    let file = stream_of(bench, |launch| {
+        let launch = launch.edge("scale", "*", DDS).edge("residual", "*", DDS);
+        launch.nodes(&["recorder"]).edge("residual", "recorder", MEMORY).record("recorded")
+    });
+    Started::start(abbe_in(domain, ["launch", &file]))
+}
+
+/// Runs a program of others beside the graph, and gives what it said.
+fn beside(graph: Started, program: std::process::Command) -> Value {
+    let heard = said(program);
+    signal(graph.id(), Signal::INT);
+    let ran = graph.finish();
+    assert!(!ran.errors.contains("panicked"), "{}", ran.errors);
+    ran.ok();
+    heard
+}
+
+#[test]
+fn val_rclpy_a_subscriber_with_default_quality_of_service_gets_the_streams() {
+    let test = "val_rclpy_a_subscriber_with_default_quality_of_service_gets_the_streams";
+    in_own_network(test, |domain| {
+        let Some(user) = ros2(domain, &["streams", NAMESPACE, "500"]) else { return };
+        let bench = Bench::identified(5);
+        let heard = beside(graph(&bench, domain), user);
+        for topic in ["corrected_point", "scale/joint_states"] {
+            for qos in ["default", "sensor_data"] {
+                let stamps: Vec<f64> =
+                    serde_json::from_value(heard["stamps_s"][format!("{topic} {qos}")].clone()).unwrap();
+                assert!(stamps.len() >= 500, "{topic} with {qos}: {} samples", stamps.len());
+                assert!(stamps.is_sorted(), "{topic} with {qos}: samples are out of order");
+            }
+        }
+    });
+}
+
+#[test]
+fn val_rclpy_lists_and_describes_parameters_and_may_not_set_what_is_fixed() {
+    let test = "val_rclpy_lists_and_describes_parameters_and_may_not_set_what_is_fixed";
+    in_own_network(test, |domain| {
+        let Some(user) = ros2(domain, &["parameters", &format!("/{NAMESPACE}/scale"), "rate_hz", "5.0"]) else {
+            return;
+        };
+        let bench = Bench::identified(5);
+        let heard = beside(graph(&bench, domain), user);
+        parameters_of_scale(&heard);
+        assert_eq!(heard["set"]["successful"], false);
+        assert_says(heard["set"]["reason"].as_str().unwrap(), &["rate_hz", "fixed while the node runs"]);
+        assert_eq!(heard["after"], 1000.0);
+    });
+}
+
+fn parameters_of_scale(heard: &Value) {
+    let reading = format!("qos_overrides./{NAMESPACE}/scale/reading.publisher");
+    let values = &heard["values"];
+    assert_eq!(values["rate_hz"], 1000.0, "{heard}");
+    assert_eq!(values["use_sim_time"], false, "{heard}");
+    assert_eq!(values[format!("{reading}.reliability")], "reliable", "{heard}");
+    assert_eq!(values[format!("{reading}.depth")], 4096, "{heard}");
+    let read_only = heard["read_only"].as_object().unwrap();
+    assert_eq!(read_only.len(), values.as_object().unwrap().len());
+    assert!(read_only.values().all(|fixed| *fixed == json!(true)), "{heard}");
+}
+
+#[test]
+fn val_rclpy_calls_a_service_of_a_node() {
+    let test = "val_rclpy_calls_a_service_of_a_node";
+    in_own_network(test, |domain| {
+        let service = format!("/{NAMESPACE}/residual/reload_model");
+        let Some(user) = ros2(domain, &["trigger", &service]) else { return };
+        let bench = Bench::identified(5);
+        let heard = beside(graph(&bench, domain), user);
+        // Without a residual model there is none to load, and it says so.
+        assert_eq!(heard["success"], false);
+        assert_says(heard["message"].as_str().unwrap(), &["residual model"]);
+    });
+}
+
+#[test]
+fn val_rclpy_its_clock_is_that_of_a_node_with_use_sim_time() {
+    const SECONDS: &str = "1000000";
+    let test = "val_rclpy_its_clock_is_that_of_a_node_with_use_sim_time";
+    in_own_network(test, |domain| {
+        let bench = Bench::identified(5);
+        let Some(user) = ros2(domain, &["clock", SECONDS, "bridge_xyz"]) else { return };
+        long_recording(&bench, SAMPLES);
+        let file = stream_of(&bench, |launch| launch.edge("residual", "*", DDS));
+        let arguments = ["launch", &file, "--ros-args", "-p", "use_sim_time:=true"];
+        let graph = Started::start(abbe_in(domain, arguments));
+        let heard = beside(graph, user);
+        // The one type that it has in ROS 2, and nobody who says else.
+        assert_eq!(heard["types"], json!(["rosgraph_msgs/msg/Clock"]));
+    });
+}
+
+#[test]
+fn regress_a_caller_on_cyclone_gets_parameters_and_services_and_garbage_is_dropped_in_few_words() {
+    let test = "regress_a_caller_on_cyclone_gets_parameters_and_services_and_garbage_is_dropped_in_few_words";
+    in_own_network(test, |domain| {
+        let Some(mut user) = python("cyclone_caller.py") else { return };
+        user.args([&domain.id().to_string(), &format!("/{NAMESPACE}/scale"), &format!("/{NAMESPACE}/residual")]);
+        let bench = Bench::identified(5);
+        let graph = graph(&bench, domain);
+        let heard = said(user);
+        // What the log says of 1000 requests that are none.
+        std::thread::sleep(Duration::from_millis(500));
+        signal(graph.id(), Signal::INT);
+        let ran = graph.finish();
+        assert_says(&ran.errors, &["dropped a request", "/test/scale/get_parameters"]);
+        let told = ran.errors.matches("dropped a request").count();
+        assert!((1..=12).contains(&told), "told {told} times: {}", ran.errors);
+        ran.ok();
+        parameters_of_scale(&heard);
+        assert_eq!(heard["garbage"], 1000);
+        assert_eq!(heard["trigger"]["success"], false);
+        assert_says(heard["trigger"]["message"].as_str().unwrap(), &["residual model"]);
+    });
+}
