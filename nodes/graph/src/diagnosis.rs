@@ -2,7 +2,7 @@
 //!
 //! Place in the flow: started by the monitor node on a thread of its own. The readings and the model in use are written
 //! into a numbered folder; `abbe diagnose` works there as a child process that ends with this one. Everything a person
-//! needs afterwards stands in that folder: readings, model, log, report.
+//! needs afterwards stands in that folder: readings, model, log, report; and what came of it, for programs.
 
 use abbe_files::{FileError, ModelFile, hex, write_atomically, write_campaign};
 use abbe_geometry::effects::Effect;
@@ -10,6 +10,7 @@ use abbe_measurement::campaign::Campaign;
 use abbe_msgs::Sha256;
 use abbe_runtime::ros::TriggerOutcome;
 use abbe_runtime::{LAUNCHER_PID, Shutdown};
+use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 use std::fs::File;
 use std::io::ErrorKind;
@@ -28,6 +29,7 @@ const MODEL_IN_USE: &str = "model_in_use.json";
 const DIAGNOSED_MODEL: &str = "model.json";
 const LOG: &str = "diagnose.log";
 const REPORT: &str = "report.html";
+const OUTCOME: &str = "outcome.json";
 
 /// Why there is no outcome.
 #[derive(Debug, Error)]
@@ -73,6 +75,62 @@ pub struct Job {
     pub adopt: bool,
 }
 
+/// What came of a diagnosis; `outcome.json` in its folder, written last.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Outcome {
+    /// Whether the program came to its end; its report and figures then stand beside this file.
+    pub finished: bool,
+    /// In words, as the monitor tells it.
+    pub words: String,
+    /// SHA-256 of the model that took the place of the model file, if one did.
+    pub put_into_use: Option<String>,
+}
+
+impl Outcome {
+    /// That of the diagnosis in this folder; `None` while it is under way.
+    pub fn read(folder: &Path) -> Result<Option<Outcome>, FileError> {
+        let path = folder.join(OUTCOME);
+        let io = |source| FileError::Io { file: path.display().to_string(), action: "read", source };
+        let text = match std::fs::read_to_string(&path) {
+            Ok(text) => text,
+            Err(error) if error.kind() == ErrorKind::NotFound => return Ok(None),
+            Err(source) => return Err(io(source)),
+        };
+        serde_json::from_str(&text).map(Some).map_err(|error| io(error.into()))
+    }
+
+    fn of(concluded: &Result<Concluded, RunError>) -> Outcome {
+        match concluded {
+            Ok(Concluded { words, put_into_use }) => {
+                Outcome { finished: true, words: words.clone(), put_into_use: put_into_use.map(|hash| hash.to_hex()) }
+            }
+            Err(error) => Outcome { finished: false, words: error.to_string(), put_into_use: None },
+        }
+    }
+
+    fn write(&self, folder: &Path) -> Result<(), FileError> {
+        let path = folder.join(OUTCOME);
+        let text = serde_json::to_string_pretty(self).map_err(|error| FileError::Io {
+            file: path.display().to_string(),
+            action: "write",
+            source: error.into(),
+        })?;
+        write_atomically(&path, format!("{text}\n").as_bytes())
+    }
+}
+
+/// What a finished diagnosis led to.
+struct Concluded {
+    words: String,
+    put_into_use: Option<Sha256>,
+}
+
+impl Concluded {
+    fn without_change(words: String) -> Concluded {
+        Concluded { words, put_into_use: None }
+    }
+}
+
 /// A diagnosis under way. Dropping it ends it.
 pub struct DiagnosisRun {
     stop: Shutdown,
@@ -91,8 +149,14 @@ impl DiagnosisRun {
                 // Who asked may have given up.
                 let _ = started.send(said.map_err(ToString::to_string));
             }
-            let folder = begun?.end(&job.program, &stopped)?;
-            conclude(&job, &folder)
+            let begun = begun?;
+            let folder = begun.folder.clone();
+            let concluded = begun.end(&job.program, &stopped).and_then(|folder| conclude(&job, &folder));
+            if let Err(error) = Outcome::of(&concluded).write(&folder) {
+                // What came of it holds all the same.
+                tracing::warn!("{error}");
+            }
+            concluded.map(|concluded| concluded.words)
         };
         let thread = thread::Builder::new().name("diagnosis".into()).spawn(run)?;
         Ok(DiagnosisRun { stop, thread: Some(thread) })
@@ -172,37 +236,38 @@ impl Begun {
 }
 
 /// What a finished diagnosis leads to.
-fn conclude(job: &Job, folder: &Path) -> Result<String, RunError> {
+fn conclude(job: &Job, folder: &Path) -> Result<Concluded, RunError> {
     let report = format!("finished, see {}", folder.join(REPORT).display());
     let path = folder.join(DIAGNOSED_MODEL);
     if !path.exists() {
-        return Ok(format!("{report}; it proposes no model"));
+        return Ok(Concluded::without_change(format!("{report}; it proposes no model")));
     }
     let (diagnosed, sha256) = ModelFile::load_for(&path, &job.machine)?;
     let proposed = Sha256::from_bytes(sha256);
     if proposed == job.in_use {
-        return Ok(format!("{report}; the model in use stays the best"));
+        return Ok(Concluded::without_change(format!("{report}; the model in use stays the best")));
     }
     if !job.adopt {
         let (from, to) = (path.display(), job.model_file.display());
-        return Ok(format!("{report}; to use its model {proposed}, copy {from} over {to}"));
+        let words = format!("{report}; to use its model {proposed}, copy {from} over {to}");
+        return Ok(Concluded::without_change(words));
     }
     let lacking = lacking_live(&diagnosed, &job.campaign, |effect| effect.covariates());
     if !lacking.is_empty() {
         let lacking = lacking.join(", ");
-        return Ok(format!(
+        return Ok(Concluded::without_change(format!(
             "{report}; its model {proposed} is not put into use: it corrects by {lacking}, which the scale readings do \
              not carry; add that to them, or diagnose again on more readings"
-        ));
+        )));
     }
     let bytes = std::fs::read(&path).map_err(|source| unreadable(&path, source))?;
     let (_, held) = ModelFile::load_for(&job.model_file, &job.machine)?;
     if Sha256::from_bytes(held) != job.in_use {
         // Somebody was faster; a person's choice is not overwritten.
-        return Ok(format!(
+        return Ok(Concluded::without_change(format!(
             "{report}; the model file has changed since, so model {} is not put into use",
             hex(&sha256)
-        ));
+        )));
     }
     write_atomically(&job.model_file, &bytes)?;
     let unseen = lacking_live(&diagnosed, &job.campaign, |effect| effect.range_covariates());
@@ -213,7 +278,8 @@ fn conclude(job: &Job, folder: &Path) -> Result<String, RunError> {
             unseen.join(", ")
         ),
     };
-    Ok(format!("{report}; its model {proposed} is put into use{blind}"))
+    let words = format!("{report}; its model {proposed} is put into use{blind}");
+    Ok(Concluded { words, put_into_use: Some(proposed) })
 }
 
 /// Covariates that the model corrects by, or predicts ranges by, and no scale reading carried. A campaign also has `time_s`, the time since it

@@ -7,7 +7,7 @@ mod common;
 
 use abbe_files::{ModelFile, read_campaign_file};
 use abbe_geometry::effects::Shape;
-use abbe_graph::diagnosis::{DiagnosisRun, Job};
+use abbe_graph::diagnosis::{DiagnosisRun, Job, Outcome};
 use abbe_identify::{EffectTerm, Options, TIME, identify_with};
 use abbe_measurement::campaign::Campaign;
 use abbe_msgs::Sha256;
@@ -174,6 +174,22 @@ fn a_program_that_fails_is_quoted() {
     assert!(told.is_ok());
     let problem = outcome.unwrap_err();
     assert!(problem.contains("nothing fits") && problem.contains("3"), "{problem}");
+    let written = Outcome::read(&place.path("diagnoses/0001")).unwrap().unwrap();
+    assert_eq!(written, Outcome { finished: false, words: problem, put_into_use: None });
+}
+
+#[test]
+fn the_folder_says_what_came_of_it_once_it_has_ended() {
+    let place = Place::new("cp better.json \"$out/model.json\"; test ! -e \"$out/outcome.json\"");
+    let words = [false, true].map(|adopt| run(place.job(adopt)).1.unwrap());
+    let adopted = [None, Some(place.better.to_hex())];
+    for (folder, (words, put_into_use)) in ["0001", "0002"].into_iter().zip(words.into_iter().zip(adopted)) {
+        let written = Outcome::read(&place.path("diagnoses").join(folder)).unwrap().unwrap();
+        assert_eq!(written, Outcome { finished: true, words, put_into_use });
+    }
+    let under_way = place.path("diagnoses/0003");
+    fs::create_dir(&under_way).unwrap();
+    assert_eq!(Outcome::read(&under_way).unwrap(), None);
 }
 
 #[test]
