@@ -137,6 +137,30 @@ fn commands_of(text: &str) -> Vec<String> {
 }
 
 #[test]
+fn manual_pages_and_completions_hold_every_command_and_option() {
+    let folder = tempfile::tempdir().unwrap();
+    let pages = folder.path().join("man");
+    run(["man", "--out", pages.to_str().unwrap()]).ok();
+    let completions = ["bash", "zsh", "fish"].map(|shell| run(["completions", shell]).ok());
+    for (name, help) in helps() {
+        let page = if name.is_empty() { "abbe.1".to_owned() } else { format!("abbe-{name}.1") };
+        let page = fs::read_to_string(pages.join(&page)).unwrap_or_else(|error| panic!("{page}: {error}"));
+        // Hyphens are escaped there.
+        let page = page.replace("\\-", "-");
+        let options = help.split([' ', '\n', ',']).filter(|word| word.starts_with("--") && word.len() > 2);
+        for option in options.filter(|option| !matches!(*option, "--ros-args" | "--log-level")) {
+            let option = option.trim_end_matches(['.', ':', ';', ')', '`']);
+            assert!(page.contains(option), "the page of {name:?} lacks {option}");
+            assert!(completions[0].contains(option), "bash does not complete {option} of {name:?}");
+        }
+        assert!(completions.iter().all(|words| words.contains(&name)), "{name}");
+        let example = format!("abbe {name}");
+        assert!(page.contains(&example), "the page of {name:?} has no example");
+    }
+    assert!(run(["--version"]).ok().contains("commit"));
+}
+
+#[test]
 fn the_tour_of_the_readme_runs_as_printed() {
     let readme = read("README.md");
     let tour = readme.split("\n## ").find(|part| part.starts_with("The tour")).expect("the README has a tour");

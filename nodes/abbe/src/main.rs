@@ -10,6 +10,7 @@ mod conformity;
 mod demo;
 mod diagnosis;
 mod exit;
+mod help;
 mod log;
 mod output;
 mod pairs;
@@ -37,7 +38,7 @@ const LIBRARIES: [&str; 2] = ["rustdds::", "ros2_client::"];
 #[derive(Debug, Parser)]
 #[command(
     name = "abbe",
-    version,
+    version = help::VERSION,
     about = "Corrects the coordinates of a coordinate measuring machine",
     max_term_width = 110
 )]
@@ -66,12 +67,17 @@ fn told(error: &anyhow::Error) -> String {
     })
 }
 
+/// Whether the user wants no colours, as `NO_COLOR` says: set, and not empty (no-color.org).
+fn wants_no_colour() -> bool {
+    std::env::var_os("NO_COLOR").is_some_and(|value| !value.is_empty())
+}
+
 fn run() -> anyhow::Result<()> {
     // A node that starts a command for work beside its own takes it along when it ends.
     follow_launcher()?;
     // ROS arguments may follow any command; they are taken off before the rest is parsed.
     let (ros_args, own) = RosArgs::split(std::env::args())?;
-    let arguments = Arguments::parse_from(own);
+    let arguments = help::parse(own);
     // How a table is written that is not plain CSV is always said.
     let level = ros_args.log_level.clone().unwrap_or_else(|| "warn,abbe_files=info".to_owned());
     let is_gateway = matches!(arguments.command, command::Command::Gateway(_));
@@ -84,7 +90,7 @@ fn run() -> anyhow::Result<()> {
     let is_wanted = |line: &str| !gateway::is_leaving() || LIBRARIES.iter().all(|library| !line.contains(library));
     let writer = log::Log::new(before, arguments.command.is_live(), std::io::stderr, is_wanted);
     let log = tracing_subscriber::fmt().with_env_filter(filter).with_writer(writer);
-    let log = log.with_ansi(std::io::stderr().is_terminal());
+    let log = log.with_ansi(std::io::stderr().is_terminal() && !wants_no_colour());
     log.log_internal_errors(false).init();
     command::run(arguments.command, ros_args)
 }

@@ -3,6 +3,7 @@
 //! Place in the flow: parsed in `main`, dispatched here; each file holds its arguments and its work.
 
 mod compare;
+mod completions;
 mod conformity;
 mod convert;
 mod correct;
@@ -14,6 +15,7 @@ mod guideway;
 mod identify;
 mod interpolate;
 mod launch;
+mod man;
 mod node;
 mod papers;
 mod points;
@@ -96,6 +98,10 @@ pub(crate) enum Command {
     Convert(convert::Arguments),
     /// Compute the published figures of the source papers again
     Papers(papers::Arguments),
+    /// What makes a shell complete commands and options
+    Completions(completions::Arguments),
+    /// Manual pages of all commands
+    Man(man::Arguments),
 }
 
 impl Command {
@@ -177,5 +183,7 @@ fn dispatch(command: Command, ros_args: RosArgs) -> anyhow::Result<()> {
         Command::Simulate(arguments) => simulate::run(&arguments),
         Command::Convert(arguments) => convert::run(&arguments),
         Command::Papers(arguments) => papers::run(&arguments),
+        Command::Completions(arguments) => completions::run(&arguments),
+        Command::Man(arguments) => man::run(&arguments),
     }
 }
