@@ -102,8 +102,8 @@ fn draw_y_axis(svg: &mut Svg, area: Area, scale: &Scale, wanted: usize) {
 pub(crate) enum Swatch {
     /// A line of this class.
     Line(String),
-    /// A dot of this class.
-    Dot(String),
+    /// The marker of a series, of this class.
+    Marker(u8, String),
     /// A filled patch of this class.
     Patch(String),
 }
@@ -113,7 +113,7 @@ pub(crate) fn draw_legend(svg: &mut Svg, (mut x, y): (f64, f64), entries: &[(Swa
     for (swatch, name) in entries {
         match swatch {
             Swatch::Line(class) => svg.line(class, (x, y - 4.0), (x + 22.0, y - 4.0)),
-            Swatch::Dot(class) => svg.dots(&format!("dot3 {class}"), &[(x + 11.0, y - 4.0)]),
+            Swatch::Marker(series, class) => svg.markers(*series, class, &[(x + 11.0, y - 4.0)]),
             Swatch::Patch(class) => svg.rect(class, (x, y - 10.0), (22.0, 12.0), None),
         }
         svg.text("small", (x + 28.0, y), Anchor::Start, name);

@@ -121,6 +121,20 @@ impl Svg {
         self.push(format_args!("<path class=\"dot {class}\" d=\"{d}\"/>"));
     }
 
+    /// Many markers of one class in one element; each of the eight series has a shape of its own, so that they are told
+    /// apart without colours.
+    pub(crate) fn markers(&mut self, series: u8, class: &str, points: &[(f64, f64)]) {
+        if points.is_empty() {
+            return;
+        }
+        let mut d = String::new();
+        for &(x, y) in points {
+            let (x, y) = (self.number(x), self.number(y));
+            let _ = write!(d, "M{x} {y}{}", marker(series));
+        }
+        self.push(format_args!("<path class=\"mark {class}\" d=\"{d}\"/>"));
+    }
+
     /// A rectangle with an optional tooltip.
     pub(crate) fn rect(&mut self, class: &str, (x, y): (f64, f64), (w, h): (f64, f64), tip: Option<&str>) {
         let (x, y) = (self.number(x), self.number(y));
@@ -160,6 +174,20 @@ impl Svg {
             return Err(ReportError::Overflow { section: section.to_owned() });
         }
         Ok(Drawing { width: self.width, height: self.height, body: self.body })
+    }
+}
+
+/// Outline of a marker from its middle, some 5 px across.
+fn marker(series: u8) -> &'static str {
+    match (series.max(1) - 1) % 8 {
+        0 => "m-2.2 0a2.2 2.2 0 1 0 4.4 0a2.2 2.2 0 1 0 -4.4 0z", // disc
+        1 => "m-2 -2h4v4h-4z",                                    // square
+        2 => "m0 -2.7l2.5 4.4h-5z",                               // triangle
+        3 => "m0 -2.9l2.9 2.9l-2.9 2.9l-2.9 -2.9z",               // diamond
+        4 => "m-.7 -2.7h1.4v2h2v1.4h-2v2h-1.4v-2h-2v-1.4h2z",     // plus
+        5 => "m0 2.7l2.5 -4.4h-5z",                               // triangle that points down
+        6 => "m-2.8 -.8h5.6v1.6h-5.6z",                           // bar
+        _ => "m-.8 -2.8h1.6v5.6h-1.6z",                           // upright bar
     }
 }
 

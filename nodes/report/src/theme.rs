@@ -15,10 +15,10 @@ pub(crate) const DIVERGING_STEPS: usize = 21;
 /// Steps of the sequential colour map.
 pub(crate) const SEQUENTIAL_STEPS: usize = 11;
 /// Series colours `1..=SERIES`.
-pub(crate) const SERIES: u8 = 6;
+pub(crate) const SERIES: u8 = 8;
 
 /// Named colours: token, light, dark.
-const TOKENS: [(&str, &str, &str); 20] = [
+const TOKENS: [(&str, &str, &str); 23] = [
     ("page", "#ffffff", "#14171a"),
     ("panel", "#f6f7f8", "#1c2024"),
     ("ink", "#1b1f23", "#e4e7ea"),
@@ -27,12 +27,15 @@ const TOKENS: [(&str, &str, &str); 20] = [
     ("grid", "#e4e7ea", "#2a2f35"),
     ("before", "#c05600", "#e8954a"),
     ("after", "#0067a5", "#5cb3ec"),
+    ("between", "#a8508a", "#d795bf"),
     ("s1", "#0067a5", "#5cb3ec"),
     ("s2", "#c05600", "#e8954a"),
     ("s3", "#00805c", "#3cc49b"),
     ("s4", "#a8508a", "#d795bf"),
     ("s5", "#7a6a00", "#d6c545"),
     ("s6", "#4b4f9e", "#9da2ef"),
+    ("s7", "#5b6470", "#b3bcc5"),
+    ("s8", "#a3262e", "#ff9d95"),
     ("good", "#00805c", "#3cc49b"),
     ("warn", "#9a6700", "#e3b341"),
     ("bad", "#b3261e", "#ff8a80"),
@@ -102,7 +105,7 @@ fn interpolate(anchors: &[[u8; 3]], step: usize, steps: usize) -> String {
 fn figure_rules() -> String {
     let mut css = FIGURE_CSS.to_owned();
     let names = (1..=SERIES).map(|i| (format!("{i}"), format!("s{i}")));
-    let named = [("B", "before"), ("A", "after")].map(|(k, v)| (k.to_owned(), v.to_owned()));
+    let named = [("B", "before"), ("M", "between"), ("A", "after")].map(|(k, v)| (k.to_owned(), v.to_owned()));
     for (class, token) in names.chain(named) {
         let _ = writeln!(
             css,

@@ -62,7 +62,7 @@ impl BySpread {
             title: title.to_owned(),
             x: Axis::new("distances between the targets, over those measured with", ""),
             y: Axis::new("uncertainty", if first == 0 { "µm" } else { "µrad" }),
-            curves: (first..first + 3).map(|k| self.curve(k, values)).collect(),
+            curves: self.curves(first, values),
         };
         LinePlot {
             title: "What the arrangement of the targets does".to_owned(),
@@ -83,6 +83,18 @@ impl BySpread {
         }
     }
 
+    /// The curves of three errors from `first` on; those that lie on each other are one, with all their names.
+    fn curves(&self, first: usize, values: &[Option<[f64; 6]>]) -> Vec<Curve> {
+        let mut curves: Vec<Curve> = Vec::new();
+        for curve in (first..first + 3).map(|k| self.curve(k, values)) {
+            match curves.iter_mut().find(|other| lie_on_each_other(&other.y, &curve.y)) {
+                Some(other) => other.name = format!("{}, {}", other.name, curve.name),
+                None => curves.push(curve),
+            }
+        }
+        curves
+    }
+
     fn curve(&self, k: usize, values: &[Option<[f64; 6]>]) -> Curve {
         Curve {
             name: self.names[k].clone(),
@@ -92,6 +104,17 @@ impl BySpread {
             half_width: None,
         }
     }
+}
+
+/// Whether two curves cannot be told apart by eye.
+fn lie_on_each_other(one: &[Option<f64>], other: &[Option<f64>]) -> bool {
+    const BY_EYE: f64 = 0.01;
+    let close = |a: f64, b: f64| (a - b).abs() <= BY_EYE * a.abs().max(b.abs());
+    one.iter().zip(other).all(|pair| match pair {
+        (Some(a), Some(b)) => close(*a, *b),
+        (None, None) => true,
+        _ => false,
+    })
 }
 
 fn expanded(
@@ -112,4 +135,22 @@ fn expanded(
     let arranged: Vec<ArrangedTarget> = targets.iter().map(place).collect();
     let covariance = arrangement_covariance(&arranged, reference_m).ok()?;
     Some(std::array::from_fn(|k| COVERAGE * covariance[(k, k)].max(0.0).sqrt() * 1e6))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn curves_that_lie_on_each_other_are_one_with_all_their_names() {
+        let names = ["EXX", "EYX", "EZX", "EAX", "EBX", "ECX"].map(str::to_owned);
+        let values = vec![Some([1.0, 1.0, 1.001, 3.0, 3.0, 4.0]), None, Some([2.0, 2.0, 2.001, 5.0, 5.0, 6.0])];
+        let by_spread = BySpread { names, everywhere: values.clone(), across: values };
+        let named = |first| {
+            by_spread.curves(first, &by_spread.everywhere).into_iter().map(|curve| curve.name).collect::<Vec<_>>()
+        };
+        assert_eq!(named(0), ["EXX, EYX, EZX"]);
+        assert_eq!(named(3), ["EAX, EBX", "ECX"]);
+        assert!(!lie_on_each_other(&[Some(1.0), None], &[Some(1.0), Some(1.0)]));
+    }
 }

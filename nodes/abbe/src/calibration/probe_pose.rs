@@ -11,7 +11,10 @@ use abbe_measurement::probe_pose::{
     Compensation, CompensationTable, LeftOutCentre, LeftOutPose, ProbePose, ProbePoseModel, SphereCentre,
     leave_one_centre_out, leave_one_pose_out,
 };
-use abbe_report::{Callout, Cell, Column, KeyFigure, KeyFigures, Quantity, Report, Section, TableSection, Tone};
+use abbe_report::{
+    Axis, Callout, Cell, Column, Curve, CurveStyle, KeyFigure, KeyFigures, LinePanel, LinePlot, Quantity, Report,
+    Section, TableSection, Tone,
+};
 use anyhow::Context;
 use serde_json::{Value, json};
 use std::fmt::Write as _;
@@ -143,8 +146,9 @@ impl Judged {
         let expanded = self.expanded();
         for (k, value) in self.values().iter().enumerate() {
             let (name, unit, _) = UNKNOWNS[k];
-            let u = expanded.as_ref().map_or_else(|| "unknown".to_owned(), |u| format!("{:.6}", u[k]));
-            let _ = writeln!(text, "  {name:<14} {value:14.6} +- {u} {unit}");
+            let digits = decimals(expanded.as_ref().map(|u| u[k]));
+            let u = expanded.as_ref().map_or_else(|| "unknown".to_owned(), |u| format!("{:.digits$}", u[k]));
+            let _ = writeln!(text, "  {name:<14} {value:14.digits$} +- {u} {unit}");
         }
         let (length, condition) = (self.pose.direction.norm(), self.pose.condition);
         let _ =
@@ -227,6 +231,7 @@ impl Judged {
             footer: None,
             sections: vec![
                 self.key_figures(),
+                self.picture(),
                 self.unknown_table(),
                 self.compensation_section(),
                 self.left_out_section(),
@@ -260,14 +265,42 @@ impl Judged {
         })
     }
 
+    /// The error of each pose that the others predict, without the table and with it.
+    fn picture(&self) -> Section {
+        let poses: Vec<&LeftOutPose> = self.poses.iter().flatten().collect();
+        let curve = |name: &str, series: u8, of: fn(&LeftOutPose) -> Option<f64>| Curve {
+            name: name.to_owned(),
+            style: CurveStyle::Points(series),
+            x: (1..=poses.len()).map(|k| k as f64).collect(),
+            y: poses.iter().map(|pose| of(pose)).collect(),
+            half_width: None,
+        };
+        Section::LinePlot(LinePlot {
+            title: "Error of each pose left out".to_owned(),
+            note: Some("Length of the error; poses in the order of the table below.".to_owned()),
+            columns: 1,
+            band_name: None,
+            panels: vec![LinePanel {
+                title: String::new(),
+                x: Axis::new("pose", "1"),
+                y: Axis::new("error", "µm"),
+                curves: vec![
+                    curve("without a table", 2, |pose| pose.error_m.as_ref().map(um)),
+                    curve("with the others' table", 1, |pose| pose.compensated_m.as_ref().map(um)),
+                ],
+            }],
+        })
+    }
+
     fn unknown_table(&self) -> Section {
         let expanded = self.expanded();
         let row = |(k, value): (usize, &f64)| {
             let (name, unit, _) = UNKNOWNS[k];
+            let digits = decimals(expanded.as_ref().map(|u| u[k]));
             vec![
                 Cell::text(name),
-                Cell::text(format!("{value:.6}")),
-                expanded.as_ref().and_then(|u| Cell::text(format!("{:.6}", u[k]))),
+                Cell::text(format!("{value:.digits$}")),
+                expanded.as_ref().and_then(|u| Cell::text(format!("{:.digits$}", u[k]))),
                 Cell::text(unit),
             ]
         };
@@ -343,6 +376,14 @@ impl Judged {
             rows: self.poses.iter().flatten().map(row).collect(),
             total_rows: None,
         })
+    }
+}
+
+/// Decimals that show an uncertainty with two digits; six where it is not known.
+fn decimals(uncertainty: Option<f64>) -> usize {
+    match uncertainty {
+        Some(u) if u > 0.0 && u.is_finite() => (1.0 - u.log10().floor()).clamp(0.0, 9.0) as usize,
+        _ => 6,
     }
 }
 

@@ -174,6 +174,14 @@ fn word(verdict: Verdict) -> &'static str {
     }
 }
 
+/// The verdict as it may be read: one with a part of the runs is a quick look and no more.
+fn readable(row: &Row, effort: f64) -> String {
+    match effort < 1.0 {
+        true => format!("{} (with {} % of the runs: not to be quoted)", row.verdict, 100.0 * effort),
+        false => row.verdict.to_owned(),
+    }
+}
+
 /// Papers all of whose figures are there.
 fn done(papers: &[&'static Paper], document: &Document) -> usize {
     let is_missing = |paper: &&&Paper| document.not_computed.iter().any(|missing| missing.paper == paper.name);
@@ -215,7 +223,8 @@ fn table(paper: &str, document: &Document) -> Option<Section> {
     let cells = |row: &&Row| {
         let published = row.published.as_ref().and_then(Cell::text);
         let texts = [&row.place, &row.what].map(Cell::text).into_iter();
-        let rest = [row.reproduced.as_str(), row.verdict, &row.reason, &row.how].map(Cell::text);
+        let verdict = readable(row, document.effort);
+        let rest = [row.reproduced.as_str(), &verdict, &row.reason, &row.how].map(Cell::text);
         texts.chain([published]).chain(rest).collect()
     };
     (!rows.is_empty()).then(|| {
@@ -238,7 +247,7 @@ fn words(document: &Document) -> String {
             paper = row.paper;
             text += &format!("{paper}\n");
         }
-        text += &format!("  {}, {}: {}\n", row.place, row.what, row.verdict.to_uppercase());
+        text += &format!("  {}, {}: {}\n", row.place, row.what, readable(row, document.effort).to_uppercase());
         text += &format!("    published  {}\n", row.published.as_deref().unwrap_or("-"));
         text += &format!("    here       {}\n", row.reproduced);
         text += &wrapped(&format!("{} ({})", row.reason, row.how));

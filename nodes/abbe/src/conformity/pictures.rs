@@ -8,6 +8,8 @@ use abbe_conformity::positioning::{AxisFigures, DirectionFigures, TargetFigures}
 use abbe_conformity::{MaximumPermissibleError, SupportedLimit};
 use abbe_report::{Axis, Curve, CurveStyle, LinePanel, LinePlot, Section};
 
+/// Colour of the tightest limit: beside the seven lines of the test, whose points have those before it.
+const TIGHTEST: u8 = 8;
 /// Steps in which a limit is drawn: one with a cap has a bend.
 const LIMIT_STEPS: usize = 40;
 
@@ -22,7 +24,7 @@ pub(crate) fn errors_against_length(
     let mut curves: Vec<Curve> =
         errors.lines.iter().enumerate().map(|(k, line)| points(errors, &line.line, k)).collect();
     let tightest_at = |length_m: f64| tightest.at_m(length_m);
-    curves.extend(both_sides("tightest A + L/K", CurveStyle::Line(6), longest_m, &tightest_at));
+    curves.extend(both_sides("tightest A + L/K", CurveStyle::Line(TIGHTEST), longest_m, &tightest_at));
     if let Some(limit) = limit {
         let at = |length_m: f64| limit.at(length_m).metres();
         curves.extend(both_sides("limit", CurveStyle::Reference, longest_m, &at));

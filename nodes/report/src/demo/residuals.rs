@@ -115,7 +115,7 @@ impl DemoReport {
                 let of: Vec<&Residual> = self.residuals.iter().filter(|r| r.station == name).collect();
                 Curve {
                     name: format!("station {name}"),
-                    style: CurveStyle::Points((index % 6 + 1) as u8),
+                    style: CurveStyle::Points((index % 8 + 1) as u8),
                     x: of.iter().map(|r| r.time_s / 60.0).collect(),
                     y: of.iter().map(|r| Some(r.residual_um)).collect(),
                     half_width: None,

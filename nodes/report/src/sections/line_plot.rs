@@ -9,7 +9,7 @@ use crate::scale::{Scale, extent};
 use crate::svg::{Drawing, Svg};
 use crate::theme::SERIES;
 
-/// How a curve is drawn. Series count from 1; colours repeat after six.
+/// How a curve is drawn. Series count from 1; colours and markers repeat after eight.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum CurveStyle {
@@ -30,7 +30,15 @@ impl CurveStyle {
         match self {
             Self::Line(series) => format!("ln l{}", Self::series(series)),
             Self::Reference => "ink dash".to_owned(),
-            Self::Points(series) => format!("dot2 o{}", Self::series(series)),
+            Self::Points(series) => format!("f{}", Self::series(series)),
+        }
+    }
+
+    /// The series of points; `None` for lines.
+    fn marker(self) -> Option<u8> {
+        match self {
+            Self::Points(series) => Some(Self::series(series)),
+            Self::Line(_) | Self::Reference => None,
         }
     }
 
@@ -116,14 +124,13 @@ impl Curve {
     }
 
     fn draw(&self, svg: &mut Svg, x: &Scale, y: &Scale) {
-        let points = matches!(self.style, CurveStyle::Points(_));
-        let step = if points { one_in(self.x.len()) } else { 1 };
+        let marker = self.style.marker();
+        let step = if marker.is_some() { one_in(self.x.len()) } else { 1 };
         for run in self.runs() {
             let pixels: Vec<_> = drawn(&run, step).map(|&(px, py, _)| (x.map(px), y.map(py))).collect();
-            if points {
-                svg.dots(&self.style.stroke_class(), &pixels);
-            } else {
-                svg.path(&self.style.stroke_class(), &pixels, false);
+            match marker {
+                Some(series) => svg.markers(series, &self.style.stroke_class(), &pixels),
+                None => svg.path(&self.style.stroke_class(), &pixels, false),
             }
         }
     }
@@ -178,9 +185,9 @@ impl LinePlot {
         let mut entries: Vec<(Swatch, String)> = Vec::new();
         for curve in self.panels.iter().flat_map(|p| &p.curves) {
             let class = curve.style.stroke_class();
-            let swatch = match curve.style {
-                CurveStyle::Points(_) => Swatch::Dot(class.replace("dot2 ", "")),
-                _ => Swatch::Line(class),
+            let swatch = match curve.style.marker() {
+                Some(series) => Swatch::Marker(series, class),
+                None => Swatch::Line(class),
             };
             let entry = (swatch, curve.name.clone());
             if !curve.name.is_empty() && !entries.contains(&entry) {

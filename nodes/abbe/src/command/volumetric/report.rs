@@ -32,6 +32,7 @@ pub(super) fn report(answer: &Answer) -> Report {
             .doubts
             .iter()
             .map(|doubt| doubtful(doubt))
+            .chain(outside(answer))
             .chain([key_figures(answer), map(answer), diagonals(answer)])
             .collect(),
     }
@@ -42,6 +43,21 @@ fn doubtful(doubt: &str) -> Section {
         tone: Tone::Warning,
         title: "What speaks against this model".to_owned(),
         text: doubt.to_owned(),
+    })
+}
+
+/// How much of the map is outside of what the model was identified from: the answer is worth no more than that.
+fn outside(answer: &Answer) -> Option<Section> {
+    let (outside, all) = (answer.extrapolated(), answer.map.len());
+    (outside > 0).then(|| {
+        Section::Callout(Callout {
+            tone: if outside == all { Tone::Bad } else { Tone::Warning },
+            title: "Outside of what was measured".to_owned(),
+            text: format!(
+                "{outside} of {all} points lie outside of the volume or the offsets that the model was identified from, or lack \
+                 covariates: what is shown there is extrapolated, and its uncertainty is a lower bound."
+            ),
+        })
     })
 }
 
