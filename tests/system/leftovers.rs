@@ -115,6 +115,24 @@ fn a_demo_that_is_interrupted_terminated_or_killed_leaves_no_process_and_no_file
     }
 }
 
+#[test]
+fn a_demo_that_is_interrupted_or_killed_while_it_diagnoses_leaves_no_process_and_no_file() {
+    for end in [End::InterruptAll, End::Kill] {
+        let folder = tempfile::tempdir().unwrap();
+        let out = folder.path().join("demo");
+        let mut command = abbe(["demo", "--out", &text(&out)]);
+        command.process_group(0);
+        let demo = Started::start(command);
+        let run = format!("{:x}-", demo.id());
+        // It begins when the campaign has been played, and then the tracer has nothing more to give.
+        let nodes = 6 - 1;
+        let diagnoses = || processes_with(&format!("{}/diagnoses/0001/campaign.csv", out.display()));
+        end_and_look(demo, nodes, &run, end, || !diagnoses().is_empty());
+        wait_until("the diagnosis ends with the node that it is for", GONE_WITHIN, || diagnoses().is_empty());
+        assert!(!out.join("report.html").exists() && !out.join("diagnoses/0001/model.json").exists());
+    }
+}
+
 /// Whether a bag holds what some tenths of a second at 1 kHz give.
 fn is_recording(bench: &Bench, bag: &str) -> bool {
     fs::metadata(bench.path(&format!("{bag}/{bag}_0.mcap"))).is_ok_and(|file| file.len() > 32 << 10)

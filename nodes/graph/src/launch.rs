@@ -132,6 +132,9 @@ pub struct Source {
     pub driver: DriverConfig,
     /// How fast.
     pub pace: Pace,
+    /// Sequence at which the recording begins again at its end, until the node is stopped; what goes out counts on. Without
+    /// it the recording is played once. For the scale node only: a tracer's readings again would count twice as evidence.
+    pub repeat_from: Option<u64>,
 }
 
 /// The monitor's bounds, and what it does when the model does not hold any more.

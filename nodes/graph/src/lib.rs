@@ -4,6 +4,7 @@
 //! `monitor` compares predicted with measured range. What a node computes is a pure function in [`step`], the same
 //! for live, replay and tests; [`node`] only wires it to transports. SI, machine frame.
 
+mod again;
 pub mod diagnosis;
 pub mod driver;
 pub mod feed;

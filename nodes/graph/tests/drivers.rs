@@ -7,7 +7,9 @@ mod common;
 
 use abbe_files::write_campaign;
 use abbe_geometry::chain::nominal_point_m;
-use abbe_graph::driver::{CampaignFromBag, DriverConfig, JoinSettings, campaign_from_bag, open_scale, open_tracer};
+use abbe_graph::driver::{
+    CampaignFromBag, DriverConfig, JoinSettings, campaign_from_bag, open_scale, open_scale_again, open_tracer,
+};
 use abbe_graph::step::{GeometricStep, MonitorSettings, MonitorStep, ReadingBuffer};
 use abbe_identify::{Options, identify};
 use abbe_measurement::campaign::Campaign;
@@ -34,6 +36,37 @@ impl Recording {
         let mut driver = open_tracer(&Recording::config(), self.0.path(), &bench().machine).unwrap();
         std::iter::from_fn(|| driver.next_reading().unwrap()).collect()
     }
+}
+
+#[test]
+fn a_recording_that_is_repeated_comes_again_with_sequence_and_stamps_going_on() {
+    let recording = Recording::of(&bench().campaign.part(&(0..50).collect::<Vec<_>>()));
+    let machine = &bench().machine;
+    let mut once = open_scale(&Recording::config(), recording.0.path(), machine).unwrap();
+    let first: Vec<ScaleReading> = std::iter::from_fn(|| once.next_reading().unwrap()).collect();
+    let open = |from| open_scale_again(&Recording::config(), recording.0.path(), machine, from).unwrap();
+    for from in [0, 30] {
+        let mut again = open(from);
+        let all: Vec<ScaleReading> = (0..150).map(|_| again.next_reading().unwrap().unwrap()).collect();
+        assert_eq!(all[..50], first, "the first pass is the recording itself");
+        let length = 50 - from as usize;
+        for (place, reading) in all.iter().enumerate().skip(50) {
+            let of_pass = (place - 50) % length;
+            let original = &first[from as usize + of_pass];
+            assert_eq!(*reading, ScaleReading { sequence: place as u64, stamp: reading.stamp, ..*original });
+            let since =
+                |list: &[ScaleReading], k: usize, begin: usize| list[k].stamp.to_nanos() - list[begin].stamp.to_nanos();
+            assert!(since(&all, place, place - 1) > 0, "reading {place}");
+            let (begin, of_first) = (place - of_pass, from as usize);
+            assert_eq!(since(&all, place, begin), since(&first, of_first + of_pass, of_first), "reading {place}");
+        }
+    }
+    let mut never = open(50);
+    assert_eq!(
+        std::iter::from_fn(|| never.next_reading().unwrap()).count(),
+        50,
+        "nothing is there to begin again with"
+    );
 }
 
 /// Readings of every second line, or of the others.

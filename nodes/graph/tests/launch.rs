@@ -50,6 +50,18 @@ fn refusal(from: &str, to: &str) -> String {
 }
 
 #[test]
+fn a_scale_recording_may_be_repeated_and_a_tracer_recording_may_not() {
+    let repeated = GOOD.replacen("pace = { rate_hz = 1000.0 }", "pace = { rate_hz = 1000.0 }\nrepeat_from = 7", 1);
+    let launch = parse(&repeated).unwrap();
+    let from = |launch: Launch| launch.scale.unwrap().repeat_from;
+    assert_eq!((from(launch.clone()), from(parse(GOOD).unwrap())), (Some(7), None));
+    assert_eq!(parse(&launch.to_text().unwrap()).unwrap(), launch, "what is written is read back");
+    let tracer = repeated.replacen("[scale]", "[tracer]", 1).replacen("\"scale\", ", "", 1);
+    let refused = parse(&tracer).unwrap_err();
+    assert!(refused.contains("tracer.repeat_from") && refused.contains("no new evidence"), "{refused}");
+}
+
+#[test]
 fn a_good_file_says_who_talks_to_whom_over_what() {
     let launch = parse(GOOD).unwrap();
     assert_eq!(launch.publishes_over(NodeName::Residual), [TransportKind::SharedMemory, TransportKind::Dds]);

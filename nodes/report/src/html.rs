@@ -9,7 +9,7 @@ use crate::error::ReportError;
 use crate::report::Report;
 use crate::sections::Section;
 use crate::svg::Drawing;
-use crate::text::{MISSING, escape};
+use crate::text::escape;
 use crate::theme;
 
 /// The embedded fonts: weight and file.
@@ -58,11 +58,12 @@ fn header(report: &Report, out: &mut String) {
     if let Some(lead) = &report.lead {
         let _ = writeln!(out, "<p class=\"lead\">{}</p>", escape(lead));
     }
-    if !report.meta.is_empty() {
+    // What is not known has no line: one with a dash tells nothing.
+    let known: Vec<_> = report.meta.iter().filter_map(|item| Some((&item.label, item.value.as_deref()?))).collect();
+    if !known.is_empty() {
         out.push_str("<dl class=\"meta\">\n");
-        for item in &report.meta {
-            let value = item.value.as_deref().map_or_else(|| MISSING.to_owned(), escape);
-            let _ = writeln!(out, "<dt>{}</dt><dd>{value}</dd>", escape(&item.label));
+        for (label, value) in known {
+            let _ = writeln!(out, "<dt>{}</dt><dd>{}</dd>", escape(label), escape(value));
         }
         out.push_str("</dl>\n");
     }

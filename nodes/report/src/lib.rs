@@ -39,9 +39,9 @@ mod text;
 mod theme;
 
 pub use demo::{
-    Correlation, DemoReport, ErrorCurve, ErrorCurveSet, ErrorKind, FileEntry, FitSummary, Identifiability, LiveFigures,
-    MeasuredLine, MeasuringVolume, OrderChoice, RejectedReading, Residual, RunHeader, SquarenessError, StationEntry,
-    StepDuration, VerificationPoint,
+    Closing, Correlation, DemoReport, ErrorCurve, ErrorCurveSet, ErrorKind, FileEntry, FitSummary, Identifiability,
+    InUse, LiveFigures, MeasuredLine, MeasuringVolume, OrderChoice, RejectedReading, Residual, RunHeader,
+    SquarenessError, StationEntry, StepDuration, VerificationPoint,
 };
 pub use error::ReportError;
 pub use finite::check_finite;

@@ -1,4 +1,5 @@
-//! The main plot as PNG: title and sentence, the figure, a footer; rasterised with the embedded font only.
+//! The main plot as PNG: title and sentences, the figure, a footer; rasterised with the embedded font only. The picture
+//! grows with the sentences: none is cut.
 
 use std::sync::Arc;
 
@@ -16,13 +17,16 @@ use crate::theme;
 const PNG_WIDTH_PX: f64 = 1600.0;
 /// Margin left and right of the drawing, in drawing units.
 const MARGIN: f64 = 36.0;
-/// Space above the drawing.
+/// Space above the drawing, with up to two lines of text.
 const TOP: f64 = 88.0;
+/// First line of text, and from one to the next.
+const FIRST_LINE: f64 = 63.0;
+const NEXT_LINE: f64 = 17.0;
 /// Space below the drawing.
 const BOTTOM: f64 = 34.0;
 /// Characters of the sentence under the title that fit a line.
 const LINE_CHARS: usize = 145;
-/// Height of a comparison's plotting areas, so that its PNG is 1600 x 900.
+/// Height of a comparison's plotting areas, so that its PNG is 1600 x 900 with up to two lines of text.
 const COMPARISON_HEIGHT: f64 = 422.0;
 
 /// The fonts of the rasteriser; the fonts of the machine are never looked at.
@@ -48,13 +52,14 @@ pub(crate) fn main_plot(report: &Report) -> Result<Vec<u8>, ReportError> {
 /// A stand-alone SVG document: header, the drawing, footer, colours written out.
 fn standalone(report: &Report, title: &str, drawing: &Drawing) -> Result<String, ReportError> {
     let width = WIDTH_PX + 2.0 * MARGIN;
-    let height = TOP + drawing.height + BOTTOM;
+    let lines = lines(report.lead.as_deref().unwrap_or(&report.title));
+    let top = TOP + NEXT_LINE * lines.len().saturating_sub(2) as f64;
+    let height = top + drawing.height + BOTTOM;
     let mut svg = Svg::new(width, height);
     svg.rect("paper", (0.0, 0.0), (width, height), None);
     svg.text("headline", (MARGIN, 40.0), Anchor::Start, title);
-    let lead = report.lead.as_deref().unwrap_or(&report.title);
-    for (line, y) in two_lines(lead).iter().zip([63.0, 80.0]) {
-        svg.text("subline", (MARGIN, y), Anchor::Start, line);
+    for (number, line) in lines.iter().enumerate() {
+        svg.text("subline", (MARGIN, FIRST_LINE + NEXT_LINE * number as f64), Anchor::Start, line);
     }
     if let Some(footer) = &report.footer {
         svg.text("small muted", (MARGIN, height - 14.0), Anchor::Start, footer);
@@ -63,31 +68,27 @@ fn standalone(report: &Report, title: &str, drawing: &Drawing) -> Result<String,
     let css = theme::standalone_css();
     Ok(format!(
         "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {width} {height}\" \
-         width=\"{PNG_WIDTH_PX}\" height=\"{}\"><style>{css}</style>{}<g transform=\"translate({MARGIN} {TOP})\">{}</g></svg>",
+         width=\"{PNG_WIDTH_PX}\" height=\"{}\"><style>{css}</style>{}<g transform=\"translate({MARGIN} {top})\">{}</g></svg>",
         (height * PNG_WIDTH_PX / width).round(),
         around.body,
         drawing.body
     ))
 }
 
-/// A sentence in one or two lines that fit the width; an ellipsis marks what does not.
-fn two_lines(text: &str) -> Vec<String> {
+/// Text in lines that fit the width; a word that is longer than a line is not cut either.
+fn lines(text: &str) -> Vec<String> {
     let mut lines = vec![String::new()];
     for word in text.split_whitespace() {
         let last = lines.len() - 1;
         let line = &mut lines[last];
-        if !line.is_empty() && line.chars().count() + word.chars().count() >= LINE_CHARS {
-            if last == 1 {
-                line.push_str(" …");
-                return lines;
-            }
+        if line.is_empty() {
+            line.push_str(word);
+        } else if line.chars().count() + word.chars().count() >= LINE_CHARS {
             lines.push(word.to_owned());
-            continue;
-        }
-        if !line.is_empty() {
+        } else {
             line.push(' ');
+            line.push_str(word);
         }
-        line.push_str(word);
     }
     lines
 }
@@ -113,11 +114,12 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_long_sentence_takes_two_lines_and_says_when_it_goes_on() {
-        assert_eq!(two_lines("short one"), ["short one"]);
-        let lines = two_lines(&"word ".repeat(40));
-        assert_eq!((lines.len(), lines.concat().matches("word").count()), (2, 40));
-        let lines = two_lines(&"word ".repeat(100));
-        assert!(lines.len() == 2 && lines[1].ends_with(" …"));
+    fn a_long_text_takes_as_many_lines_as_it_needs_and_none_is_cut() {
+        assert_eq!(lines("short one"), ["short one"]);
+        for (words, count) in [(40, 2), (100, 4)] {
+            let lines = lines(&"word ".repeat(words));
+            assert_eq!((lines.len(), lines.concat().matches("word").count()), (count, words));
+            assert!(lines.iter().all(|line| line.chars().count() <= LINE_CHARS));
+        }
     }
 }

@@ -12,7 +12,7 @@ use crate::{html, png};
 pub struct MetaItem {
     /// Name of the item.
     pub label: String,
-    /// Its text; missing is shown as a dash.
+    /// Its text; where it is missing, the line is left out of the page.
     pub value: Option<String>,
 }
 

@@ -52,12 +52,14 @@ fn comparison(points: &[(f64, Option<f64>, f64)]) -> Section {
         note: None,
         label: "e".into(),
         unit: "µm".into(),
-        before_name: "b".into(),
-        after_name: "a".into(),
+        states: vec!["b".into(), "m".into(), "a".into()],
         groups: vec![ComparisonGroup {
             label: "3-D".into(),
-            before: points.iter().map(|p| p.0.abs()).collect(),
-            after: points.iter().filter_map(|p| p.1).map(f64::abs).collect(),
+            states: vec![
+                points.iter().map(|p| p.0.abs()).collect(),
+                points.iter().map(|p| p.2.abs()).collect(),
+                points.iter().filter_map(|p| p.1).map(f64::abs).collect(),
+            ],
         }],
     })
 }

@@ -121,15 +121,41 @@ fn finite_numbers_that_overflow_the_drawing_are_an_error() {
 }
 
 #[test]
+fn eight_series_of_points_are_told_apart_by_their_markers_and_their_colours() {
+    let mut plot = line_plot(vec![Some(1.0)]);
+    let curve = |series: u8| Curve {
+        name: format!("line {series}"),
+        style: CurveStyle::Points(series),
+        ..plot.panels[0].curves[0].clone()
+    };
+    plot.panels[0].curves = (1..=9).map(curve).collect();
+    let html = single(Section::LinePlot(plot)).html().unwrap();
+    let drawn: Vec<&str> =
+        html.split("<path class=\"mark ").skip(1).map(|rest| rest.split('/').next().unwrap()).collect();
+    assert_eq!(drawn.len(), 18, "a marker and its entry in the legend each");
+    let colours: std::collections::BTreeSet<&str> = drawn.iter().map(|path| path.split('"').next().unwrap()).collect();
+    // What follows the place of a marker is its outline.
+    let outline = |path: &&str| path.split_once('m').unwrap().1.to_owned();
+    let shapes: std::collections::BTreeSet<String> = drawn.iter().map(outline).collect();
+    assert_eq!((colours.len(), shapes.len()), (8, 8), "the ninth is as the first");
+}
+
+#[test]
 fn missing_values_are_dashes_and_gaps() {
     let table = TableSection {
         title: "M".into(),
         note: None,
-        columns: vec![Column::number("v", "mm")],
-        rows: vec![vec![None]],
+        columns: vec![Column::number("told", "mm"), Column::number("never known", "mm")],
+        rows: vec![vec![None, None], vec![Cell::number(1.5, 1), None]],
         total_rows: None,
     };
-    assert!(single(Section::Table(table)).html().unwrap().contains("<span class=\"missing\">—</span>"));
+    let html = single(Section::Table(table)).html().unwrap();
+    assert_eq!(html.matches("<span class=\"missing\">—</span>").count(), 1);
+    assert!(html.contains("told") && !html.contains("never known"), "a column of dashes tells nothing");
+    let known = |label: &str, value: Option<&str>| MetaItem { label: label.into(), value: value.map(str::to_owned) };
+    let meta = vec![known("Machine", Some("m1")), known("Host", None)];
+    let html = Report { title: "T".into(), meta, ..Report::default() }.html().unwrap();
+    assert!(html.contains("Machine") && !html.contains("Host"));
     let broken = line_plot(vec![Some(1.0), Some(2.0), None, Some(1.0), Some(0.5)]);
     let html = single(Section::LinePlot(broken)).html().unwrap();
     assert_eq!(html.matches("<path class=\"ln l1\"").count(), 3, "legend and two pieces of the curve");
@@ -239,6 +265,7 @@ fn key_figures_of_a_known_sample() {
         position_mm: [e, 0.0, 0.0],
         before_um: [3.0 * e, 4.0 * e, 0.0],
         after_um: Some([0.0, 0.0, e]),
+        after_loop_um: None,
     };
     let data = DemoReport { verification: vec![point(1.0), point(7.0)], ..DemoReport::default() };
     let Section::KeyFigures(key) = &data.report().sections[0] else { panic!("key figures come first") };
@@ -246,6 +273,49 @@ fn key_figures_of_a_known_sample() {
     assert_eq!(key.figures[0].before, Some(Quantity::new(25.0, 2)));
     assert_eq!(key.figures[0].value, Some(Quantity::new(5.0, 2)));
     assert_eq!(key.figures[1].value, Some(Quantity::new(7.0, 2)));
+}
+
+/// How a loop may end that found one effect.
+fn closing() -> Closing {
+    let effect = serde_json::json!({
+        "name": "bow", "title": "bow under load", "kind": "attributed", "formula": "", "shape": { "axis": "y" },
+        "covariates": [], "p_value": 1e-9, "evidence": 80.0, "alias_share": 0.69,
+        "parameters": [{ "name": "curvature", "value": -31.8e-6, "unit": "1/(m K)", "u": 2.8e-6, "plausible": null, "is_plausible": true }],
+        "held_out_gain_um": 0.5, "size_um": 0.99,
+        "placebo": { "gain": 1.0, "unit": "", "draws": 0, "median": null, "quantile_95": null, "share_as_good": null },
+        "cannot_be_told_from": [{ "name": "sag", "shape": {}, "evidence_behind": 3.0 }]
+    });
+    let in_use = Some(InUse { model_hash: "ab".repeat(32), first_sample: 27_412 });
+    Closing { effects: vec![serde_json::from_value(effect).unwrap()], in_use, ..Closing::default() }
+}
+
+#[test]
+fn what_the_model_lacked_is_named_with_size_uncertainty_and_rival() {
+    let words = closing().sentences().join(" ");
+    for told in [
+        "bow under load of Y",
+        "0.99 µm rms",
+        "curvature −31.8 ± 2.8 µrad/(m·K) (k = 1)",
+        "cannot tell it from: sag",
+        "69 %",
+    ] {
+        assert!(words.contains(told), "{told:?}: {words}");
+    }
+    let mut data = common::demo_report(1);
+    data.verification.iter_mut().for_each(|point| point.after_loop_um = point.after_um.map(|e| e.map(|v| v / 4.0)));
+    data.closing = Some(closing());
+    let html = data.html().unwrap();
+    for told in
+        ["after geometry", "after the loop", "bow under load of Y", "What it could be confused with", "from sample 27"]
+    {
+        assert!(html.contains(told), "{told:?}");
+    }
+    data.png().unwrap();
+    assert_eq!(serde_json::from_str::<DemoReport>(&data.json().unwrap()).unwrap(), data);
+    let nothing = Closing { outcome: "The monitor asked for no diagnosis".into(), ..Closing::default() };
+    assert_eq!(nothing.sentences(), ["The monitor asked for no diagnosis."]);
+    data.closing = Some(nothing);
+    assert!(data.html().unwrap().contains("asked for no diagnosis"));
 }
 
 #[test]

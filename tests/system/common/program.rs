@@ -103,13 +103,19 @@ impl Started {
 
     /// Waits for the end.
     #[track_caller]
-    pub(crate) fn finish(mut self) -> Ran {
-        let deadline = Instant::now() + LIMIT;
+    pub(crate) fn finish(self) -> Ran {
+        self.finish_within(LIMIT)
+    }
+
+    /// The same for what takes longer than other commands.
+    #[track_caller]
+    pub(crate) fn finish_within(mut self, limit: Duration) -> Ran {
+        let deadline = Instant::now() + limit;
         let status = loop {
             if let Some(status) = self.child.try_wait().unwrap() {
                 break status;
             }
-            assert!(Instant::now() < deadline, "the command did not end within {LIMIT:?}");
+            assert!(Instant::now() < deadline, "the command did not end within {limit:?}");
             thread::sleep(Duration::from_millis(5));
         };
         let text = |thread: Option<thread::JoinHandle<Vec<u8>>>| thread.unwrap().join().unwrap();

@@ -9,9 +9,12 @@ use crate::diagnosis::{Product, Request, output, tracer};
 use crate::pipeline::BagJoin;
 use crate::verdict::{Accept, shown};
 use abbe_diagnose::Progress;
-use abbe_runtime::Shutdown;
+use abbe_runtime::{LAUNCHER_PID, Shutdown};
 use anyhow::{Context, bail};
 use std::path::PathBuf;
+
+/// Steps by which a diagnosis that a node started gives way to others: correction comes first.
+const GIVES_WAY: i32 = 5;
 
 /// Arguments of `diagnose`.
 #[derive(Debug, clap::Args)]
@@ -48,6 +51,10 @@ pub(crate) struct Arguments {
 
 pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let shutdown = Shutdown::on_signals()?;
+    if std::env::var_os(LAUNCHER_PID).is_some() {
+        // Where the system refuses, it goes on as it is.
+        let _ = rustix::process::nice(GIVES_WAY);
+    }
     let inputs = [&arguments.model, &arguments.campaign, &arguments.residuals, &arguments.verify];
     let inputs: Vec<_> = inputs.into_iter().flatten().map(PathBuf::as_path).collect();
     output::check(&arguments.out, &inputs)?;

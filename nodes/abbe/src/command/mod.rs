@@ -79,7 +79,7 @@ pub(crate) enum Command {
     Points(points::Arguments),
     /// Interpolate measured error vectors, or score the methods that do
     Interpolate(interpolate::Arguments),
-    /// The whole chain on a recorded campaign: identify, correct live, report
+    /// The whole chain on a recorded campaign: identify, correct live, close the loop, report
     Demo(crate::demo::Arguments),
     /// Run a graph of nodes from a launch file
     Launch(launch::Arguments),

@@ -1,54 +1,71 @@
 //! The live part of the demo: nodes as processes, the recording played through them, the corrected topic taken.
 //!
 //! Place in the flow: the demo is a user of the graph; it takes what the residual node publishes over shared memory,
-//! as any program on this host would.
+//! as any program on this host would. Where the loop is closed, the scale node goes on with the verification points, again and
+//! again, until the model that a diagnosis found has corrected them; the tracer's readings come once.
 
+use super::closing::{Loop, Watch};
 use super::recording::Bag;
+use super::{Steps, finish, step};
 use abbe_files::write_atomically;
 use abbe_graph::driver::DriverConfig;
 use abbe_graph::launch::{Edge, Launch, MonitorConfig, NodeName, Pace, RecordConfig, Source};
 use abbe_graph::node::{NodeSummary, STARTED, monotonic_s, user_identity};
 use abbe_graph::supervisor::Supervisor;
 use abbe_graph::topics;
-use abbe_msgs::CorrectedCoordinates;
+use abbe_msgs::{CorrectedCoordinates, RangeResidual, Sha256};
 use abbe_runtime::{Edges, EdgesConfig, RunId, Shutdown, Subscribe, TransportKind};
 use anyhow::{Context, bail, ensure};
-use indicatif::ProgressBar;
-use std::path::Path;
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 /// Longest time without a new sample before the graph counts as stuck.
 const SILENCE: Duration = Duration::from_secs(15);
 /// Time for the monitor and the recorder to take the last samples.
 const SETTLE: Duration = Duration::from_millis(300);
+/// How often is looked how far the loop is.
+const LOOK_EVERY: Duration = Duration::from_millis(100);
+/// Folder of the monitor's diagnoses in the output folder.
+pub(super) const DIAGNOSES: &str = "diagnoses";
 
 /// What to run.
 pub(super) struct Run<'a> {
     pub(super) out: &'a Path,
     pub(super) machine_file: &'a Path,
+    /// The model that the nodes use; a diagnosis puts another in its place.
+    pub(super) model_file: &'a Path,
     pub(super) bag: &'a Bag,
     pub(super) rate_hz: f64,
     pub(super) dds: bool,
+    /// Whether the loop is closed.
+    pub(super) closes: bool,
 }
 
 /// What came out.
 pub(super) struct Live {
-    pub(super) corrected: Vec<CorrectedCoordinates>,
+    /// The verification points as the first model corrected them.
+    pub(super) points: Vec<CorrectedCoordinates>,
+    /// Samples that came back.
+    pub(super) received: u64,
+    /// Samples sent until the last of them.
+    pub(super) sent: u64,
     /// From the instant each sample was due at the scale node to its corrected sample here, sorted (µs).
     pub(super) latencies_us: Vec<f64>,
     pub(super) lost: u64,
     pub(super) summaries: Vec<NodeSummary>,
+    /// How the loop went; `None` where it was left out.
+    pub(super) closing: Option<Loop>,
 }
 
-/// Runs the graph until every sample is back, and stops it.
-pub(super) fn run(run: &Run, shutdown: &Shutdown, bar: &ProgressBar) -> anyhow::Result<Live> {
+/// Runs the graph until every sample is back, and the loop is closed where that is wanted; stops it.
+pub(super) fn run(run: &Run, shutdown: &Shutdown, steps: &mut Steps) -> anyhow::Result<Live> {
     let launch = launch(run);
     let launch_file = run.out.join("launch.toml");
     write_atomically(&launch_file, launch.to_text()?.as_bytes())?;
-    let recorded = run.out.join("corrected");
-    if recorded.exists() {
-        std::fs::remove_dir_all(&recorded)
-            .with_context(|| format!("{}: the old recording cannot be replaced", recorded.display()))?;
+    for old in [run.out.join("corrected"), run.out.join(DIAGNOSES)].iter().filter(|path| path.exists()) {
+        std::fs::remove_dir_all(old)
+            .with_context(|| format!("{}: what an earlier run left cannot be replaced", old.display()))?;
     }
     let program = std::env::current_exe().context("the path of this program is unknown")?;
     let mut supervisor = Supervisor::start(&program, &launch_file, RunId::unique())?;
@@ -56,68 +73,202 @@ pub(super) fn run(run: &Run, shutdown: &Shutdown, bar: &ProgressBar) -> anyhow::
     config.run = Some(supervisor.run().clone());
     let edges = Edges::open(config)?;
     let mut subscriber = edges.subscriber::<CorrectedCoordinates>(topics::CORRECTED, TransportKind::SharedMemory)?;
-    let received = collect(run, &mut supervisor, subscriber.as_mut(), shutdown, bar)?;
+    let mut residuals = match run.closes {
+        true => Some(edges.subscriber::<RangeResidual>(topics::RANGE_RESIDUAL, TransportKind::SharedMemory)?),
+        false => None,
+    };
+    let mut taken = Taken::of(run.bag);
+    let mut inputs = Inputs { corrected: subscriber.as_mut(), residuals: residuals.as_deref_mut() };
+    let closing = collect(run, &mut supervisor, &mut inputs, shutdown, &mut taken, steps)?;
     let lost = subscriber.lost();
-    drop(subscriber);
+    drop((subscriber, residuals));
     drop(edges);
     ensure!(!shutdown.requested(), "stopped on request");
     shutdown.sleep(SETTLE);
     let stopped = supervisor.stop(shutdown)?;
     ensure!(stopped.problems.is_empty(), "the graph did not run well: {}", stopped.problems.join("; "));
     let summaries = stopped.summaries;
-    let latencies_us = latencies_us(&received, &summaries, run.rate_hz);
-    Ok(Live { corrected: received.into_iter().map(|(sample, _)| sample).collect(), latencies_us, lost, summaries })
+    let latencies_us = taken.latencies_us(&summaries, run.rate_hz);
+    let Taken { first_points: points, count: received, next: sent, .. } = taken;
+    Ok(Live { points, received, sent, latencies_us, lost, summaries, closing })
 }
 
-/// Latencies of all samples, sorted; empty where the scale node did not say when it began.
-fn latencies_us(received: &[Received], summaries: &[NodeSummary], rate_hz: f64) -> Vec<f64> {
-    let scale = summaries.iter().find(|summary| summary.node == NodeName::Scale.name());
-    let Some(started_s) = scale.and_then(|summary| summary.figures.get(STARTED)) else { return Vec::new() };
-    let latency = |(sample, at_s): &Received| (at_s - started_s - sample.sequence as f64 / rate_hz) * 1e6;
-    let mut latencies: Vec<f64> = received.iter().map(latency).collect();
-    latencies.sort_by(f64::total_cmp);
-    latencies
+/// What is taken of the graph.
+struct Inputs<'a> {
+    corrected: &'a mut dyn Subscribe<CorrectedCoordinates>,
+    /// Only where the loop is closed.
+    residuals: Option<&'a mut (dyn Subscribe<RangeResidual> + 'static)>,
 }
 
-/// A sample and when it came, in seconds of the host's monotonic clock.
-type Received = (CorrectedCoordinates, f64);
+/// What came over the corrected topic, and how many range residuals.
+pub(super) struct Taken {
+    /// Samples of the recording; the verification points come last.
+    recorded: u64,
+    first_point: u64,
+    /// Readings of the tracer.
+    tracer: u64,
+    residuals: u64,
+    /// Samples that came.
+    pub(super) count: u64,
+    /// Sequence that is due next.
+    next: u64,
+    /// Verification points of the first pass, and of the latest.
+    first_points: Vec<CorrectedCoordinates>,
+    latest_points: Vec<CorrectedCoordinates>,
+    /// Model of the first sample; first sample of another.
+    first_model: Option<Sha256>,
+    new_model_from: Option<u64>,
+    statuses: BTreeSet<&'static str>,
+    /// Sequence, and when it came in seconds of the host's monotonic clock.
+    times: Vec<(u64, f64)>,
+}
 
+impl Taken {
+    fn of(bag: &Bag) -> Taken {
+        Taken {
+            recorded: bag.scale_readings as u64,
+            first_point: bag.first_point,
+            tracer: bag.tracer_readings,
+            residuals: 0,
+            count: 0,
+            next: 0,
+            first_points: Vec::new(),
+            latest_points: Vec::new(),
+            first_model: None,
+            new_model_from: None,
+            statuses: BTreeSet::new(),
+            times: Vec::with_capacity(bag.scale_readings),
+        }
+    }
+
+    fn take(&mut self, sample: CorrectedCoordinates) {
+        self.times.push((sample.sequence, monotonic_s()));
+        self.count += 1;
+        self.next = sample.sequence + 1;
+        self.statuses.insert(sample.status.name());
+        if *self.first_model.get_or_insert(sample.model_sha256) != sample.model_sha256 {
+            self.new_model_from.get_or_insert(sample.sequence);
+        }
+        let Some(place) = sample.sequence.checked_sub(self.first_point) else { return };
+        if place % self.points() == 0 {
+            self.latest_points.clear();
+        }
+        self.latest_points.push(sample);
+        if place < self.points() {
+            self.first_points.push(sample);
+        }
+    }
+
+    fn points(&self) -> u64 {
+        (self.recorded - self.first_point).max(1)
+    }
+
+    /// Whether all of the recording have come.
+    pub(super) fn is_played(&self) -> bool {
+        self.next >= self.recorded
+    }
+
+    /// Whether the monitor has judged every reading of the tracer.
+    pub(super) fn is_judged(&self) -> bool {
+        self.residuals >= self.tracer
+    }
+
+    /// Words for what the samples say of themselves.
+    pub(super) fn by_what(&self) -> String {
+        let names: Vec<String> = self.statuses.iter().map(|name| name.to_lowercase().replace('_', " ")).collect();
+        names.join(" or ")
+    }
+
+    /// First sample that another model than the first corrected.
+    pub(super) fn first_of_new_model(&self) -> Option<u64> {
+        self.new_model_from
+    }
+
+    /// The verification points of the pass under way, once all of them have come.
+    pub(super) fn last_points(&self) -> Option<&[CorrectedCoordinates]> {
+        (self.latest_points.len() as u64 == self.points()).then_some(self.latest_points.as_slice())
+    }
+
+    /// Latencies of all samples, sorted; empty where the scale node did not say when it began.
+    fn latencies_us(&self, summaries: &[NodeSummary], rate_hz: f64) -> Vec<f64> {
+        let scale = summaries.iter().find(|summary| summary.node == NodeName::Scale.name());
+        let Some(started_s) = scale.and_then(|summary| summary.figures.get(STARTED)) else { return Vec::new() };
+        let latency = |(sequence, at_s): &(u64, f64)| (at_s - started_s - *sequence as f64 / rate_hz) * 1e6;
+        let mut latencies: Vec<f64> = self.times.iter().map(latency).collect();
+        latencies.sort_by(f64::total_cmp);
+        latencies
+    }
+}
+
+/// Takes samples until all of the recording are back and the loop is closed.
 fn collect(
     run: &Run,
     supervisor: &mut Supervisor,
-    subscriber: &mut dyn Subscribe<CorrectedCoordinates>,
+    inputs: &mut Inputs,
     shutdown: &Shutdown,
-    bar: &ProgressBar,
-) -> anyhow::Result<Vec<Received>> {
-    let mut corrected = Vec::with_capacity(run.bag.scale_readings);
-    let mut heard = Instant::now();
-    while corrected.len() < run.bag.scale_readings && !shutdown.requested() {
-        if let Some(sample) = subscriber.take_within(Duration::from_millis(50))? {
-            corrected.push((sample, monotonic_s()));
-            heard = Instant::now();
-            if corrected.len() % 50 == 0 {
-                bar.set_message(format!("{} of {} samples", corrected.len(), run.bag.scale_readings));
+    taken: &mut Taken,
+    steps: &mut Steps,
+) -> anyhow::Result<Option<Loop>> {
+    let (begun, bar) = (Instant::now(), step("live"));
+    let mut watch = run.closes.then(|| Watch::new(&run.out.join(DIAGNOSES), monitor_of(supervisor), bar.clone()));
+    let (mut heard, mut looked) = (Instant::now(), Instant::now());
+    while !shutdown.requested() {
+        match inputs.corrected.take_within(Duration::from_millis(50))? {
+            Some(sample) => {
+                taken.take(sample);
+                heard = Instant::now();
             }
+            None if heard.elapsed() > SILENCE => {
+                bail!("the corrected topic has been silent for {} s after {} samples", SILENCE.as_secs(), taken.count);
+            }
+            None => {}
+        }
+        let all_are_back = watch.is_none() && taken.is_played();
+        if !all_are_back && looked.elapsed() < LOOK_EVERY {
             continue;
         }
+        looked = Instant::now();
+        while let Some(residuals) = &mut inputs.residuals
+            && residuals.take_within(Duration::ZERO)?.is_some()
+        {
+            taken.residuals += 1;
+        }
         supervisor.check()?;
-        if heard.elapsed() > SILENCE {
-            bail!("the corrected topic has been silent for {} s after {} samples", SILENCE.as_secs(), corrected.len());
+        match &mut watch {
+            None if all_are_back => {
+                finish(&bar, &format!("{} of {} corrected samples received", taken.count, run.bag.scale_readings));
+                steps.push(("play through the nodes", begun.elapsed().as_secs_f64()));
+                return Ok(None);
+            }
+            None => bar.set_message(format!("{} of {} samples", taken.count, run.bag.scale_readings)),
+            Some(watch) => {
+                if watch.look(taken, monitor_of(supervisor), steps)? {
+                    break;
+                }
+                watch.bar().set_message(format!("{} samples corrected", taken.count));
+            }
         }
     }
-    Ok(corrected)
+    Ok(watch.map(Watch::end))
+}
+
+/// Process of the monitor.
+fn monitor_of(supervisor: &Supervisor) -> Option<u32> {
+    supervisor.process_ids().into_iter().find(|(name, _)| *name == NodeName::Monitor).map(|(_, id)| id)
 }
 
 /// The graph: shared memory between the nodes; DDS for everyone else where it is wanted.
 fn launch(run: &Run) -> Launch {
-    let play = |topic: &str| Source {
+    let play = |topic: &str, repeat_from| Source {
         driver: DriverConfig::Bag { file: run.bag.path.clone(), topic: format!("/{}/{topic}", run.bag.namespace) },
         pace: Pace::RateHz(run.rate_hz),
+        repeat_from,
     };
     let memory =
         |from, to: &str| Edge { from, to: to.to_owned(), transport: TransportKind::SharedMemory.name().to_owned() };
     let mut edges = vec![
         memory(NodeName::Scale, "geometric"),
+        memory(NodeName::Scale, "monitor"),
         memory(NodeName::Geometric, "residual"),
         memory(NodeName::Residual, "monitor"),
         memory(NodeName::Residual, "user"),
@@ -125,6 +276,9 @@ fn launch(run: &Run) -> Launch {
     ];
     let recorded = [NodeName::Scale, NodeName::Tracer, NodeName::Geometric, NodeName::Residual, NodeName::Monitor];
     edges.extend(recorded.map(|node| memory(node, "recorder")));
+    if run.closes {
+        edges.push(memory(NodeName::Monitor, "user"));
+    }
     if run.dds {
         let everyone = |from| Edge { from, to: "*".to_owned(), transport: TransportKind::Dds.name().to_owned() };
         edges.extend([NodeName::Scale, NodeName::Residual, NodeName::Monitor].map(everyone));
@@ -132,16 +286,31 @@ fn launch(run: &Run) -> Launch {
     Launch {
         namespace: run.bag.namespace.clone(),
         machine: run.machine_file.to_owned(),
-        model: Some(run.out.join("model.json")),
+        model: Some(run.model_file.to_owned()),
         residual_model: None,
         nodes: NodeName::ALL.to_vec(),
         max_covariate_age_s: 10.0,
         wait_for_subscribers_s: 20.0,
         gateway_memory_mib: None,
-        scale: Some(play(topics::SCALE_READING)),
-        tracer: Some(play(topics::TRACER_READING)),
-        monitor: Some(MonitorConfig::new(4.0, 200, 0.0005)),
+        scale: Some(play(topics::SCALE_READING, run.closes.then_some(run.bag.first_point))),
+        tracer: Some(play(topics::TRACER_READING, None)),
+        monitor: Some(monitor(run)),
         record: Some(RecordConfig::new(run.out.join("corrected"))),
         edges,
+    }
+}
+
+/// The monitor's bounds; where the loop is closed, it starts a diagnosis by itself and puts its model into use.
+fn monitor(run: &Run) -> MonitorConfig {
+    let bounds = MonitorConfig::new(4.0, 200, 0.0005);
+    match run.closes {
+        false => bounds,
+        true => MonitorConfig {
+            diagnosis_folder: Some(PathBuf::from(run.out).join(DIAGNOSES)),
+            diagnosis_readings: Some(run.bag.diagnosed_readings()),
+            diagnose_when_degraded: true,
+            adopt_diagnosed_model: true,
+            ..bounds
+        },
     }
 }

@@ -1,9 +1,11 @@
 //! `abbe demo`: the whole chain on a recorded campaign.
 //!
 //! Place in the flow: identify, start the nodes as processes, play the recording through them, subscribe to the
-//! corrected topic, report the error before and after. Everything lands in one folder; Ctrl-C leaves no process
+//! corrected topic; let the monitor have diagnosed what the model lacks, and the new model go into the running nodes;
+//! report the error before, after geometry and after the loop. Everything lands in one folder; Ctrl-C leaves no process
 //! and no shared memory behind.
 
+mod closing;
 mod live;
 mod recording;
 mod report;
@@ -12,8 +14,8 @@ mod shipped;
 use crate::command::progress_text;
 use crate::pipeline::{self, BagJoin, Choices};
 use crate::verdict::Accept;
-use crate::verification;
-use abbe_files::{hex, read_machine, write_atomically};
+use crate::verification::{self, VerificationPoints};
+use abbe_files::{ModelFile, hex, read_machine, write_atomically};
 use abbe_runtime::{Shutdown, end_with_reader};
 use anyhow::{Context, ensure};
 use indicatif::{ProgressBar, ProgressStyle};
@@ -37,14 +39,21 @@ pub(crate) struct Arguments {
     #[arg(long, requires = "campaign")]
     verify: Option<PathBuf>,
     /// Samples a second that the recording is played at
-    #[arg(long, default_value_t = 1000.0)]
+    #[arg(long, default_value_t = 500.0)]
     rate_hz: f64,
     #[command(flatten)]
     accept: Accept,
+    /// Leave the loop out: no diagnosis, no second model
+    #[arg(long)]
+    fast: bool,
     /// Also publish on DDS (ROS 2), on the domain of the environment
     #[arg(long)]
     dds: bool,
 }
+
+/// The model of the campaign, and the file that the nodes take theirs from where the loop is closed.
+const MODEL: &str = "model.json";
+const MODEL_IN_USE: &str = "model_in_use.json";
 
 /// Seconds that each step took.
 type Steps = Vec<(&'static str, f64)>;
@@ -74,26 +83,30 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let choices = Choices { robust: true, correlated_noise: false, accept: arguments.accept };
     let identified = timed(&mut steps, "identify", || pipeline::identify(&machine, &loaded, choices, &mut observe));
     let (model, found) = identified?;
-    let sha256 = model.save(&out.join("model.json"))?;
+    let sha256 = model.save(&out.join(MODEL))?;
+    let model_file = out.join(if arguments.fast { MODEL } else { MODEL_IN_USE });
+    model.save(&model_file)?;
     finish(&bar, &format!("model {} from {} readings", &hex(&sha256)[..12], loaded.campaign.readings.len()));
 
     let bar = step("record");
-    let verification_file = std::fs::File::open(&inputs.verify)
-        .with_context(|| format!("{}: cannot be opened", inputs.verify.display()))?;
-    let points = verification::correct_points(verification_file, &inputs.verify.display().to_string(), &model, None)?;
+    let points = corrected_points(&inputs, &model)?;
     let bag = timed(&mut steps, "make the recording", || recording::write(&machine, &inputs, &out))?;
     finish(&bar, &format!("{} scale and {} tracer readings", bag.scale_readings, bag.tracer_readings));
 
-    let bar = step("live");
     let run = live::Run {
         out: &out,
         machine_file: &inputs.machine,
+        model_file: &model_file,
         bag: &bag,
         rate_hz: arguments.rate_hz,
         dds: arguments.dds,
+        closes: !arguments.fast,
     };
-    let live = timed(&mut steps, "play through the nodes", || live::run(&run, &shutdown, &bar))?;
-    finish(&bar, &format!("{} of {} corrected samples received", live.corrected.len(), bag.scale_readings));
+    let live = live::run(&run, &shutdown, &mut steps)?;
+    let closed = match live.closing.as_ref().and_then(|closing| closing.taken_over.as_ref()) {
+        Some(_) => Some(corrected_points(&inputs, &ModelFile::load(&model_file)?.0)?),
+        None => None,
+    };
 
     let bar = step("report");
     let data = report::data(&report::Facts {
@@ -103,7 +116,7 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         model_sha256: &sha256,
         found: &found,
         points: &points,
-        bag: &bag,
+        points_after_loop: closed.as_ref(),
         live: &live,
         steps: &steps,
         dds: arguments.dds,
@@ -116,6 +129,13 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     end_with_reader()?;
     report::print(&data, &out);
     Ok(())
+}
+
+/// The verification points as a model corrects them in a file.
+fn corrected_points(inputs: &shipped::Inputs, model: &ModelFile) -> anyhow::Result<VerificationPoints> {
+    let file = std::fs::File::open(&inputs.verify)
+        .with_context(|| format!("{}: cannot be opened", inputs.verify.display()))?;
+    verification::correct_points(file, &inputs.verify.display().to_string(), model, None)
 }
 
 fn timed<T, E>(steps: &mut Steps, name: &'static str, work: impl FnOnce() -> Result<T, E>) -> Result<T, E> {

@@ -25,6 +25,14 @@ pub(super) struct Bag {
     pub(super) first_point: u64,
 }
 
+impl Bag {
+    /// Readings that a diagnosis waits for: nine tenths of what the tracer gives. By then every station has been heard, and a
+    /// state that set in within the first tenth is still diagnosed.
+    pub(super) fn diagnosed_readings(&self) -> usize {
+        usize::try_from(self.tracer_readings * 9 / 10).unwrap_or(usize::MAX).max(1)
+    }
+}
+
 /// Writes the recording; an older one of the same name is replaced.
 pub(super) fn write(machine: &MachineFile, inputs: &Inputs, out: &Path) -> anyhow::Result<Bag> {
     let path = out.join("recording");

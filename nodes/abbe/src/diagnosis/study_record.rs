@@ -38,6 +38,7 @@ pub(super) fn record(
         alternatives: diagnosis.alternatives.iter().map(alternative).collect(),
         notes: diagnosis.notes.clone(),
         data_kind: diagnosis.of.to_owned(),
+        about: Vec::new(),
         machine: None,
         model: None,
         data,

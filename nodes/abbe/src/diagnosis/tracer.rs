@@ -6,6 +6,7 @@
 use super::scoring::Points;
 use super::{MODEL, Product, Request, name_of, pictures, record};
 use crate::pipeline::{LoadedCampaign, evidence_json, load_campaign, software};
+use crate::provenance;
 use crate::verdict::{self, Accept};
 use abbe_diagnose::{Diagnosis, Options, Progress, diagnose};
 use abbe_files::{MachineFile, ModelFile, OrderChoice, hex};
@@ -198,6 +199,10 @@ fn recorded(diagnosis: &Diagnosis, given: &Given, model: &Path, loaded: &LoadedC
         alternatives: Vec::new(),
         notes: Vec::new(),
         data_kind: "tracer campaign".to_owned(),
+        about: provenance::of_campaign(&loaded.campaign, given.file.instrument)
+            .into_iter()
+            .map(|(what, words)| (what.to_owned(), words))
+            .collect(),
         machine: Some(given.file.model.parts().machine.name.clone()),
         model: Some(File { file: name_of(model), sha256: hex(&given.sha256) }),
         data: File { file: loaded.source.file.clone(), sha256: loaded.source.sha256.clone() },

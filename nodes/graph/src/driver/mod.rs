@@ -9,6 +9,7 @@ mod campaign_file;
 mod recorded;
 mod virtual_machine;
 
+use crate::again::Again;
 use abbe_files::{FileError, MachineFile};
 use abbe_msgs::bag::BagError;
 use abbe_msgs::{CovariateError, MessageError, ScaleReading, TextError, TracerReading};
@@ -95,6 +96,9 @@ pub enum DriverError {
         /// What does not fit.
         source: CovariateError,
     },
+    /// A recording that is played over and over has come to the last instant that a stamp can name.
+    #[error("the recording has been played again until its stamps ended; start the node again")]
+    StampsEnd,
     /// The bag holds no such message.
     #[error("bag {bag}: no message of type {ros_type}{on}; record the scale and tracer topics", on = if topic.is_empty() { String::new() } else { format!(" on topic {topic}") })]
     NoMessages {
@@ -160,6 +164,16 @@ pub fn open_scale(
         DriverConfig::Bag { file, topic } => Box::new(bag::open_scale(&base.join(file), topic)?),
         DriverConfig::VirtualMachine { seed, effects } => Box::new(virtual_machine::open(*seed, effects, machine)?),
     })
+}
+
+/// The same, beginning again with the reading of this sequence at its end.
+pub fn open_scale_again(
+    config: &DriverConfig,
+    base: &Path,
+    machine: &MachineFile,
+    from: u64,
+) -> Result<Box<dyn ScaleDriver>, DriverError> {
+    Ok(Box::new(Again::new(open_scale(config, base, machine)?, from)))
 }
 
 /// Opens the driver of the tracer node; paths are relative to `base`.

@@ -46,6 +46,9 @@ impl Launch {
                 _ => {}
             }
         }
+        if self.tracer.as_ref().is_some_and(|source| source.repeat_from.is_some()) {
+            return wrong("tracer.repeat_from", "the same readings again are no new evidence; only the scale node repeats");
+        }
         if self.residual_model.is_some() && self.model.is_none() {
             return wrong("residual_model", "corrects what a geometric model leaves; add the key model");
         }

@@ -13,7 +13,11 @@ use std::time::{Duration, Instant};
 
 pub(super) fn scale(context: &NodeContext) -> Result<NodeSummary, NodeError> {
     let source = source(context, context.launch.scale.as_ref())?;
-    let mut driver = driver::open_scale(&source.driver, &context.base, &context.machine)?;
+    let (config, base, machine) = (&source.driver, &context.base, &context.machine);
+    let mut driver = match source.repeat_from {
+        Some(sequence) => driver::open_scale_again(config, base, machine, sequence)?,
+        None => driver::open_scale(config, base, machine)?,
+    };
     play::<ScaleReading>(context, source.pace, || driver.next_reading())
 }
 

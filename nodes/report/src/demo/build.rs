@@ -8,6 +8,7 @@ use crate::sections::{
     Axis, Bar, Bars, Callout, Cell, Column, Heading, KeyFigure, KeyFigures, Quantity, Section, TableSection, Tone,
 };
 use crate::stats::{max_abs, rms};
+use crate::text::fixed;
 
 /// χ²/ν within this range is consistent with the declared noise for the many readings of a campaign.
 const CHI2_RANGE: std::ops::RangeInclusive<f64> = 0.8..=1.25;
@@ -21,6 +22,7 @@ impl DemoReport {
             sections.push(not_converged());
         }
         let main_plot = self.add_verification(&mut sections);
+        self.add_closing(&mut sections);
         self.add_residuals(&mut sections);
         self.add_errors(&mut sections);
         self.add_stations(&mut sections);
@@ -77,6 +79,7 @@ impl DemoReport {
             item("Data hash", header.data_hash.clone()),
             item("Model hash", header.model_hash.clone()),
         ];
+        meta.splice(1..1, header.about.iter().map(|line| item(&line.role, Some(line.name.clone()))));
         meta.extend(header.files.iter().map(|file| item(&capital(&file.role), Some(file.name.clone()))));
         meta
     }
@@ -99,20 +102,26 @@ impl DemoReport {
     }
 
     fn verification_figures(&self) -> [KeyFigure; 2] {
-        let (before, after) = (self.lengths_before(), self.lengths_after());
+        let states = self.errors_by_state_um();
+        let count = states.first().map_or(0, |(_, errors)| errors.len());
         let quantity = |v: Option<f64>| v.map(|v| Quantity::new(v, 2));
-        let detail = Some(format!("3-D, {} verification points", before.len()));
-        let figure = |label: &str, of: fn(&[f64]) -> Option<f64>| KeyFigure {
-            label: label.to_owned(),
-            before: quantity(of(&before)),
-            value: quantity(of(&after)),
-            unit: "µm".to_owned(),
-            detail: detail.clone(),
-            tone: match (of(&before), of(&after)) {
-                (Some(b), Some(a)) if a < b => Tone::Good,
-                (Some(_), Some(_)) => Tone::Bad,
-                _ => Tone::Neutral,
-            },
+        let figure = |label: &str, of: fn(&[f64]) -> Option<f64>| {
+            let values: Vec<Option<f64>> = states.iter().map(|(_, errors)| of(errors)).collect();
+            let (before, after) = (values.first().copied().flatten(), values.last().copied().flatten());
+            let between = states.iter().zip(&values).skip(1).take(states.len().saturating_sub(2));
+            let between = between.filter_map(|((name, _), value)| Some(format!("{name} {}; ", fixed((*value)?, 2))));
+            KeyFigure {
+                label: label.to_owned(),
+                before: quantity(before),
+                value: quantity(after),
+                unit: "µm".to_owned(),
+                detail: Some(format!("{}3-D, {count} verification points", between.collect::<String>())),
+                tone: match (before, after) {
+                    (Some(b), Some(a)) if a < b => Tone::Good,
+                    (Some(_), Some(_)) => Tone::Bad,
+                    _ => Tone::Neutral,
+                },
+            }
         };
         [figure("Verification error, rms", rms), figure("Verification error, largest", max_abs)]
     }

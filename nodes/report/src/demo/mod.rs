@@ -4,10 +4,13 @@
 //! Error = actual − indicated; errors carry ISO 230-1 names.
 
 mod build;
+mod closing;
 mod curves;
 mod fit;
 mod residuals;
 mod verification;
+
+pub use closing::{Closing, InUse};
 
 use serde::{Deserialize, Serialize};
 
@@ -20,6 +23,9 @@ pub struct RunHeader {
     pub what: String,
     /// Name of the measured machine.
     pub machine: Option<String>,
+    /// What was measured, when, with what: as far as the data say.
+    #[serde(default)]
+    pub about: Vec<FileEntry>,
     /// Files read and written.
     pub files: Vec<FileEntry>,
     /// Hash of the campaign's data.
@@ -52,6 +58,9 @@ pub struct VerificationPoint {
     pub before_um: [f64; 3],
     /// Error left after correction; missing where no correction was possible.
     pub after_um: Option<[f64; 3]>,
+    /// Error left with the model that a diagnosis made of it; missing where there is none.
+    #[serde(default)]
+    pub after_loop_um: Option<[f64; 3]>,
 }
 
 /// How the fit went.
@@ -303,6 +312,9 @@ pub struct DemoReport {
     pub rejected: Vec<RejectedReading>,
     /// Figures of the live run; missing if there was none.
     pub live: Option<LiveFigures>,
+    /// How the loop went; missing where it was left out.
+    #[serde(default)]
+    pub closing: Option<Closing>,
     /// Warnings in words.
     pub warnings: Vec<String>,
 }

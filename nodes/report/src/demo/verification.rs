@@ -20,18 +20,23 @@ fn length(v: [f64; 3]) -> f64 {
 type State = fn(&VerificationPoint) -> Option<[f64; 3]>;
 /// As indicated.
 const BEFORE: State = |p| Some(p.before_um);
-/// As corrected.
+/// As corrected with the model of the campaign.
 const AFTER: State = |p| p.after_um;
+/// As corrected with what a diagnosis added to it.
+const AFTER_LOOP: State = |p| p.after_loop_um;
 
 impl DemoReport {
-    /// 3-D errors of the indicated positions, µm.
-    pub(super) fn lengths_before(&self) -> Vec<f64> {
-        self.lengths(BEFORE)
+    /// The states that the points were seen in, with their names: before first, after last.
+    fn states(&self) -> Vec<(&'static str, State)> {
+        match self.verification.iter().any(|point| point.after_loop_um.is_some()) {
+            true => vec![("as indicated", BEFORE), ("after geometry", AFTER), ("after the loop", AFTER_LOOP)],
+            false => vec![("as indicated", BEFORE), ("corrected", AFTER)],
+        }
     }
 
-    /// 3-D errors of the corrected positions, µm.
-    pub(super) fn lengths_after(&self) -> Vec<f64> {
-        self.lengths(AFTER)
+    /// Names of the states and 3-D errors in each, µm: before first, after last.
+    pub fn errors_by_state_um(&self) -> Vec<(&'static str, Vec<f64>)> {
+        self.states().into_iter().map(|(name, state)| (name, self.lengths(state))).collect()
     }
 
     fn lengths(&self, state: State) -> Vec<f64> {
@@ -65,27 +70,21 @@ impl DemoReport {
 
     fn comparison(&self) -> Comparison {
         let magnitudes = |values: Vec<f64>| values.into_iter().map(f64::abs).collect();
+        let states = self.states();
+        let of_axis = |axis| states.iter().map(|(_, state)| magnitudes(self.component(axis, *state))).collect();
         let mut groups: Vec<_> = ["x", "y", "z"]
             .into_iter()
             .enumerate()
-            .map(|(axis, label)| ComparisonGroup {
-                label: label.to_owned(),
-                before: magnitudes(self.component(axis, BEFORE)),
-                after: magnitudes(self.component(axis, AFTER)),
-            })
+            .map(|(axis, label)| ComparisonGroup { label: label.to_owned(), states: of_axis(axis) })
             .collect();
-        groups.push(ComparisonGroup {
-            label: "3-D".to_owned(),
-            before: self.lengths_before(),
-            after: self.lengths_after(),
-        });
+        let lengths = states.iter().map(|(_, state)| self.lengths(*state)).collect();
+        groups.push(ComparisonGroup { label: "3-D".to_owned(), states: lengths });
         Comparison {
             title: "Volumetric error before and after correction".to_owned(),
             note: self.verification_note.clone(),
             label: "error magnitude".to_owned(),
             unit: "µm".to_owned(),
-            before_name: "uncorrected".to_owned(),
-            after_name: "corrected".to_owned(),
+            states: states.iter().map(|(name, _)| (*name).to_owned()).collect(),
             groups,
         }
     }
@@ -93,12 +92,12 @@ impl DemoReport {
     fn error_table(&self) -> TableSection {
         let mut columns = vec![Column::text("component"), Column::text("state"), Column::number("points", "1")];
         columns.extend(["mean", "rms", "95 %", "largest"].map(|name| Column::number(name, "µm")));
-        columns.push(Column::number("rms before / after", "1"));
+        columns.push(Column::number("rms as indicated / this", "1"));
         let mut rows = Vec::new();
         for (axis, name) in ["x", "y", "z"].into_iter().enumerate() {
-            rows.extend(error_rows(name, &self.component(axis, BEFORE), &self.component(axis, AFTER), true));
+            rows.extend(self.error_rows(name, true, |state| self.component(axis, state)));
         }
-        rows.extend(error_rows("3-D", &self.lengths_before(), &self.lengths_after(), false));
+        rows.extend(self.error_rows("3-D", false, |state| self.lengths(state)));
         TableSection {
             title: "Error by component".to_owned(),
             note: Some("The mean is signed; 95 % and largest refer to magnitudes.".to_owned()),
@@ -108,11 +107,33 @@ impl DemoReport {
         }
     }
 
-    /// rms 3-D error in 3 x 3 x 3 regions: one panel a layer of z, first row uncorrected, second row corrected.
+    /// The rows of a component, one a state; the mean only where the component has a sign.
+    fn error_rows(&self, name: &str, signed: bool, sample_of: impl Fn(State) -> Vec<f64>) -> Vec<Vec<Option<Cell>>> {
+        let before = rms(&sample_of(BEFORE));
+        let row = |(index, (state_name, state)): (usize, (&str, State))| {
+            let sample = sample_of(state);
+            let mean = (signed && !sample.is_empty()).then(|| sample.iter().sum::<f64>() / sample.len() as f64);
+            let magnitudes = sorted(&sample.iter().map(|v| v.abs()).collect::<Vec<_>>());
+            let ratio = before.zip(rms(&sample)).filter(|(_, this)| index > 0 && *this > 0.0).map(|(b, this)| b / this);
+            vec![
+                Cell::text(name),
+                Cell::text(state_name),
+                Cell::count(sample.len()),
+                Cell::maybe(mean, 2),
+                Cell::maybe(rms(&sample), 2),
+                Cell::maybe(quantile_sorted(&magnitudes, 0.95), 2),
+                Cell::maybe(max_abs(&sample), 2),
+                Cell::maybe(ratio, 1),
+            ]
+        };
+        self.states().into_iter().enumerate().map(row).collect()
+    }
+
+    /// rms 3-D error in 3 x 3 x 3 regions: one panel a layer of z, one row a state.
     fn region_map(&self) -> Option<CellMap> {
         let edges: Vec<Vec<f64>> = (0..3).map(|axis| self.edges(axis)).collect::<Option<_>>()?;
         let mut panels = Vec::new();
-        for (name, state) in [("uncorrected", BEFORE), ("corrected", AFTER)] {
+        for (name, state) in self.states() {
             panels.extend((0..REGIONS).map(|layer| self.region_panel(name, state, layer, &edges)));
         }
         Some(CellMap {
@@ -162,24 +183,4 @@ impl DemoReport {
 fn region(value: f64, edges: &[f64]) -> usize {
     let below = edges.iter().skip(1).take_while(|&&edge| value >= edge).count();
     below.min(REGIONS - 1)
-}
-
-/// The two rows of a component; the mean only where the component has a sign.
-fn error_rows(name: &str, before: &[f64], after: &[f64], signed: bool) -> [Vec<Option<Cell>>; 2] {
-    let ratio = rms(before).zip(rms(after)).filter(|(_, after)| *after > 0.0);
-    let row = |state: &str, sample: &[f64], ratio: Option<f64>| {
-        let mean = (signed && !sample.is_empty()).then(|| sample.iter().sum::<f64>() / sample.len() as f64);
-        let magnitudes = sorted(&sample.iter().map(|v| v.abs()).collect::<Vec<_>>());
-        vec![
-            Cell::text(name),
-            Cell::text(state),
-            Cell::count(sample.len()),
-            Cell::maybe(mean, 2),
-            Cell::maybe(rms(sample), 2),
-            Cell::maybe(quantile_sorted(&magnitudes, 0.95), 2),
-            Cell::maybe(max_abs(sample), 2),
-            Cell::maybe(ratio, 1),
-        ]
-    };
-    [row("uncorrected", before, None), row("corrected", after, ratio.map(|(before, after)| before / after))]
 }

@@ -178,6 +178,7 @@ impl Record {
     fn meta(&self) -> Vec<MetaItem> {
         let item = |label: &str, value: Option<String>| MetaItem { label: label.to_owned(), value };
         let mut meta = vec![item("Kind of data", Some(self.data_kind.clone()))];
+        meta.extend(self.about.iter().map(|(what, words)| item(what, Some(words.clone()))));
         meta.push(item("Data", Some(format!("{}, SHA-256 {}", self.data.file, self.data.sha256))));
         if let Some(model) = &self.model {
             meta.push(item("Machine", self.machine.clone()));

@@ -53,6 +53,9 @@ pub struct Record {
     pub notes: Vec<String>,
     /// Kind of data.
     pub data_kind: String,
+    /// What was measured, when, with what, as far as the data say: each line's name and words.
+    #[serde(default)]
+    pub about: Vec<(String, String)>,
     /// Machine, where the data belong to a model.
     pub machine: Option<String>,
     /// The model that the diagnosis started from.

@@ -1,4 +1,5 @@
-//! Error before and after, the main plot: boxes by axis on the left, cumulative share on the right.
+//! Error before and after, the main plot: boxes by axis on the left, cumulative share on the right. A state between the
+//! two, where there is one, has a colour of its own.
 
 use serde::{Deserialize, Serialize};
 
@@ -15,18 +16,20 @@ use crate::text::{fixed, with_unit};
 const LOG_RATIO: f64 = 20.0;
 /// Quantiles drawn of a cumulative curve.
 const QUANTILES: usize = 201;
-/// Classes of the two series.
-const CLASSES: [&str; 2] = ["B", "A"];
+/// Class of the state before, and of the last state.
+const BEFORE: &str = "B";
+const AFTER: &str = "A";
+/// Class of the state between them.
+const BETWEEN: &str = "M";
 
-/// Magnitudes of one component before and after.
+/// Magnitudes of one component in each state.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ComparisonGroup {
     /// Name of the component: `x`, `y`, `z`, `3-D`.
     pub label: String,
-    /// Magnitudes before, in the unit of the comparison; empty where not measured.
-    pub before: Vec<f64>,
-    /// Magnitudes after; empty where not measured.
-    pub after: Vec<f64>,
+    /// Magnitudes of each state, in the order of [`Comparison::states`] and in the unit of the comparison; empty where not
+    /// measured.
+    pub states: Vec<Vec<f64>>,
 }
 
 /// Error before and after by component; the last group is also shown as cumulative share.
@@ -40,21 +43,24 @@ pub struct Comparison {
     pub label: String,
     /// Its unit.
     pub unit: String,
-    /// Name of the state before, e.g. `uncorrected`.
-    pub before_name: String,
-    /// Name of the state after, e.g. `corrected`.
-    pub after_name: String,
+    /// Names of the states, two or three: before, one between, after.
+    pub states: Vec<String>,
     /// Components from left to right.
     pub groups: Vec<ComparisonGroup>,
 }
 
 impl Comparison {
-    /// Refuses a comparison without groups and negative magnitudes.
+    /// Refuses a comparison without groups, with a group of other states, and negative magnitudes.
     pub(crate) fn check(&self) -> Result<(), ReportError> {
-        if self.groups.is_empty() {
-            return Err(ReportError::shape(&self.title, "there is no group", "leave the section out"));
+        if self.groups.is_empty() || !(2..=3).contains(&self.states.len()) {
+            let what = format!("{} groups and {} states", self.groups.len(), self.states.len());
+            return Err(ReportError::shape(&self.title, what, "give a group or more, and two or three states"));
         }
-        match self.groups.iter().find(|g| g.before.iter().chain(&g.after).any(|&v| v < 0.0)) {
+        if let Some(group) = self.groups.iter().find(|g| g.states.len() != self.states.len()) {
+            let what = format!("group '{}' has {} states of {}", group.label, group.states.len(), self.states.len());
+            return Err(ReportError::shape(&self.title, what, "give one list a state, empty where not measured"));
+        }
+        match self.groups.iter().find(|g| g.states.iter().flatten().any(|&v| v < 0.0)) {
             Some(group) => {
                 let what = format!("group '{}' has a negative magnitude", group.label);
                 Err(ReportError::shape(&self.title, what, "pass magnitudes, not signed errors"))
@@ -63,11 +69,20 @@ impl Comparison {
         }
     }
 
+    /// Classes of the states.
+    fn classes(&self) -> Vec<String> {
+        let last = self.states.len().saturating_sub(1);
+        let class = |index| match index {
+            0 => BEFORE,
+            index if index == last => AFTER,
+            _ => BETWEEN,
+        };
+        (0..self.states.len()).map(|index| class(index).to_owned()).collect()
+    }
+
     fn boxes(&self) -> Vec<BoxGroup> {
-        self.groups
-            .iter()
-            .map(|g| BoxGroup { label: g.label.clone(), boxes: vec![BoxStats::of(&g.before), BoxStats::of(&g.after)] })
-            .collect()
+        let boxes = |g: &ComparisonGroup| g.states.iter().map(|values| BoxStats::of(values)).collect();
+        self.groups.iter().map(|g| BoxGroup { label: g.label.clone(), boxes: boxes(g) }).collect()
     }
 
     /// Draws the figure.
@@ -80,8 +95,7 @@ impl Comparison {
         let left = Area { left: 62.0, top: 58.0, width: 540.0, height };
         let right = Area { left: 680.0, width: WIDTH_PX - 680.0 - 16.0, ..left };
         let mut svg = Svg::new(WIDTH_PX, left.bottom() + 46.0);
-        let names = [&self.before_name, &self.after_name];
-        let series: Vec<_> = CLASSES.iter().map(|c| (*c).to_owned()).zip(names.map(Clone::clone)).collect();
+        let series: Vec<_> = self.classes().into_iter().zip(self.states.iter().cloned()).collect();
         draw_box_legend(&mut svg, (left.left, 14.0), &series);
         self.draw_boxes(&mut svg, left);
         self.draw_cumulative(&mut svg, right);
@@ -99,13 +113,12 @@ impl Comparison {
             y_ticks: 7,
             ..Labels::default()
         };
-        let classes = CLASSES.map(str::to_owned);
-        draw_boxes(svg, area, &y, &labels, &boxes, &classes, &self.unit);
+        draw_boxes(svg, area, &y, &labels, &boxes, &self.classes(), &self.unit);
     }
 
     fn draw_cumulative(&self, svg: &mut Svg, area: Area) {
         let Some(group) = self.groups.last() else { return };
-        let samples = [sorted(&group.before), sorted(&group.after)];
+        let samples: Vec<_> = group.states.iter().map(|values| sorted(values)).collect();
         let range = extent(samples.iter().flat_map(|s| [s.first(), s.last()].into_iter().flatten().copied()));
         let x = magnitude_scale(range, area.left, area.right());
         let y = Scale::exact(0.0, 100.0, area.bottom(), area.top);
@@ -117,7 +130,7 @@ impl Comparison {
             y_ticks: 5,
         };
         draw_frame(svg, area, &x, &y, &labels);
-        for (sample, class) in samples.iter().zip(CLASSES) {
+        for (sample, class) in samples.iter().zip(&self.classes()) {
             let curve: Vec<_> = (0..QUANTILES)
                 .map(|i| i as f64 / (QUANTILES - 1) as f64)
                 .filter_map(|p| quantile_sorted(sample, p).map(|v| (x.map(v), y.map(100.0 * p))))

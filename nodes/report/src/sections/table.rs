@@ -1,4 +1,5 @@
-//! A table: numbers aligned at the right, every numeric column with its unit, missing cells as a dash.
+//! A table: numbers aligned at the right, every numeric column with its unit, missing cells as a dash. A column of nothing but
+//! dashes tells nothing and is left out of the page; the JSON has it.
 
 use std::fmt::Write as _;
 
@@ -118,13 +119,14 @@ impl TableSection {
             return out;
         }
         out.push_str("<div class=\"scroll\"><table>\n<thead><tr>");
-        for column in &self.columns {
+        let is_told: Vec<bool> = (0..self.columns.len()).map(|k| self.rows.iter().any(|row| row[k].is_some())).collect();
+        for (column, _) in self.columns.iter().zip(&is_told).filter(|(_, told)| **told) {
             out.push_str(&column.html());
         }
         out.push_str("</tr></thead>\n<tbody>\n");
         for row in &self.rows {
             out.push_str("<tr>");
-            for (column, cell) in self.columns.iter().zip(row) {
+            for ((column, cell), _) in self.columns.iter().zip(row).zip(&is_told).filter(|(_, told)| **told) {
                 out.push_str(&cell_html(column, cell.as_ref()));
             }
             out.push_str("</tr>\n");

@@ -76,6 +76,7 @@ pub(crate) fn demo_report(seed: u64) -> DemoReport {
             latency_p999_us: Some(402.0),
             transport: Some("shared memory".into()),
         }),
+        closing: None,
         warnings: vec![
             "Two pairs of parameters correlate above 0.9: their values are not to be read one by one, their sum is \
              well determined."
@@ -92,6 +93,7 @@ fn header() -> RunHeader {
                coordinates live."
             .into(),
         machine: Some("bridge_xyz, 800 x 600 x 600 mm".into()),
+        about: vec![file("Instrument", "tracer"), file("Temperatures", "19.8 to 20.3 °C")],
         files: vec![file("campaign", "example-campaign.mcap"), file("verification", "example-verify.csv")],
         data_hash: Some("3f1d9c0a7be2415588e0c2f4a96d7b1350fe8c21aa09d4e7".into()),
         model_hash: Some("b80c55e1f2a94d03977a61e0d2c8345f1b6e7d90c4a2f318".into()),
@@ -116,6 +118,7 @@ fn verification(source: &mut Source, count: usize) -> Vec<VerificationPoint> {
                 position_mm: p,
                 before_um: before.map(|b| b + source.normal(0.25)),
                 after_um: Some([0.2 * u - 0.1, 0.1, 0.3 * w - 0.15].map(|a| a + source.normal(0.16))),
+                after_loop_um: None,
             }
         })
         .collect()

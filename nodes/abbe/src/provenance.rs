@@ -1,0 +1,80 @@
+//! What was measured, when, with what, as far as the data and the machine file say: lines for the head of a report.
+//!
+//! Place in the flow: beside a report's figures, which a reader months later cannot place without it. What the data do not
+//! say has no line. °C, h and µm.
+
+use abbe_measurement::campaign::Campaign;
+use abbe_measurement::instrument::RangeUncertainty;
+
+/// Coverage factor of an instrument's uncertainty as data sheets state it.
+const COVERAGE: f64 = 2.0;
+/// How columns of temperatures are named.
+const TEMPERATURE: (&str, &str) = ("temp_", "_c");
+
+/// Each line: what it is about, and what there is to say.
+pub(crate) fn of_campaign(campaign: &Campaign, instrument: RangeUncertainty) -> Vec<(&'static str, String)> {
+    let lines = [
+        ("Instrument", Some(of_instrument(instrument))),
+        ("Measured", measured(campaign)),
+        ("Temperatures", temperatures(campaign)),
+    ];
+    lines.into_iter().filter_map(|(what, words)| Some((what, words?))).collect()
+}
+
+fn of_instrument(instrument: RangeUncertainty) -> String {
+    let [constant_um, per_metre_um] = [instrument.constant_m, instrument.per_metre].map(|u| COVERAGE * u * 1e6);
+    format!("tracer, declared u = {constant_um:.3} µm + {per_metre_um:.3} µm/m (k = 2)")
+}
+
+fn measured(campaign: &Campaign) -> Option<String> {
+    let times = || campaign.readings.iter().map(|reading| reading.time_s);
+    let hours = (times().reduce(f64::max)? - times().reduce(f64::min)?) / 3600.0;
+    let (readings, stations) = (campaign.readings.len(), campaign.stations.len());
+    Some(format!("{readings} readings from {stations} stations within {hours:.1} h"))
+}
+
+/// Range over all temperatures that were logged.
+fn temperatures(campaign: &Campaign) -> Option<String> {
+    let (before, after) = TEMPERATURE;
+    let logged = campaign.covariates.iter().filter(|c| c.name.starts_with(before) && c.name.ends_with(after));
+    let values = || logged.clone().flat_map(|covariate| covariate.values.iter().flatten().copied());
+    let (lowest, highest) = (values().reduce(f64::min)?, values().reduce(f64::max)?);
+    Some(format!("{lowest:.1} to {highest:.1} °C over {} sensors", logged.clone().count()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use abbe_measurement::campaign::{Covariate, RangeReading};
+
+    fn campaign(temperatures: &[(&str, Vec<Option<f64>>)]) -> Campaign {
+        let reading = |time_s: f64| {
+            let place = [0.0; 3];
+            RangeReading { station: 0, line: 0, time_s, reading_m: place, offset_m: place, length_m: 0.0 }
+        };
+        let covariate =
+            |(name, values): &(&str, Vec<Option<f64>>)| Covariate { name: (*name).to_owned(), values: values.clone() };
+        Campaign {
+            stations: vec!["S1".to_owned()],
+            lines: vec!["L1".to_owned()],
+            readings: vec![reading(60.0), reading(60.0 + 5400.0)],
+            covariates: temperatures.iter().map(covariate).collect(),
+        }
+    }
+
+    #[test]
+    fn the_range_is_over_all_sensors_and_what_is_missing_has_no_line() {
+        let instrument = RangeUncertainty { constant_m: 0.025e-6, per_metre: 0.15e-6 };
+        let logged = [
+            ("temp_air_c", vec![Some(20.04), None]),
+            ("temp_granite_c", vec![Some(19.51), Some(21.26)]),
+            ("pressure_hpa", vec![Some(1000.0), Some(1001.0)]),
+        ];
+        let said = of_campaign(&campaign(&logged), instrument);
+        assert_eq!(said[0], ("Instrument", "tracer, declared u = 0.050 µm + 0.300 µm/m (k = 2)".to_owned()));
+        assert_eq!(said[1], ("Measured", "2 readings from 1 stations within 1.5 h".to_owned()));
+        assert_eq!(said[2], ("Temperatures", "19.5 to 21.3 °C over 2 sensors".to_owned()));
+        assert_eq!(of_campaign(&campaign(&[]), instrument).len(), 2);
+        assert_eq!(of_campaign(&Campaign::default(), instrument).len(), 1);
+    }
+}
