@@ -23,7 +23,7 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     program.build();
     write(out, "abbe", &program)?;
     let shown = program.get_subcommands().filter(|command| !command.is_hide_set() && command.get_name() != "help");
-    shown.map(|command| write(out, &format!("abbe-{}", command.get_name()), command)).collect()
+    shown.try_for_each(|command| write(out, &format!("abbe-{}", command.get_name()), command))
 }
 
 fn write(out: &Path, name: &str, command: &Command) -> anyhow::Result<()> {
