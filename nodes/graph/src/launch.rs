@@ -122,6 +122,8 @@ pub enum Pace {
     RateHz(f64),
     /// As recorded, so many times faster.
     TimeFactor(f64),
+    /// As they come: for live drivers, and for no other.
+    AsTheyCome,
 }
 
 /// A node that plays a driver.

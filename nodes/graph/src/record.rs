@@ -9,6 +9,7 @@ use crate::topics;
 use abbe_files::MachineFile;
 use abbe_msgs::bag::{BagSummary, BagWriter};
 use abbe_msgs::{Message, MessageError, ScaleReading, Stamp, TracerReading};
+use abbe_runtime::Shutdown;
 use std::path::Path;
 
 /// A recording of scale and tracer readings that is being written.
@@ -52,8 +53,9 @@ impl Tape {
 
     /// Adds everything a driver gives, scale and tracer readings in turn.
     pub fn play(&mut self, config: &DriverConfig, base: &Path, machine: &MachineFile) -> Result<(), NodeError> {
-        let mut scale = driver::open_scale(config, base, machine)?;
-        let mut tracer = driver::open_tracer(config, base, machine)?;
+        let to_its_end = Shutdown::manual();
+        let mut scale = driver::open_scale(config, base, machine, &to_its_end)?;
+        let mut tracer = driver::open_tracer(config, base, machine, &to_its_end)?;
         loop {
             let (reading, length) = (scale.next_reading()?, tracer.next_reading()?);
             reading.iter().try_for_each(|reading| self.scale(reading))?;

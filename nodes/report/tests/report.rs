@@ -1,5 +1,7 @@
 //! What a report promises: self-contained, escaped, deterministic, never a number that is not finite.
 
+#![allow(clippy::unwrap_used)] // helpers of a test
+
 mod common;
 
 use abbe_report::*;

@@ -22,7 +22,7 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let mut program = crate::help::command();
     program.build();
     write(out, "abbe", &program)?;
-    let shown = program.get_subcommands().filter(|command| !command.is_hide_set() && command.get_name() != "help");
+    let mut shown = program.get_subcommands().filter(|command| !command.is_hide_set() && command.get_name() != "help");
     shown.try_for_each(|command| write(out, &format!("abbe-{}", command.get_name()), command))
 }
 

@@ -6,6 +6,7 @@
 
 mod bag;
 mod campaign_file;
+mod lines;
 mod recorded;
 mod virtual_machine;
 
@@ -13,12 +14,14 @@ use crate::again::Again;
 use abbe_files::{FileError, MachineFile};
 use abbe_msgs::bag::BagError;
 use abbe_msgs::{CovariateError, MessageError, ScaleReading, TextError, TracerReading};
+use abbe_runtime::Shutdown;
 use abbe_virtual_machine::SimulationError;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
 pub use bag::{CampaignFromBag, JoinSettings, campaign_from_bag};
+pub use lines::{LinesConfig, LinesFrom};
 
 /// A source of scale readings.
 pub trait ScaleDriver: Send {
@@ -56,6 +59,15 @@ pub enum DriverConfig {
         #[serde(default)]
         effects: Vec<String>,
     },
+    /// Lines of text from a controller or an instrument.
+    Lines(LinesConfig),
+}
+
+impl DriverConfig {
+    /// Whether readings come when they come, and not from a recording.
+    pub fn is_live(&self) -> bool {
+        matches!(self, DriverConfig::Lines(_))
+    }
 }
 
 /// Why a driver cannot go on.
@@ -99,6 +111,30 @@ pub enum DriverError {
     /// A recording that is played over and over has come to the last instant that a stamp can name.
     #[error("the recording has been played again until its stamps ended; start the node again")]
     StampsEnd,
+    /// A key of lines of text is wrong.
+    #[error("driver.{key}: {problem}")]
+    Lines {
+        /// The key.
+        key: &'static str,
+        /// What is wrong, and what to do.
+        problem: String,
+    },
+    /// A port cannot be opened.
+    #[error("driver.from: {source}; check the address, and that no other program has it")]
+    Port {
+        /// Why.
+        source: std::io::Error,
+    },
+    /// A line is no reading.
+    #[error("line {line} from {from}: {problem}")]
+    Line {
+        /// Number of the line, from 1.
+        line: u64,
+        /// Where it came from.
+        from: String,
+        /// What is wrong.
+        problem: String,
+    },
     /// The bag holds no such message.
     #[error("bag {bag}: no message of type {ros_type}{on}; record the scale and tracer topics", on = if topic.is_empty() { String::new() } else { format!(" on topic {topic}") })]
     NoMessages {
@@ -149,20 +185,28 @@ pub enum DriverError {
 impl DriverError {
     /// Whether one reading cannot be a sample, and the ones after it may be.
     pub fn is_of_one_reading(&self) -> bool {
-        matches!(self, DriverError::Message { .. } | DriverError::Text { .. } | DriverError::Covariate { .. })
+        matches!(
+            self,
+            DriverError::Message { .. }
+                | DriverError::Text { .. }
+                | DriverError::Covariate { .. }
+                | DriverError::Line { .. }
+        )
     }
 }
 
-/// Opens the driver of the scale node; paths are relative to `base`.
+/// Opens the driver of the scale node; paths are relative to `base`, `shutdown` ends the wait of a live one.
 pub fn open_scale(
     config: &DriverConfig,
     base: &Path,
     machine: &MachineFile,
+    shutdown: &Shutdown,
 ) -> Result<Box<dyn ScaleDriver>, DriverError> {
     Ok(match config {
         DriverConfig::Campaign { file } => Box::new(campaign_file::open(&base.join(file), machine)?),
         DriverConfig::Bag { file, topic } => Box::new(bag::open_scale(&base.join(file), topic)?),
         DriverConfig::VirtualMachine { seed, effects } => Box::new(virtual_machine::open(*seed, effects, machine)?),
+        DriverConfig::Lines(lines) => Box::new(lines::open(lines, true, machine, shutdown)?),
     })
 }
 
@@ -171,20 +215,23 @@ pub fn open_scale_again(
     config: &DriverConfig,
     base: &Path,
     machine: &MachineFile,
+    shutdown: &Shutdown,
     from: u64,
 ) -> Result<Box<dyn ScaleDriver>, DriverError> {
-    Ok(Box::new(Again::new(open_scale(config, base, machine)?, from)))
+    Ok(Box::new(Again::new(open_scale(config, base, machine, shutdown)?, from)))
 }
 
-/// Opens the driver of the tracer node; paths are relative to `base`.
+/// Opens the driver of the tracer node; paths are relative to `base`, `shutdown` ends the wait of a live one.
 pub fn open_tracer(
     config: &DriverConfig,
     base: &Path,
     machine: &MachineFile,
+    shutdown: &Shutdown,
 ) -> Result<Box<dyn TracerDriver>, DriverError> {
     Ok(match config {
         DriverConfig::Campaign { file } => Box::new(campaign_file::open(&base.join(file), machine)?),
         DriverConfig::Bag { file, topic } => Box::new(bag::open_tracer(&base.join(file), topic)?),
         DriverConfig::VirtualMachine { seed, effects } => Box::new(virtual_machine::open(*seed, effects, machine)?),
+        DriverConfig::Lines(lines) => Box::new(lines::open(lines, false, machine, shutdown)?),
     })
 }

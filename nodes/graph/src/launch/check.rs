@@ -43,11 +43,26 @@ impl Launch {
                 {
                     return wrong(&format!("{key}.pace"), "must be above 0, 1e-6 at least");
                 }
+                Some(Source { pace, driver, .. }) if (*pace == Pace::AsTheyCome) != driver.is_live() => {
+                    let problem = "must be \"as_they_come\" for a live driver (lines), and for no other";
+                    return wrong(&format!("{key}.pace"), problem);
+                }
+                Some(Source { driver: DriverConfig::Lines(lines), .. }) => {
+                    if let Some((part, problem)) = lines.problem(node == NodeName::Scale) {
+                        return wrong(&format!("{key}.driver.{part}"), &problem);
+                    }
+                }
                 _ => {}
             }
         }
+        if self.scale.as_ref().is_some_and(|source| source.repeat_from.is_some() && source.driver.is_live()) {
+            return wrong("scale.repeat_from", "is for recordings; a live driver has no end to begin again at");
+        }
         if self.tracer.as_ref().is_some_and(|source| source.repeat_from.is_some()) {
-            return wrong("tracer.repeat_from", "the same readings again are no new evidence; only the scale node repeats");
+            return wrong(
+                "tracer.repeat_from",
+                "the same readings again are no new evidence; only the scale node repeats",
+            );
         }
         if self.residual_model.is_some() && self.model.is_none() {
             return wrong("residual_model", "corrects what a geometric model leaves; add the key model");

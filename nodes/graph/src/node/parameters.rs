@@ -57,12 +57,13 @@ pub(super) fn table(
         ParameterSpec { name, default: ParameterValue::Double(value), unit, range, read_only: true, description }
     };
     let pace = |pace: Pace| match pace {
-        Pace::RateHz(rate) => positive(RATE, rate, "Hz", "Readings a second that a recording is played at."),
-        Pace::TimeFactor(factor) => positive(TIME_FACTOR, factor, "", "How many times faster than recorded."),
+        Pace::RateHz(rate) => Some(positive(RATE, rate, "Hz", "Readings a second that a recording is played at.")),
+        Pace::TimeFactor(factor) => Some(positive(TIME_FACTOR, factor, "", "How many times faster than recorded.")),
+        Pace::AsTheyCome => None,
     };
     let specs: Vec<ParameterSpec> = match node {
-        NodeName::Scale => launch.scale.iter().map(|source| pace(source.pace)).collect(),
-        NodeName::Tracer => launch.tracer.iter().map(|source| pace(source.pace)).collect(),
+        NodeName::Scale => launch.scale.iter().filter_map(|source| pace(source.pace)).collect(),
+        NodeName::Tracer => launch.tracer.iter().filter_map(|source| pace(source.pace)).collect(),
         NodeName::Geometric => {
             let description = "Age from which a covariate is stale.";
             vec![positive(MAX_COVARIATE_AGE, launch.max_covariate_age_s, "s", description)]

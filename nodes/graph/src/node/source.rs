@@ -1,7 +1,7 @@
 //! The scale and the tracer node: what a driver gives, at its pace.
 //!
 //! Place in the flow: the start of the graph. A recording is played at a fixed rate or with its own timing; stamps
-//! stay those of the recording.
+//! stay those of the recording. What a live driver gives goes on as it comes.
 
 use super::traffic::{Trouble, send};
 use super::{NodeContext, NodeError, NodeSummary};
@@ -14,16 +14,17 @@ use std::time::{Duration, Instant};
 pub(super) fn scale(context: &NodeContext) -> Result<NodeSummary, NodeError> {
     let source = source(context, context.launch.scale.as_ref())?;
     let (config, base, machine) = (&source.driver, &context.base, &context.machine);
+    let shutdown = &context.shutdown;
     let mut driver = match source.repeat_from {
-        Some(sequence) => driver::open_scale_again(config, base, machine, sequence)?,
-        None => driver::open_scale(config, base, machine)?,
+        Some(sequence) => driver::open_scale_again(config, base, machine, shutdown, sequence)?,
+        None => driver::open_scale(config, base, machine, shutdown)?,
     };
     play::<ScaleReading>(context, source.pace, || driver.next_reading())
 }
 
 pub(super) fn tracer(context: &NodeContext) -> Result<NodeSummary, NodeError> {
     let source = source(context, context.launch.tracer.as_ref())?;
-    let mut driver = driver::open_tracer(&source.driver, &context.base, &context.machine)?;
+    let mut driver = driver::open_tracer(&source.driver, &context.base, &context.machine, &context.shutdown)?;
     play::<TracerReading>(context, source.pace, || driver.next_reading())
 }
 
@@ -42,7 +43,8 @@ fn play<M: Message>(
     let mut given = 0;
     loop {
         let Some(sample) = usable(&mut next, &mut summary)? else {
-            summary.recording_ended = true;
+            // A live driver gives up its wait when it is told to stop.
+            summary.recording_ended = !context.shutdown.requested();
             break;
         };
         let schedule = schedule.get_or_insert_with(|| Schedule::new(pace, sample.stamp()));
@@ -106,6 +108,7 @@ impl Schedule {
     fn wait_for(&self, number: u64, stamp: Stamp, shutdown: &Shutdown) -> bool {
         let due_s = match self.pace {
             Pace::RateHz(rate) => number as f64 / rate,
+            Pace::AsTheyCome => 0.0,
             Pace::TimeFactor(factor) => (stamp.to_nanos() - self.first.to_nanos()) as f64 * 1e-9 / factor,
         };
         let due = self.start + Duration::try_from_secs_f64(due_s.max(0.0)).unwrap_or(Duration::MAX);

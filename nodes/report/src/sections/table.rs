@@ -119,7 +119,8 @@ impl TableSection {
             return out;
         }
         out.push_str("<div class=\"scroll\"><table>\n<thead><tr>");
-        let is_told: Vec<bool> = (0..self.columns.len()).map(|k| self.rows.iter().any(|row| row[k].is_some())).collect();
+        let is_told: Vec<bool> =
+            (0..self.columns.len()).map(|k| self.rows.iter().any(|row| row[k].is_some())).collect();
         for (column, _) in self.columns.iter().zip(&is_told).filter(|(_, told)| **told) {
             out.push_str(&column.html());
         }

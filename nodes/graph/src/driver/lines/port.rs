@@ -1,0 +1,294 @@
+//! Where lines come from: a TCP connection, UDP packets, the output of a command. Connects again by itself.
+//!
+//! Place in the flow: a thread reads and waits, so that the node's loop never does; it hands over whole lines with the instant
+//! at which they were complete. A queue that is full makes the thread wait, and TCP the sender.
+
+use serde::{Deserialize, Serialize};
+use std::fmt;
+use std::io::{BufRead, BufReader, ErrorKind, Read};
+use std::net::{TcpListener, TcpStream, ToSocketAddrs, UdpSocket};
+use std::process::{Child, Command, Stdio};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
+use std::thread;
+use std::time::{Duration, SystemTime};
+
+/// Bytes of a line at most.
+const MOST_BYTES: usize = 4096;
+/// Lines that wait for the node's loop at most.
+const QUEUE: usize = 4096;
+/// Wait before the first new try to connect; it doubles with each further one, up to [`LONGEST_WAIT`].
+const FIRST_WAIT: Duration = Duration::from_millis(100);
+const LONGEST_WAIT: Duration = Duration::from_secs(5);
+/// How long a connection may take to be made.
+const CONNECT_WITHIN: Duration = Duration::from_secs(3);
+
+/// Where lines come from.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
+pub enum LinesFrom {
+    /// A TCP server, as `host:port`.
+    Tcp(String),
+    /// A TCP client that connects here, at `address:port`; one at a time.
+    TcpListen(String),
+    /// UDP packets sent here, at `address:port`; each ends a line.
+    Udp(String),
+    /// What a command writes to its standard output, such as one that reads a serial port: program and arguments.
+    Command(Vec<String>),
+}
+
+impl LinesFrom {
+    pub(super) fn problem(&self) -> Option<String> {
+        match self {
+            LinesFrom::Tcp(address) | LinesFrom::TcpListen(address) | LinesFrom::Udp(address) => {
+                let port = address.rsplit_once(':').map(|(_, port)| port.parse::<u16>());
+                (!matches!(port, Some(Ok(_))))
+                    .then(|| format!("{address:?} is no host:port; write it like \"10.0.0.5:5000\""))
+            }
+            LinesFrom::Command(words) => {
+                words.first().is_none_or(String::is_empty).then(|| "name a program to run".to_owned())
+            }
+        }
+    }
+}
+
+impl fmt::Display for LinesFrom {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            LinesFrom::Tcp(address) => write!(f, "tcp {address}"),
+            LinesFrom::TcpListen(address) => write!(f, "tcp_listen {address}"),
+            LinesFrom::Udp(address) => write!(f, "udp {address}"),
+            LinesFrom::Command(words) => write!(f, "command {}", words.join(" ")),
+        }
+    }
+}
+
+/// A line, without what ends it.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct Line {
+    pub(super) text: Vec<u8>,
+    /// When it was complete.
+    pub(super) arrived: SystemTime,
+}
+
+/// What happens at a port.
+#[derive(Debug)]
+pub(super) enum Event {
+    Connected(String),
+    Line(Line),
+    /// A line of more than [`MOST_BYTES`] was passed over.
+    TooLong,
+    Lost(String),
+}
+
+/// The loop's end of the thread.
+pub(super) struct Port {
+    events: Receiver<Event>,
+    lines: u64,
+}
+
+impl Port {
+    /// Opens what can be opened only once (a listening socket), and starts the thread.
+    pub(super) fn open(from: &LinesFrom, silent_after: Duration) -> std::io::Result<Port> {
+        let source: Source = match from {
+            LinesFrom::Tcp(address) => Source::Client(address.clone()),
+            LinesFrom::TcpListen(address) => Source::Server(TcpListener::bind(address)?),
+            LinesFrom::Udp(address) => Source::Packets(UdpSocket::bind(address)?),
+            LinesFrom::Command(words) => Source::Command(words.clone()),
+        };
+        let (give, events) = sync_channel(QUEUE);
+        thread::Builder::new().name("lines".into()).spawn(move || source.run(&give, silent_after))?;
+        Ok(Port { events, lines: 0 })
+    }
+
+    /// The next event, within this time.
+    pub(super) fn next(&mut self, within: Duration) -> Option<Event> {
+        match self.events.recv_timeout(within) {
+            Ok(event) => {
+                self.lines += u64::from(matches!(event, Event::Line(_) | Event::TooLong));
+                Some(event)
+            }
+            Err(RecvTimeoutError::Timeout) => None,
+            // The thread ends with the loop, and not before.
+            Err(RecvTimeoutError::Disconnected) => {
+                thread::sleep(within);
+                None
+            }
+        }
+    }
+
+    /// Lines so far.
+    pub(super) fn lines(&self) -> u64 {
+        self.lines
+    }
+}
+
+enum Source {
+    Client(String),
+    Server(TcpListener),
+    Packets(UdpSocket),
+    Command(Vec<String>),
+}
+
+/// The loop is gone.
+struct Gone;
+
+impl Source {
+    fn run(&self, give: &SyncSender<Event>, silent_after: Duration) {
+        let mut wait = FIRST_WAIT;
+        let mut last_words = String::new();
+        loop {
+            let outcome = match self {
+                Source::Client(address) => connect(address).and_then(|stream| read_stream(stream, give, silent_after)),
+                Source::Server(listener) => {
+                    listener.accept().and_then(|(stream, _)| read_stream(stream, give, silent_after))
+                }
+                Source::Packets(socket) => read_packets(socket, give),
+                Source::Command(words) => read_command(words, give),
+            };
+            let why = match outcome {
+                Ok(Err(Gone)) => return,
+                Ok(Ok(())) => {
+                    wait = FIRST_WAIT;
+                    "the other side ended it".to_owned()
+                }
+                Err(error) if is_timeout(&error) => format!("silent for {silent_after:?}"),
+                Err(error) => error.to_string(),
+            };
+            // The same words again and again would fill the log.
+            if why != last_words && give.send(Event::Lost(why.clone())).is_err() {
+                return;
+            }
+            last_words = why;
+            thread::sleep(wait);
+            wait = (wait * 2).min(LONGEST_WAIT);
+        }
+    }
+}
+
+fn is_timeout(error: &std::io::Error) -> bool {
+    matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut)
+}
+
+fn connect(address: &str) -> std::io::Result<TcpStream> {
+    let mut outcome = Err(std::io::Error::new(ErrorKind::NotFound, "the host has no address"));
+    for address in address.to_socket_addrs()? {
+        outcome = TcpStream::connect_timeout(&address, CONNECT_WITHIN);
+        if outcome.is_ok() {
+            break;
+        }
+    }
+    outcome
+}
+
+type Ended = std::io::Result<Result<(), Gone>>;
+
+fn read_stream(stream: TcpStream, give: &SyncSender<Event>, silent_after: Duration) -> Ended {
+    stream.set_read_timeout(Some(silent_after))?;
+    let whom = stream.peer_addr()?.to_string();
+    if give.send(Event::Connected(whom)).is_err() {
+        return Ok(Err(Gone));
+    }
+    read_lines(BufReader::new(stream), give)
+}
+
+fn read_packets(socket: &UdpSocket, give: &SyncSender<Event>) -> Ended {
+    let mut packet = [0; 1 << 16];
+    loop {
+        let count = match socket.recv(&mut packet) {
+            Err(error) if error.kind() == ErrorKind::Interrupted => continue,
+            other => other?,
+        };
+        if let Err(Gone) = read_lines(&packet[..count], give)? {
+            return Ok(Err(Gone));
+        }
+    }
+}
+
+/// Ended with the loop that takes from it.
+struct Ending(Child);
+
+impl Drop for Ending {
+    fn drop(&mut self) {
+        // It may have ended by itself.
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+fn read_command(words: &[String], give: &SyncSender<Event>) -> Ended {
+    let (program, arguments) = words.split_first().ok_or(ErrorKind::InvalidInput)?;
+    let mut command = Command::new(program);
+    let child = command.args(arguments).stdin(Stdio::null()).stdout(Stdio::piped()).spawn()?;
+    let mut child = Ending(child);
+    let output = child.0.stdout.take().ok_or(ErrorKind::BrokenPipe)?;
+    if give.send(Event::Connected(program.clone())).is_err() {
+        return Ok(Err(Gone));
+    }
+    if let Err(Gone) = read_lines(BufReader::new(output), give)? {
+        return Ok(Err(Gone));
+    }
+    let status = child.0.wait()?;
+    Err(std::io::Error::other(format!("it ended with {status}")))
+}
+
+/// Reads to the end. A line without an end of its own counts where it is the last.
+fn read_lines(mut input: impl BufRead, give: &SyncSender<Event>) -> Ended {
+    loop {
+        let mut text = Vec::new();
+        let most = MOST_BYTES as u64 + 1;
+        let count = match input.by_ref().take(most).read_until(b'\n', &mut text) {
+            Err(error) if error.kind() == ErrorKind::Interrupted => continue,
+            other => other?,
+        };
+        if count == 0 {
+            return Ok(Ok(()));
+        }
+        let event = if text.last() != Some(&b'\n') && count > MOST_BYTES {
+            pass_over(&mut input)?;
+            Event::TooLong
+        } else {
+            Event::Line(Line { text, arrived: SystemTime::now() })
+        };
+        if give.send(event).is_err() {
+            return Ok(Err(Gone));
+        }
+    }
+}
+
+/// The rest of a line.
+fn pass_over(input: &mut impl BufRead) -> std::io::Result<()> {
+    loop {
+        let buffer = input.fill_buf()?;
+        match buffer.iter().position(|byte| *byte == b'\n') {
+            Some(at) => {
+                input.consume(at + 1);
+                return Ok(());
+            }
+            None if buffer.is_empty() => return Ok(()),
+            None => {
+                let all = buffer.len();
+                input.consume(all);
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn lines_of(bytes: &[u8]) -> Vec<Event> {
+        let (give, events) = sync_channel(QUEUE);
+        assert!(matches!(read_lines(bytes, &give), Ok(Ok(()))));
+        drop(give);
+        events.into_iter().collect()
+    }
+
+    #[test]
+    fn a_line_that_is_too_long_is_passed_over_and_the_next_is_whole() {
+        let text = format!("1,2\r\n{}\n3,4", "7".repeat(3 * MOST_BYTES));
+        let events = lines_of(text.as_bytes());
+        let [Event::Line(first), Event::TooLong, Event::Line(last)] = events.as_slice() else { panic!("{events:?}") };
+        assert_eq!((first.text.as_slice(), last.text.as_slice()), (b"1,2\r\n".as_slice(), b"3,4".as_slice()));
+    }
+}
