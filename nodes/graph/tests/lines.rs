@@ -15,8 +15,21 @@ use std::path::Path;
 use std::thread;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
+/// What the launch file says; with an offset, which the machine of these tests has none of.
 fn config(text: &str) -> LinesConfig {
-    toml::from_str(text).unwrap()
+    let config: LinesConfig = toml::from_str(text).unwrap();
+    LinesConfig { offset_mm: config.offset_mm.or(Some([0.0, 0.0, -60.0])), ..config }
+}
+
+/// A wait that ends after a minute, so that a test fails and does not hang.
+fn patience() -> Shutdown {
+    let shutdown = Shutdown::manual();
+    let ends = shutdown.clone();
+    thread::spawn(move || {
+        thread::sleep(Duration::from_secs(60));
+        ends.request();
+    });
+    shutdown
 }
 
 fn machine() -> &'static MachineFile {
@@ -24,7 +37,7 @@ fn machine() -> &'static MachineFile {
 }
 
 fn scale(config: &LinesConfig) -> Box<dyn ScaleDriver> {
-    open_scale(&DriverConfig::Lines(config.clone()), Path::new(""), machine(), &Shutdown::manual()).unwrap()
+    open_scale(&DriverConfig::Lines(config.clone()), Path::new(""), machine(), &patience()).unwrap()
 }
 
 /// The next reading, and what was refused before it.
@@ -165,7 +178,7 @@ fn packets_clients_and_commands_are_read_alike() {
 fn a_tracers_lines_say_station_and_uncertainty_or_the_launch_file_does() {
     let text = "from = { command = [\"printf\", \"1.5,0.4\\\\n\"] }\ncolumns = [\"length_mm\", \"u_length_um\"]\nstation = \"S1\"\n";
     let driver = DriverConfig::Lines(config(text));
-    let mut tracer = open_tracer(&driver, Path::new(""), machine(), &Shutdown::manual()).unwrap();
+    let mut tracer = open_tracer(&driver, Path::new(""), machine(), &patience()).unwrap();
     let reading = tracer.next_reading().unwrap().unwrap();
     assert_eq!((reading.length_m, reading.station.as_str(), reading.line.as_str()), (1.5e-3, "S1", ""));
     assert!((reading.u_length_m - 0.4e-6).abs() < 1e-18);
@@ -210,6 +223,11 @@ fn columns_that_make_no_reading_are_refused_with_what_to_do() {
         let told = said(of_scale, text);
         assert!(told.contains(words), "{text}: {told}");
     }
+    let columns = "columns = [\"x_mm\", \"y_mm\", \"z_mm\"]";
+    let without: LinesConfig = toml::from_str(&format!("from = {{ udp = \"127.0.0.1:0\" }}\n{columns}")).unwrap();
+    let driver = DriverConfig::Lines(without);
+    let told = open_scale(&driver, Path::new(""), machine(), &Shutdown::manual()).map(|_| ()).unwrap_err();
+    assert!(told.to_string().contains("declares no default_offset_mm; add the key offset_mm"), "{told}");
     let nowhere = DriverConfig::Lines(config("from = { tcp = \"nowhere\" }"));
     let told = open_scale(&nowhere, Path::new(""), machine(), &Shutdown::manual()).map(|_| ()).unwrap_err();
     assert!(told.to_string().contains("is no host:port"), "{told}");
