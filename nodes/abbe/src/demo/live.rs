@@ -112,8 +112,9 @@ pub(super) struct Taken {
     pub(super) count: u64,
     /// Sequence that is due next.
     next: u64,
-    /// Verification points of the first pass, and of the latest.
+    /// Verification points of the first pass, of the pass under way, and of the latest that is over.
     first_points: Vec<CorrectedCoordinates>,
+    coming_points: Vec<CorrectedCoordinates>,
     latest_points: Vec<CorrectedCoordinates>,
     /// Model of the first sample; first sample of another.
     first_model: Option<Sha256>,
@@ -133,6 +134,7 @@ impl Taken {
             count: 0,
             next: 0,
             first_points: Vec::new(),
+            coming_points: Vec::new(),
             latest_points: Vec::new(),
             first_model: None,
             new_model_from: None,
@@ -151,11 +153,14 @@ impl Taken {
         }
         let Some(place) = sample.sequence.checked_sub(self.first_point) else { return };
         if place % self.points() == 0 {
-            self.latest_points.clear();
+            self.coming_points.clear();
         }
-        self.latest_points.push(sample);
+        self.coming_points.push(sample);
         if place < self.points() {
             self.first_points.push(sample);
+        }
+        if self.coming_points.len() as u64 == self.points() {
+            self.latest_points = std::mem::take(&mut self.coming_points);
         }
     }
 
@@ -184,9 +189,9 @@ impl Taken {
         self.new_model_from
     }
 
-    /// The verification points of the pass under way, once all of them have come.
+    /// The verification points of the latest pass of which all have come.
     pub(super) fn last_points(&self) -> Option<&[CorrectedCoordinates]> {
-        (self.latest_points.len() as u64 == self.points()).then_some(self.latest_points.as_slice())
+        (!self.latest_points.is_empty()).then_some(self.latest_points.as_slice())
     }
 
     /// Latencies of all samples, sorted; empty where the scale node did not say when it began.

@@ -13,6 +13,9 @@ use crate::text::{MISSING, significant};
 /// From this width of a box with its gap on, there is room for the rms as a number.
 const LABELLED_SLOT_PX: f64 = 48.0;
 
+/// Series beside each other that leave room for it.
+const LABELLED_SERIES: usize = 2;
+
 /// A group of boxes beside each other.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct BoxGroup {
@@ -76,8 +79,9 @@ pub(crate) fn draw_box_legend(svg: &mut Svg, at: (f64, f64), series: &[(String, 
     let patches: Vec<_> =
         series.iter().map(|(class, name)| (Swatch::Patch(format!("f{class} bar")), name.clone())).collect();
     let x = draw_legend(svg, at, &patches);
-    let key = "box: quartiles and median  ·  whiskers: 5 % and 95 %  ·  ■ rms, with its value  ·  ● largest";
-    svg.text("small muted", (x, at.1), Anchor::Start, key);
+    let value = if series.len() > LABELLED_SERIES { "" } else { ", with its value" };
+    let key = format!("box: quartiles and median  ·  whiskers: 5 % and 95 %  ·  ■ rms{value}  ·  ● largest");
+    svg.text("small muted", (x, at.1), Anchor::Start, &key);
 }
 
 /// Draws groups of boxes on a given scale; shared with the before/after comparison.

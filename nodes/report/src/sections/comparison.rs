@@ -130,13 +130,14 @@ impl Comparison {
             y_ticks: 5,
         };
         draw_frame(svg, area, &x, &y, &labels);
-        for (sample, class) in samples.iter().zip(&self.classes()) {
+        for (number, (sample, class)) in samples.iter().zip(&self.classes()).enumerate() {
             let curve: Vec<_> = (0..QUANTILES)
                 .map(|i| i as f64 / (QUANTILES - 1) as f64)
                 .filter_map(|p| quantile_sorted(sample, p).map(|v| (x.map(v), y.map(100.0 * p))))
                 .collect();
             svg.path(&format!("ln l{class}"), &curve, false);
-            self.draw_p95(svg, sample, class, &x, &y);
+            // Each a line lower than the one before: curves that are near each other keep their labels apart.
+            self.draw_p95(svg, (sample.as_slice(), class.as_str()), (&x, &y), 14.0 * (number + 1) as f64);
         }
         if samples.iter().all(Vec::is_empty) {
             draw_empty(svg, area);
@@ -144,13 +145,13 @@ impl Comparison {
     }
 
     /// Marks the 95 % point of a cumulative curve with its value.
-    fn draw_p95(&self, svg: &mut Svg, sample: &[f64], class: &str, x: &Scale, y: &Scale) {
+    fn draw_p95(&self, svg: &mut Svg, (sample, class): (&[f64], &str), (x, y): (&Scale, &Scale), below: f64) {
         let Some(p95) = quantile_sorted(sample, 0.95) else { return };
         let at = (x.map(p95), y.map(95.0));
         svg.circle(&format!("f{class}"), at, 3.4, None);
         let decimals = if p95 < 10.0 { 2 } else { 1 };
         let label = format!("95 %: {} {}", fixed(p95, decimals), self.unit);
-        svg.text(&format!("small f{class}"), (at.0 - 9.0, at.1 + 14.0), Anchor::End, &label);
+        svg.text(&format!("small f{class}"), (at.0 - 9.0, at.1 + below), Anchor::End, &label);
     }
 }
 
