@@ -14,6 +14,9 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 use thiserror::Error;
 
+/// Standard deviations of χ² per degree of freedom that count as chance where a misfit widens coordinates.
+const CHANCE: f64 = 2.0;
+
 /// An effect with its fitted parameters.
 #[derive(Debug, Clone)]
 pub struct FittedEffect {
@@ -59,6 +62,19 @@ pub struct FitQuality {
     pub chi2_per_dof: f64,
     /// Unweighted rms of the range residuals (m).
     pub residual_rms_m: f64,
+    /// What neither model nor declared noise explains of a reading: standard deviation in any direction (m). A cause that
+    /// nobody has found acts on corrected points as it acts on readings, so each of them carries it.
+    pub unexplained_m: f64,
+}
+
+impl FitQuality {
+    /// [`FitQuality::unexplained_m`] (m) of residuals with this sum of squares (m²): the share of their variance that
+    /// exceeds what was declared, and what chance adds to that in all but two campaigns of a hundred.
+    pub fn unexplained_of(chi2_per_dof: f64, square_m2: f64, degrees_of_freedom: f64) -> f64 {
+        let degrees = degrees_of_freedom.max(1.0);
+        let excess = (chi2_per_dof - 1.0 - CHANCE * (2.0 / degrees).sqrt()).max(0.0);
+        (excess / chi2_per_dof.max(1.0) * square_m2 / degrees).sqrt()
+    }
 }
 
 /// Parts of a model, as identification makes them and a file holds them.

@@ -49,7 +49,7 @@ fn model(set: &[(&str, f64)], c0y_rad: f64) -> MachineModel {
         covariance: packed.collect(),
         chord_covariance: Vec::new(),
         identified: IdentifiedVolume { reading_m: STROKE_M, offset_m: [(0.0, 0.0); 3], covariates: BTreeMap::new() },
-        quality: FitQuality { readings: 1, rejected: 0, chi2_per_dof: 1.0, residual_rms_m: 0.0 },
+        quality: FitQuality { readings: 1, rejected: 0, chi2_per_dof: 1.0, residual_rms_m: 0.0, unexplained_m: 0.0 },
     })
     .unwrap()
 }

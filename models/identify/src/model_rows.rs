@@ -241,7 +241,13 @@ mod tests {
                 offset_m: [(-0.15, 0.15); 3],
                 covariates: LOGGED.iter().map(|name| ((*name).to_owned(), USUAL)).collect(),
             },
-            quality: FitQuality { readings: 100, rejected: 0, chi2_per_dof: 1.0, residual_rms_m: 1e-7 },
+            quality: FitQuality {
+                readings: 100,
+                rejected: 0,
+                chi2_per_dof: 1.0,
+                residual_rms_m: 1e-7,
+                unexplained_m: 0.0,
+            },
             machine,
         };
         MachineModel::new(parts).unwrap()

@@ -115,6 +115,7 @@ impl Fit<'_> {
         let covariance = self.packed_covariance(&settled.solution);
         let kept = settled.residuals.iter().zip(&settled.weights).filter(|(_, weight)| **weight > 0.0);
         let (used, square_m2) = kept.fold((0_usize, 0.0), |(n, sum), ((r, _), _)| (n + 1, sum + r * r));
+        let degrees = settled.weights.iter().sum::<f64>() - settled.solution.effective.iter().sum::<f64>();
         let parts = ModelParts {
             machine: self.setup.machine.clone(),
             coefficients: self.parameters[..geometric].to_vec(),
@@ -132,6 +133,7 @@ impl Fit<'_> {
                 rejected: self.campaign.readings.len() - used,
                 chi2_per_dof: settled.solution.noise_factor,
                 residual_rms_m: (square_m2 / used.max(1) as f64).sqrt(),
+                unexplained_m: FitQuality::unexplained_of(settled.solution.noise_factor, square_m2, degrees),
             },
         };
         Ok(MachineModel::new(parts)?)

@@ -128,6 +128,9 @@ struct QualityRecord {
     rejected: usize,
     chi2_per_dof: f64,
     residual_rms_m: f64,
+    /// None in files of earlier software.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    unexplained_m: Option<f64>,
     /// What speaks against the model; files of earlier software have none.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     doubts: Vec<Doubt>,
@@ -197,6 +200,7 @@ impl ModelRecord {
                 rejected: parts.quality.rejected,
                 chi2_per_dof: parts.quality.chi2_per_dof,
                 residual_rms_m: parts.quality.residual_rms_m,
+                unexplained_m: Some(parts.quality.unexplained_m),
                 doubts: file.doubts.clone(),
             },
             data: file.data.clone(),
@@ -253,6 +257,7 @@ impl ModelRecord {
                 rejected: self.quality.rejected,
                 chi2_per_dof: self.quality.chi2_per_dof,
                 residual_rms_m: self.quality.residual_rms_m,
+                unexplained_m: self.quality.unexplained_m.unwrap_or_else(|| unexplained_m(&self.quality)),
             },
         };
         Ok(ModelFile {
@@ -288,6 +293,12 @@ impl ModelRecord {
             }
         }
     }
+}
+
+/// What a file of earlier software does not tell, but for the freedom that its fit used up (m).
+fn unexplained_m(quality: &QualityRecord) -> f64 {
+    let readings = quality.readings as f64;
+    FitQuality::unexplained_of(quality.chi2_per_dof, readings * quality.residual_rms_m.powi(2), readings)
 }
 
 fn damaged(file: &str, key: &str, problem: String) -> FileError {

@@ -48,7 +48,13 @@ fn model(effects: &[(&str, Shape)]) -> MachineModel {
         covariance: (0..deviations.len()).flat_map(packed).map(entry).collect(),
         chord_covariance: Vec::new(),
         identified: IdentifiedVolume { reading_m: machine.stroke_m, offset_m: [(-0.15, 0.15); 3], covariates },
-        quality: FitQuality { readings: 1000, rejected: 0, chi2_per_dof: 1.0, residual_rms_m: 1e-7 },
+        quality: FitQuality {
+            readings: 1000,
+            rejected: 0,
+            chi2_per_dof: 1.0,
+            residual_rms_m: 1e-7,
+            unexplained_m: 0.0,
+        },
         machine,
     };
     MachineModel::new(parts).unwrap()
@@ -189,6 +195,24 @@ fn regress_an_effect_beyond_the_identified_readings_counts_as_uncertain_by_what_
     let variance_m2 = |correction: Correction| correction.covariance_m2.unwrap().trace();
     let widened_m2 = variance_m2(beyond) - variance_m2(end);
     assert!(added_m > 1e-7 && (widened_m2 / added_m.powi(2) - 1.0).abs() < 1e-3, "{added_m} {widened_m2}");
+}
+
+/// Nobody knows what a misfit does elsewhere; it was left out of every stated uncertainty.
+#[test]
+fn regress_what_the_fit_could_not_explain_stands_in_every_corrected_coordinate() {
+    let mut parts = model(&[]).parts().clone();
+    let covariance = |parts: &ModelParts| {
+        let model = MachineModel::new(parts.clone()).unwrap();
+        correct(&model, &at(&NoCovariates)).covariance_m2.unwrap()
+    };
+    let plain = covariance(&parts);
+    // Residuals of 1 µm, four times the variance declared, from 1000 readings: chance explains 0.09 of the excess of 3.
+    parts.quality.unexplained_m = FitQuality::unexplained_of(4.0, 1000.0 * 1e-12, 1000.0);
+    let widened = covariance(&parts) - plain;
+    let expected_m2 = (3.0 - 2.0 * 0.002_f64.sqrt()) / 4.0 * 1e-12;
+    assert!((widened - Matrix3::identity() * expected_m2).norm() < 1e-6 * expected_m2, "{widened}");
+    assert_eq!(FitQuality::unexplained_of(1.08, 1e-9, 1000.0), 0.0, "chance");
+    assert_eq!(FitQuality::unexplained_of(0.3, 1e-9, 1000.0), 0.0, "luck narrows nothing");
 }
 
 #[test]

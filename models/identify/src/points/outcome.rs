@@ -95,7 +95,8 @@ pub(super) fn finish(problem: &Problem, found: Minimised) -> Result<FittedPoints
     let count = residuals_m.len() - rejected.len();
     let square: f64 = used().map(|d| d * d).sum();
     let equations = 3.0 * descent.weights.iter().sum::<f64>();
-    let chi2 = certificate.chi2_per_dof * (equations - unknowns.len() as f64).max(1.0);
+    let degrees = (equations - unknowns.len() as f64).max(1.0);
+    let chi2 = certificate.chi2_per_dof * degrees;
     let evidence = PointEvidence {
         unknowns: unknowns.len(),
         rank: seen.rank,
@@ -115,6 +116,7 @@ pub(super) fn finish(problem: &Problem, found: Minimised) -> Result<FittedPoints
         rejected: residuals_m.len() - count,
         chi2_per_dof: certificate.chi2_per_dof,
         residual_rms_m: (square / count.max(1) as f64).sqrt(),
+        unexplained_m: FitQuality::unexplained_of(certificate.chi2_per_dof, square, degrees),
     };
     let geometric = problem.layout.len();
     let scale = widening(certificate.chi2_per_dof);

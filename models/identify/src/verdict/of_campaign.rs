@@ -77,5 +77,8 @@ pub fn widened(model: MachineModel, factor: f64) -> Result<MachineModel, ModelEr
     }
     let mut parts = model.parts().clone();
     parts.covariance.iter_mut().chain(&mut parts.chord_covariance).for_each(|value| *value *= factor);
+    let quality = &mut parts.quality;
+    let declared_m2 = quality.residual_rms_m.powi(2) / quality.chi2_per_dof.max(1.0);
+    quality.unexplained_m = (factor * quality.unexplained_m.powi(2) + (factor - 1.0) * declared_m2).sqrt();
     MachineModel::new(parts)
 }

@@ -59,7 +59,13 @@ pub(crate) fn model(seed: u64) -> ModelFile {
                 .map(|(name, range)| (name.to_owned(), range))
                 .into(),
         },
-        quality: FitQuality { readings: 2817, rejected: 3, chi2_per_dof: 1.0 / 3.0, residual_rms_m: 0.1e-6 },
+        quality: FitQuality {
+            readings: 2817,
+            rejected: 3,
+            chi2_per_dof: 1.0 / 3.0,
+            residual_rms_m: 0.1e-6,
+            unexplained_m: 0.07e-6,
+        },
         machine,
         coefficients,
         offset_centre_m,
