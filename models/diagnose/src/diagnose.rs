@@ -12,6 +12,7 @@ use crate::judge::{self, Blocked, Unseen};
 use crate::noise;
 use crate::options::{Options, Progress};
 use crate::search::{Search, State, Step, has};
+use crate::tomorrow;
 use abbe_geometry::machine::Machine;
 use abbe_geometry::model::FittedEffect;
 use abbe_identify::{EffectTerm, Identified};
@@ -41,10 +42,14 @@ pub fn diagnose(
     let first = search.round(&before)?;
     let detection_before = noise::detect(&first, campaign, &before.evidence);
     let mut state = search.run(before.clone(), first.clone(), base.clone(), observe)?;
-    let judged = Judged::of(&search, machine, (&first, &base), &state, observe)?;
+    let alike = alike(&search, &state, (machine, &first, &base), observe)?;
+    let judged = Judged::of(&search, machine, (&alike, &base), &state, observe)?;
     if let Some(because) = &judged.not_adopted {
         state.withdraw((before.clone(), first.clone(), base.clone()), because);
     }
+    let model = state.fit.model.clone();
+    state.fit.model = tomorrow::told(model, &state.round, campaign, |fitted| !is_base(&base, fitted))
+        .map_err(abbe_identify::IdentifyError::from)?;
     let named = match state.named.take() {
         Some(named) => named,
         None => search.named(&state.round, &state.machine)?,
@@ -60,13 +65,14 @@ pub fn diagnose(
     let set_aside = state.set_aside();
     let structured = enriched || detection_after.has_structure() || !rejected_lines.is_empty();
     // What was significant and stays out is no noise either.
-    let explained = found.is_empty() && set_aside.is_empty() && judged.not_adopted.is_none();
+    let hangs_together = state.fit.correlation.is_some();
+    let explained = found.is_empty() && set_aside.is_empty() && judged.not_adopted.is_none() && !hangs_together;
     let said = rejected_lines.iter().map(|line| format!("line {line} was rejected: most of its readings are outliers"));
     Ok(Diagnosis {
         consistent_with_noise: explained && !structured,
         steps: state.steps.iter().map(describe).chain(said).collect(),
         rejected_lines,
-        blocked: blocked(campaign, &first, &last),
+        blocked: blocked(campaign, &alike, &last),
         before,
         after: state.fit,
         detection_before,
@@ -82,6 +88,19 @@ pub fn diagnose(
         untestable,
         next_measurements,
     })
+}
+
+/// The rows of what the model had before, under the noise that the search ended with: only so can both be compared.
+fn alike<'a>(
+    search: &Search<'a>,
+    state: &State<'a>,
+    (machine, first, base): (&Machine, &Round<'a>, &[EffectTerm]),
+    observe: &mut dyn FnMut(Progress) -> bool,
+) -> Result<Round<'a>, DiagnoseError> {
+    match state.fit.correlation {
+        None => Ok(first.clone()),
+        noise => search.round(&search.fit_under(machine, base, noise, observe)?),
+    }
 }
 
 /// What is said of all that the search found together.
@@ -189,7 +208,7 @@ fn one(
     let columns = last.rows.columns(fitted.effect.as_ref())?;
     // Where there is no fit without it, what it gains cannot be said; that it was found can.
     let (mut held_out_gain_m, mut placebo, mut alias_share) = (None, None, candidate.score.alias_share);
-    if let Ok((_, without)) = search.attempt(&state.machine, &others, observe)? {
+    if let Ok((_, without)) = search.attempt_under(&state.machine, &others, state.fit.correlation, observe)? {
         let draws = (search.options.placebos, search.options.seed);
         placebo = judge::placebo(&without, &columns, search.campaign, draws).ok();
         alias_share = without.score(&without.free.project(columns.as_ref())).alias_share;

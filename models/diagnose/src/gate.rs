@@ -128,7 +128,7 @@ fn ratio(gain: f64, variance: f64) -> f64 {
 }
 
 /// Whether any term moves chain or tip at any reading.
-fn moves_tip(campaign: &Campaign, terms: &[EffectTerm]) -> bool {
+pub(crate) fn moves_tip(campaign: &Campaign, terms: &[EffectTerm]) -> bool {
     terms.iter().any(|term| {
         (0..campaign.readings.len()).any(|reading| {
             let r = &campaign.readings[reading];

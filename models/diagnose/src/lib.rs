@@ -24,7 +24,9 @@ mod periodic;
 mod runs;
 pub mod score;
 mod search;
+mod serial;
 pub mod study;
+mod tomorrow;
 mod wald;
 
 pub use diagnose::diagnose;

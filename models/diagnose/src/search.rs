@@ -16,11 +16,13 @@ use crate::look::{self, Variable};
 use crate::options::{Options, Progress};
 use crate::periodic::Periodogram;
 use crate::score::Score;
-use crate::{order, periodic, runs};
+use crate::{order, periodic, runs, serial};
 use abbe_geometry::ErrorId;
 use abbe_geometry::effects::{ShapeValue, known};
 use abbe_geometry::machine::Machine;
-use abbe_identify::{EffectTerm, Identified, IdentifyError, Rows, identify_with, minus_two_log_likelihood_on};
+use abbe_identify::{
+    EffectTerm, Identified, IdentifyError, Noise, RangeCorrelation, Rows, identify_with, minus_two_log_likelihood_on,
+};
 use abbe_measurement::campaign::Campaign;
 use abbe_measurement::instrument::RangeUncertainty;
 use std::cell::RefCell;
@@ -184,7 +186,18 @@ impl<'a> Search<'a> {
         terms: &[EffectTerm],
         observe: &mut dyn FnMut(Progress) -> bool,
     ) -> Result<Identified, DiagnoseError> {
-        let fit = self.fit_as_believed(machine, terms, observe)?;
+        self.fit_under(machine, terms, None, observe)
+    }
+
+    /// The same under noise that hangs together so; `None` for white.
+    pub(crate) fn fit_under(
+        &self,
+        machine: &Machine,
+        terms: &[EffectTerm],
+        noise: Option<RangeCorrelation>,
+        observe: &mut dyn FnMut(Progress) -> bool,
+    ) -> Result<Identified, DiagnoseError> {
+        let fit = self.fit_as_believed(machine, terms, noise, observe)?;
         let shares = crate::wald::told(&fit);
         if shares.iter().all(Option::is_none) {
             return Ok(fit);
@@ -194,7 +207,7 @@ impl<'a> Search<'a> {
             None => term.clone(),
         };
         let terms: Vec<EffectTerm> = terms.iter().zip(&shares).map(term).collect();
-        match self.fit_as_believed(machine, &terms, observe) {
+        match self.fit_as_believed(machine, &terms, noise, observe) {
             Err(DiagnoseError::Identify(_)) => Ok(fit),
             other => other,
         }
@@ -204,11 +217,13 @@ impl<'a> Search<'a> {
         &self,
         machine: &Machine,
         terms: &[EffectTerm],
+        noise: Option<RangeCorrelation>,
         observe: &mut dyn FnMut(Progress) -> bool,
     ) -> Result<Identified, DiagnoseError> {
         let mut observe =
             |p: abbe_identify::Progress| observe(Progress::Fitting { pass: p.pass, effects: terms.len() });
-        match identify_with(machine, self.instrument, self.campaign, terms, &self.options.identify, &mut observe) {
+        let options = abbe_identify::Options { noise: Noise::Given(noise), ..self.options.identify };
+        match identify_with(machine, self.instrument, self.campaign, terms, &options, &mut observe) {
             Err(IdentifyError::Stopped) => Err(DiagnoseError::Stopped),
             other => Ok(other?),
         }
@@ -230,7 +245,19 @@ impl<'a> Search<'a> {
         terms: &[EffectTerm],
         observe: &mut dyn FnMut(Progress) -> bool,
     ) -> Result<Result<(Identified, Round<'a>), String>, DiagnoseError> {
-        match self.fit(machine, terms, observe).and_then(|fit| self.round(&fit).map(|round| (fit, round))) {
+        self.attempt_under(machine, terms, None, observe)
+    }
+
+    /// The same under noise that hangs together so; `None` for white.
+    pub(crate) fn attempt_under(
+        &self,
+        machine: &Machine,
+        terms: &[EffectTerm],
+        noise: Option<RangeCorrelation>,
+        observe: &mut dyn FnMut(Progress) -> bool,
+    ) -> Result<Result<(Identified, Round<'a>), String>, DiagnoseError> {
+        let fit = self.fit_under(machine, terms, noise, observe);
+        match fit.and_then(|fit| self.round(&fit).map(|round| (fit, round))) {
             Ok(fitted) => Ok(Ok(fitted)),
             Err(DiagnoseError::Stopped) => Err(DiagnoseError::Stopped),
             Err(problem) => Ok(Err(problem.to_string())),
@@ -245,6 +272,7 @@ impl<'a> Search<'a> {
         terms: Vec<EffectTerm>,
         observe: &mut dyn FnMut(Progress) -> bool,
     ) -> Result<State<'a>, DiagnoseError> {
+        let (base, first_chi2_per_dof) = (terms.clone(), fit.evidence.chi2_per_dof);
         let mut state = State::new(fit, first, terms);
         for number in 0..MAX_ROUNDS {
             if !observe(Progress::Scoring { round: number + 1, effects: state.terms.len() }) {
@@ -257,6 +285,7 @@ impl<'a> Search<'a> {
                 break;
             }
         }
+        serial::hold(self, &mut state, (&base, first_chi2_per_dof), observe)?;
         Ok(state)
     }
 

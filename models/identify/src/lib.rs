@@ -43,7 +43,7 @@ pub use linear::symmetric_eigen;
 pub use model_rows::ModelRows;
 pub use options::{Noise, Options, OrderChoice, Progress};
 pub use parallel::in_parallel;
-pub use range_noise::{Along, By, RangeCorrelation};
+pub use range_noise::{Along, By, RangeCorrelation, correlation_left};
 pub use rows::{Rows, residuals_of};
 pub use solve::{Identified, identify, identify_with};
 pub use term::{CampaignRow, EffectTerm, TIME};

@@ -5,10 +5,15 @@
 //! again. Where they do not, nothing is different. Candidates are the order of measurement and the time, along each line
 //! and over all lines of a station, with an offset of each line where the data ask for it.
 
+use crate::comparison::Ended;
 use crate::correlation::{Correlation, Fitted, Sequence, Whitener};
-use crate::design::{Estimate, Row, places};
+use crate::design::{Estimate, Row, Setup, places};
+use crate::rows::parameters_of;
 use crate::smoothing::Smoothness;
+use crate::solve::Identified;
+use crate::term::EffectTerm;
 use abbe_measurement::campaign::Campaign;
+use abbe_measurement::instrument::RangeUncertainty;
 use faer::Mat;
 use std::collections::BTreeMap;
 
@@ -98,6 +103,21 @@ fn sequence(campaign: &Campaign, readings: &[usize], (along, by): (Along, By)) -
     };
     let blocks: Vec<Vec<usize>> = blocks.into_values().collect();
     Sequence::new(&blocks, place, |row| of(row).line as usize)
+}
+
+/// How the noise hangs together that a fit with white noise leaves, where it is shown.
+pub fn correlation_left(
+    fit: &Identified,
+    instrument: RangeUncertainty,
+    campaign: &Campaign,
+) -> Option<RangeCorrelation> {
+    let parts = fit.model.parts();
+    let terms: Vec<EffectTerm> = parts.effects.iter().map(EffectTerm::of).collect();
+    let setup = Setup { machine: &parts.machine, layout: fit.model.layout(), instrument, terms: &terms };
+    let parameters = parameters_of(&fit.model);
+    let Ended { free, smoothness, noise_factor } = &fit.ended;
+    let estimate = Estimate { setup, campaign, parameters: &parameters };
+    Asked { estimate, weights: &fit.weights, free, smoothness, noise_factor: *noise_factor }.correlation()
 }
 
 /// A settled fit, of whose noise the correlation is asked.

@@ -90,7 +90,8 @@ impl Given {
     /// Whether the model that came out is the one that went in: the same structure from the same data.
     fn is_kept(&self, diagnosis: &Diagnosis, loaded: &LoadedCampaign) -> bool {
         let same_data = matches!(self.file.data.as_slice(), [only] if only.sha256 == loaded.source.sha256);
-        diagnosis.found.is_empty() && !diagnosis.enriched && same_data
+        let nothing_new = diagnosis.found.is_empty() && !diagnosis.enriched && diagnosis.after.correlation.is_none();
+        nothing_new && same_data
     }
 }
 

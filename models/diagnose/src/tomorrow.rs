@@ -1,0 +1,67 @@
+//! What will not be the same tomorrow: explanations that are only a course in time, without a cause.
+//!
+//! Place in the flow: the last step of [`crate::diagnose()`], on the model that is adopted. A term that follows the time in a form
+//! that nobody has a name for explains the readings at hand, and cleans errors and stations of what it did; of the time at which a
+//! coordinate is corrected it knows nothing. What it did then acts there as well, unseen: its mean square counts as
+//! unexplained. So does that of named terms in time beside it, or beside a rest that hangs together, since one tracer after the other
+//! cannot tell a drift of its stand from one of the machine, and both say that there is something like it. Ranges in m; a motion of the tip counts three times its
+//! mean square on the ranges, which see one direction of three.
+
+use crate::candidates::Round;
+use crate::gate;
+use abbe_geometry::effects::ShapeValue;
+use abbe_geometry::model::{FittedEffect, MachineModel, ModelError};
+use abbe_identify::{EffectTerm, TIME};
+use abbe_measurement::campaign::Campaign;
+
+/// Directions that a motion of the tip has and a range does not see, and the one that it sees.
+const DIRECTIONS: f64 = 3.0;
+
+/// The model with what follows the time in its uncertainty; `is_found` says which of its terms the diagnosis added.
+pub(crate) fn told(
+    model: MachineModel,
+    round: &Round,
+    campaign: &Campaign,
+    is_found: impl Fn(&FittedEffect) -> bool,
+) -> Result<MachineModel, ModelError> {
+    let found: Vec<&FittedEffect> = model.parts().effects.iter().filter(|fitted| is_found(fitted)).collect();
+    let is_open = round.rows.correlation.is_some();
+    if !is_open && !found.iter().any(|fitted| has_no_name(fitted) && follows_time(fitted)) {
+        return Ok(model);
+    }
+    let squares = found.into_iter().filter(|fitted| follows_time(fitted)).map(|fitted| {
+        let directions = if gate::moves_tip(campaign, &[EffectTerm::of(fitted)]) { DIRECTIONS } else { 1.0 };
+        directions * on_range_m2(round, campaign, fitted)
+    });
+    let square_m2: f64 = squares.sum();
+    let mut parts = model.parts().clone();
+    parts.quality.unexplained_m = parts.quality.unexplained_m.hypot(square_m2.sqrt());
+    MachineModel::new(parts)
+}
+
+fn has_no_name(fitted: &FittedEffect) -> bool {
+    ["p", "q"].into_iter().any(|key| fitted.shape.0.contains_key(key))
+}
+
+fn follows_time(fitted: &FittedEffect) -> bool {
+    let described = ["p", "q"].into_iter().filter_map(|key| match fitted.shape.0.get(key) {
+        Some(ShapeValue::Text(name)) => Some(name.clone()),
+        _ => None,
+    });
+    let read = fitted.effect.covariates().into_iter().chain(fitted.effect.range_covariates());
+    read.chain(described).any(|name| name == TIME)
+}
+
+/// Variance of what an effect does to the ranges used (m²), about the mean of each station, which place and dead path hold.
+fn on_range_m2(round: &Round, campaign: &Campaign, fitted: &FittedEffect) -> f64 {
+    let Ok(partials) = round.rows.partials(fitted.effect.as_ref()) else { return 0.0 };
+    let mut stations = vec![(0.0_f64, 0.0_f64, 0.0_f64); campaign.stations.len()];
+    for k in (0..round.rows.len()).filter(|k| round.rows.whitening[*k] > 0.0) {
+        let value: f64 = fitted.parameters.iter().enumerate().map(|(j, p)| partials[(k, j)] * p).sum();
+        let (count, sum, square) = &mut stations[campaign.readings[k].station as usize];
+        (*count, *sum, *square) = (*count + 1.0, *sum + value, *square + value * value);
+    }
+    let about = |(count, sum, square): &(f64, f64, f64)| (square - sum * sum / count.max(1.0)).max(0.0);
+    let count: f64 = stations.iter().map(|(count, ..)| count).sum();
+    stations.iter().map(about).sum::<f64>() / count.max(1.0)
+}

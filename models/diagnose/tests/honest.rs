@@ -1,0 +1,53 @@
+//! Machines of a simulator that shares nothing with this project, and causes that are in no list: what comes out may be wrong,
+//! but not worse than before, and never without its uncertainty saying so.
+//!
+//! `cargo run --example foreign` (this crate) prints the same over many machines, causes and seeds.
+
+#![allow(clippy::unwrap_used, clippy::panic)] // a test that fails panics
+
+mod foreign;
+
+use abbe_diagnose::Options;
+use foreign::bench::{Judged, judged};
+
+fn diagnosed(machine: &str, forms: &[&str], seed: u64) -> Judged {
+    judged(machine, forms, seed, &Options { folds: 0, placebos: 0, ..Options::default() })
+}
+
+/// 0.3 µm of noise that hangs together from reading to reading: three effects were claimed, and corrected points got worse.
+#[test]
+fn regress_noise_that_hangs_together_is_no_effect() {
+    let judged = diagnosed("bridge", &["ar-0.9"], 1);
+    assert_eq!(judged.names(), [""; 0], "{:?}", judged.diagnosis.steps);
+    assert!(!judged.diagnosis.consistent_with_noise, "nobody can tell such noise from a cause without a form");
+    assert!(judged.diagnosis.after.correlation.is_some());
+    let (before, after) = judged.outcome().inside;
+    assert!(after.rms_m < 1.02 * before.rms_m && after.covered > 0.93, "{before:?} {after:?}");
+}
+
+/// A cycle in time tilts the machine; nothing that is logged follows it. Intervals held 70 % before and 31 % along X.
+#[test]
+fn regress_a_cycle_that_acts_through_a_lever_shows_in_the_uncertainty() {
+    let judged = diagnosed("bridge", &["lever-cycle"], 1);
+    let outcome = judged.outcome();
+    for (before, after) in [outcome.inside, outcome.beyond] {
+        assert!(after.rms_m < 1.02 * before.rms_m, "{before:?} {after:?} {:?}", judged.diagnosis.steps);
+        assert!(after.covered > 0.93, "{before:?} {after:?} {:?}", judged.diagnosis.steps);
+    }
+}
+
+/// A holder 6 µm off: found, and its place known as far as the offsets allow.
+#[test]
+fn regress_a_reflector_holder_off_by_micrometres_is_found_and_put_right() {
+    let judged = diagnosed("bridge", &["holder"], 1);
+    assert_eq!(judged.names(), ["reflector_offset"], "{:?}", judged.diagnosis.steps);
+    let (before, after) = judged.outcome().inside;
+    assert!(after.rms_m < 0.5 * before.rms_m && after.covered > 0.93, "{before:?} {after:?}");
+}
+
+/// What is in the list is found as before.
+#[test]
+fn a_cause_in_the_list_is_still_found() {
+    let judged = diagnosed("bridge", &["reversal"], 11);
+    assert_eq!(judged.names(), ["reversal"], "{:?}", judged.diagnosis.steps);
+}
