@@ -59,7 +59,7 @@ fn the_shipped_centres_give_pose_table_and_report() {
     let folder = tempfile::tempdir().unwrap();
     let out = text(&folder.path().join("out"));
     let said = run(["probe-pose", "--centres", &text(&centres()), "--out", &out]).ok();
-    assert_says(&said, &["10 centres in 5 poses", "S0 x", "-398.677719", "0.999315", "centre left out"]);
+    assert_says(&said, &["10 centres in 5 poses", "S0 x", "-398.68 +- 0.74 mm", "0.999315", "centre left out"]);
     let table = fs::read_to_string(folder.path().join("out/compensation.csv")).unwrap();
     let lines: Vec<&str> = table.lines().collect();
     assert_eq!(lines.len(), 6);
@@ -71,8 +71,12 @@ fn the_shipped_centres_give_pose_table_and_report() {
     assert_eq!(json["unknowns"].as_array().unwrap().len(), 9);
     assert!(fs::read_to_string(folder.path().join("out/report.html")).unwrap().contains("Compensation by pose"));
     // Eq. 14 of the paper, S0 y: it takes the tenth unknown.
-    let ten = run(["probe-pose", "--centres", &text(&centres()), "--beam", "one", "--axis-offset"]).ok();
-    assert_says(&ten, &["-340.6652", "axis offset y", "-0.1044"]);
+    let ten = run(["probe-pose", "--centres", &text(&centres()), "--beam", "one", "--axis-offset", "--json"]).ok();
+    let ten: Value = serde_json::from_str(&ten).unwrap();
+    for (name, value) in [("S0 y", -340.6652), ("axis offset y", -0.1045)] {
+        let found = ten["unknowns"].as_array().unwrap().iter().find(|unknown| unknown["name"] == name).unwrap();
+        assert!((found["value"].as_f64().unwrap() - value).abs() < 1e-4, "{found}");
+    }
 }
 
 #[test]
