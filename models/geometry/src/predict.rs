@@ -9,7 +9,8 @@
 //! whose columns are those of identification ([`crate::effects::add_range_columns`]): what moves the tip, and what acts on the range alone;
 //! u·r is the residual field along the line of sight u. Errors, effects and stations come from one fit, and their joint
 //! covariance is used; what the position has beyond them (repeatability, a residual field, effects outside their ranges) is
-//! independent of the station.
+//! independent of the station. Misfit that the fit could not explain widens corrected positions and is left out here: a
+//! comparison is to show it.
 
 use crate::correct::geometric_point;
 use crate::doubt::{self, is_outside};
@@ -90,7 +91,9 @@ pub fn predicted_length(
     let of_station = ray.direction.iter().map(|u| -u).chain([-1.0]);
     length.parameters.extend(of_station.enumerate().map(|(d, value)| (first_of_station + d, value)));
     let along = |covariance_m2: &Matrix3<f64>| ray.direction.dot(&(covariance_m2 * ray.direction));
-    let beyond_m2 = (along(&sighted.covariance_m2) - model.variance(&tip)).max(0.0);
+    // What the fit could not explain is what a comparison is to show: it is no part of what is allowed for.
+    let unexplained_m2 = model.parts().quality.unexplained_m.powi(2);
+    let beyond_m2 = (along(&sighted.covariance_m2) - model.variance(&tip) - unexplained_m2).max(0.0);
     let length_m = ray.range_m - station.dead_path_m + effects_m + ray.direction.dot(&sighted.residual_m);
     let u_m = (model.variance(&length).max(0.0) + beyond_m2 + outside_m2).sqrt();
     match length_m.is_finite() && u_m.is_finite() {
