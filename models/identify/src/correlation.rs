@@ -15,7 +15,7 @@ mod reml;
 #[cfg(test)]
 mod tests;
 
-pub use reml::{Fitted, Found, Restricted};
+pub use reml::{Fitted, Found};
 
 use crate::robust::median;
 

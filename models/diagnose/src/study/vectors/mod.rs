@@ -8,15 +8,13 @@
 //! else stretches of time, else cells of space.
 
 mod blocks;
-mod given;
-mod model;
 mod problem;
 mod registered;
 mod shape;
 
 use super::assemble;
 use super::diagnosis::StudyDiagnosis;
-use super::search::{Observe, Options};
+use super::search::Options;
 use crate::error::DiagnoseError;
 use abbe_geometry::machine::Machine;
 use problem::Vectors;
@@ -48,20 +46,5 @@ pub fn diagnose(
     machine: Option<&Machine>,
     options: &Options,
 ) -> Result<StudyDiagnosis, DiagnoseError> {
-    diagnose_observed(vectors, machine, options, &mut |_| true)
-}
-
-/// The same, telling where it stands.
-///
-/// # Errors
-/// As [`diagnose`], and [`DiagnoseError::Stopped`].
-pub fn diagnose_observed(
-    vectors: &[ResidualVector],
-    machine: Option<&Machine>,
-    options: &Options,
-    observe: &mut Observe,
-) -> Result<StudyDiagnosis, DiagnoseError> {
-    let (rows, notes) = given::given(vectors)?;
-    let kept: Vec<ResidualVector> = rows.iter().map(|row| vectors[*row].clone()).collect();
-    assemble::diagnose(&mut Vectors::new(&kept, rows, notes, machine)?, options, observe)
+    assemble::diagnose(&mut Vectors::new(vectors, machine)?, options)
 }
