@@ -176,9 +176,18 @@ impl Lines {
             self.table = Some(table.map_err(|problem| self.of_line(format!("as column names: {problem}")))?);
             return Ok(None);
         };
-        let row = table.row(text, line.arrived, self.sequence).map_err(|problem| self.of_line(problem))?;
+        table.row(text, line.arrived, self.sequence).map(Some).map_err(|problem| self.of_line(problem))
+    }
+
+    /// The next row as a reading; only readings are numbered.
+    fn reading<T>(
+        &mut self,
+        of: impl FnOnce(&Row, &LinesConfig, &MachineFile) -> Result<T, String>,
+    ) -> Result<Option<T>, DriverError> {
+        let Some(row) = self.next_row()? else { return Ok(None) };
+        let reading = of(&row, &self.config, &self.machine).map_err(|problem| self.of_line(problem))?;
         self.sequence += 1;
-        Ok(Some(row))
+        Ok(Some(reading))
     }
 
     fn of_line(&self, problem: String) -> DriverError {
@@ -202,14 +211,12 @@ impl Lines {
 
 impl ScaleDriver for Lines {
     fn next_reading(&mut self) -> Result<Option<ScaleReading>, DriverError> {
-        let Some(row) = self.next_row()? else { return Ok(None) };
-        row.scale(&self.config, &self.machine).map(Some).map_err(|problem| self.of_line(problem))
+        self.reading(Row::scale)
     }
 }
 
 impl TracerDriver for Lines {
     fn next_reading(&mut self) -> Result<Option<TracerReading>, DriverError> {
-        let Some(row) = self.next_row()? else { return Ok(None) };
-        row.tracer(&self.config, &self.machine).map(Some).map_err(|problem| self.of_line(problem))
+        self.reading(Row::tracer)
     }
 }
