@@ -47,7 +47,14 @@ fn play_node(folder: &Path) {
 fn play_threads(folder: &Path) {
     let _shutdown = Shutdown::on_signals().unwrap();
     let (_keep, wait) = std::sync::mpsc::channel::<()>();
-    thread::Builder::new().name("later".into()).spawn(move || wait.recv()).unwrap();
+    let (runs, is_running) = std::sync::mpsc::channel();
+    let later = move || {
+        // A thread gets its name and its mask after it was made.
+        runs.send(()).unwrap();
+        wait.recv()
+    };
+    thread::Builder::new().name("later".into()).spawn(later).unwrap();
+    is_running.recv().unwrap();
     let blocked = fs::read_dir("/proc/self/task").unwrap().map(|thread| {
         let status = fs::read_to_string(thread.unwrap().path().join("status")).unwrap();
         let field = |name: &str| status.lines().find_map(|line| line.strip_prefix(name)).unwrap().trim().to_owned();

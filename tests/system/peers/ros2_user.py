@@ -28,7 +28,7 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
-PATIENCE_S = 20.0
+PATIENCE_S = 60
 DEFAULT = 10  # what a user writes without a thought: reliable, volatile, keep last 10
 
 
