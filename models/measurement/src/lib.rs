@@ -9,6 +9,7 @@ pub mod correspondence;
 pub mod guideway;
 pub mod instrument;
 mod least_squares;
+pub mod motion;
 pub mod multilateration;
 pub mod network;
 pub mod probe_pose;
