@@ -72,6 +72,8 @@ fn launch(kind: TransportKind) -> Launch {
         gateway_memory_mib: None,
         scale: None,
         tracer: None,
+        covariates: Vec::new(),
+        motion: None,
         monitor: None,
         record: None,
         edges: vec![
@@ -142,7 +144,7 @@ fn send_one(publisher: &mut dyn Publish<ScaleReading>, number: usize, start: Ins
         sequence: number as u64,
         reading_m: [0.4 + 0.3 * phase.sin(), 0.3 + 0.2 * phase.cos(), 0.3 + 0.2 * (1.7 * phase).sin()],
         offset_m: [0.0, 0.0, -0.06],
-        frame_id: Text::new("bridge_xyz").expect("frame"),
+        frame_id: Text::new("machine").expect("frame"),
         ..ScaleReading::default()
     };
     let now = Instant::now();

@@ -12,6 +12,7 @@ pub use record::RecordConfig;
 use crate::driver::DriverConfig;
 use crate::step::MonitorSettings;
 use crate::topics;
+use abbe_measurement::motion::MotionSettings;
 use abbe_runtime::TransportKind;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -185,6 +186,23 @@ impl MonitorConfig {
     }
 }
 
+/// How the motion is derived from the scale readings.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MotionConfig {
+    /// Travel back from which an axis has turned (µm): above the noise of the scales and the tremble of a standing axis.
+    pub reversal_um: f64,
+    /// Time over which a feed is taken (s).
+    pub window_s: f64,
+}
+
+impl MotionConfig {
+    /// In SI.
+    pub fn settings(self) -> MotionSettings {
+        MotionSettings { reversal_m: self.reversal_um / 1e6, window_s: self.window_s }
+    }
+}
+
 /// One edge: who gives, who takes, over what.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -222,6 +240,11 @@ pub struct Launch {
     pub scale: Option<Source>,
     /// Driver of the tracer node.
     pub tracer: Option<Source>,
+    /// Sensors whose values become covariates of the scale readings.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub covariates: Vec<DriverConfig>,
+    /// How side of approach, feed and acceleration are derived from the scale readings; not at all without it.
+    pub motion: Option<MotionConfig>,
     /// Bounds of the monitor node.
     pub monitor: Option<MonitorConfig>,
     /// What the recorder writes.

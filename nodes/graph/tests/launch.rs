@@ -112,6 +112,35 @@ fn each_mistake_is_named_with_file_and_key() {
 }
 
 #[test]
+fn sensors_and_motion_are_checked_with_file_and_key() {
+    let live = "driver = { kind = \"lines\", from = { tcp = \"a:1\" }, columns = [\"x_mm\", \"y_mm\", \"z_mm\"] }\n\
+                pace = \"as_they_come\"";
+    let recorded = "driver = { kind = \"campaign\", file = \"campaign.csv\" }\npace = { rate_hz = 1000.0 }";
+    let sensor = "[[covariates]]\nkind = \"lines\"\nfrom = { udp = \"a:2\" }\ncolumns = [\"temp_air_c\"]\n";
+    let motion = "[motion]\nreversal_um = 5.0\nwindow_s = 0.05\n";
+    let with = |scale: &str, more: &str| parse(&GOOD.replacen(recorded, &format!("{scale}\n{more}"), 1));
+    let launch = with(live, &format!("{sensor}{motion}")).unwrap();
+    assert_eq!(parse(&launch.to_text().unwrap()).unwrap(), launch, "what is written is read back");
+    assert!(with(recorded, motion).is_ok(), "of a recorded stream as well");
+    for (scale, more, words) in [
+        (recorded, sensor.to_owned(), "covariates: are joined to readings of a live scale driver"),
+        (live, sensor.replace("temp_air_c", "temp_air"), "covariates[0].columns: \"temp_air\" ends with no unit"),
+        (live, sensor.replace("temp_air_c", "x_mm"), "covariates[0].columns: a sensor needs a column of a value"),
+        (
+            live,
+            "[[covariates]]\nkind = \"campaign\"\nfile = \"a.csv\"\n".to_owned(),
+            "covariates[0].kind: is a recording, which carries its covariates already",
+        ),
+        (live, motion.replace("5.0", "0.0"), "motion.reversal_um"),
+        (live, motion.replace("0.05", "nan"), "motion.window_s"),
+        (live, motion.replace("window_s", "windw_s"), "unknown field"),
+    ] {
+        let refused = with(scale, &more).unwrap_err();
+        assert!(refused.contains("graph.toml") && refused.contains(words), "{more}: {refused}");
+    }
+}
+
+#[test]
 fn a_node_without_its_input_is_refused() {
     let error = refusal("from = \"geometric\"\nto = \"residual\"", "from = \"geometric\"\nto = \"user\"");
     assert!(error.contains("residual is started but has no edge from geometric"), "{error}");

@@ -5,7 +5,9 @@
 mod common;
 
 use abbe_files::MachineFile;
-use abbe_graph::driver::{DriverConfig, DriverError, LinesConfig, ScaleDriver, open_scale, open_tracer};
+use abbe_graph::driver::{
+    DriverConfig, DriverError, LinesConfig, LinkState, ScaleDriver, open_scale, open_sensor, open_tracer,
+};
 use abbe_msgs::ScaleReading;
 use abbe_runtime::Shutdown;
 use common::bench;
@@ -212,7 +214,9 @@ fn columns_that_make_no_reading_are_refused_with_what_to_do() {
         (true, "columns = [\"x\", \"y_mm\", \"z_mm\"]", "x has no unit; name it x_mm"),
         (true, "columns = [\"x_mm\", \"x_m\", \"y_mm\", \"z_mm\"]", "x_m stands twice"),
         (true, "columns = [\"x_mm\", \"y_mm\", \"z_mm\", \"offset_x_mm\"]", "or none of them"),
-        (true, "columns = [\"x_mm\", \"y_mm\", \"z_mm\", \"\"]", "is no name"),
+        (true, "columns = [\"x_mm\", \"y_mm\", \"z_mm\", \"\"]", "ends with no unit"),
+        (true, "columns = [\"x_mm\", \"y_mm\", \"z_mm\", \"temp_scale_x\"]", "ends with no unit that is known"),
+        (true, "columns = [\"x_mm\", \"y_mm\", \"z_mm\", \"temp_air_c\", \"temp_air_k\"]", "temp_air_k stands twice"),
         (false, "columns = [\"length_mm\"]", "needs a station"),
         (false, "columns = [\"length_mm\"]\nstation = \"S\"", "needs its uncertainty"),
         (true, "separator = \"ab\"", "driver.separator"),
@@ -231,4 +235,32 @@ fn columns_that_make_no_reading_are_refused_with_what_to_do() {
     let nowhere = DriverConfig::Lines(config("from = { tcp = \"nowhere\" }"));
     let told = open_scale(&nowhere, Path::new(""), machine(), &Shutdown::manual()).map(|_| ()).unwrap_err();
     assert!(told.to_string().contains("is no host:port"), "{told}");
+}
+
+#[test]
+fn a_sensor_gives_covariates_in_the_units_that_effects_read_and_says_how_it_stands() {
+    let (listener, address) = server();
+    let text = format!("from = {{ tcp = \"{address}\" }}\ncolumns = [\"temp_air_k\", \"-\", \"pressure_mbar\"]\n");
+    let mut driver = open_sensor(&DriverConfig::Lines(config(&text)), machine(), &patience()).unwrap();
+    let link = driver.link().unwrap();
+    assert_eq!(link.status().state, LinkState::Waiting);
+    let mut stream = listener.accept().unwrap().0;
+    stream.write_all(b"293.65,ok,1013.25\n,ok,\n293.75,ok,\n").unwrap();
+    let first = driver.next_values().unwrap().unwrap();
+    let value = |name: &str| first.values.iter().find(|(known, _)| known == name).map(|(_, value)| *value);
+    assert!((value("temp_air_c").unwrap() - 20.5).abs() < 1e-9, "{first:?}");
+    assert_eq!((value("pressure_hpa"), first.values.len()), (Some(1013.25), 2));
+    assert!(matches!(link.status().state, LinkState::Connected(_)));
+    assert!(driver.next_values().unwrap_err().is_of_one_reading(), "a line without a value says nothing");
+    assert_eq!(driver.next_values().unwrap().unwrap().values.len(), 1, "an empty cell is no value");
+    let status = link.status();
+    assert_eq!((status.refused, status.last_refusal.as_str()), (1, "line 2: all of its values are empty"));
+    drop((stream, listener));
+    let waiting = thread::spawn(move || driver.next_values());
+    let deadline = Instant::now() + Duration::from_secs(20);
+    while !matches!(link.status().state, LinkState::Lost(_)) {
+        assert!(Instant::now() < deadline, "{:?}", link.status());
+        thread::sleep(Duration::from_millis(10));
+    }
+    assert!(!waiting.is_finished(), "it is tried again");
 }

@@ -299,6 +299,8 @@ fn launch(run: &Run) -> Launch {
         gateway_memory_mib: None,
         scale: Some(play(topics::SCALE_READING, run.closes.then_some(run.bag.first_point))),
         tracer: Some(play(topics::TRACER_READING, None)),
+        covariates: Vec::new(),
+        motion: None,
         monitor: Some(monitor(run)),
         record: Some(RecordConfig::new(run.out.join("corrected"))),
         edges,

@@ -8,7 +8,9 @@
 mod port;
 mod row;
 
-use super::{DriverError, ScaleDriver, TracerDriver};
+use super::Role as Kind;
+use super::link::{Link, LinkState};
+use super::{DriverError, ScaleDriver, SensorDriver, SensorValues, TracerDriver};
 use abbe_files::MachineFile;
 use abbe_msgs::{ScaleReading, TracerReading};
 use abbe_runtime::Shutdown;
@@ -64,17 +66,9 @@ fn five() -> f64 {
     5.0
 }
 
-/// What lines are read as.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Kind {
-    Scale,
-    Tracer,
-}
-
 impl LinesConfig {
     /// The key that is wrong, and what to do; `None` where lines can be read as this.
-    pub(crate) fn problem(&self, of_scale: bool) -> Option<(&'static str, String)> {
-        let kind = if of_scale { Kind::Scale } else { Kind::Tracer };
+    pub(super) fn problem(&self, kind: Kind) -> Option<(&'static str, String)> {
         if !(self.silent_after_s > 0.0 && self.silent_after_s <= LONGEST_SILENCE_S) {
             return Some(("silent_after_s", "must be a number of seconds above 0, at most a day".to_owned()));
         }
@@ -99,20 +93,26 @@ pub(super) struct Lines {
     table: Option<Table>,
     sequence: u64,
     heard: Instant,
+    /// Who writes the lines.
+    whom: String,
     /// The silence was told.
     is_silent: bool,
+    /// The loss that was told last, since when no line has come.
+    last_loss: Option<String>,
+    link: Link,
+    /// As the link says.
+    is_connected: bool,
 }
 
 /// Opens lines of this kind; `shutdown` ends the wait for one.
 pub(super) fn open(
     config: &LinesConfig,
-    of_scale: bool,
+    kind: Kind,
     machine: &MachineFile,
     shutdown: &Shutdown,
 ) -> Result<Lines, DriverError> {
     let config_error = |(key, problem): (&'static str, String)| DriverError::Lines { key, problem };
-    config.problem(of_scale).map_or(Ok(()), |problem| Err(config_error(problem)))?;
-    let kind = if of_scale { Kind::Scale } else { Kind::Tracer };
+    config.problem(kind).map_or(Ok(()), |problem| Err(config_error(problem)))?;
     let table = match config.columns.as_slice() {
         [] => None,
         columns => {
@@ -131,7 +131,11 @@ pub(super) fn open(
         table,
         sequence: 0,
         heard: Instant::now(),
+        whom: config.from.to_string(),
         is_silent: false,
+        last_loss: None,
+        link: Link::default(),
+        is_connected: false,
     })
 }
 
@@ -146,12 +150,12 @@ impl Lines {
             match self.port.next(LOOK_UP) {
                 None => self.note_silence(),
                 Some(Event::Connected(whom)) => {
-                    tracing::info!("connected with {whom}");
+                    self.note_connection(whom);
                     if self.config.columns.is_empty() {
                         self.table = None;
                     }
                 }
-                Some(Event::Lost(why)) => tracing::warn!("{}: {why}; trying again", self.config.from),
+                Some(Event::Lost(why)) => self.note_loss(&why),
                 Some(Event::TooLong) => return Err(self.of_line("it is longer than 4096 bytes".to_owned())),
                 Some(Event::Line(line)) => {
                     self.note_voice();
@@ -182,41 +186,97 @@ impl Lines {
     /// The next row as a reading; only readings are numbered.
     fn reading<T>(
         &mut self,
-        of: impl FnOnce(&Row, &LinesConfig, &MachineFile) -> Result<T, String>,
+        of: impl FnOnce(Row, &LinesConfig, &MachineFile) -> Result<T, String>,
     ) -> Result<Option<T>, DriverError> {
         let Some(row) = self.next_row()? else { return Ok(None) };
-        let reading = of(&row, &self.config, &self.machine).map_err(|problem| self.of_line(problem))?;
+        let reading = of(row, &self.config, &self.machine).map_err(|problem| self.of_line(problem))?;
         self.sequence += 1;
         Ok(Some(reading))
     }
 
     fn of_line(&self, problem: String) -> DriverError {
+        self.link.refused(format!("line {}: {problem}", self.port.lines()));
         DriverError::Line { line: self.port.lines(), from: self.config.from.to_string(), problem }
+    }
+
+    /// A connection on which nothing comes is as silent as the one before it.
+    fn note_connection(&mut self, whom: String) {
+        if self.last_loss.is_none() {
+            tracing::info!("connected with {whom}");
+        }
+        self.whom.clone_from(&whom);
+        let state = if self.is_silent { LinkState::Silent(self.silence()) } else { LinkState::Connected(whom) };
+        self.stands(state);
+    }
+
+    fn note_loss(&mut self, why: &str) {
+        let words = format!("{}: {why}; it is tried again", self.config.from);
+        // The same words again and again would fill the log.
+        if self.last_loss.as_ref() != Some(&words) {
+            tracing::warn!("{words}");
+        }
+        self.stands(LinkState::Lost(words.clone()));
+        self.last_loss = Some(words);
     }
 
     fn note_silence(&mut self) {
         if !self.is_silent && self.heard.elapsed().as_secs_f64() > self.config.silent_after_s {
             self.is_silent = true;
-            tracing::warn!("{}: silent for more than {} s", self.config.from, self.config.silent_after_s);
+            tracing::warn!("{}", self.silence());
+            if self.is_connected {
+                self.stands(LinkState::Silent(self.silence()));
+            }
         }
     }
 
+    fn silence(&self) -> String {
+        format!("{}: silent for more than {} s", self.config.from, self.config.silent_after_s)
+    }
+
     fn note_voice(&mut self) {
-        if std::mem::take(&mut self.is_silent) {
+        if std::mem::take(&mut self.is_silent) || self.last_loss.take().is_some() {
             tracing::info!("{}: lines come again, after {:.1} s", self.config.from, self.heard.elapsed().as_secs_f64());
         }
         self.heard = Instant::now();
+        // Packets make no connection.
+        if !self.is_connected {
+            self.is_connected = true;
+            self.link.stands(LinkState::Connected(self.whom.clone()));
+        }
+    }
+
+    fn stands(&mut self, state: LinkState) {
+        self.is_connected = matches!(state, LinkState::Connected(_));
+        self.link.stands(state);
     }
 }
 
 impl ScaleDriver for Lines {
     fn next_reading(&mut self) -> Result<Option<ScaleReading>, DriverError> {
-        self.reading(Row::scale)
+        self.reading(|row, config, machine| row.scale(config, machine))
+    }
+
+    fn link(&self) -> Option<Link> {
+        Some(self.link.clone())
     }
 }
 
 impl TracerDriver for Lines {
     fn next_reading(&mut self) -> Result<Option<TracerReading>, DriverError> {
-        self.reading(Row::tracer)
+        self.reading(|row, config, machine| row.tracer(config, machine))
+    }
+
+    fn link(&self) -> Option<Link> {
+        Some(self.link.clone())
+    }
+}
+
+impl SensorDriver for Lines {
+    fn next_values(&mut self) -> Result<Option<SensorValues>, DriverError> {
+        self.reading(|row, _, _| row.values())
+    }
+
+    fn link(&self) -> Option<Link> {
+        Some(self.link.clone())
     }
 }

@@ -1,19 +1,21 @@
 //! Drivers: where scale and tracer readings come from. One instrument, one file.
 //!
 //! Place in the flow: the scale and the tracer node publish what their driver gives, at its pace. A driver for a
-//! real instrument implements [`ScaleDriver`] or [`TracerDriver`], gets a variant in [`DriverConfig`] and a line in
-//! [`open_scale`] or [`open_tracer`]; nothing else changes.
+//! real instrument implements [`ScaleDriver`], [`TracerDriver`] or [`SensorDriver`], gets a variant in [`DriverConfig`] with a
+//! line in [`DriverConfig::problem`], and one in [`open_scale`], [`open_tracer`] or [`open_sensor`]; nothing else changes.
 
 mod bag;
 mod campaign_file;
 mod lines;
+mod link;
 mod recorded;
+mod units;
 mod virtual_machine;
 
 use crate::again::Again;
 use abbe_files::{FileError, MachineFile};
 use abbe_msgs::bag::BagError;
-use abbe_msgs::{CovariateError, MessageError, ScaleReading, TextError, TracerReading};
+use abbe_msgs::{CovariateError, MessageError, ScaleReading, Stamp, Text, TextError, TracerReading};
 use abbe_runtime::Shutdown;
 use abbe_virtual_machine::SimulationError;
 use serde::{Deserialize, Serialize};
@@ -22,17 +24,59 @@ use thiserror::Error;
 
 pub use bag::{CampaignFromBag, JoinSettings, campaign_from_bag};
 pub use lines::{LinesConfig, LinesFrom};
+pub use link::{Link, LinkState, LinkStatus};
+
+/// What a driver is used for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Role {
+    /// Scale readings.
+    Scale,
+    /// Tracer readings.
+    Tracer,
+    /// Covariates.
+    Sensor,
+}
 
 /// A source of scale readings.
 pub trait ScaleDriver: Send {
     /// The next latching; `None` at the end of a recording.
     fn next_reading(&mut self) -> Result<Option<ScaleReading>, DriverError>;
+
+    /// How it stands with what it reads from; `None` of a recording.
+    fn link(&self) -> Option<Link> {
+        None
+    }
 }
 
 /// A source of tracer readings.
 pub trait TracerDriver: Send {
     /// The next reading; `None` at the end of a recording.
     fn next_reading(&mut self) -> Result<Option<TracerReading>, DriverError>;
+
+    /// How it stands with what it reads from; `None` of a recording.
+    fn link(&self) -> Option<Link> {
+        None
+    }
+}
+
+/// Covariates of one instant, in the units that effects read.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SensorValues {
+    /// The instant.
+    pub stamp: Stamp,
+    /// Names with their unit, and values.
+    pub values: Vec<(String, f64)>,
+}
+
+/// A source of covariates.
+pub trait SensorDriver: Send {
+    /// The next values; `None` when told to stop.
+    fn next_values(&mut self) -> Result<Option<SensorValues>, DriverError>;
+
+    /// How it stands with what it reads from.
+    fn link(&self) -> Option<Link> {
+        None
+    }
 }
 
 /// Which driver, as launch configurations name it.
@@ -66,7 +110,21 @@ pub enum DriverConfig {
 impl DriverConfig {
     /// Whether readings come when they come, and not from a recording.
     pub fn is_live(&self) -> bool {
-        matches!(self, DriverConfig::Lines(_))
+        match self {
+            DriverConfig::Campaign { .. } | DriverConfig::Bag { .. } | DriverConfig::VirtualMachine { .. } => false,
+            DriverConfig::Lines(_) => true,
+        }
+    }
+
+    /// The key that is wrong for this use, and what to do; `None` where the driver can be opened.
+    pub(crate) fn problem(&self, role: Role) -> Option<(&'static str, String)> {
+        match self {
+            DriverConfig::Campaign { .. } | DriverConfig::Bag { .. } | DriverConfig::VirtualMachine { .. } => {
+                let problem = "is a recording, which carries its covariates already; name a live driver, such as lines";
+                (role == Role::Sensor).then(|| ("kind", problem.to_owned()))
+            }
+            DriverConfig::Lines(lines) => lines.problem(role),
+        }
     }
 }
 
@@ -111,6 +169,9 @@ pub enum DriverError {
     /// A recording that is played over and over has come to the last instant that a stamp can name.
     #[error("the recording has been played again until its stamps ended; start the node again")]
     StampsEnd,
+    /// A recording as a source of covariates.
+    #[error("a recording carries its covariates already and is no sensor; name a live driver, such as lines")]
+    NoSensor,
     /// A key of lines of text is wrong.
     #[error("driver.{key}: {problem}")]
     Lines {
@@ -206,11 +267,25 @@ pub fn open_scale(
         DriverConfig::Campaign { file } => Box::new(campaign_file::open(&base.join(file), machine)?),
         DriverConfig::Bag { file, topic } => Box::new(bag::open_scale(&base.join(file), topic)?),
         DriverConfig::VirtualMachine { seed, effects } => Box::new(virtual_machine::open(*seed, effects, machine)?),
-        DriverConfig::Lines(lines) => Box::new(lines::open(lines, true, machine, shutdown)?),
+        DriverConfig::Lines(lines) => Box::new(lines::open(lines, Role::Scale, machine, shutdown)?),
     })
 }
 
-/// The same, beginning again with the reading of this sequence at its end.
+/// Opens a source of covariates; `shutdown` ends its wait.
+pub fn open_sensor(
+    config: &DriverConfig,
+    machine: &MachineFile,
+    shutdown: &Shutdown,
+) -> Result<Box<dyn SensorDriver>, DriverError> {
+    match config {
+        DriverConfig::Campaign { .. } | DriverConfig::Bag { .. } | DriverConfig::VirtualMachine { .. } => {
+            Err(DriverError::NoSensor)
+        }
+        DriverConfig::Lines(lines) => Ok(Box::new(lines::open(lines, Role::Sensor, machine, shutdown)?)),
+    }
+}
+
+/// The same as [`open_scale`], beginning again with the reading of this sequence at its end.
 pub fn open_scale_again(
     config: &DriverConfig,
     base: &Path,
@@ -232,6 +307,11 @@ pub fn open_tracer(
         DriverConfig::Campaign { file } => Box::new(campaign_file::open(&base.join(file), machine)?),
         DriverConfig::Bag { file, topic } => Box::new(bag::open_tracer(&base.join(file), topic)?),
         DriverConfig::VirtualMachine { seed, effects } => Box::new(virtual_machine::open(*seed, effects, machine)?),
-        DriverConfig::Lines(lines) => Box::new(lines::open(lines, false, machine, shutdown)?),
+        DriverConfig::Lines(lines) => Box::new(lines::open(lines, Role::Tracer, machine, shutdown)?),
     })
+}
+
+/// A text that has to fit a message, with its name for errors.
+fn config_name<const N: usize>(what: &str, value: &str) -> Result<Text<N>, String> {
+    Text::new(value).map_err(|error| format!("{what}: {error}"))
 }

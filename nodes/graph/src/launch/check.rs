@@ -3,7 +3,7 @@
 //! Place in the flow: under [`Launch::parse`]. Each refusal names the file, the key and what to do.
 
 use super::{Edge, Launch, LaunchError, NodeName, Pace, RecordConfig, Source};
-use crate::driver::DriverConfig;
+use crate::driver::{DriverConfig, Role};
 use crate::step::KEPT_READINGS;
 use abbe_runtime::TransportKind;
 use abbe_virtual_machine::effects::from_text;
@@ -11,6 +11,10 @@ use std::path::Path;
 
 /// Longest time that is waited (s): a lifetime, and far from what the clock's arithmetic cannot hold.
 const LONGEST_S: f64 = 1e9;
+/// Most travel back that can be asked for before an axis has turned (µm).
+const LONGEST_REVERSAL_UM: f64 = 1e4;
+/// Longest time over which a feed can be taken (s).
+const LONGEST_WINDOW_S: f64 = 10.0;
 /// Slowest pace (Hz, or times the recorded one): the next sample is due at a time that the clock can hold.
 const SLOWEST: f64 = 1e-6;
 
@@ -47,14 +51,16 @@ impl Launch {
                     let problem = "must be \"as_they_come\" for a live driver (lines), and for no other";
                     return wrong(&format!("{key}.pace"), problem);
                 }
-                Some(Source { driver: DriverConfig::Lines(lines), .. }) => {
-                    if let Some((part, problem)) = lines.problem(node == NodeName::Scale) {
+                Some(Source { driver, .. }) => {
+                    let role = if node == NodeName::Scale { Role::Scale } else { Role::Tracer };
+                    if let Some((part, problem)) = driver.problem(role) {
                         return wrong(&format!("{key}.driver.{part}"), &problem);
                     }
                 }
-                _ => {}
+                None => {}
             }
         }
+        self.check_covariates(path)?;
         if self.scale.as_ref().is_some_and(|source| source.repeat_from.is_some() && source.driver.is_live()) {
             return wrong("scale.repeat_from", "is for recordings; a live driver has no end to begin again at");
         }
@@ -76,6 +82,33 @@ impl Launch {
             return wrong(key, &problem);
         }
         self.check_edges(path)
+    }
+
+    /// Covariates are joined to readings that come now, by sensors that say something.
+    fn check_covariates(&self, path: &Path) -> Result<(), LaunchError> {
+        let wrong = |key: String, problem: &str| {
+            Err(LaunchError::Value { file: path.to_owned(), key, problem: problem.to_owned() })
+        };
+        for (place, driver) in self.covariates.iter().enumerate() {
+            if let Some((part, problem)) = driver.problem(Role::Sensor) {
+                return wrong(format!("covariates[{place}].{part}"), &problem);
+            }
+        }
+        if !self.covariates.is_empty() && !self.scale.as_ref().is_some_and(|source| source.driver.is_live()) {
+            let problem = "are joined to readings of a live scale driver (lines); a recording carries its own";
+            return wrong("covariates".to_owned(), problem);
+        }
+        let Some(motion) = self.motion else { return Ok(()) };
+        if self.scale.is_none() {
+            return wrong("motion".to_owned(), "is derived from scale readings; add a table scale with its driver");
+        }
+        if !(motion.reversal_um > 0.0 && motion.reversal_um <= LONGEST_REVERSAL_UM) {
+            return wrong("motion.reversal_um".to_owned(), "must be a number of micrometres above 0, at most 10000");
+        }
+        if !(motion.window_s > 0.0 && motion.window_s <= LONGEST_WINDOW_S) {
+            return wrong("motion.window_s".to_owned(), "must be a number of seconds above 0, at most 10");
+        }
+        Ok(())
     }
 
     /// Effects to simulate can be told from their text, and both sources simulate the same machine.

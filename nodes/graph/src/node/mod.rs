@@ -5,12 +5,14 @@
 
 mod correcting;
 mod diagnosis;
+mod links;
 mod model;
 mod monitor;
 mod parameters;
 mod recorder;
 mod recording;
 mod remarks;
+mod sensors;
 mod source;
 mod traffic;
 

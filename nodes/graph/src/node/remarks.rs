@@ -146,6 +146,7 @@ fn of_node(summary: &NodeSummary) -> Vec<Counted> {
         of(Trouble::Receiving, "failures to receive"),
         of(Trouble::Sending, "failures to send"),
         of(Trouble::Reporting, "failures to report"),
+        of(Trouble::Covariate, "covariates left out"),
         Counted {
             name: "stamps ahead of the clock".to_owned(),
             count: troubles.ahead_of_clock(),

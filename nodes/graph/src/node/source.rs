@@ -1,12 +1,16 @@
 //! The scale and the tracer node: what a driver gives, at its pace.
 //!
 //! Place in the flow: the start of the graph. A recording is played at a fixed rate or with its own timing; stamps
-//! stay those of the recording. What a live driver gives goes on as it comes.
+//! stay those of the recording. What a live driver gives goes on as it comes; to a scale reading are added the covariates
+//! that other boxes say, and what the stream itself tells of the motion.
 
+use super::remarks;
+use super::sensors::Sensors;
 use super::traffic::{Trouble, send};
-use super::{NodeContext, NodeError, NodeSummary};
-use crate::driver::{self, DriverError};
+use super::{NodeContext, NodeError, NodeSummary, links};
+use crate::driver::{self, DriverError, Link};
 use crate::launch::{Pace, Source};
+use crate::step::DerivedMotion;
 use abbe_msgs::{Message, ScaleReading, Stamp, TracerReading};
 use abbe_runtime::Shutdown;
 use std::time::{Duration, Instant};
@@ -19,13 +23,28 @@ pub(super) fn scale(context: &NodeContext) -> Result<NodeSummary, NodeError> {
         Some(sequence) => driver::open_scale_again(config, base, machine, shutdown, sequence)?,
         None => driver::open_scale(config, base, machine, shutdown)?,
     };
-    play::<ScaleReading>(context, source.pace, || driver.next_reading())
+    let (sensors, mut found) = Sensors::open(context)?;
+    found.extend(of_driver(driver.link()));
+    links::report(context, found)?;
+    let mut motion = context.launch.motion.map(|motion| DerivedMotion::new(motion.settings()));
+    let next = || driver.next_reading();
+    play::<ScaleReading>(context, source.pace, next, |reading, summary| {
+        sensors.join(reading, summary);
+        for refused in motion.iter_mut().flat_map(|motion| motion.fill(reading)) {
+            summary.troubles.note(Trouble::Covariate, format!("what the motion tells was left out: {refused}"));
+        }
+    })
 }
 
 pub(super) fn tracer(context: &NodeContext) -> Result<NodeSummary, NodeError> {
     let source = source(context, context.launch.tracer.as_ref())?;
     let mut driver = driver::open_tracer(&source.driver, &context.base, &context.machine, &context.shutdown)?;
-    play::<TracerReading>(context, source.pace, || driver.next_reading())
+    links::report(context, of_driver(driver.link()).into_iter().collect())?;
+    play::<TracerReading>(context, source.pace, || driver.next_reading(), |_, _| {})
+}
+
+fn of_driver(link: Option<Link>) -> Option<(String, Link)> {
+    Some(("driver".to_owned(), link?))
 }
 
 fn source<'a>(context: &NodeContext, source: Option<&'a Source>) -> Result<&'a Source, NodeError> {
@@ -36,13 +55,14 @@ fn play<M: Message>(
     context: &NodeContext,
     pace: Pace,
     mut next: impl FnMut() -> Result<Option<M>, DriverError>,
+    mut complete: impl FnMut(&mut M, &mut NodeSummary),
 ) -> Result<NodeSummary, NodeError> {
     let mut summary = context.summary();
     let mut publisher = context.publisher::<M>()?;
     let mut schedule: Option<Schedule> = None;
     let mut given = 0;
     loop {
-        let Some(sample) = usable(&mut next, &mut summary)? else {
+        let Some(mut sample) = usable(&mut next, &mut summary)? else {
             // A live driver gives up its wait when it is told to stop.
             summary.recording_ended = !context.shutdown.requested();
             break;
@@ -51,12 +71,14 @@ fn play<M: Message>(
         if schedule.wait_for(given, sample.stamp(), &context.shutdown) {
             break;
         }
+        complete(&mut sample, &mut summary);
         send(publisher.as_mut(), &sample, &mut summary);
         given += 1;
     }
     if let Some(schedule) = &schedule {
         summary.figures.insert(STARTED.to_owned(), schedule.started_s);
     }
+    remarks::figures(&mut summary, &[]);
     summary.dropped = publisher.dropped();
     context.shutdown.sleep(LINGER);
     Ok(summary)

@@ -28,6 +28,8 @@ pub(super) enum Trouble {
     Receiving,
     Sending,
     Reporting,
+    /// A covariate that a sample has no place for.
+    Covariate,
 }
 
 /// One kind of trouble so far.

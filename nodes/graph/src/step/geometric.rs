@@ -12,7 +12,7 @@ use abbe_msgs::{CorrectedCoordinates, CorrectionStatus, Covariates, ScaleReading
 use std::sync::Arc;
 
 /// How far a covariate may be from after the instant of latching (s): clocks that are kept together agree to that.
-const CLOCK_TOLERANCE_S: f64 = 1e-3;
+pub(super) const CLOCK_TOLERANCE_S: f64 = 1e-3;
 
 /// Whether a covariate of this age may be used. One from the future has an age that nobody knows.
 pub(crate) fn is_fresh(age_s: f64, max_age_s: f64) -> bool {

@@ -77,6 +77,7 @@ pub(super) enum Event {
     Line(Line),
     /// A line of more than [`MOST_BYTES`] was passed over.
     TooLong,
+    /// Said each time; who listens says the same only once.
     Lost(String),
 }
 
@@ -135,7 +136,6 @@ struct Gone;
 impl Source {
     fn run(&self, give: &SyncSender<Event>, silent_after: Duration) {
         let mut wait = FIRST_WAIT;
-        let mut last_words = String::new();
         loop {
             let outcome = match self {
                 Source::Client(address) => connect(address).and_then(|stream| read_stream(stream, give, silent_after)),
@@ -154,11 +154,9 @@ impl Source {
                 Err(error) if is_timeout(&error) => format!("silent for {silent_after:?}"),
                 Err(error) => error.to_string(),
             };
-            // The same words again and again would fill the log.
-            if why != last_words && give.send(Event::Lost(why.clone())).is_err() {
+            if give.send(Event::Lost(why)).is_err() {
                 return;
             }
-            last_words = why;
             thread::sleep(wait);
             wait = (wait * 2).min(LONGEST_WAIT);
         }

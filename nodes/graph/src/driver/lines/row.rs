@@ -4,9 +4,11 @@
 //! unit that the column's name ends with, metres inside. A cell without a number is refused where the reading needs it, and a
 //! missing covariate elsewhere.
 
+use super::super::units::Unit;
+use super::super::{SensorValues, config_name};
 use super::{Kind, LinesConfig};
 use abbe_files::MachineFile;
-use abbe_msgs::{Covariates, ScaleReading, Stamp, Text, TracerReading};
+use abbe_msgs::{Covariates, ScaleReading, Stamp, TracerReading};
 use std::time::{SystemTime, UNIX_EPOCH};
 
 /// Units of a length by the end of a column's name, and metres in one.
@@ -21,7 +23,7 @@ enum Column {
     Stamp,
     Station,
     Line,
-    Covariate(String),
+    Covariate(Unit),
 }
 
 /// Lengths that readings have.
@@ -35,6 +37,8 @@ enum Length {
 
 const READINGS: [&str; 3] = ["x", "y", "z"];
 const OFFSETS: [&str; 3] = ["offset_x", "offset_y", "offset_z"];
+/// Bytes of a name at most.
+const LONGEST_NAME: usize = 31;
 
 /// Columns of a table.
 #[derive(Debug, Clone, PartialEq)]
@@ -58,7 +62,7 @@ pub(super) struct Row {
     covariates: Vec<(String, f64)>,
 }
 
-fn column(name: &str) -> Column {
+fn column(name: &str) -> Result<Column, String> {
     let length = |stem: &str| {
         let place = |names: &[&str; 3]| names.iter().position(|known| *known == stem);
         let reading = place(&READINGS).map(Length::Reading);
@@ -69,14 +73,14 @@ fn column(name: &str) -> Column {
         })
     };
     let with_unit = |(unit, in_a_metre): &(&str, f64)| Some((length(name.strip_suffix(unit)?)?, *in_a_metre));
-    match (name, LENGTHS.iter().find_map(with_unit)) {
+    Ok(match (name, LENGTHS.iter().find_map(with_unit)) {
         (_, Some((length, in_a_metre))) => Column::Length(length, in_a_metre),
         ("-", _) => Column::LeftOut,
         ("stamp_s", _) => Column::Stamp,
         ("station", _) => Column::Station,
         ("line", _) => Column::Line,
-        _ => Column::Covariate(name.to_owned()),
-    }
+        _ => Column::Covariate(Unit::of(name)?),
+    })
 }
 
 impl Table {
@@ -113,30 +117,42 @@ impl Table {
         is_offset_known: bool,
     ) -> Result<Table, String> {
         let separator = Table::separator(config).map_err(|(key, problem)| format!("{key} {problem}"))?;
-        let columns: Vec<Column> = names.iter().map(|name| column(name)).collect();
-        for (k, name) in names.iter().enumerate() {
-            let same = |other: &Column| match (other, &columns[k]) {
-                (Column::LeftOut, _) => false,
-                (Column::Length(a, _), Column::Length(b, _)) => a == b,
-                (a, b) => a == b,
-            };
-            if columns[..k].iter().any(same) {
-                return Err(format!("{name} stands twice"));
-            }
-            if name.is_empty() || name.len() > 31 {
-                return Err(format!("{name:?} is no name; give one of 1 to 31 bytes, or - to leave the column out"));
-            }
+        let mut columns: Vec<Column> = Vec::new();
+        for name in names {
             if let Some(stem) =
                 READINGS.iter().chain(&OFFSETS).chain(&["length", "u_length"]).find(|stem| *stem == name)
             {
                 return Err(format!("{name} has no unit; name it {stem}_mm, {stem}_m, {stem}_um or {stem}_inch"));
             }
+            let column = column(name).map_err(|problem| format!("{problem}, or write - to leave the column out"))?;
+            if name.len() > LONGEST_NAME || matches!(&column, Column::Covariate(unit) if unit.name.len() > LONGEST_NAME)
+            {
+                return Err(format!("{name:?} is too long; a name has at most {LONGEST_NAME} bytes"));
+            }
+            let same = |other: &Column| match (other, &column) {
+                (Column::LeftOut, _) => false,
+                (Column::Length(a, _), Column::Length(b, _)) => a == b,
+                (Column::Covariate(a), Column::Covariate(b)) => a.name == b.name,
+                (a, b) => a == b,
+            };
+            if columns.iter().any(same) {
+                return Err(format!("{name} stands twice"));
+            }
+            columns.push(column);
         }
         let has = |wanted: Length| {
             columns.iter().any(|column| matches!(column, Column::Length(length, _) if *length == wanted))
         };
         let all = |of: fn(usize) -> Length| (0..3).filter(|k| has(of(*k))).count();
+        let is_covariate = |column: &Column| matches!(column, Column::Covariate(_));
+        let may_sense = |column: &Column| matches!(column, Column::Covariate(_) | Column::LeftOut | Column::Stamp);
         match kind {
+            Kind::Sensor if !columns.iter().any(is_covariate) => {
+                Err("a sensor needs a column of a value with its unit, such as temp_air_c".to_owned())
+            }
+            Kind::Sensor if !columns.iter().all(may_sense) => {
+                Err("a sensor gives covariates and stamp_s only; write - to leave another column out".to_owned())
+            }
             Kind::Scale if all(Length::Reading) < 3 => {
                 Err("a scale reading needs x, y and z with their unit, such as x_mm".to_owned())
             }
@@ -176,8 +192,8 @@ impl Table {
                 Column::Station => row.station = Some(cell.to_owned()),
                 Column::Line => row.line = Some(cell.to_owned()),
                 Column::Stamp => stamped = self.number(cell)?,
-                Column::Covariate(name) => {
-                    row.covariates.extend(self.number(cell)?.map(|value| (name.clone(), value)));
+                Column::Covariate(unit) => {
+                    row.covariates.extend(self.number(cell)?.map(|value| (unit.name.clone(), unit.convert(value))));
                 }
                 Column::Length(length, in_a_metre) => {
                     let value_m = self.number(cell)?.map(|value| value / in_a_metre);
@@ -222,10 +238,6 @@ fn stamp_of(instant: SystemTime) -> Result<Stamp, String> {
     Stamp::from_nanos(nanos).map_err(|error| format!("the clock of this host: {error}"))
 }
 
-fn name<const N: usize>(what: &str, value: &str) -> Result<Text<N>, String> {
-    Text::new(value).map_err(|error| format!("{what}: {error}"))
-}
-
 impl Row {
     /// As a scale reading.
     pub(super) fn scale(&self, config: &LinesConfig, machine: &MachineFile) -> Result<ScaleReading, String> {
@@ -248,8 +260,16 @@ impl Row {
             reading_m: [x, y, z],
             offset_m,
             covariates,
-            frame_id: name("frame_id", &machine.machine.frame_id)?,
+            frame_id: config_name("frame_id", &machine.machine.frame_id)?,
         })
+    }
+
+    /// As what a sensor says.
+    pub(super) fn values(self) -> Result<SensorValues, String> {
+        if self.covariates.is_empty() {
+            return Err("all of its values are empty".to_owned());
+        }
+        Ok(SensorValues { stamp: self.stamp, values: self.covariates })
     }
 
     /// As a tracer reading.
@@ -265,9 +285,9 @@ impl Row {
             sequence: self.sequence,
             length_m,
             u_length_m,
-            frame_id: name("frame_id", &machine.machine.frame_id)?,
-            station: name("station", station)?,
-            line: name("line", self.line.as_deref().unwrap_or_default())?,
+            frame_id: config_name("frame_id", &machine.machine.frame_id)?,
+            station: config_name("station", station)?,
+            line: config_name("line", self.line.as_deref().unwrap_or_default())?,
         })
     }
 }
@@ -286,13 +306,14 @@ mod tests {
         /// Whatever comes over the wire is a row or a refusal.
         #[test]
         fn no_line_and_no_name_ends_the_program(
-            names in prop::collection::vec("[a-z_-]{0,12}|x_mm|y_mm|z_mm|stamp_s|station", 0..8),
+            names in prop::collection::vec("[a-z_-]{0,12}|x_mm|y_mm|z_mm|stamp_s|station|temp_k", 0..8),
             line in "\\PC{0,60}|[-0-9.,; e+]{0,60}",
             separator in "[,;|#]|blank",
             decimal in "[.,]",
+            kind in prop::sample::select(vec![Kind::Scale, Kind::Tracer, Kind::Sensor]),
         ) {
             let config = config(&separator, &decimal);
-            if let Ok(table) = Table::new(&config, &names, Kind::Scale, true)
+            if let Ok(table) = Table::new(&config, &names, kind, true)
                 && let Ok(row) = table.row(&line, UNIX_EPOCH, 0)
             {
                 prop_assert!(row.reading_m.iter().flatten().all(|value| value.is_finite()));

@@ -1,0 +1,56 @@
+//! How a live driver stands with what it reads from: connected, silent or lost, and why.
+//!
+//! Place in the flow: the driver notes it as it happens, the source node puts it on `/diagnostics` from a thread of its own, so
+//! that a driver that waits is told of all the same.
+
+use std::sync::{Arc, Mutex, PoisonError};
+
+/// How it stands.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub enum LinkState {
+    /// Nothing has been reached yet.
+    #[default]
+    Waiting,
+    /// Values come, from whom.
+    Connected(String),
+    /// Nothing has come for longer than was agreed.
+    Silent(String),
+    /// It is gone, and why; the driver tries again.
+    Lost(String),
+}
+
+/// What is known of a link.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct LinkStatus {
+    /// How it stands.
+    pub state: LinkState,
+    /// So often it was lost.
+    pub losses: u64,
+    /// So many times something came that was no reading.
+    pub refused: u64,
+    /// The last such thing in words.
+    pub last_refusal: String,
+}
+
+/// The driver's and the node's hold on it.
+#[derive(Debug, Clone, Default)]
+pub struct Link(Arc<Mutex<LinkStatus>>);
+
+impl Link {
+    /// What is known now.
+    pub fn status(&self) -> LinkStatus {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    pub(super) fn stands(&self, state: LinkState) {
+        let mut status = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        status.losses += u64::from(matches!(state, LinkState::Lost(_)));
+        status.state = state;
+    }
+
+    pub(super) fn refused(&self, words: String) {
+        let mut status = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        status.refused += 1;
+        status.last_refusal = words;
+    }
+}
