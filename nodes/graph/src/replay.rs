@@ -12,6 +12,7 @@ use crate::step::{GeometricStep, Mark, ResidualStep, StreamWatch, Verdict};
 use crate::topics;
 use abbe_msgs::bag::{BagError, BagMessage, messages};
 use abbe_msgs::cdr::{self, CdrError};
+use abbe_msgs::ros;
 use abbe_msgs::{CorrectedCoordinates, CorrectionStatus, Message, ScaleReading, Sha256, Stamp, Text};
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::path::Path;
@@ -62,7 +63,7 @@ impl ReplaySteps {
     }
 }
 
-/// A recorded corrected message: the models it names, and its bytes.
+/// A recorded corrected message: the models it names, and its fields as CDR.
 struct Recorded {
     sequence: u64,
     /// What the order of the samples makes of it.
@@ -318,7 +319,9 @@ impl Stream {
                 verdict = self.watch.look(mark);
                 self.outcome.corrector_restarts += 1;
             }
-            let (cdr, place) = (message.cdr.clone(), self.outcome.recorded);
+            // Field by field as this program writes them: other recorders pad, and write another byte order.
+            let cdr = cdr::encode(&message.decode_ros::<ros::CorrectedCoordinates>()?)?;
+            let place = self.outcome.recorded;
             let beside_another = status == CorrectionStatus::OtherPublisher;
             let recorded =
                 Recorded { sequence, verdict, beside_another, model_sha256, residual_model_sha256, cdr, place };
