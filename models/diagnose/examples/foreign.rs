@@ -55,6 +55,10 @@ fn main() {
                 d.after.model.parts().quality.unexplained_m * 1e6,
                 d.after.correlation
             );
+            if let Some(unseen) = &d.unseen {
+                let [before, after] = [&unseen.before, &unseen.after].map(|error| error.rms_m * 1e6);
+                println!("    lines left out um {before:.2} {after:.2} unexplained {:.2}", unseen.unexplained_m * 1e6);
+            }
             if std::env::var("STEPS").is_ok() {
                 d.steps.iter().for_each(|step| println!("    {step}"));
             }

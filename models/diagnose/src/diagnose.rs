@@ -14,7 +14,7 @@ use crate::options::{Options, Progress};
 use crate::search::{Search, State, Step, has};
 use crate::tomorrow;
 use abbe_geometry::machine::Machine;
-use abbe_geometry::model::FittedEffect;
+use abbe_geometry::model::{FitQuality, FittedEffect, MachineModel, ModelError, ModelParts};
 use abbe_identify::{EffectTerm, Identified};
 use abbe_measurement::campaign::Campaign;
 use abbe_measurement::instrument::RangeUncertainty;
@@ -49,6 +49,7 @@ pub fn diagnose(
     }
     let model = state.fit.model.clone();
     state.fit.model = tomorrow::told(model, &state.round, campaign, |fitted| !is_base(&base, fitted))
+        .and_then(|model| with_unexplained(model, judged.unseen.as_ref()))
         .map_err(abbe_identify::IdentifyError::from)?;
     let named = match state.named.take() {
         Some(named) => named,
@@ -88,6 +89,16 @@ pub fn diagnose(
         untestable,
         next_measurements,
     })
+}
+
+/// The model with what it leaves on lines that no step of the search saw, where that is more than on those that it saw.
+fn with_unexplained(model: MachineModel, unseen: Option<&Unseen>) -> Result<MachineModel, ModelError> {
+    let quality = model.parts().quality.clone();
+    let unexplained_m = unseen.map_or(0.0, |unseen| unseen.unexplained_m).max(quality.unexplained_m);
+    if unexplained_m <= quality.unexplained_m {
+        return Ok(model);
+    }
+    MachineModel::new(ModelParts { quality: FitQuality { unexplained_m, ..quality }, ..model.parts().clone() })
 }
 
 /// The rows of what the model had before, under the noise that the search ended with: only so can both be compared.

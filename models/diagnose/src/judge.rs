@@ -47,6 +47,9 @@ pub struct Unseen {
     pub after: HeldOutError,
     /// 95 % interval of before² − after² (m²), by lines: above zero where the gain is sure.
     pub gain_m2: (f64, f64),
+    /// What the lines left out show beyond the declared noise with what was found: standard deviation (m); 0 where chance
+    /// explains it. A fit that has taken noise for an effect shows it here, and not on the readings that it saw.
+    pub unexplained_m: f64,
     /// What each fold found, by name.
     pub found: Vec<Vec<String>>,
     /// What could not be left out or fitted, in words.
@@ -208,7 +211,9 @@ fn summary(mut errors: Vec<Prediction>, found: Vec<Vec<String>>, not_judged: Vec
     let lines = by_line(&errors);
     let of = |pick: fn(&Line) -> f64| block_error(&lines, pick);
     let gain = mean_and_deviation(&lines, |line| line.before - line.after);
+    let beyond = mean_and_deviation(&lines, |line| line.after - line.declared);
     Unseen {
+        unexplained_m: (beyond.0 - beyond.1).max(0.0).sqrt(),
         before: of(|line| line.before),
         after: of(|line| line.after),
         gain_m2: (gain.0 - BAND_95 * gain.1, gain.0 + BAND_95 * gain.1),
@@ -221,15 +226,18 @@ fn summary(mut errors: Vec<Prediction>, found: Vec<Vec<String>>, not_judged: Vec
 struct Line {
     before: f64,
     after: f64,
+    /// What the declared noise makes of it.
+    declared: f64,
     count: f64,
 }
 
 fn by_line(errors: &[Prediction]) -> Vec<Line> {
     let mut lines: std::collections::BTreeMap<u32, Line> = std::collections::BTreeMap::new();
     for error in errors {
-        let line = lines.entry(error.line).or_insert(Line { before: 0.0, after: 0.0, count: 0.0 });
+        let line = lines.entry(error.line).or_insert(Line { before: 0.0, after: 0.0, declared: 0.0, count: 0.0 });
         line.before += error.before_m.powi(2);
         line.after += error.after_m.powi(2);
+        line.declared += error.u_m.powi(2);
         line.count += 1.0;
     }
     lines.into_values().collect()
@@ -380,7 +388,14 @@ mod tests {
     #[test]
     fn lines_that_are_predicted_worse_beyond_their_scatter_are_a_loss() {
         let error = HeldOutError { rms_m: 1e-6, interval_m: (0.9e-6, 1.1e-6) };
-        let of = |gain_m2| Unseen { before: error, after: error, gain_m2, found: Vec::new(), not_judged: Vec::new() };
+        let of = |gain_m2| Unseen {
+            before: error,
+            after: error,
+            gain_m2,
+            unexplained_m: 0.0,
+            found: Vec::new(),
+            not_judged: Vec::new(),
+        };
         assert!(of((-3.0, -1.0)).loses() && !of((-2.0, 1.0)).loses() && !of((1.0, 2.0)).loses());
     }
 }

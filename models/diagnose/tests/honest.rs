@@ -36,6 +36,19 @@ fn regress_a_cycle_that_acts_through_a_lever_shows_in_the_uncertainty() {
     }
 }
 
+/// A torsion by a sensor that lags: a dependence without a name takes the place of the cause, and takes noise with it. The readings
+/// that it was fitted to do not show that; intervals held 86 % inside the volume. Lines that no step saw show it.
+#[test]
+fn regress_what_lines_left_out_show_stands_in_the_uncertainty() {
+    let judged = judged("bridge", &["torsion-lag"], 31, &Options { folds: 4, placebos: 0, ..Options::default() });
+    assert_eq!(judged.names(), ["empirical"], "{:?}", judged.diagnosis.steps);
+    let (before, after) = judged.outcome().inside;
+    assert!(after.rms_m < before.rms_m && after.covered > 0.95, "{before:?} {after:?}");
+    let unseen_m = judged.diagnosis.unseen.as_ref().unwrap().unexplained_m;
+    let stated_m = judged.diagnosis.after.model.parts().quality.unexplained_m;
+    assert!(unseen_m > 0.0 && stated_m >= unseen_m, "{unseen_m} {stated_m}");
+}
+
 /// A holder 6 µm off: found, and its place known as far as the offsets allow.
 #[test]
 fn regress_a_reflector_holder_off_by_micrometres_is_found_and_put_right() {
