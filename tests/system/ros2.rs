@@ -101,6 +101,29 @@ fn val_rclpy_calls_a_service_of_a_node() {
 }
 
 #[test]
+fn val_rclpy_sees_every_node_whatever_its_edges() {
+    let test = "val_rclpy_sees_every_node_whatever_its_edges";
+    in_own_network(test, |domain| {
+        let names = ["scale", "geometric", "residual"];
+        let Some(user) = ros2(domain, &["nodes", NAMESPACE, names[0], names[1], names[2]]) else { return };
+        let bench = Bench::identified(5);
+        long_recording(&bench, SAMPLES);
+        // No edge of any node is over DDS.
+        let file = stream_of(&bench, |launch| {
+            launch
+                .key("visible_in_ros = true")
+                .nodes(&["recorder"])
+                .edge("residual", "recorder", MEMORY)
+                .record("recorded")
+        });
+        let heard = beside(Started::start(abbe_in(domain, ["launch", &file])), user);
+        let listed = |node: &str| heard["parameters"][node].as_array().unwrap().clone();
+        assert!(listed("geometric").contains(&json!("max_covariate_age_s")), "{heard}");
+        assert!(listed("scale").contains(&json!("rate_hz")), "{heard}");
+    });
+}
+
+#[test]
 fn val_rclpy_its_clock_is_that_of_a_node_with_use_sim_time() {
     const SECONDS: &str = "1000000";
     let test = "val_rclpy_its_clock_is_that_of_a_node_with_use_sim_time";

@@ -72,6 +72,7 @@ fn launch(kind: TransportKind) -> Launch {
         gateway_memory_mib: None,
         scale: None,
         tracer: None,
+        visible_in_ros: false,
         covariates: Vec::new(),
         motion: None,
         monitor: None,

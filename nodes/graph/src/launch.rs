@@ -233,6 +233,9 @@ pub struct Launch {
     pub max_covariate_age_s: f64,
     /// Longest a node waits for the nodes that take from it (s).
     pub wait_for_subscribers_s: f64,
+    /// Whether nodes without an edge over DDS are in the ROS graph as well, with their parameters, services and diagnostics.
+    #[serde(default)]
+    pub visible_in_ros: bool,
     /// Memory that the gateway of each node with an edge over DDS may reserve (MiB);
     /// [`Launch::GATEWAY_MEMORY_MIB`] without it.
     pub gateway_memory_mib: Option<u64>,
@@ -354,6 +357,11 @@ impl Launch {
     pub fn uses(&self, node: NodeName, kind: TransportKind) -> bool {
         let touches = |edge: &&Edge| edge.from == node || edge.to == node.name();
         self.edges.iter().filter(touches).any(|edge| edge.transport == kind.name())
+    }
+
+    /// Whether this node is in the ROS graph.
+    pub fn is_in_ros_graph(&self, node: NodeName) -> bool {
+        self.visible_in_ros || self.uses(node, TransportKind::Dds)
     }
 
     /// The monitor's settings.

@@ -22,6 +22,7 @@ pub(crate) struct LaunchText {
     edges: String,
     record: String,
     residual: String,
+    keys: String,
     tables: String,
 }
 
@@ -38,6 +39,12 @@ impl LaunchText {
 
     pub(crate) fn record(mut self, bag: &str) -> Self {
         self.record = format!("record = \"{bag}\"\n");
+        self
+    }
+
+    /// A further key of the whole launch.
+    pub(crate) fn key(mut self, line: &str) -> Self {
+        self.keys += &format!("{line}\n");
         self
     }
 
@@ -65,9 +72,10 @@ impl LaunchText {
     pub(crate) fn text(&self) -> String {
         format!(
             "namespace = \"{NAMESPACE}\"\nmachine = \"{}\"\nmodel = \"model.json\"\nnodes = {:?}\n\
-             max_covariate_age_s = 10.0\nwait_for_subscribers_s = 20.0\n{}{}\n{}{}",
+             max_covariate_age_s = 10.0\nwait_for_subscribers_s = 20.0\n{}{}{}\n{}{}",
             text(&machine()),
             self.nodes,
+            self.keys,
             self.residual,
             self.record,
             self.tables,

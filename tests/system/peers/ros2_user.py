@@ -1,7 +1,7 @@
 """A user's programs on a real ROS 2: rclpy on Fast DDS, from the wheels `ros-jazzy-*` of PyPI.
 
 Usage: ros2_user.py streams NAMESPACE COUNT | parameters NODE NAME VALUE | trigger SERVICE
-       | clock SECONDS HARDWARE | types TOPIC
+       | clock SECONDS HARDWARE | types TOPIC | nodes NAMESPACE NAME...
 
 streams     subscribes `corrected_point` and `scale/joint_states` with default quality of service (reliable) and
             with that of sensors (best effort) until COUNT messages have come on each.
@@ -9,6 +9,7 @@ parameters  lists, gets and describes the parameters of a node, and tries to set
 trigger     calls a `std_srvs/srv/Trigger`.
 clock       publishes SECONDS on /clock, and waits for /diagnostics of HARDWARE with that stamp.
 types       what the graph says of a topic: its types, and the publishers with their quality of service.
+nodes       waits until nodes of these names are in a namespace, and gives the parameters of each.
 
 The domain comes from the environment, as for every ROS 2 program. Prints one JSON object. Exits with 1 and a reason
 when what it waits for does not come.
@@ -116,12 +117,24 @@ def types(node, topic):
     }
 
 
+def nodes(node, namespace, *names):
+    seen = lambda: {name for name, space in node.get_node_names_and_namespaces() if space == f"/{namespace}"}
+    spin_until(node, lambda: set(names) <= seen(), "the nodes")
+    listed = {}
+    for name in names:
+        client = AsyncParameterClient(node, f"/{namespace}/{name}")
+        if not client.wait_for_services(timeout_sec=PATIENCE_S):
+            sys.exit(f"no parameter services of {name}")
+        listed[name] = sorted(answer(node, client.list_parameters(), "the parameters").result.names)
+    return {"parameters": listed, "seen": sorted(seen())}
+
+
 def main():
     task, *words = sys.argv[1:]
     rclpy.init()
     node = rclpy.create_node("a_users_program")
     print(json.dumps({"streams": streams, "parameters": parameters, "trigger": trigger, "clock": clock,
-                      "types": types}[task](node, *words)))
+                      "types": types, "nodes": nodes}[task](node, *words)))
 
 
 main()

@@ -299,6 +299,7 @@ fn launch(run: &Run) -> Launch {
         gateway_memory_mib: None,
         scale: Some(play(topics::SCALE_READING, run.closes.then_some(run.bag.first_point))),
         tracer: Some(play(topics::TRACER_READING, None)),
+        visible_in_ros: false,
         covariates: Vec::new(),
         motion: None,
         monitor: Some(monitor(run)),

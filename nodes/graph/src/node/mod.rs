@@ -249,7 +249,7 @@ impl NodeContext {
         let uses_sim_time = table.uses_sim_time();
         let remaps = call.ros_args.remaps;
         let mut config = EdgesConfig::new(identity.clone());
-        let ros = if launch.uses(call.name, TransportKind::Dds) {
+        let ros = if launch.is_in_ros_graph(call.name) {
             let domain = Domain::from_environment().map_err(RosError::from)?;
             Some(GatewayNode::start(GatewayOptions {
                 command: gateway_command(&identity, call.run.as_ref())?,
@@ -266,7 +266,9 @@ impl NodeContext {
             Some(node) => node.clock(),
             // Nothing is ahead of a clock that says nothing, and nothing else asks for it.
             None if uses_sim_time => {
-                tracing::warn!("use_sim_time is set, but this node has no edge over DDS and hears no /clock");
+                tracing::warn!(
+                    "use_sim_time is set, but this node is not in the ROS graph and hears no /clock; add visible_in_ros = true"
+                );
                 Clock::simulated()
             }
             None => Clock::of_system(),
