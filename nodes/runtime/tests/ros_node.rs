@@ -191,7 +191,7 @@ fn diagnostics_and_standard_messages_arrive_under_their_remapped_names() {
         let deadline = Instant::now() + PATIENCE;
         while (status.is_none() || arrived.is_none()) && Instant::now() < deadline {
             let figures = [("lost", "3".to_owned())];
-            diagnostics.report("stream", DiagnosticStatus::WARN, "losing", figures).unwrap();
+            diagnostics.report("stream", DiagnosticStatus::WARN, "losing", figures);
             positions.publish(point.clone());
             thread::sleep(Duration::from_millis(20));
             status = status.or(health.take().unwrap());

@@ -7,7 +7,7 @@
 
 use super::model::{ModelFeed, ResidualFeed};
 use super::remarks::{self, Input, Remarks};
-use super::traffic::{Trouble, send};
+use super::traffic::send;
 use super::{LOOK_UP, NodeContext, NodeError, NodeSummary, take};
 use crate::launch::NodeName;
 use crate::step::{GeometricStep, Mark, ResidualStep, StreamCounts, StreamWatch};
@@ -37,9 +37,7 @@ trait Stage<M> {
     fn beside(&mut self, _corrected: &CorrectedCoordinates) {}
 
     /// What it has to say of itself on `/diagnostics`.
-    fn report(&self, _health: &Diagnostics) -> Result<(), NodeError> {
-        Ok(())
-    }
+    fn report(&self, _health: &Diagnostics) {}
 
     /// Its figures for the summary.
     fn figures(&self, _summary: &mut NodeSummary) {}
@@ -66,8 +64,8 @@ impl Stage<ScaleReading> for Geometric {
         ("scale readings", self.watch.counts())
     }
 
-    fn report(&self, health: &Diagnostics) -> Result<(), NodeError> {
-        self.models.report(health, self.step.model_sha256())
+    fn report(&self, health: &Diagnostics) {
+        self.models.report(health, self.step.model_sha256());
     }
 
     fn figures(&self, summary: &mut NodeSummary) {
@@ -131,8 +129,8 @@ impl Stage<CorrectedCoordinates> for Residual {
         }
     }
 
-    fn report(&self, health: &Diagnostics) -> Result<(), NodeError> {
-        self.fields.report_with(health, self.step.residual_sha256(), self.warning().as_deref())
+    fn report(&self, health: &Diagnostics) {
+        self.fields.report_with(health, self.step.residual_sha256(), self.warning().as_deref());
     }
 
     fn figures(&self, summary: &mut NodeSummary) {
@@ -184,13 +182,10 @@ fn pump<M: Message>(context: &NodeContext, from: NodeName, mut stage: impl Stage
             reported = Instant::now();
             rivals.tell(publisher.others());
             let input = input(&stage, subscriber.as_ref());
-            let mut told = remarks.report(health.as_ref(), &summary, &[input]);
+            remarks.report(health.as_ref(), &summary, &[input]);
             if let Some(health) = &health {
-                let correction = report(health, &summary, subscriber.lost(), &statuses, &rivals);
-                told = told.and(correction).and(stage.report(health));
-            }
-            if let Err(error) = told {
-                summary.troubles.note(Trouble::Reporting, error);
+                report(health, &summary, subscriber.lost(), &statuses, &rivals);
+                stage.report(health);
             }
         }
     }
@@ -281,7 +276,7 @@ fn report(
     lost: u64,
     statuses: &[u64; CorrectionStatus::ALL.len()],
     rivals: &Rivals,
-) -> Result<(), NodeError> {
+) {
     use CorrectionStatus::{NoModel, OtherFrame, Rejected, SeveralSources};
     let uncorrected: u64 =
         [Rejected, NoModel, OtherFrame, SeveralSources].map(|status| statuses[status as usize]).iter().sum();
@@ -297,6 +292,5 @@ fn report(
         ("lost", lost.to_string()),
         ("other publishers", rivals.now.to_string()),
     ];
-    health.report("correction", level, &message, figures.into_iter().chain(counts))?;
-    Ok(())
+    health.report("correction", level, &message, figures.into_iter().chain(counts));
 }

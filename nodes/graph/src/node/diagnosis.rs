@@ -201,7 +201,7 @@ impl Diagnosis {
     }
 
     /// Tells what is kept, and how far diagnoses have come.
-    pub(super) fn report(&self, diagnostics: &Diagnostics, health: &Health) -> Result<(), NodeError> {
+    pub(super) fn report(&self, diagnostics: &Diagnostics, health: &Health) {
         let (level, message) = match (&self.running, &self.last) {
             (Some(_), _) => (DiagnosticStatus::OK, "a diagnosis is running"),
             (None, Some(Ok(words))) => (DiagnosticStatus::OK, words.as_str()),
@@ -222,7 +222,7 @@ impl Diagnosis {
             ("diagnoses finished", self.counts.finished.to_string()),
             ("diagnoses failed", self.counts.failed.to_string()),
         ];
-        Ok(diagnostics.report("diagnosis", level, message, figures)?)
+        diagnostics.report("diagnosis", level, message, figures);
     }
 
     /// Counts for the node's summary.

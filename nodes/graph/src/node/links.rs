@@ -25,8 +25,7 @@ pub(super) fn report(context: &NodeContext, links: Vec<(String, Link)>) -> Resul
                     ("refused", status.refused.to_string()),
                     ("last refused", status.last_refusal),
                 ];
-                // A report that cannot be made says so in the log of the gateway.
-                let _ = health.report(component, level, &message, figures);
+                health.report(component, level, &message, figures);
             }
         }
     };

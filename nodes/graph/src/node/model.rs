@@ -125,18 +125,13 @@ impl<T: Send + 'static> ArtifactFeed<T> {
     }
 
     /// Tells which model is in use, and why a newer one is not.
-    pub(super) fn report(&self, health: &Diagnostics, in_use: Sha256) -> Result<(), NodeError> {
+    pub(super) fn report(&self, health: &Diagnostics, in_use: Sha256) {
         let said_against = self.said_against.lock().unwrap_or_else(PoisonError::into_inner).get(&in_use).cloned();
-        self.report_with(health, in_use, said_against.as_deref())
+        self.report_with(health, in_use, said_against.as_deref());
     }
 
     /// The same, where the node itself has something to `warn` of.
-    pub(super) fn report_with(
-        &self,
-        health: &Diagnostics,
-        in_use: Sha256,
-        warning: Option<&str>,
-    ) -> Result<(), NodeError> {
+    pub(super) fn report_with(&self, health: &Diagnostics, in_use: Sha256, warning: Option<&str>) {
         let FeedStatus { loaded, refused, problem } = self.status();
         let name = self.words.name;
         let (level, message) = match (&problem, warning) {
@@ -155,7 +150,7 @@ impl<T: Send + 'static> ArtifactFeed<T> {
             (format!("{name} file"), file),
         ];
         let figures = figures.iter().map(|(key, value)| (key.as_str(), value.clone()));
-        Ok(health.report(name, level, &message, figures)?)
+        health.report(name, level, &message, figures);
     }
 
     /// Counts for the node's summary.

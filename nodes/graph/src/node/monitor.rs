@@ -6,7 +6,7 @@
 use super::diagnosis::Diagnosis;
 use super::model::ModelFeed;
 use super::remarks::{self, Input, Remarks};
-use super::traffic::{Trouble, send};
+use super::traffic::send;
 use super::{LOOK_UP, NodeContext, NodeError, NodeSummary, take};
 use crate::launch::NodeName;
 use crate::step::{Health, HealthState, MonitorStep};
@@ -55,9 +55,7 @@ pub(super) fn run(context: &NodeContext) -> Result<NodeSummary, NodeError> {
         let before = summary.received;
         let residuals = monitor.take(&mut inputs, patience, &mut summary);
         give(publisher.as_deref_mut(), &residuals, &mut summary);
-        if let Err(error) = monitor.attend(&inputs, &summary) {
-            summary.troubles.note(Trouble::Reporting, error);
-        }
+        monitor.attend(&inputs, &summary);
         if stopping && summary.received == before {
             break;
         }
@@ -146,7 +144,7 @@ impl Monitor {
     }
 
     /// Looks after diagnoses and tells the health, at once when there is news.
-    fn attend(&mut self, inputs: &Inputs, summary: &NodeSummary) -> Result<(), NodeError> {
+    fn attend(&mut self, inputs: &Inputs, summary: &NodeSummary) {
         let now = self.step.health();
         let news = self.diagnosis.attend(&now);
         let spell = now.unsound.map(|unsound| unsound.since);
@@ -155,14 +153,14 @@ impl Monitor {
             tracing::warn!(mean_square = now.mean_square, "{DEGRADED}; {}", self.diagnosis.advice());
         }
         if !news && now.state == self.told && self.reported.elapsed() < REPORT_EVERY {
-            return Ok(());
+            return;
         }
         (self.told, self.reported) = (now.state, Instant::now());
-        self.remarks.report(self.health.as_ref(), summary, &inputs.remarkable(&self.step))?;
-        let Some(health) = &self.health else { return Ok(()) };
-        report(health, &now, self.diagnosis.advice(), self.step.lacking())?;
-        self.models.report(health, now.model_sha256)?;
-        self.diagnosis.report(health, &now)
+        self.remarks.report(self.health.as_ref(), summary, &inputs.remarkable(&self.step));
+        let Some(health) = &self.health else { return };
+        report(health, &now, self.diagnosis.advice(), self.step.lacking());
+        self.models.report(health, now.model_sha256);
+        self.diagnosis.report(health, &now);
     }
 }
 
@@ -186,7 +184,7 @@ fn figures(summary: &mut NodeSummary, health: &Health) {
     }
 }
 
-fn report(diagnostics: &Diagnostics, health: &Health, advice: &str, lacking: Option<&str>) -> Result<(), NodeError> {
+fn report(diagnostics: &Diagnostics, health: &Health, advice: &str, lacking: Option<&str>) {
     let (level, message) = match (health.state, lacking) {
         (HealthState::Unknown, Some(lacking)) => {
             (DiagnosticStatus::WARN, format!("nothing tells whether the model holds: {lacking}"))
@@ -206,6 +204,5 @@ fn report(diagnostics: &Diagnostics, health: &Health, advice: &str, lacking: Opt
         ("not predicted", health.unpredicted.to_string()),
         ("lacking for a prediction", lacking.unwrap_or("nothing").to_owned()),
     ];
-    diagnostics.report("range residual", level, &message, figures)?;
-    Ok(())
+    diagnostics.report("range residual", level, &message, figures);
 }

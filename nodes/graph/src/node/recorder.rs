@@ -5,7 +5,6 @@
 //! are unsigned) is left out, counted and told; it never ends the node. Nor does a disk that is full or fails.
 
 use super::recording::{Record, Recording, Status};
-use super::traffic::Trouble;
 use super::{LOOK_UP, NodeContext, NodeError, NodeSummary, take};
 use crate::launch::NodeName;
 use crate::record::log_time_ns;
@@ -43,9 +42,7 @@ pub(super) fn run(context: &NodeContext) -> Result<NodeSummary, NodeError> {
         monitor.drain(&mut tape, &mut summary);
         if let Some(health) = health.as_ref().filter(|_| reported.elapsed() >= REPORT_EVERY) {
             reported = Instant::now();
-            if let Err(error) = report(health, &tape.recording.status(), tape.refused) {
-                summary.troubles.note(Trouble::Reporting, error);
-            }
+            report(health, &tape.recording.status(), tape.refused);
         }
         if (summary.received, summary.malformed) == before {
             if stopping {
@@ -117,7 +114,7 @@ impl<M: Message> Track<M> {
     }
 }
 
-fn report(health: &Diagnostics, status: &Status, refused: u64) -> Result<(), NodeError> {
+fn report(health: &Diagnostics, status: &Status, refused: u64) {
     let (level, message) = match &status.stopped {
         Some(reason) => (DiagnosticStatus::ERROR, format!("recording has stopped: {reason}")),
         None if status.is_low => (DiagnosticStatus::WARN, "little space is left, recording stops soon".to_owned()),
@@ -136,6 +133,5 @@ fn report(health: &Diagnostics, status: &Status, refused: u64) -> Result<(), Nod
         ("free (MiB)", free),
         ("longest wait for the disk (ms)", format!("{:.1}", status.longest_sync.as_secs_f64() * 1e3)),
     ];
-    health.report("recording", level, &message, figures)?;
-    Ok(())
+    health.report("recording", level, &message, figures);
 }

@@ -4,8 +4,8 @@
 //! makes the component WARN for [`REMARKED_FOR`], in words that say what to do; the counts stay. So one lost sample of last
 //! week does not cover what goes wrong now.
 
+use super::NodeSummary;
 use super::traffic::Trouble;
-use super::{NodeError, NodeSummary};
 use crate::step::{REMARKED_STEP_S, StreamCounts};
 use abbe_msgs::standard::DiagnosticStatus;
 use abbe_runtime::ros::Diagnostics;
@@ -51,21 +51,16 @@ struct Counted {
 
 impl Remarks {
     /// Tells what came in, and what of it is remarkable.
-    pub(super) fn report(
-        &mut self,
-        health: Option<&Diagnostics>,
-        summary: &NodeSummary,
-        inputs: &[Input],
-    ) -> Result<(), NodeError> {
+    pub(super) fn report(&mut self, health: Option<&Diagnostics>, summary: &NodeSummary, inputs: &[Input]) {
         let counted: Vec<Counted> = inputs.iter().flat_map(of_input).chain(of_node(summary)).collect();
         let words = self.remarkable(&counted, Instant::now());
-        let Some(health) = health else { return Ok(()) };
+        let Some(health) = health else { return };
         let (level, message) = match words.is_empty() {
             true => (DiagnosticStatus::OK, "samples come in order, from one source each".to_owned()),
             false => (DiagnosticStatus::WARN, words.join("; ")),
         };
         let figures = counted.iter().map(|one| (one.name.as_str(), one.count.to_string()));
-        Ok(health.report("input", level, &message, figures)?)
+        health.report("input", level, &message, figures);
     }
 
     /// Words about what has risen lately; what is new goes into the log as well.
@@ -145,7 +140,6 @@ fn of_node(summary: &NodeSummary) -> Vec<Counted> {
         of(Trouble::Malformed, "malformed"),
         of(Trouble::Receiving, "failures to receive"),
         of(Trouble::Sending, "failures to send"),
-        of(Trouble::Reporting, "failures to report"),
         of(Trouble::Covariate, "covariates left out"),
         Counted {
             name: "stamps ahead of the clock".to_owned(),

@@ -27,7 +27,6 @@ pub(super) enum Trouble {
     Malformed,
     Receiving,
     Sending,
-    Reporting,
     /// A covariate that a sample has no place for.
     Covariate,
 }

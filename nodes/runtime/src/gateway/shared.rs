@@ -328,9 +328,7 @@ impl Shared {
         ];
         let diagnostics = lock(&self.diagnostics);
         let Some(diagnostics) = diagnostics.as_ref() else { return };
-        if let Err(error) = diagnostics.report("gateway", level, message, values) {
-            tracing::warn!(%error, "the gateway cannot be reported on");
-        }
+        diagnostics.report("gateway", level, message, values);
     }
 
     /// The time that the node goes by.

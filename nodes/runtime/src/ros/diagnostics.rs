@@ -7,8 +7,8 @@
 
 use std::num::NonZeroUsize;
 
+use abbe_msgs::Stamp;
 use abbe_msgs::standard::{DiagnosticArray, DiagnosticStatus, Header, KeyValue};
-use abbe_msgs::{MessageError, Stamp};
 
 use super::{Clock, NodeIdentity, QueuedPublisher, RosError, RosNode, diagnostics_qos};
 
@@ -54,7 +54,7 @@ impl Diagnostics {
         level: u8,
         message: &str,
         figures: impl IntoIterator<Item = (&'a str, String)>,
-    ) -> Result<(), MessageError> {
+    ) {
         let (stamp, clock) = stamp_of(self.clock.now_ns(), self.clock.is_simulated());
         let figures = figures.into_iter().map(|(key, value)| KeyValue { key: key.into(), value });
         let mut status = DiagnosticStatus {
@@ -69,7 +69,6 @@ impl Diagnostics {
             status.message = format!("{message}; {problem}");
         }
         (self.publish)(DiagnosticArray { header: Header::new(stamp, ""), status: vec![status] });
-        Ok(())
     }
 }
 
