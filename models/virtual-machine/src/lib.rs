@@ -17,11 +17,13 @@ pub mod length_test;
 pub mod machine;
 pub mod plan;
 mod random;
+pub mod shipped;
 pub mod simulate;
 pub mod sphere_scan;
 pub mod verification;
 
 pub use error::SimulationError;
 pub use machine::{Axis, MachineTruth, TruthRecipe, VirtualMachine};
+pub use shipped::{Declared, VOLUMETRIC_RMS_M, shipped_bridge};
 pub use simulate::{ReadingStream, Simulated, SimulatedReading, SimulationConfig, simulate_campaign};
 pub use verification::{actual_points_m, verification_points, verification_points_with};

@@ -11,20 +11,17 @@ use abbe_geometry::model::MachineModel;
 use abbe_identify::{Options, at_cramer_rao_bound, identify};
 use abbe_measurement::campaign::Campaign;
 use abbe_virtual_machine::effects::from_text;
-use abbe_virtual_machine::environment::EnvironmentConfig;
-use abbe_virtual_machine::instrument::InstrumentConfig;
-use abbe_virtual_machine::machine::Roughness;
-use abbe_virtual_machine::plan::presets::case_like;
 use abbe_virtual_machine::verification::{Frame, VerificationConfig, VerificationPoint};
 use abbe_virtual_machine::{
-    SimulationConfig, TruthRecipe, simulate_campaign, verification_points, verification_points_with,
+    Declared, SimulationConfig, VOLUMETRIC_RMS_M, shipped_bridge, simulate_campaign, verification_points,
+    verification_points_with,
 };
 use anyhow::{Context, ensure};
 use std::fmt::Write;
 use std::path::PathBuf;
 
 /// Raw volumetric error of the simulated machine (rms, µm) where nothing is said: a bridge CMM before compensation.
-pub(crate) const VOLUMETRIC_RMS_UM: f64 = 20.0;
+pub(crate) const VOLUMETRIC_RMS_UM: f64 = VOLUMETRIC_RMS_M * 1e6;
 /// Verification points.
 const POINTS: usize = 400;
 /// How well the verification points are known (m).
@@ -88,31 +85,12 @@ pub(crate) fn config(machine: &MachineFile, seed: u64, volumetric_um: f64) -> an
         (0.1..=1000.0).contains(&volumetric_um),
         "--volumetric-um {volumetric_um}: give a raw volumetric error of 0.1 to 1000 um"
     );
-    let recipe = TruthRecipe { seed, roughness: Roughness::TYPICAL, volumetric_rms_m: volumetric_um * 1e-6 };
-    let mut truth = recipe.bridge_xyz()?;
-    for (simulated, (lower_m, upper_m)) in truth.stroke_m.iter().zip(machine.machine.stroke_m) {
-        ensure!(
-            *simulated == [lower_m, upper_m],
-            "machine {}: the simulator has a bridge XYZ machine of 800 x 600 x 600 mm; give launch-config/machines/bridge_xyz.toml",
-            machine.machine.name
-        );
-    }
-    let plan = case_like(truth.stroke_m, seed).build()?;
-    // In the frame that identification chooses, so that truth and model can be compared point by point.
-    truth.ram_turn.about_m = plan.mean_offset_m();
-    let instrument = InstrumentConfig {
-        range: machine.instrument,
+    let declared = Declared {
+        stroke_m: machine.machine.stroke_m,
         repeatability_m: machine.machine.repeatability_m,
-        ..InstrumentConfig::LASER_TRACER
+        range: machine.instrument,
     };
-    Ok(SimulationConfig {
-        seed,
-        machine: truth,
-        plan,
-        instrument,
-        environment: EnvironmentConfig::workshop(),
-        effects: Vec::new(),
-    })
+    shipped_bridge(seed, volumetric_um * 1e-6, &declared).with_context(|| format!("machine {}", machine.machine.name))
 }
 
 /// Sums over points and machines (m²), and how many intervals held the truth.

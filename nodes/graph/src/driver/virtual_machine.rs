@@ -8,26 +8,15 @@ use super::DriverError;
 use super::recorded::Recorded;
 use abbe_files::MachineFile;
 use abbe_virtual_machine::effects::from_text;
-use abbe_virtual_machine::environment::EnvironmentConfig;
-use abbe_virtual_machine::instrument::InstrumentConfig;
-use abbe_virtual_machine::machine::Roughness;
-use abbe_virtual_machine::plan::presets::case_like;
-use abbe_virtual_machine::{SimulationConfig, TruthRecipe, simulate_campaign};
-
-/// Volumetric error of the simulated machine (rms, m): that of a bridge CMM before compensation.
-const VOLUMETRIC_RMS_M: f64 = 20e-6;
+use abbe_virtual_machine::{Declared, VOLUMETRIC_RMS_M, shipped_bridge, simulate_campaign};
 
 pub(super) fn open(seed: u64, effects: &[String], machine: &MachineFile) -> Result<Recorded, DriverError> {
-    let recipe = TruthRecipe { seed, roughness: Roughness::TYPICAL, volumetric_rms_m: VOLUMETRIC_RMS_M };
-    let truth = recipe.bridge_xyz()?;
-    let plan = case_like(truth.stroke_m, seed).build()?;
-    let config = SimulationConfig {
-        seed,
-        machine: truth,
-        plan,
-        instrument: InstrumentConfig::LASER_TRACER,
-        environment: EnvironmentConfig::workshop(),
-        effects: effects.iter().map(|text| from_text(text)).collect::<Result<_, _>>()?,
+    let declared = Declared {
+        stroke_m: machine.machine.stroke_m,
+        repeatability_m: machine.machine.repeatability_m,
+        range: machine.instrument,
     };
+    let mut config = shipped_bridge(seed, VOLUMETRIC_RMS_M, &declared)?;
+    config.effects = effects.iter().map(|text| from_text(text)).collect::<Result<_, _>>()?;
     Ok(Recorded::new(simulate_campaign(&config)?.campaign, machine))
 }
