@@ -5,9 +5,8 @@
 mod common;
 
 use abbe_files::MachineFile;
-use abbe_graph::driver::{
-    DriverConfig, DriverError, LinesConfig, LinkState, ScaleDriver, open_scale, open_sensor, open_tracer,
-};
+use abbe_graph::driver::{DriverConfig, DriverError, LinesConfig, ScaleDriver, open_scale, open_sensor, open_tracer};
+use abbe_graph::link::LinkState;
 use abbe_msgs::ScaleReading;
 use abbe_runtime::Shutdown;
 use common::bench;

@@ -9,8 +9,8 @@ mod port;
 mod row;
 
 use super::Role as Kind;
-use super::link::{Link, LinkState};
 use super::{DriverError, ScaleDriver, SensorDriver, SensorValues, TracerDriver};
+use crate::link::{Link, LinkState};
 use abbe_files::MachineFile;
 use abbe_msgs::{ScaleReading, TracerReading};
 use abbe_runtime::Shutdown;

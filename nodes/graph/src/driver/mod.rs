@@ -7,12 +7,11 @@
 mod bag;
 mod campaign_file;
 mod lines;
-mod link;
 mod recorded;
-mod units;
 mod virtual_machine;
 
 use crate::again::Again;
+use crate::link::Link;
 use abbe_files::{FileError, MachineFile};
 use abbe_msgs::bag::BagError;
 use abbe_msgs::{CovariateError, MessageError, ScaleReading, Stamp, Text, TextError, TracerReading};
@@ -24,7 +23,6 @@ use thiserror::Error;
 
 pub use bag::{CampaignFromBag, JoinSettings, campaign_from_bag};
 pub use lines::{LinesConfig, LinesFrom};
-pub use link::{Link, LinkState, LinkStatus};
 
 /// What a driver is used for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

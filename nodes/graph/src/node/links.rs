@@ -3,7 +3,7 @@
 //! Place in the flow: a thread beside the loop of a source node, which waits for its driver. One component a driver.
 
 use super::{NodeContext, NodeError};
-use crate::driver::{Link, LinkState, LinkStatus};
+use crate::link::{Link, LinkState, LinkStatus};
 use abbe_msgs::standard::DiagnosticStatus;
 use std::thread;
 use std::time::Duration;

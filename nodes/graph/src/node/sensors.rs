@@ -5,7 +5,8 @@
 
 use super::traffic::{Trouble, Troubles};
 use super::{NodeContext, NodeError, NodeSummary};
-use crate::driver::{Link, SensorDriver, open_sensor};
+use crate::driver::{SensorDriver, open_sensor};
+use crate::link::Link;
 use crate::step::SensorMemory;
 use abbe_msgs::ScaleReading;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};

@@ -34,8 +34,8 @@ impl DerivedMotion {
         let moved = self.motion.push(since_s, reading.reading_m);
         let sides = SIDES.into_iter().zip(moved.direction);
         let speed = std::iter::once((SPEED, moved.speed_m_s.map(|speed_m_s| speed_m_s * 1e3)));
-        let acceleration = moved.acceleration_m_s2.map_or([None; 3], |a| a.map(|m_s2| Some(m_s2 * 1e3)));
-        let known = sides.chain(speed).chain(ACCELERATIONS.into_iter().zip(acceleration));
+        let accelerations = moved.acceleration_m_s2.map_or([None; 3], |a| a.map(|m_s2| Some(m_s2 * 1e3)));
+        let known = sides.chain(speed).chain(ACCELERATIONS.into_iter().zip(accelerations));
         let lacking = known.filter_map(|(name, value)| Some((name, value?)));
         let covariates = &mut reading.covariates;
         lacking

@@ -4,9 +4,9 @@
 //! unit that the column's name ends with, metres inside. A cell without a number is refused where the reading needs it, and a
 //! missing covariate elsewhere.
 
-use super::super::units::Unit;
 use super::super::{SensorValues, config_name};
 use super::{Kind, LinesConfig};
+use crate::units::Unit;
 use abbe_files::MachineFile;
 use abbe_msgs::{Covariates, ScaleReading, Stamp, TracerReading};
 use std::time::{SystemTime, UNIX_EPOCH};

@@ -42,13 +42,13 @@ impl Link {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
-    pub(super) fn stands(&self, state: LinkState) {
+    pub(crate) fn stands(&self, state: LinkState) {
         let mut status = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         status.losses += u64::from(matches!(state, LinkState::Lost(_)));
         status.state = state;
     }
 
-    pub(super) fn refused(&self, words: String) {
+    pub(crate) fn refused(&self, words: String) {
         let mut status = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         status.refused += 1;
         status.last_refusal = words;

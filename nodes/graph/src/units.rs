@@ -39,16 +39,16 @@ const PLAIN: [&str; 3] = ["dir_x", "dir_y", "dir_z"];
 
 /// A covariate as a sensor gives it.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Unit {
+pub(crate) struct Unit {
     /// Name with the unit in which effects read it.
-    pub(super) name: String,
+    pub(crate) name: String,
     zero: f64,
     factor: f64,
 }
 
 impl Unit {
     /// The covariate of a name that ends with the sensor's unit, or what is wrong with the name.
-    pub(super) fn of(name: &str) -> Result<Unit, String> {
+    pub(crate) fn of(name: &str) -> Result<Unit, String> {
         if PLAIN.contains(&name) {
             return Ok(Unit { name: name.to_owned(), zero: 0.0, factor: 1.0 });
         }
@@ -66,7 +66,7 @@ impl Unit {
     }
 
     /// A value in the unit that effects read.
-    pub(super) fn convert(&self, value: f64) -> f64 {
+    pub(crate) fn convert(&self, value: f64) -> f64 {
         (value - self.zero) * self.factor
     }
 }
