@@ -207,6 +207,11 @@ impl Linear {
         self.spread.get_or_init(|| &*self.jacobian * &self.root).as_ref()
     }
 
+    /// L with V = L Lᵀ.
+    pub(crate) fn root(&self) -> MatRef<'_, f64> {
+        self.root.as_ref()
+    }
+
     /// LᵀJᵀC, whose Gram matrix is what the model's columns take away.
     pub(crate) fn taken(&self, columns: MatRef<f64>) -> Mat<f64> {
         let shared = self.jacobian.transpose() * columns;

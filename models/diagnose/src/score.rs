@@ -108,6 +108,16 @@ fn alias_share(group: &Projected, estimate: &[f64]) -> f64 {
     if alone > 0.0 { (1.0 - left / alone).clamp(0.0, 1.0) } else { 1.0 }
 }
 
+/// Maximum of a function with one peak between the ends.
+pub(crate) fn golden_section((mut low, mut high): (f64, f64), value: impl Fn(f64) -> f64) -> f64 {
+    let ratio = 0.5 * (5f64.sqrt() - 1.0);
+    for _ in 0..40 {
+        let (a, b) = (high - ratio * (high - low), low + ratio * (high - low));
+        if value(a) > value(b) { high = b } else { low = a }
+    }
+    0.5 * (low + high)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

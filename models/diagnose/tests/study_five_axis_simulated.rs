@@ -74,7 +74,7 @@ fn measured(flaw: &Flaw, seed: u64) -> Vec<SphereCentre> {
 }
 
 fn study(flaw: &Flaw, seed: u64) -> StudyDiagnosis {
-    diagnose(&measured(flaw, seed), &Options { placebo_draws: 30, ..Options::default() }).unwrap()
+    diagnose(&measured(flaw, seed), &Options::default()).unwrap()
 }
 
 #[test]

@@ -61,7 +61,7 @@ fn measured(plan: Plan, error: Error, seed: u64) -> Vec<Run> {
 }
 
 fn study(plan: Plan, error: Error, seed: u64) -> StudyDiagnosis {
-    diagnose(&measured(plan, error, seed), &Options { placebo_draws: 30, ..Options::default() }).unwrap()
+    diagnose(&measured(plan, error, seed), &Options::default()).unwrap()
 }
 
 fn names(diagnosis: &StudyDiagnosis) -> Vec<&str> {

@@ -2,14 +2,20 @@
 //!
 //! Place in the flow: a model in, values at nodes along each axis (m, rad) with what linear interpolation between them
 //! misses, out; written by the exports of `nodes/files`. Error = actual − indicated, reference point as in the model: zero
-//! at the lower end of each stroke, squareness as an angle (rad) that acts as angle · (reading − lower end).
+//! at the lower end of each stroke, squareness as an angle (rad) that acts as angle · (reading − lower end). Effects that follow
+//! the reading of one axis alone, along that axis, are part of its positioning error.
 
 use crate::axis::{Axis, ErrorId};
-use crate::model::MachineModel;
+use crate::effects::{Acts, NoCovariates, State};
+use crate::model::{Combination, FittedEffect, MachineModel};
 use thiserror::Error;
 
 /// Parts into which each step is cut where table and function are compared.
 const CHECKS_PER_STEP: usize = 8;
+/// Places along the other axes at which an effect is compared with itself.
+const SHARES: [f64; 4] = [0.0, 0.3, 0.7, 1.0];
+/// Differences (m) that are rounding.
+const ROUNDING_M: f64 = 1e-15;
 /// Most nodes an axis may have.
 const MOST_NODES: usize = 100_000;
 
@@ -100,6 +106,89 @@ pub fn errors_of(axis: Axis) -> [ErrorId; 6] {
     ]
 }
 
+/// Places of the effects of a model that are nothing but a positioning error of one axis, with that axis.
+pub fn of_position(model: &MachineModel) -> Vec<(usize, Axis)> {
+    let own =
+        |(place, fitted)| Axis::ALL.into_iter().find(|axis| follows(model, fitted, *axis)).map(|axis| (place, axis));
+    model.parts().effects.iter().enumerate().filter_map(own).collect()
+}
+
+/// What such effects add to the positioning error of their axis at a reading (m).
+pub fn position_effects_m(model: &MachineModel, axis: Axis, reading_m: f64) -> f64 {
+    let mut place_m = lower_ends_m(model);
+    place_m[axis.index()] = reading_m;
+    let own = of_position(model).into_iter().filter(|(_, own)| *own == axis);
+    own.filter_map(|(place, axis)| along_m(&model.parts().effects[place], axis, place_m)).sum()
+}
+
+/// Whether an effect needs nothing logged, and moves the axis along itself by the same wherever the others stand.
+fn follows(model: &MachineModel, fitted: &FittedEffect, axis: Axis) -> bool {
+    if !(fitted.effect.covariates().is_empty() && fitted.effect.range_covariates().is_empty()) {
+        return false;
+    }
+    let at = |axis: Axis, share: f64| {
+        let (lower_m, upper_m) = model.parts().machine.stroke_m[axis.index()];
+        lower_m + share * (upper_m - lower_m)
+    };
+    SHARES.into_iter().all(|own| {
+        let values = SHARES.map(|others| {
+            along_m(fitted, axis, Axis::ALL.map(|other| at(other, if other == axis { own } else { others })))
+        });
+        values.iter().all(|value| matches!((value, values[0]), (Some(a), Some(b)) if (a - b).abs() < ROUNDING_M))
+    }) && !columns(fitted, axis, lower_ends_m(model)).unwrap_or_default().is_empty()
+}
+
+fn lower_ends_m(model: &MachineModel) -> [f64; 3] {
+    model.parts().machine.stroke_m.map(|(lower_m, _)| lower_m)
+}
+
+/// What an effect does along an axis (m); `None` where it moves anything else.
+fn along_m(fitted: &FittedEffect, axis: Axis, reading_m: [f64; 3]) -> Option<f64> {
+    let columns = columns(fitted, axis, reading_m)?;
+    Some(columns.iter().map(|(k, part)| part * fitted.parameters.get(*k).copied().unwrap_or(0.0)).sum())
+}
+
+/// The same per unit of each parameter.
+fn columns(fitted: &FittedEffect, axis: Axis, reading_m: [f64; 3]) -> Option<Vec<(usize, f64)>> {
+    let along = Acts::Error(ErrorId::linear(axis, axis));
+    let state = State { reading_m, offset_m: [0.0; 3], covariates: &NoCovariates };
+    let (mut columns, mut is_along) = (Vec::new(), true);
+    let mut add = |k: usize, acts: Acts, part: f64| {
+        is_along &= acts == along;
+        columns.push((k, part));
+    };
+    fitted.effect.motion(&state, &mut add).ok()?;
+    is_along.then_some(columns)
+}
+
+/// Value and standard uncertainty of an error of an axis at a reading, with the effects that belong to it.
+fn error(model: &MachineModel, effects: &[usize], axis: Axis, id: ErrorId, reading_m: f64) -> (f64, f64) {
+    let (value, u) = model.error(id, reading_m);
+    if id != ErrorId::linear(axis, axis) || effects.is_empty() {
+        return (value, u);
+    }
+    let mut place_m = lower_ends_m(model);
+    place_m[axis.index()] = reading_m;
+    let (mut total, mut parameters) = (value, Vec::new());
+    if let Some(basis) = model.layout().basis(id) {
+        let local = basis.at(reading_m);
+        let first = model.layout().range(id).start + local.first;
+        parameters.extend(local.values().iter().enumerate().map(|(k, value)| (first + k, *value)));
+    }
+    let mut first = model.layout().len();
+    for (place, fitted) in model.parts().effects.iter().enumerate() {
+        if effects.contains(&place) {
+            for (k, part) in columns(fitted, axis, place_m).unwrap_or_default() {
+                total += part * fitted.parameters[k];
+                parameters.push((first + k, part));
+            }
+        }
+        first += fitted.parameters.len();
+    }
+    let between_nodes = model.between_nodes().at(id, reading_m).into_iter().collect();
+    (total, model.variance(&Combination { parameters, between_nodes }).max(0.0).sqrt())
+}
+
 fn sampled_axis(model: &MachineModel, axis: Axis, step_m: f64) -> Result<SampledAxis, SampleError> {
     let (lower_m, upper_m) = model.parts().machine.stroke_m[axis.index()];
     // A step that divides the stroke up to rounding makes no further node.
@@ -110,7 +199,9 @@ fn sampled_axis(model: &MachineModel, axis: Axis, step_m: f64) -> Result<Sampled
     let steps = steps as usize;
     let at =
         |k: usize, of: usize| if k == of { upper_m } else { lower_m + (upper_m - lower_m) * (k as f64 / of as f64) };
-    let values = |position_m: f64| errors_of(axis).map(|id| model.error(id, position_m));
+    let own = of_position(model).into_iter().filter(|(_, own)| *own == axis);
+    let effects: Vec<usize> = own.map(|(place, _)| place).collect();
+    let values = |position_m: f64| errors_of(axis).map(|id| error(model, &effects, axis, id, position_m));
     let positions_m: Vec<f64> = (0..=steps).map(|k| at(k, steps)).collect();
     let nodes: Vec<[(f64, f64); 6]> = positions_m.iter().map(|position_m| values(*position_m)).collect();
     let mut missed = [0.0_f64; 6];

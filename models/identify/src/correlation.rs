@@ -15,7 +15,7 @@ mod reml;
 #[cfg(test)]
 mod tests;
 
-pub use reml::{Fitted, Found};
+pub use reml::{Fitted, Found, Restricted};
 
 use crate::robust::median;
 

@@ -1,42 +1,74 @@
-//! From the effects found to the diagnosis: ladder, gains, placebos, rivals, what to measure next.
+//! From the effects found to the diagnosis: ladder, gains, rivals, noise, what to measure next.
 //!
-//! Place in the flow: last step of every study.
+//! Place in the flow: last step of every study. Gross rows go first; then the search is judged on blocks that it does not
+//! see; then it runs on all rows, and once more where what it found shows other rows to be gross.
 
 use super::candidate::Study;
-use super::diagnosis::{Ambiguity, Blocks, Effect, Judgement, LackOfFit, Parameter, Rung, StudyDiagnosis};
+use super::diagnosis::{Ambiguity, Blocks, Effect, LackOfFit, Parameter, Rung, StudyDiagnosis};
 use super::fit::{Fit, Fitted};
 use super::judge::judge;
-use super::placebo::placebo;
-use super::search::{COMPARABLE, Found, Options, score_all, search};
+use super::nested::unseen;
+use super::noise_words::{looks, noise, rejected};
+use super::outliers::{Outliers, outliers};
+use super::search::{COMPARABLE, Found, Observe, Options, score_all, search};
+use super::significance::{probability, uncertainties};
+use super::terms::{Terms, terms};
+use super::view::View;
 use crate::error::DiagnoseError;
-use statrs::distribution::{ChiSquared, ContinuousCDF};
+use statrs::distribution::{ContinuousCDF, StudentsT};
+use std::collections::BTreeSet;
 
 /// Alias share from which an effect found is mostly the model's own.
 pub(super) const ALIASED: f64 = 0.95;
+/// Searches on all rows at most: each may show other rows to be gross.
+const SEARCHES: usize = 3;
 
 /// Searches and says what was found.
-pub(super) fn diagnose(study: &mut dyn Study, options: &Options) -> Result<StudyDiagnosis, DiagnoseError> {
-    let found = search(study, options)?;
-    let study: &dyn Study = study;
-    let base = Fit::settle(study, &[])?;
-    let last = Fit::settle(study, &found.set)?;
-    let effects = effects(study, &last, options)?;
-    let ladder = ladder(study, &found.set)?;
-    let (before, after) = (judge(study, &base.linear), judge(study, &last.linear));
-    let lack_of_fit = lack_of_fit(study, &base, &last);
-    let not_identifiable = not_identifiable(study, &effects, &found);
-    let consistent_with_noise = effects.is_empty()
-        && lack_of_fit.as_ref().is_none_or(|test| test.p_before > options.significance)
-        && scatter_is_as_declared(&before, options.significance);
+pub(super) fn diagnose(
+    study: &mut dyn Study,
+    options: &Options,
+    observe: &mut Observe,
+) -> Result<StudyDiagnosis, DiagnoseError> {
+    let rows = study.local(&[])?.residual.len();
+    let first = outliers(study, &[], |_| true)?;
+    let gross = first.rows(study);
+    let unseen = unseen(study, rows, &gross, options, observe)?;
+    let (found, gross) = searched(study, rows, first, options, observe)?;
+    let left_out = gross.rows(study);
+    let mut view = View::new(study, rows, |row| !left_out.contains(&row));
+    let base = view.adapt(&[])?;
+    let before = judge(&view, &base);
+    let p_before = lack_of_fit(&view, &base)?;
+    let ladder = ladder(&mut view, &found.set)?;
+    let last = view.adapt(&found.set)?;
+    let p_after = lack_of_fit(&view, &last)?;
+    let after = judge(&view, &last);
+    let lack_of_fit = p_before.map(|(of, p_before)| LackOfFit {
+        of,
+        p_before,
+        p_after: p_after.map(|(_, p)| p).filter(|_| !last.added.is_empty()),
+    });
+    let noise = noise(&view);
+    let u = uncertainties(&mut view, &last)?;
+    let effects = effects(&mut view, &last, &u)?;
+    let terms = with_deviations(terms(&*view.study, &last, &u), &view);
+    let looked = looks(&view, &gross, &found, &before, lack_of_fit.as_ref(), options);
+    let not_identifiable = not_identifiable(&*view.study, &effects, &found);
+    let consistent_with_noise = effects.is_empty() && looked.iter().all(|look| look.is_noise != Some(false));
     let next_measurements = next_measurements(&not_identifiable);
+    let study: &dyn Study = &*view.study;
     Ok(StudyDiagnosis {
         of: study.of(),
-        rows: base.linear.residuals().len(),
+        rows,
         blocks: Blocks { what: study.block_word().to_owned(), count: study.blocks().len() },
         consistent_with_noise,
         effects,
         before,
         after,
+        unseen,
+        noise,
+        rejected: rejected(study, &gross),
+        looked,
         ladder,
         considered: found.considered,
         alternatives: Vec::new(),
@@ -44,33 +76,76 @@ pub(super) fn diagnose(study: &mut dyn Study, options: &Options) -> Result<Study
         not_identifiable,
         untestable: study.untestable(),
         next_measurements,
+        terms,
         notes: study.notes(),
     })
 }
 
-/// Parameters of a candidate in a fit.
-pub(super) fn parameters(study: &dyn Study, fitted: &Fitted) -> Vec<Parameter> {
+/// With what one reading scatters along each axis.
+fn with_deviations(mut terms: Terms, view: &View) -> Terms {
+    for chain in view.chains() {
+        if let Some(axis) = chain.along {
+            terms.deviations_m[axis.index()] = Some(chain.noise.sigma * chain.unit_m);
+        }
+    }
+    terms
+}
+
+/// What the search finds on all rows but the gross ones, and these.
+fn searched(
+    study: &mut dyn Study,
+    rows: usize,
+    mut gross: Outliers,
+    options: &Options,
+    observe: &mut Observe,
+) -> Result<(Found, Outliers), DiagnoseError> {
+    let mut seen: Vec<BTreeSet<usize>> = Vec::new();
+    loop {
+        study.reset();
+        let left_out = gross.rows(study);
+        let mut view = View::new(study, rows, |row| !left_out.contains(&row));
+        let found = search(&mut view, options, None, observe)?;
+        seen.push(left_out);
+        let next = outliers(study, &found.set, |_| true)?;
+        if seen.contains(&next.rows(study)) || seen.len() == SEARCHES {
+            return Ok((found, gross));
+        }
+        gross = next;
+    }
+}
+
+/// Parameters of a candidate in a fit, with the degrees of freedom that their uncertainty rests on.
+pub(super) fn parameters(study: &dyn Study, fitted: &Fitted, degrees: f64) -> Vec<Parameter> {
     let specs = &study.candidates()[fitted.candidate].parameters;
+    let reach = StudentsT::new(0.0, 1.0, degrees.max(1.0)).map_or(1.96, |t| t.inverse_cdf(0.975));
     let parameter = |(k, spec): (usize, &abbe_geometry::effects::ParameterSpec)| Parameter {
         name: spec.name.clone(),
         value: fitted.values[k],
         unit: spec.unit,
         u: fitted.u[k],
+        half_95: reach * fitted.u[k],
         plausible: spec.plausible,
     };
     specs.iter().enumerate().map(parameter).collect()
 }
 
-fn effects(study: &dyn Study, last: &Fit, options: &Options) -> Result<Vec<Effect>, DiagnoseError> {
+/// Degrees of freedom of the rows that a candidate acts on.
+fn degrees(view: &View, fit: &Fit, candidate: usize) -> f64 {
+    let chains = view.touched(&view.columns(&fit.point, candidate));
+    fit.part(view, &chains).degrees
+}
+
+fn effects(view: &mut View, last: &Fit, u: &[Vec<f64>]) -> Result<Vec<Effect>, DiagnoseError> {
     let set = last.set();
-    let after = judge(study, &last.linear);
+    let after = judge(view, last);
     let mut effects = Vec::with_capacity(set.len());
     for (k, fitted) in last.added.iter().enumerate() {
         let mut rest = set.clone();
         rest.remove(k);
-        let without = Fit::settle(study, &rest)?;
-        let all = score_all(study, &without);
+        let without = Fit::settle(view, &rest)?;
+        let all = score_all(view, &without);
         let Some(own) = all.iter().find(|scored| scored.candidate == fitted.candidate) else { continue };
+        let study = &*view.study;
         let candidate = &study.candidates()[fitted.candidate];
         let is_rival = |other: &&super::search::Scored| {
             let is_other = !set.contains(&other.candidate);
@@ -80,60 +155,64 @@ fn effects(study: &dyn Study, last: &Fit, options: &Options) -> Result<Vec<Effec
         };
         let mut rivals: Vec<_> = all.iter().filter(is_rival).collect();
         rivals.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
-        let columns = study.columns(&without.point, fitted.candidate);
+        let columns = view.columns(&without.point, fitted.candidate);
+        let p_value = probability(view, &without, &columns)? * study.candidates().len() as f64;
+        let fitted = Fitted { u: u[k].clone(), ..fitted.clone() };
         effects.push(Effect {
             name: candidate.name.clone(),
             formula: candidate.formula.clone(),
             kind: candidate.kind,
             covariates: candidate.covariates.clone(),
-            p_value: (own.score.p_value * study.candidates().len() as f64).min(1.0),
+            p_value: p_value.min(1.0),
             alias_share: own.score.alias_share,
-            parameters: parameters(study, fitted),
-            held_out_gain_um: judge(study, &without.linear).held_out.rms_um - after.held_out.rms_um,
-            placebo: placebo(study, &without, &columns, options.placebo_draws, options.seed)?,
+            parameters: parameters(study, &fitted, degrees(view, last, fitted.candidate)),
+            held_out_gain_um: judge(view, &without).held_out.rms_um - after.held_out.rms_um,
             rivals: rivals.iter().map(|scored| study.candidates()[scored.candidate].name.clone()).collect(),
         });
     }
     Ok(effects)
 }
 
-fn ladder(study: &dyn Study, set: &[usize]) -> Result<Vec<Rung>, DiagnoseError> {
+fn ladder(view: &mut View, set: &[usize]) -> Result<Vec<Rung>, DiagnoseError> {
     let mut rungs = Vec::with_capacity(set.len() + 1);
     let mut below: Option<Fit> = None;
     for count in 0..=set.len() {
-        let fit = Fit::settle(study, &set[..count])?;
-        let judgement = judge(study, &fit.linear);
-        let rung = match (&below, fit.added.last()) {
-            (Some(below), Some(fitted)) => {
-                let score = below.score(study, fitted.candidate);
-                Rung {
-                    added: Some(study.candidates()[fitted.candidate].name.clone()),
-                    judgement,
-                    p_value: Some((score.p_value * study.candidates().len() as f64).min(1.0)),
-                    alias_share: Some(score.alias_share),
-                    parameters: parameters(study, fitted),
-                }
+        let test = match (&below, set[..count].last()) {
+            (Some(below), Some(candidate)) => {
+                let (score, _) = below.score(view, *candidate);
+                let p = probability(view, below, &view.columns(&below.point, *candidate))?;
+                Some(((p * view.study.candidates().len() as f64).min(1.0), score.alias_share))
             }
-            _ => Rung { added: None, judgement, p_value: None, alias_share: None, parameters: Vec::new() },
+            _ => None,
         };
-        rungs.push(rung);
+        let fit = view.adapt(&set[..count])?;
+        let fitted = fit.added.last();
+        rungs.push(Rung {
+            added: fitted.map(|fitted| view.study.candidates()[fitted.candidate].name.clone()),
+            judgement: judge(view, &fit),
+            p_value: test.map(|(p, _)| p),
+            alias_share: test.map(|(_, share)| share),
+            parameters: fitted.map_or_else(Vec::new, |fitted| {
+                parameters(&*view.study, fitted, degrees(view, &fit, fitted.candidate))
+            }),
+        });
         below = Some(fit);
     }
     Ok(rungs)
 }
 
-fn lack_of_fit(study: &dyn Study, base: &Fit, last: &Fit) -> Option<LackOfFit> {
-    let (of, before) = study.lack_of_fit(base)?;
-    let (_, after) = study.lack_of_fit(last)?;
-    let p_after = (!last.added.is_empty() && after.degrees > 0).then_some(after.p_value);
-    (before.degrees > 0).then_some(LackOfFit { of, p_before: before.p_value, p_after })
-}
-
-/// χ² against the declared uncertainties; nothing to object where none are declared.
-fn scatter_is_as_declared(before: &Judgement, significance: f64) -> bool {
-    let Some(chi2_per_dof) = before.chi2_per_dof else { return true };
-    let Ok(distribution) = ChiSquared::new(before.degrees_of_freedom) else { return true };
-    distribution.sf(chi2_per_dof * before.degrees_of_freedom) > significance
+/// Replicates of what, and the probability that a fit leaves so much between them by chance; `None` where there are none,
+/// or nothing is left to test.
+fn lack_of_fit(view: &View, fit: &Fit) -> Result<Option<(String, f64)>, DiagnoseError> {
+    let Some((of, columns)) = view.study.replicates() else {
+        let test = view.study.lack_of_fit(&fit.values()).filter(|(_, score)| score.degrees > 0);
+        return Ok(test.map(|(of, score)| (of, score.p_value)));
+    };
+    let columns = view.picked(&columns);
+    match fit.score_columns(view, &columns).0.degrees {
+        0 => Ok(None),
+        _ => Ok(Some((of, probability(view, fit, &columns)?))),
+    }
 }
 
 fn not_identifiable(study: &dyn Study, effects: &[Effect], found: &Found) -> Vec<Ambiguity> {

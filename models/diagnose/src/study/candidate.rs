@@ -1,14 +1,14 @@
 //! What a kind of data must say of itself to be studied, and what a candidate effect is.
 //!
 //! Place in the flow: implemented by each kind of data (`five_axis`, `runs`, `vectors`), used by the common search. Rows
-//! are whitened (divided by their standard uncertainty), so that columns have the inverse unit of their parameter.
+//! are divided by their standard uncertainty, so that columns have the inverse unit of their parameter; what they have
+//! in common with the rows before them is taken out later ([`super::view`]).
 
 use super::diagnosis::{Ambiguity, Kind, Untestable};
-use super::fit::Fit;
 use crate::error::DiagnoseError;
-use crate::linear::Linear;
 use crate::score::Score;
-use abbe_geometry::effects::ParameterSpec;
+use abbe_geometry::Axis;
+use abbe_geometry::effects::{ParameterSpec, Shape};
 use faer::Mat;
 
 /// An effect that might be missing from the model.
@@ -25,21 +25,60 @@ pub(crate) struct Candidate {
     pub(crate) parameters: Vec<ParameterSpec>,
     /// Measurement that tells it from what looks alike.
     pub(crate) decided_by: String,
+    /// Claimed only where it stands apart from all that is simpler: a wave, which few targets turn into something else.
+    pub(crate) stands_apart: bool,
+}
+
+/// Rows of one axis or component in the order of measurement.
+#[derive(Debug, Clone)]
+pub(crate) struct Chain {
+    /// In words, such as `axis X`.
+    pub(crate) of: String,
+    pub(crate) rows: Vec<usize>,
+    /// Steps since the row before.
+    pub(crate) gaps: Vec<f64>,
+    /// Columns, a row each, that leave little but scatter whatever is missing: what single rows are held against.
+    pub(crate) rich: Mat<f64>,
+    /// Standard uncertainty of a row that its figures are divided by, on average (m).
+    pub(crate) unit_m: f64,
+    /// Axis along which it was measured.
+    pub(crate) along: Option<Axis>,
+}
+
+/// What a reader wants to have been looked at before nothing is said to be missing.
+#[derive(Debug, Clone)]
+pub(crate) struct Question {
+    /// In words, such as `drift`.
+    pub(crate) what: String,
+    /// Candidates that answer it; none where the data cannot.
+    pub(crate) candidates: Vec<usize>,
+}
+
+/// An effect of a machine model that is a candidate, or part of one.
+#[derive(Debug, Clone)]
+pub(crate) struct ModelTerm {
+    /// Name in the registry of effects.
+    pub(crate) effect: &'static str,
+    pub(crate) shape: Shape,
+    /// Its parameters (rows) as combinations of the candidate's (columns).
+    pub(crate) map: Mat<f64>,
+    /// Places of a table (m), between which further parameters stand for what is not known there.
+    pub(crate) places_m: Option<Vec<f64>>,
 }
 
 /// The problem around one point of linearisation.
 #[derive(Debug, Clone)]
 pub(crate) struct Local {
-    /// Observed less predicted, whitened.
+    /// Observed less predicted, over the standard uncertainty of the rows.
     pub(crate) residual: Vec<f64>,
-    /// Columns of the base model, whitened.
+    /// Columns of the base model, over the standard uncertainty of the rows.
     pub(crate) base: Mat<f64>,
     /// Where columns are taken: whatever the kind of data needs to remember.
     pub(crate) point: Vec<f64>,
 }
 
 /// One kind of data.
-pub(crate) trait Study {
+pub(crate) trait Study: Sync {
     /// Kind of data, in words.
     fn of(&self) -> &'static str;
 
@@ -49,7 +88,7 @@ pub(crate) trait Study {
     /// The problem with these candidates at these parameters; all others absent. The base model is at its best there.
     fn local(&self, added: &[(usize, Vec<f64>)]) -> Result<Local, DiagnoseError>;
 
-    /// Columns of one candidate at a point, whitened.
+    /// Columns of one candidate at a point, over the standard uncertainty of the rows.
     fn columns(&self, point: &[f64], candidate: usize) -> Mat<f64>;
 
     /// Whether columns and residuals are the same everywhere, up to the linear prediction.
@@ -57,8 +96,52 @@ pub(crate) trait Study {
         true
     }
 
-    /// Adjusts the shape of a candidate (a period) to a fit without it.
-    fn refine(&mut self, _without: &Linear, _candidate: usize) {}
+    /// The one chain that a candidate acts on, and its columns there, at the chain's rows named; `None` where it acts on
+    /// several, or where columns depend on the point.
+    fn chain_columns(&self, _candidate: usize, _rows: &[usize]) -> Option<(usize, Mat<f64>)> {
+        None
+    }
+
+    /// Frequencies among which the shape of a candidate may be adjusted: its own and how far on either side.
+    fn frequency(&self, _candidate: usize) -> Option<(f64, f64)> {
+        None
+    }
+
+    /// Columns at another frequency.
+    fn columns_at(&self, _candidate: usize, _frequency: f64, _rows: &[usize]) -> Mat<f64> {
+        Mat::zeros(0, 0)
+    }
+
+    /// Takes another frequency for a candidate.
+    fn set_frequency(&mut self, _candidate: usize, _frequency: f64) {}
+
+    /// Forgets all frequencies that were taken.
+    fn reset(&mut self) {}
+
+    /// Columns simpler than a candidate that must stand apart, which may be what it really is.
+    fn simpler(&self, _candidate: usize) -> Mat<f64> {
+        Mat::zeros(0, 0)
+    }
+
+    /// Rows in the order of measurement; none where order means nothing.
+    fn chains(&self) -> &[Chain] {
+        &[]
+    }
+
+    /// Standard uncertainty that a row is divided by (m).
+    fn row_unit_m(&self, _row: usize) -> f64 {
+        self.unit_m()
+    }
+
+    /// A row in words, for messages.
+    fn row_name(&self, row: usize) -> String {
+        format!("row {}", row + 1)
+    }
+
+    /// What must have been looked at before nothing is said to be missing.
+    fn questions(&self) -> Vec<Question> {
+        Vec::new()
+    }
 
     /// Rows that were measured together.
     fn blocks(&self) -> &[Vec<usize>];
@@ -75,11 +158,38 @@ pub(crate) trait Study {
     /// Whether the uncertainties are declared, rather than assumed equal.
     fn is_declared(&self) -> bool;
 
-    /// Whether replicates scatter less than what a fit leaves between them: replicates of what, and the test.
-    fn lack_of_fit(&self, fit: &Fit) -> Option<(String, Score)>;
+    /// Rows that are replicates of each other, in words, and columns that tell the groups apart; `None` without replicates.
+    fn replicates(&self) -> Option<(String, Mat<f64>)> {
+        None
+    }
+
+    /// The same test where replicates are not rows of the study, with these candidates at these parameters.
+    fn lack_of_fit(&self, _added: &[(usize, Vec<f64>)]) -> Option<(String, Score)> {
+        None
+    }
 
     /// What the base model is, in words.
     fn base_word(&self) -> &'static str;
+
+    /// What a candidate is in a model of a machine, or why it has no place there.
+    fn model_terms(&self, _candidate: usize) -> Result<Vec<ModelTerm>, String> {
+        Err("data of this kind give no model of three axes".to_owned())
+    }
+
+    /// Logged quantities that these terms read.
+    fn model_covariates(&self, _candidate: usize) -> Vec<String> {
+        Vec::new()
+    }
+
+    /// Range of a logged quantity as a model reads it: times since the first row.
+    fn model_range(&self, _name: &str) -> Option<(f64, f64)> {
+        None
+    }
+
+    /// Smallest and largest reading of X, Y, Z (m) where they were measured.
+    fn readings_m(&self) -> [Option<(f64, f64)>; 3] {
+        [None; 3]
+    }
 
     /// What these data cannot test at all.
     fn untestable(&self) -> Vec<Untestable>;

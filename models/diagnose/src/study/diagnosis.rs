@@ -3,6 +3,8 @@
 //! Place in the flow: made by [`super::assemble`], printed by the command. Root mean squares in µm; parameters in the
 //! SI unit that stands beside them. Where rows have uncertainties of their own, every rms is weighted by them.
 
+use super::terms::Terms;
+
 /// Whether a term says why, or only what the data depend on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Kind {
@@ -66,8 +68,10 @@ pub struct Parameter {
     pub value: f64,
     /// SI unit.
     pub unit: &'static str,
-    /// Standard uncertainty (k = 1) from the scatter of the residuals, SI.
+    /// Standard uncertainty (k = 1) from the scatter of the residuals and how that may hang together, SI.
     pub u: f64,
+    /// Half of the 95 % interval about the value: u times Student's t for the degrees of freedom there are, SI.
+    pub half_95: f64,
     /// Magnitude beyond which it is not believed, SI.
     pub plausible: f64,
 }
@@ -77,19 +81,6 @@ impl Parameter {
     pub fn is_plausible(&self) -> bool {
         self.value.abs() <= self.plausible
     }
-}
-
-/// The same columns, shuffled: what their flexibility alone would gain.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Placebo {
-    /// Shuffles drawn.
-    pub draws: usize,
-    /// Median gain in held-out rms (µm); negative where the placebo does harm.
-    pub median_gain_um: f64,
-    /// Gain that one placebo in twenty exceeds (µm).
-    pub gain_95_um: f64,
-    /// Share of placebos, the columns themselves counted as one, that gain as much as the true columns or more.
-    pub share_as_good: f64,
 }
 
 /// An effect found.
@@ -111,8 +102,6 @@ pub struct Effect {
     pub parameters: Vec<Parameter>,
     /// Held-out rms without it less held-out rms with it, all other effects present (µm).
     pub held_out_gain_um: f64,
-    /// What shuffled columns gain in its place.
-    pub placebo: Placebo,
     /// Candidates that would explain the same within the evidence of these data.
     pub rivals: Vec<String>,
 }
@@ -197,6 +186,71 @@ pub struct LackOfFit {
     pub p_after: Option<f64>,
 }
 
+/// The noise of one axis or component, as the fit with all effects leaves it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SeriesNoise {
+    /// Which, in words.
+    pub of: String,
+    /// Standard deviation of one row (µm; declared uncertainties weigh it).
+    pub sigma_um: f64,
+    /// Correlation of a row with the one measured before it; `None` where the rows are too few to tell.
+    pub neighbours: Option<Correlation>,
+    /// Rows.
+    pub rows: usize,
+}
+
+/// A correlation in order of measurement, by restricted likelihood.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Correlation {
+    /// Of neighbouring rows: share times the slow part's own correlation.
+    pub value: f64,
+    /// 95 % interval.
+    pub interval: (f64, f64),
+    /// Share of the variance that is slow.
+    pub slow_share: f64,
+    /// Steps over which the slow part falls to 1/e.
+    pub steps: Option<f64>,
+}
+
+/// A row that no explanation reaches, left out of everything.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RejectedRow {
+    /// Which, in words.
+    pub name: String,
+    /// Residual against the fit without it (µm).
+    pub residual_um: f64,
+    /// The same in standard deviations.
+    pub deviations: f64,
+}
+
+/// One thing that was looked at before anything was said to be noise.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Look {
+    /// What, in words.
+    pub what: String,
+    /// What was seen.
+    pub says: String,
+    /// Whether that is what noise does; `None` where the data cannot tell.
+    pub is_noise: Option<bool>,
+}
+
+/// The search judged on blocks that no step of it saw.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Unseen {
+    /// Error of the base model.
+    pub before: Option<HeldOutRms>,
+    /// Error with what each search found.
+    pub after: Option<HeldOutRms>,
+    /// Parts that were left out in turn.
+    pub folds: usize,
+    /// What each search found.
+    pub found: Vec<Vec<String>>,
+    /// Parts that could not be judged, with the reason.
+    pub not_judged: Vec<String>,
+    /// Why there is no figure.
+    pub missing_because: Option<String>,
+}
+
 /// The diagnosis.
 #[derive(Debug, Clone, PartialEq)]
 pub struct StudyDiagnosis {
@@ -206,7 +260,8 @@ pub struct StudyDiagnosis {
     pub rows: usize,
     /// What was left out together.
     pub blocks: Blocks,
-    /// No effect passes, replicates show no lack of fit, and the scatter is what was declared, if it was.
+    /// No effect passes, replicates show no lack of fit, nothing wanders slowly, few rows stand apart, and the scatter is
+    /// what was declared, if it was; [`StudyDiagnosis::looked`] says what each look saw.
     pub consistent_with_noise: bool,
     /// What was found, strongest first.
     pub effects: Vec<Effect>,
@@ -214,7 +269,15 @@ pub struct StudyDiagnosis {
     pub before: Judgement,
     /// With all effects.
     pub after: Judgement,
-    /// From the base model to all effects.
+    /// The error before and after on blocks that no step of the search saw.
+    pub unseen: Unseen,
+    /// Noise of each axis or component.
+    pub noise: Vec<SeriesNoise>,
+    /// Rows left out as gross errors.
+    pub rejected: Vec<RejectedRow>,
+    /// What was looked at before anything was called noise.
+    pub looked: Vec<Look>,
+    /// From the base model to all effects; the choice of effects saw the blocks that are left out here.
     pub ladder: Vec<Rung>,
     /// Every candidate against the base model.
     pub considered: Vec<Considered>,
@@ -228,6 +291,8 @@ pub struct StudyDiagnosis {
     pub untestable: Vec<Untestable>,
     /// What to measure next.
     pub next_measurements: Vec<String>,
+    /// What was found, as effects of a machine model.
+    pub terms: Terms,
     /// Sentences a reader of the figures must know.
     pub notes: Vec<String>,
 }

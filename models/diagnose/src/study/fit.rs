@@ -5,8 +5,10 @@
 //! parameters' uncertainty, or the fit is refused. Whitened rows; parameters in SI.
 
 use super::candidate::Study;
+use super::together::score_together;
+use super::view::View;
 use crate::error::DiagnoseError;
-use crate::linear::{Linear, column};
+use crate::linear::{Linear, Projected, column};
 use crate::score::{Score, score};
 use abbe_identify::symmetric_eigen;
 use faer::{Mat, MatRef};
@@ -27,54 +29,94 @@ pub(crate) struct Fitted {
     pub(super) values: Vec<f64>,
     /// Standard uncertainties with the noise estimated, SI.
     pub(super) u: Vec<f64>,
+    /// First column of the fit that is its own, and its parameters as combinations of these columns.
+    pub(super) first: usize,
+    pub(super) map: Mat<f64>,
 }
 
 /// A settled fit.
 #[derive(Debug, Clone)]
 pub(crate) struct Fit {
+    /// Whitened.
     pub(super) linear: Linear,
+    /// The same columns and residuals before they were whitened.
+    pub(super) raw_columns: Mat<f64>,
+    pub(super) raw_residuals: Vec<f64>,
     pub(super) added: Vec<Fitted>,
     /// Where columns of further candidates are taken.
     pub(super) point: Vec<f64>,
 }
 
+/// A fit as some of its rows see it.
+pub(super) struct Part {
+    /// J L, which the model's columns take away.
+    spread: Mat<f64>,
+    residuals: Mat<f64>,
+    pub(super) chi2: f64,
+    /// Degrees of freedom of these rows.
+    pub(super) degrees: f64,
+}
+
+impl Part {
+    /// What whitened columns of these rows would tell.
+    pub(super) fn project(&self, columns: MatRef<f64>) -> Projected {
+        let taken = self.spread.transpose() * columns;
+        let alone = columns.transpose() * columns;
+        let left = &alone - taken.transpose() * &taken;
+        let gradient = columns.transpose() * &self.residuals;
+        Projected { gradient: (0..columns.ncols()).map(|k| gradient[(k, 0)]).collect(), alone, left }
+    }
+
+    pub(super) fn rows(&self) -> usize {
+        self.residuals.nrows()
+    }
+}
+
 impl Fit {
     /// Base model and these candidates, in this order.
-    pub(super) fn settle(study: &dyn Study, set: &[usize]) -> Result<Fit, DiagnoseError> {
-        let zero = |k: &usize| (*k, vec![0.0; study.candidates()[*k].parameters.len()]);
+    pub(super) fn settle(view: &View, set: &[usize]) -> Result<Fit, DiagnoseError> {
+        let zero = |k: &usize| (*k, vec![0.0; view.study.candidates()[*k].parameters.len()]);
         let mut at: Vec<(usize, Vec<f64>)> = set.iter().map(zero).collect();
         for _ in 0..MOST_PASSES {
-            let (fit, steps, largest) = Fit::pass(study, &at)?;
+            let (fit, steps, largest) = Fit::pass(view, &at)?;
             for ((_, values), step) in at.iter_mut().zip(&steps) {
                 values.iter_mut().zip(step).for_each(|(value, step)| *value += step);
             }
-            if study.is_linear() || largest < SETTLED {
+            if view.study.is_linear() || largest < SETTLED {
                 let added = fit.added.into_iter().zip(at).map(|(f, (_, values))| Fitted { values, ..f }).collect();
                 return Ok(Fit { added, ..fit });
             }
         }
         Err(DiagnoseError::Data {
-            problem: format!("the fit with {} did not settle in {MOST_PASSES} passes", names(study, set)),
+            problem: format!("the fit with {} did not settle in {MOST_PASSES} passes", names(&*view.study, set)),
             remedy: "check angles and lengths for rows in a wrong unit".to_owned(),
         })
     }
 
     /// One linear fit: with steps of the parameters, and the largest step against its uncertainty.
-    fn pass(study: &dyn Study, at: &[(usize, Vec<f64>)]) -> Result<(Fit, Vec<Vec<f64>>, f64), DiagnoseError> {
-        let local = study.local(at)?;
-        let base = independent(&local.base);
-        let (mut linear, _) = Linear::least_squares(base, &local.residual)?;
+    fn pass(view: &View, at: &[(usize, Vec<f64>)]) -> Result<(Fit, Vec<Vec<f64>>, f64), DiagnoseError> {
+        let local = view.study.local(at)?;
+        let mut raw = vec![independent(&view.picked(&local.base))];
+        let raw_rows = view.picked(&column(&local.residual));
+        let rows = view.whitened(&raw_rows);
+        let observed: Vec<f64> = (0..rows.nrows()).map(|k| rows[(k, 0)]).collect();
+        let (mut linear, _) = Linear::least_squares(view.whitened(&raw[0]), &observed)?;
         let mut maps = Vec::with_capacity(at.len());
         for (candidate, _) in at {
-            let columns = study.columns(&local.point, *candidate);
-            let map = new_directions(&linear, columns.as_ref());
+            let columns = view.columns(&local.point, *candidate);
+            let map = new_directions(&linear, view.whitened(&columns).as_ref());
             let first = linear.jacobian().ncols();
             if map.ncols() > 0 {
-                linear = linear.with((&columns * &map).as_ref())?;
+                let columns = &columns * &map;
+                linear = linear.with(view.whitened(&columns).as_ref())?;
+                raw.push(columns);
             }
             maps.push((first, map));
         }
-        let solution = linear.covariance() * (linear.jacobian().transpose() * column(&local.residual));
+        let solution = linear.covariance() * (linear.jacobian().transpose() * column(&observed));
+        let raw_columns = side_by_side(&raw);
+        let left = &raw_rows - &raw_columns * &solution;
+        let raw_residuals = (0..left.nrows()).map(|k| left[(k, 0)]).collect();
         let noise = linear.noise_factor();
         let (mut added, mut steps, mut largest) = (Vec::new(), Vec::new(), 0.0_f64);
         for ((candidate, values), (first, map)) in at.iter().zip(&maps) {
@@ -84,26 +126,68 @@ impl Fit {
                 .collect();
             let ratio = step.iter().zip(&u).map(|(s, u)| if *u > 0.0 { (s / u).abs() } else { 0.0 });
             largest = ratio.fold(largest, f64::max);
-            added.push(Fitted { candidate: *candidate, values: values.clone(), u });
+            added.push(Fitted { candidate: *candidate, values: values.clone(), u, first: *first, map: map.clone() });
             steps.push(step);
         }
-        Ok((Fit { linear, added, point: local.point }, steps, largest))
+        Ok((Fit { linear, raw_columns, raw_residuals, added, point: local.point }, steps, largest))
     }
 
-    /// Tests a candidate on what this fit leaves.
-    pub(super) fn score(&self, study: &dyn Study, candidate: usize) -> Score {
-        self.score_columns(study.columns(&self.point, candidate).as_ref())
+    /// The fit as the rows of these chains see it.
+    pub(super) fn part(&self, view: &View, chains: &[usize]) -> Part {
+        let rows = view.rows_of(chains);
+        let all = self.linear.spread();
+        let spread = Mat::from_fn(rows.len(), all.ncols(), |i, j| all[(rows[i], j)]);
+        let residuals = Mat::from_fn(rows.len(), 1, |i, _| self.linear.residuals()[rows[i]]);
+        let degrees = (rows.len() as f64 - spread.squared_norm_l2()).max(1.0);
+        Part { chi2: residuals.squared_norm_l2(), spread, residuals, degrees }
     }
 
-    /// Tests any columns on what this fit leaves.
-    pub(super) fn score_columns(&self, columns: MatRef<f64>) -> Score {
-        score(&self.linear.project(columns), self.linear.chi2(), self.linear.degrees())
+    /// Tests a candidate on what this fit leaves, among the rows that it acts on: the test and the number of those rows.
+    pub(super) fn score(&self, view: &View, candidate: usize) -> (Score, usize) {
+        if let Some((chain, columns)) = view.chain_columns(candidate) {
+            let part = self.part(view, &[chain]);
+            return (score(&part.project(columns.as_ref()), part.chi2, part.degrees), part.rows());
+        }
+        self.score_columns(view, &view.columns(&self.point, candidate))
     }
 
-    /// This fit with columns added, linearly; itself where they add nothing.
+    /// Tests any columns, not whitened, among the rows of the chains that they act on.
+    pub(super) fn score_columns(&self, view: &View, columns: &Mat<f64>) -> (Score, usize) {
+        let chains = view.touched(columns);
+        let whitened = view.whitened(columns);
+        let rows = view.rows_of(&chains);
+        if chains.len() > 1 {
+            let each: Vec<Vec<usize>> = chains.iter().map(|k| view.rows_of(&[*k])).collect();
+            return (score_together(&self.linear, &each, &whitened), rows.len());
+        }
+        let part = self.part(view, &chains);
+        let own = Mat::from_fn(rows.len(), columns.ncols(), |i, j| whitened[(rows[i], j)]);
+        (score(&part.project(own.as_ref()), part.chi2, part.degrees), part.rows())
+    }
+
+    /// Share of what these columns do that this fit, with further columns beside it, could do as well.
+    pub(super) fn absorbed(&self, view: &View, columns: &Mat<f64>, beside: &Mat<f64>) -> Result<f64, DiagnoseError> {
+        let linear = self.with_columns(view.whitened(beside).as_ref())?;
+        let score = score(&linear.project(view.whitened(columns).as_ref()), linear.chi2(), linear.degrees());
+        Ok(score.alias_share)
+    }
+
+    /// This fit with whitened columns added, linearly; itself where they add nothing.
     pub(super) fn with_columns(&self, columns: MatRef<f64>) -> Result<Linear, DiagnoseError> {
         let map = new_directions(&self.linear, columns);
         if map.ncols() == 0 { Ok(self.linear.clone()) } else { self.linear.with((columns * &map).as_ref()) }
+    }
+
+    /// Covariance of two parameters of candidates (place in [`Fit::added`], number), with the noise that the fit found, SI.
+    pub(super) fn covariance(&self, (a, i): (usize, usize), (b, j): (usize, usize)) -> f64 {
+        let (one, other) = (&self.added[a], &self.added[b]);
+        let covariance = self.linear.covariance();
+        let along = |k: usize| {
+            let row = |l: usize| covariance[(one.first + k, other.first + l)] * other.map[(j, l)];
+            (0..other.map.ncols()).map(row).sum::<f64>()
+        };
+        let sum = (0..one.map.ncols()).map(|k| one.map[(i, k)] * along(k)).sum::<f64>();
+        sum * self.linear.noise_factor()
     }
 
     /// Candidates and their parameters, as [`Study::local`] wants them.
@@ -123,6 +207,17 @@ pub(super) fn names(study: &dyn Study, set: &[usize]) -> String {
         return study.base_word().to_owned();
     }
     set.iter().map(|k| study.candidates()[*k].name.as_str()).collect::<Vec<_>>().join(" and ")
+}
+
+fn side_by_side(parts: &[Mat<f64>]) -> Mat<f64> {
+    let rows = parts.first().map_or(0, Mat::nrows);
+    let mut all = Mat::zeros(rows, parts.iter().map(Mat::ncols).sum());
+    let mut first = 0;
+    for part in parts {
+        all.as_mut().subcols_mut(first, part.ncols()).copy_from(part);
+        first += part.ncols();
+    }
+    all
 }
 
 fn uncertainties(linear: &Linear, first: usize, map: &Mat<f64>, noise: f64) -> Vec<f64> {
@@ -146,8 +241,11 @@ fn independent(columns: &Mat<f64>) -> Mat<f64> {
     columns * combinations(&gram, &gram, BASE_LEFT)
 }
 
-fn combinations(left: &Mat<f64>, alone: &Mat<f64>, share: f64) -> Mat<f64> {
+pub(super) fn combinations(left: &Mat<f64>, alone: &Mat<f64>, share: f64) -> Mat<f64> {
     let count = alone.nrows();
+    if count == 0 {
+        return Mat::zeros(0, 0);
+    }
     let scale: Vec<f64> =
         (0..count).map(|k| if alone[(k, k)] > 0.0 { alone[(k, k)].sqrt().recip() } else { 0.0 }).collect();
     let equal = Mat::from_fn(count, count, |i, j| 0.5 * (left[(i, j)] + left[(j, i)]) * scale[i] * scale[j]);

@@ -2,34 +2,79 @@
 //!
 //! Place in the flow: every rung, effect and alternative is judged here. Whitened residuals in, µm out.
 
-use super::candidate::Study;
 use super::diagnosis::{HeldOutRms, Judgement};
-use crate::held_out::{HeldOut, held_out};
-use crate::linear::Linear;
+use super::fit::Fit;
+use super::view::View;
+use crate::held_out::HeldOut;
+use abbe_identify::symmetric_eigen;
+use faer::Mat;
 use statrs::distribution::{ContinuousCDF, StudentsT};
 
 const UM: f64 = 1e6;
+/// 1 − eigenvalue from which a direction of a block is determined by other blocks too.
+const DETERMINED: f64 = 1e-6;
 
 /// Judges a fit on the study's blocks.
-pub(super) fn judge(study: &dyn Study, linear: &Linear) -> Judgement {
-    let unit_um = study.unit_m() * UM;
-    let rows = linear.residuals().len().max(1) as f64;
+pub(super) fn judge(view: &View, fit: &Fit) -> Judgement {
+    let unit_um = view.study.unit_m() * UM;
+    let chi2: f64 = fit.raw_residuals.iter().map(|r| r * r).sum();
+    let (rows, degrees) = (fit.raw_residuals.len().max(1) as f64, fit.linear.degrees());
     Judgement {
-        rms_um: (linear.chi2() / rows).sqrt() * unit_um,
-        held_out: held_out_rms(study, linear),
-        chi2_per_dof: study.is_declared().then(|| linear.noise_factor()),
-        estimated_sigma_um: linear.noise_factor().sqrt() * unit_um,
-        degrees_of_freedom: linear.degrees(),
+        rms_um: (chi2 / rows).sqrt() * unit_um,
+        held_out: held_out_rms(view, fit),
+        chi2_per_dof: view.study.is_declared().then_some(chi2 / degrees),
+        estimated_sigma_um: (chi2 / degrees).sqrt() * unit_um,
+        degrees_of_freedom: degrees,
     }
 }
 
 /// Root mean square over all blocks, each predicted from the others.
-pub(super) fn held_out_rms(study: &dyn Study, linear: &Linear) -> HeldOutRms {
-    let unit_um = study.unit_m() * UM;
-    let blocks = held_out(linear, study.blocks());
-    let rms = pooled(blocks.iter());
-    let interval_um = interval(&blocks).map(|(low, high)| (low * unit_um, high * unit_um));
-    HeldOutRms { rms_um: rms * unit_um, interval_um, judged: blocks.iter().map(|block| block.judged).sum() }
+pub(super) fn held_out_rms(view: &View, fit: &Fit) -> HeldOutRms {
+    rms_of(view, &held_out(view, fit))
+}
+
+/// The same from errors of blocks.
+pub(super) fn rms_of(view: &View, blocks: &[HeldOut]) -> HeldOutRms {
+    let unit_um = view.study.unit_m() * UM;
+    let interval_um = interval(blocks).map(|(low, high)| (low * unit_um, high * unit_um));
+    let judged = blocks.iter().map(|block| block.judged).sum();
+    HeldOutRms { rms_um: pooled(blocks.iter()) * unit_um, interval_um, judged }
+}
+
+/// Errors of each block as the fit of the others predicts it, without refitting: with whitened rows R = J L, R_b those of
+/// the block and S_b the same rows before whitening, the parameters move by −L (I − R_bᵀR_b)⁻¹ R_bᵀ r_b. Directions that
+/// only the block determines are not judged.
+fn held_out(view: &View, fit: &Fit) -> Vec<HeldOut> {
+    let spread = fit.linear.spread();
+    let raw = &fit.raw_columns * fit.linear.root();
+    let one = |block: &Vec<usize>| {
+        let own = Mat::from_fn(block.len(), spread.ncols(), |i, j| spread[(block[i], j)]);
+        let own_raw = Mat::from_fn(block.len(), raw.ncols(), |i, j| raw[(block[i], j)]);
+        let residuals = Mat::from_fn(block.len(), 1, |i, _| fit.linear.residuals()[block[i]]);
+        let Some((values, vectors)) = symmetric_eigen(&(own.transpose() * &own)) else {
+            return HeldOut { square: 0.0, judged: 0 };
+        };
+        let mut along = vectors.transpose() * (own.transpose() * &residuals);
+        let free: Vec<usize> = (0..values.len()).filter(|k| 1.0 - values[*k] <= DETERMINED).collect();
+        (0..values.len())
+            .for_each(|k| along[(k, 0)] = if free.contains(&k) { 0.0 } else { along[(k, 0)] / (1.0 - values[k]) });
+        let moved = &own_raw * (&vectors * &along);
+        let error = Mat::from_fn(block.len(), 1, |i, _| fit.raw_residuals[block[i]] + moved[(i, 0)]);
+        let own_only = &own_raw * Mat::from_fn(values.len(), free.len(), |i, j| vectors[(i, free[j])]);
+        without(&error, &own_only)
+    };
+    view.blocks().iter().map(one).collect()
+}
+
+/// Square of an error outside the span of columns, and the directions left.
+pub(super) fn without(error: &Mat<f64>, columns: &Mat<f64>) -> HeldOut {
+    let all = error.squared_norm_l2();
+    if columns.ncols() == 0 {
+        return HeldOut { square: all, judged: error.nrows() };
+    }
+    let basis = super::series::independent(columns);
+    let inside = (basis.transpose() * error).squared_norm_l2();
+    HeldOut { square: (all - inside).max(0.0), judged: error.nrows() - basis.ncols() }
 }
 
 fn pooled<'a>(blocks: impl Iterator<Item = &'a HeldOut>) -> f64 {

@@ -3,24 +3,33 @@
 //! Place in the flow: data in memory (SI) in, a [`StudyDiagnosis`] out; the same for all kinds. Each kind of data says
 //! what its own model already has (base columns), which effects could be missing (candidates) and which rows were
 //! measured together (blocks). The rest is common and stands on the crate's linear engine: candidates are tested as
-//! groups with the base projected out ([`crate::score`]), corrected for their number after Holm, added one after another
-//! and removed again where others take their place, and judged on blocks that no fit saw ([`crate::held_out`]) against
-//! placebos of the same flexibility. Nothing is claimed that fails one of these.
+//! groups with the base projected out ([`crate::score`]), in whatever noise the rows leave possible, corrected for their number after Holm, added one
+//! after another where blocks left out are predicted better, and removed again where others take their place. Gross rows
+//! are rejected and named before. The whole search is then judged on blocks that no step of it saw.
 
 mod assemble;
+mod between;
 mod candidate;
 mod diagnosis;
 mod fit;
 pub mod five_axis;
 mod judge;
-mod placebo;
+mod nested;
+mod noise_words;
+mod outliers;
 pub mod runs;
 mod search;
+mod series;
+mod significance;
 mod smooth;
+mod terms;
+mod together;
 pub mod vectors;
+mod view;
 
 pub use diagnosis::{
-    Alternative, Ambiguity, Blocks, Considered, Effect, HeldOutRms, Judgement, Kind, LackOfFit, Parameter, Placebo,
-    Rung, StudyDiagnosis, Untestable,
+    Alternative, Ambiguity, Blocks, Considered, Correlation, Effect, HeldOutRms, Judgement, Kind, LackOfFit, Look,
+    Parameter, RejectedRow, Rung, SeriesNoise, StudyDiagnosis, Unseen, Untestable,
 };
-pub use search::Options;
+pub use search::{Observe, Options, Progress};
+pub use terms::{Term, Terms};

@@ -1,43 +1,63 @@
 //! Which candidates belong in the model: added by evidence, removed where others take their place.
 //!
-//! Place in the flow: the middle of every study. A candidate comes in when its F test passes after Holm (1979), its
-//! evidence (twice the log likelihood, priced after Schwarz 1978) is positive, blocks left out are predicted better with
-//! it, over the same directions, and at most one placebo in twenty does as well. After each addition what has become
+//! Place in the flow: the middle of every study. A candidate comes in when its F test passes after Holm (1979) in whatever
+//! noise the rows leave possible ([`super::significance`]), its evidence (twice the log likelihood, priced after Schwarz
+//! 1978) is positive, and blocks left out are predicted better with it, over the same directions. What acts between blocks
+//! must stand out from the scatter of blocks as well. After each addition the noise is estimated anew, and what has become
 //! superfluous goes out again.
 
-use super::candidate::Study;
-use super::diagnosis::{Considered, Kind};
-use super::fit::Fit;
+use super::between::stands_out;
+use super::diagnosis::{Considered, HeldOutRms, Kind};
+use super::fit::{Fit, Part};
 use super::judge::held_out_rms;
-use super::placebo::placebo;
+use super::series::{Noise, Theta};
+use super::significance::probability;
+use super::view::View;
 use crate::error::DiagnoseError;
-use crate::score::Score;
+use crate::score::{Score, score};
+use abbe_identify::in_parallel;
+use std::collections::BTreeMap;
 
 /// Settings of a study.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Options {
     /// Probability, over all candidates together, that anything is found where nothing is.
     pub significance: f64,
-    /// Placebos drawn for each effect.
-    pub placebo_draws: usize,
-    /// Seed of the placebos.
-    pub seed: u64,
     /// Most effects that one study may find.
     pub most_effects: usize,
 }
 
 impl Default for Options {
     fn default() -> Options {
-        Options { significance: 0.01, placebo_draws: 50, seed: 1, most_effects: 10 }
+        Options { significance: 0.01, most_effects: 10 }
     }
 }
 
-/// Share of placebos that may do as well as the columns themselves.
-const PLACEBO_SHARE: f64 = 0.05;
+/// Told now and then; `false` stops the study.
+pub type Observe<'a> = dyn FnMut(Progress) -> bool + 'a;
+
+/// Where a study stands.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Progress {
+    /// Part of the data left out of this search, and the number of parts; `None` for the search on all data.
+    pub part: Option<(usize, usize)>,
+    /// Effects found so far in this search.
+    pub effects: usize,
+    /// Candidates that each step tests.
+    pub candidates: usize,
+}
+
 /// Difference in evidence within which two candidates explain the same: odds of 20 to 1 (Kass & Raftery 1995).
 pub(super) const COMPARABLE: f64 = 6.0;
-/// Candidates that are taken to the judge on one rung before the search ends.
+/// Share of a wave that simpler terms can do as well, from which it is not claimed.
+const DISGUISED: f64 = 0.9;
+/// Candidates that are taken to the judge on one rung before the search ends, and of these forms of one thing.
 const TRIED: usize = 12;
+const FORMS: usize = 3;
+/// Blocks of an axis from which one can be left out and the others still show what goes on between them.
+const FEWEST_BLOCKS: usize = 3;
+/// Candidates that one thread tests at a time.
+const TOGETHER: usize = 16;
 
 /// Score of a candidate among others.
 #[derive(Debug, Clone)]
@@ -60,15 +80,32 @@ pub(super) struct Found {
 }
 
 /// Scores all candidates outside the fit.
-pub(super) fn score_all(study: &dyn Study, fit: &Fit) -> Vec<Scored> {
+pub(super) fn score_all(view: &View, fit: &Fit) -> Vec<Scored> {
     let inside = fit.set();
-    let outside = (0..study.candidates().len()).filter(|k| !inside.contains(k));
-    let scores: Vec<(usize, Score)> = outside.map(|k| (k, fit.score(study, k))).collect();
-    let tested = scores.iter().filter(|(_, score)| score.degrees > 0).count();
-    let rows = fit.linear.residuals().len();
+    let outside: Vec<usize> = (0..view.study.candidates().len()).filter(|k| !inside.contains(k)).collect();
+    let parts: Vec<Part> = (0..view.chains().len()).map(|chain| fit.part(view, &[chain])).collect();
+    let one = |candidate: usize| match view.chain_columns(candidate) {
+        Some((chain, columns)) => {
+            let part = &parts[chain];
+            (candidate, score(&part.project(columns.as_ref()), part.chi2, part.degrees), part.rows())
+        }
+        None => {
+            let (score, rows) = fit.score_columns(view, &view.columns(&fit.point, candidate));
+            (candidate, score, rows)
+        }
+    };
+    let chunks: Vec<&[usize]> = outside.chunks(TOGETHER).collect();
+    let scores: Vec<(usize, Score, usize)> =
+        in_parallel(&chunks, |chunk| chunk.iter().map(|k| one(*k)).collect::<Vec<_>>()).concat();
+    let tested = scores.iter().filter(|(_, score, _)| score.degrees > 0).count();
     let mut all: Vec<Scored> = scores
         .into_iter()
-        .map(|(candidate, score)| Scored { candidate, evidence: score.evidence(rows, tested), p_holm: 1.0, score })
+        .map(|(candidate, score, rows)| Scored {
+            candidate,
+            evidence: score.evidence(rows, tested),
+            p_holm: 1.0,
+            score,
+        })
         .collect();
     holm(&mut all, tested);
     all
@@ -86,51 +123,87 @@ fn holm(all: &mut [Scored], tested: usize) {
 }
 
 /// Searches.
-pub(super) fn search(study: &mut dyn Study, options: &Options) -> Result<Found, DiagnoseError> {
-    let mut fit = Fit::settle(study, &[])?;
-    let first = score_all(study, &fit);
-    let considered = first.iter().map(|scored| considered(study, scored)).collect();
+pub(super) fn search(
+    view: &mut View,
+    options: &Options,
+    part: Option<(usize, usize)>,
+    observe: &mut Observe,
+) -> Result<Found, DiagnoseError> {
+    let mut fit = view.adapt(&[])?;
+    let candidates = view.study.candidates().len();
+    let mut considered = Vec::new();
     let mut refused: Vec<(usize, &'static str)> = Vec::new();
     let mut seen = vec![Vec::new()];
     while fit.added.len() < options.most_effects {
-        let Some(next) = step(study, &fit, options, &mut refused)? else { break };
-        let next = prune(study, next, options)?;
-        let mut sorted = next.set();
+        if !observe(Progress { part, effects: fit.added.len(), candidates }) {
+            return Err(DiagnoseError::Stopped);
+        }
+        let scored = score_all(view, &fit);
+        if considered.is_empty() {
+            considered = scored.iter().map(|scored| considered_as(view, scored)).collect();
+        }
+        let next = match step(view, &fit, scored, options, &mut refused)? {
+            Some(next) => Some(next),
+            // What is missing may have passed for slow noise, and all that describes it for chance.
+            None => match scored_in_white(view, &fit)? {
+                Some(scored) => step(view, &fit, scored, options, &mut refused)?,
+                None => None,
+            },
+        };
+        let Some(next) = next else { break };
+        let next = prune(view, next, options)?;
+        let mut sorted = next.clone();
         sorted.sort_unstable();
         // What was pruned may come back and be pruned again: a set seen before ends the search.
         if seen.contains(&sorted) {
             break;
         }
         seen.push(sorted);
-        fit = next;
+        fit = view.adapt(&next)?;
     }
     let set = fit.set();
     refused.retain(|(k, _)| !set.contains(k));
     Ok(Found { set, considered, refused })
 }
 
+/// Scores as if the noise were white; nothing where it is taken as such. The gate decides with what the noise may be.
+fn scored_in_white(view: &mut View, fit: &Fit) -> Result<Option<Vec<Scored>>, DiagnoseError> {
+    let noise: Vec<Noise> = view.chains().iter().map(|chain| chain.noise.clone()).collect();
+    if noise.iter().all(|noise| noise.theta == Theta::WHITE) {
+        return Ok(None);
+    }
+    view.take_white(fit);
+    let scored = Fit::settle(view, &fit.set()).map(|white| score_all(view, &white));
+    noise.into_iter().enumerate().for_each(|(k, noise)| view.set_noise(k, noise));
+    scored.map(Some)
+}
+
 /// The fit with the best candidate that passes everything.
 fn step(
-    study: &mut dyn Study,
+    view: &mut View,
     fit: &Fit,
+    mut passing: Vec<Scored>,
     options: &Options,
     refused: &mut Vec<(usize, &'static str)>,
 ) -> Result<Option<Fit>, DiagnoseError> {
-    let mut passing = score_all(study, fit);
+    let tested = passing.iter().filter(|scored| scored.score.degrees > 0).count();
     passing.retain(|scored| scored.p_holm <= options.significance && scored.evidence > 0.0);
     passing.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
-    simplest_first(study, &mut passing);
-    for scored in passing.iter().take(TRIED) {
-        study.refine(&fit.linear, scored.candidate);
+    simplest_first(view, &mut passing);
+    let mut tried: BTreeMap<String, usize> = BTreeMap::new();
+    let mut is_tried = |scored: &&Scored| {
+        let forms = tried.entry(view.study.candidates()[scored.candidate].family.clone()).or_default();
+        *forms += 1;
+        *forms <= FORMS
+    };
+    let tried: Vec<&Scored> = passing.iter().filter(&mut is_tried).take(TRIED).collect();
+    for scored in tried {
+        view.refine(fit, scored.candidate);
         let mut set = fit.set();
         set.push(scored.candidate);
-        // One candidate that has no fit must not take the others with it.
-        let (next, reason) = match Fit::settle(study, &set) {
-            Ok(next) => {
-                let reason = reason_against(study, fit, &next, scored.candidate, options)?;
-                (Some(next), reason)
-            }
-            Err(_) => (None, Some("it cannot be fitted beside the rest")),
+        let (next, reason) = match reason_against(view, fit, scored.candidate, tested, options)? {
+            Some(reason) => (None, Some(reason)),
+            None => predicted(view, fit, &set)?,
         };
         match reason {
             None => return Ok(next),
@@ -145,9 +218,9 @@ fn step(
 
 /// Moves to the front what explains as well as the best in simpler words, where the evidence is close: a physical
 /// effect before a description, and of its forms the simplest. The finer form has to pass on what the simple one leaves.
-fn simplest_first(study: &dyn Study, passing: &mut Vec<Scored>) {
+fn simplest_first(view: &View, passing: &mut Vec<Scored>) {
     let Some(most) = passing.first().map(|scored| scored.evidence) else { return };
-    let candidate = |scored: &Scored| &study.candidates()[scored.candidate];
+    let candidate = |scored: &Scored| &view.study.candidates()[scored.candidate];
     let close = |scored: &Scored| most - scored.evidence < COMPARABLE;
     let is_physical = |scored: &&Scored| close(scored) && candidate(scored).kind == Kind::Attributed;
     let Some(best) = passing.iter().find(is_physical).or(passing.first()) else { return };
@@ -160,51 +233,103 @@ fn simplest_first(study: &dyn Study, passing: &mut Vec<Scored>) {
 }
 
 fn reason_against(
-    study: &dyn Study,
+    view: &View,
     fit: &Fit,
-    next: &Fit,
     candidate: usize,
+    tested: usize,
     options: &Options,
 ) -> Result<Option<&'static str>, DiagnoseError> {
-    let (before, after) = (held_out_rms(study, &fit.linear), held_out_rms(study, &next.linear));
-    if after.judged < before.judged {
-        return Ok(Some("it rests on single blocks: with any one of them left out it is not determined"));
+    let columns = view.columns(&fit.point, candidate);
+    if is_disguised(view, fit, candidate)? {
+        return Ok(Some("at these targets simpler terms look the same"));
     }
-    if after.rms_um >= before.rms_um {
-        return Ok(Some("it fits, but does not predict blocks left out any better"));
+    if probability(view, fit, &columns)? * tested as f64 > options.significance {
+        return Ok(Some("the noise may hang together so slowly that this is chance"));
     }
-    let columns = study.columns(&fit.point, candidate);
-    let placebo = placebo(study, fit, &columns, options.placebo_draws, options.seed)?;
-    Ok((placebo.share_as_good > PLACEBO_SHARE).then_some("shuffled columns of the same flexibility do as well"))
+    Ok((!stands_out(view, fit, &columns))
+        .then_some("it acts between blocks, and does not stand out from their scatter"))
 }
 
-/// Removes, weakest first, what the others have made superfluous.
-fn prune(study: &dyn Study, mut fit: Fit, options: &Options) -> Result<Fit, DiagnoseError> {
+/// Whether a wave could as well be what the fit has already, or something smoother.
+fn is_disguised(view: &View, fit: &Fit, candidate: usize) -> Result<bool, DiagnoseError> {
+    if !view.study.candidates()[candidate].stands_apart {
+        return Ok(false);
+    }
+    let simpler = view.study.simpler(candidate);
+    let simpler = if simpler.nrows() == 0 { faer::Mat::zeros(view.len(), 0) } else { view.picked(&simpler) };
+    Ok(fit.absorbed(view, &view.columns(&fit.point, candidate), &simpler)? >= DISGUISED)
+}
+
+/// The fit with these candidates, and why blocks left out are predicted no better with them: neither in the noise of the fit
+/// without them, nor in what they leave.
+fn predicted(view: &mut View, fit: &Fit, set: &[usize]) -> Result<(Option<Fit>, Option<&'static str>), DiagnoseError> {
+    // One candidate that has no fit must not take the others with it.
+    let Ok(next) = Fit::settle(view, set) else { return Ok((None, Some("it cannot be fitted beside the rest"))) };
+    let reason = match not_predicted(view, fit, &held_out_rms(view, &next)) {
+        None => None,
+        Some(_) => match adapted(view, set) {
+            Ok((_, after)) => not_predicted(view, fit, &after),
+            Err(_) => Some("it cannot be fitted beside the rest"),
+        },
+    };
+    Ok((Some(next), reason))
+}
+
+/// The fit with these candidates and its error on blocks left out, in the noise that it leaves; the view keeps its own.
+fn adapted(view: &mut View, set: &[usize]) -> Result<(Fit, HeldOutRms), DiagnoseError> {
+    let noise: Vec<Noise> = view.chains().iter().map(|chain| chain.noise.clone()).collect();
+    let next = view.adapt(set).map(|next| {
+        let after = held_out_rms(view, &next);
+        (next, after)
+    });
+    noise.into_iter().enumerate().for_each(|(k, noise)| view.set_noise(k, noise));
+    next
+}
+
+/// Whether blocks left out are predicted no better. With two blocks an axis there is none to spare.
+fn not_predicted(view: &View, fit: &Fit, after: &HeldOutRms) -> Option<&'static str> {
+    if view.least_blocks() < FEWEST_BLOCKS {
+        return None;
+    }
+    let before = held_out_rms(view, fit);
+    if after.judged < before.judged {
+        return Some("it rests on single blocks: with any one of them left out it is not determined");
+    }
+    (after.rms_um >= before.rms_um).then_some("it fits, but does not predict blocks left out any better")
+}
+
+/// Removes, weakest first, what the others have made superfluous; waves that a later term can do as well go, too.
+fn prune(view: &mut View, fit: Fit, options: &Options) -> Result<Vec<usize>, DiagnoseError> {
+    let mut set = fit.set();
+    // In the noise that all of them leave: without the newest, what it explains would pass for slow noise.
+    view.adapt(&set)?;
+    let view = &*view;
     loop {
-        let set = fit.set();
-        let mut weakest: Option<(f64, Fit)> = None;
+        let mut weakest: Option<(f64, usize)> = None;
         for k in 0..set.len().saturating_sub(1) {
             let mut rest = set.clone();
             let candidate = rest.remove(k);
             // What the others cannot be fitted without is not superfluous.
-            let Ok(without) = Fit::settle(study, &rest) else { continue };
-            let score = without.score(study, candidate);
-            let trials = study.candidates().len();
-            let evidence = score.evidence(without.linear.residuals().len(), trials);
-            let passes = evidence > 0.0 && score.p_value * trials as f64 <= options.significance;
-            if !passes && weakest.as_ref().is_none_or(|(least, _)| evidence < *least) {
-                weakest = Some((evidence, without));
+            let Ok(without) = Fit::settle(view, &rest) else { continue };
+            let (score, rows) = without.score(view, candidate);
+            let trials = view.study.candidates().len();
+            let evidence = score.evidence(rows, trials);
+            let passes = evidence > 0.0
+                && score.p_value * trials as f64 <= options.significance
+                && !is_disguised(view, &without, candidate)?;
+            if !passes && weakest.is_none_or(|(least, _)| evidence < least) {
+                weakest = Some((evidence, k));
             }
         }
         match weakest {
-            Some((_, without)) => fit = without,
-            None => return Ok(fit),
+            Some((_, k)) => drop(set.remove(k)),
+            None => return Ok(set),
         }
     }
 }
 
-fn considered(study: &dyn Study, scored: &Scored) -> Considered {
-    let candidate = &study.candidates()[scored.candidate];
+fn considered_as(view: &View, scored: &Scored) -> Considered {
+    let candidate = &view.study.candidates()[scored.candidate];
     Considered {
         name: candidate.name.clone(),
         kind: candidate.kind,

@@ -1,8 +1,8 @@
 //! An empirical term: the tip, an error of the chain or the range follows a smooth or periodic function of one or two logged quantities.
 //!
 //! Formula: e = Σ c_ij P_i(p) P_j(q) with Legendre polynomials of the quantities scaled to −1 … 1 and 1 ≤ i + j ≤
-//! degree; what scales alone would move on the tip is left out, since the machine's errors do that; with `mixed` only
-//! products of both quantities remain. With `cycles`, sine and cosine of 2π·cycles·(p's share of its range) instead. It says what the residual
+//! degree; what scales alone would move on the tip is left out, since the machine's errors do that, unless `whole` says that no
+//! error function does; with `mixed` only products of both quantities remain. With `cycles`, sine and cosine of 2π·cycles·(p's share of its range) instead. It says what the residual
 //! depends on, not why: diagnosis offers it only where no other effect explains what it finds. A quantity beyond the
 //! range that the term was fitted in is evaluated at the end of that range, and correction reports the sample as
 //! extrapolated. Quantities are covariates, `time_s`, scales (`x_m`) and offsets (`offset_x_m`).
@@ -73,6 +73,7 @@ struct Empirical {
     /// `None` acts on the range.
     acts: Option<Acts>,
     mixed: bool,
+    whole: bool,
     quantities: Vec<Quantity>,
     form: Form,
 }
@@ -95,8 +96,9 @@ fn construct(shape: &Shape, _machine: &Machine) -> Result<Box<dyn Effect>, Effec
         _ => Form::Polynomial { degree: reader.count("degree", MOST)? },
     };
     let mixed = shape.0.contains_key("mixed") && reader.count("mixed", 1)? == 1;
+    let whole = shape.0.contains_key("whole") && reader.count("whole", 1)? == 1;
     reader.finish()?;
-    let effect = Empirical { acts, mixed, quantities, form };
+    let effect = Empirical { acts, mixed, whole, quantities, form };
     if matches!(effect.form, Form::Polynomial { degree } if effect.terms(degree).next().is_none()) {
         return Err(EffectError::Shape {
             effect: KNOWN.name,
@@ -126,7 +128,8 @@ impl Empirical {
     fn terms(&self, degree: usize) -> impl Iterator<Item = (usize, usize)> {
         let two = self.quantities.len() == 2;
         // The error functions move the tip by each scale alone already; on the range they do not.
-        let own = |k: usize| self.acts.is_some() && self.quantities.get(k).is_some_and(|q| is_scale(&q.name));
+        let own =
+            |k: usize| !self.whole && self.acts.is_some() && self.quantities.get(k).is_some_and(|q| is_scale(&q.name));
         let kept = move |(i, j): &(usize, usize)| match (*i, *j) {
             (_, 0) => !(own(0) || two && self.mixed),
             (0, _) => two && !self.mixed && !own(1),
@@ -224,6 +227,9 @@ mod tests {
             let state = State { reading_m: [x_m, 0.1, 0.1], offset_m: [0.0; 3], covariates: &One(air_c) };
             tip_m(effect.as_ref(), &state, &[1e-6, 0.0, 2e-6]).y
         };
+        let whole = construct(&shape.clone().number("whole", 1.0), &machine()).unwrap();
+        let names: Vec<String> = whole.parameters().into_iter().map(|p| p.name).collect();
+        assert_eq!(names, ["c_1_0", "c_0_1", "c_2_0", "c_1_1", "c_0_2"]);
         assert!((at(20.5, 0.6) - (0.5e-6 + 2e-6 * 0.5 * 0.5)).abs() < 1e-18);
         assert_eq!(at(25.0, 0.6), at(21.0, 0.6));
     }

@@ -4,9 +4,9 @@
 
 use super::shape::{EffectError, Shape};
 use super::{
-    Effect, acceleration, carriage_sag, dead_path, empirical, gimbal, gradient_bow, outlying_run, periodic_scale,
-    reflector_incidence, reflector_offset, refraction, reversal, scale_expansion, speed_lag, station_drift, table_load,
-    warm_up,
+    Effect, acceleration, axis_term, carriage_sag, dead_path, empirical, gimbal, gradient_bow, outlying_run,
+    periodic_scale, reflector_incidence, reflector_offset, refraction, reversal, scale_expansion, speed_lag,
+    station_drift, table_load, warm_up,
 };
 use crate::machine::Machine;
 
@@ -77,6 +77,7 @@ pub struct Known {
 /// Every effect: the one place where a new one is entered.
 pub const REGISTRY: &[Known] = &[
     acceleration::KNOWN,
+    axis_term::KNOWN,
     carriage_sag::KNOWN,
     dead_path::KNOWN,
     empirical::KNOWN,

@@ -11,6 +11,7 @@ mod shape;
 mod source;
 
 mod acceleration;
+mod axis_term;
 mod carriage_sag;
 mod dead_path;
 mod empirical;

@@ -24,6 +24,9 @@ impl CovariateSource for Each<'_> {
     }
 }
 
+/// Nothing is logged.
+pub(super) const NONE: &[(&str, f64)] = &[];
+
 /// Every covariate has a value of its own, made from its name: differences of two do not vanish.
 struct Distinct;
 impl CovariateSource for Distinct {
@@ -89,7 +92,9 @@ pub(crate) fn shapes(entry: &Known, machine: &Machine) -> Vec<Shape> {
         let smooth = Shape::new().text("acts", "z").number("degree", 3.0);
         let smooth = smooth.text("p", "temp_air_c").number("p_low", 19.0).number("p_high", 21.0);
         let run = Shape::new().text("line", "S1-00");
-        shapes = vec![axis, smooth, run];
+        let table = Shape::new().text("axis", "x").numbers("places_m", &[0.1, 0.25, 0.5]);
+        let table = table.text("sign", "dir_x").text("by", "time_s").number("by_zero", 0.0).number("by_unit", 60.0);
+        shapes = vec![axis, smooth, run, table];
         shapes.retain(|shape| (entry.construct)(shape, machine).is_ok());
     }
     assert!(!shapes.is_empty(), "{}: no shape to test", entry.name);

@@ -39,6 +39,8 @@ const FOLLOWED: f64 = 0.3;
 /// Evaluations of one search at most, and the change of twice the log likelihood that ends it.
 const MOST_EVALUATIONS: usize = 60;
 const SETTLED: f64 = 0.02;
+/// Share of the residuals' square that rounding leaves of data without any noise.
+const ROUNDING: f64 = 1e-24;
 
 /// A linear fit, of whose noise the correlation is asked.
 #[derive(Debug, Clone, Copy)]
@@ -66,10 +68,25 @@ pub struct Found {
     pub gain: f64,
 }
 
+/// A value of the restricted likelihood.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Restricted {
+    /// −2 log, up to a constant.
+    pub minus_two_log: f64,
+    /// Variance of a row for which it is best.
+    pub noise_factor: f64,
+}
+
 impl Fitted<'_> {
     /// −2 log of the restricted likelihood with the noise factor at its best, up to a constant; `None` where the parameters are
     /// not determined.
     pub fn minus_two_log_likelihood(&self, whitener: Option<&Whitener>) -> Option<f64> {
+        self.restricted(whitener).map(|restricted| restricted.minus_two_log)
+    }
+
+    /// The restricted likelihood with the noise factor at its best, and that factor; `None` where the parameters are not
+    /// determined.
+    pub fn restricted(&self, whitener: Option<&Whitener>) -> Option<Restricted> {
         let (mut design, mut observed) = (self.design.to_owned(), self.residuals.to_vec());
         let log_determinant = match whitener {
             Some(whitener) => {
@@ -96,15 +113,16 @@ impl Fitted<'_> {
         let (left, right) = (design.transpose(), design.as_ref());
         let full = BlockStructure::Rectangular;
         triangular::matmul(normal.as_mut(), half, Accum::Add, left, full, right, full, 1.0, Par::Seq);
+        let before: f64 = self.residuals.iter().map(|r| r * r).sum();
         let observed = Mat::from_fn(observed.len(), 1, |k, _| observed[k]);
         let gradient = design.transpose() * &observed;
         let factor = Llt::new(normal.as_ref(), Side::Lower).ok()?;
         let explained = (gradient.transpose() * factor.solve(&gradient))[(0, 0)];
-        let square = (observed.squared_norm_l2() - explained).max(f64::MIN_POSITIVE);
+        let square = (observed.squared_norm_l2() - explained).max(ROUNDING * before).max(f64::MIN_POSITIVE);
         let of_normal: f64 = (0..normal.nrows()).map(|k| 2.0 * factor.L()[(k, k)].ln()).sum();
         let degrees = used.saturating_sub(self.improper).max(1) as f64;
-        let value = degrees * square.ln() + of_normal + log_determinant;
-        value.is_finite().then_some(value)
+        let minus_two_log = degrees * square.ln() + of_normal + log_determinant;
+        minus_two_log.is_finite().then_some(Restricted { minus_two_log, noise_factor: square / degrees })
     }
 
     /// Whether any correlation shows at first sight, at the price of two values of the likelihood: where not, there is no need to

@@ -33,7 +33,7 @@ use abbe_geometry::chain::nominal_point_m;
 use abbe_geometry::effects::known;
 use abbe_geometry::machine::{Machine, Side};
 use abbe_geometry::model::MachineModel;
-use abbe_geometry::sampled::SampledErrors;
+use abbe_geometry::sampled::{SampledErrors, of_position, position_effects_m};
 
 /// A format.
 #[derive(Debug)]
@@ -123,10 +123,15 @@ impl About {
     pub fn new(file: &ModelFile, sha256: &[u8; 32], software: &str) -> About {
         let (approach, held) = Approach::of(&file.model);
         let (mut left_out, mut of_approach) = (Vec::new(), Vec::new());
+        let of_position: Vec<usize> = of_position(&file.model).into_iter().map(|(place, _)| place).collect();
         for (place, fitted) in file.model.parts().effects.iter().enumerate() {
             let name = fitted.effect.name();
             let title = known(name).map_or_else(|| name.to_owned(), |known| format!("{} ({name})", known.title));
-            if held.contains(&place) { of_approach.push(title) } else { left_out.push(title) }
+            match () {
+                () if held.contains(&place) => of_approach.push(title),
+                () if of_position.contains(&place) => {}
+                () => left_out.push(title),
+            }
         }
         let network = file.residual_network.iter().map(|network| format!("residual network {}", network.file));
         About {
@@ -210,11 +215,13 @@ impl About {
     }
 }
 
-/// Error of a model's geometry at a reading (m): actual − indicated, without effects beyond geometry.
+/// Error of a model's geometry at a reading (m): actual − indicated, with effects that are positioning errors of an axis, without
+/// all others.
 pub fn geometric_error_m(model: &MachineModel, reading_m: [f64; 3], offset_m: [f64; 3]) -> Vector3<f64> {
     let parts = model.parts();
     let actual_m = model.layout().position_m(&parts.machine, &parts.coefficients, reading_m, offset_m);
-    actual_m - nominal_point_m(reading_m, offset_m)
+    let along = Axis::ALL.map(|axis| position_effects_m(model, axis, reading_m[axis.index()]));
+    actual_m - nominal_point_m(reading_m, offset_m) + Vector3::from(along)
 }
 
 /// `// line` for every line.

@@ -40,7 +40,7 @@ fn effects(diagnosis: &DiagnosisReport, sections: &mut Vec<Section>) {
     sections.push(record.effects_table());
     sections.push(record.parameters_table());
     sections.push(record.formulas_table());
-    sections.push(record.placebo_table());
+    sections.extend(record.placebo_table());
     sections.extend(record.predicts_table());
     sections.extend(record.rivals_table());
     sections.extend(record.ladder_table());

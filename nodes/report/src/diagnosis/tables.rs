@@ -91,8 +91,11 @@ impl Record {
         table("Parameters", Some(note), columns, rows.collect())
     }
 
-    /// Gain beside placebos.
-    pub(super) fn placebo_table(&self) -> Section {
+    /// Gain beside placebos; nothing where none were drawn.
+    pub(super) fn placebo_table(&self) -> Option<Section> {
+        if self.effects.iter().any(|e| e.placebo.draws == 0) && !self.effects.is_empty() {
+            return None;
+        }
         let columns = vec![
             Column::text("effect"),
             Column::number("gain", "as named"),
@@ -116,7 +119,7 @@ impl Record {
         };
         let note = "A placebo has the effect's own columns, cut loose from the readings they belong to: as flexible, \
                     but without meaning. An effect that gains no more than its placebos is flexibility, not physics.";
-        table("Real gain and placebo gain", Some(note), columns, self.effects.iter().map(row).collect())
+        Some(table("Real gain and placebo gain", Some(note), columns, self.effects.iter().map(row).collect()))
     }
 
     /// Effects that would do as well; nothing where there are none.

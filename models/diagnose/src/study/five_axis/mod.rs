@@ -12,7 +12,8 @@ mod problem;
 
 use super::assemble;
 use super::diagnosis::StudyDiagnosis;
-use super::search::Options;
+use super::search::{Observe, Options};
+use super::view::View;
 use crate::error::DiagnoseError;
 use problem::Spheres;
 
@@ -23,9 +24,23 @@ pub use abbe_measurement::probe_pose::SphereCentre;
 /// # Errors
 /// Fewer than four poses, angles that do not determine the base model, figures that are not finite.
 pub fn diagnose(centres: &[SphereCentre], options: &Options) -> Result<StudyDiagnosis, DiagnoseError> {
+    diagnose_observed(centres, options, &mut |_| true)
+}
+
+/// The same, telling where it stands.
+///
+/// # Errors
+/// As [`diagnose`], and [`DiagnoseError::Stopped`].
+pub fn diagnose_observed(
+    centres: &[SphereCentre],
+    options: &Options,
+    observe: &mut Observe,
+) -> Result<StudyDiagnosis, DiagnoseError> {
     let mut spheres = Spheres::new(centres)?;
-    let mut diagnosis = assemble::diagnose(&mut spheres, options)?;
-    diagnosis.alternatives = pairs::alternatives(&spheres)?;
-    pairs::name_aliases(&spheres, &mut diagnosis)?;
+    let mut diagnosis = assemble::diagnose(&mut spheres, options, observe)?;
+    let rows = diagnosis.rows;
+    let view = View::new(&mut spheres, rows, |_| true);
+    diagnosis.alternatives = pairs::alternatives(&view)?;
+    pairs::name_aliases(&view, &mut diagnosis)?;
     Ok(diagnosis)
 }

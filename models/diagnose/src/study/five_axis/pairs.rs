@@ -3,24 +3,23 @@
 //! Place in the flow: beside the search, because so few poses often leave several explanations. Best prediction of poses
 //! left out first; a set that one pose alone determines is listed with fewer directions judged and comes last.
 
-use super::problem::Spheres;
 use crate::error::DiagnoseError;
 use crate::study::assemble::{ALIASED, parameters};
-use crate::study::candidate::Study;
 use crate::study::diagnosis::{Alternative, Ambiguity, StudyDiagnosis};
 use crate::study::fit::Fit;
 use crate::study::judge::judge;
+use crate::study::view::View;
 use statrs::distribution::{ContinuousCDF, FisherSnedecor};
 
 /// Poses up to which pairs are listed: with more the search tells them apart.
 const FEW: usize = 12;
 
 /// All single effects, and all pairs where poses are few.
-pub(super) fn alternatives(spheres: &Spheres) -> Result<Vec<Alternative>, DiagnoseError> {
-    let base = Fit::settle(spheres, &[])?;
-    let testable = testable(spheres, &base);
+pub(super) fn alternatives(view: &View) -> Result<Vec<Alternative>, DiagnoseError> {
+    let base = Fit::settle(view, &[])?;
+    let testable = testable(view, &base);
     let mut sets: Vec<Vec<usize>> = testable.iter().map(|k| vec![*k]).collect();
-    let few = if spheres.blocks().len() <= FEW { testable.as_slice() } else { &[] };
+    let few = if view.blocks().len() <= FEW { testable.as_slice() } else { &[] };
     for (i, a) in few.iter().enumerate() {
         sets.extend(testable[i + 1..].iter().map(|b| vec![*a, *b]));
     }
@@ -28,13 +27,17 @@ pub(super) fn alternatives(spheres: &Spheres) -> Result<Vec<Alternative>, Diagno
     let mut list = Vec::with_capacity(sets.len());
     for set in sets {
         // A pair that contains itself twice over settles nowhere; the aliases name it.
-        let Ok(fit) = Fit::settle(spheres, &set) else { continue };
+        let Ok(fit) = Fit::settle(view, &set) else { continue };
         let used = base.linear.degrees() - fit.linear.degrees();
         let gain = base.linear.degrees() * (base.linear.chi2() / fit.linear.chi2()).ln();
         list.push(Alternative {
-            effects: set.iter().map(|k| spheres.candidates()[*k].name.clone()).collect(),
-            judgement: judge(spheres, &fit.linear),
-            parameters: fit.added.iter().flat_map(|fitted| parameters(spheres, fitted)).collect(),
+            effects: set.iter().map(|k| view.study.candidates()[*k].name.clone()).collect(),
+            judgement: judge(view, &fit),
+            parameters: fit
+                .added
+                .iter()
+                .flat_map(|fitted| parameters(&*view.study, fitted, fit.linear.degrees()))
+                .collect(),
             p_value: p_of(&base, &fit),
             evidence: gain - used * rows.ln(),
         });
@@ -49,14 +52,14 @@ pub(super) fn alternatives(spheres: &Spheres) -> Result<Vec<Alternative>, Diagno
 }
 
 /// Effects that look like another one from these poses.
-pub(super) fn name_aliases(spheres: &Spheres, diagnosis: &mut StudyDiagnosis) -> Result<(), DiagnoseError> {
-    let base = Fit::settle(spheres, &[])?;
-    let testable = testable(spheres, &base);
+pub(super) fn name_aliases(view: &View, diagnosis: &mut StudyDiagnosis) -> Result<(), DiagnoseError> {
+    let base = Fit::settle(view, &[])?;
+    let testable = testable(view, &base);
     for a in &testable {
-        let columns = spheres.columns(&base.point, *a);
+        let columns = view.columns(&base.point, *a);
         let alone = base.linear.project(columns.as_ref()).left;
         for b in testable.iter().filter(|b| *b > a) {
-            let other = spheres.columns(&base.point, *b);
+            let other = view.columns(&base.point, *b);
             if columns.ncols() != other.ncols() {
                 continue;
             }
@@ -64,7 +67,7 @@ pub(super) fn name_aliases(spheres: &Spheres, diagnosis: &mut StudyDiagnosis) ->
             let trace = |matrix: &faer::Mat<f64>| (0..matrix.ncols()).map(|k| matrix[(k, k)]).sum::<f64>();
             let share = 1.0 - trace(&left) / trace(&alone);
             if share > ALIASED {
-                let [first, second] = [a, b].map(|k| &spheres.candidates()[*k]);
+                let [first, second] = [a, b].map(|k| &view.study.candidates()[*k]);
                 let decided_by = first.decided_by.clone();
                 if !diagnosis.next_measurements.contains(&decided_by) {
                     diagnosis.next_measurements.push(decided_by.clone());
@@ -87,6 +90,6 @@ fn p_of(base: &Fit, fit: &Fit) -> f64 {
     FisherSnedecor::new(used, rest).map_or(1.0, |distribution| if f > 0.0 { distribution.sf(f) } else { 1.0 })
 }
 
-fn testable(spheres: &Spheres, base: &Fit) -> Vec<usize> {
-    (0..spheres.candidates().len()).filter(|k| base.score(spheres, *k).degrees > 0).collect()
+fn testable(view: &View, base: &Fit) -> Vec<usize> {
+    (0..view.study.candidates().len()).filter(|k| base.score(view, *k).0.degrees > 0).collect()
 }

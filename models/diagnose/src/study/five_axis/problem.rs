@@ -14,7 +14,6 @@ use crate::linear::Linear;
 use crate::score::{Score, score};
 use crate::study::candidate::{Candidate, Local, Study};
 use crate::study::diagnosis::Untestable;
-use crate::study::fit::Fit;
 use abbe_geometry::Vector3;
 use abbe_geometry::effects::ParameterSpec;
 use abbe_measurement::probe_pose::{self, ProbePose, ProbePoseModel};
@@ -195,11 +194,11 @@ impl Study for Spheres {
     }
 
     /// From all centres: do those of one pose agree better than the poses do?
-    fn lack_of_fit(&self, fit: &Fit) -> Option<(String, Score)> {
+    fn lack_of_fit(&self, added: &[(usize, Vec<f64>)]) -> Option<(String, Score)> {
         if self.groups.iter().all(|group| group.len() < 2) {
             return None;
         }
-        let (_, linear) = self.base_fit(&fit.values()).ok()?;
+        let (_, linear) = self.base_fit(added).ok()?;
         let mut columns = Mat::zeros(3 * self.poses.len(), 3 * self.groups.len());
         for (k, group) in self.groups.iter().enumerate() {
             for i in group {
@@ -246,5 +245,6 @@ fn candidate(known: &'static Known, group: &[usize]) -> Candidate {
         covariates: Vec::new(),
         parameters: group.iter().map(spec).collect(),
         decided_by: known.decided_by.to_owned(),
+        stands_apart: false,
     }
 }

@@ -2,18 +2,21 @@
 //!
 //! Place in the flow: approaches to target positions (m, s) in, diagnosis out. Error = actual − indicated = measured −
 //! target. Base model: one mean offset an axis. Candidates: position (smooth or target by target), reversal (constant,
-//! smooth, target by target), drift with time and cycle, expansion of the scale with each logged temperature, periodic
+//! smooth, target by target), drift with time and cycle, of all or target by target, expansion of the scale with each logged temperature, periodic
 //! error of unknown period, and any other logged quantity. Blocks are cycles. Reversal value after ISO 230-2: B = mean
 //! error approaching in the positive direction less mean error approaching in the negative.
 
+mod given;
+mod model;
 mod naming;
+mod order;
 mod positions;
 mod problem;
 mod shape;
 
 use super::assemble;
 use super::diagnosis::StudyDiagnosis;
-use super::search::Options;
+use super::search::{Observe, Options};
 use crate::error::DiagnoseError;
 pub use positions::{PositionSummary, positions};
 use problem::Runs;
@@ -67,7 +70,19 @@ impl Run {
 /// Diagnoses positioning runs.
 ///
 /// # Errors
-/// Fewer than three cycles on an axis, figures that are not finite, the same approach twice.
+/// Fewer than three cycles on an axis, figures that are not finite, errors of the size of another unit.
 pub fn diagnose(runs: &[Run], options: &Options) -> Result<StudyDiagnosis, DiagnoseError> {
-    assemble::diagnose(&mut Runs::new(runs)?, options)
+    diagnose_observed(runs, options, &mut |_| true)
+}
+
+/// The same, telling where it stands.
+///
+/// # Errors
+/// As [`diagnose`], and [`DiagnoseError::Stopped`].
+pub fn diagnose_observed(
+    runs: &[Run],
+    options: &Options,
+    observe: &mut Observe,
+) -> Result<StudyDiagnosis, DiagnoseError> {
+    assemble::diagnose(&mut Runs::new(runs)?, options, observe)
 }

@@ -14,6 +14,7 @@ const PLAUSIBLE_PER_K: f64 = 30e-6;
 
 /// The candidate of a shape on one axis.
 pub(super) fn named(axis: &str, ranges: &Ranges, shape: &Shape) -> Candidate {
+    let (time, key) = if ranges.is_order { ("the order of measurement", "order") } else { ("time", "time_s") };
     let (what, family, kind, covariates, formula): (String, &str, Kind, Vec<String>, &str) = match shape {
         Shape::Position(1) => ("position, straight".into(), "position", Kind::Attributed, vec![], "e = p_1 P_1(x)"),
         Shape::Position(d) => {
@@ -43,24 +44,38 @@ pub(super) fn named(axis: &str, ranges: &Ranges, shape: &Shape) -> Candidate {
             ("drift with the cycle".into(), "drift", Kind::Empirical, vec!["cycle".into()], "e = d_1 P_1(cycle)")
         }
         Shape::Time(d) => (
-            format!("drift with time, degree {d}"),
+            format!("drift with {time}, degree {d}"),
             "drift",
             Kind::Empirical,
-            vec!["time_s".into()],
+            vec![key.into()],
             "e = sum d_k P_k(t), Legendre",
         ),
         Shape::TimeAndTarget => (
-            "drift of offset and scale with time".into(),
+            format!("drift of offset and scale with {time}"),
             "drift",
             Kind::Empirical,
-            vec!["time_s".into()],
+            vec![key.into()],
             "e = d_1 P_1(t) + d_1 x_1 P_1(t) P_1(x)",
         ),
+        Shape::DriftTable => (
+            "drift with the cycle, target by target".into(),
+            "drift",
+            Kind::Empirical,
+            vec!["cycle".into()],
+            "e = d_i P_1(cycle)",
+        ),
+        Shape::LostWithCycle => (
+            "reversal value, growing with the cycle".into(),
+            "lost motion and cycle",
+            Kind::Empirical,
+            vec!["cycle".into()],
+            "e = B_1 P_1(cycle) sign(approach) / 2",
+        ),
         Shape::Creep(tau_s) => (
-            format!("warm-up, time constant {tau_s:.0} s"),
+            format!("warm-up, time constant {tau_s:.0} {}", if ranges.is_order { "approaches" } else { "s" }),
             "drift",
             Kind::Attributed,
-            vec!["time_s".into()],
+            vec![key.into()],
             "e = growth (1 - exp(-t / tau))",
         ),
         Shape::Expansion(sensor) => (
@@ -96,6 +111,7 @@ pub(super) fn named(axis: &str, ranges: &Ranges, shape: &Shape) -> Candidate {
         covariates,
         parameters: shape.parameters(ranges).into_iter().map(spec).collect(),
         decided_by: decided_by(shape),
+        stands_apart: matches!(shape, Shape::Periodic(_)),
     }
 }
 
@@ -105,9 +121,12 @@ fn decided_by(shape: &Shape) -> String {
             "measure at further targets, between those there are and at irregular steps"
         }
         Shape::Lost(_) | Shape::LostTable => "approach every target from both sides, at two feeds",
-        Shape::Cycle(_) | Shape::Time(_) | Shape::TimeAndTarget | Shape::Creep(_) => {
-            "log temperatures and times, pause between cycles, and return to one target throughout"
-        }
+        Shape::Cycle(_)
+        | Shape::Time(_)
+        | Shape::TimeAndTarget
+        | Shape::DriftTable
+        | Shape::LostWithCycle
+        | Shape::Creep(_) => "log temperatures and times, pause between cycles, and return to one target throughout",
         Shape::Expansion(_) | Shape::Smooth(..) => {
             "vary the logged quantities independently of each other, of time and of the target"
         }

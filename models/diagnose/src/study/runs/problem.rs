@@ -2,17 +2,17 @@
 //!
 //! Place in the flow: between the shapes and the common search. One row an approach, error over 1 µm.
 
+use super::given::given;
+use super::model;
 use super::naming::named;
+use super::order::{gaps, in_order};
 use super::positions::key;
 use super::shape::{Ranges, Shape};
 use super::{Approach, Run};
 use crate::error::DiagnoseError;
-use crate::linear::Linear;
-use crate::score::{Score, score};
-use crate::study::candidate::{Candidate, Local, Study};
+use crate::study::candidate::{Candidate, Chain, Local, ModelTerm, Question, Study};
 use crate::study::diagnosis::{Ambiguity, Untestable};
-use crate::study::fit::Fit;
-use crate::study::smooth::{levels, range};
+use crate::study::smooth::{legendre, levels, range};
 use faer::Mat;
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -25,6 +25,10 @@ const OVERSAMPLING: f64 = 4.0;
 const SLOWEST: f64 = 2.0;
 /// How far beyond the mean sampling limit irregular targets are trusted.
 const BEYOND_LIMIT: f64 = 4.0;
+/// Targets from which a wave of unknown period, three unknowns in many guises, can be told from a table of errors.
+const FEWEST_FOR_WAVES: usize = 12;
+/// Highest degree of the polynomials that a wave must stand apart from.
+const SMOOTH: usize = 6;
 /// Ratio of the time constants tested, and how many.
 const CREEP: (f64, i32) = (2.1, 6);
 
@@ -41,34 +45,57 @@ struct AxisRuns {
 /// All runs.
 pub(super) struct Runs {
     runs: Vec<Run>,
+    /// Row of the file of each run.
+    rows: Vec<usize>,
     axes: Vec<AxisRuns>,
+    chains: Vec<Chain>,
     blocks: Vec<Vec<usize>>,
     candidates: Vec<Candidate>,
-    /// Axis and shape of each candidate.
+    /// Axis and shape of each candidate, and the shapes as they were proposed.
     shapes: Vec<(usize, Shape)>,
+    proposed: Vec<(usize, Shape)>,
+    questions: Vec<Question>,
     untestable: Vec<Untestable>,
+    notes: Vec<String>,
+    /// Time of the first run (s).
+    start_s: f64,
 }
 
 impl Runs {
     pub(super) fn new(runs: &[Run]) -> Result<Runs, DiagnoseError> {
-        check(runs)?;
-        let names: BTreeSet<&str> = runs.iter().map(|run| run.axis.as_str()).collect();
+        let (rows, notes) = given(runs)?;
+        let runs: Vec<Run> = rows.iter().map(|row| runs[*row].clone()).collect();
+        let names: BTreeSet<String> = runs.iter().map(|run| run.axis.clone()).collect();
+        let start_s = runs.iter().filter_map(|run| run.time_s).fold(f64::INFINITY, f64::min);
         let mut study = Runs {
-            runs: runs.to_vec(),
+            runs,
+            rows,
             axes: Vec::new(),
+            chains: Vec::new(),
             blocks: Vec::new(),
             candidates: Vec::new(),
             shapes: Vec::new(),
+            proposed: Vec::new(),
+            questions: Vec::new(),
             untestable: Vec::new(),
+            notes,
+            start_s,
         };
         for name in names {
-            study.add_axis(name)?;
+            study.add_axis(&name)?;
         }
+        study.proposed.clone_from(&study.shapes);
         Ok(study)
     }
 
     fn add_axis(&mut self, name: &str) -> Result<(), DiagnoseError> {
         let rows: Vec<usize> = (0..self.runs.len()).filter(|k| self.runs[*k].axis == name).collect();
+        let (rows, note) = in_order(rows, &self.runs);
+        self.notes.extend(note.map(|note| format!("Axis {name}: {note}")));
+        let is_order = rows.iter().any(|row| self.runs[*row].time_s.is_none());
+        if is_order {
+            rows.iter().enumerate().for_each(|(k, row)| self.runs[*row].time_s = Some(k as f64));
+        }
         let mut cycles: BTreeMap<i64, Vec<usize>> = BTreeMap::new();
         rows.iter().for_each(|row| cycles.entry(self.runs[*row].cycle).or_default().push(*row));
         if cycles.len() < FEWEST_CYCLES {
@@ -77,12 +104,21 @@ impl Runs {
                 remedy: "repeat the targets; ISO 230-2 asks for five cycles".to_owned(),
             });
         }
-        let axis = AxisRuns::new(name, rows, &self.runs)?;
+        let axis = AxisRuns::new(name, rows, is_order, &self.runs)?;
+        self.chains.push(axis.chain(&self.runs));
         self.blocks.extend(cycles.into_values());
         let both = [Approach::Positive, Approach::Negative]
             .iter()
             .all(|approach| axis.rows.iter().any(|row| self.runs[*row].approach == *approach));
         let (shapes, untestable) = axis.shapes(both, &self.runs);
+        let first = self.candidates.len();
+        let numbered = |wanted: &dyn Fn(&Shape) -> bool| -> Vec<usize> {
+            shapes.iter().enumerate().filter(|(_, shape)| wanted(shape)).map(|(k, _)| first + k).collect()
+        };
+        let question =
+            |what: &str, candidates: Vec<usize>| Question { what: format!("{what}, axis {name}"), candidates };
+        self.questions.push(question("drift", numbered(&Shape::is_drift)));
+        self.questions.push(question("reversal", numbered(&Shape::is_reversal)));
         for shape in shapes {
             self.candidates.push(named(&axis.name, &axis.ranges, &shape));
             self.shapes.push((self.axes.len(), shape));
@@ -102,20 +138,35 @@ impl Runs {
     }
 
     fn shape_columns(&self, axis: usize, shape: &Shape) -> Mat<f64> {
+        let own = self.shape_at(axis, shape, &self.axes[axis].rows);
+        let mut columns = Mat::zeros(self.runs.len(), own.ncols());
+        for (i, row) in self.axes[axis].rows.iter().enumerate() {
+            (0..own.ncols()).for_each(|j| columns[(*row, j)] = own[(i, j)]);
+        }
+        columns
+    }
+
+    /// Columns at some runs of the axis.
+    fn shape_at(&self, axis: usize, shape: &Shape, rows: &[usize]) -> Mat<f64> {
         let ranges = self.ranges(axis, shape);
-        let mut columns = Mat::zeros(self.runs.len(), shape.parameters(&ranges).len());
-        for row in &self.axes[axis].rows {
+        let mut columns = Mat::zeros(rows.len(), shape.parameters(&ranges).len());
+        for (i, row) in rows.iter().enumerate() {
             // Shapes are proposed only where every run of the axis has what they need.
             for (j, value) in shape.columns(&self.runs[*row], &ranges).into_iter().flatten().enumerate() {
-                columns[(*row, j)] = value / UNIT_M;
+                columns[(i, j)] = value / UNIT_M;
             }
         }
         columns
     }
+
+    fn name(&mut self, candidate: usize) {
+        let (axis, shape) = &self.shapes[candidate];
+        self.candidates[candidate] = named(&self.axes[*axis].name, &self.axes[*axis].ranges, shape);
+    }
 }
 
 impl AxisRuns {
-    fn new(name: &str, rows: Vec<usize>, runs: &[Run]) -> Result<AxisRuns, DiagnoseError> {
+    fn new(name: &str, rows: Vec<usize>, is_order: bool, runs: &[Run]) -> Result<AxisRuns, DiagnoseError> {
         let of = |value: &dyn Fn(&Run) -> Option<f64>| -> Option<Vec<f64>> {
             rows.iter().map(|row| value(&runs[*row])).collect()
         };
@@ -134,12 +185,46 @@ impl AxisRuns {
         let ranges = Ranges {
             target_m,
             time_s: of(&|run| run.time_s).as_deref().and_then(range),
+            is_order,
             cycle: of(&|run| Some(run.cycle as f64)).as_deref().and_then(range),
             quantity: None,
             targets,
         };
         let step_m = equal_step_m(&ranges.targets);
         Ok(AxisRuns { name: name.to_owned(), rows, ranges, quantities, step_m })
+    }
+
+    /// The runs in order; single ones are held against the mean of their place (target and direction) and the offset and
+    /// slope of their cycle, as far as there are runs for these.
+    fn chain(&self, runs: &[Run]) -> Chain {
+        let distinct = |key: &dyn Fn(&Run) -> i64| -> Vec<i64> {
+            let all: BTreeSet<i64> = self.rows.iter().map(|row| key(&runs[*row])).collect();
+            all.into_iter().collect()
+        };
+        let (places, cycles) = (distinct(&place), distinct(&|run| run.cycle));
+        let count = self.rows.len();
+        let with_slopes = places.len() + 2 * cycles.len() <= count / 2;
+        let width = places.len() + cycles.len() * if with_slopes { 2 } else { 1 };
+        let mut rich = Mat::zeros(count, width);
+        for (i, row) in self.rows.iter().enumerate() {
+            let run = &runs[*row];
+            let along = legendre(run.target_m, self.ranges.target_m, 1)[1];
+            if let (Ok(p), Ok(c)) = (places.binary_search(&place(run)), cycles.binary_search(&run.cycle)) {
+                rich[(i, p)] = 1.0;
+                rich[(i, places.len() + c)] = 1.0;
+                if with_slopes {
+                    rich[(i, places.len() + cycles.len() + c)] = along;
+                }
+            }
+        }
+        Chain {
+            of: format!("axis {}", self.name),
+            rows: self.rows.clone(),
+            gaps: gaps(&self.rows, runs),
+            rich,
+            unit_m: UNIT_M,
+            along: model::axis_of(&self.name),
+        }
     }
 
     /// Shapes worth testing, and what cannot be.
@@ -157,13 +242,23 @@ impl AxisRuns {
         } else {
             needs("reversal value", "approach every target from both sides".to_owned());
         }
-        shapes.push(Shape::Cycle(1));
-        match self.ranges.time_s {
-            Some((first, last)) => {
-                shapes.extend([Shape::Time(1), Shape::Time(2), Shape::Time(4), Shape::TimeAndTarget]);
-                shapes.extend((0..CREEP.1).map(|k| Shape::Creep((last - first) / CREEP.0.powi(k))));
-            }
-            None => needs("drift with time", "write the time of every run in time_s".to_owned()),
+        shapes.extend([Shape::Cycle(1), Shape::DriftTable]);
+        if both {
+            shapes.push(Shape::LostWithCycle);
+        }
+        if let Some((first, last)) = self.ranges.time_s {
+            shapes.extend([Shape::Time(1), Shape::Time(2), Shape::Time(4), Shape::TimeAndTarget]);
+            shapes.extend((0..CREEP.1).map(|k| Shape::Creep((last - first) / CREEP.0.powi(k))));
+        }
+        if self.ranges.is_order || self.ranges.time_s.is_none() {
+            let remedy = "write the time of every run in time_s; the order of measurement stands for it until then";
+            needs("drift with time", remedy.to_owned());
+        }
+        if count < FEWEST_FOR_WAVES {
+            let problem = format!(
+                "measure {FEWEST_FOR_WAVES} targets or more: at {count} a wave cannot be told from errors target by target"
+            );
+            needs("periodic error", problem);
         }
         self.logged_shapes(&mut shapes, &mut needs);
         let partly: BTreeSet<&String> = self.rows.iter().flat_map(|row| runs[*row].covariates.keys()).collect();
@@ -199,6 +294,9 @@ impl AxisRuns {
 
     /// Periods from the slowest told from a smooth error to the fastest that the targets resolve.
     fn periods_m(&self) -> Vec<f64> {
+        if self.ranges.targets.len() < FEWEST_FOR_WAVES {
+            return Vec::new();
+        }
         let span_m = self.ranges.target_m.1 - self.ranges.target_m.0;
         let limit = (self.ranges.targets.len() as f64 - 1.0) / 2.0;
         // At the limit itself a sine at equal steps is the sampled zero.
@@ -232,19 +330,58 @@ impl Study for Runs {
         self.shape_columns(*axis, shape)
     }
 
-    /// The period between those scanned that explains most (golden section on the frequency).
-    fn refine(&mut self, without: &Linear, candidate: usize) {
-        let (axis, Shape::Periodic(period_m)) = self.shapes[candidate].clone() else { return };
-        let span_m = self.axes[axis].ranges.target_m.1 - self.axes[axis].ranges.target_m.0;
-        let explained = |frequency: f64| {
-            let columns = self.shape_columns(axis, &Shape::Periodic(1.0 / frequency));
-            score(&without.project(columns.as_ref()), without.chi2(), without.degrees()).reduction
-        };
-        let reach = 1.0 / (OVERSAMPLING * span_m);
-        let frequency = golden_section((1.0 / period_m - reach, 1.0 / period_m + reach), explained);
-        self.shapes[candidate].1 = Shape::Periodic(1.0 / frequency);
-        let refined = named(&self.axes[axis].name, &self.axes[axis].ranges, &self.shapes[candidate].1);
-        self.candidates[candidate] = refined;
+    fn chain_columns(&self, candidate: usize, rows: &[usize]) -> Option<(usize, Mat<f64>)> {
+        let (axis, shape) = &self.shapes[candidate];
+        Some((*axis, self.shape_at(*axis, shape, rows)))
+    }
+
+    fn frequency(&self, candidate: usize) -> Option<(f64, f64)> {
+        let (axis, Shape::Periodic(period_m)) = &self.shapes[candidate] else { return None };
+        let (low, high) = self.axes[*axis].ranges.target_m;
+        Some((period_m.recip(), (OVERSAMPLING * (high - low)).recip()))
+    }
+
+    fn columns_at(&self, candidate: usize, frequency: f64, rows: &[usize]) -> Mat<f64> {
+        self.shape_at(self.shapes[candidate].0, &Shape::Periodic(frequency.recip()), rows)
+    }
+
+    fn set_frequency(&mut self, candidate: usize, frequency: f64) {
+        self.shapes[candidate].1 = Shape::Periodic(frequency.recip());
+        self.name(candidate);
+    }
+
+    fn reset(&mut self) {
+        self.shapes.clone_from(&self.proposed);
+        let periodic = |k: &usize| matches!(self.shapes[*k].1, Shape::Periodic(_));
+        let all: Vec<usize> = (0..self.shapes.len()).filter(periodic).collect();
+        all.into_iter().for_each(|k| self.name(k));
+    }
+
+    /// Polynomials of the target, up to one for every second target.
+    fn simpler(&self, candidate: usize) -> Mat<f64> {
+        let (axis, _) = self.shapes[candidate];
+        let degree = SMOOTH.min(self.axes[axis].ranges.targets.len() / 2);
+        self.shape_columns(axis, &Shape::Position(degree))
+    }
+
+    fn chains(&self) -> &[Chain] {
+        &self.chains
+    }
+
+    fn row_name(&self, row: usize) -> String {
+        let run = &self.runs[row];
+        let sign = if run.approach == Approach::Positive { '+' } else { '-' };
+        format!(
+            "run {} (axis {}, target {:.3} mm, {sign}, cycle {})",
+            self.rows[row] + 1,
+            run.axis,
+            run.target_m * 1e3,
+            run.cycle
+        )
+    }
+
+    fn questions(&self) -> Vec<Question> {
+        self.questions.clone()
     }
 
     fn blocks(&self) -> &[Vec<usize>] {
@@ -267,8 +404,8 @@ impl Study for Runs {
         false
     }
 
-    fn lack_of_fit(&self, fit: &Fit) -> Option<(String, Score)> {
-        let place = |run: &Run| (run.axis.clone(), key(run.target_m), run.approach);
+    fn replicates(&self) -> Option<(String, Mat<f64>)> {
+        let place = |run: &Run| (run.axis.clone(), place(run));
         let places: BTreeSet<_> = self.runs.iter().map(place).collect();
         let places: Vec<_> = places.into_iter().collect();
         let mut columns = Mat::zeros(self.runs.len(), places.len());
@@ -278,12 +415,47 @@ impl Study for Runs {
             }
         }
         let repeated = places.len() < self.runs.len();
-        repeated
-            .then(|| ("runs to the same target in the same direction".to_owned(), fit.score_columns(columns.as_ref())))
+        repeated.then(|| ("runs to the same target in the same direction".to_owned(), columns))
     }
 
     fn base_word(&self) -> &'static str {
         "the mean offset of the axis"
+    }
+
+    fn model_terms(&self, candidate: usize) -> Result<Vec<ModelTerm>, String> {
+        let (own, shape) = &self.shapes[candidate];
+        let name = &self.axes[*own].name;
+        let axis = model::axis_of(name).ok_or_else(|| format!("axis {name} is none of X, Y and Z"))?;
+        model::terms(axis, &self.ranges(*own, shape), shape, self.start_s)
+    }
+
+    fn model_covariates(&self, candidate: usize) -> Vec<String> {
+        let (own, shape) = &self.shapes[candidate];
+        model::axis_of(&self.axes[*own].name).map_or_else(Vec::new, |axis| model::covariates(axis, shape))
+    }
+
+    fn model_range(&self, name: &str) -> Option<(f64, f64)> {
+        let all = |value: &dyn Fn(&Run) -> Option<f64>| -> Option<(f64, f64)> {
+            let values: Vec<f64> = self.runs.iter().filter_map(value).collect();
+            let least = values.iter().copied().reduce(f64::min)?;
+            Some((least, values.iter().copied().reduce(f64::max)?))
+        };
+        match name {
+            model::CYCLE => all(&|run| Some(run.cycle as f64)),
+            model::TIME => {
+                let timed = self.axes.iter().filter(|axis| !axis.ranges.is_order);
+                let last_s = timed.filter_map(|axis| axis.ranges.time_s).map(|(_, last)| last).reduce(f64::max)?;
+                Some((0.0, last_s - self.start_s))
+            }
+            sign if sign.starts_with("dir_") => Some((-1.0, 1.0)),
+            name => all(&|run| run.covariates.get(name).copied()),
+        }
+    }
+
+    fn readings_m(&self) -> [Option<(f64, f64)>; 3] {
+        let of =
+            |axis| self.axes.iter().find(|own| model::axis_of(&own.name) == Some(axis)).map(|own| own.ranges.target_m);
+        abbe_geometry::Axis::ALL.map(of)
     }
 
     fn untestable(&self) -> Vec<Untestable> {
@@ -311,7 +483,8 @@ impl Study for Runs {
     }
 
     fn notes(&self) -> Vec<String> {
-        vec!["Reversal value B: mean error approaching in the positive direction less that in the negative.".to_owned()]
+        let reversal = "Reversal value B: mean error approaching in the positive direction less that in the negative.";
+        std::iter::once(reversal.to_owned()).chain(self.notes.iter().cloned()).collect()
     }
 }
 
@@ -322,26 +495,7 @@ fn equal_step_m(targets: &[i64]) -> Option<f64> {
     steps.iter().all(|step| (step - mean).abs() <= 1e-3 * mean).then_some(mean)
 }
 
-/// Maximum of a function with one peak between the ends.
-fn golden_section((mut low, mut high): (f64, f64), value: impl Fn(f64) -> f64) -> f64 {
-    let ratio = 0.5 * (5f64.sqrt() - 1.0);
-    for _ in 0..40 {
-        let (a, b) = (high - ratio * (high - low), low + ratio * (high - low));
-        if value(a) > value(b) { high = b } else { low = a }
-    }
-    0.5 * (low + high)
-}
-
-fn check(runs: &[Run]) -> Result<(), DiagnoseError> {
-    let data = |problem: String, remedy: &str| Err(DiagnoseError::Data { problem, remedy: remedy.to_owned() });
-    if runs.is_empty() {
-        return data("there are no runs".to_owned(), "give one row for each approach to a target");
-    }
-    for (k, run) in runs.iter().enumerate() {
-        let logged = run.covariates.values().chain(&run.time_s);
-        if !logged.chain([&run.target_m, &run.measured_m]).all(|value| value.is_finite()) {
-            return data(format!("run {} holds a figure that is not finite", k + 1), "remove or correct it");
-        }
-    }
-    Ok(())
+/// Target and direction as one number.
+fn place(run: &Run) -> i64 {
+    2 * key(run.target_m) + i64::from(run.approach == Approach::Positive)
 }

@@ -24,10 +24,14 @@ pub(super) enum Shape {
     LostTable,
     /// Error follows the number of the cycle: Legendre polynomials 1 … degree.
     Cycle(usize),
-    /// Error follows the time: Legendre polynomials 1 … degree.
+    /// Error follows the time, or the order of measurement: Legendre polynomials 1 … degree.
     Time(usize),
     /// Offset and scale follow the time.
     TimeAndTarget,
+    /// Each target drifts with the cycle at a rate of its own.
+    DriftTable,
+    /// The reversal value grows with the cycle.
+    LostWithCycle,
     /// a·(1 − e^(−t/τ)), τ in s, t since the first run.
     Creep(f64),
     /// α·(T − 20 °C)·target + shift·(T − 20 °C).
@@ -43,6 +47,8 @@ pub(super) enum Shape {
 pub(super) struct Ranges {
     pub(super) target_m: (f64, f64),
     pub(super) time_s: Option<(f64, f64)>,
+    /// Whether no times were written and the order of measurement stands for them.
+    pub(super) is_order: bool,
     pub(super) cycle: Option<(f64, f64)>,
     /// Range of the quantity that the shape names.
     pub(super) quantity: Option<(f64, f64)>,
@@ -51,6 +57,17 @@ pub(super) struct Ranges {
 }
 
 impl Shape {
+    /// Whether it is a drift.
+    pub(super) fn is_drift(&self) -> bool {
+        use Shape::{Creep, Cycle, DriftTable, Time, TimeAndTarget};
+        matches!(self, Cycle(_) | Time(_) | TimeAndTarget | DriftTable | Creep(_))
+    }
+
+    /// Whether it is a reversal value.
+    pub(super) fn is_reversal(&self) -> bool {
+        matches!(self, Shape::Lost(_) | Shape::LostTable | Shape::LostWithCycle)
+    }
+
     /// Names and units of the parameters.
     pub(super) fn parameters(&self, ranges: &Ranges) -> Vec<(String, &'static str)> {
         let numbered = |letter: &str, from: usize, to: usize| -> Vec<(String, &'static str)> {
@@ -66,6 +83,8 @@ impl Shape {
             Shape::Lost(degree) => numbered("B", 0, *degree),
             Shape::LostTable => table("B"),
             Shape::TimeAndTarget => vec![("d_1".to_owned(), "m"), ("d_1 x_1".to_owned(), "m")],
+            Shape::DriftTable => table("d_1"),
+            Shape::LostWithCycle => vec![("B_1".to_owned(), "m")],
             Shape::Creep(_) => vec![("growth".to_owned(), "m")],
             Shape::Expansion(_) => vec![("alpha".to_owned(), "1/K"), ("shift".to_owned(), "m/K")],
             Shape::Periodic(_) => vec![("sine".to_owned(), "m"), ("cosine".to_owned(), "m")],
@@ -91,6 +110,8 @@ impl Shape {
                 let time = legendre(run.time_s?, ranges.time_s?, 1)[1];
                 vec![time, time * target(1)[1]]
             }
+            Shape::DriftTable => at_target(legendre(run.cycle as f64, ranges.cycle?, 1)[1]),
+            Shape::LostWithCycle => vec![half * legendre(run.cycle as f64, ranges.cycle?, 1)[1]],
             // −expm1 keeps the digits of the first seconds.
             Shape::Creep(tau_s) => vec![-(-(run.time_s? - ranges.time_s?.0) / tau_s).exp_m1()],
             Shape::Expansion(sensor) => {
@@ -120,6 +141,7 @@ mod tests {
         Ranges {
             target_m: (0.0, 1.0),
             time_s: Some((0.0, 400.0)),
+            is_order: false,
             cycle: Some((1.0, 5.0)),
             quantity: None,
             targets: vec![0, 250_000_000, 1_000_000_000],
@@ -148,6 +170,8 @@ mod tests {
         assert_eq!(error_m(&Shape::Time(1), &up, &[1e-6]), -0.5e-6);
         assert_eq!(error_m(&Shape::TimeAndTarget, &up, &[0.0, 1e-6]), 0.25e-6);
         assert_eq!(error_m(&Shape::Cycle(1), &up, &[1e-6]), -0.5e-6);
+        assert_eq!(error_m(&Shape::DriftTable, &up, &[9.0, 1e-6, 9.0]), -0.5e-6);
+        assert_eq!(difference(&Shape::LostWithCycle, &[1e-6]), -0.5e-6);
         assert_eq!(Shape::Smooth("load_kg".into(), 1).columns(&up, &ranges()), None, "not logged");
     }
 }

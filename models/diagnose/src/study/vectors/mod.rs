@@ -8,13 +8,15 @@
 //! else stretches of time, else cells of space.
 
 mod blocks;
+mod given;
+mod model;
 mod problem;
 mod registered;
 mod shape;
 
 use super::assemble;
 use super::diagnosis::StudyDiagnosis;
-use super::search::Options;
+use super::search::{Observe, Options};
 use crate::error::DiagnoseError;
 use abbe_geometry::machine::Machine;
 use problem::Vectors;
@@ -46,5 +48,20 @@ pub fn diagnose(
     machine: Option<&Machine>,
     options: &Options,
 ) -> Result<StudyDiagnosis, DiagnoseError> {
-    assemble::diagnose(&mut Vectors::new(vectors, machine)?, options)
+    diagnose_observed(vectors, machine, options, &mut |_| true)
+}
+
+/// The same, telling where it stands.
+///
+/// # Errors
+/// As [`diagnose`], and [`DiagnoseError::Stopped`].
+pub fn diagnose_observed(
+    vectors: &[ResidualVector],
+    machine: Option<&Machine>,
+    options: &Options,
+    observe: &mut Observe,
+) -> Result<StudyDiagnosis, DiagnoseError> {
+    let (rows, notes) = given::given(vectors)?;
+    let kept: Vec<ResidualVector> = rows.iter().map(|row| vectors[*row].clone()).collect();
+    assemble::diagnose(&mut Vectors::new(&kept, rows, notes, machine)?, options, observe)
 }

@@ -4,14 +4,14 @@
 
 use super::ResidualVector;
 use super::blocks::blocks;
+use super::model;
 use super::registered::{Logged, Registered, motion, registered};
 use super::shape::{Quantity, Shape};
 use crate::error::DiagnoseError;
-use crate::score::Score;
-use crate::study::candidate::{Candidate, Local, Study};
+use crate::study::candidate::{Candidate, Chain, Local, ModelTerm, Question, Study};
 use crate::study::diagnosis::{Kind, Untestable};
-use crate::study::fit::Fit;
-use crate::study::smooth::{levels, range};
+use crate::study::series::steps;
+use crate::study::smooth::{legendre, levels, range};
 use abbe_geometry::effects::ParameterSpec;
 use abbe_geometry::machine::Machine;
 use abbe_geometry::{Axis, Vector3};
@@ -20,10 +20,11 @@ use std::collections::BTreeSet;
 
 /// Assumed where no uncertainty is declared (m); only ratios matter then.
 const ASSUMED_M: f64 = 1e-6;
-const FEWEST_VECTORS: usize = 12;
 const FEWEST_BLOCKS: usize = 3;
 /// Largest empirical motion believed (m).
 const PLAUSIBLE_M: f64 = 1e-3;
+/// Highest degree of the polynomials that single rows are held against.
+const RICH: usize = 4;
 /// Quantities that are tried in pairs: their number grows with the square.
 const IN_PAIRS: usize = 16;
 
@@ -37,6 +38,13 @@ enum Part {
 /// All vectors.
 pub(super) struct Vectors<'a> {
     vectors: &'a [ResidualVector],
+    /// Row of the file of each vector.
+    rows_of_file: Vec<usize>,
+    notes: Vec<String>,
+    /// Components that were measured.
+    measured: [bool; 3],
+    /// One a component that was measured.
+    chains: Vec<Chain>,
     machine: Option<&'a Machine>,
     sigma_m: Vec<[f64; 3]>,
     is_declared: bool,
@@ -53,9 +61,10 @@ pub(super) struct Vectors<'a> {
 impl<'a> Vectors<'a> {
     pub(super) fn new(
         vectors: &'a [ResidualVector],
+        rows_of_file: Vec<usize>,
+        mut notes: Vec<String>,
         machine: Option<&'a Machine>,
     ) -> Result<Vectors<'a>, DiagnoseError> {
-        check(vectors)?;
         let (members, block_word) = blocks(vectors);
         if members.len() < FEWEST_BLOCKS {
             return Err(data(
@@ -66,9 +75,24 @@ impl<'a> Vectors<'a> {
         let is_declared = vectors.iter().all(|vector| vector.u_m.is_some());
         let sigma = |v: &ResidualVector| v.u_m.filter(|_| is_declared).unwrap_or([ASSUMED_M; 3]);
         let (quantities, untestable) = quantities(vectors);
-        let rows = |block: Vec<usize>| block.into_iter().flat_map(|k| [3 * k, 3 * k + 1, 3 * k + 2]).collect();
+        // A column of zeros was filled in, not measured.
+        let measured = Axis::ALL.map(|axis| vectors.iter().any(|vector| vector.residual_m[axis.index()] != 0.0));
+        if measured == [false; 3] {
+            return Err(data("all residuals are zero".to_owned(), "give the residuals that were measured"));
+        }
+        for axis in Axis::ALL.into_iter().filter(|axis| !measured[axis.index()]) {
+            notes.push(format!("Component {} is zero in every row: it was taken as not measured.", axis.lower()));
+        }
+        let components: Vec<usize> = (0..3).filter(|d| measured[*d]).collect();
+        let rows = |block: Vec<usize>| {
+            block.into_iter().flat_map(|k| components.iter().map(move |d| 3 * k + d)).collect::<Vec<usize>>()
+        };
         let mut study = Vectors {
             vectors,
+            rows_of_file,
+            notes,
+            measured,
+            chains: Vec::new(),
             machine,
             sigma_m: vectors.iter().map(sigma).collect(),
             is_declared,
@@ -82,6 +106,7 @@ impl<'a> Vectors<'a> {
         };
         study.add_registered()?;
         study.add_smooth();
+        study.chains = components.iter().map(|d| study.chain(*d)).collect();
         Ok(study)
     }
 
@@ -108,7 +133,7 @@ impl<'a> Vectors<'a> {
 
     fn add_smooth(&mut self) {
         for shape in Shape::all(&self.quantities, IN_PAIRS) {
-            for axis in Axis::ALL {
+            for axis in Axis::ALL.into_iter().filter(|axis| self.measured[axis.index()]) {
                 self.candidates.push(self.smooth_candidate(shape, axis));
                 self.parts.push(Part::Smooth(axis, shape));
             }
@@ -126,7 +151,52 @@ impl<'a> Vectors<'a> {
             decided_by: format!("vary {} independently of each other and of all else", names.join(" and ")),
             covariates: names,
             parameters: shape.parameters().into_iter().map(|name| ParameterSpec::new(name, "m", PLAUSIBLE_M)).collect(),
+            stands_apart: matches!(shape, Shape::Turn { .. }),
         }
+    }
+
+    /// One component in order of time, or of the rows; single rows are held against polynomials of every quantity, as
+    /// far as there are rows for these.
+    fn chain(&self, component: usize) -> Chain {
+        let count = self.vectors.len();
+        let mut order: Vec<usize> = (0..count).collect();
+        let times: Option<Vec<f64>> = self.vectors.iter().map(|vector| vector.time_s).collect();
+        if let Some(times) = &times {
+            order.sort_by(|a, b| times[*a].total_cmp(&times[*b]));
+        }
+        let degree = RICH.min(count / 3 / self.quantities.len().max(1));
+        let mut rich = Mat::zeros(count, 1 + degree * self.quantities.len());
+        for (i, k) in order.iter().enumerate() {
+            let sigma_m = self.sigma_m[*k][component];
+            rich[(i, 0)] = 1.0 / sigma_m;
+            for (q, quantity) in self.quantities.iter().enumerate() {
+                let powers = legendre(quantity.values[*k], quantity.range, degree);
+                (1..=degree).for_each(|j| rich[(i, q * degree + j)] = powers[j] / sigma_m);
+            }
+        }
+        let of = format!("component {}", Axis::ALL[component].lower());
+        let gaps =
+            times.as_ref().map_or_else(|| vec![1.0; count], |times| steps(order.iter().map(|k| times[*k]).collect()));
+        let square = self.sigma_m.iter().map(|sigma| sigma[component].powi(2)).sum::<f64>() / count as f64;
+        Chain {
+            of,
+            rows: order.into_iter().map(|k| 3 * k + component).collect(),
+            gaps,
+            rich,
+            unit_m: square.sqrt(),
+            along: Some(Axis::ALL[component]),
+        }
+    }
+
+    /// Offset of the tip (m).
+    fn offset_m(&self) -> [f64; 3] {
+        self.machine.and_then(|machine| machine.default_offset_m).unwrap_or([0.0; 3])
+    }
+
+    /// What a quantity of a model is smaller by: readings lack the offset, times count from the first vector.
+    fn less(&self, name: &str) -> f64 {
+        let offset_m = |k: usize| self.offset_m()[k];
+        POSITION.iter().position(|own| *own == name).map_or(if name == TIME { self.start_s } else { 0.0 }, offset_m)
     }
 
     fn centre_m(&self) -> Vector3<f64> {
@@ -185,6 +255,74 @@ impl Study for Vectors<'_> {
         columns
     }
 
+    fn chain_columns(&self, candidate: usize, rows: &[usize]) -> Option<(usize, Mat<f64>)> {
+        let Part::Smooth(axis, shape) = &self.parts[candidate] else { return None };
+        let d = axis.index();
+        let chain = (0..d).filter(|other| self.measured[*other]).count();
+        let mut columns = Mat::zeros(rows.len(), self.candidates[candidate].parameters.len());
+        for (i, row) in rows.iter().enumerate() {
+            let sigma_m = self.sigma_m[row / 3][d];
+            for (j, value) in shape.columns(&self.quantities, row / 3).into_iter().enumerate() {
+                columns[(i, j)] = value / sigma_m;
+            }
+        }
+        Some((chain, columns))
+    }
+
+    fn chains(&self) -> &[Chain] {
+        &self.chains
+    }
+
+    fn row_unit_m(&self, row: usize) -> f64 {
+        self.sigma_m[row / 3][row % 3]
+    }
+
+    fn model_terms(&self, candidate: usize) -> Result<Vec<ModelTerm>, String> {
+        Ok(vec![match &self.parts[candidate] {
+            Part::Smooth(axis, shape) => model::term(*axis, *shape, &self.quantities, |own| self.less(&own.name)),
+            Part::Registered(own) => {
+                let count = self.candidates[candidate].parameters.len();
+                let map = Mat::identity(count, count);
+                ModelTerm { effect: own.effect.name(), shape: own.shape.clone(), map, places_m: None }
+            }
+        }])
+    }
+
+    fn model_covariates(&self, candidate: usize) -> Vec<String> {
+        let logged = self.candidates[candidate].covariates.iter();
+        logged.filter(|name| !POSITION.contains(&name.as_str())).cloned().collect()
+    }
+
+    fn model_range(&self, name: &str) -> Option<(f64, f64)> {
+        let quantity = self.quantities.iter().find(|quantity| quantity.name == name)?;
+        let less = self.less(name);
+        Some((quantity.range.0 - less, quantity.range.1 - less))
+    }
+
+    fn readings_m(&self) -> [Option<(f64, f64)>; 3] {
+        let offset_m = self.offset_m();
+        [0, 1, 2].map(|d| {
+            let along = || self.vectors.iter().map(|vector| vector.position_m[d] - offset_m[d]);
+            Some((along().reduce(f64::min)?, along().reduce(f64::max)?))
+        })
+    }
+
+    fn row_name(&self, row: usize) -> String {
+        let component = Axis::ALL[row % 3].lower();
+        format!("vector {} (component {component})", self.rows_of_file[row / 3] + 1)
+    }
+
+    fn questions(&self) -> Vec<Question> {
+        let with = |name: &str| -> Vec<usize> {
+            let has = |k: &usize| self.candidates[*k].covariates.iter().any(|own| own == name);
+            (0..self.candidates.len()).filter(has).collect()
+        };
+        let directions = self.quantities.iter().filter(|quantity| quantity.name.starts_with("dir_"));
+        let reversal = directions.flat_map(|quantity| with(&quantity.name)).collect();
+        let question = |what: &str, candidates| Question { what: what.to_owned(), candidates };
+        vec![question("drift with time", with(TIME)), question("direction of approach", reversal)]
+    }
+
     fn blocks(&self) -> &[Vec<usize>] {
         &self.blocks
     }
@@ -206,10 +344,6 @@ impl Study for Vectors<'_> {
         self.is_declared
     }
 
-    fn lack_of_fit(&self, _fit: &Fit) -> Option<(String, Score)> {
-        None
-    }
-
     fn base_word(&self) -> &'static str {
         "a rigid motion of the frame"
     }
@@ -223,6 +357,7 @@ impl Study for Vectors<'_> {
             format!("Left out to judge: one {} at a time, {} in all.", self.block_word, self.blocks.len()),
             "The 21 errors of a chain are not fitted here: what they leave shows as dependence on position.".to_owned(),
         ];
+        notes.extend(self.notes.iter().cloned());
         if self.quantities.len() > IN_PAIRS {
             let names: Vec<&str> = self.quantities[IN_PAIRS..].iter().map(|quantity| quantity.name.as_str()).collect();
             notes.push(format!("Not tried in pairs, only alone: {}.", names.join(", ")));
@@ -262,23 +397,6 @@ fn quantities(vectors: &[ResidualVector]) -> (Vec<Quantity>, Vec<Untestable>) {
         add(name, vectors.iter().map(|vector| vector.covariates.get(name).copied()).collect());
     }
     (quantities, untestable)
-}
-
-fn check(vectors: &[ResidualVector]) -> Result<(), DiagnoseError> {
-    if vectors.len() < FEWEST_VECTORS {
-        let problem = format!("there are {} residual vectors, at least {FEWEST_VECTORS} are needed", vectors.len());
-        return Err(data(problem, "give the residuals of more points"));
-    }
-    for (k, vector) in vectors.iter().enumerate() {
-        let own = vector.position_m.iter().chain(&vector.residual_m).chain(&vector.time_s);
-        if !own.chain(vector.covariates.values()).all(|value| value.is_finite()) {
-            return Err(data(format!("vector {} holds a figure that is not finite", k + 1), "remove or correct it"));
-        }
-        if vector.u_m.is_some_and(|u| u.iter().any(|u| !(u.is_finite() && *u > 0.0))) {
-            return Err(data(format!("vector {} has an uncertainty that is not above zero", k + 1), "correct it"));
-        }
-    }
-    Ok(())
 }
 
 fn data(problem: String, remedy: &str) -> DiagnoseError {

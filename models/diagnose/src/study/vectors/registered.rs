@@ -16,16 +16,20 @@ use abbe_geometry::machine::Machine;
 use abbe_geometry::{Axis, Vector3};
 
 /// Effects that the look without candidates covers by other means.
-const LOOKED_FOR_OTHERWISE: &str = "empirical";
+const LOOKED_FOR_OTHERWISE: [&str; 2] = ["axis_term", "empirical"];
 /// The effect whose shapes are a scan of periods.
 const SCANNED: &str = "periodic_scale";
 /// Cycles over the range of positions that are scanned, and their step.
 const CYCLES: (f64, f64, f64) = (2.0, 20.0, 0.25);
 
+/// Shapes for each that is proposed of a figure that can be refined.
+const FINER: i32 = 3;
+
 /// A registered effect with its candidate.
 #[derive(Debug)]
 pub(super) struct Registered {
     pub(super) effect: Box<dyn Effect>,
+    pub(super) shape: Shape,
     pub(super) candidate: Candidate,
 }
 
@@ -71,7 +75,7 @@ pub(super) fn registered(
     let stations = ["none".to_owned()];
     let offsets_m = [machine.default_offset_m.unwrap_or([0.0; 3])];
     let observed = Observed { machine, varying, stations: &stations, offsets_m: &offsets_m, time_s };
-    for entry in REGISTRY.iter().filter(|entry| entry.name != LOOKED_FOR_OTHERWISE) {
+    for entry in REGISTRY.iter().filter(|entry| !LOOKED_FOR_OTHERWISE.contains(&entry.name)) {
         let shapes = if entry.name == SCANNED { periods(vectors) } else { (entry.propose)(&observed) };
         let none = |needs: String| Untestable { name: entry.title.to_owned(), needs };
         if shapes.is_empty() {
@@ -79,11 +83,11 @@ pub(super) fn registered(
             continue;
         }
         let before = effects.len();
-        for shape in shapes {
+        for shape in shapes.into_iter().flat_map(|shape| between(entry, shape)) {
             let effect = construct(entry.name, &shape, machine)?;
             if moves_the_tip(effect.as_ref(), vectors, machine, time_s.0)? {
                 let candidate = candidate(entry, &shape, effect.as_ref());
-                effects.push(Registered { effect, candidate });
+                effects.push(Registered { effect, shape, candidate });
             }
         }
         if effects.len() == before {
@@ -92,6 +96,16 @@ pub(super) fn registered(
         }
     }
     Ok((effects, untestable))
+}
+
+/// A shape with others up to the next that is proposed, where its figure can be refined: there is no search for it here.
+fn between(entry: &Known, shape: Shape) -> Vec<Shape> {
+    let Some((refine, ShapeValue::Number(value))) = entry.refine.and_then(|r| Some((r, shape.0.get(r.key)?.clone())))
+    else {
+        return vec![shape];
+    };
+    let finer = |k: i32| shape.clone().number(refine.key, value * refine.ratio.powf(f64::from(k) / f64::from(FINER)));
+    (0..FINER).map(finer).collect()
 }
 
 /// Whether it moves the tip at any vector; an effect that needs what was not logged does not.
@@ -144,6 +158,7 @@ fn candidate(entry: &'static Known, shape: &Shape, effect: &dyn Effect) -> Candi
         covariates: effect.covariates(),
         parameters: effect.parameters(),
         decided_by: entry.decided_by.to_owned(),
+        stands_apart: entry.name == SCANNED,
     }
 }
 

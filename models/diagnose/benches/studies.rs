@@ -1,0 +1,108 @@
+//! A study of many rows and many quantities, against refitting each candidate in SciPy in the same run
+//! (`cargo bench -p abbe-diagnose --bench studies`).
+//!
+//! 3600 residual vectors with 20 quantities: positions, time and sixteen logged ones. The study searches six times (on all rows and
+//! without each of five parts) and tells its progress; the rival (`scipy_studies.py`) refits every smooth candidate once, which is one
+//! step of one search, by `scipy.linalg.lstsq`. Both must name the same winner with the same probability. The rival's interpreter
+//! is `ABBE_PYTHON`, else `python3`; without SciPy the comparison says that it was not run. The study uses two threads where
+//! there are two cores, the rival as many as its library takes.
+
+#![allow(missing_docs, clippy::unwrap_used, clippy::print_stdout)] // a bench that cannot be prepared stops, and prints
+
+use abbe_diagnose::study::vectors::{ResidualVector, diagnose_observed};
+use abbe_diagnose::study::{Options, StudyDiagnosis};
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use std::fmt::Write as _;
+use std::process::Command;
+use std::time::Instant;
+
+const ROWS: usize = 3600;
+const LOGGED: usize = 16;
+/// Largest difference of the decimal logarithm of the winner's probability, relative: the study weighs the components by
+/// deviations that it estimates, the rival by those of the same estimate rounded in the file.
+const AGREEMENT: f64 = 0.01;
+
+fn normal(generator: &mut ChaCha8Rng) -> f64 {
+    (0..12).map(|_| generator.random::<f64>()).sum::<f64>() - 6.0
+}
+
+fn vectors() -> Vec<ResidualVector> {
+    let mut generator = ChaCha8Rng::seed_from_u64(5);
+    (0..ROWS)
+        .map(|k| {
+            let position_m = [0, 1, 2].map(|_| generator.random_range(0.0..0.8));
+            let logged: Vec<f64> = (0..LOGGED).map(|_| generator.random_range(-1.0..1.0)).collect();
+            let noise = [0, 1, 2].map(|_| normal(&mut generator));
+            let residual_m = [
+                2e-6 * noise[0] + 0.5e-6 * logged[3],
+                3e-6 * noise[1] + 0.8e-6 * logged[5] * logged[6],
+                4e-6 * noise[2] + 1e-6 * logged[1] * logged[1],
+            ];
+            let covariates = logged.iter().enumerate().map(|(k, value)| (format!("q_{k:02}"), *value)).collect();
+            ResidualVector { position_m, residual_m, time_s: Some(2.0 * k as f64), covariates, ..Default::default() }
+        })
+        .collect()
+}
+
+/// Name and decimal logarithm of the probability of the rival's winner, its candidates and its seconds.
+fn rival(vectors: &[ResidualVector]) -> Result<(String, f64, usize, f64), String> {
+    let mut text = String::new();
+    for vector in vectors {
+        let figures = vector.residual_m.iter().chain(&vector.position_m).chain(&vector.time_s);
+        figures.chain(vector.covariates.values()).for_each(|value| write!(text, "{value:e} ").unwrap());
+        text.push('\n');
+    }
+    let file = std::env::temp_dir().join(format!("abbe_studies_{}.txt", std::process::id()));
+    std::fs::write(&file, text).map_err(|error| error.to_string())?;
+    let python = std::env::var("ABBE_PYTHON").unwrap_or_else(|_| "python3".to_owned());
+    let script = format!("{}/benches/scipy_studies.py", env!("CARGO_MANIFEST_DIR"));
+    let output = Command::new(&python).args(["-B", &script, &file.to_string_lossy()]).output();
+    let _ = std::fs::remove_file(&file); // a leftover in the temporary folder does no harm
+    let output = output.map_err(|error| format!("{python}: {error}"))?;
+    let said = String::from_utf8_lossy(&output.stdout).into_owned();
+    let mut cells = said.trim().split('\t');
+    let mut next = || cells.next().ok_or_else(|| String::from_utf8_lossy(&output.stderr).into_owned());
+    let number = |text: &str| text.parse::<f64>().map_err(|error| error.to_string());
+    Ok((next()?.to_owned(), number(next()?)?, number(next()?)? as usize, number(next()?)?))
+}
+
+fn study(vectors: &[ResidualVector]) -> (StudyDiagnosis, f64, usize) {
+    let (since, mut told) = (Instant::now(), 0);
+    let mut observe = |_| {
+        told += 1;
+        true
+    };
+    let diagnosis = diagnose_observed(vectors, None, &Options::default(), &mut observe).unwrap();
+    (diagnosis, since.elapsed().as_secs_f64(), told)
+}
+
+fn main() {
+    // `cargo test --benches` only asks whether it starts.
+    if std::env::args().any(|argument| argument == "--test") {
+        return;
+    }
+    let vectors = vectors();
+    let (diagnosis, seconds, told) = study(&vectors);
+    let names: Vec<&str> = diagnosis.effects.iter().map(|effect| effect.name.as_str()).collect();
+    println!(
+        "study: {seconds:.1} s for {ROWS} vectors, {} quantities, {} candidates",
+        LOGGED + 4,
+        diagnosis.considered.len()
+    );
+    println!("  progress told {told} times; found {}", names.join(" + "));
+    match rival(&vectors) {
+        Err(why) => println!("scipy_studies.py was not run: {why}; set ABBE_PYTHON to a Python with SciPy"),
+        Ok((name, log_p, candidates, rival_s)) => {
+            println!("  SciPy, one step of one search: {rival_s:.1} s for {candidates} refits");
+            let least = diagnosis.considered.iter().min_by(|a, b| a.p_value.total_cmp(&b.p_value)).unwrap();
+            println!(
+                "  least probable: {} at 1e{:.2}; SciPy: {name} at 1e{log_p:.2}",
+                least.name,
+                least.p_value.log10()
+            );
+            assert_eq!(least.name, name, "the rival does not solve the same problem");
+            assert!((least.p_value.log10() / log_p - 1.0).abs() < AGREEMENT, "nor with the same probability");
+        }
+    }
+}

@@ -1,0 +1,139 @@
+//! What the noise is like, which rows were rejected, and what was looked at before anything is called noise.
+//!
+//! Place in the flow: from the last view of a study into the diagnosis.
+
+use super::candidate::Study;
+use super::diagnosis::{Correlation, Judgement, LackOfFit, Look, RejectedRow, SeriesNoise};
+use super::outliers::Outliers;
+use super::search::{Found, Options};
+use super::view::{Kept, View};
+use statrs::distribution::{ChiSquared, ContinuousCDF};
+
+const UM: f64 = 1e6;
+/// Share of a record over which slow noise may hang together before it is a drift that nobody described.
+const WANDERS: f64 = 0.5;
+/// Rejected rows named in one sentence.
+const NAMED: usize = 5;
+
+/// The noise of each chain.
+pub(super) fn noise(view: &View) -> Vec<SeriesNoise> {
+    let one = |chain: &Kept| SeriesNoise {
+        of: chain.of.clone(),
+        sigma_um: chain.noise.sigma * chain.unit_m * UM,
+        neighbours: correlation(chain),
+        rows: chain.rows.len(),
+    };
+    view.chains().iter().map(one).collect()
+}
+
+fn correlation(chain: &Kept) -> Option<Correlation> {
+    let theta = chain.noise.theta;
+    (!chain.noise.is_assumed_white()).then(|| Correlation {
+        value: theta.neighbours(),
+        interval: (chain.noise.neighbours_at(0.025), chain.noise.neighbours_at(0.975)),
+        slow_share: theta.share,
+        steps: (theta.rho > 0.0).then(|| -theta.rho.ln().recip()),
+    })
+}
+
+/// Rejected rows.
+pub(super) fn rejected(study: &dyn Study, gross: &Outliers) -> Vec<RejectedRow> {
+    let one = |row: &super::outliers::Rejected| RejectedRow {
+        name: study.row_name(row.row),
+        residual_um: row.residual * study.row_unit_m(row.row) * UM,
+        deviations: row.deviations,
+    };
+    gross.rejected.iter().map(one).collect()
+}
+
+/// Everything that must have been looked at.
+pub(super) fn looks(
+    view: &View,
+    gross: &Outliers,
+    found: &Found,
+    before: &Judgement,
+    lack_of_fit: Option<&LackOfFit>,
+    options: &Options,
+) -> Vec<Look> {
+    let mut looks = vec![outlying(&*view.study, gross)];
+    looks.extend(view.chains().iter().map(order));
+    looks.extend(view.study.questions().into_iter().map(|question| {
+        let own = |k: &usize| found.considered.iter().find(|c| c.name == view.study.candidates()[*k].name);
+        let least = question.candidates.iter().filter_map(own).map(|c| c.p_holm).min_by(f64::total_cmp);
+        let is_found = found.set.iter().any(|k| question.candidates.contains(k));
+        Look {
+            what: question.what,
+            says: match least {
+                None => "the data cannot tell".to_owned(),
+                Some(_) if is_found => "found".to_owned(),
+                Some(p) if p <= options.significance => {
+                    format!("p = {p:.1e} if noise were as estimated, but not beyond what slow noise may do, or not repeated by the blocks")
+                }
+                Some(p) => format!("nothing (smallest p after Holm {p:.2})"),
+            },
+            is_noise: least.map(|_| !is_found),
+        }
+    }));
+    looks.extend(lack_of_fit.map(|test| Look {
+        what: test.of.clone(),
+        says: format!("what they leave between them has p = {:.1e} by chance", test.p_before),
+        is_noise: Some(test.p_before > options.significance),
+    }));
+    looks.extend(scatter(before, options.significance));
+    looks
+}
+
+fn outlying(study: &dyn Study, gross: &Outliers) -> Look {
+    let names: Vec<String> = gross.rejected.iter().take(NAMED).map(|r| study.row_name(r.row)).collect();
+    let more = gross.rejected.len().saturating_sub(NAMED);
+    let more = if more > 0 { format!(" and {more} more") } else { String::new() };
+    let mut says = match names.len() {
+        _ if study.chains().is_empty() => "not looked for in data of this kind".to_owned(),
+        0 => "no row stands apart".to_owned(),
+        _ => format!("rejected as gross errors: {}{more}", names.join("; ")),
+    };
+    for (of, count) in &gross.too_many {
+        says = format!("{says}; {count} rows of {of} stand apart, too many to be accidents: none of them was rejected");
+    }
+    Look { what: "outliers".to_owned(), says, is_noise: Some(gross.too_many.is_empty()) }
+}
+
+fn order(chain: &Kept) -> Look {
+    let what = format!("order of measurement, {}", chain.of);
+    let Some(found) = correlation(chain) else {
+        let says = "too few rows to tell whether their noise hangs together; it was taken as independent".to_owned();
+        return Look { what, says, is_noise: None };
+    };
+    let (low, high) = found.interval;
+    let says = format!("neighbours correlate by {:.2} (95 %: {low:.2} to {high:.2})", found.value);
+    let wanders = found.steps.is_some_and(|steps| found.slow_share > 0.5 && steps > WANDERS * chain.rows.len() as f64);
+    match wanders {
+        true => {
+            let says = format!("{says}: over this record that is a drift that no candidate describes");
+            Look { what, says, is_noise: Some(false) }
+        }
+        false => Look { what, says, is_noise: Some(true) },
+    }
+}
+
+/// χ² against the declared uncertainties; nothing where none are declared.
+fn scatter(before: &Judgement, significance: f64) -> Option<Look> {
+    let chi2_per_dof = before.chi2_per_dof?;
+    let distribution = ChiSquared::new(before.degrees_of_freedom).ok()?;
+    let chi2 = chi2_per_dof * before.degrees_of_freedom;
+    let (above, below) = (distribution.sf(chi2), distribution.cdf(chi2));
+    let ratio = chi2_per_dof.sqrt();
+    let (says, is_noise) = if above <= significance {
+        let says = format!(
+            "{ratio:.2} times what was declared: either the declared uncertainties are too small, or something acts that \
+             no candidate describes; without replicates the data cannot tell which. Effects were tested against the \
+             scatter found, not the declared one"
+        );
+        (says, false)
+    } else if below <= significance {
+        (format!("{ratio:.2} times what was declared: the declared uncertainties are too large"), true)
+    } else {
+        (format!("{ratio:.2} times what was declared, as chance has it"), true)
+    };
+    Some(Look { what: "scatter".to_owned(), says, is_noise: Some(is_noise) })
+}

@@ -1,0 +1,222 @@
+//! Single rows that stand apart from all that could be missing, before and after a search.
+//!
+//! Place in the flow: each chain is fitted with its rich columns (and with what was found) by least absolute deviations,
+//! which gross errors do not bend; rows far off are suspects, and each stands trial against a least-squares fit without
+//! any suspect: a deleted residual beyond six deviations, and improbable by chance among so many rows (Student's t; Cook &
+//! Weisberg 1982, 2.2.2). Many such rows are no accident but something that the model lacks, and then none is rejected.
+
+use super::candidate::{Chain, Study};
+use super::series::independent;
+use crate::error::DiagnoseError;
+use crate::linear::column;
+use abbe_identify::symmetric_eigen;
+use faer::linalg::solvers::{Llt, Solve};
+use faer::{Mat, Side};
+use statrs::distribution::{ContinuousCDF, StudentsT};
+use std::collections::BTreeSet;
+
+/// Deviations from which a row is rejected, as in the robust weights of identification.
+const FAR: f64 = 6.0;
+/// Probability, over all rows of a chain, that one is rejected that belongs there.
+const BY_CHANCE: f64 = 0.01;
+/// Share of rows up to which they are accidents, and a number that always may be.
+const SHARE: f64 = 0.05;
+const ALWAYS: usize = 1;
+const PASSES: usize = 30;
+/// Deviations (of the robust fit) from which a row is a suspect.
+const SUSPECT: f64 = 4.5;
+/// Information below which a direction hangs on suspects alone.
+const DETERMINED: f64 = 1e-6;
+
+/// A row that was rejected.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Rejected {
+    /// Row of the study.
+    pub(super) row: usize,
+    /// Its residual against the fit without it, in units of the rows.
+    pub(super) residual: f64,
+    /// The same in deviations of a row.
+    pub(super) deviations: f64,
+}
+
+/// Rows to leave out.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub(super) struct Outliers {
+    pub(super) rejected: Vec<Rejected>,
+    /// Chains in which too many rows stand apart to be accidents, with their number.
+    pub(super) too_many: Vec<(String, usize)>,
+}
+
+impl Outliers {
+    /// Rows of the study that are left out, with all others of their point.
+    pub(super) fn rows(&self, study: &dyn Study) -> BTreeSet<usize> {
+        let per_point = study.rows_per_point();
+        self.rejected.iter().flat_map(|r| (0..per_point).map(move |k| r.row / per_point * per_point + k)).collect()
+    }
+}
+
+/// Looks for rows that stand apart from the rich columns and these candidates, among those for which `keep` holds.
+pub(super) fn outliers(
+    study: &dyn Study,
+    set: &[usize],
+    keep: impl Fn(usize) -> bool,
+) -> Result<Outliers, DiagnoseError> {
+    let mut found = Outliers::default();
+    if study.chains().is_empty() {
+        return Ok(found);
+    }
+    let zero: Vec<(usize, Vec<f64>)> = Vec::new();
+    let local = study.local(&zero)?;
+    let columns: Vec<Mat<f64>> = set.iter().map(|k| study.columns(&local.point, *k)).collect();
+    for chain in study.chains() {
+        let rows: Vec<usize> = (0..chain.rows.len()).filter(|i| keep(chain.rows[*i])).collect();
+        let basis = independent(&beside(chain, &rows, &columns));
+        let values: Vec<f64> = rows.iter().map(|i| local.residual[chain.rows[*i]]).collect();
+        let apart = apart(&basis, &values);
+        if apart.len() > ALWAYS.max((SHARE * rows.len() as f64) as usize) {
+            found.too_many.push((chain.of.clone(), apart.len()));
+            continue;
+        }
+        found.rejected.extend(apart.into_iter().map(|(i, residual, deviations)| Rejected {
+            row: chain.rows[rows[i]],
+            residual,
+            deviations,
+        }));
+    }
+    Ok(found)
+}
+
+fn beside(chain: &Chain, rows: &[usize], columns: &[Mat<f64>]) -> Mat<f64> {
+    let own = chain.rich.ncols();
+    let mut all = Mat::zeros(rows.len(), own + columns.iter().map(Mat::ncols).sum::<usize>());
+    for (i, row) in rows.iter().enumerate() {
+        (0..own).for_each(|j| all[(i, j)] = chain.rich[(*row, j)]);
+        let mut first = own;
+        for columns in columns {
+            (0..columns.ncols()).for_each(|j| all[(i, first + j)] = columns[(chain.rows[*row], j)]);
+            first += columns.ncols();
+        }
+    }
+    all
+}
+
+/// Rows far off, with residual and deviations.
+fn apart(basis: &Mat<f64>, values: &[f64]) -> Vec<(usize, f64, f64)> {
+    let count = values.len();
+    if count < basis.ncols() + 4 {
+        return Vec::new();
+    }
+    let robust = robust_residuals(basis, values);
+    let mut sizes: Vec<f64> = robust.iter().map(|r| r.abs()).collect();
+    sizes.sort_by(f64::total_cmp);
+    // As many residuals as there are columns are nearly zero whatever the scatter.
+    let sizes = &sizes[basis.ncols()..];
+    let scale = sizes[sizes.len() / 2] / 0.6745;
+    let mut suspects: BTreeSet<usize> = (0..count).filter(|k| robust[*k].abs() > SUSPECT * scale).collect();
+    if scale <= 0.0 || 4 * suspects.len() > count {
+        return Vec::new();
+    }
+    for _ in 0..count {
+        let trial = trial(basis, values, &suspects);
+        let guilty = |k: &usize| trial[*k].is_some_and(|(_, _, guilty)| guilty);
+        let innocent: Vec<usize> = suspects.iter().copied().filter(|k| !guilty(k)).collect();
+        let worst = (0..count).filter(|k| !suspects.contains(k) && guilty(k));
+        let size = |k: &usize| trial[*k].map_or(0.0, |(_, deviations, _)| deviations.abs());
+        let worst = worst.max_by(|a, b| size(a).total_cmp(&size(b)));
+        match (innocent.iter().min_by(|a, b| size(a).total_cmp(&size(b))), worst) {
+            (Some(least), _) => drop(suspects.remove(least)),
+            (None, Some(worst)) => drop(suspects.insert(worst)),
+            (None, None) => {
+                return suspects.iter().filter_map(|k| trial[*k].map(|(r, d, _)| (*k, r, d))).collect();
+            }
+        }
+    }
+    Vec::new()
+}
+
+/// For each row its residual against the fit of the rows that are no suspects, that in deviations, and whether it is
+/// rejected; `None` where those rows do not tell.
+fn trial(basis: &Mat<f64>, values: &[f64], suspects: &BTreeSet<usize>) -> Vec<Option<(f64, f64, bool)>> {
+    let count = basis.ncols();
+    let kept: Vec<usize> = (0..values.len()).filter(|k| !suspects.contains(k)).collect();
+    let own = Mat::from_fn(kept.len(), count, |i, j| basis[(kept[i], j)]);
+    let observed: Vec<f64> = kept.iter().map(|k| values[*k]).collect();
+    let Some((eigen, vectors)) = symmetric_eigen(&(own.transpose() * &own)) else { return vec![None; values.len()] };
+    let right = vectors.transpose() * (own.transpose() * column(&observed));
+    let known = |k: usize| eigen[k] > DETERMINED;
+    let rank = (0..count).filter(|k| known(*k)).count();
+    let degrees = kept.len() as f64 - rank as f64;
+    let along = basis * &vectors;
+    let residual = |k: usize| {
+        values[k] - (0..count).filter(|j| known(*j)).map(|j| along[(k, j)] * right[(j, 0)] / eigen[j]).sum::<f64>()
+    };
+    let chi2: f64 = kept.iter().map(|k| residual(*k).powi(2)).sum();
+    let limit = BY_CHANCE / values.len() as f64;
+    (0..values.len())
+        .map(|k| {
+            let unknown: f64 = (0..count).filter(|j| !known(*j)).map(|j| along[(k, j)].powi(2)).sum();
+            if unknown > DETERMINED || degrees < 3.0 {
+                return None;
+            }
+            let leverage: f64 = (0..count).filter(|j| known(*j)).map(|j| along[(k, j)].powi(2) / eigen[j]).sum();
+            let (residual, is_out) = (residual(k), suspects.contains(&k));
+            let (error, rest, degrees) = if is_out {
+                (residual, chi2, degrees)
+            } else if leverage < 1.0 - DETERMINED {
+                (residual / (1.0 - leverage), chi2 - residual * residual / (1.0 - leverage), degrees - 1.0)
+            } else {
+                return None;
+            };
+            let sigma = (rest.max(0.0) / degrees).sqrt();
+            // A row left out has the variance 1 + leverage of the rest; written with its own leverage that is 1/(1 − h).
+            let spread = if is_out { (1.0 + leverage).sqrt() } else { (1.0 - leverage).recip().sqrt() };
+            let deviations = error / (sigma * spread);
+            let p = StudentsT::new(0.0, 1.0, degrees).map_or(1.0, |t| 2.0 * t.sf(deviations.abs()));
+            Some((error, deviations, deviations.abs() > FAR && p < limit))
+        })
+        .collect()
+}
+
+/// Residuals of the fit of least absolute deviations, by reweighting.
+fn robust_residuals(basis: &Mat<f64>, values: &[f64]) -> Vec<f64> {
+    let mut residuals = values.to_vec();
+    let mut weights = vec![1.0; values.len()];
+    for _ in 0..PASSES {
+        let weighted = Mat::from_fn(values.len(), basis.ncols(), |i, j| basis[(i, j)] * weights[i]);
+        let mut gram = basis.transpose() * &weighted;
+        let trace: f64 = (0..gram.nrows()).map(|k| gram[(k, k)]).sum();
+        (0..gram.nrows()).for_each(|k| gram[(k, k)] += 1e-12 * trace);
+        let Ok(llt) = Llt::new(gram.as_ref(), Side::Lower) else { return residuals };
+        let solved = llt.solve(&(weighted.transpose() * column(values)));
+        let fitted = basis * &solved;
+        residuals = values.iter().enumerate().map(|(k, value)| value - fitted[(k, 0)]).collect();
+        let mean = residuals.iter().map(|r| r.abs()).sum::<f64>() / values.len() as f64;
+        if mean <= 0.0 {
+            return residuals;
+        }
+        weights = residuals.iter().map(|r| (r.abs() / mean).max(1e-4).recip()).collect();
+    }
+    residuals
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn line(count: usize) -> (Mat<f64>, Vec<f64>) {
+        let basis = independent(&Mat::from_fn(count, 3, |k, j| (k as f64 / count as f64).powi(j as i32)));
+        let values = (0..count).map(|k| 30.0 * (k as f64 / count as f64) + (7.7 * k as f64).sin()).collect();
+        (basis, values)
+    }
+
+    #[test]
+    fn gross_rows_are_named_with_their_size_and_nothing_else_is() {
+        let (basis, mut values) = line(90);
+        assert_eq!(apart(&basis, &values), []);
+        values[17] += 90.0;
+        values[60] -= 20.0;
+        let found = apart(&basis, &values);
+        assert_eq!(found.iter().map(|f| f.0).collect::<Vec<_>>(), [17, 60]);
+        assert!((found[0].1 - 90.0).abs() < 3.0 && found[0].2 > 50.0, "{found:?}");
+    }
+}

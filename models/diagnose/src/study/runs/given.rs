@@ -1,0 +1,70 @@
+//! What is wrong with runs before anything is fitted to them: figures that are none, another unit, the same row twice.
+//!
+//! Place in the flow: first step of the study of runs.
+
+use super::Run;
+use super::positions::key;
+use crate::error::DiagnoseError;
+use std::collections::BTreeSet;
+
+/// Median distance of the errors of an axis from their median (m), from which they are in another unit: poor axes of
+/// several metres stay below a tenth of it.
+const ANOTHER_UNIT_M: f64 = 1e-3;
+/// Rows named in one sentence.
+const NAMED: usize = 8;
+
+/// Rows that count, in the order given, and what a reader must know.
+pub(super) fn given(runs: &[Run]) -> Result<(Vec<usize>, Vec<String>), DiagnoseError> {
+    let data = |problem: String, remedy: &str| Err(DiagnoseError::Data { problem, remedy: remedy.to_owned() });
+    if runs.is_empty() {
+        return data("there are no runs".to_owned(), "give one row for each approach to a target");
+    }
+    for (k, run) in runs.iter().enumerate() {
+        let logged = run.covariates.values().chain(&run.time_s);
+        if !logged.chain([&run.target_m, &run.measured_m]).all(|value| value.is_finite()) {
+            return data(format!("run {} holds a figure that is not finite", k + 1), "remove or correct it");
+        }
+    }
+    let axes: BTreeSet<&str> = runs.iter().map(|run| run.axis.as_str()).collect();
+    for axis in axes {
+        let errors: Vec<f64> = runs.iter().filter(|run| run.axis == axis).map(Run::error_m).collect();
+        let middle = median(errors.clone());
+        let spread_m = median(errors.into_iter().map(|error| (error - middle).abs()).collect());
+        if spread_m > ANOTHER_UNIT_M {
+            let problem = format!("half of the errors of axis {axis} scatter by more than {:.3} mm", spread_m * 1e3);
+            return data(problem, "micrometres seem to stand in columns of millimetres: divide them by a thousand");
+        }
+    }
+    Ok(once(runs))
+}
+
+/// Rows without copies.
+fn once(runs: &[Run]) -> (Vec<usize>, Vec<String>) {
+    let mut seen = BTreeSet::new();
+    let (mut rows, mut copies) = (Vec::new(), Vec::new());
+    for (k, run) in runs.iter().enumerate() {
+        let logged: Vec<(&str, u64)> = run.covariates.iter().map(|(name, v)| (name.as_str(), v.to_bits())).collect();
+        let own = (
+            run.axis.as_str(),
+            key(run.target_m),
+            run.approach,
+            run.cycle,
+            run.measured_m.to_bits(),
+            run.time_s.map(f64::to_bits),
+            logged,
+        );
+        if seen.insert(own) { rows.push(k) } else { copies.push(k + 1) }
+    }
+    if copies.is_empty() {
+        return (rows, Vec::new());
+    }
+    let named: Vec<String> = copies.iter().take(NAMED).map(usize::to_string).collect();
+    let more = if copies.len() > NAMED { ", …" } else { "" };
+    let note = format!("{} rows are copies of others and were counted once: {}{more}.", copies.len(), named.join(", "));
+    (rows, vec![note])
+}
+
+fn median(mut values: Vec<f64>) -> f64 {
+    values.sort_by(f64::total_cmp);
+    values.get(values.len() / 2).copied().unwrap_or(0.0)
+}

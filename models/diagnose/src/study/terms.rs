@@ -1,0 +1,163 @@
+//! What was found, as effects of a machine model: parameters with their joint covariance, and what has no place in a model.
+//!
+//! Place in the flow: last step of a study of runs or vectors; whoever knows the machine makes the model of it. Each kind of
+//! data says what its candidates are there ([`super::candidate::ModelTerm`]). Uncertainties are those of the diagnosis, with
+//! what the correlation of the noise leaves open. Between the places of a table nobody measured: what lies there is as large as
+//! neighbours depart from the straight line through theirs, less where the table is seen to be smooth, by the order of
+//! interpolation that shows at twice the step.
+
+use super::candidate::{ModelTerm, Study};
+use super::fit::Fit;
+use abbe_geometry::effects::Shape;
+use std::collections::BTreeMap;
+
+/// Order of interpolation that a smooth table reaches.
+const MOST_ORDER: f64 = 2.0;
+
+/// An effect of a machine model.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Term {
+    /// Effect of the study that it is, or is part of.
+    pub of: String,
+    /// Name in the registry of effects.
+    pub effect: &'static str,
+    /// Its shape.
+    pub shape: Shape,
+    /// Values of its parameters, SI.
+    pub values: Vec<f64>,
+}
+
+/// All that a model can take.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Terms {
+    /// In the order of the effects found.
+    pub list: Vec<Term>,
+    /// Covariance of all values, packed lower triangle row by row, SI.
+    pub covariance: Vec<f64>,
+    /// Range of each logged quantity that the terms read, in the unit of its name.
+    pub covariates: BTreeMap<String, (f64, f64)>,
+    /// Smallest and largest reading of X, Y, Z (m) where they were measured.
+    pub readings_m: [Option<(f64, f64)>; 3],
+    /// Standard deviation of one reading (m) along X, Y, Z, where it was measured.
+    pub deviations_m: [Option<f64>; 3],
+    /// Effects found that a model cannot hold, with the reason.
+    pub left_out: Vec<(String, String)>,
+}
+
+/// A value of a model as a combination of what was fitted.
+struct Value {
+    /// Place in the fit, number of the parameter, factor.
+    made_of: Vec<((usize, usize), f64)>,
+    value: f64,
+    /// Variance that no fit knows of (m²).
+    beside: f64,
+}
+
+/// Terms of a fit; `u` are the uncertainties of its parameters as reported.
+pub(super) fn terms(study: &dyn Study, fit: &Fit, u: &[Vec<f64>]) -> Terms {
+    let mut terms = Terms { readings_m: study.readings_m(), ..Terms::default() };
+    // The uncertainties reported hold more than the fit's own: correlations keep, deviations grow.
+    let wider = |(a, i): (usize, usize)| {
+        let own = fit.added[a].u[i];
+        if own > 0.0 { u[a][i] / own } else { 1.0 }
+    };
+    let covariance = |x: (usize, usize), y: (usize, usize)| wider(x) * fit.covariance(x, y) * wider(y);
+    let mut values: Vec<Value> = Vec::new();
+    for (place, fitted) in fit.added.iter().enumerate() {
+        let of = study.candidates()[fitted.candidate].name.clone();
+        let own = match study.model_terms(fitted.candidate) {
+            Ok(own) => own,
+            Err(reason) => {
+                terms.left_out.push((of, reason));
+                continue;
+            }
+        };
+        for ModelTerm { effect, shape, map, places_m } in own {
+            let mut own = Vec::with_capacity(map.nrows());
+            for row in 0..map.nrows() {
+                let made_of: Vec<_> = (0..map.ncols())
+                    .map(|k| ((place, k), map[(row, k)]))
+                    .filter(|(_, factor)| *factor != 0.0)
+                    .collect();
+                let value = made_of.iter().map(|((_, k), factor)| factor * fitted.values[*k]).sum();
+                own.push(Value { made_of, value, beside: 0.0 });
+            }
+            if let Some(places_m) = &places_m {
+                let variance = between(places_m, &own, &covariance);
+                own.extend((1..places_m.len()).map(|_| Value { made_of: Vec::new(), value: 0.0, beside: variance }));
+            }
+            terms.list.push(Term { of: of.clone(), effect, shape, values: own.iter().map(|v| v.value).collect() });
+            values.extend(own);
+        }
+        for name in study.model_covariates(fitted.candidate) {
+            terms.covariates.extend(study.model_range(&name).map(|range| (name, range)));
+        }
+    }
+    for (row, a) in values.iter().enumerate() {
+        for (column, b) in values[..=row].iter().enumerate() {
+            let beside = if row == column { a.beside } else { 0.0 };
+            terms.covariance.push(of_two(&a.made_of, &b.made_of, &covariance) + beside);
+        }
+    }
+    terms
+}
+
+type Place = (usize, usize);
+
+fn of_two(a: &[(Place, f64)], b: &[(Place, f64)], covariance: &impl Fn(Place, Place) -> f64) -> f64 {
+    a.iter().map(|(i, x)| b.iter().map(|(j, y)| x * y * covariance(*i, *j)).sum::<f64>()).sum()
+}
+
+/// Variance of what may lie halfway between two places of a table (m²).
+fn between(places_m: &[f64], values: &[Value], covariance: &impl Fn(Place, Place) -> f64) -> f64 {
+    let squares = |reach: usize| -> Vec<(f64, f64)> {
+        let one = |k: usize| {
+            let [low, high] = [k - reach, k + reach];
+            let share = (places_m[k] - places_m[low]) / (places_m[high] - places_m[low]);
+            let parts = [(low, share - 1.0), (k, 1.0), (high, -share)];
+            let departure: f64 = parts.iter().map(|(k, factor)| factor * values[*k].value).sum();
+            let made_of: Vec<(Place, f64)> = parts
+                .iter()
+                .flat_map(|(k, factor)| values[*k].made_of.iter().map(move |(place, own)| (*place, factor * own)))
+                .collect();
+            (departure * departure, of_two(&made_of, &made_of, covariance))
+        };
+        (reach..places_m.len().saturating_sub(reach)).map(one).collect()
+    };
+    let mean = |squares: &[(f64, f64)], of: fn(&(f64, f64)) -> f64| {
+        squares.iter().map(of).sum::<f64>() / squares.len().max(1) as f64
+    };
+    let (short, long) = (squares(1), squares(2));
+    if short.is_empty() {
+        // Two places: nothing tells how bent it is between them but how much they differ.
+        return values.iter().map(|v| v.value.powi(2)).fold(0.0, f64::max);
+    }
+    let seen = mean(&short, |s| s.0 - s.1);
+    let order = if long.is_empty() || seen <= mean(&short, |s| s.1) {
+        0.0
+    } else {
+        (0.5 * (mean(&long, |s| s.0 - s.1) / seen).max(1.0).log2()).min(MOST_ORDER)
+    };
+    mean(&short, |s| s.0) * 0.25_f64.powf(order)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn of(places_m: &[f64], value: impl Fn(f64) -> f64) -> f64 {
+        let own = |x: &f64| Value { made_of: Vec::new(), value: value(*x), beside: 0.0 };
+        between(places_m, &places_m.iter().map(own).collect::<Vec<_>>(), &|_, _| 0.0).sqrt()
+    }
+
+    #[test]
+    fn a_smooth_table_is_known_between_its_places_and_a_rough_one_is_not() {
+        let places: Vec<f64> = (0..9).map(|k| f64::from(k) / 8.0).collect();
+        // A parabola a·x² departs from its chord by a·h²/4 halfway.
+        let smooth = of(&places, |x| 8e-6 * x * x);
+        assert!((smooth - 8e-6 / 256.0).abs() < 1e-12, "{smooth}");
+        // Up and down from place to place: each is 2 µm off the chord of its neighbours.
+        let rough = of(&places, |x| if (x * 8.0).round() % 2.0 == 1.0 { 2e-6 } else { 0.0 });
+        assert!((rough - 2e-6).abs() < 1e-15, "{rough}");
+    }
+}

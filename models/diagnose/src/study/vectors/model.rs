@@ -1,0 +1,45 @@
+//! Shapes of residual vectors as effects of a machine model.
+//!
+//! Place in the flow: the study of vectors says here what its candidates are in a model. Positions become readings of the axes
+//! (position less the offset of the tip), times count from the first vector.
+
+use super::shape::{Quantity, Shape};
+use crate::study::candidate::ModelTerm;
+use abbe_geometry::Axis;
+use abbe_geometry::effects::Shape as ModelShape;
+use faer::Mat;
+use std::f64::consts::TAU;
+
+/// Name in the registry of effects.
+const SMOOTH: &str = "empirical";
+
+/// A shape that moves one component; `less` is what a quantity of the model is smaller by.
+pub(super) fn term(axis: Axis, shape: Shape, quantities: &[Quantity], less: impl Fn(&Quantity) -> f64) -> ModelTerm {
+    let range = |k: usize| {
+        let (low, high) = quantities[k].range;
+        (low - less(&quantities[k]), high - less(&quantities[k]))
+    };
+    let with = |to: ModelShape, [name, low, high]: [&str; 3], k: usize, range: (f64, f64)| {
+        to.text(name, &quantities[k].name).number(low, range.0).number(high, range.1)
+    };
+    let acts = ModelShape::new().text("acts", axis.lower());
+    let first = |k: usize, range: (f64, f64)| with(acts.clone(), ["p", "p_low", "p_high"], k, range);
+    let second = |to: ModelShape, k: usize| with(to, ["q", "q_low", "q_high"], k, range(k));
+    let whole = |to: ModelShape, degree: usize| to.number("degree", degree as f64).number("whole", 1.0);
+    let own = match shape {
+        Shape::One { quantity, degree } => whole(first(quantity, range(quantity)), degree),
+        Shape::Two { first: p, second: q, degree } => whole(second(first(p, range(p)), q), degree),
+        Shape::Product { first: p, second: q } => {
+            second(first(p, range(p)), q).number("degree", 2.0).number("mixed", 1.0)
+        }
+        Shape::Turn { quantity, times } => {
+            // From a whole turn to a whole turn, so that the phase is that of the angle itself.
+            let turn = TAU / quantities[quantity].rad_per_unit().unwrap_or(1.0);
+            let (low, high) = quantities[quantity].range;
+            let (from, to) = ((low / turn).floor(), (high / turn).ceil());
+            first(quantity, (from * turn, to * turn)).number("cycles", f64::from(times) * (to - from))
+        }
+    };
+    let count = shape.parameters().len();
+    ModelTerm { effect: SMOOTH, shape: own, map: Mat::identity(count, count), places_m: None }
+}
