@@ -334,8 +334,13 @@ fn data_that_fix_no_study_are_refused_by_their_file_with_a_remedy_and_nothing_is
     let vectors = vectors("um");
     refuse("--residuals", kept(&vectors, |k, _| k < 5), &["5 residual vectors, at least", "more points"]);
     refuse("--residuals", kept(&vectors, |k, _| k < 16), &["2 blocks, at least", "column block"]);
-    let in_a_point = format!("{}\n{}", vectors.lines().next().unwrap(), "1,2,3,1,2,3,20,0\n".repeat(30));
-    refuse("--residuals", in_a_point, &["blocks, at least"]);
+    let in_a_point = |row: &dyn Fn(usize) -> String| {
+        let rows: String = (0..30).map(row).collect();
+        format!("{}\n{rows}", vectors.lines().next().unwrap())
+    };
+    refuse("--residuals", in_a_point(&|k| format!("1,2,3,{k},2,3,20,0\n")), &["1 blocks, at least"]);
+    let copies = in_a_point(&|_| "1,2,3,1,2,3,20,0\n".to_owned());
+    refuse("--residuals", copies, &["1 residual vectors, at least", "more points"]);
     let model = bench.write("model.json", "{}");
     let file = bench.write("data.csv", &vectors);
     refused(&bench, &["diagnose", "--residuals", &file, "--model", &model, "--out", &out], &["model.json"]);

@@ -25,7 +25,7 @@ fn measured(rho: f64, bends: Bends, seed: u64) -> Vec<ResidualVector> {
             ResidualVector {
                 position_m: [0, 1, 2].map(|_| generator.random_range(-0.5..0.5)),
                 residual_m: [2e-6 * x + 1e-6 * bends(load), 8e-6 * y, 20e-6 * z],
-                time_s: (seed % 2 == 0).then_some(3.0 * f64::from(k)),
+                time_s: seed.is_multiple_of(2).then_some(3.0 * f64::from(k)),
                 covariates: [
                     ("load_n".to_owned(), load),
                     ("temp_arm_c".to_owned(), 22.0 + 0.01 * f64::from(k)),

@@ -15,6 +15,7 @@ use super::shape::{EffectError, Reader, Shape};
 use super::{Acts, CovariateProblem, Effect, Motion, ParameterSpec, State};
 use crate::axis::{Axis, ErrorId};
 use crate::machine::Machine;
+use smallvec::SmallVec;
 
 /// Entry in the registry.
 pub(super) const KNOWN: Known = Known {
@@ -116,16 +117,19 @@ impl By {
     }
 }
 
+/// Index and weight, of three at most.
+type Weights = SmallVec<[(usize, f64); 3]>;
+
 /// Weights of a table's values and of what may lie between its places: index and weight.
-fn table(places_m: &[f64], reading_m: f64) -> Vec<(usize, f64)> {
+fn table(places_m: &[f64], reading_m: f64) -> Weights {
     let last = places_m.len() - 1;
     let above = places_m.partition_point(|place| *place <= reading_m);
     if above == 0 || above > last {
-        return vec![(above.min(last), 1.0)];
+        return Weights::from_slice(&[(above.min(last), 1.0)]);
     }
     let (low_m, high_m) = (places_m[above - 1], places_m[above]);
     let share = (reading_m - low_m) / (high_m - low_m);
-    vec![(above - 1, 1.0 - share), (above, share), (last + above, 4.0 * share * (1.0 - share))]
+    Weights::from_slice(&[(above - 1, 1.0 - share), (above, share), (last + above, 4.0 * share * (1.0 - share))])
 }
 
 impl Effect for AxisTerm {

@@ -151,7 +151,7 @@ pub trait Effect: Debug + Send + Sync {
 }
 
 /// A column a parameter. No effect that is measured has more than these, so that a sample takes no memory.
-pub type TipColumns = SmallVec<[Vector3<f64>; 16]>;
+pub type TipColumns = SmallVec<[Vector3<f64>; 24]>;
 /// A few numbers of one sample, likewise.
 pub type Values = SmallVec<[f64; 16]>;
 

@@ -22,6 +22,9 @@ pub(crate) struct Arguments {
     /// Model file that the campaign belongs to; data without a tracer need none
     #[arg(long)]
     model: Option<PathBuf>,
+    /// Machine file of the axes behind positioning runs or residual vectors: what is found comes out as a model file, too
+    #[arg(long, conflicts_with = "model")]
+    machine: Option<PathBuf>,
     /// Tracer campaign (CSV, .mcap or rosbag2 folder), ISO 230-2 runs (CSV) or sphere centres (CSV); the header decides
     #[arg(long, required_unless_present = "residuals", conflicts_with = "residuals")]
     campaign: Option<PathBuf>,
@@ -36,7 +39,7 @@ pub(crate) struct Arguments {
     /// Points with known actual positions, for scoring only
     #[arg(long, requires = "model")]
     verify: Option<PathBuf>,
-    /// Seed of the parts left out and of the placebos
+    /// Seed of the parts left out and of the placebos (tracer campaigns)
     #[arg(long, default_value_t = 1)]
     seed: u64,
     /// Parts in which lines are left out of the whole search
@@ -55,7 +58,7 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         // Where the system refuses, it goes on as it is.
         let _ = rustix::process::nice(GIVES_WAY);
     }
-    let inputs = [&arguments.model, &arguments.campaign, &arguments.residuals, &arguments.verify];
+    let inputs = [&arguments.model, &arguments.machine, &arguments.campaign, &arguments.residuals, &arguments.verify];
     let inputs: Vec<_> = inputs.into_iter().flatten().map(PathBuf::as_path).collect();
     output::check(&arguments.out, &inputs)?;
     let bar = spinner("diagnosing");
@@ -64,7 +67,11 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         bar.set_message(progress_text(&progress, &mut fold));
         !shutdown.requested()
     };
-    let made = product(arguments, &mut observe);
+    let mut observe_study = |progress: study::Progress| {
+        bar.set_message(study_text(&progress));
+        !shutdown.requested()
+    };
+    let made = product(arguments, &mut observe, &mut observe_study);
     bar.finish_and_clear();
     let product = shown(made, arguments.json)?;
     let json = product.report.json()?;
@@ -79,8 +86,13 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     Ok(())
 }
 
-fn product(arguments: &Arguments, observe: &mut dyn FnMut(Progress) -> bool) -> anyhow::Result<Product> {
+fn product(
+    arguments: &Arguments,
+    observe: &mut dyn FnMut(Progress) -> bool,
+    observe_study: &mut dyn FnMut(study::Progress) -> bool,
+) -> anyhow::Result<Product> {
     let request = Request {
+        machine: arguments.machine.as_deref(),
         verify: arguments.verify.as_deref(),
         seed: arguments.seed,
         folds: arguments.folds,
@@ -88,7 +100,7 @@ fn product(arguments: &Arguments, observe: &mut dyn FnMut(Progress) -> bool) -> 
         join: &arguments.join,
     };
     if let Some(residuals) = &arguments.residuals {
-        return study::run_residuals(residuals, arguments.model.as_deref(), &request);
+        return study::run_residuals(residuals, arguments.model.as_deref(), &request, observe_study);
     }
     let campaign = arguments.campaign.as_deref().context("name the data with --campaign or --residuals")?;
     match (study::kind_of(campaign), &arguments.model) {
@@ -101,13 +113,24 @@ fn product(arguments: &Arguments, observe: &mut dyn FnMut(Progress) -> bool) -> 
             }
         ),
         (None, Some(model)) => tracer::run(model, campaign, &request, observe),
+        (None, None) if arguments.machine.is_some() => bail!(
+            "{}: this is a tracer campaign, and --machine is for positioning runs and residual vectors; name the model with \
+             --model",
+            campaign.display()
+        ),
         (None, None) => bail!(
             "{}: a tracer campaign is diagnosed with the model it belongs to; name it with --model, or make it with abbe \
              identify",
             campaign.display()
         ),
-        (Some(kind), None) => study::run(kind, campaign, &request),
+        (Some(kind), None) => study::run(kind, campaign, &request, observe_study),
     }
+}
+
+/// Progress of a study in words.
+fn study_text(progress: &study::Progress) -> String {
+    let part = progress.part.map_or_else(String::new, |(number, of)| format!("without part {number} of {of}: "));
+    format!("{part}{} candidates beside {} effects", progress.candidates, progress.effects)
 }
 
 /// Progress in words. Within a part left out, the search goes through the same steps again.

@@ -8,6 +8,7 @@ mod pictures;
 mod record;
 mod scoring;
 pub(crate) mod study;
+mod study_model;
 mod study_record;
 pub(crate) mod tracer;
 
@@ -19,6 +20,8 @@ use std::path::{Path, PathBuf};
 /// What the user asked for, whatever the data are.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Request<'a> {
+    /// Machine that data without a model were measured on.
+    pub(crate) machine: Option<&'a Path>,
     /// Independent points, for scoring only.
     pub(crate) verify: Option<&'a Path>,
     /// Seed of folds and placebos.

@@ -1,23 +1,25 @@
 //! Diagnosis of data that need no model: positioning runs, sphere centres, residual vectors.
 //!
-//! Place in the flow: the header of the file says which kind it is; the study of that kind gives report and JSON. There
-//! is no model file to come out.
+//! Place in the flow: the header of the file says which kind it is; the study of that kind gives report and JSON, and where the
+//! machine is named the model of what was found.
 
+use super::study_model;
 use super::study_record;
-use super::{Product, Request, name_of};
+use super::{MODEL, Product, Request, name_of};
 use crate::pipeline::software;
 use abbe_diagnose::DiagnoseError;
+pub(crate) use abbe_diagnose::study::Progress;
 use abbe_diagnose::study::runs::{PositionSummary, positions};
-use abbe_diagnose::study::{Options, StudyDiagnosis, five_axis, runs, vectors};
+use abbe_diagnose::study::{Observe, Options, StudyDiagnosis, five_axis, runs, vectors};
 use abbe_files::{
-    FileError, ModelFile, header_names, hex, read_residual_vectors_file, read_runs_file, read_sphere_centres_file,
+    DataSource, FileError, MachineFile, ModelFile, header_names, hex, read_machine, read_residual_vectors_file,
+    read_runs_file, read_sphere_centres_file,
 };
 use abbe_geometry::Vector3;
-use abbe_geometry::machine::Machine;
 use abbe_measurement::correspondence::check_vectors;
-use abbe_report::diagnosis::{DiagnosisReport, File};
+use abbe_report::diagnosis::{DiagnosisReport, File, ModelOut};
 use abbe_report::{Axis, Curve, CurveStyle, LinePanel, LinePlot, Section};
-use anyhow::Context;
+use anyhow::{Context, ensure};
 use std::path::Path;
 
 /// Kinds of data without a model, told by their header.
@@ -41,45 +43,90 @@ pub(crate) fn kind_of(path: &Path) -> Option<DataKind> {
 }
 
 /// Diagnoses runs or sphere centres.
-pub(crate) fn run(kind: DataKind, path: &Path, request: &Request) -> anyhow::Result<Product> {
+pub(crate) fn run(kind: DataKind, path: &Path, request: &Request, observe: &mut Observe) -> anyhow::Result<Product> {
+    let machine = request.machine.map(read_machine).transpose()?;
     match kind {
         DataKind::Runs => {
             let file = read_runs_file(path)?;
             let figures = position_figures(&positions(&file.rows));
-            conclude(path, file.sha256, request, figures, |options| runs::diagnose(&file.rows, options))
+            let data = Data { path, sha256: file.sha256, machine };
+            conclude(data, request, figures, |options| runs::diagnose_observed(&file.rows, options, observe))
         }
         DataKind::SphereCentres => {
+            ensure!(machine.is_none(), "{}: sphere centres give no model; leave --machine out", path.display());
             let file = read_sphere_centres_file(path)?;
-            conclude(path, file.sha256, request, Vec::new(), |options| five_axis::diagnose(&file.rows, options))
+            conclude(Data { path, sha256: file.sha256, machine }, request, Vec::new(), |options| {
+                five_axis::diagnose_observed(&file.rows, options, observe)
+            })
         }
     }
 }
 
 /// Diagnoses residual vectors; the machine of a model, where one is given, says which chain stands behind them.
-pub(crate) fn run_residuals(path: &Path, model: Option<&Path>, request: &Request) -> anyhow::Result<Product> {
-    let machine = model.map(machine_of).transpose()?;
+pub(crate) fn run_residuals(
+    path: &Path,
+    model: Option<&Path>,
+    request: &Request,
+    observe: &mut Observe,
+) -> anyhow::Result<Product> {
+    let of_model = model.map(machine_of).transpose()?;
+    let machine = of_model.map_or_else(|| request.machine.map(read_machine).transpose(), |own| Ok(Some(own)))?;
+    let chain = machine.as_ref().map(|own| own.machine.clone());
     let file = read_residual_vectors_file(path)?;
     let vectors_m: Vec<Vector3<f64>> = file.rows.iter().map(|row| row.residual_m.into()).collect();
     check_vectors(&vectors_m, false).with_context(|| path.display().to_string())?;
-    conclude(path, file.sha256, request, Vec::new(), |options| vectors::diagnose(&file.rows, machine.as_ref(), options))
+    conclude(Data { path, sha256: file.sha256, machine }, request, Vec::new(), |options| {
+        vectors::diagnose_observed(&file.rows, chain.as_ref(), options, observe)
+    })
 }
 
-fn machine_of(model: &Path) -> Result<Machine, FileError> {
-    Ok(ModelFile::load(model)?.0.model.parts().machine.clone())
+fn machine_of(model: &Path) -> Result<MachineFile, FileError> {
+    let (file, _) = ModelFile::load(model)?;
+    Ok(MachineFile {
+        machine: file.model.parts().machine.clone(),
+        instrument: file.instrument,
+        absolute_range: file.absolute_range,
+        order: file.order,
+    })
+}
+
+/// What was measured, and on what.
+struct Data<'a> {
+    path: &'a Path,
+    sha256: [u8; 32],
+    machine: Option<MachineFile>,
 }
 
 fn conclude(
-    path: &Path,
-    sha256: [u8; 32],
+    Data { path, sha256, machine }: Data,
     request: &Request,
     figures: Vec<Section>,
     diagnose: impl FnOnce(&Options) -> Result<StudyDiagnosis, DiagnoseError>,
 ) -> anyhow::Result<Product> {
-    let options = Options { seed: request.seed, ..Options::default() };
+    let options = Options::default();
     let diagnosis = diagnose(&options).with_context(|| path.display().to_string())?;
     let data = File { file: name_of(path), sha256: hex(&sha256) };
-    let record = study_record::record(&diagnosis, data, &options, software());
-    Ok(Product { report: DiagnosisReport { record, residuals: None, figures }, model: None })
+    let mut record = study_record::record(&diagnosis, data, &options, request.seed, software());
+    let Some(machine) = machine else {
+        record.notes.push("No model file was made: name the machine with --machine to have one.".to_owned());
+        return Ok(Product { report: DiagnosisReport { record, residuals: None, figures }, model: None });
+    };
+    record.machine = Some(machine.machine.name.clone());
+    let source = DataSource { file: name_of(path), sha256: hex(&sha256) };
+    let made = study_model::model(&diagnosis, &machine, source, record.options.clone())?;
+    let model = made.map(|model| {
+        record.notes.extend(model.doubts.iter().map(|doubt| format!("The model file: {}.", doubt.text)));
+        model.to_bytes(MODEL)
+    });
+    let model = model.transpose()?.map(|(bytes, sha256)| {
+        let file = File { file: MODEL.to_owned(), sha256: hex(&sha256) };
+        record.model_out = Some(ModelOut { file, is_the_one_given: false });
+        bytes
+    });
+    if model.is_none() {
+        record.notes.push("No model file was made: nothing was found that a model could correct.".to_owned());
+    }
+    Ok(Product { report: DiagnosisReport { record, residuals: None, figures }, model })
 }
 
 /// The position table as a picture: mean error and two standard deviations by target and direction, an axis a panel.

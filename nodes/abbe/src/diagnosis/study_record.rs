@@ -8,13 +8,14 @@ use abbe_report::diagnosis as shown;
 use serde_json::json;
 use std::collections::BTreeMap;
 
-const PLACEBO_UNIT: &str = "reduction of the rms on blocks left out, in um";
+const GAIN_UNIT: &str = "reduction of the rms on blocks left out, in um";
 
 /// Everything but the pictures.
 pub(super) fn record(
     diagnosis: &library::StudyDiagnosis,
     data: shown::File,
     options: &library::Options,
+    seed: u64,
     software: String,
 ) -> shown::Record {
     let mut record = shown::Record {
@@ -24,8 +25,8 @@ pub(super) fn record(
         effects: diagnosis.effects.iter().map(effect).collect(),
         set_aside: Vec::new(),
         not_adopted: None,
-        before: errors(&diagnosis.before),
-        after: errors(&diagnosis.after),
+        before: errors(&diagnosis.before, diagnosis.unseen.before.as_ref()),
+        after: errors(&diagnosis.after, diagnosis.unseen.after.as_ref()),
         held_out: held_out(diagnosis),
         verification: None,
         not_identifiable: diagnosis.not_identifiable.iter().map(not_identifiable).collect(),
@@ -36,23 +37,63 @@ pub(super) fn record(
         ladder: diagnosis.ladder.iter().map(rung).collect(),
         considered: diagnosis.considered.iter().map(considered).collect(),
         alternatives: diagnosis.alternatives.iter().map(alternative).collect(),
-        notes: diagnosis.notes.clone(),
+        notes: notes(diagnosis),
         data_kind: diagnosis.of.to_owned(),
         about: Vec::new(),
         machine: None,
         model: None,
         data,
         model_out: None,
-        seed: options.seed,
+        seed,
         options: json!({
             "significance": options.significance,
-            "placebo_draws": options.placebo_draws,
             "most_effects": options.most_effects,
         }),
         software,
     };
-    record.verdict = record.words();
+    record.verdict = verdict(&record, diagnosis);
     record
+}
+
+/// The answer, and on what it rests.
+fn verdict(record: &shown::Record, diagnosis: &library::StudyDiagnosis) -> String {
+    let mut words = record.words();
+    let is_open = |look: &&library::Look| look.is_noise != Some(true);
+    let open: Vec<String> = diagnosis.looked.iter().filter(is_open).map(look).collect();
+    if diagnosis.consistent_with_noise && !open.is_empty() {
+        words = format!("{words} Not all could be looked at: {}.", open.join("; "));
+    } else if diagnosis.effects.is_empty() && !open.is_empty() {
+        words = format!("{words} {}.", open.join("; "));
+    }
+    match diagnosis.rejected.len() {
+        0 => words,
+        count => format!("{words} {count} of {} rows were rejected as gross errors.", diagnosis.rows),
+    }
+}
+
+fn look(look: &library::Look) -> String {
+    format!("{}: {}", look.what, look.says)
+}
+
+/// What a reader must know: what was looked at, the noise, the rows rejected, and what the kind of data asks for.
+fn notes(diagnosis: &library::StudyDiagnosis) -> Vec<String> {
+    let mut notes = diagnosis.notes.clone();
+    notes.extend(diagnosis.looked.iter().map(|own| format!("Looked at: {}.", look(own))));
+    notes.extend(diagnosis.noise.iter().map(|noise| {
+        let of = format!("Noise of {}: {:.3} um a row over {} rows", noise.of, noise.sigma_um, noise.rows);
+        match noise.neighbours {
+            None => format!("{of}; too few to tell a correlation."),
+            Some(found) => format!(
+                "{of}, neighbours in order of measurement correlate by {:.2} (95 %: {:.2} to {:.2}); tests and \
+                 uncertainties hold under that.",
+                found.value, found.interval.0, found.interval.1
+            ),
+        }
+    }));
+    notes.extend(diagnosis.rejected.iter().map(|row| {
+        format!("Rejected: {}, {:.3} um off, {:.0} standard deviations.", row.name, row.residual_um, row.deviations)
+    }));
+    notes
 }
 
 fn effect(effect: &library::Effect) -> shown::Effect {
@@ -69,13 +110,14 @@ fn effect(effect: &library::Effect) -> shown::Effect {
         alias_share: finite(effect.alias_share),
         parameters: effect.parameters.iter().map(parameter).collect(),
         held_out_gain_um: finite(effect.held_out_gain_um),
+        // Tests in the noise found take the place of placebos here: few blocks cannot be exchanged often enough.
         placebo: shown::Placebo {
             gain: finite(effect.held_out_gain_um),
-            unit: PLACEBO_UNIT.to_owned(),
-            draws: effect.placebo.draws,
-            median: finite(effect.placebo.median_gain_um),
-            quantile_95: finite(effect.placebo.gain_95_um),
-            share_as_good: finite(effect.placebo.share_as_good),
+            unit: GAIN_UNIT.to_owned(),
+            draws: 0,
+            median: None,
+            quantile_95: None,
+            share_as_good: None,
         },
         cannot_be_told_from: effect.rivals.iter().map(rival).collect(),
         size_um: None,
@@ -98,10 +140,11 @@ fn interval(interval: Option<(f64, f64)>) -> Option<(f64, f64)> {
     interval.and_then(|(low, high)| Some((finite(low)?, finite(high)?)))
 }
 
-fn errors(judgement: &library::Judgement) -> shown::ErrorFigures {
+/// Error on blocks that no step of the search saw, beside figures of the fit to all.
+fn errors(judgement: &library::Judgement, unseen: Option<&library::HeldOutRms>) -> shown::ErrorFigures {
     shown::ErrorFigures {
-        held_out_rms_um: finite(judgement.held_out.rms_um),
-        held_out_interval_um: interval(judgement.held_out.interval_um),
+        held_out_rms_um: unseen.and_then(|unseen| finite(unseen.rms_um)),
+        held_out_interval_um: unseen.and_then(|unseen| interval(unseen.interval_um)),
         chi2_per_dof: judgement.chi2_per_dof.and_then(finite),
         residual_rms_um: finite(judgement.rms_um),
         ..shown::ErrorFigures::default()
@@ -109,13 +152,15 @@ fn errors(judgement: &library::Judgement) -> shown::ErrorFigures {
 }
 
 fn held_out(diagnosis: &library::StudyDiagnosis) -> shown::HeldOut {
-    let blocks = &diagnosis.blocks;
+    let (blocks, unseen) = (&diagnosis.blocks, &diagnosis.unseen);
     shown::HeldOut {
-        // The effects were chosen on all the data: few data cannot spare a part of them for that as well.
         blocks: format!(
-            "data left out of the fit, {} of {} at a time (the choice of effects saw them)",
-            blocks.what, blocks.count
+            "data that no step of the search saw ({} in {} parts, each block a {})",
+            blocks.count, unseen.folds, blocks.what
         ),
+        missing_because: unseen.missing_because.clone(),
+        not_judged: unseen.not_judged.clone(),
+        found_by_part: unseen.found.clone(),
         ..shown::HeldOut::default()
     }
 }
@@ -129,7 +174,8 @@ fn detection(diagnosis: &library::StudyDiagnosis) -> shown::Both<shown::Detectio
         chi2_per_dof: judgement.chi2_per_dof.and_then(finite),
         estimated_sigma_um: finite(judgement.estimated_sigma_um),
         rms_um: finite(judgement.rms_um),
-        used: diagnosis.rows,
+        used: diagnosis.rows - diagnosis.rejected.len(),
+        rejected: diagnosis.rejected.len(),
         lack_of_fit: p.map(p_value),
         ..shown::Detection::default()
     };
@@ -155,7 +201,10 @@ fn steps(diagnosis: &library::StudyDiagnosis) -> Vec<String> {
     let step = |rung: &library::Rung| {
         let added = rung.added.as_ref()?;
         let p = rung.p_value.map_or_else(String::new, |p| format!(" at p = {p:.1e}"));
-        Some(format!("added {added}{p}: error on blocks left out {:.3} um", rung.judgement.held_out.rms_um))
+        Some(format!(
+            "added {added}{p}: error on blocks left out {:.3} um (the choice of effects saw them)",
+            rung.judgement.held_out.rms_um
+        ))
     };
     diagnosis.ladder.iter().filter_map(step).collect()
 }

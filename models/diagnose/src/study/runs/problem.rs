@@ -118,7 +118,7 @@ impl Runs {
         let question =
             |what: &str, candidates: Vec<usize>| Question { what: format!("{what}, axis {name}"), candidates };
         self.questions.push(question("drift", numbered(&Shape::is_drift)));
-        self.questions.push(question("reversal", numbered(&Shape::is_reversal)));
+        self.questions.push(question("reversal value", numbered(&Shape::is_reversal)));
         for shape in shapes {
             self.candidates.push(named(&axis.name, &axis.ranges, &shape));
             self.shapes.push((self.axes.len(), shape));
@@ -483,8 +483,8 @@ impl Study for Runs {
     }
 
     fn notes(&self) -> Vec<String> {
-        let reversal = "Reversal value B: mean error approaching in the positive direction less that in the negative.";
-        std::iter::once(reversal.to_owned()).chain(self.notes.iter().cloned()).collect()
+        let meaning = "Reversal value B: mean error approaching in the positive direction less that in the negative.";
+        std::iter::once(meaning.to_owned()).chain(self.notes.iter().cloned()).collect()
     }
 }
 

@@ -318,9 +318,9 @@ impl Study for Vectors<'_> {
             (0..self.candidates.len()).filter(has).collect()
         };
         let directions = self.quantities.iter().filter(|quantity| quantity.name.starts_with("dir_"));
-        let reversal = directions.flat_map(|quantity| with(&quantity.name)).collect();
+        let of_sign = directions.flat_map(|quantity| with(&quantity.name)).collect();
         let question = |what: &str, candidates| Question { what: what.to_owned(), candidates };
-        vec![question("drift with time", with(TIME)), question("direction of approach", reversal)]
+        vec![question("drift with time", with(TIME)), question("direction of approach", of_sign)]
     }
 
     fn blocks(&self) -> &[Vec<usize>] {

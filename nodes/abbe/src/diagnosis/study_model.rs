@@ -1,0 +1,124 @@
+//! The model file that comes of positioning runs or residual vectors.
+//!
+//! Place in the flow: what a study found ([`Terms`]) and the machine it was found on in; a model out that corrects just that, as
+//! `correct`, `export` and the live nodes take it. Error functions, squareness and stations stay at zero: nobody measured them
+//! here, and the file says so to everyone who loads it.
+
+use crate::pipeline::software;
+use abbe_diagnose::study::{StudyDiagnosis, Terms};
+use abbe_files::{DataSource, Doubt, MachineFile, ModelFile};
+use abbe_geometry::Axis;
+use abbe_geometry::layout::Layout;
+use abbe_geometry::machine::Machine;
+use abbe_geometry::model::{FitQuality, FittedEffect, IdentifiedVolume, MachineModel, ModelParts};
+use abbe_identify::verdict::Grade;
+use anyhow::Context;
+use serde_json::{Value, json};
+
+/// Errors that were found on a machine, as a model of it; `None` where there is nothing to correct.
+pub(super) fn model(
+    diagnosis: &StudyDiagnosis,
+    machine: &MachineFile,
+    source: DataSource,
+    options: Value,
+) -> anyhow::Result<Option<ModelFile>> {
+    let terms = &diagnosis.terms;
+    if terms.list.is_empty() {
+        return Ok(None);
+    }
+    let words = || format!("{}: what was found does not fit machine {}", source.file, machine.machine.name);
+    let parts = parts(diagnosis, &machine.machine).with_context(words)?;
+    let model = MachineModel::new(parts).with_context(words)?;
+    let effects: Vec<Value> =
+        diagnosis.effects.iter().map(|e| json!({ "name": e.name, "p_value": e.p_value })).collect();
+    Ok(Some(ModelFile {
+        model,
+        order: machine.order,
+        instrument: machine.instrument,
+        absolute_range: machine.absolute_range,
+        residual_network: None,
+        data: vec![source],
+        seed: None,
+        options,
+        evidence: json!({ "study": diagnosis.of, "effects": effects }),
+        doubts: doubts(diagnosis),
+        software: software(),
+    }))
+}
+
+fn parts(diagnosis: &StudyDiagnosis, given: &Machine) -> anyhow::Result<ModelParts> {
+    let terms = &diagnosis.terms;
+    let mut machine = Machine { kinds: [None; abbe_geometry::ErrorId::COUNT], ..given.clone() };
+    for (repeatability_m, deviation_m) in machine.repeatability_m.iter_mut().zip(terms.deviations_m) {
+        *repeatability_m = deviation_m.unwrap_or(*repeatability_m);
+    }
+    let offset_m = machine.default_offset_m.unwrap_or([0.0; 3]);
+    let layout = Layout::new(&machine, offset_m)?;
+    let effects = terms
+        .list
+        .iter()
+        .map(|term| MachineModel::fitted_effect(term.effect, term.shape.clone(), &machine, term.values.clone()));
+    let effects = effects.collect::<Result<Vec<FittedEffect>, _>>()?;
+    let strokes = machine.stroke_m;
+    let used = diagnosis.rows - diagnosis.rejected.len();
+    Ok(ModelParts {
+        coefficients: vec![0.0; layout.len()],
+        offset_centre_m: offset_m,
+        covariance: covariance(&layout, &machine, terms),
+        chord_covariance: Vec::new(),
+        effects,
+        stations: Vec::new(),
+        identified: IdentifiedVolume {
+            reading_m: Axis::ALL.map(|axis| terms.readings_m[axis.index()].unwrap_or(strokes[axis.index()])),
+            offset_m: offset_m.map(|offset_m| (offset_m, offset_m)),
+            covariates: terms.covariates.clone(),
+        },
+        quality: FitQuality {
+            readings: used,
+            rejected: diagnosis.rejected.len(),
+            // Where no uncertainty is declared the residuals say it, and hold to it by that.
+            chi2_per_dof: diagnosis.after.chi2_per_dof.unwrap_or(1.0),
+            residual_rms_m: diagnosis.after.rms_um / 1e6,
+            // A study takes its noise from its own residuals: all of it is in the covariance.
+            unexplained_m: 0.0,
+        },
+        machine,
+    })
+}
+
+/// Nothing of geometry but the usual uncertainty of the ram's turn, then the terms.
+fn covariance(layout: &Layout, machine: &Machine, terms: &Terms) -> Vec<f64> {
+    let geometry = layout.len();
+    let mut packed = vec![0.0; geometry * (geometry + 1) / 2];
+    for (index, u_rad) in layout.ram_turn().zip(machine.u_ram_turn_rad) {
+        packed[index * (index + 1) / 2 + index] = u_rad * u_rad;
+    }
+    let mut own = terms.covariance.iter();
+    let mut row = 0;
+    while own.len() > row {
+        packed.extend(std::iter::repeat_n(0.0, geometry));
+        packed.extend(own.by_ref().take(row + 1));
+        row += 1;
+    }
+    packed
+}
+
+/// What whoever corrects with it must know.
+fn doubts(diagnosis: &StudyDiagnosis) -> Vec<Doubt> {
+    let terms = &diagnosis.terms;
+    let letters = |is_measured: bool| -> String {
+        let own = Axis::ALL.into_iter().filter(|axis| terms.deviations_m[axis.index()].is_some() == is_measured);
+        own.map(Axis::letter).collect()
+    };
+    let mut texts = vec![format!(
+        "it holds what {} showed along {}, and nothing else of the machine: what was not measured is neither corrected nor in the \
+         uncertainty, such as angles, straightness and squareness where only positions were measured{}",
+        diagnosis.of,
+        letters(true),
+        if letters(false).is_empty() { String::new() } else { format!(", and all of {}", letters(false)) },
+    )];
+    let left_out =
+        terms.left_out.iter().map(|(name, reason)| format!("{name} was found, and is not in the model: {reason}"));
+    texts.extend(left_out);
+    texts.into_iter().map(|text| Doubt { grade: Grade::Warning.name().to_owned(), text }).collect()
+}
