@@ -178,6 +178,7 @@ mod tests {
             smooth("EBX"),
             smooth("range").text("q", "x_m").number("q_low", 0.0).number("q_high", 0.8),
             smooth("range").number("cycles", 2.0),
+            Shape::new().text("axis", "x").numbers("places_m", &[0.0, 0.3, 0.7]).text("sign", "dir_x"),
         ];
         let mut found = found.to_vec();
         found[5].0.remove("degree");
