@@ -4,7 +4,8 @@
 //! is slow, e^(-gap) correlated (an autoregression of first order, sampled at any gaps), the rest white; gaps in steps
 //! between neighbours. Restricted likelihood (Patterson & Thompson 1971) and whitening are those of identification
 //! ([`abbe_identify::correlation`]); here all descriptions that the data leave open are weighed against each other, since
-//! few cycles leave many. No units.
+//! few cycles leave many. Before the data, white noise is as likely as all slow noise together: a grid of slow noise does
+//! not become likelier by having more points. No units.
 
 use abbe_identify::correlation::{Correlation, Fitted, Sequence, Whitener};
 use abbe_identify::symmetric_eigen;
@@ -15,11 +16,13 @@ use faer::{Mat, Side};
 /// times the scatter, which is slow noise before it is found, leaves a white part of some thousandths, and without it each step of the
 /// scatter would have to be a step of the drift.
 const RHO: [f64; 9] = [0.2, 0.35, 0.5, 0.65, 0.8, 0.9, 0.95, 0.98, 0.995];
-const SHARE: [f64; 8] = [0.25, 0.5, 0.75, 0.9, 0.97, 0.99, 0.997, 1.0];
+/// Each share with the width that it stands for; all of the variance, an autoregression as such, has one of its own.
+const SHARE: [(f64, f64); 8] =
+    [(0.25, 1.0), (0.5, 1.0), (0.75, 0.8), (0.9, 0.4), (0.97, 0.2), (0.99, 0.1), (0.997, 0.1), (1.0, 1.0)];
+/// Probability, before the data, that noise is white.
+const WHITE: f64 = 0.5;
 /// Degrees of freedom below which a correlation cannot be estimated.
 const FEWEST: usize = 10;
-/// Log likelihood by which correlated noise must beat white noise to be taken as the best description.
-const BETTER: f64 = 1.0;
 /// Weight below which a description of the noise is left out.
 const NEGLIGIBLE: f64 = 1e-5;
 /// Shortest gap, in steps: rows of one instant are two readings all the same.
@@ -131,6 +134,15 @@ impl Noise {
     }
 }
 
+/// All descriptions of the noise, with the logarithm of their probability before the data.
+fn descriptions() -> impl Iterator<Item = (Theta, f64)> {
+    let all: f64 = SHARE.iter().map(|(_, width)| width).sum::<f64>() * RHO.len() as f64;
+    let of_share = move |(share, width): (f64, f64)| {
+        RHO.into_iter().map(move |rho| (Theta { rho, share }, ((1.0 - WHITE) * width / all).ln()))
+    };
+    std::iter::once((Theta::WHITE, WHITE.ln())).chain(SHARE.into_iter().flat_map(of_share))
+}
+
 /// Weighs all descriptions of the noise by their restricted likelihood, for rows in order.
 pub(super) fn noise(gaps: &[f64], columns: &Mat<f64>, rows: &[f64]) -> Noise {
     let columns = independent(columns);
@@ -140,17 +152,15 @@ pub(super) fn noise(gaps: &[f64], columns: &Mat<f64>, rows: &[f64]) -> Noise {
     if degrees < FEWEST {
         return Noise { sigma: white_sigma, degrees, ..Noise::white() };
     }
-    let mut all = vec![(Theta::WHITE, white, white_sigma)];
-    for share in SHARE {
-        for rho in RHO {
-            let theta = Theta { rho, share };
-            all.extend(sigma(theta).map(|(value, sigma)| (theta, value, sigma)));
-        }
-    }
+    let one = |(theta, prior)| sigma(theta).map(|(value, sigma)| (theta, value + prior, sigma));
+    let all: Vec<(Theta, f64, f64)> = descriptions().filter_map(one).collect();
+    let most = all.iter().map(|(_, value, _)| *value).fold(f64::NEG_INFINITY, f64::max);
+    let total: f64 = all.iter().map(|(_, value, _)| (value - most).exp()).sum();
+    let weight = |value: f64| (value - most).exp() / total;
+    let is_white = weight(white + WHITE.ln()) >= 0.5;
     let best = all.iter().copied().fold(all[0], |a, b| if b.1 > a.1 { b } else { a });
-    let chosen = if best.1 - white < BETTER { all[0] } else { best };
-    let total: f64 = all.iter().map(|(_, value, _)| (value - best.1).exp()).sum();
-    let weighed = all.iter().map(|(theta, value, _)| Weighed { theta: *theta, weight: (value - best.1).exp() / total });
+    let chosen = if is_white { all[0] } else { best };
+    let weighed = all.iter().map(|(theta, value, _)| Weighed { theta: *theta, weight: weight(*value) });
     let mut weighed: Vec<Weighed> = weighed.filter(|w| w.weight > NEGLIGIBLE).collect();
     let kept: f64 = weighed.iter().map(|w| w.weight).sum();
     weighed.iter_mut().for_each(|w| w.weight /= kept);
@@ -186,11 +196,9 @@ pub(super) fn gain(gaps: &[f64], base: &Mat<f64>, further: &Mat<f64>, rows: &[f6
     if new == 0 || rows.len() <= both.ncols() {
         return (0.0, new);
     }
-    let white = std::iter::once(Theta::WHITE);
-    let all: Vec<Theta> =
-        white.chain(SHARE.iter().flat_map(|share| RHO.map(|rho| Theta { rho, share: *share }))).collect();
     let weighed = |columns: &Mat<f64>| {
-        let values: Vec<f64> = all.iter().filter_map(|theta| profile(*theta, gaps, columns, rows)).collect();
+        let one = |(theta, prior)| Some(profile(theta, gaps, columns, rows)? + prior);
+        let values: Vec<f64> = descriptions().filter_map(one).collect();
         let most = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
         most + values.iter().map(|value| (value - most).exp()).sum::<f64>().ln()
     };
