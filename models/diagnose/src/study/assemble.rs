@@ -37,10 +37,11 @@ pub(super) fn diagnose(
     let left_out = gross.rows(study);
     let mut view = View::new(study, rows, |row| !left_out.contains(&row));
     let base = view.adapt(&[])?;
-    let before = judge(&view, &base);
     let p_before = lack_of_fit(&view, &base)?;
     let ladder = ladder(&mut view, &found.set)?;
     let last = view.adapt(&found.set)?;
+    // In the noise that is left when all is found: what is missing is no noise, and the errors before and after can be compared.
+    let before = judge(&view, &Fit::settle(&view, &[])?);
     let p_after = lack_of_fit(&view, &last)?;
     let after = judge(&view, &last);
     let lack_of_fit = p_before.map(|(of, p_before)| LackOfFit {
@@ -173,31 +174,32 @@ fn effects(view: &mut View, last: &Fit, u: &[Vec<f64>]) -> Result<Vec<Effect>, D
     Ok(effects)
 }
 
+/// Every rung is judged in the noise that the last one leaves, and tested in that which the rung below leaves.
 fn ladder(view: &mut View, set: &[usize]) -> Result<Vec<Rung>, DiagnoseError> {
     let mut rungs = Vec::with_capacity(set.len() + 1);
-    let mut below: Option<Fit> = None;
+    view.adapt(set)?;
+    let last = view.noises();
     for count in 0..=set.len() {
-        let test = match (&below, set[..count].last()) {
-            (Some(below), Some(candidate)) => {
-                let (score, _) = below.score(view, *candidate);
-                let p = probability(view, below, &view.columns(&below.point, *candidate))?;
-                Some(((p * view.study.candidates().len() as f64).min(1.0), score.alias_share))
-            }
-            _ => None,
-        };
-        let fit = view.adapt(&set[..count])?;
+        let fit = Fit::settle(view, &set[..count])?;
         let fitted = fit.added.last();
         rungs.push(Rung {
             added: fitted.map(|fitted| view.study.candidates()[fitted.candidate].name.clone()),
             judgement: judge(view, &fit),
-            p_value: test.map(|(p, _)| p),
-            alias_share: test.map(|(_, share)| share),
+            p_value: None,
+            alias_share: None,
             parameters: fitted.map_or_else(Vec::new, |fitted| {
                 parameters(&*view.study, fitted, degrees(view, &fit, fitted.candidate))
             }),
         });
-        below = Some(fit);
     }
+    for (count, candidate) in set.iter().enumerate() {
+        let below = view.adapt(&set[..count])?;
+        let (score, _) = below.score(view, *candidate);
+        let p = probability(view, &below, &view.columns(&below.point, *candidate))?;
+        rungs[count + 1].p_value = Some((p * view.study.candidates().len() as f64).min(1.0));
+        rungs[count + 1].alias_share = Some(score.alias_share);
+    }
+    view.take_noises(last);
     Ok(rungs)
 }
 

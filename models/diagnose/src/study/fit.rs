@@ -165,13 +165,6 @@ impl Fit {
         (score(&part.project(own.as_ref()), part.chi2, part.degrees), part.rows())
     }
 
-    /// Share of what these columns do that this fit, with further columns beside it, could do as well.
-    pub(super) fn absorbed(&self, view: &View, columns: &Mat<f64>, beside: &Mat<f64>) -> Result<f64, DiagnoseError> {
-        let linear = self.with_columns(view.whitened(beside).as_ref())?;
-        let score = score(&linear.project(view.whitened(columns).as_ref()), linear.chi2(), linear.degrees());
-        Ok(score.alias_share)
-    }
-
     /// This fit with whitened columns added, linearly; itself where they add nothing.
     pub(super) fn with_columns(&self, columns: MatRef<f64>) -> Result<Linear, DiagnoseError> {
         let map = new_directions(&self.linear, columns);
@@ -209,7 +202,8 @@ pub(super) fn names(study: &dyn Study, set: &[usize]) -> String {
     set.iter().map(|k| study.candidates()[*k].name.as_str()).collect::<Vec<_>>().join(" and ")
 }
 
-fn side_by_side(parts: &[Mat<f64>]) -> Mat<f64> {
+/// Columns of several matrices.
+pub(super) fn side_by_side(parts: &[Mat<f64>]) -> Mat<f64> {
     let rows = parts.first().map_or(0, Mat::nrows);
     let mut all = Mat::zeros(rows, parts.iter().map(Mat::ncols).sum());
     let mut first = 0;

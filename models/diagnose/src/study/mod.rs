@@ -17,6 +17,7 @@ mod judge;
 mod nested;
 mod noise_words;
 mod outliers;
+mod places;
 pub mod runs;
 mod search;
 mod series;

@@ -6,7 +6,7 @@
 
 use super::candidate::Study;
 use super::diagnosis::Unseen;
-use super::fit::Fit;
+use super::fit::{Fit, side_by_side};
 use super::judge::{rms_of, without};
 use super::outliers::outliers;
 use super::search::{Observe, Options, search};
@@ -91,7 +91,8 @@ fn one(
     let mut view = View::new(study, rows, |row| !left_out.contains(&row) && !rejected.contains(&row));
     let found = search(&mut view, options, Some(part), observe)?;
     let last = view.adapt(&found.set)?;
-    let base = view.adapt(&[])?;
+    // In the noise that is left when all is found, as the errors on all data are.
+    let base = Fit::settle(&view, &[])?;
     let names = found.set.iter().map(|k| view.study.candidates()[*k].name.clone()).collect();
     let rows: Vec<usize> = left_out.iter().copied().filter(|row| !gross.contains(row)).collect();
     let (with, own) = predicted(&view, &last, &rows)?;
@@ -114,7 +115,7 @@ fn predicted(view: &View, fit: &Fit, rows: &[usize]) -> Result<(Mat<f64>, Mat<f6
         seen.push(view.picked(&columns));
         new.push(pick(&columns));
     }
-    let (seen, new) = (beside(&seen), beside(&new));
+    let (seen, new) = (side_by_side(&seen), side_by_side(&new));
     let count = seen.ncols();
     let square = |matrix: &Mat<f64>, k: usize| (0..matrix.nrows()).map(|i| matrix[(i, k)].powi(2)).sum::<f64>();
     let scale: Vec<f64> =
@@ -146,15 +147,4 @@ fn independent_of(columns: &Mat<f64>) -> Mat<f64> {
         .filter(|k| (0..columns.nrows()).map(|i| columns[(i, *k)].powi(2)).sum::<f64>() > DETERMINED)
         .collect();
     independent(&Mat::from_fn(columns.nrows(), large.len(), |i, j| columns[(i, large[j])]))
-}
-
-fn beside(parts: &[Mat<f64>]) -> Mat<f64> {
-    let rows = parts.first().map_or(0, Mat::nrows);
-    let mut all = Mat::zeros(rows, parts.iter().map(Mat::ncols).sum());
-    let mut first = 0;
-    for part in parts {
-        all.as_mut().subcols_mut(first, part.ncols()).copy_from(part);
-        first += part.ncols();
-    }
-    all
 }

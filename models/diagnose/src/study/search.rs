@@ -7,11 +7,12 @@
 //! superfluous goes out again.
 
 use super::between::stands_out;
-use super::diagnosis::{Considered, HeldOutRms, Kind};
+use super::diagnosis::{Considered, Kind};
 use super::fit::{Fit, Part};
 use super::judge::held_out_rms;
-use super::series::{Noise, Theta};
-use super::significance::probability;
+use super::places::{goes_through_places, simpler};
+use super::series::Theta;
+use super::significance::{probability, probability_beside};
 use super::view::View;
 use crate::error::DiagnoseError;
 use crate::score::{Score, score};
@@ -49,8 +50,6 @@ pub struct Progress {
 
 /// Difference in evidence within which two candidates explain the same: odds of 20 to 1 (Kass & Raftery 1995).
 pub(super) const COMPARABLE: f64 = 6.0;
-/// Share of a wave that simpler terms can do as well, from which it is not claimed.
-const DISGUISED: f64 = 0.9;
 /// Candidates that are taken to the judge on one rung before the search ends, and of these forms of one thing.
 const TRIED: usize = 12;
 const FORMS: usize = 3;
@@ -168,24 +167,24 @@ pub(super) fn search(
 
 /// Scores as if the noise were white; nothing where it is taken as such. The gate decides with what the noise may be.
 fn scored_in_white(view: &mut View, fit: &Fit) -> Result<Option<Vec<Scored>>, DiagnoseError> {
-    let noise: Vec<Noise> = view.chains().iter().map(|chain| chain.noise.clone()).collect();
-    if noise.iter().all(|noise| noise.theta == Theta::WHITE) {
+    let noises = view.noises();
+    if noises.iter().all(|noise| noise.theta == Theta::WHITE) {
         return Ok(None);
     }
     view.take_white(fit);
     let scored = Fit::settle(view, &fit.set()).map(|white| score_all(view, &white));
-    noise.into_iter().enumerate().for_each(|(k, noise)| view.set_noise(k, noise));
+    view.take_noises(noises);
     scored.map(Some)
 }
 
-/// The fit with the best candidate that passes everything.
+/// The set with the best candidate that passes everything.
 fn step(
     view: &mut View,
     fit: &Fit,
     mut passing: Vec<Scored>,
     options: &Options,
     refused: &mut Vec<(usize, &'static str)>,
-) -> Result<Option<Fit>, DiagnoseError> {
+) -> Result<Option<Vec<usize>>, DiagnoseError> {
     let tested = passing.iter().filter(|scored| scored.score.degrees > 0).count();
     passing.retain(|scored| scored.p_holm <= options.significance && scored.evidence > 0.0);
     passing.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
@@ -201,12 +200,12 @@ fn step(
         view.refine(fit, scored.candidate);
         let mut set = fit.set();
         set.push(scored.candidate);
-        let (next, reason) = match reason_against(view, fit, scored.candidate, tested, options)? {
-            Some(reason) => (None, Some(reason)),
-            None => predicted(view, fit, &set)?,
+        let reason = match reason_against(view, fit, scored.candidate, tested, options)? {
+            Some(reason) => Some(reason),
+            None => reason_of_blocks(view, &set),
         };
         match reason {
-            None => return Ok(next),
+            None => return Ok(Some(set)),
             Some(reason) if !refused.iter().any(|(k, _)| *k == scored.candidate) => {
                 refused.push((scored.candidate, reason));
             }
@@ -240,8 +239,8 @@ fn reason_against(
     options: &Options,
 ) -> Result<Option<&'static str>, DiagnoseError> {
     let columns = view.columns(&fit.point, candidate);
-    if is_disguised(view, fit, candidate)? {
-        return Ok(Some("at these targets simpler terms look the same"));
+    if !stands_apart(view, fit, candidate, tested, options)? {
+        return Ok(Some("at these targets something smoother, or errors target by target, go as well"));
     }
     if probability(view, fit, &columns)? * tested as f64 > options.significance {
         return Ok(Some("the noise may hang together so slowly that this is chance"));
@@ -250,57 +249,47 @@ fn reason_against(
         .then_some("it acts between blocks, and does not stand out from their scatter"))
 }
 
-/// Whether a wave could as well be what the fit has already, or something smoother.
-fn is_disguised(view: &View, fit: &Fit, candidate: usize) -> Result<bool, DiagnoseError> {
+/// Whether a wave is seen beside all that is simpler: in what repeats of its places scatter, and in what the places do.
+fn stands_apart(
+    view: &View,
+    fit: &Fit,
+    candidate: usize,
+    tested: usize,
+    options: &Options,
+) -> Result<bool, DiagnoseError> {
     if !view.study.candidates()[candidate].stands_apart {
-        return Ok(false);
+        return Ok(true);
     }
-    let simpler = view.study.simpler(candidate);
-    let simpler = if simpler.nrows() == 0 { faer::Mat::zeros(view.len(), 0) } else { view.picked(&simpler) };
-    Ok(fit.absorbed(view, &view.columns(&fit.point, candidate), &simpler)? >= DISGUISED)
+    let columns = view.columns(&fit.point, candidate);
+    let beside = probability_beside(view, fit, &simpler(view, candidate), &columns)?;
+    Ok(beside * tested as f64 <= options.significance && goes_through_places(view, fit, candidate)?)
 }
 
-/// The fit with these candidates, and why blocks left out are predicted no better with them: neither in the noise of the fit
-/// without them, nor in what they leave.
-fn predicted(view: &mut View, fit: &Fit, set: &[usize]) -> Result<(Option<Fit>, Option<&'static str>), DiagnoseError> {
+/// Why a fit with these candidates is none or predicts blocks left out no better than one without the last, both in the noise
+/// that all of them leave: without the last, what it explains would pass for slow noise. With two blocks an axis there is
+/// none to spare. The view keeps its own noise.
+fn reason_of_blocks(view: &mut View, set: &[usize]) -> Option<&'static str> {
+    let noises = view.noises();
+    let both = view.adapt(set).and_then(|with| Ok((Fit::settle(view, &set[..set.len() - 1])?, with)));
     // One candidate that has no fit must not take the others with it.
-    let Ok(next) = Fit::settle(view, set) else { return Ok((None, Some("it cannot be fitted beside the rest"))) };
-    let reason = match not_predicted(view, fit, &held_out_rms(view, &next)) {
-        None => None,
-        Some(_) => match adapted(view, set) {
-            Ok((_, after)) => not_predicted(view, fit, &after),
-            Err(_) => Some("it cannot be fitted beside the rest"),
-        },
+    let reason = match both {
+        Err(_) => Some("it cannot be fitted beside the rest"),
+        Ok(_) if view.least_blocks() < FEWEST_BLOCKS => None,
+        Ok((without, with)) => {
+            let (before, after) = (held_out_rms(view, &without), held_out_rms(view, &with));
+            if after.judged < before.judged {
+                Some("it rests on single blocks: with any one of them left out it is not determined")
+            } else {
+                (after.rms_um >= before.rms_um).then_some("it fits, but does not predict blocks left out any better")
+            }
+        }
     };
-    Ok((Some(next), reason))
-}
-
-/// The fit with these candidates and its error on blocks left out, in the noise that it leaves; the view keeps its own.
-fn adapted(view: &mut View, set: &[usize]) -> Result<(Fit, HeldOutRms), DiagnoseError> {
-    let noise: Vec<Noise> = view.chains().iter().map(|chain| chain.noise.clone()).collect();
-    let next = view.adapt(set).map(|next| {
-        let after = held_out_rms(view, &next);
-        (next, after)
-    });
-    noise.into_iter().enumerate().for_each(|(k, noise)| view.set_noise(k, noise));
-    next
-}
-
-/// Whether blocks left out are predicted no better. With two blocks an axis there is none to spare.
-fn not_predicted(view: &View, fit: &Fit, after: &HeldOutRms) -> Option<&'static str> {
-    if view.least_blocks() < FEWEST_BLOCKS {
-        return None;
-    }
-    let before = held_out_rms(view, fit);
-    if after.judged < before.judged {
-        return Some("it rests on single blocks: with any one of them left out it is not determined");
-    }
-    (after.rms_um >= before.rms_um).then_some("it fits, but does not predict blocks left out any better")
+    view.take_noises(noises);
+    reason
 }
 
 /// Removes, weakest first, what the others have made superfluous; waves that a later term can do as well go, too.
-fn prune(view: &mut View, fit: Fit, options: &Options) -> Result<Vec<usize>, DiagnoseError> {
-    let mut set = fit.set();
+fn prune(view: &mut View, mut set: Vec<usize>, options: &Options) -> Result<Vec<usize>, DiagnoseError> {
     // In the noise that all of them leave: without the newest, what it explains would pass for slow noise.
     view.adapt(&set)?;
     let view = &*view;
@@ -316,7 +305,7 @@ fn prune(view: &mut View, fit: Fit, options: &Options) -> Result<Vec<usize>, Dia
             let evidence = score.evidence(rows, trials);
             let passes = evidence > 0.0
                 && score.p_value * trials as f64 <= options.significance
-                && !is_disguised(view, &without, candidate)?;
+                && stands_apart(view, &without, candidate, trials, options)?;
             if !passes && weakest.is_none_or(|(least, _)| evidence < least) {
                 weakest = Some((evidence, k));
             }

@@ -9,7 +9,7 @@
 //! likelier than slow noise that happens to go straight. The ratio of likelihoods counts with a reserve, since slow noise
 //! makes it larger than χ². The lesser of the two probabilities is taken.
 
-use super::fit::Fit;
+use super::fit::{Fit, side_by_side};
 use super::series::{Filter, Theta, gain, independent};
 use super::together::score_together;
 use super::view::View;
@@ -30,6 +30,16 @@ type Draw = (Vec<Theta>, f64);
 
 /// Probability that columns (not whitened) explain as much by chance.
 pub(super) fn probability(view: &View, fit: &Fit, columns: &Mat<f64>) -> Result<f64, DiagnoseError> {
+    probability_beside(view, fit, &Mat::zeros(columns.nrows(), 0), columns)
+}
+
+/// The same where a fit has further columns (not whitened).
+pub(super) fn probability_beside(
+    view: &View,
+    fit: &Fit,
+    further: &Mat<f64>,
+    columns: &Mat<f64>,
+) -> Result<f64, DiagnoseError> {
     let chains = view.touched(columns);
     if view.chains().is_empty() {
         return Ok(fit.score_columns(view, columns).0.p_value);
@@ -37,7 +47,8 @@ pub(super) fn probability(view: &View, fit: &Fit, columns: &Mat<f64>) -> Result<
     let mut sum = 0.0;
     let own = |matrix: &Mat<f64>| -> Vec<Mat<f64>> { chains.iter().map(|k| of_chain(view, *k, matrix)).collect() };
     let rows = Mat::from_fn(fit.raw_residuals.len(), 1, |i, _| fit.raw_residuals[i]);
-    let (base, rows, columns) = (own(&fit.raw_columns), own(&rows), own(columns));
+    let (base, rows, columns) =
+        (own(&side_by_side(&[fit.raw_columns.clone(), further.clone()])), own(&rows), own(columns));
     let mut first = 0;
     let mut next = |part: &Mat<f64>| {
         first += part.nrows();
@@ -84,7 +95,7 @@ pub(super) fn uncertainties(view: &mut View, fit: &Fit) -> Result<Vec<Vec<f64>>,
         return Ok(own);
     }
     let set = fit.set();
-    let kept: Vec<_> = view.chains().iter().map(|chain| chain.noise.clone()).collect();
+    let kept = view.noises();
     let mut sums: Vec<Vec<f64>> = own.iter().map(|u| vec![0.0; u.len()]).collect();
     let mut problem = None;
     for (thetas, weight) in draws(view, &all) {
@@ -96,7 +107,7 @@ pub(super) fn uncertainties(view: &mut View, fit: &Fit) -> Result<Vec<Vec<f64>>,
             Err(error) => problem = Some(error),
         }
     }
-    kept.into_iter().enumerate().for_each(|(k, noise)| view.set_noise(k, noise));
+    view.take_noises(kept);
     match problem {
         Some(error) => Err(error),
         None => Ok(sums.into_iter().map(|sum| sum.into_iter().map(f64::sqrt).collect()).collect()),

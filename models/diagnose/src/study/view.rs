@@ -172,6 +172,16 @@ impl<'a> View<'a> {
         }
     }
 
+    /// Noise of every chain.
+    pub(super) fn noises(&self) -> Vec<Noise> {
+        self.chains.iter().map(|chain| chain.noise.clone()).collect()
+    }
+
+    /// Takes such noise back.
+    pub(super) fn take_noises(&mut self, noises: Vec<Noise>) {
+        noises.into_iter().enumerate().for_each(|(chain, noise)| self.set_noise(chain, noise));
+    }
+
     /// Takes a description of the noise of a chain.
     pub(super) fn set_noise(&mut self, chain: usize, noise: Noise) {
         self.chains[chain].filter = Filter::new(noise.theta, &self.chains[chain].gaps);

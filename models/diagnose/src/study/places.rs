@@ -1,0 +1,67 @@
+//! Whether a wave stands out from what simpler terms, or no term at all, do at the places where it was measured.
+//!
+//! Place in the flow: beside the F test of the search, for candidates that must stand apart. Many waves are tried, and one
+//! of them always goes through much of what a smooth error left or what a scale graduated by chance does. Repeats tell
+//! such errors from noise and not from a wave. So a wave is tested beside the simpler terms, and against what the places
+//! (rows at which the wave is the same) do beside both: the test of a straight line against lack of fit (Draper & Smith,
+//! Applied Regression Analysis, 2.1), with the wave in the place of the line. At few places it never passes.
+
+use super::between::BORNE;
+use super::fit::Fit;
+use super::view::View;
+use crate::error::DiagnoseError;
+use crate::score::score;
+use faer::Mat;
+use statrs::distribution::{ContinuousCDF, FisherSnedecor};
+use std::collections::BTreeMap;
+
+/// Columns, not whitened, of what is simpler than a candidate.
+pub(super) fn simpler(view: &View, candidate: usize) -> Mat<f64> {
+    let simpler = view.study.simpler(candidate);
+    if simpler.nrows() == 0 { Mat::zeros(view.len(), 0) } else { view.picked(&simpler) }
+}
+
+/// Whether a wave goes through more of what the places do than one of as many waves would by chance; where every row is a place
+/// of its own the test of the rows has said it.
+pub(super) fn goes_through_places(view: &View, fit: &Fit, candidate: usize) -> Result<bool, DiagnoseError> {
+    let columns = view.columns(&fit.point, candidate);
+    let places = places(&columns);
+    let linear = fit.with_columns(view.whitened(&simpler(view, candidate)).as_ref())?;
+    let tested = |columns: &Mat<f64>| {
+        let found = score(&linear.project(view.whitened(columns).as_ref()), linear.chi2(), linear.degrees());
+        (found.reduction, found.degrees)
+    };
+    let (wave, own) = tested(&columns);
+    if own == 0 {
+        return Ok(false);
+    }
+    if places.ncols() == view.len() {
+        return Ok(true);
+    }
+    let (all, degrees) = tested(&places);
+    let rest = degrees.saturating_sub(own) as f64;
+    let f = (wave / own as f64) / ((all - wave).max(f64::MIN_POSITIVE) / rest);
+    let candidates = view.study.candidates();
+    let waves = candidates.iter().filter(|other| other.family == candidates[candidate].family).count();
+    let p_value = FisherSnedecor::new(own as f64, rest).map_or(1.0, |distribution| distribution.sf(f));
+    Ok(p_value * waves as f64 <= BORNE)
+}
+
+/// A column for each place: 1 at the rows at which the candidate is the same, and is not nothing.
+fn places(columns: &Mat<f64>) -> Mat<f64> {
+    let mut numbers = BTreeMap::new();
+    let mut of_row = Vec::with_capacity(columns.nrows());
+    for i in 0..columns.nrows() {
+        let key: Vec<u64> = (0..columns.ncols()).map(|j| columns[(i, j)].to_bits()).collect();
+        let acts = (0..columns.ncols()).any(|j| columns[(i, j)] != 0.0);
+        let next = numbers.len();
+        of_row.push(acts.then(|| *numbers.entry(key).or_insert(next)));
+    }
+    let mut places = Mat::zeros(columns.nrows(), numbers.len());
+    of_row.iter().enumerate().for_each(|(i, place)| {
+        if let Some(place) = place {
+            places[(i, *place)] = 1.0;
+        }
+    });
+    places
+}
