@@ -223,7 +223,8 @@ fn regress_the_error_claimed_is_what_later_cycles_have() {
 fn regress_the_full_ladder_is_found_step_by_step() {
     for seed in 0..6 {
         let flaws = [Flaw::Graduation(33.0), Flaw::Play(20.0), Flaw::WornNut(8.0), Flaw::Runaway(30.0)];
-        let plan = Plan::new(9, 10);
+        // Every other cycle, so that those left over lie within the time that was studied.
+        let plan = Plan::new(9, 9);
         let (given, later): (Vec<Run>, Vec<Run>) =
             logged(&plan, &flaws, seed).into_iter().partition(|run| run.cycle % 2 == 1);
         let diagnosis = diagnose(&given, &Options::default()).unwrap();

@@ -21,11 +21,14 @@ pub(super) fn simpler(view: &View, candidate: usize) -> Mat<f64> {
     if simpler.nrows() == 0 { Mat::zeros(view.len(), 0) } else { view.picked(&simpler) }
 }
 
-/// Whether a wave goes through more of what the places do than one of as many waves would by chance; where every row is a place
-/// of its own the test of the rows has said it.
+/// Whether a wave goes through more of what the places do than one of as many waves would by chance; where there are less than two
+/// rows a place the test of the rows has said it.
 pub(super) fn goes_through_places(view: &View, fit: &Fit, candidate: usize) -> Result<bool, DiagnoseError> {
     let columns = view.columns(&fit.point, candidate);
-    let places = places(&columns);
+    let (places, rows) = places(&columns);
+    if 2 * places.ncols() > rows {
+        return Ok(true);
+    }
     let linear = fit.with_columns(view.whitened(&simpler(view, candidate)).as_ref())?;
     let tested = |columns: &Mat<f64>| {
         let found = score(&linear.project(view.whitened(columns).as_ref()), linear.chi2(), linear.degrees());
@@ -34,9 +37,6 @@ pub(super) fn goes_through_places(view: &View, fit: &Fit, candidate: usize) -> R
     let (wave, own) = tested(&columns);
     if own == 0 {
         return Ok(false);
-    }
-    if places.ncols() == view.len() {
-        return Ok(true);
     }
     let (all, degrees) = tested(&places);
     let rest = degrees.saturating_sub(own) as f64;
@@ -47,21 +47,18 @@ pub(super) fn goes_through_places(view: &View, fit: &Fit, candidate: usize) -> R
     Ok(p_value * waves as f64 <= BORNE)
 }
 
-/// A column for each place: 1 at the rows at which the candidate is the same, and is not nothing.
-fn places(columns: &Mat<f64>) -> Mat<f64> {
+/// A column for each place: 1 at the rows at which the candidate is the same, and is not nothing; and the number of such rows.
+fn places(columns: &Mat<f64>) -> (Mat<f64>, usize) {
+    let acts = |i: &usize| (0..columns.ncols()).any(|j| columns[(*i, j)] != 0.0);
+    let rows: Vec<usize> = (0..columns.nrows()).filter(acts).collect();
     let mut numbers = BTreeMap::new();
-    let mut of_row = Vec::with_capacity(columns.nrows());
-    for i in 0..columns.nrows() {
-        let key: Vec<u64> = (0..columns.ncols()).map(|j| columns[(i, j)].to_bits()).collect();
-        let acts = (0..columns.ncols()).any(|j| columns[(i, j)] != 0.0);
+    let mut number = |i: &usize| {
+        let key: Vec<u64> = (0..columns.ncols()).map(|j| columns[(*i, j)].to_bits()).collect();
         let next = numbers.len();
-        of_row.push(acts.then(|| *numbers.entry(key).or_insert(next)));
-    }
-    let mut places = Mat::zeros(columns.nrows(), numbers.len());
-    of_row.iter().enumerate().for_each(|(i, place)| {
-        if let Some(place) = place {
-            places[(i, *place)] = 1.0;
-        }
-    });
-    places
+        *numbers.entry(key).or_insert(next)
+    };
+    let of_row: Vec<usize> = rows.iter().map(&mut number).collect();
+    let mut places = Mat::zeros(columns.nrows(), of_row.iter().max().map_or(0, |last| last + 1));
+    rows.iter().zip(&of_row).for_each(|(row, place)| places[(*row, *place)] = 1.0);
+    (places, rows.len())
 }

@@ -110,6 +110,29 @@ pub(super) fn score_all(view: &View, fit: &Fit) -> Vec<Scored> {
     all
 }
 
+/// Scores all candidates, the best wave of each family with its frequency adjusted: between two frequencies of the scan a large
+/// wave would lose against a table of errors.
+fn refined(view: &mut View, fit: &Fit) -> Vec<Scored> {
+    let mut all = score_all(view, fit);
+    let tested = all.iter().filter(|scored| scored.score.degrees > 0).count();
+    let mut best: BTreeMap<String, usize> = BTreeMap::new();
+    for k in (0..all.len()).filter(|k| view.study.frequency(all[*k].candidate).is_some()) {
+        let own = best.entry(view.study.candidates()[all[k].candidate].family.clone()).or_insert(k);
+        if all[k].evidence > all[*own].evidence {
+            *own = k;
+        }
+    }
+    for k in best.into_values() {
+        let candidate = all[k].candidate;
+        view.refine(fit, candidate);
+        let (score, rows) = fit.score(view, candidate);
+        all[k].evidence = score.evidence(rows, tested);
+        all[k].score = score;
+    }
+    holm(&mut all, tested);
+    all
+}
+
 /// Holm's step-down correction.
 fn holm(all: &mut [Scored], tested: usize) {
     let mut order: Vec<usize> = (0..all.len()).filter(|k| all[*k].score.degrees > 0).collect();
@@ -137,7 +160,7 @@ pub(super) fn search(
         if !observe(Progress { part, effects: fit.added.len(), candidates }) {
             return Err(DiagnoseError::Stopped);
         }
-        let scored = score_all(view, &fit);
+        let scored = refined(view, &fit);
         if considered.is_empty() {
             considered = scored.iter().map(|scored| considered_as(view, scored)).collect();
         }
@@ -172,7 +195,7 @@ fn scored_in_white(view: &mut View, fit: &Fit) -> Result<Option<Vec<Scored>>, Di
         return Ok(None);
     }
     view.take_white(fit);
-    let scored = Fit::settle(view, &fit.set()).map(|white| score_all(view, &white));
+    let scored = Fit::settle(view, &fit.set()).map(|white| refined(view, &white));
     view.take_noises(noises);
     scored.map(Some)
 }
@@ -186,7 +209,7 @@ fn step(
     refused: &mut Vec<(usize, &'static str)>,
 ) -> Result<Option<Vec<usize>>, DiagnoseError> {
     let tested = passing.iter().filter(|scored| scored.score.degrees > 0).count();
-    passing.retain(|scored| scored.p_holm <= options.significance && scored.evidence > 0.0);
+    passing.retain(|scored| scored.p_holm <= options.significance);
     passing.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
     simplest_first(view, &mut passing);
     let mut tried: BTreeMap<String, usize> = BTreeMap::new();
@@ -197,7 +220,6 @@ fn step(
     };
     let tried: Vec<&Scored> = passing.iter().filter(&mut is_tried).take(TRIED).collect();
     for scored in tried {
-        view.refine(fit, scored.candidate);
         let mut set = fit.set();
         set.push(scored.candidate);
         let reason = match reason_against(view, fit, scored.candidate, tested, options)? {
@@ -262,7 +284,8 @@ fn stands_apart(
     }
     let columns = view.columns(&fit.point, candidate);
     let beside = probability_beside(view, fit, &simpler(view, candidate), &columns)?;
-    Ok(beside * tested as f64 <= options.significance && goes_through_places(view, fit, candidate)?)
+    let is_seen = beside * tested as f64 <= options.significance;
+    Ok(is_seen && goes_through_places(view, fit, candidate)?)
 }
 
 /// Why a fit with these candidates is none or predicts blocks left out no better than one without the last, both in the noise
@@ -303,8 +326,7 @@ fn prune(view: &mut View, mut set: Vec<usize>, options: &Options) -> Result<Vec<
             let (score, rows) = without.score(view, candidate);
             let trials = view.study.candidates().len();
             let evidence = score.evidence(rows, trials);
-            let passes = evidence > 0.0
-                && score.p_value * trials as f64 <= options.significance
+            let passes = score.p_value * trials as f64 <= options.significance
                 && stands_apart(view, &without, candidate, trials, options)?;
             if !passes && weakest.is_none_or(|(least, _)| evidence < least) {
                 weakest = Some((evidence, k));

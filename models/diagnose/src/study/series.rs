@@ -148,7 +148,7 @@ pub(super) fn noise(gaps: &[f64], columns: &Mat<f64>, rows: &[f64]) -> Noise {
     let columns = independent(columns);
     let degrees = rows.len().saturating_sub(columns.ncols());
     let sigma = |theta: Theta| likelihood(theta, gaps, &columns, rows);
-    let Some((white, white_sigma)) = sigma(Theta::WHITE) else { return Noise { degrees, ..Noise::white() } };
+    let Some((_, white_sigma)) = sigma(Theta::WHITE) else { return Noise { degrees, ..Noise::white() } };
     if degrees < FEWEST {
         return Noise { sigma: white_sigma, degrees, ..Noise::white() };
     }
@@ -156,11 +156,9 @@ pub(super) fn noise(gaps: &[f64], columns: &Mat<f64>, rows: &[f64]) -> Noise {
     let all: Vec<(Theta, f64, f64)> = descriptions().filter_map(one).collect();
     let most = all.iter().map(|(_, value, _)| *value).fold(f64::NEG_INFINITY, f64::max);
     let total: f64 = all.iter().map(|(_, value, _)| (value - most).exp()).sum();
-    let weight = |value: f64| (value - most).exp() / total;
-    let is_white = weight(white + WHITE.ln()) >= 0.5;
-    let best = all.iter().copied().fold(all[0], |a, b| if b.1 > a.1 { b } else { a });
-    let chosen = if is_white { all[0] } else { best };
-    let weighed = all.iter().map(|(theta, value, _)| Weighed { theta: *theta, weight: weight(*value) });
+    // The likeliest: what is nearly white is fitted as white, which costs little and hangs on no detail of the noise.
+    let chosen = all.iter().copied().fold(all[0], |a, b| if b.1 > a.1 { b } else { a });
+    let weighed = all.iter().map(|(theta, value, _)| Weighed { theta: *theta, weight: (value - most).exp() / total });
     let mut weighed: Vec<Weighed> = weighed.filter(|w| w.weight > NEGLIGIBLE).collect();
     let kept: f64 = weighed.iter().map(|w| w.weight).sum();
     weighed.iter_mut().for_each(|w| w.weight /= kept);
