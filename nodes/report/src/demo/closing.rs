@@ -53,7 +53,7 @@ impl Closing {
             sentences.push(self.verdict.clone().unwrap_or_else(|| format!("{}.", self.outcome)));
         } else if !self.set_aside.is_empty() {
             let titles = self.set_aside.iter().map(|aside| aside.title.clone()).collect();
-            sentences.push(format!("Set aside, since they predict no better: {}.", listed(titles)));
+            sentences.push(format!("Set aside, with the reasons in the table: {}.", listed(titles)));
         }
         sentences
     }

@@ -178,8 +178,8 @@ impl Record {
         let columns = vec![Column::text("candidate"), Column::text("stays out because")];
         let row = |s: &super::SetAside| vec![Cell::text(shaped(&s.title, &s.shape)), Cell::text(&s.because)];
         let rows: Vec<_> = self.set_aside.iter().map(row).collect();
-        let note = "These explain the readings better than chance, but something else may be the cause: with them the \
-                    model would not predict better what they were not fitted to.";
+        let note =
+            "These explain the readings better than chance when they are alone, but something else may be the cause.";
         (!rows.is_empty()).then(|| table("Set aside", Some(note), columns, rows))
     }
 

@@ -6,7 +6,7 @@ use super::readable;
 use super::record::{Effect, ErrorFigures, Record};
 use crate::text::{fixed, significant};
 
-/// Candidates set aside that are named at most.
+/// Reasons to set candidates aside that are told at most, and candidates that are named for each.
 const SET_ASIDE: usize = 3;
 
 impl Record {
@@ -14,16 +14,7 @@ impl Record {
     pub fn words(&self) -> String {
         let mut sentences = vec![self.finding()];
         sentences.extend(self.not_adopted.iter().map(|because| format!("Nothing was adopted: {because}.")));
-        if !self.set_aside.is_empty() {
-            let names: Vec<String> =
-                self.set_aside.iter().map(|s| super::tables::shaped(&s.title, &s.shape)).take(SET_ASIDE).collect();
-            let more = self.set_aside.len().saturating_sub(SET_ASIDE);
-            let more = if more > 0 { format!(" and {more} more") } else { String::new() };
-            sentences.push(format!(
-                "Set aside, since they do not predict what they were not fitted to: {}{more}.",
-                names.join("; ")
-            ));
-        }
+        sentences.extend(self.set_aside_words());
         if self.enriched {
             sentences.push(
                 "The error functions had too few coefficients and got more; what that explains is geometry, not an \
@@ -41,6 +32,27 @@ impl Record {
             }
         }
         sentences.join(" ")
+    }
+
+    /// What was set aside, each reason in a sentence of its own.
+    fn set_aside_words(&self) -> Vec<String> {
+        let mut reasons: Vec<(&str, Vec<String>)> = Vec::new();
+        for aside in &self.set_aside {
+            let name = super::tables::shaped(&aside.title, &aside.shape);
+            match reasons.iter_mut().find(|(because, _)| *because == aside.because) {
+                Some((_, names)) => names.push(name),
+                None => reasons.push((&aside.because, vec![name])),
+            }
+        }
+        let sentence = |(because, names): (&str, Vec<String>)| {
+            let more = names.len().saturating_sub(SET_ASIDE);
+            let more = if more > 0 { format!(" and {more} more") } else { String::new() };
+            let shown: Vec<String> = names.into_iter().take(SET_ASIDE).collect();
+            format!("Set aside: {}{more}: {because}.", shown.join("; "))
+        };
+        let rest: usize = reasons.iter().skip(SET_ASIDE).map(|(_, names)| names.len()).sum();
+        let rest = (rest > 0).then(|| format!("{rest} more are set aside, each with its reason in the table."));
+        reasons.into_iter().take(SET_ASIDE).map(sentence).chain(rest).collect()
     }
 
     fn finding(&self) -> String {
@@ -148,10 +160,28 @@ mod tests {
         let record = Record { set_aside, not_adopted, ..record() };
         let words = record.words();
         assert!(words.contains("Nothing was adopted: all of it loses on lines."), "{words}");
-        assert!(words.contains("wrong reflector offset; b; c and 1 more"), "{words}");
+        assert!(
+            words
+                .contains("Set aside: wrong reflector offset; b; c and 1 more: stations left out are predicted worse."),
+            "{words}"
+        );
         let report = DiagnosisReport { record, residuals: None, figures: Vec::new() };
         assert!(report.html().unwrap().contains("stations left out are predicted worse"));
         assert!(report.json().unwrap().contains("\"set_aside\""));
+    }
+
+    #[test]
+    fn what_stays_out_for_another_reason_is_not_given_that_of_the_first() {
+        let aside = |title: &str, because: &str| super::super::SetAside {
+            name: "x".to_owned(),
+            title: title.to_owned(),
+            shape: std::collections::BTreeMap::new(),
+            because: because.to_owned(),
+        };
+        let set_aside =
+            vec![aside("a", "it cannot be fitted"), aside("b", "chance"), aside("c", "it cannot be fitted")];
+        let words = Record { set_aside, ..record() }.words();
+        assert!(words.contains("Set aside: a; c: it cannot be fitted. Set aside: b: chance."), "{words}");
     }
 
     #[test]
