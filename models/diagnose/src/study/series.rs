@@ -246,26 +246,36 @@ mod tests {
         (-2.0 * (1.0 - a).ln()).sqrt() * (std::f64::consts::TAU * b).cos()
     }
 
+    /// Noise of 400 rows, beside a straight line.
+    fn of_rows(rho: f64, seed: u64) -> Noise {
+        let mut generator = ChaCha8Rng::seed_from_u64(seed);
+        let (mut state, count) = (normal(&mut generator), 400);
+        let rows: Vec<f64> = (0..count)
+            .map(|k| {
+                state = rho * state + (1.0 - rho * rho).sqrt() * normal(&mut generator);
+                5.0 + 0.02 * k as f64 + 2.0 * state
+            })
+            .collect();
+        let trend = Mat::from_fn(count, 2, |k, j| if j == 0 { 1.0 } else { k as f64 });
+        noise(&vec![1.0; count], &trend, &rows)
+    }
+
     #[test]
     fn the_correlation_of_rows_is_found_beside_a_trend() {
+        // Steps of the grid: how far an end of an interval may be off for that.
+        const STEP: f64 = 0.05;
         for (rho, low, high) in [(0.0_f64, 0.0, 0.15), (0.5, 0.35, 0.65), (0.9, 0.8, 0.96)] {
-            let mut generator = ChaCha8Rng::seed_from_u64(3);
-            let (mut state, count) = (normal(&mut generator), 400);
-            let rows: Vec<f64> = (0..count)
-                .map(|k| {
-                    state = rho * state + (1.0 - rho * rho).sqrt() * normal(&mut generator);
-                    5.0 + 0.02 * k as f64 + 2.0 * state
-                })
-                .collect();
-            let trend = Mat::from_fn(count, 2, |k, j| if j == 0 { 1.0 } else { k as f64 });
-            let found = noise(&vec![1.0; count], &trend, &rows);
-            let (least, middle, most) =
-                (found.neighbours_at(0.025), found.neighbours_at(0.5), found.neighbours_at(0.975));
-            assert!(
-                (low..=high).contains(&middle) && least <= rho && rho <= most + 0.1,
-                "{rho}: {least} {middle} {most}"
-            );
-            assert!((found.sigma / 2.0 - 1.0).abs() < 0.35, "{rho}: {}", found.sigma);
+            let found: Vec<Noise> = (0..20).map(|seed| of_rows(rho, seed)).collect();
+            let middle: Vec<f64> = found.iter().map(|noise| noise.neighbours_at(0.5)).collect();
+            let near = middle.iter().filter(|value| (low..=high).contains(*value)).count();
+            assert!(near >= 18, "{rho}: {middle:?}");
+            let holds =
+                |noise: &&Noise| noise.neighbours_at(0.025) <= rho + STEP && rho <= noise.neighbours_at(0.975) + STEP;
+            assert!(found.iter().filter(holds).count() >= 18, "{rho}");
+            // A record of slow noise shows its deviation poorly: the middle one of twenty.
+            let mut sigmas: Vec<f64> = found.iter().map(|noise| noise.sigma / 2.0).collect();
+            sigmas.sort_by(f64::total_cmp);
+            assert!((sigmas[10] - 1.0).abs() < 0.2, "{rho}: {sigmas:?}");
         }
     }
 }

@@ -22,6 +22,8 @@ pub(crate) enum Flaw {
     GrowingScrew(f64),
     /// An offset that runs away steadily, by so much in the whole record.
     Runaway(f64),
+    /// A scale that is bent: half a turn of a smooth curve and more.
+    Bow(f64),
     /// A screw with a pitch of a seventh of the stroke and this amplitude.
     Wobble(f64),
 }
@@ -89,6 +91,7 @@ pub(crate) fn logged(plan: &Plan, flaws: &[Flaw], seed: u64) -> Vec<Run> {
                         Flaw::CreepingMount(size) => size * (cycle - 1) as f64,
                         Flaw::GrowingScrew(size) => size * elapsed * places[k] / 800.0,
                         Flaw::Runaway(size) => size * elapsed,
+                        Flaw::Bow(size) => size * (places[k] / 800.0 * 4.0).sin(),
                         Flaw::Wobble(size) => size * (places[k] / 800.0 * 7.0 * std::f64::consts::TAU + 0.9).sin(),
                     };
                 }
