@@ -124,6 +124,21 @@ impl Smoothness {
         (precision, rank)
     }
 
+    /// Exponent of the profile.
+    pub(crate) fn exponent(&self) -> f64 {
+        self.exponent
+    }
+
+    /// Takes these penalties instead of choosing them; a function without one is free.
+    pub(crate) fn believe(&mut self, exponent: f64, lambda: impl Fn(&Range<usize>) -> Option<f64>) {
+        self.set_exponent(exponent);
+        self.penalties.retain_mut(|penalty| {
+            let believed = lambda(&penalty.range);
+            (penalty.lambda, penalty.first_lambda) = (believed.unwrap_or(0.0), believed.unwrap_or(0.0));
+            believed.is_some()
+        });
+    }
+
     /// Recomputes the roughness matrices for another exponent.
     fn set_exponent(&mut self, exponent: f64) {
         let Some(roughness) = self.curvatures.iter().map(|c| c.at(exponent).map(Arc::new)).collect::<Option<Vec<_>>>()

@@ -256,10 +256,10 @@ pub(crate) struct Fit<'a> {
 }
 
 /// Normal equations, where they were linearised and with which weights.
-struct Linearised {
-    normal: NormalEquations,
+pub(crate) struct Linearised {
+    pub(crate) normal: NormalEquations,
     at: Vec<f64>,
-    weights: Vec<f64>,
+    pub(crate) weights: Vec<f64>,
 }
 
 impl Linearised {
@@ -283,7 +283,7 @@ pub(crate) struct Settled {
 }
 
 impl<'a> Fit<'a> {
-    fn new(
+    pub(crate) fn new(
         setup: Setup<'a>,
         campaign: &'a Campaign,
         stations: &[StationStart],
@@ -319,7 +319,7 @@ impl<'a> Fit<'a> {
         }
     }
 
-    fn estimate(&self) -> Estimate<'_> {
+    pub(crate) fn estimate(&self) -> Estimate<'_> {
         Estimate { setup: self.setup, campaign: self.campaign, parameters: &self.parameters }
     }
 
@@ -361,7 +361,7 @@ impl<'a> Fit<'a> {
         Err(IdentifyError::NotConverged { passes: self.passes, largest_step })
     }
 
-    fn linearise(&self, weights: Vec<f64>) -> Linearised {
+    pub(crate) fn linearise(&self, weights: Vec<f64>) -> Linearised {
         let normal = match &self.correlation {
             None => accumulate(&self.estimate(), &weights),
             Some(correlation) => {
@@ -384,7 +384,11 @@ impl<'a> Fit<'a> {
     }
 
     /// Solves one pass; the order of polynomials is decided once, after the first linearisation.
-    fn solve(&mut self, linear: &Linearised, choose_smoothness: bool) -> Result<Solution, NotPositiveDefinite> {
+    pub(crate) fn solve(
+        &mut self,
+        linear: &Linearised,
+        choose_smoothness: bool,
+    ) -> Result<Solution, NotPositiveDefinite> {
         let (normal, at) = (&linear.normal, &linear.at);
         if !self.order_chosen && self.passes >= 2 {
             self.order_chosen = true;
