@@ -54,6 +54,18 @@ pub(crate) fn not_identifiable(
         .collect()
 }
 
+/// Named effects that can be told: of each claim the shape that was proposed first, which is the simplest, of those that the
+/// model does not absorb.
+pub(crate) fn told(named: &[Candidate]) -> Vec<&Candidate> {
+    let mut told: Vec<&Candidate> = Vec::new();
+    for candidate in named.iter().filter(|c| !SEARCHED.contains(&c.known.name) && c.absorbed <= ABSORBED) {
+        if !told.iter().any(|known| key(known) == key(candidate)) {
+            told.push(candidate);
+        }
+    }
+    told
+}
+
 /// Shapes of one effect on one axis, or carrying one axis, are one claim.
 fn key(candidate: &Candidate) -> (&str, Option<&ShapeValue>) {
     let shape = &candidate.term.shape.0;

@@ -9,7 +9,9 @@ use crate::linear::{Linear, Projected};
 use crate::score::{Score, score};
 use abbe_geometry::effects::{Known, REGISTRY, Shape};
 use abbe_geometry::machine::Machine;
-use abbe_identify::{EffectTerm, Rows};
+use abbe_identify::{EffectTerm, Identified, Rows};
+use abbe_measurement::campaign::Campaign;
+use abbe_measurement::instrument::RangeUncertainty;
 use faer::Mat;
 use std::sync::Arc;
 
@@ -53,7 +55,20 @@ pub(crate) struct Round<'a> {
     pub(crate) used: usize,
 }
 
-impl Round<'_> {
+impl<'a> Round<'a> {
+    /// The rows of a fit.
+    pub(crate) fn new(
+        fit: &Identified,
+        instrument: RangeUncertainty,
+        campaign: &'a Campaign,
+    ) -> Result<Round<'a>, DiagnoseError> {
+        let rows = Rows::new(fit, instrument, campaign);
+        let used = rows.whitening.iter().filter(|w| **w > 0.0).count();
+        let linear = Linear::new(rows.jacobian.clone(), rows.residuals.clone(), rows.covariance.clone(), used)?;
+        let free = linear.without_priors(used)?;
+        Ok(Round { rows: Arc::new(rows), linear: Arc::new(linear), free: Arc::new(free), used })
+    }
+
     /// What these columns tell.
     pub(crate) fn score(&self, projected: &Projected) -> Score {
         score(projected, self.free.chi2(), self.free.degrees())

@@ -11,7 +11,6 @@ use crate::context::Context;
 use crate::diagnosis::SetAside;
 use crate::error::DiagnoseError;
 use crate::gate::{self, Verdict};
-use crate::linear::Linear;
 use crate::look::{self, Variable};
 use crate::options::{Options, Progress};
 use crate::periodic::Periodogram;
@@ -21,7 +20,7 @@ use abbe_geometry::ErrorId;
 use abbe_geometry::effects::{ShapeValue, known};
 use abbe_geometry::machine::Machine;
 use abbe_identify::{
-    EffectTerm, Identified, IdentifyError, Noise, RangeCorrelation, Rows, identify_with, minus_two_log_likelihood_on,
+    EffectTerm, Identified, IdentifyError, Noise, RangeCorrelation, identify_with, minus_two_log_likelihood_on,
 };
 use abbe_measurement::campaign::Campaign;
 use abbe_measurement::instrument::RangeUncertainty;
@@ -231,11 +230,7 @@ impl<'a> Search<'a> {
 
     /// The rows of a fit.
     pub(crate) fn round(&self, fit: &Identified) -> Result<Round<'a>, DiagnoseError> {
-        let rows = Rows::new(fit, self.instrument, self.campaign);
-        let used = rows.whitening.iter().filter(|w| **w > 0.0).count();
-        let linear = Linear::new(rows.jacobian.clone(), rows.residuals.clone(), rows.covariance.clone(), used)?;
-        let free = linear.without_priors(used)?;
-        Ok(Round { rows: Arc::new(rows), linear: Arc::new(linear), free: Arc::new(free), used })
+        Round::new(fit, self.instrument, self.campaign)
     }
 
     /// A fit of these terms and its rows, or why there is none. Only a stop by the observer is an error.
