@@ -1,0 +1,78 @@
+//! Why there is no plan, in words that name the key and the remedy.
+//!
+//! Place in the flow: the only failure type of this crate; command and tests show its text as it is.
+
+use abbe_diagnose::DiagnoseError;
+use abbe_geometry::effects::EffectError;
+use abbe_identify::IdentifyError;
+use thiserror::Error;
+
+/// Why there is no plan.
+#[derive(Debug, Error)]
+pub enum PlanError {
+    /// The request makes no sense.
+    #[error("{key}: {problem}; {remedy}")]
+    Request {
+        /// Key of the request file.
+        key: String,
+        /// What is wrong.
+        problem: String,
+        /// What to do.
+        remedy: String,
+    },
+    /// The budget ends before the plan tells all errors.
+    #[error(
+        "goal.budget_h: {:.2} h is too short to tell all errors of the machine; the shortest plan found takes {:.2} h, with {stations} \
+         stations and {lines} lines: give at least that, or shorten dwell_s and station_change_s", .budget_s / 3600.0,
+        .shortest_s / 3600.0
+    )]
+    Budget {
+        /// What was given (s).
+        budget_s: f64,
+        /// What is needed (s).
+        shortest_s: f64,
+        /// Stations of the shortest plan.
+        stations: usize,
+        /// Its lines.
+        lines: usize,
+    },
+    /// No plan reaches the uncertainty.
+    #[error(
+        "goal.uncertainty_um: no plan found reaches {:.3} um{}; the best has {:.3} um, in {:.2} h with {stations} stations and \
+         {lines} lines: ask for no less, allow more time, or add stands, holders or levels", .wanted_m * 1e6, within(*.budget_s),
+        .best_m * 1e6, .time_s / 3600.0
+    )]
+    Unreached {
+        /// What was wanted (m).
+        wanted_m: f64,
+        /// The budget (s), if there was one.
+        budget_s: Option<f64>,
+        /// What the best plan reaches (m).
+        best_m: f64,
+        /// Its time (s).
+        time_s: f64,
+        /// Its stations.
+        stations: usize,
+        /// Its lines.
+        lines: usize,
+    },
+    /// All candidate lines together do not tell everything.
+    #[error("all candidate lines from all stations that fit together do not tell the machine: {0}")]
+    Unobservable(IdentifyError),
+    /// An effect does not fit the machine.
+    #[error("tell: {0}")]
+    Effect(#[from] EffectError),
+    /// Identification refuses the plan.
+    #[error(transparent)]
+    Identify(#[from] IdentifyError),
+    /// What can be told of effects cannot be stated.
+    #[error(transparent)]
+    Diagnose(#[from] DiagnoseError),
+    /// The observer said stop before there was a plan.
+    #[error("stopped before there was a plan that tells all errors; nothing was planned")]
+    Stopped,
+}
+
+fn within(budget_s: Option<f64>) -> String {
+    budget_s.map_or_else(String::new, |s| format!(" within {:.2} h", s / 3600.0))
+}

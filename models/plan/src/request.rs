@@ -1,0 +1,401 @@
+//! What there is and what is wanted: everything that a plan is made from.
+//!
+//! Place in the flow: filled by the command line from a request file, or by a test. SI, machine frame; nothing here has a
+//! hidden default elsewhere. [`check`] refuses what makes no sense, by the key of the request file.
+
+use crate::error::PlanError;
+use crate::sight::{self, Place};
+use abbe_geometry::effects::Shape;
+use abbe_geometry::machine::Machine;
+use abbe_identify::{Belief, Identified, Options, OrderChoice};
+use abbe_measurement::campaign::Campaign;
+use abbe_measurement::instrument::RangeUncertainty;
+
+/// Most stations that a plan may have.
+const MOST_STATIONS: usize = 12;
+/// Fewest and most points of a line.
+const POINTS: (u32, u32) = (5, 200);
+/// Most levels of lines along an axis.
+const MOST_LEVELS: usize = 9;
+
+/// A place where the tracer may stand: the centre of its reference sphere.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Stand {
+    /// Name.
+    pub name: String,
+    /// Centre (m, machine frame: the workpiece side).
+    pub position_m: [f64; 3],
+    /// One of many in a region: passed over where the reflector would run into it, instead of refused.
+    pub of_region: bool,
+}
+
+/// A place of the reflector on the ram.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Holder {
+    /// Reflector relative to the ram reference point (m, ram frame).
+    pub offset_m: [f64; 3],
+    /// Where the reflector looks (any length, ram frame) and up to which angle from there it sends the beam back (rad); `None`
+    /// for one that does so all around.
+    pub acceptance: Option<([f64; 3], f64)>,
+}
+
+/// What the tracer can follow.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Tracer {
+    /// Nearest distance of the reflector, the radius of the blind zone (m).
+    pub nearest_m: f64,
+    /// Farthest distance (m).
+    pub farthest_m: f64,
+    /// Lowest and highest elevation of the beam above the horizontal plane (rad), Z being up.
+    pub elevation_rad: (f64, f64),
+}
+
+/// How the machine is driven, and what else takes time.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Motion {
+    /// Feeds, taken in turn from line to line (m/s).
+    pub feeds_m_s: Vec<f64>,
+    /// Acceleration and deceleration of each move (m/s²).
+    pub acceleration_m_s2: f64,
+    /// Standstill at each point (s).
+    pub dwell_s: f64,
+    /// Time to place the tracer on a station and make it ready (s).
+    pub station_change_s: f64,
+    /// Time to put the reflector on another holder (s).
+    pub holder_change_s: f64,
+}
+
+/// Which lines are candidates.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Lines {
+    /// Fewest and most points of a line; drawn by the seed, since equal steps would hide periodic errors.
+    pub points: (u32, u32),
+    /// Places along each axis at which lines along the others lie.
+    pub levels: usize,
+    /// Also the diagonals of the volume and of its faces.
+    pub diagonals: bool,
+}
+
+/// What a plan must come to. Without a budget lines are added until the uncertainty is reached; without an uncertainty the
+/// budget is used up.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Goal {
+    /// Rms over the volume of the standard uncertainty of a corrected point, as a length in space, repeatability included (m).
+    pub uncertainty_m: Option<f64>,
+    /// Measuring time (s).
+    pub budget_s: Option<f64>,
+}
+
+/// A quantity that will be logged during the campaign, as it is expected to go: a sine between two values.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Sensor {
+    /// Name of the column, unit as suffix.
+    pub name: String,
+    /// Lowest and highest value, in that unit.
+    pub range: (f64, f64),
+    /// Time from high to high (s).
+    pub period_s: f64,
+}
+
+/// An effect that the campaign shall tell.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Wish {
+    /// Name in the registry of effects.
+    pub name: String,
+    /// Entries of the shape that it must have, such as the axis.
+    pub shape: Shape,
+}
+
+/// A campaign already measured, and its fit.
+#[derive(Debug, Clone)]
+pub struct Measured {
+    /// The campaign.
+    pub campaign: Campaign,
+    /// What was identified from it.
+    pub fit: Identified,
+}
+
+/// Everything that a plan is made from.
+#[derive(Debug, Clone)]
+pub struct Request {
+    /// The machine.
+    pub machine: Machine,
+    /// Uncertainty of the tracer's range.
+    pub instrument: RangeUncertainty,
+    /// How it will be identified: order, absolute ranges.
+    pub options: Options,
+    /// Scale readings of the volume that matters (m).
+    pub volume_m: [(f64, f64); 3],
+    /// Offsets of the tips whose points matter (m, ram frame).
+    pub tips_m: Vec<[f64; 3]>,
+    /// What the tracer can follow.
+    pub tracer: Tracer,
+    /// Where it may stand.
+    pub stands: Vec<Stand>,
+    /// Most stations.
+    pub most_stations: usize,
+    /// Where the reflector may sit.
+    pub holders: Vec<Holder>,
+    /// Speeds and times.
+    pub motion: Motion,
+    /// Candidate lines.
+    pub lines: Lines,
+    /// What is wanted.
+    pub goal: Goal,
+    /// Effects to be told.
+    pub tell: Vec<Wish>,
+    /// What will be logged beside the motion.
+    pub sensors: Vec<Sensor>,
+    /// How much the error functions are believed to bend.
+    pub belief: Belief,
+    /// Seed of what is drawn: points of the lines, directions.
+    pub seed: u64,
+    /// What was measured before; the plan then adds to it.
+    pub measured: Option<Measured>,
+}
+
+/// What is being done.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Stage {
+    /// Looking what each stand sees and would tell.
+    Stands,
+    /// Choosing stations.
+    Stations,
+    /// Adding lines.
+    Lines,
+    /// Exchanging lines.
+    Exchange,
+}
+
+/// One step of progress; the observer returns false to stop.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Progress {
+    /// What is being done.
+    pub stage: Stage,
+    /// Steps of it done.
+    pub done: usize,
+    /// Rms uncertainty over the volume of the best plan so far (m), where there is one.
+    pub best_m: Option<f64>,
+}
+
+impl Request {
+    /// Whether the data will choose how smooth the errors are.
+    pub(crate) fn is_penalised(&self) -> bool {
+        self.options.order == OrderChoice::Evidence
+    }
+
+    /// Variance of repeatability of a point, as a length in space (m²).
+    pub(crate) fn repeatability_m2(&self) -> f64 {
+        self.machine.repeatability_m.iter().map(|u| u * u).sum()
+    }
+
+    /// Mean of the holders' offsets (m, ram frame).
+    pub(crate) fn offset_centre_m(&self) -> [f64; 3] {
+        abbe_geometry::layout::centre_of(self.holders.iter().map(|holder| holder.offset_m))
+    }
+}
+
+/// Refuses a request that makes no sense.
+///
+/// # Errors
+/// Names the key of the request file, what is wrong with it, and what to do.
+pub fn check(request: &Request) -> Result<(), PlanError> {
+    check_volume(request)?;
+    check_tracer(&request.tracer)?;
+    check_holders(request)?;
+    check_stands(request)?;
+    check_motion(&request.motion)?;
+    check_lines(request)?;
+    check_goal(request)
+}
+
+pub(crate) fn wrong(key: impl Into<String>, problem: impl Into<String>, remedy: impl Into<String>) -> PlanError {
+    PlanError::Request { key: key.into(), problem: problem.into(), remedy: remedy.into() }
+}
+
+fn check_volume(request: &Request) -> Result<(), PlanError> {
+    for (axis, ((low_m, high_m), (lower_m, upper_m))) in
+        ['X', 'Y', 'Z'].into_iter().zip(request.volume_m.into_iter().zip(request.machine.stroke_m))
+    {
+        let key = format!("volume_mm.{axis}");
+        let (low_mm, high_mm, lower_mm, upper_mm) = (low_m * 1e3, high_m * 1e3, lower_m * 1e3, upper_m * 1e3);
+        if !(low_m.is_finite() && high_m.is_finite() && low_m < high_m) {
+            return Err(wrong(
+                key,
+                format!("{low_mm} ... {high_mm} is no range"),
+                "give the lower, then the upper end",
+            ));
+        }
+        if low_m < lower_m || high_m > upper_m {
+            return Err(wrong(
+                key,
+                format!(
+                    "{low_mm} ... {high_mm} mm is beyond the stroke {lower_mm} ... {upper_mm} mm: the machine cannot reach it"
+                ),
+                "keep the volume within stroke_mm of the machine file",
+            ));
+        }
+        if high_m - low_m < 0.05 * (upper_m - lower_m) {
+            return Err(wrong(
+                key,
+                format!("{low_mm} ... {high_mm} mm is less than a twentieth of the stroke"),
+                "plan for a larger volume: the errors of an axis cannot be told from so little of it",
+            ));
+        }
+    }
+    Ok(())
+}
+
+fn check_tracer(tracer: &Tracer) -> Result<(), PlanError> {
+    let positive = |value: f64| value.is_finite() && value > 0.0;
+    if !positive(tracer.nearest_m) {
+        let problem = format!("{} is not above 0", tracer.nearest_m * 1e3);
+        return Err(wrong("tracer.nearest_mm", problem, "give the radius of the blind zone from its data sheet"));
+    }
+    if !positive(tracer.farthest_m) || tracer.farthest_m <= tracer.nearest_m {
+        let problem = format!("{} is not beyond nearest_mm", tracer.farthest_m * 1e3);
+        return Err(wrong("tracer.farthest_mm", problem, "give the tracer's range from its data sheet"));
+    }
+    let (low, high) = tracer.elevation_rad;
+    let right = std::f64::consts::FRAC_PI_2 + 1e-9;
+    if !(low >= -right && high <= right && low < high) {
+        let problem = format!("{:.1} ... {:.1} is no range of elevations", low.to_degrees(), high.to_degrees());
+        return Err(wrong("tracer.elevation_deg", problem, "give two angles from -90 to 90, the lower one first"));
+    }
+    Ok(())
+}
+
+fn check_stands(request: &Request) -> Result<(), PlanError> {
+    if request.stands.is_empty() {
+        return Err(wrong("stands", "there is none", "give [[stand]] entries or a [region]"));
+    }
+    if !(1..=MOST_STATIONS).contains(&request.most_stations) {
+        let problem = format!("{} is not 1 to {MOST_STATIONS}", request.most_stations);
+        return Err(wrong("most_stations", problem, "give the number of stations that you would set up at most"));
+    }
+    for (k, stand) in request.stands.iter().enumerate() {
+        let key = format!("stand[{k}] {}", stand.name);
+        if !stand.position_m.iter().all(|v| v.is_finite()) {
+            return Err(wrong(key, "its position is not finite", "give x, y, z in millimetres"));
+        }
+        if !stand.of_region {
+            check_place(request, stand, &key)?;
+        }
+        if request.stands[..k].iter().any(|other| other.name == stand.name) {
+            return Err(wrong(key, "two stands have this name", "give each its own"));
+        }
+    }
+    Ok(())
+}
+
+/// A stand that somebody named must be one.
+fn check_place(request: &Request, stand: &Stand, key: &str) -> Result<(), PlanError> {
+    let nearest_mm = request.tracer.nearest_m * 1e3;
+    match sight::place(request, stand.position_m) {
+        Place::Free => Ok(()),
+        Place::Inside => Err(wrong(
+            key,
+            "the tracer would stand inside the volume that the reflector moves in",
+            "move it out, or plan for a smaller volume",
+        )),
+        Place::Blind => Err(wrong(
+            key,
+            format!("the reflector comes nearer than the blind zone of {nearest_mm:.0} mm with every holder"),
+            format!("move it {nearest_mm:.0} mm or more away from the volume that the reflector moves in"),
+        )),
+    }
+}
+
+fn check_holders(request: &Request) -> Result<(), PlanError> {
+    if request.tips_m.is_empty() || !request.tips_m.iter().flatten().all(|v| v.is_finite()) {
+        return Err(wrong(
+            "tips_mm",
+            "holds no offset",
+            "give the offsets of the tips that you measure with, or leave it out",
+        ));
+    }
+    if request.holders.is_empty() {
+        return Err(wrong("holder", "there is none", "give a [[holder]] with the offset_mm of the reflector"));
+    }
+    for (k, holder) in request.holders.iter().enumerate() {
+        let key = format!("holder[{k}]");
+        if !holder.offset_m.iter().all(|v| v.is_finite() && v.abs() < 5.0) {
+            return Err(wrong(key, "offset_mm is not an offset on a ram", "give x, y, z in millimetres"));
+        }
+        if let Some((faces, angle_rad)) = holder.acceptance {
+            let length = faces.iter().map(|v| v * v).sum::<f64>().sqrt();
+            if !(length.is_finite() && length > 1e-9) {
+                return Err(wrong(format!("{key}.faces"), "is no direction", "give x, y, z of where it looks"));
+            }
+            if !(angle_rad > 0.0 && angle_rad <= std::f64::consts::PI) {
+                let problem = format!("{:.1} is not above 0 and up to 180", angle_rad.to_degrees());
+                return Err(wrong(format!("{key}.acceptance_deg"), problem, "give the half angle of its data sheet"));
+            }
+        }
+    }
+    Ok(())
+}
+
+fn check_motion(motion: &Motion) -> Result<(), PlanError> {
+    if motion.feeds_m_s.is_empty() || !motion.feeds_m_s.iter().all(|v| v.is_finite() && *v > 0.0) {
+        return Err(wrong("motion.feeds_mm_s", "holds no feed above 0", "give at least one feed"));
+    }
+    if !(motion.acceleration_m_s2.is_finite() && motion.acceleration_m_s2 > 0.0) {
+        let problem = format!("{} is not above 0", motion.acceleration_m_s2 * 1e3);
+        return Err(wrong("motion.acceleration_mm_s2", problem, "give the acceleration of the machine's moves"));
+    }
+    let times = [
+        ("motion.dwell_s", motion.dwell_s),
+        ("motion.station_change_s", motion.station_change_s),
+        ("motion.holder_change_s", motion.holder_change_s),
+    ];
+    match times.into_iter().find(|(_, time_s)| !(time_s.is_finite() && *time_s >= 0.0)) {
+        Some((key, time_s)) => Err(wrong(key, format!("{time_s} is no time"), "give seconds, 0 or more")),
+        None => Ok(()),
+    }
+}
+
+fn check_lines(request: &Request) -> Result<(), PlanError> {
+    let Lines { points: (low, high), levels, .. } = request.lines;
+    if low < POINTS.0 || high > POINTS.1 || low > high {
+        let problem = format!("{low} ... {high} is not a range within {} ... {}", POINTS.0, POINTS.1);
+        return Err(wrong("lines.points", problem, "give the fewest and the most points of a line"));
+    }
+    if !(2..=MOST_LEVELS).contains(&levels) {
+        let problem = format!("{levels} is not 2 to {MOST_LEVELS}");
+        return Err(wrong("lines.levels", problem, "3 has lines at both ends and in the middle"));
+    }
+    for (k, sensor) in request.sensors.iter().enumerate() {
+        let (low, high) = sensor.range;
+        if !(low.is_finite() && high.is_finite() && low < high && sensor.period_s > 0.0 && sensor.period_s.is_finite())
+        {
+            let problem = format!("{} goes from {low} to {high} in {} s", sensor.name, sensor.period_s);
+            return Err(wrong(format!("sensor[{k}]"), problem, "give the lower, then the upper value, and a period"));
+        }
+    }
+    Ok(())
+}
+
+fn check_goal(request: &Request) -> Result<(), PlanError> {
+    let Goal { uncertainty_m, budget_s } = request.goal;
+    if uncertainty_m.is_none() && budget_s.is_none() {
+        return Err(wrong("goal", "there is none", "give uncertainty_um, budget_h, or both"));
+    }
+    if let Some(budget_s) = budget_s.filter(|s| !(s.is_finite() && *s > 0.0)) {
+        return Err(wrong("goal.budget_h", format!("{} is no time", budget_s / 3600.0), "give hours above 0"));
+    }
+    let Some(wanted_m) = uncertainty_m else { return Ok(()) };
+    let floor_m = request.repeatability_m2().sqrt();
+    if wanted_m.is_nan() || wanted_m <= floor_m {
+        return Err(wrong(
+            "goal.uncertainty_um",
+            format!(
+                "{:.3} um is not above the machine's own repeatability, {:.3} um in space",
+                wanted_m * 1e6,
+                floor_m * 1e6
+            ),
+            "no plan reaches it; ask for more, or correct repeatability_um in the machine file",
+        ));
+    }
+    Ok(())
+}

@@ -1,0 +1,139 @@
+//! What a plan says of effects is what a diagnosis of the measured campaign says and finds; and what is refused, and how.
+//!
+//! Place in the flow: as `promise.rs`, with physics beyond the geometry.
+
+#![allow(clippy::unwrap_used, clippy::panic)] // a preparation that fails fails its test
+
+mod common;
+
+use abbe_diagnose::{Options, diagnose};
+use abbe_geometry::effects::Shape;
+use abbe_plan::{Goal, PlanError, Request, Stage, Wish, plan};
+use abbe_virtual_machine::effects::from_text;
+use abbe_virtual_machine::simulate_campaign;
+use common::{INSTRUMENT, bridge, drive, request, simulated};
+
+const SHORT: Goal = Goal { uncertainty_m: None, budget_s: Some(2.5 * 3600.0) };
+
+fn names(entries: impl Iterator<Item = &'static str>) -> Vec<&'static str> {
+    let mut names: Vec<&str> = entries.collect();
+    names.sort_unstable();
+    names.dedup();
+    names
+}
+
+#[test]
+fn what_a_plan_calls_not_identifiable_a_diagnosis_of_its_campaign_cannot_find() {
+    let request = request(bridge, SHORT);
+    let plan = plan(&request, &mut |_| true).unwrap();
+    let foreseen = names(plan.promise.effects.not_identifiable.iter().map(|n| n.name));
+    assert!(foreseen.contains(&"reflector_incidence") && !foreseen.contains(&"reversal"), "{foreseen:?}");
+    let mut config = simulated(bridge(900), drive(&request, &plan), 9);
+    // A reflector whose reading falls off with the angle, ten times what would be seen if nothing else took it; and play.
+    config.effects = ["backlash axis=y size_um=1.5"].map(|text| from_text(text).unwrap()).to_vec();
+    let campaign = simulate_campaign(&config).unwrap().campaign;
+    let options = Options { folds: 0, ..Options::default() };
+    let found = diagnose(&request.machine, &[], INSTRUMENT.range, &campaign, &options, &mut |_| true).unwrap();
+    let said = names(found.not_identifiable.iter().map(|n| n.name));
+    println!(
+        "foreseen {foreseen:?}, said {said:?}, found {:?}",
+        found.found.iter().map(|f| f.name).collect::<Vec<_>>()
+    );
+    // The simulated sensors vary as well, so that more can be asked; what depends on the path alone is the same.
+    assert!(foreseen.iter().all(|name| said.contains(name)), "{foreseen:?} {said:?}");
+    let reversal = found.found.iter().find(|f| f.name == "reversal").unwrap();
+    let told = plan.promise.effects.told.iter().find(|t| t.name == "reversal" && t.shape == reversal.shape);
+    if let Some(told) = told {
+        let (foreseen_u, stated_u) = (told.parameters[0].u, reversal.parameters[0].u);
+        assert!((stated_u / foreseen_u - 1.0).abs() < 0.15, "{stated_u} {foreseen_u}");
+        assert!(told.parameters[0].found_from < 1.5e-6);
+    }
+}
+
+#[test]
+fn a_wish_turns_lines_round_until_both_directions_are_driven() {
+    let mut request = request(bridge, SHORT);
+    request.tell = vec![Wish { name: "reversal".to_owned(), shape: Shape::new().text("axis", "x") }];
+    let plan = plan(&request, &mut |_| true).unwrap();
+    let along = |sign: f64| {
+        let of = |line: &&abbe_plan::Line| (line.points_m.last().unwrap()[0] - line.points_m[0][0]) * sign > 0.1;
+        plan.lines.iter().filter(of).count()
+    };
+    let (up, down) = (along(1.0), along(-1.0));
+    assert!(up > 3 && down > 3, "{up} {down}");
+    let told = plan.promise.effects.told.iter().find(|t| t.name == "reversal" && t.shape.0 == request_axis(&t.shape));
+    assert!(told.unwrap().parameters[0].u < 0.1e-6);
+}
+
+/// The shape itself where its axis is X.
+fn request_axis(shape: &Shape) -> std::collections::BTreeMap<String, abbe_geometry::effects::ShapeValue> {
+    let is_x = shape.0.get("axis") == Some(&abbe_geometry::effects::ShapeValue::Text("x".to_owned()));
+    if is_x { shape.0.clone() } else { std::collections::BTreeMap::new() }
+}
+
+fn refused(change: impl FnOnce(&mut Request)) -> String {
+    let mut request = request(bridge, SHORT);
+    change(&mut request);
+    plan(&request, &mut |_| true).unwrap_err().to_string()
+}
+
+#[test]
+fn what_cannot_be_planned_is_refused_by_its_key_with_a_remedy() {
+    let said = refused(|r| r.volume_m[0].1 = 0.9);
+    assert!(said.contains("volume_mm.X") && said.contains("beyond the stroke"), "{said}");
+    let said = refused(|r| (r.stands[0].position_m, r.stands[0].of_region) = ([0.4, 0.3, 0.3], false));
+    assert!(said.contains("stand[0]") && said.contains("inside the volume"), "{said}");
+    let said = refused(|r| {
+        (r.stands[0].position_m, r.stands[0].of_region) = ([-0.25, 0.3, 0.3], false);
+        r.tracer.nearest_m = 0.5;
+    });
+    assert!(said.contains("blind zone of 500 mm"), "{said}");
+    let said = refused(|r| r.tracer.farthest_m = 0.4);
+    assert!(said.contains("volume_mm") && said.contains("no stand sees the corner"), "{said}");
+    let said = refused(|r| r.stands.truncate(1));
+    assert!(said.contains("too few"), "{said}");
+    let said = refused(|r| r.goal.uncertainty_m = Some(0.4e-6));
+    assert!(said.contains("goal.uncertainty_um") && said.contains("repeatability"), "{said}");
+    let said = refused(|r| r.tell = vec![Wish { name: "speed_lag".to_owned(), shape: Shape::new() }]);
+    assert!(said.contains("tell[0] speed_lag") && said.contains("needs"), "{said}");
+    let said = refused(|r| r.tell = vec![Wish { name: "bcklash".to_owned(), shape: Shape::new() }]);
+    assert!(said.contains("reversal"), "the names that there are: {said}");
+}
+
+#[test]
+fn a_budget_too_short_is_answered_with_the_shortest_that_there_is() {
+    let mut request = request(bridge, Goal { uncertainty_m: None, budget_s: Some(0.7 * 3600.0) });
+    let PlanError::Budget { shortest_s, stations, lines, .. } = plan(&request, &mut |_| true).unwrap_err() else {
+        panic!("a budget that is too short was not refused as such")
+    };
+    println!("shortest {:.2} h with {stations} stations and {lines} lines", shortest_s / 3600.0);
+    assert!(shortest_s > 0.7 * 3600.0 && stations >= 2 && lines >= 8);
+    // What is named as possible is possible.
+    request.goal.budget_s = Some(1.15 * shortest_s);
+    request.most_stations = stations;
+    let found = plan(&request, &mut |_| true).unwrap();
+    assert!(found.time_s <= 1.15 * shortest_s);
+}
+
+#[test]
+fn an_uncertainty_is_reached_in_less_time_than_its_half_or_the_best_is_named() {
+    let mut request = request(bridge, Goal { uncertainty_m: Some(0.56e-6), budget_s: None });
+    let found = plan(&request, &mut |_| true).unwrap();
+    println!("0.56 um: {:.3} um in {:.2} h", found.promise.u_m * 1e6, found.time_s / 3600.0);
+    assert!(found.promise.u_m <= 0.56e-6 && found.promise.u_m > 0.5e-6, "{}", found.promise.u_m);
+    request.goal = Goal { uncertainty_m: Some(0.44e-6), budget_s: Some(2.0 * 3600.0) };
+    match plan(&request, &mut |_| true).unwrap_err() {
+        PlanError::Unreached { best_m, time_s, .. } => assert!(best_m > 0.44e-6 && time_s <= 2.0 * 3600.0),
+        other => panic!("{other}"),
+    }
+}
+
+#[test]
+fn the_same_request_gives_the_same_plan_and_a_stop_keeps_the_best_so_far() {
+    let request = request(bridge, SHORT);
+    let (a, b) = (plan(&request, &mut |_| true).unwrap(), plan(&request, &mut |_| true).unwrap());
+    assert_eq!((&a.lines, &a.stations, a.promise.u_m.to_bits()), (&b.lines, &b.stations, b.promise.u_m.to_bits()));
+    let stopped = plan(&request, &mut |p| p.stage != Stage::Exchange).unwrap();
+    assert!(stopped.stopped && stopped.promise.u_m >= a.promise.u_m && stopped.time_s <= 2.5 * 3600.0);
+    assert!(matches!(plan(&request, &mut |_| false), Err(PlanError::Stopped)));
+}
