@@ -22,6 +22,7 @@ const JOBS: [Job; 7] = [
     Job {
         title: "Measure",
         commands: &[
+            ("plan", "abbe plan --machine machine.toml --request request.toml --out plan"),
             ("simulate", "abbe simulate --machine machine.toml --seed 1 --out practice"),
             ("points", "abbe points --machine machine.toml --campaign campaign.csv --out vectors.csv"),
             ("sphere", "abbe sphere --points sphere.csv --radius-mm 12.5"),
@@ -89,8 +90,10 @@ const OF_A_BAG: &str = "Bags";
 const CHOICES: &str = "Choices";
 
 /// Options that name what is read.
-const INPUTS: [&str; 19] = [
+const INPUTS: [&str; 21] = [
     "machine",
+    "request",
+    "plan",
     "campaign",
     "model",
     "residual",

@@ -15,6 +15,7 @@ mod log;
 mod output;
 mod pairs;
 mod pipeline;
+mod planning;
 mod provenance;
 mod residual;
 mod residual_bag;

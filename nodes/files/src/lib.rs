@@ -24,6 +24,8 @@ mod model_file;
 mod model_record;
 mod names;
 mod notice;
+mod plan_path;
+mod plan_request;
 mod points_csv;
 mod predicted_csv;
 mod ram_turn_record;
@@ -47,6 +49,8 @@ pub use error::{FileError, Place};
 pub use guideway_csv::{GuidewayRow, SeenTarget, read_guideway, read_guideway_file};
 pub use machine::{MachineFile, OrderChoice, SIGN_CONVENTION, machine_text, parse_machine, read_machine};
 pub use model_file::{DataSource, Doubt, ModelFile, ResidualReference};
+pub use plan_path::{PathLine, PathStation, dme, gcode, path_csv, read_path, stations_csv};
+pub use plan_request::{PlanRequestFile, parse_plan_request, read_plan_request};
 pub use points_csv::{
     ADDED_COLUMNS, PointRow, PointsReader, PointsWriter, RowCovariates, RowsForm, RowsText, status_word,
 };

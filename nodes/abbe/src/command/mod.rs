@@ -18,6 +18,7 @@ mod launch;
 mod man;
 mod node;
 mod papers;
+mod plan;
 mod points;
 mod predict;
 mod probe_pose;
@@ -45,6 +46,8 @@ use std::sync::atomic::AtomicBool;
 /// What to do.
 #[derive(Debug, Subcommand)]
 pub(crate) enum Command {
+    /// Plan a tracer campaign: stations, lines, and the uncertainty that they will reach
+    Plan(plan::Arguments),
     /// Identify a machine from a tracer campaign
     Identify(identify::Arguments),
     /// Identify a machine from measured 3-D positions
@@ -137,6 +140,7 @@ pub(crate) fn run(command: Command, ros_args: RosArgs) -> anyhow::Result<()> {
     let shutdown = match &command {
         command if command.is_live() => None,
         Command::Train(_) => None, // has something to keep from its first network on
+        Command::Plan(_) => None,  // keeps the best plan so far
         Command::Compare(_) | Command::Papers(_) => Some(stop::keep_what_there_is(&Arc::new(AtomicBool::new(true)))?),
         Command::Interpolate(arguments) if arguments.is_scored() => {
             Some(stop::keep_what_there_is(&Arc::new(AtomicBool::new(true)))?)
@@ -157,6 +161,7 @@ fn dispatch(command: Command, ros_args: RosArgs) -> anyhow::Result<()> {
     let takes_them = matches!(command, Command::Launch(_) | Command::Node(_));
     ensure!(takes_them || !is_of_nodes, "only `abbe launch` and `abbe node` take --ros-args other than --log-level");
     match command {
+        Command::Plan(arguments) => plan::run(&arguments),
         Command::Identify(arguments) => identify::run(&arguments),
         Command::FitPoints(arguments) => fit_points::run(&arguments),
         Command::Correct(arguments) => correct::run(&arguments),

@@ -3,7 +3,7 @@
 //! Place in the flow: trials without hardware. With `--trials`, identifies many such campaigns and compares the
 //! achieved error with the uncertainty that the fit reports.
 
-use abbe_files::{MachineFile, read_machine, write_atomically};
+use abbe_files::{MachineFile, PathLine, PathStation, read_machine, read_path, write_atomically};
 use abbe_geometry::Vector3;
 use abbe_geometry::correct::correct;
 use abbe_geometry::effects::{NoCovariates, State};
@@ -11,6 +11,7 @@ use abbe_geometry::model::MachineModel;
 use abbe_identify::{Options, at_cramer_rao_bound, identify};
 use abbe_measurement::campaign::Campaign;
 use abbe_virtual_machine::effects::from_text;
+use abbe_virtual_machine::plan::{LinePlan, Plan, StationPlan};
 use abbe_virtual_machine::verification::{Frame, VerificationConfig, VerificationPoint};
 use abbe_virtual_machine::{
     Declared, SimulationConfig, VOLUMETRIC_RMS_M, shipped_bridge, simulate_campaign, verification_points,
@@ -26,6 +27,11 @@ pub(crate) const VOLUMETRIC_RMS_UM: f64 = VOLUMETRIC_RMS_M * 1e6;
 const POINTS: usize = 400;
 /// How well the verification points are known (m).
 const KNOWN_TO_M: f64 = 0.05e-6;
+
+/// Where a path does not say: feed, acceleration, path in the instrument that no counter sees.
+const USUAL_FEED_M_S: f64 = 0.05;
+const USUAL_ACCELERATION_M_S2: f64 = 0.3;
+const USUAL_DEAD_PATH_M: f64 = 0.05;
 
 /// Factor of a 95 % interval of a normal distribution.
 const BAND_95: f64 = 1.96;
@@ -48,6 +54,9 @@ pub(crate) struct Arguments {
     /// Physics beyond the geometry, such as "backlash axis=y size_um=3"; may be given several times
     #[arg(long = "effect")]
     effects: Vec<String>,
+    /// Folder of `abbe plan`: its path.csv and stations.csv are driven instead of the usual plan
+    #[arg(long, conflicts_with = "trials")]
+    plan: Option<PathBuf>,
     /// Raw volumetric error of the machine (rms)
     #[arg(long, default_value_t = VOLUMETRIC_RMS_UM)]
     volumetric_um: f64,
@@ -65,6 +74,10 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let out = arguments.out.as_ref().context("name a folder with --out")?;
     std::fs::create_dir_all(out).with_context(|| format!("{}: cannot be made", out.display()))?;
     let mut config = config(&machine, arguments.seed, arguments.volumetric_um)?;
+    if let Some(folder) = &arguments.plan {
+        config.plan = driven(&config.plan, &read_path(folder)?);
+        config.machine.ram_turn.about_m = config.plan.mean_offset_m();
+    }
     config.effects = arguments.effects.iter().map(|text| from_text(text)).collect::<Result<_, _>>()?;
     if let Some(readings) = arguments.readings {
         config.plan = config.plan.repeated_to(readings)?;
@@ -91,6 +104,31 @@ pub(crate) fn config(machine: &MachineFile, seed: u64, volumetric_um: f64) -> an
         range: machine.instrument,
     };
     shipped_bridge(seed, volumetric_um * 1e-6, &declared).with_context(|| format!("machine {}", machine.machine.name))
+}
+
+/// The usual plan's ways with the stations and lines of a path.
+fn driven(usual: &Plan, path: &[PathStation]) -> Plan {
+    let line = |line: &PathLine| LinePlan {
+        name: line.name.clone(),
+        from_m: line.points_m.first().copied().unwrap_or_default(),
+        to_m: line.points_m.last().copied().unwrap_or_default(),
+        points: line.points_m.len() as u32,
+        jitter: 0.0,
+        offset_m: line.offset_m,
+        feed_m_s: line.feed_m_s.unwrap_or(USUAL_FEED_M_S),
+        acceleration_m_s2: USUAL_ACCELERATION_M_S2,
+        load_kg: 0.0,
+        pause_s: 0.0,
+    };
+    let station = |station: &PathStation| StationPlan {
+        name: station.name.clone(),
+        position_m: station.position_m,
+        dead_path_m: USUAL_DEAD_PATH_M,
+        lines: station.lines.iter().map(line).collect(),
+    };
+    let home_m = path.first().and_then(|s| s.lines.first()).and_then(|l| l.points_m.first());
+    let home_m = home_m.copied().unwrap_or(usual.home_m);
+    Plan { home_m, stations: path.iter().map(station).collect(), ..usual.clone() }
 }
 
 /// Sums over points and machines (m²), and how many intervals held the truth.

@@ -1,0 +1,233 @@
+//! What a plan says: words for a terminal, JSON, and the page.
+//!
+//! Place in the flow: the last step of `abbe plan`; millimetres, micrometres, microradians, hours; uncertainties k = 1.
+
+mod page;
+
+use abbe_files::MachineFile;
+use abbe_geometry::effects::{Shape, ShapeValue};
+use abbe_plan::{Plan, Promise, Request, Wish};
+use serde_json::{Value, json};
+use std::fmt::Write;
+use std::path::Path;
+
+pub(crate) use page::report;
+
+/// What the plan was made from.
+pub(crate) struct Sources<'a> {
+    pub(crate) machine: &'a MachineFile,
+    pub(crate) request: &'a Request,
+    pub(crate) campaign: Option<&'a Path>,
+}
+
+/// What will come of a wish.
+enum Outcome {
+    Told(String),
+    Not(String),
+}
+
+/// A shape in short words.
+fn shape_words(shape: &Shape) -> String {
+    let word = |(key, value): (&String, &ShapeValue)| match value {
+        ShapeValue::Text(text) => Some(format!("{key} {text}")),
+        ShapeValue::Number(number) if key != "start_s" => Some(format!("{key} {number:.4}")),
+        _ => None,
+    };
+    shape.0.iter().filter_map(word).collect::<Vec<_>>().join(", ")
+}
+
+/// Size of a parameter in the unit of readers.
+fn size_words(value: f64, unit: &str) -> String {
+    match unit {
+        "m" => format!("{:.3} um", value * 1e6),
+        "rad" => format!("{:.2} urad", value * 1e6),
+        "m/s" => format!("{:.3} um/h", value * 1e6 * 3600.0),
+        other => format!("{value:.2e} {other}"),
+    }
+}
+
+fn outcome(promise: &Promise, wish: &Wish) -> Outcome {
+    let fits = |shape: &Shape| wish.shape.0.iter().all(|(key, value)| shape.0.get(key) == Some(value));
+    let effects = &promise.effects;
+    if let Some(told) = effects.told.iter().find(|told| told.name == wish.name && fits(&told.shape)) {
+        let best = told.parameters.iter().min_by(|a, b| a.found_from.total_cmp(&b.found_from));
+        let size = best.map_or_else(String::new, |p| {
+            format!(
+                ", {} known to {}, found from {}",
+                p.name,
+                size_words(p.u, p.unit),
+                size_words(p.found_from, p.unit)
+            )
+        });
+        return Outcome::Told(format!("{:.0} % absorbed{size}", told.alias_share * 1e2));
+    }
+    if let Some(hidden) = effects.not_identifiable.iter().find(|hidden| hidden.name == wish.name) {
+        let with = hidden.aliased_with.join(", ");
+        return Outcome::Not(format!("{:.1} % absorbed by {with}; {}", hidden.alias_share * 1e2, hidden.decided_by));
+    }
+    let needs = effects.untestable.iter().find(|u| u.name == wish.name).map(|u| u.needs);
+    Outcome::Not(needs.map_or_else(|| "not told by this plan".to_owned(), |needs| format!("needs {needs}")))
+}
+
+/// The summary for a terminal.
+pub(crate) fn words(sources: &Sources, plan: &Plan, out: &Path) -> String {
+    let promise = &plan.promise;
+    let mut text = format!("{}\n", out.display());
+    let mut line = |name: &str, value: String| {
+        // Writing to a string cannot fail.
+        let _ = writeln!(text, "  {name:<20}{value}");
+    };
+    let new = if sources.campaign.is_some() { "new " } else { "" };
+    line(
+        "plan",
+        format!(
+            "{} {new}stations, {} {new}lines, {} readings",
+            plan.stations.len(),
+            plan.lines.len(),
+            plan.nominal.readings.len()
+        ),
+    );
+    line("time", time_words(sources, plan));
+    if let Some(before) = &plan.before {
+        line("measured before", format!("{:.3} um (k = 1)", before.u_m * 1e6));
+    }
+    let [x, y, z] = promise.u_axis_m.map(|u| u * 1e6);
+    line(
+        "corrected points",
+        format!("{:.3} um (k = 1, in space, rms over the volume); X {x:.3}, Y {y:.3}, Z {z:.3} um", promise.u_m * 1e6),
+    );
+    line("of the model alone", format!("{:.3} um, without the repeatability of one approach", promise.u_model_m * 1e6));
+    let (largest_m, at_m) = promise.largest_m;
+    let [x, y, z] = at_m.map(|v| v * 1e3);
+    line("largest", format!("{:.3} um at X {x:.0}, Y {y:.0}, Z {z:.0} mm", largest_m * 1e6));
+    let [half, twice] = plan.if_bent_m.map(|u| u * 1e6);
+    line("if errors bend", format!("half as much {half:.3} um, twice as much {twice:.3} um"));
+    for wish in &sources.request.tell {
+        let name = format!("{} {}", wish.name, shape_words(&wish.shape));
+        match outcome(promise, wish) {
+            Outcome::Told(words) => line("told", format!("{}: {words}", name.trim())),
+            Outcome::Not(words) => line("not_identifiable", format!("{}: {words}", name.trim())),
+        }
+    }
+    stations_table(plan, &mut text);
+    errors_table(promise, &mut text);
+    let hidden: Vec<&str> = promise.effects.not_identifiable.iter().map(|n| n.name).collect();
+    if !hidden.is_empty() {
+        let _ = writeln!(
+            text,
+            "  not_identifiable with this plan: {}; report.html has why and what would tell",
+            hidden.join(", ")
+        );
+    }
+    text
+}
+
+/// Time with the speeds that it is reckoned from.
+fn time_words(sources: &Sources, plan: &Plan) -> String {
+    let motion = &sources.request.motion;
+    let feeds: Vec<String> = motion.feeds_m_s.iter().map(|feed| format!("{:.0}", feed * 1e3)).collect();
+    format!(
+        "{:.2} h at {} mm/s, {:.0} mm/s2, {} s a point, {:.0} s a station, {:.0} s a holder",
+        plan.time_s / 3600.0,
+        feeds.join(" and "),
+        motion.acceleration_m_s2 * 1e3,
+        motion.dwell_s,
+        motion.station_change_s,
+        motion.holder_change_s
+    )
+}
+
+fn stations_table(plan: &Plan, text: &mut String) {
+    let _ = writeln!(
+        text,
+        "\n  {:<12}{:>10}{:>10}{:>10}{:>8}{:>10}",
+        "station", "x_mm", "y_mm", "z_mm", "lines", "readings"
+    );
+    for (k, station) in plan.stations.iter().enumerate() {
+        let own = plan.lines.iter().filter(|line| line.station == k);
+        let (lines, readings) = own.fold((0, 0), |(lines, readings), line| (lines + 1, readings + line.points_m.len()));
+        let [x, y, z] = station.position_m.map(|v| v * 1e3);
+        let _ = writeln!(text, "  {:<12}{x:>10.1}{y:>10.1}{z:>10.1}{lines:>8}{readings:>10}", station.name);
+    }
+}
+
+fn errors_table(promise: &Promise, text: &mut String) {
+    let _ = writeln!(text, "\n  {:<8}{:>10}{:>10}", "error", "u rms", "u largest");
+    for error in &promise.errors {
+        let unit = if error.is_angle { "urad" } else { "um" };
+        let _ = writeln!(text, "  {:<8}{:>10.3}{:>10.3} {unit}", error.name, error.u_rms * 1e6, error.u_largest * 1e6);
+    }
+    for (name, u_rad) in &promise.squareness {
+        let _ = writeln!(text, "  {name:<8}{:>10.3}{:>10} urad", u_rad * 1e6, "");
+    }
+    text.push('\n');
+}
+
+/// The figures for other programs.
+pub(crate) fn json(sources: &Sources, plan: &Plan) -> Value {
+    let promise = &plan.promise;
+    let stations: Vec<Value> =
+        plan.stations.iter().map(|s| json!({ "name": s.name, "position_mm": s.position_m.map(|v| v * 1e3) })).collect();
+    let lines: Vec<Value> = plan
+        .lines
+        .iter()
+        .map(|line| {
+            json!({
+                "name": line.name, "station": plan.stations[line.station].name, "offset_mm": line.offset_m.map(|v| v * 1e3),
+                "from_mm": line.points_m.first().map(|p| p.map(|v| v * 1e3)),
+                "to_mm": line.points_m.last().map(|p| p.map(|v| v * 1e3)),
+                "points": line.points_m.len(), "feed_mm_s": line.feed_m_s * 1e3,
+                "via_mm": line.via_m.iter().map(|p| p.map(|v| v * 1e3)).collect::<Vec<_>>(),
+            })
+        })
+        .collect();
+    let motion = &sources.request.motion;
+    json!({
+        "machine": sources.machine.machine.name,
+        "seed": sources.request.seed,
+        "extends": sources.campaign.map(|path| path.display().to_string()),
+        "stopped": plan.stopped,
+        "time_h": plan.time_s / 3600.0,
+        "motion": {
+            "feeds_mm_s": motion.feeds_m_s.iter().map(|feed| feed * 1e3).collect::<Vec<_>>(),
+            "acceleration_mm_s2": motion.acceleration_m_s2 * 1e3, "dwell_s": motion.dwell_s,
+            "station_change_s": motion.station_change_s, "holder_change_s": motion.holder_change_s,
+        },
+        "stations": stations,
+        "lines": lines,
+        "readings": plan.nominal.readings.len(),
+        "u_um": promise.u_m * 1e6,
+        "u_model_um": promise.u_model_m * 1e6,
+        "u_axis_um": promise.u_axis_m.map(|u| u * 1e6),
+        "u_largest_um": promise.largest_m.0 * 1e6,
+        "u_largest_at_mm": promise.largest_m.1.map(|v| v * 1e3),
+        "u_um_before": plan.before.as_ref().map(|before| before.u_m * 1e6),
+        "u_um_if_errors_bend_half_and_twice_as_much": plan.if_bent_m.map(|u| u * 1e6),
+        "errors": promise.errors.iter().map(|e| json!({
+            "name": e.name, "unit": if e.is_angle { "urad" } else { "um" }, "u_rms": e.u_rms * 1e6, "u_largest": e.u_largest * 1e6,
+        })).collect::<Vec<_>>(),
+        "squareness": promise.squareness.iter().map(|(name, u)| json!({ "name": name, "u_urad": u * 1e6 })).collect::<Vec<_>>(),
+        "ram_turn_u_urad": promise.ram_turn.map(|u| u * 1e6),
+        "unknowns": promise.unknowns,
+        "condition": promise.condition,
+        "effects": effects_json(promise),
+        "software": crate::pipeline::software(),
+    })
+}
+
+fn effects_json(promise: &Promise) -> Value {
+    let effects = &promise.effects;
+    json!({
+        "told": effects.told.iter().map(|told| json!({
+            "name": told.name, "shape": shape_words(&told.shape), "alias_share": told.alias_share,
+            "parameters": told.parameters.iter().map(|p| json!({
+                "name": p.name, "unit": p.unit, "u": p.u, "found_from": p.found_from,
+            })).collect::<Vec<_>>(),
+        })).collect::<Vec<_>>(),
+        "not_identifiable": effects.not_identifiable.iter().map(|hidden| json!({
+            "name": hidden.name, "shape": shape_words(&hidden.shape), "alias_share": hidden.alias_share,
+            "aliased_with": hidden.aliased_with, "decided_by": hidden.decided_by,
+        })).collect::<Vec<_>>(),
+        "untestable": effects.untestable.iter().map(|u| json!({ "name": u.name, "needs": u.needs })).collect::<Vec<_>>(),
+    })
+}
