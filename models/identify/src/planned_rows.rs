@@ -78,7 +78,10 @@ impl<'a> PlannedRows<'a> {
         term::check(self.terms, campaign)?;
         let own = self.machine_parameters();
         let mut parameters = vec![0.0; own];
-        parameters.extend(station_m.into_iter().chain([0.0]));
+        // Whichever of the campaign's stations they are from, it stands here.
+        for _ in &campaign.stations {
+            parameters.extend(station_m.into_iter().chain([0.0]));
+        }
         let estimate = Estimate { setup: self.setup(), campaign, parameters: &parameters };
         let count = campaign.readings.len();
         let mut rows = SplitRows { machine: Mat::zeros(count, own), station: Mat::zeros(count, STATION_PARAMETERS) };
@@ -90,7 +93,7 @@ impl<'a> PlannedRows<'a> {
                 for (j, value) in values.iter().enumerate() {
                     match (first + j).checked_sub(own) {
                         None => rows.machine[(k, first + j)] = value / u_m,
-                        Some(of_station) => rows.station[(k, of_station)] = value / u_m,
+                        Some(of_station) => rows.station[(k, of_station % STATION_PARAMETERS)] = value / u_m,
                     }
                 }
             }

@@ -125,7 +125,7 @@ impl<'a> Planner<'a> {
             let mut found = match self.within_budget(&mut search, budget_s) {
                 Ok(found) => found,
                 Err(problem) if !goes_on => return best.ok_or(PlanError::Stopped).map_err(|_| stopped(problem)),
-                Err(problem) => return self.too_short(budget_s, problem),
+                Err(problem) => return self.shortest_within(budget_s, problem, observe),
             };
             found.stopped = !goes_on;
             let reached = goal.uncertainty_m.is_none_or(|wanted_m| found.promise.u_m <= wanted_m);
@@ -178,8 +178,14 @@ impl<'a> Planner<'a> {
         }
     }
 
-    /// The error that names the shortest plan there is.
-    fn too_short(&self, budget_s: f64, problem: PlanError) -> Result<Plan, PlanError> {
+    /// A budget so short that the lines which help most do not tell everything: the shortest plan that does, filled up, or
+    /// the error that names it.
+    fn shortest_within(
+        &self,
+        budget_s: f64,
+        problem: PlanError,
+        observe: &mut dyn FnMut(Progress) -> bool,
+    ) -> Result<Plan, PlanError> {
         let unobservable = |problem| match problem {
             PlanError::Identify(problem) => PlanError::Unobservable(problem),
             other => other,
@@ -188,7 +194,7 @@ impl<'a> Planner<'a> {
             return Err(unobservable(problem));
         }
         let mut request = self.request.clone();
-        let mut shortest: Option<Plan> = None;
+        let mut shortest: Option<(Search, Plan)> = None;
         for stations in [2, 3, 4] {
             if stations > self.request.most_stations.min(self.all.len()) {
                 continue;
@@ -196,26 +202,32 @@ impl<'a> Planner<'a> {
             request.most_stations = stations;
             request.goal.budget_s = Some(stations as f64 * (self.request.motion.station_change_s + 7200.0));
             let information = (&self.prior.information, &self.prior.weight);
-            let set = stations::choose(&request, self.all, information, &mut |_| true)?;
-            if let Some(plan) = self.shortest(&set)?
-                && shortest.as_ref().is_none_or(|least| plan.time_s < least.time_s)
+            let set = stations::choose(&request, self.all, information, observe)?;
+            if let Some((search, plan)) = self.shortest(&set)?
+                && shortest.as_ref().is_none_or(|(_, least)| plan.time_s < least.time_s)
             {
-                shortest = Some(plan);
+                shortest = Some((search, plan));
             }
         }
-        let shortest = shortest.ok_or_else(|| unobservable(problem))?;
-        let (stations, lines) = (shortest.stations.len(), shortest.lines.len());
-        Err(PlanError::Budget { budget_s, shortest_s: shortest.time_s, stations, lines })
+        let (mut search, shortest) = shortest.ok_or_else(|| unobservable(problem))?;
+        if shortest.time_s > budget_s {
+            let (stations, lines) = (shortest.stations.len(), shortest.lines.len());
+            return Err(PlanError::Budget { budget_s, shortest_s: shortest.time_s, stations, lines });
+        }
+        let goes_on = search.fill(Until { budget_s, variance_m2: 0.0 }, observe);
+        let mut plan = self.within_budget(&mut search, budget_s).unwrap_or(shortest);
+        plan.stopped = !goes_on;
+        Ok(plan)
     }
 
     /// The plan with the fewest lines from these stands that tells everything.
-    fn shortest(&self, set: &[usize]) -> Result<Option<Plan>, PlanError> {
+    fn shortest(&self, set: &[usize]) -> Result<Option<(Search<'a>, Plan)>, PlanError> {
         let mut search = self.search(set)?;
         search.fill(Until { budget_s: 0.0, variance_m2: 0.0 }, &mut |_| true);
         loop {
             let path = Path::new(self.request, &search, self.may_turn);
             if let Ok(plan) = path.stated(self.request) {
-                return Ok(Some(plan));
+                return Ok(Some((search, plan)));
             }
             let (before, time_s) = (search.chosen.len(), search.time_s());
             let one_more_s = search.candidates.iter().map(|line| line.time_s).fold(0.0, f64::max) * 1.5;

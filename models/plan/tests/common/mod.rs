@@ -228,11 +228,25 @@ pub(crate) fn measured(machine: &Machine, config: &SimulationConfig) -> (Campaig
 /// Mean square of the error of corrected points as a length in space, and of what the model states of it without
 /// repeatability (m²), at random readings of the whole stroke with each of the tips.
 pub(crate) fn verified(config: &SimulationConfig, model: &MachineModel, points: usize) -> (f64, f64) {
+    verified_at(config, model, points, inner)
+}
+
+/// The same without the outer 2 % of each stroke.
+pub(crate) fn verified_inside(config: &SimulationConfig, model: &MachineModel, points: usize) -> (f64, f64) {
+    verified_at(config, model, points, |_, point| point.reading_m)
+}
+
+fn verified_at(
+    config: &SimulationConfig,
+    model: &MachineModel,
+    points: usize,
+    place: impl Fn(&SimulationConfig, &VerificationPoint) -> [f64; 3],
+) -> (f64, f64) {
     let all: Vec<VerificationPoint> = verification_points(config, points, config.seed + 77).unwrap();
     let truth = VirtualMachine::new(config.machine.clone()).unwrap();
     let repeatability = Vector3::from(INSTRUMENT.repeatability_m);
     let (mut error, mut stated) = (0.0, 0.0);
-    for (reading_m, offset_m) in all.iter().flat_map(|point| OFFSETS_M.map(|offset_m| (inner(config, point), offset_m)))
+    for (reading_m, offset_m) in all.iter().flat_map(|point| OFFSETS_M.map(|offset_m| (place(config, point), offset_m)))
     {
         let correction = correct(model, &State { reading_m, offset_m, covariates: &NoCovariates });
         let of_model =

@@ -55,8 +55,8 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     output::check_in_folder(&arguments.out, &FILES, inputs)?;
     let out = &arguments.out;
     ensure!(!out.exists() || out.is_dir(), "--out {}: this is a file; name a folder", out.display());
-    // There is something to keep only once the lines tell all errors; the search says so itself.
-    let keeps = Arc::new(AtomicBool::new(true));
+    // There is nothing to keep before the first line.
+    let keeps = Arc::new(AtomicBool::new(false));
     let shutdown = crate::stop::keep_what_there_is(&keeps)?;
     let machine = read_machine(&arguments.machine)?;
     let file = read_plan_request(&arguments.request)?;
@@ -64,11 +64,11 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let bar = progress_bar(&machine.machine.name);
     let mut observe = |progress: Progress| {
         bar.set_message(progress_words(&progress));
+        keeps.store(matches!(progress.stage, Stage::Lines | Stage::Exchange), Ordering::Relaxed);
         !shutdown.requested()
     };
     let found = abbe_plan::plan(&request, &mut observe);
     bar.finish_and_clear();
-    keeps.store(false, Ordering::Relaxed);
     let plan = found.map_err(|error| placed(error, &file))?;
     let sources = Sources { machine: &machine, request: &request, campaign: arguments.campaign.as_deref() };
     write(arguments, &machine, (&request, &plan), &sources)?;
