@@ -160,7 +160,7 @@ fn wrong_requests_are_refused_with_file_line_and_key() {
         (&[("dwell_s", "dwel_s")], &["request.toml", "line", "dwel_s"]),
         (&[("X = [0.0, 800.0]", "X = [0.0, 900.0]")], &["line 14", "volume_mm.X", "beyond the stroke"]),
         (&[("[-250.0, -250.0, -150.0]", "[400.0, 300.0, 200.0]")], &["stand[0] front-left", "inside the volume"]),
-        (&[("farthest_mm = 10000.0", "farthest_mm = 700.0")], &["volume_mm", "no stand sees the corner"]),
+        (&[("farthest_mm = 10000.0", "farthest_mm = 300.0")], &["volume_mm", "no stand sees the corner"]),
         (&[("budget_h = 2.2", "")], &["goal", "uncertainty_um, budget_h"]),
         (
             &[("budget_h = 2.2", "budget_h = 0.5")],

@@ -47,17 +47,21 @@ fn planned(time_s: f64, feed_m_s: f64) -> (Request, Drive) {
 #[test]
 fn a_plan_beats_the_recorded_campaigns_plan_of_equal_length() {
     let stroke_m = bridge(1).stroke_m;
-    let recipe = PlanRecipe { pause_s: [0.0, 0.0], feeds_m_s: vec![0.05], ..presets::case_like(stroke_m, 3) };
-    let recorded = recipe.build().unwrap();
+    let recorded = PlanRecipe { pause_s: [0.0, 0.0], feeds_m_s: vec![0.05], ..presets::case_like(stroke_m, 3) };
+    // Most of what the recorded plan lacks is that its lines stop short of the ends, where errors are zero by definition; so
+    // the same lines over all of the stroke are the harder comparison.
+    let widened = PlanRecipe { box_m: stroke_m, ..recorded.clone() }.build().unwrap();
+    let recorded = recorded.build().unwrap();
     let (request, own) = planned(time_s(&recorded), 0.05);
-    let (recorded_um, own_um) = (achieved_um(&request, &recorded), achieved_um(&request, &own));
+    let [recorded_um, widened_um, own_um] = [&recorded, &widened, &own].map(|path| achieved_um(&request, path));
     println!(
-        "{:.2} h: like the recorded campaigns {} readings, {recorded_um:.3} um; planned {} readings, {own_um:.3} um",
+        "{:.2} h: like the recorded campaigns {} readings, {recorded_um:.3} um, over all of the stroke {widened_um:.3} um; \
+         planned {} readings, {own_um:.3} um",
         time_s(&recorded) / 3600.0,
         recorded.readings(),
         own.readings()
     );
-    assert!(own_um < 0.95 * recorded_um, "{own_um} {recorded_um}");
+    assert!(own_um < 0.95 * recorded_um.min(widened_um), "{own_um} {recorded_um} {widened_um}");
 }
 
 #[test]
@@ -130,7 +134,10 @@ fn lines_chosen_to_extend_a_campaign_beat_random_ones_of_equal_number() {
         station.position_m = request.stands[stand].position_m;
         for line in &mut station.lines {
             let axis = generator.random_range(0..3);
-            let level = |d: usize, k: u32| stroke_m[d][0] + (stroke_m[d][1] - stroke_m[d][0]) * f64::from(k) / 3.0;
+            let level = |d: usize, k: u32| {
+                let [low_m, high_m] = stroke_m[d];
+                (low_m + (high_m - low_m) * f64::from(k) / 3.0).min(high_m)
+            };
             let at: [f64; 3] = std::array::from_fn(|d| level(d, generator.random_range(0..4)));
             (line.from_m, line.to_m) = (at, at);
             (line.from_m[axis], line.to_m[axis]) = (stroke_m[axis][0], stroke_m[axis][1]);
