@@ -153,10 +153,13 @@ fn a_model_tells_how_much_its_machine_bends() {
     assert_says(&refused, &["model.json", "bridge_xyz", "fyxz"]);
 }
 
+/// Changes of the request, and what is then said.
+type Case = (&'static [(&'static str, &'static str)], &'static [&'static str]);
+
 #[test]
 fn wrong_requests_are_refused_with_file_line_and_key() {
     let bench = Bench::empty();
-    let cases: [(&[(&str, &str)], &[&str]); 8] = [
+    let cases: [Case; 8] = [
         (&[("dwell_s", "dwel_s")], &["request.toml", "line", "dwel_s"]),
         (&[("X = [0.0, 800.0]", "X = [0.0, 900.0]")], &["line 14", "volume_mm.X", "beyond the stroke"]),
         (&[("[-250.0, -250.0, -150.0]", "[400.0, 300.0, 200.0]")], &["stand[0] front-left", "inside the volume"]),

@@ -85,7 +85,7 @@ pub fn plan(request: &Request, observe: &mut dyn FnMut(Progress) -> bool) -> Res
     let wishes = terms(request)?;
     let rows = PlannedRows::new(&request.machine, request.instrument, &wishes.searched, request.offset_centre_m())?;
     let all = stations::look(request, &rows, &paths(request), observe)?;
-    let prior = Prior::new(request, &rows)?;
+    let prior = Prior::new(request, &rows, &wishes.searched)?;
     let set = stations::choose(request, &all, (&prior.information, &prior.weight), observe)?;
     let planner = Planner { request, rows: &rows, all: &all, prior: &prior, may_turn: wishes.searched.is_empty() };
     planner.plan(&set, observe)

@@ -36,7 +36,7 @@ pub(crate) struct Prior {
 }
 
 impl Prior {
-    pub(crate) fn new(request: &Request, rows: &PlannedRows) -> Result<Prior, PlanError> {
+    pub(crate) fn new(request: &Request, rows: &PlannedRows, terms: &[EffectTerm]) -> Result<Prior, PlanError> {
         let mut information = rows.precision(request.is_penalised().then_some(&request.belief));
         let layout = rows.layout();
         for id in ErrorId::all() {
@@ -49,21 +49,12 @@ impl Prior {
         }
         let points = of_points(request, rows);
         let mut weight = points.clone();
-        let mut next = layout.len();
-        for size in effects(request, rows) {
-            weight[(next, next)] += (AS_MUCH_M / (TOLD * size)).powi(2);
-            next += 1;
+        let sizes = terms.iter().flat_map(|term| term.effect.parameters()).map(|spec| spec.plausible);
+        for (k, size) in (layout.len()..).zip(sizes) {
+            weight[(k, k)] += (AS_MUCH_M / (TOLD * size)).powi(2);
         }
         Ok(Prior { information, weight, points })
     }
-}
-
-/// Plausible sizes of the effects' parameters.
-fn effects(request: &Request, rows: &PlannedRows) -> Vec<f64> {
-    let count = rows.machine_parameters() - rows.layout().len();
-    let terms = terms(request).map(|wishes| wishes.searched).unwrap_or_default();
-    let sizes: Vec<f64> = terms.iter().flat_map(|term| term.effect.parameters()).map(|spec| spec.plausible).collect();
-    if sizes.len() == count { sizes } else { Vec::new() }
 }
 
 /// Mean of TᵀT over the volume and the tips.
