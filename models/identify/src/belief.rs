@@ -163,9 +163,9 @@ mod tests {
 
     #[test]
     fn a_parabola_is_as_far_from_its_line_as_by_hand() {
-        // t² − t on 0 … 1 about its best line: variance of t² − t + 1/6 is 1/180.
+        // t² − t on 0 … 1 about its best line: variance of t² − t + 1/6 is 1/180; the two ends count in full, 1e-3 of it.
         let values: Vec<f64> = (0..4001).map(|k| f64::from(k) / 4000.0).map(|t| t * t - t).collect();
-        assert!((mean_square_about_line(&values) * 180.0 - 1.0).abs() < 1e-3);
+        assert!((mean_square_about_line(&values) * 180.0 - 1.0).abs() < 2e-3);
         let line: Vec<f64> = (0..41).map(|k| 3.0 - 0.2 * f64::from(k)).collect();
         assert!(mean_square_about_line(&line) < 1e-24);
     }

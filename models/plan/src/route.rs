@@ -15,6 +15,10 @@ use std::collections::BTreeMap;
 const LOST_S: f64 = 1e7;
 /// Rounds of improvement at most.
 const ROUNDS: usize = 30;
+/// How many places away a line or the other end of a run may be: all of a usual tour, fewer where hundreds of lines would take
+/// longer to order than the order saves.
+const FAR: usize = 6000;
+const NEAR: usize = 5;
 /// Levels of the grid of places by way of which a move may go.
 const LEVELS: usize = 3;
 
@@ -86,8 +90,9 @@ impl Tour<'_> {
         let mut least_s = self.time_s(&order);
         for _ in 0..ROUNDS {
             let before_s = least_s;
+            let reach = FAR / order.len().max(1) + NEAR;
             for i in 0..order.len() {
-                for j in 0..order.len() {
+                for j in i.saturating_sub(reach)..order.len().min(i + reach + 1) {
                     for other in [self.with_run_reversed(&order, i, j), with_moved(&order, i, j)].into_iter().flatten()
                     {
                         let time_s = self.time_s(&other);
@@ -168,4 +173,93 @@ fn way(request: &Request, from: Candidate, to: Candidate) -> Option<Vec<[f64; 3]
     let ways = places.filter(|at_m| is_seen([from_m, *at_m]) && is_seen([*at_m, to_m]));
     let length_m = |at_m: &[f64; 3]| distance_m(from_m, *at_m) + distance_m(*at_m, to_m);
     ways.min_by(|a, b| length_m(a).total_cmp(&length_m(b))).map(|at_m| vec![at_m])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::request::{Goal, Holder, Lines, Motion, Stand, Tracer};
+    use abbe_geometry::error_function::Kind;
+    use abbe_geometry::machine::{Joint, Machine, Side, Squareness};
+    use abbe_geometry::rotation::RotationForm;
+    use abbe_geometry::{Axis, ErrorId};
+    use abbe_identify::{Belief, Options};
+    use abbe_measurement::instrument::RangeUncertainty;
+
+    /// A cube of a metre with a tracer in front of the middle of one side.
+    fn request(nearest_m: f64, stand_m: [f64; 3]) -> Request {
+        let tilt = |name: &str, tilts, about| Squareness { name: name.to_owned(), tilts, about };
+        let machine = Machine {
+            name: "cube".to_owned(),
+            frame_id: "machine".to_owned(),
+            joints: Axis::ALL.map(|axis| Joint { axis, side: Side::Tool }),
+            stroke_m: [(0.0, 1.0); 3],
+            squareness: [tilt("C0Y", Axis::Y, Axis::Z), tilt("B0Z", Axis::Z, Axis::Y), tilt("A0Z", Axis::Z, Axis::X)],
+            rotation: RotationForm::Exact,
+            kinds: [Some(Kind::BSpline { intervals: 4 }); ErrorId::COUNT],
+            repeatability_m: [0.0; 3],
+            u_ram_turn_rad: [abbe_geometry::machine::USUAL_RAM_TURN_RAD; 3],
+            default_offset_m: None,
+        };
+        Request {
+            instrument: RangeUncertainty { constant_m: 1e-7, per_metre: 1e-7 },
+            options: Options::default(),
+            volume_m: machine.stroke_m,
+            tips_m: vec![[0.0; 3]],
+            tracer: Tracer { nearest_m, farthest_m: 5.0, elevation_rad: (-1.5, 1.5) },
+            stands: vec![Stand { name: "S".to_owned(), position_m: stand_m, of_region: true }],
+            most_stations: 1,
+            holders: vec![Holder { offset_m: [0.0; 3], acceptance: None }],
+            motion: Motion {
+                feeds_m_s: vec![0.1],
+                acceleration_m_s2: 0.5,
+                dwell_s: 1.0,
+                station_change_s: 0.0,
+                holder_change_s: 0.0,
+            },
+            lines: Lines { points: (5, 5), levels: 2, diagonals: false },
+            goal: Goal { uncertainty_m: None, budget_s: Some(1.0) },
+            tell: Vec::new(),
+            sensors: Vec::new(),
+            belief: Belief::of_bends(&machine, |_| 1e-6).unwrap(),
+            seed: 1,
+            measured: None,
+            machine,
+        }
+    }
+
+    fn line(ends_m: [[f64; 3]; 2]) -> Candidate {
+        Candidate { stand: 0, holder: 0, ends_m, points: 5, feed_m_s: 0.1, time_s: 10.0 }
+    }
+
+    #[test]
+    fn lines_that_could_be_one_run_are_driven_without_a_way_between_them() {
+        let request = request(0.1, [0.5, -0.5, 0.5]);
+        // A square, given out of order and with one side the other way round.
+        let (a, b, c, d) = ([0.0; 3], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]);
+        let lines = [line([a, b]), line([c, d]), line([c, b]), line([d, a])];
+        let legs = ordered(&request, &lines, true);
+        let way_m: f64 = legs.windows(2).map(|p| distance_m(p[0].line.ends_m[1], p[1].line.ends_m[0])).sum();
+        assert_eq!((legs.len(), way_m), (4, 0.0));
+        // Where directions are on purpose, none is turned.
+        let kept = ordered(&request, &lines, false);
+        assert!(kept.iter().all(|leg| lines.contains(&leg.line)) && kept.len() == 4);
+    }
+
+    #[test]
+    fn the_beam_is_kept_by_way_of_a_place_that_is_seen_and_no_move_passes_the_blind_zone() {
+        // The tracer stands in front of the middle of an edge, which a move along it would bring too near.
+        let request = request(0.45, [0.5, -0.3, 0.0]);
+        let lines = [line([[0.0, 1.0, 0.0], [0.0, 0.0, 0.0]]), line([[1.0, 0.0, 0.0], [1.0, 1.0, 0.0]])];
+        let legs = ordered(&request, &lines, false);
+        assert_eq!(legs.len(), 2);
+        for pair in legs.windows(2) {
+            let stops: Vec<[f64; 3]> =
+                [vec![pair[0].line.ends_m[1]], pair[1].via_m.clone(), vec![pair[1].line.ends_m[0]]].concat();
+            let holder = &request.holders[0];
+            assert!(stops.windows(2).all(|m| sees_move(&request, request.stands[0].position_m, holder, [m[0], m[1]])));
+        }
+        let via_m = way(&request, lines[0], lines[1]).unwrap();
+        assert_eq!(via_m.len(), 1, "straight on, the reflector would come within 0.3 m");
+    }
 }

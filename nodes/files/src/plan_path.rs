@@ -15,6 +15,8 @@ use std::path::Path;
 
 /// Digits of a coordinate (mm): tenths of a micrometre, what a control takes.
 const DIGITS: usize = 4;
+/// How far a point may be from its even place (m): rounding of both.
+const EVEN_M: f64 = 1e-6;
 /// Columns of the stations' file.
 const STATION: [&str; 4] = ["station", "x_mm", "y_mm", "z_mm"];
 
@@ -191,14 +193,37 @@ pub fn read_path(folder: &Path) -> Result<Vec<PathStation>, FileError> {
         }
         let Some(own) = all.last_mut() else { continue };
         match own.lines.last_mut().filter(|last| last.name == line) {
+            Some(last) if last.offset_m != offset_m => {
+                let problem = format!("line {line} has another offset before");
+                return Err(FileError::content(
+                    table.place(row, "offset_x_mm"),
+                    problem,
+                    "give each offset its own line",
+                ));
+            }
             Some(last) => last.points_m.push(at_m),
             None => own.lines.push(PathLine { name: line, points_m: vec![at_m], offset_m, feed_m_s }),
         }
+    }
+    if let Some(line) = all.iter().flat_map(|station| &station.lines).find(|line| !is_even(&line.points_m)) {
+        let problem = format!("the points of line {} are not evenly spaced on a straight line", line.name);
+        let remedy = "give each straight, even run of points its own line";
+        return Err(FileError::content(Place::file(&table.file).column("line"), problem, remedy));
     }
     if all.is_empty() {
         return Err(FileError::content(Place::file(&path.display().to_string()), "holds no point", "plan again"));
     }
     Ok(all)
+}
+
+/// Whether points (m) lie evenly between the first and the last, as the simulator drives a line.
+fn is_even(points_m: &[[f64; 3]]) -> bool {
+    let (Some(first), Some(last)) = (points_m.first(), points_m.last()) else { return true };
+    let steps = points_m.len().saturating_sub(1).max(1) as f64;
+    let off_m = |(k, at_m): (usize, &[f64; 3])| {
+        (0..3).map(|d| (at_m[d] - first[d] - (last[d] - first[d]) * k as f64 / steps).abs()).fold(0.0, f64::max)
+    };
+    points_m.iter().enumerate().map(off_m).all(|off_m| off_m < EVEN_M)
 }
 
 fn read_stations(path: &Path) -> Result<BTreeMap<String, [f64; 3]>, FileError> {
@@ -259,5 +284,34 @@ impl Table {
         text.trim().parse().ok().filter(|value: &f64| value.is_finite()).ok_or_else(|| {
             FileError::content(self.place(row, name), format!("{text:?} is no number"), "write a number such as 12.5")
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const HEAD: &str = "station,line,time_s,x_mm,y_mm,z_mm,offset_x_mm,offset_y_mm,offset_z_mm,speed_mm_s\n";
+
+    fn read(rows: &str) -> Result<Vec<PathStation>, String> {
+        let folder = tempfile::tempdir().map_err(|error| error.to_string())?;
+        std::fs::write(folder.path().join("stations.csv"), "station,x_mm,y_mm,z_mm\nS1,-200,-300,100\n")
+            .and_then(|()| std::fs::write(folder.path().join("path.csv"), format!("{HEAD}{rows}")))
+            .map_err(|error| error.to_string())?;
+        read_path(folder.path()).map_err(|error| error.to_string())
+    }
+
+    #[test]
+    fn a_path_is_read_back_and_what_would_be_driven_otherwise_is_refused() {
+        let even = "S1,A,1,0,0,0,0,0,-60,50\nS1,A,2,10,0,0,0,0,-60,50\nS1,A,3,20,0,0,0,0,-60,50\n";
+        let found = read(even).unwrap();
+        assert_eq!(found[0].position_m, [-0.2, -0.3, 0.1]);
+        assert_eq!((found[0].lines[0].points_m.len(), found[0].lines[0].feed_m_s), (3, Some(0.05)));
+        let said = |rows: &str| read(rows).unwrap_err();
+        assert!(said(&even.replace("A,2,10", "A,2,12")).contains("line A are not evenly spaced"));
+        assert!(said(&even.replace("0,0,0,0,-60,50\nS1,A,3", "0,0,5,0,-60,50\nS1,A,3")).contains("another offset"));
+        assert!(said(&even.replace("S1,A,3", "S2,A,3")).contains("S2 is not in stations.csv"));
+        assert!(said(&even.replace("20,0,0", "x,0,0")).contains("\"x\" is no number"));
+        assert!(said("").contains("holds no point"));
     }
 }

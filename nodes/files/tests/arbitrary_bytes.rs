@@ -7,8 +7,8 @@ mod exercise;
 mod mangled;
 
 use abbe_files::{
-    ModelFile, PointRow, PointsReader, SeenTarget, machine_text, parse_machine, read_campaign, read_guideway,
-    read_positions, read_sphere_centres,
+    ModelFile, PointRow, PointsReader, SeenTarget, machine_text, parse_machine, parse_plan_request, read_campaign,
+    read_guideway, read_positions, read_sphere_centres,
 };
 use exercise::handed_through;
 use mangled::mangled;
@@ -16,6 +16,7 @@ use proptest::collection::vec;
 use proptest::prelude::*;
 
 const BRIDGE: &str = include_str!("../../../launch-config/machines/bridge_xyz.toml");
+const REQUEST: &str = include_str!("../../../launch-config/plans/bridge_xyz.toml");
 const CAMPAIGN: &str = "station,line,time_s,x_mm,y_mm,z_mm,offset_x_mm,offset_y_mm,offset_z_mm,length_mm,load_kg\n\
                         S1,A,1,600,588,450,0,0,-60,0,1\nS1,A,2,600,574.1,450,0,0,-60,-8.4,\nS2,B,2,1,2,3,0,0,-60,0,2\n";
 const EUROPEAN: &str =
@@ -41,6 +42,7 @@ fn read_all(bytes: &[u8]) {
     }
     if let Ok(text) = std::str::from_utf8(bytes) {
         let _ = parse_machine(text, "fuzz");
+        let _ = parse_plan_request(text, "fuzz");
     }
     if let Ok(mut reader) = PointsReader::new(bytes, "fuzz", Some([0.0; 3])) {
         let mut row = PointRow::default();
@@ -62,7 +64,9 @@ proptest! {
         machine in mangled(BRIDGE),
         guideway in mangled(GUIDEWAY),
         european in mangled(EUROPEAN),
+        request in mangled(REQUEST),
     ) {
+        read_all(&request);
         read_all(&campaign);
         read_all(&european);
         read_all(&zstd::encode_all(campaign.as_slice(), 1).unwrap());
