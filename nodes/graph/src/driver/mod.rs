@@ -6,6 +6,8 @@
 
 mod bag;
 mod campaign_file;
+pub(crate) mod connecting;
+mod ippdme;
 mod lines;
 mod recorded;
 mod virtual_machine;
@@ -22,6 +24,7 @@ use std::path::{Path, PathBuf};
 use thiserror::Error;
 
 pub use bag::{CampaignFromBag, JoinSettings, campaign_from_bag};
+pub use ippdme::{IppdmeConfig, IppdmeReads};
 pub use lines::{LinesConfig, LinesFrom};
 
 /// What a driver is used for.
@@ -103,6 +106,8 @@ pub enum DriverConfig {
     },
     /// Lines of text from a controller or an instrument.
     Lines(LinesConfig),
+    /// A server of I++ DME.
+    Ippdme(IppdmeConfig),
 }
 
 impl DriverConfig {
@@ -110,7 +115,7 @@ impl DriverConfig {
     pub fn is_live(&self) -> bool {
         match self {
             DriverConfig::Campaign { .. } | DriverConfig::Bag { .. } | DriverConfig::VirtualMachine { .. } => false,
-            DriverConfig::Lines(_) => true,
+            DriverConfig::Lines(_) | DriverConfig::Ippdme(_) => true,
         }
     }
 
@@ -122,6 +127,7 @@ impl DriverConfig {
                 (role == Role::Sensor).then(|| ("kind", problem.to_owned()))
             }
             DriverConfig::Lines(lines) => lines.problem(role),
+            DriverConfig::Ippdme(config) => config.problem(role),
         }
     }
 }
@@ -170,7 +176,7 @@ pub enum DriverError {
     /// A recording as a source of covariates.
     #[error("a recording carries its covariates already and is no sensor; name a live driver, such as lines")]
     NoSensor,
-    /// A key of lines of text is wrong.
+    /// A key of a live driver is wrong.
     #[error("driver.{key}: {problem}")]
     Lines {
         /// The key.
@@ -266,6 +272,7 @@ pub fn open_scale(
         DriverConfig::Bag { file, topic } => Box::new(bag::open_scale(&base.join(file), topic)?),
         DriverConfig::VirtualMachine { seed, effects } => Box::new(virtual_machine::open(*seed, effects, machine)?),
         DriverConfig::Lines(lines) => Box::new(lines::open(lines, Role::Scale, machine, shutdown)?),
+        DriverConfig::Ippdme(config) => Box::new(ippdme::open(config, machine, shutdown)?),
     })
 }
 
@@ -280,6 +287,7 @@ pub fn open_sensor(
             Err(DriverError::NoSensor)
         }
         DriverConfig::Lines(lines) => Ok(Box::new(lines::open(lines, Role::Sensor, machine, shutdown)?)),
+        DriverConfig::Ippdme(_) => Err(ippdme::only_scales()),
     }
 }
 
@@ -306,6 +314,7 @@ pub fn open_tracer(
         DriverConfig::Bag { file, topic } => Box::new(bag::open_tracer(&base.join(file), topic)?),
         DriverConfig::VirtualMachine { seed, effects } => Box::new(virtual_machine::open(*seed, effects, machine)?),
         DriverConfig::Lines(lines) => Box::new(lines::open(lines, Role::Tracer, machine, shutdown)?),
+        DriverConfig::Ippdme(_) => return Err(ippdme::only_scales()),
     })
 }
 

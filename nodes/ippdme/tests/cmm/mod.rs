@@ -1,6 +1,8 @@
 //! A server of a machine whose geometry is known: scales, tools, coordinate systems, reports, errors. Reads and writes the
 //! protocol by itself, and shares no code with the crate.
 
+#![allow(dead_code)] // Each test program uses another part.
+
 use std::collections::{BTreeMap, BTreeSet};
 
 /// The server and its machine. Lengths in millimetres.

@@ -3,10 +3,11 @@
 //! Place in the flow: a thread reads and waits, so that the node's loop never does; it hands over whole lines with the instant
 //! at which they were complete. A queue that is full makes the thread wait, and TCP the sender.
 
+use crate::driver::connecting::{Waits, address_problem, connect, is_timeout};
 use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::io::{BufRead, BufReader, ErrorKind, Read};
-use std::net::{TcpListener, TcpStream, ToSocketAddrs, UdpSocket};
+use std::net::{TcpListener, TcpStream, UdpSocket};
 use std::process::{Child, Command, Stdio};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
 use std::thread;
@@ -16,11 +17,6 @@ use std::time::{Duration, SystemTime};
 const MOST_BYTES: usize = 4096;
 /// Lines that wait for the node's loop at most.
 const QUEUE: usize = 4096;
-/// Wait before the first new try to connect; it doubles with each further one, up to [`LONGEST_WAIT`].
-const FIRST_WAIT: Duration = Duration::from_millis(100);
-const LONGEST_WAIT: Duration = Duration::from_secs(5);
-/// How long a connection may take to be made.
-const CONNECT_WITHIN: Duration = Duration::from_secs(3);
 
 /// Where lines come from.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -40,9 +36,7 @@ impl LinesFrom {
     pub(super) fn problem(&self) -> Option<String> {
         match self {
             LinesFrom::Tcp(address) | LinesFrom::TcpListen(address) | LinesFrom::Udp(address) => {
-                let port = address.rsplit_once(':').map(|(_, port)| port.parse::<u16>());
-                (!matches!(port, Some(Ok(_))))
-                    .then(|| format!("{address:?} is no host:port; write it like \"10.0.0.5:5000\""))
+                address_problem(address)
             }
             LinesFrom::Command(words) => {
                 words.first().is_none_or(String::is_empty).then(|| "name a program to run".to_owned())
@@ -135,7 +129,7 @@ struct Gone;
 
 impl Source {
     fn run(&self, give: &SyncSender<Event>, silent_after: Duration) {
-        let mut wait = FIRST_WAIT;
+        let mut waits = Waits::new();
         loop {
             let outcome = match self {
                 Source::Client(address) => connect(address).and_then(|stream| read_stream(stream, give, silent_after)),
@@ -148,7 +142,7 @@ impl Source {
             let why = match outcome {
                 Ok(Err(Gone)) => return,
                 Ok(Ok(())) => {
-                    wait = FIRST_WAIT;
+                    waits.begin_again();
                     "the other side ended it".to_owned()
                 }
                 Err(error) if is_timeout(&error) => format!("silent for {silent_after:?}"),
@@ -157,25 +151,9 @@ impl Source {
             if give.send(Event::Lost(why)).is_err() {
                 return;
             }
-            thread::sleep(wait);
-            wait = (wait * 2).min(LONGEST_WAIT);
+            thread::sleep(waits.next());
         }
     }
-}
-
-fn is_timeout(error: &std::io::Error) -> bool {
-    matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut)
-}
-
-fn connect(address: &str) -> std::io::Result<TcpStream> {
-    let mut outcome = Err(std::io::Error::new(ErrorKind::NotFound, "the host has no address"));
-    for address in address.to_socket_addrs()? {
-        outcome = TcpStream::connect_timeout(&address, CONNECT_WITHIN);
-        if outcome.is_ok() {
-            break;
-        }
-    }
-    outcome
 }
 
 type Ended = std::io::Result<Result<(), Gone>>;

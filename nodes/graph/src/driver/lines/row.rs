@@ -4,12 +4,13 @@
 //! unit that the column's name ends with, metres inside. A cell without a number is refused where the reading needs it, and a
 //! missing covariate elsewhere.
 
+use super::super::connecting::stamp_of;
 use super::super::{SensorValues, config_name};
 use super::{Kind, LinesConfig};
 use crate::units::Unit;
 use abbe_files::MachineFile;
 use abbe_msgs::{Covariates, ScaleReading, Stamp, TracerReading};
-use std::time::{SystemTime, UNIX_EPOCH};
+use std::time::SystemTime;
 
 /// Units of a length by the end of a column's name, and metres in one.
 const LENGTHS: [(&str, f64); 4] = [("_mm", 1e3), ("_um", 1e6), ("_m", 1.0), ("_inch", 1e3 / 25.4)];
@@ -232,12 +233,6 @@ impl Table {
     }
 }
 
-fn stamp_of(instant: SystemTime) -> Result<Stamp, String> {
-    let since = instant.duration_since(UNIX_EPOCH).map_err(|_| "the clock of this host is before 1970".to_owned())?;
-    let nanos = i64::try_from(since.as_nanos()).map_err(|error| error.to_string())?;
-    Stamp::from_nanos(nanos).map_err(|error| format!("the clock of this host: {error}"))
-}
-
 impl Row {
     /// As a scale reading.
     pub(super) fn scale(&self, config: &LinesConfig, machine: &MachineFile) -> Result<ScaleReading, String> {
@@ -296,6 +291,7 @@ impl Row {
 mod tests {
     use super::*;
     use proptest::prelude::*;
+    use std::time::UNIX_EPOCH;
 
     fn config(separator: &str, decimal: &str) -> LinesConfig {
         let text = format!("from = {{ tcp = \"a:1\" }}\nseparator = {separator:?}\ndecimal = {decimal:?}\n");

@@ -1,0 +1,176 @@
+//! One connection with a server: commands and their answers, and what the server says unasked.
+//!
+//! Place in the flow: below [`super::session`]. A command is sent when the one before it is complete. Answers to other tags than
+//! the one that is asked for are not taken for its answer: a position that comes late is no new one.
+
+use crate::driver::connecting::is_timeout;
+use abbe_ippdme::line::{Lines, Piece, text};
+use abbe_ippdme::message::{Kind, Response, Tag};
+use abbe_ippdme::trouble::Trouble;
+use std::collections::VecDeque;
+use std::io::{Read, Write};
+use std::net::TcpStream;
+use std::time::{Duration, Instant, SystemTime};
+
+/// How long a read waits before the thread looks whether to stop.
+const SLICE: Duration = Duration::from_millis(20);
+/// Lines from the server that wait at most; a server that says more unasked is not listened to.
+const MOST_WAITING: usize = 100_000;
+
+/// How long a server is waited for at the end.
+const LAST_WAIT: Duration = Duration::from_millis(500);
+
+/// Why a connection does not go on.
+#[derive(Debug)]
+pub(super) enum Stop {
+    /// The driver was closed.
+    Gone,
+    /// The connection is of no use any more.
+    Lost(String),
+    /// The server has an error that stops it; whether it came of a command of this driver.
+    Trouble(Trouble, bool),
+}
+
+impl From<std::io::Error> for Stop {
+    fn from(error: std::io::Error) -> Stop {
+        Stop::Lost(error.to_string())
+    }
+}
+
+/// A line and when it was complete.
+#[derive(Debug, Clone)]
+pub(super) struct Arrived {
+    pub(super) line: Vec<u8>,
+    pub(super) at: SystemTime,
+    pub(super) number: u64,
+}
+
+/// The connection.
+pub(super) struct Client<'a> {
+    stream: TcpStream,
+    lines: Lines,
+    waiting: VecDeque<Arrived>,
+    /// What the server said unasked.
+    pub(super) unasked: VecDeque<Arrived>,
+    next_tag: u32,
+    count: u64,
+    heard: Instant,
+    silent_after: Duration,
+    is_stopped: &'a dyn Fn() -> bool,
+}
+
+impl<'a> Client<'a> {
+    pub(super) fn new(
+        stream: TcpStream,
+        silent_after: Duration,
+        is_stopped: &'a dyn Fn() -> bool,
+    ) -> Result<Client<'a>, Stop> {
+        stream.set_nodelay(true)?;
+        stream.set_read_timeout(Some(SLICE))?;
+        stream.set_write_timeout(Some(silent_after))?;
+        Ok(Client {
+            stream,
+            lines: Lines::default(),
+            waiting: VecDeque::new(),
+            unasked: VecDeque::new(),
+            next_tag: 0,
+            count: 0,
+            heard: Instant::now(),
+            silent_after,
+            is_stopped,
+        })
+    }
+
+    /// How long nothing came.
+    pub(super) fn silence(&self) -> Duration {
+        self.heard.elapsed()
+    }
+
+    /// Sends a command and gives the data of its answer when it is complete.
+    pub(super) fn ask(&mut self, command: &str) -> Result<Vec<Arrived>, Stop> {
+        self.next_tag = self.next_tag % 99_999 + 1;
+        self.exchange(Tag::Command(self.next_tag), command)
+    }
+
+    /// The same with a tag of its own.
+    pub(super) fn exchange(&mut self, tag: Tag, command: &str) -> Result<Vec<Arrived>, Stop> {
+        self.stream.write_all(format!("{tag} {command}\r\n").as_bytes())?;
+        let (begun, mut data, mut trouble) = (Instant::now(), Vec::new(), None);
+        loop {
+            let Some(arrived) = self.waiting.pop_front() else {
+                if begun.elapsed() > self.silent_after {
+                    return Err(Stop::Lost(format!("no answer to {command} within {:?}", self.silent_after)));
+                }
+                self.listen()?;
+                continue;
+            };
+            match Response::parse(text(&arrived.line)) {
+                Ok(response) if response.tag == tag => match response.kind {
+                    Kind::Ack => {}
+                    Kind::Data => data.push(arrived),
+                    Kind::Error => {
+                        let told = Trouble::parse(response.data());
+                        match told.severity.stops() {
+                            true => trouble = trouble.or(Some(told)),
+                            false => tracing::info!("{command}: {told}"),
+                        }
+                    }
+                    Kind::Done => return trouble.map_or(Ok(data), |trouble| Err(Stop::Trouble(trouble, true))),
+                },
+                _ => self.keep(arrived)?,
+            }
+        }
+    }
+
+    fn keep(&mut self, arrived: Arrived) -> Result<(), Stop> {
+        if self.unasked.len() >= MOST_WAITING {
+            return Err(Stop::Lost("it says more unasked than anybody can take".to_owned()));
+        }
+        self.unasked.push_back(arrived);
+        Ok(())
+    }
+
+    /// Sends last commands, one after the other, without looking whether to stop; a server that does not answer is left.
+    pub(super) fn close(&mut self, back: Option<String>, end: String) {
+        self.is_stopped = &|| false;
+        self.silent_after = self.silent_after.min(LAST_WAIT);
+        for command in back.into_iter().chain([end]) {
+            if self.ask(&command).is_err() {
+                return;
+            }
+        }
+    }
+
+    /// Waits for what the server says unasked, for a moment.
+    pub(super) fn hear(&mut self) -> Result<(), Stop> {
+        self.listen()?;
+        while let Some(arrived) = self.waiting.pop_front() {
+            self.keep(arrived)?;
+        }
+        Ok(())
+    }
+
+    /// Waits for bytes, for a moment.
+    fn listen(&mut self) -> Result<(), Stop> {
+        if (self.is_stopped)() {
+            return Err(Stop::Gone);
+        }
+        let mut bytes = [0; 1 << 16];
+        let count = match self.stream.read(&mut bytes) {
+            Ok(0) => return Err(Stop::Lost("the server ended the connection".to_owned())),
+            Ok(count) => count,
+            Err(error) if is_timeout(&error) || error.kind() == std::io::ErrorKind::Interrupted => return Ok(()),
+            Err(error) => return Err(error.into()),
+        };
+        let at = SystemTime::now();
+        self.heard = Instant::now();
+        for piece in self.lines.take(&bytes[..count]) {
+            self.count += 1;
+            match piece {
+                Piece::Line(line) => self.waiting.push_back(Arrived { line, at, number: self.count }),
+                Piece::TooLong => return Err(Stop::Lost("a line is longer than the protocol allows".to_owned())),
+            }
+        }
+        Ok(())
+    }
+}
