@@ -70,7 +70,7 @@ impl Bench {
     }
 
     fn usual() -> Bench {
-        Bench::new(Settings { offsets: tools(), ..Settings::default() }, Cmm::default())
+        Bench::new(Settings { offsets: tools(), scans_as_asked: true, ..Settings::default() }, Cmm::default())
     }
 
     /// Takes what comes out, until nothing more does; gives what the software hears.
@@ -173,7 +173,7 @@ fn reports_of_moves_and_points_of_the_operator_come_out_corrected() {
     assert_eq!(heard, ["E0007 &", "E0007 %"]);
     let heard = bench.line("00100 GoTo(X(77), Y(1), Z(2))");
     let report = heard.iter().find_map(|line| line.strip_prefix("E0007 # ")).unwrap();
-    assert_eq!(report, format!("X({:.6})", bench.expected_mm()[0]), "only what was asked for");
+    assert_eq!(report, format!("X({:.7})", bench.expected_mm()[0]), "only what was asked for");
     bench.ask("EnableUser()");
     let picked = bench.cmm.picked();
     let heard = bench.server_says(&picked);
@@ -207,7 +207,7 @@ fn points_of_a_part_are_the_corrected_points_of_the_machine_turned_and_shifted()
 #[test]
 fn a_server_that_means_something_else_by_its_transformation_is_noticed() {
     let cmm = Cmm { turns_wrongly: true, ..Cmm::default() };
-    let mut bench = Bench::new(Settings { offsets: tools(), ..Settings::default() }, cmm);
+    let mut bench = Bench::new(Settings { offsets: tools(), scans_as_asked: true, ..Settings::default() }, cmm);
     bench.ask("SetCsyTransformation(PartCsy, 1, 2, 3, 0, 30, 0)");
     bench.ask("SetCoordSystem(PartCsy)");
     let error = error_of(&bench.ask("Get(X(), Y(), Z())"));
@@ -222,7 +222,7 @@ fn systems_that_count_from_moved_ones_or_turn_with_a_table_are_refused() {
     bench.ask("SetCoordSystem(PartCsy)");
     assert!(error_of(&bench.ask("Get(X(), Y(), Z())")).text.contains("whether PartCsy counts from it is open"));
     let cmm = Cmm { has_table: true, ..Cmm::default() };
-    let mut bench = Bench::new(Settings { offsets: tools(), ..Settings::default() }, cmm);
+    let mut bench = Bench::new(Settings { offsets: tools(), scans_as_asked: true, ..Settings::default() }, cmm);
     assert_eq!(bench.ask("Get(X(), Y(), Z())").len(), 1, "machine coordinates do not turn");
     bench.ask("SetCoordSystem(PartCsy)");
     let error = error_of(&bench.ask("PtMeas(X(1), Y(2), Z(3))"));
@@ -295,6 +295,21 @@ fn what_cannot_be_corrected_is_an_error_that_stands_until_it_is_cleared() {
 }
 
 #[test]
+fn scans_are_refused_where_the_order_of_their_values_is_not_known() {
+    let mut bench = Bench::new(Settings { offsets: tools(), ..Settings::default() }, Cmm::default());
+    bench.ask("OnScanReport(Q(), X(), Y())");
+    let error = error_of(&bench.ask("ScanOnLine(0, 10, 20, 100, 10, 20, 0, 0, 1, 10)"));
+    assert!(error.text.contains("in which order this server writes them is open"), "{error:?}");
+    assert!(!bench.cmm.heard.iter().any(|line| line.contains("ScanOnLine")), "and none is begun");
+    // A quality that is none gives another order away.
+    let mut bench = Bench::usual();
+    let command = b"00900 ScanOnLine(0, 10, 20, 100, 10, 20, 0, 0, 1, 10)\r\n";
+    bench.ask("Get(X(), Y(), Z())");
+    bench.relay.from_client(command, &mut bench.errors);
+    assert!(bench.server_says("00900 # 0.0, 310.0, 20.0, 150.0")[0].contains("another order"));
+}
+
+#[test]
 fn where_it_is_allowed_points_pass_as_they_came_and_it_is_said() {
     let settings = Settings { offsets: tools(), passes_uncorrected: true, ..Settings::default() };
     let mut bench = Bench::new(settings, Cmm::default());
@@ -330,7 +345,7 @@ fn commands_that_are_not_known_make_everything_be_asked_again_and_give_no_positi
 
 #[test]
 fn targets_turned_back_bring_the_tip_where_it_was_told() {
-    let settings = Settings { offsets: tools(), inverts_targets: true, ..Settings::default() };
+    let settings = Settings { offsets: tools(), inverts_targets: true, scans_as_asked: true, ..Settings::default() };
     for numbers in [[0.0; 6], [100.0, 20.0, -30.0, 33.0, 71.0, -12.5]] {
         let cmm = Cmm { decimals: 9, ..Cmm::default() };
         let mut bench = Bench::new(settings.clone(), cmm);

@@ -16,7 +16,7 @@ impl Correct for Moved {
 fuzz_target!(|data: &[u8]| {
     let offsets = Offsets { of_any_m: Some([0.0; 3]), ..Offsets::default() };
     let inverts_targets = data.first().is_some_and(|byte| byte % 2 == 1);
-    let mut relay = Relay::new(Settings { offsets, inverts_targets, ..Settings::default() });
+    let mut relay = Relay::new(Settings { offsets, inverts_targets, scans_as_asked: true, ..Settings::default() });
     let mut to_server = 0_usize;
     for line in data.split_inclusive(|byte| *byte == b'\n') {
         let outs = match line.first() {

@@ -45,6 +45,9 @@ pub struct Settings {
     pub offsets: Offsets,
     /// Whether targets are turned back, so that the tip goes where it is told.
     pub inverts_targets: bool,
+    /// Whether scans come in the order that was asked for. The specification says so in one place (11.1.2) and in another that the
+    /// order means nothing (6.1.3), and servers differ: where it is not known, scans are refused.
+    pub scans_as_asked: bool,
     /// Whether positions that cannot be corrected pass as they came.
     pub passes_uncorrected: bool,
     /// Names of commands that are not of the protocol, and report no position.

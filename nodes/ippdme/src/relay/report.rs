@@ -10,8 +10,8 @@ use crate::number;
 
 /// Axes of a position.
 pub(super) const AXES: [&str; 3] = ["X", "Y", "Z"];
-/// Decimals of a corrected coordinate (mm) at least: nanometres.
-const LEAST_DECIMALS: usize = 6;
+/// Decimals of a corrected coordinate (mm) at least: those of `abbe correct`.
+const LEAST_DECIMALS: usize = 7;
 /// Arguments of reports on moves that are no part of what is reported.
 const NOT_REPORTED: [&str; 2] = ["Time", "Dis"];
 
@@ -157,7 +157,7 @@ fn check_quality(columns: &[(&str, bool)], values: &[f64]) -> Result<(), Refused
     }
 }
 
-/// Coordinates (mm) as digits: as many decimals as the server wrote, and not fewer than nanometres have.
+/// Coordinates (mm) as digits: as many decimals as the server wrote, and seven at least.
 fn digits_of(coordinates_mm: [f64; 3], told: [&[u8]; 3]) -> Result<[String; 3], Refused> {
     let decimals = told.map(number::decimals).into_iter().fold(LEAST_DECIMALS, usize::max);
     let written = coordinates_mm.map(|value| number::written(value, decimals));
@@ -242,8 +242,8 @@ mod tests {
         let (_, asking) = Report::of(&command).with_all_axes(line, command.end);
         assert_eq!(asking, b"00012 Get( X(),Tool.A() , Y(), Z())\r\n");
         let told = "00012 # X(1.0000), Tool.A(45.00),Y(2.0), Z(3)";
-        assert_eq!(named("00012 Get(X(),Tool.A())", told).unwrap(), "00012 # X(1.001000), Tool.A(45.00)");
-        assert_eq!(named("00012 Get(Tool.A(), Z())", told).unwrap(), "00012 # Tool.A(45.00), Z(3.003000)");
+        assert_eq!(named("00012 Get(X(),Tool.A())", told).unwrap(), "00012 # X(1.0010000), Tool.A(45.00)");
+        assert_eq!(named("00012 Get(Tool.A(), Z())", told).unwrap(), "00012 # Tool.A(45.00), Z(3.0030000)");
     }
 
     #[test]
@@ -270,12 +270,12 @@ mod tests {
         let told = "00016 # 118.5, 0.0001, -3.0002, 0,118.4992,0.1614,3.0002, 100";
         assert_eq!(
             flat(asking, told).unwrap(),
-            "00016 # 118.501000, 0.002100, -2.997200, 0,118.500200,0.163400,3.003200, 100"
+            "00016 # 118.5010000, 0.0021000, -2.9972000, 0,118.5002000,0.1634000,3.0032000, 100"
         );
         let partial = "00014 OnScanReport(IJK(), Z())";
         assert_eq!(
             flat(partial, "00016 # 0,0,1,3,1,2, 0,1,0,6,4,5").unwrap(),
-            "00016 # 0,0,1,3.003000, 0,1,0,6.003000"
+            "00016 # 0,0,1,3.0030000, 0,1,0,6.0030000"
         );
         for (asking, told, words) in [
             (asking, "00016 # 1,2,3", "no multiple of the 4"),

@@ -13,6 +13,10 @@ use crate::item::Item;
 use crate::line::text;
 use crate::message::{Command, Tag};
 
+/// Why scans are refused.
+const OPEN_ORDER: &str =
+    "values of a scan have no names, and in which order this server writes them is open; see --scans-as-asked";
+
 impl Relay {
     pub(super) fn take_command(&mut self, line: &[u8], correct: &mut dyn Correct) {
         match Command::parse(text(line)) {
@@ -183,6 +187,9 @@ impl Relay {
                 _ => (Role::Plain, line.to_vec()),
             });
         }
+        if does == Does::SetsScanned && !self.settings.scans_as_asked {
+            return Ok((Role::SetsScanned(report), line.to_vec()));
+        }
         if let (Does::SetsScanned, Some(name)) = (does, report.of_unknown_width()) {
             return Err(format!("how many values {name} has in a scan is not known"));
         }
@@ -216,6 +223,9 @@ impl Relay {
         let turns_on_the_way = command.name == "ScanOnCurve" && turns_at_points(command);
         if does != Does::Moves {
             self.check_lasting(does)?;
+            if does == Does::Scans && !self.settings.scans_as_asked {
+                return Err(OPEN_ORDER.to_owned());
+            }
             if turns || turns_on_the_way {
                 return Err("the tool turns in the middle of it, and where its tip is then is not known; turn it before, with AlignTool".to_owned());
             }

@@ -1,5 +1,7 @@
 //! The server of [`super::cmm`] on a port of this host: one connection at a time, and whatever else a test has it say.
 
+#![allow(dead_code)] // Each test program uses another part.
+
 use super::cmm::Cmm;
 use std::io::{BufRead, BufReader, Write};
 use std::net::{Shutdown, TcpListener, TcpStream};
