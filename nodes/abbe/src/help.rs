@@ -70,6 +70,7 @@ const JOBS: [Job; 7] = [
         commands: &[
             ("demo", "abbe demo --out demo"),
             ("launch", "abbe launch launch.toml"),
+            ("proxy", "abbe proxy --listen 127.0.0.1:1294 --to cmm:1294 --model model.json --tool Probe1=0,0,-120"),
             ("node", "abbe node monitor --launch launch.toml --ros-args --log-level info"),
         ],
     },
@@ -112,9 +113,11 @@ const INPUTS: [&str; 21] = [
     "config",
     "paper",
     "resume",
+    "listen",
+    "to",
 ];
 /// Options that name what is written.
-const OUTPUTS: [&str; 4] = ["out", "output", "json", "format"];
+const OUTPUTS: [&str; 5] = ["out", "output", "json", "format", "record"];
 /// Options about how a bag is read or written.
 const BAGS: [&str; 3] = ["match_within_s", "max_covariate_age_s", "namespace"];
 

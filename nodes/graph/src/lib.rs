@@ -5,12 +5,14 @@
 //! for live, replay and tests; [`node`] only wires it to transports. SI, machine frame.
 
 mod again;
+mod connecting;
 pub mod diagnosis;
 pub mod driver;
 pub mod feed;
 pub mod launch;
 pub mod link;
 pub mod node;
+pub mod proxy;
 pub mod record;
 pub mod replay;
 pub mod step;

@@ -89,7 +89,7 @@ fn polled_positions_are_scales_tool_temperature_and_instant_of_arrival() {
     assert!(stamp >= before && stamp <= SystemTime::now());
     let covariate = first.covariates.get("temp_part_c").unwrap();
     assert!((covariate.value - (21.25 - 32.0) * 5.0 / 9.0).abs() < 1e-12, "in the unit of the name");
-    assert!( covariate.age_s >= 0.0 && covariate.age_s < 60.0);
+    assert!(covariate.age_s >= 0.0 && covariate.age_s < 60.0);
     assert_eq!(first.covariates.iter().count(), 1, "what the server does not tell is missing");
     server.cmm().scales_mm = [10.0, 20.0, 30.0];
     assert_near(until(driver.as_mut(), 10.0).reading_m, [10.0, 20.0, 30.0]);

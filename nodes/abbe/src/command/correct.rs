@@ -13,6 +13,7 @@ use crate::rows::{Batch, MANY};
 use crate::tally::Tally;
 use abbe_files::{AtomicFile, FileError, ModelFile, Place, PointRow, PointsReader, PointsWriter};
 use abbe_geometry::model::IdentifiedVolume;
+use abbe_graph::proxy::opposite_offset;
 use abbe_graph::step::{GeometricStep, Mark, OwnedField, ResidualStep, StreamWatch};
 use abbe_graph::topics;
 use abbe_msgs::bag::{BagWriter, messages};
@@ -180,20 +181,17 @@ fn write_corrected(
 
 /// Refuses an offset on the side where no offset of the campaign was: a sign error moves every lever arm.
 fn check_offset_signs(identified: &IdentifiedVolume, row: &PointRow, name: &str) -> Result<(), FileError> {
-    for (d, (lower, upper)) in identified.offset_m.iter().enumerate() {
-        let offset_m = row.offset_m[d];
-        let opposite = (*upper < 0.0 && offset_m > 0.0) || (*lower > 0.0 && offset_m < 0.0);
-        if opposite {
-            let column = ["offset_x_mm", "offset_y_mm", "offset_z_mm"][d];
-            let problem = format!(
-                "{} mm has the opposite sign of every offset the model was identified with ({} … {} mm)",
-                offset_m * 1e3,
-                lower * 1e3,
-                upper * 1e3
-            );
-            let remedy = "correct its sign, or identify a model with such an offset";
-            return Err(FileError::content(Place::file(name).line(row.line()).column(column), problem, remedy));
-        }
+    if let Some(d) = opposite_offset(identified, row.offset_m) {
+        let (lower, upper) = identified.offset_m[d];
+        let column = ["offset_x_mm", "offset_y_mm", "offset_z_mm"][d];
+        let problem = format!(
+            "{} mm has the opposite sign of every offset the model was identified with ({} … {} mm)",
+            row.offset_m[d] * 1e3,
+            lower * 1e3,
+            upper * 1e3
+        );
+        let remedy = "correct its sign, or identify a model with such an offset";
+        return Err(FileError::content(Place::file(name).line(row.line()).column(column), problem, remedy));
     }
     Ok(())
 }

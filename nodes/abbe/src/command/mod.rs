@@ -22,6 +22,7 @@ mod plan;
 mod points;
 mod predict;
 mod probe_pose;
+mod proxy;
 mod recover;
 mod replay;
 mod residuals;
@@ -88,6 +89,8 @@ pub(crate) enum Command {
     Launch(launch::Arguments),
     /// Run one node (started by `launch`, or by hand)
     Node(node::Arguments),
+    /// Stand between measuring software and a machine's I++ DME server, and correct what passes
+    Proxy(proxy::Arguments),
     /// Stand between a node and DDS (started by the node)
     #[command(hide = true)]
     Gateway(gateway::Arguments),
@@ -108,9 +111,11 @@ pub(crate) enum Command {
 }
 
 impl Command {
-    /// Whether it is, or runs, a part of a graph.
+    /// Whether it goes on until it is told to stop: a part of a graph, or what runs one, or the proxy.
     pub(crate) fn is_live(&self) -> bool {
-        matches!(self, Command::Demo(_) | Command::Launch(_) | Command::Node(_) | Command::Gateway(_))
+        let is_of_graph =
+            matches!(self, Command::Demo(_) | Command::Launch(_) | Command::Node(_) | Command::Gateway(_));
+        is_of_graph || matches!(self, Command::Proxy(_))
     }
 }
 
@@ -182,6 +187,7 @@ fn dispatch(command: Command, ros_args: RosArgs) -> anyhow::Result<()> {
         Command::Demo(arguments) => crate::demo::run(&arguments),
         Command::Launch(arguments) => launch::run(&arguments, ros_args),
         Command::Node(arguments) => node::run(arguments, ros_args),
+        Command::Proxy(arguments) => proxy::run(&arguments),
         Command::Gateway(arguments) => gateway::run(&arguments),
         Command::Replay(arguments) => replay::run(&arguments),
         Command::Recover(arguments) => recover::run(&arguments),

@@ -8,8 +8,8 @@
 mod client;
 mod session;
 
-use super::connecting::{address_problem, stamp_of};
 use super::{DriverError, Role, ScaleDriver, config_name};
+use crate::connecting::{address_problem, stamp_of};
 use crate::link::{Link, LinkState};
 use crate::units::Unit;
 use abbe_files::MachineFile;

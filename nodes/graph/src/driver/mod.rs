@@ -6,7 +6,6 @@
 
 mod bag;
 mod campaign_file;
-pub(crate) mod connecting;
 mod ippdme;
 mod lines;
 mod recorded;

@@ -65,13 +65,13 @@ pub(super) fn run(context: &NodeContext) -> Result<NodeSummary, NodeError> {
 }
 
 /// Where samples go, and how many could not.
-struct Tape {
-    recording: Recording,
-    refused: u64,
+pub(crate) struct Tape {
+    pub(crate) recording: Recording,
+    pub(crate) refused: u64,
 }
 
 impl Tape {
-    fn record<M: Message>(&mut self, topic: &Arc<str>, sample: &M) {
+    pub(crate) fn record<M: Message>(&mut self, topic: &Arc<str>, sample: &M) {
         let encoded = log_time_ns(sample).map_err(|error| error.to_string()).and_then(|log_time_ns| {
             let cdr = cdr::encode(&sample.to_ros()).map_err(|error| error.to_string())?;
             Ok(Record { topic: Arc::clone(topic), ros_type: M::ROS_TYPE, cdr, log_time_ns })

@@ -20,34 +20,34 @@ const SYNC_EVERY: Duration = Duration::from_millis(500);
 const WARN_FACTOR: u64 = 2;
 
 /// A message on its way to the bag.
-pub(super) struct Record {
-    pub(super) topic: Arc<str>,
-    pub(super) ros_type: &'static str,
-    pub(super) cdr: Vec<u8>,
-    pub(super) log_time_ns: u64,
+pub(crate) struct Record {
+    pub(crate) topic: Arc<str>,
+    pub(crate) ros_type: &'static str,
+    pub(crate) cdr: Vec<u8>,
+    pub(crate) log_time_ns: u64,
 }
 
 /// What there is to say of the recording.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Status {
+pub(crate) struct Status {
     /// Messages in the bag.
-    pub(super) recorded: u64,
+    pub(crate) recorded: u64,
     /// Messages that came after recording had stopped, or that found the queue full.
-    pub(super) unrecorded: u64,
+    pub(crate) unrecorded: u64,
     /// Files of the bag.
-    pub(super) files: u64,
+    pub(crate) files: u64,
     /// Free space of the disk (bytes); `None` where the system does not say.
-    pub(super) free_bytes: Option<u64>,
+    pub(crate) free_bytes: Option<u64>,
     /// Whether little space is left.
-    pub(super) is_low: bool,
+    pub(crate) is_low: bool,
     /// Longest that the disk took to have everything.
-    pub(super) longest_sync: Duration,
+    pub(crate) longest_sync: Duration,
     /// Why recording has stopped, and what to do.
-    pub(super) stopped: Option<String>,
+    pub(crate) stopped: Option<String>,
 }
 
 /// A recording under way.
-pub(super) struct Recording {
+pub(crate) struct Recording {
     queue: Option<SyncSender<Record>>,
     status: Arc<Mutex<Status>>,
     thread: Option<JoinHandle<Result<(), BagError>>>,
@@ -55,7 +55,7 @@ pub(super) struct Recording {
 
 impl Recording {
     /// Creates the bag at `path` and starts the thread that writes it.
-    pub(super) fn start(path: &Path, config: &RecordConfig) -> Result<std::io::Result<Recording>, BagError> {
+    pub(crate) fn start(path: &Path, config: &RecordConfig) -> Result<std::io::Result<Recording>, BagError> {
         let writer = BagWriter::create(path)?;
         let status = Arc::new(Mutex::new(Status { files: 1, ..Status::default() }));
         let (queue, records) = sync_channel(QUEUE);
@@ -73,19 +73,19 @@ impl Recording {
     }
 
     /// Hands a message on; never waits.
-    pub(super) fn push(&self, record: Record) {
+    pub(crate) fn push(&self, record: Record) {
         let handed = self.queue.as_ref().is_some_and(|queue| queue.try_send(record).is_ok());
         if !handed {
             lock(&self.status).unrecorded += 1;
         }
     }
 
-    pub(super) fn status(&self) -> Status {
+    pub(crate) fn status(&self) -> Status {
         lock(&self.status).clone()
     }
 
     /// Completes the bag.
-    pub(super) fn finish(mut self) -> Result<Status, BagError> {
+    pub(crate) fn finish(mut self) -> Result<Status, BagError> {
         drop(self.queue.take());
         let ended = self.thread.take().map(JoinHandle::join);
         if let Some(Err(_)) = ended {

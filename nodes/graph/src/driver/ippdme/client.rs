@@ -3,7 +3,7 @@
 //! Place in the flow: below [`super::session`]. A command is sent when the one before it is complete. Answers to other tags than
 //! the one that is asked for are not taken for its answer: a position that comes late is no new one.
 
-use crate::driver::connecting::is_timeout;
+use crate::connecting::is_timeout;
 use abbe_ippdme::line::{Lines, Piece, text};
 use abbe_ippdme::message::{Kind, Response, Tag};
 use abbe_ippdme::trouble::Trouble;

@@ -6,7 +6,7 @@
 
 use super::client::{Arrived, Client, Stop};
 use super::{IppdmeConfig, IppdmeReads};
-use crate::driver::connecting::{Waits, connect};
+use crate::connecting::{Waits, connect};
 use crate::units::Unit;
 use abbe_ippdme::csy::Csy;
 use abbe_ippdme::item::{Item, What};

@@ -3,7 +3,7 @@
 //! Place in the flow: a thread reads and waits, so that the node's loop never does; it hands over whole lines with the instant
 //! at which they were complete. A queue that is full makes the thread wait, and TCP the sender.
 
-use crate::driver::connecting::{Waits, address_problem, connect, is_timeout};
+use crate::connecting::{Waits, address_problem, connect, is_timeout};
 use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::io::{BufRead, BufReader, ErrorKind, Read};

@@ -4,9 +4,9 @@
 //! unit that the column's name ends with, metres inside. A cell without a number is refused where the reading needs it, and a
 //! missing covariate elsewhere.
 
-use super::super::connecting::stamp_of;
 use super::super::{SensorValues, config_name};
 use super::{Kind, LinesConfig};
+use crate::connecting::stamp_of;
 use crate::units::Unit;
 use abbe_files::MachineFile;
 use abbe_msgs::{Covariates, ScaleReading, Stamp, TracerReading};

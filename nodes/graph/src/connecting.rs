@@ -1,6 +1,6 @@
-//! What drivers over a network have in common: connecting, waiting longer after each failure, stamps of what arrives.
+//! What drivers and the proxy over a network have in common: connecting, waiting longer after each failure, stamps of what arrives.
 //!
-//! Place in the flow: used by the threads of [`super::lines`] and [`super::ippdme`], and by [`crate::proxy`].
+//! Place in the flow: used by the threads of the drivers `lines` and `ippdme`, and by [`crate::proxy`].
 
 use abbe_msgs::Stamp;
 use std::io::{Error, ErrorKind, Result};
