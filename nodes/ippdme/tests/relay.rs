@@ -248,6 +248,11 @@ fn each_tool_is_corrected_with_its_own_offset_and_one_without_is_refused() {
     let error = error_of(&bench.ask("Get(X(), Y(), Z())"));
     assert!(error.text.contains("offset of tool New is not known"), "{error:?}");
     assert_eq!(error.number, Some(8502));
+    // After a change that failed the server knows none, and no offset holds, not even one for all tools.
+    let offsets = Offsets { of_any_m: Some([0.0; 3]), ..Offsets::default() };
+    let cmm = Cmm { tool: "UnDefTool".to_owned(), ..Cmm::default() };
+    let mut bench = Bench::new(Settings { offsets, ..Settings::default() }, cmm);
+    assert!(error_of(&bench.ask("PtMeas(X(1), Y(2), Z(3))")).text.contains("does not know which tool"));
     // The direction of a tool that was turned is not in a list of names.
     let mut bench = Bench::usual();
     bench.ask("AlignTool(0, 0, 1, 0)");

@@ -16,6 +16,8 @@ use std::collections::{BTreeMap, VecDeque};
 const CHECK_WITHIN_MM: f64 = 0.01;
 /// How often the software's coordinate system is selected again before the connection is given up.
 const MOST_RETURNS: usize = 3;
+/// What a server calls the tool after a change that failed.
+const UNKNOWN_TOOL: &str = "UnDefTool";
 const POSITION: &str = "Get(X(), Y(), Z())";
 
 /// Why a point cannot be corrected as things are.
@@ -329,6 +331,11 @@ impl Survey {
     fn offset(&self, memory: &Memory, offsets: &Offsets) -> Result<[f64; 3], Why> {
         let lasting = |words: String| Err(Why { words, is_lasting: true });
         let name = self.tool.as_deref().unwrap_or("without a name");
+        if name == UNKNOWN_TOOL {
+            return lasting(
+                "the server does not know which tool is in the machine; tell it with ChangeTool or SetTool".to_owned(),
+            );
+        }
         match (offsets.of(self.tool.as_deref()), self.offset_m) {
             (Some(_), _) if memory.is_turned => lasting(format!(
                 "tool {name} was turned, and its offset is known for one direction only; let the server tell offsets"

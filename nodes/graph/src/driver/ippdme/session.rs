@@ -314,9 +314,11 @@ impl Talk {
     fn ask_tool_and_covariates(&mut self, client: &mut Client) -> Result<(), Stop> {
         (self.asked, self.is_tool_new) = (Instant::now(), false);
         let name = self.optional(client, "GetProp(Tool.Name())")?.and_then(|data| first_word(&data));
-        let known = self.offsets.of(name.as_deref());
+        // What a server says after a change of the tool that failed: no offset holds, not even one for all tools.
+        let is_none = name.as_deref() == Some("UnDefTool");
+        let known = if is_none { None } else { self.offsets.of(name.as_deref()) };
         let told = match known {
-            None if self.offsets.from_server => self.optional(client, "GetProp(Tool.AvrOffsets())")?,
+            None if self.offsets.from_server && !is_none => self.optional(client, "GetProp(Tool.AvrOffsets())")?,
             _ => None,
         };
         let told = told.and_then(|data| numbers(&data)).and_then(|mm| <[f64; 3]>::try_from(mm).ok());
