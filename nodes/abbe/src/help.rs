@@ -91,7 +91,7 @@ const OF_A_BAG: &str = "Bags";
 const CHOICES: &str = "Choices";
 
 /// Options that name what is read.
-const INPUTS: [&str; 21] = [
+const INPUTS: [&str; 23] = [
     "machine",
     "request",
     "plan",

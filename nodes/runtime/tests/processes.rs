@@ -47,21 +47,25 @@ fn play_node(folder: &Path) {
 fn play_threads(folder: &Path) {
     let _shutdown = Shutdown::on_signals().unwrap();
     let (_keep, wait) = std::sync::mpsc::channel::<()>();
-    let (runs, is_running) = std::sync::mpsc::channel();
-    let later = move || {
-        // A thread gets its name and its mask after it was made.
-        runs.send(()).unwrap();
-        wait.recv()
-    };
-    thread::Builder::new().name("later".into()).spawn(later).unwrap();
-    is_running.recv().unwrap();
-    let blocked = fs::read_dir("/proc/self/task").unwrap().map(|thread| {
+    thread::Builder::new().name("later".into()).spawn(move || wait.recv()).unwrap();
+    // A thread gets its name and its mask after it was made.
+    let deadline = Instant::now() + PATIENCE;
+    let mut blocked = blocked_by_threads();
+    while !["signals\n", "later\n"].iter().all(|name| blocked.contains(name)) && Instant::now() < deadline {
+        thread::sleep(Duration::from_millis(1));
+        blocked = blocked_by_threads();
+    }
+    fs::write(told(folder, "blocked"), blocked).unwrap();
+}
+
+/// Mask of blocked signals and name of each thread of this process, a line each.
+fn blocked_by_threads() -> String {
+    let of = |thread: std::io::Result<fs::DirEntry>| {
         let status = fs::read_to_string(thread.unwrap().path().join("status")).unwrap();
         let field = |name: &str| status.lines().find_map(|line| line.strip_prefix(name)).unwrap().trim().to_owned();
         format!("{} {}\n", field("SigBlk:"), field("Name:"))
-    });
-    let blocked: String = blocked.collect();
-    fs::write(told(folder, "blocked"), blocked).unwrap();
+    };
+    fs::read_dir("/proc/self/task").unwrap().map(of).collect()
 }
 
 /// A node whose loop does not look at the flag.
