@@ -17,7 +17,7 @@ use abbe_runtime::Shutdown;
 use port::{Event, Port};
 use row::{Row, Table};
 use serde::{Deserialize, Serialize};
-use std::time::{Duration, Instant};
+use std::time::{Duration, Instant, SystemTime};
 
 pub use port::LinesFrom;
 
@@ -67,6 +67,21 @@ fn five() -> f64 {
 }
 
 impl LinesConfig {
+    /// Whether a line would be a reading, where `names` names the columns; for checks without a port.
+    ///
+    /// # Errors
+    /// What is wrong with the names or the line, in words.
+    pub fn try_line(&self, role: Kind, machine: &MachineFile, names: &str, line: &str) -> Result<(), String> {
+        let names: Vec<String> = Table::split(self, names).map(str::to_owned).collect();
+        let table = Table::new(self, &names, role, is_offset_known(self, machine))?;
+        let row = table.row(line, SystemTime::now(), 0)?;
+        match role {
+            Kind::Scale => row.scale(self, machine).map(|_| ()),
+            Kind::Tracer => row.tracer(self, machine).map(|_| ()),
+            Kind::Sensor => row.values().map(|_| ()),
+        }
+    }
+
     /// The key that is wrong, and what to do; `None` where lines can be read as this.
     pub(super) fn problem(&self, kind: Kind) -> Option<(&'static str, String)> {
         if !(self.silent_after_s > 0.0 && self.silent_after_s <= LONGEST_SILENCE_S) {
