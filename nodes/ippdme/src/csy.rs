@@ -63,12 +63,17 @@ const FARTHEST_MM: f64 = 1e6;
 pub struct Transformation {
     turn: Matrix3<f64>,
     zero_mm: Vector3<f64>,
+    /// Theta, Psi, Phi.
+    angles_deg: [f64; 3],
 }
+
+/// Turns nearer than this to each other (cosines) correct alike: a correction of a millimetre differs by a tenth of a micrometre.
+const ALIKE: f64 = 1e-4;
 
 impl Transformation {
     /// The one that changes nothing.
     pub fn identity() -> Transformation {
-        Transformation { turn: Matrix3::identity(), zero_mm: Vector3::zeros() }
+        Transformation { turn: Matrix3::identity(), zero_mm: Vector3::zeros(), angles_deg: [0.0; 3] }
     }
 
     /// Of X0, Y0, Z0 (mm), Theta, Psi, Phi (degrees).
@@ -80,19 +85,27 @@ impl Transformation {
         if !(0.0..=180.0).contains(theta) {
             return Err(NoTransformation::Theta);
         }
-        let ((s1, c1), (s2, c2), (s3, c3)) = (sin_cos(*theta), sin_cos(*psi), sin_cos(*phi));
-        let turn = Matrix3::new(
-            c2 * c3 - c1 * s2 * s3,
-            s2 * c3 + c1 * c2 * s3,
-            s1 * s3,
-            -c2 * s3 - c1 * s2 * c3,
-            -s2 * s3 + c1 * c2 * c3,
-            s1 * c3,
-            s1 * s2,
-            -s1 * c2,
-            c1,
-        );
-        Ok(Transformation { turn, zero_mm: Vector3::new(*x, *y, *z) })
+        let angles_deg = [*theta, *psi, *phi];
+        Ok(Transformation { turn: turn(angles_deg), zero_mm: Vector3::new(*x, *y, *z), angles_deg })
+    }
+
+    /// Whether a server that means another turn by the same numbers (the other way, angles in another order, none at all) would
+    /// tell the same point here, to `within_mm`. Then this point does not show what it means.
+    pub fn could_be_meant_otherwise(&self, in_machine_mm: [f64; 3], in_other_mm: [f64; 3], within_mm: f64) -> bool {
+        let (point, told, zero) = (Vector3::from(in_machine_mm), Vector3::from(in_other_mm), self.zero_mm);
+        self.other_turns().iter().any(|turn| {
+            let ways = [turn * point + zero, turn * point - zero, turn * (point + zero), turn * (point - zero)];
+            ways.iter().any(|way| (way - told).amax() <= within_mm)
+        })
+    }
+
+    /// What else the three angles may mean.
+    fn other_turns(&self) -> Vec<Matrix3<f64>> {
+        const ORDERS: [[usize; 3]; 6] = [[0, 1, 2], [0, 2, 1], [1, 0, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]];
+        let signs = (0..8).map(|bits| [0, 1, 2].map(|k| if bits >> k & 1 == 0 { 1.0 } else { -1.0 }));
+        let all =
+            signs.flat_map(|sign| ORDERS.map(|order| turn([0, 1, 2].map(|k| sign[k] * self.angles_deg[order[k]]))));
+        all.filter(|other| (other - self.turn).amax() > ALIKE).collect()
     }
 
     /// Whether it changes nothing.
@@ -109,6 +122,22 @@ impl Transformation {
     pub fn to_machine(&self, point_mm: [f64; 3]) -> [f64; 3] {
         (self.turn.transpose() * (Vector3::from(point_mm) - self.zero_mm)).into()
     }
+}
+
+/// The turn of Theta, Psi, Phi (degrees).
+fn turn([theta, psi, phi]: [f64; 3]) -> Matrix3<f64> {
+    let ((s1, c1), (s2, c2), (s3, c3)) = (sin_cos(theta), sin_cos(psi), sin_cos(phi));
+    Matrix3::new(
+        c2 * c3 - c1 * s2 * s3,
+        s2 * c3 + c1 * c2 * s3,
+        s1 * s3,
+        -c2 * s3 - c1 * s2 * c3,
+        -s2 * s3 + c1 * c2 * c3,
+        s1 * c3,
+        s1 * s2,
+        -s1 * c2,
+        c1,
+    )
 }
 
 /// Sine and cosine of degrees; quarter turns are exact.
@@ -153,6 +182,18 @@ mod tests {
         // Phi 90° about the newest z: x''' = y'', y''' = −x''.
         let turn = Transformation::new(&[0.0, 0.0, 0.0, 90.0, 90.0, 90.0]).unwrap();
         assert_eq!(turn.from_machine(MACHINE), [4.0, -3.0, 2.0]);
+    }
+
+    #[test]
+    fn regress_a_point_on_the_axis_of_a_turn_does_not_show_its_sense() {
+        let turned = Transformation::new(&[10.0, 20.0, 30.0, 0.0, 10.0, 0.0]).unwrap();
+        let says = |point| turned.could_be_meant_otherwise(point, turned.from_machine(point), 0.01);
+        assert!(says([0.0, 0.0, -60.0]) && !says([400.0, 300.0, 180.0]));
+        let shifted = Transformation::new(&[10.0, 20.0, 30.0, 0.0, 0.0, 0.0]).unwrap();
+        assert!(
+            !shifted.could_be_meant_otherwise([0.0; 3], [10.0, 20.0, 30.0], 0.01),
+            "no turn, nothing to mean otherwise"
+        );
     }
 
     #[test]

@@ -216,6 +216,51 @@ fn a_server_that_means_something_else_by_its_transformation_is_noticed() {
 }
 
 #[test]
+fn regress_zeros_for_a_system_that_is_moved_are_noticed() {
+    let cmm = Cmm { tells_zeros: true, ..Cmm::default() };
+    let mut bench = Bench::new(Settings { offsets: tools(), scans_as_asked: true, ..Settings::default() }, cmm);
+    bench.ask("SetCsyTransformation(PartCsy, -100, -100, 0, 0, 0, 0)");
+    bench.ask("SetCoordSystem(PartCsy)");
+    let error = error_of(&bench.ask("Get(X(), Y(), Z())"));
+    assert!(error.text.contains("off what its transformation says"), "{error:?}");
+}
+
+#[test]
+fn regress_a_turn_is_not_taken_for_checked_where_it_does_not_show() {
+    let cmm = Cmm { turns_wrongly: true, ..Cmm::default() };
+    let mut bench = Bench::new(Settings { offsets: tools(), scans_as_asked: true, ..Settings::default() }, cmm);
+    // On the axis of the turn, whatever its sense.
+    bench.ask("GoTo(X(0), Y(0), Z(20))");
+    bench.ask("SetCsyTransformation(PartCsy, 1, 2, 3, 0, 10, 0)");
+    bench.ask("SetCoordSystem(PartCsy)");
+    let error = error_of(&bench.ask("Get(X(), Y(), Z())"));
+    assert!(error.text.contains("the other way would tell the same position"), "{error:?}");
+}
+
+#[test]
+fn regress_positions_that_nobody_asked_for_do_not_pass() {
+    let mut bench = Bench::usual();
+    bench.ask("EnableUser()");
+    for report in ["OnPtMeasReport()", "OnPtMeasReport(Q())", "OnPtMeasReport(R())"] {
+        bench.ask(report);
+        for told in ["PtMeas(X(400.5), Y(300.0), Z(180.0))", "PtMeas(400.5, 300, 180)", "PtMeas(Q(0), X(400.5))"] {
+            let heard = bench.server_says(&format!("E0000 # {told}"));
+            assert!(!heard.concat().contains("400.5"), "{report}: {heard:?}");
+        }
+    }
+    for told in [
+        "00002 & X(400.5), Y(300.0), Z(180.0)",
+        "00002 % X(400.5), Y(300.0), Z(180.0)",
+        "00002 ! X(400.5), Y(300.0), Z(180.0)",
+        "00002 &\r00002 # X(400.5), Y(300.0), Z(180.0)",
+    ] {
+        let heard = bench.server_says(told);
+        assert!(!heard.concat().contains("400.5"), "{told}: {heard:?}");
+        assert!(bench.relay.counts().refused > 0);
+    }
+}
+
+#[test]
 fn systems_that_count_from_moved_ones_or_turn_with_a_table_are_refused() {
     let mut bench = Bench::usual();
     bench.ask("SetCsyTransformation(MultipleArmCsy, 1, 2, 3, 0, 0, 0)");

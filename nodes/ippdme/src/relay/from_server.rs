@@ -19,7 +19,9 @@ enum Form<'a> {
 
 impl Relay {
     pub(super) fn take_response(&mut self, line: &[u8], correct: &mut dyn Correct) {
-        let Ok(response) = Response::parse(text(line)) else { return self.pass_strange(Tag::UNSOLICITED, line) };
+        // A carriage return in the middle is the end of a line to some software.
+        let parsed = Response::parse(text(line)).ok().filter(|_| !text(line).contains(&b'\r'));
+        let Some(response) = parsed else { return self.pass_strange(Tag::UNSOLICITED, line) };
         if self.survey.as_ref().is_some_and(|survey| survey.tag == response.tag) {
             if let Some(mut survey) = self.survey.take() {
                 let next = survey.take(&response, &mut self.memory, &self.settings.offsets);
@@ -31,16 +33,34 @@ impl Relay {
         match response.kind {
             Kind::Ack => {
                 self.of_tag(response.tag, |transaction| transaction.is_accepted = true);
-                self.pass(line);
+                let line = self.without_data(&response, '&', line);
+                self.pass(&line);
             }
             Kind::Error => {
                 let stops = Trouble::parse(response.data()).severity.stops();
                 self.of_tag(response.tag, |transaction| transaction.has_failed |= stops);
-                self.pass(line);
+                match names_an_axis(&response) {
+                    true => self.pass_strange(response.tag, line),
+                    false => self.pass(line),
+                }
             }
-            Kind::Done => self.complete(response.tag, line),
+            Kind::Done => {
+                let line = self.without_data(&response, '%', line);
+                self.complete(response.tag, &line);
+            }
             Kind::Data => self.take_data(&response, line, correct),
         }
+    }
+
+    /// A line that has no data by the protocol, without what it has all the same and may be a position.
+    fn without_data(&mut self, response: &Response, sign: char, line: &[u8]) -> Vec<u8> {
+        if !response.data().iter().any(u8::is_ascii_digit) {
+            return line.to_vec();
+        }
+        self.counts.refused += 1;
+        let words = "what follows the sign of a response may hold a position, and was left out";
+        self.refuse(Refusal::Event, response.tag, "", words);
+        format!("{} {sign}\r\n", response.tag).into_bytes()
     }
 
     fn pass(&mut self, line: &[u8]) {
@@ -120,7 +140,8 @@ impl Relay {
             }
         };
         if !report.has_axes() {
-            return match names_an_axis(response) || (!is_flat && has_bare_numbers(response)) {
+            let is_other = if is_flat { !report.has_as_many(response) } else { has_bare_numbers(response) };
+            return match names_an_axis(response) || is_other {
                 true => self.hold_back(tag, line, "the server reports what it was not asked for"),
                 false => self.pass(line),
             };
@@ -232,10 +253,14 @@ impl Relay {
             }
             [Item { what: What::Call(name, values), .. }] if matches!(name.as_str(), "PtMeas" | "GoTo") => {
                 let report = self.measured.clone();
-                if !report.has_axes() {
+                if !report.has_axes() && !values.iter().any(may_be_coordinate) {
                     return self.pass(line);
                 }
-                match self.rewritten(line, Form::Named(values), &report, correct) {
+                let rewritten = match report.has_axes() {
+                    true => self.rewritten(line, Form::Named(values), &report, correct),
+                    false => Err("the server reports a position that it was not asked for".to_owned()),
+                };
+                match rewritten {
                     Ok(line) => self.pass_corrected(line),
                     Err(words) if self.settings.passes_uncorrected => {
                         self.counts.uncorrected += 1;
@@ -287,6 +312,17 @@ fn names_an_axis(response: &Response) -> bool {
     match response.items() {
         Ok(items) => items.iter().any(is_axis),
         Err(_) => response.data().windows(2).any(|pair| matches!(pair, [b'X' | b'Y' | b'Z', b'('])),
+    }
+}
+
+/// Whether a value may be a coordinate: an axis, or a number without a name, at any depth.
+fn may_be_coordinate(item: &Item) -> bool {
+    match &item.what {
+        What::Number(_) => true,
+        What::Call(name, _) if AXES.contains(&name.as_str()) => true,
+        // One number with a name of its own is what the name says.
+        What::Call(_, values) => values.len() > 1 && values.iter().any(may_be_coordinate),
+        _ => false,
     }
 }
 

@@ -5,7 +5,7 @@
 //! replaced; every other byte of a line stays. Lengths in millimetres, in the coordinate system that is active.
 
 use crate::item::Item;
-use crate::message::Command;
+use crate::message::{Command, Response};
 use crate::number;
 
 /// Axes of a position.
@@ -94,6 +94,17 @@ impl Report {
             }
         }
         Ok(pieces.finish())
+    }
+
+    /// Whether data without names holds as many values as were asked for, or a multiple of them.
+    pub(super) fn has_as_many(&self, response: &Response) -> bool {
+        let asked = self.names.iter().map(|name| width(name)).sum::<Option<usize>>();
+        let told = response.items().map(|items| items.len());
+        match (asked, told) {
+            (Some(0), Ok(told)) => told == 0,
+            (Some(asked), Ok(told)) => told.is_multiple_of(asked),
+            _ => false,
+        }
     }
 
     /// The same for values without names, as scans report them: one point or several, one after the other.

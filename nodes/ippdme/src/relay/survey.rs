@@ -18,6 +18,8 @@ const CHECK_WITHIN_MM: f64 = 0.01;
 const MOST_RETURNS: usize = 3;
 /// What a server calls the tool after a change that failed.
 const UNKNOWN_TOOL: &str = "UnDefTool";
+/// What it calls an empty holder.
+const NO_TOOL: &str = "NoTool";
 const POSITION: &str = "Get(X(), Y(), Z())";
 
 /// Why a point cannot be corrected as things are.
@@ -52,6 +54,14 @@ pub(super) struct Memory {
     checked: Option<(Csy, Transformation)>,
     /// Whether the tool was turned since it was put into use.
     pub(super) is_turned: bool,
+}
+
+impl Memory {
+    /// Whether a system has still to be held against the server's numbers. One that lies where the machine's does is a claim like
+    /// any other: servers that cannot tell answer zeros.
+    fn is_open(&self, active: Csy, from_machine: Transformation) -> bool {
+        active != Csy::Machine && self.checked != Some((active, from_machine))
+    }
 }
 
 /// What goes out of a survey.
@@ -263,7 +273,7 @@ impl Survey {
             return;
         }
         let Ok(from_machine) = self.transformation(active, memory) else { return };
-        let is_open = !from_machine.is_identity() && memory.checked != Some((active, from_machine));
+        let is_open = memory.is_open(active, from_machine);
         if asks_offset || is_open {
             self.steps.push_back(Step::ToMachine);
             self.steps.extend(offset);
@@ -308,8 +318,7 @@ impl Survey {
         let active = self.active.ok_or_else(|| self.why("the server does not tell its coordinate system"))?;
         let from_machine = self.transformation(active, memory)?;
         let offset_m = self.offset(memory, offsets)?;
-        let is_open = !from_machine.is_identity() && memory.checked != Some((active, from_machine));
-        if is_open {
+        if memory.is_open(active, from_machine) {
             let (Some(in_machine_mm), Some(in_active_mm)) = (self.in_machine_mm, self.in_active_mm) else {
                 return Err(self.why("the server gave no position to hold its coordinate system against"));
             };
@@ -319,6 +328,14 @@ impl Survey {
                 let words = format!(
                     "positions in {} are {apart_mm:.3} mm off what its transformation says; let the machine stand still, and \
                      check what the server means by it",
+                    active.name()
+                );
+                return Err(Why { words, is_lasting: false });
+            }
+            if from_machine.could_be_meant_otherwise(in_machine_mm, in_active_mm, 2.0 * CHECK_WITHIN_MM) {
+                let words = format!(
+                    "where the machine stands, a turn of {} the other way would tell the same position; move the machine by some \
+                     100 mm along each axis, and ask again",
                     active.name()
                 );
                 return Err(Why { words, is_lasting: false });
@@ -335,6 +352,9 @@ impl Survey {
             return lasting(
                 "the server does not know which tool is in the machine; tell it with ChangeTool or SetTool".to_owned(),
             );
+        }
+        if name == NO_TOOL && !offsets.by_tool_m.contains_key(NO_TOOL) {
+            return lasting("no tool is in the machine, so that no tip has a position".to_owned());
         }
         match (offsets.of(self.tool.as_deref()), self.offset_m) {
             (Some(_), _) if memory.is_turned => lasting(format!(

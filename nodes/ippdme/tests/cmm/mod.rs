@@ -17,6 +17,8 @@ pub(crate) struct Cmm {
     pub(crate) tells_offsets: bool,
     /// Turns coordinate systems the other way round than the specification says.
     pub(crate) turns_wrongly: bool,
+    /// Answers zeros for wherever a coordinate system lies.
+    pub(crate) tells_zeros: bool,
     /// Commands that it does not know.
     pub(crate) unknown: BTreeSet<String>,
     /// Commands as they came.
@@ -40,6 +42,7 @@ impl Default for Cmm {
             has_table: false,
             tells_offsets: false,
             turns_wrongly: false,
+            tells_zeros: false,
             unknown: BTreeSet::new(),
             heard: Vec::new(),
             has_error: false,
@@ -191,7 +194,8 @@ impl Cmm {
                 vec![]
             }
             "GetCsyTransformation" => {
-                let numbers = self.placed.get(&arguments[0]).copied().unwrap_or_default();
+                let known = self.placed.get(&arguments[0]).filter(|_| !self.tells_zeros);
+                let numbers = known.copied().unwrap_or_default();
                 vec![format!("GetCsyTransformation({})", numbers.map(|n| format!("{n:.9}")).join(", "))]
             }
             "GetProp" if arguments[0] == "Tool.Name()" => vec![format!("Tool.Name(\"{}\")", self.tool)],
