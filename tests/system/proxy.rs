@@ -344,3 +344,35 @@ fn options_that_give_no_correction_are_refused_with_what_to_do() {
     let taken = bench.text("model.json");
     assert_says(&said(&[to[0], to[1], "--offset-mm", "0,0,-60", "--record", &taken]), &["exists already"]);
 }
+
+#[test]
+fn regress_a_server_that_leaves_a_question_of_the_proxy_open_is_given_up() {
+    let bench = Bench::identified(5);
+    let server = TcpListener::bind("127.0.0.1:0").unwrap();
+    let proxy = Proxy::start(&bench, &server.local_addr().unwrap().to_string(), &["--offset-mm", "0,0,-60"]);
+    let client = TcpStream::connect(&proxy.address).unwrap();
+    client.set_read_timeout(Some(Duration::from_secs(60))).unwrap();
+    let mut of_server = BufReader::new(server.accept().unwrap().0);
+    // Answers the software, and nothing that the proxy asks by itself.
+    let answering = thread::spawn(move || {
+        let mut line = String::new();
+        while of_server.read_line(&mut line).is_ok_and(|count| count > 0) {
+            if line.contains("StartSession") {
+                let tag = &line[..5];
+                of_server.get_mut().write_all(format!("{tag} &\r\n{tag} %\r\n").as_bytes()).unwrap();
+            }
+            line.clear();
+        }
+    });
+    let mut answers = BufReader::new(&client);
+    (&client).write_all(b"00001 StartSession()\r\n").unwrap();
+    let mut heard = String::new();
+    while !heard.contains('%') {
+        answers.read_line(&mut heard).unwrap();
+    }
+    (&client).write_all(b"00002 Get(X(), Y(), Z())\r\n").unwrap();
+    answers.read_to_string(&mut heard).unwrap();
+    assert!(!heard.contains('#'), "{heard:?}");
+    answering.join().unwrap();
+    assert_says(&proxy.end().1, &["left a question of the proxy without an answer"]);
+}

@@ -12,7 +12,7 @@ use std::io::{ErrorKind, Read, Result, Write};
 use std::net::{Shutdown as Ways, TcpStream};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
 use std::thread;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// Pieces that wait at most, of each side.
 const QUEUE: usize = 64;
@@ -20,6 +20,9 @@ const QUEUE: usize = 64;
 const LOOK_UP: Duration = Duration::from_millis(20);
 /// How long a side may take nothing before it is given up.
 const TAKES_WITHIN: Duration = Duration::from_secs(10);
+
+/// How long the server may leave a question of the relay's own without a word. It is asked while the machine stands.
+const ANSWERS_WITHIN: Duration = Duration::from_secs(10);
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Side {
@@ -132,9 +135,16 @@ impl Both {
         shutdown: &Shutdown,
     ) -> End {
         let (mut of_software, mut of_server) = (Lines::default(), Lines::default());
+        let mut server_spoke = Instant::now();
         loop {
             if shutdown.requested() {
                 return End::usual("stopped on request".to_owned());
+            }
+            if relay.is_asking() && server_spoke.elapsed() > ANSWERS_WITHIN {
+                let why = format!(
+                    "the machine's server left a question of the proxy without an answer for {ANSWERS_WITHIN:?}"
+                );
+                return End::odd(why);
             }
             let (side, bytes) = match sent.recv_timeout(LOOK_UP) {
                 Ok(sent) => sent,
@@ -150,6 +160,7 @@ impl Both {
                 }
             };
             corrector.arrived();
+            let was_asking = relay.is_asking();
             let mut outs = Vec::new();
             for piece in lines.take(&bytes) {
                 match (side, piece) {
@@ -160,6 +171,9 @@ impl Both {
                         return End::odd(format!("{} {why}", side.name()));
                     }
                 }
+            }
+            if side == Side::Server || !was_asking {
+                server_spoke = Instant::now();
             }
             if let Err(why) = self.send(outs) {
                 return End::odd(why);

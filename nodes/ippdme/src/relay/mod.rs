@@ -171,6 +171,9 @@ pub struct Relay {
 /// Tags of the relay's own commands.
 const OWN_TAGS: std::ops::RangeInclusive<u32> = 90_000..=99_999;
 
+/// Commands of the software that wait at most.
+const MOST_HELD: usize = 100_000;
+
 impl Relay {
     /// A relay for a new connection.
     pub fn new(settings: Settings) -> Relay {
@@ -195,6 +198,11 @@ impl Relay {
         }
     }
 
+    /// Whether a question of its own waits for the server's answer.
+    pub fn is_asking(&self) -> bool {
+        self.survey.is_some()
+    }
+
     /// What passed so far.
     pub fn counts(&self) -> Counts {
         self.counts
@@ -204,6 +212,9 @@ impl Relay {
     pub fn from_client(&mut self, line: &[u8], correct: &mut dyn Correct) -> Vec<Out> {
         self.take_command(line, correct);
         self.go_on(correct);
+        if self.held.len() > MOST_HELD {
+            self.out.push(Out::Close(format!("more than {MOST_HELD} commands wait for the server")));
+        }
         std::mem::take(&mut self.out)
     }
 
