@@ -2,7 +2,6 @@
 //!
 //! Place in the flow: the only failure type of this crate; command and tests show its text as it is.
 
-use abbe_diagnose::DiagnoseError;
 use abbe_geometry::effects::EffectError;
 use abbe_identify::IdentifyError;
 use thiserror::Error;
@@ -65,9 +64,6 @@ pub enum PlanError {
     /// Identification refuses the plan.
     #[error(transparent)]
     Identify(#[from] IdentifyError),
-    /// What can be told of effects cannot be stated.
-    #[error(transparent)]
-    Diagnose(#[from] DiagnoseError),
     /// The observer said stop before there was a plan.
     #[error("stopped before there was a plan that tells all errors; nothing was planned")]
     Stopped,

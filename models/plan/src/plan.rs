@@ -25,6 +25,12 @@ const ATTEMPTS: usize = 6;
 /// Share of the time that ordered lines take of what the search reckoned, at least.
 const LEAST_SAVED: f64 = 0.5;
 
+/// Stations of the shortest plan at most: it has few.
+const MOST_OF_SHORTEST: usize = 4;
+
+/// A search with its plan, if there is one, and whether it went to its end.
+type Found<'a> = (Option<(Search<'a>, Plan)>, bool);
+
 /// A station of the plan.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Station {
@@ -88,7 +94,17 @@ pub fn plan(request: &Request, observe: &mut dyn FnMut(Progress) -> bool) -> Res
     let prior = Prior::new(request, &rows, &wishes.searched)?;
     let set = stations::choose(request, &all, (&prior.information, &prior.weight), observe)?;
     let planner = Planner { request, rows: &rows, all: &all, prior: &prior, may_turn: wishes.searched.is_empty() };
-    planner.plan(&set, observe)
+    let mut plan = planner.plan(&set, observe)?;
+    look_at_effects(request, &mut plan)?;
+    Ok(plan)
+}
+
+/// What the finished plan tells of effects: once, not for each plan that the search comes by.
+fn look_at_effects(request: &Request, plan: &mut Plan) -> Result<(), PlanError> {
+    let new = plan.stations.iter().map(|s| start(s.position_m)).collect();
+    let (campaign, stations, misfit) = with_measured(request, &plan.nominal, new);
+    plan.promise.effects = promise::of_effects(known(request, &request.belief, misfit), (&campaign, &stations))?;
+    Ok(())
 }
 
 /// What stays the same while lines are chosen.
@@ -124,11 +140,14 @@ impl<'a> Planner<'a> {
             }
             let mut found = match self.within_budget(&mut search, budget_s) {
                 Ok(found) => found,
-                Err(problem) if !goes_on => return best.ok_or(PlanError::Stopped).map_err(|_| stopped(problem)),
-                Err(problem) => return self.shortest_within(budget_s, problem, observe),
+                Err(problem) if !goes_on => {
+                    let kept = best.ok_or_else(|| stopped(problem))?;
+                    return Ok(Plan { stopped: true, ..kept });
+                }
+                Err(problem) => return self.judged(self.shortest_within((set, budget_s), problem, observe)?),
             };
             found.stopped = !goes_on;
-            let reached = goal.uncertainty_m.is_none_or(|wanted_m| found.promise.u_m <= wanted_m);
+            let reached = self.is_reached(&found);
             let no_more = search.variance_m2() > aim_m2 || !goes_on;
             let stated_m2 = found.promise.u_m.powi(2) - repeatability_m2;
             // What identification will state is a little more than what the search went by: aim lower by as much.
@@ -137,11 +156,24 @@ impl<'a> Planner<'a> {
             if is_better || reached {
                 best = Some(found);
             }
+            if let Some(best) = &mut best {
+                best.stopped = !goes_on;
+            }
             if reached || no_more {
                 break;
             }
         }
-        let plan = best.ok_or(PlanError::Stopped)?;
+        self.judged(best.ok_or(PlanError::Stopped)?)
+    }
+
+    /// Whether a plan comes to the uncertainty that is wanted, if one is.
+    fn is_reached(&self, plan: &Plan) -> bool {
+        self.request.goal.uncertainty_m.is_none_or(|wanted_m| plan.promise.u_m <= wanted_m)
+    }
+
+    /// The plan, unless it ran to its end without what is wanted.
+    fn judged(&self, plan: Plan) -> Result<Plan, PlanError> {
+        let goal = self.request.goal;
         match goal.uncertainty_m {
             Some(wanted_m) if plan.promise.u_m > wanted_m && !plan.stopped => Err(PlanError::Unreached {
                 wanted_m,
@@ -178,11 +210,11 @@ impl<'a> Planner<'a> {
         }
     }
 
-    /// A budget so short that the lines which help most do not tell everything: the shortest plan that does, filled up, or
-    /// the error that names it.
+    /// A goal so easy, or a budget so short, that the lines which help most do not tell everything: the shortest plan that
+    /// does, filled up to the goal, or the error that names it.
     fn shortest_within(
         &self,
-        budget_s: f64,
+        (set, budget_s): (&[usize], f64),
         problem: PlanError,
         observe: &mut dyn FnMut(Progress) -> bool,
     ) -> Result<Plan, PlanError> {
@@ -190,49 +222,128 @@ impl<'a> Planner<'a> {
             PlanError::Identify(problem) => PlanError::Unobservable(problem),
             other => other,
         };
-        if budget_s.is_infinite() {
-            return Err(unobservable(problem));
+        let (shortest, goes_on) = self.shortest_of_sets(observe)?;
+        let (search, mut plan) = match shortest {
+            Some(shortest) => shortest,
+            None if !goes_on => return Err(PlanError::Stopped),
+            None => return Err(unobservable(problem)),
+        };
+        plan.stopped = !goes_on;
+        match (plan.time_s > budget_s, goes_on) {
+            (false, true) if self.request.goal.uncertainty_m.is_none() => {
+                Ok(self.filled_up((search, plan), budget_s, observe))
+            }
+            (false, true) if !self.is_reached(&plan) => self.from_these((set, budget_s), (search, plan), observe),
+            (false, _) => Ok(plan),
+            (true, false) => Err(PlanError::Stopped),
+            (true, true) => {
+                let (shortest_s, stations, lines) = (plan.time_s, plan.stations.len(), plan.lines.len());
+                Err(PlanError::Budget { budget_s, shortest_s, stations, lines })
+            }
         }
+    }
+
+    /// The shortest plan from these stations, filled up to the goal. Few stations may tell everything and not reach it.
+    fn from_these(
+        &self,
+        (set, budget_s): (&[usize], f64),
+        of_few: (Search<'a>, Plan),
+        observe: &mut dyn FnMut(Progress) -> bool,
+    ) -> Result<Plan, PlanError> {
+        let found = match self.shortest(set, observe) {
+            Ok(Some((_, plan))) if plan.stopped && plan.time_s <= budget_s => return Ok(plan),
+            Ok(Some((search, plan))) if plan.time_s <= budget_s => self.filled_up((search, plan), budget_s, observe),
+            Ok(_) => return Ok(self.filled_up(of_few, budget_s, observe)),
+            Err(PlanError::Stopped) => return Ok(Plan { stopped: true, ..of_few.1 }),
+            Err(problem) => return Err(problem),
+        };
+        if found.stopped || self.is_reached(&found) {
+            return Ok(found);
+        }
+        let other = self.filled_up(of_few, budget_s, observe);
+        let is_better = other.promise.u_m < found.promise.u_m;
+        Ok(if is_better { other } else { Plan { stopped: other.stopped, ..found } })
+    }
+
+    /// The shortest of the plans from few stations, if one of them tells everything, and whether the search went to its end.
+    fn shortest_of_sets(&self, observe: &mut dyn FnMut(Progress) -> bool) -> Result<Found<'a>, PlanError> {
         let mut request = self.request.clone();
         let mut shortest: Option<(Search, Plan)> = None;
-        for stations in [2, 3, 4] {
-            if stations > self.request.most_stations.min(self.all.len()) {
-                continue;
-            }
+        let fewest = if request.measured.is_some() { 1 } else { 2 };
+        let most = self.request.most_stations.min(self.all.len()).min(MOST_OF_SHORTEST);
+        for stations in fewest..=most {
             request.most_stations = stations;
             request.goal.budget_s = Some(stations as f64 * (self.request.motion.station_change_s + 7200.0));
             let information = (&self.prior.information, &self.prior.weight);
-            let set = stations::choose(&request, self.all, information, observe)?;
-            if let Some((search, plan)) = self.shortest(&set)?
-                && shortest.as_ref().is_none_or(|(_, least)| plan.time_s < least.time_s)
-            {
-                shortest = Some((search, plan));
+            let set = stations::choose(&request, self.all, information, observe);
+            match set.and_then(|set| self.shortest(&set, observe)) {
+                Ok(Some((search, plan))) => {
+                    let goes_on = !plan.stopped;
+                    if shortest.as_ref().is_none_or(|(_, least)| plan.time_s < least.time_s) {
+                        shortest = Some((search, plan));
+                    }
+                    if !goes_on {
+                        return Ok((shortest, false));
+                    }
+                }
+                Ok(None) => {}
+                Err(PlanError::Stopped) => return Ok((shortest, false)),
+                Err(problem) => return Err(problem),
             }
         }
-        let (mut search, shortest) = shortest.ok_or_else(|| unobservable(problem))?;
-        if shortest.time_s > budget_s {
-            let (stations, lines) = (shortest.stations.len(), shortest.lines.len());
-            return Err(PlanError::Budget { budget_s, shortest_s: shortest.time_s, stations, lines });
-        }
-        let goes_on = search.fill(Until { budget_s, variance_m2: 0.0 }, observe);
-        let mut plan = self.within_budget(&mut search, budget_s).unwrap_or(shortest);
-        plan.stopped = !goes_on;
-        Ok(plan)
+        Ok((shortest, true))
     }
 
-    /// The plan with the fewest lines from these stands that tells everything.
-    fn shortest(&self, set: &[usize]) -> Result<Option<(Search<'a>, Plan)>, PlanError> {
+    /// A plan that tells everything, with lines added until it reaches what is wanted or the budget is used up.
+    fn filled_up(
+        &self,
+        (mut search, mut plan): (Search<'a>, Plan),
+        budget_s: f64,
+        observe: &mut dyn FnMut(Progress) -> bool,
+    ) -> Plan {
+        let wanted_m2 = self.request.goal.uncertainty_m.map(|u_m| u_m * u_m - self.request.repeatability_m2());
+        let mut aim_m2 = wanted_m2.unwrap_or(0.0);
+        for _ in 0..ATTEMPTS {
+            if wanted_m2.is_some() && self.is_reached(&plan) {
+                break;
+            }
+            let goes_on = search.fill(Until { budget_s, variance_m2: aim_m2 }, observe);
+            let no_more = search.variance_m2() > aim_m2 || !goes_on;
+            if let Ok(found) = self.within_budget(&mut search, budget_s)
+                && found.promise.u_m < plan.promise.u_m
+            {
+                plan = found;
+            }
+            plan.stopped = !goes_on;
+            if no_more {
+                break;
+            }
+            let stated_m2 = plan.promise.u_m.powi(2) - self.request.repeatability_m2();
+            aim_m2 *= wanted_m2.map_or(1.0, |wanted_m2| (wanted_m2 / stated_m2).min(1.0) * 0.995);
+        }
+        plan
+    }
+
+    /// The plan with the fewest lines from these stands that tells everything. Stopped, it is what there was by then.
+    fn shortest(
+        &self,
+        set: &[usize],
+        observe: &mut dyn FnMut(Progress) -> bool,
+    ) -> Result<Option<(Search<'a>, Plan)>, PlanError> {
         let mut search = self.search(set)?;
-        search.fill(Until { budget_s: 0.0, variance_m2: 0.0 }, &mut |_| true);
+        let mut goes_on = search.fill(Until { budget_s: 0.0, variance_m2: 0.0 }, observe);
         loop {
             let path = Path::new(self.request, &search, self.may_turn);
             if let Ok(plan) = path.stated(self.request) {
-                return Ok(Some((search, plan)));
+                return Ok(Some((search, Plan { stopped: !goes_on, ..plan })));
+            }
+            if !goes_on {
+                return Err(PlanError::Stopped);
             }
             let (before, time_s) = (search.chosen.len(), search.time_s());
             let one_more_s = search.candidates.iter().map(|line| line.time_s).fold(0.0, f64::max) * 1.5;
             let more_s = one_more_s + self.request.motion.holder_change_s;
-            search.fill(Until { budget_s: time_s + more_s, variance_m2: 0.0 }, &mut |_| true);
+            goes_on = search.fill(Until { budget_s: time_s + more_s, variance_m2: 0.0 }, observe);
             if search.chosen.len() == before {
                 return Ok(None);
             }
@@ -334,7 +445,7 @@ impl Path {
         let new: Vec<StationStart> = self.stations.iter().map(|s| start(s.position_m)).collect();
         let (campaign, stations, misfit) = with_measured(request, &nominal, new);
         let state = |campaign: &Campaign, stations: &[StationStart]| {
-            promise::of_campaign(
+            promise::of_geometry(
                 known(request, &request.belief, misfit),
                 (campaign, stations),
                 &request.volume_m,

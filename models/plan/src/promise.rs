@@ -51,8 +51,8 @@ pub struct Promise {
     pub unknowns: usize,
     /// Condition of what the plan tells of the lowest orders.
     pub condition: f64,
-    /// What it will tell of effects.
-    pub effects: Foresight,
+    /// What it will tell of effects; or why that cannot be said, in words. It informs: a plan stands without it.
+    pub effects: Result<Foresight, String>,
 }
 
 /// What a plan will tell of one error function.
@@ -93,10 +93,37 @@ pub fn of_campaign(
     volume_m: &[(f64, f64); 3],
     tips_m: &[[f64; 3]],
 ) -> Result<Promise, PlanError> {
+    let mut promise = of_geometry(known, (campaign, stations), volume_m, tips_m)?;
+    promise.effects = of_effects(known, (campaign, stations))?;
+    Ok(promise)
+}
+
+/// The same without a look at effects, which costs more than all the rest.
+///
+/// # Errors
+/// What identification would refuse.
+pub(crate) fn of_geometry(
+    known: Known,
+    (campaign, stations): (&Campaign, &[StationStart]),
+    volume_m: &[(f64, f64); 3],
+    tips_m: &[[f64; 3]],
+) -> Result<Promise, PlanError> {
     let Known { machine, instrument, options, belief, .. } = known;
     let fit = foresee(machine, instrument, (campaign, stations), &[], belief, options)?;
-    let effects = abbe_diagnose::foresee(machine, &fit, instrument, campaign)?;
-    at(known, fit, effects, volume_m, tips_m)
+    at(known, fit, volume_m, tips_m)
+}
+
+/// What a campaign of nominal readings will tell of effects, or why that cannot be said.
+///
+/// # Errors
+/// What identification would refuse.
+pub(crate) fn of_effects(
+    known: Known,
+    (campaign, stations): (&Campaign, &[StationStart]),
+) -> Result<Result<Foresight, String>, PlanError> {
+    let Known { machine, instrument, options, belief, .. } = known;
+    let fit = foresee(machine, instrument, (campaign, stations), &[], belief, options)?;
+    Ok(abbe_diagnose::foresee(machine, &fit, instrument, campaign).map_err(|error| error.to_string()))
 }
 
 /// Rms over the volume of the standard uncertainty of a corrected point, as [`Promise::u_m`].
@@ -118,13 +145,7 @@ pub(crate) fn rms_m(
 ///
 /// # Errors
 /// A volume outside of the machine.
-fn at(
-    known: Known,
-    fit: Identified,
-    effects: Foresight,
-    volume_m: &[(f64, f64); 3],
-    tips_m: &[[f64; 3]],
-) -> Result<Promise, PlanError> {
+fn at(known: Known, fit: Identified, volume_m: &[(f64, f64); 3], tips_m: &[[f64; 3]]) -> Result<Promise, PlanError> {
     let (readings, unknowns, condition) = (fit.residuals_m.len(), fit.evidence.unknowns, fit.evidence.condition);
     let model = with_misfit(fit.model, known.misfit)?;
     let points = points(&model, volume_m, tips_m)?;
@@ -144,7 +165,7 @@ fn at(
         readings,
         unknowns,
         condition,
-        effects,
+        effects: Err("they were not looked at".to_owned()),
     })
 }
 

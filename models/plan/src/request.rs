@@ -3,6 +3,7 @@
 //! Place in the flow: filled by the command line from a request file, or by a test. SI, machine frame; nothing here has a
 //! hidden default elsewhere. [`check`] refuses what makes no sense, by the key of the request file.
 
+use crate::covariates::MOTION;
 use crate::error::PlanError;
 use crate::sight::{self, Place};
 use abbe_geometry::effects::Shape;
@@ -15,6 +16,10 @@ use abbe_measurement::instrument::RangeUncertainty;
 const MOST_STATIONS: usize = 12;
 /// Fewest and most points of a line.
 const POINTS: (u32, u32) = (5, 200);
+/// Fastest feed (m/s): no measuring machine is driven faster.
+const FASTEST_M_S: f64 = 10.0;
+/// Shortest period of a sensor (s): points follow each other no faster.
+const SHORTEST_PERIOD_S: f64 = 1.0;
 /// Most levels of lines along an axis.
 const MOST_LEVELS: usize = 9;
 
@@ -274,6 +279,10 @@ fn check_stands(request: &Request) -> Result<(), PlanError> {
         return Err(wrong("most_stations", problem, "give the number of stations that you would set up at most"));
     }
     for (k, stand) in request.stands.iter().enumerate() {
+        if let Some(problem) = no_name(&stand.name) {
+            let remedy = "give a name of letters, digits, - and _";
+            return Err(wrong(format!("stand[{k}].name"), problem, remedy));
+        }
         let key = format!("stand[{k}] {}", stand.name);
         if !stand.position_m.iter().all(|v| v.is_finite()) {
             return Err(wrong(key, "its position is not finite", "give x, y, z in millimetres"));
@@ -286,6 +295,18 @@ fn check_stands(request: &Request) -> Result<(), PlanError> {
         }
     }
     Ok(())
+}
+
+/// Why a text cannot be a name in the files of a campaign.
+fn no_name(text: &str) -> Option<String> {
+    if text.trim().is_empty() {
+        return Some("there is no name".to_owned());
+    }
+    if text.trim() != text {
+        return Some(format!("{text:?} begins or ends with a blank"));
+    }
+    let is_wrong = |c: char| matches!(c, ',' | ';' | '"' | '\'') || c.is_control();
+    text.contains(is_wrong).then(|| format!("{text:?} has a comma, semicolon, quote or line break"))
 }
 
 /// A stand that somebody named must be one.
@@ -314,6 +335,16 @@ fn check_holders(request: &Request) -> Result<(), PlanError> {
             "give the offsets of the tips that you measure with, or leave it out",
         ));
     }
+    let longest_m = request.machine.stroke_m.iter().map(|(low_m, high_m)| high_m - low_m).fold(0.0, f64::max);
+    let too_long = |offset_m: &[f64; 3]| {
+        let length_m = offset_m.iter().map(|v| v * v).sum::<f64>().sqrt();
+        let (length_mm, longest_mm) = (length_m * 1e3, longest_m * 1e3);
+        (length_m > longest_m)
+            .then(|| format!("an offset of {length_mm} mm is longer than the largest stroke, {longest_mm:.0} mm"))
+    };
+    if let Some(problem) = request.tips_m.iter().find_map(too_long) {
+        return Err(wrong("tips_mm", problem, "give x, y, z from the ram reference point in millimetres"));
+    }
     if request.holders.is_empty() {
         return Err(wrong("holder", "there is none", "give a [[holder]] with the offset_mm of the reflector"));
     }
@@ -321,6 +352,10 @@ fn check_holders(request: &Request) -> Result<(), PlanError> {
         let key = format!("holder[{k}]");
         if !holder.offset_m.iter().all(|v| v.is_finite() && v.abs() < 5.0) {
             return Err(wrong(key, "offset_mm is not an offset on a ram", "give x, y, z in millimetres"));
+        }
+        if let Some(problem) = too_long(&holder.offset_m) {
+            let remedy = "give x, y, z from the ram reference point in millimetres";
+            return Err(wrong(format!("{key}.offset_mm"), problem, remedy));
         }
         if let Some((faces, angle_rad)) = holder.acceptance {
             let length = faces.iter().map(|v| v * v).sum::<f64>().sqrt();
@@ -339,6 +374,10 @@ fn check_holders(request: &Request) -> Result<(), PlanError> {
 fn check_motion(motion: &Motion) -> Result<(), PlanError> {
     if motion.feeds_m_s.is_empty() || !motion.feeds_m_s.iter().all(|v| v.is_finite() && *v > 0.0) {
         return Err(wrong("motion.feeds_mm_s", "holds no feed above 0", "give at least one feed"));
+    }
+    if let Some(feed_m_s) = motion.feeds_m_s.iter().find(|v| **v > FASTEST_M_S) {
+        let problem = format!("{} mm/s is above {:.0} mm/s", feed_m_s * 1e3, FASTEST_M_S * 1e3);
+        return Err(wrong("motion.feeds_mm_s", problem, "give the feeds that the machine is driven at, in mm/s"));
     }
     if !(motion.acceleration_m_s2.is_finite() && motion.acceleration_m_s2 > 0.0) {
         let problem = format!("{} is not above 0", motion.acceleration_m_s2 * 1e3);
@@ -372,6 +411,28 @@ fn check_lines(request: &Request) -> Result<(), PlanError> {
             let problem = format!("{} goes from {low} to {high} in {} s", sensor.name, sensor.period_s);
             return Err(wrong(format!("sensor[{k}]"), problem, "give the lower, then the upper value, and a period"));
         }
+        if sensor.period_s < SHORTEST_PERIOD_S {
+            let problem = format!("a period of {} s is shorter than the time between two points", sensor.period_s);
+            return Err(wrong(format!("sensor[{k}].period_h"), problem, "give the time from high to high, in hours"));
+        }
+        check_sensor_name(request, k)?;
+    }
+    Ok(())
+}
+
+/// A sensor is a column of the campaign, beside those that the plan has by itself.
+fn check_sensor_name(request: &Request, number: usize) -> Result<(), PlanError> {
+    let name = &request.sensors[number].name;
+    let key = format!("sensor[{number}].name");
+    if let Some(problem) = no_name(name) {
+        return Err(wrong(key, problem, "give the name of the column that will be logged, such as t_room_c"));
+    }
+    if request.sensors[..number].iter().any(|other| other.name == *name) {
+        return Err(wrong(key, format!("two sensors have the name {name}"), "give each its own"));
+    }
+    if MOTION.contains(&name.as_str()) {
+        let problem = format!("{name} is a column that the plan fills from the motion");
+        return Err(wrong(key, problem, "remove this sensor, or give it another name"));
     }
     Ok(())
 }
@@ -385,8 +446,12 @@ fn check_goal(request: &Request) -> Result<(), PlanError> {
         return Err(wrong("goal.budget_h", format!("{} is no time", budget_s / 3600.0), "give hours above 0"));
     }
     let Some(wanted_m) = uncertainty_m else { return Ok(()) };
+    if !wanted_m.is_finite() {
+        let problem = format!("{} is no uncertainty", wanted_m * 1e6);
+        return Err(wrong("goal.uncertainty_um", problem, "give micrometres, or leave it out and give budget_h"));
+    }
     let floor_m = request.repeatability_m2().sqrt();
-    if wanted_m.is_nan() || wanted_m <= floor_m {
+    if wanted_m <= floor_m {
         return Err(wrong(
             "goal.uncertainty_um",
             format!(

@@ -8,7 +8,7 @@ mod common;
 
 use abbe_diagnose::{Options, diagnose};
 use abbe_geometry::effects::Shape;
-use abbe_plan::{Goal, PlanError, Request, Stage, Wish, plan};
+use abbe_plan::{Goal, PlanError, Request, Sensor, Stage, Wish, check, plan};
 use abbe_virtual_machine::effects::from_text;
 use abbe_virtual_machine::simulate_campaign;
 use common::{INSTRUMENT, bridge, drive, request, simulated};
@@ -26,7 +26,7 @@ fn names(entries: impl Iterator<Item = &'static str>) -> Vec<&'static str> {
 fn what_a_plan_calls_not_identifiable_a_diagnosis_of_its_campaign_cannot_find() {
     let request = request(bridge, SHORT);
     let plan = plan(&request, &mut |_| true).unwrap();
-    let foreseen = names(plan.promise.effects.not_identifiable.iter().map(|n| n.name));
+    let foreseen = names(plan.promise.effects.as_ref().unwrap().not_identifiable.iter().map(|n| n.name));
     assert!(foreseen.contains(&"reflector_incidence") && !foreseen.contains(&"reversal"), "{foreseen:?}");
     let mut config = simulated(bridge(900), drive(&request, &plan), 9);
     // A reflector whose reading falls off with the angle, ten times what would be seen if nothing else took it; and play.
@@ -42,7 +42,8 @@ fn what_a_plan_calls_not_identifiable_a_diagnosis_of_its_campaign_cannot_find() 
     // The simulated sensors vary as well, so that more can be asked; what depends on the path alone is the same.
     assert!(foreseen.iter().all(|name| said.contains(name)), "{foreseen:?} {said:?}");
     let reversal = found.found.iter().find(|f| f.name == "reversal").unwrap();
-    let told = plan.promise.effects.told.iter().find(|t| t.name == "reversal" && t.shape == reversal.shape);
+    let told =
+        plan.promise.effects.as_ref().unwrap().told.iter().find(|t| t.name == "reversal" && t.shape == reversal.shape);
     if let Some(told) = told {
         let (foreseen_u, stated_u) = (told.parameters[0].u, reversal.parameters[0].u);
         assert!((stated_u / foreseen_u - 1.0).abs() < 0.15, "{stated_u} {foreseen_u}");
@@ -61,7 +62,14 @@ fn a_wish_turns_lines_round_until_both_directions_are_driven() {
     };
     let (up, down) = (along(1.0), along(-1.0));
     assert!(up > 3 && down > 3, "{up} {down}");
-    let told = plan.promise.effects.told.iter().find(|t| t.name == "reversal" && t.shape.0 == request_axis(&t.shape));
+    let told = plan
+        .promise
+        .effects
+        .as_ref()
+        .unwrap()
+        .told
+        .iter()
+        .find(|t| t.name == "reversal" && t.shape.0 == request_axis(&t.shape));
     assert!(told.unwrap().parameters[0].u < 0.1e-6);
 }
 
@@ -136,4 +144,80 @@ fn the_same_request_gives_the_same_plan_and_a_stop_keeps_the_best_so_far() {
     let stopped = plan(&request, &mut |p| p.stage != Stage::Exchange).unwrap();
     assert!(stopped.stopped && stopped.promise.u_m >= a.promise.u_m && stopped.time_s <= 2.5 * 3600.0);
     assert!(matches!(plan(&request, &mut |_| false), Err(PlanError::Stopped)));
+}
+
+#[test]
+fn regress_a_plan_whose_effects_cannot_be_foreseen_stands_without_them() {
+    let mut request = request(bridge, Goal { uncertainty_m: None, budget_s: Some(1e300) });
+    request.lines.levels = 3;
+    let mut unsaid = 0;
+    for most in [10, 22, 40] {
+        let mut lines = 0;
+        let mut observe = |progress: abbe_plan::Progress| {
+            lines += usize::from(progress.stage == Stage::Lines);
+            lines < most
+        };
+        match plan(&request, &mut observe) {
+            Ok(plan) => {
+                assert!(plan.stopped && !plan.lines.is_empty());
+                println!("{most} lines: {:?}", plan.promise.effects.as_ref().err());
+                unsaid += usize::from(plan.promise.effects.is_err());
+            }
+            Err(PlanError::Stopped) => println!("{most} lines: no plan"),
+            Err(other) => panic!("{most} lines: {other}"),
+        }
+    }
+    assert!(unsaid > 0, "no plan was stopped where effects cannot be foreseen");
+}
+
+#[test]
+fn regress_an_easy_goal_gets_the_shortest_plan_that_tells_everything() {
+    let mut request = request(bridge, SHORT);
+    request.lines.levels = 3;
+    let mut last = 0;
+    for wanted_m in [2e-6, 1e-3] {
+        request.goal = Goal { uncertainty_m: Some(wanted_m), budget_s: None };
+        let mut steps = 0;
+        let mut count = |_: abbe_plan::Progress| {
+            steps += 1;
+            true
+        };
+        let found = plan(&request, &mut count).unwrap();
+        println!("{} um: {:.3} um, {:.2} h", wanted_m * 1e6, found.promise.u_m * 1e6, found.time_s / 3600.0);
+        assert!(found.promise.u_m <= wanted_m && found.time_s < 2.5 * 3600.0 && !found.stopped);
+        last = steps;
+    }
+    // Stopped while the shortest plan is sought.
+    let mut steps = 0;
+    let stopped = plan(&request, &mut |_| {
+        steps += 1;
+        steps < last
+    });
+    assert!(matches!(&stopped, Ok(plan) if plan.stopped), "the last step was not looked at: {:?}", stopped.err());
+    assert_eq!(steps, last);
+}
+
+#[test]
+fn regress_goals_names_feeds_and_offsets_that_cannot_be_are_refused_with_their_key() {
+    let said = |change: &dyn Fn(&mut Request)| {
+        let mut request = request(bridge, SHORT);
+        change(&mut request);
+        check(&request).unwrap_err().to_string()
+    };
+    let sensor = |name: &str, period_s: f64| Sensor { name: name.to_owned(), range: (19.0, 21.0), period_s };
+    for wanted_m in [f64::INFINITY, f64::NAN] {
+        assert!(said(&|r| r.goal.uncertainty_m = Some(wanted_m)).starts_with("goal.uncertainty_um: "));
+    }
+    for name in ["", " ", "t\nroom", "a,b", "dir_x"] {
+        assert!(said(&|r| r.sensors = vec![sensor(name, 3600.0)]).starts_with("sensor[0].name: "), "{name:?}");
+    }
+    let twice = said(&|r| r.sensors = vec![sensor("t_c", 3600.0), sensor("t_c", 7200.0)]);
+    assert!(twice.starts_with("sensor[1].name: two sensors"), "{twice}");
+    assert!(said(&|r| r.sensors = vec![sensor("t_c", 1e-300)]).starts_with("sensor[0].period_h: "));
+    for name in ["", "a,b", "a\"b", "a\nb"] {
+        assert!(said(&|r| r.stands[0].name = name.to_owned()).starts_with("stand[0].name: "), "{name:?}");
+    }
+    assert!(said(&|r| r.motion.feeds_m_s = vec![1e297]).starts_with("motion.feeds_mm_s: "));
+    assert!(said(&|r| r.tips_m = vec![[1e6, 0.0, 0.0]]).starts_with("tips_mm: an offset"));
+    assert!(said(&|r| r.holders[1].offset_m = [3.0, 0.0, 0.0]).starts_with("holder[1].offset_mm: an offset"));
 }

@@ -234,7 +234,12 @@ fn read_stations(path: &Path) -> Result<BTreeMap<String, [f64; 3]>, FileError> {
         for (value, name) in position_m.iter_mut().zip(&STATION[1..]) {
             *value = table.number(row, name)? / 1e3;
         }
-        stations.insert(table.text(row, "station")?, position_m);
+        let name = table.text(row, "station")?;
+        if stations.contains_key(&name) {
+            let problem = format!("station {name} stands twice");
+            return Err(FileError::content(table.place(row, "station"), problem, "remove or rename one of the two"));
+        }
+        stations.insert(name, position_m);
     }
     Ok(stations)
 }
@@ -313,5 +318,14 @@ mod tests {
         assert!(said(&even.replace("S1,A,3", "S2,A,3")).contains("S2 is not in stations.csv"));
         assert!(said(&even.replace("20,0,0", "x,0,0")).contains("\"x\" is no number"));
         assert!(said("").contains("holds no point"));
+    }
+
+    #[test]
+    fn regress_a_station_that_stands_twice_is_refused_with_its_line() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("stations.csv");
+        std::fs::write(&file, "station,x_mm,y_mm,z_mm\nS1,-200,-300,100\nS2,0,0,0\nS1,500,-300,100\n").unwrap();
+        let said = read_path(folder.path()).unwrap_err().to_string();
+        assert!(["stations.csv", "line 4", "S1 stands twice"].iter().all(|part| said.contains(part)), "{said}");
     }
 }

@@ -4,6 +4,7 @@
 //! micrometres, microradians, degrees and hours with the unit in the key; unknown keys are refused with their line. What makes
 //! no sense is refused by [`abbe_plan::check`] under the key of the file, which [`PlanRequestFile::place`] finds.
 
+use crate::campaign_csv::KNOWN;
 use crate::error::{FileError, Place};
 use crate::toml_place::{key_at, line_at, line_of};
 use abbe_geometry::effects::{Shape, ShapeValue};
@@ -218,6 +219,12 @@ pub fn parse_plan_request(text: &str, file: &str) -> Result<PlanRequestFile, Fil
         }
         tell.push(Wish { name: wish.effect, shape });
     }
+    for (k, sensor) in document.sensor.iter().enumerate() {
+        if KNOWN.iter().any(|known| known.name == sensor.name) {
+            let problem = format!("{} is a column that every campaign has by itself", sensor.name);
+            return Err(wrong(&["sensor", &k.to_string(), "name"], &problem, "give the sensor another name"));
+        }
+    }
     let lines = document.lines.unwrap_or(LinesText { points: [12, 19], levels: 3, diagonals: true });
     let [low, high] = document.tracer.elevation_deg;
     Ok(PlanRequestFile {
@@ -382,5 +389,14 @@ axis = \"x\"
         assert!(said(&TEXT.replace("budget_h = 4", "budget_h = \"4\"")).contains("line 2"));
         assert!(said(&TEXT.replace("acceptance_deg = 90\n", "")).contains("belong together"));
         assert!(said(&TEXT.replace("[3, 2, 1]", "[300, 200, 1]")).contains("60000"));
+    }
+
+    #[test]
+    fn regress_a_sensor_with_the_name_of_a_campaign_column_is_refused_with_its_line() {
+        for name in ["length_mm", "x_mm", "offset_z_mm", "time_s", "station"] {
+            let text = format!("{TEXT}[[sensor]]\nname = \"{name}\"\nrange = [19, 21]\nperiod_h = 1\n");
+            let said = parse_plan_request(&text, "r.toml").unwrap_err().to_string();
+            assert!(["line 29", "sensor.0.name", name].iter().all(|part| said.contains(part)), "{said}");
+        }
     }
 }

@@ -46,9 +46,17 @@ fn size_words(value: f64, unit: &str) -> String {
     }
 }
 
+/// Why nothing is said of effects.
+fn unsaid_words(problem: &str) -> String {
+    format!("what this plan tells of effects cannot be said: {problem}")
+}
+
 fn outcome(promise: &Promise, wish: &Wish) -> Outcome {
     let fits = |shape: &Shape| wish.shape.0.iter().all(|(key, value)| shape.0.get(key) == Some(value));
-    let effects = &promise.effects;
+    let effects = match &promise.effects {
+        Ok(effects) => effects,
+        Err(problem) => return Outcome::Not(unsaid_words(problem)),
+    };
     if let Some(told) = effects.told.iter().find(|told| told.name == wish.name && fits(&told.shape)) {
         let best = told.parameters.iter().min_by(|a, b| a.found_from.total_cmp(&b.found_from));
         let size = best.map_or_else(String::new, |p| {
@@ -111,7 +119,14 @@ pub(crate) fn words(sources: &Sources, plan: &Plan, out: &Path) -> String {
     }
     stations_table(plan, &mut text);
     errors_table(promise, &mut text);
-    let hidden: Vec<&str> = promise.effects.not_identifiable.iter().map(|n| n.name).collect();
+    let effects = match &promise.effects {
+        Ok(effects) => effects,
+        Err(problem) => {
+            let _ = writeln!(text, "  {}", unsaid_words(problem));
+            return text;
+        }
+    };
+    let hidden: Vec<&str> = effects.not_identifiable.iter().map(|n| n.name).collect();
     if !hidden.is_empty() {
         let _ = writeln!(
             text,
@@ -216,7 +231,10 @@ pub(crate) fn json(sources: &Sources, plan: &Plan) -> Value {
 }
 
 fn effects_json(promise: &Promise) -> Value {
-    let effects = &promise.effects;
+    let effects = match &promise.effects {
+        Ok(effects) => effects,
+        Err(problem) => return json!({ "problem": unsaid_words(problem) }),
+    };
     json!({
         "told": effects.told.iter().map(|told| json!({
             "name": told.name, "shape": shape_words(&told.shape), "alias_share": told.alias_share,

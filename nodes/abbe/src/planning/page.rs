@@ -2,7 +2,8 @@
 //!
 //! Place in the flow: beside the path; millimetres, micrometres, microradians, k = 1.
 
-use super::{Sources, shape_words, size_words, time_words};
+use super::{Sources, shape_words, size_words, time_words, unsaid_words};
+use abbe_diagnose::Foresight;
 use abbe_plan::{Plan, Promise};
 use abbe_report::{
     Axis, Callout, Cell, CellMap, CellPanel, Column, IsoLine, IsoPoint, Isometric, KeyFigure, KeyFigures, MetaItem,
@@ -174,8 +175,18 @@ fn errors(promise: &Promise) -> Section {
     table("Uncertainty of each error (k = 1)", None, columns, rows)
 }
 
-fn effects(promise: &Promise) -> [Section; 3] {
-    let effects = &promise.effects;
+fn effects(promise: &Promise) -> Vec<Section> {
+    match &promise.effects {
+        Ok(effects) => tables(effects).into(),
+        Err(problem) => vec![Section::Callout(Callout {
+            tone: Tone::Warning,
+            title: "Nothing is said of effects".to_owned(),
+            text: unsaid_words(problem),
+        })],
+    }
+}
+
+fn tables(effects: &Foresight) -> [Section; 3] {
     let told = effects.told.iter().flat_map(|told| {
         told.parameters.iter().map(|p| {
             vec![
