@@ -233,7 +233,7 @@ impl<'a> Planner<'a> {
             (false, true) if self.request.goal.uncertainty_m.is_none() => {
                 Ok(self.filled_up((search, plan), budget_s, observe))
             }
-            (false, true) if !self.is_reached(&plan) => self.from_these((set, budget_s), (search, plan), observe),
+            (false, true) if !self.is_reached(&plan) => self.shortest_from((set, budget_s), (search, plan), observe),
             (false, _) => Ok(plan),
             (true, false) => Err(PlanError::Stopped),
             (true, true) => {
@@ -244,7 +244,7 @@ impl<'a> Planner<'a> {
     }
 
     /// The shortest plan from these stations, filled up to the goal. Few stations may tell everything and not reach it.
-    fn from_these(
+    fn shortest_from(
         &self,
         (set, budget_s): (&[usize], f64),
         of_few: (Search<'a>, Plan),
