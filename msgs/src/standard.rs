@@ -4,7 +4,15 @@
 //! Place in the flow: made from samples right before they leave for DDS or a bag; never read back
 //! by a node. Fields in the order of `msg_standard/`, units SI, frames in `header.frame_id`.
 
+mod frames;
+mod markers;
+mod sensors;
+
 use serde::{Deserialize, Serialize};
+
+pub use frames::{Quaternion, TfMessage, Transform, TransformStamped, Vector3};
+pub use markers::{ColorRgba, CompressedImage, Duration, Marker, MarkerArray, MeshFile, Pose, UvCoordinate};
+pub use sensors::{Float64, FluidPressure, Range, RelativeHumidity, Temperature};
 
 use crate::{CorrectedCoordinates, MessageError, RosType, ScaleReading, Stamp};
 
@@ -56,6 +64,28 @@ impl Header {
 
 impl RosType for Header {
     const ROS_TYPE: &'static str = "std_msgs/msg/Header";
+}
+
+/// The time that nodes with `use_sim_time` go by.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Clock {
+    /// The time.
+    pub clock: Time,
+}
+
+impl RosType for Clock {
+    const ROS_TYPE: &'static str = "rosgraph_msgs/msg/Clock";
+}
+
+/// A text.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Text {
+    /// The text.
+    pub data: String,
+}
+
+impl RosType for Text {
+    const ROS_TYPE: &'static str = "std_msgs/msg/String";
 }
 
 /// A position in metres.

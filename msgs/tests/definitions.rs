@@ -7,7 +7,10 @@
 mod common;
 
 use abbe_msgs::definition::{self, Count, Field};
-use abbe_msgs::standard::{DiagnosticStatus, Header, KeyValue, Point, Time};
+use abbe_msgs::standard::{
+    Clock, DiagnosticStatus, Float64, FluidPressure, Header, KeyValue, Marker, Point, Range, RelativeHumidity,
+    Temperature, Text, Time,
+};
 use abbe_msgs::{CorrectionStatus, Message, ResidualStatus, RosType, cdr};
 use serde_json::{Map, Value};
 
@@ -45,6 +48,7 @@ impl ByText<'_> {
             "int32" => i32::from_le_bytes(self.number()).into(),
             "uint32" => u32::from_le_bytes(self.number()).into(),
             "uint64" => u64::from_le_bytes(self.number()).into(),
+            "float32" => f32::from_le_bytes(self.number()).into(),
             "float64" => f64::from_le_bytes(self.number()).into(),
             "string" => self.text(),
             message => self.message(message),
@@ -97,10 +101,39 @@ fn standard_messages_are_what_their_msg_files_say() {
     assert_text_describes::<KeyValue>(&diagnostics.status[0].values[0]);
     assert_text_describes::<DiagnosticStatus>(&diagnostics.status[0]);
     assert_text_describes(&diagnostics);
+    assert_text_describes(&Clock { clock: common::scales().stamp.into() });
+    assert_text_describes(&Text { data: "<robot/>".to_owned() });
+}
+
+#[test]
+fn what_sensors_publish_is_what_their_msg_files_say() {
+    let header = Header::new(common::scales().stamp, "sensor");
+    assert_text_describes(&Float64 { data: 1.5 });
+    assert_text_describes(&Temperature { header: header.clone(), temperature: 20.5, variance: 0.25 });
+    assert_text_describes(&FluidPressure { header: header.clone(), fluid_pressure: 101_325.0, variance: 4.0 });
+    assert_text_describes(&RelativeHumidity { header: header.clone(), relative_humidity: 0.5, variance: 0.125 });
+    assert_text_describes(&Range {
+        header,
+        radiation_type: 1,
+        field_of_view: 0.5,
+        min_range: 0.25,
+        max_range: 20.0,
+        range: 1.75,
+        variance: 0.0625,
+    });
+}
+
+#[test]
+fn frames_and_markers_are_what_their_msg_files_say() {
+    assert_text_describes(&common::frames());
+    assert_text_describes(&common::frames().transforms[0]);
+    assert_text_describes(&common::markers().markers[0].pose);
+    assert_text_describes(&common::markers().markers[0]);
+    assert_text_describes(&common::markers());
 }
 
 /// Name and value of the constants of a `.msg` file.
-fn constants(ros_type: &str) -> Vec<(String, u8)> {
+fn constants(ros_type: &str) -> Vec<(String, i32)> {
     let text = definition::text(ros_type).unwrap();
     text.lines()
         .map(|line| line.split('#').next().unwrap())
@@ -115,10 +148,10 @@ fn constants(ros_type: &str) -> Vec<(String, u8)> {
 #[test]
 fn statuses_are_the_constants_of_the_msg_files() {
     let correction: Vec<_> =
-        CorrectionStatus::ALL.iter().map(|status| (format!("STATUS_{}", status.name()), *status as u8)).collect();
+        CorrectionStatus::ALL.iter().map(|status| (format!("STATUS_{}", status.name()), *status as i32)).collect();
     assert_eq!(constants("abbe_msgs/msg/CorrectedCoordinates"), correction);
     let residual: Vec<_> =
-        ResidualStatus::ALL.iter().map(|status| (format!("STATUS_{}", status.name()), *status as u8)).collect();
+        ResidualStatus::ALL.iter().map(|status| (format!("STATUS_{}", status.name()), *status as i32)).collect();
     assert_eq!(constants("abbe_msgs/msg/RangeResidual"), residual);
     let levels = [
         ("OK", DiagnosticStatus::OK),
@@ -126,8 +159,17 @@ fn statuses_are_the_constants_of_the_msg_files() {
         ("ERROR", DiagnosticStatus::ERROR),
         ("STALE", DiagnosticStatus::STALE),
     ]
-    .map(|(name, value)| (name.to_owned(), value));
+    .map(|(name, value)| (name.to_owned(), i32::from(value)));
     assert_eq!(constants("diagnostic_msgs/msg/DiagnosticStatus"), levels);
+    let shapes = [
+        ("ARROW", Marker::ARROW),
+        ("LINE_LIST", Marker::LINE_LIST),
+        ("TEXT_VIEW_FACING", Marker::TEXT_VIEW_FACING),
+        ("ADD", Marker::ADD),
+        ("DELETE", Marker::DELETE),
+    ]
+    .map(|(name, value)| (name.to_owned(), value));
+    assert_eq!(constants("visualization_msgs/msg/Marker"), shapes);
 }
 
 #[test]

@@ -67,7 +67,7 @@ fn readings_sensors_and_motion_come_together_and_a_lost_controller_is_told() {
             writeln!(stream, "{:.4},200,150", 100.0 + 0.1 * k as f64).unwrap();
             heard.all.extend(heard.listener.news(""));
             let taken = subscriber.take_within(PATIENCE).unwrap().expect("the stream ended");
-            assert_eq!((taken.sequence, taken.frame_id.as_str()), (k, "machine"));
+            assert_eq!((taken.sequence, taken.frame_id.as_str()), (k, "bridge_xyz"));
             thread::sleep(Duration::from_millis(1));
         }
         heard.until("scale: driver", DiagnosticStatus::OK, "connected with 127.0.0.1");

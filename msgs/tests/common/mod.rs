@@ -4,7 +4,10 @@
 #![allow(dead_code, unreachable_pub, missing_docs)] // each test uses its part
 #![allow(clippy::unwrap_used)] // the samples are constants
 
-use abbe_msgs::standard::{DiagnosticArray, DiagnosticStatus, Header, JointState, KeyValue, PointStamped};
+use abbe_msgs::standard::{
+    ColorRgba, DiagnosticArray, DiagnosticStatus, Header, JointState, KeyValue, Marker, MarkerArray, Point,
+    PointStamped, Pose, Quaternion, TfMessage, TransformStamped, Vector3,
+};
 use abbe_msgs::{
     CorrectedCoordinates, CorrectionStatus, Covariates, RangeResidual, ResidualStatus, ScaleReading, Sha256, Stamp,
     Text, TracerReading,
@@ -102,4 +105,29 @@ pub fn diagnostics() -> DiagnosticArray {
             DiagnosticStatus::default(),
         ],
     }
+}
+
+pub fn frames() -> TfMessage {
+    let mut turned = TransformStamped::at(stamp(), "bridge", "bridge/ram", [0.1, 0.2, 0.3]);
+    turned.transform.rotation = Quaternion { x: 0.5, y: -0.5, z: 0.25, w: 0.75 };
+    TfMessage { transforms: vec![turned, TransformStamped::at(stamp(), "bridge/ram", "bridge/tip", [0.4, 0.5, 0.6])] }
+}
+
+pub fn markers() -> MarkerArray {
+    let color = ColorRgba { r: 0.5, g: 0.25, b: 0.125, a: 1.0 };
+    let full = Marker {
+        ns: "error".to_owned(),
+        id: 3,
+        kind: Marker::ARROW,
+        action: Marker::DELETE,
+        pose: Pose { position: Point { x: 1.0, y: 2.0, z: 3.0 }, orientation: Quaternion::default() },
+        scale: Vector3 { x: 0.01, y: 0.02, z: 0.03 },
+        color,
+        frame_locked: true,
+        points: vec![Point { x: 4.0, y: 5.0, z: 6.0 }],
+        colors: vec![color],
+        text: "1 um".to_owned(),
+        ..Marker::new(Header::new(stamp(), "bridge"))
+    };
+    MarkerArray { markers: vec![full, Marker::new(Header::new(stamp(), "bridge"))] }
 }

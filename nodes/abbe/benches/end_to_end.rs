@@ -7,7 +7,7 @@
 #![allow(clippy::expect_used)] // a benchmark that cannot run should say so and end
 
 use abbe_files::write_atomically;
-use abbe_graph::launch::{Edge, Launch, NodeName};
+use abbe_graph::launch::{Edge, Launch, NodeName, Stamps};
 use abbe_graph::node::user_identity;
 use abbe_graph::supervisor::Supervisor;
 use abbe_graph::topics;
@@ -72,6 +72,8 @@ fn launch(kind: TransportKind) -> Launch {
         gateway_memory_mib: None,
         scale: None,
         tracer: None,
+        stamps: Stamps::Recorded,
+        publish_clock: false,
         visible_in_ros: false,
         covariates: Vec::new(),
         motion: None,

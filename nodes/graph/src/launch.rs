@@ -75,7 +75,7 @@ impl NodeName {
     pub fn companions(self) -> &'static [&'static str] {
         match self {
             NodeName::Scale => &[topics::JOINT_STATE],
-            NodeName::Residual => &[topics::CORRECTED_POINT],
+            NodeName::Residual => &[topics::CORRECTED_POINT, topics::FRAMES, topics::MARKERS],
             NodeName::Tracer | NodeName::Geometric | NodeName::Monitor | NodeName::Recorder => &[],
         }
     }
@@ -125,6 +125,17 @@ pub enum Pace {
     TimeFactor(f64),
     /// As they come: for live drivers, and for no other.
     AsTheyCome,
+}
+
+/// What a recording that is played is stamped with.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Stamps {
+    /// The instants of the recording, whenever it is played.
+    #[default]
+    Recorded,
+    /// The instants at which it is played.
+    Now,
 }
 
 /// A node that plays a driver.
@@ -236,6 +247,12 @@ pub struct Launch {
     /// Whether nodes without an edge over DDS are in the ROS graph as well, with their parameters, services and diagnostics.
     #[serde(default)]
     pub visible_in_ros: bool,
+    /// What recordings are stamped with while they are played.
+    #[serde(default)]
+    pub stamps: Stamps,
+    /// Whether the scale node gives the instants of its recording on `/clock`, for all that go by simulated time.
+    #[serde(default)]
+    pub publish_clock: bool,
     /// Memory that the gateway of each node with an edge over DDS may reserve (MiB);
     /// [`Launch::GATEWAY_MEMORY_MIB`] without it.
     pub gateway_memory_mib: Option<u64>,

@@ -12,10 +12,12 @@
 //! - [`Outbox`]: publishing on a thread of its own, behind a bounded queue.
 //! - [`Shutdown`]: signals, the death of the launcher, and of who reads the output.
 //! - [`Claim`]: a run and a topic have one holder at a time on a host.
+//! - [`agree`]: the word of the first process of a run is that of all.
 //! - [`RunId`]: the name of one run, which all its shared-memory files carry.
 //!
 //! Samples are SI with the frame in their header; this crate changes no number in them.
 
+mod agreed;
 mod claim;
 pub mod gateway;
 mod lock;
@@ -25,6 +27,7 @@ mod run_id;
 mod shutdown;
 pub mod transport;
 
+pub use agreed::agree;
 pub use claim::{Claim, ClaimError};
 pub use outbox::{Outbox, OutboxCounts};
 pub use run_id::{RunId, RunIdError};

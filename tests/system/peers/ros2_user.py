@@ -1,7 +1,8 @@
 """A user's programs on a real ROS 2: rclpy on Fast DDS, from the wheels `ros-jazzy-*` of PyPI.
 
 Usage: ros2_user.py streams NAMESPACE COUNT | parameters NODE NAME VALUE | trigger SERVICE
-       | clock SECONDS HARDWARE | types TOPIC | nodes NAMESPACE NAME...
+       | clock SECONDS HARDWARE | types TOPIC | nodes NAMESPACE NAME... | scene NAMESPACE | delays NAMESPACE COUNT
+       | heard_clock COUNT
 
 streams     subscribes `corrected_point` and `scale/joint_states` with default quality of service (reliable) and
             with that of sensors (best effort) until COUNT messages have come on each.
@@ -9,6 +10,9 @@ parameters  lists, gets and describes the parameters of a node, and tries to set
 trigger     calls a `std_srvs/srv/Trigger`.
 clock       publishes SECONDS on /clock, and waits for /diagnostics of HARDWARE with that stamp.
 types       what the graph says of a topic: its types, and the publishers with their quality of service.
+scene       takes the description of the machine, markers and joint states, as RViz asks for them.
+delays      takes COUNT messages of `corrected_point`: their stamps, and when each came.
+heard_clock takes COUNT times from /clock.
 nodes       waits until nodes of these names are in a namespace, and gives the parameters of each.
 
 The domain comes from the environment, as for every ROS 2 program. Prints one JSON object. Exits with 1 and a reason
@@ -24,10 +28,12 @@ from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PointStamped
 from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
-from rclpy.qos import qos_profile_sensor_data
+from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
+from std_msgs.msg import String
 from std_srvs.srv import Trigger
+from visualization_msgs.msg import MarkerArray
 
 PATIENCE_S = 60
 DEFAULT = 10  # what a user writes without a thought: reliable, volatile, keep last 10
@@ -129,12 +135,46 @@ def nodes(node, namespace, *names):
     return {"parameters": listed, "seen": sorted(seen())}
 
 
+def scene(node, namespace):
+    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    texts, arrays, joints = [], [], []
+    node.create_subscription(MarkerArray, f"/{namespace}/markers", arrays.append, DEFAULT)
+    node.create_subscription(JointState, f"/{namespace}/scale/joint_states", joints.append, DEFAULT)
+    spin_until(node, lambda: arrays and joints, "markers and joint states")
+    # Only now, long after it was published.
+    node.create_subscription(String, f"/{namespace}/robot_description", texts.append, latched)
+    spin_until(node, lambda: texts, "the description")
+    shape = lambda one: {
+        "ns": one.ns, "id": one.id, "type": one.type, "action": one.action, "frame": one.header.frame_id,
+        "stamp_s": stamp_s(one.header), "text": one.text, "points": [[p.x, p.y, p.z] for p in one.points],
+        "scale": [one.scale.x, one.scale.y, one.scale.z], "alpha": one.color.a,
+    }
+    return {"description": texts[0].data, "joints": list(joints[0].name),
+            "markers": [[shape(one) for one in array.markers] for array in arrays]}
+
+
+def delays(node, namespace, count):
+    came = []
+    hear = lambda message: came.append((stamp_s(message.header), time.time()))
+    node.create_subscription(PointStamped, f"/{namespace}/corrected_point", hear, DEFAULT)
+    spin_until(node, lambda: len(came) >= int(count), "samples")
+    return {"stamps_s": [stamp for stamp, _ in came], "came_s": [at for _, at in came]}
+
+
+def heard_clock(node, count):
+    heard = []
+    node.create_subscription(Clock, "/clock", lambda one: heard.append(one.clock.sec + one.clock.nanosec * 1e-9), DEFAULT)
+    spin_until(node, lambda: len(heard) >= int(count), "times")
+    return {"heard_s": heard, "types": dict(node.get_topic_names_and_types())["/clock"]}
+
+
 def main():
     task, *words = sys.argv[1:]
     rclpy.init()
     node = rclpy.create_node("a_users_program")
     print(json.dumps({"streams": streams, "parameters": parameters, "trigger": trigger, "clock": clock,
-                      "types": types, "nodes": nodes}[task](node, *words)))
+                      "types": types, "nodes": nodes, "scene": scene, "delays": delays,
+                      "heard_clock": heard_clock}[task](node, *words)))
 
 
 main()

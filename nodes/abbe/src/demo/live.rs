@@ -9,7 +9,7 @@ use super::recording::Bag;
 use super::{Steps, finish, step};
 use abbe_files::write_atomically;
 use abbe_graph::driver::DriverConfig;
-use abbe_graph::launch::{Edge, Launch, MonitorConfig, NodeName, Pace, RecordConfig, Source};
+use abbe_graph::launch::{Edge, Launch, MonitorConfig, NodeName, Pace, RecordConfig, Source, Stamps};
 use abbe_graph::node::{NodeSummary, STARTED, monotonic_s, user_identity};
 use abbe_graph::supervisor::Supervisor;
 use abbe_graph::topics;
@@ -299,6 +299,8 @@ fn launch(run: &Run) -> Launch {
         gateway_memory_mib: None,
         scale: Some(play(topics::SCALE_READING, run.closes.then_some(run.bag.first_point))),
         tracer: Some(play(topics::TRACER_READING, None)),
+        stamps: Stamps::Recorded,
+        publish_clock: false,
         visible_in_ros: false,
         covariates: Vec::new(),
         motion: None,

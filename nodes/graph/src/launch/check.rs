@@ -2,7 +2,7 @@
 //!
 //! Place in the flow: under [`Launch::parse`]. Each refusal names the file, the key and what to do.
 
-use super::{Edge, Launch, LaunchError, NodeName, Pace, RecordConfig, Source};
+use super::{Edge, Launch, LaunchError, NodeName, Pace, RecordConfig, Source, Stamps};
 use crate::driver::{DriverConfig, Role};
 use crate::step::KEPT_READINGS;
 use abbe_runtime::TransportKind;
@@ -60,6 +60,7 @@ impl Launch {
                 None => {}
             }
         }
+        self.check_stamps(path)?;
         self.check_covariates(path)?;
         if self.scale.as_ref().is_some_and(|source| source.repeat_from.is_some() && source.driver.is_live()) {
             return wrong("scale.repeat_from", "is for recordings; a live driver has no end to begin again at");
@@ -82,6 +83,52 @@ impl Launch {
             return wrong(key, &problem);
         }
         self.check_edges(path)
+    }
+
+    /// What recordings are stamped with leaves scale and tracer readings of one instant together.
+    fn check_stamps(&self, path: &Path) -> Result<(), LaunchError> {
+        let wrong = |key: &str, problem: &str| {
+            Err(LaunchError::Value { file: path.to_owned(), key: key.to_owned(), problem: problem.to_owned() })
+        };
+        let played: Vec<&Source> =
+            [&self.scale, &self.tracer].into_iter().flatten().filter(|source| !source.driver.is_live()).collect();
+        if self.publish_clock {
+            if !self.scale.as_ref().is_some_and(|source| !source.driver.is_live()) || self.stamps == Stamps::Now {
+                return wrong(
+                    "publish_clock",
+                    "gives the instants of a recording: scale needs one, with stamps = \"recorded\"",
+                );
+            }
+            if !self.is_in_ros_graph(NodeName::Scale) {
+                return wrong(
+                    "publish_clock",
+                    "needs scale in the ROS graph; add an edge from it over dds, or visible_in_ros",
+                );
+            }
+        }
+        if self.stamps == Stamps::Recorded {
+            return Ok(());
+        }
+        if played.is_empty() {
+            return wrong(
+                "stamps",
+                "is about recordings; a live driver stamps with the present anyway, so leave the key out",
+            );
+        }
+        let is_by_count = |source: &&&Source| matches!(source.pace, Pace::RateHz(_));
+        if played.iter().filter(is_by_count).any(|source| matches!(source.driver, DriverConfig::Bag { .. })) {
+            return wrong(
+                "stamps",
+                "\"now\" needs the recorded distances of a bag; play it with pace = { time_factor = 1.0 }",
+            );
+        }
+        if let [scale, tracer] = played[..]
+            && (scale.pace != tracer.pace || is_by_count(&&scale) && scale.driver != tracer.driver)
+        {
+            let problem = "\"now\" would tear pairs apart: give scale and tracer the same pace, and with rate_hz the same recording";
+            return wrong("stamps", problem);
+        }
+        Ok(())
     }
 
     /// Covariates are joined to readings that come now, by sensors that say something.

@@ -7,6 +7,7 @@
 
 use super::model::{ModelFeed, ResidualFeed};
 use super::remarks::{self, Input, Remarks};
+use super::scenery;
 use super::traffic::send;
 use super::{LOOK_UP, NodeContext, NodeError, NodeSummary, take};
 use crate::launch::NodeName;
@@ -149,6 +150,7 @@ pub(super) fn residual(context: &NodeContext) -> Result<NodeSummary, NodeError> 
     let (field, fields) = ResidualFeed::open(context)?;
     let step = ResidualStep::new(field).in_frame(&context.machine.machine.frame_id);
     let (watch, without) = (StreamWatch::default(), Without::default());
+    let _scenery = scenery::open(context)?;
     pump(context, NodeName::Geometric, Residual { step, watch, fields, without })
 }
 

@@ -12,20 +12,24 @@ mod parameters;
 pub(crate) mod recorder;
 pub(crate) mod recording;
 mod remarks;
+mod scenery;
+mod schedule;
 mod sensors;
 mod source;
 mod traffic;
 
-pub use source::{STARTED, monotonic_s};
+pub use schedule::monotonic_s;
+pub use source::STARTED;
 pub(crate) use traffic::take;
 
 use crate::driver::DriverError;
 use crate::feed::FeedError;
 use crate::launch::{Launch, LaunchError, NodeName};
+use crate::{scene, topics};
 use abbe_files::{FileError, MachineFile, read_machine};
 use abbe_msgs::bag::BagError;
 use abbe_msgs::{Message, MessageError};
-use abbe_runtime::gateway::{GatewayCommand, GatewayNode, GatewayOptions};
+use abbe_runtime::gateway::{Companion, Content, GatewayCommand, GatewayNode, GatewayOptions};
 use abbe_runtime::ros::{ArgsError, Clock, Domain, NodeIdentity, NodeOptions, RosArgs, RosError, resolve};
 use abbe_runtime::transport::shared_memory;
 use abbe_runtime::{
@@ -139,6 +143,9 @@ pub enum NodeError {
     /// A name the ROS graph refuses.
     #[error("{0}")]
     Name(String),
+    /// Recordings that are stamped with the present, and differ about it.
+    #[error("stamps: {0}")]
+    Present(String),
     /// A part of the launch file that this node needs.
     #[error("node {node}: the launch file lacks {part}")]
     Incomplete {
@@ -174,6 +181,9 @@ pub(crate) struct NodeContext {
     pub(crate) machine: MachineFile,
     pub(crate) edges: Edges,
     run: Option<RunId>,
+    /// The run, whether or not this node has an edge over its shared memory.
+    whole_run: Option<RunId>,
+    launcher_pid: Option<u32>,
     pub(crate) ros: Option<GatewayNode>,
     clock: Clock,
     pub(crate) shutdown: Shutdown,
@@ -274,14 +284,29 @@ impl NodeContext {
             None => Clock::of_system(),
         };
         config.remaps = remaps;
+        let whole_run = call.run.clone();
         let run = if launch.uses(call.name, TransportKind::SharedMemory) { call.run } else { None };
         config.run.clone_from(&run);
         config.gateway = ros.clone();
         config.remembers = true;
         let edges = Edges::open(config)?;
         let unready = Cell::new(call.launcher_pid.is_some());
-        let (name, life) = (call.name, call.life);
-        Ok(NodeContext { name, launch, base, machine, edges, run, ros, clock, shutdown, life, unready })
+        let NodeCall { name, life, launcher_pid, .. } = call;
+        Ok(NodeContext {
+            name,
+            launch,
+            base,
+            machine,
+            edges,
+            run,
+            whole_run,
+            launcher_pid,
+            ros,
+            clock,
+            shutdown,
+            life,
+            unready,
+        })
     }
 
     /// The summary of a node that has done nothing yet.
@@ -310,7 +335,7 @@ impl NodeContext {
         let topic = self.name.topic().ok_or(NodeError::Incomplete { node: self.name.name(), part: "a topic" })?;
         let kinds = self.launch.publishes_over(self.name);
         let claims = kinds.iter().map(|kind| self.claim(topic, *kind)).collect::<Result<_, _>>()?;
-        let publisher = self.edges.publisher_with::<M>(topic, &kinds, self.name.companions())?;
+        let publisher = self.edges.publisher_with::<M>(topic, &kinds, &self.companions())?;
         let publisher = Claimed { publisher, _claims: claims };
         // One that starts again finds the others at work; who of them is gone for good is not waited for.
         let wanted = if self.life == 0 { self.launch.awaited(self.name) } else { 0 };
@@ -325,6 +350,22 @@ impl NodeContext {
         }
         self.is_ready();
         Ok(Box::new(publisher))
+    }
+
+    /// What the gateway makes of each sample of this node's topic.
+    fn companions(&self) -> Vec<Companion> {
+        let machine = &self.machine.machine;
+        let content = |topic: &str| match topic {
+            topics::JOINT_STATE => Some(Content::JointState(scene::joint_names())),
+            topics::CORRECTED_POINT => Some(Content::Point),
+            topics::FRAMES => Some(Content::Frames(scene::frames(machine))),
+            topics::MARKERS => Some(Content::Markers(scene::volume(machine))),
+            _ => None,
+        };
+        let companion = |topic: &&str| Some(Companion { topic: (*topic).to_owned(), content: content(topic)? });
+        let clock = (self.name == NodeName::Scale && self.launch.publish_clock)
+            .then(|| Companion { topic: topics::CLOCK.to_owned(), content: Content::Clock });
+        self.name.companions().iter().filter_map(companion).chain(clock).collect()
     }
 
     /// Holds the right to publish a topic where others on this host could publish it as well.

@@ -1,20 +1,21 @@
 //! The scale and the tracer node: what a driver gives, at its pace.
 //!
 //! Place in the flow: the start of the graph. A recording is played at a fixed rate or with its own timing; stamps
-//! stay those of the recording. What a live driver gives goes on as it comes; to a scale reading are added the covariates
+//! are those of the recording, or with `stamps = "now"` the present instants that belong to them. What a live driver gives goes on as it comes; to a scale reading are added the covariates
 //! that other boxes say, and what the stream itself tells of the motion.
 
 use super::remarks;
+use super::schedule::Schedule;
 use super::sensors::Sensors;
 use super::traffic::{Trouble, send};
 use super::{NodeContext, NodeError, NodeSummary, links};
-use crate::driver::{self, DriverError};
-use crate::launch::{Pace, Source};
+use crate::driver::{self, DriverConfig, DriverError};
+use crate::launch::Source;
 use crate::link::Link;
+use crate::present;
 use crate::step::DerivedMotion;
 use abbe_msgs::{Message, ScaleReading, Stamp, TracerReading};
-use abbe_runtime::Shutdown;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 pub(super) fn scale(context: &NodeContext) -> Result<NodeSummary, NodeError> {
     let source = source(context, context.launch.scale.as_ref())?;
@@ -29,10 +30,19 @@ pub(super) fn scale(context: &NodeContext) -> Result<NodeSummary, NodeError> {
     links::report(context, found)?;
     let mut motion = context.launch.motion.map(|motion| DerivedMotion::new(motion.settings()));
     let next = || driver.next_reading();
-    play::<ScaleReading>(context, source.pace, next, |reading, summary| {
+    // What a bag says of the time is of another clock than that of the campaign a model was made from.
+    let tells_time = !matches!(source.driver, DriverConfig::Bag { .. });
+    play::<ScaleReading>(context, source, next, |reading, now, summary| {
         sensors.join(reading, summary);
         for refused in motion.iter_mut().flat_map(|motion| motion.fill(reading)) {
             summary.troubles.note(Trouble::Covariate, format!("what the motion tells was left out: {refused}"));
+        }
+        if let Some(now) = now {
+            let refused = tells_time.then(|| present::keep_recorded(reading)).and_then(Result::err);
+            if let Some(refused) = refused {
+                summary.troubles.note(Trouble::Covariate, format!("the recorded instant was left out: {refused}"));
+            }
+            reading.stamp = now;
         }
     })
 }
@@ -41,7 +51,14 @@ pub(super) fn tracer(context: &NodeContext) -> Result<NodeSummary, NodeError> {
     let source = source(context, context.launch.tracer.as_ref())?;
     let mut driver = driver::open_tracer(&source.driver, &context.base, &context.machine, &context.shutdown)?;
     links::report(context, of_driver(driver.link()).into_iter().collect())?;
-    play::<TracerReading>(context, source.pace, || driver.next_reading(), |_, _| {})
+    play::<TracerReading>(
+        context,
+        source,
+        || driver.next_reading(),
+        |reading, now, _| {
+            reading.stamp = now.unwrap_or(reading.stamp);
+        },
+    )
 }
 
 fn of_driver(link: Option<Link>) -> Option<(String, Link)> {
@@ -54,9 +71,9 @@ fn source<'a>(context: &NodeContext, source: Option<&'a Source>) -> Result<&'a S
 
 fn play<M: Message>(
     context: &NodeContext,
-    pace: Pace,
+    source: &Source,
     mut next: impl FnMut() -> Result<Option<M>, DriverError>,
-    mut complete: impl FnMut(&mut M, &mut NodeSummary),
+    mut complete: impl FnMut(&mut M, Option<Stamp>, &mut NodeSummary),
 ) -> Result<NodeSummary, NodeError> {
     let mut summary = context.summary();
     let mut publisher = context.publisher::<M>()?;
@@ -68,16 +85,23 @@ fn play<M: Message>(
             summary.recording_ended = !context.shutdown.requested();
             break;
         };
-        let schedule = schedule.get_or_insert_with(|| Schedule::new(pace, sample.stamp()));
-        if schedule.wait_for(given, sample.stamp(), &context.shutdown) {
+        let schedule = match &mut schedule {
+            Some(schedule) => schedule,
+            None => {
+                let Some(first) = Schedule::begin(context, source, sample.stamp(), sample.sequence())? else { break };
+                schedule.insert(first)
+            }
+        };
+        let now = schedule.present_stamp(sample.stamp(), sample.sequence())?;
+        if schedule.wait_for(given, sample.stamp(), now, &context.shutdown) {
             break;
         }
-        complete(&mut sample, &mut summary);
+        complete(&mut sample, now, &mut summary);
         send(publisher.as_mut(), &sample, &mut summary);
         given += 1;
     }
     if let Some(schedule) = &schedule {
-        summary.figures.insert(STARTED.to_owned(), schedule.started_s);
+        summary.figures.insert(STARTED.to_owned(), schedule.started_s());
     }
     remarks::figures(&mut summary, &[]);
     summary.dropped = publisher.dropped();
@@ -107,35 +131,3 @@ const LINGER: Duration = Duration::from_millis(200);
 
 /// Figure of a source's summary: when its first sample was due, in seconds of the host's monotonic clock.
 pub const STARTED: &str = "started_monotonic_s";
-
-/// Seconds of the host's monotonic clock, the same for all processes; for figures, never for data.
-pub fn monotonic_s() -> f64 {
-    let now = rustix::time::clock_gettime(rustix::time::ClockId::Monotonic);
-    now.tv_sec as f64 + now.tv_nsec as f64 * 1e-9
-}
-
-/// When each sample is due.
-struct Schedule {
-    pace: Pace,
-    start: Instant,
-    started_s: f64,
-    first: Stamp,
-}
-
-impl Schedule {
-    fn new(pace: Pace, first: Stamp) -> Schedule {
-        Schedule { pace, start: Instant::now(), started_s: monotonic_s(), first }
-    }
-
-    /// Sleeps until sample `number` is due; true when told to stop.
-    fn wait_for(&self, number: u64, stamp: Stamp, shutdown: &Shutdown) -> bool {
-        let due_s = match self.pace {
-            Pace::RateHz(rate) => number as f64 / rate,
-            Pace::AsTheyCome => 0.0,
-            Pace::TimeFactor(factor) => (stamp.to_nanos() - self.first.to_nanos()) as f64 * 1e-9 / factor,
-        };
-        let due = self.start + Duration::try_from_secs_f64(due_s.max(0.0)).unwrap_or(Duration::MAX);
-        let remaining = due.saturating_duration_since(Instant::now());
-        if remaining.is_zero() { shutdown.requested() } else { shutdown.sleep(remaining) }
-    }
-}

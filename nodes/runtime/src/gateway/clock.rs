@@ -8,10 +8,11 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
+use abbe_msgs::standard::Clock as ClockMessage;
 use ros2_client::Subscription;
 
 use super::protocol::{Channel, FromGateway};
-use crate::ros::{CLOCK_TOPIC, ClockMessage, RosError, RosNode, stream_qos};
+use crate::ros::{CLOCK_TOPIC, RosError, RosNode, nanos_of, stream_qos};
 
 /// How often it is looked whether time has gone on.
 const LOOK_EVERY: Duration = Duration::from_millis(2);
@@ -50,7 +51,7 @@ fn newest(clock: &Subscription<ClockMessage>, refused: &mut u64) -> Option<i64> 
     let mut newest = None;
     loop {
         match clock.take() {
-            Ok(Some((message, _))) => newest = Some(message.to_nanos()),
+            Ok(Some((message, _))) => newest = Some(nanos_of(message)),
             Ok(None) => return newest,
             Err(error) => {
                 *refused += 1;

@@ -9,6 +9,7 @@ use std::time::Duration;
 
 use abbe_msgs::Message;
 
+use super::companion::Companion;
 use super::node::{GatewayNode, Held};
 use super::protocol::Endpoint;
 use super::shared::{NodeEnd, Publication, SubscriptionState};
@@ -25,13 +26,14 @@ pub struct GatewayPublisher<M: Message> {
 }
 
 impl<M: Message> GatewayPublisher<M> {
-    /// A publisher on `topic`, an absolute name; without one only what is made of the samples goes out, on the topics
+    /// A publisher on `topic`, an absolute name; without one only what is made of the samples goes out, the
     /// `companions`.
     ///
     /// # Errors
     /// When a name is wrong, or the gateway cannot open it.
-    pub fn open(node: &GatewayNode, topic: Option<&str>, companions: &[String]) -> Result<Self, TransportError> {
-        let name = node.link_name(topic.or(companions.first().map(String::as_str)).unwrap_or_default());
+    pub fn open(node: &GatewayNode, topic: Option<&str>, companions: &[Companion]) -> Result<Self, TransportError> {
+        let name =
+            node.link_name(topic.or(companions.first().map(|companion| companion.topic.as_str())).unwrap_or_default());
         let link = node.memory().publisher(&name)?;
         let publication = Arc::new(Publication::default());
         let endpoint = Endpoint::Publication {

@@ -12,6 +12,7 @@
 //! | `shared` | node | keeps what the node has open for the next gateway |
 //! | `account` | node | counts what did not go out, over all gateways |
 //! | [`serve()`] | gateway | joins the graph, moves samples, ends when DDS or the node does |
+//! | `companion` | gateway | makes standard messages of samples and of the machine |
 //! | `clock` | gateway | hears `/clock`, where its node goes by it |
 //! | `health` | gateway | heartbeat through DDS itself; watches the library's threads |
 //!
@@ -20,6 +21,7 @@
 
 mod account;
 mod clock;
+mod companion;
 mod endpoints;
 mod health;
 mod introduction;
@@ -35,10 +37,11 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use crate::transport::TransportKind;
 
+pub use companion::{Companion, Content, Frames, Standing, Volume};
 pub use endpoints::{GatewayPublisher, GatewaySubscriber};
 pub(crate) use introduction::Introduced;
 pub use keeper::GatewayCommand;
-pub use node::{GatewayNode, GatewayOptions, GatewayService};
+pub use node::{GatewayNode, GatewayOptions, GatewayService, GatewayStanding};
 pub use serve::{GatewayError, serve};
 pub use shared::GatewayFigures;
 

@@ -9,6 +9,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::channel;
 use std::thread::{self, JoinHandle};
 
+use super::companion::Standing;
 use super::keeper::{GatewayCommand, Keeper};
 use super::protocol::{Endpoint, Join};
 use super::shared::{GatewayFigures, NodeEnd, Shared};
@@ -141,6 +142,15 @@ impl GatewayNode {
         Ok(GatewayService { _held: held })
     }
 
+    /// A message on `topic` that whoever joins later gets as well, as long as what is returned is held.
+    ///
+    /// # Errors
+    /// When the name is wrong or the gateway cannot publish it.
+    pub fn standing(&self, topic: &str, content: Standing) -> Result<GatewayStanding, TransportError> {
+        let topic = self.resolve(topic).map_err(RosError::from)?;
+        Ok(GatewayStanding { _held: self.open(Endpoint::Standing(topic, content), NodeEnd::Standing)? })
+    }
+
     /// The time that the node goes by: the system's, or with `use_sim_time` that of `/clock`.
     #[must_use]
     pub fn clock(&self) -> Clock {
@@ -212,6 +222,11 @@ impl Drop for Held {
     fn drop(&mut self) {
         self.node.0.shared.remove(self.id);
     }
+}
+
+/// A message that stands. Dropping it ends that.
+pub struct GatewayStanding {
+    _held: Held,
 }
 
 /// A running service. Dropping it ends it.

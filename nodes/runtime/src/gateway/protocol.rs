@@ -16,6 +16,7 @@ use rustix::net::{
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
+use super::companion::{Companion, Standing};
 use crate::ros::{
     DiscoveryRange, Domain, NodeIdentity, NodeOptions, ParameterSpec, ParameterTable, ParameterValue, Range, RemapRule,
     RosError, TriggerOutcome, USE_SIM_TIME,
@@ -108,8 +109,8 @@ pub(super) enum Endpoint {
         ros_type: String,
         /// Absolute name of their topic; none where only what is made of them goes out.
         topic: Option<String>,
-        /// Absolute names of the topics of what is made of them.
-        companions: Vec<String>,
+        /// What is made of them, with absolute names of the topics.
+        companions: Vec<Companion>,
     },
     /// Samples of others, handed to the node.
     Subscription {
@@ -122,6 +123,8 @@ pub(super) enum Endpoint {
     },
     /// A `std_srvs/srv/Trigger` of this name, as the node calls it.
     Service(String),
+    /// A message on this topic, an absolute name, that whoever joins later gets as well.
+    Standing(String, Standing),
 }
 
 /// How things stand.

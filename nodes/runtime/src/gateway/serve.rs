@@ -14,6 +14,7 @@ use rustix::process::{Resource, Rlimit, Signal, setrlimit};
 use thiserror::Error;
 
 use super::clock::ClockReader;
+use super::companion::stand;
 use super::health::{Dead, Heartbeat};
 use super::protocol::{Beat, Channel, Endpoint, FromGateway, Join, Progress, Received, ToGateway};
 use super::streams::{Stream, World};
@@ -89,6 +90,7 @@ struct Calls {
 enum Open {
     Stream(Stream),
     Service(#[allow(dead_code)] TriggerService), // Held until it is closed.
+    Standing(#[allow(dead_code)] Box<dyn Send>), // As well.
 }
 
 struct Gateway {
@@ -213,10 +215,15 @@ impl Gateway {
         if let Some(stream) = Stream::open(&world, endpoint)? {
             return Ok(Open::Stream(stream));
         }
-        let Endpoint::Service(name) = endpoint else { return Err(GatewayError::NoNode) };
         let (channel, calls) = (Arc::clone(&self.channel), Arc::clone(&self.calls));
-        let service = self.node.trigger_service(name, move || ask(&channel, &calls, id))?;
-        Ok(Open::Service(service))
+        match endpoint {
+            Endpoint::Service(name) => {
+                let service = self.node.trigger_service(name, move || ask(&channel, &calls, id))?;
+                Ok(Open::Service(service))
+            }
+            Endpoint::Standing(topic, content) => Ok(Open::Standing(stand(&self.node, topic, content)?)),
+            Endpoint::Publication { .. } | Endpoint::Subscription { .. } => Err(GatewayError::NoNode),
+        }
     }
 
     fn beat(&self) -> Beat {
@@ -258,7 +265,7 @@ impl Open {
     fn stream(&self) -> Option<&Stream> {
         match self {
             Open::Stream(stream) => Some(stream),
-            Open::Service(_) => None,
+            Open::Service(_) | Open::Standing(_) => None,
         }
     }
 }

@@ -70,6 +70,7 @@ pub(super) enum NodeEnd {
     Publication(Arc<Publication>),
     Subscription(Arc<Mutex<SubscriptionState>>),
     Service(Sender<u64>),
+    Standing,
 }
 
 /// The node's end of a publication.
@@ -112,7 +113,7 @@ impl Known {
     fn given_up(&self) -> u64 {
         match &self.end {
             NodeEnd::Publication(publication) => publication.given_up(),
-            NodeEnd::Subscription(_) | NodeEnd::Service(_) => 0,
+            NodeEnd::Subscription(_) | NodeEnd::Service(_) | NodeEnd::Standing => 0,
         }
     }
 }
@@ -175,7 +176,7 @@ impl Shared {
             match &known.end {
                 NodeEnd::Publication(publication) => lock(&publication.account).gone(),
                 NodeEnd::Subscription(subscription) => lock(subscription).of_this_life = 0,
-                NodeEnd::Service(_) => {}
+                NodeEnd::Service(_) | NodeEnd::Standing => {}
             }
         }
         drop(state);

@@ -9,9 +9,9 @@ use std::sync::{Arc, Mutex};
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
-use abbe_msgs::standard::{JointState, PointStamped};
 use abbe_msgs::{CorrectedCoordinates, Message, RangeResidual, RosType, ScaleReading, TracerReading};
 
+use super::companion::{Beside, Companion, Companionable};
 use super::protocol::{Endpoint, Progress, PublicationBeat, SubscriptionBeat};
 use crate::lock::lock;
 use crate::ros::{RosError, RosNode, TopicEnd, Writer, offered_qos, overridden};
@@ -41,9 +41,6 @@ struct Shared {
     refused: Mutex<SubscriptionBeat>,
 }
 
-/// Makes the standard message beside a sample and publishes it.
-type Beside<M> = Box<dyn FnMut(&M) -> Result<(), String> + Send>;
-
 /// What a stream works with.
 pub(super) struct World<'a> {
     pub(super) node: &'a RosNode,
@@ -51,16 +48,16 @@ pub(super) struct World<'a> {
 }
 
 impl Stream {
-    /// Opens the stream of an endpoint; none for a service.
+    /// Opens the stream of an endpoint; none for a service or a standing message.
     pub(super) fn open(world: &World, endpoint: &Endpoint) -> Result<Option<Stream>, TransportError> {
         match endpoint {
             Endpoint::Publication { link, ros_type, topic, companions } => {
                 let out = Out { link, topic: topic.as_deref(), companions };
                 match ros_type.as_str() {
-                    ScaleReading::ROS_TYPE => publication::<ScaleReading>(world, out, joint_states).map(Some),
-                    CorrectedCoordinates::ROS_TYPE => publication::<CorrectedCoordinates>(world, out, points).map(Some),
-                    TracerReading::ROS_TYPE => publication::<TracerReading>(world, out, nothing).map(Some),
-                    RangeResidual::ROS_TYPE => publication::<RangeResidual>(world, out, nothing).map(Some),
+                    ScaleReading::ROS_TYPE => publication::<ScaleReading>(world, out).map(Some),
+                    CorrectedCoordinates::ROS_TYPE => publication::<CorrectedCoordinates>(world, out).map(Some),
+                    TracerReading::ROS_TYPE => publication::<TracerReading>(world, out).map(Some),
+                    RangeResidual::ROS_TYPE => publication::<RangeResidual>(world, out).map(Some),
                     other => Err(unknown(link, other)),
                 }
             }
@@ -71,7 +68,7 @@ impl Stream {
                 RangeResidual::ROS_TYPE => subscription::<RangeResidual>(world, link, topic).map(Some),
                 other => Err(unknown(topic, other)),
             },
-            Endpoint::Service(_) => Ok(None),
+            Endpoint::Service(_) | Endpoint::Standing(..) => Ok(None),
         }
     }
 
@@ -131,18 +128,14 @@ fn unknown(topic: &str, ros_type: &str) -> TransportError {
 struct Out<'a> {
     link: &'a str,
     topic: Option<&'a str>,
-    companions: &'a [String],
+    companions: &'a [Companion],
 }
 
-fn publication<M: Message>(
-    world: &World,
-    out: Out,
-    beside: fn(&RosNode, &str) -> Result<Beside<M>, RosError>,
-) -> Result<Stream, TransportError> {
+fn publication<M: Companionable>(world: &World, out: Out) -> Result<Stream, TransportError> {
     let mut link = world.memory.subscriber::<M>(out.link)?;
     let open = |topic| writer::<M::Ros>(world.node, topic, world.memory.depth());
     let publisher = out.topic.map(open).transpose()?.map(Arc::new);
-    let companions = out.companions.iter().map(|topic| beside(world.node, topic));
+    let companions = out.companions.iter().map(|companion| M::beside(world.node, companion));
     let mut companions = companions.collect::<Result<Vec<_>, _>>()?;
     let readers = publisher.clone().map(|publisher| {
         let node = world.node.clone();
@@ -199,24 +192,6 @@ fn note<M: Message>(shared: &Shared, link: &SharedMemorySubscriber<M>, failed: u
 /// A writer of a stream, with what the node's parameters say of its quality of service.
 fn writer<R: RosType>(node: &RosNode, topic: &str, depth: NonZeroUsize) -> Result<Writer<R>, RosError> {
     node.writer(topic, &overridden(node, topic, TopicEnd::Publisher, offered_qos(depth)))
-}
-
-fn joint_states(node: &RosNode, topic: &str) -> Result<Beside<ScaleReading>, RosError> {
-    let publisher = writer::<JointState>(node, topic, super::COMPANION_DEPTH)?;
-    Ok(Box::new(move |reading| publisher.publish(JointState::from_scales(reading, ["x", "y", "z"]))))
-}
-
-fn points(node: &RosNode, topic: &str) -> Result<Beside<CorrectedCoordinates>, RosError> {
-    let publisher = writer::<PointStamped>(node, topic, super::COMPANION_DEPTH)?;
-    Ok(Box::new(move |corrected| {
-        let point = PointStamped::from_corrected(corrected);
-        point.map_or(Ok(()), |point| publisher.publish(point))
-    }))
-}
-
-/// Samples that no standard message is made of.
-fn nothing<M>(_: &RosNode, _: &str) -> Result<Beside<M>, RosError> {
-    Ok(Box::new(|_| Ok(())))
 }
 
 fn subscription<M: Message>(world: &World, link: &str, topic: &str) -> Result<Stream, TransportError> {

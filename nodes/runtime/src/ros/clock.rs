@@ -8,30 +8,16 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicI64, Ordering};
 use std::time::{SystemTime, UNIX_EPOCH};
 
-use abbe_msgs::RosType;
-use serde::{Deserialize, Serialize};
+use abbe_msgs::standard::Clock as ClockMessage;
 
 /// The topic of simulated time.
 pub(crate) const CLOCK_TOPIC: &str = "/clock";
 /// Nothing has come on it.
 const SILENT: i64 = i64::MIN;
 
-/// `rosgraph_msgs/msg/Clock`.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-pub(crate) struct ClockMessage {
-    pub(crate) sec: i32,
-    pub(crate) nanosec: u32,
-}
-
-impl RosType for ClockMessage {
-    const ROS_TYPE: &'static str = "rosgraph_msgs/msg/Clock";
-}
-
-impl ClockMessage {
-    /// Since 1970 (ns).
-    pub(crate) fn to_nanos(self) -> i64 {
-        i64::from(self.sec) * 1_000_000_000 + i64::from(self.nanosec)
-    }
+/// What `/clock` says, since 1970 (ns).
+pub(crate) fn nanos_of(message: ClockMessage) -> i64 {
+    i64::from(message.clock.sec) * 1_000_000_000 + i64::from(message.clock.nanosec)
 }
 
 /// A clock. Clones show the same time.
@@ -92,13 +78,14 @@ impl Clock {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use abbe_msgs::standard::Time;
 
     #[test]
     fn simulated_time_is_what_the_topic_said_last_and_nothing_before() {
         let clock = Clock::simulated();
         let same = clock.clone();
         assert_eq!(clock.now_ns(), None);
-        same.set(ClockMessage { sec: 7, nanosec: 5 }.to_nanos());
+        same.set(nanos_of(ClockMessage { clock: Time { sec: 7, nanosec: 5 } }));
         assert_eq!(clock.now_ns(), Some(7_000_000_005));
         same.set(0);
         assert_eq!(clock.now_ns(), Some(0), "a replay that starts again takes time back");

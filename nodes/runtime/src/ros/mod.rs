@@ -26,13 +26,13 @@ use thiserror::Error;
 
 pub use args::{ArgsError, RemapRule, RosArgs};
 pub use clock::Clock;
-pub(crate) use clock::{CLOCK_TOPIC, ClockMessage};
+pub(crate) use clock::{CLOCK_TOPIC, nanos_of};
 pub use diagnostics::Diagnostics;
 pub use environment::{DiscoveryRange, Domain, EnvironmentError};
 pub use names::{NameError, NodeIdentity, resolve};
 pub use node::{NodeOptions, RosNode};
 pub use parameters::{ParameterError, ParameterSpec, ParameterTable, Range, USE_SIM_TIME};
-pub use qos::{diagnostics_qos, offered_qos, service_qos, stream_qos};
+pub use qos::{diagnostics_qos, latched_qos, offered_qos, service_qos, stream_qos};
 pub(crate) use qos_overrides::overridden;
 pub use qos_overrides::{TopicEnd, qos_parameters};
 pub use queued::QueuedPublisher;

@@ -7,6 +7,7 @@
 //! | the same, as our own nodes ask for them | best effort | volatile | keep last `depth` |
 //! | `/diagnostics` | reliable, never waits | volatile | keep last 10 |
 //! | services | reliable, never waits | volatile | keep last 10 |
+//! | messages that stand | reliable, never waits | transient local | keep last 1 |
 //!
 //! What is offered as reliable matches subscribers of either kind. A reliable reader that dies would hold up the
 //! library's writer until its lease ends (measured: 40 s at 1 kHz); [`super::writer`] sees to it that none does. History
@@ -35,6 +36,12 @@ pub fn stream_qos(depth: NonZeroUsize) -> QosProfile {
 #[must_use]
 pub fn diagnostics_qos() -> QosProfile {
     profile(NEVER_WAITS, EVENT_DEPTH)
+}
+
+/// A message that stands, such as the description of a robot: whoever joins later gets it as well.
+#[must_use]
+pub fn latched_qos() -> QosProfile {
+    QosProfile { durability: Durability::TransientLocal, ..profile(NEVER_WAITS, 1) }
 }
 
 /// Requests and replies of services.

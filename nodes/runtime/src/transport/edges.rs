@@ -11,7 +11,7 @@ use super::in_process::InProcess;
 use super::shared_memory::SharedMemory;
 use super::{DEFAULT_DEPTH, FanOut, Publish, Subscribe, TransportError, TransportKind};
 use crate::RunId;
-use crate::gateway::{GatewayNode, GatewayPublisher, GatewaySubscriber};
+use crate::gateway::{Companion, GatewayNode, GatewayPublisher, GatewaySubscriber};
 use crate::ros::{self, NodeIdentity, RemapRule, RosNode};
 
 /// Which transports a node takes part in.
@@ -92,8 +92,7 @@ impl Edges {
     }
 
     /// As [`Edges::publisher`]. Where the node has a gateway, that publishes the standard message which is made of each
-    /// sample, too, on the topics `companions`: `sensor_msgs/JointState` of a scale reading, `geometry_msgs/PointStamped`
-    /// of a valid corrected coordinate.
+    /// sample, too, with the names of `companions` as the node calls them.
     ///
     /// # Errors
     /// As [`Edges::publisher`].
@@ -101,10 +100,12 @@ impl Edges {
         &self,
         topic: &str,
         kinds: &[TransportKind],
-        companions: &[&str],
+        companions: &[Companion],
     ) -> Result<Box<dyn Publish<M>>, TransportError> {
         let topic = &self.resolve(topic)?;
-        let companions = companions.iter().map(|name| self.resolve(name)).collect::<Result<Vec<_>, _>>()?;
+        let absolute =
+            |one: &Companion| Ok(Companion { topic: self.resolve(&one.topic)?, content: one.content.clone() });
+        let companions = companions.iter().map(absolute).collect::<Result<Vec<_>, TransportError>>()?;
         let mut publishers: Vec<Box<dyn Publish<M>>> = Vec::new();
         for kind in kinds {
             publishers.push(match (&self.config.gateway, kind) {

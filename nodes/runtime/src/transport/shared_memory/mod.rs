@@ -234,6 +234,11 @@ fn prefix(run: &RunId) -> String {
     format!("abbe_{run}_")
 }
 
+/// A file in memory that belongs to the run, and goes with it. Topics have no dots, so that it is none of theirs.
+pub(crate) fn object_path(run: &RunId, name: &str) -> std::path::PathBuf {
+    std::path::PathBuf::from(SHARED_MEMORY_FOLDER).join(format!("{}{name}", prefix(run)))
+}
+
 /// The folder of the run's management files. Not from TMPDIR: nodes started from different shells
 /// must find each other, and sockets inside need a short path.
 fn root(run: &RunId) -> String {
