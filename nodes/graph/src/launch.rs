@@ -378,7 +378,18 @@ impl Launch {
 
     /// Whether this node is in the ROS graph.
     pub fn is_in_ros_graph(&self, node: NodeName) -> bool {
-        self.visible_in_ros || self.uses(node, TransportKind::Dds)
+        self.visible_in_ros || self.uses(node, TransportKind::Dds) || self.takes_from_ros(node)
+    }
+
+    /// Whether a driver of this node takes topics of other ROS 2 programs.
+    fn takes_from_ros(&self, node: NodeName) -> bool {
+        let (source, beside): (&Option<Source>, &[DriverConfig]) = match node {
+            NodeName::Scale => (&self.scale, &self.covariates),
+            NodeName::Tracer => (&self.tracer, &[]),
+            _ => (&None, &[]),
+        };
+        let mut drivers = source.iter().map(|source| &source.driver).chain(beside);
+        drivers.any(|driver| matches!(driver, DriverConfig::Ros(_)))
     }
 
     /// The monitor's settings.

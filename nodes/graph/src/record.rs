@@ -54,8 +54,8 @@ impl Tape {
     /// Adds everything a driver gives, scale and tracer readings in turn.
     pub fn play(&mut self, config: &DriverConfig, base: &Path, machine: &MachineFile) -> Result<(), NodeError> {
         let to_its_end = Shutdown::manual();
-        let mut scale = driver::open_scale(config, base, machine, &to_its_end)?;
-        let mut tracer = driver::open_tracer(config, base, machine, &to_its_end)?;
+        let mut scale = driver::open_scale(config, base, machine, &to_its_end, None)?;
+        let mut tracer = driver::open_tracer(config, base, machine, &to_its_end, None)?;
         loop {
             let (reading, length) = (scale.next_reading()?, tracer.next_reading()?);
             reading.iter().try_for_each(|reading| self.scale(reading))?;

@@ -35,7 +35,7 @@ impl Recording {
 
     fn tracer(&self) -> Vec<TracerReading> {
         let mut driver =
-            open_tracer(&Recording::config(), self.0.path(), &bench().machine, &Shutdown::manual()).unwrap();
+            open_tracer(&Recording::config(), self.0.path(), &bench().machine, &Shutdown::manual(), None).unwrap();
         std::iter::from_fn(|| driver.next_reading().unwrap()).collect()
     }
 }
@@ -45,7 +45,7 @@ fn a_recording_that_is_repeated_comes_again_with_sequence_and_stamps_going_on() 
     let recording = Recording::of(&bench().campaign.part(&(0..50).collect::<Vec<_>>()));
     let machine = &bench().machine;
     let shutdown = Shutdown::manual();
-    let mut once = open_scale(&Recording::config(), recording.0.path(), machine, &shutdown).unwrap();
+    let mut once = open_scale(&Recording::config(), recording.0.path(), machine, &shutdown, None).unwrap();
     let first: Vec<ScaleReading> = std::iter::from_fn(|| once.next_reading().unwrap()).collect();
     let open = |from| open_scale_again(&Recording::config(), recording.0.path(), machine, &shutdown, from).unwrap();
     for from in [0, 30] {
@@ -116,7 +116,7 @@ fn the_mean_square_over_a_sound_machine_is_one() {
     let correcting = GeometricStep::new(Some((Arc::clone(&model), HASH)), 10.0);
     let settings = MonitorSettings { single_bound: 4.0, window: usize::MAX, match_within_s: 0.0005 };
     let mut monitor = MonitorStep::new(model, HASH, settings);
-    let mut scale = open_scale(&Recording::config(), recording.0.path(), machine, &Shutdown::manual()).unwrap();
+    let mut scale = open_scale(&Recording::config(), recording.0.path(), machine, &Shutdown::manual(), None).unwrap();
     for reading in recording.tracer() {
         let sample = correcting.correct(&scale.next_reading().unwrap().unwrap());
         assert!(monitor.corrected(&sample).is_empty());

@@ -37,7 +37,8 @@ fn patience() -> Shutdown {
 }
 
 fn open(address: &str, keys: &str) -> Box<dyn ScaleDriver> {
-    open_scale(&config(address, &format!("{TOOLS}\n{keys}")), Path::new(""), &bench().machine, &patience()).unwrap()
+    open_scale(&config(address, &format!("{TOOLS}\n{keys}")), Path::new(""), &bench().machine, &patience(), None)
+        .unwrap()
 }
 
 /// The next reading, and what was refused before it.
@@ -156,7 +157,7 @@ fn the_tool_is_the_one_in_the_machine_and_an_unknown_one_gives_no_readings() {
     let server = Tcp::start(Cmm { tells_offsets: true, ..Cmm::default() });
     let keys = "reads = \"polled\"\nserver_offsets = true";
     let config = config(&server.address, keys);
-    let mut driver = open_scale(&config, Path::new(""), &bench().machine, &patience()).unwrap();
+    let mut driver = open_scale(&config, Path::new(""), &bench().machine, &patience(), None).unwrap();
     assert_eq!(next(driver.as_mut()).0.offset_m, [0.0, 0.0, -0.12]);
 }
 
@@ -232,7 +233,7 @@ fn each_class_of_error_is_answered_as_the_specification_asks() {
 fn a_wait_for_a_server_ends_when_told_to_stop() {
     let shutdown = Shutdown::manual();
     let config = config("127.0.0.1:9", &format!("{TOOLS}\nreads = \"polled\""));
-    let mut driver = open_scale(&config, Path::new(""), &bench().machine, &shutdown).unwrap();
+    let mut driver = open_scale(&config, Path::new(""), &bench().machine, &shutdown, None).unwrap();
     let since = Instant::now();
     shutdown.request();
     assert!(driver.next_reading().unwrap().is_none());
@@ -244,7 +245,10 @@ fn a_wait_for_a_server_ends_when_told_to_stop() {
 fn keys_that_give_no_reading_are_refused_with_what_to_do() {
     let said = |keys: &str| {
         let config = config("127.0.0.1:9", keys);
-        open_scale(&config, Path::new(""), &bench().machine, &Shutdown::manual()).map(|_| ()).unwrap_err().to_string()
+        open_scale(&config, Path::new(""), &bench().machine, &Shutdown::manual(), None)
+            .map(|_| ())
+            .unwrap_err()
+            .to_string()
     };
     for (keys, words) in [
         ("reads = \"polled\"".to_owned(), "driver.tools_mm: name the offset of each tool"),
@@ -260,10 +264,12 @@ fn keys_that_give_no_reading_are_refused_with_what_to_do() {
         assert!(told.contains(words), "{keys}: {told}");
     }
     let nowhere = config("nowhere", &format!("reads = \"polled\"\n{TOOLS}"));
-    let told = open_scale(&nowhere, Path::new(""), &bench().machine, &Shutdown::manual()).map(|_| ()).unwrap_err();
+    let told =
+        open_scale(&nowhere, Path::new(""), &bench().machine, &Shutdown::manual(), None).map(|_| ()).unwrap_err();
     assert!(told.to_string().contains("driver.server: \"nowhere\" is no host:port"), "{told}");
     let tracer = config("127.0.0.1:9", &format!("reads = \"polled\"\n{TOOLS}"));
-    let told = open_tracer(&tracer, Path::new(""), &bench().machine, &Shutdown::manual()).map(|_| ()).unwrap_err();
+    let told =
+        open_tracer(&tracer, Path::new(""), &bench().machine, &Shutdown::manual(), None).map(|_| ()).unwrap_err();
     assert!(told.to_string().contains("ippdme reads scales"), "{told}");
     let unknown = toml::from_str::<IppdmeConfig>("server = \"a:1\"\nreads = \"polled\"\nspeed = 3\n").unwrap_err();
     assert!(unknown.to_string().contains("unknown field `speed`"), "{unknown}");

@@ -38,7 +38,7 @@ fn machine() -> &'static MachineFile {
 }
 
 fn scale(config: &LinesConfig) -> Box<dyn ScaleDriver> {
-    open_scale(&DriverConfig::Lines(config.clone()), Path::new(""), machine(), &patience()).unwrap()
+    open_scale(&DriverConfig::Lines(config.clone()), Path::new(""), machine(), &patience(), None).unwrap()
 }
 
 /// The next reading, and what was refused before it.
@@ -179,7 +179,7 @@ fn packets_clients_and_commands_are_read_alike() {
 fn a_tracers_lines_say_station_and_uncertainty_or_the_launch_file_does() {
     let text = "from = { command = [\"printf\", \"1.5,0.4\\\\n\"] }\ncolumns = [\"length_mm\", \"u_length_um\"]\nstation = \"S1\"\n";
     let driver = DriverConfig::Lines(config(text));
-    let mut tracer = open_tracer(&driver, Path::new(""), machine(), &patience()).unwrap();
+    let mut tracer = open_tracer(&driver, Path::new(""), machine(), &patience(), None).unwrap();
     let reading = tracer.next_reading().unwrap().unwrap();
     assert_eq!((reading.length_m, reading.station.as_str(), reading.line.as_str()), (1.5e-3, "S1", ""));
     assert!((reading.u_length_m - 0.4e-6).abs() < 1e-18);
@@ -191,7 +191,7 @@ fn a_wait_for_lines_ends_when_told_to_stop() {
     let text = format!("from = {{ tcp = \"{address}\" }}\ncolumns = [\"x_mm\", \"y_mm\", \"z_mm\"]\n");
     let shutdown = Shutdown::manual();
     let driver = DriverConfig::Lines(config(&text));
-    let mut driver = open_scale(&driver, Path::new(""), machine(), &shutdown).unwrap();
+    let mut driver = open_scale(&driver, Path::new(""), machine(), &shutdown, None).unwrap();
     let since = Instant::now();
     shutdown.request();
     assert!(driver.next_reading().unwrap().is_none() && since.elapsed() < Duration::from_secs(20));
@@ -203,8 +203,8 @@ fn columns_that_make_no_reading_are_refused_with_what_to_do() {
         let driver = DriverConfig::Lines(config(&format!("from = {{ tcp = \"127.0.0.1:9\" }}\n{text}")));
         let shutdown = Shutdown::manual();
         let outcome = match of_scale {
-            true => open_scale(&driver, Path::new(""), machine(), &shutdown).map(|_| ()),
-            false => open_tracer(&driver, Path::new(""), machine(), &shutdown).map(|_| ()),
+            true => open_scale(&driver, Path::new(""), machine(), &shutdown, None).map(|_| ()),
+            false => open_tracer(&driver, Path::new(""), machine(), &shutdown, None).map(|_| ()),
         };
         outcome.unwrap_err().to_string()
     };
@@ -229,10 +229,10 @@ fn columns_that_make_no_reading_are_refused_with_what_to_do() {
     let columns = "columns = [\"x_mm\", \"y_mm\", \"z_mm\"]";
     let without: LinesConfig = toml::from_str(&format!("from = {{ udp = \"127.0.0.1:0\" }}\n{columns}")).unwrap();
     let driver = DriverConfig::Lines(without);
-    let told = open_scale(&driver, Path::new(""), machine(), &Shutdown::manual()).map(|_| ()).unwrap_err();
+    let told = open_scale(&driver, Path::new(""), machine(), &Shutdown::manual(), None).map(|_| ()).unwrap_err();
     assert!(told.to_string().contains("declares no default_offset_mm; add the key offset_mm"), "{told}");
     let nowhere = DriverConfig::Lines(config("from = { tcp = \"nowhere\" }"));
-    let told = open_scale(&nowhere, Path::new(""), machine(), &Shutdown::manual()).map(|_| ()).unwrap_err();
+    let told = open_scale(&nowhere, Path::new(""), machine(), &Shutdown::manual(), None).map(|_| ()).unwrap_err();
     assert!(told.to_string().contains("is no host:port"), "{told}");
 }
 
@@ -240,7 +240,7 @@ fn columns_that_make_no_reading_are_refused_with_what_to_do() {
 fn a_sensor_gives_covariates_in_the_units_that_effects_read_and_says_how_it_stands() {
     let (listener, address) = server();
     let text = format!("from = {{ tcp = \"{address}\" }}\ncolumns = [\"temp_air_k\", \"-\", \"pressure_mbar\"]\n");
-    let mut driver = open_sensor(&DriverConfig::Lines(config(&text)), machine(), &patience()).unwrap();
+    let mut driver = open_sensor(&DriverConfig::Lines(config(&text)), machine(), &patience(), None).unwrap();
     let link = driver.link().unwrap();
     assert_eq!(link.status().state, LinkState::Waiting);
     let mut stream = listener.accept().unwrap().0;

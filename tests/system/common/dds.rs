@@ -151,10 +151,16 @@ impl Listener {
     /// Waits until warnings of a component have said all of this.
     #[track_caller]
     pub(crate) fn hears_warnings(&self, component: &str, words: &[&str]) {
+        self.hears(component, DiagnosticStatus::WARN, words);
+    }
+
+    /// The same of reports of this level.
+    #[track_caller]
+    pub(crate) fn hears(&self, component: &str, level: u8, words: &[&str]) {
         let (deadline, mut warned) = (Instant::now() + PATIENCE, String::new());
         while !words.iter().all(|part| warned.contains(part)) {
-            assert!(Instant::now() < deadline, "no WARN of {words:?}: {warned}");
-            let warnings = self.news(component).into_iter().filter(|status| status.level == DiagnosticStatus::WARN);
+            assert!(Instant::now() < deadline, "no level {level} of {words:?}: {warned}");
+            let warnings = self.news(component).into_iter().filter(|status| status.level == level);
             warnings.for_each(|status| warned += &status.message);
             thread::sleep(Duration::from_millis(20));
         }

@@ -9,6 +9,7 @@ mod campaign_file;
 mod ippdme;
 mod lines;
 mod recorded;
+mod ros;
 mod virtual_machine;
 
 use crate::again::Again;
@@ -16,7 +17,8 @@ use crate::link::Link;
 use abbe_files::{FileError, MachineFile};
 use abbe_msgs::bag::BagError;
 use abbe_msgs::{CovariateError, MessageError, ScaleReading, Stamp, Text, TextError, TracerReading};
-use abbe_runtime::Shutdown;
+use abbe_runtime::gateway::GatewayNode;
+use abbe_runtime::{Shutdown, TransportError};
 use abbe_virtual_machine::SimulationError;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -25,6 +27,7 @@ use thiserror::Error;
 pub use bag::{CampaignFromBag, JoinSettings, campaign_from_bag};
 pub use ippdme::{IppdmeConfig, IppdmeReads};
 pub use lines::{LinesConfig, LinesFrom};
+pub use ros::{RosConfig, RosMessage, RosStamp};
 
 /// What a driver is used for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -107,6 +110,8 @@ pub enum DriverConfig {
     Lines(LinesConfig),
     /// A server of I++ DME.
     Ippdme(IppdmeConfig),
+    /// A topic of ROS 2 with a standard message.
+    Ros(RosConfig),
 }
 
 impl DriverConfig {
@@ -114,7 +119,7 @@ impl DriverConfig {
     pub fn is_live(&self) -> bool {
         match self {
             DriverConfig::Campaign { .. } | DriverConfig::Bag { .. } | DriverConfig::VirtualMachine { .. } => false,
-            DriverConfig::Lines(_) | DriverConfig::Ippdme(_) => true,
+            DriverConfig::Lines(_) | DriverConfig::Ippdme(_) | DriverConfig::Ros(_) => true,
         }
     }
 
@@ -127,6 +132,7 @@ impl DriverConfig {
             }
             DriverConfig::Lines(lines) => lines.problem(role),
             DriverConfig::Ippdme(config) => config.problem(role),
+            DriverConfig::Ros(config) => config.problem(role),
         }
     }
 }
@@ -172,6 +178,12 @@ pub enum DriverError {
     /// A recording that is played over and over has come to the last instant that a stamp can name.
     #[error("the recording has been played again until its stamps ended; start the node again")]
     StampsEnd,
+    /// What is to be taken from ROS 2 by a node that is not in its graph.
+    #[error("driver.kind: a topic of ROS 2 is taken by a node of `abbe launch` or `abbe node` alone")]
+    NoRos,
+    /// The gateway cannot open a topic.
+    #[error("driver.topic: {0}")]
+    Topic(#[from] TransportError),
     /// A recording as a source of covariates.
     #[error("a recording carries its covariates already and is no sensor; name a live driver, such as lines")]
     NoSensor,
@@ -259,12 +271,14 @@ impl DriverError {
     }
 }
 
-/// Opens the driver of the scale node; paths are relative to `base`, `shutdown` ends the wait of a live one.
+/// Opens the driver of the scale node; paths are relative to `base`, `shutdown` ends the wait of a live one, `ros` is the
+/// node's place in the ROS 2 graph.
 pub fn open_scale(
     config: &DriverConfig,
     base: &Path,
     machine: &MachineFile,
     shutdown: &Shutdown,
+    ros: Option<&GatewayNode>,
 ) -> Result<Box<dyn ScaleDriver>, DriverError> {
     Ok(match config {
         DriverConfig::Campaign { file } => Box::new(campaign_file::open(&base.join(file), machine)?),
@@ -272,14 +286,16 @@ pub fn open_scale(
         DriverConfig::VirtualMachine { seed, effects } => Box::new(virtual_machine::open(*seed, effects, machine)?),
         DriverConfig::Lines(lines) => Box::new(lines::open(lines, Role::Scale, machine, shutdown)?),
         DriverConfig::Ippdme(config) => Box::new(ippdme::open(config, machine, shutdown)?),
+        DriverConfig::Ros(config) => Box::new(ros::open_scale(config, machine, shutdown, ros)?),
     })
 }
 
-/// Opens a source of covariates; `shutdown` ends its wait.
+/// Opens a source of covariates; `shutdown` ends its wait, `ros` is as for [`open_scale`].
 pub fn open_sensor(
     config: &DriverConfig,
     machine: &MachineFile,
     shutdown: &Shutdown,
+    ros: Option<&GatewayNode>,
 ) -> Result<Box<dyn SensorDriver>, DriverError> {
     match config {
         DriverConfig::Campaign { .. } | DriverConfig::Bag { .. } | DriverConfig::VirtualMachine { .. } => {
@@ -287,6 +303,7 @@ pub fn open_sensor(
         }
         DriverConfig::Lines(lines) => Ok(Box::new(lines::open(lines, Role::Sensor, machine, shutdown)?)),
         DriverConfig::Ippdme(_) => Err(ippdme::only_scales()),
+        DriverConfig::Ros(config) => Ok(Box::new(ros::open_sensor(config, machine, shutdown, ros)?)),
     }
 }
 
@@ -298,15 +315,16 @@ pub fn open_scale_again(
     shutdown: &Shutdown,
     from: u64,
 ) -> Result<Box<dyn ScaleDriver>, DriverError> {
-    Ok(Box::new(Again::new(open_scale(config, base, machine, shutdown)?, from)))
+    Ok(Box::new(Again::new(open_scale(config, base, machine, shutdown, None)?, from)))
 }
 
-/// Opens the driver of the tracer node; paths are relative to `base`, `shutdown` ends the wait of a live one.
+/// Opens the driver of the tracer node; the rest is as for [`open_scale`].
 pub fn open_tracer(
     config: &DriverConfig,
     base: &Path,
     machine: &MachineFile,
     shutdown: &Shutdown,
+    ros: Option<&GatewayNode>,
 ) -> Result<Box<dyn TracerDriver>, DriverError> {
     Ok(match config {
         DriverConfig::Campaign { file } => Box::new(campaign_file::open(&base.join(file), machine)?),
@@ -314,6 +332,7 @@ pub fn open_tracer(
         DriverConfig::VirtualMachine { seed, effects } => Box::new(virtual_machine::open(*seed, effects, machine)?),
         DriverConfig::Lines(lines) => Box::new(lines::open(lines, Role::Tracer, machine, shutdown)?),
         DriverConfig::Ippdme(_) => return Err(ippdme::only_scales()),
+        DriverConfig::Ros(config) => Box::new(ros::open_tracer(config, machine, shutdown, ros)?),
     })
 }
 

@@ -23,7 +23,7 @@ pub(super) fn scale(context: &NodeContext) -> Result<NodeSummary, NodeError> {
     let shutdown = &context.shutdown;
     let mut driver = match source.repeat_from {
         Some(sequence) => driver::open_scale_again(config, base, machine, shutdown, sequence)?,
-        None => driver::open_scale(config, base, machine, shutdown)?,
+        None => driver::open_scale(config, base, machine, shutdown, context.ros.as_ref())?,
     };
     let (sensors, mut found) = Sensors::open(context)?;
     found.extend(of_driver(driver.link()));
@@ -49,7 +49,8 @@ pub(super) fn scale(context: &NodeContext) -> Result<NodeSummary, NodeError> {
 
 pub(super) fn tracer(context: &NodeContext) -> Result<NodeSummary, NodeError> {
     let source = source(context, context.launch.tracer.as_ref())?;
-    let mut driver = driver::open_tracer(&source.driver, &context.base, &context.machine, &context.shutdown)?;
+    let mut driver =
+        driver::open_tracer(&source.driver, &context.base, &context.machine, &context.shutdown, context.ros.as_ref())?;
     links::report(context, of_driver(driver.link()).into_iter().collect())?;
     play::<TracerReading>(
         context,

@@ -10,6 +10,7 @@ use std::time::Duration;
 use abbe_msgs::Message;
 
 use super::companion::Companion;
+use super::foreign::Foreign;
 use super::node::{GatewayNode, Held};
 use super::protocol::Endpoint;
 use super::shared::{NodeEnd, Publication, SubscriptionState};
@@ -88,10 +89,29 @@ impl<M: Message> GatewaySubscriber<M> {
     /// # Errors
     /// When the name is wrong, or the gateway cannot open it.
     pub fn open(node: &GatewayNode, topic: &str) -> Result<Self, TransportError> {
+        Self::opened(node, topic, None)
+    }
+
+    /// The same on a topic of other programs, on which standard messages come.
+    ///
+    /// # Errors
+    /// As [`GatewaySubscriber::open`].
+    pub fn open_foreign(node: &GatewayNode, topic: &str, foreign: Foreign) -> Result<Self, TransportError> {
+        Self::opened(node, topic, Some(foreign))
+    }
+
+    /// Publishers of the topic elsewhere; 0 while there is no gateway that could tell.
+    #[must_use]
+    pub fn publishers(&self) -> usize {
+        lock(&self.refused).publishers
+    }
+
+    fn opened(node: &GatewayNode, topic: &str, foreign: Option<Foreign>) -> Result<Self, TransportError> {
         let name = node.link_name(topic);
         let link = node.memory().link_subscriber(&name, topic)?;
         let refused = Arc::new(Mutex::default());
-        let endpoint = Endpoint::Subscription { link: name, ros_type: M::ROS_TYPE.to_owned(), topic: topic.to_owned() };
+        let (ros_type, absolute) = (M::ROS_TYPE.to_owned(), topic.to_owned());
+        let endpoint = Endpoint::Subscription { link: name, ros_type, topic: absolute, foreign };
         let held = node.open(endpoint, NodeEnd::Subscription(Arc::clone(&refused)))?;
         Ok(Self { topic: topic.to_owned(), link, refused, told: 0, _held: held })
     }

@@ -13,6 +13,7 @@
 //! | `account` | node | counts what did not go out, over all gateways |
 //! | [`serve()`] | gateway | joins the graph, moves samples, ends when DDS or the node does |
 //! | `companion` | gateway | makes standard messages of samples and of the machine |
+//! | `foreign` | gateway | makes samples of standard messages of other programs |
 //! | `clock` | gateway | hears `/clock`, where its node goes by it |
 //! | `health` | gateway | heartbeat through DDS itself; watches the library's threads |
 //!
@@ -23,6 +24,7 @@ mod account;
 mod clock;
 mod companion;
 mod endpoints;
+mod foreign;
 mod health;
 mod introduction;
 mod keeper;
@@ -39,6 +41,7 @@ use crate::transport::TransportKind;
 
 pub use companion::{Companion, Content, Frames, Standing, Volume};
 pub use endpoints::{GatewayPublisher, GatewaySubscriber};
+pub use foreign::{Foreign, ForeignMessage};
 pub(crate) use introduction::Introduced;
 pub use keeper::GatewayCommand;
 pub use node::{GatewayNode, GatewayOptions, GatewayService, GatewayStanding};

@@ -17,6 +17,7 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 use super::companion::{Companion, Standing};
+use super::foreign::Foreign;
 use crate::ros::{
     DiscoveryRange, Domain, NodeIdentity, NodeOptions, ParameterSpec, ParameterTable, ParameterValue, Range, RemapRule,
     RosError, TriggerOutcome, USE_SIM_TIME,
@@ -120,6 +121,8 @@ pub(super) enum Endpoint {
         ros_type: String,
         /// Absolute name of their topic.
         topic: String,
+        /// What they are made of, where standard messages come on it.
+        foreign: Option<Foreign>,
     },
     /// A `std_srvs/srv/Trigger` of this name, as the node calls it.
     Service(String),
@@ -163,6 +166,8 @@ pub(super) struct Progress {
 /// What a subscription had to refuse.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub(super) struct SubscriptionBeat {
+    /// Publishers of the topic in other participants.
+    pub(super) publishers: usize,
     pub(super) malformed: u64,
     pub(super) last_reason: String,
 }

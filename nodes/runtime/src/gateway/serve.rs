@@ -228,12 +228,12 @@ impl Gateway {
 
     fn beat(&self) -> Beat {
         let mut beat = Beat { is_proved: self.heartbeat.is_proved(), ..Beat::default() };
-        let publishes = self.open.values().any(|open| open.stream().is_some_and(Stream::publishes));
-        let elsewhere = if publishes { self.node.published_elsewhere() } else { Vec::new() };
+        let has_topics = self.open.values().any(|open| open.stream().is_some_and(Stream::has_topic));
+        let elsewhere = if has_topics { self.node.published_elsewhere() } else { Vec::new() };
         for (id, stream) in self.open.iter().filter_map(|(id, open)| Some((*id, open.stream()?))) {
             let proved = self.proved.get(&id).copied().unwrap_or_default();
             beat.publications.push((id, stream.publication(proved, &elsewhere)));
-            beat.subscriptions.push((id, stream.refused()));
+            beat.subscriptions.push((id, stream.subscription(&elsewhere)));
         }
         beat
     }

@@ -86,6 +86,8 @@ pub(super) struct Publication {
 #[derive(Debug, Default)]
 pub(super) struct SubscriptionState {
     pub(super) malformed: u64,
+    /// Publishers of the topic elsewhere, as the last gateway said.
+    pub(super) publishers: usize,
     /// Of the gateway that runs, what is in it already.
     of_this_life: u64,
     pub(super) last_reason: String,
@@ -122,6 +124,7 @@ impl SubscriptionState {
     fn hear(&mut self, beat: SubscriptionBeat) {
         self.malformed += beat.malformed.saturating_sub(self.of_this_life);
         self.of_this_life = beat.malformed;
+        self.publishers = beat.publishers;
         self.last_reason = beat.last_reason;
     }
 }

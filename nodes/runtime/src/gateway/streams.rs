@@ -9,9 +9,11 @@ use std::sync::{Arc, Mutex};
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
+use abbe_msgs::standard::{Float64, FluidPressure, JointState, PointStamped, Range, RelativeHumidity, Temperature};
 use abbe_msgs::{CorrectedCoordinates, Message, RangeResidual, RosType, ScaleReading, TracerReading};
 
 use super::companion::{Beside, Companion, Companionable};
+use super::foreign::{Foreign, ForeignMessage, Makes};
 use super::protocol::{Endpoint, Progress, PublicationBeat, SubscriptionBeat};
 use crate::lock::lock;
 use crate::ros::{RosError, RosNode, TopicEnd, Writer, offered_qos, overridden};
@@ -27,6 +29,8 @@ pub(super) struct Stream {
     shared: Arc<Shared>,
     /// Absolute name of the topic that samples are published on.
     published_on: Option<String>,
+    /// The same of one that they are taken from.
+    taken_from: Option<String>,
     readers: Option<Readers>,
     thread: Option<JoinHandle<()>>,
 }
@@ -61,7 +65,10 @@ impl Stream {
                     other => Err(unknown(link, other)),
                 }
             }
-            Endpoint::Subscription { link, ros_type, topic } => match ros_type.as_str() {
+            Endpoint::Subscription { link, topic, foreign: Some(foreign), .. } => {
+                Stream::of_foreign(world, link, topic, foreign).map(Some)
+            }
+            Endpoint::Subscription { link, ros_type, topic, foreign: None } => match ros_type.as_str() {
                 ScaleReading::ROS_TYPE => subscription::<ScaleReading>(world, link, topic).map(Some),
                 CorrectedCoordinates::ROS_TYPE => subscription::<CorrectedCoordinates>(world, link, topic).map(Some),
                 TracerReading::ROS_TYPE => subscription::<TracerReading>(world, link, topic).map(Some),
@@ -72,14 +79,28 @@ impl Stream {
         }
     }
 
+    /// Samples of standard messages of others.
+    fn of_foreign(world: &World, link: &str, topic: &str, foreign: &Foreign) -> Result<Stream, TransportError> {
+        match &foreign.message {
+            ForeignMessage::Joints(..) => of_others::<ScaleReading, JointState>(world, link, topic, foreign),
+            ForeignMessage::Position(..) => of_others::<ScaleReading, PointStamped>(world, link, topic, foreign),
+            ForeignMessage::Range(..) => of_others::<TracerReading, Range>(world, link, topic, foreign),
+            ForeignMessage::Distance(..) => of_others::<TracerReading, PointStamped>(world, link, topic, foreign),
+            ForeignMessage::Temperature(..) => of_others::<ScaleReading, Temperature>(world, link, topic, foreign),
+            ForeignMessage::Pressure(..) => of_others::<ScaleReading, FluidPressure>(world, link, topic, foreign),
+            ForeignMessage::Humidity(..) => of_others::<ScaleReading, RelativeHumidity>(world, link, topic, foreign),
+            ForeignMessage::Number(..) => of_others::<ScaleReading, Float64>(world, link, topic, foreign),
+        }
+    }
+
     /// How far it has come.
     pub(super) fn progress(&self) -> Progress {
         *lock(&self.shared.progress)
     }
 
-    /// Whether it publishes over DDS.
-    pub(super) fn publishes(&self) -> bool {
-        self.published_on.is_some()
+    /// Whether it has a topic over DDS.
+    pub(super) fn has_topic(&self) -> bool {
+        self.published_on.is_some() || self.taken_from.is_some()
     }
 
     /// How a publication stands, with the progress that was proved last, and the topics that others publish.
@@ -89,9 +110,10 @@ impl Stream {
         PublicationBeat { subscribers, others, given_up, now: self.progress(), proved }
     }
 
-    /// What a subscription had to refuse.
-    pub(super) fn refused(&self) -> SubscriptionBeat {
-        lock(&self.shared.refused).clone()
+    /// What a subscription had to refuse, and how many publish its topic.
+    pub(super) fn subscription(&self, elsewhere: &[String]) -> SubscriptionBeat {
+        let publishers = elsewhere.iter().filter(|topic| Some(*topic) == self.taken_from.as_ref()).count();
+        SubscriptionBeat { publishers, ..lock(&self.shared.refused).clone() }
     }
 
     fn start(
@@ -106,7 +128,7 @@ impl Stream {
             .spawn(move || run(&its))
             .map_err(|source| RosError::Thread { what: "a stream", source })?;
         let published_on = published_on.map(str::to_owned);
-        Ok(Stream { shared, published_on, readers, thread: Some(thread) })
+        Ok(Stream { shared, published_on, taken_from: None, readers, thread: Some(thread) })
     }
 }
 
@@ -195,9 +217,28 @@ fn writer<R: RosType>(node: &RosNode, topic: &str, depth: NonZeroUsize) -> Resul
 }
 
 fn subscription<M: Message>(world: &World, link: &str, topic: &str) -> Result<Stream, TransportError> {
+    taking(world, link, topic, DdsSubscriber::<M>::open(world.node, topic, world.memory.depth())?)
+}
+
+fn of_others<M: Message, R: Makes<M>>(
+    world: &World,
+    link: &str,
+    topic: &str,
+    foreign: &Foreign,
+) -> Result<Stream, TransportError> {
+    let foreign = foreign.clone();
+    let convert = move |message: R| foreign.made_of(&message);
+    taking(world, link, topic, DdsSubscriber::converting(world.node, topic, world.memory.depth(), Box::new(convert))?)
+}
+
+fn taking<M: Message, R: RosType>(
+    world: &World,
+    link: &str,
+    topic: &str,
+    mut samples: DdsSubscriber<M, R>,
+) -> Result<Stream, TransportError> {
     let mut link: SharedMemoryPublisher<M> = world.memory.publisher(link)?;
-    let mut samples = DdsSubscriber::<M>::open(world.node, topic, world.memory.depth())?;
-    Stream::start(None, None, move |shared| {
+    let mut stream = Stream::start(None, None, move |shared| {
         while !shared.ending.load(Ordering::Relaxed) {
             match samples.take_with_origin(LOOK_UP) {
                 Ok(Some((sample, origin))) => {
@@ -219,5 +260,7 @@ fn subscription<M: Message>(world: &World, link: &str, topic: &str) -> Result<St
                 }
             }
         }
-    })
+    })?;
+    stream.taken_from = Some(topic.to_owned());
+    Ok(stream)
 }

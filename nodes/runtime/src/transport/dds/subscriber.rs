@@ -6,7 +6,7 @@
 use std::num::NonZeroUsize;
 use std::time::Duration;
 
-use abbe_msgs::Message;
+use abbe_msgs::{Message, RosType};
 use ros2_client::dds::rustdds::mio1::{Events, Interest, Poll, Token};
 use ros2_client::{ReadError, Subscription};
 
@@ -19,10 +19,14 @@ use crate::transport::{Subscribe, TransportError, TransportKind};
 /// A sample and who sent it, or why one that arrived must not be used.
 type Taken<M> = Result<(M, SampleOrigin), TransportError>;
 
-/// Receives over DDS. Losses are counted from the first sample of a publisher on.
-pub struct DdsSubscriber<M: Message> {
+/// Makes a sample of a message that arrived, or says why it is none.
+type Convert<M, R> = Box<dyn Fn(R) -> Result<M, String> + Send>;
+
+/// Receives over DDS samples of type `M` from messages of type `R`. Losses are counted from the first sample of a publisher on.
+pub struct DdsSubscriber<M: Message, R: RosType = <M as Message>::Ros> {
     topic: String,
-    samples: Subscription<M::Ros>,
+    samples: Subscription<R>,
+    convert: Convert<M, R>,
     poll: Poll,
     events: Events,
     losses: Losses,
@@ -38,8 +42,21 @@ impl<M: Message> DdsSubscriber<M> {
     /// # Errors
     /// When the name is wrong or the DDS library refuses.
     pub fn open(node: &RosNode, topic: &str, depth: NonZeroUsize) -> Result<Self, TransportError> {
+        let convert = |message| M::from_ros(message).map_err(|error| error.to_string());
+        Self::converting(node, topic, depth, Box::new(convert))
+    }
+}
+
+impl<M: Message, R: RosType> DdsSubscriber<M, R> {
+    /// The same for messages that are no samples of this project; `convert` makes samples of them.
+    pub(crate) fn converting(
+        node: &RosNode,
+        topic: &str,
+        depth: NonZeroUsize,
+        convert: Convert<M, R>,
+    ) -> Result<Self, TransportError> {
         let qos = overridden(node, topic, TopicEnd::Subscription, stream_qos(depth));
-        let mut samples = node.raw_subscription::<M::Ros>(topic, &qos)?;
+        let mut samples = node.raw_subscription::<R>(topic, &qos)?;
         let poll = polling(&mut samples).map_err(|error| TransportError::Endpoint {
             topic: topic.to_owned(),
             what: "subscriber",
@@ -49,6 +66,7 @@ impl<M: Message> DdsSubscriber<M> {
         Ok(Self {
             topic: topic.to_owned(),
             samples,
+            convert,
             poll,
             events: Events::with_capacity(1),
             losses: Losses::default(),
@@ -93,8 +111,8 @@ impl<M: Message> DdsSubscriber<M> {
         self.waiting.take().or_else(|| self.receive().unwrap_or_else(|error| Some(Err(error))))
     }
 
-    fn checked(&self, message: M::Ros) -> Result<M, TransportError> {
-        M::from_ros(message).map_err(|error| TransportError::refused(&self.topic, &error))
+    fn checked(&self, message: R) -> Result<M, TransportError> {
+        (self.convert)(message).map_err(|reason| TransportError::Malformed { topic: self.topic.clone(), reason })
     }
 
     fn failed(&self, error: &dyn std::fmt::Display) -> TransportError {
@@ -102,13 +120,13 @@ impl<M: Message> DdsSubscriber<M> {
     }
 }
 
-fn polling<R: abbe_msgs::RosType>(samples: &mut Subscription<R>) -> std::io::Result<Poll> {
+fn polling<R: RosType>(samples: &mut Subscription<R>) -> std::io::Result<Poll> {
     let poll = Poll::new()?;
     poll.registry().register(samples, Token(0), Interest::READABLE)?;
     Ok(poll)
 }
 
-impl<M: Message> Subscribe<M> for DdsSubscriber<M> {
+impl<M: Message, R: RosType> Subscribe<M> for DdsSubscriber<M, R> {
     fn try_take(&mut self) -> Result<Option<M>, TransportError> {
         let next = self.next().transpose()?;
         Ok(next.map(|(sample, _)| sample))
