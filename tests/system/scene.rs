@@ -133,6 +133,52 @@ fn val_rclpy_a_machine_is_described_and_its_error_is_drawn() {
 }
 
 #[test]
+fn val_rclpy_three_machines_stand_side_by_side_in_their_namespaces() {
+    let test = "val_rclpy_three_machines_stand_side_by_side_in_their_namespaces";
+    in_own_network(test, |domain| {
+        let names = ["left", "middle", "right"];
+        let Some(user) = ros2(domain, &["machines", names[0], names[1], names[2]]) else { return };
+        let bench = Bench::identified(5);
+        long_recording(&bench, SAMPLES);
+        let shipped = std::fs::read_to_string(machine()).unwrap();
+        let graphs = names.map(|name| {
+            let machine = format!("frame_id = \"{name}\"");
+            let machine = bench.write(&format!("{name}.toml"), shipped.replace("frame_id = \"bridge_xyz\"", &machine));
+            let text = format!(
+                "namespace = \"{name}\"\nmachine = \"{machine}\"\nnodes = [\"scale\", \"geometric\", \"residual\"]\n\
+                 max_covariate_age_s = 10.0\nwait_for_subscribers_s = 20.0\n\
+                 [scale]\ndriver = {{ kind = \"campaign\", file = \"campaign.csv\" }}\npace = {{ rate_hz = 200.0 }}\nrepeat_from = 0\n{}{}{}{}",
+                edge("scale", "geometric", MEMORY),
+                edge("geometric", "residual", MEMORY),
+                edge("scale", "*", DDS),
+                edge("residual", "*", DDS),
+            );
+            // Each has a model of its own machine.
+            let (model, campaign) = (bench.text(&format!("{name}.json")), bench.text("campaign.csv"));
+            common::program::run(["identify", "--machine", &machine, "--campaign", &campaign, "--out", &model]).ok();
+            let text = text.replace("max_cov", &format!("model = \"{model}\"\nmax_cov"));
+            Started::start(abbe_in(domain, ["launch", &bench.write(&format!("launch_{name}.toml"), text)]))
+        });
+        let heard = said(user);
+        for graph in &graphs {
+            signal(graph.id(), Signal::INT);
+        }
+        for graph in graphs {
+            let ran = graph.finish();
+            assert!(!ran.errors.contains("another"), "a machine hears of others: {}", ran.errors);
+            ran.ok();
+        }
+        for name in names {
+            assert_eq!(heard[name], serde_json::json!([name]));
+        }
+    });
+}
+
+fn edge(from: &str, to: &str, transport: &str) -> String {
+    format!("[[edges]]\nfrom = \"{from}\"\nto = \"{to}\"\ntransport = \"{transport}\"\n")
+}
+
+#[test]
 fn layouts_name_topics_and_frames_that_are_there() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../launch-config/ros2");
     let root = "/bridge_xyz/";

@@ -2,7 +2,7 @@
 
 Usage: ros2_user.py streams NAMESPACE COUNT | parameters NODE NAME VALUE | trigger SERVICE
        | clock SECONDS HARDWARE | types TOPIC | nodes NAMESPACE NAME... | scene NAMESPACE | delays NAMESPACE COUNT
-       | heard_clock COUNT
+       | heard_clock COUNT | machines NAMESPACE...
 
 streams     subscribes `corrected_point` and `scale/joint_states` with default quality of service (reliable) and
             with that of sensors (best effort) until COUNT messages have come on each.
@@ -12,6 +12,7 @@ clock       publishes SECONDS on /clock, and waits for /diagnostics of HARDWARE 
 types       what the graph says of a topic: its types, and the publishers with their quality of service.
 scene       takes the description of the machine, markers and joint states, as RViz asks for them.
 delays      takes COUNT messages of `corrected_point`: their stamps, and when each came.
+machines    takes samples of several machines, and says which frames they name.
 heard_clock takes COUNT times from /clock.
 nodes       waits until nodes of these names are in a namespace, and gives the parameters of each.
 
@@ -153,6 +154,16 @@ def scene(node, namespace):
             "markers": [[shape(one) for one in array.markers] for array in arrays]}
 
 
+def machines(node, *namespaces):
+    seen = {name: [] for name in namespaces}
+    for name in namespaces:
+        node.create_subscription(JointState, f"/{name}/scale/joint_states", seen[name].append, DEFAULT)
+        node.create_subscription(PointStamped, f"/{name}/corrected_point", seen[name].append, DEFAULT)
+    both = lambda found: {type(one).__name__ for one in found} == {"JointState", "PointStamped"}
+    spin_until(node, lambda: all(both(found) and len(found) >= 100 for found in seen.values()), "samples of all machines")
+    return {name: sorted({one.header.frame_id for one in found}) for name, found in seen.items()}
+
+
 def delays(node, namespace, count):
     came = []
     hear = lambda message: came.append((stamp_s(message.header), time.time()))
@@ -174,7 +185,7 @@ def main():
     node = rclpy.create_node("a_users_program")
     print(json.dumps({"streams": streams, "parameters": parameters, "trigger": trigger, "clock": clock,
                       "types": types, "nodes": nodes, "scene": scene, "delays": delays,
-                      "heard_clock": heard_clock}[task](node, *words)))
+                      "heard_clock": heard_clock, "machines": machines}[task](node, *words)))
 
 
 main()

@@ -4,12 +4,20 @@
 //! variables itself. Rules as in ROS 2 Jazzy (`rcl`):
 //! - `ROS_DOMAIN_ID`: 0 to 232, 0 when unset;
 //! - `ROS_LOCALHOST_ONLY`: deprecated, but wins when set: 1 = this host only, 0 = the network;
-//! - `ROS_AUTOMATIC_DISCOVERY_RANGE`: `LOCALHOST`, `SUBNET` or `SYSTEM_DEFAULT`; `OFF` is refused.
+//! - `ROS_AUTOMATIC_DISCOVERY_RANGE`: `LOCALHOST`, `SUBNET` or `SYSTEM_DEFAULT`; `OFF` is refused;
+//! - `ROS_STATIC_PEERS`: refused unless empty: the DDS library finds others by multicast alone, and a node that nobody finds
+//!   would look as if it worked. `ROS_DISCOVERY_SERVER` likewise.
 
 use thiserror::Error;
 
 /// Highest domain whose ports lie below 65536.
 const MAX_DOMAIN_ID: u16 = 232;
+
+/// What to do without peers by their addresses.
+const STATIC_PEERS: &str = "peers by their addresses are not supported, others are found by multicast; unset it, and let multicast pass \
+                            between the hosts, or put a router of DDS between them";
+/// The same without a server.
+const DISCOVERY_SERVER: &str = "a discovery server is not supported, others are found by multicast; unset it";
 
 /// How far DDS discovers and is discovered.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -68,6 +76,12 @@ impl Domain {
     pub fn from_variables(variable: impl Fn(&str) -> Option<String>) -> Result<Self, EnvironmentError> {
         // Empty counts as unset, as in rcl.
         let set = |name| variable(name).filter(|value| !value.is_empty());
+        let by_address = [("ROS_STATIC_PEERS", STATIC_PEERS), ("ROS_DISCOVERY_SERVER", DISCOVERY_SERVER)];
+        for (name, remedy) in by_address {
+            if let Some(value) = set(name) {
+                return Err(EnvironmentError { variable: name, value, remedy });
+            }
+        }
         let id = match set("ROS_DOMAIN_ID") {
             None => 0,
             Some(value) => value.parse().map_err(|_| domain_error(&value))?,
@@ -130,6 +144,7 @@ mod tests {
 
     #[test]
     fn nothing_set_is_domain_0_on_the_subnet() {
+        assert_eq!(domain(&[("ROS_STATIC_PEERS", "")]), Domain::new(0, DiscoveryRange::Subnet));
         assert_eq!(domain(&[]), Domain::new(0, DiscoveryRange::Subnet));
         assert_eq!(domain(&[("ROS_DOMAIN_ID", "")]), Domain::new(0, DiscoveryRange::Subnet));
     }
@@ -150,6 +165,8 @@ mod tests {
             ("ROS_DOMAIN_ID", "seven"),
             ("ROS_LOCALHOST_ONLY", "yes"),
             ("ROS_AUTOMATIC_DISCOVERY_RANGE", "OFF"),
+            ("ROS_STATIC_PEERS", "192.168.0.7;192.168.0.8"),
+            ("ROS_DISCOVERY_SERVER", "192.168.0.7:11811"),
         ] {
             let error = domain(&[(variable, value)]).unwrap_err();
             assert_eq!((error.variable, error.value.as_str()), (variable, value));
