@@ -141,6 +141,49 @@ fn val_rclpy_its_clock_is_that_of_a_node_with_use_sim_time() {
 }
 
 #[test]
+fn val_rclpy_diagnostics_are_those_of_diagnostic_updater_and_each_has_its_place_in_the_aggregator() {
+    let test = "val_rclpy_diagnostics_are_those_of_diagnostic_updater_and_each_has_its_place_in_the_aggregator";
+    in_own_network(test, |domain| {
+        let names = ["scale", "geometric", "residual"];
+        let Some(user) = ros2(domain, &["health", NAMESPACE, names[0], names[1], names[2]]) else { return };
+        let bench = Bench::identified(5);
+        long_recording(&bench, SAMPLES);
+        let file = stream_of(&bench, |launch| {
+            launch
+                .key("visible_in_ros = true")
+                .nodes(&["recorder"])
+                .edge("residual", "recorder", MEMORY)
+                .record("recorded")
+        });
+        let heard = beside(Started::start(abbe_in(domain, ["launch", &file])), user);
+        let heard = heard.as_object().unwrap();
+        for name in names {
+            let status = &heard[&format!("{NAMESPACE}/{name}: Frequency Status")];
+            let figure = |key: &str| status["values"][key].as_str().unwrap().parse::<f64>().unwrap();
+            assert!(figure("Events in window") <= figure("Events since startup"));
+            let rate_hz = figure("Events in window") / figure("Duration of window (s)");
+            // The window is told to a millisecond.
+            assert!((figure("Actual frequency (Hz)") / rate_hz.max(1e-9) - 1.0).abs() < 0.01 || rate_hz == 0.0);
+            let bounds = (figure("Minimum acceptable frequency (Hz)"), figure("Maximum acceptable frequency (Hz)"));
+            assert_eq!(bounds, if name == "scale" { (900.0, 1100.0) } else { (0.0, f64::INFINITY) });
+        }
+        let shipped = include_str!("../../launch-config/ros2/diagnostics.yaml").replace("bridge_xyz", NAMESPACE);
+        let groups: Vec<Vec<&str>> = shipped
+            .lines()
+            .filter_map(|line| line.trim().strip_prefix("startswith: [")?.strip_suffix(']'))
+            .map(|list| list.split(',').map(|word| word.trim().trim_matches('\'')).collect())
+            .collect();
+        assert_eq!(groups.len(), 4);
+        for (name, status) in heard {
+            assert_eq!(status["hardware"], "bridge_xyz", "{name}");
+            assert!((0..=3).contains(&status["level"].as_i64().unwrap()), "{name}");
+            let of = |group: &&Vec<&str>| group.iter().any(|prefix| name.starts_with(prefix));
+            assert_eq!(groups.iter().filter(of).count(), 1, "{name} has no one place");
+        }
+    });
+}
+
+#[test]
 fn regress_a_caller_on_cyclone_gets_parameters_and_services_and_garbage_is_dropped_in_few_words() {
     let test = "regress_a_caller_on_cyclone_gets_parameters_and_services_and_garbage_is_dropped_in_few_words";
     in_own_network(test, |domain| {

@@ -2,7 +2,7 @@
 
 Usage: ros2_user.py streams NAMESPACE COUNT | parameters NODE NAME VALUE | trigger SERVICE
        | clock SECONDS HARDWARE | types TOPIC | nodes NAMESPACE NAME... | scene NAMESPACE | delays NAMESPACE COUNT
-       | heard_clock COUNT | machines NAMESPACE...
+       | heard_clock COUNT | machines NAMESPACE... | health NAMESPACE NAME...
 
 streams     subscribes `corrected_point` and `scale/joint_states` with default quality of service (reliable) and
             with that of sensors (best effort) until COUNT messages have come on each.
@@ -12,6 +12,7 @@ clock       publishes SECONDS on /clock, and waits for /diagnostics of HARDWARE 
 types       what the graph says of a topic: its types, and the publishers with their quality of service.
 scene       takes the description of the machine, markers and joint states, as RViz asks for them.
 delays      takes COUNT messages of `corrected_point`: their stamps, and when each came.
+health      hears /diagnostics until each of these nodes has said how often it publishes.
 machines    takes samples of several machines, and says which frames they name.
 heard_clock takes COUNT times from /clock.
 nodes       waits until nodes of these names are in a namespace, and gives the parameters of each.
@@ -154,6 +155,23 @@ def scene(node, namespace):
             "markers": [[shape(one) for one in array.markers] for array in arrays]}
 
 
+def health(node, namespace, *names):
+    heard = {}
+
+    def hear(array):
+        for one in array.status:
+            heard[one.name] = {
+                "level": one.level[0], "message": one.message, "hardware": one.hardware_id,
+                "values": {value.key: value.value for value in one.values},
+                "stamp_s": stamp_s(array.header),
+            }
+
+    node.create_subscription(DiagnosticArray, "/diagnostics", hear, DEFAULT)
+    wanted = {f"{namespace}/{name}: Frequency Status" for name in names}
+    spin_until(node, lambda: wanted <= set(heard), "how often these nodes publish")
+    return heard
+
+
 def machines(node, *namespaces):
     seen = {name: [] for name in namespaces}
     for name in namespaces:
@@ -185,7 +203,7 @@ def main():
     node = rclpy.create_node("a_users_program")
     print(json.dumps({"streams": streams, "parameters": parameters, "trigger": trigger, "clock": clock,
                       "types": types, "nodes": nodes, "scene": scene, "delays": delays,
-                      "heard_clock": heard_clock, "machines": machines}[task](node, *words)))
+                      "heard_clock": heard_clock, "machines": machines, "health": health}[task](node, *words)))
 
 
 main()

@@ -93,7 +93,7 @@ impl Launch {
         let played: Vec<&Source> =
             [&self.scale, &self.tracer].into_iter().flatten().filter(|source| !source.driver.is_live()).collect();
         if self.publish_clock {
-            if !self.scale.as_ref().is_some_and(|source| !source.driver.is_live()) || self.stamps == Stamps::Now {
+            if self.scale.as_ref().is_none_or(|source| source.driver.is_live()) || self.stamps == Stamps::Now {
                 return wrong(
                     "publish_clock",
                     "gives the instants of a recording: scale needs one, with stamps = \"recorded\"",

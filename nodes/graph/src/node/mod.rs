@@ -5,6 +5,7 @@
 
 mod correcting;
 mod diagnosis;
+mod frequency;
 mod links;
 mod model;
 mod monitor;
@@ -43,6 +44,7 @@ use std::os::unix::process::parent_id;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 use thiserror::Error;
 
@@ -336,7 +338,7 @@ impl NodeContext {
         let kinds = self.launch.publishes_over(self.name);
         let claims = kinds.iter().map(|kind| self.claim(topic, *kind)).collect::<Result<_, _>>()?;
         let publisher = self.edges.publisher_with::<M>(topic, &kinds, &self.companions())?;
-        let publisher = Claimed { publisher, _claims: claims };
+        let publisher = Claimed { publisher, sent: frequency::watch(self)?, _claims: claims };
         // One that starts again finds the others at work; who of them is gone for good is not waited for.
         let wanted = if self.life == 0 { self.launch.awaited(self.name) } else { 0 };
         let patience = Duration::from_secs_f64(self.launch.wait_for_subscribers_s);
@@ -428,11 +430,14 @@ fn gateway_command(node: &NodeIdentity, run: Option<&RunId>) -> Result<GatewayCo
 /// A publisher of a topic that nobody else publishes on this host while it lives.
 struct Claimed<M> {
     publisher: Box<dyn Publish<M>>,
+    /// Samples sent so far.
+    sent: Arc<AtomicU64>,
     _claims: Vec<Option<Claim>>,
 }
 
 impl<M: Message> Publish<M> for Claimed<M> {
     fn send(&mut self, sample: &M) -> Result<(), TransportError> {
+        self.sent.fetch_add(1, Ordering::Relaxed);
         self.publisher.send(sample)
     }
 

@@ -1,8 +1,9 @@
 //! The scale and the tracer node: what a driver gives, at its pace.
 //!
 //! Place in the flow: the start of the graph. A recording is played at a fixed rate or with its own timing; stamps
-//! are those of the recording, or with `stamps = "now"` the present instants that belong to them. What a live driver gives goes on as it comes; to a scale reading are added the covariates
-//! that other boxes say, and what the stream itself tells of the motion.
+//! are those of the recording, or with `stamps = "now"` the present instants that belong to them. What a live driver gives
+//! goes on as it comes; to a scale reading are added the covariates that other boxes say, and what the stream itself tells
+//! of the motion.
 
 use super::remarks;
 use super::schedule::Schedule;
