@@ -7,9 +7,10 @@ mod common;
 use std::time::{SystemTime, UNIX_EPOCH};
 
 use abbe_msgs::{CorrectedCoordinates, RangeResidual, ScaleReading, Stamp};
+use abbe_runtime::RunId;
 use common::assert_says;
 use common::files::{Bench, samples};
-use common::graph::{DDS, LaunchText, MEMORY, NAMESPACE, long_recording, stream_of, topic};
+use common::graph::{DDS, LaunchText, MEMORY, NAMESPACE, files_of_run, long_recording, stream_of, topic};
 use common::network::in_own_network;
 use common::program::{Started, abbe_in, run, signal};
 use common::python::{ros2, said};
@@ -45,8 +46,10 @@ fn what_is_played_now_has_stamps_of_now_stays_in_pairs_and_replays_bit_by_bit() 
     let bench = Bench::identified(5);
     let file = whole_graph(&bench, "stamps = \"now\"");
     let before_s = now_s();
-    run(["launch", &file]).ok();
+    let run_name = RunId::unique();
+    run(["launch", &file, "--run", run_name.as_str()]).ok();
     let after_s = now_s();
+    assert_eq!(files_of_run(run_name.as_str()), Vec::<String>::new(), "what the sources agreed about is left behind");
 
     let bag = bench.path("recorded");
     let scales: Vec<ScaleReading> = samples(&bag, &topic("scale/reading"));
