@@ -6,6 +6,7 @@
 pub mod alignment;
 pub mod campaign;
 pub mod correspondence;
+pub mod growing_station;
 pub mod guideway;
 pub mod instrument;
 mod least_squares;
@@ -15,6 +16,8 @@ pub mod network;
 pub mod probe_pose;
 pub mod robust;
 pub mod sphere;
+pub mod standstill;
 pub mod station_start;
+pub mod steady_mean;
 pub mod subset;
 pub mod tracker;

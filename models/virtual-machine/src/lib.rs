@@ -8,6 +8,7 @@
 #[doc = include_str!("../README.md")]
 struct ReadmeExample;
 
+pub mod drive;
 pub mod effects;
 pub mod environment;
 pub mod error;
@@ -22,6 +23,7 @@ pub mod simulate;
 pub mod sphere_scan;
 pub mod verification;
 
+pub use drive::{Drive, Pace, Seen};
 pub use error::SimulationError;
 pub use machine::{Axis, MachineTruth, TruthRecipe, VirtualMachine};
 pub use shipped::{Declared, VOLUMETRIC_RMS_M, shipped_bridge};

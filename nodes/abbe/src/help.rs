@@ -23,6 +23,7 @@ const JOBS: [Job; 7] = [
         title: "Measure",
         commands: &[
             ("plan", "abbe plan --machine machine.toml --request request.toml --out plan"),
+            ("capture", "abbe capture capture.toml --out captured"),
             ("simulate", "abbe simulate --machine machine.toml --seed 1 --out practice"),
             ("points", "abbe points --machine machine.toml --campaign campaign.csv --out vectors.csv"),
             ("sphere", "abbe sphere --points sphere.csv --radius-mm 12.5"),
@@ -91,7 +92,7 @@ const OF_A_BAG: &str = "Bags";
 const CHOICES: &str = "Choices";
 
 /// Options that name what is read.
-const INPUTS: [&str; 23] = [
+const INPUTS: [&str; 24] = [
     "machine",
     "request",
     "plan",
@@ -114,6 +115,7 @@ const INPUTS: [&str; 23] = [
     "paper",
     "resume",
     "listen",
+    "tracer_listen",
     "to",
 ];
 /// Options that name what is written.

@@ -5,6 +5,7 @@
 //! printed once, here, and give their exit code ([`exit`]).
 
 mod calibration;
+mod capturing;
 mod command;
 mod conformity;
 mod demo;

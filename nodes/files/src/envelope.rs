@@ -98,6 +98,12 @@ pub(crate) fn open<T: for<'de> Deserialize<'de>>(
     Ok((content, digest))
 }
 
+/// SHA-256 of these bytes, in hexadecimal digits.
+pub fn sha256_hex(bytes: &[u8]) -> String {
+    let digest: [u8; 32] = Sha256::digest(bytes).into();
+    hex(&digest)
+}
+
 /// Lower-case hexadecimal digits.
 pub fn hex(bytes: &[u8]) -> String {
     bytes.iter().map(|byte| format!("{byte:02x}")).collect()

@@ -7,6 +7,7 @@
 mod atomic;
 mod campaign_csv;
 mod campaign_writer;
+mod capture_journal;
 mod columns;
 mod conformity_csv;
 mod csv_bytes;
@@ -39,12 +40,13 @@ mod vectors_csv;
 pub use atomic::{AtomicFile, Unfinished, remove_unfinished, write_atomically};
 pub use campaign_csv::{CampaignFile, read_campaign, read_campaign_file};
 pub use campaign_writer::write_campaign;
+pub use capture_journal::{CaptureJournal, Captured, JournalEntry, JournalHead};
 pub use conformity_csv::{
     LengthFile, ProbedPoints, read_lengths, read_lengths_file, read_probed_points, read_probed_points_file,
 };
 pub use csv_source::header_names;
 pub use diagonals_csv::{DiagonalReading, read_diagonals, read_diagonals_file};
-pub use envelope::{hex, sha256_of_hex};
+pub use envelope::{hex, sha256_hex, sha256_of_hex};
 pub use error::{FileError, Place};
 pub use guideway_csv::{GuidewayRow, SeenTarget, read_guideway, read_guideway_file};
 pub use machine::{MachineFile, OrderChoice, SIGN_CONVENTION, machine_text, parse_machine, read_machine};

@@ -5,6 +5,7 @@
 //! for live, replay and tests; [`node`] only wires it to transports. SI, machine frame.
 
 mod again;
+pub mod capture;
 mod connecting;
 pub mod diagnosis;
 pub mod driver;
@@ -17,6 +18,7 @@ pub mod proxy;
 pub mod record;
 pub mod replay;
 pub mod scene;
+pub mod serving;
 pub mod step;
 pub mod supervisor;
 pub mod topics;

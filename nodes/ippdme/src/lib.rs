@@ -11,4 +11,5 @@ pub mod line;
 pub mod message;
 pub mod number;
 pub mod relay;
+pub mod server;
 pub mod trouble;

@@ -2,6 +2,7 @@
 //!
 //! Place in the flow: parsed in `main`, dispatched here; each file holds its arguments and its work.
 
+mod capture;
 mod compare;
 mod completions;
 mod conformity;
@@ -98,6 +99,8 @@ pub(crate) enum Command {
     Replay(replay::Arguments),
     /// Save what can be read of a cut-off or damaged bag
     Recover(recover::Arguments),
+    /// Capture a planned campaign from the drivers of a machine and a tracer
+    Capture(capture::Arguments),
     /// Make a campaign with the virtual machine
     Simulate(simulate::Arguments),
     /// Turn a campaign into a bag
@@ -111,11 +114,13 @@ pub(crate) enum Command {
 }
 
 impl Command {
-    /// Whether it goes on until it is told to stop: a part of a graph, or what runs one, or the proxy.
+    /// Whether it goes on until it is told to stop: a part of a graph, or what runs one, the proxy, a capture, or
+    /// a machine that is served.
     pub(crate) fn is_live(&self) -> bool {
         let is_of_graph =
             matches!(self, Command::Demo(_) | Command::Launch(_) | Command::Node(_) | Command::Gateway(_));
-        is_of_graph || matches!(self, Command::Proxy(_))
+        let is_served = matches!(self, Command::Simulate(arguments) if arguments.is_served());
+        is_of_graph || is_served || matches!(self, Command::Proxy(_) | Command::Capture(_))
     }
 }
 
@@ -191,6 +196,7 @@ fn dispatch(command: Command, ros_args: RosArgs) -> anyhow::Result<()> {
         Command::Gateway(arguments) => gateway::run(&arguments),
         Command::Replay(arguments) => replay::run(&arguments),
         Command::Recover(arguments) => recover::run(&arguments),
+        Command::Capture(arguments) => capture::run(&arguments),
         Command::Simulate(arguments) => simulate::run(&arguments),
         Command::Convert(arguments) => convert::run(&arguments),
         Command::Papers(arguments) => papers::run(&arguments),

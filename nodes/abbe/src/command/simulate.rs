@@ -3,6 +3,8 @@
 //! Place in the flow: trials without hardware. With `--trials`, identifies many such campaigns and compares the
 //! achieved error with the uncertainty that the fit reports.
 
+mod serve;
+
 use abbe_files::{MachineFile, PathLine, PathStation, read_machine, read_path, write_atomically};
 use abbe_geometry::Vector3;
 use abbe_geometry::correct::correct;
@@ -19,7 +21,7 @@ use abbe_virtual_machine::{
 };
 use anyhow::{Context, ensure};
 use std::fmt::Write;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Raw volumetric error of the simulated machine (rms, µm) where nothing is said: a bridge CMM before compensation.
 pub(crate) const VOLUMETRIC_RMS_UM: f64 = VOLUMETRIC_RMS_M * 1e6;
@@ -46,7 +48,7 @@ pub(crate) struct Arguments {
     #[arg(long)]
     seed: u64,
     /// Folder for campaign.csv and verify.csv
-    #[arg(long, required_unless_present = "trials")]
+    #[arg(long, required_unless_present_any = ["trials", "serve"])]
     out: Option<PathBuf>,
     /// Repeat the plan until the campaign has at least this many readings
     #[arg(long)]
@@ -64,6 +66,15 @@ pub(crate) struct Arguments {
     /// Cramér-Rao bound and coverage
     #[arg(long, conflicts_with = "effects")]
     trials: Option<u64>,
+    #[command(flatten)]
+    serving: serve::Serving,
+}
+
+impl Arguments {
+    /// Whether the machine is served until somebody ends it.
+    pub(crate) fn is_served(&self) -> bool {
+        self.serving.is_wanted()
+    }
 }
 
 pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
@@ -71,8 +82,6 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     if let Some(trials) = arguments.trials {
         return run_trials(&machine, arguments, trials);
     }
-    let out = arguments.out.as_ref().context("name a folder with --out")?;
-    std::fs::create_dir_all(out).with_context(|| format!("{}: cannot be made", out.display()))?;
     let mut config = config(&machine, arguments.seed, arguments.volumetric_um)?;
     if let Some(folder) = &arguments.plan {
         config.plan = driven(&config.plan, &read_path(folder)?);
@@ -82,10 +91,21 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     if let Some(readings) = arguments.readings {
         config.plan = config.plan.repeated_to(readings)?;
     }
-    let campaign = simulate_campaign(&config)?.campaign;
-    let verification =
-        VerificationConfig { points: POINTS, seed: arguments.seed, frame: Frame::Unknown, known_to_m: KNOWN_TO_M };
-    let points = verification_points_with(&config, &verification)?;
+    if let Some(out) = &arguments.out {
+        write_files(&config, arguments.seed, out)?;
+    }
+    match arguments.serving.is_wanted() {
+        true => serve::run(&config, &arguments.serving),
+        false => Ok(()),
+    }
+}
+
+/// Campaign and verification points of this machine.
+fn write_files(config: &SimulationConfig, seed: u64, out: &Path) -> anyhow::Result<()> {
+    std::fs::create_dir_all(out).with_context(|| format!("{}: cannot be made", out.display()))?;
+    let campaign = simulate_campaign(config)?.campaign;
+    let verification = VerificationConfig { points: POINTS, seed, frame: Frame::Unknown, known_to_m: KNOWN_TO_M };
+    let points = verification_points_with(config, &verification)?;
     write_atomically(&out.join("campaign.csv"), campaign_text(&campaign)?.as_bytes())?;
     write_atomically(&out.join("verify.csv"), verification_text(&campaign, &points)?.as_bytes())?;
     println!("{}: {} readings, {} verification points", out.display(), campaign.readings.len(), points.len());

@@ -1,0 +1,138 @@
+//! The campaign so far, identified beside the capture.
+//!
+//! Place in the flow: [`super::run`] hands over what is captured after each line, as soon as the fit before is done; what comes back
+//! is a model that readings are held against, and the uncertainty that identification would state if nothing more came. A thread
+//! of its own, so that no reading waits for it. SI.
+
+use abbe_files::{MachineFile, OrderChoice};
+use abbe_geometry::correct::correct;
+use abbe_geometry::effects::{NoCovariates, State};
+use abbe_geometry::model::MachineModel;
+use abbe_identify::{Options, identify, verdict::of_campaign};
+use abbe_measurement::campaign::Campaign;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::thread::{Builder, JoinHandle};
+
+/// Points along each axis over which the uncertainty is averaged.
+const STEPS: usize = 5;
+
+/// What the campaign so far says.
+#[derive(Debug, Clone)]
+pub struct SoFar {
+    /// Readings that went in.
+    pub readings: usize,
+    /// The model.
+    pub model: MachineModel,
+    /// Rms over the volume of the plan of the standard uncertainty of a corrected point, in space (m).
+    pub u_m: f64,
+    /// What the fit says against itself.
+    pub findings: Vec<String>,
+}
+
+/// Over which readings (m) and offsets (m) the uncertainty is stated.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Volume {
+    /// Lowest and highest reading of each axis.
+    pub reading_m: [(f64, f64); 3],
+    /// Offsets.
+    pub offsets_m: Vec<[f64; 3]>,
+}
+
+/// Identifies the campaign.
+///
+/// # Errors
+/// Why it cannot be identified yet.
+pub fn so_far(
+    machine: &MachineFile,
+    volume: &Volume,
+    campaign: &Campaign,
+    mut goes_on: impl FnMut() -> bool,
+) -> Result<SoFar, String> {
+    let order = match machine.order {
+        OrderChoice::Evidence => abbe_identify::OrderChoice::Evidence,
+        OrderChoice::Fixed => abbe_identify::OrderChoice::Fixed,
+    };
+    let options = Options { order, absolute_range: machine.absolute_range, ..Options::default() };
+    let fit = identify(&machine.machine, machine.instrument, campaign, &options, &mut |_| goes_on());
+    let fit = fit.map_err(|error| error.to_string())?;
+    let findings = of_campaign(campaign, &fit).findings.iter().map(ToString::to_string).collect();
+    let u_m = u_m(&fit.model, volume).ok_or("the model states no uncertainty for the volume of the plan")?;
+    Ok(SoFar { readings: campaign.readings.len(), model: fit.model, u_m, findings })
+}
+
+fn u_m(model: &MachineModel, volume: &Volume) -> Option<f64> {
+    let share = |k: usize| k as f64 / (STEPS - 1) as f64;
+    let (mut sum_m2, mut count) = (0.0, 0);
+    for k in 0..STEPS.pow(3) {
+        let shares = [share(k % STEPS), share(k / STEPS % STEPS), share(k / (STEPS * STEPS))];
+        let at = |d: usize| volume.reading_m[d].0 + (volume.reading_m[d].1 - volume.reading_m[d].0) * shares[d];
+        for offset_m in &volume.offsets_m {
+            let state = State { reading_m: [at(0), at(1), at(2)], offset_m: *offset_m, covariates: &NoCovariates };
+            sum_m2 += correct(model, &state).covariance_m2?.trace();
+            count += 1;
+        }
+    }
+    Some((sum_m2 / f64::from(count.max(1))).sqrt())
+}
+
+/// The thread that fits.
+pub(super) struct Fitter {
+    give: Option<SyncSender<Campaign>>,
+    found: Receiver<Result<SoFar, String>>,
+    is_busy: bool,
+    is_stopped: Arc<AtomicBool>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Fitter {
+    pub(super) fn start(machine: MachineFile, volume: Volume) -> std::io::Result<Fitter> {
+        let (give, campaigns) = sync_channel::<Campaign>(1);
+        let (tell, found) = sync_channel(1);
+        let is_stopped = Arc::new(AtomicBool::new(false));
+        let stopped = Arc::clone(&is_stopped);
+        let work = move || {
+            for campaign in campaigns {
+                let outcome = so_far(&machine, &volume, &campaign, || !stopped.load(Ordering::Relaxed));
+                if tell.send(outcome).is_err() {
+                    return;
+                }
+            }
+        };
+        let thread = Builder::new().name("fit".into()).spawn(work)?;
+        Ok(Fitter { give: Some(give), found, is_busy: false, is_stopped, thread: Some(thread) })
+    }
+
+    /// Whether it has nothing to do.
+    pub(super) fn is_idle(&self) -> bool {
+        !self.is_busy
+    }
+
+    /// Fits this campaign; nothing happens while it is busy.
+    pub(super) fn fit(&mut self, campaign: Campaign) {
+        if let Some(give) = &self.give
+            && !self.is_busy
+        {
+            self.is_busy = give.try_send(campaign).is_ok();
+        }
+    }
+
+    /// What it has found since the last look.
+    pub(super) fn found(&mut self) -> Option<Result<SoFar, String>> {
+        let found = self.found.try_recv().ok()?;
+        self.is_busy = false;
+        Some(found)
+    }
+}
+
+impl Drop for Fitter {
+    fn drop(&mut self) {
+        self.is_stopped.store(true, Ordering::Relaxed);
+        self.give = None;
+        if let Some(thread) = self.thread.take() {
+            // A pass that has begun is ended first.
+            let _ = thread.join();
+        }
+    }
+}

@@ -1,0 +1,290 @@
+//! Drivers on threads of their own, and the loop that captures what they give.
+//!
+//! Place in the flow: `abbe capture` calls [`capture`]. Each driver waits on its own thread, so that none delays another; all
+//! that comes goes through one queue in its order. What is told goes into the journal first, and is shown then. A driver that
+//! loses its connection makes it again by itself; the loop says so, and goes on.
+
+use super::campaign::campaign_of;
+use super::config::CaptureConfig;
+use super::fit::{Fitter, SoFar, Volume};
+use super::planned::Planned;
+use super::step::{Capturer, Told};
+use crate::connecting::stamp_of;
+use crate::driver::{DriverError, open_scale, open_sensor, open_tracer};
+use crate::link::{Link, LinkState};
+use crate::step::SensorMemory;
+use abbe_files::{CaptureJournal, FileError, MachineFile};
+use abbe_msgs::{ScaleReading, TracerReading};
+use abbe_runtime::Shutdown;
+use std::path::Path;
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::Builder;
+use std::time::{Duration, SystemTime};
+use thiserror::Error;
+
+/// Readings that wait for the loop at most; a driver that gives more waits itself.
+const QUEUE: usize = 8192;
+/// How often the loop looks at links, fits and requests while nothing comes.
+const LOOK_UP: Duration = Duration::from_millis(50);
+/// Refused lines of a driver that are told one by one.
+const TOLD_ONE_BY_ONE: u64 = 5;
+
+/// What a driver's thread gives.
+enum Given {
+    Scale(Box<ScaleReading>),
+    Tracer(Box<TracerReading>),
+    /// Something that is no reading, by the driver's name.
+    Refused(&'static str, String),
+    /// A driver cannot go on.
+    Ended(&'static str, String),
+}
+
+/// What the loop shows.
+#[derive(Debug)]
+pub enum Shown<'a> {
+    /// Of a reading.
+    Told(&'a Told),
+    /// Of a connection or a driver.
+    Link(String),
+    /// The campaign so far, or why it cannot be identified yet.
+    SoFar(&'a Result<SoFar, String>),
+}
+
+/// Why a capture cannot go on. What is captured is in the journal.
+#[derive(Debug, Error)]
+pub enum CaptureError {
+    /// A driver cannot be opened.
+    #[error("{driver}: {source}")]
+    Driver {
+        /// Which.
+        driver: &'static str,
+        /// Why.
+        source: DriverError,
+    },
+    /// A driver gave up.
+    #[error("the driver of the {driver} gave up: {why}; what is captured is kept: mend it and start the capture again")]
+    Ended {
+        /// Which.
+        driver: &'static str,
+        /// Why.
+        why: String,
+    },
+    /// The journal cannot be written.
+    #[error("{0}; what was captured before is kept: make room, and start the capture again")]
+    Journal(#[from] FileError),
+    /// A thread cannot be started.
+    #[error("a thread cannot be started: {0}; let this user start more")]
+    Thread(std::io::Error),
+}
+
+/// How a capture ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Ending {
+    /// All points are captured.
+    Complete,
+    /// Somebody asked for it.
+    Stopped,
+}
+
+/// Captures until all points are there, or it is told to stop.
+///
+/// `confirmed` gives a value each time somebody says that the next set-up stands.
+///
+/// # Errors
+/// A driver that cannot be opened or gives up, a journal that cannot be written.
+pub fn capture(
+    (config, base, machine): (&CaptureConfig, &Path, &MachineFile),
+    capturer: &mut Capturer,
+    journal: &mut CaptureJournal,
+    (shutdown, confirmed): (&Shutdown, &Receiver<()>),
+    show: &mut dyn FnMut(&Capturer, Shown),
+) -> Result<Ending, CaptureError> {
+    let own = Shutdown::manual();
+    let (give, given) = sync_channel(QUEUE);
+    let mut links = open((config, base, machine), &own, &give)?;
+    let mut fitter = Fitter::start(machine.clone(), volume_of(capturer.planned())).map_err(CaptureError::Thread)?;
+    let outcome = (|| {
+        fitter.fit(campaign_of(capturer.planned(), capturer.taken(), machine.absolute_range).campaign);
+        let mut has_news = false;
+        let mut refused = [0_u64; 3];
+        loop {
+            if shutdown.requested() {
+                return Ok(Ending::Stopped);
+            }
+            for link in &mut links {
+                if let Some(words) = link.news() {
+                    show(capturer, Shown::Link(words));
+                }
+            }
+            if let Some(found) = fitter.found() {
+                show(capturer, Shown::SoFar(&found));
+                if let Ok(SoFar { model, .. }) = found {
+                    capturer.learn(model);
+                }
+            }
+            if has_news && fitter.is_idle() {
+                fitter.fit(campaign_of(capturer.planned(), capturer.taken(), machine.absolute_range).campaign);
+                has_news = false;
+            }
+            let mut told = match given.recv_timeout(LOOK_UP) {
+                Ok(Given::Scale(reading)) => capturer.scale(*reading),
+                Ok(Given::Tracer(reading)) => capturer.tracer(&reading),
+                Ok(Given::Refused(driver, why)) => {
+                    note_refused(driver, why, &mut refused, |words| show(capturer, Shown::Link(words)));
+                    Vec::new()
+                }
+                Ok(Given::Ended(driver, why)) => return Err(CaptureError::Ended { driver, why }),
+                Err(RecvTimeoutError::Timeout | RecvTimeoutError::Disconnected) => Vec::new(),
+            };
+            if confirmed.try_recv().is_ok()
+                && let Ok(stamp) = stamp_of(SystemTime::now())
+            {
+                told.extend(capturer.confirm(stamp));
+            }
+            for one in &told {
+                if let Told::Entry(entry) = one {
+                    journal.append(entry)?;
+                }
+            }
+            for one in &told {
+                show(capturer, Shown::Told(one));
+                has_news |= matches!(one, Told::LineDone(_));
+                if *one == Told::AllDone {
+                    return Ok(Ending::Complete);
+                }
+            }
+        }
+    })();
+    own.request();
+    outcome
+}
+
+/// The volume and the offsets of a plan.
+pub fn volume_of(planned: &Planned) -> Volume {
+    let mut volume = Volume { reading_m: [(f64::INFINITY, f64::NEG_INFINITY); 3], offsets_m: Vec::new() };
+    for point in 0..planned.len() {
+        for (d, at_m) in planned.reading_m(point).into_iter().enumerate() {
+            let (low_m, high_m) = volume.reading_m[d];
+            volume.reading_m[d] = (low_m.min(at_m), high_m.max(at_m));
+        }
+    }
+    for line in &planned.lines {
+        if !volume.offsets_m.contains(&line.offset_m) {
+            volume.offsets_m.push(line.offset_m);
+        }
+    }
+    volume
+}
+
+fn note_refused(driver: &'static str, why: String, refused: &mut [u64; 3], show: impl FnOnce(String)) {
+    let place = match driver {
+        SCALE => 0,
+        TRACER => 1,
+        _ => 2,
+    };
+    refused[place] += 1;
+    match refused[place] {
+        count if count <= TOLD_ONE_BY_ONE => show(format!("{driver}: {why}")),
+        count if count.is_power_of_two() => {
+            show(format!("{driver}: {count} lines so far were no readings; the last: {why}"))
+        }
+        _ => {}
+    }
+}
+
+const SCALE: &str = "scale";
+const TRACER: &str = "tracer";
+const SENSOR: &str = "covariates";
+
+/// Opens all drivers, each on a thread; how they stand.
+fn open(
+    (config, base, machine): (&CaptureConfig, &Path, &MachineFile),
+    shutdown: &Shutdown,
+    give: &SyncSender<Given>,
+) -> Result<Vec<Watched>, CaptureError> {
+    let (scale, tracer) = config.drivers();
+    let failed = |driver| move |source| CaptureError::Driver { driver, source };
+    let mut scale = open_scale(&scale, base, machine, shutdown).map_err(failed(SCALE))?;
+    let mut tracer = open_tracer(&tracer, base, machine, shutdown).map_err(failed(TRACER))?;
+    let mut links: Vec<Watched> = [(SCALE, scale.link()), (TRACER, tracer.link())]
+        .into_iter()
+        .filter_map(|(name, link)| Some(Watched::new(name, link?)))
+        .collect();
+    let memory = Arc::new(Mutex::new(SensorMemory::default()));
+    for config in &config.covariates {
+        let mut sensor = open_sensor(config, machine, shutdown).map_err(failed(SENSOR))?;
+        links.extend(sensor.link().map(|link| Watched::new(SENSOR, link)));
+        let note = {
+            let memory = Arc::clone(&memory);
+            move |said: crate::driver::SensorValues| {
+                memory.lock().unwrap_or_else(PoisonError::into_inner).note(said.stamp, &said.values);
+                None
+            }
+        };
+        listen(SENSOR, move || sensor.next_values(), note, give.clone())?;
+    }
+    let join = move |mut reading: ScaleReading| {
+        // What has no room is told by the nodes that run live; a capture keeps the first ones.
+        drop(memory.lock().unwrap_or_else(PoisonError::into_inner).join(&mut reading));
+        Some(Given::Scale(Box::new(reading)))
+    };
+    listen(SCALE, move || scale.next_reading(), join, give.clone())?;
+    listen(TRACER, move || tracer.next_reading(), |reading| Some(Given::Tracer(Box::new(reading))), give.clone())?;
+    Ok(links)
+}
+
+/// Waits for a driver on a thread of its own.
+fn listen<T: 'static>(
+    name: &'static str,
+    mut next: impl FnMut() -> Result<Option<T>, DriverError> + Send + 'static,
+    mut as_given: impl FnMut(T) -> Option<Given> + Send + 'static,
+    give: SyncSender<Given>,
+) -> Result<(), CaptureError> {
+    let work = move || {
+        loop {
+            let given = match next() {
+                Ok(Some(reading)) => as_given(reading),
+                Ok(None) => return,
+                Err(error) if error.is_of_one_reading() => Some(Given::Refused(name, error.to_string())),
+                Err(error) => {
+                    // Who does not listen any more has ended already.
+                    let _ = give.send(Given::Ended(name, error.to_string()));
+                    return;
+                }
+            };
+            if given.is_some_and(|given| give.send(given).is_err()) {
+                return;
+            }
+        }
+    };
+    Builder::new().name(name.into()).spawn(work).map(drop).map_err(CaptureError::Thread)
+}
+
+/// A link, and what was told of it last.
+struct Watched {
+    name: &'static str,
+    link: Link,
+    told: LinkState,
+}
+
+impl Watched {
+    fn new(name: &'static str, link: Link) -> Watched {
+        Watched { name, link, told: LinkState::Waiting }
+    }
+
+    /// What has changed, in words.
+    fn news(&mut self) -> Option<String> {
+        let now = self.link.status().state;
+        if now == self.told {
+            return None;
+        }
+        let words = match &now {
+            LinkState::Waiting => None,
+            LinkState::Connected(whom) => Some(format!("{}: connected with {whom}", self.name)),
+            LinkState::Silent(words) | LinkState::Lost(words) => Some(format!("{}: {words}", self.name)),
+        };
+        self.told = now;
+        words
+    }
+}

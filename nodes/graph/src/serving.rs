@@ -1,0 +1,175 @@
+//! The simulated machine on sockets: an I++ DME server for its scales, lines of text for the tracer.
+//!
+//! Place in the flow: `abbe simulate --serve ippdme`, to rehearse a capture through the drivers that a real machine has. The
+//! machine begins to move when a client has begun a session and somebody reads the tracer, and goes its way whoever listens, as a
+//! real one does. Any number of clients may look at once.
+
+use abbe_ippdme::line::{Lines, Piece, text};
+use abbe_ippdme::server::{Position, Session};
+use abbe_runtime::Shutdown;
+use abbe_virtual_machine::{Drive, Seen};
+use std::io::{ErrorKind, Read, Write};
+use std::net::{TcpListener, TcpStream};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread;
+use std::time::{Duration, Instant};
+
+/// How often a client's thread looks whether there is something to report, or whether to stop.
+const LOOK_UP: Duration = Duration::from_millis(20);
+/// What is stated of a single length (µm, k = 1): nobody reads it when a campaign is captured.
+const U_LENGTH_UM: f64 = 0.2;
+
+/// The machine and what its clients are told.
+pub struct Served {
+    drive: Mutex<Drive>,
+    /// Whether it begins again at its end.
+    again: bool,
+    /// Offsets of the reflector (m) by the names of the holders.
+    holders: Vec<(String, [f64; 3])>,
+    tracer_every: Duration,
+    has_session: AtomicBool,
+    has_reader: AtomicBool,
+    began: Mutex<Option<Instant>>,
+}
+
+impl Served {
+    /// A machine that stands at the beginning of its way; the tracer gives so many lengths a second.
+    pub fn new(drive: Drive, again: bool, offsets_m: &[[f64; 3]], tracer_hz: f64) -> Served {
+        let name = |(k, offset_m): (usize, &[f64; 3])| (format!("Holder{}", k + 1), *offset_m);
+        Served {
+            drive: Mutex::new(drive),
+            again,
+            holders: offsets_m.iter().enumerate().map(name).collect(),
+            tracer_every: Duration::from_secs_f64(1.0 / tracer_hz),
+            has_session: AtomicBool::new(false),
+            has_reader: AtomicBool::new(false),
+            began: Mutex::new(None),
+        }
+    }
+
+    /// The holders and their offsets (m).
+    pub fn holders(&self) -> &[(String, [f64; 3])] {
+        &self.holders
+    }
+
+    /// What is seen now; and how long the machine has been on its way (s).
+    fn now(&self) -> Option<(Seen, f64)> {
+        let is_looked_at = self.has_session.load(Ordering::Relaxed) && self.has_reader.load(Ordering::Relaxed);
+        let mut began = self.began.lock().unwrap_or_else(PoisonError::into_inner);
+        if began.is_none() && is_looked_at {
+            *began = Some(Instant::now());
+        }
+        let time_s = began.map_or(0.0, |began| began.elapsed().as_secs_f64());
+        let mut drive = self.drive.lock().unwrap_or_else(PoisonError::into_inner);
+        let at_s = if self.again { time_s % drive.ends_s().max(1e-9) } else { time_s };
+        Some((drive.at(at_s)?, time_s))
+    }
+
+    fn position(&self) -> Option<Position> {
+        let (seen, time_s) = self.now()?;
+        let holder = self.holders.iter().find(|(_, offset_m)| *offset_m == seen.offset_m);
+        let tool = holder.map_or_else(|| "NoTool".to_owned(), |(name, _)| name.clone());
+        let mm = |m: [f64; 3]| m.map(|m| m * 1e3);
+        Some(Position { time_s, scales_mm: mm(seen.reading_m), tool: (tool, mm(seen.offset_m)) })
+    }
+
+    fn length_line(&self) -> Option<String> {
+        let (seen, _) = self.now()?;
+        let drive = self.drive.lock().unwrap_or_else(PoisonError::into_inner);
+        Some(format!("{},{:.7},{U_LENGTH_UM}\n", drive.station(seen.station), seen.length_m? * 1e3))
+    }
+}
+
+/// Serves until told to stop.
+///
+/// # Errors
+/// A socket that takes nobody any more.
+pub fn serve(
+    served: &Arc<Served>,
+    (server, tracer): (&TcpListener, &TcpListener),
+    shutdown: &Shutdown,
+) -> std::io::Result<()> {
+    server.set_nonblocking(true)?;
+    tracer.set_nonblocking(true)?;
+    while !shutdown.requested() {
+        let mut is_idle = true;
+        if let Some(stream) = accepted(server)? {
+            let (served, shutdown) = (Arc::clone(served), shutdown.clone());
+            // Who leaves has left.
+            thread::Builder::new().name("client".into()).spawn(move || drop(talk(&served, stream, &shutdown)))?;
+            is_idle = false;
+        }
+        if let Some(stream) = accepted(tracer)? {
+            let (served, shutdown) = (Arc::clone(served), shutdown.clone());
+            thread::Builder::new().name("reader".into()).spawn(move || drop(measure(&served, stream, &shutdown)))?;
+            is_idle = false;
+        }
+        if is_idle {
+            shutdown.sleep(LOOK_UP);
+        }
+    }
+    Ok(())
+}
+
+fn accepted(listener: &TcpListener) -> std::io::Result<Option<TcpStream>> {
+    match listener.accept() {
+        Ok((stream, _)) => {
+            stream.set_nonblocking(false)?;
+            stream.set_nodelay(true)?;
+            Ok(Some(stream))
+        }
+        Err(error)
+            if matches!(
+                error.kind(),
+                ErrorKind::WouldBlock | ErrorKind::Interrupted | ErrorKind::ConnectionAborted
+            ) =>
+        {
+            Ok(None)
+        }
+        Err(error) => Err(error),
+    }
+}
+
+/// One client of the server.
+fn talk(served: &Served, mut stream: TcpStream, shutdown: &Shutdown) -> std::io::Result<()> {
+    stream.set_read_timeout(Some(LOOK_UP))?;
+    let mut session = Session::new(served.holders.iter().map(|(name, _)| name.clone()).collect());
+    let (mut lines, mut bytes) = (Lines::default(), [0; 4096]);
+    while !shutdown.requested() {
+        let count = match stream.read(&mut bytes) {
+            Ok(0) => return Ok(()),
+            Ok(count) => count,
+            Err(error)
+                if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut | ErrorKind::Interrupted) =>
+            {
+                0
+            }
+            Err(error) => return Err(error),
+        };
+        let mut answers = Vec::new();
+        for piece in lines.take(&bytes[..count]) {
+            let (Piece::Line(line), Some(at)) = (piece, served.position()) else { continue };
+            answers.extend(session.take(text(&line), &at));
+            served.has_session.fetch_or(session.is_open(), Ordering::Relaxed);
+        }
+        answers.extend(served.position().map(|at| session.moved(&at)).unwrap_or_default());
+        for answer in answers {
+            stream.write_all(format!("{answer}\r\n").as_bytes())?;
+        }
+    }
+    Ok(())
+}
+
+/// One reader of the tracer.
+fn measure(served: &Served, mut stream: TcpStream, shutdown: &Shutdown) -> std::io::Result<()> {
+    stream.write_all(b"station,length_mm,u_length_um\n")?;
+    served.has_reader.store(true, Ordering::Relaxed);
+    while !shutdown.requested() {
+        if let Some(line) = served.length_line() {
+            stream.write_all(line.as_bytes())?;
+        }
+        thread::sleep(served.tracer_every);
+    }
+    Ok(())
+}

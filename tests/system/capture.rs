@@ -1,0 +1,364 @@
+//! A campaign captured from the simulated machine, through the drivers that a real one has: whole, killed, cut, disturbed.
+
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // A test fails by panicking.
+
+mod common;
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::fmt::Write as _;
+use std::fs;
+use std::io::{BufRead, BufReader, Write};
+use std::net::{TcpListener, TcpStream};
+use std::sync::atomic::{AtomicBool, AtomicI64, Ordering};
+use std::sync::{Arc, Mutex};
+use std::thread;
+use std::time::Duration;
+
+use common::assert_says;
+use common::files::{Bench, machine, other_machine, text};
+use common::program::{Started, abbe, run, signal, wait_until};
+use rustix::process::Signal;
+use serde_json::Value;
+
+/// Far beyond what a rehearsal takes on a loaded machine.
+const LIMIT: Duration = Duration::from_secs(900);
+const SEED: &str = "11";
+const STATIONS: [(&str, [f64; 3]); 4] = [
+    ("front-left", [-250.0, -250.0, -150.0]),
+    ("front-right", [1050.0, -250.0, -100.0]),
+    ("back-right", [1050.0, 850.0, -150.0]),
+    ("top-left", [-250.0, 850.0, 500.0]),
+];
+
+/// Twelve edges and four diagonals of the volume from each of these stations, with so many points a line.
+fn plan(bench: &Bench, stations: usize, lines: usize, points: usize) {
+    let (low, high) = ([0.0; 3], [800.0, 600.0, 600.0]);
+    let corner = |k: usize| -> [f64; 3] { std::array::from_fn(|d| if k >> d & 1 == 0 { low[d] } else { high[d] }) };
+    // Each line begins where the one before ends, or near there.
+    let ways = [
+        (0, 1),
+        (1, 3),
+        (3, 2),
+        (2, 0),
+        (0, 4),
+        (4, 5),
+        (5, 7),
+        (7, 6),
+        (6, 4),
+        (4, 3),
+        (3, 7),
+        (7, 0),
+        (0, 6),
+        (6, 1),
+        (1, 5),
+        (5, 2),
+    ];
+    let mut path = "station,line,time_s,x_mm,y_mm,z_mm,offset_x_mm,offset_y_mm,offset_z_mm,speed_mm_s\n".to_owned();
+    let mut places = "station,x_mm,y_mm,z_mm\n".to_owned();
+    let mut time_s = 0;
+    for (name, [x, y, z]) in &STATIONS[..stations] {
+        writeln!(places, "{name},{x},{y},{z}").unwrap();
+        for (number, (from, to)) in ways[..lines].iter().enumerate() {
+            for k in 0..points {
+                let share = k as f64 / (points - 1) as f64;
+                let [x, y, z]: [f64; 3] =
+                    std::array::from_fn(|d| corner(*from)[d] + share * (corner(*to)[d] - corner(*from)[d]));
+                time_s += 5;
+                writeln!(path, "{name},{name}-{number},{time_s},{x:.4},{y:.4},{z:.4},0,0,-60,50").unwrap();
+            }
+        }
+    }
+    fs::create_dir_all(bench.path("plan")).unwrap();
+    bench.write("plan/path.csv", path);
+    bench.write("plan/stations.csv", places);
+}
+
+fn free_address() -> String {
+    TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().to_string()
+}
+
+/// The simulated machine on sockets: its server, its tracer, and the process.
+fn serve(bench: &Bench) -> (String, String, Started) {
+    let (server, tracer) = (free_address(), free_address());
+    let (machine, plan) = (text(&machine()), bench.text("plan"));
+    let own = ["simulate", "--machine", &machine, "--seed", SEED, "--plan", &plan, "--serve", "ippdme", "--again"];
+    let pace = ["--faster", "200", "--dwell-s", "0.2", "--change-s", "0.3", "--tracer-hz", "200"];
+    let at = ["--listen", &server, "--tracer-listen", &tracer];
+    let started = Started::start(abbe(own.iter().chain(&pace).chain(&at)));
+    for address in [&server, &tracer] {
+        wait_until("it serves", Duration::from_secs(60), || TcpStream::connect(address).is_ok());
+    }
+    (server, tracer, started)
+}
+
+/// The file that a capture is told by.
+fn config(bench: &Bench, server: &str, tracer: &str, more: &str) -> String {
+    let content = format!(
+        "machine = \"{}\"\nplan = \"plan\"\n{more}\n\
+         [scale]\nkind = \"ippdme\"\nserver = \"{server}\"\nreads = \"polled\"\nevery_s = 0.005\nserver_offsets = true\n\
+         [tracer]\nkind = \"lines\"\nfrom = {{ tcp = \"{tracer}\" }}\ncolumns = [\"station\", \"length_mm\", \"u_length_um\"]\n\
+         silent_after_s = 2.0\n\
+         [standstill]\nspan_um = 1.0\ncreep_um = 0.3\nshortest_s = 0.08\nlongest_s = 0.12\npause_s = 0.1\nmargin_s = 0.01\n\
+         [motion]\nreversal_um = 20.0\nwindow_s = 0.02\n\
+         [lengths]\npause_s = 0.1\n",
+        text(&machine())
+    );
+    bench.write("capture.toml", content)
+}
+
+fn capture(bench: &Bench, config: &str) -> Started {
+    Started::start(abbe(["capture", config, "--out", &bench.text("captured"), "--json"]))
+}
+
+/// Whole lines of the journal.
+fn journal(bench: &Bench) -> Vec<Value> {
+    let bytes = fs::read(bench.path("captured/journal.jsonl")).unwrap_or_default();
+    let whole = bytes.iter().rposition(|byte| *byte == b'\n').map_or(0, |at| at + 1);
+    String::from_utf8_lossy(&bytes[..whole]).lines().map(|line| serde_json::from_str(line).unwrap()).collect()
+}
+
+/// Points of the readings that were taken at once.
+fn taken(bench: &Bench) -> Vec<u64> {
+    journal(bench)
+        .iter()
+        .filter(|entry| entry["entry"] == "taken")
+        .map(|entry| entry["point"].as_u64().unwrap())
+        .collect()
+}
+
+fn ok(words: &[&str]) -> String {
+    Started::start(abbe(words)).finish_within(LIMIT).ok()
+}
+
+/// Model of a campaign, and what is left at verification points: rms (µm) and what is stated of them.
+fn verified(bench: &Bench, campaign: &str) -> Value {
+    let (machine, model, points) = (text(&machine()), bench.text("model.json"), bench.text("perfect/verify.csv"));
+    ok(&["identify", "--machine", &machine, "--campaign", &bench.text(campaign), "--out", &model]);
+    serde_json::from_str(&ok(&["verify", "--model", &model, "--points", &points, "--json"])).unwrap()
+}
+
+/// Length by station, line and place, of a campaign.
+fn lengths(campaign: &str) -> Vec<(String, f64)> {
+    let mut lines = campaign.lines();
+    let names: Vec<&str> = lines.next().unwrap().split(',').collect();
+    let place = |name: &str| names.iter().position(|known| *known == name).unwrap();
+    let (line, length) = (place("line"), place("length_mm"));
+    let axes = ["x_mm", "y_mm", "z_mm"].map(place);
+    let mut all: Vec<(String, f64)> = lines
+        .map(|row| {
+            let cells: Vec<&str> = row.split(',').collect();
+            let at = axes.map(|axis| format!("{:.1}", cells[axis].parse::<f64>().unwrap().abs())).join(" ");
+            (format!("{} {at}", cells[line]), cells[length].parse().unwrap())
+        })
+        .collect();
+    all.sort_by(|a, b| a.0.cmp(&b.0));
+    all
+}
+
+#[test]
+fn a_rehearsed_campaign_that_is_killed_goes_on_and_is_the_one_that_was_driven() {
+    let bench = Bench::empty();
+    plan(&bench, 4, 16, 8);
+    let (machine, folder) = (text(&machine()), bench.text("plan"));
+    ok(&["simulate", "--machine", &machine, "--seed", SEED, "--plan", &folder, "--out", &bench.text("perfect")]);
+    let (server, tracer, served) = serve(&bench);
+    let config = config(&bench, &server, &tracer, "");
+
+    // Killed three times, whatever it is doing then.
+    for count in [60, 150, 151] {
+        let started = capture(&bench, &config);
+        wait_until("readings come", LIMIT, || taken(&bench).len() >= count);
+        signal(started.id(), Signal::KILL);
+        drop(started);
+    }
+    let before = taken(&bench);
+    let finished = capture(&bench, &config).finish_within(LIMIT);
+    assert_eq!(finished.code, Some(0), "{}", finished.errors);
+    let said = finished.errors;
+    let outcome: Value = serde_json::from_slice(&finished.output).unwrap();
+    drop(served);
+
+    // What was captured before stands as it was, each point once.
+    let after = taken(&bench);
+    assert_eq!(after[..before.len()], before);
+    // Fifteen lines of each station begin where the one before ends, and need no second reading there.
+    assert!((452..=512).contains(&after.len()), "{}", after.len());
+    assert_eq!(after.iter().collect::<BTreeSet<_>>().len(), after.len());
+    assert_says(
+        &said,
+        &["going on: 15", "uncertainty of a corrected point so far: not yet", "time left", "all points are captured"],
+    );
+    assert!(!said.contains("jumped") && !said.contains("differs"), "{said}");
+    assert_eq!(
+        [&outcome["captured"], &outcome["readings"], &outcome["points"]],
+        [&Value::from(after.len()); 3],
+        "{outcome:#}"
+    );
+    assert_eq!(outcome["open"], Value::Array(Vec::new()));
+    assert_says(&bench.read("captured/report.html"), &["Captured campaign of", "Stations"]);
+
+    // The readings are those of the machine: 0.05 um of a single length, averaged.
+    let (own, perfect) = (lengths(&bench.read("captured/campaign.csv")), lengths(&bench.read("perfect/campaign.csv")));
+    let perfect: BTreeMap<String, f64> = perfect.into_iter().collect();
+    let off: Vec<f64> = own.iter().map(|(place, length_mm)| (length_mm - perfect[place]) * 1e3).collect();
+    let rms_um = (off.iter().map(|um| um * um).sum::<f64>() / off.len() as f64).sqrt();
+    assert!(rms_um < 0.03, "{rms_um} um");
+    assert!(bench.read("captured/campaign.csv").contains("dir_x"));
+
+    // And so is the machine that is identified from them.
+    let (captured, recorded) = (verified(&bench, "captured/campaign.csv"), verified(&bench, "perfect/campaign.csv"));
+    let rms = |value: &Value| value["after_rms_um"].as_f64().unwrap();
+    println!("captured {:.3} um, recorded {:.3} um, lengths {rms_um:.4} um", rms(&captured), rms(&recorded));
+    assert!((rms(&captured) - rms(&recorded)).abs() < 0.1 * rms(&recorded), "{captured:#} {recorded:#}");
+    let stated = outcome["u_um"].as_f64().unwrap();
+    assert!(rms(&captured) < 2.0 * stated, "{captured:#} {stated}");
+}
+
+/// Between the tracer and the capture: what passes can be spoilt.
+struct Relay {
+    address: String,
+    jump_nm: Arc<AtomicI64>,
+    has_beam: Arc<AtomicBool>,
+    stream: Arc<Mutex<Option<TcpStream>>>,
+    inject: Arc<Mutex<Vec<u8>>>,
+}
+
+impl Relay {
+    fn start(tracer: &str) -> Relay {
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+        let relay = Relay {
+            address: listener.local_addr().unwrap().to_string(),
+            jump_nm: Arc::default(),
+            has_beam: Arc::new(AtomicBool::new(true)),
+            stream: Arc::default(),
+            inject: Arc::default(),
+        };
+        let (jump_nm, has_beam) = (Arc::clone(&relay.jump_nm), Arc::clone(&relay.has_beam));
+        let (stream, inject, tracer) = (Arc::clone(&relay.stream), Arc::clone(&relay.inject), tracer.to_owned());
+        thread::spawn(move || {
+            for client in listener.incoming().map(Result::unwrap) {
+                *stream.lock().unwrap() = Some(client.try_clone().unwrap());
+                let (mut client, source) = (client, TcpStream::connect(&tracer).unwrap());
+                for line in BufReader::new(source).lines().map_while(Result::ok).skip(1) {
+                    let cells: Vec<&str> = line.split(',').collect();
+                    let length_mm: f64 = cells[1].parse().unwrap();
+                    let shown = match has_beam.load(Ordering::Relaxed) {
+                        true => format!("{:.7}", length_mm + jump_nm.load(Ordering::Relaxed) as f64 * 1e-6),
+                        false => String::new(),
+                    };
+                    let more = std::mem::take(&mut *inject.lock().unwrap());
+                    let sent =
+                        client.write_all(&more).and_then(|()| writeln!(client, "{},{shown},{}", cells[0], cells[2]));
+                    if sent.is_err() {
+                        break;
+                    }
+                }
+            }
+        });
+        relay
+    }
+
+    fn cut(&self) {
+        if let Some(stream) = self.stream.lock().unwrap().take() {
+            stream.shutdown(std::net::Shutdown::Both).unwrap();
+        }
+    }
+}
+
+#[test]
+fn garbage_a_cut_line_a_lost_beam_and_a_jump_of_the_zero_are_told_and_no_wrong_reading_counts() {
+    let bench = Bench::empty();
+    plan(&bench, 1, 12, 5);
+    let (server, tracer, _served) = serve(&bench);
+    let relay = Relay::start(&tracer);
+    let config = config(&bench, &server, &relay.address, "check = { raw_error_um = 100.0 }");
+    let started = capture(&bench, &config);
+    wait_until("readings come", LIMIT, || taken(&bench).len() >= 6);
+    let garbage = [
+        b"\xff\xfe\x00 nonsense\nfront-left,1e99x,0.2\nfront-left\n".to_vec(),
+        vec![b'7'; 50_000],
+        b"\n".repeat(20_000),
+    ];
+    relay.inject.lock().unwrap().extend(garbage.concat());
+    wait_until("it goes on after garbage", LIMIT, || taken(&bench).len() >= 10);
+    relay.cut();
+    wait_until("it goes on after a lost connection", LIMIT, || taken(&bench).len() >= 14);
+    relay.has_beam.store(false, Ordering::Relaxed);
+    let lost = taken(&bench).len();
+    thread::sleep(Duration::from_secs(2));
+    assert!(taken(&bench).len() <= lost + 1, "without a beam there is no reading");
+    // The beam comes back with another zero.
+    relay.jump_nm.store(2_500_000, Ordering::Relaxed);
+    relay.has_beam.store(true, Ordering::Relaxed);
+    let finished = started.finish_within(LIMIT);
+    assert_eq!(finished.code, Some(0), "{}", finished.errors);
+    let said = &finished.errors;
+    assert_says(
+        said,
+        &[
+            "tracer: line",
+            "is no UTF-8 text",
+            "longer than 4096 bytes",
+            "it is tried again",
+            "the length is empty",
+            "does not count until",
+            "the zero of the tracer jumped by +2500",
+            "kept as a station of its own",
+        ],
+    );
+    let entries = journal(&bench);
+    let of = |what: &str| entries.iter().filter(|entry| entry["entry"] == what).collect::<Vec<_>>();
+    assert_eq!(of("zero").len(), 1, "{said}");
+    // After the jump every reading that counts has the new zero.
+    let place = entries.iter().position(|entry| entry["entry"] == "zero").unwrap();
+    assert!(entries[place..].iter().filter(|entry| entry["entry"] == "taken").all(|entry| entry["zero"] == 1));
+    let outcome: Value = serde_json::from_slice(&finished.output).unwrap();
+    assert!((49..=60).contains(&outcome["captured"].as_u64().unwrap()), "{outcome:#}");
+    assert_eq!(outcome["open"], Value::Array(Vec::new()));
+    assert_says(&bench.read("captured/campaign.csv"), &["front-left-zero2,front-left-"]);
+}
+
+#[test]
+fn what_does_not_belong_together_is_refused_and_ctrl_c_keeps_what_is_there() {
+    let bench = Bench::empty();
+    plan(&bench, 1, 4, 5);
+    let (server, tracer, _served) = serve(&bench);
+    let file = config(&bench, &server, &tracer, "");
+    let out = bench.text("captured");
+    let capture_again = |more: &[&str]| run(["capture", &file, "--out", &out].iter().chain(more));
+    assert_says(&capture_again(&["--finish"]).refused(), &["journal.jsonl: there is no journal"]);
+    let started = capture(&bench, &file);
+    wait_until("readings come", LIMIT, || taken(&bench).len() >= 3);
+    assert_says(&capture_again(&[]).refused(), &["journal.jsonl: another capture is writing it", "--out"]);
+    signal(started.id(), Signal::INT);
+    let stopped = started.finish_within(LIMIT).ended(130);
+    assert_says(&stopped, &["stopped on request with", "of 17 points; the same command goes on"]);
+    let outcome: Value = serde_json::from_str(&bench.read("captured/report.json")).unwrap();
+    assert_eq!(outcome["captured"].as_u64().unwrap() as usize, taken(&bench).len());
+    assert!(outcome["open"][0].as_str().unwrap().contains("of line front-left-"), "{outcome:#}");
+    assert_says(&capture_again(&["--finish"]).ok(), &["points of the plan are captured"]);
+    // Half a line, as a power cut leaves it.
+    let journal = bench.path("captured/journal.jsonl");
+    let whole = fs::read(&journal).unwrap();
+    fs::write(&journal, &whole[..whole.len() - 7]).unwrap();
+    assert_says(&capture_again(&["--finish"]).errors, &["ended in the middle of a reading"]);
+    fs::write(&journal, [&whole[..], b"no entry\n"].concat()).unwrap();
+    assert_says(&capture_again(&["--finish"]).refused(), &["journal.jsonl, line", "is no entry"]);
+    fs::write(&journal, &whole).unwrap();
+    // Another plan, another machine.
+    plan(&bench, 1, 3, 5);
+    assert_says(&capture_again(&["--finish"]).refused(), &["since it was begun the plan changed", "--out"]);
+    bench.write("plan/plan.json", "{\"machine\": \"gantry\"}");
+    assert_says(&capture_again(&[]).refused(), &["plan.json", "the plan is of machine gantry", "bridge_xyz"]);
+    fs::remove_file(bench.path("plan/plan.json")).unwrap();
+    let content = fs::read_to_string(&file).unwrap();
+    bench.write("capture.toml", content.replace(&text(&machine()), &text(&other_machine())));
+    assert_says(
+        &capture_again(&[]).refused(),
+        &["path.csv", "outside of the stroke", "plan with the machine file of this one"],
+    );
+    bench.write("capture.toml", content.replace("reads = \"polled\"\nevery_s = 0.005", "reads = \"moves\""));
+    assert_says(&capture_again(&[]).refused(), &["capture.toml", "scale.reads"]);
+    bench.write("capture.toml", content.replace("every_s", "evry_s"));
+    assert_says(&capture_again(&[]).refused(), &["capture.toml", "evry_s"]);
+}
