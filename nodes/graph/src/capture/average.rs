@@ -13,6 +13,10 @@ use thiserror::Error;
 const WIDTH: f64 = 3.464_101_6;
 /// Gross errors are so many times the allowed scatter from the median.
 const GROSS: f64 = 3.0;
+/// Or so many times the scatter that most of the lengths have, where that is more than this share of the allowed one: a quiet
+/// tracer tells a smaller one.
+const BESIDE_MOST: f64 = 10.0;
+const LEAST_GROSS: f64 = 0.1;
 
 /// A length and its instant (s).
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -81,7 +85,9 @@ pub(super) fn average(
     let scatter_m = allowed.scatter_um / 1e6;
     let middle = robust::median(values.clone()).unwrap_or(mean.mean);
     let off_m: Vec<f64> = values.iter().map(|value| (value - middle).abs()).collect();
-    let gross = off_m.iter().filter(|off_m| **off_m > GROSS * scatter_m).count();
+    let most_m = robust::scale(&off_m) * BESIDE_MOST;
+    let limit_m = most_m.clamp(LEAST_GROSS * scatter_m, GROSS * scatter_m);
+    let gross = off_m.iter().filter(|off_m| **off_m > limit_m).count();
     // Where most are far off it is no few, but all that scatters.
     if gross > 0 && gross * 4 < values.len() {
         return Err(NoReading::Gross(
@@ -166,12 +172,14 @@ mod tests {
         assert!(
             matches!(refused(&|k, noise| noise + if k == 50 { 5e-5 } else { 0.0 }), NoReading::Gross(1, 99, um) if um > 49.0)
         );
+        let small = refused(&|k, noise| noise + if k == 50 { 1e-6 } else { 0.0 });
+        assert!(matches!(small, NoReading::Gross(1, 99, _)), "ten times what most scatter by: {small}");
         assert!(
             matches!(refused(&|k, noise| noise + if k > 50 { 3e-6 } else { 0.0 }), NoReading::Drift(um, _) if um > 2.5),
             "a jump"
         );
         assert!(matches!(refused(&|k, noise| noise + 2e-8 * k as f64), NoReading::Drift(..)), "a drift");
-        assert!(matches!(refused(&|k, noise| 30.0 * noise + 4e-6 * (k as f64 * 0.9).sin()), NoReading::Scatter(..)));
+        assert!(matches!(refused(&|k, noise| 20.0 * noise + 3e-6 * (k as f64 * 0.9).sin()), NoReading::Scatter(..)));
         assert_eq!(refused(&|_, _| 0.5), NoReading::Repeated(99));
     }
 

@@ -30,15 +30,16 @@ impl Capturer {
         }
     }
 
-    /// Lengths that come, but not at the time of the scales, say that the clocks differ.
+    /// Lengths that come while the machine stands, but not at the time of the scales, say that the clocks differ.
     fn clocks(&self, why: &NoReading) -> String {
+        let came = self.lengths_seen.0 - self.lengths_seen.1;
         match (why, self.newest_s) {
             (NoReading::NoLength | NoReading::Few(..), [Some(scale_s), Some(tracer_s)])
-                if (scale_s - tracer_s).abs() > LATE_S =>
+                if (scale_s - tracer_s).abs() > LATE_S && came >= self.config.lengths.fewest as u64 =>
             {
                 format!(
-                    "the newest length is stamped {:+.1} s beside the newest reading of the scales; if lengths come, the clocks differ: \
-                     leave the column stamp_s out with \"-\"; otherwise ",
+                    "lengths come, but are stamped {:+.0} s beside the scales: the clocks differ; leave the column stamp_s out with \
+                     \"-\", so that the instant of arrival counts; ",
                     tracer_s - scale_s
                 )
             }
@@ -162,14 +163,14 @@ impl Capturer {
                 let lines: BTreeSet<usize> = points.iter().map(|point| self.planned.points_line(*point)).collect();
                 lines.into_iter().for_each(|line| self.note_done(line, told));
             }
-            _ if count >= TOO_MANY => told.push(Told::Warning(format!(
+            _ if count >= TOO_MANY && explained.is_empty() => told.push(Told::Warning(format!(
                 "{why}. {count} readings in a row agree neither with those before nor with one another as after a jump of the zero: \
                  stop the machine; see that x, y, z, offset and length belong together and that tracer and reflector sit \
                  firmly. If the machine errs by more than {} um, write it into check.raw_error_um",
                 self.config.check.raw_error_um
             ))),
             _ => told.push(Told::Warning(format!(
-                "{why}. It is kept, and does not count until the next readings say whether the zero of the tracer jumped"
+                "{why}. It is kept, and does not count until the next readings say what it was"
             ))),
         }
     }

@@ -59,6 +59,8 @@ pub struct Capturer {
     /// This standstill has had its reading.
     pub(super) is_held: bool,
     pub(super) newest_s: [Option<f64>; 2],
+    /// Lengths so far, and how many there were when the machine moved last.
+    pub(super) lengths_seen: (u64, u64),
     lengths: VecDeque<(Length, String)>,
     pending: Option<Pending>,
     pub(super) taken: Vec<Option<Captured>>,
@@ -84,6 +86,7 @@ impl Capturer {
             standing: None,
             is_held: false,
             newest_s: [None; 2],
+            lengths_seen: (0, 0),
             lengths: VecDeque::new(),
             pending: None,
             taken: vec![None; planned.len()],
@@ -238,6 +241,7 @@ impl Capturer {
         // The same stamp again is the same reading, and one that was overtaken on the way is left out.
         if reading.length_m.is_finite() && self.lengths.back().is_none_or(|(last, _)| time_s > last.time_s) {
             self.lengths.push_back((length, reading.station.as_str().to_owned()));
+            self.lengths_seen.0 += 1;
         }
         let kept_s = self.config.standstill.longest_s.max(self.config.points.trigger_s) + 10.0 * LATE_S;
         while self.lengths.len() > MOST_LENGTHS
@@ -320,7 +324,7 @@ impl Capturer {
                     (self.pending, self.newest_s[0]) = (None, None);
                 }
             }
-            Change::Moving => self.is_held = false,
+            Change::Moving => (self.is_held, self.lengths_seen.1) = (false, self.lengths_seen.0),
             Change::Standing => {
                 self.standing = Some(reading);
                 let lasts_s = self.standstill.lasts_s().unwrap_or(0.0);
