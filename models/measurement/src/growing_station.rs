@@ -205,7 +205,7 @@ mod tests {
 
     #[test]
     fn the_next_length_is_within_what_is_stated_from_the_second_reading_on() {
-        let (mut squares, mut count, mut largest) = (0.0, 0.0, 0.0_f64);
+        let (mut squares, mut count, mut largest) = (0.0_f64, 0.0_f64, 0.0_f64);
         for seed in 0..100 {
             let mut generator = ChaCha8Rng::seed_from_u64(seed);
             let mut normal = || -> f64 { StandardNormal.sample(&mut generator) };
@@ -223,7 +223,7 @@ mod tests {
             assert!((station.position_m() - truth).norm() < 5e-3 && station.len() == 60);
         }
         // Normal numbers: 5900 of them, so that the largest is near 3.8.
-        let rms: f64 = (squares / count as f64).sqrt();
+        let rms = (squares / count).sqrt();
         assert!((0.9..1.1).contains(&rms) && largest < 6.0, "{rms} {largest}");
     }
 

@@ -60,7 +60,7 @@ pub enum CaptureError {
         /// Which.
         driver: &'static str,
         /// Why.
-        source: DriverError,
+        source: Box<DriverError>,
     },
     /// A driver gave up.
     #[error("the driver of the {driver} gave up: {why}; what is captured is kept: mend it and start the capture again")]
@@ -204,7 +204,7 @@ fn open(
     give: &SyncSender<Given>,
 ) -> Result<Vec<Watched>, CaptureError> {
     let (scale, tracer) = config.drivers();
-    let failed = |driver| move |source| CaptureError::Driver { driver, source };
+    let failed = |driver| move |source| CaptureError::Driver { driver, source: Box::new(source) };
     let mut scale = open_scale(&scale, base, machine, shutdown).map_err(failed(SCALE))?;
     let mut tracer = open_tracer(&tracer, base, machine, shutdown).map_err(failed(TRACER))?;
     let mut links: Vec<Watched> = [(SCALE, scale.link()), (TRACER, tracer.link())]
