@@ -19,6 +19,8 @@ use std::collections::VecDeque;
 pub(super) const LATE_S: f64 = 1.0;
 /// Lengths that are kept at most.
 const MOST_LENGTHS: usize = 200_000;
+/// So many standstills in a row at no point are told.
+const MISSED_IN_A_ROW: u64 = 4;
 /// A standstill this many times farther from a point than allowed is none of it.
 const MISSED: f64 = 20.0;
 
@@ -73,6 +75,8 @@ pub struct Capturer {
     pub(super) set_up: usize,
     pub(super) asked_for: Option<usize>,
     pub(super) last_words: String,
+    /// Standstills in a row that were at no point.
+    missed: u64,
 }
 
 impl Capturer {
@@ -97,6 +101,7 @@ impl Capturer {
             set_up: 0,
             asked_for: None,
             last_words: String::new(),
+            missed: 0,
             config: config.clone(),
             planned,
         }
@@ -403,7 +408,10 @@ impl Capturer {
             Place::At(point) if is_taken(point) => {
                 (self.last, self.here_m) = (Some(point), Some(middle_m));
             }
-            Place::At(point) => self.average(pending, point, &lengths, told),
+            Place::At(point) => {
+                self.missed = 0;
+                self.average(pending, point, &lengths, told);
+            }
             Place::OtherOffset(point) => {
                 let line = self.planned.line(point);
                 let words = format!(
@@ -426,7 +434,7 @@ impl Capturer {
                 );
                 self.warn(told, words);
             }
-            Place::Near(..) => {}
+            Place::Near(point, away_m) => self.miss(point, away_m, &middle_m, told),
             Place::Nowhere => {
                 let words = format!(
                     "the plan has no line from station {name} with the reflector at {} mm; see that station and offset are those \
@@ -435,6 +443,22 @@ impl Capturer {
                 );
                 self.warn(told, words);
             }
+        }
+    }
+
+    /// A machine may stand anywhere on its way; one that never stands at a point is not the one of the plan, or not in its unit.
+    fn miss(&mut self, point: usize, away_m: f64, at_m: &[f64; 3], told: &mut Vec<Told>) {
+        self.missed += 1;
+        if self.missed >= MISSED_IN_A_ROW && self.missed.is_power_of_two() {
+            let words = format!(
+                "{} standstills in a row were at no point of the plan; the last was at X, Y, Z = {} mm, {:.1} mm from {}: see that the \
+                 scales have the unit and the frame of the plan, and that the machine drives this plan",
+                self.missed,
+                mm(at_m),
+                away_m * 1e3,
+                self.planned.words(point)
+            );
+            self.warn(told, words);
         }
     }
 

@@ -365,6 +365,18 @@ fn a_moved_machine_another_station_and_a_clock_that_goes_back_are_told() {
 }
 
 #[test]
+fn a_controller_in_another_unit_or_frame_is_told_after_a_few_standstills() {
+    let mut rig = Rig::new(&path(), &config(""));
+    for point in 0..6 {
+        let at_m = rig.capturer.planned().reading_m(point);
+        rig.visit(at_m.map(|m| m / 25.4));
+    }
+    rig.leave();
+    rig.says(&["4 standstills in a row were at no point of the plan", "the unit and the frame of the plan"]);
+    assert_eq!(rig.capturer.done(), 0);
+}
+
+#[test]
 fn clocks_that_differ_are_told_as_such() {
     let mut rig = Rig::new(&path(), &config(""));
     rig.tracer_late_ns = -30_000_000_000;
