@@ -294,7 +294,7 @@ fn garbage_a_cut_line_a_lost_beam_and_a_jump_of_the_zero_are_told_and_no_wrong_r
     relay.inject.lock().unwrap().extend(garbage.concat());
     wait_until("it goes on after garbage", LIMIT, || taken(&bench).len() >= 10);
     relay.cut();
-    wait_until("it goes on after a lost connection", LIMIT, || taken(&bench).len() >= 13);
+    wait_until("it goes on after a lost connection", LIMIT, || taken(&bench).len() >= 20);
     relay.has_beam.store(false, Ordering::Relaxed);
     let lost = taken(&bench).len();
     thread::sleep(Duration::from_secs(2));
