@@ -11,6 +11,7 @@ use crate::csv_source::CsvSource;
 use crate::decimals::Mark;
 use crate::dialect::Dialect;
 use crate::error::{FileError, Place};
+use abbe_geometry::Axis;
 use abbe_geometry::correct::{Correction, Status};
 use abbe_geometry::effects::{CovariateSource, CovariateValue};
 use csv::{ByteRecord, Writer};
@@ -52,7 +53,7 @@ pub struct PointsReader<R: Read> {
     source: CsvSource<R>,
     reading: [usize; 3],
     offset: Offset,
-    actual: Option<[usize; 3]>,
+    actual: Option<[Option<usize>; 3]>,
 }
 
 impl<R: Read> PointsReader<R> {
@@ -79,8 +80,44 @@ impl<R: Read> PointsReader<R> {
     ) -> Result<PointsReader<R>, FileError> {
         let mut reader = PointsReader::open(input, file, default_offset_m)?;
         let require = |k: usize| reader.source.header().require(ACTUAL[k], &KNOWN);
-        reader.actual = Some([require(0)?, require(1)?, require(2)?]);
+        reader.actual = Some([Some(require(0)?), Some(require(1)?), Some(require(2)?)]);
         Ok(reader)
+    }
+
+    /// The same of a volume or a plate, of which one of the three may not have been measured: [`PointsReader::lacks`] names it,
+    /// and a row holds 0 there.
+    pub fn of_plates(input: R, file: &str, default_offset_m: Option<[f64; 3]>) -> Result<PointsReader<R>, FileError> {
+        let mut reader = PointsReader::open(input, file, default_offset_m)?;
+        let header = reader.source.header();
+        let optional = |k: usize| header.optional(ACTUAL[k], &KNOWN);
+        let actual = [optional(0)?, optional(1)?, optional(2)?];
+        let missing: Vec<usize> = (0..3).filter(|k| actual[*k].is_none()).collect();
+        if let [first, _, ..] = missing[..] {
+            header.require(ACTUAL[first], &KNOWN)?;
+        }
+        reader.actual = Some(actual);
+        Ok(reader)
+    }
+
+    /// The actual coordinate that the file does not have.
+    pub fn lacks(&self) -> Option<Axis> {
+        let actual = self.actual?;
+        Axis::ALL.into_iter().find(|axis| actual[axis.index()].is_none())
+    }
+
+    /// A cell as text, `None` where the file has no such column.
+    ///
+    /// # Errors
+    /// A cell that is empty or no text.
+    pub fn text(&self, row: &PointRow, column: &str) -> Result<Option<String>, FileError> {
+        let Some(index) = self.source.header().find(column) else { return Ok(None) };
+        let cell = row.cells.get(index).unwrap_or_default().trim_ascii();
+        let text = std::str::from_utf8(cell).ok().filter(|text| !text.is_empty());
+        let missing = || {
+            let place = self.source.header().cell(row.line, index);
+            FileError::content(place, "the name is empty or not UTF-8", "write a name in every row")
+        };
+        text.map(|text| Some(text.to_owned())).ok_or_else(missing)
     }
 
     fn open(input: R, file: &str, default_offset_m: Option<[f64; 3]>) -> Result<PointsReader<R>, FileError> {
@@ -116,7 +153,11 @@ impl<R: Read> PointsReader<R> {
             Offset::Columns(columns) => self.metres(&row.cells, line, columns)?,
             Offset::Constant(offset_m) => offset_m,
         };
-        row.actual_m = self.actual.map(|columns| self.metres(&row.cells, line, columns)).transpose()?;
+        let actual = |columns: [Option<usize>; 3]| {
+            let one = |column: Option<usize>| column.map_or(Ok(0.0), |column| self.metre(&row.cells, line, column));
+            Ok::<_, FileError>([one(columns[0])?, one(columns[1])?, one(columns[2])?])
+        };
+        row.actual_m = self.actual.map(actual).transpose()?;
         row.mark = self.source.header().mark();
         Ok(true)
     }
@@ -133,8 +174,12 @@ impl<R: Read> PointsReader<R> {
     }
 
     fn metres(&self, cells: &ByteRecord, line: u64, columns: [usize; 3]) -> Result<[f64; 3], FileError> {
-        let metres = |column| Ok(self.source.header().number(cells, column, line, NUMBER_REMEDY)? / 1e3);
-        Ok([metres(columns[0])?, metres(columns[1])?, metres(columns[2])?])
+        let metre = |column| self.metre(cells, line, column);
+        Ok([metre(columns[0])?, metre(columns[1])?, metre(columns[2])?])
+    }
+
+    fn metre(&self, cells: &ByteRecord, line: u64, column: usize) -> Result<f64, FileError> {
+        Ok(self.source.header().number(cells, column, line, NUMBER_REMEDY)? / 1e3)
     }
 }
 

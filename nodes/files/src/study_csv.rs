@@ -5,7 +5,8 @@
 //! - positioning runs: `axis target_mm direction cycle measured_mm`, optional `time_s`; measured is the position actually
 //!   reached; direction is `+` or `-`, also `+1 -1 up down`;
 //! - residual vectors: `x_ y_ z_` in mm, um or m, `res_x_ res_y_ res_z_` and optionally `u_x_ u_y_ u_z_` likewise,
-//!   optional `time_s` and `block`.
+//!   optional `time_s` and `block`; of a plate `pose`, `point` and `u_plate_um`. Where a plane will do, one of the three
+//!   positions and one of the three residuals may be missing.
 //!
 //! Any further column of the latter two holds numbers and is a covariate; an empty cell there was not logged.
 
@@ -16,6 +17,7 @@ use crate::names::nearest;
 use abbe_diagnose::study::five_axis::SphereCentre;
 use abbe_diagnose::study::runs::{Approach, Run};
 use abbe_diagnose::study::vectors::ResidualVector;
+use abbe_geometry::Axis;
 use csv::ByteRecord;
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -39,6 +41,9 @@ const CYCLE: Known = Known::new("cycle", "cycle", "whole number");
 const MEASURED: Known = Known::new("measured_mm", "measured", "millimetres");
 const RUNS: [Known; 6] = [AXIS, TARGET, DIRECTION, CYCLE, MEASURED, TIME];
 const BLOCK: Known = Known::new("block", "block", "text");
+const POSE: Known = Known::new("pose", "pose", "text");
+const POINT: Known = Known::new("point", "point", "text");
+const U_PLATE: Known = Known::new("u_plate_um", "u_plate", "micrometres");
 
 /// Rows of a study and the hash of the file they came from.
 #[derive(Debug, Clone, PartialEq)]
@@ -61,10 +66,16 @@ pub fn read_runs_file(path: &Path) -> Result<StudyFile<Run>, FileError> {
     read_runs(input, &file)
 }
 
-/// Reads residual vectors.
+/// Reads residual vectors of a volume.
 pub fn read_residual_vectors_file(path: &Path) -> Result<StudyFile<ResidualVector>, FileError> {
     let (input, file) = open(path)?;
     read_residual_vectors(input, &file)
+}
+
+/// Reads residual vectors of a volume or a plane: one axis may have no positions, and one no residuals.
+pub fn read_plane_vectors_file(path: &Path) -> Result<StudyFile<ResidualVector>, FileError> {
+    let (input, file) = open(path)?;
+    read_plane_vectors(input, &file)
 }
 
 pub(crate) fn open(path: &Path) -> Result<(File, String), FileError> {
@@ -125,29 +136,62 @@ pub fn read_runs(input: impl Read, file: &str) -> Result<StudyFile<Run>, FileErr
     })
 }
 
-/// Reads residual vectors from anything; `file` is its name in messages.
+/// Reads residual vectors of a volume from anything; `file` is its name in messages.
 pub fn read_residual_vectors(input: impl Read, file: &str) -> Result<StudyFile<ResidualVector>, FileError> {
+    vectors(input, file, false)
+}
+
+/// Reads residual vectors of a volume or a plane from anything; `file` is its name in messages.
+pub fn read_plane_vectors(input: impl Read, file: &str) -> Result<StudyFile<ResidualVector>, FileError> {
+    vectors(input, file, true)
+}
+
+fn vectors(input: impl Read, file: &str, may_lack: bool) -> Result<StudyFile<ResidualVector>, FileError> {
     let source = CsvSource::new(input, file)?;
     let header = source.header();
-    let position = lengths(header, "")?.ok_or_else(|| no_lengths(header, ""))?;
-    let residual = lengths(header, "res_")?.ok_or_else(|| no_lengths(header, "res_"))?;
-    let u = lengths(header, "u_")?;
+    let position = lengths(header, "", may_lack)?.ok_or_else(|| no_lengths(header, ""))?;
+    let residual = lengths(header, "res_", may_lack)?.ok_or_else(|| no_lengths(header, "res_"))?;
+    // What was not measured needs no uncertainty.
+    let u = lengths(header, "u_", residual.lacks().is_some())?;
     let known = [TIME, BLOCK];
     let (time, block) = (header.optional(TIME, &known)?, header.optional(BLOCK, &known)?);
-    let mut used: Vec<usize> = [position.0, residual.0].concat();
-    used.extend(u.iter().flat_map(|(columns, _)| *columns).chain(time).chain(block));
+    let [pose, point, u_plate] = [POSE, POINT, U_PLATE].map(|own| header.find(own.name));
+    let mut used: Vec<usize> = position.columns.iter().chain(&residual.columns).flatten().copied().collect();
+    used.extend(u.iter().flat_map(|own| own.columns).flatten());
+    used.extend([time, block, pose, point, u_plate].into_iter().flatten());
     let covariates = strangers(header, |name| header.find(name).is_some_and(|column| used.contains(&column)));
     if u.is_none() {
-        refuse_misspelt(header, &covariates, ["u_x_um", "u_y_um", "u_z_um"])?;
+        refuse_misspelt(header, &covariates, &["u_x_um", "u_y_um", "u_z_um"])?;
+    }
+    for (own, prefix) in [(position, ""), (residual, "res_")] {
+        if let Some(axis) = own.lacks() {
+            let names = LENGTHS.map(|(unit, _)| format!("{prefix}{}_{unit}", axis.lower()));
+            refuse_misspelt(header, &covariates, &names.each_ref().map(String::as_str))?;
+        }
+    }
+    if let (Some(of_u), Some(axis)) = (u.and_then(Lengths::lacks), residual.lacks())
+        && of_u != axis
+    {
+        let problem = format!("uncertainties have no {}, residuals no {}", of_u.lower(), axis.lower());
+        return Err(FileError::content(
+            header.place(),
+            problem,
+            "give the uncertainty of every residual that is given",
+        ));
     }
     rows(source, |row| {
         Ok(ResidualVector {
-            position_m: row.three(position.0, position.1)?,
-            residual_m: row.three(residual.0, residual.1)?,
-            u_m: u.map(|(columns, per_m)| row.three_positive(columns, per_m)).transpose()?,
+            position_m: row.lengths(position)?,
+            residual_m: row.lengths(residual)?,
+            u_m: u.map(|own| row.uncertainties(own, residual.lacks())).transpose()?,
             time_s: row.optional(time)?,
             block: block.map(|column| row.text(column)).transpose()?,
             covariates: row.covariates(&covariates)?,
+            pose: pose.map(|column| row.text(column)).transpose()?,
+            point: point.map(|column| row.text(column)).transpose()?,
+            u_plate_m: u_plate.map(|column| row.positive(column, 1e6)).transpose()?,
+            position_lacks: position.lacks(),
+            residual_lacks: residual.lacks(),
         })
     })
 }
@@ -155,19 +199,37 @@ pub fn read_residual_vectors(input: impl Read, file: &str) -> Result<StudyFile<R
 /// Suffixes of lengths and how many of the unit make a metre.
 const LENGTHS: [(&str, f64); 3] = [("mm", 1e3), ("um", 1e6), ("m", 1.0)];
 
-/// Columns of x, y and z with this prefix, all in one unit, and that unit per metre; `None` where none of them is there.
-fn lengths(header: &Header, prefix: &str) -> Result<Option<([usize; 3], f64)>, FileError> {
+/// Columns of x, y and z in one unit, at most one of them missing.
+#[derive(Debug, Clone, Copy)]
+struct Lengths {
+    columns: [Option<usize>; 3],
+    per_m: f64,
+}
+
+impl Lengths {
+    fn lacks(self) -> Option<Axis> {
+        Axis::ALL.into_iter().find(|axis| self.columns[axis.index()].is_none())
+    }
+}
+
+/// Columns of x, y and z with this prefix, all in one unit; `None` where none of them is there.
+fn lengths(header: &Header, prefix: &str, may_lack: bool) -> Result<Option<Lengths>, FileError> {
     let find = |axis: &str, unit: &str| header.find(&format!("{prefix}{axis}_{unit}"));
-    let mut partly = None;
+    let mut partly = Vec::new();
     for (unit, per_m) in LENGTHS {
-        match ["x", "y", "z"].map(|axis| find(axis, unit)) {
-            [Some(x), Some(y), Some(z)] => return Ok(Some(([x, y, z], per_m))),
-            [None, None, None] => {}
-            found => partly = found.iter().position(Option::is_none).map(|k| (k, unit)),
+        let columns = ["x", "y", "z"].map(|axis| find(axis, unit));
+        match columns.iter().flatten().count() {
+            0 => {}
+            3 => return Ok(Some(Lengths { columns, per_m })),
+            count => partly.push((Lengths { columns, per_m }, unit, count)),
         }
     }
-    let Some((missing, unit)) = partly else { return Ok(None) };
-    let name = format!("{prefix}{}_{unit}", ["x", "y", "z"][missing]);
+    let Some((own, unit, count)) = partly.last().copied() else { return Ok(None) };
+    if may_lack && count == 2 && partly.len() == 1 {
+        return Ok(Some(own));
+    }
+    let axis = own.lacks().map_or("x", Axis::lower);
+    let name = format!("{prefix}{axis}_{unit}");
     let remedy = format!("add the column {name}, and write all three in one unit");
     Err(FileError::content(header.place().column(&name), "the column is missing", remedy))
 }
@@ -185,8 +247,8 @@ fn strangers(header: &Header, is_known: impl Fn(&str) -> bool) -> Vec<(usize, St
 }
 
 /// Refuses columns that stand where others are missing, and are named nearly like them: they would pass for covariates.
-fn refuse_misspelt(header: &Header, strangers: &[(usize, String)], wanted: [&str; 3]) -> Result<(), FileError> {
-    for name in wanted {
+fn refuse_misspelt(header: &Header, strangers: &[(usize, String)], wanted: &[&str]) -> Result<(), FileError> {
+    for name in wanted.iter().copied() {
         if let Some(misspelt) = nearest(name, strangers.iter().map(|(_, stranger)| stranger.as_str())) {
             let problem = format!("the column {name} is missing; did you mean it by {misspelt}?");
             let remedy = format!("rename the column {misspelt} to {name}, or to a name that is not so like it");
@@ -243,8 +305,17 @@ impl Row<'_> {
         Err(FileError::content(self.place(column), format!("the uncertainty {value} is not above zero"), remedy))
     }
 
-    fn three_positive(&self, columns: [usize; 3], per_m: f64) -> Result<[f64; 3], FileError> {
-        let at = |k: usize| self.positive(columns[k], per_m);
+    /// Lengths (m); 0 stands where the file has no column, and whoever reads asks [`Lengths::lacks`].
+    fn lengths(&self, own: Lengths) -> Result<[f64; 3], FileError> {
+        let at = |k: usize| own.columns[k].map_or(Ok(0.0), |column| Ok(self.number(column)? / own.per_m));
+        Ok([at(0)?, at(1)?, at(2)?])
+    }
+
+    /// Standard uncertainties (m); that of a component that nobody measured is one of the others.
+    fn uncertainties(&self, own: Lengths, lacks: Option<Axis>) -> Result<[f64; 3], FileError> {
+        let given = |k: usize| own.columns[k].filter(|_| lacks != Some(Axis::ALL[k]));
+        let any = (0..3).find_map(given);
+        let at = |k: usize| given(k).or(any).map_or(Ok(1.0), |column| self.positive(column, own.per_m));
         Ok([at(0)?, at(1)?, at(2)?])
     }
 

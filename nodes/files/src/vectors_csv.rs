@@ -2,13 +2,15 @@
 //!
 //! Place in the flow: `abbe points` and `abbe interpolate` write what `abbe interpolate`, `abbe diagnose --residuals` and
 //! whatever else takes residual vectors reads ([`crate::read_residual_vectors`]). Points in mm in the machine frame, errors
-//! (actual − indicated) and standard uncertainties (k = 1) in µm.
+//! (actual − indicated) and standard uncertainties (k = 1) in µm. Of a plane, positions along one axis and one component may be
+//! missing: they are then missing in what is written, too.
 
 use crate::atomic::AtomicFile;
 use crate::columns::READING;
 use crate::csv_source::CsvSource;
 use crate::error::FileError;
 use crate::points_csv::unwritten;
+use abbe_geometry::Axis;
 use csv::{ByteRecord, Writer};
 use std::fs::File;
 use std::io::{Read, Write};
@@ -31,28 +33,55 @@ pub struct ErrorVector {
     pub status: Option<&'static str>,
 }
 
+/// What a file of a plane lacks.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Lacks {
+    /// Axis without positions.
+    pub position: Option<Axis>,
+    /// Component that was not measured.
+    pub error: Option<Axis>,
+}
+
+/// Points, and the axis that they have no positions along.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Positions {
+    /// Where (m, machine frame); 0 along an axis that is missing, and it means nothing.
+    pub rows: Vec<[f64; 3]>,
+    /// That axis.
+    pub lacks: Option<Axis>,
+}
+
 /// Writes error vectors, whole or not at all. Columns for uncertainties and status are there if any vector has them; an empty
 /// cell is a missing value.
 pub fn write_error_vectors(path: &Path, vectors: &[ErrorVector]) -> Result<(), FileError> {
+    write_plane_errors(path, vectors, Lacks::default())
+}
+
+/// The same without the columns that a file of a plane lacks.
+pub fn write_plane_errors(path: &Path, vectors: &[ErrorVector], lacks: Lacks) -> Result<(), FileError> {
     let file = path.display().to_string();
     let mut output = AtomicFile::create(path)?;
-    write_rows(&mut output, &file, vectors)?;
+    write_rows(&mut output, &file, vectors, lacks)?;
     output.commit()
 }
 
-fn write_rows(output: impl Write, file: &str, vectors: &[ErrorVector]) -> Result<(), FileError> {
+fn write_rows(output: impl Write, file: &str, vectors: &[ErrorVector], lacks: Lacks) -> Result<(), FileError> {
+    let has = |lacks: Option<Axis>| move |k: &usize| lacks != Some(Axis::ALL[*k]);
+    let places: Vec<usize> = (0..3).filter(has(lacks.position)).collect();
+    let components: Vec<usize> = (0..3).filter(has(lacks.error)).collect();
     let with_u = vectors.iter().any(|v| v.u_m.is_some());
     let with_status = vectors.iter().any(|v| v.status.is_some());
     let mut writer = Writer::from_writer(output);
-    let mut header: Vec<&str> = READING.iter().map(|known| known.name).chain(ERRORS).collect();
-    header.extend(UNCERTAINTIES.iter().filter(|_| with_u));
+    let mut header: Vec<&str> = places.iter().map(|k| READING[*k].name).collect();
+    header.extend(components.iter().map(|k| ERRORS[*k]));
+    header.extend(components.iter().map(|k| UNCERTAINTIES[*k]).filter(|_| with_u));
     header.extend(["status"].iter().filter(|_| with_status));
     writer.write_record(header).map_err(|error| unwritten(file, error))?;
     for vector in vectors {
-        let mut cells: Vec<String> = vector.position_m.iter().map(|m| format!("{:.7}", m * 1e3)).collect();
-        let three = |values: Option<[f64; 3]>| match values {
-            Some(metres) => metres.map(|m| format!("{:.6}", m * 1e6)),
-            None => Default::default(),
+        let mut cells: Vec<String> = places.iter().map(|k| format!("{:.7}", vector.position_m[*k] * 1e3)).collect();
+        let three = |values: Option<[f64; 3]>| -> Vec<String> {
+            let cell = |k: &usize| values.map_or_else(String::new, |metres| format!("{:.6}", metres[*k] * 1e6));
+            components.iter().map(cell).collect()
         };
         cells.extend(three(vector.error_m));
         if with_u {
@@ -73,17 +102,37 @@ pub fn read_positions_file(path: &Path) -> Result<Vec<[f64; 3]>, FileError> {
     read_positions(input, &file)
 }
 
+/// Reads points of a volume or a plane: one of the three columns may be missing.
+pub fn read_plane_positions_file(path: &Path) -> Result<Positions, FileError> {
+    let file = path.display().to_string();
+    let input = File::open(path).map_err(FileError::io(&file, "open the points"))?;
+    let mut columns = [None; 3];
+    let source = CsvSource::new(input, &file)?;
+    for (column, known) in columns.iter_mut().zip(READING) {
+        *column = source.header().optional(known, &READING)?;
+    }
+    let lacks: Vec<Axis> = Axis::ALL.into_iter().filter(|axis| columns[axis.index()].is_none()).collect();
+    if let [_, second, ..] = lacks[..] {
+        source.header().require(READING[second.index()], &READING)?;
+    }
+    Ok(Positions { rows: positions(source, columns)?, lacks: lacks.first().copied() })
+}
+
 /// Reads points from anything; `file` is its name in messages.
 pub fn read_positions(input: impl Read, file: &str) -> Result<Vec<[f64; 3]>, FileError> {
-    let mut source = CsvSource::new(input, file)?;
-    let mut columns = [0; 3];
+    let mut columns = [None; 3];
+    let source = CsvSource::new(input, file)?;
     for (column, known) in columns.iter_mut().zip(READING) {
-        *column = source.header().require(known, &READING)?;
+        *column = Some(source.header().require(known, &READING)?);
     }
+    positions(source, columns)
+}
+
+fn positions<R: Read>(mut source: CsvSource<R>, columns: [Option<usize>; 3]) -> Result<Vec<[f64; 3]>, FileError> {
     let (mut positions, mut record) = (Vec::new(), ByteRecord::new());
     while let Some(line) = source.next(&mut record)? {
         let mut position = [0.0; 3];
-        for (value, column) in position.iter_mut().zip(columns) {
+        for (value, column) in position.iter_mut().zip(columns).filter_map(|(value, column)| Some((value, column?))) {
             *value = source.header().number(&record, column, line, NUMBER_REMEDY)? / 1e3;
         }
         positions.push(position);
@@ -115,7 +164,7 @@ mod tests {
     #[test]
     fn what_is_written_reads_back_as_residual_vectors() {
         let mut bytes = Vec::new();
-        write_rows(&mut bytes, "points.csv", &[vector(1.0), vector(2.0)]).unwrap();
+        write_rows(&mut bytes, "points.csv", &[vector(1.0), vector(2.0)], Lacks::default()).unwrap();
         let read = read_residual_vectors(bytes.as_slice(), "points.csv").unwrap().rows;
         for (row, k) in read.iter().zip([1.0, 2.0]) {
             let same = |a: [f64; 3], b: [f64; 3]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-12);
@@ -132,7 +181,7 @@ mod tests {
     fn what_is_missing_is_an_empty_cell_and_no_zero() {
         let mut bytes = Vec::new();
         let silent = ErrorVector { error_m: None, u_m: None, status: Some("no_answer"), ..vector(1.0) };
-        write_rows(&mut bytes, "points.csv", &[silent]).unwrap();
+        write_rows(&mut bytes, "points.csv", &[silent], Lacks::default()).unwrap();
         let text = String::from_utf8(bytes).unwrap();
         assert_eq!(text.lines().nth(1).unwrap(), "100.0000000,-250.0000000,125.0000000,,,,no_answer");
     }

@@ -190,6 +190,7 @@ fn vectors() -> Vec<ResidualVector> {
         time_s: Some(f64::from(k) * 10.0),
         block: Some(format!("L{k}")),
         covariates: BTreeMap::from([("temp_air_c".to_owned(), 20.0 + f64::from(k))]),
+        ..ResidualVector::default()
     };
     (0..3).map(row).collect()
 }

@@ -30,6 +30,7 @@ pub(super) fn diagnose(
     observe: &mut Observe,
 ) -> Result<StudyDiagnosis, DiagnoseError> {
     let rows = study.local(&[])?.residual.len();
+    let measured = (0..rows).filter(|row| study.is_measured(*row)).count();
     let first = outliers(study, &[], |_| true)?;
     let gross = first.rows(study);
     let unseen = unseen(study, rows, &gross, options, observe)?;
@@ -51,6 +52,7 @@ pub(super) fn diagnose(
     });
     let noise = noise(&view);
     let u = uncertainties(&mut view, &last)?;
+    let u = with_beside(&*view.study, &last, u);
     let effects = effects(&mut view, &last, &u)?;
     let terms = with_deviations(terms(&*view.study, &last, &u), &view);
     let looked = looks(&view, &gross, &found, &before, lack_of_fit.as_ref(), options);
@@ -60,7 +62,7 @@ pub(super) fn diagnose(
     let study: &dyn Study = &*view.study;
     Ok(StudyDiagnosis {
         of: study.of(),
-        rows,
+        rows: measured,
         blocks: Blocks { what: study.block_word().to_owned(), count: study.blocks().len() },
         consistent_with_noise,
         effects,
@@ -80,6 +82,15 @@ pub(super) fn diagnose(
         terms,
         notes: study.notes(),
     })
+}
+
+/// Uncertainties with what the scatter of the rows does not show.
+fn with_beside(study: &dyn Study, fit: &Fit, mut u: Vec<Vec<f64>>) -> Vec<Vec<f64>> {
+    for (own, fitted) in u.iter_mut().zip(&fit.added) {
+        let beside = study.u_beside(fitted.candidate);
+        own.iter_mut().zip(beside).for_each(|(u, beside)| *u = u.hypot(beside));
+    }
+    u
 }
 
 /// With what one reading scatters along each axis.

@@ -27,6 +27,8 @@ pub(crate) struct Candidate {
     pub(crate) decided_by: String,
     /// Claimed only where it stands apart from all that is simpler: a wave, which few targets turn into something else.
     pub(crate) stands_apart: bool,
+    /// Named before any other that passes: what is straight, before what is bent.
+    pub(crate) comes_first: bool,
 }
 
 /// Rows of one axis or component in the order of measurement.
@@ -131,6 +133,16 @@ pub(crate) trait Study: Sync {
     /// Standard uncertainty that a row is divided by (m).
     fn row_unit_m(&self, _row: usize) -> f64 {
         self.unit_m()
+    }
+
+    /// Whether a row was measured: what was not is no row of the study.
+    fn is_measured(&self, _row: usize) -> bool {
+        true
+    }
+
+    /// Standard uncertainty of each parameter of a candidate that no scatter of the rows shows (SI).
+    fn u_beside(&self, candidate: usize) -> Vec<f64> {
+        vec![0.0; self.candidates()[candidate].parameters.len()]
     }
 
     /// A row in words, for messages.

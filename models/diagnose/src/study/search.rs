@@ -212,6 +212,7 @@ fn step(
     passing.retain(|scored| scored.p_holm <= options.significance);
     passing.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
     simplest_first(view, &mut passing);
+    straight_first(view, &mut passing);
     let mut tried: BTreeMap<String, usize> = BTreeMap::new();
     let mut is_tried = |scored: &&Scored| {
         let forms = tried.entry(view.study.candidates()[scored.candidate].family.clone()).or_default();
@@ -248,6 +249,16 @@ fn simplest_first(view: &View, passing: &mut Vec<Scored>) {
     let family = candidate(best).family.clone();
     let forms = (0..passing.len()).filter(|k| close(&passing[*k]) && candidate(&passing[*k]).family == family);
     if let Some(k) = forms.min_by_key(|k| passing[*k].score.degrees) {
+        let first = passing.remove(k);
+        passing.insert(0, first);
+    }
+}
+
+/// Moves to the front what is named before any other, the best of several: bent forms would take some of it along.
+fn straight_first(view: &View, passing: &mut Vec<Scored>) {
+    let is_straight = |k: &usize| view.study.candidates()[passing[*k].candidate].comes_first;
+    let best = |a: &usize, b: &usize| passing[*b].evidence.total_cmp(&passing[*a].evidence);
+    if let Some(k) = (0..passing.len()).filter(is_straight).min_by(best) {
         let first = passing.remove(k);
         passing.insert(0, first);
     }

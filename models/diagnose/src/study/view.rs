@@ -41,7 +41,7 @@ pub(super) struct View<'a> {
 impl<'a> View<'a> {
     /// All rows for which `keep` holds, in white noise until [`View::adapt`].
     pub(super) fn new(study: &'a mut dyn Study, rows: usize, keep: impl Fn(usize) -> bool) -> View<'a> {
-        let kept: Vec<usize> = (0..rows).filter(|row| keep(*row)).collect();
+        let kept: Vec<usize> = (0..rows).filter(|row| study.is_measured(*row) && keep(*row)).collect();
         let mut own = vec![None; rows];
         kept.iter().enumerate().for_each(|(k, row)| own[*row] = Some(k));
         let pick = |rows: &Vec<usize>| rows.iter().filter_map(|row| own[*row]).collect::<Vec<usize>>();

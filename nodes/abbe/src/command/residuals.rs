@@ -342,6 +342,7 @@ fn vector(point: &PointResidual, row: &Row) -> ResidualVector {
         time_s: row.time_s,
         block: row.block.clone(),
         covariates: row.covariates.clone(),
+        ..ResidualVector::default()
     }
 }
 

@@ -12,7 +12,7 @@ pub(crate) use abbe_diagnose::study::Progress;
 use abbe_diagnose::study::runs::{PositionSummary, positions};
 use abbe_diagnose::study::{Observe, Options, StudyDiagnosis, five_axis, runs, vectors};
 use abbe_files::{
-    DataSource, FileError, MachineFile, ModelFile, header_names, hex, read_machine, read_residual_vectors_file,
+    DataSource, FileError, MachineFile, ModelFile, header_names, hex, read_machine, read_plane_vectors_file,
     read_runs_file, read_sphere_centres_file,
 };
 use abbe_geometry::Vector3;
@@ -72,7 +72,7 @@ pub(crate) fn run_residuals(
     let of_model = model.map(machine_of).transpose()?;
     let machine = of_model.map_or_else(|| request.machine.map(read_machine).transpose(), |own| Ok(Some(own)))?;
     let chain = machine.as_ref().map(|own| own.machine.clone());
-    let file = read_residual_vectors_file(path)?;
+    let file = read_plane_vectors_file(path)?;
     let vectors_m: Vec<Vector3<f64>> = file.rows.iter().map(|row| row.residual_m.into()).collect();
     check_vectors(&vectors_m, false).with_context(|| path.display().to_string())?;
     conclude(Data { path, sha256: file.sha256, machine }, request, Vec::new(), |options| {
@@ -124,6 +124,8 @@ fn conclude(
         bytes
     });
     if model.is_none() {
+        let left_out = diagnosis.terms.left_out.iter();
+        record.notes.extend(left_out.map(|(name, reason)| format!("Not for a model: {name}; {reason}.")));
         record.notes.push("No model file was made: nothing was found that a model could correct.".to_owned());
     }
     Ok(Product { report: DiagnosisReport { record, residuals: None, figures }, model })

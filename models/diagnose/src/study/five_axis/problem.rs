@@ -246,5 +246,6 @@ fn candidate(known: &'static Known, group: &[usize]) -> Candidate {
         parameters: group.iter().map(spec).collect(),
         decided_by: known.decided_by.to_owned(),
         stands_apart: false,
+        comes_first: false,
     }
 }

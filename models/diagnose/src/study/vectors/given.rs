@@ -17,6 +17,10 @@ pub(super) fn given(vectors: &[ResidualVector]) -> Result<(Vec<usize>, Vec<Strin
         if !own.chain(vector.covariates.values()).all(|value| value.is_finite()) {
             return Err(data(format!("vector {} holds a figure that is not finite", k + 1), "remove or correct it"));
         }
+        if vector.u_plate_m.is_some_and(|u| !(u.is_finite() && u > 0.0)) {
+            let problem = format!("vector {} has an uncertainty of the plate that is not above zero", k + 1);
+            return Err(data(problem, "correct it, or leave its column out"));
+        }
         if vector.u_m.is_some_and(|u| u.iter().any(|u| !(u.is_finite() && *u > 0.0))) {
             return Err(data(format!("vector {} has an uncertainty that is not above zero", k + 1), "correct it"));
         }
@@ -36,7 +40,11 @@ fn once(vectors: &[ResidualVector]) -> (Vec<usize>, Vec<String>) {
     for (k, vector) in vectors.iter().enumerate() {
         let figures = vector.position_m.iter().chain(&vector.residual_m).chain(&vector.time_s);
         let figures: Vec<u64> = figures.chain(vector.covariates.values()).map(|value| value.to_bits()).collect();
-        if seen.insert((figures, &vector.block)) { rows.push(k) } else { copies.push(k + 1) }
+        if seen.insert((figures, &vector.block, &vector.pose, &vector.point)) {
+            rows.push(k)
+        } else {
+            copies.push(k + 1)
+        }
     }
     if copies.is_empty() {
         return (rows, Vec::new());

@@ -6,21 +6,30 @@
 //! smooth function of each logged quantity and each pair, and once or twice a turn of each angle. The 21 errors of a
 //! chain are not part of the base, so what they do shows up as dependence on position. Blocks are those of the file,
 //! else stretches of time, else cells of space.
+//!
+//! Vectors in a plane, or of a plate in one or several poses, are named further: scales and squareness of the axes they
+//! span ([`plate`]). Each pose has a rigid motion of its own. Where the plate was turned and its points are named, only
+//! what differs between its poses is used, from which its own form has gone ([`turned`]).
 
 mod blocks;
 mod given;
+mod linear;
 mod model;
+mod plate;
 mod problem;
 mod registered;
 mod shape;
+mod turned;
 
 use super::assemble;
 use super::diagnosis::StudyDiagnosis;
 use super::search::{Observe, Options};
 use crate::error::DiagnoseError;
+use abbe_geometry::Axis;
 use abbe_geometry::machine::Machine;
 use problem::Vectors;
 use std::collections::BTreeMap;
+use turned::Turned;
 
 /// One residual.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -37,6 +46,16 @@ pub struct ResidualVector {
     pub block: Option<String>,
     /// Joints and further logged quantities by name, in the unit of their name.
     pub covariates: BTreeMap<String, f64>,
+    /// Placing of a plate on the table in which it was measured; where it lay is unknown.
+    pub pose: Option<String>,
+    /// Name of the point on the plate: the same in all poses.
+    pub point: Option<String>,
+    /// Standard uncertainty (k = 1) of the plate's calibrated coordinates there (m).
+    pub u_plate_m: Option<f64>,
+    /// Axis whose position nobody gave; the figure there means nothing.
+    pub position_lacks: Option<Axis>,
+    /// Component of the residual that nobody measured; the figure there means nothing.
+    pub residual_lacks: Option<Axis>,
 }
 
 /// Diagnoses residual vectors; `machine` names the chain behind the positions, its default offset that of the tip.
@@ -63,5 +82,9 @@ pub fn diagnose_observed(
 ) -> Result<StudyDiagnosis, DiagnoseError> {
     let (rows, notes) = given::given(vectors)?;
     let kept: Vec<ResidualVector> = rows.iter().map(|row| vectors[*row].clone()).collect();
-    assemble::diagnose(&mut Vectors::new(&kept, rows, notes, machine)?, options, observe)
+    let mut study = Vectors::new(&kept, rows, notes, machine)?;
+    match turned::contrasts(&study)? {
+        None => assemble::diagnose(&mut study, options, observe),
+        Some(contrasts) => assemble::diagnose(&mut Turned::new(study, contrasts)?, options, observe),
+    }
 }

@@ -4,9 +4,11 @@
 
 use super::ResidualVector;
 use super::blocks::blocks;
+use super::linear::{Named, unseen};
 use super::model;
+use super::plate::{Poses, RIGID, data};
 use super::registered::{Logged, Registered, motion, registered};
-use super::shape::{Quantity, Shape};
+use super::shape::{Bent, Quantity, Shape};
 use crate::error::DiagnoseError;
 use crate::study::candidate::{Candidate, Chain, Local, ModelTerm, Question, Study};
 use crate::study::diagnosis::{Kind, Untestable};
@@ -31,25 +33,28 @@ const IN_PAIRS: usize = 16;
 /// What a candidate is made of.
 enum Part {
     Registered(Registered),
-    /// One component of the residual.
-    Smooth(Axis, Shape),
+    /// A scale or squareness of a plane.
+    Named(Named),
+    /// One component of the residual, with those parameters of the shape that nothing else names.
+    Smooth(Axis, Bent),
 }
 
 /// All vectors.
 pub(super) struct Vectors<'a> {
-    vectors: &'a [ResidualVector],
+    pub(super) vectors: &'a [ResidualVector],
+    pub(super) poses: Poses,
     /// Row of the file of each vector.
     rows_of_file: Vec<usize>,
     notes: Vec<String>,
     /// Components that were measured.
-    measured: [bool; 3],
+    pub(super) measured: [bool; 3],
     /// One a component that was measured.
     chains: Vec<Chain>,
     machine: Option<&'a Machine>,
-    sigma_m: Vec<[f64; 3]>,
+    pub(super) sigma_m: Vec<[f64; 3]>,
     is_declared: bool,
     start_s: f64,
-    quantities: Vec<Quantity>,
+    pub(super) quantities: Vec<Quantity>,
     /// Rows of each block.
     blocks: Vec<Vec<usize>>,
     block_word: &'static str,
@@ -65,6 +70,7 @@ impl<'a> Vectors<'a> {
         mut notes: Vec<String>,
         machine: Option<&'a Machine>,
     ) -> Result<Vectors<'a>, DiagnoseError> {
+        let poses = Poses::new(vectors)?;
         let (members, block_word) = blocks(vectors);
         if members.len() < FEWEST_BLOCKS {
             return Err(data(
@@ -76,12 +82,18 @@ impl<'a> Vectors<'a> {
         let sigma = |v: &ResidualVector| v.u_m.filter(|_| is_declared).unwrap_or([ASSUMED_M; 3]);
         let (quantities, untestable) = quantities(vectors);
         // A column of zeros was filled in, not measured.
-        let measured = Axis::ALL.map(|axis| vectors.iter().any(|vector| vector.residual_m[axis.index()] != 0.0));
+        let lacks = vectors[0].residual_lacks;
+        let is_measured =
+            |axis: Axis| lacks != Some(axis) && vectors.iter().any(|vector| vector.residual_m[axis.index()] != 0.0);
+        let measured = Axis::ALL.map(is_measured);
         if measured == [false; 3] {
             return Err(data("all residuals are zero".to_owned(), "give the residuals that were measured"));
         }
         for axis in Axis::ALL.into_iter().filter(|axis| !measured[axis.index()]) {
-            notes.push(format!("Component {} is zero in every row: it was taken as not measured.", axis.lower()));
+            notes.push(match lacks == Some(axis) {
+                true => format!("Component {} was not measured.", axis.lower()),
+                false => format!("Component {} is zero in every row: it was taken as not measured.", axis.lower()),
+            });
         }
         let components: Vec<usize> = (0..3).filter(|d| measured[*d]).collect();
         let rows = |block: Vec<usize>| {
@@ -89,6 +101,7 @@ impl<'a> Vectors<'a> {
         };
         let mut study = Vectors {
             vectors,
+            poses,
             rows_of_file,
             notes,
             measured,
@@ -105,7 +118,9 @@ impl<'a> Vectors<'a> {
             untestable,
         };
         study.add_registered()?;
+        study.add_named(false);
         study.add_smooth();
+        study.add_plate_notes();
         study.chains = components.iter().map(|d| study.chain(*d)).collect();
         Ok(study)
     }
@@ -131,17 +146,79 @@ impl<'a> Vectors<'a> {
         Ok(())
     }
 
+    /// Scales and squareness of the plane; nothing where positions fill a volume.
+    fn add_named(&mut self, is_scale_unknown: bool) {
+        if !self.poses.is_plate() {
+            return;
+        }
+        let axes = self.poses.axes();
+        let is_moved = |named: &Named| {
+            let moved = |k: usize| named.motion_m(&self.poses.arm_m(self.vectors, k));
+            (0..self.vectors.len()).any(|k| (0..3).any(|d| self.measured[d] && moved(k)[d] != 0.0))
+        };
+        for named in Named::all(&axes, self.machine, is_scale_unknown) {
+            if is_moved(&named) {
+                self.candidates.push(named.candidate());
+                self.parts.push(Part::Named(named));
+            }
+        }
+        let unseen = unseen(&axes, self.machine).into_iter();
+        self.untestable.extend(unseen.map(|(name, needs)| Untestable { name, needs }));
+    }
+
+    /// The same candidates where the plate's own scale is one of the unknowns.
+    pub(super) fn with_unknown_scale(&mut self) {
+        let is_kept: Vec<bool> = self.parts.iter().map(|part| !matches!(part, Part::Named(_))).collect();
+        let mut kept = is_kept.iter();
+        self.candidates.retain(|_| kept.next().is_some_and(|is_kept| *is_kept));
+        let mut kept = is_kept.iter();
+        self.parts.retain(|_| kept.next().is_some_and(|is_kept| *is_kept));
+        let names: Vec<String> = unseen(&self.poses.axes(), self.machine).into_iter().map(|(name, _)| name).collect();
+        self.untestable.retain(|own| !names.contains(&own.name));
+        self.add_named(true);
+        for axis in self.poses.axes() {
+            let name = format!("scale of {0} (E{0}{0}, straight part), by itself", axis.letter());
+            let needs = "a calibrated length: the plate's own scale is one of the unknowns. Without the column point the \
+                         plate is taken as it was calibrated";
+            self.untestable.push(Untestable { name, needs: needs.to_owned() });
+        }
+    }
+
+    fn add_plate_notes(&mut self) {
+        if !self.poses.is_plate() {
+            return;
+        }
+        let needs = "a plate whose place on the machine is known: its shift and turn are fitted";
+        self.untestable.push(Untestable { name: "a shift or turn of the whole".to_owned(), needs: needs.to_owned() });
+        if let Some(axis) = self.vectors[0].position_lacks {
+            self.notes.push(format!("Positions have no {}: they were taken to lie in one plane.", axis.lower()));
+        }
+    }
+
     fn add_smooth(&mut self) {
         for shape in Shape::all(&self.quantities, IN_PAIRS) {
+            let bent = shape.bent(&self.quantities, |k| self.is_spanned(k));
+            if bent.kept.is_empty() {
+                continue;
+            }
             for axis in Axis::ALL.into_iter().filter(|axis| self.measured[axis.index()]) {
-                self.candidates.push(self.smooth_candidate(shape, axis));
-                self.parts.push(Part::Smooth(axis, shape));
+                self.candidates.push(self.smooth_candidate(&bent, axis));
+                self.parts.push(Part::Smooth(axis, bent.clone()));
             }
         }
     }
 
-    fn smooth_candidate(&self, shape: Shape, axis: Axis) -> Candidate {
+    /// Whether the straight line in a quantity has a name: scale, squareness or a turn of the pose.
+    fn is_spanned(&self, quantity: usize) -> bool {
+        let is_own = |axis: &Axis| POSITION[axis.index()] == self.quantities[quantity].name;
+        self.poses.is_plate() && self.poses.axes().iter().any(is_own)
+    }
+
+    fn smooth_candidate(&self, bent: &Bent, axis: Axis) -> Candidate {
+        let shape = bent.shape;
         let (words, formula) = shape.words(&self.quantities);
+        let all = shape.parameters();
+        let words = if bent.is_less() { format!("{words} beyond the straight line") } else { words };
         let names: Vec<String> = shape.quantities().iter().map(|k| self.quantities[*k].name.clone()).collect();
         Candidate {
             name: format!("{words}, component {}", axis.lower()),
@@ -150,8 +227,9 @@ impl<'a> Vectors<'a> {
             family: format!("{}, component {}", names.join(" and "), axis.lower()),
             decided_by: format!("vary {} independently of each other and of all else", names.join(" and ")),
             covariates: names,
-            parameters: shape.parameters().into_iter().map(|name| ParameterSpec::new(name, "m", PLAUSIBLE_M)).collect(),
+            parameters: bent.kept.iter().map(|k| ParameterSpec::new(all[*k].clone(), "m", PLAUSIBLE_M)).collect(),
             stands_apart: matches!(shape, Shape::Turn { .. }),
+            comes_first: false,
         }
     }
 
@@ -165,13 +243,20 @@ impl<'a> Vectors<'a> {
             order.sort_by(|a, b| times[*a].total_cmp(&times[*b]));
         }
         let degree = RICH.min(count / 3 / self.quantities.len().max(1));
-        let mut rich = Mat::zeros(count, 1 + degree * self.quantities.len());
+        let poses = if self.poses.list.len() > 1 { self.poses.list.len() } else { 0 };
+        let polynomials = 1 + degree * self.quantities.len();
+        let mut rich = Mat::zeros(count, polynomials + RIGID * poses);
         for (i, k) in order.iter().enumerate() {
             let sigma_m = self.sigma_m[*k][component];
             rich[(i, 0)] = 1.0 / sigma_m;
             for (q, quantity) in self.quantities.iter().enumerate() {
                 let powers = legendre(quantity.values[*k], quantity.range, degree);
                 (1..=degree).for_each(|j| rich[(i, q * degree + j)] = powers[j] / sigma_m);
+            }
+            if poses > 0 {
+                let first = polynomials + RIGID * self.poses.of[*k];
+                let own = self.rigid(*k, component);
+                own.into_iter().enumerate().for_each(|(j, value)| rich[(i, first + j)] = value / sigma_m);
             }
         }
         let of = format!("component {}", Axis::ALL[component].lower());
@@ -199,9 +284,23 @@ impl<'a> Vectors<'a> {
         POSITION.iter().position(|own| *own == name).map_or(if name == TIME { self.start_s } else { 0.0 }, offset_m)
     }
 
-    fn centre_m(&self) -> Vector3<f64> {
-        self.vectors.iter().map(|vector| Vector3::from(vector.position_m)).sum::<Vector3<f64>>()
-            / self.vectors.len() as f64
+    /// What was wrong with the vectors given.
+    pub(super) fn given_notes(&self) -> &[String] {
+        &self.notes
+    }
+
+    /// Row of the file, from 1.
+    pub(super) fn row_of_file(&self, k: usize) -> usize {
+        self.rows_of_file[k] + 1
+    }
+
+    /// Motion of one component by shift and turn of its pose.
+    fn rigid(&self, k: usize, component: usize) -> [f64; RIGID] {
+        let arm_m = self.poses.arm_m(self.vectors, k);
+        std::array::from_fn(|j| match j {
+            0..3 => f64::from(u8::from(j == component)),
+            _ => Vector3::ith(j - 3, 1.0).cross(&arm_m)[component],
+        })
     }
 }
 
@@ -215,17 +314,14 @@ impl Study for Vectors<'_> {
     }
 
     fn local(&self, _added: &[(usize, Vec<f64>)]) -> Result<Local, DiagnoseError> {
-        let centre_m = self.centre_m();
-        let mut base = Mat::zeros(3 * self.vectors.len(), 6);
+        let mut base = Mat::zeros(3 * self.vectors.len(), RIGID * self.poses.list.len());
         let mut residual = Vec::with_capacity(3 * self.vectors.len());
         for (k, (vector, sigma_m)) in self.vectors.iter().zip(&self.sigma_m).enumerate() {
-            let arm_m = Vector3::from(vector.position_m) - centre_m;
+            let first = RIGID * self.poses.of[k];
             for d in 0..3 {
                 residual.push(vector.residual_m[d] / sigma_m[d]);
-                base[(3 * k + d, d)] = 1.0 / sigma_m[d];
-                for about in 0..3 {
-                    base[(3 * k + d, 3 + about)] = Vector3::ith(about, 1.0).cross(&arm_m)[d] / sigma_m[d];
-                }
+                let own = self.rigid(k, d);
+                own.into_iter().enumerate().for_each(|(j, value)| base[(3 * k + d, first + j)] = value / sigma_m[d]);
             }
         }
         Ok(Local { residual, base, point: Vec::new() })
@@ -235,9 +331,13 @@ impl Study for Vectors<'_> {
         let mut columns = Mat::zeros(3 * self.vectors.len(), self.candidates[candidate].parameters.len());
         for (k, (vector, sigma_m)) in self.vectors.iter().zip(&self.sigma_m).enumerate() {
             match (&self.parts[candidate], self.machine) {
-                (Part::Smooth(axis, shape), _) => {
+                (Part::Named(named), _) => {
+                    let moved_m = named.motion_m(&self.poses.arm_m(self.vectors, k));
+                    (0..3).for_each(|d| columns[(3 * k + d, 0)] = moved_m[d] / sigma_m[d]);
+                }
+                (Part::Smooth(axis, bent), _) => {
                     let d = axis.index();
-                    for (j, value) in shape.columns(&self.quantities, k).into_iter().enumerate() {
+                    for (j, value) in bent.columns(&self.quantities, k).into_iter().enumerate() {
                         columns[(3 * k + d, j)] = value / sigma_m[d];
                     }
                 }
@@ -256,13 +356,13 @@ impl Study for Vectors<'_> {
     }
 
     fn chain_columns(&self, candidate: usize, rows: &[usize]) -> Option<(usize, Mat<f64>)> {
-        let Part::Smooth(axis, shape) = &self.parts[candidate] else { return None };
+        let Part::Smooth(axis, bent) = &self.parts[candidate] else { return None };
         let d = axis.index();
         let chain = (0..d).filter(|other| self.measured[*other]).count();
         let mut columns = Mat::zeros(rows.len(), self.candidates[candidate].parameters.len());
         for (i, row) in rows.iter().enumerate() {
             let sigma_m = self.sigma_m[row / 3][d];
-            for (j, value) in shape.columns(&self.quantities, row / 3).into_iter().enumerate() {
+            for (j, value) in bent.columns(&self.quantities, row / 3).into_iter().enumerate() {
                 columns[(i, j)] = value / sigma_m;
             }
         }
@@ -273,13 +373,39 @@ impl Study for Vectors<'_> {
         &self.chains
     }
 
+    fn is_measured(&self, row: usize) -> bool {
+        self.measured[row % 3]
+    }
+
+    /// What the calibration of the plate leaves open if its errors act together in the worst way: Σ|c|u / Σc² for a column c.
+    fn u_beside(&self, candidate: usize) -> Vec<f64> {
+        let columns = self.columns(&[], candidate);
+        let one = |j: usize| {
+            let (mut worst, mut square) = (0.0, 0.0);
+            for row in (0..columns.nrows()).filter(|row| self.measured[row % 3]) {
+                let value = columns[(row, j)] * self.sigma_m[row / 3][row % 3];
+                worst += value.abs() * self.vectors[row / 3].u_plate_m.unwrap_or(0.0);
+                square += value * value;
+            }
+            if square > 0.0 { worst / square } else { 0.0 }
+        };
+        (0..columns.ncols()).map(one).collect()
+    }
+
     fn row_unit_m(&self, row: usize) -> f64 {
         self.sigma_m[row / 3][row % 3]
     }
 
     fn model_terms(&self, candidate: usize) -> Result<Vec<ModelTerm>, String> {
+        if let Some(axis) = self.vectors[0].position_lacks {
+            return Err(format!("where the plane lies along {} is unknown; give its positions", axis.letter()));
+        }
         Ok(vec![match &self.parts[candidate] {
-            Part::Smooth(axis, shape) => model::term(*axis, *shape, &self.quantities, |own| self.less(&own.name)),
+            Part::Named(named) => named.term(|axis| self.model_range(POSITION[axis.index()]).unwrap_or((0.0, 1.0)))?,
+            Part::Smooth(axis, bent) => {
+                let less = |own: &Quantity| self.less(&own.name);
+                ModelTerm { map: bent.map(), ..model::term(*axis, bent.shape, &self.quantities, less) }
+            }
             Part::Registered(own) => {
                 let count = self.candidates[candidate].parameters.len();
                 let map = Mat::identity(count, count);
@@ -302,6 +428,9 @@ impl Study for Vectors<'_> {
     fn readings_m(&self) -> [Option<(f64, f64)>; 3] {
         let offset_m = self.offset_m();
         [0, 1, 2].map(|d| {
+            if self.vectors[0].position_lacks == Some(Axis::ALL[d]) {
+                return None;
+            }
             let along = || self.vectors.iter().map(|vector| vector.position_m[d] - offset_m[d]);
             Some((along().reduce(f64::min)?, along().reduce(f64::max)?))
         })
@@ -309,7 +438,7 @@ impl Study for Vectors<'_> {
 
     fn row_name(&self, row: usize) -> String {
         let component = Axis::ALL[row % 3].lower();
-        format!("vector {} (component {component})", self.rows_of_file[row / 3] + 1)
+        format!("vector {} (component {component})", self.row_of_file(row / 3))
     }
 
     fn questions(&self) -> Vec<Question> {
@@ -336,8 +465,10 @@ impl Study for Vectors<'_> {
     }
 
     fn unit_m(&self) -> f64 {
-        let weights: f64 = self.sigma_m.iter().flatten().map(|s| s.powi(-2)).sum();
-        (weights / (3 * self.sigma_m.len()) as f64).sqrt().recip()
+        let measured: Vec<usize> = (0..3).filter(|d| self.measured[*d]).collect();
+        let own = |sigma_m: &[f64; 3]| measured.iter().map(|d| sigma_m[*d].powi(-2)).sum::<f64>();
+        let weights: f64 = self.sigma_m.iter().map(own).sum();
+        (weights / (measured.len() * self.sigma_m.len()) as f64).sqrt().recip()
     }
 
     fn is_declared(&self) -> bool {
@@ -345,7 +476,7 @@ impl Study for Vectors<'_> {
     }
 
     fn base_word(&self) -> &'static str {
-        "a rigid motion of the frame"
+        if self.poses.list.len() > 1 { "a rigid motion of each pose" } else { "a rigid motion of the frame" }
     }
 
     fn untestable(&self) -> Vec<Untestable> {
@@ -355,8 +486,28 @@ impl Study for Vectors<'_> {
     fn notes(&self) -> Vec<String> {
         let mut notes = vec![
             format!("Left out to judge: one {} at a time, {} in all.", self.block_word, self.blocks.len()),
-            "The 21 errors of a chain are not fitted here: what they leave shows as dependence on position.".to_owned(),
+            match self.poses.is_plate() {
+                true => {
+                    "Of the 21 errors of a chain, scales and squareness in the plane have names here; what the others \
+                         leave shows as dependence on position."
+                        .to_owned()
+                }
+                false => {
+                    "The 21 errors of a chain are not fitted here: what they leave shows as dependence on position."
+                        .to_owned()
+                }
+            },
         ];
+        if self.poses.is_plate() {
+            notes.push(match self.vectors.iter().all(|vector| vector.u_plate_m.is_some()) {
+                true => "The plate is taken as it was calibrated: u holds what its calibration leaves open, if its errors act \
+                         together in the worst way."
+                    .to_owned(),
+                false => "If these are points of a plate, its own errors are in what was found and not in u: give the \
+                          uncertainty of its calibration in u_plate_um, or turn it by 90 degrees and name poses and points."
+                    .to_owned(),
+            });
+        }
         notes.extend(self.notes.iter().cloned());
         if self.quantities.len() > IN_PAIRS {
             let names: Vec<&str> = self.quantities[IN_PAIRS..].iter().map(|quantity| quantity.name.as_str()).collect();
@@ -366,7 +517,7 @@ impl Study for Vectors<'_> {
     }
 }
 
-const POSITION: [&str; 3] = ["x_m", "y_m", "z_m"];
+pub(super) const POSITION: [&str; 3] = ["x_m", "y_m", "z_m"];
 const TIME: &str = "time_s";
 
 /// Quantities that vary and stand beside every vector; the others with what they lack.
@@ -388,7 +539,7 @@ fn quantities(vectors: &[ResidualVector]) -> (Vec<Quantity>, Vec<Untestable>) {
         };
         untestable.push(Untestable { name: format!("dependence on {name}"), needs });
     };
-    for axis in Axis::ALL {
+    for axis in Axis::ALL.into_iter().filter(|axis| vectors[0].position_lacks != Some(*axis)) {
         add(POSITION[axis.index()], vectors.iter().map(|v| Some(v.position_m[axis.index()])).collect());
     }
     add(TIME, vectors.iter().map(|vector| vector.time_s).collect());
@@ -397,8 +548,4 @@ fn quantities(vectors: &[ResidualVector]) -> (Vec<Quantity>, Vec<Untestable>) {
         add(name, vectors.iter().map(|vector| vector.covariates.get(name).copied()).collect());
     }
     (quantities, untestable)
-}
-
-fn data(problem: String, remedy: &str) -> DiagnoseError {
-    DiagnoseError::Data { problem, remedy: remedy.to_owned() }
 }

@@ -159,6 +159,7 @@ fn candidate(entry: &'static Known, shape: &Shape, effect: &dyn Effect) -> Candi
         parameters: effect.parameters(),
         decided_by: entry.decided_by.to_owned(),
         stands_apart: entry.name == SCANNED,
+        comes_first: false,
     }
 }
 

@@ -1,0 +1,285 @@
+//! Vectors of a plate: scales and squareness are named before any smooth form, the plate's own form goes where it was turned,
+//! and what a plane or an unknown plate cannot tell is said. Errors are written out here, not taken from the candidates.
+#![allow(clippy::unwrap_used, clippy::panic)] // tests may
+
+use abbe_diagnose::study::vectors::{ResidualVector, diagnose};
+use abbe_diagnose::study::{Effect, Kind, Options, Parameter, StudyDiagnosis};
+use abbe_geometry::Axis;
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use std::f64::consts::{FRAC_PI_2, TAU};
+
+const SIGMA_M: f64 = 0.3e-6;
+/// Points an edge and their distance (m).
+const SIDE: usize = 8;
+const STEP_M: f64 = 0.06;
+
+/// Error of the machine (m) at x, y.
+type Machine = fn(f64, f64) -> [f64; 2];
+/// Form of the plate (m) at a point of it.
+type Form = fn(f64, f64) -> [f64; 2];
+
+const SCALE_X: f64 = 20e-6;
+const SCALE_Y: f64 = -10e-6;
+const C0Y_RAD: f64 = 8e-6;
+
+/// Scales and squareness: the Y axis leans towards −X.
+fn straight(x: f64, y: f64) -> [f64; 2] {
+    [SCALE_X * x - C0Y_RAD * y, SCALE_Y * y]
+}
+
+fn no_form(_: f64, _: f64) -> [f64; 2] {
+    [0.0; 2]
+}
+
+fn normal(generator: &mut ChaCha8Rng) -> f64 {
+    let (a, b): (f64, f64) = (generator.random(), generator.random());
+    (-2.0 * (1.0 - a).ln()).sqrt() * (TAU * b).cos()
+}
+
+/// A plate placed at these angles: residuals after the pose is fitted by eye, so with a shift and a turn left.
+fn placed(machine: Machine, form: Form, angles_rad: &[f64], seed: u64) -> Vec<ResidualVector> {
+    let mut generator = ChaCha8Rng::seed_from_u64(seed);
+    let half = STEP_M * (SIDE - 1) as f64 / 2.0;
+    let mut vectors = Vec::new();
+    for (pose, angle_rad) in angles_rad.iter().enumerate() {
+        let (sine, cosine) = angle_rad.sin_cos();
+        let [shift_x, shift_y, turn] = [5e-6, -3e-6, 12e-6].map(|size: f64| size * (1.0 + pose as f64));
+        for k in 0..SIDE * SIDE {
+            let (u, v) = ((k % SIDE) as f64 * STEP_M - half, (k / SIDE) as f64 * STEP_M - half);
+            let (x, y) = (0.4 + cosine * u - sine * v, 0.3 + sine * u + cosine * v);
+            let (own, [p, q]) = (machine(x, y), form(u, v));
+            // What is measured is the machine less what the plate is not: its calibration knows nothing of its form.
+            let plate = [cosine * p - sine * q, sine * p + cosine * q];
+            let noise = [0, 1].map(|_| SIGMA_M * normal(&mut generator));
+            vectors.push(ResidualVector {
+                position_m: [x, y, 0.1],
+                residual_m: [
+                    own[0] - plate[0] + shift_x - turn * y + noise[0],
+                    own[1] - plate[1] + shift_y + turn * x + noise[1],
+                    0.0,
+                ],
+                u_m: Some([SIGMA_M; 3]),
+                ..ResidualVector::default()
+            });
+        }
+    }
+    vectors
+}
+
+/// The same with names of poses and, if wanted, points.
+fn named(mut vectors: Vec<ResidualVector>, with_points: bool) -> Vec<ResidualVector> {
+    for (k, vector) in vectors.iter_mut().enumerate() {
+        vector.pose = Some(format!("pose {}", k / (SIDE * SIDE) + 1));
+        vector.point = with_points.then(|| format!("ball {}", k % (SIDE * SIDE) + 1));
+    }
+    vectors
+}
+
+fn study(vectors: &[ResidualVector]) -> StudyDiagnosis {
+    diagnose(vectors, None, &Options::default()).unwrap()
+}
+
+fn names(diagnosis: &StudyDiagnosis) -> Vec<&str> {
+    diagnosis.effects.iter().map(|effect| effect.name.as_str()).collect()
+}
+
+#[track_caller]
+fn effect<'a>(diagnosis: &'a StudyDiagnosis, name: &str) -> &'a Effect {
+    let found = diagnosis.effects.iter().find(|effect| effect.name.starts_with(name));
+    found.unwrap_or_else(|| panic!("{name} is not among {:?}", names(diagnosis)))
+}
+
+#[track_caller]
+fn assert_value(diagnosis: &StudyDiagnosis, name: &str, expected: f64) {
+    let Parameter { value, u, .. } = effect(diagnosis, name).parameters[0];
+    assert!((value - expected).abs() < 3.5 * u && u < 3e-6, "{name}: {value:e} ± {u:e} of {expected:e}");
+}
+
+#[track_caller]
+fn assert_untestable(diagnosis: &StudyDiagnosis, name: &str, needs: &str) {
+    let found = diagnosis.untestable.iter().find(|item| item.name.starts_with(name));
+    let found = found.unwrap_or_else(|| panic!("{name} is not in {:?}", diagnosis.untestable));
+    assert!(found.needs.contains(needs), "{found:?}");
+}
+
+#[test]
+fn scales_and_squareness_of_a_plane_have_their_names_and_a_smooth_form_only_what_is_bent() {
+    let bent: Machine = |x, y| {
+        let p = (x - 0.4) / 0.21;
+        [straight(x, y)[0] + 1.5e-6 * 0.5 * (5.0 * p.powi(3) - 3.0 * p), straight(x, y)[1]]
+    };
+    let diagnosis = study(&placed(bent, no_form, &[0.0], 1));
+    // The straight part is that of the line through all points: the cubic has one, too.
+    let places: Vec<f64> = (0..SIDE).map(|k| STEP_M * (k as f64 - (SIDE - 1) as f64 / 2.0)).collect();
+    let cubic = |x: f64| 1.5e-6 * 0.5 * (5.0 * (x / 0.21).powi(3) - 3.0 * x / 0.21);
+    let of_cubic = places.iter().map(|x| x * cubic(*x)).sum::<f64>() / places.iter().map(|x| x * x).sum::<f64>();
+    assert!(of_cubic > 1e-6);
+    assert_value(&diagnosis, "scale of X (EXX, straight part)", SCALE_X + of_cubic);
+    assert_value(&diagnosis, "scale of Y (EYY, straight part)", SCALE_Y);
+    assert_value(&diagnosis, "squareness C0Y of Y to X", C0Y_RAD);
+    let smooth = effect(&diagnosis, "smooth in x_m");
+    assert!(smooth.kind == Kind::Empirical && smooth.name.contains("beyond the straight line, component x"));
+    assert_eq!(diagnosis.effects.len(), 4, "{:?}", names(&diagnosis));
+    assert!(diagnosis.effects.iter().all(|effect| effect.rivals.is_empty()));
+    assert_untestable(&diagnosis, "scale of Z", "positions that differ in Z");
+    assert_untestable(&diagnosis, "squareness B0Z", "a plate along X and Z");
+    assert_untestable(&diagnosis, "a shift or turn of the whole", "fitted");
+    assert!(diagnosis.notes.iter().any(|note| note.contains("u_plate_um")), "{:?}", diagnosis.notes);
+}
+
+#[test]
+fn a_plane_of_noise_shows_nothing() {
+    let still: Machine = |_, _| [0.0; 2];
+    for poses in [&[0.0][..], &[0.0, FRAC_PI_2]] {
+        let mut alarms = Vec::new();
+        for seed in 0..20 {
+            let vectors = named(placed(still, no_form, poses, seed), poses.len() > 1);
+            let diagnosis = study(&vectors);
+            if !diagnosis.effects.is_empty() {
+                alarms.push((seed, names(&diagnosis).join(", ")));
+            }
+        }
+        assert!(alarms.len() <= 1, "{} poses: {alarms:?}", poses.len());
+    }
+}
+
+#[test]
+fn a_plate_turned_by_a_right_angle_takes_its_own_form_out_and_leaves_the_difference_of_the_scales() {
+    // The plate is 30 µm/m too long, out of square by 15 µrad, and bent.
+    let form: Form = |u, v| [30e-6 * u - 15e-6 * v + 20e-6 * u * v, 30e-6 * v + 40e-6 * u * u];
+    let vectors = placed(straight, form, &[0.0, FRAC_PI_2], 2);
+    let turned = study(&named(vectors.clone(), true));
+    assert_value(&turned, "scale of X less that of Y", SCALE_X - SCALE_Y);
+    assert_value(&turned, "squareness C0Y of Y to X", C0Y_RAD);
+    assert_eq!(turned.effects.len(), 2, "{:?}", names(&turned));
+    assert_untestable(&turned, "scale of X (EXX, straight part), by itself", "calibrated length");
+    assert!(turned.terms.left_out.iter().any(|(_, reason)| reason.contains("own scale is unknown")));
+    // The same plate, taken as calibrated: its own form is in the answer.
+    let once = study(&vectors[..SIDE * SIDE]);
+    assert_value(&once, "scale of X (EXX, straight part)", SCALE_X - 30e-6);
+    assert_value(&once, "squareness C0Y of Y to X", C0Y_RAD - 15e-6);
+}
+
+#[test]
+fn a_plate_turned_by_half_a_turn_says_that_its_squareness_may_be_its_own() {
+    let half = study(&named(placed(straight, no_form, &[0.0, 2.0 * FRAC_PI_2], 3), true));
+    assert!(half.effects.is_empty(), "{:?}", names(&half));
+    for name in ["squareness C0Y", "scale of X less that of Y"] {
+        let found = half.not_identifiable.iter().find(|item| item.effects[0].starts_with(name)).unwrap();
+        assert!(
+            found.because.contains("the form of the plate") && found.decided_by.contains("90 degrees"),
+            "{found:?}"
+        );
+    }
+}
+
+#[test]
+fn poses_that_were_never_turned_have_a_motion_each_and_the_plate_stays_in_the_answer() {
+    let mut vectors = named(placed(straight, no_form, &[0.0, 0.0], 4), true);
+    for vector in &mut vectors[SIDE * SIDE..] {
+        vector.position_m[2] += 0.2;
+    }
+    let diagnosis = study(&vectors);
+    assert_value(&diagnosis, "scale of X (EXX, straight part)", SCALE_X);
+    assert_value(&diagnosis, "squareness C0Y of Y to X", C0Y_RAD);
+    assert_untestable(&diagnosis, "scale of Z", "positions that differ in Z");
+}
+
+#[test]
+fn a_plane_without_its_third_column_gives_what_a_constant_one_gives() {
+    let vectors = placed(straight, no_form, &[0.0], 5);
+    let mut bare = vectors.clone();
+    for vector in &mut bare {
+        (vector.position_m[2], vector.position_lacks, vector.residual_lacks) = (0.0, Some(Axis::Z), Some(Axis::Z));
+    }
+    let (constant, bare) = (study(&vectors), study(&bare));
+    assert_eq!(names(&constant), names(&bare));
+    for (one, other) in constant.effects.iter().zip(&bare.effects) {
+        let [one, other] = [one, other].map(|effect| &effect.parameters[0]);
+        // The same but for the order of sums.
+        assert!((one.value - other.value).abs() < 1e-9 * one.value.abs() && (one.u - other.u).abs() < 1e-9 * one.u);
+    }
+    assert!(bare.notes.iter().any(|note| note.contains("no z")) && !bare.terms.left_out.is_empty());
+    assert!(constant.terms.left_out.is_empty() && !constant.terms.list.is_empty());
+}
+
+/// A plate upright along X and Z: scales of these, and B0Z, which leans the Z axis towards +X.
+#[test]
+fn an_upright_plate_names_the_axes_it_stands_along() {
+    let mut vectors = placed(straight, no_form, &[0.0], 6);
+    for vector in &mut vectors {
+        let ([x, y, _], [p, q, _]) = (vector.position_m, vector.residual_m);
+        (vector.position_m, vector.residual_m) = ([x, 0.25, y], [p, 0.0, q]);
+    }
+    let diagnosis = study(&vectors);
+    assert_value(&diagnosis, "scale of Z (EZZ, straight part)", SCALE_Y);
+    assert_value(&diagnosis, "squareness B0Z of Z to X", -C0Y_RAD);
+}
+
+/// Share of trials in which the 95 % interval holds the true value, for 60 trials: 95 % less three standard deviations.
+const LEAST_SHARE: f64 = 0.865;
+const TRIALS: u64 = 60;
+
+fn covered(trials: u64, name: &str, expected: f64, vectors: impl Fn(u64) -> Vec<ResidualVector>) -> f64 {
+    let within = |seed: &u64| {
+        let diagnosis = study(&vectors(*seed));
+        let own = &effect(&diagnosis, name).parameters[0];
+        (own.value - expected).abs() <= own.half_95
+    };
+    (0..trials).filter(within).count() as f64 / trials as f64
+}
+
+#[test]
+fn intervals_hold_the_truth_as_often_as_they_say() {
+    let scale = covered(TRIALS, "scale of X (EXX", SCALE_X, |seed| placed(straight, no_form, &[0.0], 100 + seed));
+    assert!((LEAST_SHARE..=1.0).contains(&scale), "{scale}");
+    let form: Form = |u, v| [30e-6 * u - 15e-6 * v, 30e-6 * v + 40e-6 * u * u];
+    let turned = |seed| named(placed(straight, form, &[0.0, FRAC_PI_2], 300 + seed), true);
+    let square = covered(TRIALS, "squareness C0Y", C0Y_RAD, turned);
+    assert!((LEAST_SHARE..=1.0).contains(&square), "{square}");
+}
+
+/// A plate whose calibrated coordinates are off by what its certificate allows, all in one direction.
+#[test]
+fn the_calibration_of_the_plate_is_in_the_uncertainty() {
+    let u_plate_m = 0.5e-6;
+    let plate = |seed: u64| {
+        let mut vectors = placed(straight, no_form, &[0.0], 500 + seed);
+        let size = normal(&mut ChaCha8Rng::seed_from_u64(900 + seed));
+        for vector in &mut vectors {
+            let arm = vector.position_m[0] - 0.4;
+            vector.residual_m[0] += size * u_plate_m * arm.signum();
+            vector.u_plate_m = Some(u_plate_m);
+        }
+        vectors
+    };
+    let share = covered(TRIALS, "scale of X (EXX", SCALE_X, plate);
+    assert!(share >= LEAST_SHARE, "{share}");
+    let without = |seed| plate(seed).into_iter().map(|v| ResidualVector { u_plate_m: None, ..v }).collect();
+    let share = covered(20, "scale of X (EXX", SCALE_X, without);
+    assert!(share < 0.5, "without it the interval is too short: {share}");
+}
+
+#[test]
+fn poses_and_points_that_make_no_sense_are_refused_with_a_remedy() {
+    let vectors = named(placed(straight, no_form, &[0.0, FRAC_PI_2], 7), true);
+    let message = |change: fn(&mut Vec<ResidualVector>)| {
+        let mut changed = vectors.clone();
+        change(&mut changed);
+        diagnose(&changed, None, &Options::default()).unwrap_err().to_string()
+    };
+    let says = message(|v| v.iter_mut().enumerate().for_each(|(k, v)| v.pose = Some(format!("{k}"))));
+    assert!(says.contains("pose 0 holds 1 vectors") && says.contains("one placing of a plate"), "{says}");
+    assert!(message(|v| v[3].point = None).contains("name the point in every row"));
+    assert!(message(|v| v[3].pose = None).contains("vector 4"));
+    let says = message(|v| v[64..].iter_mut().enumerate().for_each(|(k, v)| v.point = Some(format!("other {k}"))));
+    assert!(says.contains("share 0 points"), "{says}");
+    let says = message(|v| {
+        let last = v[127].point.clone();
+        v[127].point = v[90].point.clone();
+        v[90].point = last;
+    });
+    assert!(says.contains("are not where") && says.contains("correct the names"), "{says}");
+    assert!(message(|v| v[5].u_plate_m = Some(0.0)).contains("vector 6"));
+}
