@@ -24,7 +24,7 @@ pub(super) fn certify(problem: &Problem, unknowns: &[f64], weights: &[f64]) -> R
     let all: Vec<usize> = (0..normal.size).collect();
     let factor = Factor::new(&select(&normal.matrix, normal.size, &all)).map_err(|_| PointsError::Singular)?;
     let (inverse, step) = (factor.inverse(), factor.solve(&normal.gradient));
-    let degrees = (3.0 * normal.weight - normal.size as f64).max(1.0);
+    let degrees = ((problem.dimensions() as f64) * normal.weight - problem.free() as f64).max(1.0);
     let chi2_per_dof = normal.weighted_square / degrees;
     let u = |k: usize| (inverse[(k, k)] * widening(chi2_per_dof)).sqrt();
     let largest_step = step.iter().enumerate().map(|(k, d)| d.abs() / u(k)).fold(0.0, f64::max);

@@ -4,7 +4,7 @@
 
 use super::certificate::{Certificate, certify};
 use super::levenberg_marquardt::{Descent, descend, descend_at_scale};
-use super::loss::{Loss, scale_of};
+use super::loss::Loss;
 use super::outcome::{FittedPoints, Minimised, finish};
 use super::problem::Problem;
 use super::{MeasuredPoint, Method, PointOptions, PointProgress, PointsError, error, observable, search};
@@ -42,18 +42,27 @@ pub fn fit_points(
     error::check_count(points.len(), options.loss, unknowns)?;
     error::check_positions(points)?;
     let problem = Problem::new(machine, &layout, points)?;
-    let seen = observable::check(&problem)?;
-    let (descent, evaluations) = minimum(&problem, options, observe)?;
-    let certificate = certify(&problem, &descent.unknowns, &descent.weights)?;
+    fit_problem(&problem, options, observe)
+}
+
+/// From a problem to its minimum.
+pub(super) fn fit_problem(
+    problem: &Problem,
+    options: &PointOptions,
+    observe: &mut dyn FnMut(PointProgress) -> bool,
+) -> Result<FittedPoints, PointsError> {
+    let seen = observable::check(problem)?;
+    let (descent, evaluations) = minimum(problem, options, observe)?;
+    let certificate = certify(problem, &descent.unknowns, &descent.weights)?;
     if options.loss != Loss::Trimmed {
         require_minimum(options.method, &descent, &certificate)?;
     }
     let search = (descent.objective, descent.steps, evaluations);
     let (descent, certificate) = match options.loss {
-        Loss::Trimmed => reweighted(&problem, descent, observe)?,
+        Loss::Trimmed => reweighted(problem, descent, observe)?,
         Loss::Squares | Loss::Huber => (descent, certificate),
     };
-    finish(&problem, Minimised { descent, certificate, seen, search })
+    finish(problem, Minimised { descent, certificate, seen, search })
 }
 
 /// The same with polynomials whose degree, one for all errors that the machine file does not hold at zero, has the
@@ -94,7 +103,7 @@ pub fn fit_points_of_best_degree(
 }
 
 /// The machine with polynomials of one degree for every error that it does not hold at zero.
-fn of_degree(machine: &Machine, degree: usize) -> Machine {
+pub(super) fn of_degree(machine: &Machine, degree: usize) -> Machine {
     let mut machine = machine.clone();
     machine.kinds = machine.kinds.map(|kind| kind.map(|_| Kind::Polynomial { degree }));
     machine
@@ -174,7 +183,7 @@ fn reweighted(
 fn within(problem: &Problem, unknowns: &[f64], fitted: usize) -> Vec<f64> {
     let squares = problem.squares(unknowns);
     let share = unknowns.len() as f64 / (3 * fitted) as f64;
-    let scale = scale_of(&squares) / (1.0 - share).max(LEAST_FREEDOM).sqrt();
+    let scale = problem.scale(unknowns) / (1.0 - share).max(LEAST_FREEDOM).sqrt();
     let limit = (CUT * scale.max(f64::MIN_POSITIVE)).powi(2);
     squares.iter().map(|s| if *s <= limit { 1.0 } else { 0.0 }).collect()
 }

@@ -5,7 +5,7 @@
 //! moment need not see everything) and the weights that the loss gives at the present unknowns, and is taken only if the
 //! objective falls. For trimmed squares these are the concentration steps of Rousseeuw & Van Driessen 2006.
 
-use super::loss::{Loss, scale_of};
+use super::loss::Loss;
 use super::problem::Problem;
 use super::{PointProgress, PointsError};
 use crate::linear::{Factor, select};
@@ -49,7 +49,7 @@ pub(super) fn descend(
         return Ok(found);
     }
     for _ in 0..SCALE_ROUNDS {
-        let scale = scale_of(&problem.squares(&found.unknowns)).max(f64::MIN_POSITIVE);
+        let scale = problem.scale(&found.unknowns).max(f64::MIN_POSITIVE);
         let moved = (scale / found.scale - 1.0).abs();
         found = descend_at_scale(problem, found.unknowns, loss, scale, found.steps, observe)?;
         if moved < SCALE_SETTLED {

@@ -11,6 +11,9 @@ const HUBER: f64 = 2.795;
 /// Median length of a vector of three standard normal numbers.
 const MEDIAN_LENGTH: f64 = 1.538_172;
 
+/// The same of two: √(2 ln 2).
+const MEDIAN_IN_PLANE: f64 = 1.177_410;
+
 /// What is summed over the points.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Loss {
@@ -75,9 +78,10 @@ pub(super) fn kept_points(points: usize, unknowns: usize) -> usize {
     (points + unknowns.div_ceil(3)).div_ceil(2).clamp(1, points)
 }
 
-/// Robust standard deviation in units of the declared one, from squared standardised distances.
-pub(super) fn scale_of(squares: &[f64]) -> f64 {
-    median(squares.iter().map(|s| s.sqrt()).collect()).map_or(0.0, |median| median / MEDIAN_LENGTH)
+/// Robust standard deviation in units of the declared one, from squared standardised distances in so many dimensions.
+pub(super) fn scale_of(squares: &[f64], dimensions: usize) -> f64 {
+    let usual = if dimensions == 2 { MEDIAN_IN_PLANE } else { MEDIAN_LENGTH };
+    median(squares.iter().map(|s| s.sqrt()).collect()).map_or(0.0, |median| median / usual)
 }
 
 #[cfg(test)]
@@ -105,7 +109,7 @@ mod tests {
     fn scale_of_unit_normal_vectors_is_one() {
         // Lengths at the quantiles 0.25, 0.5, 0.75 of the chi distribution with three degrees of freedom.
         let squares = [1.2125, 2.3660, 4.1083];
-        assert!((scale_of(&squares) - 1.0).abs() < 1e-4);
-        assert_eq!(scale_of(&[]), 0.0);
+        assert!((scale_of(&squares, 3) - 1.0).abs() < 1e-4);
+        assert_eq!(scale_of(&[], 3), 0.0);
     }
 }

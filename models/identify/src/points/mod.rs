@@ -28,6 +28,7 @@ mod levenberg_marquardt;
 mod loss;
 mod observable;
 mod outcome;
+mod plate;
 mod problem;
 mod search;
 
@@ -36,7 +37,8 @@ pub use error::PointsError;
 pub(crate) use error::tests::machine as tests_machine;
 pub use fit::{fit_points, fit_points_of_best_degree};
 pub use loss::Loss;
-pub use outcome::{FittedPoints, PointEvidence, Pose, RejectedPoint};
+pub use outcome::{FittedPoints, NotSeen, PointEvidence, Pose, RejectedPoint};
+pub use plate::{Plates, fit_plates, fit_plates_of_best_degree};
 
 use abbe_geometry::Vector3;
 

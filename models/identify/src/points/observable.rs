@@ -16,23 +16,27 @@ pub(super) fn check(problem: &Problem) -> Result<Observability, PointsError> {
     let unknowns = vec![0.0; problem.unknowns()];
     let normal = problem.normal_of_points(&unknowns, &vec![1.0; problem.points.len()]);
     let with_prior = problem.layout.ram_turn();
-    let judged: Vec<usize> = (0..normal.size).filter(|k| !with_prior.contains(k)).collect();
+    let is_judged = |k: &usize| !with_prior.contains(k) && !problem.held().contains(k);
+    let judged: Vec<usize> = (0..normal.size).filter(is_judged).collect();
     let matrix = select(&normal.matrix, normal.size, &judged);
-    let (mut seen, groups) = named_rank(&matrix, &names(problem)).ok_or(PointsError::Singular)?;
+    let all = names(problem);
+    let names: Vec<String> = judged.iter().map(|k| all[*k].clone()).collect();
+    let (mut seen, groups) = named_rank(&matrix, &names).ok_or(PointsError::Singular)?;
     if seen.rank == seen.unknowns {
-        (seen.rank, seen.unknowns) = (normal.size, normal.size);
+        (seen.rank, seen.unknowns) = (problem.free(), problem.free());
         return Ok(seen);
     }
     Err(PointsError::RankDeficient { groups, rank: seen.rank, unknowns: seen.unknowns })
 }
 
-/// The error, angle or frame coordinate that each unknown without a prior belongs to.
+/// The error, angle or frame coordinate that each unknown belongs to.
 fn names(problem: &Problem) -> Vec<String> {
     let mut names = Vec::new();
     for id in ErrorId::all() {
         names.extend(problem.layout.range(id).map(|_| id.name()));
     }
     names.extend(problem.machine.squareness.iter().map(|s| s.name.clone()));
-    names.extend(FRAME_NAMES.map(str::to_owned));
+    names.extend(problem.layout.ram_turn().map(|_| "turn of the ram".to_owned()));
+    names.extend(problem.alignments.iter().flat_map(|_| FRAME_NAMES.map(str::to_owned)));
     names
 }

@@ -5,7 +5,6 @@
 use super::PointsError;
 use super::certificate::{Certificate, widening};
 use super::levenberg_marquardt::Descent;
-use super::loss::scale_of;
 use super::problem::Problem;
 use crate::observability::Observability;
 use abbe_geometry::model::{FitQuality, IdentifiedVolume, MachineModel, ModelParts};
@@ -17,8 +16,10 @@ use std::collections::BTreeMap;
 pub struct FittedPoints {
     /// The model, ready to correct; it knows no station.
     pub model: MachineModel,
-    /// Where the frame of the instrument lies.
+    /// Where the frame of the instrument lies; of a plate, in its first pose.
     pub pose: Pose,
+    /// What the points cannot tell, held at zero: only of plates, anywhere else it is refused.
+    pub not_seen: Vec<NotSeen>,
     /// What the fit says about itself.
     pub evidence: PointEvidence,
     /// Measured minus predicted position of every point (m, measuring frame turned into the machine's).
@@ -34,6 +35,15 @@ pub struct Pose {
     pub machine_from_measured: Matrix3<f64>,
     /// Origin of the measuring frame (m, machine frame).
     pub origin_m: Vector3<f64>,
+}
+
+/// An error that the points of a plate cannot tell.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct NotSeen {
+    /// ISO 230-1 name.
+    pub name: String,
+    /// Why, in words.
+    pub because: String,
 }
 
 /// A point that the fit did not use.
@@ -94,11 +104,12 @@ pub(super) fn finish(problem: &Problem, found: Minimised) -> Result<FittedPoints
     let used = || residuals_m.iter().zip(&descent.weights).filter(|(_, w)| **w > 0.0).map(|(r, _)| r.norm());
     let count = residuals_m.len() - rejected.len();
     let square: f64 = used().map(|d| d * d).sum();
-    let equations = 3.0 * descent.weights.iter().sum::<f64>();
-    let degrees = (equations - unknowns.len() as f64).max(1.0);
+    let equations = problem.dimensions() as f64 * descent.weights.iter().sum::<f64>();
+    let free = problem.free();
+    let degrees = (equations - free as f64).max(1.0);
     let chi2 = certificate.chi2_per_dof * degrees;
     let evidence = PointEvidence {
-        unknowns: unknowns.len(),
+        unknowns: free,
         rank: seen.rank,
         condition: seen.condition,
         steps,
@@ -106,8 +117,8 @@ pub(super) fn finish(problem: &Problem, found: Minimised) -> Result<FittedPoints
         objective,
         largest_step: certificate.largest_step,
         chi2_per_dof: certificate.chi2_per_dof,
-        robust_scale: scale_of(&problem.squares(unknowns)),
-        bic: equations * (chi2 / equations).ln() + unknowns.len() as f64 * equations.ln(),
+        robust_scale: problem.scale(unknowns),
+        bic: equations * (chi2 / equations).ln() + free as f64 * equations.ln(),
         largest_residual_m: used().fold(0.0, f64::max),
         rejected,
     };
@@ -135,11 +146,12 @@ pub(super) fn finish(problem: &Problem, found: Minimised) -> Result<FittedPoints
         quality,
     };
     let pose = pose(problem, unknowns);
-    Ok(FittedPoints { model: MachineModel::new(parts)?, pose, evidence, residuals_m, weights: descent.weights })
+    let (model, not_seen) = (MachineModel::new(parts)?, Vec::new());
+    Ok(FittedPoints { model, pose, not_seen, evidence, residuals_m, weights: descent.weights })
 }
 
 fn pose(problem: &Problem, unknowns: &[f64]) -> Pose {
-    let (frame, aligned) = (problem.frame(unknowns), &problem.alignment);
+    let (frame, aligned) = (problem.frame(unknowns, 0), &problem.alignments[0]);
     let back = frame.turn.transpose();
     let machine_from_measured = back * aligned.rotation;
     // q = middle + turnᵀ (aligned − middle − shift), aligned = to + R (P − from), to = middle.

@@ -2,9 +2,11 @@
 //!
 //! Place in the flow: both ways to the minimum evaluate this one object, so that they have the same objective. Unknowns:
 //! the geometric parameters in [`Layout`] order (m, rad), then shift (m) and turn (rad) of the measuring frame about the
-//! middle of the points. Residual = measured − predicted (m, measuring frame brought near the machine's).
+//! middle of the points, one frame a pose of a plate. Residual = measured − predicted (m, measuring frame brought near the
+//! machine's). What a plate cannot see is held at zero.
 
-use super::loss::Loss;
+use super::loss::{Loss, scale_of};
+use super::plate::Plates;
 use super::{MeasuredPoint, PointsError};
 use crate::chords::Chords;
 use crate::normal::NormalEquations;
@@ -20,6 +22,9 @@ use faer::Mat;
 /// Unknowns of the measuring frame.
 pub(super) const FRAME: usize = 6;
 
+/// Standard uncertainty of what is held at zero (m, rad): nothing beside anything that is measured.
+const HELD: f64 = 1e-9;
+
 /// Points, brought near the machine frame, and what they are compared with.
 #[derive(Clone)]
 pub(super) struct Problem<'a> {
@@ -32,8 +37,11 @@ pub(super) struct Problem<'a> {
     locals: Vec<Locals>,
     /// 1/u² of each point (1/m²).
     information: Vec<f64>,
-    /// Turn and centroids of the alignment.
-    pub(super) alignment: RigidAlignment,
+    /// Turn and centroids of the alignment of each pose.
+    pub(super) alignments: Vec<RigidAlignment>,
+    plates: Plates,
+    /// Unknowns that are held at zero.
+    held: Vec<usize>,
 }
 
 impl<'a> Problem<'a> {
@@ -43,14 +51,65 @@ impl<'a> Problem<'a> {
         layout: &'a Layout,
         points: &'a [MeasuredPoint],
     ) -> Result<Problem<'a>, PointsError> {
+        Problem::of_plates(machine, layout, points, &Plates::volume(points.len()))
+    }
+
+    /// Aligns each pose by itself; nothing is held yet but what no component of the points can tell of their frames.
+    pub(super) fn of_plates(
+        machine: &'a Machine,
+        layout: &'a Layout,
+        points: &'a [MeasuredPoint],
+        plates: &Plates,
+    ) -> Result<Problem<'a>, PointsError> {
         let nominal_m: Vec<Vector3<f64>> = points.iter().map(|p| nominal_point_m(p.reading_m, p.offset_m)).collect();
         let actual_m: Vec<Vector3<f64>> = points.iter().map(|p| p.actual_m).collect();
-        let alignment = RigidAlignment::between(&actual_m, &nominal_m)?;
-        let measured_m = actual_m.iter().map(|p| alignment.apply(p)).collect();
+        let aligned = |pose: usize| {
+            let own = |list: &[Vector3<f64>]| -> Vec<Vector3<f64>> { plates.members(pose).map(|k| list[k]).collect() };
+            RigidAlignment::between(&own(&actual_m), &own(&nominal_m))
+        };
+        let alignments = (0..plates.poses()).map(aligned).collect::<Result<Vec<_>, _>>()?;
+        let measured_m = actual_m.iter().enumerate().map(|(k, p)| alignments[plates.pose(k)].apply(p)).collect();
         let repeatability = machine.repeatability_m.map(|r| r * r).iter().sum::<f64>() / 3.0;
         let information = points.iter().map(|p| 1.0 / (p.u_m * p.u_m + repeatability)).collect();
         let locals = points.iter().map(|p| layout.locals(p.reading_m)).collect();
-        Ok(Problem { machine, layout, points, measured_m, locals, information, alignment })
+        let (plates, held) = (plates.clone(), Vec::new());
+        let problem = Problem { machine, layout, points, measured_m, locals, information, alignments, plates, held };
+        let Some(normal) = problem.plates.lacks() else { return Ok(problem) };
+        let frame = |pose: usize| {
+            let first = layout.len() + FRAME * pose;
+            (0..3).map(move |d| first + if d == normal { d } else { 3 + d })
+        };
+        let held: Vec<usize> = (0..problem.plates.poses()).flat_map(frame).collect();
+        Ok(problem.holding(held))
+    }
+
+    /// The same with further unknowns held at zero.
+    pub(super) fn holding(mut self, held: impl IntoIterator<Item = usize>) -> Problem<'a> {
+        self.held.extend(held);
+        self
+    }
+
+    /// Unknowns that are held at zero.
+    pub(super) fn held(&self) -> &[usize] {
+        &self.held
+    }
+
+    /// Components of a point that were measured.
+    pub(super) fn dimensions(&self) -> usize {
+        if self.plates.lacks().is_some() { 2 } else { 3 }
+    }
+
+    /// Robust standard deviation in units of the declared one.
+    pub(super) fn scale(&self, unknowns: &[f64]) -> f64 {
+        scale_of(&self.squares(unknowns), self.dimensions())
+    }
+
+    /// A vector without the component that nobody measured.
+    fn seen(&self, mut vector: Vector3<f64>) -> Vector3<f64> {
+        if let Some(normal) = self.plates.lacks() {
+            vector[normal] = 0.0;
+        }
+        vector
     }
 
     /// The same with every point's information multiplied by its weight.
@@ -60,21 +119,27 @@ impl<'a> Problem<'a> {
         problem
     }
 
-    /// Number of unknowns: geometry and measuring frame.
+    /// Number of unknowns: geometry and measuring frames.
     pub(super) fn unknowns(&self) -> usize {
-        self.layout.len() + FRAME
+        self.layout.len() + FRAME * self.plates.poses()
+    }
+
+    /// Number of unknowns that are fitted.
+    pub(super) fn free(&self) -> usize {
+        self.unknowns() - self.held.len()
     }
 
     /// Residual of one point (m).
     pub(super) fn residual_m(&self, k: usize, unknowns: &[f64]) -> Vector3<f64> {
-        self.measured_m[k] - self.frame(unknowns).apply(&self.position_m(k, unknowns))
+        self.seen(self.measured_m[k] - self.frame_of(k, unknowns).apply(&self.position_m(k, unknowns)))
     }
 
     /// Squared standardised distance of each point.
     pub(super) fn squares(&self, unknowns: &[f64]) -> Vec<f64> {
-        let frame = self.frame(unknowns);
+        let frames: Vec<Frame> = (0..self.plates.poses()).map(|pose| self.frame(unknowns, pose)).collect();
         let square = |k: usize| {
-            let residual_m = self.measured_m[k] - frame.apply(&self.position_m(k, unknowns));
+            let frame = &frames[self.plates.pose(k)];
+            let residual_m = self.seen(self.measured_m[k] - frame.apply(&self.position_m(k, unknowns)));
             residual_m.norm_squared() * self.information[k]
         };
         (0..self.points.len()).map(square).collect()
@@ -93,9 +158,11 @@ impl<'a> Problem<'a> {
         loss.total(&mut self.squares(unknowns), unknowns.len(), scale) + known
     }
 
-    /// The turn of the ram, which the offsets of the points need not tell: index and information of its prior (1/rad²).
+    /// The turn of the ram, which the offsets of the points need not tell, and what is held: index and information of the prior
+    /// (1/rad², 1/m²).
     fn priors(&self) -> impl Iterator<Item = (usize, f64)> {
-        self.layout.ram_turn().zip(self.machine.u_ram_turn_rad.map(|u| 1.0 / (u * u)))
+        let held = self.held.iter().map(|k| (*k, 1.0 / (HELD * HELD)));
+        self.layout.ram_turn().zip(self.machine.u_ram_turn_rad.map(|u| 1.0 / (u * u))).chain(held)
     }
 
     /// JᵀWJ and JᵀWr of the weighted least-squares problem at these unknowns, with the prior of the turn of the ram.
@@ -148,9 +215,10 @@ impl<'a> Problem<'a> {
             return Vec::new();
         }
         let mut chords = Chords::new(unknowns.len(), &between_nodes);
-        let (turn, mut rows) = (self.frame(unknowns).turn, vec![Vector3::zeros(); unknowns.len()]);
+        let mut rows = vec![Vector3::zeros(); unknowns.len()];
         for (k, point) in self.points.iter().enumerate().filter(|(k, _)| weights[*k] > 0.0) {
             self.rows(k, unknowns, &mut rows);
+            let turn = self.frame_of(k, unknowns).turn;
             let at = self.layout.point(self.machine, unknowns, point.reading_m, point.offset_m);
             for id in ErrorId::all() {
                 let Some((departure, shape)) = between_nodes.at(id, point.reading_m[id.axis().index()]) else {
@@ -170,7 +238,7 @@ impl<'a> Problem<'a> {
     /// Residual of one point (m), and the partials of its prediction by every unknown.
     fn rows(&self, k: usize, unknowns: &[f64], rows: &mut [Vector3<f64>]) -> Vector3<f64> {
         let point = &self.points[k];
-        let frame = self.frame(unknowns);
+        let frame = self.frame_of(k, unknowns);
         let at = self.layout.point(self.machine, unknowns, point.reading_m, point.offset_m);
         rows.fill(Vector3::zeros());
         self.layout.visit_errors(&at, |first, partial, values| {
@@ -185,22 +253,29 @@ impl<'a> Problem<'a> {
         }
         let arm_m = at.chain.position_m - frame.middle_m;
         let by_turn = rotation_partials(RotationForm::Exact, &frame.angles_rad, &arm_m);
-        let first = self.layout.len();
+        let first = self.layout.len() + FRAME * self.plates.pose(k);
         for d in 0..3 {
             rows[first + d] = Vector3::ith(d, 1.0);
             rows[first + 3 + d] = by_turn.column(d).into_owned();
         }
-        self.measured_m[k] - frame.apply(&at.chain.position_m)
+        if self.plates.lacks().is_some() {
+            rows.iter_mut().for_each(|row| *row = self.seen(*row));
+        }
+        self.seen(self.measured_m[k] - frame.apply(&at.chain.position_m))
     }
 
-    pub(super) fn frame(&self, unknowns: &[f64]) -> Frame {
-        let own = &unknowns[self.layout.len()..];
+    fn frame_of(&self, k: usize, unknowns: &[f64]) -> Frame {
+        self.frame(unknowns, self.plates.pose(k))
+    }
+
+    pub(super) fn frame(&self, unknowns: &[f64], pose: usize) -> Frame {
+        let own = &unknowns[self.layout.len() + FRAME * pose..];
         let angles_rad = Vector3::new(own[3], own[4], own[5]);
         Frame {
             shift_m: Vector3::new(own[0], own[1], own[2]),
             turn: rotation(RotationForm::Exact, &angles_rad),
             angles_rad,
-            middle_m: self.alignment.to_m,
+            middle_m: self.alignments[pose].to_m,
         }
     }
 }

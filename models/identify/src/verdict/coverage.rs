@@ -16,6 +16,11 @@ const UNITS: [(f64, &str); 3] = [(1e3, "metres"), (25.4, "inches"), (10.0, "cent
 
 /// Grades the part of the machine's stroke that readings (m) span; nothing where it is nearly all.
 pub fn stroke(machine: &Machine, readings_m: impl Iterator<Item = [f64; 3]>) -> Option<Finding> {
+    stroke_along(machine, [true; 3], readings_m)
+}
+
+/// The same of these axes alone: a plate stands still along the others.
+pub fn stroke_along(machine: &Machine, axes: [bool; 3], readings_m: impl Iterator<Item = [f64; 3]>) -> Option<Finding> {
     let mut spans = [(f64::INFINITY, f64::NEG_INFINITY); 3];
     for reading_m in readings_m {
         for (span, value) in spans.iter_mut().zip(reading_m) {
@@ -26,7 +31,7 @@ pub fn stroke(machine: &Machine, readings_m: impl Iterator<Item = [f64; 3]>) -> 
         let ((low, high), (lower, upper)) = (spans[d], machine.stroke_m[d]);
         (['X', 'Y', 'Z'][d], (high - low).max(0.0) / (upper - lower))
     };
-    let shares: Vec<(char, f64)> = (0..3).map(share).collect();
+    let shares: Vec<(char, f64)> = (0..3).filter(|d| axes[*d]).map(share).collect();
     let least = shares.iter().map(|(_, share)| *share).fold(f64::INFINITY, f64::min);
     let most = shares.iter().map(|(_, share)| *share).fold(0.0, f64::max);
     let grade = match least {

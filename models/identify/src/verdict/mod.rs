@@ -26,7 +26,7 @@ mod step;
 mod words;
 
 pub use causes::Cause;
-pub use coverage::stroke;
+pub use coverage::{stroke, stroke_along};
 pub use misfit::{Counted, of_noise, of_rejected};
 pub use of_campaign::{of_campaign, widened};
 pub use resolution::coarsest_step;

@@ -1,20 +1,21 @@
 //! `abbe fit-points`: measured positions in, model out.
 //!
 //! Place in the flow: offline, beside `identify`, for instruments that give 3-D positions instead of ranges (Liang 2025).
-//! Reads the columns of `verify` (scale readings, offsets, actual position); writes the same kind of model file.
+//! Reads the columns of `verify` (scale readings, offsets, actual position); writes the same kind of model file. Points of a
+//! plate lie in planes, one pose or several: what these support is fitted, the rest is named.
 
 use super::identify::spinner;
 use crate::output;
 use crate::pipeline::software;
 use crate::verdict::{self, Accept};
-use abbe_files::{DataSource, FileError, MachineFile, ModelFile, PointRow, PointsReader, hex, read_machine};
+use abbe_files::{DataSource, Doubt, FileError, MachineFile, ModelFile, PointRow, PointsReader, hex, read_machine};
 use abbe_geometry::Vector3;
 use abbe_geometry::effects::{CovariateSource, CovariateValue};
 use abbe_identify::points::{
-    FittedPoints, JadeChoices, Loss, MeasuredPoint, Method, PointOptions, PointProgress, fit_points,
-    fit_points_of_best_degree,
+    FittedPoints, JadeChoices, Loss, MeasuredPoint, Method, Plates, PointOptions, PointProgress, fit_plates,
+    fit_plates_of_best_degree, fit_points, fit_points_of_best_degree,
 };
-use abbe_identify::verdict::{Cause, Counted, Grade, Verdict, of_noise, of_rejected, stroke};
+use abbe_identify::verdict::{Cause, Counted, Grade, Verdict, of_noise, of_rejected, stroke_along};
 use abbe_runtime::Shutdown;
 use anyhow::{Context, ensure};
 use clap::ValueEnum;
@@ -25,6 +26,10 @@ use std::time::Instant;
 
 /// Column with the standard uncertainty of a measured position, each coordinate, k = 1.
 const U_COLUMN: &str = "u_actual_um";
+/// Column with the name of a plate's pose.
+const POSE_COLUMN: &str = "pose";
+/// Extent of the readings of a pose across its plane, over the largest, up to which they are those of a plate.
+const FLAT: f64 = 0.01;
 /// Degrees that are compared where none is asked for.
 const DEGREES: std::ops::RangeInclusive<usize> = 1..=8;
 
@@ -66,7 +71,8 @@ pub(crate) struct Arguments {
     /// Machine file (launch-config/machines/*.toml)
     #[arg(long)]
     machine: PathBuf,
-    /// CSV: x_mm y_mm z_mm, offset columns, actual_x_mm actual_y_mm actual_z_mm, optional u_actual_um (k = 1)
+    /// CSV: x_mm y_mm z_mm, offset columns, actual_x_mm actual_y_mm actual_z_mm, optional u_actual_um (k = 1); of plates
+    /// optional pose, and one actual coordinate may be missing
     #[arg(long)]
     points: PathBuf,
     /// Model file to write
@@ -135,7 +141,7 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     output::check([arguments.out.as_path()], [arguments.machine.as_path(), arguments.points.as_path()])?;
     let shutdown = Shutdown::on_signals()?;
     let machine = read_machine(&arguments.machine)?;
-    let (points, source) = read_points(&arguments.points, &machine, arguments.u_um)?;
+    let Read { points, plates, source } = read_points(&arguments.points, &machine, arguments.u_um)?;
     let bar = spinner(&format!("fitting {} to {} points", machine.machine.name, points.len()));
     let mut observe = |progress: PointProgress| {
         bar.set_message(format!(
@@ -145,12 +151,12 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         !shutdown.requested()
     };
     let since = Instant::now();
-    let fitted = fit(arguments, &machine, &points, &mut observe);
+    let fitted = fit(arguments, &machine, (&points, plates.as_ref()), &mut observe);
     bar.finish_and_clear();
     let fitted = fitted.with_context(|| format!("{} (points count from 1)", arguments.points.display()))?;
     let seconds = since.elapsed().as_secs_f64();
     let evidence = evidence_json(&fitted);
-    let verdict = judged(&machine, &points, &fitted, arguments.loss);
+    let verdict = judged(&machine, (&points, plates.as_ref()), &fitted, arguments.loss);
     let name = arguments.points.display().to_string();
     verdict::shown(
         verdict::check(&verdict, arguments.accept, &name, || evidence.clone()).map_err(Into::into),
@@ -180,37 +186,51 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
 fn fit(
     arguments: &Arguments,
     machine: &MachineFile,
-    points: &[MeasuredPoint],
+    (points, plates): (&[MeasuredPoint], Option<&Plates>),
     observe: &mut dyn FnMut(PointProgress) -> bool,
 ) -> anyhow::Result<FittedPoints> {
     let options = arguments.options();
+    let machine = &machine.machine;
     let degrees = match (arguments.functions, arguments.degree) {
-        (FunctionsName::Machine, None) => return Ok(fit_points(&machine.machine, points, &options, observe)?),
+        (FunctionsName::Machine, None) => {
+            return Ok(match plates {
+                None => fit_points(machine, points, &options, observe)?,
+                Some(plates) => fit_plates(machine, points, plates, &options, observe)?,
+            });
+        }
         (FunctionsName::Machine, Some(_)) => {
             anyhow::bail!("--degree belongs to --functions polynomial; leave one of the two out")
         }
         (FunctionsName::Polynomial, Some(degree)) => degree..=degree,
         (FunctionsName::Polynomial, None) => DEGREES,
     };
-    Ok(fit_points_of_best_degree(&machine.machine, points, degrees, &options, observe)?)
+    Ok(match plates {
+        None => fit_points_of_best_degree(machine, points, degrees, &options, observe)?,
+        Some(plates) => fit_plates_of_best_degree(machine, points, plates, degrees, &options, observe)?,
+    })
+}
+
+/// What a file of positions holds.
+struct Read {
+    points: Vec<MeasuredPoint>,
+    /// Poses, where the points are those of plates.
+    plates: Option<Plates>,
+    source: DataSource,
 }
 
 /// Points of a file with the columns of verification.
-fn read_points(
-    path: &Path,
-    machine: &MachineFile,
-    u_um: Option<f64>,
-) -> anyhow::Result<(Vec<MeasuredPoint>, DataSource)> {
+fn read_points(path: &Path, machine: &MachineFile, u_um: Option<f64>) -> anyhow::Result<Read> {
     let name = path.display().to_string();
     let input = File::open(path).with_context(|| format!("{name}: cannot be opened"))?;
-    let mut reader = PointsReader::verification(input, &name, machine.machine.default_offset_m)?;
+    let mut reader = PointsReader::of_plates(input, &name, machine.machine.default_offset_m)?;
     let has_column = reader.columns().iter().any(|column| column == U_COLUMN);
     ensure!(
         has_column != u_um.is_some(),
         "{name}: state the standard uncertainty (k = 1) of a measured coordinate either in a column {U_COLUMN} or with \
          --u-um, and not in both"
     );
-    let mut points = Vec::new();
+    let lacks = reader.lacks();
+    let (mut points, mut poses) = (Vec::new(), Vec::new());
     let mut row = PointRow::default();
     while reader.read(&mut row)? {
         let Some(actual_m) = row.actual_m else { continue };
@@ -223,14 +243,45 @@ fn read_points(
         };
         let actual_m = Vector3::from(actual_m);
         let (reading_m, offset_m) = (row.reading_m, row.offset_m);
+        poses.extend(reader.text(&row, POSE_COLUMN)?);
         points.push(MeasuredPoint { reading_m, offset_m, actual_m, u_m: u_um * 1e-6 });
     }
     let file = path.file_name().map_or_else(|| name.clone(), |n| n.to_string_lossy().into_owned());
-    Ok((points, DataSource { file, sha256: hex(&reader.sha256()) }))
+    let is_plate = lacks.is_some() || !poses.is_empty() || moved(&points).contains(&false);
+    poses.resize(points.len(), String::new());
+    let plates = is_plate.then(|| Plates::new(&poses, lacks)).transpose().with_context(|| name.clone())?;
+    Ok(Read { points, plates, source: DataSource { file, sha256: hex(&reader.sha256()) } })
+}
+
+/// Axes along which the readings differ by more than a plate does across its plane.
+fn moved(points: &[MeasuredPoint]) -> [bool; 3] {
+    let extent = |d: usize| {
+        let along = || points.iter().map(|point| point.reading_m[d]);
+        along().fold(f64::NEG_INFINITY, f64::max) - along().fold(f64::INFINITY, f64::min)
+    };
+    let extents = [0, 1, 2].map(extent);
+    let largest = extents.iter().copied().fold(0.0, f64::max);
+    extents.map(|extent| extent > FLAT * largest)
+}
+
+/// What a model of plates does not know of the machine.
+fn not_seen(fitted: &FittedPoints) -> Option<Doubt> {
+    let names: Vec<&str> = fitted.not_seen.iter().map(|own| own.name.as_str()).collect();
+    let text = format!(
+        "it was measured on plates, taken as they were calibrated, whose place on the machine is unknown; {} could not be told, are \
+         held at zero and are not in the uncertainty, nor is a shift or turn of the whole",
+        names.join(", ")
+    );
+    (!names.is_empty()).then(|| Doubt { grade: Grade::Warning.name().to_owned(), text })
 }
 
 /// What speaks against the fit.
-fn judged(machine: &MachineFile, points: &[MeasuredPoint], fitted: &FittedPoints, loss: LossName) -> Verdict {
+fn judged(
+    machine: &MachineFile,
+    (points, plates): (&[MeasuredPoint], Option<&Plates>),
+    fitted: &FittedPoints,
+    loss: LossName,
+) -> Verdict {
     let evidence = &fitted.evidence;
     let counted = Counted { what: "points", rejected: evidence.rejected.len(), all: points.len() };
     let rejected = of_rejected(counted, vec![Cause::Scattered, Cause::Lacks]).map(|mut finding| {
@@ -240,13 +291,17 @@ fn judged(machine: &MachineFile, points: &[MeasuredPoint], fitted: &FittedPoints
         }
         finding
     });
-    let degrees = 3.0 * fitted.weights.iter().sum::<f64>() - evidence.unknowns as f64;
+    let is_plate = plates.is_some();
+    let dimensions = if plates.is_some_and(Plates::is_in_plane) { 2.0 } else { 3.0 };
+    let degrees = dimensions * fitted.weights.iter().sum::<f64>() - evidence.unknowns as f64;
     let causes = match evidence.chi2_per_dof > 1.0 {
         true => vec![Cause::Lacks, Cause::Understated, Cause::Scattered],
         false => vec![Cause::Overstated, Cause::Computed],
     };
     let noise = of_noise(evidence.chi2_per_dof, degrees, causes);
-    let driven = stroke(&machine.machine, points.iter().map(|point| point.reading_m));
+    // What a plate cannot tell of an axis across it is named as such, and is no share of a stroke.
+    let axes = if is_plate { moved(points) } else { [true; 3] };
+    let driven = stroke_along(&machine.machine, axes, points.iter().map(|point| point.reading_m));
     Verdict::new([rejected, noise, driven].into_iter().flatten().collect(), 1.0)
 }
 
@@ -257,6 +312,7 @@ fn model_file(
     (fitted, verdict): (FittedPoints, &Verdict),
     evidence: &Value,
 ) -> ModelFile {
+    let unseen = not_seen(&fitted);
     ModelFile {
         model: fitted.model,
         order: abbe_files::OrderChoice::Fixed,
@@ -271,7 +327,7 @@ fn model_file(
             "u_um": arguments.u_um,
         }),
         evidence: evidence.clone(),
-        doubts: verdict::doubts(verdict),
+        doubts: verdict::doubts(verdict).into_iter().chain(unseen).collect(),
         software: software(),
     }
 }
@@ -286,7 +342,9 @@ fn evidence_json(fitted: &FittedPoints) -> Value {
         abbe_geometry::error_function::Kind::Polynomial { degree } => Some(*degree),
         _ => None,
     });
-    json!({
+    let not_seen: Vec<Value> =
+        fitted.not_seen.iter().map(|own| json!({ "name": own.name, "because": own.because })).collect();
+    let mut value = json!({
         "converged": true,
         "unknowns": evidence.unknowns,
         "rank": evidence.rank,
@@ -305,7 +363,11 @@ fn evidence_json(fitted: &FittedPoints) -> Value {
             "rotation_by_rows": (0..3).map(|i| (0..3).map(|j| pose.machine_from_measured[(i, j)]).collect()).collect::<Vec<Vec<f64>>>(),
             "origin_mm": pose.origin_m.iter().map(|v| v * 1e3).collect::<Vec<f64>>(),
         },
-    })
+    });
+    if !not_seen.is_empty() {
+        value["not_identifiable"] = not_seen.into();
+    }
+    value
 }
 
 fn print_words(
@@ -332,6 +394,13 @@ fn print_words(
         evidence["condition"].as_f64().unwrap_or(f64::NAN),
         evidence["polynomial_degree"]
     );
+    for own in evidence["not_identifiable"].as_array().into_iter().flatten() {
+        println!(
+            "  not identifiable  {}: {}; held at zero",
+            own["name"].as_str().unwrap_or_default(),
+            own["because"].as_str().unwrap_or_default()
+        );
+    }
     super::identify::print_ram_turn(file);
     println!("  {:<17} {:.0} ms, {} steps", arguments.method_name(), seconds * 1e3, evidence["steps"]);
     let rejected = evidence["rejected"].as_array().map_or(&[] as &[Value], Vec::as_slice);
