@@ -14,7 +14,7 @@
 
 use crate::hull::{self, Region};
 use crate::lattice::Lattice;
-use crate::measured::{FieldError, MeasuredField, check_points};
+use crate::measured::{FieldError, MeasuredField, check_points, lifted};
 use nalgebra::Vector3;
 use thiserror::Error;
 
@@ -44,7 +44,7 @@ pub enum Enclosure {
     Nearest,
 }
 
-/// Eight different measured points around a target.
+/// Eight different measured points around a target; four of a plane, each twice.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Neighbours {
     /// Indices of the points: x fastest, lower first. Bit 0 of the place is upper x, bit 1 upper y, bit 2 upper z; only
@@ -65,6 +65,8 @@ pub struct TargetNotFinite;
 #[derive(Debug, Clone, PartialEq)]
 pub struct Cells {
     points_m: Vec<Vector3<f64>>,
+    /// The points that surround a target: of a plane those on either side of it, else all.
+    around_m: Vec<Vector3<f64>>,
     lattice: Option<Lattice>,
 }
 
@@ -72,16 +74,21 @@ impl Cells {
     /// Cells of at least eight different points (m, machine frame) that fill a volume.
     pub fn new(points_m: &[Vector3<f64>]) -> Result<Cells, FieldError> {
         check_points(points_m)?;
-        Ok(Cells::checked(points_m))
+        Ok(Cells::checked(points_m.to_vec(), points_m.to_vec()))
     }
 
     /// Cells of the points of a field.
+    ///
+    /// Of a plane each of four points around a target in it stands twice.
     pub fn of(field: &MeasuredField) -> Cells {
-        Cells::checked(field.points_m())
+        let points_m = field.points_m().to_vec();
+        let around_m = field.plane().map_or_else(|| points_m.clone(), |plane| lifted(&points_m, plane));
+        Cells::checked(points_m, around_m)
     }
 
-    fn checked(points_m: &[Vector3<f64>]) -> Cells {
-        Cells { points_m: points_m.to_vec(), lattice: Lattice::of(points_m, PLANE_TOLERANCE_M) }
+    fn checked(points_m: Vec<Vector3<f64>>, around_m: Vec<Vector3<f64>>) -> Cells {
+        let lattice = Lattice::of(&around_m, PLANE_TOLERANCE_M);
+        Cells { points_m, around_m, lattice }
     }
 
     /// How the points are arranged.
@@ -113,16 +120,21 @@ impl Cells {
         {
             // The point of the lattice's box nearest to the target lies in a measured box, so its distance is the hull's.
             let region = Region::at_distance(lattice.distance_m(target_m), PLANE_TOLERANCE_M);
-            return Ok(Neighbours { vertices, enclosure: Enclosure::Hexahedron, region });
+            return Ok(self.neighbours(vertices, Enclosure::Hexahedron, region));
         }
         let nearest = self.nearest_of_octants(target_m);
         if let [Some(a), Some(b), Some(c), Some(d), Some(e), Some(f), Some(g), Some(h)] = nearest {
             // Were the target beyond the hull, the octant opposite to the way out would be empty.
             let vertices = [a, b, c, d, e, f, g, h];
-            return Ok(Neighbours { vertices, enclosure: Enclosure::Octants, region: Region::Inside });
+            return Ok(self.neighbours(vertices, Enclosure::Octants, Region::Inside));
         }
         let vertices = self.filled(nearest, target_m);
-        Ok(Neighbours { vertices, enclosure: Enclosure::Nearest, region: self.region(target_m) })
+        Ok(self.neighbours(vertices, Enclosure::Nearest, self.region(target_m)))
+    }
+
+    /// Neighbours among the points given, where those around a target are these twice.
+    fn neighbours(&self, vertices: [usize; 8], enclosure: Enclosure, region: Region) -> Neighbours {
+        Neighbours { vertices: vertices.map(|k| k % self.points_m.len()), enclosure, region }
     }
 
     /// Whether a finite target (m, machine frame) lies in the convex hull of the points.
@@ -133,7 +145,7 @@ impl Cells {
     /// The nearest point in each octant about the target; a coordinate equal to the target's counts as upper.
     fn nearest_of_octants(&self, target_m: &Vector3<f64>) -> [Option<usize>; 8] {
         let mut nearest: [Option<(f64, usize)>; 8] = [None; 8];
-        for (index, point) in self.points_m.iter().enumerate() {
+        for (index, point) in self.around_m.iter().enumerate() {
             let from_target = point - target_m;
             let octant = (0..3).map(|d| usize::from(from_target[d] >= 0.0) << d).sum::<usize>();
             let square = from_target.norm_squared();
@@ -147,7 +159,7 @@ impl Cells {
     /// Puts the nearest points not yet used into the empty places, nearest first. Allocates nothing: it may run live.
     fn filled(&self, places: [Option<usize>; 8], target_m: &Vector3<f64>) -> [usize; 8] {
         let mut nearest = [(f64::INFINITY, usize::MAX); 8];
-        for (index, point) in self.points_m.iter().enumerate().filter(|(index, _)| !places.contains(&Some(*index))) {
+        for (index, point) in self.around_m.iter().enumerate().filter(|(index, _)| !places.contains(&Some(*index))) {
             let square = (point - target_m).norm_squared();
             if square < nearest[7].0 {
                 // Those as near as this one came earlier and stay before it.

@@ -31,6 +31,12 @@ pub enum Unanswered {
         /// Search radius (m).
         radius_m: f64,
     },
+    /// The measured points lie in a plane, and this one does not.
+    #[error("the point lies {} mm off the plane of the measured ones", distance_m * 1e3)]
+    OffPlane {
+        /// Distance from it (m).
+        distance_m: f64,
+    },
     /// The measured points have no box around it.
     #[error("no box of eight measured points along the axes contains the point")]
     NoHexahedron,

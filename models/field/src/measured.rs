@@ -2,7 +2,7 @@
 //!
 //! Place in the flow: what every interpolator is made of. Points (m, machine frame), errors = actual − indicated (m) and,
 //! where it is known, the standard uncertainty of each component (m, k = 1). A set that no method could use is refused here,
-//! with the points named by their index.
+//! with the points named by their index. Points may lie in a plane across one axis, if that is asked for: a plate.
 
 use nalgebra::{Matrix3, Vector3};
 use thiserror::Error;
@@ -13,6 +13,10 @@ pub const SAME_POINT_M: f64 = 1e-6;
 pub(crate) const LEAST_POINTS: usize = 8;
 /// Smallest extent of the points over their largest below which they lie in a plane.
 const FLAT: f64 = 1e-4;
+/// The same for a plate across one axis: what the third coordinate does there is no third dimension.
+const PLATE: f64 = 0.01;
+/// How far beyond the measured ones a target may lie across the plane (m): a machine stops within tens of micrometres.
+const ACROSS_M: f64 = 1e-4;
 
 /// Points that no field can be made of; the text says what to do. Indices count from 0.
 #[derive(Debug, Clone, PartialEq, Error)]
@@ -54,6 +58,9 @@ pub enum FieldError {
     /// No volume.
     #[error("the points lie in a plane or on a line; measure points that fill a volume")]
     Flat,
+    /// Not even a plane.
+    #[error("the points lie on a line; measure points that fill a plane or a volume")]
+    Line,
 }
 
 /// Measured errors of the volume.
@@ -62,15 +69,66 @@ pub struct MeasuredField {
     points_m: Vec<Vector3<f64>>,
     errors_m: Vec<Vector3<f64>>,
     u_m: Option<Vec<Vector3<f64>>>,
+    plane: Option<Plane>,
+}
+
+/// The plane of a plate.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Plane {
+    /// Axis across it: 0, 1 or 2.
+    pub normal: usize,
+    /// Smallest and largest coordinate of the points there (m).
+    pub across_m: (f64, f64),
+}
+
+impl Plane {
+    /// Where the points are taken to lie (m).
+    pub fn at_m(&self) -> f64 {
+        0.5 * (self.across_m.0 + self.across_m.1)
+    }
+
+    /// A target in the plane; the distance (m) where it lies beyond.
+    pub fn within(&self, target_m: &Vector3<f64>) -> Result<Vector3<f64>, f64> {
+        let beyond = |m: f64| (self.across_m.0 - m).max(m - self.across_m.1);
+        match beyond(target_m[self.normal]) {
+            distance_m if distance_m > ACROSS_M => Err(distance_m),
+            _ => {
+                let mut within = *target_m;
+                within[self.normal] = self.at_m();
+                Ok(within)
+            }
+        }
+    }
 }
 
 impl MeasuredField {
+    /// The same as [`MeasuredField::new`] for points that may also lie in a plane across one axis; they are taken to lie
+    /// exactly in it.
+    pub fn volume_or_plane(
+        mut points_m: Vec<Vector3<f64>>,
+        errors_m: Vec<Vector3<f64>>,
+        u_m: Option<Vec<Vector3<f64>>>,
+    ) -> Result<MeasuredField, FieldError> {
+        let Some(plane) = plane_of(&points_m) else { return MeasuredField::new(points_m, errors_m, u_m) };
+        points_m.iter_mut().for_each(|point| point[plane.normal] = plane.at_m());
+        MeasuredField::checked(points_m, errors_m, u_m, Some(plane))
+    }
+
     /// Points (m, machine frame) with their errors, actual − indicated (m), and the standard uncertainty of each component
     /// (m, k = 1) where it is known.
     pub fn new(
         points_m: Vec<Vector3<f64>>,
         errors_m: Vec<Vector3<f64>>,
         u_m: Option<Vec<Vector3<f64>>>,
+    ) -> Result<MeasuredField, FieldError> {
+        MeasuredField::checked(points_m, errors_m, u_m, None)
+    }
+
+    fn checked(
+        points_m: Vec<Vector3<f64>>,
+        errors_m: Vec<Vector3<f64>>,
+        u_m: Option<Vec<Vector3<f64>>>,
+        plane: Option<Plane>,
     ) -> Result<MeasuredField, FieldError> {
         let lengths = |values: usize, what| FieldError::Lengths { points: points_m.len(), values, what };
         if errors_m.len() != points_m.len() {
@@ -81,14 +139,17 @@ impl MeasuredField {
         {
             return Err(lengths(u_m.len(), "uncertainties"));
         }
-        check_points(&points_m)?;
+        match plane {
+            None => check_points(&points_m)?,
+            Some(plane) => check_in_plane(&points_m, plane)?,
+        }
         check_finite(&errors_m, "the error")?;
         for (index, u) in u_m.iter().flatten().enumerate() {
             if !u.iter().all(|v| v.is_finite() && *v > 0.0) {
                 return Err(FieldError::Uncertainty(index));
             }
         }
-        Ok(MeasuredField { points_m, errors_m, u_m })
+        Ok(MeasuredField { points_m, errors_m, u_m, plane })
     }
 
     /// Measured points (m, machine frame).
@@ -106,6 +167,16 @@ impl MeasuredField {
         self.u_m.as_deref()
     }
 
+    /// The plane that the points lie in, where they are those of a plate.
+    pub fn plane(&self) -> Option<Plane> {
+        self.plane
+    }
+
+    /// The same points with other errors (m).
+    pub fn with_errors(&self, errors_m: Vec<Vector3<f64>>) -> Result<MeasuredField, FieldError> {
+        MeasuredField::checked(self.points_m.clone(), errors_m, self.u_m.clone(), self.plane)
+    }
+
     /// Points with their errors (m) at these indices, which must be those of points.
     pub fn pairs(&self, indices: &[usize]) -> Vec<(Vector3<f64>, Vector3<f64>)> {
         let pair = |k: &usize| self.points_m.get(*k).copied().zip(self.errors_m.get(*k).copied());
@@ -115,12 +186,52 @@ impl MeasuredField {
     /// The points at these indices as a field of their own; indices must be those of points.
     pub fn part(&self, indices: &[usize]) -> Result<MeasuredField, FieldError> {
         let pick = |list: &[Vector3<f64>]| indices.iter().filter_map(|k| list.get(*k)).copied().collect::<Vec<_>>();
-        MeasuredField::new(pick(&self.points_m), pick(&self.errors_m), self.u_m.as_deref().map(pick))
+        let u_m = self.u_m.as_deref().map(pick);
+        MeasuredField::checked(pick(&self.points_m), pick(&self.errors_m), u_m, self.plane)
     }
+}
+
+/// The plane across one axis in which all points lie, if they do.
+fn plane_of(points_m: &[Vector3<f64>]) -> Option<Plane> {
+    let first = points_m.first()?;
+    let fold = |pick: fn(f64, f64) -> f64| points_m.iter().fold(*first, |e, p| e.zip_map(p, pick));
+    let (lower, upper) = (fold(f64::min), fold(f64::max));
+    let extent = upper - lower;
+    let normal = (0..3).min_by(|a, b| extent[*a].total_cmp(&extent[*b]))?;
+    let is_flat = extent.iter().all(|m| m.is_finite()) && extent[normal] <= PLATE * extent.max();
+    is_flat.then_some(Plane { normal, across_m: (lower[normal], upper[normal]) })
+}
+
+/// Refuses points of a plane that are too few, no numbers, the same, or on a line.
+fn check_in_plane(points_m: &[Vector3<f64>], plane: Plane) -> Result<(), FieldError> {
+    check_list(points_m)?;
+    // Beside themselves at another height they fill a volume, unless they lie on a line.
+    let lifted = lifted(points_m, plane);
+    if is_flat(&lifted) { Err(FieldError::Line) } else { Ok(()) }
+}
+
+/// The points of a plane twice, on either side of it and as far from it as they extend.
+pub(crate) fn lifted(points_m: &[Vector3<f64>], plane: Plane) -> Vec<Vector3<f64>> {
+    let at = |axis: usize| points_m.iter().map(move |p| p[axis]);
+    let extent = |axis: usize| at(axis).fold(f64::NEG_INFINITY, f64::max) - at(axis).fold(f64::INFINITY, f64::min);
+    let height_m = (0..3).filter(|axis| *axis != plane.normal).map(extent).fold(0.0, f64::max);
+    let moved = |by_m: f64| {
+        points_m.iter().map(move |p| {
+            let mut moved = *p;
+            moved[plane.normal] = plane.at_m() + by_m;
+            moved
+        })
+    };
+    moved(-height_m).chain(moved(height_m)).collect()
 }
 
 /// Refuses points that are too few, no numbers, the same, or without volume.
 pub(crate) fn check_points(points_m: &[Vector3<f64>]) -> Result<(), FieldError> {
+    check_list(points_m)?;
+    if is_flat(points_m) { Err(FieldError::Flat) } else { Ok(()) }
+}
+
+fn check_list(points_m: &[Vector3<f64>]) -> Result<(), FieldError> {
     if points_m.len() < LEAST_POINTS {
         return Err(FieldError::TooFew(points_m.len()));
     }
@@ -128,7 +239,7 @@ pub(crate) fn check_points(points_m: &[Vector3<f64>]) -> Result<(), FieldError> 
     if let Some((first, second)) = duplicate(points_m) {
         return Err(FieldError::Duplicate { first, second });
     }
-    if is_flat(points_m) { Err(FieldError::Flat) } else { Ok(()) }
+    Ok(())
 }
 
 fn check_finite(list: &[Vector3<f64>], what: &'static str) -> Result<(), FieldError> {

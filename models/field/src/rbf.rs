@@ -70,6 +70,7 @@ impl Rbf {
         let extreme = |pick: fn(f64, f64) -> f64| points_m.iter().skip(1).fold(points_m[0], |e, p| e.zip_map(p, pick));
         let (lower, upper) = (extreme(f64::min), extreme(f64::max));
         let (middle_m, extent_m) = ((lower + upper) / 2.0, (upper - lower).max() / 2.0);
+        // (lower + upper)/2 of equal coordinates is that coordinate, so that across a plane all points are at zero.
         let points: Vec<_> = points_m.iter().map(|p| (p - middle_m) / extent_m).collect();
         let solution = solve(&points, field.errors_m(), radial, smoothing)?;
         let row = |k: usize| Vector3::new(solution[(k, 0)], solution[(k, 1)], solution[(k, 2)]);
@@ -113,6 +114,8 @@ fn solve(
         (true, true) => radial.value((points[i] - points[j]).norm()),
         (true, false) => polynomial(i, j - count),
         (false, true) => polynomial(j, i - count),
+        // Across a plane all points are the same: no slope.
+        (false, false) if i == j && i > count && points.iter().all(|p| p[i - count - 1] == 0.0) => 1.0,
         (false, false) => 0.0,
     });
     let right = Mat::from_fn(count + POLYNOMIAL, 3, |i, d| if i < count { errors_m[i][d] } else { 0.0 });

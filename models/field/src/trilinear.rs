@@ -31,7 +31,11 @@ impl Interpolator for Trilinear {
         }
         let points_m = self.cells.points_m();
         let (lower, upper) = (points_m[around.vertices[0]], points_m[around.vertices[7]]);
-        let share = (point_m - lower).component_div(&(upper - lower));
+        // Across a plane there is no way to go, and the corners on either side are the same.
+        let share = Vector3::from_fn(|d, _| match upper[d] - lower[d] {
+            0.0 => 0.0,
+            extent_m => (point_m[d] - lower[d]) / extent_m,
+        });
         let error_m = blend(around.vertices.map(|k| self.errors_m[k]), &share);
         Ok(Estimate { error_m, u_m: None, region: around.region })
     }

@@ -124,6 +124,6 @@ impl Trend {
     /// What it leaves of a field at its points.
     pub fn left(&self, field: &MeasuredField) -> Result<MeasuredField, FieldError> {
         let left = field.points_m().iter().zip(field.errors_m()).map(|(point, error)| error - self.at(point)).collect();
-        MeasuredField::new(field.points_m().to_vec(), left, field.u_m().map(<[_]>::to_vec))
+        field.with_errors(left)
     }
 }

@@ -216,8 +216,25 @@ pub struct Comparison {
 }
 
 /// Compares. `clock` gives seconds since any instant; `observe` is told after each method of each seed (done, of all).
+///
+/// # Errors
+/// Points that make no field, a configuration that does not hold, a training that fails.
 pub fn compare(
     field: &MeasuredField,
+    config: &CompareConfig,
+    clock: &dyn Fn() -> f64,
+    observe: &mut dyn FnMut(usize, usize) -> Go,
+) -> Result<Comparison, TrainingError> {
+    compare_measured(field, [true; 3], config, clock, observe)
+}
+
+/// The same where only these components were measured: what a field holds of the others counts for nothing.
+///
+/// # Errors
+/// As [`compare`].
+pub fn compare_measured(
+    field: &MeasuredField,
+    measured: [bool; 3],
     config: &CompareConfig,
     clock: &dyn Fn() -> f64,
     observe: &mut dyn FnMut(usize, usize) -> Go,
@@ -229,7 +246,7 @@ pub fn compare(
     let all = config.seeds * config.rivals.len();
     let mut complete = true;
     for number in 0..config.seeds {
-        let trial = Trial::new(field, config, number, clock)?;
+        let trial = Trial { measured, ..Trial::new(field, config, number, clock)? };
         for (runs, rival) in runs.iter_mut().zip(&config.rivals) {
             runs.push(trial.judge(*rival)?);
         }
@@ -280,6 +297,8 @@ fn row(rival: Rival, runs: &[Result<Judged, String>]) -> RivalRow {
 #[derive(Debug, Clone)]
 struct Judged {
     seed: u64,
+    /// Components that were measured.
+    components: usize,
     errors_m: Vec<Vector3<f64>>,
     training_s: f64,
     prediction_s: f64,
@@ -288,13 +307,15 @@ struct Judged {
 impl Judged {
     fn row(&self) -> Option<SeedRow> {
         let Judged { seed, training_s, prediction_s, .. } = *self;
-        Some(SeedRow { seed, scores: Scores::of(&self.errors_m)?, training_s, prediction_s })
+        let scores = Scores::of_components(&self.errors_m, self.components)?;
+        Some(SeedRow { seed, scores, training_s, prediction_s })
     }
 }
 
 /// One split.
 struct Trial<'a> {
     field: &'a MeasuredField,
+    measured: [bool; 3],
     config: &'a Config,
     seed: u64,
     teaching: Vec<usize>,
@@ -330,7 +351,21 @@ impl<'a> Trial<'a> {
         let start = clock();
         let kriging = fitted_kriging(&known)?;
         let kriging_s = clock() - start;
-        Ok(Trial { field, config, seed, teaching, stopping, judging, known, normaliser, kriging, kriging_s, clock })
+        let measured = [true; 3];
+        Ok(Trial {
+            field,
+            measured,
+            config,
+            seed,
+            teaching,
+            stopping,
+            judging,
+            known,
+            normaliser,
+            kriging,
+            kriging_s,
+            clock,
+        })
     }
 
     fn judge(&self, rival: Rival) -> Result<Result<Judged, String>, TrainingError> {
@@ -344,9 +379,13 @@ impl<'a> Trial<'a> {
             self.judging.iter().map(|k| predictor(&self.field.points_m()[*k])).collect();
         let end = (self.clock)();
         let shared_s = if rival.kind().is_some_and(|kind| kind != Kind::Network) { self.kriging_s } else { 0.0 };
-        let error = |(k, p): (&usize, Vector3<f64>)| p - self.field.errors_m()[*k];
+        let error = |(k, p): (&usize, Vector3<f64>)| {
+            let missed: Vector3<f64> = p - self.field.errors_m()[*k];
+            Vector3::from_fn(|d, _| if self.measured[d] { missed[d] } else { 0.0 })
+        };
         Ok(predicted.map(|predicted| Judged {
             seed: self.seed,
+            components: self.measured.iter().filter(|is_measured| **is_measured).count(),
             errors_m: self.judging.iter().zip(predicted).map(error).collect(),
             training_s: trained - start + shared_s,
             prediction_s: (end - trained) / self.judging.len() as f64,

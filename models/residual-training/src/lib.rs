@@ -22,7 +22,7 @@ mod views;
 
 pub use abbe_residual_net::corners_m;
 pub use attention::Attention;
-pub use compare::{CompareConfig, Comparison, Interval, Rival, RivalRow, SeedRow, compare};
+pub use compare::{CompareConfig, Comparison, Interval, Rival, RivalRow, SeedRow, compare, compare_measured};
 pub use config::{Config, ConfigRange, Method, Optimiser, Split, SplitKind};
 pub use device::{Device, DeviceError};
 pub use optimise::{Examples, Network, OptimiseError, Run, Training, View, outputs};

@@ -26,7 +26,12 @@ pub struct Scores {
 impl Scores {
     /// Figures of errors (m); `None` without any.
     pub fn of(errors_m: &[Vector3<f64>]) -> Option<Scores> {
-        let components = 3.0 * errors_m.len() as f64;
+        Scores::of_components(errors_m, 3)
+    }
+
+    /// The same where so many components were measured; the others are zero.
+    pub fn of_components(errors_m: &[Vector3<f64>], measured: usize) -> Option<Scores> {
+        let components = (measured * errors_m.len()) as f64;
         let mut lengths: Vec<f64> = errors_m.iter().map(|e| e.norm() * UM_PER_M).collect();
         lengths.sort_by(f64::total_cmp);
         let place = (lengths.len() as f64 * 0.95).ceil() as usize;
@@ -53,5 +58,7 @@ mod tests {
         assert!((scores.mae_um - (19.0 * 7.0 + 12.0) / 60.0).abs() < 1e-9);
         assert!((scores.error_95_um - 5.0).abs() < 1e-9 && (scores.worst_um - 12.0).abs() < 1e-9);
         assert_eq!(Scores::of(&[]), None);
+        let plane = Scores::of_components(&errors[..19], 2).unwrap();
+        assert!((plane.mse_um2 - 12.5).abs() < 1e-9 && (plane.mae_um - 3.5).abs() < 1e-9);
     }
 }

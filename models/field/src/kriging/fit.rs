@@ -109,7 +109,11 @@ fn scaled(field: &MeasuredField, component: usize, options: &Options) -> Result<
     let mean = values.iter().sum::<f64>() / values.len() as f64;
     let square = values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / values.len() as f64;
     let largest = values.iter().fold(0.0_f64, |largest, v| largest.max(v.abs()));
-    let scaling = Scaling { middle_m: (lower + upper) / 2.0, extent_m: upper - lower, deviation_m: square.sqrt() };
+    let normal = field.plane().map(|plane| plane.normal);
+    let mut extent_m = upper - lower;
+    // Across a plane nothing differs: any length will do.
+    normal.into_iter().for_each(|axis| extent_m[axis] = extent_m.max());
+    let scaling = Scaling { middle_m: (lower + upper) / 2.0, extent_m, deviation_m: square.sqrt() };
     if scaling.deviation_m <= SAME * largest {
         return Err(KrigingError::Constant { component: COMPONENTS[component] });
     }
@@ -124,6 +128,7 @@ fn scaled(field: &MeasuredField, component: usize, options: &Options) -> Result<
         declared: declared.filter(|_| !scaled),
         kernel: options.kernel,
         trend: options.trend,
+        normal,
     };
     Ok((data, scaling))
 }
@@ -181,6 +186,7 @@ fn part(data: &Data) -> Data {
         shares: data.shares.as_ref().map(|list| order.iter().map(|k| list[*k]).collect()),
         kernel: data.kernel,
         trend: data.trend,
+        normal: data.normal,
     }
 }
 

@@ -23,12 +23,15 @@ pub enum Trend {
 }
 
 impl Trend {
-    /// Values of the trend's functions at a scaled point.
-    pub(crate) fn row(self, point: &Vector3<f64>) -> Vec<f64> {
+    /// Values of the trend's functions at a scaled point; across a plane there is no slope.
+    pub(crate) fn row(self, point: &Vector3<f64>, normal: Option<usize>) -> Vec<f64> {
         match self {
             Trend::Zero => vec![],
             Trend::Constant => vec![1.0],
-            Trend::Linear => vec![1.0, point.x, point.y, point.z],
+            Trend::Linear => {
+                let slopes = (0..3).filter(|axis| normal != Some(*axis)).map(|axis| point[axis]);
+                std::iter::once(1.0).chain(slopes).collect()
+            }
         }
     }
 }
@@ -71,6 +74,8 @@ pub(crate) struct Data {
     pub(crate) shares: Option<Vec<f64>>,
     pub(crate) kernel: Kernel,
     pub(crate) trend: Trend,
+    /// Axis across the plane of the points, where they lie in one.
+    pub(crate) normal: Option<usize>,
 }
 
 /// A covariance matrix that cannot be factored.
@@ -118,7 +123,7 @@ impl Data {
 
     /// Columns of the trend (n × p).
     fn trend_columns(&self) -> Mat<f64> {
-        let rows: Vec<Vec<f64>> = self.points.iter().map(|point| self.trend.row(point)).collect();
+        let rows: Vec<Vec<f64>> = self.points.iter().map(|point| self.trend.row(point, self.normal)).collect();
         Mat::from_fn(rows.len(), rows.first().map_or(0, Vec::len), |i, j| rows[i][j])
     }
 

@@ -69,7 +69,8 @@ impl Process {
     /// Expected error (m).
     pub(crate) fn mean(&self, point_m: &Vector3<f64>) -> f64 {
         let point = self.scaling.point(point_m);
-        let trend: f64 = self.data.trend.row(&point).iter().zip(&self.coefficients).map(|(h, b)| h * b).sum();
+        let trend: f64 =
+            self.data.trend.row(&point, self.data.normal).iter().zip(&self.coefficients).map(|(h, b)| h * b).sum();
         let signal: f64 = self.covariances(&point).zip(&self.weights).map(|(k, w)| k * w).sum();
         (trend + signal) * self.scaling.deviation_m
     }
@@ -78,7 +79,7 @@ impl Process {
     pub(crate) fn predict(&self, point_m: &Vector3<f64>) -> (f64, f64) {
         let point = self.scaling.point(point_m);
         let covariances: Vec<f64> = self.covariances(&point).collect();
-        let row = self.data.trend.row(&point);
+        let row = self.data.trend.row(&point, self.data.normal);
         let trend: f64 = row.iter().zip(&self.coefficients).map(|(h, b)| h * b).sum();
         let signal: f64 = covariances.iter().zip(&self.weights).map(|(k, w)| k * w).sum();
         let count = covariances.len();

@@ -61,7 +61,7 @@ fn the_gradient_of_the_likelihood_is_its_slope() {
         let values = drawn(&points, Kernel::Matern52, [0.4, 0.6, 0.9], 5);
         let declared = Some((0..40).map(|k| 1e-3 * (1.0 + f64::from(k))).collect());
         let shares = (trend == Trend::Constant).then(|| (0..40).map(|k| (1.0 + f64::from(k)) / 20.5).collect());
-        let data = Data { points, values, declared, shares, kernel, trend };
+        let data = Data { points, values, declared, shares, kernel, trend, normal: None };
         let at = [0.2, -0.7, -0.3, 0.4, -1.5];
         let (_, gradient) = data.minus_two_log(&at).unwrap();
         for k in 0..5 {

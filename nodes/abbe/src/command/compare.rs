@@ -6,7 +6,8 @@
 use super::identify::spinner;
 use crate::training::{self, Data};
 use abbe_files::hex;
-use abbe_residual_training::{CompareConfig, Comparison, Go, Interval, RivalRow, compare};
+use abbe_geometry::Axis;
+use abbe_residual_training::{CompareConfig, Comparison, Go, Interval, RivalRow, compare_measured};
 use abbe_runtime::Shutdown;
 use anyhow::{Context, ensure};
 use serde_json::json;
@@ -16,7 +17,7 @@ use std::time::Instant;
 /// Arguments of `compare`.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Arguments {
-    /// Residual vectors: CSV or bag of abbe residuals, or CSV of any other software
+    /// Residual vectors: CSV or bag of abbe residuals, or CSV of any other software, of a volume or a plane
     #[arg(long)]
     residuals: PathBuf,
     /// Splits and trainings, each with a seed of its own
@@ -36,7 +37,7 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let usual = CompareConfig::default();
     let config = CompareConfig { training, seeds: arguments.seeds.unwrap_or(usual.seeds), ..usual };
     ensure!(config.seeds > 0, "--seeds must be at least 1");
-    let data = Data::read(&arguments.residuals)?;
+    let data = Data::read_plane(&arguments.residuals)?;
     let since = Instant::now();
     let clock = || since.elapsed().as_secs_f64();
     let bar = spinner(&format!("comparing on {} points", data.points()));
@@ -45,12 +46,19 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         bar.set_message(format!("{done} of {all} trainings"));
         if shutdown.requested() { Go::Stop } else { Go::On }
     };
-    let compared = compare(&data.field, &config, &clock, &mut observe);
+    let measured = Axis::ALL.map(|axis| data.lacks.error != Some(axis));
+    let compared = compare_measured(&data.field, measured, &config, &clock, &mut observe);
     bar.finish_and_clear();
     let compared = compared.with_context(|| arguments.residuals.display().to_string())?;
     match arguments.json {
         true => {
-            let value = json!({ "data": { "file": data.file, "sha256": hex(&data.sha256) }, "comparison": compared });
+            let components: Vec<&str> =
+                Axis::ALL.into_iter().filter(|axis| measured[axis.index()]).map(Axis::lower).collect();
+            let plane = data.field.plane().map(|plane| Axis::ALL[plane.normal].lower());
+            let of = json!({
+                "file": data.file, "sha256": hex(&data.sha256), "plane_across": plane, "components": components,
+            });
+            let value = json!({ "data": of, "comparison": compared });
             println!("{}", serde_json::to_string_pretty(&value)?);
         }
         false => say(&data, &compared),
@@ -61,7 +69,16 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
 
 fn say(data: &Data, compared: &Comparison) {
     let split = if compared.flattering { "single points (flattering)" } else { "blocks of space" };
-    println!("{}: {} points, held out by {split}, {} seeds", data.file, compared.points, compared.config.seeds);
+    let plane = match (data.field.plane(), data.lacks.error) {
+        (None, _) => String::new(),
+        (Some(plane), None) => format!(" in a plane across {}", Axis::ALL[plane.normal].letter()),
+        (Some(plane), Some(axis)) => format!(
+            " in a plane across {} (component {} was not measured)",
+            Axis::ALL[plane.normal].letter(),
+            axis.lower()
+        ),
+    };
+    println!("{}: {} points{plane}, held out by {split}, {} seeds", data.file, compared.points, compared.config.seeds);
     let head = ["method", "MSE um2 (95 %)", "MAE um (95 %)", "95 % um", "worst um", "train s", "point us"];
     let [method, mse, mae, most, worst, train, point] = head;
     println!("{method:<20} {mse:>25} {mae:>25} {most:>9} {worst:>9} {train:>9} {point:>9}   Liang 2025: MSE, MAE");

@@ -1,19 +1,22 @@
 //! `abbe interpolate`: measured error vectors in, the error at any other point out, or scores of all methods.
 //!
 //! Place in the flow: without a model of the machine, straight from measured points (`abbe points`, or any calibration). The
-//! methods are those of `abbe_field`; scores are of points that did not interpolate (Chen 2020 eq. 14-19).
+//! methods are those of `abbe_field`; scores are of points that did not interpolate (Chen 2020 eq. 14-19). Vectors of a plate
+//! are interpolated in its plane; a point beside it has no answer.
 
 use crate::exit::Ended;
 use crate::output;
+use crate::training::plane_field;
 use abbe_field::idw::{EXPONENT, Idw, Reference};
 use abbe_field::kriging::{Kernel, Kriging, Noise, Options, Trend};
 use abbe_field::rbf::{Radial, Rbf};
 use abbe_field::scores::{INTERPOLATING_SHARE, Score, score, split};
-use abbe_field::{Interpolator, MeasuredField, Trilinear, Unanswered};
-use abbe_files::{ErrorVector, read_positions_file, read_residual_vectors_file, write_error_vectors};
+use abbe_field::{Interpolator, MeasuredField, OnPlane, Trilinear, Unanswered};
+use abbe_files::{ErrorVector, Lacks, read_plane_positions_file, write_plane_errors};
+use abbe_geometry::Axis;
 use abbe_measurement::correspondence::check_vectors;
 use abbe_runtime::Shutdown;
-use anyhow::{Context, ensure};
+use anyhow::{Context, bail, ensure};
 use clap::ValueEnum;
 use std::path::PathBuf;
 
@@ -23,10 +26,11 @@ const UM: f64 = 1e6;
 /// Arguments of `interpolate`.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Arguments {
-    /// CSV with measured error vectors: x_mm, y_mm, z_mm, res_x_um, res_y_um, res_z_um, optionally u_x_um, u_y_um, u_z_um
+    /// CSV with measured error vectors: x_mm, y_mm, z_mm, res_x_um, res_y_um, res_z_um, optionally u_x_um, u_y_um, u_z_um; of a
+    /// plate one position and one component may be missing
     #[arg(long)]
     vectors: PathBuf,
-    /// CSV with the points to answer: x_mm, y_mm, z_mm
+    /// CSV with the points to answer: the positions that the vectors have
     #[arg(long, requires = "out", conflicts_with = "splits")]
     at: Option<PathBuf>,
     /// CSV to write: the points with error, uncertainty where the method has one, and status
@@ -68,7 +72,7 @@ enum Method {
     IdwNearest,
     /// Inverse square distances over all points within a radius
     IdwWithin,
-    /// Trilinear in the smallest enclosing box of measured points
+    /// Trilinear in the smallest enclosing box of measured points; bilinear in a plane
     Trilinear,
     /// Thin plate (r² ln r) with a linear part
     ThinPlate,
@@ -81,28 +85,31 @@ enum Method {
 pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let inputs = arguments.at.iter().chain([&arguments.vectors]).map(PathBuf::as_path);
     output::check(arguments.out.as_deref(), inputs)?;
-    let field = read(arguments)?;
+    let (field, lacks) = read(arguments)?;
     match (&arguments.at, &arguments.out, arguments.splits) {
-        (Some(at), Some(out), _) => answer(arguments, &field, at, out),
-        (_, _, Some(splits)) => score_all(arguments, &field, splits),
+        (Some(at), Some(out), _) => answer(arguments, (&field, lacks), at, out),
+        (_, _, Some(splits)) => score_all(arguments, (&field, lacks), splits),
         _ => anyhow::bail!("name points with --at and a file with --out, or a number of --splits"),
     }
 }
 
-fn read(arguments: &Arguments) -> anyhow::Result<MeasuredField> {
-    let rows = read_residual_vectors_file(&arguments.vectors)?.rows;
-    let points = rows.iter().map(|row| row.position_m.into()).collect();
-    let errors: Vec<abbe_geometry::Vector3<f64>> = rows.iter().map(|row| row.residual_m.into()).collect();
-    check_vectors(&errors, false).with_context(|| arguments.vectors.display().to_string())?;
-    let u: Option<Vec<_>> = rows.iter().map(|row| row.u_m.map(Into::into)).collect();
-    // Points are counted from 0 in messages of the library, rows of a file are not: the row is the point's place in it.
-    MeasuredField::new(points, errors, u)
-        .with_context(|| format!("{} (points are its rows, from 0)", arguments.vectors.display()))
+fn read(arguments: &Arguments) -> anyhow::Result<(MeasuredField, Lacks)> {
+    let read = plane_field(&arguments.vectors)?;
+    check_vectors(read.field.errors_m(), false).with_context(|| arguments.vectors.display().to_string())?;
+    if let Some(plane) = read.field.plane() {
+        let axis = Axis::ALL[plane.normal];
+        let missing = match read.lacks.error {
+            Some(axis) => format!("; component {} was not measured", axis.lower()),
+            None => String::new(),
+        };
+        println!("{}: a plane across {}{missing}", arguments.vectors.display(), axis.letter());
+    }
+    Ok((read.field, read.lacks))
 }
 
 fn build(arguments: &Arguments, method: Method, field: &MeasuredField) -> anyhow::Result<Box<dyn Interpolator>> {
     let idw = |reference| Idw::new(field, reference, EXPONENT);
-    Ok(match method {
+    let method: Box<dyn Interpolator> = match method {
         Method::Idw => Box::new(idw(Reference::Hexahedron)?),
         Method::IdwNearest => Box::new(idw(Reference::Nearest(arguments.neighbours))?),
         Method::IdwWithin => {
@@ -116,32 +123,46 @@ fn build(arguments: &Arguments, method: Method, field: &MeasuredField) -> anyhow
             let noise = if field.u_m().is_some() { Noise::DeclaredAndFitted } else { Noise::Fitted };
             Box::new(Kriging::fit(field, &Options { kernel: Kernel::Matern52, trend: Trend::Linear, noise })?)
         }
-    })
+    };
+    Ok(Box::new(OnPlane::new(field, method)))
 }
 
 fn answer(
     arguments: &Arguments,
-    field: &MeasuredField,
+    (field, lacks): (&MeasuredField, Lacks),
     at: &std::path::Path,
     out: &std::path::Path,
 ) -> anyhow::Result<()> {
-    let positions = read_positions_file(at)?;
+    let positions = read_plane_positions_file(at)?;
+    if let (given, wanted) = (positions.lacks, lacks.position)
+        && given != wanted
+    {
+        let word = |axis: Option<Axis>| axis.map_or("x, y and z".to_owned(), |axis| format!("no {}", axis.lower()));
+        bail!(
+            "{}: the points have {}, the vectors {}; give both the same columns",
+            at.display(),
+            word(given),
+            word(wanted)
+        );
+    }
     let method = build(arguments, arguments.method, field)?;
-    let vectors: Vec<ErrorVector> = positions.into_iter().map(|position_m| one(method.as_ref(), position_m)).collect();
-    write_error_vectors(out, &vectors)?;
+    let vectors: Vec<ErrorVector> =
+        positions.rows.into_iter().map(|position_m| one(method.as_ref(), position_m)).collect();
+    write_plane_errors(out, &vectors, lacks)?;
     let count = |status: &str| vectors.iter().filter(|v| v.status == Some(status)).count();
     println!(
-        "{}: {} points among the measured ones, {} beyond them (extrapolated), {} without answer",
+        "{}: {} points among the measured ones, {} beyond them (extrapolated), {} without answer{}",
         out.display(),
         count("interpolated"),
         count("extrapolated"),
-        count("no_answer")
+        count("no_answer"),
+        if field.plane().is_some() { format!(", {} off the plane (outside)", count("outside")) } else { String::new() }
     );
     if count("interpolated") < vectors.len() {
         let first = |status: &str| vectors.iter().position(|v| v.status == Some(status)).map(|k| k + 1);
         let kind =
             |status: &'static str| first(status).map(|row| format!("{} {status} (first: row {row})", count(status)));
-        let kinds: Vec<String> = ["extrapolated", "no_answer"].into_iter().filter_map(kind).collect();
+        let kinds: Vec<String> = ["extrapolated", "no_answer", "outside"].into_iter().filter_map(kind).collect();
         eprintln!("abbe: warning: {}: {} of {} points", at.display(), kinds.join(", "), vectors.len());
     }
     ensure!(
@@ -159,6 +180,10 @@ fn one(method: &dyn Interpolator, position_m: [f64; 3]) -> ErrorVector {
             u_m: found.u_m.map(Into::into),
             status: Some(if found.region.is_inside() { "interpolated" } else { "extrapolated" }),
         },
+        // Nothing was measured across a plane.
+        Err(Unanswered::OffPlane { .. }) => {
+            ErrorVector { position_m, error_m: None, u_m: None, status: Some("outside") }
+        }
         // A position that was read from a file is finite; what is left are methods without an answer there.
         Err(Unanswered::NotFinite | Unanswered::NoPointWithin { .. } | Unanswered::NoHexahedron) => {
             ErrorVector { position_m, error_m: None, u_m: None, status: Some("no_answer") }
@@ -174,7 +199,7 @@ struct Total {
     unanswered: usize,
 }
 
-fn score_all(arguments: &Arguments, field: &MeasuredField, splits: u64) -> anyhow::Result<()> {
+fn score_all(arguments: &Arguments, (field, lacks): (&MeasuredField, Lacks), splits: u64) -> anyhow::Result<()> {
     ensure!(splits > 0, "--splits must be at least 1");
     let shutdown = Shutdown::on_signals()?;
     let methods: Vec<Method> = Method::value_variants()
@@ -208,16 +233,20 @@ fn score_all(arguments: &Arguments, field: &MeasuredField, splits: u64) -> anyho
         "method", "rmse_x_um", "rmse_y_um", "rmse_z_um", "R2 x/y/z", "answered"
     );
     for (method, total) in methods.iter().zip(&totals) {
-        println!("{}", line(*method, total));
+        println!("{}", line(*method, total, lacks));
     }
     ensure!(done == splits, Ended::stopped(format!("stopped on request after {done} of {splits} splits")));
     Ok(())
 }
 
-fn line(method: Method, total: &Total) -> String {
+fn line(method: Method, total: &Total, lacks: Lacks) -> String {
     let name = method.to_possible_value().map_or_else(String::new, |value| value.get_name().to_owned());
     let share = 100.0 * total.answered as f64 / (total.answered + total.unanswered).max(1) as f64;
+    let is_missing = |d: usize| lacks.error.is_some_and(|axis| axis.index() == d);
     let direction = |d: usize| {
+        if is_missing(d) {
+            return "-".to_owned();
+        }
         let values: Vec<f64> = total.scores.iter().map(|score| score.rmse_m[d] * UM).collect();
         let count = values.len() as f64;
         let mean = values.iter().sum::<f64>() / count;
@@ -226,7 +255,7 @@ fn line(method: Method, total: &Total) -> String {
     };
     let r2 = |d: usize| {
         let values: Vec<f64> = total.scores.iter().filter_map(|score| score.r2[d]).collect();
-        if values.is_empty() {
+        if values.is_empty() || is_missing(d) {
             "-".to_owned()
         } else {
             format!("{:.3}", values.iter().sum::<f64>() / values.len() as f64)
