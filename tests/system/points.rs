@@ -103,7 +103,8 @@ fn what_gives_no_field_is_refused_and_nothing_is_written() {
     let cases = [
         (format!("{good}{}", "1,2,3,1,1,1\n1,2,3,2,2,2\n".repeat(5)), "the same within a micrometre"),
         (format!("{good}1,2,3,1,1,1\n"), "too few"),
-        (format!("{good}{}", (0..9).map(|k| format!("{k},{},0,1,1,1\n", k * k)).collect::<String>()), "plane"),
+        (format!("{good}{}", (0..9).map(|k| format!("{k},{},0,1,1,1\n", 2 * k)).collect::<String>()), "on a line"),
+        (format!("{good}{}", (0..9).map(|k| format!("{k},{},0,1,1,1\n", k * k)).collect::<String>()), "are the same"),
         (format!("{good}1,2,nan,1,1,1\n"), "line 2, column z_mm"),
     ];
     let at = write(folder.path(), "at.csv", "x_mm,y_mm,z_mm\n1,1,1\n");
@@ -113,6 +114,58 @@ fn what_gives_no_field_is_refused_and_nothing_is_written() {
         assert_says(&said, &["vectors.csv", says]);
     }
     assert!(!folder.path().join("out.csv").exists());
+}
+
+/// A plate of 6 by 6 points with a scale, a squareness and a wave, as two columns or three.
+fn plate_um(height: Option<&str>) -> String {
+    let mut table = match height {
+        None => "x_mm,y_mm,res_x_um,res_y_um\n".to_owned(),
+        Some(_) => "x_mm,y_mm,z_mm,res_x_um,res_y_um,res_z_um\n".to_owned(),
+    };
+    for k in 0..36 {
+        let (x, y) = (40.0 * f64::from(k % 6), 40.0 * f64::from(k / 6));
+        let [p, q] = wave_um(x, y);
+        table += &match height {
+            None => format!("{x},{y},{p:.6},{q:.6}\n"),
+            Some(z) => format!("{x},{y},{z},{p:.6},{q:.6},0\n"),
+        };
+    }
+    table
+}
+
+fn wave_um(x: f64, y: f64) -> [f64; 2] {
+    [0.02 * x - 0.01 * y + (x / 90.0).sin(), -0.01 * y + (y / 70.0).cos()]
+}
+
+#[test]
+fn vectors_of_a_plate_are_interpolated_in_its_plane_and_nowhere_else() {
+    let folder = tempfile::tempdir().unwrap();
+    let numbers = |line: &str| line.split(',').filter_map(|cell| cell.parse::<f64>().ok()).collect::<Vec<f64>>();
+    let out = text(&folder.path().join("answers.csv"));
+    let three = write(folder.path(), "three.csv", &plate_um(Some("150")));
+    let at = write(folder.path(), "at.csv", "x_mm,y_mm,z_mm\n90,70,150\n90,70,160\n400,70,150\n");
+    for method in ["kriging", "idw", "idw-nearest", "trilinear", "thin-plate", "cubic"] {
+        run(["interpolate", "--vectors", &three, "--at", &at, "--out", &out, "--method", method]).ok();
+        let answers = fs::read_to_string(&out).unwrap();
+        let rows: Vec<&str> = answers.lines().collect();
+        assert!(rows[0].starts_with("x_mm,y_mm,z_mm,res_x_um,res_y_um,") && !rows[0].contains("res_z_um"), "{answers}");
+        let (near, expected) = (numbers(rows[1]), wave_um(90.0, 70.0));
+        (0..2).for_each(|d| assert!((near[3 + d] - expected[d]).abs() < 0.4, "{method}: {answers}"));
+        assert!(rows[2].ends_with(",,outside") && rows[3].ends_with(",extrapolated"), "{method}: {answers}");
+    }
+    // Two columns say the same, and are answered in two.
+    let two = write(folder.path(), "two.csv", &plate_um(None));
+    let flat = write(folder.path(), "flat.csv", "x_mm,y_mm\n90,70\n");
+    run(["interpolate", "--vectors", &two, "--at", &flat, "--out", &out]).ok();
+    let answers = fs::read_to_string(&out).unwrap();
+    assert!(answers.starts_with("x_mm,y_mm,res_x_um,res_y_um,u_x_um,u_y_um,status\n"), "{answers}");
+    let said = run(["interpolate", "--vectors", &two, "--at", &at, "--out", &out]).refused();
+    assert_says(&said, &["at.csv", "the vectors no z", "the same columns"]);
+    // What lives in space says so.
+    let said = run(["train", "--residuals", &two, "--out", &out]).refused();
+    assert_says(&said, &["two.csv", "column z_mm", "missing"]);
+    let compared = run(["compare", "--residuals", &two, "--seeds", "1"]).ok();
+    assert_says(&compared, &["in a plane across Z (component z was not measured)", "kriging"]);
 }
 
 /// A machine simulated in NumPy, its ranges solved by `abbe points`; what the script `says` of it.

@@ -96,3 +96,41 @@ fn wrong_input_is_refused_and_leaves_nothing() {
     let model = bench.text("missing.json");
     assert_says(&run(["volumetric", "--model", &model, "--out", &out]).refused(), &["missing.json"]);
 }
+
+/// A vision machine's view of a grid plate: two columns of actual positions, turned by an unknown angle.
+#[test]
+fn a_plate_makes_a_model_of_its_plane_and_names_what_it_cannot_tell() {
+    let bench = Bench::simulated(4);
+    let (machine, model) = (text(&machine()), bench.text("plate.json"));
+    let mut table = "x_mm,y_mm,z_mm,offset_x_mm,offset_y_mm,offset_z_mm,actual_x_mm,actual_y_mm,pose\n".to_owned();
+    for k in 0..128 {
+        let (x, y) = (50.0 + 100.0 * f64::from(k % 8), 40.0 + 75.0 * f64::from(k / 8 % 8));
+        // Scale of X 20 µm/m, squareness 8 µrad; 0.05 µm of something else.
+        let rest = |a: f64| 1.7e-4 * (((a * f64::from(k + 1)).sin() * 43_758.545_3).abs().fract() - 0.5);
+        let (p, q) = (x + 20e-6 * x - 8e-6 * y + rest(12.9898), y + rest(78.233));
+        let (sine, cosine) = (0.4 + 1.2 * f64::from(k / 64)).sin_cos();
+        let (u, v) = (cosine * p - sine * q + 11.0, sine * p + cosine * q - 22.0);
+        table += &format!("{x},{y},150,0,0,-60,{u:.7},{v:.7},pose {}\n", k / 64);
+    }
+    let points = bench.write("plate.csv", &table);
+    let said = json(&run(fit(&machine, &points, &model, &["--u-um", "0.05", "--json"])).ok());
+    let evidence = &said["evidence"];
+    let unseen: Vec<&str> =
+        evidence["not_identifiable"].as_array().unwrap().iter().map(|own| own["name"].as_str().unwrap()).collect();
+    assert!(["B0Z", "A0Z", "EZZ", "EZX", "ECZ"].iter().all(|name| unseen.contains(name)), "{unseen:?}");
+    assert!(["C0Y", "EXX", "EYY"].iter().all(|name| !unseen.contains(name)), "{unseen:?}");
+    let file: Value = serde_json::from_str(&bench.read("plate.json")).unwrap();
+    assert!(file.to_string().contains("measured on plates"), "the model says what it does not know");
+    // Two points 700 mm apart along X come out 14 µm further apart, and off the plane they are extrapolated.
+    let ask = "x_mm,y_mm,z_mm,offset_x_mm,offset_y_mm,offset_z_mm\n";
+    let ask = bench.write("ask.csv", format!("{ask}50,300,150,0,0,-60\n750,300,150,0,0,-60\n750,300,400,0,0,-60\n"));
+    let out = bench.text("corrected.csv");
+    run(["correct", "--model", &model, "--in", &ask, "--out", &out]).ok();
+    let corrected = bench.read("corrected.csv");
+    let rows: Vec<Vec<&str>> = corrected.lines().skip(1).map(|row| row.split(',').collect()).collect();
+    let x = |k: usize| rows[k][6].parse::<f64>().unwrap();
+    assert!((x(1) - x(0) - 700.014).abs() < 2e-4, "{corrected}");
+    assert_eq!([rows[0][12], rows[2][12]], ["in_volume", "extrapolated"], "{corrected}");
+    let mixed = bench.write("mixed.csv", table.replacen("pose 1", "elsewhere", 1));
+    assert_says(&run(fit(&machine, &mixed, &model, &["--u-um", "0.05"])).refused(), &["mixed.csv", "four points"]);
+}

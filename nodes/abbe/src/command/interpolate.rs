@@ -145,7 +145,8 @@ fn answer(
             word(wanted)
         );
     }
-    let method = build(arguments, arguments.method, field)?;
+    let named = || arguments.vectors.display().to_string();
+    let method = build(arguments, arguments.method, field).with_context(named)?;
     let vectors: Vec<ErrorVector> =
         positions.rows.into_iter().map(|position_m| one(method.as_ref(), position_m)).collect();
     write_plane_errors(out, &vectors, lacks)?;
