@@ -10,6 +10,7 @@ use super::outcome::NotSeen;
 use super::problem::{FRAME, Problem};
 use super::{FittedPoints, Loss, MeasuredPoint, Method, PointOptions, PointProgress, PointsError, error};
 use crate::linear::{Factor, symmetric_eigen};
+use crate::normal::NormalEquations;
 use abbe_geometry::layout::{Layout, centre_of};
 use abbe_geometry::machine::Machine;
 use abbe_geometry::{Axis, ErrorId};
@@ -162,9 +163,6 @@ fn seen(problem: &Problem) -> Result<Seen, PointsError> {
     let mut taken: Vec<usize> = (layout.len()..layout.len() + FRAME * problem.alignments.len())
         .filter(|k| !problem.held().contains(k))
         .collect();
-    let matrix = |rows: &[usize], columns: &[usize]| {
-        Mat::from_fn(rows.len(), columns.len(), |i, j| normal.entry(rows[i].min(columns[j]), rows[i].max(columns[j])))
-    };
     let mut kept = problem.machine.clone();
     let (mut not_seen, mut held) = (Vec::new(), Vec::new());
     for block in blocks(problem) {
@@ -172,9 +170,8 @@ fn seen(problem: &Problem) -> Result<Seen, PointsError> {
         if own.is_empty() {
             continue;
         }
-        let alone = matrix(&own, &own);
-        let moves = (0..own.len()).any(|k| alone[(k, k)] > 0.0);
-        if moves && is_left(&normal.matrix, normal.size, &taken, &own, &matrix)? {
+        let moves = own.iter().any(|k| normal.entry(*k, *k) > 0.0);
+        if moves && is_left(&normal, &taken, &own)? {
             taken.extend(own);
             continue;
         }
@@ -197,27 +194,17 @@ fn seen(problem: &Problem) -> Result<Seen, PointsError> {
 }
 
 /// Whether enough is left of all directions of a block beside what was taken.
-fn is_left(
-    normal: &[f64],
-    size: usize,
-    taken: &[usize],
-    own: &[usize],
-    matrix: &dyn Fn(&[usize], &[usize]) -> Mat<f64>,
-) -> Result<bool, PointsError> {
-    let all: Vec<usize> = taken.iter().chain(own).copied().collect();
-    let scale: BTreeMap<usize, f64> = all
-        .iter()
-        .map(|k| {
-            let square = normal[k * size + k];
-            (*k, if square > 0.0 { square.sqrt().recip() } else { 0.0 })
-        })
-        .collect();
-    if own.iter().any(|k| scale[k] == 0.0) {
+fn is_left(normal: &NormalEquations, taken: &[usize], own: &[usize]) -> Result<bool, PointsError> {
+    let scale = |k: usize| {
+        let square = normal.entry(k, k);
+        if square > 0.0 { square.sqrt().recip() } else { 0.0 }
+    };
+    if own.iter().any(|k| scale(*k) == 0.0) {
         return Ok(false);
     }
     let equal = |rows: &[usize], columns: &[usize]| {
-        let plain = matrix(rows, columns);
-        Mat::from_fn(rows.len(), columns.len(), |i, j| plain[(i, j)] * scale[&rows[i]] * scale[&columns[j]])
+        let one = |i: usize, j: usize| normal.entry(rows[i], columns[j]) * scale(rows[i]) * scale(columns[j]);
+        Mat::from_fn(rows.len(), columns.len(), one)
     };
     let factor = Factor::new(&equal(taken, taken)).map_err(|_| PointsError::Singular)?;
     let across = equal(taken, own);

@@ -99,7 +99,7 @@ impl Named {
             }
             Named::Square(angle) => {
                 let (low, high) = readings_m(angle.tilts);
-                let shape = Shape::new().text("acts", across(angle).lower()).text("p", &position(angle.tilts));
+                let shape = Shape::new().text("acts", across(angle).lower()).text("p", position(angle.tilts));
                 let shape = shape.number("p_low", low).number("p_high", high).number("degree", 1.0);
                 let half_m = 0.5 * (high - low) * if sign(angle).is_empty() { 1.0 } else { -1.0 };
                 ("empirical", shape.number("whole", 1.0), vec![half_m])

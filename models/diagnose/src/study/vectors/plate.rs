@@ -172,14 +172,17 @@ pub(super) struct Turns {
     pub(super) plane: (usize, usize),
 }
 
+/// A place in the plane of a plate (m), and one point in two poses.
+type Place = (f64, f64);
+type Pair = (Place, Place);
+
 /// Angle that turns the first of each pair, mirrored where `sign` is −1, onto the second; largest miss and extent (m).
-fn fit(pairs: &[((f64, f64), (f64, f64))], sign: f64) -> (f64, f64, f64) {
+fn fit(pairs: &[Pair], sign: f64) -> (f64, f64, f64) {
     let count = pairs.len() as f64;
-    let mean = |of: &dyn Fn(&((f64, f64), (f64, f64))) -> (f64, f64)| {
-        let sum = pairs.iter().map(of).fold((0.0, 0.0), |sum, own| (sum.0 + own.0, sum.1 + own.1));
-        (sum.0 / count, sum.1 / count)
-    };
-    let (from, to) = (mean(&|pair| pair.0), mean(&|pair| pair.1));
+    let sum = |(a, b): Place, own: Place| (a + own.0, b + own.1);
+    let from = pairs.iter().map(|pair| pair.0).fold((0.0, 0.0), sum);
+    let to = pairs.iter().map(|pair| pair.1).fold((0.0, 0.0), sum);
+    let (from, to) = ((from.0 / count, from.1 / count), (to.0 / count, to.1 / count));
     let arms: Vec<_> =
         pairs.iter().map(|(p, q)| ((p.0 - from.0, sign * (p.1 - from.1)), (q.0 - to.0, q.1 - to.1))).collect();
     let along: f64 = arms.iter().map(|(p, q)| p.0 * q.0 + p.1 * q.1).sum();
