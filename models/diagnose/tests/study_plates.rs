@@ -291,14 +291,14 @@ fn val_numpy_least_squares_gives_the_same_scales_and_squareness() {
     let hash = |a: f64| (a.sin() * 43_758.545_3).abs().fract() - 0.5;
     let row = |k: usize| {
         let (x, y, n) = (0.3 + 0.05 * (k % 7) as f64, 0.2 + 0.05 * (k / 7) as f64, (k + 1) as f64);
-        let residual_m = [12e-6 * x - 4e-6 * y + 1e-6 * hash(12.9898 * n), -7e-6 * y + 1e-6 * hash(78.233 * n), 0.0];
+        let residual_m = [12e-6 * x - 12e-6 * y + 1e-6 * hash(12.9898 * n), -7e-6 * y + 1e-6 * hash(78.233 * n), 0.0];
         ResidualVector { position_m: [x, y, 0.1], residual_m, ..ResidualVector::default() }
     };
     let diagnosis = study(&(0..49).map(row).collect::<Vec<_>>());
     for (name, value, u) in [
         ("scale of X", 1.102_546_38e-5, 3.802_370_51e-7),
         ("scale of Y", -7.247_522_53e-6, 3.802_370_51e-7),
-        ("squareness C0Y", 4.405_683_38e-6, 5.377_363_94e-7),
+        ("squareness C0Y", 1.240_568_338e-5, 5.377_363_94e-7),
     ] {
         let own = &effect(&diagnosis, name).parameters[0];
         // The noise is found white, so that the values are those of plain least squares; u also holds that 49 rows leave a slow

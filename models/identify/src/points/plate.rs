@@ -136,9 +136,12 @@ pub fn fit_plates_of_best_degree(
             Ok(fit) if best.as_ref().is_none_or(|best| fit.evidence.bic < best.evidence.bic) => best = Some(fit),
             Ok(_) => {}
             // A higher degree needs more points than a lower one: where one cannot be fitted, the next cannot either.
-            Err(PointsError::TooFew { .. } | PointsError::RankDeficient { .. } | PointsError::Singular)
-                if degree > lowest =>
-            {
+            Err(
+                PointsError::TooFew { .. }
+                | PointsError::RankDeficient { .. }
+                | PointsError::NotConverged { .. }
+                | PointsError::Singular,
+            ) if degree > lowest => {
                 break;
             }
             Err(problem) => return Err(problem),
