@@ -205,15 +205,15 @@ fn open(
 ) -> Result<Vec<Watched>, CaptureError> {
     let (scale, tracer) = config.drivers();
     let failed = |driver| move |source| CaptureError::Driver { driver, source: Box::new(source) };
-    let mut scale = open_scale(&scale, base, machine, shutdown).map_err(failed(SCALE))?;
-    let mut tracer = open_tracer(&tracer, base, machine, shutdown).map_err(failed(TRACER))?;
+    let mut scale = open_scale(&scale, base, machine, shutdown, None).map_err(failed(SCALE))?;
+    let mut tracer = open_tracer(&tracer, base, machine, shutdown, None).map_err(failed(TRACER))?;
     let mut links: Vec<Watched> = [(SCALE, scale.link()), (TRACER, tracer.link())]
         .into_iter()
         .filter_map(|(name, link)| Some(Watched::new(name, link?)))
         .collect();
     let memory = Arc::new(Mutex::new(SensorMemory::default()));
     for config in &config.covariates {
-        let mut sensor = open_sensor(config, machine, shutdown).map_err(failed(SENSOR))?;
+        let mut sensor = open_sensor(config, machine, shutdown, None).map_err(failed(SENSOR))?;
         links.extend(sensor.link().map(|link| Watched::new(SENSOR, link)));
         let note = {
             let memory = Arc::clone(&memory);
