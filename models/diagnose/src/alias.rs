@@ -7,7 +7,7 @@ use crate::context::Context;
 use crate::diagnosis::{NotIdentifiable, Untestable};
 use crate::error::DiagnoseError;
 use abbe_geometry::ErrorId;
-use abbe_geometry::effects::{REGISTRY, ShapeValue};
+use abbe_geometry::effects::{REGISTRY, ShapeValue, of_lagged};
 use abbe_geometry::machine::Machine;
 use abbe_geometry::model::MachineModel;
 use faer::Mat;
@@ -25,8 +25,11 @@ pub(crate) fn not_identifiable(
     model: &MachineModel,
     named: &[Candidate],
 ) -> Result<Vec<NotIdentifiable>, DiagnoseError> {
+    // What is logged stands for what follows it.
+    let lags = |c: &&Candidate| c.term.effect.covariates().iter().any(|name| of_lagged(name).is_some());
+    let named: Vec<&Candidate> = named.iter().filter(|c| !lags(c)).collect();
     let mut least: Vec<&Candidate> = Vec::new();
-    for candidate in named.iter().filter(|c| !SEARCHED.contains(&c.known.name)) {
+    for candidate in named.iter().copied().filter(|c| !SEARCHED.contains(&c.known.name)) {
         match least.iter_mut().find(|known| key(known) == key(candidate)) {
             Some(known) if known.absorbed > candidate.absorbed => *known = candidate,
             Some(_) => {}

@@ -3,6 +3,7 @@
 //! Place in the flow: made once for a campaign; effects propose shapes from it, the look without candidates takes its
 //! variables from it. Covariates in the unit of their name; positions and offsets in m.
 
+use crate::lags;
 use abbe_geometry::effects::Observed;
 use abbe_geometry::machine::Machine;
 use abbe_identify::TIME;
@@ -24,10 +25,9 @@ pub(crate) struct Context {
 
 impl Context {
     pub(crate) fn new(campaign: &Campaign) -> Context {
-        let times = campaign.readings.iter().map(|r| r.time_s);
-        let time_s = times.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), t| (l.min(t), h.max(t)));
+        let time_s = range(campaign.readings.iter().map(|r| r.time_s));
         let mut varying = if time_s.1 > time_s.0 { vec![TIME.to_owned()] } else { Vec::new() };
-        let usable = campaign.covariates.iter().filter(|column| varies(&column.values));
+        let usable = campaign.covariates.iter().filter(|c| varies(&c.values) && lags::is_proposed(campaign, c));
         varying.extend(usable.map(|column| column.name.clone()));
         let mut offsets_m: Vec<[f64; 3]> = Vec::new();
         for reading in &campaign.readings {
@@ -49,18 +49,18 @@ impl Context {
     }
 }
 
+fn range(values: impl Iterator<Item = f64>) -> (f64, f64) {
+    values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| (low.min(value), high.max(value)))
+}
+
 /// Whether two offsets (m) are the same.
 pub(crate) fn same_offset(a: &[f64; 3], b: &[f64; 3]) -> bool {
     (0..3).all(|d| (a[d] - b[d]).abs() < SAME_OFFSET_M)
 }
 
-fn varies(values: &[Option<f64>]) -> bool {
-    let mut range = (f64::INFINITY, f64::NEG_INFINITY);
-    for value in values {
-        match value {
-            Some(value) if value.is_finite() => range = (range.0.min(*value), range.1.max(*value)),
-            _ => return false,
-        }
-    }
-    range.1 - range.0 > VARYING * range.0.abs().max(range.1.abs())
+/// Whether a column has a number everywhere, and more than one.
+pub(crate) fn varies(values: &[Option<f64>]) -> bool {
+    let is_whole = values.iter().all(|value| value.is_some_and(f64::is_finite));
+    let (low, high) = range(values.iter().flatten().copied());
+    is_whole && high - low > VARYING * low.abs().max(high.abs())
 }

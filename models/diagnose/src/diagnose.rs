@@ -9,10 +9,11 @@ use crate::diagnosis::{Diagnosis, Found, FoundParameter, Kind, Rival};
 use crate::error::DiagnoseError;
 use crate::gate::{self, Verdict};
 use crate::judge::{self, Blocked, Unseen};
+use crate::lags::with_lags;
 use crate::noise;
 use crate::options::{Options, Progress};
 use crate::search::{Search, State, Step, has};
-use crate::tomorrow;
+use crate::{together, tomorrow};
 use abbe_geometry::machine::Machine;
 use abbe_geometry::model::{FitQuality, FittedEffect, MachineModel, ModelError, ModelParts};
 use abbe_identify::{EffectTerm, Identified};
@@ -37,11 +38,13 @@ pub fn diagnose(
     observe: &mut dyn FnMut(Progress) -> bool,
 ) -> Result<Diagnosis, DiagnoseError> {
     let base: Vec<EffectTerm> = effects.iter().map(EffectTerm::of).collect();
+    let campaign = &with_lags(campaign, base.iter().flat_map(|term| term.effect.reads()));
     let search = Search::new(instrument, campaign, options);
     let before = search.fit(machine, &base, observe)?;
     let first = search.round(&before)?;
     let detection_before = noise::detect(&first, campaign, &before.evidence);
     let mut state = search.run(before.clone(), first.clone(), base.clone(), observe)?;
+    together::hold(&search, &mut state, (machine, (&before.model, &first), &base), observe)?;
     let alike = alike(&search, &state, (machine, &first, &base), observe)?;
     let judged = Judged::of(&search, machine, (&alike, &base), &state, observe)?;
     if let Some(because) = &judged.not_adopted {
@@ -102,7 +105,7 @@ fn with_unexplained(model: MachineModel, unseen: Option<&Unseen>) -> Result<Mach
 }
 
 /// The rows of what the model had before, under the noise that the search ended with: only so can both be compared.
-fn alike<'a>(
+pub(crate) fn alike<'a>(
     search: &Search<'a>,
     state: &State<'a>,
     (machine, first, base): (&Machine, &Round<'a>, &[EffectTerm]),
@@ -219,21 +222,24 @@ fn one(
     let columns = last.rows.columns(fitted.effect.as_ref())?;
     // Where there is no fit without it, what it gains cannot be said; that it was found can.
     let (mut held_out_gain_m, mut placebo, mut alias_share) = (None, None, candidate.score.alias_share);
+    let mut kind = if candidate.known.name == "empirical" { Kind::Empirical } else { Kind::Attributed };
     if let Ok((_, without)) = search.attempt_under(&state.machine, &others, state.fit.correlation, observe)? {
         let draws = (search.options.placebos, search.options.seed);
         placebo = judge::placebo(&without, &columns, search.campaign, draws).ok();
         alias_share = without.score(&without.free.project(columns.as_ref())).alias_share;
         let lines = gate::judge(&without, last, search.campaign, &[]).judged.into_iter().find(|j| j.by == "line");
         held_out_gain_m = lines.map(|lines| (lines.before - lines.after) * typical_u_m(&state.fit));
+        if search.is_outdone(state, &without, candidate)? {
+            kind = Kind::Empirical;
+        }
     }
-    let names = fitted.effect.covariates().into_iter().chain(fitted.effect.range_covariates());
     Ok(Found {
         name: candidate.known.name,
         title: candidate.known.title,
         formula: candidate.known.formula,
-        kind: if candidate.known.name == "empirical" { Kind::Empirical } else { Kind::Attributed },
+        kind,
         shape: fitted.shape.clone(),
-        covariates: quantities(fitted, names.collect()),
+        covariates: quantities(fitted, fitted.effect.reads()),
         p_value,
         evidence: candidate.evidence(last.used),
         alias_share,

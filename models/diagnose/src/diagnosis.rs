@@ -67,7 +67,7 @@ pub struct Found {
     pub title: &'static str,
     /// Formula.
     pub formula: &'static str,
-    /// Explained or described.
+    /// Explained or described. An effect with a name only describes where a free dependence explains clearly more.
     pub kind: Kind,
     /// Shape.
     pub shape: Shape,

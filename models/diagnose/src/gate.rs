@@ -19,11 +19,18 @@ use abbe_measurement::campaign::Campaign;
 /// that hangs together along a line cannot pass for a gain.
 const GAIN: f64 = 2.5;
 /// Standard deviations of a gain by chance by which a kind of block may be predicted worse by a term that acts on the range
-/// only. Where the fits differ by more than the noise, the one that is wrong loses by several. A term that moves the tip
-/// may not lose at all.
+/// only. Where the fits differ by more than the noise, the one that is wrong loses by several.
 const LOSS: f64 = 1.0;
+/// The same for a term that moves the tip: none to speak of. Blocks that tell nothing of the term come out a little better or
+/// worse, which must not decide.
+const NO_LOSS: f64 = 0.25;
+/// Values that a covariate must have for one of them to be left out: of two, the other tells nothing of what changes between them.
+const LEVELS: usize = 3;
 /// Blocks of a covariate's range. A tenth at either end is extrapolated to.
 const RANGE_BLOCKS: usize = 10;
+
+/// Kinds of block that are no covariate.
+const LEFT_OUT: [&str; 4] = ["line", "time", "station", "offset"];
 
 /// One kind of block, judged.
 #[derive(Debug, Clone, PartialEq)]
@@ -56,12 +63,13 @@ pub(crate) fn judge(before: &Round, after: &Round, campaign: &Campaign, terms: &
     let mut verdict = Verdict::default();
     let noise = after.linear.noise_factor();
     let (limit, untold) = match moves_tip(campaign, terms) {
-        true => (0.0, Untold::Judged),
+        true => (-NO_LOSS, Untold::Judged),
         false => (-LOSS, Untold::LeftOut),
     };
     for (by, blocks) in kinds(campaign, after, terms) {
         if blocks.len() < 2 {
-            verdict.missing.push(format!("one {by} only: what the term does at another one cannot be judged"));
+            let few = if LEFT_OUT.contains(&by.as_str()) { "one" } else { "too few values of" };
+            verdict.missing.push(format!("{few} {by} only: what the term does at another one cannot be judged"));
             continue;
         }
         let pairs = pairs(before, after, &blocks, untold);
@@ -183,12 +191,11 @@ pub(crate) fn by_offset(campaign: &Campaign, round: &Round) -> Vec<Vec<usize>> {
 fn quantities(terms: &[EffectTerm]) -> Vec<String> {
     let mut names: Vec<String> = Vec::new();
     for term in terms {
-        let own = term.effect.covariates().into_iter().chain(term.effect.range_covariates());
         let described = ["p", "q"].into_iter().filter_map(|key| match term.shape.0.get(key) {
             Some(ShapeValue::Text(name)) => Some(name.clone()),
             _ => None,
         });
-        for name in own.chain(described) {
+        for name in term.effect.reads().into_iter().chain(described) {
             let has_own_blocks = is_scale(&name) || name.starts_with("offset_") || name == abbe_identify::TIME;
             if !has_own_blocks && !names.contains(&name) {
                 names.push(name);
@@ -207,6 +214,10 @@ fn by_range(campaign: &Campaign, round: &Round, name: &str) -> Vec<Vec<usize>> {
     };
     let mut sorted: Vec<(f64, usize)> = used(round).filter_map(|k| Some((value(k)?, k))).collect();
     sorted.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+    let levels = 1 + sorted.windows(2).filter(|pair| pair[0].0 != pair[1].0).count();
+    if levels < LEVELS {
+        return vec![sorted.into_iter().map(|(_, k)| k).collect()];
+    }
     let size = sorted.len().div_ceil(RANGE_BLOCKS).max(1);
     let mut blocks: Vec<Vec<usize>> = Vec::new();
     let mut last = f64::NAN;

@@ -14,7 +14,7 @@ use crate::context::Context;
 use crate::linear::Projected;
 use crate::score::Score;
 use abbe_geometry::ErrorId;
-use abbe_geometry::effects::{self, Shape, State, is_scale};
+use abbe_geometry::effects::{self, Shape, State, is_scale, of_lagged};
 use abbe_identify::{CampaignRow, Rows, in_parallel};
 use abbe_measurement::campaign::Campaign;
 use faer::Mat;
@@ -102,7 +102,9 @@ pub(crate) fn forms(shape: &Shape) -> Vec<Shape> {
 /// The quantities of a campaign that vary, each one once.
 pub(crate) fn variables(campaign: &Campaign, context: &Context) -> Vec<Variable> {
     let mut variables: Vec<Variable> = Vec::new();
-    for name in POSITIONS.into_iter().chain(context.varying.iter().map(String::as_str)) {
+    // What lags behind a temperature can follow time itself, and would describe anything; only effects with a name read it.
+    let logged = context.varying.iter().map(String::as_str).filter(|name| of_lagged(name).is_none());
+    for name in POSITIONS.into_iter().chain(logged) {
         let Some(variable) = variable(campaign, name) else { continue };
         if !variables.iter().any(|other| correlation(&other.scaled, &variable.scaled).abs() > SAME) {
             variables.push(variable);
@@ -127,7 +129,7 @@ fn variable(campaign: &Campaign, name: &str) -> Option<Variable> {
     Some(Variable { name: name.to_owned(), low, high, scaled })
 }
 
-fn correlation(a: &[f64], b: &[f64]) -> f64 {
+pub(crate) fn correlation(a: &[f64], b: &[f64]) -> f64 {
     let mean = |v: &[f64]| v.iter().sum::<f64>() / v.len().max(1) as f64;
     let (ma, mb) = (mean(a), mean(b));
     let sum = |f: &dyn Fn(f64, f64) -> f64| a.iter().zip(b).map(|(x, y)| f(x - ma, y - mb)).sum::<f64>();

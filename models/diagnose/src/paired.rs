@@ -153,7 +153,7 @@ fn add(set: &mut Vec<Vec<f64>>, direction: Vec<f64>) {
 }
 
 /// A vector without its part in the span of an orthonormal set.
-fn without(mut vector: Vec<f64>, set: &[Vec<f64>]) -> Vec<f64> {
+pub(crate) fn without(mut vector: Vec<f64>, set: &[Vec<f64>]) -> Vec<f64> {
     for direction in set {
         let along = dot(direction, &vector);
         vector.iter_mut().zip(direction).for_each(|(v, d)| *v -= along * d);
@@ -169,6 +169,7 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
-fn square(a: &[f64]) -> f64 {
+/// Sum of squares.
+pub(crate) fn square(a: &[f64]) -> f64 {
     dot(a, a)
 }

@@ -15,9 +15,9 @@ use crate::look::{self, Variable};
 use crate::options::{Options, Progress};
 use crate::periodic::Periodogram;
 use crate::score::Score;
-use crate::{order, periodic, runs, serial};
+use crate::{lags, order, periodic, runs, serial, worth};
 use abbe_geometry::ErrorId;
-use abbe_geometry::effects::{ShapeValue, known};
+use abbe_geometry::effects::{ShapeValue, known, of_lagged};
 use abbe_geometry::machine::Machine;
 use abbe_identify::{
     EffectTerm, Identified, IdentifyError, Noise, RangeCorrelation, identify_with, minus_two_log_likelihood_on,
@@ -301,6 +301,7 @@ impl<'a> Search<'a> {
                 Proposal::Named(candidate) => (refined(round, &state.machine, candidate)?, tests(named)),
                 Proposal::Free(candidate) => (candidate.clone(), candidate.trials),
             };
+            let candidate = lags::refined(round, (&state.machine, self.campaign), candidate)?;
             let rivals = self.rivals(round, named, &candidate);
             if self.add(state, candidate, rivals, tests, observe)? {
                 return Ok(true);
@@ -391,7 +392,8 @@ impl<'a> Search<'a> {
         let fitted = match self.attempt(&state.machine, &terms, observe)? {
             Ok((fit, round)) => {
                 let verdict = gate::judge(&state.round, &round, self.campaign, std::slice::from_ref(&term));
-                verdict.refused.clone().map_or(Ok((fit, round, verdict)), Err)
+                let costs = || worth::refusal(&term, &state.fit.model, &fit.model, self.campaign);
+                verdict.refused.clone().or_else(costs).map_or(Ok((fit, round, verdict)), Err)
             }
             Err(problem) => Err(format!("it cannot be fitted: {problem}")),
         };
@@ -434,6 +436,7 @@ impl<'a> Search<'a> {
             _ => Some(c),
         });
         let best = best.filter(|c| self.passes(c.score.p_value, tests, c.evidence(rows)));
+        let best = best.map(|best| lags::logged_instead(best, named.iter().filter(|c| !state.is_out(&c.term))));
         let free = self.empirical(round, state, looked)?;
         let reduction = best.map_or(0.0, |c| c.score.reduction).max(free.as_ref().map_or(0.0, |f| f.score.reduction));
         // Finer splines cost nothing where they are not needed, so they need no price; but what an effect explains far
@@ -469,7 +472,7 @@ impl<'a> Search<'a> {
     }
 
     /// Empirical terms: of the findings of the look and of the same quantities turning a joint.
-    fn look(&self, round: &Round, machine: &Machine) -> Result<Vec<Candidate>, DiagnoseError> {
+    pub(crate) fn look(&self, round: &Round, machine: &Machine) -> Result<Vec<Candidate>, DiagnoseError> {
         let passing = look::look(round, &self.variables).into_iter().filter(|finding| {
             self.passes(finding.score.p_value, finding.trials, finding.score.evidence(round.used, finding.trials))
         });
@@ -480,7 +483,7 @@ impl<'a> Search<'a> {
     }
 
     /// The best of these that was not refused, in the form that the data pay for.
-    fn empirical(
+    pub(crate) fn empirical(
         &self,
         round: &Round,
         state: &State,
@@ -572,7 +575,14 @@ fn tests(named: &[Candidate]) -> usize {
 fn is_variant(a: &EffectTerm, b: &EffectTerm) -> bool {
     let texts = |term: &EffectTerm| {
         let others = term.shape.0.iter().filter(|(_, value)| !matches!(value, ShapeValue::Number(_)));
-        others.map(|(key, value)| (key.clone(), value.clone())).collect::<Vec<_>>()
+        // A temperature and what lags behind it are one sensor.
+        let logged = |value: &ShapeValue| match value {
+            ShapeValue::Text(name) => {
+                ShapeValue::Text(of_lagged(name).map_or_else(|| name.clone(), |(logged, _)| logged))
+            }
+            other => other.clone(),
+        };
+        others.map(|(key, value)| (key.clone(), logged(value))).collect::<Vec<_>>()
     };
     a.effect.name() == b.effect.name() && texts(a) == texts(b)
 }

@@ -17,6 +17,10 @@ use abbe_identify::{EffectTerm, Identified, correlation_left};
 
 /// Share of the misfit that there was before anything was found, beyond noise, from which much is left.
 const MUCH: f64 = 1.0 / 3.0;
+/// The same from which most is left: then what was found, whatever its name, was found in something else.
+const MOST: f64 = 0.6;
+/// χ² per degree of freedom before anything was found from which the misfit, and not the noise, tells how much is left.
+const LARGE: f64 = 2.0;
 
 /// Takes out what does not stand beside noise that hangs together; `base` are the model's own, which stay.
 pub(crate) fn hold<'a>(
@@ -59,8 +63,8 @@ pub(crate) fn hold<'a>(
     }
 }
 
-/// The found term that goes next: where much is left, one that only describes and has no name; else the one that earns least
-/// beside this noise, if it does not earn its parameters and the search for it.
+/// The found term that goes next: where much is left, one that only describes and has no name; where most is left, any; else the
+/// one that earns least beside this noise, if it does not earn its parameters and the search for it.
 fn weakest(
     search: &Search,
     state: &State,
@@ -76,13 +80,21 @@ fn weakest(
             return Some((index, because.to_owned()));
         }
     }
+    let is_found = |index: &usize| !has(base, &state.terms[*index]);
+    if first_chi2_per_dof > LARGE
+        && left > MOST * (first_chi2_per_dof - 1.0)
+        && let Some(index) = (0..state.terms.len()).rev().find(is_found)
+    {
+        let because = "most of what is missing hangs together beside it: what it explains may well be a part of that";
+        return Some((index, because.to_owned()));
+    }
     let rows = fit.weights.iter().filter(|w| **w > 0.0).count();
     let earned = |(index, wald): (usize, wald::Wald)| {
         let price = wald.degrees as f64 * (rows.max(2) as f64).ln() + 2.0 * (trials(state, index) as f64).ln();
         (index, wald.statistic - price, wald.degrees)
     };
     let walds = wald::of_terms(fit).into_iter().enumerate();
-    let found = walds.filter(|(index, _)| !has(base, &state.terms[*index])).map(earned);
+    let found = walds.filter(|(index, _)| is_found(index)).map(earned);
     let (index, earned, degrees) = found.min_by(|a, b| a.1.total_cmp(&b.1))?;
     (earned < search.options.least_evidence || degrees == 0).then(|| {
         (index, "beside noise that hangs together, which the readings show, it is no more than chance".to_owned())

@@ -6,7 +6,7 @@ use crate::gate;
 use crate::options::Options;
 use crate::score::Score;
 use crate::search::{Search, State, Step};
-use crate::{candidates::Candidate, paired};
+use crate::{candidates::Candidate, paired, worth};
 use abbe_geometry::Axis;
 use abbe_geometry::effects::{Shape, known};
 use abbe_geometry::error_function::Kind;
@@ -109,4 +109,51 @@ fn regress_a_candidate_that_cannot_be_fitted_gives_way_to_the_next() {
         "{:?}",
         state.steps
     );
+}
+
+/// A term of which the data tell nothing moves no point and costs what its prior allows; one that they tell is worth it.
+#[test]
+fn regress_what_only_a_prior_tells_is_not_worth_its_uncertainty() {
+    let (machine, campaign) = simulated(12, &["backlash axis=x size_um=2"]);
+    let options = Options::default();
+    let search = Search::new(INSTRUMENT.range, &campaign, &options);
+    let without = state(&search, &machine).fit.model;
+    let shape = Shape::new().text("axis", "x").text("over", "x").number("terms", 1.0);
+    let term = EffectTerm::new("reversal", shape, &machine).unwrap();
+    let backlash = search.fit(&machine, std::slice::from_ref(&term), &mut |_| true).unwrap().model;
+    assert_eq!(worth::refusal(&term, &without, &backlash, &campaign), None);
+    // The same parameters, with nothing known of them.
+    let mut parts = backlash.parts().clone();
+    let count = parts.effects[0].parameters.len();
+    let first = backlash.layout().len();
+    parts.effects[0].parameters.fill(0.0);
+    for row in first..first + count {
+        for column in 0..=row {
+            parts.covariance[row * (row + 1) / 2 + column] = if row == column { 1e-10 } else { 0.0 };
+        }
+    }
+    for row in first + count..(((8 * parts.covariance.len() + 1) as f64).sqrt() as usize - 1) / 2 {
+        (first..first + count).for_each(|column| parts.covariance[row * (row + 1) / 2 + column] = 0.0);
+    }
+    let vague = abbe_geometry::model::MachineModel::new(parts).unwrap();
+    let because = worth::refusal(&term, &without, &vague, &campaign).unwrap();
+    assert!(because.contains("hardly tell"), "{because}");
+    assert_eq!(worth::refusal(&term, &without, &without, &campaign), None);
+}
+
+/// Of two values of a covariate one tells nothing of the other: a term is not refused for what nobody could know.
+#[test]
+fn regress_a_covariate_of_two_values_is_left_out_of_no_fit() {
+    let (machine, mut campaign) = simulated(13, &["backlash axis=y size_um=2"]);
+    let sign = campaign.covariates.iter_mut().find(|column| column.name == "dir_y").unwrap();
+    sign.values.iter_mut().for_each(|value| *value = value.map(|sign| if sign < 0.0 { -1.0 } else { 1.0 }));
+    let options = Options::default();
+    let search = Search::new(INSTRUMENT.range, &campaign, &options);
+    let state = state(&search, &machine);
+    let shape = Shape::new().text("axis", "y").text("over", "y").number("terms", 1.0);
+    let term = EffectTerm::new("reversal", shape, &machine).unwrap();
+    let after = search.round(&search.fit(&machine, std::slice::from_ref(&term), &mut |_| true).unwrap()).unwrap();
+    let verdict = gate::judge(&state.round, &after, &campaign, &[term]);
+    assert!(verdict.judged.iter().all(|judged| judged.by != "dir_y"), "{verdict:?}");
+    assert!(verdict.missing.iter().any(|words| words.contains("too few values of dir_y")), "{verdict:?}");
 }

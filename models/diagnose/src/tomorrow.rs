@@ -48,8 +48,7 @@ fn follows_time(fitted: &FittedEffect) -> bool {
         Some(ShapeValue::Text(name)) => Some(name.clone()),
         _ => None,
     });
-    let read = fitted.effect.covariates().into_iter().chain(fitted.effect.range_covariates());
-    read.chain(described).any(|name| name == TIME)
+    fitted.effect.reads().into_iter().chain(described).any(|name| name == TIME)
 }
 
 /// Variance of what an effect does to the ranges used (m²), about the mean of each station, which place and dead path hold.

@@ -80,6 +80,14 @@ pub fn correct(model: &MachineModel, state: &State) -> Correction {
     corrected(model, state, &mut Sensitivity::default()).unwrap_or_else(rejected)
 }
 
+/// What the corrected position depends on: for X, Y and Z the parameters of geometry and effects, by their place in the covariance,
+/// and m per unit of each. An effect whose covariate is missing is left out; `None` where [`correct`] rejects the sample.
+pub fn partials(model: &MachineModel, state: &State) -> Option<[Vec<(usize, f64)>; 3]> {
+    let mut sensitivity = Sensitivity::default();
+    corrected(model, state, &mut sensitivity)?;
+    Some([Vector3::x(), Vector3::y(), Vector3::z()].map(|axis| sensitivity.along(&axis).parameters.to_vec()))
+}
+
 /// A corrected sample; fills in the sensitivity of its position to every parameter of geometry and effects, of which those
 /// whose covariate is missing are left out. `None` where [`correct`] rejects it.
 pub(crate) fn corrected(model: &MachineModel, state: &State, sensitivity: &mut Sensitivity) -> Option<Correction> {

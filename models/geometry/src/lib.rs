@@ -11,6 +11,7 @@ pub mod correct;
 mod doubt;
 pub mod effects;
 pub mod error_function;
+mod lagged;
 pub mod layout;
 #[cfg(test)]
 mod logged;

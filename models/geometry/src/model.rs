@@ -297,6 +297,11 @@ impl MachineModel {
         (local.dot(&self.parts.coefficients[self.layout.range(id)]), variance.max(0.0).sqrt())
     }
 
+    /// Covariates that its effects read, for the tip or for the range.
+    pub fn reads(&self) -> Vec<String> {
+        self.parts.effects.iter().flat_map(|fitted| fitted.effect.reads()).collect()
+    }
+
     /// Value and standard uncertainty (rad) of a squareness, in the order of [`Machine::squareness`].
     pub fn squareness(&self, k: usize) -> (f64, f64) {
         self.angle(self.layout.squareness().start + k)

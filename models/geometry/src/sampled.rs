@@ -123,7 +123,7 @@ pub fn position_effects_m(model: &MachineModel, axis: Axis, reading_m: f64) -> f
 
 /// Whether an effect needs nothing logged, and moves the axis along itself by the same wherever the others stand.
 fn follows(model: &MachineModel, fitted: &FittedEffect, axis: Axis) -> bool {
-    if !(fitted.effect.covariates().is_empty() && fitted.effect.range_covariates().is_empty()) {
+    if !fitted.effect.reads().is_empty() {
         return false;
     }
     let at = |axis: Axis, share: f64| {

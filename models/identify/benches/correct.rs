@@ -57,8 +57,7 @@ fn with_effects(model: &MachineModel, effects: &[(&str, Shape)]) -> MachineModel
         let blank = MachineModel::fitted_effect(name, shape.clone(), &parts.machine, Vec::new()).unwrap();
         let sizes = plausible(&blank);
         deviations.extend(sizes.iter().map(|size| 1e-3 * size));
-        let ranged = blank.effect.covariates().into_iter().chain(blank.effect.range_covariates());
-        parts.identified.covariates.extend(ranged.map(|name| (name, USUAL)));
+        parts.identified.covariates.extend(blank.effect.reads().into_iter().map(|name| (name, USUAL)));
         parts.effects.push(FittedEffect { parameters: sizes.iter().map(|size| 1e-2 * size).collect(), ..blank });
     }
     let (before, added) = (model.machine_parameters(), deviations.len());

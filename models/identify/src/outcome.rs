@@ -177,8 +177,7 @@ impl Fit<'_> {
 
     /// Range of every covariate that a corrected sample or a predicted length needs, over the readings used.
     fn covariate_ranges(&self, weights: &[f64]) -> BTreeMap<String, (f64, f64)> {
-        let effects = self.setup.terms.iter().map(|term| &term.effect);
-        let names = effects.flat_map(|effect| effect.covariates().into_iter().chain(effect.range_covariates()));
+        let names = self.setup.terms.iter().flat_map(|term| term.effect.reads());
         let of = |name: String| {
             let used = (0..weights.len()).filter(|k| weights[*k] > 0.0);
             let values =

@@ -130,8 +130,7 @@ pub(crate) fn check_stations(model: &MachineModel, campaign: &Campaign) -> Resul
 /// Refuses terms whose covariates some reading lacks.
 pub(crate) fn check(terms: &[EffectTerm], campaign: &Campaign) -> Result<(), IdentifyError> {
     for term in terms {
-        let needed = term.effect.covariates().into_iter().chain(term.effect.range_covariates());
-        for name in needed {
+        for name in term.effect.reads() {
             for reading in 0..campaign.readings.len() {
                 let row = CampaignRow { campaign, reading };
                 match row.covariate(&name) {

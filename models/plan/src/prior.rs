@@ -104,8 +104,7 @@ pub(crate) fn terms(request: &Request) -> Result<Wishes, PlanError> {
     for (k, wish) in request.tell.iter().enumerate() {
         let shape = shape(request, wish, k)?;
         let term = EffectTerm::new(&wish.name, shape, &request.machine)?;
-        let needed = term.effect.covariates().into_iter().chain(term.effect.range_covariates());
-        if needed.into_iter().all(|name| MOTION.contains(&name.as_str())) {
+        if term.effect.reads().iter().all(|name| MOTION.contains(&name.as_str())) {
             wishes.searched.push(term);
         }
     }

@@ -12,7 +12,7 @@ use abbe_geometry::correct::{Status, correct};
 use abbe_geometry::effects::State;
 use abbe_geometry::model::{MachineModel, ModelParts, Station};
 use abbe_identify::station_start::start;
-use abbe_identify::{CampaignRow, IdentifyError, ModelRows, robust, symmetric_eigen};
+use abbe_identify::{CampaignRow, IdentifyError, ModelRows, robust, symmetric_eigen, with_lagged};
 use abbe_measurement::campaign::Campaign;
 use abbe_measurement::instrument::RangeUncertainty;
 use abbe_measurement::subset::spread_by_group;
@@ -63,6 +63,7 @@ impl Problem {
         campaign: &Campaign,
         own: bool,
     ) -> Result<Problem, ResidualError> {
+        let campaign = &with_lagged(campaign.clone(), &model.reads());
         let corrected_m = corrected(model, campaign)?;
         let placed;
         let model = if own {

@@ -77,6 +77,7 @@ fn launch(kind: TransportKind) -> Launch {
         visible_in_ros: false,
         covariates: Vec::new(),
         motion: None,
+        lagged: Vec::new(),
         monitor: None,
         record: None,
         edges: vec![

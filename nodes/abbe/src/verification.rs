@@ -50,7 +50,7 @@ pub(crate) fn correct_points(
     residual: Option<&OwnedField>,
 ) -> anyhow::Result<VerificationPoints> {
     let default_offset_m = model.model.parts().machine.default_offset_m;
-    let mut reader = PointsReader::verification(input, name, default_offset_m)?;
+    let mut reader = PointsReader::verification(input, name, default_offset_m)?.following(model.model.reads());
     let mut points = VerificationPoints::default();
     let mut row = PointRow::default();
     while reader.read(&mut row)? {

@@ -6,14 +6,14 @@
 //! delimiter, decimal mark and line ends (`crate::dialect`). Memory is one row here; rows may be turned into text on several
 //! threads ([`RowsText`]).
 
-use crate::columns::{ACTUAL, Header, Known, OFFSET, Offset, READING};
+use crate::columns::{ACTUAL, Header, Known, OFFSET, Offset, READING, TIME};
 use crate::csv_source::CsvSource;
 use crate::decimals::Mark;
 use crate::dialect::Dialect;
 use crate::error::{FileError, Place};
 use abbe_geometry::Axis;
 use abbe_geometry::correct::{Correction, Status};
-use abbe_geometry::effects::{CovariateSource, CovariateValue};
+use abbe_geometry::effects::{CovariateSource, CovariateValue, Lag, of_lagged};
 use csv::{ByteRecord, Writer};
 use std::io::{Read, Write};
 
@@ -39,6 +39,8 @@ pub struct PointRow {
     pub offset_m: [f64; 3],
     /// Where the tip really was (m, frame of the reference); only verification files have it.
     pub actual_m: Option<[f64; 3]>,
+    /// Values of the lagged covariates that the reader follows, in its order.
+    lagged: Vec<Option<f64>>,
 }
 
 impl PointRow {
@@ -54,6 +56,15 @@ pub struct PointsReader<R: Read> {
     reading: [usize; 3],
     offset: Offset,
     actual: Option<[Option<usize>; 3]>,
+    followed: Vec<Followed>,
+}
+
+/// A lagged covariate, made from a column row by row.
+struct Followed {
+    name: String,
+    /// Columns of the time and of the logged quantity.
+    columns: [usize; 2],
+    lag: Lag,
 }
 
 impl<R: Read> PointsReader<R> {
@@ -130,7 +141,20 @@ impl<R: Read> PointsReader<R> {
             Offset::Columns(columns) => source.look_ahead(&[reading, columns].concat()),
             Offset::Constant(_) => source.look_ahead(&reading),
         }
-        Ok(PointsReader { source, reading, offset, actual: None })
+        Ok(PointsReader { source, reading, offset, actual: None, followed: Vec::new() })
+    }
+
+    /// Also makes, of these covariates, those that lag behind a column of the file, from `time_s` and the rows as they come. A row
+    /// has none until the rows before it tell for three time constants how the quantity went.
+    pub fn following(mut self, names: impl IntoIterator<Item = String>) -> PointsReader<R> {
+        let header = self.source.header();
+        let followed = |name: String| {
+            let (logged, lag_s) = of_lagged(&name).filter(|_| header.find(&name).is_none())?;
+            let columns = [header.find(TIME.name)?, header.find(&logged)?];
+            Some(Followed { name, columns, lag: Lag::new(f64::from(lag_s)) })
+        };
+        self.followed = names.into_iter().filter_map(followed).collect();
+        self
     }
 
     /// Column names as in the file.
@@ -158,14 +182,21 @@ impl<R: Read> PointsReader<R> {
             Ok::<_, FileError>([one(columns[0])?, one(columns[1])?, one(columns[2])?])
         };
         row.actual_m = self.actual.map(actual).transpose()?;
-        row.mark = self.source.header().mark();
+        let header = self.source.header();
+        row.lagged.clear();
+        for followed in &mut self.followed {
+            let [time_s, input] = followed.columns.map(|column| header.optional_number(&row.cells, column, line));
+            let lagged = time_s.zip(input).map(|(time_s, input)| followed.lag.push(time_s, input));
+            row.lagged.push(lagged.filter(|lagged| lagged.is_settled).map(|lagged| lagged.value));
+        }
+        row.mark = header.mark();
         Ok(true)
     }
 
     /// The further columns of a row as covariates. A cell that holds no finite number is a missing covariate: the
     /// correction then says so where an effect needs it.
     pub fn covariates<'a>(&'a self, row: &'a PointRow) -> RowCovariates<'a> {
-        RowCovariates { header: self.source.header(), row }
+        RowCovariates { header: self.source.header(), row, followed: &self.followed }
     }
 
     /// SHA-256 of the bytes read so far: of the whole file once [`PointsReader::read`] has returned false.
@@ -188,6 +219,7 @@ impl<R: Read> PointsReader<R> {
 pub struct RowCovariates<'a> {
     header: &'a Header,
     row: &'a PointRow,
+    followed: &'a [Followed],
 }
 
 impl CovariateSource for RowCovariates<'_> {
@@ -195,8 +227,12 @@ impl CovariateSource for RowCovariates<'_> {
         if KNOWN.iter().any(|known| known.name == name) {
             return CovariateValue::Missing; // readings, offsets and truth are no covariates
         }
-        let column = self.header.find(name);
-        let value = column.and_then(|k| self.header.optional_number(&self.row.cells, k, self.row.line));
+        let value = match self.header.find(name) {
+            Some(column) => self.header.optional_number(&self.row.cells, column, self.row.line),
+            None => {
+                self.followed.iter().zip(&self.row.lagged).find(|(known, _)| known.name == name).and_then(|(_, v)| *v)
+            }
+        };
         value.map_or(CovariateValue::Missing, CovariateValue::Fresh)
     }
 }

@@ -141,6 +141,20 @@ fn sensors_and_motion_are_checked_with_file_and_key() {
 }
 
 #[test]
+fn lagged_covariates_are_checked_with_file_and_key() {
+    let with = |names: &str| parse(&format!("lagged = [{names}]\n{GOOD}"));
+    let launch = with("\"temp_air_lag_1800s_c\"").unwrap();
+    assert_eq!(parse(&launch.to_text().unwrap()).unwrap(), launch, "what is written is read back");
+    for (names, words) in [
+        ("\"temp_air_c\"", "lagged[0]: names no lagged covariate"),
+        ("\"temp_air_lag_60s_c\", \"temp_air_lag_60s_c\"", "lagged[1]: is named twice"),
+    ] {
+        let refused = with(names).unwrap_err();
+        assert!(refused.contains("graph.toml") && refused.contains(words), "{names}: {refused}");
+    }
+}
+
+#[test]
 fn a_node_without_its_input_is_refused() {
     let error = refusal("from = \"geometric\"\nto = \"residual\"", "from = \"geometric\"\nto = \"user\"");
     assert!(error.contains("residual is started but has no edge from geometric"), "{error}");

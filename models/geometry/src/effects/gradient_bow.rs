@@ -12,6 +12,7 @@
 use super::known::{Known, Observed};
 use super::shape::{EffectError, Reader, Shape};
 use super::{Acts, CovariateProblem, Effect, Motion, ParameterSpec, State};
+use super::{lagged_name, of_lagged};
 use crate::axis::{Axis, ErrorId};
 use crate::machine::{Machine, Side};
 
@@ -81,17 +82,22 @@ fn construct(shape: &Shape, machine: &Machine) -> Result<Box<dyn Effect>, Effect
     }))
 }
 
+/// The sensor on the cold side of the one on the warm side, where both are logged; both lag alike.
+fn partner(observed: &Observed, warm: &str) -> Option<(String, String)> {
+    let (logged, lag_s) = of_lagged(warm).map_or((warm.to_owned(), None), |(logged, lag_s)| (logged, Some(lag_s)));
+    let cold = match logged.strip_suffix("_top_c") {
+        Some(stem) => format!("{stem}_bottom_c"),
+        None if logged == "temp_air_c" => "temp_granite_c".to_owned(),
+        None => return None,
+    };
+    let cold = lag_s.map_or(Some(cold.clone()), |lag_s| lagged_name(&cold, lag_s))?;
+    observed.varies(&cold).then(|| (warm.to_owned(), cold))
+}
+
 /// Both level axes with every pair of sensors on top and bottom of something, and with air above granite.
 fn propose(observed: &Observed) -> Vec<Shape> {
-    let (begin, top, bottom) = ("temp_", "_top_c", "_bottom_c");
-    let partner = |warm: &str| {
-        let cold = format!("{}{bottom}", warm.strip_suffix(top)?);
-        observed.varies(&cold).then(|| (warm.to_owned(), cold))
-    };
-    let mut pairs: Vec<(String, String)> = observed.named(begin, top).filter_map(partner).collect();
-    if observed.varies("temp_air_c") && observed.varies("temp_granite_c") {
-        pairs.push(("temp_air_c".to_owned(), "temp_granite_c".to_owned()));
-    }
+    let pairs: Vec<(String, String)> =
+        observed.named("temp_", "_c").filter_map(|warm| partner(observed, warm)).collect();
     let shapes = |axis: Axis, (warm, cold): &(String, String)| {
         let shape = Shape::new().text("axis", axis.lower()).text("warm", warm.as_str()).text("cold", cold.as_str());
         ["beam", "free"].map(|form| shape.clone().text("form", form))

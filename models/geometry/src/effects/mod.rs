@@ -34,6 +34,8 @@ pub use known::{Construct, Known, Observed, REGISTRY, Refine, construct, known};
 pub use shape::{EffectError, Shape, ShapeValue};
 pub use source::{CovariateProblem, CovariateSource, CovariateValue, NoCovariates, State, is_scale};
 
+pub use crate::lagged::{Lag, Lagged, lagged_name, of_lagged};
+
 use crate::axis::{Axis, ErrorId};
 use nalgebra::Vector3;
 use smallvec::SmallVec;
@@ -132,6 +134,11 @@ pub trait Effect: Debug + Send + Sync {
     /// Covariates that a campaign must carry beyond those: those that [`Effect::range`] reads.
     fn range_covariates(&self) -> Vec<String> {
         Vec::new()
+    }
+
+    /// Both of them.
+    fn reads(&self) -> Vec<String> {
+        [self.covariates(), self.range_covariates()].concat()
     }
 
     /// Lines of the campaign that it is about. Lines measured later may bear the same names, and are other runs.

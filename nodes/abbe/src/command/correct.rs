@@ -132,7 +132,8 @@ fn correct_csv(
     let machine = &model.model.parts().machine;
     let writer = RefCell::new(None);
     let flush = || writer.borrow_mut().as_mut().map_or(Ok(()), PointsWriter::flush);
-    let mut reader = PointsReader::new(FlushFirst { input, flush }, name, machine.default_offset_m)?;
+    let reader = PointsReader::new(FlushFirst { input, flush }, name, machine.default_offset_m)?;
+    let mut reader = reader.following(model.model.reads());
     *writer.borrow_mut() = Some(PointsWriter::new(output, "output", &reader)?);
     let mut batch = Batch::new(&model.model, if is_stream { 1 } else { MANY });
     let mut tally = Tally::default();

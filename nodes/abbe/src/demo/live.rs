@@ -304,6 +304,7 @@ fn launch(run: &Run) -> Launch {
         visible_in_ros: false,
         covariates: Vec::new(),
         motion: None,
+        lagged: Vec::new(),
         monitor: Some(monitor(run)),
         record: Some(RecordConfig::new(run.out.join("corrected"))),
         edges,

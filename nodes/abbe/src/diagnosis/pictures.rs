@@ -7,7 +7,7 @@ use abbe_diagnose::{DiagnoseError, Diagnosis, Found};
 use abbe_geometry::effects::{Acts, Effect, ShapeValue, State};
 use abbe_geometry::model::FittedEffect;
 use abbe_geometry::{Axis, ErrorId};
-use abbe_identify::{CampaignRow, Rows, TIME};
+use abbe_identify::{CampaignRow, Rows, TIME, with_lagged};
 use abbe_measurement::campaign::Campaign;
 use abbe_measurement::instrument::RangeUncertainty;
 use abbe_report::Axis as Labelled;
@@ -30,6 +30,7 @@ pub(super) fn residuals(
     labels: &[String],
 ) -> Result<Residuals, DiagnoseError> {
     let (before, after) = (&diagnosis.before, &diagnosis.after);
+    let campaign = &with_lagged(campaign.clone(), &after.model.reads());
     let is_used = |k: &usize| before.weights[*k] > 0.0 && after.weights[*k] > 0.0;
     let used = Used { campaign, readings: (0..campaign.readings.len()).filter(is_used).collect() };
     let pick = |values: &[f64]| used.readings.iter().map(|k| values[*k] * 1e6).collect::<Vec<f64>>();

@@ -5,6 +5,7 @@
 use super::{Edge, Launch, LaunchError, NodeName, Pace, RecordConfig, Source, Stamps};
 use crate::driver::{DriverConfig, Role};
 use crate::step::KEPT_READINGS;
+use abbe_geometry::effects::of_lagged;
 use abbe_runtime::TransportKind;
 use abbe_virtual_machine::effects::from_text;
 use std::path::Path;
@@ -145,6 +146,18 @@ impl Launch {
             let problem =
                 "are joined to readings of a live scale driver (lines, ippdme, ros); a recording carries its own";
             return wrong("covariates".to_owned(), problem);
+        }
+        for (place, name) in self.lagged.iter().enumerate() {
+            let problem = match of_lagged(name) {
+                None => {
+                    "names no lagged covariate; write the name with its time constant before the unit, as in \
+                         temp_air_lag_1800s_c"
+                }
+                Some(_) if self.lagged[..place].contains(name) => "is named twice",
+                Some(_) if self.scale.is_none() => "is made from scale readings; add a table scale with its driver",
+                Some(_) => continue,
+            };
+            return wrong(format!("lagged[{place}]"), problem);
         }
         let Some(motion) = self.motion else { return Ok(()) };
         if self.scale.is_none() {

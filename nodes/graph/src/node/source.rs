@@ -14,7 +14,7 @@ use crate::driver::{self, DriverConfig, DriverError};
 use crate::launch::Source;
 use crate::link::Link;
 use crate::present;
-use crate::step::DerivedMotion;
+use crate::step::{DerivedLags, DerivedMotion};
 use abbe_msgs::{Message, ScaleReading, Stamp, TracerReading};
 use std::time::Duration;
 
@@ -30,6 +30,7 @@ pub(super) fn scale(context: &NodeContext) -> Result<NodeSummary, NodeError> {
     found.extend(of_driver(driver.link()));
     links::report(context, found)?;
     let mut motion = context.launch.motion.map(|motion| DerivedMotion::new(motion.settings()));
+    let mut lags = DerivedLags::new(&context.launch.lagged);
     let next = || driver.next_reading();
     // What a bag says of the time is of another clock than that of the campaign a model was made from.
     let tells_time = !matches!(source.driver, DriverConfig::Bag { .. });
@@ -37,6 +38,9 @@ pub(super) fn scale(context: &NodeContext) -> Result<NodeSummary, NodeError> {
         sensors.join(reading, summary);
         for refused in motion.iter_mut().flat_map(|motion| motion.fill(reading)) {
             summary.troubles.note(Trouble::Covariate, format!("what the motion tells was left out: {refused}"));
+        }
+        for refused in lags.fill(reading) {
+            summary.troubles.note(Trouble::Covariate, format!("a lagged covariate was left out: {refused}"));
         }
         if let Some(now) = now {
             let refused = tells_time.then(|| present::keep_recorded(reading)).and_then(Result::err);

@@ -23,7 +23,7 @@ impl Asked {
     pub(super) fn by(model: &MachineModel) -> Asked {
         let effects = || model.parts().effects.iter().map(|fitted| &fitted.effect);
         Asked {
-            covariates: effects().any(|e| !(e.covariates().is_empty() && e.range_covariates().is_empty())),
+            covariates: effects().any(|effect| !effect.reads().is_empty()),
             runs: effects().flat_map(|effect| effect.runs()).collect(),
         }
     }

@@ -1,0 +1,150 @@
+//! Lagged temperatures: a structure follows what is logged with a time constant that nobody knows.
+//!
+//! Place in the flow: a diagnosis begins with the campaign and what its temperatures would be behind a ladder of time constants
+//! ([`with_lags`]). Effects propose every fifth of its steps; what comes of that is moved along the ladder to the step that explains
+//! most ([`refined`]), as periods are. Times in s.
+
+use crate::candidates::{Candidate, Round, score_all};
+use crate::context::varies;
+use crate::error::DiagnoseError;
+use crate::look::correlation;
+use abbe_geometry::effects::{Shape, ShapeValue, lagged_name, of_lagged};
+use abbe_geometry::machine::Machine;
+use abbe_identify::{EffectTerm, with_lagged};
+use abbe_measurement::campaign::{Campaign, Covariate};
+
+/// Shortest time constant (s): less than anything but a wire takes.
+const SHORTEST_S: f64 = 120.0;
+/// Ratio of neighbouring steps: neighbours differ by some percent of what they do.
+const RATIO: f64 = 1.25;
+/// Steps from one proposed time constant to the next (a factor of three), and the first.
+const COARSE: usize = 5;
+const FIRST: usize = 3;
+/// Longest time constant, as a share of the campaign's duration: half of the readings are then past what the beginning left.
+const LONGEST: f64 = 1.0 / 6.0;
+/// Share of what a lagged temperature explains from which a logged one is taken instead.
+const NEARLY: f64 = 0.9;
+/// Correlation from which a lagged temperature is the logged one to the data.
+const SAME: f64 = 0.999;
+
+/// The campaign with its temperatures behind all time constants of the ladder, and behind those that `asked` names.
+pub(crate) fn with_lags(campaign: &Campaign, asked: impl IntoIterator<Item = String>) -> Campaign {
+    let mut names: Vec<String> = asked.into_iter().filter(|name| of_lagged(name).is_some()).collect();
+    let times = campaign.readings.iter().map(|reading| reading.time_s);
+    let (first_s, last_s) = times.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), t| (l.min(t), h.max(t)));
+    let longest_s = LONGEST * (last_s - first_s);
+    for logged in campaign.covariates.iter().filter(|column| is_temperature(&column.name) && varies(&column.values)) {
+        let steps = (0..).map(lag_s).take_while(|lag_s| f64::from(*lag_s) <= longest_s);
+        names.extend(steps.filter_map(|lag_s| lagged_name(&logged.name, lag_s)));
+    }
+    with_lagged(campaign.clone(), &names)
+}
+
+fn is_temperature(name: &str) -> bool {
+    name.starts_with("temp_") && name.ends_with("_c") && of_lagged(name).is_none()
+}
+
+/// Time constant of a step of the ladder (s).
+fn lag_s(step: usize) -> u32 {
+    (SHORTEST_S * RATIO.powi(step.min(64) as i32)).round() as u32
+}
+
+/// The step of the ladder with that time constant.
+fn step_of(lag: u32) -> Option<usize> {
+    (0..64).find(|step| lag_s(*step) == lag)
+}
+
+/// Whether a column is proposed to effects: what is logged is, of the lagged ones some, where they differ from the logged one.
+pub(crate) fn is_proposed(campaign: &Campaign, column: &Covariate) -> bool {
+    let Some((logged, lag)) = of_lagged(&column.name) else { return true };
+    let is_coarse = step_of(lag).is_some_and(|step| step % COARSE == FIRST);
+    let values = |column: &Covariate| column.values.iter().map(|value| value.unwrap_or(0.0)).collect::<Vec<f64>>();
+    is_coarse
+        && campaign.covariate(&logged).is_some_and(|logged| correlation(&values(logged), &values(column)).abs() < SAME)
+}
+
+/// The candidate, or the same effect by what is logged where that explains nearly as much: what lags is missing at first.
+pub(crate) fn logged_instead<'c>(best: &'c Candidate, open: impl Iterator<Item = &'c Candidate>) -> &'c Candidate {
+    let lags = |c: &Candidate| c.term.effect.reads().iter().any(|name| of_lagged(name).is_some());
+    if !lags(best) {
+        return best;
+    }
+    let axis = |c: &Candidate| c.term.shape.0.get("axis").cloned();
+    let alike = |c: &&Candidate| c.known.name == best.known.name && axis(c) == axis(best) && !lags(c);
+    let logged = open.filter(alike).max_by(|a, b| a.score.reduction.total_cmp(&b.score.reduction));
+    logged.filter(|logged| logged.score.reduction > NEARLY * best.score.reduction).unwrap_or(best)
+}
+
+/// Moves the lagged quantities of a candidate along the ladder, all alike, to where they explain most.
+pub(crate) fn refined(
+    round: &Round,
+    (machine, campaign): (&Machine, &Campaign),
+    candidate: Candidate,
+) -> Result<Candidate, DiagnoseError> {
+    let start = candidate.term.shape.clone();
+    let moved = |steps: isize| -> Result<Option<Candidate>, DiagnoseError> {
+        let Some(shape) = shifted(&start, steps, campaign) else { return Ok(None) };
+        let term = EffectTerm::new(candidate.known.name, shape, machine)?;
+        Ok(score_all(round, vec![(candidate.known, term, candidate.trials)])?.pop())
+    };
+    let mut best = candidate.clone();
+    for direction in [1, -1] {
+        for steps in 1..COARSE as isize {
+            match moved(direction * steps)? {
+                Some(other) if other.score.reduction > best.score.reduction => best = other,
+                _ => break,
+            }
+        }
+    }
+    Ok(best)
+}
+
+/// The shape with its lagged quantities some steps further; `None` where there is none, or the ladder ends.
+fn shifted(shape: &Shape, steps: isize, campaign: &Campaign) -> Option<Shape> {
+    let mut shifted = shape.clone();
+    let mut is_lagged = false;
+    for (key, value) in &shape.0 {
+        let ShapeValue::Text(name) = value else { continue };
+        let Some((logged, lag)) = of_lagged(name) else { continue };
+        let name = lagged_name(&logged, lag_s(step_of(lag)?.checked_add_signed(steps)?))?;
+        campaign.covariate(&name)?;
+        is_lagged = true;
+        shifted = shifted.text(key, name);
+    }
+    is_lagged.then_some(shifted)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_ladder_reads_back_and_its_steps_are_a_quarter_apart() {
+        for step in 0..30 {
+            assert_eq!(step_of(lag_s(step)), Some(step));
+        }
+        let steps = (0..20).map(|step| f64::from(lag_s(step + 1)) / f64::from(lag_s(step)));
+        assert!(steps.into_iter().all(|ratio| (ratio - RATIO).abs() < 0.01));
+        assert_eq!(step_of(1), None);
+    }
+
+    #[test]
+    fn a_shape_moves_with_all_its_lagged_quantities() {
+        let column = |name: String, high: f64| Covariate { name, values: vec![Some(1.0), Some(high)] };
+        let campaign = Campaign {
+            covariates: vec![
+                column(lagged_name("temp_a_c", lag_s(4)).unwrap(), 3.0),
+                column(lagged_name("temp_b_c", lag_s(4)).unwrap(), 4.0),
+            ],
+            ..Campaign::default()
+        };
+        let name = |of: &str, step: usize| lagged_name(of, lag_s(step)).unwrap();
+        let shape = Shape::new().text("warm", name("temp_a_c", 3)).text("cold", name("temp_b_c", 3)).text("axis", "x");
+        let moved = shifted(&shape, 1, &campaign).unwrap();
+        let expected = Shape::new().text("warm", name("temp_a_c", 4)).text("cold", name("temp_b_c", 4));
+        assert_eq!(moved, expected.text("axis", "x"));
+        assert_eq!(shifted(&shape, 2, &campaign), None, "the campaign has no such column");
+        assert_eq!(shifted(&shape, -4, &campaign), None, "the ladder begins at two minutes");
+        assert_eq!(shifted(&Shape::new().text("axis", "x"), 1, &campaign), None);
+    }
+}

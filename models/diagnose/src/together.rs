@@ -1,0 +1,76 @@
+//! All that was found, judged together; what does not hold beside the rest goes.
+//!
+//! Place in the flow: after the search. Each term passed the gate when it came in, beside what was known then. Together they may
+//! still lose: then the weakest term goes whose absence lets the others pass, or the weakest of all, and the rest is judged again.
+
+use crate::candidates::Round;
+use crate::diagnose::alike;
+use crate::error::DiagnoseError;
+use crate::gate;
+use crate::options::Progress;
+use crate::search::{Search, State, Step, has};
+use crate::{wald, worth};
+use abbe_geometry::machine::Machine;
+use abbe_geometry::model::MachineModel;
+use abbe_identify::{EffectTerm, Identified};
+
+/// Takes out what keeps the rest from passing; `base` are the model's own terms, which stay.
+pub(crate) fn hold<'a>(
+    search: &Search<'a>,
+    state: &mut State<'a>,
+    (machine, first, base): (&Machine, (&MachineModel, &Round<'a>), &[EffectTerm]),
+    observe: &mut dyn FnMut(Progress) -> bool,
+) -> Result<(), DiagnoseError> {
+    loop {
+        let added: Vec<EffectTerm> = state.terms.iter().filter(|term| !has(base, term)).cloned().collect();
+        if added.len() < 2 {
+            return Ok(());
+        }
+        let before = (first.0, &alike(search, state, (machine, first.1, base), observe)?);
+        let Some(because) = refusal(search, before, (&state.fit, &state.round), &added) else { return Ok(()) };
+        let Some((out, fit, round)) = without_one(search, state, (before, base), observe)? else { return Ok(()) };
+        let term = state.terms.remove(out);
+        (state.fit, state.round, state.named) = (fit, round, None);
+        let title = abbe_geometry::effects::known(term.effect.name()).map_or("an effect", |known| known.title);
+        let because = format!("beside all else that was found: {because}");
+        state.steps.push(Step::SetAside { term, title, because });
+    }
+}
+
+/// Why these terms together stay out; `None` where they may go in.
+fn refusal(
+    search: &Search,
+    (model, before): (&MachineModel, &Round),
+    (fit, after): (&Identified, &Round),
+    added: &[EffectTerm],
+) -> Option<String> {
+    let refused = gate::judge(before, after, search.campaign, added).refused;
+    refused.or_else(|| added.iter().find_map(|term| worth::refusal(term, model, &fit.model, search.campaign)))
+}
+
+/// The term to go and the fit without it: the weakest whose absence lets the rest pass, else the weakest; `None` without a fit.
+fn without_one<'a>(
+    search: &Search<'a>,
+    state: &State<'a>,
+    (before, base): ((&MachineModel, &Round<'a>), &[EffectTerm]),
+    observe: &mut dyn FnMut(Progress) -> bool,
+) -> Result<Option<(usize, Identified, Round<'a>)>, DiagnoseError> {
+    let walds = wald::of_terms(&state.fit).into_iter().enumerate();
+    let mut found: Vec<(usize, f64)> = walds.map(|(index, wald)| (index, wald.statistic)).collect();
+    found.retain(|(index, _)| !has(base, &state.terms[*index]));
+    found.sort_by(|a, b| a.1.total_cmp(&b.1));
+    let mut weakest = None;
+    for (index, _) in found {
+        let mut rest = state.terms.clone();
+        rest.remove(index);
+        let Ok((fit, round)) = search.attempt_under(&state.machine, &rest, state.fit.correlation, observe)? else {
+            continue;
+        };
+        let added: Vec<EffectTerm> = rest.iter().filter(|term| !has(base, term)).cloned().collect();
+        if refusal(search, before, (&fit, &round), &added).is_none() {
+            return Ok(Some((index, fit, round)));
+        }
+        weakest = weakest.or(Some((index, fit, round)));
+    }
+    Ok(weakest)
+}

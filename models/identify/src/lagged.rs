@@ -1,0 +1,72 @@
+//! Campaigns with lagged covariates beside what was logged.
+//!
+//! Place in the flow: before a campaign meets a model, or a search, that asks for them. Times in s, values in the unit of the name.
+
+use abbe_geometry::effects::{Lag, of_lagged};
+use abbe_measurement::campaign::{Campaign, Covariate};
+
+/// The campaign with these lagged covariates beside what was logged. One that is there already stays; one without its logged
+/// quantity, or with a gap longer than the time constant, is left out. Names of other covariates ask for nothing.
+pub fn with_lagged<'a>(mut campaign: Campaign, names: impl IntoIterator<Item = &'a String>) -> Campaign {
+    for name in names {
+        let values = match campaign.covariate(name) {
+            Some(_) => None,
+            None => lagged(&campaign, name),
+        };
+        if let Some(values) = values {
+            campaign.covariates.push(Covariate { name: name.clone(), values });
+        }
+    }
+    campaign
+}
+
+/// A machine is taken to have been for a long time as its first value says; what a cold start leaves is a warm-up.
+fn lagged(campaign: &Campaign, name: &str) -> Option<Vec<Option<f64>>> {
+    let (logged, lag_s) = of_lagged(name)?;
+    let inputs = &campaign.covariate(&logged)?.values;
+    let mut lag = Lag::new(f64::from(lag_s));
+    let mut values = Vec::with_capacity(inputs.len());
+    for (reading, input) in campaign.readings.iter().zip(inputs) {
+        let lagged = lag.push(reading.time_s, input.filter(|value| value.is_finite())?);
+        if lagged.is_new && !values.is_empty() {
+            return None;
+        }
+        values.push(Some(lagged.value));
+    }
+    Some(values)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use abbe_measurement::campaign::RangeReading;
+
+    const AT_REST: RangeReading =
+        RangeReading { station: 0, line: 0, time_s: 0.0, reading_m: [0.0; 3], offset_m: [0.0; 3], length_m: 0.0 };
+
+    fn campaign(times_s: &[f64], values: &[Option<f64>]) -> Campaign {
+        let reading = |time_s: &f64| RangeReading { time_s: *time_s, ..AT_REST };
+        Campaign {
+            readings: times_s.iter().map(reading).collect(),
+            covariates: vec![Covariate { name: "temp_air_c".to_owned(), values: values.to_vec() }],
+            ..Campaign::default()
+        }
+    }
+
+    #[test]
+    fn a_campaign_gets_the_lagged_column_that_it_can_have() {
+        let whole = campaign(&[0.0, 600.0, 1200.0], &[Some(20.0), Some(21.0), Some(21.0)]);
+        let with =
+            with_lagged(whole, &["temp_air_lag_600s_c", "temp_room_lag_600s_c", "temp_air_c"].map(str::to_owned));
+        assert_eq!(with.covariates.len(), 2);
+        let values = &with.covariate("temp_air_lag_600s_c").unwrap().values;
+        // 1 K in one time constant, straight: 1 − (1 − e^−1) of it is there at its end.
+        let after = values[1].unwrap();
+        assert!((after - 20.0 - (-1.0_f64).exp()).abs() < 1e-12, "{after}");
+        let name = &["temp_air_lag_600s_c".to_owned()];
+        let paused = with_lagged(campaign(&[0.0, 600.0, 2000.0], &[Some(20.0); 3]), name);
+        assert_eq!(paused.covariates.len(), 1, "what happened in a pause nobody knows");
+        let hole = with_lagged(campaign(&[0.0, 600.0], &[Some(20.0), None]), name);
+        assert_eq!(hole.covariates.len(), 1);
+    }
+}
