@@ -1,6 +1,6 @@
 //! Whether an effect is the cause, or only looks like it.
 //!
-//! Place in the flow: the end of [`crate::diagnose`], for each effect with a name that was found. Rows of fits, no units.
+//! Place in the flow: the end of [`crate::diagnose()`], for each effect with a name that was found. Rows of fits, no units.
 
 use crate::candidates::{Candidate, Round, score_all};
 use crate::error::DiagnoseError;

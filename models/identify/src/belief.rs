@@ -1,6 +1,6 @@
 //! What is believed of a machine before it is measured: how much each of its error functions bends.
 //!
-//! Place in the flow: [`crate::foresee`] needs it in place of the smoothness that a fit chooses from the data. The penalty of
+//! Place in the flow: [`crate::foresee()`] needs it in place of the smoothness that a fit chooses from the data. The penalty of
 //! a spline is λ ∫ w f″² for unit noise, the density of a Gaussian process whose curvature has the variance 1/λ; so λ can be
 //! told from how much the functions bend: E[mean square of f about its straight line] = tr(Q B S⁺ Bᵀ Q)/(λ m) at m places of
 //! the stroke, S the roughness matrix, B the basis there, Q what takes a straight line out. Bends in m and rad.

@@ -1,6 +1,6 @@
 //! Where a search begins: what is known beforehand, what counts, and the effects that shall be told.
 //!
-//! Place in the flow: [`crate::plan`] hands it to the choice of stations and lines. The information is that of the prior of
+//! Place in the flow: [`crate::plan()`] hands it to the choice of stations and lines. The information is that of the prior of
 //! identification (smoothness, turn of the ram, effects), of a campaign already measured, and of a machine that is no worse
 //! than [`WORST_M`], so that it can be inverted before anything is measured; what is stated in the end does without the last.
 

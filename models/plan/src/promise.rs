@@ -1,6 +1,6 @@
 //! What a plan will reach, as identification will state it.
 //!
-//! Place in the flow: the last step of [`crate::plan`]; also states what any other campaign of nominal readings would reach, to
+//! Place in the flow: the last step of [`crate::plan()`]; also states what any other campaign of nominal readings would reach, to
 //! compare plans. The model that comes from [`abbe_identify::foresee`] is asked through the function that corrects
 //! coordinates, so that what is said here of a point is what will stand beside a corrected one. SI, k = 1.
 

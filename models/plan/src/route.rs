@@ -1,6 +1,6 @@
 //! The order in which a station's lines are driven: little time between them, and the beam never lost.
 //!
-//! Place in the flow: after the search; [`crate::plan`] puts times to what comes out. Lines of one holder follow each other. A
+//! Place in the flow: after the search; [`crate::plan()`] puts times to what comes out. Lines of one holder follow each other. A
 //! nearest-neighbour tour is improved by reversing runs of lines (2-opt) and moving single ones; a line may be turned round
 //! unless directions were chosen on purpose. A move between two lines that would lose the beam goes by way of a place from
 //! where both are seen; a line that cannot be reached so is left out. Readings in m.

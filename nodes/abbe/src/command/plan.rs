@@ -36,7 +36,7 @@ pub(crate) struct Arguments {
     /// Folder for path.csv, stations.csv, path.nc, path.dme, plan.json and report.html
     #[arg(long)]
     out: PathBuf,
-    /// Earlier model of this machine: how much its errors bend, in place of [expected]
+    /// Earlier model of this machine: how much its errors bend, in place of `expected`
     #[arg(long, conflicts_with = "campaign")]
     model: Option<PathBuf>,
     /// Campaign already measured (CSV or bag): the plan adds the stations and lines that help most

@@ -1,6 +1,6 @@
 //! Capturing a campaign: from the streams of scales and tracer to one checked reading a point.
 //!
-//! Place in the flow: `abbe capture`. A plan says where readings are wanted; [`run`] waits for the drivers; [`Capturer`] finds the
+//! Place in the flow: `abbe capture`. A plan says where readings are wanted; `run` waits for the drivers; [`Capturer`] finds the
 //! standstills at planned points, averages, and holds each reading against those before; the journal of `abbe_files` keeps it. The
 //! campaign that comes out is the one that `abbe identify` reads.
 

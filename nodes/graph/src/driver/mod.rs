@@ -2,7 +2,7 @@
 //!
 //! Place in the flow: the scale and the tracer node publish what their driver gives, at its pace. A driver for a
 //! real instrument implements [`ScaleDriver`], [`TracerDriver`] or [`SensorDriver`], gets a variant in [`DriverConfig`] with a
-//! line in [`DriverConfig::problem`], and one in [`open_scale`], [`open_tracer`] or [`open_sensor`]; nothing else changes.
+//! line in `DriverConfig::problem`, and one in [`open_scale`], [`open_tracer`] or [`open_sensor`]; nothing else changes.
 
 mod bag;
 mod campaign_file;
