@@ -17,6 +17,8 @@ use abbe_measurement::campaign::{Campaign, Covariate};
 const SHORTEST_S: f64 = 120.0;
 /// Ratio of neighbouring steps: neighbours differ by some percent of what they do.
 const RATIO: f64 = 1.25;
+/// Steps of the ladder: up to some years, whatever the times of a campaign say.
+const STEPS: usize = 64;
 /// Steps from one proposed time constant to the next (a factor of three), and the first.
 const COARSE: usize = 5;
 const FIRST: usize = 3;
@@ -34,7 +36,7 @@ pub(crate) fn with_lags(campaign: &Campaign, asked: impl IntoIterator<Item = Str
     let (first_s, last_s) = times.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), t| (l.min(t), h.max(t)));
     let longest_s = LONGEST * (last_s - first_s);
     for logged in campaign.covariates.iter().filter(|column| is_temperature(&column.name) && varies(&column.values)) {
-        let steps = (0..).map(lag_s).take_while(|lag_s| f64::from(*lag_s) <= longest_s);
+        let steps = (0..STEPS).map(lag_s).take_while(|lag_s| f64::from(*lag_s) <= longest_s);
         names.extend(steps.filter_map(|lag_s| lagged_name(&logged.name, lag_s)));
     }
     with_lagged(campaign.clone(), &names)
@@ -46,12 +48,12 @@ fn is_temperature(name: &str) -> bool {
 
 /// Time constant of a step of the ladder (s).
 fn lag_s(step: usize) -> u32 {
-    (SHORTEST_S * RATIO.powi(step.min(64) as i32)).round() as u32
+    (SHORTEST_S * RATIO.powi(step as i32)).round() as u32
 }
 
 /// The step of the ladder with that time constant.
 fn step_of(lag: u32) -> Option<usize> {
-    (0..64).find(|step| lag_s(*step) == lag)
+    (0..STEPS).find(|step| lag_s(*step) == lag)
 }
 
 /// Whether a column is proposed to effects: what is logged is, of the lagged ones some, where they differ from the logged one.
@@ -117,6 +119,7 @@ fn shifted(shape: &Shape, steps: isize, campaign: &Campaign) -> Option<Shape> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use abbe_measurement::campaign::RangeReading;
 
     #[test]
     fn the_ladder_reads_back_and_its_steps_are_a_quarter_apart() {
@@ -126,6 +129,25 @@ mod tests {
         let steps = (0..20).map(|step| f64::from(lag_s(step + 1)) / f64::from(lag_s(step)));
         assert!(steps.into_iter().all(|ratio| (ratio - RATIO).abs() < 0.01));
         assert_eq!(step_of(1), None);
+    }
+
+    /// Times from 1970 beside times since the campaign began: the search for time constants has to end.
+    #[test]
+    fn regress_times_that_are_decades_apart_end_the_ladder() {
+        let reading = |time_s: f64| RangeReading {
+            station: 0,
+            line: 0,
+            time_s,
+            reading_m: [0.0; 3],
+            offset_m: [0.0; 3],
+            length_m: 0.0,
+        };
+        let campaign = Campaign {
+            readings: vec![reading(0.0), reading(1.7e9)],
+            covariates: vec![Covariate { name: "temp_air_c".to_owned(), values: vec![Some(20.0), Some(21.0)] }],
+            ..Campaign::default()
+        };
+        assert_eq!(with_lags(&campaign, []), campaign, "a pause of decades hides how the temperature went");
     }
 
     #[test]
