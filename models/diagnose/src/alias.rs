@@ -6,8 +6,9 @@ use crate::candidates::{Candidate, Round};
 use crate::context::Context;
 use crate::diagnosis::{NotIdentifiable, Untestable};
 use crate::error::DiagnoseError;
+use crate::lags;
 use abbe_geometry::ErrorId;
-use abbe_geometry::effects::{REGISTRY, ShapeValue, of_lagged};
+use abbe_geometry::effects::{REGISTRY, ShapeValue};
 use abbe_geometry::machine::Machine;
 use abbe_geometry::model::MachineModel;
 use faer::Mat;
@@ -26,8 +27,7 @@ pub(crate) fn not_identifiable(
     named: &[Candidate],
 ) -> Result<Vec<NotIdentifiable>, DiagnoseError> {
     // What is logged stands for what follows it.
-    let lags = |c: &&Candidate| c.term.effect.covariates().iter().any(|name| of_lagged(name).is_some());
-    let named: Vec<&Candidate> = named.iter().filter(|c| !lags(c)).collect();
+    let named: Vec<&Candidate> = named.iter().filter(|c| !lags::is_lagged(c)).collect();
     let mut least: Vec<&Candidate> = Vec::new();
     for candidate in named.iter().copied().filter(|c| !SEARCHED.contains(&c.known.name)) {
         match least.iter_mut().find(|known| key(known) == key(candidate)) {

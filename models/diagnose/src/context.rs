@@ -4,7 +4,7 @@
 //! variables from it. Covariates in the unit of their name; positions and offsets in m.
 
 use crate::lags;
-use abbe_geometry::effects::Observed;
+use abbe_geometry::effects::{Effect, Observed, Shape, ShapeValue};
 use abbe_geometry::machine::Machine;
 use abbe_identify::TIME;
 use abbe_measurement::campaign::Campaign;
@@ -49,7 +49,22 @@ impl Context {
     }
 }
 
-fn range(values: impl Iterator<Item = f64>) -> (f64, f64) {
+/// Quantities that an effect of that shape reads: its covariates, and those that an empirical term names in its shape.
+pub(crate) fn read_by(effect: &dyn Effect, shape: &Shape) -> Vec<String> {
+    let mut names = effect.reads();
+    for key in ["p", "q"] {
+        if let Some(ShapeValue::Text(name)) = shape.0.get(key)
+            && !names.contains(name)
+        {
+            names.push(name.clone());
+        }
+    }
+    names.dedup();
+    names
+}
+
+/// Least and greatest of some values.
+pub(crate) fn range(values: impl Iterator<Item = f64>) -> (f64, f64) {
     values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| (low.min(value), high.max(value)))
 }
 

@@ -5,6 +5,7 @@
 
 use crate::alias;
 use crate::candidates::{Candidate, Round};
+use crate::context::read_by;
 use crate::diagnosis::{Diagnosis, Found, FoundParameter, Kind, Rival};
 use crate::error::DiagnoseError;
 use crate::gate::{self, Verdict};
@@ -239,7 +240,7 @@ fn one(
         formula: candidate.known.formula,
         kind,
         shape: fitted.shape.clone(),
-        covariates: quantities(fitted, fitted.effect.reads()),
+        covariates: read_by(fitted.effect.as_ref(), &fitted.shape),
         p_value,
         evidence: candidate.evidence(last.used),
         alias_share,
@@ -250,20 +251,6 @@ fn one(
         placebo,
         gate: gate.clone(),
     })
-}
-
-/// Quantities of an empirical term stand in its shape; other effects name their covariates.
-fn quantities(fitted: &FittedEffect, mut names: Vec<String>) -> Vec<String> {
-    use abbe_geometry::effects::ShapeValue;
-    for key in ["p", "q"] {
-        if let Some(ShapeValue::Text(name)) = fitted.shape.0.get(key)
-            && !names.contains(name)
-        {
-            names.push(name.clone());
-        }
-    }
-    names.dedup();
-    names
 }
 
 fn rival(chosen: &Candidate, rival: &Candidate, rows: usize) -> Rival {

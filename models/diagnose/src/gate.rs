@@ -8,10 +8,10 @@
 //! Both are judged over the same readings, weights and directions ([`crate::paired`]). Whitened residuals; no units.
 
 use crate::candidates::Round;
-use crate::context::same_offset;
+use crate::context::{read_by, same_offset};
 use crate::judge;
 use crate::paired::{Pair, Untold, pairs};
-use abbe_geometry::effects::{ShapeValue, State, is_scale};
+use abbe_geometry::effects::{State, is_scale};
 use abbe_identify::{CampaignRow, EffectTerm};
 use abbe_measurement::campaign::Campaign;
 
@@ -191,11 +191,7 @@ pub(crate) fn by_offset(campaign: &Campaign, round: &Round) -> Vec<Vec<usize>> {
 fn quantities(terms: &[EffectTerm]) -> Vec<String> {
     let mut names: Vec<String> = Vec::new();
     for term in terms {
-        let described = ["p", "q"].into_iter().filter_map(|key| match term.shape.0.get(key) {
-            Some(ShapeValue::Text(name)) => Some(name.clone()),
-            _ => None,
-        });
-        for name in term.effect.reads().into_iter().chain(described) {
+        for name in read_by(term.effect.as_ref(), &term.shape) {
             let has_own_blocks = is_scale(&name) || name.starts_with("offset_") || name == abbe_identify::TIME;
             if !has_own_blocks && !names.contains(&name) {
                 names.push(name);

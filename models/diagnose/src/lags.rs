@@ -5,7 +5,7 @@
 //! most ([`refined`]), as periods are. Times in s.
 
 use crate::candidates::{Candidate, Round, score_all};
-use crate::context::varies;
+use crate::context::{range, varies};
 use crate::error::DiagnoseError;
 use crate::look::correlation;
 use abbe_geometry::effects::{Shape, ShapeValue, lagged_name, of_lagged};
@@ -32,8 +32,7 @@ const SAME: f64 = 0.999;
 /// The campaign with its temperatures behind all time constants of the ladder, and behind those that `asked` names.
 pub(crate) fn with_lags(campaign: &Campaign, asked: impl IntoIterator<Item = String>) -> Campaign {
     let mut names: Vec<String> = asked.into_iter().filter(|name| of_lagged(name).is_some()).collect();
-    let times = campaign.readings.iter().map(|reading| reading.time_s);
-    let (first_s, last_s) = times.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), t| (l.min(t), h.max(t)));
+    let (first_s, last_s) = range(campaign.readings.iter().map(|reading| reading.time_s));
     let longest_s = LONGEST * (last_s - first_s);
     for logged in campaign.covariates.iter().filter(|column| is_temperature(&column.name) && varies(&column.values)) {
         let steps = (0..STEPS).map(lag_s).take_while(|lag_s| f64::from(*lag_s) <= longest_s);
@@ -65,14 +64,18 @@ pub(crate) fn is_proposed(campaign: &Campaign, column: &Covariate) -> bool {
         && campaign.covariate(&logged).is_some_and(|logged| correlation(&values(logged), &values(column)).abs() < SAME)
 }
 
+/// Whether an effect reads a quantity that lags behind a logged one.
+pub(crate) fn is_lagged(candidate: &Candidate) -> bool {
+    candidate.term.effect.reads().iter().any(|name| of_lagged(name).is_some())
+}
+
 /// The candidate, or the same effect by what is logged where that explains nearly as much: what lags is missing at first.
 pub(crate) fn logged_instead<'c>(best: &'c Candidate, open: impl Iterator<Item = &'c Candidate>) -> &'c Candidate {
-    let lags = |c: &Candidate| c.term.effect.reads().iter().any(|name| of_lagged(name).is_some());
-    if !lags(best) {
+    if !is_lagged(best) {
         return best;
     }
     let axis = |c: &Candidate| c.term.shape.0.get("axis").cloned();
-    let alike = |c: &&Candidate| c.known.name == best.known.name && axis(c) == axis(best) && !lags(c);
+    let alike = |c: &&Candidate| c.known.name == best.known.name && axis(c) == axis(best) && !is_lagged(c);
     let logged = open.filter(alike).max_by(|a, b| a.score.reduction.total_cmp(&b.score.reduction));
     logged.filter(|logged| logged.score.reduction > NEARLY * best.score.reduction).unwrap_or(best)
 }

@@ -141,7 +141,7 @@ fn directions(rows: &Mat<f64>) -> Option<(Vec<f64>, Vec<Vec<f64>>)> {
 }
 
 /// Adds what is new of a direction to an orthonormal set.
-fn add(set: &mut Vec<Vec<f64>>, direction: Vec<f64>) {
+pub(crate) fn add(set: &mut Vec<Vec<f64>>, direction: Vec<f64>) {
     let length = square(&direction).sqrt();
     // Twice: once leaves rounding of the order of what was taken away.
     let mut new = without(without(direction, set), set);

@@ -391,8 +391,9 @@ impl<'a> Search<'a> {
         let terms: Vec<EffectTerm> = state.terms.iter().chain([&term]).cloned().collect();
         let fitted = match self.attempt(&state.machine, &terms, observe)? {
             Ok((fit, round)) => {
-                let verdict = gate::judge(&state.round, &round, self.campaign, std::slice::from_ref(&term));
-                let costs = || worth::refusal(&term, &state.fit.model, &fit.model, self.campaign);
+                let own = std::slice::from_ref(&term);
+                let verdict = gate::judge(&state.round, &round, self.campaign, own);
+                let costs = || worth::refusal(own, &state.fit.model, &fit.model, self.campaign);
                 verdict.refused.clone().or_else(costs).map_or(Ok((fit, round, verdict)), Err)
             }
             Err(problem) => Err(format!("it cannot be fitted: {problem}")),

@@ -121,7 +121,7 @@ fn regress_what_only_a_prior_tells_is_not_worth_its_uncertainty() {
     let shape = Shape::new().text("axis", "x").text("over", "x").number("terms", 1.0);
     let term = EffectTerm::new("reversal", shape, &machine).unwrap();
     let backlash = search.fit(&machine, std::slice::from_ref(&term), &mut |_| true).unwrap().model;
-    assert_eq!(worth::refusal(&term, &without, &backlash, &campaign), None);
+    assert_eq!(worth::refusal(std::slice::from_ref(&term), &without, &backlash, &campaign), None);
     // The same parameters, with nothing known of them.
     let mut parts = backlash.parts().clone();
     let count = parts.effects[0].parameters.len();
@@ -136,9 +136,9 @@ fn regress_what_only_a_prior_tells_is_not_worth_its_uncertainty() {
         (first..first + count).for_each(|column| parts.covariance[row * (row + 1) / 2 + column] = 0.0);
     }
     let vague = abbe_geometry::model::MachineModel::new(parts).unwrap();
-    let because = worth::refusal(&term, &without, &vague, &campaign).unwrap();
+    let because = worth::refusal(std::slice::from_ref(&term), &without, &vague, &campaign).unwrap();
     assert!(because.contains("hardly tell"), "{because}");
-    assert_eq!(worth::refusal(&term, &without, &without, &campaign), None);
+    assert_eq!(worth::refusal(std::slice::from_ref(&term), &without, &without, &campaign), None);
 }
 
 /// Of two values of a covariate one tells nothing of the other: a term is not refused for what nobody could know.

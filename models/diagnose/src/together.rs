@@ -45,7 +45,7 @@ fn refusal(
     added: &[EffectTerm],
 ) -> Option<String> {
     let refused = gate::judge(before, after, search.campaign, added).refused;
-    refused.or_else(|| added.iter().find_map(|term| worth::refusal(term, model, &fit.model, search.campaign)))
+    refused.or_else(|| worth::refusal(added, model, &fit.model, search.campaign))
 }
 
 /// The term to go and the fit without it: the weakest whose absence lets the rest pass, else the weakest; `None` without a fit.

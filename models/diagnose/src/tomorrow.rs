@@ -8,8 +8,8 @@
 //! mean square on the ranges, which see one direction of three.
 
 use crate::candidates::Round;
+use crate::context::read_by;
 use crate::gate;
-use abbe_geometry::effects::ShapeValue;
 use abbe_geometry::model::{FittedEffect, MachineModel, ModelError};
 use abbe_identify::{EffectTerm, TIME};
 use abbe_measurement::campaign::Campaign;
@@ -44,11 +44,7 @@ fn has_no_name(fitted: &FittedEffect) -> bool {
 }
 
 fn follows_time(fitted: &FittedEffect) -> bool {
-    let described = ["p", "q"].into_iter().filter_map(|key| match fitted.shape.0.get(key) {
-        Some(ShapeValue::Text(name)) => Some(name.clone()),
-        _ => None,
-    });
-    fitted.effect.reads().into_iter().chain(described).any(|name| name == TIME)
+    read_by(fitted.effect.as_ref(), &fitted.shape).iter().any(|name| name == TIME)
 }
 
 /// Variance of what an effect does to the ranges used (m²), about the mean of each station, which place and dead path hold.

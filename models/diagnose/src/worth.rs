@@ -7,7 +7,7 @@
 //! twice the growth is asked for. Growth up to twice the standard uncertainty is let pass: only what the data do not tell costs
 //! more. A rigid motion of all points is no error of theirs. Lengths in m.
 
-use crate::paired::{square, without};
+use crate::paired::{add, square, without};
 use abbe_geometry::Vector3;
 use abbe_geometry::chain::nominal_point_m;
 use abbe_geometry::correct::{correct, partials};
@@ -25,15 +25,15 @@ const FREE_GROWTH: f64 = 4.0;
 /// Squared difference over the growth of the variance from which a term is worth it.
 const WORTH: f64 = 2.0;
 
-/// Why the second model, which has this term, is not worth its uncertainty beside the first; `None` where it is. What reads nothing
+/// Why the second model, which has these terms, is not worth its uncertainty beside the first; `None` where it is. What reads nothing
 /// that changes (a holder, a sag) is there or is not, and has to be found; what the plan leaves open of it stands in u.
 pub(crate) fn refusal(
-    term: &EffectTerm,
+    terms: &[EffectTerm],
     before: &MachineModel,
     after: &MachineModel,
     campaign: &Campaign,
 ) -> Option<String> {
-    if term.effect.reads().is_empty() {
+    if terms.iter().all(|term| term.effect.reads().is_empty()) {
         return None;
     }
     let readings = spread(campaign.readings.len(), POINTS);
@@ -105,13 +105,6 @@ fn rigid(readings: &[usize], campaign: &Campaign) -> Vec<Vec<f64>> {
     let moves = axes.iter().map(|axis| all(&|_| *axis));
     let turns = axes.iter().map(|axis| all(&|point_m| axis.cross(&(point_m - centre_m))));
     let mut basis: Vec<Vec<f64>> = Vec::new();
-    for direction in moves.chain(turns) {
-        let length: f64 = square(&direction);
-        let rest = without(direction, &basis);
-        let left = square(&rest);
-        if left > 1e-9 * length {
-            basis.push(rest.into_iter().map(|value| value / left.sqrt()).collect());
-        }
-    }
+    moves.chain(turns).for_each(|direction| add(&mut basis, direction));
     basis
 }
