@@ -38,7 +38,8 @@ pub enum Status {
     /// Inside the identified volume and offsets; the uncertainty holds.
     InVolume,
     /// Outside the identified volume, offsets or covariates; the uncertainty is a lower bound. An effect outside the range
-    /// of its covariates widens it by all that it adds there.
+    /// of its covariates widens it by all that it adds there. A covariate that no effect reads is outside where it is further
+    /// from its range in the campaign than that is wide.
     Extrapolated,
     /// An effect lacks a covariate and was left out; the uncertainty holds what it does over the usual range.
     CovariateMissing,
@@ -282,8 +283,10 @@ pub fn is_within((lower_m, upper_m): (f64, f64), value_m: f64) -> bool {
 fn is_in_volume(model: &MachineModel, state: &State) -> bool {
     let within = |bounds: &[(f64, f64); 3], values: [f64; 3]| bounds.iter().zip(values).all(|(b, v)| is_within(*b, v));
     let identified = &model.parts().identified;
-    within(&identified.reading_m, state.reading_m) && within(&identified.offset_m, state.offset_m)
+    within(&identified.reading_m, state.reading_m)
+        && within(&identified.offset_m, state.offset_m)
+        && !is_outside(model.unread(), state)
 }
 
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;

@@ -46,8 +46,7 @@ pub struct IdentifiedVolume {
     pub reading_m: [(f64, f64); 3],
     /// Smallest and largest offset in each direction (m, ram frame).
     pub offset_m: [(f64, f64); 3],
-    /// Smallest and largest value of each covariate that the effects read, for the tip or for the range, in the unit of
-    /// its name.
+    /// Smallest and largest value of each covariate that was logged or that the effects read, in the unit of its name.
     pub covariates: BTreeMap<String, (f64, f64)>,
 }
 
@@ -141,6 +140,12 @@ pub enum ModelError {
         /// Its variance.
         variance: f64,
     },
+    /// Models that have no mean.
+    #[error("these models have no mean: their {what} do not fit together")]
+    Mixture {
+        /// What differs, or is none.
+        what: &'static str,
+    },
     /// A number is not finite.
     #[error("{what} holds a number that is not finite; the model is damaged")]
     NotFinite {
@@ -178,6 +183,8 @@ pub struct MachineModel {
     between_nodes: BetweenNodes,
     /// Covariates of each effect: those that it reads for the tip, and those for the range alone.
     usual: Vec<[Vec<Usual>; 2]>,
+    /// Covariates that were logged and that no effect reads.
+    unread: Vec<Usual>,
 }
 
 impl MachineModel {
@@ -214,7 +221,8 @@ impl MachineModel {
         }
         let between_nodes = BetweenNodes::new(&layout, &parts.coefficients, |a, b| parts.covariance[packed(a, b)]);
         let usual = parts.effects.iter().map(|fitted| usual(fitted, &parts.identified)).collect();
-        Ok(MachineModel { parts, layout, machine_parameters, covariance, between_nodes, usual })
+        let unread = unread(&parts);
+        Ok(MachineModel { parts, layout, machine_parameters, covariance, between_nodes, usual, unread })
     }
 
     /// An effect by name and shape, for readers of model files.
@@ -302,6 +310,17 @@ impl MachineModel {
         self.parts.effects.iter().flat_map(|fitted| fitted.effect.reads()).collect()
     }
 
+    /// Covariates that no effect reads, with the ranges in which the campaign speaks for them.
+    pub(crate) fn unread(&self) -> &[Usual] {
+        &self.unread
+    }
+
+    /// Range of a covariate outside which a sample is extrapolated, in the unit of its name; `None` where none is known.
+    pub fn covariate_range(&self, name: &str) -> Option<(f64, f64)> {
+        let unread = self.unread.iter().find(|covariate| covariate.name == name);
+        unread.map_or_else(|| self.parts.identified.covariates.get(name).copied(), |covariate| covariate.range)
+    }
+
     /// Value and standard uncertainty (rad) of a squareness, in the order of [`Machine::squareness`].
     pub fn squareness(&self, k: usize) -> (f64, f64) {
         self.angle(self.layout.squareness().start + k)
@@ -330,8 +349,17 @@ fn usual(fitted: &FittedEffect, identified: &IdentifiedVolume) -> [Vec<Usual>; 2
         .map(|names| names.into_iter().map(with_range).collect())
 }
 
+/// Covariates that were logged and that no effect reads. What such a quantity does was too little to be seen over its range; as far
+/// again beyond, a law that is nearly straight does no more.
+fn unread(parts: &ModelParts) -> Vec<Usual> {
+    let read: Vec<String> = parts.effects.iter().flat_map(|fitted| fitted.effect.reads()).collect();
+    let own = parts.identified.covariates.iter().filter(|(name, _)| !read.contains(name));
+    own.map(|(name, (low, high))| Usual { name: name.clone(), range: Some((2.0 * low - high, 2.0 * high - low)) })
+        .collect()
+}
+
 /// Place of an entry in a packed lower triangle.
-fn packed(a: usize, b: usize) -> usize {
+pub(crate) fn packed(a: usize, b: usize) -> usize {
     let (row, column) = (a.max(b), a.min(b));
     row * (row + 1) / 2 + column
 }

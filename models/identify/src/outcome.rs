@@ -12,7 +12,7 @@ use crate::smoothing::{Solution, noise_factor_for_covariance};
 use crate::solve::{Fit, Identified, Settled};
 use crate::term::{CampaignRow, EffectTerm};
 use abbe_geometry::between_nodes::BetweenNodes;
-use abbe_geometry::effects::{CovariateSource, CovariateValue};
+use abbe_geometry::effects::{CovariateSource, CovariateValue, of_lagged};
 use abbe_geometry::model::{FitQuality, FittedEffect, IdentifiedVolume, MachineModel, ModelParts, Station};
 use abbe_geometry::{ErrorId, Vector3};
 use abbe_measurement::campaign::RangeReading;
@@ -175,9 +175,12 @@ impl Fit<'_> {
         self.setup.terms.iter().map(fitted).collect()
     }
 
-    /// Range of every covariate that a corrected sample or a predicted length needs, over the readings used.
+    /// Range of every covariate that a corrected sample or a predicted length needs, and of those logged, over the readings used.
     fn covariate_ranges(&self, weights: &[f64]) -> BTreeMap<String, (f64, f64)> {
-        let names = self.setup.terms.iter().flat_map(|term| term.effect.reads());
+        let read = self.setup.terms.iter().flat_map(|term| term.effect.reads());
+        // What lags is made from what is logged.
+        let logged = self.campaign.covariates.iter().map(|column| column.name.clone());
+        let logged = logged.filter(|name| of_lagged(name).is_none());
         let of = |name: String| {
             let used = (0..weights.len()).filter(|k| weights[*k] > 0.0);
             let values =
@@ -188,7 +191,8 @@ impl Fit<'_> {
             let range = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
             (name, range)
         };
-        names.map(of).collect()
+        let known = |(_, (low, high)): &(String, (f64, f64))| low <= high;
+        read.map(of).chain(logged.map(of).filter(known)).collect()
     }
 
     /// Lower triangle over all parameters; those that were not free have no variance.

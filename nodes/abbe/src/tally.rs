@@ -150,8 +150,8 @@ impl Reason {
             Reason::Offset(axis) => {
                 outside(format!("the offset in {}", AXES[*axis]), mm(parts.identified.offset_m[*axis]), " mm")
             }
-            Reason::OutsideCovariate(name) => match parts.identified.covariates.get(name) {
-                Some(bounds) => outside(name.clone(), *bounds, ""),
+            Reason::OutsideCovariate(name) => match model.covariate_range(name) {
+                Some(bounds) => outside(name.clone(), bounds, ""),
                 None => name.clone(),
             },
             Reason::MissingCovariate(name) => format!("{name} is missing, empty, no number or too old"),
@@ -173,9 +173,9 @@ fn reasons(model: &MachineModel, state: &State, status: Status) -> Vec<(Reason, 
         Status::Rejected => readings(&parts.machine.stroke_m).collect(),
         Status::Extrapolated => {
             let offsets = beyond(state.offset_m, &parts.identified.offset_m).into_iter();
-            let covariates = parts.identified.covariates.iter().filter_map(|(name, bounds)| {
-                match state.covariates.covariate(name) {
-                    CovariateValue::Fresh(value) if value < bounds.0 || value > bounds.1 => {
+            let covariates = parts.identified.covariates.keys().filter_map(|name| {
+                match (state.covariates.covariate(name), model.covariate_range(name)) {
+                    (CovariateValue::Fresh(value), Some((low, high))) if value < low || value > high => {
                         Some((Reason::OutsideCovariate(name.clone()), value))
                     }
                     _ => None,

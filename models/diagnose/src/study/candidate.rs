@@ -10,6 +10,7 @@ use crate::score::Score;
 use abbe_geometry::Axis;
 use abbe_geometry::effects::{ParameterSpec, Shape};
 use faer::Mat;
+use std::collections::BTreeSet;
 
 /// An effect that might be missing from the model.
 #[derive(Debug, Clone)]
@@ -191,6 +192,11 @@ pub(crate) trait Study: Sync {
     /// Logged quantities that these terms read.
     fn model_covariates(&self, _candidate: usize) -> Vec<String> {
         Vec::new()
+    }
+
+    /// Names of the quantities that were logged with the rows, each once.
+    fn logged(&self) -> BTreeSet<String> {
+        BTreeSet::new()
     }
 
     /// Range of a logged quantity as a model reads it: times since the first row.

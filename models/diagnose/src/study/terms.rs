@@ -34,7 +34,7 @@ pub struct Terms {
     pub list: Vec<Term>,
     /// Covariance of all values, packed lower triangle row by row, SI.
     pub covariance: Vec<f64>,
-    /// Range of each logged quantity that the terms read, in the unit of its name.
+    /// Range of each quantity that was logged or that the terms read, in the unit of its name.
     pub covariates: BTreeMap<String, (f64, f64)>,
     /// Smallest and largest reading of X, Y, Z (m) where they were measured.
     pub readings_m: [Option<(f64, f64)>; 3],
@@ -92,6 +92,9 @@ pub(super) fn terms(study: &dyn Study, fit: &Fit, u: &[Vec<f64>]) -> Terms {
         for name in study.model_covariates(fitted.candidate) {
             terms.covariates.extend(study.model_range(&name).map(|range| (name, range)));
         }
+    }
+    for name in study.logged() {
+        terms.covariates.extend(study.model_range(&name).map(|range| (name, range)));
     }
     for (row, a) in values.iter().enumerate() {
         for (column, b) in values[..=row].iter().enumerate() {

@@ -16,7 +16,7 @@ const OFFSET_M: [f64; 3] = [0.1, 0.0, -0.06];
 const CENTRE_M: [f64; 3] = [0.04, 0.05, -0.07];
 
 /// A covariate by name.
-struct By<F>(F);
+pub(crate) struct By<F>(pub(crate) F);
 impl<F: Fn(&str) -> CovariateValue> CovariateSource for By<F> {
     fn covariate(&self, name: &str) -> CovariateValue {
         (self.0)(name)
@@ -24,7 +24,7 @@ impl<F: Fn(&str) -> CovariateValue> CovariateSource for By<F> {
 }
 
 /// A model with these effects, whose parameters are some thousandths of what is believable.
-fn model(effects: &[(&str, Shape)]) -> MachineModel {
+pub(crate) fn model(effects: &[(&str, Shape)]) -> MachineModel {
     let machine = machine();
     let (mut fitted, mut sizes, mut covariates) = (Vec::new(), Vec::new(), BTreeMap::new());
     for (name, shape) in effects {
@@ -77,7 +77,7 @@ fn warm_up() -> MachineModel {
     model(&[("warm_up", Shape::new().number("tau_s", 2.0).number("stages", 1.0))])
 }
 
-fn at<'a>(covariates: &'a dyn CovariateSource) -> State<'a> {
+pub(crate) fn at<'a>(covariates: &'a dyn CovariateSource) -> State<'a> {
     State { reading_m: READING_M, offset_m: OFFSET_M, covariates }
 }
 
@@ -152,6 +152,32 @@ fn regress_a_sensor_that_is_broken_does_not_correct() {
     assert!(added_m > 1e-7 && u_m(outside) > 1.3 * added_m, "{added_m} {}", u_m(outside));
     assert_eq!([1e6, -1e6, f64::MAX].map(|value| of(value).status), [Status::Rejected; 3]);
     assert_eq!(of(f64::NAN).status, Status::CovariateMissing);
+}
+
+/// A model without effects said `in_volume` at any temperature. What was not seen over a range of 1 K is not known 2 K beyond it.
+#[test]
+fn regress_a_logged_covariate_that_no_effect_reads_bounds_what_the_campaign_speaks_for() {
+    let mut parts = model(&[]).parts().clone();
+    let name = "temp_scale_x_c";
+    parts.identified.covariates = BTreeMap::from([(name.to_owned(), (20.0, 21.0))]);
+    let model = MachineModel::new(parts.clone()).unwrap();
+    let of = |value_c: f64| {
+        let logged =
+            By(|asked: &str| if asked == name { CovariateValue::Fresh(value_c) } else { CovariateValue::Missing });
+        correct(&model, &at(&logged))
+    };
+    let inside = [19.0, 20.0, 21.0, 22.0].map(|value_c| of(value_c).status);
+    let outside = [18.9, 22.1, 40.0].map(|value_c| of(value_c).status);
+    assert_eq!((inside, outside), ([Status::InVolume; 4], [Status::Extrapolated; 3]));
+    assert_eq!(of(40.0).position_m, of(20.0).position_m);
+    // Nothing needs it: a sample without it is corrected as ever.
+    assert_eq!(correct(&model, &at(&NoCovariates)).status, Status::InVolume);
+    assert_eq!(model.covariate_range(name), Some((19.0, 22.0)));
+    // One value all the time speaks for that value.
+    parts.identified.covariates.insert(name.to_owned(), (20.0, 20.0));
+    let constant = MachineModel::new(parts).unwrap();
+    let warmer = By(|_: &str| CovariateValue::Fresh(20.1));
+    assert_eq!(correct(&constant, &at(&warmer)).status, Status::Extrapolated);
 }
 
 /// Whatever the covariates are over their range: what was left out stays within the covariance stated without them.

@@ -434,6 +434,10 @@ impl Study for Runs {
         model::axis_of(&self.axes[*own].name).map_or_else(Vec::new, |axis| model::covariates(axis, shape))
     }
 
+    fn logged(&self) -> BTreeSet<String> {
+        self.runs.iter().flat_map(|run| run.covariates.keys().cloned()).collect()
+    }
+
     fn model_range(&self, name: &str) -> Option<(f64, f64)> {
         let all = |value: &dyn Fn(&Run) -> Option<f64>| -> Option<(f64, f64)> {
             let values: Vec<f64> = self.runs.iter().filter_map(value).collect();

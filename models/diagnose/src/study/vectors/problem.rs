@@ -419,6 +419,10 @@ impl Study for Vectors<'_> {
         logged.filter(|name| !POSITION.contains(&name.as_str())).cloned().collect()
     }
 
+    fn logged(&self) -> BTreeSet<String> {
+        self.vectors.iter().flat_map(|vector| vector.covariates.keys().cloned()).collect()
+    }
+
     fn model_range(&self, name: &str) -> Option<(f64, f64)> {
         let quantity = self.quantities.iter().find(|quantity| quantity.name == name)?;
         let less = self.less(name);

@@ -18,6 +18,7 @@ use crate::study::diagnosis::Untestable;
 use crate::study::smooth::{legendre, range};
 use abbe_geometry::{Axis, Matrix3, Vector3};
 use faer::Mat;
+use std::collections::BTreeSet;
 
 const FEWEST_CONTRASTS: usize = 12;
 const FEWEST_BLOCKS: usize = 3;
@@ -252,6 +253,10 @@ impl Study for Turned<'_> {
         self.inner.model_covariates(candidate)
     }
 
+    fn logged(&self) -> BTreeSet<String> {
+        self.inner.logged()
+    }
+
     fn model_range(&self, name: &str) -> Option<(f64, f64)> {
         self.inner.model_range(name)
     }
@@ -265,8 +270,7 @@ impl Study for Turned<'_> {
     }
 
     fn notes(&self) -> Vec<String> {
-        let points: std::collections::BTreeSet<&str> =
-            self.list.iter().map(|contrast| contrast.point.as_str()).collect();
+        let points: BTreeSet<&str> = self.list.iter().map(|contrast| contrast.point.as_str()).collect();
         let quantities: Vec<&str> = self.inner.quantities.iter().map(|quantity| quantity.name.as_str()).collect();
         let logged: Vec<&str> = quantities.into_iter().filter(|name| !POSITION.contains(name)).collect();
         let mut notes = vec![
