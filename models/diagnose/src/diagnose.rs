@@ -5,8 +5,9 @@
 
 use crate::alias;
 use crate::candidates::{Candidate, Round};
+use crate::competing::{self, Without};
 use crate::context::read_by;
-use crate::diagnosis::{Diagnosis, Found, FoundParameter, Kind, Rival};
+use crate::diagnosis::{Competing, Diagnosis, Found, FoundParameter, Kind, Rival};
 use crate::error::DiagnoseError;
 use crate::gate::{self, Verdict};
 use crate::judge::{self, Blocked, Unseen};
@@ -62,12 +63,15 @@ pub fn diagnose(
     let last = state.round.clone();
     let detection_after = noise::detect(&last, campaign, &state.fit.evidence);
     let enriched = state.is_enriched();
-    let found = found(&search, &state, &base, observe)?;
+    let without = competing::without_each(&search, &state, &base, observe)?;
+    let (averaged, competing) = competing::averaged(&search, &state, &state.fit.model, &without, observe)?;
+    let found = found(&search, &state, &base, without.iter().zip(competing))?;
     let not_identifiable = alias::not_identifiable(&last, &state.fit.model, &named)?;
     let untestable = alias::untestable(&state.machine, &search.context);
     let next_measurements = next_measurements(&found, &not_identifiable, &untestable);
     let rejected_lines = rejected_lines(campaign, &state.fit.weights);
     let set_aside = state.set_aside();
+    state.fit.model = averaged;
     let structured = enriched || detection_after.has_structure() || !rejected_lines.is_empty();
     // What was significant and stays out is no noise either.
     let hangs_together = state.fit.correlation.is_some();
@@ -186,18 +190,18 @@ fn blocked(campaign: &Campaign, before: &Round, after: &Round) -> Vec<Blocked> {
     verdict.map(|judged| Blocked { by: judged.by, before: judged.before, after: judged.after }).collect()
 }
 
-fn found(
+fn found<'a>(
     search: &Search,
     state: &State,
     base: &[EffectTerm],
-    observe: &mut dyn FnMut(Progress) -> bool,
+    others: impl Iterator<Item = (&'a Option<Without<'a>>, Vec<Competing>)>,
 ) -> Result<Vec<Found>, DiagnoseError> {
     let effects = &state.fit.model.parts().effects;
     let mut first = state.fit.model.layout().len();
     let mut all = Vec::new();
-    for (index, fitted) in effects.iter().enumerate() {
+    for (fitted, (without, competing)) in effects.iter().zip(others) {
         if !is_base(base, fitted) {
-            all.push(one(search, state, (index, first), observe)?);
+            all.push(Found { competing, ..one(search, state, (fitted, first), without.as_ref())? });
         }
         first += fitted.parameters.len();
     }
@@ -211,26 +215,22 @@ fn is_base(base: &[EffectTerm], fitted: &FittedEffect) -> bool {
 fn one(
     search: &Search,
     state: &State,
-    (index, first): (usize, usize),
-    observe: &mut dyn FnMut(Progress) -> bool,
+    (fitted, first): (&FittedEffect, usize),
+    without: Option<&Without>,
 ) -> Result<Found, DiagnoseError> {
-    let model = &state.fit.model;
-    let fitted = &model.parts().effects[index];
     let last = &state.round;
     let (candidate, rivals, p_value, gate) = added(state, fitted).ok_or(DiagnoseError::Singular)?;
-    let mut others = state.terms.clone();
-    others.remove(index);
     let columns = last.rows.columns(fitted.effect.as_ref())?;
     // Where there is no fit without it, what it gains cannot be said; that it was found can.
     let (mut held_out_gain_m, mut placebo, mut alias_share) = (None, None, candidate.score.alias_share);
     let mut kind = if candidate.known.name == "empirical" { Kind::Empirical } else { Kind::Attributed };
-    if let Ok((_, without)) = search.attempt_under(&state.machine, &others, state.fit.correlation, observe)? {
+    if let Some((_, without)) = without {
         let draws = (search.options.placebos, search.options.seed);
-        placebo = judge::placebo(&without, &columns, search.campaign, draws).ok();
+        placebo = judge::placebo(without, &columns, search.campaign, draws).ok();
         alias_share = without.score(&without.free.project(columns.as_ref())).alias_share;
-        let lines = gate::judge(&without, last, search.campaign, &[]).judged.into_iter().find(|j| j.by == "line");
+        let lines = gate::judge(without, last, search.campaign, &[]).judged.into_iter().find(|j| j.by == "line");
         held_out_gain_m = lines.map(|lines| (lines.before - lines.after) * typical_u_m(&state.fit));
-        if search.is_outdone(state, &without, candidate)? {
+        if search.is_outdone(state, without, candidate)? {
             kind = Kind::Empirical;
         }
     }
@@ -247,6 +247,7 @@ fn one(
         parameters: parameters(&state.fit, fitted, first),
         size_m: size_m(last, fitted)?,
         rivals: rivals.iter().map(|r| rival(candidate, r, last.used)).collect(),
+        competing: Vec::new(),
         held_out_gain_m,
         placebo,
         gate: gate.clone(),

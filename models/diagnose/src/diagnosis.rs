@@ -85,6 +85,9 @@ pub struct Found {
     pub size_m: f64,
     /// Other effects that explain nearly the same here.
     pub rivals: Vec<Rival>,
+    /// Explanations nearly as likely in its place. Coordinates by the model of [`Diagnosis::after`] are the mean of all, weighted by how
+    /// likely each is, with their disagreement in the covariance.
+    pub competing: Vec<Competing>,
     /// Gain in blocked rms over the model without it (m), lines left out; `None` where there is no fit without it.
     pub held_out_gain_m: Option<f64>,
     /// Its gain beside placebos; `None` where there is no fit without it.
@@ -137,6 +140,19 @@ pub struct Rival {
     pub shape: Shape,
     /// How much less evidence it has.
     pub evidence_behind: f64,
+}
+
+/// An explanation that is nearly as likely as an effect found, in its place.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Competing {
+    /// Name.
+    pub name: &'static str,
+    /// Name for readers.
+    pub title: &'static str,
+    /// Its shape.
+    pub shape: Shape,
+    /// Its share of the mean; what was found has the rest.
+    pub weight: f64,
 }
 
 /// An effect that this plan cannot judge.

@@ -6,6 +6,7 @@
 
 mod alias;
 mod candidates;
+mod competing;
 mod context;
 mod diagnose;
 mod diagnosis;
@@ -35,7 +36,7 @@ mod wald;
 mod worth;
 
 pub use diagnose::diagnose;
-pub use diagnosis::{Diagnosis, Found, FoundParameter, Kind, NotIdentifiable, Rival, SetAside, Untestable};
+pub use diagnosis::{Competing, Diagnosis, Found, FoundParameter, Kind, NotIdentifiable, Rival, SetAside, Untestable};
 pub use error::DiagnoseError;
 pub use foresight::{Foresight, Told, ToldParameter, foresee};
 pub use gate::{Judged, Verdict};

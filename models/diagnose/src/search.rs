@@ -98,8 +98,12 @@ impl<'a> State<'a> {
 
     /// Whether the term, or the same with other figures, is in the model or was refused.
     fn is_out(&self, term: &EffectTerm) -> bool {
-        let mut refused = self.refused.iter().chain(&self.set_aside);
-        has(&self.terms, term) || refused.any(|refused| is_variant(refused, term))
+        has(&self.terms, term) || self.is_refused(term)
+    }
+
+    /// Whether the term, or the same with other figures, was refused beside what the model has.
+    pub(crate) fn is_refused(&self, term: &EffectTerm) -> bool {
+        self.refused.iter().chain(&self.set_aside).any(|refused| is_variant(refused, term))
     }
 
     /// Whether error functions got more coefficients.
@@ -350,7 +354,7 @@ impl<'a> Search<'a> {
 
     /// Twice the log likelihood that the second fit gains with the weights of the first: each fit's own figure leaves out
     /// what that fit rejects, and whoever rejects more would win.
-    fn gain_alike(&self, first: &Identified, second: &Identified) -> Result<f64, DiagnoseError> {
+    pub(crate) fn gain_alike(&self, first: &Identified, second: &Identified) -> Result<f64, DiagnoseError> {
         let likelihood =
             |fit: &Identified| minus_two_log_likelihood_on(fit, self.instrument, self.campaign, &first.weights);
         Ok(likelihood(first)? - likelihood(second)?)

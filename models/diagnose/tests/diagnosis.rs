@@ -10,7 +10,8 @@ mod common;
 use abbe_diagnose::{DiagnoseError, Diagnosis, Kind, NotIdentifiable, Options, diagnose};
 use abbe_geometry::Vector3;
 use abbe_geometry::chain::nominal_point_m;
-use abbe_geometry::effects::{ShapeValue, of_lagged};
+use abbe_geometry::correct::correct;
+use abbe_geometry::effects::{CovariateSource, CovariateValue, Shape, ShapeValue, State, of_lagged};
 use abbe_geometry::error_function;
 use abbe_measurement::campaign::Covariate;
 use abbe_virtual_machine::effects::from_text;
@@ -28,6 +29,14 @@ fn text<'a>(diagnosis: &'a Diagnosis, name: &str, key: &str) -> &'a str {
     match found.shape.0.get(key) {
         Some(ShapeValue::Text(value)) => value,
         other => panic!("{name} {key}: {other:?}"),
+    }
+}
+
+/// Covariates by name.
+struct By<F>(F);
+impl<F: Fn(&str) -> CovariateValue> CovariateSource for By<F> {
+    fn covariate(&self, name: &str) -> CovariateValue {
+        (self.0)(name)
     }
 }
 
@@ -89,6 +98,46 @@ fn one_effect_is_named_and_removed() {
             (case.verification_m(&diagnosis.before.model), case.verification_m(&diagnosis.after.model));
         assert!(after_m < 1.15 * clean_m && before_m > 1.15 * clean_m, "{injected}: {before_m} {after_m} {clean_m}");
     }
+}
+
+/// Two sensors side by side explain the same: whichever is taken, a coordinate is uncertain where they part.
+#[test]
+fn explanations_that_compete_are_averaged_and_their_disagreement_is_uncertainty() {
+    let mut case = Case::new(4, &["scale_expansion axis=x per_kelvin_um_m=9 fixed_at_mm=0"]);
+    let campaign = &mut case.simulated.campaign;
+    let near = |(k, value): (usize, &Option<f64>)| value.map(|value| value + 0.002 * (1.7 * k as f64).sin());
+    let values = campaign.covariate("temp_scale_x_c").unwrap().values.iter().enumerate().map(near).collect();
+    campaign.covariates.push(Covariate { name: "temp_beside_c".to_owned(), values });
+    let diagnosis = case.diagnose();
+    assert_eq!(names(&diagnosis), ["scale_expansion"], "{:?}", diagnosis.steps);
+    let found = &diagnosis.found[0];
+    let sensor = |shape: &Shape| shape.0.get("sensor").cloned();
+    let other =
+        found.competing.iter().find(|c| c.name == found.name && sensor(&c.shape) != sensor(&found.shape)).unwrap();
+    assert!((0.02..0.98).contains(&other.weight), "{other:?}");
+    let corrected = |own_c: f64, beside_c: f64| {
+        let logged = By(|name: &str| match name {
+            "temp_scale_x_c" => CovariateValue::Fresh(own_c),
+            "temp_beside_c" => CovariateValue::Fresh(beside_c),
+            _ => CovariateValue::Missing,
+        });
+        let state = State { reading_m: [0.6, 0.2, 0.1], offset_m: [0.0; 3], covariates: &logged };
+        let correction = correct(&diagnosis.after.model, &state);
+        (correction.position_m.x, correction.covariance_m2.unwrap()[(0, 0)].sqrt())
+    };
+    let (range, middle_c) =
+        diagnosis.after.model.covariate_range("temp_scale_x_c").map(|(l, h)| (h - l, (l + h) / 2.0)).unwrap();
+    let (together_m, u_together_m) = corrected(middle_c, middle_c);
+    let (parted_m, u_parted_m) = corrected(middle_c + range / 2.0, middle_c);
+    let disagree_m = 9e-6 * 0.6 * range / 2.0;
+    let spread_m = (other.weight * (1.0 - other.weight)).sqrt() * disagree_m;
+    assert!(
+        u_parted_m > 0.9 * spread_m.hypot(u_together_m) && spread_m > u_together_m,
+        "{u_parted_m} {spread_m} {u_together_m}"
+    );
+    // The truth, by the sensor that the scale really follows.
+    let truth_m = together_m + disagree_m;
+    assert!((parted_m - truth_m).abs() < 3.0 * u_parted_m, "{parted_m} {truth_m} {u_parted_m}");
 }
 
 #[test]

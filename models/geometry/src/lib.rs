@@ -16,6 +16,7 @@ pub mod layout;
 #[cfg(test)]
 mod logged;
 pub mod machine;
+pub mod mixture;
 pub mod model;
 pub mod predict;
 pub mod residual_field;

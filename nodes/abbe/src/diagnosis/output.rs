@@ -4,7 +4,7 @@
 
 use super::{Product, targets};
 use abbe_files::AtomicFile;
-use abbe_report::diagnosis::{Effect, Record, Rival, readable};
+use abbe_report::diagnosis::{Averaged, Effect, Record, Rival, readable};
 use anyhow::{Context, ensure};
 use std::fmt::Write as _;
 use std::io::Write;
@@ -107,5 +107,9 @@ fn describe(text: &mut String, effect: &Effect) {
     if !effect.cannot_be_told_from.is_empty() {
         let rivals: Vec<String> = effect.cannot_be_told_from.iter().map(Rival::label).collect();
         let _ = writeln!(text, "    cannot be told from {}", rivals.join(", "));
+    }
+    if !effect.averaged_with.is_empty() {
+        let others: Vec<String> = effect.averaged_with.iter().map(Averaged::label).collect();
+        let _ = writeln!(text, "    corrected coordinates are the mean with {}", others.join(", "));
     }
 }

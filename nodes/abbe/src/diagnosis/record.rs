@@ -49,6 +49,7 @@ fn effect(found: &library::Found) -> shown::Effect {
         held_out_gain_um: found.held_out_gain_m.and_then(um),
         placebo: found.placebo.as_ref().map_or_else(no_placebo, placebo),
         cannot_be_told_from: found.rivals.iter().map(rival).collect(),
+        averaged_with: found.competing.iter().map(averaged).collect(),
         size_um: um(found.size_m),
         predicts: predicts(&found.gate),
     }
@@ -102,6 +103,11 @@ fn parameter(found: &library::FoundParameter) -> shown::Parameter {
 fn rival(rival: &library::Rival) -> shown::Rival {
     let evidence_behind = finite(rival.evidence_behind);
     shown::Rival { name: rival.name.to_owned(), shape: shape(&rival.shape), evidence_behind }
+}
+
+fn averaged(competing: &library::Competing) -> shown::Averaged {
+    let (name, shape) = (competing.name.to_owned(), shape(&competing.shape));
+    shown::Averaged { name, shape, share: finite(competing.weight) }
 }
 
 fn placebo(placebo: &library::Placebo) -> shown::Placebo {

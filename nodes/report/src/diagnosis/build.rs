@@ -43,6 +43,7 @@ fn effects(diagnosis: &DiagnosisReport, sections: &mut Vec<Section>) {
     sections.extend(record.placebo_table());
     sections.extend(record.predicts_table());
     sections.extend(record.rivals_table());
+    sections.extend(record.averaged_table());
     sections.extend(record.ladder_table());
     sections.extend(record.alternatives_table());
 }

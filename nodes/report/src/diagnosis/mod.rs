@@ -13,8 +13,9 @@ mod words;
 
 pub use pictures::{Residuals, Split, View};
 pub use record::{
-    Alternative, Blocked, Both, Considered, Detection, Effect, ErrorFigures, File, Group, HeldOut, LeftOut, ModelOut,
-    NotIdentifiable, Parameter, Placebo, Predicts, Record, Rival, Rung, SetAside, Structure, Untestable, Verification,
+    Alternative, Averaged, Blocked, Both, Considered, Detection, Effect, ErrorFigures, File, Group, HeldOut, LeftOut,
+    ModelOut, NotIdentifiable, Parameter, Placebo, Predicts, Record, Rival, Rung, SetAside, Structure, Untestable,
+    Verification,
 };
 
 use crate::error::ReportError;

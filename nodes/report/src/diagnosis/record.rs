@@ -129,6 +129,9 @@ pub struct Effect {
     pub placebo: Placebo,
     /// Other effects that explain nearly the same.
     pub cannot_be_told_from: Vec<Rival>,
+    /// Explanations nearly as likely in its place, which corrected coordinates are the mean with.
+    #[serde(default)]
+    pub averaged_with: Vec<Averaged>,
     /// Rms of what it does to the readings.
     pub size_um: Option<f64>,
     /// How it predicts what it was not fitted to.
@@ -216,6 +219,17 @@ pub struct Rival {
     pub shape: BTreeMap<String, Value>,
     /// How much less evidence it has.
     pub evidence_behind: Option<f64>,
+}
+
+/// An explanation that takes part in corrected coordinates.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Averaged {
+    /// Name.
+    pub name: String,
+    /// Its shape, figures in SI.
+    pub shape: BTreeMap<String, Value>,
+    /// Its share of the mean.
+    pub share: Option<f64>,
 }
 
 /// Error of one model.
@@ -430,6 +444,14 @@ impl Effect {
             }
             _ => self.title.clone(),
         }
+    }
+}
+
+impl Averaged {
+    /// Name, shape and share: `reversal (axis y, over x, terms 2) 12 %`.
+    pub fn label(&self) -> String {
+        let name = super::tables::shaped(&self.name, &self.shape);
+        self.share.map_or(name.clone(), |share| format!("{name} {:.0} %", 100.0 * share))
     }
 }
 

@@ -142,6 +142,23 @@ impl Record {
         (!rows.is_empty()).then(|| table("Rivals", Some(note), columns, rows))
     }
 
+    /// What corrected coordinates are the mean of; nothing where no explanation competes.
+    pub(super) fn averaged_table(&self) -> Option<Section> {
+        let columns = vec![Column::text("effect found"), Column::text("in its place"), Column::number("share", "%")];
+        let of = |e: &Effect| {
+            let label = e.label();
+            let row = move |a: &super::Averaged| {
+                let share = Cell::maybe(a.share.map(|share| 100.0 * share), 0);
+                vec![Cell::text(&label), Cell::text(shaped(&a.name, &a.shape)), share]
+            };
+            e.averaged_with.iter().map(row).collect::<Vec<_>>()
+        };
+        let rows: Vec<_> = self.effects.iter().flat_map(of).collect();
+        let note = "Corrected coordinates are the mean of these explanations and of what was found, each by its likelihood. Where \
+                    they disagree, the stated uncertainty is wider.";
+        (!rows.is_empty()).then(|| table("Competing explanations", Some(note), columns, rows))
+    }
+
     /// How effects predict what they were not fitted to; nothing where that was not judged.
     pub(super) fn predicts_table(&self) -> Option<Section> {
         let columns = vec![

@@ -1,0 +1,139 @@
+//! Explanations that compete with those found, kept instead of thrown away.
+//!
+//! Place in the flow: the end of [`crate::diagnose()`]. For each effect found, the candidates that explain nearly as much in its
+//! place (another effect, another sensor, another time constant, a free dependence) are fitted as it was. Those that pass the same
+//! gate are weighed by their restricted marginal likelihood over the same readings,
+//!
+//! w ∝ exp(−½ (Δ −2 log L)) / trials,
+//!
+//! and the model that corrects is the mean of all ([`abbe_geometry::mixture`]), whose covariance holds their disagreement. One effect is
+//! replaced at a time. Lengths in m.
+
+use crate::candidates::{Candidate, Round, score_all};
+use crate::context::read_by;
+use crate::diagnosis::Competing;
+use crate::error::DiagnoseError;
+use crate::gate;
+use crate::options::Progress;
+use crate::search::{Search, State, has};
+use crate::worth;
+use abbe_geometry::mixture::mixture;
+use abbe_geometry::model::MachineModel;
+use abbe_identify::{EffectTerm, Identified, IdentifyError, TIME};
+
+/// Weight beside the effect found below which an explanation is not kept: it would move a coordinate by a fiftieth of what they differ.
+const LEAST: f64 = 0.02;
+/// Explanations tried in the place of each effect: each costs a fit.
+const MOST_TRIED: usize = 3;
+/// An explanation in the place of an effect found.
+struct Kept {
+    said: Competing,
+    model: MachineModel,
+    /// Weight beside the effects found, which have one.
+    weight: f64,
+}
+
+/// The fit without an effect found, and its rows.
+pub(crate) type Without<'a> = (Identified, Round<'a>);
+
+/// Of each term of the model, the fit without it; `None` of those that the model had before, and where there is no such fit.
+pub(crate) fn without_each<'a>(
+    search: &Search<'a>,
+    state: &State<'a>,
+    base: &[EffectTerm],
+    observe: &mut dyn FnMut(Progress) -> bool,
+) -> Result<Vec<Option<Without<'a>>>, DiagnoseError> {
+    let mut all = Vec::new();
+    for (index, term) in state.terms.iter().enumerate() {
+        let mut others = state.terms.clone();
+        others.remove(index);
+        all.push(match has(base, term) {
+            true => None,
+            false => search.attempt_under(&state.machine, &others, state.fit.correlation, observe)?.ok(),
+        });
+    }
+    Ok(all)
+}
+
+/// The model to correct with, and what it takes the mean of in the place of each term; `found` is the model of the search with what
+/// follows the time.
+pub(crate) fn averaged(
+    search: &Search,
+    state: &State,
+    found: &MachineModel,
+    without: &[Option<Without>],
+    observe: &mut dyn FnMut(Progress) -> bool,
+) -> Result<(MachineModel, Vec<Vec<Competing>>), DiagnoseError> {
+    let mut all: Vec<Vec<Kept>> = Vec::new();
+    for (index, without) in without.iter().enumerate() {
+        all.push(match without {
+            Some(without) => in_place_of(search, state, (index, without), observe)?,
+            None => Vec::new(),
+        });
+    }
+    let kept = || all.iter().flatten();
+    if kept().next().is_none() {
+        return Ok((found.clone(), all.iter().map(|_| Vec::new()).collect()));
+    }
+    let total = 1.0 + kept().map(|kept| kept.weight).sum::<f64>();
+    let members: Vec<(f64, &MachineModel)> =
+        std::iter::once((1.0, found)).chain(kept().map(|kept| (kept.weight, &kept.model))).collect();
+    let model = mixture(&members).map_err(IdentifyError::from)?;
+    let share = |kept: &Kept| Competing { weight: kept.weight / total, ..kept.said.clone() };
+    Ok((model, all.iter().map(|of_term| of_term.iter().map(share).collect()).collect()))
+}
+
+/// What explains nearly as much as one of the terms, fitted in its place.
+fn in_place_of(
+    search: &Search,
+    state: &State,
+    (index, (fit_without, without)): (usize, &Without),
+    observe: &mut dyn FnMut(Progress) -> bool,
+) -> Result<Vec<Kept>, DiagnoseError> {
+    let mut others = state.terms.clone();
+    let term = others.remove(index);
+    let named = search.named(without, &state.machine)?;
+    let known = abbe_geometry::effects::known(term.effect.name()).ok_or(DiagnoseError::Singular)?;
+    let trials = named.iter().filter(|c| c.known.name == known.name).map(|c| c.trials).max().unwrap_or(1);
+    let scored = score_all(without, vec![(known, term.clone(), trials)])?;
+    let Some(own) = scored.first() else { return Ok(Vec::new()) };
+    let looked = search.look(without, &state.machine)?;
+    let free = search.empirical(without, state, &looked)?;
+    let least = own.evidence(without.used) - search.options.rival_margin;
+    let mut open: Vec<&Candidate> = named.iter().chain(&free).filter(|c| c.evidence(without.used) > least).collect();
+    // What follows the time of the campaign says nothing of the time at which a coordinate is corrected.
+    let in_time = |term: &EffectTerm| read_by(term.effect.as_ref(), &term.shape).iter().any(|name| name == TIME);
+    open.retain(|c| !has(&state.terms, &c.term) && !state.is_refused(&c.term) && (in_time(&term) || !in_time(&c.term)));
+    open.sort_by(|a, b| b.evidence(without.used).total_cmp(&a.evidence(without.used)));
+    let mut kept = Vec::new();
+    for candidate in open.into_iter().take(MOST_TRIED) {
+        let terms: Vec<EffectTerm> = others.iter().chain([&candidate.term]).cloned().collect();
+        let Ok((fit, round)) = search.attempt_under(&state.machine, &terms, state.fit.correlation, observe)? else {
+            continue;
+        };
+        let own_term = std::slice::from_ref(&candidate.term);
+        let refused = gate::judge(without, &round, search.campaign, own_term).refused;
+        if refused.or_else(|| worth::refusal(own_term, &fit_without.model, &fit.model, search.campaign)).is_some() {
+            continue;
+        }
+        let tried = own.trials.max(1) as f64 / candidate.trials.max(1) as f64;
+        let weight = weight(search, &state.fit, &fit) * tried.min(1.0);
+        if weight < LEAST {
+            continue;
+        }
+        let said = Competing {
+            name: candidate.known.name,
+            title: candidate.known.title,
+            shape: candidate.term.shape.clone(),
+            weight,
+        };
+        kept.push(Kept { said, model: fit.model, weight });
+    }
+    Ok(kept)
+}
+
+/// Likelihood of the second fit over that of the first, on the readings that the first uses; 0 where it cannot be said. It is at most
+/// one: the search chose the first, by what lines left out said and a cause before a description, and a free form always fits better.
+fn weight(search: &Search, first: &Identified, second: &Identified) -> f64 {
+    search.gain_alike(first, second).map_or(0.0, |gain| (0.5 * gain).min(0.0).exp())
+}

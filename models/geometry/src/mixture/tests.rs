@@ -1,0 +1,76 @@
+//! The mean of models against the means of what they say.
+
+use super::*;
+use crate::correct::correct;
+use crate::correct::tests::{By, at, model};
+use crate::effects::{CovariateValue, Shape};
+use nalgebra::{Matrix3, Vector3};
+
+/// Range of a test covariate, by which the two models of [`two`] differ.
+const NAMES: [&str; 2] = ["temp_scale_x_c", "temp_scale_y_c"];
+
+fn two() -> [MachineModel; 2] {
+    NAMES.map(|name| {
+        let axis = if name == NAMES[0] { "x" } else { "y" };
+        model(&[("scale_expansion", Shape::new().text("axis", axis).text("sensor", name))])
+    })
+}
+
+/// Covariance and position are those of the mixture, evaluated with every model apart.
+#[test]
+fn a_mean_of_models_corrects_to_the_mean_of_what_they_say() {
+    let models = two();
+    let mean = mixture(&[(3.0, &models[0]), (1.0, &models[1])]).unwrap();
+    assert_eq!(mean.parts().effects.len(), 2);
+    for values in [[4.0, 4.0], [0.0, 9.0], [8.0, 1.0]] {
+        let logged = By(|name: &str| {
+            let at = NAMES.iter().position(|known| *known == name);
+            at.map_or(CovariateValue::Missing, |k| CovariateValue::Fresh(values[k]))
+        });
+        let of = |model: &MachineModel| correct(model, &at(&logged));
+        let (each, all) = ([of(&models[0]), of(&models[1])], of(&mean));
+        let position_m: Vector3<f64> = each[0].position_m * 0.75 + each[1].position_m * 0.25;
+        // Products of angles are not linear: some 1e-12 m.
+        assert!((all.position_m - position_m).norm() < 1e-11, "{:e}", (all.position_m - position_m).norm());
+        let mixed: Matrix3<f64> = [0.75, 0.25]
+            .into_iter()
+            .zip(each)
+            .map(|(weight, one)| {
+                let off_m = one.position_m - position_m;
+                (one.covariance_m2.unwrap() + off_m * off_m.transpose()) * weight
+            })
+            .sum();
+        let differs = (all.covariance_m2.unwrap() - mixed).norm() / mixed.norm();
+        assert!(differs < 1e-6, "{differs:e}");
+    }
+}
+
+#[test]
+fn a_mean_of_one_model_is_that_model() {
+    let [one, _] = two();
+    let mean = mixture(&[(0.3, &one)]).unwrap();
+    let (a, b) = (mean.parts(), one.parts());
+    assert_eq!((&a.coefficients, &a.covariance, &a.stations), (&b.coefficients, &b.covariance, &b.stations));
+    assert_eq!(a.effects[0].parameters, b.effects[0].parameters);
+}
+
+#[test]
+fn models_that_do_not_belong_together_have_no_mean() {
+    let [one, other] = two();
+    let mut parts = other.parts().clone();
+    parts.stations[0].name = "another".to_owned();
+    let elsewhere = MachineModel::new(parts).unwrap();
+    let mut parts = other.parts().clone();
+    parts.machine.stroke_m[0].1 *= 2.0;
+    let larger = MachineModel::new(parts).unwrap();
+    for (models, what) in [
+        (vec![], "weights"),
+        (vec![(0.0, &one), (0.0, &other)], "weights"),
+        (vec![(f64::NAN, &one)], "weights"),
+        (vec![(2.0, &one), (-1.0, &other)], "weights"),
+        (vec![(1.0, &one), (1.0, &elsewhere)], "campaigns"),
+        (vec![(1.0, &one), (1.0, &larger)], "machines"),
+    ] {
+        assert_eq!(mixture(&models).unwrap_err(), ModelError::Mixture { what });
+    }
+}
