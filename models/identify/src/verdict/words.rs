@@ -129,7 +129,7 @@ impl fmt::Display for Cause {
             Cause::Scattered => f.write_str(
                 "gross errors all over the data (interrupted beam, axes not at rest, rows mixed up): measure again",
             ),
-            Cause::Lacks => f.write_str("the model lacks an effect: abbe diagnose looks for it"),
+            Cause::Lacks => f.write_str("the model lacks an effect that abbe diagnose may name"),
             Cause::Understated => f.write_str(
                 "the declared uncertainties are too small: check their unit, and whether they are k = 1 or k = 2",
             ),

@@ -67,7 +67,7 @@ pub(crate) fn words(record: &Record, folder: &Path) -> String {
         describe(&mut text, effect);
     }
     for candidate in &record.set_aside {
-        let _ = writeln!(text, "\n  set aside {}: {}", candidate.title, candidate.because);
+        let _ = writeln!(text, "\n  set aside {}: {}", candidate.label(), candidate.because);
     }
     for words in &record.held_out.not_judged {
         let _ = writeln!(text, "  not judged         {words}");

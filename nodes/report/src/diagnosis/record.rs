@@ -429,8 +429,14 @@ pub struct Alternative {
 }
 
 impl Effect {
-    /// Title with what it is about: `backlash of Y`.
+    /// Title with what it is about and what it follows: `backlash of Y`, `expansion of X by temp_scale_x_c`.
     pub fn label(&self) -> String {
+        let text = |key: &str| self.shape.get(key).and_then(Value::as_str);
+        let about = self.about();
+        text("sensor").map_or(about.clone(), |sensor| format!("{about} by {sensor}"))
+    }
+
+    fn about(&self) -> String {
         let text = |key: &str| self.shape.get(key).and_then(Value::as_str);
         match (text("axis"), text("carriage"), text("line")) {
             (Some(axis), ..) => format!("{} of {}", self.title, axis.to_uppercase()),
@@ -444,6 +450,13 @@ impl Effect {
             }
             _ => self.title.clone(),
         }
+    }
+}
+
+impl SetAside {
+    /// Title and shape.
+    pub fn label(&self) -> String {
+        super::tables::shaped(&self.title, &self.shape)
     }
 }
 

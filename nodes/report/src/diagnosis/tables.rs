@@ -193,7 +193,7 @@ impl Record {
     /// What stays out; nothing where nothing does.
     pub(super) fn set_aside_table(&self) -> Option<Section> {
         let columns = vec![Column::text("candidate"), Column::text("stays out because")];
-        let row = |s: &super::SetAside| vec![Cell::text(shaped(&s.title, &s.shape)), Cell::text(&s.because)];
+        let row = |s: &super::SetAside| vec![Cell::text(s.label()), Cell::text(&s.because)];
         let rows: Vec<_> = self.set_aside.iter().map(row).collect();
         let note =
             "These explain the readings better than chance when they are alone, but something else may be the cause.";

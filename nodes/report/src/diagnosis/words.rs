@@ -8,6 +8,8 @@ use crate::text::{fixed, significant};
 
 /// Reasons to set candidates aside that are told at most, and candidates that are named for each.
 const SET_ASIDE: usize = 3;
+/// Probability below which scatter is not what was declared.
+const UNDECLARED: f64 = 1e-4;
 
 impl Record {
     /// What the diagnosis says, in a few sentences; for [`Record::verdict`].
@@ -38,7 +40,7 @@ impl Record {
     fn set_aside_words(&self) -> Vec<String> {
         let mut reasons: Vec<(&str, Vec<String>)> = Vec::new();
         for aside in &self.set_aside {
-            let name = super::tables::shaped(&aside.title, &aside.shape);
+            let name = aside.label();
             match reasons.iter_mut().find(|(because, _)| *because == aside.because) {
                 Some((_, names)) => names.push(name),
                 None => reasons.push((&aside.because, vec![name])),
@@ -63,8 +65,25 @@ impl Record {
         if self.enriched {
             return "No effect is missing.".to_owned();
         }
-        if self.consistent_with_noise {
-            return "Consistent with noise: nothing is missing that these data can show.".to_owned();
+        let found = &self.detection.before;
+        match found.p_declared.filter(|p_value| *p_value < UNDECLARED).and(found.chi2_per_dof) {
+            None if self.consistent_with_noise => {
+                return "Consistent with noise: nothing is missing that these data can show.".to_owned();
+            }
+            Some(chi2_per_dof) if self.consistent_with_noise => {
+                let (size, cause) = match chi2_per_dof > 1.0 {
+                    true => (
+                        "more",
+                        "the noise is larger than declared, or something acts without a pattern that these data show",
+                    ),
+                    false => ("less", "the noise is smaller than declared"),
+                };
+                return format!(
+                    "No structure that noise lacks, but {size} scatter than declared (chi2 per degree of freedom {}): {cause}.",
+                    significant(chi2_per_dof, 3)
+                );
+            }
+            _ => {}
         }
         format!("Something is there that these data attribute to no candidate. {}", self.detection.before.words)
     }
@@ -137,6 +156,19 @@ mod tests {
         let clean = Record { consistent_with_noise: true, ..record() };
         assert!(clean.words().starts_with("Consistent with noise"), "{}", clean.words());
         assert!(!clean.words().contains("lacks") && !clean.words().contains("goes from"));
+    }
+
+    #[test]
+    fn regress_scatter_that_was_not_declared_is_not_called_noise_without_a_word() {
+        let mut clean = Record { consistent_with_noise: true, ..record() };
+        for (chi2_per_dof, word) in [(2.47, "larger than declared"), (0.3, "smaller than declared")] {
+            (clean.detection.before.chi2_per_dof, clean.detection.before.p_declared) =
+                (Some(chi2_per_dof), Some(1e-30));
+            let words = clean.words();
+            assert!(words.contains(word) && !words.contains("Consistent"), "{words}");
+        }
+        (clean.detection.before.chi2_per_dof, clean.detection.before.p_declared) = (Some(1.02), Some(0.3));
+        assert!(clean.words().starts_with("Consistent with noise"));
     }
 
     #[test]
