@@ -52,7 +52,7 @@ fn main() {
             println!(
                 "    unexplained um {:.2} {:.2} noise {:?}",
                 d.before.model.parts().quality.unexplained_m * 1e6,
-                d.after.model.parts().quality.unexplained_m * 1e6,
+                d.model.parts().quality.unexplained_m * 1e6,
                 d.after.correlation
             );
             if let Some(unseen) = &d.unseen {

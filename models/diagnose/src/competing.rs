@@ -17,6 +17,7 @@ use crate::gate;
 use crate::options::Progress;
 use crate::search::{Search, State, has};
 use crate::worth;
+use abbe_geometry::effects::of_lagged;
 use abbe_geometry::mixture::mixture;
 use abbe_geometry::model::MachineModel;
 use abbe_identify::{EffectTerm, Identified, IdentifyError, TIME};
@@ -25,6 +26,9 @@ use abbe_identify::{EffectTerm, Identified, IdentifyError, TIME};
 const LEAST: f64 = 0.02;
 /// Explanations tried in the place of each effect: each costs a fit.
 const MOST_TRIED: usize = 3;
+/// The effect that describes without a cause.
+const DESCRIPTION: &str = "empirical";
+
 /// An explanation in the place of an effect found.
 struct Kept {
     said: Competing,
@@ -101,9 +105,7 @@ fn in_place_of(
     let free = search.empirical(without, state, &looked)?;
     let least = own.evidence(without.used) - search.options.rival_margin;
     let mut open: Vec<&Candidate> = named.iter().chain(&free).filter(|c| c.evidence(without.used) > least).collect();
-    // What follows the time of the campaign says nothing of the time at which a coordinate is corrected.
-    let in_time = |term: &EffectTerm| read_by(term.effect.as_ref(), &term.shape).iter().any(|name| name == TIME);
-    open.retain(|c| !has(&state.terms, &c.term) && !state.is_refused(&c.term) && (in_time(&term) || !in_time(&c.term)));
+    open.retain(|c| !has(&state.terms, &c.term) && !state.is_refused(&c.term) && is_of_its_kind(&c.term, &term));
     open.sort_by(|a, b| b.evidence(without.used).total_cmp(&a.evidence(without.used)));
     let mut kept = Vec::new();
     for candidate in open.into_iter().take(MOST_TRIED) {
@@ -130,6 +132,15 @@ fn in_place_of(
         kept.push(Kept { said, model: fit.model, weight });
     }
     Ok(kept)
+}
+
+/// Whether likelihood alone may choose between them. The search puts a cause before a description, what is logged before what lags
+/// behind it, and nothing into a coordinate that only follows the time of the campaign.
+fn is_of_its_kind(other: &EffectTerm, found: &EffectTerm) -> bool {
+    let describes = |term: &EffectTerm| term.effect.name() == DESCRIPTION;
+    let lags = |term: &EffectTerm| term.effect.reads().iter().any(|name| of_lagged(name).is_some());
+    let in_time = |term: &EffectTerm| read_by(term.effect.as_ref(), &term.shape).iter().any(|name| name == TIME);
+    (describes(found) || !describes(other)) && (lags(found) || !lags(other)) && !in_time(other)
 }
 
 /// Likelihood of the second fit over that of the first, on the readings that the first uses; 0 where it cannot be said. It is at most

@@ -71,7 +71,8 @@ pub fn diagnose(
     let next_measurements = next_measurements(&found, &not_identifiable, &untestable);
     let rejected_lines = rejected_lines(campaign, &state.fit.weights);
     let set_aside = state.set_aside();
-    state.fit.model = averaged;
+    let model = averaged.without(|fitted| !is_base(&base, fitted) && tomorrow::is_course(fitted));
+    let model = model.map_err(abbe_identify::IdentifyError::from)?;
     let structured = enriched || detection_after.has_structure() || !rejected_lines.is_empty();
     // What was significant and stays out is no noise either.
     let hangs_together = state.fit.correlation.is_some();
@@ -84,6 +85,7 @@ pub fn diagnose(
         blocked: blocked(campaign, &alike, &last),
         before,
         after: state.fit,
+        model,
         detection_before,
         detection_after,
         found,
@@ -248,6 +250,7 @@ fn one(
         size_m: size_m(last, fitted)?,
         rivals: rivals.iter().map(|r| rival(candidate, r, last.used)).collect(),
         competing: Vec::new(),
+        corrects: !tomorrow::is_course(fitted),
         held_out_gain_m,
         placebo,
         gate: gate.clone(),

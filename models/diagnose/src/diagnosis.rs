@@ -6,6 +6,7 @@ use crate::gate::Verdict;
 use crate::judge::{Blocked, Placebo, Unseen};
 use crate::noise::Detection;
 use abbe_geometry::effects::Shape;
+use abbe_geometry::model::MachineModel;
 use abbe_identify::Identified;
 
 /// Outcome of a diagnosis.
@@ -15,6 +16,8 @@ pub struct Diagnosis {
     pub before: Identified,
     /// With what was found; equal to `before` in structure where nothing was.
     pub after: Identified,
+    /// The model to correct with: `after` averaged with what competes, without what is only a course in time.
+    pub model: MachineModel,
     /// Residual of `before`.
     pub detection_before: Detection,
     /// Residual of `after`.
@@ -85,9 +88,11 @@ pub struct Found {
     pub size_m: f64,
     /// Other effects that explain nearly the same here.
     pub rivals: Vec<Rival>,
-    /// Explanations nearly as likely in its place. Coordinates by the model of [`Diagnosis::after`] are the mean of all, weighted by how
+    /// Explanations nearly as likely in its place. Coordinates by the model of [`Diagnosis::model`] are the mean of all, weighted by how
     /// likely each is, with their disagreement in the covariance.
     pub competing: Vec<Competing>,
+    /// Whether coordinates are corrected by it. What is only a course in time is in their uncertainty instead.
+    pub corrects: bool,
     /// Gain in blocked rms over the model without it (m), lines left out; `None` where there is no fit without it.
     pub held_out_gain_m: Option<f64>,
     /// Its gain beside placebos; `None` where there is no fit without it.

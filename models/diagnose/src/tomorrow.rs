@@ -26,7 +26,7 @@ pub(crate) fn told(
 ) -> Result<MachineModel, ModelError> {
     let found: Vec<&FittedEffect> = model.parts().effects.iter().filter(|fitted| is_found(fitted)).collect();
     let is_open = round.rows.correlation.is_some();
-    if !is_open && !found.iter().any(|fitted| has_no_name(fitted) && follows_time(fitted)) {
+    if !is_open && !found.iter().any(|fitted| is_course(fitted)) {
         return Ok(model);
     }
     let squares = found.into_iter().filter(|fitted| follows_time(fitted)).map(|fitted| {
@@ -37,6 +37,12 @@ pub(crate) fn told(
     let mut parts = model.parts().clone();
     parts.quality.unexplained_m = parts.quality.unexplained_m.hypot(square_m2.sqrt());
     MachineModel::new(parts)
+}
+
+/// Whether an effect is only a course in time without a cause: it is in the uncertainty and not in the correction, since the time of a
+/// campaign is not that of a coordinate.
+pub(crate) fn is_course(fitted: &FittedEffect) -> bool {
+    has_no_name(fitted) && follows_time(fitted)
 }
 
 fn has_no_name(fitted: &FittedEffect) -> bool {

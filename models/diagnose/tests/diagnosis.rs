@@ -63,8 +63,7 @@ fn regress_a_clean_machine_with_a_turned_ram_is_not_made_worse() {
         case.simulated.campaign.readings.iter_mut().for_each(|r| r.offset_m = turned(r.offset_m));
         let diagnosis = case.diagnose();
         assert_eq!(names(&diagnosis), [""; 0], "seed {seed}: {:?}", diagnosis.steps);
-        let (before_m, after_m) =
-            (case.verification_m(&diagnosis.before.model), case.verification_m(&diagnosis.after.model));
+        let (before_m, after_m) = (case.verification_m(&diagnosis.before.model), case.verification_m(&diagnosis.model));
         assert!(after_m <= before_m, "seed {seed}: {before_m} {after_m}");
     }
 }
@@ -74,7 +73,7 @@ fn regress_a_clean_machine_with_a_turned_ram_is_not_made_worse() {
 fn one_effect_is_named_and_removed() {
     let clean_m = {
         let case = Case::new(4, &[]);
-        case.verification_m(&case.diagnose().after.model)
+        case.verification_m(&case.diagnose().model)
     };
     let cases = [
         ("backlash axis=y size_um=1.5", "reversal", Some(("axis", "y"))),
@@ -94,8 +93,7 @@ fn one_effect_is_named_and_removed() {
         let own = found.placebo.as_ref().unwrap();
         let placebo = own.placebo_gains.iter().copied().fold(f64::MIN, f64::max);
         assert!(own.gain > 5.0 * placebo.max(0.0), "{injected}: placebo {placebo}");
-        let (before_m, after_m) =
-            (case.verification_m(&diagnosis.before.model), case.verification_m(&diagnosis.after.model));
+        let (before_m, after_m) = (case.verification_m(&diagnosis.before.model), case.verification_m(&diagnosis.model));
         assert!(after_m < 1.15 * clean_m && before_m > 1.15 * clean_m, "{injected}: {before_m} {after_m} {clean_m}");
     }
 }
@@ -122,11 +120,11 @@ fn explanations_that_compete_are_averaged_and_their_disagreement_is_uncertainty(
             _ => CovariateValue::Missing,
         });
         let state = State { reading_m: [0.6, 0.2, 0.1], offset_m: [0.0; 3], covariates: &logged };
-        let correction = correct(&diagnosis.after.model, &state);
+        let correction = correct(&diagnosis.model, &state);
         (correction.position_m.x, correction.covariance_m2.unwrap()[(0, 0)].sqrt())
     };
     let (range, middle_c) =
-        diagnosis.after.model.covariate_range("temp_scale_x_c").map(|(l, h)| (h - l, (l + h) / 2.0)).unwrap();
+        diagnosis.model.covariate_range("temp_scale_x_c").map(|(l, h)| (h - l, (l + h) / 2.0)).unwrap();
     let (together_m, u_together_m) = corrected(middle_c, middle_c);
     let (parted_m, u_parted_m) = corrected(middle_c + range / 2.0, middle_c);
     let disagree_m = 9e-6 * 0.6 * range / 2.0;
@@ -200,9 +198,9 @@ fn what_no_effect_describes_becomes_an_empirical_term() {
     let diagnosis = case.diagnose();
     assert!(diagnosis.found.iter().any(|f| f.kind == Kind::Empirical), "{:?}", diagnosis.steps);
     let clean = Case::new(7, &[]);
-    let clean_m = clean.verification_m(&clean.diagnose().after.model);
+    let clean_m = clean.verification_m(&clean.diagnose().model);
     let square = |model| case.verification_m(model).powi(2) - clean_m * clean_m;
-    let removed = 1.0 - square(&diagnosis.after.model) / square(&diagnosis.before.model);
+    let removed = 1.0 - square(&diagnosis.model) / square(&diagnosis.before.model);
     assert!(removed > 0.7, "{removed}");
 }
 
@@ -269,7 +267,7 @@ fn the_error_on_lines_that_no_step_saw_falls() {
 fn the_same_input_gives_the_same_model() {
     let bits = || {
         let diagnosis = Case::new(12, &["speed_lag axis=x lag_us=20"]).diagnose();
-        let parts = diagnosis.after.model.parts().clone();
+        let parts = diagnosis.model.parts().clone();
         parts.coefficients.iter().chain(&parts.covariance).map(|v| v.to_bits()).collect::<Vec<_>>()
     };
     assert_eq!(bits(), bits());

@@ -235,6 +235,33 @@ impl MachineModel {
         Ok(FittedEffect { effect: construct(name, &shape, machine)?.into(), shape, parameters })
     }
 
+    /// The same without some effects, whatever their parameters are; everything else keeps its covariance.
+    ///
+    /// # Errors
+    /// None of a sound model.
+    pub fn without(&self, is_out: impl Fn(&FittedEffect) -> bool) -> Result<MachineModel, ModelError> {
+        let mut kept: Vec<usize> = (0..self.layout.len()).collect();
+        let mut first = kept.len();
+        for fitted in &self.parts.effects {
+            if !is_out(fitted) {
+                kept.extend(first..first + fitted.parameters.len());
+            }
+            first += fitted.parameters.len();
+        }
+        kept.extend(first..first + 4 * self.parts.stations.len());
+        let of_kept = |all: &[f64]| -> Vec<f64> {
+            let rows = kept.iter().enumerate();
+            rows.flat_map(|(row, a)| kept[..=row].iter().map(|b| packed(*a, *b))).map(|place| all[place]).collect()
+        };
+        let mut parts = self.parts.clone();
+        parts.effects.retain(|fitted| !is_out(fitted));
+        parts.covariance = of_kept(&self.parts.covariance);
+        if !parts.chord_covariance.is_empty() {
+            parts.chord_covariance = of_kept(&self.parts.chord_covariance);
+        }
+        MachineModel::new(parts)
+    }
+
     /// The parts, as stored.
     pub fn parts(&self) -> &ModelParts {
         &self.parts

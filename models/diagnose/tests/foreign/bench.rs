@@ -42,7 +42,7 @@ pub(crate) fn judged(machine: &str, forms: &[&str], seed: u64, options: &Options
 
 impl Judged {
     pub(crate) fn outcome(&self) -> Outcome {
-        let (before, after) = (&self.diagnosis.before.model, &self.diagnosis.after.model);
+        let (before, after) = (&self.diagnosis.before.model, &self.diagnosis.model);
         let both = |points: &[Verified]| (of(before, points), of(after, points));
         Outcome { inside: both(&self.foreign.inside), beyond: both(&self.foreign.beyond) }
     }

@@ -74,3 +74,14 @@ fn models_that_do_not_belong_together_have_no_mean() {
         assert_eq!(mixture(&models).unwrap_err(), ModelError::Mixture { what });
     }
 }
+
+/// What is taken out of a mean of two, one of which has no share, leaves the other.
+#[test]
+fn an_effect_taken_out_of_a_model_leaves_all_else_as_it_was() {
+    let [one, other] = two();
+    let both = mixture(&[(1.0, &one), (0.0, &other)]).unwrap();
+    let left = both.without(|fitted| fitted.shape == other.parts().effects[0].shape).unwrap();
+    let (a, b) = (left.parts(), one.parts());
+    assert_eq!((&a.coefficients, &a.covariance, &a.stations), (&b.coefficients, &b.covariance, &b.stations));
+    assert_eq!((a.effects.len(), &a.effects[0].shape), (1, &b.effects[0].shape));
+}

@@ -48,7 +48,7 @@ fn verdict(diagnosis: Diagnosis) -> Verdict {
         not_identifiable: not_identifiable.collect(),
         steps: diagnosis.steps,
         chi2_per_dof: [diagnosis.before.evidence.chi2_per_dof, diagnosis.after.evidence.chi2_per_dof],
-        model: diagnosis.after.model,
+        model: diagnosis.model,
     }
 }
 

@@ -49,6 +49,7 @@ fn effect(found: &library::Found) -> shown::Effect {
         held_out_gain_um: found.held_out_gain_m.and_then(um),
         placebo: found.placebo.as_ref().map_or_else(no_placebo, placebo),
         cannot_be_told_from: found.rivals.iter().map(rival).collect(),
+        corrects: found.corrects,
         averaged_with: found.competing.iter().map(averaged).collect(),
         size_um: um(found.size_m),
         predicts: predicts(&found.gate),

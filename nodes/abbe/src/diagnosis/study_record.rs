@@ -120,6 +120,7 @@ fn effect(effect: &library::Effect) -> shown::Effect {
             share_as_good: None,
         },
         cannot_be_told_from: effect.rivals.iter().map(rival).collect(),
+        corrects: true,
         averaged_with: Vec::new(),
         size_um: None,
         predicts: shown::Predicts::default(),

@@ -123,7 +123,7 @@ pub(crate) fn run(
     let evidence = [&diagnosis.before.evidence, &diagnosis.after.evidence].map(|e| evidence_of(e, &record));
     let [of_before, of_after] = evidence;
     let before = given.with(diagnosis.before.model, &loaded, &options, of_before);
-    let after = widened(diagnosis.after.model, verdict.widening)?;
+    let after = widened(diagnosis.model, verdict.widening)?;
     let after = ModelFile { doubts: verdict::doubts(&verdict), ..given.with(after, &loaded, &options, of_after) };
     let (bytes, sha256) = if kept { (given.bytes.clone(), given.sha256) } else { after.to_bytes(MODEL)? };
     record.model_out =

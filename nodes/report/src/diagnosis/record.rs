@@ -132,6 +132,9 @@ pub struct Effect {
     /// Explanations nearly as likely in its place, which corrected coordinates are the mean with.
     #[serde(default)]
     pub averaged_with: Vec<Averaged>,
+    /// Whether coordinates are corrected by it. What is only a course in time is in their uncertainty instead.
+    #[serde(default = "yes")]
+    pub corrects: bool,
     /// Rms of what it does to the readings.
     pub size_um: Option<f64>,
     /// How it predicts what it was not fitted to.
@@ -426,6 +429,10 @@ pub struct Alternative {
     pub p_value: Option<f64>,
     /// Twice the log likelihood gained, less the price.
     pub evidence: Option<f64>,
+}
+
+fn yes() -> bool {
+    true
 }
 
 impl Effect {

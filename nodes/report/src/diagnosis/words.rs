@@ -115,7 +115,13 @@ fn interval(figures: &ErrorFigures) -> String {
 
 /// An effect with its first parameter.
 fn named(effect: &Effect) -> String {
-    let label = if effect.kind == "empirical" { format!("{} (not explained)", effect.label()) } else { effect.label() };
+    let label = match (effect.kind == "empirical", effect.corrects) {
+        (true, true) => format!("{} (not explained)", effect.label()),
+        (true, false) => {
+            format!("{} (not explained; only a course in time, so it widens u and corrects nothing)", effect.label())
+        }
+        (false, _) => effect.label(),
+    };
     let [parameter] = effect.parameters.as_slice() else {
         return match effect.size_um {
             Some(size_um) => format!("{label}, {} µm rms in the readings", significant(size_um, 2)),
