@@ -22,8 +22,9 @@ use abbe_geometry::mixture::mixture;
 use abbe_geometry::model::MachineModel;
 use abbe_identify::{EffectTerm, Identified, IdentifyError, TIME};
 
-/// Weight beside the effect found below which an explanation is not kept: it would move a coordinate by a fiftieth of what they differ.
-const LEAST: f64 = 0.02;
+/// Weight beside the effect found below which an explanation is not kept: it would move a coordinate by a twentieth of what they differ,
+/// and ask each sample for one more sensor.
+const LEAST: f64 = 0.05;
 /// Explanations tried in the place of each effect: each costs a fit.
 const MOST_TRIED: usize = 3;
 /// The effect that describes without a cause.

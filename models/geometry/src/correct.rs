@@ -38,8 +38,8 @@ pub enum Status {
     /// Inside the identified volume and offsets; the uncertainty holds.
     InVolume,
     /// Outside the identified volume, offsets or covariates; the uncertainty is a lower bound. An effect outside the range
-    /// of its covariates widens it by all that it adds there. A covariate that no effect reads is outside where it is further
-    /// from its range in the campaign than that is wide.
+    /// of its covariates widens it by all that it adds there. So is one whose covariates were never seen together so
+    /// ([`crate::seen`]).
     Extrapolated,
     /// An effect lacks a covariate and was left out; the uncertainty holds what it does over the usual range.
     CovariateMissing,
@@ -205,6 +205,9 @@ fn add_effects(
                     all.doubt_m2 += doubt_m2;
                     (added_m.norm() <= most_beyond_m(model)).then_some(())?;
                 }
+                let (doubt_m2, is_apart) = doubt::apart(model.apart(k), state, motion)?;
+                all.outside |= is_apart;
+                all.doubt_m2 += doubt_m2;
                 if inside_m != state.reading_m {
                     // Effects are polynomials of the readings, which run away where the chain goes on as a straight line.
                     let added_m = here_m - motion(&State { reading_m: inside_m, ..*state })?;

@@ -13,8 +13,12 @@
 //! the end of the range counts in full as uncertainty. Some laws are held at the end of their range, or saturate, and add
 //! next to nothing; so the effect may also have changed by as much as it does over its range, in the share to which the
 //! distance is of that range, from one width on in full.
+//!
+//! **Apart** (two temperatures stand further from each other than in the campaign): the effect may follow the other one, so what it
+//! does by the part of the difference that was not seen counts in full, that of the sensor with which it is largest.
 
 use crate::effects::{CovariateSource, CovariateValue, State};
+use crate::seen::{Apart, is_implausible};
 use nalgebra::{Matrix3, Vector3};
 
 /// Places a grid has at most.
@@ -83,6 +87,9 @@ pub(crate) fn outside(
         let Ok(value) = state.covariate(&covariate.name) else { continue };
         // What has no known range cannot be compared with it; the status says so.
         let Some((place, widths)) = covariate.place(value) else { continue };
+        if is_implausible(&covariate.name, (value - place).abs()) {
+            return None;
+        }
         if widths > 0.0 {
             beyond.push(covariate);
             nearest.push(place);
@@ -94,6 +101,26 @@ pub(crate) fn outside(
     let from_end: Vec<Vector3<f64>> = over(&beyond, LEVELS, state, &motion)?.into_iter().map(|m| m - at_end).collect();
     let share = farthest.min(1.0);
     Some((added, added * added.transpose() + cover(&from_end)? * (share * share)))
+}
+
+/// What an effect does by the part of a difference of temperatures that its campaign did not see: the covariance of it, and whether
+/// that part is more than chance. `None` where it cannot be said.
+pub(crate) fn apart(
+    all: &[Apart],
+    state: &State,
+    motion: impl Fn(&State) -> Option<Vector3<f64>>,
+) -> Option<(Matrix3<f64>, bool)> {
+    let (mut largest, mut is_outside) = (Vector3::zeros(), false);
+    for apart in all {
+        let Some((within_c, is_beyond)) = apart.beyond(state) else { continue };
+        let within = motion(&State { covariates: &Put { state, put: &[&apart.own], values: &[within_c] }, ..*state })?;
+        let added = motion(state)? - within;
+        is_outside |= is_beyond;
+        if added.norm_squared() > largest.norm_squared() {
+            largest = added;
+        }
+    }
+    Some((largest * largest.transpose(), is_outside))
 }
 
 /// The sample with some covariates put in place of its own.

@@ -22,6 +22,7 @@ pub mod predict;
 pub mod residual_field;
 pub mod rotation;
 pub mod sampled;
+pub mod seen;
 mod sensitivity;
 pub mod volumetric;
 

@@ -62,6 +62,11 @@ pub fn mixture(models: &[(f64, &MachineModel)]) -> Result<MachineModel, ModelErr
         *station = Station { position_m: [own[0], own[1], own[2]].into(), dead_path_m: own[3], ..station.clone() };
     }
     for (_, model) in models {
+        for difference in &model.parts().identified.differences {
+            if !parts.identified.differences.contains(difference) {
+                parts.identified.differences.push(difference.clone());
+            }
+        }
         let ranges = model.parts().identified.covariates.iter();
         ranges.for_each(|(name, range)| {
             parts.identified.covariates.entry(name.clone()).or_insert(*range);

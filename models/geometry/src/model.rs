@@ -6,9 +6,10 @@
 use crate::axis::ErrorId;
 use crate::between_nodes::BetweenNodes;
 use crate::doubt::Usual;
-use crate::effects::{Effect, EffectError, Shape, construct};
+use crate::effects::{Effect, EffectError, Shape, State, construct};
 use crate::layout::Layout;
 use crate::machine::{Machine, MachineError};
+use crate::seen::{self, Apart};
 use nalgebra::Vector3;
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -48,6 +49,20 @@ pub struct IdentifiedVolume {
     pub offset_m: [(f64, f64); 3],
     /// Smallest and largest value of each covariate that was logged or that the effects read, in the unit of its name.
     pub covariates: BTreeMap<String, (f64, f64)>,
+    /// How far temperatures that effects read stood from others.
+    pub differences: Vec<Difference>,
+}
+
+/// How far a temperature that an effect reads stood from another one (K). Sensors that went together in the campaign cannot be told
+/// apart by it: which of them an effect follows shows only where they part.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Difference {
+    /// Of the covariate that is read.
+    pub name: String,
+    /// Less that of this one.
+    pub less: String,
+    /// Smallest and largest (K).
+    pub range: (f64, f64),
 }
 
 /// How well the model fits what it was identified from.
@@ -185,6 +200,8 @@ pub struct MachineModel {
     usual: Vec<[Vec<Usual>; 2]>,
     /// Covariates that were logged and that no effect reads.
     unread: Vec<Usual>,
+    /// Of each effect, how the temperatures that it reads for the tip stood to others.
+    apart: Vec<Vec<Apart>>,
 }
 
 impl MachineModel {
@@ -222,7 +239,8 @@ impl MachineModel {
         let between_nodes = BetweenNodes::new(&layout, &parts.coefficients, |a, b| parts.covariance[packed(a, b)]);
         let usual = parts.effects.iter().map(|fitted| usual(fitted, &parts.identified)).collect();
         let unread = unread(&parts);
-        Ok(MachineModel { parts, layout, machine_parameters, covariance, between_nodes, usual, unread })
+        let apart = parts.effects.iter().map(|fitted| apart(fitted, &parts.identified)).collect();
+        Ok(MachineModel { parts, layout, machine_parameters, covariance, between_nodes, usual, unread, apart })
     }
 
     /// An effect by name and shape, for readers of model files.
@@ -337,6 +355,18 @@ impl MachineModel {
         self.parts.effects.iter().flat_map(|fitted| fitted.effect.reads()).collect()
     }
 
+    /// How the temperatures that an effect reads for the tip stood to others.
+    pub(crate) fn apart(&self, effect: usize) -> &[Apart] {
+        &self.apart[effect]
+    }
+
+    /// Temperatures that an effect reads for the tip, each with one that it stands further from than the campaign saw, and by chance.
+    pub fn parted<'a>(&'a self, state: &State) -> Vec<(&'a str, &'a str)> {
+        let all = self.apart.iter().flatten();
+        let beyond = all.filter(|apart| apart.beyond(state).is_some_and(|(_, is_beyond)| is_beyond));
+        beyond.map(Apart::names).collect()
+    }
+
     /// Covariates that no effect reads, with the ranges in which the campaign speaks for them.
     pub(crate) fn unread(&self) -> &[Usual] {
         &self.unread
@@ -381,8 +411,17 @@ fn usual(fitted: &FittedEffect, identified: &IdentifiedVolume) -> [Vec<Usual>; 2
 fn unread(parts: &ModelParts) -> Vec<Usual> {
     let read: Vec<String> = parts.effects.iter().flat_map(|fitted| fitted.effect.reads()).collect();
     let own = parts.identified.covariates.iter().filter(|(name, _)| !read.contains(name));
-    own.map(|(name, (low, high))| Usual { name: name.clone(), range: Some((2.0 * low - high, 2.0 * high - low)) })
-        .collect()
+    let wider = |(name, (low, high)): (&String, &(f64, f64))| {
+        let beyond = (high - low).max(seen::least_beyond(name)?);
+        Some(Usual { name: name.clone(), range: Some((low - beyond, high + beyond)) })
+    };
+    own.filter_map(wider).collect()
+}
+
+fn apart(fitted: &FittedEffect, identified: &IdentifiedVolume) -> Vec<Apart> {
+    let read = fitted.effect.covariates();
+    let own = identified.differences.iter().filter(|difference| read.contains(&difference.name));
+    own.map(|difference| Apart::new(difference, &identified.covariates)).collect()
 }
 
 /// Place of an entry in a packed lower triangle.

@@ -48,7 +48,12 @@ fn model(set: &[(&str, f64)], c0y_rad: f64) -> MachineModel {
         stations: Vec::new(),
         covariance: packed.collect(),
         chord_covariance: Vec::new(),
-        identified: IdentifiedVolume { reading_m: STROKE_M, offset_m: [(0.0, 0.0); 3], covariates: BTreeMap::new() },
+        identified: IdentifiedVolume {
+            reading_m: STROKE_M,
+            offset_m: [(0.0, 0.0); 3],
+            covariates: BTreeMap::new(),
+            differences: Vec::new(),
+        },
         quality: FitQuality { readings: 1, rejected: 0, chi2_per_dof: 1.0, residual_rms_m: 0.0, unexplained_m: 0.0 },
     })
     .unwrap()

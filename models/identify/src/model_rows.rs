@@ -241,6 +241,7 @@ mod tests {
                 reading_m: machine.stroke_m,
                 offset_m: [(-0.15, 0.15); 3],
                 covariates: LOGGED.iter().map(|name| ((*name).to_owned(), USUAL)).collect(),
+                differences: Vec::new(),
             },
             quality: FitQuality {
                 readings: 100,

@@ -13,10 +13,11 @@ use crate::solve::{Fit, Identified, Settled};
 use crate::term::{CampaignRow, EffectTerm};
 use abbe_geometry::between_nodes::BetweenNodes;
 use abbe_geometry::effects::{CovariateSource, CovariateValue, of_lagged};
-use abbe_geometry::model::{FitQuality, FittedEffect, IdentifiedVolume, MachineModel, ModelParts, Station};
+use abbe_geometry::model::{Difference, FitQuality, FittedEffect, IdentifiedVolume, MachineModel, ModelParts, Station};
+use abbe_geometry::seen::TEMPERATURE;
 use abbe_geometry::{ErrorId, Vector3};
 use abbe_measurement::campaign::RangeReading;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 impl Fit<'_> {
@@ -126,6 +127,7 @@ impl Fit<'_> {
             covariance,
             identified: IdentifiedVolume {
                 covariates: self.covariate_ranges(&settled.weights),
+                differences: self.differences(&settled.weights),
                 ..identified_volume(&self.campaign.readings, &settled.weights)
             },
             quality: FitQuality {
@@ -195,6 +197,29 @@ impl Fit<'_> {
         read.map(of).chain(logged.map(of).filter(known)).collect()
     }
 
+    /// How far each temperature that an effect reads stood from the others logged, over the readings used.
+    fn differences(&self, weights: &[f64]) -> Vec<Difference> {
+        let is_temperature = |name: &String| name.ends_with(TEMPERATURE);
+        let read: BTreeSet<String> =
+            self.setup.terms.iter().flat_map(|term| term.effect.covariates()).filter(is_temperature).collect();
+        let logged = self.campaign.covariates.iter().map(|column| column.name.clone());
+        let logged: Vec<String> = logged.filter(|name| is_temperature(name) && of_lagged(name).is_none()).collect();
+        let pairs = read.iter().flat_map(|name| logged.iter().map(move |less| (name, less)));
+        let of = |(name, less): (&String, &String)| {
+            let used = (0..weights.len()).filter(|k| weights[*k] > 0.0);
+            let values = used.filter_map(|reading| {
+                let row = CampaignRow { campaign: self.campaign, reading };
+                match (row.covariate(name), row.covariate(less)) {
+                    (CovariateValue::Fresh(own), CovariateValue::Fresh(other)) => Some(own - other),
+                    _ => None,
+                }
+            });
+            let range = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
+            (range.0 <= range.1).then(|| Difference { name: name.clone(), less: less.clone(), range })
+        };
+        pairs.filter(|(name, less)| name != less).filter_map(of).collect()
+    }
+
     /// Lower triangle over all parameters; those that were not free have no variance.
     fn packed_covariance(&self, solution: &Solution) -> Vec<f64> {
         let place = places(&self.free, self.parameters.len());
@@ -218,5 +243,5 @@ fn identified_volume(readings: &[RangeReading], weights: &[f64]) -> IdentifiedVo
             offset_m[d] = (offset_m[d].0.min(reading.offset_m[d]), offset_m[d].1.max(reading.offset_m[d]));
         }
     }
-    IdentifiedVolume { reading_m, offset_m, covariates: BTreeMap::new() }
+    IdentifiedVolume { reading_m, offset_m, covariates: BTreeMap::new(), differences: Vec::new() }
 }

@@ -24,6 +24,8 @@ const COVERED: f64 = 0.2;
 pub(crate) struct Tally {
     rows: u64,
     kinds: BTreeMap<Status, Kind>,
+    /// Those that are extrapolated only since something that no effect reads, or a difference of temperatures, was not seen so.
+    beside: u64,
     /// Smallest and largest reading of each axis (m).
     span_m: Option<[(f64, f64); 3]>,
 }
@@ -43,6 +45,7 @@ enum Reason {
     Reading(usize),
     Offset(usize),
     OutsideCovariate(String),
+    Parted(String, String),
     MissingCovariate(String),
 }
 
@@ -60,6 +63,13 @@ impl Tally {
             return;
         }
         let found = reasons(model, state, status);
+        let read = model.reads();
+        let is_beside = |(reason, _): &(Reason, f64)| match reason {
+            Reason::OutsideCovariate(name) => !read.contains(name),
+            Reason::Parted(..) => true,
+            Reason::Reading(_) | Reason::Offset(_) | Reason::MissingCovariate(_) => false,
+        };
+        self.beside += u64::from(status == Status::Extrapolated && found.iter().all(is_beside));
         if kind.rows == 1 {
             (kind.first, kind.shared) = (place, found.into_iter().collect());
             return;
@@ -109,9 +119,9 @@ impl Tally {
         text
     }
 
-    /// An error where no row is inside what the model knows.
+    /// An error where no row is inside what the model knows, but for quantities that it does not ask for.
     pub(crate) fn judge(&self, file: &str) -> Result<(), Ended> {
-        if self.count(Status::InVolume) > 0 {
+        if self.count(Status::InVolume) + self.beside > 0 {
             return Ok(());
         }
         let why = format!(
@@ -139,7 +149,7 @@ impl Reason {
     fn words(&self, model: &MachineModel, status: Status, furthest: f64) -> String {
         let parts = model.parts();
         let outside = |what: String, (low, high): (f64, f64), unit: &str| {
-            format!("{what} is outside {low:.4} … {high:.4}{unit}, {furthest:.4}{unit} at most")
+            format!("{what} is outside {low:.4} … {high:.4}{unit}, {furthest:.4}{unit} at the furthest")
         };
         let mm = |(low, high): (f64, f64)| (low * 1e3, high * 1e3);
         match self {
@@ -150,10 +160,15 @@ impl Reason {
             Reason::Offset(axis) => {
                 outside(format!("the offset in {}", AXES[*axis]), mm(parts.identified.offset_m[*axis]), " mm")
             }
-            Reason::OutsideCovariate(name) => match model.covariate_range(name) {
-                Some(bounds) => outside(name.clone(), bounds, ""),
+            Reason::OutsideCovariate(name) => match parts.identified.covariates.get(name) {
+                Some((low, high)) => {
+                    format!("{name} was {low:.4} … {high:.4} in the campaign, here {furthest:.4} at the furthest")
+                }
                 None => name.clone(),
             },
+            Reason::Parted(name, other) => {
+                format!("{name} and {other} stand further apart than in the campaign, so that either may be what acts")
+            }
             Reason::MissingCovariate(name) => format!("{name} is missing, empty, no number or too old"),
         }
     }
@@ -182,7 +197,9 @@ fn reasons(model: &MachineModel, state: &State, status: Status) -> Vec<(Reason, 
                 }
             });
             let offsets = offsets.map(|(axis, mm)| (Reason::Offset(axis), mm));
-            readings(&parts.identified.reading_m).chain(offsets).chain(covariates).collect()
+            let parted = model.parted(state).into_iter();
+            let parted = parted.map(|(name, other)| (Reason::Parted(name.to_owned(), other.to_owned()), 0.0));
+            readings(&parts.identified.reading_m).chain(offsets).chain(covariates).chain(parted).collect()
         }
         Status::CovariateMissing | Status::Stale => {
             let names = parts.effects.iter().flat_map(|fitted| fitted.effect.covariates());

@@ -11,7 +11,7 @@ use crate::ram_turn_record::{RamTurnRecord, with_three_more};
 use abbe_geometry::effects::{ParameterSpec, Shape, ShapeValue};
 use abbe_geometry::layout::Layout;
 use abbe_geometry::machine::Machine;
-use abbe_geometry::model::{FitQuality, FittedEffect, IdentifiedVolume, MachineModel, ModelParts, Station};
+use abbe_geometry::model::{Difference, FitQuality, FittedEffect, IdentifiedVolume, MachineModel, ModelParts, Station};
 use abbe_geometry::{ErrorId, Vector3};
 use abbe_measurement::instrument::RangeUncertainty;
 use serde::{Deserialize, Serialize, Serializer};
@@ -119,6 +119,27 @@ struct VolumeRecord {
     /// In the unit of the name.
     #[serde(default)]
     covariates: BTreeMap<String, (f64, f64)>,
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    differences: Vec<DifferenceRecord>,
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct DifferenceRecord {
+    name: String,
+    less: String,
+    range_k: (f64, f64),
+}
+
+impl DifferenceRecord {
+    fn of(difference: &Difference) -> DifferenceRecord {
+        let Difference { name, less, range } = difference.clone();
+        DifferenceRecord { name, less, range_k: range }
+    }
+
+    fn difference(self) -> Difference {
+        Difference { name: self.name, less: self.less, range: self.range_k }
+    }
 }
 
 #[derive(Serialize, Deserialize)]
@@ -194,6 +215,7 @@ impl ModelRecord {
                 reading_m: parts.identified.reading_m,
                 offset_m: parts.identified.offset_m,
                 covariates: parts.identified.covariates.clone(),
+                differences: parts.identified.differences.iter().map(DifferenceRecord::of).collect(),
             },
             quality: QualityRecord {
                 readings: parts.quality.readings,
@@ -251,6 +273,7 @@ impl ModelRecord {
                 reading_m: self.identified_volume.reading_m,
                 offset_m: self.identified_volume.offset_m,
                 covariates: self.identified_volume.covariates,
+                differences: self.identified_volume.differences.into_iter().map(DifferenceRecord::difference).collect(),
             },
             quality: FitQuality {
                 readings: self.quality.readings,

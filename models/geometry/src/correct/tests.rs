@@ -3,7 +3,7 @@
 use super::*;
 use crate::effects::tests::{machine, shapes};
 use crate::effects::{CovariateSource, CovariateValue, NoCovariates, REGISTRY, Shape};
-use crate::model::{FitQuality, IdentifiedVolume, ModelParts, Station};
+use crate::model::{Difference, FitQuality, IdentifiedVolume, ModelParts, Station};
 use proptest::prelude::*;
 use std::collections::BTreeMap;
 use std::sync::OnceLock;
@@ -47,7 +47,12 @@ pub(crate) fn model(effects: &[(&str, Shape)]) -> MachineModel {
         stations: vec![Station { name: "S1".to_owned(), position_m: Vector3::new(-0.4, 1.1, 0.2), dead_path_m: 0.3 }],
         covariance: (0..deviations.len()).flat_map(packed).map(entry).collect(),
         chord_covariance: Vec::new(),
-        identified: IdentifiedVolume { reading_m: machine.stroke_m, offset_m: [(-0.15, 0.15); 3], covariates },
+        identified: IdentifiedVolume {
+            reading_m: machine.stroke_m,
+            offset_m: [(-0.15, 0.15); 3],
+            covariates,
+            differences: Vec::new(),
+        },
         quality: FitQuality {
             readings: 1000,
             rejected: 0,
@@ -175,9 +180,55 @@ fn regress_a_logged_covariate_that_no_effect_reads_bounds_what_the_campaign_spea
     assert_eq!(model.covariate_range(name), Some((19.0, 22.0)));
     // One value all the time speaks for that value.
     parts.identified.covariates.insert(name.to_owned(), (20.0, 20.0));
+    // Of the other kinds, an air pressure moves no machine, and a probe's number is no quantity.
+    parts.identified.covariates.insert("pressure_hpa".to_owned(), (1010.0, 1010.0));
+    parts.identified.covariates.insert("probe_id".to_owned(), (3.0, 3.0));
     let constant = MachineModel::new(parts).unwrap();
-    let warmer = By(|_: &str| CovariateValue::Fresh(20.1));
-    assert_eq!(correct(&constant, &at(&warmer)).status, Status::Extrapolated);
+    let all = |value: f64| By(move |_: &str| CovariateValue::Fresh(value));
+    let statuses = [20.4, 20.6].map(|value_c| correct(&constant, &at(&all(value_c))).status);
+    assert_eq!(statuses, [Status::InVolume, Status::Extrapolated]);
+}
+
+/// Two sensors agreed in the campaign: which of them the effect follows nobody knows, and it shows where they part.
+#[test]
+fn regress_sensors_that_part_as_never_in_the_campaign_widen_the_covariance() {
+    let (own, other) = ("temp_scale_x_c", "temp_air_c");
+    let mut parts = model(&[("scale_expansion", Shape::new().text("axis", "x").text("sensor", own))]).parts().clone();
+    let (expands, shift) = (parts.effects[0].parameters[0], parts.effects[0].parameters[1]);
+    parts.identified.covariates = [own, other].into_iter().map(|name| (name.to_owned(), (18.0, 24.0))).collect();
+    let difference = Difference { name: own.to_owned(), less: other.to_owned(), range: (-0.1, 0.1) };
+    parts.identified.differences = vec![difference];
+    let model = MachineModel::new(parts).unwrap();
+    let of = |own_c: f64, other_c: f64| {
+        let logged = By(|name: &str| CovariateValue::Fresh(if name == own { own_c } else { other_c }));
+        correct(&model, &at(&logged))
+    };
+    let (together, near, parted, broken) = (of(22.0, 22.0), of(22.0, 21.6), of(22.0, 20.0), of(22.0, -999.0));
+    let statuses = [together, near, parted, broken].map(|correction| correction.status);
+    assert_eq!(statuses, [Status::InVolume, Status::InVolume, Status::Extrapolated, Status::InVolume]);
+    let variance_m2 = |correction: &Correction| correction.covariance_m2.unwrap()[(0, 0)];
+    // All but 0.1 K of the difference was never seen.
+    let unseen_m = |unseen_k: f64| (expands * READING_M[0] + shift) * unseen_k;
+    for (correction, unseen_k) in [(near, 0.3), (parted, 1.9)] {
+        let added_m2 = variance_m2(&correction) - variance_m2(&together);
+        assert!((added_m2 / unseen_m(unseen_k).powi(2) - 1.0).abs() < 1e-6, "{added_m2:e}");
+        assert_eq!(correction.position_m, together.position_m);
+    }
+}
+
+/// -999 of a broken sensor was corrected by, with an error of 0.9 mm.
+#[test]
+fn regress_a_temperature_that_is_none_is_rejected() {
+    let shape = Shape::new().text("axis", "x").text("sensor", "temp_scale_x_c");
+    let mut parts = model(&[("scale_expansion", shape)]).parts().clone();
+    parts.effects[0].parameters = vec![8e-6, 0.0];
+    parts.identified.covariates = BTreeMap::from([("temp_scale_x_c".to_owned(), (19.0, 21.0))]);
+    let model = MachineModel::new(parts).unwrap();
+    let near_zero = |value_c: f64| {
+        let logged = By(|_: &str| CovariateValue::Fresh(value_c));
+        correct(&model, &State { reading_m: [0.01, 0.2, 0.1], ..at(&logged) }).status
+    };
+    assert_eq!([-999.0, 293.15, 35.0].map(near_zero), [Status::Rejected, Status::Rejected, Status::Extrapolated]);
 }
 
 /// Whatever the covariates are over their range: what was left out stays within the covariance stated without them.

@@ -169,5 +169,5 @@ fn volume(problem: &Problem, weights: &[f64]) -> IdentifiedVolume {
             offset_m[d] = widen(offset_m[d], point.offset_m[d]);
         }
     }
-    IdentifiedVolume { reading_m, offset_m, covariates: BTreeMap::new() }
+    IdentifiedVolume { reading_m, offset_m, covariates: BTreeMap::new(), differences: Vec::new() }
 }

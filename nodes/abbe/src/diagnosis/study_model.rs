@@ -72,6 +72,7 @@ fn parts(diagnosis: &StudyDiagnosis, given: &Machine) -> anyhow::Result<ModelPar
             reading_m: Axis::ALL.map(|axis| terms.readings_m[axis.index()].unwrap_or(strokes[axis.index()])),
             offset_m: offset_m.map(|offset_m| (offset_m, offset_m)),
             covariates: terms.covariates.clone(),
+            differences: Vec::new(),
         },
         quality: FitQuality {
             readings: used,

@@ -58,6 +58,7 @@ pub(crate) fn model(seed: u64) -> ModelFile {
             covariates: [("temp_y_c", (19.8, 20.0 + 1.0 / 3.0)), ("dir_y", (-1.0, 1.0))]
                 .map(|(name, range)| (name.to_owned(), range))
                 .into(),
+            differences: Vec::new(),
         },
         quality: FitQuality {
             readings: 2817,

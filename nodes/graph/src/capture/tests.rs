@@ -263,6 +263,7 @@ fn a_model_of_the_campaign_so_far_tells_a_jump_of_micrometres() {
             reading_m: machine.machine.stroke_m,
             offset_m: OFFSET_M.map(|m| (m, m)),
             covariates: Default::default(),
+            differences: Vec::new(),
         },
         quality,
     })

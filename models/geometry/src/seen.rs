@@ -1,0 +1,72 @@
+//! What a campaign saw of logged quantities, beyond the ranges of what its effects read.
+//!
+//! Place in the flow: [`crate::model`] makes these limits, [`crate::correct`] holds samples to them.
+//!
+//! **No effect reads it**: what such a quantity does was too little to be seen over its range. As far again beyond, a law that is nearly
+//! straight does no more, and some change is usual anywhere (`least_beyond`). A quantity of another kind (an air pressure, a number of
+//! a probe) is not judged.
+//!
+//! **Temperatures that went together**: which of two sensors an effect follows shows only where they part. Beyond the differences of
+//! the campaign, what the effect does by that part of the difference counts in full as uncertainty.
+
+use crate::doubt::Usual;
+use crate::effects::State;
+use crate::model::Difference;
+use std::collections::BTreeMap;
+
+/// Temperatures (°C) end so.
+pub const TEMPERATURE: &str = "_c";
+/// How far a temperature may lie from all that was seen (K) before it is taken for a broken sensor, or for another unit.
+const IMPLAUSIBLE_K: f64 = 50.0;
+/// What a quantity may change beyond its range whatever that is, by the end or the beginning of its name: what a machine that was
+/// identified at rest in a good room meets there on another day.
+const USUAL_CHANGE: [(&str, f64); 5] =
+    [(TEMPERATURE, 0.5), ("_pct", 10.0), ("_kg", 1.0), ("_mm_s", 20.0), ("dir_", 0.0)];
+
+/// How far beyond its range a quantity that no effect reads is still as in the campaign, at least, in the unit of its name; `None` where
+/// its kind is not judged.
+pub(crate) fn least_beyond(name: &str) -> Option<f64> {
+    let known = USUAL_CHANGE.iter().find(|(part, _)| name.ends_with(part) || name.starts_with(part));
+    known.map(|(_, change)| *change)
+}
+
+/// Whether a value that lies so far beyond its range is none of that quantity.
+pub(crate) fn is_implausible(name: &str, beyond: f64) -> bool {
+    name.ends_with(TEMPERATURE) && beyond > IMPLAUSIBLE_K
+}
+
+/// A temperature that an effect reads, and another that it stood within so much of.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Apart {
+    pub(crate) own: Usual,
+    other: Usual,
+    range_k: (f64, f64),
+}
+
+impl Apart {
+    pub(crate) fn new(difference: &Difference, seen: &BTreeMap<String, (f64, f64)>) -> Apart {
+        let usual = |name: &String| Usual { name: name.clone(), range: seen.get(name).copied() };
+        Apart { own: usual(&difference.name), other: usual(&difference.less), range_k: difference.range }
+    }
+
+    /// What is read, and what it stood to.
+    pub(crate) fn names(&self) -> (&str, &str) {
+        (&self.own.name, &self.other.name)
+    }
+
+    /// The temperature (°C) that would be no further from the other than in the campaign, where it is further, and whether that is
+    /// more than chance: beyond by more than the range of differences is wide, and by a usual change.
+    pub(crate) fn beyond(&self, state: &State) -> Option<(f64, bool)> {
+        let (own_c, other_c) = (state.covariate(&self.own.name).ok()?, state.covariate(&self.other.name).ok()?);
+        let (low_k, high_k) = self.range_k;
+        let difference_k = own_c - other_c;
+        let beyond_k = difference_k - difference_k.max(low_k).min(high_k);
+        let is_sensor = |usual: &Usual, value_c: f64| {
+            usual.range.is_none_or(|(low, high)| !is_implausible(&usual.name, (low - value_c).max(value_c - high)))
+        };
+        // A broken sensor beside it says nothing.
+        let counts = beyond_k != 0.0 && is_sensor(&self.other, other_c);
+        let least_k = (high_k - low_k).max(least_beyond(&self.own.name).unwrap_or(0.0));
+        counts.then_some((own_c - beyond_k, beyond_k.abs() > least_k))
+    }
+}
