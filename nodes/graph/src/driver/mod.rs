@@ -26,7 +26,7 @@ use thiserror::Error;
 
 pub use bag::{CampaignFromBag, JoinSettings, campaign_from_bag};
 pub use ippdme::{IppdmeConfig, IppdmeReads};
-pub use lines::{LinesConfig, LinesFrom};
+pub use lines::{Flow, LinesConfig, LinesFrom, Parity, SerialConfig};
 pub use ros::{RosConfig, RosMessage, RosStamp};
 
 /// What a driver is used for.
