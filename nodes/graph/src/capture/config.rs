@@ -285,6 +285,7 @@ impl CaptureConfig {
             DriverConfig::Lines(lines) => {
                 format!("lines {:?} {:?} {:?}", lines.columns, lines.decimal, lines.offset_mm)
             }
+            DriverConfig::Linuxcnc(own) => format!("linuxcnc {:?} {:?}", own.units, own.offset_mm),
             DriverConfig::Ippdme(server) => {
                 format!("ippdme {:?} {:?} {}", server.tools_mm, server.offset_mm, server.server_offsets)
             }

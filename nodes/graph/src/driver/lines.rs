@@ -5,7 +5,7 @@
 //! again; one that is silent is told of. A column without a value is a missing covariate, and never the one before it. The
 //! stamp is the instrument's where a column `stamp_s` holds it, else the instant at which the line arrived.
 
-mod port;
+pub(super) mod port;
 mod row;
 mod serial;
 

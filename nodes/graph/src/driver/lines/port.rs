@@ -37,7 +37,7 @@ pub enum LinesFrom {
 }
 
 impl LinesFrom {
-    pub(super) fn problem(&self) -> Option<String> {
+    pub(in crate::driver) fn problem(&self) -> Option<String> {
         match self {
             LinesFrom::Tcp(address) | LinesFrom::TcpListen(address) | LinesFrom::Udp(address) => {
                 address_problem(address)
@@ -64,15 +64,15 @@ impl fmt::Display for LinesFrom {
 
 /// A line, without what ends it.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(super) struct Line {
-    pub(super) text: Vec<u8>,
+pub(in crate::driver) struct Line {
+    pub(in crate::driver) text: Vec<u8>,
     /// When it was complete.
-    pub(super) arrived: SystemTime,
+    pub(in crate::driver) arrived: SystemTime,
 }
 
 /// What happens at a port.
 #[derive(Debug)]
-pub(super) enum Event {
+pub(in crate::driver) enum Event {
     Connected(String),
     Line(Line),
     /// A line of more than [`MOST_BYTES`] was passed over.
@@ -84,7 +84,7 @@ pub(super) enum Event {
 }
 
 /// The loop's end of the thread.
-pub(super) struct Port {
+pub(in crate::driver) struct Port {
     events: Receiver<Event>,
     lines: u64,
     /// A thread that waits at a silent port learns from it that nobody listens any more.
@@ -93,7 +93,7 @@ pub(super) struct Port {
 
 impl Port {
     /// Opens what can be opened only once (a listening socket), and starts the thread.
-    pub(super) fn open(from: &LinesFrom, silent_after: Duration) -> std::io::Result<Port> {
+    pub(in crate::driver) fn open(from: &LinesFrom, silent_after: Duration) -> std::io::Result<Port> {
         let source: Source = match from {
             LinesFrom::Tcp(address) => Source::Client(address.clone()),
             LinesFrom::TcpListen(address) => Source::Server(TcpListener::bind(address)?),
@@ -109,7 +109,7 @@ impl Port {
     }
 
     /// The next event, within this time.
-    pub(super) fn next(&mut self, within: Duration) -> Option<Event> {
+    pub(in crate::driver) fn next(&mut self, within: Duration) -> Option<Event> {
         match self.events.recv_timeout(within) {
             Ok(event) => {
                 self.lines += u64::from(matches!(event, Event::Line(_) | Event::TooLong | Event::NotWhole));
@@ -125,7 +125,7 @@ impl Port {
     }
 
     /// Lines so far.
-    pub(super) fn lines(&self) -> u64 {
+    pub(in crate::driver) fn lines(&self) -> u64 {
         self.lines
     }
 }
