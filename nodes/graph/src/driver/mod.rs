@@ -26,7 +26,7 @@ use std::path::{Path, PathBuf};
 use thiserror::Error;
 
 pub use bag::{CampaignFromBag, JoinSettings, campaign_from_bag};
-pub use ippdme::{IppdmeConfig, IppdmeReads};
+pub use ippdme::{IppdmeConfig, IppdmeReads, Mover, Order, Outcome, SessionNumber};
 pub use lines::{Flow, LinesConfig, LinesFrom, Parity, SerialConfig};
 pub use linuxcnc::{LinuxcncConfig, MachineUnits};
 pub use ros::{RosConfig, RosMessage, RosStamp};
@@ -49,6 +49,11 @@ pub trait ScaleDriver: Send {
 
     /// How it stands with what it reads from; `None` of a recording.
     fn link(&self) -> Option<Link> {
+        None
+    }
+
+    /// What moves the machine, given once; `None` where the driver only reads.
+    fn mover(&mut self) -> Option<Mover> {
         None
     }
 }
