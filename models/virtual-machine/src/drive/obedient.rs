@@ -72,7 +72,8 @@ impl Obedient {
     }
 
     fn acceleration_m_s2(&self) -> f64 {
-        self.drive.stays[self.set_ups[self.set_up].start].acceleration_m_s2
+        // A point that the machine begins at has a way without acceleration.
+        self.drive.stays.iter().map(|stay| stay.acceleration_m_s2).fold(super::SLOWEST_M_S, f64::max)
     }
 
     fn arrives_s(&self) -> f64 {
