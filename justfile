@@ -19,6 +19,10 @@ graphics:
 faults:
     ABBE_FAULTS=long cargo test -p abbe --test faults -- --nocapture process_may_be_stopped packets_that_exhaust storm_of_ends
 
+# LinuxCNC without a machine or a screen, read by the driver (Debian: linuxcnc-uspace); skipped aloud without it
+linuxcnc:
+    cargo test -p abbe-graph --test linuxcnc -- --nocapture
+
 # Everything that must pass before a change is taken
 ci:
     .ci/run

@@ -5,11 +5,15 @@
 //! the noise of single samples; on the way the machine follows a trapezoid of feed, and the length a straight line between the
 //! ends beside the geometric distance. Machine frame, SI.
 
+mod obedient;
+
 use crate::error::SimulationError;
 use crate::plan::Target;
 use crate::random::{Purpose, normal, stream};
 use crate::simulate::{ReadingStream, SimulatedReading, SimulationConfig};
 use rand_chacha::ChaCha8Rng;
+
+pub use obedient::Obedient;
 
 /// Noise of a single reading of the scales (m, k = 1).
 const SCALES_M: f64 = 10e-9;
@@ -198,9 +202,9 @@ mod tests {
     use crate::simulate_campaign;
     use abbe_measurement::instrument::RangeUncertainty;
 
-    const PACE: Pace = Pace { dwell_s: 1.0, change_s: 10.0, faster: 1.0 };
+    pub(super) const PACE: Pace = Pace { dwell_s: 1.0, change_s: 10.0, faster: 1.0 };
 
-    fn config() -> SimulationConfig {
+    pub(super) fn config() -> SimulationConfig {
         let range = RangeUncertainty { constant_m: 0.025e-6, per_metre: 0.15e-6 };
         let declared =
             Declared { stroke_m: [(0.0, 0.8), (0.0, 0.6), (0.0, 0.6)], repeatability_m: [0.25e-6; 3], range };

@@ -23,7 +23,7 @@ pub mod simulate;
 pub mod sphere_scan;
 pub mod verification;
 
-pub use drive::{Drive, Pace, Seen};
+pub use drive::{Drive, Obedient, Pace, Seen};
 pub use error::SimulationError;
 pub use machine::{Axis, MachineTruth, TruthRecipe, VirtualMachine};
 pub use shipped::{Declared, VOLUMETRIC_RMS_M, shipped_bridge};

@@ -2,12 +2,12 @@
 //!
 //! Place in the flow: `abbe simulate --serve ippdme`, to rehearse a capture through the drivers that a real machine has. The
 //! machine begins to move when a client has begun a session and somebody reads the tracer, and goes its way whoever listens, as a
-//! real one does. Any number of clients may look at once.
+//! real one does; or it obeys the `GoTo` of a client. Any number of clients may look at once.
 
 use abbe_ippdme::line::{Lines, Piece, text};
-use abbe_ippdme::server::{Position, Session};
+use abbe_ippdme::server::{Order, Position, Session};
 use abbe_runtime::Shutdown;
-use abbe_virtual_machine::{Drive, Seen};
+use abbe_virtual_machine::{Drive, Obedient, Seen};
 use std::io::{ErrorKind, Read, Write};
 use std::net::{TcpListener, TcpStream};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -20,11 +20,35 @@ const LOOK_UP: Duration = Duration::from_millis(20);
 /// What is stated of a single length (µm, k = 1): nobody reads it when a campaign is captured.
 const U_LENGTH_UM: f64 = 0.2;
 
+/// Who says where the machine goes.
+pub enum Way {
+    /// Its plan; whether it begins again at the end.
+    Planned(Drive, bool),
+    /// A client, within the strokes (m).
+    Ordered(Obedient, [(f64, f64); 3]),
+}
+
+impl Way {
+    /// What is seen at this time (s).
+    fn at(&mut self, time_s: f64) -> Option<Seen> {
+        match self {
+            Way::Planned(drive, true) => drive.at(time_s % drive.ends_s().max(1e-9)),
+            Way::Planned(drive, false) => drive.at(time_s),
+            Way::Ordered(machine, _) => Some(machine.at(time_s)),
+        }
+    }
+
+    fn station(&self, number: usize) -> &str {
+        match self {
+            Way::Planned(drive, _) => drive.station(number),
+            Way::Ordered(machine, _) => machine.drive().station(number),
+        }
+    }
+}
+
 /// The machine and what its clients are told.
 pub struct Served {
-    drive: Mutex<Drive>,
-    /// Whether it begins again at its end.
-    again: bool,
+    way: Mutex<Way>,
     /// Offsets of the reflector (m) by the names of the holders.
     holders: Vec<(String, [f64; 3])>,
     tracer_every: Duration,
@@ -35,11 +59,10 @@ pub struct Served {
 
 impl Served {
     /// A machine that stands at the beginning of its way; the tracer gives so many lengths a second.
-    pub fn new(drive: Drive, again: bool, offsets_m: &[[f64; 3]], tracer_hz: f64) -> Served {
+    pub fn new(way: Way, offsets_m: &[[f64; 3]], tracer_hz: f64) -> Served {
         let name = |(k, offset_m): (usize, &[f64; 3])| (format!("Holder{}", k + 1), *offset_m);
         Served {
-            drive: Mutex::new(drive),
-            again,
+            way: Mutex::new(way),
             holders: offsets_m.iter().enumerate().map(name).collect(),
             tracer_every: Duration::from_secs_f64(1.0 / tracer_hz),
             has_session: AtomicBool::new(false),
@@ -57,13 +80,13 @@ impl Served {
     fn now(&self) -> Option<(Seen, f64)> {
         let is_looked_at = self.has_session.load(Ordering::Relaxed) && self.has_reader.load(Ordering::Relaxed);
         let mut began = self.began.lock().unwrap_or_else(PoisonError::into_inner);
-        if began.is_none() && is_looked_at {
+        let is_ordered = matches!(*self.way.lock().unwrap_or_else(PoisonError::into_inner), Way::Ordered(..));
+        if began.is_none() && (is_looked_at || is_ordered) {
             *began = Some(Instant::now());
         }
         let time_s = began.map_or(0.0, |began| began.elapsed().as_secs_f64());
-        let mut drive = self.drive.lock().unwrap_or_else(PoisonError::into_inner);
-        let at_s = if self.again { time_s % drive.ends_s().max(1e-9) } else { time_s };
-        Some((drive.at(at_s)?, time_s))
+        let mut way = self.way.lock().unwrap_or_else(PoisonError::into_inner);
+        Some((way.at(time_s)?, time_s))
     }
 
     fn position(&self) -> Option<Position> {
@@ -76,8 +99,35 @@ impl Served {
 
     fn length_line(&self) -> Option<String> {
         let (seen, _) = self.now()?;
-        let drive = self.drive.lock().unwrap_or_else(PoisonError::into_inner);
-        Some(format!("{},{:.7},{U_LENGTH_UM}\n", drive.station(seen.station), seen.length_m? * 1e3))
+        let way = self.way.lock().unwrap_or_else(PoisonError::into_inner);
+        Some(format!("{},{:.7},{U_LENGTH_UM}\n", way.station(seen.station), seen.length_m? * 1e3))
+    }
+
+    /// A client of the server.
+    fn session(&self) -> Session {
+        let session = Session::new(self.holders.iter().map(|(name, _)| name.clone()).collect());
+        match &*self.way.lock().unwrap_or_else(PoisonError::into_inner) {
+            Way::Planned(..) => session,
+            Way::Ordered(_, stroke_m) => session.obeying(stroke_m.map(|(low_m, high_m)| (low_m * 1e3, high_m * 1e3))),
+        }
+    }
+
+    /// Does what a client ordered, and tells it when the machine has arrived.
+    fn obey(&self, session: &mut Session) -> Vec<String> {
+        let Some(at) = self.position() else { return Vec::new() };
+        let has_arrived = {
+            let mut way = self.way.lock().unwrap_or_else(PoisonError::into_inner);
+            let Way::Ordered(machine, _) = &mut *way else { return Vec::new() };
+            match session.order() {
+                Some(Order::Go { scales_mm, speed_mm_s }) => {
+                    machine.go(at.time_s, scales_mm.map(|mm| mm / 1e3), speed_mm_s / 1e3);
+                }
+                Some(Order::Stop) => machine.stop(at.time_s),
+                None => {}
+            }
+            machine.has_arrived(at.time_s)
+        };
+        if has_arrived { session.arrived(&at) } else { Vec::new() }
     }
 }
 
@@ -134,7 +184,7 @@ fn accepted(listener: &TcpListener) -> std::io::Result<Option<TcpStream>> {
 /// One client of the server.
 fn talk(served: &Served, mut stream: TcpStream, shutdown: &Shutdown) -> std::io::Result<()> {
     stream.set_read_timeout(Some(LOOK_UP))?;
-    let mut session = Session::new(served.holders.iter().map(|(name, _)| name.clone()).collect());
+    let mut session = served.session();
     let (mut lines, mut bytes) = (Lines::default(), [0; 4096]);
     while !shutdown.requested() {
         let count = match stream.read(&mut bytes) {
@@ -153,6 +203,7 @@ fn talk(served: &Served, mut stream: TcpStream, shutdown: &Shutdown) -> std::io:
             answers.extend(session.take(text(&line), &at));
             served.has_session.fetch_or(session.is_open(), Ordering::Relaxed);
         }
+        answers.extend(served.obey(&mut session));
         answers.extend(served.position().map(|at| session.moved(&at)).unwrap_or_default());
         for answer in answers {
             stream.write_all(format!("{answer}\r\n").as_bytes())?;

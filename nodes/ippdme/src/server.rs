@@ -1,12 +1,14 @@
 //! A server of I++ DME for a machine that somebody else moves: session, coordinate system, tools, positions, reports on moves.
 //!
 //! Place in the flow: what a client sends and where the machine is in, the lines that answer it out; no socket, no clock. It serves
-//! the rehearsal of a capture. Commands that move or probe are refused: the machine follows its own path. Errors are those of the
+//! the rehearsal of a capture. Commands that move are refused where the machine follows its own path, and `GoTo` is an [`Order`] where
+//! it obeys; commands that probe are refused in any case. Errors are those of the
 //! specification: outside of a session only `StartSession` and `EndSession` are taken (0008), after an error only what cures it
 //! (0514). Millimetres, in the coordinate system of the machine.
 
 use crate::item::{Item, What};
 use crate::message::{Command, NoMessage, Tag};
+use std::collections::VecDeque;
 use std::fmt::Write;
 
 /// Coordinate systems that a client may select: the machine is in all of them as it is.
@@ -34,6 +36,20 @@ impl Position {
     }
 }
 
+/// What a client wants the machine to do.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Order {
+    /// Move in a straight line.
+    Go {
+        /// Scales at the end (mm).
+        scales_mm: [f64; 3],
+        /// Speed (mm/s).
+        speed_mm_s: f64,
+    },
+    /// Stop where it is.
+    Stop,
+}
+
 /// A report on moves that a client has asked for.
 #[derive(Debug, Clone)]
 struct Reports {
@@ -53,7 +69,22 @@ pub struct Session {
     tool: Option<String>,
     reports: Vec<Reports>,
     tools: Vec<String>,
+    /// Where the machine may go by its scales (mm), if it obeys.
+    stroke_mm: Option<[(f64, f64); 3]>,
+    speed_mm_s: f64,
+    order: Option<Order>,
+    /// The `GoTo` that is under way.
+    going: Option<Tag>,
+    /// What came meanwhile.
+    queue: VecDeque<Vec<u8>>,
 }
+
+/// Speed of a machine that was told none (mm/s).
+const SPEED_MM_S: f64 = 10.0;
+/// Fastest that it takes (mm/s).
+const FASTEST_MM_S: f64 = 500.0;
+/// Commands that wait while it moves, at most.
+const MOST_WAITING: usize = 1000;
 
 /// An error: severity, number, text.
 type Trouble = (u8, u16, &'static str);
@@ -62,7 +93,43 @@ impl Session {
     /// A connection on which nothing was said; with the names of all tools.
     pub fn new(tools: Vec<String>) -> Session {
         let system = SYSTEMS[0].to_owned();
-        Session { is_open: false, has_error: false, system, tool: None, reports: Vec::new(), tools }
+        Session {
+            is_open: false,
+            has_error: false,
+            system,
+            tool: None,
+            reports: Vec::new(),
+            tools,
+            stroke_mm: None,
+            speed_mm_s: SPEED_MM_S,
+            order: None,
+            going: None,
+            queue: VecDeque::new(),
+        }
+    }
+
+    /// The same of a machine that obeys `GoTo` within these readings of its scales (mm).
+    pub fn obeying(self, stroke_mm: [(f64, f64); 3]) -> Session {
+        Session { stroke_mm: Some(stroke_mm), ..self }
+    }
+
+    /// What the machine has to do now.
+    pub fn order(&mut self) -> Option<Order> {
+        self.order.take()
+    }
+
+    /// The machine stands at the end of its way: lines that say so, and answers to what waited for it.
+    pub fn arrived(&mut self, at: &Position) -> Vec<String> {
+        if self.order.is_some() {
+            return Vec::new();
+        }
+        let mut lines: Vec<String> = self.going.take().map(|tag| format!("{tag} %")).into_iter().collect();
+        while self.going.is_none()
+            && let Some(line) = self.queue.pop_front()
+        {
+            lines.extend(self.take(&line, at));
+        }
+        lines
     }
 
     /// Whether a client has begun one.
@@ -85,7 +152,37 @@ impl Session {
             }
         };
         let tag = command.tag;
+        if self.going.is_some() && matches!(tag, Tag::Command(_)) {
+            // One after the other; only events are heard meanwhile.
+            if self.queue.len() < MOST_WAITING {
+                self.queue.push_back(line.to_vec());
+                return Vec::new();
+            }
+            return vec![error(tag, (2, 0, "Buffer full"), &command.name)];
+        }
         let mut lines = vec![format!("{tag} &")];
+        if let (Some(stroke_mm), "GoTo", true, false) =
+            (self.stroke_mm, command.name.as_str(), self.is_open, self.has_error)
+        {
+            match target(&command.arguments, at, &stroke_mm) {
+                Ok(scales_mm) => {
+                    self.order = Some(Order::Go { scales_mm, speed_mm_s: self.speed_mm_s });
+                    self.going = Some(tag);
+                }
+                Err(trouble) => {
+                    self.has_error = true;
+                    lines.extend([error(tag, trouble, "GoTo"), format!("{tag} %")]);
+                }
+            }
+            return lines;
+        }
+        if let ("AbortE", Some(going)) = (command.name.as_str(), self.going) {
+            (self.order, self.going, self.has_error) = (Some(Order::Stop), None, true);
+            self.queue.clear();
+            let aborted = (2, 6, "Transaction aborted (Use ClearAllErrors To Continue)");
+            lines.extend([error(going, aborted, "GoTo"), format!("{going} %"), format!("{tag} %")]);
+            return lines;
+        }
         match self.answer(&command, at) {
             Ok(answers) => lines.extend(answers.into_iter().map(|answer| format!("{tag} # {answer}"))),
             Err(trouble) => {
@@ -127,7 +224,9 @@ impl Session {
         match name {
             "StartSession" if self.is_open => return Err((3, 8, "Protocol error")),
             "StartSession" | "EndSession" => {
-                *self = Session { is_open: name == "StartSession", ..Session::new(std::mem::take(&mut self.tools)) };
+                let new = Session::new(std::mem::take(&mut self.tools));
+                let (is_open, stroke_mm) = (name == "StartSession", self.stroke_mm);
+                *self = Session { is_open, stroke_mm, ..new };
                 self.tool = Some(at.tool.0.clone());
                 return Ok(Vec::new());
             }
@@ -156,6 +255,15 @@ impl Session {
             "GetCsyTransformation" => vec!["GetCsyTransformation(0, 0, 0, 0, 0, 0)".to_owned()],
             "EnumTools" => self.tools.iter().map(|tool| format!("\"{tool}\"")).collect(),
             "Get" => vec![values(&asked(&command.arguments)?, at)],
+            "GetProp" | "GetPropE" if self.stroke_mm.is_some() && speed_of(&command.arguments).is_some() => {
+                vec![format!("Tool.GoToPar.Speed({:?})", self.speed_mm_s)]
+            }
+            "SetProp" if self.stroke_mm.is_some() => {
+                let speed_mm_s = speed_of(&command.arguments).flatten().ok_or((3, 510, "Bad property"))?;
+                // What is too fast becomes the fastest, and the client asks what it got.
+                self.speed_mm_s = if speed_mm_s > 0.0 { speed_mm_s.min(FASTEST_MM_S) } else { SPEED_MM_S };
+                vec![]
+            }
             "GetProp" | "GetPropE" => vec![property(&command.arguments, at)?],
             "OnMoveReportE" => return self.report(command),
             "StopAllDaemons" => {
@@ -205,6 +313,28 @@ fn asked<'a>(arguments: impl IntoIterator<Item = &'a Item>) -> Result<Vec<String
     };
     let names: Vec<String> = arguments.into_iter().map(name).collect::<Result<_, _>>()?;
     if names.is_empty() { Err((3, 502, "Incorrect arguments")) } else { Ok(names) }
+}
+
+/// Whether this is the property of the speed of moves, and the value that it is given.
+fn speed_of(arguments: &[Item]) -> Option<Option<f64>> {
+    let [only] = arguments else { return None };
+    match only.call()? {
+        ("Tool.GoToPar.Speed", []) => Some(None),
+        ("Tool.GoToPar.Speed", [value]) => Some(value.number()),
+        _ => None,
+    }
+}
+
+/// Scales (mm) at the target of a `GoTo`; an axis that is not named stays.
+fn target(arguments: &[Item], at: &Position, stroke_mm: &[(f64, f64); 3]) -> Result<[f64; 3], Trouble> {
+    let mut scales_mm = at.scales_mm;
+    for item in arguments {
+        let named = AXES.iter().enumerate().find_map(|(d, axis)| Some((d, item.number_of(axis)?.0)));
+        let (axis, tip_mm) = named.ok_or((3, 509, "Bad argument"))?;
+        scales_mm[axis] = tip_mm - at.tool.1[axis];
+    }
+    let is_inside = (0..3).all(|d| (stroke_mm[d].0 - 1e-3..=stroke_mm[d].1 + 1e-3).contains(&scales_mm[d]));
+    if is_inside { Ok(scales_mm) } else { Err((3, 2500, "Machine limit encountered [Move Out Of Limits]")) }
 }
 
 fn values(names: &[String], at: &Position) -> String {
@@ -292,6 +422,31 @@ mod tests {
             session.take(b"20 Get(X())", &at(0.0, 1.0)),
             ["E0000 ! Error(2, 0001, \"parser\", \"Illegal tag\")"]
         );
+    }
+
+    #[test]
+    fn a_machine_that_obeys_moves_says_when_it_has_arrived_and_is_stopped() {
+        let mut session = session().obeying([(0.0, 500.0); 3]);
+        assert_eq!(said(&mut session, "SetProp(Tool.GoToPar.Speed(10000))"), "");
+        assert_eq!(said(&mut session, "GetProp(Tool.GoToPar.Speed())"), "00002 # Tool.GoToPar.Speed(500.0)");
+        let go = |session: &mut Session, x_mm: f64| {
+            session.take(format!("00005 GoTo(X({x_mm}), Z(40))").as_bytes(), &at(0.0, 1.0))
+        };
+        assert_eq!(go(&mut session, 90.0), ["00005 &"]);
+        let ordered = Some(Order::Go { scales_mm: [90.0, 2.0, 100.0], speed_mm_s: 500.0 });
+        assert_eq!((session.arrived(&at(0.0, 1.0)).len(), session.order(), session.order()), (0, ordered, None));
+        // What comes meanwhile waits, but for events.
+        assert!(session.take(b"00006 Get(X())", &at(0.1, 50.0)).is_empty());
+        assert_eq!(session.take(b"E0007 GetErrStatusE()", &at(0.1, 50.0)).len(), 3);
+        assert_eq!(session.arrived(&at(1.0, 90.0)), ["00005 %", "00006 &", "00006 # X(90.0000000)", "00006 %"]);
+        assert!(go(&mut session, 501.0)[1].contains("2500"));
+        assert!(go(&mut session, 90.0)[1].contains("0514"), "after an error nothing moves");
+        assert_eq!((said(&mut session, "ClearAllErrors()"), session.order()), (String::new(), None));
+        go(&mut session, 90.0);
+        session.order();
+        let aborted = session.take(b"E0008 AbortE()", &at(0.1, 50.0));
+        assert!(aborted[1].contains("00005 ! Error(2, 0006") && aborted[3] == "E0008 %", "{aborted:?}");
+        assert_eq!(session.order(), Some(Order::Stop));
     }
 
     #[test]

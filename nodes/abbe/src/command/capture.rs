@@ -6,13 +6,14 @@
 use crate::capturing::{Outcome, Screen, write_outcome};
 use crate::exit::Ended;
 use abbe_files::{CaptureJournal, FileError, JournalHead, MachineFile, Place, read_machine, read_path, sha256_hex};
-use abbe_graph::capture::{CaptureConfig, Capturer, Ending, Planned, capture};
+use abbe_graph::capture::{CaptureConfig, Capturer, Ending, Planned, capture, preview};
 use abbe_runtime::Shutdown;
 use anyhow::{Context, anyhow, bail, ensure};
 use std::io::{BufRead, Write};
 use std::path::{Path, PathBuf};
-use std::sync::mpsc::{Receiver, sync_channel};
+use std::sync::mpsc::{Receiver, channel};
 use std::thread;
+use std::time::Instant;
 
 /// The journal in the folder that is written.
 const JOURNAL: &str = "journal.jsonl";
@@ -28,6 +29,9 @@ pub(crate) struct Arguments {
     /// Write campaign.csv and the report of what is captured already, and end
     #[arg(long)]
     finish: bool,
+    /// Write the moves that the table `drive` would make, and end; nothing is opened and nothing moves
+    #[arg(long, conflicts_with_all = ["finish", "json"])]
+    preview: bool,
     /// Print the outcome as JSON on standard output
     #[arg(long)]
     json: bool,
@@ -49,6 +53,9 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let journal_path = arguments.out.join(JOURNAL);
     if arguments.finish {
         ensure!(journal_path.exists(), "{}: there is no journal; capture something first", journal_path.display());
+    }
+    if arguments.preview {
+        return show_moves(&job, &arguments.config, &journal_path);
     }
     std::fs::create_dir_all(&arguments.out).with_context(|| format!("{}: cannot be made", arguments.out.display()))?;
     let (mut journal, entries, was_cut) = CaptureJournal::open(&journal_path, &job.head)?;
@@ -89,6 +96,20 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     }
 }
 
+/// Writes the moves that are left.
+fn show_moves(job: &Job, config: &Path, journal_path: &Path) -> anyhow::Result<()> {
+    let Some(drive) = &job.config.drive else {
+        bail!("{}: has no table drive, so that nothing would be moved; add one with speed_mm_s", config.display());
+    };
+    let mut capturer = Capturer::new(&job.config, job.planned.clone(), &job.machine);
+    if journal_path.exists() {
+        let (_, entries, _) = CaptureJournal::open(journal_path, &job.head)?;
+        capturer.restore(&entries).map_err(|problem| anyhow!("{}: {problem}", journal_path.display()))?;
+    }
+    preview(&capturer, drive).iter().for_each(|line| println!("{line}"));
+    Ok(())
+}
+
 fn read(path: &Path) -> anyhow::Result<Job> {
     let name = path.display().to_string();
     let text = std::fs::read_to_string(path).with_context(|| format!("{name}: cannot be read; check the path"))?;
@@ -100,6 +121,9 @@ fn read(path: &Path) -> anyhow::Result<Job> {
     let promised_um = promised(&folder, &machine)?;
     let planned = Planned::new(&read_path(&folder)?, &machine.machine, config.points.within_mm / 1e3)
         .map_err(|problem| anyhow!("{}: {problem}", folder.join("path.csv").display()))?;
+    if let Some(drive) = &config.drive {
+        drive.check(&planned, &machine.machine).map_err(|error| anyhow!("{name}: {error}"))?;
+    }
     let bytes = |path: &Path| std::fs::read(path).with_context(|| format!("{}: cannot be read", path.display()));
     let mut plan = bytes(&folder.join("path.csv"))?;
     plan.extend(bytes(&folder.join("stations.csv"))?);
@@ -127,14 +151,14 @@ fn promised(folder: &Path, machine: &MachineFile) -> anyhow::Result<Option<f64>>
 }
 
 /// Each line on standard input says that the next set-up stands, where no driver tells it.
-fn confirmations(capturer: &Capturer, config: &CaptureConfig) -> Receiver<()> {
-    let (give, confirmed) = sync_channel(1);
+fn confirmations(capturer: &Capturer, config: &CaptureConfig) -> Receiver<Instant> {
+    let (give, confirmed) = channel();
     let is_asked = !config.tells_station() || !config.tells_offset();
-    if is_asked && capturer.planned().set_ups.len() > 1 {
+    if config.drive.is_some() || is_asked && capturer.planned().set_ups.len() > 1 {
         // It waits for input until the program ends.
         thread::spawn(move || {
             for line in std::io::stdin().lock().lines() {
-                if line.is_err() || give.send(()).is_err() {
+                if line.is_err() || give.send(Instant::now()).is_err() {
                     return;
                 }
             }

@@ -95,7 +95,7 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         write_files(&config, arguments.seed, out)?;
     }
     match arguments.serving.is_wanted() {
-        true => serve::run(&config, &arguments.serving),
+        true => serve::run(&config, machine.machine.stroke_m, &arguments.serving),
         false => Ok(()),
     }
 }

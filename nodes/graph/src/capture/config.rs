@@ -48,6 +48,21 @@ pub struct CaptureConfig {
     /// What readings are held against.
     #[serde(default)]
     pub check: CheckConfig,
+    /// How the machine is driven; it is moved by somebody else without it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub drive: Option<DriveConfig>,
+}
+
+/// How the machine is driven to the points.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct DriveConfig {
+    /// Speed of every move (mm/s).
+    pub speed_mm_s: f64,
+    /// Reading of Z (mm) to which it goes up between points that do not follow one another on a line; straight without it.
+    pub over_z_mm: Option<f64>,
+    /// How long a reading is waited for at a point (s).
+    pub wait_s: Option<f64>,
 }
 
 /// What counts as a standstill.
@@ -188,6 +203,16 @@ impl CaptureConfig {
                            are triggers (points.takes = \"trigger\")";
             return wrong("scale.reads", problem);
         }
+        if let Some(drive) = &self.drive {
+            if !matches!(self.scale, DriverConfig::Ippdme(_)) || self.points.takes != Takes::Standstill {
+                let problem = "moves a machine by its server of I++ DME alone (scale.kind = \"ippdme\"), from standstill to standstill \
+                               (points.takes = \"standstill\"); leave it out, and move the machine otherwise";
+                return wrong("drive", problem);
+            }
+            if drive.wait_s.is_some_and(|wait_s| wait_s <= self.standstill.longest_s) {
+                return wrong("drive.wait_s", "must be more than standstill.longest_s: the reading comes after it");
+            }
+        }
         match &self.scale {
             DriverConfig::Lines(lines) if lines.columns.is_empty() && lines.offset_mm.is_none() => {
                 let problem = "must be named here, or the offset in offset_mm: whether the controller tells offsets has to be known \
@@ -216,6 +241,8 @@ impl CaptureConfig {
             ("lengths.scatter_um", self.lengths.scatter_um, 1e3),
             ("lengths.creep_um", self.lengths.creep_um, 1e3),
             ("lengths.step_um", self.lengths.step_um.unwrap_or(1.0), 1e3),
+            ("drive.speed_mm_s", self.drive.map_or(1.0, |drive| drive.speed_mm_s), 1e3),
+            ("drive.wait_s", self.drive.and_then(|drive| drive.wait_s).unwrap_or(1.0), LONGEST_S),
             ("check.raw_error_um", self.check.raw_error_um, 1e4),
             ("check.station_mm", self.check.station_mm, 1e4),
         ];
@@ -285,6 +312,7 @@ impl CaptureConfig {
             DriverConfig::Lines(lines) => {
                 format!("lines {:?} {:?} {:?}", lines.columns, lines.decimal, lines.offset_mm)
             }
+            DriverConfig::Linuxcnc(own) => format!("linuxcnc {:?} {:?}", own.units, own.offset_mm),
             DriverConfig::Ippdme(server) => {
                 format!("ippdme {:?} {:?} {}", server.tools_mm, server.offset_mm, server.server_offsets)
             }

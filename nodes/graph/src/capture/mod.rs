@@ -9,6 +9,7 @@ mod campaign;
 mod check;
 mod config;
 mod doubt;
+mod drive;
 mod fit;
 mod planned;
 mod run;
@@ -17,7 +18,10 @@ mod step;
 mod tests;
 
 pub use campaign::{CapturedCampaign, campaign_of};
-pub use config::{CaptureConfig, CheckConfig, ConfigError, LengthsConfig, PointsConfig, StandstillConfig, Takes};
+pub use config::{
+    CaptureConfig, CheckConfig, ConfigError, DriveConfig, LengthsConfig, PointsConfig, StandstillConfig, Takes,
+};
+pub use drive::preview;
 pub use fit::{SoFar, Volume, so_far};
 pub use planned::{Place, Planned, PlannedLine, PlannedStation, SetUp};
 pub use run::{CaptureError, Ending, Shown, capture, volume_of};

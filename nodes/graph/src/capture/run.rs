@@ -6,21 +6,22 @@
 
 use super::campaign::campaign_of;
 use super::config::CaptureConfig;
+use super::drive::{Driving, Step};
 use super::fit::{Fitter, SoFar, Volume};
 use super::planned::Planned;
 use super::step::{Capturer, Told};
 use crate::connecting::stamp_of;
-use crate::driver::{DriverError, open_scale, open_sensor, open_tracer};
+use crate::driver::{DriverError, Mover, open_scale, open_sensor, open_tracer};
 use crate::link::{Link, LinkState};
 use crate::step::SensorMemory;
 use abbe_files::{CaptureJournal, FileError, MachineFile};
 use abbe_msgs::{ScaleReading, TracerReading};
 use abbe_runtime::Shutdown;
 use std::path::Path;
-use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TryRecvError, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::Builder;
-use std::time::{Duration, SystemTime};
+use std::time::{Duration, Instant, SystemTime};
 use thiserror::Error;
 
 /// Readings that wait for the loop at most; a driver that gives more waits itself.
@@ -70,6 +71,12 @@ pub enum CaptureError {
         /// Why.
         why: String,
     },
+    /// A machine that was to be moved.
+    #[error("the machine was stopped: {0}; what is captured is kept: look at the machine, and start the capture again")]
+    Moved(String),
+    /// Somebody has to say that the machine may move.
+    #[error("standard input has ended, so that nobody can say that the machine may move; start it from a terminal")]
+    NobodySays,
     /// The journal cannot be written.
     #[error("{0}; what was captured before is kept: make room, and start the capture again")]
     Journal(#[from] FileError),
@@ -89,7 +96,8 @@ pub enum Ending {
 
 /// Captures until all points are there, or it is told to stop.
 ///
-/// `confirmed` gives a value each time somebody says that the next set-up stands.
+/// `confirmed` gives a value each time somebody says that the next set-up stands, and where the machine is driven, that it may
+/// move: the instant at which that was said, since what was said before it was asked is no answer.
 ///
 /// # Errors
 /// A driver that cannot be opened or gives up, a journal that cannot be written.
@@ -97,20 +105,25 @@ pub fn capture(
     (config, base, machine): (&CaptureConfig, &Path, &MachineFile),
     capturer: &mut Capturer,
     journal: &mut CaptureJournal,
-    (shutdown, confirmed): (&Shutdown, &Receiver<()>),
+    (shutdown, confirmed): (&Shutdown, &Receiver<Instant>),
     show: &mut dyn FnMut(&Capturer, Shown),
 ) -> Result<Ending, CaptureError> {
     let own = Shutdown::manual();
     let (give, given) = sync_channel(QUEUE);
-    let mut links = open((config, base, machine), &own, &give)?;
+    let (mut links, mover) = open((config, base, machine), &own, &give)?;
+    let mut wheel =
+        config.drive.zip(mover).map(|(drive, mover)| Wheel::new(Driving::new(config, &drive, &machine.machine), mover));
     let mut fitter = Fitter::start(machine.clone(), volume_of(capturer.planned())).map_err(CaptureError::Thread)?;
     let outcome = (|| {
         fitter.fit(campaign_of(capturer.planned(), capturer.taken(), machine.absolute_range).campaign);
         let mut has_news = false;
         let mut refused = [0_u64; 3];
         loop {
-            if shutdown.requested() {
+            if shutdown.requested() && wheel.as_mut().is_none_or(|wheel| wheel.may_end(shutdown, capturer, show)) {
                 return Ok(Ending::Stopped);
+            }
+            if let Some(wheel) = &mut wheel {
+                wheel.turn(shutdown, capturer, show)?;
             }
             for link in &mut links {
                 if let Some(words) = link.news() {
@@ -137,10 +150,24 @@ pub fn capture(
                 Ok(Given::Ended(driver, why)) => return Err(CaptureError::Ended { driver, why }),
                 Err(RecvTimeoutError::Timeout | RecvTimeoutError::Disconnected) => Vec::new(),
             };
-            if confirmed.try_recv().is_ok()
+            let said = confirmed.try_recv();
+            let has_said = match &mut wheel {
+                Some(wheel) => wheel.is_confirmed(&said)?,
+                None => said.is_ok(),
+            };
+            // A driven set-up that the drivers do not tell begins with its first move.
+            let is_next = wheel.as_ref().is_none_or(|wheel| {
+                !(config.tells_station() && config.tells_offset()) && wheel.driving.set_up() > capturer.set_up()
+            });
+            if has_said
+                && is_next
                 && let Ok(stamp) = stamp_of(SystemTime::now())
             {
                 told.extend(capturer.confirm(stamp));
+            }
+            if let (Some(wheel), true) = (&mut wheel, has_said) {
+                let steps = wheel.driving.confirm();
+                wheel.take(steps, capturer, show)?;
             }
             for one in &told {
                 if let Told::Entry(entry) = one {
@@ -158,6 +185,106 @@ pub fn capture(
     })();
     own.request();
     outcome
+}
+
+/// The hands on the machine.
+struct Wheel {
+    driving: Driving,
+    mover: Mover,
+    since: Instant,
+    has_begun: bool,
+    /// When somebody was asked last.
+    asked: Instant,
+    /// The end of a move is waited for, and that was said.
+    is_ending: bool,
+    is_aborting: bool,
+}
+
+impl Wheel {
+    fn new(driving: Driving, mover: Mover) -> Wheel {
+        let now = Instant::now();
+        Wheel { driving, mover, since: now, has_begun: false, asked: now, is_ending: false, is_aborting: false }
+    }
+
+    /// Whether nothing is under way; between moves it ends at once, in the middle of one when asked a second time.
+    fn may_end(&mut self, shutdown: &Shutdown, capturer: &Capturer, show: &mut dyn FnMut(&Capturer, Shown)) -> bool {
+        if !self.driving.is_under_way() {
+            return true;
+        }
+        if shutdown.is_urgent() && !std::mem::replace(&mut self.is_aborting, true) {
+            show(capturer, Shown::Link("the move is aborted".to_owned()));
+            self.mover.abort();
+        } else if !std::mem::replace(&mut self.is_ending, true) {
+            let words = "stopping when this move has ended; Ctrl-C again aborts it";
+            show(capturer, Shown::Link(words.to_owned()));
+        }
+        false
+    }
+
+    /// Takes what became of orders, and looks at the clock.
+    fn turn(
+        &mut self,
+        shutdown: &Shutdown,
+        capturer: &Capturer,
+        show: &mut dyn FnMut(&Capturer, Shown),
+    ) -> Result<(), CaptureError> {
+        let now_s = self.since.elapsed().as_secs_f64();
+        let mut steps = match std::mem::replace(&mut self.has_begun, true) {
+            false => self.driving.begin(capturer),
+            true => Vec::new(),
+        };
+        if self.driving.is_under_way()
+            && let Some(outcome) = self.mover.outcome()
+        {
+            steps.extend(self.driving.outcome(outcome, capturer, now_s));
+        }
+        steps.extend(self.driving.look(capturer, now_s));
+        if shutdown.requested() {
+            // No further move is begun.
+            let is_order = |step: &Step| matches!(step, Step::Order(_));
+            if steps.iter().any(is_order) {
+                self.driving.halt();
+            }
+            steps.retain(|step| !is_order(step));
+        }
+        self.take(steps, capturer, show)
+    }
+
+    fn take(
+        &mut self,
+        steps: Vec<Step>,
+        capturer: &Capturer,
+        show: &mut dyn FnMut(&Capturer, Shown),
+    ) -> Result<(), CaptureError> {
+        for step in steps {
+            match step {
+                Step::Order(order) => {
+                    if !self.mover.order(order) {
+                        return Err(CaptureError::Moved("the driver takes no order".to_owned()));
+                    }
+                }
+                Step::Say(words) => {
+                    self.asked = Instant::now();
+                    show(capturer, Shown::Link(words));
+                }
+                Step::Stop(why) if self.is_aborting => {
+                    self.driving.halt();
+                    show(capturer, Shown::Link(why));
+                }
+                Step::Stop(why) => return Err(CaptureError::Moved(why)),
+            }
+        }
+        Ok(())
+    }
+
+    /// Whether somebody has answered what is asked; what was said before is no answer.
+    fn is_confirmed(&self, said: &Result<Instant, TryRecvError>) -> Result<bool, CaptureError> {
+        match said {
+            Ok(at) => Ok(self.driving.is_asking() && *at > self.asked),
+            Err(TryRecvError::Disconnected) if self.driving.is_asking() => Err(CaptureError::NobodySays),
+            Err(_) => Ok(false),
+        }
+    }
 }
 
 /// The volume and the offsets of a plan.
@@ -197,15 +324,16 @@ const SCALE: &str = "scale";
 const TRACER: &str = "tracer";
 const SENSOR: &str = "covariates";
 
-/// Opens all drivers, each on a thread; how they stand.
+/// Opens all drivers, each on a thread; how they stand, and what moves the machine.
 fn open(
     (config, base, machine): (&CaptureConfig, &Path, &MachineFile),
     shutdown: &Shutdown,
     give: &SyncSender<Given>,
-) -> Result<Vec<Watched>, CaptureError> {
+) -> Result<(Vec<Watched>, Option<Mover>), CaptureError> {
     let (scale, tracer) = config.drivers();
     let failed = |driver| move |source| CaptureError::Driver { driver, source: Box::new(source) };
     let mut scale = open_scale(&scale, base, machine, shutdown, None).map_err(failed(SCALE))?;
+    let mover = scale.mover();
     let mut tracer = open_tracer(&tracer, base, machine, shutdown, None).map_err(failed(TRACER))?;
     let mut links: Vec<Watched> = [(SCALE, scale.link()), (TRACER, tracer.link())]
         .into_iter()
@@ -231,7 +359,7 @@ fn open(
     };
     listen(SCALE, move || scale.next_reading(), join, give.clone())?;
     listen(TRACER, move || tracer.next_reading(), |reading| Some(Given::Tracer(Box::new(reading))), give.clone())?;
-    Ok(links)
+    Ok((links, mover))
 }
 
 /// Waits for a driver on a thread of its own.

@@ -156,6 +156,11 @@ impl Capturer {
         (0..self.planned.len()).filter(|point| self.taken[*point].is_some() || !self.planned.is_spare(*point)).count()
     }
 
+    /// Whether the driver of the scales tells where the tip is.
+    pub(super) fn tells_offset(&self) -> bool {
+        self.config.tells_offset()
+    }
+
     /// How many points are captured.
     pub fn done(&self) -> usize {
         self.taken.iter().flatten().count()

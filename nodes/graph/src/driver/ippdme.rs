@@ -6,6 +6,7 @@
 //! wire, metres in readings.
 
 mod client;
+mod mover;
 mod session;
 
 use super::{DriverError, Role, ScaleDriver, config_name};
@@ -20,6 +21,8 @@ use serde::{Deserialize, Serialize};
 use session::{Event, Position, Session};
 use std::collections::BTreeMap;
 use std::time::Duration;
+
+pub use mover::{Mover, Order, Outcome, SessionNumber};
 
 /// How often a driver that waits looks whether to stop.
 const LOOK_UP: Duration = Duration::from_millis(50);
@@ -166,6 +169,7 @@ pub(super) struct Ippdme {
     server: String,
     machine: MachineFile,
     session: Session,
+    mover: Option<Mover>,
     shutdown: Shutdown,
     sequence: u64,
     link: Link,
@@ -176,9 +180,18 @@ pub(super) fn open(config: &IppdmeConfig, machine: &MachineFile, shutdown: &Shut
     if let Some((key, problem)) = config.problem(Role::Scale) {
         return Err(DriverError::Lines { key, problem });
     }
-    let session = Session::open(config, config.offsets()).map_err(|source| DriverError::Port { source })?;
+    let (mover, obeying) = mover::pair();
+    let session = Session::open(config, config.offsets(), obeying).map_err(|source| DriverError::Port { source })?;
     let (server, machine) = (config.server.clone(), machine.clone());
-    Ok(Ippdme { server, machine, session, shutdown: shutdown.clone(), sequence: 0, link: Link::default() })
+    Ok(Ippdme {
+        server,
+        machine,
+        session,
+        mover: Some(mover),
+        shutdown: shutdown.clone(),
+        sequence: 0,
+        link: Link::default(),
+    })
 }
 
 impl Ippdme {
@@ -229,5 +242,9 @@ impl ScaleDriver for Ippdme {
 
     fn link(&self) -> Option<Link> {
         Some(self.link.clone())
+    }
+
+    fn mover(&mut self) -> Option<Mover> {
+        self.mover.take()
     }
 }

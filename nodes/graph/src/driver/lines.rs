@@ -1,12 +1,13 @@
-//! Driver: lines of text from another program or box, over TCP, UDP or from a command.
+//! Driver: lines of text from another program or box, over TCP, UDP, a serial port or from a command.
 //!
 //! Place in the flow: `kind = "lines"` in a launch configuration, for controllers and instruments that write a line a reading.
 //! The launch file says where lines come from ([`port`]) and what their columns are ([`row`]). A connection that ends is made
 //! again; one that is silent is told of. A column without a value is a missing covariate, and never the one before it. The
 //! stamp is the instrument's where a column `stamp_s` holds it, else the instant at which the line arrived.
 
-mod port;
+pub(super) mod port;
 mod row;
+mod serial;
 
 use super::Role as Kind;
 use super::{DriverError, ScaleDriver, SensorDriver, SensorValues, TracerDriver};
@@ -20,6 +21,7 @@ use serde::{Deserialize, Serialize};
 use std::time::{Duration, Instant, SystemTime};
 
 pub use port::LinesFrom;
+pub use serial::{Flow, Parity, SerialConfig};
 
 /// How often a driver that waits for a line looks whether to stop.
 const LOOK_UP: Duration = Duration::from_millis(50);
@@ -89,6 +91,10 @@ impl LinesConfig {
         }
         if let Some(problem) = self.from.problem() {
             return Some(("from", problem));
+        }
+        if matches!(self.from, LinesFrom::Serial(_)) && self.columns.is_empty() {
+            let problem = "must be named: a serial port has no first line that could name them";
+            return Some(("columns", problem.to_owned()));
         }
         Table::separator(self).err().or_else(|| match self.columns.as_slice() {
             [] => None,
@@ -172,6 +178,13 @@ impl Lines {
                 }
                 Some(Event::Lost(why)) => self.note_loss(&why),
                 Some(Event::TooLong) => return Err(self.of_line("it is longer than 4096 bytes".to_owned())),
+                Some(Event::NotWhole) => {
+                    self.note_voice();
+                    tracing::info!(
+                        "{}: the first line was left out; it may have begun before the port was opened",
+                        self.config.from
+                    );
+                }
                 Some(Event::Line(line)) => {
                     self.note_voice();
                     if let Some(row) = self.read(&line)? {
@@ -186,6 +199,11 @@ impl Lines {
     /// A row; `None` for blank lines, comments and the line of the column names.
     fn read(&mut self, line: &port::Line) -> Result<Option<Row>, DriverError> {
         let text = std::str::from_utf8(&line.text).map_err(|_| self.of_line("it is no UTF-8 text".to_owned()))?.trim();
+        if text.contains('\0') {
+            let problem =
+                "it holds a NUL: a byte that came damaged; see that baud, bits and parity are those of the box";
+            return Err(self.of_line(problem.to_owned()));
+        }
         if text.is_empty() || text.starts_with('#') {
             return Ok(None);
         }

@@ -8,6 +8,7 @@ mod bag;
 mod campaign_file;
 mod ippdme;
 mod lines;
+mod linuxcnc;
 mod recorded;
 mod ros;
 mod virtual_machine;
@@ -25,8 +26,9 @@ use std::path::{Path, PathBuf};
 use thiserror::Error;
 
 pub use bag::{CampaignFromBag, JoinSettings, campaign_from_bag};
-pub use ippdme::{IppdmeConfig, IppdmeReads};
-pub use lines::{LinesConfig, LinesFrom};
+pub use ippdme::{IppdmeConfig, IppdmeReads, Mover, Order, Outcome, SessionNumber};
+pub use lines::{Flow, LinesConfig, LinesFrom, Parity, SerialConfig};
+pub use linuxcnc::{LinuxcncConfig, MachineUnits};
 pub use ros::{RosConfig, RosMessage, RosStamp};
 
 /// What a driver is used for.
@@ -47,6 +49,11 @@ pub trait ScaleDriver: Send {
 
     /// How it stands with what it reads from; `None` of a recording.
     fn link(&self) -> Option<Link> {
+        None
+    }
+
+    /// What moves the machine, given once; `None` where the driver only reads.
+    fn mover(&mut self) -> Option<Mover> {
         None
     }
 }
@@ -108,6 +115,8 @@ pub enum DriverConfig {
     },
     /// Lines of text from a controller or an instrument.
     Lines(LinesConfig),
+    /// LinuxCNC.
+    Linuxcnc(LinuxcncConfig),
     /// A server of I++ DME.
     Ippdme(IppdmeConfig),
     /// A topic of ROS 2 with a standard message.
@@ -119,7 +128,7 @@ impl DriverConfig {
     pub fn is_live(&self) -> bool {
         match self {
             DriverConfig::Campaign { .. } | DriverConfig::Bag { .. } | DriverConfig::VirtualMachine { .. } => false,
-            DriverConfig::Lines(_) | DriverConfig::Ippdme(_) | DriverConfig::Ros(_) => true,
+            DriverConfig::Lines(_) | DriverConfig::Linuxcnc(_) | DriverConfig::Ippdme(_) | DriverConfig::Ros(_) => true,
         }
     }
 
@@ -131,6 +140,7 @@ impl DriverConfig {
                 (role == Role::Sensor).then(|| ("kind", problem.to_owned()))
             }
             DriverConfig::Lines(lines) => lines.problem(role),
+            DriverConfig::Linuxcnc(config) => config.problem(role),
             DriverConfig::Ippdme(config) => config.problem(role),
             DriverConfig::Ros(config) => config.problem(role),
         }
@@ -285,6 +295,7 @@ pub fn open_scale(
         DriverConfig::Bag { file, topic } => Box::new(bag::open_scale(&base.join(file), topic)?),
         DriverConfig::VirtualMachine { seed, effects } => Box::new(virtual_machine::open(*seed, effects, machine)?),
         DriverConfig::Lines(lines) => Box::new(lines::open(lines, Role::Scale, machine, shutdown)?),
+        DriverConfig::Linuxcnc(config) => Box::new(linuxcnc::open(config, machine, shutdown)?),
         DriverConfig::Ippdme(config) => Box::new(ippdme::open(config, machine, shutdown)?),
         DriverConfig::Ros(config) => Box::new(ros::open_scale(config, machine, shutdown, ros)?),
     })
@@ -302,6 +313,7 @@ pub fn open_sensor(
             Err(DriverError::NoSensor)
         }
         DriverConfig::Lines(lines) => Ok(Box::new(lines::open(lines, Role::Sensor, machine, shutdown)?)),
+        DriverConfig::Linuxcnc(_) => Err(linuxcnc::only_scales()),
         DriverConfig::Ippdme(_) => Err(ippdme::only_scales()),
         DriverConfig::Ros(config) => Ok(Box::new(ros::open_sensor(config, machine, shutdown, ros)?)),
     }
@@ -331,6 +343,7 @@ pub fn open_tracer(
         DriverConfig::Bag { file, topic } => Box::new(bag::open_tracer(&base.join(file), topic)?),
         DriverConfig::VirtualMachine { seed, effects } => Box::new(virtual_machine::open(*seed, effects, machine)?),
         DriverConfig::Lines(lines) => Box::new(lines::open(lines, Role::Tracer, machine, shutdown)?),
+        DriverConfig::Linuxcnc(_) => return Err(linuxcnc::only_scales()),
         DriverConfig::Ippdme(_) => return Err(ippdme::only_scales()),
         DriverConfig::Ros(config) => Box::new(ros::open_tracer(config, machine, shutdown, ros)?),
     })

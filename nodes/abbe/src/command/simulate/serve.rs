@@ -2,9 +2,9 @@
 //!
 //! Place in the flow: a capture is rehearsed against it, through the drivers of a real machine.
 
-use abbe_graph::serving::{Served, serve};
+use abbe_graph::serving::{Served, Way, serve};
 use abbe_runtime::Shutdown;
-use abbe_virtual_machine::{Drive, Pace, SimulationConfig};
+use abbe_virtual_machine::{Drive, Obedient, Pace, SimulationConfig};
 use anyhow::{Context, ensure};
 use std::io::Write;
 use std::net::TcpListener;
@@ -44,6 +44,9 @@ pub(super) struct Serving {
     /// Begin again at the end of the plan
     #[arg(long, requires = "serve")]
     again: bool,
+    /// Move where the client orders (GoTo), not along the plan
+    #[arg(long, requires = "serve", conflicts_with = "again")]
+    obey: bool,
 }
 
 impl Serving {
@@ -52,7 +55,7 @@ impl Serving {
     }
 }
 
-pub(super) fn run(config: &SimulationConfig, serving: &Serving) -> anyhow::Result<()> {
+pub(super) fn run(config: &SimulationConfig, stroke_m: [(f64, f64); 3], serving: &Serving) -> anyhow::Result<()> {
     let numbers = [
         ("--tracer-hz", serving.tracer_hz, 1e4),
         ("--dwell-s", serving.dwell_s, 1e4),
@@ -63,7 +66,8 @@ pub(super) fn run(config: &SimulationConfig, serving: &Serving) -> anyhow::Resul
         ensure!(value > 0.0 && value <= most, "{option} {value}: give a number above 0, at most {most}");
     }
     let Serving { dwell_s, change_s, faster, .. } = *serving;
-    let drive = Drive::new(config, Pace { dwell_s, change_s, faster })?;
+    let pace = Pace { dwell_s, change_s, faster };
+    let drive = Drive::new(config, pace)?;
     let mut offsets_m: Vec<[f64; 3]> = Vec::new();
     for line in config.plan.stations.iter().flat_map(|station| &station.lines) {
         if !offsets_m.contains(&line.offset_m) {
@@ -71,7 +75,14 @@ pub(super) fn run(config: &SimulationConfig, serving: &Serving) -> anyhow::Resul
         }
     }
     let lasts_s = drive.ends_s();
-    let served = Arc::new(Served::new(drive, serving.again, &offsets_m, serving.tracer_hz));
+    let way = match serving.obey {
+        true => {
+            let machine = Obedient::new(drive, pace).context("the plan has no point; plan one with abbe plan")?;
+            Way::Ordered(machine, stroke_m)
+        }
+        false => Way::Planned(drive, serving.again),
+    };
+    let served = Arc::new(Served::new(way, &offsets_m, serving.tracer_hz));
     let bind = |option: &str, address: &str| {
         TcpListener::bind(address).with_context(|| {
             format!("{option} {address}: cannot be listened on; name another address, such as 127.0.0.1:0")
@@ -81,11 +92,14 @@ pub(super) fn run(config: &SimulationConfig, serving: &Serving) -> anyhow::Resul
     let shutdown = Shutdown::on_signals()?;
     // Not `eprintln!`: it goes on whether or not somebody reads this.
     let say = |words: String| drop(writeln!(std::io::stderr(), "abbe: {words}"));
+    let moves = match serving.obey {
+        true => "it moves where the client orders".to_owned(),
+        false => format!("the way takes {:.1} min and begins when both are read", lasts_s / 60.0),
+    };
     say(format!(
-        "I++ DME on {}, the tracer on {}; the way takes {:.1} min and begins when both are read; Ctrl-C ends it",
+        "I++ DME on {}, the tracer on {}; {moves}; Ctrl-C ends it",
         server.local_addr()?,
-        tracer.local_addr()?,
-        lasts_s / 60.0
+        tracer.local_addr()?
     ));
     for (name, offset_m) in served.holders() {
         let [x, y, z] = offset_m.map(|m| m * 1e3);

@@ -3,6 +3,7 @@
 //! Place in the flow: below [`super::session`]. A command is sent when the one before it is complete. Answers to other tags than
 //! the one that is asked for are not taken for its answer: a position that comes late is no new one.
 
+use super::mover::ABORT_WITHIN;
 use crate::connecting::is_timeout;
 use abbe_ippdme::line::{Lines, Piece, text};
 use abbe_ippdme::message::{Kind, Response, Tag};
@@ -17,8 +18,20 @@ const SLICE: Duration = Duration::from_millis(20);
 /// Lines from the server that wait at most; a server that says more unasked is not listened to.
 const MOST_WAITING: usize = 100_000;
 
+/// Tags of the events that stop a move, and that ask whether the server lives.
+const ABORT: Tag = Tag::Event(9001);
+const ALIVE: Tag = Tag::Event(9002);
 /// How long a server is waited for at the end.
 const LAST_WAIT: Duration = Duration::from_millis(500);
+
+/// How a move ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Moved {
+    /// As ordered.
+    Whole,
+    /// On request.
+    Aborted,
+}
 
 /// Why a connection does not go on.
 #[derive(Debug)]
@@ -117,6 +130,75 @@ impl<'a> Client<'a> {
                     }
                     Kind::Done => return trouble.map_or(Ok(data), |trouble| Err(Stop::Trouble(trouble, true))),
                 },
+                _ => self.keep(arrived)?,
+            }
+        }
+    }
+
+    /// Sends a command that moves the machine, and waits for its end as long as it takes. Told to abort, or that nobody waits any
+    /// more, it stops the machine before it gives up; a server that says nothing meanwhile is asked whether it lives.
+    pub(super) fn move_by(&mut self, command: &str, is_aborted: &dyn Fn() -> bool) -> Result<Moved, Stop> {
+        self.next_tag = self.next_tag % 99_999 + 1;
+        let tag = Tag::Command(self.next_tag);
+        self.stream.write_all(format!("{tag} {command}\r\n").as_bytes())?;
+        let (mut trouble, mut abort, mut asked): (Option<Trouble>, Option<Instant>, Option<Instant>) =
+            (None, None, None);
+        let is_stopped = self.is_stopped;
+        loop {
+            if abort.is_none() && (is_aborted() || is_stopped()) {
+                // The event queue is read while a move is under way; what is_stopped says is kept for after.
+                self.is_stopped = &|| false;
+                self.stream.write_all(format!("{ABORT} AbortE()\r\n").as_bytes())?;
+                abort = Some(Instant::now());
+            }
+            if abort.is_some_and(|since| since.elapsed() > ABORT_WITHIN) {
+                self.is_stopped = is_stopped;
+                return Err(Stop::Lost(
+                    "the server does not say that it has stopped the machine; look at it".to_owned(),
+                ));
+            }
+            let Some(arrived) = self.waiting.pop_front() else {
+                // What was heard since answers it.
+                asked = asked.filter(|asked| *asked > self.heard);
+                if asked.is_some_and(|asked| asked.elapsed() > self.silent_after) {
+                    let why = format!("no sign of life while it moves within {:?}", self.silent_after);
+                    return Err(Stop::Lost(why));
+                }
+                if asked.is_none() && self.silence() > self.silent_after {
+                    self.stream.write_all(format!("{ALIVE} GetErrStatusE()\r\n").as_bytes())?;
+                    asked = Some(Instant::now());
+                }
+                match self.listen() {
+                    // Told to stop between two looks: the machine is stopped first.
+                    Err(Stop::Gone) => {}
+                    heard => heard?,
+                }
+                continue;
+            };
+            match Response::parse(text(&arrived.line)) {
+                Ok(response) if response.tag == tag => match response.kind {
+                    Kind::Error => {
+                        let told = Trouble::parse(response.data());
+                        trouble = trouble.or(told.severity.stops().then_some(told));
+                    }
+                    Kind::Done => {
+                        self.is_stopped = is_stopped;
+                        return match (trouble, abort) {
+                            (_, Some(_)) => Ok(Moved::Aborted),
+                            (Some(trouble), None) => Err(Stop::Trouble(trouble, true)),
+                            (None, None) => Ok(Moved::Whole),
+                        };
+                    }
+                    Kind::Ack | Kind::Data => {}
+                },
+                Ok(response) if response.tag == ABORT || response.tag == ALIVE => {}
+                // A collision, say: nobody asked, and the move is over.
+                Ok(response) if response.tag.is_unsolicited() && response.kind == Kind::Error => {
+                    let told = Trouble::parse(response.data());
+                    if told.severity.stops() && abort.is_none() {
+                        return Err(Stop::Trouble(told, false));
+                    }
+                }
                 _ => self.keep(arrived)?,
             }
         }

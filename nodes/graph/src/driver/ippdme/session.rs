@@ -5,6 +5,7 @@
 //! the machine has to mend is told, and the server asked each second whether it is mended; it is not cleared from here.
 
 use super::client::{Arrived, Client, Stop};
+use super::mover::Obeying;
 use super::{IppdmeConfig, IppdmeReads};
 use crate::connecting::{Waits, connect};
 use crate::units::Unit;
@@ -61,10 +62,10 @@ pub(super) struct Session {
 }
 
 impl Session {
-    pub(super) fn open(config: &IppdmeConfig, offsets: Offsets) -> std::io::Result<Session> {
+    pub(super) fn open(config: &IppdmeConfig, offsets: Offsets, obeying: Obeying) -> std::io::Result<Session> {
         let (give, events) = sync_channel(QUEUE);
         let is_stopped = Arc::new(AtomicBool::new(false));
-        let mut talk = Talk::new(config.clone(), offsets, give, Arc::clone(&is_stopped));
+        let mut talk = Talk::new(config.clone(), offsets, obeying, give, Arc::clone(&is_stopped));
         let thread = thread::Builder::new().name("ippdme".into()).spawn(move || talk.run())?;
         Ok(Session { events, is_stopped, thread: Some(thread) })
     }
@@ -94,26 +95,34 @@ impl Drop for Session {
 }
 
 /// What is known of the tool: its offset (m), or why not.
-type Tool = Result<[f64; 3], String>;
+pub(super) type Tool = Result<[f64; 3], String>;
 
 /// The thread.
-struct Talk {
+pub(super) struct Talk {
     config: IppdmeConfig,
     offsets: Offsets,
     give: SyncSender<Event>,
     is_stopped: Arc<AtomicBool>,
     last_words: String,
-    tool: Tool,
+    pub(super) tool: Tool,
     /// The server has changed it.
-    is_tool_new: bool,
+    pub(super) is_tool_new: bool,
     covariates: Vec<(String, f64, Instant)>,
     asked: Instant,
     /// The coordinate system that was selected before.
     before: Option<String>,
+    /// Orders to move.
+    pub(super) obeying: Obeying,
 }
 
 impl Talk {
-    fn new(config: IppdmeConfig, offsets: Offsets, give: SyncSender<Event>, is_stopped: Arc<AtomicBool>) -> Talk {
+    fn new(
+        config: IppdmeConfig,
+        offsets: Offsets,
+        obeying: Obeying,
+        give: SyncSender<Event>,
+        is_stopped: Arc<AtomicBool>,
+    ) -> Talk {
         let (tool, asked) = (unknown_tool(), Instant::now());
         let (last_words, covariates) = (String::new(), Vec::new());
         Talk {
@@ -127,6 +136,7 @@ impl Talk {
             covariates,
             asked,
             before: None,
+            obeying,
         }
     }
 
@@ -186,6 +196,7 @@ impl Talk {
         client.ask("StartSession()")?;
         // What came before is of the session before, errors and positions alike.
         client.unasked.clear();
+        self.obeying.session += 1;
         let before = first_word(&client.ask("GetCoordSystem()")?);
         client.ask(&format!("SetCoordSystem({})", Csy::Machine.name()))?;
         if before.as_deref() != Some(Csy::Machine.name()) {
@@ -243,13 +254,14 @@ impl Talk {
             if is_due || self.is_tool_new || self.tool.is_err() && self.asked.elapsed() >= ASK_AGAIN {
                 self.ask_tool_and_covariates(client)?;
             }
+            self.obey(client)?;
             if client.silence() > silent_after {
                 client.ask("GetErrStatusE()")?;
             }
         }
     }
 
-    fn take_unasked(&mut self, arrived: &Arrived) -> Result<(), Stop> {
+    pub(super) fn take_unasked(&mut self, arrived: &Arrived) -> Result<(), Stop> {
         let Ok(response) = Response::parse(text(&arrived.line)) else {
             return self.give(Event::Refused(arrived.number, "it is no line of the protocol".to_owned()));
         };
@@ -311,7 +323,7 @@ impl Talk {
         Ok(Position { arrived: arrived.at, line: arrived.number, tip_m, offset_m, covariates })
     }
 
-    fn ask_tool_and_covariates(&mut self, client: &mut Client) -> Result<(), Stop> {
+    pub(super) fn ask_tool_and_covariates(&mut self, client: &mut Client) -> Result<(), Stop> {
         (self.asked, self.is_tool_new) = (Instant::now(), false);
         let name = self.optional(client, "GetProp(Tool.Name())")?.and_then(|data| first_word(&data));
         // What a server says after a change of the tool that failed: no offset holds, not even one for all tools.
@@ -419,7 +431,7 @@ fn unknown_tool() -> Tool {
 }
 
 /// All parts of the answers.
-fn items_of(data: &[Arrived]) -> Vec<Item> {
+pub(super) fn items_of(data: &[Arrived]) -> Vec<Item> {
     let responses = data.iter().filter_map(|arrived| Response::parse(text(&arrived.line)).ok());
     responses.filter_map(|response| response.items().ok()).flatten().collect()
 }
@@ -437,6 +449,6 @@ fn first_word(data: &[Arrived]) -> Option<String> {
     arguments(data).iter().find_map(Item::text).map(str::to_owned)
 }
 
-fn numbers(data: &[Arrived]) -> Option<Vec<f64>> {
+pub(super) fn numbers(data: &[Arrived]) -> Option<Vec<f64>> {
     arguments(data).iter().map(Item::number).collect()
 }

@@ -1,8 +1,9 @@
-//! Where lines come from: a TCP connection, UDP packets, the output of a command. Connects again by itself.
+//! Where lines come from: a TCP connection, UDP packets, a serial port, the output of a command. Connects again by itself.
 //!
 //! Place in the flow: a thread reads and waits, so that the node's loop never does; it hands over whole lines with the instant
 //! at which they were complete. A queue that is full makes the thread wait, and TCP the sender.
 
+use super::serial::{SerialConfig, read_serial};
 use crate::connecting::{Waits, address_problem, connect, is_timeout};
 use serde::{Deserialize, Serialize};
 use std::fmt;
@@ -10,11 +11,12 @@ use std::io::{BufRead, BufReader, ErrorKind, Read};
 use std::net::{TcpListener, TcpStream, UdpSocket};
 use std::process::{Child, Command, Stdio};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
+use std::sync::{Arc, Weak};
 use std::thread;
 use std::time::{Duration, SystemTime};
 
 /// Bytes of a line at most.
-const MOST_BYTES: usize = 4096;
+pub(super) const MOST_BYTES: usize = 4096;
 /// Lines that wait for the node's loop at most.
 const QUEUE: usize = 4096;
 
@@ -28,16 +30,19 @@ pub enum LinesFrom {
     TcpListen(String),
     /// UDP packets sent here, at `address:port`; each ends a line.
     Udp(String),
-    /// What a command writes to its standard output, such as one that reads a serial port: program and arguments.
+    /// A serial port.
+    Serial(SerialConfig),
+    /// What a command writes to its standard output: program and arguments.
     Command(Vec<String>),
 }
 
 impl LinesFrom {
-    pub(super) fn problem(&self) -> Option<String> {
+    pub(in crate::driver) fn problem(&self) -> Option<String> {
         match self {
             LinesFrom::Tcp(address) | LinesFrom::TcpListen(address) | LinesFrom::Udp(address) => {
                 address_problem(address)
             }
+            LinesFrom::Serial(serial) => serial.problem(),
             LinesFrom::Command(words) => {
                 words.first().is_none_or(String::is_empty).then(|| "name a program to run".to_owned())
             }
@@ -51,6 +56,7 @@ impl fmt::Display for LinesFrom {
             LinesFrom::Tcp(address) => write!(f, "tcp {address}"),
             LinesFrom::TcpListen(address) => write!(f, "tcp_listen {address}"),
             LinesFrom::Udp(address) => write!(f, "udp {address}"),
+            LinesFrom::Serial(serial) => serial.fmt(f),
             LinesFrom::Command(words) => write!(f, "command {}", words.join(" ")),
         }
     }
@@ -58,48 +64,55 @@ impl fmt::Display for LinesFrom {
 
 /// A line, without what ends it.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(super) struct Line {
-    pub(super) text: Vec<u8>,
+pub(in crate::driver) struct Line {
+    pub(in crate::driver) text: Vec<u8>,
     /// When it was complete.
-    pub(super) arrived: SystemTime,
+    pub(in crate::driver) arrived: SystemTime,
 }
 
 /// What happens at a port.
 #[derive(Debug)]
-pub(super) enum Event {
+pub(in crate::driver) enum Event {
     Connected(String),
     Line(Line),
     /// A line of more than [`MOST_BYTES`] was passed over.
     TooLong,
+    /// The first line of a serial port, which may have begun before it was opened, was passed over.
+    NotWhole,
     /// Said each time; who listens says the same only once.
     Lost(String),
 }
 
 /// The loop's end of the thread.
-pub(super) struct Port {
+pub(in crate::driver) struct Port {
     events: Receiver<Event>,
     lines: u64,
+    /// A thread that waits at a silent port learns from it that nobody listens any more.
+    _listener: Arc<()>,
 }
 
 impl Port {
     /// Opens what can be opened only once (a listening socket), and starts the thread.
-    pub(super) fn open(from: &LinesFrom, silent_after: Duration) -> std::io::Result<Port> {
+    pub(in crate::driver) fn open(from: &LinesFrom, silent_after: Duration) -> std::io::Result<Port> {
         let source: Source = match from {
             LinesFrom::Tcp(address) => Source::Client(address.clone()),
             LinesFrom::TcpListen(address) => Source::Server(TcpListener::bind(address)?),
             LinesFrom::Udp(address) => Source::Packets(UdpSocket::bind(address)?),
+            LinesFrom::Serial(serial) => Source::Serial(serial.clone()),
             LinesFrom::Command(words) => Source::Command(words.clone()),
         };
         let (give, events) = sync_channel(QUEUE);
-        thread::Builder::new().name("lines".into()).spawn(move || source.run(&give, silent_after))?;
-        Ok(Port { events, lines: 0 })
+        let listener = Arc::new(());
+        let weak = Arc::downgrade(&listener);
+        thread::Builder::new().name("lines".into()).spawn(move || source.run(&give, silent_after, &weak))?;
+        Ok(Port { events, lines: 0, _listener: listener })
     }
 
     /// The next event, within this time.
-    pub(super) fn next(&mut self, within: Duration) -> Option<Event> {
+    pub(in crate::driver) fn next(&mut self, within: Duration) -> Option<Event> {
         match self.events.recv_timeout(within) {
             Ok(event) => {
-                self.lines += u64::from(matches!(event, Event::Line(_) | Event::TooLong));
+                self.lines += u64::from(matches!(event, Event::Line(_) | Event::TooLong | Event::NotWhole));
                 Some(event)
             }
             Err(RecvTimeoutError::Timeout) => None,
@@ -112,7 +125,7 @@ impl Port {
     }
 
     /// Lines so far.
-    pub(super) fn lines(&self) -> u64 {
+    pub(in crate::driver) fn lines(&self) -> u64 {
         self.lines
     }
 }
@@ -121,14 +134,15 @@ enum Source {
     Client(String),
     Server(TcpListener),
     Packets(UdpSocket),
+    Serial(SerialConfig),
     Command(Vec<String>),
 }
 
 /// The loop is gone.
-struct Gone;
+pub(super) struct Gone;
 
 impl Source {
-    fn run(&self, give: &SyncSender<Event>, silent_after: Duration) {
+    fn run(&self, give: &SyncSender<Event>, silent_after: Duration, listener: &Weak<()>) {
         let mut waits = Waits::new();
         loop {
             let outcome = match self {
@@ -137,6 +151,7 @@ impl Source {
                     listener.accept().and_then(|(stream, _)| read_stream(stream, give, silent_after))
                 }
                 Source::Packets(socket) => read_packets(socket, give),
+                Source::Serial(serial) => read_serial(serial, give, listener),
                 Source::Command(words) => read_command(words, give),
             };
             let why = match outcome {
@@ -144,6 +159,10 @@ impl Source {
                 Ok(Ok(())) => {
                     waits.begin_again();
                     "the other side ended it".to_owned()
+                }
+                Err(error) if error.kind() == ErrorKind::UnexpectedEof => {
+                    waits.begin_again();
+                    error.to_string()
                 }
                 Err(error) if is_timeout(&error) => format!("silent for {silent_after:?}"),
                 Err(error) => error.to_string(),
@@ -156,7 +175,7 @@ impl Source {
     }
 }
 
-type Ended = std::io::Result<Result<(), Gone>>;
+pub(super) type Ended = std::io::Result<Result<(), Gone>>;
 
 fn read_stream(stream: TcpStream, give: &SyncSender<Event>, silent_after: Duration) -> Ended {
     stream.set_read_timeout(Some(silent_after))?;
