@@ -6,7 +6,7 @@
 use std::fmt::Write as _;
 
 use crate::error::ReportError;
-use crate::text::escape;
+use crate::text::{escape, significant};
 
 /// A finished drawing: SVG elements for a canvas of `width` x `height` pixels.
 #[derive(Debug, Clone, PartialEq)]
@@ -26,6 +26,8 @@ pub(crate) struct Svg {
     height: f64,
     body: String,
     non_finite: bool,
+    /// Attribute of the shapes that are drawn now: what they show, which the page's script links across figures.
+    name: String,
 }
 
 /// Horizontal anchor of a text.
@@ -52,11 +54,28 @@ impl Anchor {
 impl Svg {
     /// An empty canvas.
     pub(crate) fn new(width: f64, height: f64) -> Self {
-        Self { width, height, body: String::new(), non_finite: false }
+        Self { width, height, body: String::new(), non_finite: false, name: String::new() }
+    }
+
+    /// What the shapes from here on show: a station, a line, a curve. Shapes of one name belong together across the figures of
+    /// a page. `None` ends that.
+    pub(crate) fn name(&mut self, name: Option<&str>) {
+        let name = name.filter(|name| !name.is_empty());
+        self.name = name.map(|name| format!(" data-n=\"{}\"", escape(name))).unwrap_or_default();
+    }
+
+    /// Begins a group with these attributes, which are escaped already.
+    pub(crate) fn open(&mut self, attributes: &str) {
+        self.push(format_args!("<g {attributes}>"));
+    }
+
+    /// Ends the group that was begun last.
+    pub(crate) fn close(&mut self) {
+        self.push(format_args!("</g>"));
     }
 
     /// A coordinate with two decimals at most; remembers if one was not finite.
-    fn number(&mut self, value: f64) -> String {
+    pub(crate) fn number(&mut self, value: f64) -> String {
         if !value.is_finite() {
             self.non_finite = true;
             return "0".to_owned();
@@ -91,7 +110,8 @@ impl Svg {
         if closed {
             d.push('Z');
         }
-        self.push(format_args!("<path class=\"{class}\" d=\"{d}\"/>"));
+        let name = self.name.clone();
+        self.push(format_args!("<path class=\"{class}\"{name} d=\"{d}\"/>"));
     }
 
     /// Many straight segments of one class in one element.
@@ -105,11 +125,13 @@ impl Svg {
             let (x2, y2) = (self.number(to.0), self.number(to.1));
             let _ = write!(d, "M{x1} {y1}L{x2} {y2}");
         }
-        self.push(format_args!("<path class=\"{class}\" d=\"{d}\"/>"));
+        let name = self.name.clone();
+        self.push(format_args!("<path class=\"{class}\"{name} d=\"{d}\"/>"));
     }
 
-    /// Many dots of one class in one element: zero-length strokes with round caps.
-    pub(crate) fn dots(&mut self, class: &str, points: &[(f64, f64)]) {
+    /// Many dots of one class in one element: zero-length strokes with round caps. `values` are what the dots stand for, for
+    /// the page's script.
+    pub(crate) fn dots(&mut self, class: &str, points: &[(f64, f64)], values: &[f64]) {
         if points.is_empty() {
             return;
         }
@@ -118,7 +140,9 @@ impl Svg {
             let (x, y) = (self.number(x), self.number(y));
             let _ = write!(d, "M{x} {y}h.01");
         }
-        self.push(format_args!("<path class=\"dot {class}\" d=\"{d}\"/>"));
+        let values: Vec<String> = values.iter().map(|v| significant(*v, 3).replace('−', "-")).collect();
+        let (name, values) = (self.name.clone(), values.join(" "));
+        self.push(format_args!("<path class=\"dot {class}\"{name} data-v=\"{values}\" d=\"{d}\"/>"));
     }
 
     /// Many markers of one class in one element; each of the eight series has a shape of its own, so that they are told
@@ -132,31 +156,32 @@ impl Svg {
             let (x, y) = (self.number(x), self.number(y));
             let _ = write!(d, "M{x} {y}{}", marker(series));
         }
-        self.push(format_args!("<path class=\"mark {class}\" d=\"{d}\"/>"));
+        let name = self.name.clone();
+        self.push(format_args!("<path class=\"mark {class}\"{name} d=\"{d}\"/>"));
     }
 
     /// A rectangle with an optional tooltip.
     pub(crate) fn rect(&mut self, class: &str, (x, y): (f64, f64), (w, h): (f64, f64), tip: Option<&str>) {
         let (x, y) = (self.number(x), self.number(y));
         let (w, h) = (self.number(w.max(0.0)), self.number(h.max(0.0)));
-        let tip = tooltip(tip);
+        let (tip, name) = (tooltip(tip), self.name.clone());
         self.push(format_args!(
-            "<rect class=\"{class}\" x=\"{x}\" y=\"{y}\" width=\"{w}\" height=\"{h}\">{tip}</rect>"
+            "<rect class=\"{class}\"{name} x=\"{x}\" y=\"{y}\" width=\"{w}\" height=\"{h}\">{tip}</rect>"
         ));
     }
 
     /// A circle with an optional tooltip.
     pub(crate) fn circle(&mut self, class: &str, (x, y): (f64, f64), r: f64, tip: Option<&str>) {
         let (x, y, r) = (self.number(x), self.number(y), self.number(r));
-        let tip = tooltip(tip);
-        self.push(format_args!("<circle class=\"{class}\" cx=\"{x}\" cy=\"{y}\" r=\"{r}\">{tip}</circle>"));
+        let (tip, name) = (tooltip(tip), self.name.clone());
+        self.push(format_args!("<circle class=\"{class}\"{name} cx=\"{x}\" cy=\"{y}\" r=\"{r}\">{tip}</circle>"));
     }
 
     /// A text, escaped.
     pub(crate) fn text(&mut self, class: &str, (x, y): (f64, f64), anchor: Anchor, text: &str) {
         let (x, y) = (self.number(x), self.number(y));
-        let (anchor, text) = (anchor.attribute(), escape(text));
-        self.push(format_args!("<text class=\"{class}\" x=\"{x}\" y=\"{y}\"{anchor}>{text}</text>"));
+        let (anchor, text, name) = (anchor.attribute(), escape(text), self.name.clone());
+        self.push(format_args!("<text class=\"{class}\"{name} x=\"{x}\" y=\"{y}\"{anchor}>{text}</text>"));
     }
 
     /// A text turned to read upwards, centred on the point, escaped.

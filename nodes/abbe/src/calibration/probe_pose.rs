@@ -11,9 +11,10 @@ use abbe_measurement::probe_pose::{
     Compensation, CompensationTable, LeftOutCentre, LeftOutPose, ProbePose, ProbePoseModel, SphereCentre,
     leave_one_centre_out, leave_one_pose_out,
 };
+use abbe_report::State;
 use abbe_report::{
-    Axis, Callout, Cell, Column, Curve, CurveStyle, KeyFigure, KeyFigures, LinePanel, LinePlot, Quantity, Report,
-    Section, TableSection, Tone,
+    Axis, Callout, Cell, Column, Curve, CurveStyle, Identity, KeyFigure, KeyFigures, LinePanel, LinePlot, Quantity,
+    Report, Section, TableSection, Tone,
 };
 use anyhow::Context;
 use serde_json::{Value, json};
@@ -226,6 +227,7 @@ impl Judged {
                 self.centres.len(),
                 self.table.entries.len()
             )),
+            identity: Identity::default(),
             meta: meta(path, sha256),
             main_plot: None,
             footer: None,
@@ -268,9 +270,9 @@ impl Judged {
     /// The error of each pose that the others predict, without the table and with it.
     fn picture(&self) -> Section {
         let poses: Vec<&LeftOutPose> = self.poses.iter().flatten().collect();
-        let curve = |name: &str, series: u8, of: fn(&LeftOutPose) -> Option<f64>| Curve {
+        let curve = |name: &str, state: State, of: fn(&LeftOutPose) -> Option<f64>| Curve {
             name: name.to_owned(),
-            style: CurveStyle::Points(series),
+            style: CurveStyle::PointsOf(state),
             x: (1..=poses.len()).map(|k| k as f64).collect(),
             y: poses.iter().map(|pose| of(pose)).collect(),
             half_width: None,
@@ -285,8 +287,8 @@ impl Judged {
                 x: Axis::new("pose", "1"),
                 y: Axis::new("error", "µm"),
                 curves: vec![
-                    curve("without a table", 2, |pose| pose.error_m.as_ref().map(um)),
-                    curve("with the others' table", 1, |pose| pose.compensated_m.as_ref().map(um)),
+                    curve("without a table", State::Before, |pose| pose.error_m.as_ref().map(um)),
+                    curve("with the others' table", State::After, |pose| pose.compensated_m.as_ref().map(um)),
                 ],
             }],
         })

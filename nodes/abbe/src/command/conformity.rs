@@ -6,13 +6,15 @@ use super::identify::{progress_text, spinner};
 use super::simulate::VOLUMETRIC_RMS_UM;
 use crate::conformity::{self, Limits, Product, lengths, runs, simulated, sphere};
 use crate::exit::Ended;
+use crate::identity::{IdentityOptions, Said, Who};
 use abbe_conformity::length::Probing;
 use abbe_conformity::{MaximumPermissibleError, Verdict};
+use abbe_files::read_machine;
 use abbe_identify::Progress;
 use abbe_runtime::Shutdown;
 use anyhow::{Context, bail, ensure};
 use clap::ValueEnum;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// How the ends of a length were probed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -88,10 +90,13 @@ pub(crate) struct Arguments {
     /// Print conformity.json on standard output
     #[arg(long)]
     json: bool,
+    #[command(flatten)]
+    identity: IdentityOptions,
 }
 
 pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
-    let product = product(arguments)?;
+    let mut product = product(arguments)?;
+    product.report.identity = who(arguments)?.shown;
     if let Some(folder) = &arguments.out {
         conformity::write(folder, &product)?;
     }
@@ -110,6 +115,14 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         }
         Some(Verdict::DoesNotConform) => Err(Ended::not_conforming("does not conform".to_owned()).into()),
     }
+}
+
+/// Who measured; a simulated machine was measured by nobody.
+fn who(arguments: &Arguments) -> anyhow::Result<Who> {
+    let tables = [&arguments.lengths, &arguments.sphere, &arguments.runs].into_iter().flatten().map(PathBuf::as_path);
+    let tables: Vec<&Path> = tables.collect();
+    let machine = arguments.machine.as_deref().map(read_machine).transpose()?;
+    arguments.identity.gather(&Said { machine: machine.as_ref(), tables: &tables, ..Said::default() })
 }
 
 fn product(arguments: &Arguments) -> anyhow::Result<Product> {

@@ -6,7 +6,7 @@
 use super::identify::spinner;
 use abbe_files::write_atomically;
 use abbe_papers::{Figure, PAPERS, Paper, PaperError, Settings, Verdict};
-use abbe_report::{Callout, Cell, Column, MetaItem, Report, Section, TableSection, Tone, to_json};
+use abbe_report::{Callout, Cell, Column, Identity, MetaItem, Report, Section, TableSection, Tone, to_json};
 use abbe_runtime::Shutdown;
 use anyhow::{Context, bail, ensure};
 use serde::Serialize;
@@ -202,6 +202,7 @@ fn report(document: &Document) -> Report {
     Report {
         title: "Published figures, computed again".to_owned(),
         lead: Some("What the source papers report, what comes out here, how, and what can be said.".to_owned()),
+        identity: Identity::default(),
         meta: vec![
             item("Seed", document.seed.to_string()),
             item("Share of the full number of runs", document.effort.to_string()),

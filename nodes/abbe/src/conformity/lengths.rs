@@ -9,7 +9,9 @@ use crate::pipeline::software;
 use abbe_conformity::length::{LengthErrors, LengthTest, LengthVerdict, Probing, evaluate};
 use abbe_conformity::{DecisionRule, Frontier, MaximumPermissibleError, SupportedLimit, Verdict};
 use abbe_files::{hex, read_lengths_file};
-use abbe_report::{Callout, Cell, Column, KeyFigure, KeyFigures, Quantity, Report, Section, TableSection, Tone};
+use abbe_report::{
+    Callout, Cell, Column, Identity, KeyFigure, KeyFigures, Quantity, Report, Section, TableSection, Tone,
+};
 use anyhow::Context;
 use serde_json::{Value, json};
 use std::fmt::Write as _;
@@ -34,11 +36,11 @@ pub(crate) fn run(path: &Path, stated: &Stated, limits: &Limits, rule: &Decision
     let mut json = figures(&errors, limits, rule)?;
     json["data_sha256"] = json!(hex(&file.sha256));
     json["software"] = json!(software());
-    let mut sections = sections(&errors, limits, rule)?;
-    sections.push(departure_callout(STANDARD, &errors.departures));
+    let sections = sections(&errors, limits, rule)?;
     let report = Report {
         title: format!("Length measurement error {}", errors.test.symbol()),
         lead: Some(lead(&errors)),
+        identity: Identity::default(),
         meta: meta(path, &file.sha256),
         main_plot: None,
         footer: Some(software()),
@@ -259,6 +261,7 @@ pub(crate) fn sections(errors: &LengthErrors, limits: &Limits, rule: &DecisionRu
             text: format!("{}. Decision rule: {}.", verdict_text(errors, &verdict), rule.words()),
         }));
     }
+    sections.push(departure_callout(STANDARD, &errors.departures));
     sections.push(pictures::errors_against_length(
         "Errors against length",
         errors,

@@ -4,8 +4,8 @@
 //! then the same gauges are touched in the same order by the machine as it is, as the model corrects it and, where there is one,
 //! as model and residual model do. The models see the campaign only.
 
-use super::lengths::{self, STANDARD};
-use super::{Limits, Outside, Product, departure_callout};
+use super::lengths;
+use super::{Limits, Outside, Product};
 use crate::command::simulate;
 use crate::pipeline::software;
 use crate::residual::{load_residual, with_residual};
@@ -21,7 +21,7 @@ use abbe_geometry::effects::{CovariateSource, CovariateValue, State};
 use abbe_geometry::model::MachineModel;
 use abbe_graph::step::OwnedField;
 use abbe_identify::{Options, Progress, identify};
-use abbe_report::{Heading, MetaItem, Report, Section};
+use abbe_report::{Heading, Identity, MetaItem, Report, Section};
 use abbe_virtual_machine::effects::from_text;
 use abbe_virtual_machine::length_test::{MachineAtTouch, length_test};
 use abbe_virtual_machine::plan::presets::CASE_OFFSETS_M;
@@ -185,8 +185,6 @@ fn report(
         sections.push(Section::Heading(Heading { title: (*title).to_owned(), intro: None }));
         sections.extend(lengths::sections(errors, limits, rule)?);
     }
-    let departures = stages.last().map_or(&[][..], |stage| &stage.errors.departures);
-    sections.push(departure_callout(STANDARD, departures));
     let item = |label: &str, value: String| MetaItem { label: label.to_owned(), value: Some(value) };
     let mut meta = vec![item("machine", machine.to_owned()), item("seed", asked.seed.to_string())];
     meta.extend(asked.effects.iter().map(|effect| item("effect", effect.clone())));
@@ -196,6 +194,7 @@ fn report(
             "The same gauges, touched in the same order by a simulated machine as it is and as its models correct it."
                 .to_owned(),
         ),
+        identity: Identity::default(),
         meta,
         main_plot: None,
         footer: Some(software()),

@@ -8,7 +8,7 @@ use abbe_conformity::probing::{FORM_NAMES, ProbingErrors, SIZE_NAMES, evaluate};
 use abbe_conformity::{DecisionRule, PermissibleError, Verdict};
 use abbe_files::{hex, read_probed_points_file};
 use abbe_report::{
-    Axis, Callout, Curve, CurveStyle, KeyFigure, KeyFigures, LinePanel, LinePlot, Quantity, Report, Section,
+    Axis, Callout, Curve, CurveStyle, Identity, KeyFigure, KeyFigures, LinePanel, LinePlot, Quantity, Report, Section,
 };
 use anyhow::Context;
 use serde_json::json;
@@ -98,6 +98,7 @@ fn report(path: &Path, sha256: &[u8; 32], errors: &ProbingErrors, rows: &[Row], 
             }));
         }
     }
+    sections.push(departure_callout(STANDARD, &errors.departures));
     let residuals = &errors.sphere.residuals_m;
     let curve = Curve {
         name: "points".to_owned(),
@@ -118,10 +119,10 @@ fn report(path: &Path, sha256: &[u8; 32], errors: &ProbingErrors, rows: &[Row], 
             curves: vec![curve],
         }],
     }));
-    sections.push(departure_callout(STANDARD, &errors.departures));
     Report {
         title: "Probing error".to_owned(),
         lead: Some(format!("{} points on a sphere.", residuals.len())),
+        identity: Identity::default(),
         meta: meta(path, sha256),
         main_plot: None,
         footer: Some(software()),
