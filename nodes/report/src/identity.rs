@@ -47,7 +47,7 @@ impl Identity {
         });
         let lines = [
             ("Certificate", self.certificate.clone()),
-            ("Measured", self.measured.clone()),
+            ("Measured", self.measured.as_ref().map(|days| days.replace('/', " to "))),
             ("Operator", self.operator.clone()),
             ("Place", self.place.clone()),
             (

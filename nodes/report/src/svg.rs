@@ -30,6 +30,9 @@ pub(crate) struct Svg {
     name: String,
 }
 
+/// Up to this many markers of a curve are drawn larger.
+const FEW: usize = 300;
+
 /// Horizontal anchor of a text.
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum Anchor {
@@ -152,9 +155,10 @@ impl Svg {
             return;
         }
         let mut d = String::new();
+        let outline = marker(series, if points.len() <= FEW { 1.6 } else { 1.0 });
         for &(x, y) in points {
             let (x, y) = (self.number(x), self.number(y));
-            let _ = write!(d, "M{x} {y}{}", marker(series));
+            let _ = write!(d, "M{x} {y}{outline}");
         }
         let name = self.name.clone();
         self.push(format_args!("<path class=\"mark {class}\"{name} d=\"{d}\"/>"));
@@ -202,18 +206,47 @@ impl Svg {
     }
 }
 
-/// Outline of a marker from its middle, some 5 px across.
-fn marker(series: u8) -> &'static str {
-    match (series.max(1) - 1) % 8 {
-        0 => "m-2.2 0a2.2 2.2 0 1 0 4.4 0a2.2 2.2 0 1 0 -4.4 0z", // disc
-        1 => "m-2 -2h4v4h-4z",                                    // square
-        2 => "m0 -2.7l2.5 4.4h-5z",                               // triangle
-        3 => "m0 -2.9l2.9 2.9l-2.9 2.9l-2.9 -2.9z",               // diamond
-        4 => "m-.7 -2.7h1.4v2h2v1.4h-2v2h-1.4v-2h-2v-1.4h2z",     // plus
-        5 => "m0 2.7l2.5 -4.4h-5z",                               // triangle that points down
-        6 => "m-2.8 -.8h5.6v1.6h-5.6z",                           // bar
-        _ => "m-.8 -2.8h1.6v5.6h-1.6z",                           // upright bar
+/// Outline of a marker from its middle, some 5 px across, enlarged by a factor.
+fn marker(series: u8, factor: f64) -> String {
+    let short = |value: f64| format!("{}", (value * factor * 100.0).round() / 100.0 + 0.0);
+    let corners: &[(f64, f64)] = match (series.max(1) - 1) % 8 {
+        0 => {
+            let (radius, width) = (short(2.2), short(4.4));
+            return format!("m-{radius} 0a{radius} {radius} 0 1 0 {width} 0a{radius} {radius} 0 1 0 -{width} 0z");
+        }
+        // Square, triangle, diamond.
+        1 => &[(-2.0, -2.0), (2.0, -2.0), (2.0, 2.0), (-2.0, 2.0)],
+        2 => &[(0.0, -2.7), (2.5, 1.7), (-2.5, 1.7)],
+        3 => &[(0.0, -2.9), (2.9, 0.0), (0.0, 2.9), (-2.9, 0.0)],
+        // Plus.
+        4 => &[
+            (-0.7, -2.7),
+            (0.7, -2.7),
+            (0.7, -0.7),
+            (2.7, -0.7),
+            (2.7, 0.7),
+            (0.7, 0.7),
+            (0.7, 2.7),
+            (-0.7, 2.7),
+            (-0.7, 0.7),
+            (-2.7, 0.7),
+            (-2.7, -0.7),
+            (-0.7, -0.7),
+        ],
+        // Triangle that points down, bar, upright bar.
+        5 => &[(0.0, 2.7), (2.5, -1.7), (-2.5, -1.7)],
+        6 => &[(-2.8, -0.8), (2.8, -0.8), (2.8, 0.8), (-2.8, 0.8)],
+        _ => &[(-0.8, -2.8), (0.8, -2.8), (0.8, 2.8), (-0.8, 2.8)],
+    };
+    let mut out = String::new();
+    let mut last = (0.0, 0.0);
+    for (index, &(x, y)) in corners.iter().enumerate() {
+        // Writing to a String cannot fail.
+        let _ = write!(out, "{}{} {}", if index == 0 { 'm' } else { 'l' }, short(x - last.0), short(y - last.1));
+        last = (x, y);
     }
+    out.push('z');
+    out
 }
 
 fn tooltip(tip: Option<&str>) -> String {

@@ -193,8 +193,8 @@ fn report(
             value: worst.map(|position| Quantity::new(shown(position)[k], decimals(u))),
             unit: if k < 3 { "µm" } else { "µrad" }.to_owned(),
             detail: worst.map(|position| {
-                let u = u.map(|u| format!(" ± {u:.*} (k = 2)", usize::from(decimals(Some(u)))));
-                format!("at {:.0} mm{}", position.position_m * 1e3, u.unwrap_or_default())
+                let u = u.map(|u| format!("± {u:.*} (k = 2), ", usize::from(decimals(Some(u)))));
+                format!("{}at {:.0} mm", u.unwrap_or_default(), position.position_m * 1e3)
             }),
             ..KeyFigure::default()
         }

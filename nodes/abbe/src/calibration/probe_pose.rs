@@ -233,11 +233,11 @@ impl Judged {
             footer: None,
             sections: vec![
                 self.key_figures(),
+                note(),
                 self.picture(),
                 self.unknown_table(),
                 self.compensation_section(),
                 self.left_out_section(),
-                note(),
             ],
         }
     }
@@ -245,8 +245,8 @@ impl Judged {
     fn key_figures(&self) -> Section {
         let figure = |label: &str, before: Option<f64>, value: Option<f64>, detail: &str| KeyFigure {
             label: label.to_owned(),
-            before: before.map(|b| Quantity::new(b, 1)),
-            value: value.map(|v| Quantity::new(v, 1)),
+            before: before.map(|b| Quantity::new(b, 0)),
+            value: value.map(|v| Quantity::new(v, 0)),
             unit: "µm".to_owned(),
             detail: Some(detail.to_owned()),
             ..KeyFigure::default()
@@ -393,8 +393,8 @@ fn note() -> Section {
     Section::Callout(Callout {
         tone: Tone::Neutral,
         title: "What the table is worth".to_owned(),
-        text: "It holds for its own poses. Between them it is interpolated by inverse squared angle of turn, which the table \
-               above judges; outside them there is none. What the calibration leaves is diagnosed by abbe diagnose on the same file."
+        text: "It holds for its own poses. Between them it is interpolated by inverse squared angle of turn, which the \
+               poses left out judge; outside them there is none. What the calibration leaves is diagnosed by abbe diagnose on the same file."
             .to_owned(),
     })
 }

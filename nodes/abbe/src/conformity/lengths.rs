@@ -230,7 +230,7 @@ pub(crate) fn sections(errors: &LengthErrors, limits: &Limits, rule: &DecisionRu
     let (largest, line, length_m) = errors.largest();
     let figure = |label: &str, value: Option<f64>, detail: String| KeyFigure {
         label: label.to_owned(),
-        value: value.map(|v| Quantity::new(v, 3)),
+        value: value.map(|v| Quantity::new(v, 2)),
         unit: "µm".to_owned(),
         detail: Some(detail),
         ..KeyFigure::default()

@@ -248,6 +248,13 @@ impl LinePlot {
 }
 
 impl LinePanel {
+    /// Wanted marks on the horizontal axis; numbers of things have no marks between them.
+    fn x_ticks(&self, area: Area, (low, high): (f64, f64)) -> usize {
+        let wanted = (area.width / 60.0) as usize;
+        let counts = self.x.unit == "1" && self.curves.iter().flat_map(|c| &c.x).all(|x| x.fract() == 0.0);
+        if counts { wanted.min((high - low) as usize + 1) } else { wanted }
+    }
+
     fn draw(&self, svg: &mut Svg, area: Area) {
         let all = || self.curves.iter().flat_map(Curve::runs).flatten();
         let x_range = extent(all().map(|p| p.0)).unwrap_or((0.0, 1.0));
@@ -265,7 +272,7 @@ impl LinePanel {
             title: self.title.clone(),
             x: axis_text(&self.x),
             y: axis_text(&self.y),
-            x_ticks: (area.width / 60.0) as usize,
+            x_ticks: self.x_ticks(area, x_range),
             y_ticks: (area.height / 26.0) as usize,
         };
         begin_panel(svg, area, &x, &y, &labels);

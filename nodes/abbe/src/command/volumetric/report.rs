@@ -56,7 +56,7 @@ fn outside(answer: &Answer) -> Option<Section> {
             title: "Outside of what was measured".to_owned(),
             text: format!(
                 "{outside} of {all} points lie outside of the volume or the offsets that the model was identified from, or lack \
-                 covariates: what is shown there is extrapolated, and its uncertainty is a lower bound."
+                 covariates: what is shown there is extrapolated, and its uncertainty is a lower bound. The offset of the campaign is given with --offset-mm."
             ),
         })
     })
