@@ -30,6 +30,7 @@ mod finite;
 mod frame;
 mod html;
 mod identity;
+mod pdf;
 mod png;
 mod report;
 mod scale;

@@ -6,7 +6,7 @@ use crate::error::ReportError;
 use crate::finite::check_finite;
 use crate::identity::Identity;
 use crate::sections::Section;
-use crate::{html, png};
+use crate::{html, pdf, png};
 
 /// What a page was made from: a file, a hash, a version.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -63,6 +63,15 @@ impl Report {
     pub fn png(&self) -> Result<Vec<u8>, ReportError> {
         self.check()?;
         png::main_plot(self)
+    }
+
+    /// The report as PDF: A4, vector drawings, text that can be selected and searched, no date of its own.
+    ///
+    /// # Errors
+    /// As [`Report::check`]; [`ReportError::Pdf`] where a character is in none of the embedded fonts.
+    pub fn pdf(&self) -> Result<Vec<u8>, ReportError> {
+        self.check()?;
+        pdf::document(self)
     }
 
     /// The report's sections as JSON, missing values as `null`.

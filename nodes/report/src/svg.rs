@@ -197,6 +197,12 @@ impl Svg {
         ));
     }
 
+    /// A finished drawing with its left top corner here, made smaller by a factor.
+    pub(crate) fn place(&mut self, drawing: &Drawing, (x, y): (f64, f64), scale: f64) {
+        let (x, y, scale) = (self.number(x), self.number(y), format!("{scale:.4}"));
+        self.push(format_args!("<g transform=\"translate({x} {y}) scale({scale})\">{}</g>", drawing.body));
+    }
+
     /// The drawing, or an error if a coordinate was not finite.
     pub(crate) fn finish(self, section: &str) -> Result<Drawing, ReportError> {
         if self.non_finite {

@@ -3,7 +3,8 @@
 //! Place in the flow: `abbe conformity --lengths`, and before and after a correction in [`super::simulated`].
 
 use super::{
-    Limits, Product, departure_callout, departure_json, departure_words, meta, pictures, tone, um, verdict_word, worst,
+    Figure, Limits, Product, departure_callout, departure_json, departure_words, meta, pictures, tone, um,
+    verdict_word, worst,
 };
 use crate::pipeline::software;
 use abbe_conformity::length::{LengthErrors, LengthTest, LengthVerdict, Probing, evaluate};
@@ -46,7 +47,52 @@ pub(crate) fn run(path: &Path, stated: &Stated, limits: &Limits, rule: &Decision
         footer: Some(software()),
         sections,
     };
-    Ok(Product { words, json, report, verdict: verdict(&errors, limits, rule), outside: None })
+    Ok(Product {
+        words,
+        json,
+        report,
+        verdict: verdict(&errors, limits, rule),
+        outside: None,
+        figures: certified(&errors, limits, rule),
+    })
+}
+
+/// The figures of a certificate: the largest error of each line, and the repeatability range.
+fn certified(errors: &LengthErrors, limits: &Limits, rule: &DecisionRule) -> Vec<Figure> {
+    let expanded_m = |length_m: f64| match rule {
+        DecisionRule::GuardBand(uncertainty) => Some(uncertainty.at_m(length_m)),
+        DecisionRule::SimpleAcceptance => None,
+    };
+    let symbol = errors.test.symbol();
+    let verdict = limits.length.as_ref().map(|limit| errors.verdict(limit, limits.repeatability, rule));
+    let of_line = |line: &abbe_conformity::length::LineSummary| {
+        let (largest, at_m) = line.largest;
+        Figure {
+            name: format!("{symbol}, largest error on line {}, at a length of {:.4} mm", line.line, at_m * 1e3),
+            value_m: largest.metres(),
+            expanded_m: expanded_m(at_m),
+            limit_m: limits.length.map(|limit| limit.at(at_m).metres()),
+            // The verdict is on the whole test, not on a line.
+            verdict: None,
+        }
+    };
+    let mut figures: Vec<Figure> = errors.lines.iter().map(of_line).collect();
+    let (largest, line, at_m) = errors.largest();
+    figures.push(Figure {
+        name: format!("{symbol}, largest error of all lines, on {line} at a length of {:.4} mm", at_m * 1e3),
+        value_m: largest.metres(),
+        expanded_m: expanded_m(at_m),
+        limit_m: limits.length.map(|limit| limit.at(at_m).metres()),
+        verdict: verdict.as_ref().map(|verdict| verdict.errors),
+    });
+    figures.extend(errors.repeatability().map(|range| Figure {
+        name: "R0, largest repeatability range".to_owned(),
+        value_m: range.metres(),
+        expanded_m: None,
+        limit_m: limits.repeatability.map(|limit| limit.metres()),
+        verdict: verdict.as_ref().and_then(|verdict| verdict.repeatability),
+    }));
+    figures
 }
 
 /// The verdict on the limits, where there are some.

@@ -38,7 +38,7 @@ pub(crate) fn run(path: &Path) -> anyhow::Result<Product> {
         .transpose()?;
     let (words, json) = (words(path, &axes, diagonals.as_ref()), json(&axes, diagonals.as_ref(), &file.sha256));
     let report = report(path, &file.sha256, &axes, diagonals.as_ref());
-    Ok(Product { words, json, report, verdict: None, outside: None })
+    Ok(Product { words, json, report, verdict: None, outside: None, figures: Vec::new() })
 }
 
 fn approach(run: &Run) -> positioning::Approach {

@@ -99,7 +99,7 @@ pub(crate) fn run(
         judged: if asked.model.is_some() { tally.judge(test) } else { Ok(()) },
     });
     let verdict = stages.last().and_then(|after| lengths::verdict(&after.errors, limits, rule));
-    Ok(Product { words, json, report, verdict, outside })
+    Ok(Product { words, json, report, verdict, outside, figures: Vec::new() })
 }
 
 /// The model asked for and its residual model, or one that is identified from a campaign of the simulated machine.

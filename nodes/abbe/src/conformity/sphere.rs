@@ -2,7 +2,9 @@
 //!
 //! Place in the flow: `abbe conformity --sphere`. Names of both editions stand side by side.
 
-use super::{Limits, Product, departure_callout, departure_json, departure_words, meta, tone, um, verdict_word, worst};
+use super::{
+    Figure, Limits, Product, departure_callout, departure_json, departure_words, meta, tone, um, verdict_word, worst,
+};
 use crate::pipeline::software;
 use abbe_conformity::probing::{FORM_NAMES, ProbingErrors, SIZE_NAMES, evaluate};
 use abbe_conformity::{DecisionRule, PermissibleError, Verdict};
@@ -49,6 +51,7 @@ pub(crate) fn run(
         report: report(path, &file.sha256, &errors, &rows, rule),
         verdict: worst([form, size]),
         outside: None,
+        figures: rows.iter().filter_map(|row| row.certified(rule)).collect(),
     })
 }
 
@@ -58,6 +61,21 @@ struct Row {
     value_m: Option<f64>,
     limit: Option<PermissibleError>,
     verdict: Option<Verdict>,
+}
+
+impl Row {
+    fn certified(&self, rule: &DecisionRule) -> Option<Figure> {
+        Some(Figure {
+            name: self.names[0].to_owned(),
+            value_m: self.value_m?,
+            expanded_m: match rule {
+                DecisionRule::GuardBand(uncertainty) => Some(uncertainty.at_m(0.0)),
+                DecisionRule::SimpleAcceptance => None,
+            },
+            limit_m: self.limit.map(|limit| limit.metres()),
+            verdict: self.verdict,
+        })
+    }
 }
 
 fn words(path: &Path, errors: &ProbingErrors, rows: &[Row], rule: &DecisionRule) -> String {
