@@ -121,23 +121,27 @@ pub(super) fn pages(report: &Report) -> Result<Vec<String>, ReportError> {
         pairs(&mut pages, &made)?;
     }
     pages.end()?;
-    Ok(with_footers(report, pages.done))
+    with_footers(report, pages.done)
 }
 
-/// Each page with its number and what it belongs to.
-fn with_footers(report: &Report, bodies: Vec<String>) -> Vec<String> {
+/// Each page with its number and what it belongs to; a long footer goes on into the margin.
+fn with_footers(report: &Report, bodies: Vec<String>) -> Result<Vec<String>, ReportError> {
+    const LINE: f64 = 15.0;
     let count = bodies.len();
     let certificate = report.identity.certificate.as_ref().map(|number| format!("certificate {number}"));
     let parts: Vec<String> = certificate.into_iter().chain(report.footer.clone()).collect();
-    let left = lines(&parts.join("  ·  "), letters(WIDTH - 160.0, 14.0)).into_iter().next().unwrap_or_default();
-    let footer = |number: usize| {
+    let left = lines(&parts.join("  ·  "), letters(WIDTH - 160.0, 11.0));
+    let with_footer = |(index, body): (usize, String)| {
         let mut svg = empty();
         let y = PAGE_PX[1] - MARGIN;
-        svg.text("small muted", (MARGIN, y), Anchor::Start, &left);
-        svg.text("small muted", (MARGIN + WIDTH, y), Anchor::End, &format!("page {number} of {count}"));
-        svg.finish("PDF").map(|drawing| drawing.body).unwrap_or_default()
+        for (k, line) in left.iter().enumerate() {
+            svg.text("small muted", (MARGIN, y + LINE * k as f64), Anchor::Start, line);
+        }
+        let number = format!("page {} of {count}", index + 1);
+        svg.text("small muted", (MARGIN + WIDTH, y), Anchor::End, &number);
+        Ok(body + &svg.finish("PDF")?.body)
     };
-    bodies.into_iter().enumerate().map(|(index, body)| body + &footer(index + 1)).collect()
+    bodies.into_iter().enumerate().map(with_footer).collect()
 }
 
 fn heading(pages: &mut Pages, title: &str) -> Result<(), ReportError> {
