@@ -12,6 +12,7 @@ mod demo;
 mod diagnosis;
 mod exit;
 mod help;
+mod identity;
 mod log;
 mod output;
 mod pairs;

@@ -3,7 +3,7 @@
 //! Place in the flow: machine file and campaign in, model file with its evidence out.
 
 use crate::verdict::{self, Accept};
-use abbe_files::{DataSource, MachineFile, ModelFile, OrderChoice, hex, read_campaign_file};
+use abbe_files::{DataSource, Days, MachineFile, ModelFile, OrderChoice, hex, read_campaign_file};
 use abbe_graph::driver::{JoinSettings, campaign_from_bag};
 use abbe_identify::verdict::{Grade, Verdict, of_campaign, stroke, widened};
 use abbe_identify::{Along, By, CorrelatedNoise, Evidence, IdentifyError, Noise, Options, Progress, RangeCorrelation};
@@ -17,6 +17,8 @@ use std::path::{Path, PathBuf};
 pub(crate) struct LoadedCampaign {
     pub(crate) campaign: Campaign,
     pub(crate) source: DataSource,
+    /// When it was measured, as far as the data say.
+    pub(crate) days: Option<Days>,
 }
 
 /// How a bag is read as a campaign.
@@ -59,7 +61,7 @@ pub(crate) fn load_campaign(path: &Path, machine: &MachineFile, join: &BagJoin) 
     if !is_bag(path) {
         let file = read_campaign_file(path, machine.machine.default_offset_m)?;
         let source = DataSource { file: name, sha256: hex(&file.sha256) };
-        return Ok(LoadedCampaign { campaign: file.campaign, source });
+        return Ok(LoadedCampaign { campaign: file.campaign, source, days: Days::of_table(path)? });
     }
     let from_bag = campaign_from_bag(path, &machine.machine.frame_id, &join.settings()?)
         .with_context(|| format!("machine {}", machine.machine.name))?;
@@ -67,7 +69,8 @@ pub(crate) fn load_campaign(path: &Path, machine: &MachineFile, join: &BagJoin) 
         eprintln!("{}: left out: {words}", path.display());
     }
     let source = DataSource { file: name, sha256: hex(&bag_sha256(path)?) };
-    Ok(LoadedCampaign { campaign: from_bag.campaign, source })
+    let days = Days::of_stamps_ns(from_bag.stamps_ns.into_iter().flatten());
+    Ok(LoadedCampaign { campaign: from_bag.campaign, source, days })
 }
 
 /// Whether a path names a bag.

@@ -12,6 +12,7 @@ mod columns;
 mod conformity_csv;
 mod csv_bytes;
 mod csv_source;
+mod day;
 mod decimals;
 mod diagonals_csv;
 mod dialect;
@@ -19,6 +20,7 @@ mod envelope;
 mod error;
 pub mod export;
 mod guideway_csv;
+mod identity;
 mod machine;
 mod machine_document;
 mod model_file;
@@ -45,10 +47,12 @@ pub use conformity_csv::{
     LengthFile, ProbedPoints, read_lengths, read_lengths_file, read_probed_points, read_probed_points_file,
 };
 pub use csv_source::header_names;
+pub use day::{Day, Days};
 pub use diagonals_csv::{DiagonalReading, read_diagonals, read_diagonals_file};
 pub use envelope::{hex, sha256_hex, sha256_of_hex};
 pub use error::{FileError, Place};
 pub use guideway_csv::{GuidewayRow, SeenTarget, read_guideway, read_guideway_file};
+pub use identity::{Contact, Identity, InstrumentIdentity, read_identity};
 pub use machine::{MachineFile, OrderChoice, SIGN_CONVENTION, machine_text, parse_machine, read_machine};
 pub use model_file::{DataSource, Doubt, ModelFile, ResidualReference};
 pub use plan_path::{PathLine, PathStation, dme, gcode, path_csv, read_path, stations_csv};

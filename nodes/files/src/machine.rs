@@ -4,6 +4,7 @@
 //! holds mm, µm and expanded uncertainties (k = 2 in the key); everything behind this reader is SI with k = 1.
 
 use crate::error::{FileError, Place};
+use crate::identity::Identity;
 use crate::machine_document::{
     AxisText, ByAxis, ChainText, ErrorFunctionsText, InstrumentDocument, MachineDocument, MachineRecord, SquarenessText,
 };
@@ -36,6 +37,8 @@ pub struct MachineFile {
     pub absolute_range: bool,
     /// Who decides the orders.
     pub order: OrderChoice,
+    /// Who measures with which machine and instrument, for the head of reports.
+    pub identity: Option<Identity>,
 }
 
 /// Reads and checks a machine file.
@@ -64,7 +67,7 @@ pub fn machine_text(machine: &MachineFile) -> Result<String, FileError> {
     })
 }
 
-fn syntax(text: &str, file: &str, error: &toml::de::Error) -> FileError {
+pub(crate) fn syntax(text: &str, file: &str, error: &toml::de::Error) -> FileError {
     let message = error.message().trim().replace('\n', ", ");
     let mut place = Place::file(file);
     // A key missing from the top level has no line.
@@ -98,7 +101,9 @@ impl Reader<'_> {
     fn machine_file(&self, document: MachineDocument) -> Result<MachineFile, FileError> {
         let order = document.machine_order();
         let (instrument, absolute_range) = (self.instrument(&document.instrument)?, document.instrument.absolute);
-        Ok(MachineFile { machine: self.machine(document.into_record())?, instrument, absolute_range, order })
+        let identity = document.identity.clone();
+        identity.iter().try_for_each(|identity| identity.check(self.text, self.file))?;
+        Ok(MachineFile { machine: self.machine(document.into_record())?, instrument, absolute_range, order, identity })
     }
 
     fn machine(&self, record: MachineRecord) -> Result<Machine, FileError> {
@@ -256,5 +261,8 @@ fn to_document(file: &MachineFile) -> MachineDocument {
         u_k2_proportional_um_per_m: micrometres_from_m(file.instrument.per_metre * COVERAGE),
         absolute: file.absolute_range,
     };
-    MachineDocument::new(record_of_machine(&file.machine, file.order), instrument)
+    MachineDocument {
+        identity: file.identity.clone(),
+        ..MachineDocument::new(record_of_machine(&file.machine, file.order), instrument)
+    }
 }

@@ -3,6 +3,7 @@
 //! Place in the flow: [`crate::machine`] turns it into a machine in SI and back; the model file embeds the parts
 //! that carry no unit. Every unknown key is refused.
 
+use crate::identity::Identity;
 use crate::units::{micrometres_from_m, millimetres_from_m};
 use abbe_geometry::error_function::Kind;
 use abbe_geometry::machine::{Machine, Side, Squareness};
@@ -33,6 +34,9 @@ pub(crate) struct MachineDocument {
     pub(crate) error_functions: ErrorFunctionsText,
     pub(crate) instrument: InstrumentDocument,
     pub(crate) squareness: Vec<SquarenessText>,
+    /// For the head of reports.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) identity: Option<Identity>,
 }
 
 /// The same machine in SI, without the instrument: what the model file embeds. Millimetres cannot hold every metre
@@ -91,6 +95,7 @@ impl MachineDocument {
             squareness: record.squareness,
             error_functions: record.error_functions,
             instrument,
+            identity: None,
         }
     }
 

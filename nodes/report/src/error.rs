@@ -47,6 +47,12 @@ pub enum ReportError {
         /// Message of the rasteriser.
         what: String,
     },
+    /// The report could not be set as PDF.
+    #[error("PDF: {what}")]
+    Pdf {
+        /// What is wrong, and what to do.
+        what: String,
+    },
     /// The data could not be serialised.
     #[error("'{section}': cannot serialise: {what}; use plain structs with text keys")]
     Serialise {

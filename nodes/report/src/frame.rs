@@ -54,13 +54,40 @@ pub(crate) struct Labels {
     pub(crate) y_ticks: usize,
 }
 
+/// A panel in which values can be read, enlarged and moved by the page's script: [`draw_frame`] inside a group that says how
+/// pixels and values belong together. What is drawn until [`end_panel`] is data.
+pub(crate) fn begin_panel(svg: &mut Svg, area: Area, x: &Scale, y: &Scale, labels: &Labels) {
+    let place = [area.left, area.top, area.width, area.height].map(|v| svg.number(v)).join(" ");
+    let label = |text: &str| text::escape(text);
+    svg.open(&format!(
+        "class=\"panel\" data-a=\"{place}\" data-x=\"{}\" data-y=\"{}\" data-xn=\"{}\" data-yn=\"{}\"",
+        x.to_attribute(labels.x_ticks),
+        y.to_attribute(labels.y_ticks),
+        label(&labels.x),
+        label(&labels.y)
+    ));
+    draw_frame(svg, area, x, y, labels);
+    svg.open("class=\"pts\"");
+}
+
+/// Ends the data of a panel, and the panel.
+pub(crate) fn end_panel(svg: &mut Svg) {
+    svg.name(None);
+    svg.close();
+    svg.close();
+}
+
 /// Draws grid, axes, marks and labels of a panel.
 pub(crate) fn draw_frame(svg: &mut Svg, area: Area, x: &Scale, y: &Scale, labels: &Labels) {
     if labels.x_ticks > 0 {
+        svg.open("class=\"tx\"");
         draw_x_axis(svg, area, x, labels.x_ticks);
+        svg.close();
     }
     if labels.y_ticks > 0 {
+        svg.open("class=\"ty\"");
         draw_y_axis(svg, area, y, labels.y_ticks);
+        svg.close();
     }
     svg.line("ax", (area.left, area.bottom()), (area.right(), area.bottom()));
     if !labels.title.is_empty() {
@@ -111,6 +138,7 @@ pub(crate) enum Swatch {
 /// Draws legend entries from left to right and returns where the next one would begin.
 pub(crate) fn draw_legend(svg: &mut Svg, (mut x, y): (f64, f64), entries: &[(Swatch, String)]) -> f64 {
     for (swatch, name) in entries {
+        svg.name(Some(name));
         match swatch {
             Swatch::Line(class) => svg.line(class, (x, y - 4.0), (x + 22.0, y - 4.0)),
             Swatch::Marker(series, class) => svg.markers(*series, class, &[(x + 11.0, y - 4.0)]),
@@ -119,6 +147,7 @@ pub(crate) fn draw_legend(svg: &mut Svg, (mut x, y): (f64, f64), entries: &[(Swa
         svg.text("small", (x + 28.0, y), Anchor::Start, name);
         x += 28.0 + text_width_px(name) + 18.0;
     }
+    svg.name(None);
     x
 }
 

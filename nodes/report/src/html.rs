@@ -16,12 +16,19 @@ use crate::theme;
 const FONTS: [(u16, &[u8]); 2] =
     [(400, include_bytes!("../fonts/Inter-Regular.woff2")), (600, include_bytes!("../fonts/Inter-SemiBold.woff2"))];
 
+/// What adds values under the pointer, enlarging and picking out to a page that is whole without it.
+const SCRIPT: &str = include_str!("page.js");
+/// Nothing of a page comes from, or goes to, anywhere else.
+const POLICY: &str =
+    "default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inline'; font-src data:; img-src data:";
+
 /// The page of a checked report.
 pub(crate) fn page(report: &Report) -> Result<String, ReportError> {
     let title = escape(&report.title);
     let mut out = format!(
         "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
          <meta name=\"viewport\" content=\"width=device-width,initial-scale=1\">\n\
+         <meta http-equiv=\"Content-Security-Policy\" content=\"{POLICY}\">\n\
          <meta name=\"color-scheme\" content=\"light dark\">\n\
          <title>{title}</title>\n<style>\n{}{}</style>\n</head>\n<body>\n",
         font_faces(),
@@ -32,11 +39,12 @@ pub(crate) fn page(report: &Report) -> Result<String, ReportError> {
     for (index, section) in report.sections.iter().enumerate() {
         out.push_str(&section_html(section, index)?);
     }
+    made_from(report, &mut out);
     out.push_str("</main>\n");
     if let Some(footer) = &report.footer {
         let _ = writeln!(out, "<footer>{}</footer>", escape(footer));
     }
-    out.push_str("</body>\n</html>\n");
+    let _ = writeln!(out, "<script>\n{SCRIPT}</script>\n</body>\n</html>");
     Ok(out)
 }
 
@@ -58,17 +66,35 @@ fn header(report: &Report, out: &mut String) {
     if let Some(lead) = &report.lead {
         let _ = writeln!(out, "<p class=\"lead\">{}</p>", escape(lead));
     }
-    // What is not known has no line: one with a dash tells nothing.
-    let known: Vec<_> = report.meta.iter().filter_map(|item| Some((&item.label, item.value.as_deref()?))).collect();
-    if !known.is_empty() {
-        out.push_str("<dl class=\"meta\">\n");
-        for (label, value) in known {
-            let _ = writeln!(out, "<dt>{}</dt><dd>{}</dd>", escape(label), escape(value));
-        }
-        out.push_str("</dl>\n");
-    }
+    let known = report.identity.lines();
+    pairs(known.iter().map(|(label, value)| (*label, value.as_str())), " identity", out);
     contents(report, out);
     out.push_str("</header>\n");
+}
+
+/// Labels and values side by side. What is not known has no line: one with a dash tells nothing.
+fn pairs<'a>(known: impl Iterator<Item = (&'a str, &'a str)>, class: &str, out: &mut String) {
+    let mut known = known.peekable();
+    if known.peek().is_none() {
+        return;
+    }
+    let _ = writeln!(out, "<dl class=\"meta{class}\">");
+    for (label, value) in known {
+        let _ = writeln!(out, "<dt>{}</dt><dd>{}</dd>", escape(label), escape(value));
+    }
+    out.push_str("</dl>\n");
+}
+
+/// Files, hashes and versions, at the end: they matter to who asks where a figure comes from.
+fn made_from(report: &Report, out: &mut String) {
+    let known: Vec<_> =
+        report.meta.iter().filter_map(|item| Some((item.label.as_str(), item.value.as_deref()?))).collect();
+    if known.is_empty() {
+        return;
+    }
+    out.push_str("<section class=\"made\">\n<h2 id=\"made-from\">Made from</h2>\n");
+    pairs(known.into_iter(), "", out);
+    out.push_str("</section>\n");
 }
 
 /// Links to the chapters.
@@ -105,19 +131,33 @@ fn section_html(section: &Section, index: usize) -> Result<String, ReportError> 
         figure => match figure.drawing() {
             Some(drawn) => {
                 let (drawing, note) = drawn?;
-                figure_html(figure.title(), note.as_deref(), &drawing)
+                figure_html(figure, note.as_deref(), &drawing)
             }
             None => String::new(),
         },
     })
 }
 
-fn figure_html(title: &str, note: Option<&str>, drawing: &Drawing) -> String {
-    let title = escape(title);
+fn figure_html(section: &Section, note: Option<&str>, drawing: &Drawing) -> String {
+    let title = escape(section.title());
     let note = note.map(|n| format!("<p class=\"note\">{}</p>\n", escape(n))).unwrap_or_default();
+    let (class, scene) = match section {
+        Section::Vectors(vectors) => (
+            format!(" class=\"three\" data-unit=\"{}\"", escape(&vectors.vector_unit)),
+            format!("<script type=\"application/json\">{}</script>\n", vectors.scene()),
+        ),
+        _ => Default::default(),
+    };
+    // What the values of coloured points are, for the script.
+    let value = match section {
+        Section::ResidualMap(map) => {
+            format!(" data-value=\"{} % {}\"", escape(&map.value.label), escape(&map.value.unit))
+        }
+        _ => String::new(),
+    };
     format!(
-        "<figure>\n<figcaption><h3>{title}</h3>\n{note}</figcaption>\n\
-         <svg viewBox=\"0 0 {} {}\" role=\"img\" aria-label=\"{title}\">\n{}</svg>\n</figure>\n",
+        "<figure{class}>\n<figcaption><h3>{title}</h3>\n{note}</figcaption>\n\
+         <svg viewBox=\"0 0 {} {}\" role=\"img\" aria-label=\"{title}\"{value}>\n{}</svg>\n{scene}</figure>\n",
         drawing.width,
         drawing.height.ceil(),
         drawing.body

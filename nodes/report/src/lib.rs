@@ -29,6 +29,8 @@ mod error;
 mod finite;
 mod frame;
 mod html;
+mod identity;
+mod pdf;
 mod png;
 mod report;
 mod scale;
@@ -45,10 +47,11 @@ pub use demo::{
 };
 pub use error::ReportError;
 pub use finite::check_finite;
+pub use identity::Identity;
 pub use report::{MetaItem, Report, to_json};
 pub use sections::{
     Axis, Bar, Bars, BoxGroup, BoxPlot, Callout, Cell, CellMap, CellPanel, Column, Comparison, ComparisonGroup, Curve,
     CurveStyle, Heading, Histogram, HistogramPanel, IsoLine, IsoPoint, Isometric, KeyFigure, KeyFigures, LinePanel,
-    LinePlot, MapPanel, MapPoint, Quantity, ResidualMap, Section, TableSection, Tone,
+    LinePlot, MapPanel, MapPoint, Quantity, ResidualMap, Section, State, TableSection, Tone, Vector, Vectors,
 };
 pub use stats::{BoxStats, max_abs, quantile_sorted, rms, sorted};

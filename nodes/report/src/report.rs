@@ -4,10 +4,11 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::ReportError;
 use crate::finite::check_finite;
+use crate::identity::Identity;
 use crate::sections::Section;
-use crate::{html, png};
+use crate::{html, pdf, png};
 
-/// A line of the header: what was run, a file, a hash, a version.
+/// What a page was made from: a file, a hash, a version.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct MetaItem {
     /// Name of the item.
@@ -23,7 +24,10 @@ pub struct Report {
     pub title: String,
     /// One sentence under the title.
     pub lead: Option<String>,
-    /// Lines of the header.
+    /// Who, when and which, right under the title.
+    #[serde(default)]
+    pub identity: Identity,
+    /// What the page was made from, at its end.
     pub meta: Vec<MetaItem>,
     /// Index of the section that the PNG shows; it must be a figure.
     pub main_plot: Option<usize>,
@@ -39,10 +43,11 @@ impl Report {
     /// # Errors
     /// [`ReportError`] naming the section and the place in it.
     pub fn check(&self) -> Result<(), ReportError> {
+        check_finite(&self.title, &self.identity)?;
         self.sections.iter().try_for_each(Section::check)
     }
 
-    /// The page: one HTML file with styles and fonts inside, no script and no external resource.
+    /// The page: one HTML file with styles, fonts and its one script inside, and nothing from outside; whole without the script.
     ///
     /// # Errors
     /// As [`Report::check`], or a drawing that overflows.
@@ -58,6 +63,15 @@ impl Report {
     pub fn png(&self) -> Result<Vec<u8>, ReportError> {
         self.check()?;
         png::main_plot(self)
+    }
+
+    /// The report as PDF: A4, vector drawings, text that can be selected and searched, no date of its own.
+    ///
+    /// # Errors
+    /// As [`Report::check`]; [`ReportError::Pdf`] where a character is in none of the embedded fonts.
+    pub fn pdf(&self) -> Result<Vec<u8>, ReportError> {
+        self.check()?;
+        pdf::document(self)
     }
 
     /// The report's sections as JSON, missing values as `null`.

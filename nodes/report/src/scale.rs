@@ -59,6 +59,15 @@ impl Scale {
         self.from + share * (self.to - self.from)
     }
 
+    /// What the page's script needs of a scale: kind, lower and upper value, their pixels, wanted marks.
+    pub(crate) fn to_attribute(&self, wanted: usize) -> String {
+        let kind = match self.kind {
+            Kind::Linear => "lin",
+            Kind::Log => "log",
+        };
+        format!("{kind} {:e} {:e} {:.2} {:.2} {wanted}", self.low, self.high, self.from, self.to)
+    }
+
     /// Round marks inside the range, about `wanted` and seldom more; a logarithmic scale has its own.
     pub(crate) fn ticks(&self, wanted: usize) -> Vec<Tick> {
         match self.kind {

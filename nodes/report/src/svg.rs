@@ -6,7 +6,7 @@
 use std::fmt::Write as _;
 
 use crate::error::ReportError;
-use crate::text::escape;
+use crate::text::{escape, significant};
 
 /// A finished drawing: SVG elements for a canvas of `width` x `height` pixels.
 #[derive(Debug, Clone, PartialEq)]
@@ -26,7 +26,12 @@ pub(crate) struct Svg {
     height: f64,
     body: String,
     non_finite: bool,
+    /// Attribute of the shapes that are drawn now: what they show, which the page's script links across figures.
+    name: String,
 }
+
+/// Up to this many markers of a curve are drawn larger.
+const FEW: usize = 300;
 
 /// Horizontal anchor of a text.
 #[derive(Debug, Clone, Copy)]
@@ -52,11 +57,28 @@ impl Anchor {
 impl Svg {
     /// An empty canvas.
     pub(crate) fn new(width: f64, height: f64) -> Self {
-        Self { width, height, body: String::new(), non_finite: false }
+        Self { width, height, body: String::new(), non_finite: false, name: String::new() }
+    }
+
+    /// What the shapes from here on show: a station, a line, a curve. Shapes of one name belong together across the figures of
+    /// a page. `None` ends that.
+    pub(crate) fn name(&mut self, name: Option<&str>) {
+        let name = name.filter(|name| !name.is_empty());
+        self.name = name.map(|name| format!(" data-n=\"{}\"", escape(name))).unwrap_or_default();
+    }
+
+    /// Begins a group with these attributes, which are escaped already.
+    pub(crate) fn open(&mut self, attributes: &str) {
+        self.push(format_args!("<g {attributes}>"));
+    }
+
+    /// Ends the group that was begun last.
+    pub(crate) fn close(&mut self) {
+        self.push(format_args!("</g>"));
     }
 
     /// A coordinate with two decimals at most; remembers if one was not finite.
-    fn number(&mut self, value: f64) -> String {
+    pub(crate) fn number(&mut self, value: f64) -> String {
         if !value.is_finite() {
             self.non_finite = true;
             return "0".to_owned();
@@ -91,7 +113,8 @@ impl Svg {
         if closed {
             d.push('Z');
         }
-        self.push(format_args!("<path class=\"{class}\" d=\"{d}\"/>"));
+        let name = self.name.clone();
+        self.push(format_args!("<path class=\"{class}\"{name} d=\"{d}\"/>"));
     }
 
     /// Many straight segments of one class in one element.
@@ -105,11 +128,13 @@ impl Svg {
             let (x2, y2) = (self.number(to.0), self.number(to.1));
             let _ = write!(d, "M{x1} {y1}L{x2} {y2}");
         }
-        self.push(format_args!("<path class=\"{class}\" d=\"{d}\"/>"));
+        let name = self.name.clone();
+        self.push(format_args!("<path class=\"{class}\"{name} d=\"{d}\"/>"));
     }
 
-    /// Many dots of one class in one element: zero-length strokes with round caps.
-    pub(crate) fn dots(&mut self, class: &str, points: &[(f64, f64)]) {
+    /// Many dots of one class in one element: zero-length strokes with round caps. `values` are what the dots stand for, for
+    /// the page's script.
+    pub(crate) fn dots(&mut self, class: &str, points: &[(f64, f64)], values: &[f64]) {
         if points.is_empty() {
             return;
         }
@@ -118,7 +143,9 @@ impl Svg {
             let (x, y) = (self.number(x), self.number(y));
             let _ = write!(d, "M{x} {y}h.01");
         }
-        self.push(format_args!("<path class=\"dot {class}\" d=\"{d}\"/>"));
+        let values: Vec<String> = values.iter().map(|v| significant(*v, 3).replace('−', "-")).collect();
+        let (name, values) = (self.name.clone(), values.join(" "));
+        self.push(format_args!("<path class=\"dot {class}\"{name} data-v=\"{values}\" d=\"{d}\"/>"));
     }
 
     /// Many markers of one class in one element; each of the eight series has a shape of its own, so that they are told
@@ -128,35 +155,37 @@ impl Svg {
             return;
         }
         let mut d = String::new();
+        let outline = marker(series, if points.len() <= FEW { 1.6 } else { 1.0 });
         for &(x, y) in points {
             let (x, y) = (self.number(x), self.number(y));
-            let _ = write!(d, "M{x} {y}{}", marker(series));
+            let _ = write!(d, "M{x} {y}{outline}");
         }
-        self.push(format_args!("<path class=\"mark {class}\" d=\"{d}\"/>"));
+        let name = self.name.clone();
+        self.push(format_args!("<path class=\"mark {class}\"{name} d=\"{d}\"/>"));
     }
 
     /// A rectangle with an optional tooltip.
     pub(crate) fn rect(&mut self, class: &str, (x, y): (f64, f64), (w, h): (f64, f64), tip: Option<&str>) {
         let (x, y) = (self.number(x), self.number(y));
         let (w, h) = (self.number(w.max(0.0)), self.number(h.max(0.0)));
-        let tip = tooltip(tip);
+        let (tip, name) = (tooltip(tip), self.name.clone());
         self.push(format_args!(
-            "<rect class=\"{class}\" x=\"{x}\" y=\"{y}\" width=\"{w}\" height=\"{h}\">{tip}</rect>"
+            "<rect class=\"{class}\"{name} x=\"{x}\" y=\"{y}\" width=\"{w}\" height=\"{h}\">{tip}</rect>"
         ));
     }
 
     /// A circle with an optional tooltip.
     pub(crate) fn circle(&mut self, class: &str, (x, y): (f64, f64), r: f64, tip: Option<&str>) {
         let (x, y, r) = (self.number(x), self.number(y), self.number(r));
-        let tip = tooltip(tip);
-        self.push(format_args!("<circle class=\"{class}\" cx=\"{x}\" cy=\"{y}\" r=\"{r}\">{tip}</circle>"));
+        let (tip, name) = (tooltip(tip), self.name.clone());
+        self.push(format_args!("<circle class=\"{class}\"{name} cx=\"{x}\" cy=\"{y}\" r=\"{r}\">{tip}</circle>"));
     }
 
     /// A text, escaped.
     pub(crate) fn text(&mut self, class: &str, (x, y): (f64, f64), anchor: Anchor, text: &str) {
         let (x, y) = (self.number(x), self.number(y));
-        let (anchor, text) = (anchor.attribute(), escape(text));
-        self.push(format_args!("<text class=\"{class}\" x=\"{x}\" y=\"{y}\"{anchor}>{text}</text>"));
+        let (anchor, text, name) = (anchor.attribute(), escape(text), self.name.clone());
+        self.push(format_args!("<text class=\"{class}\"{name} x=\"{x}\" y=\"{y}\"{anchor}>{text}</text>"));
     }
 
     /// A text turned to read upwards, centred on the point, escaped.
@@ -168,6 +197,12 @@ impl Svg {
         ));
     }
 
+    /// A finished drawing with its left top corner here, made smaller by a factor.
+    pub(crate) fn place(&mut self, drawing: &Drawing, (x, y): (f64, f64), scale: f64) {
+        let (x, y, scale) = (self.number(x), self.number(y), format!("{scale:.4}"));
+        self.push(format_args!("<g transform=\"translate({x} {y}) scale({scale})\">{}</g>", drawing.body));
+    }
+
     /// The drawing, or an error if a coordinate was not finite.
     pub(crate) fn finish(self, section: &str) -> Result<Drawing, ReportError> {
         if self.non_finite {
@@ -177,18 +212,47 @@ impl Svg {
     }
 }
 
-/// Outline of a marker from its middle, some 5 px across.
-fn marker(series: u8) -> &'static str {
-    match (series.max(1) - 1) % 8 {
-        0 => "m-2.2 0a2.2 2.2 0 1 0 4.4 0a2.2 2.2 0 1 0 -4.4 0z", // disc
-        1 => "m-2 -2h4v4h-4z",                                    // square
-        2 => "m0 -2.7l2.5 4.4h-5z",                               // triangle
-        3 => "m0 -2.9l2.9 2.9l-2.9 2.9l-2.9 -2.9z",               // diamond
-        4 => "m-.7 -2.7h1.4v2h2v1.4h-2v2h-1.4v-2h-2v-1.4h2z",     // plus
-        5 => "m0 2.7l2.5 -4.4h-5z",                               // triangle that points down
-        6 => "m-2.8 -.8h5.6v1.6h-5.6z",                           // bar
-        _ => "m-.8 -2.8h1.6v5.6h-1.6z",                           // upright bar
+/// Outline of a marker from its middle, some 5 px across, enlarged by a factor.
+fn marker(series: u8, factor: f64) -> String {
+    let short = |value: f64| format!("{}", (value * factor * 100.0).round() / 100.0 + 0.0);
+    let corners: &[(f64, f64)] = match (series.max(1) - 1) % 8 {
+        0 => {
+            let (radius, width) = (short(2.2), short(4.4));
+            return format!("m-{radius} 0a{radius} {radius} 0 1 0 {width} 0a{radius} {radius} 0 1 0 -{width} 0z");
+        }
+        // Square, triangle, diamond.
+        1 => &[(-2.0, -2.0), (2.0, -2.0), (2.0, 2.0), (-2.0, 2.0)],
+        2 => &[(0.0, -2.7), (2.5, 1.7), (-2.5, 1.7)],
+        3 => &[(0.0, -2.9), (2.9, 0.0), (0.0, 2.9), (-2.9, 0.0)],
+        // Plus.
+        4 => &[
+            (-0.7, -2.7),
+            (0.7, -2.7),
+            (0.7, -0.7),
+            (2.7, -0.7),
+            (2.7, 0.7),
+            (0.7, 0.7),
+            (0.7, 2.7),
+            (-0.7, 2.7),
+            (-0.7, 0.7),
+            (-2.7, 0.7),
+            (-2.7, -0.7),
+            (-0.7, -0.7),
+        ],
+        // Triangle that points down, bar, upright bar.
+        5 => &[(0.0, 2.7), (2.5, -1.7), (-2.5, -1.7)],
+        6 => &[(-2.8, -0.8), (2.8, -0.8), (2.8, 0.8), (-2.8, 0.8)],
+        _ => &[(-0.8, -2.8), (0.8, -2.8), (0.8, 2.8), (-0.8, 2.8)],
+    };
+    let mut out = String::new();
+    let mut last = (0.0, 0.0);
+    for (index, &(x, y)) in corners.iter().enumerate() {
+        // Writing to a String cannot fail.
+        let _ = write!(out, "{}{} {}", if index == 0 { 'm' } else { 'l' }, short(x - last.0), short(y - last.1));
+        last = (x, y);
     }
+    out.push('z');
+    out
 }
 
 fn tooltip(tip: Option<&str>) -> String {

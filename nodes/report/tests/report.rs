@@ -44,15 +44,19 @@ fn same_data_gives_the_same_bytes() {
 #[test]
 fn page_needs_nothing_from_outside() {
     let html = common::demo_report(1).html().unwrap();
-    for outside in ["http://", "https://", "<script", "<link", "<img", "@import", "src=\"", " on"] {
+    let (page, script) = html.split_once("<script>").unwrap();
+    for outside in ["http://", "https://", "<script src", "<link", "<img", "@import", "src=\"", " on"] {
         // ` on` would begin an event handler inside a tag; in text it is a word, so only tags are searched.
-        let found = html.split('<').skip(1).filter_map(|t| t.split('>').next());
+        let found = page.split('<').skip(1).filter_map(|t| t.split('>').next());
         let in_tags = found.map(|t| format!("<{t}")).any(|t| t.contains(outside) && !t.starts_with("<svg"));
         assert!(!in_tags, "'{outside}' in a tag");
     }
-    assert!(!html.contains("http"));
-    let urls: Vec<_> = html.match_indices("url(").map(|(i, _)| &html[i..i + 9]).collect();
+    assert!(!html.contains("://") && page.contains("default-src 'none'"));
+    let urls: Vec<_> = page.match_indices("url(").map(|(i, _)| &page[i..i + 9]).collect();
     assert_eq!(urls, ["url(data:"; 2]);
+    for outside in ["fetch(", "XMLHttpRequest", "import(", "WebSocket", "localStorage", "Date", "Math.random"] {
+        assert!(!script.contains(outside), "{outside} in the script");
+    }
 }
 
 #[test]
@@ -61,7 +65,7 @@ fn every_text_is_escaped() {
     let mut data = common::demo_report(1);
     data.header.title = evil.into();
     data.header.what = evil.into();
-    data.header.machine = Some(evil.into());
+    data.header.identity.machine = Some(evil.into());
     data.header.files[0] = FileEntry { role: evil.into(), name: evil.into() };
     data.header.software_version = evil.into();
     data.verification_note = Some(evil.into());
@@ -76,7 +80,8 @@ fn every_text_is_escaped() {
     data.steps[0].name = evil.into();
     data.identifiability.correlations[0].first = evil.into();
     let html = data.html().unwrap();
-    assert!(!html.contains("<script"));
+    assert_eq!(html.matches("<script").count(), 2, "the page's own, and the numbers of the vectors");
+    assert_eq!(html.matches("</script").count(), 2);
     assert!(html.matches("&lt;script&gt;alert(&#39;x&#39;)&lt;/script&gt;&amp;&quot;").count() >= 16);
     data.png().unwrap();
 }
@@ -249,7 +254,7 @@ fn every_figure_is_well_formed_and_rasterises() {
             Err(other) => panic!("section {index}: {other}"),
         }
     }
-    assert_eq!(figures, 9);
+    assert_eq!(figures, 10);
 }
 
 #[test]

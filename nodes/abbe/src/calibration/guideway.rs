@@ -13,7 +13,8 @@ use abbe_measurement::guideway::{
 };
 use abbe_measurement::tracker::TrackerUncertainty;
 use abbe_report::{
-    Axis, Callout, Curve, CurveStyle, KeyFigure, KeyFigures, LinePanel, LinePlot, Quantity, Report, Section, Tone,
+    Axis, Callout, Curve, CurveStyle, Identity, KeyFigure, KeyFigures, LinePanel, LinePlot, Quantity, Report, Section,
+    Tone,
 };
 use anyhow::{Context, bail};
 use serde_json::{Value, json};
@@ -183,15 +184,33 @@ fn report(
         unit: unit.to_owned(),
         ..KeyFigure::default()
     };
-    let mut sections = vec![
-        Section::KeyFigures(KeyFigures {
-            title: "At a glance".to_owned(),
-            figures: vec![
-                figure("residual of a rigid table", solved.scatter_m * 1e6, 3, "µm"),
-                figure("extent of the targets across over along", solved.spread_ratio, 2, ""),
-                figure("positions", solved.positions.len() as f64, 0, ""),
-            ],
-        }),
+    let largest = |k: usize| {
+        let by_size = |a: &&PositionErrors, b: &&PositionErrors| shown(a)[k].abs().total_cmp(&shown(b)[k].abs());
+        let worst = solved.positions.iter().max_by(by_size);
+        let u = worst.and_then(expanded).map(|u| u[k]);
+        KeyFigure {
+            label: format!("{}, largest", names[k]),
+            value: worst.map(|position| Quantity::new(shown(position)[k], decimals(u))),
+            unit: if k < 3 { "µm" } else { "µrad" }.to_owned(),
+            detail: worst.map(|position| {
+                let u = u.map(|u| format!("± {u:.*} (k = 2), ", usize::from(decimals(Some(u)))));
+                format!("{}at {:.0} mm", u.unwrap_or_default(), position.position_m * 1e3)
+            }),
+            ..KeyFigure::default()
+        }
+    };
+    let of_data = [
+        figure("residual of a rigid table", solved.scatter_m * 1e6, 2, "µm"),
+        figure("extent of the targets across over along", solved.spread_ratio, 2, ""),
+        figure("positions", solved.positions.len() as f64, 0, ""),
+    ];
+    let mut sections = vec![Section::KeyFigures(KeyFigures {
+        title: "At a glance".to_owned(),
+        figures: (0..6).map(largest).chain(of_data).collect(),
+    })];
+    sections.extend(warnings(solved, verdict));
+    let main_plot = sections.len();
+    sections.extend([
         Section::LinePlot(LinePlot {
             title: "Errors by position".to_owned(),
             note: Some(
@@ -203,16 +222,24 @@ fn report(
             band_name: Some("uncertainty, k = 2".to_owned()),
             panels: (0..6).map(panel).collect(),
         }),
-    ];
+    ]);
     sections.extend(by_spread.map(|by_spread| Section::LinePlot(by_spread.plot())));
-    sections.extend(warnings(solved, verdict));
     Report {
         title: format!("Errors of the {:?} axis", solved.options.axis),
         lead: Some("Six errors of a linear axis from targets on its table (ISO 230-1 names).".to_owned()),
+        identity: Identity::default(),
         meta: meta(path, sha256),
-        main_plot: Some(1),
+        main_plot: Some(main_plot),
         footer: None,
         sections,
+    }
+}
+
+/// Decimals that show an uncertainty with two digits; two where it is not known.
+fn decimals(uncertainty: Option<f64>) -> u8 {
+    match uncertainty {
+        Some(u) if u > 0.0 && u.is_finite() => (1.0 - u.log10().floor()).clamp(0.0, 6.0) as u8,
+        _ => 2,
     }
 }
 

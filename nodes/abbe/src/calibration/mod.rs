@@ -8,6 +8,7 @@ pub(crate) mod guideway;
 pub(crate) mod probe_pose;
 pub(crate) mod sphere;
 
+use crate::identity::{IdentityOptions, Said};
 use crate::output;
 use abbe_files::{AtomicFile, hex};
 use abbe_report::{MetaItem, Report};
@@ -31,6 +32,16 @@ pub(crate) struct Product {
     pub(crate) report: Option<Report>,
     /// Further files by name.
     pub(crate) files: Vec<(&'static str, String)>,
+}
+
+impl Product {
+    /// Puts who measured, when and with what into the report.
+    pub(crate) fn identify(&mut self, options: &IdentityOptions, data: &Path) -> anyhow::Result<()> {
+        if let Some(report) = &mut self.report {
+            report.identity = options.gather(&Said { tables: &[data], ..Said::default() })?.shown;
+        }
+        Ok(())
+    }
 }
 
 /// Refuses a folder that cannot take the files.

@@ -11,9 +11,10 @@ use abbe_measurement::probe_pose::{
     Compensation, CompensationTable, LeftOutCentre, LeftOutPose, ProbePose, ProbePoseModel, SphereCentre,
     leave_one_centre_out, leave_one_pose_out,
 };
+use abbe_report::State;
 use abbe_report::{
-    Axis, Callout, Cell, Column, Curve, CurveStyle, KeyFigure, KeyFigures, LinePanel, LinePlot, Quantity, Report,
-    Section, TableSection, Tone,
+    Axis, Callout, Cell, Column, Curve, CurveStyle, Identity, KeyFigure, KeyFigures, LinePanel, LinePlot, Quantity,
+    Report, Section, TableSection, Tone,
 };
 use anyhow::Context;
 use serde_json::{Value, json};
@@ -226,16 +227,17 @@ impl Judged {
                 self.centres.len(),
                 self.table.entries.len()
             )),
+            identity: Identity::default(),
             meta: meta(path, sha256),
             main_plot: None,
             footer: None,
             sections: vec![
                 self.key_figures(),
+                note(),
                 self.picture(),
                 self.unknown_table(),
                 self.compensation_section(),
                 self.left_out_section(),
-                note(),
             ],
         }
     }
@@ -243,8 +245,8 @@ impl Judged {
     fn key_figures(&self) -> Section {
         let figure = |label: &str, before: Option<f64>, value: Option<f64>, detail: &str| KeyFigure {
             label: label.to_owned(),
-            before: before.map(|b| Quantity::new(b, 1)),
-            value: value.map(|v| Quantity::new(v, 1)),
+            before: before.map(|b| Quantity::new(b, 0)),
+            value: value.map(|v| Quantity::new(v, 0)),
             unit: "µm".to_owned(),
             detail: Some(detail.to_owned()),
             ..KeyFigure::default()
@@ -268,9 +270,9 @@ impl Judged {
     /// The error of each pose that the others predict, without the table and with it.
     fn picture(&self) -> Section {
         let poses: Vec<&LeftOutPose> = self.poses.iter().flatten().collect();
-        let curve = |name: &str, series: u8, of: fn(&LeftOutPose) -> Option<f64>| Curve {
+        let curve = |name: &str, state: State, of: fn(&LeftOutPose) -> Option<f64>| Curve {
             name: name.to_owned(),
-            style: CurveStyle::Points(series),
+            style: CurveStyle::PointsOf(state),
             x: (1..=poses.len()).map(|k| k as f64).collect(),
             y: poses.iter().map(|pose| of(pose)).collect(),
             half_width: None,
@@ -285,8 +287,8 @@ impl Judged {
                 x: Axis::new("pose", "1"),
                 y: Axis::new("error", "µm"),
                 curves: vec![
-                    curve("without a table", 2, |pose| pose.error_m.as_ref().map(um)),
-                    curve("with the others' table", 1, |pose| pose.compensated_m.as_ref().map(um)),
+                    curve("without a table", State::Before, |pose| pose.error_m.as_ref().map(um)),
+                    curve("with the others' table", State::After, |pose| pose.compensated_m.as_ref().map(um)),
                 ],
             }],
         })
@@ -391,8 +393,8 @@ fn note() -> Section {
     Section::Callout(Callout {
         tone: Tone::Neutral,
         title: "What the table is worth".to_owned(),
-        text: "It holds for its own poses. Between them it is interpolated by inverse squared angle of turn, which the table \
-               above judges; outside them there is none. What the calibration leaves is diagnosed by abbe diagnose on the same file."
+        text: "It holds for its own poses. Between them it is interpolated by inverse squared angle of turn, which the \
+               poses left out judge; outside them there is none. What the calibration leaves is diagnosed by abbe diagnose on the same file."
             .to_owned(),
     })
 }

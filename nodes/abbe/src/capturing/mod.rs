@@ -7,7 +7,7 @@ mod page;
 
 use abbe_files::{JournalEntry, MachineFile, write_atomically, write_campaign};
 use abbe_graph::capture::{CapturedCampaign, Capturer, Shown, SoFar, Told, campaign_of, so_far, volume_of};
-use abbe_report::{Report, to_json};
+use abbe_report::{Identity, Report, to_json};
 use abbe_runtime::Shutdown;
 use anyhow::Context;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
@@ -138,6 +138,7 @@ pub(crate) struct Outcome<'a> {
     pub(crate) machine: &'a MachineFile,
     pub(crate) capturer: &'a Capturer,
     pub(crate) promised_um: Option<f64>,
+    pub(crate) who: &'a Identity,
 }
 
 /// Writes campaign and report into a folder.

@@ -36,6 +36,7 @@ pub(super) fn report(outcome: &Outcome, captured: &CapturedCampaign, reached: &R
              those in doubt too."
                 .to_owned(),
         ),
+        identity: outcome.who.clone(),
         meta: vec![MetaItem {
             label: "points".to_owned(),
             value: Some(format!("{} of {}", capturer.done(), capturer.wanted())),

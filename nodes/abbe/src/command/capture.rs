@@ -5,6 +5,8 @@
 
 use crate::capturing::{Outcome, Screen, write_outcome};
 use crate::exit::Ended;
+use crate::identity::{IdentityOptions, Said};
+use abbe_files::Days;
 use abbe_files::{CaptureJournal, FileError, JournalHead, MachineFile, Place, read_machine, read_path, sha256_hex};
 use abbe_graph::capture::{CaptureConfig, Capturer, Ending, Planned, capture, preview};
 use abbe_runtime::Shutdown;
@@ -35,6 +37,8 @@ pub(crate) struct Arguments {
     /// Print the outcome as JSON on standard output
     #[arg(long)]
     json: bool,
+    #[command(flatten)]
+    identity: IdentityOptions,
 }
 
 /// What the files say.
@@ -77,7 +81,9 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         })
     };
     screen.end();
-    let outcome = Outcome { machine: &job.machine, capturer: &capturer, promised_um: job.promised_um };
+    let days = Days::of_stamps_ns(capturer.taken().iter().flatten().map(|captured| captured.stamp_ns));
+    let who = arguments.identity.gather(&Said { machine: Some(&job.machine), days, ..Said::default() })?.shown;
+    let outcome = Outcome { machine: &job.machine, capturer: &capturer, promised_um: job.promised_um, who: &who };
     let written = write_outcome(&outcome, &arguments.out, arguments.json, &shutdown);
     // What stopped it comes first; what was captured is written in any case.
     match ending {

@@ -4,15 +4,18 @@
 
 use super::identify::{progress_text, spinner};
 use super::simulate::VOLUMETRIC_RMS_UM;
-use crate::conformity::{self, Limits, Product, lengths, runs, simulated, sphere};
+use crate::conformity::{self, Limits, Product, dcc, lengths, runs, simulated, sphere};
 use crate::exit::Ended;
+use crate::identity::{IdentityOptions, Said, Who};
+use crate::output;
 use abbe_conformity::length::Probing;
 use abbe_conformity::{MaximumPermissibleError, Verdict};
+use abbe_files::{read_machine, write_atomically};
 use abbe_identify::Progress;
 use abbe_runtime::Shutdown;
 use anyhow::{Context, bail, ensure};
 use clap::ValueEnum;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// How the ends of a length were probed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -85,13 +88,35 @@ pub(crate) struct Arguments {
     /// Folder for report.html and conformity.json
     #[arg(long)]
     out: Option<PathBuf>,
+    /// The report as PDF
+    #[arg(long, value_name = "FILE")]
+    pdf: Option<PathBuf>,
+    /// Digital Calibration Certificate (XML, PTB's schema 3.1) of measured lengths or of a probed sphere; wants [identity] complete
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["runs", "machine"])]
+    dcc: Option<PathBuf>,
     /// Print conformity.json on standard output
     #[arg(long)]
     json: bool,
+    #[command(flatten)]
+    identity: IdentityOptions,
 }
 
 pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
-    let product = product(arguments)?;
+    let outputs = [&arguments.pdf, &arguments.dcc].into_iter().flatten().map(PathBuf::as_path);
+    let inputs = [&arguments.lengths, &arguments.sphere, &arguments.runs, &arguments.machine, &arguments.model];
+    output::check(outputs, inputs.into_iter().flatten().map(PathBuf::as_path))?;
+    let mut product = product(arguments)?;
+    let who = who(arguments)?;
+    product.report.identity = who.shown.clone();
+    // What cannot be written is said before anything is.
+    let pdf = arguments.pdf.as_ref().map(|_| product.report.pdf()).transpose().context("--pdf")?;
+    let dcc = arguments.dcc.as_ref().map(|_| dcc::text(&who, &product)).transpose().context("--dcc")?;
+    if let (Some(path), Some(pdf)) = (&arguments.pdf, &pdf) {
+        write_atomically(path, pdf)?;
+    }
+    if let (Some(path), Some(dcc)) = (&arguments.dcc, &dcc) {
+        write_atomically(path, dcc.as_bytes())?;
+    }
     if let Some(folder) = &arguments.out {
         conformity::write(folder, &product)?;
     }
@@ -110,6 +135,14 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         }
         Some(Verdict::DoesNotConform) => Err(Ended::not_conforming("does not conform".to_owned()).into()),
     }
+}
+
+/// Who measured; a simulated machine was measured by nobody.
+fn who(arguments: &Arguments) -> anyhow::Result<Who> {
+    let tables = [&arguments.lengths, &arguments.sphere, &arguments.runs].into_iter().flatten().map(PathBuf::as_path);
+    let tables: Vec<&Path> = tables.collect();
+    let machine = arguments.machine.as_deref().map(read_machine).transpose()?;
+    arguments.identity.gather(&Said { machine: machine.as_ref(), tables: &tables, ..Said::default() })
 }
 
 fn product(arguments: &Arguments) -> anyhow::Result<Product> {

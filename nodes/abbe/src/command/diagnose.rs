@@ -6,12 +6,17 @@
 use super::identify::spinner;
 use crate::diagnosis::study::{self, DataKind};
 use crate::diagnosis::{Product, Request, output, tracer};
+use crate::identity::{IdentityOptions, Said};
 use crate::pipeline::BagJoin;
+use crate::pipeline::is_bag;
 use crate::verdict::{Accept, shown};
 use abbe_diagnose::Progress;
+use abbe_files::{Days, read_machine};
+use abbe_report::Identity;
+use abbe_report::diagnosis::DiagnosisReport;
 use abbe_runtime::{LAUNCHER_PID, Shutdown};
 use anyhow::{Context, bail};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Steps by which a diagnosis that a node started gives way to others: correction comes first.
 const GIVES_WAY: i32 = 5;
@@ -50,6 +55,8 @@ pub(crate) struct Arguments {
     json: bool,
     #[command(flatten)]
     accept: Accept,
+    #[command(flatten)]
+    identity: IdentityOptions,
 }
 
 pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
@@ -73,7 +80,8 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     };
     let made = product(arguments, &mut observe, &mut observe_study);
     bar.finish_and_clear();
-    let product = shown(made, arguments.json)?;
+    let mut product = shown(made, arguments.json)?;
+    product.report.identity = who(arguments, &product.report)?;
     let json = product.report.json()?;
     if shutdown.requested() {
         bail!("stopped on request; nothing was written");
@@ -84,6 +92,22 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         false => println!("{}", output::words(&product.report.record, &arguments.out)),
     }
     Ok(())
+}
+
+/// Who measured what the diagnosis is about; what the campaign itself says is in the report already.
+fn who(arguments: &Arguments, report: &DiagnosisReport) -> anyhow::Result<Identity> {
+    let of_data = &report.identity;
+    let tables = [&arguments.campaign, &arguments.residuals].into_iter().flatten().map(PathBuf::as_path);
+    let tables: Vec<&Path> = tables.filter(|path| !is_bag(path)).collect();
+    let machine = arguments.machine.as_deref().map(read_machine).transpose()?;
+    let said = Said {
+        machine: machine.as_ref(),
+        machine_name: report.record.machine.as_deref(),
+        tables: &tables,
+        days: of_data.measured.as_deref().and_then(Days::parse),
+        temperature_c: of_data.temperature_c,
+    };
+    Ok(arguments.identity.gather(&said)?.shown)
 }
 
 fn product(

@@ -3,6 +3,7 @@
 //! Place in the flow: on its own. Tracker readings or points of any instrument; CSV, JSON and report in a folder.
 
 use crate::calibration::{check_folder, finish, guideway};
+use crate::identity::IdentityOptions;
 use crate::verdict::{Accept, shown};
 use abbe_measurement::guideway::{GuidewayAxis, GuidewayFrame, GuidewayOptions, GuidewayRotation};
 use abbe_measurement::tracker::TrackerUncertainty;
@@ -74,6 +75,8 @@ pub(crate) struct Arguments {
     json: bool,
     #[command(flatten)]
     accept: Accept,
+    #[command(flatten)]
+    identity: IdentityOptions,
 }
 
 pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
@@ -100,7 +103,8 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         },
     };
     let product = guideway::product(&arguments.points, options, tracker(arguments)?, arguments.accept);
-    let product = shown(product, arguments.json)?;
+    let mut product = shown(product, arguments.json)?;
+    product.identify(&arguments.identity, &arguments.points)?;
     finish(&product, arguments.out.as_deref(), &arguments.points, arguments.json)
 }
 

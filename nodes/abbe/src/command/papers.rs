@@ -6,7 +6,10 @@
 use super::identify::spinner;
 use abbe_files::write_atomically;
 use abbe_papers::{Figure, PAPERS, Paper, PaperError, Settings, Verdict};
-use abbe_report::{Callout, Cell, Column, MetaItem, Report, Section, TableSection, Tone, to_json};
+use abbe_report::{
+    Callout, Cell, Column, Identity, KeyFigure, KeyFigures, MetaItem, Quantity, Report, Section, TableSection, Tone,
+    to_json,
+};
 use abbe_runtime::Shutdown;
 use anyhow::{Context, bail, ensure};
 use serde::Serialize;
@@ -177,7 +180,7 @@ fn word(verdict: Verdict) -> &'static str {
 /// The verdict as it may be read: one with a part of the runs is a quick look and no more.
 fn readable(row: &Row, effort: f64) -> String {
     match effort < 1.0 {
-        true => format!("{} (with {} % of the runs: not to be quoted)", row.verdict, 100.0 * effort),
+        true => format!("not judged: {:.0} % of the runs", 100.0 * effort),
         false => row.verdict.to_owned(),
     }
 }
@@ -197,11 +200,13 @@ fn write(folder: &Path, document: &Document, json: &str) -> anyhow::Result<()> {
 
 fn report(document: &Document) -> Report {
     let item = |label: &str, value: String| MetaItem { label: label.to_owned(), value: Some(value) };
-    let mut sections: Vec<Section> = document.not_computed.iter().map(missing).collect();
+    let mut sections = vec![answer(document)];
+    sections.extend(document.not_computed.iter().map(missing));
     sections.extend(PAPERS.iter().filter_map(|paper| table(paper.name, document)));
     Report {
         title: "Published figures, computed again".to_owned(),
         lead: Some("What the source papers report, what comes out here, how, and what can be said.".to_owned()),
+        identity: Identity::default(),
         meta: vec![
             item("Seed", document.seed.to_string()),
             item("Share of the full number of runs", document.effort.to_string()),
@@ -211,6 +216,36 @@ fn report(document: &Document) -> Report {
         footer: Some(document.software.clone()),
         sections,
     }
+}
+
+/// How many figures came out how; with a share of the runs nothing is judged.
+fn answer(document: &Document) -> Section {
+    if document.effort < 1.0 {
+        return Section::Callout(Callout {
+            tone: Tone::Warning,
+            title: "Not judged".to_owned(),
+            text: format!(
+                "{:.0} % of the runs were made: enough to see that it works, not to compare with what was published. Next: abbe papers \
+                 without --effort.",
+                document.effort * 100.0
+            ),
+        });
+    }
+    let mut counts: Vec<(String, usize)> = Vec::new();
+    for row in &document.figures {
+        let verdict = readable(row, document.effort);
+        match counts.iter_mut().find(|(name, _)| *name == verdict) {
+            Some((_, count)) => *count += 1,
+            None => counts.push((verdict, 1)),
+        }
+    }
+    let figure = |(label, count): (String, usize)| KeyFigure {
+        label,
+        value: Some(Quantity::new(count as f64, 0)),
+        detail: Some(format!("of {} figures", document.figures.len())),
+        ..KeyFigure::default()
+    };
+    Section::KeyFigures(KeyFigures { title: "Verdicts".to_owned(), figures: counts.into_iter().map(figure).collect() })
 }
 
 fn missing(missing: &NotComputed) -> Section {

@@ -4,6 +4,7 @@
 //! what was measured. Ctrl-C keeps the best plan so far.
 
 use crate::exit::Ended;
+use crate::identity::{IdentityOptions, Said};
 use crate::output;
 use crate::pipeline::{self, BagJoin};
 use crate::planning::{self, Sources};
@@ -47,6 +48,8 @@ pub(crate) struct Arguments {
     /// Print the plan's figures as JSON
     #[arg(long)]
     json: bool,
+    #[command(flatten)]
+    identity: IdentityOptions,
 }
 
 pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
@@ -70,7 +73,9 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let found = abbe_plan::plan(&request, &mut observe);
     bar.finish_and_clear();
     let plan = found.map_err(|error| placed(error, &file))?;
-    let sources = Sources { machine: &machine, request: &request, campaign: arguments.campaign.as_deref() };
+    let who = arguments.identity.gather(&Said { machine: Some(&machine), ..Said::default() })?.shown;
+    let campaign = arguments.campaign.as_deref();
+    let sources = Sources { machine: &machine, request: &request, campaign, who: &who };
     write(arguments, &machine, (&request, &plan), &sources)?;
     if arguments.json {
         println!("{}", serde_json::to_string_pretty(&planning::json(&sources, &plan))?);

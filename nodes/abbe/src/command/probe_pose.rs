@@ -4,6 +4,7 @@
 //! `abbe diagnose`, which takes the same file.
 
 use crate::calibration::{check_folder, finish, probe_pose};
+use crate::identity::IdentityOptions;
 use crate::verdict::{Accept, shown};
 use abbe_measurement::probe_pose::{BeamLength, ProbePoseModel};
 use clap::ValueEnum;
@@ -38,6 +39,8 @@ pub(crate) struct Arguments {
     json: bool,
     #[command(flatten)]
     accept: Accept,
+    #[command(flatten)]
+    identity: IdentityOptions,
 }
 
 pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
@@ -49,6 +52,7 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         BeamText::One => BeamLength::One,
     };
     let model = ProbePoseModel { beam, axis_offset: arguments.axis_offset };
-    let product = shown(probe_pose::product(&arguments.centres, model, arguments.accept), arguments.json)?;
+    let mut product = shown(probe_pose::product(&arguments.centres, model, arguments.accept), arguments.json)?;
+    product.identify(&arguments.identity, &arguments.centres)?;
     finish(&product, arguments.out.as_deref(), &arguments.centres, arguments.json)
 }

@@ -206,6 +206,7 @@ fn of_campaign(arguments: &Arguments, model: &ModelFile) -> anyhow::Result<Compu
         instrument: model.instrument,
         absolute_range: model.absolute_range,
         order: model.order,
+        identity: None,
     };
     let loaded = load_campaign(&arguments.campaign, &machine, &arguments.join)?;
     // The same data pull on the model's parameters only once.

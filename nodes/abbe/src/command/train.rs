@@ -6,6 +6,7 @@
 
 use super::identify::spinner;
 use crate::exit::Ended;
+use crate::identity::{IdentityOptions, Said};
 use crate::output;
 use crate::pipeline::software;
 use crate::stop;
@@ -49,6 +50,8 @@ pub(crate) struct Arguments {
     /// Go on with a training that was stopped
     #[arg(long)]
     resume: bool,
+    #[command(flatten)]
+    identity: IdentityOptions,
 }
 
 /// Where networks are trained.
@@ -80,7 +83,9 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let trained = with_progress(&data, &config, &device, resume, &mut observe)
         .with_context(|| arguments.residuals.display().to_string())?;
     let file = artifact(&trained, &data, &config, owner)?;
-    let html = report::html(&trained, &file, &data)?;
+    let machine_name = file.owner.as_ref().map(|owner| owner.machine.as_str());
+    let who = arguments.identity.gather(&Said { machine_name, ..Said::default() })?.shown;
+    let html = report::html(&trained, &file, &data, who)?;
     let sha256 = file.save(&arguments.out)?;
     write_atomically(&paths.report, html.as_bytes())?;
     if trained.record.complete {

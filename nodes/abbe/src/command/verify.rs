@@ -2,10 +2,14 @@
 //!
 //! Place in the flow: scoring only; never part of a fit.
 
+mod report;
+
+use crate::identity::{IdentityOptions, Said};
+use crate::output;
 use crate::pairs::{PairErrors, pair_errors};
 use crate::residual::load_residual;
 use crate::verification::{VerificationPoints, correct_points, rms_and_max_m};
-use abbe_files::ModelFile;
+use abbe_files::{ModelFile, hex, write_atomically};
 use abbe_geometry::Vector3;
 use abbe_geometry::chain::nominal_point_m;
 use abbe_graph::step::OwnedField;
@@ -27,9 +31,17 @@ pub(crate) struct Arguments {
     /// CSV with scale readings and actual_x_mm, actual_y_mm, actual_z_mm
     #[arg(long)]
     points: PathBuf,
+    /// Page with the errors before and after, as HTML
+    #[arg(long, value_name = "FILE")]
+    html: Option<PathBuf>,
+    /// The same as PDF
+    #[arg(long, value_name = "FILE")]
+    pdf: Option<PathBuf>,
     /// Print as JSON
     #[arg(long)]
     json: bool,
+    #[command(flatten)]
+    identity: IdentityOptions,
 }
 
 /// One state of the points: indicated, corrected by geometry, corrected by everything.
@@ -40,6 +52,8 @@ struct Stage {
     rms_um: f64,
     max_um: f64,
     lengths: PairErrors,
+    /// Errors after rigid alignment, point by point.
+    errors_um: Vec<[f64; 3]>,
 }
 
 impl Stage {
@@ -48,13 +62,18 @@ impl Stage {
         points_m: &[Vector3<f64>],
         actual_m: &[Vector3<f64>],
     ) -> anyhow::Result<Stage> {
-        let (rms_m, max_m) = rms_and_max_m(aligned_residuals_m(points_m, actual_m)?.into_iter());
+        let errors_m = aligned_residuals_m(points_m, actual_m)?;
+        let errors_um = errors_m.iter().map(|error_m| (error_m * 1e6).into()).collect();
+        let (rms_m, max_m) = rms_and_max_m(errors_m.into_iter());
         let lengths = pair_errors(points_m, actual_m)?;
-        Ok(Stage { name, key, rms_um: rms_m * 1e6, max_um: max_m * 1e6, lengths })
+        Ok(Stage { name, key, rms_um: rms_m * 1e6, max_um: max_m * 1e6, lengths, errors_um })
     }
 }
 
 pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    let outputs = [&arguments.html, &arguments.pdf].into_iter().flatten().map(PathBuf::as_path);
+    let inputs = arguments.residual.iter().chain([&arguments.model, &arguments.points]).map(PathBuf::as_path);
+    output::check(outputs, inputs)?;
     let (model, sha256) = ModelFile::load(&arguments.model)?;
     let residual = arguments.residual.as_deref().map(|path| load_residual(path, &model, &sha256)).transpose()?;
     let name = arguments.points.display().to_string();
@@ -70,6 +89,7 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         stages.push(Stage::new(("by geometry", "geometric"), &corrected(None)?.corrected_m, &actual_m)?);
     }
     stages.push(Stage::new(("corrected", "after"), &points.corrected_m, &actual_m)?);
+    write(arguments, &model, &hex(&sha256), (&points, &stages))?;
     if arguments.json {
         let mut value = json!({
             "points": points.rows.len(), "extrapolated": points.extrapolated(),
@@ -90,6 +110,41 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         eprintln!("abbe: {}", points.tally.words(&model.model, &name, "line"));
     }
     Ok(points.tally.judge(&name)?)
+}
+
+/// The page, where one is asked for.
+fn write(
+    arguments: &Arguments,
+    model: &ModelFile,
+    sha256: &str,
+    (points, stages): (&VerificationPoints, &[Stage]),
+) -> anyhow::Result<()> {
+    if arguments.html.is_none() && arguments.pdf.is_none() {
+        return Ok(());
+    }
+    let machine_name = Some(model.model.parts().machine.name.as_str());
+    let tables = [arguments.points.as_path()];
+    let who = arguments.identity.gather(&Said { machine_name, tables: &tables, ..Said::default() })?;
+    let file = |path: &PathBuf| path.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
+    let mut meta =
+        vec![("Points", file(&arguments.points)), ("Model", format!("{}, SHA-256 {sha256}", file(&arguments.model)))];
+    meta.extend(arguments.residual.iter().map(|path| ("Residual model", file(path))));
+    let report = report::report(report::Page {
+        identity: who.shown,
+        meta,
+        at_m: points.rows.iter().map(|row| row.reading_m).collect(),
+        stages,
+        extrapolated: points.extrapolated(),
+        doubts: model.said_against().collect(),
+    });
+    let pdf = arguments.pdf.as_ref().map(|_| report.pdf()).transpose().context("--pdf")?;
+    if let Some(path) = &arguments.html {
+        write_atomically(path, report.html()?.as_bytes())?;
+    }
+    if let (Some(path), Some(pdf)) = (&arguments.pdf, &pdf) {
+        write_atomically(path, pdf)?;
+    }
+    Ok(())
 }
 
 fn print_words(points: &VerificationPoints, stages: &[Stage]) {

@@ -7,12 +7,14 @@ mod measured;
 mod report;
 
 use crate::exit::Ended;
+use crate::identity::{IdentityOptions, Said};
 use crate::output;
 use abbe_files::{ModelFile, hex, write_atomically};
 use abbe_geometry::Vector3;
 use abbe_geometry::correct::Status;
 use abbe_geometry::model::MachineModel;
 use abbe_geometry::volumetric::{Diagonal, LinePoint, MapPoint, along_line, at_distances, error_map};
+use abbe_report::Identity;
 use anyhow::{Context, bail, ensure};
 use measured::{Comparison, MeasuredDiagonal};
 use serde_json::json;
@@ -46,10 +48,13 @@ pub(crate) struct Arguments {
     /// Print the answer as JSON
     #[arg(long)]
     json: bool,
+    #[command(flatten)]
+    identity: IdentityOptions,
 }
 
 /// Everything that is written.
 pub(crate) struct Answer {
+    who: Identity,
     machine: String,
     model_sha256: String,
     offset_m: [f64; 3],
@@ -88,7 +93,9 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     };
     let bounds_m = parts.machine.stroke_m;
     let measured = arguments.diagonals.as_deref().map(measured::read).transpose()?.unwrap_or_default();
+    let said = Said { machine_name: Some(&parts.machine.name), ..Said::default() };
     let answer = Answer {
+        who: arguments.identity.gather(&said)?.shown,
         machine: parts.machine.name.clone(),
         model_sha256: hex(&sha256),
         doubts: file.said_against().collect(),

@@ -3,13 +3,16 @@
 //! Place in the flow: `abbe conformity --lengths`, and before and after a correction in [`super::simulated`].
 
 use super::{
-    Limits, Product, departure_callout, departure_json, departure_words, meta, pictures, tone, um, verdict_word, worst,
+    Figure, Limits, Product, departure_callout, departure_json, departure_words, meta, pictures, tone, um,
+    verdict_word, worst,
 };
 use crate::pipeline::software;
 use abbe_conformity::length::{LengthErrors, LengthTest, LengthVerdict, Probing, evaluate};
 use abbe_conformity::{DecisionRule, Frontier, MaximumPermissibleError, SupportedLimit, Verdict};
 use abbe_files::{hex, read_lengths_file};
-use abbe_report::{Callout, Cell, Column, KeyFigure, KeyFigures, Quantity, Report, Section, TableSection, Tone};
+use abbe_report::{
+    Callout, Cell, Column, Identity, KeyFigure, KeyFigures, Quantity, Report, Section, TableSection, Tone,
+};
 use anyhow::Context;
 use serde_json::{Value, json};
 use std::fmt::Write as _;
@@ -34,17 +37,62 @@ pub(crate) fn run(path: &Path, stated: &Stated, limits: &Limits, rule: &Decision
     let mut json = figures(&errors, limits, rule)?;
     json["data_sha256"] = json!(hex(&file.sha256));
     json["software"] = json!(software());
-    let mut sections = sections(&errors, limits, rule)?;
-    sections.push(departure_callout(STANDARD, &errors.departures));
+    let sections = sections(&errors, limits, rule)?;
     let report = Report {
         title: format!("Length measurement error {}", errors.test.symbol()),
         lead: Some(lead(&errors)),
+        identity: Identity::default(),
         meta: meta(path, &file.sha256),
         main_plot: None,
         footer: Some(software()),
         sections,
     };
-    Ok(Product { words, json, report, verdict: verdict(&errors, limits, rule), outside: None })
+    Ok(Product {
+        words,
+        json,
+        report,
+        verdict: verdict(&errors, limits, rule),
+        outside: None,
+        figures: certified(&errors, limits, rule),
+    })
+}
+
+/// The figures of a certificate: the largest error of each line, and the repeatability range.
+fn certified(errors: &LengthErrors, limits: &Limits, rule: &DecisionRule) -> Vec<Figure> {
+    let expanded_m = |length_m: f64| match rule {
+        DecisionRule::GuardBand(uncertainty) => Some(uncertainty.at_m(length_m)),
+        DecisionRule::SimpleAcceptance => None,
+    };
+    let symbol = errors.test.symbol();
+    let verdict = limits.length.as_ref().map(|limit| errors.verdict(limit, limits.repeatability, rule));
+    let of_line = |line: &abbe_conformity::length::LineSummary| {
+        let (largest, at_m) = line.largest;
+        Figure {
+            name: format!("{symbol}, largest error on line {}, at a length of {:.4} mm", line.line, at_m * 1e3),
+            value_m: largest.metres(),
+            expanded_m: expanded_m(at_m),
+            limit_m: limits.length.map(|limit| limit.at(at_m).metres()),
+            // The verdict is on the whole test, not on a line.
+            verdict: None,
+        }
+    };
+    let mut figures: Vec<Figure> = errors.lines.iter().map(of_line).collect();
+    let (largest, line, at_m) = errors.largest();
+    figures.push(Figure {
+        name: format!("{symbol}, largest error of all lines, on {line} at a length of {:.4} mm", at_m * 1e3),
+        value_m: largest.metres(),
+        expanded_m: expanded_m(at_m),
+        limit_m: limits.length.map(|limit| limit.at(at_m).metres()),
+        verdict: verdict.as_ref().map(|verdict| verdict.errors),
+    });
+    figures.extend(errors.repeatability().map(|range| Figure {
+        name: "R0, largest repeatability range".to_owned(),
+        value_m: range.metres(),
+        expanded_m: None,
+        limit_m: limits.repeatability.map(|limit| limit.metres()),
+        verdict: verdict.as_ref().and_then(|verdict| verdict.repeatability),
+    }));
+    figures
 }
 
 /// The verdict on the limits, where there are some.
@@ -228,7 +276,7 @@ pub(crate) fn sections(errors: &LengthErrors, limits: &Limits, rule: &DecisionRu
     let (largest, line, length_m) = errors.largest();
     let figure = |label: &str, value: Option<f64>, detail: String| KeyFigure {
         label: label.to_owned(),
-        value: value.map(|v| Quantity::new(v, 3)),
+        value: value.map(|v| Quantity::new(v, 2)),
         unit: "µm".to_owned(),
         detail: Some(detail),
         ..KeyFigure::default()
@@ -259,6 +307,7 @@ pub(crate) fn sections(errors: &LengthErrors, limits: &Limits, rule: &DecisionRu
             text: format!("{}. Decision rule: {}.", verdict_text(errors, &verdict), rule.words()),
         }));
     }
+    sections.push(departure_callout(STANDARD, &errors.departures));
     sections.push(pictures::errors_against_length(
         "Errors against length",
         errors,

@@ -3,6 +3,7 @@
 //! Place in the flow: `abbe conformity` calls one of [`lengths`], [`sphere`], [`runs`] and [`simulated`]; each gives a
 //! [`Product`]: words for the terminal, JSON, and a report. Observed figures come first and stand without any limit.
 
+pub(crate) mod dcc;
 pub(crate) mod lengths;
 pub(crate) mod pictures;
 pub(crate) mod runs;
@@ -35,6 +36,23 @@ pub(crate) struct Product {
     pub(crate) verdict: Option<Verdict>,
     /// What the touches that a model corrected were worth, where not all are inside what it knows.
     pub(crate) outside: Option<Outside>,
+    /// Figures for a certificate.
+    pub(crate) figures: Vec<Figure>,
+}
+
+/// A figure of a certificate.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Figure {
+    /// What it is.
+    pub(crate) name: String,
+    /// Its value (m).
+    pub(crate) value_m: f64,
+    /// Expanded uncertainty of the test (m, k = 2), where it was stated.
+    pub(crate) expanded_m: Option<f64>,
+    /// Limit that was given (m), and what the verdict is.
+    pub(crate) limit_m: Option<f64>,
+    /// The verdict on this limit.
+    pub(crate) verdict: Option<Verdict>,
 }
 
 /// Touches outside what a model knows.

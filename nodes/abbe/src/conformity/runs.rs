@@ -9,7 +9,7 @@ use abbe_conformity::diagonals::{self, DiagonalFigures, DiagonalKind};
 use abbe_conformity::positioning::{self, AxisFigures, Direction};
 use abbe_diagnose::study::runs::{Approach, Run};
 use abbe_files::{hex, read_runs_file};
-use abbe_report::{Cell, Column, Report, Section, TableSection};
+use abbe_report::{Cell, Column, Identity, KeyFigure, KeyFigures, Quantity, Report, Section, TableSection};
 use anyhow::Context;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
@@ -38,7 +38,7 @@ pub(crate) fn run(path: &Path) -> anyhow::Result<Product> {
         .transpose()?;
     let (words, json) = (words(path, &axes, diagonals.as_ref()), json(&axes, diagonals.as_ref(), &file.sha256));
     let report = report(path, &file.sha256, &axes, diagonals.as_ref());
-    Ok(Product { words, json, report, verdict: None, outside: None })
+    Ok(Product { words, json, report, verdict: None, outside: None, figures: Vec::new() })
 }
 
 fn approach(run: &Run) -> positioning::Approach {
@@ -161,22 +161,42 @@ fn axis_json(axis: &AxisFigures) -> Value {
 fn report(path: &Path, sha256: &[u8; 32], axes: &[AxisFigures], diagonals: Option<&DiagonalFigures>) -> Report {
     let all: Vec<AxisFigures> =
         axes.iter().chain(diagonals.map_or(&[][..], |d| d.diagonals.as_slice())).cloned().collect();
-    let mut sections = vec![table(&all)];
-    sections.extend(pictures::positioning(&all));
+    let mut sections = vec![key_figures(&all)];
     if !axes.is_empty() {
         sections.push(departure_callout(AXES, &axis_departures(axes)));
     }
     if let Some(diagonals) = diagonals {
         sections.push(departure_callout(DIAGONALS, &diagonals.departures));
     }
+    sections.push(table(&all));
+    sections.extend(pictures::positioning(&all));
     Report {
         title: "Positioning".to_owned(),
         lead: Some("Figures of ISO 230-2, along diagonals of ISO 230-6; deviation = actual − target.".to_owned()),
+        identity: Identity::default(),
         meta: meta(path, sha256),
         main_plot: None,
         footer: Some(software()),
         sections,
     }
+}
+
+/// Accuracy of each axis, else what there is of it; its repeatability and reversal beside.
+fn key_figures(all: &[AxisFigures]) -> Section {
+    let figure = |axis: &AxisFigures| {
+        let beside = [("R", axis.repeatability_m), ("B", axis.reversal_m), ("M", axis.mean_bidirectional_m)];
+        let beside = beside.iter().filter_map(|(name, value)| Some(format!("{name} {:.2}", um((*value)?))));
+        let either = [("A", axis.accuracy_m), ("A↑", axis.accuracy_up_m), ("A↓", axis.accuracy_down_m)];
+        let named = either.into_iter().find_map(|(name, value)| Some((name, value?)));
+        KeyFigure {
+            label: format!("{} of {}", named.map_or("A", |(name, _)| name), axis.axis),
+            value: named.map(|(_, value)| Quantity::new(um(value), 2)),
+            unit: "µm".to_owned(),
+            detail: Some(beside.collect::<Vec<_>>().join(", ")).filter(|text| !text.is_empty()),
+            ..KeyFigure::default()
+        }
+    };
+    Section::KeyFigures(KeyFigures { title: "Accuracy".to_owned(), figures: all.iter().map(figure).collect() })
 }
 
 fn table(all: &[AxisFigures]) -> Section {

@@ -4,8 +4,8 @@
 //! then the same gauges are touched in the same order by the machine as it is, as the model corrects it and, where there is one,
 //! as model and residual model do. The models see the campaign only.
 
-use super::lengths::{self, STANDARD};
-use super::{Limits, Outside, Product, departure_callout};
+use super::lengths;
+use super::{Limits, Outside, Product};
 use crate::command::simulate;
 use crate::pipeline::software;
 use crate::residual::{load_residual, with_residual};
@@ -21,7 +21,7 @@ use abbe_geometry::effects::{CovariateSource, CovariateValue, State};
 use abbe_geometry::model::MachineModel;
 use abbe_graph::step::OwnedField;
 use abbe_identify::{Options, Progress, identify};
-use abbe_report::{Heading, MetaItem, Report, Section};
+use abbe_report::{Callout, Heading, Identity, KeyFigure, KeyFigures, MetaItem, Quantity, Report, Section};
 use abbe_virtual_machine::effects::from_text;
 use abbe_virtual_machine::length_test::{MachineAtTouch, length_test};
 use abbe_virtual_machine::plan::presets::CASE_OFFSETS_M;
@@ -99,7 +99,7 @@ pub(crate) fn run(
         judged: if asked.model.is_some() { tally.judge(test) } else { Ok(()) },
     });
     let verdict = stages.last().and_then(|after| lengths::verdict(&after.errors, limits, rule));
-    Ok(Product { words, json, report, verdict, outside })
+    Ok(Product { words, json, report, verdict, outside, figures: Vec::new() })
 }
 
 /// The model asked for and its residual model, or one that is identified from a campaign of the simulated machine.
@@ -173,6 +173,32 @@ impl CovariateSource for Logged<'_> {
     }
 }
 
+/// Before and after in one row, and the verdict on the machine as it is corrected.
+fn answer(stages: &[Stage], limits: &Limits, rule: &DecisionRule) -> Vec<Section> {
+    let (Some(before), Some(after)) = (stages.first(), stages.last()) else { return Vec::new() };
+    let figure = |label: &str, of: &dyn Fn(&LengthErrors) -> Option<f64>| KeyFigure {
+        label: label.to_owned(),
+        before: of(&before.errors).map(|v| Quantity::new(v * 1e6, 2)),
+        value: of(&after.errors).map(|v| Quantity::new(v * 1e6, 2)),
+        unit: "µm".to_owned(),
+        detail: Some("without and with correction".to_owned()),
+        ..KeyFigure::default()
+    };
+    let figures = vec![
+        figure("largest error, observed", &|errors| Some(errors.largest().0.metres())),
+        figure("repeatability range, observed", &|errors| Some(errors.repeatability()?.metres())),
+    ];
+    let mut sections = vec![Section::KeyFigures(KeyFigures { title: "At a glance".to_owned(), figures })];
+    if let (Some(limit), Some(verdict)) = (&limits.length, lengths::verdict(&after.errors, limits, rule)) {
+        sections.push(Section::Callout(Callout {
+            tone: super::tone(verdict),
+            title: format!("As corrected, against {limit}"),
+            text: format!("{}. Decision rule: {}.", super::verdict_word(verdict).replace('_', " "), rule.words()),
+        }));
+    }
+    sections
+}
+
 fn report(
     machine: &str,
     asked: &Simulated,
@@ -180,13 +206,11 @@ fn report(
     limits: &Limits,
     rule: &DecisionRule,
 ) -> anyhow::Result<Report> {
-    let mut sections = Vec::new();
+    let mut sections = answer(stages, limits, rule);
     for Stage { title, errors, .. } in stages {
         sections.push(Section::Heading(Heading { title: (*title).to_owned(), intro: None }));
         sections.extend(lengths::sections(errors, limits, rule)?);
     }
-    let departures = stages.last().map_or(&[][..], |stage| &stage.errors.departures);
-    sections.push(departure_callout(STANDARD, departures));
     let item = |label: &str, value: String| MetaItem { label: label.to_owned(), value: Some(value) };
     let mut meta = vec![item("machine", machine.to_owned()), item("seed", asked.seed.to_string())];
     meta.extend(asked.effects.iter().map(|effect| item("effect", effect.clone())));
@@ -196,6 +220,7 @@ fn report(
             "The same gauges, touched in the same order by a simulated machine as it is and as its models correct it."
                 .to_owned(),
         ),
+        identity: Identity::default(),
         meta,
         main_plot: None,
         footer: Some(software()),

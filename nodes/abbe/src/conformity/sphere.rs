@@ -2,13 +2,15 @@
 //!
 //! Place in the flow: `abbe conformity --sphere`. Names of both editions stand side by side.
 
-use super::{Limits, Product, departure_callout, departure_json, departure_words, meta, tone, um, verdict_word, worst};
+use super::{
+    Figure, Limits, Product, departure_callout, departure_json, departure_words, meta, tone, um, verdict_word, worst,
+};
 use crate::pipeline::software;
 use abbe_conformity::probing::{FORM_NAMES, ProbingErrors, SIZE_NAMES, evaluate};
 use abbe_conformity::{DecisionRule, PermissibleError, Verdict};
 use abbe_files::{hex, read_probed_points_file};
 use abbe_report::{
-    Axis, Callout, Curve, CurveStyle, KeyFigure, KeyFigures, LinePanel, LinePlot, Quantity, Report, Section,
+    Axis, Callout, Curve, CurveStyle, Identity, KeyFigure, KeyFigures, LinePanel, LinePlot, Quantity, Report, Section,
 };
 use anyhow::Context;
 use serde_json::json;
@@ -49,6 +51,7 @@ pub(crate) fn run(
         report: report(path, &file.sha256, &errors, &rows, rule),
         verdict: worst([form, size]),
         outside: None,
+        figures: rows.iter().filter_map(|row| row.certified(rule)).collect(),
     })
 }
 
@@ -58,6 +61,21 @@ struct Row {
     value_m: Option<f64>,
     limit: Option<PermissibleError>,
     verdict: Option<Verdict>,
+}
+
+impl Row {
+    fn certified(&self, rule: &DecisionRule) -> Option<Figure> {
+        Some(Figure {
+            name: self.names[0].to_owned(),
+            value_m: self.value_m?,
+            expanded_m: match rule {
+                DecisionRule::GuardBand(uncertainty) => Some(uncertainty.at_m(0.0)),
+                DecisionRule::SimpleAcceptance => None,
+            },
+            limit_m: self.limit.map(|limit| limit.metres()),
+            verdict: self.verdict,
+        })
+    }
 }
 
 fn words(path: &Path, errors: &ProbingErrors, rows: &[Row], rule: &DecisionRule) -> String {
@@ -98,6 +116,7 @@ fn report(path: &Path, sha256: &[u8; 32], errors: &ProbingErrors, rows: &[Row], 
             }));
         }
     }
+    sections.push(departure_callout(STANDARD, &errors.departures));
     let residuals = &errors.sphere.residuals_m;
     let curve = Curve {
         name: "points".to_owned(),
@@ -118,10 +137,10 @@ fn report(path: &Path, sha256: &[u8; 32], errors: &ProbingErrors, rows: &[Row], 
             curves: vec![curve],
         }],
     }));
-    sections.push(departure_callout(STANDARD, &errors.departures));
     Report {
         title: "Probing error".to_owned(),
         lead: Some(format!("{} points on a sphere.", residuals.len())),
+        identity: Identity::default(),
         meta: meta(path, sha256),
         main_plot: None,
         footer: Some(software()),

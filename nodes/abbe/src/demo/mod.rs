@@ -12,6 +12,7 @@ mod report;
 mod shipped;
 
 use crate::command::progress_text;
+use crate::identity::{self, IdentityOptions, Said};
 use crate::pipeline::{self, BagJoin, Choices};
 use crate::verdict::Accept;
 use crate::verification::{self, VerificationPoints};
@@ -49,6 +50,8 @@ pub(crate) struct Arguments {
     /// Also publish on DDS (ROS 2), on the domain of the environment
     #[arg(long)]
     dds: bool,
+    #[command(flatten)]
+    identity: IdentityOptions,
 }
 
 /// The model of the campaign, and the file that the nodes take theirs from where the loop is closed.
@@ -109,7 +112,14 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     };
 
     let bar = step("report");
+    let said = Said {
+        machine: Some(&machine),
+        days: loaded.days,
+        temperature_c: identity::temperature_c(&loaded.campaign),
+        ..Said::default()
+    };
     let data = report::data(&report::Facts {
+        who: arguments.identity.gather(&said)?.shown,
         machine: &machine,
         loaded: &loaded,
         model: &model,

@@ -17,7 +17,7 @@ use abbe_msgs::CorrectedCoordinates;
 use abbe_report::diagnosis::Both;
 use abbe_report::{
     Closing, Correlation, DemoReport, ErrorCurve, ErrorCurveSet, ErrorKind, FileEntry, FitSummary, Identifiability,
-    InUse, LiveFigures, MeasuredLine, MeasuringVolume, OrderChoice, RejectedReading, Residual, RunHeader,
+    Identity, InUse, LiveFigures, MeasuredLine, MeasuringVolume, OrderChoice, RejectedReading, Residual, RunHeader,
     SquarenessError, StationEntry, StepDuration, VerificationPoint, max_abs, rms,
 };
 use anyhow::ensure;
@@ -30,6 +30,7 @@ const BAND_95: f64 = 1.96;
 
 /// Everything that was found.
 pub(super) struct Facts<'a> {
+    pub(super) who: Identity,
     pub(super) machine: &'a MachineFile,
     pub(super) loaded: &'a LoadedCampaign,
     pub(super) model: &'a ModelFile,
@@ -151,7 +152,7 @@ fn header(facts: &Facts, closing: Option<&Closing>) -> RunHeader {
     RunHeader {
         title: format!("Live correction of {}", facts.machine.machine.name),
         what,
-        machine: Some(facts.machine.machine.name.clone()),
+        identity: facts.who.clone(),
         about: provenance::of_campaign(&facts.loaded.campaign, facts.machine.instrument)
             .iter()
             .map(|(what, words)| entry(what, words))
@@ -170,8 +171,6 @@ fn header(facts: &Facts, closing: Option<&Closing>) -> RunHeader {
         data_hash: Some(facts.loaded.source.sha256.clone()),
         model_hash: Some(hex(facts.model_sha256)),
         software_version: facts.model.software.clone(),
-        host: None,
-        time: None,
     }
 }
 

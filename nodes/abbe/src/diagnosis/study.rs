@@ -18,7 +18,7 @@ use abbe_files::{
 use abbe_geometry::Vector3;
 use abbe_measurement::correspondence::check_vectors;
 use abbe_report::diagnosis::{DiagnosisReport, File, ModelOut};
-use abbe_report::{Axis, Curve, CurveStyle, LinePanel, LinePlot, Section};
+use abbe_report::{Axis, Curve, CurveStyle, Identity, LinePanel, LinePlot, Section};
 use anyhow::{Context, ensure};
 use std::path::Path;
 
@@ -87,6 +87,7 @@ fn machine_of(model: &Path) -> Result<MachineFile, FileError> {
         instrument: file.instrument,
         absolute_range: file.absolute_range,
         order: file.order,
+        identity: None,
     })
 }
 
@@ -109,7 +110,10 @@ fn conclude(
     let mut record = study_record::record(&diagnosis, data, &options, request.seed, software());
     let Some(machine) = machine else {
         record.notes.push("No model file was made: name the machine with --machine to have one.".to_owned());
-        return Ok(Product { report: DiagnosisReport { record, residuals: None, figures }, model: None });
+        return Ok(Product {
+            report: DiagnosisReport { record, residuals: None, figures, identity: Identity::default() },
+            model: None,
+        });
     };
     record.machine = Some(machine.machine.name.clone());
     let source = DataSource { file: name_of(path), sha256: hex(&sha256) };
@@ -128,7 +132,7 @@ fn conclude(
         record.notes.extend(left_out.map(|(name, reason)| format!("Not for a model: {name}; {reason}.")));
         record.notes.push("No model file was made: nothing was found that a model could correct.".to_owned());
     }
-    Ok(Product { report: DiagnosisReport { record, residuals: None, figures }, model })
+    Ok(Product { report: DiagnosisReport { record, residuals: None, figures, identity: Identity::default() }, model })
 }
 
 /// The position table as a picture: mean error and two standard deviations by target and direction, an axis a panel.

@@ -5,6 +5,7 @@
 
 use super::scoring::Points;
 use super::{MODEL, Product, Request, name_of, pictures, record};
+use crate::identity;
 use crate::pipeline::{LoadedCampaign, evidence_json, load_campaign, software};
 use crate::provenance;
 use crate::verdict::{self, Accept};
@@ -13,6 +14,7 @@ use abbe_files::{MachineFile, ModelFile, OrderChoice, hex};
 use abbe_geometry::model::MachineModel;
 use abbe_identify::Evidence;
 use abbe_identify::verdict::{Grade, Verdict, of_campaign, widened};
+use abbe_report::Identity;
 use abbe_report::diagnosis::{Both, DiagnosisReport, File, ModelOut, Record};
 use anyhow::{Context, bail, ensure};
 use serde_json::{Value, json};
@@ -45,6 +47,7 @@ impl Given {
             instrument: self.file.instrument,
             absolute_range: self.file.absolute_range,
             order: self.file.order,
+            identity: None,
         }
     }
 
@@ -115,6 +118,11 @@ pub(crate) fn run(
     // A model that was accepted with its misfit is diagnosed to find the cause of it: what is left then is said, not refused.
     let accept = Accept { accept_misfit: request.accept.accept_misfit || given.was_accepted() };
     verdict::check(&verdict, accept, &loaded.source.file, || evidence_json(&diagnosis.after.evidence))?;
+    let identity = Identity {
+        measured: loaded.days.map(|days| days.to_string()),
+        temperature_c: identity::temperature_c(&loaded.campaign),
+        ..Identity::default()
+    };
     let mut record = recorded(&diagnosis, &given, model, &loaded, &options);
     caution(&mut record, &verdict);
     let labels: Vec<String> = record.effects.iter().map(abbe_report::diagnosis::Effect::label).collect();
@@ -132,7 +140,7 @@ pub(crate) fn run(
         points.score(&mut record, &before, &after)?;
     }
     Ok(Product {
-        report: DiagnosisReport { record, residuals: Some(residuals), figures: Vec::new() },
+        report: DiagnosisReport { record, residuals: Some(residuals), figures: Vec::new(), identity },
         model: Some(bytes),
     })
 }

@@ -7,6 +7,7 @@ mod page;
 use abbe_files::MachineFile;
 use abbe_geometry::effects::{Shape, ShapeValue};
 use abbe_plan::{Plan, Promise, Request, Wish};
+use abbe_report::Identity;
 use serde_json::{Value, json};
 use std::fmt::Write;
 use std::path::Path;
@@ -18,6 +19,7 @@ pub(crate) struct Sources<'a> {
     pub(crate) machine: &'a MachineFile,
     pub(crate) request: &'a Request,
     pub(crate) campaign: Option<&'a Path>,
+    pub(crate) who: &'a Identity,
 }
 
 /// What will come of a wish.

@@ -32,6 +32,7 @@ pub(crate) fn report(sources: &Sources, plan: &Plan) -> Report {
              expected and lacks nothing that its model has no word for."
                 .to_owned(),
         ),
+        identity: sources.who.clone(),
         meta: vec![
             meta("time", time_words(sources, plan)),
             meta("seed", sources.request.seed.to_string()),

@@ -5,15 +5,15 @@
 use super::Data;
 use abbe_files::{ResidualFile, hex};
 use abbe_report::{
-    Axis, Callout, Cell, Column, Curve, CurveStyle, Heading, KeyFigure, KeyFigures, LinePanel, LinePlot, MapPanel,
-    MapPoint, MetaItem, Quantity, Report, ResidualMap, Section, TableSection, Tone,
+    Axis, Callout, Cell, Column, Curve, CurveStyle, Heading, Identity, KeyFigure, KeyFigures, LinePanel, LinePlot,
+    MapPanel, MapPoint, MetaItem, Quantity, Report, ResidualMap, Section, TableSection, Tone,
 };
 use abbe_residual_training::{HeldOutScores, Trained, TrainingRecord, ZERO};
 
 const AXES: [&str; 3] = ["X", "Y", "Z"];
 
 /// The page.
-pub(crate) fn html(trained: &Trained, file: &ResidualFile, data: &Data) -> anyhow::Result<String> {
+pub(crate) fn html(trained: &Trained, file: &ResidualFile, data: &Data, identity: Identity) -> anyhow::Result<String> {
     let record = &trained.record;
     let mut sections = vec![answer(record), figures(record)];
     if record.flattering {
@@ -37,6 +37,7 @@ pub(crate) fn html(trained: &Trained, file: &ResidualFile, data: &Data) -> anyho
     let report = Report {
         title: "Residual model".to_owned(),
         lead: Some(format!("What geometry leaves, learnt from {} ({} points).", data.file, data.points())),
+        identity,
         meta: meta(record, file, data),
         main_plot: None,
         footer: Some(file.software.clone()),
@@ -57,7 +58,6 @@ fn meta(record: &TrainingRecord, file: &ResidualFile, data: &Data) -> Vec<MetaIt
     let item = |label: &str, value: Option<String>| MetaItem { label: label.to_owned(), value };
     let owner = file.owner.as_ref();
     vec![
-        item("machine", owner.map(|owner| owner.machine.clone())),
         item("geometric model", owner.map(|owner| hex(&owner.model_sha256))),
         item("residuals", Some(format!("{} ({})", data.file, hex(&data.sha256)))),
         item("seed", Some(file.seed.to_string())),

@@ -80,6 +80,8 @@ pub struct CampaignFromBag {
     pub campaign: Campaign,
     /// What of the bag is not in it, each in words with its number; empty where everything is.
     pub left_out: Vec<String>,
+    /// Stamps of the first and the last scale reading (ns), as their clock counts.
+    pub stamps_ns: Option<[i64; 2]>,
 }
 
 /// Joins the scale and tracer readings of a machine, whose frame is `frame_id`, by the rules of the live diagnosis
@@ -93,6 +95,7 @@ pub fn campaign_from_bag(path: &Path, frame_id: &str, join: &JoinSettings) -> Re
     let JoinSettings { match_within_s, max_covariate_age_s, .. } = *join;
     let mut buffer = ReadingBuffer::with_capacity(frame_id, match_within_s, max_covariate_age_s, usize::MAX);
     let (mut tracers, mut stale, mut elsewhere) = (0_usize, 0_usize, topics.other_messages);
+    let mut stamps_ns: Option<[i64; 2]> = None;
     for message in messages(path)? {
         let message = message?;
         if message.topic() == topics.scale {
@@ -101,6 +104,9 @@ pub fn campaign_from_bag(path: &Path, frame_id: &str, join: &JoinSettings) -> Re
                 elsewhere += 1;
                 continue;
             }
+            let stamp_ns = i64::from(reading.stamp.sec()) * 1_000_000_000 + i64::from(reading.stamp.nanosec());
+            stamps_ns =
+                Some(stamps_ns.map_or([stamp_ns; 2], |[first, last]| [first.min(stamp_ns), last.max(stamp_ns)]));
             stale += usize::from(reading.covariates.iter().any(|c| !is_fresh(c.age_s, max_covariate_age_s)));
             buffer.scale(&reading);
         } else if message.topic() == topics.tracer {
@@ -130,7 +136,7 @@ pub fn campaign_from_bag(path: &Path, frame_id: &str, join: &JoinSettings) -> Re
         (elsewhere, "readings are of another frame or namespace".into()),
     ];
     let left_out = counts.into_iter().filter(|(count, _)| *count > 0).map(|(count, what)| format!("{count} {what}"));
-    Ok(CampaignFromBag { campaign, left_out: left_out.collect() })
+    Ok(CampaignFromBag { campaign, left_out: left_out.collect(), stamps_ns })
 }
 
 /// The topics of one machine in a bag.

@@ -31,6 +31,7 @@ impl DemoReport {
         Report {
             title: self.header.title.clone(),
             lead: Some(self.header.what.clone()),
+            identity: self.header.identity.clone(),
             meta: self.meta(),
             main_plot,
             footer: Some(self.footer()),
@@ -72,14 +73,11 @@ impl DemoReport {
         let header = &self.header;
         let item = |label: &str, value: Option<String>| MetaItem { label: label.to_owned(), value };
         let mut meta = vec![
-            item("Machine", header.machine.clone()),
-            item("Time", header.time.clone()),
             item("Software", Some(header.software_version.clone())),
-            item("Host", header.host.clone()),
             item("Data hash", header.data_hash.clone()),
             item("Model hash", header.model_hash.clone()),
         ];
-        meta.splice(1..1, header.about.iter().map(|line| item(&line.role, Some(line.name.clone()))));
+        meta.splice(0..0, header.about.iter().map(|line| item(&line.role, Some(line.name.clone()))));
         meta.extend(header.files.iter().map(|file| item(&capital(&file.role), Some(file.name.clone()))));
         meta
     }
@@ -89,7 +87,6 @@ impl DemoReport {
         let mut parts = vec![self.header.software_version.clone()];
         parts.extend(short(&self.header.data_hash).map(|h| format!("data {h}")));
         parts.extend(short(&self.header.model_hash).map(|h| format!("model {h}")));
-        parts.extend(self.header.time.clone());
         parts.join("  ·  ")
     }
 

@@ -12,17 +12,19 @@ mod verification;
 
 pub use closing::{Closing, InUse};
 
+use crate::identity::Identity;
 use serde::{Deserialize, Serialize};
 
 /// What was run, on what, with what.
-#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct RunHeader {
     /// Title of the report.
     pub title: String,
     /// What was run, in a sentence.
     pub what: String,
-    /// Name of the measured machine.
-    pub machine: Option<String>,
+    /// Who, when and which.
+    #[serde(default)]
+    pub identity: Identity,
     /// What was measured, when, with what: as far as the data say.
     #[serde(default)]
     pub about: Vec<FileEntry>,
@@ -34,10 +36,6 @@ pub struct RunHeader {
     pub model_hash: Option<String>,
     /// Name and version of the software.
     pub software_version: String,
-    /// Host the run was made on.
-    pub host: Option<String>,
-    /// When, as text; the library knows no clock.
-    pub time: Option<String>,
 }
 
 /// A file of the run.

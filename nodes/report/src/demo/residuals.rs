@@ -145,6 +145,7 @@ impl DemoReport {
         BoxPlot {
             title: "Residual magnitude by station".to_owned(),
             note: None,
+            states: Vec::new(),
             groups_label: "station".to_owned(),
             value: Axis::new("residual magnitude", "µm"),
             series: vec!["residual".to_owned()],

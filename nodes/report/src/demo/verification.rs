@@ -4,7 +4,8 @@ use super::build::heading;
 use super::{DemoReport, VerificationPoint};
 use crate::scale::extent;
 use crate::sections::{
-    Axis, Callout, Cell, CellMap, CellPanel, Column, Comparison, ComparisonGroup, Section, TableSection, Tone,
+    Axis, Callout, Cell, CellMap, CellPanel, Column, Comparison, ComparisonGroup, Section, State as Shown,
+    TableSection, Tone, Vector, Vectors,
 };
 use crate::stats::{max_abs, quantile_sorted, rms, sorted};
 
@@ -64,6 +65,7 @@ impl DemoReport {
         let index = sections.len();
         sections.push(Section::Comparison(self.comparison()));
         sections.push(Section::Table(self.error_table()));
+        sections.extend(self.vectors().map(Section::Vectors));
         sections.extend(self.region_map().map(Section::CellMap));
         Some(index)
     }
@@ -87,6 +89,29 @@ impl DemoReport {
             states: states.iter().map(|(name, _)| (*name).to_owned()).collect(),
             groups,
         }
+    }
+
+    /// Errors as vectors, before and after everything.
+    fn vectors(&self) -> Option<Vectors> {
+        let states = self.states();
+        let ((first_name, first), (last_name, last)) = (states.first()?, states.last()?);
+        let edges: Vec<Vec<f64>> = (0..3).map(|axis| self.edges(axis)).collect::<Option<_>>()?;
+        let corner = |of: fn(&Vec<f64>) -> Option<&f64>| -> Option<[f64; 3]> {
+            Some([*of(&edges[0])?, *of(&edges[1])?, *of(&edges[2])?])
+        };
+        let point = |p: &VerificationPoint| Vector { at: p.position_mm, states: [first(p), last(p)] };
+        Some(Vectors {
+            title: "Error vectors in the volume".to_owned(),
+            note: Some("Each line runs from a verification point along its error vector.".to_owned()),
+            position_unit: "mm".to_owned(),
+            vector_unit: "µm".to_owned(),
+            vector_in_position: 1e-3,
+            decimals: 2,
+            volume_min: corner(|edges| edges.first())?,
+            volume_max: corner(|edges| edges.last())?,
+            states: vec![((*first_name).to_owned(), Shown::Before), ((*last_name).to_owned(), Shown::After)],
+            points: self.verification.iter().map(point).collect(),
+        })
     }
 
     fn error_table(&self) -> TableSection {

@@ -17,6 +17,7 @@ pub(super) fn report(diagnosis: &DiagnosisReport) -> Report {
     Report {
         title: "Diagnosis".to_owned(),
         lead: Some(format!("What the model lacks, from {} ({}).", record.data.file, record.data_kind)),
+        identity: diagnosis.identity.clone(),
         meta: record.meta(),
         main_plot: None,
         footer: Some(record.footer()),
@@ -182,7 +183,6 @@ impl Record {
         meta.extend(self.about.iter().map(|(what, words)| item(what, Some(words.clone()))));
         meta.push(item("Data", Some(format!("{}, SHA-256 {}", self.data.file, self.data.sha256))));
         if let Some(model) = &self.model {
-            meta.push(item("Machine", self.machine.clone()));
             meta.push(item("Model before", Some(format!("{}, SHA-256 {}", model.file, model.sha256))));
         }
         if let Some(out) = &self.model_out {

@@ -20,6 +20,7 @@ pub use record::{
 
 use crate::error::ReportError;
 use crate::finite::check_finite;
+use crate::identity::Identity;
 use crate::report::{Report, to_json};
 use crate::sections::Section;
 
@@ -32,6 +33,8 @@ pub struct DiagnosisReport {
     pub residuals: Option<Residuals>,
     /// Further pictures of the data, shown after what was found.
     pub figures: Vec<Section>,
+    /// Who, when and which.
+    pub identity: Identity,
 }
 
 impl DiagnosisReport {

@@ -3,7 +3,7 @@
 //! In: one entry an observation, µm. Out: line plots of binned means with bands, and box plots.
 
 use super::bins::{Point, binned};
-use crate::sections::{Axis, BoxGroup, BoxPlot, Curve, CurveStyle, LinePanel, LinePlot, Section};
+use crate::sections::{Axis, BoxGroup, BoxPlot, Curve, CurveStyle, LinePanel, LinePlot, Section, State};
 use crate::stats::BoxStats;
 
 /// Blocks beyond which boxes would be too narrow to read.
@@ -82,14 +82,15 @@ impl Residuals {
         };
         let kinds = view.split.as_ref().map_or(1, |split| split.names.len());
         let mut curves = Vec::new();
-        for (state, residuals) in [("before", &self.before_um), ("after", &self.after_um)] {
+        for (state, residuals) in [(State::Before, &self.before_um), (State::After, &self.after_um)] {
+            let word = if state == State::Before { "before" } else { "after" };
             for kind in 0..kinds {
                 let name = match &view.split {
-                    Some(split) => format!("{state}, {}", split.names[kind]),
-                    None => state.to_owned(),
+                    Some(split) => format!("{word}, {}", split.names[kind]),
+                    None => word.to_owned(),
                 };
-                let series = curves.len() as u8 + 1;
-                curves.push(curve(name, series, &view.points(residuals, kind)));
+                let style = if kind == 0 { CurveStyle::LineOf(state) } else { CurveStyle::DashedOf(state) };
+                curves.push(curve(name, style, &view.points(residuals, kind)));
             }
         }
         LinePanel { title: String::new(), x: view.x.clone(), y, curves }
@@ -129,6 +130,7 @@ impl Residuals {
             groups_label: self.groups_label.clone(),
             value: Axis::new(self.label.clone(), "µm"),
             series: vec!["before".to_owned(), "after".to_owned()],
+            states: vec![State::Before, State::After],
             groups: groups.collect(),
         }))
     }
@@ -143,7 +145,7 @@ impl View {
     }
 }
 
-fn curve(name: String, series: u8, points: &[Point]) -> Curve {
+fn curve(name: String, style: CurveStyle, points: &[Point]) -> Curve {
     let found = binned(points);
-    Curve { name, style: CurveStyle::Line(series), x: found.x, y: found.y, half_width: Some(found.half_width) }
+    Curve { name, style, x: found.x, y: found.y, half_width: Some(found.half_width) }
 }

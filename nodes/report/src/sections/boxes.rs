@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::Axis;
+use super::{Axis, State};
 use crate::error::ReportError;
 use crate::frame::{Area, Labels, Swatch, WIDTH_PX, axis_text, draw_frame, draw_legend};
 use crate::scale::{Scale, extent};
@@ -38,6 +38,9 @@ pub struct BoxPlot {
     pub value: Axis,
     /// Names of the series (at most six).
     pub series: Vec<String>,
+    /// What the series are, where they are states of a correction; else each has the colour of its number.
+    #[serde(default)]
+    pub states: Vec<State>,
     /// Groups from left to right.
     pub groups: Vec<BoxGroup>,
 }
@@ -62,7 +65,8 @@ impl BoxPlot {
     pub(crate) fn draw(&self) -> Result<Drawing, ReportError> {
         let area = Area { left: 62.0, top: 34.0, width: WIDTH_PX - 78.0, height: 220.0 };
         let mut svg = Svg::new(WIDTH_PX, area.bottom() + 46.0);
-        let classes: Vec<String> = (1..=self.series.len()).map(|i| i.to_string()).collect();
+        let class = |k: usize| self.states.get(k).map_or_else(|| (k + 1).to_string(), |state| state.class().to_owned());
+        let classes: Vec<String> = (0..self.series.len()).map(class).collect();
         let series: Vec<_> = classes.iter().cloned().zip(self.series.iter().cloned()).collect();
         draw_box_legend(&mut svg, (area.left, 14.0), if series.len() > 1 { &series } else { &[] });
         let values = self.groups.iter().flat_map(|g| g.boxes.iter().flatten()).flat_map(|b| [b.p05, b.max]);
@@ -99,6 +103,7 @@ pub(crate) fn draw_boxes(
     let slot = (area.width / groups.len() as f64 * 0.8 / classes.len() as f64).min(64.0);
     for (index, group) in groups.iter().enumerate() {
         let middle = x.map(index as f64 + 0.5);
+        svg.name(Some(&group.label));
         svg.text("", (middle, area.bottom() + 17.0), Anchor::Middle, &group.label);
         // The numbers stand right of their boxes: shifted to the left, boxes and numbers together are centred.
         let shift = if slot >= LABELLED_SLOT_PX && classes.len() > 1 { 12.0 } else { 0.0 };
@@ -117,6 +122,7 @@ pub(crate) fn draw_boxes(
             }
         }
     }
+    svg.name(None);
 }
 
 fn draw_box(svg: &mut Svg, (centre, half): (f64, f64), y: &Scale, stats: &BoxStats, class: &str, unit: &str) {

@@ -31,7 +31,7 @@ impl Tone {
     }
 
     /// The tone in words, so that it does not hang on a colour.
-    fn word(self) -> &'static str {
+    pub(crate) fn word(self) -> &'static str {
         match self {
             Self::Neutral => "Note",
             Self::Good => "In order",

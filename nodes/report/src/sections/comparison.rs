@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use super::BoxGroup;
 use super::boxes::{draw_box_legend, draw_boxes};
 use crate::error::ReportError;
-use crate::frame::{Area, Labels, WIDTH_PX, draw_empty, draw_frame};
+use crate::frame::{Area, Labels, WIDTH_PX, begin_panel, draw_empty, end_panel};
 use crate::scale::{Scale, extent};
 use crate::stats::{BoxStats, quantile_sorted, sorted};
 use crate::svg::{Anchor, Drawing, Svg};
@@ -129,16 +129,18 @@ impl Comparison {
             x_ticks: 6,
             y_ticks: 5,
         };
-        draw_frame(svg, area, &x, &y, &labels);
+        begin_panel(svg, area, &x, &y, &labels);
         for (number, (sample, class)) in samples.iter().zip(&self.classes()).enumerate() {
             let curve: Vec<_> = (0..QUANTILES)
                 .map(|i| i as f64 / (QUANTILES - 1) as f64)
                 .filter_map(|p| quantile_sorted(sample, p).map(|v| (x.map(v), y.map(100.0 * p))))
                 .collect();
+            svg.name(self.states.get(number).map(String::as_str));
             svg.path(&format!("ln l{class}"), &curve, false);
             // Each a line lower than the one before: curves that are near each other keep their labels apart.
             self.draw_p95(svg, (sample.as_slice(), class.as_str()), (&x, &y), 14.0 * (number + 1) as f64);
         }
+        end_panel(svg);
         if samples.iter().all(Vec::is_empty) {
             draw_empty(svg, area);
         }

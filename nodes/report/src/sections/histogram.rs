@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::Axis;
 use crate::error::ReportError;
-use crate::frame::{Area, Labels, Swatch, WIDTH_PX, axis_text, draw_empty, draw_frame, draw_legend, grid};
+use crate::frame::{Area, Labels, Swatch, WIDTH_PX, axis_text, begin_panel, draw_empty, draw_legend, end_panel, grid};
 use crate::scale::Scale;
 use crate::stats::{quantile_sorted, sorted};
 use crate::svg::{Anchor, Drawing, Svg};
@@ -107,13 +107,14 @@ impl HistogramPanel {
             x_ticks: (area.width / 60.0) as usize,
             y_ticks: 5,
         };
-        draw_frame(svg, area, &x, &y, &labels);
+        begin_panel(svg, area, &x, &y, &labels);
         for (edge, &count) in self.edges.windows(2).zip(&self.counts).filter(|(_, c)| **c > 0) {
             let (left, right) = (x.map(edge[0]), x.map(edge[1]));
             let (top, tip) = (y.map(count as f64), self.tip(edge[0], edge[1], count));
             svg.rect("f1 bar", (left + 0.4, top), (right - left - 0.8, area.bottom() - top), Some(&tip));
         }
         self.draw_normal(svg, &x, &y);
+        end_panel(svg);
         self.draw_outside(svg, area);
         if self.counts.iter().all(|&c| c == 0) {
             draw_empty(svg, area);

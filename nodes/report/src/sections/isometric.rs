@@ -150,8 +150,10 @@ impl Isometric {
             chosen.map(|l| [view.map(l.from), view.map(l.to)]).collect::<Vec<_>>()
         };
         for index in 0..self.points.len() {
+            svg.name(self.points.get(index).map(|point| point.name.as_str()));
             svg.segments(&format!("hair l{}", class_of(index)), &of(Some(index)));
         }
+        svg.name(None);
         svg.segments("ax", &of(None));
     }
 
@@ -171,6 +173,7 @@ impl Isometric {
     fn draw_points(&self, svg: &mut Svg, view: &View) {
         for (index, point) in self.points.iter().enumerate() {
             let (at, foot) = (view.map(point.at), view.map(self.on_floor(point.at)));
+            svg.name(Some(&point.name));
             svg.line("hid", at, foot);
             svg.circle("none frame", foot, 2.4, None);
             let [x, y, z] = point.at.map(|v| fixed(v, 1));
@@ -178,6 +181,7 @@ impl Isometric {
             svg.circle(&format!("f{} edge", class_of(index)), at, 6.5, Some(&tip));
             svg.text("strong halo", (at.0 + 11.0, at.1 - 7.0), Anchor::Start, &point.name);
         }
+        svg.name(None);
     }
 }
 

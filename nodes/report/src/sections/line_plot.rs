@@ -4,10 +4,44 @@ use serde::{Deserialize, Serialize};
 
 use super::Axis;
 use crate::error::ReportError;
-use crate::frame::{self, Area, Labels, Swatch, WIDTH_PX, axis_text, draw_frame, draw_legend, drawn, grid, one_in};
+use crate::frame::{
+    self, Area, Labels, Swatch, WIDTH_PX, axis_text, begin_panel, draw_legend, drawn, end_panel, grid, one_in,
+};
 use crate::scale::{Scale, extent};
 use crate::svg::{Drawing, Svg};
 use crate::theme::SERIES;
+
+/// What a correction did to it: the same colour and marker in every figure of every report.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum State {
+    /// Without the correction.
+    Before,
+    /// With a part of it.
+    Between,
+    /// With all of it.
+    After,
+}
+
+impl State {
+    /// Letter of the state's style classes.
+    pub(crate) fn class(self) -> &'static str {
+        match self {
+            Self::Before => "B",
+            Self::Between => "M",
+            Self::After => "A",
+        }
+    }
+
+    /// Whose marker it takes.
+    fn marker(self) -> u8 {
+        match self {
+            Self::Before => 2,
+            Self::Between => 4,
+            Self::After => 1,
+        }
+    }
+}
 
 /// How a curve is drawn. Series count from 1; colours and markers repeat after eight.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -19,6 +53,12 @@ pub enum CurveStyle {
     Reference,
     /// Points in the colour of a series.
     Points(u8),
+    /// A line in the colour of a state.
+    LineOf(State),
+    /// A dashed line in the colour of a state.
+    DashedOf(State),
+    /// Points in the colour of a state.
+    PointsOf(State),
 }
 
 impl CurveStyle {
@@ -31,6 +71,9 @@ impl CurveStyle {
             Self::Line(series) => format!("ln l{}", Self::series(series)),
             Self::Reference => "ink dash".to_owned(),
             Self::Points(series) => format!("f{}", Self::series(series)),
+            Self::LineOf(state) => format!("ln l{}", state.class()),
+            Self::DashedOf(state) => format!("dash l{}", state.class()),
+            Self::PointsOf(state) => format!("f{}", state.class()),
         }
     }
 
@@ -38,13 +81,15 @@ impl CurveStyle {
     fn marker(self) -> Option<u8> {
         match self {
             Self::Points(series) => Some(Self::series(series)),
-            Self::Line(_) | Self::Reference => None,
+            Self::PointsOf(state) => Some(state.marker()),
+            Self::Line(_) | Self::LineOf(_) | Self::DashedOf(_) | Self::Reference => None,
         }
     }
 
     fn band_class(self) -> String {
         match self {
             Self::Line(series) | Self::Points(series) => format!("b{}", Self::series(series)),
+            Self::LineOf(state) | Self::DashedOf(state) | Self::PointsOf(state) => format!("b{}", state.class()),
             Self::Reference => "none".to_owned(),
         }
     }
@@ -174,7 +219,7 @@ impl LinePlot {
     /// The note, with what the drawing leaves out of curves of very many points.
     pub(crate) fn full_note(&self) -> Option<String> {
         let curves = self.panels.iter().flat_map(|p| &p.curves);
-        let points = curves.filter(|c| matches!(c.style, CurveStyle::Points(_)));
+        let points = curves.filter(|c| c.style.marker().is_some());
         let step = points.map(|c| one_in(c.x.len())).max().unwrap_or(1);
         let thinned = (step > 1).then(|| format!("One point in {step} is drawn; all of them are in the JSON file."));
         let parts: Vec<String> = self.note.iter().cloned().chain(thinned).collect();
@@ -203,10 +248,17 @@ impl LinePlot {
 }
 
 impl LinePanel {
+    /// Wanted marks on the horizontal axis; numbers of things have no marks between them.
+    fn x_ticks(&self, area: Area, (low, high): (f64, f64)) -> usize {
+        let wanted = (area.width / 60.0) as usize;
+        let counts = self.x.unit == "1" && self.curves.iter().flat_map(|c| &c.x).all(|x| x.fract() == 0.0);
+        if counts { wanted.min((high - low) as usize + 1) } else { wanted }
+    }
+
     fn draw(&self, svg: &mut Svg, area: Area) {
         let all = || self.curves.iter().flat_map(Curve::runs).flatten();
         let x_range = extent(all().map(|p| p.0)).unwrap_or((0.0, 1.0));
-        let points = self.curves.iter().any(|c| matches!(c.style, CurveStyle::Points(_)));
+        let points = self.curves.iter().any(|c| c.style.marker().is_some());
         // Points need a margin, or those at the ends would stick out of the frame.
         let x = if points {
             Scale::linear(Some(x_range), area.left, area.right())
@@ -220,17 +272,20 @@ impl LinePanel {
             title: self.title.clone(),
             x: axis_text(&self.x),
             y: axis_text(&self.y),
-            x_ticks: (area.width / 60.0) as usize,
+            x_ticks: self.x_ticks(area, x_range),
             y_ticks: (area.height / 26.0) as usize,
         };
-        draw_frame(svg, area, &x, &y, &labels);
+        begin_panel(svg, area, &x, &y, &labels);
         svg.line("zero", (area.left, y.map(0.0)), (area.right(), y.map(0.0)));
         for curve in &self.curves {
+            svg.name(Some(&curve.name));
             curve.draw_band(svg, &x, &y);
         }
         for curve in &self.curves {
+            svg.name(Some(&curve.name));
             curve.draw(svg, &x, &y);
         }
+        end_panel(svg);
         if all().next().is_none() {
             frame::draw_empty(svg, area);
         }

@@ -5,7 +5,8 @@ use serde::{Deserialize, Serialize};
 use super::Axis;
 use crate::error::ReportError;
 use crate::frame::{
-    Area, Labels, WIDTH_PX, axis_text, diverging_step, draw_diverging_bar, draw_empty, draw_frame, drawn, one_in,
+    Area, Labels, WIDTH_PX, axis_text, begin_panel, diverging_step, draw_diverging_bar, draw_empty, drawn, end_panel,
+    one_in,
 };
 use crate::scale::{Scale, extent};
 use crate::stats::{max_abs, quantile_sorted, sorted};
@@ -166,10 +167,12 @@ impl MapPanel {
             x_ticks: (area.width / 48.0) as usize,
             y_ticks: (area.height / 40.0) as usize,
         };
-        draw_frame(svg, area, &x, &y, &labels);
-        let mut classes = vec![Vec::new(); DIVERGING_STEPS];
+        begin_panel(svg, area, &x, &y, &labels);
+        let mut classes = vec![(Vec::new(), Vec::new()); DIVERGING_STEPS];
         for point in drawn(&self.points, one_in(self.points.len())) {
-            classes[diverging_step(point.value, limit)].push((x.map(point.x), y.map(point.y)));
+            let (places, values) = &mut classes[diverging_step(point.value, limit)];
+            places.push((x.map(point.x), y.map(point.y)));
+            values.push(point.value);
         }
         // Small residuals first, so that the large ones are never hidden below them.
         let middle = DIVERGING_STEPS / 2;
@@ -177,8 +180,9 @@ impl MapPanel {
         order.sort_by_key(|&step| step.abs_diff(middle));
         for step in order {
             let size = if self.points.len() > SPARSE { "" } else { "dot3 " };
-            svg.dots(&format!("{size}d{step}"), &classes[step]);
+            svg.dots(&format!("{size}d{step}"), &classes[step].0, &classes[step].1);
         }
+        end_panel(svg);
         if self.points.is_empty() {
             draw_empty(svg, area);
         }

@@ -13,6 +13,7 @@ mod key_figures;
 mod line_plot;
 mod map;
 mod table;
+mod vectors;
 
 use serde::{Deserialize, Serialize};
 
@@ -24,9 +25,10 @@ pub use comparison::{Comparison, ComparisonGroup};
 pub use histogram::{Histogram, HistogramPanel};
 pub use isometric::{IsoLine, IsoPoint, Isometric};
 pub use key_figures::{KeyFigure, KeyFigures, Quantity};
-pub use line_plot::{Curve, CurveStyle, LinePanel, LinePlot};
+pub use line_plot::{Curve, CurveStyle, LinePanel, LinePlot, State};
 pub use map::{MapPanel, MapPoint, ResidualMap};
 pub use table::{Cell, Column, TableSection};
+pub use vectors::{Vector, Vectors};
 
 use crate::error::ReportError;
 use crate::finite::check_finite;
@@ -83,6 +85,8 @@ pub enum Section {
     Comparison(Comparison),
     /// Volume, stations and lines in an isometric view.
     Isometric(Isometric),
+    /// Error vectors over a volume, which can be turned and stretched.
+    Vectors(Vectors),
     /// A sentence set apart: note, good news, warning, failure.
     Callout(Callout),
 }
@@ -102,6 +106,7 @@ impl Section {
             Self::BoxPlot(s) => &s.title,
             Self::Comparison(s) => &s.title,
             Self::Isometric(s) => &s.title,
+            Self::Vectors(s) => &s.title,
             Self::Callout(s) => &s.title,
         }
     }
@@ -122,6 +127,7 @@ impl Section {
             Self::BoxPlot(s) => s.check(),
             Self::Comparison(s) => s.check(),
             Self::Isometric(s) => s.check(),
+            Self::Vectors(s) => s.check(),
             Self::Heading(_) | Self::KeyFigures(_) | Self::Callout(_) => Ok(()),
         }
     }
@@ -137,6 +143,7 @@ impl Section {
             Self::BoxPlot(s) => (s.draw(), s.note.clone()),
             Self::Comparison(s) => (s.draw(), s.note.clone()),
             Self::Isometric(s) => (s.draw(), s.note.clone()),
+            Self::Vectors(s) => (s.draw(), s.full_note()),
             Self::Heading(_) | Self::KeyFigures(_) | Self::Table(_) | Self::Callout(_) => return None,
         };
         Some(drawing.map(|d| (d, note)))

@@ -9,7 +9,7 @@ use crate::error::ReportError;
 use crate::text::{MISSING, escape, fixed, integer};
 
 /// Texts longer than this wrap inside their cell.
-const WRAP_CHARS: usize = 48;
+const WRAP_CHARS: usize = 30;
 
 /// A column.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]

@@ -92,14 +92,18 @@ fn header() -> RunHeader {
         what: "A recorded tracer campaign identified the machine's 21 errors; the nodes then corrected its \
                coordinates live."
             .into(),
-        machine: Some("bridge_xyz, 800 x 600 x 600 mm".into()),
+        identity: Identity {
+            operator: Some("A. Person".into()),
+            machine: Some("bridge_xyz, 800 x 600 x 600 mm".into()),
+            machine_serial: Some("4711".into()),
+            measured: Some("2026-01-15".into()),
+            ..Identity::default()
+        },
         about: vec![file("Instrument", "tracer"), file("Temperatures", "19.8 to 20.3 °C")],
         files: vec![file("campaign", "example-campaign.mcap"), file("verification", "example-verify.csv")],
         data_hash: Some("3f1d9c0a7be2415588e0c2f4a96d7b1350fe8c21aa09d4e7".into()),
         model_hash: Some("b80c55e1f2a94d03977a61e0d2c8345f1b6e7d90c4a2f318".into()),
         software_version: "abbe 0.1.0".into(),
-        host: Some("metrology-lab-2".into()),
-        time: Some("2026-01-15 09:30 UTC".into()),
     }
 }
 

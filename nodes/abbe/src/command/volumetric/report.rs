@@ -3,10 +3,10 @@
 //! Place in the flow: last step; millimetres and micrometres, uncertainties k = 2.
 
 use super::{Answer, extreme};
-use abbe_geometry::volumetric::LinePoint;
+use abbe_geometry::volumetric::{LinePoint, MapPoint};
 use abbe_report::{
     Axis, Callout, CellMap, CellPanel, Curve, CurveStyle, KeyFigure, KeyFigures, LinePanel, LinePlot, MetaItem,
-    Quantity, Report, Section, Tone,
+    Quantity, Report, Section, State, Tone, Vector, Vectors,
 };
 
 /// Planes of Z shown, lowest to highest.
@@ -21,6 +21,7 @@ pub(super) fn report(answer: &Answer) -> Report {
     Report {
         title: format!("Volumetric error of {}", answer.machine),
         lead: Some("Error = actual − indicated, as the model predicts it before correction.".to_owned()),
+        identity: answer.who.clone(),
         meta: vec![
             meta("model", answer.model_sha256.clone()),
             meta("offset", format!("{x} {y} {z} mm")),
@@ -33,7 +34,7 @@ pub(super) fn report(answer: &Answer) -> Report {
             .iter()
             .map(|doubt| doubtful(doubt))
             .chain(outside(answer))
-            .chain([key_figures(answer), map(answer), diagonals(answer)])
+            .chain([key_figures(answer), map(answer), vectors(answer), diagonals(answer)])
             .collect(),
     }
 }
@@ -55,7 +56,7 @@ fn outside(answer: &Answer) -> Option<Section> {
             title: "Outside of what was measured".to_owned(),
             text: format!(
                 "{outside} of {all} points lie outside of the volume or the offsets that the model was identified from, or lack \
-                 covariates: what is shown there is extrapolated, and its uncertainty is a lower bound."
+                 covariates: what is shown there is extrapolated, and its uncertainty is a lower bound. The offset of the campaign is given with --offset-mm."
             ),
         })
     })
@@ -103,6 +104,26 @@ fn map(answer: &Answer) -> Section {
         decimals: 1,
         columns: PLANES,
         panels: planes.map(|plane| panel(answer, plane)).collect(),
+    })
+}
+
+/// The error of every point as a vector.
+fn vectors(answer: &Answer) -> Section {
+    let point = |point: &MapPoint| Vector {
+        at: point.reading_m.map(|v| v * 1e3),
+        states: [Some((point.error_m * 1e6).into()), None],
+    };
+    Section::Vectors(Vectors {
+        title: "Error vectors in the volume".to_owned(),
+        note: Some("Each line runs from a point of the grid along its error vector.".to_owned()),
+        position_unit: "mm".to_owned(),
+        vector_unit: "µm".to_owned(),
+        vector_in_position: 1e-3,
+        decimals: 2,
+        volume_min: answer.bounds_m.map(|(lower, _)| lower * 1e3),
+        volume_max: answer.bounds_m.map(|(_, upper)| upper * 1e3),
+        states: vec![("before correction".to_owned(), State::Before)],
+        points: answer.map.iter().map(point).collect(),
     })
 }
 

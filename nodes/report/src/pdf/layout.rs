@@ -1,0 +1,288 @@
+//! Sections on pages: what stands where, as SVG in px of a page that is 1200 px wide.
+//!
+//! In: a checked report. Out: the body of each page. Text is broken by the mean width of a letter, on the safe side; what does not
+//! fit a page begins the next one, and a drawing that is higher than a page is made smaller.
+
+use super::table;
+use crate::error::ReportError;
+use crate::report::Report;
+use crate::sections::{Callout, KeyFigure, KeyFigures, Section, Tone};
+use crate::svg::{Anchor, Svg};
+use crate::text::{MISSING, fixed};
+
+/// A4 in px.
+pub(super) const PAGE_PX: [f64; 2] = [1200.0, 1697.0];
+/// A4 is 595.28 pt wide.
+pub(super) const PT_PER_PX: f64 = 595.28 / PAGE_PX[0];
+/// Margin on all sides, 10.5 mm.
+pub(super) const MARGIN: f64 = 60.0;
+/// Width of what is set.
+pub(super) const WIDTH: f64 = PAGE_PX[0] - 2.0 * MARGIN;
+/// Where the footer begins.
+const BOTTOM: f64 = PAGE_PX[1] - MARGIN - 30.0;
+/// Mean width of a letter over the size of the font, on the safe side.
+const LETTER: f64 = 0.56;
+/// Cards of key figures side by side.
+const CARDS: usize = 4;
+
+/// Pages as they are filled.
+pub(super) struct Pages {
+    done: Vec<String>,
+    page: Svg,
+    /// Where the next line may begin.
+    pub(super) y: f64,
+}
+
+fn empty() -> Svg {
+    Svg::new(PAGE_PX[0], PAGE_PX[1])
+}
+
+/// Letters of a size that fit a width.
+pub(super) fn letters(width: f64, size: f64) -> usize {
+    ((width / (LETTER * size)) as usize).max(1)
+}
+
+/// Text in lines of so many letters; a word that is longer is cut into pieces, and nothing is lost.
+pub(super) fn lines(text: &str, letters: usize) -> Vec<String> {
+    let mut lines: Vec<String> = vec![String::new()];
+    for word in text.split_whitespace() {
+        let characters: Vec<char> = word.chars().collect();
+        for piece in characters.chunks(letters.max(1)) {
+            let piece: String = piece.iter().collect();
+            let last = lines.len() - 1;
+            let used = lines[last].chars().count();
+            if used == 0 {
+                lines[last] = piece;
+            } else if used + 1 + piece.chars().count() <= letters {
+                lines[last].push(' ');
+                lines[last].push_str(&piece);
+            } else {
+                lines.push(piece);
+            }
+        }
+    }
+    lines
+}
+
+impl Pages {
+    /// Begins another page where `height` does not fit any more.
+    pub(super) fn need(&mut self, height: f64) -> Result<(), ReportError> {
+        if self.y + height > BOTTOM && self.y > MARGIN {
+            self.end()?;
+        }
+        Ok(())
+    }
+
+    fn end(&mut self) -> Result<(), ReportError> {
+        self.done.push(std::mem::replace(&mut self.page, empty()).finish("PDF")?.body);
+        self.y = MARGIN;
+        Ok(())
+    }
+
+    pub(super) fn svg(&mut self) -> &mut Svg {
+        &mut self.page
+    }
+
+    /// Lines of text, each with its class, from the left margin.
+    pub(super) fn text(&mut self, class: &str, size: f64, text: &str) -> Result<(), ReportError> {
+        for line in lines(text, letters(WIDTH, size)) {
+            self.need(1.4 * size)?;
+            self.y += 1.4 * size;
+            let at = (MARGIN, self.y - 0.35 * size);
+            self.page.text(class, at, Anchor::Start, &line);
+        }
+        Ok(())
+    }
+
+    fn rule(&mut self, class: &str) {
+        let y = self.y;
+        self.page.line(class, (MARGIN, y), (MARGIN + WIDTH, y));
+    }
+}
+
+/// The pages of a report.
+pub(super) fn pages(report: &Report) -> Result<Vec<String>, ReportError> {
+    let mut pages = Pages { done: Vec::new(), page: empty(), y: MARGIN };
+    pages.text("h1", 34.0, &report.title)?;
+    if let Some(lead) = &report.lead {
+        pages.text("body muted", 18.0, lead)?;
+    }
+    pages.y += 10.0;
+    pages.rule("rule");
+    let known = report.identity.lines();
+    pairs(&mut pages, &known.iter().map(|(label, text)| (*label, text.as_str())).collect::<Vec<_>>())?;
+    for section in &report.sections {
+        add(&mut pages, section)?;
+    }
+    let made: Vec<_> =
+        report.meta.iter().filter_map(|item| Some((item.label.as_str(), item.value.as_deref()?))).collect();
+    if !made.is_empty() {
+        heading(&mut pages, "Made from")?;
+        pairs(&mut pages, &made)?;
+    }
+    pages.end()?;
+    with_footers(report, pages.done)
+}
+
+/// Each page with its number and what it belongs to; a long footer goes on into the margin.
+fn with_footers(report: &Report, bodies: Vec<String>) -> Result<Vec<String>, ReportError> {
+    const LINE: f64 = 15.0;
+    let count = bodies.len();
+    let certificate = report.identity.certificate.as_ref().map(|number| format!("certificate {number}"));
+    let parts: Vec<String> = certificate.into_iter().chain(report.footer.clone()).collect();
+    let left = lines(&parts.join("  ·  "), letters(WIDTH - 160.0, 11.0));
+    let with_footer = |(index, body): (usize, String)| {
+        let mut svg = empty();
+        let y = PAGE_PX[1] - MARGIN;
+        for (k, line) in left.iter().enumerate() {
+            svg.text("small muted", (MARGIN, y + LINE * k as f64), Anchor::Start, line);
+        }
+        let number = format!("page {} of {count}", index + 1);
+        svg.text("small muted", (MARGIN + WIDTH, y), Anchor::End, &number);
+        Ok(body + &svg.finish("PDF")?.body)
+    };
+    bodies.into_iter().enumerate().map(with_footer).collect()
+}
+
+fn heading(pages: &mut Pages, title: &str) -> Result<(), ReportError> {
+    // A heading alone at the foot of a page belongs to the next.
+    pages.need(220.0)?;
+    pages.y += 34.0;
+    pages.rule("thick");
+    pages.y += 8.0;
+    pages.text("h2", 26.0, title)
+}
+
+/// Labels and values below each other.
+fn pairs(pages: &mut Pages, pairs: &[(&str, &str)]) -> Result<(), ReportError> {
+    const LABEL: f64 = 190.0;
+    pages.y += 8.0;
+    for (label, value) in pairs {
+        let value = lines(value, letters(WIDTH - LABEL, 16.0));
+        pages.need(24.0 * value.len() as f64)?;
+        for (index, line) in value.iter().enumerate() {
+            pages.y += 24.0;
+            let y = pages.y - 6.0;
+            if index == 0 {
+                pages.svg().text("mutedb", (MARGIN, y), Anchor::Start, label);
+            }
+            pages.svg().text("cell", (MARGIN + LABEL, y), Anchor::Start, line);
+        }
+    }
+    Ok(())
+}
+
+fn add(pages: &mut Pages, section: &Section) -> Result<(), ReportError> {
+    match section {
+        Section::Heading(found) => {
+            heading(pages, &found.title)?;
+            found.intro.as_deref().map_or(Ok(()), |intro| pages.text("body", 18.0, intro))
+        }
+        Section::KeyFigures(figures) => cards(pages, figures),
+        Section::Callout(found) => callout(pages, found),
+        Section::Table(found) => table::add(pages, found),
+        figure => match figure.drawing() {
+            Some(drawn) => {
+                let (drawing, note) = drawn?;
+                let room = BOTTOM - MARGIN - 120.0;
+                let scale = (room / drawing.height).min(1.0);
+                pages.need(90.0 + scale * drawing.height)?;
+                title(pages, figure.title(), note.as_deref())?;
+                let y = pages.y + 8.0;
+                pages.svg().place(&drawing, (MARGIN, y), scale);
+                pages.y = y + scale * drawing.height;
+                Ok(())
+            }
+            None => Ok(()),
+        },
+    }
+}
+
+/// Title and note of a table or a figure.
+pub(super) fn title(pages: &mut Pages, title: &str, note: Option<&str>) -> Result<(), ReportError> {
+    pages.y += 22.0;
+    if !title.is_empty() {
+        pages.text("h3", 20.0, title)?;
+    }
+    note.map_or(Ok(()), |note| pages.text("mutedb", 16.0, note))
+}
+
+fn cards(pages: &mut Pages, figures: &KeyFigures) -> Result<(), ReportError> {
+    pages.y += 14.0;
+    let width = WIDTH / CARDS as f64;
+    let of_label = |figure: &KeyFigure| lines(&figure.label, letters(width - 28.0, 16.0));
+    let of_detail =
+        |figure: &KeyFigure| lines(figure.detail.as_deref().unwrap_or_default(), letters(width - 28.0, 15.0));
+    for row in figures.figures.chunks(CARDS) {
+        let most = |of: &dyn Fn(&KeyFigure) -> Vec<String>| row.iter().map(|f| of(f).len()).max().unwrap_or(0) as f64;
+        let (labels, details) = (19.0 * most(&of_label), 18.0 * most(&of_detail));
+        let height = labels + 40.0 + details;
+        pages.need(height + 12.0)?;
+        let top = pages.y;
+        for (index, figure) in row.iter().enumerate() {
+            let left = MARGIN + index as f64 * width;
+            let svg = pages.svg();
+            svg.rect(tone_class(figure.tone), (left, top), (4.0, height), None);
+            let x = left + 16.0;
+            for (k, line) in of_label(figure).iter().enumerate() {
+                svg.text("mutedb", (x, top + 15.0 + 19.0 * k as f64), Anchor::Start, line);
+            }
+            let value = figure.value.map_or_else(|| MISSING.to_owned(), |v| fixed(v.value, v.decimals));
+            let value = match figure.before {
+                Some(before) => format!("{} → {value}", fixed(before.value, before.decimals)),
+                None => value,
+            };
+            svg.text("value", (x, top + labels + 28.0), Anchor::Start, format!("{value} {}", figure.unit).trim());
+            for (k, line) in of_detail(figure).iter().enumerate() {
+                svg.text("detail muted", (x, top + labels + 52.0 + 18.0 * k as f64), Anchor::Start, line);
+            }
+        }
+        pages.y = top + height + 12.0;
+    }
+    Ok(())
+}
+
+fn tone_class(tone: Tone) -> &'static str {
+    match tone {
+        Tone::Neutral => "neutral",
+        Tone::Good => "good",
+        Tone::Warning => "warning",
+        Tone::Bad => "bad",
+    }
+}
+
+fn callout(pages: &mut Pages, callout: &Callout) -> Result<(), ReportError> {
+    const LINE: f64 = 25.0;
+    let text = lines(&callout.text, letters(WIDTH - 40.0, 18.0));
+    let height = LINE * (text.len() + 1) as f64 + 18.0;
+    pages.need(height + 14.0)?;
+    let top = pages.y + 14.0;
+    let svg = pages.svg();
+    svg.rect("panel", (MARGIN, top), (WIDTH, height), None);
+    svg.rect(tone_class(callout.tone), (MARGIN, top), (5.0, height), None);
+    let head = [callout.tone.word(), &callout.title].into_iter().filter(|part| !part.is_empty()).collect::<Vec<_>>();
+    svg.text(
+        &format!("h3 {}", tone_class(callout.tone)),
+        (MARGIN + 20.0, top + 26.0),
+        Anchor::Start,
+        &head.join(" — "),
+    );
+    for (index, line) in text.iter().enumerate() {
+        svg.text("body", (MARGIN + 20.0, top + 26.0 + LINE * (index + 1) as f64), Anchor::Start, line);
+    }
+    pages.y = top + height;
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lines_fit_and_nothing_is_lost() {
+        let text = "one two three 0123456789abcdef0123456789abcdef four";
+        let found = lines(text, 10);
+        assert!(found.iter().all(|line| line.chars().count() <= 10), "{found:?}");
+        assert_eq!(found.concat().replace(' ', ""), text.replace(' ', ""));
+    }
+}

@@ -1,0 +1,231 @@
+//! The page's script, in a real browser: Chromium without a screen, a page from a file, no network.
+//!
+//! Each test adds steps to a page, which act as a user does and write what they saw; the browser hands the page back. Where
+//! there is no `chromium` the tests say that they were skipped, and with `ABBE_REQUIRE_PEERS=1` they fail.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // a test
+
+#[path = "common/mod.rs"]
+mod common;
+
+use abbe_report::*;
+use serde_json::{Value, json};
+use std::process::Command;
+
+/// How the browser starts: no screen, and nothing of its own over the network.
+const FLAGS: [&str; 12] = [
+    "--headless",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--enable-logging=stderr",
+    "--virtual-time-budget=5000",
+    "--window-size=1400,1000",
+    "--dump-dom",
+];
+
+/// What the steps may use: a pointer at a place of a drawing, and where a panel's value lies.
+const HELPERS: &str = r##"
+const all = (q, e = document) => [...e.querySelectorAll(q)];
+const figure = (title) => all("figure").find((f) => f.querySelector("h3").textContent === title);
+const client = (svg, x, y) => new DOMPoint(x, y).matrixTransform(svg.getScreenCTM());
+const point = (type, svg, x, y, more = {}) => {
+  const at = client(svg, x, y);
+  svg.dispatchEvent(new PointerEvent(type, { clientX: at.x, clientY: at.y, bubbles: true, pointerId: 1, ...more }));
+};
+const press = (node, key) => node.dispatchEvent(new KeyboardEvent("keydown", { key, bubbles: true }));
+const tip = () => (document.querySelector(".tip").hidden ? null : all(".tip div").map((d) => d.textContent));
+const seen = (node) => getComputedStyle(node).display !== "none";
+"##;
+
+/// The page after the steps as JSON, or `None` without a browser.
+fn in_browser(html: &str, steps: &str) -> Option<Value> {
+    if Command::new("chromium").arg("--version").output().is_err() {
+        let required = std::env::var("ABBE_REQUIRE_PEERS").is_ok_and(|value| value == "1");
+        assert!(!required, "ABBE_REQUIRE_PEERS=1, but there is no chromium");
+        eprintln!("SKIPPED: there is no chromium");
+        return None;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("page.html");
+    let test = format!(
+        "<pre id=\"seen\"></pre><script>\"use strict\";(() => {{{HELPERS}\nconst result = (() => {{{steps}}})();\n\
+         const outside = performance.getEntriesByType(\"resource\").filter((e) => !e.name.startsWith(\"data:\")).length;\n\
+         document.getElementById(\"seen\").textContent = JSON.stringify({{ result, outside }});}})();</script></body>"
+    );
+    std::fs::write(&file, html.replace("</body>", &test)).unwrap();
+    let browser = Command::new("chromium")
+        .args(FLAGS)
+        .arg(format!("--user-data-dir={}", folder.path().join("profile").display()))
+        .arg(format!("file://{}", file.display()))
+        .output()
+        .unwrap();
+    let said = String::from_utf8_lossy(&browser.stderr);
+    let errors: Vec<&str> = said.lines().filter(|line| line.contains("CONSOLE")).collect();
+    assert!(errors.is_empty(), "the console says {errors:?}");
+    let page = String::from_utf8(browser.stdout).unwrap();
+    let text = page.split("<pre id=\"seen\">").nth(1).and_then(|rest| rest.split("</pre>").next()).unwrap_or_default();
+    let text = text.replace("&lt;", "<").replace("&gt;", ">").replace("&amp;", "&");
+    let value: Value = serde_json::from_str(&text).unwrap_or_else(|error| panic!("{error}: {text:?}; {said}"));
+    assert_eq!(value["outside"], json!(0), "something was asked for from outside");
+    Some(value["result"].clone())
+}
+
+/// Two panels whose pixels a reader can reckon: position 0 to 100 mm, one line and points.
+fn two_lines() -> String {
+    let curve = |name: &str, style, y: [f64; 3]| Curve {
+        name: name.into(),
+        style,
+        x: vec![0.0, 50.0, 100.0],
+        y: y.map(Some).to_vec(),
+        half_width: matches!(style, CurveStyle::Line(_)).then(|| vec![Some(0.5); 3]),
+    };
+    let panel = |title: &str, curves| LinePanel {
+        title: title.into(),
+        x: Axis::new("position", "mm"),
+        y: Axis::new("error", "µm"),
+        curves,
+    };
+    let plot = |title: &str, style| {
+        Section::LinePlot(LinePlot {
+            title: title.into(),
+            note: None,
+            columns: 1,
+            band_name: None,
+            panels: vec![panel(
+                "p",
+                vec![curve("north", style, [-1.0, 2.5, 4.0]), curve("south", CurveStyle::Points(2), [0.5, -2.0, 3.0])],
+            )],
+        })
+    };
+    let table = TableSection {
+        title: "Lines".into(),
+        note: None,
+        columns: vec![Column::text("line"), Column::number("largest", "µm")],
+        rows: vec![
+            vec![Cell::text("north"), Cell::number(4.0, 1)],
+            vec![Cell::text("south"), Cell::number(3.0, 1)],
+            vec![Cell::text("east"), Cell::number(1.0, 1)],
+        ],
+        total_rows: None,
+    };
+    let sections = vec![plot("One", CurveStyle::Line(1)), plot("Two", CurveStyle::Points(1)), Section::Table(table)];
+    Report { title: "T".into(), sections, ..Report::default() }.html().unwrap()
+}
+
+#[test]
+fn the_pointer_reads_the_values_that_were_drawn() {
+    // The middle vertex of the first curve lies where the path says; x is the middle of the panel.
+    let steps = r#"
+        const svg = figure("One").querySelector("svg");
+        const line = svg.querySelector(".pts [data-n=north].ln");
+        const [, x, y] = [...line.getAttribute("d").matchAll(/[ML](\S+?) ([-\d.]+)/g)][1].map(Number);
+        point("pointermove", svg, x + 3, y - 4);
+        const near = tip();
+        point("pointermove", svg, x + 3, y + 60);
+        const far = tip();
+        return { near, far };"#;
+    let Some(seen) = in_browser(&two_lines(), steps) else { return };
+    // 0.01 px of some 960 px for 100 mm, and of 240 px for 7 µm: three and four decimals would be guesses.
+    assert_eq!(seen["near"], json!(["north", "position 50.00 mm", "error 2.500 µm (band ± 0.50)"]));
+    assert_eq!(seen["far"], Value::Null);
+}
+
+#[test]
+fn a_plot_is_enlarged_about_the_pointer_moved_and_given_back_whole() {
+    let steps = r#"
+        const svg = figure("One").querySelector("svg");
+        const data = svg.querySelector(".pts");
+        const whole = svg.querySelector(".panel").innerHTML;
+        const vertex = () => [...data.querySelector(".ln").getAttribute("d").matchAll(/[ML](\S+?) ([-\d.]+)/g)]
+          .map((m) => [Number(m[1]), Number(m[2])]);
+        const [before] = [vertex()];
+        const at = client(svg, ...before[1]);
+        svg.dispatchEvent(new PointerEvent("dblclick", { clientX: at.x, clientY: at.y, bubbles: true }));
+        const large = vertex();
+        const marks = all(".tx text", svg).length;
+        const clipped = data.hasAttribute("clip-path");
+        point("pointermove", svg, large[1][0], large[1][1]);
+        const read = tip();
+        press(svg, "ArrowLeft");
+        const moved = vertex();
+        press(svg, "0");
+        return { stays: Math.hypot(large[1][0] - before[1][0], large[1][1] - before[1][1]) < 0.1,
+          twice: (large[2][0] - large[1][0]) / (before[2][0] - before[1][0]), clipped, marks: marks > 3, read: read[2],
+          moved: moved[1][0] - large[1][0], whole: svg.querySelector(".panel").innerHTML === whole };"#;
+    let Some(seen) = in_browser(&two_lines(), steps) else { return };
+    let twice = seen["twice"].as_f64().unwrap();
+    assert!((twice - 2.0).abs() < 1e-3, "{twice}");
+    assert_eq!(
+        (seen["stays"].clone(), seen["clipped"].clone(), seen["marks"].clone()),
+        (json!(true), json!(true), json!(true))
+    );
+    assert_eq!(seen["read"], json!("error 2.500 µm (band ± 0.50)"), "a value is the same however large it is drawn");
+    assert_eq!(seen["moved"].as_f64().unwrap().round(), 40.0);
+    assert_eq!(seen["whole"], json!(true));
+}
+
+#[test]
+fn a_line_is_picked_out_in_every_plot_and_table_that_knows_it() {
+    let steps = r#"
+        const options = all(".bar option").map((o) => o.value);
+        figure("One").querySelector(".pts [data-n=north]").dispatchEvent(new MouseEvent("click", { bubbles: true }));
+        const dim = () => all(".dim").map((n) => `${n.tagName.toLowerCase()} ${n.dataset.n}`).sort();
+        const first = new Set(dim());
+        const [rows, chosen] = [all("tr.picked").map((r) => r.cells[0].textContent), document.querySelector("select").value];
+        const both = ["One", "Two"].map((title) => figure(title).querySelectorAll(".dim").length > 0);
+        const east = all("tr").some((row) => row.textContent.startsWith("east") && row.classList.contains("dim"));
+        figure("Two").querySelector(".pts [data-n=north]").dispatchEvent(new MouseEvent("click", { bubbles: true }));
+        return { options, first: [...first], rows, chosen, both, east, after: dim() };"#;
+    let Some(seen) = in_browser(&two_lines(), steps) else { return };
+    assert_eq!(seen["options"], json!(["", "north", "south"]));
+    assert_eq!(seen["first"], json!(["path south", "text south", "tr south"]));
+    assert_eq!((seen["rows"].clone(), seen["chosen"].clone()), (json!(["north"]), json!("north")));
+    assert_eq!((seen["both"].clone(), seen["after"].clone()), (json!([true, true]), json!([])));
+    assert_eq!(seen["east"], json!(false), "what no figure shows is not dimmed");
+}
+
+#[test]
+fn before_and_after_are_seen_alone_and_vectors_turn_and_stretch() {
+    let steps = r#"
+        const three = document.querySelector("figure.three");
+        const svg = three.querySelector("svg");
+        const lines = () => ["B", "A"].map((letter) => svg.querySelector(`.scene .l${letter}`).getAttribute("d"));
+        const first = lines();
+        const slider = three.querySelector("input");
+        slider.value = "1";
+        slider.dispatchEvent(new Event("input"));
+        const length = (d) => [...d.matchAll(/M(\S+) ([^L]+)L(\S+) ([^M]+)/g)]
+          .map((m) => m.map(Number)).reduce((sum, [, a, b, c, e]) => sum + Math.hypot(c - a, e - b), 0);
+        const stretched = lines().map((d, k) => length(d) / length(first[k]));
+        const note = svg.querySelector(".magnified").textContent;
+        all("button", three).find((b) => b.textContent === "Whole").click();
+        const again = lines().map((d, k) => length(d) / length(first[k]));
+        point("pointerdown", svg, 500, 200);
+        point("pointermove", svg, 560, 200);
+        point("pointerup", svg, 560, 200);
+        const turned = lines()[0] !== first[0];
+        all("button", three).find((b) => b.textContent === "XY").click();
+        // From above, the corners of floor and ceiling coincide.
+        const corners = new Set(svg.querySelector(".vol").getAttribute("d").match(/-?[\d.]+ -?[\d.]+/g)).size;
+        all(".bar button").find((b) => b.textContent === "before").click();
+        const alone = ["B", "A"].map((letter) => seen(svg.querySelector(`.scene .l${letter}`)));
+        const elsewhere = all("figure:not(.three) .lA").some(seen);
+        all(".bar button").find((b) => b.textContent === "before and after").click();
+        return { stretched, note, again, turned, corners, alone, elsewhere, back: seen(svg.querySelector(".scene .lA")) };"#;
+    let Some(seen) = in_browser(&common::demo_report(1).html().unwrap(), steps) else { return };
+    for factor in seen["stretched"].as_array().unwrap() {
+        // Ends are rounded to a hundredth of a pixel, of vectors of a pixel and more.
+        assert!((factor.as_f64().unwrap() - 10.0).abs() < 0.1, "{factor}");
+    }
+    for factor in seen["again"].as_array().unwrap() {
+        assert!((factor.as_f64().unwrap() - 1.0).abs() < 0.01, "{factor}");
+    }
+    assert!(seen["note"].as_str().unwrap().starts_with("vectors enlarged"), "{}", seen["note"]);
+    assert_eq!((seen["turned"].clone(), seen["corners"].clone()), (json!(true), json!(4)));
+    assert_eq!((seen["alone"].clone(), seen["elsewhere"].clone()), (json!([true, false]), json!(false)));
+    assert_eq!(seen["back"], json!(true));
+}
