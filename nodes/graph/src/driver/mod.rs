@@ -8,6 +8,11 @@ mod bag;
 mod campaign_file;
 mod ippdme;
 mod lines;
+#[cfg(feature = "opcua")]
+mod opcua;
+#[cfg(not(feature = "opcua"))]
+#[path = "opcua_absent.rs"]
+mod opcua;
 mod recorded;
 mod ros;
 mod virtual_machine;
@@ -27,6 +32,9 @@ use thiserror::Error;
 pub use bag::{CampaignFromBag, JoinSettings, campaign_from_bag};
 pub use ippdme::{IppdmeConfig, IppdmeReads};
 pub use lines::{LinesConfig, LinesFrom};
+pub use opcua::OpcuaConfig;
+#[cfg(feature = "opcua")]
+pub use opcua::{OpcuaJoined, OpcuaReads, OpcuaSecurity};
 pub use ros::{RosConfig, RosMessage, RosStamp};
 
 /// What a driver is used for.
@@ -110,6 +118,8 @@ pub enum DriverConfig {
     Lines(LinesConfig),
     /// A server of I++ DME.
     Ippdme(IppdmeConfig),
+    /// A server of OPC UA.
+    Opcua(Box<OpcuaConfig>),
     /// A topic of ROS 2 with a standard message.
     Ros(RosConfig),
 }
@@ -119,7 +129,7 @@ impl DriverConfig {
     pub fn is_live(&self) -> bool {
         match self {
             DriverConfig::Campaign { .. } | DriverConfig::Bag { .. } | DriverConfig::VirtualMachine { .. } => false,
-            DriverConfig::Lines(_) | DriverConfig::Ippdme(_) | DriverConfig::Ros(_) => true,
+            DriverConfig::Lines(_) | DriverConfig::Ippdme(_) | DriverConfig::Opcua(_) | DriverConfig::Ros(_) => true,
         }
     }
 
@@ -132,6 +142,7 @@ impl DriverConfig {
             }
             DriverConfig::Lines(lines) => lines.problem(role),
             DriverConfig::Ippdme(config) => config.problem(role),
+            DriverConfig::Opcua(config) => config.problem(role),
             DriverConfig::Ros(config) => config.problem(role),
         }
     }
@@ -211,6 +222,14 @@ pub enum DriverError {
         /// What is wrong.
         problem: String,
     },
+    /// Values are no reading.
+    #[error("{from}: {problem}")]
+    Value {
+        /// Where they came from.
+        from: String,
+        /// What is wrong.
+        problem: String,
+    },
     /// The bag holds no such message.
     #[error("bag {bag}: no message of type {ros_type}{on}; record the scale and tracer topics", on = if topic.is_empty() { String::new() } else { format!(" on topic {topic}") })]
     NoMessages {
@@ -267,6 +286,7 @@ impl DriverError {
                 | DriverError::Text { .. }
                 | DriverError::Covariate { .. }
                 | DriverError::Line { .. }
+                | DriverError::Value { .. }
         )
     }
 }
@@ -286,13 +306,15 @@ pub fn open_scale(
         DriverConfig::VirtualMachine { seed, effects } => Box::new(virtual_machine::open(*seed, effects, machine)?),
         DriverConfig::Lines(lines) => Box::new(lines::open(lines, Role::Scale, machine, shutdown)?),
         DriverConfig::Ippdme(config) => Box::new(ippdme::open(config, machine, shutdown)?),
+        DriverConfig::Opcua(config) => Box::new(opcua::open(config, Role::Scale, base, machine, shutdown)?),
         DriverConfig::Ros(config) => Box::new(ros::open_scale(config, machine, shutdown, ros)?),
     })
 }
 
-/// Opens a source of covariates; `shutdown` ends its wait, `ros` is as for [`open_scale`].
+/// Opens a source of covariates; the rest is as for [`open_scale`].
 pub fn open_sensor(
     config: &DriverConfig,
+    base: &Path,
     machine: &MachineFile,
     shutdown: &Shutdown,
     ros: Option<&GatewayNode>,
@@ -303,6 +325,7 @@ pub fn open_sensor(
         }
         DriverConfig::Lines(lines) => Ok(Box::new(lines::open(lines, Role::Sensor, machine, shutdown)?)),
         DriverConfig::Ippdme(_) => Err(ippdme::only_scales()),
+        DriverConfig::Opcua(config) => Ok(Box::new(opcua::open(config, Role::Sensor, base, machine, shutdown)?)),
         DriverConfig::Ros(config) => Ok(Box::new(ros::open_sensor(config, machine, shutdown, ros)?)),
     }
 }
@@ -332,6 +355,7 @@ pub fn open_tracer(
         DriverConfig::VirtualMachine { seed, effects } => Box::new(virtual_machine::open(*seed, effects, machine)?),
         DriverConfig::Lines(lines) => Box::new(lines::open(lines, Role::Tracer, machine, shutdown)?),
         DriverConfig::Ippdme(_) => return Err(ippdme::only_scales()),
+        DriverConfig::Opcua(_) => return Err(opcua::no_tracer()),
         DriverConfig::Ros(config) => Box::new(ros::open_tracer(config, machine, shutdown, ros)?),
     })
 }
