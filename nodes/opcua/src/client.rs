@@ -154,16 +154,14 @@ impl Client {
         let log = Dispatch::new(Seldom::new(get_default(Dispatch::clone)));
         let talk = move || {
             while !shared.is_stopped() {
-                match runtime.block_on(crate::session::run(&settings, &check, &shared)) {
-                    Stop::Gone => return,
-                    Stop::Lost(why) => {
-                        if shared.lose(why).is_err() {
-                            return;
-                        }
-                        shared.sleep(wait(shared.has_begun()));
-                    }
+                let Stop::Lost(why) = runtime.block_on(crate::session::run(&settings, &check, &shared)) else { break };
+                if shared.lose(why).is_err() {
+                    break;
                 }
+                shared.sleep(wait(shared.has_begun()));
             }
+            // A name that is looked up for ever holds up nobody.
+            runtime.shutdown_timeout(LOOK_UP);
         };
         let thread = thread::Builder::new().name("opcua".into()).spawn(move || with_default(&log, talk))?;
         Ok(Client { events, is_stopped, thread: Some(thread) })

@@ -19,7 +19,9 @@ use opcua::types::{
     RelativePath, RelativePathElement, StatusChangeNotification, StatusCode, TimestampsToReturn, UAString,
     UserTokenType, VariableId, Variant,
 };
-use std::path::PathBuf;
+use std::fs::Permissions;
+use std::os::unix::fs::PermissionsExt;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 use tracing::dispatcher::{Dispatch, with_default};
@@ -37,6 +39,8 @@ const LONGEST_MESSAGE: (usize, usize) = (100_000, 16 << 20);
 const SIGNS_OF_LIFE: f64 = 3.0;
 /// Ticks of 100 ns from 1601 to 1970.
 const TICKS_1601_TO_1970: i64 = 116_444_736_000_000_000;
+/// The private key in the folder of certificates.
+const PRIVATE_KEY: &str = "private/private.pem";
 /// Names of the application, as its certificate has them.
 const APPLICATION: (&str, &str) = ("Abbe", "urn:abbe:opcua-client");
 
@@ -137,7 +141,7 @@ async fn connect(settings: &Settings) -> Result<(Arc<Session>, Events), Stop> {
             .session_name("abbe")
             .create_sample_keypair(settings.certificates.is_some())
             .certificate_path("own/cert.der")
-            .private_key_path("private/private.pem")
+            .private_key_path(PRIVATE_KEY)
             // Without certificates there is nothing to write.
             .pki_dir(settings.certificates.clone().unwrap_or_else(|| PathBuf::from("/dev/null/none")))
             .trust_server_certs(false)
@@ -156,6 +160,9 @@ async fn connect(settings: &Settings) -> Result<(Arc<Session>, Events), Stop> {
         None => with_default(&Dispatch::new(NoSubscriber::default()), builder),
     };
     let mut client = client.map_err(|problems| Stop::Lost(problems.join("; ")))?;
+    if let Some(folder) = &settings.certificates {
+        keep_private(&folder.join(PRIVATE_KEY))?;
+    }
     let endpoints = client.get_server_endpoints_from_url(settings.server.as_str()).await?;
     let mut endpoint = choose(settings, &endpoints).map_err(Stop::Lost)?;
     // The address by which it was reached: servers name themselves by names that nobody else knows.
@@ -166,6 +173,12 @@ async fn connect(settings: &Settings) -> Result<(Arc<Session>, Events), Stop> {
     };
     let (session, events) = client.connect_to_endpoint_directly(endpoint, identity)?;
     Ok((session, Box::pin(events.enter())))
+}
+
+/// The library makes the key readable for everybody; and says in its log alone that it could make none.
+fn keep_private(key: &Path) -> Result<(), Stop> {
+    let outcome = std::fs::set_permissions(key, Permissions::from_mode(0o600));
+    outcome.map_err(|error| Stop::Lost(format!("{}: {error}; it must be there, or able to be made", key.display())))
 }
 
 /// The endpoint with this security, for this kind of user.

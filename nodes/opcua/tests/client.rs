@@ -11,6 +11,7 @@ use abbe_opcua::node::NodeName;
 use peer::{Peer, now_ms};
 use std::io::Write;
 use std::net::TcpListener;
+use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
@@ -318,6 +319,12 @@ fn val_asyncua_login_with_each_policy_and_not_with_a_wrong_password() {
     let why = lost(&mut client);
     assert!(why.contains("untrusted") || why.contains("BadCertificateUntrusted"), "{why}");
     drop(client);
+    let key = std::fs::metadata(pki.join("private/private.pem")).unwrap().permissions().mode();
+    assert_eq!(key & 0o077, 0, "nobody else reads the private key");
+    let unwritable =
+        Settings { certificates: Some("/dev/null/pki".into()), ..with(Security::Basic256Sha256, false, None) };
+    let why = lost(&mut open(&unwritable));
+    assert!(why.contains("/dev/null/pki/private/private.pem"), "{why}");
     trust(&pki);
     for (security, signed_only) in [
         (Security::Basic256Sha256, false),

@@ -188,6 +188,12 @@ impl CaptureConfig {
                            are triggers (points.takes = \"trigger\")";
             return wrong("scale.reads", problem);
         }
+        if let (DriverConfig::Opcua(server), Takes::Standstill) = (&self.scale, self.points.takes)
+            && server.is_silent_at_standstill()
+        {
+            let problem = "must be \"polled\" with joined = \"held\": a server tells what changes, and a machine that stands changes nothing";
+            return wrong("scale.reads", problem);
+        }
         match &self.scale {
             DriverConfig::Lines(lines) if lines.columns.is_empty() && lines.offset_mm.is_none() => {
                 let problem = "must be named here, or the offset in offset_mm: whether the controller tells offsets has to be known \
@@ -304,7 +310,9 @@ fn names(lines: &LinesConfig, stem: &str) -> bool {
 fn with_what_the_plan_tells(driver: &DriverConfig, role: Role) -> DriverConfig {
     let mut lines = match driver {
         DriverConfig::Lines(lines) => lines.clone(),
-        DriverConfig::Opcua(server) if role == Role::Scale => return DriverConfig::Opcua(Box::new(server.with_some_offset())),
+        DriverConfig::Opcua(server) if role == Role::Scale => {
+            return DriverConfig::Opcua(Box::new(server.with_some_offset()));
+        }
         _ => return driver.clone(),
     };
     match role {

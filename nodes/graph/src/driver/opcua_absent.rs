@@ -31,6 +31,10 @@ impl OpcuaConfig {
         self.clone()
     }
 
+    pub(crate) fn is_silent_at_standstill(&self) -> bool {
+        false
+    }
+
     pub(crate) fn identity(&self) -> String {
         String::new()
     }

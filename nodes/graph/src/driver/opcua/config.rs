@@ -320,6 +320,11 @@ impl OpcuaConfig {
         OpcuaConfig { offset_mm: self.offset_mm.or(Some([0.0; 3])), ..self.clone() }
     }
 
+    /// Whether no readings come while the machine stands still.
+    pub(crate) fn is_silent_at_standstill(&self) -> bool {
+        self.holds() && self.reads == OpcuaReads::Subscribed
+    }
+
     /// What decides which numbers are read, as text.
     pub(crate) fn identity(&self) -> String {
         format!("{:?} {:?} {:?} {:?}", self.axes, self.covariates, self.joined, self.offset_mm)
