@@ -65,6 +65,16 @@ impl Unit {
         }
     }
 
+    /// Whether this unit at the end of a name means the same.
+    #[cfg(feature = "opcua")]
+    pub(crate) fn is_as(&self, suffix: &str) -> bool {
+        let of = |unit: &str| UNITS.iter().find(|(known, ..)| *known == unit);
+        let is_same = |(_, becomes, zero, factor): &(&str, &str, f64, f64)| {
+            self.name.ends_with(becomes) && (self.zero, self.factor) == (*zero, *factor)
+        };
+        of(suffix).is_some_and(is_same)
+    }
+
     /// A value in the unit that effects read.
     pub(crate) fn convert(&self, value: f64) -> f64 {
         (value - self.zero) * self.factor

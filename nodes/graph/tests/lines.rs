@@ -240,7 +240,8 @@ fn columns_that_make_no_reading_are_refused_with_what_to_do() {
 fn a_sensor_gives_covariates_in_the_units_that_effects_read_and_says_how_it_stands() {
     let (listener, address) = server();
     let text = format!("from = {{ tcp = \"{address}\" }}\ncolumns = [\"temp_air_k\", \"-\", \"pressure_mbar\"]\n");
-    let mut driver = open_sensor(&DriverConfig::Lines(config(&text)), machine(), &patience(), None).unwrap();
+    let mut driver =
+        open_sensor(&DriverConfig::Lines(config(&text)), Path::new(""), machine(), &patience(), None).unwrap();
     let link = driver.link().unwrap();
     assert_eq!(link.status().state, LinkState::Waiting);
     let mut stream = listener.accept().unwrap().0;

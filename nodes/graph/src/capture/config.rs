@@ -213,6 +213,12 @@ impl CaptureConfig {
                 return wrong("drive.wait_s", "must be more than standstill.longest_s: the reading comes after it");
             }
         }
+        if let (DriverConfig::Opcua(server), Takes::Standstill) = (&self.scale, self.points.takes)
+            && server.is_silent_at_standstill()
+        {
+            let problem = "must be \"polled\" with joined = \"held\": a server tells what changes, and a machine that stands changes nothing";
+            return wrong("scale.reads", problem);
+        }
         match &self.scale {
             DriverConfig::Lines(lines) if lines.columns.is_empty() && lines.offset_mm.is_none() => {
                 let problem = "must be named here, or the offset in offset_mm: whether the controller tells offsets has to be known \
@@ -291,6 +297,7 @@ impl CaptureConfig {
     pub fn tells_offset(&self) -> bool {
         match &self.scale {
             DriverConfig::Lines(lines) => lines.offset_mm.is_some() || names(lines, "offset_x"),
+            DriverConfig::Opcua(server) => server.tells_offset(),
             _ => true,
         }
     }
@@ -316,6 +323,7 @@ impl CaptureConfig {
             DriverConfig::Ippdme(server) => {
                 format!("ippdme {:?} {:?} {}", server.tools_mm, server.offset_mm, server.server_offsets)
             }
+            DriverConfig::Opcua(server) => format!("opcua {}", server.identity()),
             other => format!("{other:?}"),
         };
         format!("{}\n{}", of(&self.scale), of(&self.tracer))
@@ -328,8 +336,13 @@ fn names(lines: &LinesConfig, stem: &str) -> bool {
 
 /// A driver that does not tell the station or the offset is told one that the plan's takes the place of.
 fn with_what_the_plan_tells(driver: &DriverConfig, role: Role) -> DriverConfig {
-    let DriverConfig::Lines(lines) = driver else { return driver.clone() };
-    let mut lines = lines.clone();
+    let mut lines = match driver {
+        DriverConfig::Lines(lines) => lines.clone(),
+        DriverConfig::Opcua(server) if role == Role::Scale => {
+            return DriverConfig::Opcua(Box::new(server.with_some_offset()));
+        }
+        _ => return driver.clone(),
+    };
     match role {
         Role::Tracer if lines.station.is_none() && !lines.columns.is_empty() && !names(&lines, "station") => {
             lines.station = Some(BY_PLAN.to_owned());

@@ -341,7 +341,7 @@ fn open(
         .collect();
     let memory = Arc::new(Mutex::new(SensorMemory::default()));
     for config in &config.covariates {
-        let mut sensor = open_sensor(config, machine, shutdown, None).map_err(failed(SENSOR))?;
+        let mut sensor = open_sensor(config, base, machine, shutdown, None).map_err(failed(SENSOR))?;
         links.extend(sensor.link().map(|link| Watched::new(SENSOR, link)));
         let note = {
             let memory = Arc::clone(&memory);

@@ -539,6 +539,22 @@ fn keys_that_give_no_reading_are_refused_by_name() {
     assert!(moving.check().unwrap_err().to_string().contains("scale.kind: is a recording"));
 }
 
+#[cfg(feature = "opcua")]
+#[test]
+fn a_server_of_opc_ua_that_is_silent_at_standstill_is_refused_and_the_plan_tells_offsets() {
+    let with = |keys: &str| {
+        let server = format!(
+            "kind = \"opcua\"\nserver = \"opc.tcp://a:1\"\naxes = {{ x_mm = \"i=1\", y_mm = \"i=2\", z_mm = \"i=3\" }}\n{keys}"
+        );
+        CaptureConfig { scale: toml::from_str(&server).unwrap(), ..config("") }
+    };
+    let told = with("joined = \"held\"").check().unwrap_err().to_string();
+    assert!(told.contains("scale.reads: must be \"polled\""), "{told}");
+    for (keys, tells) in [("joined = \"held\"\nreads = \"polled\"", false), ("offset_mm = [0.0, 0.0, -60.0]", true)] {
+        assert_eq!((with(keys).check(), with(keys).tells_offset()), (Ok(()), tells));
+    }
+}
+
 /// The one function that derives the motion is the one of the live nodes.
 #[test]
 fn the_motion_is_that_of_the_live_nodes() {

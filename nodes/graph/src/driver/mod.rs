@@ -9,6 +9,11 @@ mod campaign_file;
 mod ippdme;
 mod lines;
 mod linuxcnc;
+#[cfg(feature = "opcua")]
+mod opcua;
+#[cfg(not(feature = "opcua"))]
+#[path = "opcua_absent.rs"]
+mod opcua;
 mod recorded;
 mod ros;
 mod virtual_machine;
@@ -29,6 +34,9 @@ pub use bag::{CampaignFromBag, JoinSettings, campaign_from_bag};
 pub use ippdme::{IppdmeConfig, IppdmeReads, Mover, Order, Outcome, SessionNumber};
 pub use lines::{Flow, LinesConfig, LinesFrom, Parity, SerialConfig};
 pub use linuxcnc::{LinuxcncConfig, MachineUnits};
+pub use opcua::OpcuaConfig;
+#[cfg(feature = "opcua")]
+pub use opcua::{OpcuaJoined, OpcuaReads, OpcuaSecurity};
 pub use ros::{RosConfig, RosMessage, RosStamp};
 
 /// What a driver is used for.
@@ -119,6 +127,8 @@ pub enum DriverConfig {
     Linuxcnc(LinuxcncConfig),
     /// A server of I++ DME.
     Ippdme(IppdmeConfig),
+    /// A server of OPC UA.
+    Opcua(Box<OpcuaConfig>),
     /// A topic of ROS 2 with a standard message.
     Ros(RosConfig),
 }
@@ -128,7 +138,11 @@ impl DriverConfig {
     pub fn is_live(&self) -> bool {
         match self {
             DriverConfig::Campaign { .. } | DriverConfig::Bag { .. } | DriverConfig::VirtualMachine { .. } => false,
-            DriverConfig::Lines(_) | DriverConfig::Linuxcnc(_) | DriverConfig::Ippdme(_) | DriverConfig::Ros(_) => true,
+            DriverConfig::Lines(_)
+            | DriverConfig::Linuxcnc(_)
+            | DriverConfig::Ippdme(_)
+            | DriverConfig::Opcua(_)
+            | DriverConfig::Ros(_) => true,
         }
     }
 
@@ -142,6 +156,7 @@ impl DriverConfig {
             DriverConfig::Lines(lines) => lines.problem(role),
             DriverConfig::Linuxcnc(config) => config.problem(role),
             DriverConfig::Ippdme(config) => config.problem(role),
+            DriverConfig::Opcua(config) => config.problem(role),
             DriverConfig::Ros(config) => config.problem(role),
         }
     }
@@ -221,6 +236,14 @@ pub enum DriverError {
         /// What is wrong.
         problem: String,
     },
+    /// Values are no reading.
+    #[error("{from}: {problem}")]
+    Value {
+        /// Where they came from.
+        from: String,
+        /// What is wrong.
+        problem: String,
+    },
     /// The bag holds no such message.
     #[error("bag {bag}: no message of type {ros_type}{on}; record the scale and tracer topics", on = if topic.is_empty() { String::new() } else { format!(" on topic {topic}") })]
     NoMessages {
@@ -277,6 +300,7 @@ impl DriverError {
                 | DriverError::Text { .. }
                 | DriverError::Covariate { .. }
                 | DriverError::Line { .. }
+                | DriverError::Value { .. }
         )
     }
 }
@@ -297,13 +321,15 @@ pub fn open_scale(
         DriverConfig::Lines(lines) => Box::new(lines::open(lines, Role::Scale, machine, shutdown)?),
         DriverConfig::Linuxcnc(config) => Box::new(linuxcnc::open(config, machine, shutdown)?),
         DriverConfig::Ippdme(config) => Box::new(ippdme::open(config, machine, shutdown)?),
+        DriverConfig::Opcua(config) => Box::new(opcua::open(config, Role::Scale, base, machine, shutdown)?),
         DriverConfig::Ros(config) => Box::new(ros::open_scale(config, machine, shutdown, ros)?),
     })
 }
 
-/// Opens a source of covariates; `shutdown` ends its wait, `ros` is as for [`open_scale`].
+/// Opens a source of covariates; the rest is as for [`open_scale`].
 pub fn open_sensor(
     config: &DriverConfig,
+    base: &Path,
     machine: &MachineFile,
     shutdown: &Shutdown,
     ros: Option<&GatewayNode>,
@@ -315,6 +341,7 @@ pub fn open_sensor(
         DriverConfig::Lines(lines) => Ok(Box::new(lines::open(lines, Role::Sensor, machine, shutdown)?)),
         DriverConfig::Linuxcnc(_) => Err(linuxcnc::only_scales()),
         DriverConfig::Ippdme(_) => Err(ippdme::only_scales()),
+        DriverConfig::Opcua(config) => Ok(Box::new(opcua::open(config, Role::Sensor, base, machine, shutdown)?)),
         DriverConfig::Ros(config) => Ok(Box::new(ros::open_sensor(config, machine, shutdown, ros)?)),
     }
 }
@@ -345,6 +372,7 @@ pub fn open_tracer(
         DriverConfig::Lines(lines) => Box::new(lines::open(lines, Role::Tracer, machine, shutdown)?),
         DriverConfig::Linuxcnc(_) => return Err(linuxcnc::only_scales()),
         DriverConfig::Ippdme(_) => return Err(ippdme::only_scales()),
+        DriverConfig::Opcua(_) => return Err(opcua::no_tracer()),
         DriverConfig::Ros(config) => Box::new(ros::open_tracer(config, machine, shutdown, ros)?),
     })
 }

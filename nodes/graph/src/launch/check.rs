@@ -49,7 +49,8 @@ impl Launch {
                     return wrong(&format!("{key}.pace"), "must be above 0, 1e-6 at least");
                 }
                 Some(Source { pace, driver, .. }) if (*pace == Pace::AsTheyCome) != driver.is_live() => {
-                    let problem = "must be \"as_they_come\" for a live driver (lines, ippdme, ros), and for no other";
+                    let problem =
+                        "must be \"as_they_come\" for a live driver (lines, ippdme, opcua, ros), and for no other";
                     return wrong(&format!("{key}.pace"), problem);
                 }
                 Some(Source { driver, .. }) => {
@@ -143,8 +144,7 @@ impl Launch {
             }
         }
         if !self.covariates.is_empty() && !self.scale.as_ref().is_some_and(|source| source.driver.is_live()) {
-            let problem =
-                "are joined to readings of a live scale driver (lines, ippdme, ros); a recording carries its own";
+            let problem = "are joined to readings of a live scale driver (lines, ippdme, opcua, ros); a recording carries its own";
             return wrong("covariates".to_owned(), problem);
         }
         for (place, name) in self.lagged.iter().enumerate() {

@@ -23,7 +23,7 @@ impl Sensors {
         let memory = Arc::new(Mutex::new(SensorMemory::default()));
         let mut links = Vec::new();
         for (place, config) in context.launch.covariates.iter().enumerate() {
-            let driver = open_sensor(config, &context.machine, &context.shutdown, context.ros.as_ref())?;
+            let driver = open_sensor(config, &context.base, &context.machine, &context.shutdown, context.ros.as_ref())?;
             links.extend(driver.link().map(|link| (format!("covariates {place}"), link)));
             let (memory, troubles) = (Arc::clone(&memory), Troubles::by_clock(context.clock()));
             let listening = move || listen(driver, &memory, troubles);

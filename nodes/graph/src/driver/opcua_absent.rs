@@ -1,0 +1,64 @@
+//! The driver `opcua` of a program that was built without it: a launch file that names it is refused, with what to do.
+//!
+//! Place in the flow: in place of `driver/opcua.rs` where the feature `opcua` is off.
+
+use super::{DriverError, Role};
+use abbe_files::MachineFile;
+use abbe_runtime::Shutdown;
+use serde::{Deserialize, Serialize};
+use std::convert::Infallible;
+use std::path::Path;
+
+const ABSENT: &str = "this program was built without OPC UA; build it with --features opcua, which is the default";
+
+/// A server of OPC UA, of which nothing is read.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct OpcuaConfig {
+    #[serde(flatten)]
+    keys: toml::Table,
+}
+
+impl OpcuaConfig {
+    pub(super) fn problem(&self, _: Role) -> Option<(&'static str, String)> {
+        Some(("kind", ABSENT.to_owned()))
+    }
+
+    pub(crate) fn tells_offset(&self) -> bool {
+        true
+    }
+
+    pub(crate) fn with_some_offset(&self) -> OpcuaConfig {
+        self.clone()
+    }
+
+    pub(crate) fn is_silent_at_standstill(&self) -> bool {
+        false
+    }
+
+    pub(crate) fn identity(&self) -> String {
+        String::new()
+    }
+}
+
+/// A driver that there is none of.
+pub(super) struct Absent(Infallible);
+
+impl super::ScaleDriver for Absent {
+    fn next_reading(&mut self) -> Result<Option<abbe_msgs::ScaleReading>, DriverError> {
+        match self.0 {}
+    }
+}
+
+impl super::SensorDriver for Absent {
+    fn next_values(&mut self) -> Result<Option<super::SensorValues>, DriverError> {
+        match self.0 {}
+    }
+}
+
+pub(super) fn open(_: &OpcuaConfig, _: Role, _: &Path, _: &MachineFile, _: &Shutdown) -> Result<Absent, DriverError> {
+    Err(no_tracer())
+}
+
+pub(super) fn no_tracer() -> DriverError {
+    DriverError::Lines { key: "kind", problem: ABSENT.to_owned() }
+}

@@ -1,0 +1,212 @@
+//! Evidence for joining: what is of one instant is joined, and nothing else.
+
+use super::*;
+use proptest::prelude::*;
+
+const MS: i64 = 1_000_000;
+
+fn at(axis: usize, ms: i64, value: f64) -> (usize, AxisValue) {
+    (axis, AxisValue { value: Ok(value), source_ns: Some(ms * MS), is_after_loss: false })
+}
+
+fn bad(axis: usize, ms: i64) -> (usize, AxisValue) {
+    let value = Err(format!("{}: BadSensorFailure", NAMES[axis]));
+    (axis, AxisValue { value, source_ns: Some(ms * MS), is_after_loss: false })
+}
+
+fn told(axes: Vec<(usize, AxisValue)>) -> Told {
+    Told { arrived_ns: 0, answer: None, axes }
+}
+
+fn answer(ms: i64, axes: Vec<(usize, AxisValue)>) -> Told {
+    Told { arrived_ns: ms * MS + 7, answer: Some(Some(ms * MS)), axes }
+}
+
+fn samples(joined: &[Joined]) -> Vec<(i64, [f64; 3])> {
+    let sample = |one: &Joined| match one {
+        Joined::Sample { at_ns, values } => Some((at_ns / MS, *values)),
+        Joined::Refused(_) => None,
+    };
+    joined.iter().filter_map(sample).collect()
+}
+
+fn refusals(joined: &[Joined]) -> Vec<&str> {
+    let words = |one| match one {
+        &Joined::Refused(ref words) => Some(words.as_str()),
+        Joined::Sample { .. } => None,
+    };
+    joined.iter().filter_map(words).collect()
+}
+
+fn source(apart_ms: i64) -> Joiner {
+    let mut joiner = Joiner::new(JoinBy::Source { apart_ns: apart_ms * MS });
+    assert_eq!(
+        joiner.take(told((0..3).map(|axis| at(axis, 0, 9.0)).collect())),
+        [],
+        "how things stood makes no sample"
+    );
+    joiner
+}
+
+fn held(still_ms: i64) -> Joiner {
+    let mut joiner = Joiner::new(JoinBy::Held { apart_ns: 0, still_ns: still_ms * MS });
+    assert_eq!(joiner.take(told(vec![at(0, 0, 1.0), at(1, -500, 2.0), at(2, -90, 3.0)])), []);
+    joiner
+}
+
+#[test]
+fn equal_source_timestamps_are_joined_whatever_message_they_come_in() {
+    let mut joiner = source(0);
+    assert_eq!(joiner.take(told(vec![at(0, 10, 1.0), at(0, 20, 1.5), at(1, 10, 2.0)])), []);
+    let joined = joiner.take(told(vec![at(1, 20, 2.5), at(2, 10, 3.0), at(2, 20, 3.5)]));
+    assert_eq!(samples(&joined), [(10, [1.0, 2.0, 3.0]), (20, [1.5, 2.5, 3.5])]);
+    assert_eq!(refusals(&joined), [""; 0]);
+}
+
+#[test]
+fn values_of_different_instants_are_refused_and_not_joined() {
+    let mut joiner = source(0);
+    let joined = joiner.take(told(vec![at(0, 10, 1.0), at(1, 11, 2.0), at(2, 10, 3.0)]));
+    assert_eq!((samples(&joined).len(), refusals(&joined).len()), (0, 2), "x and z of 10 ms have no y: {joined:?}");
+    let joined = joiner.take(told(vec![at(0, 20, 1.0), at(1, 20, 2.0), at(2, 20, 3.0)]));
+    assert_eq!((samples(&joined).len(), refusals(&joined).len()), (1, 1), "y of 11 ms has no x: {joined:?}");
+    let mut joiner = source(2);
+    let joined = joiner.take(told(vec![at(0, 10, 1.0), at(1, 11, 2.0), at(2, 12, 3.0)]));
+    assert_eq!(samples(&joined), [(12, [1.0, 2.0, 3.0])], "as far apart as allowed, with the latest as its stamp");
+}
+
+#[test]
+fn a_bad_value_takes_its_instant_along_and_no_other() {
+    let mut joiner = source(0);
+    let joined = joiner.take(told(vec![at(0, 10, 1.0), bad(1, 10), at(2, 10, 3.0)]));
+    assert_eq!((samples(&joined), refusals(&joined)), (vec![], vec!["y: BadSensorFailure"]));
+    let joined = joiner.take(told(vec![at(0, 20, 1.0), at(1, 20, 2.0), at(2, 20, 3.0)]));
+    assert_eq!(samples(&joined).len(), 1);
+    let mut joiner = held(30);
+    joiner.take(told(vec![bad(1, 10)]));
+    joiner.take(told(vec![at(0, 100, 1.0)]));
+    let joined = joiner.take(told(vec![]));
+    assert_eq!(
+        (samples(&joined), refusals(&joined)),
+        (vec![], vec!["y: BadSensorFailure"]),
+        "it holds until there is a good one"
+    );
+}
+
+#[test]
+fn what_was_given_before_a_session_ended_is_not_given_again() {
+    let mut joiner = source(0);
+    let all = |ms| told((0..3).map(|axis| at(axis, ms, 1.0)).collect());
+    assert_eq!(samples(&joiner.take(all(10))).len(), 1);
+    joiner.begin();
+    assert_eq!(joiner.take(all(10)), [], "the server tells how things stand");
+    assert_eq!(joiner.take(all(10)), []);
+    assert_eq!(samples(&joiner.take(all(20))).len(), 1);
+    let back = joiner.take(all(15));
+    assert_eq!((samples(&back).len(), refusals(&back).len()), (0, 3), "{back:?}");
+}
+
+#[test]
+fn an_axis_that_stands_still_holds_once_nothing_of_the_instant_is_under_way() {
+    let mut joiner = held(30);
+    assert_eq!(joiner.take(told(vec![at(0, 50, 1.5)])), [], "y of that instant may still come");
+    assert_eq!(samples(&joiner.take(told(vec![]))), [(50, [1.5, 2.0, 3.0])]);
+    let all = joiner.take(told(vec![at(0, 60, 1.6), at(1, 60, 2.1), at(2, 60, 3.1)]));
+    assert_eq!(samples(&all), [(60, [1.6, 2.1, 3.1])], "all of them: nothing can be under way");
+}
+
+#[test]
+fn an_axis_that_moves_is_joined_at_its_own_instants_alone() {
+    let mut joiner = held(30);
+    joiner.take(told(vec![at(0, 50, 1.5), at(1, 53, 2.5)]));
+    let joined = joiner.take(told(vec![]));
+    assert_eq!(samples(&joined), []);
+    assert_eq!(refusals(&joined).len(), 2, "y begins to move 3 ms later, and x has just moved: {joined:?}");
+    joiner.take(told(vec![at(2, 90, 3.5)]));
+    assert_eq!(samples(&joiner.take(told(vec![]))), [(90, [1.5, 2.5, 3.5])], "both stand for 37 ms and more");
+}
+
+#[test]
+fn what_comes_too_late_or_after_a_loss_is_said() {
+    let mut joiner = held(30);
+    joiner.take(told(vec![at(0, 50, 1.5)]));
+    joiner.take(told(vec![]));
+    let joined = joiner.take(told(vec![at(1, 49, 2.5)]));
+    assert!(refusals(&joined)[0].contains("came after"), "{joined:?}");
+    let (axis, mut value) = at(0, 100, 1.7);
+    value.is_after_loss = true;
+    let joined = joiner.take(told(vec![(axis, value)]));
+    assert!(refusals(&joined)[0].contains("threw away"), "{joined:?}");
+}
+
+#[test]
+fn answers_have_the_time_of_the_answer_while_all_axes_stand() {
+    let mut joiner = Joiner::new(JoinBy::Held { apart_ns: 0, still_ns: 30 * MS });
+    let axes = vec![at(0, 0, 1.0), at(1, -500, 2.0), at(2, -90, 3.0)];
+    assert_eq!(samples(&joiner.take(answer(100, axes.clone()))), [(100, [1.0, 2.0, 3.0])]);
+    assert_eq!(samples(&joiner.take(answer(110, axes.clone()))), [(110, [1.0, 2.0, 3.0])]);
+    let moved = vec![at(0, 118, 1.5), at(1, -500, 2.0), at(2, -90, 3.0)];
+    assert_eq!(samples(&joiner.take(answer(120, moved.clone()))), [(118, [1.5, 2.0, 3.0])]);
+    assert_eq!(joiner.take(answer(125, moved)), [], "the same values are no new reading");
+    let apart = vec![at(0, 128, 1.6), at(1, 126, 2.1), at(2, -90, 3.0)];
+    let joined = joiner.take(answer(130, apart));
+    assert_eq!((samples(&joined).len(), refusals(&joined).len()), (0, 1), "{joined:?}");
+}
+
+#[test]
+fn without_timestamps_only_answers_are_joined_and_by_their_arrival() {
+    let bare = |axis: usize| (axis, AxisValue { value: Ok(1.0), source_ns: None, is_after_loss: false });
+    for by in [JoinBy::Source { apart_ns: MS }, JoinBy::Held { apart_ns: MS, still_ns: 9 * MS }] {
+        let joined = Joiner::new(by).take(answer(10, (0..3).map(bare).collect()));
+        assert_eq!(samples(&joined), []);
+        assert!(refusals(&joined)[0].contains("no source timestamp"), "{joined:?}");
+    }
+    let mut joiner = Joiner::new(JoinBy::Arrival);
+    let joined = joiner.take(answer(10, (0..3).map(bare).collect()));
+    assert_eq!(joined, [Joined::Sample { at_ns: 10 * MS + 7, values: [1.0; 3] }]);
+    let joined = joiner.take(answer(20, (0..2).map(bare).collect()));
+    assert_eq!(refusals(&joined), ["the answer has no z"]);
+}
+
+/// Any values, in any order, of any session.
+fn any_told() -> impl Strategy<Value = (bool, Option<i64>, Vec<(usize, Option<i64>, bool)>)> {
+    let one = (0..3_usize, proptest::option::weighted(0.9, 0..40_i64), proptest::bool::weighted(0.9));
+    (proptest::bool::weighted(0.05), proptest::option::of(0..40_i64), proptest::collection::vec(one, 0..6))
+}
+
+proptest! {
+    /// Whatever comes: stamps rise, and by source each sample has values that were told at its stamp (the value is the instant).
+    #[test]
+    fn stamps_rise_and_samples_are_of_one_instant(messages in proptest::collection::vec(any_told(), 0..40), rule in 0..3) {
+        let by = match rule {
+            0 => JoinBy::Source { apart_ns: 0 },
+            1 => JoinBy::Held { apart_ns: 0, still_ns: 5 * MS },
+            _ => JoinBy::Arrival,
+        };
+        let (mut joiner, mut last) = (Joiner::new(by), None);
+        for (is_new, answered, axes) in messages {
+            if is_new {
+                joiner.begin();
+            }
+            let value = |(axis, ms, is_good): (usize, Option<i64>, bool)| {
+                let source_ns = ms.map(|ms| ms * MS);
+                let value = if is_good { Ok(ms.unwrap_or(0) as f64) } else { Err("bad".to_owned()) };
+                (axis, AxisValue { value, source_ns, is_after_loss: false })
+            };
+            let axes = axes.into_iter().map(value).collect();
+            let told = Told { arrived_ns: last.unwrap_or(0) + 1, answer: answered.map(|ms| Some(ms * MS)), axes };
+            for one in joiner.take(told) {
+                let Joined::Sample { at_ns, values } = one else { continue };
+                prop_assert!(last.is_none_or(|last| at_ns > last));
+                last = Some(at_ns);
+                if rule == 0 {
+                    prop_assert!(values.iter().all(|value| *value == (at_ns / MS) as f64));
+                }
+                if rule == 1 {
+                    let is_whole = |value: &f64| *value == (at_ns / MS) as f64 || (at_ns / MS) as f64 - value >= 5.0;
+                    prop_assert!(values.iter().all(is_whole), "{values:?} at {at_ns}");
+                }
+            }
+        }
+    }
+}
