@@ -52,6 +52,8 @@ pub struct Graph {
     pub members: Vec<Member>,
     /// Direct dependencies by name.
     pub direct: BTreeMap<String, BTreeSet<String>>,
+    /// Crates that are built where none is named.
+    pub built_by_default: BTreeSet<String>,
 }
 
 impl Graph {
@@ -76,8 +78,9 @@ impl Graph {
             let folder = folder.strip_prefix(&metadata.workspace_root).expect("members lie below the root");
             Member { name: package.name.to_string(), folder: folder.as_str().replace('\\', "/") }
         };
-        let mut graph =
-            Graph { members: metadata.workspace_packages().iter().map(member).collect(), ..Graph::default() };
+        let members = metadata.workspace_packages().iter().map(member).collect();
+        let built_by_default = metadata.workspace_default_packages().iter().map(|p| p.name.to_string()).collect();
+        let mut graph = Graph { members, built_by_default, ..Graph::default() };
         for node in &metadata.resolve.as_ref().expect("metadata with dependencies").nodes {
             let built_in = node.deps.iter().filter(|d| d.dep_kinds.iter().any(|k| k.kind == DependencyKind::Normal));
             let direct = graph.direct.entry(names[&node.id].clone()).or_default();
@@ -123,6 +126,17 @@ impl Graph {
         found
     }
 
+    /// Crates that are built by default and reach what only training needs: most of what there would be to compile.
+    pub fn training_by_default(&self) -> Vec<String> {
+        let is_of_training =
+            |reached: &String| reached == NETWORK_CRATE || reached == "burn" || reached.starts_with("burn-");
+        let of = |name: &String| {
+            let reached = self.reach(name).into_iter().filter(is_of_training);
+            reached.map(|reached| format!("{name} reaches {reached}")).collect::<Vec<_>>()
+        };
+        self.built_by_default.iter().flat_map(of).collect()
+    }
+
     /// Dependencies between crates of the workspace against the one direction: nodes → msgs, models.
     pub fn against_direction(&self) -> Vec<String> {
         let layer = |folder: &str| folder.split('/').next().unwrap_or_default().to_owned();
@@ -153,7 +167,11 @@ mod tests {
     fn graph(members: &[(&str, &str)], direct: &[(&str, &[&str])]) -> Graph {
         let member = |(name, folder): &(&str, &str)| Member { name: (*name).to_owned(), folder: (*folder).to_owned() };
         let edge = |(from, to): &(&str, &[&str])| ((*from).to_owned(), to.iter().map(|to| (*to).to_owned()).collect());
-        Graph { members: members.iter().map(member).collect(), direct: direct.iter().map(edge).collect() }
+        Graph {
+            members: members.iter().map(member).collect(),
+            direct: direct.iter().map(edge).collect(),
+            ..Graph::default()
+        }
     }
 
     #[test]
@@ -172,6 +190,19 @@ mod tests {
         assert_eq!(graph(&members, &[("a", &["burn-core"])]).impure_models().len(), 1);
         assert!(graph(&members, &[("a", &["csvless", "tomlike"])]).impure_models().is_empty());
         assert!(graph(&[(NETWORK_CRATE, "models/n")], &[(NETWORK_CRATE, &["burn"])]).impure_models().is_empty());
+    }
+
+    #[test]
+    fn training_in_a_crate_that_is_built_by_default_is_caught() {
+        let members = [("p", "nodes/p"), ("t", "nodes/t")];
+        let mut apart = graph(&members, &[("p", &["m"]), ("t", &["p", NETWORK_CRATE]), (NETWORK_CRATE, &["burn"])]);
+        apart.built_by_default = ["p".to_owned()].into();
+        assert!(apart.training_by_default().is_empty());
+        for (dependency, found) in [(NETWORK_CRATE, 2), ("burn", 1), ("burn-core", 1), ("burning", 0)] {
+            let mut together = apart.clone();
+            together.direct.insert("m".to_owned(), [dependency.to_owned()].into());
+            assert_eq!(together.training_by_default().len(), found, "{dependency}");
+        }
     }
 
     #[test]

@@ -61,6 +61,14 @@ fn dependencies_point_one_way() {
 }
 
 #[test]
+fn what_is_built_by_default_trains_nothing() {
+    let graph = Graph::of_workspace();
+    assert!(graph.built_by_default.contains("abbe"), "the program is built by default");
+    assert!(graph.reach("abbe-train").contains("burn"), "the graph holds what training is built on");
+    assert_none("training is a program of its own, and nobody else compiles it", &graph.training_by_default());
+}
+
+#[test]
 fn models_use_no_file_no_clock_no_environment_no_terminal() {
     assert_none("a model crate computes and nothing else", &violations("models", rules::impure));
 }

@@ -17,7 +17,9 @@ pub struct Device {
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum DeviceError {
     /// Compiled without it.
-    #[error("this program is built without graphics cards; build it with `cargo build --release --features wgpu`")]
+    #[error(
+        "this program is built without graphics cards; build it with `cargo build --release -p abbe-train --features wgpu`"
+    )]
     NotBuilt,
     /// None that works, or it is in use already.
     #[error("no graphics card that can be trained on: {0}")]

@@ -6,7 +6,7 @@
 use std::fmt;
 
 /// Wrong input, or something the system refused.
-pub(crate) const REFUSED: u8 = 1;
+pub const REFUSED: u8 = 1;
 /// The figures are there, and a limit is not kept.
 pub(crate) const NOT_CONFORMING: u8 = 3;
 /// The output is there, and no row of it is inside what the model knows.
@@ -18,7 +18,7 @@ pub(crate) const STOPPED: u8 = 130;
 
 /// An end with an exit code of its own.
 #[derive(Debug)]
-pub(crate) struct Ended {
+pub struct Ended {
     code: u8,
     why: String,
 }
@@ -40,7 +40,7 @@ impl Ended {
     }
 
     /// The end on request.
-    pub(crate) fn stopped(why: String) -> Ended {
+    pub fn stopped(why: String) -> Ended {
         Ended { code: STOPPED, why }
     }
 }
@@ -54,7 +54,7 @@ impl fmt::Display for Ended {
 impl std::error::Error for Ended {}
 
 /// The exit code of an error.
-pub(crate) fn code(error: &anyhow::Error) -> u8 {
+pub fn code(error: &anyhow::Error) -> u8 {
     error.downcast_ref::<Ended>().map_or(REFUSED, |ended| ended.code)
 }
 

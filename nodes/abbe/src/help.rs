@@ -8,7 +8,7 @@ use clap::{Arg, Command, CommandFactory, FromArgMatches};
 use std::fmt::Write;
 
 /// Version and commit.
-pub(crate) const VERSION: &str = concat!(env!("CARGO_PKG_VERSION"), " (", env!("ABBE_BUILD"), ")");
+pub const VERSION: &str = concat!(env!("CARGO_PKG_VERSION"), " (", env!("ABBE_BUILD"), ")");
 
 /// Commands that serve one job.
 struct Job {
@@ -149,16 +149,21 @@ fn example(name: &str) -> Option<&'static str> {
     all.into_iter().find(|(command, _)| *command == name).map(|(_, example)| *example)
 }
 
-/// The program as clap describes it, with everything above.
-pub(crate) fn command() -> Command {
-    let command = Arguments::command().mut_subcommands(|command| {
+/// A program whose commands have their options by topic, and an example.
+pub fn with_examples(program: Command) -> Command {
+    program.mut_subcommands(|command| {
         let example = example(command.get_name());
         let command = command.mut_args(by_topic);
         match example {
             Some(example) => command.after_help(format!("Example:\n  {example}")),
             None => command,
         }
-    });
+    })
+}
+
+/// The program as clap describes it, with everything above.
+pub(crate) fn command() -> Command {
+    let command = with_examples(Arguments::command());
     let listed = listed(&command);
     command.help_template(format!(
         "{{about}}\n\n{{usage-heading}} {{usage}}\n\n{listed}Options:\n{{options}}\n\nabbe COMMAND --help says more of each, with an example.\n"

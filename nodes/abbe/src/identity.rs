@@ -14,7 +14,7 @@ const TEMPERATURE: (&str, &str) = ("temp_", "_c");
 
 /// Options that every command with a report has.
 #[derive(Debug, Clone, Default, clap::Args)]
-pub(crate) struct IdentityOptions {
+pub struct IdentityOptions {
     /// Who measured with which machine and instrument, for the report: a file with [identity], such as the machine file
     #[arg(long, value_name = "FILE")]
     identity: Option<PathBuf>,
@@ -28,26 +28,26 @@ pub(crate) struct IdentityOptions {
 
 /// What the data and the other files of a command say.
 #[derive(Debug, Clone, Copy, Default)]
-pub(crate) struct Said<'a> {
+pub struct Said<'a> {
     /// The machine file of the command.
-    pub(crate) machine: Option<&'a MachineFile>,
+    pub machine: Option<&'a MachineFile>,
     /// Name of the machine, where a model or the machine file says it.
-    pub(crate) machine_name: Option<&'a str>,
+    pub machine_name: Option<&'a str>,
     /// Measured tables, which may say their day.
-    pub(crate) tables: &'a [&'a Path],
+    pub tables: &'a [&'a Path],
     /// Days by the stamps of a recording.
-    pub(crate) days: Option<Days>,
+    pub days: Option<Days>,
     /// Lowest and highest temperature that was logged.
-    pub(crate) temperature_c: Option<[f64; 2]>,
+    pub temperature_c: Option<[f64; 2]>,
 }
 
 /// Who, when and which.
 #[derive(Debug, Clone, Default)]
-pub(crate) struct Who {
+pub struct Who {
     /// As reports show it.
-    pub(crate) shown: Identity,
+    pub shown: Identity,
     /// As it was stated, with laboratory and customer.
-    pub(crate) stated: abbe_files::Identity,
+    pub stated: abbe_files::Identity,
 }
 
 impl IdentityOptions {
@@ -55,7 +55,7 @@ impl IdentityOptions {
     ///
     /// # Errors
     /// A file that cannot be read, a file of another machine, and days that differ.
-    pub(crate) fn gather(&self, said: &Said) -> anyhow::Result<Who> {
+    pub fn gather(&self, said: &Said) -> anyhow::Result<Who> {
         let machine_name = said.machine_name.or(said.machine.map(|file| file.machine.name.as_str()));
         let stated = match &self.identity {
             Some(path) => {
@@ -112,7 +112,7 @@ impl IdentityOptions {
 }
 
 /// Lowest and highest of all temperatures that were logged in a campaign.
-pub(crate) fn temperature_c(campaign: &Campaign) -> Option<[f64; 2]> {
+pub fn temperature_c(campaign: &Campaign) -> Option<[f64; 2]> {
     let (before, after) = TEMPERATURE;
     let logged = campaign.covariates.iter().filter(|c| c.name.starts_with(before) && c.name.ends_with(after));
     let values = || logged.clone().flat_map(|covariate| covariate.values.iter().flatten().copied());

@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 
 /// Refuses outputs that cannot be written to their folder, or that are an input or each other. `-` stands for standard input or
 /// output.
-pub(crate) fn check<'o, 'i>(
+pub fn check<'o, 'i>(
     outputs: impl IntoIterator<Item = &'o Path>,
     inputs: impl IntoIterator<Item = &'i Path>,
 ) -> anyhow::Result<()> {

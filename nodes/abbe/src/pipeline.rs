@@ -74,7 +74,7 @@ pub(crate) fn load_campaign(path: &Path, machine: &MachineFile, join: &BagJoin) 
 }
 
 /// Whether a path names a bag.
-pub(crate) fn is_bag(path: &Path) -> bool {
+pub fn is_bag(path: &Path) -> bool {
     path.is_dir() || path.extension().is_some_and(|extension| extension == "mcap")
 }
 
@@ -175,7 +175,7 @@ pub(crate) struct Identification {
 }
 
 /// Name and version of this program.
-pub(crate) fn software() -> String {
+pub fn software() -> String {
     format!("abbe {}", env!("CARGO_PKG_VERSION"))
 }
 

@@ -70,7 +70,7 @@ fn sample(
 }
 
 /// Residual vectors of a bag, the model they are of, and the hash of its bytes.
-pub(crate) fn read(path: &Path) -> anyhow::Result<(Vec<ResidualVector>, ResidualOwner, [u8; 32])> {
+pub fn read(path: &Path) -> anyhow::Result<(Vec<ResidualVector>, ResidualOwner, [u8; 32])> {
     let name = path.display();
     let mut rows = Vec::new();
     let mut owner: Option<ResidualOwner> = None;

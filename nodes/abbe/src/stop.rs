@@ -4,11 +4,10 @@
 //! read, a matrix being factored, an input that is waited for) the program ends without it. That is safe, because outputs
 //! appear whole or not at all, and what lies beside them under a temporary name is removed first.
 
-use crate::exit::STOPPED;
+use crate::exit::{self, Ended, STOPPED};
 use abbe_files::remove_unfinished;
 use abbe_runtime::Shutdown;
 use std::io::Write;
-use std::process::exit;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::sleep;
@@ -29,7 +28,7 @@ pub(crate) fn end_soon() -> anyhow::Result<Shutdown> {
 
 /// Lets the work keep what it has: says so on Ctrl-C, and ends at once on the second. As long as `has_something` is false there
 /// is nothing to keep, and the program ends soon.
-pub(crate) fn keep_what_there_is(has_something: &Arc<AtomicBool>) -> anyhow::Result<Shutdown> {
+pub fn keep_what_there_is(has_something: &Arc<AtomicBool>) -> anyhow::Result<Shutdown> {
     let shutdown = Shutdown::on_signals()?;
     let has_something = Arc::clone(has_something);
     shutdown.when_requested(1, move || {
@@ -44,10 +43,18 @@ pub(crate) fn keep_what_there_is(has_something: &Arc<AtomicBool>) -> anyhow::Res
     Ok(shutdown)
 }
 
+/// What a command ends with that was asked to stop: not wrong input.
+pub fn told_as_stopped(error: anyhow::Error, shutdown: &Shutdown) -> anyhow::Error {
+    match shutdown.requested() && exit::code(&error) == exit::REFUSED {
+        true => Ended::stopped(crate::told(&error)).into(),
+        false => error,
+    }
+}
+
 fn end(words: &str) {
     remove_unfinished();
     say(words);
-    exit(i32::from(STOPPED));
+    std::process::exit(i32::from(STOPPED));
 }
 
 fn say(words: &str) {

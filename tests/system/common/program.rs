@@ -3,6 +3,7 @@
 use std::ffi::OsStr;
 use std::fs;
 use std::io::{Read, Write};
+use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::thread;
 use std::time::{Duration, Instant};
@@ -44,9 +45,21 @@ impl Ran {
     }
 }
 
+/// The program of this build. Tests of the program that trains find it beside that one.
+pub(crate) fn program() -> PathBuf {
+    if let Some(path) = option_env!("CARGO_BIN_EXE_abbe") {
+        return PathBuf::from(path);
+    }
+    let other = option_env!("CARGO_BIN_EXE_abbe-train").expect("these tests are of one of the two programs");
+    let program = Path::new(other).with_file_name("abbe");
+    let how = "is not built: `cargo test --workspace` does it, or `cargo build` with the settings of the tests";
+    assert!(program.is_file(), "{} {how}", program.display());
+    program
+}
+
 /// The command of this build, with these arguments, on loopback only whatever the environment says.
 pub(crate) fn abbe<S: AsRef<OsStr>>(arguments: impl IntoIterator<Item = S>) -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_abbe"));
+    let mut command = Command::new(program());
     command.args(arguments);
     command.env_remove("RUST_LOG").env_remove("ROS_LOCALHOST_ONLY").env_remove("ROS_DOMAIN_ID");
     command.env("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST").stdin(Stdio::null());

@@ -82,7 +82,8 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
 }
 
 /// A spinner that shows the passes.
-pub(crate) fn spinner(what: &str) -> ProgressBar {
+/// A line that says what is being done, and turns.
+pub fn spinner(what: &str) -> ProgressBar {
     let style =
         ProgressStyle::with_template("{spinner} {prefix}: {msg}").unwrap_or_else(|_| ProgressStyle::default_spinner());
     let bar = ProgressBar::new_spinner().with_style(style).with_prefix(what.to_owned());

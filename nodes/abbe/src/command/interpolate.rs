@@ -6,7 +6,7 @@
 
 use crate::exit::Ended;
 use crate::output;
-use crate::training::plane_field;
+use crate::plane_field::plane_field;
 use abbe_field::idw::{EXPONENT, Idw, Reference};
 use abbe_field::kriging::{Kernel, Kriging, Noise, Options, Trend};
 use abbe_field::rbf::{Radial, Rbf};

@@ -3,7 +3,6 @@
 //! Place in the flow: parsed in `main`, dispatched here; each file holds its arguments and its work.
 
 mod capture;
-mod compare;
 mod completions;
 mod conformity;
 mod convert;
@@ -29,13 +28,14 @@ mod replay;
 mod residuals;
 pub(crate) mod simulate;
 mod sphere;
-mod train;
+pub mod training;
 mod verify;
 mod volumetric;
 
 pub(crate) use identify::progress_text;
+pub use identify::spinner;
 
-use crate::{exit, stop};
+use crate::stop;
 use abbe_files::Unfinished;
 use abbe_runtime::end_with_reader;
 use abbe_runtime::ros::RosArgs;
@@ -61,9 +61,9 @@ pub(crate) enum Command {
     /// Compute what a model leaves unexplained at measured points, to train on
     Residuals(residuals::Arguments),
     /// Train a residual model on residual vectors
-    Train(train::Arguments),
+    Train(training::TrainArguments),
     /// Judge the residual network and its rivals on the same held-out data
-    Compare(compare::Arguments),
+    Compare(training::CompareArguments),
     /// Predict the residual at any points with a residual model
     Predict(predict::Arguments),
     /// Fit a sphere to measured points
@@ -149,19 +149,17 @@ pub(crate) fn run(command: Command, ros_args: RosArgs) -> anyhow::Result<()> {
     }
     let shutdown = match &command {
         command if command.is_live() => None,
-        Command::Train(_) => None, // has something to keep from its first network on
-        Command::Plan(_) => None,  // keeps the best plan so far
-        Command::Compare(_) | Command::Papers(_) => Some(stop::keep_what_there_is(&Arc::new(AtomicBool::new(true)))?),
+        Command::Train(_) | Command::Compare(_) => None, // another program keeps what it has
+        Command::Plan(_) => None,                        // keeps the best plan so far
+        Command::Papers(_) => Some(stop::keep_what_there_is(&Arc::new(AtomicBool::new(true)))?),
         Command::Interpolate(arguments) if arguments.is_scored() => {
             Some(stop::keep_what_there_is(&Arc::new(AtomicBool::new(true)))?)
         }
         _ => Some(stop::end_soon()?),
     };
-    dispatch(command, ros_args).map_err(|error| match shutdown {
-        Some(shutdown) if shutdown.requested() && exit::code(&error) == exit::REFUSED => {
-            exit::Ended::stopped(crate::told(&error)).into()
-        }
-        _ => error,
+    dispatch(command, ros_args).map_err(|error| match &shutdown {
+        Some(shutdown) => stop::told_as_stopped(error, shutdown),
+        None => error,
     })
 }
 
@@ -177,8 +175,7 @@ fn dispatch(command: Command, ros_args: RosArgs) -> anyhow::Result<()> {
         Command::Correct(arguments) => correct::run(&arguments),
         Command::Diagnose(arguments) => diagnose::run(&arguments),
         Command::Residuals(arguments) => residuals::run(&arguments),
-        Command::Train(arguments) => train::run(&arguments),
-        Command::Compare(arguments) => compare::run(&arguments),
+        Command::Train(_) | Command::Compare(_) => training::hand_over(),
         Command::Predict(arguments) => predict::run(&arguments),
         Command::Sphere(arguments) => sphere::run(&arguments),
         Command::ProbePose(arguments) => probe_pose::run(&arguments),

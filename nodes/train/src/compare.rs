@@ -3,37 +3,20 @@
 //! Place in the flow: before a method is chosen. Residual vectors in, one table out: figures by seed with 95 % intervals of
 //! their mean, the published figures beside them, and which method these data speak for.
 
-use super::identify::spinner;
-use crate::training::{self, Data};
+use crate::data::{self, Data};
+use abbe::command::spinner;
+use abbe::command::training::CompareArguments;
 use abbe_files::hex;
 use abbe_geometry::Axis;
 use abbe_residual_training::{CompareConfig, Comparison, Go, Interval, RivalRow, compare_measured};
 use abbe_runtime::Shutdown;
 use anyhow::{Context, ensure};
 use serde_json::json;
-use std::path::PathBuf;
 use std::time::Instant;
 
-/// Arguments of `compare`.
-#[derive(Debug, clap::Args)]
-pub(crate) struct Arguments {
-    /// Residual vectors: CSV or bag of abbe residuals, or CSV of any other software, of a volume or a plane
-    #[arg(long)]
-    residuals: PathBuf,
-    /// Splits and trainings, each with a seed of its own
-    #[arg(long)]
-    seeds: Option<usize>,
-    /// Configuration of the training (TOML); left out, the paper's values
-    #[arg(long)]
-    config: Option<PathBuf>,
-    /// Print as JSON
-    #[arg(long)]
-    json: bool,
-}
-
-pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
+pub(crate) fn run(arguments: &CompareArguments) -> anyhow::Result<()> {
     let shutdown = Shutdown::on_signals()?;
-    let training = training::read_config(arguments.config.as_deref())?;
+    let training = data::read_config(arguments.config.as_deref())?;
     let usual = CompareConfig::default();
     let config = CompareConfig { training, seeds: arguments.seeds.unwrap_or(usual.seeds), ..usual };
     ensure!(config.seeds > 0, "--seeds must be at least 1");

@@ -2,7 +2,7 @@
 //!
 //! Place in the flow: `abbe train` writes it beside the residual model. Opens without a network.
 
-use super::Data;
+use crate::data::Data;
 use abbe_files::{ResidualFile, hex};
 use abbe_report::{
     Axis, Callout, Cell, Column, Curve, CurveStyle, Heading, Identity, KeyFigure, KeyFigures, LinePanel, LinePlot,

@@ -4,13 +4,13 @@
 //! Ctrl-C keeps the best so far and what is needed to go on, or says that there is nothing yet. The model belongs to the geometric model that the residuals
 //! are of, and corrects nothing else.
 
-use super::identify::spinner;
-use crate::exit::Ended;
-use crate::identity::{IdentityOptions, Said};
-use crate::output;
-use crate::pipeline::software;
-use crate::stop;
-use crate::training::{self, Data, report};
+use crate::data::{self, Data};
+use crate::report;
+use abbe::command::spinner;
+use abbe::command::training::{Processor, TrainArguments};
+use abbe::exit::Ended;
+use abbe::identity::Said;
+use abbe::{output, software, stop};
 use abbe_files::{DataSource, ModelFile, ResidualFile, ResidualOwner, hex, write_atomically};
 use abbe_geometry::Vector3;
 use abbe_measurement::correspondence::check_vectors;
@@ -29,41 +29,7 @@ const MOST_SHOWN: usize = 5;
 const SMALLEST_SHARE: f64 = 0.02;
 const LARGEST_SHARE: f64 = 5.0;
 
-/// Arguments of `train`.
-#[derive(Debug, clap::Args)]
-pub(crate) struct Arguments {
-    /// Residual vectors: CSV or bag of abbe residuals, or CSV of any other software
-    #[arg(long)]
-    residuals: PathBuf,
-    /// Residual model to write; its report is written beside it, ending in .html
-    #[arg(long)]
-    out: PathBuf,
-    /// Configuration (TOML); left out, the paper's values
-    #[arg(long)]
-    config: Option<PathBuf>,
-    /// Geometric model that leaves these residuals, where the file does not say
-    #[arg(long)]
-    model: Option<PathBuf>,
-    /// Where networks are trained
-    #[arg(long, value_enum, default_value_t = Processor::Cpu)]
-    device: Processor,
-    /// Go on with a training that was stopped
-    #[arg(long)]
-    resume: bool,
-    #[command(flatten)]
-    identity: IdentityOptions,
-}
-
-/// Where networks are trained.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
-enum Processor {
-    /// Processor; the same bytes each time
-    Cpu,
-    /// Graphics card, in programs built with it; as good, but other bytes from card to card
-    Wgpu,
-}
-
-pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
+pub(crate) fn run(arguments: &TrainArguments) -> anyhow::Result<()> {
     let paths = Paths::beside(&arguments.out);
     // Before the first epoch there is nothing to keep.
     let has_something = Arc::new(AtomicBool::new(false));
@@ -71,7 +37,7 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let inputs = arguments.config.iter().chain(&arguments.model).chain([&arguments.residuals]).map(PathBuf::as_path);
     output::check([arguments.out.as_path(), &paths.report, &paths.state], inputs)?;
     let device = device(arguments.device)?;
-    let config = training::read_config(arguments.config.as_deref())?;
+    let config = data::read_config(arguments.config.as_deref())?;
     let data = Data::read(&arguments.residuals)?;
     let owner = owner(arguments, &data)?;
     let resume = arguments.resume.then(|| read_state(&paths.state)).transpose()?;
@@ -122,7 +88,7 @@ impl Paths {
 }
 
 /// The geometric model that leaves these residuals, as the file or the command line says; both must agree.
-fn owner(arguments: &Arguments, data: &Data) -> anyhow::Result<Option<ResidualOwner>> {
+fn owner(arguments: &TrainArguments, data: &Data) -> anyhow::Result<Option<ResidualOwner>> {
     let told = data.owner.clone();
     let Some(path) = &arguments.model else { return Ok(told) };
     let (model, model_sha256) = ModelFile::load(path)?;
@@ -244,7 +210,14 @@ fn artifact(
     })
 }
 
-fn say(arguments: &Arguments, trained: &Trained, data: &Data, file: &ResidualFile, sha256: &[u8; 32], paths: &Paths) {
+fn say(
+    arguments: &TrainArguments,
+    trained: &Trained,
+    data: &Data,
+    file: &ResidualFile,
+    sha256: &[u8; 32],
+    paths: &Paths,
+) {
     let record = &trained.record;
     println!("{}", arguments.out.display());
     println!("  residual model    {}", hex(sha256));

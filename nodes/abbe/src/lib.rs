@@ -1,0 +1,115 @@
+//! The `abbe` command, and what the program that trains shares with it.
+//!
+//! Place in the flow: the one program a user runs; offline commands (identify, correct, verify, simulate, convert,
+//! replay), the live graph (launch, node), and the demo that does all of it on a recorded campaign. Errors are
+//! printed once, here, and give their exit code ([`exit`]). The commands that train are another program's work
+//! ([`command::training`]), so that who builds this one compiles no framework of networks; that program takes from
+//! here what is public.
+
+mod calibration;
+mod capturing;
+pub mod command;
+mod conformity;
+mod demo;
+mod diagnosis;
+pub mod exit;
+pub mod help;
+pub mod identity;
+mod log;
+pub mod output;
+mod pairs;
+mod pipeline;
+pub mod plane_field;
+mod planning;
+mod provenance;
+mod residual;
+pub mod residual_bag;
+mod rows;
+mod service_manager;
+pub mod stop;
+mod tally;
+mod verdict;
+mod verification;
+
+pub use pipeline::{is_bag, software};
+
+use abbe_runtime::ros::RosArgs;
+use abbe_runtime::{follow_launcher, gateway};
+use clap::Parser;
+use std::io::{IsTerminal, Write};
+use std::process::ExitCode;
+use tracing_subscriber::EnvFilter;
+
+/// How lines of the DDS libraries are known in the log.
+const LIBRARIES: [&str; 2] = ["rustdds::", "ros2_client::"];
+
+#[derive(Debug, Parser)]
+#[command(
+    name = "abbe",
+    version = help::VERSION,
+    about = "Corrects the coordinates of a coordinate measuring machine",
+    max_term_width = 110
+)]
+struct Arguments {
+    #[command(subcommand)]
+    command: command::Command,
+}
+
+/// The program `abbe`.
+pub fn main() -> ExitCode {
+    end(run())
+}
+
+/// Prints an error, once, and gives the exit code of a program that ends so.
+pub fn end(outcome: anyhow::Result<()>) -> ExitCode {
+    match outcome {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            // Not `eprintln!`: where nobody reads it, the exit code still tells.
+            let _ = writeln!(std::io::stderr(), "abbe: {}", told(&error));
+            ExitCode::from(exit::code(&error))
+        }
+    }
+}
+
+/// An error with its causes; a cause that an error already quotes is not said twice.
+fn told(error: &anyhow::Error) -> String {
+    error.chain().map(ToString::to_string).fold(String::new(), |said, cause| match said.as_str() {
+        "" => cause,
+        before if before.contains(&cause) => said,
+        before => format!("{before}: {cause}"),
+    })
+}
+
+/// Whether the user wants no colours, as `NO_COLOR` says: set, and not empty (no-color.org).
+fn wants_no_colour() -> bool {
+    std::env::var_os("NO_COLOR").is_some_and(|value| !value.is_empty())
+}
+
+fn run() -> anyhow::Result<()> {
+    // A node that starts a command for work beside its own takes it along when it ends.
+    follow_launcher()?;
+    // ROS arguments may follow any command; they are taken off before the rest is parsed.
+    let (ros_args, own) = RosArgs::split(std::env::args())?;
+    let arguments = help::parse(own);
+    let is_gateway = matches!(arguments.command, command::Command::Gateway(_));
+    start_log(&ros_args, if is_gateway { "gateway: " } else { "" }, arguments.command.is_live());
+    command::run(arguments.command, ros_args)
+}
+
+/// Writes the log to standard error from now on, with `before` at the beginning of each line; lines that repeat are left out
+/// where it is `throttled`.
+pub fn start_log(ros_args: &RosArgs, before: &'static str, throttled: bool) {
+    // How a table is written that is not plain CSV is always said.
+    let level = ros_args.log_level.clone().unwrap_or_else(|| "warn,abbe_files=info".to_owned());
+    // DDS speaks in gateways only; what its library has to say there is heard, but for its complaints about every clean
+    // exit and about questions that come before it has found its own publishers. RUST_LOG shows more, and less.
+    let fallback = EnvFilter::try_new(format!("{level},rustdds=error,ros2_client=error,ros2_client::node=off"))
+        .unwrap_or_default();
+    let filter = EnvFilter::try_from_default_env().unwrap_or(fallback);
+    let is_wanted = |line: &str| !gateway::is_leaving() || LIBRARIES.iter().all(|library| !line.contains(library));
+    let writer = log::Log::new(before, throttled, std::io::stderr, is_wanted);
+    let log = tracing_subscriber::fmt().with_env_filter(filter).with_writer(writer);
+    let log = log.with_ansi(std::io::stderr().is_terminal() && !wants_no_colour());
+    log.log_internal_errors(false).init();
+}
