@@ -11,7 +11,7 @@ mod lines;
 #[cfg(feature = "opcua")]
 mod opcua;
 #[cfg(not(feature = "opcua"))]
-#[path = "opcua_absent.rs"]
+#[path = "opcua/absent.rs"]
 mod opcua;
 mod recorded;
 mod ros;
