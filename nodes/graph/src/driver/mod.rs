@@ -12,7 +12,7 @@ mod linuxcnc;
 #[cfg(feature = "opcua")]
 mod opcua;
 #[cfg(not(feature = "opcua"))]
-#[path = "opcua_absent.rs"]
+#[path = "opcua/absent.rs"]
 mod opcua;
 mod recorded;
 mod ros;

@@ -64,6 +64,17 @@ fn equal_source_timestamps_are_joined_whatever_message_they_come_in() {
 }
 
 #[test]
+fn a_value_that_is_told_again_with_its_instant_is_no_second_one() {
+    let mut joiner = source(0);
+    assert_eq!(joiner.take(told(vec![at(0, 10, 1.0)])), []);
+    let all = |ms| told((0..3).map(|axis| at(axis, ms, 1.0)).collect());
+    for ms in [10, 20] {
+        let joined = joiner.take(all(ms));
+        assert_eq!((samples(&joined).len(), refusals(&joined).len()), (1, 0), "{joined:?}");
+    }
+}
+
+#[test]
 fn values_of_different_instants_are_refused_and_not_joined() {
     let mut joiner = source(0);
     let joined = joiner.take(told(vec![at(0, 10, 1.0), at(1, 11, 2.0), at(2, 10, 3.0)]));
