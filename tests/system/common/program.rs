@@ -47,11 +47,11 @@ impl Ran {
 
 /// The program of this build. Tests of the program that trains find it beside that one.
 pub(crate) fn program() -> PathBuf {
-    if let Some(path) = option_env!("CARGO_BIN_EXE_abbe") {
-        return PathBuf::from(path);
-    }
-    let other = option_env!("CARGO_BIN_EXE_abbe-train").expect("these tests are of one of the two programs");
-    let program = Path::new(other).with_file_name("abbe");
+    let program = match (option_env!("CARGO_BIN_EXE_abbe"), option_env!("CARGO_BIN_EXE_abbe-train")) {
+        (Some(own), _) => return PathBuf::from(own),
+        (None, Some(other)) => Path::new(other).with_file_name("abbe"),
+        (None, None) => panic!("these tests are of one of the two programs"),
+    };
     let how = "is not built: `cargo test --workspace` does it, or `cargo build` with the settings of the tests";
     assert!(program.is_file(), "{} {how}", program.display());
     program
