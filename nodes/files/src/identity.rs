@@ -141,11 +141,11 @@ impl Identity {
                 return wrong(path, format!("{text:?} is no day"), remedy);
             }
         }
-        if let Some([low, high]) = self.temperature_c {
-            if !(PLAUSIBLE_C.contains(&low) && PLAUSIBLE_C.contains(&high) && low <= high) {
-                let remedy = "write lowest and highest in degrees Celsius";
-                return wrong(&["temperature_c"], format!("[{low}, {high}] is no range of a measuring room"), remedy);
-            }
+        if let Some([low, high]) = self.temperature_c
+            && !(PLAUSIBLE_C.contains(&low) && PLAUSIBLE_C.contains(&high) && low <= high)
+        {
+            let remedy = "write lowest and highest in degrees Celsius";
+            return wrong(&["temperature_c"], format!("[{low}, {high}] is no range of a measuring room"), remedy);
         }
         for (key, contact) in [("laboratory", &self.laboratory), ("customer", &self.customer)] {
             let country = contact.as_ref().and_then(|contact| contact.country.as_ref());
