@@ -25,7 +25,7 @@ pub enum Way {
     /// Its plan; whether it begins again at the end.
     Planned(Drive, bool),
     /// A client, within the strokes (m).
-    Ordered(Obedient, [(f64, f64); 3]),
+    Ordered(Box<Obedient>, [(f64, f64); 3]),
 }
 
 impl Way {

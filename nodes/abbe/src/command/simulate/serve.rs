@@ -78,7 +78,7 @@ pub(super) fn run(config: &SimulationConfig, stroke_m: [(f64, f64); 3], serving:
     let way = match serving.obey {
         true => {
             let machine = Obedient::new(drive, pace).context("the plan has no point; plan one with abbe plan")?;
-            Way::Ordered(machine, stroke_m)
+            Way::Ordered(Box::new(machine), stroke_m)
         }
         false => Way::Planned(drive, serving.again),
     };
