@@ -1,7 +1,7 @@
 //! Help: commands grouped by job, an example for each, options by topic; the version with the commit.
 //!
 //! Place in the flow: around clap in `main`; completions and manual pages are made of the same description. Every command
-//! has a line in [`JOBS`]; a test holds that, and that each example is one that the program takes.
+//! has a line in `JOBS`; a test holds that, and that each example is one that the program takes.
 
 use crate::Arguments;
 use clap::{Arg, Command, CommandFactory, FromArgMatches};

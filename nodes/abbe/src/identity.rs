@@ -15,7 +15,7 @@ const TEMPERATURE: (&str, &str) = ("temp_", "_c");
 /// Options that every command with a report has.
 #[derive(Debug, Clone, Default, clap::Args)]
 pub struct IdentityOptions {
-    /// Who measured with which machine and instrument, for the report: a file with [identity], such as the machine file
+    /// Who measured with which machine and instrument, for the report: a file with a table identity, such as the machine file
     #[arg(long, value_name = "FILE")]
     identity: Option<PathBuf>,
     /// Who measured, for the report

@@ -23,7 +23,7 @@ const U_LENGTH_UM: f64 = 0.2;
 /// Who says where the machine goes.
 pub enum Way {
     /// Its plan; whether it begins again at the end.
-    Planned(Drive, bool),
+    Planned(Box<Drive>, bool),
     /// A client, within the strokes (m).
     Ordered(Box<Obedient>, [(f64, f64); 3]),
 }

@@ -91,7 +91,7 @@ pub(crate) struct Arguments {
     /// The report as PDF
     #[arg(long, value_name = "FILE")]
     pdf: Option<PathBuf>,
-    /// Digital Calibration Certificate (XML, PTB's schema 3.1) of measured lengths or of a probed sphere; wants [identity] complete
+    /// Digital Calibration Certificate (XML, PTB's schema 3.1) of measured lengths or of a probed sphere; wants the table identity complete
     #[arg(long, value_name = "FILE", conflicts_with_all = ["runs", "machine"])]
     dcc: Option<PathBuf>,
     /// Print conformity.json on standard output

@@ -80,7 +80,7 @@ pub(super) fn run(config: &SimulationConfig, stroke_m: [(f64, f64); 3], serving:
             let machine = Obedient::new(drive, pace).context("the plan has no point; plan one with abbe plan")?;
             Way::Ordered(Box::new(machine), stroke_m)
         }
-        false => Way::Planned(drive, serving.again),
+        false => Way::Planned(Box::new(drive), serving.again),
     };
     let served = Arc::new(Served::new(way, &offsets_m, serving.tracer_hz));
     let bind = |option: &str, address: &str| {
