@@ -62,3 +62,17 @@ pub(super) fn open(_: &OpcuaConfig, _: Role, _: &Path, _: &MachineFile, _: &Shut
 pub(super) fn no_tracer() -> DriverError {
     DriverError::Lines { key: "kind", problem: ABSENT.to_owned() }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::driver::DriverConfig;
+
+    #[test]
+    fn a_launch_file_that_names_the_driver_is_refused_with_what_to_do() {
+        let keys = "kind = \"opcua\"\nserver = \"opc.tcp://h:4840\"\naxes = { x_mm = \"i=1\" }";
+        let config: DriverConfig = toml::from_str(keys).unwrap();
+        let (key, problem) = config.problem(Role::Scale).unwrap();
+        assert!(key == "kind" && problem.contains("--features opcua"), "{problem}");
+    }
+}
