@@ -31,11 +31,13 @@ fn samples(joined: &[Joined]) -> Vec<(i64, [f64; 3])> {
 }
 
 fn refusals(joined: &[Joined]) -> Vec<&str> {
-    let refused = joined.iter().filter_map(|one| match one {
-        Joined::Refused(words) => Some(words.as_str()),
-        Joined::Sample { .. } => None,
-    });
-    refused.collect()
+    fn words(one: &Joined) -> Option<&str> {
+        match one {
+            Joined::Refused(words) => Some(words.as_str()),
+            Joined::Sample { .. } => None,
+        }
+    }
+    joined.iter().filter_map(words).collect()
 }
 
 fn source(apart_ms: i64) -> Joiner {
@@ -179,11 +181,11 @@ fn without_timestamps_only_answers_are_joined_and_by_their_arrival() {
     assert_eq!(refusals(&joined), ["the answer has no z"]);
 }
 
-/// Whether the session is a new one, the instant of the server, and values: axis, instant of the source, whether it is good.
-type Told = (bool, Option<i64>, Vec<(usize, Option<i64>, bool)>);
+/// Whether a session begins; the time of an answer (ms); axes with their time (ms), and whether they are good.
+type AnyTold = (bool, Option<i64>, Vec<(usize, Option<i64>, bool)>);
 
 /// Any values, in any order, of any session.
-fn any_told() -> impl Strategy<Value = Told> {
+fn any_told() -> impl Strategy<Value = AnyTold> {
     let one = (0..3_usize, proptest::option::weighted(0.9, 0..40_i64), proptest::bool::weighted(0.9));
     (proptest::bool::weighted(0.05), proptest::option::of(0..40_i64), proptest::collection::vec(one, 0..6))
 }
