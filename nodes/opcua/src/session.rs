@@ -504,12 +504,13 @@ fn number(value: &Variant) -> Option<f64> {
     number.is_finite().then_some(number)
 }
 
-/// Nanoseconds since 1970; `None` of a time that means none.
+/// Nanoseconds since 1970; `None` of a time that means none, which any before 1970 does. No difference of two of them overflows.
 fn ns_of(time: &DateTime) -> Option<i64> {
     if time.is_null() {
         return None;
     }
-    time.ticks().checked_sub(TICKS_1601_TO_1970)?.checked_mul(100)
+    let since_1970 = time.ticks().checked_sub(TICKS_1601_TO_1970)?.checked_mul(100)?;
+    (since_1970 >= 0).then_some(since_1970)
 }
 
 fn now_ns() -> i64 {
@@ -531,6 +532,8 @@ mod tests {
         assert_eq!(told(3, &DataValue::value_only(1.5)).source_ns, None);
         let null = DataValue { source_timestamp: Some(DateTime::null()), ..DataValue::value_only(7_i32) };
         assert_eq!((told(3, &null).source_ns, told(3, &null).value), (None, Ok(7.0)), "a time that means none");
+        let old = DataValue::new_at(1.5, DateTime::ymd_hms(1700, 1, 1, 0, 0, 0));
+        assert_eq!(told(3, &old).source_ns, None, "its distance from another overflows, and would pass for none");
         let overflown = DataValue::new_at_status(1.5, at, StatusCode::from(0x0000_0480));
         assert!(told(3, &overflown).is_after_loss && told(3, &overflown).value.is_ok());
         for (bad, words) in [
