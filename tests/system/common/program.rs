@@ -12,7 +12,7 @@ use abbe_runtime::ros::Domain;
 use rustix::process::{Pid, Signal, kill_process, kill_process_group};
 
 /// Far beyond what any command here takes; only a test that fails waits for it.
-const LIMIT: Duration = Duration::from_secs(60);
+const LIMIT: Duration = Duration::from_secs(240);
 
 /// How a command ended, and what it said.
 #[derive(Debug)]
