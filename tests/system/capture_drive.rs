@@ -38,7 +38,7 @@ fn plan(bench: &Bench) {
     }
     fs::create_dir_all(bench.path("plan")).unwrap();
     bench.write("plan/path.csv", path);
-    bench.write("plan/stations.csv", "station,x_mm,y_mm,z_mm\nS1,-250,-250,-150\n".to_owned());
+    bench.write("plan/stations.csv", "station,x_mm,y_mm,z_mm\nS1,-250,-250,-150\n");
 }
 
 fn free_address() -> String {
@@ -276,11 +276,13 @@ impl Looker {
     }
 }
 
+/// Commands that begin so are not passed on; the answer, with the tag in front of each line.
+type Answers = Vec<(String, Vec<&'static str>)>;
+
 /// Between the capture and the simulated machine: what the server answers can be replaced, and the connection cut.
 struct Between {
     address: String,
-    /// Commands that begin so are not passed on; the answer, with the tag in front of each line.
-    answers: Arc<Mutex<Vec<(String, Vec<&'static str>)>>>,
+    answers: Arc<Mutex<Answers>>,
     heard: Arc<Mutex<Vec<String>>>,
     streams: Arc<Mutex<Vec<TcpStream>>>,
 }

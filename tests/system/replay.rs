@@ -52,11 +52,16 @@ fn rms_um(points: &[Value], key: &str) -> f64 {
 /// The page shows everything without a network: whatever it refers to lies in it.
 fn assert_self_contained(html: &str) {
     const EMBEDDED: char = '\u{fffc}';
-    let mut parts = html.split("data:");
-    let mut rest = parts.next().unwrap().to_owned();
-    for part in parts {
-        rest.push(EMBEDDED);
-        rest += part.split_once(['"', '\'', ')']).unwrap().1;
+    let mut rest = html.to_owned();
+    for (begins, ends) in [("\"data:", '"'), ("'data:", '\''), ("(data:", ')')] {
+        let mut parts = rest.split(begins);
+        let mut kept = parts.next().unwrap().to_owned();
+        for part in parts {
+            kept.push(begins.chars().next().unwrap());
+            kept.push(EMBEDDED);
+            kept += part.split_once(ends).expect("what is embedded ends").1;
+        }
+        rest = kept;
     }
     for outside in
         ["http:", "https:", "src=\"//", "href=\"//", "@import", "<link", "<iframe", "<object", "NaN", "undefined"]
