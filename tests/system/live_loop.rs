@@ -48,7 +48,7 @@ const RATE_HZ: f64 = 250.0;
 /// Readings with the new model that are judged.
 const JUDGED: usize = 1000;
 /// From the start of the nodes to the new model; readings for it would last longer.
-const CLOSED_WITHIN: Duration = Duration::from_secs(120);
+const CLOSED_WITHIN: Duration = Duration::from_secs(300);
 const NAMESPACE: &str = "/bridge_xyz";
 
 /// The tests of this file take turns: each wants the processor for itself.

@@ -205,7 +205,8 @@ fn regress_sensors_that_part_as_never_in_the_campaign_widen_the_covariance() {
     };
     let (together, near, parted, broken) = (of(22.0, 22.0), of(22.0, 21.6), of(22.0, 20.0), of(22.0, -999.0));
     let statuses = [together, near, parted, broken].map(|correction| correction.status);
-    assert_eq!(statuses, [Status::InVolume, Status::InVolume, Status::Extrapolated, Status::InVolume]);
+    assert_eq!(statuses, [Status::InVolume, Status::InVolume, Status::Extrapolated, Status::Extrapolated]);
+    assert_eq!(broken.covariance_m2, together.covariance_m2, "a sensor that fails says nothing of the other's place");
     let variance_m2 = |correction: &Correction| correction.covariance_m2.unwrap()[(0, 0)];
     // All but 0.1 K of the difference was never seen.
     let unseen_m = |unseen_k: f64| (expands * READING_M[0] + shift) * unseen_k;
