@@ -217,7 +217,7 @@ fn regress_covariates_from_after_their_reading_are_counted_as_missing_from_a_bag
         write(&mut writer, "/cmm/tracer/reading", &tracer);
     }
     writer.finish().unwrap();
-    let CampaignFromBag { campaign, left_out } = campaign_from_bag(&bag, "cmm", &JoinSettings::default()).unwrap();
+    let CampaignFromBag { campaign, left_out, .. } = campaign_from_bag(&bag, "cmm", &JoinSettings::default()).unwrap();
     let told = "30 scale readings have covariates older than 10 s, or from after the reading, which are missing";
     assert!(left_out.iter().any(|words| words == told), "{left_out:?}");
     assert_eq!(campaign.covariate("load_kg").unwrap().values.iter().flatten().count(), 20);
