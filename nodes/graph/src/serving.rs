@@ -1,6 +1,6 @@
-//! The simulated machine on sockets: an I++ DME server for its scales, lines of text for the tracer.
+//! The simulated machine on sockets: an I++ DME or OPC UA server for its scales, lines of text for the tracer.
 //!
-//! Place in the flow: `abbe simulate --serve ippdme`, to rehearse a capture through the drivers that a real machine has. The
+//! Place in the flow: `abbe simulate --serve`, to rehearse a capture through the drivers that a real machine has. The
 //! machine begins to move when a client has begun a session and somebody reads the tracer, and goes its way whoever listens, as a
 //! real one does; or it obeys the `GoTo` of a client. Any number of clients may look at once.
 
@@ -19,6 +19,19 @@ use std::time::{Duration, Instant};
 const LOOK_UP: Duration = Duration::from_millis(20);
 /// What is stated of a single length (µm, k = 1): nobody reads it when a campaign is captured.
 const U_LENGTH_UM: f64 = 0.2;
+
+/// Axes as OPC UA serves them.
+#[cfg(feature = "opcua")]
+pub const OPCUA_AXES: [abbe_opcua::server::Served; 3] = {
+    use abbe_opcua::server::Served;
+    [Served { name: "X", unit: "_mm" }, Served { name: "Y", unit: "_mm" }, Served { name: "Z", unit: "_mm" }]
+};
+/// Namespace of their nodes.
+#[cfg(feature = "opcua")]
+pub const OPCUA_NAMESPACE: &str = abbe_opcua::server::NAMESPACE;
+/// How often these are set.
+#[cfg(feature = "opcua")]
+const OPCUA_EVERY: Duration = Duration::from_millis(5);
 
 /// Who says where the machine goes.
 pub enum Way {
@@ -131,7 +144,7 @@ impl Served {
     }
 }
 
-/// Serves until told to stop.
+/// Serves I++ DME until told to stop.
 ///
 /// # Errors
 /// A socket that takes nobody any more.
@@ -140,11 +153,49 @@ pub fn serve(
     (server, tracer): (&TcpListener, &TcpListener),
     shutdown: &Shutdown,
 ) -> std::io::Result<()> {
-    server.set_nonblocking(true)?;
+    accept(served, (Some(server), tracer), shutdown)
+}
+
+/// Serves OPC UA until told to stop; the machine begins to move when somebody reads the tracer.
+///
+/// # Errors
+/// A socket that takes nobody any more, or a server that cannot be.
+#[cfg(feature = "opcua")]
+pub fn serve_opcua(
+    served: &Arc<Served>,
+    (server, tracer): (TcpListener, &TcpListener),
+    shutdown: &Shutdown,
+) -> std::io::Result<()> {
+    served.has_session.store(true, Ordering::Relaxed);
+    thread::scope(|scope| {
+        let lines = scope.spawn(|| {
+            let outcome = accept(served, (None, tracer), shutdown);
+            // Without its tracer it is no machine to rehearse with.
+            shutdown.request();
+            outcome
+        });
+        let mut values = || match served.position() {
+            Some(at) => at.scales_mm.map(Some).to_vec(),
+            None => vec![None; OPCUA_AXES.len()],
+        };
+        let outcome =
+            abbe_opcua::server::serve(server, &OPCUA_AXES, OPCUA_EVERY, &mut values, &|| shutdown.requested());
+        shutdown.request();
+        let lines = lines.join().unwrap_or_else(|_| Err(std::io::Error::other("the tracer's thread ended")));
+        outcome.map_err(std::io::Error::other).and(lines)
+    })
+}
+
+fn accept(
+    served: &Arc<Served>,
+    (server, tracer): (Option<&TcpListener>, &TcpListener),
+    shutdown: &Shutdown,
+) -> std::io::Result<()> {
+    server.map_or(Ok(()), |server| server.set_nonblocking(true))?;
     tracer.set_nonblocking(true)?;
     while !shutdown.requested() {
         let mut is_idle = true;
-        if let Some(stream) = accepted(server)? {
+        if let Some(stream) = server.map_or(Ok(None), accepted)? {
             let (served, shutdown) = (Arc::clone(served), shutdown.clone());
             // Who leaves has left.
             thread::Builder::new().name("client".into()).spawn(move || drop(talk(&served, stream, &shutdown)))?;

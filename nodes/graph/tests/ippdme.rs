@@ -9,10 +9,13 @@ mod common;
 mod tcp;
 
 use abbe_graph::driver::{DriverConfig, DriverError, IppdmeConfig, ScaleDriver, open_scale, open_tracer};
+use abbe_graph::link::LinkState;
 use abbe_msgs::ScaleReading;
 use abbe_runtime::Shutdown;
 use cmm::Cmm;
 use common::bench;
+use std::collections::BTreeMap;
+use std::io::Write;
 use std::net::TcpListener;
 use std::path::Path;
 use std::thread;
@@ -187,6 +190,58 @@ fn garbage_is_told_with_its_line_and_a_connection_that_ends_or_falls_silent_is_m
     let address = listener.local_addr().unwrap().to_string();
     let _driver = open(&address, "reads = \"polled\"\nsilent_after_s = 0.1");
     let _kept: Vec<_> = (0..3).map(|_| listener.accept().unwrap()).collect();
+}
+
+#[test]
+fn another_coordinate_system_than_the_machines_gives_no_reading() {
+    let placed = BTreeMap::from([("PartCsy".to_owned(), [100.0, 0.0, 0.0, 0.0, 0.0, 0.0])]);
+    let server = Tcp::start(Cmm { csy: "PartCsy".to_owned(), keeps_csy: true, placed, ..Cmm::default() });
+    let mut driver = open(&server.address, "reads = \"polled\"\nevery_s = 0.02\ncovariates_every_s = 0.2");
+    let link = driver.link().unwrap();
+    let waiting = thread::spawn(move || (next(driver.as_mut()).0, driver));
+    server.wait_for(3, "StartSession()");
+    assert!(!waiting.is_finished(), "a position of the part is no reading");
+    assert!(
+        matches!(link.status().state, LinkState::Lost(words) if words.contains("its coordinate system is PartCsy")),
+        "{:?}",
+        link.status()
+    );
+    server.cmm().keeps_csy = false;
+    let (reading, mut driver) = waiting.join().unwrap();
+    assert_near(reading.reading_m, [200.0, 150.0, 100.0]);
+    // And one that is selected at a panel meanwhile is noticed with the next question for the tool.
+    server.cmm().heard.clear();
+    server.cmm().csy = "PartCsy".to_owned();
+    while server.count("StartSession()") == 0 {
+        next(driver.as_mut());
+    }
+    server.wait_for(1, "SetCoordSystem(MachineCsy)");
+}
+
+#[test]
+fn answers_without_a_position_and_without_an_end_are_told() {
+    let server = Tcp::start(Cmm { tells_nothing: true, ..Cmm::default() });
+    let mut driver = open(&server.address, "reads = \"polled\"\nevery_s = 0.02");
+    let told = driver.next_reading().unwrap_err().to_string();
+    assert!(told.contains("answered Get without a position"), "{told}");
+    assert!(driver.link().unwrap().status().refused >= 1);
+    // One that answers without end is left, and does not fill the memory.
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = listener.local_addr().unwrap().to_string();
+    let mut driver = open(&address, "reads = \"polled\"\nsilent_after_s = 60.0");
+    let link = driver.link().unwrap();
+    let waiting = thread::spawn(move || driver.next_reading().map(|reading| reading.is_some()));
+    let mut stream = listener.accept().unwrap().0;
+    let flood = "00001 # X(1), Y(2), Z(3)\r\n".repeat(1000);
+    let since = Instant::now();
+    while stream.write_all(flood.as_bytes()).is_ok() {
+        assert!(since.elapsed() < Duration::from_secs(30), "it listens for ever");
+    }
+    while !matches!(link.status().state, LinkState::Lost(words) if words.contains("does not end")) {
+        assert!(since.elapsed() < Duration::from_secs(30), "{:?}", link.status());
+        thread::sleep(Duration::from_millis(10));
+    }
+    assert!(!waiting.is_finished());
 }
 
 #[test]

@@ -123,6 +123,41 @@ fn what_is_no_reading_is_told_with_its_line_and_the_next_one_is_read() {
 }
 
 #[test]
+fn half_a_line_at_the_end_of_a_connection_a_command_or_a_packet_is_no_reading() {
+    let (listener, address) = server();
+    let columns = "columns = [\"x_mm\", \"y_mm\", \"z_mm\"]\n";
+    let writer = thread::spawn(move || {
+        // Cut in the middle of 300.125.
+        listener.accept().unwrap().0.write_all(b"100,200,300.125\n100,200,30").unwrap();
+        let mut last = listener.accept().unwrap().0;
+        last.write_all(b"100,200,300.25\n").unwrap();
+        last
+    });
+    let mut driver = scale(&config(&format!("from = {{ tcp = \"{address}\" }}\n{columns}")));
+    assert_eq!(next(driver.as_mut()).0.reading_m[2], 0.300125);
+    let (reading, refused) = next(driver.as_mut());
+    assert_eq!((reading.reading_m[2], reading.sequence), (0.30025, 1));
+    assert!(refused.len() == 1 && refused[0].contains("it was cut off"), "{refused:?}");
+    drop(writer.join().unwrap());
+
+    let text = format!("from = {{ command = [\"printf\", \"7,0,0\\\\n8,0,1\"] }}\n{columns}");
+    let mut command = scale(&config(&text));
+    assert_eq!(next(command.as_mut()).0.reading_m[0], 7e-3);
+    let (again, refused) = next(command.as_mut());
+    assert_eq!((again.reading_m[0], refused.len()), (7e-3, 1), "{refused:?}");
+
+    let free = UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().to_string();
+    let mut packets = scale(&config(&format!("from = {{ udp = \"{free}\" }}\n{columns}")));
+    let sender = UdpSocket::bind("127.0.0.1:0").unwrap();
+    for packet in ["1,2,3.5\n", "1,2,4", ".5\n1,2,5.5\n"] {
+        sender.send_to(packet.as_bytes(), &free).unwrap();
+    }
+    assert_eq!(next(packets.as_mut()).0.reading_m[2], 3.5e-3);
+    let (reading, refused) = next(packets.as_mut());
+    assert_eq!((reading.reading_m[2], refused.len()), (5.5e-3, 1), "{refused:?}");
+}
+
+#[test]
 fn a_connection_that_ends_or_falls_silent_is_made_again_and_numbers_go_on() {
     let (listener, address) = server();
     let text =

@@ -243,18 +243,25 @@ fn the_real_linuxcnc_is_read_while_it_homes_moves_and_stands() {
     wait_until("it is homed", || matches!(link.status().state, LinkState::Connected(_)));
     tell(&mut rsh, "set mode mdi");
     let begun_s = now_s();
-    tell(&mut rsh, "set mdi G21 G1 X100 Y50 Z10 F3000");
-    // 112 mm at 50 mm/s, and back by 10 mm at 10 mm/s.
-    thread::sleep(Duration::from_secs(3));
-    tell(&mut rsh, "set mdi G1 X90 F600");
-    thread::sleep(Duration::from_millis(1800));
     // A loaded host is late now and then, which is said.
-    let readings: Vec<ScaleReading> = given.try_iter().filter_map(Result::ok).collect();
+    let mut readings: Vec<ScaleReading> = Vec::new();
+    let mut stands = |x_mm: f64, feed_mm_s: f64| {
+        wait_until("it stands there", || {
+            readings.extend(given.try_iter().filter_map(Result::ok));
+            let feed = |last| covariate(last, "speed_mm_s").is_some_and(|own| (own - feed_mm_s).abs() < 1e-6);
+            readings.last().is_some_and(|last| (last.reading_m[0] * 1e3 - x_mm).abs() < 1e-6 && feed(last))
+        });
+    };
+    // 112 mm at 50 mm/s, and back by 10 mm at 10 mm/s.
+    tell(&mut rsh, "set mdi G21 G1 X100 Y50 Z10 F3000");
+    stands(100.0, 50.0);
+    tell(&mut rsh, "set mdi G1 X90 F600");
+    stands(90.0, 10.0);
     let ended_s = now_s();
     drop(linuxcnc);
     shutdown.request();
 
-    assert!(readings.len() > 300, "{}", readings.len());
+    assert!(readings.len() > 50, "{}", readings.len());
     let at = |place: usize| readings[place].reading_m.map(|m| (m * 1e9).round() / 1e6);
     let last = readings.len() - 1;
     assert_eq!((at(0), at(last)), ([0.0, 0.0, 0.0], [90.0, 50.0, 10.0]));
@@ -272,7 +279,7 @@ fn the_real_linuxcnc_is_read_while_it_homes_moves_and_stands() {
     // Between braking and standing there are others, and the feed of a standing machine is that of its last move.
     let is_pair = |pair: &&[&ScaleReading]| pair[1].sequence == pair[0].sequence + 1 && way_mm(pair[0], pair[1]) > 0.4;
     let moving: Vec<&[&ScaleReading]> = full.windows(2).filter(is_pair).collect();
-    assert!(moving.len() > 100, "{}", moving.len());
+    assert!(moving.len() > 20, "{}", moving.len());
     let worst_mm = moving.iter().map(|pair| {
         let lasts_s = pair[1].stamp.to_seconds() - pair[0].stamp.to_seconds();
         (way_mm(pair[0], pair[1]) - 50.0 * lasts_s).abs()

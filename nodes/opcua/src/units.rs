@@ -76,6 +76,11 @@ fn identifier(code: &str) -> i32 {
     code.bytes().fold(0, |number, byte| (number << 8) | i32::from(byte))
 }
 
+/// The identifier of a unit as it stands at the end of a name; `None` of one that is not known.
+pub(crate) fn identifier_of(suffix: &str) -> Option<i32> {
+    CODES.iter().find(|(_, known)| *known == suffix).map(|(code, _)| identifier(code))
+}
+
 /// One of this unit in metres; `None` of what is no length.
 pub fn metres_in(suffix: &str) -> Option<f64> {
     LENGTHS.iter().find(|(unit, _)| *unit == suffix).map(|(_, metres)| *metres)

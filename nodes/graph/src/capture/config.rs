@@ -3,7 +3,7 @@
 //! Place in the flow: read from a TOML file before anything is opened; drivers, covariates and motion are described as in a launch
 //! file. Millimetres and micrometres in the file, metres behind it.
 
-use crate::driver::{DriverConfig, IppdmeReads, LinesConfig, Role};
+use crate::driver::{DriverConfig, IppdmeReads, LinesConfig, LinuxcncConfig, Role};
 use crate::launch::MotionConfig;
 use abbe_measurement::standstill::StandstillSettings;
 use serde::{Deserialize, Serialize};
@@ -298,8 +298,16 @@ impl CaptureConfig {
         match &self.scale {
             DriverConfig::Lines(lines) => lines.offset_mm.is_some() || names(lines, "offset_x"),
             DriverConfig::Opcua(server) => server.tells_offset(),
+            DriverConfig::Linuxcnc(own) => own.offset_mm.is_some(),
+            DriverConfig::Ros(topic) => topic.offset_mm.is_some(),
             _ => true,
         }
+    }
+
+    /// Whether a driver takes its readings from ROS 2, so that the capture has to be in its graph.
+    pub(super) fn is_in_ros_graph(&self) -> bool {
+        let all = [&self.scale, &self.tracer].into_iter().chain(&self.covariates);
+        all.into_iter().any(|driver| matches!(driver, DriverConfig::Ros(_)))
     }
 
     /// Whether the driver of the tracer tells its station.
@@ -309,6 +317,7 @@ impl CaptureConfig {
             DriverConfig::Lines(lines) => {
                 lines.station.is_some() || lines.columns.is_empty() || names(lines, "station")
             }
+            DriverConfig::Ros(topic) => topic.station.is_some(),
             _ => true,
         }
     }
@@ -340,6 +349,19 @@ fn with_what_the_plan_tells(driver: &DriverConfig, role: Role) -> DriverConfig {
         DriverConfig::Lines(lines) => lines.clone(),
         DriverConfig::Opcua(server) if role == Role::Scale => {
             return DriverConfig::Opcua(Box::new(server.with_some_offset()));
+        }
+        DriverConfig::Linuxcnc(own) if role == Role::Scale => {
+            let offset_mm = own.offset_mm.or(Some([0.0; 3]));
+            return DriverConfig::Linuxcnc(LinuxcncConfig { offset_mm, ..own.clone() });
+        }
+        DriverConfig::Ros(topic) => {
+            let mut topic = topic.clone();
+            match role {
+                Role::Scale => topic.offset_mm = topic.offset_mm.or(Some([0.0; 3])),
+                Role::Tracer => topic.station = topic.station.or_else(|| Some(BY_PLAN.to_owned())),
+                Role::Sensor => {}
+            }
+            return DriverConfig::Ros(topic);
         }
         _ => return driver.clone(),
     };

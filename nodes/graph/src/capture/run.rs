@@ -12,11 +12,16 @@ use super::planned::Planned;
 use super::step::{Capturer, Told};
 use crate::connecting::stamp_of;
 use crate::driver::{DriverError, Mover, open_scale, open_sensor, open_tracer};
+use crate::launch::Launch;
 use crate::link::{Link, LinkState};
+use crate::node::{NodeError, gateway_command, user_identity};
 use crate::step::SensorMemory;
 use abbe_files::{CaptureJournal, FileError, MachineFile};
 use abbe_msgs::{ScaleReading, TracerReading};
 use abbe_runtime::Shutdown;
+use abbe_runtime::gateway::{GatewayNode, GatewayOptions};
+use abbe_runtime::ros::{Domain, NodeOptions, ParameterTable, RosError};
+use std::num::NonZeroUsize;
 use std::path::Path;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TryRecvError, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -30,6 +35,11 @@ const QUEUE: usize = 8192;
 const LOOK_UP: Duration = Duration::from_millis(50);
 /// Refused lines of a driver that are told one by one.
 const TOLD_ONE_BY_ONE: u64 = 5;
+
+/// Name in the ROS 2 graph.
+const NODE: &str = "abbe_capture";
+/// Messages of a topic that wait at most.
+const DEPTH: NonZeroUsize = NonZeroUsize::MIN.saturating_add(4095);
 
 /// What a driver's thread gives.
 enum Given {
@@ -77,6 +87,9 @@ pub enum CaptureError {
     /// Somebody has to say that the machine may move.
     #[error("standard input has ended, so that nobody can say that the machine may move; start it from a terminal")]
     NobodySays,
+    /// Drivers read topics of ROS 2, and its graph cannot be joined.
+    #[error("ROS 2: {0}")]
+    Ros(Box<NodeError>),
     /// The journal cannot be written.
     #[error("{0}; what was captured before is kept: make room, and start the capture again")]
     Journal(#[from] FileError),
@@ -331,17 +344,19 @@ fn open(
     give: &SyncSender<Given>,
 ) -> Result<(Vec<Watched>, Option<Mover>), CaptureError> {
     let (scale, tracer) = config.drivers();
+    // Drivers hold it as long as they read.
+    let ros = config.is_in_ros_graph().then(|| join_ros(machine)).transpose()?;
     let failed = |driver| move |source| CaptureError::Driver { driver, source: Box::new(source) };
-    let mut scale = open_scale(&scale, base, machine, shutdown, None).map_err(failed(SCALE))?;
+    let mut scale = open_scale(&scale, base, machine, shutdown, ros.as_ref()).map_err(failed(SCALE))?;
     let mover = scale.mover();
-    let mut tracer = open_tracer(&tracer, base, machine, shutdown, None).map_err(failed(TRACER))?;
+    let mut tracer = open_tracer(&tracer, base, machine, shutdown, ros.as_ref()).map_err(failed(TRACER))?;
     let mut links: Vec<Watched> = [(SCALE, scale.link()), (TRACER, tracer.link())]
         .into_iter()
         .filter_map(|(name, link)| Some(Watched::new(name, link?)))
         .collect();
     let memory = Arc::new(Mutex::new(SensorMemory::default()));
     for config in &config.covariates {
-        let mut sensor = open_sensor(config, base, machine, shutdown, None).map_err(failed(SENSOR))?;
+        let mut sensor = open_sensor(config, base, machine, shutdown, ros.as_ref()).map_err(failed(SENSOR))?;
         links.extend(sensor.link().map(|link| Watched::new(SENSOR, link)));
         let note = {
             let memory = Arc::clone(&memory);
@@ -360,6 +375,25 @@ fn open(
     listen(SCALE, move || scale.next_reading(), join, give.clone())?;
     listen(TRACER, move || tracer.next_reading(), |reading| Some(Given::Tracer(Box::new(reading))), give.clone())?;
     Ok((links, mover))
+}
+
+/// A place in the ROS 2 graph for drivers that read topics.
+fn join_ros(machine: &MachineFile) -> Result<GatewayNode, CaptureError> {
+    let start = || -> Result<GatewayNode, NodeError> {
+        let identity = user_identity("", NODE)?;
+        let command = gateway_command(&identity, None)?;
+        let domain = Domain::from_environment().map_err(RosError::from)?;
+        let node = NodeOptions { identity, domain, remaps: Vec::new(), parameters: ParameterTable::default() };
+        Ok(GatewayNode::start(GatewayOptions {
+            node,
+            run: None,
+            depth: DEPTH,
+            memory_limit_bytes: Launch::GATEWAY_MEMORY_MIB << 20,
+            hardware_id: machine.machine.name.clone(),
+            command,
+        })?)
+    };
+    start().map_err(|source| CaptureError::Ros(Box::new(source)))
 }
 
 /// Waits for a driver on a thread of its own.

@@ -178,6 +178,7 @@ impl Lines {
                 }
                 Some(Event::Lost(why)) => self.note_loss(&why),
                 Some(Event::TooLong) => return Err(self.of_line("it is longer than 4096 bytes".to_owned())),
+                Some(Event::Half) => return Err(self.of_line(port::HALF.to_owned())),
                 Some(Event::NotWhole) => {
                     self.note_voice();
                     tracing::info!(

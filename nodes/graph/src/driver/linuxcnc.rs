@@ -9,7 +9,7 @@
 mod sample_clock;
 
 use super::lines::LinesFrom;
-use super::lines::port::{Event, Line, Port};
+use super::lines::port::{Event, HALF, Line, Port};
 use super::{DriverError, Role, ScaleDriver, config_name};
 use crate::connecting::stamp_of;
 use crate::link::{Link, LinkState};
@@ -106,6 +106,22 @@ pub(super) fn only_scales() -> DriverError {
 }
 
 impl LinuxcncConfig {
+    /// Reads lines of a sampler, one a servo period; for checks without a LinuxCNC.
+    ///
+    /// # Errors
+    /// What is wrong with the first line that is none, in words.
+    pub fn try_lines(&self, text: &str) -> Result<(), String> {
+        let (mut commanded, mut clock) = (Commanded::default(), SampleClock::new(self.period_s, self.late_s));
+        for (place, line) in text.lines().enumerate() {
+            let sample = Sample::parse(line.trim(), self.units)?;
+            commanded.take(&sample);
+            if let Dated::At(at_s) = clock.date(sample.number, place as f64 * self.period_s) {
+                Stamp::from_seconds(at_s).map_err(|error| error.to_string())?;
+            }
+        }
+        Ok(())
+    }
+
     /// The key that is wrong, and what to do; `None` where it can be read as this.
     pub(super) fn problem(&self, role: Role) -> Option<(&'static str, String)> {
         if role != Role::Scale {
@@ -344,6 +360,7 @@ impl ScaleDriver for Linuxcnc {
                 }
                 Some(Event::Lost(why)) => self.stand(LinkState::Lost(format!("{why}; it is tried again"))),
                 Some(Event::TooLong) => return Err(self.refused("it is longer than 4096 bytes".to_owned())),
+                Some(Event::Half) => return Err(self.refused(HALF.to_owned())),
                 Some(Event::NotWhole) => {}
                 Some(Event::Line(line)) => match self.take(&line) {
                     Ok(None) => {}

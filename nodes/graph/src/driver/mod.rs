@@ -204,7 +204,7 @@ pub enum DriverError {
     #[error("the recording has been played again until its stamps ended; start the node again")]
     StampsEnd,
     /// What is to be taken from ROS 2 by a node that is not in its graph.
-    #[error("driver.kind: a topic of ROS 2 is taken by a node of `abbe launch` or `abbe node` alone")]
+    #[error("driver.kind: a topic of ROS 2 is taken by `abbe launch`, `abbe node` and `abbe capture` alone")]
     NoRos,
     /// The gateway cannot open a topic.
     #[error("driver.topic: {0}")]

@@ -416,7 +416,7 @@ impl NodeContext {
 
 /// This program again, as the gateway of a node; what it is told comes over a socket, the words are for who looks at
 /// the list of processes.
-fn gateway_command(node: &NodeIdentity, run: Option<&RunId>) -> Result<GatewayCommand, NodeError> {
+pub(crate) fn gateway_command(node: &NodeIdentity, run: Option<&RunId>) -> Result<GatewayCommand, NodeError> {
     let program = std::env::current_exe().map_err(NodeError::Program)?;
     let mut words = vec!["gateway".to_owned(), "--of".to_owned(), node.qualified()];
     words.extend(run.into_iter().flat_map(|run| ["--run".to_owned(), run.to_string()]));

@@ -19,6 +19,10 @@ pub(crate) struct Cmm {
     pub(crate) turns_wrongly: bool,
     /// Answers zeros for wherever a coordinate system lies.
     pub(crate) tells_zeros: bool,
+    /// Says that it selects a coordinate system, and stays in the one that it has.
+    pub(crate) keeps_csy: bool,
+    /// Answers `Get` without a position.
+    pub(crate) tells_nothing: bool,
     /// Commands that it does not know.
     pub(crate) unknown: BTreeSet<String>,
     /// Commands as they came.
@@ -43,6 +47,8 @@ impl Default for Cmm {
             tells_offsets: false,
             turns_wrongly: false,
             tells_zeros: false,
+            keeps_csy: false,
+            tells_nothing: false,
             unknown: BTreeSet::new(),
             heard: Vec::new(),
             has_error: false,
@@ -185,6 +191,8 @@ impl Cmm {
                 vec![format!("GetMachineClass(CartCMM{})", if self.has_table { "WithRotaryTable" } else { "" })]
             }
             "GetCoordSystem" => vec![format!("CoordSystem({})", self.csy)],
+            "SetCoordSystem" if self.keeps_csy => vec![],
+            "Get" if self.tells_nothing => vec![],
             "SetCoordSystem" => {
                 self.csy.clone_from(&arguments[0]);
                 vec![]

@@ -1,4 +1,4 @@
-//! `abbe simulate --serve ippdme`: the simulated machine behind the sockets that a real one has.
+//! `abbe simulate --serve`: the simulated machine behind the sockets that a real one has.
 //!
 //! Place in the flow: a capture is rehearsed against it, through the drivers of a real machine.
 
@@ -13,8 +13,10 @@ use std::sync::Arc;
 /// Protocols that the machine can be served over.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub(super) enum Protocol {
-    /// I++ DME for the scales, lines of text for the tracer.
+    /// I++ DME for the scales, lines of text for the tracer
     Ippdme,
+    /// OPC UA for the scales, lines of text for the tracer
+    Opcua,
 }
 
 /// How the machine is served.
@@ -23,9 +25,9 @@ pub(super) struct Serving {
     /// Serve the machine to clients while it drives the plan, until Ctrl-C, to rehearse a capture
     #[arg(long, conflicts_with = "trials")]
     serve: Option<Protocol>,
-    /// Address of the I++ DME server
-    #[arg(long, default_value = "127.0.0.1:1294", requires = "serve")]
-    listen: String,
+    /// Address of the server; 127.0.0.1:1294 for I++ DME and 127.0.0.1:4840 for OPC UA without it
+    #[arg(long, requires = "serve")]
+    listen: Option<String>,
     /// Address at which the tracer writes a line a length
     #[arg(long, default_value = "127.0.0.1:5294", requires = "serve")]
     tracer_listen: String,
@@ -44,7 +46,7 @@ pub(super) struct Serving {
     /// Begin again at the end of the plan
     #[arg(long, requires = "serve")]
     again: bool,
-    /// Move where the client orders (GoTo), not along the plan
+    /// Move where the client orders (GoTo of I++ DME), not along the plan
     #[arg(long, requires = "serve", conflicts_with = "again")]
     obey: bool,
 }
@@ -65,6 +67,11 @@ pub(super) fn run(config: &SimulationConfig, stroke_m: [(f64, f64); 3], serving:
     for (option, value, most) in numbers {
         ensure!(value > 0.0 && value <= most, "{option} {value}: give a number above 0, at most {most}");
     }
+    let protocol = serving.serve.unwrap_or(Protocol::Ippdme);
+    ensure!(
+        !serving.obey || protocol == Protocol::Ippdme,
+        "--obey: OPC UA has no order to move; leave it out, or serve ippdme"
+    );
     let Serving { dwell_s, change_s, faster, .. } = *serving;
     let pace = Pace { dwell_s, change_s, faster };
     let drive = Drive::new(config, pace)?;
@@ -88,22 +95,58 @@ pub(super) fn run(config: &SimulationConfig, stroke_m: [(f64, f64); 3], serving:
             format!("{option} {address}: cannot be listened on; name another address, such as 127.0.0.1:0")
         })
     };
-    let (server, tracer) = (bind("--listen", &serving.listen)?, bind("--tracer-listen", &serving.tracer_listen)?);
+    let listen = serving.listen.as_deref().unwrap_or(match protocol {
+        Protocol::Ippdme => "127.0.0.1:1294",
+        Protocol::Opcua => "127.0.0.1:4840",
+    });
+    let (server, tracer) = (bind("--listen", listen)?, bind("--tracer-listen", &serving.tracer_listen)?);
     let shutdown = Shutdown::on_signals()?;
     // Not `eprintln!`: it goes on whether or not somebody reads this.
     let say = |words: String| drop(writeln!(std::io::stderr(), "abbe: {words}"));
-    let moves = match serving.obey {
-        true => "it moves where the client orders".to_owned(),
-        false => format!("the way takes {:.1} min and begins when both are read", lasts_s / 60.0),
+    let moves = match (serving.obey, protocol) {
+        (true, _) => "it moves where the client orders".to_owned(),
+        (false, Protocol::Ippdme) => format!("the way takes {:.1} min and begins when both are read", lasts_s / 60.0),
+        (false, Protocol::Opcua) => {
+            format!("the way takes {:.1} min and begins when the tracer is read", lasts_s / 60.0)
+        }
     };
-    say(format!(
-        "I++ DME on {}, the tracer on {}; {moves}; Ctrl-C ends it",
-        server.local_addr()?,
-        tracer.local_addr()?
-    ));
-    for (name, offset_m) in served.holders() {
-        let [x, y, z] = offset_m.map(|m| m * 1e3);
-        say(format!("tools_mm = {{ {name} = [{x:?}, {y:?}, {z:?}] }}"));
+    let (own, tracers) = (server.local_addr()?, tracer.local_addr()?);
+    let name = match protocol {
+        Protocol::Ippdme => "I++ DME",
+        Protocol::Opcua => "OPC UA",
+    };
+    say(format!("{name} on {own}, the tracer on {tracers}; {moves}; Ctrl-C ends it"));
+    match protocol {
+        Protocol::Ippdme => {
+            for (name, offset_m) in served.holders() {
+                let [x, y, z] = offset_m.map(|m| m * 1e3);
+                say(format!("tools_mm = {{ {name} = [{x:?}, {y:?}, {z:?}] }}"));
+            }
+            Ok(serve(&served, (&server, &tracer), &shutdown)?)
+        }
+        Protocol::Opcua => serve_by_opcua(&served, (server, &tracer), &shutdown, &say),
     }
-    Ok(serve(&served, (&server, &tracer), &shutdown)?)
+}
+
+#[cfg(feature = "opcua")]
+fn serve_by_opcua(
+    served: &Arc<Served>,
+    (server, tracer): (TcpListener, &TcpListener),
+    shutdown: &Shutdown,
+    say: &dyn Fn(String),
+) -> anyhow::Result<()> {
+    use abbe_graph::serving::{OPCUA_AXES, OPCUA_NAMESPACE, serve_opcua};
+    let node = |name: &str| format!("{}_mm = \"nsu={OPCUA_NAMESPACE};s={name}\"", name.to_lowercase());
+    say(format!("axes = {{ {} }}", OPCUA_AXES.map(|axis| node(axis.name)).join(", ")));
+    Ok(serve_opcua(served, (server, tracer), shutdown)?)
+}
+
+#[cfg(not(feature = "opcua"))]
+fn serve_by_opcua(
+    _: &Arc<Served>,
+    _: (TcpListener, &TcpListener),
+    _: &Shutdown,
+    _: &dyn Fn(String),
+) -> anyhow::Result<()> {
+    anyhow::bail!("this program was built without OPC UA; build it with --features opcua, which is the default")
 }

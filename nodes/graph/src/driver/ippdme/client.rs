@@ -99,6 +99,11 @@ impl<'a> Client<'a> {
         self.heard.elapsed()
     }
 
+    /// Lines so far.
+    pub(super) fn lines(&self) -> u64 {
+        self.count
+    }
+
     /// Sends a command and gives the data of its answer when it is complete.
     pub(super) fn ask(&mut self, command: &str) -> Result<Vec<Arrived>, Stop> {
         self.next_tag = self.next_tag % 99_999 + 1;
@@ -120,6 +125,9 @@ impl<'a> Client<'a> {
             match Response::parse(text(&arrived.line)) {
                 Ok(response) if response.tag == tag => match response.kind {
                     Kind::Ack => {}
+                    Kind::Data if data.len() >= MOST_WAITING => {
+                        return Err(Stop::Lost(format!("its answer to {command} does not end")));
+                    }
                     Kind::Data => data.push(arrived),
                     Kind::Error => {
                         let told = Trouble::parse(response.data());

@@ -199,6 +199,7 @@ impl Talk {
         self.obeying.session += 1;
         let before = first_word(&client.ask("GetCoordSystem()")?);
         client.ask(&format!("SetCoordSystem({})", Csy::Machine.name()))?;
+        check_system(client)?;
         if before.as_deref() != Some(Csy::Machine.name()) {
             self.before = before.or(self.before.take());
         }
@@ -240,7 +241,12 @@ impl Talk {
             if self.config.reads == IppdmeReads::Polled && Instant::now() >= due {
                 // What was missed is not made up for.
                 due = (due + every).max(Instant::now());
-                for arrived in client.ask("Get(X(), Y(), Z())")? {
+                let answer = client.ask("Get(X(), Y(), Z())")?;
+                if answer.is_empty() {
+                    let problem = "the server answered Get without a position".to_owned();
+                    self.give(Event::Refused(client.lines(), problem))?;
+                }
+                for arrived in answer {
                     self.take_position(&arrived, false)?;
                 }
             }
@@ -253,6 +259,7 @@ impl Talk {
             let is_due = self.asked.elapsed().as_secs_f64() >= self.config.covariates_every_s;
             if is_due || self.is_tool_new || self.tool.is_err() && self.asked.elapsed() >= ASK_AGAIN {
                 self.ask_tool_and_covariates(client)?;
+                check_system(client)?;
             }
             self.obey(client)?;
             if client.silence() > silent_after {
@@ -423,6 +430,20 @@ impl Talk {
         while Instant::now() < until && !self.is_stopped.load(Ordering::Relaxed) {
             thread::sleep(LOOK_UP.min(until.saturating_duration_since(Instant::now())));
         }
+    }
+}
+
+/// Makes sure that positions are those of the machine: a server that takes the command need not follow it, and a panel may select
+/// another system meanwhile.
+fn check_system(client: &mut Client) -> Result<(), Stop> {
+    match first_word(&client.ask("GetCoordSystem()")?) {
+        Some(active) if active != Csy::Machine.name() => {
+            let wanted = Csy::Machine.name();
+            Err(Stop::Lost(format!(
+                "its coordinate system is {active}, and {wanted} was selected; select it at the server"
+            )))
+        }
+        _ => Ok(()),
     }
 }
 

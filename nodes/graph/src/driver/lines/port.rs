@@ -17,6 +17,8 @@ use std::time::{Duration, SystemTime};
 
 /// Bytes of a line at most.
 pub(super) const MOST_BYTES: usize = 4096;
+/// What is wrong with half a line.
+pub(in crate::driver) const HALF: &str = "it has no end: it was cut off, and half a number is a number, too";
 /// Lines that wait for the node's loop at most.
 const QUEUE: usize = 4096;
 
@@ -79,6 +81,8 @@ pub(in crate::driver) enum Event {
     TooLong,
     /// The first line of a serial port, which may have begun before it was opened, was passed over.
     NotWhole,
+    /// A line that was under way when its connection ended, or its packet: half a number is a number, too.
+    Half,
     /// Said each time; who listens says the same only once.
     Lost(String),
 }
@@ -112,7 +116,8 @@ impl Port {
     pub(in crate::driver) fn next(&mut self, within: Duration) -> Option<Event> {
         match self.events.recv_timeout(within) {
             Ok(event) => {
-                self.lines += u64::from(matches!(event, Event::Line(_) | Event::TooLong | Event::NotWhole));
+                self.lines +=
+                    u64::from(matches!(event, Event::Line(_) | Event::TooLong | Event::NotWhole | Event::Half));
                 Some(event)
             }
             Err(RecvTimeoutError::Timeout) => None,
@@ -183,17 +188,42 @@ fn read_stream(stream: TcpStream, give: &SyncSender<Event>, silent_after: Durati
     if give.send(Event::Connected(whom)).is_err() {
         return Ok(Err(Gone));
     }
-    read_lines(BufReader::new(stream), give)
+    read_lines(BufReader::new(stream), give, Tail::Half)
+}
+
+/// A packet ends a line, unless those before it showed that lines end with a sign: then one without it is half a line, and the
+/// beginning of the next packet the other half.
+#[derive(Debug, Default)]
+struct Packets {
+    have_ends: bool,
+    is_half: bool,
+}
+
+impl Packets {
+    /// The part of a packet that may be lines, and what its end means.
+    fn take<'a>(&mut self, packet: &'a [u8]) -> (&'a [u8], Tail) {
+        let has_end = packet.last() == Some(&b'\n');
+        let rest = match packet.iter().position(|byte| *byte == b'\n') {
+            _ if !self.is_half => packet,
+            Some(at) => &packet[at + 1..],
+            None => &[],
+        };
+        self.have_ends |= has_end;
+        self.is_half = self.have_ends && !has_end && (self.is_half || !packet.is_empty());
+        (rest, if self.have_ends { Tail::Half } else { Tail::Whole })
+    }
 }
 
 fn read_packets(socket: &UdpSocket, give: &SyncSender<Event>) -> Ended {
     let mut packet = [0; 1 << 16];
+    let mut packets = Packets::default();
     loop {
         let count = match socket.recv(&mut packet) {
             Err(error) if error.kind() == ErrorKind::Interrupted => continue,
             other => other?,
         };
-        if let Err(Gone) = read_lines(&packet[..count], give)? {
+        let (rest, tail) = packets.take(&packet[..count]);
+        if let Err(Gone) = read_lines(rest, give, tail)? {
             return Ok(Err(Gone));
         }
     }
@@ -219,15 +249,22 @@ fn read_command(words: &[String], give: &SyncSender<Event>) -> Ended {
     if give.send(Event::Connected(program.clone())).is_err() {
         return Ok(Err(Gone));
     }
-    if let Err(Gone) = read_lines(BufReader::new(output), give)? {
+    if let Err(Gone) = read_lines(BufReader::new(output), give, Tail::Half)? {
         return Ok(Err(Gone));
     }
     let status = child.0.wait()?;
     Err(std::io::Error::other(format!("it ended with {status}")))
 }
 
-/// Reads to the end. A line without an end of its own counts where it is the last.
-fn read_lines(mut input: impl BufRead, give: &SyncSender<Event>) -> Ended {
+/// What a last line without an end of its own is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Tail {
+    Whole,
+    Half,
+}
+
+/// Reads to the end.
+fn read_lines(mut input: impl BufRead, give: &SyncSender<Event>, tail: Tail) -> Ended {
     loop {
         let mut text = Vec::new();
         let most = MOST_BYTES as u64 + 1;
@@ -238,11 +275,14 @@ fn read_lines(mut input: impl BufRead, give: &SyncSender<Event>) -> Ended {
         if count == 0 {
             return Ok(Ok(()));
         }
-        let event = if text.last() != Some(&b'\n') && count > MOST_BYTES {
-            pass_over(&mut input)?;
-            Event::TooLong
-        } else {
-            Event::Line(Line { text, arrived: SystemTime::now() })
+        let event = match text.last() {
+            Some(b'\n') => Event::Line(Line { text, arrived: SystemTime::now() }),
+            _ if count > MOST_BYTES => {
+                pass_over(&mut input)?;
+                Event::TooLong
+            }
+            _ if tail == Tail::Half => Event::Half,
+            _ => Event::Line(Line { text, arrived: SystemTime::now() }),
         };
         if give.send(event).is_err() {
             return Ok(Err(Gone));
@@ -272,9 +312,9 @@ fn pass_over(input: &mut impl BufRead) -> std::io::Result<()> {
 mod tests {
     use super::*;
 
-    fn lines_of(bytes: &[u8]) -> Vec<Event> {
+    fn lines_of(bytes: &[u8], tail: Tail) -> Vec<Event> {
         let (give, events) = sync_channel(QUEUE);
-        assert!(matches!(read_lines(bytes, &give), Ok(Ok(()))));
+        assert!(matches!(read_lines(bytes, &give, tail), Ok(Ok(()))));
         drop(give);
         events.into_iter().collect()
     }
@@ -282,8 +322,36 @@ mod tests {
     #[test]
     fn a_line_that_is_too_long_is_passed_over_and_the_next_is_whole() {
         let text = format!("1,2\r\n{}\n3,4", "7".repeat(3 * MOST_BYTES));
-        let events = lines_of(text.as_bytes());
+        let events = lines_of(text.as_bytes(), Tail::Whole);
         let [Event::Line(first), Event::TooLong, Event::Line(last)] = events.as_slice() else { panic!("{events:?}") };
         assert_eq!((first.text.as_slice(), last.text.as_slice()), (b"1,2\r\n".as_slice(), b"3,4".as_slice()));
+    }
+
+    #[test]
+    fn the_last_line_of_a_connection_without_an_end_is_half_a_line() {
+        let events = lines_of(b"1,2,300.5\n1,2,30", Tail::Half);
+        assert!(matches!(events.as_slice(), [Event::Line(_), Event::Half]), "{events:?}");
+        assert!(matches!(lines_of(b"1,2,300.5\n", Tail::Half).as_slice(), [Event::Line(_)]));
+    }
+
+    #[test]
+    fn packets_end_lines_until_one_shows_that_lines_have_ends() {
+        let mut packets = Packets::default();
+        let mut lines = |packet: &str| -> Vec<String> {
+            let (rest, tail) = packets.take(packet.as_bytes());
+            let of = |event: &Event| match event {
+                Event::Line(line) => String::from_utf8_lossy(&line.text).trim_end().to_owned(),
+                other => format!("{other:?}"),
+            };
+            lines_of(rest, tail).iter().map(of).collect()
+        };
+        assert_eq!(lines("20.5"), ["20.5"], "a packet a line, without an end");
+        assert_eq!(lines("20.5\r\n20.6\r\n"), ["20.5", "20.6"]);
+        assert_eq!(lines("20"), ["Half"], "cut in the middle of a number");
+        assert_eq!(lines(".75\n20.8\n"), ["20.8"], "its other half is no line either");
+        assert_eq!(lines("1"), ["Half"]);
+        assert_eq!(lines("2"), [""; 0]);
+        assert_eq!(lines("3\n"), [""; 0]);
+        assert_eq!(lines("20.9\n"), ["20.9"]);
     }
 }

@@ -64,7 +64,7 @@ impl SampleClock {
     /// The instant of the sample of this number, which arrived then.
     pub(super) fn date(&mut self, number: i64, arrived_s: f64) -> Dated {
         let was_settled = self.is_settled;
-        if self.last.is_some_and(|last| number != last + 1) {
+        if self.last.is_some_and(|last| last.checked_add(1) != Some(number)) {
             self.forget();
             self.tie(number, arrived_s);
             return if was_settled { Dated::Lost(None) } else { Dated::NotYet };
@@ -157,6 +157,14 @@ mod tests {
         let samples = (0..10_000).map(|k| (k, ZERO_S + 0.001 * k as f64 + stood_s(k), in_bursts(k)));
         let (worst_s, dated) = errors(&mut clock, samples);
         assert!(worst_s < 0.0005 && dated > 8000, "{worst_s} {dated}");
+    }
+
+    #[test]
+    fn a_number_beyond_all_others_is_a_jump_and_no_end() {
+        let mut clock = SampleClock::new(PERIOD_S, 0.03);
+        for (number, at_s) in [(i64::MAX, ZERO_S), (i64::MIN, ZERO_S), (i64::MAX, ZERO_S + 0.001), (5, ZERO_S)] {
+            assert_eq!(clock.date(number, at_s), Dated::NotYet);
+        }
     }
 
     #[test]
