@@ -169,7 +169,7 @@ fn every_answer_ends_with_the_next_command() {
     follows(&bench, &run(["verify", "--model", &model, "--points", &points, "--html", &html]).ok(), "correct");
     assert_says(&fs::read_to_string(&html).unwrap(), &["<code>abbe correct --model model.json --in READINGS.csv"]);
     let corrected = run(["correct", "--model", &model, "--in", &points, "--out", &text(&bench.at("corrected.csv"))]);
-    follows(&bench, &corrected.errors, "verify");
+    follows(&bench, &corrected.ok(), "verify");
     // With a page and a certificate of it, where they are asked for.
     let [page, pdf] = ["corrected.html", "corrected.pdf"].map(|name| text(&bench.at(name)));
     let pages = ["--html", &page, "--pdf", &pdf, "--operator", "A. Person"];

@@ -341,11 +341,17 @@ fn the_next_command_stands_after_the_answer_and_before_the_first_picture() {
     let mut report = Report {
         title: "T".into(),
         next: Some(next),
-        sections: vec![Section::Callout(callout.clone()), heading("First"), Section::Callout(callout), heading("Second")],
+        sections: vec![
+            Section::Callout(callout.clone()),
+            heading("First"),
+            Section::Callout(callout),
+            heading("Second"),
+        ],
         ..Report::default()
     };
     let html = report.html().unwrap();
-    let command = "<p><b>Next</b>, to see &lt;more&gt;:</p>\n<pre><code>abbe verify --model &#39;a &amp; b&#39;</code></pre>";
+    let command =
+        "<p><b>Next</b>, to see &lt;more&gt;:</p>\n<pre><code>abbe verify --model &#39;a &amp; b&#39;</code></pre>";
     assert_eq!(html.matches(command).count(), 1, "{html}");
     let place = |part: &str| html.find(part).unwrap();
     assert!(place("Limit of 3 µm") < place(command) && place(command) < place(">First</h2>"));

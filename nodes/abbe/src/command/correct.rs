@@ -107,7 +107,7 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     };
     conclude(&tally, &model, &name, "line")?;
     if !is_standard(&arguments.output) {
-        eprint!("{}", next(arguments).words());
+        next(arguments).print();
     }
     Ok(())
 }
