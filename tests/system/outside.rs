@@ -30,12 +30,18 @@ fn regress_rows_that_could_not_be_corrected_are_counted_with_their_cause_and_an_
     let few = [[good; 19].as_slice(), &["2000,100,100,0,0,-60"]].concat();
     let ran = correct(&few);
     assert_says(&ran.errors, &["abbe: /", "20 rows, 19 corrected, 19 in volume, 1 rejected (first: line 21)"]);
-    assert_says(&ran.errors, &["rejected, all of them: X is outside 0.0000 … 800.0000 mm, 2000.0000 mm at most"]);
+    assert_says(
+        &ran.errors,
+        &["rejected, all of them: X is outside 0.0000 … 800.0000 mm, 2000.0000 mm at the furthest"],
+    );
     ran.ok();
     // A large share is a warning; no row inside is an exit code of its own. The output says it row by row.
     let said = correct(&[good, "100,100,100,0,0,-300", "100,100,900,0,0,-400"]);
     assert_says(&said.errors, &["abbe: warning: ", "1 extrapolated (first: line 3), 1 rejected (first: line 4)"]);
-    assert_says(&said.errors, &["extrapolated, all of them: the offset in Z is outside", "-300.0000 mm at most"]);
+    assert_says(
+        &said.errors,
+        &["extrapolated, all of them: the offset in Z is outside", "-300.0000 mm at the furthest"],
+    );
     said.ok();
     let said = correct(&["100,100,100,0,0,-300", "2,100,100,0,0,-300"]).ended(NOTHING_INSIDE);
     assert_says(&said, &["0 in volume, 2 extrapolated (first: line 2)", "no row could be corrected inside"]);

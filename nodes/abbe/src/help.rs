@@ -89,6 +89,7 @@ const JOBS: [Job; 7] = [
 const INPUT: &str = "What goes in";
 const OUTPUT: &str = "What comes out";
 const OF_A_BAG: &str = "Bags";
+const OF_WHO: &str = "Who measured, for the report";
 const CHOICES: &str = "Choices";
 
 /// Options that name what is read.
@@ -119,9 +120,12 @@ const INPUTS: [&str; 24] = [
     "to",
 ];
 /// Options that name what is written.
-const OUTPUTS: [&str; 5] = ["out", "output", "json", "format", "record"];
+const OUTPUTS: [&str; 8] = ["out", "output", "json", "format", "record", "html", "pdf", "dcc"];
 /// Options about how a bag is read or written.
 const BAGS: [&str; 3] = ["match_within_s", "max_covariate_age_s", "namespace"];
+
+/// Options about who measured, when and with what.
+const WHO: [&str; 3] = ["identity", "operator", "measured"];
 
 /// Topic of an option.
 fn topic(id: &str) -> &'static str {
@@ -129,6 +133,7 @@ fn topic(id: &str) -> &'static str {
         id if INPUTS.contains(&id) => INPUT,
         id if OUTPUTS.contains(&id) => OUTPUT,
         id if BAGS.contains(&id) => OF_A_BAG,
+        id if WHO.contains(&id) => OF_WHO,
         _ => CHOICES,
     }
 }

@@ -16,6 +16,7 @@ pub mod exit;
 pub mod help;
 pub mod identity;
 mod log;
+pub mod next;
 pub mod output;
 mod pairs;
 mod pipeline;

@@ -4,9 +4,11 @@
 //! that the model asks for, since what a cell means may depend on the cells before it. Correcting them and turning them
 //! into text is what takes long, and depends on nothing but the row. They leave in the order of the table.
 
+use crate::command::correct::Moved;
 use crate::residual::with_residual;
 use abbe_files::{FileError, PointRow, PointsReader, RowsForm, RowsText};
-use abbe_geometry::correct::{Status, correct};
+use abbe_geometry::chain::nominal_point_m;
+use abbe_geometry::correct::{Correction, Status, correct};
 use abbe_geometry::effects::{CovariateSource, CovariateValue, State};
 use abbe_geometry::model::MachineModel;
 use abbe_graph::step::OwnedField;
@@ -34,6 +36,8 @@ pub(crate) struct Part {
     rows: Range<usize>,
     /// Of each row.
     pub(crate) statuses: Vec<Status>,
+    /// What was done to each row; `None` to one that was rejected.
+    pub(crate) moved: Vec<Option<Moved>>,
     /// What to write.
     pub(crate) text: RowsText,
 }
@@ -102,14 +106,16 @@ impl Batch {
     ) -> Result<Vec<Part>, FileError> {
         let part = |rows: &Range<usize>| {
             let (mut text, mut statuses, mut outcome) = (form.text(), Vec::with_capacity(rows.len()), Ok(()));
+            let mut moved = Vec::with_capacity(rows.len());
             self.visit(rows.clone(), |row, state| {
                 let correction = with_residual(correct(model, state), residual);
                 statuses.push(correction.status);
+                moved.push(moved_by(&correction, state));
                 if outcome.is_ok() {
                     outcome = text.push(row, &correction);
                 }
             });
-            outcome.map(|()| Part { rows: rows.clone(), statuses, text })
+            outcome.map(|()| Part { rows: rows.clone(), statuses, moved, text })
         };
         let ranges: Vec<Range<usize>> =
             (0..self.read).step_by(PART).map(|first| first..self.read.min(first + PART)).collect();
@@ -118,6 +124,11 @@ impl Batch {
             several => in_parallel(several, part).into_iter().collect(),
         }
     }
+}
+
+fn moved_by(correction: &Correction, state: &State) -> Option<Moved> {
+    let by_m = correction.position_m - nominal_point_m(state.reading_m, state.offset_m);
+    Some(Moved { by_m, u_m: correction.covariance_m2?.diagonal().map(|v| v.max(0.0).sqrt()) })
 }
 
 impl Part {

@@ -26,6 +26,9 @@ pub struct Identity {
     /// Where.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub place: Option<String>,
+    /// Whose place that is, for a digital certificate.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub performed_at: Option<PerformedAt>,
     /// Day of the measurement, or first and last.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub measured: Option<String>,
@@ -50,6 +53,22 @@ pub struct Identity {
     /// Whom it is for.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub customer: Option<Contact>,
+}
+
+/// Whose place a measurement was made at, as digital certificates tell it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum PerformedAt {
+    /// The laboratory's own.
+    Laboratory,
+    /// A branch of the laboratory.
+    LaboratoryBranch,
+    /// The customer's.
+    Customer,
+    /// A branch of the customer.
+    CustomerBranch,
+    /// Somewhere else.
+    Other,
 }
 
 /// The instrument that was measured with.

@@ -52,7 +52,7 @@ pub use diagonals_csv::{DiagonalReading, read_diagonals, read_diagonals_file};
 pub use envelope::{hex, sha256_hex, sha256_of_hex};
 pub use error::{FileError, Place};
 pub use guideway_csv::{GuidewayRow, SeenTarget, read_guideway, read_guideway_file};
-pub use identity::{Contact, Identity, InstrumentIdentity, read_identity};
+pub use identity::{Contact, Identity, InstrumentIdentity, PerformedAt, read_identity};
 pub use machine::{MachineFile, OrderChoice, SIGN_CONVENTION, machine_text, parse_machine, read_machine};
 pub use model_file::{DataSource, Doubt, ModelFile, ResidualReference};
 pub use plan_path::{PathLine, PathStation, dme, gcode, path_csv, read_path, stations_csv};

@@ -6,10 +6,10 @@ use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 
 use crate::error::ReportError;
-use crate::report::Report;
+use crate::report::{NextStep, Report};
 use crate::sections::Section;
 use crate::svg::Drawing;
-use crate::text::escape;
+use crate::text::{escape, prose};
 use crate::theme;
 
 /// The embedded fonts: weight and file.
@@ -36,8 +36,15 @@ pub(crate) fn page(report: &Report) -> Result<String, ReportError> {
     );
     header(report, &mut out);
     out.push_str("<main>\n");
+    let opening = report.opening();
     for (index, section) in report.sections.iter().enumerate() {
+        if index == opening {
+            out.extend(report.next.as_ref().map(next_html));
+        }
         out.push_str(&section_html(section, index)?);
+    }
+    if opening == report.sections.len() {
+        out.extend(report.next.as_ref().map(next_html));
     }
     made_from(report, &mut out);
     out.push_str("</main>\n");
@@ -64,7 +71,7 @@ fn font_faces() -> String {
 fn header(report: &Report, out: &mut String) {
     let _ = writeln!(out, "<header class=\"top\">\n<h1>{}</h1>", escape(&report.title));
     if let Some(lead) = &report.lead {
-        let _ = writeln!(out, "<p class=\"lead\">{}</p>", escape(lead));
+        let _ = writeln!(out, "<p class=\"lead\">{}</p>", escape(&prose(lead)));
     }
     let known = report.identity.lines();
     pairs(known.iter().map(|(label, value)| (*label, value.as_str())), " identity", out);
@@ -83,6 +90,12 @@ fn pairs<'a>(known: impl Iterator<Item = (&'a str, &'a str)>, class: &str, out: 
         let _ = writeln!(out, "<dt>{}</dt><dd>{}</dd>", escape(label), escape(value));
     }
     out.push_str("</dl>\n");
+}
+
+/// The next command, ready to be copied.
+fn next_html(next: &NextStep) -> String {
+    let (what_for, command) = (escape(&next.what_for), escape(&next.command));
+    format!("<div class=\"next\"><p><b>Next</b>, {what_for}:</p>\n<pre><code>{command}</code></pre></div>\n")
 }
 
 /// Files, hashes and versions, at the end: they matter to who asks where a figure comes from.
@@ -121,7 +134,7 @@ fn contents(report: &Report, out: &mut String) {
 fn section_html(section: &Section, index: usize) -> Result<String, ReportError> {
     Ok(match section {
         Section::Heading(heading) => {
-            let intro = heading.intro.as_deref().map(|i| format!("<p>{}</p>\n", escape(i)));
+            let intro = heading.intro.as_deref().map(|i| format!("<p>{}</p>\n", escape(&prose(i))));
             let title = escape(&heading.title);
             format!("<h2 id=\"s{index}\">{title}</h2>\n{}", intro.unwrap_or_default())
         }
@@ -140,7 +153,7 @@ fn section_html(section: &Section, index: usize) -> Result<String, ReportError> 
 
 fn figure_html(section: &Section, note: Option<&str>, drawing: &Drawing) -> String {
     let title = escape(section.title());
-    let note = note.map(|n| format!("<p class=\"note\">{}</p>\n", escape(n))).unwrap_or_default();
+    let note = note.map(|n| format!("<p class=\"note\">{}</p>\n", escape(&prose(n)))).unwrap_or_default();
     let (class, scene) = match section {
         Section::Vectors(vectors) => (
             format!(" class=\"three\" data-unit=\"{}\"", escape(&vectors.vector_unit)),

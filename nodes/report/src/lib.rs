@@ -48,7 +48,7 @@ pub use demo::{
 pub use error::ReportError;
 pub use finite::check_finite;
 pub use identity::Identity;
-pub use report::{MetaItem, Report, to_json};
+pub use report::{MetaItem, NextStep, Report, to_json};
 pub use sections::{
     Axis, Bar, Bars, BoxGroup, BoxPlot, Callout, Cell, CellMap, CellPanel, Column, Comparison, ComparisonGroup, Curve,
     CurveStyle, Heading, Histogram, HistogramPanel, IsoLine, IsoPoint, Isometric, KeyFigure, KeyFigures, LinePanel,

@@ -242,8 +242,11 @@
       }
       scene.replaceChildren(make("path", { class: "vol", d: edges.join("") }));
       [["x", 1], ["y", 2], ["z", 4]].forEach(([name, corner]) => {
-        const [x, y] = project(corners[corner]);
-        scene.append(make("text", { class: "muted halo", x: x + 6, y }, name));
+        const [from, to] = [project(corners[0]), project(corners[corner])];
+        const [dx, dy] = [to[0] - from[0], to[1] - from[1]];
+        const away = 14 / Math.max(1, Math.hypot(dx, dy));
+        const place = { x: to[0] + away * dx, y: to[1] + away * dy + 4, "text-anchor": "middle" };
+        scene.append(make("text", { class: "muted halo", ...place }, name));
       });
       shown = points.map(([x, y, z]) => project([x, y, z]));
       scene.append(make("path", { class: "dot muteds", d: points.map((p) => `M${at(p)}h.01`).join("") }));

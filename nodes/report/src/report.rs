@@ -17,6 +17,15 @@ pub struct MetaItem {
     pub value: Option<String>,
 }
 
+/// The one sensible thing to do with the answer.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct NextStep {
+    /// What it is for, as the rest of a sentence: `to hold it against known points`.
+    pub what_for: String,
+    /// The command, with files by their names; what nobody can know but the reader stands in capitals.
+    pub command: String,
+}
+
 /// A report.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Report {
@@ -27,6 +36,9 @@ pub struct Report {
     /// Who, when and which, right under the title.
     #[serde(default)]
     pub identity: Identity,
+    /// What to do next, right after the answer and what limits it.
+    #[serde(default)]
+    pub next: Option<NextStep>,
     /// What the page was made from, at its end.
     pub meta: Vec<MetaItem>,
     /// Index of the section that the PNG shows; it must be a figure.
@@ -45,6 +57,12 @@ impl Report {
     pub fn check(&self) -> Result<(), ReportError> {
         check_finite(&self.title, &self.identity)?;
         self.sections.iter().try_for_each(Section::check)
+    }
+
+    /// Sections that hold the answer and its limits: key figures and callouts before anything else.
+    pub(crate) fn opening(&self) -> usize {
+        let is_opening = |section: &&Section| matches!(section, Section::KeyFigures(_) | Section::Callout(_));
+        self.sections.iter().take_while(is_opening).count()
     }
 
     /// The page: one HTML file with styles, fonts and its one script inside, and nothing from outside; whole without the script.

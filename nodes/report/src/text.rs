@@ -86,6 +86,34 @@ pub(crate) fn superscript(exponent: &str) -> String {
         .collect()
 }
 
+/// A sentence that a terminal shows as well, as a page writes it: µm and µrad for um and urad, ± for +-, true minus signs.
+pub(crate) fn prose(text: &str) -> String {
+    let word = |word: &str| {
+        let core = word.trim_end_matches(['.', ',', ';', ':', ')']);
+        let rest = &word[core.len()..];
+        let is_number = |digits: &str| !digits.is_empty() && digits.bytes().all(|b| b.is_ascii_digit() || b == b'.');
+        match core {
+            "um" | "urad" => format!("µ{}{rest}", &core[1..]),
+            _ if core.starts_with("um/") || core.starts_with("urad/") => format!("µ{}{rest}", &core[1..]),
+            "+-" => format!("±{rest}"),
+            _ => match core.strip_prefix('-').filter(|digits| is_number(digits)) {
+                Some(digits) => format!("−{digits}{rest}"),
+                None => word.to_owned(),
+            },
+        }
+    };
+    text.split(' ').map(word).collect::<Vec<_>>().join(" ")
+}
+
+/// A text whose first letter is a capital.
+pub(crate) fn capital(text: &str) -> String {
+    let mut characters = text.chars();
+    match characters.next() {
+        Some(first) => first.to_uppercase().chain(characters).collect(),
+        None => String::new(),
+    }
+}
+
 /// Label with its unit: `position x / mm` as ISO 80000-1 writes it; the label alone for a pure number.
 pub(crate) fn with_unit(label: &str, unit: &str) -> String {
     if matches!(unit, "" | "1") { label.to_owned() } else { format!("{label} / {unit}") }
@@ -98,6 +126,16 @@ mod tests {
     #[test]
     fn markup_is_escaped() {
         assert_eq!(escape("<script a=\"b\">'&\u{1}"), "&lt;script a=&quot;b&quot;&gt;&#39;&amp;\u{FFFD}");
+    }
+
+    #[test]
+    fn what_a_terminal_shows_reads_on_a_page_as_written_by_hand() {
+        assert_eq!(
+            prose("-3.5 +- 0.2 um, within 0.5 + L/400 um: -4 urad/m."),
+            "−3.5 ± 0.2 µm, within 0.5 + L/400 µm: −4 µrad/m."
+        );
+        // Names of columns, options and files are no numbers.
+        assert_eq!(prose("u_x_um --offset-mm 0,0,-60 - x-1 -a"), "u_x_um --offset-mm 0,0,-60 - x-1 -a");
     }
 
     #[test]

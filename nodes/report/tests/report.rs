@@ -332,3 +332,35 @@ fn thinned_points_are_announced() {
     let html = single(Section::LinePlot(plot)).html().unwrap();
     assert!(html.contains("One point in 3 is drawn"));
 }
+
+#[test]
+fn the_next_command_stands_after_the_answer_and_before_the_first_picture() {
+    let callout = Callout { tone: Tone::Warning, title: "Limit of 3 um".into(), text: "line X is -0.5 um off".into() };
+    let heading = |title: &str| Section::Heading(Heading { title: title.into(), intro: None });
+    let next = NextStep { what_for: "to see <more>".into(), command: "abbe verify --model 'a & b'".into() };
+    let mut report = Report {
+        title: "T".into(),
+        next: Some(next),
+        sections: vec![
+            Section::Callout(callout.clone()),
+            heading("First"),
+            Section::Callout(callout),
+            heading("Second"),
+        ],
+        ..Report::default()
+    };
+    let html = report.html().unwrap();
+    let command =
+        "<p><b>Next</b>, to see &lt;more&gt;:</p>\n<pre><code>abbe verify --model &#39;a &amp; b&#39;</code></pre>";
+    assert_eq!(html.matches(command).count(), 1, "{html}");
+    let place = |part: &str| html.find(part).unwrap();
+    assert!(place("Limit of 3 µm") < place(command) && place(command) < place(">First</h2>"));
+    // A sentence that begins small follows no file name here, and reads as written by hand.
+    assert!(html.contains("</b> Line X is −0.5 µm off"), "{html}");
+    // Also where there is nothing else, and in the PDF.
+    report.sections.truncate(1);
+    assert_eq!(report.html().unwrap().matches(command).count(), 1);
+    let with = report.pdf().unwrap().len();
+    report.next = None;
+    assert!(!report.html().unwrap().contains("class=\"next\"") && report.pdf().unwrap().len() < with);
+}

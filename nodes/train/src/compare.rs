@@ -6,6 +6,7 @@
 use crate::data::{self, Data};
 use abbe::command::spinner;
 use abbe::command::training::CompareArguments;
+use abbe::next::Next;
 use abbe_files::hex;
 use abbe_geometry::Axis;
 use abbe_residual_training::{CompareConfig, Comparison, Go, Interval, RivalRow, compare_measured};
@@ -44,7 +45,11 @@ pub(crate) fn run(arguments: &CompareArguments) -> anyhow::Result<()> {
             let value = json!({ "data": of, "comparison": compared });
             println!("{}", serde_json::to_string_pretty(&value)?);
         }
-        false => say(&data, &compared),
+        false => {
+            say(&data, &compared);
+            let next = Next::new("to make the one that these data speak for", "train");
+            next.file("--residuals", &arguments.residuals).text("--out residual.json").print();
+        }
     }
     ensure!(compared.complete, "stopped on request; the table holds the seeds that were done");
     Ok(())

@@ -6,14 +6,19 @@ use crate::data::Data;
 use abbe_files::{ResidualFile, hex};
 use abbe_report::{
     Axis, Callout, Cell, Column, Curve, CurveStyle, Heading, Identity, KeyFigure, KeyFigures, LinePanel, LinePlot,
-    MapPanel, MapPoint, MetaItem, Quantity, Report, ResidualMap, Section, TableSection, Tone,
+    MapPanel, MapPoint, MetaItem, NextStep, Quantity, Report, ResidualMap, Section, TableSection, Tone,
 };
 use abbe_residual_training::{HeldOutScores, Trained, TrainingRecord, ZERO};
 
 const AXES: [&str; 3] = ["X", "Y", "Z"];
 
 /// The page.
-pub(crate) fn html(trained: &Trained, file: &ResidualFile, data: &Data, identity: Identity) -> anyhow::Result<String> {
+pub(crate) fn html(
+    trained: &Trained,
+    file: &ResidualFile,
+    data: &Data,
+    (identity, next): (Identity, NextStep),
+) -> anyhow::Result<String> {
     let record = &trained.record;
     let mut sections = vec![answer(record), figures(record)];
     if record.flattering {
@@ -38,6 +43,7 @@ pub(crate) fn html(trained: &Trained, file: &ResidualFile, data: &Data, identity
         title: "Residual model".to_owned(),
         lead: Some(format!("What geometry leaves, learnt from {} ({} points).", data.file, data.points())),
         identity,
+        next: Some(next),
         meta: meta(record, file, data),
         main_plot: None,
         footer: Some(file.software.clone()),

@@ -10,6 +10,7 @@ use abbe::command::spinner;
 use abbe::command::training::{Processor, TrainArguments};
 use abbe::exit::Ended;
 use abbe::identity::Said;
+use abbe::next::{KNOWN_POINTS, Next};
 use abbe::{output, software, stop};
 use abbe_files::{DataSource, ModelFile, ResidualFile, ResidualOwner, hex, write_atomically};
 use abbe_geometry::Vector3;
@@ -51,7 +52,7 @@ pub(crate) fn run(arguments: &TrainArguments) -> anyhow::Result<()> {
     let file = artifact(&trained, &data, &config, owner)?;
     let machine_name = file.owner.as_ref().map(|owner| owner.machine.as_str());
     let who = arguments.identity.gather(&Said { machine_name, ..Said::default() })?.shown;
-    let html = report::html(&trained, &file, &data, who)?;
+    let html = report::html(&trained, &file, &data, (who, next(arguments, &trained).step()))?;
     let sha256 = file.save(&arguments.out)?;
     write_atomically(&paths.report, html.as_bytes())?;
     if trained.record.complete {
@@ -73,6 +74,20 @@ fn device(processor: Processor) -> anyhow::Result<Device> {
             Device::wgpu().context("--device wgpu; --device cpu trains everywhere, in seconds to minutes")
         }
     }
+}
+
+/// A field that held-out data speak for is tested with its geometric model; where they speak for none, the cause may have a name.
+fn next(arguments: &TrainArguments, trained: &Trained) -> Next {
+    if !trained.record.complete {
+        let next = Next::new("to go on", "train").file("--residuals", &arguments.residuals);
+        return next.file("--out", &arguments.out).text("--resume");
+    }
+    if trained.record.recommendation.method == ZERO {
+        let next = Next::new("to see whether what is left has a name", "diagnose");
+        return next.file("--residuals", &arguments.residuals).text("--out diagnosis");
+    }
+    let next = Next::new("to hold it, with its geometric model, against points that no fit has seen", "verify");
+    next.text("--model MODEL.json").file("--residual", &arguments.out).text(KNOWN_POINTS)
 }
 
 /// Files beside the residual model.
@@ -269,4 +284,5 @@ fn say(
         outliers.iter().take(MOST_SHOWN).for_each(|outlier| println!("    {outlier}"));
     }
     println!("  report            {}", paths.report.display());
+    next(arguments, trained).print();
 }

@@ -228,6 +228,7 @@ fn report(
         title: format!("Errors of the {:?} axis", solved.options.axis),
         lead: Some("Six errors of a linear axis from targets on its table (ISO 230-1 names).".to_owned()),
         identity: Identity::default(),
+        next: None,
         meta: meta(path, sha256),
         main_plot: Some(main_plot),
         footer: None,

@@ -9,6 +9,7 @@ pub(crate) mod probe_pose;
 pub(crate) mod sphere;
 
 use crate::identity::{IdentityOptions, Said};
+use crate::next::Next;
 use crate::output;
 use abbe_files::{AtomicFile, hex};
 use abbe_report::{MetaItem, Report};
@@ -32,6 +33,14 @@ pub(crate) struct Product {
     pub(crate) report: Option<Report>,
     /// Further files by name.
     pub(crate) files: Vec<(&'static str, String)>,
+}
+
+/// What follows from a calibration, in report and words.
+pub(crate) fn lead_on(product: &mut Product, next: &Next) {
+    product.words.push_str(&next.words());
+    if let Some(report) = &mut product.report {
+        report.next = Some(next.step());
+    }
 }
 
 impl Product {

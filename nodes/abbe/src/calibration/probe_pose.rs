@@ -228,6 +228,7 @@ impl Judged {
                 self.table.entries.len()
             )),
             identity: Identity::default(),
+            next: None,
             meta: meta(path, sha256),
             main_plot: None,
             footer: None,
@@ -277,9 +278,14 @@ impl Judged {
             y: poses.iter().map(|pose| of(pose)).collect(),
             half_width: None,
         };
+        let outside = poses.iter().filter(|pose| pose.compensated_m.is_none()).count();
+        let outside = match outside {
+            0 => String::new(),
+            _ => format!(" {outside} of {} poses lie outside of the others, where there is no table.", poses.len()),
+        };
         Section::LinePlot(LinePlot {
             title: "Error of each pose left out".to_owned(),
-            note: Some("Length of the error; poses in the order of the table below.".to_owned()),
+            note: Some(format!("Length of the error; poses in the order of the table below.{outside}")),
             columns: 1,
             band_name: None,
             panels: vec![LinePanel {

@@ -5,6 +5,7 @@
 
 mod page;
 
+use crate::next::Next;
 use abbe_files::{JournalEntry, MachineFile, write_atomically, write_campaign};
 use abbe_graph::capture::{CapturedCampaign, Capturer, Shown, SoFar, Told, campaign_of, so_far, volume_of};
 use abbe_report::{Identity, Report, to_json};
@@ -139,6 +140,8 @@ pub(crate) struct Outcome<'a> {
     pub(crate) capturer: &'a Capturer,
     pub(crate) promised_um: Option<f64>,
     pub(crate) who: &'a Identity,
+    /// What to do next.
+    pub(crate) next: &'a Next,
 }
 
 /// Writes campaign and report into a folder.
@@ -170,6 +173,7 @@ pub(crate) fn write_outcome(
         println!("{text}");
     } else {
         words(outcome, &captured, &reached, &file).iter().for_each(|line| println!("{line}"));
+        outcome.next.print();
     }
     Ok(())
 }

@@ -37,6 +37,7 @@ pub(super) fn report(outcome: &Outcome, captured: &CapturedCampaign, reached: &R
                 .to_owned(),
         ),
         identity: outcome.who.clone(),
+        next: Some(outcome.next.step()),
         meta: vec![MetaItem {
             label: "points".to_owned(),
             value: Some(format!("{} of {}", capturer.done(), capturer.wanted())),

@@ -6,6 +6,7 @@
 use crate::capturing::{Outcome, Screen, write_outcome};
 use crate::exit::Ended;
 use crate::identity::{IdentityOptions, Said};
+use crate::next::Next;
 use abbe_files::Days;
 use abbe_files::{CaptureJournal, FileError, JournalHead, MachineFile, Place, read_machine, read_path, sha256_hex};
 use abbe_graph::capture::{CaptureConfig, Capturer, Ending, Planned, capture, preview};
@@ -83,7 +84,9 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     screen.end();
     let days = Days::of_stamps_ns(capturer.taken().iter().flatten().map(|captured| captured.stamp_ns));
     let who = arguments.identity.gather(&Said { machine: Some(&job.machine), days, ..Said::default() })?.shown;
-    let outcome = Outcome { machine: &job.machine, capturer: &capturer, promised_um: job.promised_um, who: &who };
+    let next = next(arguments, &job, capturer.done() == capturer.wanted() || arguments.finish);
+    let outcome =
+        Outcome { machine: &job.machine, capturer: &capturer, promised_um: job.promised_um, who: &who, next: &next };
     let written = write_outcome(&outcome, &arguments.out, arguments.json, &shutdown);
     // What stopped it comes first; what was captured is written in any case.
     match ending {
@@ -99,6 +102,17 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
             .into())
         }
         Err(error) => Err(error).with_context(|| arguments.config.display().to_string()),
+    }
+}
+
+/// A whole campaign is identified; one with open points is gone on with.
+fn next(arguments: &Arguments, job: &Job, is_whole: bool) -> Next {
+    match is_whole {
+        true => Next::new("to identify the machine", "identify")
+            .file("--machine", &job.base.join(&job.config.machine))
+            .file("--campaign", &arguments.out.join("campaign.csv"))
+            .text("--out model.json"),
+        false => Next::new("to go on", "capture").path(&arguments.config).file("--out", &arguments.out),
     }
 }
 

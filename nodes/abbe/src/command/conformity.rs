@@ -7,6 +7,7 @@ use super::simulate::VOLUMETRIC_RMS_UM;
 use crate::conformity::{self, Limits, Product, dcc, lengths, runs, simulated, sphere};
 use crate::exit::Ended;
 use crate::identity::{IdentityOptions, Said, Who};
+use crate::next::Next;
 use crate::output;
 use abbe_conformity::length::Probing;
 use abbe_conformity::{MaximumPermissibleError, Verdict};
@@ -108,6 +109,8 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let mut product = product(arguments)?;
     let who = who(arguments)?;
     product.report.identity = who.shown.clone();
+    let next = next(arguments, product.verdict);
+    product.report.next = Some(next.step());
     // What cannot be written is said before anything is.
     let pdf = arguments.pdf.as_ref().map(|_| product.report.pdf()).transpose().context("--pdf")?;
     let dcc = arguments.dcc.as_ref().map(|_| dcc::text(&who, &product)).transpose().context("--dcc")?;
@@ -122,7 +125,7 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     }
     match arguments.json {
         true => println!("{}", serde_json::to_string_pretty(&product.json)?),
-        false => print!("{}", product.words),
+        false => print!("{}{}", product.words, next.words()),
     }
     if let Some(outside) = product.outside {
         eprintln!("abbe: {}", outside.words);
@@ -134,6 +137,52 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
             Err(Ended::undecided("neither conformity nor nonconformity is proved".to_owned()).into())
         }
         Some(Verdict::DoesNotConform) => Err(Ended::not_conforming("does not conform".to_owned()).into()),
+    }
+}
+
+/// What follows from figures without a limit, from a verdict, and from runs.
+fn next(arguments: &Arguments, verdict: Option<Verdict>) -> Next {
+    if let Some(runs) = &arguments.runs {
+        return Next::new("to find what is behind the figures", "diagnose")
+            .file("--campaign", runs)
+            .text("--out causes");
+    }
+    if arguments.machine.is_some() {
+        return Next::new("to test a real machine", "conformity --lengths LENGTHS.csv --probing bidirectional");
+    }
+    let same = |what_for: &str| {
+        let next = Next::new(what_for, "conformity");
+        match (&arguments.lengths, arguments.probing, &arguments.sphere) {
+            (Some(path), Some(ProbingText::Unidirectional), _) => {
+                next.file("--lengths", path).text("--probing unidirectional")
+            }
+            (Some(path), ..) => next.file("--lengths", path).text("--probing bidirectional"),
+            (None, _, Some(path)) => next.file("--sphere", path),
+            (None, _, None) => next,
+        }
+    };
+    let limit = match (&arguments.mpe, arguments.form_limit_um, arguments.size_limit_um, arguments.diameter_mm) {
+        (Some(mpe), ..) => format!("--mpe '{mpe}'"),
+        (None, Some(form_um), ..) => format!("--form-limit-um {form_um}"),
+        (None, None, Some(size_um), Some(diameter_mm)) => {
+            format!("--diameter-mm {diameter_mm} --size-limit-um {size_um}")
+        }
+        (None, None, ..) if arguments.sphere.is_some() => "--form-limit-um LIMIT".to_owned(),
+        (None, None, ..) => "--mpe 'A+L/K'".to_owned(),
+    };
+    match (verdict, &arguments.uncertainty) {
+        (None, _) => same("to hold the figures against a limit").text(&limit),
+        (Some(Verdict::Conforms), None) => {
+            same("to take the uncertainty of the test into account").text(&limit).text("--uncertainty 'A+L/K'")
+        }
+        (Some(Verdict::Conforms), Some(uncertainty)) => {
+            let certified = same("to certify it").text(&limit).text(&format!("--uncertainty '{uncertainty}'"));
+            certified.text("--identity LAB.toml --pdf test.pdf --dcc test.xml")
+        }
+        (Some(Verdict::Undecided | Verdict::DoesNotConform), _) => Next::new(
+            "to find and correct the machine's errors",
+            "plan --machine MACHINE.toml --request REQUEST.toml --out plan",
+        ),
     }
 }
 

@@ -3,6 +3,7 @@
 //! Place in the flow: the same messages that the scale and tracer node would publish, without running them.
 
 use super::bag_in_place;
+use crate::next::Next;
 use crate::output;
 use abbe_files::read_machine;
 use abbe_graph::driver::DriverConfig;
@@ -39,5 +40,7 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     for (topic, messages) in &summary.messages_by_topic {
         println!("{}: {messages} messages on {topic}", arguments.out.display());
     }
+    let next = Next::new("to identify the machine from it", "identify").file("--machine", &arguments.machine);
+    next.file("--campaign", &arguments.out).text("--out model.json").print();
     Ok(())
 }

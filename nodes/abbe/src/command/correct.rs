@@ -4,22 +4,32 @@
 //! at a time from file to file, row by row to standard output; bags message by message. What the rows were worth is
 //! said on standard error.
 
+mod report;
+
+pub(crate) use report::Moved;
+
 use super::bag_in_place;
 use crate::exit::Ended;
+use crate::identity::{IdentityOptions, Said};
+use crate::next::{KNOWN_POINTS, Next};
 use crate::output;
 use crate::pipeline::is_bag;
 use crate::residual::load_residual;
 use crate::rows::{Batch, MANY};
 use crate::tally::Tally;
-use abbe_files::{AtomicFile, FileError, ModelFile, Place, PointRow, PointsReader, PointsWriter};
+use abbe_files::{
+    AtomicFile, FileError, ModelFile, Place, PointRow, PointsReader, PointsWriter, hex, write_atomically,
+};
 use abbe_geometry::model::IdentifiedVolume;
 use abbe_graph::proxy::opposite_offset;
 use abbe_graph::step::{GeometricStep, Mark, OwnedField, ResidualStep, StreamWatch};
 use abbe_graph::topics;
 use abbe_msgs::bag::{BagWriter, messages};
 use abbe_msgs::{Message, ScaleReading, Sha256};
+use abbe_report::MetaItem;
 use abbe_runtime::Shutdown;
 use anyhow::{Context, ensure};
+use report::Corrections;
 use std::cell::RefCell;
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -45,14 +55,24 @@ pub(crate) struct Arguments {
     /// CSV or bag to write, or - for standard output (CSV)
     #[arg(long = "out")]
     output: PathBuf,
+    /// Page with what the rows are worth and how large the corrections are, as HTML; of a table
+    #[arg(long, value_name = "FILE")]
+    html: Option<PathBuf>,
+    /// The same as PDF
+    #[arg(long, value_name = "FILE")]
+    pdf: Option<PathBuf>,
     /// Age in seconds from which a covariate of a bag is stale
     #[arg(long, default_value_t = 10.0)]
     max_covariate_age_s: f64,
+    #[command(flatten)]
+    identity: IdentityOptions,
 }
 
 pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let others = arguments.machine.iter().chain(&arguments.residual).map(PathBuf::as_path);
-    output::check([arguments.output.as_path()], others.chain([arguments.input.as_path(), arguments.model.as_path()]))?;
+    let pages = [&arguments.html, &arguments.pdf].into_iter().flatten().map(PathBuf::as_path);
+    let outputs = pages.chain([arguments.output.as_path()]);
+    output::check(outputs, others.chain([arguments.input.as_path(), arguments.model.as_path()]))?;
     let (model, sha256) = match &arguments.machine {
         Some(machine) => ModelFile::load_for(&arguments.model, &abbe_files::read_machine(machine)?.machine.name)?,
         None => ModelFile::load(&arguments.model)?,
@@ -60,6 +80,8 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let residual = arguments.residual.as_deref().map(|path| load_residual(path, &model, &sha256)).transpose()?;
     check_kinds(&arguments.input, &arguments.output)?;
     if is_bag(&arguments.input) {
+        let has_page = arguments.html.is_some() || arguments.pdf.is_some();
+        ensure!(!has_page, "--html and --pdf are of tables; {} is a bag", arguments.input.display());
         return bag_in_place(&arguments.output, |unfinished| {
             correct_bag(arguments, model, sha256, residual, unfinished)
         });
@@ -67,17 +89,84 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let shutdown = Shutdown::on_signals()?;
     let correcting = Correcting { model: &model, residual: residual.as_ref(), shutdown: &shutdown };
     let (input, name) = input(&arguments.input)?;
+    let of_model = (&model, &sha256);
     let tally = if is_standard(&arguments.output) {
-        correct_csv(&correcting, input, &name, BufWriter::new(std::io::stdout().lock()), true)?
+        let worth = correct_csv(&correcting, input, &name, BufWriter::new(std::io::stdout().lock()), true)?;
+        write(arguments, pages_of(arguments, of_model, &worth, &name)?)?;
+        worth.tally
     } else {
         let mut file = AtomicFile::create(&arguments.output)?;
-        let tally = correct_csv(&correcting, input, &name, BufWriter::new(&mut file), false)?;
+        let worth = correct_csv(&correcting, input, &name, BufWriter::new(&mut file), false)?;
         // What ends the input on Ctrl-C may be the same Ctrl-C.
         ensure!(!shutdown.requested(), Ended::stopped("stopped on request; no output was written".to_owned()));
+        // A page that cannot be made is said before anything is there.
+        let pages = pages_of(arguments, of_model, &worth, &name)?;
         file.commit()?;
-        tally
+        write(arguments, pages)?;
+        worth.tally
     };
-    conclude(&tally, &model, &name, "line")
+    conclude(&tally, &model, &name, "line")?;
+    if !is_standard(&arguments.output) {
+        next(arguments).print();
+    }
+    Ok(())
+}
+
+/// What a table came to.
+#[derive(Default)]
+struct Worth {
+    tally: Tally,
+    corrections: Corrections,
+}
+
+/// Page and PDF, where they are asked for.
+fn pages_of(
+    arguments: &Arguments,
+    (model, sha256): (&ModelFile, &[u8; 32]),
+    worth: &Worth,
+    name: &str,
+) -> anyhow::Result<[Option<Vec<u8>>; 2]> {
+    if arguments.html.is_none() && arguments.pdf.is_none() {
+        return Ok([None, None]);
+    }
+    let machine = model.model.parts().machine.name.as_str();
+    let tables: Vec<&Path> = Some(arguments.input.as_path()).into_iter().filter(|path| !is_standard(path)).collect();
+    let who = arguments.identity.gather(&Said { machine_name: Some(machine), tables: &tables, ..Said::default() })?;
+    let file = |path: &Path| path.file_name().map_or_else(|| name.to_owned(), |n| n.to_string_lossy().into_owned());
+    let item = |label: &str, value: String| MetaItem { label: label.to_owned(), value: Some(value) };
+    let mut meta = vec![item("Model", format!("{}, SHA-256 {}", file(&arguments.model), hex(sha256)))];
+    meta.extend(arguments.residual.iter().map(|path| item("Residual model", file(path))));
+    let input = if is_standard(&arguments.input) { name.to_owned() } else { file(&arguments.input) };
+    let report = report::report(report::Page {
+        machine,
+        input: &input,
+        identity: who.shown,
+        meta,
+        tally: &worth.tally,
+        words: worth.tally.words(&model.model, &input, "line"),
+        corrections: &worth.corrections,
+        doubts: model.said_against().collect(),
+        next: next(arguments).step(),
+    });
+    let html = arguments.html.as_ref().map(|_| report.html()).transpose().context("--html")?;
+    let pdf = arguments.pdf.as_ref().map(|_| report.pdf()).transpose().context("--pdf")?;
+    Ok([html.map(String::into_bytes), pdf])
+}
+
+fn write(arguments: &Arguments, pages: [Option<Vec<u8>>; 2]) -> anyhow::Result<()> {
+    for (path, page) in [&arguments.html, &arguments.pdf].into_iter().zip(pages) {
+        if let (Some(path), Some(page)) = (path, page) {
+            write_atomically(path, &page)?;
+        }
+    }
+    Ok(())
+}
+
+/// What the corrected coordinates are worth.
+fn next(arguments: &Arguments) -> Next {
+    let verify = Next::new("to see what corrected coordinates are worth", "verify").file("--model", &arguments.model);
+    let residual = arguments.residual.iter();
+    residual.fold(verify, |verify, path| verify.file("--residual", path)).text(KNOWN_POINTS)
 }
 
 /// Says what the rows were worth.
@@ -128,7 +217,7 @@ fn correct_csv(
     name: &str,
     output: impl Write,
     is_stream: bool,
-) -> anyhow::Result<Tally> {
+) -> anyhow::Result<Worth> {
     let machine = &model.model.parts().machine;
     let writer = RefCell::new(None);
     let flush = || writer.borrow_mut().as_mut().map_or(Ok(()), PointsWriter::flush);
@@ -136,7 +225,7 @@ fn correct_csv(
     let mut reader = reader.following(model.model.reads());
     *writer.borrow_mut() = Some(PointsWriter::new(output, "output", &reader)?);
     let mut batch = Batch::new(&model.model, if is_stream { 1 } else { MANY });
-    let mut tally = Tally::default();
+    let mut worth = Worth::default();
     loop {
         batch.clear();
         while let Some(row) = batch.read(&mut reader)? {
@@ -150,14 +239,14 @@ fn correct_csv(
             reader.refuse_open_numbers()?;
         }
         if let Some(writer) = writer.borrow_mut().as_mut() {
-            write_corrected(&batch, model, *residual, writer, &mut tally)?;
+            write_corrected(&batch, model, *residual, writer, &mut worth)?;
         }
     }
-    ensure!(tally.rows() > 0, "{name}: the file holds a header but no row; give one row for each point");
+    ensure!(worth.tally.rows() > 0, "{name}: the file holds a header but no row; give one row for each point");
     if let Some(writer) = writer.take() {
         writer.finish()?.flush()?;
     }
-    Ok(tally)
+    Ok(worth)
 }
 
 /// Corrects the rows of a batch, writes and counts them.
@@ -166,13 +255,15 @@ fn write_corrected(
     model: &ModelFile,
     residual: Option<&OwnedField>,
     writer: &mut PointsWriter<impl Write>,
-    tally: &mut Tally,
+    worth: &mut Worth,
 ) -> anyhow::Result<()> {
     for part in batch.corrected(&model.model, residual, writer.form())? {
-        let mut statuses = part.statuses.iter();
+        let mut outcomes = part.statuses.iter().zip(&part.moved);
         batch.visit(part.rows(), |row, state| {
-            if let Some(status) = statuses.next() {
-                tally.add(&model.model, state, *status, row.line());
+            let Some((status, moved)) = outcomes.next() else { return };
+            worth.tally.add(&model.model, state, *status, row.line());
+            if let Some(moved) = moved {
+                worth.corrections.add(state.reading_m, row.line(), *moved);
             }
         });
         writer.append(&batch.rows()[part.rows()], part.text)?;

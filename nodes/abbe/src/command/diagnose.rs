@@ -5,8 +5,9 @@
 
 use super::identify::spinner;
 use crate::diagnosis::study::{self, DataKind};
-use crate::diagnosis::{Product, Request, output, tracer};
+use crate::diagnosis::{MODEL, Product, Request, output, tracer};
 use crate::identity::{IdentityOptions, Said};
+use crate::next::{KNOWN_POINTS, Next, READINGS};
 use crate::pipeline::BagJoin;
 use crate::pipeline::is_bag;
 use crate::verdict::{Accept, shown};
@@ -82,6 +83,8 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     bar.finish_and_clear();
     let mut product = shown(made, arguments.json)?;
     product.report.identity = who(arguments, &product.report)?;
+    let next = next(arguments, &product);
+    product.report.next = Some(next.step());
     let json = product.report.json()?;
     if shutdown.requested() {
         bail!("stopped on request; nothing was written");
@@ -89,9 +92,44 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     output::write(&arguments.out, &product, &json)?;
     match arguments.json {
         true => print!("{json}"),
-        false => println!("{}", output::words(&product.report.record, &arguments.out)),
+        false => {
+            println!("{}", output::words(&product.report.record, &arguments.out));
+            next.print();
+        }
     }
     Ok(())
+}
+
+/// What to do with what was found: test the model that came of it, then correct with it; where there is no model, make one.
+fn next(arguments: &Arguments, product: &Product) -> Next {
+    let record = &product.report.record;
+    let found = !record.effects.is_empty() || record.enriched;
+    let model = arguments.out.join(MODEL);
+    match (&product.model, &arguments.model, &arguments.campaign) {
+        (Some(_), Some(given), Some(campaign)) if !found && !record.consistent_with_noise => {
+            Next::new("to see whether a field of position explains what has no name", "residuals")
+                .file("--model", given)
+                .file("--campaign", campaign)
+                .text("--out residuals.csv")
+        }
+        (Some(_), ..) if arguments.verify.is_none() => {
+            Next::new("to hold it against points that no fit has seen", "verify")
+                .file("--model", &model)
+                .text(KNOWN_POINTS)
+        }
+        (Some(_), ..) => Next::new("to correct readings with it", "correct").file("--model", &model).text(READINGS),
+        (None, ..) if found => {
+            let data = [("--campaign", &arguments.campaign), ("--residuals", &arguments.residuals)];
+            let next = Next::new("to have a model with it, where the machine has linear axes", "diagnose");
+            let named = data.into_iter().filter_map(|(option, path)| Some((option, path.as_deref()?)));
+            let next = named.fold(next, |next, (option, path)| next.file(option, path));
+            next.text("--machine MACHINE.toml").file("--out", &arguments.out)
+        }
+        (None, ..) => {
+            let plan = "plan --machine MACHINE.toml --request REQUEST.toml --out plan";
+            Next::new("to measure all errors of the machine together", plan)
+        }
+    }
 }
 
 /// Who measured what the diagnosis is about; what the campaign itself says is in the report already.

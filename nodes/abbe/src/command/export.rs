@@ -4,6 +4,7 @@
 //! error.
 
 use crate::exit::Ended;
+use crate::next::Next;
 use crate::output;
 use abbe_field::{Grid, Table, table_within};
 use abbe_files::export::{About, ExportedFile, FORMATS, Format, SampledGrid, Writer, format, geometric_error_m};
@@ -79,6 +80,11 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         eprintln!("abbe: {}: not in this table, and not corrected by it: {what}", arguments.out.display());
     }
     print_words(arguments, format, &files);
+    Next::new(
+        "to see what the controller makes of it, on lengths measured with it",
+        "conformity --lengths LENGTHS.csv --probing bidirectional",
+    )
+    .print();
     offset_m.map_or(Ok(()), |offset_m| judge(arguments, &file, offset_m))
 }
 

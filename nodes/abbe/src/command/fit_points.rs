@@ -5,6 +5,7 @@
 //! plate lie in planes, one pose or several: what these support is fitted, the rest is named.
 
 use super::identify::spinner;
+use crate::next::{KNOWN_POINTS, Next};
 use crate::output;
 use crate::pipeline::software;
 use crate::verdict::{self, Accept};
@@ -179,6 +180,8 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         println!("{}", serde_json::to_string_pretty(&value)?);
     } else {
         print_words(arguments, (&file, &verdict), &evidence, &sha256, seconds);
+        let next = Next::new("to hold it against points that the fit has not seen", "verify");
+        next.file("--model", &arguments.out).text(KNOWN_POINTS).print();
     }
     Ok(())
 }

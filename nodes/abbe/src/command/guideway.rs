@@ -2,8 +2,9 @@
 //!
 //! Place in the flow: on its own. Tracker readings or points of any instrument; CSV, JSON and report in a folder.
 
-use crate::calibration::{check_folder, finish, guideway};
+use crate::calibration::{check_folder, finish, guideway, lead_on};
 use crate::identity::IdentityOptions;
+use crate::next::Next;
 use crate::verdict::{Accept, shown};
 use abbe_measurement::guideway::{GuidewayAxis, GuidewayFrame, GuidewayOptions, GuidewayRotation};
 use abbe_measurement::tracker::TrackerUncertainty;
@@ -105,6 +106,8 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let product = guideway::product(&arguments.points, options, tracker(arguments)?, arguments.accept);
     let mut product = shown(product, arguments.json)?;
     product.identify(&arguments.identity, &arguments.points)?;
+    let plan = "plan --machine MACHINE.toml --request REQUEST.toml --out plan";
+    lead_on(&mut product, &Next::new("to measure all errors of the machine together", plan));
     finish(&product, arguments.out.as_deref(), &arguments.points, arguments.json)
 }
 

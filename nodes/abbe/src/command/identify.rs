@@ -3,10 +3,12 @@
 //! Place in the flow: offline, before anything is corrected. Writes the model file and, with `--json`, what was
 //! found to standard output; otherwise the same in words.
 
+use crate::next::{KNOWN_POINTS, Next};
 use crate::output;
 use crate::pipeline::{self, Choices, Identification, LoadedCampaign};
 use crate::verdict::{self, Accept};
 use abbe_files::{ModelFile, hex, read_machine};
+use abbe_identify::verdict::{Finding, Grade, Subject};
 use abbe_identify::{Progress, RejectedReading};
 use abbe_runtime::Shutdown;
 use indicatif::{ProgressBar, ProgressStyle};
@@ -202,6 +204,23 @@ fn print_words(arguments: &Arguments, file: &ModelFile, found: &Identification, 
         );
     }
     print_rejected(&evidence.rejected);
+    next(arguments, found).print();
+}
+
+/// Where the residual is larger than the declared noise, its cause; else a test that the fit has no part in.
+fn next(arguments: &Arguments, found: &Identification) -> Next {
+    let is_unexplained = |finding: &Finding| {
+        finding.grade > Grade::Message && matches!(finding.subject, Subject::Noise { ratio, .. } if ratio > 1.0)
+    };
+    match found.verdict.findings.iter().any(is_unexplained) {
+        true => Next::new("to find what the model lacks", "diagnose")
+            .file("--model", &arguments.out)
+            .file("--campaign", &arguments.campaign)
+            .text("--out diagnosis"),
+        false => Next::new("to hold it against points that the fit has not seen", "verify")
+            .file("--model", &arguments.out)
+            .text(KNOWN_POINTS),
+    }
 }
 
 /// The first of the rejected readings; all of them are in the model file and in the JSON.

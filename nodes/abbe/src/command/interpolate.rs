@@ -5,6 +5,7 @@
 //! are interpolated in its plane; a point beside it has no answer.
 
 use crate::exit::Ended;
+use crate::next::Next;
 use crate::output;
 use crate::plane_field::plane_field;
 use abbe_field::idw::{EXPONENT, Idw, Reference};
@@ -166,6 +167,10 @@ fn answer(
         let kinds: Vec<String> = ["extrapolated", "no_answer", "outside"].into_iter().filter_map(kind).collect();
         eprintln!("abbe: warning: {}: {} of {} points", at.display(), kinds.join(", "), vectors.len());
     }
+    Next::new("to see what each method is worth on points left out", "interpolate")
+        .file("--vectors", &arguments.vectors)
+        .text("--splits 20")
+        .print();
     ensure!(
         count("interpolated") > 0,
         Ended::nothing_inside(format!("{}: no point lies among the measured ones", at.display()))
@@ -236,6 +241,9 @@ fn score_all(arguments: &Arguments, (field, lacks): (&MeasuredField, Lacks), spl
     for (method, total) in methods.iter().zip(&totals) {
         println!("{}", line(*method, total, lacks));
     }
+    let next =
+        Next::new("to have the errors at points of your own", "interpolate").file("--vectors", &arguments.vectors);
+    next.text("--at POINTS.csv --out errors.csv").print();
     ensure!(done == splits, Ended::stopped(format!("stopped on request after {done} of {splits} splits")));
     Ok(())
 }

@@ -6,7 +6,7 @@ mod capture;
 mod completions;
 mod conformity;
 mod convert;
-mod correct;
+pub(crate) mod correct;
 mod diagnose;
 mod export;
 mod fit_points;

@@ -4,6 +4,7 @@
 //! and set-ups. The same table goes to the terminal, to report.html and to figures.json.
 
 use super::identify::spinner;
+use crate::next::Next;
 use abbe_files::write_atomically;
 use abbe_papers::{Figure, PAPERS, Paper, PaperError, Settings, Verdict};
 use abbe_report::{
@@ -85,7 +86,10 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     write(out, &document, &json)?;
     match arguments.json {
         true => print!("{json}"),
-        false => println!("{}\n{}", words(&document), out.join("report.html").display()),
+        false => {
+            println!("{}\n{}", words(&document), out.join("report.html").display());
+            next(&document).print();
+        }
     }
     if shutdown.requested() {
         bail!("stopped on request; {} of {} papers are in the report", done(&papers, &document), papers.len());
@@ -198,6 +202,14 @@ fn write(folder: &Path, document: &Document, json: &str) -> anyhow::Result<()> {
     Ok(())
 }
 
+/// All of the runs after a part of them, the same with a user's own data after all.
+fn next(document: &Document) -> Next {
+    match document.effort < 1.0 {
+        true => Next::new("to compare with what was published", "papers"),
+        false => Next::new("to see the methods at work on a recorded campaign", "demo"),
+    }
+}
+
 fn report(document: &Document) -> Report {
     let item = |label: &str, value: String| MetaItem { label: label.to_owned(), value: Some(value) };
     let mut sections = vec![answer(document)];
@@ -207,6 +219,7 @@ fn report(document: &Document) -> Report {
         title: "Published figures, computed again".to_owned(),
         lead: Some("What the source papers report, what comes out here, how, and what can be said.".to_owned()),
         identity: Identity::default(),
+        next: Some(next(document).step()),
         meta: vec![
             item("Seed", document.seed.to_string()),
             item("Share of the full number of runs", document.effort.to_string()),
@@ -225,8 +238,7 @@ fn answer(document: &Document) -> Section {
             tone: Tone::Warning,
             title: "Not judged".to_owned(),
             text: format!(
-                "{:.0} % of the runs were made: enough to see that it works, not to compare with what was published. Next: abbe papers \
-                 without --effort.",
+                "{:.0} % of the runs were made: enough to see that it works, not to compare with what was published.",
                 document.effort * 100.0
             ),
         });
@@ -253,14 +265,16 @@ fn missing(missing: &NotComputed) -> Section {
 }
 
 fn table(paper: &str, document: &Document) -> Option<Section> {
-    let columns = ["Place", "What", "Published", "Here", "Verdict", "Why", "How"];
+    let columns = ["Figure", "Published", "Here", "Verdict", "Why, and how it was computed"];
     let rows: Vec<_> = document.figures.iter().filter(|row| row.paper == paper).collect();
     let cells = |row: &&Row| {
-        let published = row.published.as_ref().and_then(Cell::text);
-        let texts = [&row.place, &row.what].map(Cell::text).into_iter();
-        let verdict = readable(row, document.effort);
-        let rest = [row.reproduced.as_str(), &verdict, &row.reason, &row.how].map(Cell::text);
-        texts.chain([published]).chain(rest).collect()
+        vec![
+            Cell::text(format!("{}: {}", row.place, row.what)),
+            row.published.as_ref().and_then(Cell::text),
+            Cell::text(&row.reproduced),
+            Cell::text(readable(row, document.effort)),
+            Cell::text(format!("{} ({})", row.reason, row.how)),
+        ]
     };
     (!rows.is_empty()).then(|| {
         Section::Table(TableSection {

@@ -81,6 +81,7 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         println!("{}", serde_json::to_string_pretty(&planning::json(&sources, &plan))?);
     } else {
         print!("{}", planning::words(&sources, &plan, &arguments.out));
+        planning::next().print();
     }
     if plan.stopped {
         return Err(Ended::stopped("stopped on request; the best plan so far was written".to_owned()).into());

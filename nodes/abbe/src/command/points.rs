@@ -6,6 +6,7 @@
 
 use super::identify::spinner;
 use crate::exit::Ended;
+use crate::next::Next;
 use crate::output;
 use crate::pipeline;
 use crate::verdict::{self, Accept, shown};
@@ -65,7 +66,9 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     if arguments.json {
         print_json(arguments, &solved, &verdict)?
     } else {
-        print_words(arguments, &solved, &verdict)
+        print_words(arguments, &solved, &verdict);
+        let next = Next::new("to have the errors between the points", "interpolate").file("--vectors", &arguments.out);
+        next.text("--at POINTS.csv --out errors.csv").print();
     }
     let (missing, all) = (solved.unsolved.len(), solved.unsolved.len() + solved.points.len());
     if missing > 0 {

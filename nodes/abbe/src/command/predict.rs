@@ -4,6 +4,7 @@
 //! geometric model it belongs to. Points in the machine frame; residual = actual − corrected, with standard uncertainty.
 
 use crate::exit::Ended;
+use crate::next::{KNOWN_POINTS, Next};
 use crate::output;
 use abbe_files::{AtomicFile, PlainPoints, PredictedWriter, ResidualFile, hex};
 use abbe_geometry::Vector3;
@@ -54,6 +55,8 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     println!("{}", arguments.output.display());
     println!("  residual model    {}", hex(&sha256));
     println!("  points            {count}, {outside} of them outside the measured ones");
+    let next = Next::new("to see what it is worth beside its geometric model", "verify --model MODEL.json");
+    next.file("--residual", &arguments.model).text(KNOWN_POINTS).print();
     if let Some(line) = first {
         eprintln!(
             "abbe: warning: {name}: {outside} of {count} points lie outside the measured ones (first: line {line})"

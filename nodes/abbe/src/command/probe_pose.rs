@@ -3,8 +3,9 @@
 //! Place in the flow: on its own, after `abbe sphere` has fitted the centres. What the calibration leaves is for
 //! `abbe diagnose`, which takes the same file.
 
-use crate::calibration::{check_folder, finish, probe_pose};
+use crate::calibration::{check_folder, finish, lead_on, probe_pose};
 use crate::identity::IdentityOptions;
+use crate::next::Next;
 use crate::verdict::{Accept, shown};
 use abbe_measurement::probe_pose::{BeamLength, ProbePoseModel};
 use clap::ValueEnum;
@@ -54,5 +55,7 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let model = ProbePoseModel { beam, axis_offset: arguments.axis_offset };
     let mut product = shown(probe_pose::product(&arguments.centres, model, arguments.accept), arguments.json)?;
     product.identify(&arguments.identity, &arguments.centres)?;
+    let next = Next::new("to find what the calibration leaves", "diagnose").file("--campaign", &arguments.centres);
+    lead_on(&mut product, &next.text("--out causes"));
     finish(&product, arguments.out.as_deref(), &arguments.centres, arguments.json)
 }

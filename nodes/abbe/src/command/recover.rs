@@ -3,6 +3,7 @@
 //! Place in the flow: the remedy that the bag reader's errors name. The damaged bag stays as it is. Exit code 1
 //! when messages are missing, or when nobody knows whether they are.
 
+use crate::next::Next;
 use crate::output;
 use abbe_msgs::bag::{FileRecovery, recover};
 use anyhow::bail;
@@ -24,6 +25,10 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let recovery = recover(&arguments.bag, &arguments.out)?;
     println!("{}: {} messages saved", arguments.out.display(), recovery.messages_saved);
     recovery.files.iter().for_each(tell);
+    Next::new("to see that it comes out the same", "replay")
+        .file("--bag", &arguments.out)
+        .text("--model MODEL.json")
+        .print();
     if recovery.is_complete() {
         return Ok(());
     }

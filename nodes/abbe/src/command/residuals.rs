@@ -6,6 +6,7 @@
 
 use super::bag_in_place;
 use super::identify::spinner;
+use crate::next::Next;
 use crate::output;
 use crate::pipeline::{BagJoin, LoadedCampaign, load_campaign};
 use crate::residual_bag::{self, BagPoint};
@@ -116,6 +117,10 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     for note in &computed.notes {
         println!("  {note}");
     }
+    Next::new("to learn them as a field", "train")
+        .file("--residuals", &arguments.out)
+        .text("--out residual.json")
+        .print();
     Ok(())
 }
 

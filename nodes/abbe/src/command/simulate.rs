@@ -5,6 +5,7 @@
 
 mod serve;
 
+use crate::next::Next;
 use abbe_files::{MachineFile, PathLine, PathStation, read_machine, read_path, write_atomically};
 use abbe_geometry::Vector3;
 use abbe_geometry::correct::correct;
@@ -92,7 +93,7 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         config.plan = config.plan.repeated_to(readings)?;
     }
     if let Some(out) = &arguments.out {
-        write_files(&config, arguments.seed, out)?;
+        write_files(&config, arguments.seed, (&arguments.machine, out))?;
     }
     match arguments.serving.is_wanted() {
         true => serve::run(&config, machine.machine.stroke_m, &arguments.serving),
@@ -101,7 +102,7 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
 }
 
 /// Campaign and verification points of this machine.
-fn write_files(config: &SimulationConfig, seed: u64, out: &Path) -> anyhow::Result<()> {
+fn write_files(config: &SimulationConfig, seed: u64, (machine, out): (&Path, &Path)) -> anyhow::Result<()> {
     std::fs::create_dir_all(out).with_context(|| format!("{}: cannot be made", out.display()))?;
     let campaign = simulate_campaign(config)?.campaign;
     let verification = VerificationConfig { points: POINTS, seed, frame: Frame::Unknown, known_to_m: KNOWN_TO_M };
@@ -109,6 +110,8 @@ fn write_files(config: &SimulationConfig, seed: u64, out: &Path) -> anyhow::Resu
     write_atomically(&out.join("campaign.csv"), campaign_text(&campaign)?.as_bytes())?;
     write_atomically(&out.join("verify.csv"), verification_text(&campaign, &points)?.as_bytes())?;
     println!("{}: {} readings, {} verification points", out.display(), campaign.readings.len(), points.len());
+    let next = Next::new("to identify the machine from it", "identify").file("--machine", machine);
+    next.file("--campaign", &out.join("campaign.csv")).text("--out model.json").print();
     Ok(())
 }
 

@@ -2,7 +2,8 @@
 //!
 //! Place in the flow: on its own; the centres of several poses make the file that `abbe probe-pose` takes.
 
-use crate::calibration::{finish, sphere};
+use crate::calibration::{finish, lead_on, sphere};
+use crate::next::Next;
 use crate::verdict::{Accept, shown};
 use abbe_measurement::sphere::SphereRadius;
 use std::path::PathBuf;
@@ -35,6 +36,8 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         Some(mm) => SphereRadius::Known { radius_m: mm / 1e3, u_m: arguments.u_radius_um / 1e6 },
     };
     let product = sphere::product(&arguments.points, radius, arguments.u_um.map(|um| um / 1e6), arguments.accept);
-    let product = shown(product, arguments.json)?;
+    let mut product = shown(product, arguments.json)?;
+    let what_for = "to calibrate a laser probe by the centres found in several of its poses";
+    lead_on(&mut product, &Next::new(what_for, "probe-pose --centres CENTRES.csv --out pose"));
     finish(&product, None, &arguments.points, arguments.json)
 }

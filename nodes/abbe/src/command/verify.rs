@@ -5,6 +5,7 @@
 mod report;
 
 use crate::identity::{IdentityOptions, Said};
+use crate::next::{Next, READINGS};
 use crate::output;
 use crate::pairs::{PairErrors, pair_errors};
 use crate::residual::load_residual;
@@ -105,11 +106,23 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         println!("{}", serde_json::to_string_pretty(&value)?);
     } else {
         print_words(&points, &stages);
+        next(arguments, &stages).print();
     }
     if !points.tally.is_inside() {
         eprintln!("abbe: {}", points.tally.words(&model.model, &name, "line"));
     }
     Ok(points.tally.judge(&name)?)
+}
+
+/// A model that makes errors smaller corrects; one that does not lacks something.
+fn next(arguments: &Arguments, stages: &[Stage]) -> Next {
+    let is_better = stages.first().zip(stages.last()).is_some_and(|(before, after)| after.rms_um < before.rms_um);
+    if !is_better {
+        let diagnose = Next::new("to find what the model lacks", "diagnose").file("--model", &arguments.model);
+        return diagnose.text("--campaign CAMPAIGN.csv --out diagnosis");
+    }
+    let correct = Next::new("to correct readings with it", "correct").file("--model", &arguments.model);
+    arguments.residual.iter().fold(correct, |correct, path| correct.file("--residual", path)).text(READINGS)
 }
 
 /// The page, where one is asked for.
@@ -136,6 +149,7 @@ fn write(
         stages,
         extrapolated: points.extrapolated(),
         doubts: model.said_against().collect(),
+        next: next(arguments, stages).step(),
     });
     let pdf = arguments.pdf.as_ref().map(|_| report.pdf()).transpose().context("--pdf")?;
     if let Some(path) = &arguments.html {

@@ -8,6 +8,7 @@ mod report;
 
 use crate::exit::Ended;
 use crate::identity::{IdentityOptions, Said};
+use crate::next::Next;
 use crate::output;
 use abbe_files::{ModelFile, hex, write_atomically};
 use abbe_geometry::Vector3;
@@ -109,16 +110,30 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
             .map(|diagonal| compare(&file.model, diagonal, &bounds_m, offset_m))
             .collect::<anyhow::Result<_>>()?,
     };
+    let next = next(arguments, &file, &answer);
     std::fs::create_dir_all(&arguments.out).with_context(|| format!("{}: cannot be made", arguments.out.display()))?;
     write_atomically(&arguments.out.join(FILES[0]), map_text(&answer)?.as_bytes())?;
     write_atomically(&arguments.out.join(FILES[1]), diagonals_text(&answer)?.as_bytes())?;
-    write_atomically(&arguments.out.join(FILES[2]), report::report(&answer).html()?.as_bytes())?;
+    write_atomically(&arguments.out.join(FILES[2]), report::report(&answer, &next).html()?.as_bytes())?;
     if arguments.json {
-        print_json(&answer)?
+        print_json(&answer)?;
     } else {
-        print_words(arguments, &answer)?
+        print_words(arguments, &answer)?;
+        next.print();
     }
     judge(arguments, &answer)
+}
+
+/// Where nothing of the map was measured, a map at the middle of the offsets that were; else the controller's tables.
+fn next(arguments: &Arguments, file: &ModelFile, answer: &Answer) -> Next {
+    if answer.extrapolated() < answer.map.len() {
+        let export = Next::new("to take the errors to a controller", "export").file("--model", &arguments.model);
+        return export.text("--format csv --out tables.csv");
+    }
+    let middle_mm = file.model.parts().identified.offset_m.map(|(low, high)| (low + high) * 500.0);
+    let offset = middle_mm.map(|mm| format!("{mm:.1}")).join(",");
+    let again = Next::new("to map it at the offsets of the campaign", "volumetric").file("--model", &arguments.model);
+    again.text(&format!("--offset-mm {offset}")).file("--out", &arguments.out)
 }
 
 /// Says on standard error how much of the map is outside what the model was identified from.

@@ -7,7 +7,7 @@
 use super::{Product, verdict_word};
 use crate::identity::Who;
 use crate::pipeline::software;
-use abbe_files::{Contact, Days};
+use abbe_files::{Contact, Days, PerformedAt};
 use anyhow::{Context, ensure};
 use std::fmt::Write as _;
 
@@ -47,11 +47,12 @@ pub(crate) fn text(who: &Who, product: &Product) -> anyhow::Result<String> {
          <dcc:mandatoryLangCodeISO639_1>en</dcc:mandatoryLangCodeISO639_1>\
          <dcc:uniqueIdentifier>{}</dcc:uniqueIdentifier>\
          <dcc:beginPerformanceDate>{}</dcc:beginPerformanceDate><dcc:endPerformanceDate>{}</dcc:endPerformanceDate>\
-         <dcc:performanceLocation>other</dcc:performanceLocation></dcc:coreData>",
+         <dcc:performanceLocation>{}</dcc:performanceLocation></dcc:coreData>",
         escape(&wanted.country),
         escape(&wanted.certificate),
         days.first,
-        days.last
+        days.last,
+        performed_at(who.stated.performed_at)
     );
     let _ = writeln!(
         out,
@@ -195,6 +196,17 @@ fn escape(text: &str) -> String {
     out
 }
 
+/// The schema's word; it has one for "not at these", and none for "not stated".
+fn performed_at(place: Option<PerformedAt>) -> &'static str {
+    match place {
+        Some(PerformedAt::Laboratory) => "laboratory",
+        Some(PerformedAt::LaboratoryBranch) => "laboratoryBranch",
+        Some(PerformedAt::Customer) => "customer",
+        Some(PerformedAt::CustomerBranch) => "customerBranch",
+        Some(PerformedAt::Other) | None => "other",
+    }
+}
+
 fn content(text: &str) -> String {
     format!("<dcc:content lang=\"en\">{}</dcc:content>", escape(text))
 }
@@ -292,6 +304,11 @@ mod tests {
             "<si:value>-0.5800</si:value><si:unit>\\micro\\metre</si:unit><si:expandedUnc><si:uncertainty>0.3100"
         ));
         assert_eq!(text.matches("<si:expandedUnc>").count(), 1, "an uncertainty that nobody stated is not written");
+        assert!(text.contains("<dcc:performanceLocation>other<"), "nobody said where");
+        let mut at_customer = who();
+        at_customer.stated.performed_at = Some(PerformedAt::CustomerBranch);
+        let elsewhere = super::text(&at_customer, &product()).unwrap();
+        assert!(elsewhere.contains("<dcc:performanceLocation>customerBranch<"));
         assert!(text.contains("E0 &lt;largest&gt; &amp; more") && text.contains("<dcc:endPerformanceDate>2026-03-06<"));
     }
 

@@ -42,6 +42,7 @@ pub(crate) fn run(path: &Path, stated: &Stated, limits: &Limits, rule: &Decision
         title: format!("Length measurement error {}", errors.test.symbol()),
         lead: Some(lead(&errors)),
         identity: Identity::default(),
+        next: None,
         meta: meta(path, &file.sha256),
         main_plot: None,
         footer: Some(software()),

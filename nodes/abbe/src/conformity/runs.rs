@@ -174,6 +174,7 @@ fn report(path: &Path, sha256: &[u8; 32], axes: &[AxisFigures], diagonals: Optio
         title: "Positioning".to_owned(),
         lead: Some("Figures of ISO 230-2, along diagonals of ISO 230-6; deviation = actual − target.".to_owned()),
         identity: Identity::default(),
+        next: None,
         meta: meta(path, sha256),
         main_plot: None,
         footer: Some(software()),

@@ -221,6 +221,7 @@ fn report(
                 .to_owned(),
         ),
         identity: Identity::default(),
+        next: None,
         meta,
         main_plot: None,
         footer: Some(software()),

@@ -13,6 +13,7 @@ mod shipped;
 
 use crate::command::progress_text;
 use crate::identity::{self, IdentityOptions, Said};
+use crate::next::Next;
 use crate::pipeline::{self, BagJoin, Choices};
 use crate::verdict::Accept;
 use crate::verification::{self, VerificationPoints};
@@ -21,7 +22,7 @@ use abbe_runtime::{Shutdown, end_with_reader};
 use anyhow::{Context, ensure};
 use indicatif::{ProgressBar, ProgressStyle};
 use std::io::Write;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 /// Arguments of `demo`.
@@ -118,6 +119,7 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         temperature_c: identity::temperature_c(&loaded.campaign),
         ..Said::default()
     };
+    let next = next(arguments, &inputs);
     let data = report::data(&report::Facts {
         who: arguments.identity.gather(&said)?.shown,
         machine: &machine,
@@ -130,6 +132,7 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         live: &live,
         steps: &steps,
         dds: arguments.dds,
+        next: &next,
     })?;
     let since = Instant::now();
     write_atomically(&out.join("report.html"), data.html()?.as_bytes())?;
@@ -137,8 +140,17 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     write_atomically(&out.join("report.json"), data.json()?.as_bytes())?;
     finish(&bar, &format!("written in {:.1} s", since.elapsed().as_secs_f64()));
     end_with_reader()?;
-    report::print(&data, &out);
+    report::print(&data, &out, &next);
     Ok(())
+}
+
+/// The first step of the tour, with what the demo unpacked.
+fn next(arguments: &Arguments, inputs: &shipped::Inputs) -> Next {
+    let unpacked = |path: &Path| arguments.out.join(path.file_name().unwrap_or_default());
+    let machine = arguments.machine.clone().unwrap_or_else(|| unpacked(&inputs.machine));
+    let campaign = arguments.campaign.clone().unwrap_or_else(|| unpacked(&inputs.campaign));
+    let next = Next::new("to do it step by step", "identify").file("--machine", &machine);
+    next.file("--campaign", &campaign).text("--out model.json")
 }
 
 /// The verification points as a model corrects them in a file.

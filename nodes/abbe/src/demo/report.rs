@@ -6,6 +6,7 @@
 use super::closing::Loop;
 use super::live::{DIAGNOSES, Live};
 use super::{MODEL, MODEL_IN_USE};
+use crate::next::Next;
 use crate::pipeline::{Identification, LoadedCampaign};
 use crate::provenance;
 use crate::verification::{VerificationPoints, Verified, errors};
@@ -42,6 +43,8 @@ pub(super) struct Facts<'a> {
     pub(super) live: &'a Live,
     pub(super) steps: &'a [(&'static str, f64)],
     pub(super) dds: bool,
+    /// What to do next.
+    pub(super) next: &'a Next,
 }
 
 /// The report's data.
@@ -79,7 +82,7 @@ pub(super) fn data(facts: &Facts) -> anyhow::Result<DemoReport> {
 }
 
 /// A short summary on standard output: the answer first.
-pub(super) fn print(data: &DemoReport, out: &Path) {
+pub(super) fn print(data: &DemoReport, out: &Path, next: &Next) {
     println!("3-D error at {} points that took no part in any fit (um):", data.verification.len());
     for (state, errors) in data.errors_by_state_um() {
         println!("  {state:<15} rms {:7.3}  max {:7.3}", rms(&errors).unwrap_or(0.0), max_abs(&errors).unwrap_or(0.0));
@@ -91,6 +94,7 @@ pub(super) fn print(data: &DemoReport, out: &Path) {
         println!("  note: {warning}");
     }
     println!("report: {}", out.join("report.html").display());
+    next.print();
 }
 
 /// Verification errors, once the corrected positions that came over the live topic are those of the file.
@@ -153,6 +157,7 @@ fn header(facts: &Facts, closing: Option<&Closing>) -> RunHeader {
         title: format!("Live correction of {}", facts.machine.machine.name),
         what,
         identity: facts.who.clone(),
+        next: Some(facts.next.step()),
         about: provenance::of_campaign(&facts.loaded.campaign, facts.machine.instrument)
             .iter()
             .map(|(what, words)| entry(what, words))
@@ -341,7 +346,13 @@ fn live(facts: &Facts) -> LiveFigures {
 }
 
 fn warnings(facts: &Facts) -> Vec<String> {
-    let mut warnings: Vec<String> = facts.found.verdict.findings.iter().map(ToString::to_string).collect();
+    // What the first model lacked is answered where another one took over.
+    let before = match facts.points_after_loop {
+        Some(_) => "before the loop, ",
+        None => "",
+    };
+    let findings = facts.found.verdict.findings.iter();
+    let mut warnings: Vec<String> = findings.map(|finding| format!("{before}{finding}")).collect();
     let extrapolated = facts.points.extrapolated();
     if extrapolated > 0 {
         warnings.push(format!("{extrapolated} verification points lie outside the identified volume or offsets."));

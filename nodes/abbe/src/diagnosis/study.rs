@@ -111,7 +111,7 @@ fn conclude(
     let Some(machine) = machine else {
         record.notes.push("No model file was made: name the machine with --machine to have one.".to_owned());
         return Ok(Product {
-            report: DiagnosisReport { record, residuals: None, figures, identity: Identity::default() },
+            report: DiagnosisReport { record, residuals: None, figures, identity: Identity::default(), next: None },
             model: None,
         });
     };
@@ -132,7 +132,10 @@ fn conclude(
         record.notes.extend(left_out.map(|(name, reason)| format!("Not for a model: {name}; {reason}.")));
         record.notes.push("No model file was made: nothing was found that a model could correct.".to_owned());
     }
-    Ok(Product { report: DiagnosisReport { record, residuals: None, figures, identity: Identity::default() }, model })
+    Ok(Product {
+        report: DiagnosisReport { record, residuals: None, figures, identity: Identity::default(), next: None },
+        model,
+    })
 }
 
 /// The position table as a picture: mean error and two standard deviations by target and direction, an axis a panel.

@@ -140,7 +140,7 @@ pub(crate) fn run(
         points.score(&mut record, &before, &after)?;
     }
     Ok(Product {
-        report: DiagnosisReport { record, residuals: Some(residuals), figures: Vec::new(), identity },
+        report: DiagnosisReport { record, residuals: Some(residuals), figures: Vec::new(), identity, next: None },
         model: Some(bytes),
     })
 }

@@ -4,6 +4,7 @@
 
 mod page;
 
+use crate::next::Next;
 use abbe_files::MachineFile;
 use abbe_geometry::effects::{Shape, ShapeValue};
 use abbe_plan::{Plan, Promise, Request, Wish};
@@ -32,10 +33,15 @@ enum Outcome {
 fn shape_words(shape: &Shape) -> String {
     let word = |(key, value): (&String, &ShapeValue)| match value {
         ShapeValue::Text(text) => Some(format!("{key} {text}")),
-        ShapeValue::Number(number) if key != "start_s" => Some(format!("{key} {number:.4}")),
+        ShapeValue::Number(number) if key != "start_s" => Some(format!("{key} {}", figure(*number))),
         _ => None,
     };
     shape.0.iter().filter_map(word).collect::<Vec<_>>().join(", ")
+}
+
+/// A number of a shape: a count has no decimals.
+fn figure(number: f64) -> String {
+    if number.fract() == 0.0 { format!("{number:.0}") } else { format!("{number:.4}") }
 }
 
 /// Size of a parameter in the unit of readers.
@@ -230,6 +236,14 @@ pub(crate) fn json(sources: &Sources, plan: &Plan) -> Value {
         "effects": effects_json(promise),
         "software": crate::pipeline::software(),
     })
+}
+
+/// What follows from a plan.
+pub(crate) fn next() -> Next {
+    Next::new(
+        "to take its readings, once a file says where scales and tracer are read",
+        "capture CAPTURE.toml --out captured",
+    )
 }
 
 fn effects_json(promise: &Promise) -> Value {

@@ -16,14 +16,9 @@ const PLANES: usize = 3;
 /// The report.
 pub(crate) fn report(sources: &Sources, plan: &Plan) -> Report {
     let meta = |label: &str, value: String| MetaItem { label: label.to_owned(), value: Some(value) };
-    let mut sections: Vec<Section> = stopped(plan).into_iter().collect();
-    sections.extend([
-        key_figures(plan),
-        picture(sources, plan),
-        map(sources, &plan.promise),
-        lines(plan),
-        errors(&plan.promise),
-    ]);
+    let mut sections = vec![key_figures(plan)];
+    sections.extend(stopped(plan));
+    sections.extend([picture(sources, plan), map(sources, &plan.promise), lines(plan), errors(&plan.promise)]);
     sections.extend(effects(&plan.promise));
     Report {
         title: format!("Planned campaign of {}", sources.machine.machine.name),
@@ -33,6 +28,7 @@ pub(crate) fn report(sources: &Sources, plan: &Plan) -> Report {
                 .to_owned(),
         ),
         identity: sources.who.clone(),
+        next: Some(super::next().step()),
         meta: vec![
             meta("time", time_words(sources, plan)),
             meta("seed", sources.request.seed.to_string()),
@@ -104,7 +100,9 @@ fn map(sources: &Sources, promise: &Promise) -> Section {
     let edges = |axis: usize| -> Vec<f64> {
         let (low_m, high_m) = volume[axis];
         let step = (high_m - low_m) / (steps - 1) as f64;
-        (0..=steps).map(|k| (low_m + (k as f64 - 0.5) * step) * 1e3).collect()
+        // A cell around each point of the grid, and no cell beyond the volume.
+        let edge = |k: usize| (low_m + (k as f64 - 0.5) * step).clamp(low_m, high_m);
+        (0..=steps).map(|k| edge(k) * 1e3).collect()
     };
     let panel = |plane: usize| CellPanel {
         title: format!("Z = {:.0} mm", promise.map[plane * steps * steps].0[2] * 1e3),
@@ -191,7 +189,7 @@ fn tables(effects: &Foresight) -> [Section; 3] {
     let told = effects.told.iter().flat_map(|told| {
         told.parameters.iter().map(|p| {
             vec![
-                Cell::text(format!("{} ({})", told.title, shape_words(&told.shape))),
+                Cell::text(named(told.title, &shape_words(&told.shape))),
                 Cell::text(&p.name),
                 Cell::text(size_words(p.u, p.unit)),
                 Cell::text(size_words(p.found_from, p.unit)),
@@ -226,4 +224,9 @@ fn tables(effects: &Foresight) -> [Section; 3] {
     let untestable = effects.untestable.iter().map(|u| vec![Cell::text(u.title), Cell::text(u.needs)]);
     let columns = ["effect", "needs"].map(Column::text).to_vec();
     [told, hidden, table("Not tested by this plan", None, columns, untestable.collect())]
+}
+
+/// An effect with its shape, where it has one.
+fn named(title: &str, shape: &str) -> String {
+    if shape.is_empty() { title.to_owned() } else { format!("{title} ({shape})") }
 }

@@ -8,7 +8,7 @@ use crate::sections::{
     Axis, Bar, Bars, Callout, Cell, Column, Heading, KeyFigure, KeyFigures, Quantity, Section, TableSection, Tone,
 };
 use crate::stats::{max_abs, rms};
-use crate::text::fixed;
+use crate::text::{capital, fixed};
 
 /// χ²/ν within this range is consistent with the declared noise for the many readings of a campaign.
 const CHI2_RANGE: std::ops::RangeInclusive<f64> = 0.8..=1.25;
@@ -32,6 +32,7 @@ impl DemoReport {
             title: self.header.title.clone(),
             lead: Some(self.header.what.clone()),
             identity: self.header.identity.clone(),
+            next: self.header.next.clone(),
             meta: self.meta(),
             main_plot,
             footer: Some(self.footer()),
@@ -125,7 +126,10 @@ impl DemoReport {
 
     fn fit_figures(&self) -> [KeyFigure; 3] {
         let fit = &self.fit;
-        let declared = fit.declared_sigma_um.map(|s| format!("declared {s:.3} µm"));
+        // Of the model that the run began with: where another took over, these are not the figures of the answer.
+        let before = self.closing.as_ref().and_then(|closing| closing.in_use.as_ref()).map(|_| "before the loop; ");
+        let of_fit = |detail: String| format!("{}{detail}", before.unwrap_or_default());
+        let declared = fit.declared_sigma_um.map(|s| of_fit(format!("declared {s:.3} µm")));
         let total = fit.readings_used + fit.readings_rejected;
         [
             KeyFigure {
@@ -138,7 +142,7 @@ impl DemoReport {
             KeyFigure {
                 label: "χ²/ν, declared noise".to_owned(),
                 value: fit.chi2_per_dof.map(|v| Quantity::new(v, 2)),
-                detail: fit.degrees_of_freedom.map(|v| format!("ν = {v:.0}")),
+                detail: fit.degrees_of_freedom.map(|v| of_fit(format!("ν = {v:.0}"))),
                 tone: match fit.chi2_per_dof {
                     Some(v) if CHI2_RANGE.contains(&v) => Tone::Good,
                     Some(_) => Tone::Warning,
@@ -186,7 +190,15 @@ impl DemoReport {
 }
 
 impl LiveFigures {
+    /// Latencies as they are read: in milliseconds where one of them reaches that.
+    fn latency_unit(&self) -> (f64, &'static str, u8) {
+        let all = [self.latency_p50_us, self.latency_p99_us, self.latency_p999_us];
+        if all.into_iter().flatten().any(|us| us >= 1e3) { (1e-3, "ms", 2) } else { (1.0, "µs", 0) }
+    }
+
     fn table(&self) -> TableSection {
+        let (factor, unit, decimals) = self.latency_unit();
+        let latency = |us: Option<f64>| Cell::maybe(us.map(|us| us * factor), decimals);
         let count = |v: Option<u64>| v.map(|v| Cell::Integer(i64::try_from(v).unwrap_or(i64::MAX)));
         TableSection {
             title: "Live correction".to_owned(),
@@ -196,18 +208,18 @@ impl LiveFigures {
                 Column::number("sent", "samples"),
                 Column::number("received", "samples"),
                 Column::number("lost", "samples"),
-                Column::number("latency p50", "µs"),
-                Column::number("latency p99", "µs"),
-                Column::number("latency p99.9", "µs"),
+                Column::number("latency p50", unit),
+                Column::number("latency p99", unit),
+                Column::number("latency p99.9", unit),
             ],
             rows: vec![vec![
                 self.transport.clone().map(Cell::Text),
                 count(self.samples_sent),
                 count(self.samples_received),
                 count(self.samples_lost),
-                Cell::maybe(self.latency_p50_us, 1),
-                Cell::maybe(self.latency_p99_us, 1),
-                Cell::maybe(self.latency_p999_us, 1),
+                latency(self.latency_p50_us),
+                latency(self.latency_p99_us),
+                latency(self.latency_p999_us),
             ]],
             total_rows: None,
         }
@@ -215,12 +227,13 @@ impl LiveFigures {
 }
 
 fn latency_figure(live: &LiveFigures) -> KeyFigure {
+    let (factor, unit, decimals) = live.latency_unit();
     let lost = live.samples_lost.map(|n| format!("{n} samples lost"));
     let sent = live.samples_sent.map(|n| format!("of {n}"));
     KeyFigure {
         label: "Live latency, p99".to_owned(),
-        value: live.latency_p99_us.map(|v| Quantity::new(v, 0)),
-        unit: "µs".to_owned(),
+        value: live.latency_p99_us.map(|v| Quantity::new(v * factor, decimals)),
+        unit: unit.to_owned(),
         detail: Some([lost, sent].into_iter().flatten().collect::<Vec<_>>().join(" ")),
         tone: match live.samples_lost {
             Some(0) => Tone::Good,
@@ -248,12 +261,4 @@ fn not_converged() -> Section {
         text: "The fit did not converge; its figures below are those of the last step and not to be relied on."
             .to_owned(),
     })
-}
-
-fn capital(text: &str) -> String {
-    let mut characters = text.chars();
-    match characters.next() {
-        Some(first) => first.to_uppercase().chain(characters).collect(),
-        None => String::new(),
-    }
 }

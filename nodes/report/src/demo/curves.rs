@@ -2,6 +2,7 @@
 
 use super::build::heading;
 use super::{DemoReport, ErrorCurve, ErrorCurveSet};
+use crate::diagnosis::decimals;
 use crate::sections::{Axis, Cell, Column, Curve, CurveStyle, LinePanel, LinePlot, Section, TableSection};
 
 impl DemoReport {
@@ -47,10 +48,14 @@ impl ErrorCurveSet {
             .squareness
             .iter()
             .map(|s| {
-                let mut row =
-                    vec![Cell::text(&s.name), Cell::maybe(s.value_urad, 2), Cell::maybe(s.expanded_95_urad, 2)];
+                let digits = decimals(s.expanded_95_urad);
+                let mut row = vec![
+                    Cell::text(&s.name),
+                    Cell::maybe(s.value_urad, digits),
+                    Cell::maybe(s.expanded_95_urad, digits),
+                ];
                 if with_truth {
-                    row.push(Cell::maybe(s.truth_urad, 2));
+                    row.push(Cell::maybe(s.truth_urad, digits));
                 }
                 row
             })

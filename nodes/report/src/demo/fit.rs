@@ -86,7 +86,11 @@ impl DemoReport {
     fn order_table(&self) -> TableSection {
         TableSection {
             title: "Choice of model order".to_owned(),
-            note: Some("Gain of log evidence over the next simpler form.".to_owned()),
+            note: self
+                .order
+                .iter()
+                .any(|o| o.evidence_gain.is_some())
+                .then(|| "Gain of log evidence over the next simpler form.".to_owned()),
             columns: vec![
                 Column::text("error"),
                 Column::text("form"),

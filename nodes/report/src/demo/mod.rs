@@ -13,6 +13,7 @@ mod verification;
 pub use closing::{Closing, InUse};
 
 use crate::identity::Identity;
+use crate::report::NextStep;
 use serde::{Deserialize, Serialize};
 
 /// What was run, on what, with what.
@@ -25,6 +26,9 @@ pub struct RunHeader {
     /// Who, when and which.
     #[serde(default)]
     pub identity: Identity,
+    /// What to do next.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub next: Option<NextStep>,
     /// What was measured, when, with what: as far as the data say.
     #[serde(default)]
     pub about: Vec<FileEntry>,

@@ -18,6 +18,7 @@ pub(super) fn report(diagnosis: &DiagnosisReport) -> Report {
         title: "Diagnosis".to_owned(),
         lead: Some(format!("What the model lacks, from {} ({}).", record.data.file, record.data_kind)),
         identity: diagnosis.identity.clone(),
+        next: diagnosis.next.clone(),
         meta: record.meta(),
         main_plot: None,
         footer: Some(record.footer()),
@@ -109,9 +110,11 @@ impl Record {
                 interval(before.held_out_interval_um, after.held_out_interval_um)
             ),
         };
+        // Where nothing was added, before and after are one.
+        let is_same = self.effects.is_empty() && !self.enriched;
         let figure = |label: &str, b: Option<f64>, a: Option<f64>, decimals, unit: &str, detail: String| KeyFigure {
             label: label.to_owned(),
-            before: quantity(b, decimals),
+            before: quantity(b, decimals).filter(|_| !is_same),
             value: quantity(a, decimals),
             unit: unit.to_owned(),
             detail: Some(detail),
@@ -137,6 +140,8 @@ impl Record {
         let (b, a) = (before.residual_rms_um, after.residual_rms_um);
         let detail = format!("{} used, {} rejected", self.detection.after.used, self.detection.after.rejected);
         figures.push(figure("Residual of the fit, rms", b, a, 3, "µm", detail));
+        // A figure that these data do not give tells nothing.
+        figures.retain(|figure| figure.value.is_some());
         KeyFigures { title: "Key figures".to_owned(), figures }
     }
 

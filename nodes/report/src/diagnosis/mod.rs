@@ -11,6 +11,8 @@ mod tables;
 mod units;
 mod words;
 
+pub(crate) use units::decimals;
+
 pub use pictures::{Residuals, Split, View};
 pub use record::{
     Alternative, Averaged, Blocked, Both, Considered, Detection, Effect, ErrorFigures, File, Group, HeldOut, LeftOut,
@@ -21,7 +23,7 @@ pub use record::{
 use crate::error::ReportError;
 use crate::finite::check_finite;
 use crate::identity::Identity;
-use crate::report::{Report, to_json};
+use crate::report::{NextStep, Report, to_json};
 use crate::sections::Section;
 
 /// A diagnosis and what its pictures need.
@@ -35,6 +37,8 @@ pub struct DiagnosisReport {
     pub figures: Vec<Section>,
     /// Who, when and which.
     pub identity: Identity,
+    /// What to do with the answer.
+    pub next: Option<NextStep>,
 }
 
 impl DiagnosisReport {

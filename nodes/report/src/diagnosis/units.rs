@@ -52,7 +52,7 @@ fn grouped(denominator: &str) -> String {
 }
 
 /// Decimals that show an uncertainty with two digits.
-pub(super) fn decimals(uncertainty: Option<f64>) -> u8 {
+pub(crate) fn decimals(uncertainty: Option<f64>) -> u8 {
     match uncertainty {
         Some(u) if u > 0.0 && u.is_finite() => (1.0 - u.log10().floor()).clamp(0.0, 9.0) as u8,
         _ => 3,

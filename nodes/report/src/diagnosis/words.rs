@@ -203,7 +203,8 @@ mod tests {
                 .contains("Set aside: wrong reflector offset; b; c and 1 more: stations left out are predicted worse."),
             "{words}"
         );
-        let report = DiagnosisReport { record, residuals: None, figures: Vec::new(), identity: Default::default() };
+        let report =
+            DiagnosisReport { record, residuals: None, figures: Vec::new(), identity: Default::default(), next: None };
         assert!(report.html().unwrap().contains("stations left out are predicted worse"));
         assert!(report.json().unwrap().contains("\"set_aside\""));
     }
@@ -239,8 +240,13 @@ mod tests {
 
     #[test]
     fn a_record_without_figures_makes_a_page_and_nulls() {
-        let report =
-            DiagnosisReport { record: record(), residuals: None, figures: Vec::new(), identity: Default::default() };
+        let report = DiagnosisReport {
+            record: record(),
+            residuals: None,
+            figures: Vec::new(),
+            identity: Default::default(),
+            next: None,
+        };
         assert!(report.html().unwrap().contains("Not noise, and not attributed"));
         assert!(report.json().unwrap().contains("\"held_out_rms_um\": null"));
         let mut wrong = report;

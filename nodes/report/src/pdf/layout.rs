@@ -8,7 +8,7 @@ use crate::error::ReportError;
 use crate::report::Report;
 use crate::sections::{Callout, KeyFigure, KeyFigures, Section, Tone};
 use crate::svg::{Anchor, Svg};
-use crate::text::{MISSING, fixed};
+use crate::text::{MISSING, fixed, prose};
 
 /// A4 in px.
 pub(super) const PAGE_PX: [f64; 2] = [1200.0, 1697.0];
@@ -105,15 +105,19 @@ pub(super) fn pages(report: &Report) -> Result<Vec<String>, ReportError> {
     let mut pages = Pages { done: Vec::new(), page: empty(), y: MARGIN };
     pages.text("h1", 34.0, &report.title)?;
     if let Some(lead) = &report.lead {
-        pages.text("body muted", 18.0, lead)?;
+        pages.text("body muted", 18.0, &prose(lead))?;
     }
     pages.y += 10.0;
     pages.rule("rule");
     let known = report.identity.lines();
     pairs(&mut pages, &known.iter().map(|(label, text)| (*label, text.as_str())).collect::<Vec<_>>())?;
-    for section in &report.sections {
-        add(&mut pages, section)?;
+    let (opening, rest) = report.sections.split_at(report.opening());
+    opening.iter().try_for_each(|section| add(&mut pages, section))?;
+    if let Some(next) = &report.next {
+        pages.y += 14.0;
+        pages.text("body", 18.0, &format!("Next, {}: {}", next.what_for, next.command))?;
     }
+    rest.iter().try_for_each(|section| add(&mut pages, section))?;
     let made: Vec<_> =
         report.meta.iter().filter_map(|item| Some((item.label.as_str(), item.value.as_deref()?))).collect();
     if !made.is_empty() {
@@ -176,7 +180,7 @@ fn add(pages: &mut Pages, section: &Section) -> Result<(), ReportError> {
     match section {
         Section::Heading(found) => {
             heading(pages, &found.title)?;
-            found.intro.as_deref().map_or(Ok(()), |intro| pages.text("body", 18.0, intro))
+            found.intro.as_deref().map_or(Ok(()), |intro| pages.text("body", 18.0, &prose(intro)))
         }
         Section::KeyFigures(figures) => cards(pages, figures),
         Section::Callout(found) => callout(pages, found),
@@ -204,7 +208,7 @@ pub(super) fn title(pages: &mut Pages, title: &str, note: Option<&str>) -> Resul
     if !title.is_empty() {
         pages.text("h3", 20.0, title)?;
     }
-    note.map_or(Ok(()), |note| pages.text("mutedb", 16.0, note))
+    note.map_or(Ok(()), |note| pages.text("mutedb", 16.0, &prose(note)))
 }
 
 fn cards(pages: &mut Pages, figures: &KeyFigures) -> Result<(), ReportError> {
@@ -212,7 +216,7 @@ fn cards(pages: &mut Pages, figures: &KeyFigures) -> Result<(), ReportError> {
     let width = WIDTH / CARDS as f64;
     let of_label = |figure: &KeyFigure| lines(&figure.label, letters(width - 28.0, 16.0));
     let of_detail =
-        |figure: &KeyFigure| lines(figure.detail.as_deref().unwrap_or_default(), letters(width - 28.0, 15.0));
+        |figure: &KeyFigure| lines(&prose(figure.detail.as_deref().unwrap_or_default()), letters(width - 28.0, 15.0));
     for row in figures.figures.chunks(CARDS) {
         let most = |of: &dyn Fn(&KeyFigure) -> Vec<String>| row.iter().map(|f| of(f).len()).max().unwrap_or(0) as f64;
         let (labels, details) = (19.0 * most(&of_label), 18.0 * most(&of_detail));
@@ -253,14 +257,15 @@ fn tone_class(tone: Tone) -> &'static str {
 
 fn callout(pages: &mut Pages, callout: &Callout) -> Result<(), ReportError> {
     const LINE: f64 = 25.0;
-    let text = lines(&callout.text, letters(WIDTH - 40.0, 18.0));
+    let text = lines(&callout.sentence(), letters(WIDTH - 40.0, 18.0));
     let height = LINE * (text.len() + 1) as f64 + 18.0;
     pages.need(height + 14.0)?;
     let top = pages.y + 14.0;
     let svg = pages.svg();
     svg.rect("panel", (MARGIN, top), (WIDTH, height), None);
     svg.rect(tone_class(callout.tone), (MARGIN, top), (5.0, height), None);
-    let head = [callout.tone.word(), &callout.title].into_iter().filter(|part| !part.is_empty()).collect::<Vec<_>>();
+    let callout_title = prose(&callout.title);
+    let head = [callout.tone.word(), &callout_title].into_iter().filter(|part| !part.is_empty()).collect::<Vec<_>>();
     svg.text(
         &format!("h3 {}", tone_class(callout.tone)),
         (MARGIN + 20.0, top + 26.0),

@@ -2,7 +2,7 @@
 
 use super::layout::{MARGIN, Pages, WIDTH, letters, lines, title};
 use crate::error::ReportError;
-use crate::sections::{Cell, TableSection};
+use crate::sections::{Cell, TableSection, shown};
 use crate::svg::Anchor;
 use crate::text::{MISSING, fixed, integer};
 
@@ -13,10 +13,10 @@ const GAP: f64 = 18.0;
 /// Letters that a column of text keeps at least.
 const LEAST: f64 = 9.0;
 
-fn text_of(cell: Option<&Cell>) -> String {
+fn text_of(cell: Option<&Cell>, column: usize) -> String {
     match cell {
         None => MISSING.to_owned(),
-        Some(Cell::Text(text)) => text.clone(),
+        Some(Cell::Text(text)) => shown(text, column),
         Some(Cell::Integer(value)) => integer(*value),
         Some(Cell::Number(q)) => fixed(q.value, q.decimals),
     }
@@ -53,7 +53,7 @@ pub(super) fn add(pages: &mut Pages, table: &TableSection) -> Result<(), ReportE
         if table.rows.iter().all(|row| row[k].is_none()) {
             continue;
         }
-        let cells = table.rows.iter().map(|row| text_of(row[k].as_ref())).collect();
+        let cells = table.rows.iter().map(|row| text_of(row[k].as_ref(), k)).collect();
         columns.push(Column { head: column.name.clone(), unit: column.unit.clone(), cells, width: 0.0 });
     }
     if columns.is_empty() {

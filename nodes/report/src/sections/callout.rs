@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::text::escape;
+use crate::text::{capital, escape, prose};
 
 /// How a figure or a sentence is to be taken.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -53,14 +53,24 @@ pub struct Callout {
 }
 
 impl Callout {
+    /// The text as a sentence: what was written to follow a file's name begins small.
+    pub(crate) fn sentence(&self) -> String {
+        let first = self.text.split(' ').next().unwrap_or_default();
+        let is_word = first != "abbe" && first.chars().all(|c| c.is_ascii_lowercase());
+        match is_word {
+            true => capital(&prose(&self.text)),
+            false => prose(&self.text),
+        }
+    }
+
     /// HTML of the callout.
     pub(crate) fn html(&self) -> String {
-        let title = if self.title.is_empty() { String::new() } else { format!(" — {}", escape(&self.title)) };
+        let title = if self.title.is_empty() { String::new() } else { format!(" — {}", escape(&prose(&self.title))) };
         format!(
             "<div class=\"callout{}\"><p><b>{}{title}.</b> {}</p></div>\n",
             self.tone.class(),
             self.tone.word(),
-            escape(&self.text)
+            escape(&self.sentence())
         )
     }
 }

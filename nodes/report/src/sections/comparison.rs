@@ -153,7 +153,7 @@ impl Comparison {
         svg.circle(&format!("f{class}"), at, 3.4, None);
         let decimals = if p95 < 10.0 { 2 } else { 1 };
         let label = format!("95 %: {} {}", fixed(p95, decimals), self.unit);
-        svg.text(&format!("small f{class}"), (at.0 - 9.0, at.1 + below), Anchor::End, &label);
+        svg.text(&format!("small halo f{class}"), (at.0 - 9.0, at.1 + below), Anchor::End, &label);
     }
 }
 

@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use serde::{Deserialize, Serialize};
 
 use super::Tone;
-use crate::text::{MISSING, escape, fixed};
+use crate::text::{MISSING, escape, fixed, prose};
 
 /// A number and how many decimals of it are shown.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -80,7 +80,7 @@ impl KeyFigure {
         }
         out.push_str("</div>");
         if let Some(detail) = &self.detail {
-            let _ = write!(out, "<div class=\"d\">{}</div>", escape(detail));
+            let _ = write!(out, "<div class=\"d\">{}</div>", escape(&prose(detail)));
         }
         out.push_str("</div>\n");
         out

@@ -27,6 +27,7 @@ pub use isometric::{IsoLine, IsoPoint, Isometric};
 pub use key_figures::{KeyFigure, KeyFigures, Quantity};
 pub use line_plot::{Curve, CurveStyle, LinePanel, LinePlot, State};
 pub use map::{MapPanel, MapPoint, ResidualMap};
+pub(crate) use table::shown;
 pub use table::{Cell, Column, TableSection};
 pub use vectors::{Vector, Vectors};
 

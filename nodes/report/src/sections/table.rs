@@ -6,7 +6,7 @@ use std::fmt::Write as _;
 use serde::{Deserialize, Serialize};
 
 use crate::error::ReportError;
-use crate::text::{MISSING, escape, fixed, integer};
+use crate::text::{MISSING, escape, fixed, integer, prose};
 
 /// Texts longer than this wrap inside their cell.
 const WRAP_CHARS: usize = 30;
@@ -112,7 +112,7 @@ impl TableSection {
             let _ = writeln!(out, "<h3>{}</h3>", escape(&self.title));
         }
         if let Some(note) = &self.note {
-            let _ = writeln!(out, "<p class=\"note\">{}</p>", escape(note));
+            let _ = writeln!(out, "<p class=\"note\">{}</p>", escape(&prose(note)));
         }
         if self.rows.is_empty() {
             out.push_str("<p class=\"missing\">None.</p>\n</section>\n");
@@ -127,8 +127,10 @@ impl TableSection {
         out.push_str("</tr></thead>\n<tbody>\n");
         for row in &self.rows {
             out.push_str("<tr>");
-            for ((column, cell), _) in self.columns.iter().zip(row).zip(&is_told).filter(|(_, told)| **told) {
-                out.push_str(&cell_html(column, cell.as_ref()));
+            for (place, ((column, cell), _)) in
+                self.columns.iter().zip(row).zip(&is_told).enumerate().filter(|(_, (_, told))| **told)
+            {
+                out.push_str(&cell_html(column, cell.as_ref(), place));
             }
             out.push_str("</tr>\n");
         }
@@ -159,14 +161,19 @@ impl Column {
     }
 }
 
-fn cell_html(column: &Column, cell: Option<&Cell>) -> String {
+/// A text in a column: the first column names what figures name too, and is left as it is.
+pub(crate) fn shown(text: &str, column: usize) -> String {
+    if column == 0 { text.to_owned() } else { prose(text) }
+}
+
+fn cell_html(column: &Column, cell: Option<&Cell>, place: usize) -> String {
     let class = if column.unit.is_some() { " class=\"num\"" } else { "" };
     match cell {
         None => format!("<td{class}><span class=\"missing\">{MISSING}</span></td>"),
         Some(Cell::Text(text)) if text.chars().count() > WRAP_CHARS => {
-            format!("<td class=\"wrap\">{}</td>", escape(text))
+            format!("<td class=\"wrap\">{}</td>", escape(&shown(text, place)))
         }
-        Some(Cell::Text(text)) => format!("<td{class}>{}</td>", escape(text)),
+        Some(Cell::Text(text)) => format!("<td{class}>{}</td>", escape(&shown(text, place))),
         Some(Cell::Integer(value)) => format!("<td{class}>{}</td>", integer(*value)),
         Some(Cell::Number(q)) => format!("<td{class}>{}</td>", fixed(q.value, q.decimals)),
     }

@@ -16,6 +16,8 @@ use crate::text::{fixed, integer};
 const HEIGHT_PX: f64 = 560.0;
 /// Space around the view for names and the longest vectors, px.
 const MARGIN_PX: f64 = 56.0;
+/// From the corner at the end of an axis to its name, as in the page's script, px.
+const NAME_PX: f64 = 14.0;
 /// Length of the largest vector as drawn, as a share of the volume's diagonal.
 const LARGEST_SHARE: f64 = 0.12;
 
@@ -148,8 +150,11 @@ impl Vectors {
             .collect();
         svg.segments("vol", &edges);
         for (name, corner) in [("x", 1), ("y", 2), ("z", 4)] {
-            let (x, y) = view.map(self.corner(corner));
-            svg.text("muted halo", (x + 6.0, y), Anchor::Start, name);
+            // Beyond its corner, away from the middle: nothing is drawn there but long vectors.
+            let (from, to) = (view.map(self.corner(0)), view.map(self.corner(corner)));
+            let away = NAME_PX / (to.0 - from.0).hypot(to.1 - from.1).max(1.0);
+            let at = (to.0 + away * (to.0 - from.0), to.1 + away * (to.1 - from.1) + 4.0);
+            svg.text("muted halo", at, Anchor::Middle, name);
         }
         let shown = self.shown();
         svg.dots("muteds", &shown.iter().map(|p| view.map(p.at)).collect::<Vec<_>>(), &[]);

@@ -99,6 +99,7 @@ fn header() -> RunHeader {
             measured: Some("2026-01-15".into()),
             ..Identity::default()
         },
+        next: None,
         about: vec![file("Instrument", "tracer"), file("Temperatures", "19.8 to 20.3 °C")],
         files: vec![file("campaign", "example-campaign.mcap"), file("verification", "example-verify.csv")],
         data_hash: Some("3f1d9c0a7be2415588e0c2f4a96d7b1350fe8c21aa09d4e7".into()),

@@ -4,8 +4,8 @@
 
 use super::Stage;
 use abbe_report::{
-    Callout, Comparison, ComparisonGroup, Identity, KeyFigure, KeyFigures, MetaItem, Quantity, Report, Section, State,
-    Tone, Vector, Vectors,
+    Callout, Comparison, ComparisonGroup, Identity, KeyFigure, KeyFigures, MetaItem, NextStep, Quantity, Report,
+    Section, State, Tone, Vector, Vectors,
 };
 
 /// What the page is made of.
@@ -18,6 +18,8 @@ pub(super) struct Page<'a> {
     pub(super) stages: &'a [Stage],
     pub(super) extrapolated: usize,
     pub(super) doubts: Vec<String>,
+    /// What to do with the answer.
+    pub(super) next: NextStep,
 }
 
 /// The report.
@@ -34,6 +36,7 @@ pub(super) fn report(page: Page) -> Report {
             page.at_m.len()
         )),
         identity: page.identity,
+        next: Some(page.next.clone()),
         meta: page.meta.into_iter().map(item).collect(),
         main_plot: None,
         footer: Some(crate::pipeline::software()),

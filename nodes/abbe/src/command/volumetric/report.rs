@@ -3,6 +3,7 @@
 //! Place in the flow: last step; millimetres and micrometres, uncertainties k = 2.
 
 use super::{Answer, extreme};
+use crate::next::Next;
 use abbe_geometry::volumetric::{LinePoint, MapPoint};
 use abbe_report::{
     Axis, Callout, CellMap, CellPanel, Curve, CurveStyle, KeyFigure, KeyFigures, LinePanel, LinePlot, MetaItem,
@@ -15,13 +16,14 @@ const PLANES: usize = 3;
 const CELLS: usize = 8;
 
 /// The report.
-pub(super) fn report(answer: &Answer) -> Report {
+pub(super) fn report(answer: &Answer, next: &Next) -> Report {
     let meta = |label: &str, value: String| MetaItem { label: label.to_owned(), value: Some(value) };
     let [x, y, z] = answer.offset_m.map(|v| v * 1e3);
     Report {
         title: format!("Volumetric error of {}", answer.machine),
         lead: Some("Error = actual − indicated, as the model predicts it before correction.".to_owned()),
         identity: answer.who.clone(),
+        next: Some(next.step()),
         meta: vec![
             meta("model", answer.model_sha256.clone()),
             meta("offset", format!("{x} {y} {z} mm")),
@@ -29,12 +31,11 @@ pub(super) fn report(answer: &Answer) -> Report {
         ],
         main_plot: None,
         footer: Some(crate::pipeline::software()),
-        sections: answer
-            .doubts
-            .iter()
-            .map(|doubt| doubtful(doubt))
+        sections: [key_figures(answer)]
+            .into_iter()
             .chain(outside(answer))
-            .chain([key_figures(answer), map(answer), vectors(answer), diagonals(answer)])
+            .chain(answer.doubts.iter().map(|doubt| doubtful(doubt)))
+            .chain([map(answer), vectors(answer), diagonals(answer)])
             .collect(),
     }
 }
@@ -56,7 +57,7 @@ fn outside(answer: &Answer) -> Option<Section> {
             title: "Outside of what was measured".to_owned(),
             text: format!(
                 "{outside} of {all} points lie outside of the volume or the offsets that the model was identified from, or lack \
-                 covariates: what is shown there is extrapolated, and its uncertainty is a lower bound. The offset of the campaign is given with --offset-mm."
+                 covariates: what is shown there is extrapolated, and its uncertainty is a lower bound."
             ),
         })
     })

@@ -1,0 +1,205 @@
+//! Head and end of answers, from files to files: who measured, the certificate, and the next command after every result.
+
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // A test fails by panicking.
+
+mod common;
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use common::assert_says;
+use common::files::text;
+use common::program::{abbe, run};
+
+/// Lengths of one line, on a known day.
+const LENGTHS: &str = "# measured=2026-03-05\nline,calibrated_mm,repeat,deviation_um\n\
+    X,20,1,0.1\nX,20,2,0.2\nX,20,3,0.1\nX,100,1,0.3\nX,100,2,0.2\nX,100,3,0.3\n";
+const LAB: &str = "[identity]\ncertificate = \"2026-014\"\noperator = \"A. Person\"\nmaker = \"Maker\"\nmodel = \"M 7\"\n\
+    serial_number = \"4711\"\nperformed_at = \"customer\"\n\
+    [identity.instrument]\nname = \"Step gauge\"\nserial_number = \"K-77\"\ncalibrated = \"2026-01-08\"\n\
+    [identity.laboratory]\nname = \"Laboratory\"\nemail = \"lab@example.org\"\ncity = \"Town\"\ncountry = \"DE\"\n\
+    [identity.customer]\nname = \"Customer\"\nemail = \"customer@example.org\"\ncity = \"City\"\n";
+
+fn shipped(path: &str) -> String {
+    text(&Path::new(env!("CARGO_MANIFEST_DIR")).join("../../launch-config").join(path).canonicalize().unwrap())
+}
+
+/// A folder with lengths and who measured them.
+struct Bench(tempfile::TempDir);
+
+impl Bench {
+    fn new() -> Bench {
+        let bench = Bench(tempfile::tempdir().unwrap());
+        fs::write(bench.at("lengths.csv"), LENGTHS).unwrap();
+        fs::write(bench.at("lab.toml"), LAB).unwrap();
+        bench
+    }
+
+    fn at(&self, name: &str) -> PathBuf {
+        self.0.path().join(name)
+    }
+
+    /// `abbe conformity` of the lengths with more options; those that name files do it with `{}` for the folder.
+    fn conformity(&self, options: &str) -> common::program::Ran {
+        let folder = text(self.0.path());
+        let words =
+            format!("conformity --lengths {{}}/lengths.csv --probing bidirectional {options}").replace("{}", &folder);
+        run(words.split(' '))
+    }
+}
+
+#[test]
+fn who_measured_stands_in_report_pdf_and_certificate() {
+    let bench = Bench::new();
+    let options = "--identity {}/lab.toml --operator B.Other --out {}/out --pdf {}/test.pdf --dcc {}/test.xml";
+    bench.conformity(options).ok();
+    let html = fs::read_to_string(bench.at("out/report.html")).unwrap();
+    let known = [
+        "2026-014",
+        "2026-03-05",
+        "B.Other",
+        "serial number 4711",
+        "Step gauge, serial number K-77, calibrated 2026-01-08",
+    ];
+    assert_says(&html, &known);
+    assert!(!html.contains("A. Person"), "the option goes before the file");
+    let pdf = fs::read(bench.at("test.pdf")).unwrap();
+    assert!(pdf.starts_with(b"%PDF-") && pdf.trim_ascii_end().ends_with(b"%%EOF"));
+    let certificate = fs::read_to_string(bench.at("test.xml")).unwrap();
+    assert_says(
+        &certificate,
+        &[
+            "<dcc:beginPerformanceDate>2026-03-05<",
+            "<dcc:performanceLocation>customer<",
+            "B.Other",
+            "<si:value>0.3000<",
+        ],
+    );
+    // The same data, the same bytes.
+    let again = [fs::read(bench.at("out/report.html")).unwrap(), pdf, certificate.into_bytes()];
+    bench.conformity(options).ok();
+    let files = ["out/report.html", "test.pdf", "test.xml"].map(|name| fs::read(bench.at(name)).unwrap());
+    assert!(files == again);
+}
+
+#[test]
+fn what_contradicts_the_data_or_is_missing_is_refused_and_nothing_is_written() {
+    let bench = Bench::new();
+    let wrong_day = bench.conformity("--measured 2026-04-01 --out {}/out --pdf {}/test.pdf").refused();
+    assert_says(&wrong_day, &["--measured 2026-04-01", "the data say 2026-03-05"]);
+    let no_day = bench.conformity("--measured yesterday");
+    assert_says(&no_day.ended(2), &["--measured"]);
+    fs::write(bench.at("lab.toml"), LAB.replace("serial_number = \"4711\"\n", "")).unwrap();
+    let lacking = bench.conformity("--identity {}/lab.toml --out {}/out --pdf {}/test.pdf --dcc {}/test.xml").refused();
+    assert_says(&lacking, &["--dcc", "serial_number"]);
+    let of_runs = bench.conformity("--operator X --identity {}/none.toml").refused();
+    assert_says(&of_runs, &["none.toml"]);
+    for name in ["out", "test.pdf", "test.xml"] {
+        assert!(!bench.at(name).exists(), "{name}");
+    }
+    // The file of another machine than the model's.
+    let model = bench.at("model.json");
+    let identified = model_of(&bench, &model);
+    let other = shipped("machines/fyxz.toml");
+    fs::write(bench.at("other.toml"), fs::read_to_string(other).unwrap() + "\n[identity]\noperator = \"X\"\n").unwrap();
+    let named = ["--identity".to_owned(), text(&bench.at("other.toml"))];
+    let arguments =
+        ["volumetric".to_owned(), "--model".to_owned(), text(&model), "--out".to_owned(), text(&bench.at("map"))];
+    assert_says(&run(arguments.iter().chain(&named)).refused(), &["other.toml", "fyxz", "bridge_xyz"]);
+    assert!(identified.contains("next, "));
+}
+
+/// A model of a simulated machine; what `abbe identify` said.
+fn model_of(bench: &Bench, model: &Path) -> String {
+    let machine = shipped("machines/bridge_xyz.toml");
+    let practice = text(&bench.at("practice"));
+    let simulated = run(["simulate", "--machine", &machine, "--seed", "4", "--out", &practice]).ok();
+    follows(bench, &simulated, "identify");
+    let campaign = text(&bench.at("practice/campaign.csv"));
+    run(["identify", "--machine", &machine, "--campaign", &campaign, "--out", &text(model)]).ok()
+}
+
+/// The command that an answer ends with; it is this one, and the program takes it. What it writes stays in the folder.
+#[track_caller]
+fn follows(bench: &Bench, said: &str, command: &str) -> String {
+    let (_, next) = said.rsplit_once("\nnext, ").unwrap_or_else(|| panic!("no next command: {said}"));
+    let (what_for, line) = next.split_once(":\n  ").unwrap();
+    assert!(what_for.starts_with("to ") && line.ends_with('\n') && line.trim().lines().count() == 1, "{next}");
+    let words: Vec<&str> = line.trim().split(' ').collect();
+    assert_eq!(words[..2], ["abbe", command]);
+    // Options that the command has not, or lacks, end it with 2.
+    let ended = abbe(&words[1..]).current_dir(bench.0.path()).output().unwrap();
+    assert_ne!(ended.status.code(), Some(2), "{line}: {}", String::from_utf8_lossy(&ended.stderr));
+    line.trim().to_owned()
+}
+
+#[test]
+fn a_report_says_the_command_that_the_terminal_says_with_names_for_paths() {
+    let bench = Bench::new();
+    let out = text(&bench.at("out"));
+    let said = bench.conformity("--out {}/out").ok();
+    assert_says(
+        &said,
+        &["next, to hold the figures against a limit:\n  abbe conformity --lengths ", "--mpe 'A+L/K'\n"],
+    );
+    let html = fs::read_to_string(bench.at("out/report.html")).unwrap();
+    let next = "<b>Next</b>, to hold the figures against a limit:</p>\n\
+         <pre><code>abbe conformity --lengths lengths.csv --probing bidirectional --mpe &#39;A+L/K&#39;</code></pre>";
+    assert_says(&html, &[next]);
+    assert!(!html.contains(&text(bench.0.path())), "no folder of somebody's machine");
+    // After the figures and what limits them, before the first picture.
+    let place = |part: &str| html.find(part).unwrap_or_else(|| panic!("{part}"));
+    assert!(place("class=\"cards\"") < place("class=\"callout") && place("class=\"callout") < place("class=\"next\""));
+    assert!(place("class=\"next\"") < place("<figure"));
+    // With a limit the next is another one.
+    let judged = bench.conformity("--mpe 1.9+L/300").ok();
+    assert_says(&judged, &["next, to take the uncertainty of the test into account:\n"]);
+    let failed = bench.conformity(&format!("--mpe 0.01 --out {out}"));
+    assert_eq!(failed.code, Some(3), "{}", failed.errors);
+    follows(&bench, &String::from_utf8(failed.output).unwrap(), "plan");
+}
+
+#[test]
+fn every_answer_ends_with_the_next_command() {
+    let bench = Bench::new();
+    let model = bench.at("model.json");
+    follows(&bench, &model_of(&bench, &model), "verify");
+    let [model, points, practice] = [text(&model), text(&bench.at("practice/verify.csv")), text(&bench.at("practice"))];
+    let html = text(&bench.at("verify.html"));
+    follows(&bench, &run(["verify", "--model", &model, "--points", &points, "--html", &html]).ok(), "correct");
+    assert_says(&fs::read_to_string(&html).unwrap(), &["<code>abbe correct --model model.json --in READINGS.csv"]);
+    let corrected = run(["correct", "--model", &model, "--in", &points, "--out", &text(&bench.at("corrected.csv"))]);
+    follows(&bench, &corrected.ok(), "verify");
+    // With a page and a certificate of it, where they are asked for.
+    let [page, pdf] = ["corrected.html", "corrected.pdf"].map(|name| text(&bench.at(name)));
+    let pages = ["--html", &page, "--pdf", &pdf, "--operator", "A. Person"];
+    let table = text(&bench.at("again.csv"));
+    let again = run(["correct", "--model", &model, "--in", &points, "--out", &table].iter().chain(&pages));
+    assert_eq!(again.code, Some(0), "{}", again.errors);
+    assert!(fs::read(bench.at("again.csv")).unwrap() == fs::read(bench.at("corrected.csv")).unwrap());
+    let shown = fs::read_to_string(&page).unwrap();
+    assert_says(
+        &shown,
+        &["Corrected coordinates of bridge_xyz", "400 rows of verify.csv", "of 400; 0 rejected", "A. Person"],
+    );
+    assert!(fs::read(&pdf).unwrap().starts_with(b"%PDF-"));
+    let piped = run(["correct", "--model", &model, "--in", &points, "--out", "-"]);
+    assert!(!piped.errors.contains("next, ") && !piped.ok().contains("next, "), "a stream is data");
+    follows(
+        &bench,
+        &run(["export", "--model", &model, "--format", "csv", "--out", &text(&bench.at("t.csv"))]).ok(),
+        "conformity",
+    );
+    let map = ["volumetric", "--model", &model, "--out", &text(&bench.at("map")), "--steps", "3"].map(str::to_owned);
+    let offset = |mm: &str| ["--offset-mm".to_owned(), mm.to_owned()];
+    let nowhere = run(map.iter().chain(&offset("0,0,-900")));
+    let again = follows(&bench, &String::from_utf8(nowhere.output).unwrap(), "volumetric");
+    let said = run(again.split(' ').skip(1));
+    follows(&bench, &said.ok(), "export");
+    let centres = shipped("data/zhang2016_centres.csv");
+    follows(&bench, &run(["probe-pose", "--centres", &centres]).ok(), "diagnose");
+    let campaign = format!("{practice}/campaign.csv");
+    let machine = shipped("machines/bridge_xyz.toml");
+    let bag = text(&bench.at("bag"));
+    follows(&bench, &run(["convert", "--machine", &machine, "--campaign", &campaign, "--out", &bag]).ok(), "identify");
+}
