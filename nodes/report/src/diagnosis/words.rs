@@ -91,6 +91,10 @@ impl Record {
     fn gain(&self) -> String {
         let what = &self.held_out.blocks;
         match (self.before.held_out_rms_um, self.after.held_out_rms_um) {
+            // An effect that is told by much may gain nothing on what was left out.
+            (Some(before), Some(after)) if significant(before, 3) == significant(after, 3) => {
+                format!("The error on {what} stays at {} µm{}.", significant(after, 3), interval(&self.after))
+            }
             (Some(before), Some(after)) => format!(
                 "The error on {what} goes from {}{} to {} µm{}.",
                 significant(before, 3),
