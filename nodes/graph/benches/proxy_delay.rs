@@ -37,7 +37,7 @@ fn server(listener: TcpListener, begin: Receiver<()>, wrote: Sender<Instant>) {
             "GetMachineClass" => Some("GetMachineClass(CartCMM)"),
             "GetCoordSystem" => Some("CoordSystem(MachineCsy)"),
             "GetProp" => Some("Tool.Name(\"Probe1\")"),
-            "ScanOnLine" => break scan(tag, &mut writer, &begin, &wrote),
+            "ScanOnLine" => return scan(tag, &mut writer, &begin, &wrote),
             _ => None,
         };
         let data = data.map_or(String::new(), |data| format!("{tag} # {data}\r\n"));
@@ -81,7 +81,7 @@ fn copy(listener: TcpListener, to: String) {
 fn delays(address: &str, begin: &Sender<()>, wrote: &Receiver<Instant>) -> Vec<Duration> {
     let mut stream = BufReader::new(TcpStream::connect(address).unwrap());
     let (mut line, mut begun) = (String::new(), false);
-    stream.get_mut().write_all(b"00001 StartSession()\r\n00002 ScanOnLine(0,0,0,1,1,1,0,0,1,1)\r\n").unwrap();
+    stream.get_mut().write_all(b"00001 StartSession()\r\n").unwrap();
     let mut delays = Vec::with_capacity(LINES);
     while delays.len() < LINES {
         line.clear();
@@ -89,6 +89,8 @@ fn delays(address: &str, begin: &Sender<()>, wrote: &Receiver<Instant>) -> Vec<D
         assert!(!line.contains('!'), "{line}");
         if line.starts_with("00002 #") {
             delays.push(wrote.recv().unwrap().elapsed());
+        } else if line.starts_with("00001 %") {
+            stream.get_mut().write_all(b"00002 ScanOnLine(0,0,0,1,1,1,0,0,1,1)\r\n").unwrap();
         } else if line.starts_with("00002 &") && !std::mem::replace(&mut begun, true) {
             begin.send(()).unwrap();
         }
