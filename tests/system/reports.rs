@@ -122,6 +122,7 @@ fn model_of(bench: &Bench, model: &Path) -> String {
 /// The command that an answer ends with; it is this one, and the program takes it. What it writes stays in the folder.
 #[track_caller]
 fn follows(bench: &Bench, said: &str, command: &str) -> String {
+    let said = format!("\n{said}");
     let (_, next) = said.rsplit_once("\nnext, ").unwrap_or_else(|| panic!("no next command: {said}"));
     let (what_for, line) = next.split_once(":\n  ").unwrap();
     assert!(what_for.starts_with("to ") && line.ends_with('\n') && line.trim().lines().count() == 1, "{next}");

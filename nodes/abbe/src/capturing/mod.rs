@@ -140,8 +140,15 @@ pub(crate) struct Outcome<'a> {
     pub(crate) capturer: &'a Capturer,
     pub(crate) promised_um: Option<f64>,
     pub(crate) who: &'a Identity,
-    /// What to do next.
+    /// What to do next with a campaign that can be identified, and with one that cannot yet.
     pub(crate) next: &'a Next,
+    pub(crate) go_on: &'a Next,
+}
+
+impl Outcome<'_> {
+    fn following(&self, reached: &Result<SoFar, String>) -> &Next {
+        if reached.is_ok() { self.next } else { self.go_on }
+    }
 }
 
 /// Writes campaign and report into a folder.
@@ -173,7 +180,7 @@ pub(crate) fn write_outcome(
         println!("{text}");
     } else {
         words(outcome, &captured, &reached, &file).iter().for_each(|line| println!("{line}"));
-        outcome.next.print();
+        outcome.following(&reached).print();
     }
     Ok(())
 }

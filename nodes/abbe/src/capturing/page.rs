@@ -37,7 +37,7 @@ pub(super) fn report(outcome: &Outcome, captured: &CapturedCampaign, reached: &R
                 .to_owned(),
         ),
         identity: outcome.who.clone(),
-        next: Some(outcome.next.step()),
+        next: Some(outcome.following(reached).step()),
         meta: vec![MetaItem {
             label: "points".to_owned(),
             value: Some(format!("{} of {}", capturer.done(), capturer.wanted())),
@@ -81,6 +81,8 @@ fn key_figures(outcome: &Outcome, reached: &Result<SoFar, String>) -> Section {
             "readings whose own scatter says so",
         ),
     ];
+    // What is not known yet has no card: the warning below says why.
+    let figures = figures.into_iter().filter(|figure| figure.value.is_some()).collect();
     Section::KeyFigures(KeyFigures { title: "At a glance".to_owned(), figures })
 }
 

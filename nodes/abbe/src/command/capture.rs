@@ -84,9 +84,17 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     screen.end();
     let days = Days::of_stamps_ns(capturer.taken().iter().flatten().map(|captured| captured.stamp_ns));
     let who = arguments.identity.gather(&Said { machine: Some(&job.machine), days, ..Said::default() })?.shown;
-    let next = next(arguments, &job, capturer.done() == capturer.wanted() || arguments.finish);
-    let outcome =
-        Outcome { machine: &job.machine, capturer: &capturer, promised_um: job.promised_um, who: &who, next: &next };
+    let [identify, go_on] = next(arguments, &job);
+    let is_whole = capturer.done() == capturer.wanted() || arguments.finish;
+    let next = if is_whole { &identify } else { &go_on };
+    let outcome = Outcome {
+        machine: &job.machine,
+        capturer: &capturer,
+        promised_um: job.promised_um,
+        who: &who,
+        next,
+        go_on: &go_on,
+    };
     let written = write_outcome(&outcome, &arguments.out, arguments.json, &shutdown);
     // What stopped it comes first; what was captured is written in any case.
     match ending {
@@ -105,15 +113,13 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     }
 }
 
-/// A whole campaign is identified; one with open points is gone on with.
-fn next(arguments: &Arguments, job: &Job, is_whole: bool) -> Next {
-    match is_whole {
-        true => Next::new("to identify the machine", "identify")
-            .file("--machine", &job.base.join(&job.config.machine))
-            .file("--campaign", &arguments.out.join("campaign.csv"))
-            .text("--out model.json"),
-        false => Next::new("to go on", "capture").path(&arguments.config).file("--out", &arguments.out),
-    }
+/// What follows from a campaign that can be identified, and from one that is to be gone on with.
+fn next(arguments: &Arguments, job: &Job) -> [Next; 2] {
+    let identify = Next::new("to identify the machine", "identify")
+        .file("--machine", &job.base.join(&job.config.machine))
+        .file("--campaign", &arguments.out.join("campaign.csv"))
+        .text("--out model.json");
+    [identify, Next::new("to go on", "capture").path(&arguments.config).file("--out", &arguments.out)]
 }
 
 /// Writes the moves that are left.

@@ -220,7 +220,9 @@ mod tests {
             corrections.add([k as f64, 0.0, 0.0], k + 2, Moved { by_m, u_m: Vector3::repeat(1e-7) });
         }
         assert_eq!((corrections.count, corrections.step), (12_000, 4));
-        assert!(corrections.kept.len() == 3000 && corrections.kept.iter().all(|(at, _)| at[0] as u64 % 4 == 0));
+        assert!(
+            corrections.kept.len() == 3000 && corrections.kept.iter().all(|(at, _)| (at[0] as u64).is_multiple_of(4))
+        );
         assert_eq!(corrections.largest.map(|l| (l.line, l.length_m)), Some((9, 3e-6)));
         // 11 999 rows of 1 µm and one of 3 µm.
         let expected_m = ((11_999.0 + 9.0) / 12_000_f64).sqrt() * 1e-6;
