@@ -106,7 +106,7 @@ fn in_place_of(
     let free = search.empirical(without, state, &looked)?;
     let least = own.evidence(without.used) - search.options.rival_margin;
     let mut open: Vec<&Candidate> = named.iter().chain(&free).filter(|c| c.evidence(without.used) > least).collect();
-    open.retain(|c| !has(&state.terms, &c.term) && !state.is_refused(&c.term) && is_of_its_kind(&c.term, &term));
+    open.retain(|c| !has(&state.terms, &c.term) && is_of_its_kind(&c.term, &term));
     open.sort_by(|a, b| b.evidence(without.used).total_cmp(&a.evidence(without.used)));
     let mut kept = Vec::new();
     for candidate in open.into_iter().take(MOST_TRIED) {
@@ -137,7 +137,7 @@ fn in_place_of(
 
 /// Whether likelihood alone may choose between them. The search puts a cause before a description, what is logged before what lags
 /// behind it, and nothing into a coordinate that only follows the time of the campaign.
-fn is_of_its_kind(other: &EffectTerm, found: &EffectTerm) -> bool {
+pub(crate) fn is_of_its_kind(other: &EffectTerm, found: &EffectTerm) -> bool {
     let describes = |term: &EffectTerm| term.effect.name() == DESCRIPTION;
     let lags = |term: &EffectTerm| term.effect.reads().iter().any(|name| of_lagged(name).is_some());
     let in_time = |term: &EffectTerm| read_by(term.effect.as_ref(), &term.shape).iter().any(|name| name == TIME);

@@ -319,7 +319,7 @@ fn describe(step: &Step) -> String {
 }
 
 /// A name with what the shape says of axis and sensor: `backlash (axis y, over x)`.
-fn named(name: &str, shape: &abbe_geometry::effects::Shape) -> String {
+pub(crate) fn named(name: &str, shape: &abbe_geometry::effects::Shape) -> String {
     use abbe_geometry::effects::ShapeValue;
     let word = |(key, value): (&String, &ShapeValue)| match value {
         ShapeValue::Text(text) => Some(format!("{key} {text}")),

@@ -11,6 +11,7 @@ mod context;
 mod diagnose;
 mod diagnosis;
 mod error;
+mod exchange;
 mod foresight;
 mod gate;
 pub mod held_out;

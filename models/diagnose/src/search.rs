@@ -15,7 +15,7 @@ use crate::look::{self, Variable};
 use crate::options::{Options, Progress};
 use crate::periodic::Periodogram;
 use crate::score::Score;
-use crate::{lags, order, periodic, runs, serial, worth};
+use crate::{exchange, lags, order, periodic, runs, serial, worth};
 use abbe_geometry::ErrorId;
 use abbe_geometry::effects::{ShapeValue, known, of_lagged};
 use abbe_geometry::machine::Machine;
@@ -102,7 +102,7 @@ impl<'a> State<'a> {
     }
 
     /// Whether the term, or the same with other figures, was refused beside what the model has.
-    pub(crate) fn is_refused(&self, term: &EffectTerm) -> bool {
+    fn is_refused(&self, term: &EffectTerm) -> bool {
         self.refused.iter().chain(&self.set_aside).any(|refused| is_variant(refused, term))
     }
 
@@ -279,7 +279,8 @@ impl<'a> Search<'a> {
             }
             let (round, as_it_is) = self.round_without_misfit(&state)?;
             let named = self.named(&round, &state.machine)?;
-            if !self.advance(&mut state, &round, &named, observe)? {
+            if !self.advance(&mut state, &round, &named, observe)? && !exchange::one(self, &mut state, &base, observe)?
+            {
                 state.named = as_it_is.then_some(named);
                 break;
             }

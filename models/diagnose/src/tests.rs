@@ -2,6 +2,7 @@
 //!
 //! Place in the flow: beside `tests/`, which sees whole diagnoses. Simulated campaigns, SI.
 
+use crate::exchange;
 use crate::gate;
 use crate::options::Options;
 use crate::score::Score;
@@ -156,4 +157,33 @@ fn regress_a_covariate_of_two_values_is_left_out_of_no_fit() {
     let verdict = gate::judge(&state.round, &after, &campaign, &[term]);
     assert!(verdict.judged.iter().all(|judged| judged.by != "dir_y"), "{verdict:?}");
     assert!(verdict.missing.iter().any(|words| words.contains("too few values of dir_y")), "{verdict:?}");
+}
+
+/// Of three expansions the first took the sensor that imitates the others best; beside it its own sensor had little left to explain.
+#[test]
+fn regress_a_sensor_that_was_chosen_too_early_is_exchanged() {
+    let effects = ["scale_expansion axis=x per_kelvin_um_m=9 fixed_at_mm=0", "backlash axis=y size_um=1.5"];
+    let (machine, campaign) = simulated(4, &effects);
+    let options = Options::default();
+    let search = Search::new(INSTRUMENT.range, &campaign, &options);
+    let expansion = |sensor: &str| {
+        let shape = Shape::new().text("axis", "x").text("sensor", sensor);
+        EffectTerm::new("scale_expansion", shape, &machine).unwrap()
+    };
+    let play = Shape::new().text("axis", "y").text("over", "y").number("terms", 1.0);
+    let play = EffectTerm::new("reversal", play, &machine).unwrap();
+    let mut with = |terms: Vec<EffectTerm>| {
+        let fit = search.fit(&machine, &terms, &mut |_| true).unwrap();
+        let mut state = State::new(fit.clone(), search.round(&fit).unwrap(), terms);
+        let is_exchanged = exchange::one(&search, &mut state, &[], &mut |_| true).unwrap();
+        let sensors: Vec<String> = state.terms[0].effect.reads();
+        let fitted = state.fit.model.parts().effects.iter().map(|fitted| fitted.effect.name()).collect::<Vec<_>>();
+        assert_eq!(fitted, state.terms.iter().map(|term| term.effect.name()).collect::<Vec<_>>());
+        (is_exchanged, sensors, state.steps.len())
+    };
+    let own = vec!["temp_scale_x_c".to_owned()];
+    assert_eq!(with(vec![expansion("temp_scale_y_c"), play.clone()]), (true, own.clone(), 2));
+    assert_eq!(with(vec![expansion("temp_scale_x_c"), play]), (false, own, 0), "the right one stays");
+    let alone = with(vec![expansion("temp_scale_y_c")]);
+    assert_eq!((alone.0, alone.2), (false, 0), "alone it was chosen among all");
 }
