@@ -172,7 +172,7 @@ fn regress_a_sensor_that_was_chosen_too_early_is_exchanged() {
     };
     let play = Shape::new().text("axis", "y").text("over", "y").number("terms", 1.0);
     let play = EffectTerm::new("reversal", play, &machine).unwrap();
-    let mut with = |terms: Vec<EffectTerm>| {
+    let with = |terms: Vec<EffectTerm>| {
         let fit = search.fit(&machine, &terms, &mut |_| true).unwrap();
         let mut state = State::new(fit.clone(), search.round(&fit).unwrap(), terms);
         let is_exchanged = exchange::one(&search, &mut state, &[], &mut |_| true).unwrap();
