@@ -371,7 +371,7 @@ mod tests {
         let text = words(&made);
         assert!(text.contains("published  -") && text.contains("published  0.2") && text.contains("BETTER"), "{text}");
         let html = report(&made).html().unwrap();
-        assert!(html.contains("station error") && html.contains("stopped before it was done"));
+        assert!(html.contains("station error") && html.to_lowercase().contains("stopped before it was done"), "{html}");
         assert!(to_json("papers", &made).unwrap().contains("\"published\": null"));
     }
 }
