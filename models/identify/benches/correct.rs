@@ -50,6 +50,8 @@ fn expansion(axis: &str) -> (&'static str, Shape) {
 /// The model with these effects, independent of everything else.
 fn with_effects(model: &MachineModel, effects: &[(&str, Shape)]) -> MachineModel {
     let mut parts = model.parts().clone();
+    // The campaign's own covariates have ranges of their own, of which the samples here know nothing.
+    (parts.identified.covariates, parts.identified.differences) = Default::default();
     let mut deviations = Vec::new();
     for (name, shape) in effects {
         let plausible =
