@@ -6,6 +6,7 @@
 //! its futures are driven by a scheduler: nothing of either is seen from outside.
 
 pub mod client;
+mod cnc;
 pub mod join;
 mod log;
 pub mod node;

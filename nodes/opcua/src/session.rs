@@ -3,6 +3,8 @@
 //! Place in the flow: run by the thread of [`crate::client`], again and again.
 
 use crate::client::{Asks, Check, Event, Found, LOOK_UP, NodeValue, Security, Settings, Shared, Values};
+use crate::cnc::{self, Position};
+use crate::node::{self, AxisName, NodeName, Place};
 use crate::units::ServerUnit;
 use futures::StreamExt;
 use opcua::client::UARequest;
@@ -254,7 +256,7 @@ async fn work(settings: &Settings, check: &Check, shared: &Arc<Shared>, session:
     Stop::Gone
 }
 
-fn value_of(node: &NodeId) -> ReadValueId {
+pub(crate) fn value_of(node: &NodeId) -> ReadValueId {
     ReadValueId { node_id: node.clone(), attribute_id: AttributeId::Value as u32, ..ReadValueId::default() }
 }
 
@@ -273,9 +275,9 @@ async fn find(settings: &Settings, session: &Session) -> Result<Vec<(Option<Node
             .collect(),
         _ => Vec::new(),
     };
-    let ids: Vec<Result<NodeId, String>> = settings.nodes.iter().map(|node| node.at(&names)).collect();
-    let known: Vec<NodeId> = ids.iter().filter_map(|id| id.as_ref().ok().cloned()).collect();
-    let questions: Vec<ReadValueId> = known.iter().map(value_of).collect();
+    let ids = places(settings, &names, session).await?;
+    let known: Vec<&Position> = ids.iter().filter_map(|id| id.as_ref().ok()).collect();
+    let questions: Vec<ReadValueId> = known.iter().map(|known| value_of(&known.value)).collect();
     let answers = session.read(&questions, TimestampsToReturn::Neither, 0.0).await?;
     let units = units_of(&known, session).await?;
     let (mut answers, mut units) = (answers.into_iter(), units.into_iter());
@@ -284,13 +286,37 @@ async fn find(settings: &Settings, session: &Session) -> Result<Vec<(Option<Node
         .zip(&settings.nodes)
         .map(|(id, name)| match id {
             Err(problem) => (None, Found { unit: None, problem: Some(problem) }),
-            Ok(id) => {
+            Ok(Position { value, .. }) => {
                 let status = answers.next().map_or(StatusCode::BadUnexpectedError, |answer| answer.status());
                 let problem = is_no_node(status).then(|| format!("node {name}: {status}"));
-                (Some(id), Found { unit: units.next().flatten(), problem })
+                (Some(value), Found { unit: units.next().flatten(), problem })
             }
         })
         .collect())
+}
+
+/// Where the values are, and the units of those whose specification says where those are.
+async fn places(
+    settings: &Settings,
+    namespaces: &[UAString],
+    session: &Session,
+) -> Result<Vec<Result<Position, String>>, Stop> {
+    let axis = |node| match NodeName::place(node) {
+        Place::Axis(axis) => Some(axis),
+        Place::Node { .. } => None,
+    };
+    let axes: Vec<&AxisName> = settings.nodes.iter().filter_map(axis).collect();
+    let mut positions = cnc::positions(&axes, namespaces, session).await?.into_iter();
+    let place = |node: &NodeName| match node.place() {
+        Place::Node { namespace, id } => {
+            node::at(namespace.as_deref(), id, namespaces).map(|value| Position { value, unit: None })
+        }
+        Place::Axis(_) => {
+            let found = positions.next().unwrap_or_else(|| Err("it was not looked for".to_owned()));
+            found.map_err(|problem| format!("{node}: {problem}"))
+        }
+    };
+    Ok(settings.nodes.iter().map(place).collect())
 }
 
 /// Whether a node with this status will have no values in this session.
@@ -307,9 +333,9 @@ fn is_no_node(status: StatusCode) -> bool {
 }
 
 /// The property `EngineeringUnits` of each node that has one.
-async fn units_of(nodes: &[NodeId], session: &Session) -> Result<Vec<Option<ServerUnit>>, Stop> {
-    let path = |node: &NodeId| BrowsePath {
-        starting_node: node.clone(),
+async fn units_of(nodes: &[&Position], session: &Session) -> Result<Vec<Option<ServerUnit>>, Stop> {
+    let path = |node: &&Position| BrowsePath {
+        starting_node: node.value.clone(),
         relative_path: RelativePath {
             elements: Some(vec![RelativePathElement {
                 reference_type_id: ReferenceTypeId::HasProperty.into(),
@@ -326,11 +352,10 @@ async fn units_of(nodes: &[NodeId], session: &Session) -> Result<Vec<Option<Serv
         Err(error) if error.status() == StatusCode::BadServiceUnsupported => Vec::new(),
         Err(error) => return Err(error.into()),
     };
-    let properties: Vec<(usize, ReadValueId)> = found
-        .iter()
-        .enumerate()
-        .filter_map(|(place, result)| Some((place, value_of(&result.targets.as_ref()?.first()?.target_id.node_id))))
-        .collect();
+    let own = |place: usize| Some(found.get(place)?.targets.as_ref()?.first()?.target_id.node_id.clone());
+    let property =
+        |(place, node): (usize, &&Position)| Some((place, value_of(&node.unit.clone().or_else(|| own(place))?)));
+    let properties: Vec<(usize, ReadValueId)> = nodes.iter().enumerate().filter_map(property).collect();
     let mut units = vec![None; nodes.len()];
     if properties.is_empty() {
         return Ok(units);

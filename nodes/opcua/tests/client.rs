@@ -371,3 +371,64 @@ fn val_asyncua_login_with_each_policy_and_not_with_a_wrong_password() {
     }
     std::fs::remove_dir_all(&folder).unwrap();
 }
+
+/// What a session finds of nodes by these names.
+fn found_of(address: &str, names: &[&str]) -> Vec<Found> {
+    let nodes = names.iter().map(|name| NodeName::parse(name).unwrap()).collect();
+    connected(&mut open(&Settings { nodes, ..settings(address) }))
+}
+
+#[test]
+fn val_asyncua_axes_of_a_cnc_are_found_by_their_names_with_their_unit_and_give_values() {
+    let axis = "{\"unit\": 5066068, \"rotational\": false, \"referenced\": true, \"places\": [\"PosDirect\", \"PosIndirect\"]}";
+    let asked = format!("{{\"cnc\": {{\"Mill\": {{\"X1\": {axis}, \"Y1\": {axis}, \"Z1\": {axis}}}}}}}");
+    let Some(mut peer) = Peer::start(Peer::free_port(), &asked) else { return };
+    let names = ["opc40502:X1", "opc40502:Mill/Y1", "opc40502-indirect:Z1", "nsu=urn:peer:axes;s=T"];
+    let nodes = names.map(|name| NodeName::parse(name).unwrap()).to_vec();
+    let mut client = open(&Settings { nodes, ..settings(&peer.address) });
+    let found = connected(&mut client);
+    assert_eq!(found.iter().map(|found| found.problem.clone()).collect::<Vec<_>>(), vec![None; 4]);
+    let units: Vec<_> = found.iter().map(|found| found.unit.as_ref().and_then(|unit| unit.suffix())).collect();
+    assert_eq!(units, [Some("_mm"), Some("_mm"), Some("_mm"), None]);
+    let at_ms = now_ms();
+    let told = [("Mill.X1.PosDirect", 1.5), ("Mill.Y1.PosDirect", -2.5), ("Mill.Z1.PosIndirect", 3.5)];
+    for (node, (name, mm)) in told.into_iter().enumerate() {
+        // The other measuring system of the axis says something else.
+        let other = if name.ends_with("PosDirect") {
+            name.replace("PosDirect", "PosIndirect")
+        } else {
+            name.replace("PosIndirect", "PosDirect")
+        };
+        peer.tell(&format!("[[{other:?},99.0,{at_ms},0],[{name:?},{mm:?},{at_ms},0]]"));
+        assert_eq!(value(&mut client, node, Some(at_ms)), Ok(mm), "{name}");
+    }
+}
+
+#[test]
+fn val_asyncua_axes_of_a_cnc_that_are_not_plain_are_refused_with_what_to_do() {
+    let asked = "{\"cnc\": {\"Mill\": {\"X\": {}, \"C\": {\"rotational\": true}, \"Y\": {\"referenced\": false}, \
+                 \"Z\": {\"places\": [\"PosIndirect\"]}, \"Q\": {\"places\": []}}, \"Lathe\": {\"X\": {}}}}";
+    let Some(peer) = Peer::start(Peer::free_port(), asked) else { return };
+    let names =
+        ["opc40502:X", "opc40502:Mill/X", "opc40502:Saw/X", "opc40502:Lathe/W", "opc40502:Mill/C", "opc40502:Mill/Y"];
+    let more = ["opc40502:Mill/Z", "opc40502-indirect:Mill/Z", "opc40502-indirect:Mill/Q"];
+    let found = found_of(&peer.address, &[&names[..], &more].concat());
+    let problems: Vec<&str> = found.iter().map(|found| found.problem.as_deref().unwrap_or("")).collect();
+    for (problem, words) in problems.iter().zip([
+        "opc40502:X: the server has several CNC interfaces that fit (Mill, Lathe)",
+        "",
+        "no CNC interface has that name; there is Mill, Lathe",
+        "no axis of that name; there is X",
+        "the axis turns (IsRotational)",
+        "the axis is not referenced (IsReferenced); home the machine",
+        "no PosDirect with an ActPos; where the motor's",
+        "",
+        "no PosIndirect with an ActPos",
+    ]) {
+        assert!(problem.contains(words) && problem.is_empty() == words.is_empty(), "{problem:?} {words:?}");
+    }
+    let Some(plain) = Peer::start(Peer::free_port(), "{}") else { return };
+    let found = found_of(&plain.address, &["opc40502:X", "nsu=urn:peer:axes;s=X"]);
+    assert!(found[0].problem.as_ref().unwrap().contains("does not follow OPC 40502"), "{found:?}");
+    assert_eq!(found[1].problem, None);
+}

@@ -1,7 +1,8 @@
 """A server of OPC UA that is not ours: axes X, Y, Z and a sensor T, which say what standard input tells them to.
 
 Arguments: port, and a JSON object: "units" (node: identifier of UNECE, or a text for another namespace), "user" and "password",
-"folder" (own.der and own.pem are made there), "missing" (nodes that are not there).
+"folder" (own.der and own.pem are made there), "missing" (nodes that are not there), "cnc" (interfaces of OPC 40502 by name, each with axes
+by name: "places" of PosDirect and PosIndirect, "unit", "rotational", "referenced"; "Mill.X.PosDirect" is then a node as X is).
 Input: a JSON list a line, of [node, value or null, milliseconds since 1970 or null, status code]; "flood" N: that many values of each axis.
 Output: "ready" when it serves, then a line for each line of input.
 """
@@ -46,6 +47,29 @@ def value(number, at_ms, status):
                         ua.StatusCode(status), SourceTimestamp=at)
 
 
+async def add_cnc(objects, space, namespace, interfaces, nodes):
+    """Interfaces of OPC 40502 in a folder, with browse names as the specification has them."""
+    shop = await objects.add_folder(space, "Shop")
+    for interface, axes in interfaces.items():
+        own = await shop.add_object(space, interface)
+        every = await own.add_object(ua.NodeId(f"{interface}.axes", space), ua.QualifiedName("CncAxisList", namespace))
+        for name, asked in axes.items():
+            axis = await every.add_object(ua.NodeId(f"{interface}.{name}", space), ua.QualifiedName(name, space))
+            for key, told in (("rotational", "IsRotational"), ("referenced", "IsReferenced")):
+                if key in asked:
+                    await axis.add_variable(ua.NodeId(f"{interface}.{name}.{told}", space), ua.QualifiedName(told, namespace), asked[key])
+            for place in asked.get("places", ["PosDirect"]):
+                text = f"{interface}.{name}.{place}"
+                position = await axis.add_variable(ua.NodeId(text + ".all", space), ua.QualifiedName(place, namespace), 0.0)
+                actual = await position.add_variable(
+                    ua.NodeId(text, space), ua.QualifiedName("ActPos", namespace), 0.0, ua.VariantType.Double)
+                if "unit" in asked:
+                    told = ua.EUInformation(UNECE, asked["unit"], ua.LocalizedText(name), ua.LocalizedText(name))
+                    await position.add_property(
+                        ua.NodeId(text + ".unit", space), ua.QualifiedName("EngineeringUnits", namespace), told)
+                nodes[text] = actual
+
+
 async def main():
     port, asked = int(sys.argv[1]), json.loads(sys.argv[2])
     server = Server(user_manager=One(asked.get("user"), asked.get("password")))
@@ -77,6 +101,9 @@ async def main():
             told = ua.EUInformation(namespace, number, ua.LocalizedText(name), ua.LocalizedText(name))
             await node.add_property(ua.NodeId(f"{name}.unit", space), ua.QualifiedName("EngineeringUnits", 0), told)
         nodes[name] = node
+    if "cnc" in asked:
+        namespace = await server.register_namespace("http://opcfoundation.org/UA/CNC")
+        await add_cnc(server.nodes.objects, space, namespace, asked["cnc"], nodes)
     lines = asyncio.Queue()
     loop = asyncio.get_running_loop()
     async with server:
