@@ -1,23 +1,22 @@
 //! One software and the server: bytes in, lines through the relay, bytes out.
 //!
-//! Place in the flow: below [`super::serve`]. Two threads read, one relays and writes. What one side sends faster than the other
-//! takes waits in a queue of fixed length, and then in the network. Half a line at the end of a connection is no line: it does
-//! not pass, and is told.
+//! Place in the flow: below [`super::serve`]. One thread waits for both sides, relays and writes: a thread between would make each
+//! line wait for one more wake-up. What one side sends faster than the other takes waits in the network. Half a line at the end
+//! of a connection is no line: it does not pass, and is told.
 
 use super::corrector::Corrector;
 use abbe_ippdme::line::{Lines, Piece};
 use abbe_ippdme::relay::{Out, Relay};
 use abbe_runtime::Shutdown;
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use std::io::{ErrorKind, Read, Result, Write};
 use std::net::{Shutdown as Ways, TcpStream};
-use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
-use std::thread;
 use std::time::{Duration, Instant};
 
-/// Pieces that wait at most, of each side.
-const QUEUE: usize = 64;
+/// Bytes that are taken at once at most.
+const AT_ONCE: usize = 1 << 16;
 /// How often it looks whether to stop while nothing passes.
-const LOOK_UP: Duration = Duration::from_millis(20);
+const LOOK_UP: Timespec = Timespec { tv_sec: 0, tv_nsec: 20_000_000 };
 /// How long a side may take nothing before it is given up.
 const TAKES_WITHIN: Duration = Duration::from_secs(10);
 
@@ -38,9 +37,6 @@ impl Side {
         }
     }
 }
-
-/// What a side sent: bytes, or why no more come.
-type Sent = (Side, std::result::Result<Vec<u8>, String>);
 
 /// Why a connection ended, and whether somebody should know.
 pub(super) struct End {
@@ -67,30 +63,17 @@ pub(super) fn run(
     shutdown: &Shutdown,
 ) -> Result<End> {
     client.set_nonblocking(false)?;
-    let (give, sent) = sync_channel(QUEUE);
     let mut both = Both { client, server, said: String::new() };
     for stream in [&both.client, &both.server] {
         stream.set_nodelay(true)?;
         stream.set_write_timeout(Some(TAKES_WITHIN))?;
     }
-    let readers = [(Side::Software, both.client.try_clone()?), (Side::Server, both.server.try_clone()?)];
-    let readers = readers.map(|(side, stream)| {
-        let give = give.clone();
-        thread::Builder::new().name("proxy".into()).spawn(move || read(side, stream, &give))
-    });
-    drop(give);
-    let why = both.relay(&sent, relay, corrector, shutdown);
+    let why = both.relay(relay, corrector, shutdown);
     let last: Vec<u8> = relay.abandon().into_iter().flat_map(line_of).collect();
     // It may be gone already.
     let _ = both.server.write_all(&last);
     for stream in [&both.client, &both.server] {
         let _ = stream.shutdown(Ways::Both);
-    }
-    // Takes what still waits, so that no reader waits for room.
-    while sent.recv().is_ok() {}
-    for reader in readers {
-        // It ends with its stream.
-        let _ = reader?.join();
     }
     Ok(why)
 }
@@ -102,19 +85,13 @@ fn line_of(out: Out) -> Vec<u8> {
     }
 }
 
-fn read(side: Side, mut stream: TcpStream, give: &SyncSender<Sent>) {
-    let mut bytes = [0; 1 << 16];
-    loop {
-        let sent = match stream.read(&mut bytes) {
-            Ok(0) => Err("ended the connection".to_owned()),
-            Ok(count) => Ok(bytes[..count].to_vec()),
-            Err(error) if error.kind() == ErrorKind::Interrupted => continue,
-            Err(error) => Err(error.to_string()),
-        };
-        let is_end = sent.is_err();
-        if give.send((side, sent)).is_err() || is_end {
-            return;
-        }
+/// Bytes of a side that has some, or why no more come; `None` where a signal came first.
+fn read<'a>(mut stream: &TcpStream, bytes: &'a mut [u8]) -> Option<std::result::Result<&'a [u8], String>> {
+    match stream.read(bytes) {
+        Ok(0) => Some(Err("ended the connection".to_owned())),
+        Ok(count) => Some(Ok(&bytes[..count])),
+        Err(error) if error.kind() == ErrorKind::Interrupted => None,
+        Err(error) => Some(Err(error.to_string())),
     }
 }
 
@@ -127,15 +104,10 @@ struct Both {
 }
 
 impl Both {
-    fn relay(
-        &mut self,
-        sent: &Receiver<Sent>,
-        relay: &mut Relay,
-        corrector: &mut Corrector,
-        shutdown: &Shutdown,
-    ) -> End {
+    fn relay(&mut self, relay: &mut Relay, corrector: &mut Corrector, shutdown: &Shutdown) -> End {
         let (mut of_software, mut of_server) = (Lines::default(), Lines::default());
         let mut server_spoke = Instant::now();
+        let mut bytes = vec![0; AT_ONCE];
         loop {
             if shutdown.requested() {
                 return End::usual("stopped on request".to_owned());
@@ -146,38 +118,58 @@ impl Both {
                 );
                 return End::odd(why);
             }
-            let (side, bytes) = match sent.recv_timeout(LOOK_UP) {
-                Ok(sent) => sent,
-                Err(RecvTimeoutError::Timeout) => continue,
-                Err(RecvTimeoutError::Disconnected) => return End::usual("both sides ended".to_owned()),
+            let ready = match self.ready() {
+                Ok(ready) => ready,
+                Err(why) => return End::odd(why),
             };
-            let lines = if side == Side::Software { &mut of_software } else { &mut of_server };
-            let bytes = match bytes {
-                Ok(bytes) => bytes,
-                Err(why) if lines.begun() == 0 => return End::usual(format!("{} {why}", side.name())),
-                Err(why) => {
-                    return End::odd(format!("{} {why}, in the middle of a line, which did not pass", side.name()));
-                }
-            };
-            corrector.arrived();
-            let was_asking = relay.is_asking();
-            let mut outs = Vec::new();
-            for piece in lines.take(&bytes) {
-                match (side, piece) {
-                    (Side::Software, Piece::Line(line)) => outs.extend(relay.from_client(&line, corrector)),
-                    (Side::Server, Piece::Line(line)) => outs.extend(relay.from_server(&line, corrector)),
-                    (side, Piece::TooLong) => {
-                        let why = "sent a line that is longer than the protocol allows";
-                        return End::odd(format!("{} {why}", side.name()));
+            for side in ready.into_iter().flatten() {
+                let (stream, lines) = match side {
+                    Side::Software => (&self.client, &mut of_software),
+                    Side::Server => (&self.server, &mut of_server),
+                };
+                let bytes = match read(stream, &mut bytes) {
+                    None => continue,
+                    Some(Ok(bytes)) => bytes,
+                    Some(Err(why)) if lines.begun() == 0 => return End::usual(format!("{} {why}", side.name())),
+                    Some(Err(why)) => {
+                        return End::odd(format!("{} {why}, in the middle of a line, which did not pass", side.name()));
+                    }
+                };
+                corrector.arrived();
+                let was_asking = relay.is_asking();
+                let mut outs = Vec::new();
+                for piece in lines.take(bytes) {
+                    match (side, piece) {
+                        (Side::Software, Piece::Line(line)) => outs.extend(relay.from_client(&line, corrector)),
+                        (Side::Server, Piece::Line(line)) => outs.extend(relay.from_server(&line, corrector)),
+                        (side, Piece::TooLong) => {
+                            let why = "sent a line that is longer than the protocol allows";
+                            return End::odd(format!("{} {why}", side.name()));
+                        }
                     }
                 }
+                if side == Side::Server || !was_asking {
+                    server_spoke = Instant::now();
+                }
+                let sent = self.send(outs);
+                corrector.record_passed();
+                if let Err(why) = sent {
+                    return End::odd(why);
+                }
             }
-            if side == Side::Server || !was_asking {
-                server_spoke = Instant::now();
+        }
+    }
+
+    /// Which sides have sent something or ended; none after a while in which nothing passed.
+    fn ready(&self) -> std::result::Result<[Option<Side>; 2], String> {
+        let mut waits = [&self.client, &self.server].map(|stream| PollFd::new(stream, PollFlags::IN));
+        match poll(&mut waits, Some(&LOOK_UP)) {
+            Ok(0) | Err(rustix::io::Errno::INTR) => Ok([None; 2]),
+            Ok(_) => {
+                let has = |wait: &PollFd, side: Side| (!wait.revents().is_empty()).then_some(side);
+                Ok([has(&waits[0], Side::Software), has(&waits[1], Side::Server)])
             }
-            if let Err(why) = self.send(outs) {
-                return End::odd(why);
-            }
+            Err(error) => Err(format!("the connections cannot be waited for: {error}")),
         }
     }
 

@@ -33,6 +33,8 @@ pub struct Corrector {
     by_status: BTreeMap<CorrectionStatus, u64>,
     last_status: CorrectionStatus,
     tape: Option<Tape>,
+    /// What passed and is not recorded yet.
+    passed: Vec<(ScaleReading, CorrectedCoordinates)>,
     scale_topic: Arc<str>,
     corrected_topic: Arc<str>,
 }
@@ -65,6 +67,7 @@ impl Corrector {
             by_status: BTreeMap::new(),
             last_status: CorrectionStatus::InVolume,
             tape: None,
+            passed: Vec::new(),
             scale_topic: topic(topics::SCALE_READING),
             corrected_topic: topic(topics::CORRECTED),
             // No covariate passes, so that none can be stale.
@@ -92,6 +95,7 @@ impl Corrector {
 
     /// Completes the bag; gives how many messages are in it, and how many are not.
     pub(super) fn finish(&mut self) -> Result<(u64, u64), ProxyError> {
+        self.record_passed();
         let Some(Tape { recording, refused }) = self.tape.take() else { return Ok((0, 0)) };
         let status = recording.finish()?;
         if let Some(why) = &status.stopped {
@@ -149,9 +153,18 @@ impl Corrector {
                 mm[2]
             );
         }
-        if let Some(tape) = &mut self.tape {
-            tape.record(&self.scale_topic, reading);
-            tape.record(&self.corrected_topic, sample);
+        if self.tape.is_some() {
+            self.passed.push((*reading, *sample));
+        }
+    }
+
+    /// Records what passed: lines go on their way first, and do not wait for the recorder to wake up.
+    pub(super) fn record_passed(&mut self) {
+        for (reading, sample) in self.passed.drain(..) {
+            if let Some(tape) = &mut self.tape {
+                tape.record(&self.scale_topic, &reading);
+                tape.record(&self.corrected_topic, &sample);
+            }
         }
     }
 }
