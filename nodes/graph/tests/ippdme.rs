@@ -5,6 +5,8 @@
 #[path = "../../ippdme/tests/cmm/mod.rs"]
 mod cmm;
 mod common;
+#[path = "../../ippdme/tests/cmm/errors.rs"]
+mod errors;
 #[path = "../../ippdme/tests/cmm/tcp.rs"]
 mod tcp;
 
@@ -282,6 +284,38 @@ fn each_class_of_error_is_answered_as_the_specification_asks() {
     server.cmm().unknown.clear();
     server.cmm().scales_mm[0] = 5.0;
     until(driver.as_mut(), 5.0);
+}
+
+#[test]
+fn each_error_that_the_specification_names_is_answered_by_its_class_and_readings_go_on() {
+    let server = Tcp::start(Cmm::default());
+    let mut driver = open(&server.address, "reads = \"polled\"\nevery_s = 0.02\nsilent_after_s = 5.0");
+    next(driver.as_mut());
+    // And classes that it does not name, with numbers of a maker's own: nobody knows what they mean, so somebody has to look.
+    let unnamed = [(4, 8000), (5, 8001), (6, 8002), (7, 8003), (8, 8999)];
+    let mut x_mm = 1000.0;
+    for (class, number) in errors::ERRORS.into_iter().chain(unnamed) {
+        let what = format!("class {class}, number {number}");
+        server.cmm().heard.clear();
+        server.cmm().has_error = class == 2;
+        server.say(format!("{}\r\n", errors::told(class, number)).as_bytes());
+        let is_asked = match class {
+            0 | 1 => None,
+            2 => Some("ClearAllErrors()"),
+            9 => Some("StartSession()"),
+            _ => Some("GetErrStatusE()"),
+        };
+        if let Some(command) = is_asked {
+            server.wait_for(1, command);
+        }
+        x_mm += 1.0;
+        server.cmm().scales_mm[0] = x_mm;
+        until(driver.as_mut(), x_mm);
+        let begins_anew = server.count("StartSession()") > 0;
+        assert_eq!(begins_anew, class >= 2, "{what}: {:?}", server.cmm().heard);
+        // What is not the client's to clear stays for whoever has to see it.
+        assert_eq!(server.count("ClearAllErrors()") > 0, class == 2, "{what}: {:?}", server.cmm().heard);
+    }
 }
 
 #[test]

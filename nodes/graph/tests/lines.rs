@@ -182,6 +182,30 @@ fn a_connection_that_ends_or_falls_silent_is_made_again_and_numbers_go_on() {
 }
 
 #[test]
+fn a_flood_is_read_to_its_last_line_and_garbage_in_it_is_counted() {
+    const LINES: u32 = 50_000;
+    let (listener, address) = server();
+    let text = format!("from = {{ tcp = \"{address}\" }}\ncolumns = [\"x_um\", \"y_mm\", \"z_mm\"]\n");
+    let writer = thread::spawn(move || {
+        let mut stream = listener.accept().unwrap().0;
+        let line = |number| if number % 10 == 9 { "\u{7}?,".to_owned() } else { format!("{number},2,3") };
+        let lines: String = (0..LINES).map(|number| line(number) + "\n").collect();
+        stream.write_all(lines.as_bytes()).unwrap();
+        stream
+    });
+    let mut driver = scale(&config(&text));
+    let mut garbage = 0;
+    for (sequence, number) in (0..LINES).filter(|number| number % 10 != 9).enumerate() {
+        let (reading, refused) = next(driver.as_mut());
+        assert_eq!((reading.sequence, (reading.reading_m[0] * 1e6).round()), (sequence as u64, f64::from(number)));
+        garbage += refused.len();
+    }
+    // The last line of all is one, and comes after the last reading.
+    assert_eq!(garbage, (LINES / 10 - 1) as usize);
+    drop(writer.join().unwrap());
+}
+
+#[test]
 fn packets_clients_and_commands_are_read_alike() {
     let free = UdpSocket::bind("127.0.0.1:0").unwrap().local_addr().unwrap().to_string();
     let columns = "separator = \";\"\ndecimal = \",\"\n";

@@ -129,6 +129,73 @@ fn samples_are_readings_of_their_own_instant_and_none_before_the_axes_are_homed(
 }
 
 #[test]
+fn a_flood_half_a_line_repeats_and_a_connection_that_ends_or_falls_silent_give_no_reading_of_a_wrong_instant() {
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = listener.local_addr().unwrap();
+    let (tell, told) = channel();
+    let writer = thread::spawn(move || {
+        // X is the number of a sample in micrometres, 100 mm further on with each connection.
+        let row = |connection: u32, number: u32| {
+            format!("{:.6} 50.0 10.0 1 1 1 1.0 0.0 0.0 1.0", f64::from(connection * 100_000 + number) * 1e-3)
+        };
+        let mut stream = listener.accept().unwrap().0;
+        let begin_s = now_s();
+        tell.send(begin_s).unwrap();
+        samples(&mut stream, begin_s, 0..2000, |number| row(0, number));
+        stream.write_all("rubbish\n".repeat(20_000).as_bytes()).unwrap();
+        samples(&mut stream, begin_s + 2.0, 2000..3000, |number| row(0, number));
+        // The 5 of 50 mm, and no more: what is missing would change what it says.
+        stream.write_all(b"3000 3.000000 5").unwrap();
+        drop(stream);
+        let mut stream = listener.accept().unwrap().0;
+        let begin_s = now_s();
+        tell.send(begin_s).unwrap();
+        samples(&mut stream, begin_s, 0..2000, |number| row(1, number));
+        // The last second again, at once, and on from there.
+        let again: String = (1000..2000).map(|number| format!("{number} {} \n", row(1, number))).collect();
+        stream.write_all(again.as_bytes()).unwrap();
+        samples(&mut stream, begin_s + 2.0, 2000..4000, |number| row(1, number));
+        // It stays connected, and says nothing more.
+        let third = listener.accept().unwrap().0;
+        (stream, third)
+    });
+    let shutdown = Shutdown::manual();
+    let keys = format!("from = {{ tcp = \"{address}\" }}\nevery_s = 0.02\nlate_s = 0.25\nsilent_after_s = 1.5");
+    let (given, link) = given(&config(&keys), &shutdown);
+    let mut was_silent = false;
+    wait_until("it connects again after a silence", || {
+        was_silent |= matches!(link.status().state, LinkState::Silent(_) | LinkState::Lost(_));
+        writer.is_finished()
+    });
+    let _kept = writer.join().unwrap();
+    shutdown.request();
+    let begins_s: Vec<f64> = told.try_iter().collect();
+    let (mut readings, mut refused) = (Vec::new(), Vec::new());
+    while let Ok(one) = given.recv_timeout(LIMIT) {
+        match one {
+            Ok(reading) => readings.push(reading),
+            Err(words) => refused.push(words),
+        }
+    }
+    assert!(was_silent);
+    let mm: Vec<f64> = readings.iter().map(|reading| reading.reading_m[0] * 1e3).collect();
+    assert!(mm.is_sorted_by(|a, b| a < b), "none comes twice: {mm:?}");
+    for part in [0.0..2.0, 2.0..3.0, 100.0..102.0, 102.0..104.0] {
+        assert!(mm.iter().any(|mm| part.contains(mm)), "none of {part:?}: {mm:?}");
+    }
+    for (sequence, reading) in readings.iter().enumerate() {
+        let [x_mm, y_mm, _] = reading.reading_m.map(|m| m * 1e3);
+        let (begin_s, taken_s) = if x_mm < 50.0 { (begins_s[0], x_mm) } else { (begins_s[1], x_mm - 100.0) };
+        assert_eq!(reading.sequence, sequence as u64);
+        assert!((y_mm - 50.0).abs() < 1e-9, "{reading:?}");
+        let late_s = reading.stamp.to_seconds() - begin_s - taken_s;
+        assert!((-0.001..0.1).contains(&late_s), "{late_s}: {reading:?}");
+    }
+    let count = |words: &str| refused.iter().filter(|said| said.contains(words)).count();
+    assert_eq!((count("it has 1 columns"), count("it has no end")), (20_000, 1), "{:?}", refused.last());
+}
+
+#[test]
 fn settings_that_make_no_linuxcnc_are_refused_with_what_to_do() {
     for (text, words) in [
         ("from = { tcp = \"nowhere\" }", "driver.from: \"nowhere\" is no host:port"),

@@ -4,6 +4,8 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // A test fails by panicking.
 
 mod cmm;
+#[path = "cmm/errors.rs"]
+mod errors;
 
 use abbe_ippdme::line;
 use abbe_ippdme::message::{Kind, Response};
@@ -512,5 +514,22 @@ proptest! {
                 }
             }
         }
+    }
+}
+
+#[test]
+fn each_error_that_the_specification_names_passes_as_it_came_and_a_position_beside_it_is_never_raw() {
+    for (class, number) in errors::ERRORS {
+        let mut bench = Bench::usual();
+        let line = errors::told(class, number);
+        assert_eq!(bench.server_says(&line), [line.clone()]);
+        // In the answer to a question for the position, which the server tells all the same.
+        bench.cmm.fails = Some((class, number));
+        let answers = bench.ask("Get(X(), Y(), Z())");
+        assert_eq!(answers[0], format!("! Error({class}, {number:04}, \"Get\", \"told by a test\")"));
+        for answer in &answers[1..] {
+            assert_near(coordinates(answer), bench.expected_mm());
+        }
+        assert!(answers.len() == 2 || class >= 2, "a warning keeps nothing back: {answers:?}");
     }
 }

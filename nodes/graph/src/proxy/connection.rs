@@ -69,6 +69,8 @@ pub(super) fn run(
         stream.set_write_timeout(Some(TAKES_WITHIN))?;
     }
     let why = both.relay(relay, corrector, shutdown);
+    // An end in the middle of a piece has left some.
+    corrector.sent();
     let last: Vec<u8> = relay.abandon().into_iter().flat_map(line_of).collect();
     // It may be gone already.
     let _ = both.server.write_all(&last);
@@ -151,11 +153,10 @@ impl Both {
                 if side == Side::Server || !was_asking {
                     server_spoke = Instant::now();
                 }
-                let sent = self.send(outs);
-                corrector.record_passed();
-                if let Err(why) = sent {
+                if let Err(why) = self.send(outs) {
                     return End::odd(why);
                 }
+                corrector.sent();
             }
         }
     }
@@ -173,26 +174,28 @@ impl Both {
         }
     }
 
-    /// Sends what came out, each side's lines at once.
+    /// Sends what came out, each side's lines at once; words come last, because they wait for whoever reads them.
     fn send(&mut self, outs: Vec<Out>) -> std::result::Result<(), String> {
-        let (mut to_client, mut to_server, mut ends) = (Vec::new(), Vec::new(), None);
+        let (mut to_client, mut to_server, mut words, mut ends) = (Vec::new(), Vec::new(), Vec::new(), None);
         for out in outs {
             match out {
                 Out::ToClient(line) => to_client.extend(line),
                 Out::ToServer(line) => to_server.extend(line),
-                Out::Say(words) => {
-                    // The same words for each point of a scan would fill the log.
-                    if words != self.said {
-                        tracing::warn!("{words}");
-                        self.said = words;
-                    }
-                }
+                Out::Say(said) => words.push(said),
                 Out::Close(why) => ends = Some(why),
             }
         }
         let of = |side: Side| move |error: std::io::Error| format!("{} takes nothing more: {error}", side.name());
-        self.server.write_all(&to_server).map_err(of(Side::Server))?;
-        self.client.write_all(&to_client).map_err(of(Side::Software))?;
+        let to_server = self.server.write_all(&to_server).map_err(of(Side::Server));
+        let to_client = to_server.and_then(|()| self.client.write_all(&to_client).map_err(of(Side::Software)));
+        for words in words {
+            // The same words for each point of a scan would fill the log.
+            if words != self.said {
+                tracing::warn!("{words}");
+                self.said = words;
+            }
+        }
+        to_client?;
         ends.map_or(Ok(()), Err)
     }
 }

@@ -33,8 +33,8 @@ pub struct Corrector {
     by_status: BTreeMap<CorrectionStatus, u64>,
     last_status: CorrectionStatus,
     tape: Option<Tape>,
-    /// What passed and is not recorded yet.
-    passed: Vec<(ScaleReading, CorrectedCoordinates)>,
+    /// What was reported, and is neither told nor recorded yet.
+    waiting: Vec<(ScaleReading, CorrectedCoordinates)>,
     scale_topic: Arc<str>,
     corrected_topic: Arc<str>,
 }
@@ -67,7 +67,7 @@ impl Corrector {
             by_status: BTreeMap::new(),
             last_status: CorrectionStatus::InVolume,
             tape: None,
-            passed: Vec::new(),
+            waiting: Vec::new(),
             scale_topic: topic(topics::SCALE_READING),
             corrected_topic: topic(topics::CORRECTED),
             // No covariate passes, so that none can be stale.
@@ -95,7 +95,7 @@ impl Corrector {
 
     /// Completes the bag; gives how many messages are in it, and how many are not.
     pub(super) fn finish(&mut self) -> Result<(u64, u64), ProxyError> {
-        self.record_passed();
+        self.sent();
         let Some(Tape { recording, refused }) = self.tape.take() else { return Ok((0, 0)) };
         let status = recording.finish()?;
         if let Some(why) = &status.stopped {
@@ -138,29 +138,22 @@ impl Corrector {
         }
     }
 
-    fn count(&mut self, reading: &ScaleReading, sample: &CorrectedCoordinates) {
-        self.sequence += 1;
-        *self.by_status.entry(sample.status).or_default() += 1;
-        if std::mem::replace(&mut self.last_status, sample.status) != sample.status
-            && sample.status == CorrectionStatus::Extrapolated
-        {
-            let mm = sample.corrected_m.map(|m| m * 1e3);
-            tracing::warn!(
-                "positions from {:.3}, {:.3}, {:.3} mm on lie outside what the model was identified from; they are corrected, \
-                 and their uncertainty is not known",
-                mm[0],
-                mm[1],
-                mm[2]
-            );
-        }
-        if self.tape.is_some() {
-            self.passed.push((*reading, *sample));
-        }
-    }
-
-    /// Records what passed: lines go on their way first, and do not wait for the recorder to wake up.
-    pub(super) fn record_passed(&mut self) {
-        for (reading, sample) in self.passed.drain(..) {
+    /// Positions have left: tells what there is to tell of them, and records them. Both come after sending, since words wait for
+    /// whoever reads them, and a record wakes the thread of the disk, which takes the processor where that is scarce.
+    pub(super) fn sent(&mut self) {
+        for (reading, sample) in self.waiting.drain(..) {
+            if std::mem::replace(&mut self.last_status, sample.status) != sample.status
+                && sample.status == CorrectionStatus::Extrapolated
+            {
+                let mm = sample.corrected_m.map(|m| m * 1e3);
+                tracing::warn!(
+                    "positions from {:.3}, {:.3}, {:.3} mm on lie outside what the model was identified from; they are corrected, \
+                     and their uncertainty is not known",
+                    mm[0],
+                    mm[1],
+                    mm[2]
+                );
+            }
             if let Some(tape) = &mut self.tape {
                 tape.record(&self.scale_topic, &reading);
                 tape.record(&self.corrected_topic, &sample);
@@ -172,9 +165,12 @@ impl Corrector {
 impl Correct for Corrector {
     fn corrected_m(&mut self, indicated_m: [f64; 3], offset_m: [f64; 3], purpose: Purpose) -> Result<[f64; 3], String> {
         let (reading, sample) = self.sample(indicated_m, offset_m)?;
+        let outcome = self.refusal(&sample).map_or(Ok(sample.corrected_m), Err);
         if purpose == Purpose::Report {
-            self.count(&reading, &sample);
+            self.sequence += 1;
+            *self.by_status.entry(sample.status).or_default() += 1;
+            self.waiting.push((reading, sample));
         }
-        self.refusal(&sample).map_or(Ok(sample.corrected_m), Err)
+        outcome
     }
 }

@@ -25,6 +25,8 @@ pub(crate) struct Cmm {
     pub(crate) tells_nothing: bool,
     /// Commands that it does not know.
     pub(crate) unknown: BTreeSet<String>,
+    /// Tells an error of this class and number before what it answers to `Get`.
+    pub(crate) fails: Option<(u8, u16)>,
     /// Commands as they came.
     pub(crate) heard: Vec<String>,
     pub(crate) has_error: bool,
@@ -50,6 +52,7 @@ impl Default for Cmm {
             keeps_csy: false,
             tells_nothing: false,
             unknown: BTreeSet::new(),
+            fails: None,
             heard: Vec::new(),
             has_error: false,
             measured: words("X Y Z"),
@@ -158,6 +161,9 @@ impl Cmm {
             self.has_error = true;
             lines.push(format!("{tag} ! Error(3, 0501, \"{name}\", \"Unsupported command\")"));
         } else {
+            if let Some((class, number)) = self.fails.filter(|_| name == "Get") {
+                lines.push(format!("{tag} ! Error({class}, {number:04}, \"Get\", \"told by a test\")"));
+            }
             match self.answers(tag, name, &split(inside)) {
                 Ok(answers) => lines.extend(answers.into_iter().map(|answer| format!("{tag} # {answer}"))),
                 Err((severity, number, text)) => {
