@@ -522,7 +522,7 @@ fn each_error_that_the_specification_names_passes_as_it_came_and_a_position_besi
     for (class, number) in errors::ERRORS {
         let mut bench = Bench::usual();
         let line = errors::told(class, number);
-        assert_eq!(bench.server_says(&line), [line.clone()]);
+        assert_eq!(bench.server_says(&line), [line.as_str()]);
         // In the answer to a question for the position, which the server tells all the same.
         bench.cmm.fails = Some((class, number));
         let answers = bench.ask("Get(X(), Y(), Z())");
