@@ -2,7 +2,7 @@
 //! name of an axis, `opc40502:X`, where the server follows that specification.
 //!
 //! Place in the flow: read when a launch file is checked; the namespace by its name becomes the server's number for it when a session begins, because
-//! servers number their namespaces as they like. Axes are looked for then, too ([`crate::cnc`]).
+//! servers number their namespaces as they like. Axes are looked for then, too.
 
 use opcua::types::{NodeId, UAString};
 use std::str::FromStr;
