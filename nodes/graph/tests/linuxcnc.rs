@@ -189,7 +189,8 @@ fn a_flood_half_a_line_repeats_and_a_connection_that_ends_or_falls_silent_give_n
         assert_eq!(reading.sequence, sequence as u64);
         assert!((y_mm - 50.0).abs() < 1e-9, "{reading:?}");
         let late_s = reading.stamp.to_seconds() - begin_s - taken_s;
-        assert!((-0.001..0.1).contains(&late_s), "{late_s}: {reading:?}");
+        // What is later than the driver allows is refused.
+        assert!((-0.001..0.25).contains(&late_s), "{late_s}: {reading:?}");
     }
     let count = |words: &str| refused.iter().filter(|said| said.contains(words)).count();
     assert_eq!((count("it has 1 columns"), count("it has no end")), (20_000, 1), "{:?}", refused.last());
