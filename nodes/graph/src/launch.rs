@@ -5,8 +5,10 @@
 //! with the file and the key.
 
 mod check;
+mod instead;
 mod record;
 
+pub use instead::Instead;
 pub use record::RecordConfig;
 
 use crate::driver::DriverConfig;

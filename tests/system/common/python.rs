@@ -5,7 +5,7 @@
 //! there; the second wants Python 3.12, which not every system has.
 
 use std::env;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
 use abbe_runtime::ros::Domain;
@@ -42,6 +42,12 @@ pub(crate) fn ros2(domain: Domain, words: &[&str]) -> Option<Command> {
     command.arg(path).args(words).stdin(Stdio::null()).env("PYTHONDONTWRITEBYTECODE", "1");
     command.env("ROS_DOMAIN_ID", domain.id().to_string()).env("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET");
     Some(command)
+}
+
+/// Where the wheels of ROS 2 are installed, with what builds packages; none where there is no ROS 2.
+pub(crate) fn ros2_prefix() -> Option<PathBuf> {
+    let interpreter = env::var_os("ABBE_ROS_PYTHON")?;
+    Some(Path::new(&interpreter).parent()?.parent()?.to_owned())
 }
 
 /// What such a program says.

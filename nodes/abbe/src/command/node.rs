@@ -2,6 +2,7 @@
 //!
 //! Place in the flow: started by the launcher or by hand; its last line on standard output is its summary as JSON.
 
+use super::launch::InsteadArguments;
 use abbe_graph::launch::NodeName;
 use abbe_graph::node::{NodeCall, run as run_node};
 use abbe_runtime::ros::RosArgs;
@@ -25,13 +26,16 @@ pub(crate) struct Arguments {
     /// How often the launcher has started the node before
     #[arg(long, default_value_t = 0, hide = true)]
     life: u32,
+    #[command(flatten)]
+    instead: InsteadArguments,
 }
 
 pub(crate) fn run(arguments: Arguments, ros_args: RosArgs) -> anyhow::Result<()> {
     let name: NodeName = arguments.name.parse()?;
     let run = arguments.run.map(|run| run.parse::<RunId>()).transpose()?;
+    let instead = arguments.instead.files()?;
     let Arguments { launch: launch_file, launcher_pid, life, .. } = arguments;
-    let call = NodeCall { name, launch_file, run, ros_args, launcher_pid, life };
+    let call = NodeCall { name, launch_file, instead, run, ros_args, launcher_pid, life };
     let summary = run_node(call)?;
     end_with_reader()?;
     println!("{}", serde_json::to_string(&summary)?);

@@ -25,7 +25,7 @@ pub(crate) use traffic::take;
 
 use crate::driver::DriverError;
 use crate::feed::FeedError;
-use crate::launch::{Launch, LaunchError, NodeName};
+use crate::launch::{Instead, Launch, LaunchError, NodeName};
 use crate::{scene, topics};
 use abbe_files::{FileError, MachineFile, read_machine};
 use abbe_msgs::bag::BagError;
@@ -65,6 +65,8 @@ pub struct NodeCall {
     pub name: NodeName,
     /// Launch file.
     pub launch_file: PathBuf,
+    /// Files to be used instead of those it names.
+    pub instead: Instead,
     /// Run whose shared memory it joins.
     pub run: Option<RunId>,
     /// ROS arguments.
@@ -247,7 +249,7 @@ fn say(word: &str) {
 
 impl NodeContext {
     fn open(call: NodeCall, shutdown: Shutdown) -> Result<NodeContext, NodeError> {
-        let mut launch = Launch::read(&call.launch_file)?;
+        let mut launch = Launch::read_with(&call.launch_file, &call.instead)?;
         let base = call.launch_file.parent().map_or_else(PathBuf::new, Path::to_path_buf);
         let machine = read_machine(&base.join(&launch.machine))?;
         let identity = call

@@ -7,7 +7,7 @@
 pub mod policy;
 mod process;
 
-use crate::launch::{Launch, LaunchError, NodeName};
+use crate::launch::{Instead, Launch, LaunchError, NodeName};
 use crate::node::NodeSummary;
 use abbe_runtime::transport::shared_memory::{self, CleanupError, SharedMemory};
 use abbe_runtime::transport::{DEFAULT_DEPTH, TransportError};
@@ -103,6 +103,15 @@ enum State {
     GivenUp,
 }
 
+/// What every node of a launch is given beside the launch file.
+#[derive(Debug, Clone, Default)]
+pub struct Given {
+    /// Files to be used instead of those that the launch file names.
+    pub instead: Instead,
+    /// ROS arguments, as they stand after `--ros-args`.
+    pub ros_words: Vec<String>,
+}
+
 /// The nodes of one run.
 pub struct Supervisor {
     nodes: Vec<Node>,
@@ -111,7 +120,7 @@ pub struct Supervisor {
     _claim: Claim,
     program: PathBuf,
     launch_file: PathBuf,
-    ros_words: Vec<String>,
+    given: Given,
     /// The launcher takes part in the run, so that nobody removes its files while a node is being started again.
     memory: Option<SharedMemory>,
     problems: Vec<String>,
@@ -122,17 +131,17 @@ pub struct Supervisor {
 impl Supervisor {
     /// Starts the nodes of a launch file, those that take before those that give.
     pub fn start(program: &Path, launch_file: &Path, run: RunId) -> Result<Supervisor, SupervisorError> {
-        Supervisor::start_with(program, launch_file, run, Vec::new())
+        Supervisor::start_with(program, launch_file, run, Given::default())
     }
 
-    /// The same, with ROS arguments for every node, as they stand after `--ros-args`.
+    /// The same, with what every node is given.
     pub fn start_with(
         program: &Path,
         launch_file: &Path,
         run: RunId,
-        ros_words: Vec<String>,
+        given: Given,
     ) -> Result<Supervisor, SupervisorError> {
-        let launch = Launch::read(launch_file)?;
+        let launch = Launch::read_with(launch_file, &given.instead)?;
         let claim = Claim::of_run(&run)?;
         remove_crashed(&run);
         let leftovers = shared_memory::remove_leftovers();
@@ -147,7 +156,7 @@ impl Supervisor {
             _claim: claim,
             program: program.to_owned(),
             launch_file: launch_file.to_owned(),
-            ros_words,
+            given,
             memory,
             problems: Vec::new(),
             fed_from_outside: launch.is_fed_from_outside(),
@@ -255,8 +264,9 @@ impl Supervisor {
         if life > 0 {
             command.args(["--life", &life.to_string()]);
         }
-        if !self.ros_words.is_empty() {
-            command.arg("--ros-args").args(&self.ros_words);
+        command.args(self.given.instead.options());
+        if !self.given.ros_words.is_empty() {
+            command.arg("--ros-args").args(&self.given.ros_words);
         }
         NodeProcess::start(name, command)
     }
