@@ -10,11 +10,13 @@ use crate::candidates::Round;
 use crate::error::DiagnoseError;
 use crate::held_out::{HeldOut, held_out};
 use crate::linear::Linear;
-use crate::options::Progress;
+use crate::options::{Options, Progress};
 use crate::search::{Search, State, has};
+use crate::side_by_side::side_by_side;
 use abbe_geometry::machine::Machine;
 use abbe_identify::{EffectTerm, residuals_of};
 use abbe_measurement::campaign::Campaign;
+use abbe_measurement::instrument::RangeUncertainty;
 use faer::Mat;
 use rand::{Rng, SeedableRng, seq::SliceRandom};
 use rand_chacha::ChaCha8Rng;
@@ -96,11 +98,16 @@ pub(crate) fn unseen(
 ) -> Result<Result<Unseen, String>, DiagnoseError> {
     let dealt = folds(search.campaign, search.options.folds, search.options.seed);
     let (mut errors, mut found, mut not_judged) = (Vec::new(), Vec::new(), dealt.not_judged);
-    for (k, fold) in dealt.folds.iter().enumerate() {
-        if !observe(Progress::Judging { fold: k + 1, folds: dealt.folds.len() }) {
-            return Err(DiagnoseError::Stopped);
-        }
-        match one(search, (machine, base), fold, weights, observe) {
+    let whole = Whole { instrument: search.instrument, campaign: search.campaign, options: search.options };
+    let without = |k: usize, observe: &mut dyn FnMut(Progress) -> bool| match observe(Progress::Judging {
+        fold: k + 1,
+        folds: dealt.folds.len(),
+    }) {
+        true => one(whole, (machine, base), &dealt.folds[k], weights, observe),
+        false => Err(DiagnoseError::Stopped),
+    };
+    for (k, outcome) in side_by_side(dealt.folds.len(), without, observe).into_iter().enumerate() {
+        match outcome {
             Ok((predictions, names)) => {
                 errors.extend(predictions);
                 found.push(names);
@@ -117,26 +124,34 @@ pub(crate) fn unseen(
     Ok(Ok(summary(errors, found, not_judged)))
 }
 
+/// What a search of a part needs of the search of the whole.
+#[derive(Clone, Copy)]
+struct Whole<'a> {
+    instrument: RangeUncertainty,
+    campaign: &'a Campaign,
+    options: &'a Options,
+}
+
 /// Predictions of the lines of a fold by a search that does not see them, and what that search found.
 fn one(
-    search: &Search,
+    whole: Whole,
     (machine, base): (&Machine, &[EffectTerm]),
     fold: &[u32],
     weights: &[f64],
     observe: &mut dyn FnMut(Progress) -> bool,
 ) -> Result<(Vec<Prediction>, Vec<String>), DiagnoseError> {
-    let (seen, left) = split(search.campaign, fold);
-    let (seen_part, left_part) = (search.campaign.part(&seen), search.campaign.part(&left));
-    let inner = Search::new(search.instrument, &seen_part, search.options);
+    let (seen, left) = split(whole.campaign, fold);
+    let (seen_part, left_part) = (whole.campaign.part(&seen), whole.campaign.part(&left));
+    let inner = Search::new(whole.instrument, &seen_part, whole.options);
     let before = inner.fit(machine, base, observe)?;
     let first = inner.round(&before)?;
     let state = inner.run(before.clone(), first, base.to_vec(), observe)?;
-    let predict = |model| residuals_of(model, search.instrument, &left_part);
+    let predict = |model| residuals_of(model, whole.instrument, &left_part);
     let (without, with) = (predict(&before.model)?, predict(&state.fit.model)?);
     let mut predictions = Vec::new();
     for (index, (a, b)) in left.iter().zip(without.iter().zip(&with)) {
         if weights[*index] > 0.0 {
-            let line = search.campaign.readings[*index].line;
+            let line = whole.campaign.readings[*index].line;
             predictions.push(Prediction { line, before_m: a.0, after_m: b.0, u_m: a.1 });
         }
     }

@@ -30,6 +30,7 @@ mod runs;
 pub mod score;
 mod search;
 mod serial;
+mod side_by_side;
 pub mod study;
 mod together;
 mod tomorrow;

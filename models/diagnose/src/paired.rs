@@ -8,7 +8,7 @@
 
 use crate::candidates::Round;
 use crate::linear::Linear;
-use abbe_identify::symmetric_eigen;
+use abbe_identify::{in_parallel, symmetric_eigen};
 use faer::Mat;
 
 /// 1 − eigenvalue of H below which only the block itself tells of a direction: predicted without it, its uncertainty is
@@ -46,7 +46,7 @@ pub(crate) enum Untold {
 
 /// Each block predicted by both fits.
 pub(crate) fn pairs(before: &Round, after: &Round, blocks: &[Vec<usize>], untold: Untold) -> Vec<Pair> {
-    blocks.iter().filter_map(|block| pair(before, after, block, untold)).collect()
+    in_parallel(blocks, |block| pair(before, after, block, untold)).into_iter().flatten().collect()
 }
 
 fn pair(before: &Round, after: &Round, block: &[usize], untold: Untold) -> Option<Pair> {
