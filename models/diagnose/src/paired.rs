@@ -7,9 +7,10 @@
 //! residuals; no units.
 
 use crate::candidates::Round;
-use crate::linear::Linear;
+use crate::linear::{Linear, column};
 use abbe_identify::{in_parallel, symmetric_eigen};
-use faer::Mat;
+use faer::linalg::solvers::{Llt, Solve};
+use faer::{Mat, Side};
 
 /// 1 − eigenvalue of H below which only the block itself tells of a direction: predicted without it, its uncertainty is
 /// a thousand times the noise.
@@ -64,8 +65,9 @@ fn pair(before: &Round, after: &Round, block: &[usize], untold: Untold) -> Optio
     };
     let (first, second) = (left_out(&before.linear, block, TOLD)?, left_out(&after.linear, block, limit)?);
     let mut hidden: Vec<Vec<f64>> = Vec::new();
-    let own = first.own().map(|own| times(&own, &to_before));
-    own.chain(second.own().map(|own| times(&own, &to_after))).for_each(|direction| add(&mut hidden, direction));
+    let own = first.own().into_iter().map(|own| times(&own, &to_before));
+    let own = own.chain(second.own().into_iter().map(|own| times(&own, &to_after)));
+    own.for_each(|direction| add(&mut hidden, direction));
     let common = |residuals: &[f64], factors: &[f64]| without(times(residuals, factors), &hidden);
     let (a, b) = (common(&first.residuals, &to_before), common(&second.residuals, &to_after));
     let difference: Vec<f64> = a.iter().zip(&b).map(|(a, b)| a - b).collect();
@@ -78,31 +80,42 @@ fn pair(before: &Round, after: &Round, block: &[usize], untold: Untold) -> Optio
 struct LeftOut {
     /// Residuals, without what only the block tells.
     residuals: Vec<f64>,
-    /// Eigenvalues of the block's hat matrix and their directions, those that the model does not reach left out.
-    values: Vec<f64>,
-    directions: Vec<Vec<f64>>,
-    /// 1 − eigenvalue up to which only the block tells of a direction.
-    limit: f64,
+    hat: Hat,
+}
+
+/// What the block itself has to do with its prediction.
+enum Hat {
+    /// Other blocks tell of every direction: (I − H)⁻¹ is all that is needed.
+    Measured(Inverse),
+    /// Eigenvalues of H and their directions, those that the model does not reach left out; and 1 − eigenvalue up to which only the
+    /// block tells of a direction.
+    Directions { values: Vec<f64>, directions: Vec<Vec<f64>>, limit: f64 },
 }
 
 impl LeftOut {
     /// Directions of which only the block tells.
-    fn own(&self) -> impl Iterator<Item = Vec<f64>> + '_ {
-        self.values
-            .iter()
-            .zip(&self.directions)
-            .filter(|(value, _)| 1.0 - **value <= self.limit)
-            .map(|(_, d)| d.clone())
+    fn own(&self) -> Vec<Vec<f64>> {
+        match &self.hat {
+            Hat::Measured(_) => Vec::new(),
+            Hat::Directions { values, directions, limit } => {
+                let own = values.iter().zip(directions).filter(|(value, _)| 1.0 - **value <= *limit);
+                own.map(|(_, direction)| direction.clone()).collect()
+            }
+        }
     }
 
     /// xᵀ (I − H)⁻¹ x: variance along x of what is predicted, for unit noise.
     fn variance(&self, x: &[f64]) -> f64 {
+        let (values, directions, limit) = match &self.hat {
+            Hat::Measured(inverse) => return dot(x, &inverse.of(x)),
+            Hat::Directions { values, directions, limit } => (values, directions, *limit),
+        };
         let mut variance = square(x);
-        for (value, direction) in self.values.iter().zip(&self.directions) {
+        for (value, direction) in values.iter().zip(directions) {
             let along = dot(direction, x).powi(2);
             variance += match 1.0 - value {
                 rest if rest > MEASURED => along * value / rest,
-                rest if rest > self.limit => 0.0,
+                rest if rest > limit => 0.0,
                 _ => -along,
             };
         }
@@ -114,6 +127,9 @@ fn left_out(fit: &Linear, block: &[usize], limit: f64) -> Option<LeftOut> {
     let spread = fit.spread();
     let rows = Mat::from_fn(block.len(), spread.ncols(), |i, j| spread[(block[i], j)]);
     let seen: Vec<f64> = block.iter().map(|k| fit.residuals()[*k]).collect();
+    if let Some(inverse) = Inverse::new(&rows) {
+        return Some(LeftOut { residuals: inverse.of(&seen), hat: Hat::Measured(inverse) });
+    }
     let (values, directions) = directions(&rows)?;
     let mut residuals = seen.clone();
     for (value, direction) in values.iter().zip(&directions) {
@@ -121,7 +137,37 @@ fn left_out(fit: &Linear, block: &[usize], limit: f64) -> Option<LeftOut> {
         let change = if 1.0 - value > limit { along * value / (1.0 - value) } else { -along };
         residuals.iter_mut().zip(direction).for_each(|(residual, d)| *residual += change * d);
     }
-    Some(LeftOut { residuals, values, directions, limit })
+    Some(LeftOut { residuals, hat: Hat::Directions { values, directions, limit } })
+}
+
+/// (I − H)⁻¹ with H = R Rᵀ, where other blocks measure every direction. Where R is tall, (I − R Rᵀ)⁻¹ = I + R (I − RᵀR)⁻¹ Rᵀ.
+struct Inverse {
+    factor: Llt<f64>,
+    /// R where it is tall.
+    tall: Option<Mat<f64>>,
+}
+
+impl Inverse {
+    /// None where some direction is not measured by others: Cholesky's factor then does not exist.
+    fn new(rows: &Mat<f64>) -> Option<Inverse> {
+        let is_tall = rows.nrows() > rows.ncols();
+        let hat = if is_tall { rows.transpose() * rows } else { rows * rows.transpose() };
+        let rest = |limit: f64| {
+            let entry = |i: usize, j: usize| if i == j { 1.0 - limit - hat[(i, j)] } else { -hat[(i, j)] };
+            Llt::new(Mat::from_fn(hat.nrows(), hat.ncols(), entry).as_ref(), Side::Lower).ok()
+        };
+        rest(MEASURED)?;
+        Some(Inverse { factor: rest(0.0)?, tall: is_tall.then(|| rows.clone()) })
+    }
+
+    fn of(&self, x: &[f64]) -> Vec<f64> {
+        let x_column = column(x);
+        let solved = match &self.tall {
+            None => self.factor.solve(&x_column),
+            Some(rows) => &x_column + rows * self.factor.solve(rows.transpose() * &x_column),
+        };
+        (0..x.len()).map(|k| solved[(k, 0)]).collect()
+    }
 }
 
 /// Eigenvalues and eigenvectors of R Rᵀ, from whichever of R Rᵀ and RᵀR is smaller.
@@ -172,4 +218,44 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
 /// Sum of squares.
 pub(crate) fn square(a: &[f64]) -> f64 {
     dot(a, a)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Rows of J L whose hat matrix has eigenvalues below one.
+    fn rows(count: usize, parameters: usize, scale: f64) -> Mat<f64> {
+        Mat::from_fn(count, parameters, |i, j| scale * (0.7 * (i + 1) as f64 * (j + 2) as f64 + j as f64).sin())
+    }
+
+    #[test]
+    fn what_is_measured_by_others_is_predicted_alike_by_either_way() {
+        for (count, parameters) in [(7, 12), (15, 6)] {
+            let rows = rows(count, parameters, 0.1);
+            let x: Vec<f64> = (0..count).map(|k| (1.3 * k as f64).cos()).collect();
+            let (values, directions) = directions(&rows).unwrap();
+            assert!(values.iter().all(|value| 1.0 - value > MEASURED), "{values:?}");
+            let mut by_directions = x.clone();
+            for (value, direction) in values.iter().zip(&directions) {
+                let along = dot(direction, &x) * value / (1.0 - value);
+                by_directions.iter_mut().zip(direction).for_each(|(sum, d)| *sum += along * d);
+            }
+            let inverse = Inverse::new(&rows).unwrap();
+            let solved = inverse.of(&x);
+            let close = |(a, b): (&f64, &f64)| (a - b).abs() < 1e-12;
+            assert!(solved.iter().zip(&by_directions).all(close), "{solved:?} {by_directions:?}");
+            let hat = Hat::Directions { values, directions, limit: TOLD };
+            let slow = LeftOut { residuals: by_directions, hat }.variance(&x);
+            let fast = LeftOut { residuals: solved, hat: Hat::Measured(inverse) }.variance(&x);
+            assert!((slow - fast).abs() < 1e-12 * slow, "{slow} {fast}");
+        }
+    }
+
+    #[test]
+    fn a_direction_that_only_the_block_tells_is_looked_at_by_its_eigenvalue() {
+        let mut rows = rows(7, 12, 0.1);
+        (0..12).for_each(|j| rows[(3, j)] = if j == 0 { 1.0 } else { 0.0 });
+        assert!(Inverse::new(&rows).is_none());
+    }
 }
