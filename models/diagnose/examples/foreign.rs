@@ -55,6 +55,9 @@ fn main() {
                 d.model.parts().quality.unexplained_m * 1e6,
                 d.after.correlation
             );
+            if let Some(step) = &d.machine_step {
+                println!("    step: evidence {:.0}, {}", step.evidence, step.words());
+            }
             if let Some(unseen) = &d.unseen {
                 let [before, after] = [&unseen.before, &unseen.after].map(|error| error.rms_m * 1e6);
                 println!("    lines left out um {before:.2} {after:.2} unexplained {:.2}", unseen.unexplained_m * 1e6);

@@ -12,6 +12,7 @@ use crate::error::DiagnoseError;
 use crate::gate::{self, Verdict};
 use crate::judge::{self, Blocked, Unseen};
 use crate::lags::with_lags;
+use crate::machine_step::{self, MachineStep};
 use crate::noise;
 use crate::options::{Options, Progress};
 use crate::search::{Search, State, Step, has};
@@ -26,6 +27,8 @@ use abbe_measurement::instrument::RangeUncertainty;
 const LINES_PER_FOLD: usize = 5;
 /// Next measurements named at most.
 const MEASUREMENTS: usize = 12;
+/// What decides after a step of the machine.
+const AFTER_A_STEP: &str = "the whole campaign again, once what moved the machine is found and fixed";
 
 /// Diagnoses a campaign with the machine's model as it is: its error functions and the effects it already has.
 ///
@@ -52,9 +55,11 @@ pub fn diagnose(
     if let Some(because) = &judged.not_adopted {
         state.withdraw((before.clone(), first.clone(), base.clone()), because);
     }
+    let machine_step = machine_step(&search, &state, (&alike, &base), observe)?;
     let model = state.fit.model.clone();
     state.fit.model = tomorrow::told(model, &state.round, campaign, |fitted| !is_base(&base, fitted))
         .and_then(|model| with_unexplained(model, judged.unseen.as_ref()))
+        .and_then(|model| machine_step.as_ref().map_or(Ok(model.clone()), |step| step.told(model)))
         .map_err(abbe_identify::IdentifyError::from)?;
     let named = match state.named.take() {
         Some(named) => named,
@@ -65,10 +70,14 @@ pub fn diagnose(
     let enriched = state.is_enriched();
     let without = competing::without_each(&search, &state, &base, observe)?;
     let (averaged, competing) = competing::averaged(&search, &state, &state.fit.model, &without, observe)?;
-    let found = found(&search, &state, &base, without.iter().zip(competing))?;
+    let mut found = found(&search, &state, &base, without.iter().zip(competing))?;
+    // A step that explains more than all of them: none is the cause.
+    if machine_step.as_ref().is_some_and(|step| step.outdoes_found) {
+        found.iter_mut().for_each(|found| found.kind = Kind::Empirical);
+    }
     let not_identifiable = alias::not_identifiable(&last, &state.fit.model, &named)?;
     let untestable = alias::untestable(&state.machine, &search.context);
-    let next_measurements = next_measurements(&found, &not_identifiable, &untestable);
+    let mut next_measurements = next_measurements(&found, &not_identifiable, &untestable);
     let rejected_lines = rejected_lines(campaign, &state.fit.weights);
     let set_aside = state.set_aside();
     let model = averaged.without(|fitted| !is_base(&base, fitted) && tomorrow::is_course(fitted));
@@ -77,10 +86,17 @@ pub fn diagnose(
     // What was significant and stays out is no noise either.
     let hangs_together = state.fit.correlation.is_some();
     let explained = found.is_empty() && set_aside.is_empty() && judged.not_adopted.is_none() && !hangs_together;
+    next_measurements.splice(0..0, machine_step.iter().map(|_| AFTER_A_STEP.to_owned()));
     let said = rejected_lines.iter().map(|line| format!("line {line} was rejected: most of its readings are outliers"));
     Ok(Diagnosis {
-        consistent_with_noise: explained && !structured,
-        steps: state.steps.iter().map(describe).chain(said).collect(),
+        consistent_with_noise: explained && !structured && machine_step.is_none(),
+        steps: state
+            .steps
+            .iter()
+            .map(describe)
+            .chain(said)
+            .chain(machine_step.as_ref().map(MachineStep::words))
+            .collect(),
         rejected_lines,
         blocked: blocked(campaign, &alike, &last),
         before,
@@ -90,6 +106,7 @@ pub fn diagnose(
         detection_after,
         found,
         enriched,
+        machine_step,
         set_aside,
         not_adopted: judged.not_adopted,
         gate: judged.gate,
@@ -109,6 +126,33 @@ fn with_unexplained(model: MachineModel, unseen: Option<&Unseen>) -> Result<Mach
         return Ok(model);
     }
     MachineModel::new(ModelParts { quality: FitQuality { unexplained_m, ..quality }, ..model.parts().clone() })
+}
+
+/// A step of the machine, in place of all that the search found or beside it.
+fn machine_step(
+    search: &Search,
+    state: &State,
+    (alike, base): (&Round, &[EffectTerm]),
+    observe: &mut dyn FnMut(Progress) -> bool,
+) -> Result<Option<MachineStep>, DiagnoseError> {
+    let found: Vec<&EffectTerm> = state.terms.iter().filter(|term| !has(base, term)).collect();
+    let mut columns = Vec::new();
+    for term in &found {
+        columns.push(alike.rows.columns(term.effect.as_ref())?);
+    }
+    let count = columns.iter().map(|columns| columns.ncols()).sum();
+    let mut all = faer::Mat::zeros(alike.rows.len(), count);
+    let mut first = 0;
+    for columns in &columns {
+        all.as_mut().subcols_mut(first, columns.ncols()).copy_from(columns);
+        first += columns.ncols();
+    }
+    let mut go_on = || observe(Progress::Scoring { round: 1, effects: found.len() });
+    let competing = (count > 0).then_some(all);
+    match machine_step::find(alike, search.campaign, search.options, competing, &mut go_on)? {
+        None if count > 0 => machine_step::find(&state.round, search.campaign, search.options, None, &mut go_on),
+        step => Ok(step),
+    }
 }
 
 /// The rows of what the model had before, under the noise that the search ended with: only so can both be compared.

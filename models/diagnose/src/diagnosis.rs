@@ -4,6 +4,7 @@
 
 use crate::gate::Verdict;
 use crate::judge::{Blocked, Placebo, Unseen};
+use crate::machine_step::MachineStep;
 use crate::noise::Detection;
 use abbe_geometry::effects::Shape;
 use abbe_geometry::model::MachineModel;
@@ -32,6 +33,8 @@ pub struct Diagnosis {
     pub rejected_lines: Vec<String>,
     /// Error functions had too few coefficients and got more.
     pub enriched: bool,
+    /// A step of the machine in the middle of the campaign, which no model describes on both sides.
+    pub machine_step: Option<MachineStep>,
     /// Candidates that explain the residual but stay out, each with the reason.
     pub set_aside: Vec<SetAside>,
     /// Why nothing at all was adopted although the search found something; `after` is then `before`.

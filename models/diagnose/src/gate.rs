@@ -85,6 +85,12 @@ pub(crate) fn judge(before: &Round, after: &Round, campaign: &Campaign, terms: &
     verdict
 }
 
+/// Whether lines left out are predicted better beyond chance among lines, where neither fit need know a line that it never saw.
+pub(crate) fn gains_on_lines(before: &Round, after: &Round, campaign: &Campaign) -> bool {
+    let lines = judge::blocks(campaign, after).into_iter().find(|(by, _)| *by == "line");
+    lines.is_some_and(|(_, blocks)| between(&pairs(before, after, &blocks, Untold::LeftOut)) >= GAIN)
+}
+
 fn reason(judged: &Judged, worst: f64, limit: f64, must_gain: bool) -> Option<String> {
     let Judged { by, before, after, deviations, .. } = judged;
     if worst < limit {

@@ -86,7 +86,8 @@ fn inverse_root(value: f64) -> f64 {
     if value > 0.0 { value.sqrt().recip() } else { 0.0 }
 }
 
-fn p_of(reduction: f64, tested: usize, remaining: f64, rest: f64) -> f64 {
+/// Probability of a reduction of χ² by as many directions by chance (F test).
+pub(crate) fn p_of(reduction: f64, tested: usize, remaining: f64, rest: f64) -> f64 {
     if tested == 0 {
         return 1.0;
     }

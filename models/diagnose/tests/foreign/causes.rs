@@ -22,6 +22,9 @@ pub(crate) struct Moment<'a> {
     pub(crate) more: f64,
 }
 
+/// When a step happens (s): in the middle of a station's lines, past the middle of the campaign.
+pub(crate) const STEPS_AT_S: f64 = 9100.0;
+
 /// What a form does, with figures drawn from the seed.
 pub(crate) struct Cause {
     form: String,
@@ -103,7 +106,7 @@ impl Cause {
                 let k = m.air.parts(m.time_s, m.more)[1] - 20.0;
                 [0.0, 10e-6 * k * (m.reading_m[1] - 0.1), 0.0]
             }
-            _ => [0.0; 3],
+            form => step(form, m),
         }
     }
 
@@ -177,5 +180,31 @@ impl Cause {
     /// Share of the cells of the scales' temperatures that are empty.
     pub(crate) fn holes(&self) -> f64 {
         if self.form == "holes" { 0.03 } else { 0.0 }
+    }
+}
+
+/// A machine that is another one from an instant on, as `step-KIND:SIZE` (µm or µrad); a squareness that settles.
+fn step(form: &str, m: &Moment) -> Vector {
+    if form == "squareness-settles" {
+        return [14e-6 * (-m.time_s / 4000.0).exp() * m.reading_m[1], 0.0, 0.0];
+    }
+    let Some((kind, size)) = form.strip_prefix("step-").and_then(|form| form.split_once(':')) else { return [0.0; 3] };
+    if m.time_s < STEPS_AT_S {
+        return [0.0; 3];
+    }
+    let size = size.parse::<f64>().unwrap() * 1e-6;
+    let holder = minus(m.point_m, m.reading_m);
+    match kind {
+        // Y stands askew to X; all that it carries goes along.
+        "square" => cross([0.0, 0.0, size], [0.0, m.reading_m[1] - 0.1, 0.0]),
+        // The ram leans, and with it what hangs on it.
+        "lean" => cross([size, 0.0, 0.0], [0.0, 0.0, m.reading_m[2] - 0.8]),
+        // The beam rolls about its own axis: Z leans and all holders turn.
+        "roll" => cross([0.0, size, 0.0], [holder[0], holder[1], m.reading_m[2] + holder[2] - 0.3]),
+        // The guide of X is pushed aside.
+        "straight" => [0.0, 0.8 * size, 0.6 * size],
+        // The scale of X counts on from another place.
+        "zero" => [size, 0.0, 0.0],
+        _ => [0.0; 3],
     }
 }

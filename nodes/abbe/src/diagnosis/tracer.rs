@@ -9,8 +9,8 @@ use crate::identity;
 use crate::pipeline::{LoadedCampaign, evidence_json, load_campaign, software};
 use crate::provenance;
 use crate::verdict::{self, Accept};
-use abbe_diagnose::{Diagnosis, Options, Progress, diagnose};
-use abbe_files::{MachineFile, ModelFile, OrderChoice, hex};
+use abbe_diagnose::{Diagnosis, MachineStep, Options, Progress, diagnose};
+use abbe_files::{Doubt, MachineFile, ModelFile, OrderChoice, hex};
 use abbe_geometry::model::MachineModel;
 use abbe_identify::Evidence;
 use abbe_identify::verdict::{Grade, Verdict, of_campaign, widened};
@@ -93,7 +93,10 @@ impl Given {
     /// Whether the model that came out is the one that went in: the same structure from the same data.
     fn is_kept(&self, diagnosis: &Diagnosis, loaded: &LoadedCampaign) -> bool {
         let same_data = matches!(self.file.data.as_slice(), [only] if only.sha256 == loaded.source.sha256);
-        let nothing_new = diagnosis.found.is_empty() && !diagnosis.enriched && diagnosis.after.correlation.is_none();
+        let nothing_new = diagnosis.found.is_empty()
+            && !diagnosis.enriched
+            && diagnosis.after.correlation.is_none()
+            && diagnosis.machine_step.is_none();
         nothing_new && same_data
     }
 }
@@ -127,12 +130,15 @@ pub(crate) fn run(
     caution(&mut record, &verdict);
     let labels: Vec<String> = record.effects.iter().map(abbe_report::diagnosis::Effect::label).collect();
     let residuals = pictures::residuals(&diagnosis, instrument, &loaded.campaign, &labels)?;
+    let stepped = diagnosis.machine_step.as_ref().map(MachineStep::words);
     let kept = given.is_kept(&diagnosis, &loaded);
     let evidence = [&diagnosis.before.evidence, &diagnosis.after.evidence].map(|e| evidence_of(e, &record));
     let [of_before, of_after] = evidence;
     let before = given.with(diagnosis.before.model, &loaded, &options, of_before);
     let after = widened(diagnosis.model, verdict.widening)?;
-    let after = ModelFile { doubts: verdict::doubts(&verdict), ..given.with(after, &loaded, &options, of_after) };
+    let stepped = stepped.map(|text| Doubt { grade: Grade::Warning.name().to_owned(), text });
+    let doubts = stepped.into_iter().chain(verdict::doubts(&verdict)).collect();
+    let after = ModelFile { doubts, ..given.with(after, &loaded, &options, of_after) };
     let (bytes, sha256) = if kept { (given.bytes.clone(), given.sha256) } else { after.to_bytes(MODEL)? };
     record.model_out =
         Some(ModelOut { file: File { file: MODEL.to_owned(), sha256: hex(&sha256) }, is_the_one_given: kept });
@@ -220,6 +226,7 @@ fn recorded(diagnosis: &Diagnosis, given: &Given, model: &Path, loaded: &LoadedC
         options: options_json(options),
         software: software(),
     };
-    record.verdict = record.words();
+    let stepped = diagnosis.machine_step.iter().map(MachineStep::words);
+    record.verdict = stepped.chain([record.words()]).collect::<Vec<_>>().join(" ");
     record
 }

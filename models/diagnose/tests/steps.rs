@@ -1,0 +1,46 @@
+//! Machines that step in the middle of their campaign, by a simulator that shares nothing with this project: the step is said with its
+//! instant, and the uncertainty of what is corrected afterwards holds it. What is no step is not called one.
+
+#![allow(clippy::unwrap_used, clippy::panic)] // a test that fails panics
+
+mod foreign;
+
+use abbe_diagnose::Options;
+use foreign::bench::{Judged, judged};
+use foreign::causes::STEPS_AT_S;
+
+fn diagnosed(machine: &str, forms: &[&str], seed: u64) -> Judged {
+    judged(machine, forms, seed, &Options { folds: 0, placebos: 0, ..Options::default() })
+}
+
+/// An angle between axes that jumps: intervals held 68 to 75 % after the campaign, and nothing was said.
+#[test]
+fn regress_a_step_of_squareness_is_said_and_covered() {
+    for (machine, form, seed) in [
+        ("bridge", "step-square:8", 1),
+        ("gantry", "step-square:5", 1),
+        ("table", "step-square:16", 1),
+        ("bridge", "step-square:30", 2),
+    ] {
+        let judged = diagnosed(machine, &[form], seed);
+        let step = judged.diagnosis.machine_step.as_ref();
+        let step = step.unwrap_or_else(|| panic!("{machine} {form} {seed}: {:?}", judged.diagnosis.steps));
+        let (before_s, after_s) = step.times_s;
+        assert!(after_s > STEPS_AT_S - 700.0 && before_s < STEPS_AT_S + 700.0, "{machine} {form} {seed}: {step:?}");
+        assert!(!judged.diagnosis.consistent_with_noise);
+        let (before, after) = judged.outcome().inside;
+        assert!(after.covered > 0.95 && after.worst_axis > 0.93, "{machine} {form} {seed}: {before:?} {after:?}");
+        assert!(after.rms_m < 1.05 * before.rms_m, "{machine} {form} {seed}: {before:?} {after:?}");
+    }
+}
+
+/// What moves the whole machine or one station leaves its geometry as it was.
+#[test]
+fn regress_what_is_no_step_of_the_machine_is_not_called_one() {
+    for (machine, form, seed) in
+        [("bridge", "", 1), ("bridge", "ar-0.9", 2), ("bridge", "step-zero:15", 1), ("bridge", "squareness-settles", 1)]
+    {
+        let judged = diagnosed(machine, &[form], seed);
+        assert_eq!(judged.diagnosis.machine_step, None, "{machine} {form} {seed}: {:?}", judged.diagnosis.steps);
+    }
+}
