@@ -15,6 +15,8 @@ use crate::theme::SEQUENTIAL_STEPS;
 const ROW_PX: f64 = 28.0 + 150.0 + 46.0;
 /// Height of a line of text, px.
 const LINE_PX: f64 = 13.0;
+/// Between two labels beside each other, px.
+const GAP_PX: f64 = 6.0;
 
 /// A panel: cells between the edges of two axes.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -123,7 +125,7 @@ impl CellPanel {
             Labels { title: self.title.clone(), x: axis_text(&self.x), y: axis_text(&self.y), ..Labels::default() };
         draw_frame(svg, area, &x, &y, &labels);
         let width = |edge: f64| text_width_px(&fixed(edge, 0));
-        for edge in apart(&self.x_edges, |a, b| x.map(b) - x.map(a) > (width(a) + width(b)) / 2.0) {
+        for edge in apart(&self.x_edges, |a, b| x.map(b) - x.map(a) > (width(a) + width(b)) / 2.0 + GAP_PX) {
             let at = (x.map(edge), area.bottom() + 17.0);
             svg.text("small muted", at, Anchor::Middle, &fixed(edge, 0));
         }
