@@ -42,8 +42,8 @@ const TOKENS: [(&str, &str, &str); 21] = [
     ("rule", "#d5dade", "#333a41"),
 ];
 
-/// Texts on a cell: on a dark one, on a light one.
-const CELL_TEXTS: [&str; 2] = ["#ffffff", "#10141a"];
+/// Texts on a cell: on a dark one, on a light one. One of these two has a contrast of at least √21 to any colour.
+const CELL_TEXTS: [&str; 2] = ["#ffffff", "#000000"];
 
 /// Anchors of the diverging map: low, low middle, neutral, high middle, high.
 const DIVERGING: [[[u8; 3]; 5]; 2] = [
