@@ -4,18 +4,16 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // A test fails by panicking.
 
 mod common;
-#[allow(dead_code)] // Its other rules are held elsewhere.
-#[path = "../src/documents.rs"]
-#[allow(unreachable_pub)] // Public where it is a library of its own.
-mod documents;
+#[path = "common/printed.rs"]
+mod printed;
 
 use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::Command;
 
-use common::program::{abbe, run};
+use common::program::run;
+use printed::{assert_printed, commands_of, documents, read, run_in, save_files};
 
 /// Set, the list of commands is written anew instead of compared.
 const WRITE: &str = "ABBE_WRITE_DOCS";
@@ -25,10 +23,6 @@ const UNTOLD: &str = "--ros-args";
 
 fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
-}
-
-fn read(path: &str) -> String {
-    fs::read_to_string(root().join(path)).unwrap_or_else(|error| panic!("{path}: {error}"))
 }
 
 /// Help of the program itself (""), and of each of its commands, in the order in which it lists them.
@@ -111,31 +105,6 @@ fn the_list_of_commands_is_what_the_program_prints() {
     );
 }
 
-/// Runs commands one after the other as a user's shell would, with the program on the path.
-fn run_in(folder: &Path, commands: &[String]) {
-    let program = PathBuf::from(env!("CARGO_BIN_EXE_abbe"));
-    let path = format!("{}:{}", program.parent().unwrap().display(), std::env::var("PATH").unwrap());
-    for command in commands {
-        // As the other tests start it: on loopback only, whatever the environment says.
-        let prepared = abbe::<&str>([]);
-        let mut shell = Command::new("sh");
-        shell.args(["-c", command]).current_dir(folder).env("PATH", &path);
-        for (name, value) in prepared.get_envs() {
-            match value {
-                Some(value) => shell.env(name, value),
-                None => shell.env_remove(name),
-            };
-        }
-        let output = shell.output().unwrap();
-        assert!(output.status.success(), "{command}: {}", String::from_utf8_lossy(&output.stderr));
-    }
-}
-
-/// The commands of all blocks that are to be run.
-fn commands_of(text: &str) -> Vec<String> {
-    documents::blocks(text, "console").iter().flat_map(|block| documents::commands(block)).collect()
-}
-
 #[test]
 fn manual_pages_and_completions_hold_every_command_and_option() {
     let folder = tempfile::tempdir().unwrap();
@@ -160,36 +129,37 @@ fn manual_pages_and_completions_hold_every_command_and_option() {
     assert!(run(["--version"]).ok().contains("commit"));
 }
 
+/// The tutorial of the missing effect has the same commands and goes on in the same folder: what ran is not run again.
 #[test]
-fn the_tour_of_the_readme_runs_as_printed() {
+fn the_tour_of_the_readme_and_the_tutorial_of_the_missing_effect_run_as_printed() {
     let readme = read("README.md");
     let tour = readme.split("\n## ").find(|part| part.starts_with("The tour")).expect("the README has a tour");
     let commands = commands_of(tour);
     assert_eq!(commands.len(), 5, "{commands:?}");
     let folder = tempfile::tempdir().unwrap();
-    run_in(folder.path(), &commands);
+    let said = run_in(folder.path(), &commands);
     for file in ["out/demo/report.html", "model.json", "corrected.csv", "diagnosis/report.html", "diagnosis/model.json"]
     {
         assert!(folder.path().join(file).is_file(), "the tour leaves no {file}");
     }
+    let tutorial = read("docs/src/tutorials/what-is-missing.md");
+    let rest: Vec<String> = commands_of(&tutorial).into_iter().filter(|command| !commands.contains(command)).collect();
+    assert!(rest.len() >= 3, "{rest:?}");
+    assert_printed(&tutorial, &(said + &run_in(folder.path(), &rest)));
 }
 
-/// Each in the folder of the one before, as they say. That of the missing effect has the commands of the tour, and training
-/// takes minutes in a program that is not optimised: `every_command_and_option…` holds them.
+/// Each in the folder of the one before, as they say. That of the missing effect runs with the tour, that of the residual
+/// model with the program that trains.
 #[test]
 fn the_tutorials_run_as_printed() {
     let folder = tempfile::tempdir().unwrap();
-    for tutorial in ["your-machine", "ros2", "runs"] {
+    for tutorial in ["your-machine", "ros2", "runs", "robot"] {
         let text = read(&format!("docs/src/tutorials/{tutorial}.md"));
-        // "Save this as `NAME`" stands before each block of TOML.
-        let names = text.split("Save this as `").skip(1).map(|rest| rest.split('`').next().unwrap().to_owned());
-        let files = documents::blocks(&text, "toml");
-        let names: Vec<String> = names.collect();
-        assert_eq!(names.len(), files.len(), "{tutorial}: a name for each file");
-        for (name, file) in names.iter().zip(files) {
-            fs::write(folder.path().join(name), file).unwrap();
+        save_files(&text, folder.path());
+        let said = run_in(folder.path(), &commands_of(&text));
+        if ["runs", "robot"].contains(&tutorial) {
+            assert_printed(&text, &said);
         }
-        run_in(folder.path(), &commands_of(&text));
     }
     for file in ["corrected.csv", "tables.csv", "map/report.html", "figures/report.html", "causes/report.html"] {
         assert!(folder.path().join(file).is_file(), "the tutorials leave no {file}");

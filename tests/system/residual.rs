@@ -7,6 +7,9 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // A test fails by panicking.
 
 mod common;
+#[allow(dead_code)] // This one goes through one document.
+#[path = "common/printed.rs"]
+mod printed;
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -18,6 +21,7 @@ use common::assert_says;
 use common::files::{Bench, machine, samples, text};
 use common::graph::{LaunchText, MEMORY, long_recording, stream_of, topic};
 use common::program::{Started, abbe, run};
+use printed::{commands_of, read, run_in, save_files};
 use serde_json::Value;
 
 /// What no chain of rigid bodies makes.
@@ -293,4 +297,25 @@ fn a_residual_model_changes_in_the_running_node_and_all_is_replayed_to_the_byte(
     let before: Vec<CorrectedCoordinates> = samples(&bench.path("offline"), &topic("corrected"));
     let same = before.iter().zip(&corrected).take_while(|(a, b)| a == b).count();
     assert_eq!(same, hashes.iter().take_while(|hash| **hash == hashes[0]).count(), "up to the switch");
+}
+
+/// As printed but for options that make it quick: fewer readings and points, and kriging alone, which needs no epochs.
+#[test]
+fn the_tutorial_of_the_residual_model_runs() {
+    let folder = tempfile::tempdir().unwrap();
+    save_files(&read("docs/src/tutorials/your-machine.md"), folder.path());
+    fs::write(folder.path().join("quick.toml"), QUICK).unwrap();
+    let quick = |command: String| match command.split_whitespace().nth(1) {
+        Some("residuals") => command + " --readings 800 --points 200",
+        Some("train") => command + " --config quick.toml",
+        _ => command,
+    };
+    let commands: Vec<String> =
+        commands_of(&read("docs/src/tutorials/residual-model.md")).into_iter().map(quick).collect();
+    assert_eq!(commands.len(), 6, "{commands:?}");
+    let said = run_in(folder.path(), &commands);
+    assert_says(&said, &["readings          2779 used, 2 rejected", "by geometry", "corrected", "chi2/dof 7.921"]);
+    for file in ["sheet/residual.json", "sheet/residual.html", "sheet/corrected.csv"] {
+        assert!(folder.path().join(file).is_file(), "the tutorial leaves no {file}");
+    }
 }

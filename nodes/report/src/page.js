@@ -342,6 +342,13 @@
     });
   }
 
+  // What fits the screen need not be moved: the hint that says so goes.
+  const measure = () => all(".scroll,figure").forEach((one) => {
+    one.classList.toggle("fits", one.scrollWidth <= one.clientWidth);
+  });
+  addEventListener("resize", measure);
+  measure();
+
   // Before, after, or both.
   const is_state = (letter) => document.querySelector(["l", "f", "b", "o"].map((kind) => `svg .${kind}${letter}`).join(","));
   if (is_state("B") && is_state("A")) {

@@ -18,7 +18,7 @@ pub(crate) const SEQUENTIAL_STEPS: usize = 11;
 pub(crate) const SERIES: u8 = 8;
 
 /// Named colours: token, light, dark.
-const TOKENS: [(&str, &str, &str); 23] = [
+const TOKENS: [(&str, &str, &str); 21] = [
     ("page", "#ffffff", "#14171a"),
     ("panel", "#f6f7f8", "#1c2024"),
     ("ink", "#1b1f23", "#e4e7ea"),
@@ -40,9 +40,10 @@ const TOKENS: [(&str, &str, &str); 23] = [
     ("warn", "#9a6700", "#e3b341"),
     ("bad", "#b3261e", "#ff8a80"),
     ("rule", "#d5dade", "#333a41"),
-    ("cell-dark-text", "#1b1f23", "#e4e7ea"),
-    ("cell-light-text", "#ffffff", "#10141a"),
 ];
+
+/// Texts on a cell: on a dark one, on a light one. One of these two has a contrast of at least √21 to any colour.
+const CELL_TEXTS: [&str; 2] = ["#ffffff", "#000000"];
 
 /// Anchors of the diverging map: low, low middle, neutral, high middle, high.
 const DIVERGING: [[[u8; 3]; 5]; 2] = [
@@ -84,8 +85,29 @@ fn tokens(mode: Mode) -> Vec<(String, String)> {
     let diverging = &DIVERGING[mode.index()];
     all.extend((0..DIVERGING_STEPS).map(|i| (format!("d{i}"), interpolate(diverging, i, DIVERGING_STEPS))));
     let sequential = &SEQUENTIAL[mode.index()];
-    all.extend((0..SEQUENTIAL_STEPS).map(|i| (format!("q{i}"), interpolate(sequential, i, SEQUENTIAL_STEPS))));
+    for i in 0..SEQUENTIAL_STEPS {
+        let cell = interpolate(sequential, i, SEQUENTIAL_STEPS);
+        all.push((format!("t{i}"), readable_on(&cell).to_owned()));
+        all.push((format!("q{i}"), cell));
+    }
     all
+}
+
+/// Colour of a text on a cell of this colour: that of the two with the higher contrast.
+fn readable_on(cell: &str) -> &'static str {
+    CELL_TEXTS.into_iter().max_by(|a, b| contrast(a, cell).total_cmp(&contrast(b, cell))).unwrap_or(CELL_TEXTS[0])
+}
+
+/// Contrast of two colours, 1 to 21. Source: W3C, WCAG 2.2, relative luminance and contrast ratio.
+fn contrast(one: &str, other: &str) -> f64 {
+    let channel = |colour: &str, at: usize| {
+        let share =
+            colour.get(at..at + 2).and_then(|hex| u8::from_str_radix(hex, 16).ok()).map_or(0.0, f64::from) / 255.0;
+        if share <= 0.04045 { share / 12.92 } else { ((share + 0.055) / 1.055).powf(2.4) }
+    };
+    let light = |colour: &str| 0.2126 * channel(colour, 1) + 0.7152 * channel(colour, 3) + 0.0722 * channel(colour, 5);
+    let (a, b) = (light(one), light(other));
+    (a.max(b) + 0.05) / (a.min(b) + 0.05)
 }
 
 /// Colour of `step` of `steps` between evenly spaced anchors.
@@ -117,7 +139,7 @@ fn figure_rules() -> String {
         let _ = writeln!(css, ".d{i}{{stroke:var(--d{i})}}.e{i}{{fill:var(--d{i})}}");
     }
     for i in 0..SEQUENTIAL_STEPS {
-        let _ = writeln!(css, ".q{i}{{fill:var(--q{i})}}.r{i}{{stroke:var(--q{i})}}");
+        let _ = writeln!(css, ".q{i}{{fill:var(--q{i})}}.r{i}{{stroke:var(--q{i})}}.t{i}{{fill:var(--t{i})}}");
     }
     css
 }
@@ -163,6 +185,19 @@ mod tests {
         for used in css.split("var(--").skip(1) {
             let name = used.split(')').next().unwrap();
             assert_eq!(css.matches(&format!("--{name}:")).count(), 2, "{name}");
+        }
+    }
+
+    /// A figure in a cell of middling colour could not be read in the dark. 4.5 is what WCAG 2.2 asks of a text.
+    #[test]
+    fn regress_figures_on_every_cell_can_be_read_in_both_modes() {
+        assert!((contrast("#ffffff", "#000000") - 21.0).abs() < 1e-12 && contrast("#123456", "#123456") == 1.0);
+        for mode in [Mode::Light, Mode::Dark] {
+            let all: std::collections::BTreeMap<String, String> = tokens(mode).into_iter().collect();
+            for i in 0..SEQUENTIAL_STEPS {
+                let (cell, text) = (&all[&format!("q{i}")], &all[&format!("t{i}")]);
+                assert!(contrast(cell, text) >= 4.5, "{text} on {cell}: {}", contrast(cell, text));
+            }
         }
     }
 }

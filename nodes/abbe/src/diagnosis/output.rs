@@ -4,7 +4,7 @@
 
 use super::{Product, targets};
 use abbe_files::AtomicFile;
-use abbe_report::diagnosis::{Averaged, Effect, Record, Rival, readable};
+use abbe_report::diagnosis::{Averaged, Effect, HELD_ALREADY, Record, Rival, is_held_already, readable};
 use anyhow::{Context, ensure};
 use std::fmt::Write as _;
 use std::io::Write;
@@ -58,7 +58,10 @@ pub(crate) fn words(record: &Record, folder: &Path) -> String {
         line("verification error, largest", b.verify_max_um, a.verify_max_um, "um");
     }
     line("residual of the fit, rms", b.residual_rms_um, a.residual_rms_um, "um");
-    line("chi2 per degree of freedom", b.chi2_per_dof, a.chi2_per_dof, "");
+    // Without declared uncertainties there is none.
+    if b.chi2_per_dof.is_some() || a.chi2_per_dof.is_some() {
+        line("chi2 per degree of freedom", b.chi2_per_dof, a.chi2_per_dof, "");
+    }
     if let Some(v) = record.verification.as_ref().filter(|v| v.covariate_missing > 0) {
         let _ = writeln!(text, "  {} of {} verification points lack a covariate", v.covariate_missing, v.points);
     }
@@ -93,6 +96,10 @@ fn describe(text: &mut String, effect: &Effect) {
     let alias = share(effect.alias_share);
     let _ = writeln!(text, "  {} [{}]: p {p}, share absorbed by the model {alias}", effect.label(), effect.kind);
     for parameter in &effect.parameters {
+        if is_held_already(parameter) {
+            let _ = writeln!(text, "    {:<18} {HELD_ALREADY}", parameter.name);
+            continue;
+        }
         let (value, u, plausible, unit, decimals) = readable(parameter);
         let shown = |v: Option<f64>| v.map_or_else(|| "-".to_owned(), |v| format!("{v:.*}", usize::from(decimals)));
         let limit = match plausible {

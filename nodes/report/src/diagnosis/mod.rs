@@ -72,3 +72,36 @@ pub fn readable(parameter: &Parameter) -> (Option<f64>, Option<f64>, Option<f64>
     let u = scaled(parameter.u);
     (scaled(parameter.value), u, scaled(parameter.plausible), unit, units::decimals(u))
 }
+
+/// Below this share of what is plausible, a parameter and its uncertainty are rounding: nothing was left for it to tell.
+const ROUNDING: f64 = 1e-9;
+
+/// Said instead of a figure of such a parameter.
+pub const HELD_ALREADY: &str = "held by the model or another form already";
+
+/// Whether the model, or another form that was found, holds already what this parameter does; it then has no figure.
+pub fn is_held_already(parameter: &Parameter) -> bool {
+    let is_nothing = |value: Option<f64>, plausible: f64| value.is_some_and(|v| v.abs() < ROUNDING * plausible);
+    parameter.plausible.is_some_and(|p| is_nothing(parameter.value, p) && is_nothing(parameter.u, p))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A form in y shares its straight part with another in y and q: the second tells 1e-18 m of it, and no more.
+    #[test]
+    fn regress_a_parameter_that_another_form_holds_has_no_figure() {
+        let own = |value: f64, u: f64| Parameter {
+            name: "c_1_0".into(),
+            value: Some(value),
+            unit: "m".into(),
+            u: Some(u),
+            plausible: Some(1e-3),
+            is_plausible: true,
+        };
+        assert!(is_held_already(&own(-1.4e-20, 1.8e-19)));
+        assert!(!is_held_already(&own(0.0, 2e-8)) && !is_held_already(&own(3e-7, 1e-13)));
+        assert!(!is_held_already(&Parameter { u: None, ..own(0.0, 0.0) }));
+    }
+}

@@ -1,8 +1,8 @@
 //! Tables of a diagnosis: effects, parameters, rivals, what cannot be told, detection, search.
 
-use super::readable;
 use super::record::{Effect, NotIdentifiable, Parameter, Placebo, Record, Structure};
 use super::words::alias_words;
+use super::{HELD_ALREADY, is_held_already, readable};
 use crate::sections::{Cell, Column, Section, TableSection};
 use crate::text::significant;
 use serde_json::Value;
@@ -394,6 +394,7 @@ fn parameter_row(effect: &str, parameter: &Parameter) -> Vec<Option<Cell>> {
     let (value, u, plausible, unit, decimals) = readable(parameter);
     let shown = |v: f64| crate::text::fixed(v, decimals);
     let value = value.map(|v| match u {
+        _ if is_held_already(parameter) => HELD_ALREADY.to_owned(),
         Some(u) => format!("{} ± {} {unit}", shown(v), shown(u)),
         None => format!("{} {unit}", significant(v, 3)),
     });

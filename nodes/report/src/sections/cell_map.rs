@@ -7,12 +7,16 @@ use crate::error::ReportError;
 use crate::frame::{Area, Labels, WIDTH_PX, axis_text, draw_frame};
 use crate::scale::Scale;
 use crate::stats::max_abs;
-use crate::svg::{Anchor, Drawing, Svg};
+use crate::svg::{Anchor, Drawing, Svg, text_width_px};
 use crate::text::{MISSING, fixed};
 use crate::theme::SEQUENTIAL_STEPS;
 
 /// Height of a row of panels, px: title, cells, axis labels.
 const ROW_PX: f64 = 28.0 + 150.0 + 46.0;
+/// Height of a line of text, px.
+const LINE_PX: f64 = 13.0;
+/// Between two labels beside each other, px.
+const GAP_PX: f64 = 6.0;
 
 /// A panel: cells between the edges of two axes.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -109,19 +113,51 @@ impl CellPanel {
             let class = step.map_or_else(|| "none edge".to_owned(), |s| format!("q{s} edge"));
             svg.rect(&class, left_top, size, None);
             let text = value.map_or_else(|| MISSING.to_owned(), |v| fixed(v, map.decimals));
-            let ink = if step.is_some_and(|s| s > SEQUENTIAL_STEPS / 2) { "on-dark" } else { "on-light" };
+            // A number that would be cut is left to the colour.
+            if text_width_px(&text) > size.0 || LINE_PX > size.1 {
+                continue;
+            }
+            let ink = step.map_or_else(String::new, |s| format!("t{s}"));
             let middle = (left_top.0 + size.0 / 2.0, left_top.1 + size.1 / 2.0 + 4.0);
-            svg.text(ink, middle, Anchor::Middle, &text);
+            svg.text(&ink, middle, Anchor::Middle, &text);
         }
         let labels =
             Labels { title: self.title.clone(), x: axis_text(&self.x), y: axis_text(&self.y), ..Labels::default() };
         draw_frame(svg, area, &x, &y, &labels);
-        for &edge in &self.x_edges {
+        let width = |edge: f64| text_width_px(&fixed(edge, 0));
+        for edge in apart(&self.x_edges, |a, b| x.map(b) - x.map(a) > (width(a) + width(b)) / 2.0 + GAP_PX) {
             let at = (x.map(edge), area.bottom() + 17.0);
             svg.text("small muted", at, Anchor::Middle, &fixed(edge, 0));
         }
-        for &edge in &self.y_edges {
+        for edge in apart(&self.y_edges, |a, b| y.map(a) - y.map(b) > LINE_PX) {
             svg.text("small muted", (area.left - 7.0, y.map(edge) + 4.0), Anchor::End, &fixed(edge, 0));
         }
+    }
+}
+
+/// Those of ascending edges whose labels do not touch each other; the first and the last are among them.
+fn apart(edges: &[f64], is_apart: impl Fn(f64, f64) -> bool) -> Vec<f64> {
+    let Some((&last, others)) = edges.split_last() else { return Vec::new() };
+    let mut kept: Vec<f64> = Vec::new();
+    for (k, &edge) in others.iter().enumerate() {
+        if k == 0 || (kept.last().is_none_or(|&before| is_apart(before, edge)) && is_apart(edge, last)) {
+            kept.push(edge);
+        }
+    }
+    kept.push(last);
+    kept
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The cells of a plan are narrow at both ends of an axis: 0, 67 … 733, 800.
+    #[test]
+    fn regress_labels_of_narrow_cells_do_not_touch() {
+        let wide = |a: f64, b: f64| b - a > 100.0;
+        assert_eq!(apart(&[0.0, 67.0, 200.0, 733.0, 800.0], wide), [0.0, 200.0, 800.0]);
+        assert_eq!(apart(&[0.0, 800.0], wide), [0.0, 800.0]);
+        assert_eq!(apart(&[0.0, 8.0], wide), [0.0, 8.0]);
     }
 }
