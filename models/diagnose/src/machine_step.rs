@@ -36,6 +36,8 @@ const COARSE: usize = 96;
 const TOGETHER: usize = 16;
 /// Readings that each side of a gap must have: fewer cannot tell six figures of the machine from what they are themselves.
 const FEWEST: usize = 24;
+/// Evidence by which another instant is nearly as likely: nineteen times in twenty the right one is among these.
+const AS_GOOD: f64 = 6.0;
 /// Angles between axes.
 const ANGLES: usize = 3;
 /// Angles between axes and turns of the ram.
@@ -44,7 +46,7 @@ const FIGURES: usize = 6;
 /// A step of the machine at an instant of its campaign.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MachineStep {
-    /// Last reading before it and first after it, by place in the campaign, from 0.
+    /// Last reading that is surely before it and first that is surely after it, by place in the campaign, from 0.
     pub readings: (usize, usize),
     /// When these were taken (s).
     pub times_s: (f64, f64),
@@ -128,17 +130,37 @@ pub(crate) fn find(
         return Ok(None);
     }
     let Some(angles_rad) = scan.judged(step)? else { return Ok(None) };
-    let before = used.iter().copied().rev().find(|k| *k < step.gap).unwrap_or(step.gap);
+    let (before, after) = between(&tried, step, &used);
     let size_m = scan.size_m(&used, &angles_rad, step);
     Ok(Some(MachineStep {
-        readings: (before, step.gap),
-        times_s: (campaign.readings[before].time_s, campaign.readings[step.gap].time_s),
+        readings: (before, after),
+        times_s: (campaign.readings[before].time_s, campaign.readings[after].time_s),
         angles_rad,
         p_value,
         evidence: step.beyond(),
         size_m,
         outdoes_found,
     }))
+}
+
+/// Last reading that is surely before the step, and first that is surely after it: all instants nearly as likely lie between them, since
+/// readings that do not see what changed do not tell it. Instants that were not tried lie beside those that were.
+fn between(tried: &[Tried], step: &Tried, used: &[usize]) -> (usize, usize) {
+    let mut gaps: Vec<(usize, bool)> =
+        tried.iter().map(|tried| (tried.gap, tried.whole > step.whole - AS_GOOD)).collect();
+    gaps.sort_unstable();
+    let first = gaps.iter().position(|(_, as_good)| *as_good).unwrap_or(0);
+    let last = gaps.iter().rposition(|(_, as_good)| *as_good).unwrap_or(0);
+    let one_before = |gap: usize| used.iter().copied().rev().find(|k| *k < gap);
+    let earliest = match first.checked_sub(1) {
+        Some(other) if gaps[other].0 + 1 < gaps[first].0 => gaps[other].0,
+        _ => one_before(gaps[first].0).unwrap_or(gaps[first].0),
+    };
+    let latest = match gaps.get(last + 1) {
+        Some((other, _)) if gaps[last].0 + 1 < *other => one_before(*other).unwrap_or(*other),
+        _ => gaps[last].0,
+    };
+    (earliest, latest)
 }
 
 /// What one gap tells.
