@@ -229,3 +229,16 @@ fn before_and_after_are_seen_alone_and_vectors_turn_and_stretch() {
     assert_eq!((seen["alone"].clone(), seen["elsewhere"].clone()), (json!([true, false]), json!(false)));
     assert_eq!(seen["back"], json!(true));
 }
+
+/// On a phone every table said that it is wider than the screen, three narrow columns too.
+#[test]
+fn regress_only_what_does_not_fit_says_that_it_can_be_moved() {
+    let steps = r#"
+        const table = document.querySelector(".scroll");
+        const whole = table.classList.contains("fits");
+        table.style.width = "40px";
+        dispatchEvent(new Event("resize"));
+        return { whole, cut: table.classList.contains("fits") };"#;
+    let Some(seen) = in_browser(&two_lines(), steps) else { return };
+    assert_eq!(seen, json!({ "whole": true, "cut": false }));
+}
