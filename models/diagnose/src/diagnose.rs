@@ -80,7 +80,7 @@ pub fn diagnose(
     let mut next_measurements = next_measurements(&found, &not_identifiable, &untestable);
     let rejected_lines = rejected_lines(campaign, &state.fit.weights);
     let set_aside = state.set_aside();
-    let model = averaged.without(|fitted| !is_base(&base, fitted) && tomorrow::is_course(fitted));
+    let model = averaged.without(|fitted| !is_base(&base, fitted) && tomorrow::is_course(fitted, campaign));
     let model = model.map_err(abbe_identify::IdentifyError::from)?;
     let structured = enriched || detection_after.has_structure() || !rejected_lines.is_empty();
     // What was significant and stays out is no noise either.
@@ -294,7 +294,7 @@ fn one(
         size_m: size_m(last, fitted)?,
         rivals: rivals.iter().map(|r| rival(candidate, r, last.used)).collect(),
         competing: Vec::new(),
-        corrects: !tomorrow::is_course(fitted),
+        corrects: !tomorrow::is_course(fitted, search.campaign),
         held_out_gain_m,
         placebo,
         gate: gate.clone(),

@@ -3,19 +3,27 @@
 //! Place in the flow: the last step of [`crate::diagnose()`], on the model that is adopted. A term that follows the time in a form
 //! that nobody has a name for explains the readings at hand, and cleans errors and stations of what it did; of the time at which a
 //! coordinate is corrected it knows nothing. What it did then acts there as well, unseen: its mean square counts as
-//! unexplained. So does that of named terms in time beside it, or beside a rest that hangs together, since one tracer after the other
+//! unexplained. The same holds for a term without a name that follows a logged quantity, where that quantity itself went along with the
+//! time: the data do not tell which. So does that of named terms in time beside it, or beside a rest that hangs together, since one tracer after the other
 //! cannot tell a drift of its stand from one of the machine, and both say that there is something like it. Ranges in m; a motion of the tip counts three times its
 //! mean square on the ranges, which see one direction of three.
 
 use crate::candidates::Round;
-use crate::context::read_by;
+use crate::context::{range, read_by};
 use crate::gate;
+use crate::linear::Linear;
+use abbe_geometry::effects::of_lagged;
 use abbe_geometry::model::{FittedEffect, MachineModel, ModelError};
 use abbe_identify::{EffectTerm, TIME};
 use abbe_measurement::campaign::Campaign;
+use faer::Mat;
 
 /// Directions that a motion of the tip has and a range does not see, and the one that it sees.
 const DIRECTIONS: f64 = 3.0;
+/// Coefficients of a smooth course in time: a cubic.
+const COURSE: usize = 4;
+/// Share of a quantity's variance beside its course in time below which both are alike.
+const ALIKE: f64 = 0.1;
 
 /// The model with what follows the time in its uncertainty; `is_found` says which of its terms the diagnosis added.
 pub(crate) fn told(
@@ -26,10 +34,11 @@ pub(crate) fn told(
 ) -> Result<MachineModel, ModelError> {
     let found: Vec<&FittedEffect> = model.parts().effects.iter().filter(|fitted| is_found(fitted)).collect();
     let is_open = round.rows.correlation.is_some();
-    if !is_open && !found.iter().any(|fitted| is_course(fitted)) {
+    let is_in_doubt = |fitted: &FittedEffect| follows_time(fitted) || is_course(fitted, campaign);
+    if !is_open && !found.iter().any(|fitted| is_course(fitted, campaign)) {
         return Ok(model);
     }
-    let squares = found.into_iter().filter(|fitted| follows_time(fitted)).map(|fitted| {
+    let squares = found.into_iter().filter(|fitted| is_in_doubt(fitted)).map(|fitted| {
         let directions = if gate::moves_tip(campaign, &[EffectTerm::of(fitted)]) { DIRECTIONS } else { 1.0 };
         directions * on_range_m2(round, campaign, fitted)
     });
@@ -40,9 +49,30 @@ pub(crate) fn told(
 }
 
 /// Whether an effect is only a course in time without a cause: it is in the uncertainty and not in the correction, since the time of a
-/// campaign is not that of a coordinate.
-pub(crate) fn is_course(fitted: &FittedEffect) -> bool {
-    has_no_name(fitted) && follows_time(fitted)
+/// campaign is not that of a coordinate. What has no name and follows a logged quantity that itself went along with the time is not
+/// told from one.
+pub(crate) fn is_course(fitted: &FittedEffect, campaign: &Campaign) -> bool {
+    let reads = || read_by(fitted.effect.as_ref(), &fitted.shape);
+    has_no_name(fitted) && (follows_time(fitted) || reads().iter().any(|name| goes_along_with_time(campaign, name)))
+}
+
+/// Whether a logged quantity is a smooth course in time, but for a tenth of its variance. What follows it follows another smooth course
+/// about as well.
+fn goes_along_with_time(campaign: &Campaign, name: &str) -> bool {
+    let logged = of_lagged(name).map_or_else(|| name.to_owned(), |(logged, _)| logged);
+    let Some(column) = campaign.covariate(&logged) else { return false };
+    let known = column.values.iter().zip(&campaign.readings).filter_map(|(value, r)| Some((r.time_s, (*value)?)));
+    let (times_s, values): (Vec<f64>, Vec<f64>) = known.unzip();
+    let (first_s, last_s) = range(times_s.iter().copied());
+    if times_s.len() <= COURSE || last_s <= first_s {
+        return false;
+    }
+    let scaled = |k: usize| 2.0 * (times_s[k] - first_s) / (last_s - first_s) - 1.0;
+    let powers = Mat::from_fn(times_s.len(), COURSE, |k, j| scaled(k).powi(j as i32));
+    let mean = values.iter().sum::<f64>() / values.len() as f64;
+    let about: Vec<f64> = values.iter().map(|value| value - mean).collect();
+    let whole: f64 = about.iter().map(|value| value * value).sum();
+    Linear::least_squares(powers, &about).is_ok_and(|(fit, _)| fit.chi2() < ALIKE * whole)
 }
 
 fn has_no_name(fitted: &FittedEffect) -> bool {

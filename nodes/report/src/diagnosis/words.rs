@@ -122,7 +122,10 @@ fn named(effect: &Effect) -> String {
     let label = match (effect.kind == "empirical", effect.corrects) {
         (true, true) => format!("{} (not explained)", effect.label()),
         (true, false) => {
-            format!("{} (not explained; only a course in time, so it widens u and corrects nothing)", effect.label())
+            format!(
+                "{} (not explained; not told from a course in time, so it widens u and corrects nothing)",
+                effect.label()
+            )
         }
         (false, _) => effect.label(),
     };
