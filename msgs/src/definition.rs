@@ -45,6 +45,9 @@ pub const DEFINITIONS: &[(&str, &str)] = definitions! {
     "msg_standard/visualization_msgs" "visualization_msgs" "MeshFile";
     "msg_standard/visualization_msgs" "visualization_msgs" "Marker";
     "msg_standard/visualization_msgs" "visualization_msgs" "MarkerArray";
+    "msg_standard/lifecycle_msgs" "lifecycle_msgs" "State";
+    "msg_standard/lifecycle_msgs" "lifecycle_msgs" "Transition";
+    "msg_standard/lifecycle_msgs" "lifecycle_msgs" "TransitionEvent";
     "msg_standard/diagnostic_msgs" "diagnostic_msgs" "KeyValue";
     "msg_standard/diagnostic_msgs" "diagnostic_msgs" "DiagnosticStatus";
     "msg_standard/diagnostic_msgs" "diagnostic_msgs" "DiagnosticArray";

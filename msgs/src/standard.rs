@@ -5,12 +5,14 @@
 //! by a node. Fields in the order of `msg_standard/`, units SI, frames in `header.frame_id`.
 
 mod frames;
+mod lifecycle;
 mod markers;
 mod sensors;
 
 use serde::{Deserialize, Serialize};
 
 pub use frames::{Quaternion, TfMessage, Transform, TransformStamped, Vector3};
+pub use lifecycle::{State, Transition, TransitionEvent};
 pub use markers::{ColorRgba, CompressedImage, Duration, Marker, MarkerArray, MeshFile, Pose, UvCoordinate};
 pub use sensors::{Float64, FluidPressure, Range, RelativeHumidity, Temperature};
 

@@ -8,8 +8,8 @@ mod common;
 
 use abbe_msgs::definition::{self, Count, Field};
 use abbe_msgs::standard::{
-    Clock, DiagnosticStatus, Float64, FluidPressure, Header, KeyValue, Marker, Point, Range, RelativeHumidity,
-    Temperature, Text, Time,
+    Clock, DiagnosticStatus, Float64, FluidPressure, Header, KeyValue, Marker, Point, Range, RelativeHumidity, State,
+    Temperature, Text, Time, Transition, TransitionEvent,
 };
 use abbe_msgs::{CorrectionStatus, Message, ResidualStatus, RosType, cdr};
 use serde_json::{Map, Value};
@@ -103,6 +103,12 @@ fn standard_messages_are_what_their_msg_files_say() {
     assert_text_describes(&diagnostics);
     assert_text_describes(&Clock { clock: common::scales().stamp.into() });
     assert_text_describes(&Text { data: "<robot/>".to_owned() });
+    let state = |id, label: &str| State { id, label: label.to_owned() };
+    let transition = Transition { id: 3, label: "activate".to_owned() };
+    assert_text_describes(&transition);
+    assert_text_describes(&state(2, "inactive"));
+    let (start_state, goal_state) = (state(2, "inactive"), state(13, "activating"));
+    assert_text_describes(&TransitionEvent { timestamp: 1 << 60, transition, start_state, goal_state });
 }
 
 #[test]

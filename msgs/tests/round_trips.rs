@@ -84,7 +84,8 @@ prop_compose! {
                 CorrectionStatus::Rejected
                 | CorrectionStatus::NoModel
                 | CorrectionStatus::OtherFrame
-                | CorrectionStatus::SeveralSources => false,
+                | CorrectionStatus::SeveralSources
+                | CorrectionStatus::Inactive => false,
                 CorrectionStatus::CovariateMissing | CorrectionStatus::Stale => free,
             },
         }

@@ -76,8 +76,8 @@ fn wrong_tracer_readings_are_refused() {
 #[test]
 fn wrong_corrected_coordinates_are_refused() {
     let mut ros = common::corrected().to_ros();
-    ros.status = 10;
-    assert_refused::<CorrectedCoordinates>(ros, "status 10 of abbe_msgs/msg/CorrectedCoordinates");
+    ros.status = 11;
+    assert_refused::<CorrectedCoordinates>(ros, "status 11 of abbe_msgs/msg/CorrectedCoordinates");
     let mut ros = common::corrected().to_ros();
     ros.corrected_valid = false;
     assert_refused::<CorrectedCoordinates>(ros.clone(), "contradicts status EXTRAPOLATED");
@@ -86,7 +86,7 @@ fn wrong_corrected_coordinates_are_refused() {
     let mut ros = common::corrected().to_ros();
     ros.status = CorrectionStatus::NoModel as u8;
     assert_refused::<CorrectedCoordinates>(ros, "contradicts status NO_MODEL");
-    for status in [CorrectionStatus::OtherFrame, CorrectionStatus::SeveralSources] {
+    for status in [CorrectionStatus::OtherFrame, CorrectionStatus::SeveralSources, CorrectionStatus::Inactive] {
         let mut ros = common::corrected().to_ros();
         ros.status = status as u8;
         assert_refused::<CorrectedCoordinates>(ros, &format!("contradicts status {}", status.name()));

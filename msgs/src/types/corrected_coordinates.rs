@@ -35,11 +35,13 @@ pub enum CorrectionStatus {
     OutOfOrder = 8,
     /// Another program publishes the topic as well; corrected, but not everything on the topic is of this corrector.
     OtherPublisher = 9,
+    /// A correcting node is deactivated (its lifecycle); not corrected.
+    Inactive = 10,
 }
 
 impl CorrectionStatus {
     /// All statuses, in the order of their numbers.
-    pub const ALL: [Self; 10] = [
+    pub const ALL: [Self; 11] = [
         Self::InVolume,
         Self::Extrapolated,
         Self::CovariateMissing,
@@ -50,6 +52,7 @@ impl CorrectionStatus {
         Self::SeveralSources,
         Self::OutOfOrder,
         Self::OtherPublisher,
+        Self::Inactive,
     ];
 
     /// Name of the constant in the `.msg` file, without `STATUS_`.
@@ -66,6 +69,7 @@ impl CorrectionStatus {
             Self::SeveralSources => "SEVERAL_SOURCES",
             Self::OutOfOrder => "OUT_OF_ORDER",
             Self::OtherPublisher => "OTHER_PUBLISHER",
+            Self::Inactive => "INACTIVE",
         }
     }
 }
@@ -77,7 +81,7 @@ impl TryFrom<u8> for CorrectionStatus {
         Self::ALL.get(usize::from(value)).copied().ok_or(MessageError::UnknownStatus {
             message: ros::CorrectedCoordinates::ROS_TYPE,
             value,
-            highest: Self::OtherPublisher as u8,
+            highest: Self::Inactive as u8,
         })
     }
 }
@@ -156,16 +160,22 @@ impl CorrectedCoordinates {
         CorrectedCoordinates { status: if says_more { self.status } else { CorrectionStatus::OtherPublisher }, ..self }
     }
 
+    /// The same sample of a node that is not active. What was not corrected says why already.
+    #[must_use]
+    pub fn while_inactive(self) -> CorrectedCoordinates {
+        if self.corrected_valid { self.withheld(CorrectionStatus::Inactive) } else { self }
+    }
+
     fn check_status(&self) -> Result<(), MessageError> {
         use CorrectionStatus::{
-            CovariateMissing, Extrapolated, InVolume, NoModel, OtherFrame, OtherPublisher, OutOfOrder, Rejected,
-            SeveralSources, Stale,
+            CovariateMissing, Extrapolated, InVolume, Inactive, NoModel, OtherFrame, OtherPublisher, OutOfOrder,
+            Rejected, SeveralSources, Stale,
         };
         let reason = match (self.status, self.corrected_valid) {
             (InVolume | Extrapolated | OutOfOrder | OtherPublisher, false) => "such a sample is corrected",
-            (Rejected | NoModel | OtherFrame | SeveralSources, true) => "such a sample is not corrected",
+            (Rejected | NoModel | OtherFrame | SeveralSources | Inactive, true) => "such a sample is not corrected",
             (InVolume | Extrapolated | OutOfOrder | OtherPublisher, true)
-            | (Rejected | NoModel | OtherFrame | SeveralSources, false)
+            | (Rejected | NoModel | OtherFrame | SeveralSources | Inactive, false)
             | (CovariateMissing | Stale, _) => return Ok(()),
         };
         Err(MessageError::Contradiction { field: "corrected_valid", status: self.status.name(), reason })

@@ -62,6 +62,7 @@ fn prepare(folder: &Path) {
 fn launch(kind: TransportKind) -> Launch {
     let edge = |from, to: &str| Edge { from, to: to.to_owned(), transport: kind.name().to_owned() };
     Launch {
+        autostart: true,
         namespace: "bench".to_owned(),
         machine: "machine.toml".into(),
         model: Some("model.json".into()),

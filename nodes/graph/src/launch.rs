@@ -246,6 +246,9 @@ pub struct Launch {
     pub max_covariate_age_s: f64,
     /// Longest a node waits for the nodes that take from it (s).
     pub wait_for_subscribers_s: f64,
+    /// Whether nodes configure and activate themselves; otherwise a manager of nodes does (`ros2 lifecycle`).
+    #[serde(default = "by_themselves")]
+    pub autostart: bool,
     /// Whether nodes without an edge over DDS are in the ROS graph as well, with their parameters, services and diagnostics.
     #[serde(default)]
     pub visible_in_ros: bool,
@@ -276,6 +279,11 @@ pub struct Launch {
     pub record: Option<RecordConfig>,
     /// All edges.
     pub edges: Vec<Edge>,
+}
+
+/// Nodes start by themselves where the launch file does not say.
+fn by_themselves() -> bool {
+    true
 }
 
 /// A launch configuration that makes no graph.

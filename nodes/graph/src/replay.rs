@@ -5,8 +5,8 @@
 //! of its topic that repeats its stamp, sequence, position, offset and frame and has no reading yet, so a source that
 //! restarted, or plays the same readings again, is compared like any other. A recorded message names the models that
 //! made it, and is computed with these and no others. What the order of the samples adds to a status is found again from
-//! the corrected ones, which lie in the order in which they were made; what the network said of another publisher is taken
-//! as recorded. No clock, no transport. Memory is that of what has no partner.
+//! the corrected ones, which lie in the order in which they were made; what the network said of another publisher, and
+//! that a node was deactivated, is taken as recorded. No clock, no transport. Memory is that of what has no partner.
 
 use crate::step::{GeometricStep, Mark, ResidualStep, StreamWatch, Verdict};
 use crate::topics;
@@ -53,6 +53,7 @@ impl ReplaySteps {
                 self.residual.iter().find(|step| step.residual_sha256() == recorded.residual_model_sha256)?;
             sample = residual.correct(&sample);
         }
+        let sample = if recorded.was_inactive { sample.while_inactive() } else { sample };
         Some(if recorded.beside_another { sample.beside_another_publisher() } else { sample })
     }
 
@@ -70,6 +71,8 @@ struct Recorded {
     verdict: Verdict,
     /// Whether another program published the topic: no sample tells that, so it is taken as recorded.
     beside_another: bool,
+    /// Whether a correcting node was deactivated: that is a command, so it is taken as recorded.
+    was_inactive: bool,
     model_sha256: Sha256,
     residual_model_sha256: Sha256,
     cdr: Vec<u8>,
@@ -323,8 +326,17 @@ impl Stream {
             let cdr = cdr::encode(&message.decode_ros::<ros::CorrectedCoordinates>()?)?;
             let place = self.outcome.recorded;
             let beside_another = status == CorrectionStatus::OtherPublisher;
-            let recorded =
-                Recorded { sequence, verdict, beside_another, model_sha256, residual_model_sha256, cdr, place };
+            let was_inactive = status == CorrectionStatus::Inactive;
+            let recorded = Recorded {
+                sequence,
+                verdict,
+                beside_another,
+                was_inactive,
+                model_sha256,
+                residual_model_sha256,
+                cdr,
+                place,
+            };
             self.outcome.recorded += 1;
             named.extend(recorded.hashes());
             let key = Key::of_corrected(&sample);

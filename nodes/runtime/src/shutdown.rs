@@ -7,7 +7,7 @@
 
 use std::os::unix::process::parent_id;
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
-use std::sync::{Arc, Condvar, Mutex, MutexGuard, OnceLock, PoisonError};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, OnceLock, PoisonError, Weak};
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -38,6 +38,14 @@ struct Flag {
     /// How often it was asked for.
     requests: Mutex<u32>,
     raised: Condvar,
+    seen: Arc<Seen>,
+    /// Flags that are raised with this one.
+    parts: Mutex<Vec<Weak<Flag>>>,
+}
+
+/// Who looks at a flag, or at that of one of its parts.
+#[derive(Debug, Default)]
+struct Seen {
     /// How often a loop has looked.
     looks: AtomicU64,
     /// Threads that sleep on the flag.
@@ -108,7 +116,13 @@ impl Shutdown {
     /// Whether the process should stop.
     #[must_use]
     pub fn requested(&self) -> bool {
-        self.0.looks.fetch_add(1, Ordering::Relaxed);
+        self.0.seen.looks.fetch_add(1, Ordering::Relaxed);
+        *self.requests() > 0
+    }
+
+    /// The same, by somebody other than the loop: it does not count as a look ([`Shutdown::is_looked_at`]).
+    #[must_use]
+    pub fn is_raised(&self) -> bool {
         *self.requests() > 0
     }
 
@@ -120,10 +134,29 @@ impl Shutdown {
 
     /// Asks the process to stop.
     pub fn request(&self) {
+        let parts = self.parts();
         let mut requests = self.requests();
         *requests = requests.saturating_add(1);
         drop(requests);
         self.0.raised.notify_all();
+        parts.iter().filter_map(Weak::upgrade).for_each(|part| Shutdown(part).request());
+    }
+
+    /// A flag for a part of the process, which is raised with this one and can be raised alone. Who looks at it counts as
+    /// looking at this one.
+    #[must_use]
+    pub fn part(&self) -> Shutdown {
+        let mut parts = self.parts();
+        parts.retain(|part| part.strong_count() > 0);
+        let requests = Mutex::new(*self.requests());
+        let seen = Arc::clone(&self.0.seen);
+        let part = Arc::new(Flag { requests, seen, ..Flag::default() });
+        parts.push(Arc::downgrade(&part));
+        Shutdown(part)
+    }
+
+    fn parts(&self) -> MutexGuard<'_, Vec<Weak<Flag>>> {
+        self.0.parts.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Calls `act` on a thread of its own when stopping was asked for `times` times. For a command that looks at
@@ -145,20 +178,26 @@ impl Shutdown {
 
     /// Sleeps for `duration`, or until the process should stop. Returns [`Shutdown::requested`].
     pub fn sleep(&self, duration: Duration) -> bool {
-        self.0.asleep.fetch_add(1, Ordering::Relaxed);
+        self.0.seen.asleep.fetch_add(1, Ordering::Relaxed);
         let slept = self.0.raised.wait_timeout_while(self.requests(), duration, |requests| *requests == 0);
         let requested = *slept.unwrap_or_else(PoisonError::into_inner).0 > 0;
-        self.0.looks.fetch_add(1, Ordering::Relaxed);
-        self.0.asleep.fetch_sub(1, Ordering::Relaxed);
+        self.0.seen.looks.fetch_add(1, Ordering::Relaxed);
+        self.0.seen.asleep.fetch_sub(1, Ordering::Relaxed);
         requested
+    }
+
+    /// The same, by somebody other than the loop: it does not count as a look ([`Shutdown::is_looked_at`]).
+    pub fn sleep_beside(&self, duration: Duration) -> bool {
+        let slept = self.0.raised.wait_timeout_while(self.requests(), duration, |requests| *requests == 0);
+        *slept.unwrap_or_else(PoisonError::into_inner).0 > 0
     }
 
     /// Whether a loop of this process sleeps on the flag, or has looked at it since the last call with `looks`: a loop
     /// that hangs does neither.
     #[must_use]
     pub fn is_looked_at(&self, looks: &mut u64) -> bool {
-        let now = self.0.looks.load(Ordering::Relaxed);
-        std::mem::replace(looks, now) != now || self.0.asleep.load(Ordering::Relaxed) > 0
+        let now = self.0.seen.looks.load(Ordering::Relaxed);
+        std::mem::replace(looks, now) != now || self.0.seen.asleep.load(Ordering::Relaxed) > 0
     }
 
     fn requests(&self) -> MutexGuard<'_, u32> {
@@ -324,6 +363,21 @@ mod tests {
         assert!(shutdown.is_looked_at(&mut looks), "a sleeper does not hang");
         shutdown.request();
         assert!(asleep.join().unwrap());
+    }
+
+    #[test]
+    fn a_part_is_raised_with_the_whole_and_alone_without_it() {
+        let whole = Shutdown::manual();
+        let (one, other) = (whole.part(), whole.part());
+        one.request();
+        assert!(one.requested() && !other.requested() && !whole.requested());
+        whole.request();
+        assert!(other.requested() && !other.is_urgent());
+        assert!(whole.part().requested(), "of what is to stop, every part is");
+        let mut looks = 0;
+        assert!(whole.is_looked_at(&mut looks) && !whole.is_looked_at(&mut looks));
+        assert!(other.requested());
+        assert!(whole.is_looked_at(&mut looks), "who looks at a part looks at the whole");
     }
 
     #[test]

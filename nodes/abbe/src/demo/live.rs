@@ -289,6 +289,7 @@ fn launch(run: &Run) -> Launch {
         edges.extend([NodeName::Scale, NodeName::Residual, NodeName::Monitor].map(everyone));
     }
     Launch {
+        autostart: true,
         namespace: run.bag.namespace.clone(),
         machine: run.machine_file.to_owned(),
         model: Some(run.model_file.to_owned()),

@@ -385,6 +385,7 @@ fn join_ros(machine: &MachineFile) -> Result<GatewayNode, CaptureError> {
         let domain = Domain::from_environment().map_err(RosError::from)?;
         let node = NodeOptions { identity, domain, remaps: Vec::new(), parameters: ParameterTable::default() };
         Ok(GatewayNode::start(GatewayOptions {
+            on_change: None,
             node,
             run: None,
             depth: DEPTH,

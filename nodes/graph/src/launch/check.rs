@@ -62,6 +62,14 @@ impl Launch {
                 None => {}
             }
         }
+        if let Some(node) = self.nodes.iter().find(|node| !self.autostart && !self.is_in_ros_graph(**node)) {
+            let problem = format!(
+                "false leaves the nodes to a manager, and {} is not in the ROS graph, where a manager could find it; add \
+                 visible_in_ros = true",
+                node.name()
+            );
+            return wrong("autostart", &problem);
+        }
         self.check_stamps(path)?;
         self.check_covariates(path)?;
         if self.scale.as_ref().is_some_and(|source| source.repeat_from.is_some() && source.driver.is_live()) {

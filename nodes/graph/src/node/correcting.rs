@@ -164,6 +164,7 @@ fn pump<M: Message>(context: &NodeContext, from: NodeName, mut stage: impl Stage
     let mut reported = Instant::now();
     let (mut durations, mut remarks) = (Durations::default(), Remarks::default());
     let mut rivals = Rivals::of(context.name);
+    context.lifecycle.opened();
     loop {
         let stopping = context.shutdown.requested();
         let patience = if stopping { Duration::ZERO } else { LOOK_UP };
@@ -171,7 +172,9 @@ fn pump<M: Message>(context: &NodeContext, from: NodeName, mut stage: impl Stage
             Some(sample) => {
                 stage.refresh();
                 let since = Instant::now();
-                let corrected = Rivals::mark(stage.correct(&sample), publisher.others());
+                let corrected = stage.correct(&sample);
+                let corrected = if context.lifecycle.is_active() { corrected } else { corrected.while_inactive() };
+                let corrected = Rivals::mark(corrected, publisher.others());
                 durations.push(since.elapsed());
                 send(publisher.as_mut(), &corrected, &mut summary);
                 stage.beside(&corrected);

@@ -29,7 +29,7 @@ pub(super) fn watch(context: &NodeContext) -> Result<Arc<AtomicU64>, NodeError> 
     let mut rate = Rate::new(wanted_hz(context), Instant::now());
     let counted = Arc::clone(&sent);
     let telling = move || {
-        while !shutdown.sleep(REPORT_EVERY) {
+        while !shutdown.sleep_beside(REPORT_EVERY) {
             let (level, message, figures) = rate.look(counted.load(Ordering::Relaxed), Instant::now());
             health.report(COMPONENT, level, message, figures);
         }

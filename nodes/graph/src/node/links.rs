@@ -19,7 +19,7 @@ pub(super) fn report(context: &NodeContext, links: Vec<(String, Link)>) -> Resul
     let (health, shutdown) = (node.diagnostics(&context.machine.machine.name), context.shutdown.clone());
     let telling = move || {
         let mut seen: Vec<(u64, Option<Instant>)> = vec![(0, None); links.len()];
-        while !shutdown.sleep(REPORT_EVERY) {
+        while !shutdown.sleep_beside(REPORT_EVERY) {
             for ((component, link), (refused, at)) in links.iter().zip(&mut seen) {
                 let status = link.status();
                 if status.refused > *refused {

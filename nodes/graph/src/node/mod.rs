@@ -6,6 +6,7 @@
 mod correcting;
 mod diagnosis;
 mod frequency;
+mod lifecycle;
 mod links;
 mod model;
 mod monitor;
@@ -22,6 +23,8 @@ mod traffic;
 pub use schedule::monotonic_s;
 pub use source::STARTED;
 pub(crate) use traffic::take;
+
+use lifecycle::Lifecycle;
 
 use crate::driver::DriverError;
 use crate::feed::FeedError;
@@ -100,6 +103,20 @@ pub struct NodeSummary {
     pub(crate) troubles: traffic::Troubles,
     /// Figures of this kind of node, by name.
     pub figures: std::collections::BTreeMap<String, f64>,
+}
+
+impl NodeSummary {
+    /// The summary of several lives of a node: counts of all, figures of the last.
+    fn followed_by(self, later: NodeSummary) -> NodeSummary {
+        NodeSummary {
+            received: self.received + later.received,
+            sent: self.sent + later.sent,
+            lost: self.lost + later.lost,
+            malformed: self.malformed + later.malformed,
+            dropped: self.dropped + later.dropped,
+            ..later
+        }
+    }
 }
 
 /// Why a node could not run.
@@ -190,7 +207,9 @@ pub(crate) struct NodeContext {
     launcher_pid: Option<u32>,
     pub(crate) ros: Option<GatewayNode>,
     clock: Clock,
+    /// Of the life that runs; raised with the process's.
     pub(crate) shutdown: Shutdown,
+    pub(crate) lifecycle: Lifecycle,
     /// How often the launcher has started this node before.
     pub(crate) life: u32,
     /// Whether the launcher is still to be told that the node is ready.
@@ -208,15 +227,14 @@ pub fn run(call: NodeCall) -> Result<NodeSummary, NodeError> {
         say_alive(shutdown.clone())?;
     }
     let outcome = NodeContext::open(call, shutdown).and_then(|context| {
-        let summary = match context.name {
-            NodeName::Scale => source::scale(&context),
-            NodeName::Tracer => source::tracer(&context),
-            NodeName::Geometric => correcting::geometric(&context),
-            NodeName::Residual => correcting::residual(&context),
-            NodeName::Monitor => monitor::run(&context),
-            NodeName::Recorder => recorder::run(&context),
-        };
-        summary.map(|summary| context.with_gateway_figures(summary))
+        lifecycle::live(context, |context| match context.name {
+            NodeName::Scale => source::scale(context),
+            NodeName::Tracer => source::tracer(context),
+            NodeName::Geometric => correcting::geometric(context),
+            NodeName::Residual => correcting::residual(context),
+            NodeName::Monitor => monitor::run(context),
+            NodeName::Recorder => recorder::run(context),
+        })
     });
     // In place of a launcher that was killed.
     if launcher_pid.is_some_and(|pid| parent_id() != pid)
@@ -272,6 +290,7 @@ impl NodeContext {
                 depth: config.depth,
                 memory_limit_bytes: launch.gateway_memory_bytes(),
                 hardware_id: machine.machine.name.clone(),
+                on_change: None,
             })?)
         } else {
             None
@@ -288,6 +307,10 @@ impl NodeContext {
             None => Clock::of_system(),
         };
         config.remaps = remaps;
+        let lifecycle = Lifecycle::new(&shutdown, launch.autostart);
+        if let Some(node) = &ros {
+            lifecycle.serve(node, &machine.machine.name)?;
+        }
         let whole_run = call.run.clone();
         let run = if launch.uses(call.name, TransportKind::SharedMemory) { call.run } else { None };
         config.run.clone_from(&run);
@@ -308,6 +331,7 @@ impl NodeContext {
             ros,
             clock,
             shutdown,
+            lifecycle,
             life,
             unready,
         })
@@ -341,8 +365,10 @@ impl NodeContext {
         let claims = kinds.iter().map(|kind| self.claim(topic, *kind)).collect::<Result<_, _>>()?;
         let publisher = self.edges.publisher_with::<M>(topic, &kinds, &self.companions())?;
         let publisher = Claimed { publisher, sent: frequency::watch(self)?, _claims: claims };
-        // One that starts again finds the others at work; who of them is gone for good is not waited for.
-        let wanted = if self.life == 0 { self.launch.awaited(self.name) } else { 0 };
+        // One that starts again finds the others at work; who of them is gone for good is not waited for. A manager knows
+        // whom it configures first.
+        let is_first = self.life == 0 && self.lifecycle.starts_by_itself();
+        let wanted = if is_first { self.launch.awaited(self.name) } else { 0 };
         let patience = Duration::from_secs_f64(self.launch.wait_for_subscribers_s);
         let since = Instant::now();
         while publisher.subscribers() < wanted && !self.shutdown.requested() {

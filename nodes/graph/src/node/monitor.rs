@@ -49,11 +49,17 @@ pub(super) fn run(context: &NodeContext) -> Result<NodeSummary, NodeError> {
     let mut publisher: Option<Box<dyn Publish<RangeResidual>>> =
         if context.launch.publishes_over(context.name).is_empty() { None } else { Some(context.publisher()?) };
     let mut inputs = Inputs::open(context)?;
+    context.lifecycle.opened();
     loop {
         let stopping = context.shutdown.requested();
         let patience = if stopping { Duration::ZERO } else { LOOK_UP };
         let before = summary.received;
-        let residuals = monitor.take(&mut inputs, patience, &mut summary);
+        let residuals = if context.lifecycle.is_active() {
+            monitor.take(&mut inputs, patience, &mut summary)
+        } else {
+            inputs.pass_over(patience, &mut summary);
+            monitor.step.give_up()
+        };
         give(publisher.as_deref_mut(), &residuals, &mut summary);
         monitor.attend(&inputs, &summary);
         if stopping && summary.received == before {
@@ -79,6 +85,14 @@ impl Inputs {
             tracer: context.subscriber(NodeName::Tracer)?,
             scale: from_scale.map(|_| context.subscriber(NodeName::Scale)).transpose()?,
         })
+    }
+
+    /// Takes what has come, and makes nothing of it.
+    fn pass_over(&mut self, patience: Duration, summary: &mut NodeSummary) {
+        take(self.corrected.as_mut(), patience, summary);
+        while take(self.tracer.as_mut(), Duration::ZERO, summary).is_some() {}
+        let Some(scale) = &mut self.scale else { return };
+        while take(scale.as_mut(), Duration::ZERO, summary).is_some() {}
     }
 
     /// What was found of the order of what comes in.

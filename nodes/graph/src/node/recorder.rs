@@ -26,20 +26,24 @@ pub(super) fn run(context: &NodeContext) -> Result<NodeSummary, NodeError> {
     let health = context.ros.as_ref().map(|node| node.diagnostics(&context.machine.machine.name));
     let mut summary = context.summary();
     let mut tape = Tape { recording, refused: 0 };
+    let mut withheld = 0_u64;
     let mut scale = Track::<ScaleReading>::open(context, NodeName::Scale)?;
     let mut tracer = Track::<TracerReading>::open(context, NodeName::Tracer)?;
     let mut geometric = Track::<CorrectedCoordinates>::open(context, NodeName::Geometric)?;
     let mut residual = Track::<CorrectedCoordinates>::open(context, NodeName::Residual)?;
     let mut monitor = Track::<RangeResidual>::open(context, NodeName::Monitor)?;
     let mut reported = Instant::now();
+    context.lifecycle.opened();
     loop {
         let stopping = context.shutdown.requested();
         let before = (summary.received, summary.malformed);
-        scale.drain(&mut tape, &mut summary);
-        tracer.drain(&mut tape, &mut summary);
-        geometric.drain(&mut tape, &mut summary);
-        residual.drain(&mut tape, &mut summary);
-        monitor.drain(&mut tape, &mut summary);
+        let mut into = if context.lifecycle.is_active() { Some(&mut tape) } else { None };
+        scale.drain(into.as_deref_mut(), &mut summary);
+        tracer.drain(into.as_deref_mut(), &mut summary);
+        geometric.drain(into.as_deref_mut(), &mut summary);
+        residual.drain(into.as_deref_mut(), &mut summary);
+        monitor.drain(into.as_deref_mut(), &mut summary);
+        withheld += if into.is_none() { summary.received - before.0 } else { 0 };
         if let Some(health) = health.as_ref().filter(|_| reported.elapsed() >= REPORT_EVERY) {
             reported = Instant::now();
             report(health, &tape.recording.status(), tape.refused);
@@ -57,6 +61,7 @@ pub(super) fn run(context: &NodeContext) -> Result<NodeSummary, NodeError> {
     (summary.sent, summary.dropped) = (status.recorded, status.unrecorded);
     let figures = [
         ("stamps_refused", refused as f64),
+        ("withheld", withheld as f64),
         ("files", status.files as f64),
         ("longest_sync_ms", status.longest_sync.as_secs_f64() * 1e3),
     ];
@@ -102,10 +107,13 @@ impl<M: Message> Track<M> {
         Ok(Track { topic: topic.into(), subscriber })
     }
 
-    fn drain(&mut self, tape: &mut Tape, summary: &mut NodeSummary) {
+    /// Records what has come; without a tape it is taken and passed over.
+    fn drain(&mut self, mut tape: Option<&mut Tape>, summary: &mut NodeSummary) {
         let Some(subscriber) = self.subscriber.as_mut() else { return };
         while let Some(sample) = take(subscriber.as_mut(), Duration::ZERO, summary) {
-            tape.record(&self.topic, &sample);
+            if let Some(tape) = &mut tape {
+                tape.record(&self.topic, &sample);
+            }
         }
     }
 

@@ -69,7 +69,7 @@ fn follow(
     (mut stations, mut frames): (Stations, GatewayStanding),
     shutdown: &Shutdown,
 ) {
-    while !shutdown.sleep(LOOK_EVERY) {
+    while !shutdown.sleep_beside(LOOK_EVERY) {
         let Some((newest, _)) = feed.and_then(Feed::newest).filter(|(newest, _)| *newest != stations) else { continue };
         match stand(node, machine, &newest) {
             // Only now: who joins in between finds the old ones.

@@ -85,7 +85,11 @@ fn play<M: Message>(
     let mut publisher = context.publisher::<M>()?;
     let mut schedule: Option<Schedule> = None;
     let mut given = 0;
-    loop {
+    context.lifecycle.opened();
+    // A recording begins when the node is activated first. From then on it goes on as a machine does, whoever listens.
+    let stops = !source.driver.is_live() && context.lifecycle.await_active(&context.shutdown);
+    let mut withheld = 0_u64;
+    while !stops {
         let Some(mut sample) = usable(&mut next, &mut summary)? else {
             // A live driver gives up its wait when it is told to stop.
             summary.recording_ended = !context.shutdown.requested();
@@ -103,12 +107,17 @@ fn play<M: Message>(
             break;
         }
         complete(&mut sample, now, &mut summary);
-        send(publisher.as_mut(), &sample, &mut summary);
+        if context.lifecycle.is_active() {
+            send(publisher.as_mut(), &sample, &mut summary);
+        } else {
+            withheld += 1;
+        }
         given += 1;
     }
     if let Some(schedule) = &schedule {
         summary.figures.insert(STARTED.to_owned(), schedule.started_s());
     }
+    summary.figures.insert("withheld".to_owned(), withheld as f64);
     remarks::figures(&mut summary, &[]);
     summary.dropped = publisher.dropped();
     context.shutdown.sleep(LINGER);

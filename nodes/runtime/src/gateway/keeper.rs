@@ -7,12 +7,13 @@
 
 use std::os::fd::OwnedFd;
 use std::process::{Child, Command, Stdio};
-use std::sync::Arc;
+use std::sync::{Arc, Mutex};
 use std::thread;
 use std::time::{Duration, Instant};
 
 use super::protocol::{Channel, FromGateway, Join, Received, ToGateway};
 use super::shared::Shared;
+use crate::lock::lock;
 
 /// Makes the command that is a gateway.
 pub type GatewayCommand = Arc<dyn Fn() -> Command + Send + Sync>;
@@ -38,7 +39,8 @@ const SAY_EVERY: Duration = Duration::from_secs(60);
 pub(super) struct Keeper {
     pub(super) shared: Arc<Shared>,
     pub(super) command: GatewayCommand,
-    pub(super) join: Join,
+    /// What the next gateway is to be; values of parameters may change.
+    pub(super) join: Arc<Mutex<Join>>,
 }
 
 /// A gateway's process.
@@ -128,7 +130,7 @@ impl Keeper {
         let mut child = spawn(&self.command, theirs).map_err(for_good)?;
         let channel = Arc::new(channel);
         let joined = channel
-            .send(&ToGateway::Join(Box::new(self.join.clone())))
+            .send(&ToGateway::Join(Box::new(lock(&self.join).clone())))
             .map_err(|error| NotStarted { why: format!("it cannot be spoken to: {error}"), may_pass: true })
             .and_then(|()| self.await_joined(&channel));
         match joined {

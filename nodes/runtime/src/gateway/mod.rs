@@ -12,6 +12,7 @@
 //! | `shared` | node | keeps what the node has open for the next gateway |
 //! | `account` | node | counts what did not go out, over all gateways |
 //! | [`serve()`] | gateway | joins the graph, moves samples, ends when DDS or the node does |
+//! | `calls` | gateway | hands calls of services to the node |
 //! | `companion` | gateway | makes standard messages of samples and of the machine |
 //! | `foreign` | gateway | makes samples of standard messages of other programs |
 //! | `clock` | gateway | hears `/clock`, where its node goes by it |
@@ -21,6 +22,7 @@
 //! that make the library reserve a gigabyte, which the limit of the process turns into its end.
 
 mod account;
+mod calls;
 mod clock;
 mod companion;
 mod endpoints;
@@ -44,7 +46,7 @@ pub use endpoints::{GatewayPublisher, GatewaySubscriber};
 pub use foreign::{Foreign, ForeignMessage};
 pub(crate) use introduction::Introduced;
 pub use keeper::GatewayCommand;
-pub use node::{GatewayNode, GatewayOptions, GatewayService, GatewayStanding};
+pub use node::{GatewayLifecycle, GatewayNode, GatewayOptions, GatewayService, GatewayStanding, OnChange};
 pub use serve::{GatewayError, serve};
 pub use shared::GatewayFigures;
 

@@ -4,18 +4,20 @@
 //! opened again in each new gateway. Nothing here waits for the gateway but the opening itself, and that only while there is one.
 
 use std::num::NonZeroUsize;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::mpsc::channel;
+use std::sync::mpsc::{Receiver, channel};
+use std::sync::{Arc, Mutex};
 use std::thread::{self, JoinHandle};
 
 use super::companion::Standing;
 use super::keeper::{GatewayCommand, Keeper};
-use super::protocol::{Endpoint, Join};
+use super::protocol::{Asked, Endpoint, Join};
 use super::shared::{GatewayFigures, NodeEnd, Shared};
 use crate::RunId;
+use crate::lock::lock;
 use crate::ros::{
-    Clock, Diagnostics, NameError, NodeIdentity, NodeOptions, RemapRule, RosError, TriggerOutcome, resolve,
+    Clock, Diagnostics, LifecycleState, NameError, NodeIdentity, NodeOptions, ParameterValue, RemapRule, RosError,
+    Step, Transition, TriggerOutcome, resolve,
 };
 use crate::transport::TransportError;
 use crate::transport::shared_memory::{self, SharedMemory};
@@ -34,7 +36,13 @@ pub struct GatewayOptions {
     pub hardware_id: String,
     /// Makes its command.
     pub command: GatewayCommand,
+    /// Puts new values of parameters to use, all or none, or says why not; they are of the right type and in range. Runs on
+    /// a thread of its own.
+    pub on_change: Option<OnChange>,
 }
+
+/// Takes new values of parameters.
+pub type OnChange = Box<dyn FnMut(&[(String, ParameterValue)]) -> TriggerOutcome + Send>;
 
 /// A node's place in the ROS 2 graph, held by another process. Clones, and all endpoints, share it; it leaves when the last
 /// is dropped.
@@ -68,7 +76,7 @@ impl GatewayNode {
         // A run of its own ends with this process, and what it remembered with it.
         let remembers = own_run.0.is_none();
         let memory = if remembers { memory.remembering(&options.node.identity.qualified()) } else { memory };
-        if let Some(name) = options.node.parameters.changeable() {
+        if let (Some(name), None) = (options.node.parameters.changeable(), &options.on_change) {
             let reason =
                 format!("parameter '{name}' may change while the node runs, which only its gateway would hear of");
             return Err(RosError::Gateway { reason }.into());
@@ -76,7 +84,13 @@ impl GatewayNode {
         let join = Join::new(&options.node, run.as_str(), options.depth.get(), options.memory_limit_bytes);
         let uses_sim_time = options.node.parameters.uses_sim_time();
         let clock = if uses_sim_time { Clock::simulated() } else { Clock::of_system() };
-        let shared = Arc::new(Shared::new(memory, clock));
+        let join = Arc::new(Mutex::new(join));
+        let (setting, asked) = channel();
+        let shared = Arc::new(Shared::new(memory, clock, options.on_change.is_some().then_some(setting)));
+        if let Some(mut on_change) = options.on_change {
+            let join = Arc::clone(&join);
+            answer(&shared, asked, move |asked| set(asked, &mut on_change, &join))?;
+        }
         let keeper = Keeper { shared: Arc::clone(&shared), command: options.command, join };
         let first = keeper.first().map_err(|reason| RosError::Gateway { reason })?;
         let keeper = thread::Builder::new()
@@ -125,21 +139,28 @@ impl GatewayNode {
         mut handler: impl FnMut() -> TriggerOutcome + Send + 'static,
     ) -> Result<GatewayService, TransportError> {
         let (calls, asked) = channel();
-        let shared = Arc::downgrade(&self.0.shared);
-        // Ends with the sender of calls, which the endpoint holds; an answer may be under way then.
-        let answering = move || {
-            while let Ok(call) = asked.recv() {
-                let outcome = handler();
-                let Some(shared) = shared.upgrade() else { return };
-                shared.answer(call, outcome);
-            }
-        };
-        thread::Builder::new()
-            .name("service".into())
-            .spawn(answering)
-            .map_err(|source| RosError::Thread { what: "a service", source })?;
+        answer(&self.0.shared, asked, move |_| handler())?;
         let held = self.open(Endpoint::Service(name.to_owned()), NodeEnd::Service(calls))?;
         Ok(GatewayService { _held: held })
+    }
+
+    /// The services of a managed node that stands in `state`. `handler` follows a transition, and runs on a thread of its
+    /// own.
+    ///
+    /// # Errors
+    /// When the services cannot be made.
+    pub fn lifecycle(
+        &self,
+        state: LifecycleState,
+        mut handler: impl FnMut(Transition) -> TriggerOutcome + Send + 'static,
+    ) -> Result<GatewayLifecycle, TransportError> {
+        let (calls, asked) = channel();
+        let follow = move |asked| match asked {
+            Asked::Change(transition) => handler(transition),
+            Asked::Trigger | Asked::Set(_) => Err("this is no change of the state".to_owned()),
+        };
+        answer(&self.0.shared, asked, follow)?;
+        Ok(GatewayLifecycle { held: self.open(Endpoint::Lifecycle(state), NodeEnd::Service(calls))? })
     }
 
     /// A message on `topic` that whoever joins later gets as well, as long as what is returned is held.
@@ -189,6 +210,35 @@ impl std::fmt::Debug for GatewayNode {
     }
 }
 
+/// Answers calls on a thread of its own. It ends with the sender of calls, which the endpoint holds; an answer may be under
+/// way then.
+fn answer(
+    shared: &Arc<Shared>,
+    asked: Receiver<(u64, Asked)>,
+    mut handler: impl FnMut(Asked) -> TriggerOutcome + Send + 'static,
+) -> Result<(), RosError> {
+    let shared = Arc::downgrade(shared);
+    let answering = move || {
+        while let Ok((call, asked)) = asked.recv() {
+            let outcome = handler(asked);
+            let Some(shared) = shared.upgrade() else { return };
+            shared.answer(call, outcome);
+        }
+    };
+    let started = thread::Builder::new().name("service".into()).spawn(answering);
+    started.map(drop).map_err(|source| RosError::Thread { what: "a service", source })
+}
+
+/// Has new values put to use, and keeps them for the next gateway.
+fn set(asked: Asked, on_change: &mut OnChange, join: &Mutex<Join>) -> TriggerOutcome {
+    let Asked::Set(values) = asked else { return Err("these are no values of parameters".to_owned()) };
+    let typed: Vec<(String, ParameterValue)> =
+        values.iter().map(|(name, value)| (name.clone(), value.clone().into())).collect();
+    let said = on_change(&typed)?;
+    lock(join).set(values);
+    Ok(said)
+}
+
 /// A run that nobody else knows; its files go with it.
 struct OwnRun(Option<RunId>);
 
@@ -227,6 +277,27 @@ impl Drop for Held {
 /// A message that stands. Dropping it ends that.
 pub struct GatewayStanding {
     _held: Held,
+}
+
+/// The services of a managed node. Dropping it ends them.
+pub struct GatewayLifecycle {
+    held: Held,
+}
+
+impl GatewayLifecycle {
+    /// Tells that the node follows a transition from this state.
+    pub fn begins(&self, transition: Transition, from: LifecycleState) {
+        self.moved(from, transition.begins(from));
+    }
+
+    /// Tells that a transition has come to its end, in `state`.
+    pub fn ends(&self, transition: Transition, state: LifecycleState, is_success: bool) {
+        self.moved(state, transition.ends(state, is_success));
+    }
+
+    fn moved(&self, state: LifecycleState, step: Step) {
+        self.held.node.0.shared.moved(self.held.id, state, step);
+    }
 }
 
 /// A running service. Dropping it ends it.

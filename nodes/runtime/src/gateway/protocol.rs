@@ -19,8 +19,8 @@ use serde::{Deserialize, Serialize};
 use super::companion::{Companion, Standing};
 use super::foreign::Foreign;
 use crate::ros::{
-    DiscoveryRange, Domain, NodeIdentity, NodeOptions, ParameterSpec, ParameterTable, ParameterValue, Range, RemapRule,
-    RosError, TriggerOutcome, USE_SIM_TIME,
+    DiscoveryRange, Domain, LifecycleState, NodeIdentity, NodeOptions, ParameterSpec, ParameterTable, ParameterValue,
+    Range, RemapRule, RosError, Step, Transition, TriggerOutcome, USE_SIM_TIME,
 };
 
 /// Longest packet; what is longer is refused.
@@ -39,6 +39,8 @@ pub(super) enum ToGateway {
     Report(DiagnosticArray),
     /// The answer to [`FromGateway::Call`].
     Answer(u64, TriggerOutcome),
+    /// A managed node has come one step further, and stands there, or comes from there: number of its endpoint.
+    Moved(u32, LifecycleState, Step),
     /// Leave the graph, and end.
     Leave,
 }
@@ -61,11 +63,25 @@ pub(super) enum FromGateway {
     NotOpened(u32, String),
     /// How things stand, ten times a second.
     Beat(Beat),
-    /// Somebody calls a service: number of the call, number of the endpoint.
-    Call(u64, u32),
+    /// Somebody calls a service: number of the call, number of the endpoint, and what for.
+    Call(u64, u32, Asked),
     /// `/clock` says so (ns since 1970).
     Clock(i64),
 }
+
+/// What the caller of a service wants.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub(super) enum Asked {
+    /// What the service is there for.
+    Trigger,
+    /// To have the node in another state.
+    Change(Transition),
+    /// To have these parameters set, all or none; of [`PARAMETERS`].
+    Set(Vec<(String, raw::ParameterValue)>),
+}
+
+/// Number that stands for the services of the parameters; no endpoint has it.
+pub(super) const PARAMETERS: u32 = u32::MAX;
 
 /// Who the gateway is in the graph, and where its node's samples are.
 #[derive(Debug, Clone, Serialize, Deserialize)]
@@ -88,6 +104,7 @@ pub(super) struct Parameter {
     value: raw::ParameterValue,
     unit: String,
     range: ParameterRange,
+    read_only: bool,
     description: String,
 }
 
@@ -128,6 +145,8 @@ pub(super) enum Endpoint {
     Service(String),
     /// A message on this topic, an absolute name, that whoever joins later gets as well.
     Standing(String, Standing),
+    /// The services of a managed node that stands there.
+    Lifecycle(LifecycleState),
 }
 
 /// How things stand.
@@ -187,6 +206,7 @@ impl Join {
                 value: value.clone().into(),
                 unit: spec.unit.to_owned(),
                 range: range(&spec.range),
+                read_only: spec.read_only,
                 description: spec.description.to_owned(),
             })
         };
@@ -200,6 +220,13 @@ impl Join {
             run: run.to_owned(),
             depth,
             memory_limit_bytes,
+        }
+    }
+
+    /// Gives parameters other values.
+    pub(super) fn set(&mut self, values: Vec<(String, raw::ParameterValue)>) {
+        for (name, value) in values {
+            self.parameters.iter_mut().filter(|one| one.name == name).for_each(|one| one.value = value.clone());
         }
     }
 
@@ -221,7 +248,6 @@ impl Join {
 }
 
 impl Parameter {
-    /// Every parameter is fixed: its node reads it at its own start, and never asks again.
     fn spec(self) -> ParameterSpec {
         // Declared once in the life of a gateway: what the tables of nodes say as constants is here as lasting.
         let text = |text: String| &*text.leak();
@@ -236,7 +262,7 @@ impl Parameter {
             default: self.value.into(),
             unit: text(self.unit),
             range,
-            read_only: true,
+            read_only: self.read_only,
             description: text(self.description),
         }
     }
@@ -365,7 +391,7 @@ mod tests {
                 default: ParameterValue::String("b".into()),
                 unit: "",
                 range: Range::OneOf(&["a", "b"]),
-                read_only: true,
+                read_only: false,
                 description: "",
             },
         ];
@@ -383,7 +409,7 @@ mod tests {
         assert_eq!(values(&arrived), values(&options));
         for name in ["age_s", "mode"] {
             let (here, there) = (arrived.parameters.spec(name).unwrap(), options.parameters.spec(name).unwrap());
-            assert_eq!((&here.range, here.unit, here.description), (&there.range, there.unit, there.description));
+            assert_eq!(here, there);
         }
     }
 }

@@ -5,21 +5,21 @@
 
 use std::collections::BTreeMap;
 use std::num::NonZeroUsize;
-use std::sync::mpsc::{SyncSender, sync_channel};
-use std::sync::{Arc, Mutex};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use abbe_msgs::standard::DiagnosticArray;
+use futures::executor::block_on;
 use rustix::process::{Resource, Rlimit, Signal, setrlimit};
 use thiserror::Error;
 
+use super::calls::Calls;
 use super::clock::ClockReader;
 use super::companion::stand;
 use super::health::{Dead, Heartbeat};
-use super::protocol::{Beat, Channel, Endpoint, FromGateway, Join, Progress, Received, ToGateway};
+use super::protocol::{Asked, Beat, Channel, Endpoint, FromGateway, Join, PARAMETERS, Progress, Received, ToGateway};
 use super::streams::{Stream, World};
-use crate::lock::lock;
-use crate::ros::{QueuedPublisher, RosError, RosNode, TriggerOutcome, TriggerService, diagnostics_qos};
+use crate::ros::{LifecycleServices, QueuedPublisher, RosError, RosNode, TriggerService, diagnostics_qos};
 use crate::transport::TransportError;
 use crate::transport::shared_memory::{self, SharedMemory};
 use crate::{RunId, RunIdError};
@@ -34,8 +34,6 @@ const BEAT_EVERY: Duration = Duration::from_millis(100);
 const LAST_WORDS: Duration = Duration::from_millis(100);
 /// Longest that leaving may take.
 const LEAVE_WITHIN: Duration = Duration::from_secs(3);
-/// Longest that a service waits for its node.
-const ANSWER_WITHIN: Duration = Duration::from_secs(60);
 /// Reports waiting to be published; older ones say nothing any more.
 const REPORTS: NonZeroUsize = NonZeroUsize::MIN.saturating_add(31);
 /// Exit code of a gateway that could not leave in time.
@@ -79,18 +77,12 @@ impl GatewayError {
     }
 }
 
-/// Calls of services that wait for the node's answer.
-#[derive(Default)]
-struct Calls {
-    next: u64,
-    waiting: BTreeMap<u64, SyncSender<TriggerOutcome>>,
-}
-
 /// An endpoint that is open.
 enum Open {
     Stream(Stream),
     Service(#[allow(dead_code)] TriggerService), // Held until it is closed.
     Standing(#[allow(dead_code)] Box<dyn Send>), // As well.
+    Lifecycle(LifecycleServices),
 }
 
 struct Gateway {
@@ -100,7 +92,7 @@ struct Gateway {
     clock: Option<ClockReader>,
     heartbeat: Heartbeat<BTreeMap<u32, Progress>>,
     proved: BTreeMap<u32, Progress>,
-    calls: Arc<Mutex<Calls>>,
+    calls: Calls,
     memory: SharedMemory,
     node: RosNode,
     channel: Arc<Channel>,
@@ -152,7 +144,10 @@ impl Gateway {
         let memory = SharedMemory::join(run, depth)?;
         let options = join.node_options()?;
         let uses_sim_time = options.parameters.uses_sim_time();
-        let node = RosNode::start(options)?;
+        let calls = Calls::new(&channel);
+        let setting = calls.clone();
+        let node =
+            RosNode::start_asking(options, Arc::new(move |changes| setting.ask(PARAMETERS, Asked::Set(changes))))?;
         let heartbeat = Heartbeat::open(&node)?;
         let reports = node.publisher(super::DIAGNOSTICS, &diagnostics_qos(), REPORTS)?;
         let clock = uses_sim_time.then(|| ClockReader::open(&node, Arc::clone(&channel))).transpose()?;
@@ -160,7 +155,7 @@ impl Gateway {
         channel
             .send(&FromGateway::Joined)
             .map_err(|source| GatewayError::System { what: "answer the node", source })?;
-        let (open, proved, calls) = (BTreeMap::new(), BTreeMap::new(), Arc::default());
+        let (open, proved) = (BTreeMap::new(), BTreeMap::new());
         Ok(Gateway { open, reports, clock, heartbeat, proved, calls, memory, node, channel })
     }
 
@@ -173,6 +168,7 @@ impl Gateway {
                 Received::Packet(packet) => self.follow(packet),
                 Received::Nothing => {}
             }
+            self.calls.give_up_who_waits_too_long();
             let open = &self.open;
             let progress = || open.iter().filter_map(|(id, open)| Some((*id, open.stream()?.progress()))).collect();
             let back = self.heartbeat.turn(progress).map_err(|Dead(reason)| GatewayError::Dead { reason })?;
@@ -202,9 +198,11 @@ impl Gateway {
             }
             ToGateway::Close(id) => drop(self.open.remove(&id)),
             ToGateway::Report(report) => self.reports.publish(report),
-            ToGateway::Answer(call, outcome) => {
-                // Who asked may have given up.
-                let _ = lock(&self.calls).waiting.remove(&call).map(|caller| caller.try_send(outcome));
+            ToGateway::Answer(call, outcome) => self.calls.answer(call, outcome),
+            ToGateway::Moved(id, state, step) => {
+                if let Some(Open::Lifecycle(services)) = self.open.get(&id) {
+                    services.moved(state, step);
+                }
             }
             ToGateway::Join(_) | ToGateway::Leave => {}
         }
@@ -215,11 +213,15 @@ impl Gateway {
         if let Some(stream) = Stream::open(&world, endpoint)? {
             return Ok(Open::Stream(stream));
         }
-        let (channel, calls) = (Arc::clone(&self.channel), Arc::clone(&self.calls));
+        let calls = self.calls.clone();
         match endpoint {
             Endpoint::Service(name) => {
-                let service = self.node.trigger_service(name, move || ask(&channel, &calls, id))?;
+                let service = self.node.trigger_service(name, move || block_on(calls.ask(id, Asked::Trigger)))?;
                 Ok(Open::Service(service))
+            }
+            Endpoint::Lifecycle(state) => {
+                let change = move |transition| block_on(calls.ask(id, Asked::Change(transition)));
+                Ok(Open::Lifecycle(LifecycleServices::open(&self.node, *state, change)?))
             }
             Endpoint::Standing(topic, content) => Ok(Open::Standing(stand(&self.node, topic, content)?)),
             Endpoint::Publication { .. } | Endpoint::Subscription { .. } => Err(GatewayError::NoNode),
@@ -251,7 +253,7 @@ impl Gateway {
             .map_err(|source| GatewayError::System { what: "watch the way out", source })?;
         super::LEAVING.store(true, std::sync::atomic::Ordering::Relaxed);
         // Services that wait for the node hear that it is leaving.
-        lock(&self.calls).waiting.clear();
+        self.calls.clear();
         let Gateway { open, reports, clock, heartbeat, memory, node, .. } = self;
         drop((open, clock));
         std::thread::sleep(LAST_WORDS);
@@ -265,27 +267,7 @@ impl Open {
     fn stream(&self) -> Option<&Stream> {
         match self {
             Open::Stream(stream) => Some(stream),
-            Open::Service(_) | Open::Standing(_) => None,
+            Open::Service(_) | Open::Standing(_) | Open::Lifecycle(_) => None,
         }
     }
-}
-
-/// Hands a call to the node and waits for its answer.
-fn ask(channel: &Channel, calls: &Mutex<Calls>, service: u32) -> TriggerOutcome {
-    let (caller, answer) = sync_channel(1);
-    let call = {
-        let mut calls = lock(calls);
-        calls.next += 1;
-        let call = calls.next;
-        calls.waiting.insert(call, caller);
-        call
-    };
-    let busy = |_| "the node does not answer; try again".to_owned();
-    let asked = channel.send(&FromGateway::Call(call, service)).map_err(busy);
-    let outcome = asked.and_then(|()| {
-        let answered = answer.recv_timeout(ANSWER_WITHIN);
-        answered.unwrap_or_else(|_| Err("the node is stopping, or does not answer".to_owned()))
-    });
-    lock(calls).waiting.remove(&call);
-    outcome
 }

@@ -12,9 +12,9 @@ use std::time::{Duration, Instant};
 use abbe_msgs::standard::{DiagnosticArray, DiagnosticStatus};
 
 use super::account::Account;
-use super::protocol::{Channel, Endpoint, FromGateway, SubscriptionBeat, ToGateway};
+use super::protocol::{Asked, Channel, Endpoint, FromGateway, PARAMETERS, SubscriptionBeat, ToGateway};
 use crate::lock::lock;
-use crate::ros::{Clock, Diagnostics, TriggerOutcome};
+use crate::ros::{Clock, Diagnostics, LifecycleState, Step, TriggerOutcome};
 use crate::transport::shared_memory::SharedMemory;
 
 /// Longest that opening an endpoint may take.
@@ -43,6 +43,8 @@ pub(super) struct Shared {
     memory: SharedMemory,
     clock: Clock,
     diagnostics: Mutex<Option<Diagnostics>>,
+    /// Where calls are answered that want parameters set.
+    setting: Option<Sender<(u64, Asked)>>,
 }
 
 #[derive(Default)]
@@ -69,7 +71,8 @@ struct Known {
 pub(super) enum NodeEnd {
     Publication(Arc<Publication>),
     Subscription(Arc<Mutex<SubscriptionState>>),
-    Service(Sender<u64>),
+    /// Of a service, and of a managed node: where its calls are answered.
+    Service(Sender<(u64, Asked)>),
     Standing,
 }
 
@@ -130,7 +133,7 @@ impl SubscriptionState {
 }
 
 impl Shared {
-    pub(super) fn new(memory: SharedMemory, clock: Clock) -> Shared {
+    pub(super) fn new(memory: SharedMemory, clock: Clock, setting: Option<Sender<(u64, Asked)>>) -> Shared {
         Shared {
             state: Mutex::default(),
             changed: Condvar::new(),
@@ -138,6 +141,7 @@ impl Shared {
             memory,
             clock,
             diagnostics: Mutex::default(),
+            setting,
         }
     }
 
@@ -219,11 +223,14 @@ impl Shared {
                 drop(state);
                 self.report_own();
             }
-            FromGateway::Call(call, service) => {
+            // What is being closed answers nobody.
+            FromGateway::Call(call, PARAMETERS, asked) => {
+                let _ = self.setting.as_ref().map(|calls| calls.send((call, asked)));
+            }
+            FromGateway::Call(call, service, asked) => {
                 let state = lock(&self.state);
                 if let Some(NodeEnd::Service(calls)) = state.endpoints.get(&service).map(|known| &known.end) {
-                    // A service that is being closed answers nobody.
-                    let _ = calls.send(call);
+                    let _ = calls.send((call, asked));
                 }
             }
             FromGateway::Clock(nanos) => self.clock.set(nanos),
@@ -281,6 +288,17 @@ impl Shared {
     pub(super) fn answer(&self, call: u64, outcome: TriggerOutcome) {
         if let Some(channel) = &lock(&self.state).channel {
             tell(channel, &ToGateway::Answer(call, outcome));
+        }
+    }
+
+    /// A managed node has come one step further; the next gateway hears where it stands.
+    pub(super) fn moved(&self, id: u32, state_now: LifecycleState, step: Step) {
+        let mut state = lock(&self.state);
+        if let Some(known) = state.endpoints.get_mut(&id) {
+            known.endpoint = Endpoint::Lifecycle(state_now);
+        }
+        if let Some(channel) = &state.channel {
+            tell(channel, &ToGateway::Moved(id, state_now, step));
         }
     }
 

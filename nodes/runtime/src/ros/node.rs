@@ -22,7 +22,7 @@ use serde::de::DeserializeOwned;
 use super::diagnostics::Diagnostics;
 use super::matched::Matched;
 use super::names::{self, NameError, NodeIdentity};
-use super::parameter_services::ParameterServices;
+use super::parameter_services::{Ask, ParameterServices};
 use super::parameters::{ParameterSpec, ParameterTable};
 use super::queued::QueuedPublisher;
 use super::service::Service;
@@ -87,13 +87,22 @@ impl RosNode {
     /// When the network or the domain refuse the participant, the system clock is before 1970, or the node cannot be
     /// made.
     pub fn start(options: NodeOptions) -> Result<Self, RosError> {
+        Self::start_with(options, None)
+    }
+
+    /// The same; `ask` is asked before a value of a parameter is set.
+    pub(crate) fn start_asking(options: NodeOptions, ask: Ask) -> Result<Self, RosError> {
+        Self::start_with(options, Some(ask))
+    }
+
+    fn start_with(options: NodeOptions, ask: Option<Ask>) -> Result<Self, RosError> {
         // The library's threads would end then, and what it says of that leads nowhere.
         if SystemTime::now() < UNIX_EPOCH {
             return Err(RosError::Clock { domain_id: options.domain.id() });
         }
         let (context, introduced) = participant(options.domain)?;
         let mut node = create(&context, &options)?;
-        let parameters = ParameterServices::open(&mut node, &options)?;
+        let parameters = ParameterServices::open(&mut node, &options, ask)?;
         let node = Arc::new(Mutex::new(node));
         let matched = Arc::<Matched>::default();
         let (stop, stopped) = oneshot::channel();

@@ -4,9 +4,9 @@
 //! describe neither unit nor range, so they are served here from the [`ParameterTable`]; values and
 //! `/parameter_events` stay with the library's node.
 
-use std::sync::Mutex;
+use std::sync::{Arc, Mutex};
 
-use futures::future;
+use futures::future::{self, BoxFuture};
 use ros2_client::parameters::{NumericRange, ParameterDescriptor, raw};
 use ros2_client::rcl_interfaces::{
     DescribeParametersRequest, DescribeParametersResponse, GetParameterTypesRequest, GetParameterTypesResponse,
@@ -20,13 +20,19 @@ use serde::de::DeserializeOwned;
 use super::node::lock;
 use super::parameters::{ParameterSpec, ParameterTable, Range};
 use super::service::Service;
-use super::{NodeOptions, RosError};
+use super::{NodeOptions, RosError, TriggerOutcome};
 
 const PACKAGE: &str = "rcl_interfaces";
+
+/// Has new values put to use, all or none; they are of the right type and in range.
+pub(crate) type Ask =
+    Arc<dyn Fn(Vec<(String, raw::ParameterValue)>) -> BoxFuture<'static, TriggerOutcome> + Send + Sync>;
 
 /// The open services.
 pub(super) struct ParameterServices {
     table: ParameterTable,
+    /// Who is asked before a value is set; nobody where the node looks its values up.
+    ask: Option<Ask>,
     list: Service<ListParametersRequest, ListParametersResponse>,
     get: Service<GetParametersRequest, GetParametersResponse>,
     types: Service<GetParameterTypesRequest, GetParameterTypesResponse>,
@@ -36,10 +42,11 @@ pub(super) struct ParameterServices {
 }
 
 impl ParameterServices {
-    pub(super) fn open(node: &mut Node, options: &NodeOptions) -> Result<Self, RosError> {
+    pub(super) fn open(node: &mut Node, options: &NodeOptions, ask: Option<Ask>) -> Result<Self, RosError> {
         let mut opener = Opener { node, prefix: options.identity.qualified() };
         Ok(Self {
             table: options.parameters.clone(),
+            ask,
             list: opener.open("list_parameters", "ListParameters")?,
             get: opener.open("get_parameters", "GetParameters")?,
             types: opener.open("get_parameter_types", "GetParameterTypes")?,
@@ -52,25 +59,31 @@ impl ParameterServices {
     /// Answers requests, for ever.
     pub(super) async fn serve(self, node: &Mutex<Node>) {
         let reading = future::join4(
-            self.list.serve(|request| ListParametersResponse { result: list(&lock(node).list_parameters(), &request) }),
-            self.get.serve(|request| GetParametersResponse {
+            self.list.serve(async |request| ListParametersResponse {
+                result: list(&lock(node).list_parameters(), &request),
+            }),
+            self.get.serve(async |request| GetParametersResponse {
                 values: values(node, &request.names).map(Into::into).collect(),
             }),
-            self.types.serve(|request| GetParameterTypesResponse {
+            self.types.serve(async |request| GetParameterTypesResponse {
                 values: values(node, &request.names)
                     .map(|value| ParameterValue::to_parameter_type_raw(&value))
                     .collect(),
             }),
-            self.describe.serve(|request| DescribeParametersResponse {
+            self.describe.serve(async |request| DescribeParametersResponse {
                 values: request.names.iter().map(|name| self.description(node, name)).collect(),
             }),
         );
         let writing = future::join(
-            self.set.serve(|request| SetParametersResponse {
-                results: request.parameter.into_iter().map(|one| self.set_one(node, one).into()).collect(),
+            self.set.serve(async |request| {
+                let mut results = Vec::with_capacity(request.parameter.len());
+                for one in request.parameter {
+                    results.push(self.set(node, vec![one]).await.into());
+                }
+                SetParametersResponse { results }
             }),
-            self.set_all.serve(|request| SetParametersAtomicallyResponse {
-                result: self.set_all(node, request.parameter).into(),
+            self.set_all.serve(async |request| SetParametersAtomicallyResponse {
+                result: self.set(node, request.parameter).await.into(),
             }),
         );
         future::join(reading, writing).await;
@@ -85,18 +98,22 @@ impl ParameterServices {
         descriptor.into()
     }
 
-    /// The library itself lets `use_sim_time` pass.
-    fn set_one(&self, node: &Mutex<Node>, parameter: raw::Parameter) -> Result<(), String> {
-        let Parameter { name, value } = parameter.clone().into();
-        self.table.check_change(&name, &value).map_err(|error| error.to_string())?;
-        set(node, parameter)
-    }
-
-    /// All or nothing: every value is checked before the first is set.
-    fn set_all(&self, node: &Mutex<Node>, parameters: Vec<raw::Parameter>) -> Result<(), String> {
+    /// All or nothing: every value is checked, and put to use, before the first is set. (The library itself lets
+    /// `use_sim_time` pass.)
+    async fn set(&self, node: &Mutex<Node>, parameters: Vec<raw::Parameter>) -> Result<(), String> {
         for parameter in parameters.iter().cloned().map(Parameter::from) {
             let checked = self.table.check_change(&parameter.name, &parameter.value);
             checked.map_err(|error| error.to_string())?;
+        }
+        if let Some(ask) = &self.ask {
+            let is_new = |one: &&raw::Parameter| {
+                lock(node).get_parameter(&one.name) != Some(ParameterValue::from(one.value.clone()))
+            };
+            let news: Vec<_> =
+                parameters.iter().filter(is_new).map(|one| (one.name.clone(), one.value.clone())).collect();
+            if !news.is_empty() {
+                ask(news).await?;
+            }
         }
         parameters.into_iter().try_for_each(|one| set(node, one))
     }

@@ -33,6 +33,12 @@ const MAX_PADDING: usize = 7;
 const LONGEST: usize = 64 * 1024;
 const ENCODING: RepresentationIdentifier = RepresentationIdentifier::CDR_LE;
 
+/// An empty request, which CDR gives one unused byte.
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
+pub(super) struct EmptyRequest {
+    structure_needs_at_least_one_member: u8,
+}
+
 /// A service that is open.
 pub(super) struct Service<Request, Reply> {
     name: String,
@@ -56,7 +62,7 @@ impl<Request: DeserializeOwned, Reply: Serialize> Service<Request, Reply> {
     }
 
     /// Answers every request with `reply`, for ever.
-    pub(super) async fn serve(&self, mut reply: impl FnMut(Request) -> Reply) {
+    pub(super) async fn serve(&self, mut reply: impl AsyncFnMut(Request) -> Reply) {
         let mut requests = self.server.receive_request_stream();
         while let Some(request) = requests.next().await {
             let (id, Bytes(bytes)) = match request {
@@ -70,7 +76,7 @@ impl<Request: DeserializeOwned, Reply: Serialize> Service<Request, Reply> {
                 self.refuse(&format!("{} bytes that are not a request of this service", bytes.len()));
                 continue;
             };
-            let sent = match written(head, &reply(request)) {
+            let sent = match written(head, &reply(request).await) {
                 Ok(bytes) => self.server.async_send_response(id, Bytes(bytes)).await.map_err(|error| error.to_string()),
                 Err(reason) => Err(reason),
             };

@@ -9,17 +9,11 @@ use futures::channel::oneshot;
 use futures::future;
 use serde::{Deserialize, Serialize};
 
-use super::service::Service;
+use super::service::{EmptyRequest, Service};
 use super::{RosError, RosNode};
 
 /// What the handler did: `Ok` and `Err` both carry a sentence for the caller.
 pub type TriggerOutcome = Result<String, String>;
-
-/// An empty request, which CDR gives one unused byte.
-#[derive(Debug, Clone, Default, Serialize, Deserialize)]
-pub(super) struct TriggerRequest {
-    structure_needs_at_least_one_member: u8,
-}
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(super) struct TriggerReply {
@@ -42,12 +36,12 @@ impl TriggerService {
         mut handler: impl FnMut() -> TriggerOutcome + Send + 'static,
     ) -> Result<Self, RosError> {
         let name = node.resolve(name)?;
-        let service: Service<TriggerRequest, TriggerReply> = node.service(&name, "std_srvs", "Trigger")?;
+        let service: Service<EmptyRequest, TriggerReply> = node.service(&name, "std_srvs", "Trigger")?;
         let (stop, stopped) = oneshot::channel();
         let thread = thread::Builder::new()
             .name("ros-service".into())
             .spawn(move || {
-                let serving = std::pin::pin!(service.serve(move |_request| reply(handler())));
+                let serving = std::pin::pin!(service.serve(async move |_request| reply(handler())));
                 futures::executor::block_on(future::select(serving, stopped));
             })
             .map_err(|source| RosError::Thread { what: "a service", source })?;
