@@ -10,12 +10,13 @@ use std::process::Command;
 use std::time::Duration;
 
 use abbe_graph::launch::NodeName;
+use abbe_msgs::{CorrectedCoordinates, CorrectionStatus};
 use abbe_runtime::ros::Domain;
 use common::assert_says;
-use common::files::{Bench, text};
-use common::graph::{DDS, MEMORY, NAMESPACE, long_recording, stream_of};
+use common::files::{Bench, samples, text};
+use common::graph::{DDS, MEMORY, NAMESPACE, long_recording, stream_of, topic};
 use common::network::in_own_network;
-use common::program::{Started, abbe_in, program, signal};
+use common::program::{Started, abbe_in, program, run, signal};
 use common::python::{python, ros2, ros2_prefix, said};
 use rustix::process::Signal;
 use serde_json::{Value, json};
@@ -208,6 +209,71 @@ fn regress_a_caller_on_cyclone_gets_parameters_and_services_and_garbage_is_dropp
         assert_eq!(heard["trigger"]["success"], false);
         assert_says(heard["trigger"]["message"].as_str().unwrap(), &["residual model"]);
     });
+}
+
+#[test]
+fn val_rclpy_a_manager_takes_nodes_through_their_states_and_what_was_paused_says_so_and_replays() {
+    let test = "val_rclpy_a_manager_takes_nodes_through_their_states_and_what_was_paused_says_so_and_replays";
+    in_own_network(test, |domain| {
+        let bench = Bench::identified(5);
+        let (model, aside) = (bench.text("model.json"), bench.text("aside.json"));
+        let Some(user) = ros2(domain, &["manage", NAMESPACE, &aside, &model]) else { return };
+        std::fs::rename(&model, &aside).unwrap();
+        long_recording(&bench, SAMPLES);
+        let file = stream_of(&bench, |launch| {
+            let launch = launch.key("visible_in_ros = true").key("autostart = false").edge("residual", "*", DDS);
+            let launch = launch.edge("scale", "recorder", MEMORY).edge("residual", "recorder", MEMORY);
+            launch.nodes(&["recorder"]).record("recorded")
+        });
+        let heard = beside(Started::start(abbe_in(domain, ["launch", &file])), user);
+        assert_managed(&heard, &model);
+        let samples: Vec<CorrectedCoordinates> = samples(&bench.path("recorded"), &topic("corrected"));
+        let inactive = samples.iter().filter(|sample| sample.status == CorrectionStatus::Inactive);
+        // Half a second and more of the geometric node, 0.3 s of the residual node.
+        assert!(inactive.clone().count() >= 1000, "{}", inactive.count());
+        let bag = bench.text("recorded");
+        // Readings that came while a node was not configured have no answer; every answer is what it was.
+        let replayed = run(["replay", "--bag", &bag, "--model", &model]);
+        let count = samples.len();
+        assert_says(
+            &String::from_utf8_lossy(&replayed.output),
+            &[&format!("{count} of {count} corrected messages are identical")],
+        );
+        assert_says(&replayed.refused(), &["scale readings have no corrected message"]);
+    });
+}
+
+fn assert_managed(heard: &Value, model: &str) {
+    let all = |state: &str| json!({"recorder": state, "residual": state, "geometric": state, "scale": state});
+    assert_eq!(heard["at first"], all("unconfigured"));
+    assert_eq!(heard["available at first"], json!(["configure", "shutdown"]));
+    assert_eq!((heard["states"].as_u64(), heard["steps"].as_u64()), (Some(9), Some(19)));
+    for refused in ["activated too early", "configured without a file", "cleaned up while active"] {
+        assert_eq!(heard[refused], false, "{refused}");
+    }
+    assert_eq!(heard["state without a file"], "unconfigured");
+    assert_says(heard["reason"].as_str().unwrap(), &["could not be configured", model]);
+    let four = json!([true, true, true, true]);
+    assert_eq!((&heard["all 1"], &heard["all 3"]), (&four, &four));
+    assert_eq!(heard["at work"], all("active"));
+    for done in ["paused", "resumed", "residual paused", "residual resumed", "by label", "cleaned up"] {
+        assert_eq!(heard[done], true, "{done}");
+    }
+    assert_eq!(heard["points while inactive"], 0);
+    assert_eq!(heard["after cleaning"], "unconfigured");
+    assert_eq!((&heard["again"], &heard["shut down"]), (&json!([true, true]), &json!([true, "finalized"])));
+    let events = heard["events"].as_array().unwrap();
+    let steps: [[&str; 3]; 5] = [
+        ["configuring", "transition_failure", "unconfigured"],
+        ["configuring", "transition_success", "inactive"],
+        ["inactive", "activate", "activating"],
+        ["active", "deactivate", "deactivating"],
+        ["cleaningup", "transition_success", "unconfigured"],
+    ];
+    for step in steps {
+        assert!(events.contains(&json!(step)), "{step:?} is not in {events:?}");
+    }
+    assert!(heard["ages_s"].as_array().unwrap().iter().all(|age_s| (0.0..120.0).contains(&age_s.as_f64().unwrap())));
 }
 
 /// What the launch files say, each in its own words.

@@ -108,6 +108,7 @@ fn gateway(identity: NodeIdentity, domain: Domain, depth: NonZeroUsize) -> Gatew
     };
     let node = NodeOptions { identity, domain, remaps: Vec::new(), parameters: ParameterTable::default() };
     GatewayNode::start(GatewayOptions {
+        on_change: None,
         node,
         run: None,
         depth,

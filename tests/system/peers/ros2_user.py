@@ -2,7 +2,7 @@
 
 Usage: ros2_user.py streams NAMESPACE COUNT | parameters NODE NAME VALUE | trigger SERVICE
        | clock SECONDS HARDWARE | types TOPIC | nodes NAMESPACE NAME... | scene NAMESPACE | delays NAMESPACE COUNT
-       | heard_clock COUNT | machines NAMESPACE... | health NAMESPACE NAME...
+       | heard_clock COUNT | machines NAMESPACE... | health NAMESPACE NAME... | manage NAMESPACE ASIDE MODEL
 
 streams     subscribes `corrected_point` and `scale/joint_states` with default quality of service (reliable) and
             with that of sensors (best effort) until COUNT messages have come on each.
@@ -15,6 +15,7 @@ delays      takes COUNT messages of `corrected_point`: their stamps, and when ea
 health      hears /diagnostics until each of these nodes has said how often it publishes.
 machines    takes samples of several machines, and says which frames they name.
 heard_clock takes COUNT times from /clock.
+manage      takes the nodes of a graph through their states, as `ros2 lifecycle` does; ASIDE becomes MODEL on the way.
 nodes       waits until nodes of these names are in a namespace, and gives the parameters of each.
 
 The domain comes from the environment, as for every ROS 2 program. Prints one JSON object. Exits with 1 and a reason
@@ -22,12 +23,15 @@ when what it waits for does not come.
 """
 
 import json
+import os
 import sys
 import time
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PointStamped
+from lifecycle_msgs.msg import Transition, TransitionEvent
+from lifecycle_msgs.srv import ChangeState, GetAvailableStates, GetAvailableTransitions, GetState
 from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
 from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
@@ -197,13 +201,101 @@ def heard_clock(node, count):
     return {"heard_s": heard, "types": dict(node.get_topic_names_and_types())["/clock"]}
 
 
+class Managed:
+    """A managed node, as a manager sees it."""
+
+    def __init__(self, node, remote):
+        self.node, self.remote = node, remote
+        self.clients = {
+            name: node.create_client(kind, f"{remote}/{name}")
+            for name, kind in [("change_state", ChangeState), ("get_state", GetState),
+                               ("get_available_states", GetAvailableStates),
+                               ("get_available_transitions", GetAvailableTransitions),
+                               ("get_transition_graph", GetAvailableTransitions)]
+        }
+
+    def call(self, name, request):
+        client = self.clients[name]
+        if not client.wait_for_service(timeout_sec=PATIENCE_S):
+            sys.exit(f"no service {self.remote}/{name}")
+        return answer(self.node, client.call_async(request), f"the reply of {self.remote}/{name}")
+
+    def change(self, transition):
+        return self.call("change_state", ChangeState.Request(transition=Transition(id=transition))).success
+
+    def state(self):
+        return self.call("get_state", GetState.Request()).current_state.label
+
+    def available(self):
+        found = self.call("get_available_transitions", GetAvailableTransitions.Request()).available_transitions
+        return sorted(one.transition.label for one in found)
+
+
+def manage(node, namespace, aside, model):
+    points, events, health = [], [], []
+    node.create_subscription(PointStamped, f"/{namespace}/corrected_point", points.append, DEFAULT)
+    node.create_subscription(TransitionEvent, f"/{namespace}/geometric/transition_event", events.append, DEFAULT)
+    hear = lambda array: health.extend(one for one in array.status if one.name == f"{namespace}/geometric: lifecycle")
+    node.create_subscription(DiagnosticArray, "/diagnostics", hear, DEFAULT)
+    nodes = {name: Managed(node, f"/{namespace}/{name}") for name in ["recorder", "residual", "geometric", "scale"]}
+    geometric, said = nodes["geometric"], {}
+    said["at first"] = {name: one.state() for name, one in nodes.items()}
+    said["available at first"] = geometric.available()
+    said["states"] = len(geometric.call("get_available_states", GetAvailableStates.Request()).available_states)
+    graph = geometric.call("get_transition_graph", GetAvailableTransitions.Request()).available_transitions
+    said["steps"] = len(graph)
+    said["activated too early"] = geometric.change(Transition.TRANSITION_ACTIVATE)
+    said["configured without a file"] = geometric.change(Transition.TRANSITION_CONFIGURE)
+    said["state without a file"] = geometric.state()
+    spin_until(node, lambda: any("could not be" in one.message for one in health), "the reason")
+    said["reason"] = next(one.message for one in health if "could not be" in one.message)
+    os.rename(aside, model)
+    for transition in [Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE]:
+        said[f"all {transition}"] = [one.change(transition) for one in nodes.values()]
+    said["at work"] = {name: one.state() for name, one in nodes.items()}
+
+    def come(count):
+        before = len(points)
+        spin_until(node, lambda: len(points) >= before + count, "corrected points")
+
+    def pause_s(seconds):
+        until = time.monotonic() + seconds
+        while time.monotonic() < until:
+            rclpy.spin_once(node, timeout_sec=0.02)
+
+    come(200)
+    said["paused"] = geometric.change(Transition.TRANSITION_DEACTIVATE)
+    pause_s(0.5)
+    before = len(points)
+    pause_s(0.5)
+    said["points while inactive"] = len(points) - before
+    said["resumed"] = geometric.change(Transition.TRANSITION_ACTIVATE)
+    come(200)
+    residual = nodes["residual"]
+    said["residual paused"] = residual.change(Transition.TRANSITION_DEACTIVATE)
+    pause_s(0.3)
+    said["residual resumed"] = residual.change(Transition.TRANSITION_ACTIVATE)
+    come(200)
+    said["cleaned up while active"] = geometric.change(Transition.TRANSITION_CLEANUP)
+    said["by label"] = geometric.call("change_state", ChangeState.Request(transition=Transition(label="deactivate"))).success
+    said["cleaned up"] = geometric.change(Transition.TRANSITION_CLEANUP)
+    said["after cleaning"] = geometric.state()
+    said["again"] = [geometric.change(Transition.TRANSITION_CONFIGURE), geometric.change(Transition.TRANSITION_ACTIVATE)]
+    come(200)
+    said["shut down"] = [geometric.change(Transition.TRANSITION_ACTIVE_SHUTDOWN), geometric.state()]
+    said["events"] = [[one.start_state.label, one.transition.label, one.goal_state.label] for one in events]
+    said["ages_s"] = [time.time() - one.timestamp * 1e-9 for one in events]
+    return said
+
+
 def main():
     task, *words = sys.argv[1:]
     rclpy.init()
     node = rclpy.create_node("a_users_program")
     print(json.dumps({"streams": streams, "parameters": parameters, "trigger": trigger, "clock": clock,
                       "types": types, "nodes": nodes, "scene": scene, "delays": delays,
-                      "heard_clock": heard_clock, "machines": machines, "health": health}[task](node, *words)))
+                      "heard_clock": heard_clock, "machines": machines, "health": health,
+                      "manage": manage}[task](node, *words)))
 
 
 main()

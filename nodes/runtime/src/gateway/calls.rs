@@ -3,6 +3,7 @@
 //! Place in the flow: in the gateway, between the threads that serve and the loop that hears the node.
 
 use std::collections::BTreeMap;
+use std::sync::mpsc::sync_channel;
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
@@ -24,10 +25,13 @@ pub(super) struct Calls {
     waiting: Arc<Mutex<Waiting>>,
 }
 
+/// Who takes an answer; dropped where there is none.
+type Caller = Box<dyn FnOnce(TriggerOutcome) + Send>;
+
 #[derive(Default)]
 struct Waiting {
     next: u64,
-    callers: BTreeMap<u64, (Instant, oneshot::Sender<TriggerOutcome>)>,
+    callers: BTreeMap<u64, (Instant, Caller)>,
 }
 
 impl Calls {
@@ -38,6 +42,19 @@ impl Calls {
     /// Hands a call to the node; the outcome is its answer.
     pub(super) fn ask(&self, service: u32, asked: Asked) -> BoxFuture<'static, TriggerOutcome> {
         let (caller, answer) = oneshot::channel();
+        // Who asked may have given up.
+        self.hand_over(service, asked, Box::new(move |outcome| drop(caller.send(outcome))));
+        answer.map(|answer| answer.unwrap_or_else(|_| silence())).boxed()
+    }
+
+    /// The same for a thread that has nothing else to do.
+    pub(super) fn ask_and_wait(&self, service: u32, asked: Asked) -> TriggerOutcome {
+        let (caller, answer) = sync_channel(1);
+        self.hand_over(service, asked, Box::new(move |outcome| drop(caller.try_send(outcome))));
+        answer.recv().unwrap_or_else(|_| silence())
+    }
+
+    fn hand_over(&self, service: u32, asked: Asked, caller: Caller) {
         let call = {
             let mut waiting = lock(&self.waiting);
             waiting.next += 1;
@@ -46,18 +63,14 @@ impl Calls {
             call
         };
         if self.channel.send(&FromGateway::Call(call, service, asked)).is_err() {
-            lock(&self.waiting).callers.remove(&call);
-            return futures::future::ready(Err("the node does not answer; try again".to_owned())).boxed();
+            self.answer(call, Err("the node does not answer; try again".to_owned()));
         }
-        answer
-            .map(|answer| answer.unwrap_or_else(|_| Err("the node is stopping, or does not answer".to_owned())))
-            .boxed()
     }
 
     pub(super) fn answer(&self, call: u64, outcome: TriggerOutcome) {
-        if let Some((_, caller)) = lock(&self.waiting).callers.remove(&call) {
-            // Who asked may have given up.
-            let _ = caller.send(outcome);
+        let caller = lock(&self.waiting).callers.remove(&call);
+        if let Some((_, caller)) = caller {
+            caller(outcome);
         }
     }
 
@@ -70,4 +83,8 @@ impl Calls {
     pub(super) fn clear(&self) {
         lock(&self.waiting).callers.clear();
     }
+}
+
+fn silence() -> TriggerOutcome {
+    Err("the node is stopping, or does not answer".to_owned())
 }

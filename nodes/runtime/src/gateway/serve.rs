@@ -9,7 +9,6 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use abbe_msgs::standard::DiagnosticArray;
-use futures::executor::block_on;
 use rustix::process::{Resource, Rlimit, Signal, setrlimit};
 use thiserror::Error;
 
@@ -216,11 +215,11 @@ impl Gateway {
         let calls = self.calls.clone();
         match endpoint {
             Endpoint::Service(name) => {
-                let service = self.node.trigger_service(name, move || block_on(calls.ask(id, Asked::Trigger)))?;
+                let service = self.node.trigger_service(name, move || calls.ask_and_wait(id, Asked::Trigger))?;
                 Ok(Open::Service(service))
             }
             Endpoint::Lifecycle(state) => {
-                let change = move |transition| block_on(calls.ask(id, Asked::Change(transition)));
+                let change = move |transition| calls.ask_and_wait(id, Asked::Change(transition));
                 Ok(Open::Lifecycle(LifecycleServices::open(&self.node, *state, change)?))
             }
             Endpoint::Standing(topic, content) => Ok(Open::Standing(stand(&self.node, topic, content)?)),
