@@ -212,6 +212,46 @@ fn regress_a_caller_on_cyclone_gets_parameters_and_services_and_garbage_is_dropp
 }
 
 #[test]
+fn val_rclpy_sets_what_may_change_while_nodes_run_and_nothing_else() {
+    let test = "val_rclpy_sets_what_may_change_while_nodes_run_and_nothing_else";
+    in_own_network(test, |domain| {
+        let (bench, other) = (Bench::identified(5), Bench::identified(6));
+        let model = other.text("model.json");
+        let Some(user) = ros2(domain, &["change", NAMESPACE, &model]) else { return };
+        long_recording(&bench, SAMPLES);
+        let file = stream_of(&bench, |launch| {
+            let launch = launch.key("visible_in_ros = true").edge("residual", "*", DDS);
+            let launch = launch.nodes(&["tracer", "monitor", "recorder"]).monitor();
+            let launch = launch.source("tracer", &bench.text("campaign.csv"), None, 1.0);
+            let launch = launch.edge("tracer", "monitor", MEMORY).edge("residual", "monitor", MEMORY);
+            launch.edge("residual", "recorder", MEMORY).record("recorded")
+        });
+        let heard = beside(Started::start(abbe_in(domain, ["launch", &file])), user);
+        assert_eq!(heard["changeable of geometric"], json!(["model"]));
+        assert_eq!(heard["changeable of monitor"], json!(["match_within_s", "model", "single_bound", "window"]));
+        let refused = |what: &str, place: usize, says: &[&str]| {
+            assert_eq!(heard[what][place][0], false, "{what}");
+            assert_says(heard[what][place][1].as_str().unwrap(), says);
+        };
+        refused("no such file", 0, &["nowhere.json", "stays in use"]);
+        refused("age", 0, &["max_covariate_age_s", "fixed while the node runs"]);
+        refused("one of two", 0, &["window"]);
+        refused("none of two", 0, &["window"]);
+        assert_eq!((&heard["one of two"][1][0], &heard["both"][0][0]), (&json!(true), &json!(true)));
+        assert_eq!(heard["values of geometric"], json!([model]));
+        assert_eq!(heard["values of monitor"], json!([7.0, 50]));
+        let events = heard["events"].as_array().unwrap();
+        assert!(events.contains(&json!([topic("geometric"), "model", model])), "{events:?}");
+        assert!(!events.iter().any(|event| event[2] == 6.0), "none of two that belong together: {events:?}");
+        let samples: Vec<CorrectedCoordinates> = samples(&bench.path("recorded"), &topic("corrected"));
+        let mut models: Vec<_> = samples.iter().map(|sample| sample.model_sha256).collect();
+        models.dedup();
+        assert_eq!(models.len(), 2, "one after the other, and none lost on the way");
+        assert!(samples.windows(2).all(|pair| pair[1].sequence == pair[0].sequence + 1));
+    });
+}
+
+#[test]
 fn val_rclpy_a_manager_takes_nodes_through_their_states_and_what_was_paused_says_so_and_replays() {
     let test = "val_rclpy_a_manager_takes_nodes_through_their_states_and_what_was_paused_says_so_and_replays";
     in_own_network(test, |domain| {

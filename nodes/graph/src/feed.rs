@@ -46,20 +46,21 @@ pub struct FeedStatus {
     pub refused: u64,
     /// Why the file as it is now is not in use, and what to do; `None` while it is.
     pub problem: Option<String>,
+    /// The file that is watched.
+    pub path: PathBuf,
 }
 
 /// What the reading thread can be asked.
 enum Ask {
     /// Load now if the file differs from what was read last.
     Look,
-    /// Load now and say what came of it.
-    Load(SyncSender<Result<Sha256, String>>),
+    /// Load now and say what came of it; from this file on where one is given, and it can be used.
+    Load(Option<PathBuf>, SyncSender<Result<Sha256, String>>),
 }
 
 /// The loop's end: takes what is ready.
 #[derive(Debug)]
 pub struct Feed<T> {
-    path: PathBuf,
     ready: Receiver<(T, Sha256)>,
     asks: Sender<Ask>,
     status: Arc<Mutex<FeedStatus>>,
@@ -82,11 +83,12 @@ impl<T: Send + 'static> Feed<T> {
         let first = load(path)?;
         let (give, ready) = channel();
         let (asks, asked) = channel();
-        let status = Arc::new(Mutex::new(FeedStatus { loaded: 1, ..FeedStatus::default() }));
+        let status = FeedStatus { loaded: 1, path: path.to_owned(), ..FeedStatus::default() };
+        let status = Arc::new(Mutex::new(status));
         let reader = Reader { path: path.to_owned(), load, read, sha256: first.1, give, status: Arc::clone(&status) };
         let started = thread::Builder::new().name("file-feed".into()).spawn(move || reader.run(&asked));
         started.map_err(|source| FeedError::Thread { file: path.to_owned(), source })?;
-        Ok((first, Feed { path: path.to_owned(), ready, asks, status }))
+        Ok((first, Feed { ready, asks, status }))
     }
 }
 
@@ -111,11 +113,6 @@ impl<T> Feed<T> {
     pub fn status(&self) -> FeedStatus {
         lock(&self.status).clone()
     }
-
-    /// The file.
-    pub fn path(&self) -> &Path {
-        &self.path
-    }
 }
 
 impl Reload {
@@ -124,9 +121,21 @@ impl Reload {
     /// # Errors
     /// Why the file is refused, in words for a person.
     pub fn load(&self) -> Result<Sha256, String> {
+        self.ask(None)
+    }
+
+    /// Loads another file, and watches that one from then on. Where it cannot be used, everything stays as it is.
+    ///
+    /// # Errors
+    /// Why the file is refused, in words for a person.
+    pub fn load_from(&self, path: &Path) -> Result<Sha256, String> {
+        self.ask(Some(path.to_owned()))
+    }
+
+    fn ask(&self, path: Option<PathBuf>) -> Result<Sha256, String> {
         let (reply, outcome) = sync_channel(1);
         let ended = "the node is stopping".to_owned();
-        self.0.send(Ask::Load(reply)).map_err(|_| ended.clone())?;
+        self.0.send(Ask::Load(path, reply)).map_err(|_| ended.clone())?;
         match outcome.recv_timeout(ANSWER_WITHIN) {
             Ok(outcome) => outcome,
             Err(RecvTimeoutError::Timeout) => Err(format!(
@@ -177,9 +186,12 @@ impl<T, L: FnMut(&Path) -> Result<(T, Sha256), FileError>> Reader<T, L> {
             let ask = asked.recv_timeout(LOOK_EVERY);
             let now = Version::of(&self.path);
             match ask {
-                Ok(Ask::Load(reply)) => {
-                    // Who asked may have given up.
-                    let _ = reply.send(self.take(now));
+                // Who asked may have given up.
+                Ok(Ask::Load(None, reply)) => drop(reply.send(self.take(now))),
+                Ok(Ask::Load(Some(path), reply)) => {
+                    let _ = reply.send(self.take_from(path));
+                    before = self.read;
+                    continue;
                 }
                 // The outcome is in the status and in the log.
                 Ok(Ask::Look) if now != self.read => drop(self.take(now)),
@@ -189,6 +201,24 @@ impl<T, L: FnMut(&Path) -> Result<(T, Sha256), FileError>> Reader<T, L> {
             }
             before = now;
         }
+    }
+
+    /// Goes over to another file where that one is good.
+    fn take_from(&mut self, path: PathBuf) -> Result<Sha256, String> {
+        let version = Version::of(&path);
+        let (before, read) = (std::mem::replace(&mut self.path, path), self.read);
+        let problem = lock(&self.status).problem.clone();
+        let taken = self.take(version);
+        let mut status = lock(&self.status);
+        if taken.is_ok() {
+            status.path.clone_from(&self.path);
+        } else {
+            // The file in use is as good as it was.
+            (self.path, self.read) = (before, read);
+            status.problem = problem;
+        }
+        drop(status);
+        taken
     }
 
     /// Reads and checks the file; what is good and new goes to the loop.

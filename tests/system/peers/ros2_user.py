@@ -3,6 +3,7 @@
 Usage: ros2_user.py streams NAMESPACE COUNT | parameters NODE NAME VALUE | trigger SERVICE
        | clock SECONDS HARDWARE | types TOPIC | nodes NAMESPACE NAME... | scene NAMESPACE | delays NAMESPACE COUNT
        | heard_clock COUNT | machines NAMESPACE... | health NAMESPACE NAME... | manage NAMESPACE ASIDE MODEL
+       | change NAMESPACE MODEL
 
 streams     subscribes `corrected_point` and `scale/joint_states` with default quality of service (reliable) and
             with that of sensors (best effort) until COUNT messages have come on each.
@@ -16,6 +17,7 @@ health      hears /diagnostics until each of these nodes has said how often it p
 machines    takes samples of several machines, and says which frames they name.
 heard_clock takes COUNT times from /clock.
 manage      takes the nodes of a graph through their states, as `ros2 lifecycle` does; ASIDE becomes MODEL on the way.
+change      sets parameters of running nodes, those that may change and those that may not; MODEL becomes the model file.
 nodes       waits until nodes of these names are in a namespace, and gives the parameters of each.
 
 The domain comes from the environment, as for every ROS 2 program. Prints one JSON object. Exits with 1 and a reason
@@ -32,9 +34,10 @@ from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PointStamped
 from lifecycle_msgs.msg import Transition, TransitionEvent
 from lifecycle_msgs.srv import ChangeState, GetAvailableStates, GetAvailableTransitions, GetState
+from rcl_interfaces.msg import ParameterEvent
 from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
-from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
+from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_parameter_events, qos_profile_sensor_data
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
@@ -288,6 +291,50 @@ def manage(node, namespace, aside, model):
     return said
 
 
+def change(node, namespace, model):
+    points, events, clients, said = [], [], {}, {}
+    node.create_subscription(PointStamped, f"/{namespace}/corrected_point", points.append, DEFAULT)
+    node.create_subscription(ParameterEvent, "/parameter_events", events.append, qos_profile_parameter_events)
+    for name in ["geometric", "monitor"]:
+        clients[name] = AsyncParameterClient(node, f"/{namespace}/{name}")
+        if not clients[name].wait_for_services(timeout_sec=PATIENCE_S):
+            sys.exit(f"no parameter services of {name}")
+    value = lambda one: one.double_value or one.integer_value or one.string_value
+
+    def come(count):
+        before = len(points)
+        spin_until(node, lambda: len(points) >= before + count, "corrected points")
+
+    def set_to(name, atomically=False, **values):
+        parameters = [Parameter(key, value=one) for key, one in values.items()]
+        client = clients[name]
+        if atomically:
+            results = [answer(node, client.set_parameters_atomically(parameters), "the result").result]
+        else:
+            results = answer(node, client.set_parameters(parameters), "the results").results
+        return [[one.successful, one.reason] for one in results]
+
+    come(200)
+    for name in clients:
+        listed = answer(node, clients[name].list_parameters(), "the list").result.names
+        described = answer(node, clients[name].describe_parameters(listed), "the descriptions").descriptors
+        said[f"changeable of {name}"] = sorted(one.name for one in described if not one.read_only)
+    said["no such file"] = set_to("geometric", model="nowhere.json")
+    said["age"] = set_to("geometric", max_covariate_age_s=1.0)
+    said["model"] = set_to("geometric", model=model)
+    come(200)
+    said["one of two"] = set_to("monitor", window=0, single_bound=5.0)
+    said["none of two"] = set_to("monitor", atomically=True, single_bound=6.0, window=-1)
+    said["both"] = set_to("monitor", atomically=True, single_bound=7.0, window=50)
+    for name, keys in [("geometric", ["model"]), ("monitor", ["single_bound", "window"])]:
+        values = answer(node, clients[name].get_parameters(keys), "the values").values
+        said[f"values of {name}"] = [value(one) for one in values]
+    changed = lambda: [[event.node, one.name, value(one.value)] for event in events for one in event.changed_parameters]
+    spin_until(node, lambda: any(name == "window" for _, name, _ in changed()), "the event")
+    said["events"] = changed()
+    return said
+
+
 def main():
     task, *words = sys.argv[1:]
     rclpy.init()
@@ -295,7 +342,7 @@ def main():
     print(json.dumps({"streams": streams, "parameters": parameters, "trigger": trigger, "clock": clock,
                       "types": types, "nodes": nodes, "scene": scene, "delays": delays,
                       "heard_clock": heard_clock, "machines": machines, "health": health,
-                      "manage": manage}[task](node, *words)))
+                      "manage": manage, "change": change}[task](node, *words)))
 
 
 main()

@@ -6,6 +6,7 @@
 //! it is at work nothing that comes in, and no transport, ends the loop.
 
 use super::model::{ModelFeed, ResidualFeed};
+use super::parameters::{MODEL, RESIDUAL_MODEL};
 use super::remarks::{self, Input, Remarks};
 use super::scenery;
 use super::traffic::send;
@@ -15,7 +16,8 @@ use crate::step::{GeometricStep, Mark, ResidualStep, StreamCounts, StreamWatch};
 use abbe_msgs::standard::DiagnosticStatus;
 use abbe_msgs::{CorrectedCoordinates, CorrectionStatus, Message, ScaleReading, Sha256};
 use abbe_runtime::Subscribe;
-use abbe_runtime::ros::Diagnostics;
+use abbe_runtime::ros::{Diagnostics, ParameterValue, TriggerOutcome};
+use std::path::Path;
 use std::time::{Duration, Instant};
 
 /// Durations kept for the figures at the end.
@@ -142,16 +144,36 @@ impl Stage<CorrectedCoordinates> for Residual {
 
 pub(super) fn geometric(context: &NodeContext) -> Result<NodeSummary, NodeError> {
     let (model, models) = ModelFeed::open(context)?;
+    let _changes = context.changes.put_to_use(file_of(context, MODEL, models.changer()));
     let step = GeometricStep::new(model, context.launch.max_covariate_age_s);
     pump(context, NodeName::Scale, Geometric { step, watch: StreamWatch::default(), models })
 }
 
 pub(super) fn residual(context: &NodeContext) -> Result<NodeSummary, NodeError> {
     let (field, fields) = ResidualFeed::open(context)?;
+    let _changes = context.changes.put_to_use(file_of(context, RESIDUAL_MODEL, fields.changer()));
     let step = ResidualStep::new(field).in_frame(&context.machine.machine.frame_id);
     let (watch, without) = (StreamWatch::default(), Without::default());
     let _scenery = scenery::open(context)?;
     pump(context, NodeName::Geometric, Residual { step, watch, fields, without })
+}
+
+/// Puts another file to use where the parameter that names it changes; nothing else of these nodes does.
+fn file_of(
+    context: &NodeContext,
+    parameter: &'static str,
+    change: impl Fn(&Path) -> Result<(), String> + Send + 'static,
+) -> impl FnMut(&[(String, ParameterValue)]) -> TriggerOutcome + Send + 'static {
+    let base = context.base.clone();
+    move |values| {
+        for (name, value) in values {
+            match value {
+                ParameterValue::String(path) if name == parameter => change(&base.join(path))?,
+                _ => return Err(format!("parameter '{name}' is fixed while the node runs; set it at the start")),
+            }
+        }
+        Ok("in use from the next sample on".to_owned())
+    }
 }
 
 /// Takes, corrects, gives; counts what each status says.

@@ -273,6 +273,8 @@ pub(super) fn live(
     }
     while let Some(life) = lifecycle.begin() {
         context.shutdown = life;
+        let name = context.name;
+        context.changes.apply(&mut context.launch, name);
         match work(&context) {
             Ok(summary) => {
                 total = Some(total.take().unwrap_or_default().followed_by(summary));

@@ -3,6 +3,7 @@
 //! Place in the flow: `abbe node NAME` calls [`run`]. A node opens its publishers, waits until the nodes that take
 //! from it are there, opens its subscribers and pumps samples through its step until told to stop.
 
+mod changes;
 mod correcting;
 mod diagnosis;
 mod frequency;
@@ -24,6 +25,7 @@ pub use schedule::monotonic_s;
 pub use source::STARTED;
 pub(crate) use traffic::take;
 
+use changes::Changes;
 use lifecycle::Lifecycle;
 
 use crate::driver::DriverError;
@@ -33,7 +35,7 @@ use crate::{scene, topics};
 use abbe_files::{FileError, MachineFile, read_machine};
 use abbe_msgs::bag::BagError;
 use abbe_msgs::{Message, MessageError};
-use abbe_runtime::gateway::{Companion, Content, GatewayCommand, GatewayNode, GatewayOptions};
+use abbe_runtime::gateway::{Companion, Content, GatewayCommand, GatewayNode, GatewayOptions, OnChange};
 use abbe_runtime::ros::{ArgsError, Clock, Domain, NodeIdentity, NodeOptions, RosArgs, RosError, resolve};
 use abbe_runtime::transport::shared_memory;
 use abbe_runtime::{
@@ -210,6 +212,7 @@ pub(crate) struct NodeContext {
     /// Of the life that runs; raised with the process's.
     pub(crate) shutdown: Shutdown,
     pub(crate) lifecycle: Lifecycle,
+    changes: Changes,
     /// How often the launcher has started this node before.
     pub(crate) life: u32,
     /// Whether the launcher is still to be told that the node is ready.
@@ -277,10 +280,11 @@ impl NodeContext {
         let qos = parameters::qos(&launch, call.name, |topic| resolve(topic, &identity, &call.ros_args.remaps));
         let table = parameters::table(&launch, call.name, qos.map_err(RosError::from)?).map_err(RosError::from)?;
         let table = table.with_assignments(&identity, &call.ros_args.parameters).map_err(RosError::from)?;
-        parameters::apply(&table, &mut launch, call.name);
+        parameters::apply(table.values(), &mut launch, call.name);
         let uses_sim_time = table.uses_sim_time();
         let remaps = call.ros_args.remaps;
         let mut config = EdgesConfig::new(identity.clone());
+        let changes = Changes::default();
         let ros = if launch.is_in_ros_graph(call.name) {
             let domain = Domain::from_environment().map_err(RosError::from)?;
             Some(GatewayNode::start(GatewayOptions {
@@ -290,7 +294,7 @@ impl NodeContext {
                 depth: config.depth,
                 memory_limit_bytes: launch.gateway_memory_bytes(),
                 hardware_id: machine.machine.name.clone(),
-                on_change: None,
+                on_change: Some(on_change(&changes)),
             })?)
         } else {
             None
@@ -332,6 +336,7 @@ impl NodeContext {
             clock,
             shutdown,
             lifecycle,
+            changes,
             life,
             unready,
         })
@@ -440,6 +445,11 @@ impl NodeContext {
             _ => Err(incomplete),
         }
     }
+}
+
+fn on_change(changes: &Changes) -> OnChange {
+    let changes = changes.clone();
+    Box::new(move |values| changes.take(values))
 }
 
 /// This program again, as the gateway of a node; what it is told comes over a socket, the words are for who looks at

@@ -108,6 +108,16 @@ impl<T: Send + 'static> ArtifactFeed<T> {
         Ok(context.ros.as_ref().map(serve).transpose()?)
     }
 
+    /// Has another file used from now on, where it can be; any thread may ask.
+    pub(super) fn changer(&self) -> impl Fn(&Path) -> Result<(), String> + Send + use<T> {
+        let Words { name, key, .. } = self.words;
+        let reload = self.feed.as_ref().map(Feed::reload);
+        move |path| match &reload {
+            Some(reload) => reload.load_from(path).map(drop),
+            None => Err(format!("the launch file names no {name}; add the key {key} and start the node again")),
+        }
+    }
+
     /// The newest model that has become ready since the last call. Never waits.
     pub(super) fn newest(&self) -> Option<(T, Sha256)> {
         self.feed.as_ref().and_then(Feed::newest)
@@ -132,7 +142,7 @@ impl<T: Send + 'static> ArtifactFeed<T> {
 
     /// The same, where the node itself has something to `warn` of.
     pub(super) fn report_with(&self, health: &Diagnostics, in_use: Sha256, warning: Option<&str>) {
-        let FeedStatus { loaded, refused, problem } = self.status();
+        let FeedStatus { loaded, refused, problem, path } = self.status();
         let name = self.words.name;
         let (level, message) = match (&problem, warning) {
             (Some(problem), _) => (DiagnosticStatus::WARN, format!("refused a new {name}: {problem}")),
@@ -141,7 +151,7 @@ impl<T: Send + 'static> ArtifactFeed<T> {
             (None, None) if in_use.is_none() => (DiagnosticStatus::OK, format!("no {name}: samples pass as they are")),
             (None, None) => (DiagnosticStatus::OK, format!("{name} in use")),
         };
-        let file = self.feed.as_ref().map_or("none".to_owned(), |feed| feed.path().display().to_string());
+        let file = self.feed.as_ref().map_or("none".to_owned(), |_| path.display().to_string());
         let sha256 = if in_use.is_none() { "none".to_owned() } else { in_use.to_hex() };
         let figures = [
             (format!("{name} sha256"), sha256),

@@ -3,17 +3,21 @@
 //! Place in the flow: beside the correcting path, never in it. Keeps readings for a diagnosis where the launch file has
 //! an edge from the scale node to it.
 
+use super::changes::InUse;
 use super::diagnosis::Diagnosis;
 use super::model::ModelFeed;
+use super::parameters::{MODEL, apply};
 use super::remarks::{self, Input, Remarks};
 use super::traffic::send;
 use super::{LOOK_UP, NodeContext, NodeError, NodeSummary, take};
 use crate::launch::NodeName;
-use crate::step::{Health, HealthState, MonitorStep};
+use crate::step::{Health, HealthState, MonitorSettings, MonitorStep};
 use abbe_msgs::standard::DiagnosticStatus;
 use abbe_msgs::{CorrectedCoordinates, RangeResidual, ScaleReading, Sha256, Stamp, TracerReading};
-use abbe_runtime::ros::Diagnostics;
+use abbe_runtime::ros::{Diagnostics, ParameterValue, TriggerOutcome};
 use abbe_runtime::{Publish, Subscribe};
+use std::path::Path;
+use std::sync::mpsc::{Receiver, Sender, channel};
 use std::time::{Duration, Instant};
 
 /// How often the health is told.
@@ -41,6 +45,9 @@ struct Monitor {
     warned: Option<Stamp>,
     looked_for: Option<Sha256>,
     remarks: Remarks,
+    /// New bounds, newest last.
+    bounds: Receiver<MonitorSettings>,
+    _changes: InUse,
 }
 
 pub(super) fn run(context: &NodeContext) -> Result<NodeSummary, NodeError> {
@@ -114,6 +121,8 @@ impl Monitor {
         let bounds = || incomplete("the monitor's bounds");
         let settings = context.launch.monitor_settings().ok_or_else(bounds)?;
         let config = context.launch.monitor.as_ref().ok_or_else(bounds)?;
+        let (give, taken) = channel();
+        let changes = context.changes.put_to_use(change(context, models.changer(), give));
         Ok(Monitor {
             step: match context.launch.takes_over(context.name.name(), NodeName::Scale) {
                 Some(_) => MonitorStep::new(model, sha256, settings).with_scales(context.launch.max_covariate_age_s),
@@ -127,12 +136,17 @@ impl Monitor {
             warned: None,
             looked_for: None,
             remarks: Remarks::default(),
+            bounds: taken,
+            _changes: changes,
         })
     }
 
     /// Takes what has come, waiting at most `patience` for it; gives what can be said about it.
     fn take(&mut self, inputs: &mut Inputs, patience: Duration, summary: &mut NodeSummary) -> Vec<RangeResidual> {
         let mut residuals = Vec::new();
+        if let Some(bounds) = self.bounds.try_iter().last() {
+            self.step.judge_by(bounds);
+        }
         if let Some((model, sha256)) = self.models.newest() {
             residuals.extend(self.step.learn(model, sha256));
         }
@@ -175,6 +189,27 @@ impl Monitor {
         report(health, &now, self.diagnosis.advice(), self.step.lacking());
         self.models.report(health, now.model_sha256);
         self.diagnosis.report(health, &now);
+    }
+}
+
+/// Puts another model file, or other bounds, to use; a file that cannot be used leaves the bounds as they are.
+fn change(
+    context: &NodeContext,
+    model: impl Fn(&Path) -> Result<(), String> + Send + 'static,
+    bounds: Sender<MonitorSettings>,
+) -> impl FnMut(&[(String, ParameterValue)]) -> TriggerOutcome + Send + 'static {
+    let (mut launch, base, node) = (context.launch.clone(), context.base.clone(), context.name);
+    move |values| {
+        for (_, value) in values.iter().filter(|(name, _)| name == MODEL) {
+            if let ParameterValue::String(path) = value {
+                model(&base.join(path))?;
+            }
+        }
+        apply(values.iter().map(|(name, value)| (name.as_str(), value)), &mut launch, node);
+        if let Some(settings) = launch.monitor_settings() {
+            bounds.send(settings).map_err(|_| "the node is stopping".to_owned())?;
+        }
+        Ok("in use from the next sample on".to_owned())
     }
 }
 

@@ -1,7 +1,9 @@
 //! ROS parameters of the nodes: what of the launch file a `--ros-args -p` may change at the start.
 //!
-//! Place in the flow: declared with unit and range when a node starts; the launch file gives the defaults. They are
-//! fixed while the node runs, so that a recording is corrected by one set of figures.
+//! Place in the flow: declared with unit and range when a node starts; the launch file gives the defaults. What corrects
+//! by a figure that no sample names (the age from which a covariate is stale) is fixed while the node runs, as is the pace
+//! of a recording: a replay would not know of a change. A model is named by its hash in each sample, and the monitor's
+//! bounds correct nothing; these may change ([`super::changes`]).
 
 use crate::launch::{Launch, NodeName, Pace};
 use abbe_runtime::TransportKind;
@@ -10,6 +12,7 @@ use abbe_runtime::ros::{
     NameError, ParameterError, ParameterSpec, ParameterTable, ParameterValue, Range, TopicEnd, qos_parameters,
 };
 use abbe_runtime::transport::DEFAULT_DEPTH;
+use std::path::{Path, PathBuf};
 
 /// Largest number a parameter in seconds, hertz or standard uncertainties may have.
 const LARGEST: f64 = 1e6;
@@ -22,6 +25,10 @@ const TIME_FACTOR: &str = "time_factor";
 const SINGLE_BOUND: &str = "single_bound";
 const WINDOW: &str = "window";
 const MATCH_WITHIN: &str = "match_within_s";
+/// Model file of a geometric and of a monitor node.
+pub(super) const MODEL: &str = "model";
+/// Residual model file of a residual node.
+pub(super) const RESIDUAL_MODEL: &str = "residual_model";
 
 /// Parameters for the quality of service of each topic that a node has over DDS; `resolve` gives its absolute name.
 pub(super) fn qos(
@@ -66,12 +73,31 @@ pub(super) fn table(
         NodeName::Tracer => launch.tracer.iter().filter_map(|source| pace(source.pace)).collect(),
         NodeName::Geometric => {
             let description = "Age from which a covariate is stale.";
-            vec![positive(MAX_COVARIATE_AGE, launch.max_covariate_age_s, "s", description)]
+            let age = positive(MAX_COVARIATE_AGE, launch.max_covariate_age_s, "s", description);
+            file(MODEL, launch.model.as_deref()).into_iter().chain([age]).collect()
         }
-        NodeName::Monitor => monitor(launch, positive),
-        NodeName::Residual | NodeName::Recorder => Vec::new(),
+        NodeName::Monitor => {
+            let model = file(MODEL, launch.model.as_deref()).into_iter();
+            model
+                .chain(monitor(launch, positive).into_iter().map(|spec| ParameterSpec { read_only: false, ..spec }))
+                .collect()
+        }
+        NodeName::Residual => file(RESIDUAL_MODEL, launch.residual_model.as_deref()).into_iter().collect(),
+        NodeName::Recorder => Vec::new(),
     };
     ParameterTable::new(specs.into_iter().chain(more))
+}
+
+/// A file that the launch file names; none where it names none.
+fn file(name: &'static str, path: Option<&Path>) -> Option<ParameterSpec> {
+    Some(ParameterSpec {
+        name,
+        default: ParameterValue::String(path?.to_string_lossy().into_owned()),
+        unit: "",
+        range: Range::Any,
+        read_only: false,
+        description: "File in use, relative to the launch file.",
+    })
 }
 
 fn monitor(
@@ -100,15 +126,28 @@ fn monitor(
     ]
 }
 
-/// Puts the parameters' values where the node looks for them.
-pub(super) fn apply(table: &ParameterTable, launch: &mut Launch, node: NodeName) {
-    for (name, value) in table.values() {
+/// Puts values of parameters where the node looks for them.
+pub(super) fn apply<'n, 'v>(
+    values: impl IntoIterator<Item = (&'n str, &'v ParameterValue)>,
+    launch: &mut Launch,
+    node: NodeName,
+) {
+    for (name, value) in values {
         match (name, value) {
+            (MODEL, ParameterValue::String(path)) => put(&mut launch.model, path),
+            (RESIDUAL_MODEL, ParameterValue::String(path)) => put(&mut launch.residual_model, path),
             (MAX_COVARIATE_AGE, ParameterValue::Double(seconds)) => launch.max_covariate_age_s = *seconds,
             (RATE, ParameterValue::Double(rate)) => set_pace(launch, node, Pace::RateHz(*rate)),
             (TIME_FACTOR, ParameterValue::Double(factor)) => set_pace(launch, node, Pace::TimeFactor(*factor)),
             _ => set_bound(launch, name, value),
         }
+    }
+}
+
+/// A path that cannot be told as text stays as it is, unless it is given another.
+fn put(named: &mut Option<PathBuf>, path: &str) {
+    if named.as_ref().is_some_and(|named| named.to_string_lossy() != path) {
+        *named = Some(PathBuf::from(path));
     }
 }
 
@@ -133,7 +172,6 @@ fn set_bound(launch: &mut Launch, name: &str, value: &ParameterValue) {
 mod tests {
     use super::*;
     use abbe_runtime::ros::RosArgs;
-    use std::path::Path;
 
     fn launch() -> Launch {
         let text = include_str!("../../../../launch-config/bridge_xyz_virtual.toml");
@@ -147,7 +185,7 @@ mod tests {
         let mut launch = launch();
         let table = table(&launch, node, Vec::new()).map_err(|e| e.to_string())?;
         let table = table.with_assignments(&identity, &args.parameters).map_err(|e| e.to_string())?;
-        apply(&table, &mut launch, node);
+        apply(table.values(), &mut launch, node);
         Ok(launch)
     }
 
@@ -155,7 +193,7 @@ mod tests {
     fn without_arguments_the_launch_file_holds() {
         for node in NodeName::ALL {
             let mut applied = launch();
-            apply(&table(&launch(), node, Vec::new()).unwrap(), &mut applied, node);
+            apply(table(&launch(), node, Vec::new()).unwrap().values(), &mut applied, node);
             assert_eq!(applied, launch());
         }
     }
@@ -169,6 +207,20 @@ mod tests {
         assert_eq!(slower.scale.unwrap().pace, Pace::RateHz(50.0));
         assert_eq!(slower.tracer.unwrap().pace, Pace::RateHz(100.0));
         assert_eq!(with(NodeName::Monitor, "window:=50").unwrap().monitor.unwrap().window, 50);
+        let other = with(NodeName::Geometric, "model:=other.json").unwrap();
+        assert_eq!(other.model, Some(PathBuf::from("other.json")));
+    }
+
+    #[test]
+    fn what_no_sample_tells_of_is_fixed_while_a_node_runs() {
+        let changeable = |node| {
+            let table = table(&launch(), node, Vec::new()).unwrap();
+            let names: Vec<&str> = table.values().map(|(name, _)| name).collect();
+            names.into_iter().filter(|name| !table.spec(name).unwrap().read_only).collect::<Vec<_>>()
+        };
+        assert_eq!(changeable(NodeName::Scale), [""; 0]);
+        assert_eq!(changeable(NodeName::Geometric), ["model"]);
+        assert_eq!(changeable(NodeName::Monitor), ["match_within_s", "model", "single_bound", "window"]);
     }
 
     #[test]

@@ -112,6 +112,16 @@ impl MonitorStep {
         MonitorStep { scales: Some(Scales::new(max_covariate_age_s)), ..self }
     }
 
+    /// Judges by other bounds from now on. With another window, or other instants that are the same, the verdict begins
+    /// anew: what lies behind was judged by the old ones.
+    pub fn judge_by(&mut self, settings: MonitorSettings) {
+        let before = std::mem::replace(&mut self.settings, settings);
+        self.pairs.within(settings.match_within_s);
+        if (before.window, before.match_within_s) != (settings.window, settings.match_within_s) {
+            self.window = Window::new(settings.window);
+        }
+    }
+
     /// Makes a further model known; gives the residuals of pairs that awaited it. It is in use from the first
     /// corrected sample that names it.
     pub fn learn(&mut self, model: Arc<MachineModel>, sha256: Sha256) -> Vec<RangeResidual> {

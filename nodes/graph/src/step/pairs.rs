@@ -22,12 +22,14 @@ pub(super) struct Pairs<S> {
 impl<S: Clone> Pairs<S> {
     /// Stamps at most `within_s` seconds apart are the same instant.
     pub(super) fn new(within_s: f64) -> Pairs<S> {
-        Pairs {
-            within_ns: (within_s * 1e9) as i64,
-            samples: Waiting::default(),
-            readings: Waiting::default(),
-            alone: 0,
-        }
+        let mut pairs = Pairs { within_ns: 0, samples: Waiting::default(), readings: Waiting::default(), alone: 0 };
+        pairs.within(within_s);
+        pairs
+    }
+
+    /// From now on, stamps at most `within_s` seconds apart are the same instant.
+    pub(super) fn within(&mut self, within_s: f64) {
+        self.within_ns = (within_s * 1e9) as i64;
     }
 
     /// Takes a sample; gives the tracer readings that waited for it.
