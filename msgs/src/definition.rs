@@ -48,6 +48,7 @@ pub const DEFINITIONS: &[(&str, &str)] = definitions! {
     "msg_standard/lifecycle_msgs" "lifecycle_msgs" "State";
     "msg_standard/lifecycle_msgs" "lifecycle_msgs" "Transition";
     "msg_standard/lifecycle_msgs" "lifecycle_msgs" "TransitionEvent";
+    "msg_standard/rcl_interfaces" "rcl_interfaces" "Log";
     "msg_standard/diagnostic_msgs" "diagnostic_msgs" "KeyValue";
     "msg_standard/diagnostic_msgs" "diagnostic_msgs" "DiagnosticStatus";
     "msg_standard/diagnostic_msgs" "diagnostic_msgs" "DiagnosticArray";

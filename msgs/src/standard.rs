@@ -6,6 +6,7 @@
 
 mod frames;
 mod lifecycle;
+mod log;
 mod markers;
 mod sensors;
 
@@ -13,6 +14,7 @@ use serde::{Deserialize, Serialize};
 
 pub use frames::{Quaternion, TfMessage, Transform, TransformStamped, Vector3};
 pub use lifecycle::{State, Transition, TransitionEvent};
+pub use log::Log;
 pub use markers::{ColorRgba, CompressedImage, Duration, Marker, MarkerArray, MeshFile, Pose, UvCoordinate};
 pub use sensors::{Float64, FluidPressure, Range, RelativeHumidity, Temperature};
 

@@ -8,8 +8,8 @@ mod common;
 
 use abbe_msgs::definition::{self, Count, Field};
 use abbe_msgs::standard::{
-    Clock, DiagnosticStatus, Float64, FluidPressure, Header, KeyValue, Marker, Point, Range, RelativeHumidity, State,
-    Temperature, Text, Time, Transition, TransitionEvent,
+    Clock, DiagnosticStatus, Float64, FluidPressure, Header, KeyValue, Log, Marker, Point, Range, RelativeHumidity,
+    State, Temperature, Text, Time, Transition, TransitionEvent,
 };
 use abbe_msgs::{CorrectionStatus, Message, ResidualStatus, RosType, cdr};
 use serde_json::{Map, Value};
@@ -105,6 +105,17 @@ fn standard_messages_are_what_their_msg_files_say() {
     assert_text_describes(&Text { data: "<robot/>".to_owned() });
     let state = |id, label: &str| State { id, label: label.to_owned() };
     let transition = Transition { id: 3, label: "activate".to_owned() };
+    let line = (30, "test.geometric".to_owned(), "a word".to_owned(), "src/node.rs".to_owned());
+    let (level, name, msg, file) = line;
+    assert_text_describes(&Log {
+        stamp: Time { sec: 1, nanosec: 2 },
+        level,
+        name,
+        msg,
+        file,
+        function: "f".into(),
+        line: 7,
+    });
     assert_text_describes(&transition);
     assert_text_describes(&state(2, "inactive"));
     let (start_state, goal_state) = (state(2, "inactive"), state(13, "activating"));

@@ -252,6 +252,33 @@ fn val_rclpy_sets_what_may_change_while_nodes_run_and_nothing_else() {
 }
 
 #[test]
+fn val_rclpy_the_log_of_a_node_is_on_rosout_for_who_joins_later_unless_it_is_not_wanted() {
+    let test = "val_rclpy_the_log_of_a_node_is_on_rosout_for_who_joins_later_unless_it_is_not_wanted";
+    in_own_network(test, |domain| {
+        let Some(user) = ros2(domain, &["log", NAMESPACE, "geometric", "is active"]) else { return };
+        let bench = Bench::identified(5);
+        long_recording(&bench, SAMPLES);
+        let file = stream_of(&bench, |launch| launch.key("visible_in_ros = true").edge("residual", "*", DDS));
+        let quiet = "--disable-stdout-logs";
+        let words = ["launch", &file, "--ros-args", "--log-level", "INFO", quiet, "--log-config-file", "none"];
+        let graph = Started::start(abbe_in(domain, words));
+        let heard = said(user);
+        signal(graph.id(), Signal::INT);
+        let ran = graph.finish();
+        assert!(!ran.errors.contains("is active"), "the terminal stays quiet: {}", ran.errors);
+        ran.ok();
+        assert_eq!(heard["level"], 20);
+        assert!(
+            heard["line"].as_u64() > Some(0) && heard["file"].as_str().unwrap().ends_with("lifecycle.rs"),
+            "{heard}"
+        );
+        assert!((0.0..60.0).contains(&heard["age_s"].as_f64().unwrap()), "{heard}");
+        let names: Vec<String> = serde_json::from_value(heard["names"].clone()).unwrap();
+        assert!(names.iter().all(|name| name.starts_with("test.")), "{names:?}");
+    });
+}
+
+#[test]
 fn val_rclpy_a_manager_takes_nodes_through_their_states_and_what_was_paused_says_so_and_replays() {
     let test = "val_rclpy_a_manager_takes_nodes_through_their_states_and_what_was_paused_says_so_and_replays";
     in_own_network(test, |domain| {

@@ -25,6 +25,7 @@ mod planning;
 mod provenance;
 mod residual;
 pub mod residual_bag;
+mod rosout;
 mod rows;
 mod service_manager;
 pub mod stop;
@@ -36,10 +37,13 @@ pub use pipeline::{is_bag, software};
 
 use abbe_runtime::ros::RosArgs;
 use abbe_runtime::{follow_launcher, gateway};
+use anyhow::Context;
 use clap::Parser;
 use std::io::{IsTerminal, Write};
 use std::process::ExitCode;
 use tracing_subscriber::EnvFilter;
+use tracing_subscriber::layer::SubscriberExt;
+use tracing_subscriber::util::SubscriberInitExt;
 
 /// How lines of the DDS libraries are known in the log.
 const LIBRARIES: [&str; 2] = ["rustdds::", "ros2_client::"];
@@ -94,23 +98,31 @@ fn run() -> anyhow::Result<()> {
     let (ros_args, own) = RosArgs::split(std::env::args())?;
     let arguments = help::parse(own);
     let is_gateway = matches!(arguments.command, command::Command::Gateway(_));
-    start_log(&ros_args, if is_gateway { "gateway: " } else { "" }, arguments.command.is_live());
+    start_log(&ros_args, if is_gateway { "gateway: " } else { "" }, arguments.command.is_live())?;
     command::run(arguments.command, ros_args)
 }
 
 /// Writes the log to standard error from now on, with `before` at the beginning of each line; lines that repeat are left out
 /// where it is `throttled`.
-pub fn start_log(ros_args: &RosArgs, before: &'static str, throttled: bool) {
+///
+/// # Errors
+/// When `--log-level` is none.
+pub fn start_log(ros_args: &RosArgs, before: &'static str, throttled: bool) -> anyhow::Result<()> {
     // How a table is written that is not plain CSV is always said.
     let level = ros_args.log_level.clone().unwrap_or_else(|| "warn,abbe_files=info".to_owned());
     // DDS speaks in gateways only; what its library has to say there is heard, but for its complaints about every clean
     // exit and about questions that come before it has found its own publishers. RUST_LOG shows more, and less.
     let fallback = EnvFilter::try_new(format!("{level},rustdds=error,ros2_client=error,ros2_client::node=off"))
-        .unwrap_or_default();
+        .with_context(|| format!("--log-level {level}: give debug, info, warn or error"))?;
     let filter = EnvFilter::try_from_default_env().unwrap_or(fallback);
     let is_wanted = |line: &str| !gateway::is_leaving() || LIBRARIES.iter().all(|library| !line.contains(library));
     let writer = log::Log::new(before, throttled, std::io::stderr, is_wanted);
-    let log = tracing_subscriber::fmt().with_env_filter(filter).with_writer(writer);
-    let log = log.with_ansi(std::io::stderr().is_terminal() && !wants_no_colour());
-    log.log_internal_errors(false).init();
+    let colours = std::io::stderr().is_terminal() && !wants_no_colour();
+    let console = tracing_subscriber::fmt::layer().with_writer(writer).with_ansi(colours).log_internal_errors(false);
+    let console = (!ros_args.no_console).then_some(console);
+    tracing_subscriber::registry().with(filter).with(console).with(rosout::Rosout).init();
+    for argument in &ros_args.without_effect {
+        tracing::warn!("{argument} has no effect: no other library writes the log; see --log-level and RUST_LOG");
+    }
+    Ok(())
 }

@@ -13,6 +13,7 @@
 //! - [`Shutdown`]: signals, the death of the launcher, and of who reads the output.
 //! - [`Claim`]: a run and a topic have one holder at a time on a host.
 //! - [`agree`]: the word of the first process of a run is that of all.
+//! - [`tell_log_line`]: the log of a process, for `/rosout`.
 //! - [`RunId`]: the name of one run, which all its shared-memory files carry.
 //!
 //! Samples are SI with the frame in their header; this crate changes no number in them.
@@ -21,6 +22,7 @@ mod agreed;
 mod claim;
 pub mod gateway;
 mod lock;
+mod log_lines;
 mod outbox;
 pub mod ros;
 mod run_id;
@@ -29,6 +31,7 @@ pub mod transport;
 
 pub use agreed::agree;
 pub use claim::{Claim, ClaimError};
+pub use log_lines::{LogLine, tell_log_line};
 pub use outbox::{Outbox, OutboxCounts};
 pub use run_id::{RunId, RunIdError};
 pub use shutdown::{LAUNCHER_PID, Shutdown, ShutdownError, end_on_signals, end_with_reader, follow_launcher};

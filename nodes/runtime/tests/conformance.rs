@@ -109,6 +109,7 @@ fn gateway(identity: NodeIdentity, domain: Domain, depth: NonZeroUsize) -> Gatew
     let node = NodeOptions { identity, domain, remaps: Vec::new(), parameters: ParameterTable::default() };
     GatewayNode::start(GatewayOptions {
         on_change: None,
+        rosout: false,
         node,
         run: None,
         depth,

@@ -49,7 +49,7 @@ fn run() -> anyhow::Result<()> {
     let mut matches = program.try_get_matches_from_mut(own).unwrap_or_else(|error| error.exit());
     let arguments =
         Arguments::from_arg_matches_mut(&mut matches).unwrap_or_else(|error| error.format(&mut program).exit());
-    abbe::start_log(&ros_args, "", false);
+    abbe::start_log(&ros_args, "", false)?;
     end_with_reader()?;
     match arguments.command {
         // Has something to keep from its first network on.

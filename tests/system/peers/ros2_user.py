@@ -3,7 +3,7 @@
 Usage: ros2_user.py streams NAMESPACE COUNT | parameters NODE NAME VALUE | trigger SERVICE
        | clock SECONDS HARDWARE | types TOPIC | nodes NAMESPACE NAME... | scene NAMESPACE | delays NAMESPACE COUNT
        | heard_clock COUNT | machines NAMESPACE... | health NAMESPACE NAME... | manage NAMESPACE ASIDE MODEL
-       | change NAMESPACE MODEL
+       | change NAMESPACE MODEL | log NAMESPACE NODE PART
 
 streams     subscribes `corrected_point` and `scale/joint_states` with default quality of service (reliable) and
             with that of sensors (best effort) until COUNT messages have come on each.
@@ -18,6 +18,7 @@ machines    takes samples of several machines, and says which frames they name.
 heard_clock takes COUNT times from /clock.
 manage      takes the nodes of a graph through their states, as `ros2 lifecycle` does; ASIDE becomes MODEL on the way.
 change      sets parameters of running nodes, those that may change and those that may not; MODEL becomes the model file.
+log         hears /rosout until a node says PART, long after it did.
 nodes       waits until nodes of these names are in a namespace, and gives the parameters of each.
 
 The domain comes from the environment, as for every ROS 2 program. Prints one JSON object. Exits with 1 and a reason
@@ -34,7 +35,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PointStamped
 from lifecycle_msgs.msg import Transition, TransitionEvent
 from lifecycle_msgs.srv import ChangeState, GetAvailableStates, GetAvailableTransitions, GetState
-from rcl_interfaces.msg import ParameterEvent
+from rcl_interfaces.msg import Log, ParameterEvent
 from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
 from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_parameter_events, qos_profile_sensor_data
@@ -335,6 +336,19 @@ def change(node, namespace, model):
     return said
 
 
+def log(node, namespace, name, part):
+    lines = []
+    seen = lambda: (name, f"/{namespace}") in node.get_node_names_and_namespaces()
+    spin_until(node, seen, "the node")
+    time.sleep(1.0)
+    node.create_subscription(Log, "/rosout", lines.append, QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL))
+    spin_until(node, lambda: any(part in line.msg for line in lines), "the line")
+    found = next(line for line in lines if part in line.msg)
+    return {"name": found.name, "level": found.level, "file": found.file, "line": found.line, "text": found.msg,
+            "age_s": time.time() - found.stamp.sec - found.stamp.nanosec * 1e-9,
+            "names": sorted({line.name for line in lines})}
+
+
 def main():
     task, *words = sys.argv[1:]
     rclpy.init()
@@ -342,7 +356,7 @@ def main():
     print(json.dumps({"streams": streams, "parameters": parameters, "trigger": trigger, "clock": clock,
                       "types": types, "nodes": nodes, "scene": scene, "delays": delays,
                       "heard_clock": heard_clock, "machines": machines, "health": health,
-                      "manage": manage, "change": change}[task](node, *words)))
+                      "manage": manage, "change": change, "log": log}[task](node, *words)))
 
 
 main()

@@ -386,6 +386,7 @@ fn join_ros(machine: &MachineFile) -> Result<GatewayNode, CaptureError> {
         let node = NodeOptions { identity, domain, remaps: Vec::new(), parameters: ParameterTable::default() };
         Ok(GatewayNode::start(GatewayOptions {
             on_change: None,
+            rosout: true,
             node,
             run: None,
             depth: DEPTH,

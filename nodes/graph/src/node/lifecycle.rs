@@ -138,6 +138,7 @@ impl Lifecycle {
         self.depart(Transition::Activate, LifecycleState::Inactive);
         self.0.is_active.store(true, Ordering::Relaxed);
         self.arrive(&mut place, Transition::Activate, LifecycleState::Active, true);
+        tracing::info!("the node is active");
     }
 
     /// The loop has ended; whether a manager hears of it, and the next life is waited for.

@@ -295,6 +295,7 @@ impl NodeContext {
                 memory_limit_bytes: launch.gateway_memory_bytes(),
                 hardware_id: machine.machine.name.clone(),
                 on_change: Some(on_change(&changes)),
+                rosout: !call.ros_args.no_rosout,
             })?)
         } else {
             None

@@ -52,6 +52,7 @@ pub use shared::GatewayFigures;
 
 const KIND: TransportKind = TransportKind::Dds;
 const DIAGNOSTICS: &str = "/diagnostics";
+const ROSOUT: &str = "/rosout";
 /// Standard messages waiting to be published.
 pub const COMPANION_DEPTH: NonZeroUsize = NonZeroUsize::MIN.saturating_add(1023);
 /// Whether the gateway of this process takes its leave of the graph.

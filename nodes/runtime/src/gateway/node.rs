@@ -5,9 +5,10 @@
 
 use std::num::NonZeroUsize;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::mpsc::{Receiver, channel};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::sync::{Arc, Mutex};
 use std::thread::{self, JoinHandle};
+use std::time::Duration;
 
 use super::companion::Standing;
 use super::keeper::{GatewayCommand, Keeper};
@@ -15,12 +16,18 @@ use super::protocol::{Asked, Endpoint, Join};
 use super::shared::{GatewayFigures, NodeEnd, Shared};
 use crate::RunId;
 use crate::lock::lock;
+use crate::log_lines::hear_log_lines;
 use crate::ros::{
     Clock, Diagnostics, LifecycleState, NameError, NodeIdentity, NodeOptions, ParameterValue, RemapRule, RosError,
     Step, Transition, TriggerOutcome, resolve,
 };
 use crate::transport::TransportError;
 use crate::transport::shared_memory::{self, SharedMemory};
+
+/// How long the thread of the log waits before it looks whether the node is still there.
+const LOOK_UP: Duration = Duration::from_millis(200);
+/// Least time between two lines.
+const BETWEEN_LINES: Duration = Duration::from_millis(5);
 
 /// What a gateway starts with.
 pub struct GatewayOptions {
@@ -36,6 +43,8 @@ pub struct GatewayOptions {
     pub hardware_id: String,
     /// Makes its command.
     pub command: GatewayCommand,
+    /// Whether the log of this process goes to `/rosout`.
+    pub rosout: bool,
     /// Puts new values of parameters to use, all or none, or says why not; they are of the right type and in range. Runs on
     /// a thread of its own.
     pub on_change: Option<OnChange>,
@@ -81,7 +90,8 @@ impl GatewayNode {
                 format!("parameter '{name}' may change while the node runs, which only its gateway would hear of");
             return Err(RosError::Gateway { reason }.into());
         }
-        let join = Join::new(&options.node, run.as_str(), options.depth.get(), options.memory_limit_bytes);
+        let join =
+            Join::new(&options.node, run.as_str(), options.depth.get(), options.memory_limit_bytes, options.rosout);
         let uses_sim_time = options.node.parameters.uses_sim_time();
         let clock = if uses_sim_time { Clock::simulated() } else { Clock::of_system() };
         let join = Arc::new(Mutex::new(join));
@@ -90,6 +100,9 @@ impl GatewayNode {
         if let Some(mut on_change) = options.on_change {
             let join = Arc::clone(&join);
             answer(&shared, asked, move |asked| set(asked, &mut on_change, &join))?;
+        }
+        if options.rosout {
+            publish_log(&shared)?;
         }
         let keeper = Keeper { shared: Arc::clone(&shared), command: options.command, join };
         let first = keeper.first().map_err(|reason| RosError::Gateway { reason })?;
@@ -227,6 +240,28 @@ fn answer(
     };
     let started = thread::Builder::new().name("service".into()).spawn(answering);
     started.map(drop).map_err(|source| RosError::Thread { what: "a service", source })
+}
+
+/// Hands the lines of the log to the gateway, on a thread of its own that ends with the node.
+fn publish_log(shared: &Arc<Shared>) -> Result<(), RosError> {
+    let (lines, shared) = (hear_log_lines(), Arc::downgrade(shared));
+    let telling = move || {
+        loop {
+            let line = lines.recv_timeout(LOOK_UP);
+            let Some(shared) = shared.upgrade() else { return };
+            match line {
+                Ok(line) => {
+                    shared.log(line);
+                    // A flood of lines leaves room for everything else.
+                    thread::sleep(BETWEEN_LINES);
+                }
+                Err(RecvTimeoutError::Timeout) => {}
+                Err(RecvTimeoutError::Disconnected) => return,
+            }
+        }
+    };
+    let started = thread::Builder::new().name("rosout".into()).spawn(telling);
+    started.map(drop).map_err(|source| RosError::Thread { what: "the log", source })
 }
 
 /// Has new values put to use, and keeps them for the next gateway.

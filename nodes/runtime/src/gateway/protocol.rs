@@ -18,6 +18,7 @@ use serde::{Deserialize, Serialize};
 
 use super::companion::{Companion, Standing};
 use super::foreign::Foreign;
+use crate::log_lines::LogLine;
 use crate::ros::{
     DiscoveryRange, Domain, LifecycleState, NodeIdentity, NodeOptions, ParameterSpec, ParameterTable, ParameterValue,
     Range, RemapRule, RosError, Step, Transition, TriggerOutcome, USE_SIM_TIME,
@@ -39,6 +40,8 @@ pub(super) enum ToGateway {
     Report(DiagnosticArray),
     /// The answer to [`FromGateway::Call`].
     Answer(u64, TriggerOutcome),
+    /// A line of the node's log, for `/rosout`, and when it was written (ns since 1970).
+    Log(LogLine, i64),
     /// A managed node has come one step further, and stands there, or comes from there: number of its endpoint.
     Moved(u32, LifecycleState, Step),
     /// Leave the graph, and end.
@@ -95,6 +98,8 @@ pub(super) struct Join {
     pub(super) run: String,
     pub(super) depth: usize,
     pub(super) memory_limit_bytes: u64,
+    /// Whether it publishes the node's log.
+    pub(super) rosout: bool,
 }
 
 /// A [`ParameterSpec`] with its value at the start.
@@ -192,7 +197,7 @@ pub(super) struct SubscriptionBeat {
 }
 
 impl Join {
-    pub(super) fn new(options: &NodeOptions, run: &str, depth: usize, memory_limit_bytes: u64) -> Join {
+    pub(super) fn new(options: &NodeOptions, run: &str, depth: usize, memory_limit_bytes: u64, rosout: bool) -> Join {
         let range = |range: &Range| match range {
             Range::Any => ParameterRange::Any,
             Range::Integer(from, to) => ParameterRange::Integer(*from, *to),
@@ -220,6 +225,7 @@ impl Join {
             run: run.to_owned(),
             depth,
             memory_limit_bytes,
+            rosout,
         }
     }
 
@@ -397,7 +403,7 @@ mod tests {
         ];
         let options = NodeOptions::new("/", "geometric", args, specs).unwrap();
         let (node, gateway) = ends();
-        node.send(&ToGateway::Join(Box::new(Join::new(&options, "run", 64, 1 << 30)))).unwrap();
+        node.send(&ToGateway::Join(Box::new(Join::new(&options, "run", 64, 1 << 30, true)))).unwrap();
         let Received::Packet(ToGateway::Join(join)) = gateway.receive(Duration::from_secs(1)) else { panic!() };
         assert_eq!((join.run.as_str(), join.depth, join.memory_limit_bytes), ("run", 64, 1 << 30));
         let arrived = join.node_options().unwrap();
@@ -409,7 +415,9 @@ mod tests {
         assert_eq!(values(&arrived), values(&options));
         for name in ["age_s", "mode"] {
             let (here, there) = (arrived.parameters.spec(name).unwrap(), options.parameters.spec(name).unwrap());
-            assert_eq!(here, there);
+            let without_default =
+                |spec: &ParameterSpec| ParameterSpec { default: ParameterValue::NotSet, ..spec.clone() };
+            assert_eq!(without_default(here), without_default(there));
         }
     }
 }

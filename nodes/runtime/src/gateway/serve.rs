@@ -8,7 +8,8 @@ use std::num::NonZeroUsize;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use abbe_msgs::standard::DiagnosticArray;
+use abbe_msgs::Stamp;
+use abbe_msgs::standard::{DiagnosticArray, Log};
 use rustix::process::{Resource, Rlimit, Signal, setrlimit};
 use thiserror::Error;
 
@@ -18,7 +19,8 @@ use super::companion::stand;
 use super::health::{Dead, Heartbeat};
 use super::protocol::{Asked, Beat, Channel, Endpoint, FromGateway, Join, PARAMETERS, Progress, Received, ToGateway};
 use super::streams::{Stream, World};
-use crate::ros::{LifecycleServices, QueuedPublisher, RosError, RosNode, TriggerService, diagnostics_qos};
+use crate::log_lines::LogLine;
+use crate::ros::{LifecycleServices, QueuedPublisher, RosError, RosNode, TriggerService, diagnostics_qos, rosout_qos};
 use crate::transport::TransportError;
 use crate::transport::shared_memory::{self, SharedMemory};
 use crate::{RunId, RunIdError};
@@ -35,6 +37,8 @@ const LAST_WORDS: Duration = Duration::from_millis(100);
 const LEAVE_WITHIN: Duration = Duration::from_secs(3);
 /// Reports waiting to be published; older ones say nothing any more.
 const REPORTS: NonZeroUsize = NonZeroUsize::MIN.saturating_add(31);
+/// Lines of the log waiting to be published.
+const LINES: NonZeroUsize = NonZeroUsize::MIN.saturating_add(255);
 /// Exit code of a gateway that could not leave in time.
 const STUCK_EXIT_CODE: i32 = 70;
 
@@ -88,6 +92,8 @@ struct Gateway {
     // In the order in which they go: endpoints, what they stand on, the node.
     open: BTreeMap<u32, Open>,
     reports: QueuedPublisher<DiagnosticArray>,
+    /// The node's log, where it is published.
+    log: Option<QueuedPublisher<Log>>,
     clock: Option<ClockReader>,
     heartbeat: Heartbeat<BTreeMap<u32, Progress>>,
     proved: BTreeMap<u32, Progress>,
@@ -139,6 +145,7 @@ impl Gateway {
         let limit = Some(join.memory_limit_bytes);
         setrlimit(Resource::As, Rlimit { current: limit, maximum: limit })
             .map_err(|error| GatewayError::System { what: "limit the memory", source: error.into() })?;
+        let rosout = join.rosout;
         let depth = NonZeroUsize::new(join.depth).unwrap_or(NonZeroUsize::MIN);
         let memory = SharedMemory::join(run, depth)?;
         let options = join.node_options()?;
@@ -149,13 +156,14 @@ impl Gateway {
             RosNode::start_asking(options, Arc::new(move |changes| setting.ask(PARAMETERS, Asked::Set(changes))))?;
         let heartbeat = Heartbeat::open(&node)?;
         let reports = node.publisher(super::DIAGNOSTICS, &diagnostics_qos(), REPORTS)?;
+        let log = rosout.then(|| node.publisher(super::ROSOUT, &rosout_qos(), LINES)).transpose()?;
         let clock = uses_sim_time.then(|| ClockReader::open(&node, Arc::clone(&channel))).transpose()?;
         // The node waits for this word.
         channel
             .send(&FromGateway::Joined)
             .map_err(|source| GatewayError::System { what: "answer the node", source })?;
         let (open, proved) = (BTreeMap::new(), BTreeMap::new());
-        Ok(Gateway { open, reports, clock, heartbeat, proved, calls, memory, node, channel })
+        Ok(Gateway { open, reports, log, clock, heartbeat, proved, calls, memory, node, channel })
     }
 
     /// Until the node says so or is gone, or DDS is dead.
@@ -197,6 +205,7 @@ impl Gateway {
             }
             ToGateway::Close(id) => drop(self.open.remove(&id)),
             ToGateway::Report(report) => self.reports.publish(report),
+            ToGateway::Log(line, stamp_ns) => self.log(line, stamp_ns),
             ToGateway::Answer(call, outcome) => self.calls.answer(call, outcome),
             ToGateway::Moved(id, state, step) => {
                 if let Some(Open::Lifecycle(services)) = self.open.get(&id) {
@@ -205,6 +214,15 @@ impl Gateway {
             }
             ToGateway::Join(_) | ToGateway::Leave => {}
         }
+    }
+
+    fn log(&self, line: LogLine, stamp_ns: i64) {
+        let Some(log) = &self.log else { return };
+        let stamp = Stamp::from_nanos(stamp_ns).unwrap_or_default().into();
+        // As rclcpp names the logger of a node.
+        let name = self.node.identity().qualified().trim_start_matches('/').replace('/', ".");
+        let LogLine { level, text: msg, file, line } = line;
+        log.publish(Log { stamp, level, name, msg, file, function: String::new(), line });
     }
 
     fn open(&self, id: u32, endpoint: &Endpoint) -> Result<Open, GatewayError> {
@@ -253,10 +271,10 @@ impl Gateway {
         super::LEAVING.store(true, std::sync::atomic::Ordering::Relaxed);
         // Services that wait for the node hear that it is leaving.
         self.calls.clear();
-        let Gateway { open, reports, clock, heartbeat, memory, node, .. } = self;
+        let Gateway { open, reports, log, clock, heartbeat, memory, node, .. } = self;
         drop((open, clock));
         std::thread::sleep(LAST_WORDS);
-        drop((reports, heartbeat, memory));
+        drop((reports, log, heartbeat, memory));
         drop(node);
         Ok(())
     }

@@ -14,6 +14,7 @@ use abbe_msgs::standard::{DiagnosticArray, DiagnosticStatus};
 use super::account::Account;
 use super::protocol::{Asked, Channel, Endpoint, FromGateway, PARAMETERS, SubscriptionBeat, ToGateway};
 use crate::lock::lock;
+use crate::log_lines::LogLine;
 use crate::ros::{Clock, Diagnostics, LifecycleState, Step, TriggerOutcome};
 use crate::transport::shared_memory::SharedMemory;
 
@@ -288,6 +289,14 @@ impl Shared {
     pub(super) fn answer(&self, call: u64, outcome: TriggerOutcome) {
         if let Some(channel) = &lock(&self.state).channel {
             tell(channel, &ToGateway::Answer(call, outcome));
+        }
+    }
+
+    /// A line of the log. Nothing is said of one that cannot be handed on: that would be the next line.
+    pub(super) fn log(&self, line: LogLine) {
+        let stamp_ns = self.clock.now_ns().and_then(|now_ns| i64::try_from(now_ns).ok()).unwrap_or_default();
+        if let Some(channel) = &lock(&self.state).channel {
+            let _ = channel.send(&ToGateway::Log(line, stamp_ns));
         }
     }
 

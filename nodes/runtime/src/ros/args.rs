@@ -10,6 +10,9 @@
 //! | `-p`, `--param [node:]name:=value` | value (YAML) of a parameter |
 //! | `--params-file f.yaml` | values from a file |
 //! | `--log-level [logger:=]level` | handed back as [`RosArgs::log_level`] |
+//! | `--disable-rosout-logs`, `--disable-stdout-logs` | no log on `/rosout`, none on the terminal; `--enable-…` takes it back |
+//! | `--disable-external-lib-logs`, `--enable-…` | nothing: there are no log files of another library |
+//! | `--log-config-file f`, `--log-file-name f` | nothing, and that is said: they configure that library |
 
 use std::path::PathBuf;
 
@@ -31,6 +34,12 @@ pub struct RosArgs {
     pub parameters: Vec<ParameterAssignment>,
     /// `--log-level`; the last counts.
     pub log_level: Option<String>,
+    /// `--disable-rosout-logs`.
+    pub no_rosout: bool,
+    /// `--disable-stdout-logs`.
+    pub no_console: bool,
+    /// What was given and changes nothing, to be told when there is a log.
+    pub without_effect: Vec<String>,
     /// All of these as they were given, for programs that this one starts.
     pub words: Vec<String>,
 }
@@ -59,8 +68,9 @@ impl RemapRule {
 pub enum ArgsError {
     /// Not an argument of ROS 2, or one that this node does not know.
     #[error(
-        "unknown argument '{argument}' after --ros-args; known are -r, -p, --params-file and \
-         --log-level, and -- ends them"
+        "unknown argument '{argument}' after --ros-args; known are -r, -p, --params-file, --log-level, \
+         --log-config-file, --log-file-name, and --enable- or --disable- with rosout-logs, stdout-logs and \
+         external-lib-logs, and -- ends them"
     )]
     Unknown {
         /// The argument.
@@ -137,7 +147,16 @@ impl RosArgs {
                     let path = PathBuf::from(value("a file")?);
                     self.parameters.extend(yaml::read_file(&path)?);
                 }
-                "--log-level" => self.log_level = Some(value("a level such as info")?),
+                "--log-level" => self.log_level = Some(directive(&value("a level such as info")?)),
+                "--enable-rosout-logs" => self.no_rosout = false,
+                "--disable-rosout-logs" => self.no_rosout = true,
+                "--enable-stdout-logs" => self.no_console = false,
+                "--disable-stdout-logs" => self.no_console = true,
+                "--enable-external-lib-logs" | "--disable-external-lib-logs" => {}
+                "--log-config-file" | "--log-file-name" => {
+                    let file = value("a file")?;
+                    self.without_effect.push(format!("{argument} {file}"));
+                }
                 _ => return Err(ArgsError::Unknown { argument }),
             }
         }
@@ -166,6 +185,11 @@ impl RosArgs {
         });
         Ok(())
     }
+}
+
+/// A level as the filter of the log writes it: levels of ROS 2 are in any case, and `fatal` is an error.
+fn directive(level: &str) -> String {
+    level.replace(":=", "=").to_lowercase().replace("fatal", "error")
 }
 
 const REMAP_FORM: &str = "[node:]from:=to";
@@ -212,6 +236,15 @@ mod tests {
         assert_eq!(args.parameters[0].name, "rate_hz");
         assert_eq!(args.parameters[0].value, YamlValue::Double(500.0));
         assert_eq!(args.log_level.as_deref(), Some("debug"));
+    }
+
+    #[test]
+    fn arguments_about_the_log_are_those_of_ros_2() {
+        let (args, _) = split("--ros-args --log-level rcl:=FATAL --disable-rosout-logs --disable-stdout-logs").unwrap();
+        assert_eq!((args.log_level.as_deref(), args.no_rosout, args.no_console), (Some("rcl=error"), true, true));
+        let (args, _) = split("--ros-args --disable-rosout-logs --enable-rosout-logs --log-config-file f").unwrap();
+        assert!(!args.no_rosout && !args.no_console);
+        assert_eq!(args.without_effect, ["--log-config-file f"]);
     }
 
     #[test]

@@ -37,7 +37,7 @@ pub(crate) use lifecycle_services::LifecycleServices;
 pub use names::{NameError, NodeIdentity, resolve};
 pub use node::{NodeOptions, RosNode};
 pub use parameters::{ParameterError, ParameterSpec, ParameterTable, Range, USE_SIM_TIME};
-pub use qos::{diagnostics_qos, latched_qos, offered_qos, service_qos, stream_qos};
+pub use qos::{diagnostics_qos, latched_qos, offered_qos, rosout_qos, service_qos, stream_qos};
 pub(crate) use qos_overrides::overridden;
 pub use qos_overrides::{TopicEnd, qos_parameters};
 pub use queued::QueuedPublisher;

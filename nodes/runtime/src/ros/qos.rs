@@ -7,6 +7,7 @@
 //! | the same, as our own nodes ask for them | best effort | volatile | keep last `depth` |
 //! | `/diagnostics` | reliable, never waits | volatile | keep last 10 |
 //! | services | reliable, never waits | volatile | keep last 10 |
+//! | `/rosout` | reliable, never waits | transient local, for 10 s | keep last 1000 |
 //! | messages that stand | reliable, never waits | transient local | keep last 1 |
 //!
 //! What is offered as reliable matches subscribers of either kind. A reliable reader that dies would hold up the
@@ -14,11 +15,15 @@
 //! is never "keep all": such readers hold 64 samples.
 
 use std::num::NonZeroUsize;
+use std::time::Duration;
 
 use ros2_client::QosProfile;
 use ros2_client::qos::{Durability, History, Liveliness, Reliability, WhenFull};
 
 const EVENT_DEPTH: usize = 10;
+const LOG_DEPTH: usize = 1000;
+/// How long a line is kept for who joins later.
+const LOG_LIVES: Duration = Duration::from_secs(10);
 
 /// Streams of samples, as they are offered: reliable, the newest `depth`.
 #[must_use]
@@ -42,6 +47,13 @@ pub fn diagnostics_qos() -> QosProfile {
 #[must_use]
 pub fn latched_qos() -> QosProfile {
     QosProfile { durability: Durability::TransientLocal, ..profile(NEVER_WAITS, 1) }
+}
+
+/// The log of a node: as ROS 2 has it.
+#[must_use]
+pub fn rosout_qos() -> QosProfile {
+    let durability = Durability::TransientLocal;
+    QosProfile { durability, lifespan: Some(LOG_LIVES), ..profile(NEVER_WAITS, LOG_DEPTH) }
 }
 
 /// Requests and replies of services.
