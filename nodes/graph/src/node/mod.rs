@@ -319,6 +319,11 @@ impl NodeContext {
         NodeSummary { node: self.name.name().to_owned(), troubles, ..NodeSummary::default() }
     }
 
+    /// The node's place in the ROS graph for services that change what it does; none where it takes no commands.
+    fn commanded(&self) -> Option<&GatewayNode> {
+        self.ros.as_ref().filter(|_| self.launch.commands_from_ros)
+    }
+
     /// The time that the node goes by.
     pub(crate) fn clock(&self) -> Clock {
         self.clock.clone()
