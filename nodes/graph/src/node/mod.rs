@@ -31,7 +31,7 @@ use abbe_files::{FileError, MachineFile, read_machine};
 use abbe_msgs::bag::BagError;
 use abbe_msgs::{Message, MessageError};
 use abbe_runtime::gateway::{Companion, Content, GatewayCommand, GatewayNode, GatewayOptions};
-use abbe_runtime::ros::{ArgsError, Clock, Domain, NodeIdentity, NodeOptions, RosArgs, RosError, resolve};
+use abbe_runtime::ros::{ArgsError, Clock, Domain, Enclave, NodeIdentity, NodeOptions, RosArgs, RosError, resolve};
 use abbe_runtime::transport::shared_memory;
 use abbe_runtime::{
     Claim, ClaimError, Edges, EdgesConfig, Publish, RunId, Shutdown, ShutdownError, Subscribe, TransportError,
@@ -261,13 +261,16 @@ impl NodeContext {
         let table = table.with_assignments(&identity, &call.ros_args.parameters).map_err(RosError::from)?;
         parameters::apply(&table, &mut launch, call.name);
         let uses_sim_time = table.uses_sim_time();
+        // Nothing of a node that is not in the graph needs keys.
+        let enclave = Enclave::from_environment(call.ros_args.enclave.as_deref());
         let remaps = call.ros_args.remaps;
         let mut config = EdgesConfig::new(identity.clone());
         let ros = if launch.is_in_ros_graph(call.name) {
             let domain = Domain::from_environment().map_err(RosError::from)?;
+            let enclave = enclave.map_err(RosError::from)?;
             Some(GatewayNode::start(GatewayOptions {
                 command: gateway_command(&identity, call.run.as_ref())?,
-                node: NodeOptions { identity, domain, remaps: remaps.clone(), parameters: table },
+                node: NodeOptions { identity, domain, remaps: remaps.clone(), parameters: table, enclave },
                 run: call.run.clone(),
                 depth: config.depth,
                 memory_limit_bytes: launch.gateway_memory_bytes(),

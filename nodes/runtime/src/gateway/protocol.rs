@@ -19,8 +19,8 @@ use serde::{Deserialize, Serialize};
 use super::companion::{Companion, Standing};
 use super::foreign::Foreign;
 use crate::ros::{
-    DiscoveryRange, Domain, NodeIdentity, NodeOptions, ParameterSpec, ParameterTable, ParameterValue, Range, RemapRule,
-    RosError, TriggerOutcome, USE_SIM_TIME,
+    DiscoveryRange, Domain, Enclave, NodeIdentity, NodeOptions, ParameterSpec, ParameterTable, ParameterValue, Range,
+    RemapRule, RosError, TriggerOutcome, USE_SIM_TIME,
 };
 
 /// Longest packet; what is longer is refused.
@@ -74,6 +74,7 @@ pub(super) struct Join {
     pub(super) name: String,
     pub(super) domain_id: u16,
     pub(super) on_this_host_only: bool,
+    pub(super) enclave: Option<Enclave>,
     pub(super) remaps: Vec<RemapRule>,
     pub(super) parameters: Vec<Parameter>,
     pub(super) run: String,
@@ -195,6 +196,7 @@ impl Join {
             name: options.identity.name.clone(),
             domain_id: options.domain.id(),
             on_this_host_only: options.domain.range == DiscoveryRange::Localhost,
+            enclave: options.enclave.clone(),
             remaps: options.remaps.clone(),
             parameters: options.parameters.values().filter_map(parameter).collect(),
             run: run.to_owned(),
@@ -216,6 +218,7 @@ impl Join {
             domain: Domain::new(self.domain_id, range)?,
             remaps: self.remaps,
             parameters,
+            enclave: self.enclave,
         })
     }
 }
