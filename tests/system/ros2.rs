@@ -105,6 +105,29 @@ fn val_rclpy_calls_a_service_of_a_node() {
 }
 
 #[test]
+fn val_rclpy_finds_no_service_that_changes_anything_where_the_launch_file_says_so() {
+    let test = "val_rclpy_finds_no_service_that_changes_anything_where_the_launch_file_says_so";
+    in_own_network(test, |domain| {
+        let bench = Bench::identified(5);
+        long_recording(&bench, SAMPLES);
+        for (key, is_offered) in [("commands_from_ros = true", true), ("commands_from_ros = false", false)] {
+            let Some(user) = ros2(domain, &["services", NAMESPACE, "residual"]) else { return };
+            let file = stream_of(&bench, |launch| launch.key(key).edge("residual", "*", DDS));
+            let heard = beside(Started::start(abbe_in(domain, ["launch", &file])), user);
+            let has = |name: &str| {
+                let service = json!(format!("/{NAMESPACE}/residual/{name}"));
+                heard["services"].as_array().unwrap().contains(&service)
+            };
+            assert!(has("list_parameters"), "{key}: {heard}");
+            assert!(has("get_state"), "{key}: {heard}");
+            for name in ["reload_model", "change_state"] {
+                assert_eq!(has(name), is_offered, "{key}: {heard}");
+            }
+        }
+    });
+}
+
+#[test]
 fn val_rclpy_sees_every_node_whatever_its_edges() {
     let test = "val_rclpy_sees_every_node_whatever_its_edges";
     in_own_network(test, |domain| {

@@ -36,7 +36,7 @@ use abbe_files::{FileError, MachineFile, read_machine};
 use abbe_msgs::bag::BagError;
 use abbe_msgs::{Message, MessageError};
 use abbe_runtime::gateway::{Companion, Content, GatewayCommand, GatewayNode, GatewayOptions, OnChange};
-use abbe_runtime::ros::{ArgsError, Clock, Domain, NodeIdentity, NodeOptions, RosArgs, RosError, resolve};
+use abbe_runtime::ros::{ArgsError, Clock, Domain, Enclave, NodeIdentity, NodeOptions, RosArgs, RosError, resolve};
 use abbe_runtime::transport::shared_memory;
 use abbe_runtime::{
     Claim, ClaimError, Edges, EdgesConfig, Publish, RunId, Shutdown, ShutdownError, Subscribe, TransportError,
@@ -280,16 +280,20 @@ impl NodeContext {
         let qos = parameters::qos(&launch, call.name, |topic| resolve(topic, &identity, &call.ros_args.remaps));
         let table = parameters::table(&launch, call.name, qos.map_err(RosError::from)?).map_err(RosError::from)?;
         let table = table.with_assignments(&identity, &call.ros_args.parameters).map_err(RosError::from)?;
+        let table = if launch.commands_from_ros { table } else { table.fixed() };
         parameters::apply(table.values(), &mut launch, call.name);
         let uses_sim_time = table.uses_sim_time();
+        // Nothing of a node that is not in the graph needs keys.
+        let enclave = Enclave::from_environment(call.ros_args.enclave.as_deref());
         let remaps = call.ros_args.remaps;
         let mut config = EdgesConfig::new(identity.clone());
         let changes = Changes::default();
         let ros = if launch.is_in_ros_graph(call.name) {
             let domain = Domain::from_environment().map_err(RosError::from)?;
+            let enclave = enclave.map_err(RosError::from)?;
             Some(GatewayNode::start(GatewayOptions {
                 command: gateway_command(&identity, call.run.as_ref())?,
-                node: NodeOptions { identity, domain, remaps: remaps.clone(), parameters: table },
+                node: NodeOptions { identity, domain, remaps: remaps.clone(), parameters: table, enclave },
                 run: call.run.clone(),
                 depth: config.depth,
                 memory_limit_bytes: launch.gateway_memory_bytes(),
@@ -314,7 +318,7 @@ impl NodeContext {
         config.remaps = remaps;
         let lifecycle = Lifecycle::new(&shutdown, launch.autostart);
         if let Some(node) = &ros {
-            lifecycle.serve(node, &machine.machine.name)?;
+            lifecycle.serve(node, &machine.machine.name, launch.commands_from_ros)?;
         }
         let whole_run = call.run.clone();
         let run = if launch.uses(call.name, TransportKind::SharedMemory) { call.run } else { None };
@@ -347,6 +351,11 @@ impl NodeContext {
     fn summary(&self) -> NodeSummary {
         let troubles = traffic::Troubles::by_clock(self.clock());
         NodeSummary { node: self.name.name().to_owned(), troubles, ..NodeSummary::default() }
+    }
+
+    /// The node's place in the ROS graph for services that change what it does; none where it takes no commands.
+    fn commanded(&self) -> Option<&GatewayNode> {
+        self.ros.as_ref().filter(|_| self.launch.commands_from_ros)
     }
 
     /// The time that the node goes by.

@@ -20,8 +20,8 @@ use super::companion::{Companion, Standing};
 use super::foreign::Foreign;
 use crate::log_lines::LogLine;
 use crate::ros::{
-    DiscoveryRange, Domain, LifecycleState, NodeIdentity, NodeOptions, ParameterSpec, ParameterTable, ParameterValue,
-    Range, RemapRule, RosError, Step, Transition, TriggerOutcome, USE_SIM_TIME,
+    DiscoveryRange, Domain, Enclave, LifecycleState, NodeIdentity, NodeOptions, ParameterSpec, ParameterTable,
+    ParameterValue, Range, RemapRule, RosError, Step, Transition, TriggerOutcome, USE_SIM_TIME,
 };
 
 /// Longest packet; what is longer is refused.
@@ -93,6 +93,7 @@ pub(super) struct Join {
     pub(super) name: String,
     pub(super) domain_id: u16,
     pub(super) on_this_host_only: bool,
+    pub(super) enclave: Option<Enclave>,
     pub(super) remaps: Vec<RemapRule>,
     pub(super) parameters: Vec<Parameter>,
     pub(super) run: String,
@@ -150,8 +151,8 @@ pub(super) enum Endpoint {
     Service(String),
     /// A message on this topic, an absolute name, that whoever joins later gets as well.
     Standing(String, Standing),
-    /// The services of a managed node that stands there.
-    Lifecycle(LifecycleState),
+    /// The services of a managed node that stands there, and whether there is one that changes that.
+    Lifecycle(LifecycleState, bool),
 }
 
 /// How things stand.
@@ -220,6 +221,7 @@ impl Join {
             name: options.identity.name.clone(),
             domain_id: options.domain.id(),
             on_this_host_only: options.domain.range == DiscoveryRange::Localhost,
+            enclave: options.enclave.clone(),
             remaps: options.remaps.clone(),
             parameters: options.parameters.values().filter_map(parameter).collect(),
             run: run.to_owned(),
@@ -249,6 +251,7 @@ impl Join {
             domain: Domain::new(self.domain_id, range)?,
             remaps: self.remaps,
             parameters,
+            enclave: self.enclave,
         })
     }
 }

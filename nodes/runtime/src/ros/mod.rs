@@ -18,6 +18,7 @@ mod parameters;
 mod qos;
 mod qos_overrides;
 mod queued;
+mod security;
 mod service;
 mod trigger;
 mod writer;
@@ -42,6 +43,7 @@ pub(crate) use qos_overrides::overridden;
 pub use qos_overrides::{TopicEnd, qos_parameters};
 pub use queued::QueuedPublisher;
 pub use ros2_client::ParameterValue;
+pub use security::{Enclave, SecurityError};
 pub use trigger::{TriggerOutcome, TriggerService};
 pub(crate) use writer::Writer;
 pub use yaml::{ParameterAssignment, YamlError, YamlValue};
@@ -55,6 +57,20 @@ pub enum RosError {
     /// The environment.
     #[error(transparent)]
     Environment(#[from] EnvironmentError),
+    /// Keys that were asked for.
+    #[error(transparent)]
+    Security(#[from] SecurityError),
+    /// Keys that the domain does not let in.
+    #[error(
+        "the keys for ROS domain {domain_id} are refused: {reason}; do certificates, governance and permissions belong \
+         together, and allow the domain?"
+    )]
+    Keys {
+        /// The domain.
+        domain_id: u16,
+        /// Why.
+        reason: String,
+    },
     /// A name.
     #[error(transparent)]
     Name(#[from] NameError),

@@ -179,6 +179,13 @@ impl ParameterTable {
         Ok(())
     }
 
+    /// The same table with every parameter fixed while the node runs.
+    #[must_use]
+    pub fn fixed(mut self) -> Self {
+        self.entries.values_mut().for_each(|entry| entry.spec.read_only = true);
+        self
+    }
+
     /// A parameter that may change while the node runs; none where all are fixed.
     #[must_use]
     pub fn changeable(&self) -> Option<&'static str> {
