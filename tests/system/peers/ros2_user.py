@@ -298,6 +298,10 @@ def manage(node, namespace, aside, model):
     said["by label"] = geometric.call("change_state", ChangeState.Request(transition=Transition(label="deactivate"))).success
     said["cleaned up"] = geometric.change(Transition.TRANSITION_CLEANUP)
     said["after cleaning"] = geometric.state()
+    recorder = nodes["recorder"]
+    said["recorder again"] = [recorder.change(one) for one in [
+        Transition.TRANSITION_DEACTIVATE, Transition.TRANSITION_CLEANUP,
+        Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE]]
     said["again"] = [geometric.change(Transition.TRANSITION_CONFIGURE), geometric.change(Transition.TRANSITION_ACTIVATE)]
     come(200)
     said["shut down"] = [geometric.change(Transition.TRANSITION_ACTIVE_SHUTDOWN), geometric.state()]

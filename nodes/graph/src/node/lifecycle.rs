@@ -275,6 +275,7 @@ pub(super) fn live(
     }
     while let Some(life) = lifecycle.begin() {
         context.shutdown = life;
+        context.configured += 1;
         let name = context.name;
         context.changes.apply(&mut context.launch, name);
         match work(&context) {

@@ -215,6 +215,8 @@ pub(crate) struct NodeContext {
     changes: Changes,
     /// How often the launcher has started this node before.
     pub(crate) life: u32,
+    /// How often this process has been configured.
+    configured: u32,
     /// Whether the launcher is still to be told that the node is ready.
     unready: Cell<bool>,
 }
@@ -343,6 +345,7 @@ impl NodeContext {
             lifecycle,
             changes,
             life,
+            configured: 0,
             unready,
         })
     }
@@ -425,12 +428,12 @@ impl NodeContext {
         })
     }
 
-    /// A file or folder that is written anew by each process of the node: those after the first get a number.
+    /// A file or folder that is written anew by each life of the node: those after the first get the next free number.
     pub(crate) fn of_this_life(&self, path: &Path) -> PathBuf {
-        match (self.life, path.file_name()) {
-            (1.., Some(name)) => path.with_file_name(format!("{}-{}", name.to_string_lossy(), self.life + 1)),
-            _ => path.to_owned(),
-        }
+        let is_first = self.life == 0 && self.configured == 1;
+        let Some(name) = path.file_name().filter(|_| !is_first) else { return path.to_owned() };
+        let numbered = |number| path.with_file_name(format!("{}-{number}", name.to_string_lossy()));
+        (2_u32..).map(numbered).find(|path| !path.exists()).unwrap_or_else(|| path.to_owned())
     }
 
     /// Tells the launcher, once, that the node takes part in the graph.
