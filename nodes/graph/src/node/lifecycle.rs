@@ -290,6 +290,7 @@ pub(super) fn live(
                 if !lifecycle.ended(Err(reason)) {
                     return Err(error);
                 }
+                context.configured -= 1;
                 tracing::warn!("the node could not be configured: {error}");
             }
         }
