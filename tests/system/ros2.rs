@@ -257,6 +257,7 @@ fn val_rclpy_sets_what_may_change_while_nodes_run_and_nothing_else() {
             assert_says(heard[what][place][1].as_str().unwrap(), says);
         };
         refused("no such file", 0, &["nowhere.json", "stays in use"]);
+        refused("pipe", 0, &["no model file", "stays in use"]);
         refused("age", 0, &["max_covariate_age_s", "fixed while the node runs"]);
         refused("one of two", 0, &["window"]);
         refused("none of two", 0, &["window"]);

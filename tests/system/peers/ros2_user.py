@@ -339,6 +339,8 @@ def change(node, namespace, model):
         described = answer(node, clients[name].describe_parameters(listed), "the descriptions").descriptors
         said[f"changeable of {name}"] = sorted(one.name for one in described if not one.read_only)
     said["no such file"] = set_to("geometric", model="nowhere.json")
+    os.mkfifo(f"{model}.pipe")
+    said["pipe"] = set_to("geometric", model=f"{model}.pipe")
     said["age"] = set_to("geometric", max_covariate_age_s=1.0)
     said["model"] = set_to("geometric", model=model)
     come(200)

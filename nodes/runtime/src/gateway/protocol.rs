@@ -120,6 +120,7 @@ enum ParameterRange {
     Integer(i64, i64),
     Double(f64, f64),
     OneOf(Vec<String>),
+    NotEmpty,
 }
 
 /// One end of a topic or service.
@@ -203,6 +204,7 @@ impl Join {
             Range::Any => ParameterRange::Any,
             Range::Integer(from, to) => ParameterRange::Integer(*from, *to),
             Range::Double(from, to) => ParameterRange::Double(*from, *to),
+            Range::NotEmpty => ParameterRange::NotEmpty,
             Range::OneOf(texts) => ParameterRange::OneOf(texts.iter().map(|text| (*text).to_owned()).collect()),
         };
         let parameter = |(name, value): (&'static str, &ros2_client::ParameterValue)| {
@@ -264,6 +266,7 @@ impl Parameter {
             ParameterRange::Any => Range::Any,
             ParameterRange::Integer(from, to) => Range::Integer(from, to),
             ParameterRange::Double(from, to) => Range::Double(from, to),
+            ParameterRange::NotEmpty => Range::NotEmpty,
             ParameterRange::OneOf(texts) => Range::OneOf(texts.into_iter().map(text).collect::<Vec<_>>().leak()),
         };
         ParameterSpec {
