@@ -71,6 +71,15 @@ pub fn qos_parameters(topic: &str, end: TopicEnd, depth: usize) -> Vec<Parameter
     vec![reliability, history, depth]
 }
 
+/// Makes what is offered best effort unless the user says else: in a secured domain nothing can acknowledge in the name of a reliable
+/// reader that lags, so that one alone would hold up the stream for all.
+pub fn offer_best_effort(parameters: &mut [ParameterSpec]) {
+    let offered = format!(".{}.reliability", TopicEnd::Publisher.name());
+    for parameter in parameters.iter_mut().filter(|parameter| parameter.name.ends_with(&offered)) {
+        parameter.default = ParameterValue::String(BEST_EFFORT.to_owned());
+    }
+}
+
 /// The quality of service of an end of a topic, after what the node's parameters say.
 pub(crate) fn overridden(node: &RosNode, topic: &str, end: TopicEnd, qos: QosProfile) -> QosProfile {
     let value = |policy| node.parameter(&parameter(topic, end, policy));
