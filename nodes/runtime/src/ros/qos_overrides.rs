@@ -115,6 +115,19 @@ mod tests {
     }
 
     #[test]
+    fn in_a_secured_domain_streams_are_offered_as_best_effort_and_nothing_else_changes() {
+        let both =
+            || [TopicEnd::Publisher, TopicEnd::Subscription].map(|end| qos_parameters("/test/corrected", end, 64));
+        let mut secured = both().concat();
+        offer_best_effort(&mut secured);
+        let changed: Vec<_> =
+            both().concat().into_iter().zip(secured).filter(|(open, one)| open.default != one.default).collect();
+        assert_eq!(changed.len(), 1);
+        assert_eq!(changed[0].1.name, "qos_overrides./test/corrected.publisher.reliability");
+        assert_eq!(changed[0].1.default, ParameterValue::String("best_effort".to_owned()));
+    }
+
+    #[test]
     fn names_are_those_of_rclcpp_and_other_topics_and_values_are_refused() {
         let table = with("qos_overrides./test/corrected.publisher.reliability:=best_effort").unwrap();
         let name = "qos_overrides./test/corrected.publisher.reliability";
