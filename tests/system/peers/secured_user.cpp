@@ -92,6 +92,7 @@ static Topic* topic(DomainParticipant* participant, const std::string& name, con
 
 static DataReader* reader(DomainParticipant* participant, const std::string& name, const char* type) {
     DataReaderQos qos = DATAREADER_QOS_DEFAULT;
+    qos.reliability().kind = BEST_EFFORT_RELIABILITY_QOS; // which is what is offered in a secured domain
     qos.history().depth = 1000;
     qos.endpoint().history_memory_policy = eprosima::fastrtps::rtps::PREALLOCATED_WITH_REALLOC_MEMORY_MODE;
     return participant->create_subscriber(SUBSCRIBER_QOS_DEFAULT)

@@ -36,7 +36,9 @@ use abbe_files::{FileError, MachineFile, read_machine};
 use abbe_msgs::bag::BagError;
 use abbe_msgs::{Message, MessageError};
 use abbe_runtime::gateway::{Companion, Content, GatewayCommand, GatewayNode, GatewayOptions, OnChange};
-use abbe_runtime::ros::{ArgsError, Clock, Domain, Enclave, NodeIdentity, NodeOptions, RosArgs, RosError, resolve};
+use abbe_runtime::ros::{
+    ArgsError, Clock, Domain, Enclave, NodeIdentity, NodeOptions, RosArgs, RosError, offer_best_effort, resolve,
+};
 use abbe_runtime::transport::shared_memory;
 use abbe_runtime::{
     Claim, ClaimError, Edges, EdgesConfig, Publish, RunId, Shutdown, ShutdownError, Subscribe, TransportError,
@@ -280,13 +282,17 @@ impl NodeContext {
             .identity(&launch.namespace, call.name.name())
             .map_err(|error| NodeError::Name(error.to_string()))?;
         let qos = parameters::qos(&launch, call.name, |topic| resolve(topic, &identity, &call.ros_args.remaps));
-        let table = parameters::table(&launch, call.name, qos.map_err(RosError::from)?).map_err(RosError::from)?;
+        let mut qos = qos.map_err(RosError::from)?;
+        // Nothing of a node that is not in the graph needs keys.
+        let enclave = Enclave::from_environment(call.ros_args.enclave.as_deref());
+        if matches!(enclave, Ok(Some(_))) {
+            offer_best_effort(&mut qos);
+        }
+        let table = parameters::table(&launch, call.name, qos).map_err(RosError::from)?;
         let table = table.with_assignments(&identity, &call.ros_args.parameters).map_err(RosError::from)?;
         let table = if launch.commands_from_ros { table } else { table.fixed() };
         parameters::apply(table.values(), &mut launch, call.name);
         let uses_sim_time = table.uses_sim_time();
-        // Nothing of a node that is not in the graph needs keys.
-        let enclave = Enclave::from_environment(call.ros_args.enclave.as_deref());
         let remaps = call.ros_args.remaps;
         let mut config = EdgesConfig::new(identity.clone());
         let changes = Changes::default();

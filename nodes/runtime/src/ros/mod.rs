@@ -40,7 +40,7 @@ pub use node::{NodeOptions, RosNode};
 pub use parameters::{ParameterError, ParameterSpec, ParameterTable, Range, USE_SIM_TIME};
 pub use qos::{diagnostics_qos, latched_qos, offered_qos, rosout_qos, service_qos, stream_qos};
 pub(crate) use qos_overrides::overridden;
-pub use qos_overrides::{TopicEnd, qos_parameters};
+pub use qos_overrides::{TopicEnd, offer_best_effort, qos_parameters};
 pub use queued::QueuedPublisher;
 pub use ros2_client::ParameterValue;
 pub use security::{Enclave, SecurityError};
