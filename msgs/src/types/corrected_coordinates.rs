@@ -89,7 +89,7 @@ impl TryFrom<u8> for CorrectionStatus {
 /// One corrected position, what it is made of, and how far to trust it.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, ZeroCopySend)]
-#[type_name("abbe/CorrectedCoordinates/0a1a9a76")]
+#[type_name("abbe/CorrectedCoordinates/d88709c3")]
 #[allow(unsafe_code)] // The derive implements the unsafe marker trait ZeroCopySend; plain data.
 pub struct CorrectedCoordinates {
     /// Stamp of the scale reading.
