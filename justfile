@@ -23,6 +23,10 @@ faults:
 linuxcnc:
     cargo test -p abbe-graph --test linuxcnc -- --nocapture
 
+# DDS Security beside Fast DDS (Debian: libssl-dev, libfastrtps-dev); 29 more crates, skipped aloud without Fast DDS
+secured:
+    ABBE_FAST_DDS="${ABBE_FAST_DDS:-/usr}" cargo test -p abbe --features dds-security --test secured -- --nocapture
+
 # Everything that must pass before a change is taken
 ci:
     .ci/run

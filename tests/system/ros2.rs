@@ -105,6 +105,29 @@ fn val_rclpy_calls_a_service_of_a_node() {
 }
 
 #[test]
+fn val_rclpy_finds_no_service_that_changes_anything_where_the_launch_file_says_so() {
+    let test = "val_rclpy_finds_no_service_that_changes_anything_where_the_launch_file_says_so";
+    in_own_network(test, |domain| {
+        let bench = Bench::identified(5);
+        long_recording(&bench, SAMPLES);
+        for (key, is_offered) in [("commands_from_ros = true", true), ("commands_from_ros = false", false)] {
+            let Some(user) = ros2(domain, &["services", NAMESPACE, "residual"]) else { return };
+            let file = stream_of(&bench, |launch| launch.key(key).edge("residual", "*", DDS));
+            let heard = beside(Started::start(abbe_in(domain, ["launch", &file])), user);
+            let has = |name: &str| {
+                let service = json!(format!("/{NAMESPACE}/residual/{name}"));
+                heard["services"].as_array().unwrap().contains(&service)
+            };
+            assert!(has("list_parameters"), "{key}: {heard}");
+            assert!(has("get_state"), "{key}: {heard}");
+            for name in ["reload_model", "change_state"] {
+                assert_eq!(has(name), is_offered, "{key}: {heard}");
+            }
+        }
+    });
+}
+
+#[test]
 fn val_rclpy_sees_every_node_whatever_its_edges() {
     let test = "val_rclpy_sees_every_node_whatever_its_edges";
     in_own_network(test, |domain| {
@@ -234,6 +257,7 @@ fn val_rclpy_sets_what_may_change_while_nodes_run_and_nothing_else() {
             assert_says(heard[what][place][1].as_str().unwrap(), says);
         };
         refused("no such file", 0, &["nowhere.json", "stays in use"]);
+        refused("pipe", 0, &["no model file", "stays in use"]);
         refused("age", 0, &["max_covariate_age_s", "fixed while the node runs"]);
         refused("one of two", 0, &["window"]);
         refused("none of two", 0, &["window"]);
@@ -294,6 +318,8 @@ fn val_rclpy_a_manager_takes_nodes_through_their_states_and_what_was_paused_says
         });
         let heard = beside(Started::start(abbe_in(domain, ["launch", &file])), user);
         assert_managed(&heard, &model);
+        let again: Vec<CorrectedCoordinates> = samples(&bench.path("recorded-2"), &topic("corrected"));
+        assert!(again.len() >= 200, "a recorder that is configured again begins a bag of its own: {}", again.len());
         let samples: Vec<CorrectedCoordinates> = samples(&bench.path("recorded"), &topic("corrected"));
         let inactive = samples.iter().filter(|sample| sample.status == CorrectionStatus::Inactive);
         // Half a second and more of the geometric node, 0.3 s of the residual node.
@@ -321,7 +347,9 @@ fn assert_managed(heard: &Value, model: &str) {
     assert_eq!(heard["state without a file"], "unconfigured");
     assert_says(heard["reason"].as_str().unwrap(), &["could not be configured", model]);
     let four = json!([true, true, true, true]);
-    assert_eq!((&heard["all 1"], &heard["all 3"]), (&four, &four));
+    for all in ["all 1", "all 3", "recorder again"] {
+        assert_eq!(heard[all], four, "{all}");
+    }
     assert_eq!(heard["at work"], all("active"));
     for done in ["paused", "resumed", "residual paused", "residual resumed", "by label", "cleaned up"] {
         assert_eq!(heard[done], true, "{done}");

@@ -76,6 +76,7 @@ fn launch(kind: TransportKind) -> Launch {
         stamps: Stamps::Recorded,
         publish_clock: false,
         visible_in_ros: false,
+        commands_from_ros: true,
         covariates: Vec::new(),
         motion: None,
         lagged: Vec::new(),

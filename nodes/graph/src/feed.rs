@@ -80,6 +80,7 @@ impl<T: Send + 'static> Feed<T> {
     ) -> Result<((T, Sha256), Feed<T>), FeedError> {
         // Before the load: what changes while it reads is then a change, not the version that was read.
         let read = Version::of(path);
+        let mut load = move |path: &Path| check_regular(path).and_then(|()| load(path));
         let first = load(path)?;
         let (give, ready) = channel();
         let (asks, asked) = channel();
@@ -144,6 +145,19 @@ impl Reload {
             )),
             Err(RecvTimeoutError::Disconnected) => Err(ended),
         }
+    }
+}
+
+/// Refuses what is there and is no file: who opens a pipe waits for its writer, and a device has no end.
+fn check_regular(path: &Path) -> Result<(), FileError> {
+    match std::fs::metadata(path) {
+        Ok(metadata) if !metadata.is_file() => Err(FileError::Io {
+            file: path.display().to_string(),
+            action: "read it",
+            source: std::io::Error::other("a folder, a pipe or a device is no model file"),
+        }),
+        // What is not there, or may not be looked at, is told by who reads it.
+        _ => Ok(()),
     }
 }
 

@@ -252,6 +252,9 @@ pub struct Launch {
     /// Whether nodes without an edge over DDS are in the ROS graph as well, with their parameters, services and diagnostics.
     #[serde(default)]
     pub visible_in_ros: bool,
+    /// Whether services over ROS 2 may change what a node does. Without them the graph is only looked at from there.
+    #[serde(default = "commands_from_ros")]
+    pub commands_from_ros: bool,
     /// What recordings are stamped with while they are played.
     #[serde(default)]
     pub stamps: Stamps,
@@ -323,6 +326,11 @@ pub enum LaunchError {
         /// What is wrong and what to do.
         problem: String,
     },
+}
+
+/// Where the launch file does not say.
+fn commands_from_ros() -> bool {
+    true
 }
 
 impl Launch {

@@ -74,6 +74,21 @@ fn a_good_file_says_who_talks_to_whom_over_what() {
 }
 
 #[test]
+fn services_may_change_what_a_node_does_unless_the_file_says_no() {
+    let silent = GOOD.replacen("max_covariate", "commands_from_ros = false\nmax_covariate", 1);
+    let launch = parse(&silent).unwrap();
+    assert_eq!((parse(GOOD).unwrap().commands_from_ros, launch.commands_from_ros), (true, false));
+    assert_eq!(parse(&launch.to_text().unwrap()).unwrap(), launch, "what is written is read back");
+    assert!(parse(&silent.replacen("false", "\"no\"", 1)).unwrap_err().contains("commands_from_ros"));
+    // Who waits for a manager has to be found by one, and to obey it.
+    let waiting = |more: &str| GOOD.replacen("max_covariate", &format!("autostart = false\n{more}max_covariate"), 1);
+    assert!(parse(&waiting("visible_in_ros = true\n")).is_ok());
+    assert!(parse(&waiting("")).unwrap_err().contains("visible_in_ros = true"));
+    let shut = parse(&waiting("visible_in_ros = true\ncommands_from_ros = false\n")).unwrap_err();
+    assert!(shut.contains("autostart") && shut.contains("commands_from_ros"), "{shut}");
+}
+
+#[test]
 fn shipped_launch_files_are_good() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../launch-config");
     let mut found = 0;

@@ -42,12 +42,24 @@ pub(crate) fn significant(value: f64, digits: i32) -> String {
     if value == 0.0 {
         return "0".to_owned();
     }
-    let magnitude = value.abs().log10().floor() as i32;
+    let magnitude = magnitude(value, digits);
     if (-5..9).contains(&magnitude) {
         fixed(value, (digits - 1 - magnitude).clamp(0, 12) as u8)
     } else {
         scientific(value).replacen('-', "−", usize::from(value < 0.0))
     }
+}
+
+/// Decade of the first digit once a value other than 0 is rounded to `digits` significant ones: 9.996 with three is 10.0.
+fn magnitude(value: f64, digits: i32) -> i32 {
+    let mantissa_decimals = usize::try_from(digits - 1).unwrap_or(0);
+    let text = format!("{:.mantissa_decimals$e}", value.abs());
+    text.split_once('e').and_then(|(_, exponent)| exponent.parse().ok()).unwrap_or(0)
+}
+
+/// Decimals that show a value with `digits` significant digits; a zero has none.
+pub(crate) fn decimals(value: f64, digits: i32) -> u8 {
+    if value == 0.0 || !value.is_finite() { 0 } else { (digits - 1 - magnitude(value, digits)).clamp(0, 9) as u8 }
 }
 
 /// A whole number with thin spaces between groups of three digits from 10 000 on.
@@ -145,6 +157,7 @@ mod tests {
         assert_eq!(fixed(-2.5e12, 1), "−2.50×10¹²");
         assert_eq!(significant(0.012345, 3), "0.0123");
         assert_eq!(significant(-1.5e-9, 3), "−1.50×10⁻⁹");
+        assert_eq!(significant(9.996, 3), "10.0");
         assert_eq!(integer(1234), "1234");
         assert_eq!(integer(-1234567), "−1\u{202F}234\u{202F}567");
     }

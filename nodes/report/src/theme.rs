@@ -188,6 +188,22 @@ mod tests {
         }
     }
 
+    /// Directions of approach looked like before and after a correction.
+    #[test]
+    fn regress_directions_of_approach_have_no_colour_of_a_state() {
+        use crate::sections::CurveStyle;
+        let series = [CurveStyle::APPROACH_POSITIVE, CurveStyle::APPROACH_NEGATIVE].map(|s| s.of_series().unwrap());
+        assert_ne!(series[0], series[1]);
+        for mode in [Mode::Light, Mode::Dark] {
+            let all: std::collections::BTreeMap<String, String> = tokens(mode).into_iter().collect();
+            for series in series {
+                for state in ["before", "between", "after"] {
+                    assert_ne!(all[&format!("s{series}")], all[state], "series {series} looks like {state}");
+                }
+            }
+        }
+    }
+
     /// A figure in a cell of middling colour could not be read in the dark. 4.5 is what WCAG 2.2 asks of a text.
     #[test]
     fn regress_figures_on_every_cell_can_be_read_in_both_modes() {

@@ -52,6 +52,7 @@ fn edges(name: &str, run: &RunId) -> Edges {
         domain: Domain::new(100, DiscoveryRange::Localhost).unwrap(),
         remaps: Vec::new(),
         parameters: ParameterTable::default(),
+        enclave: None,
     });
     let mut config = EdgesConfig::new(identity);
     config.run = Some(run.clone());

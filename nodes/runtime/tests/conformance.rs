@@ -62,7 +62,8 @@ impl World {
 }
 
 fn node(identity: NodeIdentity, domain: Domain) -> RosNode {
-    let options = NodeOptions { identity, domain, remaps: Vec::new(), parameters: ParameterTable::default() };
+    let options =
+        NodeOptions { identity, domain, remaps: Vec::new(), parameters: ParameterTable::default(), enclave: None };
     RosNode::start(options).unwrap()
 }
 
@@ -106,7 +107,8 @@ fn gateway(identity: NodeIdentity, domain: Domain, depth: NonZeroUsize) -> Gatew
         command.args([test, "--exact", "--nocapture", "--test-threads=1"]).env(ROLE, "gateway");
         command
     };
-    let node = NodeOptions { identity, domain, remaps: Vec::new(), parameters: ParameterTable::default() };
+    let node =
+        NodeOptions { identity, domain, remaps: Vec::new(), parameters: ParameterTable::default(), enclave: None };
     GatewayNode::start(GatewayOptions {
         on_change: None,
         rosout: false,

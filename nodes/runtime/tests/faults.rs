@@ -54,7 +54,7 @@ fn node(name: &str, domain: Domain) -> RosNode {
 
 fn node_with(name: &str, domain: Domain, parameters: ParameterTable) -> RosNode {
     let identity = NodeIdentity::new("/", name).unwrap();
-    RosNode::start(NodeOptions { identity, domain, remaps: Vec::new(), parameters }).unwrap()
+    RosNode::start(NodeOptions { identity, domain, remaps: Vec::new(), parameters, enclave: None }).unwrap()
 }
 
 /// The parameters of a node that asks for `reliability` on the stream.

@@ -64,7 +64,14 @@ impl Drop for OverDds {
 /// A node of a user who sends and takes over DDS.
 pub(crate) fn user_node(domain: Domain) -> RosNode {
     let identity = NodeIdentity::new("/", "test_user").unwrap();
-    RosNode::start(NodeOptions { identity, domain, remaps: Vec::new(), parameters: ParameterTable::default() }).unwrap()
+    RosNode::start(NodeOptions {
+        identity,
+        domain,
+        remaps: Vec::new(),
+        parameters: ParameterTable::default(),
+        enclave: None,
+    })
+    .unwrap()
 }
 
 /// The correcting nodes, fed by a user over DDS.

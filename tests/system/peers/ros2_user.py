@@ -3,7 +3,7 @@
 Usage: ros2_user.py streams NAMESPACE COUNT | parameters NODE NAME VALUE | trigger SERVICE
        | clock SECONDS HARDWARE | types TOPIC | nodes NAMESPACE NAME... | scene NAMESPACE | delays NAMESPACE COUNT
        | heard_clock COUNT | machines NAMESPACE... | health NAMESPACE NAME... | manage NAMESPACE ASIDE MODEL
-       | change NAMESPACE MODEL | log NAMESPACE NODE PART
+       | change NAMESPACE MODEL | log NAMESPACE NODE PART | services NAMESPACE NAME
 
 streams     subscribes `corrected_point` and `scale/joint_states` with default quality of service (reliable) and
             with that of sensors (best effort) until COUNT messages have come on each.
@@ -19,6 +19,7 @@ heard_clock takes COUNT times from /clock.
 manage      takes the nodes of a graph through their states, as `ros2 lifecycle` does; ASIDE becomes MODEL on the way.
 change      sets parameters of running nodes, those that may change and those that may not; MODEL becomes the model file.
 log         hears /rosout until a node says PART, long after it did.
+services    names of a node's services, some seconds after it has published its first `corrected_point`.
 nodes       waits until nodes of these names are in a namespace, and gives the parameters of each.
 
 The domain comes from the environment, as for every ROS 2 program. Prints one JSON object. Exits with 1 and a reason
@@ -46,6 +47,7 @@ from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
 
 PATIENCE_S = 60
+SETTLED_S = 3  # in which all endpoints of a node that is there are found
 DEFAULT = 10  # what a user writes without a thought: reliable, volatile, keep last 10
 
 
@@ -103,6 +105,18 @@ def trigger(node, service):
         sys.exit(f"no service {service}")
     reply = answer(node, client.call_async(Trigger.Request()), "the reply")
     return {"success": reply.success, "message": reply.message}
+
+
+def services(node, namespace, name):
+    heard = []
+    node.create_subscription(PointStamped, f"/{namespace}/corrected_point", heard.append, DEFAULT)
+    spin_until(node, lambda: heard, "a sample")
+    own = f"/{namespace}/{name}/"
+    named = lambda: sorted(found for found, _ in node.get_service_names_and_types() if found.startswith(own))
+    spin_until(node, named, "the services")
+    settled = time.monotonic() + SETTLED_S
+    spin_until(node, lambda: time.monotonic() > settled, "the time")
+    return {"services": named()}
 
 
 def clock(node, seconds, hardware):
@@ -284,6 +298,10 @@ def manage(node, namespace, aside, model):
     said["by label"] = geometric.call("change_state", ChangeState.Request(transition=Transition(label="deactivate"))).success
     said["cleaned up"] = geometric.change(Transition.TRANSITION_CLEANUP)
     said["after cleaning"] = geometric.state()
+    recorder = nodes["recorder"]
+    said["recorder again"] = [recorder.change(one) for one in [
+        Transition.TRANSITION_DEACTIVATE, Transition.TRANSITION_CLEANUP,
+        Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE]]
     said["again"] = [geometric.change(Transition.TRANSITION_CONFIGURE), geometric.change(Transition.TRANSITION_ACTIVATE)]
     come(200)
     said["shut down"] = [geometric.change(Transition.TRANSITION_ACTIVE_SHUTDOWN), geometric.state()]
@@ -321,6 +339,8 @@ def change(node, namespace, model):
         described = answer(node, clients[name].describe_parameters(listed), "the descriptions").descriptors
         said[f"changeable of {name}"] = sorted(one.name for one in described if not one.read_only)
     said["no such file"] = set_to("geometric", model="nowhere.json")
+    os.mkfifo(f"{model}.pipe")
+    said["pipe"] = set_to("geometric", model=f"{model}.pipe")
     said["age"] = set_to("geometric", max_covariate_age_s=1.0)
     said["model"] = set_to("geometric", model=model)
     come(200)
@@ -356,7 +376,7 @@ def main():
     print(json.dumps({"streams": streams, "parameters": parameters, "trigger": trigger, "clock": clock,
                       "types": types, "nodes": nodes, "scene": scene, "delays": delays,
                       "heard_clock": heard_clock, "machines": machines, "health": health,
-                      "manage": manage, "change": change, "log": log}[task](node, *words)))
+                      "manage": manage, "change": change, "log": log, "services": services}[task](node, *words)))
 
 
 main()

@@ -73,8 +73,8 @@ pub(crate) fn positioning(axes: &[AxisFigures]) -> Option<Section> {
         x: Axis::new("target", "mm"),
         y: Axis::new("deviation (actual − target)", "µm"),
         curves: vec![
-            direction(axis, "approach +", 1, |target| target.up),
-            direction(axis, "approach −", 2, |target| target.down),
+            direction(axis, "approach +", CurveStyle::APPROACH_POSITIVE, |target| target.up),
+            direction(axis, "approach −", CurveStyle::APPROACH_NEGATIVE, |target| target.down),
         ],
     };
     (!axes.is_empty()).then(|| {
@@ -91,12 +91,12 @@ pub(crate) fn positioning(axes: &[AxisFigures]) -> Option<Section> {
 fn direction(
     axis: &AxisFigures,
     name: &str,
-    series: u8,
+    style: CurveStyle,
     pick: fn(&TargetFigures) -> Option<DirectionFigures>,
 ) -> Curve {
     Curve {
         name: name.to_owned(),
-        style: CurveStyle::Line(series),
+        style,
         x: axis.targets.iter().map(|t| t.target_m * 1e3).collect(),
         y: axis.targets.iter().map(|t| pick(t).map(|d| um(d.mean_m))).collect(),
         half_width: Some(axis.targets.iter().map(|t| pick(t).map(|d| 2.0 * um(d.deviation_m))).collect()),

@@ -186,12 +186,14 @@ fn report(path: &Path, sha256: &[u8; 32], axes: &[AxisFigures], diagonals: Optio
 fn key_figures(all: &[AxisFigures]) -> Section {
     let figure = |axis: &AxisFigures| {
         let beside = [("R", axis.repeatability_m), ("B", axis.reversal_m), ("M", axis.mean_bidirectional_m)];
-        let beside = beside.iter().filter_map(|(name, value)| Some(format!("{name} {:.2}", um((*value)?))));
+        let beside = beside
+            .iter()
+            .filter_map(|(name, value)| Some(format!("{name} {}", Quantity::result(um((*value)?)).text())));
         let either = [("A", axis.accuracy_m), ("A↑", axis.accuracy_up_m), ("A↓", axis.accuracy_down_m)];
         let named = either.into_iter().find_map(|(name, value)| Some((name, value?)));
         KeyFigure {
             label: format!("{} of {}", named.map_or("A", |(name, _)| name), axis.axis),
-            value: named.map(|(_, value)| Quantity::new(um(value), 2)),
+            value: named.map(|(_, value)| Quantity::result(um(value))),
             unit: "µm".to_owned(),
             detail: Some(beside.collect::<Vec<_>>().join(", ")).filter(|text| !text.is_empty()),
             ..KeyFigure::default()
@@ -206,7 +208,7 @@ fn table(all: &[AxisFigures]) -> Section {
         Column::number(name.replace("_up", "↑").replace("_down", "↓").replace("B_mean", "B̄"), unit)
     });
     let row = |axis: &AxisFigures| {
-        let values = figures(axis).into_iter().map(|v| Cell::maybe(v.map(um), 3));
+        let values = figures(axis).into_iter().map(|v| Cell::result(v.map(um)));
         [Cell::text(&axis.axis)].into_iter().chain(values).chain([Cell::count(axis.targets.len())]).collect()
     };
     Section::Table(TableSection {

@@ -144,9 +144,9 @@ fn position_figures(positions: &[PositionSummary]) -> Vec<Section> {
     axes.dedup();
     let panel = |axis: &str| {
         let own: Vec<&PositionSummary> = positions.iter().filter(|p| p.axis == axis).collect();
-        let curve = |name: &str, series: u8, of: fn(&PositionSummary) -> (Option<f64>, Option<f64>)| Curve {
+        let curve = |name: &str, style: CurveStyle, of: fn(&PositionSummary) -> (Option<f64>, Option<f64>)| Curve {
             name: name.to_owned(),
-            style: CurveStyle::Line(series),
+            style,
             x: own.iter().map(|p| p.target_m * 1e3).collect(),
             y: own.iter().map(|p| of(p).0.map(|m| m * 1e6)).collect(),
             half_width: Some(own.iter().map(|p| of(p).1.map(|m| 2.0 * m * 1e6)).collect()),
@@ -156,8 +156,8 @@ fn position_figures(positions: &[PositionSummary]) -> Vec<Section> {
             x: Axis::new("target", "mm"),
             y: Axis::new("error (actual − target)", "µm"),
             curves: vec![
-                curve("approach +", 1, |p| (p.mean_positive_m, p.deviation_positive_m)),
-                curve("approach −", 2, |p| (p.mean_negative_m, p.deviation_negative_m)),
+                curve("approach +", CurveStyle::APPROACH_POSITIVE, |p| (p.mean_positive_m, p.deviation_positive_m)),
+                curve("approach −", CurveStyle::APPROACH_NEGATIVE, |p| (p.mean_negative_m, p.deviation_negative_m)),
             ],
         }
     };

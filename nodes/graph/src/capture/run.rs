@@ -20,7 +20,7 @@ use abbe_files::{CaptureJournal, FileError, MachineFile};
 use abbe_msgs::{ScaleReading, TracerReading};
 use abbe_runtime::Shutdown;
 use abbe_runtime::gateway::{GatewayNode, GatewayOptions};
-use abbe_runtime::ros::{Domain, NodeOptions, ParameterTable, RosError};
+use abbe_runtime::ros::{Domain, Enclave, NodeOptions, ParameterTable, RosError};
 use std::num::NonZeroUsize;
 use std::path::Path;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TryRecvError, sync_channel};
@@ -383,7 +383,8 @@ fn join_ros(machine: &MachineFile) -> Result<GatewayNode, CaptureError> {
         let identity = user_identity("", NODE)?;
         let command = gateway_command(&identity, None)?;
         let domain = Domain::from_environment().map_err(RosError::from)?;
-        let node = NodeOptions { identity, domain, remaps: Vec::new(), parameters: ParameterTable::default() };
+        let enclave = Enclave::from_environment(None).map_err(RosError::from)?;
+        let node = NodeOptions { identity, domain, remaps: Vec::new(), parameters: ParameterTable::default(), enclave };
         Ok(GatewayNode::start(GatewayOptions {
             on_change: None,
             rosout: true,

@@ -70,6 +70,12 @@ impl Launch {
             );
             return wrong("autostart", &problem);
         }
+        if !self.autostart && !self.commands_from_ros {
+            return wrong(
+                "autostart",
+                "false leaves the nodes to a manager, which commands_from_ros = false shuts out",
+            );
+        }
         self.check_stamps(path)?;
         self.check_covariates(path)?;
         if self.scale.as_ref().is_some_and(|source| source.repeat_from.is_some() && source.driver.is_live()) {

@@ -81,7 +81,7 @@ impl Diagnosis {
             answer.recv_timeout(ANSWER_WITHIN).unwrap_or(Err(stopping))
         };
         let serve = |node: &GatewayNode| node.trigger_service(topics::DIAGNOSE, handler);
-        let service = context.ros.as_ref().map(serve).transpose()?;
+        let service = context.commanded().map(serve).transpose()?;
         let advice = advice(context, config);
         let (counts, running, last, started_for) = (Counts::default(), None, None, None);
         Ok(Diagnosis { plan, readings, running, last, started_for, counts, asked, advice, _service: service })
@@ -250,11 +250,16 @@ fn advice(context: &NodeContext, config: &MonitorConfig) -> String {
     let service = |node: &GatewayNode| {
         format!("call the service {}/diagnose (std_srvs/srv/Trigger)", node.identity().qualified())
     };
-    match (&config.diagnosis_folder, &context.ros, config.diagnose_when_degraded) {
+    match (&config.diagnosis_folder, context.commanded(), config.diagnose_when_degraded) {
         (None, _, _) => "name a diagnosis_folder in [monitor] of the launch file to have it diagnosed".to_owned(),
         (_, Some(node), false) => format!("to have it diagnosed, {}", service(node)),
         (_, Some(node), true) => format!("{itself}; to have it now, {}", service(node)),
         (_, None, true) => itself.to_owned(),
+        (_, None, false) if context.ros.is_some() => {
+            "to have it diagnosed, set diagnose_when_degraded in [monitor] of the launch file, or let its service ~/diagnose be \
+             called with commands_from_ros = true"
+                .to_owned()
+        }
         (_, None, false) => {
             "to have it diagnosed, set diagnose_when_degraded in [monitor] of the launch file, or give \
                              the monitor an edge over dds and call its service ~/diagnose"

@@ -63,15 +63,16 @@ impl Lifecycle {
         Lifecycle(Arc::new(Inner { process, is_active: AtomicBool::new(false), place, services: OnceLock::new() }))
     }
 
-    /// Offers the services of a managed node, and tells the state on `/diagnostics`.
-    pub(super) fn serve(&self, node: &GatewayNode, hardware_id: &str) -> Result<(), NodeError> {
+    /// Offers the services of a managed node, that which changes its state where it is `commanded`, and tells the state on
+    /// `/diagnostics`.
+    pub(super) fn serve(&self, node: &GatewayNode, hardware_id: &str, commanded: bool) -> Result<(), NodeError> {
         // Weak: the node leaves the graph when its loop lets go of it, whoever still serves.
         let inner = Arc::downgrade(&self.0);
         let handler = move |transition| match inner.upgrade() {
             Some(inner) => Lifecycle(inner).follow(transition),
             None => Err("the node is stopping".to_owned()),
         };
-        let services = node.lifecycle(LifecycleState::Unconfigured, handler)?;
+        let services = node.lifecycle(LifecycleState::Unconfigured, commanded, handler)?;
         if self.place().by_itself {
             services.begins(Transition::Configure, LifecycleState::Unconfigured);
         }
@@ -274,6 +275,7 @@ pub(super) fn live(
     }
     while let Some(life) = lifecycle.begin() {
         context.shutdown = life;
+        context.configured += 1;
         let name = context.name;
         context.changes.apply(&mut context.launch, name);
         match work(&context) {
@@ -288,6 +290,7 @@ pub(super) fn live(
                 if !lifecycle.ended(Err(reason)) {
                     return Err(error);
                 }
+                context.configured -= 1;
                 tracing::warn!("the node could not be configured: {error}");
             }
         }

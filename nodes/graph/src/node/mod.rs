@@ -36,7 +36,9 @@ use abbe_files::{FileError, MachineFile, read_machine};
 use abbe_msgs::bag::BagError;
 use abbe_msgs::{Message, MessageError};
 use abbe_runtime::gateway::{Companion, Content, GatewayCommand, GatewayNode, GatewayOptions, OnChange};
-use abbe_runtime::ros::{ArgsError, Clock, Domain, NodeIdentity, NodeOptions, RosArgs, RosError, resolve};
+use abbe_runtime::ros::{
+    ArgsError, Clock, Domain, Enclave, NodeIdentity, NodeOptions, RosArgs, RosError, offer_best_effort, resolve,
+};
 use abbe_runtime::transport::shared_memory;
 use abbe_runtime::{
     Claim, ClaimError, Edges, EdgesConfig, Publish, RunId, Shutdown, ShutdownError, Subscribe, TransportError,
@@ -215,6 +217,8 @@ pub(crate) struct NodeContext {
     changes: Changes,
     /// How often the launcher has started this node before.
     pub(crate) life: u32,
+    /// How often this process has been configured.
+    configured: u32,
     /// Whether the launcher is still to be told that the node is ready.
     unready: Cell<bool>,
 }
@@ -278,8 +282,15 @@ impl NodeContext {
             .identity(&launch.namespace, call.name.name())
             .map_err(|error| NodeError::Name(error.to_string()))?;
         let qos = parameters::qos(&launch, call.name, |topic| resolve(topic, &identity, &call.ros_args.remaps));
-        let table = parameters::table(&launch, call.name, qos.map_err(RosError::from)?).map_err(RosError::from)?;
+        let mut qos = qos.map_err(RosError::from)?;
+        // Nothing of a node that is not in the graph needs keys.
+        let enclave = Enclave::from_environment(call.ros_args.enclave.as_deref());
+        if matches!(enclave, Ok(Some(_))) {
+            offer_best_effort(&mut qos);
+        }
+        let table = parameters::table(&launch, call.name, qos).map_err(RosError::from)?;
         let table = table.with_assignments(&identity, &call.ros_args.parameters).map_err(RosError::from)?;
+        let table = if launch.commands_from_ros { table } else { table.fixed() };
         parameters::apply(table.values(), &mut launch, call.name);
         let uses_sim_time = table.uses_sim_time();
         let remaps = call.ros_args.remaps;
@@ -287,9 +298,10 @@ impl NodeContext {
         let changes = Changes::default();
         let ros = if launch.is_in_ros_graph(call.name) {
             let domain = Domain::from_environment().map_err(RosError::from)?;
+            let enclave = enclave.map_err(RosError::from)?;
             Some(GatewayNode::start(GatewayOptions {
                 command: gateway_command(&identity, call.run.as_ref())?,
-                node: NodeOptions { identity, domain, remaps: remaps.clone(), parameters: table },
+                node: NodeOptions { identity, domain, remaps: remaps.clone(), parameters: table, enclave },
                 run: call.run.clone(),
                 depth: config.depth,
                 memory_limit_bytes: launch.gateway_memory_bytes(),
@@ -314,7 +326,7 @@ impl NodeContext {
         config.remaps = remaps;
         let lifecycle = Lifecycle::new(&shutdown, launch.autostart);
         if let Some(node) = &ros {
-            lifecycle.serve(node, &machine.machine.name)?;
+            lifecycle.serve(node, &machine.machine.name, launch.commands_from_ros)?;
         }
         let whole_run = call.run.clone();
         let run = if launch.uses(call.name, TransportKind::SharedMemory) { call.run } else { None };
@@ -339,6 +351,7 @@ impl NodeContext {
             lifecycle,
             changes,
             life,
+            configured: 0,
             unready,
         })
     }
@@ -347,6 +360,11 @@ impl NodeContext {
     fn summary(&self) -> NodeSummary {
         let troubles = traffic::Troubles::by_clock(self.clock());
         NodeSummary { node: self.name.name().to_owned(), troubles, ..NodeSummary::default() }
+    }
+
+    /// The node's place in the ROS graph for services that change what it does; none where it takes no commands.
+    fn commanded(&self) -> Option<&GatewayNode> {
+        self.ros.as_ref().filter(|_| self.launch.commands_from_ros)
     }
 
     /// The time that the node goes by.
@@ -416,12 +434,17 @@ impl NodeContext {
         })
     }
 
-    /// A file or folder that is written anew by each process of the node: those after the first get a number.
+    /// Whether this process has been configured, and cleaned up, before.
+    pub(crate) fn is_configured_again(&self) -> bool {
+        self.configured > 1
+    }
+
+    /// A file or folder that is written anew by each life of the node: those after the first get the next free number.
     pub(crate) fn of_this_life(&self, path: &Path) -> PathBuf {
-        match (self.life, path.file_name()) {
-            (1.., Some(name)) => path.with_file_name(format!("{}-{}", name.to_string_lossy(), self.life + 1)),
-            _ => path.to_owned(),
-        }
+        let is_first = self.life == 0 && !self.is_configured_again();
+        let Some(name) = path.file_name().filter(|_| !is_first) else { return path.to_owned() };
+        let numbered = |number| path.with_file_name(format!("{}-{number}", name.to_string_lossy()));
+        (2_u32..).map(numbered).find(|path| !path.exists()).unwrap_or_else(|| path.to_owned())
     }
 
     /// Tells the launcher, once, that the node takes part in the graph.

@@ -105,7 +105,7 @@ impl<T: Send + 'static> ArtifactFeed<T> {
             None => Err(format!("the launch file names no {name}; add the key {key} and start the node again")),
         };
         let serve = |node: &GatewayNode| node.trigger_service(topics::RELOAD_MODEL, handler);
-        Ok(context.ros.as_ref().map(serve).transpose()?)
+        Ok(context.commanded().map(serve).transpose()?)
     }
 
     /// Has another file used from now on, where it can be; any thread may ask.

@@ -16,6 +16,8 @@ use std::path::{Path, PathBuf};
 
 /// Largest number a parameter in seconds, hertz or standard uncertainties may have.
 const LARGEST: f64 = 1e6;
+/// Longest window that a parameter may ask for: hours of residuals at 100 Hz.
+const LONGEST_WINDOW: i64 = 1_000_000;
 /// Smallest number above zero that makes sense for any of them.
 const SMALLEST: f64 = 1e-6;
 
@@ -94,7 +96,7 @@ fn file(name: &'static str, path: Option<&Path>) -> Option<ParameterSpec> {
         name,
         default: ParameterValue::String(path?.to_string_lossy().into_owned()),
         unit: "",
-        range: Range::Any,
+        range: Range::NotEmpty,
         read_only: false,
         description: "File in use, relative to the launch file.",
     })
@@ -118,7 +120,7 @@ fn monitor(
             name: WINDOW,
             default: ParameterValue::Integer(window),
             unit: "",
-            range: Range::Integer(1, i64::MAX),
+            range: Range::Integer(1, LONGEST_WINDOW.max(window)),
             read_only: true,
             description: "Residuals over which the mean square is taken.",
         },
@@ -227,6 +229,8 @@ mod tests {
     fn values_out_of_range_and_unknown_names_are_refused() {
         assert!(with(NodeName::Geometric, "max_covariate_age_s:=-1.0").unwrap_err().contains("max_covariate_age_s"));
         assert!(with(NodeName::Monitor, "window:=0").unwrap_err().contains("window"));
+        assert!(with(NodeName::Monitor, "window:=1000001").unwrap_err().contains("window"));
+        assert!(with(NodeName::Geometric, "model:=''").unwrap_err().contains("not empty"));
         assert!(with(NodeName::Geometric, "rate_hz:=10.0").unwrap_err().contains("rate_hz"));
     }
 }

@@ -11,7 +11,7 @@ use super::sensors::Sensors;
 use super::traffic::{Trouble, send};
 use super::{NodeContext, NodeError, NodeSummary, links};
 use crate::driver::{self, DriverConfig, DriverError};
-use crate::launch::Source;
+use crate::launch::{Source, Stamps};
 use crate::link::Link;
 use crate::present;
 use crate::step::{DerivedLags, DerivedMotion};
@@ -72,7 +72,13 @@ fn of_driver(link: Option<Link>) -> Option<(String, Link)> {
 }
 
 fn source<'a>(context: &NodeContext, source: Option<&'a Source>) -> Result<&'a Source, NodeError> {
-    source.ok_or(NodeError::Incomplete { node: context.name.name(), part: "a driver for it" })
+    let source = source.ok_or(NodeError::Incomplete { node: context.name.name(), part: "a driver for it" })?;
+    // All sources of a launch have agreed about one present for one beginning.
+    if context.is_configured_again() && context.launch.stamps == Stamps::Now && !source.driver.is_live() {
+        let problem = "a recording that is stamped with the present cannot begin anew; start the whole launch again";
+        return Err(NodeError::Present(problem.to_owned()));
+    }
+    Ok(source)
 }
 
 fn play<M: Message>(

@@ -52,8 +52,8 @@ fn effects(diagnosis: &DiagnosisReport, sections: &mut Vec<Section>) {
 
 fn evidence(diagnosis: &DiagnosisReport, sections: &mut Vec<Section>) {
     let record = &diagnosis.record;
-    sections.push(heading("Is the residual noise?", None));
-    sections.push(record.detection_table());
+    sections.push(heading("Is the residual noise?", Some(&record.detection_words())));
+    sections.extend(record.detection_table());
     sections.extend(diagnosis.figures.iter().cloned());
     if let Some(residuals) = &diagnosis.residuals {
         sections.extend(residuals.by_group());
@@ -93,7 +93,7 @@ impl Record {
     }
 
     fn key_figures(&self) -> KeyFigures {
-        let quantity = |value: Option<f64>, decimals: u8| value.map(|v| Quantity::new(v, decimals));
+        let quantity = |value: Option<f64>| value.map(Quantity::result);
         let interval = |before: Option<(f64, f64)>, after: Option<(f64, f64)>| {
             let one = |(low, high)| format!("{} to {}", significant(low, 3), significant(high, 3));
             match (before, after) {
@@ -112,16 +112,16 @@ impl Record {
         };
         // Where nothing was added, before and after are one.
         let is_same = self.effects.is_empty() && !self.enriched;
-        let figure = |label: &str, b: Option<f64>, a: Option<f64>, decimals, unit: &str, detail: String| KeyFigure {
+        let figure = |label: &str, b: Option<f64>, a: Option<f64>, unit: &str, detail: String| KeyFigure {
             label: label.to_owned(),
-            before: quantity(b, decimals).filter(|_| !is_same),
-            value: quantity(a, decimals),
+            before: quantity(b).filter(|_| !is_same),
+            value: quantity(a),
             unit: unit.to_owned(),
             detail: Some(detail),
             tone: Tone::Neutral,
         };
         let (b, a) = (before.held_out_rms_um, after.held_out_rms_um);
-        let mut figures = vec![figure("Error on data left out, rms", b, a, 3, "µm", held_out)];
+        let mut figures = vec![figure("Error on data left out, rms", b, a, "µm", held_out)];
         if let Some(verification) = &self.verification {
             let detail = format!(
                 "3-D, {} points of {}; {}",
@@ -130,16 +130,16 @@ impl Record {
                 interval(before.verify_interval_um, after.verify_interval_um)
             );
             let (b, a) = (before.verify_rms_um, after.verify_rms_um);
-            figures.push(figure("Verification error, rms", b, a, 3, "µm", detail));
+            figures.push(figure("Verification error, rms", b, a, "µm", detail));
             let (b, a) = (before.verify_max_um, after.verify_max_um);
-            figures.push(figure("Verification error, largest", b, a, 3, "µm", "the same points".to_owned()));
+            figures.push(figure("Verification error, largest", b, a, "µm", "the same points".to_owned()));
         }
         let (b, a) = (before.chi2_per_dof, after.chi2_per_dof);
         let detail = "1 where the declared uncertainties explain the residual".to_owned();
-        figures.push(figure("χ² per degree of freedom", b, a, 3, "", detail));
+        figures.push(figure("χ² per degree of freedom", b, a, "", detail));
         let (b, a) = (before.residual_rms_um, after.residual_rms_um);
         let detail = format!("{} used, {} rejected", self.detection.after.used, self.detection.after.rejected);
-        figures.push(figure("Residual of the fit, rms", b, a, 3, "µm", detail));
+        figures.push(figure("Residual of the fit, rms", b, a, "µm", detail));
         // A figure that these data do not give tells nothing.
         figures.retain(|figure| figure.value.is_some());
         KeyFigures { title: "Key figures".to_owned(), figures }

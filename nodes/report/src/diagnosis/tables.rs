@@ -3,7 +3,7 @@
 use super::record::{Effect, NotIdentifiable, Parameter, Placebo, Record, Structure};
 use super::words::alias_words;
 use super::{HELD_ALREADY, is_held_already, readable};
-use crate::sections::{Cell, Column, Section, TableSection};
+use crate::sections::{Callout, Cell, Column, Section, TableSection, Tone};
 use crate::text::significant;
 use serde_json::Value;
 use std::collections::BTreeMap;
@@ -14,6 +14,14 @@ const SMALLEST_P: f64 = 1e-300;
 fn table(title: &str, note: Option<&str>, columns: Vec<Column>, rows: Vec<Vec<Option<Cell>>>) -> Section {
     let note = note.map(str::to_owned);
     Section::Table(TableSection { title: title.to_owned(), note, columns, rows, total_rows: None })
+}
+
+/// A table, or where it would be empty what that means.
+fn table_or(title: &str, note: &str, columns: Vec<Column>, rows: Vec<Vec<Option<Cell>>>, empty: &str) -> Section {
+    if rows.is_empty() {
+        return Section::Callout(Callout { tone: Tone::Neutral, title: title.to_owned(), text: empty.to_owned() });
+    }
+    table(title, Some(note), columns, rows)
 }
 
 /// A probability as text: most are far too small for decimals.
@@ -48,8 +56,8 @@ impl Record {
             vec![
                 Cell::text(e.label()),
                 probability(e.p_value),
-                Cell::maybe(e.size_um, 3),
-                Cell::maybe(e.held_out_gain_um, 3),
+                Cell::result(e.size_um),
+                Cell::result(e.held_out_gain_um),
                 Cell::maybe(e.alias_share, 3),
                 Cell::text(alias_words(e.alias_share)),
             ]
@@ -109,9 +117,9 @@ impl Record {
             let Placebo { gain, unit, draws, median, quantile_95, share_as_good } = &e.placebo;
             vec![
                 Cell::text(e.label()),
-                Cell::maybe(*gain, 4),
-                Cell::maybe(*median, 4),
-                Cell::maybe(*quantile_95, 4),
+                Cell::result(*gain),
+                Cell::result(*median),
+                Cell::result(*quantile_95),
                 Cell::maybe(*share_as_good, 3),
                 Cell::count(*draws),
                 Cell::text(unit),
@@ -176,8 +184,8 @@ impl Record {
                     Cell::text(&label),
                     Cell::text(&l.by),
                     Cell::count(l.blocks),
-                    Cell::maybe(l.without, 3),
-                    Cell::maybe(l.with, 3),
+                    Cell::result(l.without),
+                    Cell::result(l.with),
                     Cell::maybe(l.deviations, 1),
                 ]
             };
@@ -220,7 +228,8 @@ impl Record {
         };
         let note = "These effects may be there: with this plan the model's own parameters would take them up. Where \
                     they belong to position alone, correction at the campaign's conditions does not suffer.";
-        table("Cannot be identified", Some(note), columns, self.not_identifiable.iter().map(row).collect())
+        let empty = "No candidate was seen that the model imitates so well that these data could not judge it.";
+        table_or("Cannot be identified", note, columns, self.not_identifiable.iter().map(row).collect(), empty)
     }
 
     /// What needs a sensor.
@@ -228,7 +237,8 @@ impl Record {
         let columns = vec![Column::text("effect"), Column::text("needs")];
         let row = |u: &super::Untestable| vec![Cell::text(&u.name), Cell::text(&u.needs)];
         let note = "Not logged, or logged and constant. Nothing is claimed of these effects.";
-        table("Untestable", Some(note), columns, self.untestable.iter().map(row).collect())
+        let empty = "No candidate was left out for want of a sensor, a column or a move.";
+        table_or("Untestable", note, columns, self.untestable.iter().map(row).collect(), empty)
     }
 
     /// A numbered list.
@@ -237,8 +247,35 @@ impl Record {
         table(title, note, vec![Column::number("no.", "1"), Column::text(heading)], rows.collect())
     }
 
-    /// Detection, before beside after.
-    pub(super) fn detection_table(&self) -> Section {
+    /// What was looked at and what was found, in a few sentences.
+    pub(super) fn detection_words(&self) -> String {
+        let (b, a) = (&self.detection.before, &self.detection.after);
+        let looked = match b.rejected {
+            0 => format!("Looked at: what the model leaves of {} observations.", b.used),
+            rejected => format!(
+                "Looked at: what the model leaves of {} observations; {rejected} more were rejected as gross errors.",
+                b.used
+            ),
+        };
+        let is_same = self.effects.is_empty() && !self.enriched;
+        let said = match is_same || b.words == a.words {
+            true => b.words.clone(),
+            false => format!("Before: {} After: {}", b.words, a.words),
+        };
+        let found = match (is_same, self.consistent_with_noise) {
+            (true, true) => "Found: nothing that noise does not have.",
+            (true, false) => "Found: something that noise does not have, and no candidate that explains it.",
+            (false, _) => "Found: something that noise does not have; the answer at the top says what it is.",
+        };
+        let tests = "These data give no figure that tells a residual from noise by itself: declared uncertainties and \
+                     repeats are missing or too few.";
+        let tests = if self.detection_rows().is_empty() { tests } else { "" };
+        [looked.as_str(), &said, found, tests].into_iter().filter(|said| !said.is_empty()).collect::<Vec<_>>().join(" ")
+    }
+
+    /// Detection, before beside after; nothing where the data give no figure.
+    pub(super) fn detection_table(&self) -> Option<Section> {
+        let rows = self.detection_rows();
         let columns = vec![
             Column::text("figure"),
             Column::text("noise has"),
@@ -247,6 +284,11 @@ impl Record {
             Column::number("after", "1"),
             Column::text("probability after"),
         ];
+        let note = "A dash is a figure that these data do not give.";
+        (!rows.is_empty()).then(|| table("Is it noise?", Some(note), columns, rows))
+    }
+
+    fn detection_rows(&self) -> Vec<Vec<Option<Cell>>> {
         let (b, a) = (&self.detection.before, &self.detection.after);
         let plain = |value: Option<f64>, p_value: Option<f64>| Some(Structure { value, p_value });
         let rows = [
@@ -267,15 +309,13 @@ impl Record {
             ("misfit over the scatter of replicates", "1", b.lack_of_fit, a.lack_of_fit),
         ];
         let row = |(name, noise, before, after): (&str, &str, Option<Structure>, Option<Structure>)| {
-            let cells = |s: Option<Structure>| {
-                [Cell::maybe(s.and_then(|s| s.value), 3), probability(s.and_then(|s| s.p_value))]
-            };
+            let cells =
+                |s: Option<Structure>| [Cell::result(s.and_then(|s| s.value)), probability(s.and_then(|s| s.p_value))];
             [vec![Cell::text(name), Cell::text(noise)], cells(before).to_vec(), cells(after).to_vec()].concat()
         };
         let is_known = |s: &Option<Structure>| s.is_some_and(|s| s.value.is_some() || s.p_value.is_some());
         let rows = rows.into_iter().filter(|(_, _, before, after)| is_known(before) || is_known(after));
-        let note = format!("Before: {} After: {} A dash is a figure that these data do not give.", b.words, a.words);
-        table("Is it noise?", Some(&note), columns, rows.map(row).collect())
+        rows.map(row).collect()
     }
 
     /// Residual by station, offset, direction.
@@ -297,10 +337,10 @@ impl Record {
             vec![
                 Cell::text(&g.name),
                 Cell::count(g.count),
-                Cell::maybe(g.mean_um, 3),
-                Cell::maybe(later.and_then(|l| l.mean_um), 3),
-                Cell::maybe(g.mean_square, 3),
-                Cell::maybe(later.and_then(|l| l.mean_square), 3),
+                Cell::result(g.mean_um),
+                Cell::result(later.and_then(|l| l.mean_um)),
+                Cell::result(g.mean_square),
+                Cell::result(later.and_then(|l| l.mean_square)),
             ]
         };
         let title = "By station, offset and direction";
@@ -310,7 +350,7 @@ impl Record {
     /// Error of blocks left out of the final fit.
     pub(super) fn blocked_table(&self) -> Option<Section> {
         let columns = vec![Column::text("left out"), Column::number("before", "1"), Column::number("after", "1")];
-        let row = |b: &super::Blocked| vec![Cell::text(&b.by), Cell::maybe(b.before, 3), Cell::maybe(b.after, 3)];
+        let row = |b: &super::Blocked| vec![Cell::text(&b.by), Cell::result(b.before), Cell::result(b.after)];
         let note = "Rms over the declared noise, predicted by the final structure fitted to the rest.";
         let rows: Vec<_> = self.held_out.blocked.iter().map(row).collect();
         (!rows.is_empty()).then(|| table("Blocks left out of the final fit", Some(note), columns, rows))
@@ -329,9 +369,9 @@ impl Record {
         let row = |r: &super::Rung| {
             vec![
                 Cell::text(r.added.as_deref().unwrap_or("(the model as it was)")),
-                Cell::maybe(r.held_out_rms_um, 3),
+                Cell::result(r.held_out_rms_um),
                 interval_cell(r.held_out_interval_um),
-                Cell::maybe(r.residual_rms_um, 3),
+                Cell::result(r.residual_rms_um),
                 probability(r.p_value),
                 Cell::maybe(r.alias_share, 3),
             ]
@@ -352,7 +392,7 @@ impl Record {
         let row = |a: &super::Alternative| {
             vec![
                 Cell::text(if a.effects.is_empty() { "(none)".to_owned() } else { a.effects.join(" + ") }),
-                Cell::maybe(a.held_out_rms_um, 3),
+                Cell::result(a.held_out_rms_um),
                 interval_cell(a.held_out_interval_um),
                 probability(a.p_value),
                 Cell::maybe(a.evidence, 1),

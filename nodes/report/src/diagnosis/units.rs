@@ -54,7 +54,7 @@ fn grouped(denominator: &str) -> String {
 /// Decimals that show an uncertainty with two digits.
 pub(crate) fn decimals(uncertainty: Option<f64>) -> u8 {
     match uncertainty {
-        Some(u) if u > 0.0 && u.is_finite() => (1.0 - u.log10().floor()).clamp(0.0, 9.0) as u8,
+        Some(u) if u > 0.0 && u.is_finite() => crate::text::decimals(u, 2),
         _ => 3,
     }
 }
@@ -92,6 +92,8 @@ mod tests {
     fn decimals_follow_the_uncertainty() {
         assert_eq!(decimals(Some(0.034)), 3);
         assert_eq!(decimals(Some(12.0)), 0);
+        // 0.0996 with two digits is 0.10.
+        assert_eq!(decimals(Some(0.0996)), 2);
         assert_eq!(decimals(None), 3);
     }
 }

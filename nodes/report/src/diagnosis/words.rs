@@ -164,6 +164,47 @@ mod tests {
         Record { held_out: HeldOut { blocks, ..HeldOut::default() }, ..Record::default() }
     }
 
+    /// "Is it noise? None." says the wrong thing: an empty table says nothing of what was looked at.
+    #[test]
+    fn regress_a_page_without_tests_of_the_noise_says_what_was_looked_at_and_found() {
+        let mut clean = Record { consistent_with_noise: true, ..record() };
+        clean.detection.before.used = 432;
+        clean.detection.before.words = "The residual is 0.4 um rms.".to_owned();
+        let page = |record: &Record| {
+            let identity = Default::default();
+            let report =
+                DiagnosisReport { record: record.clone(), residuals: None, figures: Vec::new(), identity, next: None };
+            report.html().unwrap()
+        };
+        let html = page(&clean);
+        assert!(!html.contains("Is it noise?"));
+        assert!(html.contains("no figure that tells a residual from noise"));
+        for said in ["of 432 observations", "The residual is 0.4 µm rms.", "Found: nothing that noise does not have"] {
+            assert!(html.contains(said), "{said}");
+        }
+        for empty in ["Untestable", "Cannot be identified"] {
+            let after = html.split(empty).nth(1).unwrap();
+            assert!(!after.get(..80).unwrap_or(after).contains("None."), "{empty}");
+        }
+        clean.consistent_with_noise = false;
+        clean.detection.before.chi2_per_dof = Some(2.5);
+        let html = page(&clean);
+        assert!(html.contains("Is it noise?") && html.contains("Found: something that noise does not have"));
+        assert!(!html.contains("no figure that tells a residual from noise"));
+    }
+
+    /// Three decimals at 40 µm are digits that nobody measured.
+    #[test]
+    fn regress_a_result_without_an_uncertainty_has_three_digits() {
+        let mut found = Record { enriched: true, ..record() };
+        found.before.held_out_rms_um = Some(41.841_2);
+        found.after.held_out_rms_um = Some(0.430_17);
+        let identity = Default::default();
+        let report = DiagnosisReport { record: found, residuals: None, figures: Vec::new(), identity, next: None };
+        let html = report.html().unwrap();
+        assert!(html.contains("41.8 ") && html.contains("0.430") && !html.contains("41.84"));
+    }
+
     #[test]
     fn a_clean_residual_is_called_noise_and_nothing_more() {
         let clean = Record { consistent_with_noise: true, ..record() };

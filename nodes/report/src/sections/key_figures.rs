@@ -7,6 +7,9 @@ use serde::{Deserialize, Serialize};
 use super::Tone;
 use crate::text::{MISSING, escape, fixed, prose};
 
+/// Significant digits of a result whose uncertainty is not stated.
+const RESULT_DIGITS: i32 = 3;
+
 /// A number and how many decimals of it are shown.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Quantity {
@@ -17,6 +20,16 @@ pub struct Quantity {
 }
 
 impl Quantity {
+    /// A result without an uncertainty: three significant digits.
+    pub fn result(value: f64) -> Self {
+        Self { value, decimals: crate::text::decimals(value, RESULT_DIGITS) }
+    }
+
+    /// The number as a page shows it.
+    pub fn text(&self) -> String {
+        fixed(self.value, self.decimals)
+    }
+
     /// A number with its decimals.
     pub fn new(value: f64, decimals: u8) -> Self {
         Self { value, decimals }

@@ -62,6 +62,20 @@ pub enum CurveStyle {
 }
 
 impl CurveStyle {
+    /// A line for approaches in + direction: no colour of a [`State`].
+    pub const APPROACH_POSITIVE: Self = Self::Line(3);
+    /// A line for approaches in − direction: no colour of a [`State`].
+    pub const APPROACH_NEGATIVE: Self = Self::Line(6);
+
+    /// Class of its band, and by its number the token of its colour.
+    #[cfg(test)]
+    pub(crate) fn of_series(self) -> Option<u8> {
+        match self {
+            Self::Line(series) | Self::Points(series) => Some(Self::series(series)),
+            _ => None,
+        }
+    }
+
     fn series(series: u8) -> u8 {
         (series.max(1) - 1) % SERIES + 1
     }

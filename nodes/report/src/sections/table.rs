@@ -55,6 +55,11 @@ impl Cell {
         Some(Self::Number(super::Quantity { value, decimals }))
     }
 
+    /// A result without an uncertainty: three significant digits; missing if the number is.
+    pub fn result(value: Option<f64>) -> Option<Self> {
+        value.map(|value| Self::Number(super::Quantity::result(value)))
+    }
+
     /// A number cell, missing if the number is.
     pub fn maybe(value: Option<f64>, decimals: u8) -> Option<Self> {
         value.and_then(|v| Self::number(v, decimals))

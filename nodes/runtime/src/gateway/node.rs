@@ -157,14 +157,15 @@ impl GatewayNode {
         Ok(GatewayService { _held: held })
     }
 
-    /// The services of a managed node that stands in `state`. `handler` follows a transition, and runs on a thread of its
-    /// own.
+    /// The services of a managed node that stands in `state`; that which changes it only where the node is `commanded`.
+    /// `handler` follows a transition, and runs on a thread of its own.
     ///
     /// # Errors
     /// When the services cannot be made.
     pub fn lifecycle(
         &self,
         state: LifecycleState,
+        commanded: bool,
         mut handler: impl FnMut(Transition) -> TriggerOutcome + Send + 'static,
     ) -> Result<GatewayLifecycle, TransportError> {
         let (calls, asked) = channel();
@@ -173,7 +174,7 @@ impl GatewayNode {
             Asked::Trigger | Asked::Set(_) => Err("this is no change of the state".to_owned()),
         };
         answer(&self.0.shared, asked, follow)?;
-        Ok(GatewayLifecycle { held: self.open(Endpoint::Lifecycle(state), NodeEnd::Service(calls))? })
+        Ok(GatewayLifecycle { held: self.open(Endpoint::Lifecycle(state, commanded), NodeEnd::Service(calls))? })
     }
 
     /// A message on `topic` that whoever joins later gets as well, as long as what is returned is held.

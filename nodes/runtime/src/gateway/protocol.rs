@@ -20,8 +20,8 @@ use super::companion::{Companion, Standing};
 use super::foreign::Foreign;
 use crate::log_lines::LogLine;
 use crate::ros::{
-    DiscoveryRange, Domain, LifecycleState, NodeIdentity, NodeOptions, ParameterSpec, ParameterTable, ParameterValue,
-    Range, RemapRule, RosError, Step, Transition, TriggerOutcome, USE_SIM_TIME,
+    DiscoveryRange, Domain, Enclave, LifecycleState, NodeIdentity, NodeOptions, ParameterSpec, ParameterTable,
+    ParameterValue, Range, RemapRule, RosError, Step, Transition, TriggerOutcome, USE_SIM_TIME,
 };
 
 /// Longest packet; what is longer is refused.
@@ -93,6 +93,7 @@ pub(super) struct Join {
     pub(super) name: String,
     pub(super) domain_id: u16,
     pub(super) on_this_host_only: bool,
+    pub(super) enclave: Option<Enclave>,
     pub(super) remaps: Vec<RemapRule>,
     pub(super) parameters: Vec<Parameter>,
     pub(super) run: String,
@@ -119,6 +120,7 @@ enum ParameterRange {
     Integer(i64, i64),
     Double(f64, f64),
     OneOf(Vec<String>),
+    NotEmpty,
 }
 
 /// One end of a topic or service.
@@ -150,8 +152,8 @@ pub(super) enum Endpoint {
     Service(String),
     /// A message on this topic, an absolute name, that whoever joins later gets as well.
     Standing(String, Standing),
-    /// The services of a managed node that stands there.
-    Lifecycle(LifecycleState),
+    /// The services of a managed node that stands there, and whether there is one that changes that.
+    Lifecycle(LifecycleState, bool),
 }
 
 /// How things stand.
@@ -202,6 +204,7 @@ impl Join {
             Range::Any => ParameterRange::Any,
             Range::Integer(from, to) => ParameterRange::Integer(*from, *to),
             Range::Double(from, to) => ParameterRange::Double(*from, *to),
+            Range::NotEmpty => ParameterRange::NotEmpty,
             Range::OneOf(texts) => ParameterRange::OneOf(texts.iter().map(|text| (*text).to_owned()).collect()),
         };
         let parameter = |(name, value): (&'static str, &ros2_client::ParameterValue)| {
@@ -220,6 +223,7 @@ impl Join {
             name: options.identity.name.clone(),
             domain_id: options.domain.id(),
             on_this_host_only: options.domain.range == DiscoveryRange::Localhost,
+            enclave: options.enclave.clone(),
             remaps: options.remaps.clone(),
             parameters: options.parameters.values().filter_map(parameter).collect(),
             run: run.to_owned(),
@@ -249,6 +253,7 @@ impl Join {
             domain: Domain::new(self.domain_id, range)?,
             remaps: self.remaps,
             parameters,
+            enclave: self.enclave,
         })
     }
 }
@@ -261,6 +266,7 @@ impl Parameter {
             ParameterRange::Any => Range::Any,
             ParameterRange::Integer(from, to) => Range::Integer(from, to),
             ParameterRange::Double(from, to) => Range::Double(from, to),
+            ParameterRange::NotEmpty => Range::NotEmpty,
             ParameterRange::OneOf(texts) => Range::OneOf(texts.into_iter().map(text).collect::<Vec<_>>().leak()),
         };
         ParameterSpec {

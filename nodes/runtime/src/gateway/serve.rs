@@ -236,9 +236,9 @@ impl Gateway {
                 let service = self.node.trigger_service(name, move || calls.ask_and_wait(id, Asked::Trigger))?;
                 Ok(Open::Service(service))
             }
-            Endpoint::Lifecycle(state) => {
+            Endpoint::Lifecycle(state, commanded) => {
                 let change = move |transition| calls.ask_and_wait(id, Asked::Change(transition));
-                Ok(Open::Lifecycle(LifecycleServices::open(&self.node, *state, change)?))
+                Ok(Open::Lifecycle(LifecycleServices::open(&self.node, *state, commanded.then_some(change))?))
             }
             Endpoint::Standing(topic, content) => Ok(Open::Standing(stand(&self.node, topic, content)?)),
             Endpoint::Publication { .. } | Endpoint::Subscription { .. } => Err(GatewayError::NoNode),

@@ -304,7 +304,9 @@ impl Shared {
     pub(super) fn moved(&self, id: u32, state_now: LifecycleState, step: Step) {
         let mut state = lock(&self.state);
         if let Some(known) = state.endpoints.get_mut(&id) {
-            known.endpoint = Endpoint::Lifecycle(state_now);
+            if let Endpoint::Lifecycle(stands, _) = &mut known.endpoint {
+                *stands = state_now;
+            }
         }
         if let Some(channel) = &state.channel {
             tell(channel, &ToGateway::Moved(id, state_now, step));

@@ -75,7 +75,7 @@ impl Stream {
                 RangeResidual::ROS_TYPE => subscription::<RangeResidual>(world, link, topic).map(Some),
                 other => Err(unknown(topic, other)),
             },
-            Endpoint::Service(_) | Endpoint::Standing(..) | Endpoint::Lifecycle(_) => Ok(None),
+            Endpoint::Service(_) | Endpoint::Standing(..) | Endpoint::Lifecycle(..) => Ok(None),
         }
     }
 

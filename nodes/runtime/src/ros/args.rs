@@ -9,6 +9,7 @@
 //! | `-r __node:=n`, `-r __ns:=/x` | name and namespace of the node |
 //! | `-p`, `--param [node:]name:=value` | value (YAML) of a parameter |
 //! | `--params-file f.yaml` | values from a file |
+//! | `-e`, `--enclave /name` | keys of DDS Security, handed back as [`RosArgs::enclave`] |
 //! | `--log-level [logger:=]level` | handed back as [`RosArgs::log_level`] |
 //! | `--disable-rosout-logs`, `--disable-stdout-logs` | no log on `/rosout`, none on the terminal; `--enable-…` takes it back |
 //! | `--disable-external-lib-logs`, `--enable-…` | nothing: there are no log files of another library |
@@ -32,6 +33,8 @@ pub struct RosArgs {
     pub remaps: Vec<RemapRule>,
     /// Parameter files and `-p`, in order: the last that fits counts.
     pub parameters: Vec<ParameterAssignment>,
+    /// `--enclave`; the last counts.
+    pub enclave: Option<String>,
     /// `--log-level`; the last counts.
     pub log_level: Option<String>,
     /// `--disable-rosout-logs`.
@@ -68,7 +71,7 @@ impl RemapRule {
 pub enum ArgsError {
     /// Not an argument of ROS 2, or one that this node does not know.
     #[error(
-        "unknown argument '{argument}' after --ros-args; known are -r, -p, --params-file, --log-level, \
+        "unknown argument '{argument}' after --ros-args; known are -r, -p, --params-file, --enclave, --log-level, \
          --log-config-file, --log-file-name, and --enable- or --disable- with rosout-logs, stdout-logs and \
          external-lib-logs, and -- ends them"
     )]
@@ -147,6 +150,7 @@ impl RosArgs {
                     let path = PathBuf::from(value("a file")?);
                     self.parameters.extend(yaml::read_file(&path)?);
                 }
+                "-e" | "--enclave" => self.enclave = Some(value("a name such as /bridge_xyz")?),
                 "--log-level" => self.log_level = Some(directive(&value("a level such as info")?)),
                 "--enable-rosout-logs" => self.no_rosout = false,
                 "--disable-rosout-logs" => self.no_rosout = true,
@@ -226,7 +230,7 @@ mod tests {
     fn ros_arguments_are_taken_off_and_the_others_stay() {
         let (args, own) = split(
             "--model m --ros-args -r scale:=/left/scale -r __ns:=/x -r __node:=n \
-             -p rate_hz:=500.0 --remap t:a:=b --log-level debug -- --verbose",
+             -p rate_hz:=500.0 --remap t:a:=b --enclave /x/n --log-level debug -- --verbose",
         )
         .unwrap();
         assert_eq!(own, ["--model", "m", "--verbose"]);
@@ -235,7 +239,7 @@ mod tests {
         assert_eq!(args.remaps[1].node.as_deref(), Some("t"));
         assert_eq!(args.parameters[0].name, "rate_hz");
         assert_eq!(args.parameters[0].value, YamlValue::Double(500.0));
-        assert_eq!(args.log_level.as_deref(), Some("debug"));
+        assert_eq!((args.enclave.as_deref(), args.log_level.as_deref()), (Some("/x/n"), Some("debug")));
     }
 
     #[test]
@@ -250,7 +254,7 @@ mod tests {
     #[test]
     fn nothing_is_ignored() {
         for (line, part) in [
-            ("--ros-args --enclave /x", "--enclave"),
+            ("--ros-args --enclave", "/bridge_xyz"),
             ("--ros-args stray", "stray"),
             ("--ros-args -r", "[node:]from:=to"),
             ("--ros-args -r a=b", "a=b"),

@@ -73,16 +73,16 @@ pub(crate) struct LifecycleServices {
 }
 
 impl LifecycleServices {
-    /// Opens them for a node in this state; `change` hands a transition to the node, and waits for its outcome.
+    /// Opens them for a node in this state; `change` hands a transition to the node, and waits for its outcome. Without it
+    /// no service changes the state.
     pub(crate) fn open(
         node: &RosNode,
         state: LifecycleState,
-        change: impl Fn(Transition) -> TriggerOutcome + Send + 'static,
+        change: Option<impl Fn(Transition) -> TriggerOutcome + Send + 'static>,
     ) -> Result<Self, RosError> {
         let standing = Arc::new(Mutex::new(Standing { state, shown: state.message() }));
         let events = node.publisher("~/transition_event", &diagnostics_qos(), DEPTH)?;
         let opener = Opener(node);
-        let changing: Service<ChangeStateRequest, ChangeStateReply> = opener.open("change_state", "ChangeState")?;
         let get: Service<EmptyRequest, GetStateReply> = opener.open("get_state", "GetState")?;
         let states: Service<EmptyRequest, GetAvailableStatesReply> =
             opener.open("get_available_states", "GetAvailableStates")?;
@@ -91,9 +91,16 @@ impl LifecycleServices {
         let graph: Service<EmptyRequest, GetAvailableTransitionsReply> =
             opener.open("get_transition_graph", "GetAvailableTransitions")?;
         let (of_change, of_reading) = (Arc::clone(&standing), Arc::clone(&standing));
-        let changing = Serving::start(async move || {
-            changing.serve(async |request| changed(&of_change, &request.transition, &change)).await;
-        })?;
+        let changing = match change {
+            None => None,
+            Some(change) => {
+                let service: Service<ChangeStateRequest, ChangeStateReply> =
+                    opener.open("change_state", "ChangeState")?;
+                Some(Serving::start(async move || {
+                    service.serve(async |request| changed(&of_change, &request.transition, &change)).await;
+                })?)
+            }
+        };
         let reading = Serving::start(async move || {
             let available = || available(lock(&of_reading).state);
             future::join4(
@@ -104,7 +111,7 @@ impl LifecycleServices {
             )
             .await;
         })?;
-        Ok(Self { standing, events, threads: vec![changing, reading], _node: node.clone() })
+        Ok(Self { standing, events, threads: changing.into_iter().chain([reading]).collect(), _node: node.clone() })
     }
 
     /// The node has come one step further; `state` is where it stands, or where it comes from while it is on its way.

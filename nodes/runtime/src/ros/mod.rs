@@ -18,6 +18,7 @@ mod parameters;
 mod qos;
 mod qos_overrides;
 mod queued;
+mod security;
 mod service;
 mod trigger;
 mod writer;
@@ -39,9 +40,10 @@ pub use node::{NodeOptions, RosNode};
 pub use parameters::{ParameterError, ParameterSpec, ParameterTable, Range, USE_SIM_TIME};
 pub use qos::{diagnostics_qos, latched_qos, offered_qos, rosout_qos, service_qos, stream_qos};
 pub(crate) use qos_overrides::overridden;
-pub use qos_overrides::{TopicEnd, qos_parameters};
+pub use qos_overrides::{TopicEnd, offer_best_effort, qos_parameters};
 pub use queued::QueuedPublisher;
 pub use ros2_client::ParameterValue;
+pub use security::{Enclave, SecurityError};
 pub use trigger::{TriggerOutcome, TriggerService};
 pub(crate) use writer::Writer;
 pub use yaml::{ParameterAssignment, YamlError, YamlValue};
@@ -55,6 +57,20 @@ pub enum RosError {
     /// The environment.
     #[error(transparent)]
     Environment(#[from] EnvironmentError),
+    /// Keys that were asked for.
+    #[error(transparent)]
+    Security(#[from] SecurityError),
+    /// Keys that the domain does not let in.
+    #[error(
+        "the keys for ROS domain {domain_id} are refused: {reason}; do certificates, governance and permissions belong \
+         together, and allow the domain?"
+    )]
+    Keys {
+        /// The domain.
+        domain_id: u16,
+        /// Why.
+        reason: String,
+    },
     /// A name.
     #[error(transparent)]
     Name(#[from] NameError),

@@ -28,7 +28,7 @@ use super::queued::QueuedPublisher;
 use super::service::Service;
 use super::trigger::{TriggerOutcome, TriggerService};
 use super::writer::{Writer, limits};
-use super::{DiscoveryRange, Domain, RemapRule, RosArgs, RosError};
+use super::{DiscoveryRange, Domain, Enclave, RemapRule, RosArgs, RosError};
 use crate::gateway::Introduced;
 
 /// What ROS 2 puts before the name of a topic to make the name it has in DDS.
@@ -45,6 +45,8 @@ pub struct NodeOptions {
     pub remaps: Vec<RemapRule>,
     /// Parameters with their values at the start.
     pub parameters: ParameterTable,
+    /// Keys of DDS Security; without them the node joins in the open.
+    pub enclave: Option<Enclave>,
 }
 
 impl NodeOptions {
@@ -61,7 +63,8 @@ impl NodeOptions {
     ) -> Result<Self, RosError> {
         let identity = args.identity(namespace, name)?;
         let parameters = ParameterTable::new(parameters)?.with_assignments(&identity, &args.parameters)?;
-        Ok(Self { identity, domain: Domain::from_environment()?, remaps: args.remaps, parameters })
+        let enclave = Enclave::from_environment(args.enclave.as_deref())?;
+        Ok(Self { identity, domain: Domain::from_environment()?, remaps: args.remaps, parameters, enclave })
     }
 }
 
@@ -100,7 +103,7 @@ impl RosNode {
         if SystemTime::now() < UNIX_EPOCH {
             return Err(RosError::Clock { domain_id: options.domain.id() });
         }
-        let (context, introduced) = participant(options.domain)?;
+        let (context, introduced) = participant(options.domain, options.enclave.as_ref())?;
         let mut node = create(&context, &options)?;
         let parameters = ParameterServices::open(&mut node, &options, ask)?;
         let node = Arc::new(Mutex::new(node));
@@ -269,13 +272,19 @@ impl std::fmt::Debug for RosNode {
     }
 }
 
-fn participant(domain: Domain) -> Result<(Context, Introduced), RosError> {
+fn participant(domain: Domain, enclave: Option<&Enclave>) -> Result<(Context, Introduced), RosError> {
     let failed = |reason: String| RosError::Participant { domain_id: domain.id(), reason };
     let mut builder = DomainParticipantBuilder::new(domain.id());
     if domain.range == DiscoveryRange::Localhost {
         builder = builder.with_only_networks([Ipv4Addr::LOCALHOST]);
     }
-    let participant = builder.build().map_err(|error| failed(error.to_string()))?;
+    if let Some(enclave) = enclave {
+        builder = secured(builder, enclave)?;
+    }
+    let participant = builder.build().map_err(|error| match error.to_string() {
+        reason if enclave.is_some() => RosError::Keys { domain_id: domain.id(), reason },
+        reason => failed(reason),
+    })?;
     let guid = Gid::from(participant.guid()).to_bytes16();
     let mut guid_prefix = [0; 12];
     guid_prefix.copy_from_slice(&guid[..12]);
@@ -283,6 +292,16 @@ fn participant(domain: Domain) -> Result<(Context, Introduced), RosError> {
     let introduced = Introduced { guid_prefix, domain_id, participant_id };
     let context = Context::from_domain_participant(participant).map_err(|error| failed(error.to_string()))?;
     Ok((context, introduced))
+}
+
+#[cfg(feature = "dds-security")]
+fn secured(builder: DomainParticipantBuilder, enclave: &Enclave) -> Result<DomainParticipantBuilder, RosError> {
+    Ok(builder.builtin_security(enclave.files()))
+}
+
+#[cfg(not(feature = "dds-security"))]
+fn secured(_: DomainParticipantBuilder, _: &Enclave) -> Result<DomainParticipantBuilder, RosError> {
+    Err(super::SecurityError::NotBuilt { asked: "an enclave".to_owned() }.into())
 }
 
 fn create(context: &Context, options: &NodeOptions) -> Result<Node, RosError> {

@@ -173,7 +173,7 @@ fn described(spec: &ParameterSpec) -> ParameterDescriptor {
         Range::Double(from, to) => {
             (NumericRange::FloatingPointRange { from_value: *from, to_value: *to, step: 0.0 }, String::new())
         }
-        Range::OneOf(_) => (NumericRange::NotSpecified, spec.range.to_string()),
+        Range::OneOf(_) | Range::NotEmpty => (NumericRange::NotSpecified, spec.range.to_string()),
         Range::Any => (NumericRange::NotSpecified, String::new()),
     };
     let unit = match spec.unit {

@@ -27,6 +27,8 @@ pub enum Range {
     Double(f64, f64),
     /// One of these texts.
     OneOf(&'static [&'static str]),
+    /// A text that is not empty.
+    NotEmpty,
 }
 
 /// One parameter of a node.
@@ -179,6 +181,13 @@ impl ParameterTable {
         Ok(())
     }
 
+    /// The same table with every parameter fixed while the node runs.
+    #[must_use]
+    pub fn fixed(mut self) -> Self {
+        self.entries.values_mut().for_each(|entry| entry.spec.read_only = true);
+        self
+    }
+
     /// A parameter that may change while the node runs; none where all are fixed.
     #[must_use]
     pub fn changeable(&self) -> Option<&'static str> {
@@ -276,6 +285,7 @@ fn is_allowed(range: &Range, value: &ParameterValue) -> bool {
         (Range::Integer(from, to), ParameterValue::Integer(value)) => (from..=to).contains(&value),
         (Range::Double(from, to), ParameterValue::Double(value)) => (from..=to).contains(&value),
         (Range::OneOf(texts), ParameterValue::String(value)) => texts.contains(&value.as_str()),
+        (Range::NotEmpty, ParameterValue::String(value)) => !value.is_empty(),
         // A range of another type than the default: nothing is allowed, so that declaring it fails.
         _ => false,
     }
@@ -302,6 +312,7 @@ impl fmt::Display for Range {
             Self::Any => f.write_str("finite"),
             Self::Integer(from, to) => write!(f, "within {from} to {to}"),
             Self::Double(from, to) => write!(f, "within {from} to {to}"),
+            Self::NotEmpty => f.write_str("a text that is not empty"),
             Self::OneOf(texts) => write!(f, "one of {}", texts.join(", ")),
         }
     }

@@ -71,6 +71,15 @@ pub fn qos_parameters(topic: &str, end: TopicEnd, depth: usize) -> Vec<Parameter
     vec![reliability, history, depth]
 }
 
+/// Makes what is offered best effort unless the user says else: in a secured domain nothing can acknowledge in the name of a reliable
+/// reader that lags, so that one alone would hold up the stream for all.
+pub fn offer_best_effort(parameters: &mut [ParameterSpec]) {
+    let offered = format!(".{}.reliability", TopicEnd::Publisher.name());
+    for parameter in parameters.iter_mut().filter(|parameter| parameter.name.ends_with(&offered)) {
+        parameter.default = ParameterValue::String(BEST_EFFORT.to_owned());
+    }
+}
+
 /// The quality of service of an end of a topic, after what the node's parameters say.
 pub(crate) fn overridden(node: &RosNode, topic: &str, end: TopicEnd, qos: QosProfile) -> QosProfile {
     let value = |policy| node.parameter(&parameter(topic, end, policy));
@@ -103,6 +112,19 @@ mod tests {
         let identity = args.identity("/test", "residual").map_err(|e| e.to_string())?;
         let table = ParameterTable::new(specs).map_err(|e| e.to_string())?;
         table.with_assignments(&identity, &args.parameters).map_err(|e| e.to_string())
+    }
+
+    #[test]
+    fn in_a_secured_domain_streams_are_offered_as_best_effort_and_nothing_else_changes() {
+        let both =
+            || [TopicEnd::Publisher, TopicEnd::Subscription].map(|end| qos_parameters("/test/corrected", end, 64));
+        let mut secured = both().concat();
+        offer_best_effort(&mut secured);
+        let changed: Vec<_> =
+            both().concat().into_iter().zip(secured).filter(|(open, one)| open.default != one.default).collect();
+        assert_eq!(changed.len(), 1);
+        assert_eq!(changed[0].1.name, "qos_overrides./test/corrected.publisher.reliability");
+        assert_eq!(changed[0].1.default, ParameterValue::String("best_effort".to_owned()));
     }
 
     #[test]
