@@ -303,10 +303,8 @@ impl Shared {
     /// A managed node has come one step further; the next gateway hears where it stands.
     pub(super) fn moved(&self, id: u32, state_now: LifecycleState, step: Step) {
         let mut state = lock(&self.state);
-        if let Some(known) = state.endpoints.get_mut(&id) {
-            if let Endpoint::Lifecycle(stands, _) = &mut known.endpoint {
-                *stands = state_now;
-            }
+        if let Some(Known { endpoint: Endpoint::Lifecycle(stands, _), .. }) = state.endpoints.get_mut(&id) {
+            *stands = state_now;
         }
         if let Some(channel) = &state.channel {
             tell(channel, &ToGateway::Moved(id, state_now, step));
