@@ -93,9 +93,11 @@ fn play<M: Message>(
     let mut given = 0;
     context.lifecycle.opened();
     // A recording begins when the node is activated first. From then on it goes on as a machine does, whoever listens.
-    let stops = !source.driver.is_live() && context.lifecycle.await_active(&context.shutdown);
+    if !source.driver.is_live() && context.lifecycle.await_active(&context.shutdown) {
+        return Ok(summary);
+    }
     let mut withheld = 0_u64;
-    while !stops {
+    loop {
         let Some(mut sample) = usable(&mut next, &mut summary)? else {
             // A live driver gives up its wait when it is told to stop.
             summary.recording_ended = !context.shutdown.requested();
