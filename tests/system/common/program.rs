@@ -171,7 +171,7 @@ pub(crate) fn wait_until_interruptible(process_id: u32) {
         let bits = mask.and_then(|mask| u64::from_str_radix(mask.trim(), 16).ok()).unwrap_or_default();
         bits >> (Signal::INT.as_raw() - 1) & 1 == 1
     };
-    wait_until("the program handles Ctrl-C", Duration::from_secs(30), handled);
+    wait_until("the program handles Ctrl-C", Duration::from_secs(120), handled);
 }
 
 /// Sends a signal to a process and its children, as a terminal does.
