@@ -3,6 +3,23 @@
 //! Place in the flow: model and campaign (SI, machine frame) in, a diagnosis out: is the residual consistent with noise,
 //! which effects were found and how surely, what cannot be told apart, and the model with the effects added. Pure: the
 //! `abbe diagnose` command reads, reports and stores.
+//!
+//! What a machine lacks, from its campaign:
+//!
+//! ```no_run
+//! use abbe_diagnose::{DiagnoseError, Options, diagnose};
+//! use abbe_geometry::{machine::Machine, model::FittedEffect};
+//! use abbe_measurement::{campaign::Campaign, instrument::RangeUncertainty};
+//!
+//! fn what_is_missing(machine: &Machine, tracer: RangeUncertainty, campaign: &Campaign) -> Result<(), DiagnoseError> {
+//!     let none: &[FittedEffect] = &[];
+//!     let diagnosis = diagnose(machine, none, tracer, campaign, &Options::default(), &mut |_progress| true)?;
+//!     for found in &diagnosis.found {
+//!         println!("{}: {:.1} µm", found.title, found.size_m * 1e6);
+//!     }
+//!     Ok(())
+//! }
+//! ```
 
 mod alias;
 mod candidates;
