@@ -3,7 +3,7 @@
 //! Place in the flow: `cargo metadata` in, [`Graph`] out; the rules are functions of the graph. Only what is built
 //! into the library counts: dependencies of tests and build scripts may reach anything.
 
-use crate::workspace;
+use crate::workspace::{self, EVIDENCE};
 use cargo_metadata::{CargoOpt, DependencyKind, Metadata, MetadataCommand};
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -110,10 +110,10 @@ impl Graph {
             .filter(move |member| member.folder == folder || member.folder.starts_with(&format!("{folder}/")))
     }
 
-    /// Model crates that reach ROS, files, runtimes or, but for the network's own, `burn`.
+    /// Crates of models and evidence that reach ROS, files, runtimes or, but for the network's own, `burn`.
     pub fn impure_models(&self) -> Vec<String> {
         let mut found = Vec::new();
-        for model in self.members_below("models") {
+        for model in self.members_below("models").chain(self.members_below(EVIDENCE)) {
             let is_network = model.name == NETWORK_CRATE;
             for reached in self.reach(&model.name) {
                 let is = |word: &str| reached == *word || reached.starts_with(&format!("{word}-"));
@@ -137,15 +137,20 @@ impl Graph {
         self.built_by_default.iter().flat_map(of).collect()
     }
 
-    /// Dependencies between crates of the workspace against the one direction: nodes → msgs, models.
+    /// Dependencies between crates of the workspace against the one direction: nodes → msgs, models; evidence → models. A node reaches
+    /// evidence too: the simulated machine, and the papers.
     pub fn against_direction(&self) -> Vec<String> {
-        let layer = |folder: &str| folder.split('/').next().unwrap_or_default().to_owned();
+        let layer = |folder: &str| match folder.starts_with(EVIDENCE) {
+            true => "evidence".to_owned(),
+            false => folder.split('/').next().unwrap_or_default().to_owned(),
+        };
         let layer_of: BTreeMap<&str, String> =
             self.members.iter().map(|member| (member.name.as_str(), layer(&member.folder))).collect();
         let allowed = |from: &str, to: &str| match from {
             "models" => to == "models",
+            "evidence" => ["models", "evidence"].contains(&to),
             "msgs" => false,
-            "nodes" => ["models", "msgs", "nodes"].contains(&to),
+            "nodes" => ["models", "msgs", "nodes", "evidence"].contains(&to),
             _ => to != "tests",
         };
         let mut found = Vec::new();
@@ -176,7 +181,7 @@ mod tests {
 
     #[test]
     fn a_model_that_reaches_ros_through_another_crate_is_caught() {
-        let members = [("a", "models/a"), ("b", "models/b"), ("r", "nodes/r")];
+        let members = [("a", "models/a"), ("b", "tests/evidence/b"), ("r", "nodes/r")];
         let dirty = graph(&members, &[("a", &["b"]), ("b", &["x"]), ("x", &["ros2-client"]), ("r", &["tokio"])]);
         assert_eq!(dirty.impure_models(), ["a reaches ros2-client", "b reaches ros2-client"]);
         let clean = graph(&members, &[("a", &["b"]), ("b", &["nalgebra"]), ("r", &["ros2-client"])]);
@@ -207,10 +212,13 @@ mod tests {
 
     #[test]
     fn dependencies_against_the_direction_are_caught() {
-        let members = [("m", "models/m"), ("g", "msgs"), ("n", "nodes/n"), ("t", "tests")];
-        let right = graph(&members, &[("n", &["m", "g"]), ("t", &["n", "m"]), ("m", &["nalgebra"])]);
+        let members =
+            [("m", "models/m"), ("g", "msgs"), ("n", "nodes/n"), ("e", "tests/evidence/e"), ("t", "tests")];
+        let right =
+            graph(&members, &[("n", &["m", "g", "e"]), ("t", &["n", "m"]), ("e", &["m"]), ("m", &["nalgebra"])]);
         assert!(right.against_direction().is_empty());
-        for (from, to) in [("m", "g"), ("m", "n"), ("g", "m"), ("g", "n"), ("n", "t")] {
+        let wrong = [("m", "g"), ("m", "n"), ("m", "e"), ("g", "m"), ("g", "n"), ("g", "e"), ("n", "t"), ("e", "n")];
+        for (from, to) in wrong {
             assert_eq!(graph(&members, &[(from, &[to])]).against_direction().len(), 1, "{from} to {to}");
         }
     }

@@ -1,6 +1,6 @@
 //! Diagnoses of simulated campaigns: what is there is named, what is not there is not, what cannot be told is said.
 //!
-//! The power of the method over many machines and sizes is the business of the trial bench (`models/trials`); here each
+//! The power of the method over many machines and sizes is the business of the trial bench (`tests/evidence/trials`); here each
 //! rule has one or two cases that fail when it breaks.
 
 #![allow(clippy::unwrap_used, clippy::panic)] // a test that fails panics

@@ -121,7 +121,7 @@ mod tests {
 
     #[test]
     fn lengths_are_those_of_the_shipped_file() {
-        let shipped = rows(include_str!("../../../../../launch-config/data/liang2025_lengths.csv"));
+        let shipped = rows(include_str!("../../../../../../launch-config/data/liang2025_lengths.csv"));
         assert_eq!(shipped.len(), 126);
         for (k, row) in shipped.iter().enumerate() {
             let (line, gauge, repeat) = (k / 18, k / 3 % 6, k % 3);
@@ -137,7 +137,7 @@ mod tests {
 
     #[test]
     fn sphere_rows_are_those_of_the_shipped_file() {
-        let shipped = rows(include_str!("../../../../../launch-config/data/liang2025_sphere.csv"));
+        let shipped = rows(include_str!("../../../../../../launch-config/data/liang2025_sphere.csv"));
         assert_eq!(shipped.len(), 12);
         for (k, row) in shipped.iter().enumerate() {
             let (diameter_mm, deviations_um) = SPHERE[k / 3];
