@@ -212,8 +212,7 @@ mod tests {
 
     #[test]
     fn dependencies_against_the_direction_are_caught() {
-        let members =
-            [("m", "models/m"), ("g", "msgs"), ("n", "nodes/n"), ("e", "tests/evidence/e"), ("t", "tests")];
+        let members = [("m", "models/m"), ("g", "msgs"), ("n", "nodes/n"), ("e", "tests/evidence/e"), ("t", "tests")];
         let right =
             graph(&members, &[("n", &["m", "g", "e"]), ("t", &["n", "m"]), ("e", &["m"]), ("m", &["nalgebra"])]);
         assert!(right.against_direction().is_empty());

@@ -57,7 +57,10 @@ fn models_reach_no_ros_no_files_no_runtime() {
 
 #[test]
 fn dependencies_point_one_way() {
-    assert_none("nodes → msgs, models, evidence; evidence → models; msgs → none", &Graph::of_workspace().against_direction());
+    assert_none(
+        "nodes → msgs, models, evidence; evidence → models; msgs → none",
+        &Graph::of_workspace().against_direction(),
+    );
 }
 
 #[test]

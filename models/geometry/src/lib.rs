@@ -9,7 +9,7 @@
 //! ```
 //! use abbe_geometry::error_function::{Basis, Closure, Kind};
 //!
-//! let basis = Basis::new(Kind::BSpline { intervals: 9 }, Closure::Start, 0.0, 0.8)?;
+//! let basis = Basis::new(Kind::BSpline { intervals: 9 }, Closure::Origin, 0.0, 0.8)?;
 //! let coefficients_m: Vec<f64> = (0..basis.len()).map(|k| 1e-6 * k as f64).collect();
 //! let error_m = basis.at(0.4).dot(&coefficients_m);
 //! assert!(basis.at(0.0).dot(&coefficients_m).abs() < 1e-15, "errors are zero at the lower end of the stroke");

@@ -6,21 +6,21 @@
 //! The calibrated points are the lattice. A target is any other point: in training, a measured point that is taken out
 //! of the lattice together with what lies around it, so that no target ever sees itself.
 
+mod calibrated_points;
 mod calibration;
 mod exponential;
-mod hull;
 mod kriging;
-mod lattice;
 mod model;
 mod neighbourhood;
 pub mod network;
 pub mod record;
 mod registers;
+mod supporting_planes;
 mod trend;
 
+pub use calibrated_points::CalibratedPoints;
 pub use calibration::{Calibration, NORMAL_95};
 pub use kriging::{Component, Kriging, KrigingMean};
-pub use lattice::Lattice;
 pub use model::{Apart, Ensemble, Kind, ModelError, Parts, ResidualModel, check_units};
 pub use neighbourhood::{Neighbourhood, VERTICES, Vertices, corners_m, spacing_m};
 pub use trend::{PositionEnsemble, Trend, TrendError, place, place_box_m};

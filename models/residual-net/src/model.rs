@@ -17,13 +17,13 @@
 //! neighbours do not share beyond their declared uncertainty: the machine's repeatability and field finer than the points, both
 //! of which will be there again. What is declared and not seen as scatter is common to neighbours, so no number of them takes it away.
 
+use crate::calibrated_points::CalibratedPoints;
 use crate::calibration::Calibration;
-use crate::hull::Hull;
 use crate::kriging::{Kriging, KrigingVariance};
-use crate::lattice::Lattice;
 use crate::neighbourhood::{VERTICES, Vertices};
 use crate::network::tokens::Normaliser;
 use crate::network::{ConfigError, Folded, NetworkConfig, Parameters, ParametersError};
+use crate::supporting_planes::SupportingPlanes;
 use crate::trend::{PositionEnsemble, Trend, TrendError};
 use abbe_field::MeasuredField;
 use abbe_geometry::residual_field::ResidualPrediction;
@@ -118,8 +118,8 @@ pub struct Apart {
 #[derive(Debug, Clone)]
 pub struct ResidualModel {
     parts: Parts,
-    lattice: Lattice,
-    hull: Hull,
+    calibrated: CalibratedPoints,
+    planes: SupportingPlanes,
     variance: KrigingVariance,
     members: Vec<Folded>,
     trend: Option<Trend>,
@@ -135,10 +135,10 @@ impl ResidualModel {
             members = ensemble.members.iter().map(|member| Folded::new(&ensemble.config, member)).collect();
         }
         let normaliser = parts.ensemble.as_ref().map(|ensemble| ensemble.normaliser);
-        let lattice = Lattice::new(parts.kind, &parts.field, &parts.kriging, normaliser);
-        let hull = Hull::new(parts.field.points_m());
+        let calibrated = CalibratedPoints::new(parts.kind, &parts.field, &parts.kriging, normaliser);
+        let planes = SupportingPlanes::new(parts.field.points_m());
         let trend = parts.trend.clone().map(Trend::new).transpose()?;
-        Ok(ResidualModel { lattice, hull, variance, members, trend, parts })
+        Ok(ResidualModel { calibrated, planes, variance, members, trend, parts })
     }
 
     /// What it is made of.
@@ -165,8 +165,8 @@ impl ResidualModel {
     /// The same with its variance in two parts; `None` where there is no number.
     pub fn predict_apart(&self, point_in_machine_m: &Vector3<f64>) -> Option<Apart> {
         let is_finite = |vector: &Vector3<f64>| vector.iter().all(|value| value.is_finite());
-        let vertices = self.lattice.vertices(point_in_machine_m).filter(|_| is_finite(point_in_machine_m))?;
-        let inside = vertices.occupied == [true; VERTICES] || self.hull.holds(point_in_machine_m);
+        let vertices = self.calibrated.vertices(point_in_machine_m).filter(|_| is_finite(point_in_machine_m))?;
+        let inside = vertices.occupied == [true; VERTICES] || self.planes.holds(point_in_machine_m);
         let (residual_m, variance_m2) = self.mean_and_variance(point_in_machine_m, &vertices, inside);
         let Parts { kriging, field, calibration: Calibration { scale }, .. } = &self.parts;
         let own_m2 = (variance_m2 + kriging.unshared_m2()).component_mul(&scale.component_mul(scale));
@@ -189,15 +189,15 @@ impl ResidualModel {
             } else {
                 trend_m - trend.at(&self.parts.field.points_m()[vertices.nearest])
             };
-            return (trend_m + self.lattice.kriging_m(point_m), variance_m2 + beyond_m.component_mul(&beyond_m));
+            return (trend_m + self.calibrated.kriging_m(point_m), variance_m2 + beyond_m.component_mul(&beyond_m));
         }
         let Some(ensemble) = &self.parts.ensemble else {
-            return (self.lattice.kriging_m(point_m), variance_m2);
+            return (self.calibrated.kriging_m(point_m), variance_m2);
         };
         let (network_m, scatter_m2) = self.evaluate(ensemble, point_m, vertices);
         let on_kriging = self.parts.kind == Kind::KrigingNetwork;
         // Kriging is the dear part: left out where nothing needs it.
-        let kriging_m = if on_kriging || !inside { self.lattice.kriging_m(point_m) } else { Vector3::zeros() };
+        let kriging_m = if on_kriging || !inside { self.calibrated.kriging_m(point_m) } else { Vector3::zeros() };
         let residual_m = if on_kriging { kriging_m + network_m } else { network_m };
         let beyond_m = if inside { Vector3::zeros() } else { residual_m - kriging_m };
         (residual_m, variance_m2 + scatter_m2 + beyond_m.component_mul(&beyond_m))
@@ -210,7 +210,7 @@ impl ResidualModel {
         point_m: &Vector3<f64>,
         vertices: &Vertices,
     ) -> (Vector3<f64>, Vector3<f64>) {
-        let tokens = self.lattice.tokens(&ensemble.config, &ensemble.normaliser, point_m, vertices);
+        let tokens = self.calibrated.tokens(&ensemble.config, &ensemble.normaliser, point_m, vertices);
         let count = self.members.len() as f64;
         let (mut sum, mut squares) = (Vector3::zeros(), Vector3::zeros());
         for member in &self.members {

@@ -11,7 +11,7 @@ use crate::optimise::{Examples, OUTPUTS, View};
 use crate::split;
 use abbe_field::{FieldError, MeasuredField};
 use abbe_residual_net::network::{NetworkConfig, Normaliser, PositionConfig};
-use abbe_residual_net::{Kind, Kriging, Lattice, PositionEnsemble, place, place_box_m, spacing_m};
+use abbe_residual_net::{CalibratedPoints, Kind, Kriging, PositionEnsemble, place, place_box_m, spacing_m};
 use nalgebra::Vector3;
 use thiserror::Error;
 
@@ -91,7 +91,7 @@ impl Material<'_> {
         } else {
             self.kriging.clone() // not evaluated below a network alone
         };
-        let lattice = Lattice::new(self.kind, &part, &kriging, Some(*self.normaliser));
+        let lattice = CalibratedPoints::new(self.kind, &part, &kriging, Some(*self.normaliser));
         let mut view = View::default();
         for target in targets {
             let point_m = &self.field.points_m()[*target];
@@ -113,7 +113,7 @@ impl Material<'_> {
             let (targets, rest): (Vec<usize>, Vec<usize>) = (0..training.len()).partition(|k| part[*k] == number);
             let rest = self.field.part(&rest.iter().map(|k| training[*k]).collect::<Vec<_>>())?;
             let kriging = self.kriging.on(&rest).ok_or(ViewError::NotPositiveDefinite)?;
-            let lattice = Lattice::new(Kind::Kriging, &rest, &kriging, None);
+            let lattice = CalibratedPoints::new(Kind::Kriging, &rest, &kriging, None);
             for target in targets {
                 let index = training[target];
                 left[target] = self.field.errors_m()[index] - lattice.kriging_m(&self.field.points_m()[index]);

@@ -13,7 +13,7 @@ use nalgebra::Vector3;
 
 /// Calibrated points, prepared.
 #[derive(Debug, Clone)]
-pub struct Lattice {
+pub struct CalibratedPoints {
     kind: Kind,
     search: Neighbourhood,
     kriging: KrigingMean,
@@ -21,19 +21,24 @@ pub struct Lattice {
     normalised: Vec<Vector3<f64>>,
 }
 
-impl Lattice {
+impl CalibratedPoints {
     /// Prepares the points of a field for a kind of model; the kriging is the one solved for this field.
-    pub fn new(kind: Kind, field: &MeasuredField, kriging: &Kriging, normaliser: Option<Normaliser>) -> Lattice {
+    pub fn new(
+        kind: Kind,
+        field: &MeasuredField,
+        kriging: &Kriging,
+        normaliser: Option<Normaliser>,
+    ) -> CalibratedPoints {
         let mean = KrigingMean::new(kriging, field);
         let search = Neighbourhood::new(field.points_m());
-        let mut lattice = Lattice { kind, search, kriging: mean, normalised: Vec::new() };
+        let mut calibrated = CalibratedPoints { kind, search, kriging: mean, normalised: Vec::new() };
         if let Some(normaliser) = normaliser {
             let one = |(point, residual): (&Vector3<f64>, &Vector3<f64>)| {
-                normaliser.normalise(&(residual - lattice.below_m(point)))
+                normaliser.normalise(&(residual - calibrated.below_m(point)))
             };
-            lattice.normalised = field.points_m().iter().zip(field.errors_m()).map(one).collect();
+            calibrated.normalised = field.points_m().iter().zip(field.errors_m()).map(one).collect();
         }
-        lattice
+        calibrated
     }
 
     /// The cell around a target (m); `None` for a target that is no number.
