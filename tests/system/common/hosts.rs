@@ -51,6 +51,12 @@ impl Host {
         host
     }
 
+    /// Its network says that it knows no multicast, as it should where none goes anywhere.
+    pub(crate) fn knows_no_multicast(&self) {
+        let mut inside = self.runs("ip");
+        assert!(inside.args(["link", "set", "cable", "multicast", "off"]).status().unwrap().success());
+    }
+
     /// Where the others find it.
     pub(crate) fn address(&self) -> String {
         self.address.to_string()

@@ -62,7 +62,12 @@ impl Workspace {
         path.push(std::env::var_os("PATH").unwrap_or_default());
         let mut colcon = Command::new(tools.join("bin/colcon"));
         std::fs::create_dir_all(&folder).unwrap();
-        colcon.current_dir(&folder).arg("--log-base").arg("log").args(["build", "--base-paths"]).arg(project.join(package));
+        colcon
+            .current_dir(&folder)
+            .arg("--log-base")
+            .arg("log")
+            .args(["build", "--base-paths"])
+            .arg(project.join(package));
         colcon.arg("--cmake-args").arg(format!("-DPython3_EXECUTABLE={}", tools.join("bin/python").display()));
         colcon.args(for_cmake).env("PATH", path).env("CMAKE_PREFIX_PATH", &tools).env("AMENT_PREFIX_PATH", &tools);
         let output = colcon.output().unwrap();
