@@ -4,20 +4,25 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // A test fails by panicking.
 
 mod common;
+#[path = "ros2/hosts.rs"]
+mod hosts;
+#[path = "ros2/packages.rs"]
+mod packages;
+#[path = "ros2/pressed.rs"]
+mod pressed;
+#[path = "ros2/round_trip.rs"]
+mod round_trip;
 
-use std::path::{Path, PathBuf};
-use std::process::Command;
 use std::time::Duration;
 
-use abbe_graph::launch::NodeName;
 use abbe_msgs::{CorrectedCoordinates, CorrectionStatus};
 use abbe_runtime::ros::Domain;
 use common::assert_says;
-use common::files::{Bench, samples, text};
+use common::files::{Bench, samples};
 use common::graph::{DDS, MEMORY, NAMESPACE, long_recording, stream_of, topic};
 use common::network::in_own_network;
-use common::program::{Started, abbe_in, program, run, signal};
-use common::python::{python, ros2, ros2_prefix, said};
+use common::program::{Started, abbe_in, run, signal};
+use common::python::{python, ros2, said};
 use rustix::process::Signal;
 use serde_json::{Value, json};
 
@@ -51,15 +56,21 @@ fn val_rclpy_a_subscriber_with_default_quality_of_service_gets_the_streams() {
         let Some(user) = ros2(domain, &["streams", NAMESPACE, "500"]) else { return };
         let bench = Bench::identified(5);
         let heard = beside(graph(&bench, domain), user);
-        for topic in ["corrected_point", "scale/joint_states"] {
-            for qos in ["default", "sensor_data"] {
-                let stamps: Vec<f64> =
-                    serde_json::from_value(heard["stamps_s"][format!("{topic} {qos}")].clone()).unwrap();
-                assert!(stamps.len() >= 500, "{topic} with {qos}: {} samples", stamps.len());
-                assert!(stamps.is_sorted(), "{topic} with {qos}: samples are out of order");
-            }
-        }
+        samples_of_each_stream(&heard, 500);
     });
+}
+
+/// Holds what a user took of both topics, with either quality of service, to `count` samples in order.
+#[track_caller]
+fn samples_of_each_stream(heard: &Value, count: usize) {
+    for topic in ["corrected_point", "scale/joint_states"] {
+        for qos in ["default", "sensor_data"] {
+            let stamps = &heard["stamps_s"][format!("{topic} {qos}")];
+            let stamps: Vec<f64> = serde_json::from_value(stamps.clone()).unwrap();
+            assert!(stamps.len() >= count, "{topic} with {qos}: {} samples", stamps.len());
+            assert!(stamps.is_sorted(), "{topic} with {qos}: samples are out of order");
+        }
+    }
 }
 
 #[test]
@@ -369,90 +380,4 @@ fn assert_managed(heard: &Value, model: &str) {
         assert!(events.contains(&json!(step)), "{step:?} is not in {events:?}");
     }
     assert!(heard["ages_s"].as_array().unwrap().iter().all(|age_s| (0.0..120.0).contains(&age_s.as_f64().unwrap())));
-}
-
-/// What the launch files say, each in its own words.
-const LAUNCH_FILES: [&str; 3] = ["py", "xml", "yaml"];
-
-#[test]
-fn the_launch_files_of_the_package_have_the_same_arguments() {
-    for kind in LAUNCH_FILES {
-        let file = std::fs::read_to_string(package().join(format!("launch/bridge_xyz_virtual.launch.{kind}"))).unwrap();
-        let words = [
-            "model",
-            "Model file, as `abbe identify` writes it",
-            "machine",
-            "bridge_xyz.toml",
-            "Machine file that the model belongs to",
-            "namespace",
-            "Namespace of all topics",
-            "bridge_xyz_virtual.toml",
-            "--machine",
-            "--model",
-        ];
-        assert_says(&file, &words);
-        assert_eq!(
-            file.matches("default").count(),
-            2,
-            "{kind}: machine and namespace have defaults, the model has none"
-        );
-    }
-}
-
-/// The folder of the package of a ROS 2 workspace.
-fn package() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../packaging/ros")
-}
-
-/// Builds the package as colcon does, with the program of the tests, and installs it; nothing where there is no ROS 2.
-fn install_package(bench: &Bench) -> Option<()> {
-    let tools = ros2_prefix()?;
-    let [build, prefix] = ["build", "install"].map(|name| bench.text(name));
-    let folder = text(&package());
-    let python = format!("-DPython3_EXECUTABLE={}", tools.join("bin/python").display());
-    let program = format!("-DABBE_PROGRAM={}", program().display());
-    let to = format!("-DCMAKE_INSTALL_PREFIX={prefix}");
-    cmake(&tools, &["-S", &folder, "-B", &build, "-G", "Unix Makefiles", &python, &program, &to]);
-    cmake(&tools, &["--build", &build]);
-    cmake(&tools, &["--install", &build]);
-    Some(())
-}
-
-fn cmake(tools: &Path, words: &[&str]) {
-    let mut command = Command::new(tools.join("bin/cmake"));
-    command.args(words).env("CMAKE_PREFIX_PATH", tools).env("AMENT_PREFIX_PATH", tools);
-    let output = command.output().unwrap();
-    let said = String::from_utf8_lossy(&output.stderr);
-    assert!(output.status.success(), "cmake {words:?}: {}{said}", String::from_utf8_lossy(&output.stdout));
-}
-
-#[test]
-fn val_ament_the_package_is_found_runs_nodes_and_launches_the_machine_that_it_is_told() {
-    let test = "val_ament_the_package_is_found_runs_nodes_and_launches_the_machine_that_it_is_told";
-    in_own_network(test, |domain| {
-        let Some(user) = ros2(domain, &["streams", "other", "200"]) else { return };
-        let bench = Bench::identified(5);
-        install_package(&bench).unwrap();
-        let [share, programs] = ["install/share/abbe", "install/lib/abbe"].map(|name| bench.path(name));
-        assert!(bench.path("install/share/ament_index/resource_index/packages/abbe").is_file());
-        for node in NodeName::ALL {
-            let mut command = Command::new(programs.join(node.name()));
-            command.args(["--launch", "none.toml"]);
-            assert_says(&Started::start(command).finish().refused(), &["none.toml"]);
-        }
-
-        let config = share.join("launch-config");
-        let mut command = Command::new(programs.join("abbe"));
-        command.arg("launch").arg(config.join("bridge_xyz_virtual.toml"));
-        command
-            .arg("--machine")
-            .arg(config.join("machines/bridge_xyz.toml"))
-            .arg("--model")
-            .arg(bench.path("model.json"));
-        command.args(["--ros-args", "-r", "__ns:=/other"]).env("ROS_DOMAIN_ID", domain.id().to_string());
-        command.env("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST");
-        let heard = beside(Started::start(command), user);
-        let stamps = heard["stamps_s"]["corrected_point default"].as_array().unwrap();
-        assert!(stamps.len() >= 200, "{} corrected points of the model that was named", stamps.len());
-    });
 }

@@ -16,7 +16,7 @@ use std::thread;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use abbe_msgs::{Message, ScaleReading, Stamp};
-use abbe_runtime::ros::{DiscoveryRange, Domain, NodeIdentity, NodeOptions, ParameterTable, RosNode};
+use abbe_runtime::ros::{DiscoveryRange, Domain, NodeIdentity, NodeOptions, ParameterTable, RosNode, StaticPeers};
 use abbe_runtime::transport::shared_memory::cleanup;
 use abbe_runtime::{Edges, EdgesConfig, RunId, Subscribe, TransportKind};
 use common::network::{is_in_own_network, this_program_in_own_network};
@@ -53,6 +53,7 @@ fn edges(name: &str, run: &RunId) -> Edges {
         remaps: Vec::new(),
         parameters: ParameterTable::default(),
         enclave: None,
+        peers: StaticPeers::default(),
     });
     let mut config = EdgesConfig::new(identity);
     config.run = Some(run.clone());

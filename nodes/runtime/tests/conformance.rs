@@ -16,7 +16,7 @@ use std::sync::{Arc, OnceLock};
 
 use abbe_msgs::ScaleReading;
 use abbe_runtime::gateway::{GatewayNode, GatewayOptions, serve};
-use abbe_runtime::ros::{Domain, NodeIdentity, NodeOptions, ParameterTable, RosNode};
+use abbe_runtime::ros::{Domain, NodeIdentity, NodeOptions, ParameterTable, RosNode, StaticPeers};
 use abbe_runtime::transport::in_process::InProcess;
 use abbe_runtime::transport::shared_memory::cleanup;
 use abbe_runtime::{Edges, EdgesConfig, Publish, RunId, Subscribe, TransportKind};
@@ -62,8 +62,14 @@ impl World {
 }
 
 fn node(identity: NodeIdentity, domain: Domain) -> RosNode {
-    let options =
-        NodeOptions { identity, domain, remaps: Vec::new(), parameters: ParameterTable::default(), enclave: None };
+    let options = NodeOptions {
+        identity,
+        domain,
+        remaps: Vec::new(),
+        parameters: ParameterTable::default(),
+        enclave: None,
+        peers: StaticPeers::default(),
+    };
     RosNode::start(options).unwrap()
 }
 
@@ -107,8 +113,14 @@ fn gateway(identity: NodeIdentity, domain: Domain, depth: NonZeroUsize) -> Gatew
         command.args([test, "--exact", "--nocapture", "--test-threads=1"]).env(ROLE, "gateway");
         command
     };
-    let node =
-        NodeOptions { identity, domain, remaps: Vec::new(), parameters: ParameterTable::default(), enclave: None };
+    let node = NodeOptions {
+        identity,
+        domain,
+        remaps: Vec::new(),
+        parameters: ParameterTable::default(),
+        enclave: None,
+        peers: StaticPeers::default(),
+    };
     GatewayNode::start(GatewayOptions {
         on_change: None,
         rosout: false,

@@ -21,7 +21,7 @@ use std::time::{Duration, Instant};
 use abbe_msgs::standard::{DiagnosticArray, Header};
 use abbe_msgs::{RosType, ScaleReading, Stamp, ros};
 use abbe_runtime::ros::{
-    Domain, NodeIdentity, NodeOptions, ParameterSpec, ParameterTable, ParameterValue, RosNode, TopicEnd,
+    Domain, NodeIdentity, NodeOptions, ParameterSpec, ParameterTable, ParameterValue, RosNode, StaticPeers, TopicEnd,
     diagnostics_qos, qos_parameters,
 };
 use abbe_runtime::transport::dds::{DdsPublisher, DdsSubscriber};
@@ -54,7 +54,15 @@ fn node(name: &str, domain: Domain) -> RosNode {
 
 fn node_with(name: &str, domain: Domain, parameters: ParameterTable) -> RosNode {
     let identity = NodeIdentity::new("/", name).unwrap();
-    RosNode::start(NodeOptions { identity, domain, remaps: Vec::new(), parameters, enclave: None }).unwrap()
+    RosNode::start(NodeOptions {
+        identity,
+        domain,
+        remaps: Vec::new(),
+        parameters,
+        enclave: None,
+        peers: StaticPeers::default(),
+    })
+    .unwrap()
 }
 
 /// The parameters of a node that asks for `reliability` on the stream.

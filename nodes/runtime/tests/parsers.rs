@@ -4,7 +4,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // A test fails by panicking.
 
 use abbe_runtime::RunId;
-use abbe_runtime::ros::{Domain, NodeIdentity, RosArgs, YamlValue, resolve};
+use abbe_runtime::ros::{DiscoveryRange, Domain, NodeIdentity, RosArgs, StaticPeers, YamlValue, resolve};
 use proptest::prelude::*;
 
 fn split(words: &[&str]) -> Option<(RosArgs, Vec<String>)> {
@@ -70,6 +70,9 @@ proptest! {
             prop_assert!(!run.as_str().contains(['/', '_', '.']));
         }
         let _ = Domain::from_variables(|_| Some(name.clone()));
+        for range in [DiscoveryRange::Subnet, DiscoveryRange::Localhost] {
+            let _ = StaticPeers::of(&name, range);
+        }
     }
 }
 

@@ -10,7 +10,8 @@ use abbe_msgs::standard::{DiagnosticArray, DiagnosticStatus};
 use abbe_msgs::{CorrectedCoordinates, Message, ScaleReading, ros};
 use abbe_runtime::Subscribe;
 use abbe_runtime::ros::{
-    Domain, NodeIdentity, NodeOptions, ParameterTable, QueuedPublisher, RosNode, diagnostics_qos, stream_qos,
+    Domain, NodeIdentity, NodeOptions, ParameterTable, QueuedPublisher, RosNode, StaticPeers, diagnostics_qos,
+    stream_qos,
 };
 use abbe_runtime::transport::dds::DdsSubscriber;
 use ros2_client::dds::rustdds::DomainParticipantBuilder;
@@ -70,6 +71,7 @@ pub(crate) fn user_node(domain: Domain) -> RosNode {
         remaps: Vec::new(),
         parameters: ParameterTable::default(),
         enclave: None,
+        peers: StaticPeers::default(),
     })
     .unwrap()
 }

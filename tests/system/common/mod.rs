@@ -11,6 +11,7 @@ pub(crate) mod clock;
 pub(crate) mod dds;
 pub(crate) mod files;
 pub(crate) mod graph;
+pub(crate) mod hosts;
 pub(crate) mod program;
 pub(crate) mod python;
 pub(crate) mod spoil;

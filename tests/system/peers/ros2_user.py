@@ -3,7 +3,9 @@
 Usage: ros2_user.py streams NAMESPACE COUNT | parameters NODE NAME VALUE | trigger SERVICE
        | clock SECONDS HARDWARE | types TOPIC | nodes NAMESPACE NAME... | scene NAMESPACE | delays NAMESPACE COUNT
        | heard_clock COUNT | machines NAMESPACE... | health NAMESPACE NAME... | manage NAMESPACE ASIDE MODEL
-       | change NAMESPACE MODEL | log NAMESPACE NODE PART | services NAMESPACE NAME
+       | change NAMESPACE MODEL | log NAMESPACE NODE PART | services NAMESPACE NAME | strangers
+       | corrected NAMESPACE COUNT | quarrel NODE COUNT | press NODE LAUNCH_FILE
+       | echo FROM TO | round_trip NAMESPACE FROM TO X Y Z COUNT
 
 streams     subscribes `corrected_point` and `scale/joint_states` with default quality of service (reliable) and
             with that of sensors (best effort) until COUNT messages have come on each.
@@ -20,6 +22,13 @@ manage      takes the nodes of a graph through their states, as `ros2 lifecycle`
 change      sets parameters of running nodes, those that may change and those that may not; MODEL becomes the model file.
 log         hears /rosout until a node says PART, long after it did.
 services    names of a node's services, some seconds after it has published its first `corrected_point`.
+corrected   takes COUNT `abbe_msgs/CorrectedCoordinates` with the classes that rosidl made of the .msg file; a double comes as
+            the whole number of its bits, bytes come in hex.
+quarrel     deactivates and activates a node COUNT times, whatever others do with it, and hears what it does.
+press       floods a node with calls, then stops its process and its gateway's (SIGSTOP, SIGCONT) while it commands it.
+echo        answers each `sensor_msgs/JointState` of FROM with a point of the same stamp on TO, until its standard input ends.
+round_trip  sends positions at 1 kHz, by turns to `axes` of a graph and to an echo: COUNT each, and how long each took back.
+strangers   looks for nodes until its standard input ends, and SETTLED_S at least.
 nodes       waits until nodes of these names are in a namespace, and gives the parameters of each.
 
 The domain comes from the environment, as for every ROS 2 program. Prints one JSON object. Exits with 1 and a reason
@@ -28,6 +37,9 @@ when what it waits for does not come.
 
 import json
 import os
+import select
+import signal
+import struct
 import sys
 import time
 
@@ -37,6 +49,7 @@ from geometry_msgs.msg import PointStamped
 from lifecycle_msgs.msg import Transition, TransitionEvent
 from lifecycle_msgs.srv import ChangeState, GetAvailableStates, GetAvailableTransitions, GetState
 from rcl_interfaces.msg import Log, ParameterEvent
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
 from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_parameter_events, qos_profile_sensor_data
@@ -49,6 +62,7 @@ from visualization_msgs.msg import MarkerArray
 PATIENCE_S = 60
 SETTLED_S = 3  # in which all endpoints of a node that is there are found
 DEFAULT = 10  # what a user writes without a thought: reliable, volatile, keep last 10
+DEEP = 1000  # a second at 1 kHz
 
 
 def spin_until(node, done, what):
@@ -369,6 +383,173 @@ def log(node, namespace, name, part):
             "names": sorted({line.name for line in lines})}
 
 
+def strangers(node):
+    settled = time.monotonic() + SETTLED_S
+    while time.monotonic() < settled or not select.select([sys.stdin], [], [], 0)[0]:
+        rclpy.spin_once(node, timeout_sec=0.05)
+    return {"nodes": sorted({f"{space.rstrip('/')}/{name}" for name, space in node.get_node_names_and_namespaces()})}
+
+
+def quarrel(node, remote, count):
+    events = []
+    node.create_subscription(TransitionEvent, f"{remote}/transition_event", events.append, 1000)
+    managed, outcomes = Managed(node, remote), []
+    for _ in range(int(count)):
+        for transition in [Transition.TRANSITION_DEACTIVATE, Transition.TRANSITION_ACTIVATE]:
+            outcomes.append(managed.change(transition))
+    return {"outcomes": outcomes,
+            "events": [[one.start_state.label, one.transition.label, one.goal_state.label] for one in events]}
+
+
+def echo(node, source, target):
+    publisher = node.create_publisher(PointStamped, target, DEEP)
+    node.create_subscription(JointState, source, lambda one: publisher.publish(PointStamped(header=one.header)), DEEP)
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    while not select.select([sys.stdin], [], [], 0)[0]:
+        executor.spin_once(timeout_sec=0.1)
+    return {}
+
+
+def round_trip(node, namespace, source, target, x, y, z, count):
+    ways = {"corrected": (f"/{namespace}/axes", f"/{namespace}/corrected_point"), "echo": (source, target)}
+    sent, came, publishers = {way: {} for way in ways}, {way: {} for way in ways}, {}
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    for way, (there, back) in ways.items():
+        publishers[way] = node.create_publisher(JointState, there, DEEP)
+        hear = lambda one, way=way: came[way].setdefault((one.header.stamp.sec, one.header.stamp.nanosec), time.monotonic())
+        node.create_subscription(PointStamped, back, hear, DEEP)
+    message = JointState(name=["x", "y", "z"], position=[float(x), float(y), float(z)])
+
+    def send(way):
+        now_ns = time.time_ns()
+        message.header.stamp.sec, message.header.stamp.nanosec = divmod(now_ns, 10**9)
+        sent[way][divmod(now_ns, 10**9)] = time.monotonic()
+        publishers[way].publish(message)
+
+    deadline = time.monotonic() + PATIENCE_S
+    while not all(came.values()):
+        for way in ways:
+            send(way)
+        executor.spin_once(timeout_sec=0.05)
+        if time.monotonic() > deadline:
+            sys.exit(f"only {[way for way in ways if came[way]]} answered within {PATIENCE_S} s")
+    settled = time.monotonic() + 1.0
+    while time.monotonic() < settled:
+        executor.spin_once(timeout_sec=0.05)
+    for way in ways:
+        sent[way].clear()
+    turns = 4
+    for turn in range(turns):
+        for way in ways if turn % 2 == 0 else reversed(ways):
+            due = time.monotonic()
+            for _ in range(int(count) // turns):
+                send(way)
+                due += 0.001
+                while (left := due - time.monotonic()) > 0:
+                    executor.spin_once(timeout_sec=left)
+    settled = time.monotonic() + 1.0
+    while time.monotonic() < settled:
+        executor.spin_once(timeout_sec=0.05)
+
+    def figures(way):
+        took_ms = sorted(1e3 * (came[way][stamp] - at) for stamp, at in sent[way].items() if stamp in came[way])
+        at = lambda share: took_ms[min(int(share * len(took_ms)), len(took_ms) - 1)]
+        return {"sent": len(sent[way]), "came": len(took_ms), "p50_ms": at(0.5), "p99_ms": at(0.99), "max_ms": took_ms[-1]}
+
+    return {way: figures(way) for way in ways}
+
+
+def process_of(name, launch_file):
+    for process in filter(str.isdigit, os.listdir("/proc")):
+        try:
+            words = open(f"/proc/{process}/cmdline").read().split("\0")
+        except OSError:
+            continue
+        if "node" in words and name in words and launch_file in words:
+            return int(process)
+    sys.exit(f"no process of {name}")
+
+
+def children_of(process):
+    threads = os.listdir(f"/proc/{process}/task")
+    return [int(one) for thread in threads for one in open(f"/proc/{process}/task/{thread}/children").read().split()]
+
+
+def press(node, remote, launch_file):
+    managed, said, pending = Managed(node, remote), {}, []
+    managed.change(Transition.TRANSITION_ACTIVATE)
+    said["at first"] = managed.state()
+    until = time.monotonic() + 2.0
+    while time.monotonic() < until:
+        for name, request in [("get_state", GetState.Request()), ("get_available_states", GetAvailableStates.Request())]:
+            pending += [managed.clients[name].call_async(request) for _ in range(10)]
+        rclpy.spin_once(node, timeout_sec=0)
+    said["asked"] = len(pending)
+    said["after the flood"] = managed.state()
+    said["answered"] = sum(future.done() for future in pending)
+
+    process = process_of(remote.rsplit("/", 1)[1], launch_file)
+    os.kill(process, signal.SIGSTOP)
+    try:
+        said["while it stands"] = managed.state()
+        change = managed.clients["change_state"].call_async(
+            ChangeState.Request(transition=Transition(id=Transition.TRANSITION_DEACTIVATE)))
+        until = time.monotonic() + 0.5
+        while time.monotonic() < until:
+            rclpy.spin_once(node, timeout_sec=0.05)
+        said["answered while it stands"] = change.done()
+    finally:
+        os.kill(process, signal.SIGCONT)
+    said["answered when it goes on"] = answer(node, change, "the reply of a node that goes on").success
+    said["then"] = managed.state()
+
+    gateways = children_of(process)
+    said["gateways"] = len(gateways)
+    os.kill(gateways[0], signal.SIGSTOP)
+    time.sleep(0.2)
+    os.kill(gateways[0], signal.SIGCONT)
+    spin_until(node, lambda: children_of(process) not in ([], gateways), "another gateway")
+
+    def state():
+        # What the old gateway was asked is answered by nobody.
+        future = managed.clients["get_state"].call_async(GetState.Request())
+        until = time.monotonic() + 1.0
+        while not future.done() and time.monotonic() < until:
+            rclpy.spin_once(node, timeout_sec=0.05)
+        return future.done() and future.result().current_state.label
+
+    found = []
+    spin_until(node, lambda: found.append(state()) or found[-1], "an answer of the next gateway")
+    said["of the next gateway"] = found[-1]
+    said["activated"] = managed.change(Transition.TRANSITION_ACTIVATE)
+    said["at last"] = managed.state()
+    return said
+
+
+def bits(value):
+    """A field of a message without loss: numbers as they are, doubles by their bits, bytes in hex, messages by their fields."""
+    if hasattr(value, "get_fields_and_field_types"):
+        return {name: bits(getattr(value, name)) for name in value.get_fields_and_field_types()}
+    if isinstance(value, float):
+        return struct.unpack("<Q", struct.pack("<d", value))[0]
+    if isinstance(value, (bool, int, str)):
+        return value
+    if value.dtype == "uint8":
+        return value.tobytes().hex()
+    return [bits(one) for one in value.tolist()]
+
+
+def corrected(node, namespace, count):
+    from abbe_msgs.msg import CorrectedCoordinates
+
+    taken = []
+    node.create_subscription(CorrectedCoordinates, f"/{namespace}/corrected", taken.append, DEFAULT)
+    spin_until(node, lambda: len(taken) >= int(count), "samples")
+    return {"taken": [bits(one) for one in taken], "covers": CorrectedCoordinates.STATUS_INACTIVE}
+
+
 def main():
     task, *words = sys.argv[1:]
     rclpy.init()
@@ -376,7 +557,8 @@ def main():
     print(json.dumps({"streams": streams, "parameters": parameters, "trigger": trigger, "clock": clock,
                       "types": types, "nodes": nodes, "scene": scene, "delays": delays,
                       "heard_clock": heard_clock, "machines": machines, "health": health,
-                      "manage": manage, "change": change, "log": log, "services": services}[task](node, *words)))
+                      "manage": manage, "change": change, "log": log, "services": services, "strangers": strangers, "corrected": corrected,
+                      "quarrel": quarrel, "press": press, "echo": echo, "round_trip": round_trip}[task](node, *words)))
 
 
 main()

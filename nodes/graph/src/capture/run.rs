@@ -20,7 +20,7 @@ use abbe_files::{CaptureJournal, FileError, MachineFile};
 use abbe_msgs::{ScaleReading, TracerReading};
 use abbe_runtime::Shutdown;
 use abbe_runtime::gateway::{GatewayNode, GatewayOptions};
-use abbe_runtime::ros::{Domain, Enclave, NodeOptions, ParameterTable, RosError};
+use abbe_runtime::ros::{Domain, Enclave, NodeOptions, ParameterTable, RosError, StaticPeers};
 use std::num::NonZeroUsize;
 use std::path::Path;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TryRecvError, sync_channel};
@@ -384,7 +384,9 @@ fn join_ros(machine: &MachineFile) -> Result<GatewayNode, CaptureError> {
         let command = gateway_command(&identity, None)?;
         let domain = Domain::from_environment().map_err(RosError::from)?;
         let enclave = Enclave::from_environment(None).map_err(RosError::from)?;
-        let node = NodeOptions { identity, domain, remaps: Vec::new(), parameters: ParameterTable::default(), enclave };
+        let peers = StaticPeers::from_environment(domain.range).map_err(RosError::from)?;
+        let (remaps, parameters) = (Vec::new(), ParameterTable::default());
+        let node = NodeOptions { identity, domain, remaps, parameters, enclave, peers };
         Ok(GatewayNode::start(GatewayOptions {
             on_change: None,
             rosout: true,

@@ -37,7 +37,8 @@ use abbe_msgs::bag::BagError;
 use abbe_msgs::{Message, MessageError};
 use abbe_runtime::gateway::{Companion, Content, GatewayCommand, GatewayNode, GatewayOptions, OnChange};
 use abbe_runtime::ros::{
-    ArgsError, Clock, Domain, Enclave, NodeIdentity, NodeOptions, RosArgs, RosError, offer_best_effort, resolve,
+    ArgsError, Clock, Domain, Enclave, NodeIdentity, NodeOptions, RosArgs, RosError, StaticPeers, offer_best_effort,
+    resolve,
 };
 use abbe_runtime::transport::shared_memory;
 use abbe_runtime::{
@@ -299,9 +300,10 @@ impl NodeContext {
         let ros = if launch.is_in_ros_graph(call.name) {
             let domain = Domain::from_environment().map_err(RosError::from)?;
             let enclave = enclave.map_err(RosError::from)?;
+            let peers = StaticPeers::from_environment(domain.range).map_err(RosError::from)?;
             Some(GatewayNode::start(GatewayOptions {
                 command: gateway_command(&identity, call.run.as_ref())?,
-                node: NodeOptions { identity, domain, remaps: remaps.clone(), parameters: table, enclave },
+                node: NodeOptions { identity, domain, remaps: remaps.clone(), parameters: table, enclave, peers },
                 run: call.run.clone(),
                 depth: config.depth,
                 memory_limit_bytes: launch.gateway_memory_bytes(),

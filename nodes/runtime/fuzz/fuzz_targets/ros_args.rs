@@ -3,7 +3,7 @@
 #![no_main]
 
 use abbe_runtime::RunId;
-use abbe_runtime::ros::{Domain, NodeIdentity, RosArgs, resolve};
+use abbe_runtime::ros::{DiscoveryRange, Domain, NodeIdentity, RosArgs, StaticPeers, resolve};
 use libfuzzer_sys::fuzz_target;
 use std::io::{Seek, SeekFrom, Write};
 use std::sync::{LazyLock, Mutex};
@@ -44,4 +44,5 @@ fuzz_target!(|bytes: &[u8]| {
     }
     let _ = text.parse::<RunId>();
     let _ = Domain::from_variables(|_| Some(text.to_owned()));
+    let _ = StaticPeers::of(text, DiscoveryRange::Localhost);
 });

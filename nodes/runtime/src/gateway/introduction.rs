@@ -1,13 +1,17 @@
-//! Introduces a participant to itself, so that its own writers and readers find each other.
+//! Tells a participant of others: of itself, so that its own writers and readers find each other, and of hosts that
+//! multicast does not reach.
 //!
-//! Place in the flow: under the gateway's heartbeat. A participant hears its own announcement where multicast comes
-//! back to it, and then matches its own endpoints. On a loopback interface without the multicast flag it hears nothing,
-//! because nobody announces themselves to themselves by unicast. This sends it its own announcement once more, from a
-//! socket of ours to the port where it listens for those of others: one packet after RTPS 2.5, sections 8.5.3 and 9.6.
+//! Place in the flow: under the gateway's heartbeat, and under `ros/static_peers.rs`. One packet after RTPS 2.5, sections
+//! 8.5.3 and 9.6, from a socket of ours to the port where the participant listens for announcements.
 //!
-//! A second participant would do as well, but each takes one of the twelve places that such a loopback has.
+//! - A participant hears its own announcement where multicast comes back to it, and then matches its own endpoints. On a loopback
+//!   interface without the multicast flag it hears nothing, because nobody announces themselves to themselves by unicast: it gets
+//!   its own announcement once more. A second participant would do as well, but each takes one of the twelve places that such a
+//!   loopback has.
+//! - The library announces itself to the participants that it knows, at once where one is new, and knows no way to be told where
+//!   others might be. So it is told of a stand-in that listens for announcements, and for nothing else, at each of those places.
 
-use std::net::{Ipv4Addr, UdpSocket};
+use std::net::{Ipv4Addr, SocketAddrV4, UdpSocket};
 use std::time::Duration;
 
 /// Gain and offsets of the well-known ports (RTPS 2.5, section 9.6.2.3).
@@ -27,6 +31,9 @@ const WRITER: [u8; 4] = [0, 1, 0, 0xc2];
 const PARTICIPANT: [u8; 4] = [0, 0, 1, 0xc1];
 const UDP_V4: i32 = 1;
 
+/// Of these the one that hears announcements of participants.
+const DETECTOR: u32 = 0b10;
+
 /// A participant on this host, as its announcement describes it.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Introduced {
@@ -35,29 +42,81 @@ pub(crate) struct Introduced {
     pub(crate) participant_id: u16,
 }
 
+/// What an announcement says.
+struct Announcement<'a> {
+    guid_prefix: [u8; 12],
+    endpoints: u32,
+    hears_announcements_at: &'a [SocketAddrV4],
+    takes_samples_at: &'a [SocketAddrV4],
+    /// How long it holds, in whole seconds.
+    lease: Duration,
+}
+
+/// Where participant `participant_id` of a domain listens for the announcements of others.
+pub(crate) fn discovery_port(domain_id: u16, participant_id: u16) -> u16 {
+    PORT_BASE + DOMAIN_GAIN * domain_id + DISCOVERY_OFFSET + PARTICIPANT_GAIN * participant_id
+}
+
 impl Introduced {
     /// Sends the participant its own announcement, the `number`-th one, good for `lease`.
     pub(super) fn introduce(self, number: u32, lease: Duration) -> std::io::Result<()> {
-        let socket = UdpSocket::bind((Ipv4Addr::LOCALHOST, 0))?;
-        socket.send_to(&self.packet(number, lease), (Ipv4Addr::LOCALHOST, self.port(DISCOVERY_OFFSET)))?;
-        Ok(())
+        self.tell(&self.own(&self.own_places(), lease), number)
+    }
+
+    /// Tells the participant, for the `number`-th time, of a stand-in: another participant that listens at these places.
+    pub(crate) fn tell_of(
+        self,
+        stand_in: [u8; 12],
+        places: &[SocketAddrV4],
+        number: u32,
+        lease: Duration,
+    ) -> std::io::Result<()> {
+        self.tell(
+            &Announcement {
+                guid_prefix: stand_in,
+                endpoints: DETECTOR,
+                hears_announcements_at: places,
+                takes_samples_at: &[],
+                lease,
+            },
+            number,
+        )
     }
 
     /// Where it listens for samples, and for what readers say of them.
     pub(crate) fn data_port(self) -> u16 {
-        self.port(DATA_OFFSET)
+        discovery_port(self.domain_id, self.participant_id) + (DATA_OFFSET - DISCOVERY_OFFSET)
     }
 
-    fn port(self, offset: u16) -> u16 {
-        PORT_BASE + DOMAIN_GAIN * self.domain_id + offset + PARTICIPANT_GAIN * self.participant_id
+    fn own_places(self) -> [SocketAddrV4; 2] {
+        let ports = [discovery_port(self.domain_id, self.participant_id), self.data_port()];
+        ports.map(|port| SocketAddrV4::new(Ipv4Addr::LOCALHOST, port))
     }
 
-    fn packet(self, number: u32, lease: Duration) -> Vec<u8> {
+    fn own(self, places: &[SocketAddrV4; 2], lease: Duration) -> Announcement<'_> {
+        Announcement {
+            guid_prefix: self.guid_prefix,
+            endpoints: BUILTIN_ENDPOINTS,
+            hears_announcements_at: &places[..1],
+            takes_samples_at: &places[1..],
+            lease,
+        }
+    }
+
+    fn tell(self, announcement: &Announcement<'_>, number: u32) -> std::io::Result<()> {
+        let socket = UdpSocket::bind((Ipv4Addr::LOCALHOST, 0))?;
+        socket.send_to(&announcement.packet(number), self.own_places()[0])?;
+        Ok(())
+    }
+}
+
+impl Announcement<'_> {
+    fn packet(&self, number: u32) -> Vec<u8> {
         let mut packet = b"RTPS".to_vec();
         packet.extend([PROTOCOL[0], PROTOCOL[1], VENDOR[0], VENDOR[1]]);
         packet.extend(self.guid_prefix);
-        let announcement = self.announcement(lease);
-        let length = u16::try_from(20 + announcement.len()).unwrap_or(u16::MAX);
+        let parameters = self.parameters();
+        let length = u16::try_from(20 + parameters.len()).unwrap_or(u16::MAX);
         // DATA, little endian, with a payload; 16 bytes from here to where inline parameters would be.
         packet.extend([0x15, 0b101]);
         packet.extend(length.to_le_bytes());
@@ -66,11 +125,11 @@ impl Introduced {
         packet.extend(WRITER);
         packet.extend(0_i32.to_le_bytes());
         packet.extend(number.to_le_bytes());
-        packet.extend(announcement);
+        packet.extend(parameters);
         packet
     }
 
-    fn announcement(self, lease: Duration) -> Vec<u8> {
+    fn parameters(&self) -> Vec<u8> {
         // A list of parameters in CDR, little endian.
         let mut list = vec![0, 3, 0, 0];
         let mut add = |name: u16, value: &[u8]| {
@@ -81,19 +140,19 @@ impl Introduced {
         add(0x0015, &PROTOCOL);
         add(0x0016, &VENDOR);
         add(0x0050, &[&self.guid_prefix[..], &PARTICIPANT].concat());
-        add(0x0058, &BUILTIN_ENDPOINTS.to_le_bytes());
-        add(0x0032, &locator(self.port(DISCOVERY_OFFSET)));
-        add(0x0031, &locator(self.port(DATA_OFFSET)));
-        let seconds = i32::try_from(lease.as_secs()).unwrap_or(i32::MAX);
+        add(0x0058, &self.endpoints.to_le_bytes());
+        self.hears_announcements_at.iter().for_each(|place| add(0x0032, &locator(*place)));
+        self.takes_samples_at.iter().for_each(|place| add(0x0031, &locator(*place)));
+        let seconds = i32::try_from(self.lease.as_secs()).unwrap_or(i32::MAX);
         add(0x0002, &[seconds.to_le_bytes(), [0; 4]].concat());
         add(0x0001, &[]);
         list
     }
 }
 
-fn locator(port: u16) -> Vec<u8> {
-    let address = Ipv4Addr::LOCALHOST.octets();
-    [&UDP_V4.to_le_bytes()[..], &u32::from(port).to_le_bytes(), &[0; 12], &address].concat()
+fn locator(place: SocketAddrV4) -> Vec<u8> {
+    let (address, port) = (place.ip().octets(), u32::from(place.port()));
+    [&UDP_V4.to_le_bytes()[..], &port.to_le_bytes(), &[0; 12], &address].concat()
 }
 
 #[cfg(test)]
@@ -103,9 +162,9 @@ mod tests {
     #[test]
     fn ports_and_lengths_are_those_of_the_standard() {
         let introduced = Introduced { guid_prefix: [7; 12], domain_id: 3, participant_id: 2 };
-        assert_eq!(introduced.port(DISCOVERY_OFFSET), 7400 + 750 + 10 + 4);
-        assert_eq!(introduced.port(DATA_OFFSET), 7400 + 750 + 11 + 4);
-        let packet = introduced.packet(1, Duration::from_secs(50));
+        let places = introduced.own_places();
+        assert_eq!(places.map(|place| place.port()), [7400 + 750 + 10 + 4, 7400 + 750 + 11 + 4]);
+        let packet = introduced.own(&places, Duration::from_secs(50)).packet(1);
         assert_eq!(&packet[..8], b"RTPS\x02\x04\x01\x12");
         // The submessage ends with the packet, and every parameter is a multiple of four bytes.
         assert_eq!(usize::from(u16::from_le_bytes([packet[22], packet[23]])), packet.len() - 24);

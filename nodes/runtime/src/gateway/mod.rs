@@ -44,7 +44,7 @@ use crate::transport::TransportKind;
 pub use companion::{Companion, Content, Frames, Standing, Volume};
 pub use endpoints::{GatewayPublisher, GatewaySubscriber};
 pub use foreign::{Foreign, ForeignMessage};
-pub(crate) use introduction::Introduced;
+pub(crate) use introduction::{Introduced, discovery_port};
 pub use keeper::GatewayCommand;
 pub use node::{GatewayLifecycle, GatewayNode, GatewayOptions, GatewayService, GatewayStanding, OnChange};
 pub use serve::{GatewayError, serve};

@@ -21,7 +21,7 @@ use super::foreign::Foreign;
 use crate::log_lines::LogLine;
 use crate::ros::{
     DiscoveryRange, Domain, Enclave, LifecycleState, NodeIdentity, NodeOptions, ParameterSpec, ParameterTable,
-    ParameterValue, Range, RemapRule, RosError, Step, Transition, TriggerOutcome, USE_SIM_TIME,
+    ParameterValue, Range, RemapRule, RosError, StaticPeers, Step, Transition, TriggerOutcome, USE_SIM_TIME,
 };
 
 /// Longest packet; what is longer is refused.
@@ -94,6 +94,7 @@ pub(super) struct Join {
     pub(super) domain_id: u16,
     pub(super) on_this_host_only: bool,
     pub(super) enclave: Option<Enclave>,
+    pub(super) peers: StaticPeers,
     pub(super) remaps: Vec<RemapRule>,
     pub(super) parameters: Vec<Parameter>,
     pub(super) run: String,
@@ -224,6 +225,7 @@ impl Join {
             domain_id: options.domain.id(),
             on_this_host_only: options.domain.range == DiscoveryRange::Localhost,
             enclave: options.enclave.clone(),
+            peers: options.peers.clone(),
             remaps: options.remaps.clone(),
             parameters: options.parameters.values().filter_map(parameter).collect(),
             run: run.to_owned(),
@@ -254,6 +256,7 @@ impl Join {
             remaps: self.remaps,
             parameters,
             enclave: self.enclave,
+            peers: self.peers,
         })
     }
 }

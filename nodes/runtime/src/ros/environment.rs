@@ -5,19 +5,19 @@
 //! - `ROS_DOMAIN_ID`: 0 to 232, 0 when unset;
 //! - `ROS_LOCALHOST_ONLY`: deprecated, but wins when set: 1 = this host only, 0 = the network;
 //! - `ROS_AUTOMATIC_DISCOVERY_RANGE`: `LOCALHOST`, `SUBNET` or `SYSTEM_DEFAULT`; `OFF` is refused;
-//! - `ROS_STATIC_PEERS`: refused unless empty: the DDS library finds others by multicast alone, and a node that nobody finds
-//!   would look as if it worked. `ROS_DISCOVERY_SERVER` likewise.
+//! - `ROS_DISCOVERY_SERVER`: refused unless empty: the DDS library knows none, and a node that nobody finds would look as if it
+//!   worked. `ROS_STATIC_PEERS` stands in `static_peers.rs`.
+
+use std::borrow::Cow;
 
 use thiserror::Error;
 
 /// Highest domain whose ports lie below 65536.
 const MAX_DOMAIN_ID: u16 = 232;
 
-/// What to do without peers by their addresses.
-const STATIC_PEERS: &str = "peers by their addresses are not supported, others are found by multicast; unset it, and let multicast pass \
-                            between the hosts, or put a router of DDS between them";
-/// The same without a server.
-const DISCOVERY_SERVER: &str = "a discovery server is not supported, others are found by multicast; unset it";
+/// What to do without a server.
+const DISCOVERY_SERVER: &str =
+    "a discovery server is not supported; unset it, and name hosts that multicast does not reach in ROS_STATIC_PEERS";
 
 /// How far DDS discovers and is discovered.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -46,7 +46,7 @@ pub struct EnvironmentError {
     /// Its value.
     pub value: String,
     /// What to set instead.
-    pub remedy: &'static str,
+    pub remedy: Cow<'static, str>,
 }
 
 impl Domain {
@@ -76,11 +76,8 @@ impl Domain {
     pub fn from_variables(variable: impl Fn(&str) -> Option<String>) -> Result<Self, EnvironmentError> {
         // Empty counts as unset, as in rcl.
         let set = |name| variable(name).filter(|value| !value.is_empty());
-        let by_address = [("ROS_STATIC_PEERS", STATIC_PEERS), ("ROS_DISCOVERY_SERVER", DISCOVERY_SERVER)];
-        for (name, remedy) in by_address {
-            if let Some(value) = set(name) {
-                return Err(EnvironmentError { variable: name, value, remedy });
-            }
+        if let Some(value) = set("ROS_DISCOVERY_SERVER") {
+            return Err(EnvironmentError { variable: "ROS_DISCOVERY_SERVER", value, remedy: DISCOVERY_SERVER.into() });
         }
         let id = match set("ROS_DOMAIN_ID") {
             None => 0,
@@ -104,7 +101,11 @@ impl Domain {
 }
 
 fn domain_error(value: &str) -> EnvironmentError {
-    EnvironmentError { variable: "ROS_DOMAIN_ID", value: value.into(), remedy: "use a whole number from 0 to 232" }
+    EnvironmentError {
+        variable: "ROS_DOMAIN_ID",
+        value: value.into(),
+        remedy: "use a whole number from 0 to 232".into(),
+    }
 }
 
 fn localhost_only(value: &str) -> Result<DiscoveryRange, EnvironmentError> {
@@ -114,7 +115,7 @@ fn localhost_only(value: &str) -> Result<DiscoveryRange, EnvironmentError> {
         _ => Err(EnvironmentError {
             variable: "ROS_LOCALHOST_ONLY",
             value: value.into(),
-            remedy: "use 1 or 0, or better ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST",
+            remedy: "use 1 or 0, or better ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST".into(),
         }),
     }
 }
@@ -126,7 +127,7 @@ fn discovery_range(value: &str) -> Result<DiscoveryRange, EnvironmentError> {
         _ => Err(EnvironmentError {
             variable: "ROS_AUTOMATIC_DISCOVERY_RANGE",
             value: value.into(),
-            remedy: "use LOCALHOST or SUBNET; OFF is not supported, leave the DDS edges out instead",
+            remedy: "use LOCALHOST or SUBNET; OFF is not supported, leave the DDS edges out instead".into(),
         }),
     }
 }
@@ -144,7 +145,7 @@ mod tests {
 
     #[test]
     fn nothing_set_is_domain_0_on_the_subnet() {
-        assert_eq!(domain(&[("ROS_STATIC_PEERS", "")]), Domain::new(0, DiscoveryRange::Subnet));
+        assert_eq!(domain(&[("ROS_DISCOVERY_SERVER", "")]), Domain::new(0, DiscoveryRange::Subnet));
         assert_eq!(domain(&[]), Domain::new(0, DiscoveryRange::Subnet));
         assert_eq!(domain(&[("ROS_DOMAIN_ID", "")]), Domain::new(0, DiscoveryRange::Subnet));
     }
@@ -165,7 +166,6 @@ mod tests {
             ("ROS_DOMAIN_ID", "seven"),
             ("ROS_LOCALHOST_ONLY", "yes"),
             ("ROS_AUTOMATIC_DISCOVERY_RANGE", "OFF"),
-            ("ROS_STATIC_PEERS", "192.168.0.7;192.168.0.8"),
             ("ROS_DISCOVERY_SERVER", "192.168.0.7:11811"),
         ] {
             let error = domain(&[(variable, value)]).unwrap_err();

@@ -20,6 +20,7 @@ mod qos_overrides;
 mod queued;
 mod security;
 mod service;
+mod static_peers;
 mod trigger;
 mod writer;
 mod yaml;
@@ -44,6 +45,7 @@ pub use qos_overrides::{TopicEnd, offer_best_effort, qos_parameters};
 pub use queued::QueuedPublisher;
 pub use ros2_client::ParameterValue;
 pub use security::{Enclave, SecurityError};
+pub use static_peers::StaticPeers;
 pub use trigger::{TriggerOutcome, TriggerService};
 pub(crate) use writer::Writer;
 pub use yaml::{ParameterAssignment, YamlError, YamlValue};
@@ -71,6 +73,12 @@ pub enum RosError {
         /// Why.
         reason: String,
     },
+    /// Keys, and hosts that multicast does not reach.
+    #[error(
+        "ROS_STATIC_PEERS and DDS Security do not go together: the DDS library announces itself to nobody by address whom it has \
+         not authenticated; unset one of them"
+    )]
+    SecuredPeers,
     /// A name.
     #[error(transparent)]
     Name(#[from] NameError),

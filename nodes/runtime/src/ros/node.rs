@@ -26,6 +26,7 @@ use super::parameter_services::{Ask, ParameterServices};
 use super::parameters::{ParameterSpec, ParameterTable};
 use super::queued::QueuedPublisher;
 use super::service::Service;
+use super::static_peers::{Meeting, StaticPeers};
 use super::trigger::{TriggerOutcome, TriggerService};
 use super::writer::{Writer, limits};
 use super::{DiscoveryRange, Domain, Enclave, RemapRule, RosArgs, RosError};
@@ -47,6 +48,8 @@ pub struct NodeOptions {
     pub parameters: ParameterTable,
     /// Keys of DDS Security; without them the node joins in the open.
     pub enclave: Option<Enclave>,
+    /// Hosts that multicast does not reach.
+    pub peers: StaticPeers,
 }
 
 impl NodeOptions {
@@ -64,7 +67,9 @@ impl NodeOptions {
         let identity = args.identity(namespace, name)?;
         let parameters = ParameterTable::new(parameters)?.with_assignments(&identity, &args.parameters)?;
         let enclave = Enclave::from_environment(args.enclave.as_deref())?;
-        Ok(Self { identity, domain: Domain::from_environment()?, remaps: args.remaps, parameters, enclave })
+        let domain = Domain::from_environment()?;
+        let peers = StaticPeers::from_environment(domain.range)?;
+        Ok(Self { identity, domain, remaps: args.remaps, parameters, enclave, peers })
     }
 }
 
@@ -78,6 +83,7 @@ pub(super) struct Inner {
     introduced: Introduced,
     node: Arc<Mutex<Node>>,
     matched: Arc<Matched>,
+    _meeting: Option<Meeting>,
     stop: Option<oneshot::Sender<()>>,
     thread: Option<JoinHandle<()>>,
     context: Context,
@@ -103,6 +109,9 @@ impl RosNode {
         if SystemTime::now() < UNIX_EPOCH {
             return Err(RosError::Clock { domain_id: options.domain.id() });
         }
+        if options.enclave.is_some() && !options.peers.is_empty() {
+            return Err(RosError::SecuredPeers);
+        }
         let (context, introduced) = participant(options.domain, options.enclave.as_ref())?;
         let mut node = create(&context, &options)?;
         let parameters = ParameterServices::open(&mut node, &options, ask)?;
@@ -119,9 +128,10 @@ impl RosNode {
                 futures::executor::block_on(future::select(working, stopped));
             })
             .map_err(|source| RosError::Thread { what: "the ROS node", source })?;
-        let NodeOptions { identity, remaps, .. } = options;
+        let NodeOptions { identity, remaps, peers, .. } = options;
+        let _meeting = peers.meet(introduced)?;
         let (stop, thread) = (Some(stop), Some(thread));
-        Ok(Self(Arc::new(Inner { identity, remaps, introduced, node, matched, stop, thread, context })))
+        Ok(Self(Arc::new(Inner { identity, remaps, introduced, node, matched, _meeting, stop, thread, context })))
     }
 
     /// The name of the node in the graph.
