@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::Axis;
+use crate::digits;
 use crate::error::ReportError;
 use crate::frame::{Area, Labels, WIDTH_PX, axis_text, draw_frame};
 use crate::scale::Scale;
@@ -44,8 +45,6 @@ pub struct CellMap {
     pub note: Option<String>,
     /// What the colour and the numbers show, with unit.
     pub value: Axis,
-    /// Decimals of the numbers.
-    pub decimals: u8,
     /// Panels side by side (1 to 4). Each row of panels has a colour scale of its own, from 0 to its largest.
     pub columns: usize,
     /// Panels, row by row.
@@ -90,7 +89,7 @@ impl CellMap {
                     width: cell - 78.0,
                     height: 150.0,
                 };
-                panel.draw(&mut svg, area, top, self);
+                panel.draw(&mut svg, area, top);
             }
         }
         svg.finish(&self.title)
@@ -98,12 +97,24 @@ impl CellMap {
 }
 
 impl CellPanel {
-    fn draw(&self, svg: &mut Svg, area: Area, top: f64, map: &CellMap) {
+    /// Decimals of the numbers: those of the largest of its row of panels, fewer where the cells of a column are too narrow.
+    fn decimals(&self, top: f64, width_px: impl Fn(usize) -> f64) -> u8 {
+        let columns = self.x_edges.len() - 1;
+        let fits = |decimals: u8| {
+            let mut cells = self.values.iter().enumerate();
+            cells.all(|(k, value)| value.is_none_or(|v| text_width_px(&fixed(v, decimals)) <= width_px(k % columns)))
+        };
+        let wanted = digits::of_result(top);
+        (0..=wanted).rev().find(|decimals| fits(*decimals)).unwrap_or(wanted)
+    }
+
+    fn draw(&self, svg: &mut Svg, area: Area, top: f64) {
         let limits = |edges: &[f64]| (edges.first().copied().unwrap_or(0.0), edges.last().copied().unwrap_or(1.0));
         let ((x0, x1), (y0, y1)) = (limits(&self.x_edges), limits(&self.y_edges));
         let x = Scale::exact(x0, x1, area.left, area.right());
         let y = Scale::exact(y0, y1, area.bottom(), area.top);
         let columns = self.x_edges.len() - 1;
+        let decimals = self.decimals(top, |k| x.map(self.x_edges[k + 1]) - x.map(self.x_edges[k]));
         for (index, value) in self.values.iter().enumerate() {
             let (i, j) = (index % columns, index / columns);
             let left_top = (x.map(self.x_edges[i]), y.map(self.y_edges[j + 1]));
@@ -112,7 +123,7 @@ impl CellPanel {
             let step = value.map(|v| ((v / top * SEQUENTIAL_STEPS as f64) as usize).min(SEQUENTIAL_STEPS - 1));
             let class = step.map_or_else(|| "none edge".to_owned(), |s| format!("q{s} edge"));
             svg.rect(&class, left_top, size, None);
-            let text = value.map_or_else(|| MISSING.to_owned(), |v| fixed(v, map.decimals));
+            let text = value.map_or_else(|| MISSING.to_owned(), |v| fixed(v, decimals));
             // A number that would be cut is left to the colour.
             if text_width_px(&text) > size.0 || LINE_PX > size.1 {
                 continue;

@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::json;
 
 use super::State;
+use crate::digits;
 use crate::error::ReportError;
 use crate::frame::{Swatch, WIDTH_PX, draw_legend, drawn, one_in};
 use crate::svg::{Anchor, Drawing, Svg};
@@ -43,8 +44,6 @@ pub struct Vectors {
     pub vector_unit: String,
     /// One unit of the vectors in units of the positions, e.g. 0.001.
     pub vector_in_position: f64,
-    /// Decimals that a vector's components carry.
-    pub decimals: u8,
     /// Lower corner of the volume.
     pub volume_min: [f64; 3],
     /// Upper corner of the volume.
@@ -110,6 +109,12 @@ impl Vectors {
 
     fn diagonal(&self) -> f64 {
         length(std::array::from_fn(|i| self.volume_max[i] - self.volume_min[i]))
+    }
+
+    /// Decimals of the components: those of the state whose vectors are the shortest.
+    fn decimals(&self) -> u8 {
+        let longest = |k: usize| self.points.iter().filter_map(|p| p.states[k].map(length)).reduce(f64::max);
+        (0..self.states.len().min(2)).filter_map(longest).map(digits::of_result).max().unwrap_or(0)
     }
 
     /// How many times the vectors are enlarged: a round number.
@@ -190,11 +195,12 @@ impl Vectors {
             // No negative zero.
             json!(rounded + 0.0)
         };
+        let decimals = self.decimals();
         let point = |p: &&Vector| {
             let mut numbers: Vec<_> = p.at.iter().map(|v| rounded(*v, 2)).collect();
             for state in p.states.iter().take(self.states.len()) {
                 match state {
-                    Some(vector) => numbers.extend(vector.iter().map(|v| rounded(*v, self.decimals))),
+                    Some(vector) => numbers.extend(vector.iter().map(|v| rounded(*v, decimals))),
                     None => numbers.extend([json!(null), json!(null), json!(null)]),
                 }
             }
@@ -222,7 +228,6 @@ mod tests {
             position_unit: "mm".into(),
             vector_unit: "µm".into(),
             vector_in_position: 1e-3,
-            decimals: 2,
             volume_min: [0.0; 3],
             volume_max: [100.0; 3],
             states: vec![("</script>".into(), State::Before)],
