@@ -370,8 +370,8 @@ impl Judged {
             vec![
                 Cell::number(pose.a_rad.to_degrees(), 3),
                 Cell::number(pose.c_rad.to_degrees(), 3),
-                Cell::maybe(pose.error_m.as_ref().map(um), 1),
-                Cell::maybe(pose.compensated_m.as_ref().map(um), 1),
+                Cell::result(pose.error_m.as_ref().map(um)),
+                Cell::result(pose.compensated_m.as_ref().map(um)),
                 Cell::text(word),
             ]
         };

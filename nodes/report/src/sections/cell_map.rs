@@ -163,6 +163,22 @@ fn apart(edges: &[f64], is_apart: impl Fn(f64, f64) -> bool) -> Vec<f64> {
 mod tests {
     use super::*;
 
+    #[test]
+    fn numbers_have_three_digits_of_the_largest_and_fewer_where_a_cell_is_narrow() {
+        let panel = CellPanel {
+            title: String::new(),
+            x: Axis::new("X", "mm"),
+            y: Axis::new("Y", "mm"),
+            x_edges: vec![0.0, 1.0, 2.0],
+            y_edges: vec![0.0, 1.0],
+            values: vec![Some(40.1234), None],
+        };
+        assert_eq!(panel.decimals(40.1234, |_| 100.0), 1);
+        assert_eq!(panel.decimals(40.1234, |_| text_width_px("40")), 0);
+        // Where not even that fits the number is left out, whatever its decimals.
+        assert_eq!(panel.decimals(40.1234, |_| 1.0), 1);
+    }
+
     /// The cells of a plan are narrow at both ends of an axis: 0, 67 … 733, 800.
     #[test]
     fn regress_labels_of_narrow_cells_do_not_touch() {

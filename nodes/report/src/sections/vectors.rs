@@ -11,7 +11,7 @@ use crate::digits;
 use crate::error::ReportError;
 use crate::frame::{Swatch, WIDTH_PX, draw_legend, drawn, one_in};
 use crate::svg::{Anchor, Drawing, Svg};
-use crate::text::{fixed, integer};
+use crate::text::{escape, fixed, integer};
 
 /// Height of the view, px.
 const HEIGHT_PX: f64 = 560.0;
@@ -144,8 +144,7 @@ impl Vectors {
         let legend = |(name, state): &(String, State)| (Swatch::Line(format!("vec l{}", state.class())), name.clone());
         let legend: Vec<_> = self.states.iter().map(legend).collect();
         draw_legend(&mut svg, (MARGIN_PX, 16.0), &legend);
-        let enlarged = format!("vectors enlarged {} ×", integer(magnification.round() as i64));
-        svg.text("small muted magnified", (WIDTH_PX - MARGIN_PX, 16.0), Anchor::End, &enlarged);
+        svg.text("small muted magnified", (WIDTH_PX - MARGIN_PX, 16.0), Anchor::End, &self.enlarged_text());
         svg.text("small muted", (WIDTH_PX - MARGIN_PX, HEIGHT_PX - 8.0), Anchor::End, &self.size_text());
         svg.open("class=\"scene\"");
         let edges = (0..8_usize).flat_map(|from| [1, 2, 4].map(|bit| (from, from | bit)));
@@ -177,6 +176,21 @@ impl Vectors {
         svg.name(None);
         svg.close();
         svg.finish(&self.title)
+    }
+
+    /// The words of the drawing as text below it.
+    pub(crate) fn key(&self) -> String {
+        let state = |(name, state): &(String, State)| {
+            let colour = format!("<i style=\"background:var(--{})\"></i>", state.variable());
+            format!("<b>{colour}{}</b>; ", escape(name))
+        };
+        let states: String = self.states.iter().map(state).collect();
+        let (enlarged, size) = (self.enlarged_text(), escape(&self.size_text()));
+        format!("<p class=\"key\">{states}<span class=\"magnified\">{enlarged}</span>; {size}</p>\n")
+    }
+
+    fn enlarged_text(&self) -> String {
+        format!("vectors enlarged {} ×", integer(self.magnification().round() as i64))
     }
 
     fn size_text(&self) -> String {
@@ -244,6 +258,23 @@ mod tests {
         let body = cube([0.0, 0.0, 10.0]).draw().unwrap().body;
         let up = 280.0 - (2.0_f64 / 3.0).sqrt() * 20.0 * (560.0 - 112.0) / 30_000f64.sqrt();
         assert!(body.contains(&format!("M540 280L540 {up:.2}")), "{up} {body}");
+    }
+
+    /// On a phone the drawing's own words were four pixels high.
+    #[test]
+    fn regress_the_words_of_the_drawing_stand_below_it_too() {
+        let key = cube([0.0, 0.0, 10.0]).key();
+        assert!(key.contains("var(--before)") && key.contains("&lt;/script&gt;"), "{key}");
+        assert!(key.contains("<span class=\"magnified\">vectors enlarged 2000 ×</span>; x 0 … 100"), "{key}");
+    }
+
+    #[test]
+    fn components_have_the_digits_of_the_shortest_state() {
+        let mut two = cube([40.1234, 0.0, 0.0]);
+        assert_eq!(two.decimals(), 1);
+        two.states.push(("after".into(), State::After));
+        two.points[0].states[1] = Some([0.0, 0.21234, 0.0]);
+        assert_eq!(two.decimals(), 3);
     }
 
     #[test]
