@@ -54,10 +54,15 @@ pub fn with_uncertainty(value: f64, u: f64) -> [String; 2] {
     [plain(value, decimals), plain(u, decimals)]
 }
 
-/// A limit that holds whatever the exact one does: rounded up at the last decimal, in ASCII.
-pub fn rounded_up(limit: f64, decimals: u8) -> String {
+/// A limit that holds whatever the exact one does: rounded up at the last decimal.
+pub fn up(limit: f64, decimals: u8) -> f64 {
     let unit = 10f64.powi(i32::from(decimals));
-    plain((limit * unit - ROUNDING).ceil() / unit, decimals)
+    (limit * unit - ROUNDING).ceil() / unit
+}
+
+/// The same in ASCII.
+pub fn rounded_up(limit: f64, decimals: u8) -> String {
+    plain(up(limit, decimals), decimals)
 }
 
 /// A number with as many decimals, in ASCII and without a negative zero.

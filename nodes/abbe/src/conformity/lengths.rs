@@ -286,23 +286,26 @@ pub(crate) fn figures(errors: &LengthErrors, limits: &Limits, rule: &DecisionRul
 pub(crate) fn sections(errors: &LengthErrors, limits: &Limits, rule: &DecisionRule) -> anyhow::Result<Vec<Section>> {
     let frontier = errors.frontier()?;
     let (largest, line, length_m) = errors.largest();
-    let figure = |label: &str, value: Option<f64>, detail: String| KeyFigure {
+    let figure = |label: &str, value: Option<Quantity>, detail: String| KeyFigure {
         label: label.to_owned(),
-        value: value.map(Quantity::result),
+        value,
         unit: "µm".to_owned(),
         detail: Some(detail),
         ..KeyFigure::default()
     };
+    let shown = |metres: f64| Quantity::result(um(metres));
+    let constant_um = um(frontier.smallest_area().constant_m);
+    let decimals = digits::of_result(constant_um);
     let figures = vec![
-        figure("largest error, observed", Some(um(largest.metres())), format!("{line}, {:.4} mm", length_m * 1e3)),
+        figure("largest error, observed", Some(shown(largest.metres())), format!("{line}, {:.4} mm", length_m * 1e3)),
         figure(
             "repeatability range, observed",
-            errors.repeatability().map(|r| um(r.metres())),
+            errors.repeatability().map(|r| shown(r.metres())),
             "largest of all sets".into(),
         ),
         figure(
             "tightest limit, A of A + L/K",
-            Some(um(frontier.smallest_area().constant_m)),
+            Some(Quantity::new(digits::up(constant_um, decimals), decimals)),
             supported_text(&frontier.smallest_area()),
         ),
     ];

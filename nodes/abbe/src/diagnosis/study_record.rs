@@ -63,7 +63,7 @@ fn verdict(record: &shown::Record, diagnosis: &library::StudyDiagnosis) -> Strin
     if diagnosis.consistent_with_noise && !open.is_empty() {
         words = format!("{words} Not all could be looked at: {}.", open.join("; "));
     } else if diagnosis.effects.is_empty() && !open.is_empty() {
-        words = format!("{words} {}.", open.join("; "));
+        words = format!("{words} Looked at: {}.", open.join("; "));
     }
     match diagnosis.rejected.len() {
         0 => words,

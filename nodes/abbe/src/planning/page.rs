@@ -12,6 +12,8 @@ use abbe_report::{
 
 /// Planes of Z shown.
 const PLANES: usize = 3;
+/// Lines of the path on the page; all of them are in the files.
+const LINES: usize = 20;
 
 /// The report.
 pub(crate) fn report(sources: &Sources, plan: &Plan) -> Report {
@@ -155,12 +157,13 @@ fn lines(plan: &Plan) -> Section {
         Column::text("offset, mm"),
         Column::number("done after", "min"),
     ];
-    table(
-        "Path",
-        Some("In the order of measurement; path.csv has every point."),
+    Section::Table(TableSection {
+        title: "Path".to_owned(),
+        note: Some("In the order of measurement; path.csv has every point.".to_owned()),
         columns,
-        plan.lines.iter().map(row).collect(),
-    )
+        rows: plan.lines.iter().take(LINES).map(row).collect(),
+        total_rows: Some(plan.lines.len()),
+    })
 }
 
 fn errors(promise: &Promise) -> Section {

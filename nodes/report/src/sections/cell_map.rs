@@ -97,13 +97,10 @@ impl CellMap {
 }
 
 impl CellPanel {
-    /// Decimals of the numbers: those of the largest of its row of panels, fewer where the cells of a column are too narrow.
-    fn decimals(&self, top: f64, width_px: impl Fn(usize) -> f64) -> u8 {
-        let columns = self.x_edges.len() - 1;
-        let fits = |decimals: u8| {
-            let mut cells = self.values.iter().enumerate();
-            cells.all(|(k, value)| value.is_none_or(|v| text_width_px(&fixed(v, decimals)) <= width_px(k % columns)))
-        };
+    /// Decimals of the numbers: those of the largest of its row of panels, fewer where even the widest cells are too narrow.
+    fn decimals(&self, top: f64, widest_px: f64) -> u8 {
+        let fits =
+            |decimals: u8| self.values.iter().flatten().all(|v| text_width_px(&fixed(*v, decimals)) <= widest_px);
         let wanted = digits::of_result(top);
         (0..=wanted).rev().find(|decimals| fits(*decimals)).unwrap_or(wanted)
     }
@@ -114,7 +111,8 @@ impl CellPanel {
         let x = Scale::exact(x0, x1, area.left, area.right());
         let y = Scale::exact(y0, y1, area.bottom(), area.top);
         let columns = self.x_edges.len() - 1;
-        let decimals = self.decimals(top, |k| x.map(self.x_edges[k + 1]) - x.map(self.x_edges[k]));
+        let widths = self.x_edges.windows(2).map(|edges| x.map(edges[1]) - x.map(edges[0]));
+        let decimals = self.decimals(top, widths.fold(0.0, f64::max));
         for (index, value) in self.values.iter().enumerate() {
             let (i, j) = (index % columns, index / columns);
             let left_top = (x.map(self.x_edges[i]), y.map(self.y_edges[j + 1]));
@@ -173,10 +171,10 @@ mod tests {
             y_edges: vec![0.0, 1.0],
             values: vec![Some(40.1234), None],
         };
-        assert_eq!(panel.decimals(40.1234, |_| 100.0), 1);
-        assert_eq!(panel.decimals(40.1234, |_| text_width_px("40")), 0);
+        assert_eq!(panel.decimals(40.1234, 100.0), 1);
+        assert_eq!(panel.decimals(40.1234, text_width_px("40")), 0);
         // Where not even that fits the number is left out, whatever its decimals.
-        assert_eq!(panel.decimals(40.1234, |_| 1.0), 1);
+        assert_eq!(panel.decimals(40.1234, 1.0), 1);
     }
 
     /// The cells of a plan are narrow at both ends of an axis: 0, 67 … 733, 800.
