@@ -293,6 +293,8 @@ fn residual_vectors_of_other_software_are_diagnosed_and_checked() {
     let good = bench.write("residuals.csv", vectors("um"));
     let out = bench.text("out");
     run(["diagnose", "--residuals", &good, "--out", &out]).ok();
+    let page = fs::read_to_string(format!("{out}/report.html")).unwrap();
+    assert!(page.contains("<h3>Residual vectors in space</h3>") && page.contains("<h3>Residual over "), "no picture");
     let found = json(&bench, "out/diagnosis.json");
     let effect = &found["effects"][0];
     assert_eq!(effect["kind"], "empirical", "{}", found["verdict"]);

@@ -82,6 +82,56 @@ fn who_measured_stands_in_report_pdf_and_certificate() {
     assert!(files == again);
 }
 
+/// A sphere of 12.7 mm with 25 points within a hundredth of a micrometre.
+fn sphere() -> String {
+    let mut text = "x_mm,y_mm,z_mm\n".to_owned();
+    let rings = [(90.0, 1), (67.5, 4), (45.0, 8), (22.5, 4), (0.0, 8)];
+    for (height, count) in rings {
+        for k in 0..count {
+            let (up, around) = (f64::to_radians(height), f64::to_radians(360.0 * f64::from(k) / f64::from(count)));
+            let at = [up.cos() * around.cos(), up.cos() * around.sin(), up.sin()].map(|v| format!("{:.6}", 12.7 * v));
+            text += &(at.join(",") + "\n");
+        }
+    }
+    text
+}
+
+#[test]
+fn val_ptb_rules_accept_the_certificates_and_refuse_what_breaks_them() {
+    let Some(mut judge) = common::python::python("certificate.py") else { return };
+    let bench = Bench::new();
+    bench.conformity("--identity {}/lab.toml --uncertainty 0.1+L/2000 --mpe 1.9+L/300 --dcc {}/lengths.xml").ok();
+    fs::write(bench.at("sphere.csv"), sphere()).unwrap();
+    let folder = text(bench.0.path());
+    let words = "conformity --sphere {}/sphere.csv --diameter-mm 25.4 --identity {}/lab.toml --measured 2026-03-05 --dcc {}/sphere.xml";
+    run(words.replace("{}", &folder).split(' ')).ok();
+    let whole = fs::read_to_string(bench.at("lengths.xml")).unwrap();
+    let method = whole.find("<dcc:usedMethods>").unwrap()..whole.find("<dcc:usedSoftware>").unwrap();
+    let broken = [
+        whole.replace(&whole[method], ""),
+        whole.replace("<dcc:usedLangCodeISO639_1>en<", "<dcc:usedLangCodeISO639_1>xx<"),
+        whole.replace("\\micro\\metre", "um"),
+        whole.replacen("<si:value>", "<si:value>about ", 1),
+        whole.replacen("<dcc:eMail>lab@example.org</dcc:eMail>", "", 1),
+    ];
+    judge.args([bench.at("lengths.xml"), bench.at("sphere.xml")]);
+    for (number, certificate) in broken.iter().enumerate() {
+        assert_ne!(*certificate, whole);
+        let path = bench.at(&format!("broken{number}.xml"));
+        fs::write(&path, certificate).unwrap();
+        judge.arg(path);
+    }
+    let found = common::python::said(judge);
+    let count = |number: usize, judge: &str| found[number][judge].as_array().unwrap().len();
+    for number in 0..2 {
+        assert_eq!((count(number, "schematron"), count(number, "structure")), (0, 0), "{}", found[number]);
+    }
+    // PTB's rules refuse the first two, those of the schema the others.
+    let refused: Vec<_> =
+        (2..7).map(|number| (count(number, "schematron") > 0, count(number, "structure") > 0)).collect();
+    assert_eq!(refused, [(true, false), (true, false), (false, true), (false, true), (false, true)], "{found}");
+}
+
 #[test]
 fn what_contradicts_the_data_or_is_missing_is_refused_and_nothing_is_written() {
     let bench = Bench::new();

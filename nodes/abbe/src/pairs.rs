@@ -6,6 +6,7 @@
 
 use abbe_conformity::{Frontier, ObservedError, SupportedLimit};
 use abbe_geometry::Vector3;
+use abbe_report::digits;
 
 /// Pairs nearer than this say nothing of a length (m).
 const SHORTEST_M: f64 = 0.01;
@@ -40,13 +41,16 @@ pub(crate) fn pair_errors(measured_m: &[Vector3<f64>], actual_m: &[Vector3<f64>]
 }
 
 impl PairErrors {
-    /// The tightest limit in words: A in µm, K in mm, as specifications are written.
+    /// The tightest limit in words: A in µm, K in mm, as specifications are written. It has the decimals of the largest error
+    /// and is rounded so that it still holds that one.
     pub(crate) fn limit(&self) -> String {
         let SupportedLimit { constant_m, per_metre } = self.tightest;
+        let decimals = digits::of_result(self.largest_m * 1e6);
+        let constant = digits::rounded_up(constant_m * 1e6, decimals);
         match per_metre > 0.0 {
             // µm per mm is a thousandth of m per m.
-            true => format!("{:.2} + L/{:.0}", constant_m * 1e6, 1e-3 / per_metre),
-            false => format!("{:.2}", constant_m * 1e6),
+            true => format!("{constant} + L/{:.0}", (1e-3 / per_metre + 1e-6).floor()),
+            false => constant,
         }
     }
 }
@@ -68,6 +72,15 @@ mod tests {
         assert!((found.largest_m - 10e-6 * longest_m).abs() < 1e-9, "{found:?}");
         assert!((found.tightest.per_metre - 10e-6).abs() < 1e-8 && found.tightest.constant_m < 1e-9, "{found:?}");
         assert_eq!(found.limit(), "0.00 + L/100");
+    }
+
+    #[test]
+    fn a_limit_is_rounded_so_that_it_holds_the_largest_error() {
+        let of = |constant_m, per_metre| SupportedLimit { constant_m, per_metre };
+        let limit = |largest_m, tightest| PairErrors { pairs: 1, largest_m, tightest }.limit();
+        assert_eq!(limit(48.612e-6, of(48.612e-6, 0.0)), "48.7");
+        assert_eq!(limit(66.473e-6, of(59.281e-6, 9.2e-6)), "59.3 + L/108");
+        assert_eq!(limit(0.0, of(0.0, 0.0)), "0");
     }
 
     fn nalgebra_turn() -> abbe_geometry::Matrix3<f64> {

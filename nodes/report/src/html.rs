@@ -157,7 +157,8 @@ fn figure_html(section: &Section, note: Option<&str>, drawing: &Drawing) -> Stri
     let (class, scene) = match section {
         Section::Vectors(vectors) => (
             format!(" class=\"three\" data-unit=\"{}\"", escape(&vectors.vector_unit)),
-            format!("<script type=\"application/json\">{}</script>\n", vectors.scene()),
+            // On a narrow screen the drawing's own words would be too small to read.
+            format!("{}<script type=\"application/json\">{}</script>\n", vectors.key(), vectors.scene()),
         ),
         _ => Default::default(),
     };

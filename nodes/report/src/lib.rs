@@ -25,6 +25,7 @@
 
 mod demo;
 pub mod diagnosis;
+pub mod digits;
 mod error;
 mod finite;
 mod frame;

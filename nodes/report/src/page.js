@@ -257,8 +257,8 @@
           make("path", { class: `vec l${letter}`, "data-n": name, d: with_it.map((p, i) => `M${at(p)}L${ends[i]}`).join("") }),
           make("path", { class: `dot vtip l${letter}`, "data-n": name, d: ends.map((end) => `M${end}h.01`).join("") }));
       });
-      const note = svg.querySelector(".magnified");
-      note.textContent = `vectors enlarged ${Math.round(enlarged).toLocaleString("en").replaceAll(",", " ")} ×`;
+      const words = `vectors enlarged ${Math.round(enlarged).toLocaleString("en").replaceAll(",", " ")} ×`;
+      for (const note of figure.querySelectorAll(".magnified")) note.textContent = words;
     };
     const slider = make("input", { type: "range", min: "-2", max: "2", step: "0.02", value: "0" });
     slider.addEventListener("input", () => { enlarged = magnification * 10 ** Number(slider.value); draw(); });

@@ -277,7 +277,7 @@ fn key_figures_of_a_known_sample() {
     let data = DemoReport { verification: vec![point(1.0), point(7.0)], ..DemoReport::default() };
     let Section::KeyFigures(key) = &data.report().sections[0] else { panic!("key figures come first") };
     // 3-D lengths are 5 and 35 before, 1 and 7 after: both rms are 5 times those of (1, 7), which is 5.
-    assert_eq!(key.figures[0].before, Some(Quantity::new(25.0, 2)));
+    assert_eq!(key.figures[0].before, Some(Quantity::new(25.0, 1)));
     assert_eq!(key.figures[0].value, Some(Quantity::new(5.0, 2)));
     assert_eq!(key.figures[1].value, Some(Quantity::new(7.0, 2)));
 }

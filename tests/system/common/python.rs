@@ -1,4 +1,4 @@
-//! Programs of others: Python with PyPI `cyclonedds` and `rosbags`, named by `ABBE_PYTHON`, and a real ROS 2 (rclpy on
+//! Programs of others: Python with the wheels of `.ci/python-peers.txt`, named by `ABBE_PYTHON`, and a real ROS 2 (rclpy on
 //! Fast DDS, the wheels `ros-jazzy-*`), named by `ABBE_ROS_PYTHON`.
 //!
 //! Without one such a test says that it was skipped. With `ABBE_REQUIRE_PEERS=1` it fails instead where the first is not
@@ -20,7 +20,7 @@ pub(crate) fn python(script: &str) -> Option<Command> {
     let Ok(interpreter) = env::var("ABBE_PYTHON") else {
         let required = env::var("ABBE_REQUIRE_PEERS").is_ok_and(|value| value == "1");
         assert!(!required, "ABBE_REQUIRE_PEERS=1, but ABBE_PYTHON names no interpreter");
-        println!("SKIPPED {script}: set ABBE_PYTHON to a Python with cyclonedds and rosbags");
+        println!("SKIPPED {script}: set ABBE_PYTHON to a Python with the wheels of .ci/python-peers.txt");
         return None;
     };
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/system/peers").join(script);

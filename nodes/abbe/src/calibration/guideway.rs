@@ -14,7 +14,7 @@ use abbe_measurement::guideway::{
 use abbe_measurement::tracker::TrackerUncertainty;
 use abbe_report::{
     Axis, Callout, Curve, CurveStyle, Identity, KeyFigure, KeyFigures, LinePanel, LinePlot, Quantity, Report, Section,
-    Tone,
+    Tone, digits,
 };
 use anyhow::{Context, bail};
 use serde_json::{Value, json};
@@ -108,12 +108,13 @@ fn words(solved: &Guideway) -> String {
         let error =
             solved.positions.iter().map(|p| shown(p)[k]).fold(0.0, |a: f64, b| if b.abs() > a.abs() { b } else { a });
         let u = solved.positions.iter().filter_map(expanded).map(|u| u[k]).fold(0.0, f64::max);
-        let _ = writeln!(text, "  {name}  {error:10.3} +- {u:.3} {}", unit(k));
+        let [error, u] = digits::with_uncertainty(error, u);
+        let _ = writeln!(text, "  {name}  {error:>10} +- {u} {}", unit(k));
     }
     let _ = writeln!(
         text,
-        "  residual of a rigid table {:.3} um, spread of the targets {:.2}",
-        solved.scatter_m * 1e6,
+        "  residual of a rigid table {} um, spread of the targets {:.2}",
+        digits::result(solved.scatter_m * 1e6),
         solved.spread_ratio
     );
     if let Some(chi2) = solved.chi2_per_dof {
@@ -178,9 +179,9 @@ fn report(
             half_width: Some(solved.positions.iter().map(|p| expanded(p).map(|u| u[k])).collect()),
         }],
     };
-    let figure = |label: &str, value: f64, decimals: u8, unit: &str| KeyFigure {
+    let figure = |label: &str, value: Quantity, unit: &str| KeyFigure {
         label: label.to_owned(),
-        value: Some(Quantity::new(value, decimals)),
+        value: Some(value),
         unit: unit.to_owned(),
         ..KeyFigure::default()
     };
@@ -190,19 +191,19 @@ fn report(
         let u = worst.and_then(expanded).map(|u| u[k]);
         KeyFigure {
             label: format!("{}, largest", names[k]),
-            value: worst.map(|position| Quantity::new(shown(position)[k], decimals(u))),
+            value: worst.map(|position| Quantity::with(shown(position)[k], u)),
             unit: if k < 3 { "µm" } else { "µrad" }.to_owned(),
             detail: worst.map(|position| {
-                let u = u.map(|u| format!("± {u:.*} (k = 2), ", usize::from(decimals(Some(u)))));
+                let u = u.map(|u| format!("± {} (k = 2), ", digits::uncertainty(u)));
                 format!("{}at {:.0} mm", u.unwrap_or_default(), position.position_m * 1e3)
             }),
             ..KeyFigure::default()
         }
     };
     let of_data = [
-        figure("residual of a rigid table", solved.scatter_m * 1e6, 2, "µm"),
-        figure("extent of the targets across over along", solved.spread_ratio, 2, ""),
-        figure("positions", solved.positions.len() as f64, 0, ""),
+        figure("residual of a rigid table", Quantity::result(solved.scatter_m * 1e6), "µm"),
+        figure("extent of the targets across over along", Quantity::result(solved.spread_ratio), ""),
+        figure("positions", Quantity::new(solved.positions.len() as f64, 0), ""),
     ];
     let mut sections = vec![Section::KeyFigures(KeyFigures {
         title: "At a glance".to_owned(),
@@ -233,14 +234,6 @@ fn report(
         main_plot: Some(main_plot),
         footer: None,
         sections,
-    }
-}
-
-/// Decimals that show an uncertainty with two digits; two where it is not known.
-fn decimals(uncertainty: Option<f64>) -> u8 {
-    match uncertainty {
-        Some(u) if u > 0.0 && u.is_finite() => (1.0 - u.log10().floor()).clamp(0.0, 6.0) as u8,
-        _ => 2,
     }
 }
 

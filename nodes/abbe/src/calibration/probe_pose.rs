@@ -14,7 +14,7 @@ use abbe_measurement::probe_pose::{
 use abbe_report::State;
 use abbe_report::{
     Axis, Callout, Cell, Column, Curve, CurveStyle, Identity, KeyFigure, KeyFigures, LinePanel, LinePlot, Quantity,
-    Report, Section, TableSection, Tone,
+    Report, Section, TableSection, Tone, digits,
 };
 use anyhow::Context;
 use serde_json::{Value, json};
@@ -159,12 +159,17 @@ impl Judged {
             let _ = writeln!(text, "  {what:<52} {value}");
         };
         let scatter = &self.pose.scatter;
-        let micrometres = |m: Option<f64>| m.map(|m| format!("{:.1} um", m * 1e6));
+        let micrometres = |m: Option<f64>| m.map(|m| format!("{} um", digits::result(m * 1e6)));
         line(&mut text, "scatter of a coordinate within a pose", micrometres(scatter.within_m));
         line(&mut text, "what a pose adds in common (the model lacks it)", micrometres(scatter.between_m));
-        let arrow = |pair: Option<(f64, f64)>| pair.map(|(b, a)| format!("{b:.1} -> {a:.1} um"));
+        let arrow =
+            |pair: Option<(f64, f64)>| pair.map(|(b, a)| format!("{} -> {} um", digits::result(b), digits::result(a)));
         line(&mut text, "mean error, centre left out, table for its pose", arrow(self.again_um()));
-        line(&mut text, "mean error, pose left out, no table", self.elsewhere_um().map(|e| format!("{e:.1} um")));
+        line(
+            &mut text,
+            "mean error, pose left out, no table",
+            self.elsewhere_um().map(|e| format!("{} um", digits::result(e))),
+        );
         line(&mut text, "mean error, pose left out, interpolated table", arrow(self.interpolated_um()));
         text
     }
@@ -246,8 +251,8 @@ impl Judged {
     fn key_figures(&self) -> Section {
         let figure = |label: &str, before: Option<f64>, value: Option<f64>, detail: &str| KeyFigure {
             label: label.to_owned(),
-            before: before.map(|b| Quantity::new(b, 0)),
-            value: value.map(|v| Quantity::new(v, 0)),
+            before: before.map(Quantity::result),
+            value: value.map(Quantity::result),
             unit: "µm".to_owned(),
             detail: Some(detail.to_owned()),
             ..KeyFigure::default()
@@ -365,8 +370,8 @@ impl Judged {
             vec![
                 Cell::number(pose.a_rad.to_degrees(), 3),
                 Cell::number(pose.c_rad.to_degrees(), 3),
-                Cell::maybe(pose.error_m.as_ref().map(um), 1),
-                Cell::maybe(pose.compensated_m.as_ref().map(um), 1),
+                Cell::result(pose.error_m.as_ref().map(um)),
+                Cell::result(pose.compensated_m.as_ref().map(um)),
                 Cell::text(word),
             ]
         };
@@ -387,12 +392,9 @@ impl Judged {
     }
 }
 
-/// Decimals that show an uncertainty with two digits; six where it is not known.
+/// Decimals of an unknown; six where its uncertainty is not known.
 fn decimals(uncertainty: Option<f64>) -> usize {
-    match uncertainty {
-        Some(u) if u > 0.0 && u.is_finite() => (1.0 - u.log10().floor()).clamp(0.0, 9.0) as usize,
-        _ => 6,
-    }
+    usize::from(uncertainty.map_or(6, digits::of_uncertainty))
 }
 
 fn note() -> Section {

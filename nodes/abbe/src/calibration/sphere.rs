@@ -8,6 +8,7 @@ use abbe_files::{PointRow, PointsReader};
 use abbe_geometry::Vector3;
 use abbe_identify::verdict::Counted;
 use abbe_measurement::sphere::{SphereFit, SphereRadius};
+use abbe_report::digits;
 use anyhow::Context;
 use serde_json::json;
 use std::fmt::Write as _;
@@ -53,18 +54,22 @@ pub(crate) fn product(
         || json!({ "form_um": fit.form_m() * 1e6, "radius_mm": fit.radius_m * 1e3, "rejected": in_json(&rejected) }),
     )?;
     let expanded_um = fit.u_m().map(|u| u.map(|u| COVERAGE * u * 1e6));
-    let shown = |k: usize| expanded_um.map_or_else(|| "unknown".to_owned(), |u| format!("{:.2}", u[k]));
+    let shown = |k: usize| expanded_um.map_or_else(|| "unknown".to_owned(), |u| digits::uncertainty(u[k]));
     let mut words = format!("{} points\n", points_m.len());
     for (k, axis) in ["x", "y", "z"].iter().enumerate() {
         // Writing to a string cannot fail.
         let _ = writeln!(words, "  centre {axis}  {:14.5} mm  +- {} um (k = 2)", fit.centre_m[k] * 1e3, shown(k));
     }
     let _ = writeln!(words, "  radius    {:14.5} mm  +- {} um (k = 2)", fit.radius_m * 1e3, shown(3));
-    let _ =
-        writeln!(words, "  form      {:14.2} um  (largest less smallest distance from the centre)", fit.form_m() * 1e6);
-    let scatter = fit
-        .scatter_m
-        .map_or_else(|| "unknown: no more points than unknowns".to_owned(), |s| format!("{:.2} um", s * 1e6));
+    let _ = writeln!(
+        words,
+        "  form      {:>14} um  (largest less smallest distance from the centre)",
+        digits::result(fit.form_m() * 1e6)
+    );
+    let scatter = fit.scatter_m.map_or_else(
+        || "unknown: no more points than unknowns".to_owned(),
+        |s| format!("{} um", digits::result(s * 1e6)),
+    );
     let _ = writeln!(words, "  scatter   {scatter}");
     let note = if fit.condition > SMALL_CAP { ": a small cap; mind the uncertainty" } else { "" };
     let _ = writeln!(words, "  condition {:.1}{note}", fit.condition);

@@ -8,7 +8,7 @@ mod page;
 use crate::next::Next;
 use abbe_files::{JournalEntry, MachineFile, write_atomically, write_campaign};
 use abbe_graph::capture::{CapturedCampaign, Capturer, Shown, SoFar, Told, campaign_of, so_far, volume_of};
-use abbe_report::{Identity, Report, to_json};
+use abbe_report::{Identity, Report, digits, to_json};
 use abbe_runtime::Shutdown;
 use anyhow::Context;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
@@ -103,9 +103,10 @@ impl Screen {
 
     /// Uncertainty so far and time left.
     fn words(&self, capturer: &Capturer) -> String {
-        let promised = self.promised_um.map_or(String::new(), |um| format!(" (planned: {um:.2} um)"));
+        let promised =
+            self.promised_um.map_or(String::new(), |um| format!(" (planned: {} um)", digits::uncertainty(um)));
         let u = match &self.so_far {
-            Ok((readings, u_m)) => format!("{:.2} um{promised} after {readings} readings", u_m * 1e6),
+            Ok((readings, u_m)) => format!("{} um{promised} after {readings} readings", digits::uncertainty(u_m * 1e6)),
             Err(_) => format!("not yet{promised}"),
         };
         let left = match (self.pace.front(), self.pace.back()) {
@@ -204,8 +205,8 @@ fn words(outcome: &Outcome, captured: &CapturedCampaign, reached: &Result<SoFar,
     match reached {
         Ok(found) => {
             lines.push(format!(
-                "uncertainty of a corrected point: {:.2} um (k = 1, in space, rms over the plan)",
-                found.u_m * 1e6
+                "uncertainty of a corrected point: {} um (k = 1, in space, rms over the plan)",
+                digits::uncertainty(found.u_m * 1e6)
             ));
             lines.extend(found.findings.iter().cloned());
         }

@@ -61,9 +61,9 @@ fn key_figures(outcome: &Outcome, reached: &Result<SoFar, String>) -> Section {
         ..KeyFigure::default()
     };
     let capturer = outcome.capturer;
-    let u = reached.as_ref().ok().map(|found| Quantity::new(found.u_m * 1e6, 2));
+    let u = reached.as_ref().ok().map(|found| Quantity::uncertainty(found.u_m * 1e6));
     let own: Vec<f64> = capturer.taken().iter().flatten().map(|reading| reading.u_length_m).collect();
-    let scatter = median(own).map(|u_m| Quantity::new(u_m * 1e6, 3));
+    let scatter = median(own).map(|u_m| Quantity::uncertainty(u_m * 1e6));
     let figures = vec![
         figure(
             "captured",
@@ -72,7 +72,7 @@ fn key_figures(outcome: &Outcome, reached: &Result<SoFar, String>) -> Section {
             &format!("of {} points", capturer.wanted()),
         ),
         figure("corrected point", u, "µm", "k = 1, in space, rms over the plan's volume"),
-        figure("planned", outcome.promised_um.map(|um| Quantity::new(um, 2)), "µm", "what the plan promised of it"),
+        figure("planned", outcome.promised_um.map(Quantity::uncertainty), "µm", "what the plan promised of it"),
         figure("mean length", scatter, "µm", "median uncertainty by its own scatter"),
         figure(
             "noisier than declared",
@@ -110,8 +110,8 @@ fn stations(outcome: &Outcome) -> Section {
             Cell::count(points().count()),
             Cell::count(own.len()),
             zeros.and_then(|zeros| Cell::count(zeros as usize)),
-            Cell::maybe(middle(&|reading| reading.scatter_m * 1e6), 3),
-            Cell::maybe(middle(&|reading| reading.u_length_m * 1e6), 3),
+            Cell::uncertainty(middle(&|reading| reading.scatter_m * 1e6)),
+            Cell::uncertainty(middle(&|reading| reading.u_length_m * 1e6)),
             Cell::maybe(middle(&|reading| reading.stood_s), 2),
         ]
     };

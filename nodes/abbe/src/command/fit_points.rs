@@ -17,6 +17,7 @@ use abbe_identify::points::{
     fit_plates_of_best_degree, fit_points, fit_points_of_best_degree,
 };
 use abbe_identify::verdict::{Cause, Counted, Grade, Verdict, of_noise, of_rejected, stroke_along};
+use abbe_report::digits;
 use abbe_runtime::Shutdown;
 use anyhow::{Context, ensure};
 use clap::ValueEnum;
@@ -385,10 +386,10 @@ fn print_words(
     println!("  model sha256      {sha256}");
     println!("  points            {} used, {} rejected", quality.readings, quality.rejected);
     println!(
-        "  residual          {:.3} um rms, {:.3} um at most, chi2/dof {:.3} with the declared uncertainties",
-        quality.residual_rms_m * 1e6,
-        evidence["largest_residual_um"].as_f64().unwrap_or(f64::NAN),
-        quality.chi2_per_dof
+        "  residual          {} um rms, {} um at most, chi2/dof {} with the declared uncertainties",
+        digits::result(quality.residual_rms_m * 1e6),
+        digits::result(evidence["largest_residual_um"].as_f64().unwrap_or(f64::NAN)),
+        digits::result(quality.chi2_per_dof)
     );
     println!(
         "  unknowns          {} (rank {}), condition {:.0}, polynomial degree {}",
@@ -409,9 +410,9 @@ fn print_words(
     let rejected = evidence["rejected"].as_array().map_or(&[] as &[Value], Vec::as_slice);
     for point in rejected.iter().take(MOST_SHOWN) {
         println!(
-            "  rejected          point {}: {:.2} um off",
+            "  rejected          point {}: {} um off",
             point["point"],
-            point["distance_um"].as_f64().unwrap_or(f64::NAN)
+            digits::result(point["distance_um"].as_f64().unwrap_or(f64::NAN))
         );
     }
     if rejected.len() > MOST_SHOWN {

@@ -10,6 +10,7 @@ use crate::verdict::{self, Accept};
 use abbe_files::{ModelFile, hex, read_machine};
 use abbe_identify::verdict::{Finding, Grade, Subject};
 use abbe_identify::{Progress, RejectedReading};
+use abbe_report::digits;
 use abbe_runtime::Shutdown;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::json;
@@ -150,7 +151,7 @@ fn print_json(
 pub(crate) fn print_ram_turn(file: &ModelFile) {
     let parts = file.model.parts();
     let turn = file.model.ram_turn();
-    let [a, b, c] = turn.map(|(angle_rad, u_rad)| format!("{:+.1} ± {:.1}", angle_rad * 1e6, u_rad * 1e6));
+    let [a, b, c] = turn.map(|(angle_rad, u_rad)| digits::with_uncertainty(angle_rad * 1e6, u_rad * 1e6).join(" ± "));
     let [x, y, z] = parts.offset_centre_m.map(|v| v * 1e3);
     println!("  turn of the ram   A {a}, B {b}, C {c} urad (k = 1), about offset ({x:.1}, {y:.1}, {z:.1}) mm");
     let told = turn.iter().zip(parts.machine.u_ram_turn_rad).all(|((_, u_rad), before)| *u_rad < TOLD * before);
@@ -169,9 +170,9 @@ fn print_words(arguments: &Arguments, file: &ModelFile, found: &Identification, 
     println!("  model sha256      {}", hex(sha256));
     println!("  readings          {} used, {} rejected", quality.readings, quality.rejected);
     println!(
-        "  range residual    {:.3} um rms, chi2/dof {:.3} with the declared uncertainties",
-        quality.residual_rms_m * 1e6,
-        quality.chi2_per_dof
+        "  range residual    {} um rms, chi2/dof {} with the declared uncertainties",
+        digits::result(quality.residual_rms_m * 1e6),
+        digits::result(quality.chi2_per_dof)
     );
     println!(
         "  unknowns          {} ({:.1} effective), condition {:.0}",
@@ -227,11 +228,11 @@ fn next(arguments: &Arguments, found: &Identification) -> Next {
 fn print_rejected(rejected: &[RejectedReading]) {
     for reading in rejected.iter().take(MOST_SHOWN) {
         println!(
-            "  rejected          reading {} (station {}, line {}): {:+.2} um, {:.1} standard deviations",
+            "  rejected          reading {} (station {}, line {}): {} um, {:.1} standard deviations",
             reading.reading,
             reading.station,
             reading.line,
-            reading.residual_m * 1e6,
+            digits::result(reading.residual_m * 1e6),
             reading.standardised
         );
     }

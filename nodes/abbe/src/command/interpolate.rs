@@ -16,6 +16,7 @@ use abbe_field::{Interpolator, MeasuredField, OnPlane, Trilinear, Unanswered};
 use abbe_files::{ErrorVector, Lacks, read_plane_positions_file, write_plane_errors};
 use abbe_geometry::Axis;
 use abbe_measurement::correspondence::check_vectors;
+use abbe_report::digits;
 use abbe_runtime::Shutdown;
 use anyhow::{Context, bail, ensure};
 use clap::ValueEnum;
@@ -260,7 +261,7 @@ fn line(method: Method, total: &Total, lacks: Lacks) -> String {
         let count = values.len() as f64;
         let mean = values.iter().sum::<f64>() / count;
         let square = values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (count - 1.0).max(1.0);
-        format!("{mean:.3} ± {:.3}", 1.96 * (square / count).sqrt())
+        digits::with_uncertainty(mean, 1.96 * (square / count).sqrt()).join(" ± ")
     };
     let r2 = |d: usize| {
         let values: Vec<f64> = total.scores.iter().filter_map(|score| score.r2[d]).collect();

@@ -15,6 +15,7 @@ use abbe_files::{
 use abbe_geometry::ErrorId;
 use abbe_identify::{Belief, Options};
 use abbe_plan::{Measured, Plan, PlanError, Progress, Request, Stage};
+use abbe_report::digits;
 use anyhow::{Context, anyhow, ensure};
 use indicatif::{ProgressBar, ProgressStyle};
 use std::path::PathBuf;
@@ -206,7 +207,9 @@ fn progress_words(progress: &Progress) -> String {
         Stage::Lines => "adding lines",
         Stage::Exchange => "exchanging lines",
     };
-    let best = progress.best_m.map_or_else(String::new, |best_m| format!(", {:.3} um over the volume", best_m * 1e6));
+    let best = progress
+        .best_m
+        .map_or_else(String::new, |best_m| format!(", {} um over the volume", digits::result(best_m * 1e6)));
     format!("{what}, step {}{best}", progress.done)
 }
 

@@ -15,6 +15,7 @@ use abbe_identify::verdict::{Counted, Verdict};
 use abbe_measurement::campaign::Campaign;
 use abbe_measurement::multilateration::{LIMIT_M, MultiStation, Options, SolvedPoint, solve};
 use abbe_measurement::network::PointProblem;
+use abbe_report::digits;
 use abbe_runtime::Shutdown;
 use anyhow::{Context, ensure};
 use serde_json::json;
@@ -151,13 +152,15 @@ fn print_words(arguments: &Arguments, solved: &MultiStation, verdict: &Verdict) 
     let residual_um = rms(solved.residuals_m.iter().map(|r| r * r)) * 1e6;
     println!("{}: {} points solved, {} not", arguments.out.display(), solved.points.len(), solved.unsolved.len());
     println!(
-        "  range residual    {residual_um:.3} um rms, chi2/dof {:.3}, {} degrees of freedom",
-        solved.chi2_per_dof, solved.degrees
+        "  range residual    {} um rms, chi2/dof {}, {} degrees of freedom",
+        digits::result(residual_um),
+        digits::result(solved.chi2_per_dof),
+        solved.degrees
     );
-    let [all, own, frame] = u_parts_m(solved).map(|u_m| u_m * 1e6);
+    let [all, own, frame] = u_parts_m(solved).map(|u_m| digits::uncertainty(u_m * 1e6));
     println!(
-        "  uncertainty       {all:.3} um (k = 1, rms of a component); {own:.3} a point's own, the rest shared with other points by \
-         stations and frame; of it the frame's noise {frame:.3}"
+        "  uncertainty       {all} um (k = 1, rms of a component); {own} a point's own, the rest shared with other points by \
+         stations and frame; of it the frame's noise {frame}"
     );
     println!("  frame             {FRAME}");
     println!(
@@ -168,15 +171,15 @@ fn print_words(arguments: &Arguments, solved: &MultiStation, verdict: &Verdict) 
         let p = station.placed.position_m * 1e3;
         let u_um = station.covariance_m2.diagonal().xyz().sum().sqrt() * 1e6;
         let dead = station.placed.dead_path_m * 1e3;
-        println!("  {name:<17} {:<13.5} {:<13.5} {:<13.5} {dead:<13.5} {u_um:.2}", p.x, p.y, p.z);
+        println!("  {name:<17} {:<13.5} {:<13.5} {:<13.5} {dead:<13.5} {}", p.x, p.y, p.z, digits::uncertainty(u_um));
     }
     print!("{}", verdict::words(&verdict.findings));
     for pair in &solved.rejected {
         println!(
-            "  rejected          readings {} of station {}: they differ by {:.2} um",
+            "  rejected          readings {} of station {}: they differ by {} um",
             numbers(&pair.readings),
             solved.names[pair.station],
-            pair.difference_m * 1e6
+            digits::result(pair.difference_m * 1e6)
         );
     }
     for sight in &solved.contradicted {
@@ -184,7 +187,7 @@ fn print_words(arguments: &Arguments, solved: &MultiStation, verdict: &Verdict) 
             "  rejected          readings {} of station {}: {} from what other stations say",
             numbers(&sight.readings),
             solved.names[sight.station],
-            sight.residual_m.map_or_else(|| "far".to_owned(), |m| format!("{:.2} um", m * 1e6))
+            sight.residual_m.map_or_else(|| "far".to_owned(), |m| format!("{} um", digits::result(m * 1e6)))
         );
     }
     for missing in &solved.unsolved {

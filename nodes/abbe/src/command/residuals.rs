@@ -23,6 +23,7 @@ use abbe_geometry::effects::{CovariateSource, CovariateValue, State};
 use abbe_identify::TIME;
 use abbe_identify::verdict::Counted;
 use abbe_measurement::campaign::Campaign;
+use abbe_report::digits;
 use abbe_residual_data::{
     Frame, FromRanges, Options, PointResidual, Progress, SharedPoints, from_known_points, from_ranges, shared_points,
 };
@@ -310,7 +311,7 @@ fn ranges(
     let degrees = readings.0;
     let verdict = verdict::of_fit(Some((prior.noise.powi(2), degrees)), Some(counted));
     verdict::check(&verdict, arguments.accept, &loaded.source.file, || serde_json::Value::Null)?;
-    let um = |m: [f64; 3]| m.map(|v| format!("{:.2}", v * 1e6)).join(" ");
+    let um = |m: [f64; 3]| m.map(|v| digits::result(v * 1e6)).join(" ");
     let mm = |m: [f64; 3]| m.map(|v| format!("{:.0}", v * 1e3)).join(" ");
     let notes = vec![
         format!(
@@ -355,5 +356,5 @@ fn vector(point: &PointResidual, row: &Row) -> ResidualVector {
 fn rms_note(points: &[PointResidual]) -> String {
     let square = points.iter().map(|p| p.residual_m.norm_squared()).sum::<f64>() / points.len().max(1) as f64;
     let most = points.iter().map(|p| p.residual_m.norm()).fold(0.0, f64::max);
-    format!("residual {:.3} um rms, {:.3} um at most", square.sqrt() * 1e6, most * 1e6)
+    format!("residual {} um rms, {} um at most", digits::result(square.sqrt() * 1e6), digits::result(most * 1e6))
 }

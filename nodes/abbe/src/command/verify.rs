@@ -15,6 +15,7 @@ use abbe_geometry::Vector3;
 use abbe_geometry::chain::nominal_point_m;
 use abbe_graph::step::OwnedField;
 use abbe_measurement::alignment::aligned_residuals_m;
+use abbe_report::digits;
 use anyhow::Context;
 use serde_json::json;
 use std::fs::File;
@@ -169,7 +170,7 @@ fn print_words(points: &VerificationPoints, stages: &[Stage]) {
         points.rows.len()
     );
     for Stage { name, rms_um, max_um, lengths, .. } in stages {
-        let (length_um, limit) = (lengths.largest_m * 1e6, lengths.limit());
-        println!("  {name:<11} rms {rms_um:8.3}  max {max_um:8.3}  lengths within {length_um:7.3}, {limit}");
+        let [rms, max, length] = [*rms_um, *max_um, lengths.largest_m * 1e6].map(digits::result);
+        println!("  {name:<11} rms {rms:>6}  max {max:>6}  lengths within {length:>6}, {}", lengths.limit());
     }
 }

@@ -15,7 +15,7 @@ use abbe_geometry::Vector3;
 use abbe_geometry::correct::Status;
 use abbe_geometry::model::MachineModel;
 use abbe_geometry::volumetric::{Diagonal, LinePoint, MapPoint, along_line, at_distances, error_map};
-use abbe_report::Identity;
+use abbe_report::{Identity, digits};
 use anyhow::{Context, bail, ensure};
 use measured::{Comparison, MeasuredDiagonal};
 use serde_json::json;
@@ -210,6 +210,11 @@ fn diagonals_text(answer: &Answer) -> anyhow::Result<String> {
     Ok(text)
 }
 
+/// Uncertainty of an error vector in space (m, k = 2).
+fn expanded_m(point: &MapPoint) -> f64 {
+    2.0 * point.covariance_m2.trace().max(0.0).sqrt()
+}
+
 /// Largest magnitude of the deviations on a diagonal (m) and the uncertainty there (k = 2).
 fn extreme(points: &[LinePoint]) -> Option<(f64, f64)> {
     let largest = points.iter().max_by(|a, b| a.deviation_m.abs().total_cmp(&b.deviation_m.abs()))?;
@@ -255,29 +260,24 @@ fn print_words(arguments: &Arguments, answer: &Answer) -> anyhow::Result<()> {
     println!("{}", arguments.out.display());
     if let Some(largest) = answer.largest() {
         let [x, y, z] = largest.reading_m.map(|v| v * 1e3);
+        let [error, u] = digits::with_uncertainty(largest.error_m.norm() * 1e6, expanded_m(largest) * 1e6);
+        let (rms, points, outside) = (digits::result(answer.rms_m() * 1e6), answer.map.len(), answer.extrapolated());
         println!(
-            "  volumetric error  {:.2} um at most, at X {x:.0} Y {y:.0} Z {z:.0} mm; {:.2} um rms over {} points, {} extrapolated",
-            largest.error_m.norm() * 1e6,
-            answer.rms_m() * 1e6,
-            answer.map.len(),
-            answer.extrapolated()
+            "  volumetric error  {error} +- {u} um (k = 2) at most, at X {x:.0} Y {y:.0} Z {z:.0} mm; {rms} um rms over {points} \
+             points, {outside} extrapolated"
         );
     }
     for (diagonal, points) in &answer.diagonals {
         if let Some((deviation_m, u_m)) = extreme(points) {
-            println!(
-                "  diagonal {}      {:+.2} +- {:.2} um (k = 2) at most",
-                diagonal.name(),
-                deviation_m * 1e6,
-                u_m * 1e6
-            );
+            let [deviation, u] = digits::with_uncertainty(deviation_m * 1e6, u_m * 1e6);
+            println!("  diagonal {}      {deviation} +- {u} um (k = 2) at most", diagonal.name());
         }
     }
     for comparison in &answer.comparisons {
         println!(
-            "  measured {}      differs by {:.2} um at most; {} of {} targets outside the 95 % interval",
+            "  measured {}      differs by {} um at most; {} of {} targets outside the 95 % interval",
             comparison.measured.diagonal.name(),
-            comparison.largest_difference_m() * 1e6,
+            digits::result(comparison.largest_difference_m() * 1e6),
             comparison.outside(),
             comparison.measured.targets.len()
         );

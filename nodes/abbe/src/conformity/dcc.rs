@@ -6,7 +6,6 @@
 
 use super::{Product, verdict_word};
 use crate::identity::Who;
-use crate::pipeline::software;
 use abbe_files::{Contact, Days, PerformedAt};
 use anyhow::{Context, ensure};
 use std::fmt::Write as _;
@@ -33,13 +32,7 @@ pub(crate) fn text(who: &Who, product: &Product) -> anyhow::Result<String> {
          xsi:schemaLocation=\"https://ptb.de/dcc https://ptb.de/dcc/v{SCHEMA}/dcc.xsd\" schemaVersion=\"{SCHEMA}\">"
     );
     out.push_str("<dcc:administrativeData>\n");
-    let release = software();
-    let _ = writeln!(
-        out,
-        "<dcc:dccSoftware><dcc:software>{}<dcc:release>{}</dcc:release></dcc:software></dcc:dccSoftware>",
-        name("Abbe"),
-        escape(&release)
-    );
+    let _ = writeln!(out, "<dcc:dccSoftware>{}</dcc:dccSoftware>", program());
     let _ = writeln!(
         out,
         "<dcc:coreData><dcc:countryCodeISO3166_1>{}</dcc:countryCodeISO3166_1>\
@@ -90,6 +83,19 @@ fn results(who: &Who, product: &Product, out: &mut String) {
         name(&product.report.title),
         content(lead)
     );
+    let (standard, departures) = &product.method;
+    let whole = match departures.as_slice() {
+        [] => "a whole test after this standard".to_owned(),
+        list => format!("not a whole test after this standard, so that nothing is verified by it: {}", list.join("; ")),
+    };
+    let _ = writeln!(
+        out,
+        "<dcc:usedMethods><dcc:usedMethod>{}<dcc:description>{}</dcc:description><dcc:norm>{standard}</dcc:norm>\
+         </dcc:usedMethod></dcc:usedMethods>\n<dcc:usedSoftware>{}</dcc:usedSoftware>",
+        name(standard),
+        content(&whole),
+        program()
+    );
     let instrument = who.stated.instrument.clone().unwrap_or_default();
     if let Some(named) = &instrument.name {
         let _ = write!(out, "<dcc:measuringEquipments><dcc:measuringEquipment>{}", name(named));
@@ -104,6 +110,7 @@ fn results(who: &Who, product: &Product, out: &mut String) {
         }
         out.push_str("</dcc:measuringEquipment></dcc:measuringEquipments>\n");
     }
+    conditions(who, out);
     out.push_str("<dcc:results>\n");
     for figure in &product.figures {
         let said = [
@@ -131,6 +138,31 @@ fn results(who: &Who, product: &Product, out: &mut String) {
         out.push_str("</si:real></dcc:quantity></dcc:data></dcc:result>\n");
     }
     out.push_str("</dcc:results></dcc:measurementResult></dcc:measurementResults>\n");
+}
+
+/// The program with its release, as PTB's rules want one written.
+fn program() -> String {
+    format!("<dcc:software>{}<dcc:release>v{}</dcc:release></dcc:software>", name("Abbe"), env!("CARGO_PKG_VERSION"))
+}
+
+/// The temperature of the measurement. PTB's rules want what influenced it said; where nobody stated it, that is said.
+fn conditions(who: &Who, out: &mut String) {
+    let quantity = |what: &str, celsius: f64| {
+        format!(
+            "<dcc:quantity>{}<si:real><si:value>{celsius:.2}</si:value><si:unit>\\degreecelsius</si:unit></si:real></dcc:quantity>",
+            name(what)
+        )
+    };
+    let data = match who.shown.temperature_c {
+        Some([low, high]) => quantity("lowest temperature", low) + &quantity("highest temperature", high),
+        None => format!("<dcc:text>{}</dcc:text>", content("not stated")),
+    };
+    let _ = writeln!(
+        out,
+        "<dcc:influenceConditions><dcc:influenceCondition>{}<dcc:data>{data}</dcc:data></dcc:influenceCondition>\
+         </dcc:influenceConditions>",
+        name("Temperature")
+    );
 }
 
 /// What the schema demands.
@@ -255,6 +287,7 @@ mod tests {
             verdict: None,
             outside: None,
             figures: vec![figure(-0.58e-6, Some(0.31e-6)), figure(0.3e-6, None)],
+            method: ("ISO 10360-2", vec!["line <a>: too short".to_owned()]),
         }
     }
 

@@ -11,7 +11,7 @@ use abbe_conformity::length::{LengthErrors, LengthTest, LengthVerdict, Probing, 
 use abbe_conformity::{DecisionRule, Frontier, MaximumPermissibleError, SupportedLimit, Verdict};
 use abbe_files::{hex, read_lengths_file};
 use abbe_report::{
-    Callout, Cell, Column, Identity, KeyFigure, KeyFigures, Quantity, Report, Section, TableSection, Tone,
+    Callout, Cell, Column, Identity, KeyFigure, KeyFigures, Quantity, Report, Section, TableSection, Tone, digits,
 };
 use anyhow::Context;
 use serde_json::{Value, json};
@@ -55,6 +55,7 @@ pub(crate) fn run(path: &Path, stated: &Stated, limits: &Limits, rule: &Decision
         verdict: verdict(&errors, limits, rule),
         outside: None,
         figures: certified(&errors, limits, rule),
+        method: (STANDARD, errors.departures.iter().map(ToString::to_string).collect()),
     })
 }
 
@@ -113,13 +114,18 @@ fn lead(errors: &LengthErrors) -> String {
     )
 }
 
-/// A limit that certainly holds, rounded outwards: A up to 1 nm, K down to whole numbers.
+/// A limit that certainly holds, rounded outwards: A up at the third digit, K down to whole numbers.
 pub(crate) fn supported_text(limit: &SupportedLimit) -> String {
-    let constant_um = (limit.constant_m * 1e9 - 1e-6).ceil() / 1e3;
+    let constant = rounded_up(limit.constant_m * 1e6);
     match limit.per_metre {
-        0.0 => format!("{constant_um:.3} um"),
-        slope => format!("{constant_um:.3} + L/{:.0} um", (1e-3 / slope + 1e-6).floor()),
+        0.0 => format!("{constant} um"),
+        slope => format!("{constant} + L/{:.0} um", (1e-3 / slope + 1e-6).floor()),
     }
+}
+
+/// A constant that holds what the exact one does, with three digits.
+fn rounded_up(constant_um: f64) -> String {
+    digits::rounded_up(constant_um, digits::of_result(constant_um))
 }
 
 /// Words for the terminal.
@@ -134,22 +140,27 @@ pub(crate) fn words(errors: &LengthErrors, limits: &Limits, rule: &DecisionRule)
     );
     for line in &errors.lines {
         let share = line.travel_m.map_or_else(|| "-".to_owned(), |t| format!("{:.1}", 100.0 * line.longest_m / t));
-        let range = line.range.map_or_else(|| "-".to_owned(), |r| format!("{:.3}", um(r.metres())));
+        let range = line.range.map_or_else(|| "-".to_owned(), |r| digits::result(um(r.metres())));
         let (largest, at_m) = line.largest;
         let _ = writeln!(
             text,
-            "  {:<14} {:>7} {:>12.4} {share:>9} {:>12.3} {:>10.4} {range:>9}",
+            "  {:<14} {:>7} {:>12.4} {share:>9} {:>12} {:>10.4} {range:>9}",
             line.line,
             line.lengths,
             line.longest_m * 1e3,
-            um(largest.metres()),
+            digits::result(um(largest.metres())),
             at_m * 1e3
         );
     }
     let (largest, line, length_m) = errors.largest();
-    let _ = writeln!(text, "  largest error  {:.3} um at {:.4} mm on {line}", um(largest.metres()), length_m * 1e3);
+    let _ = writeln!(
+        text,
+        "  largest error  {} um at {:.4} mm on {line}",
+        digits::result(um(largest.metres())),
+        length_m * 1e3
+    );
     if let Some(range) = errors.repeatability() {
-        let _ = writeln!(text, "  R0             {:.3} um", um(range.metres()));
+        let _ = writeln!(text, "  R0             {} um", digits::result(um(range.metres())));
     }
     let frontier = errors.frontier()?;
     let _ = writeln!(
@@ -179,8 +190,8 @@ fn limit_words(errors: &LengthErrors, frontier: &Frontier, limits: &Limits, rule
     );
     let _ = writeln!(
         text,
-        "                 with its K, A = {:.3} um would do; with its A, {}",
-        um(frontier.smallest_constant_m(limit.per_metre())),
+        "                 with its K, A = {} um would do; with its A, {}",
+        rounded_up(um(frontier.smallest_constant_m(limit.per_metre()))),
         match frontier.smallest_per_metre(limit.constant_m()) {
             0.0 => "no L/K is needed".to_owned(),
             slope => format!("K = {:.0} would do", (1e-3 / slope).floor()),
@@ -275,23 +286,26 @@ pub(crate) fn figures(errors: &LengthErrors, limits: &Limits, rule: &DecisionRul
 pub(crate) fn sections(errors: &LengthErrors, limits: &Limits, rule: &DecisionRule) -> anyhow::Result<Vec<Section>> {
     let frontier = errors.frontier()?;
     let (largest, line, length_m) = errors.largest();
-    let figure = |label: &str, value: Option<f64>, detail: String| KeyFigure {
+    let figure = |label: &str, value: Option<Quantity>, detail: String| KeyFigure {
         label: label.to_owned(),
-        value: value.map(|v| Quantity::new(v, 2)),
+        value,
         unit: "µm".to_owned(),
         detail: Some(detail),
         ..KeyFigure::default()
     };
+    let shown = |metres: f64| Quantity::result(um(metres));
+    let constant_um = um(frontier.smallest_area().constant_m);
+    let decimals = digits::of_result(constant_um);
     let figures = vec![
-        figure("largest error, observed", Some(um(largest.metres())), format!("{line}, {:.4} mm", length_m * 1e3)),
+        figure("largest error, observed", Some(shown(largest.metres())), format!("{line}, {:.4} mm", length_m * 1e3)),
         figure(
             "repeatability range, observed",
-            errors.repeatability().map(|r| um(r.metres())),
+            errors.repeatability().map(|r| shown(r.metres())),
             "largest of all sets".into(),
         ),
         figure(
             "tightest limit, A of A + L/K",
-            Some(um(frontier.smallest_area().constant_m)),
+            Some(Quantity::new(digits::up(constant_um, decimals), decimals)),
             supported_text(&frontier.smallest_area()),
         ),
     ];
@@ -326,9 +340,9 @@ fn table(errors: &LengthErrors) -> Section {
             Cell::count(line.lengths),
             Cell::number(line.longest_m * 1e3, 4),
             Cell::maybe(line.travel_m.map(|t| 100.0 * line.longest_m / t), 1),
-            Cell::number(um(line.largest.0.metres()), 3),
+            Cell::result(Some(um(line.largest.0.metres()))),
             Cell::number(line.largest.1 * 1e3, 4),
-            Cell::maybe(line.range.map(|r| um(r.metres())), 3),
+            Cell::result(line.range.map(|r| um(r.metres()))),
         ]
     };
     Section::Table(TableSection {

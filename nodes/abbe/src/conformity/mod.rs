@@ -38,6 +38,8 @@ pub(crate) struct Product {
     pub(crate) outside: Option<Outside>,
     /// Figures for a certificate.
     pub(crate) figures: Vec<Figure>,
+    /// The standard whose test it is, and what a whole test after it has and the data lack.
+    pub(crate) method: (&'static str, Vec<String>),
 }
 
 /// A figure of a certificate.

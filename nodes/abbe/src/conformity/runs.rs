@@ -9,7 +9,7 @@ use abbe_conformity::diagonals::{self, DiagonalFigures, DiagonalKind};
 use abbe_conformity::positioning::{self, AxisFigures, Direction};
 use abbe_diagnose::study::runs::{Approach, Run};
 use abbe_files::{hex, read_runs_file};
-use abbe_report::{Cell, Column, Identity, KeyFigure, KeyFigures, Quantity, Report, Section, TableSection};
+use abbe_report::{Cell, Column, Identity, KeyFigure, KeyFigures, Quantity, Report, Section, TableSection, digits};
 use anyhow::Context;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
@@ -38,7 +38,15 @@ pub(crate) fn run(path: &Path) -> anyhow::Result<Product> {
         .transpose()?;
     let (words, json) = (words(path, &axes, diagonals.as_ref()), json(&axes, diagonals.as_ref(), &file.sha256));
     let report = report(path, &file.sha256, &axes, diagonals.as_ref());
-    Ok(Product { words, json, report, verdict: None, outside: None, figures: Vec::new() })
+    Ok(Product {
+        words,
+        json,
+        report,
+        verdict: None,
+        outside: None,
+        figures: Vec::new(),
+        method: ("ISO 230-2", Vec::new()),
+    })
 }
 
 fn approach(run: &Run) -> positioning::Approach {
@@ -82,12 +90,13 @@ fn words(path: &Path, axes: &[AxisFigures], diagonals: Option<&DiagonalFigures>)
     let heads: String = FIGURES.iter().map(|name| format!(" {name:>8}")).collect();
     let _ = writeln!(text, "  {:<8}{heads}", "");
     for axis in axes.iter().chain(along) {
-        let cell = |v: &Option<f64>| v.map_or_else(|| format!(" {:>8}", "-"), |v| format!(" {:>8.3}", um(v)));
+        let cell =
+            |v: &Option<f64>| v.map_or_else(|| format!(" {:>8}", "-"), |v| format!(" {:>8}", digits::result(um(v))));
         let cells: String = figures(axis).iter().map(cell).collect();
         let _ = writeln!(text, "  {:<8}{cells} {:>8}", axis.axis, axis.targets.len());
     }
     for (kind, largest) in diagonals.iter().flat_map(|d| &d.largest) {
-        let shown = |v: Option<f64>| v.map_or_else(|| "-".to_owned(), |v| format!("{:.3}", um(v)));
+        let shown = |v: Option<f64>| v.map_or_else(|| "-".to_owned(), |v| digits::result(um(v)));
         let _ = writeln!(
             text,
             "  largest of the {} diagonals: A {}, R {}, B {}, E {}, M {}",

@@ -99,7 +99,7 @@ pub(crate) fn run(
         judged: if asked.model.is_some() { tally.judge(test) } else { Ok(()) },
     });
     let verdict = stages.last().and_then(|after| lengths::verdict(&after.errors, limits, rule));
-    Ok(Product { words, json, report, verdict, outside, figures: Vec::new() })
+    Ok(Product { words, json, report, verdict, outside, figures: Vec::new(), method: (lengths::STANDARD, Vec::new()) })
 }
 
 /// The model asked for and its residual model, or one that is identified from a campaign of the simulated machine.
@@ -178,8 +178,8 @@ fn answer(stages: &[Stage], limits: &Limits, rule: &DecisionRule) -> Vec<Section
     let (Some(before), Some(after)) = (stages.first(), stages.last()) else { return Vec::new() };
     let figure = |label: &str, of: &dyn Fn(&LengthErrors) -> Option<f64>| KeyFigure {
         label: label.to_owned(),
-        before: of(&before.errors).map(|v| Quantity::new(v * 1e6, 2)),
-        value: of(&after.errors).map(|v| Quantity::new(v * 1e6, 2)),
+        before: of(&before.errors).map(|v| Quantity::result(v * 1e6)),
+        value: of(&after.errors).map(|v| Quantity::result(v * 1e6)),
         unit: "µm".to_owned(),
         detail: Some("without and with correction".to_owned()),
         ..KeyFigure::default()

@@ -11,6 +11,7 @@ use abbe_conformity::{DecisionRule, PermissibleError, Verdict};
 use abbe_files::{hex, read_probed_points_file};
 use abbe_report::{
     Axis, Callout, Curve, CurveStyle, Identity, KeyFigure, KeyFigures, LinePanel, LinePlot, Quantity, Report, Section,
+    digits,
 };
 use anyhow::Context;
 use serde_json::json;
@@ -52,6 +53,7 @@ pub(crate) fn run(
         verdict: worst([form, size]),
         outside: None,
         figures: rows.iter().filter_map(|row| row.certified(rule)).collect(),
+        method: (STANDARD, errors.departures.iter().map(ToString::to_string).collect()),
     })
 }
 
@@ -82,7 +84,7 @@ fn words(path: &Path, errors: &ProbingErrors, rows: &[Row], rule: &DecisionRule)
     let mut text = format!("{}\n", path.display());
     // Writing to a string cannot fail.
     for row in rows {
-        let value = row.value_m.map_or_else(|| "-".to_owned(), |v| format!("{:.3} um", um(v)));
+        let value = row.value_m.map_or_else(|| "-".to_owned(), |v| format!("{} um", digits::result(um(v))));
         let _ = write!(text, "  {} ({})  {value}", row.names[0], row.names[1]);
         if let (Some(limit), Some(verdict)) = (row.limit, row.verdict) {
             let _ = write!(text, ", limit {:.3} um: {}", um(limit.metres()), verdict_word(verdict));
@@ -100,7 +102,7 @@ fn words(path: &Path, errors: &ProbingErrors, rows: &[Row], rule: &DecisionRule)
 fn report(path: &Path, sha256: &[u8; 32], errors: &ProbingErrors, rows: &[Row], rule: &DecisionRule) -> Report {
     let figure = |row: &Row| KeyFigure {
         label: format!("{}, observed", row.names[0]),
-        value: row.value_m.map(|v| Quantity::new(um(v), 3)),
+        value: row.value_m.map(|v| Quantity::result(um(v))),
         unit: "µm".to_owned(),
         detail: Some(format!("{} in the edition of 2010", row.names[1])),
         ..KeyFigure::default()

@@ -19,7 +19,7 @@ use abbe_report::diagnosis::Both;
 use abbe_report::{
     Closing, Correlation, DemoReport, ErrorCurve, ErrorCurveSet, ErrorKind, FileEntry, FitSummary, Identifiability,
     Identity, InUse, LiveFigures, MeasuredLine, MeasuringVolume, OrderChoice, RejectedReading, Residual, RunHeader,
-    SquarenessError, StationEntry, StepDuration, VerificationPoint, max_abs, rms,
+    SquarenessError, StationEntry, StepDuration, VerificationPoint, digits, max_abs, rms,
 };
 use anyhow::ensure;
 use std::path::Path;
@@ -85,7 +85,8 @@ pub(super) fn data(facts: &Facts) -> anyhow::Result<DemoReport> {
 pub(super) fn print(data: &DemoReport, out: &Path, next: &Next) {
     println!("3-D error at {} points that took no part in any fit (um):", data.verification.len());
     for (state, errors) in data.errors_by_state_um() {
-        println!("  {state:<15} rms {:7.3}  max {:7.3}", rms(&errors).unwrap_or(0.0), max_abs(&errors).unwrap_or(0.0));
+        let [rms, max] = [rms(&errors), max_abs(&errors)].map(|um| um.map_or_else(|| "-".to_owned(), digits::result));
+        println!("  {state:<15} rms {rms:>6}  max {max:>6}");
     }
     for sentence in data.closing.iter().flat_map(Closing::sentences) {
         println!("{sentence}");

@@ -11,6 +11,7 @@ pub(crate) mod study;
 mod study_model;
 mod study_record;
 pub(crate) mod tracer;
+mod vector_pictures;
 
 use crate::pipeline::BagJoin;
 use crate::verdict::Accept;

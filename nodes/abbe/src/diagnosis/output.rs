@@ -5,6 +5,7 @@
 use super::{Product, targets};
 use abbe_files::AtomicFile;
 use abbe_report::diagnosis::{Averaged, Effect, HELD_ALREADY, Record, Rival, is_held_already, readable};
+use abbe_report::digits;
 use anyhow::{Context, ensure};
 use std::fmt::Write as _;
 use std::io::Write;
@@ -46,7 +47,7 @@ pub(crate) fn write(folder: &Path, product: &Product, json: &str) -> anyhow::Res
 /// The summary for a terminal.
 pub(crate) fn words(record: &Record, folder: &Path) -> String {
     let mut text = format!("{}\n\n", record.verdict);
-    let number = |v: Option<f64>| v.map_or_else(|| "-".to_owned(), |v| format!("{v:.3}"));
+    let number = |v: Option<f64>| v.map_or_else(|| "-".to_owned(), digits::result);
     let mut line = |name: &str, before: Option<f64>, after: Option<f64>, unit: &str| {
         // Writing to a string cannot fail.
         let _ = writeln!(text, "  {name:<44} {:>9} -> {:>9} {unit}", number(before), number(after));

@@ -5,6 +5,7 @@
 
 use super::study_model;
 use super::study_record;
+use super::vector_pictures;
 use super::{MODEL, Product, Request, name_of};
 use crate::pipeline::software;
 use abbe_diagnose::DiagnoseError;
@@ -48,16 +49,19 @@ pub(crate) fn run(kind: DataKind, path: &Path, request: &Request, observe: &mut 
     match kind {
         DataKind::Runs => {
             let file = read_runs_file(path)?;
-            let figures = position_figures(&positions(&file.rows));
             let data = Data { path, sha256: file.sha256, machine };
+            let figures = |_: &StudyDiagnosis| position_figures(&positions(&file.rows));
             conclude(data, request, figures, |options| runs::diagnose_observed(&file.rows, options, observe))
         }
         DataKind::SphereCentres => {
             ensure!(machine.is_none(), "{}: sphere centres give no model; leave --machine out", path.display());
             let file = read_sphere_centres_file(path)?;
-            conclude(Data { path, sha256: file.sha256, machine }, request, Vec::new(), |options| {
-                five_axis::diagnose_observed(&file.rows, options, observe)
-            })
+            conclude(
+                Data { path, sha256: file.sha256, machine },
+                request,
+                |_: &StudyDiagnosis| Vec::new(),
+                |options| five_axis::diagnose_observed(&file.rows, options, observe),
+            )
         }
     }
 }
@@ -75,7 +79,8 @@ pub(crate) fn run_residuals(
     let file = read_plane_vectors_file(path)?;
     let vectors_m: Vec<Vector3<f64>> = file.rows.iter().map(|row| row.residual_m.into()).collect();
     check_vectors(&vectors_m, false).with_context(|| path.display().to_string())?;
-    conclude(Data { path, sha256: file.sha256, machine }, request, Vec::new(), |options| {
+    let figures = |diagnosis: &StudyDiagnosis| vector_pictures::sections(&file.rows, diagnosis);
+    conclude(Data { path, sha256: file.sha256, machine }, request, figures, |options| {
         vectors::diagnose_observed(&file.rows, chain.as_ref(), options, observe)
     })
 }
@@ -101,11 +106,12 @@ struct Data<'a> {
 fn conclude(
     Data { path, sha256, machine }: Data,
     request: &Request,
-    figures: Vec<Section>,
+    figures: impl FnOnce(&StudyDiagnosis) -> Vec<Section>,
     diagnose: impl FnOnce(&Options) -> Result<StudyDiagnosis, DiagnoseError>,
 ) -> anyhow::Result<Product> {
     let options = Options::default();
     let diagnosis = diagnose(&options).with_context(|| path.display().to_string())?;
+    let figures = figures(&diagnosis);
     let data = File { file: name_of(path), sha256: hex(&sha256) };
     let mut record = study_record::record(&diagnosis, data, &options, request.seed, software());
     let Some(machine) = machine else {

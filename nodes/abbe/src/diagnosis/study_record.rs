@@ -4,7 +4,7 @@
 
 use super::record::finite;
 use abbe_diagnose::study as library;
-use abbe_report::diagnosis as shown;
+use abbe_report::{diagnosis as shown, digits};
 use serde_json::json;
 use std::collections::BTreeMap;
 
@@ -63,7 +63,7 @@ fn verdict(record: &shown::Record, diagnosis: &library::StudyDiagnosis) -> Strin
     if diagnosis.consistent_with_noise && !open.is_empty() {
         words = format!("{words} Not all could be looked at: {}.", open.join("; "));
     } else if diagnosis.effects.is_empty() && !open.is_empty() {
-        words = format!("{words} {}.", open.join("; "));
+        words = format!("{words} Looked at: {}.", open.join("; "));
     }
     match diagnosis.rejected.len() {
         0 => words,
@@ -80,7 +80,7 @@ fn notes(diagnosis: &library::StudyDiagnosis) -> Vec<String> {
     let mut notes = diagnosis.notes.clone();
     notes.extend(diagnosis.looked.iter().map(|own| format!("Looked at: {}.", look(own))));
     notes.extend(diagnosis.noise.iter().map(|noise| {
-        let of = format!("Noise of {}: {:.3} um a row over {} rows", noise.of, noise.sigma_um, noise.rows);
+        let of = format!("Noise of {}: {} um a row over {} rows", noise.of, digits::result(noise.sigma_um), noise.rows);
         match noise.neighbours {
             None => format!("{of}; too few to tell a correlation."),
             Some(found) => format!(
@@ -91,7 +91,12 @@ fn notes(diagnosis: &library::StudyDiagnosis) -> Vec<String> {
         }
     }));
     notes.extend(diagnosis.rejected.iter().map(|row| {
-        format!("Rejected: {}, {:.3} um off, {:.0} standard deviations.", row.name, row.residual_um, row.deviations)
+        format!(
+            "Rejected: {}, {} um off, {:.0} standard deviations.",
+            row.name,
+            digits::result(row.residual_um),
+            row.deviations
+        )
     }));
     notes
 }
@@ -188,9 +193,9 @@ fn detection(diagnosis: &library::StudyDiagnosis) -> shown::Both<shown::Detectio
 }
 
 fn words(judgement: &library::Judgement, replicates: Option<&str>, p: Option<f64>) -> String {
-    let scatter = format!("The residual is {:.3} um rms", judgement.rms_um);
+    let scatter = format!("The residual is {} um rms", digits::result(judgement.rms_um));
     let declared = match judgement.chi2_per_dof {
-        Some(chi2) => format!("{scatter}, chi2/dof {chi2:.3} with the declared uncertainties"),
+        Some(chi2) => format!("{scatter}, chi2/dof {} with the declared uncertainties", digits::result(chi2)),
         None => format!("{scatter}; no uncertainties are declared"),
     };
     match (replicates, p) {
@@ -204,8 +209,8 @@ fn steps(diagnosis: &library::StudyDiagnosis) -> Vec<String> {
         let added = rung.added.as_ref()?;
         let p = rung.p_value.map_or_else(String::new, |p| format!(" at p = {p:.1e}"));
         Some(format!(
-            "added {added}{p}: error on blocks left out {:.3} um (the choice of effects saw them)",
-            rung.judgement.held_out.rms_um
+            "added {added}{p}: error on blocks left out {} um (the choice of effects saw them)",
+            digits::result(rung.judgement.held_out.rms_um)
         ))
     };
     diagnosis.ladder.iter().filter_map(step).collect()

@@ -8,7 +8,7 @@ use crate::next::Next;
 use abbe_files::MachineFile;
 use abbe_geometry::effects::{Shape, ShapeValue};
 use abbe_plan::{Plan, Promise, Request, Wish};
-use abbe_report::Identity;
+use abbe_report::{Identity, digits};
 use serde_json::{Value, json};
 use std::fmt::Write;
 use std::path::Path;
@@ -44,14 +44,19 @@ fn figure(number: f64) -> String {
     if number.fract() == 0.0 { format!("{number:.0}") } else { format!("{number:.4}") }
 }
 
-/// Size of a parameter in the unit of readers.
+/// An uncertainty of a parameter, or what it is found from, in the unit of readers.
 fn size_words(value: f64, unit: &str) -> String {
     match unit {
-        "m" => format!("{:.3} um", value * 1e6),
-        "rad" => format!("{:.2} urad", value * 1e6),
-        "m/s" => format!("{:.3} um/h", value * 1e6 * 3600.0),
-        other => format!("{value:.2e} {other}"),
+        "m" => format!("{} um", digits::uncertainty(value * 1e6)),
+        "rad" => format!("{} urad", digits::uncertainty(value * 1e6)),
+        "m/s" => format!("{} um/h", digits::uncertainty(value * 1e6 * 3600.0)),
+        other => format!("{value:.1e} {other}"),
     }
+}
+
+/// An uncertainty in µm or µrad.
+fn um(u: f64) -> String {
+    digits::uncertainty(u * 1e6)
 }
 
 /// Why nothing is said of effects.
@@ -105,19 +110,19 @@ pub(crate) fn words(sources: &Sources, plan: &Plan, out: &Path) -> String {
     );
     line("time", time_words(sources, plan));
     if let Some(before) = &plan.before {
-        line("measured before", format!("{:.3} um (k = 1)", before.u_m * 1e6));
+        line("measured before", format!("{} um (k = 1)", um(before.u_m)));
     }
-    let [x, y, z] = promise.u_axis_m.map(|u| u * 1e6);
+    let [x, y, z] = promise.u_axis_m.map(um);
     line(
         "corrected points",
-        format!("{:.3} um (k = 1, in space, rms over the volume); X {x:.3}, Y {y:.3}, Z {z:.3} um", promise.u_m * 1e6),
+        format!("{} um (k = 1, in space, rms over the volume); X {x}, Y {y}, Z {z} um", um(promise.u_m)),
     );
-    line("of the model alone", format!("{:.3} um, without the repeatability of one approach", promise.u_model_m * 1e6));
+    line("of the model alone", format!("{} um, without the repeatability of one approach", um(promise.u_model_m)));
     let (largest_m, at_m) = promise.largest_m;
     let [x, y, z] = at_m.map(|v| v * 1e3);
-    line("largest", format!("{:.3} um at X {x:.0}, Y {y:.0}, Z {z:.0} mm", largest_m * 1e6));
-    let [half, twice] = plan.if_bent_m.map(|u| u * 1e6);
-    line("if errors bend", format!("half as much {half:.3} um, twice as much {twice:.3} um"));
+    line("largest", format!("{} um at X {x:.0}, Y {y:.0}, Z {z:.0} mm", um(largest_m)));
+    let [half, twice] = plan.if_bent_m.map(um);
+    line("if errors bend", format!("half as much {half} um, twice as much {twice} um"));
     for wish in &sources.request.tell {
         let name = format!("{} {}", wish.name, shape_words(&wish.shape));
         match outcome(promise, wish) {
@@ -178,10 +183,10 @@ fn errors_table(promise: &Promise, text: &mut String) {
     let _ = writeln!(text, "\n  {:<8}{:>10}{:>10}", "error", "u rms", "u largest");
     for error in &promise.errors {
         let unit = if error.is_angle { "urad" } else { "um" };
-        let _ = writeln!(text, "  {:<8}{:>10.3}{:>10.3} {unit}", error.name, error.u_rms * 1e6, error.u_largest * 1e6);
+        let _ = writeln!(text, "  {:<8}{:>10}{:>10} {unit}", error.name, um(error.u_rms), um(error.u_largest));
     }
     for (name, u_rad) in &promise.squareness {
-        let _ = writeln!(text, "  {name:<8}{:>10.3}{:>10} urad", u_rad * 1e6, "");
+        let _ = writeln!(text, "  {name:<8}{:>10}{:>10} urad", um(*u_rad), "");
     }
     text.push('\n');
 }

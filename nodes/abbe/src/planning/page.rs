@@ -12,6 +12,8 @@ use abbe_report::{
 
 /// Planes of Z shown.
 const PLANES: usize = 3;
+/// Lines of the path on the page; all of them are in the files.
+const LINES: usize = 20;
 
 /// The report.
 pub(crate) fn report(sources: &Sources, plan: &Plan) -> Report {
@@ -52,21 +54,27 @@ fn stopped(plan: &Plan) -> Option<Section> {
 
 fn key_figures(plan: &Plan) -> Section {
     let promise = &plan.promise;
-    let figure = |label: &str, value: f64, decimals: u8, unit: &str, detail: &str| KeyFigure {
+    let figure = |label: &str, value: Quantity, unit: &str, detail: &str| KeyFigure {
         label: label.to_owned(),
-        value: Some(Quantity::new(value, decimals)),
+        value: Some(value),
         unit: unit.to_owned(),
         detail: Some(detail.to_owned()),
         ..KeyFigure::default()
     };
-    let mut point = figure("corrected point", promise.u_m * 1e6, 2, "µm", "k = 1, in space, rms over the volume");
-    point.before = plan.before.as_ref().map(|before| Quantity::new(before.u_m * 1e6, 2));
+    let um = |u_m: f64| Quantity::uncertainty(u_m * 1e6);
+    let mut point = figure("corrected point", um(promise.u_m), "µm", "k = 1, in space, rms over the volume");
+    point.before = plan.before.as_ref().map(|before| um(before.u_m));
     let figures = vec![
         point,
-        figure("model alone", promise.u_model_m * 1e6, 2, "µm", "without the repeatability of one approach"),
-        figure("largest", promise.largest_m.0 * 1e6, 2, "µm", "of a point in the volume"),
-        figure("measuring time", plan.time_s / 3600.0, 1, "h", "with all changes of station and holder"),
-        figure("lines", plan.lines.len() as f64, 0, "", &format!("from {} stations", plan.stations.len())),
+        figure("model alone", um(promise.u_model_m), "µm", "without the repeatability of one approach"),
+        figure("largest", um(promise.largest_m.0), "µm", "of a point in the volume"),
+        figure("measuring time", Quantity::new(plan.time_s / 3600.0, 1), "h", "with all changes of station and holder"),
+        figure(
+            "lines",
+            Quantity::new(plan.lines.len() as f64, 0),
+            "",
+            &format!("from {} stations", plan.stations.len()),
+        ),
     ];
     Section::KeyFigures(KeyFigures { title: "At a glance".to_owned(), figures })
 }
@@ -119,7 +127,6 @@ fn map(sources: &Sources, promise: &Promise) -> Section {
         title: "Uncertainty of corrected points in planes of Z".to_owned(),
         note: Some("Standard uncertainty in space, the largest over the tips.".to_owned()),
         value: Axis::new("uncertainty", "µm"),
-        decimals: 2,
         columns: PLANES,
         panels: planes.map(panel).collect(),
     })
@@ -150,20 +157,22 @@ fn lines(plan: &Plan) -> Section {
         Column::text("offset, mm"),
         Column::number("done after", "min"),
     ];
-    table(
-        "Path",
-        Some("In the order of measurement; path.csv has every point."),
+    Section::Table(TableSection {
+        title: "Path".to_owned(),
+        note: Some("In the order of measurement; path.csv has every point.".to_owned()),
         columns,
-        plan.lines.iter().map(row).collect(),
-    )
+        rows: plan.lines.iter().take(LINES).map(row).collect(),
+        total_rows: Some(plan.lines.len()),
+    })
 }
 
 fn errors(promise: &Promise) -> Section {
+    let um = |u: f64| Cell::uncertainty(Some(u * 1e6));
     let row = |e: &abbe_plan::ErrorPromise| {
         let unit = if e.is_angle { "µrad" } else { "µm" };
-        vec![Cell::text(&e.name), Cell::number(e.u_rms * 1e6, 3), Cell::number(e.u_largest * 1e6, 3), Cell::text(unit)]
+        vec![Cell::text(&e.name), um(e.u_rms), um(e.u_largest), Cell::text(unit)]
     };
-    let angle = |(name, u): &(String, f64)| vec![Cell::text(name), Cell::number(u * 1e6, 3), None, Cell::text("µrad")];
+    let angle = |(name, u): &(String, f64)| vec![Cell::text(name), um(*u), None, Cell::text("µrad")];
     let columns = vec![
         Column::text("error"),
         Column::number("rms over the volume", "unit"),

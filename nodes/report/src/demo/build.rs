@@ -8,7 +8,7 @@ use crate::sections::{
     Axis, Bar, Bars, Callout, Cell, Column, Heading, KeyFigure, KeyFigures, Quantity, Section, TableSection, Tone,
 };
 use crate::stats::{max_abs, rms};
-use crate::text::{capital, fixed};
+use crate::text::capital;
 
 /// χ²/ν within this range is consistent with the declared noise for the many readings of a campaign.
 const CHI2_RANGE: std::ops::RangeInclusive<f64> = 0.8..=1.25;
@@ -102,12 +102,13 @@ impl DemoReport {
     fn verification_figures(&self) -> [KeyFigure; 2] {
         let states = self.errors_by_state_um();
         let count = states.first().map_or(0, |(_, errors)| errors.len());
-        let quantity = |v: Option<f64>| v.map(|v| Quantity::new(v, 2));
+        let quantity = |v: Option<f64>| v.map(Quantity::result);
         let figure = |label: &str, of: fn(&[f64]) -> Option<f64>| {
             let values: Vec<Option<f64>> = states.iter().map(|(_, errors)| of(errors)).collect();
             let (before, after) = (values.first().copied().flatten(), values.last().copied().flatten());
             let between = states.iter().zip(&values).skip(1).take(states.len().saturating_sub(2));
-            let between = between.filter_map(|((name, _), value)| Some(format!("{name} {}; ", fixed((*value)?, 2))));
+            let between = between
+                .filter_map(|((name, _), value)| Some(format!("{name} {}; ", Quantity::result((*value)?).text())));
             KeyFigure {
                 label: label.to_owned(),
                 before: quantity(before),
@@ -129,19 +130,19 @@ impl DemoReport {
         // Of the model that the run began with: where another took over, these are not the figures of the answer.
         let before = self.closing.as_ref().and_then(|closing| closing.in_use.as_ref()).map(|_| "before the loop; ");
         let of_fit = |detail: String| format!("{}{detail}", before.unwrap_or_default());
-        let declared = fit.declared_sigma_um.map(|s| of_fit(format!("declared {s:.3} µm")));
+        let declared = fit.declared_sigma_um.map(|s| of_fit(format!("declared {} µm", Quantity::result(s).text())));
         let total = fit.readings_used + fit.readings_rejected;
         [
             KeyFigure {
                 label: "Residual σ".to_owned(),
-                value: fit.residual_sigma_um.map(|v| Quantity::new(v, 3)),
+                value: fit.residual_sigma_um.map(Quantity::result),
                 unit: "µm".to_owned(),
                 detail: declared,
                 ..KeyFigure::default()
             },
             KeyFigure {
                 label: "χ²/ν, declared noise".to_owned(),
-                value: fit.chi2_per_dof.map(|v| Quantity::new(v, 2)),
+                value: fit.chi2_per_dof.map(Quantity::result),
                 detail: fit.degrees_of_freedom.map(|v| of_fit(format!("ν = {v:.0}"))),
                 tone: match fit.chi2_per_dof {
                     Some(v) if CHI2_RANGE.contains(&v) => Tone::Good,

@@ -141,8 +141,8 @@ impl DemoReport {
         let figure = |of: fn(&ErrorFigures) -> Option<f64>| {
             closing.errors.as_ref().map_or([None, None], |e| [of(&e.before), of(&e.after)])
         };
-        let row = |name: &str, [before, after]: [Option<f64>; 2], decimals| {
-            vec![Cell::text(name), Cell::maybe(before, decimals), Cell::maybe(after, decimals)]
+        let row = |name: &str, [before, after]: [Option<f64>; 2]| {
+            vec![Cell::text(name), Cell::result(before), Cell::result(after)]
         };
         let after_loop = verified.get(2).copied().flatten();
         TableSection {
@@ -154,10 +154,10 @@ impl DemoReport {
                 Column::number("with what was found", "µm"),
             ],
             rows: vec![
-                row("verification error, 3-D, rms", [verified.get(1).copied().flatten(), after_loop], 3),
-                row("range error on lines that no step of the search saw, rms", figure(|e| e.held_out_rms_um), 3),
-                row("range residual of the fit, rms", figure(|e| e.residual_rms_um), 3),
-                row("χ²/ν with the declared noise (no unit)", figure(|e| e.chi2_per_dof), 2),
+                row("verification error, 3-D, rms", [verified.get(1).copied().flatten(), after_loop]),
+                row("range error on lines that no step of the search saw, rms", figure(|e| e.held_out_rms_um)),
+                row("range residual of the fit, rms", figure(|e| e.residual_rms_um)),
+                row("χ²/ν with the declared noise (no unit)", figure(|e| e.chi2_per_dof)),
             ],
             total_rows: None,
         }

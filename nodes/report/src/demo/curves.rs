@@ -2,7 +2,7 @@
 
 use super::build::heading;
 use super::{DemoReport, ErrorCurve, ErrorCurveSet};
-use crate::diagnosis::decimals;
+use crate::digits;
 use crate::sections::{Axis, Cell, Column, Curve, CurveStyle, LinePanel, LinePlot, Section, TableSection};
 
 impl DemoReport {
@@ -48,7 +48,7 @@ impl ErrorCurveSet {
             .squareness
             .iter()
             .map(|s| {
-                let digits = decimals(s.expanded_95_urad);
+                let digits = digits::of(s.value_urad.unwrap_or(0.0), s.expanded_95_urad);
                 let mut row = vec![
                     Cell::text(&s.name),
                     Cell::maybe(s.value_urad, digits),

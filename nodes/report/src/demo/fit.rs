@@ -2,6 +2,7 @@
 
 use super::build::heading;
 use super::{DemoReport, MeasuringVolume};
+use crate::digits;
 use crate::sections::{Cell, Column, IsoLine, IsoPoint, Isometric, Section, TableSection};
 
 /// Rows of the longest lists on the page; the rest is in the JSON.
@@ -30,11 +31,14 @@ impl DemoReport {
             .iter()
             .map(|station| {
                 let mut row = vec![Cell::text(&station.name)];
-                row.extend(station.position_mm.map(|v| Cell::number(v, 4)));
-                row.extend((0..3).map(|i| Cell::maybe(station.uncertainty_um.map(|u| u[i]), 2)));
+                row.extend((0..3).map(|i| {
+                    let u_mm = station.uncertainty_um.map(|u| u[i] * 1e-3);
+                    Cell::number(station.position_mm[i], u_mm.map_or(4, digits::of_uncertainty))
+                }));
+                row.extend((0..3).map(|i| Cell::uncertainty(station.uncertainty_um.map(|u| u[i]))));
                 row.push(Cell::maybe(station.dead_path_mm, 4));
                 row.push(Cell::count(station.readings));
-                row.push(Cell::maybe(station.residual_rms_um, 3));
+                row.push(Cell::result(station.residual_rms_um));
                 row
             })
             .collect();
@@ -104,7 +108,7 @@ impl DemoReport {
                     vec![
                         Cell::text(&o.error),
                         Cell::text(&o.form),
-                        Cell::maybe(o.effective_dof, 2),
+                        Cell::maybe(o.effective_dof, 1),
                         Cell::maybe(o.evidence_gain, 1),
                     ]
                 })
@@ -128,7 +132,7 @@ impl DemoReport {
                 Cell::count(of.unknowns),
                 of.rank.and_then(Cell::count),
                 Cell::maybe(of.condition, 0),
-                Cell::maybe(of.cramer_rao_ratio, 3),
+                Cell::result(of.cramer_rao_ratio),
             ]],
             total_rows: None,
         }
@@ -169,7 +173,7 @@ impl super::RejectedReading {
     fn row(&self) -> Vec<Option<Cell>> {
         let mut row = vec![Cell::count(self.row), Cell::text(&self.station), Cell::maybe(self.time_s, 1)];
         row.extend(self.position_mm.map(|v| Cell::number(v, 2)));
-        row.push(Cell::maybe(self.residual_um, 2));
+        row.push(Cell::result(self.residual_um));
         row.push(Cell::maybe(self.normalised, 1));
         row.push(Cell::text(&self.reason));
         row

@@ -106,7 +106,6 @@ impl DemoReport {
             position_unit: "mm".to_owned(),
             vector_unit: "µm".to_owned(),
             vector_in_position: 1e-3,
-            decimals: 2,
             volume_min: corner(|edges| edges.first())?,
             volume_max: corner(|edges| edges.last())?,
             states: vec![((*first_name).to_owned(), Shown::Before), ((*last_name).to_owned(), Shown::After)],
@@ -144,11 +143,11 @@ impl DemoReport {
                 Cell::text(name),
                 Cell::text(state_name),
                 Cell::count(sample.len()),
-                Cell::maybe(mean, 2),
-                Cell::maybe(rms(&sample), 2),
-                Cell::maybe(quantile_sorted(&magnitudes, 0.95), 2),
-                Cell::maybe(max_abs(&sample), 2),
-                Cell::maybe(ratio, 1),
+                Cell::result(mean),
+                Cell::result(rms(&sample)),
+                Cell::result(quantile_sorted(&magnitudes, 0.95)),
+                Cell::result(max_abs(&sample)),
+                Cell::result(ratio),
             ]
         };
         self.states().into_iter().enumerate().map(row).collect()
@@ -169,7 +168,6 @@ impl DemoReport {
                     .to_owned(),
             ),
             value: Axis::new("3-D error, rms", "µm"),
-            decimals: 2,
             columns: REGIONS,
             panels,
         })

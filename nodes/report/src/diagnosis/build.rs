@@ -97,6 +97,7 @@ impl Record {
         let interval = |before: Option<(f64, f64)>, after: Option<(f64, f64)>| {
             let one = |(low, high)| format!("{} to {}", significant(low, 3), significant(high, 3));
             match (before, after) {
+                (Some(before), Some(after)) if before == after => format!("95 %: {}", one(after)),
                 (Some(before), Some(after)) => format!("95 %: {} → {}", one(before), one(after)),
                 _ => "no interval".to_owned(),
             }

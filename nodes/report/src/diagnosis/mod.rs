@@ -11,8 +11,6 @@ mod tables;
 mod units;
 mod words;
 
-pub(crate) use units::decimals;
-
 pub use pictures::{Residuals, Split, View};
 pub use record::{
     Alternative, Averaged, Blocked, Both, Considered, Detection, Effect, ErrorFigures, File, Group, HeldOut, LeftOut,
@@ -69,8 +67,9 @@ impl DiagnosisReport {
 pub fn readable(parameter: &Parameter) -> (Option<f64>, Option<f64>, Option<f64>, String, u8) {
     let units::Readable { factor, unit } = units::readable(parameter);
     let scaled = |value: Option<f64>| value.map(|v| v * factor);
-    let u = scaled(parameter.u);
-    (scaled(parameter.value), u, scaled(parameter.plausible), unit, units::decimals(u))
+    let (value, u) = (scaled(parameter.value), scaled(parameter.u));
+    let decimals = crate::digits::of(value.unwrap_or(0.0), u);
+    (value, u, scaled(parameter.plausible), unit, decimals)
 }
 
 /// Below this share of what is plausible, a parameter and its uncertainty are rounding: nothing was left for it to tell.

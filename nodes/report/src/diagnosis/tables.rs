@@ -10,6 +10,8 @@ use std::collections::BTreeMap;
 
 /// Probabilities below this are beyond what the distributions are computed to.
 const SMALLEST_P: f64 = 1e-300;
+/// Candidates on the page; all of them are in the JSON.
+const MOST_CANDIDATES: usize = 20;
 
 fn table(title: &str, note: Option<&str>, columns: Vec<Column>, rows: Vec<Vec<Option<Cell>>>) -> Section {
     let note = note.map(str::to_owned);
@@ -425,8 +427,19 @@ impl Record {
                 Cell::maybe(c.alias_share, 3),
             ]
         };
-        let rows: Vec<_> = self.considered.iter().map(row).collect();
-        (!rows.is_empty()).then(|| table("Every candidate against the model as it was", None, columns, rows))
+        let mut best: Vec<_> = self.considered.iter().collect();
+        let evidence = |c: &super::Considered| c.evidence.unwrap_or(f64::NEG_INFINITY);
+        best.sort_by(|a, b| evidence(b).total_cmp(&evidence(a)));
+        let rows: Vec<_> = best.into_iter().take(MOST_CANDIDATES).map(row).collect();
+        (!rows.is_empty()).then(|| {
+            Section::Table(TableSection {
+                title: "Candidates against the model as it was".to_owned(),
+                note: Some("Those with most evidence first.".to_owned()),
+                columns,
+                rows,
+                total_rows: Some(self.considered.len()),
+            })
+        })
     }
 }
 

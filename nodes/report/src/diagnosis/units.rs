@@ -51,14 +51,6 @@ fn grouped(denominator: &str) -> String {
     if denominator.contains(['·', '/']) { format!("({denominator})") } else { denominator.to_owned() }
 }
 
-/// Decimals that show an uncertainty with two digits.
-pub(crate) fn decimals(uncertainty: Option<f64>) -> u8 {
-    match uncertainty {
-        Some(u) if u > 0.0 && u.is_finite() => crate::text::decimals(u, 2),
-        _ => 3,
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -86,14 +78,5 @@ mod tests {
     #[test]
     fn a_dead_path_is_shown_in_millimetres() {
         assert_eq!(from_si("m", true), Readable { factor: 1e3, unit: "mm".to_owned() });
-    }
-
-    #[test]
-    fn decimals_follow_the_uncertainty() {
-        assert_eq!(decimals(Some(0.034)), 3);
-        assert_eq!(decimals(Some(12.0)), 0);
-        // 0.0996 with two digits is 0.10.
-        assert_eq!(decimals(Some(0.0996)), 2);
-        assert_eq!(decimals(None), 3);
     }
 }

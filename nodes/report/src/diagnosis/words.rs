@@ -205,6 +205,27 @@ mod tests {
         assert!(html.contains("41.8 ") && html.contains("0.430") && !html.contains("41.84"));
     }
 
+    /// 630 candidates were a third of a phone's page.
+    #[test]
+    fn regress_candidates_with_most_evidence_come_first_and_not_all_are_shown() {
+        let candidate = |k: usize| super::super::Considered {
+            name: format!("candidate {k} "),
+            kind: "empirical".to_owned(),
+            tested: 1,
+            p_value: Some(0.5),
+            p_holm: Some(1.0),
+            evidence: Some(k as f64),
+            alias_share: Some(0.1),
+        };
+        let found = Record { considered: (0..50).map(candidate).collect(), ..record() };
+        let identity = Default::default();
+        let report = DiagnosisReport { record: found, residuals: None, figures: Vec::new(), identity, next: None };
+        let html = report.html().unwrap();
+        assert!(html.contains("The first 20 of 50 rows"));
+        assert!(html.contains("candidate 49 ") && html.contains("candidate 30 ") && !html.contains("candidate 29 "));
+        assert_eq!(report.json().unwrap().matches("candidate ").count(), 50);
+    }
+
     #[test]
     fn a_clean_residual_is_called_noise_and_nothing_more() {
         let clean = Record { consistent_with_noise: true, ..record() };

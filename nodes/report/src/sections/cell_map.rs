@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::Axis;
+use crate::digits;
 use crate::error::ReportError;
 use crate::frame::{Area, Labels, WIDTH_PX, axis_text, draw_frame};
 use crate::scale::Scale;
@@ -44,8 +45,6 @@ pub struct CellMap {
     pub note: Option<String>,
     /// What the colour and the numbers show, with unit.
     pub value: Axis,
-    /// Decimals of the numbers.
-    pub decimals: u8,
     /// Panels side by side (1 to 4). Each row of panels has a colour scale of its own, from 0 to its largest.
     pub columns: usize,
     /// Panels, row by row.
@@ -90,7 +89,7 @@ impl CellMap {
                     width: cell - 78.0,
                     height: 150.0,
                 };
-                panel.draw(&mut svg, area, top, self);
+                panel.draw(&mut svg, area, top);
             }
         }
         svg.finish(&self.title)
@@ -98,12 +97,22 @@ impl CellMap {
 }
 
 impl CellPanel {
-    fn draw(&self, svg: &mut Svg, area: Area, top: f64, map: &CellMap) {
+    /// Decimals of the numbers: those of the largest of its row of panels, fewer where even the widest cells are too narrow.
+    fn decimals(&self, top: f64, widest_px: f64) -> u8 {
+        let fits =
+            |decimals: u8| self.values.iter().flatten().all(|v| text_width_px(&fixed(*v, decimals)) <= widest_px);
+        let wanted = digits::of_result(top);
+        (0..=wanted).rev().find(|decimals| fits(*decimals)).unwrap_or(wanted)
+    }
+
+    fn draw(&self, svg: &mut Svg, area: Area, top: f64) {
         let limits = |edges: &[f64]| (edges.first().copied().unwrap_or(0.0), edges.last().copied().unwrap_or(1.0));
         let ((x0, x1), (y0, y1)) = (limits(&self.x_edges), limits(&self.y_edges));
         let x = Scale::exact(x0, x1, area.left, area.right());
         let y = Scale::exact(y0, y1, area.bottom(), area.top);
         let columns = self.x_edges.len() - 1;
+        let widths = self.x_edges.windows(2).map(|edges| x.map(edges[1]) - x.map(edges[0]));
+        let decimals = self.decimals(top, widths.fold(0.0, f64::max));
         for (index, value) in self.values.iter().enumerate() {
             let (i, j) = (index % columns, index / columns);
             let left_top = (x.map(self.x_edges[i]), y.map(self.y_edges[j + 1]));
@@ -112,7 +121,7 @@ impl CellPanel {
             let step = value.map(|v| ((v / top * SEQUENTIAL_STEPS as f64) as usize).min(SEQUENTIAL_STEPS - 1));
             let class = step.map_or_else(|| "none edge".to_owned(), |s| format!("q{s} edge"));
             svg.rect(&class, left_top, size, None);
-            let text = value.map_or_else(|| MISSING.to_owned(), |v| fixed(v, map.decimals));
+            let text = value.map_or_else(|| MISSING.to_owned(), |v| fixed(v, decimals));
             // A number that would be cut is left to the colour.
             if text_width_px(&text) > size.0 || LINE_PX > size.1 {
                 continue;
@@ -151,6 +160,22 @@ fn apart(edges: &[f64], is_apart: impl Fn(f64, f64) -> bool) -> Vec<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn numbers_have_three_digits_of_the_largest_and_fewer_where_a_cell_is_narrow() {
+        let panel = CellPanel {
+            title: String::new(),
+            x: Axis::new("X", "mm"),
+            y: Axis::new("Y", "mm"),
+            x_edges: vec![0.0, 1.0, 2.0],
+            y_edges: vec![0.0, 1.0],
+            values: vec![Some(40.1234), None],
+        };
+        assert_eq!(panel.decimals(40.1234, 100.0), 1);
+        assert_eq!(panel.decimals(40.1234, text_width_px("40")), 0);
+        // Where not even that fits the number is left out, whatever its decimals.
+        assert_eq!(panel.decimals(40.1234, 1.0), 1);
+    }
 
     /// The cells of a plan are narrow at both ends of an axis: 0, 67 … 733, 800.
     #[test]

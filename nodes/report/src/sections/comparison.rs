@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use super::BoxGroup;
 use super::boxes::{draw_box_legend, draw_boxes};
+use crate::digits;
 use crate::error::ReportError;
 use crate::frame::{Area, Labels, WIDTH_PX, begin_panel, draw_empty, end_panel};
 use crate::scale::{Scale, extent};
@@ -151,8 +152,7 @@ impl Comparison {
         let Some(p95) = quantile_sorted(sample, 0.95) else { return };
         let at = (x.map(p95), y.map(95.0));
         svg.circle(&format!("f{class}"), at, 3.4, None);
-        let decimals = if p95 < 10.0 { 2 } else { 1 };
-        let label = format!("95 %: {} {}", fixed(p95, decimals), self.unit);
+        let label = format!("95 %: {} {}", fixed(p95, digits::of_result(p95)), self.unit);
         svg.text(&format!("small halo f{class}"), (at.0 - 9.0, at.1 + below), Anchor::End, &label);
     }
 }

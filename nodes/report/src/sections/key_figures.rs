@@ -5,10 +5,8 @@ use std::fmt::Write as _;
 use serde::{Deserialize, Serialize};
 
 use super::Tone;
+use crate::digits;
 use crate::text::{MISSING, escape, fixed, prose};
-
-/// Significant digits of a result whose uncertainty is not stated.
-const RESULT_DIGITS: i32 = 3;
 
 /// A number and how many decimals of it are shown.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -22,7 +20,17 @@ pub struct Quantity {
 impl Quantity {
     /// A result without an uncertainty: three significant digits.
     pub fn result(value: f64) -> Self {
-        Self { value, decimals: crate::text::decimals(value, RESULT_DIGITS) }
+        Self { value, decimals: digits::of_result(value) }
+    }
+
+    /// An uncertainty: two significant digits.
+    pub fn uncertainty(u: f64) -> Self {
+        Self { value: u, decimals: digits::of_uncertainty(u) }
+    }
+
+    /// A value with the decimals of its uncertainty, or a result where that is not known.
+    pub fn with(value: f64, uncertainty: Option<f64>) -> Self {
+        Self { value, decimals: digits::of(value, uncertainty) }
     }
 
     /// The number as a page shows it.

@@ -33,6 +33,15 @@ impl State {
         }
     }
 
+    /// Token of the state's colour.
+    pub(crate) fn variable(self) -> &'static str {
+        match self {
+            Self::Before => "before",
+            Self::Between => "between",
+            Self::After => "after",
+        }
+    }
+
     /// Whose marker it takes.
     fn marker(self) -> u8 {
         match self {

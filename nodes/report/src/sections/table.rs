@@ -60,6 +60,16 @@ impl Cell {
         value.map(|value| Self::Number(super::Quantity::result(value)))
     }
 
+    /// An uncertainty: two significant digits; missing if the number is.
+    pub fn uncertainty(u: Option<f64>) -> Option<Self> {
+        u.map(|u| Self::Number(super::Quantity::uncertainty(u)))
+    }
+
+    /// A value with the decimals of its uncertainty, or a result where that is not known; missing if the number is.
+    pub fn with(value: Option<f64>, uncertainty: Option<f64>) -> Option<Self> {
+        value.map(|value| Self::Number(super::Quantity::with(value, uncertainty)))
+    }
+
     /// A number cell, missing if the number is.
     pub fn maybe(value: Option<f64>, decimals: u8) -> Option<Self> {
         value.and_then(|v| Self::number(v, decimals))

@@ -7,10 +7,11 @@ use serde::{Deserialize, Serialize};
 use serde_json::json;
 
 use super::State;
+use crate::digits;
 use crate::error::ReportError;
 use crate::frame::{Swatch, WIDTH_PX, draw_legend, drawn, one_in};
 use crate::svg::{Anchor, Drawing, Svg};
-use crate::text::{fixed, integer};
+use crate::text::{escape, fixed, integer};
 
 /// Height of the view, px.
 const HEIGHT_PX: f64 = 560.0;
@@ -43,8 +44,6 @@ pub struct Vectors {
     pub vector_unit: String,
     /// One unit of the vectors in units of the positions, e.g. 0.001.
     pub vector_in_position: f64,
-    /// Decimals that a vector's components carry.
-    pub decimals: u8,
     /// Lower corner of the volume.
     pub volume_min: [f64; 3],
     /// Upper corner of the volume.
@@ -112,6 +111,12 @@ impl Vectors {
         length(std::array::from_fn(|i| self.volume_max[i] - self.volume_min[i]))
     }
 
+    /// Decimals of the components: those of the state whose vectors are the shortest.
+    fn decimals(&self) -> u8 {
+        let longest = |k: usize| self.points.iter().filter_map(|p| p.states[k].map(length)).reduce(f64::max);
+        (0..self.states.len().min(2)).filter_map(longest).map(digits::of_result).max().unwrap_or(0)
+    }
+
     /// How many times the vectors are enlarged: a round number.
     fn magnification(&self) -> f64 {
         let vectors = self.points.iter().flat_map(|p| p.states.iter().flatten());
@@ -139,8 +144,7 @@ impl Vectors {
         let legend = |(name, state): &(String, State)| (Swatch::Line(format!("vec l{}", state.class())), name.clone());
         let legend: Vec<_> = self.states.iter().map(legend).collect();
         draw_legend(&mut svg, (MARGIN_PX, 16.0), &legend);
-        let enlarged = format!("vectors enlarged {} ×", integer(magnification.round() as i64));
-        svg.text("small muted magnified", (WIDTH_PX - MARGIN_PX, 16.0), Anchor::End, &enlarged);
+        svg.text("small muted magnified", (WIDTH_PX - MARGIN_PX, 16.0), Anchor::End, &self.enlarged_text());
         svg.text("small muted", (WIDTH_PX - MARGIN_PX, HEIGHT_PX - 8.0), Anchor::End, &self.size_text());
         svg.open("class=\"scene\"");
         let edges = (0..8_usize).flat_map(|from| [1, 2, 4].map(|bit| (from, from | bit)));
@@ -174,6 +178,21 @@ impl Vectors {
         svg.finish(&self.title)
     }
 
+    /// The words of the drawing as text below it.
+    pub(crate) fn key(&self) -> String {
+        let state = |(name, state): &(String, State)| {
+            let colour = format!("<i style=\"background:var(--{})\"></i>", state.variable());
+            format!("<b>{colour}{}</b>; ", escape(name))
+        };
+        let states: String = self.states.iter().map(state).collect();
+        let (enlarged, size) = (self.enlarged_text(), escape(&self.size_text()));
+        format!("<p class=\"key\">{states}<span class=\"magnified\">{enlarged}</span>; {size}</p>\n")
+    }
+
+    fn enlarged_text(&self) -> String {
+        format!("vectors enlarged {} ×", integer(self.magnification().round() as i64))
+    }
+
     fn size_text(&self) -> String {
         let range = |i: usize| {
             format!("{} {} … {}", ["x", "y", "z"][i], fixed(self.volume_min[i], 0), fixed(self.volume_max[i], 0))
@@ -190,11 +209,12 @@ impl Vectors {
             // No negative zero.
             json!(rounded + 0.0)
         };
+        let decimals = self.decimals();
         let point = |p: &&Vector| {
             let mut numbers: Vec<_> = p.at.iter().map(|v| rounded(*v, 2)).collect();
             for state in p.states.iter().take(self.states.len()) {
                 match state {
-                    Some(vector) => numbers.extend(vector.iter().map(|v| rounded(*v, self.decimals))),
+                    Some(vector) => numbers.extend(vector.iter().map(|v| rounded(*v, decimals))),
                     None => numbers.extend([json!(null), json!(null), json!(null)]),
                 }
             }
@@ -222,7 +242,6 @@ mod tests {
             position_unit: "mm".into(),
             vector_unit: "µm".into(),
             vector_in_position: 1e-3,
-            decimals: 2,
             volume_min: [0.0; 3],
             volume_max: [100.0; 3],
             states: vec![("</script>".into(), State::Before)],
@@ -239,6 +258,23 @@ mod tests {
         let body = cube([0.0, 0.0, 10.0]).draw().unwrap().body;
         let up = 280.0 - (2.0_f64 / 3.0).sqrt() * 20.0 * (560.0 - 112.0) / 30_000f64.sqrt();
         assert!(body.contains(&format!("M540 280L540 {up:.2}")), "{up} {body}");
+    }
+
+    /// On a phone the drawing's own words were four pixels high.
+    #[test]
+    fn regress_the_words_of_the_drawing_stand_below_it_too() {
+        let key = cube([0.0, 0.0, 10.0]).key();
+        assert!(key.contains("var(--before)") && key.contains("&lt;/script&gt;"), "{key}");
+        assert!(key.contains("<span class=\"magnified\">vectors enlarged 2000 ×</span>; x 0 … 100"), "{key}");
+    }
+
+    #[test]
+    fn components_have_the_digits_of_the_shortest_state() {
+        let mut two = cube([40.1234, 0.0, 0.0]);
+        assert_eq!(two.decimals(), 1);
+        two.states.push(("after".into(), State::After));
+        two.points[0].states[1] = Some([0.0, 0.21234, 0.0]);
+        assert_eq!(two.decimals(), 3);
     }
 
     #[test]

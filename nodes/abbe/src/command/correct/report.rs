@@ -122,9 +122,9 @@ fn figures(page: &Page) -> Section {
         0 => Tone::Bad,
         _ => Tone::Warning,
     };
-    let um = |label: &str, metres: Option<f64>, detail: String| KeyFigure {
+    let um = |label: &str, value: Option<Quantity>, detail: String| KeyFigure {
         label: label.to_owned(),
-        value: metres.map(|m| Quantity::new(m * 1e6, 2)),
+        value,
         unit: "µm".to_owned(),
         detail: Some(detail),
         ..KeyFigure::default()
@@ -140,11 +140,12 @@ fn figures(page: &Page) -> Section {
     if let Some(largest) = corrections.largest {
         let [x, y, z] = largest.reading_m.map(|v| v * 1e3);
         let place = format!("line {}, at X {x:.0}, Y {y:.0}, Z {z:.0} mm", largest.line);
-        let most_u_m = corrections.most_u_m.into_iter().reduce(f64::max).map(|u| COVERAGE * u);
+        let most_u_um = corrections.most_u_m.into_iter().reduce(f64::max).map(|u_m| COVERAGE * u_m * 1e6);
+        let shown = |length_m: f64| Quantity::with(length_m * 1e6, most_u_um);
         figures.extend([
-            um("correction, rms", corrections.rms_m(&[0, 1, 2]), "length of the vectors".to_owned()),
-            um("correction, largest", Some(largest.length_m), place),
-            um("uncertainty, largest", most_u_m, "of a coordinate, k = 2".to_owned()),
+            um("correction, rms", corrections.rms_m(&[0, 1, 2]).map(shown), "length of the vectors".to_owned()),
+            um("correction, largest", Some(shown(largest.length_m)), place),
+            um("uncertainty, largest", most_u_um.map(Quantity::uncertainty), "of a coordinate, k = 2".to_owned()),
         ]);
     }
     Section::KeyFigures(KeyFigures { title: "At a glance".to_owned(), figures })
@@ -161,11 +162,13 @@ fn limits(page: &Page) -> Vec<Section> {
 
 fn by_axis(corrections: &Corrections) -> Section {
     let row = |axis: usize| {
+        let u_um = COVERAGE * corrections.most_u_m[axis] * 1e6;
+        let (rms_um, most_um) = (corrections.rms_m(&[axis]).map(|m| m * 1e6), corrections.most_m[axis] * 1e6);
         vec![
             Cell::text(AXES[axis]),
-            Cell::maybe(corrections.rms_m(&[axis]).map(|m| m * 1e6), 2),
-            Cell::number(corrections.most_m[axis] * 1e6, 2),
-            Cell::number(COVERAGE * corrections.most_u_m[axis] * 1e6, 2),
+            Cell::with(rms_um, Some(u_um)),
+            Cell::with(Some(most_um), Some(u_um)),
+            Cell::uncertainty(Some(u_um)),
         ]
     };
     let columns = ["correction, rms", "correction, largest", "uncertainty (k = 2), largest"];
@@ -199,7 +202,6 @@ fn vectors(corrections: &Corrections) -> Option<Section> {
             position_unit: "mm".to_owned(),
             vector_unit: "µm".to_owned(),
             vector_in_position: 1e-3,
-            decimals: 2,
             volume_min,
             volume_max,
             states: vec![("correction".to_owned(), State::After)],

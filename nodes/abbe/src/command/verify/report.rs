@@ -49,8 +49,8 @@ fn figures(page: &Page) -> Section {
         let (before, after) = (page.stages.first().map(of), page.stages.last().map(of));
         KeyFigure {
             label: label.to_owned(),
-            before: before.map(|v| Quantity::new(v, 2)),
-            value: after.map(|v| Quantity::new(v, 2)),
+            before: before.map(Quantity::result),
+            value: after.map(Quantity::result),
             unit: "µm".to_owned(),
             detail: Some(detail),
             tone: match before.zip(after) {
@@ -130,7 +130,6 @@ fn vectors(page: &Page) -> Option<Section> {
             position_unit: "mm".to_owned(),
             vector_unit: "µm".to_owned(),
             vector_in_position: 1e-3,
-            decimals: 2,
             volume_min,
             volume_max,
             states: vec![(first.name.to_owned(), State::Before), (last.name.to_owned(), State::After)],

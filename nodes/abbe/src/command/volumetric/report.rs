@@ -2,12 +2,12 @@
 //!
 //! Place in the flow: last step; millimetres and micrometres, uncertainties k = 2.
 
-use super::{Answer, extreme};
+use super::{Answer, expanded_m, extreme};
 use crate::next::Next;
 use abbe_geometry::volumetric::{LinePoint, MapPoint};
 use abbe_report::{
     Axis, Callout, CellMap, CellPanel, Curve, CurveStyle, KeyFigure, KeyFigures, LinePanel, LinePlot, MetaItem,
-    Quantity, Report, Section, State, Tone, Vector, Vectors,
+    Quantity, Report, Section, State, Tone, Vector, Vectors, digits,
 };
 
 /// Planes of Z shown, lowest to highest.
@@ -64,9 +64,9 @@ fn outside(answer: &Answer) -> Option<Section> {
 }
 
 fn key_figures(answer: &Answer) -> Section {
-    let figure = |label: &str, value_m: Option<f64>, detail: Option<String>| KeyFigure {
+    let figure = |label: &str, value_m: Option<f64>, u_m: Option<f64>, detail: Option<String>| KeyFigure {
         label: label.to_owned(),
-        value: value_m.map(|v| Quantity::new(v * 1e6, 2)),
+        value: value_m.map(|v_m| Quantity::with(v_m * 1e6, u_m.map(|u_m| u_m * 1e6))),
         unit: "µm".to_owned(),
         detail,
         ..KeyFigure::default()
@@ -77,19 +77,27 @@ fn key_figures(answer: &Answer) -> Section {
     };
     let largest = answer.largest();
     let mut figures = vec![
-        figure("largest error", largest.map(|p| p.error_m.norm()), largest.map(|p| place(p.reading_m))),
+        figure(
+            "largest error",
+            largest.map(|p| p.error_m.norm()),
+            largest.map(expanded_m),
+            largest
+                .map(|p| format!("± {} µm (k = 2), {}", digits::uncertainty(expanded_m(p) * 1e6), place(p.reading_m))),
+        ),
         figure(
             "rms over the grid",
             Some(answer.rms_m()),
+            None,
             Some(format!("{} points extrapolated", answer.extrapolated())),
         ),
     ];
     figures.extend(answer.diagonals.iter().map(|(diagonal, points)| {
-        let (value, detail) = extreme(points).unzip();
+        let (value, u_m) = extreme(points).unzip();
         figure(
             &format!("diagonal {}", diagonal.name()),
             value,
-            detail.map(|u_m| format!("± {:.2} µm (k = 2), largest on it", u_m * 1e6)),
+            u_m,
+            u_m.map(|u_m| format!("± {} µm (k = 2), largest on it", digits::uncertainty(u_m * 1e6))),
         )
     }));
     Section::KeyFigures(KeyFigures { title: "At a glance".to_owned(), figures })
@@ -102,7 +110,6 @@ fn map(answer: &Answer) -> Section {
         title: "Volumetric error in planes of Z".to_owned(),
         note: Some("The largest length of the error vector in each cell; all points are in map.csv.".to_owned()),
         value: Axis::new("largest error", "µm"),
-        decimals: 1,
         columns: PLANES,
         panels: planes.map(|plane| panel(answer, plane)).collect(),
     })
@@ -120,7 +127,6 @@ fn vectors(answer: &Answer) -> Section {
         position_unit: "mm".to_owned(),
         vector_unit: "µm".to_owned(),
         vector_in_position: 1e-3,
-        decimals: 2,
         volume_min: answer.bounds_m.map(|(lower, _)| lower * 1e3),
         volume_max: answer.bounds_m.map(|(_, upper)| upper * 1e3),
         states: vec![("before correction".to_owned(), State::Before)],

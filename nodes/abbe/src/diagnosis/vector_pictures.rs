@@ -1,0 +1,116 @@
+//! What the pictures of residual vectors show: the residuals in space, and over each quantity that they were found to depend on.
+//!
+//! Place in the flow: the rows of the file and the study's answer in, sections of the report out (mm, µm, the unit in a name).
+//! All of it is what was measured; what the effects found leave is in the figures beside it.
+
+use abbe_diagnose::study::StudyDiagnosis;
+use abbe_diagnose::study::vectors::ResidualVector;
+use abbe_report::{Axis, Curve, CurveStyle, LinePanel, LinePlot, Section, State, Vector, Vectors};
+
+/// Quantities shown at most.
+const QUANTITIES: usize = 6;
+const COMPONENTS: [&str; 3] = ["x", "y", "z"];
+
+/// The pictures; none of a component or a position that nobody measured.
+pub(super) fn sections(rows: &[ResidualVector], diagnosis: &StudyDiagnosis) -> Vec<Section> {
+    space(rows).into_iter().chain(over_quantities(rows, diagnosis)).collect()
+}
+
+/// The vectors in the volume; none where their points lie in a plane or a part of them is not known.
+fn space(rows: &[ResidualVector]) -> Option<Section> {
+    if rows.iter().any(|row| row.position_lacks.is_some() || row.residual_lacks.is_some()) {
+        return None;
+    }
+    let end = |pick: fn(f64, f64) -> f64, axis: usize| rows.iter().map(|row| row.position_m[axis] * 1e3).reduce(pick);
+    let corner = |pick: fn(f64, f64) -> f64| Some([end(pick, 0)?, end(pick, 1)?, end(pick, 2)?]);
+    let (volume_min, volume_max) = (corner(f64::min)?, corner(f64::max)?);
+    let point = |row: &ResidualVector| Vector {
+        at: row.position_m.map(|v| v * 1e3),
+        states: [Some(row.residual_m.map(|v| v * 1e6)), None],
+    };
+    (0..3).all(|axis| volume_min[axis] < volume_max[axis]).then(|| {
+        Section::Vectors(Vectors {
+            title: "Residual vectors in space".to_owned(),
+            note: Some(
+                "Each line runs from a point along its residual, as measured: actual less predicted.".to_owned(),
+            ),
+            position_unit: "mm".to_owned(),
+            vector_unit: "µm".to_owned(),
+            vector_in_position: 1e-3,
+            volume_min,
+            volume_max,
+            states: vec![("residual as measured".to_owned(), State::Before)],
+            points: rows.iter().map(point).collect(),
+        })
+    })
+}
+
+/// Each component over the quantities of the effects found, those of the strongest first; over the position where none was found.
+fn over_quantities(rows: &[ResidualVector], diagnosis: &StudyDiagnosis) -> Option<Section> {
+    let mut names: Vec<&str> = Vec::new();
+    for name in diagnosis.effects.iter().flat_map(|effect| &effect.covariates) {
+        if !names.contains(&name.as_str()) {
+            names.push(name);
+        }
+    }
+    let is_found = !names.is_empty();
+    if !is_found {
+        names = vec!["x_m", "y_m", "z_m"];
+    }
+    let panels: Vec<LinePanel> = names.into_iter().filter_map(|name| panel(rows, name)).take(QUANTITIES).collect();
+    let title = if is_found { "Residual over what it depends on" } else { "Residual over the position" };
+    (!panels.is_empty()).then(|| {
+        Section::LinePlot(LinePlot {
+            title: title.to_owned(),
+            note: Some("Every component as measured, before anything was added.".to_owned()),
+            columns: panels.len().min(2),
+            band_name: None,
+            panels,
+        })
+    })
+}
+
+/// The components over a quantity; none where a row lacks it, or all have the same.
+fn panel(rows: &[ResidualVector], name: &str) -> Option<LinePanel> {
+    let values: Vec<f64> = rows.iter().map(|row| value(row, name)).collect::<Option<_>>()?;
+    let low = values.iter().copied().reduce(f64::min)?;
+    values.iter().any(|value| *value > low).then_some(())?;
+    let curve = |component: usize| Curve {
+        name: COMPONENTS[component].to_owned(),
+        style: CurveStyle::Points(component as u8 + 1),
+        x: values.clone(),
+        y: rows
+            .iter()
+            .map(|row| {
+                let is_known = row.residual_lacks.is_none_or(|axis| axis.index() != component);
+                is_known.then(|| row.residual_m[component] * 1e6)
+            })
+            .collect(),
+        half_width: None,
+    };
+    let curves = (0..3).map(curve).filter(|curve| curve.y.iter().any(Option::is_some)).collect();
+    Some(LinePanel { title: String::new(), x: label(name), y: Axis::new("residual", "µm"), curves })
+}
+
+/// A quantity of a row in the unit of its label.
+fn value(row: &ResidualVector, name: &str) -> Option<f64> {
+    let position = |axis: usize| {
+        let is_known = row.position_lacks.is_none_or(|lacking| lacking.index() != axis);
+        is_known.then(|| row.position_m[axis] * 1e3)
+    };
+    match name {
+        "x_m" => position(0),
+        "y_m" => position(1),
+        "z_m" => position(2),
+        "time_s" => row.time_s,
+        name => row.covariates.get(name).copied(),
+    }
+}
+
+fn label(name: &str) -> Axis {
+    match name {
+        "x_m" | "y_m" | "z_m" => Axis::new(name.trim_end_matches("_m"), "mm"),
+        "time_s" => Axis::new("time", "s"),
+        name => Axis::new(name, "1"),
+    }
+}
