@@ -20,6 +20,8 @@ use std::collections::BTreeSet;
 
 /// Alias share from which an effect found is mostly the model's own.
 pub(super) const ALIASED: f64 = 0.95;
+/// What tells an error of position from a drift.
+const ANOTHER_ORDER: &str = "measure the same positions once more in another order, or there and back";
 /// Searches on all rows at most: each may show other rows to be gross.
 const SEARCHES: usize = 3;
 
@@ -229,10 +231,10 @@ fn lack_of_fit(view: &View, fit: &Fit) -> Result<Option<(String, f64)>, Diagnose
 }
 
 fn not_identifiable(study: &dyn Study, effects: &[Effect], found: &Found) -> Vec<Ambiguity> {
-    let decided_by = |name: &str| {
-        let candidate = study.candidates().iter().find(|candidate| candidate.name == name);
-        candidate.map_or_else(String::new, |candidate| candidate.decided_by.clone())
-    };
+    let place = |name: &str| study.candidates().iter().position(|candidate| candidate.name == name);
+    let decided_by =
+        |name: &str| place(name).map_or_else(String::new, |place| study.candidates()[place].decided_by.clone());
+    let passes = |name: &str| place(name).is_some_and(|place| study.passes(place));
     let mut list = Vec::new();
     for considered in found.considered.iter().filter(|considered| considered.tested == 0) {
         list.push(Ambiguity {
@@ -245,7 +247,9 @@ fn not_identifiable(study: &dyn Study, effects: &[Effect], found: &Found) -> Vec
         if !effect.rivals.is_empty() {
             let names = std::iter::once(effect.name.clone()).chain(effect.rivals.iter().cloned()).collect();
             let because = "each explains these data as well as the other, within odds of 20 to 1".to_owned();
-            list.push(Ambiguity { effects: names, because, decided_by: decided_by(&effect.name) });
+            let is_drift_or_place = !passes(&effect.name) && effect.rivals.iter().any(|rival| passes(rival));
+            let decided_by = if is_drift_or_place { ANOTHER_ORDER.to_owned() } else { decided_by(&effect.name) };
+            list.push(Ambiguity { effects: names, because, decided_by });
         }
         if effect.alias_share > ALIASED {
             let because = format!("{:.1} % of its signature is the model's own", effect.alias_share * 100.0);

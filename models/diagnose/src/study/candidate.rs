@@ -126,6 +126,17 @@ pub(crate) trait Study: Sync {
         Mat::zeros(0, 0)
     }
 
+    /// Columns of what position alone may do, beside which a candidate must be seen that reads what passes by itself, such as time: where
+    /// a plan goes through positions in one order, either looks like the other. None for other candidates.
+    fn position_beside(&self, _candidate: usize) -> Mat<f64> {
+        Mat::zeros(0, 0)
+    }
+
+    /// Whether a candidate reads what passes by itself while rows are taken.
+    fn passes(&self, _candidate: usize) -> bool {
+        false
+    }
+
     /// Rows in the order of measurement; none where order means nothing.
     fn chains(&self) -> &[Chain] {
         &[]

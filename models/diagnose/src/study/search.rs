@@ -275,6 +275,11 @@ fn reason_against(
     if !stands_apart(view, fit, candidate, tested, options)? {
         return Ok(Some("at these targets something smoother, or errors target by target, go as well"));
     }
+    if !is_told_from_position(view, fit, candidate, tested, options)? {
+        return Ok(Some(
+            "the positions were gone through in an order that goes with it: an error of position looks the same",
+        ));
+    }
     if probability(view, fit, &columns)? * tested as f64 > options.significance {
         return Ok(Some("the noise may hang together so slowly that this is chance"));
     }
@@ -297,6 +302,23 @@ fn stands_apart(
     let beside = probability_beside(view, fit, &simpler(view, candidate), &columns)?;
     let is_seen = beside * tested as f64 <= options.significance;
     Ok(is_seen && goes_through_places(view, fit, candidate)?)
+}
+
+/// Whether what passes while rows are taken is seen beside all that position alone may do.
+fn is_told_from_position(
+    view: &View,
+    fit: &Fit,
+    candidate: usize,
+    tested: usize,
+    options: &Options,
+) -> Result<bool, DiagnoseError> {
+    let position = view.study.position_beside(candidate);
+    if position.ncols() == 0 {
+        return Ok(true);
+    }
+    let columns = view.columns(&fit.point, candidate);
+    let beside = probability_beside(view, fit, &view.picked(&position), &columns)?;
+    Ok(beside * tested as f64 <= options.significance)
 }
 
 /// Why a fit with these candidates is none or predicts blocks left out no better than one without the last, both in the noise
@@ -338,7 +360,8 @@ fn prune(view: &mut View, mut set: Vec<usize>, options: &Options) -> Result<Vec<
             let trials = view.study.candidates().len();
             let evidence = score.evidence(rows, trials);
             let passes = score.p_value * trials as f64 <= options.significance
-                && stands_apart(view, &without, candidate, trials, options)?;
+                && stands_apart(view, &without, candidate, trials, options)?
+                && is_told_from_position(view, &without, candidate, trials, options)?;
             if !passes && weakest.is_none_or(|(least, _)| evidence < least) {
                 weakest = Some((evidence, k));
             }

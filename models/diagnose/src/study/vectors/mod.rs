@@ -15,6 +15,7 @@ mod blocks;
 mod given;
 mod linear;
 mod model;
+mod order;
 mod plate;
 mod problem;
 mod registered;

@@ -5,10 +5,10 @@
 use super::ResidualVector;
 use super::blocks::blocks;
 use super::linear::{Named, unseen};
-use super::model;
 use super::plate::{Poses, RIGID, data};
 use super::registered::{Logged, Registered, motion, registered};
 use super::shape::{Bent, Quantity, Shape};
+use super::{model, order};
 use crate::error::DiagnoseError;
 use crate::study::candidate::{Candidate, Chain, Local, ModelTerm, Question, Study};
 use crate::study::diagnosis::{Kind, Untestable};
@@ -284,6 +284,14 @@ impl<'a> Vectors<'a> {
         POSITION.iter().position(|own| *own == name).map_or(if name == TIME { self.start_s } else { 0.0 }, offset_m)
     }
 
+    /// Components that a candidate may move.
+    fn moved(&self, candidate: usize) -> Vec<usize> {
+        match &self.parts[candidate] {
+            Part::Smooth(axis, _) => vec![axis.index()],
+            Part::Named(_) | Part::Registered(_) => (0..3).filter(|d| self.measured[*d]).collect(),
+        }
+    }
+
     /// What was wrong with the vectors given.
     pub(super) fn given_notes(&self) -> &[String] {
         &self.notes
@@ -367,6 +375,17 @@ impl Study for Vectors<'_> {
             }
         }
         Some((chain, columns))
+    }
+
+    fn position_beside(&self, candidate: usize) -> Mat<f64> {
+        match self.passes(candidate) {
+            true => order::of_position(&self.quantities, &self.moved(candidate), &self.sigma_m),
+            false => Mat::zeros(0, 0),
+        }
+    }
+
+    fn passes(&self, candidate: usize) -> bool {
+        self.candidates[candidate].covariates.iter().any(|name| order::passes(name))
     }
 
     fn chains(&self) -> &[Chain] {
@@ -522,7 +541,7 @@ impl Study for Vectors<'_> {
 }
 
 pub(super) const POSITION: [&str; 3] = ["x_m", "y_m", "z_m"];
-const TIME: &str = "time_s";
+pub(super) const TIME: &str = "time_s";
 
 /// Quantities that vary and stand beside every vector; the others with what they lack.
 fn quantities(vectors: &[ResidualVector]) -> (Vec<Quantity>, Vec<Untestable>) {
