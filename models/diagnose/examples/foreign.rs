@@ -50,9 +50,9 @@ fn main() {
                 started.elapsed().as_secs_f64(),
             );
             println!(
-                "    unexplained um {:.2} {:.2} noise {:?}",
-                d.before.model.parts().quality.unexplained_m * 1e6,
-                d.model.parts().quality.unexplained_m * 1e6,
+                "    unexplained um {:.2?} {:.2?} noise {:?}",
+                d.before.model.parts().quality.unexplained_m.map(|u_m| u_m * 1e6),
+                d.model.parts().quality.unexplained_m.map(|u_m| u_m * 1e6),
                 d.after.correlation
             );
             if let Some(step) = &d.machine_step {
@@ -60,7 +60,10 @@ fn main() {
             }
             if let Some(unseen) = &d.unseen {
                 let [before, after] = [&unseen.before, &unseen.after].map(|error| error.rms_m * 1e6);
-                println!("    lines left out um {before:.2} {after:.2} unexplained {:.2}", unseen.unexplained_m * 1e6);
+                println!(
+                    "    lines left out um {before:.2} {after:.2} unexplained {:.2?}",
+                    unseen.unexplained_m.map(|u_m| u_m * 1e6)
+                );
             }
             if std::env::var("STEPS").is_ok() {
                 d.steps.iter().for_each(|step| println!("    {step}"));

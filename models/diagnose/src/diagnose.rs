@@ -9,6 +9,7 @@ use crate::competing::{self, Without};
 use crate::context::read_by;
 use crate::diagnosis::{Competing, Diagnosis, Found, FoundParameter, Kind, Rival};
 use crate::error::DiagnoseError;
+use crate::floor;
 use crate::gate::{self, Verdict};
 use crate::judge::{self, Blocked, Unseen};
 use crate::lags::with_lags;
@@ -58,7 +59,7 @@ pub fn diagnose(
     let machine_step = machine_step(&search, &state, (&alike, &base), observe)?;
     let model = state.fit.model.clone();
     state.fit.model = tomorrow::told(model, &state.round, campaign, |fitted| !is_base(&base, fitted))
-        .and_then(|model| with_unexplained(model, judged.unseen.as_ref()))
+        .and_then(|model| with_unexplained(model, judged.unseen.as_ref(), floor::unexplained_m(&state.round, campaign)))
         .and_then(|model| machine_step.as_ref().map_or(Ok(model.clone()), |step| step.told(model)))
         .map_err(abbe_identify::IdentifyError::from)?;
     let named = match state.named.take() {
@@ -118,13 +119,16 @@ pub fn diagnose(
     })
 }
 
-/// The model with what it leaves on lines that no step of the search saw, where that is more than on those that it saw.
-fn with_unexplained(model: MachineModel, unseen: Option<&Unseen>) -> Result<MachineModel, ModelError> {
+/// The model with what it leaves on lines that no step of the search saw, or that its own fit did not see, where that is more than
+/// on those that it saw.
+fn with_unexplained(
+    model: MachineModel,
+    unseen: Option<&Unseen>,
+    floor_m: [f64; 3],
+) -> Result<MachineModel, ModelError> {
     let quality = model.parts().quality.clone();
-    let unexplained_m = unseen.map_or(0.0, |unseen| unseen.unexplained_m).max(quality.unexplained_m);
-    if unexplained_m <= quality.unexplained_m {
-        return Ok(model);
-    }
+    let unseen_m = unseen.map_or([0.0; 3], |unseen| unseen.unexplained_m);
+    let unexplained_m = std::array::from_fn(|d| quality.unexplained_m[d].max(unseen_m[d]).max(floor_m[d]));
     MachineModel::new(ModelParts { quality: FitQuality { unexplained_m, ..quality }, ..model.parts().clone() })
 }
 
@@ -198,7 +202,7 @@ impl Judged {
         }
         let enough = search.campaign.lines.len() >= LINES_PER_FOLD * search.options.folds && search.options.folds > 1;
         let unseen = match enough {
-            true => judge::unseen(search, machine, base, &state.fit.weights, observe)?,
+            true => judge::unseen(search, machine, base, (&state.fit.weights, &first.rows.rays), observe)?,
             false => Err("the campaign has too few lines to leave some out of the whole search".to_owned()),
         };
         let mut judged = Judged { gate: Some(gate), ..Judged::default() };

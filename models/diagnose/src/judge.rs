@@ -13,8 +13,10 @@ use crate::linear::Linear;
 use crate::options::{Options, Progress};
 use crate::search::{Search, State, has};
 use crate::side_by_side::side_by_side;
+use abbe_geometry::Vector3;
+use abbe_geometry::effects::Ray;
 use abbe_geometry::machine::Machine;
-use abbe_identify::{EffectTerm, residuals_of};
+use abbe_identify::{EffectTerm, Excess, by_axis, residuals_of};
 use abbe_measurement::campaign::Campaign;
 use abbe_measurement::instrument::RangeUncertainty;
 use faer::Mat;
@@ -49,9 +51,9 @@ pub struct Unseen {
     pub after: HeldOutError,
     /// 95 % interval of before² − after² (m²), by lines: above zero where the gain is sure.
     pub gain_m2: (f64, f64),
-    /// What the lines left out show beyond the declared noise with what was found: standard deviation (m); 0 where chance
-    /// explains it. A fit that has taken noise for an effect shows it here, and not on the readings that it saw.
-    pub unexplained_m: f64,
+    /// What the lines left out show beyond the declared noise with what was found: standard deviation along X, Y and Z (m); 0 where
+    /// chance explains it. A fit that has taken noise for an effect shows it here, and not on the readings that it saw.
+    pub unexplained_m: [f64; 3],
     /// What each fold found, by name.
     pub found: Vec<Vec<String>>,
     /// What could not be left out or fitted, in words.
@@ -93,7 +95,7 @@ pub(crate) fn unseen(
     search: &Search,
     machine: &Machine,
     base: &[EffectTerm],
-    weights: &[f64],
+    (weights, rays): (&[f64], &[Ray]),
     observe: &mut dyn FnMut(Progress) -> bool,
 ) -> Result<Result<Unseen, String>, DiagnoseError> {
     let dealt = folds(search.campaign, search.options.folds, search.options.seed);
@@ -103,7 +105,7 @@ pub(crate) fn unseen(
         fold: k + 1,
         folds: dealt.folds.len(),
     }) {
-        true => one(whole, (machine, base), &dealt.folds[k], weights, observe),
+        true => one(whole, (machine, base), &dealt.folds[k], (weights, rays), observe),
         false => Err(DiagnoseError::Stopped),
     };
     for (k, outcome) in side_by_side(dealt.folds.len(), without, observe).into_iter().enumerate() {
@@ -137,7 +139,7 @@ fn one(
     whole: Whole,
     (machine, base): (&Machine, &[EffectTerm]),
     fold: &[u32],
-    weights: &[f64],
+    (weights, rays): (&[f64], &[Ray]),
     observe: &mut dyn FnMut(Progress) -> bool,
 ) -> Result<(Vec<Prediction>, Vec<String>), DiagnoseError> {
     let (seen, left) = split(whole.campaign, fold);
@@ -152,7 +154,8 @@ fn one(
     for (index, (a, b)) in left.iter().zip(without.iter().zip(&with)) {
         if weights[*index] > 0.0 {
             let line = whole.campaign.readings[*index].line;
-            predictions.push(Prediction { line, before_m: a.0, after_m: b.0, u_m: a.1 });
+            let direction = rays[*index].direction;
+            predictions.push(Prediction { line, direction, before_m: a.0, after_m: b.0, u_m: a.1 });
         }
     }
     Ok((predictions, names(&state, base)))
@@ -161,6 +164,7 @@ fn one(
 /// One reading predicted by fits that did not see its line.
 struct Prediction {
     line: u32,
+    direction: Vector3<f64>,
     before_m: f64,
     after_m: f64,
     u_m: f64,
@@ -227,8 +231,11 @@ fn summary(mut errors: Vec<Prediction>, found: Vec<Vec<String>>, not_judged: Vec
     let of = |pick: fn(&Line) -> f64| block_error(&lines, pick);
     let gain = mean_and_deviation(&lines, |line| line.before - line.after);
     let beyond = mean_and_deviation(&lines, |line| line.after - line.declared);
+    let excess =
+        |e: &Prediction| Excess { direction: e.direction, square_m2: e.after_m.powi(2) - e.u_m.powi(2), line: e.line };
+    let excess: Vec<Excess> = errors.iter().map(excess).collect();
     Unseen {
-        unexplained_m: (beyond.0 - beyond.1).max(0.0).sqrt(),
+        unexplained_m: by_axis(&excess, (beyond.0 - beyond.1).max(0.0).sqrt()),
         before: of(|line| line.before),
         after: of(|line| line.after),
         gain_m2: (gain.0 - BAND_95 * gain.1, gain.0 + BAND_95 * gain.1),
@@ -407,7 +414,7 @@ mod tests {
             before: error,
             after: error,
             gain_m2,
-            unexplained_m: 0.0,
+            unexplained_m: [0.0; 3],
             found: Vec::new(),
             not_judged: Vec::new(),
         };

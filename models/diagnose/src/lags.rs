@@ -2,13 +2,14 @@
 //!
 //! Place in the flow: a diagnosis begins with the campaign and what its temperatures would be behind a ladder of time constants
 //! ([`with_lags`]). Effects propose every fifth of its steps; what comes of that is moved along the ladder to the step that explains
-//! most ([`refined`]), as periods are. Times in s.
+//! most ([`refined`]), as periods are. So it is with the travel over which the side of an axis follows. Times in s, travels in µm.
 
 use crate::candidates::{Candidate, Round, score_all};
 use crate::context::{range, varies};
 use crate::error::DiagnoseError;
 use crate::look::correlation;
-use abbe_geometry::effects::{Shape, ShapeValue, lagged_name, of_lagged};
+use abbe_geometry::Axis;
+use abbe_geometry::effects::{Shape, ShapeValue, is_derived, lagged_name, of_lagged, of_travelled, travelled_name};
 use abbe_geometry::machine::Machine;
 use abbe_identify::{EffectTerm, with_lagged};
 use abbe_measurement::campaign::{Campaign, Covariate};
@@ -24,6 +25,13 @@ const COARSE: usize = 5;
 const FIRST: usize = 3;
 /// Longest time constant, as a share of the campaign's duration: half of the readings are then past what the beginning left.
 const LONGEST: f64 = 1.0 / 6.0;
+/// Shortest travel (µm): less than that is a reversal.
+const SHORTEST_UM: f64 = 250.0;
+/// Ratio of neighbouring travels, and steps from one proposed to the next (a factor of five): what they do differs slowly.
+const TRAVEL_RATIO: f64 = 1.5;
+const COARSE_TRAVEL: usize = 4;
+/// Longest travel, as a share of what an axis was moved: a longer one is a position.
+const LONGEST_TRAVEL: f64 = 0.25;
 /// Share of what a lagged temperature explains from which a logged one is taken instead.
 const NEARLY: f64 = 0.9;
 /// Correlation from which a lagged temperature is the logged one to the data.
@@ -38,7 +46,28 @@ pub(crate) fn with_lags(campaign: &Campaign, asked: impl IntoIterator<Item = Str
         let steps = (0..STEPS).map(lag_s).take_while(|lag_s| f64::from(*lag_s) <= longest_s);
         names.extend(steps.filter_map(|lag_s| lagged_name(&logged.name, lag_s)));
     }
+    for axis in Axis::ALL {
+        let (low_m, high_m) = range(campaign.readings.iter().map(|reading| reading.reading_m[axis.index()]));
+        let longest_um = LONGEST_TRAVEL * (high_m - low_m) * 1e6;
+        let steps = (0..STEPS).map(travel_um).take_while(|travel_um| f64::from(*travel_um) <= longest_um);
+        names.extend(steps.map(|travel_um| travelled_name(axis, travel_um)));
+    }
     with_lagged(campaign.clone(), &names)
+}
+
+/// Travel of a step of its ladder (µm).
+fn travel_um(step: usize) -> u32 {
+    (SHORTEST_UM * TRAVEL_RATIO.powi(step as i32)).round() as u32
+}
+
+/// The name some steps further along the ladder that it stands on.
+fn further(name: &str, steps: isize) -> Option<String> {
+    let place = |step: Option<usize>| step?.checked_add_signed(steps);
+    if let Some((logged, lag)) = of_lagged(name) {
+        return lagged_name(&logged, lag_s(place(step_of(lag))?));
+    }
+    let (axis, travel) = of_travelled(name)?;
+    Some(travelled_name(axis, travel_um(place((0..STEPS).find(|step| travel_um(*step) == travel))?)))
 }
 
 fn is_temperature(name: &str) -> bool {
@@ -57,6 +86,9 @@ fn step_of(lag: u32) -> Option<usize> {
 
 /// Whether a column is proposed to effects: what is logged is, of the lagged ones some, where they differ from the logged one.
 pub(crate) fn is_proposed(campaign: &Campaign, column: &Covariate) -> bool {
+    if let Some((_, travel)) = of_travelled(&column.name) {
+        return (0..STEPS).step_by(COARSE_TRAVEL).any(|step| travel_um(step) == travel);
+    }
     let Some((logged, lag)) = of_lagged(&column.name) else { return true };
     let is_coarse = step_of(lag).is_some_and(|step| step % COARSE == FIRST);
     let values = |column: &Covariate| column.values.iter().map(|value| value.unwrap_or(0.0)).collect::<Vec<f64>>();
@@ -80,7 +112,36 @@ pub(crate) fn logged_instead<'c>(best: &'c Candidate, open: impl Iterator<Item =
     logged.filter(|logged| logged.score.reduction > NEARLY * best.score.reduction).unwrap_or(best)
 }
 
-/// Moves the lagged quantities of a candidate along the ladder, all alike, to where they explain most.
+/// The candidate, or, where it follows the side of an axis over a travel, what follows the logged side of that axis, if the travel makes
+/// the data no likelier by what a choice asks for: most axes turn at once.
+pub(crate) fn logged_side_instead<'c>(
+    best: &'c Candidate,
+    open: impl Iterator<Item = &'c Candidate>,
+    (rows, least_evidence): (usize, f64),
+) -> &'c Candidate {
+    let side = |c: &Candidate| c.term.effect.reads().iter().find_map(|name| of_travelled(name)).map(|(axis, _)| axis);
+    let Some(axis) = side(best) else { return best };
+    let logged = logged_side(axis);
+    let alike = open.filter(|c| c.term.effect.reads() == [logged.as_str()]);
+    let logged = alike.max_by(|a, b| a.evidence(rows).total_cmp(&b.evidence(rows)));
+    logged.filter(|logged| logged.evidence(rows) + least_evidence > best.evidence(rows)).unwrap_or(best)
+}
+
+/// What a derived covariate is made from; any other, itself.
+pub(crate) fn logged_of(name: &str) -> String {
+    match (of_lagged(name), of_travelled(name)) {
+        (Some((logged, _)), _) => logged,
+        (_, Some((axis, _))) => logged_side(axis),
+        (None, None) => name.to_owned(),
+    }
+}
+
+/// Name of the logged side of approach of an axis.
+fn logged_side(axis: Axis) -> String {
+    format!("dir_{}", axis.lower())
+}
+
+/// Moves the derived quantities of a candidate along the ladder, all alike, to where they explain most.
 pub(crate) fn refined(
     round: &Round,
     (machine, campaign): (&Machine, &Campaign),
@@ -104,14 +165,16 @@ pub(crate) fn refined(
     Ok(best)
 }
 
-/// The shape with its lagged quantities some steps further; `None` where there is none, or the ladder ends.
+/// The shape with its derived quantities some steps further; `None` where there is none, or the ladder ends.
 fn shifted(shape: &Shape, steps: isize, campaign: &Campaign) -> Option<Shape> {
     let mut shifted = shape.clone();
     let mut is_lagged = false;
     for (key, value) in &shape.0 {
         let ShapeValue::Text(name) = value else { continue };
-        let Some((logged, lag)) = of_lagged(name) else { continue };
-        let name = lagged_name(&logged, lag_s(step_of(lag)?.checked_add_signed(steps)?))?;
+        if !is_derived(name) {
+            continue;
+        }
+        let name = further(name, steps)?;
         campaign.covariate(&name)?;
         is_lagged = true;
         shifted = shifted.text(key, name);

@@ -29,6 +29,7 @@ mod diagnose;
 mod diagnosis;
 mod error;
 mod exchange;
+mod floor;
 mod foresight;
 mod gate;
 pub mod held_out;

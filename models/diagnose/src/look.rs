@@ -14,7 +14,7 @@ use crate::context::Context;
 use crate::linear::Projected;
 use crate::score::Score;
 use abbe_geometry::ErrorId;
-use abbe_geometry::effects::{self, Shape, State, is_scale, of_lagged};
+use abbe_geometry::effects::{self, Shape, State, is_derived, is_scale};
 use abbe_identify::{CampaignRow, Rows, in_parallel};
 use abbe_measurement::campaign::Campaign;
 use faer::Mat;
@@ -102,8 +102,8 @@ pub(crate) fn forms(shape: &Shape) -> Vec<Shape> {
 /// The quantities of a campaign that vary, each one once.
 pub(crate) fn variables(campaign: &Campaign, context: &Context) -> Vec<Variable> {
     let mut variables: Vec<Variable> = Vec::new();
-    // What lags behind a temperature can follow time itself, and would describe anything; only effects with a name read it.
-    let logged = context.varying.iter().map(String::as_str).filter(|name| of_lagged(name).is_none());
+    // What is derived, above all what lags behind a temperature, can follow time itself, and would describe anything; only effects with a name read it.
+    let logged = context.varying.iter().map(String::as_str).filter(|name| !is_derived(name));
     for name in POSITIONS.into_iter().chain(logged) {
         let Some(variable) = variable(campaign, name) else { continue };
         if !variables.iter().any(|other| correlation(&other.scaled, &variable.scaled).abs() > SAME) {

@@ -91,7 +91,7 @@ impl MachineStep {
     /// The model with the step in the uncertainty of all that it corrects: before or after, it is wrong by as much.
     pub(crate) fn told(&self, model: MachineModel) -> Result<MachineModel, ModelError> {
         let quality = model.parts().quality.clone();
-        let unexplained_m = quality.unexplained_m.hypot(self.size_m);
+        let unexplained_m = quality.unexplained_m.map(|u_m| u_m.hypot(self.size_m));
         MachineModel::new(ModelParts { quality: FitQuality { unexplained_m, ..quality }, ..model.parts().clone() })
     }
 }

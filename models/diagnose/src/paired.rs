@@ -140,6 +140,20 @@ fn left_out(fit: &Linear, block: &[usize], limit: f64) -> Option<LeftOut> {
     Some(LeftOut { residuals, hat: Hat::Directions { values, directions, limit } })
 }
 
+/// Whitened residuals of a block predicted by a fit that did not see it, each with its variance for unit noise; without the directions of
+/// which only the block tells. `None` where there is no such prediction.
+pub(crate) fn untouched(fit: &Linear, block: &[usize]) -> Option<Vec<(f64, f64)>> {
+    let left = left_out(fit, block, MEASURED)?;
+    let mut own = Vec::new();
+    left.own().into_iter().for_each(|direction| add(&mut own, direction));
+    let residuals = without(left.residuals.clone(), &own);
+    let variance = |k: usize| {
+        let unit = (0..block.len()).map(|j| f64::from(u8::from(j == k))).collect();
+        left.variance(&without(unit, &own))
+    };
+    Some(residuals.into_iter().enumerate().map(|(k, residual)| (residual, variance(k))).collect())
+}
+
 /// (I − H)⁻¹ with H = R Rᵀ, where other blocks measure every direction. Where R is tall, (I − R Rᵀ)⁻¹ = I + R (I − RᵀR)⁻¹ Rᵀ.
 struct Inverse {
     factor: Llt<f64>,

@@ -17,7 +17,7 @@ use crate::periodic::Periodogram;
 use crate::score::Score;
 use crate::{exchange, lags, order, periodic, runs, serial, worth};
 use abbe_geometry::ErrorId;
-use abbe_geometry::effects::{ShapeValue, known, of_lagged};
+use abbe_geometry::effects::{ShapeValue, known};
 use abbe_geometry::machine::Machine;
 use abbe_identify::{
     EffectTerm, Identified, IdentifyError, Noise, RangeCorrelation, identify_with, minus_two_log_likelihood_on,
@@ -442,7 +442,9 @@ impl<'a> Search<'a> {
             _ => Some(c),
         });
         let best = best.filter(|c| self.passes(c.score.p_value, tests, c.evidence(rows)));
-        let best = best.map(|best| lags::logged_instead(best, named.iter().filter(|c| !state.is_out(&c.term))));
+        let open = || named.iter().filter(|c| !state.is_out(&c.term));
+        let best = best.map(|best| lags::logged_instead(best, open()));
+        let best = best.map(|best| lags::logged_side_instead(best, open(), (rows, self.options.least_evidence)));
         let free = self.empirical(round, state, looked)?;
         let reduction = best.map_or(0.0, |c| c.score.reduction).max(free.as_ref().map_or(0.0, |f| f.score.reduction));
         // Finer splines cost nothing where they are not needed, so they need no price; but what an effect explains far
@@ -581,11 +583,9 @@ fn tests(named: &[Candidate]) -> usize {
 fn is_variant(a: &EffectTerm, b: &EffectTerm) -> bool {
     let texts = |term: &EffectTerm| {
         let others = term.shape.0.iter().filter(|(_, value)| !matches!(value, ShapeValue::Number(_)));
-        // A temperature and what lags behind it are one sensor.
+        // A temperature and what lags behind it are one sensor, and a side over any travel is one side.
         let logged = |value: &ShapeValue| match value {
-            ShapeValue::Text(name) => {
-                ShapeValue::Text(of_lagged(name).map_or_else(|| name.clone(), |(logged, _)| logged))
-            }
+            ShapeValue::Text(name) => ShapeValue::Text(lags::logged_of(name)),
             other => other.clone(),
         };
         others.map(|(key, value)| (key.clone(), logged(value))).collect::<Vec<_>>()

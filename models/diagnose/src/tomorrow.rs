@@ -5,7 +5,8 @@
 //! coordinate is corrected it knows nothing. What it did then acts there as well, unseen: its mean square counts as
 //! unexplained. The same holds for a term without a name that follows a logged quantity, where that quantity itself went along with the
 //! time: the data do not tell which. So does that of named terms in time beside it, or beside a rest that hangs together, since one tracer after the other
-//! cannot tell a drift of its stand from one of the machine, and both say that there is something like it. Ranges in m; a motion of the tip counts three times its
+//! cannot tell a drift of its stand from one of the machine, and both say that there is something like it; the drift of a stand alone
+//! counts so where no two stations measured at the same time. Ranges in m; a motion of the tip counts three times its
 //! mean square on the ranges, which see one direction of three.
 
 use crate::candidates::Round;
@@ -33,18 +34,17 @@ pub(crate) fn told(
     is_found: impl Fn(&FittedEffect) -> bool,
 ) -> Result<MachineModel, ModelError> {
     let found: Vec<&FittedEffect> = model.parts().effects.iter().filter(|fitted| is_found(fitted)).collect();
-    let is_open = round.rows.correlation.is_some();
-    let is_in_doubt = |fitted: &FittedEffect| follows_time(fitted) || is_course(fitted, campaign);
-    if !is_open && !found.iter().any(|fitted| is_course(fitted, campaign)) {
-        return Ok(model);
-    }
+    let is_open = round.rows.correlation.is_some() || found.iter().any(|fitted| is_course(fitted, campaign));
+    let is_in_doubt = |fitted: &FittedEffect| {
+        is_course(fitted, campaign) || follows_time(fitted) && (is_open || moves_stand(fitted, campaign))
+    };
     let squares = found.into_iter().filter(|fitted| is_in_doubt(fitted)).map(|fitted| {
         let directions = if gate::moves_tip(campaign, &[EffectTerm::of(fitted)]) { DIRECTIONS } else { 1.0 };
         directions * on_range_m2(round, campaign, fitted)
     });
     let square_m2: f64 = squares.sum();
     let mut parts = model.parts().clone();
-    parts.quality.unexplained_m = parts.quality.unexplained_m.hypot(square_m2.sqrt());
+    parts.quality.unexplained_m = parts.quality.unexplained_m.map(|u_m| u_m.hypot(square_m2.sqrt()));
     MachineModel::new(parts)
 }
 
@@ -73,6 +73,19 @@ fn goes_along_with_time(campaign: &Campaign, name: &str) -> bool {
     let about: Vec<f64> = values.iter().map(|value| value - mean).collect();
     let whole: f64 = about.iter().map(|value| value * value).sum();
     Linear::least_squares(powers, &about).is_ok_and(|(fit, _)| fit.chi2() < ALIKE * whole)
+}
+
+/// Whether an effect moves the stands of tracers in time, of which no two measured together: to one after the other, a machine that
+/// turns on its bed in that time is the same, whatever the sights.
+fn moves_stand(fitted: &FittedEffect, campaign: &Campaign) -> bool {
+    let of_stations = fitted.shape.0.contains_key("stations");
+    let span = |station: usize| {
+        let own = campaign.readings.iter().filter(|reading| reading.station as usize == station);
+        range(own.map(|reading| reading.time_s))
+    };
+    let mut spans: Vec<(f64, f64)> = (0..campaign.stations.len()).map(span).collect();
+    spans.sort_by(|a, b| a.0.total_cmp(&b.0));
+    of_stations && spans.windows(2).all(|pair| pair[1].0 >= pair[0].1)
 }
 
 fn has_no_name(fitted: &FittedEffect) -> bool {

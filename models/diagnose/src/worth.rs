@@ -90,7 +90,7 @@ fn variance_m2(model: &MachineModel, points: &Points, rigid: &[Vec<f64>]) -> f64
         let turned = |i: usize| (0..count).map(|j| covariance[(i, j)] * along[j]).sum::<f64>();
         trace -= (0..count).map(|i| along[i] * turned(i)).sum::<f64>();
     }
-    3.0 * trace.max(0.0) / rows as f64 + 3.0 * model.parts().quality.unexplained_m.powi(2)
+    3.0 * trace.max(0.0) / rows as f64 + model.parts().quality.unexplained_m.iter().map(|u_m| u_m * u_m).sum::<f64>()
 }
 
 /// Rigid motions of the points: six orthonormal directions, fewer where the points lie on a line.

@@ -37,6 +37,7 @@ pub mod rotation;
 pub mod sampled;
 pub mod seen;
 mod sensitivity;
+mod travelled;
 pub mod volumetric;
 
 pub use axis::{Axis, ErrorId};

@@ -76,14 +76,14 @@ pub struct FitQuality {
     pub chi2_per_dof: f64,
     /// Unweighted rms of the range residuals (m).
     pub residual_rms_m: f64,
-    /// What neither model nor declared noise explains of a reading: standard deviation in any direction (m). A cause that
-    /// nobody has found acts on corrected points as it acts on readings, so each of them carries it.
-    pub unexplained_m: f64,
+    /// What neither model nor declared noise explains: standard deviation along X, Y and Z (m). A cause that nobody has found
+    /// acts on corrected points as it acts on readings, so each of them carries it.
+    pub unexplained_m: [f64; 3],
 }
 
 impl FitQuality {
-    /// [`FitQuality::unexplained_m`] (m) of residuals with this sum of squares (m²): the share of their variance that
-    /// exceeds what was declared, and what chance adds to that in all but two campaigns of a hundred.
+    /// What neither model nor declared noise explains of a reading (m), of residuals with this sum of squares (m²): the share of
+    /// their variance that exceeds what was declared, and what chance adds to that in all but two campaigns of a hundred.
     pub fn unexplained_of(chi2_per_dof: f64, square_m2: f64, degrees_of_freedom: f64) -> f64 {
         let degrees = degrees_of_freedom.max(1.0);
         let excess = (chi2_per_dof - 1.0 - CHANCE * (2.0 / degrees).sqrt()).max(0.0);

@@ -54,7 +54,13 @@ fn model(set: &[(&str, f64)], c0y_rad: f64) -> MachineModel {
             covariates: BTreeMap::new(),
             differences: Vec::new(),
         },
-        quality: FitQuality { readings: 1, rejected: 0, chi2_per_dof: 1.0, residual_rms_m: 0.0, unexplained_m: 0.0 },
+        quality: FitQuality {
+            readings: 1,
+            rejected: 0,
+            chi2_per_dof: 1.0,
+            residual_rms_m: 0.0,
+            unexplained_m: [0.0; 3],
+        },
     })
     .unwrap()
 }

@@ -1,17 +1,18 @@
-//! Campaigns with lagged covariates beside what was logged.
+//! Campaigns with lagged covariates, and sides that follow over a travel, beside what was logged.
 //!
 //! Place in the flow: before a campaign meets a model, or a search, that asks for them. Times in s, values in the unit of the name.
 
-use abbe_geometry::effects::{Lag, of_lagged};
+use abbe_geometry::effects::{Lag, Travel, of_lagged};
 use abbe_measurement::campaign::{Campaign, Covariate};
 
-/// The campaign with these lagged covariates beside what was logged. One that is there already stays; one without its logged
-/// quantity, or with a gap longer than the time constant, is left out. Names of other covariates ask for nothing.
+/// The campaign with these derived covariates beside what was logged. One that is there already stays; a lagged one without its logged
+/// quantity, or with a gap longer than the time constant, is left out, and a side over a travel where time goes back: nobody knows the
+/// order then. Names of other covariates ask for nothing.
 pub fn with_lagged<'a>(mut campaign: Campaign, names: impl IntoIterator<Item = &'a String>) -> Campaign {
     for name in names {
         let values = match campaign.covariate(name) {
             Some(_) => None,
-            None => lagged(&campaign, name),
+            None => lagged(&campaign, name).or_else(|| travelled(&campaign, name)),
         };
         if let Some(values) = values {
             campaign.covariates.push(Covariate { name: name.clone(), values });
@@ -36,6 +37,15 @@ fn lagged(campaign: &Campaign, name: &str) -> Option<Vec<Option<f64>>> {
     Some(values)
 }
 
+/// The side of an axis over its travel, from the readings in their order. What the axis did between two of them is taken to be straight.
+fn travelled(campaign: &Campaign, name: &str) -> Option<Vec<Option<f64>>> {
+    let mut travel = Travel::of(name)?;
+    let is_in_order = campaign.readings.windows(2).all(|pair| pair[1].time_s >= pair[0].time_s);
+    let side =
+        |reading: &abbe_measurement::campaign::RangeReading| travel.push(reading.reading_m).map(|now| Some(now.side));
+    if is_in_order { campaign.readings.iter().map(side).collect() } else { None }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -51,6 +61,21 @@ mod tests {
             covariates: vec![Covariate { name: "temp_air_c".to_owned(), values: values.to_vec() }],
             ..Campaign::default()
         }
+    }
+
+    #[test]
+    fn a_campaign_gets_the_side_over_a_travel_where_its_order_is_known() {
+        let name = &["dir_x_over_1000um".to_owned()];
+        let mut walked = campaign(&[0.0, 1.0, 2.0], &[None; 3]);
+        (walked.readings[1].reading_m, walked.readings[2].reading_m) = ([0.1, 0.0, 0.0], [0.099, 0.0, 0.0]);
+        let sides = with_lagged(walked.clone(), name).covariate(&name[0]).unwrap().values.clone();
+        let expected = [0.0, 1.0, 2.0 * (-1.0_f64).exp() - 1.0];
+        assert!(
+            sides.iter().zip(expected).all(|(side, expected)| (side.unwrap() - expected).abs() < 1e-12),
+            "{sides:?}"
+        );
+        walked.readings[2].time_s = 0.5;
+        assert_eq!(with_lagged(walked, name).covariate(&name[0]), None);
     }
 
     #[test]

@@ -86,6 +86,7 @@ mod rows;
 mod smoothing;
 mod solve;
 mod term;
+mod unexplained;
 pub mod verdict;
 
 pub use abbe_measurement::{robust, station_start};
@@ -105,3 +106,4 @@ pub use range_noise::{Along, By, RangeCorrelation, correlation_left};
 pub use rows::{Rows, residuals_of};
 pub use solve::{Identified, identify, identify_with};
 pub use term::{CampaignRow, EffectTerm, TIME};
+pub use unexplained::{Excess, by_axis};

@@ -179,6 +179,7 @@ mod tests {
             smooth("range").text("q", "x_m").number("q_low", 0.0).number("q_high", 0.8),
             smooth("range").number("cycles", 2.0),
             Shape::new().text("axis", "x").numbers("places_m", &[0.0, 0.3, 0.7]).text("sign", "dir_x"),
+            Shape::new().text("axis", "x").text("side", "dir_x_over_12000um"),
         ];
         let mut found = found.to_vec();
         found[5].0.remove("degree");
@@ -248,7 +249,7 @@ mod tests {
                 rejected: 0,
                 chi2_per_dof: 1.0,
                 residual_rms_m: 1e-7,
-                unexplained_m: 0.0,
+                unexplained_m: [0.0; 3],
             },
             machine,
         };
@@ -256,7 +257,7 @@ mod tests {
     }
 
     fn agree(model: &MachineModel, what: &str) {
-        let campaign = campaign();
+        let campaign = crate::with_lagged(campaign(), &model.reads());
         let rows = ModelRows::new(model, INSTRUMENT, &campaign).unwrap();
         for (k, reading) in campaign.readings.iter().enumerate() {
             let covariates = crate::term::CampaignRow { campaign: &campaign, reading: k };

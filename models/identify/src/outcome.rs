@@ -11,8 +11,9 @@ use crate::observability::Observability;
 use crate::smoothing::{Solution, noise_factor_for_covariance};
 use crate::solve::{Fit, Identified, Settled};
 use crate::term::{CampaignRow, EffectTerm};
+use crate::unexplained::{Excess, by_axis};
 use abbe_geometry::between_nodes::BetweenNodes;
-use abbe_geometry::effects::{CovariateSource, CovariateValue, of_lagged};
+use abbe_geometry::effects::{CovariateSource, CovariateValue, is_derived};
 use abbe_geometry::model::{Difference, FitQuality, FittedEffect, IdentifiedVolume, MachineModel, ModelParts, Station};
 use abbe_geometry::seen::TEMPERATURE;
 use abbe_geometry::{ErrorId, Vector3};
@@ -135,10 +136,31 @@ impl Fit<'_> {
                 rejected: self.campaign.readings.len() - used,
                 chi2_per_dof: settled.solution.noise_factor,
                 residual_rms_m: (square_m2 / used.max(1) as f64).sqrt(),
-                unexplained_m: FitQuality::unexplained_of(settled.solution.noise_factor, square_m2, degrees),
+                unexplained_m: self.unexplained_m(settled, square_m2, degrees),
             },
         };
         Ok(MachineModel::new(parts)?)
+    }
+
+    /// What is unexplained along each axis (m), of residuals with this sum of squares (m²).
+    fn unexplained_m(&self, settled: &Settled, square_m2: f64, degrees: f64) -> [f64; 3] {
+        let total_m = FitQuality::unexplained_of(settled.solution.noise_factor, square_m2, degrees);
+        if total_m == 0.0 {
+            return [0.0; 3];
+        }
+        let estimate = Estimate { setup: self.setup, campaign: self.campaign, parameters: &self.parameters };
+        let used = settled.weights.iter().filter(|weight| **weight > 0.0).count() as f64;
+        let mut row = Row::new();
+        let mut excess = Vec::with_capacity(settled.weights.len());
+        for (index, (reading, (residual_m, u_m))) in self.campaign.readings.iter().zip(&settled.residuals).enumerate() {
+            if settled.weights[index] > 0.0 {
+                estimate.row(index, &mut row);
+                // What the fit takes of all readings it takes of each.
+                let square_m2 = residual_m.powi(2) * used / degrees.max(1.0) - u_m.powi(2);
+                excess.push(Excess { direction: row.ray.direction, square_m2, line: reading.line });
+            }
+        }
+        by_axis(&excess, total_m)
     }
 
     /// What straight lines between nodes add to the packed covariance.
@@ -180,9 +202,9 @@ impl Fit<'_> {
     /// Range of every covariate that a corrected sample or a predicted length needs, and of those logged, over the readings used.
     fn covariate_ranges(&self, weights: &[f64]) -> BTreeMap<String, (f64, f64)> {
         let read = self.setup.terms.iter().flat_map(|term| term.effect.reads());
-        // What lags is made from what is logged.
+        // What lags, or follows over a travel, is made from what is logged.
         let logged = self.campaign.covariates.iter().map(|column| column.name.clone());
-        let logged = logged.filter(|name| of_lagged(name).is_none());
+        let logged = logged.filter(|name| !is_derived(name));
         let of = |name: String| {
             let used = (0..weights.len()).filter(|k| weights[*k] > 0.0);
             let values =
@@ -203,7 +225,7 @@ impl Fit<'_> {
         let read: BTreeSet<String> =
             self.setup.terms.iter().flat_map(|term| term.effect.covariates()).filter(is_temperature).collect();
         let logged = self.campaign.covariates.iter().map(|column| column.name.clone());
-        let logged: Vec<String> = logged.filter(|name| is_temperature(name) && of_lagged(name).is_none()).collect();
+        let logged: Vec<String> = logged.filter(|name| is_temperature(name) && !is_derived(name)).collect();
         let pairs = read.iter().flat_map(|name| logged.iter().map(move |less| (name, less)));
         let of = |(name, less): (&String, &String)| {
             let used = (0..weights.len()).filter(|k| weights[*k] > 0.0);

@@ -471,7 +471,7 @@ impl Path {
     }
 }
 
-fn known<'a>(request: &'a Request, belief: &'a Belief, misfit: (f64, f64)) -> Known<'a> {
+fn known<'a>(request: &'a Request, belief: &'a Belief, misfit: (f64, [f64; 3])) -> Known<'a> {
     let Request { machine, instrument, options, .. } = request;
     Known { machine, instrument: *instrument, options, belief, misfit }
 }
@@ -502,7 +502,7 @@ fn with_measured(
     nominal: &Campaign,
     new: Vec<StationStart>,
 ) -> (Campaign, Vec<StationStart>, (f64, f64)) {
-    let Some(measured) = &request.measured else { return (nominal.clone(), new, (1.0, 0.0)) };
+    let Some(measured) = &request.measured else { return (nominal.clone(), new, (1.0, [0.0; 3])) };
     let quality = &measured.fit.model.parts().quality;
     let mut all = measured.campaign.clone();
     let (stations, lines) = (all.stations.len() as u32, all.lines.len() as u32);

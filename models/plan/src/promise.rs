@@ -80,7 +80,7 @@ pub struct Known<'a> {
     /// How much the error functions are believed to bend.
     pub belief: &'a Belief,
     /// χ² per degree of freedom that the noise is known to have (1: as declared), and what no model explained so far (m).
-    pub misfit: (f64, f64),
+    pub misfit: (f64, [f64; 3]),
 }
 
 /// What a campaign of nominal readings will reach over a volume of readings (m) at these tips (m, ram frame).
@@ -170,7 +170,7 @@ fn at(known: Known, fit: Identified, volume_m: &[(f64, f64); 3], tips_m: &[[f64;
 }
 
 /// The model with the covariance that noise of this χ² gives, and what was left unexplained before.
-fn with_misfit(model: MachineModel, (chi2_per_dof, unexplained_m): (f64, f64)) -> Result<MachineModel, PlanError> {
+fn with_misfit(model: MachineModel, (chi2_per_dof, unexplained_m): (f64, [f64; 3])) -> Result<MachineModel, PlanError> {
     let scale = chi2_per_dof.max(1.0);
     let ModelParts { covariance, chord_covariance, quality, .. } = model.parts().clone();
     let covariance = covariance.into_iter().map(|v| v * scale).collect();

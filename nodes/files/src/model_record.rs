@@ -151,10 +151,18 @@ struct QualityRecord {
     residual_rms_m: f64,
     /// None in files of earlier software.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    unexplained_m: Option<f64>,
+    unexplained_m: Option<UnexplainedRecord>,
     /// What speaks against the model; files of earlier software have none.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     doubts: Vec<Doubt>,
+}
+
+/// What is unexplained along X, Y and Z (m); earlier software wrote one figure for any direction.
+#[derive(Clone, Copy, Serialize, Deserialize)]
+#[serde(untagged)]
+enum UnexplainedRecord {
+    ByAxis([f64; 3]),
+    Any(f64),
 }
 
 #[derive(Serialize, Deserialize)]
@@ -222,7 +230,7 @@ impl ModelRecord {
                 rejected: parts.quality.rejected,
                 chi2_per_dof: parts.quality.chi2_per_dof,
                 residual_rms_m: parts.quality.residual_rms_m,
-                unexplained_m: Some(parts.quality.unexplained_m),
+                unexplained_m: Some(UnexplainedRecord::ByAxis(parts.quality.unexplained_m)),
                 doubts: file.doubts.clone(),
             },
             data: file.data.clone(),
@@ -280,7 +288,7 @@ impl ModelRecord {
                 rejected: self.quality.rejected,
                 chi2_per_dof: self.quality.chi2_per_dof,
                 residual_rms_m: self.quality.residual_rms_m,
-                unexplained_m: self.quality.unexplained_m.unwrap_or_else(|| unexplained_m(&self.quality)),
+                unexplained_m: unexplained_m(&self.quality),
             },
         };
         Ok(ModelFile {
@@ -318,10 +326,16 @@ impl ModelRecord {
     }
 }
 
-/// What a file of earlier software does not tell, but for the freedom that its fit used up (m).
-fn unexplained_m(quality: &QualityRecord) -> f64 {
+/// Along each axis (m). What a file of earlier software does not tell is known but for the freedom that its fit used up.
+fn unexplained_m(quality: &QualityRecord) -> [f64; 3] {
     let readings = quality.readings as f64;
-    FitQuality::unexplained_of(quality.chi2_per_dof, readings * quality.residual_rms_m.powi(2), readings)
+    match quality.unexplained_m {
+        Some(UnexplainedRecord::ByAxis(by_axis_m)) => by_axis_m,
+        Some(UnexplainedRecord::Any(any_m)) => [any_m; 3],
+        None => {
+            [FitQuality::unexplained_of(quality.chi2_per_dof, readings * quality.residual_rms_m.powi(2), readings); 3]
+        }
+    }
 }
 
 fn damaged(file: &str, key: &str, problem: String) -> FileError {

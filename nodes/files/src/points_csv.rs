@@ -13,7 +13,7 @@ use crate::dialect::Dialect;
 use crate::error::{FileError, Place};
 use abbe_geometry::Axis;
 use abbe_geometry::correct::{Correction, Status};
-use abbe_geometry::effects::{CovariateSource, CovariateValue, Lag, of_lagged};
+use abbe_geometry::effects::{CovariateSource, CovariateValue, Lag, Travel, of_lagged};
 use csv::{ByteRecord, Writer};
 use std::io::{Read, Write};
 
@@ -39,8 +39,8 @@ pub struct PointRow {
     pub offset_m: [f64; 3],
     /// Where the tip really was (m, frame of the reference); only verification files have it.
     pub actual_m: Option<[f64; 3]>,
-    /// Values of the lagged covariates that the reader follows, in its order.
-    lagged: Vec<Option<f64>>,
+    /// Values of the derived covariates that the reader follows, in its order.
+    derived: Vec<Option<f64>>,
 }
 
 impl PointRow {
@@ -59,12 +59,18 @@ pub struct PointsReader<R: Read> {
     followed: Vec<Followed>,
 }
 
-/// A lagged covariate, made from a column row by row.
+/// A derived covariate, made row by row.
 struct Followed {
     name: String,
-    /// Columns of the time and of the logged quantity.
-    columns: [usize; 2],
-    lag: Lag,
+    from: Made,
+}
+
+/// What it is made from.
+enum Made {
+    /// The columns of the time and of the logged quantity.
+    Columns([usize; 2], Lag),
+    /// The readings.
+    Readings(Travel),
 }
 
 impl<R: Read> PointsReader<R> {
@@ -144,14 +150,21 @@ impl<R: Read> PointsReader<R> {
         Ok(PointsReader { source, reading, offset, actual: None, followed: Vec::new() })
     }
 
-    /// Also makes, of these covariates, those that lag behind a column of the file, from `time_s` and the rows as they come. A row
-    /// has none until the rows before it tell for three time constants how the quantity went.
+    /// Also makes, of these covariates, those that lag behind a column of the file, from `time_s` and the rows as they come, and sides
+    /// that follow over a travel, from their readings. A row has none until the rows before it tell for three time constants, or three
+    /// times that travel, how it came.
     pub fn following(mut self, names: impl IntoIterator<Item = String>) -> PointsReader<R> {
         let header = self.source.header();
         let followed = |name: String| {
-            let (logged, lag_s) = of_lagged(&name).filter(|_| header.find(&name).is_none())?;
+            if header.find(&name).is_some() {
+                return None;
+            }
+            if let Some(travel) = Travel::of(&name) {
+                return Some(Followed { name, from: Made::Readings(travel) });
+            }
+            let (logged, lag_s) = of_lagged(&name)?;
             let columns = [header.find(TIME.name)?, header.find(&logged)?];
-            Some(Followed { name, columns, lag: Lag::new(f64::from(lag_s)) })
+            Some(Followed { name, from: Made::Columns(columns, Lag::new(f64::from(lag_s))) })
         };
         self.followed = names.into_iter().filter_map(followed).collect();
         self
@@ -183,11 +196,18 @@ impl<R: Read> PointsReader<R> {
         };
         row.actual_m = self.actual.map(actual).transpose()?;
         let header = self.source.header();
-        row.lagged.clear();
+        row.derived.clear();
         for followed in &mut self.followed {
-            let [time_s, input] = followed.columns.map(|column| header.optional_number(&row.cells, column, line));
-            let lagged = time_s.zip(input).map(|(time_s, input)| followed.lag.push(time_s, input));
-            row.lagged.push(lagged.filter(|lagged| lagged.is_settled).map(|lagged| lagged.value));
+            row.derived.push(match &mut followed.from {
+                Made::Columns(columns, lag) => {
+                    let [time_s, input] = columns.map(|column| header.optional_number(&row.cells, column, line));
+                    let lagged = time_s.zip(input).map(|(time_s, input)| lag.push(time_s, input));
+                    lagged.filter(|lagged| lagged.is_settled).map(|lagged| lagged.value)
+                }
+                Made::Readings(travel) => {
+                    travel.push(row.reading_m).filter(|travelled| travelled.is_settled).map(|travelled| travelled.side)
+                }
+            });
         }
         row.mark = header.mark();
         Ok(true)
@@ -230,7 +250,7 @@ impl CovariateSource for RowCovariates<'_> {
         let value = match self.header.find(name) {
             Some(column) => self.header.optional_number(&self.row.cells, column, self.row.line),
             None => {
-                self.followed.iter().zip(&self.row.lagged).find(|(known, _)| known.name == name).and_then(|(_, v)| *v)
+                self.followed.iter().zip(&self.row.derived).find(|(known, _)| known.name == name).and_then(|(_, v)| *v)
             }
         };
         value.map_or(CovariateValue::Missing, CovariateValue::Fresh)

@@ -9,7 +9,7 @@ use super::{Foreign, RANGE, REPEATABILITY_M, Verified, foreign};
 use abbe_diagnose::{Diagnosis, Options, diagnose};
 use abbe_geometry::Axis;
 use abbe_geometry::correct::{Status, correct};
-use abbe_geometry::effects::{CovariateSource, CovariateValue, State};
+use abbe_geometry::effects::{CovariateSource, CovariateValue, State, Travel};
 use abbe_geometry::error_function::Kind;
 use abbe_geometry::machine::{Joint, Machine, Side, Squareness};
 use abbe_geometry::model::MachineModel;
@@ -52,10 +52,18 @@ impl Judged {
     }
 }
 
-/// What a model makes of these points; those that it refuses to correct are left out.
+/// What a model makes of these points, one after the other; those that it refuses to correct are left out. Sides that follow over a
+/// travel are made from the points as they come, and missing until they are settled.
 pub(crate) fn of(model: &MachineModel, points: &[Verified]) -> Worth {
+    let mut travels: Vec<(String, Travel)> =
+        model.reads().into_iter().filter_map(|name| Some((name.clone(), Travel::of(&name)?))).collect();
     let corrected = |point: &Verified| {
-        let state = State { reading_m: point.reading_m, offset_m: point.offset_m, covariates: &Logged(point) };
+        let side = |(name, travel): &mut (String, Travel)| {
+            let now = travel.push(point.reading_m).filter(|now| now.is_settled)?;
+            Some((name.clone(), now.side))
+        };
+        let covariates = &Logged { point, sides: travels.iter_mut().filter_map(side).collect() };
+        let state = State { reading_m: point.reading_m, offset_m: point.offset_m, covariates };
         let correction = correct(model, &state);
         let covariance = correction.covariance_m2.filter(|_| correction.status != Status::Rejected)?;
         let u_m = std::array::from_fn(|d| covariance[(d, d)].sqrt());
@@ -64,15 +72,19 @@ pub(crate) fn of(model: &MachineModel, points: &[Verified]) -> Worth {
     worth(&points.iter().filter_map(corrected).collect::<Vec<_>>())
 }
 
-struct Logged<'a>(&'a Verified);
+struct Logged<'a> {
+    point: &'a Verified,
+    sides: Vec<(String, f64)>,
+}
 
 impl CovariateSource for Logged<'_> {
     fn covariate(&self, name: &str) -> CovariateValue {
         if name == "time_s" {
-            return CovariateValue::Fresh(self.0.time_s);
+            return CovariateValue::Fresh(self.point.time_s);
         }
-        let place = COLUMNS.iter().position(|known| *known == name);
-        place.map_or(CovariateValue::Missing, |k| CovariateValue::Fresh(self.0.logged[k]))
+        let logged = COLUMNS.iter().position(|known| *known == name).map(|k| self.point.logged[k]);
+        let side = || self.sides.iter().find(|(known, _)| known == name).map(|(_, side)| *side);
+        logged.or_else(side).map_or(CovariateValue::Missing, CovariateValue::Fresh)
     }
 }
 

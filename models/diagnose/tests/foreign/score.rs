@@ -21,6 +21,8 @@ pub(crate) struct Worth {
     pub(crate) covered: f64,
     /// The same of the worst axis.
     pub(crate) worst_axis: f64,
+    /// Mean of what is stated for a coordinate (k = 2, rms, m).
+    pub(crate) stated_m: f64,
 }
 
 pub(crate) fn worth(points: &[Corrected]) -> Worth {
@@ -28,11 +30,12 @@ pub(crate) fn worth(points: &[Corrected]) -> Worth {
     let places: Vec<Vector> = points.iter().map(|p| p.actual_m).collect();
     let motion = rigid(&places, &errors);
     let mut inside = [0_usize; 3];
-    let mut square = 0.0;
+    let (mut square, mut stated) = (0.0, 0.0);
     for (point, error) in points.iter().zip(&errors) {
         let left = minus(*error, moved(&motion, point.actual_m));
         for d in 0..3 {
             square += left[d] * left[d];
+            stated += point.u_m[d] * point.u_m[d];
             inside[d] += usize::from(left[d].abs() <= 1.96 * point.u_m[d]);
         }
     }
@@ -42,6 +45,7 @@ pub(crate) fn worth(points: &[Corrected]) -> Worth {
         rms_m: (square / count).sqrt(),
         covered: shares.iter().sum::<f64>() / 3.0,
         worst_axis: shares.into_iter().fold(1.0, f64::min),
+        stated_m: 2.0 * (stated / (3.0 * count)).sqrt(),
     }
 }
 

@@ -58,7 +58,7 @@ pub(crate) fn model(effects: &[(&str, Shape)]) -> MachineModel {
             rejected: 0,
             chi2_per_dof: 1.0,
             residual_rms_m: 1e-7,
-            unexplained_m: 0.0,
+            unexplained_m: [0.0; 3],
         },
         machine,
     };
@@ -285,10 +285,12 @@ fn regress_what_the_fit_could_not_explain_stands_in_every_corrected_coordinate()
     };
     let plain = covariance(&parts);
     // Residuals of 1 µm, four times the variance declared, from 1000 readings: chance explains 0.09 of the excess of 3.
-    parts.quality.unexplained_m = FitQuality::unexplained_of(4.0, 1000.0 * 1e-12, 1000.0);
+    let unexplained_m = FitQuality::unexplained_of(4.0, 1000.0 * 1e-12, 1000.0);
+    parts.quality.unexplained_m = [unexplained_m, 0.0, 2.0 * unexplained_m];
     let widened = covariance(&parts) - plain;
     let expected_m2 = (3.0 - 2.0 * 0.002_f64.sqrt()) / 4.0 * 1e-12;
-    assert!((widened - Matrix3::identity() * expected_m2).norm() < 1e-6 * expected_m2, "{widened}");
+    let expected_m2 = Matrix3::from_diagonal(&Vector3::new(expected_m2, 0.0, 4.0 * expected_m2));
+    assert!((widened - expected_m2).norm() < 1e-6 * expected_m2.norm(), "{widened}");
     assert_eq!(FitQuality::unexplained_of(1.08, 1e-9, 1000.0), 0.0, "chance");
     assert_eq!(FitQuality::unexplained_of(0.3, 1e-9, 1000.0), 0.0, "luck narrows nothing");
 }

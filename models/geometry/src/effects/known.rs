@@ -4,9 +4,9 @@
 
 use super::shape::{EffectError, Shape};
 use super::{
-    Effect, acceleration, axis_term, carriage_sag, dead_path, empirical, gimbal, gradient_bow, outlying_run,
-    periodic_scale, reflector_incidence, reflector_offset, refraction, reversal, scale_expansion, speed_lag,
-    station_drift, table_load, warm_up,
+    Effect, acceleration, axis_term, carriage_sag, dead_path, empirical, gimbal, gradient_bow, hysteresis,
+    outlying_run, periodic_scale, reflector_incidence, reflector_offset, refraction, reversal, scale_expansion,
+    speed_lag, station_drift, table_load, warm_up,
 };
 use crate::machine::Machine;
 
@@ -83,6 +83,7 @@ pub const REGISTRY: &[Known] = &[
     empirical::KNOWN,
     gimbal::KNOWN,
     gradient_bow::KNOWN,
+    hysteresis::KNOWN,
     outlying_run::KNOWN,
     periodic_scale::KNOWN,
     reflector_incidence::KNOWN,

@@ -17,6 +17,7 @@ mod dead_path;
 mod empirical;
 mod gimbal;
 mod gradient_bow;
+mod hysteresis;
 mod outlying_run;
 mod periodic_scale;
 mod reflector_incidence;
@@ -35,11 +36,17 @@ pub use shape::{EffectError, Shape, ShapeValue};
 pub use source::{CovariateProblem, CovariateSource, CovariateValue, NoCovariates, State, is_scale};
 
 pub use crate::lagged::{Lag, Lagged, lagged_name, of_lagged};
+pub use crate::travelled::{Travel, Travelled, of_travelled, travelled_name};
 
 use crate::axis::{Axis, ErrorId};
 use nalgebra::Vector3;
 use smallvec::SmallVec;
 use std::fmt::Debug;
+
+/// Whether a covariate of that name is made from what is logged, and no sensor of its own.
+pub fn is_derived(name: &str) -> bool {
+    of_lagged(name).is_some() || of_travelled(name).is_some()
+}
 
 /// The line of sight of a tracer reading.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -94,7 +94,8 @@ pub(crate) fn shapes(entry: &Known, machine: &Machine) -> Vec<Shape> {
         let run = Shape::new().text("line", "S1-00");
         let table = Shape::new().text("axis", "x").numbers("places_m", &[0.1, 0.25, 0.5]);
         let table = table.text("sign", "dir_x").text("by", "time_s").number("by_zero", 0.0).number("by_unit", 60.0);
-        shapes = vec![axis, smooth, run, table];
+        let side = Shape::new().text("axis", "x").text("side", "dir_x_over_12000um");
+        shapes = vec![axis, smooth, run, table, side];
         shapes.retain(|shape| (entry.construct)(shape, machine).is_ok());
     }
     assert!(!shapes.is_empty(), "{}: no shape to test", entry.name);

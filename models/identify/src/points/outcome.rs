@@ -127,7 +127,7 @@ pub(super) fn finish(problem: &Problem, found: Minimised) -> Result<FittedPoints
         rejected: residuals_m.len() - count,
         chi2_per_dof: certificate.chi2_per_dof,
         residual_rms_m: (square / count.max(1) as f64).sqrt(),
-        unexplained_m: FitQuality::unexplained_of(certificate.chi2_per_dof, square, degrees),
+        unexplained_m: [FitQuality::unexplained_of(certificate.chi2_per_dof, square, degrees); 3],
     };
     let geometric = problem.layout.len();
     let scale = widening(certificate.chi2_per_dof);

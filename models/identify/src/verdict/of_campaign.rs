@@ -79,6 +79,7 @@ pub fn widened(model: MachineModel, factor: f64) -> Result<MachineModel, ModelEr
     parts.covariance.iter_mut().chain(&mut parts.chord_covariance).for_each(|value| *value *= factor);
     let quality = &mut parts.quality;
     let declared_m2 = quality.residual_rms_m.powi(2) / quality.chi2_per_dof.max(1.0);
-    quality.unexplained_m = (factor * quality.unexplained_m.powi(2) + (factor - 1.0) * declared_m2).sqrt();
+    quality.unexplained_m =
+        quality.unexplained_m.map(|u_m| (factor * u_m.powi(2) + (factor - 1.0) * declared_m2).sqrt());
     MachineModel::new(parts)
 }

@@ -81,7 +81,7 @@ fn parts(diagnosis: &StudyDiagnosis, given: &Machine) -> anyhow::Result<ModelPar
             chi2_per_dof: diagnosis.after.chi2_per_dof.unwrap_or(1.0),
             residual_rms_m: diagnosis.after.rms_um / 1e6,
             // A study takes its noise from its own residuals: all of it is in the covariance.
-            unexplained_m: 0.0,
+            unexplained_m: [0.0; 3],
         },
         machine,
     })

@@ -65,7 +65,7 @@ pub(crate) fn model(seed: u64) -> ModelFile {
             rejected: 3,
             chi2_per_dof: 1.0 / 3.0,
             residual_rms_m: 0.1e-6,
-            unexplained_m: 0.07e-6,
+            unexplained_m: [0.07e-6, 0.0, 1e-7 / 3.0],
         },
         machine,
         coefficients,

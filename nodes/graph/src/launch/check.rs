@@ -5,7 +5,7 @@
 use super::{Edge, Launch, LaunchError, NodeName, Pace, RecordConfig, Source, Stamps};
 use crate::driver::{DriverConfig, Role};
 use crate::step::KEPT_READINGS;
-use abbe_geometry::effects::of_lagged;
+use abbe_geometry::effects::is_derived;
 use abbe_runtime::TransportKind;
 use abbe_virtual_machine::effects::from_text;
 use std::path::Path;
@@ -162,14 +162,14 @@ impl Launch {
             return wrong("covariates".to_owned(), problem);
         }
         for (place, name) in self.lagged.iter().enumerate() {
-            let problem = match of_lagged(name) {
-                None => {
+            let problem = match is_derived(name) {
+                false => {
                     "names no lagged covariate; write the name with its time constant before the unit, as in \
-                         temp_air_lag_1800s_c"
+                         temp_air_lag_1800s_c, or a side with its travel, as in dir_x_over_5000um"
                 }
-                Some(_) if self.lagged[..place].contains(name) => "is named twice",
-                Some(_) if self.scale.is_none() => "is made from scale readings; add a table scale with its driver",
-                Some(_) => continue,
+                true if self.lagged[..place].contains(name) => "is named twice",
+                true if self.scale.is_none() => "is made from scale readings; add a table scale with its driver",
+                true => continue,
             };
             return wrong(format!("lagged[{place}]"), problem);
         }

@@ -1,10 +1,11 @@
-//! Covariates that lag behind others, made in the stream of scale readings.
+//! Covariates that lag behind others, and sides that follow over a travel, made in the stream of scale readings.
 //!
 //! Place in the flow: in the scale node, before a reading is published, so that it is recorded with what it was corrected with and
-//! replay finds the same. [`Lag`] makes them; what the reading says itself stays. A lagged covariate is as
-//! old as what it follows, and is there once the stream has told for three time constants how that went.
+//! replay finds the same. [`Lag`] and [`Travel`] make them; what the reading says itself stays. A lagged covariate is as
+//! old as what it follows, and is there once the stream has told for three time constants how that went; a side over a travel is as
+//! new as the reading, once the axis has gone three times that far.
 
-use abbe_geometry::effects::{Lag, Lagged, of_lagged};
+use abbe_geometry::effects::{Lag, Lagged, Travel, of_lagged};
 use abbe_msgs::{CovariateError, ScaleReading};
 
 /// Instants closer than this are one (s): a stamp less an age comes out with a rounding.
@@ -14,6 +15,7 @@ const SAME_INSTANT_S: f64 = 1e-3;
 #[derive(Debug, Clone, Default)]
 pub struct DerivedLags {
     followed: Vec<Followed>,
+    sides: Vec<(String, Travel)>,
     /// Instant of the first reading: differences from it are exact enough as numbers of seconds.
     first_ns: Option<i64>,
 }
@@ -27,13 +29,15 @@ struct Followed {
 }
 
 impl DerivedLags {
-    /// Of these names, of a stream that has not begun; a name that is none of a lagged covariate is left out.
-    pub fn new<'a>(names: impl IntoIterator<Item = &'a String>) -> DerivedLags {
+    /// Of these names, of a stream that has not begun; a name that is none of a derived covariate is left out.
+    pub fn new<'a>(names: impl IntoIterator<Item = &'a String> + Clone) -> DerivedLags {
+        let side = |name: &String| Some((name.clone(), Travel::of(name)?));
+        let sides = names.clone().into_iter().filter_map(side).collect();
         let followed = |name: &String| {
             let (logged, lag_s) = of_lagged(name)?;
             Some(Followed { name: name.clone(), logged, lag: Lag::new(f64::from(lag_s)), last: None })
         };
-        DerivedLags { followed: names.into_iter().filter_map(followed).collect(), first_ns: None }
+        DerivedLags { followed: names.into_iter().filter_map(followed).collect(), sides, first_ns: None }
     }
 
     /// Adds to the next reading of the stream what can be told; gives what had no room.
@@ -49,6 +53,12 @@ impl DerivedLags {
             let Some(lagged) = followed.follow(since_s - age_s, value) else { continue };
             if lagged.is_settled && covariates.get(&followed.name).is_none() {
                 refused.extend(covariates.push(&followed.name, lagged.value, age_s).err());
+            }
+        }
+        for (name, travel) in &mut self.sides {
+            let Some(now) = travel.push(reading.reading_m) else { continue };
+            if now.is_settled && covariates.get(name).is_none() {
+                refused.extend(covariates.push(name, now.side, 0.0).err());
             }
         }
         refused
@@ -106,6 +116,22 @@ mod tests {
         // A ramp is followed as far behind as the time constant is long.
         assert!((value - (20.0 + 0.001 * (990.0 - 60.0))).abs() < 1e-6, "{value}");
         assert_eq!(age_s, 9.0);
+    }
+
+    #[test]
+    fn a_side_over_a_travel_is_there_once_the_axis_has_gone_three_times_as_far() {
+        let name = "dir_z_over_10000um".to_owned();
+        let mut lags = DerivedLags::new([&name]);
+        let mut at = |z_m: f64| {
+            let mut reading = ScaleReading { reading_m: [0.0, 0.0, z_m], ..ScaleReading::default() };
+            assert_eq!(lags.fill(&mut reading), []);
+            reading.covariates.get(&name).map(|entry| (entry.value, entry.age_s))
+        };
+        assert_eq!((at(0.0), at(0.029)), (None, None));
+        let (side, age_s) = at(0.5).unwrap();
+        assert!((side - 1.0).abs() < 1e-12 && age_s == 0.0);
+        assert!((at(0.49).unwrap().0 - (2.0 * (-1.0_f64).exp() - 1.0)).abs() < 1e-12);
+        assert_eq!(at(f64::NAN), None);
     }
 
     #[test]

@@ -1,0 +1,50 @@
+//! The least that a model must leave unexplained: what blocks left out of its own fit show.
+//!
+//! Place in the flow: the end of [`crate::diagnose()`], on the fit that is adopted, whatever was found. A fit with some two hundred
+//! parameters takes a good part of what it does not explain into errors and stations, above all where a few hundred readings are all
+//! there is: the readings that it saw then look explained, and a corrected point, which it never saw, is not. So whole lines, spans
+//! of time and stations are left out, exactly and without refitting ([`crate::paired`]), and what they show beyond their declared noise and
+//! the uncertainty of their prediction counts as unexplained:
+//!
+//! mean of u² (ρ² − 1 − φ (e − 1)), less one standard deviation between blocks; ρ = ((I − H)⁻¹ r), e the diagonal of (I − H)⁻¹,
+//!
+//! φ ≥ 1 what the covariance of the model is scaled by already. m, along each axis.
+
+use crate::candidates::Round;
+use crate::judge;
+use crate::paired::untouched;
+use abbe_identify::{Excess, by_axis, in_parallel};
+use abbe_measurement::campaign::Campaign;
+
+/// Kinds of block that are left out.
+const LEFT_OUT: [&str; 3] = ["line", "time", "station"];
+
+/// Standard deviation along X, Y and Z (m) of what blocks left out show beyond noise and prediction; 0 where chance explains it.
+pub(crate) fn unexplained_m(round: &Round, campaign: &Campaign) -> [f64; 3] {
+    let kinds = judge::blocks(campaign, round).into_iter().filter(|(by, _)| LEFT_OUT.contains(by));
+    let of_kinds: Vec<[f64; 3]> = kinds.map(|(_, blocks)| of_blocks(round, &blocks)).collect();
+    std::array::from_fn(|d| of_kinds.iter().map(|u_m| u_m[d]).fold(0.0, f64::max))
+}
+
+fn of_blocks(round: &Round, blocks: &[Vec<usize>]) -> [f64; 3] {
+    let factor = round.linear.noise_factor().max(1.0);
+    let one = |(block, number): &(&Vec<usize>, u32)| -> Vec<Excess> {
+        let Some(predicted) = untouched(&round.linear, block) else { return Vec::new() };
+        let excess = |(k, (residual, variance)): (&usize, (f64, f64))| Excess {
+            direction: round.rows.rays[*k].direction,
+            square_m2: (residual * residual - 1.0 - factor * (variance - 1.0).max(0.0))
+                / round.rows.whitening[*k].powi(2),
+            line: *number,
+        };
+        block.iter().zip(predicted).map(excess).collect()
+    };
+    let numbered: Vec<(&Vec<usize>, u32)> = blocks.iter().zip(0..).collect();
+    let by_block = in_parallel(&numbered, one);
+    let sums = by_block.iter().map(|block| (block.iter().map(|one| one.square_m2).sum::<f64>(), block.len() as f64));
+    let sums: Vec<(f64, f64)> = sums.collect();
+    let count = sums.iter().map(|(_, count)| count).sum::<f64>().max(1.0);
+    let mean_m2 = sums.iter().map(|(sum, _)| sum).sum::<f64>() / count;
+    let scatter: f64 = sums.iter().map(|(sum, count)| (sum - mean_m2 * count).powi(2)).sum();
+    let spread = (sums.len() as f64 / (sums.len() as f64 - 1.0).max(1.0) * scatter).sqrt() / count;
+    by_axis(&by_block.concat(), (mean_m2 - spread).max(0.0).sqrt())
+}
