@@ -501,7 +501,7 @@ fn with_measured(
     request: &Request,
     nominal: &Campaign,
     new: Vec<StationStart>,
-) -> (Campaign, Vec<StationStart>, (f64, f64)) {
+) -> (Campaign, Vec<StationStart>, (f64, [f64; 3])) {
     let Some(measured) = &request.measured else { return (nominal.clone(), new, (1.0, [0.0; 3])) };
     let quality = &measured.fit.model.parts().quality;
     let mut all = measured.campaign.clone();
