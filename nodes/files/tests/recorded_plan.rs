@@ -47,7 +47,7 @@ fn a_plan_reaches_more_than_the_recorded_demo_campaign_with_fewer_readings() {
         instrument: machine.instrument,
         options: &options,
         belief: &belief,
-        misfit: (1.0, 0.0),
+        misfit: (1.0, [0.0; 3]),
     };
     let of_recorded = of_campaign(known, (&recorded, &stations), &volume_m, &offsets_m).unwrap();
     let request = Request {
