@@ -89,8 +89,8 @@ fn of<'a>(record: &'a TrainingRecord, method: &str) -> Option<&'a HeldOutScores>
 
 fn figures(record: &TrainingRecord) -> Section {
     let (zero, made) = (of(record, ZERO), of(record, &record.kind));
-    let rms = |scores: Option<&HeldOutScores>| scores.map(|s| Quantity::new(s.scores.mse_um2.sqrt(), 3));
-    let worst = |scores: Option<&HeldOutScores>| scores.map(|s| Quantity::new(s.scores.worst_um, 2));
+    let rms = |scores: Option<&HeldOutScores>| scores.map(|s| Quantity::result(s.scores.mse_um2.sqrt()));
+    let worst = |scores: Option<&HeldOutScores>| scores.map(|s| Quantity::result(s.scores.worst_um));
     let figure = |label: &str, before, value, unit: &str, detail: &str| KeyFigure {
         label: label.to_owned(),
         before,
@@ -121,10 +121,10 @@ fn methods(record: &TrainingRecord) -> Section {
         let figures = &scores.scores;
         vec![
             Cell::text(scores.method.clone()),
-            Cell::number(figures.mse_um2, 4),
-            Cell::number(figures.mae_um, 4),
-            Cell::number(figures.error_95_um, 3),
-            Cell::number(figures.worst_um, 3),
+            Cell::result(Some(figures.mse_um2)),
+            Cell::result(Some(figures.mae_um)),
+            Cell::result(Some(figures.error_95_um)),
+            Cell::result(Some(figures.worst_um)),
             Cell::maybe(scores.coverage_95.map(|share| share * 100.0), 1),
             Cell::count(scores.points),
         ]

@@ -70,9 +70,6 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         }
     };
     write_files(arguments, &files)?;
-    if let (Some(within_um), Some(missed)) = (wanted_um(arguments), missed_words(&files)) {
-        eprintln!("abbe: {}: {missed} (asked for: {within_um} um)", arguments.out.display());
-    }
     if let Some(words) = outside_words(&file) {
         eprintln!("abbe: warning: {}: {words}", arguments.out.display());
     }
@@ -205,7 +202,8 @@ fn outside_words(file: &ModelFile) -> Option<String> {
 fn print_words(arguments: &Arguments, format: &Format, files: &[ExportedFile]) {
     println!("{}: {} ({})", arguments.out.display(), format.name, format.title);
     if let Some(missed) = missed_words(files) {
-        println!("  {missed}");
+        let asked = wanted_um(arguments).map_or_else(String::new, |um| format!(" (asked for: {um} um)"));
+        println!("  {missed}{asked}");
     }
     println!("  {}", format.source);
 }
