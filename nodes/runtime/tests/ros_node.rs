@@ -17,8 +17,8 @@ use std::time::{Duration, Instant};
 
 use abbe_msgs::standard::{DiagnosticArray, DiagnosticStatus, PointStamped};
 use abbe_runtime::ros::{
-    Domain, NodeOptions, ParameterSpec, ParameterValue, Range, RosArgs, RosNode, diagnostics_qos, service_qos,
-    stream_qos,
+    DiscoveryRange, Domain, Enclave, NodeOptions, ParameterSpec, ParameterValue, Range, RosArgs, RosError, RosNode,
+    StaticPeers, diagnostics_qos, service_qos, stream_qos,
 };
 use common::network::in_own_network;
 use common::samples::PATIENCE;
@@ -242,4 +242,15 @@ fn a_trigger_service_runs_its_handler_and_ends_with_its_handle() {
         drop(service);
         drop(node);
     });
+}
+
+#[test]
+fn hosts_that_multicast_does_not_reach_and_keys_are_refused_together() {
+    let (args, _) = RosArgs::split(std::iter::empty()).unwrap();
+    let mut options = NodeOptions::new("/", "geometric", args, specs()).unwrap();
+    let enclave: Enclave = serde_json::from_str(r#"{"folder": "/keys"}"#).unwrap();
+    (options.enclave, options.peers) = (Some(enclave), StaticPeers::of("10.0.0.1", DiscoveryRange::Subnet).unwrap());
+    let refused = RosNode::start(options).map(drop).unwrap_err();
+    assert!(matches!(refused, RosError::SecuredPeers), "{refused}");
+    assert!(refused.to_string().contains("unset one of them"), "{refused}");
 }
