@@ -59,6 +59,16 @@ fn regress_a_reflector_holder_off_by_micrometres_is_found_and_put_right() {
     assert!(after.rms_m < 0.5 * before.rms_m && after.covered > 0.93, "{before:?} {after:?}");
 }
 
+/// Friction that remembers travel: it was called backlash, half of it stayed, and intervals held 60 to 80 % along Y.
+#[test]
+fn regress_hysteresis_over_travel_is_found_and_put_right() {
+    let judged = diagnosed("bridge", &["dahl"], 1);
+    assert_eq!(judged.names().first(), Some(&"hysteresis"), "{:?}", judged.diagnosis.steps);
+    let (before, after) = judged.outcome().inside;
+    assert!(after.rms_m < 0.6 * before.rms_m, "{before:?} {after:?}");
+    assert!(after.covered > 0.95 && after.worst_axis > 0.93, "{before:?} {after:?}");
+}
+
 /// What is in the list is found as before.
 #[test]
 fn a_cause_in_the_list_is_still_found() {

@@ -273,7 +273,7 @@ pub struct Launch {
     pub covariates: Vec<DriverConfig>,
     /// How side of approach, feed and acceleration are derived from the scale readings; not at all without it.
     pub motion: Option<MotionConfig>,
-    /// Covariates that lag behind others, such as `temp_air_lag_1800s_c`, to be made in the stream of scale readings.
+    /// Covariates that lag behind others, such as `temp_air_lag_1800s_c`, and sides over a travel, such as `dir_x_over_5000um`, to be made in the stream of scale readings.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub lagged: Vec<String>,
     /// Bounds of the monitor node.
