@@ -51,7 +51,8 @@ fn val_rclpy_hosts_that_multicast_does_not_reach_meet_where_one_of_them_names_th
         signal(graph.id(), Signal::INT);
         let ran = graph.finish();
         assert_says(&ran.errors, &["'no-such-host.invalid' has no address of IPv4", "Is the name right"]);
-        assert_eq!(ran.errors.matches("no-such-host").count(), 2, "once for each gateway: {}", ran.errors);
+        let told = ran.errors.matches("no-such-host").count();
+        assert!((2..=4).contains(&told), "once for each gateway, or where the reason is another one: {}", ran.errors);
         ran.ok();
     });
 }
