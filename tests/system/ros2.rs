@@ -19,20 +19,16 @@ use abbe_msgs::{CorrectedCoordinates, CorrectionStatus};
 use abbe_runtime::ros::Domain;
 use common::assert_says;
 use common::files::{Bench, samples};
-use common::graph::{DDS, MEMORY, NAMESPACE, long_recording, stream_of, topic};
+use common::graph::{DDS, MEMORY, NAMESPACE, endless_stream_of, topic};
 use common::network::in_own_network;
 use common::program::{Started, abbe_in, run, signal};
 use common::python::{python, ros2, said};
 use rustix::process::Signal;
 use serde_json::{Value, json};
 
-/// Long enough for every peer here; whoever is done first ends the graph.
-const SAMPLES: u64 = 60_000;
-
 /// A graph whose scale and residual node are seen over DDS; `arguments` are those of the nodes.
 fn graph(bench: &Bench, domain: Domain) -> Started {
-    long_recording(bench, SAMPLES);
-    let file = stream_of(bench, |launch| {
+    let file = endless_stream_of(bench, |launch| {
         let launch = launch.edge("scale", "*", DDS).edge("residual", "*", DDS);
         launch.nodes(&["recorder"]).edge("residual", "recorder", MEMORY).record("recorded")
     });
@@ -120,10 +116,9 @@ fn val_rclpy_finds_no_service_that_changes_anything_where_the_launch_file_says_s
     let test = "val_rclpy_finds_no_service_that_changes_anything_where_the_launch_file_says_so";
     in_own_network(test, |domain| {
         let bench = Bench::identified(5);
-        long_recording(&bench, SAMPLES);
         for (key, is_offered) in [("commands_from_ros = true", true), ("commands_from_ros = false", false)] {
             let Some(user) = ros2(domain, &["services", NAMESPACE, "residual"]) else { return };
-            let file = stream_of(&bench, |launch| launch.key(key).edge("residual", "*", DDS));
+            let file = endless_stream_of(&bench, |launch| launch.key(key).edge("residual", "*", DDS));
             let heard = beside(Started::start(abbe_in(domain, ["launch", &file])), user);
             let has = |name: &str| {
                 let service = json!(format!("/{NAMESPACE}/residual/{name}"));
@@ -145,9 +140,8 @@ fn val_rclpy_sees_every_node_whatever_its_edges() {
         let names = ["scale", "geometric", "residual"];
         let Some(user) = ros2(domain, &["nodes", NAMESPACE, names[0], names[1], names[2]]) else { return };
         let bench = Bench::identified(5);
-        long_recording(&bench, SAMPLES);
         // No edge of any node is over DDS.
-        let file = stream_of(&bench, |launch| {
+        let file = endless_stream_of(&bench, |launch| {
             launch
                 .key("visible_in_ros = true")
                 .nodes(&["recorder"])
@@ -168,8 +162,7 @@ fn val_rclpy_its_clock_is_that_of_a_node_with_use_sim_time() {
     in_own_network(test, |domain| {
         let bench = Bench::identified(5);
         let Some(user) = ros2(domain, &["clock", SECONDS, "bridge_xyz"]) else { return };
-        long_recording(&bench, SAMPLES);
-        let file = stream_of(&bench, |launch| launch.edge("residual", "*", DDS));
+        let file = endless_stream_of(&bench, |launch| launch.edge("residual", "*", DDS));
         let arguments = ["launch", &file, "--ros-args", "-p", "use_sim_time:=true"];
         let graph = Started::start(abbe_in(domain, arguments));
         let heard = beside(graph, user);
@@ -185,8 +178,7 @@ fn val_rclpy_diagnostics_are_those_of_diagnostic_updater_and_each_has_its_place_
         let names = ["scale", "geometric", "residual"];
         let Some(user) = ros2(domain, &["health", NAMESPACE, names[0], names[1], names[2]]) else { return };
         let bench = Bench::identified(5);
-        long_recording(&bench, SAMPLES);
-        let file = stream_of(&bench, |launch| {
+        let file = endless_stream_of(&bench, |launch| {
             launch
                 .key("visible_in_ros = true")
                 .nodes(&["recorder"])
@@ -252,8 +244,7 @@ fn val_rclpy_sets_what_may_change_while_nodes_run_and_nothing_else() {
         let (bench, other) = (Bench::identified(5), Bench::identified(6));
         let model = other.text("model.json");
         let Some(user) = ros2(domain, &["change", NAMESPACE, &model]) else { return };
-        long_recording(&bench, SAMPLES);
-        let file = stream_of(&bench, |launch| {
+        let file = endless_stream_of(&bench, |launch| {
             let launch = launch.key("visible_in_ros = true").edge("residual", "*", DDS);
             let launch = launch.nodes(&["tracer", "monitor", "recorder"]).monitor();
             let launch = launch.source("tracer", &bench.text("campaign.csv"), None, 1.0);
@@ -292,8 +283,7 @@ fn val_rclpy_the_log_of_a_node_is_on_rosout_for_who_joins_later_unless_it_is_not
     in_own_network(test, |domain| {
         let Some(user) = ros2(domain, &["log", NAMESPACE, "geometric", "is active"]) else { return };
         let bench = Bench::identified(5);
-        long_recording(&bench, SAMPLES);
-        let file = stream_of(&bench, |launch| launch.key("visible_in_ros = true").edge("residual", "*", DDS));
+        let file = endless_stream_of(&bench, |launch| launch.key("visible_in_ros = true").edge("residual", "*", DDS));
         let quiet = "--disable-stdout-logs";
         let words = ["launch", &file, "--ros-args", "--log-level", "INFO", quiet, "--log-config-file", "none"];
         let graph = Started::start(abbe_in(domain, words));
@@ -321,8 +311,7 @@ fn val_rclpy_a_manager_takes_nodes_through_their_states_and_what_was_paused_says
         let (model, aside) = (bench.text("model.json"), bench.text("aside.json"));
         let Some(user) = ros2(domain, &["manage", NAMESPACE, &aside, &model]) else { return };
         std::fs::rename(&model, &aside).unwrap();
-        long_recording(&bench, SAMPLES);
-        let file = stream_of(&bench, |launch| {
+        let file = endless_stream_of(&bench, |launch| {
             let launch = launch.key("visible_in_ros = true").key("autostart = false").edge("residual", "*", DDS);
             let launch = launch.edge("scale", "recorder", MEMORY).edge("residual", "recorder", MEMORY);
             launch.nodes(&["recorder"]).record("recorded")

@@ -64,6 +64,12 @@ impl LaunchText {
         self
     }
 
+    /// The recording of the scales begins again at its end, until the graph is stopped.
+    pub(crate) fn repeated(mut self) -> Self {
+        self.tables = self.tables.replace("[scale]\n", "[scale]\nrepeat_from = 0\n");
+        self
+    }
+
     pub(crate) fn monitor(mut self) -> Self {
         self.tables += "[monitor]\nsingle_bound = 4.0\nwindow = 200\nmatch_within_s = 0.0005\n\n";
         self
@@ -112,6 +118,14 @@ pub(crate) fn stream_of(bench: &Bench, more: impl FnOnce(LaunchText) -> LaunchTe
         .edge("geometric", "residual", MEMORY)
         .source("scale", &long, Some(&topic("scale/reading")), 1000.0);
     more(launch).write(bench)
+}
+
+/// The same without an end: whoever is done first ends the graph.
+pub(crate) fn endless_stream_of(bench: &Bench, more: impl FnOnce(LaunchText) -> LaunchText) -> String {
+    if !bench.path("long").exists() {
+        long_recording(bench, 2000);
+    }
+    stream_of(bench, |launch| more(launch.repeated()))
 }
 
 /// The same with a recorder in place of a user.

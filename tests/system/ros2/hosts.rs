@@ -9,12 +9,12 @@ use serde_json::json;
 
 use super::common::assert_says;
 use super::common::files::{Bench, samples};
-use super::common::graph::{DDS, LaunchText, NAMESPACE, long_recording, stream_of, topic};
+use super::common::graph::{DDS, LaunchText, NAMESPACE, endless_stream_of, long_recording, stream_of, topic};
 use super::common::hosts::{Host, hosts};
 use super::common::network::{in_own_network, is_in_own_network};
 use super::common::program::{Started, abbe_in, signal};
 use super::common::python::{ros2, said};
-use super::{SAMPLES, samples_of_each_stream};
+use super::samples_of_each_stream;
 
 #[test]
 fn val_rclpy_hosts_that_multicast_does_not_reach_meet_where_one_of_them_names_the_other() {
@@ -26,8 +26,7 @@ fn val_rclpy_hosts_that_multicast_does_not_reach_meet_where_one_of_them_names_th
         }
         let [machine, named, naming, stranger] = &hosts(4)[..] else { unreachable!() };
         let bench = Bench::identified(5);
-        long_recording(&bench, SAMPLES);
-        let launch = stream_of(&bench, |launch| launch.edge("scale", "*", DDS).edge("residual", "*", DDS));
+        let launch = endless_stream_of(&bench, |launch| launch.edge("scale", "*", DDS).edge("residual", "*", DDS));
         let launch = abbe_in(domain, ["launch", &launch]);
         let peers = format!("{};no-such-host.invalid", named.address());
         let graph = Started::start(machine.runs_with_peers(&launch, &peers));
@@ -51,7 +50,8 @@ fn val_rclpy_hosts_that_multicast_does_not_reach_meet_where_one_of_them_names_th
         signal(graph.id(), Signal::INT);
         let ran = graph.finish();
         assert_says(&ran.errors, &["'no-such-host.invalid' has no address of IPv4", "Is the name right"]);
-        assert_eq!(ran.errors.matches("no-such-host").count(), 2, "once for each gateway: {}", ran.errors);
+        let told = ran.errors.matches("no-such-host").count();
+        assert!((2..=4).contains(&told), "once for each gateway, or where the reason is another one: {}", ran.errors);
         ran.ok();
     });
 }

@@ -3,13 +3,13 @@
 use abbe_msgs::CorrectedCoordinates;
 use serde_json::{Value, json};
 
+use super::beside;
 use super::common::assert_says;
 use super::common::files::{Bench, samples};
-use super::common::graph::{DDS, MEMORY, long_recording, stream_of, topic};
+use super::common::graph::{DDS, MEMORY, endless_stream_of, topic};
 use super::common::network::in_own_network;
 use super::common::program::{Started, abbe_in, run};
 use super::common::python::{ros2, said};
-use super::{SAMPLES, beside};
 
 /// How often each of two managers deactivates and activates the node.
 const TIMES: usize = 20;
@@ -22,8 +22,7 @@ fn val_rclpy_two_managers_a_flood_of_calls_and_processes_that_stand_still_leave_
         let (bench, remote) = (Bench::identified(5), topic("geometric"));
         let manager = || ros2(domain, &["quarrel", &remote, &TIMES.to_string()]);
         let (Some(one), Some(other)) = (manager(), manager()) else { return };
-        long_recording(&bench, SAMPLES);
-        let file = stream_of(&bench, |launch| {
+        let file = endless_stream_of(&bench, |launch| {
             let launch = launch.key("visible_in_ros = true").edge("residual", "*", DDS);
             let launch = launch.edge("scale", "recorder", MEMORY).edge("residual", "recorder", MEMORY);
             launch.nodes(&["recorder"]).record("recorded")

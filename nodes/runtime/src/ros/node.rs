@@ -83,7 +83,7 @@ pub(super) struct Inner {
     introduced: Introduced,
     node: Arc<Mutex<Node>>,
     matched: Arc<Matched>,
-    _meeting: Option<Meeting>,
+    _meeting: Meeting,
     stop: Option<oneshot::Sender<()>>,
     thread: Option<JoinHandle<()>>,
     context: Context,

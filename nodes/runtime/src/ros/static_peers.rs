@@ -76,26 +76,25 @@ impl StaticPeers {
     }
 
     /// Announces a participant to them until what is returned is dropped.
-    pub(super) fn meet(self, participant: Introduced) -> Result<Option<Meeting>, RosError> {
-        if self.is_empty() {
-            return Ok(None);
-        }
-        let (until, dropped) = channel::<()>();
-        let keep = move || {
-            let mut peers: Vec<Peer> = self.0.into_iter().map(Peer::new).collect();
-            for number in 1.. {
-                for (place, peer) in peers.iter_mut().enumerate() {
-                    peer.announce(participant, u32::try_from(place).unwrap_or_default(), number);
+    pub(super) fn meet(self, participant: Introduced) -> Result<Meeting, RosError> {
+        // Each on its own: the name of one host may take long to be found.
+        let meet = |(place, host): (usize, String)| {
+            let (until, dropped) = channel::<()>();
+            let place = u32::try_from(place).unwrap_or_default();
+            let keep = move || {
+                let mut peer = Peer::new(host);
+                for number in 1.. {
+                    peer.announce(participant, place, number);
+                    if dropped.recv_timeout(ANNOUNCE_EVERY) != Err(RecvTimeoutError::Timeout) {
+                        return;
+                    }
                 }
-                if dropped.recv_timeout(ANNOUNCE_EVERY) != Err(RecvTimeoutError::Timeout) {
-                    return;
-                }
-            }
+            };
+            // Nobody waits for it: it may be in the middle of asking for a name.
+            let spawned = thread::Builder::new().name("static-peer".into()).spawn(keep);
+            spawned.map(|_| until).map_err(|source| RosError::Thread { what: "a peer", source })
         };
-        // Nobody waits for it: it may be in the middle of asking for a name.
-        let spawned = thread::Builder::new().name("static-peers".into()).spawn(keep);
-        spawned.map_err(|source| RosError::Thread { what: "peers", source })?;
-        Ok(Some(Meeting { _until: until }))
+        Ok(Meeting { _until: self.0.into_iter().enumerate().map(meet).collect::<Result<_, _>>()? })
     }
 }
 
@@ -128,7 +127,7 @@ fn is_this_host(entry: &str) -> bool {
 /// The announcing of a participant to its peers; it ends when this is dropped.
 #[derive(Debug)]
 pub(super) struct Meeting {
-    _until: Sender<()>,
+    _until: Vec<Sender<()>>,
 }
 
 /// A host, and what was found of it.
