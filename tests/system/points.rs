@@ -65,7 +65,7 @@ fn points_are_solved_a_bad_pair_is_named_and_the_field_between_them_is_found() {
     let campaign = write(folder.path(), "campaign.csv", &campaign(6, Some(250)));
     let (machine, vectors) = (text(&machine()), text(&folder.path().join("vectors.csv")));
     let said = run(["points", "--machine", &machine, "--campaign", &campaign, "--out", &vectors]).ok();
-    assert_says(&said, &["120 points solved, 0 not", "readings 251, 470 of station S1", "differ by 20.00 um"]);
+    assert_says(&said, &["120 points solved, 0 not", "readings 251, 470 of station S1", "differ by 20.0 um"]);
     let solved = fs::read_to_string(&vectors).unwrap();
     let numbers = |line: &str| line.split(',').filter_map(|cell| cell.parse::<f64>().ok()).collect::<Vec<f64>>();
     let mut worst = 0.0_f64;
