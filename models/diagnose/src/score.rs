@@ -92,10 +92,15 @@ pub(crate) fn p_of(reduction: f64, tested: usize, remaining: f64, rest: f64) -> 
         return 1.0;
     }
     let f = (reduction / tested as f64) / (remaining / rest);
-    match FisherSnedecor::new(tested as f64, rest) {
-        Ok(distribution) if f.is_finite() => distribution.sf(f),
-        _ => 1.0,
-    }
+    FisherSnedecor::new(tested as f64, rest).map_or(1.0, |distribution| beyond(&distribution, f))
+}
+
+/// Largest statistic that is looked up: beyond it the library's distributions overflow, and probabilities are zero anyway.
+const LARGEST: f64 = 1e100;
+
+/// Probability of a statistic beyond this one, which is not negative but for rounding; 1 where there is none.
+pub(crate) fn beyond(distribution: &impl ContinuousCDF<f64, f64>, statistic: f64) -> f64 {
+    if statistic.is_nan() { 1.0 } else { distribution.sf(statistic.clamp(0.0, LARGEST)) }
 }
 
 /// 1 − (what is left of the signature)² / (the signature)², for the estimate; for the group's trace without one.
@@ -174,6 +179,16 @@ mod tests {
         left[(4, 4)] = 0.5 * LEFT;
         assert_eq!(solved(&left, &gradient), None);
         assert_eq!(solved_in_part(&left, &gradient).unwrap().1, 8);
+    }
+
+    /// Readings that repeat to the last digit leave nothing beside what explains them, or nothing at all.
+    #[test]
+    fn regress_statistics_without_bounds_have_probabilities() {
+        for rest in [2.0, 30.0] {
+            assert_eq!(p_of(1.0, 3, f64::MIN_POSITIVE, rest), 0.0);
+            assert_eq!(p_of(-1e-20, 1, 1.0, rest), 1.0);
+            assert_eq!(p_of(0.0, 2, 0.0, rest), 1.0);
+        }
     }
 
     #[test]

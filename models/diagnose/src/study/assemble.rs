@@ -4,17 +4,19 @@
 //! see; then it runs on all rows, and once more where what it found shows other rows to be gross.
 
 use super::candidate::Study;
-use super::diagnosis::{Ambiguity, Blocks, Effect, LackOfFit, Parameter, Rung, StudyDiagnosis};
+use super::diagnosis::{Ambiguity, Blocks, Effect, Kind, LackOfFit, Look, Parameter, Rung, StudyDiagnosis, Unseen};
 use super::fit::{Fit, Fitted};
 use super::judge::judge;
 use super::nested::unseen;
 use super::noise_words::{looks, noise, rejected};
 use super::outliers::{Outliers, outliers};
 use super::search::{COMPARABLE, Found, Observe, Options, score_all, search};
+use super::series::independent;
 use super::significance::{probability, uncertainties};
 use super::terms::{Terms, terms};
 use super::view::View;
 use crate::error::DiagnoseError;
+use crate::linear::column;
 use statrs::distribution::{ContinuousCDF, StudentsT};
 use std::collections::BTreeSet;
 
@@ -22,6 +24,10 @@ use std::collections::BTreeSet;
 pub(super) const ALIASED: f64 = 0.95;
 /// What tells an error of position from a drift.
 const ANOTHER_ORDER: &str = "measure the same positions once more in another order, or there and back";
+/// Error that no instrument shows: what is less is rounding of numbers (m).
+const NOTHING_M: f64 = 1e-12;
+/// Why what does not predict is not claimed.
+const UNCONFIRMED: &str = "it fits, but searches that do not see a block predict it no better";
 /// Searches on all rows at most: each may show other rows to be gross.
 const SEARCHES: usize = 3;
 
@@ -31,12 +37,13 @@ pub(super) fn diagnose(
     options: &Options,
     observe: &mut Observe,
 ) -> Result<StudyDiagnosis, DiagnoseError> {
-    let rows = study.local(&[])?.residual.len();
+    let rows = refuse_nothing(study)?;
     let measured = (0..rows).filter(|row| study.is_measured(*row)).count();
     let first = outliers(study, &[], |_| true)?;
     let gross = first.rows(study);
-    let unseen = unseen(study, rows, &gross, options, observe)?;
-    let (found, gross) = searched(study, rows, first, options, observe)?;
+    let mut unseen = unseen(study, rows, &gross, options, observe)?;
+    let (mut found, gross) = searched(study, rows, first, options, observe)?;
+    let unconfirmed = unconfirmed(study, &mut found, &mut unseen);
     let left_out = gross.rows(study);
     let mut view = View::new(study, rows, |row| !left_out.contains(&row));
     let base = view.adapt(&[])?;
@@ -56,8 +63,9 @@ pub(super) fn diagnose(
     let u = uncertainties(&mut view, &last)?;
     let u = with_beside(&*view.study, &last, u);
     let effects = effects(&mut view, &last, &u)?;
-    let terms = with_deviations(terms(&*view.study, &last, &u), &view);
-    let looked = looks(&view, &gross, &found, &before, lack_of_fit.as_ref(), options);
+    let terms = with_deviations(terms(&*view.study, &last, &u), &view, &last);
+    let mut looked = looks(&view, &gross, &found, &before, lack_of_fit.as_ref(), options);
+    looked.extend(unconfirmed);
     let not_identifiable = not_identifiable(&*view.study, &effects, &found);
     let consistent_with_noise = effects.is_empty() && looked.iter().all(|look| look.is_noise != Some(false));
     let next_measurements = next_measurements(&not_identifiable);
@@ -86,6 +94,20 @@ pub(super) fn diagnose(
     })
 }
 
+/// Number of rows, where any of them is off by what an instrument shows beyond what the base model takes out.
+fn refuse_nothing(study: &dyn Study) -> Result<usize, DiagnoseError> {
+    let local = study.local(&[])?;
+    let (basis, observed) = (independent(&local.base), column(&local.residual));
+    let left = &observed - &basis * (basis.transpose() * &observed);
+    if (0..left.nrows()).all(|row| (left[(row, 0)] * study.row_unit_m(row)).abs() < NOTHING_M) {
+        return Err(DiagnoseError::Data {
+            problem: "all errors are zero: every reading is what it should be, to the last digit".to_owned(),
+            remedy: "give readings of an instrument that resolves the errors of the machine".to_owned(),
+        });
+    }
+    Ok(local.residual.len())
+}
+
 /// Uncertainties with what the scatter of the rows does not show.
 fn with_beside(study: &dyn Study, fit: &Fit, mut u: Vec<Vec<f64>>) -> Vec<Vec<f64>> {
     for (own, fitted) in u.iter_mut().zip(&fit.added) {
@@ -95,14 +117,52 @@ fn with_beside(study: &dyn Study, fit: &Fit, mut u: Vec<Vec<f64>>) -> Vec<Vec<f6
     u
 }
 
-/// With what one reading scatters along each axis.
-fn with_deviations(mut terms: Terms, view: &View) -> Terms {
+/// With what one reading scatters along each axis, and beside it what was found there and has no place in a model.
+fn with_deviations(mut terms: Terms, view: &View, fit: &Fit) -> Terms {
+    let is_left_out = |fitted: &&Fitted| {
+        let name = &view.study.candidates()[fitted.candidate].name;
+        terms.left_out.iter().any(|(own, _)| own == name)
+    };
+    let moved = |fitted: &Fitted| view.columns(&fit.point, fitted.candidate) * column(&fitted.values);
+    let left_out: Vec<_> = fit.added.iter().filter(is_left_out).map(moved).collect();
     for chain in view.chains() {
         if let Some(axis) = chain.along {
-            terms.deviations_m[axis.index()] = Some(chain.noise.sigma * chain.unit_m);
+            let all = |row: &usize| left_out.iter().map(|moved| moved[(*row, 0)]).sum::<f64>();
+            let square = chain.rows.iter().map(|row| all(row).powi(2)).sum::<f64>() / chain.rows.len() as f64;
+            // Noise that is taken to be slow hides what was not claimed: the rows show it all the same.
+            let left =
+                chain.rows.iter().map(|row| fit.raw_residuals[*row].powi(2)).sum::<f64>() / chain.rows.len() as f64;
+            let own = chain.noise.sigma.max(left.sqrt());
+            terms.deviations_m[axis.index()] = Some(own.hypot(square.sqrt()) * chain.unit_m);
         }
     }
     terms
+}
+
+/// Takes back what was found where searches that do not see a block predict it no better: all of it where the error does
+/// not come down; descriptions without a name, whose only worth is that they predict, also where that is not sure.
+fn unconfirmed(study: &dyn Study, found: &mut Found, unseen: &mut Unseen) -> Option<Look> {
+    let (before, after) = (unseen.before?, unseen.after?);
+    let is_named = |k: &usize| study.candidates()[*k].kind == Kind::Attributed;
+    let gains = after.rms_um < before.rms_um;
+    if found.set.is_empty() {
+        // What searches on parts found is not in the answer, so that their error is not that of the answer.
+        unseen.after = Some(before);
+        return None;
+    }
+    if gains && (unseen.is_sure == Some(true) || found.set.iter().any(is_named)) {
+        return None;
+    }
+    let names: Vec<&str> = found.set.iter().map(|k| study.candidates()[*k].name.as_str()).collect();
+    let says = format!(
+        "{} fits, but does not predict: on blocks that a search does not see, the error goes from {:.3} to {:.3} um",
+        names.join("; "),
+        before.rms_um,
+        after.rms_um
+    );
+    found.refused.extend(found.set.drain(..).map(|k| (k, UNCONFIRMED)));
+    unseen.after = Some(before);
+    Some(Look { what: "what the search found".to_owned(), says, is_noise: Some(false) })
 }
 
 /// What the search finds on all rows but the gross ones, and these.

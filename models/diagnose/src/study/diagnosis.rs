@@ -241,6 +241,8 @@ pub struct Unseen {
     pub before: Option<HeldOutRms>,
     /// Error with what each search found.
     pub after: Option<HeldOutRms>,
+    /// Whether the error comes down by more than the parts differ in (one-sided, 95 %); `None` without figures.
+    pub is_sure: Option<bool>,
     /// Parts that were left out in turn.
     pub folds: usize,
     /// What each search found.

@@ -84,18 +84,38 @@ fn pooled<'a>(blocks: impl Iterator<Item = &'a HeldOut>) -> f64 {
 
 /// Jackknife over blocks on ln(rms), so that the interval stays above zero (Efron & Tibshirani 1993, chapter 11).
 fn interval(blocks: &[HeldOut]) -> Option<(f64, f64)> {
-    let count = blocks.iter().filter(|block| block.judged > 0).count();
-    let all = pooled(blocks.iter()).ln();
-    let without = |k: usize| pooled(blocks.iter().enumerate().filter(|(j, _)| *j != k).map(|(_, block)| block)).ln();
-    let partial: Vec<f64> = (0..blocks.len()).filter(|k| blocks[*k].judged > 0).map(without).collect();
-    if count < 3 || !all.is_finite() || partial.iter().any(|value| !value.is_finite()) {
+    let used: Vec<&HeldOut> = blocks.iter().filter(|block| block.judged > 0).collect();
+    let of = |list: &[&HeldOut]| pooled(list.iter().copied()).ln();
+    let (all, reach) = jackknife(&used, &of, 0.975)?;
+    Some(((all - reach).exp(), (all + reach).exp()))
+}
+
+/// Whether the error comes down from the first to the second by more than the blocks differ in, with 95 % (one-sided).
+pub(super) fn comes_down(before: &[HeldOut], after: &[HeldOut]) -> bool {
+    let used: Vec<(&HeldOut, &HeldOut)> = before.iter().zip(after).filter(|(own, _)| own.judged > 0).collect();
+    let of = |list: &[(&HeldOut, &HeldOut)]| {
+        let ln = |rms: f64| rms.max(f64::MIN_POSITIVE).ln();
+        ln(pooled(list.iter().map(|(_, after)| *after))) - ln(pooled(list.iter().map(|(before, _)| *before)))
+    };
+    jackknife(&used, &of, 0.95).is_some_and(|(all, reach)| all + reach < 0.0)
+}
+
+/// A figure of all blocks, and how far it may be off with this probability (one-sided); `None` with fewer than three.
+fn jackknife<T: Copy>(blocks: &[T], of: &dyn Fn(&[T]) -> f64, probability: f64) -> Option<(f64, f64)> {
+    let without = |k: usize| {
+        let rest: Vec<T> = (0..blocks.len()).filter(|j| *j != k).map(|j| blocks[j]).collect();
+        of(&rest)
+    };
+    let all = of(blocks);
+    let partial: Vec<f64> = (0..blocks.len()).map(without).collect();
+    if blocks.len() < 3 || !all.is_finite() || partial.iter().any(|value| !value.is_finite()) {
         return None;
     }
-    let n = count as f64;
+    let n = blocks.len() as f64;
     let mean = partial.iter().sum::<f64>() / n;
     let spread = ((n - 1.0) / n * partial.iter().map(|value| (value - mean).powi(2)).sum::<f64>()).sqrt();
-    let reach = StudentsT::new(0.0, 1.0, n - 1.0).ok()?.inverse_cdf(0.975) * spread;
-    Some(((all - reach).exp(), (all + reach).exp()))
+    let reach = StudentsT::new(0.0, 1.0, n - 1.0).ok()?.inverse_cdf(probability) * spread;
+    Some((all, reach))
 }
 
 #[cfg(test)]
@@ -112,5 +132,15 @@ mod tests {
         let (low, high) = interval(&unequal).unwrap();
         assert!(low < pooled(unequal.iter()) && pooled(unequal.iter()) < high && low > 0.0);
         assert_eq!(interval(&unequal[..2]), None);
+    }
+
+    #[test]
+    fn an_error_comes_down_where_most_blocks_agree_and_not_where_one_decides() {
+        let of = |squares: [f64; 6]| squares.map(|square| HeldOut { square, judged: 2 });
+        let before = of([8.0, 9.0, 7.0, 8.0, 9.0, 7.0]);
+        assert!(comes_down(&before, &of([4.0, 5.0, 4.0, 4.0, 3.0, 4.0])));
+        // The mean comes down, by one block alone.
+        assert!(!comes_down(&before, &of([8.0, 9.0, 7.0, 1.0, 9.0, 8.0])));
+        assert!(!comes_down(&before, &before));
     }
 }

@@ -7,7 +7,7 @@
 use super::candidate::Study;
 use super::diagnosis::Unseen;
 use super::fit::{Fit, side_by_side};
-use super::judge::{rms_of, without};
+use super::judge::{comes_down, rms_of, without};
 use super::outliers::outliers;
 use super::search::{Observe, Options, search};
 use super::series::independent;
@@ -62,6 +62,7 @@ pub(super) fn unseen(
     } else {
         unseen.before = Some(rms_of(&view, &before));
         unseen.after = Some(rms_of(&view, &after));
+        unseen.is_sure = Some(comes_down(&before, &after));
     }
     unseen.folds = folds.len();
     Ok(unseen)

@@ -9,10 +9,11 @@ use super::candidate::{Chain, Study};
 use super::series::independent;
 use crate::error::DiagnoseError;
 use crate::linear::column;
+use crate::score::beyond;
 use abbe_identify::symmetric_eigen;
 use faer::linalg::solvers::{Llt, Solve};
 use faer::{Mat, Side};
-use statrs::distribution::{ContinuousCDF, StudentsT};
+use statrs::distribution::StudentsT;
 use std::collections::BTreeSet;
 
 /// Deviations from which a row is rejected, as in the robust weights of identification.
@@ -25,6 +26,8 @@ const ALWAYS: usize = 1;
 const PASSES: usize = 30;
 /// Deviations (of the robust fit) from which a row is a suspect.
 const SUSPECT: f64 = 4.5;
+/// Share of the range below which two values are one, but for the rounding of numbers.
+const SAME: f64 = 1e-6;
 /// Information below which a direction hangs on suspects alone.
 const DETERMINED: f64 = 1e-6;
 
@@ -111,13 +114,14 @@ fn apart(basis: &Mat<f64>, values: &[f64]) -> Vec<(usize, f64, f64)> {
     sizes.sort_by(f64::total_cmp);
     // As many residuals as there are columns are nearly zero whatever the scatter.
     let sizes = &sizes[basis.ncols()..];
-    let scale = sizes[sizes.len() / 2] / 0.6745;
+    let digits = rounding(values);
+    let scale = (sizes[sizes.len() / 2] / 0.6745).max(digits);
     let mut suspects: BTreeSet<usize> = (0..count).filter(|k| robust[*k].abs() > SUSPECT * scale).collect();
     if scale <= 0.0 || 4 * suspects.len() > count {
         return Vec::new();
     }
     for _ in 0..count {
-        let trial = trial(basis, values, &suspects);
+        let trial = trial(basis, values, digits, &suspects);
         let guilty = |k: &usize| trial[*k].is_some_and(|(_, _, guilty)| guilty);
         let innocent: Vec<usize> = suspects.iter().copied().filter(|k| !guilty(k)).collect();
         let worst = (0..count).filter(|k| !suspects.contains(k) && guilty(k));
@@ -134,9 +138,19 @@ fn apart(basis: &Mat<f64>, values: &[f64]) -> Vec<(usize, f64, f64)> {
     Vec::new()
 }
 
+/// Standard deviation of the rounding of a display: of its step, the least by which two values differ. Of values that were
+/// not rounded it is next to nothing.
+fn rounding(values: &[f64]) -> f64 {
+    let mut sorted = values.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    let range = sorted.last().zip(sorted.first()).map_or(0.0, |(high, low)| high - low);
+    let steps = sorted.windows(2).map(|pair| pair[1] - pair[0]).filter(|step| *step > SAME * range);
+    steps.reduce(f64::min).unwrap_or(0.0) / 12f64.sqrt()
+}
+
 /// For each row its residual against the fit of the rows that are no suspects, that in deviations, and whether it is
 /// rejected; `None` where those rows do not tell.
-fn trial(basis: &Mat<f64>, values: &[f64], suspects: &BTreeSet<usize>) -> Vec<Option<(f64, f64, bool)>> {
+fn trial(basis: &Mat<f64>, values: &[f64], digits: f64, suspects: &BTreeSet<usize>) -> Vec<Option<(f64, f64, bool)>> {
     let count = basis.ncols();
     let kept: Vec<usize> = (0..values.len()).filter(|k| !suspects.contains(k)).collect();
     let own = Mat::from_fn(kept.len(), count, |i, j| basis[(kept[i], j)]);
@@ -167,11 +181,14 @@ fn trial(basis: &Mat<f64>, values: &[f64], suspects: &BTreeSet<usize>) -> Vec<Op
             } else {
                 return None;
             };
-            let sigma = (rest.max(0.0) / degrees).sqrt();
+            let sigma = (rest.max(0.0) / degrees).sqrt().max(digits);
+            if sigma <= 0.0 {
+                return None;
+            }
             // A row left out has the variance 1 + leverage of the rest; written with its own leverage that is 1/(1 − h).
             let spread = if is_out { (1.0 + leverage).sqrt() } else { (1.0 - leverage).recip().sqrt() };
             let deviations = error / (sigma * spread);
-            let p = StudentsT::new(0.0, 1.0, degrees).map_or(1.0, |t| 2.0 * t.sf(deviations.abs()));
+            let p = StudentsT::new(0.0, 1.0, degrees).map_or(1.0, |t| 2.0 * beyond(&t, deviations.abs()));
             Some((error, deviations, deviations.abs() > FAR && p < limit))
         })
         .collect()
@@ -207,6 +224,18 @@ mod tests {
         let basis = independent(&Mat::from_fn(count, 3, |k, j| (k as f64 / count as f64).powi(j as i32)));
         let values = (0..count).map(|k| 30.0 * (k as f64 / count as f64) + (7.7 * k as f64).sin()).collect();
         (basis, values)
+    }
+
+    /// A display of whole steps repeats itself to the last digit; a flip of one digit is no gross error, thirty are.
+    #[test]
+    fn regress_readings_of_a_coarse_display_have_a_scatter() {
+        let basis = independent(&Mat::from_fn(60, 2, |k, j| (k as f64 / 60.0).powi(j as i32)));
+        let mut values = vec![0.0; 60];
+        assert_eq!(apart(&basis, &values), []);
+        (values[11], values[40]) = (1.0, -1.0);
+        assert_eq!(apart(&basis, &values), []);
+        values[25] = 30.0;
+        assert_eq!(apart(&basis, &values).iter().map(|f| f.0).collect::<Vec<_>>(), [25]);
     }
 
     #[test]

@@ -10,9 +10,9 @@ use super::between::BORNE;
 use super::fit::Fit;
 use super::view::View;
 use crate::error::DiagnoseError;
-use crate::score::score;
+use crate::score::{beyond, score};
 use faer::Mat;
-use statrs::distribution::{ContinuousCDF, FisherSnedecor};
+use statrs::distribution::FisherSnedecor;
 use std::collections::BTreeMap;
 
 /// Columns, not whitened, of what is simpler than a candidate.
@@ -43,7 +43,7 @@ pub(super) fn goes_through_places(view: &View, fit: &Fit, candidate: usize) -> R
     let f = (wave / own as f64) / ((all - wave).max(f64::MIN_POSITIVE) / rest);
     let candidates = view.study.candidates();
     let waves = candidates.iter().filter(|other| other.family == candidates[candidate].family).count();
-    let p_value = FisherSnedecor::new(own as f64, rest).map_or(1.0, |distribution| distribution.sf(f));
+    let p_value = FisherSnedecor::new(own as f64, rest).map_or(1.0, |distribution| beyond(&distribution, f));
     Ok(p_value * waves as f64 <= BORNE)
 }
 

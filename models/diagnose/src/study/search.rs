@@ -15,8 +15,10 @@ use super::series::Theta;
 use super::significance::{probability, probability_beside};
 use super::view::View;
 use crate::error::DiagnoseError;
+use crate::linear::Linear;
 use crate::score::{Score, score};
 use abbe_identify::in_parallel;
+use faer::Mat;
 use std::collections::BTreeMap;
 
 /// Settings of a study.
@@ -50,6 +52,9 @@ pub struct Progress {
 
 /// Difference in evidence within which two candidates explain the same: odds of 20 to 1 (Kass & Raftery 1995).
 pub(super) const COMPARABLE: f64 = 6.0;
+/// Share of what a drift does that position does as well from which the two must be told apart: where they come in no order, few rows would
+/// hide a drift behind all the forms that position may have.
+const IMITATED: f64 = 0.5;
 /// Candidates that are taken to the judge on one rung before the search ends, and of these forms of one thing.
 const TRIED: usize = 12;
 const FORMS: usize = 3;
@@ -316,9 +321,27 @@ fn is_told_from_position(
     if position.ncols() == 0 {
         return Ok(true);
     }
-    let columns = view.columns(&fit.point, candidate);
-    let beside = probability_beside(view, fit, &view.picked(&position), &columns)?;
+    let (position, columns) = (view.picked(&position), view.columns(&fit.point, candidate));
+    if imitated(view, fit, &position, &columns)? < IMITATED {
+        return Ok(true);
+    }
+    let beside = probability_beside(view, fit, &position, &columns)?;
     Ok(beside * tested as f64 <= options.significance)
+}
+
+/// Share of what columns do beyond a fit that others do as well, less what as many others do by chance (as in the adjusted coefficient of
+/// determination). Not whitened.
+fn imitated(view: &View, fit: &Fit, others: &Mat<f64>, columns: &Mat<f64>) -> Result<f64, DiagnoseError> {
+    let whitened = view.whitened(columns);
+    let left = |linear: &Linear| {
+        let left = linear.project(whitened.as_ref()).left;
+        (0..left.nrows()).map(|k| left[(k, k)]).sum::<f64>()
+    };
+    let beside = fit.with_columns(view.whitened(others).as_ref())?;
+    let rows = view.rows_of(&view.touched(columns)).len() as f64;
+    let chance = rows / (rows - others.ncols() as f64).max(1.0);
+    let alone = left(&fit.linear);
+    Ok(if alone > 0.0 { 1.0 - chance * left(&beside) / alone } else { 1.0 })
 }
 
 /// Why a fit with these candidates is none or predicts blocks left out no better than one without the last, both in the noise

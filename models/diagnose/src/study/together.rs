@@ -10,9 +10,9 @@
 use super::fit::combinations;
 use crate::error::DiagnoseError;
 use crate::linear::Linear;
-use crate::score::{LEFT, Score, score};
+use crate::score::{LEFT, Score, beyond, score};
 use faer::Mat;
-use statrs::distribution::{ContinuousCDF, FisherSnedecor};
+use statrs::distribution::FisherSnedecor;
 
 /// Times that the deviations are estimated at most, and the change from which they are settled.
 const PASSES: usize = 20;
@@ -58,7 +58,7 @@ fn together(fit: &Linear, rows: &[Vec<usize>], whitened: &Mat<f64>) -> Result<Sc
     let gain = gain.sum::<f64>().max(0.0);
     let fewest = last.left.iter().map(|(_, degrees)| *degrees).fold(f64::INFINITY, f64::min);
     let statistic = last.score.reduction / tested as f64;
-    let p_value = FisherSnedecor::new(tested as f64, fewest).map_or(1.0, |f| f.sf(statistic));
+    let p_value = FisherSnedecor::new(tested as f64, fewest).map_or(1.0, |f| beyond(&f, statistic));
     Ok(Score { gain, p_value, ..last.score })
 }
 

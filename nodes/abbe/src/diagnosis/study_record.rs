@@ -65,10 +65,34 @@ fn verdict(record: &shown::Record, diagnosis: &library::StudyDiagnosis) -> Strin
     } else if diagnosis.effects.is_empty() && !open.is_empty() {
         words = format!("{words} Looked at: {}.", open.join("; "));
     }
+    if diagnosis.consistent_with_noise {
+        words.extend(diagnosis.noise.iter().filter_map(hangs_together));
+    } else if !diagnosis.effects.is_empty() && diagnosis.unseen.is_sure == Some(false) {
+        words.push_str(" That gain is not sure: the parts differ by as much.");
+    }
     match diagnosis.rejected.len() {
         0 => words,
         count => format!("{words} {count} of {} rows were rejected as gross errors.", diagnosis.rows),
     }
+}
+
+/// What noise is called so although neighbours are alike: nothing is said of it where they may be independent.
+fn hangs_together(noise: &library::SeriesNoise) -> Option<String> {
+    let found = noise.neighbours.filter(|found| found.interval.0 > 0.0)?;
+    Some(format!(
+        " The noise of {} is {} um a row, and neighbours in order of measurement correlate by {:.2} (95 %: {:.2} to {:.2}): a drift \
+         or a jump as slow as that would look the same.",
+        noise.of,
+        two_digits(noise.sigma_um),
+        found.value,
+        found.interval.0,
+        found.interval.1
+    ))
+}
+
+fn two_digits(value: f64) -> String {
+    let decimals = if value >= 10.0 { 0 } else { usize::from(value < 1.0) + 1 };
+    format!("{value:.decimals$}")
 }
 
 fn look(look: &library::Look) -> String {
