@@ -16,7 +16,7 @@ use abbe_identify::{CampaignRow, EffectTerm};
 use abbe_measurement::campaign::Campaign;
 
 /// Standard deviations by which lines left out must be predicted better. The scatter is taken between lines, so noise
-/// that hangs together along a line cannot pass for a gain.
+/// that is correlated along a line cannot pass for a gain.
 const GAIN: f64 = 2.5;
 /// Standard deviations of a gain by chance by which a kind of block may be predicted worse by a term that acts on the range
 /// only. Where the fits differ by more than the noise, the one that is wrong loses by several.

@@ -35,7 +35,7 @@ pub struct Detection {
     pub between_lines: Structure,
     /// Misfit over the scatter of replicates, and its probability by chance; `None` without enough replicates.
     pub lack_of_fit: Option<Structure>,
-    /// How the noise hangs together, where the data show that it does: all other figures are of what is new in each reading.
+    /// How the noise is correlated, where the data show that it is: all other figures are of what is new in each reading.
     pub correlated: Option<CorrelatedNoise>,
     /// Mean and mean square by station, offset and direction of approach.
     pub groups: Vec<Group>,
@@ -81,12 +81,12 @@ impl Detection {
             (true, true) => "neighbours on a line are alike and whole lines are off",
             (true, false) => "neighbours on a line are alike",
             (false, true) => "whole lines are off together",
-            (false, false) => "neither neighbours nor lines hang together",
+            (false, false) => "neither neighbours nor lines are correlated",
         };
         let known = self.correlated.map_or_else(String::new, |noise| {
             let (neighbours, effective) = (noise.neighbours, noise.effective_readings);
             format!(
-                " The noise hangs together (neighbours on a line {neighbours:+.2}), which all figures allow for: on what \
+                " The noise is correlated (neighbours on a line {neighbours:+.2}), which all figures allow for: on what \
                  neighbours share the readings tell as much as {effective:.0} independent ones."
             )
         });

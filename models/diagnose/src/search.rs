@@ -192,7 +192,7 @@ impl<'a> Search<'a> {
         self.fit_under(machine, terms, None, observe)
     }
 
-    /// The same under noise that hangs together so; `None` for white.
+    /// The same under noise correlated so; `None` for white.
     pub(crate) fn fit_under(
         &self,
         machine: &Machine,
@@ -247,7 +247,7 @@ impl<'a> Search<'a> {
         self.attempt_under(machine, terms, None, observe)
     }
 
-    /// The same under noise that hangs together so; `None` for white.
+    /// The same under noise correlated so; `None` for white.
     pub(crate) fn attempt_under(
         &self,
         machine: &Machine,

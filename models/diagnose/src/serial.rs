@@ -1,9 +1,9 @@
-//! What was found, held once more against noise that hangs together.
+//! What was found, held once more against correlated noise.
 //!
 //! Place in the flow: the end of [`crate::search`]. The search takes noise to be white, and so finds whatever it looks for in
-//! noise that hangs together in time or along lines; but such noise may not be allowed for beforehand either, since what a
+//! noise correlated in time or along lines; but such noise may not be allowed for beforehand either, since what a
 //! model lacks looks just like it. So it is asked of what is left once all that was found is fitted. Where that is white,
-//! nothing changes. Where it hangs together, noise and effects are fitted side by side, and an effect stays only if it
+//! nothing changes. Where it is correlated, noise and effects are fitted side by side, and an effect stays only if it
 //! earns its parameters beside that noise; the weakest goes first, and the noise is asked again after each. A description without a
 //! name that leaves a third of the misfit or more is not the cause of it, whatever it earns. What then is left is
 //! either noise or a cause that no candidate describes: nobody can tell from these data, and the fit counts it as noise
@@ -22,7 +22,7 @@ const MOST: f64 = 0.6;
 /// χ² per degree of freedom before anything was found from which the misfit, and not the noise, tells how much is left.
 const LARGE: f64 = 2.0;
 
-/// Takes out what does not stand beside noise that hangs together; `base` are the model's own, which stay.
+/// Takes out what does not stand beside correlated noise; `base` are the model's own, which stay.
 pub(crate) fn hold<'a>(
     search: &Search<'a>,
     state: &mut State<'a>,
@@ -35,14 +35,14 @@ pub(crate) fn hold<'a>(
             Ok(fitted) => fitted,
             Err(problem) => {
                 state.steps.push(Step::Noted(format!(
-                    "what is left hangs together, but noise that does so cannot be fitted beside the rest: {problem}"
+                    "what is left is correlated, but correlated noise cannot be fitted beside the rest: {problem}"
                 )));
                 return Ok(());
             }
         };
         let Some((weakest, because)) = weakest(search, state, &fit, (base, first_chi2_per_dof)) else {
             state.steps.push(Step::Noted(format!(
-                "what is left hangs together (neighbours on a line {:+.2}): it is noise, or a cause whose form no candidate \
+                "what is left is correlated (neighbours on a line {:+.2}): it is noise, or a cause whose form no candidate \
                  has; all figures allow for it",
                 noise.of_neighbours(search.campaign)
             )));
@@ -75,8 +75,7 @@ fn weakest(
     if left > MUCH * (first_chi2_per_dof - 1.0) {
         let describes = |term: &EffectTerm| !has(base, term) && term.shape.0.contains_key("p");
         if let Some(index) = state.terms.iter().rposition(describes) {
-            let because =
-                "it only describes, and much of what is missing hangs together beside it: it is not the cause";
+            let because = "it only describes, and much of what is missing is correlated beside it: it is not the cause";
             return Some((index, because.to_owned()));
         }
     }
@@ -85,7 +84,7 @@ fn weakest(
         && left > MOST * (first_chi2_per_dof - 1.0)
         && let Some(index) = (0..state.terms.len()).rev().find(is_found)
     {
-        let because = "most of what is missing hangs together beside it: what it explains may well be a part of that";
+        let because = "most of what is missing is correlated beside it: what it explains may well be a part of that";
         return Some((index, because.to_owned()));
     }
     let rows = fit.weights.iter().filter(|w| **w > 0.0).count();
@@ -96,9 +95,8 @@ fn weakest(
     let walds = wald::of_terms(fit).into_iter().enumerate();
     let found = walds.filter(|(index, _)| is_found(index)).map(earned);
     let (index, earned, degrees) = found.min_by(|a, b| a.1.total_cmp(&b.1))?;
-    (earned < search.options.least_evidence || degrees == 0).then(|| {
-        (index, "beside noise that hangs together, which the readings show, it is no more than chance".to_owned())
-    })
+    (earned < search.options.least_evidence || degrees == 0)
+        .then(|| (index, "beside correlated noise, which the readings show, it is no more than chance".to_owned()))
 }
 
 /// Shapes among which the term at this place was chosen.

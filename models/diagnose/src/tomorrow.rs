@@ -4,7 +4,7 @@
 //! that nobody has a name for explains the readings at hand, and cleans errors and stations of what it did; of the time at which a
 //! coordinate is corrected it knows nothing. What it did then acts there as well, unseen: its mean square counts as
 //! unexplained. The same holds for a term without a name that follows a logged quantity, where that quantity itself went along with the
-//! time: the data do not tell which. So does that of named terms in time beside it, or beside a rest that hangs together, since one tracer after the other
+//! time: the data do not tell which. So does that of named terms in time beside it, or beside a correlated rest, since one tracer after the other
 //! cannot tell a drift of its stand from one of the machine, and both say that there is something like it; the drift of a stand alone
 //! counts so where no two stations measured at the same time. Ranges in m; a motion of the tip counts three times its
 //! mean square on the ranges, which see one direction of three.

@@ -14,7 +14,7 @@ fn diagnosed(machine: &str, forms: &[&str], seed: u64) -> Judged {
     judged(machine, forms, seed, &Options { folds: 0, placebos: 0, ..Options::default() })
 }
 
-/// 0.3 µm of noise that hangs together from reading to reading: three effects were claimed, and corrected points got worse.
+/// 0.3 µm of noise correlated from reading to reading: three effects were claimed, and corrected points got worse.
 #[test]
 fn regress_noise_that_hangs_together_is_no_effect() {
     let judged = diagnosed("bridge", &["ar-0.9"], 1);

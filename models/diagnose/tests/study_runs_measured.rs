@@ -1,4 +1,4 @@
-//! Runs as loggers give them: few cycles, few targets, noise that hangs together, gross rows, copies, another unit. What
+//! Runs as loggers give them: few cycles, few targets, correlated noise, gross rows, copies, another unit. What
 //! is there is found, what is not is not, and what the figures claim holds.
 #![allow(clippy::unwrap_used, clippy::panic)] // tests may
 

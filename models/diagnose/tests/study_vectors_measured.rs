@@ -1,4 +1,4 @@
-//! Residual vectors as calibrations give them: noise that hangs together and differs by component, gross points, copies,
+//! Residual vectors as calibrations give them: noise that is correlated and differs by component, gross points, copies,
 //! columns that nobody measured.
 #![allow(clippy::unwrap_used, clippy::panic)] // tests may
 

@@ -1,4 +1,4 @@
-//! Noise that hangs together: whitening of ordered rows, and its parameters by restricted maximum likelihood (REML).
+//! Correlated noise: whitening of ordered rows, and its parameters by restricted maximum likelihood (REML).
 //!
 //! Place in the flow: numerics only. Rows are anything that was measured one after the other and divided by its declared
 //! standard uncertainty: readings of a tracer station, targets of a positioning run. Blocks of ordered rows in, parameters
@@ -19,7 +19,7 @@ pub use reml::{Fitted, Found, Restricted};
 
 use crate::robust::median;
 
-/// How noise hangs together.
+/// How noise is correlated.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Correlation {
     /// Share of the variance that decays with the distance.
@@ -53,7 +53,7 @@ struct Place {
 }
 
 impl Sequence {
-    /// Blocks of rows in their order; nothing hangs together across blocks. `place` says where a row stands along its block
+    /// Blocks of rows in their order; nothing is correlated across blocks. `place` says where a row stands along its block
     /// (its number, or s), in ascending order, `group` which of a block's groups it belongs to.
     pub fn new(blocks: &[Vec<usize>], place: impl Fn(usize) -> f64, group: impl Fn(usize) -> usize) -> Sequence {
         let mut places = Vec::with_capacity(blocks.iter().map(Vec::len).sum());

@@ -61,7 +61,7 @@ pub struct CorrelatedPair {
     pub correlation: f64,
 }
 
-/// How the noise hangs together, where the data show that it does.
+/// How the noise is correlated, where the data show that it is.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CorrelatedNoise {
     /// Its parameters.
@@ -112,7 +112,7 @@ pub struct Evidence {
     pub stations: Vec<StationEvidence>,
     /// Correlations of magnitude above 0.9.
     pub correlated: Vec<CorrelatedPair>,
-    /// How the noise hangs together; `None` where it is white for all that the data say.
+    /// How the noise is correlated; `None` where it is white for all that the data say.
     pub noise: Option<CorrelatedNoise>,
     /// Rejected readings.
     pub rejected: Vec<RejectedReading>,

@@ -14,7 +14,7 @@ pub enum OrderChoice {
     Fixed,
 }
 
-/// What is believed of how the noise of ranges hangs together.
+/// What is believed of how the noise of ranges is correlated.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Noise {
     /// The data say: white, unless the likelihood shows a correlation.
@@ -32,7 +32,7 @@ pub struct Options {
     pub robust: bool,
     /// The instrument measures absolute distance, so that dead paths are zero.
     pub absolute_range: bool,
-    /// How the noise of ranges hangs together. White by default: what a model lacks looks like such noise, so a person has to
+    /// How the noise of ranges is correlated. White by default: what a model lacks looks like such noise, so a person has to
     /// say that the model lacks nothing.
     pub noise: Noise,
     /// Passes over the readings after which a fit that still moves is given up.

@@ -1,4 +1,4 @@
-//! Noise of a campaign's ranges that hangs together along lines or over whole stations.
+//! Noise of a campaign's ranges, correlated along lines or over whole stations.
 //!
 //! Place in the flow: [`crate::solve`] fits with white noise first. Where the residuals say more, the likeliest correlation is
 //! estimated beside all that the fit explains ([`crate::correlation`]), the rows are whitened by it and the fit settles
@@ -24,7 +24,7 @@ const GLANCED: usize = 1000;
 /// Lines in a run of neighbouring ones that are taken or left together.
 const RUN: usize = 4;
 
-/// What hangs together.
+/// What is correlated.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Along {
     /// Readings of one line.
@@ -42,12 +42,12 @@ pub enum By {
     Time,
 }
 
-/// How the noise of ranges hangs together.
+/// How the noise of ranges is correlated.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RangeCorrelation {
     /// Shares of the variance, and the length in readings or s.
     pub noise: Correlation,
-    /// What hangs together.
+    /// What is correlated.
     pub along: Along,
     /// What the distance is.
     pub by: By,
@@ -55,7 +55,7 @@ pub struct RangeCorrelation {
     pub gain: f64,
 }
 
-/// Orders in which noise may hang together, the simplest first.
+/// Orders in which noise may be correlated, the simplest first.
 const ORDERS: [(Along, By); 4] =
     [(Along::Line, By::Order), (Along::Station, By::Order), (Along::Line, By::Time), (Along::Station, By::Time)];
 
@@ -105,7 +105,7 @@ fn sequence(campaign: &Campaign, readings: &[usize], (along, by): (Along, By)) -
     Sequence::new(&blocks, place, |row| of(row).line as usize)
 }
 
-/// How the noise hangs together that a fit with white noise leaves, where it is shown.
+/// How the noise is correlated that a fit with white noise leaves, where it is shown.
 pub fn correlation_left(
     fit: &Identified,
     instrument: RangeUncertainty,

@@ -36,7 +36,7 @@ pub struct Rows<'a> {
     pub whitening: Vec<f64>,
     /// Residuals (measured minus predicted, m) of all readings.
     pub residuals_m: Vec<f64>,
-    /// How the noise hangs together.
+    /// How the noise is correlated.
     pub correlation: Option<RangeCorrelation>,
     /// Takes out the correlation of the noise.
     whitener: Option<Whitener>,

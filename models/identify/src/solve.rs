@@ -64,7 +64,7 @@ pub struct Identified {
     pub u_m: Vec<f64>,
     /// Robust weight of every reading, 0 for rejected ones.
     pub weights: Vec<f64>,
-    /// How the noise hangs together; `None` where it is white for all that the data say.
+    /// How the noise is correlated; `None` where it is white for all that the data say.
     pub correlation: Option<RangeCorrelation>,
     pub(crate) ended: Ended,
 }
@@ -246,7 +246,7 @@ pub(crate) struct Fit<'a> {
     pub(crate) parameters: Vec<f64>,
     pub(crate) free: Vec<usize>,
     pub(crate) smoothness: Smoothness,
-    /// How the noise hangs together, as far as it is known.
+    /// How the noise is correlated, as far as it is known.
     pub(crate) correlation: Option<RangeCorrelation>,
     pub(crate) observability: Option<Observability>,
     pub(crate) passes: usize,
@@ -371,7 +371,7 @@ impl<'a> Fit<'a> {
         Linearised { normal, at: self.parameters.clone(), weights }
     }
 
-    /// How the noise hangs together that the settled fit leaves, where it is shown.
+    /// How the noise is correlated that the settled fit leaves, where it is shown.
     fn correlation_left(&self, settled: &Settled) -> Option<RangeCorrelation> {
         let asked = Asked {
             estimate: self.estimate(),

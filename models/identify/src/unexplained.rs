@@ -20,7 +20,7 @@ pub struct Excess {
     pub direction: Vector3<f64>,
     /// Square of its residual less its declared variance (m²).
     pub square_m2: f64,
-    /// The line that it was measured on, with all that hangs together along it.
+    /// The line that it was measured on, with all that is correlated along it.
     pub line: u32,
 }
 

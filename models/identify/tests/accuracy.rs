@@ -69,7 +69,7 @@ fn assert_within_uncertainty(case: &Case, found: &Identified) {
         assert!(deviation.abs() < LARGEST, "{}: {name} deviates by {deviation:.2} u", case.machine.name);
     }
     let rms = (all.iter().map(|(_, d)| d * d).sum::<f64>() / all.len() as f64).sqrt();
-    // Deviations of one machine hang together (some twenty independent ones): rms 1 ± 0.16, three deviations.
+    // Deviations of one machine are correlated (some twenty independent ones): rms 1 ± 0.16, three deviations.
     assert!((0.5..1.5).contains(&rms), "{}: rms deviation {rms:.2} u", case.machine.name);
 }
 

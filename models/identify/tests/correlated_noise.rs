@@ -1,4 +1,4 @@
-//! Range noise that hangs together is found, taken into account and said; white noise is left alone.
+//! Correlated range noise is found, taken into account and said; white noise is left alone.
 //!
 //! Place in the flow: simulated machines whose tracer has, beside its declared noise, a first-order autoregression in the order
 //! of measurement. SI, machine frame.

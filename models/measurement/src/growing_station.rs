@@ -99,7 +99,7 @@ impl GrowingStation {
 
     /// The likeliest jump of the zero between its readings, with so many of them on either side at least.
     ///
-    /// Errors of a machine hang together, and no number of readings averages them away: the uncertainty of a jump is not less than
+    /// Errors of a machine are correlated, and no number of readings averages them away: the uncertainty of a jump is not less than
     /// half of that of a single point.
     pub fn jump(&self, on_either_side: usize) -> Option<Jump> {
         let (station, covariance) = self.estimate.as_ref()?;

@@ -107,7 +107,7 @@ fn bag_files(path: &Path) -> anyhow::Result<Vec<PathBuf>> {
 pub(crate) struct Choices {
     /// Down-weight outliers.
     pub(crate) robust: bool,
-    /// Estimate how the noise of ranges hangs together, instead of taking it to be white.
+    /// Estimate how the noise of ranges is correlated, instead of taking it to be white.
     pub(crate) correlated_noise: bool,
     /// Make a model although the fit contradicts itself.
     pub(crate) accept: Accept,
@@ -179,7 +179,7 @@ pub fn software() -> String {
     format!("abbe {}", env!("CARGO_PKG_VERSION"))
 }
 
-/// How the noise of ranges hangs together.
+/// How the noise of ranges is correlated.
 fn noise_json(noise: &CorrelatedNoise) -> Value {
     let RangeCorrelation { noise: found, along, by, gain } = noise.correlation;
     let (length_readings, length_s) = match by {
@@ -214,7 +214,7 @@ pub(crate) fn noise_words(noise: &CorrelatedNoise) -> String {
         _ => String::new(),
     };
     format!(
-        "hangs together {along}: neighbours {:+.2}, {:.0} % of the variance over {:.1} {unit}{offsets}; as much information \
+        "is correlated {along}: neighbours {:+.2}, {:.0} % of the variance over {:.1} {unit}{offsets}; as much information \
          on what neighbours share as {:.0} independent readings",
         noise.neighbours,
         found.share * 1e2,

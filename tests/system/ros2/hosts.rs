@@ -51,7 +51,11 @@ fn val_rclpy_hosts_that_multicast_does_not_reach_meet_where_one_of_them_names_th
         let ran = graph.finish();
         assert_says(&ran.errors, &["'no-such-host.invalid' has no address of IPv4", "Is the name right"]);
         let told = ran.errors.matches("no-such-host").count();
-        assert!((1..=4).contains(&told), "once for each gateway that had the time to look, or where the reason is another one: {}", ran.errors);
+        assert!(
+            (1..=4).contains(&told),
+            "once for each gateway that had the time to look, or where the reason is another one: {}",
+            ran.errors
+        );
         ran.ok();
     });
 }

@@ -68,7 +68,7 @@ pub struct Parameter {
     pub value: f64,
     /// SI unit.
     pub unit: &'static str,
-    /// Standard uncertainty (k = 1) from the scatter of the residuals and how that may hang together, SI.
+    /// Standard uncertainty (k = 1) from the scatter of the residuals and how that may be correlated, SI.
     pub u: f64,
     /// Half of the 95 % interval about the value: u times Student's t for the degrees of freedom there are, SI.
     pub half_95: f64,

@@ -10,7 +10,7 @@ use super::view::{Kept, View};
 use statrs::distribution::{ChiSquared, ContinuousCDF};
 
 const UM: f64 = 1e6;
-/// Share of a record over which slow noise may hang together before it is a drift that nobody described.
+/// Share of a record over which slow noise may be correlated before it is a drift that nobody described.
 const WANDERS: f64 = 0.5;
 /// Rejected rows named in one sentence.
 const NAMED: usize = 5;
@@ -101,7 +101,7 @@ fn outlying(study: &dyn Study, gross: &Outliers) -> Look {
 fn order(chain: &Kept) -> Look {
     let what = format!("order of measurement, {}", chain.of);
     let Some(found) = correlation(chain) else {
-        let says = "too few rows to tell whether their noise hangs together; it was taken as independent".to_owned();
+        let says = "too few rows to tell whether their noise is correlated; it was taken as independent".to_owned();
         return Look { what, says, is_noise: None };
     };
     let (low, high) = found.interval;

@@ -286,7 +286,7 @@ fn reason_against(
         ));
     }
     if probability(view, fit, &columns)? * tested as f64 > options.significance {
-        return Ok(Some("the noise may hang together so slowly that this is chance"));
+        return Ok(Some("the noise may be correlated over so long that this is chance"));
     }
     Ok((!stands_out(view, fit, &columns))
         .then_some("it acts between blocks, and does not stand out from their scatter"))

@@ -1,4 +1,4 @@
-//! Noise that hangs together in the order of measurement: its model, its likelihood, and columns freed of it.
+//! Noise correlated in the order of measurement: its model, its likelihood, and columns freed of it.
 //!
 //! Place in the flow: every study whitens the rows of one axis or component here. Model: unit variance of which a share
 //! is slow, e^(-gap) correlated (an autoregression of first order, sampled at any gaps), the rest white; gaps in steps
@@ -28,7 +28,7 @@ const NEGLIGIBLE: f64 = 1e-5;
 /// Shortest gap, in steps: rows of one instant are two readings all the same.
 const SHORTEST: f64 = 0.05;
 
-/// How noise hangs together.
+/// How noise is correlated.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Theta {
     /// Correlation of the slow part over one step.

@@ -1,6 +1,6 @@
 //! Parameters of the correlation by restricted maximum likelihood, beside everything that the fit explains.
 //!
-//! Place in the flow: a linear fit and the orders by which its noise may hang together in; the likeliest order and its
+//! Place in the flow: a linear fit and the orders in which its noise may be correlated; the likeliest order and its
 //! [`Correlation`] out, or nothing where white noise does as well. Each value of the likelihood is one normal matrix of the
 //! whitened rows, so that a fit whose columns could take up the correlation is charged for it.
 

@@ -44,7 +44,7 @@ pub(crate) struct Arguments {
     /// Weigh all readings as declared instead of down-weighting outliers
     #[arg(long)]
     no_robust: bool,
-    /// Estimate how the noise of ranges hangs together, and weigh readings by it. Only where `abbe diagnose` says that the model
+    /// Estimate how the noise of ranges is correlated, and weigh readings by it. Only where `abbe diagnose` says that the model
     /// lacks nothing: what it lacks looks like such noise
     #[arg(long)]
     correlated_noise: bool,

@@ -31,7 +31,7 @@ pub struct Correlated {
 pub struct InstrumentConfig {
     /// Standard deviation of the range noise, u(L) = a + b·L.
     pub range: RangeUncertainty,
-    /// Range noise beside it that hangs together from reading to reading; `None` for none.
+    /// Range noise beside it, correlated from reading to reading; `None` for none.
     pub correlated: Option<Correlated>,
     /// Standard deviation of where each axis stops for one and the same reading (m).
     pub repeatability_m: [f64; 3],

@@ -144,7 +144,7 @@ fn correlated_noise_hangs_together_as_asked_and_leaves_all_else_alone() {
             let products: Vec<f64> = (1..noise.len()).filter(|k| same(*k)).map(|k| noise[k] * noise[k - 1]).collect();
             (products.iter().sum::<f64>() / products.len() as f64, products.len() as f64)
         };
-        // Sums over readings that hang together scatter like those of fewer: (1 + ρ²)/(1 − ρ²) times the variance.
+        // Sums over correlated readings scatter like those of fewer: (1 + ρ²)/(1 − ρ²) times the variance.
         let scatter = |n: f64| 4.0 * (2.0 * 4.6 / n).sqrt();
         assert!((noise.iter().map(|v| v * v).sum::<f64>() / count - 1.0).abs() < scatter(count));
         let (on_lines, n) = pairs(&|k| noisy[k].1 == noisy[k - 1].1);
