@@ -8,7 +8,7 @@
 
 use super::between::stands_out;
 use super::diagnosis::{Considered, Kind};
-use super::fit::{Fit, Part};
+use super::fit::{Fit, Part, side_by_side};
 use super::judge::held_out_rms;
 use super::places::{goes_through_places, simpler};
 use super::series::Theta;
@@ -169,7 +169,11 @@ pub(super) fn search(
         if considered.is_empty() {
             considered = scored.iter().map(|scored| considered_as(view, scored)).collect();
         }
-        let next = match step(view, &fit, scored, options, &mut refused)? {
+        let next = match names_together(view, &fit, options)? {
+            Some(next) => Some(next),
+            None => step(view, &fit, scored, options, &mut refused)?,
+        };
+        let next = match next {
             Some(next) => Some(next),
             // What is missing may have passed for slow noise, and all that describes it for chance.
             None => match scored_in_white(view, &fit)? {
@@ -191,6 +195,37 @@ pub(super) fn search(
     let set = fit.set();
     refused.retain(|(k, _)| !set.contains(k));
     Ok(Found { set, considered, refused })
+}
+
+/// The set with several of what is named before any other, where these pass together: with the others missing, none may stand
+/// out from what then looks like slow noise, as the scales and the squareness of a plate that was measured along a path.
+fn names_together(view: &mut View, fit: &Fit, options: &Options) -> Result<Option<Vec<usize>>, DiagnoseError> {
+    let own = fit.set();
+    let candidates = view.study.candidates();
+    let trials = candidates.len();
+    // What the base model holds, such as the squareness of a plate whose form is unknown, has no part in it.
+    let is_open = |k: &usize| fit.score(view, *k).0.degrees > 0;
+    let is_name = |k: &usize| candidates[*k].comes_first && !own.contains(k) && is_open(k);
+    let names: Vec<usize> = (0..trials).filter(is_name).collect();
+    if names.len() < 2 {
+        return Ok(None);
+    }
+    let columns: Vec<_> = names.iter().map(|k| view.columns(&fit.point, *k)).collect();
+    if probability(view, fit, &side_by_side(&columns))? * trials as f64 > options.significance {
+        return Ok(None);
+    }
+    let set = [own.clone(), names].concat();
+    if reason_of_blocks(view, &set, own.len()).is_some() {
+        return Ok(None);
+    }
+    let noises = view.noises();
+    // What came in last is never pruned: once more with another one there.
+    let mut set = prune(view, set, options)?;
+    set.rotate_right(1);
+    let set = prune(view, set, options)?;
+    view.take_noises(noises);
+    let is_new = set.iter().filter(|k| !own.contains(k)).count() > 1;
+    Ok(is_new.then_some(set))
 }
 
 /// Scores as if the noise were white; nothing where it is taken as such. The gate decides with what the noise may be.
@@ -230,7 +265,7 @@ fn step(
         set.push(scored.candidate);
         let reason = match reason_against(view, fit, scored.candidate, tested, options)? {
             Some(reason) => Some(reason),
-            None => reason_of_blocks(view, &set),
+            None => reason_of_blocks(view, &set, set.len() - 1),
         };
         match reason {
             None => return Ok(Some(set)),
@@ -344,12 +379,12 @@ fn imitated(view: &View, fit: &Fit, others: &Mat<f64>, columns: &Mat<f64>) -> Re
     Ok(if alone > 0.0 { 1.0 - chance * left(&beside) / alone } else { 1.0 })
 }
 
-/// Why a fit with these candidates is none or predicts blocks left out no better than one without the last, both in the noise
-/// that all of them leave: without the last, what it explains would pass for slow noise. With two blocks an axis there is
+/// Why a fit with these candidates is none or predicts blocks left out no better than one of the first so many, both in the noise
+/// that all of them leave: without the rest, what it explains would pass for slow noise. With two blocks an axis there is
 /// none to spare. The view keeps its own noise.
-fn reason_of_blocks(view: &mut View, set: &[usize]) -> Option<&'static str> {
+fn reason_of_blocks(view: &mut View, set: &[usize], first: usize) -> Option<&'static str> {
     let noises = view.noises();
-    let both = view.adapt(set).and_then(|with| Ok((Fit::settle(view, &set[..set.len() - 1])?, with)));
+    let both = view.adapt(set).and_then(|with| Ok((Fit::settle(view, &set[..first])?, with)));
     // One candidate that has no fit must not take the others with it.
     let reason = match both {
         Err(_) => Some("it cannot be fitted beside the rest"),
