@@ -2,8 +2,8 @@
 //!
 //! Place in the flow: the end of [`crate::diagnose()`], on the fit that is adopted, whatever was found. A fit with some two hundred
 //! parameters takes a good part of what it does not explain into errors and stations, above all where a few hundred readings are all
-//! there is: the readings that it saw then look explained, and a corrected point, which it never saw, is not. So whole lines, spans
-//! of time and stations are left out, exactly and without refitting ([`crate::paired`]), and what they show beyond their declared noise and
+//! there is: the readings that it saw then look explained, and a corrected point, which it never saw, is not. So whole lines and spans
+//! of time are left out, exactly and without refitting ([`crate::paired`]), and what they show beyond their declared noise and
 //! the uncertainty of their prediction counts as unexplained:
 //!
 //! mean of u² (ρ² − 1 − φ (e − 1)), less one standard deviation between blocks; ρ = ((I − H)⁻¹ r), e the diagonal of (I − H)⁻¹,
@@ -17,7 +17,7 @@ use abbe_identify::{Excess, by_axis, in_parallel};
 use abbe_measurement::campaign::Campaign;
 
 /// Kinds of block that are left out.
-const LEFT_OUT: [&str; 3] = ["line", "time", "station"];
+const LEFT_OUT: [&str; 2] = ["line", "time"];
 
 /// Standard deviation along X, Y and Z (m) of what blocks left out show beyond noise and prediction; 0 where chance explains it.
 pub(crate) fn unexplained_m(round: &Round, campaign: &Campaign) -> [f64; 3] {

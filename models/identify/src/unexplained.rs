@@ -57,7 +57,7 @@ pub fn by_axis(excess: &[Excess], total_m: f64) -> [f64; 3] {
 fn above_zero(normal: &Matrix3<f64>, right: &Vector3<f64>) -> Vector3<f64> {
     let mut best = (0.0, Vector3::zeros());
     for choice in 1_usize..8 {
-        let is_in = |d: usize| choice >> d & 1 == 1;
+        let is_in = |d: usize| (choice >> d) & 1 == 1;
         // A component that is out has a row and column of its own.
         let of = Matrix3::from_fn(|i, j| match (is_in(i) && is_in(j), i == j) {
             (true, _) => normal[(i, j)],
