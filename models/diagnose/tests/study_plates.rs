@@ -385,10 +385,10 @@ fn a_drift_in_a_raster_is_not_claimed_and_what_stands_for_it_says_so() {
     }
 }
 
-/// Holes that are off like their neighbours, measured along a path: one straight error alone is not told from slow noise there while the
-/// others are missing, and bent forms took their place.
+/// Holes that are off like their neighbours, measured along a path: one straight error alone is hardly told from slow noise there while the
+/// others are missing.
 #[test]
-fn regress_scales_and_squareness_are_found_together_where_none_is_alone() {
+fn scales_and_squareness_are_found_together_in_a_rough_field_along_a_path() {
     const MANY: usize = 20;
     let mut wrong = Vec::new();
     for seed in 0..4 {
