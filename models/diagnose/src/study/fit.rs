@@ -13,9 +13,9 @@ use crate::score::{Score, score};
 use abbe_identify::symmetric_eigen;
 use faer::{Mat, MatRef};
 
-/// Share of a direction's information that must be left beside the columns before it. What is left of less stands a thirtieth of its
+/// Share of a direction's information that must be left beside the columns before it. What is left of less stands a tenth of its
 /// size apart from what is there already: two forms that hold the same term would share it between them, each with a size of its own.
-const LEFT: f64 = 1e-3;
+const LEFT: f64 = 1e-2;
 /// Share below which two columns of the base model are one.
 const BASE_LEFT: f64 = 1e-10;
 const MOST_PASSES: usize = 40;
