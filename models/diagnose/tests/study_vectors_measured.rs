@@ -62,7 +62,7 @@ fn regress_vectors_whose_noise_hangs_together_show_nothing() {
 
 #[test]
 fn regress_an_effect_is_found_beside_gross_points_and_these_are_named() {
-    for seed in 0..5 {
+    for seed in 0..10 {
         let mut vectors = measured(0.0, |load| 0.2 * (load - 25.0), seed);
         vectors[30].residual_m[0] += 400e-6;
         vectors[90].residual_m[2] -= 3e-3;

@@ -3,6 +3,9 @@
 //! Place in the flow: before the search on all data. The blocks are dealt into folds; without each fold outliers are
 //! looked for, the noise estimated and the whole search made anew, and the fold's rows predicted with and without what
 //! that search found. Gross rows of the fold itself are not predicted: they are named elsewhere.
+//!
+//! The errors are given as they are, in µm. Whether they come down is judged in units of the noise of each axis or
+//! component: what one of them shows beyond doubt must not drown in the noise of another.
 
 use super::candidate::Study;
 use super::diagnosis::Unseen;
@@ -17,7 +20,7 @@ use crate::held_out::HeldOut;
 use crate::linear::column;
 use abbe_identify::symmetric_eigen;
 use faer::Mat;
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// Most folds, and of large data, where each search takes its time.
 const FOLDS: (usize, usize) = (10, 5);
@@ -44,13 +47,16 @@ pub(super) fn unseen(
     }
     let folds = deal(&blocks, if rows > LARGE { FOLDS.1 } else { FOLDS.0 });
     let (mut before, mut after, mut unseen) = (Vec::new(), Vec::new(), Unseen::default());
+    let mut weighed = (Vec::new(), Vec::new());
     for (k, fold) in folds.iter().enumerate() {
         let left_out: BTreeSet<usize> = fold.iter().flat_map(|block| blocks[*block].iter().copied()).collect();
         match one(study, rows, &left_out, gross, options, (k + 1, folds.len()), observe) {
-            Ok((errors, found)) => {
-                before.push(errors.0);
-                after.push(errors.1);
-                unseen.found.push(found);
+            Ok(judged) => {
+                before.push(judged.errors.0);
+                after.push(judged.errors.1);
+                weighed.0.push(judged.weighed.0);
+                weighed.1.push(judged.weighed.1);
+                unseen.found.push(judged.found);
             }
             Err(DiagnoseError::Stopped) => return Err(DiagnoseError::Stopped),
             Err(error) => unseen.not_judged.push(format!("part {} of {}: {error}", k + 1, folds.len())),
@@ -62,7 +68,7 @@ pub(super) fn unseen(
     } else {
         unseen.before = Some(rms_of(&view, &before));
         unseen.after = Some(rms_of(&view, &after));
-        unseen.is_sure = Some(comes_down(&before, &after));
+        unseen.is_sure = Some(comes_down(&weighed.0, &weighed.1));
     }
     unseen.folds = folds.len();
     Ok(unseen)
@@ -76,7 +82,13 @@ fn deal(blocks: &[Vec<usize>], most: usize) -> Vec<Vec<usize>> {
     folds
 }
 
-type Errors = (HeldOut, HeldOut);
+/// One fold, predicted without and with what the search without it found.
+struct Judged {
+    errors: (HeldOut, HeldOut),
+    /// In units of the noise.
+    weighed: (HeldOut, HeldOut),
+    found: Vec<String>,
+}
 
 fn one(
     study: &mut dyn Study,
@@ -86,7 +98,7 @@ fn one(
     options: &Options,
     part: (usize, usize),
     observe: &mut Observe,
-) -> Result<(Errors, Vec<String>), DiagnoseError> {
+) -> Result<Judged, DiagnoseError> {
     study.reset();
     let rejected = outliers(study, &[], |row| !left_out.contains(&row))?.rows(study);
     let mut view = View::new(study, rows, |row| !left_out.contains(&row) && !rejected.contains(&row));
@@ -94,12 +106,30 @@ fn one(
     let last = view.adapt(&found.set)?;
     // In the noise that is left when all is found, as the errors on all data are.
     let base = Fit::settle(&view, &[])?;
-    let names = found.set.iter().map(|k| view.study.candidates()[*k].name.clone()).collect();
+    let found = found.set.iter().map(|k| view.study.candidates()[*k].name.clone()).collect();
     let rows: Vec<usize> = left_out.iter().copied().filter(|row| !gross.contains(row)).collect();
     let (with, own) = predicted(&view, &last, &rows)?;
     let (base, _) = predicted(&view, &base, &rows)?;
     // Both over the same directions.
-    Ok(((without(&base, &own), without(&with, &own)), names))
+    let errors = (without(&base, &own), without(&with, &own));
+    let weights = weights(&view, &rows);
+    let [base, with, own] = [base, with, own].map(|rows| weighed(&rows, &weights));
+    Ok(Judged { errors, weighed: (without(&base, &own), without(&with, &own)), found })
+}
+
+/// One over the deviation of the noise in each of these rows of the study, as the view has it.
+fn weights(view: &View, rows: &[usize]) -> Vec<f64> {
+    let mut of_row = BTreeMap::new();
+    for chain in view.study.chains() {
+        let own = view.chains().iter().find(|kept| kept.of == chain.of);
+        let weight = own.map_or(1.0, |kept| kept.noise.sigma.recip());
+        of_row.extend(chain.rows.iter().map(|row| (*row, weight)));
+    }
+    rows.iter().map(|row| of_row.get(row).copied().unwrap_or(1.0)).collect()
+}
+
+fn weighed(rows: &Mat<f64>, weights: &[f64]) -> Mat<f64> {
+    Mat::from_fn(rows.nrows(), rows.ncols(), |i, j| rows[(i, j)] * weights[i])
 }
 
 /// Errors of rows of the study that the view does not hold, and the directions in them that the view does not determine.
