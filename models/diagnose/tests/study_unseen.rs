@@ -46,6 +46,29 @@ fn regress_a_coarse_display_is_studied_as_any_other() {
     assert!(shown > 2, "{shown} of six displays show anything");
 }
 
+/// Repeats that a display shows alike scatter by nothing: that is no reason to know their mean to nothing.
+#[test]
+fn regress_what_a_coarse_display_hides_is_in_u() {
+    let mut off = Vec::new();
+    for seed in 0..20_u8 {
+        let play_um = 2.0 + 0.1 * f64::from(seed);
+        let plan = Plan { sigma_um: 0.02, ..Plan::new(9, 5) };
+        let diagnosis = of(&displayed(logged(&plan, &[Flaw::Play(play_um)], u64::from(seed)), 1e-6));
+        let reversal = diagnosis.effects.iter().find(|effect| effect.name.starts_with("reversal")).unwrap();
+        let found = &reversal.parameters[0];
+        assert!(found.u > 0.1e-6, "seed {seed}: {found:?}");
+        off.push((found.value.abs() - play_um * 1e-6).abs() / found.u);
+        let scatter_m = diagnosis.terms.deviations_m[Axis::X.index()].unwrap();
+        assert!((0.25e-6..0.6e-6).contains(&scatter_m), "seed {seed}: {scatter_m}");
+        assert!(diagnosis.notes.iter().any(|note| note.contains("steps of 1.000 um")), "{:?}", diagnosis.notes);
+    }
+    assert!(off.iter().filter(|off| **off > 2.0).count() <= 1, "{off:?}");
+    // Half a step of noise shows the rest.
+    let plan = Plan { sigma_um: 1.0, ..Plan::new(9, 5) };
+    let fine = of(&displayed(logged(&plan, &[Flaw::Play(3.0)], 1), 1e-6));
+    assert!(fine.effects[0].parameters[0].u < 0.3e-6 && fine.notes.iter().all(|note| !note.contains("steps of")));
+}
+
 #[test]
 fn regress_readings_without_any_error_are_refused_with_the_reason() {
     let mut runs = logged(&Plan::new(9, 5), &[Flaw::Nothing], 1);

@@ -8,7 +8,7 @@ use super::diagnosis::{Ambiguity, Blocks, Effect, Kind, LackOfFit, Look, Paramet
 use super::fit::{Fit, Fitted};
 use super::judge::judge;
 use super::nested::unseen;
-use super::noise_words::{looks, noise, rejected};
+use super::noise_words::{looks, noise, notes_of_displays, rejected};
 use super::outliers::{Outliers, outliers};
 use super::search::{COMPARABLE, Found, Observe, Options, score_all, search};
 use super::series::independent;
@@ -61,7 +61,7 @@ pub(super) fn diagnose(
     });
     let noise = noise(&view);
     let u = uncertainties(&mut view, &last)?;
-    let u = with_beside(&*view.study, &last, u);
+    let u = with_beside(&view, &last, u);
     let effects = effects(&mut view, &last, &u)?;
     let terms = with_deviations(terms(&*view.study, &last, &u), &view, &last);
     let mut looked = looks(&view, &gross, &found, &before, lack_of_fit.as_ref(), options);
@@ -69,6 +69,7 @@ pub(super) fn diagnose(
     let not_identifiable = not_identifiable(&*view.study, &effects, &found);
     let consistent_with_noise = effects.is_empty() && looked.iter().all(|look| look.is_noise != Some(false));
     let next_measurements = next_measurements(&not_identifiable);
+    let hidden = notes_of_displays(&view);
     let study: &dyn Study = &*view.study;
     Ok(StudyDiagnosis {
         of: study.of(),
@@ -90,7 +91,7 @@ pub(super) fn diagnose(
         untestable: study.untestable(),
         next_measurements,
         terms,
-        notes: study.notes(),
+        notes: [study.notes(), hidden].concat(),
     })
 }
 
@@ -109,12 +110,35 @@ fn refuse_nothing(study: &dyn Study) -> Result<usize, DiagnoseError> {
 }
 
 /// Uncertainties with what the scatter of the rows does not show.
-fn with_beside(study: &dyn Study, fit: &Fit, mut u: Vec<Vec<f64>>) -> Vec<Vec<f64>> {
-    for (own, fitted) in u.iter_mut().zip(&fit.added) {
-        let beside = study.u_beside(fitted.candidate);
-        own.iter_mut().zip(beside).for_each(|(u, beside)| *u = u.hypot(beside));
+fn with_beside(view: &View, fit: &Fit, mut u: Vec<Vec<f64>>) -> Vec<Vec<f64>> {
+    for (k, (own, fitted)) in u.iter_mut().zip(&fit.added).enumerate() {
+        let beside = view.study.u_beside(fitted.candidate);
+        let hidden = hidden_by_display(view, fit, k);
+        let beside = beside.into_iter().zip(hidden);
+        own.iter_mut().zip(beside).for_each(|(u, (beside, hidden))| *u = u.hypot(beside).hypot(hidden));
     }
     u
+}
+
+/// What rounding by a display leaves open of each column's size if it acts in the worst way: Σ|c|u / Σc² for what a column has beside
+/// the base.
+fn hidden_by_display(view: &View, fit: &Fit, k: usize) -> Vec<f64> {
+    let columns = view.columns(&fit.point, fit.added[k].candidate);
+    if view.chains().iter().all(|chain| chain.hidden() == 0.0) {
+        return vec![0.0; columns.ncols()];
+    }
+    let first = fit.added.first().map_or(fit.raw_columns.ncols(), |fitted| fitted.first);
+    let base = independent(&fit.raw_columns.subcols(0, first).to_owned());
+    let columns = &columns - &base * (base.transpose() * &columns);
+    let one = |j: usize| {
+        let (mut worst, mut square) = (0.0, 0.0);
+        for chain in view.chains() {
+            worst += chain.rows.iter().map(|row| columns[(*row, j)].abs()).sum::<f64>() * chain.hidden();
+            square += chain.rows.iter().map(|row| columns[(*row, j)].powi(2)).sum::<f64>();
+        }
+        if square > 0.0 { worst / square } else { 0.0 }
+    };
+    (0..columns.ncols()).map(one).collect()
 }
 
 /// With what one reading scatters along each axis, and beside it what was found there and has no place in a model.

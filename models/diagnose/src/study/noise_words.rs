@@ -12,6 +12,8 @@ use statrs::distribution::{ChiSquared, ContinuousCDF};
 const UM: f64 = 1e6;
 /// Share of a record over which slow noise may be correlated before it is a drift that nobody described.
 const WANDERS: f64 = 0.5;
+/// Share of its step that a display must hide to be spoken of.
+const WORTH_SAYING: f64 = 0.05;
 /// Rejected rows named in one sentence.
 const NAMED: usize = 5;
 
@@ -24,6 +26,21 @@ pub(super) fn noise(view: &View) -> Vec<SeriesNoise> {
         rows: chain.rows.len(),
     };
     view.chains().iter().map(one).collect()
+}
+
+/// Displays that hide more than the scatter shows.
+pub(super) fn notes_of_displays(view: &View) -> Vec<String> {
+    let one = |chain: &Kept| {
+        let (step_um, hidden_um) = (chain.step? * chain.unit_m * UM, chain.hidden() * chain.unit_m * UM);
+        (hidden_um > WORTH_SAYING * step_um).then(|| {
+            format!(
+                "{} is shown in steps of {step_um:.3} um and scatters by no more than that: what it hides (u = {hidden_um:.3} um, no mean \
+                 makes it less) is in every uncertainty. A finer display would show more.",
+                chain.of
+            )
+        })
+    };
+    view.chains().iter().filter_map(one).collect()
 }
 
 fn correlation(chain: &Kept) -> Option<Correlation> {

@@ -5,6 +5,7 @@
 //! leaves. Rows here are numbered among those kept; rows out are whitened.
 
 use super::candidate::Study;
+use super::display::{FINEST_M, hidden, step};
 use super::fit::Fit;
 use super::series::{Filter, Noise, Theta, noise};
 use crate::error::DiagnoseError;
@@ -26,7 +27,27 @@ pub(super) struct Kept {
     pub(super) unit_m: f64,
     pub(super) along: Option<Axis>,
     pub(super) noise: Noise,
+    /// Step of the display, in units of a row; `None` where there is none.
+    pub(super) step: Option<f64>,
     filter: Filter,
+}
+
+impl Kept {
+    /// A deviation, with what the display hides of it.
+    fn with_hidden(&self, sigma: f64) -> f64 {
+        self.step.map_or(sigma, |step| sigma.hypot(hidden(step, sigma)))
+    }
+
+    /// Standard uncertainty of a mean of many rows, in units of a row, that no scatter shows.
+    pub(super) fn hidden(&self) -> f64 {
+        self.step.map_or(0.0, |step| hidden(step, self.noise.sigma))
+    }
+}
+
+/// Errors as they were shown (m), a row each; none where they hang on the fit.
+fn shown_m(study: &dyn Study) -> Vec<f64> {
+    let Ok(local) = study.local(&[]) else { return Vec::new() };
+    local.residual.iter().enumerate().map(|(row, residual)| residual * study.row_unit_m(row)).collect()
 }
 
 /// A study with some of its rows.
@@ -46,6 +67,7 @@ impl<'a> View<'a> {
         kept.iter().enumerate().for_each(|(k, row)| own[*row] = Some(k));
         let pick = |rows: &Vec<usize>| rows.iter().filter_map(|row| own[*row]).collect::<Vec<usize>>();
         let blocks = study.blocks().iter().map(pick).filter(|block| !block.is_empty()).collect();
+        let shown_m = shown_m(&*study);
         let chain = |chain: &super::candidate::Chain| {
             let (mut rows, mut gaps, mut since) = (Vec::new(), Vec::new(), 0.0);
             for (row, gap) in chain.rows.iter().zip(&chain.gaps) {
@@ -58,7 +80,9 @@ impl<'a> View<'a> {
             }
             let filter = Filter::new(Theta::WHITE, &gaps);
             let (of, unit_m, along) = (chain.of.clone(), chain.unit_m, chain.along);
-            Kept { of, rows, gaps, unit_m, along, noise: Noise::white(), filter }
+            let own: Vec<f64> = rows.iter().filter_map(|row| shown_m.get(kept[*row]).copied()).collect();
+            let step = step(&own, FINEST_M).map(|step_m| step_m / unit_m);
+            Kept { of, rows, gaps, unit_m, along, noise: Noise::white(), step, filter }
         };
         let chains = study.chains().iter().map(chain).filter(|chain| !chain.rows.is_empty()).collect();
         View { study, kept, blocks, chains }
@@ -160,7 +184,13 @@ impl<'a> View<'a> {
         let rows: Vec<f64> = chain.rows.iter().map(|row| fit.raw_residuals[*row]).collect();
         let columns =
             Mat::from_fn(chain.rows.len(), fit.raw_columns.ncols(), |i, j| fit.raw_columns[(chain.rows[i], j)]);
-        noise(&chain.gaps, &columns, &rows)
+        let noise = noise(&chain.gaps, &columns, &rows);
+        let sigma = chain.with_hidden(noise.sigma);
+        // What is left of rounding follows the places, not the order.
+        if chain.step.is_some_and(|step| noise.sigma < hidden(step, 0.0)) {
+            return Noise { sigma, degrees: noise.degrees, ..Noise::white() };
+        }
+        Noise { sigma, ..noise }
     }
 
     /// Takes white noise of the size that a fit leaves.
@@ -168,7 +198,7 @@ impl<'a> View<'a> {
         for k in 0..self.chains.len() {
             let square: f64 = self.chains[k].rows.iter().map(|row| fit.raw_residuals[*row].powi(2)).sum();
             let sigma = (square / self.chains[k].rows.len() as f64).sqrt().max(f64::MIN_POSITIVE);
-            self.set_noise(k, Noise { sigma, ..Noise::white() });
+            self.set_noise(k, Noise { sigma: self.chains[k].with_hidden(sigma), ..Noise::white() });
         }
     }
 
