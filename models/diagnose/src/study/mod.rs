@@ -11,6 +11,7 @@ mod assemble;
 mod between;
 mod candidate;
 mod diagnosis;
+mod filters;
 mod fit;
 pub mod five_axis;
 mod judge;

@@ -18,6 +18,7 @@ use crate::linear::Linear;
 use crate::score::score;
 use faer::Mat;
 use statrs::distribution::{ChiSquared, ContinuousCDF};
+use std::borrow::Cow;
 
 /// Combinations drawn where several chains, each with its own correlation, take part.
 const DRAWS: usize = 24;
@@ -56,11 +57,9 @@ pub(super) fn probability_beside(
     };
     let each: Vec<Vec<usize>> = rows.iter().map(&mut next).collect();
     for (thetas, weight) in draws(view, &chains) {
-        let filters: Vec<(Filter, f64)> = chains
-            .iter()
-            .zip(&thetas)
-            .map(|(k, theta)| (Filter::new(*theta, &view.chains()[*k].gaps), view.chains()[*k].noise.sigma))
-            .collect();
+        let filter =
+            |(k, theta): (&usize, &Theta)| (view.chains()[*k].gaps.filter(*theta), view.chains()[*k].noise.sigma);
+        let filters: Vec<(Cow<Filter>, f64)> = chains.iter().zip(&thetas).map(filter).collect();
         let whiten = |parts: &[Mat<f64>]| stacked(parts, &filters);
         let base = independent(&whiten(&base));
         let rows = whiten(&rows);
@@ -158,7 +157,7 @@ fn of_chain(view: &View, chain: usize, matrix: &Mat<f64>) -> Mat<f64> {
     Mat::from_fn(rows.len(), matrix.ncols(), |i, j| matrix[(rows[i], j)])
 }
 
-fn stacked(parts: &[Mat<f64>], filters: &[(Filter, f64)]) -> Mat<f64> {
+fn stacked(parts: &[Mat<f64>], filters: &[(Cow<Filter>, f64)]) -> Mat<f64> {
     let rows = parts.iter().map(Mat::nrows).sum();
     let mut all = Mat::zeros(rows, parts.first().map_or(0, Mat::ncols));
     let mut first = 0;

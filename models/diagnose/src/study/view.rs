@@ -5,6 +5,7 @@
 //! leaves. Rows here are numbered among those kept; rows out are whitened.
 
 use super::candidate::Study;
+use super::filters::Gaps;
 use super::fit::Fit;
 use super::series::{Filter, Noise, Theta, noise};
 use crate::error::DiagnoseError;
@@ -12,6 +13,7 @@ use crate::score::golden_section;
 use crate::score::score;
 use abbe_geometry::Axis;
 use faer::Mat;
+use std::sync::Arc;
 
 /// Rows of one chain that are kept.
 #[derive(Debug, Clone)]
@@ -20,8 +22,10 @@ pub(super) struct Kept {
     pub(super) of: String,
     /// In the view, in order.
     pub(super) rows: Vec<usize>,
-    /// Steps since the row before.
-    pub(super) gaps: Vec<f64>,
+    /// The same rows of the study.
+    rows_of_study: Vec<usize>,
+    /// Steps since the row before; chains with the same ones share them.
+    pub(super) gaps: Arc<Gaps>,
     /// Of a row (m).
     pub(super) unit_m: f64,
     pub(super) along: Option<Axis>,
@@ -46,21 +50,27 @@ impl<'a> View<'a> {
         kept.iter().enumerate().for_each(|(k, row)| own[*row] = Some(k));
         let pick = |rows: &Vec<usize>| rows.iter().filter_map(|row| own[*row]).collect::<Vec<usize>>();
         let blocks = study.blocks().iter().map(pick).filter(|block| !block.is_empty()).collect();
-        let chain = |chain: &super::candidate::Chain| {
-            let (mut rows, mut gaps, mut since) = (Vec::new(), Vec::new(), 0.0);
+        let mut chains: Vec<Kept> = Vec::with_capacity(study.chains().len());
+        for chain in study.chains() {
+            let (mut rows, mut rows_of_study, mut steps, mut since) = (Vec::new(), Vec::new(), Vec::new(), 0.0);
             for (row, gap) in chain.rows.iter().zip(&chain.gaps) {
                 since += gap;
                 if let Some(k) = own[*row] {
                     rows.push(k);
-                    gaps.push(since);
+                    rows_of_study.push(*row);
+                    steps.push(since);
                     since = 0.0;
                 }
             }
-            let filter = Filter::new(Theta::WHITE, &gaps);
+            if rows.is_empty() {
+                continue;
+            }
+            let same = chains.iter().find(|other| other.gaps.steps() == steps).map(|other| Arc::clone(&other.gaps));
+            let gaps = same.unwrap_or_else(|| Arc::new(Gaps::new(steps)));
             let (of, unit_m, along) = (chain.of.clone(), chain.unit_m, chain.along);
-            Kept { of, rows, gaps, unit_m, along, noise: Noise::white(), filter }
-        };
-        let chains = study.chains().iter().map(chain).filter(|chain| !chain.rows.is_empty()).collect();
+            let (noise, filter) = (Noise::white(), gaps.filter(Theta::WHITE).into_owned());
+            chains.push(Kept { of, rows, rows_of_study, gaps, unit_m, along, noise, filter });
+        }
         View { study, kept, blocks, chains }
     }
 
@@ -88,7 +98,7 @@ impl<'a> View<'a> {
 
     /// Rows of a matrix of the study that are kept.
     pub(super) fn picked(&self, matrix: &Mat<f64>) -> Mat<f64> {
-        Mat::from_fn(self.kept.len(), matrix.ncols(), |i, j| matrix[(self.kept[i], j)])
+        picked(matrix, &self.kept)
     }
 
     /// Columns of a candidate, not whitened.
@@ -101,8 +111,7 @@ impl<'a> View<'a> {
         let (of, _) = self.study.chain_columns(candidate, &[])?;
         let name = &self.study.chains()[of].of;
         let chain = self.chains.iter().position(|chain| chain.of == *name)?;
-        let rows: Vec<usize> = self.chains[chain].rows.iter().map(|k| self.kept[*k]).collect();
-        let (_, columns) = self.study.chain_columns(candidate, &rows)?;
+        let (_, columns) = self.study.chain_columns(candidate, &self.chains[chain].rows_of_study)?;
         Some((chain, self.whitened_in(chain, columns)))
     }
 
@@ -118,10 +127,10 @@ impl<'a> View<'a> {
     pub(super) fn whitened(&self, columns: &Mat<f64>) -> Mat<f64> {
         let mut whitened = columns.clone();
         for (k, chain) in self.chains.iter().enumerate() {
-            let own = Mat::from_fn(chain.rows.len(), columns.ncols(), |i, j| columns[(chain.rows[i], j)]);
-            let own = self.whitened_in(k, own);
-            for (i, row) in chain.rows.iter().enumerate() {
-                (0..columns.ncols()).for_each(|j| whitened[(*row, j)] = own[(i, j)]);
+            let own = self.whitened_in(k, picked(columns, &chain.rows));
+            for j in 0..columns.ncols() {
+                let (all, own) = (whitened.col_as_slice_mut(j), own.col_as_slice(j));
+                chain.rows.iter().zip(own).for_each(|(row, value)| all[*row] = *value);
             }
         }
         whitened
@@ -158,9 +167,7 @@ impl<'a> View<'a> {
     fn noise_of(&self, chain: usize, fit: &Fit) -> Noise {
         let chain = &self.chains[chain];
         let rows: Vec<f64> = chain.rows.iter().map(|row| fit.raw_residuals[*row]).collect();
-        let columns =
-            Mat::from_fn(chain.rows.len(), fit.raw_columns.ncols(), |i, j| fit.raw_columns[(chain.rows[i], j)]);
-        noise(&chain.gaps, &columns, &rows)
+        noise(&chain.gaps, &picked(&fit.raw_columns, &chain.rows), &rows)
     }
 
     /// Takes white noise of the size that a fit leaves.
@@ -184,7 +191,7 @@ impl<'a> View<'a> {
 
     /// Takes a description of the noise of a chain.
     pub(super) fn set_noise(&mut self, chain: usize, noise: Noise) {
-        self.chains[chain].filter = Filter::new(noise.theta, &self.chains[chain].gaps);
+        self.chains[chain].filter = self.chains[chain].gaps.filter(noise.theta).into_owned();
         self.chains[chain].noise = noise;
     }
 
@@ -194,13 +201,23 @@ impl<'a> View<'a> {
         let Some((of, _)) = self.study.chain_columns(candidate, &[]) else { return };
         let name = self.study.chains()[of].of.clone();
         let Some(chain) = self.chains.iter().position(|chain| chain.of == name) else { return };
-        let rows: Vec<usize> = self.chains[chain].rows.iter().map(|k| self.kept[*k]).collect();
+        let rows = &self.chains[chain].rows_of_study;
         let part = fit.part(self, &[chain]);
         let explained = |frequency: f64| {
-            let columns = self.whitened_in(chain, self.study.columns_at(candidate, frequency, &rows));
+            let columns = self.whitened_in(chain, self.study.columns_at(candidate, frequency, rows));
             score(&part.project(columns.as_ref()), part.chi2, part.degrees).reduction
         };
         let frequency = golden_section((own - reach, own + reach), explained);
         self.study.set_frequency(candidate, frequency);
     }
+}
+
+/// Rows of a matrix.
+pub(super) fn picked(matrix: &Mat<f64>, rows: &[usize]) -> Mat<f64> {
+    let mut own = Mat::zeros(rows.len(), matrix.ncols());
+    for j in 0..matrix.ncols() {
+        let (own, all) = (own.col_as_slice_mut(j), matrix.col_as_slice(j));
+        own.iter_mut().zip(rows).for_each(|(own, row)| *own = all[*row]);
+    }
+    own
 }

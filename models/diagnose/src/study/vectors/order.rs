@@ -65,7 +65,7 @@ mod tests {
     fn grid(side: usize) -> ([Quantity; 2], Vec<[f64; 3]>) {
         let quantity = |name: &str, of: fn(usize, usize) -> usize| {
             let values: Vec<f64> = (0..side * side).map(|k| of(k, side) as f64).collect();
-            Quantity { name: name.into(), range: (0.0, (side - 1) as f64), levels: side, values }
+            Quantity::new(name, values, (0.0, (side - 1) as f64))
         };
         ([quantity("x_m", |k, n| k % n), quantity("y_m", |k, n| k / n)], vec![[1.0; 3]; side * side])
     }
