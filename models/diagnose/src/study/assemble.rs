@@ -123,7 +123,7 @@ fn with_deviations(mut terms: Terms, view: &View, fit: &Fit) -> Terms {
         let name = &view.study.candidates()[fitted.candidate].name;
         terms.left_out.iter().any(|(own, _)| own == name)
     };
-    let moved = |fitted: &Fitted| view.columns(&fit.point, fitted.candidate) * column(&fitted.values);
+    let moved = |fitted: &Fitted| &*view.columns(&fit.point, fitted.candidate) * column(&fitted.values);
     let left_out: Vec<_> = fit.added.iter().filter(is_left_out).map(moved).collect();
     for chain in view.chains() {
         if let Some(axis) = chain.along {

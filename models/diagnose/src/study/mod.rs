@@ -15,6 +15,7 @@ mod filters;
 mod fit;
 pub mod five_axis;
 mod judge;
+mod memory;
 mod nested;
 mod noise_words;
 mod outliers;

@@ -7,7 +7,7 @@ use faer::linalg::solvers::{Llt, Solve};
 use faer::{Mat, Side};
 
 /// Highest degree of a polynomial.
-const HIGHEST: usize = 4;
+pub(super) const HIGHEST: usize = 4;
 /// Turns of an angle that are tried.
 const TURNS: [u32; 2] = [1, 2];
 
@@ -21,7 +21,7 @@ pub(super) struct Quantity {
     /// Number of different values.
     pub(super) levels: usize,
     /// P_0 … P_4 of the share of the range, one for each vector.
-    powers: Vec<Vec<f64>>,
+    pub(super) powers: Vec<Vec<f64>>,
     /// Sine and cosine of so many turns, where it is an angle.
     turns: Vec<[Vec<f64>; 2]>,
 }
