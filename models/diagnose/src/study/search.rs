@@ -419,23 +419,13 @@ fn prune(view: &mut View, mut set: Vec<usize>, options: &Options) -> Result<Vec<
     view.adapt(&set)?;
     let view = &*view;
     loop {
+        let places: Vec<usize> = (0..set.len().saturating_sub(1)).collect();
+        let tested = in_parallel(&places, |k| evidence_against(view, &set, *k, options));
         let mut weakest: Option<(f64, usize)> = None;
-        for k in 0..set.len().saturating_sub(1) {
-            let mut rest = set.clone();
-            let candidate = rest.remove(k);
-            // What the others cannot be fitted without is not superfluous.
-            let Ok(without) = Fit::settle(view, &rest) else { continue };
-            let (score, rows) = without.score(view, candidate);
-            let trials = view.study.candidates().len();
-            let evidence = score.evidence(rows, trials);
-            // What is not weaker than the weakest so far would not go in any case.
-            if weakest.is_some_and(|(least, _)| evidence >= least) {
-                continue;
-            }
-            let passes = score.p_value * trials as f64 <= options.significance
-                && stands_apart(view, &without, candidate, trials, options)?
-                && is_told_from_position(view, &without, candidate, trials, options)?;
-            if !passes {
+        for (k, evidence) in tested.into_iter().enumerate() {
+            if let Some(evidence) = evidence?
+                && weakest.is_none_or(|(least, _)| evidence < least)
+            {
                 weakest = Some((evidence, k));
             }
         }
@@ -444,6 +434,20 @@ fn prune(view: &mut View, mut set: Vec<usize>, options: &Options) -> Result<Vec<
             None => return Ok(set),
         }
     }
+}
+
+/// Evidence for one of a set beside the others, where it does not pass.
+fn evidence_against(view: &View, set: &[usize], place: usize, options: &Options) -> Result<Option<f64>, DiagnoseError> {
+    let mut rest = set.to_vec();
+    let candidate = rest.remove(place);
+    // What the others cannot be fitted without is not superfluous.
+    let Ok(without) = Fit::settle(view, &rest) else { return Ok(None) };
+    let (score, rows) = without.score(view, candidate);
+    let trials = view.study.candidates().len();
+    let passes = score.p_value * trials as f64 <= options.significance
+        && stands_apart(view, &without, candidate, trials, options)?
+        && is_told_from_position(view, &without, candidate, trials, options)?;
+    Ok((!passes).then(|| score.evidence(rows, trials)))
 }
 
 fn considered_as(view: &View, scored: &Scored) -> Considered {

@@ -305,9 +305,9 @@ impl<'a> Vectors<'a> {
     /// Columns of a shape at these vectors, a row each, over the standard uncertainty of the component.
     fn smooth_columns(&self, axis: Axis, bent: &Bent, vectors: &[usize]) -> Mat<f64> {
         let mut columns = bent.columns(&self.quantities, vectors);
+        let sigma_m: Vec<f64> = vectors.iter().map(|vector| self.sigma_m[*vector][axis.index()]).collect();
         for j in 0..columns.ncols() {
-            let rows = columns.col_as_slice_mut(j).iter_mut().zip(vectors);
-            rows.for_each(|(value, vector)| *value /= self.sigma_m[*vector][axis.index()]);
+            columns.col_as_slice_mut(j).iter_mut().zip(&sigma_m).for_each(|(value, sigma_m)| *value /= sigma_m);
         }
         columns
     }

@@ -43,11 +43,6 @@ impl Quantity {
         quantity
     }
 
-    /// P_k at these vectors.
-    fn power(&self, k: usize, vectors: &[usize]) -> Vec<f64> {
-        vectors.iter().map(|vector| self.powers[k][*vector]).collect()
-    }
-
     /// Radians in one unit, where the name says that it is an angle.
     pub(super) fn rad_per_unit(&self) -> Option<f64> {
         if self.name.ends_with("_deg") { Some(1f64.to_radians()) } else { self.name.ends_with("_rad").then_some(1.0) }
@@ -160,24 +155,25 @@ impl Shape {
     /// Columns at these vectors, a row each.
     pub(super) fn columns(self, quantities: &[Quantity], vectors: &[usize]) -> Mat<f64> {
         let mut columns = Mat::zeros(vectors.len(), self.parameters().len());
-        let mut fill = |j: usize, values: Vec<f64>| columns.col_as_slice_mut(j).copy_from_slice(&values);
-        let product = |(i, p): (&Quantity, usize), (q, k): (&Quantity, usize)| -> Vec<f64> {
-            vectors.iter().map(|vector| i.powers[p][*vector] * q.powers[k][*vector]).collect()
+        let mut fill = |j: usize, of: &[&[f64]]| {
+            let own = columns.col_as_slice_mut(j).iter_mut().zip(vectors);
+            match of {
+                [p, q] => own.for_each(|(value, vector)| *value = p[*vector] * q[*vector]),
+                _ => own.for_each(|(value, vector)| *value = of.iter().map(|p| p[*vector]).product()),
+            }
         };
         match self {
             Shape::One { quantity, degree } => {
-                (0..degree).for_each(|j| fill(j, quantities[quantity].power(j + 1, vectors)));
+                (0..degree).for_each(|j| fill(j, &[&quantities[quantity].powers[j + 1]]));
             }
-            Shape::Product { first, second } => fill(0, product((&quantities[first], 1), (&quantities[second], 1))),
+            Shape::Product { first, second } => fill(0, &[&quantities[first].powers[1], &quantities[second].powers[1]]),
             Shape::Two { first, second, degree } => {
-                let (p, q) = (&quantities[first], &quantities[second]);
-                terms(degree).enumerate().for_each(|(column, (i, j))| fill(column, product((p, i), (q, j))));
+                let (p, q) = (&quantities[first].powers, &quantities[second].powers);
+                terms(degree).enumerate().for_each(|(column, (i, j))| fill(column, &[&p[i], &q[j]]));
             }
             Shape::Turn { quantity, times } => {
                 let turn = TURNS.iter().zip(&quantities[quantity].turns).find(|(own, _)| **own == times);
-                for (j, values) in turn.iter().flat_map(|(_, turn)| *turn).enumerate() {
-                    fill(j, vectors.iter().map(|vector| values[*vector]).collect());
-                }
+                turn.iter().flat_map(|(_, turn)| *turn).enumerate().for_each(|(j, values)| fill(j, &[values]));
             }
         }
         columns
