@@ -35,3 +35,23 @@ impl Gaps {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use faer::Mat;
+
+    /// Kept or made for the occasion, of a description that is weighed or of any other.
+    #[test]
+    fn a_filter_is_that_of_its_description() {
+        for (count, rho) in [(30, 0.5), (30, 0.51), (MOST + 1, 0.5)] {
+            let (theta, steps) = (Theta { rho, share: 0.5 }, vec![1.0; count]);
+            let column = Mat::from_fn(count, 1, |k, _| (0.7 * k as f64).sin());
+            let expected = Filter::new(theta, &steps).whitened(column.clone());
+            let gaps = Gaps::new(steps);
+            for _ in 0..2 {
+                assert_eq!(gaps.filter(theta).whitened(column.clone()), expected, "{count} {rho}");
+            }
+        }
+    }
+}
