@@ -227,25 +227,22 @@ pub(super) fn gain(gaps: &Gaps, base: &Mat<f64>, further: &Mat<f64>, rows: &[f64
     // The base as combinations of all, so that only all are whitened.
     let inside = both.transpose() * &base;
     let values = of_each(rows.len() * both.ncols(), |theta| Some(profiles(theta, gaps, &both, &inside, rows)));
-    let weighed = |of: &dyn Fn(&(Option<f64>, Option<f64>)) -> Option<f64>| {
+    let weighed = |of: fn(&Pair) -> Option<f64>| {
         let values: Vec<f64> = values.iter().filter_map(|(_, prior, pair)| Some(of(pair)? + prior)).collect();
         let most = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
         most + values.iter().map(|value| (value - most).exp()).sum::<f64>().ln()
     };
-    let gain = 2.0 * (weighed(&|pair| pair.1) - weighed(&|pair| pair.0));
+    let gain = 2.0 * (weighed(|pair| pair.1) - weighed(|pair| pair.0));
     // Bartlett's factor: what few rows make too large.
     (gain.max(0.0) * (rows.len() - both.ncols()) as f64 / rows.len() as f64, new)
 }
 
+/// Log likelihoods beside some columns and beside more, where there are any.
+type Pair = (Option<f64>, Option<f64>);
+
 /// Log likelihood with the deviation at its best; not restricted, so that different columns can be compared: beside the
 /// combinations `inside` of the columns, and beside all of them.
-fn profiles(
-    theta: Theta,
-    gaps: &Gaps,
-    columns: &Mat<f64>,
-    inside: &Mat<f64>,
-    rows: &[f64],
-) -> (Option<f64>, Option<f64>) {
+fn profiles(theta: Theta, gaps: &Gaps, columns: &Mat<f64>, inside: &Mat<f64>, rows: &[f64]) -> Pair {
     let filter = gaps.filter(theta);
     let before: f64 = rows.iter().map(|r| r * r).sum();
     let rows = filter.whitened(crate::linear::column(rows));
