@@ -4,8 +4,9 @@
 //! 3600 residual vectors with 20 quantities: positions, time and sixteen logged ones. The study searches six times (on all rows and
 //! without each of five parts) and tells its progress; the rival (`scipy_studies.py`) refits every smooth candidate once, which is one
 //! step of one search, by `scipy.linalg.lstsq`. Both must name the same winner with the same probability. The rival's interpreter
-//! is `ABBE_PYTHON`, else `python3`; without SciPy the comparison says that it was not run. The study uses two threads where
-//! there are two cores, the rival as many as its library takes.
+//! is `ABBE_PYTHON`, else `python3`; without SciPy the comparison says that it was not run. Both are timed by the processor, over
+//! all threads, so that other work on the machine counts against neither. A study that believes nothing has one step a search
+//! and shows what the tests take.
 
 #![allow(missing_docs, clippy::unwrap_used, clippy::print_stdout)] // a bench that cannot be prepared stops, and prints
 
@@ -15,7 +16,6 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use std::fmt::Write as _;
 use std::process::Command;
-use std::time::Instant;
 
 const ROWS: usize = 3600;
 const LOGGED: usize = 16;
@@ -45,8 +45,17 @@ fn vectors() -> Vec<ResidualVector> {
         .collect()
 }
 
-/// Name and decimal logarithm of the probability of the rival's winner, its candidates and its seconds.
-fn rival(vectors: &[ResidualVector]) -> Result<(String, f64, usize, f64), String> {
+/// What the rival says.
+struct Rival {
+    /// Name and decimal logarithm of the probability of its winner.
+    name: String,
+    log_p: f64,
+    refits: usize,
+    /// Of refits, and of the same tests by normal equations.
+    seconds: [f64; 2],
+}
+
+fn rival(vectors: &[ResidualVector]) -> Result<Rival, String> {
     let mut text = String::new();
     for vector in vectors {
         let figures = vector.residual_m.iter().chain(&vector.position_m).chain(&vector.time_s);
@@ -57,24 +66,33 @@ fn rival(vectors: &[ResidualVector]) -> Result<(String, f64, usize, f64), String
     std::fs::write(&file, text).map_err(|error| error.to_string())?;
     let python = std::env::var("ABBE_PYTHON").unwrap_or_else(|_| "python3".to_owned());
     let script = format!("{}/benches/scipy_studies.py", env!("CARGO_MANIFEST_DIR"));
-    let output = Command::new(&python).args(["-B", &script, &file.to_string_lossy()]).output();
+    let output =
+        Command::new(&python).env("OPENBLAS_NUM_THREADS", "1").args(["-B", &script, &file.to_string_lossy()]).output();
     let _ = std::fs::remove_file(&file); // a leftover in the temporary folder does no harm
     let output = output.map_err(|error| format!("{python}: {error}"))?;
     let said = String::from_utf8_lossy(&output.stdout).into_owned();
     let mut cells = said.trim().split('\t');
     let mut next = || cells.next().ok_or_else(|| String::from_utf8_lossy(&output.stderr).into_owned());
     let number = |text: &str| text.parse::<f64>().map_err(|error| error.to_string());
-    Ok((next()?.to_owned(), number(next()?)?, number(next()?)? as usize, number(next()?)?))
+    let (name, log_p, refits) = (next()?.to_owned(), number(next()?)?, number(next()?)? as usize);
+    Ok(Rival { name, log_p, refits, seconds: [number(next()?)?, number(next()?)?] })
 }
 
-fn study(vectors: &[ResidualVector]) -> (StudyDiagnosis, f64, usize) {
-    let (since, mut told) = (Instant::now(), 0);
+/// Time (s) that the processor has spent on this program, as Linux tells it, in hundredths.
+fn processor_s() -> f64 {
+    let text = std::fs::read_to_string("/proc/self/stat").unwrap();
+    let fields: Vec<&str> = text.rsplit(')').next().unwrap().split_whitespace().collect();
+    (fields[11].parse::<f64>().unwrap() + fields[12].parse::<f64>().unwrap()) / 100.0
+}
+
+fn study(vectors: &[ResidualVector], options: &Options) -> (StudyDiagnosis, f64, usize) {
+    let (since, mut told) = (processor_s(), 0);
     let mut observe = |_| {
         told += 1;
         true
     };
-    let diagnosis = diagnose_observed(vectors, None, &Options::default(), &mut observe).unwrap();
-    (diagnosis, since.elapsed().as_secs_f64(), told)
+    let diagnosis = diagnose_observed(vectors, None, options, &mut observe).unwrap();
+    (diagnosis, processor_s() - since, told)
 }
 
 fn main() {
@@ -83,18 +101,25 @@ fn main() {
         return;
     }
     let vectors = vectors();
-    let (diagnosis, seconds, told) = study(&vectors);
+    let (diagnosis, seconds, told) = study(&vectors, &Options::default());
     let names: Vec<&str> = diagnosis.effects.iter().map(|effect| effect.name.as_str()).collect();
     println!(
-        "study: {seconds:.1} s for {ROWS} vectors, {} quantities, {} candidates",
+        "study: {seconds:.1} s of the processor for {ROWS} vectors, {} quantities, {} candidates",
         LOGGED + 4,
         diagnosis.considered.len()
     );
-    println!("  progress told {told} times; found {}", names.join(" + "));
+    println!("  found {}; {told} steps of searches, with all that they try and judge", names.join(" + "));
+    let (_, seconds, told) = study(&vectors, &Options { significance: 0.0, ..Options::default() });
+    let step_s = seconds / told as f64;
+    println!("  nothing believed: {seconds:.1} s, {told} steps of {step_s:.2} s, noise and gross rows included");
     match rival(&vectors) {
         Err(why) => println!("scipy_studies.py was not run: {why}; set ABBE_PYTHON to a Python with SciPy"),
-        Ok((name, log_p, candidates, rival_s)) => {
-            println!("  SciPy, one step of one search: {rival_s:.1} s for {candidates} refits");
+        Ok(Rival { name, log_p, refits, seconds: [refit_s, by_hand_s] }) => {
+            println!(
+                "  SciPy, the tests of one step: {refit_s:.1} s for {refits} refits, {:.1} times",
+                refit_s / step_s
+            );
+            println!("  NumPy, the same by normal equations: {by_hand_s:.2} s, {:.1} times", by_hand_s / step_s);
             let least = diagnosis.considered.iter().min_by(|a, b| a.p_value.total_cmp(&b.p_value)).unwrap();
             println!(
                 "  least probable: {} at 1e{:.2}; SciPy: {name} at 1e{log_p:.2}",

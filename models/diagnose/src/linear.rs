@@ -278,26 +278,41 @@ impl Linear {
     pub fn with(&self, columns: MatRef<f64>) -> Result<Linear, DiagnoseError> {
         let (rows, own, added) = (self.residuals.len(), self.jacobian.ncols(), columns.ncols());
         let shared = self.jacobian.transpose() * columns;
+        let alone = columns.transpose() * columns;
         let reach = &self.covariance * &shared;
-        let left = columns.transpose() * columns - shared.transpose() * &reach;
+        let left = &alone - shared.transpose() * &reach;
         let inverse = Llt::new(left.as_ref(), Side::Lower).map_err(|_| DiagnoseError::Singular)?.inverse();
         let estimate = &inverse * column(&self.gradient(columns));
         // Blocks of the inverse of a partitioned matrix.
         let cross = -(&reach * &inverse);
         let corner = &self.covariance - &cross * reach.transpose();
-        let covariance = Mat::from_fn(own + added, own + added, |i, j| match (i < own, j < own) {
-            (true, true) => 0.5 * (corner[(i, j)] + corner[(j, i)]),
-            (true, false) => cross[(i, j - own)],
-            (false, true) => cross[(j, i - own)],
-            (false, false) => 0.5 * (inverse[(i - own, j - own)] + inverse[(j - own, i - own)]),
-        });
+        let blocks = |corner: &Mat<f64>, cross: &Mat<f64>, rest: &Mat<f64>| {
+            Mat::from_fn(own + added, own + added, |i, j| match (i < own, j < own) {
+                (true, true) => 0.5 * (corner[(i, j)] + corner[(j, i)]),
+                (true, false) => cross[(i, j - own)],
+                (false, true) => cross[(j, i - own)],
+                (false, false) => 0.5 * (rest[(i - own, j - own)] + rest[(j - own, i - own)]),
+            })
+        };
+        let covariance = blocks(&corner, &cross, &inverse);
+        let normal = blocks(&self.normal, &shared, &alone);
         let moved = columns * &estimate - &*self.jacobian * (&reach * &estimate);
-        let residuals = (0..rows).map(|k| self.residuals[k] - moved[(k, 0)]).collect();
-        let jacobian =
-            Mat::from_fn(rows, own + added, |k, j| if j < own { self.jacobian[(k, j)] } else { columns[(k, j - own)] });
-        let used = (0..rows).filter(|k| (0..own).any(|j| self.jacobian[(*k, j)] != 0.0)).count();
-        Linear::new(jacobian, residuals, covariance, used)
+        let residuals = self.residuals.iter().zip(moved.col_as_slice(0)).map(|(r, moved)| r - moved).collect();
+        let mut jacobian = Mat::zeros(rows, own + added);
+        jacobian.as_mut().subcols_mut(0, own).copy_from(self.jacobian.as_ref());
+        jacobian.as_mut().subcols_mut(own, added).copy_from(columns);
+        let used = used_rows(&self.jacobian);
+        Linear::of_parts(Arc::new(jacobian), normal, residuals, covariance, used)
     }
+}
+
+/// Rows that are not zero.
+fn used_rows(jacobian: &Mat<f64>) -> usize {
+    let mut is_used = vec![false; jacobian.nrows()];
+    for j in 0..jacobian.ncols() {
+        is_used.iter_mut().zip(jacobian.col_as_slice(j)).for_each(|(is_used, value)| *is_used |= *value != 0.0);
+    }
+    is_used.into_iter().filter(|is_used| *is_used).count()
 }
 
 /// Prior of directions that the rows do not see, as a share of each column's information.

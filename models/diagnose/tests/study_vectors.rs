@@ -2,8 +2,9 @@
 //! where none does, silent where there is nothing. The errors are written out here, not taken from the effects.
 #![allow(clippy::unwrap_used, clippy::panic)] // tests may
 
-use abbe_diagnose::study::vectors::{ResidualVector, diagnose};
-use abbe_diagnose::study::{Kind, Options, StudyDiagnosis};
+use abbe_diagnose::DiagnoseError;
+use abbe_diagnose::study::vectors::{ResidualVector, diagnose, diagnose_observed};
+use abbe_diagnose::study::{Kind, Options, Progress, StudyDiagnosis};
 use abbe_geometry::Axis;
 use abbe_geometry::machine::{Joint, Machine, Side, Squareness};
 use abbe_geometry::rotation::RotationForm;
@@ -196,4 +197,38 @@ fn what_cannot_be_used_is_refused_with_a_remedy() {
     let mut broken = vectors;
     broken[6].residual_m[1] = f64::NAN;
     assert!(message(&broken).contains("vector 7"));
+}
+
+/// Who waits is told of each part that is left out, and of the search on all vectors after them.
+#[test]
+fn every_part_of_the_search_is_told_and_candidates_with_it() {
+    let vectors = measured(|v| [2e-7 * v.covariates["payload_n"], 0.0, 0.0], 4);
+    let mut told: Vec<Progress> = Vec::new();
+    let mut observe = |progress| {
+        told.push(progress);
+        true
+    };
+    let found = diagnose_observed(&vectors, None, &Options::default(), &mut observe).unwrap();
+    let mut parts: Vec<Option<(usize, usize)>> = told.iter().map(|progress| progress.part).collect();
+    parts.dedup();
+    let folds = found.unseen.folds;
+    let expected: Vec<_> = (1..=folds).map(|k| Some((k, folds))).chain([None]).collect();
+    assert_eq!(parts, expected);
+    assert!(told.iter().all(|progress| progress.candidates == found.considered.len()));
+    assert!(told.iter().any(|progress| progress.part.is_none() && progress.effects == found.effects.len()));
+}
+
+#[test]
+fn an_observer_that_says_no_stops_it_in_any_part() {
+    let vectors = measured(|_| [0.0; 3], 5);
+    for steps in [1, 3, 9] {
+        let mut left = steps;
+        let mut observe = |_| {
+            left -= 1;
+            left > 0
+        };
+        let stopped = diagnose_observed(&vectors, None, &Options::default(), &mut observe);
+        assert!(matches!(stopped, Err(DiagnoseError::Stopped)), "{steps}");
+        assert_eq!(left, 0);
+    }
 }

@@ -18,6 +18,10 @@ mod tests;
 pub use reml::{Fitted, Found, Restricted};
 
 use crate::robust::median;
+use faer::Mat;
+
+/// Columns that are whitened side by side.
+const BESIDE: usize = 4;
 
 /// How noise is correlated.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -133,6 +137,33 @@ impl Whitener {
             let innovation = values[step.row] - state[0] - state[1];
             state = [state[0] + step.gain[0] * innovation, state[1] + step.gain[1] * innovation];
             values[step.row] = innovation * step.inverse_deviation;
+        }
+    }
+
+    /// Whitens several columns, each as [`Whitener::apply`] does, in place: side by side, since a value must wait for the one
+    /// before it in its own column but not for those of others.
+    pub fn apply_to_columns(&self, columns: &mut Mat<f64>) {
+        // Columns of a matrix that owns them lie in one piece.
+        let slices = columns.as_mut().col_iter_mut().filter_map(|column| column.try_as_col_major_mut());
+        let mut slices: Vec<&mut [f64]> = slices.map(|column| column.as_slice_mut()).collect();
+        let has_offsets = self.steps.iter().any(|step| step.gain[1] != 0.0);
+        let whole = if has_offsets { 0 } else { slices.len() / BESIDE * BESIDE };
+        let (whole, rest) = slices.split_at_mut(whole);
+        let (beside, _) = whole.as_chunks_mut::<BESIDE>();
+        beside.iter_mut().for_each(|columns| self.apply_beside(columns));
+        rest.iter_mut().for_each(|column| self.apply(column));
+    }
+
+    /// So many columns at once, where no offset is common to a group.
+    fn apply_beside<const COUNT: usize>(&self, columns: &mut [&mut [f64]; COUNT]) {
+        let mut state = [0.0; COUNT];
+        for step in &self.steps {
+            for (state, column) in state.iter_mut().zip(columns.iter_mut()) {
+                *state *= step.kept[0];
+                let innovation = column[step.row] - *state;
+                *state += step.gain[0] * innovation;
+                column[step.row] = innovation * step.inverse_deviation;
+            }
         }
     }
 

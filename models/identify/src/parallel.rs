@@ -6,6 +6,9 @@
 /// Maps parts on as many threads as the machine has, keeping their order.
 pub fn in_parallel<P: Sync, R: Send>(parts: &[P], work: impl Fn(&P) -> R + Sync) -> Vec<R> {
     let threads = std::thread::available_parallelism().map_or(1, |n| n.get()).min(parts.len());
+    if threads < 2 {
+        return parts.iter().map(work).collect();
+    }
     let mut results: Vec<Option<R>> = parts.iter().map(|_| None).collect();
     let share = parts.len().div_ceil(threads.max(1)).max(1);
     std::thread::scope(|scope| {

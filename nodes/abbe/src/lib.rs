@@ -22,6 +22,7 @@ mod pairs;
 mod pipeline;
 pub mod plane_field;
 mod planning;
+mod progress;
 mod provenance;
 mod residual;
 pub mod residual_bag;

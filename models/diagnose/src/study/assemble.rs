@@ -129,7 +129,7 @@ fn hidden_by_display(view: &View, fit: &Fit, k: usize) -> Vec<f64> {
     }
     let first = fit.added.first().map_or(fit.raw_columns.ncols(), |fitted| fitted.first);
     let base = independent(&fit.raw_columns.subcols(0, first).to_owned());
-    let columns = &columns - &base * (base.transpose() * &columns);
+    let columns = &*columns - &base * (base.transpose() * &*columns);
     let one = |j: usize| {
         let (mut worst, mut square) = (0.0, 0.0);
         for chain in view.chains() {
@@ -147,7 +147,7 @@ fn with_deviations(mut terms: Terms, view: &View, fit: &Fit) -> Terms {
         let name = &view.study.candidates()[fitted.candidate].name;
         terms.left_out.iter().any(|(own, _)| own == name)
     };
-    let moved = |fitted: &Fitted| view.columns(&fit.point, fitted.candidate) * column(&fitted.values);
+    let moved = |fitted: &Fitted| &*view.columns(&fit.point, fitted.candidate) * column(&fitted.values);
     let left_out: Vec<_> = fit.added.iter().filter(is_left_out).map(moved).collect();
     for chain in view.chains() {
         if let Some(axis) = chain.along {

@@ -6,12 +6,13 @@
 
 use super::candidate::Study;
 use super::together::score_together;
-use super::view::View;
+use super::view::{View, picked};
 use crate::error::DiagnoseError;
-use crate::linear::{Linear, Projected, column};
+use crate::linear::{Linear, Projected};
 use crate::score::{Score, score};
 use abbe_identify::symmetric_eigen;
 use faer::{Mat, MatRef};
+use std::borrow::Borrow;
 
 /// Share of a direction's information that must be left beside the columns before it. What is left of less stands a tenth of its
 /// size apart from what is there already: two forms that hold the same term would share it between them, each with a size of its own.
@@ -61,11 +62,27 @@ pub(super) struct Part {
 impl Part {
     /// What whitened columns of these rows would tell.
     pub(super) fn project(&self, columns: MatRef<f64>) -> Projected {
-        let taken = self.spread.transpose() * columns;
+        let (taken, gradient) = (self.spread.transpose() * columns, columns.transpose() * &self.residuals);
+        Part::projected(columns, taken.as_ref(), gradient.col_as_slice(0))
+    }
+
+    /// The same of groups of so many columns each.
+    pub(super) fn project_all(&self, columns: MatRef<f64>, counts: &[usize]) -> Vec<Projected> {
+        let (taken, gradient) = (self.spread.transpose() * columns, columns.transpose() * &self.residuals);
+        let mut first = 0;
+        let one = |count: &usize| {
+            let own = first..first + count;
+            first += count;
+            let (columns, taken) = (columns.subcols(own.start, *count), taken.as_ref().subcols(own.start, *count));
+            Part::projected(columns, taken, &gradient.col_as_slice(0)[own])
+        };
+        counts.iter().map(one).collect()
+    }
+
+    fn projected(columns: MatRef<f64>, taken: MatRef<f64>, gradient: &[f64]) -> Projected {
         let alone = columns.transpose() * columns;
-        let left = &alone - taken.transpose() * &taken;
-        let gradient = columns.transpose() * &self.residuals;
-        Projected { gradient: (0..columns.ncols()).map(|k| gradient[(k, 0)]).collect(), alone, left }
+        let left = &alone - taken.transpose() * taken;
+        Projected { gradient: gradient.to_vec(), alone, left }
     }
 
     pub(super) fn rows(&self) -> usize {
@@ -96,28 +113,26 @@ impl Fit {
 
     /// One linear fit: with steps of the parameters, and the largest step against its uncertainty.
     fn pass(view: &View, at: &[(usize, Vec<f64>)]) -> Result<(Fit, Vec<Vec<f64>>, f64), DiagnoseError> {
-        let local = view.study.local(at)?;
-        let mut raw = vec![independent(&view.picked(&local.base))];
-        let raw_rows = view.picked(&column(&local.residual));
-        let rows = view.whitened(&raw_rows);
-        let observed: Vec<f64> = (0..rows.nrows()).map(|k| rows[(k, 0)]).collect();
-        let (mut linear, _) = Linear::least_squares(view.whitened(&raw[0]), &observed)?;
+        let start = view.start(at)?;
+        let based = view.based(&start)?;
+        let mut linear = based.linear.clone();
+        let mut raw = vec![start.base.clone()];
         let mut maps = Vec::with_capacity(at.len());
         for (candidate, _) in at {
-            let columns = view.columns(&local.point, *candidate);
-            let map = new_directions(&linear, view.whitened(&columns).as_ref());
+            let columns = view.columns(&start.point, *candidate);
+            let whitened = view.whitened(&columns);
+            let map = new_directions(&linear, whitened.as_ref());
             let first = linear.jacobian().ncols();
             if map.ncols() > 0 {
-                let columns = &columns * &map;
-                linear = linear.with(view.whitened(&columns).as_ref())?;
-                raw.push(columns);
+                linear = linear.with((&whitened * &map).as_ref())?;
+                raw.push(&*columns * &map);
             }
             maps.push((first, map));
         }
-        let solution = linear.covariance() * (linear.jacobian().transpose() * column(&observed));
+        let solution = linear.covariance() * (linear.jacobian().transpose() * &based.observed);
         let raw_columns = side_by_side(&raw);
-        let left = &raw_rows - &raw_columns * &solution;
-        let raw_residuals = (0..left.nrows()).map(|k| left[(k, 0)]).collect();
+        let left = &start.rows - &raw_columns * &solution;
+        let raw_residuals = left.col_as_slice(0).to_vec();
         let noise = linear.noise_factor();
         let (mut added, mut steps, mut largest) = (Vec::new(), Vec::new(), 0.0_f64);
         for ((candidate, values), (first, map)) in at.iter().zip(&maps) {
@@ -130,14 +145,13 @@ impl Fit {
             added.push(Fitted { candidate: *candidate, values: values.clone(), u, first: *first, map: map.clone() });
             steps.push(step);
         }
-        Ok((Fit { linear, raw_columns, raw_residuals, added, point: local.point }, steps, largest))
+        Ok((Fit { linear, raw_columns, raw_residuals, added, point: start.point.clone() }, steps, largest))
     }
 
     /// The fit as the rows of these chains see it.
     pub(super) fn part(&self, view: &View, chains: &[usize]) -> Part {
         let rows = view.rows_of(chains);
-        let all = self.linear.spread();
-        let spread = Mat::from_fn(rows.len(), all.ncols(), |i, j| all[(rows[i], j)]);
+        let spread = picked(self.linear.spread(), &rows);
         let residuals = Mat::from_fn(rows.len(), 1, |i, _| self.linear.residuals()[rows[i]]);
         let degrees = (rows.len() as f64 - spread.squared_norm_l2()).max(1.0);
         Part { chi2: residuals.squared_norm_l2(), spread, residuals, degrees }
@@ -145,7 +159,8 @@ impl Fit {
 
     /// Tests a candidate on what this fit leaves, among the rows that it acts on: the test and the number of those rows.
     pub(super) fn score(&self, view: &View, candidate: usize) -> (Score, usize) {
-        if let Some((chain, columns)) = view.chain_columns(candidate) {
+        if let Some(chain) = view.chain_of(candidate) {
+            let (columns, _) = view.chain_columns(chain, &[candidate]);
             let part = self.part(view, &[chain]);
             return (score(&part.project(columns.as_ref()), part.chi2, part.degrees), part.rows());
         }
@@ -162,7 +177,7 @@ impl Fit {
             return (score_together(&self.linear, &each, &whitened), rows.len());
         }
         let part = self.part(view, &chains);
-        let own = Mat::from_fn(rows.len(), columns.ncols(), |i, j| whitened[(rows[i], j)]);
+        let own = picked(whitened.as_ref(), &rows);
         (score(&part.project(own.as_ref()), part.chi2, part.degrees), part.rows())
     }
 
@@ -204,11 +219,12 @@ pub(super) fn names(study: &dyn Study, set: &[usize]) -> String {
 }
 
 /// Columns of several matrices.
-pub(super) fn side_by_side(parts: &[Mat<f64>]) -> Mat<f64> {
-    let rows = parts.first().map_or(0, Mat::nrows);
-    let mut all = Mat::zeros(rows, parts.iter().map(Mat::ncols).sum());
+pub(super) fn side_by_side<M: Borrow<Mat<f64>>>(parts: &[M]) -> Mat<f64> {
+    let parts = || parts.iter().map(M::borrow);
+    let rows = parts().next().map_or(0, Mat::nrows);
+    let mut all = Mat::zeros(rows, parts().map(Mat::ncols).sum());
     let mut first = 0;
-    for part in parts {
+    for part in parts() {
         all.as_mut().subcols_mut(first, part.ncols()).copy_from(part);
         first += part.ncols();
     }
@@ -231,7 +247,7 @@ fn new_directions(linear: &Linear, columns: MatRef<f64>) -> Mat<f64> {
 }
 
 /// The columns without what depends on the others.
-fn independent(columns: &Mat<f64>) -> Mat<f64> {
+pub(super) fn independent(columns: &Mat<f64>) -> Mat<f64> {
     let gram = columns.transpose() * columns;
     columns * combinations(&gram, &gram, BASE_LEFT)
 }

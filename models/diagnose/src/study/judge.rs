@@ -4,7 +4,7 @@
 
 use super::diagnosis::{HeldOutRms, Judgement};
 use super::fit::Fit;
-use super::view::View;
+use super::view::{View, picked};
 use crate::held_out::HeldOut;
 use abbe_identify::symmetric_eigen;
 use faer::Mat;
@@ -48,8 +48,7 @@ fn held_out(view: &View, fit: &Fit) -> Vec<HeldOut> {
     let spread = fit.linear.spread();
     let raw = &fit.raw_columns * fit.linear.root();
     let one = |block: &Vec<usize>| {
-        let own = Mat::from_fn(block.len(), spread.ncols(), |i, j| spread[(block[i], j)]);
-        let own_raw = Mat::from_fn(block.len(), raw.ncols(), |i, j| raw[(block[i], j)]);
+        let (own, own_raw) = (picked(spread, block), picked(raw.as_ref(), block));
         let residuals = Mat::from_fn(block.len(), 1, |i, _| fit.linear.residuals()[block[i]]);
         let Some((values, vectors)) = symmetric_eigen(&(own.transpose() * &own)) else {
             return HeldOut { square: 0.0, judged: 0 };

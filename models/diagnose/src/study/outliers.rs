@@ -6,11 +6,13 @@
 //! Weisberg 1982, 2.2.2). Many such rows are no accident but something that the model lacks, and then none is rejected.
 
 use super::candidate::{Chain, Study};
+use super::fit::side_by_side;
 use super::series::independent;
+use super::view::picked;
 use crate::error::DiagnoseError;
 use crate::linear::column;
 use crate::score::beyond;
-use abbe_identify::symmetric_eigen;
+use abbe_identify::{in_parallel, symmetric_eigen};
 use faer::linalg::solvers::{Llt, Solve};
 use faer::{Mat, Side};
 use statrs::distribution::StudentsT;
@@ -62,7 +64,7 @@ impl Outliers {
 pub(super) fn outliers(
     study: &dyn Study,
     set: &[usize],
-    keep: impl Fn(usize) -> bool,
+    keep: impl Fn(usize) -> bool + Sync,
 ) -> Result<Outliers, DiagnoseError> {
     let mut found = Outliers::default();
     if study.chains().is_empty() {
@@ -71,11 +73,14 @@ pub(super) fn outliers(
     let zero: Vec<(usize, Vec<f64>)> = Vec::new();
     let local = study.local(&zero)?;
     let columns: Vec<Mat<f64>> = set.iter().map(|k| study.columns(&local.point, *k)).collect();
-    for chain in study.chains() {
+    let of_chain = |chain: &Chain| {
         let rows: Vec<usize> = (0..chain.rows.len()).filter(|i| keep(chain.rows[*i])).collect();
         let basis = independent(&beside(chain, &rows, &columns));
         let values: Vec<f64> = rows.iter().map(|i| local.residual[chain.rows[*i]]).collect();
         let apart = apart(&basis, &values);
+        (rows, apart)
+    };
+    for (chain, (rows, apart)) in study.chains().iter().zip(in_parallel(study.chains(), of_chain)) {
         if apart.len() > ALWAYS.max((SHARE * rows.len() as f64) as usize) {
             found.too_many.push((chain.of.clone(), apart.len()));
             continue;
@@ -90,17 +95,10 @@ pub(super) fn outliers(
 }
 
 fn beside(chain: &Chain, rows: &[usize], columns: &[Mat<f64>]) -> Mat<f64> {
-    let own = chain.rich.ncols();
-    let mut all = Mat::zeros(rows.len(), own + columns.iter().map(Mat::ncols).sum::<usize>());
-    for (i, row) in rows.iter().enumerate() {
-        (0..own).for_each(|j| all[(i, j)] = chain.rich[(*row, j)]);
-        let mut first = own;
-        for columns in columns {
-            (0..columns.ncols()).for_each(|j| all[(i, first + j)] = columns[(chain.rows[*row], j)]);
-            first += columns.ncols();
-        }
-    }
-    all
+    let of_study: Vec<usize> = rows.iter().map(|row| chain.rows[*row]).collect();
+    let mut all = vec![picked(chain.rich.as_ref(), rows)];
+    all.extend(columns.iter().map(|columns| picked(columns.as_ref(), &of_study)));
+    side_by_side(&all)
 }
 
 /// Rows far off, with residual and deviations.
@@ -153,7 +151,7 @@ fn rounding(values: &[f64]) -> f64 {
 fn trial(basis: &Mat<f64>, values: &[f64], digits: f64, suspects: &BTreeSet<usize>) -> Vec<Option<(f64, f64, bool)>> {
     let count = basis.ncols();
     let kept: Vec<usize> = (0..values.len()).filter(|k| !suspects.contains(k)).collect();
-    let own = Mat::from_fn(kept.len(), count, |i, j| basis[(kept[i], j)]);
+    let own = picked(basis.as_ref(), &kept);
     let observed: Vec<f64> = kept.iter().map(|k| values[*k]).collect();
     let Some((eigen, vectors)) = symmetric_eigen(&(own.transpose() * &own)) else { return vec![None; values.len()] };
     let right = vectors.transpose() * (own.transpose() * column(&observed));
@@ -199,7 +197,10 @@ fn robust_residuals(basis: &Mat<f64>, values: &[f64]) -> Vec<f64> {
     let mut residuals = values.to_vec();
     let mut weights = vec![1.0; values.len()];
     for _ in 0..PASSES {
-        let weighted = Mat::from_fn(values.len(), basis.ncols(), |i, j| basis[(i, j)] * weights[i]);
+        let mut weighted = basis.clone();
+        for j in 0..basis.ncols() {
+            weighted.col_as_slice_mut(j).iter_mut().zip(&weights).for_each(|(value, weight)| *value *= weight);
+        }
         let mut gram = basis.transpose() * &weighted;
         let trace: f64 = (0..gram.nrows()).map(|k| gram[(k, k)]).sum();
         (0..gram.nrows()).for_each(|k| gram[(k, k)] += 1e-12 * trace);

@@ -25,10 +25,13 @@ pub(super) fn simpler(view: &View, candidate: usize) -> Mat<f64> {
 /// rows a place the test of the rows has said it.
 pub(super) fn goes_through_places(view: &View, fit: &Fit, candidate: usize) -> Result<bool, DiagnoseError> {
     let columns = view.columns(&fit.point, candidate);
-    let (places, rows) = places(&columns);
-    if 2 * places.ncols() > rows {
+    let (rows, of_row) = places(&columns);
+    let count = of_row.iter().max().map_or(0, |last| last + 1);
+    if 2 * count > rows.len() {
         return Ok(true);
     }
+    let mut places = Mat::zeros(columns.nrows(), count);
+    rows.iter().zip(&of_row).for_each(|(row, place)| places[(*row, *place)] = 1.0);
     let linear = fit.with_columns(view.whitened(&simpler(view, candidate)).as_ref())?;
     let tested = |columns: &Mat<f64>| {
         let found = score(&linear.project(view.whitened(columns).as_ref()), linear.chi2(), linear.degrees());
@@ -47,8 +50,8 @@ pub(super) fn goes_through_places(view: &View, fit: &Fit, candidate: usize) -> R
     Ok(p_value * waves as f64 <= BORNE)
 }
 
-/// A column for each place: 1 at the rows at which the candidate is the same, and is not nothing; and the number of such rows.
-fn places(columns: &Mat<f64>) -> (Mat<f64>, usize) {
+/// Rows at which the candidate is not nothing, and the number of the place of each: where the candidate is the same.
+fn places(columns: &Mat<f64>) -> (Vec<usize>, Vec<usize>) {
     let acts = |i: &usize| (0..columns.ncols()).any(|j| columns[(*i, j)] != 0.0);
     let rows: Vec<usize> = (0..columns.nrows()).filter(acts).collect();
     let mut numbers = BTreeMap::new();
@@ -57,8 +60,6 @@ fn places(columns: &Mat<f64>) -> (Mat<f64>, usize) {
         let next = numbers.len();
         *numbers.entry(key).or_insert(next)
     };
-    let of_row: Vec<usize> = rows.iter().map(&mut number).collect();
-    let mut places = Mat::zeros(columns.nrows(), of_row.iter().max().map_or(0, |last| last + 1));
-    rows.iter().zip(&of_row).for_each(|(row, place)| places[(*row, *place)] = 1.0);
-    (places, rows.len())
+    let of_row = rows.iter().map(&mut number).collect();
+    (rows, of_row)
 }

@@ -61,7 +61,7 @@ const FORMS: usize = 3;
 /// Blocks of an axis from which one can be left out and the others still show what goes on between them.
 const FEWEST_BLOCKS: usize = 3;
 /// Candidates that one thread tests at a time.
-const TOGETHER: usize = 16;
+const TOGETHER: usize = 24;
 
 /// Score of a candidate among others.
 #[derive(Debug, Clone)]
@@ -86,21 +86,15 @@ pub(super) struct Found {
 /// Scores all candidates outside the fit.
 pub(super) fn score_all(view: &View, fit: &Fit) -> Vec<Scored> {
     let inside = fit.set();
-    let outside: Vec<usize> = (0..view.study.candidates().len()).filter(|k| !inside.contains(k)).collect();
+    let mut outside: Vec<(Option<usize>, usize)> =
+        (0..view.study.candidates().len()).filter(|k| !inside.contains(k)).map(|k| (view.chain_of(k), k)).collect();
+    // Those of one chain go through its matrix products together.
+    outside.sort_unstable();
+    let chunks: Vec<&[(Option<usize>, usize)]> =
+        outside.chunk_by(|a, b| a.0 == b.0).flat_map(|own| own.chunks(TOGETHER)).collect();
     let parts: Vec<Part> = (0..view.chains().len()).map(|chain| fit.part(view, &[chain])).collect();
-    let one = |candidate: usize| match view.chain_columns(candidate) {
-        Some((chain, columns)) => {
-            let part = &parts[chain];
-            (candidate, score(&part.project(columns.as_ref()), part.chi2, part.degrees), part.rows())
-        }
-        None => {
-            let (score, rows) = fit.score_columns(view, &view.columns(&fit.point, candidate));
-            (candidate, score, rows)
-        }
-    };
-    let chunks: Vec<&[usize]> = outside.chunks(TOGETHER).collect();
-    let scores: Vec<(usize, Score, usize)> =
-        in_parallel(&chunks, |chunk| chunk.iter().map(|k| one(*k)).collect::<Vec<_>>()).concat();
+    let mut scores = in_parallel(&chunks, |chunk| score_chunk(view, fit, &parts, chunk)).concat();
+    scores.sort_unstable_by_key(|(candidate, ..)| *candidate);
     let tested = scores.iter().filter(|(_, score, _)| score.degrees > 0).count();
     let mut all: Vec<Scored> = scores
         .into_iter()
@@ -113,6 +107,23 @@ pub(super) fn score_all(view: &View, fit: &Fit) -> Vec<Scored> {
         .collect();
     holm(&mut all, tested);
     all
+}
+
+/// Candidates that act on one chain, or on several, with their scores and the rows that they act on.
+fn score_chunk(view: &View, fit: &Fit, parts: &[Part], chunk: &[(Option<usize>, usize)]) -> Vec<(usize, Score, usize)> {
+    let candidates = || chunk.iter().map(|(_, candidate)| *candidate);
+    let Some(chain) = chunk.first().and_then(|(chain, _)| *chain) else {
+        let one = |candidate| {
+            let (score, rows) = fit.score_columns(view, &view.columns(&fit.point, candidate));
+            (candidate, score, rows)
+        };
+        return candidates().map(one).collect();
+    };
+    let part = &parts[chain];
+    let (columns, counts) = view.chain_columns(chain, &candidates().collect::<Vec<usize>>());
+    let projected = part.project_all(columns.as_ref(), &counts);
+    let one = |(candidate, group)| (candidate, score(&group, part.chi2, part.degrees), part.rows());
+    candidates().zip(projected).map(one).collect()
 }
 
 /// Scores all candidates, the best wave of each family with its frequency adjusted: between two frequencies of the scan a large
@@ -408,19 +419,13 @@ fn prune(view: &mut View, mut set: Vec<usize>, options: &Options) -> Result<Vec<
     view.adapt(&set)?;
     let view = &*view;
     loop {
+        let places: Vec<usize> = (0..set.len().saturating_sub(1)).collect();
+        let tested = in_parallel(&places, |k| evidence_against(view, &set, *k, options));
         let mut weakest: Option<(f64, usize)> = None;
-        for k in 0..set.len().saturating_sub(1) {
-            let mut rest = set.clone();
-            let candidate = rest.remove(k);
-            // What the others cannot be fitted without is not superfluous.
-            let Ok(without) = Fit::settle(view, &rest) else { continue };
-            let (score, rows) = without.score(view, candidate);
-            let trials = view.study.candidates().len();
-            let evidence = score.evidence(rows, trials);
-            let passes = score.p_value * trials as f64 <= options.significance
-                && stands_apart(view, &without, candidate, trials, options)?
-                && is_told_from_position(view, &without, candidate, trials, options)?;
-            if !passes && weakest.is_none_or(|(least, _)| evidence < least) {
+        for (k, evidence) in tested.into_iter().enumerate() {
+            if let Some(evidence) = evidence?
+                && weakest.is_none_or(|(least, _)| evidence < least)
+            {
                 weakest = Some((evidence, k));
             }
         }
@@ -429,6 +434,20 @@ fn prune(view: &mut View, mut set: Vec<usize>, options: &Options) -> Result<Vec<
             None => return Ok(set),
         }
     }
+}
+
+/// Evidence for one of a set beside the others, where it does not pass.
+fn evidence_against(view: &View, set: &[usize], place: usize, options: &Options) -> Result<Option<f64>, DiagnoseError> {
+    let mut rest = set.to_vec();
+    let candidate = rest.remove(place);
+    // What the others cannot be fitted without is not superfluous.
+    let Ok(without) = Fit::settle(view, &rest) else { return Ok(None) };
+    let (score, rows) = without.score(view, candidate);
+    let trials = view.study.candidates().len();
+    let passes = score.p_value * trials as f64 <= options.significance
+        && stands_apart(view, &without, candidate, trials, options)?
+        && is_told_from_position(view, &without, candidate, trials, options)?;
+    Ok((!passes).then(|| score.evidence(rows, trials)))
 }
 
 fn considered_as(view: &View, scored: &Scored) -> Considered {

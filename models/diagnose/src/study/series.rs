@@ -7,8 +7,9 @@
 //! few cycles leave many. Before the data, white noise is as likely as all slow noise together: a grid of slow noise does
 //! not become likelier by having more points. No units.
 
+use super::filters::Gaps;
 use abbe_identify::correlation::{Correlation, Fitted, Sequence, Whitener};
-use abbe_identify::symmetric_eigen;
+use abbe_identify::{in_parallel, symmetric_eigen};
 use faer::linalg::solvers::{Llt, Solve};
 use faer::{Mat, Side};
 
@@ -25,6 +26,8 @@ const WHITE: f64 = 0.5;
 const FEWEST: usize = 10;
 /// Weight below which a description of the noise is left out.
 const NEGLIGIBLE: f64 = 1e-5;
+/// Figures of a matrix from which descriptions of the noise go on several threads.
+const ON_THREADS: usize = 4000;
 /// Shortest gap, in steps: rows of one instant are two readings all the same.
 const SHORTEST: f64 = 0.05;
 
@@ -53,11 +56,15 @@ impl Theta {
 }
 
 /// What frees columns of correlation: rows in order, each with the steps since the one before (the first is not read).
+/// White rows need nothing.
 #[derive(Debug, Clone)]
-pub(super) struct Filter(Whitener);
+pub(super) struct Filter(Option<Whitener>);
 
 impl Filter {
     pub(super) fn new(theta: Theta, gaps: &[f64]) -> Filter {
+        if theta == Theta::WHITE {
+            return Filter(None);
+        }
         let mut place = 0.0;
         let mut along = |gap: &f64| {
             place += gap.max(SHORTEST);
@@ -66,13 +73,19 @@ impl Filter {
         let places: Vec<f64> = gaps.iter().map(&mut along).collect();
         let rows: Vec<usize> = (0..gaps.len()).collect();
         let sequence = Sequence::new(&[rows], |row| places[row], |_| 0);
-        Filter(Whitener::new(&sequence, &theta.correlation(), &vec![1.0; gaps.len()]))
+        Filter(Some(Whitener::new(&sequence, &theta.correlation(), &vec![1.0; gaps.len()])))
     }
 
     /// Whitens every column.
     pub(super) fn whitened(&self, mut columns: Mat<f64>) -> Mat<f64> {
-        (0..columns.ncols()).for_each(|j| self.0.apply(columns.col_as_slice_mut(j)));
+        if let Some(whitener) = &self.0 {
+            whitener.apply_to_columns(&mut columns);
+        }
         columns
+    }
+
+    fn log_determinant(&self) -> f64 {
+        self.0.as_ref().map_or(0.0, Whitener::log_determinant)
     }
 }
 
@@ -143,8 +156,24 @@ fn descriptions() -> impl Iterator<Item = (Theta, f64)> {
     std::iter::once((Theta::WHITE, WHITE.ln())).chain(SHARE.into_iter().flat_map(of_share))
 }
 
+/// Place of a description among all; their number for one that is none of them.
+pub(super) fn place_of(theta: Option<Theta>) -> usize {
+    descriptions().take_while(|(own, _)| Some(*own) != theta).count()
+}
+
+/// A figure of every description of the noise that has one, with the logarithm of its probability before the data: on several
+/// threads where the work is worth them.
+fn of_each<R: Send>(work: usize, of: impl Fn(Theta) -> Option<R> + Sync) -> Vec<(Theta, f64, R)> {
+    let all: Vec<(Theta, f64)> = descriptions().collect();
+    let one = |(theta, prior): &(Theta, f64)| Some((*theta, *prior, of(*theta)?));
+    match work < ON_THREADS {
+        true => all.iter().filter_map(one).collect(),
+        false => in_parallel(&all, one).into_iter().flatten().collect(),
+    }
+}
+
 /// Weighs all descriptions of the noise by their restricted likelihood, for rows in order.
-pub(super) fn noise(gaps: &[f64], columns: &Mat<f64>, rows: &[f64]) -> Noise {
+pub(super) fn noise(gaps: &Gaps, columns: &Mat<f64>, rows: &[f64]) -> Noise {
     let columns = independent(columns);
     let degrees = rows.len().saturating_sub(columns.ncols());
     let sigma = |theta: Theta| likelihood(theta, gaps, &columns, rows);
@@ -152,8 +181,9 @@ pub(super) fn noise(gaps: &[f64], columns: &Mat<f64>, rows: &[f64]) -> Noise {
     if degrees < FEWEST {
         return Noise { sigma: white_sigma, degrees, ..Noise::white() };
     }
-    let one = |(theta, prior)| sigma(theta).map(|(value, sigma)| (theta, value + prior, sigma));
-    let all: Vec<(Theta, f64, f64)> = descriptions().filter_map(one).collect();
+    let all = of_each(rows.len() * columns.ncols(), sigma);
+    let all: Vec<(Theta, f64, f64)> =
+        all.into_iter().map(|(theta, prior, (value, sigma))| (theta, value + prior, sigma)).collect();
     let most = all.iter().map(|(_, value, _)| *value).fold(f64::NEG_INFINITY, f64::max);
     let total: f64 = all.iter().map(|(_, value, _)| (value - most).exp()).sum();
     // The likeliest: what is nearly white is fitted as white, which costs little and hangs on no detail of the noise.
@@ -167,7 +197,7 @@ pub(super) fn noise(gaps: &[f64], columns: &Mat<f64>, rows: &[f64]) -> Noise {
 }
 
 /// Restricted log likelihood, and the deviation that makes it largest.
-fn likelihood(theta: Theta, gaps: &[f64], columns: &Mat<f64>, rows: &[f64]) -> Option<(f64, f64)> {
+fn likelihood(theta: Theta, gaps: &Gaps, columns: &Mat<f64>, rows: &[f64]) -> Option<(f64, f64)> {
     if rows.len() <= columns.ncols() {
         return None;
     }
@@ -179,13 +209,13 @@ fn likelihood(theta: Theta, gaps: &[f64], columns: &Mat<f64>, rows: &[f64]) -> O
         prior: prior.as_ref(),
         improper: columns.ncols(),
     };
-    let found = fitted.restricted(Some(&Filter::new(theta, gaps).0))?;
+    let found = fitted.restricted(gaps.filter(theta).0.as_ref())?;
     Some((-0.5 * found.minus_two_log, found.noise_factor.sqrt()))
 }
 
 /// Gain of twice the log likelihood by further columns, all descriptions of the noise weighed on either side, and the number of
 /// directions in which they are new.
-pub(super) fn gain(gaps: &[f64], base: &Mat<f64>, further: &Mat<f64>, rows: &[f64]) -> (f64, usize) {
+pub(super) fn gain(gaps: &Gaps, base: &Mat<f64>, further: &Mat<f64>, rows: &[f64]) -> (f64, usize) {
     let mut both = Mat::zeros(base.nrows(), base.ncols() + further.ncols());
     both.as_mut().subcols_mut(0, base.ncols()).copy_from(base);
     both.as_mut().subcols_mut(base.ncols(), further.ncols()).copy_from(further);
@@ -194,29 +224,38 @@ pub(super) fn gain(gaps: &[f64], base: &Mat<f64>, further: &Mat<f64>, rows: &[f6
     if new == 0 || rows.len() <= both.ncols() {
         return (0.0, new);
     }
-    let weighed = |columns: &Mat<f64>| {
-        let one = |(theta, prior)| Some(profile(theta, gaps, columns, rows)? + prior);
-        let values: Vec<f64> = descriptions().filter_map(one).collect();
+    // The base as combinations of all, so that only all are whitened.
+    let inside = both.transpose() * &base;
+    let values = of_each(rows.len() * both.ncols(), |theta| Some(profiles(theta, gaps, &both, &inside, rows)));
+    let weighed = |of: fn(&Pair) -> Option<f64>| {
+        let values: Vec<f64> = values.iter().filter_map(|(_, prior, pair)| Some(of(pair)? + prior)).collect();
         let most = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
         most + values.iter().map(|value| (value - most).exp()).sum::<f64>().ln()
     };
-    let gain = 2.0 * (weighed(&both) - weighed(&base));
+    let gain = 2.0 * (weighed(|pair| pair.1) - weighed(|pair| pair.0));
     // Bartlett's factor: what few rows make too large.
     (gain.max(0.0) * (rows.len() - both.ncols()) as f64 / rows.len() as f64, new)
 }
 
-/// Log likelihood with the deviation at its best; not restricted, so that different columns can be compared.
-fn profile(theta: Theta, gaps: &[f64], columns: &Mat<f64>, rows: &[f64]) -> Option<f64> {
-    let filter = Filter::new(theta, gaps);
+/// Log likelihoods beside some columns and beside more, where there are any.
+type Pair = (Option<f64>, Option<f64>);
+
+/// Log likelihood with the deviation at its best; not restricted, so that different columns can be compared: beside the
+/// combinations `inside` of the columns, and beside all of them.
+fn profiles(theta: Theta, gaps: &Gaps, columns: &Mat<f64>, inside: &Mat<f64>, rows: &[f64]) -> Pair {
+    let filter = gaps.filter(theta);
     let before: f64 = rows.iter().map(|r| r * r).sum();
     let rows = filter.whitened(crate::linear::column(rows));
     let columns = filter.whitened(columns.clone());
-    let gram = columns.transpose() * &columns;
-    let right = columns.transpose() * &rows;
-    let solved = Llt::new(gram.as_ref(), Side::Lower).ok()?.solve(&right);
-    let left = (rows.squared_norm_l2() - (right.transpose() * &solved)[(0, 0)]).max(1e-24 * before);
-    let value = -0.5 * (rows.nrows() as f64 * left.max(f64::MIN_POSITIVE).ln() + filter.0.log_determinant());
-    value.is_finite().then_some(value)
+    let (gram, right) = (columns.transpose() * &columns, columns.transpose() * &rows);
+    let value = |gram: &Mat<f64>, right: &Mat<f64>| {
+        let solved = Llt::new(gram.as_ref(), Side::Lower).ok()?.solve(right);
+        let left = (rows.squared_norm_l2() - (right.transpose() * &solved)[(0, 0)]).max(1e-24 * before);
+        let value = -0.5 * (rows.nrows() as f64 * left.max(f64::MIN_POSITIVE).ln() + filter.log_determinant());
+        value.is_finite().then_some(value)
+    };
+    let (own, own_right) = (inside.transpose() * &gram * inside, inside.transpose() * &right);
+    (value(&own, &own_right), value(&gram, &right))
 }
 
 /// Orthonormal combinations of the columns, without what depends on the others.
@@ -257,7 +296,7 @@ mod tests {
             })
             .collect();
         let trend = Mat::from_fn(count, 2, |k, j| if j == 0 { 1.0 } else { k as f64 });
-        noise(&vec![1.0; count], &trend, &rows)
+        noise(&Gaps::new(vec![1.0; count]), &trend, &rows)
     }
 
     #[test]

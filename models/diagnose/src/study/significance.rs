@@ -12,12 +12,14 @@
 use super::fit::{Fit, side_by_side};
 use super::series::{Filter, Theta, gain, independent};
 use super::together::score_together;
-use super::view::View;
+use super::view::{View, picked};
 use crate::error::DiagnoseError;
 use crate::linear::Linear;
 use crate::score::score;
+use abbe_identify::in_parallel;
 use faer::Mat;
 use statrs::distribution::{ChiSquared, ContinuousCDF};
+use std::borrow::Cow;
 
 /// Combinations drawn where several chains, each with its own correlation, take part.
 const DRAWS: usize = 24;
@@ -44,7 +46,6 @@ pub(super) fn probability_beside(
     if view.chains().is_empty() {
         return Ok(fit.score_columns(view, columns).0.p_value);
     }
-    let mut sum = 0.0;
     let own = |matrix: &Mat<f64>| -> Vec<Mat<f64>> { chains.iter().map(|k| of_chain(view, *k, matrix)).collect() };
     let rows = Mat::from_fn(fit.raw_residuals.len(), 1, |i, _| fit.raw_residuals[i]);
     let (base, rows, columns) =
@@ -55,27 +56,25 @@ pub(super) fn probability_beside(
         (first - part.nrows()..first).collect::<Vec<usize>>()
     };
     let each: Vec<Vec<usize>> = rows.iter().map(&mut next).collect();
-    for (thetas, weight) in draws(view, &chains) {
-        let filters: Vec<(Filter, f64)> = chains
-            .iter()
-            .zip(&thetas)
-            .map(|(k, theta)| (Filter::new(*theta, &view.chains()[*k].gaps), view.chains()[*k].noise.sigma))
-            .collect();
+    let one = |(thetas, weight): &Draw| {
+        let filter =
+            |(k, theta): (&usize, &Theta)| (view.chains()[*k].gaps.filter(*theta), view.chains()[*k].noise.sigma);
+        let filters: Vec<(Cow<Filter>, f64)> = chains.iter().zip(thetas).map(filter).collect();
         let whiten = |parts: &[Mat<f64>]| stacked(parts, &filters);
         let base = independent(&whiten(&base));
         let rows = whiten(&rows);
-        let observed: Vec<f64> = (0..rows.nrows()).map(|k| rows[(k, 0)]).collect();
         let linear = match base.ncols() {
             0 => return Err(DiagnoseError::Singular),
-            _ => Linear::least_squares(base, &observed)?.0,
+            _ => Linear::least_squares(base, rows.col_as_slice(0))?.0,
         };
         let columns = whiten(&columns);
         let found = match chains.len() {
             1 => score(&linear.project(columns.as_ref()), linear.chi2(), linear.degrees()),
             _ => score_together(&linear, &each, &columns),
         };
-        sum += weight * found.p_value;
-    }
+        Ok(weight * found.p_value)
+    };
+    let sum = in_parallel(&draws(view, &chains), one).into_iter().sum::<Result<f64, DiagnoseError>>()?;
     let mut by_likelihood = (0.0, 0);
     for (k, ((base, rows), columns)) in chains.iter().zip(base.iter().zip(&rows).zip(&columns)) {
         let observed: Vec<f64> = (0..rows.nrows()).map(|i| rows[(i, 0)]).collect();
@@ -154,18 +153,18 @@ fn at(weighed: &[super::series::Weighed], step: f64) -> Theta {
 }
 
 fn of_chain(view: &View, chain: usize, matrix: &Mat<f64>) -> Mat<f64> {
-    let rows = &view.chains()[chain].rows;
-    Mat::from_fn(rows.len(), matrix.ncols(), |i, j| matrix[(rows[i], j)])
+    picked(matrix.as_ref(), &view.chains()[chain].rows)
 }
 
-fn stacked(parts: &[Mat<f64>], filters: &[(Filter, f64)]) -> Mat<f64> {
+fn stacked(parts: &[Mat<f64>], filters: &[(Cow<Filter>, f64)]) -> Mat<f64> {
     let rows = parts.iter().map(Mat::nrows).sum();
     let mut all = Mat::zeros(rows, parts.first().map_or(0, Mat::ncols));
     let mut first = 0;
     for (part, (filter, sigma)) in parts.iter().zip(filters) {
         let whitened = filter.whitened(part.clone());
         for j in 0..part.ncols() {
-            (0..part.nrows()).for_each(|i| all[(first + i, j)] = whitened[(i, j)] / sigma);
+            let own = &mut all.col_as_slice_mut(j)[first..first + part.nrows()];
+            own.iter_mut().zip(whitened.col_as_slice(j)).for_each(|(own, value)| *own = value / sigma);
         }
         first += part.nrows();
     }

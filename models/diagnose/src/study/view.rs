@@ -6,13 +6,17 @@
 
 use super::candidate::Study;
 use super::display::{FINEST_M, hidden, step};
-use super::fit::Fit;
+use super::filters::Gaps;
+use super::fit::{Fit, Fitted, independent, side_by_side};
+use super::memory::{Based, Memory, Start};
 use super::series::{Filter, Noise, Theta, noise};
 use crate::error::DiagnoseError;
+use crate::linear::{Linear, column};
 use crate::score::golden_section;
 use crate::score::score;
 use abbe_geometry::Axis;
-use faer::Mat;
+use faer::{Mat, MatRef};
+use std::sync::Arc;
 
 /// Rows of one chain that are kept.
 #[derive(Debug, Clone)]
@@ -21,8 +25,10 @@ pub(super) struct Kept {
     pub(super) of: String,
     /// In the view, in order.
     pub(super) rows: Vec<usize>,
-    /// Steps since the row before.
-    pub(super) gaps: Vec<f64>,
+    /// The same rows of the study.
+    rows_of_study: Vec<usize>,
+    /// Steps since the row before; chains with the same ones share them.
+    pub(super) gaps: Arc<Gaps>,
     /// Of a row (m).
     pub(super) unit_m: f64,
     pub(super) along: Option<Axis>,
@@ -36,6 +42,16 @@ impl Kept {
     /// A deviation, with what the display hides of it.
     fn with_hidden(&self, sigma: f64) -> f64 {
         self.step.map_or(sigma, |step| sigma.hypot(hidden(step, sigma)))
+    }
+
+    /// Noise, with what the display hides of it.
+    fn with_display(&self, noise: Noise) -> Noise {
+        let sigma = self.with_hidden(noise.sigma);
+        // What is left of rounding follows the places, not the order.
+        if self.step.is_some_and(|step| noise.sigma < hidden(step, 0.0)) {
+            return Noise { sigma, degrees: noise.degrees, ..Noise::white() };
+        }
+        Noise { sigma, ..noise }
     }
 
     /// Standard uncertainty of a mean of many rows, in units of a row, that no scatter shows.
@@ -57,6 +73,7 @@ pub(super) struct View<'a> {
     kept: Vec<usize>,
     blocks: Vec<Vec<usize>>,
     chains: Vec<Kept>,
+    memory: Memory,
 }
 
 impl<'a> View<'a> {
@@ -68,24 +85,30 @@ impl<'a> View<'a> {
         let pick = |rows: &Vec<usize>| rows.iter().filter_map(|row| own[*row]).collect::<Vec<usize>>();
         let blocks = study.blocks().iter().map(pick).filter(|block| !block.is_empty()).collect();
         let shown_m = shown_m(&*study);
-        let chain = |chain: &super::candidate::Chain| {
-            let (mut rows, mut gaps, mut since) = (Vec::new(), Vec::new(), 0.0);
+        let mut chains: Vec<Kept> = Vec::with_capacity(study.chains().len());
+        for chain in study.chains() {
+            let (mut rows, mut rows_of_study, mut steps, mut since) = (Vec::new(), Vec::new(), Vec::new(), 0.0);
             for (row, gap) in chain.rows.iter().zip(&chain.gaps) {
                 since += gap;
                 if let Some(k) = own[*row] {
                     rows.push(k);
-                    gaps.push(since);
+                    rows_of_study.push(*row);
+                    steps.push(since);
                     since = 0.0;
                 }
             }
-            let filter = Filter::new(Theta::WHITE, &gaps);
+            if rows.is_empty() {
+                continue;
+            }
+            let same = chains.iter().find(|other| other.gaps.steps() == steps).map(|other| Arc::clone(&other.gaps));
+            let gaps = same.unwrap_or_else(|| Arc::new(Gaps::new(steps)));
             let (of, unit_m, along) = (chain.of.clone(), chain.unit_m, chain.along);
-            let own: Vec<f64> = rows.iter().filter_map(|row| shown_m.get(kept[*row]).copied()).collect();
-            let step = step(&own, FINEST_M).map(|step_m| step_m / unit_m);
-            Kept { of, rows, gaps, unit_m, along, noise: Noise::white(), step, filter }
-        };
-        let chains = study.chains().iter().map(chain).filter(|chain| !chain.rows.is_empty()).collect();
-        View { study, kept, blocks, chains }
+            let shown_m: Vec<f64> = rows_of_study.iter().filter_map(|row| shown_m.get(*row).copied()).collect();
+            let step = step(&shown_m, FINEST_M).map(|step_m| step_m / unit_m);
+            let (noise, filter) = (Noise::white(), gaps.filter(Theta::WHITE).into_owned());
+            chains.push(Kept { of, rows, rows_of_study, gaps, unit_m, along, noise, step, filter });
+        }
+        View { study, kept, blocks, chains, memory: Memory::default() }
     }
 
     pub(super) fn len(&self) -> usize {
@@ -112,22 +135,51 @@ impl<'a> View<'a> {
 
     /// Rows of a matrix of the study that are kept.
     pub(super) fn picked(&self, matrix: &Mat<f64>) -> Mat<f64> {
-        Mat::from_fn(self.kept.len(), matrix.ncols(), |i, j| matrix[(self.kept[i], j)])
+        picked(matrix.as_ref(), &self.kept)
+    }
+
+    /// The base model where these candidates have these parameters, and the rows.
+    pub(super) fn start(&self, at: &[(usize, Vec<f64>)]) -> Result<Arc<Start>, DiagnoseError> {
+        if let Some(start) = self.memory.start.get() {
+            return Ok(Arc::clone(start));
+        }
+        let local = self.study.local(at)?;
+        let (base, rows) = (independent(&self.picked(&local.base)), self.picked(&column(&local.residual)));
+        let start = Arc::new(Start { point: local.point, base, rows });
+        Ok(if self.study.is_linear() { Arc::clone(self.memory.start.get_or_init(|| start)) } else { start })
+    }
+
+    /// The fit of the base model alone.
+    pub(super) fn based(&self, start: &Start) -> Result<Arc<Based>, DiagnoseError> {
+        if let Some(based) = self.memory.based.get() {
+            return Ok(Arc::clone(based));
+        }
+        let observed = self.whitened(&start.rows);
+        let (linear, _) = Linear::least_squares(self.whitened(&start.base), observed.col_as_slice(0))?;
+        let based = Arc::new(Based { linear, observed });
+        Ok(if self.study.is_linear() { Arc::clone(self.memory.based.get_or_init(|| based)) } else { based })
     }
 
     /// Columns of a candidate, not whitened.
-    pub(super) fn columns(&self, point: &[f64], candidate: usize) -> Mat<f64> {
-        self.picked(&self.study.columns(point, candidate))
+    pub(super) fn columns(&self, point: &[f64], candidate: usize) -> Arc<Mat<f64>> {
+        let make = || self.picked(&self.study.columns(point, candidate));
+        if self.study.is_linear() { self.memory.columns(candidate, make) } else { Arc::new(make()) }
     }
 
-    /// The one chain a candidate acts on, with its whitened columns there.
-    pub(super) fn chain_columns(&self, candidate: usize) -> Option<(usize, Mat<f64>)> {
+    /// The one chain that a candidate acts on.
+    pub(super) fn chain_of(&self, candidate: usize) -> Option<usize> {
         let (of, _) = self.study.chain_columns(candidate, &[])?;
         let name = &self.study.chains()[of].of;
-        let chain = self.chains.iter().position(|chain| chain.of == *name)?;
-        let rows: Vec<usize> = self.chains[chain].rows.iter().map(|k| self.kept[*k]).collect();
-        let (_, columns) = self.study.chain_columns(candidate, &rows)?;
-        Some((chain, self.whitened_in(chain, columns)))
+        self.chains.iter().position(|chain| chain.of == *name)
+    }
+
+    /// Whitened columns, side by side, of candidates that act on one chain, and how many each has.
+    pub(super) fn chain_columns(&self, chain: usize, candidates: &[usize]) -> (Mat<f64>, Vec<usize>) {
+        let rows = &self.chains[chain].rows_of_study;
+        let own = |k: &usize| self.study.chain_columns(*k, rows).map_or_else(|| Mat::zeros(rows.len(), 0), |own| own.1);
+        let own: Vec<Mat<f64>> = candidates.iter().map(own).collect();
+        let counts = own.iter().map(Mat::ncols).collect();
+        (self.whitened_in(chain, side_by_side(&own)), counts)
     }
 
     /// Whitens rows of one chain, in its order.
@@ -142,10 +194,10 @@ impl<'a> View<'a> {
     pub(super) fn whitened(&self, columns: &Mat<f64>) -> Mat<f64> {
         let mut whitened = columns.clone();
         for (k, chain) in self.chains.iter().enumerate() {
-            let own = Mat::from_fn(chain.rows.len(), columns.ncols(), |i, j| columns[(chain.rows[i], j)]);
-            let own = self.whitened_in(k, own);
-            for (i, row) in chain.rows.iter().enumerate() {
-                (0..columns.ncols()).for_each(|j| whitened[(*row, j)] = own[(i, j)]);
+            let own = self.whitened_in(k, picked(columns.as_ref(), &chain.rows));
+            for j in 0..columns.ncols() {
+                let (all, own) = (whitened.col_as_slice_mut(j), own.col_as_slice(j));
+                chain.rows.iter().zip(own).for_each(|(row, value)| all[*row] = *value);
             }
         }
         whitened
@@ -179,18 +231,30 @@ impl<'a> View<'a> {
         Fit::settle(self, set)
     }
 
-    fn noise_of(&self, chain: usize, fit: &Fit) -> Noise {
-        let chain = &self.chains[chain];
-        let rows: Vec<f64> = chain.rows.iter().map(|row| fit.raw_residuals[*row]).collect();
-        let columns =
-            Mat::from_fn(chain.rows.len(), fit.raw_columns.ncols(), |i, j| fit.raw_columns[(chain.rows[i], j)]);
-        let noise = noise(&chain.gaps, &columns, &rows);
-        let sigma = chain.with_hidden(noise.sigma);
-        // What is left of rounding follows the places, not the order.
-        if chain.step.is_some_and(|step| noise.sigma < hidden(step, 0.0)) {
-            return Noise { sigma, degrees: noise.degrees, ..Noise::white() };
+    fn noise_of(&mut self, chain: usize, fit: &Fit) -> Noise {
+        let beside = self.beside(chain, fit);
+        if let Some(found) = beside.as_ref().and_then(|beside| self.memory.noise(chain, beside)) {
+            return found.clone();
         }
-        Noise { sigma, ..noise }
+        let own = &self.chains[chain];
+        let rows: Vec<f64> = own.rows.iter().map(|row| fit.raw_residuals[*row]).collect();
+        let noise = own.with_display(noise(&own.gaps, &picked(fit.raw_columns.as_ref(), &own.rows), &rows));
+        if let Some(beside) = beside {
+            self.memory.keep_noise(chain, beside, &noise);
+        }
+        noise
+    }
+
+    /// Candidates of a fit that act on a chain, where these alone say what it is left with: with all of their directions, and
+    /// columns that are the same in every fit.
+    fn beside(&self, chain: usize, fit: &Fit) -> Option<Vec<usize>> {
+        let acts = |fitted: &&Fitted| self.chain_of(fitted.candidate).is_none_or(|own| own == chain);
+        let whole = |fitted: &Fitted| fitted.map.ncols() == self.study.candidates()[fitted.candidate].parameters.len();
+        let own: Vec<&Fitted> = fit.added.iter().filter(acts).collect();
+        let is_known = self.study.is_linear() && own.iter().all(|fitted| whole(fitted));
+        let mut beside: Vec<usize> = own.iter().map(|fitted| fitted.candidate).collect();
+        beside.sort_unstable();
+        is_known.then_some(beside)
     }
 
     /// Takes white noise of the size that a fit leaves.
@@ -214,23 +278,36 @@ impl<'a> View<'a> {
 
     /// Takes a description of the noise of a chain.
     pub(super) fn set_noise(&mut self, chain: usize, noise: Noise) {
-        self.chains[chain].filter = Filter::new(noise.theta, &self.chains[chain].gaps);
+        self.chains[chain].filter = self.chains[chain].gaps.filter(noise.theta).into_owned();
         self.chains[chain].noise = noise;
+        self.memory.forget_fit();
     }
 
     /// The frequency near its own at which a candidate explains most of what a fit without it leaves.
     pub(super) fn refine(&mut self, fit: &Fit, candidate: usize) {
         let Some((own, reach)) = self.study.frequency(candidate) else { return };
-        let Some((of, _)) = self.study.chain_columns(candidate, &[]) else { return };
-        let name = self.study.chains()[of].of.clone();
-        let Some(chain) = self.chains.iter().position(|chain| chain.of == name) else { return };
-        let rows: Vec<usize> = self.chains[chain].rows.iter().map(|k| self.kept[*k]).collect();
+        let Some(chain) = self.chain_of(candidate) else { return };
+        let rows = &self.chains[chain].rows_of_study;
         let part = fit.part(self, &[chain]);
         let explained = |frequency: f64| {
-            let columns = self.whitened_in(chain, self.study.columns_at(candidate, frequency, &rows));
+            let columns = self.whitened_in(chain, self.study.columns_at(candidate, frequency, rows));
             score(&part.project(columns.as_ref()), part.chi2, part.degrees).reduction
         };
         let frequency = golden_section((own - reach, own + reach), explained);
         self.study.set_frequency(candidate, frequency);
+        self.memory.forget_columns();
     }
+}
+
+/// Rows of a matrix.
+pub(super) fn picked(matrix: MatRef<f64>, rows: &[usize]) -> Mat<f64> {
+    let mut own = Mat::zeros(rows.len(), matrix.ncols());
+    for (j, all) in matrix.col_iter().enumerate() {
+        let own = own.col_as_slice_mut(j).iter_mut().zip(rows);
+        match all.try_as_col_major() {
+            Some(all) => own.for_each(|(own, row)| *own = all.as_slice()[*row]),
+            None => own.for_each(|(own, row)| *own = all[*row]),
+        }
+    }
+    own
 }

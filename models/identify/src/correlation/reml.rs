@@ -90,13 +90,12 @@ impl Fitted<'_> {
         let (mut design, mut observed) = (self.design.to_owned(), self.residuals.to_vec());
         let log_determinant = match whitener {
             Some(whitener) => {
-                let whiten = |column: &mut [f64]| {
-                    whitener.apply(column);
-                    let left_out = column.iter_mut().zip(self.weights).filter(|(_, weight)| **weight <= 0.0);
-                    left_out.for_each(|(value, _)| *value = 0.0);
-                };
-                (0..design.ncols()).for_each(|j| whiten(design.col_as_slice_mut(j)));
-                whiten(&mut observed);
+                let left_out: Vec<usize> = (0..observed.len()).filter(|k| self.weights[*k] <= 0.0).collect();
+                let clear = |column: &mut [f64]| left_out.iter().for_each(|k| column[*k] = 0.0);
+                whitener.apply_to_columns(&mut design);
+                (0..design.ncols()).for_each(|j| clear(design.col_as_slice_mut(j)));
+                whitener.apply(&mut observed);
+                clear(&mut observed);
                 whitener.log_determinant()
             }
             None => {

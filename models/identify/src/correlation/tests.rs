@@ -100,6 +100,22 @@ fn whitened_rows_give_the_inverse_and_the_determinant_of_the_dense_covariance() 
     }
 }
 
+/// Seven columns: some go side by side, the rest alone; with an offset of groups all do.
+#[test]
+fn columns_side_by_side_are_whitened_as_each_alone() {
+    for group_share in [0.0, 0.2] {
+        let whitener = Whitener::new(&sequence().0, &Correlation { group_share, ..CORRELATION }, &weights());
+        let mut columns = Mat::from_fn(26, 7, |k, j| wave(k, 0.3 + 0.4 * j as f64));
+        let before = columns.clone();
+        whitener.apply_to_columns(&mut columns);
+        for j in 0..7 {
+            let mut alone = before.col_as_slice(j).to_vec();
+            whitener.apply(&mut alone);
+            assert_eq!(columns.col_as_slice(j), alone, "{group_share} {j}");
+        }
+    }
+}
+
 #[test]
 fn without_correlation_rows_are_multiplied_by_the_roots_of_their_weights() {
     let white = Correlation { share: 0.0, length: 1.0, group_share: 0.0 };

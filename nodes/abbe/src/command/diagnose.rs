@@ -3,13 +3,13 @@
 //! Place in the flow: offline, or started by the monitor node on the readings it keeps. The error before and after is
 //! that on data which no step used; verification points score at the very end.
 
-use super::identify::spinner;
 use crate::diagnosis::study::{self, DataKind};
 use crate::diagnosis::{MODEL, Product, Request, output, tracer};
 use crate::identity::{IdentityOptions, Said};
 use crate::next::{KNOWN_POINTS, Next, READINGS};
 use crate::pipeline::BagJoin;
 use crate::pipeline::is_bag;
+use crate::progress::Told;
 use crate::verdict::{Accept, shown};
 use abbe_diagnose::Progress;
 use abbe_files::{Days, read_machine};
@@ -69,18 +69,18 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let inputs = [&arguments.model, &arguments.machine, &arguments.campaign, &arguments.residuals, &arguments.verify];
     let inputs: Vec<_> = inputs.into_iter().flatten().map(PathBuf::as_path).collect();
     output::check(&arguments.out, &inputs)?;
-    let bar = spinner("diagnosing");
+    let told = Told::new("diagnosing");
     let mut fold = None;
     let mut observe = |progress: Progress| {
-        bar.set_message(progress_text(&progress, &mut fold));
+        told.say(progress_text(&progress, &mut fold));
         !shutdown.requested()
     };
     let mut observe_study = |progress: study::Progress| {
-        bar.set_message(study_text(&progress));
+        told.say(study_text(&progress));
         !shutdown.requested()
     };
     let made = product(arguments, &mut observe, &mut observe_study);
-    bar.finish_and_clear();
+    told.finish();
     let mut product = shown(made, arguments.json)?;
     product.report.identity = who(arguments, &product.report)?;
     let next = next(arguments, &product);

@@ -57,13 +57,13 @@ pub(super) fn name_aliases(view: &View, diagnosis: &mut StudyDiagnosis) -> Resul
     let testable = testable(view, &base);
     for a in &testable {
         let columns = view.columns(&base.point, *a);
-        let alone = base.linear.project(columns.as_ref()).left;
+        let alone = base.linear.project((*columns).as_ref()).left;
         for b in testable.iter().filter(|b| *b > a) {
             let other = view.columns(&base.point, *b);
             if columns.ncols() != other.ncols() {
                 continue;
             }
-            let left = base.with_columns(other.as_ref())?.project(columns.as_ref()).left;
+            let left = base.with_columns((*other).as_ref())?.project((*columns).as_ref()).left;
             let trace = |matrix: &faer::Mat<f64>| (0..matrix.ncols()).map(|k| matrix[(k, k)]).sum::<f64>();
             let share = 1.0 - trace(&left) / trace(&alone);
             if share > ALIASED {

@@ -6,14 +6,13 @@
 //! three rows a vector.
 
 use super::problem::{POSITION, TIME};
-use super::shape::Quantity;
-use crate::study::smooth::legendre;
+use super::shape::{HIGHEST, Quantity};
 use faer::Mat;
 
 /// What passes by itself: the beginnings of its names.
 const PASSING: [&str; 4] = [TIME, "temp_", "pressure_", "humidity_"];
 /// Degree of the polynomials of position, and most of them for a component.
-const DEGREE: usize = 4;
+const DEGREE: usize = HIGHEST;
 const MOST: usize = 20;
 
 /// Whether a quantity passes by itself while rows are taken, instead of being set with the position.
@@ -31,11 +30,9 @@ pub(super) fn of_position(quantities: &[Quantity], components: &[usize], sigma_m
         .last()
         .unwrap_or_default();
     let mut columns = Mat::zeros(3 * count, components.len() * terms.len());
-    for k in 0..count {
-        let powers: Vec<Vec<f64>> =
-            own.iter().map(|quantity| legendre(quantity.values[k], quantity.range, DEGREE)).collect();
-        for (j, term) in terms.iter().enumerate() {
-            let value: f64 = term.iter().zip(&powers).map(|(power, values)| values[*power]).product();
+    for (j, term) in terms.iter().enumerate() {
+        for k in 0..count {
+            let value: f64 = term.iter().zip(&own).map(|(power, quantity)| quantity.powers[*power][k]).product();
             for (place, d) in components.iter().enumerate() {
                 columns[(3 * k + d, place * terms.len() + j)] = value / sigma_m[k][*d];
             }
@@ -65,7 +62,7 @@ mod tests {
     fn grid(side: usize) -> ([Quantity; 2], Vec<[f64; 3]>) {
         let quantity = |name: &str, of: fn(usize, usize) -> usize| {
             let values: Vec<f64> = (0..side * side).map(|k| of(k, side) as f64).collect();
-            Quantity { name: name.into(), range: (0.0, (side - 1) as f64), levels: side, values }
+            Quantity::new(name, values, (0.0, (side - 1) as f64))
         };
         ([quantity("x_m", |k, n| k % n), quantity("y_m", |k, n| k / n)], vec![[1.0; 3]; side * side])
     }

@@ -13,7 +13,7 @@ use crate::error::DiagnoseError;
 use crate::study::candidate::{Candidate, Chain, Local, ModelTerm, Question, Study};
 use crate::study::diagnosis::{Kind, Untestable};
 use crate::study::series::steps;
-use crate::study::smooth::{legendre, levels, range};
+use crate::study::smooth::{legendre, range};
 use abbe_geometry::effects::ParameterSpec;
 use abbe_geometry::machine::Machine;
 use abbe_geometry::{Axis, Vector3};
@@ -302,6 +302,16 @@ impl<'a> Vectors<'a> {
         self.rows_of_file[k] + 1
     }
 
+    /// Columns of a shape at these vectors, a row each, over the standard uncertainty of the component.
+    fn smooth_columns(&self, axis: Axis, bent: &Bent, vectors: &[usize]) -> Mat<f64> {
+        let mut columns = bent.columns(&self.quantities, vectors);
+        let sigma_m: Vec<f64> = vectors.iter().map(|vector| self.sigma_m[*vector][axis.index()]).collect();
+        for j in 0..columns.ncols() {
+            columns.col_as_slice_mut(j).iter_mut().zip(&sigma_m).for_each(|(value, sigma_m)| *value /= sigma_m);
+        }
+        columns
+    }
+
     /// Motion of one component by shift and turn of its pose.
     fn rigid(&self, k: usize, component: usize) -> [f64; RIGID] {
         let arm_m = self.poses.arm_m(self.vectors, k);
@@ -337,18 +347,21 @@ impl Study for Vectors<'_> {
 
     fn columns(&self, _point: &[f64], candidate: usize) -> Mat<f64> {
         let mut columns = Mat::zeros(3 * self.vectors.len(), self.candidates[candidate].parameters.len());
+        if let Part::Smooth(axis, bent) = &self.parts[candidate] {
+            let own = self.smooth_columns(*axis, bent, &(0..self.vectors.len()).collect::<Vec<usize>>());
+            for j in 0..own.ncols() {
+                let rows = columns.col_as_slice_mut(j).chunks_exact_mut(3);
+                rows.zip(own.col_as_slice(j)).for_each(|(rows, value)| rows[axis.index()] = *value);
+            }
+            return columns;
+        }
         for (k, (vector, sigma_m)) in self.vectors.iter().zip(&self.sigma_m).enumerate() {
             match (&self.parts[candidate], self.machine) {
                 (Part::Named(named), _) => {
                     let moved_m = named.motion_m(&self.poses.arm_m(self.vectors, k));
                     (0..3).for_each(|d| columns[(3 * k + d, 0)] = moved_m[d] / sigma_m[d]);
                 }
-                (Part::Smooth(axis, bent), _) => {
-                    let d = axis.index();
-                    for (j, value) in bent.columns(&self.quantities, k).into_iter().enumerate() {
-                        columns[(3 * k + d, j)] = value / sigma_m[d];
-                    }
-                }
+                (Part::Smooth(..), _) => {}
                 (Part::Registered(registered), Some(machine)) => {
                     let logged = Logged { vector, start_s: self.start_s };
                     // Only what is logged at every vector is proposed, so that there is no problem to report here.
@@ -367,14 +380,8 @@ impl Study for Vectors<'_> {
         let Part::Smooth(axis, bent) = &self.parts[candidate] else { return None };
         let d = axis.index();
         let chain = (0..d).filter(|other| self.measured[*other]).count();
-        let mut columns = Mat::zeros(rows.len(), self.candidates[candidate].parameters.len());
-        for (i, row) in rows.iter().enumerate() {
-            let sigma_m = self.sigma_m[row / 3][d];
-            for (j, value) in bent.columns(&self.quantities, row / 3).into_iter().enumerate() {
-                columns[(i, j)] = value / sigma_m;
-            }
-        }
-        Some((chain, columns))
+        let vectors: Vec<usize> = rows.iter().map(|row| row / 3).collect();
+        Some((chain, self.smooth_columns(*axis, bent, &vectors)))
     }
 
     fn position_beside(&self, candidate: usize) -> Mat<f64> {
@@ -554,7 +561,7 @@ fn quantities(vectors: &[ResidualVector]) -> (Vec<Quantity>, Vec<Untestable>) {
         let whole: Option<Vec<f64>> = values.into_iter().collect();
         let needs = match whole.map(|values| (range(&values), values)) {
             Some((Some(range), values)) => {
-                quantities.push(Quantity { name: name.to_owned(), levels: levels(&values), values, range });
+                quantities.push(Quantity::new(name, values, range));
                 return;
             }
             Some((None, _)) => format!("vary {name}: it is the same at all vectors"),

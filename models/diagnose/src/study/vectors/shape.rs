@@ -2,11 +2,16 @@
 //!
 //! Place in the flow: candidates of the study of vectors that say what the residual depends on, not why.
 
-use crate::study::smooth::legendre;
+use crate::study::smooth::{legendre, levels};
 use faer::linalg::solvers::{Llt, Solve};
 use faer::{Mat, Side};
 
-/// A quantity that varies.
+/// Highest degree of a polynomial.
+pub(super) const HIGHEST: usize = 4;
+/// Turns of an angle that are tried.
+const TURNS: [u32; 2] = [1, 2];
+
+/// A quantity that varies, with its functions at all vectors: the candidates are made of them in every step.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Quantity {
     pub(super) name: String,
@@ -15,9 +20,29 @@ pub(super) struct Quantity {
     pub(super) range: (f64, f64),
     /// Number of different values.
     pub(super) levels: usize,
+    /// P_0 … P_4 of the share of the range, one for each vector.
+    pub(super) powers: Vec<Vec<f64>>,
+    /// Sine and cosine of so many turns, where it is an angle.
+    turns: Vec<[Vec<f64>; 2]>,
 }
 
 impl Quantity {
+    pub(super) fn new(name: &str, values: Vec<f64>, range: (f64, f64)) -> Quantity {
+        let rows: Vec<Vec<f64>> = values.iter().map(|value| legendre(*value, range, HIGHEST)).collect();
+        let powers = (0..=HIGHEST).map(|k| rows.iter().map(|row| row[k]).collect()).collect();
+        let levels = levels(&values);
+        let mut quantity = Quantity { name: name.to_owned(), values, range, levels, powers, turns: Vec::new() };
+        if let Some(unit) = quantity.rad_per_unit() {
+            let angle = |value: &f64, times: u32| value * unit * f64::from(times);
+            let of = |times: u32| {
+                let angles = || quantity.values.iter().map(move |value| angle(value, times));
+                [angles().map(f64::sin).collect(), angles().map(f64::cos).collect()]
+            };
+            quantity.turns = TURNS.map(of).to_vec();
+        }
+        quantity
+    }
+
     /// Radians in one unit, where the name says that it is an angle.
     pub(super) fn rad_per_unit(&self) -> Option<f64> {
         if self.name.ends_with("_deg") { Some(1f64.to_radians()) } else { self.name.ends_with("_rad").then_some(1.0) }
@@ -45,7 +70,7 @@ impl Shape {
             let degrees = [1, 2, 4].into_iter().filter(|degree| *degree < quantity.levels);
             shapes.extend(degrees.map(|degree| Shape::One { quantity: k, degree }));
             if quantity.rad_per_unit().is_some() {
-                shapes.extend([1, 2].map(|times| Shape::Turn { quantity: k, times }));
+                shapes.extend(TURNS.map(|times| Shape::Turn { quantity: k, times }));
             }
         }
         for first in 0..in_pairs.min(quantities.len()) {
@@ -116,9 +141,10 @@ impl Shape {
 
     /// Constant and straight lines that the other functions hold at the vectors, by least squares.
     fn less(self, quantities: &[Quantity], straight: &[usize], kept: &[usize], count: usize) -> Mat<f64> {
-        let rows: Vec<Vec<f64>> = (0..count).map(|k| self.columns(quantities, k)).collect();
-        let lines = Mat::from_fn(count, 1 + straight.len(), |i, j| if j == 0 { 1.0 } else { rows[i][straight[j - 1]] });
-        let others = Mat::from_fn(count, kept.len(), |i, j| rows[i][kept[j]]);
+        let rows = self.columns(quantities, &(0..count).collect::<Vec<usize>>());
+        let lines =
+            Mat::from_fn(count, 1 + straight.len(), |i, j| if j == 0 { 1.0 } else { rows[(i, straight[j - 1])] });
+        let others = Mat::from_fn(count, kept.len(), |i, j| rows[(i, kept[j])]);
         let normal = lines.transpose() * &lines;
         match Llt::new(normal.as_ref(), Side::Lower) {
             Ok(factor) => factor.solve(lines.transpose() * others),
@@ -126,22 +152,31 @@ impl Shape {
         }
     }
 
-    /// Columns of one vector.
-    pub(super) fn columns(self, quantities: &[Quantity], vector: usize) -> Vec<f64> {
-        let powers = |k: usize, degree: usize| legendre(quantities[k].values[vector], quantities[k].range, degree);
+    /// Columns at these vectors, a row each.
+    pub(super) fn columns(self, quantities: &[Quantity], vectors: &[usize]) -> Mat<f64> {
+        let mut columns = Mat::zeros(vectors.len(), self.parameters().len());
+        let mut fill = |j: usize, of: &[&[f64]]| {
+            let own = columns.col_as_slice_mut(j).iter_mut().zip(vectors);
+            match of {
+                [p, q] => own.for_each(|(value, vector)| *value = p[*vector] * q[*vector]),
+                _ => own.for_each(|(value, vector)| *value = of.iter().map(|p| p[*vector]).product()),
+            }
+        };
         match self {
-            Shape::One { quantity, degree } => powers(quantity, degree).split_off(1),
-            Shape::Product { first, second } => vec![powers(first, 1)[1] * powers(second, 1)[1]],
+            Shape::One { quantity, degree } => {
+                (0..degree).for_each(|j| fill(j, &[&quantities[quantity].powers[j + 1]]));
+            }
+            Shape::Product { first, second } => fill(0, &[&quantities[first].powers[1], &quantities[second].powers[1]]),
             Shape::Two { first, second, degree } => {
-                let (p, q) = (powers(first, degree), powers(second, degree));
-                terms(degree).map(|(i, j)| p[i] * q[j]).collect()
+                let (p, q) = (&quantities[first].powers, &quantities[second].powers);
+                terms(degree).enumerate().for_each(|(column, (i, j))| fill(column, &[&p[i], &q[j]]));
             }
             Shape::Turn { quantity, times } => {
-                let unit = quantities[quantity].rad_per_unit().unwrap_or(1.0);
-                let (sine, cosine) = (quantities[quantity].values[vector] * unit * f64::from(times)).sin_cos();
-                vec![sine, cosine]
+                let turn = TURNS.iter().zip(&quantities[quantity].turns).find(|(own, _)| **own == times);
+                turn.iter().flat_map(|(_, turn)| *turn).enumerate().for_each(|(j, values)| fill(j, &[values]));
             }
         }
+        columns
     }
 }
 
@@ -164,12 +199,16 @@ impl Bent {
         !self.straight.is_empty()
     }
 
-    /// Columns of one vector.
-    pub(super) fn columns(&self, quantities: &[Quantity], vector: usize) -> Vec<f64> {
-        let all = self.shape.columns(quantities, vector);
-        let line = |i: usize| if i == 0 { 1.0 } else { all[self.straight[i - 1]] };
-        let taken = |j: usize| (0..self.less.nrows()).map(|i| self.less[(i, j)] * line(i)).sum::<f64>();
-        self.kept.iter().enumerate().map(|(j, k)| all[*k] - taken(j)).collect()
+    /// Columns at these vectors, a row each.
+    pub(super) fn columns(&self, quantities: &[Quantity], vectors: &[usize]) -> Mat<f64> {
+        let all = self.shape.columns(quantities, vectors);
+        if !self.is_less() {
+            return all;
+        }
+        let line = |i: usize, row: usize| if i == 0 { 1.0 } else { all[(row, self.straight[i - 1])] };
+        let taken =
+            |row: usize, j: usize| (0..self.less.nrows()).map(|i| self.less[(i, j)] * line(i, row)).sum::<f64>();
+        Mat::from_fn(vectors.len(), self.kept.len(), |row, j| all[(row, self.kept[j])] - taken(row, j))
     }
 
     /// Parameters of the whole shape (rows) as combinations of those left; constants are part of the pose.
@@ -195,23 +234,21 @@ mod tests {
     #[test]
     fn a_bent_shape_holds_no_straight_line() {
         let values: Vec<f64> = (0..12).map(|k| f64::from(k * k)).collect();
-        let of = |name: &str, values: Vec<f64>| Quantity { name: name.into(), values, range: (0.0, 121.0), levels: 12 };
+        let of = |name: &str, values: Vec<f64>| Quantity::new(name, values, (0.0, 121.0));
+        let all: Vec<usize> = (0..12).collect();
         let quantities = [of("x_m", values.clone()), of("y_m", values.into_iter().rev().collect())];
         for shape in [Shape::One { quantity: 0, degree: 4 }, Shape::Two { first: 0, second: 1, degree: 3 }] {
             let bent = shape.bent(&quantities, |_| true);
             let sum = |of: &dyn Fn(usize) -> f64| (0..12).map(of).sum::<f64>();
+            let (own, straight) = (bent.columns(&quantities, &all), shape.columns(&quantities, &all));
             for j in 0..bent.kept.len() {
-                let column = |k: usize| bent.columns(&quantities, k)[j];
-                assert!(sum(&column).abs() < 1e-9, "{shape:?} {j}");
-                assert!(sum(&|k| column(k) * shape.columns(&quantities, k)[0]).abs() < 1e-9, "{shape:?} {j}");
+                assert!(sum(&|k| own[(k, j)]).abs() < 1e-9, "{shape:?} {j}");
+                assert!(sum(&|k| own[(k, j)] * straight[(k, 0)]).abs() < 1e-9, "{shape:?} {j}");
             }
-            let map = bent.map();
-            let whole = |k: usize, j: usize| -> f64 {
-                shape.columns(&quantities, k).iter().enumerate().map(|(i, value)| value * map[(i, j)]).sum()
-            };
+            let whole = straight * bent.map();
             for j in 0..bent.kept.len() {
-                let constant = whole(0, j) - bent.columns(&quantities, 0)[j];
-                assert!((whole(7, j) - bent.columns(&quantities, 7)[j] - constant).abs() < 1e-12);
+                let constant = whole[(0, j)] - own[(0, j)];
+                assert!((whole[(7, j)] - own[(7, j)] - constant).abs() < 1e-12);
             }
         }
         let plain = Shape::One { quantity: 0, degree: 2 }.bent(&quantities, |_| false);
@@ -220,19 +257,17 @@ mod tests {
 
     #[test]
     fn columns_are_as_many_as_parameters_and_follow_the_formula() {
-        let quantity = |name: &str, values: [f64; 3]| Quantity {
-            name: name.into(),
-            values: values.into(),
-            range: (0.0, 90.0),
-            levels: 3,
-        };
+        let quantity = |name: &str, values: [f64; 3]| Quantity::new(name, values.into(), (0.0, 90.0));
         let quantities = [quantity("j_deg", [0.0, 45.0, 90.0]), quantity("temp_c", [90.0, 45.0, 0.0])];
         for shape in Shape::all(&quantities, 2) {
-            assert_eq!(shape.columns(&quantities, 1).len(), shape.parameters().len(), "{shape:?}");
+            assert_eq!(shape.columns(&quantities, &[1]).ncols(), shape.parameters().len(), "{shape:?}");
         }
-        assert_eq!(Shape::Product { first: 0, second: 1 }.columns(&quantities, 0), [-1.0]);
-        assert_eq!(Shape::One { quantity: 0, degree: 2 }.columns(&quantities, 2), [1.0, 1.0]);
-        let once = Shape::Turn { quantity: 0, times: 1 }.columns(&quantities, 2);
+        let at = |shape: Shape, vector: usize| -> Vec<f64> {
+            shape.columns(&quantities, &[vector]).row(0).iter().copied().collect()
+        };
+        assert_eq!(at(Shape::Product { first: 0, second: 1 }, 0), [-1.0]);
+        assert_eq!(at(Shape::One { quantity: 0, degree: 2 }, 2), [1.0, 1.0]);
+        let once = at(Shape::Turn { quantity: 0, times: 1 }, 2);
         assert!((once[0] - 1.0).abs() < 1e-15 && once[1].abs() < 1e-15);
     }
 }
