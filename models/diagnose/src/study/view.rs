@@ -7,11 +7,16 @@
 use super::candidate::Study;
 use super::fit::Fit;
 use super::series::{Filter, Noise, Theta, noise};
+use super::step::APART;
 use crate::error::DiagnoseError;
 use crate::score::golden_section;
 use crate::score::score;
 use abbe_geometry::Axis;
 use faer::Mat;
+
+/// Places of a step that are tried before those around the best, and rounds in which several are set.
+const COARSE: usize = 64;
+const MOST_ROUNDS: usize = 5;
 
 /// Rows of one chain that are kept.
 #[derive(Debug, Clone)]
@@ -62,6 +67,11 @@ impl<'a> View<'a> {
         };
         let chains = study.chains().iter().map(chain).filter(|chain| !chain.rows.is_empty()).collect();
         View { study, kept, blocks, chains }
+    }
+
+    /// Whether it holds a row of the study.
+    pub(super) fn holds(&self, row: usize) -> bool {
+        self.kept.binary_search(&row).is_ok()
     }
 
     pub(super) fn len(&self) -> usize {
@@ -203,4 +213,49 @@ impl<'a> View<'a> {
         let frequency = golden_section((own - reach, own + reach), explained);
         self.study.set_frequency(candidate, frequency);
     }
+
+    /// Sets the steps of a candidate where they explain most of what a fit without it leaves, less the price of the choice: one after
+    /// another, and again beside the others until none moves.
+    pub(super) fn place(&mut self, fit: &Fit, candidate: usize) {
+        let count = self.study.steps_after(candidate).len();
+        let Some((of, _)) = self.study.chain_columns(candidate, &[]) else { return };
+        let name = &self.study.chains()[of].of;
+        let Some(chain) = self.chains.iter().position(|chain| chain.of == *name) else { return };
+        let rows: Vec<usize> = self.chains[chain].rows.iter().map(|k| self.kept[*k]).collect();
+        let part = fit.part(self, &[chain]);
+        let worth = |places: &[usize]| {
+            let columns = self.whitened_in(chain, self.study.columns_from(candidate, places, &rows));
+            let score = score(&part.project(columns.as_ref()), part.chi2, part.degrees);
+            score.gain - 2.0 * self.study.choices(candidate, places).ln()
+        };
+        let (mut taken, mut unmoved): (Vec<usize>, usize) = (Vec::new(), 0);
+        for _ in 0..MOST_ROUNDS * count {
+            let moving = if taken.len() == count { Some(taken.remove(0)) } else { None };
+            let Some(place) = best_place(self.study.places(candidate), &taken, &worth) else { return };
+            taken.push(place);
+            unmoved = if moving == Some(place) { unmoved + 1 } else { 0 };
+            if taken.len() == count && (count == 1 || unmoved == count) {
+                break;
+            }
+        }
+        taken.sort_unstable();
+        self.study.set_places(candidate, &taken);
+    }
+}
+
+/// The place worth most beside those taken: first among some, then around the best of these.
+fn best_place(places: &[usize], taken: &[usize], worth: &impl Fn(&[usize]) -> f64) -> Option<usize> {
+    let is_apart = |k: &usize| taken.iter().all(|other| places[*k].abs_diff(*other) >= APART);
+    let value = |k: usize| {
+        let mut all = [taken, &[places[k]]].concat();
+        all.sort_unstable();
+        (k, worth(&all))
+    };
+    let best = |among: &mut dyn Iterator<Item = usize>| {
+        let all = among.filter(is_apart).map(value);
+        all.reduce(|best, own| if own.1 > best.1 { own } else { best }).map(|(k, _)| k)
+    };
+    let stride = places.len().div_ceil(COARSE).max(1);
+    let near = best(&mut (0..places.len()).step_by(stride))?;
+    best(&mut (near.saturating_sub(stride)..(near + stride + 1).min(places.len()))).map(|k| places[k])
 }
