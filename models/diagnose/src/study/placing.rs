@@ -12,6 +12,10 @@ use crate::error::DiagnoseError;
 use faer::Mat;
 use std::collections::{BTreeMap, BTreeSet};
 
+/// Evidence within which a step and a drift are one: of two cycles, either is the difference. The drift is taken, which more cycles
+/// would show as well.
+const SAME: f64 = 1e-3;
+
 /// Number of choices of which a candidate is one: by so much more often it is found by chance.
 pub(super) fn tried(study: &dyn Study, candidate: usize) -> usize {
     study.choices(candidate, &study.steps_after(candidate)).max(1.0) as usize
@@ -61,7 +65,7 @@ pub(super) fn placed(view: &mut View, fit: &Fit, kept: &[usize], all: &mut Vec<S
 }
 
 /// Leaves of the steps of a family only those that explain nearly as much as the best of them: where that one is refused, a step
-/// at another place is not what happened.
+/// at another place is not what happened. Puts them behind what is the same.
 pub(super) fn best_placed(view: &View, passing: &mut Vec<Scored>) {
     let mut most: BTreeMap<(String, usize), f64> = BTreeMap::new();
     for scored in passing.iter().filter(|scored| is_step(&*view.study, scored.candidate)) {
@@ -72,6 +76,8 @@ pub(super) fn best_placed(view: &View, passing: &mut Vec<Scored>) {
         most.get(&key(&*view.study, scored.candidate)).is_none_or(|most| most - scored.evidence < COMPARABLE)
     };
     passing.retain(is_near);
+    let value = |scored: &Scored| scored.evidence - if is_step(&*view.study, scored.candidate) { SAME } else { 0.0 };
+    passing.sort_by(|a, b| value(b).total_cmp(&value(a)));
 }
 
 /// The set with steps that were found together as steps of their own, where there are candidates for these.
