@@ -10,6 +10,7 @@ use super::judge::judge;
 use super::nested::unseen;
 use super::noise_words::{looks, noise, notes_of_displays, rejected};
 use super::outliers::{Outliers, outliers};
+use super::placing::{beside_rejected, placed, tried};
 use super::search::{COMPARABLE, Found, Observe, Options, score_all, search};
 use super::series::independent;
 use super::significance::{probability, uncertainties};
@@ -205,6 +206,7 @@ fn searched(
         let found = search(&mut view, options, None, observe)?;
         seen.push(left_out);
         let next = outliers(study, &found.set, |_| true)?;
+        let next = beside_rejected(study, &found.set, next)?;
         if seen.contains(&next.rows(study)) || seen.len() == SEARCHES {
             return Ok((found, gross));
         }
@@ -241,7 +243,8 @@ fn effects(view: &mut View, last: &Fit, u: &[Vec<f64>]) -> Result<Vec<Effect>, D
         let mut rest = set.clone();
         rest.remove(k);
         let without = Fit::settle(view, &rest)?;
-        let all = score_all(view, &without);
+        let mut all = score_all(view, &without);
+        placed(view, &without, &set, &mut all);
         let Some(own) = all.iter().find(|scored| scored.candidate == fitted.candidate) else { continue };
         let study = &*view.study;
         let candidate = &study.candidates()[fitted.candidate];
@@ -254,7 +257,8 @@ fn effects(view: &mut View, last: &Fit, u: &[Vec<f64>]) -> Result<Vec<Effect>, D
         let mut rivals: Vec<_> = all.iter().filter(is_rival).collect();
         rivals.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
         let columns = view.columns(&without.point, fitted.candidate);
-        let p_value = probability(view, &without, &columns)? * study.candidates().len() as f64;
+        let trials = study.candidates().len().saturating_mul(tried(study, fitted.candidate));
+        let p_value = probability(view, &without, &columns)? * trials as f64;
         let fitted = Fitted { u: u[k].clone(), ..fitted.clone() };
         effects.push(Effect {
             name: candidate.name.clone(),
@@ -293,7 +297,8 @@ fn ladder(view: &mut View, set: &[usize]) -> Result<Vec<Rung>, DiagnoseError> {
         let below = view.adapt(&set[..count])?;
         let (score, _) = below.score(view, *candidate);
         let p = probability(view, &below, &view.columns(&below.point, *candidate))?;
-        rungs[count + 1].p_value = Some((p * view.study.candidates().len() as f64).min(1.0));
+        let trials = view.study.candidates().len().saturating_mul(tried(&*view.study, *candidate));
+        rungs[count + 1].p_value = Some((p * trials as f64).min(1.0));
         rungs[count + 1].alias_share = Some(score.alias_share);
     }
     view.take_noises(last);

@@ -15,8 +15,8 @@ const MOSTLY: f64 = 0.5;
 /// Probability by chance that is borne: the F test of the rows has been passed already.
 pub(super) const BORNE: f64 = 0.05;
 
-/// Whether columns (not whitened) that act mostly between blocks are seen in the means of blocks.
-pub(super) fn stands_out(view: &View, fit: &Fit, columns: &Mat<f64>) -> bool {
+/// Whether columns (not whitened) that act mostly between blocks are seen in the means of blocks; they are the best of so many.
+pub(super) fn stands_out(view: &View, fit: &Fit, columns: &Mat<f64>, trials: usize) -> bool {
     let chains = view.touched(columns);
     let groups = groups(view, &chains);
     let (base, effect) = (means(&fit.raw_columns, &groups), means(columns, &groups));
@@ -40,7 +40,7 @@ pub(super) fn stands_out(view: &View, fit: &Fit, columns: &Mat<f64>) -> bool {
     let found = score(&between, linear.chi2(), linear.degrees());
     found.degrees == 0
         || groups.len() as f64 - (linear.jacobian().ncols() + found.degrees) as f64 <= 0.0
-        || found.p_value <= BORNE
+        || found.p_value * trials as f64 <= BORNE
 }
 
 /// Rows of each block in each chain.

@@ -121,6 +121,29 @@ pub(crate) trait Study: Sync {
     /// Forgets all frequencies that were taken.
     fn reset(&mut self) {}
 
+    /// Rows of its chain before each step in time that a candidate is made of; none for other candidates.
+    fn steps_after(&self, _candidate: usize) -> Vec<usize> {
+        Vec::new()
+    }
+
+    /// Places in the order of measurement that the data choose among for its steps; none where there is no choice.
+    fn places(&self, _candidate: usize) -> &[usize] {
+        &[]
+    }
+
+    /// Number of choices of which these places are one.
+    fn choices(&self, _candidate: usize, _places: &[usize]) -> f64 {
+        1.0
+    }
+
+    /// Columns with its steps at other places.
+    fn columns_from(&self, _candidate: usize, _places: &[usize], _rows: &[usize]) -> Mat<f64> {
+        Mat::zeros(0, 0)
+    }
+
+    /// Takes other places for its steps.
+    fn set_places(&mut self, _candidate: usize, _places: &[usize]) {}
+
     /// Columns simpler than a candidate that must stand apart, which may be what it really is.
     fn simpler(&self, _candidate: usize) -> Mat<f64> {
         Mat::zeros(0, 0)

@@ -3,7 +3,7 @@
 //! Place in the flow: every rung, effect and alternative is judged here. Whitened residuals in, µm out.
 
 use super::diagnosis::{HeldOutRms, Judgement};
-use super::fit::Fit;
+use super::fit::{Fit, side_by_side};
 use super::view::{View, picked};
 use crate::held_out::HeldOut;
 use abbe_identify::symmetric_eigen;
@@ -45,13 +45,32 @@ pub(super) fn rms_of(view: &View, blocks: &[HeldOut]) -> HeldOutRms {
 /// the block and S_b the same rows before whitening, the parameters move by −L (I − R_bᵀR_b)⁻¹ R_bᵀ r_b. Directions that
 /// only the block determines are not judged.
 fn held_out(view: &View, fit: &Fit) -> Vec<HeldOut> {
+    predicted(view, fit).iter().map(|(error, own_only)| without(error, own_only)).collect()
+}
+
+/// The same of two fits, over the directions that both determine: a step is not determined where all that lies on one side of it is
+/// left out, and what lies on the other side judges it all the same.
+pub(super) fn held_out_alike(view: &View, one: &Fit, other: &Fit) -> (HeldOutRms, HeldOutRms) {
+    let pairs: Vec<_> = predicted(view, one).into_iter().zip(predicted(view, other)).collect();
+    let own_only = |(one, other): &(Predicted, Predicted)| side_by_side(&[one.1.clone(), other.1.clone()]);
+    let of = |error: &dyn Fn(&(Predicted, Predicted)) -> Mat<f64>| {
+        let blocks: Vec<HeldOut> = pairs.iter().map(|pair| without(&error(pair), &own_only(pair))).collect();
+        rms_of(view, &blocks)
+    };
+    (of(&|(one, _)| one.0.clone()), of(&|(_, other)| other.0.clone()))
+}
+
+/// Errors of the rows of a block, and the directions in them that only the block determines.
+type Predicted = (Mat<f64>, Mat<f64>);
+
+fn predicted(view: &View, fit: &Fit) -> Vec<Predicted> {
     let spread = fit.linear.spread();
     let raw = &fit.raw_columns * fit.linear.root();
     let one = |block: &Vec<usize>| {
         let (own, own_raw) = (picked(spread, block), picked(raw.as_ref(), block));
         let residuals = Mat::from_fn(block.len(), 1, |i, _| fit.linear.residuals()[block[i]]);
         let Some((values, vectors)) = symmetric_eigen(&(own.transpose() * &own)) else {
-            return HeldOut { square: 0.0, judged: 0 };
+            return (Mat::zeros(block.len(), 1), Mat::identity(block.len(), block.len()));
         };
         let mut along = vectors.transpose() * (own.transpose() * &residuals);
         let free: Vec<usize> = (0..values.len()).filter(|k| 1.0 - values[*k] <= DETERMINED).collect();
@@ -60,7 +79,7 @@ fn held_out(view: &View, fit: &Fit) -> Vec<HeldOut> {
         let moved = &own_raw * (&vectors * &along);
         let error = Mat::from_fn(block.len(), 1, |i, _| fit.raw_residuals[block[i]] + moved[(i, 0)]);
         let own_only = &own_raw * Mat::from_fn(values.len(), free.len(), |i, j| vectors[(i, free[j])]);
-        without(&error, &own_only)
+        (error, own_only)
     };
     view.blocks().iter().map(one).collect()
 }

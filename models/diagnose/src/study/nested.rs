@@ -12,6 +12,7 @@ use super::diagnosis::Unseen;
 use super::fit::{Fit, side_by_side};
 use super::judge::{comes_down, rms_of, without};
 use super::outliers::outliers;
+use super::placing::undecided;
 use super::search::{Observe, Options, search};
 use super::series::independent;
 use super::view::View;
@@ -168,7 +169,7 @@ fn predicted(view: &View, fit: &Fit, rows: &[usize]) -> Result<(Mat<f64>, Mat<f6
     let solved = Mat::from_fn(gram.nrows(), 1, |k, _| right[(k, 0)] / gram[(k, k)].max(f64::MIN_POSITIVE));
     let moved = &new * (&known * &solved);
     let error = Mat::from_fn(rows.len(), 1, |i, _| local.residual[rows[i]] - moved[(i, 0)]);
-    let open_rows = &new * directions(&open);
+    let open_rows = side_by_side(&[&new * directions(&open), undecided(view, &set, rows)]);
     Ok((error, independent_of(&open_rows)))
 }
 

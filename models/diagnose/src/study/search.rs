@@ -9,8 +9,9 @@
 use super::between::stands_out;
 use super::diagnosis::{Considered, Kind};
 use super::fit::{Fit, Part, side_by_side};
-use super::judge::held_out_rms;
+use super::judge::{held_out_alike, held_out_rms};
 use super::places::{goes_through_places, simpler};
+use super::placing::{best_placed, between, is_step, moved, placed, single, tried};
 use super::series::Theta;
 use super::significance::{probability, probability_beside};
 use super::view::View;
@@ -130,6 +131,7 @@ fn score_chunk(view: &View, fit: &Fit, parts: &[Part], chunk: &[(Option<usize>, 
 /// wave would lose against a table of errors.
 fn refined(view: &mut View, fit: &Fit) -> Vec<Scored> {
     let mut all = score_all(view, fit);
+    placed(view, fit, &[], &mut all);
     let tested = all.iter().filter(|scored| scored.score.degrees > 0).count();
     let mut best: BTreeMap<String, usize> = BTreeMap::new();
     for k in (0..all.len()).filter(|k| view.study.frequency(all[*k].candidate).is_some()) {
@@ -193,6 +195,7 @@ pub(super) fn search(
             },
         };
         let Some(next) = next else { break };
+        let next = single(view.study, &next);
         let next = prune(view, next, options)?;
         let mut sorted = next.clone();
         sorted.sort_unstable();
@@ -202,6 +205,9 @@ pub(super) fn search(
         }
         seen.push(sorted);
         fit = view.adapt(&next)?;
+        if let Some(next) = moved(view, &next)? {
+            fit = view.adapt(&next)?;
+        }
     }
     let set = fit.set();
     refused.retain(|(k, _)| !set.contains(k));
@@ -262,6 +268,7 @@ fn step(
     let tested = passing.iter().filter(|scored| scored.score.degrees > 0).count();
     passing.retain(|scored| scored.p_holm <= options.significance);
     passing.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
+    best_placed(view, &mut passing);
     simplest_first(view, &mut passing);
     straight_first(view, &mut passing);
     let mut tried: BTreeMap<String, usize> = BTreeMap::new();
@@ -323,6 +330,7 @@ fn reason_against(
     options: &Options,
 ) -> Result<Option<&'static str>, DiagnoseError> {
     let columns = view.columns(&fit.point, candidate);
+    let tested = tested.saturating_mul(tried(&*view.study, candidate));
     if !stands_apart(view, fit, candidate, tested, options)? {
         return Ok(Some("at these targets something smoother, or errors target by target, go as well"));
     }
@@ -334,7 +342,9 @@ fn reason_against(
     if probability(view, fit, &columns)? * tested as f64 > options.significance {
         return Ok(Some("the noise may be correlated over so long that this is chance"));
     }
-    Ok((!stands_out(view, fit, &columns))
+    // A step between blocks was chosen among as many places.
+    let places = between(&*view.study, candidate);
+    Ok((!stands_out(view, fit, &columns, places))
         .then_some("it acts between blocks, and does not stand out from their scatter"))
 }
 
@@ -401,7 +411,10 @@ fn reason_of_blocks(view: &mut View, set: &[usize], first: usize) -> Option<&'st
         Err(_) => Some("it cannot be fitted beside the rest"),
         Ok(_) if view.least_blocks() < FEWEST_BLOCKS => None,
         Ok((without, with)) => {
-            let (before, after) = (held_out_rms(view, &without), held_out_rms(view, &with));
+            let (before, after) = match set[first..].iter().all(|k| is_step(&*view.study, *k)) {
+                true => held_out_alike(view, &without, &with),
+                false => (held_out_rms(view, &without), held_out_rms(view, &with)),
+            };
             if after.judged < before.judged {
                 Some("it rests on single blocks: with any one of them left out it is not determined")
             } else {
@@ -443,7 +456,7 @@ fn evidence_against(view: &View, set: &[usize], place: usize, options: &Options)
     // What the others cannot be fitted without is not superfluous.
     let Ok(without) = Fit::settle(view, &rest) else { return Ok(None) };
     let (score, rows) = without.score(view, candidate);
-    let trials = view.study.candidates().len();
+    let trials = view.study.candidates().len().saturating_mul(tried(&*view.study, candidate));
     let passes = score.p_value * trials as f64 <= options.significance
         && stands_apart(view, &without, candidate, trials, options)?
         && is_told_from_position(view, &without, candidate, trials, options)?;

@@ -10,6 +10,7 @@ use super::filters::Gaps;
 use super::fit::{Fit, Fitted, independent, side_by_side};
 use super::memory::{Based, Memory, Start};
 use super::series::{Filter, Noise, Theta, noise};
+use super::step::APART;
 use crate::error::DiagnoseError;
 use crate::linear::{Linear, column};
 use crate::score::golden_section;
@@ -17,6 +18,10 @@ use crate::score::score;
 use abbe_geometry::Axis;
 use faer::{Mat, MatRef};
 use std::sync::Arc;
+
+/// Places of a step that are tried before those around the best, and rounds in which several are set.
+const COARSE: usize = 64;
+const MOST_ROUNDS: usize = 5;
 
 /// Rows of one chain that are kept.
 #[derive(Debug, Clone)]
@@ -109,6 +114,11 @@ impl<'a> View<'a> {
             chains.push(Kept { of, rows, rows_of_study, gaps, unit_m, along, noise, step, filter });
         }
         View { study, kept, blocks, chains, memory: Memory::default() }
+    }
+
+    /// Whether it holds a row of the study.
+    pub(super) fn holds(&self, row: usize) -> bool {
+        self.kept.binary_search(&row).is_ok()
     }
 
     pub(super) fn len(&self) -> usize {
@@ -297,6 +307,51 @@ impl<'a> View<'a> {
         self.study.set_frequency(candidate, frequency);
         self.memory.forget_columns();
     }
+
+    /// Sets the steps of a candidate where they explain most of what a fit without it leaves, less the price of the choice: one after
+    /// another, and again beside the others until none moves.
+    pub(super) fn place(&mut self, fit: &Fit, candidate: usize) {
+        let count = self.study.steps_after(candidate).len();
+        let Some((of, _)) = self.study.chain_columns(candidate, &[]) else { return };
+        let name = &self.study.chains()[of].of;
+        let Some(chain) = self.chains.iter().position(|chain| chain.of == *name) else { return };
+        let rows: Vec<usize> = self.chains[chain].rows.iter().map(|k| self.kept[*k]).collect();
+        let part = fit.part(self, &[chain]);
+        let worth = |places: &[usize]| {
+            let columns = self.whitened_in(chain, self.study.columns_from(candidate, places, &rows));
+            let score = score(&part.project(columns.as_ref()), part.chi2, part.degrees);
+            score.gain - 2.0 * self.study.choices(candidate, places).ln()
+        };
+        let (mut taken, mut unmoved): (Vec<usize>, usize) = (Vec::new(), 0);
+        for _ in 0..MOST_ROUNDS * count {
+            let moving = if taken.len() == count { Some(taken.remove(0)) } else { None };
+            let Some(place) = best_place(self.study.places(candidate), &taken, &worth) else { return };
+            taken.push(place);
+            unmoved = if moving == Some(place) { unmoved + 1 } else { 0 };
+            if taken.len() == count && (count == 1 || unmoved == count) {
+                break;
+            }
+        }
+        taken.sort_unstable();
+        self.study.set_places(candidate, &taken);
+    }
+}
+
+/// The place worth most beside those taken: first among some, then around the best of these.
+fn best_place(places: &[usize], taken: &[usize], worth: &impl Fn(&[usize]) -> f64) -> Option<usize> {
+    let is_apart = |k: &usize| taken.iter().all(|other| places[*k].abs_diff(*other) >= APART);
+    let value = |k: usize| {
+        let mut all = [taken, &[places[k]]].concat();
+        all.sort_unstable();
+        (k, worth(&all))
+    };
+    let best = |among: &mut dyn Iterator<Item = usize>| {
+        let all = among.filter(is_apart).map(value);
+        all.reduce(|best, own| if own.1 > best.1 { own } else { best }).map(|(k, _)| k)
+    };
+    let stride = places.len().div_ceil(COARSE).max(1);
+    let near = best(&mut (0..places.len()).step_by(stride))?;
+    best(&mut (near.saturating_sub(stride)..(near + stride + 1).min(places.len()))).map(|k| places[k])
 }
 
 /// Rows of a matrix.

@@ -2,7 +2,7 @@
 //!
 //! Place in the flow: approaches to target positions (m, s) in, diagnosis out. Error = actual − indicated = measured −
 //! target. Base model: one mean offset an axis. Candidates: position (smooth or target by target), reversal (constant,
-//! smooth, target by target), drift with time and cycle, of all or target by target, expansion of the scale with each logged temperature, periodic
+//! smooth, target by target), drift with time and cycle, of all or target by target, a step of the offset, expansion of the scale with each logged temperature, periodic
 //! error of unknown period, and any other logged quantity. Blocks are cycles. Reversal value after ISO 230-2: B = mean
 //! error approaching in the positive direction less mean error approaching in the negative.
 
@@ -13,6 +13,7 @@ mod order;
 mod positions;
 mod problem;
 mod shape;
+mod step;
 
 use super::assemble;
 use super::diagnosis::StudyDiagnosis;

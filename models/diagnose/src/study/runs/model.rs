@@ -6,6 +6,7 @@
 
 use super::shape::{Ranges, Shape};
 use crate::study::candidate::ModelTerm;
+use crate::study::step::NO_PROPERTY;
 use abbe_geometry::Axis;
 use abbe_geometry::effects::Shape as ModelShape;
 use faer::Mat;
@@ -78,6 +79,7 @@ pub(super) fn terms(axis: Axis, ranges: &Ranges, shape: &Shape, start_s: f64) ->
         Shape::LostWithCycle => plain(TERM, over(signed(polynomial(1)), CYCLE, cycle()?), 1),
         Shape::Time(degree) => plain(SMOOTH, smooth(TIME, time()?, *degree), *degree),
         Shape::TimeAndTarget => plain(TERM, over(polynomial(2), TIME, time()?), 2),
+        Shape::Step(_) => return Err(NO_PROPERTY.to_owned()),
         Shape::Creep(tau_s) => {
             let shape = polynomial(1).text("by", TIME).number("by_zero", time()?.0).number("tau", *tau_s);
             plain(TERM, shape, 1)
@@ -112,7 +114,7 @@ pub(super) fn covariates(axis: Axis, shape: &Shape) -> Vec<String> {
         Shape::Lost(_) | Shape::LostTable => vec![sign_of(axis)],
         Shape::LostWithCycle => vec![sign_of(axis), CYCLE.to_owned()],
         Shape::Cycle(_) | Shape::DriftTable => vec![CYCLE.to_owned()],
-        Shape::Time(_) | Shape::TimeAndTarget | Shape::Creep(_) => vec![TIME.to_owned()],
+        Shape::Time(_) | Shape::TimeAndTarget | Shape::Creep(_) | Shape::Step(_) => vec![TIME.to_owned()],
         Shape::Expansion(name) | Shape::Smooth(name, _) => vec![name.clone()],
     }
 }

@@ -5,6 +5,7 @@
 use super::shape::{Ranges, Shape};
 use crate::study::candidate::Candidate;
 use crate::study::diagnosis::Kind;
+use crate::study::step::DECIDED_BY;
 use abbe_geometry::effects::ParameterSpec;
 
 /// Largest error of an axis believed (m).
@@ -71,6 +72,7 @@ pub(super) fn named(axis: &str, ranges: &Ranges, shape: &Shape) -> Candidate {
             vec!["cycle".into()],
             "e = B_1 P_1(cycle) sign(approach) / 2",
         ),
+        Shape::Step(jump) => (jump.name.clone(), "step", Kind::Empirical, vec![key.into()], &jump.formula),
         Shape::Creep(tau_s) => (
             format!("warm-up, time constant {tau_s:.0} {}", if ranges.is_order { "approaches" } else { "s" }),
             "drift",
@@ -128,6 +130,7 @@ fn decided_by(shape: &Shape) -> String {
         | Shape::DriftTable
         | Shape::LostWithCycle
         | Shape::Creep(_) => "log temperatures and times, pause between cycles, and return to one target throughout",
+        Shape::Step(_) => DECIDED_BY,
         Shape::Expansion(_) | Shape::Smooth(..) => {
             "vary the logged quantities independently of each other, of time and of the target"
         }

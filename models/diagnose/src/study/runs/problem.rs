@@ -8,6 +8,7 @@ use super::naming::named;
 use super::order::{gaps, in_order};
 use super::positions::key;
 use super::shape::{Ranges, Shape};
+use super::step::Steps;
 use super::{Approach, Run};
 use crate::error::DiagnoseError;
 use crate::study::candidate::{Candidate, Chain, Local, ModelTerm, Question, Study};
@@ -40,6 +41,7 @@ struct AxisRuns {
     quantities: Vec<(String, (f64, f64), usize)>,
     /// Equal distance of neighbouring targets (m).
     step_m: Option<f64>,
+    steps: Steps,
 }
 
 /// All runs.
@@ -110,14 +112,15 @@ impl Runs {
         let both = [Approach::Positive, Approach::Negative]
             .iter()
             .all(|approach| axis.rows.iter().any(|row| self.runs[*row].approach == *approach));
-        let (shapes, untestable) = axis.shapes(both, &self.runs);
+        let (mut shapes, untestable) = axis.shapes(both, &self.runs);
+        shapes.extend(axis.steps.all(&self.runs, &self.rows).into_iter().map(Shape::Step));
         let first = self.candidates.len();
         let numbered = |wanted: &dyn Fn(&Shape) -> bool| -> Vec<usize> {
             shapes.iter().enumerate().filter(|(_, shape)| wanted(shape)).map(|(k, _)| first + k).collect()
         };
         let question =
             |what: &str, candidates: Vec<usize>| Question { what: format!("{what}, axis {name}"), candidates };
-        self.questions.push(question("drift", numbered(&Shape::is_drift)));
+        self.questions.push(question("drift or step in time", numbered(&Shape::is_of_time)));
         self.questions.push(question("reversal value", numbered(&Shape::is_reversal)));
         for shape in shapes {
             self.candidates.push(named(&axis.name, &axis.ranges, &shape));
@@ -191,7 +194,8 @@ impl AxisRuns {
             targets,
         };
         let step_m = equal_step_m(&ranges.targets);
-        Ok(AxisRuns { name: name.to_owned(), rows, ranges, quantities, step_m })
+        let steps = Steps::new(&rows, is_order, runs);
+        Ok(AxisRuns { name: name.to_owned(), rows, ranges, quantities, step_m, steps })
     }
 
     /// The runs in order; single ones are held against the mean of their place (target and direction) and the offset and
@@ -352,9 +356,40 @@ impl Study for Runs {
 
     fn reset(&mut self) {
         self.shapes.clone_from(&self.proposed);
-        let periodic = |k: &usize| matches!(self.shapes[*k].1, Shape::Periodic(_));
-        let all: Vec<usize> = (0..self.shapes.len()).filter(periodic).collect();
+        let is_set = |k: &usize| matches!(self.shapes[*k].1, Shape::Periodic(_) | Shape::Step(_));
+        let all: Vec<usize> = (0..self.shapes.len()).filter(is_set).collect();
         all.into_iter().for_each(|k| self.name(k));
+    }
+
+    fn steps_after(&self, candidate: usize) -> Vec<usize> {
+        let Shape::Step(jump) = &self.shapes[candidate].1 else { return Vec::new() };
+        jump.step.before()
+    }
+
+    fn places(&self, candidate: usize) -> &[usize] {
+        let (axis, Shape::Step(jump)) = &self.shapes[candidate] else { return &[] };
+        self.axes[*axis].steps.places.of(&jump.step)
+    }
+
+    fn choices(&self, candidate: usize, places: &[usize]) -> f64 {
+        let is_chosen = !self.places(candidate).is_empty();
+        if is_chosen { self.axes[self.shapes[candidate].0].steps.places.tried(places) } else { 1.0 }
+    }
+
+    fn columns_from(&self, candidate: usize, places: &[usize], rows: &[usize]) -> Mat<f64> {
+        let step = self.axes[self.shapes[candidate].0].steps.places.steps(places);
+        let mut columns = Mat::zeros(rows.len(), places.len());
+        for (i, row) in rows.iter().enumerate() {
+            let values = step.values(self.runs[*row].time_s.unwrap_or_default());
+            values.into_iter().enumerate().for_each(|(j, value)| columns[(i, j)] = value / UNIT_M);
+        }
+        columns
+    }
+
+    fn set_places(&mut self, candidate: usize, places: &[usize]) {
+        let axis = self.shapes[candidate].0;
+        self.shapes[candidate].1 = Shape::Step(self.axes[axis].steps.at(places, &self.runs, &self.rows));
+        self.name(candidate);
     }
 
     /// Polynomials of the target, up to one for every second target.

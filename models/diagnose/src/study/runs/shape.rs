@@ -5,6 +5,7 @@
 
 use super::Run;
 use super::positions::key;
+use super::step::Jump;
 use crate::study::smooth::legendre;
 use std::f64::consts::TAU;
 
@@ -32,6 +33,8 @@ pub(super) enum Shape {
     DriftTable,
     /// The reversal value grows with the cycle.
     LostWithCycle,
+    /// The offset jumps once.
+    Step(Jump),
     /// a·(1 − e^(−t/τ)), τ in s, t since the first run.
     Creep(f64),
     /// α·(T − 20 °C)·target + shift·(T − 20 °C).
@@ -57,10 +60,10 @@ pub(super) struct Ranges {
 }
 
 impl Shape {
-    /// Whether it is a drift.
-    pub(super) fn is_drift(&self) -> bool {
-        use Shape::{Creep, Cycle, DriftTable, Time, TimeAndTarget};
-        matches!(self, Cycle(_) | Time(_) | TimeAndTarget | DriftTable | Creep(_))
+    /// Whether it is a drift or a step in time.
+    pub(super) fn is_of_time(&self) -> bool {
+        use Shape::{Creep, Cycle, DriftTable, Step, Time, TimeAndTarget};
+        matches!(self, Cycle(_) | Time(_) | TimeAndTarget | DriftTable | Creep(_) | Step(_))
     }
 
     /// Whether it is a reversal value.
@@ -85,6 +88,7 @@ impl Shape {
             Shape::TimeAndTarget => vec![("d_1".to_owned(), "m"), ("d_1 x_1".to_owned(), "m")],
             Shape::DriftTable => table("d_1"),
             Shape::LostWithCycle => vec![("B_1".to_owned(), "m")],
+            Shape::Step(jump) => jump.step.parameters().into_iter().map(|name| (name, "m")).collect(),
             Shape::Creep(_) => vec![("growth".to_owned(), "m")],
             Shape::Expansion(_) => vec![("alpha".to_owned(), "1/K"), ("shift".to_owned(), "m/K")],
             Shape::Periodic(_) => vec![("sine".to_owned(), "m"), ("cosine".to_owned(), "m")],
@@ -112,6 +116,7 @@ impl Shape {
             }
             Shape::DriftTable => at_target(legendre(run.cycle as f64, ranges.cycle?, 1)[1]),
             Shape::LostWithCycle => vec![half * legendre(run.cycle as f64, ranges.cycle?, 1)[1]],
+            Shape::Step(jump) => jump.step.values(run.time_s?),
             // −expm1 keeps the digits of the first seconds.
             Shape::Creep(tau_s) => vec![-(-(run.time_s? - ranges.time_s?.0) / tau_s).exp_m1()],
             Shape::Expansion(sensor) => {

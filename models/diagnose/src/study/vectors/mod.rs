@@ -3,7 +3,7 @@
 //! Place in the flow: residuals (actual − predicted, m) with positions and whatever was logged in, diagnosis out. Base
 //! model: a rigid motion of the frame, six unknowns. Candidates: every registered effect that moves the tip, where a
 //! machine says which chain stands behind the positions; and, without any chain, each component of the residual as a
-//! smooth function of each logged quantity and each pair, and once or twice a turn of each angle. The 21 errors of a
+//! smooth function of each logged quantity and each pair, once or twice a turn of each angle, and with a step in time. The 21 errors of a
 //! chain are not part of the base, so what they do shows up as dependence on position. Blocks are those of the file,
 //! else stretches of time, else cells of space.
 //!
@@ -18,8 +18,10 @@ mod model;
 mod order;
 mod plate;
 mod problem;
+mod quantities;
 mod registered;
 mod shape;
+mod step;
 mod turned;
 
 use super::assemble;

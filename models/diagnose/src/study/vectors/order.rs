@@ -5,7 +5,7 @@
 //! Named is the error of position, which stays; the drift stands beside it as a rival. Columns over the standard uncertainty,
 //! three rows a vector.
 
-use super::problem::{POSITION, TIME};
+use super::quantities::{POSITION, TIME};
 use super::shape::{HIGHEST, Quantity};
 use faer::Mat;
 

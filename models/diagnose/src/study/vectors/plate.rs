@@ -74,6 +74,17 @@ impl Poses {
         self.list.iter().any(|pose| pose.name.is_some()) || self.spanned.contains(&false)
     }
 
+    /// What has a name of its own, in words.
+    pub(super) fn words(&self) -> &'static str {
+        match self.is_plate() {
+            true => {
+                "Of the 21 errors of a chain, scales and squareness in the plane have names here; what the others leave shows \
+                 as dependence on position."
+            }
+            false => "The 21 errors of a chain are not fitted here: what they leave shows as dependence on position.",
+        }
+    }
+
     /// Axes that are spanned.
     pub(super) fn axes(&self) -> Vec<Axis> {
         Axis::ALL.into_iter().filter(|axis| self.spanned[axis.index()]).collect()
@@ -193,6 +204,20 @@ fn fit(pairs: &[Pair], sign: f64) -> (f64, f64, f64) {
         |(p, q): &((f64, f64), (f64, f64))| (cosine * p.0 - sine * p.1 - q.0).hypot(sine * p.0 + cosine * p.1 - q.1);
     let misses_m = arms.iter().map(miss).fold(0.0, f64::max);
     (angle_rad, misses_m, arms.iter().map(|(p, _)| p.0.hypot(p.1)).fold(0.0, f64::max))
+}
+
+/// How the errors of a plate itself enter.
+pub(super) fn calibration_words(is_calibrated: bool) -> &'static str {
+    match is_calibrated {
+        true => {
+            "The plate is taken as it was calibrated: u holds what its calibration leaves open, if its errors act together \
+             in the worst way."
+        }
+        false => {
+            "If these are points of a plate, its own errors are in what was found and not in u: give the uncertainty of its \
+             calibration in u_plate_um, or turn it by 90 degrees and name poses and points."
+        }
+    }
 }
 
 pub(super) fn data(problem: String, remedy: &str) -> DiagnoseError {

@@ -5,15 +5,18 @@
 use super::ResidualVector;
 use super::blocks::blocks;
 use super::linear::{Named, unseen};
-use super::plate::{Poses, RIGID, data};
+use super::plate::{Poses, RIGID, calibration_words, data};
+use super::quantities::{POSITION, TIME, quantities};
 use super::registered::{Logged, Registered, motion, registered};
 use super::shape::{Bent, Quantity, Shape};
+use super::step::Steps;
 use super::{model, order};
 use crate::error::DiagnoseError;
 use crate::study::candidate::{Candidate, Chain, Local, ModelTerm, Question, Study};
 use crate::study::diagnosis::{Kind, Untestable};
 use crate::study::series::steps;
-use crate::study::smooth::{legendre, range};
+use crate::study::smooth::legendre;
+use crate::study::step::{NO_PROPERTY, Step};
 use abbe_geometry::effects::ParameterSpec;
 use abbe_geometry::machine::Machine;
 use abbe_geometry::{Axis, Vector3};
@@ -24,7 +27,7 @@ use std::collections::BTreeSet;
 const ASSUMED_M: f64 = 1e-6;
 const FEWEST_BLOCKS: usize = 3;
 /// Largest empirical motion believed (m).
-const PLAUSIBLE_M: f64 = 1e-3;
+pub(super) const PLAUSIBLE_M: f64 = 1e-3;
 /// Highest degree of the polynomials that single rows are held against.
 const RICH: usize = 4;
 /// Quantities that are tried in pairs: their number grows with the square.
@@ -37,6 +40,8 @@ enum Part {
     Named(Named),
     /// One component of the residual, with those parameters of the shape that nothing else names.
     Smooth(Axis, Bent),
+    /// One component, from a time on.
+    Step(Axis, Step),
 }
 
 /// All vectors.
@@ -60,6 +65,7 @@ pub(super) struct Vectors<'a> {
     block_word: &'static str,
     candidates: Vec<Candidate>,
     parts: Vec<Part>,
+    steps: Steps,
     untestable: Vec<Untestable>,
 }
 
@@ -101,6 +107,7 @@ impl<'a> Vectors<'a> {
         };
         let mut study = Vectors {
             vectors,
+            steps: Steps::new(vectors, &poses),
             poses,
             rows_of_file,
             notes,
@@ -120,6 +127,7 @@ impl<'a> Vectors<'a> {
         study.add_registered()?;
         study.add_named(false);
         study.add_smooth();
+        study.add_steps();
         study.add_plate_notes();
         study.chains = components.iter().map(|d| study.chain(*d)).collect();
         Ok(study)
@@ -168,11 +176,8 @@ impl<'a> Vectors<'a> {
 
     /// The same candidates where the plate's own scale is one of the unknowns.
     pub(super) fn with_unknown_scale(&mut self) {
-        let is_kept: Vec<bool> = self.parts.iter().map(|part| !matches!(part, Part::Named(_))).collect();
-        let mut kept = is_kept.iter();
-        self.candidates.retain(|_| kept.next().is_some_and(|is_kept| *is_kept));
-        let mut kept = is_kept.iter();
-        self.parts.retain(|_| kept.next().is_some_and(|is_kept| *is_kept));
+        // A contrast mixes the times of two poses.
+        self.retain(|part| !matches!(part, Part::Named(_) | Part::Step(..)));
         let names: Vec<String> = unseen(&self.poses.axes(), self.machine).into_iter().map(|(name, _)| name).collect();
         self.untestable.retain(|own| !names.contains(&own.name));
         self.add_named(true);
@@ -206,6 +211,24 @@ impl<'a> Vectors<'a> {
                 self.parts.push(Part::Smooth(axis, bent.clone()));
             }
         }
+    }
+
+    fn add_steps(&mut self) {
+        for step in self.steps.all() {
+            for axis in Axis::ALL.into_iter().filter(|axis| self.measured[axis.index()]) {
+                self.candidates.push(self.steps.candidate(&step, axis, &self.rows_of_file));
+                self.parts.push(Part::Step(axis, step.clone()));
+            }
+        }
+    }
+
+    /// Keeps candidates of these parts only.
+    fn retain(&mut self, is_kept: impl Fn(&Part) -> bool) {
+        let is_kept: Vec<bool> = self.parts.iter().map(is_kept).collect();
+        let mut kept = is_kept.iter();
+        self.candidates.retain(|_| kept.next().is_some_and(|is_kept| *is_kept));
+        let mut kept = is_kept.iter();
+        self.parts.retain(|_| kept.next().is_some_and(|is_kept| *is_kept));
     }
 
     /// Whether the straight line in a quantity has a name: scale, squareness or a turn of the pose.
@@ -284,10 +307,26 @@ impl<'a> Vectors<'a> {
         POSITION.iter().position(|own| *own == name).map_or(if name == TIME { self.start_s } else { 0.0 }, offset_m)
     }
 
+    fn chain_of(&self, axis: Axis) -> usize {
+        (0..axis.index()).filter(|other| self.measured[*other]).count()
+    }
+
+    /// A step at some rows of its component.
+    fn step_at(&self, axis: Axis, step: &Step, rows: &[usize]) -> Mat<f64> {
+        let mut columns = Mat::zeros(rows.len(), step.at.len());
+        for (i, row) in rows.iter().enumerate() {
+            let sigma_m = self.sigma_m[row / 3][axis.index()];
+            for (j, value) in step.values(self.vectors[row / 3].time_s.unwrap_or_default()).into_iter().enumerate() {
+                columns[(i, j)] = value / sigma_m;
+            }
+        }
+        columns
+    }
+
     /// Components that a candidate may move.
     fn moved(&self, candidate: usize) -> Vec<usize> {
         match &self.parts[candidate] {
-            Part::Smooth(axis, _) => vec![axis.index()],
+            Part::Smooth(axis, _) | Part::Step(axis, _) => vec![axis.index()],
             Part::Named(_) | Part::Registered(_) => (0..3).filter(|d| self.measured[*d]).collect(),
         }
     }
@@ -362,6 +401,12 @@ impl Study for Vectors<'_> {
                     (0..3).for_each(|d| columns[(3 * k + d, 0)] = moved_m[d] / sigma_m[d]);
                 }
                 (Part::Smooth(..), _) => {}
+                (Part::Step(axis, step), _) => {
+                    let d = axis.index();
+                    for (j, value) in step.values(vector.time_s.unwrap_or_default()).into_iter().enumerate() {
+                        columns[(3 * k + d, j)] = value / sigma_m[d];
+                    }
+                }
                 (Part::Registered(registered), Some(machine)) => {
                     let logged = Logged { vector, start_s: self.start_s };
                     // Only what is logged at every vector is proposed, so that there is no problem to report here.
@@ -377,11 +422,39 @@ impl Study for Vectors<'_> {
     }
 
     fn chain_columns(&self, candidate: usize, rows: &[usize]) -> Option<(usize, Mat<f64>)> {
-        let Part::Smooth(axis, bent) = &self.parts[candidate] else { return None };
-        let d = axis.index();
-        let chain = (0..d).filter(|other| self.measured[*other]).count();
+        let (axis, bent) = match &self.parts[candidate] {
+            Part::Smooth(axis, bent) => (axis, bent),
+            Part::Step(axis, step) => return Some((self.chain_of(*axis), self.step_at(*axis, step, rows))),
+            _ => return None,
+        };
         let vectors: Vec<usize> = rows.iter().map(|row| row / 3).collect();
-        Some((chain, self.smooth_columns(*axis, bent, &vectors)))
+        Some((self.chain_of(*axis), self.smooth_columns(*axis, bent, &vectors)))
+    }
+
+    fn steps_after(&self, candidate: usize) -> Vec<usize> {
+        let Part::Step(_, step) = &self.parts[candidate] else { return Vec::new() };
+        step.before()
+    }
+
+    fn places(&self, candidate: usize) -> &[usize] {
+        let Part::Step(_, step) = &self.parts[candidate] else { return &[] };
+        self.steps.places.of(step)
+    }
+
+    fn choices(&self, candidate: usize, places: &[usize]) -> f64 {
+        if self.places(candidate).is_empty() { 1.0 } else { self.steps.places.tried(places) }
+    }
+
+    fn columns_from(&self, candidate: usize, places: &[usize], rows: &[usize]) -> Mat<f64> {
+        let Part::Step(axis, _) = &self.parts[candidate] else { return Mat::zeros(rows.len(), 1) };
+        self.step_at(*axis, &self.steps.places.steps(places), rows)
+    }
+
+    fn set_places(&mut self, candidate: usize, places: &[usize]) {
+        if let Part::Step(axis, step) = &mut self.parts[candidate] {
+            *step = self.steps.places.steps(places);
+            self.candidates[candidate] = self.steps.candidate(step, *axis, &self.rows_of_file);
+        }
     }
 
     fn position_beside(&self, candidate: usize) -> Mat<f64> {
@@ -432,6 +505,7 @@ impl Study for Vectors<'_> {
                 let less = |own: &Quantity| self.less(&own.name);
                 ModelTerm { map: bent.map(), ..model::term(*axis, bent.shape, &self.quantities, less) }
             }
+            Part::Step(..) => return Err(NO_PROPERTY.to_owned()),
             Part::Registered(own) => {
                 let count = self.candidates[candidate].parameters.len();
                 let map = Mat::identity(count, count);
@@ -479,7 +553,7 @@ impl Study for Vectors<'_> {
         let directions = self.quantities.iter().filter(|quantity| quantity.name.starts_with("dir_"));
         let of_sign = directions.flat_map(|quantity| with(&quantity.name)).collect();
         let question = |what: &str, candidates| Question { what: what.to_owned(), candidates };
-        vec![question("drift with time", with(TIME)), question("direction of approach", of_sign)]
+        vec![question("drift or step in time", with(TIME)), question("direction of approach", of_sign)]
     }
 
     fn blocks(&self) -> &[Vec<usize>] {
@@ -516,27 +590,11 @@ impl Study for Vectors<'_> {
     fn notes(&self) -> Vec<String> {
         let mut notes = vec![
             format!("Left out to judge: one {} at a time, {} in all.", self.block_word, self.blocks.len()),
-            match self.poses.is_plate() {
-                true => {
-                    "Of the 21 errors of a chain, scales and squareness in the plane have names here; what the others \
-                         leave shows as dependence on position."
-                        .to_owned()
-                }
-                false => {
-                    "The 21 errors of a chain are not fitted here: what they leave shows as dependence on position."
-                        .to_owned()
-                }
-            },
+            self.poses.words().to_owned(),
         ];
         if self.poses.is_plate() {
-            notes.push(match self.vectors.iter().all(|vector| vector.u_plate_m.is_some()) {
-                true => "The plate is taken as it was calibrated: u holds what its calibration leaves open, if its errors act \
-                         together in the worst way."
-                    .to_owned(),
-                false => "If these are points of a plate, its own errors are in what was found and not in u: give the \
-                          uncertainty of its calibration in u_plate_um, or turn it by 90 degrees and name poses and points."
-                    .to_owned(),
-            });
+            let is_calibrated = self.vectors.iter().all(|vector| vector.u_plate_m.is_some());
+            notes.push(calibration_words(is_calibrated).to_owned());
         }
         notes.extend(self.notes.iter().cloned());
         if self.quantities.len() > IN_PAIRS {
@@ -545,37 +603,4 @@ impl Study for Vectors<'_> {
         }
         notes
     }
-}
-
-pub(super) const POSITION: [&str; 3] = ["x_m", "y_m", "z_m"];
-pub(super) const TIME: &str = "time_s";
-
-/// Quantities that vary and stand beside every vector; the others with what they lack.
-fn quantities(vectors: &[ResidualVector]) -> (Vec<Quantity>, Vec<Untestable>) {
-    let (mut quantities, mut untestable) = (Vec::new(), Vec::new());
-    let mut add = |name: &str, values: Vec<Option<f64>>| {
-        let logged = values.iter().flatten().count();
-        if logged == 0 {
-            return;
-        }
-        let whole: Option<Vec<f64>> = values.into_iter().collect();
-        let needs = match whole.map(|values| (range(&values), values)) {
-            Some((Some(range), values)) => {
-                quantities.push(Quantity::new(name, values, range));
-                return;
-            }
-            Some((None, _)) => format!("vary {name}: it is the same at all vectors"),
-            None => format!("log {name} at every vector: it stands at {logged} of {}", vectors.len()),
-        };
-        untestable.push(Untestable { name: format!("dependence on {name}"), needs });
-    };
-    for axis in Axis::ALL.into_iter().filter(|axis| vectors[0].position_lacks != Some(*axis)) {
-        add(POSITION[axis.index()], vectors.iter().map(|v| Some(v.position_m[axis.index()])).collect());
-    }
-    add(TIME, vectors.iter().map(|vector| vector.time_s).collect());
-    let names: BTreeSet<&String> = vectors.iter().flat_map(|vector| vector.covariates.keys()).collect();
-    for name in names {
-        add(name, vectors.iter().map(|vector| vector.covariates.get(name).copied()).collect());
-    }
-    (quantities, untestable)
 }

@@ -10,7 +10,8 @@
 use super::ResidualVector;
 use super::blocks::blocks;
 use super::plate::{Turns, data};
-use super::problem::{POSITION, Vectors};
+use super::problem::Vectors;
+use super::quantities::POSITION;
 use crate::error::DiagnoseError;
 use crate::score::LEFT;
 use crate::study::candidate::{Candidate, Chain, Local, ModelTerm, Question, Study};

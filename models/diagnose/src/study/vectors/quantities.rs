@@ -1,0 +1,43 @@
+//! What varies and stands beside every vector: position, time and what was logged.
+//!
+//! Place in the flow: the study of vectors makes its shapes of these quantities.
+
+use super::ResidualVector;
+use super::shape::Quantity;
+use crate::study::diagnosis::Untestable;
+use crate::study::smooth::range;
+use abbe_geometry::Axis;
+use std::collections::BTreeSet;
+
+pub(super) const POSITION: [&str; 3] = ["x_m", "y_m", "z_m"];
+pub(super) const TIME: &str = "time_s";
+
+/// Quantities that vary and stand beside every vector; the others with what they lack.
+pub(super) fn quantities(vectors: &[ResidualVector]) -> (Vec<Quantity>, Vec<Untestable>) {
+    let (mut quantities, mut untestable) = (Vec::new(), Vec::new());
+    let mut add = |name: &str, values: Vec<Option<f64>>| {
+        let logged = values.iter().flatten().count();
+        if logged == 0 {
+            return;
+        }
+        let whole: Option<Vec<f64>> = values.into_iter().collect();
+        let needs = match whole.map(|values| (range(&values), values)) {
+            Some((Some(range), values)) => {
+                quantities.push(Quantity::new(name, values, range));
+                return;
+            }
+            Some((None, _)) => format!("vary {name}: it is the same at all vectors"),
+            None => format!("log {name} at every vector: it stands at {logged} of {}", vectors.len()),
+        };
+        untestable.push(Untestable { name: format!("dependence on {name}"), needs });
+    };
+    for axis in Axis::ALL.into_iter().filter(|axis| vectors[0].position_lacks != Some(*axis)) {
+        add(POSITION[axis.index()], vectors.iter().map(|v| Some(v.position_m[axis.index()])).collect());
+    }
+    add(TIME, vectors.iter().map(|vector| vector.time_s).collect());
+    let names: BTreeSet<&String> = vectors.iter().flat_map(|vector| vector.covariates.keys()).collect();
+    for name in names {
+        add(name, vectors.iter().map(|vector| vector.covariates.get(name).copied()).collect());
+    }
+    (quantities, untestable)
+}
