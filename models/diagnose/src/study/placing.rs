@@ -81,9 +81,10 @@ pub(super) fn best_placed(view: &View, passing: &mut Vec<Scored>) {
 }
 
 /// The set with steps that were found together as steps of their own, where there are candidates for these.
-pub(super) fn single(study: &mut dyn Study, set: &[usize]) -> Vec<usize> {
+pub(super) fn single(view: &mut View, set: &[usize]) -> Vec<usize> {
     let mut all: Vec<usize> = Vec::with_capacity(set.len());
     for candidate in set {
+        let study = &*view.study;
         let places = study.steps_after(*candidate);
         if places.len() < 2 {
             all.push(*candidate);
@@ -104,7 +105,7 @@ pub(super) fn single(study: &mut dyn Study, set: &[usize]) -> Vec<usize> {
             None => all.push(*candidate),
             Some(parts) => {
                 for (k, place) in parts {
-                    place.into_iter().for_each(|place| study.set_places(k, &[place]));
+                    place.into_iter().for_each(|place| view.set_places(k, &[place]));
                     all.push(k);
                 }
             }

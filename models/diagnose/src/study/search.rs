@@ -195,7 +195,7 @@ pub(super) fn search(
             },
         };
         let Some(next) = next else { break };
-        let next = single(view.study, &next);
+        let next = single(view, &next);
         let next = prune(view, next, options)?;
         let mut sorted = next.clone();
         sorted.sort_unstable();

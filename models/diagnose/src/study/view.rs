@@ -312,13 +312,11 @@ impl<'a> View<'a> {
     /// another, and again beside the others until none moves.
     pub(super) fn place(&mut self, fit: &Fit, candidate: usize) {
         let count = self.study.steps_after(candidate).len();
-        let Some((of, _)) = self.study.chain_columns(candidate, &[]) else { return };
-        let name = &self.study.chains()[of].of;
-        let Some(chain) = self.chains.iter().position(|chain| chain.of == *name) else { return };
-        let rows: Vec<usize> = self.chains[chain].rows.iter().map(|k| self.kept[*k]).collect();
+        let Some(chain) = self.chain_of(candidate) else { return };
+        let rows = &self.chains[chain].rows_of_study;
         let part = fit.part(self, &[chain]);
         let worth = |places: &[usize]| {
-            let columns = self.whitened_in(chain, self.study.columns_from(candidate, places, &rows));
+            let columns = self.whitened_in(chain, self.study.columns_from(candidate, places, rows));
             let score = score(&part.project(columns.as_ref()), part.chi2, part.degrees);
             score.gain - 2.0 * self.study.choices(candidate, places).ln()
         };
@@ -333,7 +331,13 @@ impl<'a> View<'a> {
             }
         }
         taken.sort_unstable();
-        self.study.set_places(candidate, &taken);
+        self.set_places(candidate, &taken);
+    }
+
+    /// Sets the steps of a candidate.
+    pub(super) fn set_places(&mut self, candidate: usize, places: &[usize]) {
+        self.study.set_places(candidate, places);
+        self.memory.forget_columns();
     }
 }
 
