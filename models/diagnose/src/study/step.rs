@@ -141,7 +141,7 @@ impl Places {
     /// Times of the last row before a step and of the first after it, as short as they differ.
     pub(super) fn around(&self, at: &At) -> (String, String) {
         let (last, first) = (self.times[at.before - 1], self.times[at.before]);
-        let digits = (-(0.5 * (first - last)).log10()).ceil().clamp(0.0, 9.0) as usize;
+        let digits = (-(first - last).log10()).ceil().clamp(0.0, 9.0) as usize;
         (format!("{last:.digits$}"), format!("{first:.digits$}"))
     }
 }
