@@ -1,0 +1,139 @@
+//! Candidates of a study of residual vectors: effects of the machine, names of a plane, smooth forms, steps in time.
+//!
+//! Place in the flow: called once when a study is made of its vectors; each candidate goes in beside the part that makes its columns.
+
+use super::super::linear::{Named, unseen};
+use super::super::quantities::{POSITION, TIME};
+use super::super::registered::registered;
+use super::super::shape::{Bent, Quantity, Shape};
+use super::{IN_PAIRS, PLAUSIBLE_M, Part, Vectors};
+use crate::error::DiagnoseError;
+use crate::study::candidate::Candidate;
+use crate::study::diagnosis::{Kind, Untestable};
+use abbe_geometry::Axis;
+use abbe_geometry::effects::ParameterSpec;
+
+impl Vectors<'_> {
+    pub(super) fn add_registered(&mut self) -> Result<(), DiagnoseError> {
+        let Some(machine) = self.machine else {
+            self.untestable.push(Untestable {
+                name: "every registered effect of a machine".to_owned(),
+                needs: "the machine file of the chain behind the positions".to_owned(),
+            });
+            return Ok(());
+        };
+        // Positions are no covariates; they come first among the quantities.
+        let logged = |quantity: &&Quantity| !POSITION.contains(&quantity.name.as_str());
+        let varying: Vec<String> = self.quantities.iter().filter(logged).map(|q| q.name.clone()).collect();
+        let time_s = self.quantities.iter().find(|quantity| quantity.name == TIME).map_or((0.0, 0.0), |q| q.range);
+        let (effects, untestable) = registered(self.vectors, machine, &varying, time_s)?;
+        for effect in effects {
+            self.candidates.push(effect.candidate.clone());
+            self.parts.push(Part::Registered(effect));
+        }
+        self.untestable.extend(untestable);
+        Ok(())
+    }
+
+    /// Scales and squareness of the plane; nothing where positions fill a volume.
+    pub(super) fn add_named(&mut self, is_scale_unknown: bool) {
+        if !self.poses.is_plate() {
+            return;
+        }
+        let axes = self.poses.axes();
+        let is_moved = |named: &Named| {
+            let moved = |k: usize| named.motion_m(&self.poses.arm_m(self.vectors, k));
+            (0..self.vectors.len()).any(|k| (0..3).any(|d| self.measured[d] && moved(k)[d] != 0.0))
+        };
+        for named in Named::all(&axes, self.machine, is_scale_unknown) {
+            if is_moved(&named) {
+                self.candidates.push(named.candidate());
+                self.parts.push(Part::Named(named));
+            }
+        }
+        let unseen = unseen(&axes, self.machine).into_iter();
+        self.untestable.extend(unseen.map(|(name, needs)| Untestable { name, needs }));
+    }
+
+    /// The same candidates where the plate's own scale is one of the unknowns.
+    pub(in crate::study::vectors) fn with_unknown_scale(&mut self) {
+        // A contrast mixes the times of two poses.
+        self.retain(|part| !matches!(part, Part::Named(_) | Part::Step(..)));
+        let names: Vec<String> = unseen(&self.poses.axes(), self.machine).into_iter().map(|(name, _)| name).collect();
+        self.untestable.retain(|own| !names.contains(&own.name));
+        self.add_named(true);
+        for axis in self.poses.axes() {
+            let name = format!("scale of {0} (E{0}{0}, straight part), by itself", axis.letter());
+            let needs = "a calibrated length: the plate's own scale is one of the unknowns. Without the column point the \
+                         plate is taken as it was calibrated";
+            self.untestable.push(Untestable { name, needs: needs.to_owned() });
+        }
+    }
+
+    pub(super) fn add_plate_notes(&mut self) {
+        if !self.poses.is_plate() {
+            return;
+        }
+        let needs = "a plate whose place on the machine is known: its shift and turn are fitted";
+        self.untestable.push(Untestable { name: "a shift or turn of the whole".to_owned(), needs: needs.to_owned() });
+        if let Some(axis) = self.vectors[0].position_lacks {
+            self.notes.push(format!("Positions have no {}: they were taken to lie in one plane.", axis.lower()));
+        }
+    }
+
+    pub(super) fn add_smooth(&mut self) {
+        for shape in Shape::all(&self.quantities, IN_PAIRS) {
+            let bent = shape.bent(&self.quantities, |k| self.is_spanned(k));
+            if bent.kept.is_empty() {
+                continue;
+            }
+            for axis in Axis::ALL.into_iter().filter(|axis| self.measured[axis.index()]) {
+                self.candidates.push(self.smooth_candidate(&bent, axis));
+                self.parts.push(Part::Smooth(axis, bent.clone()));
+            }
+        }
+    }
+
+    pub(super) fn add_steps(&mut self) {
+        for step in self.steps.all() {
+            for axis in Axis::ALL.into_iter().filter(|axis| self.measured[axis.index()]) {
+                self.candidates.push(self.steps.candidate(&step, axis, &self.rows_of_file));
+                self.parts.push(Part::Step(axis, step.clone()));
+            }
+        }
+    }
+
+    /// Keeps candidates of these parts only.
+    fn retain(&mut self, is_kept: impl Fn(&Part) -> bool) {
+        let is_kept: Vec<bool> = self.parts.iter().map(is_kept).collect();
+        let mut kept = is_kept.iter();
+        self.candidates.retain(|_| kept.next().is_some_and(|is_kept| *is_kept));
+        let mut kept = is_kept.iter();
+        self.parts.retain(|_| kept.next().is_some_and(|is_kept| *is_kept));
+    }
+
+    /// Whether the straight line in a quantity has a name: scale, squareness or a turn of the pose.
+    fn is_spanned(&self, quantity: usize) -> bool {
+        let is_own = |axis: &Axis| POSITION[axis.index()] == self.quantities[quantity].name;
+        self.poses.is_plate() && self.poses.axes().iter().any(is_own)
+    }
+
+    fn smooth_candidate(&self, bent: &Bent, axis: Axis) -> Candidate {
+        let shape = bent.shape;
+        let (words, formula) = shape.words(&self.quantities);
+        let all = shape.parameters();
+        let words = if bent.is_less() { format!("{words} beyond the straight line") } else { words };
+        let names: Vec<String> = shape.quantities().iter().map(|k| self.quantities[*k].name.clone()).collect();
+        Candidate {
+            name: format!("{words}, component {}", axis.lower()),
+            formula: formula.to_owned(),
+            kind: Kind::Empirical,
+            family: format!("{}, component {}", names.join(" and "), axis.lower()),
+            decided_by: format!("vary {} independently of each other and of all else", names.join(" and ")),
+            covariates: names,
+            parameters: bent.kept.iter().map(|k| ParameterSpec::new(all[*k].clone(), "m", PLAUSIBLE_M)).collect(),
+            stands_apart: matches!(shape, Shape::Turn { .. }),
+            comes_first: false,
+        }
+    }
+}
