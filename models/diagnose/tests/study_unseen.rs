@@ -55,6 +55,10 @@ fn regress_what_a_coarse_display_hides_is_in_u() {
         let plan = Plan { sigma_um: 0.02, ..Plan::new(9, 5) };
         let diagnosis = of(&displayed(logged(&plan, &[Flaw::Play(play_um)], u64::from(seed)), 1e-6));
         let reversal = diagnosis.effects.iter().find(|effect| effect.name.starts_with("reversal")).unwrap();
+        assert!(
+            diagnosis.effects.iter().all(|effect| effect.parameters.iter().any(|p| p.value.abs() > 1e-9)),
+            "seed {seed}"
+        );
         let found = &reversal.parameters[0];
         assert!(found.u > 0.1e-6, "seed {seed}: {found:?}");
         off.push((found.value.abs() - play_um * 1e-6).abs() / found.u);

@@ -61,6 +61,8 @@ const TRIED: usize = 12;
 const FORMS: usize = 3;
 /// Blocks of an axis from which one can be left out and the others still show what goes on between them.
 const FEWEST_BLOCKS: usize = 3;
+/// Gain that no instrument shows (µm): rounding of numbers, where a display of few digits leaves no scatter.
+const NOTHING_UM: f64 = 1e-6;
 /// Candidates that one thread tests at a time.
 const TOGETHER: usize = 24;
 
@@ -418,7 +420,8 @@ fn reason_of_blocks(view: &mut View, set: &[usize], first: usize) -> Option<&'st
             if after.judged < before.judged {
                 Some("it rests on single blocks: with any one of them left out it is not determined")
             } else {
-                (after.rms_um >= before.rms_um).then_some("it fits, but does not predict blocks left out any better")
+                (after.rms_um >= before.rms_um - NOTHING_UM)
+                    .then_some("it fits, but does not predict blocks left out any better")
             }
         }
     };
