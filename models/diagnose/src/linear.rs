@@ -327,6 +327,22 @@ pub(crate) fn column(values: &[f64]) -> Mat<f64> {
     Mat::from_fn(values.len(), 1, |k, _| values[k])
 }
 
+/// Rows of a matrix, each times its weight.
+pub(crate) fn weighted(matrix: &Mat<f64>, weights: &[f64]) -> Mat<f64> {
+    let mut weighted = matrix.clone();
+    for j in 0..matrix.ncols() {
+        weighted.col_as_slice_mut(j).iter_mut().zip(weights).for_each(|(value, weight)| *value *= weight);
+    }
+    weighted
+}
+
+/// Standard uncertainty of the size of a column, given with one of each row, if the errors of all rows act together in the worst way:
+/// Σ|c|u / Σc².
+pub(crate) fn in_the_worst_way(rows: impl Iterator<Item = (f64, f64)>) -> f64 {
+    let (worst, square) = rows.fold((0.0, 0.0), |(worst, square), (c, u)| (worst + c.abs() * u, square + c * c));
+    if square > 0.0 { worst / square } else { 0.0 }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

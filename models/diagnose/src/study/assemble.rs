@@ -17,7 +17,7 @@ use super::significance::{probability, uncertainties};
 use super::terms::{Terms, terms};
 use super::view::View;
 use crate::error::DiagnoseError;
-use crate::linear::column;
+use crate::linear::{column, in_the_worst_way};
 use statrs::distribution::{ContinuousCDF, StudentsT};
 use std::collections::BTreeSet;
 
@@ -121,8 +121,7 @@ fn with_beside(view: &View, fit: &Fit, mut u: Vec<Vec<f64>>) -> Vec<Vec<f64>> {
     u
 }
 
-/// What rounding by a display leaves open of each column's size if it acts in the worst way: Σ|c|u / Σc² for what a column has beside
-/// the base.
+/// What rounding by a display leaves open of each column's size, beside the base, if it acts in the worst way.
 fn hidden_by_display(view: &View, fit: &Fit, k: usize) -> Vec<f64> {
     let columns = view.columns(&fit.point, fit.added[k].candidate);
     if view.chains().iter().all(|chain| chain.hidden() == 0.0) {
@@ -131,15 +130,8 @@ fn hidden_by_display(view: &View, fit: &Fit, k: usize) -> Vec<f64> {
     let first = fit.added.first().map_or(fit.raw_columns.ncols(), |fitted| fitted.first);
     let base = independent(&fit.raw_columns.subcols(0, first).to_owned());
     let columns = &*columns - &base * (base.transpose() * &*columns);
-    let one = |j: usize| {
-        let (mut worst, mut square) = (0.0, 0.0);
-        for chain in view.chains() {
-            worst += chain.rows.iter().map(|row| columns[(*row, j)].abs()).sum::<f64>() * chain.hidden();
-            square += chain.rows.iter().map(|row| columns[(*row, j)].powi(2)).sum::<f64>();
-        }
-        if square > 0.0 { worst / square } else { 0.0 }
-    };
-    (0..columns.ncols()).map(one).collect()
+    let rows = || view.chains().iter().flat_map(|chain| chain.rows.iter().map(|row| (*row, chain.hidden())));
+    (0..columns.ncols()).map(|j| in_the_worst_way(rows().map(|(row, u)| (columns[(row, j)], u)))).collect()
 }
 
 /// With what one reading scatters along each axis, and beside it what was found there and has no place in a model.

@@ -51,13 +51,13 @@ fn held_out(view: &View, fit: &Fit) -> Vec<HeldOut> {
 /// The same of two fits, over the directions that both determine: a step is not determined where all that lies on one side of it is
 /// left out, and what lies on the other side judges it all the same.
 pub(super) fn held_out_alike(view: &View, one: &Fit, other: &Fit) -> (HeldOutRms, HeldOutRms) {
-    let pairs: Vec<_> = predicted(view, one).into_iter().zip(predicted(view, other)).collect();
-    let own_only = |(one, other): &(Predicted, Predicted)| side_by_side(&[one.1.clone(), other.1.clone()]);
-    let of = |error: &dyn Fn(&(Predicted, Predicted)) -> Mat<f64>| {
-        let blocks: Vec<HeldOut> = pairs.iter().map(|pair| without(&error(pair), &own_only(pair))).collect();
-        rms_of(view, &blocks)
+    let judged = |((one, own), (other, others)): (Predicted, Predicted)| {
+        let own_only = side_by_side(&[own, others]);
+        (without(&one, &own_only), without(&other, &own_only))
     };
-    (of(&|(one, _)| one.0.clone()), of(&|(_, other)| other.0.clone()))
+    let (one, other): (Vec<HeldOut>, Vec<HeldOut>) =
+        predicted(view, one).into_iter().zip(predicted(view, other)).map(judged).unzip();
+    (rms_of(view, &one), rms_of(view, &other))
 }
 
 /// Errors of the rows of a block, and the directions in them that only the block determines.

@@ -18,7 +18,7 @@ use super::series::independent;
 use super::view::View;
 use crate::error::DiagnoseError;
 use crate::held_out::HeldOut;
-use crate::linear::column;
+use crate::linear::{column, weighted};
 use abbe_identify::symmetric_eigen;
 use faer::Mat;
 use std::collections::{BTreeMap, BTreeSet};
@@ -114,7 +114,7 @@ fn one(
     // Both over the same directions.
     let errors = (without(&base, &own), without(&with, &own));
     let weights = weights(&view, &rows);
-    let [base, with, own] = [base, with, own].map(|rows| weighed(&rows, &weights));
+    let [base, with, own] = [base, with, own].map(|rows| weighted(&rows, &weights));
     Ok(Judged { errors, weighed: (without(&base, &own), without(&with, &own)), found })
 }
 
@@ -127,10 +127,6 @@ fn weights(view: &View, rows: &[usize]) -> Vec<f64> {
         of_row.extend(chain.rows.iter().map(|row| (*row, weight)));
     }
     rows.iter().map(|row| of_row.get(row).copied().unwrap_or(1.0)).collect()
-}
-
-fn weighed(rows: &Mat<f64>, weights: &[f64]) -> Mat<f64> {
-    Mat::from_fn(rows.nrows(), rows.ncols(), |i, j| rows[(i, j)] * weights[i])
 }
 
 /// Errors of rows of the study that the view does not hold, and the directions in them that the view does not determine.

@@ -10,7 +10,7 @@ use super::fit::side_by_side;
 use super::series::independent;
 use super::view::picked;
 use crate::error::DiagnoseError;
-use crate::linear::column;
+use crate::linear::{column, weighted};
 use crate::score::beyond;
 use abbe_identify::{in_parallel, symmetric_eigen};
 use faer::linalg::solvers::{Llt, Solve};
@@ -197,10 +197,7 @@ fn robust_residuals(basis: &Mat<f64>, values: &[f64]) -> Vec<f64> {
     let mut residuals = values.to_vec();
     let mut weights = vec![1.0; values.len()];
     for _ in 0..PASSES {
-        let mut weighted = basis.clone();
-        for j in 0..basis.ncols() {
-            weighted.col_as_slice_mut(j).iter_mut().zip(&weights).for_each(|(value, weight)| *value *= weight);
-        }
+        let weighted = weighted(basis, &weights);
         let mut gram = basis.transpose() * &weighted;
         let trace: f64 = (0..gram.nrows()).map(|k| gram[(k, k)]).sum();
         (0..gram.nrows()).for_each(|k| gram[(k, k)] += 1e-12 * trace);

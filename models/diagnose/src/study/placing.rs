@@ -136,8 +136,8 @@ pub(super) fn moved(view: &mut View, set: &[usize]) -> Result<Option<Vec<usize>>
         let mut best = (own, evidence(view, own));
         if let Some(free) = free {
             view.place(&without, free);
-            best = if free == own { (own, evidence(view, own)) } else { best };
-            best = better(best, (free, evidence(view, free)));
+            let there = (free, evidence(view, free));
+            best = if free == own { there } else { better(best, there) };
         }
         set[*k] = likely.into_iter().fold(best, |best, other| better(best, (other, evidence(view, other)))).0;
     }

@@ -6,6 +6,7 @@
 //! probability as in its evidence. Column: 1 after the step, less its mean, so that its parameter is the level after less the level
 //! before. Times in s, or places in the order of measurement.
 
+use faer::Mat;
 use std::collections::BTreeSet;
 
 /// Free candidates of a chain: as many steps may be found at places that are not likely.
@@ -51,6 +52,15 @@ impl Step {
     /// Columns at a time.
     pub(super) fn values(&self, time: f64) -> Vec<f64> {
         self.at.iter().map(|at| f64::from(u8::from(time >= at.from)) - at.after).collect()
+    }
+
+    /// Columns over a unit, at rows of which the time and the unit are given.
+    pub(super) fn columns(&self, rows: &[(f64, f64)]) -> Mat<f64> {
+        let mut columns = Mat::zeros(rows.len(), self.at.len());
+        for (i, (time, unit)) in rows.iter().enumerate() {
+            self.values(*time).into_iter().enumerate().for_each(|(j, value)| columns[(i, j)] = value / unit);
+        }
+        columns
     }
 
     /// Names of its parameters.

@@ -65,12 +65,6 @@ impl Kept {
     }
 }
 
-/// Errors as they were shown (m), a row each; none where they hang on the fit.
-fn shown_m(study: &dyn Study) -> Vec<f64> {
-    let Ok(local) = study.local(&[]) else { return Vec::new() };
-    local.residual.iter().enumerate().map(|(row, residual)| residual * study.row_unit_m(row)).collect()
-}
-
 /// A study with some of its rows.
 pub(super) struct View<'a> {
     pub(super) study: &'a mut dyn Study,
@@ -89,7 +83,6 @@ impl<'a> View<'a> {
         kept.iter().enumerate().for_each(|(k, row)| own[*row] = Some(k));
         let pick = |rows: &Vec<usize>| rows.iter().filter_map(|row| own[*row]).collect::<Vec<usize>>();
         let blocks = study.blocks().iter().map(pick).filter(|block| !block.is_empty()).collect();
-        let shown_m = shown_m(&*study);
         let mut chains: Vec<Kept> = Vec::with_capacity(study.chains().len());
         for chain in study.chains() {
             let (mut rows, mut rows_of_study, mut steps, mut since) = (Vec::new(), Vec::new(), Vec::new(), 0.0);
@@ -108,12 +101,22 @@ impl<'a> View<'a> {
             let same = chains.iter().find(|other| other.gaps.steps() == steps).map(|other| Arc::clone(&other.gaps));
             let gaps = same.unwrap_or_else(|| Arc::new(Gaps::new(steps)));
             let (of, unit_m, along) = (chain.of.clone(), chain.unit_m, chain.along);
-            let shown_m: Vec<f64> = rows_of_study.iter().filter_map(|row| shown_m.get(*row).copied()).collect();
-            let step = step(&shown_m, FINEST_M).map(|step_m| step_m / unit_m);
             let (noise, filter) = (Noise::white(), gaps.filter(Theta::WHITE).into_owned());
-            chains.push(Kept { of, rows, rows_of_study, gaps, unit_m, along, noise, step, filter });
+            chains.push(Kept { of, rows, rows_of_study, gaps, unit_m, along, noise, step: None, filter });
         }
-        View { study, kept, blocks, chains, memory: Memory::default() }
+        let mut view = View { study, kept, blocks, chains, memory: Memory::default() };
+        view.read_displays();
+        view
+    }
+
+    /// Finds the step of the display of each chain in the errors as they were shown.
+    fn read_displays(&mut self) {
+        let Ok(start) = self.start(&[]) else { return };
+        for chain in &mut self.chains {
+            let shown_m = |(row, of_study): (&usize, &usize)| start.rows[(*row, 0)] * self.study.row_unit_m(*of_study);
+            let shown_m: Vec<f64> = chain.rows.iter().zip(&chain.rows_of_study).map(shown_m).collect();
+            chain.step = step(&shown_m, FINEST_M).map(|step_m| step_m / chain.unit_m);
+        }
     }
 
     /// Whether it holds a row of the study.

@@ -378,12 +378,9 @@ impl Study for Runs {
 
     fn columns_from(&self, candidate: usize, places: &[usize], rows: &[usize]) -> Mat<f64> {
         let step = self.axes[self.shapes[candidate].0].steps.places.steps(places);
-        let mut columns = Mat::zeros(rows.len(), places.len());
-        for (i, row) in rows.iter().enumerate() {
-            let values = step.values(self.runs[*row].time_s.unwrap_or_default());
-            values.into_iter().enumerate().for_each(|(j, value)| columns[(i, j)] = value / UNIT_M);
-        }
-        columns
+        let rows: Vec<(f64, f64)> =
+            rows.iter().map(|row| (self.runs[*row].time_s.unwrap_or_default(), UNIT_M)).collect();
+        step.columns(&rows)
     }
 
     fn set_places(&mut self, candidate: usize, places: &[usize]) {

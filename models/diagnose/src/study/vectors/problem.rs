@@ -14,6 +14,7 @@ use super::shape::{Bent, Quantity};
 use super::step::Steps;
 use super::{model, order};
 use crate::error::DiagnoseError;
+use crate::linear::in_the_worst_way;
 use crate::study::candidate::{Candidate, Chain, Local, ModelTerm, Question, Study};
 use crate::study::diagnosis::Untestable;
 use crate::study::series::steps;
@@ -189,16 +190,19 @@ impl<'a> Vectors<'a> {
         (0..axis.index()).filter(|other| self.measured[*other]).count()
     }
 
-    /// A step at some rows of its component.
-    fn step_at(&self, axis: Axis, step: &Step, rows: &[usize]) -> Mat<f64> {
-        let mut columns = Mat::zeros(rows.len(), step.at.len());
-        for (i, row) in rows.iter().enumerate() {
-            let sigma_m = self.sigma_m[row / 3][axis.index()];
-            for (j, value) in step.values(self.vectors[row / 3].time_s.unwrap_or_default()).into_iter().enumerate() {
-                columns[(i, j)] = value / sigma_m;
-            }
+    /// Columns of a candidate that acts on one component, at these vectors; `None` for any other.
+    fn component_columns(&self, candidate: usize, vectors: &[usize]) -> Option<(Axis, Mat<f64>)> {
+        match &self.parts[candidate] {
+            Part::Smooth(axis, bent) => Some((*axis, self.smooth_columns(*axis, bent, vectors))),
+            Part::Step(axis, step) => Some((*axis, self.step_columns(*axis, step, vectors))),
+            Part::Registered(_) | Part::Named(_) => None,
         }
-        columns
+    }
+
+    fn step_columns(&self, axis: Axis, step: &Step, vectors: &[usize]) -> Mat<f64> {
+        let time_s = |k: &usize| self.vectors[*k].time_s.unwrap_or_default();
+        let rows: Vec<(f64, f64)> = vectors.iter().map(|k| (time_s(k), self.sigma_m[*k][axis.index()])).collect();
+        step.columns(&rows)
     }
 
     /// Components that a candidate may move.
@@ -264,8 +268,7 @@ impl Study for Vectors<'_> {
 
     fn columns(&self, _point: &[f64], candidate: usize) -> Mat<f64> {
         let mut columns = Mat::zeros(3 * self.vectors.len(), self.candidates[candidate].parameters.len());
-        if let Part::Smooth(axis, bent) = &self.parts[candidate] {
-            let own = self.smooth_columns(*axis, bent, &(0..self.vectors.len()).collect::<Vec<usize>>());
+        if let Some((axis, own)) = self.component_columns(candidate, &(0..self.vectors.len()).collect::<Vec<usize>>()) {
             for j in 0..own.ncols() {
                 let rows = columns.col_as_slice_mut(j).chunks_exact_mut(3);
                 rows.zip(own.col_as_slice(j)).for_each(|(rows, value)| rows[axis.index()] = *value);
@@ -278,13 +281,6 @@ impl Study for Vectors<'_> {
                     let moved_m = named.motion_m(&self.poses.arm_m(self.vectors, k));
                     (0..3).for_each(|d| columns[(3 * k + d, 0)] = moved_m[d] / sigma_m[d]);
                 }
-                (Part::Smooth(..), _) => {}
-                (Part::Step(axis, step), _) => {
-                    let d = axis.index();
-                    for (j, value) in step.values(vector.time_s.unwrap_or_default()).into_iter().enumerate() {
-                        columns[(3 * k + d, j)] = value / sigma_m[d];
-                    }
-                }
                 (Part::Registered(registered), Some(machine)) => {
                     let logged = Logged { vector, start_s: self.start_s };
                     // Only what is logged at every vector is proposed, so that there is no problem to report here.
@@ -293,20 +289,16 @@ impl Study for Vectors<'_> {
                         (0..3).for_each(|d| columns[(3 * k + d, j)] = moved[d] / sigma_m[d]);
                     }
                 }
-                (Part::Registered(_), None) => {}
+                (Part::Registered(_), None) | (Part::Smooth(..) | Part::Step(..), _) => {}
             }
         }
         columns
     }
 
     fn chain_columns(&self, candidate: usize, rows: &[usize]) -> Option<(usize, Mat<f64>)> {
-        let (axis, bent) = match &self.parts[candidate] {
-            Part::Smooth(axis, bent) => (axis, bent),
-            Part::Step(axis, step) => return Some((self.chain_of(*axis), self.step_at(*axis, step, rows))),
-            _ => return None,
-        };
         let vectors: Vec<usize> = rows.iter().map(|row| row / 3).collect();
-        Some((self.chain_of(*axis), self.smooth_columns(*axis, bent, &vectors)))
+        let (axis, columns) = self.component_columns(candidate, &vectors)?;
+        Some((self.chain_of(axis), columns))
     }
 
     fn steps_after(&self, candidate: usize) -> Vec<usize> {
@@ -325,7 +317,8 @@ impl Study for Vectors<'_> {
 
     fn columns_from(&self, candidate: usize, places: &[usize], rows: &[usize]) -> Mat<f64> {
         let Part::Step(axis, _) = &self.parts[candidate] else { return Mat::zeros(rows.len(), 1) };
-        self.step_at(*axis, &self.steps.places.steps(places), rows)
+        let vectors: Vec<usize> = rows.iter().map(|row| row / 3).collect();
+        self.step_columns(*axis, &self.steps.places.steps(places), &vectors)
     }
 
     fn set_places(&mut self, candidate: usize, places: &[usize]) {
@@ -354,19 +347,13 @@ impl Study for Vectors<'_> {
         self.measured[row % 3]
     }
 
-    /// What the calibration of the plate leaves open if its errors act together in the worst way: Σ|c|u / Σc² for a column c.
+    /// What the calibration of the plate leaves open if its errors act together in the worst way.
     fn u_beside(&self, candidate: usize) -> Vec<f64> {
         let columns = self.columns(&[], candidate);
-        let one = |j: usize| {
-            let (mut worst, mut square) = (0.0, 0.0);
-            for row in (0..columns.nrows()).filter(|row| self.measured[row % 3]) {
-                let value = columns[(row, j)] * self.sigma_m[row / 3][row % 3];
-                worst += value.abs() * self.vectors[row / 3].u_plate_m.unwrap_or(0.0);
-                square += value * value;
-            }
-            if square > 0.0 { worst / square } else { 0.0 }
-        };
-        (0..columns.ncols()).map(one).collect()
+        let rows: Vec<usize> = (0..columns.nrows()).filter(|row| self.measured[row % 3]).collect();
+        let u_m = |row: usize| self.vectors[row / 3].u_plate_m.unwrap_or(0.0);
+        let of_row = |row: usize, j: usize| (columns[(row, j)] * self.row_unit_m(row), u_m(row));
+        (0..columns.ncols()).map(|j| in_the_worst_way(rows.iter().map(|row| of_row(*row, j)))).collect()
     }
 
     fn row_unit_m(&self, row: usize) -> f64 {
