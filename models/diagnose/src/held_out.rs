@@ -17,7 +17,7 @@ const DETERMINED: f64 = 1e-6;
 const NONE: f64 = 1e-12;
 
 /// One block left out.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct HeldOut {
     /// Sum of squared whitened residuals of the block, predicted without it.
     pub square: f64,

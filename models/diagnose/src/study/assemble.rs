@@ -4,7 +4,8 @@
 //! see; then it runs on all rows, and once more where what it found shows other rows to be gross.
 
 use super::candidate::Study;
-use super::diagnosis::{Ambiguity, Blocks, Effect, Kind, LackOfFit, Look, Parameter, Rung, StudyDiagnosis, Unseen};
+use super::confirm::confirmed;
+use super::diagnosis::{Ambiguity, Blocks, Effect, LackOfFit, Parameter, Rung, StudyDiagnosis};
 use super::fit::{Fit, Fitted};
 use super::judge::judge;
 use super::nested::unseen;
@@ -27,8 +28,6 @@ pub(super) const ALIASED: f64 = 0.95;
 const ANOTHER_ORDER: &str = "measure the same positions once more in another order, or there and back";
 /// Error that no instrument shows: what is less is rounding of numbers (m).
 const NOTHING_M: f64 = 1e-12;
-/// Why what does not predict is not claimed.
-const UNCONFIRMED: &str = "it fits, but searches that do not see a block predict it no better";
 /// Searches on all rows at most: each may show other rows to be gross.
 const SEARCHES: usize = 3;
 
@@ -42,9 +41,9 @@ pub(super) fn diagnose(
     let measured = (0..rows).filter(|row| study.is_measured(*row)).count();
     let first = outliers(study, &[], |_| true)?;
     let gross = first.rows(study);
-    let mut unseen = unseen(study, rows, &gross, options, observe)?;
+    let (mut unseen, parts) = unseen(study, rows, &gross, options, observe)?;
     let (mut found, gross) = searched(study, rows, first, options, observe)?;
-    let unconfirmed = unconfirmed(study, &mut found, &mut unseen);
+    let unconfirmed = confirmed(study, &mut found, &mut unseen, &parts);
     let left_out = gross.rows(study);
     let mut view = View::new(study, rows, |row| !left_out.contains(&row));
     let base = view.adapt(&[])?;
@@ -154,32 +153,6 @@ fn with_deviations(mut terms: Terms, view: &View, fit: &Fit) -> Terms {
         }
     }
     terms
-}
-
-/// Takes back what was found where searches that do not see a block predict it no better: all of it where the error does
-/// not come down; descriptions without a name, whose only worth is that they predict, also where that is not sure.
-fn unconfirmed(study: &dyn Study, found: &mut Found, unseen: &mut Unseen) -> Option<Look> {
-    let (before, after) = (unseen.before?, unseen.after?);
-    let is_named = |k: &usize| study.candidates()[*k].kind == Kind::Attributed;
-    let gains = after.rms_um < before.rms_um;
-    if found.set.is_empty() {
-        // What searches on parts found is not in the answer, so that their error is not that of the answer.
-        unseen.after = Some(before);
-        return None;
-    }
-    if gains && (unseen.is_sure == Some(true) || found.set.iter().any(is_named)) {
-        return None;
-    }
-    let names: Vec<&str> = found.set.iter().map(|k| study.candidates()[*k].name.as_str()).collect();
-    let says = format!(
-        "{} fits, but does not predict: on blocks that a search does not see, the error goes from {:.3} to {:.3} um",
-        names.join("; "),
-        before.rms_um,
-        after.rms_um
-    );
-    found.refused.extend(found.set.drain(..).map(|k| (k, UNCONFIRMED)));
-    unseen.after = Some(before);
-    Some(Look { what: "what the search found".to_owned(), says, is_noise: Some(false) })
 }
 
 /// What the search finds on all rows but the gross ones, and these.

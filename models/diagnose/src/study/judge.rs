@@ -108,14 +108,14 @@ fn interval(blocks: &[HeldOut]) -> Option<(f64, f64)> {
     Some(((all - reach).exp(), (all + reach).exp()))
 }
 
-/// Whether the error comes down from the first to the second by more than the blocks differ in, with 95 % (one-sided).
-pub(super) fn comes_down(before: &[HeldOut], after: &[HeldOut]) -> bool {
+/// Whether the error comes down from the first to the second by more than the blocks differ in, with this probability (one-sided).
+pub(super) fn comes_down(before: &[HeldOut], after: &[HeldOut], probability: f64) -> bool {
     let used: Vec<(&HeldOut, &HeldOut)> = before.iter().zip(after).filter(|(own, _)| own.judged > 0).collect();
     let of = |list: &[(&HeldOut, &HeldOut)]| {
         let ln = |rms: f64| rms.max(f64::MIN_POSITIVE).ln();
         ln(pooled(list.iter().map(|(_, after)| *after))) - ln(pooled(list.iter().map(|(before, _)| *before)))
     };
-    jackknife(&used, &of, 0.95).is_some_and(|(all, reach)| all + reach < 0.0)
+    jackknife(&used, &of, probability).is_some_and(|(all, reach)| all + reach < 0.0)
 }
 
 /// A figure of all blocks, and how far it may be off with this probability (one-sided); `None` with fewer than three.
@@ -156,9 +156,9 @@ mod tests {
     fn an_error_comes_down_where_most_blocks_agree_and_not_where_one_decides() {
         let of = |squares: [f64; 6]| squares.map(|square| HeldOut { square, judged: 2 });
         let before = of([8.0, 9.0, 7.0, 8.0, 9.0, 7.0]);
-        assert!(comes_down(&before, &of([4.0, 5.0, 4.0, 4.0, 3.0, 4.0])));
+        assert!(comes_down(&before, &of([4.0, 5.0, 4.0, 4.0, 3.0, 4.0]), 0.95));
         // The mean comes down, by one block alone.
-        assert!(!comes_down(&before, &of([8.0, 9.0, 7.0, 1.0, 9.0, 8.0])));
-        assert!(!comes_down(&before, &before));
+        assert!(!comes_down(&before, &of([8.0, 9.0, 7.0, 1.0, 9.0, 8.0]), 0.95));
+        assert!(!comes_down(&before, &before, 0.95));
     }
 }

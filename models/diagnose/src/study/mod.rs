@@ -10,6 +10,7 @@
 mod assemble;
 mod between;
 mod candidate;
+mod confirm;
 mod diagnosis;
 mod display;
 mod filters;

@@ -4,15 +4,17 @@
 //! looked for, the noise estimated and the whole search made anew, and the fold's rows predicted with and without what
 //! that search found. Gross rows of the fold itself are not predicted: they are named elsewhere.
 //!
+//! What each search found is remembered, so that less of it can be judged as well ([`Parts::of`]).
+//!
 //! The errors are given as they are, in µm. Whether they come down is judged in units of the noise of each axis or
 //! component: what one of them shows beyond doubt must not drown in the noise of another.
 
 use super::candidate::Study;
-use super::diagnosis::Unseen;
+use super::diagnosis::{HeldOutRms, Unseen};
 use super::fit::{Fit, side_by_side};
 use super::judge::{comes_down, rms_of, without};
 use super::outliers::outliers;
-use super::placing::undecided;
+use super::placing::{Placed, undecided};
 use super::search::{Observe, Options, search};
 use super::series::independent;
 use super::view::View;
@@ -29,6 +31,8 @@ const FOLDS: (usize, usize) = (10, 5);
 const LARGE: usize = 2000;
 /// Fewest blocks: with two left out of three, one remains to be its own judge.
 const FEWEST: usize = 3;
+/// Probability with which the error comes down (one-sided).
+pub(super) const SURE: f64 = 0.95;
 /// Share of its information that a direction must have in the rows that are left.
 const DETERMINED: f64 = 1e-6;
 
@@ -39,40 +43,102 @@ pub(super) fn unseen(
     gross: &BTreeSet<usize>,
     options: &Options,
     observe: &mut Observe,
-) -> Result<Unseen, DiagnoseError> {
+) -> Result<(Unseen, Parts), DiagnoseError> {
     let blocks = study.blocks().to_vec();
+    let mut parts = Parts { rows, gross: gross.clone(), all: Vec::new() };
     if blocks.len() < FEWEST {
         let what = study.block_word().to_owned();
         let because = format!("there are {} blocks ({what}), and at least {FEWEST} are needed", blocks.len());
-        return Ok(Unseen { missing_because: Some(because), ..Unseen::default() });
+        return Ok((Unseen { missing_because: Some(because), ..Unseen::default() }, parts));
     }
     let folds = deal(&blocks, if rows > LARGE { FOLDS.1 } else { FOLDS.0 });
-    let (mut before, mut after, mut unseen) = (Vec::new(), Vec::new(), Unseen::default());
-    let mut weighed = (Vec::new(), Vec::new());
+    let (mut judged, mut unseen) = (Vec::new(), Unseen::default());
     for (k, fold) in folds.iter().enumerate() {
         let left_out: BTreeSet<usize> = fold.iter().flat_map(|block| blocks[*block].iter().copied()).collect();
-        match one(study, rows, &left_out, gross, options, (k + 1, folds.len()), observe) {
-            Ok(judged) => {
-                before.push(judged.errors.0);
-                after.push(judged.errors.1);
-                weighed.0.push(judged.weighed.0);
-                weighed.1.push(judged.weighed.1);
-                unseen.found.push(judged.found);
+        match one(study, &parts, left_out, options, (k + 1, folds.len()), observe) {
+            Ok((part, own)) => {
+                unseen.found.push(part.names(study));
+                parts.all.push(part);
+                judged.push(own);
             }
             Err(DiagnoseError::Stopped) => return Err(DiagnoseError::Stopped),
             Err(error) => unseen.not_judged.push(format!("part {} of {}: {error}", k + 1, folds.len())),
         }
     }
-    let view = View::new(study, rows, |row| !gross.contains(&row));
-    if before.len() < FEWEST {
-        unseen.missing_because = Some("too few parts could be left out".to_owned());
-    } else {
-        unseen.before = Some(rms_of(&view, &before));
-        unseen.after = Some(rms_of(&view, &after));
-        unseen.is_sure = Some(comes_down(&weighed.0, &weighed.1));
-    }
     unseen.folds = folds.len();
-    Ok(unseen)
+    if judged.len() < FEWEST {
+        unseen.missing_because = Some("too few parts could be left out".to_owned());
+        return Ok((unseen, parts));
+    }
+    let (before, after, is_sure) = parts.figures(study, &judged, SURE);
+    Ok((Unseen { before: Some(before), after: Some(after), is_sure: Some(is_sure), ..unseen }, parts))
+}
+
+/// What was found without each part of the data.
+pub(super) struct Parts {
+    rows: usize,
+    gross: BTreeSet<usize>,
+    all: Vec<Part>,
+}
+
+/// What a search found that did not see the rows of one part.
+struct Part {
+    left_out: BTreeSet<usize>,
+    rejected: BTreeSet<usize>,
+    placed: Placed,
+}
+
+impl Part {
+    fn names(&self, study: &dyn Study) -> Vec<String> {
+        self.placed.set().map(|k| study.candidates()[k].name.clone()).collect()
+    }
+}
+
+impl Parts {
+    /// Error before and after with only what is of the families of a set, and whether it comes down with this probability; `None` where
+    /// a part cannot be judged so.
+    pub(super) fn of(
+        &self,
+        study: &mut dyn Study,
+        set: &[usize],
+        probability: f64,
+    ) -> Option<(HeldOutRms, HeldOutRms, bool)> {
+        let families: BTreeSet<String> = set.iter().map(|k| study.candidates()[*k].family.clone()).collect();
+        let one = |part: &Part| {
+            part.placed.take(study);
+            let is_own = |k: &usize| families.contains(&study.candidates()[*k].family);
+            let set: Vec<usize> = part.placed.set().filter(is_own).collect();
+            self.judged(&mut self.view(study, part), &set, &part.left_out).ok()
+        };
+        let judged: Vec<Judged> = self.all.iter().map(one).collect::<Option<_>>()?;
+        Some(self.figures(study, &judged, probability))
+    }
+
+    fn view<'a>(&self, study: &'a mut dyn Study, part: &Part) -> View<'a> {
+        View::new(study, self.rows, |row| !part.left_out.contains(&row) && !part.rejected.contains(&row))
+    }
+
+    /// One part predicted without and with a set.
+    fn judged(&self, view: &mut View, set: &[usize], left_out: &BTreeSet<usize>) -> Result<Judged, DiagnoseError> {
+        let last = view.adapt(set)?;
+        // In the noise that is left when all is found, as the errors on all data are.
+        let base = Fit::settle(view, &[])?;
+        let rows: Vec<usize> = left_out.iter().copied().filter(|row| !self.gross.contains(row)).collect();
+        let (with, own) = predicted(view, &last, &rows)?;
+        let (base, _) = predicted(view, &base, &rows)?;
+        // Both over the same directions.
+        let errors = (without(&base, &own), without(&with, &own));
+        let weights = weights(view, &rows);
+        let [base, with, own] = [base, with, own].map(|rows| weighted(&rows, &weights));
+        Ok(Judged { errors, weighed: (without(&base, &own), without(&with, &own)) })
+    }
+
+    fn figures(&self, study: &mut dyn Study, judged: &[Judged], probability: f64) -> (HeldOutRms, HeldOutRms, bool) {
+        let view = View::new(study, self.rows, |row| !self.gross.contains(&row));
+        let (before, after): (Vec<HeldOut>, Vec<HeldOut>) = judged.iter().map(|own| own.errors).unzip();
+        let weighed: (Vec<HeldOut>, Vec<HeldOut>) = judged.iter().map(|own| own.weighed).unzip();
+        (rms_of(&view, &before), rms_of(&view, &after), comes_down(&weighed.0, &weighed.1, probability))
+    }
 }
 
 /// Deals blocks into folds, neighbours apart.
@@ -88,34 +154,24 @@ struct Judged {
     errors: (HeldOut, HeldOut),
     /// In units of the noise.
     weighed: (HeldOut, HeldOut),
-    found: Vec<String>,
 }
 
 fn one(
     study: &mut dyn Study,
-    rows: usize,
-    left_out: &BTreeSet<usize>,
-    gross: &BTreeSet<usize>,
+    parts: &Parts,
+    left_out: BTreeSet<usize>,
     options: &Options,
     part: (usize, usize),
     observe: &mut Observe,
-) -> Result<Judged, DiagnoseError> {
+) -> Result<(Part, Judged), DiagnoseError> {
     study.reset();
     let rejected = outliers(study, &[], |row| !left_out.contains(&row))?.rows(study);
-    let mut view = View::new(study, rows, |row| !left_out.contains(&row) && !rejected.contains(&row));
+    let mut own = Part { left_out, rejected, placed: Placed::default() };
+    let mut view = parts.view(study, &own);
     let found = search(&mut view, options, Some(part), observe)?;
-    let last = view.adapt(&found.set)?;
-    // In the noise that is left when all is found, as the errors on all data are.
-    let base = Fit::settle(&view, &[])?;
-    let found = found.set.iter().map(|k| view.study.candidates()[*k].name.clone()).collect();
-    let rows: Vec<usize> = left_out.iter().copied().filter(|row| !gross.contains(row)).collect();
-    let (with, own) = predicted(&view, &last, &rows)?;
-    let (base, _) = predicted(&view, &base, &rows)?;
-    // Both over the same directions.
-    let errors = (without(&base, &own), without(&with, &own));
-    let weights = weights(&view, &rows);
-    let [base, with, own] = [base, with, own].map(|rows| weighted(&rows, &weights));
-    Ok(Judged { errors, weighed: (without(&base, &own), without(&with, &own)), found })
+    let judged = parts.judged(&mut view, &found.set, &own.left_out)?;
+    own.placed = Placed::of(&*view.study, &found.set);
+    Ok((own, judged))
 }
 
 /// One over the deviation of the noise in each of these rows of the study, as the view has it.

@@ -21,6 +21,32 @@ pub(super) fn tried(study: &dyn Study, candidate: usize) -> usize {
     study.choices(candidate, &study.steps_after(candidate)).max(1.0) as usize
 }
 
+/// What a search found, with the frequencies and places that it took.
+#[derive(Debug, Default)]
+pub(super) struct Placed(Vec<(usize, Option<f64>, Vec<usize>)>);
+
+impl Placed {
+    pub(super) fn of(study: &dyn Study, set: &[usize]) -> Placed {
+        let free = |k: usize| if study.places(k).is_empty() { Vec::new() } else { study.steps_after(k) };
+        Placed(set.iter().map(|k| (*k, study.frequency(*k).map(|(own, _)| own), free(*k))).collect())
+    }
+
+    pub(super) fn set(&self) -> impl Iterator<Item = usize> {
+        self.0.iter().map(|(candidate, ..)| *candidate)
+    }
+
+    /// Takes them again, and forgets all others.
+    pub(super) fn take(&self, study: &mut dyn Study) {
+        study.reset();
+        for (candidate, frequency, places) in &self.0 {
+            frequency.iter().for_each(|frequency| study.set_frequency(*candidate, *frequency));
+            if !places.is_empty() {
+                study.set_places(*candidate, places);
+            }
+        }
+    }
+}
+
 /// Whether a candidate is a step, or several.
 pub(super) fn is_step(study: &dyn Study, candidate: usize) -> bool {
     !study.steps_after(candidate).is_empty()
