@@ -7,7 +7,7 @@ use crate::attribution::Attribution;
 use crate::sizing::excess;
 
 /// Columns of a row, in order.
-pub const COLUMNS: [&str; 22] = [
+pub const COLUMNS: [&str; 23] = [
     "scenario",
     "family",
     "seed",
@@ -16,6 +16,7 @@ pub const COLUMNS: [&str; 22] = [
     "clean_um",
     "before_um",
     "after_um",
+    "covered",
     "excess_removed",
     "consistent_with_noise",
     "detected",
@@ -62,6 +63,8 @@ pub struct Outcome {
     pub before_m: f64,
     /// Verification error of the model that diagnosis gave (m).
     pub after_m: f64,
+    /// Share of the coordinates of verification points that lie within U (k = 2) of that model.
+    pub covered: f64,
     /// Whether diagnosis called the residual consistent with noise.
     pub consistent_with_noise: bool,
     /// What was found against what was there.
@@ -110,6 +113,7 @@ impl Record {
             with(|o| o.clean_m / MICRO),
             with(|o| o.before_m / MICRO),
             with(|o| o.after_m / MICRO),
+            with(|o| o.covered),
             number(done.and_then(Outcome::excess_removed)),
             flag(done.map(|o| o.consistent_with_noise)),
             of(|a| a.detected),
@@ -161,6 +165,7 @@ fn outcome<'a>(at: &dyn Fn(&str) -> Option<&'a str>) -> Option<Outcome> {
         clean_m: number("clean_um")? * MICRO,
         before_m: number("before_um")? * MICRO,
         after_m: number("after_um")? * MICRO,
+        covered: number("covered")?,
         consistent_with_noise: flag("consistent_with_noise")?,
         attribution: Attribution {
             detected: flag("detected")?,
@@ -190,6 +195,7 @@ mod tests {
                 clean_m: 3e-7,
                 before_m: 5e-7,
                 after_m: 3e-7,
+                covered: 0.95,
                 consistent_with_noise: false,
                 attribution: Attribution { detected: true, right: true, wrong: false, empirical: false },
                 found: Vec::new(),

@@ -7,10 +7,11 @@ use abbe_geometry::error_function::Kind;
 use abbe_identify::OrderChoice;
 use abbe_virtual_machine::effects::from_text;
 use abbe_virtual_machine::environment::EnvironmentConfig;
-use abbe_virtual_machine::instrument::{InstrumentConfig, Outliers};
+use abbe_virtual_machine::instrument::{Correlated, InstrumentConfig, Outliers};
 use abbe_virtual_machine::machine::Roughness;
+use abbe_virtual_machine::plan::recipe::LineSelection;
 use abbe_virtual_machine::plan::{PlanRecipe, presets};
-use abbe_virtual_machine::{SimulationConfig, TruthRecipe};
+use abbe_virtual_machine::{Axis, MachineTruth, SimulationConfig, SimulationError, TruthRecipe};
 
 use crate::template::Choices;
 use crate::trial::TrialError;
@@ -22,6 +23,10 @@ pub enum Family {
     Single,
     /// Two effects at once.
     Pair,
+    /// Three effects at once.
+    Triple,
+    /// One effect on a machine of another kind, or in few readings.
+    Elsewhere,
     /// A smooth effect that no candidate describes.
     Undescribed,
     /// An effect that the plan cannot tell from the machine's errors: to be reported as such, not claimed.
@@ -38,6 +43,8 @@ impl Family {
         match self {
             Family::Single => "single",
             Family::Pair => "pair",
+            Family::Triple => "triple",
+            Family::Elsewhere => "elsewhere",
             Family::Undescribed => "undescribed",
             Family::Aliased => "aliased",
             Family::Clean => "clean",
@@ -53,12 +60,44 @@ pub enum PlanKind {
     CaseLike,
     /// The same with another table load for every line.
     LoadByLine,
+    /// A quarter of its lines.
+    Few,
     /// Four stations, one offset, all lines in +X, in order.
     A,
     /// As A with three offsets and both directions.
     B,
     /// As B with six stations and lines in random order.
     C,
+}
+
+/// Which machine is measured; the seed draws its errors.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum MachineKind {
+    /// The shipped bridge, 800 × 600 × 600 mm.
+    Bridge,
+    /// Bed → Y → X → Z, 700 × 1000 × 600 mm.
+    Fyxz,
+    /// Moving table, 500 × 400 × 300 mm.
+    MovingTable,
+    /// Gantry, 4 × 2 × 1 m, with readings below zero.
+    Gantry,
+    /// Bridge of a third of the shipped one.
+    SmallBridge,
+}
+
+impl MachineKind {
+    fn truth(self, recipe: &TruthRecipe) -> Result<MachineTruth, SimulationError> {
+        const XYZ: [&[Axis]; 2] = [&[Axis::X, Axis::Y, Axis::Z], &[]];
+        match self {
+            MachineKind::Bridge => recipe.bridge_xyz(),
+            MachineKind::Fyxz => recipe.fyxz(),
+            MachineKind::MovingTable => recipe.moving_table(),
+            MachineKind::Gantry => recipe.machine("gantry", [[-2.0, 2.0], [-1.0, 1.0], [-1.0, 0.0]], XYZ, Axis::Y),
+            MachineKind::SmallBridge => {
+                recipe.machine("small bridge", [[0.0, 0.3], [0.0, 0.2], [0.0, 0.2]], XYZ, Axis::Y)
+            }
+        }
+    }
 }
 
 /// What the level of an effect is.
@@ -83,6 +122,8 @@ pub struct Scenario {
     pub levels: Vec<f64>,
     /// What a level is.
     pub sized_by: SizedBy,
+    /// The machine.
+    pub machine: MachineKind,
     /// The plan.
     pub plan: PlanKind,
     /// Roughness of the machine.
@@ -97,6 +138,8 @@ pub struct Scenario {
     pub noise: f64,
     /// Spoilt readings.
     pub outliers: Option<Outliers>,
+    /// Noise that readings share with those before them.
+    pub correlated: Option<Correlated>,
 }
 
 impl Scenario {
@@ -108,6 +151,7 @@ impl Scenario {
             injected: Vec::new(),
             levels: Vec::new(),
             sized_by: SizedBy::Error,
+            machine: MachineKind::Bridge,
             plan: PlanKind::CaseLike,
             roughness: Roughness::TYPICAL,
             kind: Kind::BSpline { intervals: 9 },
@@ -115,6 +159,7 @@ impl Scenario {
             held_zero: &[],
             noise: 1.0,
             outliers: None,
+            correlated: None,
         }
     }
 
@@ -124,15 +169,19 @@ impl Scenario {
     /// The simulator refuses a setting.
     pub fn clean_config(&self, seed: u64) -> Result<SimulationConfig, TrialError> {
         let recipe = TruthRecipe { seed, roughness: self.roughness, ..TruthRecipe::default() };
-        let machine = recipe.bridge_xyz()?;
+        let machine = self.machine.truth(&recipe)?;
         let plan = match self.plan {
+            PlanKind::Few => {
+                PlanRecipe { selection: LineSelection::Drawn(9), ..presets::case_like(machine.stroke_m, seed) }
+            }
             PlanKind::CaseLike => presets::case_like(machine.stroke_m, seed),
             PlanKind::LoadByLine => PlanRecipe { load_by_line: true, ..presets::case_like(machine.stroke_m, seed) },
             PlanKind::A => presets::plan_a(machine.stroke_m, seed),
             PlanKind::B => presets::plan_b(machine.stroke_m, seed),
             PlanKind::C => presets::plan_c(machine.stroke_m, seed),
         };
-        let mut instrument = InstrumentConfig { outliers: self.outliers, ..declared_instrument() };
+        let mut instrument =
+            InstrumentConfig { outliers: self.outliers, correlated: self.correlated, ..declared_instrument() };
         instrument.range.constant_m *= self.noise;
         instrument.range.per_metre *= self.noise;
         instrument.repeatability_m = instrument.repeatability_m.map(|value| value * self.noise);

@@ -40,6 +40,13 @@ impl Count {
     }
 }
 
+/// Mean and least of values; `None` without any.
+pub fn mean_and_least(values: impl Iterator<Item = f64>) -> Option<[f64; 2]> {
+    let all: Vec<f64> = values.collect();
+    let least = all.iter().copied().min_by(f64::total_cmp)?;
+    Some([all.iter().sum::<f64>() / all.len() as f64, least])
+}
+
 /// Median and largest of values; `None` without any. Values that are not finite are a fault of the caller.
 pub fn median_and_largest(values: impl Iterator<Item = f64>) -> Option<[f64; 2]> {
     let mut sorted: Vec<f64> = values.collect();

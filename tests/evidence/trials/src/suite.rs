@@ -4,10 +4,10 @@
 
 use abbe_geometry::error_function::Kind;
 use abbe_identify::OrderChoice;
-use abbe_virtual_machine::instrument::Outliers;
+use abbe_virtual_machine::instrument::{Correlated, Outliers};
 use abbe_virtual_machine::machine::Roughness;
 
-use crate::scenario::{Family, PlanKind, Scenario, SizedBy};
+use crate::scenario::{Family, MachineKind, PlanKind, Scenario, SizedBy};
 
 /// Factors of the power curve.
 pub const FACTORS: [f64; 5] = [1.2, 1.5, 2.0, 3.0, 5.0];
@@ -22,6 +22,8 @@ const SINGLE: &[(&str, &str)] = &[
     ("bow", "gradient_bow urad_per_m_kelvin=10*"),
     ("warming", "warm_up final_x_um=1* final_y_um=-2* final_z_um=4* time_constant_s=4000"),
     ("play", "backlash axis=$axis size_um=1*"),
+    ("hysteresis", "hysteresis axis=$axis size_um=1* travel_mm=10"),
+    ("lagged expansion", "lagged_expansion axis=$axis per_kelvin_um_m=10* fixed_at_mm=0 lag_s=1500"),
     ("play growing", "backlash axis=$axis size_um=0.5* growth_um=1*"),
     ("inertia", "acceleration axis=$axis about=$next urad_per_m_s2=8*"),
     ("lag", "speed_lag axis=$axis lag_us=10*"),
@@ -64,6 +66,31 @@ const UNDESCRIBED: &[(&str, &str)] = &[
     ),
 ];
 
+/// What no form of an error function follows, and nobody may give a cause.
+const WEAR: (&str, &str) = ("wear of a narrow place", "wear axis=$axis across=$next size_um=1* at_mm=130 width_mm=20");
+
+/// Triples, by their names in [`SINGLE`].
+const TRIPLES: &[[&str; 3]] = &[
+    ["expansion", "play", "load"],
+    ["bow", "lag", "periodic"],
+    ["warming", "twist", "drift"],
+    ["lagged expansion", "hysteresis", "inertia"],
+];
+
+/// Effects on other machines and in few readings, by their names in [`SINGLE`].
+const ELSEWHERE: &[(&str, MachineKind, PlanKind, &str)] = &[
+    ("expansion, FYXZ", MachineKind::Fyxz, PlanKind::CaseLike, "expansion"),
+    ("play, FYXZ", MachineKind::Fyxz, PlanKind::CaseLike, "play"),
+    ("expansion, moving table", MachineKind::MovingTable, PlanKind::CaseLike, "expansion"),
+    ("periodic, moving table", MachineKind::MovingTable, PlanKind::CaseLike, "periodic"),
+    ("expansion, gantry of 4 m", MachineKind::Gantry, PlanKind::CaseLike, "expansion"),
+    ("play, gantry of 4 m", MachineKind::Gantry, PlanKind::CaseLike, "play"),
+    ("hysteresis, bridge of 0.3 m", MachineKind::SmallBridge, PlanKind::CaseLike, "hysteresis"),
+    ("expansion, few readings", MachineKind::Bridge, PlanKind::Few, "expansion"),
+    ("play, few readings", MachineKind::Bridge, PlanKind::Few, "play"),
+    ("warming, few readings", MachineKind::Bridge, PlanKind::Few, "warming"),
+];
+
 /// Pairs, by their names in [`SINGLE`].
 const PAIRS: &[[&str; 2]] = &[
     ["expansion", "play"],
@@ -102,7 +129,17 @@ pub fn scenarios() -> Vec<Scenario> {
     out.push(Scenario { roughness: BUMPY, ..Scenario::plain("nothing, rough machine", Family::Clean) });
     out.push(on(PlanKind::A, Scenario::plain("nothing, plan A", Family::Clean)));
     out.push(on(PlanKind::C, Scenario::plain("nothing, plan C", Family::Clean)));
+    for (name, machine) in [
+        ("nothing, FYXZ", MachineKind::Fyxz),
+        ("nothing, moving table", MachineKind::MovingTable),
+        ("nothing, gantry of 4 m", MachineKind::Gantry),
+        ("nothing, bridge of 0.3 m", MachineKind::SmallBridge),
+    ] {
+        out.push(Scenario { machine, ..Scenario::plain(name, Family::Clean) });
+    }
+    out.push(on(PlanKind::Few, Scenario::plain("nothing, few readings", Family::Clean)));
     out.extend(adverse());
+    out.extend(correlated());
     let with = |name: &str, family, injected: Vec<&'static str>, levels: &[f64]| {
         // What the load does can only be seen where the load changes on a station.
         let is_of_load = injected.iter().any(|text| text.contains("load"));
@@ -112,9 +149,19 @@ pub fn scenarios() -> Vec<Scenario> {
     out.extend(SINGLE.iter().map(|(name, template)| with(name, Family::Single, vec![*template], &FACTORS)));
     out.push(Scenario { sized_by: SizedBy::Size, ..with(RUN.0, Family::Single, vec![RUN.1], &RUN_LEVELS) });
     out.extend(UNDESCRIBED.iter().map(|(name, template)| with(name, Family::Undescribed, vec![*template], &FACTORS)));
+    out.push(with(WEAR.0, Family::Undescribed, vec![WEAR.1], &FACTORS));
+    let templates = |names: &[&str]| -> Vec<&'static str> {
+        SINGLE.iter().filter(|(name, _)| names.contains(name)).map(|(_, template)| *template).collect()
+    };
+    for names in TRIPLES {
+        out.push(with(&names.join(", "), Family::Triple, templates(names), &[2.0, 3.0]));
+    }
+    out.extend(ELSEWHERE.iter().map(|(name, machine, plan, effect)| Scenario {
+        machine: *machine,
+        ..on(*plan, with(name, Family::Elsewhere, templates(&[*effect]), &[2.0, 3.0]))
+    }));
     for names in PAIRS {
-        let templates = SINGLE.iter().filter(|(name, _)| names.contains(name)).map(|(_, template)| *template);
-        out.push(with(&names.join(" and "), Family::Pair, templates.collect(), &[2.0, 3.0]));
+        out.push(with(&names.join(" and "), Family::Pair, templates(names), &[2.0, 3.0]));
     }
     out.extend(ALIASED.iter().map(|(name, plan, template)| Scenario {
         sized_by: SizedBy::Size,
@@ -126,10 +173,23 @@ pub fn scenarios() -> Vec<Scenario> {
 /// The scenario on another plan. Those of the raster have five levels across, which only a smooth machine needs.
 fn on(plan: PlanKind, scenario: Scenario) -> Scenario {
     match plan {
-        PlanKind::CaseLike | PlanKind::LoadByLine => Scenario { plan, ..scenario },
+        PlanKind::CaseLike | PlanKind::LoadByLine | PlanKind::Few => Scenario { plan, ..scenario },
         PlanKind::A => Scenario { plan, roughness: Roughness::SMOOTH, held_zero: HELD_ON_PLAN_A, ..scenario },
         PlanKind::B | PlanKind::C => Scenario { plan, roughness: Roughness::SMOOTH, ..scenario },
     }
+}
+
+/// Machines without effect whose noise goes on from reading to reading, as much of it as there is white noise at a metre.
+fn correlated() -> [Scenario; 3] {
+    let of = |name: &str, neighbours, by_line| Scenario {
+        correlated: Some(Correlated { deviation_m: 0.3e-6, neighbours, by_line }),
+        ..Scenario::plain(name, Family::Adverse)
+    };
+    [
+        of("noise correlated by 0.5", 0.5, false),
+        of("noise correlated by 0.9", 0.9, false),
+        of("noise correlated by 0.9, line by line", 0.9, true),
+    ]
 }
 
 /// Machines without effect that a careless diagnosis takes for machines with one.
@@ -180,6 +240,8 @@ mod tests {
         let tried: BTreeSet<String> = single.map(|scenario| first(scenario.injected[0])).collect();
         let known: BTreeSet<String> = examples().map(first).collect();
         assert_eq!(tried, known);
-        assert!(scenarios().iter().filter(|s| s.family == Family::Pair).all(|s| s.injected.len() == 2));
+        for (family, count) in [(Family::Pair, 2), (Family::Triple, 3), (Family::Elsewhere, 1)] {
+            assert!(scenarios().iter().filter(|s| s.family == family).all(|s| s.injected.len() == count));
+        }
     }
 }

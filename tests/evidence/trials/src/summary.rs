@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 use std::fmt::Write;
 
 use crate::record::{Outcome, Record};
-use crate::statistics::{Count, median_and_largest};
+use crate::statistics::{Count, mean_and_least, median_and_largest};
 
 /// Trials of one scenario at one level.
 #[derive(Debug, Clone, PartialEq)]
@@ -28,6 +28,8 @@ pub struct Line {
     pub within_15_percent: Count,
     /// Median and largest error after, in units of that without the effect.
     pub after_over_clean: Option<[f64; 2]>,
+    /// Mean and least share of coordinates within U (k = 2) after.
+    pub covered: Option<[f64; 2]>,
     /// Median share of the excess that was removed.
     pub excess_removed: Option<f64>,
     /// Trials without a result.
@@ -62,6 +64,7 @@ fn line(family: String, scenario: String, group: &[&Record]) -> Line {
         wrong: count(|o| o.attribution.wrong),
         within_15_percent: count(|o| o.after_m <= 1.15 * o.clean_m),
         after_over_clean: median_and_largest(done.iter().map(|o| o.after_m / o.clean_m)),
+        covered: mean_and_least(done.iter().map(|o| o.covered)),
         excess_removed: median_and_largest(done.iter().filter_map(|o| o.excess_removed())).map(|[median, _]| median),
         failed: group.len() - done.len(),
         seeds: [seeds.clone().min().unwrap_or(0), seeds.max().unwrap_or(0)],
@@ -73,7 +76,7 @@ pub fn text(lines: &[Line]) -> String {
     let mut out = String::new();
     let _ = writeln!(
         out,
-        "{:<12} {:<34} {:>6} {:>4} {:>6}  {:<17} {:<17} {:<17} {:<17} {:>12} {:>8}  seeds",
+        "{:<12} {:<34} {:>6} {:>4} {:>6}  {:<17} {:<17} {:<17} {:<17} {:>12} {:>10} {:>8}  seeds",
         "family",
         "scenario",
         "level",
@@ -84,12 +87,13 @@ pub fn text(lines: &[Line]) -> String {
         "wrong",
         "within 15 %",
         "after/clean",
+        "covered",
         "removed"
     );
     for line in lines {
         let _ = writeln!(
             out,
-            "{:<12} {:<34} {:>6} {:>4} {:>6}  {:<17} {:<17} {:<17} {:<17} {:>12} {:>8}  {}-{}",
+            "{:<12} {:<34} {:>6} {:>4} {:>6}  {:<17} {:<17} {:<17} {:<17} {:>12} {:>10} {:>8}  {}-{}",
             line.family,
             line.scenario,
             line.level.map_or("-".to_owned(), |level| level.to_string()),
@@ -100,6 +104,7 @@ pub fn text(lines: &[Line]) -> String {
             share(line.wrong),
             share(line.within_15_percent),
             line.after_over_clean.map_or("-".to_owned(), |[median, largest]| format!("{median:.2}/{largest:.2}")),
+            line.covered.map_or("-".to_owned(), |[mean, least]| format!("{:.0}/{:.0} %", mean * 100.0, least * 100.0)),
             line.excess_removed.map_or("-".to_owned(), |share| format!("{:.0} %", share * 100.0)),
             line.seeds[0],
             line.seeds[1],
@@ -109,7 +114,7 @@ pub fn text(lines: &[Line]) -> String {
 }
 
 /// Columns of [`power_row`].
-pub const POWER_COLUMNS: [&str; 18] = [
+pub const POWER_COLUMNS: [&str; 20] = [
     "family",
     "scenario",
     "level",
@@ -127,6 +132,8 @@ pub const POWER_COLUMNS: [&str; 18] = [
     "within_15_percent",
     "after_over_clean_median",
     "after_over_clean_largest",
+    "covered_mean",
+    "covered_least",
     "excess_removed_median",
 ];
 
@@ -149,6 +156,8 @@ pub fn power_row(line: &Line) -> Vec<String> {
     row.push(number(line.within_15_percent.share()));
     row.push(number(line.after_over_clean.map(|[median, _]| median)));
     row.push(number(line.after_over_clean.map(|[_, largest]| largest)));
+    row.push(number(line.covered.map(|[mean, _]| mean)));
+    row.push(number(line.covered.map(|[_, least]| least)));
     row.push(number(line.excess_removed));
     row
 }
@@ -214,6 +223,7 @@ mod tests {
             clean_m: 3e-7,
             before_m: 6e-7,
             after_m: 3e-7 * left,
+            covered: 0.9 + 0.05 * f64::from(u8::from(right)),
             consistent_with_noise: false,
             attribution,
             found: vec!["reverse x".to_owned()],
@@ -236,6 +246,8 @@ mod tests {
             assert_eq!(line.within_15_percent, Count { hits: 1, of: 2 });
             let [median, largest] = line.after_over_clean.unwrap();
             assert!((median - 1.25).abs() < 1e-12 && (largest - 1.5).abs() < 1e-12);
+            let [mean, least] = line.covered.unwrap();
+            assert!((mean - 0.925).abs() < 1e-12 && least == 0.9);
             assert_eq!(power_row(line).len(), POWER_COLUMNS.len());
         }
         assert_eq!(failures(&all).len(), 2);

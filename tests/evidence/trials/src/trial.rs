@@ -20,7 +20,7 @@ use crate::attribution::{Accepted, Finding, attribute};
 use crate::description::describe;
 use crate::record::{Outcome, Record};
 use crate::scenario::{Scenario, SizedBy, choices, declared_instrument, with_effects};
-use crate::score::verification_rms_m;
+use crate::score::verified;
 use crate::sizing;
 
 /// Verification points of a trial.
@@ -159,14 +159,16 @@ impl Prepared<'_> {
         let repeatability_m = declared_instrument().repeatability_m;
         let machine = describe(&config.machine, scenario.kind, scenario.held_zero, repeatability_m)?;
         let key = format!(
-            "{} {:?} {:?} {:?} {:?} {} {:?}",
+            "{} {:?} {:?} {:?} {:?} {:?} {} {:?} {:?}",
             trial.seed,
+            scenario.machine,
             scenario.plan,
             scenario.roughness,
             scenario.kind,
             scenario.order,
             scenario.noise,
-            scenario.outliers
+            scenario.outliers,
+            scenario.correlated
         );
         Ok(Prepared { scenario, config, machine, key })
     }
@@ -227,19 +229,20 @@ impl Prepared<'_> {
         let options = Options { order: self.scenario.order, ..Options::default() };
         let range = declared_instrument().range;
         let found = identify(&self.machine, range, &simulated.campaign, &options, &mut |_| true)?;
-        verification_rms_m(&found.model, &points(config)?)
+        Ok(verified(&found.model, &points(config)?)?.rms_m)
     }
 
     fn diagnose(&self, staged: &Staged, diagnoser: &dyn Diagnoser, table: &[Accepted]) -> Result<Outcome, TrialError> {
         let campaign = simulate_campaign(&staged.config)?.campaign;
         let range = declared_instrument().range;
         let verdict = diagnoser.diagnose(&self.machine, range, &campaign, self.scenario.order)?;
-        let after_m = verification_rms_m(&verdict.model, &points(&staged.config)?)?;
+        let after = verified(&verdict.model, &points(&staged.config)?)?;
         Ok(Outcome {
             injected: staged.texts.clone(),
             clean_m: staged.clean_m,
             before_m: staged.before_m,
-            after_m,
+            after_m: after.rms_m,
+            covered: after.covered,
             consistent_with_noise: verdict.consistent_with_noise,
             attribution: attribute(&verdict.findings, &with_line_names(&staged.texts, &campaign), table),
             found: verdict.findings.iter().map(|finding| finding.detail.clone()).collect(),

@@ -153,7 +153,7 @@ impl EnvironmentState {
 }
 
 /// One sine of a drift.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 struct Wave {
     amplitude: f64,
     per_second: f64,
@@ -161,15 +161,16 @@ struct Wave {
 }
 
 /// The drift drawn for one seed, a closed function of time, and the noise of its sensors.
-#[derive(Debug, Clone)]
-pub(crate) struct Environment {
+#[derive(Debug, Clone, PartialEq)]
+pub struct Environment {
     channels: [Channel; 9],
     waves: [[Wave; WAVES]; 9],
     noise: ChaCha8Rng,
 }
 
 impl Environment {
-    pub(crate) fn new(config: &EnvironmentConfig, seed: u64) -> Self {
+    /// The room of one seed.
+    pub fn new(config: &EnvironmentConfig, seed: u64) -> Self {
         let mut generator = stream(seed, Purpose::EnvironmentDrift);
         let waves = config.channels.map(|channel| {
             let weights: [f64; WAVES] = std::array::from_fn(|_| uniform(&mut generator, 0.3, 1.0));
@@ -183,13 +184,28 @@ impl Environment {
         Self { channels: config.channels, waves, noise: stream(seed, Purpose::SensorNoise) }
     }
 
-    /// True state at a time.
-    pub(crate) fn state(&self, time_s: f64) -> EnvironmentState {
+    /// True state at a time (s since the campaign began).
+    pub fn state(&self, time_s: f64) -> EnvironmentState {
         let mut values = [0.0; 9];
         for ((value, channel), waves) in values.iter_mut().zip(&self.channels).zip(&self.waves) {
             let drift: f64 = waves.iter().map(|w| w.amplitude * (w.per_second * time_s + w.phase_rad).sin()).sum();
             let settling = channel.settling * (-time_s / channel.settling_time_s).exp();
             *value = channel.mean + settling + drift;
+        }
+        EnvironmentState { values }
+    }
+
+    /// What follows the true state with a time constant (s, above zero), and has followed it for ever: each wave is smaller by
+    /// 1/√(1 + (ωτ)²) and late by atan(ωτ). The settling is met in balance as the campaign begins.
+    pub fn behind(&self, time_s: f64, lag_s: f64) -> EnvironmentState {
+        let mut values = [0.0; 9];
+        for ((value, channel), waves) in values.iter_mut().zip(&self.channels).zip(&self.waves) {
+            let wave = |w: &Wave| {
+                let late_rad = (w.per_second * lag_s).atan();
+                w.amplitude * late_rad.cos() * (w.per_second * time_s + w.phase_rad - late_rad).sin()
+            };
+            let drift: f64 = waves.iter().map(wave).sum();
+            *value = channel.mean + channel.settling * settling_behind(time_s, channel.settling_time_s, lag_s) + drift;
         }
         EnvironmentState { values }
     }
@@ -204,9 +220,37 @@ impl Environment {
     }
 }
 
+/// τ dy/dt = exp(−t/T) − y from y(0) = 1: (T·exp(−t/T) − τ·exp(−t/τ))/(T − τ), and its limit for equal constants.
+fn settling_behind(time_s: f64, settling_s: f64, lag_s: f64) -> f64 {
+    let apart_s = settling_s - lag_s;
+    if apart_s.abs() < 1e-6 * settling_s {
+        return (1.0 + time_s / settling_s) * (-time_s / settling_s).exp();
+    }
+    (settling_s * (-time_s / settling_s).exp() - lag_s * (-time_s / lag_s).exp()) / apart_s
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Against small steps of the equation itself.
+    #[test]
+    fn what_lags_behind_obeys_its_equation() {
+        let room = Environment::new(&EnvironmentConfig::workshop(), 5);
+        for lag_s in [300.0, 4000.0] {
+            let step_s = 0.5;
+            for k in 1..200_u32 {
+                let time_s = 37.0 * f64::from(k);
+                let [before, now, after] = [-step_s, 0.0, step_s].map(|d| room.behind(time_s + d, lag_s).values);
+                let input = room.state(time_s).values;
+                for d in 0..9 {
+                    let slope = (after[d] - before[d]) / (2.0 * step_s);
+                    // Central differences over 1 s of curves that change over hours.
+                    assert!((lag_s * slope - (input[d] - now[d])).abs() < 1e-5, "{lag_s} {time_s} {d}");
+                }
+            }
+        }
+    }
 
     #[test]
     fn drift_has_the_rms_asked_for_over_a_long_time() {

@@ -83,6 +83,7 @@ struct Bench<'a> {
     config: &'a SimulationConfig,
     machine: VirtualMachine,
     environment: Environment,
+    path_m: Vec<[f64; 3]>,
     generator: rand_chacha::ChaCha8Rng,
     time_s: f64,
     load_kg: f64,
@@ -98,6 +99,7 @@ impl<'a> Bench<'a> {
         Ok(Bench {
             machine,
             environment: Environment::new(&config.environment, config.seed),
+            path_m: Vec::new(),
             generator: stream(seed, Purpose::LengthTest),
             time_s: config.plan.targets().last().map_or(0.0, |target| target.time_s) + REST_S,
             load_kg: line.load_kg,
@@ -123,10 +125,14 @@ impl<'a> Bench<'a> {
             load_kg: self.load_kg,
         };
         let state = self.environment.state(self.time_s);
+        self.path_m.push(target.reading_m);
         let repeatability_m = self.config.instrument.repeatability_m;
         let stops_m = [0, 1, 2].map(|axis| repeatability_m[axis] * normal(&mut self.generator));
         for _ in 0..MOST_STEPS {
-            let moment = moment_of(&target, &self.config.machine, state);
+            if let Some(last_m) = self.path_m.last_mut() {
+                *last_m = target.reading_m;
+            }
+            let moment = moment_of(&target, &self.config.machine, &self.environment, &self.path_m);
             let mut extra: JointErrors = disturbance(&self.config.effects, &moment);
             for axis in 0..3 {
                 extra.linear_m[axis][axis] += stops_m[axis];

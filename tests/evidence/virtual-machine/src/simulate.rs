@@ -13,7 +13,7 @@ use rand::Rng;
 use rand_chacha::ChaCha8Rng;
 
 use crate::effects::{Beam, Effect, Moment};
-use crate::environment::{Environment, EnvironmentConfig, EnvironmentState, SENSOR_NAMES};
+use crate::environment::{Environment, EnvironmentConfig, SENSOR_NAMES};
 use crate::error::SimulationError;
 use crate::instrument::InstrumentConfig;
 use crate::machine::{JointErrors, MachineTruth, VirtualMachine};
@@ -132,6 +132,9 @@ pub struct ReadingStream<'a> {
     machine: VirtualMachine,
     targets: Targets<'a>,
     environment: Environment,
+    /// The same room, for effects.
+    room: Arc<Environment>,
+    path_m: Vec<[f64; 3]>,
     repeatability: ChaCha8Rng,
     range_noise: ChaCha8Rng,
     outliers: ChaCha8Rng,
@@ -152,6 +155,8 @@ impl<'a> ReadingStream<'a> {
             machine: config.checked_machine()?,
             targets: config.plan.targets(),
             environment: Environment::new(&config.environment, config.seed),
+            room: Arc::new(Environment::new(&config.environment, config.seed)),
+            path_m: Vec::new(),
             repeatability: stream(config.seed, Purpose::Repeatability),
             range_noise: stream(config.seed, Purpose::RangeNoise),
             outliers: stream(config.seed, Purpose::Outliers),
@@ -162,20 +167,28 @@ impl<'a> ReadingStream<'a> {
     }
 
     fn measure(&mut self, target: &Target) -> Result<SimulatedReading, SimulationError> {
-        let moment = moment_of(target, &self.config.machine, self.environment.state(target.time_s));
+        let mut path_m = std::mem::take(&mut self.path_m);
+        path_m.push(target.reading_m);
+        let room = Arc::clone(&self.room);
+        let measured = self.measure_at(target, &moment_of(target, &self.config.machine, &room, &path_m));
+        self.path_m = path_m;
+        measured
+    }
+
+    fn measure_at(&mut self, target: &Target, moment: &Moment) -> Result<SimulatedReading, SimulationError> {
         if target.first_of_station {
             self.reference = None;
             self.correlated = None;
         }
-        let mut extra = disturbance(&self.config.effects, &moment);
+        let mut extra = disturbance(&self.config.effects, moment);
         for axis in 0..3 {
             let stops_m = self.config.instrument.repeatability_m[axis];
             extra.linear_m[axis][axis] += stops_m * normal(&mut self.repeatability);
         }
         let actual_m = self.machine.disturbed_point_m(target.reading_m, target.offset_m, &extra);
-        let beam = self.beam(target, &moment, actual_m)?;
+        let beam = self.beam(target, moment, actual_m)?;
         let outlier_m = self.outlier_m(target);
-        let shown_m = self.shown_m(&moment, &beam, outlier_m) + self.correlated_m(target);
+        let shown_m = self.shown_m(moment, &beam, outlier_m) + self.correlated_m(target);
         let reference = *self.reference.get_or_insert(Reference { shown_m, time_s: target.time_s });
         let reading = RangeReading {
             station: target.station,
@@ -190,7 +203,7 @@ impl<'a> ReadingStream<'a> {
             covariates: covariates(target, self.environment.logged(&moment.environment)),
             truth: ReadingTruth {
                 actual_m,
-                station_m: self.station_m(target, &moment)?,
+                station_m: self.station_m(target, moment)?,
                 range_m: beam.range_m,
                 outlier_m,
             },
@@ -340,7 +353,13 @@ pub(crate) fn disturbance(effects: &[Arc<dyn Effect>], moment: &Moment) -> Joint
     extra
 }
 
-pub(crate) fn moment_of(target: &Target, machine: &MachineTruth, environment: EnvironmentState) -> Moment {
+/// What effects know of a standstill; the path ends there.
+pub(crate) fn moment_of<'a>(
+    target: &Target,
+    machine: &MachineTruth,
+    room: &'a Environment,
+    path_m: &'a [[f64; 3]],
+) -> Moment<'a> {
     Moment {
         time_s: target.time_s,
         reading_m: target.reading_m,
@@ -350,7 +369,9 @@ pub(crate) fn moment_of(target: &Target, machine: &MachineTruth, environment: En
         feed_m_s: target.feed_m_s,
         acceleration_m_s2: target.acceleration_m_s2,
         load_kg: target.load_kg,
-        environment,
+        environment: room.state(target.time_s),
+        room,
+        path_m,
     }
 }
 

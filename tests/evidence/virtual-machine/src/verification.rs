@@ -85,6 +85,7 @@ pub fn verification_points_with(
     require_not_negative("verification.known_to_m", verification.known_to_m)?;
     let machine = config.checked_machine()?;
     let mut environment = Environment::new(&config.environment, config.seed);
+    let mut path_m = Vec::with_capacity(verification.points);
     let mut generator = stream(verification.seed, Purpose::Verification);
     let frame = drawn_frame(verification.frame, &mut generator);
     let campaign_end_s = config.plan.targets().last().map_or(0.0, |t| t.time_s);
@@ -93,7 +94,8 @@ pub fn verification_points_with(
     for _ in 0..verification.points {
         let target = random_target(config, time_s, &mut generator)?;
         let state = environment.state(time_s);
-        let moment = moment_of(&target, &config.machine, state);
+        path_m.push(target.reading_m);
+        let moment = moment_of(&target, &config.machine, &environment, &path_m);
         let extra = disturbance(&config.effects, &moment);
         let actual_in_machine_m = machine.disturbed_point_m(target.reading_m, target.offset_m, &extra);
         let mut actual_m = apply(&frame, actual_in_machine_m);
@@ -125,7 +127,6 @@ pub fn actual_points_m(
     let machine = config.checked_machine()?;
     let environment = Environment::new(&config.environment, config.seed);
     let time_s = config.plan.targets().last().map_or(0.0, |t| t.time_s) + REST_S;
-    let state = environment.state(time_s);
     let actual = |(reading_m, offset_m): &([f64; 3], [f64; 3])| {
         let target = Target {
             station: 0,
@@ -139,7 +140,7 @@ pub fn actual_points_m(
             acceleration_m_s2: [0.0; 3],
             load_kg: 0.0,
         };
-        let extra = disturbance(&config.effects, &moment_of(&target, &config.machine, state));
+        let extra = disturbance(&config.effects, &moment_of(&target, &config.machine, &environment, &[*reading_m]));
         machine.disturbed_point_m(*reading_m, *offset_m, &extra)
     };
     Ok(poses.iter().map(actual).collect())

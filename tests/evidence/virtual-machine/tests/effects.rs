@@ -3,13 +3,14 @@
 #![allow(clippy::unwrap_used)] // a preparation that fails fails its test
 
 use std::f64::consts::FRAC_1_SQRT_2;
-use std::sync::Arc;
+use std::sync::{Arc, LazyLock};
 
 use abbe_virtual_machine::effects::{
-    Acceleration, Backlash, Beam, CarriageSag, CarriageTwist, Effect, Gimbal, GradientBow, Moment, PeriodicScale,
-    ReflectorIncidence, Refraction, ScaleExpansion, SpeedLag, StationDrift, TableLoad, Undescribed, WarmUp,
+    Acceleration, Backlash, Beam, CarriageSag, CarriageTwist, Effect, Gimbal, GradientBow, Hysteresis, LaggedExpansion,
+    Moment, PeriodicScale, ReflectorIncidence, Refraction, ScaleExpansion, SpeedLag, StationDrift, TableLoad,
+    Undescribed, WarmUp, Wear,
 };
-use abbe_virtual_machine::environment::{EnvironmentConfig, EnvironmentState};
+use abbe_virtual_machine::environment::{Environment, EnvironmentConfig, EnvironmentState};
 use abbe_virtual_machine::instrument::InstrumentConfig;
 use abbe_virtual_machine::machine::JointErrors;
 use abbe_virtual_machine::plan::presets;
@@ -18,8 +19,10 @@ use abbe_virtual_machine::{Axis, SimulationConfig, TruthRecipe, simulate_campaig
 /// Sizes are near 1e-6; formulas of a handful of operations agree far below this.
 const TINY: f64 = 1e-17;
 
+static ROOM: LazyLock<Environment> = LazyLock::new(|| Environment::new(&EnvironmentConfig::constant(), 1));
+
 /// Everything in its middle: 20 °C, 1013.25 hPa, 50 %, no motion, no load.
-fn calm() -> Moment {
+fn calm() -> Moment<'static> {
     let mut values = [20.0; 9];
     values[7] = 1013.25;
     values[8] = 50.0;
@@ -33,6 +36,8 @@ fn calm() -> Moment {
         acceleration_m_s2: [0.0; 3],
         load_kg: 0.0,
         environment: EnvironmentState { values },
+        room: &ROOM,
+        path_m: &[],
     }
 }
 
@@ -59,6 +64,41 @@ fn a_warm_scale_sends_the_machine_too_far() {
     moment.environment.values[1] = 22.0;
     // 10 µm/(m·K) · 2 K · 0.3 m
     assert_close(joints(&effect, &moment).linear_m[0][0], 6e-6);
+}
+
+#[test]
+fn a_scale_behind_its_sensor_expands_later() {
+    let effect = LaggedExpansion { axis: Axis::X, per_kelvin: 10e-6, fixed_at_m: 0.0, lag_s: 1000.0 };
+    let mut config = EnvironmentConfig::constant();
+    // From 23 °C towards 20 °C with a time constant of 3000 s.
+    (config.channels[1].settling, config.channels[1].settling_time_s) = (3.0, 3000.0);
+    let room = Environment::new(&config, 1);
+    let at = |time_s: f64| joints(&effect, &Moment { time_s, room: &room, ..calm() }).linear_m[0][0];
+    // 10 µm/(m·K) · 3 K · 0.4 m at the start; after 3000 s (3 e⁻¹ − e⁻³)/2 of it.
+    assert_close(at(0.0), 12e-6);
+    assert_close(at(3000.0), 12e-6 * 0.5 * (3.0 * f64::exp(-1.0) - f64::exp(-3.0)));
+}
+
+#[test]
+fn friction_comes_round_after_a_reversal() {
+    let effect = Hysteresis { axis: Axis::Y, size_m: 2e-6, travel_m: 0.01 };
+    let at = |path_m: &[[f64; 3]]| joints(&effect, &Moment { path_m, ..calm() }).linear_m[1][1];
+    assert_close(at(&[[0.0, 0.3, 0.0]]), 0.0);
+    // Far in + it lags behind by half the size; 10 mm back, one travel, it is at 2/e − 1 of that.
+    let there = [[0.0, 0.1, 0.0], [0.0, 0.5, 0.0]];
+    assert!((at(&there) + 1e-6).abs() < 1e-12);
+    let back = [there[0], there[1], [0.3, 0.49, 0.0]];
+    assert!((at(&back) + 1e-6 * (2.0 * f64::exp(-1.0) - 1.0)).abs() < 1e-12);
+    // What other axes do changes nothing.
+    assert_close(at(&[back[0], back[1], back[2], [0.9, 0.49, 0.4]]), at(&back));
+}
+
+#[test]
+fn a_carriage_falls_into_a_worn_place() {
+    let effect = Wear { axis: Axis::X, across: Axis::Z, size_m: 2e-6, at_m: 0.4, width_m: 0.03 };
+    let at = |x_m: f64| joints(&effect, &Moment { reading_m: [x_m, 0.0, 0.0], ..calm() }).linear_m[0][2];
+    assert_close(at(0.4), 2e-6);
+    assert_close(at(0.43), 2e-6 * f64::exp(-0.5));
 }
 
 #[test]

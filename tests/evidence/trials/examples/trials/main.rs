@@ -32,7 +32,7 @@ struct Arguments {
     /// First seed.
     #[arg(long, default_value_t = 1)]
     first_seed: u64,
-    /// Families to run: single, pair, undescribed, aliased, clean, adverse.
+    /// Families to run: single, pair, triple, elsewhere, undescribed, aliased, clean, adverse.
     #[arg(long, value_delimiter = ',')]
     family: Vec<String>,
     /// A scenario to run, by exact name; may be given several times.

@@ -11,7 +11,9 @@ mod bow;
 mod carriage_twist;
 mod dead_path;
 mod gimbal;
+mod hysteresis;
 mod incidence;
+mod lagged_expansion;
 mod onset;
 mod outlying_run;
 mod periodic;
@@ -26,6 +28,7 @@ mod table_load;
 mod text;
 mod undescribed;
 mod warm_up;
+mod wear;
 
 use std::fmt::Debug;
 
@@ -35,7 +38,9 @@ pub use bow::GradientBow;
 pub use carriage_twist::CarriageTwist;
 pub use dead_path::DeadPath;
 pub use gimbal::Gimbal;
+pub use hysteresis::Hysteresis;
 pub use incidence::ReflectorIncidence;
+pub use lagged_expansion::LaggedExpansion;
 pub use onset::Onset;
 pub use outlying_run::OutlyingRun;
 pub use periodic::PeriodicScale;
@@ -49,8 +54,9 @@ pub use station_drift::StationDrift;
 pub use table_load::TableLoad;
 pub use undescribed::Undescribed;
 pub use warm_up::WarmUp;
+pub use wear::Wear;
 
-use crate::environment::{EnvironmentState, SENSOR_NAMES};
+use crate::environment::{Environment, EnvironmentState, SENSOR_NAMES};
 use crate::error::SimulationError;
 use crate::machine::JointErrors;
 use crate::plan::Plan;
@@ -58,7 +64,7 @@ use crate::simulate::covariate_names;
 
 /// What an effect knows about one standstill of the machine.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Moment {
+pub struct Moment<'a> {
     /// Seconds since the campaign began.
     pub time_s: f64,
     /// Axis readings (m).
@@ -77,9 +83,13 @@ pub struct Moment {
     pub load_kg: f64,
     /// True state of the environment, not what the sensors show.
     pub environment: EnvironmentState,
+    /// The room, for what follows it slowly.
+    pub room: &'a Environment,
+    /// Readings of all standstills so far, this one last (m), for what remembers the way.
+    pub path_m: &'a [[f64; 3]],
 }
 
-impl Moment {
+impl Moment<'_> {
     /// Reading of an axis as a fraction of its stroke.
     pub fn stroke_fraction(&self, axis: usize) -> f64 {
         let [start, end] = self.stroke_m[axis];

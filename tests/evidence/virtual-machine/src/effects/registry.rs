@@ -8,9 +8,9 @@ use std::sync::Arc;
 
 use super::text::{Key, Values, given, or_zero};
 use super::{
-    Acceleration, Backlash, CarriageSag, CarriageTwist, DeadPath, Effect, Gimbal, GradientBow, Onset, OutlyingRun,
-    PeriodicScale, ReflectorIncidence, ReflectorOffset, Refraction, ScaleExpansion, SpeedLag, StationDrift, TableLoad,
-    Undescribed, WarmUp,
+    Acceleration, Backlash, CarriageSag, CarriageTwist, DeadPath, Effect, Gimbal, GradientBow, Hysteresis,
+    LaggedExpansion, Onset, OutlyingRun, PeriodicScale, ReflectorIncidence, ReflectorOffset, Refraction,
+    ScaleExpansion, SpeedLag, StationDrift, TableLoad, Undescribed, WarmUp, Wear,
 };
 use crate::error::SimulationError;
 
@@ -85,6 +85,24 @@ const ENTRIES: &[Entry] = &[
         keys: &[given("urad_per_m_kelvin")],
         example: "gradient_bow urad_per_m_kelvin=20",
         make: |v| Ok(Arc::new(GradientBow { curvature_per_kelvin: v.number("urad_per_m_kelvin")? * MICRO })),
+    },
+    Entry {
+        name: "hysteresis",
+        keys: &[given("axis"), given("size_um"), given("travel_mm")],
+        example: "hysteresis axis=x size_um=1 travel_mm=10",
+        make: |v| {
+            let (size_m, travel_m) = (v.number("size_um")? * MICRO, v.number("travel_mm")? * MILLI);
+            Ok(Arc::new(Hysteresis { axis: v.axis("axis")?, size_m, travel_m }))
+        },
+    },
+    Entry {
+        name: "lagged_expansion",
+        keys: &[given("axis"), given("per_kelvin_um_m"), or_zero("fixed_at_mm"), given("lag_s")],
+        example: "lagged_expansion axis=x per_kelvin_um_m=11.5 fixed_at_mm=0 lag_s=1500",
+        make: |v| {
+            let (per_kelvin, fixed_at_m) = (v.number("per_kelvin_um_m")? * MICRO, v.number("fixed_at_mm")? * MILLI);
+            Ok(Arc::new(LaggedExpansion { axis: v.axis("axis")?, per_kelvin, fixed_at_m, lag_s: v.number("lag_s")? }))
+        },
     },
     Entry {
         name: "outlying_run",
@@ -184,6 +202,16 @@ const ENTRIES: &[Entry] = &[
         make: |v| {
             let final_m = numbers(v, ["final_x_um", "final_y_um", "final_z_um"], MICRO)?;
             Ok(Arc::new(WarmUp { final_m, time_constant_s: v.number("time_constant_s")? }))
+        },
+    },
+    Entry {
+        name: "wear",
+        keys: &[given("axis"), given("across"), given("size_um"), given("at_mm"), given("width_mm")],
+        example: "wear axis=x across=z size_um=2 at_mm=300 width_mm=30",
+        make: |v| {
+            let (size_m, at_m) = (v.number("size_um")? * MICRO, v.number("at_mm")? * MILLI);
+            let (axis, across, width_m) = (v.axis("axis")?, v.axis("across")?, v.number("width_mm")? * MILLI);
+            Ok(Arc::new(Wear { axis, across, size_m, at_m, width_m }))
         },
     },
 ];
