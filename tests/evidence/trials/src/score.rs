@@ -10,7 +10,7 @@ use abbe_geometry::effects::{CovariateSource, CovariateValue, Lag, State, Travel
 use abbe_geometry::model::MachineModel;
 use abbe_measurement::alignment::aligned_residuals_m;
 use abbe_virtual_machine::simulate::covariate_names;
-use abbe_virtual_machine::verification::VerificationPoint;
+use abbe_virtual_machine::verification::{STEP_S, VerificationPoint};
 
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
@@ -19,6 +19,8 @@ use rand_distr::{Distribution, StandardNormal};
 use crate::scenario::declared_instrument;
 use crate::trial::TrialError;
 
+/// Time constants after which a lagged quantity counts as known.
+const SETTLED: f64 = 3.0;
 /// Fewest points that score a model that must first see how the machine came.
 const FEWEST: usize = 50;
 
@@ -47,6 +49,12 @@ impl CovariateSource for Logged<'_> {
             }
         }
     }
+}
+
+/// Points that only tell a model how the room came before those that score it.
+pub fn history(model: &MachineModel) -> usize {
+    let longest_s = model.reads().iter().filter_map(|name| of_lagged(name)).map(|(_, lag_s)| lag_s).max();
+    longest_s.map_or(0, |lag_s| (SETTLED * f64::from(lag_s) / STEP_S).ceil() as usize + 1)
 }
 
 /// What follows logged quantities or the way of an axis.

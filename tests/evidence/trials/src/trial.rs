@@ -20,7 +20,7 @@ use crate::attribution::{Accepted, Finding, attribute};
 use crate::description::describe;
 use crate::record::{Outcome, Record};
 use crate::scenario::{Scenario, SizedBy, choices, declared_instrument, with_effects};
-use crate::score::verified;
+use crate::score::{history, verified};
 use crate::sizing;
 
 /// Verification points of a trial.
@@ -229,14 +229,14 @@ impl Prepared<'_> {
         let options = Options { order: self.scenario.order, ..Options::default() };
         let range = declared_instrument().range;
         let found = identify(&self.machine, range, &simulated.campaign, &options, &mut |_| true)?;
-        Ok(verified(&found.model, &points(config)?)?.rms_m)
+        Ok(verified(&found.model, &points(config, 0)?)?.rms_m)
     }
 
     fn diagnose(&self, staged: &Staged, diagnoser: &dyn Diagnoser, table: &[Accepted]) -> Result<Outcome, TrialError> {
         let campaign = simulate_campaign(&staged.config)?.campaign;
         let range = declared_instrument().range;
         let verdict = diagnoser.diagnose(&self.machine, range, &campaign, self.scenario.order)?;
-        let after = verified(&verdict.model, &points(&staged.config)?)?;
+        let after = verified(&verdict.model, &points(&staged.config, history(&verdict.model))?)?;
         Ok(Outcome {
             injected: staged.texts.clone(),
             clean_m: staged.clean_m,
@@ -265,6 +265,6 @@ fn with_line_names(texts: &[String], campaign: &Campaign) -> Vec<String> {
     texts.iter().map(|text| text.split_whitespace().map(part).collect::<Vec<_>>().join(" ")).collect()
 }
 
-fn points(config: &SimulationConfig) -> Result<Vec<VerificationPoint>, TrialError> {
-    Ok(verification_points(config, POINTS, config.seed + POINTS_SEED)?)
+fn points(config: &SimulationConfig, before: usize) -> Result<Vec<VerificationPoint>, TrialError> {
+    Ok(verification_points(config, before + POINTS, config.seed + POINTS_SEED)?)
 }

@@ -15,7 +15,8 @@ use crate::simulate::{COVARIATES, SimulationConfig, covariates, disturbance, mom
 
 /// Rest between the end of the campaign and the first point, and time from point to point (s).
 const REST_S: f64 = 2100.0;
-const STEP_S: f64 = 20.0;
+/// Time from point to point (s).
+pub const STEP_S: f64 = 20.0;
 /// Feed before a stop at a pose that is asked for (m/s).
 const SLOW_M_S: f64 = 0.02;
 /// Largest turn (rad) and shift (m) of a frame of its own, each component.
