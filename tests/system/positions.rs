@@ -26,7 +26,7 @@ fn positions_make_a_model_that_corrects_and_can_be_mapped() {
     let said = json(&said);
     let evidence = &said["evidence"];
     assert_eq!(evidence["rank"], evidence["unknowns"]);
-    assert!((3..=8).contains(&evidence["polynomial_degree"].as_u64().unwrap()), "{evidence}");
+    assert!(evidence["effective_unknowns"].as_f64().unwrap() > 40.0, "{evidence}");
     let verified = json(&run(["verify", "--model", &model, "--points", &points, "--json"]).ok());
     let (before, after) = (verified["before_rms_um"].as_f64().unwrap(), verified["after_rms_um"].as_f64().unwrap());
     assert!(after < 0.1 * before, "{verified}");

@@ -10,7 +10,7 @@ use abbe_geometry::machine::Machine;
 use abbe_geometry::{Axis, Vector3};
 use abbe_identify::points::{
     FittedPoints, Loss, MeasuredPoint, Method, Plates, PointOptions, PointsError, fit_plates,
-    fit_plates_of_best_degree, fit_points,
+    fit_plates_of_best_degree, fit_plates_smooth, fit_points,
 };
 use abbe_measurement::alignment::aligned_residuals_m;
 use abbe_virtual_machine::{TruthRecipe, VirtualMachine};
@@ -184,6 +184,19 @@ fn the_degree_is_chosen_by_the_data_and_gross_points_have_little_weight() {
     let found = fit_plates_of_best_degree(&machine, &points, &plates, 1..=6, &options, &mut |_| true).unwrap();
     let after = left_m(&truth, &found, HEIGHT_M, &[0, 1, 2]);
     assert!(after < 0.7 * NOISE_M, "{after:e}");
+}
+
+#[test]
+fn smooth_functions_hold_at_zero_what_a_plate_does_not_show() {
+    let (truth, machine) = bridge(10, 4);
+    let points = plate(&truth, HEIGHT_M, NOISE_M, 11);
+    let plates = one_pose(&points, None);
+    let options = PointOptions { method: Method::LevenbergMarquardt, loss: Loss::Huber };
+    let found = fit_plates_smooth(&machine, &points, &plates, &options, &mut |_| true).unwrap();
+    let names: Vec<&str> = found.not_seen.iter().map(|own| own.name.as_str()).collect();
+    assert!(names.contains(&"EZZ") && names.contains(&"A0Z") && !names.contains(&"EXX"), "{names:?}");
+    let after = left_m(&truth, &found, HEIGHT_M, &[0, 1, 2]);
+    assert!(after < 0.8 * NOISE_M, "{after:e}");
 }
 
 #[test]

@@ -16,6 +16,8 @@ pub(super) struct Certificate {
     pub(super) chi2_per_dof: f64,
     /// Largest component of the Newton step, in standard uncertainties.
     pub(super) largest_step: f64,
+    /// Unknowns that the data determine: all that are fitted, or less where a penalty holds some.
+    pub(super) effective: f64,
 }
 
 /// Looks at the weighted least-squares problem at these unknowns.
@@ -28,7 +30,7 @@ pub(super) fn certify(problem: &Problem, unknowns: &[f64], weights: &[f64]) -> R
     let chi2_per_dof = normal.weighted_square / degrees;
     let u = |k: usize| (inverse[(k, k)] * widening(chi2_per_dof)).sqrt();
     let largest_step = step.iter().enumerate().map(|(k, d)| d.abs() / u(k)).fold(0.0, f64::max);
-    Ok(Certificate { inverse, chi2_per_dof, largest_step })
+    Ok(Certificate { inverse, chi2_per_dof, largest_step, effective: problem.free() as f64 })
 }
 
 /// Factor of the covariance: misfit widens it, luck does not narrow it.

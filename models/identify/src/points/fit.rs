@@ -157,13 +157,15 @@ fn reweighted(
     observe: &mut dyn FnMut(PointProgress) -> bool,
 ) -> Result<(Descent, Certificate), PointsError> {
     let fitted = super::loss::kept_points(problem.points.len(), trimmed.unknowns.len());
-    let mut weights = within(problem, &trimmed.unknowns, fitted);
+    let share = |fitted: usize| trimmed.unknowns.len() as f64 / (3 * fitted) as f64;
+    let mut weights = within(problem, &trimmed.unknowns, share(fitted));
+    let unknowns = trimmed.unknowns.len() as f64;
     let mut found = trimmed;
     for _ in 0..REJECTIONS {
         let kept = problem.with_weights(&weights);
         found = descend_at_scale(&kept, found.unknowns, Loss::Squares, 1.0, found.steps, observe)?;
         let used = weights.iter().filter(|weight| **weight > 0.0).count();
-        let next = within(problem, &found.unknowns, used);
+        let next = within(problem, &found.unknowns, unknowns / (3 * used) as f64);
         let settled = next == weights;
         // In the end the weights must be those of the fit.
         found.weights = weights;
@@ -178,11 +180,10 @@ fn reweighted(
     Ok((found, certificate))
 }
 
-/// One for points within the cut, zero for outliers. The scale is the median over all points, corrected for what a fit to
-/// `fitted` points takes out of their residuals.
-fn within(problem: &Problem, unknowns: &[f64], fitted: usize) -> Vec<f64> {
+/// One for points within the cut, zero for outliers. The scale is the median over all points, corrected for what a fit takes out of
+/// their residuals: the share of the equations that unknowns use up.
+pub(super) fn within(problem: &Problem, unknowns: &[f64], share: f64) -> Vec<f64> {
     let squares = problem.squares(unknowns);
-    let share = unknowns.len() as f64 / (3 * fitted) as f64;
     let scale = problem.scale(unknowns) / (1.0 - share).max(LEAST_FREEDOM).sqrt();
     let limit = (CUT * scale.max(f64::MIN_POSITIVE)).powi(2);
     squares.iter().map(|s| if *s <= limit { 1.0 } else { 0.0 }).collect()

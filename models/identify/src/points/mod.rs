@@ -31,6 +31,7 @@ mod outcome;
 mod plate;
 mod problem;
 mod search;
+mod smooth;
 
 pub use error::PointsError;
 #[cfg(test)]
@@ -39,6 +40,7 @@ pub use fit::{fit_points, fit_points_of_best_degree};
 pub use loss::Loss;
 pub use outcome::{FittedPoints, NotSeen, PointEvidence, Pose, RejectedPoint};
 pub use plate::{Plates, fit_plates, fit_plates_of_best_degree};
+pub use smooth::{fit_plates_smooth, fit_points_smooth};
 
 use abbe_geometry::Vector3;
 

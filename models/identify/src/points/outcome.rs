@@ -60,6 +60,8 @@ pub struct RejectedPoint {
 pub struct PointEvidence {
     /// Unknowns: coefficients, squareness angles, three of the turn of the ram, six of the measuring frame.
     pub unknowns: usize,
+    /// Unknowns that the data determine: fewer where a penalty holds functions smooth.
+    pub effective: f64,
     /// Rank of the problem, equal to the unknowns where the fit was accepted.
     pub rank: usize,
     /// Condition number of the problem with columns of unit length.
@@ -105,11 +107,12 @@ pub(super) fn finish(problem: &Problem, found: Minimised) -> Result<FittedPoints
     let count = residuals_m.len() - rejected.len();
     let square: f64 = used().map(|d| d * d).sum();
     let equations = problem.dimensions() as f64 * descent.weights.iter().sum::<f64>();
-    let free = problem.free();
-    let degrees = (equations - free as f64).max(1.0);
+    let free = certificate.effective;
+    let degrees = (equations - free).max(1.0);
     let chi2 = certificate.chi2_per_dof * degrees;
     let evidence = PointEvidence {
-        unknowns: free,
+        unknowns: problem.free(),
+        effective: free,
         rank: seen.rank,
         condition: seen.condition,
         steps,
@@ -118,7 +121,7 @@ pub(super) fn finish(problem: &Problem, found: Minimised) -> Result<FittedPoints
         largest_step: certificate.largest_step,
         chi2_per_dof: certificate.chi2_per_dof,
         robust_scale: problem.scale(unknowns),
-        bic: equations * (chi2 / equations).ln() + free as f64 * equations.ln(),
+        bic: equations * (chi2 / equations).ln() + free * equations.ln(),
         largest_residual_m: used().fold(0.0, f64::max),
         rejected,
     };

@@ -150,6 +150,17 @@ pub fn fit_plates_of_best_degree(
     best.ok_or(PointsError::Choice("no degree was offered"))
 }
 
+/// The machine with what plates do not show held at zero, the names of that, and the squareness angles among it.
+pub(super) fn seen_of(
+    machine: &Machine,
+    points: &[MeasuredPoint],
+    plates: &Plates,
+) -> Result<(Machine, Vec<NotSeen>, Vec<usize>), PointsError> {
+    let layout = Layout::new(machine, centre_of(points.iter().map(|point| point.offset_m)))?;
+    let Seen { kept, not_seen, held } = seen(&Problem::of_plates(machine, &layout, points, plates)?)?;
+    Ok((kept, not_seen, held))
+}
+
 /// What the points see of a machine.
 struct Seen {
     /// The machine with what they do not see held at zero.

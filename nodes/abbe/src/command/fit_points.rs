@@ -14,7 +14,7 @@ use abbe_geometry::Vector3;
 use abbe_geometry::effects::{CovariateSource, CovariateValue};
 use abbe_identify::points::{
     FittedPoints, JadeChoices, Loss, MeasuredPoint, Method, Plates, PointOptions, PointProgress, fit_plates,
-    fit_plates_of_best_degree, fit_points, fit_points_of_best_degree,
+    fit_plates_of_best_degree, fit_plates_smooth, fit_points, fit_points_of_best_degree, fit_points_smooth,
 };
 use abbe_identify::verdict::{Cause, Counted, Grade, Verdict, of_noise, of_rejected, stroke_along};
 use abbe_report::digits;
@@ -61,10 +61,22 @@ enum LossName {
 /// Error functions, as on the command line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum FunctionsName {
+    /// Cubic splines as smooth as the data ask for, whose bend between the points is in the uncertainty
+    Smooth,
     /// Polynomials, whose degree the data choose unless --degree is given
     Polynomial,
     /// As the machine file names them, without any penalty
     Machine,
+}
+
+impl FunctionsName {
+    fn name(self) -> &'static str {
+        match self {
+            FunctionsName::Smooth => "smooth",
+            FunctionsName::Polynomial => "polynomial",
+            FunctionsName::Machine => "machine",
+        }
+    }
 }
 
 /// Arguments of `fit-points`.
@@ -89,9 +101,9 @@ pub(crate) struct Arguments {
     /// What is summed over the points
     #[arg(long, value_enum, default_value = "huber")]
     loss: LossName,
-    /// Error functions
-    #[arg(long, value_enum, default_value = "polynomial")]
-    functions: FunctionsName,
+    /// Error functions [default: smooth; polynomial with --degree or --method jade]
+    #[arg(long, value_enum)]
+    functions: Option<FunctionsName>,
     /// Degree of the polynomials; chosen by the data (BIC, 1 to 8) if not given
     #[arg(long)]
     degree: Option<usize>,
@@ -129,6 +141,12 @@ impl Arguments {
             LossName::Trimmed => Loss::Trimmed,
         };
         PointOptions { method, loss }
+    }
+
+    /// JADE and a degree ask for a fixed number of coefficients.
+    fn functions(&self) -> FunctionsName {
+        let is_fixed = self.degree.is_some() || self.method == MethodName::Jade;
+        self.functions.unwrap_or(if is_fixed { FunctionsName::Polynomial } else { FunctionsName::Smooth })
     }
 
     fn method_name(&self) -> &'static str {
@@ -195,14 +213,20 @@ fn fit(
 ) -> anyhow::Result<FittedPoints> {
     let options = arguments.options();
     let machine = &machine.machine;
-    let degrees = match (arguments.functions, arguments.degree) {
+    let degrees = match (arguments.functions(), arguments.degree) {
+        (FunctionsName::Smooth, None) => {
+            return Ok(match plates {
+                None => fit_points_smooth(machine, points, &options, observe)?,
+                Some(plates) => fit_plates_smooth(machine, points, plates, &options, observe)?,
+            });
+        }
         (FunctionsName::Machine, None) => {
             return Ok(match plates {
                 None => fit_points(machine, points, &options, observe)?,
                 Some(plates) => fit_plates(machine, points, plates, &options, observe)?,
             });
         }
-        (FunctionsName::Machine, Some(_)) => {
+        (FunctionsName::Machine | FunctionsName::Smooth, Some(_)) => {
             anyhow::bail!("--degree belongs to --functions polynomial; leave one of the two out")
         }
         (FunctionsName::Polynomial, Some(degree)) => degree..=degree,
@@ -297,7 +321,7 @@ fn judged(
     });
     let is_plate = plates.is_some();
     let dimensions = if plates.is_some_and(Plates::is_in_plane) { 2.0 } else { 3.0 };
-    let degrees = dimensions * fitted.weights.iter().sum::<f64>() - evidence.unknowns as f64;
+    let degrees = dimensions * fitted.weights.iter().sum::<f64>() - evidence.effective;
     let causes = match evidence.chi2_per_dof > 1.0 {
         true => vec![Cause::Lacks, Cause::Understated, Cause::Scattered],
         false => vec![Cause::Overstated, Cause::Computed],
@@ -319,7 +343,10 @@ fn model_file(
     let unseen = not_seen(&fitted);
     ModelFile {
         model: fitted.model,
-        order: abbe_files::OrderChoice::Fixed,
+        order: match arguments.functions() {
+            FunctionsName::Smooth => abbe_files::OrderChoice::Evidence,
+            FunctionsName::Polynomial | FunctionsName::Machine => abbe_files::OrderChoice::Fixed,
+        },
         instrument: machine.instrument,
         absolute_range: machine.absolute_range,
         residual_network: None,
@@ -327,7 +354,7 @@ fn model_file(
         seed: (arguments.method == MethodName::Jade).then_some(arguments.seed),
         options: json!({
             "from": "points", "method": arguments.method_name(), "loss": arguments.options().loss.name(),
-            "degree": arguments.degree, "population": arguments.population, "generations": arguments.generations,
+            "functions": arguments.functions().name(), "degree": arguments.degree, "population": arguments.population, "generations": arguments.generations,
             "u_um": arguments.u_um,
         }),
         evidence: evidence.clone(),
@@ -351,6 +378,7 @@ fn evidence_json(fitted: &FittedPoints) -> Value {
     let mut value = json!({
         "converged": true,
         "unknowns": evidence.unknowns,
+        "effective_unknowns": evidence.effective,
         "rank": evidence.rank,
         "condition": evidence.condition,
         "polynomial_degree": degree,
@@ -374,6 +402,19 @@ fn evidence_json(fitted: &FittedPoints) -> Value {
     value
 }
 
+fn functions_in_words(arguments: &Arguments, evidence: &Value) -> String {
+    match arguments.functions() {
+        FunctionsName::Smooth => {
+            format!(
+                "smooth functions: {:.1} determined by the data",
+                evidence["effective_unknowns"].as_f64().unwrap_or(f64::NAN)
+            )
+        }
+        FunctionsName::Polynomial => format!("polynomial degree {}", evidence["polynomial_degree"]),
+        FunctionsName::Machine => "functions of the machine file".to_owned(),
+    }
+}
+
 fn print_words(
     arguments: &Arguments,
     (file, verdict): (&ModelFile, &Verdict),
@@ -392,11 +433,11 @@ fn print_words(
         digits::result(quality.chi2_per_dof)
     );
     println!(
-        "  unknowns          {} (rank {}), condition {:.0}, polynomial degree {}",
+        "  unknowns          {} (rank {}), condition {:.0}, {}",
         evidence["unknowns"],
         evidence["rank"],
         evidence["condition"].as_f64().unwrap_or(f64::NAN),
-        evidence["polynomial_degree"]
+        functions_in_words(arguments, evidence)
     );
     for own in evidence["not_identifiable"].as_array().into_iter().flatten() {
         println!(
@@ -421,7 +462,10 @@ fn print_words(
             rejected.len() - MOST_SHOWN
         );
     }
-    if arguments.degree.is_none() && evidence["polynomial_degree"] == json!(*DEGREES.end()) {
+    if arguments.functions() == FunctionsName::Polynomial
+        && arguments.degree.is_none()
+        && evidence["polynomial_degree"] == json!(*DEGREES.end())
+    {
         println!(
             "  note              the highest degree on offer was chosen: the errors may be rougher than polynomials; compare with --functions machine"
         );
