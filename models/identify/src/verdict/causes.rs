@@ -83,6 +83,8 @@ pub enum Cause {
     },
     /// Only a part of the stroke was driven.
     PartOfStroke,
+    /// The plan goes to places at equal distances.
+    EqualSteps,
     /// Gross errors all over.
     Scattered,
     /// The model lacks an effect.

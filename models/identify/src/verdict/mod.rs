@@ -22,6 +22,7 @@ mod coverage;
 mod misfit;
 mod of_campaign;
 mod resolution;
+mod sampled;
 mod step;
 mod words;
 
@@ -30,6 +31,7 @@ pub use coverage::{stroke, stroke_along};
 pub use misfit::{Counted, of_noise, of_rejected};
 pub use of_campaign::{of_campaign, widened};
 pub use resolution::coarsest_step;
+pub use sampled::equal_steps;
 pub(crate) use step::{Seen, find as find_step};
 
 /// How much a finding weighs.
@@ -79,6 +81,11 @@ pub enum Subject {
     Stroke {
         /// Axis letters and the share of the stroke that their readings span.
         shares: Vec<(char, f64)>,
+    },
+    /// Readings lie at whole multiples of a step.
+    Sampled {
+        /// Axis letters and steps (m).
+        steps: Vec<(char, f64)>,
     },
 }
 

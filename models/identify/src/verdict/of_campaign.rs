@@ -3,7 +3,7 @@
 //! Place in the flow: the entry point for `identify` and `diagnose`.
 
 use super::causes::{Cause, Residuals};
-use super::{Counted, Finding, Grade, Verdict, of_noise, of_rejected, stroke};
+use super::{Counted, Finding, Grade, Verdict, equal_steps, of_noise, of_rejected, stroke};
 use crate::solve::Identified;
 use abbe_geometry::model::{MachineModel, ModelError};
 use abbe_measurement::campaign::Campaign;
@@ -31,9 +31,10 @@ pub fn of_campaign(campaign: &Campaign, fit: &Identified) -> Verdict {
     let noise = of_noise(fit.evidence.chi2_per_dof, degrees, Vec::new());
     let noise = noise.map(|finding| with_causes(finding, || of_misfit(&residuals, fit.evidence.chi2_per_dof)));
     let driven = stroke(&parts.machine, campaign.readings.iter().map(|reading| reading.reading_m));
+    let sampled = equal_steps([true; 3], campaign.readings.iter().map(|reading| reading.reading_m));
     let too_many = rejected.as_ref().is_some_and(|finding| finding.grade == Grade::Refusal);
     let widening = if too_many { all_over_used(fit, degrees) } else { 1.0 };
-    Verdict::new([rejected, noise, driven].into_iter().flatten().collect(), widening)
+    Verdict::new([rejected, noise, driven, sampled].into_iter().flatten().collect(), widening)
 }
 
 fn with_causes(mut finding: Finding, causes: impl Fn() -> Vec<Cause>) -> Finding {

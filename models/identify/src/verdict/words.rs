@@ -44,6 +44,15 @@ impl fmt::Display for Subject {
                     shares.iter().map(|(letter, share)| format!("{:.1} % of {letter}", share * 100.0)).collect();
                 write!(f, "the data cover {} only", shares.join(", "))
             }
+            Subject::Sampled { steps } => {
+                let steps: Vec<String> =
+                    steps.iter().map(|(letter, m)| format!("{:.2} mm along {letter}", m * 1e3)).collect();
+                write!(
+                    f,
+                    "readings lie at equal steps of {}: an error that repeats within a step does not show in the residual and is not in U",
+                    steps.join(", ")
+                )
+            }
         }
     }
 }
@@ -125,6 +134,10 @@ impl fmt::Display for Cause {
             }
             Cause::PartOfStroke => f.write_str(
                 "only a part was driven: beyond it coordinates are extrapolated; measure the whole stroke that is used",
+            ),
+            Cause::EqualSteps => f.write_str(
+                "the plan goes to a grid of places: where scales or screws may have errors of a short period, take points at unequal \
+                 distances (abbe plan draws them)",
             ),
             Cause::Scattered => f.write_str(
                 "gross errors all over the data (interrupted beam, axes not at rest, rows mixed up): measure again",

@@ -16,7 +16,7 @@ use abbe_identify::points::{
     FittedPoints, JadeChoices, Loss, MeasuredPoint, Method, Plates, PointOptions, PointProgress, fit_plates,
     fit_plates_of_best_degree, fit_plates_smooth, fit_points, fit_points_of_best_degree, fit_points_smooth,
 };
-use abbe_identify::verdict::{Cause, Counted, Grade, Verdict, of_noise, of_rejected, stroke_along};
+use abbe_identify::verdict::{Cause, Counted, Grade, Verdict, equal_steps, of_noise, of_rejected, stroke_along};
 use abbe_report::digits;
 use abbe_runtime::Shutdown;
 use anyhow::{Context, ensure};
@@ -330,7 +330,8 @@ fn judged(
     // What a plate cannot tell of an axis across it is named as such, and is no share of a stroke.
     let axes = if is_plate { moved(points) } else { [true; 3] };
     let driven = stroke_along(&machine.machine, axes, points.iter().map(|point| point.reading_m));
-    Verdict::new([rejected, noise, driven].into_iter().flatten().collect(), 1.0)
+    let sampled = equal_steps(axes, points.iter().map(|point| point.reading_m));
+    Verdict::new([rejected, noise, driven, sampled].into_iter().flatten().collect(), 1.0)
 }
 
 fn model_file(
