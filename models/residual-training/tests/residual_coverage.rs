@@ -19,7 +19,7 @@ const POINTS: usize = 320;
 const SEEDS: u64 = 6;
 const NETWORK_SEEDS: u64 = 1;
 /// Seeds of fields with a further input; no figure was chosen by them.
-const INPUT_SEEDS: u64 = 3;
+const INPUT_SEEDS: u64 = 2;
 /// Squared error with an input that is noise over that without, at most: blocks of a dozen fields err by more than that from seed to
 /// seed.
 const NO_HARM: f64 = 1.05;

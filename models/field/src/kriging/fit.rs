@@ -22,6 +22,9 @@ const SIGNAL: (f64, f64) = (1e-3, 3e1);
 const NOISE: (f64, f64) = (1e-3, 1e1);
 /// Starts: length scale in extents, and noise in deviations of the errors.
 const STARTS: [(f64, f64); 3] = [(1.0, 0.1), (0.25, 0.1), (4.0, 0.5)];
+/// Length scale at the start of inputs beyond the first three, in extents; none: that of the others. One that says nothing must not hide
+/// what the first three, the position, say without it.
+const FURTHER: [Option<f64>; 2] = [None, Some(10.0)];
 /// Gain in −2 L below which the parameters have settled: far below what a difference in likelihood means.
 const GAIN: f64 = 1e-3;
 /// Difference in −2 L that no conclusion would rest on.
@@ -151,10 +154,12 @@ fn bounds(options: &Options, size: usize) -> Vec<(f64, f64)> {
 fn first_fit(data: &Data, bounds: &[(f64, f64)], component: usize) -> Result<Minimum, KrigingError> {
     let part = part(data);
     let mut best: Option<Minimum> = None;
-    for (length, noise) in STARTS {
+    let further = FURTHER.into_iter().take(if data.size > 3 { FURTHER.len() } else { 1 });
+    for (further, (length, noise)) in further.flat_map(|further| STARTS.map(|start| (further, start))) {
+        let length_of = |d: usize| if d < 3 { length } else { further.unwrap_or(length) };
         let start = Scaled {
             signal: 1.0,
-            length: vec![length; data.size],
+            length: (0..data.size).map(length_of).collect(),
             noise: (bounds.len() > data.size + 1).then_some(noise),
         };
         let logarithms = start.logarithms();
