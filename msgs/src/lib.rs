@@ -31,6 +31,6 @@ pub mod types;
 pub use error::{CovariateError, MessageError, TextError};
 pub use message::{Message, RosType};
 pub use types::{
-    CorrectedCoordinates, CorrectionStatus, Covariate, Covariates, RangeResidual, ResidualStatus, ScaleReading, Sha256,
-    Stamp, Text, TracerReading,
+    COVARIATE_CAPACITY, COVARIATE_NAME_CAPACITY, CorrectedCoordinates, CorrectionStatus, Covariate, Covariates,
+    RangeResidual, ResidualStatus, ScaleReading, Sha256, Stamp, Text, TracerReading,
 };

@@ -4,6 +4,7 @@
 //! where it is known, the standard uncertainty of each component (m, k = 1). A set that no method could use is refused here,
 //! with the points named by their index. Points may lie in a plane across one axis, if that is asked for: a plate.
 
+use crate::samples::MOST_INPUTS;
 use nalgebra::{Matrix3, Vector3};
 use thiserror::Error;
 
@@ -58,6 +59,15 @@ pub enum FieldError {
     /// No volume.
     #[error("the points lie in a plane or on a line; measure points that fill a volume")]
     Flat,
+    /// An input that is the same everywhere.
+    #[error("the input {0} has the same value at all points; leave it out, or measure at other values of it")]
+    Constant(String),
+    /// No input, or too many.
+    #[error("{0} inputs; give 1 to {MOST_INPUTS}")]
+    InputCount(usize),
+    /// An input named twice.
+    #[error("the input {0} is named twice; name it once")]
+    InputTwice(String),
     /// Not even a plane.
     #[error("the points lie on a line; measure points that fill a plane or a volume")]
     Line,

@@ -8,7 +8,7 @@
 use crate::axis::ErrorId;
 use crate::chain::{ChainPoint, nominal_point_m};
 use crate::doubt::{self, is_outside};
-use crate::effects::{CovariateProblem, State, tip_columns};
+use crate::effects::{CovariateProblem, CovariateSource, State, tip_columns};
 use crate::model::{FittedEffect, MachineModel};
 use crate::residual_field::{ResidualField, ResidualPrediction};
 use crate::sensitivity::Sensitivity;
@@ -146,20 +146,54 @@ fn add_departures(model: &MachineModel, chain: &ChainPoint, reading_m: [f64; 3],
     }
 }
 
-/// Adds what a residual field says at a corrected point: moves the point, widens its covariance; gives what it said.
+/// What a residual field did to a sample.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Added {
+    /// It added this.
+    Residual(ResidualPrediction),
+    /// Nothing: a covariate cannot be used. The covariance holds what the field does wherever it was measured.
+    LeftOut(CovariateProblem),
+}
+
+impl Added {
+    /// What was added (m).
+    pub fn residual_m(&self) -> Vector3<f64> {
+        match self {
+            Added::Residual(prediction) => prediction.residual_m,
+            Added::LeftOut(_) => Vector3::zeros(),
+        }
+    }
+
+    /// What the sample is worth by it.
+    pub fn status(&self) -> Status {
+        match self {
+            Added::Residual(prediction) if prediction.inside => Status::InVolume,
+            Added::Residual(_) => Status::Extrapolated,
+            Added::LeftOut(CovariateProblem::Missing(_)) => Status::CovariateMissing,
+            Added::LeftOut(CovariateProblem::Stale(_)) => Status::Stale,
+        }
+    }
+}
+
+/// Adds what a residual field says at a corrected point: moves the point, widens its covariance; gives what it did.
 /// `None`, and everything as it was, where that is no number or no covariance: such a sample is to be rejected.
 pub fn add_residual(
     position_m: &mut Vector3<f64>,
     covariance_m2: &mut Matrix3<f64>,
     field: &dyn ResidualField,
-) -> Option<ResidualPrediction> {
-    let prediction = field.predict(position_m);
-    let (moved_m, widened_m2) = (*position_m + prediction.residual_m, *covariance_m2 + prediction.covariance_m2);
-    if !is_sound(&prediction.residual_m, &prediction.covariance_m2) || !is_sound(&moved_m, &widened_m2) {
+    covariates: &dyn CovariateSource,
+) -> Option<Added> {
+    let added = field.predict(position_m, covariates).map_or_else(Added::LeftOut, Added::Residual);
+    let (residual_m, residual_m2) = match &added {
+        Added::Residual(prediction) => (prediction.residual_m, prediction.covariance_m2),
+        Added::LeftOut(_) => (Vector3::zeros(), field.unknown_m2()),
+    };
+    let (moved_m, widened_m2) = (*position_m + residual_m, *covariance_m2 + residual_m2);
+    if !is_sound(&residual_m, &residual_m2) || !is_sound(&moved_m, &widened_m2) {
         return None;
     }
     (*position_m, *covariance_m2) = (moved_m, widened_m2);
-    Some(prediction)
+    Some(added)
 }
 
 /// Whether a position is a number and its covariance one: finite, and not below zero beyond rounding.

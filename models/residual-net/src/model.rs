@@ -1,7 +1,8 @@
 //! A residual model: calibrated points, kriging, the network's members, and how far its statements hold.
 //!
 //! Place in the flow: made of plain parts by training or by reading an artifact, checked once; then one function, live and
-//! offline alike. Point (m, machine frame) in, residual = actual − corrected so far (m) with covariance (m²) out. Nothing is
+//! offline alike. A point's inputs in ([`ResidualModel::at`] collects them: the position in m, machine frame, and what the sample
+//! says of the others, in the unit of their names), residual = actual − corrected so far (m) with covariance (m²) out. Nothing is
 //! allocated in a prediction.
 //!
 //! | kind | residual |
@@ -9,7 +10,7 @@
 //! | kriging | kriging of the calibrated residuals |
 //! | network | mean of the members on the calibrated residuals around the point |
 //! | kriging-network | kriging, and the mean of the members on what kriging leaves at the calibrated points around |
-//! | perceptron-kriging | mean of networks on the position, and kriging of what it leaves at the calibrated points |
+//! | perceptron-kriging | mean of networks on the inputs, and kriging of what it leaves at the calibrated points |
 //!
 //! Variance of a component: calibration² · (variance of kriging at the point + variance of the members' mean about it + σ²) + what
 //! is common. Kriging's variance stands under every kind, as it knows how far the point lies from what was measured. Beyond the
@@ -22,10 +23,11 @@ use crate::calibration::Calibration;
 use crate::kriging::{Kriging, KrigingVariance};
 use crate::neighbourhood::{VERTICES, Vertices};
 use crate::network::tokens::Normaliser;
-use crate::network::{ConfigError, Folded, NetworkConfig, Parameters, ParametersError};
+use crate::network::{ConfigError, Folded, MOST_NEIGHBOURED, NetworkConfig, Parameters, ParametersError};
 use crate::supporting_planes::SupportingPlanes;
 use crate::trend::{PositionEnsemble, Trend, TrendError};
-use abbe_field::MeasuredField;
+use abbe_field::{MOST_INPUTS, Samples, place_of};
+use abbe_geometry::effects::{CovariateProblem, CovariateSource, known_covariate};
 use abbe_geometry::residual_field::ResidualPrediction;
 use nalgebra::{Matrix3, Vector3};
 use thiserror::Error;
@@ -89,8 +91,10 @@ pub struct Ensemble {
 pub struct Parts {
     /// What predicts.
     pub kind: Kind,
-    /// Calibrated points (m, machine frame), residuals and, where known, their standard uncertainty (m).
-    pub field: MeasuredField,
+    /// Calibrated points by their inputs, residuals and, where known, their standard uncertainty (m).
+    pub field: Samples,
+    /// Scale of each input, in its unit: over these, distances of neighbours compare. All 1 where the position is all there is.
+    pub scale: Vec<f64>,
     /// Kriging of the calibrated residuals, or of what the trend leaves of them.
     pub kriging: Kriging,
     /// Networks on the neighbourhood, for the kinds that have them.
@@ -114,15 +118,33 @@ pub struct Apart {
     pub inside: bool,
 }
 
+/// Inputs of a point.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct At {
+    values: [f64; MOST_INPUTS],
+    size: usize,
+}
+
+impl At {
+    /// One number for each input of the model.
+    pub fn as_slice(&self) -> &[f64] {
+        &self.values[..self.size]
+    }
+}
+
 /// A checked model, ready to predict.
 #[derive(Debug, Clone)]
 pub struct ResidualModel {
     parts: Parts,
     calibrated: CalibratedPoints,
-    planes: SupportingPlanes,
+    /// Where the position is an input.
+    planes: Option<SupportingPlanes>,
+    /// Least and largest value of each input that is no position.
+    ranges: Vec<(f64, f64)>,
     variance: KrigingVariance,
     members: Vec<Folded>,
     trend: Option<Trend>,
+    unknown_m2: Matrix3<f64>,
 }
 
 impl ResidualModel {
@@ -135,10 +157,13 @@ impl ResidualModel {
             members = ensemble.members.iter().map(|member| Folded::new(&ensemble.config, member)).collect();
         }
         let normaliser = parts.ensemble.as_ref().map(|ensemble| ensemble.normaliser);
-        let calibrated = CalibratedPoints::new(parts.kind, &parts.field, &parts.kriging, normaliser);
-        let planes = SupportingPlanes::new(parts.field.points_m());
+        let calibrated = CalibratedPoints::new(parts.kind, &parts.field, &parts.scale, &parts.kriging, normaliser);
+        let planes = parts.field.has_position().then(|| SupportingPlanes::new(&parts.field.places()));
+        let (low, high) = parts.field.range();
+        let ranges = low.into_iter().zip(high).skip(if planes.is_some() { 3 } else { 0 }).collect();
         let trend = parts.trend.clone().map(Trend::new).transpose()?;
-        Ok(ResidualModel { calibrated, planes, variance, members, trend, parts })
+        let unknown_m2 = unknown_m2(&parts);
+        Ok(ResidualModel { calibrated, planes, ranges, variance, members, trend, unknown_m2, parts })
     }
 
     /// What it is made of.
@@ -151,10 +176,40 @@ impl ResidualModel {
         self.parts.kind
     }
 
-    /// Residual at a geometrically corrected point (m, machine frame). For a point that is no number, or so far away that it has
-    /// none, the residual is zero, its covariance infinite and the point not inside.
-    pub fn predict(&self, point_in_machine_m: &Vector3<f64>) -> ResidualPrediction {
-        let Some(apart) = self.predict_apart(point_in_machine_m) else {
+    /// Names of the inputs that are no position: covariates, the unit as suffix.
+    pub fn covariates(&self) -> &[String] {
+        &self.parts.field.names()[if self.planes.is_some() { 3 } else { 0 }..]
+    }
+
+    /// Whether the position is among the inputs.
+    pub fn has_position(&self) -> bool {
+        self.planes.is_some()
+    }
+
+    /// The inputs of a geometrically corrected point (m, machine frame) and its sample.
+    ///
+    /// # Errors
+    /// An input that the sample lacks, or whose value is too old.
+    pub fn at(&self, point_m: &Vector3<f64>, covariates: &dyn CovariateSource) -> Result<At, CovariateProblem> {
+        let mut at = At { values: [0.0; MOST_INPUTS], size: self.parts.field.size() };
+        let first = self.parts.field.size() - self.covariates().len();
+        at.values[..first].copy_from_slice(&point_m.as_slice()[..first]);
+        for (value, name) in at.values[first..].iter_mut().zip(self.covariates()) {
+            *value = known_covariate(covariates, name)?;
+        }
+        Ok(at)
+    }
+
+    /// Covariance (m²) of what is left where no residual is added, as the inputs of a sample are not known: the mean square of the
+    /// calibrated residuals, and what they have in common.
+    pub fn unknown_m2(&self) -> Matrix3<f64> {
+        self.unknown_m2
+    }
+
+    /// Residual at a point by its inputs. For a point that is no number, or so far away that it has none, the residual is zero, its
+    /// covariance infinite and the point not inside.
+    pub fn predict(&self, at: &[f64]) -> ResidualPrediction {
+        let Some(apart) = self.predict_apart(at) else {
             let covariance_m2 = Matrix3::from_diagonal(&Vector3::repeat(f64::INFINITY));
             return ResidualPrediction { residual_m: Vector3::zeros(), covariance_m2, inside: false };
         };
@@ -162,55 +217,51 @@ impl ResidualModel {
         ResidualPrediction { residual_m: apart.residual_m, covariance_m2, inside: apart.inside }
     }
 
-    /// The same with its variance in two parts; `None` where there is no number.
-    pub fn predict_apart(&self, point_in_machine_m: &Vector3<f64>) -> Option<Apart> {
-        let is_finite = |vector: &Vector3<f64>| vector.iter().all(|value| value.is_finite());
-        let vertices = self.calibrated.vertices(point_in_machine_m).filter(|_| is_finite(point_in_machine_m))?;
-        let inside = vertices.occupied == [true; VERTICES] || self.planes.holds(point_in_machine_m);
-        let (residual_m, variance_m2) = self.mean_and_variance(point_in_machine_m, &vertices, inside);
+    /// The same with its variance in two parts; `None` where there is no number, or the inputs are not those of the model.
+    pub fn predict_apart(&self, at: &[f64]) -> Option<Apart> {
+        let is_finite = |values: &[f64]| values.iter().all(|value| value.is_finite());
+        let is_whole = at.len() == self.parts.field.size() && is_finite(at);
+        let vertices = self.calibrated.vertices(at).filter(|_| is_whole)?;
+        let inside = self.is_inside(at, &vertices);
+        let (residual_m, variance_m2) = self.mean_and_variance(at, &vertices, inside);
         let Parts { kriging, field, calibration: Calibration { scale }, .. } = &self.parts;
         let own_m2 = (variance_m2 + kriging.unshared_m2()).component_mul(&scale.component_mul(scale));
         let common_m2 = kriging.common_m2(field, vertices.nearest);
-        let has_number = is_finite(&residual_m) && is_finite(&own_m2);
+        let has_number = is_finite(residual_m.as_slice()) && is_finite(own_m2.as_slice());
         has_number.then_some(Apart { residual_m, own_m2, common_m2, inside })
     }
 
-    fn mean_and_variance(
-        &self,
-        point_m: &Vector3<f64>,
-        vertices: &Vertices,
-        inside: bool,
-    ) -> (Vector3<f64>, Vector3<f64>) {
-        let variance_m2 = self.variance.at(point_m, vertices.nearest);
+    /// Whether the position lies among the calibrated ones, and each other input within its range.
+    fn is_inside(&self, at: &[f64], vertices: &Vertices) -> bool {
+        let further = &at[at.len() - self.ranges.len()..];
+        let is_within = |(value, (low, high)): (&f64, &(f64, f64))| (*low..=*high).contains(value);
+        let is_among = |planes: &SupportingPlanes| vertices.occupied == [true; VERTICES] || planes.holds(&place_of(at));
+        self.planes.as_ref().is_none_or(is_among) && further.iter().zip(&self.ranges).all(is_within)
+    }
+
+    fn mean_and_variance(&self, at: &[f64], vertices: &Vertices, inside: bool) -> (Vector3<f64>, Vector3<f64>) {
+        let variance_m2 = self.variance.at(at, vertices.nearest);
         if let Some(trend) = &self.trend {
-            let trend_m = trend.at(point_m);
-            let beyond_m = if inside {
-                Vector3::zeros()
-            } else {
-                trend_m - trend.at(&self.parts.field.points_m()[vertices.nearest])
-            };
-            return (trend_m + self.calibrated.kriging_m(point_m), variance_m2 + beyond_m.component_mul(&beyond_m));
+            let trend_m = trend.at(at);
+            let beyond_m =
+                if inside { Vector3::zeros() } else { trend_m - trend.at(self.parts.field.point(vertices.nearest)) };
+            return (trend_m + self.calibrated.kriging_m(at), variance_m2 + beyond_m.component_mul(&beyond_m));
         }
         let Some(ensemble) = &self.parts.ensemble else {
-            return (self.calibrated.kriging_m(point_m), variance_m2);
+            return (self.calibrated.kriging_m(at), variance_m2);
         };
-        let (network_m, scatter_m2) = self.evaluate(ensemble, point_m, vertices);
+        let (network_m, scatter_m2) = self.evaluate(ensemble, at, vertices);
         let on_kriging = self.parts.kind == Kind::KrigingNetwork;
         // Kriging is the dear part: left out where nothing needs it.
-        let kriging_m = if on_kriging || !inside { self.calibrated.kriging_m(point_m) } else { Vector3::zeros() };
+        let kriging_m = if on_kriging || !inside { self.calibrated.kriging_m(at) } else { Vector3::zeros() };
         let residual_m = if on_kriging { kriging_m + network_m } else { network_m };
         let beyond_m = if inside { Vector3::zeros() } else { residual_m - kriging_m };
         (residual_m, variance_m2 + scatter_m2 + beyond_m.component_mul(&beyond_m))
     }
 
     /// Mean of the members (m) and the variance of a single one about it (m²).
-    fn evaluate(
-        &self,
-        ensemble: &Ensemble,
-        point_m: &Vector3<f64>,
-        vertices: &Vertices,
-    ) -> (Vector3<f64>, Vector3<f64>) {
-        let tokens = self.calibrated.tokens(&ensemble.config, &ensemble.normaliser, point_m, vertices);
+    fn evaluate(&self, ensemble: &Ensemble, at: &[f64], vertices: &Vertices) -> (Vector3<f64>, Vector3<f64>) {
+        let tokens = self.calibrated.tokens(&ensemble.config, &ensemble.normaliser, at, vertices);
         let count = self.members.len() as f64;
         let (mut sum, mut squares) = (Vector3::zeros(), Vector3::zeros());
         for member in &self.members {
@@ -224,6 +275,13 @@ impl ResidualModel {
         let scatter_m2 = scatter.map(|s| s.max(0.0)).component_mul(&scale).component_mul(&scale);
         (ensemble.normaliser.restore(&mean), scatter_m2)
     }
+}
+
+/// Mean square of the calibrated residuals, with the largest variance that neighbours have in common (m²).
+fn unknown_m2(Parts { field, kriging, .. }: &Parts) -> Matrix3<f64> {
+    let squares = field.errors_m().iter().map(|error| error * error.transpose()).sum::<Matrix3<f64>>();
+    let common = (0..field.count()).fold(Vector3::zeros(), |most, k| kriging.common_m2(field, k).sup(&most));
+    squares / field.count() as f64 + Matrix3::from_diagonal(&common)
 }
 
 /// Parts that make no model; the text says what to do.
@@ -256,6 +314,20 @@ pub enum ModelError {
     /// A scale that is none.
     #[error("{0} is not a finite number above zero")]
     Scale(&'static str),
+    /// Scales that do not fit the inputs.
+    #[error("{found} scales for {expected} inputs; the parts are from different models")]
+    InputScales {
+        /// Scales, or box corners.
+        found: usize,
+        /// Inputs.
+        expected: usize,
+    },
+    /// More inputs than a network on the neighbourhood takes.
+    #[error(
+        "a network on the neighbourhood takes {MOST_NEIGHBOURED} inputs at most, and these are {0}; take the method kriging or \
+         perceptron-kriging, or fewer inputs"
+    )]
+    Neighboured(usize),
     /// A share that is none.
     #[error("the share of the declared uncertainty that is seen as scatter is not between 0 and 1")]
     Share,
@@ -295,9 +367,10 @@ const LARGEST_RESIDUAL_M: f64 = 0.01;
 const LARGEST_POINT_M: f64 = 100.0;
 
 /// Refuses calibrated points and residuals that are clearly not in metres.
-pub fn check_units(field: &MeasuredField) -> Result<(), ModelError> {
+pub fn check_units(field: &Samples) -> Result<(), ModelError> {
     let largest = |list: &[Vector3<f64>]| list.iter().map(Vector3::amax).fold(0.0, f64::max);
-    let (point_m, residual_m) = (largest(field.points_m()), largest(field.errors_m()));
+    let point_m = if field.has_position() { largest(&field.places()) } else { 0.0 };
+    let residual_m = largest(field.errors_m());
     if point_m > LARGEST_POINT_M {
         return Err(ModelError::PointUnit { largest_m: point_m });
     }
@@ -314,9 +387,15 @@ fn check(parts: &Parts) -> Result<(), ModelError> {
         is_good.then_some(()).ok_or(ModelError::Scale(what))
     };
     positive(parts.calibration.scale.as_slice(), "a factor of the calibration")?;
-    let points = parts.field.points_m().len();
+    let (points, size) = (parts.field.count(), parts.field.size());
+    positive(&parts.scale, "a scale of an input")?;
+    let lengths = parts.kriging.components.iter().map(|component| component.length.len());
+    let boxes = parts.trend.iter().map(|trend| trend.low.len());
+    if let Some(found) = lengths.chain(boxes).chain([parts.scale.len()]).find(|found| *found != size) {
+        return Err(ModelError::InputScales { found, expected: size });
+    }
     for component in &parts.kriging.components {
-        positive(component.length_m.as_slice(), "a length scale of kriging")?;
+        positive(&component.length, "a length scale of kriging")?;
         positive(&[component.signal_m], "the signal of kriging")?;
         if !(component.noise_m.is_finite() && component.noise_m >= 0.0) {
             return Err(ModelError::Scale("the noise of kriging"));
@@ -338,13 +417,16 @@ fn check(parts: &Parts) -> Result<(), ModelError> {
     }
     let needed = parts.kind.has_attention();
     match &parts.ensemble {
-        Some(ensemble) if needed && !ensemble.members.is_empty() => check_ensemble(ensemble),
+        Some(ensemble) if needed && !ensemble.members.is_empty() => check_ensemble(ensemble, size),
         None if !needed => Ok(()),
         _ => Err(ModelError::Ensemble { kind, what: "networks on the neighbourhood", needed }),
     }
 }
 
-fn check_ensemble(ensemble: &Ensemble) -> Result<(), ModelError> {
+fn check_ensemble(ensemble: &Ensemble, inputs: usize) -> Result<(), ModelError> {
+    if inputs > MOST_NEIGHBOURED {
+        return Err(ModelError::Neighboured(inputs));
+    }
     ensemble.config.check()?;
     let Normaliser { mean_m, scale_m, spacing_m } = &ensemble.normaliser;
     if !mean_m.iter().all(|m| m.is_finite()) {
@@ -354,7 +436,7 @@ fn check_ensemble(ensemble: &Ensemble) -> Result<(), ModelError> {
         return Err(ModelError::Scale("a scale of the normaliser"));
     }
     for (member, parameters) in ensemble.members.iter().enumerate() {
-        let again = Parameters::new(&ensemble.config, parameters.values().to_vec());
+        let again = Parameters::new(&ensemble.config, inputs, parameters.values().to_vec());
         again.map_err(|source| ModelError::Parameters { member, source })?;
     }
     Ok(())

@@ -1,10 +1,12 @@
 //! The cell around a target: in each of the eight octants around it, the nearest calibrated point.
 //!
-//! Place in the flow: calibrated points (m, machine frame) once, then for each target its eight vertices. On a regular
+//! Place in the flow: calibrated points (inputs in commensurable units: m for positions) once, then for each target its eight
+//! vertices. Octants are those of the first three inputs, the position where there is one; the distance counts all. On a regular
 //! lattice these are the corners of the hexahedron around the target (Liang 2025, chapter 3); on an incomplete or
 //! scattered one they are still defined, everywhere. An octant without a point is stood in for by the nearest point of all.
 //! In training the target is not among the calibrated points, and neither is a part of space around it.
 
+use abbe_field::{corners, place_of};
 use nalgebra::Vector3;
 use std::ops::RangeInclusive;
 
@@ -25,46 +27,48 @@ pub struct Vertices {
     pub nearest: usize,
 }
 
-/// Calibrated points in bins, for the search.
+/// Calibrated points in bins of their first three inputs, for the search.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Neighbourhood {
-    points_m: Vec<Vector3<f64>>,
     low_m: Vector3<f64>,
     bin_m: f64,
     counts: [usize; 3],
     /// Points of bin b are `binned[start[b]..start[b + 1]]`, ascending.
     start: Vec<usize>,
     binned: Vec<(Vector3<f64>, usize)>,
+    /// Inputs beyond the first three, and those of each of `binned`.
+    further: usize,
+    beyond: Vec<f64>,
 }
 
 impl Neighbourhood {
-    /// Bins of finite points (m).
-    pub fn new(points_m: &[Vector3<f64>]) -> Neighbourhood {
-        let (low_m, high_m) = corners_m(points_m);
+    /// Bins of finite points of `size` inputs.
+    pub fn new<'a>(size: usize, points: impl Iterator<Item = &'a [f64]> + Clone) -> Neighbourhood {
+        let places: Vec<Vector3<f64>> = points.clone().map(place_of).collect();
+        let first = || places.iter().map(|place| place.as_slice());
+        let [low_m, high_m] = <[Vec<f64>; 2]>::from(corners(3, first())).map(|corner| place_of(&corner));
         let longest = (high_m - low_m).max();
-        let bin_m = spacing_m(points_m).max(longest / MOST_BINS as f64).max(f64::MIN_POSITIVE);
+        let bin_m = spacing(3, first()).max(longest / MOST_BINS as f64).max(f64::MIN_POSITIVE);
         let count = |axis: usize| (((high_m[axis] - low_m[axis]) / bin_m) as usize + 1).min(MOST_BINS + 1);
-        let counts = if points_m.is_empty() { [1; 3] } else { std::array::from_fn(count) };
+        let counts = if places.is_empty() { [1; 3] } else { std::array::from_fn(count) };
         let mut found = Neighbourhood {
-            points_m: points_m.to_vec(),
             low_m,
             bin_m,
             counts,
             start: vec![0; counts.iter().product::<usize>() + 1],
-            binned: points_m.iter().copied().zip(0..).collect(),
+            binned: places.iter().copied().zip(0..).collect(),
+            further: size.saturating_sub(3),
+            beyond: Vec::new(),
         };
-        let bins: Vec<usize> = points_m.iter().map(|point| found.flat(found.bin(point))).collect();
+        let bins: Vec<usize> = places.iter().map(|place| found.flat(found.bin(place))).collect();
         found.binned.sort_by_key(|(_, k)| (bins[*k], *k));
         bins.iter().for_each(|bin| found.start[bin + 1] += 1);
         for b in 1..found.start.len() {
             found.start[b] += found.start[b - 1];
         }
+        let points: Vec<&[f64]> = points.collect();
+        found.beyond = found.binned.iter().flat_map(|(_, k)| points[*k].iter().skip(3)).copied().collect();
         found
-    }
-
-    /// Calibrated points (m, machine frame).
-    pub fn points_m(&self) -> &[Vector3<f64>] {
-        &self.points_m
     }
 
     fn bin(&self, point_m: &Vector3<f64>) -> [usize; 3] {
@@ -78,9 +82,11 @@ impl Neighbourhood {
         (bin[0] * self.counts[1] + bin[1]) * self.counts[2] + bin[2]
     }
 
-    /// Vertices of the cell around a target (m); `None` without points, or if the target is no number. Of equally distant
-    /// points the first counts.
-    pub fn vertices(&self, target_m: &Vector3<f64>) -> Option<Vertices> {
+    /// Vertices of the cell around a target; `None` without points, or if the target is no number. Of equally distant points the
+    /// first counts.
+    pub fn vertices(&self, target: &[f64]) -> Option<Vertices> {
+        let target = &Target { place_m: place_of(target), beyond: target.get(3..).unwrap_or_default() };
+        let target_m = &target.place_m;
         let centre = self.bin(target_m);
         let mut search = Search { squares: [f64::INFINITY; VERTICES], index: [usize::MAX; VERTICES] };
         let most = self.counts.iter().max().copied().unwrap_or(1);
@@ -96,12 +102,12 @@ impl Neighbourhood {
                     }
                     let is_new = shell == 1 || i.abs_diff(centre[0]) == shell || j.abs_diff(centre[1]) == shell;
                     if is_new {
-                        self.offer_row([i, j], low[2]..=high[2], target_m, &mut search);
+                        self.offer_row([i, j], low[2]..=high[2], target, &mut search);
                         continue;
                     }
                     // Inside the shell only the two end bins of a row are new.
                     for k in [centre[2].checked_sub(shell), Some(centre[2] + shell)].into_iter().flatten() {
-                        self.offer_row([i, j], k..=k.min(high[2]), target_m, &mut search);
+                        self.offer_row([i, j], k..=k.min(high[2]), target, &mut search);
                     }
                 }
             }
@@ -112,14 +118,16 @@ impl Neighbourhood {
         search.vertices()
     }
 
-    /// Offers the points of bins that follow each other along z.
-    fn offer_row(&self, [i, j]: [usize; 2], along_z: RangeInclusive<usize>, target_m: &Vector3<f64>, to: &mut Search) {
+    /// Offers the points of bins that follow each other along the third input.
+    fn offer_row(&self, [i, j]: [usize; 2], along_z: RangeInclusive<usize>, target: &Target, to: &mut Search) {
         if along_z.is_empty() {
             return;
         }
         let (first, last) = (self.flat([i, j, *along_z.start()]), self.flat([i, j, *along_z.end()]));
-        for (point_m, index) in &self.binned[self.start[first]..self.start[last + 1]] {
-            to.offer(*index, &(point_m - target_m));
+        for k in self.start[first]..self.start[last + 1] {
+            let (place_m, index) = &self.binned[k];
+            let beyond = self.beyond[k * self.further..(k + 1) * self.further].iter().zip(target.beyond);
+            to.offer(*index, &(place_m - target.place_m), beyond.map(|(at, target)| (at - target).powi(2)).sum());
         }
     }
 
@@ -151,6 +159,12 @@ impl Neighbourhood {
     }
 }
 
+/// A target: its first three inputs and the others.
+struct Target<'a> {
+    place_m: Vector3<f64>,
+    beyond: &'a [f64],
+}
+
 /// The nearest point of each octant so far.
 struct Search {
     squares: [f64; VERTICES],
@@ -167,10 +181,11 @@ impl Search {
         self.squares.iter().all(|held| *held < square_m2 * ROUNDED)
     }
 
+    /// Offers a point by its place relative to the target, and the square of its distance in the other inputs.
     #[inline]
-    fn offer(&mut self, index: usize, relative: &Vector3<f64>) {
+    fn offer(&mut self, index: usize, relative: &Vector3<f64>, beyond: f64) {
         let octant = (0..3).map(|a| usize::from(relative[a] >= 0.0) << a).sum::<usize>();
-        let square = relative.norm_squared();
+        let square = relative.norm_squared() + beyond;
         let held = self.squares[octant];
         if square < held || (square == held && index < self.index[octant]) {
             self.squares[octant] = square;
@@ -193,25 +208,19 @@ impl Search {
     }
 }
 
-/// Lower and upper corner of the box around some points (m); infinite the wrong way round without any.
-pub fn corners_m(points_m: &[Vector3<f64>]) -> (Vector3<f64>, Vector3<f64>) {
-    let low = points_m.iter().fold(Vector3::repeat(f64::INFINITY), |low, p| low.inf(p));
-    let high = points_m.iter().fold(Vector3::repeat(f64::NEG_INFINITY), |high, p| high.sup(p));
-    (low, high)
-}
-
-/// Typical distance of neighbouring points (m): the edge of the cube that each has to itself in the box around them all.
-/// Directions in which the box is flat do not count.
-pub fn spacing_m(points_m: &[Vector3<f64>]) -> f64 {
-    let (low, high) = corners_m(points_m);
-    let extent = high - low;
-    let longest = extent.max();
-    let wide: Vec<f64> = extent.iter().copied().filter(|e| *e > longest * 1e-6).collect();
-    if points_m.is_empty() || wide.is_empty() {
+/// Typical distance of neighbouring points in commensurable inputs (m for positions): the edge of the cube that each has to itself in
+/// the box around them all. Directions in which the box is flat do not count.
+pub fn spacing<'a>(size: usize, points: impl Iterator<Item = &'a [f64]> + Clone) -> f64 {
+    let (low, high) = corners(size, points.clone());
+    let extent = || high.iter().zip(&low).map(|(high, low)| high - low);
+    let longest = extent().fold(f64::NEG_INFINITY, f64::max);
+    let wide: Vec<f64> = extent().filter(|e| *e > longest * 1e-6).collect();
+    let count = points.count();
+    if count == 0 || wide.is_empty() {
         return 0.0;
     }
     // A lattice of n³ points has n − 1 steps along an edge.
-    let per_axis = (points_m.len() as f64).powf(1.0 / wide.len() as f64);
+    let per_axis = (count as f64).powf(1.0 / wide.len() as f64);
     (wide.iter().product::<f64>()).powf(1.0 / wide.len() as f64) / (per_axis - 1.0).max(1.0)
 }
 
@@ -231,18 +240,25 @@ mod tests {
         (0..n).map(|_| Vector3::from_fn(|axis, _| random.random::<f64>() * [0.8, 0.6, 0.05][axis])).collect()
     }
 
-    /// The definition, word by word.
-    fn by_trying_all(points: &[Vector3<f64>], target: &Vector3<f64>) -> Option<Vertices> {
+    /// The definition, word by word; `further` inputs of each point and of the target beside the place.
+    fn by_trying_all(points: &[Vec<f64>], target: &[f64]) -> Option<Vertices> {
         let mut search = Search { squares: [f64::INFINITY; VERTICES], index: [usize::MAX; VERTICES] };
-        (0..points.len()).for_each(|k| search.offer(k, &(points[k] - target)));
+        for (k, point) in points.iter().enumerate() {
+            let beyond = point.iter().zip(target).skip(3).map(|(a, b)| (a - b).powi(2)).sum();
+            search.offer(k, &(place_of(point) - place_of(target)), beyond);
+        }
         search.vertices()
+    }
+
+    fn of(points: &[Vector3<f64>]) -> Neighbourhood {
+        Neighbourhood::new(3, points.iter().map(|point| point.as_slice()))
     }
 
     #[test]
     fn vertices_of_a_regular_lattice_are_the_corners_of_the_cell() {
         let points = lattice(5, 0.1);
         let target = Vector3::new(0.13, 0.28, 0.31);
-        let found = Neighbourhood::new(&points).vertices(&target).unwrap();
+        let found = of(&points).vertices(target.as_slice()).unwrap();
         for (octant, index) in found.index.iter().enumerate() {
             let corner = Vector3::from_fn(|a, _| [0.1, 0.2, 0.3][a] + 0.1 * (octant >> a & 1) as f64);
             assert!((points[*index] - corner).norm() < 1e-12, "{octant}: {}", points[*index]);
@@ -253,14 +269,19 @@ mod tests {
     #[test]
     fn the_quick_search_finds_what_trying_all_points_finds() {
         let mut random = ChaCha8Rng::seed_from_u64(5);
-        for (points, seed) in
-            [(lattice(6, 0.1), 1), (scattered(300, 1), 2), (scattered(40, 2), 3), (scattered(1, 4), 4)]
+        let cases = [(lattice(6, 0.1), 1), (scattered(300, 1), 2), (scattered(40, 2), 3), (scattered(1, 4), 4)];
+        for ((points, seed), size) in
+            cases.into_iter().flat_map(|case| [(case.clone(), 2), (case.clone(), 3), (case, 6)])
         {
-            let search = Neighbourhood::new(&points);
+            let mut more = || (0..3).map(|_| random.random::<f64>()).collect::<Vec<_>>();
+            let mut with = |place: &Vector3<f64>| [place.as_slice(), &more()].concat()[..size].to_vec();
+            let points: Vec<Vec<f64>> = points.iter().map(&mut with).collect();
+            let search = Neighbourhood::new(size, points.iter().map(Vec::as_slice));
+            let mut random = ChaCha8Rng::seed_from_u64(seed);
             for _ in 0..500 {
-                let target = Vector3::from_fn(|_, _| random.random::<f64>() * 1.2 - 0.2);
+                let target: Vec<f64> = (0..size).map(|_| random.random::<f64>() * 1.2 - 0.2).collect();
                 let expected = by_trying_all(&points, &target);
-                assert_eq!(search.vertices(&target), expected, "case {seed}, {target}");
+                assert_eq!(search.vertices(&target), expected, "case {seed}, {size} inputs, {target:?}");
             }
         }
     }
@@ -268,7 +289,7 @@ mod tests {
     #[test]
     fn an_empty_octant_is_stood_in_for_by_the_nearest_point() {
         let points = lattice(3, 0.1);
-        let found = Neighbourhood::new(&points).vertices(&Vector3::new(0.25, 0.11, 0.12)).unwrap();
+        let found = of(&points).vertices(&[0.25, 0.11, 0.12]).unwrap();
         assert_eq!(found.occupied, [true, false, true, false, true, false, true, false]);
         assert!((points[found.nearest] - Vector3::new(0.2, 0.1, 0.1)).norm() < 1e-12);
         assert_eq!(found.index[1], found.nearest);
@@ -276,14 +297,14 @@ mod tests {
 
     #[test]
     fn without_points_there_are_no_vertices() {
-        assert_eq!(Neighbourhood::new(&[]).vertices(&Vector3::zeros()), None);
+        assert_eq!(of(&[]).vertices(&[0.0; 3]), None);
     }
 
     #[test]
     fn targets_that_are_no_numbers_do_not_panic() {
-        let search = Neighbourhood::new(&lattice(3, 0.1));
+        let search = of(&lattice(3, 0.1));
         for bad in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, 1e300] {
-            let _ = search.vertices(&Vector3::repeat(bad));
+            let _ = search.vertices(&[bad; 3]);
         }
     }
 }

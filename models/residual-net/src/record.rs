@@ -1,7 +1,8 @@
 //! A residual model as a plain record, and back: what an artifact keeps.
 //!
 //! Place in the flow: the writer of artifacts serialises a [`Record`] without knowing what is in it; the reader hands it back, and
-//! nothing is taken that is missing, of another shape, no number, or not known. Units stand in the names. Values come back
+//! nothing is taken that is missing, of another shape, no number, or not known. Units stand in the names. A model of position alone
+//! has its points in `point_m`; any other names its inputs (`input_0` …), with values, scales and ranges of each. Values come back
 //! bit for bit (f32 is widened, which is exact), so a model read predicts the same bits as the one written.
 
 use crate::calibration::Calibration;
@@ -10,7 +11,7 @@ use crate::model::{Ensemble, Kind, ModelError, Parts, ResidualModel};
 use crate::network::{ConfigError, NetworkConfig, Normaliser, Parameters, ParametersError, PositionConfig};
 use crate::trend::PositionEnsemble;
 use abbe_field::kriging::Kernel;
-use abbe_field::{FieldError, MeasuredField};
+use abbe_field::{FieldError, MOST_INPUTS, MeasuredField, Samples};
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -89,6 +90,9 @@ pub enum RecordError {
         /// What is expected.
         expected: String,
     },
+    /// A range that is not that of the points.
+    #[error("input_low or input_high is not the range of input_values; the record was changed by hand")]
+    Range,
     /// The calibrated points make no field.
     #[error("calibrated points: {0}")]
     Field(#[from] FieldError),
@@ -118,7 +122,12 @@ impl ResidualModel {
             texts: BTreeMap::new(),
             arrays: BTreeMap::new(),
         };
-        record.vectors("point_m", parts.field.points_m());
+        let is_plain = parts.field.is_position_alone();
+        if is_plain {
+            record.vectors("point_m", &parts.field.places());
+        } else {
+            record.write_inputs(parts);
+        }
         record.vectors("residual_m", parts.field.errors_m());
         if let Some(u_m) = parts.field.u_m() {
             record.vectors("residual_u_m", u_m);
@@ -126,7 +135,7 @@ impl ResidualModel {
         record.array("calibration", vec![3], parts.calibration.scale.iter().copied().collect());
         record.texts.insert("kernel".into(), kernel_name(parts.kriging.kernel).into());
         for (axis, component) in AXES.iter().zip(&parts.kriging.components) {
-            record.array(&format!("length_{axis}_m"), vec![3], component.length_m.iter().copied().collect());
+            record.list(&with_unit(&format!("length_{axis}"), is_plain), &component.length);
             record.numbers.insert(format!("signal_{axis}_m"), component.signal_m);
             record.numbers.insert(format!("noise_{axis}_m"), component.noise_m);
             record.numbers.insert(format!("seen_{axis}"), component.seen);
@@ -138,7 +147,7 @@ impl ResidualModel {
             record.write_ensemble(ensemble);
         }
         if let Some(trend) = &parts.trend {
-            record.write_trend(trend);
+            record.write_trend(trend, is_plain);
         }
         record
     }
@@ -148,20 +157,31 @@ impl ResidualModel {
         let kind = Kind::ALL.into_iter().find(|kind| kind.name() == record.kind);
         let kind = kind.ok_or_else(|| RecordError::Kind(record.kind.clone()))?;
         let mut record = Reader(record);
-        let points_m = record.vectors("point_m")?;
-        let errors_m = record.vectors("residual_m")?;
-        let u_m =
-            if record.0.arrays.contains_key("residual_u_m") { Some(record.vectors("residual_u_m")?) } else { None };
-        let field = MeasuredField::new(points_m, errors_m, u_m)?;
+        let is_plain = !record.0.texts.contains_key(&input_key(0));
+        let field = if is_plain { record.positions()? } else { record.inputs()? };
+        let size = field.size();
+        let scale = if is_plain { vec![1.0; size] } else { record.scale(&field)? };
         let calibration = Calibration { scale: record.vector("calibration")? };
         let kernel = record.kernel()?;
-        let components = [record.component(0)?, record.component(1)?, record.component(2)?];
-        let ensemble = if kind.has_attention() { Some(record.ensemble()?) } else { None };
-        let trend = if kind.has_trend() { Some(record.trend()?) } else { None };
+        let components = [0, 1, 2].map(|axis| record.component(axis, size, is_plain));
+        let [x, y, z] = components;
+        let components = [x?, y?, z?];
+        let ensemble = if kind.has_attention() { Some(record.ensemble(size)?) } else { None };
+        let trend = if kind.has_trend() { Some(record.trend(size, is_plain)?) } else { None };
         record.is_empty()?;
         let kriging = Kriging { kernel, components };
-        Ok(ResidualModel::new(Parts { kind, field, kriging, ensemble, trend, calibration })?)
+        Ok(ResidualModel::new(Parts { kind, field, scale, kriging, ensemble, trend, calibration })?)
     }
+}
+
+/// Name of an input's name.
+fn input_key(input: usize) -> String {
+    format!("input_{input}")
+}
+
+/// Lengths of positions are in metres; those of named inputs in the unit of each.
+fn with_unit(name: &str, is_plain: bool) -> String {
+    if is_plain { format!("{name}_m") } else { name.to_owned() }
 }
 
 fn kernel_name(kernel: Kernel) -> &'static str {
@@ -181,6 +201,22 @@ impl Record {
         self.array(name, vec![list.len(), 3], values);
     }
 
+    fn list(&mut self, name: &str, values: &[f64]) {
+        self.array(name, vec![values.len()], values.to_vec());
+    }
+
+    fn write_inputs(&mut self, parts: &Parts) {
+        for (input, name) in parts.field.names().iter().enumerate() {
+            self.texts.insert(input_key(input), name.clone());
+        }
+        let (low, high) = parts.field.range();
+        let values = parts.field.points().flatten().copied().collect();
+        self.array("input_values", vec![parts.field.count(), parts.field.size()], values);
+        self.list("input_low", &low);
+        self.list("input_high", &high);
+        self.list("input_scale", &parts.scale);
+    }
+
     fn write_ensemble(&mut self, ensemble: &Ensemble) {
         let NetworkConfig { width, heads, sigma, attention, weighting, position } = ensemble.config;
         let flag = |is_on: bool| if is_on { "on" } else { "off" }.to_owned();
@@ -196,11 +232,11 @@ impl Record {
         self.write_members(ensemble.members.iter().map(Parameters::values));
     }
 
-    fn write_trend(&mut self, trend: &PositionEnsemble) {
+    fn write_trend(&mut self, trend: &PositionEnsemble, is_plain: bool) {
         self.numbers.insert("width".into(), trend.config.width as f64);
         self.numbers.insert("blocks".into(), trend.config.blocks as f64);
-        self.array("low_m", vec![3], trend.low_m.iter().copied().collect());
-        self.array("high_m", vec![3], trend.high_m.iter().copied().collect());
+        self.list(&with_unit("low", is_plain), &trend.low);
+        self.list(&with_unit("high", is_plain), &trend.high);
         self.array("mean_m", vec![3], trend.mean_m.iter().copied().collect());
         self.array("scale_m", vec![3], trend.scale_m.iter().copied().collect());
         self.write_members(trend.members.iter().map(Vec::as_slice));
@@ -214,6 +250,9 @@ impl Record {
         }
     }
 }
+
+/// Calibrated residuals (m), and their uncertainties where they are known (m).
+type Residuals = (Vec<Vector3<f64>>, Option<Vec<Vector3<f64>>>);
 
 /// A record from which entries are taken one by one.
 struct Reader(Record);
@@ -273,10 +312,46 @@ impl Reader {
         Ok(values.chunks_exact(3).map(Vector3::from_column_slice).collect())
     }
 
-    fn component(&mut self, axis: usize) -> Result<Component, RecordError> {
+    /// As many numbers as there are inputs.
+    fn of_inputs(&mut self, name: &str, size: usize) -> Result<Vec<f64>, RecordError> {
+        self.array(name, |shape| shape == [size], &format!("[{size}]"))
+    }
+
+    /// Calibrated residuals, and their uncertainties where they are known.
+    fn residuals(&mut self) -> Result<Residuals, RecordError> {
+        let errors_m = self.vectors("residual_m")?;
+        let has_u = self.0.arrays.contains_key("residual_u_m");
+        Ok((errors_m, has_u.then(|| self.vectors("residual_u_m")).transpose()?))
+    }
+
+    /// Calibrated points of the position alone.
+    fn positions(&mut self) -> Result<Samples, RecordError> {
+        let points_m = self.vectors("point_m")?;
+        let (errors_m, u_m) = self.residuals()?;
+        Ok(Samples::from(&MeasuredField::new(points_m, errors_m, u_m)?))
+    }
+
+    /// Calibrated points of named inputs.
+    fn inputs(&mut self) -> Result<Samples, RecordError> {
+        let names: Vec<String> = (0..MOST_INPUTS).map_while(|k| self.0.texts.remove(&input_key(k))).collect();
+        let size = names.len();
+        let at = self.array("input_values", |shape| matches!(shape, [_, d] if *d == size), &format!("[n, {size}]"))?;
+        let (errors_m, u_m) = self.residuals()?;
+        Ok(Samples::new(names, at, errors_m, u_m)?)
+    }
+
+    /// Scales of named inputs, whose ranges are those of the points.
+    fn scale(&mut self, field: &Samples) -> Result<Vec<f64>, RecordError> {
+        let size = field.size();
+        let range = (self.of_inputs("input_low", size)?, self.of_inputs("input_high", size)?);
+        (range == field.range()).then_some(()).ok_or(RecordError::Range)?;
+        self.of_inputs("input_scale", size)
+    }
+
+    fn component(&mut self, axis: usize, size: usize, is_plain: bool) -> Result<Component, RecordError> {
         let axis = AXES[axis];
         Ok(Component {
-            length_m: self.vector(&format!("length_{axis}_m"))?,
+            length: self.of_inputs(&with_unit(&format!("length_{axis}"), is_plain), size)?,
             signal_m: self.number(&format!("signal_{axis}_m"))?,
             noise_m: self.number(&format!("noise_{axis}_m"))?,
             seen: self.number(&format!("seen_{axis}"))?,
@@ -285,7 +360,7 @@ impl Reader {
         })
     }
 
-    fn ensemble(&mut self) -> Result<Ensemble, RecordError> {
+    fn ensemble(&mut self, inputs: usize) -> Result<Ensemble, RecordError> {
         let config = NetworkConfig {
             width: self.size("width")?,
             heads: self.size("heads")?,
@@ -301,17 +376,17 @@ impl Reader {
             spacing_m: self.number("spacing_m")?,
         };
         let checked = |(member, values)| {
-            Parameters::new(&config, values).map_err(|source| RecordError::Parameters { member, source })
+            Parameters::new(&config, inputs, values).map_err(|source| RecordError::Parameters { member, source })
         };
         let members = self.members()?.into_iter().enumerate().map(checked).collect::<Result<_, _>>()?;
         Ok(Ensemble { config, normaliser, members })
     }
 
-    fn trend(&mut self) -> Result<PositionEnsemble, RecordError> {
+    fn trend(&mut self, size: usize, is_plain: bool) -> Result<PositionEnsemble, RecordError> {
         Ok(PositionEnsemble {
             config: PositionConfig { width: self.size("width")?, blocks: self.size("blocks")? },
-            low_m: self.vector("low_m")?,
-            high_m: self.vector("high_m")?,
+            low: self.of_inputs(&with_unit("low", is_plain), size)?,
+            high: self.of_inputs(&with_unit("high", is_plain), size)?,
             mean_m: self.vector("mean_m")?,
             scale_m: self.vector("scale_m")?,
             members: self.members()?,
@@ -340,75 +415,4 @@ fn narrow(value: f64) -> f32 {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::model::tests::random_model;
-
-    #[test]
-    fn a_model_read_back_predicts_the_same_bits() {
-        for kind in Kind::ALL {
-            let model = random_model(kind, 7);
-            let again = ResidualModel::from_record(model.to_record()).unwrap();
-            assert_eq!(again.to_record(), model.to_record());
-            for k in 0..50 {
-                let at = Vector3::new(f64::from(k) * 0.013, f64::from(k) * 0.011, 0.3);
-                assert_eq!(again.predict(&at), model.predict(&at));
-            }
-        }
-    }
-
-    #[test]
-    fn every_entry_is_needed_and_no_other_is_taken() {
-        for kind in [Kind::KrigingNetwork, Kind::PerceptronKriging] {
-            every_entry_of(kind);
-        }
-    }
-
-    fn every_entry_of(kind: Kind) {
-        let whole = random_model(kind, 8).to_record();
-        for name in whole.numbers.keys() {
-            let mut record = whole.clone();
-            record.numbers.remove(name);
-            assert_eq!(ResidualModel::from_record(record).unwrap_err(), RecordError::Missing(name.clone()));
-        }
-        for name in whole.texts.keys() {
-            let mut record = whole.clone();
-            record.texts.insert(name.clone(), "of another kind".into());
-            assert!(matches!(ResidualModel::from_record(record), Err(RecordError::Text { .. })), "{name}");
-        }
-        for name in whole.arrays.keys() {
-            let mut record = whole.clone();
-            record.arrays.remove(name);
-            assert_eq!(ResidualModel::from_record(record).unwrap_err(), RecordError::Missing(name.clone()));
-            let mut record = whole.clone();
-            record.arrays.entry(name.clone()).and_modify(|array| array.values.truncate(2));
-            assert!(matches!(ResidualModel::from_record(record), Err(RecordError::Shape { .. })), "{name}");
-        }
-        let mut record = whole.clone();
-        record.numbers.insert("momentum".into(), 1.0);
-        assert_eq!(ResidualModel::from_record(record).unwrap_err(), RecordError::Unknown("momentum".into()));
-        let mut record = whole.clone();
-        record.kind = "kriging".into();
-        assert!(matches!(ResidualModel::from_record(record), Err(RecordError::Unknown(_))));
-        let mut record = whole;
-        record.kind = "oracle".into();
-        assert_eq!(ResidualModel::from_record(record).unwrap_err(), RecordError::Kind("oracle".into()));
-    }
-
-    #[test]
-    fn sizes_that_are_none_and_weights_that_are_no_numbers_are_refused() {
-        let whole = random_model(Kind::Network, 9).to_record();
-        for (name, value) in [("width", 8.5), ("heads", -1.0), ("heads", 3.0), ("members", 1e300), ("width", f64::NAN)]
-        {
-            let mut record = whole.clone();
-            record.numbers.insert(name.into(), value);
-            assert!(ResidualModel::from_record(record).is_err(), "{name} {value}");
-        }
-        for value in [f64::NAN, f64::INFINITY, 0.1] {
-            let mut record = whole.clone();
-            record.arrays.entry("member_1".into()).and_modify(|array| array.values[5] = value);
-            let error = ResidualModel::from_record(record).unwrap_err();
-            assert!(matches!(error, RecordError::Parameters { member: 1, .. }), "{value}: {error}");
-        }
-    }
-}
+mod tests;

@@ -7,7 +7,7 @@
 
 #![allow(missing_docs, clippy::unwrap_used, clippy::panic)] // criterion's macros; a bench that cannot be prepared stops
 
-use abbe_field::MeasuredField;
+use abbe_field::Samples;
 use abbe_residual_net::network::forward::forward;
 use abbe_residual_net::network::{Folded, NetworkConfig, Parameters, Token};
 use abbe_residual_net::{Kind, ResidualModel, VERTICES};
@@ -27,7 +27,7 @@ use std::time::Instant;
 const POINTS: usize = 1000;
 const EPOCHS: usize = 20;
 
-fn field() -> MeasuredField {
+fn field() -> Samples {
     SimulatedField::new(Character::Smooth, 1).measured(random_points_m(POINTS, 2), 3).unwrap()
 }
 
@@ -38,7 +38,7 @@ fn examples() -> Examples {
         let mut view = View::default();
         for _ in 0..count {
             let token = |_| std::array::from_fn(|_| random.random_range(-1.0_f32..1.0));
-            let tokens: [Token; VERTICES] = std::array::from_fn(token);
+            let tokens: [[f32; 6]; VERTICES] = std::array::from_fn(token);
             view.inputs.extend(tokens.as_flattened());
             let sum = |k: usize| tokens.iter().map(|t| t[k] * (1.0 - t[3 + k].abs())).sum::<f32>() / 4.0;
             view.outputs.extend((0..3).map(sum));
@@ -62,7 +62,7 @@ fn write(path: &std::path::Path, examples: &Examples, start: &[f32], optimiser: 
 fn against_pytorch() {
     let (examples, config) = (examples(), NetworkConfig::default());
     let optimiser = Optimiser { epochs: EPOCHS, ..Optimiser::default() };
-    let network = Attention { config, starts_at_zero: false };
+    let network = Attention { config, inputs: 3, starts_at_zero: false };
     let device = Device::cpu();
     let training = Training::new(&network, &examples, &optimiser, 1, &device).unwrap();
     let start = training.start().unwrap();
@@ -118,9 +118,9 @@ fn models() -> Vec<(Kind, ResidualModel)> {
 fn percentiles(models: &[(Kind, ResidualModel)]) {
     let points = random_points_m(20_000, 9);
     for (kind, model) in models {
-        let time = |point| {
+        let time = |point: &nalgebra::Vector3<f64>| {
             let begin = Instant::now();
-            black_box(model.predict(black_box(point)));
+            black_box(model.predict(black_box(point.as_slice())));
             begin.elapsed().as_secs_f64() * 1e6
         };
         let mut times: Vec<f64> = points.iter().map(time).collect();
@@ -136,10 +136,11 @@ fn bench(criterion: &mut Criterion) {
     let models = models();
     percentiles(&models);
     let config = NetworkConfig::default();
-    let network = Attention { config, starts_at_zero: false };
+    let network = Attention { config, inputs: 3, starts_at_zero: false };
     let values = network.initial(&mut ChaCha8Rng::seed_from_u64(1));
-    let parameters = Parameters::new(&config, values.clone()).unwrap();
-    let tokens: [Token; VERTICES] = std::array::from_fn(|i| std::array::from_fn(|j| ((i * 6 + j) as f32).sin()));
+    let parameters = Parameters::new(&config, 3, values.clone()).unwrap();
+    let number = |i: usize, j: usize| if j < 6 { ((i * 6 + j) as f32).sin() } else { 0.0 };
+    let tokens: [Token; VERTICES] = std::array::from_fn(|i| std::array::from_fn(|j| number(i, j)));
     let device = Device::cpu();
     let device = device.burn();
     let length = values.len();
@@ -147,7 +148,10 @@ fn bench(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("one prediction");
     group.bench_function("burn, network alone", |b| {
         b.iter(|| {
-            let input = TensorData::new(tokens.as_flattened().to_vec(), [1, network.input_size()]);
+            let input = TensorData::new(
+                tokens.iter().flat_map(|token| token[..6].to_vec()).collect(),
+                [1, network.input_size()],
+            );
             network.forward(&tensor, Tensor::from_data(input, device)).into_data()
         });
     });
@@ -158,7 +162,7 @@ fn bench(criterion: &mut Criterion) {
     for (kind, model) in &models {
         let mut next = points.iter().cycle();
         group.bench_function(format!("whole model: {}", kind.name()), |b| {
-            b.iter(|| model.predict(next.next().unwrap()));
+            b.iter(|| model.predict(next.next().unwrap().as_slice()));
         });
     }
     group.finish();

@@ -6,7 +6,7 @@
 #![allow(clippy::unwrap_used)]
 
 use abbe_residual_training::simulated::{Character, SimulatedField, VOLUME_M, random_points_m};
-use abbe_residual_training::{CompareConfig, Comparison, Config, Go, Rival, SplitKind, compare};
+use abbe_residual_training::{CompareConfig, Comparison, Config, Go, Rival, SplitKind, Subject, compare};
 use nalgebra::Vector3;
 use std::time::Instant;
 
@@ -74,7 +74,10 @@ fn main() {
             }
             let rivals = Rival::ALL.to_vec();
             let config = CompareConfig { training, seeds: 1, rivals };
-            tables.push(compare(&field, &config, &|| begin.elapsed().as_secs_f64(), &mut |_, _| Go::On).unwrap());
+            tables.push(
+                compare(&Subject::position(&field), &config, &|| begin.elapsed().as_secs_f64(), &mut |_, _| Go::On)
+                    .unwrap(),
+            );
             eprintln!("{} seed {seed}: {:.0} s", character.name(), begin.elapsed().as_secs_f64());
         }
         print(character.name(), &tables);

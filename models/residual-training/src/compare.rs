@@ -1,38 +1,29 @@
 //! All methods on the same split of the same data, by seed.
 //!
 //! Place in the flow: measured residuals in, one table out: figures (µm) on points that no method saw, by seed with intervals,
-//! and the recommendation. 7:2:1 as in Liang 2025: seven parts teach, two say when to stop, one judges; parts are blocks of
+//! and the recommendation. Where there are inputs beside the position, all methods have the position alone, and those that become
+//! models have all inputs as well, on the same split: whether these help is judged by nothing else. 7:2:1 as in Liang 2025: seven parts teach, two say when to stop, one judges; parts are blocks of
 //! space unless asked otherwise. Interpolating methods have the points of all nine parts, as has the network's lattice.
 //! The clock is the caller's (s): models know no time.
 
-use crate::attention::Attention;
-use crate::belief;
 use crate::config::{Config, Split};
-use crate::device::Device;
-use crate::networks::Networks;
-use crate::optimise::{Examples, Network, Training, outputs};
-use crate::perceptron::Perceptron;
-use crate::recommend::{Candidate, Recommendation, recommend};
+use crate::recommend::{Candidate, Recommendation, named, recommend};
 use crate::scores::Scores;
 use crate::split;
-use crate::swarm::Swarm;
-use crate::train::{Go, TrainingError, ZERO, fitted_kriging, seed_of};
-use crate::views::{Material, Positions, ViewError, normaliser};
-use abbe_field::idw::{EXPONENT, Reference};
-use abbe_field::{Idw, Interpolator, MeasuredField, Trilinear};
-use abbe_residual_net::network::{Normaliser, Parameters};
-use abbe_residual_net::{Calibration, Ensemble, Kind, Kriging, PositionEnsemble, check_units, place, place_box_m};
+use crate::train::{Go, TrainingError, ZERO, seed_of};
+use crate::views::ViewError;
+use abbe_field::{FieldError, Samples};
+use abbe_residual_net::network::MOST_NEIGHBOURED;
+use abbe_residual_net::{Kind, check_units};
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 use statrs::distribution::{ContinuousCDF, StudentsT};
+use trial::Trial;
+
+mod trial;
 
 /// Parts of the split: 7:2:1.
 const PARTS: usize = 10;
-/// Parts that say when to stop; part 0 judges.
-const STOPPING: [usize; 2] = [1, 2];
-/// Width of the plain network on the position.
-const WIDTH: usize = 64;
-
 /// A method of the table.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -179,6 +170,9 @@ pub struct SeedRow {
 pub struct RivalRow {
     /// Method.
     pub rival: Rival,
+    /// Whether it had the position alone, where others had further inputs.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub position_alone: bool,
     /// By seed.
     pub seeds: Vec<SeedRow>,
     /// Mean squared component (µm²).
@@ -205,6 +199,9 @@ pub struct Comparison {
     pub config: CompareConfig,
     /// Points.
     pub points: usize,
+    /// Names of the inputs, where these are not the position alone.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub inputs: Vec<String>,
     /// Whether the split flatters.
     pub flattering: bool,
     /// One row a method.
@@ -215,44 +212,99 @@ pub struct Comparison {
     pub complete: bool,
 }
 
+impl RivalRow {
+    /// Name in tables.
+    pub fn name(&self) -> String {
+        named(self.rival.name(), self.position_alone)
+    }
+}
+
+/// What is compared: the same points by their position, by other inputs, or by both.
+#[derive(Debug, Clone, Copy)]
+pub struct Subject<'a> {
+    /// By the position alone; none where it is not known.
+    pub alone: Option<&'a Samples>,
+    /// By all inputs, where these are not the position alone.
+    pub inputs: Option<&'a Samples>,
+    /// Components that were measured: what a field holds of the others counts for nothing.
+    pub measured: [bool; 3],
+}
+
+impl<'a> Subject<'a> {
+    /// Points that are known by their position.
+    pub fn position(alone: &'a Samples) -> Subject<'a> {
+        Subject { alone: Some(alone), inputs: None, measured: [true; 3] }
+    }
+
+    /// What the split is made of.
+    fn whole(&self) -> Option<&'a Samples> {
+        self.inputs.or(self.alone)
+    }
+
+    /// Methods by what they have, the plainest first.
+    fn contestants(&self, config: &CompareConfig) -> Vec<Contestant<'a>> {
+        let mut all = Vec::new();
+        let position_alone = self.inputs.is_some();
+        if let Some(samples) = self.alone {
+            let one = |rival: &Rival| Contestant {
+                rival: *rival,
+                samples,
+                position_alone: position_alone && *rival != Rival::Zero,
+            };
+            all.extend(config.rivals.iter().map(one));
+        }
+        if let Some(samples) = self.inputs {
+            let takes = |kind: Kind| !kind.has_attention() || samples.size() <= MOST_NEIGHBOURED;
+            let zero = self.alone.is_none();
+            let fits = |rival: &&Rival| rival.kind().is_some_and(takes) || zero && **rival == Rival::Zero;
+            let one = |rival: &Rival| Contestant { rival: *rival, samples, position_alone: false };
+            all.extend(config.rivals.iter().filter(fits).map(one));
+        }
+        all
+    }
+}
+
+/// A method with what it has of the points.
+#[derive(Debug, Clone, Copy)]
+struct Contestant<'a> {
+    rival: Rival,
+    samples: &'a Samples,
+    position_alone: bool,
+}
+
 /// Compares. `clock` gives seconds since any instant; `observe` is told after each method of each seed (done, of all).
 ///
 /// # Errors
 /// Points that make no field, a configuration that does not hold, a training that fails.
 pub fn compare(
-    field: &MeasuredField,
-    config: &CompareConfig,
-    clock: &dyn Fn() -> f64,
-    observe: &mut dyn FnMut(usize, usize) -> Go,
-) -> Result<Comparison, TrainingError> {
-    compare_measured(field, [true; 3], config, clock, observe)
-}
-
-/// The same where only these components were measured: what a field holds of the others counts for nothing.
-///
-/// # Errors
-/// As [`compare`].
-pub fn compare_measured(
-    field: &MeasuredField,
-    measured: [bool; 3],
+    subject: &Subject,
     config: &CompareConfig,
     clock: &dyn Fn() -> f64,
     observe: &mut dyn FnMut(usize, usize) -> Go,
 ) -> Result<Comparison, TrainingError> {
     config.training.check()?;
-    check_units(field)?;
-    let mut runs: Vec<Vec<Result<Judged, String>>> = vec![Vec::new(); config.rivals.len()];
+    let whole = subject.whole().ok_or(ViewError::from(FieldError::TooFew(0)))?;
+    check_units(whole)?;
+    let contestants = subject.contestants(config);
+    let mut runs: Vec<Vec<Result<Judged, String>>> = vec![Vec::new(); contestants.len()];
     let mut blocks: Vec<usize> = Vec::new();
-    let all = config.seeds * config.rivals.len();
+    let all = config.seeds * contestants.len();
     let mut complete = true;
+    let block = split::blocks(&whole.places(), &config.training.split);
     for number in 0..config.seeds {
-        let trial = Trial { measured, ..Trial::new(field, config, number, clock)? };
-        for (runs, rival) in runs.iter_mut().zip(&config.rivals) {
-            runs.push(trial.judge(*rival)?);
+        let seed = seed_of(config.training.seed, number);
+        let fold = split::folds(&whole.places(), &Split { folds: PARTS, ..config.training.split }, seed);
+        let trial = |samples| Trial::new(samples, &fold, subject.measured, &config.training, seed, clock);
+        let alone = subject.alone.map(trial).transpose()?;
+        let inputs = subject.inputs.map(trial).transpose()?;
+        for (runs, contestant) in runs.iter_mut().zip(&contestants) {
+            let has_inputs = subject.inputs.is_some_and(|samples| std::ptr::eq(samples, contestant.samples));
+            let trial = if has_inputs { &inputs } else { &alone };
+            let judged = trial.as_ref().map(|trial| trial.judge(contestant.rival)).transpose()?;
+            runs.extend(judged);
         }
-        let block = split::blocks(field.points_m(), &config.training.split);
-        blocks.extend(trial.judging.iter().map(|k| number * (block.len() + 1) + block[*k]));
-        let done = (number + 1) * config.rivals.len();
+        blocks.extend((0..fold.len()).filter(|k| fold[*k] == 0).map(|k| number * (block.len() + 1) + block[k]));
+        let done = (number + 1) * contestants.len();
         if observe(done, all) == Go::Stop && done < all {
             complete = false;
             break;
@@ -260,28 +312,32 @@ pub fn compare_measured(
     }
     Ok(Comparison {
         config: config.clone(),
-        points: field.points_m().len(),
+        points: whole.count(),
+        inputs: subject.inputs.map_or(Vec::new(), |samples| samples.names().to_vec()),
         flattering: config.training.split.is_flattering(),
-        rows: config.rivals.iter().zip(&runs).map(|(rival, runs)| row(*rival, runs)).collect(),
-        recommendation: recommend(&candidates(config, &runs), &blocks),
+        rows: contestants.iter().zip(&runs).map(|(contestant, runs)| row(contestant, runs)).collect(),
+        recommendation: recommend(&candidates(&contestants, &runs), &blocks),
         complete,
     })
 }
 
 /// Errors of the methods that answered everywhere.
-fn candidates(config: &CompareConfig, runs: &[Vec<Result<Judged, String>>]) -> Vec<Candidate> {
-    let one = |(rival, runs): (&Rival, &Vec<Result<Judged, String>>)| {
+fn candidates(contestants: &[Contestant], runs: &[Vec<Result<Judged, String>>]) -> Vec<Candidate> {
+    let one = |(contestant, runs): (&Contestant, &Vec<Result<Judged, String>>)| {
         let errors: Option<Vec<_>> = runs.iter().map(|run| run.as_ref().ok().map(|j| j.errors_m.clone())).collect();
-        Some(Candidate { method: rival.name().to_owned(), errors_m: errors?.concat() })
+        let Contestant { rival, position_alone, .. } = *contestant;
+        let is_plainer = position_alone || rival == Rival::Zero;
+        Some(Candidate { method: named(rival.name(), position_alone), is_plainer, errors_m: errors?.concat() })
     };
-    config.rivals.iter().zip(runs).filter_map(one).collect()
+    contestants.iter().zip(runs).filter_map(one).collect()
 }
 
-fn row(rival: Rival, runs: &[Result<Judged, String>]) -> RivalRow {
+fn row(contestant: &Contestant, runs: &[Result<Judged, String>]) -> RivalRow {
     let seeds: Vec<SeedRow> = runs.iter().flatten().filter_map(Judged::row).collect();
     let of = |pick: &dyn Fn(&SeedRow) -> f64| Interval::of(&seeds.iter().map(pick).collect::<Vec<_>>());
     RivalRow {
-        rival,
+        rival: contestant.rival,
+        position_alone: contestant.position_alone,
         mse_um2: of(&|s| s.scores.mse_um2),
         mae_um: of(&|s| s.scores.mae_um),
         error_95_um: of(&|s| s.scores.error_95_um),
@@ -309,192 +365,6 @@ impl Judged {
         let Judged { seed, training_s, prediction_s, .. } = *self;
         let scores = Scores::of_components(&self.errors_m, self.components)?;
         Some(SeedRow { seed, scores, training_s, prediction_s })
-    }
-}
-
-/// One split.
-struct Trial<'a> {
-    field: &'a MeasuredField,
-    measured: [bool; 3],
-    config: &'a Config,
-    seed: u64,
-    teaching: Vec<usize>,
-    stopping: Vec<usize>,
-    judging: Vec<usize>,
-    /// Everything but what judges.
-    known: MeasuredField,
-    normaliser: Normaliser,
-    /// Kriging of what is known, and the time its fit took (s).
-    kriging: Kriging,
-    kriging_s: f64,
-    clock: &'a dyn Fn() -> f64,
-}
-
-type Predictor = Box<dyn Fn(&Vector3<f64>) -> Result<Vector3<f64>, String>>;
-
-impl<'a> Trial<'a> {
-    fn new(
-        field: &'a MeasuredField,
-        config: &'a CompareConfig,
-        number: usize,
-        clock: &'a dyn Fn() -> f64,
-    ) -> Result<Trial<'a>, TrainingError> {
-        let config = &config.training;
-        let seed = seed_of(config.seed, number);
-        let parts = Split { folds: PARTS, ..config.split };
-        let fold = split::folds(field.points_m(), &parts, seed);
-        let of = |wanted: &dyn Fn(usize) -> bool| (0..fold.len()).filter(|k| wanted(fold[*k])).collect::<Vec<_>>();
-        let (judging, stopping) = (of(&|f| f == 0), of(&|f| STOPPING.contains(&f)));
-        let teaching = of(&|f| f != 0 && !STOPPING.contains(&f));
-        let known = field.part(&of(&|f| f != 0)).map_err(ViewError::from)?;
-        let normaliser = normaliser(known.points_m(), known.errors_m());
-        let start = clock();
-        let kriging = fitted_kriging(&known)?;
-        let kriging_s = clock() - start;
-        let measured = [true; 3];
-        Ok(Trial {
-            field,
-            measured,
-            config,
-            seed,
-            teaching,
-            stopping,
-            judging,
-            known,
-            normaliser,
-            kriging,
-            kriging_s,
-            clock,
-        })
-    }
-
-    fn judge(&self, rival: Rival) -> Result<Result<Judged, String>, TrainingError> {
-        let start = (self.clock)();
-        let predictor = match self.predictor(rival)? {
-            Ok(predictor) => predictor,
-            Err(reason) => return Ok(Err(reason)),
-        };
-        let trained = (self.clock)();
-        let predicted: Result<Vec<_>, String> =
-            self.judging.iter().map(|k| predictor(&self.field.points_m()[*k])).collect();
-        let end = (self.clock)();
-        let shared_s = if rival.kind().is_some_and(|kind| kind != Kind::Network) { self.kriging_s } else { 0.0 };
-        let error = |(k, p): (&usize, Vector3<f64>)| {
-            let missed: Vector3<f64> = p - self.field.errors_m()[*k];
-            Vector3::from_fn(|d, _| if self.measured[d] { missed[d] } else { 0.0 })
-        };
-        Ok(predicted.map(|predicted| Judged {
-            seed: self.seed,
-            components: self.measured.iter().filter(|is_measured| **is_measured).count(),
-            errors_m: self.judging.iter().zip(predicted).map(error).collect(),
-            training_s: trained - start + shared_s,
-            prediction_s: (end - trained) / self.judging.len() as f64,
-        }))
-    }
-
-    fn predictor(&self, rival: Rival) -> Result<Result<Predictor, String>, TrainingError> {
-        let interpolator = |made: Result<Box<dyn Interpolator>, String>| {
-            made.map(|field| -> Predictor {
-                Box::new(move |p| field.at(p).map(|found| found.error_m).map_err(|reason| reason.to_string()))
-            })
-        };
-        Ok(match rival {
-            Rival::Zero => Ok(Box::new(|_| Ok(Vector3::zeros()))),
-            Rival::Trilinear => interpolator(Ok(Box::new(Trilinear::new(&self.known)))),
-            Rival::Idw => {
-                let made = Idw::new(&self.known, Reference::Hexahedron, EXPONENT);
-                interpolator(made.map(|f| -> Box<dyn Interpolator> { Box::new(f) }).map_err(|e| e.to_string()))
-            }
-            Rival::Perceptron => Ok(self.on_position(Perceptron::plain(WIDTH))?),
-            Rival::ResidualPerceptron => Ok(self.on_position(Perceptron::residual(&self.config.perceptron))?),
-            Rival::Belief => {
-                Ok(self.on_position(belief::pretrained(&self.positions().view(&self.teaching).inputs, self.seed))?)
-            }
-            Rival::Swarm => Ok(self.swarm()),
-            Rival::Kriging => Ok(self.model(Kind::Kriging)?),
-            Rival::Network => Ok(self.model(Kind::Network)?),
-            Rival::KrigingNetwork => Ok(self.model(Kind::KrigingNetwork)?),
-            Rival::PerceptronKriging => Ok(self.model(Kind::PerceptronKriging)?),
-        })
-    }
-
-    fn positions(&self) -> Positions<'_> {
-        Positions::new(self.field, &self.known, &self.normaliser)
-    }
-
-    fn position_examples(&self) -> Examples {
-        self.positions().examples(&self.teaching, &self.stopping)
-    }
-
-    fn on_position(&self, network: Perceptron) -> Result<Predictor, TrainingError> {
-        let best = self.trained(&network, &self.position_examples(), "perceptron")?;
-        let ((low_m, high_m), normaliser) = (place_box_m(self.known.points_m()), self.normaliser);
-        Ok(Box::new(move |p| {
-            let at = place(p, &low_m, &high_m);
-            let output = outputs(&network, &best, &at, &Device::cpu()).map_err(|e| e.to_string())?;
-            Ok(normaliser.restore(&Vector3::from_fn(|k, _| f64::from(output[k]))))
-        }))
-    }
-
-    fn swarm(&self) -> Predictor {
-        let swarm = Swarm::train(&self.position_examples(), self.seed);
-        let ((low_m, high_m), normaliser) = (place_box_m(self.known.points_m()), self.normaliser);
-        Box::new(move |p| Ok(normaliser.restore(&Vector3::from(swarm.output(&place(p, &low_m, &high_m))))))
-    }
-
-    fn trained<N: Network>(
-        &self,
-        network: &N,
-        examples: &Examples,
-        kind: &'static str,
-    ) -> Result<Vec<f32>, TrainingError> {
-        let failed = |source| TrainingError::Member { kind, member: 0, source };
-        let optimiser = &self.config.optimiser;
-        let training = Training::new(network, examples, optimiser, self.seed, &Device::cpu()).map_err(failed)?;
-        let mut run = training.start().map_err(failed)?;
-        while !run.is_over(optimiser) {
-            training.epoch(&mut run).map_err(failed)?;
-        }
-        Ok(run.best)
-    }
-
-    /// A model as it runs live, with a single network.
-    fn model(&self, kind: Kind) -> Result<Predictor, TrainingError> {
-        let networks = match kind {
-            Kind::Kriging => Networks::None,
-            Kind::Network | Kind::KrigingNetwork => Networks::Neighbourhood(self.ensemble(kind, &self.kriging)?),
-            Kind::PerceptronKriging => Networks::Position(self.trend()?),
-        };
-        let model = networks.model(kind, &self.known, &self.kriging, Calibration::none())?;
-        Ok(Box::new(move |p| Ok(model.predict(p).residual_m)))
-    }
-
-    fn trend(&self) -> Result<PositionEnsemble, TrainingError> {
-        let config = self.config.perceptron;
-        let best = self.trained(&Perceptron::residual(&config), &self.position_examples(), "perceptron-kriging")?;
-        Ok(self.positions().ensemble(config, vec![best]))
-    }
-
-    fn ensemble(&self, kind: Kind, kriging: &Kriging) -> Result<Ensemble, TrainingError> {
-        let config = self.config.network;
-        let mut normaliser = self.normaliser;
-        let material = |normaliser| Material {
-            kind,
-            field: self.field,
-            kriging,
-            config: &self.config.network,
-            normaliser,
-            split: &self.config.split,
-        };
-        if kind == Kind::KrigingNetwork {
-            let known: Vec<usize> = self.teaching.iter().chain(&self.stopping).copied().collect();
-            let left = material(&self.normaliser).left_by_kriging(&known, self.seed)?;
-            normaliser = crate::views::normaliser(self.known.points_m(), &left);
-        }
-        let examples = material(&normaliser).examples(&self.teaching, &self.stopping, self.seed)?;
-        let starts_at_zero = kind == Kind::KrigingNetwork;
-        let best = self.trained(&Attention { config, starts_at_zero }, &examples, kind.name())?;
-        Ok(Ensemble { config, normaliser, members: vec![Parameters::new(&config, best)?] })
     }
 }
 

@@ -54,11 +54,6 @@ impl Method {
             Method::PerceptronKriging => &[Kind::PerceptronKriging],
         }
     }
-
-    /// Those of them that have networks, in the order in which they are trained.
-    pub(crate) fn networks(self) -> Vec<Kind> {
-        self.kinds().iter().copied().filter(|kind| kind.has_network()).collect()
-    }
 }
 
 /// Adam on the mean squared error. Batch, epochs and first rate are the paper's; it says that the rate decays, but not how.

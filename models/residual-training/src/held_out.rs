@@ -6,9 +6,9 @@
 //! all measurements have in common does not show in a difference between them.
 
 use crate::networks::Networks;
-use crate::recommend::Candidate;
+use crate::recommend::{Candidate, named};
 use crate::train::{HeldOutPoint, TrainingError, ZERO};
-use abbe_field::MeasuredField;
+use abbe_field::Samples;
 use abbe_residual_net::{Calibration, Kind, Kriging, NORMAL_95};
 use nalgebra::Vector3;
 
@@ -17,6 +17,8 @@ use nalgebra::Vector3;
 pub(crate) struct Predicted {
     /// What predicted.
     pub(crate) kind: Kind,
+    /// Whether it had the position alone, beside methods that have further inputs.
+    pub(crate) position_alone: bool,
     /// Fold of each point.
     pub(crate) fold: Vec<usize>,
     /// Predicted − measured (m); none where nothing was trained for the fold.
@@ -27,21 +29,27 @@ pub(crate) struct Predicted {
 
 /// Predicts each fold from the others, with kriging `without` it. Member k of the networks predicts fold k.
 pub(crate) fn predict(
-    field: &MeasuredField,
+    field: &Samples,
+    scale: &[f64],
     without: &[Kriging],
     fold: &[usize],
     kind: Kind,
     networks: &Networks,
 ) -> Result<Predicted, TrainingError> {
     let trained = networks.members().unwrap_or(without.len());
-    let mut predicted =
-        Predicted { kind, fold: fold.to_vec(), errors_m: vec![None; fold.len()], deviations_m: vec![None; fold.len()] };
+    let mut predicted = Predicted {
+        kind,
+        position_alone: false,
+        fold: fold.to_vec(),
+        errors_m: vec![None; fold.len()],
+        deviations_m: vec![None; fold.len()],
+    };
     for (held, kriging) in without.iter().enumerate().take(trained) {
         let rest: Vec<usize> = (0..fold.len()).filter(|k| fold[*k] != held).collect();
         let part = field.part(&rest).map_err(crate::views::ViewError::from)?;
-        let model = networks.member(held).model(kind, &part, kriging, Calibration::none())?;
+        let model = networks.member(held).model(kind, &part, scale, kriging, Calibration::none())?;
         for index in (0..fold.len()).filter(|k| fold[*k] == held) {
-            let Some(found) = model.predict_apart(&field.points_m()[index]) else { continue };
+            let Some(found) = model.predict_apart(field.point(index)) else { continue };
             let variance_m2 = found.own_m2 + model.parts().kriging.scatter_m2(field, index);
             predicted.errors_m[index] = Some(found.residual_m - field.errors_m()[index]);
             predicted.deviations_m[index] = Some(variance_m2.map(f64::sqrt));
@@ -51,13 +59,18 @@ pub(crate) fn predict(
 }
 
 impl Predicted {
+    /// Name in tables.
+    pub(crate) fn method(&self) -> String {
+        named(self.kind.name(), self.position_alone)
+    }
+
     /// Errors with their deviations (m).
     pub(crate) fn pairs(&self) -> Vec<(Vector3<f64>, Vector3<f64>)> {
         self.errors_m.iter().zip(&self.deviations_m).filter_map(|(e, u)| Some(((*e)?, (*u)?))).collect()
     }
 
     /// Predictions with their calibrated uncertainty.
-    pub(crate) fn points(&self, field: &MeasuredField, calibration: &Calibration) -> Vec<HeldOutPoint> {
+    pub(crate) fn points(&self, field: &Samples, calibration: &Calibration) -> Vec<HeldOutPoint> {
         let one = |index: usize| {
             Some(HeldOutPoint {
                 index,
@@ -90,12 +103,13 @@ impl Predicted {
 }
 
 /// Methods with their errors at some points, "zero" first; each must have predicted these points.
-pub(crate) fn candidates(field: &MeasuredField, predicted: &[Predicted], points: &[usize]) -> Vec<Candidate> {
+pub(crate) fn candidates(field: &Samples, predicted: &[Predicted], points: &[usize]) -> Vec<Candidate> {
     let zero = points.iter().map(|k| -field.errors_m()[*k]).collect();
     let of = |p: &Predicted| Candidate {
-        method: p.kind.name().to_owned(),
+        method: p.method(),
+        is_plainer: p.position_alone,
         errors_m: points.iter().filter_map(|k| p.errors_m[*k]).collect(),
     };
-    let zero = Candidate { method: ZERO.to_owned(), errors_m: zero };
+    let zero = Candidate { method: ZERO.to_owned(), is_plainer: true, errors_m: zero };
     std::iter::once(zero).chain(predicted.iter().map(of)).collect()
 }

@@ -20,17 +20,17 @@ mod swarm;
 mod train;
 mod views;
 
-pub use abbe_residual_net::corners_m;
 pub use attention::Attention;
-pub use compare::{CompareConfig, Comparison, Interval, Rival, RivalRow, SeedRow, compare, compare_measured};
+pub use compare::{CompareConfig, Comparison, Interval, Rival, RivalRow, SeedRow, Subject, compare};
 pub use config::{Config, ConfigRange, Method, Optimiser, Split, SplitKind};
 pub use device::{Device, DeviceError};
 pub use optimise::{Examples, Network, OptimiseError, Run, Training, View, outputs};
 pub use perceptron::Perceptron;
-pub use recommend::{Candidate, Recommendation, recommend};
+pub use recommend::{Candidate, POSITION_ALONE, Recommendation, recommend};
 pub use scores::Scores;
 pub use split::{blocks, folds};
 pub use train::{
     Curve, Go, HeldOutPoint, HeldOutScores, Progress, State, Trained, TrainingError, TrainingRecord, ZERO, train,
+    train_beside,
 };
 pub use views::ViewError;

@@ -6,7 +6,7 @@
 
 use crate::train::{TrainingError, kriging_of};
 use crate::views::ViewError;
-use abbe_field::MeasuredField;
+use abbe_field::Samples;
 use abbe_field::kriging::Kernel;
 use abbe_residual_net::{
     Calibration, Ensemble, Kind, Kriging, ModelError, Parts, PositionEnsemble, ResidualModel, Trend,
@@ -22,7 +22,7 @@ pub(crate) enum Networks {
     None,
     /// Networks on the neighbourhood.
     Neighbourhood(Ensemble),
-    /// Networks on the position.
+    /// Networks on the inputs.
     Position(PositionEnsemble),
 }
 
@@ -49,11 +49,12 @@ impl Networks {
         }
     }
 
-    /// The model of a kind on a field, whose own kriging is given.
+    /// The model of a kind on a field, whose own kriging is given, with the scale of each input.
     pub(crate) fn model(
         self,
         kind: Kind,
-        field: &MeasuredField,
+        field: &Samples,
+        scale: &[f64],
         kriging: &Kriging,
         calibration: Calibration,
     ) -> Result<ResidualModel, TrainingError> {
@@ -62,14 +63,23 @@ impl Networks {
             Networks::Neighbourhood(ensemble) => (kriging.clone(), Some(ensemble), None),
             Networks::Position(trend) => (of_left(&trend, field, kriging)?, None, Some(trend)),
         };
-        let parts = Parts { kind, field: field.clone(), kriging, ensemble, trend, calibration };
+        let parts = Parts { kind, field: field.clone(), scale: scale.to_vec(), kriging, ensemble, trend, calibration };
         Ok(ResidualModel::new(parts)?)
     }
 }
 
 /// Kriging of what a trend leaves of a field, with what is seen of the declared uncertainties as in kriging of the field itself.
-fn of_left(ensemble: &PositionEnsemble, field: &MeasuredField, kriging: &Kriging) -> Result<Kriging, TrainingError> {
+fn of_left(ensemble: &PositionEnsemble, field: &Samples, kriging: &Kriging) -> Result<Kriging, TrainingError> {
     let trend = Trend::new(ensemble.clone()).map_err(ModelError::from)?;
     let left = trend.left(field).map_err(ViewError::from)?;
     kriging_of(&left, LEFT_KERNEL, &kriging.seen())
+}
+
+/// Scale of each input, in its unit: what kriging finds the field to change over, the geometric mean of the components. Positions
+/// alone are in one unit already, and have the scale 1.
+pub(crate) fn input_scale(field: &Samples, kriging: &Kriging) -> Vec<f64> {
+    let mean =
+        |d: usize| (kriging.components.iter().map(|component| component.length[d].ln()).sum::<f64>() / 3.0).exp();
+    let is_plain = field.is_position_alone();
+    (0..field.size()).map(|d| if is_plain { 1.0 } else { mean(d) }).collect()
 }

@@ -1,6 +1,6 @@
-//! Networks that map a position to a residual: what the paper compares with.
+//! Networks that map a position, or whatever inputs, to a residual: what the paper compares with.
 //!
-//! Place in the flow: rivals in [`crate::compare()`]. Input: position in ±1 over the box of the points; output: normalised residual.
+//! Place in the flow: rivals in [`crate::compare()`]. Input: inputs in ±1 over the box of the points; output: normalised residual.
 //!
 //! | network | layers |
 //! |---|---|
@@ -16,7 +16,7 @@ use rand::Rng;
 use rand_chacha::ChaCha8Rng;
 
 /// Coordinates of a position.
-pub(crate) const POSITION: usize = abbe_residual_net::network::POSITION_SIZE;
+pub(crate) const POSITION: usize = 3;
 
 /// How hidden layers are connected.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -26,7 +26,7 @@ enum Form {
     Sigmoid,
 }
 
-/// A network of dense layers on a position.
+/// A network of dense layers on inputs.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Perceptron {
     form: Form,
@@ -42,9 +42,9 @@ impl Perceptron {
         Perceptron { form: Form::Plain, layers: vec![[POSITION, width], [width, width], [width, OUTPUTS]], start: None }
     }
 
-    /// Residual blocks: what a model with a trend runs live.
-    pub fn residual(config: &PositionConfig) -> Perceptron {
-        Perceptron { form: Form::Residual, layers: config.layers().collect(), start: None }
+    /// Residual blocks on so many inputs: what a model with a trend runs live.
+    pub fn residual(config: &PositionConfig, inputs: usize) -> Perceptron {
+        Perceptron { form: Form::Residual, layers: config.layers(inputs).collect(), start: None }
     }
 
     /// Sigmoid layers of these widths, started from given parameters of the hidden layers; the output layer is drawn.
@@ -63,7 +63,7 @@ impl Perceptron {
 
 impl Network for Perceptron {
     fn input_size(&self) -> usize {
-        POSITION
+        self.layers[0][0]
     }
 
     /// Uniform in ±1/√(inputs), as PyTorch initialises linear layers.
@@ -130,16 +130,17 @@ mod tests {
     #[test]
     fn val_burn_forward_pass_of_residual_blocks_is_the_live_one() {
         let mut random = ChaCha8Rng::seed_from_u64(1);
-        for (width, blocks) in [(32, 3), (64, 2), (13, 1)] {
+        for (width, blocks, inputs) in [(32, 3, 3), (64, 2, 3), (13, 1, 7)] {
             let config = PositionConfig { width, blocks };
-            let network = Perceptron::residual(&config);
+            let network = Perceptron::residual(&config, inputs);
             let values = network.initial(&mut random);
-            let (low_m, high_m) = (Vector3::repeat(-1.0), Vector3::repeat(1.0));
+            let (low, high) = (vec![-1.0; inputs], vec![1.0; inputs]);
             let (mean_m, scale_m, members) = (Vector3::zeros(), Vector3::repeat(1.0), vec![values.clone()]);
-            let trend = Trend::new(PositionEnsemble { config, low_m, high_m, mean_m, scale_m, members }).unwrap();
+            let trend = Trend::new(PositionEnsemble { config, low, high, mean_m, scale_m, members }).unwrap();
             for _ in 0..40 {
-                let at = Vector3::from_fn(|_, _| random.random_range(-1.0..1.0));
-                let output = outputs(&network, &values, &trend.parts().place(&at), &Device::cpu()).unwrap();
+                let at: Vec<f64> = (0..inputs).map(|_| random.random_range(-1.0..1.0)).collect();
+                let place = trend.parts().place(&at);
+                let output = outputs(&network, &values, &place[..inputs], &Device::cpu()).unwrap();
                 let burn = Vector3::from_fn(|k, _| f64::from(output[k]));
                 assert!((burn - trend.at(&at)).norm() < TOLERANCE * burn.norm(), "{burn} {}", trend.at(&at));
             }

@@ -11,7 +11,7 @@
 //! | anisotropic | waves of 60 to 150 mm along x (a scale, a ball screw), slow across |
 //! | noisy | smooth, under noise as large as the signal |
 
-use abbe_field::{FieldError, MeasuredField};
+use abbe_field::{FieldError, MeasuredField, POSITION, Samples};
 use nalgebra::Vector3;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -125,11 +125,29 @@ impl SimulatedField {
     }
 
     /// The residual measured at points (m), with noise.
-    pub fn measured(&self, points_m: Vec<Vector3<f64>>, seed: u64) -> Result<MeasuredField, FieldError> {
+    pub fn measured(&self, points_m: Vec<Vector3<f64>>, seed: u64) -> Result<Samples, FieldError> {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         let mut noise = || Vector3::from_fn(|_, _| draw(&mut random) * self.noise_m);
         let residuals = points_m.iter().map(|p| self.residual_m(p) + noise()).collect();
-        MeasuredField::new(points_m, residuals, None)
+        Ok(Samples::from(&MeasuredField::new(points_m, residuals, None)?))
+    }
+
+    /// The residual measured at points (m) where a further input of this name has these values; it is multiplied by `factor` of the
+    /// value.
+    pub fn measured_with(
+        &self,
+        points_m: &[Vector3<f64>],
+        (name, values): (&str, &[f64]),
+        factor: impl Fn(f64) -> f64,
+        seed: u64,
+    ) -> Result<Samples, FieldError> {
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        let mut noise = || Vector3::from_fn(|_, _| draw(&mut random) * self.noise_m);
+        let residuals =
+            points_m.iter().zip(values).map(|(p, value)| self.residual_m(p) * factor(*value) + noise()).collect();
+        let names = POSITION.into_iter().chain([name]).map(str::to_owned).collect();
+        let at = points_m.iter().zip(values).flat_map(|(p, value)| [p.x, p.y, p.z, *value]).collect();
+        Samples::new(names, at, residuals, None)
     }
 }
 

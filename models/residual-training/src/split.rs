@@ -1,11 +1,12 @@
 //! Folds: which points are held out together.
 //!
-//! Place in the flow: measured points (m, machine frame) in, the fold of each out. Neighbouring points share their error, so
+//! Place in the flow: places of measured points in (their first three inputs: the position, m, machine frame, where there is one),
+//! the fold of each out. Neighbouring points share their error, so
 //! points dealt one by one are judged by their own neighbours; blocks of space are not. Blocks are the cells of a regular
 //! division of the box around all points, dealt to the folds in random order such that folds grow evenly.
 
 use crate::config::{Split, SplitKind};
-use abbe_residual_net::corners_m;
+use abbe_field::corners;
 use nalgebra::Vector3;
 use rand::SeedableRng;
 use rand::seq::SliceRandom;
@@ -22,7 +23,7 @@ pub fn blocks(points_m: &[Vector3<f64>], split: &Split) -> Vec<usize> {
 
 /// Cell of each point when the box around them is divided `per_axis` times along each axis.
 fn cells(points_m: &[Vector3<f64>], per_axis: usize) -> Vec<usize> {
-    let (low, high) = corners_m(points_m);
+    let (low, high) = corners(3, points_m.iter().map(|point| point.as_slice()));
     let cell = |point: &Vector3<f64>| {
         let place = |axis: usize| {
             let share = (point[axis] - low[axis]) / (high[axis] - low[axis]);

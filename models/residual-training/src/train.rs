@@ -1,7 +1,7 @@
 //! One training: measured residuals in, a model with calibrated uncertainty and the evidence for it out.
 //!
-//! Place in the flow: called by the command that trains; what comes out is what runs live. Points m in the machine frame,
-//! residual = actual − corrected so far (m).
+//! Place in the flow: called by the command that trains; what comes out is what runs live. Points by their inputs (the position in m
+//! in the machine frame, anything else in the unit of its name), residual = actual − corrected so far (m).
 //!
 //! 1. Kriging: length scales, signal and noise by restricted likelihood, for two kernels; the likelier is kept.
 //! 2. The points are dealt into folds, by default of blocks of space. Of each kind of network, member k learns from all folds
@@ -12,20 +12,21 @@
 //!    leave.
 //!
 //! A fold's kriging is fitted anew without it; only the kernel, how much of the declared uncertainties is seen as scatter, and the
-//! units of the network (mean and deviation of the residuals) come from all points.
+//! units of the network (mean and deviation of the residuals, scales of the inputs) come from all points. Where there are further
+//! inputs, kriging on the position alone is held out as well, on the same folds: it is what they must be worth more than.
 
-use crate::config::{Config, ConfigRange, Split, SplitKind};
+use crate::config::{Config, ConfigRange, Method, Split, SplitKind};
 use crate::device::Device;
 use crate::held_out::{self, Predicted};
-use crate::networks::Networks;
+use crate::networks::{Networks, input_scale};
 use crate::optimise::{OptimiseError, Run};
 use crate::recommend::{Recommendation, recommend};
 use crate::scores::Scores;
 use crate::split;
 use crate::views::ViewError;
-use abbe_field::MeasuredField;
-use abbe_field::kriging::{Kernel, KrigingError, Noise, Options, Trend};
-use abbe_residual_net::network::ParametersError;
+use abbe_field::Samples;
+use abbe_field::kriging::{FittedComponent, Kernel, KrigingError, Noise, Options, Trend, fitted};
+use abbe_residual_net::network::{MOST_NEIGHBOURED, ParametersError};
 use abbe_residual_net::{Calibration, Kind, Kriging, ModelError, ResidualModel, check_units};
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
@@ -130,6 +131,9 @@ pub struct TrainingRecord {
     pub device: String,
     /// Points learnt from.
     pub points: usize,
+    /// Names of the inputs, where these are not the position alone.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub inputs: Vec<String>,
     /// Whether the split flatters: single points instead of blocks.
     pub flattering: bool,
     /// Kernel of kriging.
@@ -233,11 +237,26 @@ pub enum TrainingError {
     NoCalibration(&'static str),
 }
 
-/// Trains. `resume` is the state of a stopped training of the same data and configuration on the same device; on the
+/// Trains on all inputs of the samples. `resume` is the state of a stopped training of the same data and configuration on the same device; on the
 /// processor the result is the same, bit for bit, as without the stop. `observe` is told after each epoch and says whether to
 /// go on.
 pub fn train(
-    field: &MeasuredField,
+    field: &Samples,
+    config: &Config,
+    device: &Device,
+    resume: Option<State>,
+    observe: &mut dyn FnMut(&Progress) -> Go,
+) -> Result<Trained, TrainingError> {
+    train_beside(field, None, config, device, resume, observe)
+}
+
+/// The same, judged against kriging on the position alone: `alone` are the same points by nothing but their position.
+///
+/// # Errors
+/// As [`train`].
+pub fn train_beside(
+    field: &Samples,
+    alone: Option<&Samples>,
     config: &Config,
     device: &Device,
     resume: Option<State>,
@@ -245,6 +264,7 @@ pub fn train(
 ) -> Result<Trained, TrainingError> {
     config.check()?;
     check_units(field)?;
+    check_inputs(field, config)?;
     let data = fingerprint(field);
     let mut state =
         resume.unwrap_or(State { config: config.clone(), data, device: device.name().to_owned(), runs: Vec::new() });
@@ -257,19 +277,19 @@ pub fn train(
     if state.device != device.name() {
         return Err(TrainingError::State("device"));
     }
-    let fold = split::folds(field.points_m(), &config.split, config.seed);
+    let fold = split::folds(&field.places(), &config.split, config.seed);
     check_folds(field, config, &fold)?;
     let kriging = fitted_kriging(field)?;
     let without: Vec<Kriging> =
         (0..config.split.folds).map(|held| fitted_without(field, &fold, held, &kriging)).collect::<Result<_, _>>()?;
-    let kinds = config.method.kinds();
-    let networks = config.method.networks();
+    let scale = input_scale(field, &kriging);
+    let (kinds, networks) = (kinds_of(field, config), networks_of(field, config));
     let mut trained: Vec<(Kind, Networks)> =
         kinds.iter().filter(|kind| !kind.has_network()).map(|kind| (*kind, Networks::None)).collect();
     let mut complete = true;
     for (number, kind) in networks.iter().enumerate() {
-        let (kriging, without, fold, kinds) = (&kriging, &without, &fold, networks.len());
-        let task = Task { field, config, device, kriging, without, fold, kind: *kind, number, kinds };
+        let (scale, kriging, without, fold, kinds) = (&scale, &kriging, &without, &fold, networks.len());
+        let task = Task { field, scale, config, device, kriging, without, fold, kind: *kind, number, kinds };
         let (networks, done) = task.networks(&mut state, observe)?;
         trained.push((*kind, networks));
         complete = done;
@@ -277,22 +297,50 @@ pub fn train(
             break;
         }
     }
-    finish(field, config, (&kriging, &without), &fold, trained, state, complete)
+    let alone = alone.map(|alone| position_alone(alone, &fold, config)).transpose()?;
+    finish(field, config, (&scale, &kriging, &without), &fold, (trained, alone), state, complete)
+}
+
+/// Refuses more inputs than a network that was asked for takes.
+fn check_inputs(field: &Samples, config: &Config) -> Result<(), TrainingError> {
+    let has_attention = config.method.kinds().iter().any(|kind| kind.has_attention());
+    let too_many = has_attention && config.method != Method::Recommended && field.size() > MOST_NEIGHBOURED;
+    if too_many { Err(ModelError::Neighboured(field.size()).into()) } else { Ok(()) }
+}
+
+/// The kinds that compete on these inputs: of `recommended`, those that take so many.
+fn kinds_of(field: &Samples, config: &Config) -> Vec<Kind> {
+    let takes = |kind: &Kind| !kind.has_attention() || field.size() <= MOST_NEIGHBOURED;
+    config.method.kinds().iter().copied().filter(takes).collect()
+}
+
+fn networks_of(field: &Samples, config: &Config) -> Vec<Kind> {
+    kinds_of(field, config).into_iter().filter(|kind| kind.has_network()).collect()
+}
+
+/// Kriging on the position alone, held out on folds of points that have further inputs.
+fn position_alone(alone: &Samples, fold: &[usize], config: &Config) -> Result<Predicted, TrainingError> {
+    let kriging = fitted_kriging(alone)?;
+    let without: Vec<Kriging> =
+        (0..config.split.folds).map(|held| fitted_without(alone, fold, held, &kriging)).collect::<Result<_, _>>()?;
+    let scale = input_scale(alone, &kriging);
+    let predicted = held_out::predict(alone, &scale, &without, fold, Kind::Kriging, &Networks::None)?;
+    Ok(Predicted { position_alone: true, ..predicted })
 }
 
 /// Refuses points that cannot be held out: too few, or in so few blocks that a fold is empty or leaves next to nothing.
-fn check_folds(field: &MeasuredField, config: &Config, fold: &[usize]) -> Result<(), TrainingError> {
+fn check_folds(field: &Samples, config: &Config, fold: &[usize]) -> Result<(), TrainingError> {
     if fold.len() < LEAST_POINTS {
         return Err(TrainingError::Few(fold.len()));
     }
     let folds = config.split.folds;
     let held = |number: usize| fold.iter().filter(|f| **f == number).count();
     // A network does not see two folds: the one it predicts, and the one that stops it.
-    let has_networks = !config.method.networks().is_empty();
+    let has_networks = !networks_of(field, config).is_empty();
     let (least, stopping) = if has_networks { (LEAST_LEARNT_BY_MEMBERS, 1) } else { (LEAST_LEARNT, 0) };
     let learnt = |number: usize| fold.len() - held(number) - stopping * held((number + 1) % folds);
     if (0..folds).any(|number| held(number) == 0 || learnt(number) < least) {
-        let occupied = split::blocks(field.points_m(), &config.split).into_iter().collect::<BTreeSet<_>>().len();
+        let occupied = split::blocks(&field.places(), &config.split).into_iter().collect::<BTreeSet<_>>().len();
         let blocks = match config.split.kind {
             SplitKind::Random => fold.len(),
             SplitKind::Blocks => config.split.blocks_per_axis.pow(3),
@@ -303,9 +351,9 @@ fn check_folds(field: &MeasuredField, config: &Config, fold: &[usize]) -> Result
 }
 
 /// Kriging with the likelier kernel, on all points.
-pub(crate) fn fitted_kriging(field: &MeasuredField) -> Result<Kriging, TrainingError> {
+pub(crate) fn fitted_kriging(field: &Samples) -> Result<Kriging, TrainingError> {
     let seen = seen(field)?;
-    let likelihood = |fit: &abbe_field::Kriging| fit.fitted().iter().map(|c| c.log_likelihood).sum::<f64>();
+    let likelihood = |fit: &[FittedComponent; 3]| fit.iter().map(|c| c.log_likelihood).sum::<f64>();
     let matern = fit(field, Kernel::Matern52)?;
     // The smoother kernel may be too smooth to be factored: then the other one is the likelier.
     let smooth = fit(field, Kernel::SquaredExponential).ok();
@@ -321,70 +369,70 @@ pub(crate) fn fitted_kriging(field: &MeasuredField) -> Result<Kriging, TrainingE
 /// common (of the frame, of a station, of an estimate from shared readings) are declared but do not scatter. In full they weigh the
 /// points against each other and against the field; but held-out errors do not contain them, and would call every deviation too
 /// large.
-fn seen(field: &MeasuredField) -> Result<Vector3<f64>, TrainingError> {
+fn seen(field: &Samples) -> Result<Vector3<f64>, TrainingError> {
     let Some(u_m) = field.u_m() else { return Ok(Vector3::repeat(1.0)) };
     let options = Options { kernel: Kernel::Matern52, trend: Trend::Constant, noise: Noise::Scaled };
-    let fit = abbe_field::Kriging::fit(field, &options)?;
+    let fit = fitted(field, &options)?;
     let share = |axis: usize| {
         let declared_m2 = u_m.iter().map(|u| u[axis] * u[axis]).sum::<f64>() / u_m.len() as f64;
-        let scatter_m = fit.fitted()[axis].hyperparameters.noise_m.unwrap_or(0.0);
+        let scatter_m = fit[axis].hyperparameters.noise_m.unwrap_or(0.0);
         (scatter_m / declared_m2.sqrt()).min(1.0)
     };
     Ok(Vector3::from_fn(|axis, _| share(axis)))
 }
 
 /// Kriging of the points outside a fold, with parameters that have not seen it.
-fn fitted_without(
-    field: &MeasuredField,
-    fold: &[usize],
-    held: usize,
-    kriging: &Kriging,
-) -> Result<Kriging, TrainingError> {
+fn fitted_without(field: &Samples, fold: &[usize], held: usize, kriging: &Kriging) -> Result<Kriging, TrainingError> {
     let rest: Vec<usize> = (0..fold.len()).filter(|k| fold[*k] != held).collect();
     let part = field.part(&rest).map_err(ViewError::from)?;
     kriging_of(&part, kriging.kernel, &kriging.seen())
 }
 
 /// Kriging of a field.
-pub(crate) fn kriging_of(field: &MeasuredField, kernel: Kernel, seen: &Vector3<f64>) -> Result<Kriging, TrainingError> {
+pub(crate) fn kriging_of(field: &Samples, kernel: Kernel, seen: &Vector3<f64>) -> Result<Kriging, TrainingError> {
     Kriging::from_fit(&fit(field, kernel)?, kernel, field, seen).ok_or(TrainingError::NotPositiveDefinite)
 }
 
 /// Fitted by restricted likelihood, with the declared uncertainties where there are any.
-fn fit(field: &MeasuredField, kernel: Kernel) -> Result<abbe_field::Kriging, TrainingError> {
+fn fit(field: &Samples, kernel: Kernel) -> Result<[FittedComponent; 3], TrainingError> {
     let noise = if field.u_m().is_some() { Noise::DeclaredAndFitted } else { Noise::Fitted };
-    Ok(abbe_field::Kriging::fit(field, &Options { kernel, trend: Trend::Constant, noise })?)
+    Ok(fitted(field, &Options { kernel, trend: Trend::Constant, noise })?)
 }
 
 /// Judges, chooses, calibrates, assembles.
 fn finish(
-    field: &MeasuredField,
+    field: &Samples,
     config: &Config,
-    (kriging, without): (&Kriging, &[Kriging]),
+    (scale, kriging, without): (&[f64], &Kriging, &[Kriging]),
     fold: &[usize],
-    trained: Vec<(Kind, Networks)>,
+    (trained, alone): (Vec<(Kind, Networks)>, Option<Predicted>),
     state: State,
     complete: bool,
 ) -> Result<Trained, TrainingError> {
-    let one = |(kind, networks): &(Kind, Networks)| held_out::predict(field, without, fold, *kind, networks);
-    let predicted = trained.iter().map(one).collect::<Result<Vec<_>, _>>()?;
-    let block = split::blocks(field.points_m(), &config.split);
+    let one = |(kind, networks): &(Kind, Networks)| held_out::predict(field, scale, without, fold, *kind, networks);
+    let mut predicted = trained.iter().map(one).collect::<Result<Vec<_>, _>>()?;
+    predicted.splice(0..0, alone);
+    let block = split::blocks(&field.places(), &config.split);
     let (recommendation, kind) = choose(field, &predicted, &block, config);
-    let chosen = predicted.iter().find(|p| p.kind == kind).ok_or(TrainingError::NoCalibration(kind.name()))?;
+    let chosen = predicted
+        .iter()
+        .find(|p| p.kind == kind && !p.position_alone)
+        .ok_or(TrainingError::NoCalibration(kind.name()))?;
     let calibration = Calibration::from_held_out(&chosen.pairs()).ok_or(TrainingError::NoCalibration(kind.name()))?;
     let held_out = chosen.points(field, &calibration);
     let found = trained.into_iter().find(|(k, _)| *k == kind).map_or(Networks::None, |(_, networks)| networks);
-    let model = found.model(kind, field, kriging, calibration)?;
+    let model = found.model(kind, field, scale, kriging, calibration)?;
     let unshared_m = model.parts().kriging.unshared_m2().map(f64::sqrt).component_mul(&calibration.scale);
     let record = TrainingRecord {
         config: config.clone(),
         device: state.device.clone(),
         points: fold.len(),
+        inputs: if field.is_position_alone() { Vec::new() } else { field.names().to_vec() },
         flattering: config.split.is_flattering(),
         kernel: format!("{:?}", kriging.kernel),
         declared_seen: field.u_m().map(|_| kriging.seen().into()),
         unshared_um: unshared_m.map(|u| u * 1e6).into(),
-        curves: curves(&state, &config.split, &config.method.networks()),
+        curves: curves(&state, &config.split, &networks_of(field, config)),
         held_out: held_out_scores(field, &predicted),
         recommendation,
         kind: kind.name().to_owned(),
@@ -395,21 +443,22 @@ fn finish(
 
 /// What held-out points recommend among everything that predicted them, and the kind to make. Where "zero" is recommended
 /// and a model was asked for all the same, the kind is the best of those trained.
-fn choose(field: &MeasuredField, predicted: &[Predicted], block: &[usize], config: &Config) -> (Recommendation, Kind) {
+fn choose(field: &Samples, predicted: &[Predicted], block: &[usize], config: &Config) -> (Recommendation, Kind) {
     // A stopped training has not predicted all folds with all methods: they compete on the points they share.
     let shared: Vec<usize> = (0..block.len()).filter(|k| predicted.iter().all(|p| p.errors_m[*k].is_some())).collect();
     let candidates = held_out::candidates(field, predicted, &shared);
     let blocks: Vec<usize> = shared.iter().map(|k| block[*k]).collect();
     let nothing = || Recommendation { method: ZERO.into(), why: "no point was held out".into() };
     let recommendation = recommend(&candidates, &blocks).unwrap_or_else(nothing);
-    let among_kinds = recommend(&candidates[1..], &blocks);
+    let plainer = candidates.iter().take_while(|candidate| candidate.is_plainer).count();
+    let among_kinds = recommend(&candidates[plainer..], &blocks);
     let named = |name: &str| config.method.kinds().iter().copied().find(|kind| kind.name() == name);
     let kind = among_kinds.and_then(|found| named(&found.method)).unwrap_or(config.method.kinds()[0]);
     (recommendation, kind)
 }
 
-fn held_out_scores(field: &MeasuredField, predicted: &[Predicted]) -> Vec<HeldOutScores> {
-    let all: Vec<usize> = (0..field.points_m().len()).collect();
+fn held_out_scores(field: &Samples, predicted: &[Predicted]) -> Vec<HeldOutScores> {
+    let all: Vec<usize> = (0..field.count()).collect();
     let zero = held_out::candidates(field, &[], &all).remove(0).errors_m;
     let zero = Scores::of(&zero).map(|scores| HeldOutScores {
         method: ZERO.into(),
@@ -420,7 +469,7 @@ fn held_out_scores(field: &MeasuredField, predicted: &[Predicted]) -> Vec<HeldOu
     let one = |p: &Predicted| {
         let errors: Vec<_> = p.errors_m.iter().flatten().copied().collect();
         let scores = Scores::of(&errors)?;
-        let method = p.kind.name().to_owned();
+        let method = p.method();
         Some(HeldOutScores { method, points: errors.len(), scores, coverage_95: p.coverage_95() })
     };
     zero.into_iter().chain(predicted.iter().filter_map(one)).collect()
@@ -449,9 +498,10 @@ pub(crate) fn seed_of(seed: u64, place: usize) -> u64 {
 }
 
 /// FNV-1a over the bits of all numbers: tells whether a state belongs to the data, no more.
-fn fingerprint(field: &MeasuredField) -> u64 {
-    let lists = [Some(field.points_m()), Some(field.errors_m()), field.u_m()];
-    let numbers = lists.into_iter().flatten().flatten().flat_map(|v| [v.x, v.y, v.z]);
+fn fingerprint(field: &Samples) -> u64 {
+    let lists = [Some(field.errors_m()), field.u_m()];
+    let vectors = lists.into_iter().flatten().flatten().flat_map(|v| [v.x, v.y, v.z]);
+    let numbers = field.points().flatten().copied().chain(vectors);
     let step = |hash: u64, byte: u8| (hash ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01B3);
     numbers.flat_map(|n| n.to_bits().to_le_bytes()).fold(0xCBF2_9CE4_8422_2325, step)
 }

@@ -9,9 +9,9 @@
 use crate::config::{Split, SplitKind};
 use crate::optimise::{Examples, OUTPUTS, View};
 use crate::split;
-use abbe_field::{FieldError, MeasuredField};
-use abbe_residual_net::network::{NetworkConfig, Normaliser, PositionConfig};
-use abbe_residual_net::{CalibratedPoints, Kind, Kriging, PositionEnsemble, place, place_box_m, spacing_m};
+use abbe_field::{FieldError, Samples, place_of};
+use abbe_residual_net::network::{NetworkConfig, Normaliser, PositionConfig, token_size};
+use abbe_residual_net::{CalibratedPoints, Kind, Kriging, PositionEnsemble, place, place_box, spacing};
 use nalgebra::Vector3;
 use thiserror::Error;
 
@@ -39,7 +39,9 @@ pub(crate) struct Material<'a> {
     /// Network alone, or on kriging.
     pub(crate) kind: Kind,
     /// All measured points.
-    pub(crate) field: &'a MeasuredField,
+    pub(crate) field: &'a Samples,
+    /// Scale of each input.
+    pub(crate) scale: &'a [f64],
     /// Kriging whose length scales are used for every part.
     pub(crate) kriging: &'a Kriging,
     /// Sizes and switches.
@@ -51,9 +53,14 @@ pub(crate) struct Material<'a> {
 }
 
 impl Material<'_> {
+    /// Places of these points.
+    fn places(&self, points: &[usize]) -> Vec<Vector3<f64>> {
+        points.iter().map(|k| place_of(self.field.point(*k))).collect()
+    }
+
     /// Examples from points to learn from and points to validate by.
     pub(crate) fn examples(&self, training: &[usize], validation: &[usize], seed: u64) -> Result<Examples, ViewError> {
-        let points: Vec<_> = training.iter().map(|k| self.field.points_m()[*k]).collect();
+        let points = self.places(training);
         let mut views = Vec::new();
         for (number, depth) in depths(self.split).iter().enumerate() {
             let part = split::folds(&points, depth, seed.wrapping_add(number as u64));
@@ -65,7 +72,7 @@ impl Material<'_> {
 
     /// Each target seen in the lattice of all points that are not in its part.
     fn view(&self, training: &[usize], part: &[usize], parts: usize) -> Result<View, ViewError> {
-        let input_size = abbe_residual_net::VERTICES * abbe_residual_net::network::TOKEN_SIZE;
+        let input_size = abbe_residual_net::VERTICES * token_size(self.field.size());
         let mut view =
             View { inputs: vec![0.0; training.len() * input_size], outputs: vec![0.0; training.len() * OUTPUTS] };
         for number in 0..parts {
@@ -91,14 +98,14 @@ impl Material<'_> {
         } else {
             self.kriging.clone() // not evaluated below a network alone
         };
-        let lattice = CalibratedPoints::new(self.kind, &part, &kriging, Some(*self.normaliser));
+        let lattice = CalibratedPoints::new(self.kind, &part, self.scale, &kriging, Some(*self.normaliser));
         let mut view = View::default();
         for target in targets {
-            let point_m = &self.field.points_m()[*target];
-            let Some(vertices) = lattice.vertices(point_m) else { continue };
-            let tokens = lattice.tokens(self.config, self.normaliser, point_m, &vertices);
-            view.inputs.extend(tokens.as_flattened());
-            let residual = self.field.errors_m()[*target] - lattice.below_m(point_m);
+            let point = self.field.point(*target);
+            let Some(vertices) = lattice.vertices(point) else { continue };
+            let tokens = lattice.tokens(self.config, self.normaliser, point, &vertices);
+            view.inputs.extend(tokens.iter().flat_map(|token| &token[..token_size(self.field.size())]));
+            let residual = self.field.errors_m()[*target] - lattice.below_m(point);
             view.outputs.extend(self.normaliser.normalise(&residual).iter().map(|value| *value as f32));
         }
         Ok(view)
@@ -106,44 +113,44 @@ impl Material<'_> {
 
     /// What kriging of the points to learn from leaves of each of them when its part of space is taken away (m).
     pub(crate) fn left_by_kriging(&self, training: &[usize], seed: u64) -> Result<Vec<Vector3<f64>>, ViewError> {
-        let points: Vec<_> = training.iter().map(|k| self.field.points_m()[*k]).collect();
+        let points = self.places(training);
         let part = split::folds(&points, &Split { folds: PARTS, ..*self.split }, seed);
         let mut left = vec![Vector3::zeros(); training.len()];
         for number in 0..PARTS {
             let (targets, rest): (Vec<usize>, Vec<usize>) = (0..training.len()).partition(|k| part[*k] == number);
             let rest = self.field.part(&rest.iter().map(|k| training[*k]).collect::<Vec<_>>())?;
             let kriging = self.kriging.on(&rest).ok_or(ViewError::NotPositiveDefinite)?;
-            let lattice = CalibratedPoints::new(Kind::Kriging, &rest, &kriging, None);
+            let lattice = CalibratedPoints::new(Kind::Kriging, &rest, self.scale, &kriging, None);
             for target in targets {
                 let index = training[target];
-                left[target] = self.field.errors_m()[index] - lattice.kriging_m(&self.field.points_m()[index]);
+                left[target] = self.field.errors_m()[index] - lattice.kriging_m(self.field.point(index));
             }
         }
         Ok(left)
     }
 }
 
-/// Examples for a network on the position: places in ±1 over the box of the known points, and normalised residuals.
-#[derive(Debug, Clone, Copy)]
+/// Examples for a network on the inputs: places in ±1 over the box of the known points, and normalised residuals.
+#[derive(Debug, Clone)]
 pub(crate) struct Positions<'a> {
-    field: &'a MeasuredField,
+    field: &'a Samples,
     normaliser: &'a Normaliser,
-    low_m: Vector3<f64>,
-    high_m: Vector3<f64>,
+    low: Vec<f64>,
+    high: Vec<f64>,
 }
 
 impl<'a> Positions<'a> {
     /// Of the points of a field, over the box of what is known of it.
-    pub(crate) fn new(field: &'a MeasuredField, known: &MeasuredField, normaliser: &'a Normaliser) -> Positions<'a> {
-        let (low_m, high_m) = place_box_m(known.points_m());
-        Positions { field, normaliser, low_m, high_m }
+    pub(crate) fn new(field: &'a Samples, known: &Samples, normaliser: &'a Normaliser) -> Positions<'a> {
+        let (low, high) = place_box(known);
+        Positions { field, normaliser, low, high }
     }
 
     /// Examples of these points.
     pub(crate) fn view(&self, points: &[usize]) -> View {
         let mut view = View::default();
         for k in points {
-            view.inputs.extend(place(&self.field.points_m()[*k], &self.low_m, &self.high_m));
+            view.inputs.extend(&place(self.field.point(*k), &self.low, &self.high)[..self.field.size()]);
             let residual = self.normaliser.normalise(&self.field.errors_m()[*k]);
             view.outputs.extend(residual.iter().map(|r| *r as f32));
         }
@@ -158,7 +165,7 @@ impl<'a> Positions<'a> {
     /// What was trained on these examples.
     pub(crate) fn ensemble(&self, config: PositionConfig, members: Vec<Vec<f32>>) -> PositionEnsemble {
         let Normaliser { mean_m, scale_m, .. } = *self.normaliser;
-        PositionEnsemble { config, low_m: self.low_m, high_m: self.high_m, mean_m, scale_m, members }
+        PositionEnsemble { config, low: self.low.clone(), high: self.high.clone(), mean_m, scale_m, members }
     }
 }
 
@@ -175,8 +182,8 @@ fn depths(split: &Split) -> Vec<Split> {
     }
 }
 
-/// Units of a network for these residuals (m) at these points (m).
-pub(crate) fn normaliser(points_m: &[Vector3<f64>], residual_m: &[Vector3<f64>]) -> Normaliser {
+/// Units of a network for these residuals (m) at the points of a field, whose inputs have these scales.
+pub(crate) fn normaliser(field: &Samples, scale: &[f64], residual_m: &[Vector3<f64>]) -> Normaliser {
     let count = residual_m.len().max(1) as f64;
     let mean_m = residual_m.iter().sum::<Vector3<f64>>() / count;
     let square = residual_m.iter().map(|r| (r - mean_m).map(|d| d * d)).sum::<Vector3<f64>>() / count;
@@ -184,5 +191,7 @@ pub(crate) fn normaliser(points_m: &[Vector3<f64>], residual_m: &[Vector3<f64>])
     // A component without any variation is scaled like the others, so that it stays zero.
     let least = deviation.max() * LEAST_SCALE;
     let scale_m = deviation.map(|d| if d > least { d } else { deviation.max().max(f64::MIN_POSITIVE) });
-    Normaliser { mean_m, scale_m, spacing_m: spacing_m(points_m) }
+    let scaled: Vec<f64> =
+        field.points().flat_map(|point| point.iter().zip(scale).map(|(at, scale)| at / scale)).collect();
+    Normaliser { mean_m, scale_m, spacing_m: spacing(field.size(), scaled.chunks_exact(field.size())) }
 }

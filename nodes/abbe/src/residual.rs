@@ -4,7 +4,8 @@
 //! row through [`abbe_geometry::correct::add_residual`], which the residual node calls as well.
 
 use abbe_files::{FileError, LoadedResidual, ModelFile, ResidualFile};
-use abbe_geometry::correct::{Correction, Status, add_residual};
+use abbe_geometry::correct::{Correction, add_residual};
+use abbe_geometry::effects::CovariateSource;
 use abbe_graph::step::OwnedField;
 use abbe_msgs::Sha256;
 use std::path::Path;
@@ -16,17 +17,23 @@ pub(crate) fn load_residual(path: &Path, model: &ModelFile, sha256: &[u8; 32]) -
     Ok(OwnedField { field: Arc::new(LoadedResidual::new(file.model, own)), model_sha256: Sha256::from_bytes(*sha256) })
 }
 
-/// A correction with what the residual model adds to it; what was rejected stays so, and what the residual model gives no
-/// number for is.
-pub(crate) fn with_residual(mut correction: Correction, residual: Option<&OwnedField>) -> Correction {
+/// A correction with what the residual model adds to it, which finds its further inputs among these covariates; what was rejected
+/// stays so, and what the residual model gives no number for is.
+pub(crate) fn with_residual(
+    mut correction: Correction,
+    residual: Option<&OwnedField>,
+    covariates: &dyn CovariateSource,
+) -> Correction {
     if let (Some(OwnedField { field, .. }), Some(covariance_m2)) = (residual, &mut correction.covariance_m2) {
-        match add_residual(&mut correction.position_m, covariance_m2, field.as_ref()) {
+        match add_residual(&mut correction.position_m, covariance_m2, field.as_ref(), covariates) {
             None => return correction.rejected(),
-            Some(prediction) if !prediction.inside => {
-                correction.status = correction.status.max(Status::Extrapolated);
-            }
-            Some(_) => {}
+            Some(added) => correction.status = correction.status.max(added.status()),
         }
     }
     correction
+}
+
+/// Covariates that a residual model asks for; none without one.
+pub(crate) fn inputs_of(residual: Option<&OwnedField>) -> Vec<String> {
+    residual.map_or(Vec::new(), |owned| owned.field.covariates().to_vec())
 }

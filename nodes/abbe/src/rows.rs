@@ -56,12 +56,12 @@ impl CovariateSource for Logged<'_> {
 }
 
 impl Batch {
-    /// Room for `size` rows of points that this model corrects.
-    pub(crate) fn new(model: &MachineModel, size: usize) -> Batch {
+    /// Room for `size` rows of points that this model corrects, and a residual model with these inputs.
+    pub(crate) fn new(model: &MachineModel, inputs: &[String], size: usize) -> Batch {
         let parts = model.parts();
         let names = parts.effects.iter().flat_map(|fitted| fitted.effect.covariates());
         // Those of the range alone are looked at where a row outside what was measured is told of.
-        let names: BTreeSet<String> = names.chain(parts.identified.covariates.keys().cloned()).collect();
+        let names: BTreeSet<String> = names.chain(parts.identified.covariates.keys().chain(inputs).cloned()).collect();
         Batch { rows: vec![PointRow::default(); size], read: 0, names: names.into_iter().collect(), values: Vec::new() }
     }
 
@@ -108,7 +108,7 @@ impl Batch {
             let (mut text, mut statuses, mut outcome) = (form.text(), Vec::with_capacity(rows.len()), Ok(()));
             let mut moved = Vec::with_capacity(rows.len());
             self.visit(rows.clone(), |row, state| {
-                let correction = with_residual(correct(model, state), residual);
+                let correction = with_residual(correct(model, state), residual, state.covariates);
                 statuses.push(correction.status);
                 moved.push(moved_by(&correction, state));
                 if outcome.is_ok() {

@@ -26,6 +26,8 @@ pub(crate) struct Tally {
     kinds: BTreeMap<Status, Kind>,
     /// Those that are extrapolated only since something that no effect reads, or a difference of temperatures, was not seen so.
     beside: u64,
+    /// Covariates that a residual model asks for.
+    inputs: Vec<String>,
     /// Smallest and largest reading of each axis (m).
     span_m: Option<[(f64, f64); 3]>,
 }
@@ -50,6 +52,11 @@ enum Reason {
 }
 
 impl Tally {
+    /// Of rows that are also corrected with a residual model with these inputs.
+    pub(crate) fn asking(inputs: Vec<String>) -> Tally {
+        Tally { inputs, ..Tally::default() }
+    }
+
     /// Counts a row; `place` is its line, or its number.
     pub(crate) fn add(&mut self, model: &MachineModel, state: &State, status: Status, place: u64) {
         self.rows += 1;
@@ -62,7 +69,7 @@ impl Tally {
         if status == Status::InVolume {
             return;
         }
-        let found = reasons(model, state, status);
+        let found = reasons(model, &self.inputs, state, status);
         let read = model.reads();
         let is_beside = |(reason, _): &(Reason, f64)| match reason {
             Reason::OutsideCovariate(name) => !read.contains(name),
@@ -175,7 +182,7 @@ impl Reason {
 }
 
 /// What is wrong with a row, and the value that is (mm, or the unit of a covariate).
-fn reasons(model: &MachineModel, state: &State, status: Status) -> Vec<(Reason, f64)> {
+fn reasons(model: &MachineModel, inputs: &[String], state: &State, status: Status) -> Vec<(Reason, f64)> {
     let parts = model.parts();
     let beyond = |values: [f64; 3], bounds: &[(f64, f64); 3]| -> Vec<(usize, f64)> {
         let axes =
@@ -202,7 +209,8 @@ fn reasons(model: &MachineModel, state: &State, status: Status) -> Vec<(Reason, 
             readings(&parts.identified.reading_m).chain(offsets).chain(covariates).chain(parted).collect()
         }
         Status::CovariateMissing | Status::Stale => {
-            let names = parts.effects.iter().flat_map(|fitted| fitted.effect.covariates());
+            let of_effects = parts.effects.iter().flat_map(|fitted| fitted.effect.covariates());
+            let names = of_effects.chain(inputs.iter().cloned());
             let lacks = |name: &String| !matches!(state.covariates.covariate(name), CovariateValue::Fresh(_));
             names.filter(lacks).map(|name| (Reason::MissingCovariate(name), 0.0)).collect()
         }

@@ -3,7 +3,7 @@
 //! Place in the flow: `verify` and the demo. The reference has a frame of its own, so points are aligned rigidly
 //! first; nothing here ever feeds a fit.
 
-use crate::residual::with_residual;
+use crate::residual::{inputs_of, with_residual};
 use crate::tally::Tally;
 use abbe_files::{ModelFile, PointRow, PointsReader};
 use abbe_geometry::Vector3;
@@ -50,13 +50,15 @@ pub(crate) fn correct_points(
     residual: Option<&OwnedField>,
 ) -> anyhow::Result<VerificationPoints> {
     let default_offset_m = model.model.parts().machine.default_offset_m;
-    let mut reader = PointsReader::verification(input, name, default_offset_m)?.following(model.model.reads());
-    let mut points = VerificationPoints::default();
+    let inputs = inputs_of(residual);
+    let followed = model.model.reads().into_iter().chain(inputs.clone());
+    let mut reader = PointsReader::verification(input, name, default_offset_m)?.following(followed);
+    let mut points = VerificationPoints { tally: Tally::asking(inputs), ..VerificationPoints::default() };
     let mut row = PointRow::default();
     while reader.read(&mut row)? {
         let covariates = reader.covariates(&row);
         let state = State { reading_m: row.reading_m, offset_m: row.offset_m, covariates: &covariates };
-        let correction = with_residual(correct(&model.model, &state), residual);
+        let correction = with_residual(correct(&model.model, &state), residual, &covariates);
         ensure!(
             correction.status != Status::Rejected,
             "{name}, line {}: the reading is outside the machine",

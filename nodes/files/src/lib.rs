@@ -64,8 +64,8 @@ pub use predicted_csv::{PlainPoints, PredictedWriter};
 pub use residual_csv::{ResidualOrigin, read_residual_origin, write_residual_vectors};
 pub use residual_file::{LoadedResidual, ResidualFile, ResidualOwner};
 pub use study_csv::{
-    StudyFile, read_plane_vectors, read_plane_vectors_file, read_residual_vectors, read_residual_vectors_file,
-    read_runs, read_runs_file, read_sphere_centres, read_sphere_centres_file,
+    StudyFile, read_input_vectors_file, read_plane_vectors, read_plane_vectors_file, read_residual_vectors,
+    read_residual_vectors_file, read_runs, read_runs_file, read_sphere_centres, read_sphere_centres_file,
 };
 pub use vectors_csv::{
     ErrorVector, Lacks, Positions, read_plane_positions_file, read_positions, read_positions_file, write_error_vectors,

@@ -1,21 +1,25 @@
 //! Any points as CSV, and the same rows with the residual predicted there.
 //!
 //! Place in the flow: `abbe predict`: points file → [`PlainPoints`] → residual field → [`PredictedWriter`]. Needed are
-//! `x_mm y_mm z_mm` of points in the machine frame; every other column is handed through. Added are `res_x_um res_y_um
+//! `x_mm y_mm z_mm` of points in the machine frame, or whatever the model has for inputs; every other column is handed through. Added are `res_x_um res_y_um
 //! res_z_um` (actual − corrected), `u_x_um u_y_um u_z_um` (k = 1) and `res_extrapolated` (1 outside
-//! what the field was made from): what comes out can be read back as
+//! what the field was made from), and `res_status` where the model has inputs beside the position: what comes out can be read back as
 //! residual vectors. Memory is one row.
 
-use crate::columns::READING;
+use crate::columns::{Header, READING};
 use crate::csv_source::CsvSource;
 use crate::decimals::Mark;
 use crate::error::FileError;
-use crate::points_csv::{OneMark, finished, started, unwritten};
+use crate::points_csv::{OneMark, finished, started, status_word, unwritten};
+use abbe_geometry::correct::Added;
+use abbe_geometry::effects::{CovariateSource, CovariateValue};
 use abbe_geometry::residual_field::ResidualPrediction;
 use csv::{ByteRecord, Writer};
 use std::io::{Read, Write};
 
 const ADDED: [&str; 7] = ["res_x_um", "res_y_um", "res_z_um", "u_x_um", "u_y_um", "u_z_um", "res_extrapolated"];
+/// The column beside them where the model has inputs beside the position: why a row has no residual.
+const STATUS: &str = "res_status";
 /// Columns that say that `x_mm` is a scale reading rather than a point.
 const READINGS_ONLY: [&str; 2] = ["offset_x_mm", "corrected_x_mm"];
 const NUMBER_REMEDY: &str = "write a number with a decimal point, or remove the row";
@@ -23,35 +27,50 @@ const NUMBER_REMEDY: &str = "write a number with a decimal point, or remove the 
 /// Reads points row by row.
 pub struct PlainPoints<R: Read> {
     source: CsvSource<R>,
-    columns: [usize; 3],
+    /// Columns of the position, where the model has it.
+    columns: Option<[usize; 3]>,
+    has_status: bool,
     cells: ByteRecord,
     line: u64,
 }
 
 impl<R: Read> PlainPoints<R> {
-    /// Points of a file; `file` is its name in messages.
+    /// Points of a file, for a model that has the position or not, and these further inputs; `file` is its name in messages.
     ///
     /// # Errors
     /// Columns that are missing or already there, or that say that these are scale readings.
-    pub fn new(input: R, file: &str) -> Result<PlainPoints<R>, FileError> {
+    pub fn new(input: R, file: &str, has_position: bool, further: &[String]) -> Result<PlainPoints<R>, FileError> {
         let mut source = CsvSource::new(input, file)?;
         let header = source.header();
         let require = |k: usize| header.require(READING[k], &READING);
-        let columns = [require(0)?, require(1)?, require(2)?];
-        if let Some(name) = READINGS_ONLY.iter().find(|name| header.find(name).is_some()) {
+        let columns = match has_position {
+            true => Some([require(0)?, require(1)?, require(2)?]),
+            false => None,
+        };
+        if let Some(name) = further.iter().find(|name| header.find(name).is_none()) {
+            let problem = "the column is missing, and the residual model has it for an input";
+            let remedy = "add the column, or train a model without it";
+            return Err(FileError::content(header.place().column(name), problem, remedy));
+        }
+        let has_status = !further.is_empty();
+        if let Some(name) = READINGS_ONLY.iter().filter(|_| columns.is_some()).find(|name| header.find(name).is_some())
+        {
             let problem = "beside this column, x_mm is a scale reading and no point of the machine frame";
             let remedy = "correct the readings with abbe correct --residual, or give points without this column";
             return Err(FileError::content(header.place().column(name), problem, remedy));
         }
-        if let Some(name) = ADDED.iter().find(|name| header.find(name).is_some()) {
+        let added = ADDED.iter().chain(has_status.then_some(&STATUS));
+        if let Some(name) = added.into_iter().find(|name| header.find(name).is_some()) {
             let problem = "the file already holds a column that prediction adds";
             return Err(FileError::content(header.place().column(name), problem, "remove or rename the column"));
         }
-        source.look_ahead(&columns);
-        Ok(PlainPoints { source, columns, cells: ByteRecord::new(), line: 0 })
+        let inputs = further.iter().filter_map(|name| header.find(name));
+        let read: Vec<usize> = columns.iter().flatten().copied().chain(inputs).collect();
+        source.look_ahead(&read);
+        Ok(PlainPoints { source, columns, has_status, cells: ByteRecord::new(), line: 0 })
     }
 
-    /// The next point (m); `None` at the end of the file.
+    /// The next point (m); `None` at the end of the file. Where the model has no position, it means nothing.
     ///
     /// # Errors
     /// A row that is not whole, a cell that holds no number.
@@ -59,8 +78,16 @@ impl<R: Read> PlainPoints<R> {
         let Some(line) = self.source.next(&mut self.cells)? else { return Ok(None) };
         self.line = line;
         let header = self.source.header();
-        let metres = |k: usize| Ok(header.number(&self.cells, self.columns[k], line, NUMBER_REMEDY)? / 1e3);
-        Ok(Some([metres(0)?, metres(1)?, metres(2)?]))
+        let metres = |column: usize| Ok::<_, FileError>(header.number(&self.cells, column, line, NUMBER_REMEDY)? / 1e3);
+        match self.columns {
+            Some([x, y, z]) => Ok(Some([metres(x)?, metres(y)?, metres(z)?])),
+            None => Ok(Some([0.0; 3])),
+        }
+    }
+
+    /// Further columns of the last row as covariates. A cell that holds no finite number is a missing one.
+    pub fn covariates(&self) -> PlainCovariates<'_> {
+        PlainCovariates { header: self.source.header(), cells: &self.cells, line: self.line }
     }
 
     /// Line of the last row.
@@ -70,6 +97,21 @@ impl<R: Read> PlainPoints<R> {
 
     fn mark(&self) -> Mark {
         self.source.header().mark()
+    }
+}
+
+/// Covariates of one row.
+pub struct PlainCovariates<'a> {
+    header: &'a Header,
+    cells: &'a ByteRecord,
+    line: u64,
+}
+
+impl CovariateSource for PlainCovariates<'_> {
+    fn covariate(&self, name: &str) -> CovariateValue {
+        let value =
+            self.header.find(name).and_then(|column| self.header.optional_number(self.cells, column, self.line));
+        value.map_or(CovariateValue::Missing, CovariateValue::Fresh)
     }
 }
 
@@ -87,7 +129,8 @@ impl<W: Write> PredictedWriter<W> {
     /// What the system says.
     pub fn new<R: Read>(output: W, file: &str, input: &PlainPoints<R>) -> Result<PredictedWriter<W>, FileError> {
         let header = input.source.header();
-        let writer = started(output, file, header, &ADDED)?;
+        let added: Vec<&str> = ADDED.into_iter().chain(input.has_status.then_some(STATUS)).collect();
+        let writer = started(output, file, header, &added)?;
         let marks = OneMark { mark: None, input: header.file().to_owned() };
         Ok(PredictedWriter { writer, file: file.to_owned(), marks })
     }
@@ -96,24 +139,36 @@ impl<W: Write> PredictedWriter<W> {
     ///
     /// # Errors
     /// What the system says.
-    pub fn write<R: Read>(&mut self, row: &PlainPoints<R>, prediction: &ResidualPrediction) -> Result<(), FileError> {
+    pub fn write<R: Read>(&mut self, row: &PlainPoints<R>, added: &Added) -> Result<(), FileError> {
         let mark = row.mark();
         self.marks.check(mark, row.line)?;
-        self.write_cells(&row.cells, mark, prediction).map_err(|error| unwritten(&self.file, error))
+        self.write_cells(row, mark, added).map_err(|error| unwritten(&self.file, error))
     }
 
-    fn write_cells(&mut self, cells: &ByteRecord, mark: Mark, prediction: &ResidualPrediction) -> csv::Result<()> {
-        for cell in cells {
+    fn write_cells<R: Read>(&mut self, row: &PlainPoints<R>, mark: Mark, added: &Added) -> csv::Result<()> {
+        for cell in &row.cells {
             self.writer.write_field(cell)?;
         }
-        let u_m = prediction.covariance_m2.diagonal().map(f64::sqrt);
+        let prediction = match added {
+            Added::Residual(prediction) => Some(prediction),
+            Added::LeftOut(_) => None,
+        };
+        let u_m = prediction.map(|prediction| prediction.covariance_m2.diagonal().map(f64::sqrt));
         // Where the model has no number, neither has the file.
-        let is_known = u_m.iter().all(|u_m| u_m.is_finite());
-        for value_m in prediction.residual_m.iter().chain(&u_m) {
-            let mut text = if is_known { format!("{:.4}", value_m * 1e6) } else { String::new() };
+        let known = prediction.zip(u_m).filter(|(_, u_m)| u_m.iter().all(|u_m| u_m.is_finite()));
+        for k in 0..6 {
+            let value_m = known.map(|(prediction, u_m)| if k < 3 { prediction.residual_m[k] } else { u_m[k - 3] });
+            let mut text = value_m.map_or(String::new(), |value_m| format!("{:.4}", value_m * 1e6));
             self.writer.write_field(mark.of(&mut text))?;
         }
-        self.writer.write_field(if prediction.inside { "0" } else { "1" })?;
+        self.writer.write_field(match prediction {
+            Some(ResidualPrediction { inside: true, .. }) => "0",
+            Some(_) => "1",
+            None => "",
+        })?;
+        if row.has_status {
+            self.writer.write_field(status_word(added.status()))?;
+        }
         self.writer.write_record(None::<&[u8]>)
     }
 

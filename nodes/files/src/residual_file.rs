@@ -11,8 +11,9 @@ use crate::error::{FileError, Place};
 use crate::machine::SIGN_CONVENTION;
 use crate::model_file::DataSource;
 use crate::model_record::OneLine;
-use abbe_geometry::Vector3;
+use abbe_geometry::effects::{CovariateProblem, CovariateSource};
 use abbe_geometry::residual_field::{ResidualField, ResidualPrediction};
+use abbe_geometry::{Matrix3, Vector3};
 use abbe_residual_net::ResidualModel;
 use abbe_residual_net::record::{Array, Record};
 use serde::{Deserialize, Serialize};
@@ -162,8 +163,11 @@ impl ResidualFile {
     pub fn doubts(&self) -> impl Iterator<Item = &'static str> {
         let advised = self.validation.pointer("/recommendation/method").and_then(Value::as_str);
         let against = "held-out data spoke for no residual model at all when it was trained; do not correct with it";
+        let no_help =
+            "held-out data did not show that its inputs beside the position help; train on the position alone";
+        let is_plainer = advised.is_some_and(|method| method.ends_with(" (position alone)"));
         let stopped = "its training was stopped before its end; abbe train --resume goes on";
-        let doubts = [(advised == Some("zero"), against), (!self.complete, stopped)];
+        let doubts = [(advised == Some("zero"), against), (is_plainer, no_help), (!self.complete, stopped)];
         doubts.into_iter().filter_map(|(is_so, doubt)| is_so.then_some(doubt))
     }
 
@@ -271,8 +275,20 @@ impl LoadedResidual {
 }
 
 impl ResidualField for LoadedResidual {
-    fn predict(&self, point_in_machine_m: &Vector3<f64>) -> ResidualPrediction {
-        self.model.predict(point_in_machine_m)
+    fn covariates(&self) -> &[String] {
+        self.model.covariates()
+    }
+
+    fn predict(
+        &self,
+        point_in_machine_m: &Vector3<f64>,
+        covariates: &dyn CovariateSource,
+    ) -> Result<ResidualPrediction, CovariateProblem> {
+        Ok(self.model.predict(self.model.at(point_in_machine_m, covariates)?.as_slice()))
+    }
+
+    fn unknown_m2(&self) -> Matrix3<f64> {
+        self.model.unknown_m2()
     }
 
     fn sha256(&self) -> [u8; 32] {

@@ -72,6 +72,15 @@ pub fn read_residual_vectors_file(path: &Path) -> Result<StudyFile<ResidualVecto
     read_residual_vectors(input, &file)
 }
 
+/// Reads residual vectors that other quantities may stand for than positions; also says whether positions are there. Where they are
+/// not, those of a row mean nothing.
+pub fn read_input_vectors_file(path: &Path) -> Result<(StudyFile<ResidualVector>, bool), FileError> {
+    let (input, file) = open(path)?;
+    let source = CsvSource::new(input, &file)?;
+    let has_position = lengths(source.header(), "", false)?.is_some();
+    Ok((vectors(source, if has_position { Lack::Nothing } else { Lack::Positions })?, has_position))
+}
+
 /// Reads residual vectors of a volume or a plane: one axis may have no positions, and one no residuals.
 pub fn read_plane_vectors_file(path: &Path) -> Result<StudyFile<ResidualVector>, FileError> {
     let (input, file) = open(path)?;
@@ -138,18 +147,30 @@ pub fn read_runs(input: impl Read, file: &str) -> Result<StudyFile<Run>, FileErr
 
 /// Reads residual vectors of a volume from anything; `file` is its name in messages.
 pub fn read_residual_vectors(input: impl Read, file: &str) -> Result<StudyFile<ResidualVector>, FileError> {
-    vectors(input, file, false)
+    vectors(CsvSource::new(input, file)?, Lack::Nothing)
 }
 
 /// Reads residual vectors of a volume or a plane from anything; `file` is its name in messages.
 pub fn read_plane_vectors(input: impl Read, file: &str) -> Result<StudyFile<ResidualVector>, FileError> {
-    vectors(input, file, true)
+    vectors(CsvSource::new(input, file)?, Lack::OneAxis)
 }
 
-fn vectors(input: impl Read, file: &str, may_lack: bool) -> Result<StudyFile<ResidualVector>, FileError> {
-    let source = CsvSource::new(input, file)?;
-    let header = source.header();
-    let position = lengths(header, "", may_lack)?.ok_or_else(|| no_lengths(header, ""))?;
+/// What residual vectors may lack.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Lack {
+    Nothing,
+    /// Positions along one axis, and one component.
+    OneAxis,
+    /// All positions.
+    Positions,
+}
+
+fn vectors<R: Read>(source: CsvSource<R>, lack: Lack) -> Result<StudyFile<ResidualVector>, FileError> {
+    let (header, may_lack) = (source.header(), lack == Lack::OneAxis);
+    let position = match lengths(header, "", may_lack)? {
+        None if lack == Lack::Positions => Lengths { columns: [None; 3], per_m: 1.0 },
+        found => found.ok_or_else(|| no_lengths(header, ""))?,
+    };
     let residual = lengths(header, "res_", may_lack)?.ok_or_else(|| no_lengths(header, "res_"))?;
     // What was not measured needs no uncertainty.
     let u = lengths(header, "u_", residual.lacks().is_some())?;
@@ -164,7 +185,7 @@ fn vectors(input: impl Read, file: &str, may_lack: bool) -> Result<StudyFile<Res
         refuse_misspelt(header, &covariates, &["u_x_um", "u_y_um", "u_z_um"])?;
     }
     for (own, prefix) in [(position, ""), (residual, "res_")] {
-        if let Some(axis) = own.lacks() {
+        if let Some(axis) = own.lacks().filter(|_| may_lack) {
             let names = LENGTHS.map(|(unit, _)| format!("{prefix}{}_{unit}", axis.lower()));
             refuse_misspelt(header, &covariates, &names.each_ref().map(String::as_str))?;
         }
@@ -190,7 +211,7 @@ fn vectors(input: impl Read, file: &str, may_lack: bool) -> Result<StudyFile<Res
             pose: pose.map(|column| row.text(column)).transpose()?,
             point: point.map(|column| row.text(column)).transpose()?,
             u_plate_m: u_plate.map(|column| row.positive(column, 1e6)).transpose()?,
-            position_lacks: position.lacks(),
+            position_lacks: position.lacks().filter(|_| may_lack),
             residual_lacks: residual.lacks(),
         })
     })

@@ -9,6 +9,7 @@ use abbe_files::{
     read_residual_vectors_file, write_residual_vectors,
 };
 use abbe_geometry::Vector3;
+use abbe_geometry::effects::NoCovariates;
 use abbe_geometry::residual_field::ResidualField;
 use abbe_residual_net::ResidualModel;
 use abbe_residual_net::record::{Array, Record};
@@ -101,7 +102,7 @@ fn a_residual_model_comes_back_bit_for_bit_and_predicts_the_same_bits() {
     assert_eq!((digest_read, after.to_bytes("r").unwrap().0), (digest, bytes), "the same model gives the same bytes");
     let point_m = Vector3::new(0.123, 0.234, 0.345);
     let loaded = LoadedResidual::new(after.model, digest_read);
-    assert_eq!(loaded.predict(&point_m), file().model.predict(&point_m));
+    assert_eq!(loaded.predict(&point_m, &NoCovariates).unwrap(), file().model.predict(point_m.as_slice()));
     assert_eq!(loaded.sha256(), digest);
 }
 

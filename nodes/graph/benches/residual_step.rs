@@ -42,7 +42,7 @@ fn quantiles_us(step: &ResidualStep, samples: &[CorrectedCoordinates]) -> [f64; 
     let mut times_us = Vec::with_capacity(CALLS);
     for (k, sample) in samples.iter().cycle().take(WARM_UP + CALLS).enumerate() {
         let since = Instant::now();
-        black_box(step.correct(black_box(sample)));
+        black_box(step.correct(black_box(sample), None));
         if k >= WARM_UP {
             times_us.push(since.elapsed().as_secs_f64() * 1e6);
         }
@@ -54,7 +54,7 @@ fn quantiles_us(step: &ResidualStep, samples: &[CorrectedCoordinates]) -> [f64; 
 fn step_of(path: &str) -> ResidualStep {
     let (file, sha256) = ResidualFile::load(Path::new(path)).unwrap();
     let field = Arc::new(LoadedResidual::new(file.model, sha256));
-    ResidualStep::new(Some(OwnedField { field, model_sha256: MODEL }))
+    ResidualStep::new(Some(OwnedField { field, model_sha256: MODEL }), 1.0)
 }
 
 fn main() {

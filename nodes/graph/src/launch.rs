@@ -87,7 +87,7 @@ impl NodeName {
         match self {
             NodeName::Scale | NodeName::Tracer => &[],
             NodeName::Geometric => &[NodeName::Scale],
-            NodeName::Residual => &[NodeName::Geometric],
+            NodeName::Residual => &[NodeName::Geometric, NodeName::Scale],
             NodeName::Monitor => &[NodeName::Residual, NodeName::Tracer, NodeName::Scale],
             NodeName::Recorder => {
                 &[NodeName::Scale, NodeName::Tracer, NodeName::Geometric, NodeName::Residual, NodeName::Monitor]
@@ -98,6 +98,7 @@ impl NodeName {
     /// Those of its inputs that this node does nothing without.
     fn needs(self) -> &'static [NodeName] {
         match self {
+            NodeName::Residual => &[NodeName::Geometric],
             NodeName::Monitor => &[NodeName::Residual, NodeName::Tracer],
             NodeName::Recorder => &[],
             other => other.inputs(),
@@ -378,6 +379,14 @@ impl Launch {
     pub fn takes_over(&self, node: &str, from: NodeName) -> Option<TransportKind> {
         let edge = self.edges.iter().find(|edge| edge.from == from && edge.to == node)?;
         edge.transport.parse().ok()
+    }
+
+    /// Names of the covariates that scale readings can hold, where this file alone tells: not of recordings, of drivers and sensors that
+    /// name what they say themselves, nor of what is derived from the motion.
+    pub fn covariate_names(&self) -> Option<Vec<String>> {
+        let is_open = !self.covariates.is_empty() || self.motion.is_some();
+        let source = self.scale.as_ref().filter(|_| !is_open)?;
+        Some(source.driver.covariate_names()?.into_iter().chain(self.lagged.iter().cloned()).collect())
     }
 
     /// Named takers of a node's output that are sure to come: they are waited for.

@@ -51,7 +51,7 @@ impl ReplaySteps {
         if !recorded.residual_model_sha256.is_none() {
             let residual =
                 self.residual.iter().find(|step| step.residual_sha256() == recorded.residual_model_sha256)?;
-            sample = residual.correct(&sample);
+            sample = residual.correct(&sample, Some(&reading.covariates));
         }
         let sample = if recorded.was_inactive { sample.while_inactive() } else { sample };
         Some(if recorded.beside_another { sample.beside_another_publisher() } else { sample })

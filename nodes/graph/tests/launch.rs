@@ -108,7 +108,7 @@ fn each_mistake_is_named_with_file_and_key() {
     let cases = [
         ("transport = \"dds\"", "transport = \"tcp\"", "edges[2]", "shared-memory"),
         ("to = \"geometric\"", "to = \"geometrc\"", "edges[0]", "geometric"),
-        ("to = \"geometric\"", "to = \"residual\"", "edges[0]", "does not take"),
+        ("to = \"geometric\"", "to = \"tracer\"", "edges[0]", "does not take"),
         ("rate_hz = 1000.0", "rate_hz = 0.0", "scale.pace", "above 0"),
         ("max_covariate_age_s = 10.0", "max_covariate_age_s = -1.0", "max_covariate_age_s", "above 0"),
         ("\"residual\"]", "\"residual\", \"monitor\"]", "monitor", "bounds"),

@@ -99,10 +99,10 @@ fn every_sample_gets_one_whole_residual_model_while_they_alternate() {
     let files = [residual_file(MACHINE, HASH, 1), residual_file(MACHINE, HASH, 2)];
     let (_folder, path) = folder(&files[0]);
     let ((first, _), feed) = Feed::open(&path, load).unwrap();
-    let mut step = ResidualStep::new(Some(first));
+    let mut step = ResidualStep::new(Some(first), 1.0);
     let alone = files.each_ref().map(|file| {
         let folder = folder(file);
-        ResidualStep::new(Some(load(&folder.1).unwrap().0))
+        ResidualStep::new(Some(load(&folder.1).unwrap().0), 1.0)
     });
     let taken = AtomicUsize::new(0);
     let samples = thread::scope(|scope| {
@@ -120,7 +120,7 @@ fn every_sample_gets_one_whole_residual_model_while_they_alternate() {
                 step.put_in_use(field);
                 taken.fetch_add(1, Ordering::Relaxed);
             }
-            samples.push(step.correct(&geometric(samples.len())));
+            samples.push(step.correct(&geometric(samples.len()), None));
             last -= usize::from(taken.load(Ordering::Relaxed) == SWAPS);
             thread::sleep(Duration::from_micros(200));
         }
@@ -130,7 +130,7 @@ fn every_sample_gets_one_whole_residual_model_while_they_alternate() {
         .iter()
         .enumerate()
         .map(|(k, sample)| {
-            let own = alone.iter().position(|alone| bytes(&alone.correct(&geometric(k))) == bytes(sample));
+            let own = alone.iter().position(|alone| bytes(&alone.correct(&geometric(k), None)) == bytes(sample));
             let own = own.unwrap_or_else(|| panic!("sample {k} is of neither residual model"));
             assert_eq!(sample.residual_model_sha256, alone[own].residual_sha256(), "the switch shows in the stream");
             own
@@ -180,17 +180,18 @@ fn what_cannot_be_used_is_refused_by_name_and_the_residual_model_in_use_goes_on(
 #[test]
 fn offline_and_live_add_the_same_bits() {
     use abbe_geometry::correct::add_residual;
+    use abbe_geometry::effects::NoCovariates;
     use abbe_geometry::{Matrix3, Vector3};
     let (_folder, path) = folder(&residual_file(MACHINE, HASH, 1));
     let field = load(&path).unwrap().0;
-    let step = ResidualStep::new(Some(field.clone()));
+    let step = ResidualStep::new(Some(field.clone()), 1.0);
     for k in (0..bench().campaign.readings.len()).step_by(37) {
         let sample = geometric(k);
-        let live = step.correct(&sample);
+        let live = step.correct(&sample, None);
         let mut position_m = Vector3::from(sample.corrected_m);
         let mut covariance_m2 = Matrix3::from_row_slice(&sample.covariance_m2);
-        let prediction = add_residual(&mut position_m, &mut covariance_m2, field.field.as_ref()).unwrap();
+        let added = add_residual(&mut position_m, &mut covariance_m2, field.field.as_ref(), &NoCovariates).unwrap();
         assert_eq!(live.corrected_m, <[f64; 3]>::from(position_m));
-        assert_eq!(live.residual_correction_m, <[f64; 3]>::from(prediction.residual_m));
+        assert_eq!(live.residual_correction_m, <[f64; 3]>::from(added.residual_m()));
     }
 }

@@ -55,7 +55,7 @@ fn run(monitor: &mut MonitorStep, rows: std::ops::Range<usize>, error_m: impl Fn
 #[test]
 fn the_node_gives_what_the_correcting_function_gives() {
     for row in (0..bench().campaign.readings.len()).step_by(97) {
-        let sample = ResidualStep::default().correct(&geometric().correct(&scale(row)));
+        let sample = ResidualStep::default().correct(&geometric().correct(&scale(row)), None);
         let reading = &bench().campaign.readings[row];
         let state = State { reading_m: reading.reading_m, offset_m: reading.offset_m, covariates: &NoCovariates };
         let expected = correct(&bench().model, &state);

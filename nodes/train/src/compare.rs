@@ -4,12 +4,13 @@
 //! their mean, the published figures beside them, and which method these data speak for.
 
 use crate::data::{self, Data};
+use crate::inputs::Inputs;
 use abbe::command::spinner;
 use abbe::command::training::CompareArguments;
 use abbe::next::Next;
 use abbe_files::hex;
 use abbe_geometry::Axis;
-use abbe_residual_training::{CompareConfig, Comparison, Go, Interval, RivalRow, compare_measured};
+use abbe_residual_training::{CompareConfig, Comparison, Go, Interval, POSITION_ALONE, RivalRow, Subject, compare};
 use abbe_runtime::Shutdown;
 use anyhow::{Context, ensure};
 use serde_json::json;
@@ -21,24 +22,28 @@ pub(crate) fn run(arguments: &CompareArguments) -> anyhow::Result<()> {
     let usual = CompareConfig::default();
     let config = CompareConfig { training, seeds: arguments.seeds.unwrap_or(usual.seeds), ..usual };
     ensure!(config.seeds > 0, "--seeds must be at least 1");
-    let data = Data::read_plane(&arguments.residuals)?;
+    let inputs = Inputs::of(&arguments.inputs)?;
+    let data = Data::read_plane(&arguments.residuals, &inputs)?;
     let since = Instant::now();
     let clock = || since.elapsed().as_secs_f64();
     let bar = spinner(&format!("comparing on {} points", data.points()));
-    bar.set_message(format!("0 of {} trainings", config.seeds * config.rivals.len()));
     let mut observe = |done: usize, all: usize| {
         bar.set_message(format!("{done} of {all} trainings"));
         if shutdown.requested() { Go::Stop } else { Go::On }
     };
     let measured = Axis::ALL.map(|axis| data.lacks.error != Some(axis));
-    let compared = compare_measured(&data.field, measured, &config, &clock, &mut observe);
+    let subject = match inputs.is_position_alone() {
+        true => Subject { measured, ..Subject::position(&data.field) },
+        false => Subject { alone: data.alone.as_ref(), inputs: Some(&data.field), measured },
+    };
+    let compared = compare(&subject, &config, &clock, &mut observe);
     bar.finish_and_clear();
     let compared = compared.with_context(|| arguments.residuals.display().to_string())?;
     match arguments.json {
         true => {
             let components: Vec<&str> =
                 Axis::ALL.into_iter().filter(|axis| measured[axis.index()]).map(Axis::lower).collect();
-            let plane = data.field.plane().map(|plane| Axis::ALL[plane.normal].lower());
+            let plane = data.field.normal().map(|normal| Axis::ALL[normal].lower());
             let of = json!({
                 "file": data.file, "sha256": hex(&data.sha256), "plane_across": plane, "components": components,
             });
@@ -48,7 +53,12 @@ pub(crate) fn run(arguments: &CompareArguments) -> anyhow::Result<()> {
         false => {
             say(&data, &compared);
             let next = Next::new("to make the one that these data speak for", "train");
-            next.file("--residuals", &arguments.residuals).text("--out residual.json").print();
+            let next = next.file("--residuals", &arguments.residuals);
+            let speaks_for_inputs =
+                compared.recommendation.as_ref().is_some_and(|found| !found.method.ends_with(POSITION_ALONE));
+            let is_plain = inputs.is_position_alone() || !speaks_for_inputs;
+            let next = if is_plain { next } else { next.text(&format!("--inputs {}", inputs.words())) };
+            next.text("--out residual.json").print();
         }
     }
     ensure!(compared.complete, "stopped on request; the table holds the seeds that were done");
@@ -57,38 +67,43 @@ pub(crate) fn run(arguments: &CompareArguments) -> anyhow::Result<()> {
 
 fn say(data: &Data, compared: &Comparison) {
     let split = if compared.flattering { "single points (flattering)" } else { "blocks of space" };
-    let plane = match (data.field.plane(), data.lacks.error) {
+    let plane = match (data.field.normal(), data.lacks.error) {
         (None, _) => String::new(),
-        (Some(plane), None) => format!(" in a plane across {}", Axis::ALL[plane.normal].letter()),
-        (Some(plane), Some(axis)) => format!(
-            " in a plane across {} (component {} was not measured)",
-            Axis::ALL[plane.normal].letter(),
-            axis.lower()
-        ),
+        (Some(normal), None) => format!(" in a plane across {}", Axis::ALL[normal].letter()),
+        (Some(normal), Some(axis)) => {
+            format!(" in a plane across {} (component {} was not measured)", Axis::ALL[normal].letter(), axis.lower())
+        }
     };
     println!("{}: {} points{plane}, held out by {split}, {} seeds", data.file, compared.points, compared.config.seeds);
+    if !compared.inputs.is_empty() {
+        println!("inputs {}; the same points and split for all methods", compared.inputs.join(" "));
+    }
     let head = ["method", "MSE um2 (95 %)", "MAE um (95 %)", "95 % um", "worst um", "train s", "point us"];
     let [method, mse, mae, most, worst, train, point] = head;
-    println!("{method:<20} {mse:>25} {mae:>25} {most:>9} {worst:>9} {train:>9} {point:>9}   Liang 2025: MSE, MAE");
+    let width = compared.rows.iter().map(|row| row.name().len()).fold(20, usize::max);
+    println!("{method:<width$} {mse:>25} {mae:>25} {most:>9} {worst:>9} {train:>9} {point:>9}   Liang 2025: MSE, MAE");
     for row in &compared.rows {
-        println!("{}", line(row));
+        println!("{}", line(row, width));
     }
     if let Some(recommended) = &compared.recommendation {
         println!("these data speak for {}: {}", recommended.method, recommended.why);
+        if recommended.method.ends_with(POSITION_ALONE) {
+            println!("they do not show that the further inputs help on unseen data");
+        }
     }
     println!(
         "published figures are of data that are not published; only the columns before them compare like with like"
     );
 }
 
-fn line(row: &RivalRow) -> String {
+fn line(row: &RivalRow, width: usize) -> String {
     let published = row.rival.published().map_or(String::new(), |(mse, mae)| format!("{mse:.4}, {mae:.4}"));
     let mean = |interval: &Option<Interval>, factor: f64, decimals: usize| {
         interval.map_or_else(|| "-".to_owned(), |i| format!("{:.decimals$}", i.mean * factor))
     };
     let mut text = format!(
-        "{:<20} {:>25} {:>25} {:>9} {:>9} {:>9} {:>9}   {published}",
-        row.rival.name(),
+        "{:<width$} {:>25} {:>25} {:>9} {:>9} {:>9} {:>9}   {published}",
+        row.name(),
         with_ends(&row.mse_um2),
         with_ends(&row.mae_um),
         mean(&row.error_95_um, 1.0, 3),

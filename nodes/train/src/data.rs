@@ -1,21 +1,25 @@
 //! What `train` and `compare` have in common: residual vectors as a field, and the configuration.
 //!
-//! Place in the flow: files in, what the training crate takes out. Points and residuals in m, machine frame.
+//! Place in the flow: files in, what the training crate takes out. Points by the inputs that were named ([`crate::inputs`]), residuals
+//! in m, machine frame.
 
+use crate::inputs::{Inputs, samples};
 use abbe::plane_field::{PlaneField, plane_field};
 use abbe::{is_bag, residual_bag};
-use abbe_field::MeasuredField;
-use abbe_files::{Lacks, ResidualOwner, read_residual_origin, read_residual_vectors_file};
+use abbe_field::{MeasuredField, Samples};
+use abbe_files::{Lacks, ResidualOwner, read_input_vectors_file, read_residual_origin, read_residual_vectors_file};
 use abbe_geometry::Vector3;
 use abbe_measurement::correspondence::check_vectors;
 use abbe_residual_training::Config;
-use anyhow::Context;
+use anyhow::{Context, ensure};
 use std::path::Path;
 
 /// Residual vectors of a file.
 pub(crate) struct Data {
-    /// Points, residuals and their uncertainty.
-    pub(crate) field: MeasuredField,
+    /// Points by all inputs, residuals and their uncertainty.
+    pub(crate) field: Samples,
+    /// The same by the position alone, where there are other inputs and it is known.
+    pub(crate) alone: Option<Samples>,
     /// The geometric model that leaves them, if the file says so.
     pub(crate) owner: Option<ResidualOwner>,
     /// Name of the file without its folder.
@@ -28,7 +32,10 @@ pub(crate) struct Data {
 
 impl Data {
     /// Reads residual vectors from CSV or a bag.
-    pub(crate) fn read(path: &Path) -> anyhow::Result<Data> {
+    pub(crate) fn read(path: &Path, inputs: &Inputs) -> anyhow::Result<Data> {
+        if !inputs.is_position_alone() {
+            return Data::read_inputs(path, inputs);
+        }
         let (rows, owner, sha256) = if is_bag(path) {
             let (rows, owner, sha256) = residual_bag::read(path)?;
             (rows, Some(owner), sha256)
@@ -43,24 +50,53 @@ impl Data {
         // Points are counted from 0 in messages of the library, rows of a file are not: the row is the point's place in it.
         let field = MeasuredField::new(points_m, residual_m, u_m)
             .with_context(|| format!("{} (points are its rows, from 0)", path.display()))?;
-        let file = file_name(path);
-        Ok(Data { field, owner, file, sha256, lacks: Lacks::default() })
+        let (file, field) = (file_name(path), Samples::from(&field));
+        Ok(Data { field, alone: None, owner, file, sha256, lacks: Lacks::default() })
+    }
+
+    /// Reads residual vectors by named inputs.
+    fn read_inputs(path: &Path, inputs: &Inputs) -> anyhow::Result<Data> {
+        let name = path.display();
+        ensure!(
+            !is_bag(path),
+            "{name}: a bag of residual vectors has positions alone; write them as CSV (abbe residuals --out NAME.csv)"
+        );
+        let (table, has_position) = read_input_vectors_file(path)?;
+        let owner = read_residual_origin(path)?.map(|origin| origin.owner);
+        let residual_m: Vec<Vector3<f64>> = table.rows.iter().map(|row| Vector3::from(row.residual_m)).collect();
+        check_vectors(&residual_m, owner.is_some()).with_context(|| name.to_string())?;
+        let field = samples(&table.rows, inputs, has_position).with_context(|| name.to_string())?;
+        let alone = has_position.then(|| samples(&table.rows, &Inputs::position(), true));
+        let alone = match alone.transpose() {
+            Ok(alone) => alone,
+            Err(why) => {
+                eprintln!("abbe: {name}: the position alone is no rival of these inputs: {why:#}");
+                None
+            }
+        };
+        Ok(Data { field, alone, owner, file: file_name(path), sha256: table.sha256, lacks: Lacks::default() })
     }
 
     /// Reads residual vectors of a volume or a plane.
-    pub(crate) fn read_plane(path: &Path) -> anyhow::Result<Data> {
-        if is_bag(path) {
-            return Data::read(path);
+    pub(crate) fn read_plane(path: &Path, inputs: &Inputs) -> anyhow::Result<Data> {
+        if is_bag(path) || !inputs.is_position_alone() {
+            return Data::read(path, inputs);
         }
         let PlaneField { field, lacks, sha256 } = plane_field(path)?;
         let owner = read_residual_origin(path)?.map(|origin| origin.owner);
         check_vectors(field.errors_m(), owner.is_some()).with_context(|| path.display().to_string())?;
-        Ok(Data { field, owner, file: file_name(path), sha256, lacks })
+        let field = Samples::from(&field);
+        Ok(Data { field, alone: None, owner, file: file_name(path), sha256, lacks })
+    }
+
+    /// The points by their position (m), where that is known.
+    pub(crate) fn places_m(&self) -> Option<Vec<Vector3<f64>>> {
+        self.alone.as_ref().or(Some(&self.field).filter(|field| field.has_position())).map(Samples::places)
     }
 
     /// Number of points.
     pub(crate) fn points(&self) -> usize {
-        self.field.points_m().len()
+        self.field.count()
     }
 }
 

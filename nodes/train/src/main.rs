@@ -5,6 +5,7 @@
 
 mod compare;
 mod data;
+mod inputs;
 mod report;
 mod train;
 

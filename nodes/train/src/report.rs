@@ -4,11 +4,12 @@
 
 use crate::data::Data;
 use abbe_files::{ResidualFile, hex};
+use abbe_geometry::Vector3;
 use abbe_report::{
     Axis, Callout, Cell, Column, Curve, CurveStyle, Heading, Identity, KeyFigure, KeyFigures, LinePanel, LinePlot,
     MapPanel, MapPoint, MetaItem, NextStep, Quantity, Report, ResidualMap, Section, TableSection, Tone,
 };
-use abbe_residual_training::{HeldOutScores, Trained, TrainingRecord, ZERO};
+use abbe_residual_training::{HeldOutScores, POSITION_ALONE, Trained, TrainingRecord, ZERO};
 
 const AXES: [&str; 3] = ["X", "Y", "Z"];
 
@@ -37,8 +38,10 @@ pub(crate) fn html(
         sections.push(heading("Training"));
         sections.push(losses(record));
     }
-    sections.push(heading("Residuals"));
-    sections.push(residuals(data));
+    if let Some(places_m) = data.places_m() {
+        sections.push(heading("Residuals"));
+        sections.push(residuals(data, &places_m));
+    }
     let report = Report {
         title: "Residual model".to_owned(),
         lead: Some(format!("What geometry leaves, learnt from {} ({} points).", data.file, data.points())),
@@ -63,18 +66,25 @@ fn callout(tone: Tone, title: &str, text: &str) -> Section {
 fn meta(record: &TrainingRecord, file: &ResidualFile, data: &Data) -> Vec<MetaItem> {
     let item = |label: &str, value: Option<String>| MetaItem { label: label.to_owned(), value };
     let owner = file.owner.as_ref();
-    vec![
+    let mut items = vec![
         item("geometric model", owner.map(|owner| hex(&owner.model_sha256))),
         item("residuals", Some(format!("{} ({})", data.file, hex(&data.sha256)))),
         item("seed", Some(file.seed.to_string())),
         item("trained on", Some(record.device.clone())),
-    ]
+    ];
+    if !record.inputs.is_empty() {
+        items.push(item("inputs", Some(record.inputs.join(" "))));
+    }
+    items
 }
 
 fn answer(record: &TrainingRecord) -> Section {
     let recommended = &record.recommendation;
     let text = format!("{}: {}.", recommended.method, recommended.why);
     match (recommended.method == ZERO, recommended.method == record.kind) {
+        _ if recommended.method.ends_with(POSITION_ALONE) => {
+            callout(Tone::Warning, "Held-out data do not show that the further inputs help", &text)
+        }
         (true, _) => callout(Tone::Bad, "Held-out data speak for no residual model", &text),
         (false, true) => callout(Tone::Good, &format!("Held-out data speak for {}", record.kind), &text),
         (false, false) => {
@@ -223,8 +233,8 @@ fn losses(record: &TrainingRecord) -> Section {
 }
 
 /// The residuals that were learnt from, from above, one panel a component.
-fn residuals(data: &Data) -> Section {
-    let points = data.field.points_m().iter().zip(data.field.errors_m());
+fn residuals(data: &Data, places_m: &[Vector3<f64>]) -> Section {
+    let points = places_m.iter().zip(data.field.errors_m());
     let panel = |d: usize| MapPanel {
         title: format!("component {}", AXES[d]),
         x: Axis::new("X", "mm"),

@@ -5,6 +5,7 @@
 //! are of, and corrects nothing else.
 
 use crate::data::{self, Data};
+use crate::inputs::Inputs;
 use crate::report;
 use abbe::command::spinner;
 use abbe::command::training::{Processor, TrainArguments};
@@ -12,10 +13,11 @@ use abbe::exit::Ended;
 use abbe::identity::Said;
 use abbe::next::{KNOWN_POINTS, Next};
 use abbe::{output, software, stop};
+use abbe_field::Samples;
 use abbe_files::{DataSource, ModelFile, ResidualFile, ResidualOwner, hex, write_atomically};
 use abbe_geometry::Vector3;
 use abbe_measurement::correspondence::check_vectors;
-use abbe_residual_training::{Config, Device, Go, Progress, State, Trained, ZERO, corners_m, train};
+use abbe_residual_training::{Config, Device, Go, POSITION_ALONE, Progress, State, Trained, ZERO, train_beside};
 use anyhow::{Context, ensure};
 use indicatif::ProgressBar;
 use std::path::{Path, PathBuf};
@@ -35,11 +37,11 @@ pub(crate) fn run(arguments: &TrainArguments) -> anyhow::Result<()> {
     // Before the first epoch there is nothing to keep.
     let has_something = Arc::new(AtomicBool::new(false));
     let shutdown = stop::keep_what_there_is(&has_something)?;
-    let inputs = arguments.config.iter().chain(&arguments.model).chain([&arguments.residuals]).map(PathBuf::as_path);
-    output::check([arguments.out.as_path(), &paths.report, &paths.state], inputs)?;
+    let read = arguments.config.iter().chain(&arguments.model).chain([&arguments.residuals]).map(PathBuf::as_path);
+    output::check([arguments.out.as_path(), &paths.report, &paths.state], read)?;
     let device = device(arguments.device)?;
     let config = data::read_config(arguments.config.as_deref())?;
-    let data = Data::read(&arguments.residuals)?;
+    let data = Data::read(&arguments.residuals, &Inputs::of(&arguments.inputs)?)?;
     let owner = owner(arguments, &data)?;
     let resume = arguments.resume.then(|| read_state(&paths.state)).transpose()?;
     let mut observe = |progress: &Progress, bar: &ProgressBar| {
@@ -129,7 +131,9 @@ fn owner(arguments: &TrainArguments, data: &Data) -> anyhow::Result<Option<Resid
 
 /// Refuses points that are a speck in the machine, or larger than it: they are in another unit, or another machine's.
 fn check_extent(data: &Data, stroke_m: &[(f64, f64); 3]) -> anyhow::Result<()> {
-    let (low, high) = corners_m(data.field.points_m());
+    let Some(places_m) = data.places_m() else { return Ok(()) };
+    let low = places_m.iter().fold(Vector3::repeat(f64::INFINITY), |low, p| low.inf(p));
+    let high = places_m.iter().fold(Vector3::repeat(f64::NEG_INFINITY), |high, p| high.sup(p));
     let shares = Vector3::from_fn(|axis, _| (high[axis] - low[axis]) / (stroke_m[axis].1 - stroke_m[axis].0));
     let [x, y, z] = <[f64; 3]>::from((high - low) * 1e3);
     let strokes = stroke_m.map(|(low, high)| (high - low) * 1e3);
@@ -148,19 +152,29 @@ fn check_extent(data: &Data, stroke_m: &[(f64, f64); 3]) -> anyhow::Result<()> {
 fn outliers(trained: &Trained, data: &Data) -> Vec<String> {
     let mut found = Vec::new();
     for point in &trained.held_out {
-        let (at_m, measured_m) = (data.field.points_m()[point.index], data.field.errors_m()[point.index]);
+        let measured_m = data.field.errors_m()[point.index];
         for (axis, name) in ["x", "y", "z"].iter().enumerate() {
             let off_m = measured_m[axis] - point.predicted_m[axis];
             let times = (off_m / point.u_m[axis]).abs();
             if times > FAR {
-                let [x, y, z] = <[f64; 3]>::from(at_m * 1e3);
-                let text = format!("({x:.3} {y:.3} {z:.3}) mm: {name} is {:+.3} um off, {times:.0} u", off_m * 1e6);
+                let at = place_text(&data.field, point.index);
+                let text = format!("{at}: {name} is {:+.3} um off, {times:.0} u", off_m * 1e6);
                 found.push((times, text));
             }
         }
     }
     found.sort_by(|a, b| b.0.total_cmp(&a.0));
     found.into_iter().map(|(_, text)| text).collect()
+}
+
+/// A point in words: its position in mm, and other inputs by name.
+fn place_text(field: &Samples, index: usize) -> String {
+    let (point, names) = (field.point(index), field.names());
+    let first = if field.has_position() { 3 } else { 0 };
+    let position: Vec<String> = point[..first].iter().map(|m| format!("{:.3}", m * 1e3)).collect();
+    let further = names[first..].iter().zip(&point[first..]).map(|(name, value)| format!("{name} {value:.4}"));
+    let position = (first > 0).then(|| format!("({}) mm", position.join(" ")));
+    position.into_iter().chain(further).collect::<Vec<_>>().join(", ")
 }
 
 fn read_state(path: &Path) -> anyhow::Result<State> {
@@ -188,7 +202,9 @@ fn with_progress(
     observe: &mut dyn FnMut(&Progress, &ProgressBar) -> Go,
 ) -> anyhow::Result<Trained> {
     let bar = spinner(&format!("training on {} points", data.points()));
-    let trained = train(&data.field, config, device, resume, &mut |progress: &Progress| observe(progress, &bar));
+    let alone = data.alone.as_ref();
+    let trained =
+        train_beside(&data.field, alone, config, device, resume, &mut |progress: &Progress| observe(progress, &bar));
     bar.finish_and_clear();
     Ok(trained?)
 }
@@ -247,6 +263,9 @@ fn say(
         record.points,
         if record.flattering { "single points (flattering)" } else { "blocks of space" }
     );
+    if !record.inputs.is_empty() {
+        println!("  inputs            {}", record.inputs.join(" "));
+    }
     println!("  trained on        {}", record.device);
     if let Some([x, y, z]) = record.declared_seen.map(|seen| seen.map(|share| share * 100.0)) {
         println!(
@@ -263,17 +282,24 @@ fn say(
             ", noise of the measurement included: no u is declared"
         }
     );
-    println!("  held out               MSE um2    MAE um   95 % um  worst um   in 95 %    points");
+    let width = record.held_out.iter().map(|method| method.method.len()).fold(18, usize::max);
+    let head = "held out";
+    println!("  {head:<0$}   MSE um2    MAE um   95 % um  worst um   in 95 %    points", width + 2);
     for method in &record.held_out {
         let coverage = method.coverage_95.map_or_else(|| "-".to_owned(), |share| format!("{:.1} %", share * 100.0));
         let s = &method.scores;
         println!(
-            "    {:<18} {:>9.4} {:>9.4} {:>9.4} {:>9.4} {coverage:>9} {:>9}",
+            "    {:<width$} {:>9.4} {:>9.4} {:>9.4} {:>9.4} {coverage:>9} {:>9}",
             method.method, s.mse_um2, s.mae_um, s.error_95_um, s.worst_um, method.points
         );
     }
     println!("  made              {}", record.kind);
     println!("  recommended       {}: {}", record.recommendation.method, record.recommendation.why);
+    if record.recommendation.method.ends_with(POSITION_ALONE) {
+        println!(
+            "  note              held-out data do not show that the further inputs help: train with --inputs position instead"
+        );
+    }
     if record.recommendation.method == ZERO {
         println!("  note              held-out data speak for no residual model at all: do not correct with this one");
     }

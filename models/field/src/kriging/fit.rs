@@ -7,12 +7,12 @@ use super::bounded::{self, Minimum, Start};
 use super::likelihood::{Data, Scaled};
 use super::process::{Process, Scaling};
 use super::{COMPONENTS, FittedComponent, Hyperparameters, KrigingError, Noise, Options};
-use crate::measured::MeasuredField;
+use crate::samples::Samples;
 use nalgebra::Vector3;
 
 /// Points on which the starts are tried.
 const FIRST_POINTS: usize = 160;
-/// Bounds of a length scale in extents of the volume: from a fiftieth to twenty-fold.
+/// Bounds of a length scale in extents of its input: from a fiftieth to twenty-fold.
 const LENGTH: (f64, f64) = (0.02, 20.0);
 /// Bounds of the signal's deviation, in deviations of the errors; the upper one is that of a field of which the volume shows
 /// but a small part.
@@ -22,6 +22,9 @@ const SIGNAL: (f64, f64) = (1e-3, 3e1);
 const NOISE: (f64, f64) = (1e-3, 1e1);
 /// Starts: length scale in extents, and noise in deviations of the errors.
 const STARTS: [(f64, f64); 3] = [(1.0, 0.1), (0.25, 0.1), (4.0, 0.5)];
+/// Length scale at the start of inputs beyond the first three, in extents; none: that of the others. One that says nothing must not hide
+/// what the first three, the position, say without it.
+const FURTHER: [Option<f64>; 2] = [None, Some(10.0)];
 /// Gain in −2 L below which the parameters have settled: far below what a difference in likelihood means.
 const GAIN: f64 = 1e-3;
 /// Difference in −2 L that no conclusion would rest on.
@@ -37,43 +40,44 @@ const GOLDEN: f64 = 0.618_033_988_749_894_9;
 
 /// Fits one component.
 pub(crate) fn fit(
-    field: &MeasuredField,
+    samples: &Samples,
     component: usize,
     options: &Options,
 ) -> Result<(Process, FittedComponent), KrigingError> {
-    let (data, scaling) = scaled(field, component, options)?;
-    let bounds = bounds(options);
+    let (data, scaling) = scaled(samples, component, options)?;
+    let bounds = bounds(options, data.size);
     let mut found = first_fit(&data, &bounds, component)?;
-    if data.points.len() > FIRST_POINTS {
+    if data.values.len() > FIRST_POINTS {
         // The curvature of a likelihood grows with the points.
-        let share = FIRST_POINTS as f64 / data.points.len() as f64;
+        let share = FIRST_POINTS as f64 / data.values.len() as f64;
         let start = Start { at: &found.at, inverse: found.inverse.map(|inverse| inverse * share) };
         found = maximum(&data, start, &bounds).ok_or(not_positive(component))?;
     }
     if !found.is_settled {
         return Err(KrigingError::NotConverged { component: COMPONENTS[component], steps: found.steps });
     }
-    finish(data, scaling, &Scaled::from_logarithms(&found.at), at_bound(&found.at, &bounds), component)
+    let at_bound = at_bound(&found.at, &bounds, samples.names());
+    let parameters = Scaled::from_logarithms(&found.at, data.size);
+    finish(data, scaling, &parameters, at_bound, component)
 }
 
 /// The component at given parameters.
 pub(crate) fn with(
-    field: &MeasuredField,
+    samples: &Samples,
     component: usize,
     options: &Options,
     parameters: &Hyperparameters,
 ) -> Result<(Process, FittedComponent), KrigingError> {
-    let (data, scaling) = scaled(field, component, options)?;
-    let [x, y, z] = parameters.length_m;
+    let (data, scaling) = scaled(samples, component, options)?;
     let named =
-        [(x, "a length scale"), (y, "a length scale"), (z, "a length scale"), (parameters.signal_m, "the signal")];
+        parameters.length.iter().map(|length| (*length, "a length scale")).chain([(parameters.signal_m, "the signal")]);
     let noise = parameters.noise_m.map(|noise| (noise, "the noise"));
-    if let Some((_, what)) = named.into_iter().chain(noise).find(|(value, _)| !(value.is_finite() && *value > 0.0)) {
+    if let Some((_, what)) = named.chain(noise).find(|(value, _)| !(value.is_finite() && *value > 0.0)) {
         return Err(KrigingError::Parameter { component: COMPONENTS[component], what });
     }
     let parameters = Scaled {
         signal: parameters.signal_m / scaling.deviation_m,
-        length: [0, 1, 2].map(|d| parameters.length_m[d] / scaling.extent_m[d]),
+        length: parameters.length.iter().zip(&scaling.extent).map(|(length, extent)| length / extent).collect(),
         noise: parameters.noise_m.map(|noise| noise / scaling.deviation_m),
     };
     finish(data, scaling, &parameters, Vec::new(), component)
@@ -83,46 +87,47 @@ fn finish(
     data: Data,
     scaling: Scaling,
     parameters: &Scaled,
-    at_bound: Vec<&'static str>,
+    at_bound: Vec<String>,
     component: usize,
 ) -> Result<(Process, FittedComponent), KrigingError> {
     let factored = data.factored(parameters).map_err(|_| not_positive(component))?;
-    let freedom = (data.points.len() - factored.coefficients.len()) as f64;
+    let freedom = (data.values.len() - factored.coefficients.len()) as f64;
     let two_pi = 2.0 * std::f64::consts::PI;
     // The density of errors in metres, not in deviations.
     let log_likelihood = -0.5 * (factored.minus_two_log + freedom * (two_pi.ln() + 2.0 * scaling.deviation_m.ln()));
     let hyperparameters = Hyperparameters {
-        length_m: [0, 1, 2].map(|d| parameters.length[d] * scaling.extent_m[d]),
+        length: parameters.length.iter().zip(&scaling.extent).map(|(length, extent)| length * extent).collect(),
         signal_m: parameters.signal * scaling.deviation_m,
         noise_m: parameters.noise.map(|noise| noise * scaling.deviation_m),
     };
     let fitted = FittedComponent { hyperparameters, log_likelihood, at_bound };
-    Ok((Process::new(data, scaling, *parameters, factored), fitted))
+    Ok((Process::new(data, scaling, parameters.clone(), factored), fitted))
 }
 
-/// Points in extents about their middle, errors in deviations.
-fn scaled(field: &MeasuredField, component: usize, options: &Options) -> Result<(Data, Scaling), KrigingError> {
-    let points = field.points_m();
-    let extreme = |pick: fn(f64, f64) -> f64| points.iter().skip(1).fold(points[0], |e, p| e.zip_map(p, pick));
-    let (lower, upper) = (extreme(f64::min), extreme(f64::max));
-    let values: Vec<f64> = field.errors_m().iter().map(|e| e[component]).collect();
+/// Inputs in extents about their middle, errors in deviations.
+fn scaled(samples: &Samples, component: usize, options: &Options) -> Result<(Data, Scaling), KrigingError> {
+    let (lower, upper) = samples.range();
+    let values: Vec<f64> = samples.errors_m().iter().map(|e| e[component]).collect();
     let mean = values.iter().sum::<f64>() / values.len() as f64;
     let square = values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / values.len() as f64;
     let largest = values.iter().fold(0.0_f64, |largest, v| largest.max(v.abs()));
-    let normal = field.plane().map(|plane| plane.normal);
-    let mut extent_m = upper - lower;
+    let normal = samples.normal();
+    let mut extent: Vec<f64> = lower.iter().zip(&upper).map(|(lower, upper)| upper - lower).collect();
     // Across a plane nothing differs: any length will do.
-    normal.into_iter().for_each(|axis| extent_m[axis] = extent_m.max());
-    let scaling = Scaling { middle_m: (lower + upper) / 2.0, extent_m, deviation_m: square.sqrt() };
+    let largest_extent = extent.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    normal.into_iter().for_each(|axis| extent[axis] = largest_extent);
+    let middle = lower.iter().zip(&upper).map(|(lower, upper)| (lower + upper) / 2.0).collect();
+    let scaling = Scaling { middle, extent, deviation_m: square.sqrt() };
     if scaling.deviation_m <= SAME * largest {
         return Err(KrigingError::Constant { component: COMPONENTS[component] });
     }
     let variance = |u: &Vector3<f64>| (u[component] / scaling.deviation_m).powi(2);
-    let declared = field.u_m().filter(|_| options.noise != Noise::Fitted);
+    let declared = samples.u_m().filter(|_| options.noise != Noise::Fitted);
     let declared: Option<Vec<f64>> = declared.map(|list| list.iter().map(variance).collect());
     let scaled = options.noise == Noise::Scaled;
     let data = Data {
-        points: points.iter().map(|p| scaling.point(p)).collect(),
+        size: samples.size(),
+        points: samples.points().flat_map(|point| scaling.point(point)).collect(),
         values: values.iter().map(|v| v / scaling.deviation_m).collect(),
         shares: declared.as_ref().filter(|_| scaled).map(|list| over_mean(list)),
         declared: declared.filter(|_| !scaled),
@@ -139,18 +144,24 @@ fn over_mean(list: &[f64]) -> Vec<f64> {
     list.iter().map(|value| value / mean).collect()
 }
 
-fn bounds(options: &Options) -> Vec<(f64, f64)> {
+fn bounds(options: &Options, size: usize) -> Vec<(f64, f64)> {
     let logarithms = |(lower, upper): (f64, f64)| (lower.ln(), upper.ln());
     let noise = (options.noise != Noise::Declared).then_some(NOISE);
-    [SIGNAL, LENGTH, LENGTH, LENGTH].into_iter().chain(noise).map(logarithms).collect()
+    std::iter::once(SIGNAL).chain(std::iter::repeat_n(LENGTH, size)).chain(noise).map(logarithms).collect()
 }
 
 /// The best of all starts on a part of the points.
 fn first_fit(data: &Data, bounds: &[(f64, f64)], component: usize) -> Result<Minimum, KrigingError> {
     let part = part(data);
     let mut best: Option<Minimum> = None;
-    for (length, noise) in STARTS {
-        let start = Scaled { signal: 1.0, length: [length; 3], noise: (bounds.len() > 4).then_some(noise) };
+    let further = FURTHER.into_iter().take(if data.size > 3 { FURTHER.len() } else { 1 });
+    for (further, (length, noise)) in further.flat_map(|further| STARTS.map(|start| (further, start))) {
+        let length_of = |d: usize| if d < 3 { length } else { further.unwrap_or(length) };
+        let start = Scaled {
+            signal: 1.0,
+            length: (0..data.size).map(length_of).collect(),
+            noise: (bounds.len() > data.size + 1).then_some(noise),
+        };
         let logarithms = start.logarithms();
         let Some(found) = maximum(&part, Start { at: &logarithms, inverse: None }, bounds) else { continue };
         if best.as_ref().is_none_or(|before| is_better(&found, before)) {
@@ -172,7 +183,7 @@ fn is_better(found: &Minimum, before: &Minimum) -> bool {
 
 /// Points spread over the list, so that a lattice's order does not pick out one of its planes.
 fn part(data: &Data) -> Data {
-    let count = data.points.len();
+    let count = data.values.len();
     if count <= FIRST_POINTS {
         return data.clone();
     }
@@ -180,7 +191,8 @@ fn part(data: &Data) -> Data {
     order.sort_by(|a, b| (*a as f64 * GOLDEN).fract().total_cmp(&(*b as f64 * GOLDEN).fract()));
     order.truncate(FIRST_POINTS);
     Data {
-        points: order.iter().map(|k| data.points[*k]).collect(),
+        size: data.size,
+        points: order.iter().flat_map(|k| data.point(*k)).copied().collect(),
         values: order.iter().map(|k| data.values[*k]).collect(),
         declared: data.declared.as_ref().map(|list| order.iter().map(|k| list[*k]).collect()),
         shares: data.shares.as_ref().map(|list| order.iter().map(|k| list[*k]).collect()),
@@ -194,10 +206,11 @@ fn maximum(data: &Data, start: Start<'_>, bounds: &[(f64, f64)]) -> Option<Minim
     bounded::minimum(|logarithms| data.minus_two_log(logarithms).ok(), start, bounds, GAIN, MOST_STEPS)
 }
 
-fn at_bound(logarithms: &[f64], bounds: &[(f64, f64)]) -> Vec<&'static str> {
-    let names = ["signal", "length x", "length y", "length z", "noise"];
+fn at_bound(logarithms: &[f64], bounds: &[(f64, f64)], inputs: &[String]) -> Vec<String> {
+    let lengths = inputs.iter().map(|name| format!("length {}", name.strip_suffix("_m").unwrap_or(name)));
+    let names = std::iter::once("signal".to_owned()).chain(lengths).chain(["noise".to_owned()]);
     let is_at = |value: f64, (lower, upper): (f64, f64)| value - lower < AT_BOUND || upper - value < AT_BOUND;
-    let all = names.into_iter().zip(logarithms.iter().zip(bounds));
+    let all = names.zip(logarithms.iter().zip(bounds));
     all.filter(|(_, (value, bounds))| is_at(**value, **bounds)).map(|(name, _)| name).collect()
 }
 

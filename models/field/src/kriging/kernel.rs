@@ -1,4 +1,4 @@
-//! Covariance of the signal between two points, with a length scale for each axis.
+//! Covariance of the signal between two points, with a length scale for each input.
 //!
 //! Place in the flow: entries of covariance matrices in [`super::likelihood`]. With r² = Σ (Δ_d/ℓ_d)²:
 //! Matérn 5/2 (1 + √5 r + 5r²/3) e^(−√5 r); squared exponential e^(−r²/2). Source: Rasmussen & Williams 2006 eq. 4.17, 4.9.
@@ -13,9 +13,8 @@ pub enum Kernel {
 }
 
 impl Kernel {
-    /// Correlation at scaled square distances `scaled` = (Δ_d/ℓ_d)².
-    pub(crate) fn correlation(self, scaled: [f64; 3]) -> f64 {
-        let square = scaled[0] + scaled[1] + scaled[2];
+    /// Correlation at a scaled square distance Σ (Δ_d/ℓ_d)².
+    pub(crate) fn correlation(self, square: f64) -> f64 {
         match self {
             Kernel::Matern52 => {
                 let a = (5.0 * square).sqrt();
@@ -25,9 +24,8 @@ impl Kernel {
         }
     }
 
-    /// Correlation, and the factor that makes `scaled[d]` its derivative by ln ℓ_d.
-    pub(crate) fn with_derivative(self, scaled: [f64; 3]) -> (f64, f64) {
-        let square = scaled[0] + scaled[1] + scaled[2];
+    /// Correlation, and the factor that makes (Δ_d/ℓ_d)² its derivative by ln ℓ_d.
+    pub(crate) fn with_derivative(self, square: f64) -> (f64, f64) {
         match self {
             Kernel::Matern52 => {
                 let a = (5.0 * square).sqrt();

@@ -1,15 +1,15 @@
 //! Restricted marginal likelihood of one component and its gradient.
 //!
 //! Place in the flow: what [`super::fit`] maximises and [`super::process`] predicts with. Everything is in scaled units:
-//! points in extents of the volume, errors in their own deviation, so that bounds and steps mean the same for any machine.
+//! inputs in extents of what was measured, errors in their own deviation, so that bounds and steps mean the same for any machine.
 //! With K the covariance of the data, H the trend's columns and P = K⁻¹ − K⁻¹H(HᵀK⁻¹H)⁻¹HᵀK⁻¹:
 //! −2 L = yᵀPy + ln|K| + ln|HᵀK⁻¹H| + (n − p) ln 2π, and ∂(−2 L) = tr(P ∂K) − yᵀP ∂K P y.
 //! Source: Rasmussen & Williams 2006 eq. 2.45, 5.9; Patterson & Thompson 1971 for the restriction.
 
 use super::kernel::Kernel;
+use crate::samples::MOST_INPUTS;
 use faer::linalg::solvers::{DenseSolveCore, Llt, Solve};
 use faer::{Mat, Side};
-use nalgebra::Vector3;
 
 /// What is removed from the errors before they count as signal; its coefficients have a flat prior.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -18,55 +18,66 @@ pub enum Trend {
     Zero,
     /// A constant: ordinary kriging.
     Constant,
-    /// A constant and a slope along each axis: universal kriging.
+    /// A constant and a slope along each input: universal kriging.
     Linear,
 }
 
 impl Trend {
     /// Values of the trend's functions at a scaled point; across a plane there is no slope.
-    pub(crate) fn row(self, point: &Vector3<f64>, normal: Option<usize>) -> Vec<f64> {
+    pub(crate) fn row(self, point: &[f64], normal: Option<usize>) -> Vec<f64> {
         match self {
             Trend::Zero => vec![],
             Trend::Constant => vec![1.0],
             Trend::Linear => {
-                let slopes = (0..3).filter(|axis| normal != Some(*axis)).map(|axis| point[axis]);
+                let slopes = (0..point.len()).filter(|d| normal != Some(*d)).map(|d| point[d]);
                 std::iter::once(1.0).chain(slopes).collect()
             }
         }
     }
 }
 
-/// Logarithms of the parameters in scaled units: signal, the three length scales, and noise where it is fitted.
-#[derive(Debug, Clone, Copy, PartialEq)]
+/// Parameters in scaled units: signal, a length scale for each input, and noise where it is fitted.
+#[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Scaled {
     pub(crate) signal: f64,
-    pub(crate) length: [f64; 3],
+    pub(crate) length: Vec<f64>,
     pub(crate) noise: Option<f64>,
 }
 
 impl Scaled {
-    /// From logarithms: signal, lengths, and noise if there are five.
-    pub(crate) fn from_logarithms(logarithms: &[f64]) -> Scaled {
+    /// From logarithms: signal, `size` lengths, and noise if there is one more.
+    pub(crate) fn from_logarithms(logarithms: &[f64], size: usize) -> Scaled {
         let at = |k: usize| logarithms.get(k).map(|v| v.exp());
-        let length = [1, 2, 3].map(|k| at(k).unwrap_or(f64::NAN));
-        Scaled { signal: at(0).unwrap_or(f64::NAN), length, noise: at(4) }
+        let length = (1..=size).map(|k| at(k).unwrap_or(f64::NAN)).collect();
+        Scaled { signal: at(0).unwrap_or(f64::NAN), length, noise: at(size + 1) }
     }
 
     pub(crate) fn logarithms(&self) -> Vec<f64> {
-        let [x, y, z] = self.length;
-        [self.signal, x, y, z].into_iter().chain(self.noise).map(f64::ln).collect()
+        std::iter::once(self.signal).chain(self.length.iter().copied()).chain(self.noise).map(f64::ln).collect()
     }
 
-    /// Squares (Δ_d/ℓ_d)² between two scaled points.
-    pub(crate) fn squares(&self, a: &Vector3<f64>, b: &Vector3<f64>) -> [f64; 3] {
-        [0, 1, 2].map(|d| ((a[d] - b[d]) / self.length[d]).powi(2))
+    /// Sum of (Δ_d/ℓ_d)² between two scaled points.
+    pub(crate) fn square(&self, a: &[f64], b: &[f64]) -> f64 {
+        self.length.iter().zip(a.iter().zip(b)).map(|(length, (a, b))| ((a - b) / length).powi(2)).sum()
+    }
+
+    /// The same, with each of them in `parts`.
+    fn squares(&self, a: &[f64], b: &[f64], parts: &mut [f64; MOST_INPUTS]) -> f64 {
+        let mut sum = 0.0;
+        for (part, (length, (a, b))) in parts.iter_mut().zip(self.length.iter().zip(a.iter().zip(b))) {
+            *part = ((a - b) / length).powi(2);
+            sum += *part;
+        }
+        sum
     }
 }
 
 /// Data of one component in scaled units.
 #[derive(Debug, Clone)]
 pub(crate) struct Data {
-    pub(crate) points: Vec<Vector3<f64>>,
+    /// Inputs of a point, and the points one after the other.
+    pub(crate) size: usize,
+    pub(crate) points: Vec<f64>,
     pub(crate) values: Vec<f64>,
     /// Declared noise variance of each value, where there is one.
     pub(crate) declared: Option<Vec<f64>>,
@@ -74,7 +85,7 @@ pub(crate) struct Data {
     pub(crate) shares: Option<Vec<f64>>,
     pub(crate) kernel: Kernel,
     pub(crate) trend: Trend,
-    /// Axis across the plane of the points, where they lie in one.
+    /// Input across the plane of the points, where they lie in one.
     pub(crate) normal: Option<usize>,
 }
 
@@ -98,15 +109,25 @@ pub(crate) struct Factored {
 }
 
 impl Data {
+    /// A scaled point.
+    pub(crate) fn point(&self, index: usize) -> &[f64] {
+        &self.points[index * self.size..(index + 1) * self.size]
+    }
+
+    /// All of them.
+    pub(crate) fn all_points(&self) -> impl Iterator<Item = &[f64]> {
+        self.points.chunks_exact(self.size)
+    }
+
     /// Covariance matrix of the values.
     fn covariance(&self, parameters: &Scaled) -> Mat<f64> {
-        let count = self.points.len();
+        let count = self.values.len();
         let variance = parameters.signal * parameters.signal;
         let mut matrix = Mat::zeros(count, count);
         for column in 0..count {
             for row in column..count {
-                let squares = parameters.squares(&self.points[row], &self.points[column]);
-                let value = variance * self.kernel.correlation(squares);
+                let square = parameters.square(self.point(row), self.point(column));
+                let value = variance * self.kernel.correlation(square);
                 matrix[(row, column)] = value;
                 matrix[(column, row)] = value;
             }
@@ -123,13 +144,13 @@ impl Data {
 
     /// Columns of the trend (n × p).
     fn trend_columns(&self) -> Mat<f64> {
-        let rows: Vec<Vec<f64>> = self.points.iter().map(|point| self.trend.row(point, self.normal)).collect();
+        let rows: Vec<Vec<f64>> = self.all_points().map(|point| self.trend.row(point, self.normal)).collect();
         Mat::from_fn(rows.len(), rows.first().map_or(0, Vec::len), |i, j| rows[i][j])
     }
 
     /// Factors the covariance and finds trend and weights.
     pub(crate) fn factored(&self, parameters: &Scaled) -> Result<Factored, NotPositiveDefinite> {
-        let count = self.points.len();
+        let count = self.values.len();
         let factor = Llt::new(self.covariance(parameters).as_ref(), Side::Lower).map_err(|_| NotPositiveDefinite)?;
         let columns = self.trend_columns();
         let whitened_trend = factor.solve(&columns);
@@ -156,30 +177,31 @@ impl Data {
 
     /// −2 L and its gradient by the logarithms of the parameters.
     pub(crate) fn minus_two_log(&self, logarithms: &[f64]) -> Result<(f64, Vec<f64>), NotPositiveDefinite> {
-        let parameters = Scaled::from_logarithms(logarithms);
+        let parameters = Scaled::from_logarithms(logarithms, self.size);
         let factored = self.factored(&parameters)?;
         let projector = factored.projector();
         let mut gradient = vec![0.0; logarithms.len()];
         let variance = parameters.signal * parameters.signal;
         let weights = &factored.weights;
-        for column in 0..self.points.len() {
+        let mut parts = [0.0; MOST_INPUTS];
+        for column in 0..self.values.len() {
             let own = projector[(column, column)] - weights[column] * weights[column];
             gradient[0] += 2.0 * variance * own;
             if let Some(noise) = parameters.noise {
-                gradient[4] += 2.0 * noise * noise * self.share(column) * own;
+                gradient[self.size + 1] += 2.0 * noise * noise * self.share(column) * own;
             }
-            let mut below = [0.0; 4];
-            for row in column + 1..self.points.len() {
-                let squares = parameters.squares(&self.points[row], &self.points[column]);
-                let (correlation, slope) = self.kernel.with_derivative(squares);
+            let mut below = [0.0; MOST_INPUTS + 1];
+            for row in column + 1..self.values.len() {
+                let square = parameters.squares(self.point(row), self.point(column), &mut parts);
+                let (correlation, slope) = self.kernel.with_derivative(square);
                 let share = projector[(row, column)] - weights[row] * weights[column];
                 below[0] += 2.0 * share * correlation;
-                for d in 0..3 {
-                    below[d + 1] += share * slope * squares[d];
+                for (below, part) in below[1..=self.size].iter_mut().zip(&parts) {
+                    *below += share * slope * part;
                 }
             }
             // Each entry below the diagonal stands for itself and its mirror image.
-            for (entry, sum) in gradient.iter_mut().zip(below) {
+            for (entry, sum) in gradient[..=self.size].iter_mut().zip(below) {
                 *entry += 2.0 * variance * sum;
             }
         }

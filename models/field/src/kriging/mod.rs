@@ -1,7 +1,8 @@
 //! Kriging: interpolation by a Gaussian process whose covariance is fitted to the measured errors.
 //!
-//! Place in the flow: a [`MeasuredField`] in (m, machine frame), the error at any point with its standard uncertainty out.
-//! Each component has a process of its own: trend + signal with a covariance of anisotropic length scales + noise. Length
+//! Place in the flow: a [`MeasuredField`] in (m, machine frame), the error at any point with its standard uncertainty out; of
+//! [`Samples`] of any inputs, what was fitted.
+//! Each component has a process of its own: trend + signal with a covariance that has a length scale for each input + noise. Length
 //! scales, signal and noise maximise the restricted marginal likelihood (the trend integrated out), by its analytic gradient.
 //! Nothing is added to a covariance matrix to make it invertible: a matrix that is not positive definite is an error.
 //! Source: Rasmussen & Williams 2006, Gaussian Processes for Machine Learning, ch. 2, 4, 5; Stein 1999 for the Matérn class.
@@ -15,6 +16,7 @@ mod process;
 use crate::cells::PLANE_TOLERANCE_M;
 use crate::hull::{Hull, Region};
 use crate::measured::{FieldError, MeasuredField};
+use crate::samples::Samples;
 use nalgebra::Vector3;
 use process::Process;
 use thiserror::Error;
@@ -50,10 +52,10 @@ pub struct Options {
 }
 
 /// Fitted parameters of one component.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Hyperparameters {
-    /// Length scale along each axis (m).
-    pub length_m: [f64; 3],
+    /// Length scale along each input, in its unit: m along axes.
+    pub length: Vec<f64>,
     /// Standard deviation of the signal (m).
     pub signal_m: f64,
     /// Standard deviation of the fitted noise (m); `None` where noise is only declared. Where declared uncertainties are scaled,
@@ -69,7 +71,7 @@ pub struct FittedComponent {
     /// Logarithm of the restricted marginal likelihood of the errors in metres.
     pub log_likelihood: f64,
     /// Parameters that ended at the edge of what is searched, by name: the data do not bound them on that side.
-    pub at_bound: Vec<&'static str>,
+    pub at_bound: Vec<String>,
 }
 
 /// Error at a point, with the standard uncertainty of the field there.
@@ -96,16 +98,7 @@ impl Kriging {
     ///
     /// Source: Rasmussen & Williams 2006 eq. 2.25-2.26 (prediction), 2.45 (trend), 5.9 (gradient).
     pub fn fit(field: &MeasuredField, options: &Options) -> Result<Kriging, KrigingError> {
-        check_noise(field, options)?;
-        let fit = |component: usize| fit::fit(field, component, options);
-        // One thread a component: their results do not depend on each other.
-        let [x, y, z] = std::thread::scope(|scope| {
-            let others = [1, 2].map(|component| scope.spawn(move || fit(component)));
-            let first = fit(0);
-            let [y, z] = others.map(|thread| thread.join().unwrap_or(Err(KrigingError::Interrupted)));
-            [first, y, z]
-        });
-        Kriging::assemble(field, [x?, y?, z?])
+        Kriging::assemble(field, fit_each(&Samples::from(field), options)?)
     }
 
     /// The field with given parameters, such as those of an earlier fit.
@@ -114,9 +107,10 @@ impl Kriging {
         options: &Options,
         hyperparameters: &[Hyperparameters; 3],
     ) -> Result<Kriging, KrigingError> {
-        check_noise(field, options)?;
+        let samples = Samples::from(field);
+        check_noise(&samples, options)?;
         let [x, y, z] = hyperparameters;
-        let one = |component, parameters| fit::with(field, component, options, parameters);
+        let one = |component, parameters| fit::with(&samples, component, options, parameters);
         Kriging::assemble(field, [one(0, x)?, one(1, y)?, one(2, z)?])
     }
 
@@ -133,12 +127,12 @@ impl Kriging {
 
     /// The error alone at a finite point (m, machine frame); cost linear in the measured points.
     pub fn error_m(&self, point_m: &Vector3<f64>) -> Vector3<f64> {
-        Vector3::from_fn(|d, _| self.processes[d].mean(point_m))
+        Vector3::from_fn(|d, _| self.processes[d].mean(point_m.as_slice()))
     }
 
     /// Error and uncertainty at a finite point (m, machine frame); cost quadratic in the measured points.
     pub fn predict(&self, point_m: &Vector3<f64>) -> Prediction {
-        let at = self.processes.each_ref().map(|process| process.predict(point_m));
+        let at = self.processes.each_ref().map(|process| process.predict(point_m.as_slice()));
         Prediction {
             error_m: Vector3::from_fn(|d, _| at[d].0),
             u_m: Vector3::from_fn(|d, _| at[d].1),
@@ -156,8 +150,29 @@ impl Kriging {
     }
 }
 
-fn check_noise(field: &MeasuredField, options: &Options) -> Result<(), KrigingError> {
-    let undeclared = options.noise != Noise::Fitted && field.u_m().is_none();
+/// What [`Kriging::fit`] fits, of any inputs, for x, y and z.
+///
+/// # Errors
+/// As there.
+pub fn fitted(samples: &Samples, options: &Options) -> Result<[FittedComponent; 3], KrigingError> {
+    Ok(fit_each(samples, options)?.map(|(_, fitted)| fitted))
+}
+
+fn fit_each(samples: &Samples, options: &Options) -> Result<[(Process, FittedComponent); 3], KrigingError> {
+    check_noise(samples, options)?;
+    let fit = |component: usize| fit::fit(samples, component, options);
+    // One thread a component: their results do not depend on each other.
+    let [x, y, z] = std::thread::scope(|scope| {
+        let others = [1, 2].map(|component| scope.spawn(move || fit(component)));
+        let first = fit(0);
+        let [y, z] = others.map(|thread| thread.join().unwrap_or(Err(KrigingError::Interrupted)));
+        [first, y, z]
+    });
+    Ok([x?, y?, z?])
+}
+
+fn check_noise(samples: &Samples, options: &Options) -> Result<(), KrigingError> {
+    let undeclared = options.noise != Noise::Fitted && samples.u_m().is_none();
     if undeclared { Err(KrigingError::NoiseNotDeclared) } else { Ok(()) }
 }
 

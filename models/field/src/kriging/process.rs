@@ -6,22 +6,25 @@
 use super::likelihood::{Data, Factored, Scaled};
 use faer::Mat;
 use faer::linalg::solvers::{Llt, Solve};
-use nalgebra::Vector3;
 
-/// From metres to what the process computes in.
-#[derive(Debug, Clone, Copy, PartialEq)]
+/// From inputs in their units to what the process computes in.
+#[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Scaling {
-    /// Middle of the points (m).
-    pub(crate) middle_m: Vector3<f64>,
-    /// Their extents (m).
-    pub(crate) extent_m: Vector3<f64>,
+    /// Middle of the points.
+    pub(crate) middle: Vec<f64>,
+    /// Their extents.
+    pub(crate) extent: Vec<f64>,
     /// Deviation of the errors (m).
     pub(crate) deviation_m: f64,
 }
 
 impl Scaling {
-    pub(crate) fn point(&self, point_m: &Vector3<f64>) -> Vector3<f64> {
-        (point_m - self.middle_m).component_div(&self.extent_m)
+    pub(crate) fn point(&self, point: &[f64]) -> Vec<f64> {
+        point
+            .iter()
+            .zip(self.middle.iter().zip(&self.extent))
+            .map(|(at, (middle, extent))| (at - middle) / extent)
+            .collect()
     }
 }
 
@@ -43,7 +46,7 @@ pub(crate) struct Process {
 impl Process {
     pub(crate) fn new(data: Data, scaling: Scaling, parameters: Scaled, factored: Factored) -> Process {
         let projector = factored.projector();
-        let projector_diagonal = (0..data.points.len()).map(|k| projector[(k, k)]).collect();
+        let projector_diagonal = (0..data.values.len()).map(|k| projector[(k, k)]).collect();
         let Factored { factor, whitened_trend, trend_covariance, coefficients, weights, .. } = factored;
         let trend = (whitened_trend, trend_covariance);
         Process {
@@ -60,15 +63,15 @@ impl Process {
     }
 
     /// Covariance of the signal at a scaled point with that at each measured point.
-    fn covariances<'a>(&'a self, point: &'a Vector3<f64>) -> impl Iterator<Item = f64> + 'a {
+    fn covariances<'a>(&'a self, point: &'a [f64]) -> impl Iterator<Item = f64> + 'a {
         let variance = self.parameters.signal * self.parameters.signal;
-        let of = move |other| variance * self.data.kernel.correlation(self.parameters.squares(point, other));
-        self.data.points.iter().map(of)
+        let of = move |other| variance * self.data.kernel.correlation(self.parameters.square(point, other));
+        self.data.all_points().map(of)
     }
 
     /// Expected error (m).
-    pub(crate) fn mean(&self, point_m: &Vector3<f64>) -> f64 {
-        let point = self.scaling.point(point_m);
+    pub(crate) fn mean(&self, point: &[f64]) -> f64 {
+        let point = self.scaling.point(point);
         let trend: f64 =
             self.data.trend.row(&point, self.data.normal).iter().zip(&self.coefficients).map(|(h, b)| h * b).sum();
         let signal: f64 = self.covariances(&point).zip(&self.weights).map(|(k, w)| k * w).sum();
@@ -76,8 +79,8 @@ impl Process {
     }
 
     /// Expected error and standard uncertainty of the field (m).
-    pub(crate) fn predict(&self, point_m: &Vector3<f64>) -> (f64, f64) {
-        let point = self.scaling.point(point_m);
+    pub(crate) fn predict(&self, point: &[f64]) -> (f64, f64) {
+        let point = self.scaling.point(point);
         let covariances: Vec<f64> = self.covariances(&point).collect();
         let row = self.data.trend.row(&point, self.data.normal);
         let trend: f64 = row.iter().zip(&self.coefficients).map(|(h, b)| h * b).sum();

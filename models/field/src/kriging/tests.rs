@@ -18,10 +18,11 @@ fn scatter(count: usize, seed: u64) -> Vec<Vector3<f64>> {
 
 /// Values of a process of known parameters at points (scaled units), without noise.
 fn drawn(points: &[Vector3<f64>], kernel: Kernel, length: [f64; 3], seed: u64) -> Vec<f64> {
-    let parameters = Scaled { signal: 1.0, length, noise: None };
+    let parameters = Scaled { signal: 1.0, length: length.to_vec(), noise: None };
     let count = points.len();
     let covariance = Mat::from_fn(count, count, |i, j| {
-        kernel.correlation(parameters.squares(&points[i], &points[j])) + if i == j { 1e-9 } else { 0.0 }
+        kernel.correlation(parameters.square(points[i].as_slice(), points[j].as_slice()))
+            + if i == j { 1e-9 } else { 0.0 }
     });
     let factor = Llt::new(covariance.as_ref(), Side::Lower).unwrap();
     let mut random = ChaCha8Rng::seed_from_u64(seed);
@@ -61,7 +62,8 @@ fn the_gradient_of_the_likelihood_is_its_slope() {
         let values = drawn(&points, Kernel::Matern52, [0.4, 0.6, 0.9], 5);
         let declared = Some((0..40).map(|k| 1e-3 * (1.0 + f64::from(k))).collect());
         let shares = (trend == Trend::Constant).then(|| (0..40).map(|k| (1.0 + f64::from(k)) / 20.5).collect());
-        let data = Data { points, values, declared, shares, kernel, trend, normal: None };
+        let points = points.iter().flat_map(|p| [p.x, p.y, p.z]).collect();
+        let data = Data { size: 3, points, values, declared, shares, kernel, trend, normal: None };
         let at = [0.2, -0.7, -0.3, 0.4, -1.5];
         let (_, gradient) = data.minus_two_log(&at).unwrap();
         for k in 0..5 {
@@ -82,10 +84,10 @@ fn parameters_of_a_known_process_come_back() {
     let (field, _) = drawn_field(500, 0.1e-6, 7);
     let kriging = Kriging::fit(&field, &OPTIONS).unwrap();
     for fitted in kriging.fitted() {
-        let found = fitted.hyperparameters;
+        let found = &fitted.hyperparameters;
         // One realisation fixes noise to a few per cent, lengths to some ten per cent.
         assert!((found.noise_m.unwrap() / 0.1e-6 - 1.0).abs() < 0.25, "{found:?}");
-        for (length, truth) in found.length_m.iter().zip([0.5, 0.8, 1.5]) {
+        for (length, truth) in found.length.iter().zip([0.5, 0.8, 1.5]) {
             assert!((length / truth).ln().abs() < 0.7, "{found:?}");
         }
         assert!(fitted.at_bound.is_empty(), "{fitted:?}");
@@ -197,11 +199,11 @@ fn what_cannot_be_fitted_is_refused() {
     assert_eq!(Kriging::fit(&field, &declared).unwrap_err(), KrigingError::NoiseNotDeclared);
     // No noise to speak of on an infinitely smooth covariance with long scales: singular, and nothing is added to hide it.
     let sure = MeasuredField::new(points, errors, Some(vec![Vector3::repeat(1e-18); 36])).unwrap();
-    let long = Hyperparameters { length_m: [40.0; 3], signal_m: 1e-6, noise_m: None };
+    let long = Hyperparameters { length: vec![40.0; 3], signal_m: 1e-6, noise_m: None };
     let squared = Options { kernel: Kernel::SquaredExponential, ..declared };
-    let refused = Kriging::with_hyperparameters(&sure, &squared, &[long; 3]).unwrap_err();
+    let refused = Kriging::with_hyperparameters(&sure, &squared, &[(); 3].map(|()| long.clone())).unwrap_err();
     assert_eq!(refused, KrigingError::NotPositiveDefinite { component: "x" });
-    let negative = Hyperparameters { length_m: [0.1, -0.1, 0.1], signal_m: 1e-6, noise_m: None };
-    let refused = Kriging::with_hyperparameters(&sure, &squared, &[negative; 3]).unwrap_err();
+    let negative = Hyperparameters { length: vec![0.1, -0.1, 0.1], signal_m: 1e-6, noise_m: None };
+    let refused = Kriging::with_hyperparameters(&sure, &squared, &[(); 3].map(|()| negative.clone())).unwrap_err();
     assert_eq!(refused, KrigingError::Parameter { component: "x", what: "a length scale" });
 }

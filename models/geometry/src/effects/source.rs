@@ -42,6 +42,18 @@ pub enum CovariateProblem {
     Stale(String),
 }
 
+/// A covariate of a sample, or why it cannot be used. A value that is not a number counts as missing.
+///
+/// # Errors
+/// It is missing or stale.
+pub fn known_covariate(covariates: &dyn CovariateSource, name: &str) -> Result<f64, CovariateProblem> {
+    match covariates.covariate(name) {
+        CovariateValue::Fresh(value) if value.is_finite() => Ok(value),
+        CovariateValue::Fresh(_) | CovariateValue::Missing => Err(CovariateProblem::Missing(name.to_owned())),
+        CovariateValue::Stale => Err(CovariateProblem::Stale(name.to_owned())),
+    }
+}
+
 /// State of the machine at one sample.
 #[derive(Clone, Copy)]
 pub struct State<'a> {
@@ -56,11 +68,7 @@ pub struct State<'a> {
 impl State<'_> {
     /// A covariate, or why it cannot be used. A value that is not a number counts as missing.
     pub fn covariate(&self, name: &str) -> Result<f64, CovariateProblem> {
-        match self.covariates.covariate(name) {
-            CovariateValue::Fresh(value) if value.is_finite() => Ok(value),
-            CovariateValue::Fresh(_) | CovariateValue::Missing => Err(CovariateProblem::Missing(name.to_owned())),
-            CovariateValue::Stale => Err(CovariateProblem::Stale(name.to_owned())),
-        }
+        known_covariate(self.covariates, name)
     }
 
     /// A quantity of the sample by name: a scale or offset in metres (`x_m`, `offset_z_m`) or a covariate.

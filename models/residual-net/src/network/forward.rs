@@ -5,19 +5,19 @@
 
 use super::config::NetworkConfig;
 use super::parameters::{Layout, Parameters};
-use super::tokens::{TOKEN_SIZE, Token};
+use super::tokens::{Token, token_size};
 use crate::neighbourhood::VERTICES;
 use nalgebra::Vector3;
 
 /// Output of the network in its own units.
 pub fn forward(config: &NetworkConfig, parameters: &Parameters, tokens: &[Token; VERTICES]) -> Vector3<f64> {
     let d = config.width;
-    let layout = Layout::new(d);
+    let (layout, size) = (Layout::new(d, parameters.inputs()), token_size(parameters.inputs()));
     let part = |range: &std::ops::Range<usize>| -> Vec<f64> {
         parameters.values()[range.clone()].iter().map(|v| f64::from(*v)).collect()
     };
-    let input: Vec<f64> = tokens.iter().flatten().map(|v| f64::from(*v)).collect();
-    let mut embedded = times(&input, &part(&layout.embedding), TOKEN_SIZE, d);
+    let input: Vec<f64> = tokens.iter().flat_map(|token| &token[..size]).map(|v| f64::from(*v)).collect();
+    let mut embedded = times(&input, &part(&layout.embedding), size, d);
     add_bias(&mut embedded, &part(&layout.embedding_bias));
     let values = times(&embedded, &part(&layout.value), d, d);
     let heads = if config.attention {

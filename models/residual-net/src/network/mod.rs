@@ -1,4 +1,4 @@
-//! Networks: neighbourhood attention (NCNN, Liang 2025, chapter 3, eq. 15-19), and residual blocks on the position ([`position`]).
+//! Networks: neighbourhood attention (NCNN, Liang 2025, chapter 3, eq. 15-19), and residual blocks on the inputs ([`position`]).
 //!
 //! Place in the flow: eight measured residuals around a target become tokens ([`tokens()`]); embedding, multi-head
 //! self-attention and output layer make a residual vector of them. [`forward`] computes it as printed, [`folded`] the same
@@ -14,5 +14,5 @@ pub mod tokens;
 pub use config::{ConfigError, NetworkConfig};
 pub use folded::Folded;
 pub use parameters::{Layout, Parameters, ParametersError};
-pub use position::{POSITION_SIZE, PositionConfig, PositionConfigError, PositionNetwork};
-pub use tokens::{Normaliser, TOKEN_SIZE, Token, tokens};
+pub use position::{PositionConfig, PositionConfigError, PositionNetwork};
+pub use tokens::{MOST_NEIGHBOURED, Normaliser, Token, token_size, tokens};

@@ -14,7 +14,7 @@
 //! | `output_bias` | 3 | |
 
 use super::config::NetworkConfig;
-use super::tokens::TOKEN_SIZE;
+use super::tokens::token_size;
 use crate::neighbourhood::VERTICES;
 use std::ops::Range;
 use thiserror::Error;
@@ -43,8 +43,8 @@ pub struct Layout {
 }
 
 impl Layout {
-    /// Layout of a network of this width.
-    pub fn new(width: usize) -> Layout {
+    /// Layout of a network of this width on so many inputs.
+    pub fn new(width: usize, inputs: usize) -> Layout {
         let mut end = 0;
         let mut next = |length: usize| {
             let start = end;
@@ -52,7 +52,7 @@ impl Layout {
             start..end
         };
         Layout {
-            embedding: next(TOKEN_SIZE * width),
+            embedding: next(token_size(inputs) * width),
             embedding_bias: next(width),
             query: next(width * width),
             key: next(width * width),
@@ -96,20 +96,26 @@ pub enum ParametersError {
 /// Checked parameters of one network.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Parameters {
+    inputs: usize,
     values: Vec<f32>,
 }
 
 impl Parameters {
-    /// Parameters in the order of [`Layout`].
-    pub fn new(config: &NetworkConfig, values: Vec<f32>) -> Result<Parameters, ParametersError> {
-        let expected = Layout::new(config.width).len();
+    /// Parameters in the order of [`Layout`], of a network on so many inputs.
+    pub fn new(config: &NetworkConfig, inputs: usize, values: Vec<f32>) -> Result<Parameters, ParametersError> {
+        let expected = Layout::new(config.width, inputs).len();
         if values.len() != expected {
             return Err(ParametersError::Length { found: values.len(), expected, width: config.width });
         }
         match values.iter().position(|v| !v.is_finite()) {
             Some(index) => Err(ParametersError::NotFinite(index)),
-            None => Ok(Parameters { values }),
+            None => Ok(Parameters { inputs, values }),
         }
+    }
+
+    /// Inputs of the network.
+    pub fn inputs(&self) -> usize {
+        self.inputs
     }
 
     /// All of them.

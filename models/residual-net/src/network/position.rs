@@ -1,4 +1,4 @@
-//! Network on the position: residual blocks of dense layers, as it runs live.
+//! Network on the inputs, the position above all: residual blocks of dense layers, as it runs live.
 //!
 //! Place in the flow: parameters from training, a place in ±1 over the box of the calibrated points in, residual in units of the
 //! network out. It knows no neighbours, so it can bend where they cannot follow: at an edge that cuts the volume. Layers: linear,
@@ -10,8 +10,6 @@ use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-/// Coordinates of a place.
-pub const POSITION_SIZE: usize = 3;
 /// Numbers of a residual.
 const OUTPUTS: usize = 3;
 /// Widest layer: what a prediction works in stands on the stack.
@@ -60,15 +58,15 @@ impl PositionConfig {
         Ok(())
     }
 
-    /// Inputs and outputs of each layer.
-    pub fn layers(&self) -> impl Iterator<Item = [usize; 2]> + use<> {
+    /// Inputs and outputs of each layer of a network on so many inputs.
+    pub fn layers(&self, inputs: usize) -> impl Iterator<Item = [usize; 2]> + use<> {
         let hidden = std::iter::repeat_n([self.width; 2], 2 * self.blocks);
-        std::iter::once([POSITION_SIZE, self.width]).chain(hidden).chain([[self.width, OUTPUTS]])
+        std::iter::once([inputs, self.width]).chain(hidden).chain([[self.width, OUTPUTS]])
     }
 
     /// Number of parameters.
-    pub fn parameters(&self) -> usize {
-        self.layers().map(|[inputs, outputs]| (inputs + 1) * outputs).sum()
+    pub fn parameters(&self, inputs: usize) -> usize {
+        self.layers(inputs).map(|[inputs, outputs]| (inputs + 1) * outputs).sum()
     }
 }
 
@@ -88,7 +86,7 @@ struct Layer {
 
 impl PositionNetwork {
     /// Of a checked configuration and as many parameters as it has.
-    pub(crate) fn new(config: &PositionConfig, parameters: &[f32]) -> PositionNetwork {
+    pub(crate) fn new(config: &PositionConfig, inputs: usize, parameters: &[f32]) -> PositionNetwork {
         let mut rest = parameters;
         let mut layer = |[inputs, outputs]: [usize; 2]| {
             let (own, after) = rest.split_at((inputs + 1) * outputs);
@@ -99,16 +97,16 @@ impl PositionNetwork {
             let matrix = rows.by_ref().take(inputs).flatten().collect();
             Layer { matrix, bias: rows.flatten().collect() }
         };
-        PositionNetwork { layers: config.layers().map(&mut layer).collect() }
+        PositionNetwork { layers: config.layers(inputs).map(&mut layer).collect() }
     }
 
     /// Output in units of the network at a place in ±1.
-    pub fn evaluate(&self, place: &[f32; POSITION_SIZE]) -> Vector3<f64> {
+    pub fn evaluate(&self, place: &[f32]) -> Vector3<f64> {
         wide((self, place))
     }
 }
 
-impl Loops for (&PositionNetwork, &[f32; POSITION_SIZE]) {
+impl Loops for (&PositionNetwork, &[f32]) {
     type Output = Vector3<f64>;
 
     #[inline(always)]
@@ -158,7 +156,7 @@ mod tests {
     const TOLERANCE: f64 = 3e-6;
 
     /// The network as printed, in double precision.
-    fn printed(config: &PositionConfig, parameters: &[f32], place: &[f32; 3]) -> Vector3<f64> {
+    fn printed(config: &PositionConfig, parameters: &[f32], place: &[f32]) -> Vector3<f64> {
         let mut at = 0;
         let mut layer = |x: &[f64], [inputs, outputs]: [usize; 2]| -> Vec<f64> {
             let weight = |i: usize, o: usize| f64::from(parameters[at + i * outputs + o]);
@@ -167,8 +165,8 @@ mod tests {
             at += (inputs + 1) * outputs;
             y
         };
-        let layers: Vec<_> = config.layers().collect();
-        let mut x = layer(&place.map(f64::from), layers[0]);
+        let layers: Vec<_> = config.layers(place.len()).collect();
+        let mut x = layer(&place.iter().map(|p| f64::from(*p)).collect::<Vec<_>>(), layers[0]);
         for block in layers[1..layers.len() - 1].chunks_exact(2) {
             let hidden: Vec<f64> = layer(&x, block[0]).into_iter().map(|v| v.max(0.0)).collect();
             x = x.iter().zip(layer(&hidden, block[1])).map(|(x, step)| x + step).collect();
@@ -178,16 +176,17 @@ mod tests {
 
     #[test]
     fn loops_in_registers_give_the_printed_network() {
-        for (width, blocks) in [(64, 3), (32, 3), (5, 1), (1, 2), (128, 16)] {
+        for (width, blocks, inputs) in [(64, 3, 3), (32, 3, 3), (5, 1, 6), (1, 2, 3), (128, 16, 16)] {
             let config = PositionConfig { width, blocks };
             let mut random = ChaCha8Rng::seed_from_u64(width as u64);
             let bound = 1.0 / (width as f32).sqrt();
-            let parameters: Vec<f32> = (0..config.parameters()).map(|_| random.random_range(-bound..bound)).collect();
-            let network = PositionNetwork::new(&config, &parameters);
+            let parameters: Vec<f32> =
+                (0..config.parameters(inputs)).map(|_| random.random_range(-bound..bound)).collect();
+            let network = PositionNetwork::new(&config, inputs, &parameters);
             for _ in 0..20 {
-                let place = std::array::from_fn(|_| random.random_range(-1.0..1.0));
+                let place: Vec<f32> = (0..inputs).map(|_| random.random_range(-1.0..1.0)).collect();
                 let (found, expected) = (network.evaluate(&place), printed(&config, &parameters, &place));
-                assert_eq!(found, (&network, &place).run());
+                assert_eq!(found, (&network, place.as_slice()).run());
                 assert!(
                     (found - expected).norm() < TOLERANCE * expected.norm().max(1.0),
                     "{width}: {found} {expected}"

@@ -2,17 +2,25 @@
 //!
 //! Place in the flow: vertices and their residuals (m) in, normalised tokens out; the same function in training and live.
 //! Token i = (w_i (r_i − r̄)/s, (p_i − p_t)/a), with w_i = exp(−‖p_i − p_t‖/(2σ²)) as printed in eq. 15 (norm not squared),
-//! the norm in spacings a. r̄ and s are mean and standard deviation of the residuals, component by component.
+//! the norm in spacings a. p are the scaled inputs: the position, or up to [`MOST_NEIGHBOURED`] of any kind. r̄ and s are mean and standard deviation of the residuals, component by component.
 
 use super::config::NetworkConfig;
 use crate::neighbourhood::{VERTICES, Vertices};
 use nalgebra::Vector3;
 
-/// Numbers of a token: weighted residual, relative position.
-pub const TOKEN_SIZE: usize = 6;
+/// Inputs of a network on the neighbourhood at most: eight neighbours tell little in more directions, and so many go into the
+/// registers.
+pub const MOST_NEIGHBOURED: usize = 4;
+/// Numbers of a residual.
+const RESIDUAL: usize = 3;
 
-/// One token.
-pub type Token = [f32; TOKEN_SIZE];
+/// One token: weighted residual, relative inputs; what is left over is zero.
+pub type Token = [f32; RESIDUAL + MOST_NEIGHBOURED];
+
+/// Numbers of a token of so many inputs.
+pub fn token_size(inputs: usize) -> usize {
+    RESIDUAL + inputs
+}
 
 /// Brings residuals and distances to the order of one.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -21,7 +29,7 @@ pub struct Normaliser {
     pub mean_m: Vector3<f64>,
     /// Their standard deviation (m), above zero.
     pub scale_m: Vector3<f64>,
-    /// Spacing of the calibrated points (m), above zero.
+    /// Spacing of the calibrated points in scaled inputs (m for positions), above zero.
     pub spacing_m: f64,
 }
 
@@ -37,22 +45,30 @@ impl Normaliser {
     }
 }
 
-/// Tokens of a target (m, machine frame); `normalised` are the residuals of all calibrated points after
-/// [`Normaliser::normalise`].
+/// Tokens of a target; it and the calibrated `points`, one after the other, in scaled inputs; `normalised` are the residuals of all
+/// calibrated points after [`Normaliser::normalise`].
 pub fn tokens(
     config: &NetworkConfig,
     normaliser: &Normaliser,
-    target_m: &Vector3<f64>,
+    target: &[f64],
     vertices: &Vertices,
-    points_m: &[Vector3<f64>],
+    points: &[f64],
     normalised: &[Vector3<f64>],
 ) -> [Token; VERTICES] {
+    let size = target.len();
     vertices.index.map(|index| {
-        let relative = (points_m[index] - target_m) / normaliser.spacing_m;
-        let weight =
-            if config.weighting { (-relative.norm() / (2.0 * config.sigma * config.sigma)).exp() } else { 1.0 };
-        let residual = normalised[index] * weight;
-        let position = if config.position { relative } else { Vector3::zeros() };
-        [residual.x, residual.y, residual.z, position.x, position.y, position.z].map(|value| value as f32)
+        let (mut token, mut relative) = ([0.0; RESIDUAL + MOST_NEIGHBOURED], [0.0; MOST_NEIGHBOURED]);
+        for (relative, (at, target)) in relative.iter_mut().zip(points[index * size..].iter().zip(target)) {
+            *relative = (at - target) / normaliser.spacing_m;
+        }
+        let distance = relative.iter().map(|d| d * d).sum::<f64>().sqrt();
+        let weight = if config.weighting { (-distance / (2.0 * config.sigma * config.sigma)).exp() } else { 1.0 };
+        for (part, residual) in token.iter_mut().zip((normalised[index] * weight).iter()) {
+            *part = *residual as f32;
+        }
+        for (part, relative) in token[RESIDUAL..].iter_mut().zip(relative).filter(|_| config.position) {
+            *part = relative as f32;
+        }
+        token
     })
 }

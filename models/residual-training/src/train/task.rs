@@ -9,13 +9,14 @@ use crate::networks::Networks;
 use crate::optimise::{Examples, Network, Training};
 use crate::perceptron::Perceptron;
 use crate::views::{Material, Positions, normaliser};
-use abbe_field::MeasuredField;
+use abbe_field::Samples;
 use abbe_residual_net::network::{Normaliser, Parameters};
 use abbe_residual_net::{Ensemble, Kind, Kriging};
 
 /// One kind to be trained.
 pub(super) struct Task<'a> {
-    pub(super) field: &'a MeasuredField,
+    pub(super) field: &'a Samples,
+    pub(super) scale: &'a [f64],
     pub(super) config: &'a Config,
     pub(super) device: &'a Device,
     pub(super) kriging: &'a Kriging,
@@ -56,7 +57,10 @@ impl Task<'_> {
             Networks::Position(self.positions(&normaliser).ensemble(self.config.perceptron, members))
         } else {
             let config = self.config.network;
-            let members = members.into_iter().map(|m| Parameters::new(&config, m)).collect::<Result<_, _>>()?;
+            let members = members
+                .into_iter()
+                .map(|m| Parameters::new(&config, self.field.size(), m))
+                .collect::<Result<_, _>>()?;
             Networks::Neighbourhood(Ensemble { config, normaliser, members })
         };
         Ok((networks, done))
@@ -71,6 +75,7 @@ impl Task<'_> {
         Material {
             kind: self.kind,
             field: self.field,
+            scale: self.scale,
             kriging,
             config: &self.config.network,
             normaliser,
@@ -84,13 +89,13 @@ impl Task<'_> {
 
     /// Units of what this kind of network learns.
     fn normaliser(&self) -> Result<Normaliser, TrainingError> {
-        let own = normaliser(self.field.points_m(), self.field.errors_m());
+        let own = normaliser(self.field, self.scale, self.field.errors_m());
         if self.kind != Kind::KrigingNetwork {
             return Ok(own);
         }
         let all: Vec<usize> = (0..self.fold.len()).collect();
         let left = self.material(self.kriging, &own).left_by_kriging(&all, self.config.seed)?;
-        Ok(normaliser(self.field.points_m(), &left))
+        Ok(normaliser(self.field, self.scale, &left))
     }
 
     /// Member k does not see fold k; fold k + 1 says when to stop.
@@ -117,10 +122,17 @@ impl Task<'_> {
         let Parts { training, stopping } = self.parts(member);
         if self.kind.has_trend() {
             let examples = self.positions(normaliser).examples(&training, &stopping);
-            return self.epochs(&Perceptron::residual(&self.config.perceptron), &examples, place, state, observe);
+            return self.epochs(
+                &Perceptron::residual(&self.config.perceptron, self.field.size()),
+                &examples,
+                place,
+                state,
+                observe,
+            );
         }
         let examples = self.material(&self.without[member], normaliser).examples(&training, &stopping, seed)?;
-        let network = Attention { config: self.config.network, starts_at_zero: self.kind == Kind::KrigingNetwork };
+        let (config, inputs) = (self.config.network, self.field.size());
+        let network = Attention { config, inputs, starts_at_zero: self.kind == Kind::KrigingNetwork };
         self.epochs(&network, &examples, place, state, observe)
     }
 

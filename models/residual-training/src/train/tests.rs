@@ -3,12 +3,13 @@
 use super::*;
 use crate::config::{Method, Optimiser, SplitKind};
 use crate::simulated::{Character, SimulatedField, random_points_m};
+use abbe_field::{MeasuredField, POSITION};
 use nalgebra::Vector3;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
 
-fn field(character: Character, count: usize, seed: u64) -> MeasuredField {
+fn field(character: Character, count: usize, seed: u64) -> Samples {
     SimulatedField::new(character, seed).measured(random_points_m(count, seed + 100), seed + 200).unwrap()
 }
 
@@ -50,7 +51,7 @@ fn data_become_a_model_that_predicts_them_with_evidence() {
     let truth = SimulatedField::new(Character::Smooth, 1);
     let at = random_points_m(50, 9);
     let square = |f: &dyn Fn(&Vector3<f64>) -> Vector3<f64>| at.iter().map(|p| f(p).norm_squared()).sum::<f64>();
-    let error = square(&|p| model.predict(p).residual_m - truth.residual_m(p));
+    let error = square(&|p| model.predict(p.as_slice()).residual_m - truth.residual_m(p));
     assert!(error < 0.1 * square(&|p| truth.residual_m(p)), "{error}");
 }
 
@@ -72,7 +73,7 @@ fn goes_on_to_the_same_bits(method: Method) {
     let stopped = stopped.unwrap();
     assert!(!stopped.record.complete && stopped.state.runs.len() == 2);
     // What it has is usable.
-    assert!(stopped.model.predict(&Vector3::new(0.4, 0.3, 0.3)).inside);
+    assert!(stopped.model.predict(&[0.4, 0.3, 0.3]).inside);
     let resumed = train(&field, &config, &Device::cpu(), Some(stopped.state), &mut go_on).unwrap();
     assert_eq!(resumed.record, whole.record);
     assert_eq!(resumed.model.to_record(), whole.model.to_record());
@@ -96,7 +97,7 @@ fn where_nothing_is_to_be_learnt_zero_is_recommended() {
         let clean = SimulatedField::new(Character::Noisy, 5);
         let noisy = clean.measured(points.clone(), seed + 3).unwrap();
         let only = points.iter().zip(noisy.errors_m()).map(|(p, r)| r - clean.residual_m(p)).collect();
-        let field = MeasuredField::new(points, only, None).unwrap();
+        let field = Samples::from(&MeasuredField::new(points, only, None).unwrap());
         let trained = train(&field, &quick(Method::Kriging), &Device::cpu(), None, &mut go_on).unwrap();
         assert_eq!(trained.record.recommendation.method, ZERO, "{}", trained.record.recommendation.why);
     }
@@ -110,11 +111,12 @@ fn declared(scatter_m: f64, declared_m: f64) -> (Trained, f64, f64) {
     let mut random = ChaCha8Rng::seed_from_u64(5);
     let mut noise = || Vector3::from_fn(|_, _| random.sample::<f64, _>(StandardNormal) * scatter_m);
     let measured = points.iter().map(|p| simulated.residual_m(p) + noise()).collect();
-    let field = MeasuredField::new(points, measured, Some(vec![Vector3::repeat(declared_m); 200])).unwrap();
+    let u_m = Some(vec![Vector3::repeat(declared_m); 200]);
+    let field = Samples::from(&MeasuredField::new(points, measured, u_m).unwrap());
     let trained = train(&field, &quick(Method::Kriging), &Device::cpu(), None, &mut go_on).unwrap();
     let (mut error_m, mut least_m) = (0.0_f64, f64::INFINITY);
     for at in random_points_m(60, 6) {
-        let found = trained.model.predict(&at);
+        let found = trained.model.predict(at.as_slice());
         error_m = error_m.max((found.residual_m - simulated.residual_m(&at)).amax());
         least_m = least_m.min(found.covariance_m2.diagonal().min().sqrt());
     }
@@ -140,7 +142,7 @@ fn what_neighbours_do_not_share_beyond_what_is_declared_stays_in_the_uncertainty
 
 #[test]
 fn points_that_cannot_be_held_out_are_refused_with_a_way_out() {
-    let refused = |field: &MeasuredField| train(field, &quick(Method::Kriging), &Device::cpu(), None, &mut go_on).err();
+    let refused = |field: &Samples| train(field, &quick(Method::Kriging), &Device::cpu(), None, &mut go_on).err();
     assert_eq!(refused(&field(Character::Smooth, 12, 1)), Some(TrainingError::Few(12)));
     let far = |k: usize| if k.is_multiple_of(2) { Vector3::zeros() } else { Vector3::repeat(3.0) };
     let points: Vec<_> = random_points_m(60, 2).into_iter().enumerate().map(|(k, p)| p * 0.1 + far(k)).collect();
@@ -176,9 +178,51 @@ fn states_of_other_data_or_configurations_and_bad_input_are_refused() {
     let no_epochs = Config { optimiser: Optimiser { epochs: 0, ..Optimiser::default() }, ..config.clone() };
     assert!(matches!(train(&data, &no_epochs, &Device::cpu(), None, &mut go_on), Err(TrainingError::Config(_))));
     let in_um = data.errors_m().iter().map(|e| e * 1e6).collect();
-    let in_um = MeasuredField::new(data.points_m().to_vec(), in_um, None).unwrap();
+    let in_um = data.with_errors(in_um).unwrap();
     assert!(matches!(
         train(&in_um, &config, &Device::cpu(), None, &mut go_on),
         Err(TrainingError::Model(ModelError::Unit { .. }))
     ));
+}
+
+/// Points with so many further inputs, on the first of which the field depends.
+fn with_inputs(further: usize, seed: u64) -> (Samples, Samples) {
+    let points = random_points_m(110, seed);
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    let rows: Vec<Vec<f64>> =
+        points.iter().map(|_| (0..further).map(|_| random.random_range(18.0..22.0)).collect()).collect();
+    let simulated = SimulatedField::new(Character::Smooth, seed);
+    let errors: Vec<_> = points.iter().zip(&rows).map(|(p, row)| simulated.residual_m(p) * (row[0] - 20.0)).collect();
+    let names = POSITION.map(str::to_owned).into_iter().chain((0..further).map(|k| format!("temp_{k}_c"))).collect();
+    let at = points.iter().zip(&rows).flat_map(|(p, row)| [p.as_slice(), row].concat()).collect();
+    let alone = Samples::from(&MeasuredField::new(points, errors.clone(), None).unwrap());
+    (Samples::new(names, at, errors, None).unwrap(), alone)
+}
+
+#[test]
+fn every_kind_takes_further_inputs_and_is_judged_against_the_position_alone() {
+    for method in [Method::Kriging, Method::Network, Method::KrigingNetwork, Method::PerceptronKriging] {
+        let (all, alone) = with_inputs(1, 8);
+        let trained = train_beside(&all, Some(&alone), &quick(method), &Device::cpu(), None, &mut go_on).unwrap();
+        assert_eq!(trained.record.inputs, ["x_m", "y_m", "z_m", "temp_0_c"]);
+        let methods: Vec<&str> = trained.record.held_out.iter().map(|h| h.method.as_str()).collect();
+        assert_eq!(methods[..2], ["zero", "kriging (position alone)"], "{method:?}");
+        assert_eq!(trained.model.covariates(), ["temp_0_c"]);
+        let at = |temp_c: f64| trained.model.predict(&[0.4, 0.3, 0.3, temp_c]);
+        assert!(at(20.0).inside && !at(25.0).inside, "{method:?}");
+        if method != Method::Network {
+            assert!((at(18.5).residual_m - at(21.5).residual_m).norm() > 1e-7, "{method:?}");
+            assert!(trained.record.recommendation.method == trained.record.kind, "{:?}", trained.record.recommendation);
+        }
+    }
+}
+
+#[test]
+fn more_inputs_than_a_network_on_the_neighbourhood_takes_are_refused_unless_another_kind_can_be_recommended() {
+    let (all, _) = with_inputs(2, 9);
+    let refused = train(&all, &quick(Method::Network), &Device::cpu(), None, &mut go_on).err().unwrap();
+    assert!(refused.to_string().contains("4 inputs at most") && refused.to_string().contains("perceptron-kriging"));
+    let trained = train(&all, &quick(Method::Recommended), &Device::cpu(), None, &mut go_on).unwrap();
+    let methods: Vec<&str> = trained.record.held_out.iter().map(|h| h.method.as_str()).collect();
+    assert_eq!(methods, ["zero", "kriging", "perceptron-kriging"]);
 }

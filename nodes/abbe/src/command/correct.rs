@@ -14,7 +14,7 @@ use crate::identity::{IdentityOptions, Said};
 use crate::next::{KNOWN_POINTS, Next};
 use crate::output;
 use crate::pipeline::is_bag;
-use crate::residual::load_residual;
+use crate::residual::{inputs_of, load_residual};
 use crate::rows::{Batch, MANY};
 use crate::tally::Tally;
 use abbe_files::{
@@ -222,10 +222,11 @@ fn correct_csv(
     let writer = RefCell::new(None);
     let flush = || writer.borrow_mut().as_mut().map_or(Ok(()), PointsWriter::flush);
     let reader = PointsReader::new(FlushFirst { input, flush }, name, machine.default_offset_m)?;
-    let mut reader = reader.following(model.model.reads());
+    let inputs = inputs_of(*residual);
+    let mut reader = reader.following(model.model.reads().into_iter().chain(inputs.clone()));
     *writer.borrow_mut() = Some(PointsWriter::new(output, "output", &reader)?);
-    let mut batch = Batch::new(&model.model, if is_stream { 1 } else { MANY });
-    let mut worth = Worth::default();
+    let mut batch = Batch::new(&model.model, &inputs, if is_stream { 1 } else { MANY });
+    let mut worth = Worth { tally: Tally::asking(inputs), ..Worth::default() };
     loop {
         batch.clear();
         while let Some(row) = batch.read(&mut reader)? {
@@ -298,7 +299,7 @@ fn correct_bag(
 ) -> anyhow::Result<()> {
     let step =
         GeometricStep::new(Some((Arc::new(model.model), Sha256::from_bytes(sha256))), arguments.max_covariate_age_s);
-    let residual = ResidualStep::new(residual);
+    let residual = ResidualStep::new(residual, arguments.max_covariate_age_s);
     let mut writer = BagWriter::create(unfinished)?;
     let mut corrected = 0_u64;
     let mut watches: BTreeMap<String, StreamWatch> = BTreeMap::new();
@@ -309,7 +310,8 @@ fn correct_bag(
             let reading: ScaleReading = message.decode()?;
             let namespace = message.topic().strip_suffix(topics::SCALE_READING).unwrap_or("/").to_owned();
             let watch = watches.entry(message.topic().to_owned()).or_default();
-            let sample = residual.correct(&watch.pass(Mark::from(&reading), step.correct(&reading)));
+            let geometric = watch.pass(Mark::from(&reading), step.correct(&reading));
+            let sample = residual.correct(&geometric, Some(&reading.covariates));
             writer.write(&format!("{namespace}{}", topics::CORRECTED), &sample, message.log_time_ns)?;
             corrected += 1;
         }

@@ -2,7 +2,7 @@
 //!
 //! Place in the flow: live, without ROS 2. Model and residual model as `abbe correct` takes them; the same function corrects.
 
-use crate::residual::load_residual;
+use crate::residual::{inputs_of, load_residual};
 use abbe_files::ModelFile;
 use abbe_graph::proxy::{Corrector, ProxyConfig, Summary, listen, serve};
 use abbe_ippdme::relay::{Offsets, Settings};
@@ -65,11 +65,11 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let offsets = offsets(arguments)?;
     let (model, sha256) = ModelFile::load(&arguments.model)?;
     let residual = arguments.residual.as_deref().map(|path| load_residual(path, &model, &sha256)).transpose()?;
-    let needed: Vec<String> =
-        model.model.parts().effects.iter().flat_map(|fitted| fitted.effect.covariates()).collect();
+    let of_effects = model.model.parts().effects.iter().flat_map(|fitted| fitted.effect.covariates());
+    let needed: Vec<String> = of_effects.chain(inputs_of(residual.as_ref())).collect();
     ensure!(
         needed.is_empty() || arguments.without_covariates,
-        "{}: the model needs {}, which no measuring software tells; correct without those effects with --without-covariates, \
+        "{}: the model needs {}, which no measuring software tells; correct without what they do with --without-covariates, \
          or run the driver ippdme in a launch file",
         arguments.model.display(),
         needed.join(", ")

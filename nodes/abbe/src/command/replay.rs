@@ -111,7 +111,7 @@ fn steps(arguments: &Arguments) -> anyhow::Result<ReplaySteps> {
         let (file, owner, sha256) = ResidualFile::load_for(path, &machine)?;
         let field = Arc::new(LoadedResidual::new(file.model, sha256));
         let owned = OwnedField { field, model_sha256: Sha256::from_bytes(owner.model_sha256) };
-        steps.residual.push(ResidualStep::new(Some(owned)));
+        steps.residual.push(ResidualStep::new(Some(owned), arguments.max_covariate_age_s));
     }
     Ok(steps)
 }

@@ -27,6 +27,9 @@ pub struct TrainArguments {
     /// Residual model to write; its report is written beside it, ending in .html
     #[arg(long)]
     pub out: PathBuf,
+    /// What the residual depends on: position (x, y and z) and names of further columns, such as position,temp_air_c
+    #[arg(long, value_delimiter = ',', default_value = "position")]
+    pub inputs: Vec<String>,
     /// Configuration (TOML); left out, the paper's values
     #[arg(long)]
     pub config: Option<PathBuf>,
@@ -59,6 +62,9 @@ pub struct CompareArguments {
     /// Residual vectors: CSV or bag of abbe residuals, or CSV of any other software, of a volume or a plane
     #[arg(long)]
     pub residuals: PathBuf,
+    /// What the residual may depend on: position (x, y and z) and names of further columns; compared with the position alone
+    #[arg(long, value_delimiter = ',', default_value = "position")]
+    pub inputs: Vec<String>,
     /// Splits and trainings, each with a seed of its own
     #[arg(long)]
     pub seeds: Option<usize>,

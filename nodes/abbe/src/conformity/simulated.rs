@@ -8,7 +8,7 @@ use super::lengths;
 use super::{Limits, Outside, Product};
 use crate::command::simulate;
 use crate::pipeline::software;
-use crate::residual::{load_residual, with_residual};
+use crate::residual::{inputs_of, load_residual, with_residual};
 use crate::tally::Tally;
 use abbe_conformity::DecisionRule;
 use abbe_conformity::length::{
@@ -72,7 +72,7 @@ pub(crate) fn run(
         let by_geometry = measured(&config, asked, |at| position_m(&corrected(&model, None, at)))?;
         stages.push(stage("After the geometric model alone", "geometric", by_geometry));
     }
-    let tally = RefCell::new(Tally::default());
+    let tally = RefCell::new(Tally::asking(inputs_of(residual.as_ref())));
     let after = measured(&config, asked, |at| {
         let correction = corrected(&model, residual.as_ref(), at);
         let mut tally = tally.borrow_mut();
@@ -149,7 +149,8 @@ fn measured(
 }
 
 fn corrected(model: &MachineModel, residual: Option<&OwnedField>, at: &MachineAtTouch) -> Correction {
-    with_residual(correct(model, &state(at, &Logged(at))), residual)
+    let logged = Logged(at);
+    with_residual(correct(model, &state(at, &logged)), residual, &logged)
 }
 
 fn state<'a>(at: &MachineAtTouch, logged: &'a Logged) -> State<'a> {

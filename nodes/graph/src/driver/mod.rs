@@ -146,6 +146,17 @@ impl DriverConfig {
         }
     }
 
+    /// Names of the covariates that its readings can hold, where its configuration tells.
+    pub(crate) fn covariate_names(&self) -> Option<Vec<String>> {
+        let of_machine =
+            || abbe_virtual_machine::simulate::covariate_names().map(str::to_owned).chain(["time_s".to_owned()]);
+        match self {
+            DriverConfig::VirtualMachine { .. } => Some(of_machine().collect()),
+            DriverConfig::Ippdme(config) => Some(config.covariates.keys().cloned().collect()),
+            _ => None,
+        }
+    }
+
     /// The key that is wrong for this use, and what to do; `None` where the driver can be opened.
     pub(crate) fn problem(&self, role: Role) -> Option<(&'static str, String)> {
         match self {

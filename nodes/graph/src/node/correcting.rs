@@ -2,7 +2,8 @@
 //!
 //! Place in the flow: the correcting path. Nothing here waits for a subscriber, for the network or for a file:
 //! transports hand samples on without waiting, the standard message goes out on a thread of its own, and a new model is
-//! read on another; the loop takes it between two samples, so that none is lost and none corrected by half of each. Once
+//! read on another; the loop takes it between two samples, so that none is lost and none corrected by half of each. The one thing
+//! that the residual node waits for, and not for long, is the scale reading of a sample whose residual model has further inputs. Once
 //! it is at work nothing that comes in, and no transport, ends the loop.
 
 use super::model::{ModelFeed, ResidualFeed};
@@ -12,7 +13,7 @@ use super::scenery;
 use super::traffic::send;
 use super::{LOOK_UP, NodeContext, NodeError, NodeSummary, take};
 use crate::launch::NodeName;
-use crate::step::{GeometricStep, Mark, ResidualStep, StreamCounts, StreamWatch};
+use crate::step::{GeometricStep, Mark, ResidualStep, Scales, StreamCounts, StreamWatch};
 use abbe_msgs::standard::DiagnosticStatus;
 use abbe_msgs::{CorrectedCoordinates, CorrectionStatus, Message, ScaleReading, Sha256};
 use abbe_runtime::Subscribe;
@@ -22,6 +23,8 @@ use std::time::{Duration, Instant};
 
 /// Durations kept for the figures at the end.
 const KEPT_DURATIONS: usize = 65_536;
+/// Longest that the residual node waits for a reading that was sent before its corrected sample: threads of a loaded machine.
+const READING_WITHIN: Duration = Duration::from_millis(20);
 /// How often a node reports its health.
 const REPORT_EVERY: Duration = Duration::from_secs(1);
 
@@ -81,6 +84,58 @@ struct Residual {
     watch: StreamWatch,
     fields: ResidualFeed,
     without: Without,
+    /// Where the launch file has an edge for them.
+    readings: Option<Readings>,
+}
+
+/// Scale readings beside the corrected samples, for residual models that ask for more than the position.
+struct Readings {
+    subscriber: Box<dyn Subscribe<ScaleReading>>,
+    kept: Scales,
+    frame_id: String,
+    /// Whether one was waited for in vain, and none has come since: then none is waited for, as a stream that has broken off must not
+    /// hold up the samples.
+    is_silent: bool,
+    /// What is told of the readings is told by the node that corrects them; here they only bring covariates.
+    summary: NodeSummary,
+}
+
+impl Readings {
+    fn open(context: &NodeContext) -> Result<Option<Readings>, NodeError> {
+        let from_scale = context.launch.takes_over(context.name.name(), NodeName::Scale);
+        let open = |_| {
+            Ok(Readings {
+                subscriber: context.subscriber(NodeName::Scale)?,
+                kept: Scales::new(context.launch.max_covariate_age_s),
+                frame_id: context.machine.machine.frame_id.clone(),
+                is_silent: false,
+                summary: context.summary(),
+            })
+        };
+        from_scale.map(open).transpose()
+    }
+
+    /// Takes what has come, and what comes within this time if there was nothing.
+    fn take(&mut self, mut patience: Duration) {
+        while let Some(reading) = take(self.subscriber.as_mut(), patience, &mut self.summary) {
+            (patience, self.is_silent) = (Duration::ZERO, false);
+            // One of another frame would stand for this machine's.
+            if reading.frame_id.as_str() == self.frame_id {
+                self.kept.keep(&reading);
+            }
+        }
+    }
+
+    /// Takes what has come, and waits for the reading of this sample if it has not: it left before the sample was corrected, and is on
+    /// its way. One that was lost is not waited for, as the next one shows it.
+    fn await_reading_of(&mut self, sample: &CorrectedCoordinates) {
+        let since = Instant::now();
+        self.take(Duration::ZERO);
+        while self.kept.may_come(sample) && !self.is_silent {
+            self.take(READING_WITHIN.saturating_sub(since.elapsed()));
+            self.is_silent = self.kept.may_come(sample) && since.elapsed() >= READING_WITHIN;
+        }
+    }
 }
 
 /// Corrected samples that no residual model belonged to.
@@ -109,10 +164,18 @@ impl Stage<CorrectedCoordinates> for Residual {
         if let Some((field, _)) = self.fields.newest() {
             self.step.put_in_use(field);
         }
+        if let Some(readings) = &mut self.readings {
+            readings.take(Duration::ZERO);
+        }
     }
 
     fn correct(&mut self, sample: &CorrectedCoordinates) -> CorrectedCoordinates {
-        self.watch.pass(Mark::from(sample), self.step.correct(sample))
+        let readings = self.readings.as_mut().filter(|_| self.step.asks_of(sample));
+        let covariates = readings.and_then(|readings| {
+            readings.await_reading_of(sample);
+            readings.kept.table(sample)
+        });
+        self.watch.pass(Mark::from(sample), self.step.correct(sample, covariates))
     }
 
     fn input(&self) -> (&'static str, StreamCounts) {
@@ -152,10 +215,11 @@ pub(super) fn geometric(context: &NodeContext) -> Result<NodeSummary, NodeError>
 pub(super) fn residual(context: &NodeContext) -> Result<NodeSummary, NodeError> {
     let (field, fields) = ResidualFeed::open(context)?;
     let _changes = context.changes.put_to_use(file_of(context, RESIDUAL_MODEL, fields.changer()));
-    let step = ResidualStep::new(field).in_frame(&context.machine.machine.frame_id);
+    let step = ResidualStep::new(field, context.launch.max_covariate_age_s).in_frame(&context.machine.machine.frame_id);
     let (watch, without) = (StreamWatch::default(), Without::default());
+    let readings = Readings::open(context)?;
     let _scenery = scenery::open(context)?;
-    pump(context, NodeName::Geometric, Residual { step, watch, fields, without })
+    pump(context, NodeName::Geometric, Residual { step, watch, fields, without, readings })
 }
 
 /// Puts another file to use where the parameter that names it changes; nothing else of these nodes does.

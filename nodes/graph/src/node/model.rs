@@ -6,12 +6,13 @@
 
 use super::{NodeContext, NodeError, NodeSummary};
 use crate::feed::{Feed, FeedStatus};
+use crate::launch::NodeName;
 use crate::step::OwnedField;
 use crate::topics;
-use abbe_files::{FileError, LoadedResidual, ModelFile, ResidualFile};
+use abbe_files::{FileError, LoadedResidual, ModelFile, Place, ResidualFile};
 use abbe_geometry::model::MachineModel;
-use abbe_msgs::Sha256;
 use abbe_msgs::standard::DiagnosticStatus;
+use abbe_msgs::{COVARIATE_CAPACITY, COVARIATE_NAME_CAPACITY, Sha256};
 use abbe_runtime::gateway::{GatewayNode, GatewayService};
 use abbe_runtime::ros::Diagnostics;
 use std::collections::BTreeMap;
@@ -71,7 +72,8 @@ impl ResidualFeed {
     /// Loads the residual model that the launch file names, and watches it.
     pub(super) fn open(context: &NodeContext) -> Result<(Option<OwnedField>, ResidualFeed), NodeError> {
         let machine = context.machine.machine.name.clone();
-        let load = move |path: &Path| load_residual(path, &machine);
+        let supply = Supply::of(context);
+        let load = move |path: &Path| load_residual(path, &machine, &supply);
         let (first, feed) = ArtifactFeed::of_file(context, RESIDUAL, context.launch.residual_model.as_deref(), load)?;
         Ok((first.map(|(field, _)| field), feed))
     }
@@ -182,8 +184,81 @@ fn load(path: &Path, machine: &str, said_against: &SaidAgainst) -> Result<Loaded
     Ok((Arc::new(file.model), Sha256::from_bytes(sha256)))
 }
 
-fn load_residual(path: &Path, machine: &str) -> Result<(OwnedField, Sha256), FileError> {
+fn load_residual(path: &Path, machine: &str, supply: &Supply) -> Result<(OwnedField, Sha256), FileError> {
     let (file, owner, sha256) = ResidualFile::load_for(path, machine)?;
+    if let Some((problem, remedy)) = supply.problem(file.model.covariates()) {
+        let place = Place::file(&path.display().to_string()).key("predictor");
+        return Err(FileError::content(place, problem, remedy));
+    }
     let field = Arc::new(LoadedResidual::new(file.model, sha256));
     Ok((OwnedField { field, model_sha256: Sha256::from_bytes(owner.model_sha256) }, Sha256::from_bytes(sha256)))
+}
+
+/// What the scale readings of a launch file can bring to the residual node.
+#[derive(Debug, Clone)]
+struct Supply {
+    has_edge: bool,
+    /// All names that can come, where the launch file tells.
+    names: Option<Vec<String>>,
+}
+
+impl Supply {
+    fn of(context: &NodeContext) -> Supply {
+        let edge = context.launch.takes_over(context.name.name(), NodeName::Scale);
+        Supply { has_edge: edge.is_some(), names: context.launch.covariate_names() }
+    }
+
+    /// Why inputs of these names cannot come, and what to do; `None` where they can.
+    fn problem(&self, inputs: &[String]) -> Option<(String, &'static str)> {
+        if inputs.is_empty() {
+            return None;
+        }
+        let needs = format!("the residual model needs {} beside the position", inputs.join(", "));
+        if !self.has_edge {
+            let remedy =
+                "add an edge from scale to residual to the launch file, or train a model on the position alone";
+            return Some((format!("{needs}, and no scale readings come to the residual node"), remedy));
+        }
+        let remedy = "train a model without that input";
+        if inputs.len() > COVARIATE_CAPACITY {
+            return Some((
+                format!("{needs}, and a scale reading has room for {COVARIATE_CAPACITY} covariates"),
+                remedy,
+            ));
+        }
+        if let Some(long) = inputs.iter().find(|name| name.len() > COVARIATE_NAME_CAPACITY) {
+            let problem =
+                format!("{needs}, and no scale reading can name {long}: {COVARIATE_NAME_CAPACITY} bytes at most");
+            return Some((problem, remedy));
+        }
+        let names = self.names.as_ref()?;
+        let lacks = inputs.iter().find(|name| !names.contains(name))?;
+        let known = if names.is_empty() { "none".to_owned() } else { names.join(", ") };
+        let remedy = "let the driver or a sensor of the launch file log it, or train a model without that input";
+        Some((
+            format!("{needs}, and the scale readings of this launch file hold no {lacks}; they hold {known}"),
+            remedy,
+        ))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn inputs_that_no_scale_reading_can_bring_are_named_with_a_way_out() {
+        let supply = |has_edge, names: Option<&[&str]>| Supply {
+            has_edge,
+            names: names.map(|names| names.iter().map(|name| (*name).to_owned()).collect()),
+        };
+        let problem = |supply: Supply, name: &str| supply.problem(&[name.to_owned()]).map(|(problem, _)| problem);
+        assert_eq!(supply(false, None).problem(&[]), None);
+        assert!(problem(supply(false, None), "temp_air_c").unwrap().contains("no scale readings come"));
+        assert_eq!(problem(supply(true, None), "temp_air_c"), None);
+        assert!(problem(supply(true, None), &"q".repeat(33)).unwrap().contains("32 bytes"));
+        assert_eq!(problem(supply(true, Some(&["temp_air_c"])), "temp_air_c"), None);
+        let lacks = problem(supply(true, Some(&["temp_air_c"])), "q1_deg").unwrap();
+        assert!(lacks.contains("hold no q1_deg") && lacks.contains("temp_air_c"), "{lacks}");
+    }
 }

@@ -72,7 +72,7 @@ impl Corrector {
             corrected_topic: topic(topics::CORRECTED),
             // No covariate passes, so that none can be stale.
             geometric: GeometricStep::new(Some((model, sha256)), f64::MAX),
-            residual: ResidualStep::new(residual),
+            residual: ResidualStep::new(residual, f64::MAX),
         })
     }
 
@@ -117,7 +117,7 @@ impl Corrector {
             covariates: Covariates::new(),
             frame_id: self.frame_id,
         };
-        Ok((reading, self.residual.correct(&self.geometric.correct(&reading))))
+        Ok((reading, self.residual.correct(&self.geometric.correct(&reading), None)))
     }
 
     /// Why a sample may not leave; `None` where it may.

@@ -1,6 +1,6 @@
 //! What effects of a model ask of a live sample, and the scale readings that carry it.
 //!
-//! Place in the flow: under the monitor's step. Scale readings go in as they come; the covariates of a corrected sample come
+//! Place in the flow: under the monitor's step and the residual node. Scale readings go in as they come; the covariates of a corrected sample come
 //! out, found by stamp and sequence, which the correction repeats. In the unit of their names.
 
 use super::geometric::SampleCovariates;
@@ -30,18 +30,18 @@ impl Asked {
 }
 
 /// The newest scale readings.
-pub(super) struct Scales {
+pub(crate) struct Scales {
     max_age_s: f64,
     /// Sequence and covariates by stamp (ns).
     kept: BTreeMap<i64, (u64, Covariates)>,
 }
 
 impl Scales {
-    pub(super) fn new(max_age_s: f64) -> Scales {
+    pub(crate) fn new(max_age_s: f64) -> Scales {
         Scales { max_age_s, kept: BTreeMap::new() }
     }
 
-    pub(super) fn keep(&mut self, reading: &ScaleReading) {
+    pub(crate) fn keep(&mut self, reading: &ScaleReading) {
         let stamp = reading.stamp.to_nanos();
         // Of a clock that was set back, what lies ahead is of another time.
         if self.latest().is_some_and(|latest| stamp < latest) {
@@ -59,14 +59,19 @@ impl Scales {
     }
 
     /// Whether the scale reading of a sample has not come and may still do so: they come in the order of their stamps.
-    pub(super) fn may_come(&self, sample: &CorrectedCoordinates) -> bool {
+    pub(crate) fn may_come(&self, sample: &CorrectedCoordinates) -> bool {
         let stamp = sample.stamp.to_nanos();
         self.of(sample).is_none() && self.latest().is_none_or(|latest| latest < stamp)
     }
 
     /// Covariates of a sample.
     pub(super) fn of(&self, sample: &CorrectedCoordinates) -> Option<SampleCovariates<'_>> {
+        self.table(sample).map(|table| SampleCovariates { table, max_age_s: self.max_age_s })
+    }
+
+    /// The same as they came.
+    pub(crate) fn table(&self, sample: &CorrectedCoordinates) -> Option<&Covariates> {
         let (sequence, table) = self.kept.get(&sample.stamp.to_nanos())?;
-        (*sequence == sample.sequence).then_some(SampleCovariates { table, max_age_s: self.max_age_s })
+        (*sequence == sample.sequence).then_some(table)
     }
 }

@@ -5,7 +5,7 @@
 //! says so in its status. A reading in another frame than the model's machine is of another machine, and one that names
 //! no frame may be: neither is corrected.
 
-use abbe_geometry::correct::{Correction, Status, correct};
+use abbe_geometry::correct::{Status, correct};
 use abbe_geometry::effects::{CovariateSource, CovariateValue, State};
 use abbe_geometry::model::MachineModel;
 use abbe_msgs::{CorrectedCoordinates, CorrectionStatus, Covariates, ScaleReading, Sha256};
@@ -77,14 +77,15 @@ impl GeometricStep {
                 corrected_valid: true,
                 corrected_m: correction.position_m.into(),
                 covariance_m2: std::array::from_fn(|k| covariance_m2[(k / 3, k % 3)]),
-                ..uncorrected(reading, wire_status(&correction), *sha256)
+                ..uncorrected(reading, wire_status(correction.status), *sha256)
             },
         }
     }
 }
 
-fn wire_status(correction: &Correction) -> CorrectionStatus {
-    match correction.status {
+/// The status as it goes over the wire.
+pub(super) fn wire_status(status: Status) -> CorrectionStatus {
+    match status {
         Status::InVolume => CorrectionStatus::InVolume,
         Status::Extrapolated => CorrectionStatus::Extrapolated,
         Status::CovariateMissing => CorrectionStatus::CovariateMissing,

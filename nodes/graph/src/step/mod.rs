@@ -15,6 +15,7 @@ mod readings;
 mod residual;
 mod stream;
 
+pub(crate) use asked::Scales;
 pub use geometric::GeometricStep;
 pub(crate) use geometric::is_fresh;
 pub use health::{Health, HealthState, Unsound};

@@ -4,13 +4,16 @@
 //! [`abbe_geometry::correct::add_residual`] between the message types. A field is what one geometric model leaves, so it is
 //! added only to samples that this model made; every other sample leaves as it came, and its `residual_model_sha256`
 //! stays empty, which says that nothing was added. A sample in another frame than the machine's comes from the corrector of
-//! another machine, and is not passed on as a corrected one.
+//! another machine, and is not passed on as a corrected one. What a field asks for beside the position comes with the scale reading
+//! of the sample; where it is missing or stale nothing is added, and the sample says so, with the covariance of what the field does.
 
+use super::geometric::{SampleCovariates, wire_status};
 use abbe_geometry::chain::nominal_point_m;
 use abbe_geometry::correct::add_residual;
+use abbe_geometry::effects::{CovariateSource, NoCovariates};
 use abbe_geometry::residual_field::ResidualField;
 use abbe_geometry::{Matrix3, Vector3};
-use abbe_msgs::{CorrectedCoordinates, CorrectionStatus, Sha256};
+use abbe_msgs::{CorrectedCoordinates, CorrectionStatus, Covariates, Sha256};
 use std::sync::Arc;
 
 /// Fields kept for samples of different geometric models: a new model and its field never come at the same instant.
@@ -32,12 +35,23 @@ pub struct ResidualStep {
     fields: Vec<OwnedField>,
     /// Machine frame; none where the samples come from a step of the same machine.
     frame_id: Option<String>,
+    max_covariate_age_s: f64,
 }
 
 impl ResidualStep {
-    /// A step with this field, or none.
-    pub fn new(field: Option<OwnedField>) -> ResidualStep {
-        ResidualStep { fields: field.into_iter().collect(), frame_id: None }
+    /// A step with this field, or none, and the age (s) beyond which a covariate is stale.
+    pub fn new(field: Option<OwnedField>, max_covariate_age_s: f64) -> ResidualStep {
+        ResidualStep { fields: field.into_iter().collect(), frame_id: None, max_covariate_age_s }
+    }
+
+    /// Whether a field asks for covariates of this sample.
+    pub fn asks_of(&self, sample: &CorrectedCoordinates) -> bool {
+        self.field_of(sample).is_some_and(|owned| !owned.field.covariates().is_empty())
+    }
+
+    fn field_of(&self, sample: &CorrectedCoordinates) -> Option<&OwnedField> {
+        let of_model = self.fields.iter().rev().find(|owned| owned.model_sha256 == sample.model_sha256);
+        of_model.filter(|_| sample.corrected_valid)
     }
 
     /// The same for samples that come over a topic: those of another frame than this are withheld.
@@ -66,25 +80,26 @@ impl ResidualStep {
     }
 
     /// The sample with the residual added; what is not valid, or of a model that no field belongs to, passes unchanged. Where
-    /// the field gives no number or no covariance, the sample is rejected.
-    pub fn correct(&self, sample: &CorrectedCoordinates) -> CorrectedCoordinates {
+    /// the field gives no number or no covariance, the sample is rejected. `covariates` are those of its scale reading, where that is
+    /// known.
+    pub fn correct(&self, sample: &CorrectedCoordinates, covariates: Option<&Covariates>) -> CorrectedCoordinates {
         if self.frame_id.as_ref().is_some_and(|frame_id| sample.frame_id.as_str() != frame_id) {
             return sample.withheld(CorrectionStatus::OtherFrame);
         }
-        let of_model = self.fields.iter().rev().find(|owned| owned.model_sha256 == sample.model_sha256);
-        let (Some(OwnedField { field, .. }), true) = (of_model, sample.corrected_valid) else { return *sample };
+        let Some(OwnedField { field, .. }) = self.field_of(sample) else { return *sample };
+        let logged = covariates.map(|table| SampleCovariates { table, max_age_s: self.max_covariate_age_s });
+        let covariates = logged.as_ref().map_or(&NoCovariates as &dyn CovariateSource, |logged| logged);
         let mut position_m = Vector3::from(sample.corrected_m);
         let mut covariance_m2 = Matrix3::from_row_slice(&sample.covariance_m2);
-        let Some(prediction) = add_residual(&mut position_m, &mut covariance_m2, field.as_ref()) else {
+        let Some(added) = add_residual(&mut position_m, &mut covariance_m2, field.as_ref(), covariates) else {
             return rejected(sample);
         };
-        let inside = if prediction.inside { CorrectionStatus::InVolume } else { CorrectionStatus::Extrapolated };
         CorrectedCoordinates {
-            residual_correction_m: prediction.residual_m.into(),
+            residual_correction_m: added.residual_m().into(),
             corrected_m: position_m.into(),
             covariance_m2: std::array::from_fn(|k| covariance_m2[(k / 3, k % 3)]),
             residual_model_sha256: Sha256::from_bytes(field.sha256()),
-            status: sample.status.max(inside),
+            status: sample.status.max(wire_status(added.status())),
             ..*sample
         }
     }
@@ -107,6 +122,7 @@ fn rejected(sample: &CorrectedCoordinates) -> CorrectedCoordinates {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use abbe_geometry::effects::{CovariateProblem, known_covariate};
     use abbe_geometry::residual_field::ResidualPrediction;
 
     const MODEL: Sha256 = Sha256::from_bytes([1; 32]);
@@ -118,9 +134,13 @@ mod tests {
     }
 
     impl ResidualField for Shift {
-        fn predict(&self, _point_in_machine_m: &Vector3<f64>) -> ResidualPrediction {
+        fn predict(
+            &self,
+            _point_in_machine_m: &Vector3<f64>,
+            _covariates: &dyn CovariateSource,
+        ) -> Result<ResidualPrediction, CovariateProblem> {
             let residual_m = Vector3::new(1e-6, -2e-6, 3e-6);
-            ResidualPrediction { residual_m, covariance_m2: Matrix3::identity() * 1e-14, inside: self.inside }
+            Ok(ResidualPrediction { residual_m, covariance_m2: Matrix3::identity() * 1e-14, inside: self.inside })
         }
 
         fn sha256(&self) -> [u8; 32] {
@@ -143,13 +163,13 @@ mod tests {
     #[test]
     fn without_a_field_a_sample_leaves_as_it_came() {
         let sample = sample(true, CorrectionStatus::InVolume);
-        assert_eq!(ResidualStep::default().correct(&sample), sample);
+        assert_eq!(ResidualStep::default().correct(&sample, None), sample);
     }
 
     #[test]
     fn a_field_moves_the_point_widens_the_covariance_and_signs_with_its_hash() {
-        let step = ResidualStep::new(Some(field(true, 7, MODEL)));
-        let out = step.correct(&sample(true, CorrectionStatus::InVolume));
+        let step = ResidualStep::new(Some(field(true, 7, MODEL)), 10.0);
+        let out = step.correct(&sample(true, CorrectionStatus::InVolume), None);
         assert_eq!(out.corrected_m, [1e-6, -2e-6, 3e-6]);
         assert_eq!(out.residual_correction_m, [1e-6, -2e-6, 3e-6]);
         assert_eq!(out.covariance_m2[4], 1e-14);
@@ -159,18 +179,25 @@ mod tests {
 
     #[test]
     fn outside_the_field_is_extrapolated_and_a_worse_status_stays() {
-        let step = ResidualStep::new(Some(field(false, 7, MODEL)));
-        assert_eq!(step.correct(&sample(true, CorrectionStatus::InVolume)).status, CorrectionStatus::Extrapolated);
-        assert_eq!(step.correct(&sample(true, CorrectionStatus::Stale)).status, CorrectionStatus::Stale);
+        let step = ResidualStep::new(Some(field(false, 7, MODEL)), 10.0);
+        assert_eq!(
+            step.correct(&sample(true, CorrectionStatus::InVolume), None).status,
+            CorrectionStatus::Extrapolated
+        );
+        assert_eq!(step.correct(&sample(true, CorrectionStatus::Stale), None).status, CorrectionStatus::Stale);
         let rejected = sample(false, CorrectionStatus::Rejected);
-        assert_eq!(step.correct(&rejected), rejected);
+        assert_eq!(step.correct(&rejected, None), rejected);
     }
 
     /// A field that says this at every point.
     struct Says(ResidualPrediction);
     impl ResidualField for Says {
-        fn predict(&self, _point_in_machine_m: &Vector3<f64>) -> ResidualPrediction {
-            self.0
+        fn predict(
+            &self,
+            _point_in_machine_m: &Vector3<f64>,
+            _covariates: &dyn CovariateSource,
+        ) -> Result<ResidualPrediction, CovariateProblem> {
+            Ok(self.0)
         }
 
         fn sha256(&self) -> [u8; 32] {
@@ -187,7 +214,7 @@ mod tests {
         };
         let of = |said| {
             let owned = OwnedField { field: Arc::new(Says(said)), model_sha256: MODEL };
-            ResidualStep::new(Some(owned)).correct(&sample(true, CorrectionStatus::InVolume))
+            ResidualStep::new(Some(owned), 10.0).correct(&sample(true, CorrectionStatus::InVolume), None)
         };
         assert!(of(good).corrected_valid);
         let bad = [
@@ -208,37 +235,93 @@ mod tests {
 
     #[test]
     fn a_sample_of_another_model_passes_without_the_field_and_says_so() {
-        let step = ResidualStep::new(Some(field(true, 7, OTHER_MODEL)));
+        let step = ResidualStep::new(Some(field(true, 7, OTHER_MODEL)), 10.0);
         let sample = sample(true, CorrectionStatus::InVolume);
-        let out = step.correct(&sample);
+        let out = step.correct(&sample, None);
         assert_eq!(out, sample);
         assert!(out.residual_model_sha256.is_none());
     }
 
     #[test]
     fn regress_a_corrected_sample_of_another_frame_is_withheld() {
-        let step = ResidualStep::new(Some(field(true, 7, MODEL))).in_frame("machine");
+        let step = ResidualStep::new(Some(field(true, 7, MODEL)), 10.0).in_frame("machine");
         for frame_id in ["", "other"] {
             let mut sample = sample(true, CorrectionStatus::InVolume);
             sample.frame_id = abbe_msgs::Text::new(frame_id).unwrap();
-            let out = step.correct(&sample);
+            let out = step.correct(&sample, None);
             assert_eq!((out.status, out.corrected_point_in_machine_m()), (CorrectionStatus::OtherFrame, None));
         }
         let mut own = sample(true, CorrectionStatus::InVolume);
         own.frame_id = abbe_msgs::Text::new("machine").unwrap();
-        assert_eq!(step.correct(&own).status, CorrectionStatus::InVolume);
+        assert_eq!(step.correct(&own, None).status, CorrectionStatus::InVolume);
     }
 
     #[test]
     fn each_sample_gets_the_newest_field_of_its_own_model() {
-        let mut step = ResidualStep::new(Some(field(true, 7, MODEL)));
+        let mut step = ResidualStep::new(Some(field(true, 7, MODEL)), 10.0);
         step.put_in_use(field(true, 8, OTHER_MODEL));
         let old = sample(true, CorrectionStatus::InVolume);
         let new = CorrectedCoordinates { model_sha256: OTHER_MODEL, ..old };
-        let hash = |step: &ResidualStep, sample| step.correct(sample).residual_model_sha256.to_bytes()[0];
+        let hash = |step: &ResidualStep, sample| step.correct(sample, None).residual_model_sha256.to_bytes()[0];
         assert_eq!([hash(&step, &old), hash(&step, &new)], [7, 8]);
         step.put_in_use(field(true, 9, MODEL));
         assert_eq!([hash(&step, &old), hash(&step, &new)], [9, 8]);
         assert_eq!((step.model_sha256(), step.residual_sha256().to_bytes()), (MODEL, [9; 32]));
+    }
+
+    /// A field that follows the temperature: 1 µm a degree in x.
+    struct Warm([String; 1]);
+    impl ResidualField for Warm {
+        fn covariates(&self) -> &[String] {
+            &self.0
+        }
+
+        fn predict(
+            &self,
+            _point_in_machine_m: &Vector3<f64>,
+            covariates: &dyn CovariateSource,
+        ) -> Result<ResidualPrediction, CovariateProblem> {
+            let temp_c = known_covariate(covariates, &self.0[0])?;
+            let residual_m = Vector3::new((temp_c - 20.0) * 1e-6, 0.0, 0.0);
+            let inside = (18.0..=22.0).contains(&temp_c);
+            Ok(ResidualPrediction { residual_m, covariance_m2: Matrix3::identity() * 1e-14, inside })
+        }
+
+        fn unknown_m2(&self) -> Matrix3<f64> {
+            Matrix3::identity() * 4e-12
+        }
+
+        fn sha256(&self) -> [u8; 32] {
+            [7; 32]
+        }
+    }
+
+    #[test]
+    fn an_input_of_the_field_comes_from_the_reading_and_where_it_does_not_nothing_is_added() {
+        let owned = OwnedField { field: Arc::new(Warm(["temp_air_c".to_owned()])), model_sha256: MODEL };
+        let step = ResidualStep::new(Some(owned), 10.0);
+        let sample = sample(true, CorrectionStatus::InVolume);
+        assert!(step.asks_of(&sample));
+        let of = |temp_c: f64, age_s: f64| {
+            let mut covariates = Covariates::new();
+            covariates.push("temp_air_c", temp_c, age_s).unwrap();
+            step.correct(&sample, Some(&covariates))
+        };
+        let fresh = of(21.0, 1.0);
+        assert_eq!(fresh.status, CorrectionStatus::InVolume);
+        assert!((fresh.corrected_m[0] - sample.corrected_m[0] - 1e-6).abs() < 1e-15);
+        assert_eq!(of(23.0, 1.0).status, CorrectionStatus::Extrapolated);
+        let missing = [None, Some(&Covariates::new())].map(|covariates| step.correct(&sample, covariates));
+        for (left_out, status) in missing
+            .map(|sample| (sample, CorrectionStatus::CovariateMissing))
+            .into_iter()
+            .chain([(of(21.0, 11.0), CorrectionStatus::Stale), (of(21.0, -1.0), CorrectionStatus::Stale)])
+        {
+            assert_eq!((left_out.status, left_out.corrected_m), (status, sample.corrected_m));
+            assert_eq!((left_out.residual_correction_m, left_out.covariance_m2[0]), ([0.0; 3], 4e-12));
+            // It names the model that was asked, so that replay asks it too.
+            assert_eq!(left_out.residual_model_sha256.to_bytes(), [7; 32]);
+            assert!(left_out.corrected_valid);
+        }
     }
 }
