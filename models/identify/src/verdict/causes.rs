@@ -83,6 +83,11 @@ pub enum Cause {
     },
     /// Only a part of the stroke was driven.
     PartOfStroke,
+    /// Repeated readings of points from single stations differ.
+    Pairs {
+        /// How many, by how much, and what to do.
+        says: String,
+    },
     /// Gross errors all over.
     Scattered,
     /// The model lacks an effect.

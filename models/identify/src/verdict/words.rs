@@ -126,6 +126,7 @@ impl fmt::Display for Cause {
             Cause::PartOfStroke => f.write_str(
                 "only a part was driven: beyond it coordinates are extrapolated; measure the whole stroke that is used",
             ),
+            Cause::Pairs { says } => f.write_str(says),
             Cause::Scattered => f.write_str(
                 "gross errors all over the data (interrupted beam, axes not at rest, rows mixed up): measure again",
             ),
