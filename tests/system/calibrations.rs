@@ -54,6 +54,37 @@ fn a_sphere_is_fitted_and_a_wrong_radius_is_refused() {
     assert_says(&run(["sphere", "--points", &few]).refused(), &["2 points", "at least 4"]);
 }
 
+/// So many points on a sphere of 15 mm, off along the radius by about 0.5 um.
+fn rough(count: u32) -> String {
+    let mut content = "x_mm,y_mm,z_mm\n".to_owned();
+    for k in 0..count {
+        let (up, around) = (f64::from(k) / f64::from(count) - 0.1, f64::from(k) * 2.4);
+        let (across, radius) = ((1.0 - up * up).sqrt(), 15.0 + 0.0007 * (1.7 * f64::from(k * k)).sin());
+        let (x, y, z) = (radius * across * around.cos(), radius * across * around.sin(), radius * up);
+        writeln!(content, "{x},{y},{z}").unwrap();
+    }
+    content
+}
+
+#[test]
+fn regress_few_points_and_a_noise_declared_too_small_widen_the_uncertainty_of_a_sphere() {
+    let json = |arguments: &[&str]| -> Value {
+        serde_json::from_str(&run([&["sphere", "--json", "--points"], arguments].concat()).ok()).unwrap()
+    };
+    let (_folder, few) = file(&rough(5));
+    // Student's t of one degree of freedom is 13.97 where it would be 2.
+    let widened = json(&[&few])["uncertainty_from"]["widened_by"].as_f64().unwrap();
+    assert!((widened - 6.984).abs() < 1e-3, "{widened}");
+    assert_says(&run(["sphere", "--points", &few]).ok(), &["6.98 times", "1 degree of freedom only (Student)"]);
+    let (_folder, many) = file(&rough(25));
+    let u_um = |found: &Value| found["expanded_uncertainty_um"]["z"].as_f64().unwrap();
+    let (own, declared) = (json(&[&many]), json(&[&many, "--u-um", "0.1"]));
+    assert!((u_um(&declared) / u_um(&own) - 1.0).abs() < 0.1, "{own} {declared}");
+    assert_says(&run(["sphere", "--points", &many, "--u-um", "0.1"]).ok(), &["WARNING", "declared noise alone"]);
+    // Declared too large it is believed.
+    assert!(u_um(&json(&[&many, "--u-um", "1"])) > 1.5 * u_um(&own));
+}
+
 #[test]
 fn the_shipped_centres_give_pose_table_and_report() {
     let folder = tempfile::tempdir().unwrap();
@@ -115,15 +146,25 @@ fn regress_centres_with_a_and_c_exchanged_are_refused() {
 
 /// Three targets on a table that moves along x and yaws by 1e-5 rad per 100 mm about the first, seen from the origin.
 fn guideway(aside_mm: f64) -> String {
+    table(&[("P", 0.0, 0.0, 0.0), ("Q", 300.0, 0.0, 0.0), ("K", 150.0, aside_mm, 0.0)], 0.0, "")
+}
+
+/// The same with these targets (mm), ranges off by about so much (mm), and 0.1 mm more in the row that begins so.
+fn table(targets: &[(&str, f64, f64, f64)], noise_mm: f64, spoilt: &str) -> String {
     let mut content = "position_mm,target,range_mm,azimuth_deg,elevation_deg\n".to_owned();
+    let mut rows = 0;
     for k in 0..5 {
         let (position, yaw) = (100.0 * f64::from(k), 1e-5 * f64::from(k));
-        for (name, x, y, z) in [("P", 0.0, 0.0, 0.0), ("Q", 300.0, 0.0, 0.0), ("K", 150.0, aside_mm, 0.0)] {
+        for &(name, x, y, z) in targets {
             let (x, y): (f64, f64) = (x * f64::cos(yaw) - y * f64::sin(yaw), x * f64::sin(yaw) + y * f64::cos(yaw));
             let (x, y, z): (f64, f64, f64) = (1000.0 + position + x, 500.0 + y, -200.0 + z);
             let flat = x.hypot(y);
             let (azimuth, elevation) = (y.atan2(x).to_degrees(), z.atan2(flat).to_degrees());
-            writeln!(content, "{position},{name},{},{azimuth},{elevation}", flat.hypot(z)).unwrap();
+            rows += 1;
+            let start = format!("{position},{name},");
+            let extra = if !spoilt.is_empty() && start.starts_with(spoilt) { 0.1 } else { 0.0 };
+            let range = flat.hypot(z) + noise_mm * (1.7 * f64::from(rows * rows)).sin() + extra;
+            writeln!(content, "{start}{range},{azimuth},{elevation}").unwrap();
         }
     }
     content
@@ -166,6 +207,38 @@ fn tracker_readings_give_the_six_errors_by_position() {
     // Roll rests on what lies across the motion, pitch hardly.
     assert!((u("across_the_motion", 2.0, 3) / u("across_the_motion", 1.0, 3) - 0.5).abs() < 0.05, "{by_spread}");
     assert!(u("across_the_motion", 2.0, 4) > 0.8 * u("across_the_motion", 1.0, 4), "{by_spread}");
+}
+
+#[test]
+fn regress_a_gross_reading_of_a_target_is_named_and_left_out() {
+    let six = [
+        ("A", 0.0, 0.0, 0.0),
+        ("B", 300.0, 20.0, 0.0),
+        ("C", 150.0, 250.0, 10.0),
+        ("D", 20.0, 200.0, 180.0),
+        ("E", 280.0, 230.0, 120.0),
+        ("F", 130.0, 40.0, 200.0),
+    ];
+    let tracker = ["--axis", "x", "--u-range", "1,0.5", "--u-across", "2,1"];
+    let of = |content: &str, targets: &str, says: &[&str]| -> f64 {
+        let (_folder, points) = file(content);
+        let arguments = |last: &'static str| [&["guideway", "--points", &points], &tracker[..], &[last]].concat();
+        assert_says(&run(&arguments("--accept-misfit")).ok(), says);
+        let found: Value =
+            serde_json::from_str(&run([arguments("--json"), vec!["--accept-misfit"]].concat()).ok()).unwrap();
+        assert_eq!(found["positions"][2]["targets"].to_string(), targets, "{found}");
+        found["positions"][2]["errors"]["ECX_urad"].as_f64().unwrap()
+    };
+    // Line 17: a header, two positions of six targets, and the fourth.
+    let off = "line 17: target D at 200 mm is 1";
+    let found = of(&table(&six, 0.001, "200,D"), "5", &[off, "1 of 30 readings"]);
+    assert!((found - 20.0).abs() < 10.0, "{found}");
+    let everywhere = ["line 5: target D at 0 mm is ", "its target is not used", "1 of 30 readings"];
+    of(&table(&six, 0.001, "0,D"), "5", &everywhere);
+    of(&table(&six, 0.001, ""), "6", &["5 positions"]);
+    // Of three nothing tells which: the position says so, and has an uncertainty of its own.
+    let three = ["at 200 mm the targets contradict each other", "measure that position again"];
+    of(&table(&[six[0], six[1], six[2]], 0.001, "200,B"), "3", &three);
 }
 
 #[test]

@@ -143,6 +143,10 @@ fn points_on_a_sphere_give_form_and_size() {
     assert!((0.5..1.0).contains(&form), "{form}");
     assert_eq!((figures["form"].as_str(), figures["size"].as_str()), (Some("does_not_conform"), None));
     assert!(figures["departures"][0]["text"].as_str().unwrap().contains("25 points are asked for, there are 14"));
+    let mut command = vec!["conformity", "--sphere", &sphere, "--diameter-mm", "20", "--form-limit-um", "2.5"];
+    command.extend(["--size-limit-um", "1.5", "--uncertainty", "0.3"]);
+    let kept = "--diameter-mm 20 --form-limit-um 2.5 --size-limit-um 1.5 --uncertainty '0.3'";
+    assert_says(&run(command).ok(), &["to certify it", kept]);
 }
 
 #[test]
@@ -152,7 +156,8 @@ fn runs_give_the_figures_of_axes_and_diagonals() {
     for axis in ["X", "PPP"] {
         for step in 0..6 {
             for cycle in 1..6 {
-                let target = f64::from(step) * 100.0;
+                // Steps that differ, as the standard wants them.
+                let target = f64::from(step) * 100.0 + f64::from(step * step % 7);
                 rows += &format!("{axis},{target},+,{cycle},{}\n", target + 0.001);
                 rows += &format!("{axis},{target},-,{cycle},{}\n", target - 0.002);
             }

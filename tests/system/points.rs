@@ -92,6 +92,43 @@ fn points_are_solved_a_bad_pair_is_named_and_the_field_between_them_is_found() {
     (0..3).for_each(|d| assert!((near[3 + d] - error_um([140.0, 180.0, 220.0])[d]).abs() < 3.0, "{answers}"));
 }
 
+/// Two readings a point that differ by up to 20 um, as those of an absolute tracker do.
+#[test]
+fn regress_the_limit_of_repeated_readings_follows_from_the_declared_instrument() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut rows = 0;
+    let noisy = campaign(6, None).lines().map(|line| match line.rsplit_once(',') {
+        Some((start, length)) if rows > 0 => {
+            rows += 1;
+            let off_mm = 0.01 * (1.7 * f64::from(rows * rows)).sin();
+            format!("{start},{:.9}\n", length.parse::<f64>().unwrap() + off_mm)
+        }
+        _ => {
+            rows += 1;
+            format!("{line}\n")
+        }
+    });
+    let noisy = write(folder.path(), "noisy.csv", &noisy.collect::<String>());
+    let declared = |u_um: &str| {
+        let shipped = fs::read_to_string(machine()).unwrap();
+        let own = shipped.lines().map(|line| match line.split('=').next().map(str::trim) {
+            Some("u_k2_constant_um") => format!("u_k2_constant_um = {u_um}\n"),
+            _ => format!("{line}\n"),
+        });
+        write(folder.path(), "machine.toml", &own.collect::<String>())
+    };
+    let out = text(&folder.path().join("vectors.csv"));
+    let solved = |machine: &str, more: &[&str]| {
+        run([&["points", "--machine", machine, "--campaign", &noisy, "--out", &out], more].concat())
+    };
+    let machine = declared("14");
+    assert_says(&solved(&machine, &[]).ok(), &["120 points solved, 0 not"]);
+    // A limit that is none for this instrument is named, with what would help.
+    let refused = solved(&machine, &["--pair-limit-um", "1"]).refused();
+    assert_says(&refused, &["120 of 120 points are seen", "where 1.0 um is let pass", "--pair-limit-um"]);
+    assert_says(&solved(&declared("0.2"), &[]).refused(), &["is let pass", "--pair-limit-um", "machine file"]);
+}
+
 #[test]
 fn what_gives_no_field_is_refused_and_nothing_is_written() {
     let folder = tempfile::tempdir().unwrap();

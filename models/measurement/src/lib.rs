@@ -21,6 +21,7 @@
 
 pub mod alignment;
 pub mod campaign;
+pub mod claim;
 pub mod correspondence;
 pub mod growing_station;
 pub mod guideway;

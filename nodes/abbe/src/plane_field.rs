@@ -21,7 +21,7 @@ pub struct PlaneField {
 
 /// Reads vectors of a volume or a plane. Of a plane a component that is zero in every row was not measured.
 pub fn plane_field(path: &Path) -> anyhow::Result<PlaneField> {
-    let StudyFile { rows, sha256 } = read_plane_vectors_file(path)?;
+    let StudyFile { rows, sha256, .. } = read_plane_vectors_file(path)?;
     let poses: std::collections::BTreeSet<_> = rows.iter().map(|row| &row.pose).collect();
     anyhow::ensure!(
         poses.len() < 2,

@@ -61,6 +61,11 @@ impl std::error::Error for Refused {}
 
 /// The verdict of a fit that knows its noise and what it left out, and no more.
 pub(crate) fn of_fit(noise: Option<(f64, usize)>, counted: Option<Counted>) -> Verdict {
+    of_fit_because(noise, counted, vec![Cause::Scattered, Cause::Understated])
+}
+
+/// The same where the fit knows what may be behind what it left out.
+pub(crate) fn of_fit_because(noise: Option<(f64, usize)>, counted: Option<Counted>, rejected: Vec<Cause>) -> Verdict {
     let noise = noise.and_then(|(chi2_per_dof, degrees)| {
         let causes = match chi2_per_dof > 1.0 {
             true => vec![Cause::Understated, Cause::Scattered],
@@ -68,7 +73,7 @@ pub(crate) fn of_fit(noise: Option<(f64, usize)>, counted: Option<Counted>) -> V
         };
         of_noise(chi2_per_dof, degrees as f64, causes)
     });
-    let rejected = counted.and_then(|counted| of_rejected(counted, vec![Cause::Scattered, Cause::Understated]));
+    let rejected = counted.and_then(|counted| of_rejected(counted, rejected));
     Verdict::new([rejected, noise].into_iter().flatten().collect(), 1.0)
 }
 

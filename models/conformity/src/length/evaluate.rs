@@ -3,7 +3,7 @@
 //! Place in the flow: measurements (m) in; errors by line and length, R0, departures from the test out. The verdict is
 //! a step of its own, with limit and decision rule as arguments, so that observed errors stand without any limit.
 
-use super::{LEAST_SHARE, LENGTHS, LengthMeasurement, LengthTest, REPEATS};
+use super::{LEAST_SHARE, LENGTHS, LengthMeasurement, LengthTest, REPEATS, diagonal};
 use crate::decision::{DecisionRule, Verdict};
 use crate::departure::Departure;
 use crate::error::ConformityError;
@@ -278,6 +278,7 @@ fn departures(test: &LengthTest, sets: &[LengthSet], lines: &[LineSummary]) -> V
     if lines.len() < asked {
         found.push(Departure::new("test", format!("{asked} measuring lines are asked for, there are {}", lines.len())));
     }
+    found.extend(diagonal::departures(test, lines));
     for line in lines {
         let place = || format!("line {}", line.line);
         if line.lengths < LENGTHS {

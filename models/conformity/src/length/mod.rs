@@ -8,6 +8,7 @@
 //! the axes by default), five lengths on each, each measured three times; the longest at least 66 % of the travel along
 //! its line; R0 the range of three repeated measurements.
 
+mod diagonal;
 mod evaluate;
 mod lines;
 mod measure;

@@ -27,6 +27,9 @@ pub const TARGETS: usize = 5;
 pub const TARGETS_PER_METRE: f64 = 5.0;
 /// Longest travel for which this form of the test is meant (m).
 pub const LONGEST_M: f64 = 2.0;
+/// Departure of the targets from equal steps, relative to the step, below which they are equally spaced: no such shift moves a
+/// target to another place of a periodic error.
+const EQUAL_STEPS: f64 = 0.01;
 /// A deviation beyond this is a slip of units, or another target (m).
 const PLAUSIBLE_M: f64 = 2e-3;
 /// Targets of one position are the same to this (m).
@@ -132,11 +135,28 @@ fn departures(place: &str, groups: &[Group]) -> Vec<Departure> {
         let text = format!("{few} of {} targets were approached fewer than 5 times from each direction", groups.len());
         found.push(Departure::new(place, text));
     }
+    if let Some(step_m) = equal_step_m(groups) {
+        let text = format!(
+            "the targets stand in equal steps of {:.3} mm, which hide errors of that period and of its fractions; the standard asks for \
+             P_i = (i - 1) p + r with another random r at each target",
+            step_m * 1e3
+        );
+        found.push(Departure::new(place, text));
+    }
     if travel_m > LONGEST_M {
         let text = format!("{:.1} m of travel; above 2 m the standard asks for another form of the test", travel_m);
         found.push(Departure::new(place, text));
     }
     found
+}
+
+/// The step (m) of three or more targets in equal steps.
+fn equal_step_m(groups: &[Group]) -> Option<f64> {
+    let (first, last) = (groups.first()?, groups.last()?);
+    let step_m = (last.target_m - first.target_m) / (groups.len() - 1) as f64;
+    let off_m = |(k, group): (usize, &Group)| (group.target_m - first.target_m - k as f64 * step_m).abs();
+    let farthest_m = groups.iter().enumerate().map(off_m).fold(0.0, f64::max);
+    (groups.len() > 2 && farthest_m < EQUAL_STEPS * step_m).then_some(step_m)
 }
 
 #[cfg(test)]

@@ -20,7 +20,8 @@ fn case() -> Vec<Approach> {
     for (k, (up, down)) in CASE_UM.iter().enumerate() {
         for (direction, values) in [(Direction::Up, up), (Direction::Down, down)] {
             for (cycle, value) in values.iter().enumerate() {
-                let target_m = 0.1 * k as f64;
+                // Steps as the standard wants them; no figure depends on them.
+                let target_m = 0.1 * k as f64 + [0.0, 3e-3, -2e-3, 7e-3, 1e-3][k];
                 list.push(Approach { target_m, direction, cycle: cycle as i64 + 1, deviation_m: value * 1e-6 });
             }
         }
@@ -104,4 +105,17 @@ fn data_that_are_no_axis_are_refused_with_their_place() {
     refused(&|a| a[2].deviation_m = 0.004, "4.000 mm");
     refused(&|a| a[2].cycle = 1, "stands twice");
     refused(&|a| a.retain(|a| a.target_m > 0.05 || a.cycle == 1), "one approach has no scatter");
+}
+
+#[test]
+fn regress_equal_steps_are_no_whole_test() {
+    let said = |step_m: &dyn Fn(usize) -> f64| {
+        let mut approaches = case();
+        approaches.iter_mut().for_each(|a| a.target_m = step_m((a.target_m / 0.1).round() as usize));
+        evaluate("X", &approaches).unwrap().departures.iter().map(ToString::to_string).collect::<String>()
+    };
+    assert!(said(&|k| 0.1 * k as f64).contains("equal steps of 100.000 mm"));
+    // Rounding of equal steps does not make them others, a shift of 2 % of the step does.
+    assert!(said(&|k| 0.1 * k as f64 + 1e-4 * (k % 2) as f64).contains("equal steps"));
+    assert_eq!(said(&|k| 0.1 * k as f64 + 2.5e-3 * (k % 2) as f64), "");
 }

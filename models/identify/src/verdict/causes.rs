@@ -85,6 +85,11 @@ pub enum Cause {
     PartOfStroke,
     /// The plan goes to places at equal distances.
     EqualSteps,
+    /// Repeated readings of points from single stations differ.
+    Pairs {
+        /// How many, by how much, and what to do.
+        says: String,
+    },
     /// Gross errors all over.
     Scattered,
     /// The model lacks an effect.

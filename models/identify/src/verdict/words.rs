@@ -139,6 +139,7 @@ impl fmt::Display for Cause {
                 "the plan goes to a grid of places: where scales or screws may have errors of a short period, take points at unequal \
                  distances (abbe plan draws them)",
             ),
+            Cause::Pairs { says } => f.write_str(says),
             Cause::Scattered => f.write_str(
                 "gross errors all over the data (interrupted beam, axes not at rest, rows mixed up): measure again",
             ),

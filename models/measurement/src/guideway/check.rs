@@ -17,6 +17,8 @@ const NOT_RIGID: f64 = 1e-2;
 /// A target's point.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Seen {
+    /// Its place among the points, from 0.
+    pub(super) place: usize,
     pub(super) point_m: Vector3<f64>,
     pub(super) covariance_m2: Option<Matrix3<f64>>,
 }
@@ -50,7 +52,7 @@ pub(super) fn by_position(points: &[TargetPoint]) -> Result<Vec<Run<'_>>, Guidew
             let (target, position_mm) = (point.target.clone(), position_m * 1e3);
             return Err(GuidewayError::Twice { target, position_mm, first: first + 1, second: k + 1 });
         }
-        let seen = Seen { point_m: point.point_m, covariance_m2: point.covariance_m2 };
+        let seen = Seen { place: k, point_m: point.point_m, covariance_m2: point.covariance_m2 };
         match runs.iter_mut().find(|run| run.position_m == position_m) {
             Some(run) => {
                 run.targets.insert(&point.target, seen);

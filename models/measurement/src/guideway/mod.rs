@@ -11,10 +11,13 @@ mod check;
 mod error;
 mod frame;
 mod solve;
+mod stray;
 
 pub use arrangement::{ArrangedTarget, arrangement_covariance};
 pub use error::GuidewayError;
+pub use stray::StrayTarget;
 
+use crate::claim::Claim;
 use nalgebra::{Matrix3, Matrix6, Rotation3, Vector3, Vector6};
 
 /// The axis that moves.
@@ -103,9 +106,13 @@ pub struct PositionErrors {
     pub position_m: f64,
     /// Displacement of the reference point along x, y, z (m), then rotation about x, y, z (rad), machine frame.
     pub errors: Vector6<f64>,
-    /// Their covariance (m, rad), of this position against the lowest: from the declared covariances, otherwise from the
-    /// scatter; `None` at the lowest position, where the errors are zero by definition.
+    /// Their covariance (m, rad), of this position against the lowest, such that ±2u holds the truth with 95.45 %: from the
+    /// declared covariances, otherwise from the scatter, widened; `None` at the lowest position, where the errors are zero by
+    /// definition.
     pub covariance: Option<Matrix6<f64>>,
+    /// Factor by which u was widened, at least that of [`Guideway::claim`]: more where the targets of this position contradict
+    /// each other more than those of the others; `None` at the lowest.
+    pub widening: Option<f64>,
     /// Targets used.
     pub targets: usize,
     /// Root mean square of what a rigid table does not explain, over coordinates (m).
@@ -130,10 +137,12 @@ pub struct Guideway {
     pub scatter_m: f64,
     /// χ² per degree of freedom with the declared covariances; `None` where not all are declared.
     pub chi2_per_dof: Option<f64>,
+    /// What the uncertainties rest on, and by how much all of them were widened.
+    pub claim: Claim,
 }
 
 impl Guideway {
-    /// Solves every position against the lowest.
+    /// Solves every position against the lowest. [`Guideway::without_strays`] leaves out what contradicts all others.
     ///
     /// # Errors
     /// Figures that are not finite, a target given twice at a position, fewer than three targets in common with the lowest

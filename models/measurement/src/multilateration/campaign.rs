@@ -4,15 +4,16 @@
 //! rejects contradicting pairs, starts from stations that fit the indicated points (Chen 2020 eq. 1) and adjusts stations,
 //! dead paths and points together ([`crate::network`]).
 
-use super::pairs::{self, RejectedPair};
+use super::pairs::{self, LeftOut, RejectedPair};
+use super::problem::{MANY, Problem};
 use super::targets::{Target, group, indicated_m};
 use crate::campaign::{Campaign, RangeReading};
 use crate::instrument::RangeUncertainty;
 use crate::network::{self, LEAST_STATIONS, Network, NetworkError, Placed, PointProblem, Progress, Sighting};
-use crate::station_start::{self, PointAndLength, StartError};
+use crate::robust;
+use crate::station_start::{self, PointAndLength};
 use nalgebra::{Matrix3, Vector3};
 use std::collections::BTreeMap;
-use thiserror::Error;
 
 /// How a campaign is solved.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -21,8 +22,9 @@ pub struct Options {
     pub instrument: RangeUncertainty,
     /// Repeatability of the machine when it comes back to a point (m, k = 1): stations see the point at different times.
     pub repeatability_m: f64,
-    /// Readings of one point from one station that differ by more than this (m) are rejected; 5 µm in Chen 2020.
-    pub pair_limit_m: f64,
+    /// Readings of one point from one station that differ by more than this (m) contradict each other; `None` for what
+    /// instrument and repeatability explain, at least the 5 µm of Chen 2020.
+    pub pair_limit_m: Option<f64>,
     /// Readings whose indicated reflector positions differ by less than this (m) are of one point.
     pub same_point_m: f64,
     /// Lengths are distances: there are no dead paths.
@@ -85,6 +87,8 @@ pub struct MultiStation {
     pub unsolved: Vec<Unsolved>,
     /// Readings that contradict each other.
     pub rejected: Vec<RejectedPair>,
+    /// What they cost; `None` where there are none.
+    pub left_out: Option<LeftOut>,
     /// Readings that contradict other stations.
     pub contradicted: Vec<RejectedSight>,
     /// Measured minus predicted lengths of the sights used (m).
@@ -93,52 +97,6 @@ pub struct MultiStation {
     pub chi2_per_dof: f64,
     /// Sights less unknowns.
     pub degrees: usize,
-}
-
-/// Why a campaign has no solution; the text says what to do.
-#[derive(Debug, Clone, PartialEq, Error)]
-pub enum Problem {
-    /// Too few stations.
-    #[error("{0} stations (at least {LEAST_STATIONS} are needed); measure the points from more")]
-    TooFewStations(usize),
-    /// An option that is none.
-    #[error("{0} is not above zero; give it in metres")]
-    Option(&'static str),
-    /// A reading that is none.
-    #[error("reading {0}: a number is not finite; correct or remove it")]
-    NotFinite(usize),
-    /// A station failed.
-    #[error("station {name}: {why}")]
-    Station {
-        /// Its name.
-        name: String,
-        /// Why.
-        why: StartError,
-    },
-    /// Lengths of another size than the ways of the machine.
-    #[error(
-        "station {0}: lengths change by more than twice the way between the points; they do not share a unit, or do not belong to these points"
-    )]
-    Unit(String),
-    /// Two stations are one.
-    #[error("stations {0} and {1} stand at the same place; move one, or merge them to one station")]
-    SameStation(String, String),
-    /// Stations and points have no common solution.
-    #[error("stations {stations}: {why}")]
-    Network {
-        /// Names of the stations that take part.
-        stations: String,
-        /// Why.
-        why: NetworkError,
-    },
-    /// No point is left.
-    #[error(
-        "none of {points} points is seen from {LEAST_STATIONS} stations; measure the same points from every station"
-    )]
-    NoPoint {
-        /// Points there are.
-        points: usize,
-    },
 }
 
 /// Stations, dead paths and points of a campaign; `observe` returns false to stop.
@@ -153,28 +111,37 @@ pub fn solve(
     check(campaign, options)?;
     let (targets, target_of) = group(&campaign.readings, options.same_point_m);
     let stations = starts(campaign, options.absolute_range)?;
-    let rejected = contradictions(campaign, &target_of, &stations, options.pair_limit_m);
+    let groups = by_station_and_target(campaign, &target_of);
+    let rejected = contradictions(campaign, &groups, &stations, options);
+    let left_out = left_out(&groups, &rejected);
     let mut kept = vec![true; campaign.readings.len()];
     rejected.iter().flat_map(|pair| &pair.readings).for_each(|reading| kept[*reading] = false);
-    let sights = sights(campaign, &kept, (&targets, &target_of), &stations, options);
-    let mut seen = vec![0; targets.len()];
-    sights.iter().for_each(|sight| seen[sight.sighting.point] += 1);
-    if seen.iter().all(|count| *count < LEAST_STATIONS) {
-        return Err(Problem::NoPoint { points: targets.len() });
+    let sights = sights(campaign, &kept, (&targets, &groups), &stations, options);
+    let enough = |points: &mut dyn Iterator<Item = usize>| {
+        let mut seen = vec![0; targets.len()];
+        points.for_each(|point| seen[point] += 1);
+        seen.iter().filter(|count| **count >= LEAST_STATIONS).count()
+    };
+    if enough(&mut sights.iter().map(|sight| sight.sighting.point)) == 0 {
+        let (points, seen) = (targets.len(), enough(&mut groups.keys().map(|(_, point)| *point)));
+        return Err(match left_out.filter(|_| seen > 0) {
+            Some(left_out) => Problem::NoPointLeft { points, seen, left_out },
+            None => Problem::NoPoint { points },
+        });
     }
     let start = network::Start { stations, points_m: targets.iter().map(Target::indicated_m).collect() };
     let sightings: Vec<Sighting> = sights.iter().map(|sight| sight.sighting).collect();
     let network_options = network::Options { absolute: options.absolute_range, robust: true };
     let found = network::solve(&start, &sightings, network_options, observe)
-        .map_err(|why| of_network(&campaign.stations, why))?;
-    Ok(told(campaign, (targets, target_of), rejected, &sights, found))
+        .map_err(|why| of_network(&campaign.stations, why, left_out))?;
+    Ok(told(campaign, (targets, target_of), (rejected, left_out), &sights, found))
 }
 
 /// A network in the words of its campaign.
 fn told(
     campaign: &Campaign,
     (targets, target_of): (Vec<Target>, Vec<usize>),
-    rejected: Vec<RejectedPair>,
+    (rejected, left_out): (Vec<RejectedPair>, Option<LeftOut>),
     sights: &[MeanReading],
     found: Network,
 ) -> MultiStation {
@@ -211,6 +178,7 @@ fn told(
         points,
         unsolved,
         rejected,
+        left_out,
         contradicted: contradicted.collect(),
         residuals_m: (0..sights.len()).filter(|k| is_used(*k)).filter_map(|k| found.residuals_m[k]).collect(),
         chi2_per_dof: found.chi2 / found.degrees.max(1) as f64,
@@ -218,14 +186,15 @@ fn told(
     }
 }
 
-fn of_network(names: &[String], why: NetworkError) -> Problem {
+fn of_network(names: &[String], why: NetworkError, left_out: Option<LeftOut>) -> Problem {
     let part: Vec<&str> = match &why {
         NetworkError::Loose { stations, .. } => {
             stations.iter().filter_map(|k| names.get(*k)).map(String::as_str).collect()
         }
         _ => names.iter().map(String::as_str).collect(),
     };
-    Problem::Network { stations: part.join(", "), why }
+    let is_many = |left_out: &LeftOut| left_out.pairs as f64 > MANY * left_out.repeated as f64;
+    Problem::Network { stations: part.join(", "), why, left_out: left_out.filter(is_many) }
 }
 
 fn check(campaign: &Campaign, options: &Options) -> Result<(), Problem> {
@@ -237,7 +206,7 @@ fn check(campaign: &Campaign, options: &Options) -> Result<(), Problem> {
     {
         return Err(Problem::Option("the instrument's uncertainty"));
     }
-    if !above_zero(options.pair_limit_m) {
+    if options.pair_limit_m.is_some_and(|limit_m| !above_zero(limit_m)) {
         return Err(Problem::Option("the limit of a pair's difference"));
     }
     if !above_zero(options.same_point_m) {
@@ -291,8 +260,10 @@ fn starts(campaign: &Campaign, absolute: bool) -> Result<Vec<Placed>, Problem> {
 }
 
 /// Readings of each station and target, in order.
-fn by_station_and_target(campaign: &Campaign, target_of: &[usize]) -> BTreeMap<(usize, usize), Vec<usize>> {
-    let mut groups: BTreeMap<(usize, usize), Vec<usize>> = BTreeMap::new();
+type Groups = BTreeMap<(usize, usize), Vec<usize>>;
+
+fn by_station_and_target(campaign: &Campaign, target_of: &[usize]) -> Groups {
+    let mut groups = Groups::new();
     for (index, (reading, target)) in campaign.readings.iter().zip(target_of).enumerate() {
         groups.entry((reading.station as usize, *target)).or_default().push(index);
     }
@@ -304,16 +275,35 @@ fn deviation_m(reading: &RangeReading, station: &Placed) -> f64 {
     reading.length_m - ((indicated_m(reading) - station.position_m).norm() - station.dead_path_m)
 }
 
-fn contradictions(campaign: &Campaign, target_of: &[usize], stations: &[Placed], limit_m: f64) -> Vec<RejectedPair> {
-    let mut rejected = Vec::new();
-    for ((station, point), readings) in by_station_and_target(campaign, target_of) {
+/// Standard uncertainty of one reading (m), with what the machine adds.
+fn single_u_m(range_m: f64, options: &Options) -> f64 {
+    options.instrument.standard_m(range_m).hypot(options.repeatability_m)
+}
+
+fn contradictions(campaign: &Campaign, groups: &Groups, stations: &[Placed], options: &Options) -> Vec<RejectedPair> {
+    let of = |(&(station, point), readings): (&(usize, usize), &Vec<usize>)| {
         let deviation = |k: &usize| deviation_m(&campaign.readings[*k], &stations[station]);
         let deviations: Vec<f64> = readings.iter().map(deviation).collect();
-        if let Some(difference_m) = pairs::contradiction(&deviations, limit_m) {
-            rejected.push(RejectedPair { station, point, readings, difference_m });
-        }
-    }
-    rejected
+        let range_m = |k: &usize| (indicated_m(&campaign.readings[*k]) - stations[station].position_m).norm();
+        let largest_m = readings.iter().map(range_m).fold(0.0, f64::max);
+        let limit_m = options.pair_limit_m.unwrap_or_else(|| pairs::limit_m(single_u_m(largest_m, options)));
+        let found = pairs::contradiction(&deviations, limit_m)?;
+        let readings = found.left_out.iter().map(|place| readings[*place]).collect();
+        let (gross, difference_m) = (found.gross, found.difference_m);
+        Some(RejectedPair { station, point, readings, gross, difference_m, limit_m })
+    };
+    groups.iter().filter_map(of).collect()
+}
+
+/// What contradicting readings cost; `None` where there are none.
+fn left_out(groups: &Groups, rejected: &[RejectedPair]) -> Option<LeftOut> {
+    let median = |of: fn(&RejectedPair) -> f64| robust::median(rejected.iter().map(of).collect());
+    Some(LeftOut {
+        pairs: rejected.len(),
+        repeated: groups.values().filter(|readings| readings.len() > 1).count(),
+        difference_m: median(|pair| pair.difference_m)?,
+        limit_m: median(|pair| pair.limit_m)?,
+    })
 }
 
 /// The mean of what a station read at a point.
@@ -325,13 +315,13 @@ struct MeanReading {
 fn sights(
     campaign: &Campaign,
     kept: &[bool],
-    (targets, target_of): (&[Target], &[usize]),
+    (targets, groups): (&[Target], &Groups),
     stations: &[Placed],
     options: &Options,
 ) -> Vec<MeanReading> {
     let mut sights = Vec::new();
-    for ((index, point), mut readings) in by_station_and_target(campaign, target_of) {
-        readings.retain(|k| kept[*k]);
+    for (&(index, point), readings) in groups {
+        let readings: Vec<usize> = readings.iter().copied().filter(|k| kept[*k]).collect();
         if readings.is_empty() {
             continue;
         }
@@ -340,13 +330,12 @@ fn sights(
         let indicated = readings.iter().map(|k| indicated_m(&campaign.readings[*k])).sum::<Vector3<f64>>() / count;
         let deviation = readings.iter().map(|k| deviation_m(&campaign.readings[*k], station)).sum::<f64>() / count;
         let range_m = (indicated - station.position_m).norm() + deviation;
-        let single_u_m = options.instrument.standard_m(range_m).hypot(options.repeatability_m);
         let sighting = Sighting {
             station: index,
             point,
             shift_m: indicated - targets[point].indicated_m(),
             length_m: range_m - station.dead_path_m,
-            u_m: single_u_m / count.sqrt(),
+            u_m: single_u_m(range_m, options) / count.sqrt(),
         };
         sights.push(MeanReading { sighting, readings });
     }

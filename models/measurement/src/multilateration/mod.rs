@@ -5,8 +5,8 @@
 //! what comes out is what an error field is made of.
 //!
 //! 1. `targets`: readings are dealt to the points they were taken at.
-//! 2. `pairs`: repeated readings of a point from a station are compared; a pair that differs by more than a limit is
-//!    rejected, and reported (Chen 2020 section 3.1).
+//! 2. `pairs`: repeated readings of a point from a station are compared; what differs by more than the declared uncertainties
+//!    explain is rejected, and reported (after Chen 2020 section 3.1).
 //! 3. [`crate::network`]: stations, dead paths and points together, from the ranges alone; what contradicts is left out.
 //!
 //! Ranges do not tell how everything together stands in the machine. Errors are of the frame in which the points fit their
@@ -19,11 +19,13 @@ mod campaign;
 mod descent;
 mod pairs;
 pub mod point;
+mod problem;
 pub mod station;
 mod targets;
 
-pub use campaign::{MultiStation, Options, Problem, RejectedSight, SolvedPoint, Unsolved, solve};
-pub use pairs::{LIMIT_M, RejectedPair};
+pub use campaign::{MultiStation, Options, RejectedSight, SolvedPoint, Unsolved, solve};
+pub use pairs::{LIMIT_M, LeftOut, RejectedPair};
+pub use problem::Problem;
 pub use targets::Target;
 
 #[cfg(test)]

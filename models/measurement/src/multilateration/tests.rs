@@ -23,7 +23,7 @@ const STATIONS_M: [[f64; 3]; 6] = [
 const OPTIONS: Options = Options {
     instrument: RangeUncertainty { constant_m: 0.5e-6, per_metre: 0.0 },
     repeatability_m: 0.0,
-    pair_limit_m: LIMIT_M,
+    pair_limit_m: None,
     same_point_m: 1e-4,
     absolute_range: false,
 };
@@ -171,8 +171,24 @@ fn contradicting_pairs_are_left_out_and_listed() {
     assert!((rejected.difference_m - 9e-6).abs() < 1.5e-6);
     assert_eq!(solved.points[40].stations, [0, 1, 3, 4, 5]);
     assert_eq!(solved.points[41].stations.len(), 6);
-    let loose = run(&campaign, &Options { pair_limit_m: 20e-6, ..OPTIONS }).unwrap();
+    let loose = run(&campaign, &Options { pair_limit_m: Some(20e-6), ..OPTIONS }).unwrap();
     assert!(loose.rejected.is_empty());
+}
+
+/// An absolute tracker of 5 µm, read twice: the 5 µm of the paper took most of its readings for gross errors.
+#[test]
+fn regress_a_noisier_instrument_that_says_so_is_no_contradiction() {
+    let mut random = ChaCha8Rng::seed_from_u64(11);
+    let campaign = campaign(|_| Vector3::zeros(), || 5e-6 * normal(&mut random));
+    let declared = Options { instrument: RangeUncertainty { constant_m: 5e-6, per_metre: 0.0 }, ..OPTIONS };
+    let solved = run(&campaign, &declared).unwrap();
+    assert_eq!((solved.rejected.len(), solved.left_out, solved.points.len()), (0, None, 60));
+    assert!((0.8..1.25).contains(&solved.chi2_per_dof), "{}", solved.chi2_per_dof);
+    // Where the limit is given and too small, the message says what happened and what gives another.
+    let tight = Options { pair_limit_m: Some(0.01e-6), ..declared };
+    let said = run(&campaign, &tight).unwrap_err().to_string();
+    assert!(said.contains("60 of 60 points are seen") || said.contains("read more than once"), "{said}");
+    assert!(said.contains("--pair-limit-um") && said.contains("0.0 um is let pass"), "{said}");
 }
 
 #[test]
@@ -261,7 +277,7 @@ fn campaigns_that_cannot_be_solved_are_refused() {
     apart.readings.iter_mut().for_each(|r| r.reading_m[0] += 0.01 * f64::from(r.station));
     assert!(matches!(run(&apart, &OPTIONS), Err(Problem::NoPoint { points: 360 })));
     let bad = [
-        Options { pair_limit_m: 0.0, ..OPTIONS },
+        Options { pair_limit_m: Some(0.0), ..OPTIONS },
         Options { same_point_m: f64::NAN, ..OPTIONS },
         Options { repeatability_m: -1.0, ..OPTIONS },
         Options { instrument: RangeUncertainty { constant_m: 0.0, per_metre: 0.0 }, ..OPTIONS },

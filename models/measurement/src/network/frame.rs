@@ -8,6 +8,7 @@
 use super::blocks::{Blocks, EACH, Reduced, motion};
 use super::{LEAST_SIGHTS, Network, NetworkError, Placed, Point, Search, Start, Station};
 use crate::alignment::RigidAlignment;
+use crate::claim::Claim;
 use nalgebra::{DMatrix, Matrix3, Matrix3xX, Matrix4, Matrix6, Matrix6xX, SMatrix, Vector3};
 
 /// Moves a settled search to its frame and propagates.
@@ -17,7 +18,7 @@ pub(super) fn finish(mut search: Search, start: &Start) -> Result<Network, Netwo
     let used = search.used.iter().filter(|used| **used).count();
     let degrees = used.saturating_sub(3 * points.len() + search.unknowns_of_stations());
     // What was declared holds parts that residuals do not show: they may prove it too small, never too large.
-    let noise = if degrees > 0 { (chi2 / degrees as f64).max(1.0) } else { 1.0 };
+    let noise = Claim::declared(chi2 / degrees.max(1) as f64, degrees).variance();
     align(&mut search, start, &points)?;
     let blocks = Blocks::new(&search);
     let reduced = blocks.reduced(0.0)?;

@@ -22,6 +22,7 @@ pub use held_out::{LeftOutCentre, LeftOutPose, leave_one_centre_out, leave_one_p
 pub use table::{Compensation, CompensationTable, TableEntry};
 pub use undetermined::Undetermined;
 
+use crate::claim::Claim;
 use design::c_in_machine;
 use nalgebra::{DMatrix, Vector3};
 
@@ -73,6 +74,9 @@ pub struct Scatter {
     pub between_m: Option<f64>,
     /// χ² per degree of freedom with the declared uncertainties; `None` where none are declared or no freedom is left.
     pub chi2_per_dof: Option<f64>,
+    /// The part of it within poses, which is the noise alone, and its degrees of freedom; `None` where none are declared or no
+    /// pose was measured more than once.
+    pub chi2_per_dof_within: Option<(f64, usize)>,
 }
 
 /// The probe's pose.
@@ -96,9 +100,12 @@ pub struct ProbePose {
     pub condition: f64,
     /// Scatter within and between poses.
     pub scatter: Scatter,
-    /// Covariance of S0 (m), R_p (1), T_p (m) and, where fitted, the axis offset (m), in this order. From the scatter within
-    /// and between poses, otherwise from the declared uncertainties; `None` where neither is there.
+    /// Covariance of S0 (m), R_p (1), T_p (m) and, where fitted, the axis offset (m), in this order, such that ±2u holds the truth
+    /// with 95.45 %. From the scatter within and between poses, otherwise from the declared uncertainties, widened as
+    /// [`ProbePose::claim`] says; `None` where neither is there.
     pub covariance: Option<DMatrix<f64>>,
+    /// What the uncertainty rests on, and by how much it was widened.
+    pub claim: Option<Claim>,
 }
 
 impl ProbePose {

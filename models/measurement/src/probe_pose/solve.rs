@@ -8,6 +8,7 @@
 use super::check::poses;
 use super::design::{c_in_machine, centre_rows, head_in_machine};
 use super::{BeamLength, ProbePose, ProbePoseError, ProbePoseModel, Scatter, SphereCentre, Undetermined};
+use crate::claim::Claim;
 use crate::least_squares::{self, Solution};
 use nalgebra::{DMatrix, DVector, Matrix3x2, Vector3};
 
@@ -106,9 +107,10 @@ fn outcome(
         .map_or_else(|_| (None, f64::INFINITY), |found| (Some(found.cofactor), found.condition));
     let is_declared = centres.iter().all(|centre| centre.u_m.is_some());
     let components = rows.components();
-    let covariance = cofactor.and_then(|cofactor| {
-        let covariance = rows.covariance(&cofactor, &components, is_declared)?;
-        Some(tangent * covariance * tangent.transpose())
+    let claim = rows.claim(&components, is_declared);
+    let covariance = cofactor.zip(claim).map(|(cofactor, claim)| {
+        let covariance = rows.covariance(&cofactor, &components) * claim.variance();
+        tangent * covariance * tangent.transpose()
     });
     let three = |k: usize| Vector3::new(unknowns[k], unknowns[k + 1], unknowns[k + 2]);
     // Components are in units of the declared uncertainties where those are declared.
@@ -127,8 +129,13 @@ fn outcome(
             within_m: components.within.map(|v| v.sqrt() * unit_m),
             between_m: components.between.map(|v| v.sqrt() * unit_m),
             chi2_per_dof: (is_declared && dof > 0).then(|| whitened.norm_squared() / dof as f64),
+            chi2_per_dof_within: components
+                .within
+                .filter(|_| is_declared)
+                .map(|within| (within, components.degrees_within)),
         },
         covariance,
+        claim,
     }
 }
 
@@ -138,6 +145,8 @@ struct Components {
     between: Option<f64>,
     /// All together, where the two cannot be told apart.
     pooled: Option<f64>,
+    degrees_within: usize,
+    degrees_between: usize,
 }
 
 struct Rows<'a> {
@@ -185,23 +194,35 @@ impl Rows<'_> {
             (((square - square_within) / degrees_between as f64 - within) / mean_size).max(0.0)
         });
         let pooled = (within.is_none() && self.degrees() > 0).then(|| square / self.degrees() as f64);
-        Components { within, between, pooled }
+        Components { within, between, pooled, degrees_within, degrees_between }
     }
 
-    /// Covariance of the free unknowns; `None` where neither the scatter nor a declaration gives one.
-    fn covariance(&self, cofactor: &DMatrix<f64>, components: &Components, is_declared: bool) -> Option<DMatrix<f64>> {
+    /// What the covariance rests on; `None` where neither the scatter nor a declaration gives one.
+    fn claim(&self, components: &Components, is_declared: bool) -> Option<Claim> {
+        match (components.within, components.between, components.pooled) {
+            // What poses have in common decides wherever there is any, and is known from fewer degrees.
+            (Some(_), Some(between), _) if between > 0.0 => Claim::estimated(components.degrees_between),
+            (Some(_), Some(_), _) => Claim::estimated(components.degrees_within),
+            (_, _, Some(_)) => Claim::estimated(self.degrees()),
+            (Some(within), None, _) if is_declared => Some(Claim::declared(within, components.degrees_within)),
+            _ if is_declared => Some(Claim::declared(0.0, 0)),
+            _ => None,
+        }
+    }
+
+    /// Covariance of the free unknowns, not yet widened; of the declared uncertainties where the scatter gives none.
+    fn covariance(&self, cofactor: &DMatrix<f64>, components: &Components) -> DMatrix<f64> {
         let (within, between) = match (components.within, components.between, components.pooled) {
             (Some(within), Some(between), _) => (within, between),
             (_, _, Some(pooled)) => (pooled, 0.0),
-            _ if is_declared => (1.0, 0.0),
-            _ => return None,
+            _ => (1.0, 0.0),
         };
         let mut middle = self.matrix.transpose() * self.matrix * within;
         for group in poses(self.centres) {
             let sum = self.sum(self.matrix, &group);
             middle += sum.transpose() * sum * between;
         }
-        Some(cofactor * middle * cofactor)
+        cofactor * middle * cofactor
     }
 }
 

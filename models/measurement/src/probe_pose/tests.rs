@@ -170,6 +170,50 @@ fn the_covariance_holds_what_it_says_also_with_errors_of_the_poses() {
     assert!((0.85..1.35).contains(&mean), "{mean}");
 }
 
+/// Centres as uncertain as they say, some ten times more than others: a mean of them judged all by the worst, and told of a noise
+/// declared far too large.
+#[test]
+fn regress_uneven_uncertainties_are_judged_each_by_its_own() {
+    let plan: Vec<[f64; 2]> = (0..30).map(|k| [-70.0 + 4.6 * k as f64, 37.0 * k as f64]).collect();
+    let mut centres = measured(&plan, &[0.09, 0.1]);
+    for (k, centre) in centres.iter_mut().enumerate() {
+        let u_m = if k % 4 < 2 { 1e-6 } else { 10e-6 };
+        centre.u_m = Some(u_m);
+        (0..3).for_each(|d| centre.centre_m[d] += u_m * noise(7, 3 * k + d));
+    }
+    let scatter = ProbePose::fit(&centres, WITH_OFFSET).unwrap().scatter;
+    let (within, degrees) = scatter.chi2_per_dof_within.unwrap();
+    // About 87 degrees of freedom, even noise: sd √(0.8/87) = 0.1; four of them.
+    assert!((80..90).contains(&degrees) && (within - 1.0).abs() < 0.4, "{within} {degrees}");
+    assert!((scatter.chi2_per_dof.unwrap() / within - 1.0).abs() < 0.3, "{scatter:?}");
+}
+
+/// With few poses the noise is known from few degrees of freedom, and u has Student's factor.
+#[test]
+fn few_poses_state_what_they_hold() {
+    let plan: Vec<[f64; 2]> = vec![[-60.0, -80.0], [-20.0, 10.0], [25.0, 95.0], [65.0, -20.0]];
+    let (mut held, mut bare, mut all) = (0, 0, 0);
+    for seed in 0..300 {
+        let mut centres = measured(&plan, &[0.09, 0.1]);
+        for (k, centre) in centres.iter_mut().enumerate() {
+            // Sums of twelve even numbers are normal enough.
+            let normal = |d: usize| (0..12).map(|i| noise(seed, 100 * k + 12 * d + i)).sum::<f64>() / 12f64.sqrt();
+            (0..3).for_each(|d| centre.centre_m[d] += 5e-6 * normal(d));
+        }
+        let pose = ProbePose::fit(&centres, ProbePoseModel { beam: BeamLength::Free, axis_offset: true }).unwrap();
+        let (u, widening) = (pose.u().unwrap(), pose.claim.unwrap().widening);
+        let off = [pose.direction.x - direction().x, pose.zero_m.z - zero_m().z, pose.centre_m.y - sphere_m().y];
+        for (off, u) in off.iter().zip([u[3], u[8], u[1]]) {
+            held += usize::from(off.abs() <= 2.0 * u);
+            bare += usize::from(off.abs() <= 2.0 * u / widening);
+            all += 1;
+        }
+    }
+    let share = |count: usize| count as f64 / f64::from(all);
+    println!("four poses: {:.3}, without widening {:.3}", share(held), share(bare));
+    assert!(share(held) >= 0.93, "{} {}", share(held), share(bare));
+}
+
 #[test]
 fn components_of_variance_are_found() {
     let plan: Vec<[f64; 2]> = (0..60).map(|k| [-70.0 + 2.3 * k as f64, 37.0 * k as f64]).collect();

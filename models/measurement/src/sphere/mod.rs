@@ -13,6 +13,7 @@ mod stray;
 pub use error::SphereError;
 pub use stray::Stray;
 
+use crate::claim::Claim;
 use crate::least_squares;
 use nalgebra::{DMatrix, DVector, Matrix4, Vector3, Vector4};
 
@@ -53,9 +54,11 @@ pub struct SphereFit {
     pub degrees_of_freedom: usize,
     /// Standard deviation of the points along the radius from the residuals (m); `None` without degrees of freedom.
     pub scatter_m: Option<f64>,
-    /// Covariance of x, y, z, radius (m²): from the declared uncertainty of a point, otherwise from the scatter;
-    /// `None` where there is neither.
+    /// Covariance of x, y, z, radius (m²), such that ±2u holds the truth with 95.45 %: from the declared uncertainty of a
+    /// point, otherwise from the scatter, widened as [`SphereFit::claim`] says; `None` where there is neither.
     pub covariance_m2: Option<Matrix4<f64>>,
+    /// What the uncertainty rests on, and by how much it was widened.
+    pub claim: Option<Claim>,
     /// Largest over smallest singular value of the design: 1 for points spread evenly over the whole sphere, about 1/θ² for a
     /// cap of half angle θ (rad).
     pub condition: f64,
@@ -270,7 +273,8 @@ fn outcome(cloud: &check::Cloud, settled: &Settled, radius: SphereRadius, u_poin
     let residuals_m: Vec<f64> = settled.residuals.iter().map(|r| r * size_m).collect();
     let degrees_of_freedom = residuals_m.len() - settled.cofactor.nrows();
     let scatter_m = (degrees_of_freedom > 0).then(|| (sum(&residuals_m) / degrees_of_freedom as f64).sqrt());
-    let covariance_m2 = u_point_m.or(scatter_m).map(|sigma_m| {
+    let claimed = claimed(u_point_m, scatter_m, degrees_of_freedom);
+    let covariance_m2 = claimed.map(|(sigma_m, _)| {
         let cofactor = &settled.cofactor;
         let part = |i, j| {
             if i < cofactor.nrows() && j < cofactor.nrows() { cofactor[(i, j)] * sigma_m * sigma_m } else { 0.0 }
@@ -295,8 +299,22 @@ fn outcome(cloud: &check::Cloud, settled: &Settled, radius: SphereRadius, u_poin
         degrees_of_freedom,
         scatter_m,
         covariance_m2,
+        claim: claimed.map(|(_, claim)| claim),
         condition: settled.condition,
     }
+}
+
+/// Noise of a point (m) that the covariance is computed with.
+fn claimed(u_point_m: Option<f64>, scatter_m: Option<f64>, degrees: usize) -> Option<(f64, Claim)> {
+    let (noise_m, claim) = match (u_point_m, scatter_m) {
+        (Some(u_m), scatter_m) => {
+            let chi2_per_dof = scatter_m.map_or(0.0, |scatter_m| (scatter_m / u_m).powi(2));
+            (u_m, Claim::declared(chi2_per_dof, degrees))
+        }
+        (None, Some(scatter_m)) => (scatter_m, Claim::estimated(degrees)?),
+        (None, None) => return None,
+    };
+    Some((noise_m * claim.widening, claim))
 }
 
 fn sum(residuals: &[f64]) -> f64 {

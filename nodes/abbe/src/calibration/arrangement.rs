@@ -35,11 +35,12 @@ impl BySpread {
         let turn = solved.machine_from_points;
         // The scatter of undeclared points is that of the difference of two readings.
         let scatter_m2 = Matrix3::identity() * (0.5 * solved.scatter_m * solved.scatter_m);
+        // As wide as the uncertainties of the result.
+        let widening = solved.claim.variance();
+        let declared = |covariance| turn.matrix() * covariance * turn.matrix().transpose();
         let target = |point: &TargetPoint| ArrangedTarget {
             point_m: turn * point.point_m,
-            covariance_m2: point
-                .covariance_m2
-                .map_or(scatter_m2, |covariance| turn.matrix() * covariance * turn.matrix().transpose()),
+            covariance_m2: point.covariance_m2.map_or(scatter_m2, declared) * widening,
         };
         let targets: Vec<ArrangedTarget> =
             points.iter().filter(|point| point.position_m == lowest).map(target).collect();

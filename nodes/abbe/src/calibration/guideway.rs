@@ -4,12 +4,12 @@
 //! µm and µrad, uncertainties k = 2.
 
 use super::arrangement::BySpread;
-use super::{COVERAGE, Product, meta};
+use super::{COVERAGE, Product, claim_json, claim_words, meta, of_claim};
 use crate::verdict::{self, Accept};
-use abbe_files::{GuidewayRow, SeenTarget, hex, read_guideway_file};
-use abbe_identify::verdict::Verdict;
+use abbe_files::{GuidewayRow, SeenTarget, StudyFile, hex, read_guideway_file};
+use abbe_identify::verdict::{Counted, Verdict};
 use abbe_measurement::guideway::{
-    Guideway, GuidewayFrame, GuidewayOptions, GuidewayRotation, PositionErrors, TargetPoint,
+    Guideway, GuidewayFrame, GuidewayOptions, GuidewayRotation, PositionErrors, StrayTarget, TargetPoint,
 };
 use abbe_measurement::tracker::TrackerUncertainty;
 use abbe_report::{
@@ -40,19 +40,22 @@ pub(crate) fn product(
         bail!("{}: the file holds points; give their uncertainty in a column u_um, not by options", path.display());
     }
     let points: Vec<TargetPoint> = file.rows.iter().map(|row| target(row, tracker)).collect();
-    let solved = Guideway::new(&points, options).with_context(|| path.display().to_string())?;
+    let (solved, strays) = Guideway::without_strays(&points, options).with_context(|| path.display().to_string())?;
     let by_spread = BySpread::of(&solved, &points);
+    let rejected: Vec<Rejected> = strays.iter().map(|stray| Rejected::new(stray, &file)).collect();
     let mut json = json(&solved, &file.sha256);
-    let verdict = verdict::of_fit(solved.chi2_per_dof.map(|chi2| (chi2, degrees(&solved))), None);
+    json["rejected"] = rejected.iter().map(Rejected::json).collect();
+    let counted = Counted { what: "readings", rejected: rejected.len(), all: points.len() };
+    let verdict = verdict::of_fit(solved.chi2_per_dof.map(|chi2| (chi2, solved.claim.degrees)), Some(counted));
     verdict::check(&verdict, accept, &path.display().to_string(), || json.clone())?;
     json["findings"] = verdict::json(&verdict.findings);
     json["uncertainty_by_spread_of_targets"] = by_spread.as_ref().map_or(Value::Null, BySpread::json);
     let mut text = serde_json::to_string_pretty(&json)?;
     text.push('\n');
     Ok(Product {
-        words: words(&solved) + &verdict::words(&verdict.findings),
+        words: words(&solved) + &verdict::words(&verdict.findings) + &told(&solved, &rejected),
         files: vec![(ERRORS, csv(&solved)), (FIGURES, text)],
-        report: Some(report((&solved, &verdict), by_spread.as_ref(), path, &file.sha256)),
+        report: Some(report((&solved, &verdict, &rejected), by_spread.as_ref(), path, &file.sha256)),
         json,
     })
 }
@@ -65,10 +68,64 @@ fn target(row: &GuidewayRow, tracker: Option<TrackerUncertainty>) -> TargetPoint
     TargetPoint { position_m: row.position_m, target: row.target.clone(), point_m, covariance_m2 }
 }
 
-/// Coordinates of common targets less six unknowns, at each position but the lowest.
-fn degrees(solved: &Guideway) -> usize {
-    let others = solved.positions.iter().filter(|position| position.covariance.is_some());
-    others.map(|position| (3 * position.targets).saturating_sub(6)).sum()
+/// A reading that was left out.
+struct Rejected {
+    line: u64,
+    target: String,
+    position_mm: f64,
+    off_um: f64,
+    /// It is the reference of its target, which is therefore not used at all.
+    everywhere: bool,
+}
+
+impl Rejected {
+    fn new(stray: &StrayTarget, file: &StudyFile<GuidewayRow>) -> Rejected {
+        let row = &file.rows[stray.point];
+        Rejected {
+            line: file.lines[stray.point],
+            target: row.target.clone(),
+            position_mm: row.position_m * 1e3,
+            off_um: stray.off_m * 1e6,
+            everywhere: stray.everywhere,
+        }
+    }
+
+    fn words(&self) -> String {
+        let Rejected { line, target, position_mm, off_um, everywhere } = self;
+        let everywhere = if *everywhere { "; all positions refer to it, so that its target is not used" } else { "" };
+        format!(
+            "line {line}: target {target} at {position_mm} mm is {} um off where the others put it{everywhere}",
+            digits::result(*off_um)
+        )
+    }
+
+    fn json(&self) -> Value {
+        json!({
+            "line": self.line, "target": self.target, "position_mm": self.position_mm, "off_um": self.off_um,
+            "target_not_used": self.everywhere,
+        })
+    }
+}
+
+/// What was left out and what widened the uncertainties, for a terminal.
+fn told(solved: &Guideway, rejected: &[Rejected]) -> String {
+    let rejected = rejected.iter().map(|one| format!("  {:<17} {}\n", "rejected", one.words()));
+    let wider = solved.positions.iter().filter_map(|position| wider(solved, position));
+    let wider = wider.map(|text| format!("  {:<17} {text}\n", "WARNING"));
+    rejected.chain([claim_words(Some(&solved.claim))]).chain(wider).collect()
+}
+
+/// A position whose targets contradict each other more than those of the others.
+fn wider(solved: &Guideway, position: &PositionErrors) -> Option<String> {
+    /// Rounding.
+    const MORE: f64 = 1.001;
+    let widening = position.widening.filter(|widening| *widening > MORE * solved.claim.widening)?;
+    Some(format!(
+        "at {} mm the targets contradict each other (residual {} um), and nothing tells which is wrong: uncertainties there are \
+         {widening:.2} times as large; measure that position again, with more targets",
+        position.position_m * 1e3,
+        digits::result(position.residual_rms_m * 1e6)
+    ))
 }
 
 /// Errors in µm and µrad.
@@ -139,6 +196,7 @@ fn json(solved: &Guideway, sha256: &[u8; 32]) -> Value {
             "errors": named(errors),
             "expanded_uncertainty": u.map(named),
             "covariance_si": position.covariance.map(|c| (0..6).map(|i| (0..6).map(|j| c[(i, j)]).collect()).collect::<Vec<Vec<f64>>>()),
+            "widened_by": position.widening,
             "targets": position.targets,
             "residual_rms_um": position.residual_rms_m * 1e6,
         })
@@ -153,6 +211,7 @@ fn json(solved: &Guideway, sha256: &[u8; 32]) -> Value {
         "spread_ratio": solved.spread_ratio,
         "scatter_um": solved.scatter_m * 1e6,
         "chi2_per_dof": solved.chi2_per_dof,
+        "uncertainty_from": claim_json(Some(&solved.claim)),
         "positions": solved.positions.iter().map(position).collect::<Vec<_>>(),
         "data_sha256": hex(sha256),
         "software": crate::pipeline::software(),
@@ -160,7 +219,7 @@ fn json(solved: &Guideway, sha256: &[u8; 32]) -> Value {
 }
 
 fn report(
-    (solved, verdict): (&Guideway, &Verdict),
+    (solved, verdict, rejected): (&Guideway, &Verdict, &[Rejected]),
     by_spread: Option<&BySpread>,
     path: &Path,
     sha256: &[u8; 32],
@@ -209,7 +268,7 @@ fn report(
         title: "At a glance".to_owned(),
         figures: (0..6).map(largest).chain(of_data).collect(),
     })];
-    sections.extend(warnings(solved, verdict));
+    sections.extend(warnings(solved, verdict, rejected));
     let main_plot = sections.len();
     sections.extend([
         Section::LinePlot(LinePlot {
@@ -237,7 +296,7 @@ fn report(
     }
 }
 
-fn warnings(solved: &Guideway, verdict: &Verdict) -> Vec<Section> {
+fn warnings(solved: &Guideway, verdict: &Verdict, rejected: &[Rejected]) -> Vec<Section> {
     let callout = |title: &str, text: &str| {
         Section::Callout(Callout { tone: Tone::Warning, title: title.to_owned(), text: text.to_owned() })
     };
@@ -254,6 +313,11 @@ fn warnings(solved: &Guideway, verdict: &Verdict) -> Vec<Section> {
             "Slopes of straightness are zero by construction, and about the axis the frame of the points is taken as it stands.",
         ));
     }
+    list.extend(rejected.iter().map(|one| callout("Left out", &one.words())));
+    list.extend(of_claim(&solved.claim).map(|text| callout("What the uncertainty rests on", &text)));
+    list.extend(
+        solved.positions.iter().filter_map(|position| wider(solved, position)).map(|text| callout("A position", &text)),
+    );
     list.extend(verdict.findings.iter().map(|finding| callout("What speaks against it", &finding.to_string())));
     list
 }

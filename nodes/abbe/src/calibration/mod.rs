@@ -12,9 +12,10 @@ use crate::identity::{IdentityOptions, Said};
 use crate::next::Next;
 use crate::output;
 use abbe_files::{AtomicFile, hex};
+use abbe_measurement::claim::Claim;
 use abbe_report::{MetaItem, Report};
 use anyhow::{Context, ensure};
-use serde_json::Value;
+use serde_json::{Value, json};
 use std::io::Write;
 use std::path::Path;
 
@@ -89,6 +90,45 @@ fn write(folder: &Path, product: &Product, input: &Path) -> anyhow::Result<()> {
         files.push(file);
     }
     Ok(files.into_iter().try_for_each(AtomicFile::commit)?)
+}
+
+/// Factor on an uncertainty from which it is told.
+const TOLD: f64 = 1.05;
+
+/// What widened the uncertainties, or that nothing checks a declared one; `None` where there is nothing to tell.
+fn of_claim(claim: &Claim) -> Option<String> {
+    let Claim { is_declared, degrees, widening } = *claim;
+    let freedom = if degrees == 1 { "1 degree of freedom".to_owned() } else { format!("{degrees} degrees of freedom") };
+    match (is_declared, degrees) {
+        (true, 0) => {
+            Some("nothing checks the declared uncertainty: there are no more figures than unknowns".to_owned())
+        }
+        _ if widening < TOLD => None,
+        (true, _) => Some(format!(
+            "uncertainties are {widening:.2} times what the declared noise alone would give: as much as the residuals, of {freedom}, \
+             cannot exclude"
+        )),
+        (false, _) => Some(format!(
+            "uncertainties are {widening:.2} times what the scatter alone would give: it is known from {freedom} only (Student)"
+        )),
+    }
+}
+
+/// The same as lines for a terminal.
+fn claim_words(claim: Option<&Claim>) -> String {
+    claim.and_then(of_claim).map_or_else(String::new, |text| format!("  {:<17} {text}\n", "note"))
+}
+
+/// The same for files.
+fn claim_json(claim: Option<&Claim>) -> Value {
+    claim.map_or(Value::Null, |claim| {
+        json!({
+            "noise": if claim.is_declared { "declared" } else { "scatter" },
+            "degrees_of_freedom": claim.degrees,
+            "widened_by": claim.widening,
+            "says": of_claim(claim),
+        })
+    })
 }
 
 /// Lines of a report's head for its data.

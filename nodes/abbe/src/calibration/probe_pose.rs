@@ -3,7 +3,7 @@
 //! Place in the flow: centres file → `abbe_measurement::probe_pose` → [`Product`]. Every calibration is judged on poses and
 //! centres left out of it. mm and µm, uncertainties k = 2.
 
-use super::{COVERAGE, Product, meta};
+use super::{COVERAGE, Product, claim_json, claim_words, meta};
 use crate::verdict::{self, Accept};
 use abbe_files::{hex, read_sphere_centres_file};
 use abbe_geometry::Vector3;
@@ -64,7 +64,7 @@ pub(crate) fn product(path: &Path, model: ProbePoseModel, accept: Accept) -> any
     let mut text = serde_json::to_string_pretty(&json)?;
     text.push('\n');
     Ok(Product {
-        words: judged.words() + &verdict::words(&verdict.findings),
+        words: judged.words() + &verdict::words(&verdict.findings) + &claim_words(judged.pose.claim.as_ref()),
         report: Some(judged.report(path, &file.sha256)),
         files: vec![(TABLE, judged.csv()), (FIGURES, text)],
         json,
@@ -97,13 +97,10 @@ impl Judged {
         Some(u.iter().zip(UNKNOWNS).map(|(u, (_, _, scale))| COVERAGE * u * scale).collect())
     }
 
-    /// Square of the scatter within poses over the declared uncertainty, and its degrees of freedom. What a pose adds in common is
-    /// the head's, not the noise: the table is for it.
+    /// χ² per degree of freedom within poses, and its degrees. What a pose adds in common is the head's, not the noise: the table is
+    /// for it.
     fn within(&self) -> Option<(f64, usize)> {
-        let declared: Option<Vec<f64>> = self.centres.iter().map(|centre| centre.u_m).collect();
-        let variance_m2 = mean(declared?.into_iter().map(|u_m| u_m * u_m))?;
-        let repeats = 3 * self.centres.len().saturating_sub(self.table.entries.len());
-        Some((self.pose.scatter.within_m?.powi(2) / variance_m2, repeats))
+        self.pose.scatter.chi2_per_dof_within
     }
 
     /// Means over what was left out (µm): in a pose that the table has, before and after; in a pose that it has not.
@@ -213,6 +210,9 @@ impl Judged {
             "scatter_within_um": self.pose.scatter.within_m.map(|s| s * 1e6),
             "scatter_between_um": self.pose.scatter.between_m.map(|s| s * 1e6),
             "chi2_per_dof": self.pose.scatter.chi2_per_dof,
+            "chi2_per_dof_within_poses": self.within().map(|(chi2, _)| chi2),
+            "degrees_of_freedom_within_poses": self.within().map(|(_, degrees)| degrees),
+            "uncertainty_from": claim_json(self.pose.claim.as_ref()),
             "residuals_um": self.pose.residuals_m.iter().map(vector).collect::<Vec<_>>(),
             "table": self.table.entries.iter().map(entry).collect::<Vec<_>>(),
             "poses_left_out": self.poses.as_ref().map(|poses| poses.iter().map(pose).collect::<Vec<_>>()),

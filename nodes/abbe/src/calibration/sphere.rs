@@ -2,7 +2,7 @@
 //!
 //! Place in the flow: points file → `abbe_measurement::sphere` → [`Product`].
 
-use super::{COVERAGE, Product};
+use super::{COVERAGE, Product, claim_json, claim_words};
 use crate::verdict::{self, Accept};
 use abbe_files::{PointRow, PointsReader};
 use abbe_geometry::Vector3;
@@ -74,6 +74,7 @@ pub(crate) fn product(
     let note = if fit.condition > SMALL_CAP { ": a small cap; mind the uncertainty" } else { "" };
     let _ = writeln!(words, "  condition {:.1}{note}", fit.condition);
     words.push_str(&verdict::words(&verdict.findings));
+    words.push_str(&claim_words(fit.claim.as_ref()));
     for (line, off_mm) in &rejected {
         let _ = writeln!(words, "  rejected  line {line}: {off_mm:.4} mm off the sphere of the other points");
     }
@@ -85,6 +86,7 @@ pub(crate) fn product(
         "radius_mm": fit.radius_m * 1e3,
         "radius_is_known": matches!(radius, SphereRadius::Known { .. }),
         "expanded_uncertainty_um": expanded_um.map(|u| json!({ "x": u[0], "y": u[1], "z": u[2], "radius": u[3], "k": COVERAGE })),
+        "uncertainty_from": claim_json(fit.claim.as_ref()),
         "form_um": fit.form_m() * 1e6,
         "scatter_um": fit.scatter_m.map(|s| s * 1e6),
         "degrees_of_freedom": fit.degrees_of_freedom,

@@ -152,31 +152,26 @@ fn next(arguments: &Arguments, verdict: Option<Verdict>) -> Next {
     }
     let same = |what_for: &str| {
         let next = Next::new(what_for, "conformity");
-        match (&arguments.lengths, arguments.probing, &arguments.sphere) {
-            (Some(path), Some(ProbingText::Unidirectional), _) => {
-                next.file("--lengths", path).text("--probing unidirectional")
-            }
-            (Some(path), ..) => next.file("--lengths", path).text("--probing bidirectional"),
-            (None, _, Some(path)) => next.file("--sphere", path),
-            (None, _, None) => next,
-        }
+        let next = match (&arguments.lengths, &arguments.sphere) {
+            (Some(path), _) => next.file("--lengths", path),
+            (None, Some(path)) => next.file("--sphere", path),
+            (None, None) => next,
+        };
+        stated(arguments).iter().fold(next, |next, text| next.text(text))
     };
-    let limit = match (&arguments.mpe, arguments.form_limit_um, arguments.size_limit_um, arguments.diameter_mm) {
-        (Some(mpe), ..) => format!("--mpe '{mpe}'"),
-        (None, Some(form_um), ..) => format!("--form-limit-um {form_um}"),
-        (None, None, Some(size_um), Some(diameter_mm)) => {
-            format!("--diameter-mm {diameter_mm} --size-limit-um {size_um}")
-        }
-        (None, None, ..) if arguments.sphere.is_some() => "--form-limit-um LIMIT".to_owned(),
-        (None, None, ..) => "--mpe 'A+L/K'".to_owned(),
+    let limits = limits(arguments);
+    let limit = match limits.as_str() {
+        "" if arguments.sphere.is_some() => "--form-limit-um LIMIT",
+        "" => "--mpe 'A+L/K'",
+        limits => limits,
     };
     match (verdict, &arguments.uncertainty) {
-        (None, _) => same("to hold the figures against a limit").text(&limit),
+        (None, _) => same("to hold the figures against a limit").text(limit),
         (Some(Verdict::Conforms), None) => {
-            same("to take the uncertainty of the test into account").text(&limit).text("--uncertainty 'A+L/K'")
+            same("to take the uncertainty of the test into account").text(limit).text("--uncertainty 'A+L/K'")
         }
         (Some(Verdict::Conforms), Some(uncertainty)) => {
-            let certified = same("to certify it").text(&limit).text(&format!("--uncertainty '{uncertainty}'"));
+            let certified = same("to certify it").text(limit).text(&format!("--uncertainty '{uncertainty}'"));
             certified.text("--identity LAB.toml --pdf test.pdf --dcc test.xml")
         }
         (Some(Verdict::Undecided | Verdict::DoesNotConform), _) => Next::new(
@@ -184,6 +179,30 @@ fn next(arguments: &Arguments, verdict: Option<Verdict>) -> Next {
             "plan --machine MACHINE.toml --request REQUEST.toml --out plan",
         ),
     }
+}
+
+/// What the user said of the test, which belongs to every command for the same data.
+fn stated(arguments: &Arguments) -> Vec<String> {
+    let probing = arguments.probing.map(|probing| match probing {
+        ProbingText::Bidirectional => "--probing bidirectional".to_owned(),
+        ProbingText::Unidirectional => "--probing unidirectional".to_owned(),
+    });
+    let offset_mm = Some(arguments.tool_offset_mm).filter(|mm| *mm != 0.0);
+    let offset = offset_mm.map(|mm| format!("--tool-offset-mm {mm}"));
+    let diameter = arguments.diameter_mm.map(|mm| format!("--diameter-mm {mm}"));
+    [probing, offset, diameter].into_iter().flatten().collect()
+}
+
+/// All limits that were given, as options; empty for none.
+fn limits(arguments: &Arguments) -> String {
+    let mpe = arguments.mpe.as_ref().map(|mpe| format!("--mpe '{mpe}'"));
+    let in_um = [
+        ("--r0-limit-um", arguments.r0_limit_um),
+        ("--form-limit-um", arguments.form_limit_um),
+        ("--size-limit-um", arguments.size_limit_um),
+    ];
+    let in_um = in_um.into_iter().filter_map(|(option, um)| um.map(|um| format!("{option} {um}")));
+    mpe.into_iter().chain(in_um).collect::<Vec<String>>().join(" ")
 }
 
 /// Who measured; a simulated machine was measured by nobody.

@@ -11,9 +11,9 @@ use crate::output;
 use crate::pipeline;
 use crate::verdict::{self, Accept, shown};
 use abbe_files::{ErrorVector, MachineFile, read_machine, write_error_vectors};
-use abbe_identify::verdict::{Counted, Verdict};
+use abbe_identify::verdict::{Cause, Counted, Verdict};
 use abbe_measurement::campaign::Campaign;
-use abbe_measurement::multilateration::{LIMIT_M, MultiStation, Options, SolvedPoint, solve};
+use abbe_measurement::multilateration::{MultiStation, Options, SolvedPoint, solve};
 use abbe_measurement::network::PointProblem;
 use abbe_report::digits;
 use abbe_runtime::Shutdown;
@@ -35,9 +35,10 @@ pub(crate) struct Arguments {
     /// CSV to write: points with their error (actual − indicated) and its uncertainty
     #[arg(long)]
     out: PathBuf,
-    /// Readings of a point from one station that differ by more than this are rejected, and listed
-    #[arg(long, default_value_t = LIMIT_M * 1e6)]
-    pair_limit_um: f64,
+    /// Readings of a point from one station that differ by more than this are rejected, and listed; left out, six deviations of
+    /// their difference by the declared uncertainties, and at least 5
+    #[arg(long)]
+    pair_limit_um: Option<f64>,
     /// Readings whose scale readings differ by less than this are of one point
     #[arg(long, default_value_t = 0.1)]
     same_point_mm: f64,
@@ -58,7 +59,7 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let counted = Counted { what: "readings", rejected: left_out, all: loaded.campaign.readings.len() };
     // Less noise than declared is no contradiction: what was declared holds parts that all ranges share.
     let noise = Some((solved.chi2_per_dof, solved.degrees)).filter(|(chi2_per_dof, _)| *chi2_per_dof > 1.0);
-    let verdict = verdict::of_fit(noise, Some(counted));
+    let verdict = verdict::of_fit_because(noise, Some(counted), of_rejected(&solved));
     let found = || json!({ "rejected_readings": left_out, "pair_limit_um": arguments.pair_limit_um });
     shown(verdict::check(&verdict, arguments.accept, &name, found).map_err(Into::into), arguments.json)?;
     let vectors: Vec<ErrorVector> = solved.points.iter().map(|point| vector(&solved, point)).collect();
@@ -90,7 +91,7 @@ fn solved(arguments: &Arguments, machine: &MachineFile, campaign: &Campaign) -> 
     let options = Options {
         instrument: machine.instrument,
         repeatability_m: line_of_sight_m(machine),
-        pair_limit_m: arguments.pair_limit_um / 1e6,
+        pair_limit_m: arguments.pair_limit_um.map(|um| um / 1e6),
         same_point_m: arguments.same_point_mm / 1e3,
         absolute_range: machine.absolute_range,
     };
@@ -106,11 +107,21 @@ fn solved(arguments: &Arguments, machine: &MachineFile, campaign: &Campaign) -> 
 
 /// Readings that contradict others: of pairs, of single sights, and of points whose ranges do not agree.
 fn left_out(solved: &MultiStation) -> usize {
-    let pairs: usize = solved.rejected.iter().map(|pair| pair.readings.len()).sum();
+    // Of a pair one is wrong, though both were left out.
+    let pairs: usize = solved.rejected.iter().map(|pair| pair.gross).sum();
     let sights: usize = solved.contradicted.iter().map(|sight| sight.readings.len()).sum();
     // Of such a point one sight is wrong; which one, nobody knows.
     let points = solved.unsolved.iter().filter(|point| point.why == PointProblem::Contradicting).count();
     pairs + sights + points
+}
+
+/// What may be behind them, likeliest first.
+fn of_rejected(solved: &MultiStation) -> Vec<Cause> {
+    // Gross errors are few; where many pairs differ, it is their noise.
+    const NOISE: f64 = 0.05;
+    let pairs = solved.left_out.filter(|pairs| pairs.pairs as f64 > NOISE * pairs.repeated as f64);
+    let pairs = pairs.map(|pairs| Cause::Pairs { says: pairs.to_string() });
+    pairs.into_iter().chain([Cause::Scattered, Cause::Understated]).collect()
 }
 
 /// Points that no fourth station checks.
@@ -176,10 +187,11 @@ fn print_words(arguments: &Arguments, solved: &MultiStation, verdict: &Verdict) 
     print!("{}", verdict::words(&verdict.findings));
     for pair in &solved.rejected {
         println!(
-            "  rejected          readings {} of station {}: they differ by {} um",
+            "  rejected          readings {} of station {}: they differ by {} um, limit {} um",
             numbers(&pair.readings),
             solved.names[pair.station],
-            digits::result(pair.difference_m * 1e6)
+            digits::result(pair.difference_m * 1e6),
+            digits::result(pair.limit_m * 1e6)
         );
     }
     for sight in &solved.contradicted {
@@ -216,7 +228,7 @@ fn print_json(arguments: &Arguments, solved: &MultiStation, verdict: &Verdict) -
     let pairs = solved.rejected.iter().map(|pair| {
         json!({
             "station": solved.names[pair.station], "readings": from_one(&pair.readings),
-            "difference_um": pair.difference_m * 1e6,
+            "difference_um": pair.difference_m * 1e6, "limit_um": pair.limit_m * 1e6,
         })
     });
     let sights = solved.contradicted.iter().map(|sight| {

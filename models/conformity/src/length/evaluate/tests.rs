@@ -13,6 +13,9 @@ fn measurement(line: &str, calibrated_mm: f64, repeat: u32, error_um: f64) -> Le
     }
 }
 
+/// Seven lines, four of them named as space diagonals.
+const NAMES: [&str; LINES_E0] = ["PPP", "NPP", "PNP", "PPN", "5", "6", "7"];
+
 /// A whole test: error = line/10 + length/1000 + repeat/100, in µm, on seven lines of 600 mm.
 fn whole() -> (LengthTest, Vec<LengthMeasurement>) {
     let mut measurements = Vec::new();
@@ -20,11 +23,11 @@ fn whole() -> (LengthTest, Vec<LengthMeasurement>) {
         for length_mm in [50.0, 150.0, 250.0, 350.0, 450.0] {
             for repeat in 1..=3 {
                 let error_um = line as f64 / 10.0 + length_mm / 1000.0 + f64::from(repeat) / 100.0;
-                measurements.push(measurement(&line.to_string(), length_mm, repeat, error_um));
+                measurements.push(measurement(NAMES[line - 1], length_mm, repeat, error_um));
             }
         }
     }
-    let travel_m = (1..=LINES_E0).map(|line| (line.to_string(), 0.6)).collect();
+    let travel_m = NAMES.map(|line| (line.to_owned(), 0.6)).into_iter().collect();
     (LengthTest { tool_offset_m: 0.0, probing: Probing::Bidirectional, travel_m }, measurements)
 }
 
@@ -149,4 +152,48 @@ fn slips_and_doubles_are_refused_with_their_place() {
     let mut bad = test.clone();
     bad.travel_m.insert("1".to_owned(), 0.0);
     assert!(evaluate(bad, &measurements).unwrap_err().to_string().contains("line 1"));
+}
+
+#[test]
+fn regress_seven_lines_without_the_four_space_diagonals_are_no_whole_test() {
+    let said = |names: [&str; LINES_E0], travel_m: [f64; LINES_E0]| {
+        let (mut test, mut measurements) = whole();
+        let new = |old: &str| NAMES.iter().position(|name| *name == old).map(|k| names[k].to_owned()).unwrap();
+        measurements.iter_mut().for_each(|m| m.line = new(&m.line));
+        test.travel_m = names.map(str::to_owned).into_iter().zip(travel_m).collect();
+        evaluate(test, &measurements).unwrap().departures.iter().map(|d| format!("{d}; ")).collect::<String>()
+    };
+    let even = [0.6; LINES_E0];
+    assert!(said(["A", "B", "C", "D", "E", "F", "PPQ"], even).contains("space diagonals, 0 can be told"));
+    // NNN is PPP from the other end.
+    assert!(said(["PPP", "NNN", "PNP", "PPN", "E", "F", "G"], even).contains("space diagonals, 3 can be told"));
+    // Told by the travel: √(0.36² + 0.36² + 0.4²) = 0.6475.
+    let whole_m = [0.6475, 0.6475, 0.6475, 0.6475, 0.36, 0.36, 0.4];
+    assert_eq!(said(["a", "b", "c", "d", "X", "Y", "Z"], whole_m), "");
+    let short_m = [0.4, 0.6475, 0.6475, 0.6475, 0.36, 0.36, 0.4];
+    let says = said(["PPP", "b", "c", "d", "X", "Y", "Z"], short_m);
+    assert!(
+        says.contains("line PPP") && says.contains("400.0 mm is not the 647.5 mm") && says.contains("3 can be told"),
+        "{says}"
+    );
+}
+
+#[test]
+fn regress_with_a_tool_offset_the_two_diagonals_of_a_plane_are_asked_for() {
+    let said = |lines: [&str; 2]| {
+        let (mut test, measurements) = whole();
+        test.tool_offset_m = 0.15;
+        test.travel_m = lines.iter().map(|line| ((*line).to_owned(), 0.6)).collect();
+        let two = measurements.into_iter().filter(|m| ["PPP", "NPP"].contains(&m.line.as_str()));
+        let renamed = |mut m: LengthMeasurement| {
+            m.line = lines[usize::from(m.line == "NPP")].to_owned();
+            m
+        };
+        let two: Vec<LengthMeasurement> = two.map(renamed).collect();
+        evaluate(test, &two).unwrap().departures.iter().map(ToString::to_string).collect::<String>()
+    };
+    assert_eq!(said(["0PP", "0NP"]), "");
+    assert_eq!(said(["P0P", "P0N"]), "");
+    assert!(said(["0PP", "P0N"]).contains("diagonals of one plane"));
+    assert!(said(["A", "B"]).contains("diagonals of one plane"));
 }
