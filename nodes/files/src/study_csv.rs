@@ -50,6 +50,8 @@ const U_PLATE: Known = Known::new("u_plate_um", "u_plate", "micrometres");
 pub struct StudyFile<T> {
     /// In the order of the file.
     pub rows: Vec<T>,
+    /// Line of each in the file, from 1.
+    pub lines: Vec<u64>,
     /// SHA-256 of the bytes of the file.
     pub sha256: [u8; 32],
 }
@@ -263,16 +265,17 @@ pub(crate) fn rows<R: Read, T>(
     mut source: CsvSource<R>,
     mut read: impl FnMut(&Row) -> Result<T, FileError>,
 ) -> Result<StudyFile<T>, FileError> {
-    let mut rows = Vec::new();
+    let (mut rows, mut lines) = (Vec::new(), Vec::new());
     let mut record = ByteRecord::new();
     while let Some(line) = source.next(&mut record)? {
+        lines.push(line);
         rows.push(read(&Row { header: source.header(), record: &record, line })?);
     }
     if rows.is_empty() {
         let remedy = "give one row for each measurement";
         return Err(FileError::content(source.header().place(), "the file holds a header but no row", remedy));
     }
-    Ok(StudyFile { rows, sha256: source.sha256() })
+    Ok(StudyFile { rows, lines, sha256: source.sha256() })
 }
 
 /// One row with its place.

@@ -52,7 +52,7 @@ impl Data {
         if is_bag(path) {
             return Data::read(path);
         }
-        let PlaneField { field, lacks, sha256 } = plane_field(path)?;
+        let PlaneField { field, lacks, sha256, .. } = plane_field(path)?;
         let owner = read_residual_origin(path)?.map(|origin| origin.owner);
         check_vectors(field.errors_m(), owner.is_some()).with_context(|| path.display().to_string())?;
         Ok(Data { field, owner, file: file_name(path), sha256, lacks })
