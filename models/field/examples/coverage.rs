@@ -38,7 +38,8 @@ fn sines(random: &mut ChaCha8Rng) -> Field {
     let waves: Vec<[(f64, Vector3<f64>, f64); 4]> = (0..3).map(|_| [0; 4].map(|_| wave(random))).collect();
     Box::new(move |p| {
         Vector3::from_fn(|d, _| {
-            waves[d].iter().map(|(size, along, phase)| size * (p.dot(along) + phase).sin()).sum::<f64>() + p.dot(&slopes[d])
+            waves[d].iter().map(|(size, along, phase)| size * (p.dot(along) + phase).sin()).sum::<f64>()
+                + p.dot(&slopes[d])
         })
     })
 }
@@ -138,8 +139,14 @@ impl Tally {
         let rms = |sum: f64| (sum / self.all).sqrt() * 1e6;
         format!(
             "{:5.1} % e {:6.3} u {:6.3} median {median:6.3} below80 {:2} failed {} innocent {} missed {} {:6.2} s",
-            100.0 * self.held / self.all, rms(self.error), rms(self.u), self.seeds_below, self.failed, self.innocent,
-            self.missed, self.time_s
+            100.0 * self.held / self.all,
+            rms(self.error),
+            rms(self.u),
+            self.seeds_below,
+            self.failed,
+            self.innocent,
+            self.missed,
+            self.time_s
         )
     }
 }
@@ -152,7 +159,8 @@ fn main() {
         None => vec![10, 12, 15, 20, 40, 200],
     };
     let gross_um: f64 = arguments.get(2).and_then(|text| text.parse().ok()).unwrap_or(0.0);
-    let kinds: [(&str, fn(&mut ChaCha8Rng) -> Field); 3] = [("sines", sines), ("bumps", bumps), ("polynomials", polynomials)];
+    let kinds: [(&str, fn(&mut ChaCha8Rng) -> Field); 3] =
+        [("sines", sines), ("bumps", bumps), ("polynomials", polynomials)];
     for count in counts {
         for (name, kind) in kinds {
             for is_grid in [false, true] {
@@ -161,13 +169,22 @@ fn main() {
                     one(count, is_grid, kind, (seed, gross_um), &mut tallies);
                 }
                 let [before, after] = tallies.each_ref().map(Tally::text);
-                println!("{count:4} {name:<12} {}  likeliest {before} | averaged {after}", if is_grid { "grid  " } else { "random" });
+                println!(
+                    "{count:4} {name:<12} {}  likeliest {before} | averaged {after}",
+                    if is_grid { "grid  " } else { "random" }
+                );
             }
         }
     }
 }
 
-fn one(count: usize, is_grid: bool, kind: fn(&mut ChaCha8Rng) -> Field, (seed, gross_um): (u64, f64), tallies: &mut [Tally; 2]) {
+fn one(
+    count: usize,
+    is_grid: bool,
+    kind: fn(&mut ChaCha8Rng) -> Field,
+    (seed, gross_um): (u64, f64),
+    tallies: &mut [Tally; 2],
+) {
     let mut random = ChaCha8Rng::seed_from_u64(seed + 1000);
     let truth = kind(&mut random);
     let shares = places(count, is_grid, &mut random);
@@ -175,7 +192,8 @@ fn one(count: usize, is_grid: bool, kind: fn(&mut ChaCha8Rng) -> Field, (seed, g
     let mut errors_m: Vec<_> =
         shares.iter().map(|p| truth(p) + Vector3::from_fn(|_, _| U_M * normal(&mut random))).collect();
     // One vector in a hundred, at least one.
-    let gross: Vec<usize> = if gross_um > 0.0 { (0..1.max(shares.len() / 100)).map(|k| 3 + 50 * k).collect() } else { vec![] };
+    let gross: Vec<usize> =
+        if gross_um > 0.0 { (0..1.max(shares.len() / 100)).map(|k| 3 + 50 * k).collect() } else { vec![] };
     gross.iter().for_each(|k| errors_m[*k][k % 3] += gross_um * 1e-6);
     let u_m = vec![Vector3::repeat(U_M); shares.len()];
     let Ok(field) = MeasuredField::new(shares.iter().map(metres).collect(), errors_m, Some(u_m)) else { return };

@@ -122,7 +122,11 @@ fn finish(
 }
 
 /// Points in extents about their middle, errors in deviations.
-pub(super) fn scaled(field: &MeasuredField, component: usize, options: &Options) -> Result<(Data, Scaling), KrigingError> {
+pub(super) fn scaled(
+    field: &MeasuredField,
+    component: usize,
+    options: &Options,
+) -> Result<(Data, Scaling), KrigingError> {
     let points = field.points_m();
     let extreme = |pick: fn(f64, f64) -> f64| points.iter().skip(1).fold(points[0], |e, p| e.zip_map(p, pick));
     let (lower, upper) = (extreme(f64::min), extreme(f64::max));

@@ -98,7 +98,8 @@ fn search(data: &Data, shape: &Scaled) -> Option<Vec<usize>> {
     while let Some((worst, z)) = left.worst() {
         let freedom = EFFICIENCY * left.freedom;
         let scale = left.scale()?;
-        if freedom < 1.0 || scale <= 0.0 || !is_far(z / scale, freedom, components) || 4 * out.len() > data.points.len() {
+        if freedom < 1.0 || scale <= 0.0 || !is_far(z / scale, freedom, components) || 4 * out.len() > data.points.len()
+        {
             break;
         }
         left.leave_out(worst);
@@ -206,7 +207,8 @@ impl Neighbourhood {
         let mut near: Vec<usize> = (0..self.places.len()).filter(|k| *k != index).collect();
         near.sort_by(|a, b| distance(*a).total_cmp(&distance(*b)));
         near.truncate(NEAR);
-        let agrees = |(k, off): &&(usize, Vector3<f64>)| near.contains(k) && off[component] * own_m > 0.25 * own_m * own_m;
+        let agrees =
+            |(k, off): &&(usize, Vector3<f64>)| near.contains(k) && off[component] * own_m > 0.25 * own_m * own_m;
         let with_others_m = self.left[component][index] * self.deviation_m[component];
         off_m.iter().filter(agrees).count() >= SPEAK && with_others_m.abs() < EXPLAINED * own_m.abs()
     }

@@ -89,10 +89,8 @@ fn tried(
         return Ok(Vec::new());
     }
     let neighbourhood = Neighbourhood::of(field, options)?;
-    let off_m: Vec<(usize, Vector3<f64>)> = accused
-        .iter()
-        .map(|k| (*k, field.errors_m()[*k] - fit.predict(&field.points_m()[*k]).error_m))
-        .collect();
+    let off_m: Vec<(usize, Vector3<f64>)> =
+        accused.iter().map(|k| (*k, field.errors_m()[*k] - fit.predict(&field.points_m()[*k]).error_m)).collect();
     let freedom = (field.points_m().len() - accused.len()) as f64 - 5.0;
     let components = 3 * field.points_m().len();
     let mut guilty = Vec::new();

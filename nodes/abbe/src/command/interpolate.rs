@@ -139,12 +139,7 @@ fn build(arguments: &Arguments, method: Method, field: &MeasuredField) -> anyhow
     Ok(Box::new(OnPlane::new(field, method)))
 }
 
-fn answer(
-    arguments: &Arguments,
-    read: &PlaneField,
-    at: &std::path::Path,
-    out: &std::path::Path,
-) -> anyhow::Result<()> {
+fn answer(arguments: &Arguments, read: &PlaneField, at: &std::path::Path, out: &std::path::Path) -> anyhow::Result<()> {
     let lacks = read.lacks;
     let positions = read_plane_positions_file(at)?;
     if let (given, wanted) = (positions.lacks, lacks.position)
@@ -172,7 +167,8 @@ fn answer(
     let is_plane = held.field.plane().is_some();
     if arguments.json {
         let statuses = ["interpolated", "extrapolated", "no_answer", "outside"];
-        let counts: serde_json::Map<_, _> = statuses.map(|name| (name.to_owned(), count(name).into())).into_iter().collect();
+        let counts: serde_json::Map<_, _> =
+            statuses.map(|name| (name.to_owned(), count(name).into())).into_iter().collect();
         println!("{}", serde_json::to_string_pretty(&json!({ "points": counts, "vectors": held.json() }))?);
     } else {
         println!(
