@@ -15,13 +15,15 @@ pub struct PlaneField {
     pub field: MeasuredField,
     /// What was not measured.
     pub lacks: Lacks,
+    /// Line of each point in the file, from 1.
+    pub lines: Vec<u64>,
     /// SHA-256 of the bytes of the file.
     pub sha256: [u8; 32],
 }
 
 /// Reads vectors of a volume or a plane. Of a plane a component that is zero in every row was not measured.
 pub fn plane_field(path: &Path) -> anyhow::Result<PlaneField> {
-    let StudyFile { rows, sha256, .. } = read_plane_vectors_file(path)?;
+    let StudyFile { rows, lines, sha256, .. } = read_plane_vectors_file(path)?;
     let poses: std::collections::BTreeSet<_> = rows.iter().map(|row| &row.pose).collect();
     anyhow::ensure!(
         poses.len() < 2,
@@ -41,8 +43,8 @@ pub fn plane_field(path: &Path) -> anyhow::Result<PlaneField> {
     if lacks.error.is_none() && field.plane().is_some() {
         lacks.error = Axis::ALL.into_iter().find(|axis| errors_m.iter().all(|error| error[axis.index()] == 0.0));
     }
-    let Some(axis) = lacks.error else { return Ok(PlaneField { field, lacks, sha256 }) };
+    let Some(axis) = lacks.error else { return Ok(PlaneField { field, lacks, lines, sha256 }) };
     let other = (axis.index() + 1) % 3;
     errors_m.iter_mut().for_each(|error| error[axis.index()] = error[other]);
-    Ok(PlaneField { field: field.with_errors(errors_m).with_context(of_rows)?, lacks, sha256 })
+    Ok(PlaneField { field: field.with_errors(errors_m).with_context(of_rows)?, lacks, lines, sha256 })
 }

@@ -82,7 +82,7 @@ impl Data {
         if is_bag(path) || !inputs.is_position_alone() {
             return Data::read(path, inputs);
         }
-        let PlaneField { field, lacks, sha256 } = plane_field(path)?;
+        let PlaneField { field, lacks, sha256, .. } = plane_field(path)?;
         let owner = read_residual_origin(path)?.map(|origin| origin.owner);
         check_vectors(field.errors_m(), owner.is_some()).with_context(|| path.display().to_string())?;
         let field = Samples::from(&field);

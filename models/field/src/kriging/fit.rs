@@ -5,6 +5,7 @@
 
 use super::bounded::{self, Minimum, Start};
 use super::likelihood::{Data, Scaled};
+use super::posterior;
 use super::process::{Process, Scaling};
 use super::{COMPONENTS, FittedComponent, Hyperparameters, KrigingError, Noise, Options};
 use crate::samples::Samples;
@@ -46,19 +47,39 @@ pub(crate) fn fit(
 ) -> Result<(Process, FittedComponent), KrigingError> {
     let (data, scaling) = scaled(samples, component, options)?;
     let bounds = bounds(options, data.size);
-    let mut found = first_fit(&data, &bounds, component)?;
+    let found = likeliest(&data, &bounds, component, Weigh::Likelihood)?;
+    let at_bound = at_bound(&found.at, &bounds, samples.names());
+    let parameters = Scaled::from_logarithms(&found.at, data.size);
+    finish(data, scaling, &parameters, at_bound, component)
+}
+
+/// What the parameters of a component are weighed by.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Weigh {
+    /// By what the points say alone.
+    Likelihood,
+    /// By that and what is assumed before.
+    Posterior,
+}
+
+/// The likeliest logarithms of parameters.
+pub(super) fn likeliest(
+    data: &Data,
+    bounds: &[(f64, f64)],
+    component: usize,
+    weigh: Weigh,
+) -> Result<Minimum, KrigingError> {
+    let mut found = first_fit(data, bounds, component, weigh)?;
     if data.values.len() > FIRST_POINTS {
         // The curvature of a likelihood grows with the points.
         let share = FIRST_POINTS as f64 / data.values.len() as f64;
         let start = Start { at: &found.at, inverse: found.inverse.map(|inverse| inverse * share) };
-        found = maximum(&data, start, &bounds).ok_or(not_positive(component))?;
+        found = maximum(data, start, bounds, weigh).ok_or(not_positive(component))?;
     }
     if !found.is_settled {
         return Err(KrigingError::NotConverged { component: COMPONENTS[component], steps: found.steps });
     }
-    let at_bound = at_bound(&found.at, &bounds, samples.names());
-    let parameters = Scaled::from_logarithms(&found.at, data.size);
-    finish(data, scaling, &parameters, at_bound, component)
+    Ok(found)
 }
 
 /// The component at given parameters.
@@ -105,7 +126,11 @@ fn finish(
 }
 
 /// Inputs in extents about their middle, errors in deviations.
-fn scaled(samples: &Samples, component: usize, options: &Options) -> Result<(Data, Scaling), KrigingError> {
+pub(super) fn scaled(
+    samples: &Samples,
+    component: usize,
+    options: &Options,
+) -> Result<(Data, Scaling), KrigingError> {
     let (lower, upper) = samples.range();
     let values: Vec<f64> = samples.errors_m().iter().map(|e| e[component]).collect();
     let mean = values.iter().sum::<f64>() / values.len() as f64;
@@ -144,14 +169,14 @@ fn over_mean(list: &[f64]) -> Vec<f64> {
     list.iter().map(|value| value / mean).collect()
 }
 
-fn bounds(options: &Options, size: usize) -> Vec<(f64, f64)> {
+pub(super) fn bounds(options: &Options, size: usize) -> Vec<(f64, f64)> {
     let logarithms = |(lower, upper): (f64, f64)| (lower.ln(), upper.ln());
     let noise = (options.noise != Noise::Declared).then_some(NOISE);
     std::iter::once(SIGNAL).chain(std::iter::repeat_n(LENGTH, size)).chain(noise).map(logarithms).collect()
 }
 
 /// The best of all starts on a part of the points.
-fn first_fit(data: &Data, bounds: &[(f64, f64)], component: usize) -> Result<Minimum, KrigingError> {
+fn first_fit(data: &Data, bounds: &[(f64, f64)], component: usize, weigh: Weigh) -> Result<Minimum, KrigingError> {
     let part = part(data);
     let mut best: Option<Minimum> = None;
     let further = FURTHER.into_iter().take(if data.size > 3 { FURTHER.len() } else { 1 });
@@ -163,7 +188,7 @@ fn first_fit(data: &Data, bounds: &[(f64, f64)], component: usize) -> Result<Min
             noise: (bounds.len() > data.size + 1).then_some(noise),
         };
         let logarithms = start.logarithms();
-        let Some(found) = maximum(&part, Start { at: &logarithms, inverse: None }, bounds) else { continue };
+        let Some(found) = maximum(&part, Start { at: &logarithms, inverse: None }, bounds, weigh) else { continue };
         if best.as_ref().is_none_or(|before| is_better(&found, before)) {
             best = Some(found);
         }
@@ -182,7 +207,7 @@ fn is_better(found: &Minimum, before: &Minimum) -> bool {
 }
 
 /// Points spread over the list, so that a lattice's order does not pick out one of its planes.
-fn part(data: &Data) -> Data {
+pub(super) fn part(data: &Data) -> Data {
     let count = data.values.len();
     if count <= FIRST_POINTS {
         return data.clone();
@@ -190,20 +215,15 @@ fn part(data: &Data) -> Data {
     let mut order: Vec<usize> = (0..count).collect();
     order.sort_by(|a, b| (*a as f64 * GOLDEN).fract().total_cmp(&(*b as f64 * GOLDEN).fract()));
     order.truncate(FIRST_POINTS);
-    Data {
-        size: data.size,
-        points: order.iter().flat_map(|k| data.point(*k)).copied().collect(),
-        values: order.iter().map(|k| data.values[*k]).collect(),
-        declared: data.declared.as_ref().map(|list| order.iter().map(|k| list[*k]).collect()),
-        shares: data.shares.as_ref().map(|list| order.iter().map(|k| list[*k]).collect()),
-        kernel: data.kernel,
-        trend: data.trend,
-        normal: data.normal,
-    }
+    data.picked(&order)
 }
 
-fn maximum(data: &Data, start: Start<'_>, bounds: &[(f64, f64)]) -> Option<Minimum> {
-    bounded::minimum(|logarithms| data.minus_two_log(logarithms).ok(), start, bounds, GAIN, MOST_STEPS)
+fn maximum(data: &Data, start: Start<'_>, bounds: &[(f64, f64)], weigh: Weigh) -> Option<Minimum> {
+    let evaluate = |logarithms: &[f64]| match weigh {
+        Weigh::Likelihood => data.minus_two_log(logarithms).ok(),
+        Weigh::Posterior => posterior::minus_two_log(data, logarithms),
+    };
+    bounded::minimum(evaluate, start, bounds, GAIN, MOST_STEPS)
 }
 
 fn at_bound(logarithms: &[f64], bounds: &[(f64, f64)], inputs: &[String]) -> Vec<String> {
@@ -214,6 +234,6 @@ fn at_bound(logarithms: &[f64], bounds: &[(f64, f64)], inputs: &[String]) -> Vec
     all.filter(|(_, (value, bounds))| is_at(**value, **bounds)).map(|(name, _)| name).collect()
 }
 
-fn not_positive(component: usize) -> KrigingError {
+pub(super) fn not_positive(component: usize) -> KrigingError {
     KrigingError::NotPositiveDefinite { component: COMPONENTS[component] }
 }

@@ -137,6 +137,21 @@ impl Data {
         matrix
     }
 
+    /// The values at these indices.
+    pub(crate) fn picked(&self, indices: &[usize]) -> Data {
+        let pick = |list: &Vec<f64>| indices.iter().map(|k| list[*k]).collect();
+        Data {
+            size: self.size,
+            points: indices.iter().flat_map(|k| self.point(*k)).copied().collect(),
+            values: pick(&self.values),
+            declared: self.declared.as_ref().map(pick),
+            shares: self.shares.as_ref().map(pick),
+            kernel: self.kernel,
+            trend: self.trend,
+            normal: self.normal,
+        }
+    }
+
     /// Share of the fitted noise variance at a value.
     fn share(&self, index: usize) -> f64 {
         self.shares.as_ref().map_or(1.0, |list| list[index])

@@ -7,10 +7,15 @@
 //! Nothing is added to a covariance matrix to make it invertible: a matrix that is not positive definite is an error.
 //! Source: Rasmussen & Williams 2006, Gaussian Processes for Machine Learning, ch. 2, 4, 5; Stein 1999 for the Matérn class.
 
+mod averaged;
 mod bounded;
 mod fit;
+mod gross;
+mod judged;
 mod kernel;
 mod likelihood;
+mod posterior;
+mod prior;
 mod process;
 
 use crate::cells::PLANE_TOLERANCE_M;
@@ -21,6 +26,8 @@ use nalgebra::Vector3;
 use process::Process;
 use thiserror::Error;
 
+pub use averaged::AveragedKriging;
+pub use judged::{Judgement, LeftOut, judge};
 pub use kernel::Kernel;
 pub use likelihood::Trend;
 
@@ -38,6 +45,13 @@ pub enum Noise {
     DeclaredAndFitted,
     /// The uncertainties of the measured field times one factor, fitted: how much of them the errors scatter by.
     Scaled,
+}
+
+impl Noise {
+    /// Whether declared uncertainties enter.
+    pub(crate) fn is_declared(self) -> bool {
+        self != Noise::Fitted
+    }
 }
 
 /// What kind of process is fitted.
@@ -214,6 +228,30 @@ pub enum KrigingError {
         component: &'static str,
         /// Which.
         what: &'static str,
+    },
+    /// Vectors that contradict the others, more than accidents are.
+    #[error(
+        "{} of {vectors} vectors contradict all others, which is more than accidents: {}; check these, and whether all \
+         vectors are of one machine in one state",
+        gross.len(), judged::named(gross)
+    )]
+    TooManyGross {
+        /// Which, the furthest first.
+        gross: Vec<LeftOut>,
+        /// All vectors.
+        vectors: usize,
+    },
+    /// Vectors that are gross without each other and not with each other.
+    #[error("which vectors contradict the others does not settle; check the errors for outliers")]
+    Undecided,
+    /// A bend between planes that nobody measured.
+    #[error(
+        "the points stand in only two planes across {axis}: a bend between them would not be seen, and no uncertainty would \
+         be true; measure a third plane, or take a method that states no uncertainty"
+    )]
+    TwoPlanes {
+        /// Axis across them.
+        axis: &'static str,
     },
     /// A thread ended before its work.
     #[error("fitting was interrupted; run it again")]

@@ -2,14 +2,17 @@
 //!
 //! Place in the flow: without a model of the machine, straight from measured points (`abbe points`, or any calibration). The
 //! methods are those of `abbe_field`; scores are of points that did not interpolate (Chen 2020 eq. 14-19). Vectors of a plate
-//! are interpolated in its plane; a point beside it has no answer.
+//! are interpolated in its plane; a point beside it has no answer. Before any method sees them the vectors are held against each
+//! other ([`held`]): single ones that contradict all others are named and left out.
+
+mod held;
 
 use crate::exit::Ended;
 use crate::next::Next;
 use crate::output;
-use crate::plane_field::plane_field;
+use crate::plane_field::{PlaneField, plane_field};
 use abbe_field::idw::{EXPONENT, Idw, Reference};
-use abbe_field::kriging::{Kernel, Kriging, Noise, Options, Trend};
+use abbe_field::kriging::AveragedKriging;
 use abbe_field::rbf::{Radial, Rbf};
 use abbe_field::scores::{INTERPOLATING_SHARE, Score, score, split};
 use abbe_field::{Interpolator, MeasuredField, OnPlane, Trilinear, Unanswered};
@@ -20,6 +23,7 @@ use abbe_report::digits;
 use abbe_runtime::Shutdown;
 use anyhow::{Context, bail, ensure};
 use clap::ValueEnum;
+use serde_json::json;
 use std::path::PathBuf;
 
 /// Micrometres in a metre.
@@ -56,6 +60,9 @@ pub(crate) struct Arguments {
     /// Seed of the first split
     #[arg(long, default_value_t = 1)]
     seed: u64,
+    /// Prints what was found as JSON instead of text
+    #[arg(long, requires = "at")]
+    json: bool,
 }
 
 impl Arguments {
@@ -87,18 +94,24 @@ enum Method {
 pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let inputs = arguments.at.iter().chain([&arguments.vectors]).map(PathBuf::as_path);
     output::check(arguments.out.as_deref(), inputs)?;
-    let (field, lacks) = read(arguments)?;
+    let read = read(arguments)?;
     match (&arguments.at, &arguments.out, arguments.splits) {
-        (Some(at), Some(out), _) => answer(arguments, (&field, lacks), at, out),
-        (_, _, Some(splits)) => score_all(arguments, (&field, lacks), splits),
+        (Some(at), Some(out), _) => answer(arguments, &read, at, out),
+        (_, _, Some(splits)) => {
+            let held = held::hold(&arguments.vectors, &read, false)?;
+            held.say();
+            score_all(arguments, (&held.field, read.lacks), splits)
+        }
         _ => anyhow::bail!("name points with --at and a file with --out, or a number of --splits"),
     }
 }
 
-fn read(arguments: &Arguments) -> anyhow::Result<(MeasuredField, Lacks)> {
+fn read(arguments: &Arguments) -> anyhow::Result<PlaneField> {
     let read = plane_field(&arguments.vectors)?;
     check_vectors(read.field.errors_m(), false).with_context(|| arguments.vectors.display().to_string())?;
-    if let Some(plane) = read.field.plane() {
+    if let Some(plane) = read.field.plane()
+        && !arguments.json
+    {
         let axis = Axis::ALL[plane.normal];
         let missing = match read.lacks.error {
             Some(axis) => format!("; component {} was not measured", axis.lower()),
@@ -106,7 +119,7 @@ fn read(arguments: &Arguments) -> anyhow::Result<(MeasuredField, Lacks)> {
         };
         println!("{}: a plane across {}{missing}", arguments.vectors.display(), axis.letter());
     }
-    Ok((read.field, read.lacks))
+    Ok(read)
 }
 
 fn build(arguments: &Arguments, method: Method, field: &MeasuredField) -> anyhow::Result<Box<dyn Interpolator>> {
@@ -121,20 +134,13 @@ fn build(arguments: &Arguments, method: Method, field: &MeasuredField) -> anyhow
         Method::Trilinear => Box::new(Trilinear::new(field)),
         Method::ThinPlate => Box::new(Rbf::new(field, Radial::ThinPlate, 0.0)?),
         Method::Cubic => Box::new(Rbf::new(field, Radial::Cubic, 0.0)?),
-        Method::Kriging => {
-            let noise = if field.u_m().is_some() { Noise::DeclaredAndFitted } else { Noise::Fitted };
-            Box::new(Kriging::fit(field, &Options { kernel: Kernel::Matern52, trend: Trend::Linear, noise })?)
-        }
+        Method::Kriging => Box::new(AveragedKriging::fit(field, &held::options(field))?),
     };
     Ok(Box::new(OnPlane::new(field, method)))
 }
 
-fn answer(
-    arguments: &Arguments,
-    (field, lacks): (&MeasuredField, Lacks),
-    at: &std::path::Path,
-    out: &std::path::Path,
-) -> anyhow::Result<()> {
+fn answer(arguments: &Arguments, read: &PlaneField, at: &std::path::Path, out: &std::path::Path) -> anyhow::Result<()> {
+    let lacks = read.lacks;
     let positions = read_plane_positions_file(at)?;
     if let (given, wanted) = (positions.lacks, lacks.position)
         && given != wanted
@@ -148,19 +154,32 @@ fn answer(
         );
     }
     let named = || arguments.vectors.display().to_string();
-    let method = build(arguments, arguments.method, field).with_context(named)?;
+    let mut held = held::hold(&arguments.vectors, read, arguments.method == Method::Kriging)?;
+    held.say();
+    let method: Box<dyn Interpolator> = match held.kriging.take().filter(|_| arguments.method == Method::Kriging) {
+        Some(kriging) => Box::new(OnPlane::new(&held.field, Box::new(kriging))),
+        None => build(arguments, arguments.method, &held.field).with_context(named)?,
+    };
     let vectors: Vec<ErrorVector> =
         positions.rows.into_iter().map(|position_m| one(method.as_ref(), position_m)).collect();
     write_plane_errors(out, &vectors, lacks)?;
     let count = |status: &str| vectors.iter().filter(|v| v.status == Some(status)).count();
-    println!(
-        "{}: {} points among the measured ones, {} beyond them (extrapolated), {} without answer{}",
-        out.display(),
-        count("interpolated"),
-        count("extrapolated"),
-        count("no_answer"),
-        if field.plane().is_some() { format!(", {} off the plane (outside)", count("outside")) } else { String::new() }
-    );
+    let is_plane = held.field.plane().is_some();
+    if arguments.json {
+        let statuses = ["interpolated", "extrapolated", "no_answer", "outside"];
+        let counts: serde_json::Map<_, _> =
+            statuses.map(|name| (name.to_owned(), count(name).into())).into_iter().collect();
+        println!("{}", serde_json::to_string_pretty(&json!({ "points": counts, "vectors": held.json() }))?);
+    } else {
+        println!(
+            "{}: {} points among the measured ones, {} beyond them (extrapolated), {} without answer{}",
+            out.display(),
+            count("interpolated"),
+            count("extrapolated"),
+            count("no_answer"),
+            if is_plane { format!(", {} off the plane (outside)", count("outside")) } else { String::new() }
+        );
+    }
     if count("interpolated") < vectors.len() {
         let first = |status: &str| vectors.iter().position(|v| v.status == Some(status)).map(|k| k + 1);
         let kind =
@@ -168,10 +187,12 @@ fn answer(
         let kinds: Vec<String> = ["extrapolated", "no_answer", "outside"].into_iter().filter_map(kind).collect();
         eprintln!("abbe: warning: {}: {} of {} points", at.display(), kinds.join(", "), vectors.len());
     }
-    Next::new("to see what each method is worth on points left out", "interpolate")
-        .file("--vectors", &arguments.vectors)
-        .text("--splits 20")
-        .print();
+    if !arguments.json {
+        Next::new("to see what each method is worth on points left out", "interpolate")
+            .file("--vectors", &arguments.vectors)
+            .text("--splits 20")
+            .print();
+    }
     ensure!(
         count("interpolated") > 0,
         Ended::nothing_inside(format!("{}: no point lies among the measured ones", at.display()))

@@ -1,0 +1,144 @@
+//! Kriging of vectors that were held against each other.
+//!
+//! Place in the flow: what `abbe interpolate` answers with. [`super::gross`] accuses vectors; here each stands trial against the
+//! fit without any accused: it is left out if what was measured there is further than six deviations from what that predicts,
+//! declared uncertainty and scatter included, and improbable by chance among so many vectors (Student's t). What belongs to a
+//! feature of the field that several neighbouring vectors show stays. Many such vectors are no accidents, and then nothing is
+//! answered. The rest is fitted again; by how much it scatters beyond its declared uncertainty, is told.
+
+use super::averaged::AveragedKriging;
+use super::gross::{self, Neighbourhood};
+use super::{COMPONENTS, KrigingError, Options};
+use crate::measured::MeasuredField;
+use nalgebra::Vector3;
+
+/// Share of the vectors up to which gross ones are accidents, and a number that always may be.
+const SHARE: f64 = 0.05;
+const ALWAYS: usize = 1;
+/// Scatter over declared uncertainty from which the vectors contradict it.
+const CONTRADICTS: f64 = 1.5;
+/// Vectors that a message names.
+const NAMED: usize = 5;
+/// Trials of the accused at most: each may acquit some.
+const TRIALS: usize = 4;
+
+/// A vector that is left out.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LeftOut {
+    /// Index in the field.
+    pub index: usize,
+    /// Component that is furthest off, in deviations.
+    pub component: usize,
+    /// Measured error less what the others predict (m).
+    pub off_m: f64,
+    /// The same over its standard uncertainty.
+    pub deviations: f64,
+}
+
+impl LeftOut {
+    /// Letter of the component.
+    pub fn axis(&self) -> &'static str {
+        COMPONENTS[self.component]
+    }
+}
+
+/// What holding vectors against each other found.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Judgement {
+    /// Vectors that are left out, in order.
+    pub left_out: Vec<LeftOut>,
+    /// Indices of the others, ascending.
+    pub kept: Vec<usize>,
+    /// By component, scatter of the vectors over the uncertainty that they declare, where it is more than one and a half.
+    pub contradicted: [Option<f64>; 3],
+    /// By component, by how much u was widened beyond what covariance and scatter make it, at least 1.
+    pub widening: Vector3<f64>,
+}
+
+/// Fits the vectors that do not contradict all others.
+///
+/// # Errors
+/// What no field can be made of, and vectors of which too many contradict the others.
+pub fn judge(field: &MeasuredField, options: &Options) -> Result<(AveragedKriging, Judgement), KrigingError> {
+    let all: Vec<usize> = (0..field.points_m().len()).collect();
+    let mut accused = gross::suspects(field, options)?;
+    for _ in 0..TRIALS {
+        let kept: Vec<usize> = all.iter().copied().filter(|k| !accused.contains(k)).collect();
+        let part = field.part(&kept)?;
+        let fit = AveragedKriging::fit(&part, options)?;
+        let guilty = tried(field, options, &fit, &accused)?;
+        if guilty.len() == accused.len() {
+            check_share(&guilty, all.len())?;
+            let contradicted = contradicted(&part, &fit);
+            let widening = fit.widening();
+            return Ok((fit, Judgement { left_out: guilty, kept, contradicted, widening }));
+        }
+        accused = guilty.iter().map(|one| one.index).collect();
+    }
+    Err(KrigingError::Undecided)
+}
+
+/// The accused that the fit without them does not acquit.
+fn tried(
+    field: &MeasuredField,
+    options: &Options,
+    fit: &AveragedKriging,
+    accused: &[usize],
+) -> Result<Vec<LeftOut>, KrigingError> {
+    if accused.is_empty() {
+        return Ok(Vec::new());
+    }
+    let neighbourhood = Neighbourhood::of(field, options)?;
+    let off_m: Vec<(usize, Vector3<f64>)> =
+        accused.iter().map(|k| (*k, field.errors_m()[*k] - fit.predict(&field.points_m()[*k]).error_m)).collect();
+    let freedom = (field.points_m().len() - accused.len()) as f64 - 5.0;
+    let components = 3 * field.points_m().len();
+    let mut guilty = Vec::new();
+    for (index, off) in &off_m {
+        let variance = variance_m2(field, options, fit, *index);
+        let worst = (0..3).max_by(|a, b| (off[*a].powi(2) / variance[*a]).total_cmp(&(off[*b].powi(2) / variance[*b])));
+        let Some(component) = worst else { continue };
+        let deviations = off[component] / variance[component].sqrt();
+        let is_far = gross::is_far(deviations, freedom.max(1.0), components);
+        if is_far && !neighbourhood.is_feature(*index, component, &off_m) {
+            guilty.push(LeftOut { index: *index, component, off_m: off[component], deviations });
+        }
+    }
+    Ok(guilty)
+}
+
+/// Variance of a measured error less what the others predict there (m²).
+fn variance_m2(field: &MeasuredField, options: &Options, fit: &AveragedKriging, index: usize) -> Vector3<f64> {
+    let field_m = fit.predict(&field.points_m()[index]).u_m;
+    let declared = options.noise.is_declared().then(|| field.u_m()).flatten();
+    let declared_m = declared.map_or(Vector3::zeros(), |u_m| u_m[index]);
+    field_m.component_mul(&field_m) + declared_m.component_mul(&declared_m) + fit.noise_variance_m2()
+}
+
+fn check_share(guilty: &[LeftOut], vectors: usize) -> Result<(), KrigingError> {
+    let most = ALWAYS.max((SHARE * vectors as f64) as usize);
+    if guilty.len() <= most {
+        return Ok(());
+    }
+    let mut worst = guilty.to_vec();
+    worst.sort_by(|a, b| b.deviations.abs().total_cmp(&a.deviations.abs()));
+    Err(KrigingError::TooManyGross { gross: worst, vectors })
+}
+
+fn contradicted(part: &MeasuredField, fit: &AveragedKriging) -> [Option<f64>; 3] {
+    let Some(u_m) = part.u_m() else { return [None; 3] };
+    let noise_m = fit.noise_m();
+    [0, 1, 2].map(|d| {
+        let declared_m2 = u_m.iter().map(|u| u[d] * u[d]).sum::<f64>() / u_m.len() as f64;
+        let ratio = (1.0 + noise_m[d] * noise_m[d] / declared_m2).sqrt();
+        (ratio > CONTRADICTS).then_some(ratio)
+    })
+}
+
+/// The first of them, as text.
+pub(super) fn named(gross: &[LeftOut]) -> String {
+    let one = |one: &LeftOut| format!("point {} {} by {:+.3} um", one.index, one.axis(), one.off_m * 1e6);
+    let shown: Vec<String> = gross.iter().take(NAMED).map(one).collect();
+    let more = if gross.len() > NAMED { " ..." } else { "" };
+    format!("{}{more}", shown.join(", "))
+}
