@@ -7,6 +7,7 @@
 //! REP 2016 (the service), `type_description_interfaces` of ROS 2 Jazzy.
 
 use std::collections::BTreeMap;
+use std::collections::btree_map::Entry;
 
 use serde::{Deserialize, Serialize};
 
@@ -83,11 +84,10 @@ impl TypeDescription {
         let mut referenced = BTreeMap::new();
         let mut open = nested_in(&type_description);
         while let Some(name) = open.pop() {
-            if !referenced.contains_key(&name) {
-                let description = individual(&name)?;
-                open.extend(nested_in(&description));
-                referenced.insert(name, description);
-            }
+            let Entry::Vacant(place) = referenced.entry(name) else { continue };
+            let description = individual(place.key())?;
+            open.extend(nested_in(&description));
+            place.insert(description);
         }
         Some(Self { type_description, referenced_type_descriptions: referenced.into_values().collect() })
     }
