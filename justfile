@@ -31,6 +31,11 @@ linuxcnc:
 secured:
     ABBE_FAST_DDS="${ABBE_FAST_DDS:-/usr}" cargo test -p abbe --features dds-security --test secured -- --nocapture
 
+# The transport over Zenoh, and beside eclipse-zenoh where ABBE_ZENOH_PYTHON names a Python with it and rosbags; 108 more crates
+zenoh:
+    cargo test -p abbe-runtime --features zenoh --test conformance zenoh
+    cargo test -p abbe --features zenoh --test zenoh -- --nocapture
+
 # Everything that must pass before a change is taken
 ci:
     .ci/run

@@ -8,6 +8,7 @@
 //!   for shared memory (iceoryx2).
 //! - [`ros`] and [`standard`] are the same messages as ROS 2 sees them, field by field; a test
 //!   decodes them by the text of the `.msg` files.
+//! - [`type_description`] is what a message is made of, and its RIHS01 hash.
 //! - [`cdr`] turns the ROS types into bytes and back; [`bag`] records and reads them.
 //!
 //! Units are SI, angles are radians, frames are named in `header.frame_id` (REP-103).
@@ -26,6 +27,7 @@ mod error;
 mod message;
 pub mod ros;
 pub mod standard;
+pub mod type_description;
 pub mod types;
 
 pub use error::{CovariateError, MessageError, TextError};

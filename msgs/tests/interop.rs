@@ -7,12 +7,13 @@
 
 mod common;
 
+use std::collections::BTreeMap;
 use std::path::Path;
 use std::process::Command;
 
 use abbe_msgs::bag::{self, BagWriter, Qos};
 use abbe_msgs::standard::PointStamped;
-use abbe_msgs::{Message, RosType, ScaleReading, cdr};
+use abbe_msgs::{Message, RosType, ScaleReading, cdr, definition, type_description};
 use serde_json::{Value, json};
 
 /// Runs a script of `tests/interop`; `None` when there is no Python to run it.
@@ -178,4 +179,21 @@ fn we_read_and_copy_a_bag_of_python() {
     let expected_path = folder.path().join("expected.json");
     std::fs::write(&expected_path, Value::from(expected).to_string()).unwrap();
     python("read_bag.py", &[&copy, &expected_path]);
+}
+
+#[test]
+fn val_rosbags_and_ros_2_jazzy_give_every_message_the_same_hash() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("definitions.json");
+    let texts: BTreeMap<&str, &str> = definition::DEFINITIONS.iter().copied().collect();
+    std::fs::write(&path, serde_json::to_string(&texts).unwrap()).unwrap();
+    let Some(said) = python("hash_types.py", &[&path]) else { return };
+    let hashes: BTreeMap<String, (String, Option<String>)> = serde_json::from_str(&said).unwrap();
+    assert_eq!(hashes.len(), definition::DEFINITIONS.len());
+    for (name, (of_text, of_jazzy)) in hashes {
+        let ours = type_description::hash(&name).unwrap();
+        assert_eq!(ours, of_text, "{name}");
+        assert_eq!(of_jazzy.is_none(), name.starts_with("abbe_msgs/"), "{name}");
+        assert_eq!(of_jazzy.unwrap_or(ours.clone()), ours, "{name} is not what ROS 2 Jazzy defines");
+    }
 }

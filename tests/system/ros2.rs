@@ -4,6 +4,8 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // A test fails by panicking.
 
 mod common;
+#[path = "ros2/descriptions.rs"]
+mod descriptions;
 #[path = "ros2/hosts.rs"]
 mod hosts;
 #[path = "ros2/packages.rs"]

@@ -250,7 +250,7 @@ pub struct Launch {
     /// Whether nodes configure and activate themselves; otherwise a manager of nodes does (`ros2 lifecycle`).
     #[serde(default = "by_themselves")]
     pub autostart: bool,
-    /// Whether nodes without an edge over DDS are in the ROS graph as well, with their parameters, services and diagnostics.
+    /// Whether nodes without an edge over DDS or Zenoh are in the ROS graph as well, with their parameters, services and diagnostics.
     #[serde(default)]
     pub visible_in_ros: bool,
     /// Whether services over ROS 2 may change what a node does. Without them the graph is only looked at from there.
@@ -408,7 +408,8 @@ impl Launch {
 
     /// Whether this node is in the ROS graph.
     pub fn is_in_ros_graph(&self, node: NodeName) -> bool {
-        self.visible_in_ros || self.uses(node, TransportKind::Dds) || self.takes_from_ros(node)
+        let behind_gateway = |kind: TransportKind| kind.is_behind_gateway() && self.uses(node, kind);
+        self.visible_in_ros || TransportKind::ALL.into_iter().any(behind_gateway) || self.takes_from_ros(node)
     }
 
     /// Whether a driver of this node takes topics of other ROS 2 programs.

@@ -14,6 +14,7 @@ use thiserror::Error;
 
 use crate::RunId;
 use crate::ros::Domain;
+use crate::transport::TransportKind;
 
 /// Bytes an abstract name has room for.
 const ROOM: usize = 100;
@@ -44,7 +45,7 @@ pub enum ClaimError {
         /// The topic.
         topic: String,
     },
-    /// Another process of this host publishes the topic over DDS.
+    /// Another process of this host publishes the topic over DDS or Zenoh.
     #[error(
         "ROS domain {domain} has a publisher of {topic} on this host already, such as a second launch in one namespace; stop \
          it, or give this one another namespace or ROS_DOMAIN_ID: two at a time would mix their samples"
@@ -83,13 +84,14 @@ impl Claim {
         take(&format!("run/{run}{topic}"), taken)
     }
 
-    /// Holds the right to publish `topic`, an absolute name, over DDS in `domain`.
+    /// Holds the right to publish `topic`, an absolute name, over `kind` in `domain`.
     ///
     /// # Errors
     /// When another process of this host holds it.
-    pub fn in_domain(domain: Domain, topic: &str) -> Result<Claim, ClaimError> {
+    pub fn in_domain(domain: Domain, kind: TransportKind, topic: &str) -> Result<Claim, ClaimError> {
         let taken = || ClaimError::PublishedInDomain { domain: domain.id(), topic: topic.to_owned() };
-        take(&format!("domain/{}{topic}", domain.id()), taken)
+        let over = if kind == TransportKind::Dds { String::new() } else { format!("/{kind}:") };
+        take(&format!("domain/{}{over}{topic}", domain.id()), taken)
     }
 }
 
@@ -122,6 +124,16 @@ mod tests {
         assert!(Claim::in_run(&run, "/cmm/geometric/corrected").is_ok() && Claim::in_run(&other, topic).is_ok());
         drop((first, publisher));
         assert!(Claim::of_run(&run).is_ok() && Claim::in_run(&run, topic).is_ok());
+    }
+
+    #[test]
+    fn a_topic_of_a_domain_is_held_once_over_each_transport() {
+        let (domain, topic) = (Domain::default(), format!("/cmm{}/corrected", std::process::id()));
+        let _dds = Claim::in_domain(domain, TransportKind::Dds, &topic).unwrap();
+        let _zenoh = Claim::in_domain(domain, TransportKind::Zenoh, &topic).unwrap();
+        for kind in [TransportKind::Dds, TransportKind::Zenoh] {
+            assert!(matches!(Claim::in_domain(domain, kind, &topic), Err(ClaimError::PublishedInDomain { .. })));
+        }
     }
 
     #[test]

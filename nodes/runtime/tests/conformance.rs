@@ -1,4 +1,4 @@
-//! One suite for every transport: what `abbe_runtime::transport` promises, held against each.
+//! One suite for every transport (Zenoh where this is built with it): what `abbe_runtime::transport` promises, held against each.
 //!
 //! `laws` are written against the two traits alone; `conformance!` instantiates each for each
 //! transport. Publishers and subscribers are nodes of their own, as in real life.
@@ -9,6 +9,8 @@
 mod common;
 #[path = "conformance/laws.rs"]
 mod laws;
+#[path = "conformance/zenoh.rs"]
+mod zenoh;
 
 use std::num::NonZeroUsize;
 use std::process::Command;
@@ -19,6 +21,7 @@ use abbe_runtime::gateway::{GatewayNode, GatewayOptions, serve};
 use abbe_runtime::ros::{Domain, NodeIdentity, NodeOptions, ParameterTable, RosNode, StaticPeers};
 use abbe_runtime::transport::in_process::InProcess;
 use abbe_runtime::transport::shared_memory::cleanup;
+use abbe_runtime::transport::zenoh::ZenohSession;
 use abbe_runtime::{Edges, EdgesConfig, Publish, RunId, Subscribe, TransportKind};
 use common::peer::{ROLE, role};
 
@@ -30,11 +33,14 @@ pub(crate) struct World {
     in_process: InProcess,
     run: RunId,
     domain: Domain,
+    /// What the sessions of nodes meet through.
+    _router: Option<ZenohSession>,
 }
 
 impl World {
     fn new(kind: TransportKind, domain: Domain) -> Self {
-        Self { kind, gateways: false, in_process: InProcess::default(), run: RunId::unique(), domain }
+        let _router = (kind == TransportKind::Zenoh).then(|| zenoh::router(domain));
+        Self { kind, gateways: false, in_process: InProcess::default(), run: RunId::unique(), domain, _router }
     }
 
     fn publisher(&self) -> Box<dyn Publish<ScaleReading>> {
@@ -54,8 +60,11 @@ impl World {
         match self.kind {
             TransportKind::InProcess => config.in_process = Some(self.in_process.clone()),
             TransportKind::SharedMemory => config.run = Some(self.run.clone()),
-            TransportKind::Dds if self.gateways => config.gateway = Some(gateway(identity, self.domain, config.depth)),
+            TransportKind::Dds | TransportKind::Zenoh if self.gateways => {
+                config.gateway = Some(gateway(identity, self.domain, config.depth));
+            }
             TransportKind::Dds => config.ros = Some(node(identity, self.domain)),
+            TransportKind::Zenoh => config.zenoh = Some(zenoh::session(&identity, self.domain)),
         }
         Edges::open(config).unwrap()
     }
@@ -83,21 +92,21 @@ impl Drop for World {
 
 fn check(kind: TransportKind, test: &str, law: fn(&World)) {
     match kind {
-        TransportKind::Dds => common::network::in_own_network(test, |domain| {
+        TransportKind::Dds | TransportKind::Zenoh => common::network::in_own_network(test, |domain| {
             law(&World::new(kind, domain));
         }),
         _ => law(&World::new(kind, Domain::default())),
     }
 }
 
-/// The same law with a gateway, a process of its own, between each end and DDS.
-fn check_behind_gateways(test: &str, law: fn(&World)) {
+/// The same law with a gateway, a process of its own, between each end and DDS or Zenoh.
+fn check_behind_gateways(kind: TransportKind, test: &str, law: fn(&World)) {
     if role().is_some() {
         return serve().unwrap();
     }
     TEST.set(test.to_owned()).unwrap_or_default();
     common::network::in_own_network(test, |domain| {
-        let mut world = World::new(TransportKind::Dds, domain);
+        let mut world = World::new(kind, domain);
         world.gateways = true;
         law(&world);
     });
@@ -107,10 +116,11 @@ fn check_behind_gateways(test: &str, law: fn(&World)) {
 static TEST: OnceLock<String> = OnceLock::new();
 
 fn gateway(identity: NodeIdentity, domain: Domain, depth: NonZeroUsize) -> GatewayNode {
-    let command = || {
+    let command = move || {
         let mut command = Command::new(std::env::current_exe().unwrap());
         let test = TEST.get().unwrap();
         command.args([test, "--exact", "--nocapture", "--test-threads=1"]).env(ROLE, "gateway");
+        command.env("ZENOH_CONFIG_OVERRIDE", zenoh::meets_the_router(domain));
         command
     };
     let node = NodeOptions {
@@ -135,13 +145,26 @@ fn gateway(identity: NodeIdentity, domain: Domain, depth: NonZeroUsize) -> Gatew
 }
 
 macro_rules! conformance {
-    (@gateways $($law:ident,)*) => {
-        mod dds_behind_gateways {
-            $(#[test]
-            fn $law() {
-                super::check_behind_gateways(concat!("dds_behind_gateways::", stringify!($law)), super::laws::$law);
-            })*
+    (@gateways $name:ident, $kind:expr) => {
+        mod $name {
+            conformance!(@behind $name, $kind,
+                order_is_kept_and_content_is_identical_to_the_bit,
+                who_joins_late_gets_what_is_sent_from_then_on,
+                a_publisher_that_starts_again_is_heard_again,
+                a_burst_of_2000_arrives_whole,
+                overflow_is_counted_and_never_blocks,
+                two_publishers_are_both_heard,
+                waiting_ends_in_time_and_takes_nothing,
+                the_publisher_knows_its_subscribers,
+            );
         }
+    };
+    (@behind $name:ident, $kind:expr, $($law:ident,)*) => {
+        $(#[test]
+        fn $law() {
+            let test = concat!(stringify!($name), "::", stringify!($law));
+            super::check_behind_gateways($kind, test, super::laws::$law);
+        })*
     };
     ($($transport:ident: $kind:expr;)*) => {
         $(mod $transport {
@@ -174,13 +197,12 @@ conformance! {
     dds: abbe_runtime::TransportKind::Dds;
 }
 
-conformance! { @gateways
-    order_is_kept_and_content_is_identical_to_the_bit,
-    who_joins_late_gets_what_is_sent_from_then_on,
-    a_publisher_that_starts_again_is_heard_again,
-    a_burst_of_2000_arrives_whole,
-    overflow_is_counted_and_never_blocks,
-    two_publishers_are_both_heard,
-    waiting_ends_in_time_and_takes_nothing,
-    the_publisher_knows_its_subscribers,
+#[cfg(feature = "zenoh")]
+conformance! {
+    over_zenoh: abbe_runtime::TransportKind::Zenoh;
 }
+
+conformance! { @gateways dds_behind_gateways, abbe_runtime::TransportKind::Dds }
+
+#[cfg(feature = "zenoh")]
+conformance! { @gateways zenoh_behind_gateways, abbe_runtime::TransportKind::Zenoh }

@@ -5,7 +5,7 @@ Usage: ros2_user.py streams NAMESPACE COUNT | parameters NODE NAME VALUE | trigg
        | heard_clock COUNT | machines NAMESPACE... | health NAMESPACE NAME... | manage NAMESPACE ASIDE MODEL
        | change NAMESPACE MODEL | log NAMESPACE NODE PART | services NAMESPACE NAME | strangers
        | corrected NAMESPACE COUNT | quarrel NODE COUNT | press NODE LAUNCH_FILE
-       | echo FROM TO | round_trip NAMESPACE FROM TO X Y Z COUNT
+       | echo FROM TO | round_trip NAMESPACE FROM TO X Y Z COUNT | describe NODE OTHER TYPE...
 
 streams     subscribes `corrected_point` and `scale/joint_states` with default quality of service (reliable) and
             with that of sensors (best effort) until COUNT messages have come on each.
@@ -28,6 +28,8 @@ quarrel     deactivates and activates a node COUNT times, whatever others do wit
 press       floods a node with calls, then stops its process and its gateway's (SIGSTOP, SIGCONT) while it commands it.
 echo        answers each `sensor_msgs/JointState` of FROM with a point of the same stamp on TO, until its standard input ends.
 round_trip  sends positions at 1 kHz, by turns to `axes` of a graph and to an echo: COUNT each, and how long each took back.
+describe    asks a node what each TYPE is made of: without a hash, with that of the description, and with a wrong one; and what
+            OTHER is, which the node has not. Hashes are computed by ROS 2's own generator of them.
 strangers   looks for nodes until its standard input ends, and SETTLED_S at least.
 nodes       waits until nodes of these names are in a namespace, and gives the parameters of each.
 
@@ -54,9 +56,11 @@ from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
 from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_parameter_events, qos_profile_sensor_data
 from rosgraph_msgs.msg import Clock
+from rosidl_generator_type_description import calculate_type_hash
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
+from type_description_interfaces.srv import GetTypeDescription
 from visualization_msgs.msg import MarkerArray
 
 PATIENCE_S = 60
@@ -461,6 +465,35 @@ def round_trip(node, namespace, source, target, x, y, z, count):
     return {way: figures(way) for way in ways}
 
 
+def plain(value):
+    """A message as dictionaries and lists, fields in the order of its file."""
+    if hasattr(value, "get_fields_and_field_types"):
+        return {name: plain(getattr(value, name)) for name in value.get_fields_and_field_types()}
+    return [plain(one) for one in value] if isinstance(value, (list, tuple)) else value
+
+
+def describe(node, remote, other, *kinds):
+    client = node.create_client(GetTypeDescription, f"{remote}/get_type_description")
+    if not client.wait_for_service(timeout_sec=PATIENCE_S):
+        sys.exit(f"{remote} describes no types")
+
+    def asked(type_name, type_hash, sources):
+        request = GetTypeDescription.Request(type_name=type_name, type_hash=type_hash, include_type_sources=sources)
+        reply = answer(node, client.call_async(request), "the description")
+        if not reply.successful:
+            return {"reason": reply.failure_reason}
+        return {"hash": calculate_type_hash(plain(reply.type_description)),
+                "fields": [field.name for field in reply.type_description.type_description.fields],
+                "sources": {source.type_name: [source.encoding, source.raw_file_contents] for source in reply.type_sources}}
+
+    said = {"other": asked(other, "", False)}
+    for kind in kinds:
+        first = asked(kind, "", True)
+        wrong = first["hash"][:-1] + ("1" if first["hash"][-1] == "0" else "0")
+        said[kind] = {"first": first, "by hash": asked(kind, first["hash"], False), "wrong hash": asked(kind, wrong, False)}
+    return said
+
+
 def process_of(name, launch_file):
     for process in filter(str.isdigit, os.listdir("/proc")):
         try:
@@ -558,7 +591,7 @@ def main():
                       "types": types, "nodes": nodes, "scene": scene, "delays": delays,
                       "heard_clock": heard_clock, "machines": machines, "health": health,
                       "manage": manage, "change": change, "log": log, "services": services, "strangers": strangers, "corrected": corrected,
-                      "quarrel": quarrel, "press": press, "echo": echo, "round_trip": round_trip}[task](node, *words)))
+                      "quarrel": quarrel, "press": press, "echo": echo, "round_trip": round_trip, "describe": describe}[task](node, *words)))
 
 
 main()

@@ -381,7 +381,7 @@ fn open(
 fn join_ros(machine: &MachineFile) -> Result<GatewayNode, CaptureError> {
     let start = || -> Result<GatewayNode, NodeError> {
         let identity = user_identity("", NODE)?;
-        let command = gateway_command(&identity, None)?;
+        let command = gateway_command(&identity, None, false)?;
         let domain = Domain::from_environment().map_err(RosError::from)?;
         let enclave = Enclave::from_environment(None).map_err(RosError::from)?;
         let peers = StaticPeers::from_environment(domain.range).map_err(RosError::from)?;

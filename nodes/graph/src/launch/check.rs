@@ -6,7 +6,7 @@ use super::{Edge, Launch, LaunchError, NodeName, Pace, RecordConfig, Source, Sta
 use crate::driver::{DriverConfig, Role};
 use crate::step::KEPT_READINGS;
 use abbe_geometry::effects::is_derived;
-use abbe_runtime::TransportKind;
+use abbe_runtime::{TransportError, TransportKind};
 use abbe_virtual_machine::effects::from_text;
 use std::path::Path;
 
@@ -250,8 +250,10 @@ impl Launch {
             let wrong = |problem: String| {
                 Err(LaunchError::Value { file: path.to_owned(), key: format!("edges[{index}]"), problem })
             };
-            if let Err(error) = edge.transport.parse::<TransportKind>() {
-                return wrong(error.to_string());
+            match edge.transport.parse::<TransportKind>() {
+                Err(error) => return wrong(error.to_string()),
+                Ok(kind) if !kind.is_built() => return wrong(TransportError::NotBuilt { kind }.to_string()),
+                Ok(_) => {}
             }
             if edge.from == NodeName::Recorder {
                 return wrong("the recorder publishes nothing".to_owned());

@@ -302,7 +302,7 @@ impl NodeContext {
             let enclave = enclave.map_err(RosError::from)?;
             let peers = StaticPeers::from_environment(domain.range).map_err(RosError::from)?;
             Some(GatewayNode::start(GatewayOptions {
-                command: gateway_command(&identity, call.run.as_ref())?,
+                command: gateway_command(&identity, call.run.as_ref(), launch.uses(call.name, TransportKind::Zenoh))?,
                 node: NodeOptions { identity, domain, remaps: remaps.clone(), parameters: table, enclave, peers },
                 run: call.run.clone(),
                 depth: config.depth,
@@ -429,8 +429,8 @@ impl NodeContext {
         let topic = self.edges.resolve(topic)?;
         Ok(match (kind, &self.run) {
             (TransportKind::SharedMemory, Some(run)) => Some(Claim::in_run(run, &topic)?),
-            (TransportKind::Dds, _) => {
-                Some(Claim::in_domain(Domain::from_environment().map_err(RosError::from)?, &topic)?)
+            (TransportKind::Dds | TransportKind::Zenoh, _) => {
+                Some(Claim::in_domain(Domain::from_environment().map_err(RosError::from)?, kind, &topic)?)
             }
             (TransportKind::SharedMemory | TransportKind::InProcess, _) => None,
         })
@@ -480,13 +480,21 @@ fn on_change(changes: &Changes) -> OnChange {
 
 /// This program again, as the gateway of a node; what it is told comes over a socket, the words are for who looks at
 /// the list of processes.
-pub(crate) fn gateway_command(node: &NodeIdentity, run: Option<&RunId>) -> Result<GatewayCommand, NodeError> {
+pub(crate) fn gateway_command(
+    node: &NodeIdentity,
+    run: Option<&RunId>,
+    has_zenoh: bool,
+) -> Result<GatewayCommand, NodeError> {
     let program = std::env::current_exe().map_err(NodeError::Program)?;
     let mut words = vec!["gateway".to_owned(), "--of".to_owned(), node.qualified()];
     words.extend(run.into_iter().flat_map(|run| ["--run".to_owned(), run.to_string()]));
     Ok(Arc::new(move || {
         let mut command = Command::new(&program);
         command.args(&words);
+        if has_zenoh {
+            // The allocator reserves address space for each of the library's many threads; the gateway has not much of it.
+            command.env("MALLOC_ARENA_MAX", "2");
+        }
         command
     }))
 }

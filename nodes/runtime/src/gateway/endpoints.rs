@@ -1,6 +1,6 @@
-//! The node's ends of topics over DDS: samples go to, and come from, the gateway through shared memory.
+//! The node's ends of topics over DDS and Zenoh: samples go to, and come from, the gateway through shared memory.
 //!
-//! Place in the flow: on the correcting thread, in place of a DDS publisher or subscriber. Sending costs a copy into
+//! Place in the flow: on the correcting thread, in place of a publisher or subscriber of the library. Sending costs a copy into
 //! shared memory, whether or not there is a gateway.
 
 use std::sync::atomic::Ordering;
@@ -16,9 +16,9 @@ use super::protocol::Endpoint;
 use super::shared::{NodeEnd, Publication, SubscriptionState};
 use crate::lock::lock;
 use crate::transport::shared_memory::{SharedMemoryPublisher, SharedMemorySubscriber};
-use crate::transport::{Publish, Subscribe, TransportError};
+use crate::transport::{Publish, Subscribe, TransportError, TransportKind};
 
-/// Sends over DDS through the gateway.
+/// Sends through the gateway.
 pub struct GatewayPublisher<M: Message> {
     link: SharedMemoryPublisher<M>,
     publication: Arc<Publication>,
@@ -27,12 +27,17 @@ pub struct GatewayPublisher<M: Message> {
 }
 
 impl<M: Message> GatewayPublisher<M> {
-    /// A publisher on `topic`, an absolute name; without one only what is made of the samples goes out, the
+    /// A publisher on `topic`, an absolute name, over `kind`; without one only what is made of the samples goes out, the
     /// `companions`.
     ///
     /// # Errors
     /// When a name is wrong, or the gateway cannot open it.
-    pub fn open(node: &GatewayNode, topic: Option<&str>, companions: &[Companion]) -> Result<Self, TransportError> {
+    pub fn open(
+        node: &GatewayNode,
+        topic: Option<&str>,
+        kind: TransportKind,
+        companions: &[Companion],
+    ) -> Result<Self, TransportError> {
         let name =
             node.link_name(topic.or(companions.first().map(|companion| companion.topic.as_str())).unwrap_or_default());
         let link = node.memory().publisher(&name)?;
@@ -41,6 +46,7 @@ impl<M: Message> GatewayPublisher<M> {
             link: name,
             ros_type: M::ROS_TYPE.to_owned(),
             topic: topic.map(str::to_owned),
+            over: kind,
             companions: companions.to_vec(),
         };
         let held = node.open(endpoint, NodeEnd::Publication(Arc::clone(&publication)))?;
@@ -73,7 +79,7 @@ impl<M: Message> Publish<M> for GatewayPublisher<M> {
     }
 }
 
-/// Receives over DDS through the gateway.
+/// Receives through the gateway.
 pub struct GatewaySubscriber<M: Message> {
     topic: String,
     link: SharedMemorySubscriber<M>,
@@ -84,20 +90,20 @@ pub struct GatewaySubscriber<M: Message> {
 }
 
 impl<M: Message> GatewaySubscriber<M> {
-    /// A subscriber on `topic`, an absolute name.
+    /// A subscriber on `topic`, an absolute name, over `kind`.
     ///
     /// # Errors
     /// When the name is wrong, or the gateway cannot open it.
-    pub fn open(node: &GatewayNode, topic: &str) -> Result<Self, TransportError> {
-        Self::opened(node, topic, None)
+    pub fn open(node: &GatewayNode, topic: &str, kind: TransportKind) -> Result<Self, TransportError> {
+        Self::opened(node, topic, kind, None)
     }
 
-    /// The same on a topic of other programs, on which standard messages come.
+    /// The same over DDS on a topic of other programs, on which standard messages come.
     ///
     /// # Errors
     /// As [`GatewaySubscriber::open`].
     pub fn open_foreign(node: &GatewayNode, topic: &str, foreign: Foreign) -> Result<Self, TransportError> {
-        Self::opened(node, topic, Some(foreign))
+        Self::opened(node, topic, TransportKind::Dds, Some(foreign))
     }
 
     /// Publishers of the topic elsewhere; 0 while there is no gateway that could tell.
@@ -106,12 +112,17 @@ impl<M: Message> GatewaySubscriber<M> {
         lock(&self.refused).publishers
     }
 
-    fn opened(node: &GatewayNode, topic: &str, foreign: Option<Foreign>) -> Result<Self, TransportError> {
+    fn opened(
+        node: &GatewayNode,
+        topic: &str,
+        over: TransportKind,
+        foreign: Option<Foreign>,
+    ) -> Result<Self, TransportError> {
         let name = node.link_name(topic);
         let link = node.memory().link_subscriber(&name, topic)?;
         let refused = Arc::new(Mutex::default());
         let (ros_type, absolute) = (M::ROS_TYPE.to_owned(), topic.to_owned());
-        let endpoint = Endpoint::Subscription { link: name, ros_type, topic: absolute, foreign };
+        let endpoint = Endpoint::Subscription { link: name, ros_type, topic: absolute, over, foreign };
         let held = node.open(endpoint, NodeEnd::Subscription(Arc::clone(&refused)))?;
         Ok(Self { topic: topic.to_owned(), link, refused, told: 0, _held: held })
     }

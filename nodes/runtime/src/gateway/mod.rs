@@ -1,4 +1,4 @@
-//! DDS in a process of its own: a node's gateway to ROS 2.
+//! DDS, and Zenoh, in a process of their own: a node's gateway to ROS 2.
 //!
 //! Place in the flow: between a correcting node and DDS. The DDS library takes packets from anyone on the network; it can
 //! be made to reserve memory without bound, and it silently stops for good when its `poll` is interrupted. So it runs

@@ -23,6 +23,7 @@ use crate::ros::{
     DiscoveryRange, Domain, Enclave, LifecycleState, NodeIdentity, NodeOptions, ParameterSpec, ParameterTable,
     ParameterValue, Range, RemapRule, RosError, StaticPeers, Step, Transition, TriggerOutcome, USE_SIM_TIME,
 };
+use crate::transport::TransportKind;
 
 /// Longest packet; what is longer is refused.
 const LONGEST: usize = 64 * 1024;
@@ -127,7 +128,7 @@ enum ParameterRange {
 /// One end of a topic or service.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub(super) enum Endpoint {
-    /// Samples of the node, published over DDS.
+    /// Samples of the node, published.
     Publication {
         /// Where they come in, in shared memory.
         link: String,
@@ -135,6 +136,8 @@ pub(super) enum Endpoint {
         ros_type: String,
         /// Absolute name of their topic; none where only what is made of them goes out.
         topic: Option<String>,
+        /// Over what they go out.
+        over: TransportKind,
         /// What is made of them, with absolute names of the topics.
         companions: Vec<Companion>,
     },
@@ -146,6 +149,8 @@ pub(super) enum Endpoint {
         ros_type: String,
         /// Absolute name of their topic.
         topic: String,
+        /// Over what they come.
+        over: TransportKind,
         /// What they are made of, where standard messages come on it.
         foreign: Option<Foreign>,
     },

@@ -3,6 +3,7 @@
 //! Place in the flow: `abbe gateway`, started by the node with one end of a socket as standard input. The process may
 //! die at any time; nothing that corrects is in it.
 
+use std::cell::OnceCell;
 use std::collections::BTreeMap;
 use std::num::NonZeroUsize;
 use std::sync::Arc;
@@ -20,9 +21,12 @@ use super::health::{Dead, Heartbeat};
 use super::protocol::{Asked, Beat, Channel, Endpoint, FromGateway, Join, PARAMETERS, Progress, Received, ToGateway};
 use super::streams::{Stream, World};
 use crate::log_lines::LogLine;
-use crate::ros::{LifecycleServices, QueuedPublisher, RosError, RosNode, TriggerService, diagnostics_qos, rosout_qos};
+use crate::ros::{
+    Domain, LifecycleServices, QueuedPublisher, RosError, RosNode, TriggerService, diagnostics_qos, rosout_qos,
+};
 use crate::transport::TransportError;
 use crate::transport::shared_memory::{self, SharedMemory};
+use crate::transport::zenoh::{ZenohConfig, ZenohSession};
 use crate::{RunId, RunIdError};
 
 /// How long the first word of the node may take.
@@ -99,6 +103,9 @@ struct Gateway {
     proved: BTreeMap<u32, Progress>,
     calls: Calls,
     memory: SharedMemory,
+    /// Opened with the first endpoint over Zenoh.
+    zenoh: OnceCell<ZenohSession>,
+    domain: Domain,
     node: RosNode,
     channel: Arc<Channel>,
 }
@@ -150,6 +157,7 @@ impl Gateway {
         let memory = SharedMemory::join(run, depth)?;
         let options = join.node_options()?;
         let uses_sim_time = options.parameters.uses_sim_time();
+        let domain = options.domain;
         let calls = Calls::new(&channel);
         let setting = calls.clone();
         let node =
@@ -162,8 +170,8 @@ impl Gateway {
         channel
             .send(&FromGateway::Joined)
             .map_err(|source| GatewayError::System { what: "answer the node", source })?;
-        let (open, proved) = (BTreeMap::new(), BTreeMap::new());
-        Ok(Gateway { open, reports, log, clock, heartbeat, proved, calls, memory, node, channel })
+        let (open, proved, zenoh) = (BTreeMap::new(), BTreeMap::new(), OnceCell::new());
+        Ok(Gateway { open, reports, log, clock, heartbeat, proved, calls, memory, zenoh, domain, node, channel })
     }
 
     /// Until the node says so or is gone, or DDS is dead.
@@ -226,7 +234,8 @@ impl Gateway {
     }
 
     fn open(&self, id: u32, endpoint: &Endpoint) -> Result<Open, GatewayError> {
-        let world = World { node: &self.node, memory: &self.memory };
+        let zenoh = || self.zenoh();
+        let world = World { node: &self.node, memory: &self.memory, zenoh: &zenoh };
         if let Some(stream) = Stream::open(&world, endpoint)? {
             return Ok(Open::Stream(stream));
         }
@@ -243,6 +252,15 @@ impl Gateway {
             Endpoint::Standing(topic, content) => Ok(Open::Standing(stand(&self.node, topic, content)?)),
             Endpoint::Publication { .. } | Endpoint::Subscription { .. } => Err(GatewayError::NoNode),
         }
+    }
+
+    /// The session over Zenoh.
+    fn zenoh(&self) -> Result<ZenohSession, TransportError> {
+        if let Some(session) = self.zenoh.get() {
+            return Ok(session.clone());
+        }
+        let session = ZenohSession::open(self.node.identity(), self.domain, ZenohConfig::from_environment()?)?;
+        Ok(self.zenoh.get_or_init(|| session).clone())
     }
 
     fn beat(&self) -> Beat {
@@ -271,10 +289,10 @@ impl Gateway {
         super::LEAVING.store(true, std::sync::atomic::Ordering::Relaxed);
         // Services that wait for the node hear that it is leaving.
         self.calls.clear();
-        let Gateway { open, reports, log, clock, heartbeat, memory, node, .. } = self;
+        let Gateway { open, reports, log, clock, heartbeat, memory, zenoh, node, .. } = self;
         drop((open, clock));
         std::thread::sleep(LAST_WORDS);
-        drop((reports, log, heartbeat, memory));
+        drop((reports, log, heartbeat, memory, zenoh));
         drop(node);
         Ok(())
     }

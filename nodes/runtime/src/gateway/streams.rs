@@ -1,4 +1,4 @@
-//! The streams of a gateway: samples from shared memory to DDS, and from DDS to shared memory, a thread each.
+//! The streams of a gateway: samples from shared memory to DDS or Zenoh, and from there to shared memory, a thread each.
 //!
 //! Place in the flow: in the gateway's process, between its node's end of a link and the network. What cannot keep up
 //! loses the oldest on the link, counted; the node never notices.
@@ -18,8 +18,9 @@ use super::protocol::{Endpoint, Progress, PublicationBeat, SubscriptionBeat};
 use crate::lock::lock;
 use crate::ros::{RosError, RosNode, TopicEnd, Writer, offered_qos, overridden};
 use crate::transport::dds::DdsSubscriber;
-use crate::transport::shared_memory::{SharedMemory, SharedMemoryPublisher, SharedMemorySubscriber};
-use crate::transport::{Subscribe, TransportError};
+use crate::transport::shared_memory::{SampleOrigin, SharedMemory, SharedMemoryPublisher, SharedMemorySubscriber};
+use crate::transport::zenoh::{ZenohSession, ZenohSubscriber};
+use crate::transport::{Subscribe, TransportError, TransportKind};
 
 /// How long a stream sleeps at most before it looks whether to end.
 const LOOK_UP: Duration = Duration::from_millis(50);
@@ -27,16 +28,21 @@ const LOOK_UP: Duration = Duration::from_millis(50);
 /// A stream that runs. Dropping it ends it; what is on the link still goes out.
 pub(super) struct Stream {
     shared: Arc<Shared>,
-    /// Absolute name of the topic that samples are published on.
+    /// Absolute name of the topic that samples are published on over DDS.
     published_on: Option<String>,
     /// The same of one that they are taken from.
     taken_from: Option<String>,
+    /// Other publishers of the topic, where it is not over DDS.
+    others: Option<Others>,
     readers: Option<Readers>,
     thread: Option<JoinHandle<()>>,
 }
 
 /// Subscribers of a publication elsewhere, and how often those who lagged lost their oldest samples.
 type Readers = Box<dyn Fn() -> (usize, u64) + Send>;
+
+/// Publishers of a topic elsewhere.
+type Others = Box<dyn Fn() -> usize + Send>;
 
 #[derive(Default)]
 struct Shared {
@@ -49,14 +55,16 @@ struct Shared {
 pub(super) struct World<'a> {
     pub(super) node: &'a RosNode,
     pub(super) memory: &'a SharedMemory,
+    /// Opens the session over Zenoh, or gives the one that is open.
+    pub(super) zenoh: &'a dyn Fn() -> Result<ZenohSession, TransportError>,
 }
 
 impl Stream {
     /// Opens the stream of an endpoint; none for a service or a standing message.
     pub(super) fn open(world: &World, endpoint: &Endpoint) -> Result<Option<Stream>, TransportError> {
         match endpoint {
-            Endpoint::Publication { link, ros_type, topic, companions } => {
-                let out = Out { link, topic: topic.as_deref(), companions };
+            Endpoint::Publication { link, ros_type, topic, over, companions } => {
+                let out = Out { link, topic: topic.as_deref(), over: *over, companions };
                 match ros_type.as_str() {
                     ScaleReading::ROS_TYPE => publication::<ScaleReading>(world, out).map(Some),
                     CorrectedCoordinates::ROS_TYPE => publication::<CorrectedCoordinates>(world, out).map(Some),
@@ -68,11 +76,13 @@ impl Stream {
             Endpoint::Subscription { link, topic, foreign: Some(foreign), .. } => {
                 Stream::of_foreign(world, link, topic, foreign).map(Some)
             }
-            Endpoint::Subscription { link, ros_type, topic, foreign: None } => match ros_type.as_str() {
-                ScaleReading::ROS_TYPE => subscription::<ScaleReading>(world, link, topic).map(Some),
-                CorrectedCoordinates::ROS_TYPE => subscription::<CorrectedCoordinates>(world, link, topic).map(Some),
-                TracerReading::ROS_TYPE => subscription::<TracerReading>(world, link, topic).map(Some),
-                RangeResidual::ROS_TYPE => subscription::<RangeResidual>(world, link, topic).map(Some),
+            Endpoint::Subscription { link, ros_type, topic, over, foreign: None } => match ros_type.as_str() {
+                ScaleReading::ROS_TYPE => subscription::<ScaleReading>(world, link, topic, *over).map(Some),
+                CorrectedCoordinates::ROS_TYPE => {
+                    subscription::<CorrectedCoordinates>(world, link, topic, *over).map(Some)
+                }
+                TracerReading::ROS_TYPE => subscription::<TracerReading>(world, link, topic, *over).map(Some),
+                RangeResidual::ROS_TYPE => subscription::<RangeResidual>(world, link, topic, *over).map(Some),
                 other => Err(unknown(topic, other)),
             },
             Endpoint::Service(_) | Endpoint::Standing(..) | Endpoint::Lifecycle(..) => Ok(None),
@@ -106,29 +116,30 @@ impl Stream {
     /// How a publication stands, with the progress that was proved last, and the topics that others publish.
     pub(super) fn publication(&self, proved: Progress, elsewhere: &[String]) -> PublicationBeat {
         let (subscribers, given_up) = self.readers.as_ref().map_or((0, 0), |readers| readers());
-        let others = elsewhere.iter().filter(|topic| Some(*topic) == self.published_on.as_ref()).count();
+        let others = self.others_on(self.published_on.as_ref(), elsewhere);
         PublicationBeat { subscribers, others, given_up, now: self.progress(), proved }
     }
 
     /// What a subscription had to refuse, and how many publish its topic.
     pub(super) fn subscription(&self, elsewhere: &[String]) -> SubscriptionBeat {
-        let publishers = elsewhere.iter().filter(|topic| Some(*topic) == self.taken_from.as_ref()).count();
+        let publishers = self.others_on(self.taken_from.as_ref(), elsewhere);
         SubscriptionBeat { publishers, ..lock(&self.shared.refused).clone() }
     }
 
-    fn start(
-        published_on: Option<&str>,
-        readers: Option<Readers>,
-        run: impl FnOnce(&Shared) + Send + 'static,
-    ) -> Result<Stream, TransportError> {
+    fn others_on(&self, over_dds: Option<&String>, elsewhere: &[String]) -> usize {
+        let published = || elsewhere.iter().filter(|topic| Some(*topic) == over_dds).count();
+        self.others.as_ref().map_or_else(published, |others| others())
+    }
+
+    fn start(run: impl FnOnce(&Shared) + Send + 'static) -> Result<Stream, TransportError> {
         let shared = Arc::new(Shared::default());
         let its = Arc::clone(&shared);
         let thread = thread::Builder::new()
             .name("stream".into())
             .spawn(move || run(&its))
             .map_err(|source| RosError::Thread { what: "a stream", source })?;
-        let published_on = published_on.map(str::to_owned);
-        Ok(Stream { shared, published_on, taken_from: None, readers, thread: Some(thread) })
+        let thread = Some(thread);
+        Ok(Stream { shared, published_on: None, taken_from: None, others: None, readers: None, thread })
     }
 }
 
@@ -146,34 +157,68 @@ fn unknown(topic: &str, ros_type: &str) -> TransportError {
     TransportError::Endpoint { topic: topic.to_owned(), what: "stream", kind: super::KIND, reason }
 }
 
-/// Where a publication's samples come from, and under which names they go out.
+/// Where a publication's samples come from, and under which names they go out over what.
 struct Out<'a> {
     link: &'a str,
     topic: Option<&'a str>,
+    over: TransportKind,
     companions: &'a [Companion],
+}
+
+/// How messages of a topic are published, and who else has to do with it.
+struct Sending<R> {
+    publish: Publishing<R>,
+    readers: Readers,
+    others: Option<Others>,
+}
+
+/// Publishes a message, or says why it cannot.
+type Publishing<R> = Box<dyn Fn(R) -> Result<(), String> + Send>;
+
+fn sending<R: RosType>(world: &World, topic: &str, over: TransportKind) -> Result<Sending<R>, TransportError> {
+    let depth = world.memory.depth();
+    if over == TransportKind::Zenoh {
+        let session = (world.zenoh)()?;
+        let writer = Arc::new(session.writer::<R>(topic, depth)?);
+        let (its, topic) = (Arc::clone(&writer), topic.to_owned());
+        return Ok(Sending {
+            publish: Box::new(move |message| writer.publish(&message)),
+            readers: Box::new(move || (its.subscribers(), 0)),
+            others: Some(Box::new(move || session.publishers_elsewhere(&topic, R::ROS_TYPE))),
+        });
+    }
+    let writer = Arc::new(writer::<R>(world.node, topic, depth)?);
+    let (its, node) = (Arc::clone(&writer), world.node.clone());
+    Ok(Sending {
+        publish: Box::new(move |message| writer.publish(message)),
+        readers: Box::new(move || (node.subscribers(&its), its.given_up())),
+        others: None,
+    })
 }
 
 fn publication<M: Companionable>(world: &World, out: Out) -> Result<Stream, TransportError> {
     let mut link = world.memory.subscriber::<M>(out.link)?;
-    let open = |topic| writer::<M::Ros>(world.node, topic, world.memory.depth());
-    let publisher = out.topic.map(open).transpose()?.map(Arc::new);
+    let sending = out.topic.map(|topic| sending::<M::Ros>(world, topic, out.over)).transpose()?;
     let companions = out.companions.iter().map(|companion| M::beside(world.node, companion));
     let mut companions = companions.collect::<Result<Vec<_>, _>>()?;
-    let readers = publisher.clone().map(|publisher| {
-        let node = world.node.clone();
-        Box::new(move || (node.subscribers(&publisher), publisher.given_up())) as Readers
-    });
-    Stream::start(out.topic, readers, move |shared| {
+    let (publisher, readers, others) = match sending {
+        Some(Sending { publish, readers, others }) => (Some(publish), Some(readers), others),
+        None => (None, None, None),
+    };
+    let mut stream = Stream::start(move |shared| {
         let mut failed = 0;
         while let Some(sample) = next(&mut link, shared) {
-            let (published, others) = publish(&sample, publisher.as_deref(), &mut companions);
+            let (published, beside) = publish(&sample, publisher.as_ref(), &mut companions);
             failed += u64::from(published.is_err());
-            for error in [published, others].into_iter().filter_map(Result::err) {
+            for error in [published, beside].into_iter().filter_map(Result::err) {
                 tracing::warn!(error, "could not publish");
             }
             note(shared, &link, failed);
         }
-    })
+    })?;
+    (stream.readers, stream.others) = (readers, others);
+    stream.published_on = out.topic.filter(|_| out.over == TransportKind::Dds).map(str::to_owned);
+    Ok(stream)
 }
 
 /// The next sample of a link; none once the stream is to end and the link is empty.
@@ -196,10 +241,10 @@ fn next<M: Message>(link: &mut SharedMemorySubscriber<M>, shared: &Shared) -> Op
 
 fn publish<M: Message>(
     sample: &M,
-    publisher: Option<&Writer<M::Ros>>,
+    publisher: Option<&Publishing<M::Ros>>,
     companions: &mut [Beside<M>],
 ) -> (Result<(), String>, Result<(), String>) {
-    let published = publisher.map_or(Ok(()), |publisher| publisher.publish(sample.to_ros()));
+    let published = publisher.map_or(Ok(()), |publish| publish(sample.to_ros()));
     let others = companions.iter_mut().try_for_each(|beside| beside(sample));
     (published, others)
 }
@@ -216,8 +261,38 @@ fn writer<R: RosType>(node: &RosNode, topic: &str, depth: NonZeroUsize) -> Resul
     node.writer(topic, &overridden(node, topic, TopicEnd::Publisher, offered_qos(depth)))
 }
 
-fn subscription<M: Message>(world: &World, link: &str, topic: &str) -> Result<Stream, TransportError> {
-    taking(world, link, topic, DdsSubscriber::<M>::open(world.node, topic, world.memory.depth())?)
+/// Samples that come with their origin, over whichever transport.
+trait Arrives<M>: Send {
+    fn take_with_origin(&mut self, timeout: Duration) -> Result<Option<(M, SampleOrigin)>, TransportError>;
+}
+
+impl<M: Message, R: RosType> Arrives<M> for DdsSubscriber<M, R> {
+    fn take_with_origin(&mut self, timeout: Duration) -> Result<Option<(M, SampleOrigin)>, TransportError> {
+        DdsSubscriber::take_with_origin(self, timeout)
+    }
+}
+
+impl<M: Message> Arrives<M> for ZenohSubscriber<M> {
+    fn take_with_origin(&mut self, timeout: Duration) -> Result<Option<(M, SampleOrigin)>, TransportError> {
+        ZenohSubscriber::take_with_origin(self, timeout)
+    }
+}
+
+fn subscription<M: Message>(
+    world: &World,
+    link: &str,
+    topic: &str,
+    over: TransportKind,
+) -> Result<Stream, TransportError> {
+    let depth = world.memory.depth();
+    if over == TransportKind::Zenoh {
+        let session = (world.zenoh)()?;
+        let mut stream = taking(world, link, session.subscriber::<M>(topic, depth)?)?;
+        let topic = topic.to_owned();
+        stream.others = Some(Box::new(move || session.publishers_elsewhere(&topic, M::ROS_TYPE)));
+        return Ok(stream);
+    }
+    over_dds(taking(world, link, DdsSubscriber::<M>::open(world.node, topic, depth)?)?, topic)
 }
 
 fn of_others<M: Message, R: Makes<M>>(
@@ -228,17 +303,22 @@ fn of_others<M: Message, R: Makes<M>>(
 ) -> Result<Stream, TransportError> {
     let foreign = foreign.clone();
     let convert = move |message: R| foreign.made_of(&message);
-    taking(world, link, topic, DdsSubscriber::converting(world.node, topic, world.memory.depth(), Box::new(convert))?)
+    let samples = DdsSubscriber::converting(world.node, topic, world.memory.depth(), Box::new(convert))?;
+    over_dds(taking(world, link, samples)?, topic)
 }
 
-fn taking<M: Message, R: RosType>(
+fn over_dds(mut stream: Stream, topic: &str) -> Result<Stream, TransportError> {
+    stream.taken_from = Some(topic.to_owned());
+    Ok(stream)
+}
+
+fn taking<M: Message>(
     world: &World,
     link: &str,
-    topic: &str,
-    mut samples: DdsSubscriber<M, R>,
+    mut samples: impl Arrives<M> + 'static,
 ) -> Result<Stream, TransportError> {
     let mut link: SharedMemoryPublisher<M> = world.memory.publisher(link)?;
-    let mut stream = Stream::start(None, None, move |shared| {
+    Stream::start(move |shared| {
         while !shared.ending.load(Ordering::Relaxed) {
             match samples.take_with_origin(LOOK_UP) {
                 Ok(Some((sample, origin))) => {
@@ -255,12 +335,10 @@ fn taking<M: Message, R: RosType>(
                     refused.last_reason = error.to_string();
                 }
                 Err(error) => {
-                    tracing::error!(%error, "DDS fails to receive");
+                    tracing::error!(%error, "cannot receive");
                     thread::sleep(LOOK_UP);
                 }
             }
         }
-    })?;
-    stream.taken_from = Some(topic.to_owned());
-    Ok(stream)
+    })
 }

@@ -22,6 +22,7 @@ mod security;
 mod service;
 mod static_peers;
 mod trigger;
+mod type_descriptions;
 mod writer;
 mod yaml;
 

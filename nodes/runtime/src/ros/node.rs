@@ -28,6 +28,7 @@ use super::queued::QueuedPublisher;
 use super::service::Service;
 use super::static_peers::{Meeting, StaticPeers};
 use super::trigger::{TriggerOutcome, TriggerService};
+use super::type_descriptions::{TypeDescriptions, Types};
 use super::writer::{Writer, limits};
 use super::{DiscoveryRange, Domain, Enclave, RemapRule, RosArgs, RosError};
 use crate::gateway::Introduced;
@@ -83,6 +84,8 @@ pub(super) struct Inner {
     introduced: Introduced,
     node: Arc<Mutex<Node>>,
     matched: Arc<Matched>,
+    /// Types of the messages that it publishes or takes.
+    types: Types,
     _meeting: Meeting,
     stop: Option<oneshot::Sender<()>>,
     thread: Option<JoinHandle<()>>,
@@ -115,6 +118,8 @@ impl RosNode {
         let (context, introduced) = participant(options.domain, options.enclave.as_ref())?;
         let mut node = create(&context, &options)?;
         let parameters = ParameterServices::open(&mut node, &options, ask)?;
+        let types = Types::default();
+        let descriptions = TypeDescriptions::open(&mut node, &options.identity, types.clone())?;
         let node = Arc::new(Mutex::new(node));
         let matched = Arc::<Matched>::default();
         let (stop, stopped) = oneshot::channel();
@@ -122,7 +127,7 @@ impl RosNode {
         let thread = thread::Builder::new()
             .name("ros-node".into())
             .spawn(move || {
-                let serving = pin!(parameters.serve(&served));
+                let serving = pin!(future::join(parameters.serve(&served), descriptions.serve()));
                 let following = pin!(following.follow(&participant));
                 let working = future::select(serving, following);
                 futures::executor::block_on(future::select(working, stopped));
@@ -131,7 +136,8 @@ impl RosNode {
         let NodeOptions { identity, remaps, peers, .. } = options;
         let _meeting = peers.meet(introduced)?;
         let (stop, thread) = (Some(stop), Some(thread));
-        Ok(Self(Arc::new(Inner { identity, remaps, introduced, node, matched, _meeting, stop, thread, context })))
+        let inner = Inner { identity, remaps, introduced, node, matched, types, _meeting, stop, thread, context };
+        Ok(Self(Arc::new(inner)))
     }
 
     /// The name of the node in the graph.
@@ -209,6 +215,7 @@ impl RosNode {
         let topic = participant.create_topic(topic, kind, &policies, TopicKind::NoKey);
         let topic = topic.map_err(|error| failed(error.into()))?;
         let publisher = self.lock().create_publisher(&topic, Some(qos.clone())).map_err(failed)?;
+        self.0.types.add(R::ROS_TYPE);
         Ok(Writer::new(publisher, name, Arc::downgrade(&self.0)))
     }
 
@@ -221,6 +228,7 @@ impl RosNode {
         let mut node = self.lock();
         let topic = node.create_topic(&dds_name(name)?, type_name::<R>(), qos);
         let subscription = node.create_subscription(&topic.map_err(failed)?, Some(qos.clone()));
+        self.0.types.add(R::ROS_TYPE);
         subscription.map_err(failed)
     }
 

@@ -9,6 +9,7 @@ use abbe_msgs::Message;
 use super::dds::{DdsPublisher, DdsSubscriber};
 use super::in_process::InProcess;
 use super::shared_memory::SharedMemory;
+use super::zenoh::ZenohSession;
 use super::{DEFAULT_DEPTH, FanOut, Publish, Subscribe, TransportError, TransportKind};
 use crate::RunId;
 use crate::gateway::{Companion, GatewayNode, GatewayPublisher, GatewaySubscriber};
@@ -25,8 +26,10 @@ pub struct EdgesConfig {
     pub run: Option<RunId>,
     /// The node in the ROS 2 graph, as a participant of this process: for programs beside the graph, and for tests.
     pub ros: Option<RosNode>,
-    /// The node in the ROS 2 graph, behind a gateway; comes before `ros`. Without both there is no DDS.
+    /// The node in the ROS 2 graph, behind a gateway; comes before `ros` and `zenoh`. Without it and them there is no DDS and no Zenoh.
     pub gateway: Option<GatewayNode>,
+    /// The node in a graph over Zenoh, as a session of this process: for programs beside the graph, and for tests.
+    pub zenoh: Option<ZenohSession>,
     /// The topics of this process; none for no in-process edges.
     pub in_process: Option<InProcess>,
     /// Samples a subscriber can be behind; the same in all nodes of a run.
@@ -45,6 +48,7 @@ impl EdgesConfig {
             run: None,
             ros: None,
             gateway: None,
+            zenoh: None,
             in_process: None,
             depth: NonZeroUsize::MIN.saturating_add(DEFAULT_DEPTH - 1),
             remembers: false,
@@ -110,7 +114,11 @@ impl Edges {
         for kind in kinds {
             publishers.push(match (&self.config.gateway, kind) {
                 (Some(gateway), TransportKind::Dds) => {
-                    Box::new(GatewayPublisher::open(gateway, Some(topic), &companions)?)
+                    Box::new(GatewayPublisher::open(gateway, Some(topic), *kind, &companions)?)
+                }
+                // What is made of the samples goes over DDS alone.
+                (Some(gateway), TransportKind::Zenoh) => {
+                    Box::new(GatewayPublisher::open(gateway, Some(topic), *kind, &[])?)
                 }
                 _ => self.one_publisher(topic, *kind)?,
             });
@@ -119,7 +127,7 @@ impl Edges {
         if let (Some(gateway), false, false) =
             (&self.config.gateway, kinds.contains(&TransportKind::Dds), companions.is_empty())
         {
-            publishers.push(Box::new(GatewayPublisher::open(gateway, None, &companions)?));
+            publishers.push(Box::new(GatewayPublisher::open(gateway, None, TransportKind::Dds, &companions)?));
         }
         match (publishers.len(), publishers.pop()) {
             (1, Some(only)) => Ok(only),
@@ -145,10 +153,12 @@ impl Edges {
         Ok(match kind {
             TransportKind::InProcess => Box::new(self.in_process(topic)?.subscriber(topic, depth)?),
             TransportKind::SharedMemory => Box::new(self.memory(topic)?.subscriber::<M>(topic)?),
-            TransportKind::Dds => match &self.config.gateway {
-                Some(gateway) => Box::new(GatewaySubscriber::open(gateway, topic)?),
-                None => Box::new(DdsSubscriber::open(self.ros(topic)?, topic, depth)?),
-            },
+            TransportKind::Dds | TransportKind::Zenoh if self.config.gateway.is_some() => {
+                let gateway = configured(self.config.gateway.as_ref(), topic, kind)?;
+                Box::new(GatewaySubscriber::open(gateway, topic, kind)?)
+            }
+            TransportKind::Dds => Box::new(DdsSubscriber::open(self.ros(topic)?, topic, depth)?),
+            TransportKind::Zenoh => Box::new(self.zenoh(topic)?.subscriber::<M>(topic, depth)?),
         })
     }
 
@@ -168,6 +178,7 @@ impl Edges {
             TransportKind::InProcess => Box::new(self.in_process(topic)?.publisher(topic)?),
             TransportKind::SharedMemory => Box::new(self.memory(topic)?.publisher::<M>(topic)?),
             TransportKind::Dds => Box::new(DdsPublisher::open(self.ros(topic)?, topic, self.config.depth)?),
+            TransportKind::Zenoh => Box::new(self.zenoh(topic)?.publisher::<M>(topic, self.config.depth)?),
         })
     }
 
@@ -186,6 +197,10 @@ impl Edges {
 
     fn memory(&self, topic: &str) -> Result<&SharedMemory, TransportError> {
         configured(self.memory.as_ref(), topic, TransportKind::SharedMemory)
+    }
+
+    fn zenoh(&self, topic: &str) -> Result<&ZenohSession, TransportError> {
+        configured(self.config.zenoh.as_ref(), topic, TransportKind::Zenoh)
     }
 
     fn ros(&self, topic: &str) -> Result<&RosNode, TransportError> {

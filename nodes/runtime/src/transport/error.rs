@@ -12,10 +12,16 @@ use crate::ros::RosError;
 #[derive(Debug, Error)]
 pub enum TransportError {
     /// A transport of that name does not exist.
-    #[error("unknown transport '{name}'; use in-process, shared-memory or dds")]
+    #[error("unknown transport '{name}'; use in-process, shared-memory, dds or zenoh")]
     UnknownKind {
         /// The name as given.
         name: String,
+    },
+    /// This program is built without the library of a transport.
+    #[error("this program is built without {kind}; build it with `cargo build --release --features {kind}`")]
+    NotBuilt {
+        /// The transport.
+        kind: TransportKind,
     },
     /// An edge asks for a transport that the node was not started with.
     #[error("topic {topic} asks for {kind}, which this node was started without")]
@@ -26,7 +32,7 @@ pub enum TransportError {
         kind: TransportKind,
     },
     /// A publisher without a transport.
-    #[error("topic {topic} has no transport; name at least one of in-process, shared-memory, dds")]
+    #[error("topic {topic} has no transport; name at least one of in-process, shared-memory, dds, zenoh")]
     NoTransport {
         /// The topic.
         topic: String,

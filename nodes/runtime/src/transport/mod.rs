@@ -4,7 +4,8 @@
 //! by [`TransportKind`]. One file or folder a transport:
 //! - [`in_process`]: a bounded ring, for tests and for replay within one process;
 //! - [`shared_memory`]: iceoryx2, between the nodes of one host;
-//! - [`dds`]: ROS 2, for everyone else.
+//! - [`dds`]: ROS 2, for everyone else;
+//! - [`zenoh`]: programs of ROS 2 on rmw_zenoh, where this is built for it.
 //!
 //! What all of them promise (`tests/conformance.rs` holds each to it): samples of one publisher
 //! arrive in order and bit by bit as sent; sending never waits for a subscriber; what a subscriber
@@ -18,12 +19,14 @@ mod fan_out;
 pub mod in_process;
 mod losses;
 pub mod shared_memory;
+pub mod zenoh;
 
 use std::fmt;
 use std::str::FromStr;
 use std::time::Duration;
 
 use abbe_msgs::Message;
+use serde::{Deserialize, Serialize};
 
 pub use edges::{Edges, EdgesConfig};
 pub use error::TransportError;
@@ -33,7 +36,7 @@ pub use fan_out::FanOut;
 pub const DEFAULT_DEPTH: usize = 4096;
 
 /// What an edge of the graph runs on.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub enum TransportKind {
     /// Between threads of one process.
     InProcess,
@@ -41,11 +44,25 @@ pub enum TransportKind {
     SharedMemory,
     /// ROS 2, between hosts.
     Dds,
+    /// ROS 2 on rmw_zenoh, between hosts, in a program that is built for it.
+    Zenoh,
 }
 
 impl TransportKind {
     /// All kinds, in the order of their reach.
-    pub const ALL: [Self; 3] = [Self::InProcess, Self::SharedMemory, Self::Dds];
+    pub const ALL: [Self; 4] = [Self::InProcess, Self::SharedMemory, Self::Dds, Self::Zenoh];
+
+    /// Whether this program is built for it.
+    #[must_use]
+    pub fn is_built(self) -> bool {
+        self != Self::Zenoh || zenoh::IS_BUILT
+    }
+
+    /// Whether its library runs in the gateway of a node, and not in the node.
+    #[must_use]
+    pub fn is_behind_gateway(self) -> bool {
+        matches!(self, Self::Dds | Self::Zenoh)
+    }
 
     /// The name used in launch configurations.
     #[must_use]
@@ -54,6 +71,7 @@ impl TransportKind {
             Self::InProcess => "in-process",
             Self::SharedMemory => "shared-memory",
             Self::Dds => "dds",
+            Self::Zenoh => "zenoh",
         }
     }
 }
