@@ -114,7 +114,9 @@ fn kept(samples: &Samples, method: Method, seed: u64) -> (f64, f64) {
 /// Mean over seeds of what [`kept`] gives with all inputs, and with the position alone.
 fn with_and_without(method: Method, seeds: u64, factor: fn(f64) -> f64) -> [(f64, f64); 2] {
     let mut sums = [(0.0, 0.0); 2];
-    for (character, seed) in Character::ALL.into_iter().flat_map(|c| (0..seeds).map(move |seed| (c, FIRST_INPUT_SEED + seed))) {
+    for (character, seed) in
+        Character::ALL.into_iter().flat_map(|c| (0..seeds).map(move |seed| (c, FIRST_INPUT_SEED + seed)))
+    {
         let (all, alone) = warm(character, seed, factor);
         let found = [kept(&all, method, seed), kept(&alone, method, seed)];
         println!("{method:?} {} {seed}: {found:.3?}", character.name());

@@ -146,7 +146,8 @@ impl Component {
 
     /// Expected error and standard uncertainty (m).
     fn predict(&self, point_m: &Vector3<f64>) -> (f64, f64) {
-        let (mean, variance) = mixed(self.members.iter().map(|(process, share)| (process.predict(point_m.as_slice()), *share)));
+        let (mean, variance) =
+            mixed(self.members.iter().map(|(process, share)| (process.predict(point_m.as_slice()), *share)));
         (mean, variance.sqrt() * self.widening)
     }
 

@@ -126,11 +126,7 @@ fn finish(
 }
 
 /// Inputs in extents about their middle, errors in deviations.
-pub(super) fn scaled(
-    samples: &Samples,
-    component: usize,
-    options: &Options,
-) -> Result<(Data, Scaling), KrigingError> {
+pub(super) fn scaled(samples: &Samples, component: usize, options: &Options) -> Result<(Data, Scaling), KrigingError> {
     let (lower, upper) = samples.range();
     let values: Vec<f64> = samples.errors_m().iter().map(|e| e[component]).collect();
     let mean = values.iter().sum::<f64>() / values.len() as f64;
