@@ -96,17 +96,13 @@ fn points_are_solved_a_bad_pair_is_named_and_the_field_between_them_is_found() {
 #[test]
 fn regress_the_limit_of_repeated_readings_follows_from_the_declared_instrument() {
     let folder = tempfile::tempdir().unwrap();
-    let mut rows = 0;
-    let noisy = campaign(6, None).lines().map(|line| match line.rsplit_once(',') {
-        Some((start, length)) if rows > 0 => {
-            rows += 1;
-            let off_mm = 0.01 * (1.7 * f64::from(rows * rows)).sin();
+    let exact = campaign(6, None);
+    let noisy = exact.lines().enumerate().map(|(row, line)| match line.rsplit_once(',') {
+        Some((start, length)) if row > 0 => {
+            let off_mm = 0.01 * (1.7 * (row * row) as f64).sin();
             format!("{start},{:.9}\n", length.parse::<f64>().unwrap() + off_mm)
         }
-        _ => {
-            rows += 1;
-            format!("{line}\n")
-        }
+        _ => format!("{line}\n"),
     });
     let noisy = write(folder.path(), "noisy.csv", &noisy.collect::<String>());
     let declared = |u_um: &str| {

@@ -131,8 +131,8 @@ mod tests {
     /// Five targets up to `length_m`, five cycles; deviation = slope·D ± reversal/2 (m).
     fn diagonal(length_m: f64, slope: f64, reversal_m: f64) -> Vec<Approach> {
         let mut list = Vec::new();
-        for step in 0..=5 {
-            let target_m = length_m * f64::from(step) / 5.0;
+        for share in [0.0, 0.21, 0.39, 0.63, 0.78, 1.0] {
+            let target_m = length_m * share;
             for cycle in 1..=5 {
                 for (direction, sign) in [(Direction::Up, 0.5), (Direction::Down, -0.5)] {
                     let deviation_m = slope * target_m + sign * reversal_m;

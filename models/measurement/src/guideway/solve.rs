@@ -8,7 +8,7 @@ use super::{Guideway, GuidewayError, GuidewayOptions, GuidewayRotation, Position
 use crate::claim::Claim;
 use crate::least_squares;
 use nalgebra::{DMatrix, DVector, Matrix3, Matrix6, Rotation3, UnitQuaternion, Vector3, Vector6};
-use statrs::distribution::{ChiSquared, ContinuousCDF};
+use statrs::distribution::{ChiSquared, ContinuousCDF, FisherSnedecor};
 
 const MOST_PASSES: usize = 50;
 /// Step of the rotation (rad) from which an exact solution counts as settled.
@@ -44,7 +44,7 @@ pub(super) fn all(
             Claim::estimated(worth).ok_or(GuidewayError::TooFew { position_mm: lowest.position_mm(), count: 0 })?
         }
     };
-    let noise = Noise { chi2_per_dof, claim };
+    let noise = Noise { chi2: chi2_per_dof * degrees as f64, degrees, positions: solved.len(), claim };
     let zero = PositionErrors {
         position_m: lowest.position_m,
         errors: Vector6::zeros(),
@@ -80,27 +80,42 @@ pub(super) fn independent(degrees: usize, positions: usize) -> usize {
 
 /// Noise of all positions together: in units of the declared one, or in m².
 struct Noise {
-    chi2_per_dof: f64,
+    chi2: f64,
+    degrees: usize,
+    positions: usize,
     claim: Claim,
 }
 
 impl Noise {
     /// What the covariances would be computed with if nothing were widened.
     fn unwidened(&self) -> f64 {
-        if self.claim.is_declared { 1.0 } else { self.chi2_per_dof }
+        if self.claim.is_declared { 1.0 } else { self.chi2 / self.degrees as f64 }
     }
 
     /// What the covariance of a position is computed with. A gross reading that three targets cannot name shows in the residual
     /// of its own position; shared with all others it would be thinned out.
     fn variance_of(&self, one: &Solved) -> f64 {
         let all = self.unwidened() * self.claim.variance();
-        let expected = if self.claim.is_declared { self.chi2_per_dof.max(1.0) } else { self.chi2_per_dof };
-        let freedom = one.degrees as f64;
-        let is_chance = ChiSquared::new(freedom).is_ok_and(|law| law.sf(one.chi2 / expected) >= CHANCE);
         match Claim::estimated(one.degrees) {
-            Some(own) if !is_chance => all.max(one.chi2 / freedom * own.variance()),
+            Some(own) if self.by_chance(one) < CHANCE => all.max(one.chi2 / one.degrees as f64 * own.variance()),
             _ => all,
         }
+    }
+
+    /// Probability that the residual of a position is as large if its noise is that of the others, or the declared one where that is
+    /// larger.
+    fn by_chance(&self, one: &Solved) -> f64 {
+        let others = self.degrees - one.degrees;
+        let own = one.chi2 / one.degrees as f64;
+        let floor = if self.claim.is_declared { 1.0 } else { 0.0 };
+        if others == 0 {
+            // Nothing to compare an undeclared noise with.
+            return ChiSquared::new(one.degrees as f64)
+                .map_or(1.0, |law| if floor > 0.0 { law.sf(one.chi2) } else { 1.0 });
+        }
+        let expected = ((self.chi2 - one.chi2).max(0.0) / others as f64).max(floor);
+        let worth = independent(others, self.positions - 1) as f64;
+        FisherSnedecor::new(one.degrees as f64, worth).map_or(1.0, |law| law.sf(own / expected))
     }
 }
 

@@ -94,19 +94,19 @@ fn what_a_whole_test_lacks_is_named() {
         assert!(!found.verdict(&limit, None, &DecisionRule::SimpleAcceptance).is_whole_test);
     };
     let keep = |wanted: fn(&LengthMeasurement) -> bool| measurements.iter().filter(|m| wanted(m)).cloned().collect();
-    says(test.clone(), keep(|m| m.line != "4"), "7 measuring lines are asked for, there are 6");
+    says(test.clone(), keep(|m| m.line != "5"), "7 measuring lines are asked for, there are 6");
     says(
         test.clone(),
-        keep(|m| m.line != "4" || m.calibrated_m != 0.05),
-        "line 4: 5 lengths are asked for, there are 4",
+        keep(|m| m.line != "5" || m.calibrated_m != 0.05),
+        "line 5: 5 lengths are asked for, there are 4",
     );
-    says(test.clone(), keep(|m| m.line != "4" || m.repeat != 2), "line 4: 5 of its lengths were measured fewer than 3");
+    says(test.clone(), keep(|m| m.line != "5" || m.repeat != 2), "line 5: 5 of its lengths were measured fewer than 3");
     let mut longer = test.clone();
-    longer.travel_m.insert("4".to_owned(), 0.7);
-    says(longer, measurements.clone(), "line 4: the longest length, 450.0 mm, is 64.3 % of the travel of 700.0 mm");
+    longer.travel_m.insert("5".to_owned(), 0.7);
+    says(longer, measurements.clone(), "line 5: the longest length, 450.0 mm, is 64.3 % of the travel of 700.0 mm");
     let mut unknown = test;
-    unknown.travel_m.remove("4");
-    says(unknown, measurements, "line 4: the travel along it is not given");
+    unknown.travel_m.remove("5");
+    says(unknown, measurements, "line 5: the travel along it is not given");
 }
 
 #[test]
@@ -120,7 +120,9 @@ fn exactly_66_percent_is_enough() {
 fn a_test_with_a_tool_offset_has_two_lines() {
     let (mut test, mut measurements) = whole();
     test.tool_offset_m = 0.15;
-    measurements.retain(|m| m.line == "1" || m.line == "2");
+    measurements.retain(|m| m.line == "5" || m.line == "6");
+    measurements.iter_mut().for_each(|m| m.line = if m.line == "5" { "0PP" } else { "0PN" }.to_owned());
+    test.travel_m = ["0PP", "0PN"].map(|line| (line.to_owned(), 0.6)).into_iter().collect();
     let errors = evaluate(test, &measurements).unwrap();
     assert_eq!((errors.test.symbol().as_str(), errors.departures.len()), ("E150", 0));
 }
@@ -137,21 +139,21 @@ fn slips_and_doubles_are_refused_with_their_place() {
     refused(&|m| m.clear(), &["no measurement"]);
     refused(
         &|m| m[0].error = ObservedError::from_metres(f64::NAN),
-        &["line 1, 50 mm, repeat 1", "not a finite number"],
+        &["line PPP, 50 mm, repeat 1", "not a finite number"],
     );
     refused(&|m| m[3].calibrated_m = f64::INFINITY, &["not a finite number"]);
     refused(&|m| m[0].error = ObservedError::from_metres(0.0012), &["1.200 mm", "unit"]);
     refused(&|m| m[0].calibrated_m = 50.0e-6, &["calibrated lengths in millimetres"]);
     refused(&|m| m[0].calibrated_m = 450.0, &["no calibrated length"]);
-    refused(&|m| m[1].repeat = 1, &["line 1, 50 mm, repeat 1", "stands twice"]);
+    refused(&|m| m[1].repeat = 1, &["line PPP, 50 mm, repeat 1", "stands twice"]);
     let again = measurements[4].clone();
     refused(&|m| m.push(again.clone()), &["stands twice"]);
     let mut bad = test.clone();
     bad.tool_offset_m = 150.0;
     assert!(evaluate(bad, &measurements).unwrap_err().to_string().contains("E150"));
     let mut bad = test.clone();
-    bad.travel_m.insert("1".to_owned(), 0.0);
-    assert!(evaluate(bad, &measurements).unwrap_err().to_string().contains("line 1"));
+    bad.travel_m.insert("PPP".to_owned(), 0.0);
+    assert!(evaluate(bad, &measurements).unwrap_err().to_string().contains("line PPP"));
 }
 
 #[test]
