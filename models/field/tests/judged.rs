@@ -1,5 +1,7 @@
 //! Laws of judged and averaged kriging, on seeded smooth fields whose truth is known.
 
+#![allow(clippy::unwrap_used, clippy::panic)] // helpers of a test
+
 use abbe_field::kriging::{Kernel, KrigingError, Noise, Options, Trend, judge};
 use abbe_field::{Interpolator, Kriging, MeasuredField};
 use nalgebra::Vector3;
