@@ -22,7 +22,7 @@ const SINGLE: &[(&str, &str)] = &[
     ("bow", "gradient_bow urad_per_m_kelvin=10*"),
     ("warming", "warm_up final_x_um=1* final_y_um=-2* final_z_um=4* time_constant_s=4000"),
     ("play", "backlash axis=$axis size_um=1*"),
-    ("hysteresis", "hysteresis axis=$axis size_um=1* travel_mm=10"),
+    ("friction", "hysteresis axis=$axis size_um=1* travel_mm=10"),
     ("lagged expansion", "lagged_expansion axis=$axis per_kelvin_um_m=10* fixed_at_mm=0 lag_s=1500"),
     ("play growing", "backlash axis=$axis size_um=0.5* growth_um=1*"),
     ("inertia", "acceleration axis=$axis about=$next urad_per_m_s2=8*"),
@@ -74,7 +74,7 @@ const TRIPLES: &[[&str; 3]] = &[
     ["expansion", "play", "load"],
     ["bow", "lag", "periodic"],
     ["warming", "twist", "drift"],
-    ["lagged expansion", "hysteresis", "inertia"],
+    ["lagged expansion", "friction", "inertia"],
 ];
 
 /// Effects on other machines and in few readings, by their names in [`SINGLE`].
@@ -85,7 +85,7 @@ const ELSEWHERE: &[(&str, MachineKind, PlanKind, &str)] = &[
     ("periodic, moving table", MachineKind::MovingTable, PlanKind::CaseLike, "periodic"),
     ("expansion, gantry of 4 m", MachineKind::Gantry, PlanKind::CaseLike, "expansion"),
     ("play, gantry of 4 m", MachineKind::Gantry, PlanKind::CaseLike, "play"),
-    ("hysteresis, bridge of 0.3 m", MachineKind::SmallBridge, PlanKind::CaseLike, "hysteresis"),
+    ("friction, bridge of 0.3 m", MachineKind::SmallBridge, PlanKind::CaseLike, "friction"),
     ("expansion, few readings", MachineKind::Bridge, PlanKind::Few, "expansion"),
     ("play, few readings", MachineKind::Bridge, PlanKind::Few, "play"),
     ("warming, few readings", MachineKind::Bridge, PlanKind::Few, "warming"),
