@@ -223,7 +223,7 @@ fn regress_a_gross_reading_of_a_target_is_named_and_left_out() {
     let of = |content: &str, targets: &str, says: &[&str]| -> f64 {
         let (_folder, points) = file(content);
         let arguments = |last: &'static str| [&["guideway", "--points", &points], &tracker[..], &[last]].concat();
-        assert_says(&run(&arguments("--accept-misfit")).ok(), says);
+        assert_says(&run(arguments("--accept-misfit")).ok(), says);
         let found: Value =
             serde_json::from_str(&run([arguments("--json"), vec!["--accept-misfit"]].concat()).ok()).unwrap();
         assert_eq!(found["positions"][2]["targets"].to_string(), targets, "{found}");
