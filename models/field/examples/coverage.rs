@@ -69,7 +69,9 @@ fn polynomials(random: &mut ChaCha8Rng) -> Field {
     };
     let terms: Vec<[(f64, [i32; 3]); 4]> = (0..3).map(|_| [0; 4].map(|_| term(random))).collect();
     let ripples: Vec<(usize, f64, f64)> = (0..3)
-        .map(|_| (random.random_range(0..3), random.random_range(8.0..13.0), random.random_range(0.0..6.28)))
+        .map(|_| {
+            (random.random_range(0..3), random.random_range(8.0..13.0), random.random_range(0.0..std::f64::consts::TAU))
+        })
         .collect();
     Box::new(move |p| {
         let q = p * 2.0 - Vector3::repeat(1.0);
@@ -151,6 +153,9 @@ impl Tally {
     }
 }
 
+/// Draws a field.
+type Draws = fn(&mut ChaCha8Rng) -> Field;
+
 fn main() {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let seeds = arguments.first().and_then(|text| text.parse().ok()).unwrap_or(20);
@@ -159,8 +164,7 @@ fn main() {
         None => vec![10, 12, 15, 20, 40, 200],
     };
     let gross_um: f64 = arguments.get(2).and_then(|text| text.parse().ok()).unwrap_or(0.0);
-    let kinds: [(&str, fn(&mut ChaCha8Rng) -> Field); 3] =
-        [("sines", sines), ("bumps", bumps), ("polynomials", polynomials)];
+    let kinds: [(&str, Draws); 3] = [("sines", sines), ("bumps", bumps), ("polynomials", polynomials)];
     for count in counts {
         for (name, kind) in kinds {
             for is_grid in [false, true] {
