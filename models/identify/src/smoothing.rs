@@ -175,6 +175,19 @@ pub(crate) struct Solution {
     pub(crate) minus_two_log_likelihood: f64,
 }
 
+impl Solution {
+    /// Largest component of the step from these parameters, in units of the uncertainty of the free ones.
+    pub(crate) fn largest_step(&self, from: &[f64], free: &[usize]) -> f64 {
+        let mut largest: f64 = 0.0;
+        for (k, index) in free.iter().enumerate() {
+            let step = (self.parameters[*index] - from[*index]).abs() / self.covariance[(k, k)].sqrt();
+            // A step that is no number is not settled; `max` would pass over it.
+            largest = if step.is_nan() || largest.is_nan() { f64::NAN } else { largest.max(step) };
+        }
+        largest
+    }
+}
+
 /// Solves for the free parameters; `choose` lets the data choose the smoothness.
 pub(crate) fn solve(
     normal: &NormalEquations,

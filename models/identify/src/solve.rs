@@ -27,7 +27,7 @@ use abbe_measurement::instrument::RangeUncertainty;
 use abbe_measurement::subset::spread_by_group;
 
 /// Step, in units of the parameters' uncertainty, that counts as settled.
-const SETTLED: f64 = 5e-3;
+pub(crate) const SETTLED: f64 = 5e-3;
 /// Distance from the point of linearisation (m, rad) up to which it still holds: what the rows leave out is a sum of
 /// products of two such changes with levers of about a metre: 1e-9 m if all of them added up, 1e-12 m for one pair.
 const LINEAR: f64 = 1e-6;
@@ -36,16 +36,16 @@ const LINEAR: f64 = 1e-6;
 const SMOOTHING_PASSES: usize = 3;
 /// Passes in which robust weights follow the residuals: afterwards a few readings at the edge of rejection can only go in
 /// and out by turns, and each turn moves what they determine.
-const WEIGHING_PASSES: usize = 15;
+pub(crate) const WEIGHING_PASSES: usize = 15;
 /// Share of the splines' coefficients that counts as nearly all of them.
-const SATURATED: f64 = 0.9;
+pub(crate) const SATURATED: f64 = 0.9;
 /// Share of one spline's coefficients from which it is as good as free.
 const FREE: f64 = 0.98;
 /// χ² per degree of freedom from which a single free spline may be what the fit lacks; effects beyond geometry also
 /// raise it, but finer splines do not lower that, and each trial costs a fit.
 const MISFIT: f64 = 10.0;
 /// Finer splines tried at most: four thirds as many intervals each time.
-const MAX_REFINEMENTS: usize = 4;
+pub(crate) const MAX_REFINEMENTS: usize = 4;
 /// Readings an unknown must have before finer splines are tried.
 const READINGS_PER_UNKNOWN: usize = 4;
 /// Readings above which the first fits use a part of the campaign.
@@ -228,13 +228,16 @@ fn refined(machine: &Machine, fit: &Identified) -> Option<Machine> {
         return None;
     }
     let mut finer = machine.clone();
-    for (kind, fitted) in finer.kinds.iter_mut().zip(fit.model.parts().machine.kinds) {
-        *kind = match fitted {
-            Some(Kind::BSpline { intervals }) => Some(Kind::BSpline { intervals: (intervals * 4).div_ceil(3) }),
-            other => other,
-        };
-    }
+    finer.kinds = fit.model.parts().machine.kinds.map(|kind| kind.map(finer_kind));
     Some(finer)
+}
+
+/// A spline with the next finer intervals; other kinds as they are.
+pub(crate) fn finer_kind(kind: Kind) -> Kind {
+    match kind {
+        Kind::BSpline { intervals } => Kind::BSpline { intervals: (intervals * 4).div_ceil(3) },
+        other => other,
+    }
 }
 
 /// State of the passes.
@@ -405,13 +408,7 @@ impl<'a> Fit<'a> {
 
     /// Takes the step; returns its largest component in units of the uncertainty.
     fn step(&mut self, solution: &Solution) -> f64 {
-        let mut largest: f64 = 0.0;
-        for (k, index) in self.free.iter().enumerate() {
-            let moved = (solution.parameters[*index] - self.parameters[*index]).abs();
-            let step = moved / solution.covariance[(k, k)].sqrt();
-            // A step that is no number is not settled; `max` would pass over it.
-            largest = if step.is_nan() || largest.is_nan() { f64::NAN } else { largest.max(step) };
-        }
+        let largest = solution.largest_step(&self.parameters, &self.free);
         self.parameters.clone_from(&solution.parameters);
         largest
     }

@@ -16,6 +16,7 @@ use super::problem::Problem;
 use super::{MeasuredPoint, Method, PointOptions, PointProgress, PointsError, error};
 use crate::observability::Observability;
 use crate::smoothing::{self, Smoothness, Solution};
+use crate::solve::{MAX_REFINEMENTS, SATURATED, SETTLED, WEIGHING_PASSES, finer_kind};
 use abbe_geometry::error_function::Kind;
 use abbe_geometry::layout::{Layout, centre_of};
 use abbe_geometry::machine::Machine;
@@ -28,16 +29,9 @@ const START_DEGREES: RangeInclusive<usize> = 1..=8;
 const BOW: usize = 2;
 /// Intervals of a spline where the machine file names none.
 const INTERVALS: usize = 9;
-/// Passes at most, those in which the smoothness is chosen, and those in which weights follow the residuals.
+/// Passes at most, and those in which the smoothness is chosen.
 const MOST_PASSES: usize = 40;
 const SMOOTHING_PASSES: usize = 8;
-const WEIGHING_PASSES: usize = 15;
-/// Step, in units of the parameters' uncertainty, that counts as settled.
-const SETTLED: f64 = 5e-3;
-/// Share of the splines' coefficients, and of one spline's, from which finer ones are tried.
-const SATURATED: f64 = 0.9;
-/// Finer splines tried at most: four thirds as many intervals each time.
-const MOST_REFINEMENTS: usize = 4;
 
 /// Fits smooth functions for every error that the machine file does not hold at zero, and the pose of the measuring frame.
 ///
@@ -138,11 +132,12 @@ impl Data<'_> {
     ) -> Result<FittedPoints, PointsError> {
         let centre_m = centre_of(self.points.iter().map(|point| point.offset_m));
         let mut best = self.once(&machine, centre_m, start.weights.clone(), true, observe)?;
-        for _ in 0..MOST_REFINEMENTS {
+        for _ in 0..MAX_REFINEMENTS {
             if !best.lacks(Layout::new(&machine, centre_m)?.squareness().start) {
                 break;
             }
-            let finer = finer(&machine);
+            let mut finer = machine.clone();
+            finer.kinds = finer.kinds.map(|kind| kind.map(finer_kind));
             let next = self.once(&finer, centre_m, best.weights.clone(), false, observe)?;
             if next.solution.minus_two_log_likelihood >= best.solution.minus_two_log_likelihood {
                 break;
@@ -187,7 +182,7 @@ impl Data<'_> {
             if chooses {
                 noise_factor = solution.noise_factor;
             }
-            largest_step = step(&unknowns, &solution, &free);
+            largest_step = solution.largest_step(&unknowns, &free);
             unknowns.clone_from(&solution.parameters);
             let effective: f64 = solution.effective.iter().sum();
             let found =
@@ -247,22 +242,4 @@ impl Data<'_> {
         };
         Minimised { descent, certificate, seen, search: (objective, found.steps, None) }
     }
-}
-
-/// Largest component of a step, in units of the uncertainty.
-fn step(from: &[f64], solution: &Solution, free: &[usize]) -> f64 {
-    let one = |(k, index): (usize, &usize)| {
-        (solution.parameters[*index] - from[*index]).abs() / solution.covariance[(k, k)].sqrt()
-    };
-    // A step that is no number is not settled; `max` would pass over it.
-    free.iter().enumerate().map(one).fold(0.0, |most: f64, own| if own.is_nan() { f64::NAN } else { most.max(own) })
-}
-
-fn finer(machine: &Machine) -> Machine {
-    let mut finer = machine.clone();
-    finer.kinds = finer.kinds.map(|kind| match kind {
-        Some(Kind::BSpline { intervals }) => Some(Kind::BSpline { intervals: (intervals * 4).div_ceil(3) }),
-        other => other,
-    });
-    finer
 }

@@ -150,12 +150,14 @@ impl<'a> ReadingStream<'a> {
     /// # Errors
     /// Names the key of the first setting that makes no sense.
     pub fn new(config: &'a SimulationConfig) -> Result<Self, SimulationError> {
+        let machine = config.checked_machine()?;
+        let environment = Environment::new(&config.environment, config.seed);
         Ok(Self {
             config,
-            machine: config.checked_machine()?,
+            machine,
             targets: config.plan.targets(),
-            environment: Environment::new(&config.environment, config.seed),
-            room: Arc::new(Environment::new(&config.environment, config.seed)),
+            room: Arc::new(environment.clone()),
+            environment,
             path_m: Vec::new(),
             repeatability: stream(config.seed, Purpose::Repeatability),
             range_noise: stream(config.seed, Purpose::RangeNoise),
