@@ -18,7 +18,7 @@ use std::sync::Arc;
 
 use abbe_msgs::Message;
 use iceoryx2::config::Config;
-use iceoryx2::node::{Node, NodeBuilder};
+use iceoryx2::node::{Node, NodeBuilder, NodeCreationFailure};
 use iceoryx2::prelude::{FileName, LogLevel, Path, SemanticString, SignalHandlingMode, ZeroCopySend};
 use iceoryx2::service::builder::event::{EventCreateError, EventOpenError, EventOpenOrCreateError};
 use iceoryx2::service::builder::publish_subscribe::{
@@ -85,11 +85,15 @@ impl SharedMemory {
     pub fn join(run: &RunId, depth: NonZeroUsize) -> Result<Self, TransportError> {
         // Its warnings about every dead peer would drown the node's own log.
         iceoryx2::prelude::set_log_level_from_env_or(LogLevel::Error);
-        let node = NodeBuilder::new()
-            .config(&config(run)?)
-            // Signals are handled by `Shutdown`.
-            .signal_handling_mode(SignalHandlingMode::Disabled)
-            .create::<Service>()
+        let config = config(run)?;
+        let create = || {
+            NodeBuilder::new()
+                .config(&config)
+                // Signals are handled by `Shutdown`.
+                .signal_handling_mode(SignalHandlingMode::Disabled)
+                .create::<Service>()
+        };
+        let node = again_when(overtaken, create)
             .map_err(|error| open_error(format!("{error:?} for the files of run {run}")))?;
         Ok(Self { node: Arc::new(node), run: run.clone(), depth, remembered_as: None })
     }
@@ -190,6 +194,11 @@ fn again_when<T, E>(interrupted: impl Fn(&E) -> bool, mut open: impl FnMut() -> 
     opened
 }
 
+/// Another process took what this one had just made for the remains of a dead node, between the making of a file and its lock.
+fn overtaken(error: &NodeCreationFailure) -> bool {
+    matches!(error, NodeCreationFailure::InternalError | NodeCreationFailure::SystemCorrupted)
+}
+
 fn samples_interrupted(error: &PublishSubscribeOpenOrCreateError) -> bool {
     use PublishSubscribeOpenOrCreateError as Error;
     matches!(
@@ -255,7 +264,32 @@ fn config(run: &RunId) -> Result<Config, TransportError> {
 
 #[cfg(test)]
 mod tests {
-    use super::{MAX_ATTEMPTS, again_when};
+    use std::num::NonZeroUsize;
+    use std::sync::Barrier;
+    use std::thread;
+
+    use super::{MAX_ATTEMPTS, SharedMemory, again_when, cleanup};
+    use crate::RunId;
+
+    #[test]
+    fn nodes_that_join_a_new_run_at_the_same_moment_all_get_in() {
+        const NODES: usize = 8;
+        for _ in 0..10 {
+            let (run, barrier) = (RunId::unique(), Barrier::new(NODES));
+            let join = || {
+                barrier.wait();
+                let joined = SharedMemory::join(&run, NonZeroUsize::MIN);
+                barrier.wait();
+                joined.map(drop)
+            };
+            let joined: Vec<_> = thread::scope(|scope| {
+                let nodes: Vec<_> = (0..NODES).map(|_| scope.spawn(join)).collect();
+                nodes.into_iter().map(|node| node.join().unwrap()).collect()
+            });
+            cleanup(&run).unwrap();
+            assert!(joined.iter().all(Result::is_ok), "{joined:?}");
+        }
+    }
 
     #[test]
     fn regress_a_signal_while_a_service_opens_is_no_fault_of_it() {
