@@ -269,7 +269,7 @@ fn add_effects(
 }
 
 /// The identified readings (m) that are nearest to these.
-fn nearest_identified_m(model: &MachineModel, reading_m: [f64; 3]) -> [f64; 3] {
+pub fn nearest_identified_m(model: &MachineModel, reading_m: [f64; 3]) -> [f64; 3] {
     let bounds = &model.parts().identified.reading_m;
     // Not clamp, which ends the program where a damaged model has its bounds the wrong way round.
     std::array::from_fn(|d| reading_m[d].max(bounds[d].0).min(bounds[d].1))

@@ -3,9 +3,11 @@
 //! Place in the flow: a model in, values at nodes along each axis (m, rad) with what linear interpolation between them
 //! misses, out; written by the exports of `nodes/files`. Error = actual − indicated, reference point as in the model: zero
 //! at the lower end of each stroke, squareness as an angle (rad) that acts as angle · (reading − lower end). Effects that follow
-//! the reading of one axis alone, along that axis, are part of its positioning error.
+//! the reading of one axis alone, along that axis, are part of its positioning error; beyond the readings that were identified they
+//! keep the value they have at their end: a controller cannot be told that a polynomial there is worth nothing.
 
 use crate::axis::{Axis, ErrorId};
+use crate::correct::{is_within, nearest_identified_m};
 use crate::effects::{Acts, NoCovariates, State};
 use crate::model::{Combination, FittedEffect, MachineModel};
 use thiserror::Error;
@@ -115,10 +117,19 @@ pub fn of_position(model: &MachineModel) -> Vec<(usize, Axis)> {
 
 /// What such effects add to the positioning error of their axis at a reading (m).
 pub fn position_effects_m(model: &MachineModel, axis: Axis, reading_m: f64) -> f64 {
-    let mut place_m = lower_ends_m(model);
-    place_m[axis.index()] = reading_m;
+    let place_m = held_m(model, axis, reading_m);
     let own = of_position(model).into_iter().filter(|(_, own)| *own == axis);
     own.filter_map(|(place, axis)| along_m(&model.parts().effects[place], axis, place_m)).sum()
+}
+
+/// Axes whose stroke goes beyond the readings that were identified, with those (m).
+pub fn beyond_identified(model: &MachineModel) -> impl Iterator<Item = (Axis, (f64, f64))> {
+    let parts = model.parts();
+    let beyond = |axis: &Axis| {
+        let (stroke_m, identified_m) = (parts.machine.stroke_m[axis.index()], parts.identified.reading_m[axis.index()]);
+        !is_within(identified_m, stroke_m.0) || !is_within(identified_m, stroke_m.1)
+    };
+    Axis::ALL.into_iter().filter(beyond).map(|axis| (axis, parts.identified.reading_m[axis.index()]))
 }
 
 /// Whether an effect needs nothing logged, and moves the axis along itself by the same wherever the others stand.
@@ -140,6 +151,13 @@ fn follows(model: &MachineModel, fitted: &FittedEffect, axis: Axis) -> bool {
 
 fn lower_ends_m(model: &MachineModel) -> [f64; 3] {
     model.parts().machine.stroke_m.map(|(lower_m, _)| lower_m)
+}
+
+/// Readings (m) at which effects are asked for an axis at this one, the others at their lower ends: the nearest that were identified.
+fn held_m(model: &MachineModel, axis: Axis, reading_m: f64) -> [f64; 3] {
+    let mut place_m = lower_ends_m(model);
+    place_m[axis.index()] = reading_m;
+    nearest_identified_m(model, place_m)
 }
 
 /// What an effect does along an axis (m); `None` where it moves anything else.
@@ -167,8 +185,7 @@ fn error(model: &MachineModel, effects: &[usize], axis: Axis, id: ErrorId, readi
     if id != ErrorId::linear(axis, axis) || effects.is_empty() {
         return (value, u);
     }
-    let mut place_m = lower_ends_m(model);
-    place_m[axis.index()] = reading_m;
+    let place_m = held_m(model, axis, reading_m);
     let (mut total, mut parameters) = (value, Vec::new());
     if let Some(basis) = model.layout().basis(id) {
         let local = basis.at(reading_m);

@@ -110,6 +110,41 @@ fn linuxcnc_screw_compensation_leaves_what_interpolation_misses() {
     }
 }
 
+/// A controller that is told a polynomial where nothing was measured is sent anywhere.
+#[test]
+fn regress_tables_hold_their_effects_beyond_what_was_measured_and_say_so() {
+    let mut file = model();
+    let parts = file.model.parts().clone();
+    let mut identified = parts.identified.clone();
+    let nodes_m = SampledErrors::of(&file.model, STEP_M).unwrap().axes[1].positions_m.clone();
+    let (first, last) = (5, nodes_m.len() - 6);
+    let (lower_m, upper_m) = (nodes_m[first], nodes_m[last]);
+    identified.reading_m[1] = (lower_m, upper_m);
+    let shape = Shape::new().text("axis", "y").number("terms", 7.0);
+    let shape = shape.number("low_m", lower_m).number("high_m", upper_m);
+    let term = MachineModel::fitted_effect("axis_term", shape, &parts.machine, vec![3e-6; 7]).unwrap();
+    let effects = parts.effects.iter().cloned().chain([term]).collect();
+    let count = parts.coefficients.len() + 4 + 7 + 4 * parts.stations.len();
+    let covariance = vec![0.0; count * (count + 1) / 2];
+    file.model = MachineModel::new(ModelParts { effects, covariance, identified, ..parts }).unwrap();
+
+    let files = exported("linuxcnc-comp", &file);
+    let mm = |m: f64| format!("{:.4}", m * 1e3);
+    let said = format!("NOT measured: Y below {} and above {} mm", mm(lower_m), mm(upper_m));
+    assert!(files[0].text.contains(&said) && !files[0].text.contains("measured: X"), "{}", files[0].text);
+    let rows: Vec<Vec<f64>> = files[2].text.lines().map(numbers).collect();
+    let own_mm = |reading_mm: f64| file.model.error(ErrorId::linear(Axis::Y, Axis::Y), reading_mm / 1e3).0 * 1e3;
+    let held: Vec<[f64; 2]> =
+        rows.iter().map(|row| [row[1] - row[0] - own_mm(row[0]), row[2] - row[0] - own_mm(row[0])]).collect();
+    for (end, border) in [(0, first), (rows.len() - 1, last)] {
+        for approach in 0..2 {
+            assert!((held[end][approach] - held[border][approach]).abs() < 1e-6, "{held:?}");
+        }
+    }
+    // Seven terms of 3 um at the upper end of what was measured, where each Legendre polynomial is 1.
+    assert!((f64::midpoint(held[rows.len() - 1][0], held[rows.len() - 1][1]) - 0.021).abs() < 1e-6, "{held:?}");
+}
+
 /// SINUMERIK adds the value to the actual position; coming from above it takes the backlash away that the encoder leads by.
 #[test]
 fn siemens_leadscrew_compensation_leaves_the_change_of_the_reversal() {

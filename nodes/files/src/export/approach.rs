@@ -2,7 +2,7 @@
 //!
 //! Place in the flow: a model in; B(x) = error of approaches in + less that in − (m, ISO 230-2; play is negative) out, for formats
 //! that have a place for it. Of all effects those count that need no covariate but the sign of approach of their own axis and that
-//! no other axis changes; all others stay named as left out.
+//! no other axis changes; all others stay named as left out. Beyond the readings that were identified B keeps its value at their end.
 
 use abbe_geometry::axis::{Axis, ErrorId};
 use abbe_geometry::effects::{Acts, CovariateSource, CovariateValue, State};
@@ -22,6 +22,8 @@ const ROUNDING_M: f64 = 1e-15;
 pub struct Approach {
     /// Effects of X, Y, Z.
     effects: [Vec<FittedEffect>; 3],
+    /// Readings that were identified (m).
+    identified_m: [(f64, f64); 3],
 }
 
 /// One sign of approach, and nothing else known.
@@ -40,7 +42,8 @@ impl Approach {
     /// Of a model; with it the places of the effects that are in it.
     pub(super) fn of(model: &MachineModel) -> (Approach, Vec<usize>) {
         let parts = model.parts();
-        let (mut approach, mut held) = (Approach::default(), Vec::new());
+        let identified_m = parts.identified.reading_m;
+        let (mut approach, mut held) = (Approach { identified_m, ..Approach::default() }, Vec::new());
         for (place, fitted) in parts.effects.iter().enumerate() {
             let axis = Axis::ALL.into_iter().find(|axis| fitted.effect.covariates() == [SIGNS[axis.index()]]);
             let Some(axis) = axis.filter(|axis| is_of_one_axis(fitted, *axis, &parts.machine)) else { continue };
@@ -58,7 +61,8 @@ impl Approach {
     /// Reversal value at a reading of the axis (m).
     pub(super) fn reversal_m(&self, axis: Axis, position_m: f64) -> f64 {
         let mut reading_m = [0.0; 3];
-        reading_m[axis.index()] = position_m;
+        let (lower_m, upper_m) = self.identified_m[axis.index()];
+        reading_m[axis.index()] = position_m.max(lower_m).min(upper_m);
         self.effects[axis.index()].iter().filter_map(|fitted| reversal_m(fitted, axis, reading_m)).sum()
     }
 

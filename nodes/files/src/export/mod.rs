@@ -33,7 +33,7 @@ use abbe_geometry::chain::nominal_point_m;
 use abbe_geometry::effects::known;
 use abbe_geometry::machine::{Machine, Side};
 use abbe_geometry::model::MachineModel;
-use abbe_geometry::sampled::{SampledErrors, of_position, position_effects_m};
+use abbe_geometry::sampled::{SampledErrors, beyond_identified, of_position, position_effects_m};
 
 /// A format.
 #[derive(Debug)]
@@ -101,6 +101,8 @@ pub struct About {
     pub ram_turn: ([f64; 3], [f64; 3]),
     /// Reversal of each axis.
     pub approach: Approach,
+    /// Axes whose stroke goes beyond what was identified of them, with that (m).
+    beyond_m: Vec<(Axis, (f64, f64))>,
     /// What of the model does not fit into a table of positions.
     left_out: Vec<String>,
     /// What fits into one that knows the side of approach.
@@ -140,6 +142,7 @@ impl About {
             software: software.to_owned(),
             ram_turn: (file.model.ram_turn().map(|(angle_rad, _)| angle_rad), file.model.parts().offset_centre_m),
             approach,
+            beyond_m: beyond_identified(&file.model).collect(),
             left_out: left_out.into_iter().chain(network).collect(),
             of_approach,
         }
@@ -180,11 +183,24 @@ impl About {
             format!("ram: {}", self.ram_words(format.writer)),
             format!("format: {}", format.source),
         ];
+        lines.extend(self.beyond_words());
         lines.extend(self.left_out(format).map(|what| format!("NOT in this table, and not corrected by it: {what}")));
         if matches!(format.writer, Writer::Approaches(_)) {
             lines.push(self.approach_words());
         }
         lines
+    }
+
+    /// What the ends of the strokes are worth where they were not measured.
+    fn beyond_words(&self) -> impl Iterator<Item = String> {
+        self.beyond_m.iter().map(|(axis, (lower_m, upper_m))| {
+            let [lower, upper] = [lower_m, upper_m].map(|m| fixed(m * 1e3, 4));
+            format!(
+                "NOT measured: {} below {lower} and above {upper} mm; nodes there rest on no reading: positioning effects and \
+                 reversals keep the value of the nearer end, error functions are only continued",
+                axis.letter()
+            )
+        })
     }
 
     /// How the ram stands, which error functions of positions cannot hold.
