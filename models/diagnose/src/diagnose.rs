@@ -17,6 +17,7 @@ use crate::machine_step::{self, MachineStep};
 use crate::noise;
 use crate::options::{Options, Progress};
 use crate::search::{Search, State, Step, has};
+use crate::wander::{self, Wander};
 use crate::{together, tomorrow};
 use abbe_geometry::machine::Machine;
 use abbe_geometry::model::{FitQuality, FittedEffect, MachineModel, ModelError, ModelParts};
@@ -57,10 +58,19 @@ pub fn diagnose(
         state.withdraw((before.clone(), first.clone(), base.clone()), because);
     }
     let machine_step = machine_step(&search, &state, (&alike, &base), observe)?;
+    let wander = match machine_step {
+        // Its courses would describe the step.
+        Some(_) => None,
+        None => {
+            let mut go_on = || observe(Progress::Scoring { round: 1, effects: state.terms.len() });
+            wander::find(&state.round, campaign, &search.context, options, &mut go_on)?
+        }
+    };
     let model = state.fit.model.clone();
     state.fit.model = tomorrow::told(model, &state.round, campaign, |fitted| !is_base(&base, fitted))
         .and_then(|model| with_unexplained(model, judged.unseen.as_ref(), floor::unexplained_m(&state.round, campaign)))
         .and_then(|model| machine_step.as_ref().map_or(Ok(model.clone()), |step| step.told(model)))
+        .and_then(|model| wander.as_ref().map_or(Ok(model.clone()), |wander| wander.told(model)))
         .map_err(abbe_identify::IdentifyError::from)?;
     let named = match state.named.take() {
         Some(named) => named,
@@ -90,13 +100,14 @@ pub fn diagnose(
     next_measurements.splice(0..0, machine_step.iter().map(|_| AFTER_A_STEP.to_owned()));
     let said = rejected_lines.iter().map(|line| format!("line {line} was rejected: most of its readings are outliers"));
     Ok(Diagnosis {
-        consistent_with_noise: explained && !structured && machine_step.is_none(),
+        consistent_with_noise: explained && !structured && machine_step.is_none() && wander.is_none(),
         steps: state
             .steps
             .iter()
             .map(describe)
             .chain(said)
             .chain(machine_step.as_ref().map(MachineStep::words))
+            .chain(wander.as_ref().map(Wander::words))
             .collect(),
         rejected_lines,
         blocked: blocked(campaign, &alike, &last),
@@ -108,6 +119,7 @@ pub fn diagnose(
         found,
         enriched,
         machine_step,
+        wander,
         set_aside,
         not_adopted: judged.not_adopted,
         gate: judged.gate,

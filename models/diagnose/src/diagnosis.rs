@@ -6,6 +6,7 @@ use crate::gate::Verdict;
 use crate::judge::{Blocked, Placebo, Unseen};
 use crate::machine_step::MachineStep;
 use crate::noise::Detection;
+use crate::wander::Wander;
 use abbe_geometry::effects::Shape;
 use abbe_geometry::model::MachineModel;
 use abbe_identify::Identified;
@@ -35,6 +36,8 @@ pub struct Diagnosis {
     pub enriched: bool,
     /// A step of the machine in the middle of the campaign, which no model describes on both sides.
     pub machine_step: Option<MachineStep>,
+    /// Slow changes of the machine or its stations, each too small to be named.
+    pub wander: Option<Wander>,
     /// Candidates that explain the residual but stay out, each with the reason.
     pub set_aside: Vec<SetAside>,
     /// Why nothing at all was adopted although the search found something; `after` is then `before`.

@@ -45,6 +45,7 @@ mod outdone;
 mod paired;
 mod pass;
 mod periodic;
+mod quadratic_form;
 mod runs;
 pub mod score;
 mod search;
@@ -54,6 +55,7 @@ pub mod study;
 mod together;
 mod tomorrow;
 mod wald;
+mod wander;
 mod worth;
 
 pub use diagnose::diagnose;
@@ -66,6 +68,7 @@ pub use machine_step::MachineStep;
 pub use noise::{Detection, Group, Structure};
 pub use options::{Options, Progress};
 pub use pass::{Scored, score_pass};
+pub use wander::Wander;
 
 #[cfg(test)]
 mod tests;

@@ -61,3 +61,29 @@ fn regress_what_went_along_with_the_time_is_in_the_uncertainty_and_corrects_noth
         }
     }
 }
+
+/// A squareness that settles by little: whether it is named or not, it is said, and covered.
+#[test]
+fn regress_what_settles_slowly_is_said_and_covered() {
+    let mut said = 0;
+    for seed in 1..=4 {
+        let judged = diagnosed("bridge", &["settles:5"], seed);
+        let (before, after) = judged.outcome().inside;
+        println!("{seed}: {before:?} {after:?} {:?} {:?}", judged.diagnosis.wander, judged.diagnosis.steps);
+        said += usize::from(!judged.diagnosis.consistent_with_noise);
+        assert!(after.rms_m < 1.1 * before.rms_m, "seed {seed}: {before:?} {after:?}");
+        assert!(judged.diagnosis.consistent_with_noise || after.worst_axis > 0.93, "seed {seed}: {before:?} {after:?}");
+    }
+    assert!(said >= 3, "{said}");
+}
+
+/// At a significance of one in a hundred, none of a dozen machines that stay as they are is said to wander.
+#[test]
+fn machines_that_stay_as_they_are_do_not_wander() {
+    let of = |machine: &str, form: &str| {
+        let said = (1..=3).filter(|seed| diagnosed(machine, &[form], *seed).diagnosis.wander.is_some());
+        said.count()
+    };
+    let said = [of("bridge", ""), of("gantry", ""), of("table", ""), of("bridge", "ar-0.9")];
+    assert_eq!(said, [0; 4]);
+}

@@ -183,10 +183,18 @@ impl Cause {
     }
 }
 
-/// A machine that is another one from an instant on, as `step-KIND:SIZE` (µm or µrad); a squareness that settles.
+fn settled(from_rad: f64, m: &Moment) -> Vector {
+    [from_rad * (-m.time_s / 4000.0).exp() * m.reading_m[1], 0.0, 0.0]
+}
+
+/// A machine that is another one from an instant on, as `step-KIND:SIZE` (µm or µrad); a squareness that settles, by 14 µrad or
+/// `settles:SIZE`.
 fn step(form: &str, m: &Moment) -> Vector {
     if form == "squareness-settles" {
-        return [14e-6 * (-m.time_s / 4000.0).exp() * m.reading_m[1], 0.0, 0.0];
+        return settled(14e-6, m);
+    }
+    if let Some(size) = form.strip_prefix("settles:") {
+        return settled(size.parse::<f64>().unwrap() * 1e-6, m);
     }
     let Some((kind, size)) = form.strip_prefix("step-").and_then(|form| form.split_once(':')) else { return [0.0; 3] };
     if m.time_s < STEPS_AT_S {

@@ -9,7 +9,7 @@ use crate::identity;
 use crate::pipeline::{LoadedCampaign, evidence_json, load_campaign, software};
 use crate::provenance;
 use crate::verdict::{self, Accept};
-use abbe_diagnose::{Diagnosis, MachineStep, Options, Progress, diagnose};
+use abbe_diagnose::{Diagnosis, MachineStep, Options, Progress, Wander, diagnose};
 use abbe_files::{Doubt, MachineFile, ModelFile, OrderChoice, hex};
 use abbe_geometry::model::MachineModel;
 use abbe_identify::Evidence;
@@ -96,9 +96,16 @@ impl Given {
         let nothing_new = diagnosis.found.is_empty()
             && !diagnosis.enriched
             && diagnosis.after.correlation.is_none()
-            && diagnosis.machine_step.is_none();
+            && diagnosis.machine_step.is_none()
+            && diagnosis.wander.is_none();
         nothing_new && same_data
     }
+}
+
+/// How the machine did not stay as it was, in words.
+fn changes(diagnosis: &Diagnosis) -> impl Iterator<Item = String> {
+    let stepped = diagnosis.machine_step.iter().map(MachineStep::words);
+    stepped.chain(diagnosis.wander.iter().map(Wander::words))
 }
 
 /// Diagnoses a campaign; `observe` sees the progress and returns false to stop.
@@ -130,14 +137,14 @@ pub(crate) fn run(
     caution(&mut record, &verdict);
     let labels: Vec<String> = record.effects.iter().map(abbe_report::diagnosis::Effect::label).collect();
     let residuals = pictures::residuals(&diagnosis, instrument, &loaded.campaign, &labels)?;
-    let stepped = diagnosis.machine_step.as_ref().map(MachineStep::words);
+    let changed: Vec<String> = changes(&diagnosis).collect();
     let kept = given.is_kept(&diagnosis, &loaded);
     let evidence = [&diagnosis.before.evidence, &diagnosis.after.evidence].map(|e| evidence_of(e, &record));
     let [of_before, of_after] = evidence;
     let before = given.with(diagnosis.before.model, &loaded, &options, of_before);
     let after = widened(diagnosis.model, verdict.widening)?;
-    let stepped = stepped.map(|text| Doubt { grade: Grade::Warning.name().to_owned(), text });
-    let doubts = stepped.into_iter().chain(verdict::doubts(&verdict)).collect();
+    let changed = changed.into_iter().map(|text| Doubt { grade: Grade::Warning.name().to_owned(), text });
+    let doubts = changed.chain(verdict::doubts(&verdict)).collect();
     let after = ModelFile { doubts, ..given.with(after, &loaded, &options, of_after) };
     let (bytes, sha256) = if kept { (given.bytes.clone(), given.sha256) } else { after.to_bytes(MODEL)? };
     record.model_out =
@@ -226,7 +233,6 @@ fn recorded(diagnosis: &Diagnosis, given: &Given, model: &Path, loaded: &LoadedC
         options: options_json(options),
         software: software(),
     };
-    let stepped = diagnosis.machine_step.iter().map(MachineStep::words);
-    record.verdict = stepped.chain([record.words()]).collect::<Vec<_>>().join(" ");
+    record.verdict = changes(diagnosis).chain([record.words()]).collect::<Vec<_>>().join(" ");
     record
 }
