@@ -141,6 +141,22 @@ fn equal_steps_alias_a_short_period_and_the_study_says_so() {
     assert!(said.because.contains("26.9") && said.decided_by.contains("irregular"), "{said:?}");
 }
 
+/// The pitch of a screw, a third of the step of targets that are off equal ones by at most 30 % of it.
+#[test]
+fn regress_a_short_wave_is_not_taken_for_a_long_one() {
+    let plan = Plan { targets: 31, irregular: true };
+    let mut found = 0;
+    for seed in 0..SEEDS {
+        let diagnosis = study(plan, |x, sign, _, _| 1.2e-6 * (TAU * x / 0.008).sin() + sign * 1e-6 - 4e-6 * x, seed);
+        let waves: Vec<&str> = names(&diagnosis).into_iter().filter(|name| name.starts_with("periodic")).collect();
+        let is_pitch = |name: &&str| name.contains("period 8.00") || name.contains("period 7.99");
+        let is_said = diagnosis.not_identifiable.iter().any(|item| item.because.contains("go nearly as well"));
+        assert!(waves.iter().all(|name| is_pitch(name) || is_said), "seed {seed}: {waves:?}");
+        found += u64::from(waves.iter().any(is_pitch));
+    }
+    assert!(found >= SEEDS * 9 / 10, "{found} of {SEEDS}");
+}
+
 #[test]
 fn several_effects_are_found_one_after_another() {
     let error: Error =

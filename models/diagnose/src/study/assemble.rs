@@ -17,6 +17,7 @@ use super::series::independent;
 use super::significance::{probability, uncertainties};
 use super::terms::{Terms, terms};
 use super::view::View;
+use super::waves::tell_aliases;
 use crate::error::DiagnoseError;
 use crate::linear::{column, in_the_worst_way};
 use statrs::distribution::{ContinuousCDF, StudentsT};
@@ -50,6 +51,7 @@ pub(super) fn diagnose(
     let p_before = lack_of_fit(&view, &base)?;
     let ladder = ladder(&mut view, &found.set)?;
     let last = view.adapt(&found.set)?;
+    tell_aliases(&mut view, &found.set)?;
     // In the noise that is left when all is found: what is missing is no noise, and the errors before and after can be compared.
     let before = judge(&view, &Fit::settle(&view, &[])?);
     let p_after = lack_of_fit(&view, &last)?;

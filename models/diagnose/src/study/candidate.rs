@@ -65,8 +65,41 @@ pub(crate) struct ModelTerm {
     pub(crate) shape: Shape,
     /// Its parameters (rows) as combinations of the candidate's (columns).
     pub(crate) map: Mat<f64>,
-    /// Places of a table (m), between which further parameters stand for what is not known there.
-    pub(crate) places_m: Option<Vec<f64>>,
+    /// The table that it is, between whose places further parameters stand for what is not known there.
+    pub(crate) table: Option<Table>,
+}
+
+/// Places of a table (m), and what tells how large an error between them may be.
+#[derive(Debug, Clone)]
+pub(crate) struct Table {
+    pub(crate) places_m: Vec<f64>,
+    pub(crate) between: Between,
+}
+
+/// What may lie between the places of a table.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Between {
+    /// What its own values depart by from their neighbours.
+    Departures,
+    /// A wave as large as the candidate, which is the same at all places.
+    Alias,
+}
+
+/// Frequencies among which a wave is sought, and where it was measured.
+#[derive(Debug, Clone)]
+pub(crate) struct Band {
+    /// Slowest and fastest (1/m), and the step of a scan.
+    pub(crate) low: f64,
+    pub(crate) high: f64,
+    pub(crate) step: f64,
+    /// Fastest that neighbouring positions resolve on average (1/m), and how many faster waves are tried for each slower one.
+    pub(crate) resolved: f64,
+    pub(crate) faster: f64,
+    /// Distance within which two frequencies are one (1/m).
+    pub(crate) resolution: f64,
+    /// Positions (m), each once, and that of each row asked for.
+    pub(crate) places_m: Vec<f64>,
+    pub(crate) place_of: Vec<usize>,
 }
 
 /// The problem around one point of linearisation.
@@ -110,6 +143,15 @@ pub(crate) trait Study: Sync {
         None
     }
 
+    /// The whole band among which the frequency of a candidate is chosen, at some rows of its chain; `None` where it stays near its
+    /// own.
+    fn band(&self, _candidate: usize, _rows: &[usize]) -> Option<Band> {
+        None
+    }
+
+    /// Takes note of other frequencies at which a candidate goes nearly as well.
+    fn set_aliases(&mut self, _candidate: usize, _frequencies: Vec<f64>) {}
+
     /// Columns at another frequency.
     fn columns_at(&self, _candidate: usize, _frequency: f64, _rows: &[usize]) -> Mat<f64> {
         Mat::zeros(0, 0)
@@ -131,7 +173,7 @@ pub(crate) trait Study: Sync {
         &[]
     }
 
-    /// Number of choices of which these places are one.
+    /// Number of choices of which these places, or the frequency that was taken, are one.
     fn choices(&self, _candidate: usize, _places: &[usize]) -> f64 {
         1.0
     }

@@ -33,6 +33,7 @@ mod terms;
 mod together;
 pub mod vectors;
 mod view;
+mod waves;
 
 pub use diagnosis::{
     Alternative, Ambiguity, Blocks, Considered, Correlation, Effect, HeldOutRms, Judgement, Kind, LackOfFit, Look,

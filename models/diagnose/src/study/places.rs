@@ -8,6 +8,7 @@
 
 use super::between::BORNE;
 use super::fit::Fit;
+use super::placing::tried;
 use super::view::View;
 use crate::error::DiagnoseError;
 use crate::score::{beyond, score};
@@ -46,6 +47,7 @@ pub(super) fn goes_through_places(view: &View, fit: &Fit, candidate: usize) -> R
     let f = (wave / own as f64) / ((all - wave).max(f64::MIN_POSITIVE) / rest);
     let candidates = view.study.candidates();
     let waves = candidates.iter().filter(|other| other.family == candidates[candidate].family).count();
+    let waves = waves.saturating_mul(tried(&*view.study, candidate));
     let p_value = FisherSnedecor::new(own as f64, rest).map_or(1.0, |distribution| beyond(&distribution, f));
     Ok(p_value * waves as f64 <= BORNE)
 }

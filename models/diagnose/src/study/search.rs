@@ -15,6 +15,7 @@ use super::placing::{best_placed, between, is_step, moved, placed, single, tried
 use super::series::Theta;
 use super::significance::{probability, probability_beside};
 use super::view::View;
+use super::waves::tuned;
 use crate::error::DiagnoseError;
 use crate::linear::Linear;
 use crate::score::{Score, score};
@@ -146,8 +147,9 @@ fn refined(view: &mut View, fit: &Fit) -> Vec<Scored> {
         let candidate = all[k].candidate;
         view.refine(fit, candidate);
         let (score, rows) = fit.score(view, candidate);
-        all[k].evidence = score.evidence(rows, tested);
-        all[k].score = score;
+        let tried = tried(&*view.study, candidate) as f64;
+        all[k].evidence = score.evidence(rows, tested) - 2.0 * tried.ln();
+        all[k].score = Score { p_value: (score.p_value * tried).min(1.0), ..score };
     }
     holm(&mut all, tested);
     all
@@ -209,6 +211,9 @@ pub(super) fn search(
         fit = view.adapt(&next)?;
         if let Some(next) = moved(view, &next)? {
             fit = view.adapt(&next)?;
+        }
+        if tuned(view, &fit.set())? {
+            fit = view.adapt(&fit.set())?;
         }
     }
     let set = fit.set();

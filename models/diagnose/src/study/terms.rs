@@ -4,9 +4,9 @@
 //! data says what its candidates are there ([`super::candidate::ModelTerm`]). Uncertainties are those of the diagnosis, with
 //! what the correlation of the noise leaves open. Between the places of a table nobody measured: what lies there is as large as
 //! neighbours depart from the straight line through theirs, less where the table is seen to be smooth, by the order of
-//! interpolation that shows at twice the step.
+//! interpolation that shows at twice the step. Where a wave goes as well as another, it may be as large as the wave.
 
-use super::candidate::{ModelTerm, Study};
+use super::candidate::{Between, ModelTerm, Study};
 use super::fit::Fit;
 use abbe_geometry::effects::Shape;
 use std::collections::BTreeMap;
@@ -72,7 +72,7 @@ pub(super) fn terms(study: &dyn Study, fit: &Fit, u: &[Vec<f64>]) -> Terms {
                 continue;
             }
         };
-        for ModelTerm { effect, shape, map, places_m } in own {
+        for ModelTerm { effect, mut shape, map, table } in own {
             let mut own = Vec::with_capacity(map.nrows());
             for row in 0..map.nrows() {
                 let made_of: Vec<_> = (0..map.ncols())
@@ -82,9 +82,15 @@ pub(super) fn terms(study: &dyn Study, fit: &Fit, u: &[Vec<f64>]) -> Terms {
                 let value = made_of.iter().map(|((_, k), factor)| factor * fitted.values[*k]).sum();
                 own.push(Value { made_of, value, beside: 0.0 });
             }
-            if let Some(places_m) = &places_m {
-                let variance = between(places_m, &own, &covariance);
-                own.extend((1..places_m.len()).map(|_| Value { made_of: Vec::new(), value: 0.0, beside: variance }));
+            if let Some(table) = &table {
+                let (variance, order) = match table.between {
+                    Between::Departures => between(&table.places_m, &own, &covariance),
+                    // Two waves of one size differ by as much.
+                    Between::Alias => (fitted.values.iter().map(|value| value * value).sum(), 0.0),
+                };
+                let count = table.places_m.len() - 1;
+                own.extend((0..count).map(|_| Value { made_of: Vec::new(), value: 0.0, beside: variance }));
+                shape = shape.number("between_order", order);
             }
             terms.list.push(Term { of: of.clone(), effect, shape, values: own.iter().map(|v| v.value).collect() });
             values.extend(own);
@@ -111,8 +117,9 @@ fn of_two(a: &[(Place, f64)], b: &[(Place, f64)], covariance: &impl Fn(Place, Pl
     a.iter().map(|(i, x)| b.iter().map(|(j, y)| x * y * covariance(*i, *j)).sum::<f64>()).sum()
 }
 
-/// Variance of what may lie halfway between two places of a table (m²).
-fn between(places_m: &[f64], values: &[Value], covariance: &impl Fn(Place, Place) -> f64) -> f64 {
+/// Variance of what may lie halfway between two places of a table (m²), and the order of interpolation that it shows: 0 where
+/// a place says nothing of what is near it.
+fn between(places_m: &[f64], values: &[Value], covariance: &impl Fn(Place, Place) -> f64) -> (f64, f64) {
     let squares = |reach: usize| -> Vec<(f64, f64)> {
         let one = |k: usize| {
             let [low, high] = [k - reach, k + reach];
@@ -133,7 +140,7 @@ fn between(places_m: &[f64], values: &[Value], covariance: &impl Fn(Place, Place
     let (short, long) = (squares(1), squares(2));
     if short.is_empty() {
         // Two places: nothing tells how bent it is between them but how much they differ.
-        return values.iter().map(|v| v.value.powi(2)).fold(0.0, f64::max);
+        return (values.iter().map(|v| v.value.powi(2)).fold(0.0, f64::max), 0.0);
     }
     let seen = mean(&short, |s| s.0 - s.1);
     let order = if long.is_empty() || seen <= mean(&short, |s| s.1) {
@@ -141,26 +148,28 @@ fn between(places_m: &[f64], values: &[Value], covariance: &impl Fn(Place, Place
     } else {
         (0.5 * (mean(&long, |s| s.0 - s.1) / seen).max(1.0).log2()).min(MOST_ORDER)
     };
-    mean(&short, |s| s.0) * 0.25_f64.powf(order)
+    (mean(&short, |s| s.0) * 0.25_f64.powf(order), order)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    fn of(places_m: &[f64], value: impl Fn(f64) -> f64) -> f64 {
+    fn of(places_m: &[f64], value: impl Fn(f64) -> f64) -> (f64, f64) {
         let own = |x: &f64| Value { made_of: Vec::new(), value: value(*x), beside: 0.0 };
-        between(places_m, &places_m.iter().map(own).collect::<Vec<_>>(), &|_, _| 0.0).sqrt()
+        let (variance, order) = between(places_m, &places_m.iter().map(own).collect::<Vec<_>>(), &|_, _| 0.0);
+        (variance.sqrt(), order)
     }
 
     #[test]
     fn a_smooth_table_is_known_between_its_places_and_a_rough_one_is_not() {
         let places: Vec<f64> = (0..9).map(|k| f64::from(k) / 8.0).collect();
         // A parabola a·x² departs from its chord by a·h²/4 halfway.
-        let smooth = of(&places, |x| 8e-6 * x * x);
+        let (smooth, order) = of(&places, |x| 8e-6 * x * x);
         assert!((smooth - 8e-6 / 256.0).abs() < 1e-12, "{smooth}");
+        assert!((order - 2.0).abs() < 1e-9, "{order}");
         // Up and down from place to place: each is 2 µm off the chord of its neighbours.
-        let rough = of(&places, |x| if (x * 8.0).round() % 2.0 == 1.0 { 2e-6 } else { 0.0 });
-        assert!((rough - 2e-6).abs() < 1e-15, "{rough}");
+        let (rough, order) = of(&places, |x| if (x * 8.0).round() % 2.0 == 1.0 { 2e-6 } else { 0.0 });
+        assert!((rough - 2e-6).abs() < 1e-15 && order == 0.0, "{rough} {order}");
     }
 }

@@ -11,6 +11,7 @@ use super::fit::{Fit, Fitted, independent, side_by_side};
 use super::memory::{Based, Memory, Start};
 use super::series::{Filter, Noise, Theta, noise};
 use super::step::APART;
+use super::waves::best;
 use crate::error::DiagnoseError;
 use crate::linear::{Linear, column};
 use crate::score::golden_section;
@@ -144,6 +145,11 @@ impl<'a> View<'a> {
 
     pub(super) fn chains(&self) -> &[Kept] {
         &self.chains
+    }
+
+    /// Rows of the study that a chain keeps, in order.
+    pub(super) fn rows_of_study(&self, chain: usize) -> &[usize] {
+        &self.chains[chain].rows_of_study
     }
 
     /// Rows of a matrix of the study that are kept.
@@ -296,17 +302,19 @@ impl<'a> View<'a> {
         self.memory.forget_fit();
     }
 
-    /// The frequency near its own at which a candidate explains most of what a fit without it leaves.
+    /// The frequency of its band, or near its own, at which a candidate explains most of what a fit without it leaves.
     pub(super) fn refine(&mut self, fit: &Fit, candidate: usize) {
         let Some((own, reach)) = self.study.frequency(candidate) else { return };
         let Some(chain) = self.chain_of(candidate) else { return };
-        let rows = &self.chains[chain].rows_of_study;
-        let part = fit.part(self, &[chain]);
-        let explained = |frequency: f64| {
-            let columns = self.whitened_in(chain, self.study.columns_at(candidate, frequency, rows));
-            score(&part.project(columns.as_ref()), part.chi2, part.degrees).reduction
-        };
-        let frequency = golden_section((own - reach, own + reach), explained);
+        let frequency = best(self, fit, candidate).unwrap_or_else(|| {
+            let rows = &self.chains[chain].rows_of_study;
+            let part = fit.part(self, &[chain]);
+            let explained = |frequency: f64| {
+                let columns = self.whitened_in(chain, self.study.columns_at(candidate, frequency, rows));
+                score(&part.project(columns.as_ref()), part.chi2, part.degrees).reduction
+            };
+            golden_section((own - reach, own + reach), explained)
+        });
         self.study.set_frequency(candidate, frequency);
         self.memory.forget_columns();
     }

@@ -3,8 +3,10 @@
 //!
 //! Formula: e = g · Σ c_k f_k(x) along the axis, x its reading (m). With `terms` f_k are Legendre polynomials 0 … terms − 1 of x
 //! scaled to −1 … 1 over `low_m` … `high_m`; with `places_m` the error is linear between places and held beyond the first and the
-//! last, c_k its values there. What is not known between two places is a parabola that is zero at both, 1 halfway: one more
-//! parameter each, zero in value, so that it widens the uncertainty between places and nothing else. g is the product of what
+//! last, c_k its values there. What is not known between two places is one more parameter each, zero in value, so that it widens the
+//! uncertainty between places and nothing else: times (4 s (1 − s))^(q/2), s the share of the way from one to the other, 1 halfway.
+//! q, `between_order` (2 without it), is the order of interpolation that the table has been seen to have; with 0 a place says
+//! nothing of what is next to it. g is the product of what
 //! is named: `sign`, half the sign of approach, which makes the sum the reversal value B; `by`, (value − `by_zero`)/`by_unit` of a
 //! logged quantity, or with `tau` 1 − e^(−(value − `by_zero`)/tau), a growth that comes to rest.
 //! Source: ISO 230-2 (position and reversal tables), ISO 230-3 (drift). It is given by what was measured, not proposed.
@@ -34,11 +36,13 @@ pub(super) const KNOWN: Known = Known {
 const MOST_TERMS: usize = 16;
 /// Largest error believed (m).
 const PLAUSIBLE_M: f64 = 500e-6;
+/// Order to which a straight line goes through a smooth error.
+const SMOOTH_ORDER: f64 = 2.0;
 
 #[derive(Debug)]
 enum Form {
     Terms { count: usize, low_m: f64, high_m: f64 },
-    Table { places_m: Vec<f64> },
+    Table { places_m: Vec<f64>, between_order: f64 },
 }
 
 #[derive(Debug)]
@@ -71,7 +75,11 @@ fn construct(shape: &Shape, _machine: &Machine) -> Result<Box<dyn Effect>, Effec
         if places_m.len() < 2 || places_m.windows(2).any(|pair| pair[0] >= pair[1]) {
             return Err(reader.wrong("places_m", "must be two readings or more, each above the one before"));
         }
-        Form::Table { places_m }
+        let between_order = if has("between_order") { reader.number("between_order")? } else { SMOOTH_ORDER };
+        if !(0.0..=SMOOTH_ORDER).contains(&between_order) {
+            return Err(reader.wrong("between_order", "must lie between 0 and 2"));
+        }
+        Form::Table { places_m, between_order }
     } else {
         let (low_m, high_m) = (reader.number("low_m")?, reader.number("high_m")?);
         if low_m >= high_m {
@@ -121,7 +129,7 @@ impl By {
 type Weights = SmallVec<[(usize, f64); 3]>;
 
 /// Weights of a table's values and of what may lie between its places: index and weight.
-fn table(places_m: &[f64], reading_m: f64) -> Weights {
+fn table(places_m: &[f64], between_order: f64, reading_m: f64) -> Weights {
     let last = places_m.len() - 1;
     let above = places_m.partition_point(|place| *place <= reading_m);
     if above == 0 || above > last {
@@ -129,7 +137,11 @@ fn table(places_m: &[f64], reading_m: f64) -> Weights {
     }
     let (low_m, high_m) = (places_m[above - 1], places_m[above]);
     let share = (reading_m - low_m) / (high_m - low_m);
-    Weights::from_slice(&[(above - 1, 1.0 - share), (above, share), (last + above, 4.0 * share * (1.0 - share))])
+    if share <= 0.0 {
+        return Weights::from_slice(&[(above - 1, 1.0)]);
+    }
+    let open = (4.0 * share * (1.0 - share)).powf(0.5 * between_order);
+    Weights::from_slice(&[(above - 1, 1.0 - share), (above, share), (last + above, open)])
 }
 
 impl Effect for AxisTerm {
@@ -145,7 +157,7 @@ impl Effect for AxisTerm {
         let spec = |name: String| ParameterSpec::new(name, "m", PLAUSIBLE_M);
         match &self.form {
             Form::Terms { count, .. } => (0..*count).map(|k| spec(format!("c_{k}"))).collect(),
-            Form::Table { places_m } => {
+            Form::Table { places_m, .. } => {
                 let at = (1..=places_m.len()).map(|k| spec(format!("at_{k}")));
                 at.chain((1..places_m.len()).map(|k| spec(format!("between_{k}_{}", k + 1)))).collect()
             }
@@ -162,8 +174,9 @@ impl Effect for AxisTerm {
                 let values = legendre(scaled, count - 1);
                 values.into_iter().enumerate().for_each(|(k, value)| part(k, along, factor * value));
             }
-            Form::Table { places_m } => {
-                table(places_m, reading_m).into_iter().for_each(|(k, weight)| part(k, along, factor * weight));
+            Form::Table { places_m, between_order } => {
+                let weights = table(places_m, *between_order, reading_m);
+                weights.into_iter().for_each(|(k, weight)| part(k, along, factor * weight));
             }
         }
         Ok(())
@@ -193,6 +206,13 @@ mod tests {
         for (x_m, um) in [(0.1, 0.0), (0.15, 3.0), (0.2, 4.0), (0.3, 0.0), (0.35, 8.0), (0.4, 0.0), (0.5, 0.0)] {
             assert!((between(x_m) - um * 1e-6).abs() < 1e-18, "{x_m}: {}", between(x_m));
         }
+        let rough = shape.clone().number("between_order", 0.0);
+        let between = |x_m: f64| along_m(&rough, x_m, NONE, &[0.0, 0.0, 0.0, 4e-6, 8e-6]);
+        for (x_m, um) in [(0.1, 0.0), (0.1001, 4.0), (0.2, 4.0), (0.3, 0.0), (0.3001, 8.0), (0.4, 0.0), (0.5, 0.0)] {
+            assert!((between(x_m) - um * 1e-6).abs() < 1e-18, "{x_m}: {}", between(x_m));
+        }
+        let wrong = construct(&shape.number("between_order", 3.0), &machine()).unwrap_err();
+        assert!(wrong.to_string().contains("between_order"), "{wrong}");
     }
 
     #[test]

@@ -5,7 +5,7 @@
 //! the machine. Times count from the first run.
 
 use super::shape::{Ranges, Shape};
-use crate::study::candidate::ModelTerm;
+use crate::study::candidate::{Between, ModelTerm, Table};
 use crate::study::step::NO_PROPERTY;
 use abbe_geometry::Axis;
 use abbe_geometry::effects::Shape as ModelShape;
@@ -35,7 +35,7 @@ pub(super) fn sign_of(axis: Axis) -> String {
 /// A shape of an axis as effects of a model; times less `start_s`.
 pub(super) fn terms(axis: Axis, ranges: &Ranges, shape: &Shape, start_s: f64) -> Result<Vec<ModelTerm>, String> {
     let (low_m, high_m) = ranges.target_m;
-    let places_m: Vec<f64> = ranges.targets.iter().map(|key| *key as f64 * 1e-9).collect();
+    let places_m = ranges.places_m();
     let of_axis = || ModelShape::new().text("axis", axis.lower());
     let polynomial =
         |count: usize| of_axis().number("terms", count as f64).number("low_m", low_m).number("high_m", high_m);
@@ -55,7 +55,7 @@ pub(super) fn terms(axis: Axis, ranges: &Ranges, shape: &Shape, start_s: f64) ->
         _ => Err("it follows the order of measurement, which no later sample can say; write time_s".to_owned()),
     };
     let plain = |effect, shape, count: usize| vec![term(effect, shape, Mat::identity(count, count))];
-    let tabled = |shape, map| vec![ModelTerm { places_m: Some(places_m.clone()), ..term(TERM, shape, map) }];
+    let tabled = |shape, map| vec![tabled(&places_m, Between::Departures, shape, map)];
     let count = places_m.len();
     Ok(match shape {
         Shape::Position(degree) => {
@@ -104,7 +104,18 @@ pub(super) fn terms(axis: Axis, ranges: &Ranges, shape: &Shape, start_s: f64) ->
 }
 
 fn term(effect: &'static str, shape: ModelShape, map: Mat<f64>) -> ModelTerm {
-    ModelTerm { effect, shape, map, places_m: None }
+    ModelTerm { effect, shape, map, table: None }
+}
+
+fn tabled(places_m: &[f64], between: Between, shape: ModelShape, map: Mat<f64>) -> ModelTerm {
+    ModelTerm { table: Some(Table { places_m: places_m.to_vec(), between }), ..term(TERM, shape, map) }
+}
+
+/// What a wave may be between the targets where a shorter one is the same at all of them: zero in value, known to its size.
+pub(super) fn alias(axis: Axis, ranges: &Ranges) -> ModelTerm {
+    let places_m = ranges.places_m();
+    let shape = ModelShape::new().text("axis", axis.lower()).numbers("places_m", &places_m);
+    tabled(&places_m, Between::Alias, shape, Mat::zeros(places_m.len(), 2))
 }
 
 /// Covariates that a shape reads in a model.

@@ -2,6 +2,8 @@
 //!
 //! Place in the flow: between the shapes and the common search. One row an approach, error over 1 µm.
 
+mod bands;
+
 use super::given::given;
 use super::model;
 use super::naming::named;
@@ -11,7 +13,7 @@ use super::shape::{Ranges, Shape};
 use super::step::Steps;
 use super::{Approach, Run};
 use crate::error::DiagnoseError;
-use crate::study::candidate::{Candidate, Chain, Local, ModelTerm, Question, Study};
+use crate::study::candidate::{Band, Candidate, Chain, Local, ModelTerm, Question, Study};
 use crate::study::diagnosis::{Ambiguity, Untestable};
 use crate::study::smooth::{legendre, levels, range};
 use faer::Mat;
@@ -22,12 +24,10 @@ const UNIT_M: f64 = 1e-6;
 const FEWEST_CYCLES: usize = 3;
 /// Steps of the scan of periods in a cycle over the range of targets.
 const OVERSAMPLING: f64 = 4.0;
-/// Slowest periodic error told from a smooth one: cycles over the range of targets.
-const SLOWEST: f64 = 2.0;
-/// How far beyond the mean sampling limit irregular targets are trusted.
-const BEYOND_LIMIT: f64 = 4.0;
 /// Targets from which a wave of unknown period, three unknowns in many guises, can be told from a table of errors.
 const FEWEST_FOR_WAVES: usize = 12;
+/// Periods named in one sentence.
+const NAMED: usize = 4;
 /// Highest degree of the polynomials that a wave must stand apart from.
 const SMOOTH: usize = 6;
 /// Ratio of the time constants tested, and how many.
@@ -58,6 +58,8 @@ pub(super) struct Runs {
     proposed: Vec<(usize, Shape)>,
     questions: Vec<Question>,
     untestable: Vec<Untestable>,
+    /// Frequencies (1/m) at which waves found go nearly as well.
+    aliases: BTreeMap<usize, Vec<f64>>,
     notes: Vec<String>,
     /// Time of the first run (s).
     start_s: f64,
@@ -80,6 +82,7 @@ impl Runs {
             proposed: Vec::new(),
             questions: Vec::new(),
             untestable: Vec::new(),
+            aliases: BTreeMap::new(),
             notes,
             start_s,
         };
@@ -160,6 +163,15 @@ impl Runs {
             }
         }
         columns
+    }
+
+    /// Frequencies (1/m) at which a wave that was found gives the same errors, or nearly.
+    fn aliases_of(&self, candidate: usize) -> Vec<f64> {
+        let (axis, Shape::Periodic(period_m)) = &self.shapes[candidate] else { return Vec::new() };
+        match self.axes[*axis].step_m {
+            Some(step_m) => [-1.0, 1.0].map(|sign| step_m.recip() + sign / period_m).to_vec(),
+            None => self.aliases.get(&candidate).cloned().unwrap_or_default(),
+        }
     }
 
     fn name(&mut self, candidate: usize) {
@@ -295,20 +307,6 @@ impl AxisRuns {
             needs("expansion of the scale", sensor.to_owned());
         }
     }
-
-    /// Periods from the slowest told from a smooth error to the fastest that the targets resolve.
-    fn periods_m(&self) -> Vec<f64> {
-        if self.ranges.targets.len() < FEWEST_FOR_WAVES {
-            return Vec::new();
-        }
-        let span_m = self.ranges.target_m.1 - self.ranges.target_m.0;
-        let limit = (self.ranges.targets.len() as f64 - 1.0) / 2.0;
-        // At the limit itself a sine at equal steps is the sampled zero.
-        let fastest = if self.step_m.is_some() { limit * (1.0 - 1e-9) } else { limit * BEYOND_LIMIT };
-        let first = (SLOWEST * OVERSAMPLING).ceil() as usize;
-        let last = (fastest * OVERSAMPLING).floor() as usize;
-        (first..=last).map(|k| span_m * OVERSAMPLING / k as f64).collect()
-    }
 }
 
 impl Study for Runs {
@@ -349,6 +347,15 @@ impl Study for Runs {
         self.shape_at(self.shapes[candidate].0, &Shape::Periodic(frequency.recip()), rows)
     }
 
+    fn band(&self, candidate: usize, rows: &[usize]) -> Option<Band> {
+        let (axis, Shape::Periodic(_)) = &self.shapes[candidate] else { return None };
+        self.axes[*axis].band(rows, &self.runs)
+    }
+
+    fn set_aliases(&mut self, candidate: usize, frequencies: Vec<f64>) {
+        self.aliases.insert(candidate, frequencies);
+    }
+
     fn set_frequency(&mut self, candidate: usize, frequency: f64) {
         self.shapes[candidate].1 = Shape::Periodic(frequency.recip());
         self.name(candidate);
@@ -372,8 +379,12 @@ impl Study for Runs {
     }
 
     fn choices(&self, candidate: usize, places: &[usize]) -> f64 {
-        let is_chosen = !self.places(candidate).is_empty();
-        if is_chosen { self.axes[self.shapes[candidate].0].steps.places.tried(places) } else { 1.0 }
+        let (axis, shape) = &self.shapes[candidate];
+        match shape {
+            Shape::Periodic(period_m) => self.axes[*axis].waves(*period_m, &self.runs),
+            _ if self.places(candidate).is_empty() => 1.0,
+            _ => self.axes[*axis].steps.places.tried(places),
+        }
     }
 
     fn columns_from(&self, candidate: usize, places: &[usize], rows: &[usize]) -> Mat<f64> {
@@ -458,7 +469,12 @@ impl Study for Runs {
         let (own, shape) = &self.shapes[candidate];
         let name = &self.axes[*own].name;
         let axis = model::axis_of(name).ok_or_else(|| format!("axis {name} is none of X, Y and Z"))?;
-        model::terms(axis, &self.ranges(*own, shape), shape, self.start_s)
+        let ranges = self.ranges(*own, shape);
+        let mut terms = model::terms(axis, &ranges, shape, self.start_s)?;
+        if !self.aliases_of(candidate).is_empty() {
+            terms.push(model::alias(axis, &ranges));
+        }
+        Ok(terms)
     }
 
     fn model_covariates(&self, candidate: usize) -> Vec<String> {
@@ -498,19 +514,23 @@ impl Study for Runs {
         self.untestable.clone()
     }
 
-    /// Equal steps make a short period look like a long one.
+    /// Targets that are too few, or at equal steps, make a short period look like a long one.
     fn ambiguities(&self, found: &[usize]) -> Vec<Ambiguity> {
         let mut list = Vec::new();
         for candidate in found {
-            let (axis, Shape::Periodic(period_m)) = &self.shapes[*candidate] else { continue };
-            let Some(step_m) = self.axes[*axis].step_m else { continue };
-            let alias_mm = |sign: f64| 1e3 / (1.0 / step_m + sign / period_m);
-            let because = format!(
-                "targets at equal steps of {:.4} mm: periods of {:.4} mm, {:.4} mm and shorter ones give the same errors",
-                step_m * 1e3,
-                alias_mm(-1.0),
-                alias_mm(1.0)
-            );
+            let aliases = self.aliases_of(*candidate);
+            if aliases.is_empty() {
+                continue;
+            }
+            let periods: Vec<String> = aliases.iter().take(NAMED).map(|f| format!("{:.4} mm", 1e3 / f)).collect();
+            let periods = periods.join(", ");
+            let because = match self.axes[self.shapes[*candidate].0].step_m {
+                Some(step_m) => format!(
+                    "targets at equal steps of {:.4} mm: periods of {periods} and shorter ones give the same errors",
+                    step_m * 1e3
+                ),
+                None => format!("at these targets periods of {periods} go nearly as well"),
+            };
             let decided_by = "measure a stretch at irregular steps, or at a tenth of the shortest period suspected";
             let effects = vec![self.candidates[*candidate].name.clone()];
             list.push(Ambiguity { effects, because, decided_by: decided_by.to_owned() });

@@ -59,6 +59,13 @@ pub(super) struct Ranges {
     pub(super) targets: Vec<i64>,
 }
 
+impl Ranges {
+    /// All targets (m), ascending.
+    pub(super) fn places_m(&self) -> Vec<f64> {
+        self.targets.iter().map(|key| *key as f64 * 1e-9).collect()
+    }
+}
+
 impl Shape {
     /// Whether it is a drift or a step in time.
     pub(super) fn is_of_time(&self) -> bool {

@@ -109,7 +109,7 @@ impl Named {
             }
         };
         let map = Mat::from_fn(values.len(), 1, |i, _| values[i]);
-        Ok(ModelTerm { effect, shape, map, places_m: None })
+        Ok(ModelTerm { effect, shape, map, table: None })
     }
 }
 

@@ -41,5 +41,5 @@ pub(super) fn term(axis: Axis, shape: Shape, quantities: &[Quantity], less: impl
         }
     };
     let count = shape.parameters().len();
-    ModelTerm { effect: SMOOTH, shape: own, map: Mat::identity(count, count), places_m: None }
+    ModelTerm { effect: SMOOTH, shape: own, map: Mat::identity(count, count), table: None }
 }

@@ -374,7 +374,7 @@ impl Study for Vectors<'_> {
             Part::Registered(own) => {
                 let count = self.candidates[candidate].parameters.len();
                 let map = Mat::identity(count, count);
-                ModelTerm { effect: own.effect.name(), shape: own.shape.clone(), map, places_m: None }
+                ModelTerm { effect: own.effect.name(), shape: own.shape.clone(), map, table: None }
             }
         }])
     }

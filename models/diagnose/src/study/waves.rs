@@ -1,0 +1,143 @@
+//! Waves whose period the data choose, from the whole band of periods that an axis may have.
+//!
+//! Place in the flow: beside the search and, once more, after it. Targets far apart show a short wave as a long one (an alias):
+//! the pitch of a screw is a few millimetres, targets are some tens apart. At irregular targets the aliases differ a little from
+//! the wave itself. So the whole band is tried wherever a period is chosen, and periods that go nearly as well are named
+//! (Lomb 1976; VanderPlas 2018 on aliases of irregular samples). A wave follows the position alone: all rows of a position go through
+//! the products once, and a frequency costs next to nothing.
+
+use super::candidate::Band;
+use super::fit::Fit;
+use super::search::COMPARABLE;
+use super::view::View;
+use crate::error::DiagnoseError;
+use crate::linear::Projected;
+use crate::score::{golden_section, score};
+use faer::Mat;
+use std::f64::consts::TAU;
+
+/// Peaks of the scan whose tops are found, and the share of the highest from which they are: between two steps of the scan a peak
+/// loses a tenth at most.
+const PEAKS: usize = 24;
+const NEARLY: f64 = 0.8;
+/// Gain within which two waves are the same at all targets: the slower is taken.
+const SAME: f64 = 1e-3;
+
+/// What a fit without a wave leaves to all waves of its band.
+struct Left {
+    band: Band,
+    /// Of one column for each position.
+    each: Projected,
+    chi2: f64,
+    degrees: f64,
+}
+
+/// A frequency (1/m) at which a wave explains more than beside it, and the gain of twice the log likelihood.
+#[derive(Debug, Clone, Copy)]
+struct Peak {
+    frequency: f64,
+    gain: f64,
+}
+
+impl Left {
+    /// `None` where a candidate has no band.
+    fn new(view: &View, fit: &Fit, candidate: usize) -> Option<Left> {
+        let chain = view.chain_of(candidate)?;
+        let band = view.study.band(candidate, view.rows_of_study(chain))?;
+        let mut at = Mat::zeros(band.place_of.len(), band.places_m.len());
+        band.place_of.iter().enumerate().for_each(|(row, place)| at[(row, *place)] = 1.0);
+        let part = fit.part(view, &[chain]);
+        let each = part.project(view.whitened_in(chain, at).as_ref());
+        Some(Left { band, each, chi2: part.chi2, degrees: part.degrees })
+    }
+
+    fn gain(&self, frequency: f64) -> f64 {
+        let count = self.band.places_m.len();
+        let mut wave = Mat::zeros(count, 2);
+        for (k, place_m) in self.band.places_m.iter().enumerate() {
+            let (sine, cosine) = (TAU * place_m * frequency).sin_cos();
+            (wave[(k, 0)], wave[(k, 1)]) = (sine, cosine);
+        }
+        let of = |square: &Mat<f64>| wave.transpose() * (square * &wave);
+        let gradient =
+            (0..2).map(|j| (0..count).map(|k| wave[(k, j)] * self.each.gradient[k]).sum()).collect::<Vec<f64>>();
+        let own = Projected { gradient, alone: of(&self.each.alone), left: of(&self.each.left) };
+        score(&own, self.chi2, self.degrees).gain
+    }
+
+    /// What a choice among faster waves costs, in twice the log likelihood; nothing where the positions resolve the wave.
+    fn price(&self, frequency: f64) -> f64 {
+        if frequency > self.band.resolved + self.band.step { 2.0 * self.band.faster.ln() } else { 0.0 }
+    }
+
+    /// The highest peaks, highest first, of equal ones the slower.
+    fn peaks(&self) -> Vec<Peak> {
+        let Band { low, high, step, .. } = self.band;
+        let count = ((high - low) / step).floor() as usize;
+        let gains: Vec<f64> = (0..=count).map(|k| self.gain(low + k as f64 * step)).collect();
+        let most = gains.iter().copied().fold(0.0, f64::max);
+        let beside = |k: usize| {
+            let (before, after) = (k.checked_sub(1).map(|k| gains[k]), gains.get(k + 1).copied());
+            before.into_iter().chain(after).fold(f64::NEG_INFINITY, f64::max)
+        };
+        let is_peak = |k: &usize| gains[*k] >= beside(*k) && gains[*k] >= NEARLY * most - COMPARABLE;
+        let mut places: Vec<usize> = (0..=count).filter(is_peak).collect();
+        places.sort_by(|a, b| gains[*b].total_cmp(&gains[*a]));
+        let top = |k: usize| {
+            let own = low + k as f64 * step;
+            let frequency = golden_section(((own - step).max(low), own + step), |frequency| self.gain(frequency));
+            Peak { frequency, gain: self.gain(frequency) }
+        };
+        let mut peaks: Vec<Peak> = places.into_iter().take(PEAKS).map(top).collect();
+        peaks.sort_by(|a, b| b.gain.total_cmp(&a.gain));
+        let Some(most) = peaks.first().map(|peak| peak.gain) else { return peaks };
+        let same = peaks.partition_point(|peak| most - peak.gain <= SAME);
+        peaks[..same].sort_by(|a, b| a.frequency.total_cmp(&b.frequency));
+        peaks
+    }
+}
+
+/// The frequency of its band at which a wave explains most of what a fit without it leaves, less the price of the choice; `None`
+/// where it has no band. Waves that the positions resolve are sought by themselves: among so many faster ones, one goes by chance.
+pub(super) fn best(view: &View, fit: &Fit, candidate: usize) -> Option<f64> {
+    let mut left = Left::new(view, fit, candidate)?;
+    let all = left.peaks().first().copied();
+    let price = left.price(f64::INFINITY);
+    left.band.high = left.band.resolved;
+    let slow = left.peaks().first().copied();
+    let better = |slow: Peak, fast: Peak| if fast.gain - price > slow.gain { fast } else { slow };
+    Some(match (slow, all) {
+        (Some(slow), Some(fast)) => better(slow, fast),
+        (one, other) => one.or(other)?,
+    })
+    .map(|peak| peak.frequency)
+}
+
+/// Takes the best frequency of each wave of a set beside all the rest: one that was found while other effects were missing may be
+/// the alias that went best with these.
+pub(super) fn tuned(view: &mut View, set: &[usize]) -> Result<bool, DiagnoseError> {
+    let waves: Vec<usize> = set.iter().copied().filter(|k| view.study.frequency(*k).is_some()).collect();
+    for own in &waves {
+        let rest: Vec<usize> = set.iter().copied().filter(|other| other != own).collect();
+        let without = Fit::settle(view, &rest)?;
+        view.refine(&without, *own);
+    }
+    Ok(!waves.is_empty())
+}
+
+/// Tells the study which other waves go nearly as well as each that was found, within odds of 20 to 1.
+pub(super) fn tell_aliases(view: &mut View, set: &[usize]) -> Result<(), DiagnoseError> {
+    for wave in set {
+        let Some((frequency, _)) = view.study.frequency(*wave) else { continue };
+        let rest: Vec<usize> = set.iter().copied().filter(|other| other != wave).collect();
+        let without = Fit::settle(view, &rest)?;
+        let Some(left) = Left::new(view, &without, *wave) else { continue };
+        let worth = |peak: &Peak| peak.gain - left.price(peak.frequency);
+        let own = worth(&Peak { frequency, gain: left.gain(frequency) });
+        let is_other =
+            |peak: &Peak| own - worth(peak) < COMPARABLE && (peak.frequency - frequency).abs() > left.band.resolution;
+        let aliases = left.peaks().into_iter().filter(is_other).map(|peak| peak.frequency).collect();
+        view.study.set_aliases(*wave, aliases);
+    }
+    Ok(())
+}
