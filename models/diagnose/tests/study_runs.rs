@@ -139,6 +139,7 @@ fn equal_steps_alias_a_short_period_and_the_study_says_so() {
     assert!(names(&diagnosis)[0].starts_with("periodic error, period 11"), "{:?}", names(&diagnosis));
     let said = diagnosis.not_identifiable.iter().find(|item| item.because.contains("equal steps")).unwrap();
     assert!(said.because.contains("26.9") && said.decided_by.contains("irregular"), "{said:?}");
+    assert!(diagnosis.untestable.iter().any(|item| item.name.contains("divides the step of 35.000 mm")));
 }
 
 /// The pitch of a screw, a third of the step of targets that are off equal ones by at most 30 % of it.
@@ -210,6 +211,9 @@ fn what_cannot_be_used_is_refused_with_a_remedy() {
     let two: Vec<Run> = runs.iter().filter(|run| run.cycle < 3).cloned().collect();
     assert!(diagnose(&two, &Options::default()).unwrap_err().to_string().contains("five cycles"));
     assert!(diagnose(&[], &Options::default()).unwrap_err().to_string().contains("no runs"));
+    let exchanged: Vec<Run> =
+        runs.iter().map(|run| Run { target_m: run.measured_m, measured_m: run.target_m, ..run.clone() }).collect();
+    assert!(diagnose(&exchanged, &Options::default()).unwrap_err().to_string().contains("exchanged"));
     let mut broken = runs;
     broken[4].measured_m = f64::INFINITY;
     assert!(diagnose(&broken, &Options::default()).unwrap_err().to_string().contains("run 5"));

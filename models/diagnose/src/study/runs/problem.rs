@@ -276,6 +276,12 @@ impl AxisRuns {
             );
             needs("periodic error", problem);
         }
+        if let Some(step_m) = self.step_m {
+            let step_mm = step_m * 1e3;
+            let remedy =
+                "measure at irregular steps: at equal ones such a wave is the same everywhere, and in no uncertainty";
+            needs(&format!("periodic error whose period divides the step of {step_mm:.3} mm"), remedy.to_owned());
+        }
         self.logged_shapes(&mut shapes, &mut needs);
         let partly: BTreeSet<&String> = self.rows.iter().flat_map(|row| runs[*row].covariates.keys()).collect();
         for name in partly.into_iter().filter(|name| self.quantities.iter().all(|(own, ..)| own != *name)) {
