@@ -207,9 +207,7 @@ fn effects(view: &mut View, last: &Fit, u: &[Vec<f64>]) -> Result<Vec<Effect>, D
     let after = judge(view, last);
     let mut effects = Vec::with_capacity(set.len());
     for (k, fitted) in last.added.iter().enumerate() {
-        let mut rest = set.clone();
-        rest.remove(k);
-        let without = Fit::settle(view, &rest)?;
+        let without = Fit::without(view, &set, fitted.candidate)?;
         let mut all = score_all(view, &without);
         placed(view, &without, &set, &mut all);
         let Some(own) = all.iter().find(|scored| scored.candidate == fitted.candidate) else { continue };

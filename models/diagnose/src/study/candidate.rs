@@ -92,14 +92,20 @@ pub(crate) struct Band {
     pub(crate) low: f64,
     pub(crate) high: f64,
     pub(crate) step: f64,
-    /// Fastest that neighbouring positions resolve on average (1/m), and how many faster waves are tried for each slower one.
+    /// Fastest that neighbouring positions resolve on average (1/m).
     pub(crate) resolved: f64,
-    pub(crate) faster: f64,
     /// Distance within which two frequencies are one (1/m).
     pub(crate) resolution: f64,
     /// Positions (m), each once, and that of each row asked for.
     pub(crate) places_m: Vec<f64>,
     pub(crate) place_of: Vec<usize>,
+}
+
+impl Band {
+    /// Number of waves tried for each that the positions resolve, where this one is faster; 1 where they resolve it.
+    pub(crate) fn choices(&self, frequency: f64) -> f64 {
+        if frequency > self.resolved + self.step { (self.high - self.low) / (self.resolved - self.low) } else { 1.0 }
+    }
 }
 
 /// The problem around one point of linearisation.

@@ -111,6 +111,12 @@ impl Fit {
         })
     }
 
+    /// Base model and all of a set but one.
+    pub(super) fn without(view: &View, set: &[usize], candidate: usize) -> Result<Fit, DiagnoseError> {
+        let rest: Vec<usize> = set.iter().copied().filter(|other| *other != candidate).collect();
+        Fit::settle(view, &rest)
+    }
+
     /// One linear fit: with steps of the parameters, and the largest step against its uncertainty.
     fn pass(view: &View, at: &[(usize, Vec<f64>)]) -> Result<(Fit, Vec<Vec<f64>>, f64), DiagnoseError> {
         let start = view.start(at)?;

@@ -20,7 +20,7 @@ use std::f64::consts::TAU;
 /// loses a tenth at most.
 const PEAKS: usize = 24;
 const NEARLY: f64 = 0.8;
-/// Gain within which two waves are the same at all targets: the slower is taken.
+/// Worth within which two waves are the same at all targets: the slower is taken.
 const SAME: f64 = 1e-3;
 
 /// What a fit without a wave leaves to all waves of its band.
@@ -32,11 +32,11 @@ struct Left {
     degrees: f64,
 }
 
-/// A frequency (1/m) at which a wave explains more than beside it, and the gain of twice the log likelihood.
+/// A frequency (1/m) at which a wave is worth more than beside it, and what it is worth.
 #[derive(Debug, Clone, Copy)]
 struct Peak {
     frequency: f64,
-    gain: f64,
+    worth: f64,
 }
 
 impl Left {
@@ -49,6 +49,12 @@ impl Left {
         let part = fit.part(view, &[chain]);
         let each = part.project(view.whitened_in(chain, at).as_ref());
         Some(Left { band, each, chi2: part.chi2, degrees: part.degrees })
+    }
+
+    /// Gain of twice the log likelihood, less the price of the choice: among so many waves that the positions do not resolve, one goes
+    /// by chance.
+    fn worth(&self, frequency: f64) -> f64 {
+        self.gain(frequency) - 2.0 * self.band.choices(frequency).ln()
     }
 
     fn gain(&self, frequency: f64) -> f64 {
@@ -65,52 +71,36 @@ impl Left {
         score(&own, self.chi2, self.degrees).gain
     }
 
-    /// What a choice among faster waves costs, in twice the log likelihood; nothing where the positions resolve the wave.
-    fn price(&self, frequency: f64) -> f64 {
-        if frequency > self.band.resolved + self.band.step { 2.0 * self.band.faster.ln() } else { 0.0 }
-    }
-
     /// The highest peaks, highest first, of equal ones the slower.
     fn peaks(&self) -> Vec<Peak> {
         let Band { low, high, step, .. } = self.band;
         let count = ((high - low) / step).floor() as usize;
-        let gains: Vec<f64> = (0..=count).map(|k| self.gain(low + k as f64 * step)).collect();
-        let most = gains.iter().copied().fold(0.0, f64::max);
+        let worth: Vec<f64> = (0..=count).map(|k| self.worth(low + k as f64 * step)).collect();
+        let most = worth.iter().copied().fold(0.0, f64::max);
         let beside = |k: usize| {
-            let (before, after) = (k.checked_sub(1).map(|k| gains[k]), gains.get(k + 1).copied());
+            let (before, after) = (k.checked_sub(1).map(|k| worth[k]), worth.get(k + 1).copied());
             before.into_iter().chain(after).fold(f64::NEG_INFINITY, f64::max)
         };
-        let is_peak = |k: &usize| gains[*k] >= beside(*k) && gains[*k] >= NEARLY * most - COMPARABLE;
+        let is_peak = |k: &usize| worth[*k] >= beside(*k) && worth[*k] >= NEARLY * most - COMPARABLE;
         let mut places: Vec<usize> = (0..=count).filter(is_peak).collect();
-        places.sort_by(|a, b| gains[*b].total_cmp(&gains[*a]));
+        places.sort_by(|a, b| worth[*b].total_cmp(&worth[*a]));
         let top = |k: usize| {
             let own = low + k as f64 * step;
             let frequency = golden_section(((own - step).max(low), own + step), |frequency| self.gain(frequency));
-            Peak { frequency, gain: self.gain(frequency) }
+            Peak { frequency, worth: self.worth(frequency) }
         };
         let mut peaks: Vec<Peak> = places.into_iter().take(PEAKS).map(top).collect();
-        peaks.sort_by(|a, b| b.gain.total_cmp(&a.gain));
-        let Some(most) = peaks.first().map(|peak| peak.gain) else { return peaks };
-        let same = peaks.partition_point(|peak| most - peak.gain <= SAME);
+        peaks.sort_by(|a, b| b.worth.total_cmp(&a.worth));
+        let Some(most) = peaks.first().map(|peak| peak.worth) else { return peaks };
+        let same = peaks.partition_point(|peak| most - peak.worth <= SAME);
         peaks[..same].sort_by(|a, b| a.frequency.total_cmp(&b.frequency));
         peaks
     }
 }
 
-/// The frequency of its band at which a wave explains most of what a fit without it leaves, less the price of the choice; `None`
-/// where it has no band. Waves that the positions resolve are sought by themselves: among so many faster ones, one goes by chance.
+/// The frequency of its band at which a wave is worth most beside a fit without it; `None` where it has no band.
 pub(super) fn best(view: &View, fit: &Fit, candidate: usize) -> Option<f64> {
-    let mut left = Left::new(view, fit, candidate)?;
-    let all = left.peaks().first().copied();
-    let price = left.price(f64::INFINITY);
-    left.band.high = left.band.resolved;
-    let slow = left.peaks().first().copied();
-    let better = |slow: Peak, fast: Peak| if fast.gain - price > slow.gain { fast } else { slow };
-    Some(match (slow, all) {
-        (Some(slow), Some(fast)) => better(slow, fast),
-        (one, other) => one.or(other)?,
-    })
-    .map(|peak| peak.frequency)
+    Left::new(view, fit, candidate)?.peaks().first().map(|peak| peak.frequency)
 }
 
 /// Takes the best frequency of each wave of a set beside all the rest: one that was found while other effects were missing may be
@@ -118,8 +108,7 @@ pub(super) fn best(view: &View, fit: &Fit, candidate: usize) -> Option<f64> {
 pub(super) fn tuned(view: &mut View, set: &[usize]) -> Result<bool, DiagnoseError> {
     let waves: Vec<usize> = set.iter().copied().filter(|k| view.study.frequency(*k).is_some()).collect();
     for own in &waves {
-        let rest: Vec<usize> = set.iter().copied().filter(|other| other != own).collect();
-        let without = Fit::settle(view, &rest)?;
+        let without = Fit::without(view, set, *own)?;
         view.refine(&without, *own);
     }
     Ok(!waves.is_empty())
@@ -129,13 +118,11 @@ pub(super) fn tuned(view: &mut View, set: &[usize]) -> Result<bool, DiagnoseErro
 pub(super) fn tell_aliases(view: &mut View, set: &[usize]) -> Result<(), DiagnoseError> {
     for wave in set {
         let Some((frequency, _)) = view.study.frequency(*wave) else { continue };
-        let rest: Vec<usize> = set.iter().copied().filter(|other| other != wave).collect();
-        let without = Fit::settle(view, &rest)?;
+        let without = Fit::without(view, set, *wave)?;
         let Some(left) = Left::new(view, &without, *wave) else { continue };
-        let worth = |peak: &Peak| peak.gain - left.price(peak.frequency);
-        let own = worth(&Peak { frequency, gain: left.gain(frequency) });
+        let own = left.worth(frequency);
         let is_other =
-            |peak: &Peak| own - worth(peak) < COMPARABLE && (peak.frequency - frequency).abs() > left.band.resolution;
+            |peak: &Peak| own - peak.worth < COMPARABLE && (peak.frequency - frequency).abs() > left.band.resolution;
         let aliases = left.peaks().into_iter().filter(is_other).map(|peak| peak.frequency).collect();
         view.study.set_aliases(*wave, aliases);
     }

@@ -137,6 +137,7 @@ fn table(places_m: &[f64], between_order: f64, reading_m: f64) -> Weights {
     }
     let (low_m, high_m) = (places_m[above - 1], places_m[above]);
     let share = (reading_m - low_m) / (high_m - low_m);
+    // At the place itself it is known, of whatever order the table is: 0 to the power of 0 is 1.
     if share <= 0.0 {
         return Weights::from_slice(&[(above - 1, 1.0)]);
     }

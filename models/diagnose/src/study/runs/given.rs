@@ -27,17 +27,18 @@ pub(super) fn given(runs: &[Run]) -> Result<(Vec<usize>, Vec<String>), DiagnoseE
     }
     let axes: BTreeSet<&str> = runs.iter().map(|run| run.axis.as_str()).collect();
     for axis in axes {
-        let of = |value: fn(&Run) -> f64| runs.iter().filter(|run| run.axis == axis).map(value).collect::<Vec<f64>>();
-        let (targets, measured) = (distinct(&of(|run| run.target_m)), distinct(&of(|run| run.measured_m)));
+        let own = || runs.iter().filter(|run| run.axis == axis);
+        let distinct =
+            |position_m: fn(&Run) -> f64| own().map(|run| key(position_m(run))).collect::<BTreeSet<i64>>().len();
+        let (targets, measured) = (distinct(|run| run.target_m), distinct(|run| run.measured_m));
         if targets > 2 * measured {
-            let problem =
-                format!("axis {axis} has {targets} different targets, and only {measured} measured positions");
+            let problem = format!("axis {axis} has {targets} different targets, and {measured} measured positions");
             return data(
                 problem,
-                "the columns seem to be exchanged: target_mm is where the axis was sent, again and again",
+                "the columns seem to be exchanged: target_mm is where the axis was sent, each cycle again",
             );
         }
-        let errors: Vec<f64> = runs.iter().filter(|run| run.axis == axis).map(Run::error_m).collect();
+        let errors: Vec<f64> = own().map(Run::error_m).collect();
         let middle = median(errors.clone());
         let spread_m = median(errors.into_iter().map(|error| (error - middle).abs()).collect());
         if spread_m > ANOTHER_UNIT_M {
@@ -72,10 +73,6 @@ fn once(runs: &[Run]) -> (Vec<usize>, Vec<String>) {
     let more = if copies.len() > NAMED { ", …" } else { "" };
     let note = format!("{} rows are copies of others and were counted once: {}{more}.", copies.len(), named.join(", "));
     (rows, vec![note])
-}
-
-fn distinct(values: &[f64]) -> usize {
-    values.iter().map(|value| key(*value)).collect::<BTreeSet<i64>>().len()
 }
 
 fn median(mut values: Vec<f64>) -> f64 {

@@ -39,6 +39,7 @@ impl AxisRuns {
         self.step_m.is_none() && (FEWEST_FOR_WAVES..=MOST_FOR_BAND).contains(&self.ranges.targets.len())
     }
 
+    /// The band, at some rows.
     pub(super) fn band(&self, rows: &[usize], runs: &[Run]) -> Option<Band> {
         if !self.has_band() {
             return None;
@@ -46,12 +47,10 @@ impl AxisRuns {
         let resolution = (self.ranges.target_m.1 - self.ranges.target_m.0).recip();
         let place = |row: &usize| self.ranges.targets.binary_search(&key(runs[*row].target_m)).ok();
         let resolved = 0.5 * (self.ranges.targets.len() as f64 - 1.0) * resolution;
-        let (low, high) = (SLOWEST * resolution, SHORTEST_M.recip().max(resolved));
         Some(Band {
-            low,
-            high,
+            low: SLOWEST * resolution,
+            high: SHORTEST_M.recip().max(resolved),
             resolved,
-            faster: ((high - low) / (resolved - low)).max(1.0),
             step: resolution / OVERSAMPLING,
             resolution,
             places_m: self.ranges.places_m(),
@@ -61,7 +60,6 @@ impl AxisRuns {
 
     /// Number of waves tried for each that is a candidate: more where one is faster than the targets resolve.
     pub(super) fn waves(&self, period_m: f64, runs: &[Run]) -> f64 {
-        let is_fast = |band: &Band| period_m.recip() > band.resolved + band.step;
-        self.band(&[], runs).filter(is_fast).map_or(1.0, |band| band.faster)
+        self.band(&[], runs).map_or(1.0, |band| band.choices(period_m.recip()))
     }
 }
