@@ -19,7 +19,7 @@ use crate::search::{Search, State, has};
 use crate::worth;
 use abbe_geometry::effects::of_lagged;
 use abbe_geometry::mixture::mixture;
-use abbe_geometry::model::MachineModel;
+use abbe_geometry::model::{MachineModel, ModelError};
 use abbe_identify::{EffectTerm, Identified, IdentifyError, TIME};
 
 /// Weight beside the effect found below which an explanation is not kept: it would move a coordinate by a twentieth of what they differ,
@@ -60,12 +60,15 @@ pub(crate) fn without_each<'a>(
     Ok(all)
 }
 
+/// What is to be told to each model that is taken into the mean.
+pub(crate) type Told<'t> = &'t dyn Fn(MachineModel) -> Result<MachineModel, ModelError>;
+
 /// The model to correct with, and what it takes the mean of in the place of each term; `found` is the model of the search with what
-/// follows the time.
+/// follows the time, and what the others are still to be told.
 pub(crate) fn averaged(
     search: &Search,
     state: &State,
-    found: &MachineModel,
+    (found, told): (&MachineModel, Told),
     without: &[Option<Without>],
     observe: &mut dyn FnMut(Progress) -> bool,
 ) -> Result<(MachineModel, Vec<Vec<Competing>>), DiagnoseError> {
@@ -81,6 +84,10 @@ pub(crate) fn averaged(
         return Ok((found.clone(), all.iter().map(|_| Vec::new()).collect()));
     }
     let total = 1.0 + kept().map(|kept| kept.weight).sum::<f64>();
+    for kept in all.iter_mut().flatten() {
+        kept.model = told(kept.model.clone()).map_err(IdentifyError::from)?;
+    }
+    let kept = || all.iter().flatten();
     let members: Vec<(f64, &MachineModel)> =
         std::iter::once((1.0, found)).chain(kept().map(|kept| (kept.weight, &kept.model))).collect();
     let model = mixture(&members).map_err(IdentifyError::from)?;

@@ -58,19 +58,17 @@ pub fn diagnose(
         state.withdraw((before.clone(), first.clone(), base.clone()), because);
     }
     let machine_step = machine_step(&search, &state, (&alike, &base), observe)?;
-    let wander = match machine_step {
+    let (wander, widening) = match machine_step {
         // Its courses would describe the step.
-        Some(_) => None,
-        None => {
-            let mut go_on = || observe(Progress::Scoring { round: 1, effects: state.terms.len() });
-            wander::find(&state.round, campaign, &search.context, options, &mut go_on)?
-        }
+        Some(_) => (None, None),
+        None => wandering(&search, &state, &base, observe)?,
     };
+    let wanders = |model: MachineModel| widening.as_ref().map_or(Ok(model.clone()), |wander| wander.told(model));
     let model = state.fit.model.clone();
     state.fit.model = tomorrow::told(model, &state.round, campaign, |fitted| !is_base(&base, fitted))
         .and_then(|model| with_unexplained(model, judged.unseen.as_ref(), floor::unexplained_m(&state.round, campaign)))
         .and_then(|model| machine_step.as_ref().map_or(Ok(model.clone()), |step| step.told(model)))
-        .and_then(|model| wander.as_ref().map_or(Ok(model.clone()), |wander| wander.told(model)))
+        .and_then(wanders)
         .map_err(abbe_identify::IdentifyError::from)?;
     let named = match state.named.take() {
         Some(named) => named,
@@ -80,7 +78,7 @@ pub fn diagnose(
     let detection_after = noise::detect(&last, campaign, &state.fit.evidence);
     let enriched = state.is_enriched();
     let without = competing::without_each(&search, &state, &base, observe)?;
-    let (averaged, competing) = competing::averaged(&search, &state, &state.fit.model, &without, observe)?;
+    let (averaged, competing) = competing::averaged(&search, &state, (&state.fit.model, &wanders), &without, observe)?;
     let mut found = found(&search, &state, &base, without.iter().zip(competing))?;
     // A step that explains more than all of them: none is the cause.
     if machine_step.as_ref().is_some_and(|step| step.outdoes_found) {
@@ -142,6 +140,31 @@ fn with_unexplained(
     let unseen_m = unseen.map_or([0.0; 3], |unseen| unseen.unexplained_m);
     let unexplained_m = std::array::from_fn(|d| quality.unexplained_m[d].max(unseen_m[d]).max(floor_m[d]));
     MachineModel::new(ModelParts { quality: FitQuality { unexplained_m, ..quality }, ..model.parts().clone() })
+}
+
+/// What the machine does in a course that no effect describes: what is said of it, and what stands in the uncertainty. An effect that is only
+/// a course in time corrects nothing, so that what it describes belongs there as well.
+fn wandering(
+    search: &Search,
+    state: &State,
+    base: &[EffectTerm],
+    observe: &mut dyn FnMut(Progress) -> bool,
+) -> Result<(Option<Wander>, Option<Wander>), DiagnoseError> {
+    let find = |fit: &Identified, round: &Round, observe: &mut dyn FnMut(Progress) -> bool| {
+        let mut go_on = || observe(Progress::Scoring { round: 1, effects: state.terms.len() });
+        wander::find((&fit.model, round), search.campaign, &search.context, search.options, &mut go_on)
+    };
+    let said = find(&state.fit, &state.round, observe)?;
+    let is_course = |fitted: &&FittedEffect| !is_base(base, fitted) && tomorrow::is_course(fitted, search.campaign);
+    let effects = &state.fit.model.parts().effects;
+    let kept: Vec<EffectTerm> = effects.iter().filter(|fitted| !is_course(fitted)).map(EffectTerm::of).collect();
+    if kept.len() == effects.len() {
+        return Ok((said.clone(), said));
+    }
+    match search.attempt_under(&state.machine, &kept, state.fit.correlation, observe)? {
+        Ok((fit, round)) => Ok((said, find(&fit, &round, observe)?)),
+        Err(_) => Ok((said.clone(), said)),
+    }
 }
 
 /// A step of the machine, in place of all that the search found or beside it.

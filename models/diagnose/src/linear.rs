@@ -218,6 +218,11 @@ impl Linear {
         self.root.transpose() * shared
     }
 
+    /// V JᵀC: by how much the parameters take what the columns do for their own.
+    pub(crate) fn reach(&self, columns: MatRef<f64>) -> Mat<f64> {
+        &self.covariance * (self.jacobian.transpose() * columns)
+    }
+
     /// Cᵀr.
     pub(crate) fn gradient(&self, columns: MatRef<f64>) -> Vec<f64> {
         let gradient = columns.transpose() * column(&self.residuals);

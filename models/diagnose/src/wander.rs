@@ -19,22 +19,21 @@ use crate::error::DiagnoseError;
 use crate::options::Options;
 use crate::quadratic_form::p_of_form;
 use crate::score::golden_section;
-use abbe_geometry::Vector3;
-use abbe_geometry::effects::is_derived;
-use abbe_geometry::model::{FitQuality, MachineModel, ModelError, ModelParts};
+use abbe_geometry::by_place::{FORMS, VarianceByPlace};
+use abbe_geometry::effects::{Shape, is_derived};
+use abbe_geometry::model::{MachineModel, ModelError};
 use abbe_identify::{TIME, symmetric_eigen};
 use abbe_measurement::campaign::Campaign;
-use abbe_measurement::subset::spread;
 use faer::Mat;
 
 /// Half cycles of a course in time.
 const HALF_CYCLES: usize = 8;
-/// Readings at which the tip's motion is looked at.
-const POINTS: usize = 300;
 /// Probability below which they are all alike: a difference to one half that a number still holds.
 const LEAST_P: f64 = 1e-15;
 /// Eigenvalue, as a share of the largest, from which a direction is seen.
 const SEEN: f64 = 1e-9;
+/// Likelihood beside that of the likeliest course below which another is left out.
+const LEAST_WEIGHT: f64 = 0.01;
 /// Degrees of freedom that must be left beside all directions.
 const FEWEST_DEGREES: f64 = 50.0;
 /// ln σ²λ over the noise between which the estimate lies, λ the largest.
@@ -49,6 +48,10 @@ pub struct Wander {
     pub p_value: f64,
     /// How far the tip wanders along X, Y and Z at the readings (m, rms).
     pub size_m: [f64; 3],
+    /// The same at every place.
+    by_place: VarianceByPlace,
+    /// Parameters of the fit, and the covariance of what they took for their own.
+    taken: (Vec<Parameter>, Mat<f64>),
 }
 
 impl Wander {
@@ -64,39 +67,130 @@ impl Wander {
         )
     }
 
-    /// The model with it in the uncertainty of all that it corrects.
+    /// The model with it in the uncertainty of all that it corrects, whichever effects it has.
     pub(crate) fn told(&self, model: MachineModel) -> Result<MachineModel, ModelError> {
-        let quality = model.parts().quality.clone();
-        let unexplained_m = std::array::from_fn(|d| quality.unexplained_m[d].hypot(self.size_m[d]));
-        MachineModel::new(ModelParts { quality: FitQuality { unexplained_m, ..quality }, ..model.parts().clone() })
+        let mut parts = model.parts().clone();
+        parts.quality.wanders = Some(self.by_place.clone());
+        let places: Vec<Option<usize>> = self.taken.0.iter().map(|parameter| parameter.place(&model)).collect();
+        for (i, a) in places.iter().enumerate() {
+            for (j, b) in places.iter().enumerate().take(i + 1) {
+                let (Some(a), Some(b)) = (a, b) else { continue };
+                parts.covariance[a.max(b) * (a.max(b) + 1) / 2 + a.min(b)] += self.taken.1[(i, j)];
+            }
+        }
+        MachineModel::new(parts)
+    }
+}
+
+/// A parameter of a model, to be found in others of the same machine and campaign.
+#[derive(Debug, Clone, PartialEq)]
+enum Parameter {
+    Geometric(usize),
+    /// Effect, shape, and number among its parameters.
+    OfEffect(&'static str, Shape, usize),
+    /// Number among those of stations.
+    OfStation(usize),
+}
+
+impl Parameter {
+    /// What stands at a place of a model's covariance.
+    fn at(model: &MachineModel, place: usize) -> Parameter {
+        let mut first = model.layout().len();
+        if place < first {
+            return Parameter::Geometric(place);
+        }
+        for fitted in &model.parts().effects {
+            let count = fitted.parameters.len();
+            if place < first + count {
+                return Parameter::OfEffect(fitted.effect.name(), fitted.shape.clone(), place - first);
+            }
+            first += count;
+        }
+        Parameter::OfStation(place - first)
+    }
+
+    /// Its place in the covariance of a model; `None` where that has no such effect.
+    fn place(&self, model: &MachineModel) -> Option<usize> {
+        let mut first = model.layout().len();
+        let effects = &model.parts().effects;
+        match self {
+            Parameter::Geometric(place) => Some(*place),
+            Parameter::OfStation(number) => Some(model.machine_parameters() + number),
+            Parameter::OfEffect(name, shape, number) => effects.iter().find_map(|fitted| {
+                let own = first + number;
+                first += fitted.parameters.len();
+                (fitted.effect.name() == *name && fitted.shape == *shape).then_some(own)
+            }),
+        }
     }
 }
 
 /// What these rows show of a machine that wanders; `None` where chance explains it.
 pub(crate) fn find(
-    round: &Round,
+    (model, round): (&MachineModel, &Round),
     campaign: &Campaign,
     context: &Context,
     options: &Options,
     go_on: &mut dyn FnMut() -> bool,
 ) -> Result<Option<Wander>, DiagnoseError> {
     let used: Vec<usize> = (0..round.rows.len()).filter(|k| round.rows.whitening[*k] > 0.0).collect();
+    let places = &Places::of(campaign, &used);
     let mut looks = Vec::new();
     for (follows, courses) in courses(campaign, context, &used) {
-        for motions in [Motions::linear(campaign, &used), Motions::quadratic(campaign, &used)] {
+        for motions in [Motions::linear(places), Motions::quadratic(places)] {
             if !go_on() {
                 return Err(DiagnoseError::Stopped);
             }
-            looks.push((follows.clone(), Look { round, motions, courses: courses.clone(), used: &used }.tested()));
+            looks.push((
+                follows.clone(),
+                Look { round, places, motions, courses: courses.clone(), used: &used }.tested(),
+            ));
         }
     }
     let looks: Vec<(String, Tested)> =
         looks.into_iter().filter_map(|(follows, tested)| Some((follows, tested?))).collect();
     let p_value = together(looks.iter().map(|(_, tested)| tested.p_value));
-    let Some((follows, tested)) = looks.into_iter().min_by(|a, b| a.1.p_value.total_cmp(&b.1.p_value)) else {
-        return Ok(None);
-    };
-    Ok((p_value < options.significance).then(|| Wander { follows, p_value, size_m: tested.size_m() }))
+    let first = looks.iter().min_by(|a, b| a.1.p_value.total_cmp(&b.1.p_value));
+    let Some((follows, _)) = first.filter(|_| p_value < options.significance) else { return Ok(None) };
+    let tested: Vec<&Tested> = looks.iter().map(|(_, tested)| tested).collect();
+    let by_place = by_place(&tested, places);
+    let parameters = round.rows.parameters.iter().map(|place| Parameter::at(model, *place)).collect();
+    Ok(Some(Wander {
+        follows: follows.clone(),
+        p_value,
+        size_m: rms_m(&by_place, campaign, &used),
+        by_place,
+        taken: (parameters, taken(&tested, round.rows.parameters.len())),
+    }))
+}
+
+/// Weights of looks by their likelihood: courses that these data do not tell apart wander by different amounts, of which the mean is
+/// taken. Those without weight are left out.
+fn weighed<'t>(looks: &[&'t Tested<'t>]) -> Vec<(&'t Tested<'t>, f64)> {
+    let most = looks.iter().map(|tested| tested.gain).fold(0.0, f64::max);
+    let weights = looks.iter().map(|tested| (*tested, (tested.gain - most).exp()));
+    let kept: Vec<(&Tested, f64)> = weights.filter(|(_, weight)| *weight > LEAST_WEIGHT).collect();
+    let total: f64 = kept.iter().map(|(_, weight)| weight).sum();
+    kept.into_iter().map(|(tested, weight)| (tested, weight / total)).collect()
+}
+
+/// Mean square over the campaign of what is known of the motion, and of what is not, at every place.
+fn by_place(looks: &[&Tested], places: &Places) -> VarianceByPlace {
+    let mut packed_m2 = [(); 3].map(|()| vec![0.0; FORMS * (FORMS + 1) / 2]);
+    for (tested, weight) in weighed(looks) {
+        tested.visit_forms(&mut |d, place, m2| packed_m2[d][place] += weight * m2);
+    }
+    VarianceByPlace { middle_m: places.middle_m, half_span_m: places.half_span_m, packed_m2 }
+}
+
+/// Covariance of what the parameters of the fit took for their own.
+fn taken(looks: &[&Tested], parameters: usize) -> Mat<f64> {
+    let mut sum = Mat::zeros(parameters, parameters);
+    for (tested, weight) in weighed(looks) {
+        let reach = tested.look.round.linear.reach(tested.look.columns().as_ref()) * &tested.moment_root();
+        sum += faer::Scale(weight) * (&reach * reach.transpose());
+    }
+    sum
 }
 
 /// One probability of several that depend on each other (Cauchy combination; Liu and Xie 2020): courses that are alike are no worse
@@ -141,46 +235,53 @@ fn courses(campaign: &Campaign, context: &Context, used: &[usize]) -> Vec<(Strin
     all
 }
 
-/// Motions of the tip at every reading (m per unit).
+/// Motions of the tip: which form of the place moves it along which axis, and by how much (m per unit).
 #[derive(Clone)]
-struct Motions(Vec<Vec<Vector3<f64>>>);
+struct Motions(Vec<(usize, usize, f64)>);
 
 impl Motions {
-    /// Shifts, scales along the axes and angles between them.
-    fn linear(campaign: &Campaign, used: &[usize]) -> Motions {
-        let (places, _) = places(campaign, used);
-        let shift = |d: usize| places.iter().map(|_| Vector3::ith(d, 1.0)).collect::<Vec<_>>();
-        let along = |d: usize, by: usize| places.iter().map(|place| Vector3::ith(d, place[by])).collect::<Vec<_>>();
-        let scales = (0..3).flat_map(|d| (d..3).map(move |by| (d, by)));
-        Motions((0..3).map(shift).chain(scales.map(|(d, by)| along(d, by))).collect())
+    /// Shifts, scales along the axes and angles between them; one unit is 1 m, and 1 rad.
+    fn linear(places: &Places) -> Motions {
+        let shifts = (0..3).map(|d| (d, 0, 1.0));
+        let scales = (0..3).flat_map(|d| (d..3).map(move |by| (d, 1 + by, places.half_span_m[by])));
+        Motions(shifts.chain(scales).collect())
     }
 
     /// These, and bows: what is quadratic in the readings, at the ends of the strokes as large as what is linear.
-    fn quadratic(campaign: &Campaign, used: &[usize]) -> Motions {
-        let (places, spans) = places(campaign, used);
+    fn quadratic(places: &Places) -> Motions {
+        let half_m = places.half_span_m;
         let pairs = (0..3).flat_map(|a| (a..3).map(move |b| (a, b)));
-        let bows = pairs.flat_map(|(a, b)| (0..3).map(move |d| (d, a, b)));
-        let bow = |(d, a, b): (usize, usize, usize)| {
-            let longer = spans[a].max(spans[b]).max(f64::MIN_POSITIVE);
-            places.iter().map(|place| Vector3::ith(d, 2.0 * place[a] * place[b] / longer)).collect::<Vec<_>>()
-        };
-        let mut motions = Motions::linear(campaign, used);
-        motions.0.extend(bows.map(bow));
+        let forms = pairs.enumerate().map(|(k, (a, b))| (4 + k, half_m[a].min(half_m[b])));
+        let mut motions = Motions::linear(places);
+        motions.0.extend(forms.flat_map(|(form, size_m)| (0..3).map(move |d| (d, form, size_m))));
         motions
     }
 }
 
-/// Readings from the middle of those used (m), and their spans.
-fn places(campaign: &Campaign, used: &[usize]) -> (Vec<[f64; 3]>, [f64; 3]) {
-    let ends: [(f64, f64); 3] = std::array::from_fn(|d| range(used.iter().map(|k| campaign.readings[*k].reading_m[d])));
-    let middle = ends.map(|(low, high)| f64::midpoint(low, high));
-    let places = campaign.readings.iter().map(|r| std::array::from_fn(|d| r.reading_m[d] - middle[d])).collect();
-    (places, ends.map(|(low, high)| high - low))
+/// Where the machine stood at each reading.
+struct Places {
+    middle_m: [f64; 3],
+    half_span_m: [f64; 3],
+    forms: Vec<[f64; FORMS]>,
+}
+
+impl Places {
+    /// Of all readings, with middle and span of those used. Along an axis that was not moved, the longest span stands in.
+    fn of(campaign: &Campaign, used: &[usize]) -> Places {
+        let ends = |d: usize| range(used.iter().map(|k| campaign.readings[*k].reading_m[d]));
+        let ends: [(f64, f64); 3] = std::array::from_fn(ends);
+        let middle_m = ends.map(|(low, high)| f64::midpoint(low, high));
+        let longest_m = ends.iter().map(|(low, high)| high - low).fold(f64::MIN_POSITIVE, f64::max);
+        let half_span_m = ends.map(|(low, high)| if high > low { 0.5 * (high - low) } else { 0.5 * longest_m });
+        let forms = campaign.readings.iter().map(|r| VarianceByPlace::forms(middle_m, half_span_m, r.reading_m));
+        Places { middle_m, half_span_m, forms: forms.collect() }
+    }
 }
 
 /// Motions times courses, against the rows.
 struct Look<'l> {
     round: &'l Round<'l>,
+    places: &'l Places,
     motions: Motions,
     courses: Vec<Vec<f64>>,
     used: &'l [usize],
@@ -196,30 +297,21 @@ struct Tested<'l> {
     along: Vec<f64>,
     /// Noise per degree of freedom beside all these directions.
     noise: f64,
+    /// Variance of the courses, and what the logarithm of the likelihood gains by it.
+    variance: f64,
+    gain: f64,
 }
 
 impl<'l> Look<'l> {
-    fn pairs(&self) -> impl Iterator<Item = (&Vec<Vector3<f64>>, &Vec<f64>)> {
-        self.motions.0.iter().flat_map(|motion| self.courses.iter().map(move |course| (motion, course)))
+    fn pairs(&self) -> impl Iterator<Item = ((usize, usize, f64), &Vec<f64>)> {
+        self.motions.0.iter().flat_map(|motion| self.courses.iter().map(move |course| (*motion, course)))
     }
 
     /// `None` where the rows are too few, or show nothing of it.
     fn tested(self) -> Option<Tested<'l>> {
-        let rows = &self.round.rows;
-        let columns: Vec<Vec<f64>> = self
-            .pairs()
-            .map(|(motion, course)| {
-                let at = |k: usize| match rows.whitening[k] > 0.0 {
-                    true => rows.rays[k].direction.dot(&motion[k]) * course[k],
-                    false => 0.0,
-                };
-                let mut column: Vec<f64> = (0..rows.len()).map(at).collect();
-                rows.whiten(&mut column);
-                column
-            })
-            .collect();
-        let projected = self.round.free.project(Mat::from_fn(rows.len(), columns.len(), |k, j| columns[j][k]).as_ref());
-        let count = columns.len();
+        let columns = self.columns();
+        let projected = self.round.free.project(columns.as_ref());
+        let count = columns.ncols();
         let left = Mat::from_fn(count, count, |i, j| 0.5 * (projected.left[(i, j)] + projected.left[(j, i)]));
         let (values, vectors) = symmetric_eigen(&left)?;
         let largest = values.last().copied().filter(|value| *value > 0.0)?;
@@ -235,49 +327,88 @@ impl<'l> Look<'l> {
         let form: f64 = seen.iter().map(|k| along[*k] * along[*k]).sum::<f64>() / noise;
         let seen_values: Vec<f64> = seen.iter().map(|k| values[*k]).collect();
         let p_value = p_of_form(&seen_values, form, degrees);
-        Some(Tested { p_value, values, vectors, along, noise, look: self })
+        let (variance, gain) = variance(&values, &along, noise);
+        Some(Tested { p_value, values, vectors, along, noise, variance, gain, look: self })
+    }
+
+    /// What each motion times each course does to the rows.
+    fn columns(&self) -> Mat<f64> {
+        let rows = &self.round.rows;
+        let columns: Vec<Vec<f64>> = self
+            .pairs()
+            .map(|((d, form, size_m), course)| {
+                let at = |k: usize| match rows.whitening[k] > 0.0 {
+                    true => rows.rays[k].direction[d] * size_m * self.places.forms[k][form] * course[k],
+                    false => 0.0,
+                };
+                let mut column: Vec<f64> = (0..rows.len()).map(at).collect();
+                rows.whiten(&mut column);
+                column
+            })
+            .collect();
+        Mat::from_fn(rows.len(), columns.len(), |k, j| columns[j][k])
     }
 }
 
-impl Tested<'_> {
-    /// σ² of the courses (unit of the columns, squared) by REML; 0 where the noise explains the rows best.
-    fn variance(&self) -> f64 {
-        let largest = self.values.last().copied().unwrap_or(0.0);
-        let seen = || self.values.iter().zip(&self.along).filter(|(value, _)| **value > SEEN * largest);
-        let likelihood = |variance: f64| -> f64 {
-            let of = |(value, along): (&f64, &f64)| {
-                let total = self.noise + variance * value;
-                -0.5 * (total.ln() + along * along / value / total)
-            };
-            seen().map(of).sum()
+/// Variance of the courses (unit of the columns, squared) by REML, and what the logarithm of the likelihood gains by it; 0 and 0 where the
+/// noise explains the rows best.
+fn variance(values: &[f64], along: &[f64], noise: f64) -> (f64, f64) {
+    let largest = values.last().copied().unwrap_or(0.0);
+    let seen = || values.iter().zip(along).filter(|(value, _)| **value > SEEN * largest);
+    let likelihood = |variance: f64| -> f64 {
+        let of = |(value, along): (&f64, &f64)| {
+            let total = noise + variance * value;
+            -0.5 * (total.ln() + along * along / value / total)
         };
-        let of = |ln_ratio: f64| self.noise / largest * ln_ratio.exp();
-        let best = of(golden_section(LN_RATIO, |ln_ratio| likelihood(of(ln_ratio))));
-        if likelihood(best) > likelihood(0.0) { best } else { 0.0 }
+        seen().map(of).sum()
+    };
+    let of = |ln_ratio: f64| noise / largest * ln_ratio.exp();
+    let best = of(golden_section(LN_RATIO, |ln_ratio| likelihood(of(ln_ratio))));
+    let gain = likelihood(best) - likelihood(0.0);
+    if gain > 0.0 { (best, gain) } else { (0.0, 0.0) }
+}
+
+impl Tested<'_> {
+    /// R with R Rᵀ the second moment of the coefficients: mean · meanᵀ + covariance.
+    fn moment_root(&self) -> Mat<f64> {
+        let count = self.along.len();
+        let shrunk = |k: usize| self.variance / (self.noise + self.variance * self.values[k].max(0.0));
+        Mat::from_fn(count, count + 1, |i, k| match k < count {
+            true => self.vectors[(i, k)] * (shrunk(k) * self.noise).sqrt(),
+            false => (0..count).map(|j| self.vectors[(i, j)] * shrunk(j) * self.along[j]).sum(),
+        })
     }
 
-    /// Rms over the readings of what is known of the motion along X, Y and Z, and of what is not (m).
-    fn size_m(&self) -> [f64; 3] {
-        let (variance, count) = (self.variance(), self.along.len());
-        let shrunk = |k: usize| variance / (self.noise + variance * self.values[k].max(0.0));
-        // Second moment of the coefficients: mean · meanᵀ + covariance, both in the directions of the eigenvectors.
-        let mean: Vec<f64> = (0..count).map(|k| shrunk(k) * self.along[k]).collect();
-        let spread_of: Vec<f64> = (0..count).map(|k| shrunk(k) * self.noise).collect();
-        let readings = spread(self.look.used.len(), POINTS);
-        let mut square_m2 = [0.0; 3];
-        for reading in &readings {
-            let k = self.look.used[*reading];
-            for (d, square_m2) in square_m2.iter_mut().enumerate() {
-                let column: Vec<f64> = self.look.pairs().map(|(motion, course)| motion[k][d] * course[k]).collect();
-                let turned = (0..count).map(|j| (0..count).map(|i| self.vectors[(i, j)] * column[i]).sum::<f64>());
-                let (mut known, mut unknown) = (0.0, 0.0);
-                for (j, part) in turned.enumerate() {
-                    known += part * mean[j];
-                    unknown += part * part * spread_of[j];
+    /// Calls with axis, place in the packed covariance of forms, and what is to be added there (m²).
+    fn visit_forms(&self, add: &mut dyn FnMut(usize, usize, f64)) {
+        let root = self.moment_root();
+        let moment = &root * root.transpose();
+        let (motions, courses) = (&self.look.motions.0, self.look.courses.len());
+        let together = self.courses_together();
+        for (m, (d, row, of_row_m)) in motions.iter().enumerate() {
+            for (n, (other, column, of_column_m)) in motions.iter().enumerate() {
+                if d != other || column > row {
+                    continue;
                 }
-                *square_m2 += known * known + unknown;
+                let of_pair = |(a, b): (usize, usize)| together[(a, b)] * moment[(m * courses + a, n * courses + b)];
+                let pairs = (0..courses).flat_map(|a| (0..courses).map(move |b| (a, b)));
+                let mean: f64 = pairs.map(of_pair).sum();
+                add(*d, row * (row + 1) / 2 + column, of_row_m * of_column_m * mean);
             }
         }
-        square_m2.map(|sum| (sum / readings.len().max(1) as f64).sqrt())
     }
+
+    /// Mean product of each two courses over the readings used.
+    fn courses_together(&self) -> Mat<f64> {
+        let Look { courses, used, .. } = &self.look;
+        let product = |a: usize, b: usize| used.iter().map(|k| courses[a][*k] * courses[b][*k]).sum::<f64>();
+        Mat::from_fn(courses.len(), courses.len(), |a, b| product(a, b) / used.len().max(1) as f64)
+    }
+}
+
+/// Rms over the readings used (m).
+fn rms_m(by_place: &VarianceByPlace, campaign: &Campaign, used: &[usize]) -> [f64; 3] {
+    let at = used.iter().map(|k| by_place.at_m2(campaign.readings[*k].reading_m));
+    let sum = at.fold([0.0; 3], |sum: [f64; 3], m2| std::array::from_fn(|d| sum[d] + m2[d]));
+    sum.map(|sum_m2| (sum_m2 / used.len().max(1) as f64).sqrt())
 }

@@ -19,6 +19,7 @@
 
 pub mod axis;
 pub mod between_nodes;
+pub mod by_place;
 pub mod chain;
 pub mod correct;
 mod doubt;

@@ -5,6 +5,7 @@
 
 use crate::axis::ErrorId;
 use crate::between_nodes::BetweenNodes;
+use crate::by_place::VarianceByPlace;
 use crate::doubt::Usual;
 use crate::effects::{Effect, EffectError, Shape, State, construct};
 use crate::layout::Layout;
@@ -79,6 +80,8 @@ pub struct FitQuality {
     /// What neither model nor declared noise explains: standard deviation along X, Y and Z (m). A cause that nobody has found
     /// acts on corrected points as it acts on readings, so each of them carries it.
     pub unexplained_m: [f64; 3],
+    /// What the machine does beside that in a course that nobody can name, by place.
+    pub wanders: Option<VarianceByPlace>,
 }
 
 impl FitQuality {
@@ -155,6 +158,12 @@ pub enum ModelError {
         /// Its variance.
         variance: f64,
     },
+    /// What a machine does by place is no variance.
+    #[error("the variance by place of quality.wanders is none: {what}; the model is damaged")]
+    ByPlace {
+        /// Why.
+        what: &'static str,
+    },
     /// Models that have no mean.
     #[error("these models have no mean: their {what} do not fit together")]
     Mixture {
@@ -219,6 +228,9 @@ impl MachineModel {
         }
         for fitted in &parts.effects {
             check("effect parameters", &fitted.parameters, fitted.effect.parameters().len())?;
+        }
+        if let Some(wanders) = &parts.quality.wanders {
+            wanders.check()?;
         }
         let ordered = |(_, (low, high)): &(&String, &(f64, f64))| low.is_finite() && high.is_finite() && low <= high;
         if let Some((name, (low, high))) = parts.identified.covariates.iter().find(|range| !ordered(range)) {
@@ -288,6 +300,15 @@ impl MachineModel {
     /// Positions of the geometric parameters.
     pub fn layout(&self) -> &Layout {
         &self.layout
+    }
+
+    /// Variance along X, Y and Z at a reading (m) of what neither the model nor the declared noise explains (m²).
+    pub(crate) fn unexplained_m2(&self, reading_m: [f64; 3]) -> Vector3<f64> {
+        let anywhere = Vector3::from(self.parts.quality.unexplained_m).map(|u_m| u_m * u_m);
+        match &self.parts.quality.wanders {
+            Some(wanders) => anywhere + Vector3::from(wanders.at_m2(reading_m)),
+            None => anywhere,
+        }
     }
 
     /// Number of geometric and effect parameters.

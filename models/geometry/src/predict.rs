@@ -92,8 +92,7 @@ pub fn predicted_length(
     length.parameters.extend(of_station.enumerate().map(|(d, value)| (first_of_station + d, value)));
     let along = |covariance_m2: &Matrix3<f64>| ray.direction.dot(&(covariance_m2 * ray.direction));
     // What the fit could not explain is what a comparison is to show: it is no part of what is allowed for.
-    let unexplained_m2 =
-        Vector3::from(model.parts().quality.unexplained_m).component_mul(&ray.direction).norm_squared();
+    let unexplained_m2 = model.unexplained_m2(state.reading_m).dot(&ray.direction.component_mul(&ray.direction));
     let beyond_m2 = (along(&sighted.covariance_m2) - model.variance(&tip) - unexplained_m2).max(0.0);
     let length_m = ray.range_m - station.dead_path_m + effects_m + ray.direction.dot(&sighted.residual_m);
     let u_m = (model.variance(&length).max(0.0) + beyond_m2 + outside_m2).sqrt();

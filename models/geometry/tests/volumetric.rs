@@ -60,6 +60,7 @@ fn model(set: &[(&str, f64)], c0y_rad: f64) -> MachineModel {
             chi2_per_dof: 1.0,
             residual_rms_m: 0.0,
             unexplained_m: [0.0; 3],
+            wanders: None,
         },
     })
     .unwrap()

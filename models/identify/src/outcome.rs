@@ -137,6 +137,7 @@ impl Fit<'_> {
                 chi2_per_dof: settled.solution.noise_factor,
                 residual_rms_m: (square_m2 / used.max(1) as f64).sqrt(),
                 unexplained_m: self.unexplained_m(settled, square_m2, degrees),
+                wanders: None,
             },
         };
         Ok(MachineModel::new(parts)?)

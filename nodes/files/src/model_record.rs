@@ -8,6 +8,7 @@ use crate::machine::{SIGN_CONVENTION, machine_of_record, record_of_machine};
 use crate::machine_document::MachineRecord;
 use crate::model_file::{DataSource, Doubt, ModelFile, ResidualReference};
 use crate::ram_turn_record::{RamTurnRecord, with_three_more};
+use abbe_geometry::by_place::VarianceByPlace;
 use abbe_geometry::effects::{ParameterSpec, Shape, ShapeValue};
 use abbe_geometry::layout::Layout;
 use abbe_geometry::machine::Machine;
@@ -28,6 +29,8 @@ const COVARIANCE_ORDER: &str = "packed lower triangle row by row: error coeffici
 /// Of software that knew no turn of the ram.
 const EARLIER_COVARIANCE_ORDER: &str = "packed lower triangle row by row: error coefficients EXX EYX EZX EAX EBX ECX EXY \
                                         ... ECZ, squareness, effect parameters, then x y z and dead path of each station";
+const WANDERING_FORMS: &str = "packed lower triangle row by row: 1 x y z xx xy xz yy yz zz, each coordinate the reading from the \
+                               middle over half the span";
 
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -152,6 +155,9 @@ struct QualityRecord {
     /// None in files of earlier software.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     unexplained_m: Option<UnexplainedRecord>,
+    /// What a machine that wanders does, by place; most models have none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    wanders: Option<WandersRecord>,
     /// What speaks against the model; files of earlier software have none.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     doubts: Vec<Doubt>,
@@ -163,6 +169,41 @@ struct QualityRecord {
 enum UnexplainedRecord {
     ByAxis([f64; 3]),
     Any(f64),
+}
+
+/// Variance along X, Y and Z by place.
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct WandersRecord {
+    /// Of what, for readers of the file.
+    forms: String,
+    middle_m: [f64; 3],
+    half_span_m: [f64; 3],
+    x_packed_m2: OneLine,
+    y_packed_m2: OneLine,
+    z_packed_m2: OneLine,
+}
+
+impl WandersRecord {
+    fn of(wanders: &VarianceByPlace) -> WandersRecord {
+        let [x, y, z] = wanders.packed_m2.clone().map(OneLine);
+        WandersRecord {
+            forms: WANDERING_FORMS.to_owned(),
+            middle_m: wanders.middle_m,
+            half_span_m: wanders.half_span_m,
+            x_packed_m2: x,
+            y_packed_m2: y,
+            z_packed_m2: z,
+        }
+    }
+
+    fn variance(self) -> VarianceByPlace {
+        VarianceByPlace {
+            middle_m: self.middle_m,
+            half_span_m: self.half_span_m,
+            packed_m2: [self.x_packed_m2.0, self.y_packed_m2.0, self.z_packed_m2.0],
+        }
+    }
 }
 
 #[derive(Serialize, Deserialize)]
@@ -231,6 +272,7 @@ impl ModelRecord {
                 chi2_per_dof: parts.quality.chi2_per_dof,
                 residual_rms_m: parts.quality.residual_rms_m,
                 unexplained_m: Some(UnexplainedRecord::ByAxis(parts.quality.unexplained_m)),
+                wanders: parts.quality.wanders.as_ref().map(WandersRecord::of),
                 doubts: file.doubts.clone(),
             },
             data: file.data.clone(),
@@ -289,6 +331,7 @@ impl ModelRecord {
                 chi2_per_dof: self.quality.chi2_per_dof,
                 residual_rms_m: self.quality.residual_rms_m,
                 unexplained_m: unexplained_m(&self.quality),
+                wanders: self.quality.wanders.map(WandersRecord::variance),
             },
         };
         Ok(ModelFile {
@@ -317,7 +360,9 @@ impl ModelRecord {
             ("reference_point", &self.reference_point, REFERENCE_POINT),
             ("covariance.order", &self.covariance.order, order),
         ];
-        match texts.into_iter().find(|(_, found, expected)| found != expected) {
+        let forms =
+            self.quality.wanders.iter().map(|wanders| ("quality.wanders.forms", &wanders.forms, WANDERING_FORMS));
+        match texts.into_iter().chain(forms).find(|(_, found, expected)| found != expected) {
             None => Ok(()),
             Some((key, found, expected)) => {
                 Err(damaged(name, key, format!("{found:?} is not what this software means: {expected:?}")))

@@ -59,6 +59,7 @@ pub(crate) fn model(effects: &[(&str, Shape)]) -> MachineModel {
             chi2_per_dof: 1.0,
             residual_rms_m: 1e-7,
             unexplained_m: [0.0; 3],
+            wanders: None,
         },
         machine,
     };

@@ -131,6 +131,7 @@ pub(super) fn finish(problem: &Problem, found: Minimised) -> Result<FittedPoints
         chi2_per_dof: certificate.chi2_per_dof,
         residual_rms_m: (square / count.max(1) as f64).sqrt(),
         unexplained_m: [FitQuality::unexplained_of(certificate.chi2_per_dof, square, degrees); 3],
+        wanders: None,
     };
     let geometric = problem.layout.len();
     let scale = widening(certificate.chi2_per_dof);

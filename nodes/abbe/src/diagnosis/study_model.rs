@@ -82,6 +82,7 @@ fn parts(diagnosis: &StudyDiagnosis, given: &Machine) -> anyhow::Result<ModelPar
             residual_rms_m: diagnosis.after.rms_um / 1e6,
             // A study takes its noise from its own residuals: all of it is in the covariance.
             unexplained_m: [0.0; 3],
+            wanders: None,
         },
         machine,
     })

@@ -2,6 +2,7 @@
 
 use abbe_files::{DataSource, Doubt, ModelFile, ResidualReference, parse_machine};
 use abbe_geometry::Vector3;
+use abbe_geometry::by_place::{FORMS, VarianceByPlace};
 use abbe_geometry::effects::Shape;
 use abbe_geometry::error_function::Kind;
 use abbe_geometry::layout::Layout;
@@ -66,6 +67,7 @@ pub(crate) fn model(seed: u64) -> ModelFile {
             chi2_per_dof: 1.0 / 3.0,
             residual_rms_m: 0.1e-6,
             unexplained_m: [0.07e-6, 0.0, 1e-7 / 3.0],
+            wanders: Some(wanders()),
         },
         machine,
         coefficients,
@@ -85,5 +87,18 @@ pub(crate) fn model(seed: u64) -> ModelFile {
         evidence: serde_json::json!({"bic": [0.1, -2.5e-3], "note": "µm"}),
         doubts: vec![Doubt { grade: "warning".to_owned(), text: "the data cover 40.0 % of Y only".to_owned() }],
         software: "abbe 0.1.0".to_owned(),
+    }
+}
+
+/// Of one motion along each axis that is known but for its size.
+fn wanders() -> VarianceByPlace {
+    let square = |size_m: f64| {
+        let form = |k: usize| size_m / (k + 1) as f64;
+        (0..FORMS).flat_map(|row| (0..=row).map(move |column| form(row) * form(column))).collect()
+    };
+    VarianceByPlace {
+        middle_m: [0.1, -0.2, 1.0 / 3.0],
+        half_span_m: [0.4, 0.7, 0.3],
+        packed_m2: [square(1e-6), square(0.7e-6), square(1e-7 / 3.0)],
     }
 }
