@@ -25,12 +25,22 @@ pub(crate) struct Candidate {
     pub(crate) trials: usize,
     /// Share of its information that the model's own columns absorb, each parameter counting the same.
     pub(crate) absorbed: f64,
+    /// Score without the parameters that make it this effect; `None` where all do.
+    pub(crate) rest: Option<Score>,
 }
 
 impl Candidate {
     /// Evidence after the price of parameters and trials.
     pub(crate) fn evidence(&self, rows: usize) -> f64 {
         self.score.evidence(rows, self.trials)
+    }
+
+    /// Evidence of the parameters that make it this effect, beside the rest.
+    pub(crate) fn essential_evidence(&self, rows: usize) -> f64 {
+        match &self.rest {
+            Some(rest) => self.evidence(rows) - rest.evidence(rows, self.trials),
+            None => f64::INFINITY,
+        }
     }
 
     /// Whether it has more evidence by an amount that matters: of equals, the one proposed first stays, on every machine
@@ -104,7 +114,10 @@ pub(crate) fn score_all(
     let projected = round.free.project_all(&columns);
     let scored = |((known, term, trials), projected): ((&'static Known, EffectTerm, usize), Projected)| {
         let (score, absorbed) = (round.score(&projected), projected.absorbed());
-        Candidate { known, term, score, trials, absorbed }
+        let essential = term.effect.essential();
+        let rest: Vec<usize> = (0..projected.gradient.len()).filter(|k| !essential.contains(k)).collect();
+        let rest = (!essential.is_empty()).then(|| round.score(&projected.pick(&rest)));
+        Candidate { known, term, score, trials, absorbed, rest }
     };
     Ok(terms.into_iter().zip(projected).map(scored).collect())
 }

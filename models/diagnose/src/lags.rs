@@ -106,10 +106,16 @@ pub(crate) fn logged_instead<'c>(best: &'c Candidate, open: impl Iterator<Item =
     if !is_lagged(best) {
         return best;
     }
-    let axis = |c: &Candidate| c.term.shape.0.get("axis").cloned();
-    let alike = |c: &&Candidate| c.known.name == best.known.name && axis(c) == axis(best) && !is_lagged(c);
+    let alike = |c: &&Candidate| c.known.name == best.known.name && place(c) == place(best) && !is_lagged(c);
     let logged = open.filter(alike).max_by(|a, b| a.score.reduction.total_cmp(&b.score.reduction));
     logged.filter(|logged| logged.score.reduction > NEARLY * best.score.reduction).unwrap_or(best)
+}
+
+/// What its shape says beside the quantities that it reads: where an effect acts.
+fn place(candidate: &Candidate) -> Vec<(&String, &ShapeValue)> {
+    let reads = candidate.term.effect.reads();
+    let is_read = |value: &ShapeValue| matches!(value, ShapeValue::Text(name) if reads.contains(name));
+    candidate.term.shape.0.iter().filter(|(_, value)| !is_read(value)).collect()
 }
 
 /// The candidate, or, where it follows the side of an axis over a travel, what follows the logged side of that axis, if the travel makes

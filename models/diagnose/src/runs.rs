@@ -29,5 +29,5 @@ pub(crate) fn candidate(
     let best = scores.enumerate().max_by(|a, b| a.1.0.reduction.total_cmp(&b.1.0.reduction));
     let Some((line, (score, absorbed))) = best else { return Ok(None) };
     let term = EffectTerm::new(known.name, Shape::new().text("line", &campaign.lines[line]), machine)?;
-    Ok(Some(Candidate { known, term, score, trials: campaign.lines.len(), absorbed }))
+    Ok(Some(Candidate { known, term, score, trials: campaign.lines.len(), absorbed, rest: None }))
 }

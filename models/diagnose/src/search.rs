@@ -422,6 +422,7 @@ impl<'a> Search<'a> {
     /// Named candidates: registered shapes, the best period of each axis, the line that stands out most.
     pub(crate) fn named(&self, round: &Round, machine: &Machine) -> Result<Vec<Candidate>, DiagnoseError> {
         let mut named = score_all(round, proposals(machine, &self.context)?)?;
+        named.retain(|c| c.essential_evidence(round.used) > self.options.least_evidence);
         let mut periodogram = self.periodogram.borrow_mut();
         named.extend(periodic::candidates(round, machine, self.campaign, &mut periodogram)?);
         named.extend(runs::candidate(round, machine, self.campaign)?);

@@ -100,7 +100,7 @@ fn regress_a_candidate_that_cannot_be_fitted_gives_way_to_the_next() {
         alias_share: 0.0,
         estimate: vec![0.0; term.len()],
     };
-    named.insert(0, Candidate { known, term, score, trials: 1, absorbed: 0.0 });
+    named.insert(0, Candidate { known, term, score, trials: 1, absorbed: 0.0, rest: None });
     assert!(search.advance(&mut state, &round, &named, &mut |_| true).unwrap(), "the round adds something");
     let set_aside = state.set_aside();
     assert_eq!(set_aside.len(), 1, "{set_aside:?}");

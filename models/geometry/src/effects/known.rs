@@ -4,7 +4,7 @@
 
 use super::shape::{EffectError, Shape};
 use super::{
-    Effect, acceleration, axis_term, carriage_sag, dead_path, empirical, gimbal, gradient_bow, hysteresis,
+    Effect, acceleration, axis_term, carriage_sag, column_bow, dead_path, empirical, gimbal, gradient_bow, hysteresis,
     outlying_run, periodic_scale, reflector_incidence, reflector_offset, refraction, reversal, scale_expansion,
     speed_lag, station_drift, table_load, warm_up,
 };
@@ -79,6 +79,7 @@ pub const REGISTRY: &[Known] = &[
     acceleration::KNOWN,
     axis_term::KNOWN,
     carriage_sag::KNOWN,
+    column_bow::KNOWN,
     dead_path::KNOWN,
     empirical::KNOWN,
     gimbal::KNOWN,

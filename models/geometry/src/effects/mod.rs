@@ -13,6 +13,7 @@ mod source;
 mod acceleration;
 mod axis_term;
 mod carriage_sag;
+mod column_bow;
 mod dead_path;
 mod empirical;
 mod gimbal;
@@ -132,6 +133,11 @@ pub trait Effect: Debug + Send + Sync {
 
     /// The parameters, in the order of the columns.
     fn parameters(&self) -> Vec<ParameterSpec>;
+
+    /// Parameters without which it is another effect: data that the rest explains as well do not show this one. None by default.
+    fn essential(&self) -> &'static [usize] {
+        &[]
+    }
 
     /// Covariates that a sample must carry to be corrected: those that [`Effect::motion`] reads.
     fn covariates(&self) -> Vec<String> {

@@ -102,10 +102,14 @@ impl Given {
     }
 }
 
-/// How the machine did not stay as it was, in words.
-fn changes(diagnosis: &Diagnosis) -> impl Iterator<Item = String> {
-    let stepped = diagnosis.machine_step.iter().map(MachineStep::words);
-    stepped.chain(diagnosis.wander.iter().map(Wander::words))
+/// That the machine changed, before the rest: no model is right on both sides of it.
+fn stepped(diagnosis: &Diagnosis) -> Option<String> {
+    diagnosis.machine_step.as_ref().map(MachineStep::words)
+}
+
+/// That it wanders, beside what was found.
+fn wandered(diagnosis: &Diagnosis) -> Option<String> {
+    diagnosis.wander.as_ref().map(Wander::words)
 }
 
 /// Diagnoses a campaign; `observe` sees the progress and returns false to stop.
@@ -137,7 +141,7 @@ pub(crate) fn run(
     caution(&mut record, &verdict);
     let labels: Vec<String> = record.effects.iter().map(abbe_report::diagnosis::Effect::label).collect();
     let residuals = pictures::residuals(&diagnosis, instrument, &loaded.campaign, &labels)?;
-    let changed: Vec<String> = changes(&diagnosis).collect();
+    let changed: Vec<String> = stepped(&diagnosis).into_iter().chain(wandered(&diagnosis)).collect();
     let kept = given.is_kept(&diagnosis, &loaded);
     let evidence = [&diagnosis.before.evidence, &diagnosis.after.evidence].map(|e| evidence_of(e, &record));
     let [of_before, of_after] = evidence;
@@ -233,6 +237,7 @@ fn recorded(diagnosis: &Diagnosis, given: &Given, model: &Path, loaded: &LoadedC
         options: options_json(options),
         software: software(),
     };
-    record.verdict = changes(diagnosis).chain([record.words()]).collect::<Vec<_>>().join(" ");
+    let sentences = [stepped(diagnosis), Some(record.words()), wandered(diagnosis)];
+    record.verdict = sentences.into_iter().flatten().collect::<Vec<_>>().join(" ");
     record
 }

@@ -440,7 +440,15 @@ impl Effect {
     pub fn label(&self) -> String {
         let text = |key: &str| self.shape.get(key).and_then(Value::as_str);
         let about = self.about();
-        text("sensor").map_or(about.clone(), |sensor| format!("{about} by {sensor}"))
+        let about = match text("toward") {
+            Some(toward) => format!("{about} toward {}", toward.to_uppercase()),
+            None => about,
+        };
+        match (text("sensor"), text("warm"), text("cold")) {
+            (Some(sensor), ..) => format!("{about} by {sensor}"),
+            (None, Some(warm), Some(cold)) => format!("{about} by {warm} less {cold}"),
+            _ => about,
+        }
     }
 
     fn about(&self) -> String {

@@ -6,9 +6,9 @@ use std::f64::consts::FRAC_1_SQRT_2;
 use std::sync::{Arc, LazyLock};
 
 use abbe_virtual_machine::effects::{
-    Acceleration, Backlash, Beam, CarriageSag, CarriageTwist, Effect, Gimbal, GradientBow, Hysteresis, LaggedExpansion,
-    Moment, PeriodicScale, ReflectorIncidence, Refraction, ScaleExpansion, SpeedLag, StationDrift, TableLoad,
-    Undescribed, WarmUp, Wear,
+    Acceleration, Backlash, Beam, CarriageSag, CarriageTwist, ColumnBow, Effect, Gimbal, GradientBow, Hysteresis,
+    LaggedExpansion, Moment, PeriodicScale, ReflectorIncidence, Refraction, ScaleExpansion, SpeedLag, StationDrift,
+    TableLoad, Undescribed, WarmUp, Wear,
 };
 use abbe_virtual_machine::environment::{Environment, EnvironmentConfig, EnvironmentState};
 use abbe_virtual_machine::instrument::InstrumentConfig;
@@ -118,6 +118,22 @@ fn a_bow_rises_in_the_middle_and_its_angle_is_its_slope() {
         let slope = (at(x + step).linear_m[0][2] - at(x - step).linear_m[0][2]) / (2.0 * step);
         // A climb along +X is a turn about −Y; rounding of 1e-6 over 2e-4 stays below 1e-11.
         assert!((slope + at(x).angular_rad[0][1]).abs() < 1e-11);
+    }
+}
+
+#[test]
+fn a_column_bows_toward_the_side_and_its_angle_is_its_slope() {
+    for (toward, about, sign) in [(Axis::X, 1, 1.0), (Axis::Y, 0, -1.0)] {
+        let effect = ColumnBow { axis: Axis::Z, toward, curvature_per_kelvin: 1e-5, lag_s: 1.0 };
+        let mut config = EnvironmentConfig::constant();
+        config.channels[0].mean = 22.0;
+        let room = Environment::new(&config, 1);
+        let at = |z: f64| joints(&effect, &Moment { reading_m: [0.1, 0.2, z], room: &room, ..calm() });
+        // κ = 2e-5 /m: κs²/2 at 0.5 m, to the fourth order of κs
+        assert!((at(0.5).linear_m[2][toward.index()] - 2.5e-6).abs() < 1e-15);
+        let slope = (at(0.3 + 1e-4).linear_m[2][toward.index()] - at(0.3 - 1e-4).linear_m[2][toward.index()]) / 2e-4;
+        // Leaning along +X is a turn about +Y, along +Y one about −X.
+        assert!((slope - sign * at(0.3).angular_rad[2][about]).abs() < 1e-11);
     }
 }
 
@@ -311,6 +327,7 @@ fn all_effects() -> Vec<Arc<dyn Effect>> {
     vec![
         Arc::new(ScaleExpansion { axis: Axis::Y, per_kelvin: 9e-6, fixed_at_m: 0.0 }),
         Arc::new(GradientBow { curvature_per_kelvin: 2e-5 }),
+        Arc::new(ColumnBow { axis: Axis::Z, toward: Axis::X, curvature_per_kelvin: 2e-5, lag_s: 900.0 }),
         Arc::new(WarmUp { final_m: [0.0, 1e-6, -4e-6], time_constant_s: 3000.0 }),
         Arc::new(Backlash { axis: Axis::X, size_m: 1e-6, growth_m: 1e-6 }),
         Arc::new(Acceleration { axis: Axis::Y, about: Axis::X, rad_per_m_s2: 8e-6 }),

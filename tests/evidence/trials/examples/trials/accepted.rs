@@ -7,6 +7,7 @@ use abbe_trials::Accepted;
 use abbe_trials::attribution::Same;
 
 const AXIS: &[Same] = &[Same::Word("axis", "axis")];
+const SIDE: &[Same] = &[Same::Word("axis", "axis"), Same::Word("toward", "toward")];
 /// The simulator turns the carrying joint about its own axis.
 const CARRIED: &[Same] =
     &[Same::Word("carrying", "carrying"), Same::Word("carriage", "carriage"), Same::Word("carrying", "about")];
@@ -30,6 +31,7 @@ pub(crate) const ACCEPTED: &[Accepted] = &[
         "a turn by the product of both positions; which of the two joints turns differs by a lever times that product, \
          and the model's form gives either joint heights of that shape",
     ),
+    row("column_bow", "column_bow", SIDE, "that axis and side, by whichever difference of sensors that drift alike"),
     row("dead_path", "dead_path", &[], "one air for all stations"),
     row("gimbal", "gimbal", &[], "harmonics of one instrument"),
     row("gradient_bow", "gradient_bow", &[], "the one arch under a gradient"),

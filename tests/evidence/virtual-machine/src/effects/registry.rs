@@ -8,7 +8,7 @@ use std::sync::Arc;
 
 use super::text::{Key, Values, given, or_zero};
 use super::{
-    Acceleration, Backlash, CarriageSag, CarriageTwist, DeadPath, Effect, Gimbal, GradientBow, Hysteresis,
+    Acceleration, Backlash, CarriageSag, CarriageTwist, ColumnBow, DeadPath, Effect, Gimbal, GradientBow, Hysteresis,
     LaggedExpansion, Onset, OutlyingRun, PeriodicScale, ReflectorIncidence, ReflectorOffset, Refraction,
     ScaleExpansion, SpeedLag, StationDrift, TableLoad, Undescribed, WarmUp, Wear,
 };
@@ -66,6 +66,16 @@ const ENTRIES: &[Entry] = &[
         make: |v| {
             let twist_rad = v.number("twist_urad")? * MICRO;
             Ok(Arc::new(CarriageTwist { carrying: v.axis("carrying")?, carriage: v.axis("carriage")?, twist_rad }))
+        },
+    },
+    Entry {
+        name: "column_bow",
+        keys: &[given("axis"), given("toward"), given("urad_per_m_kelvin"), given("lag_s")],
+        example: "column_bow axis=z toward=x urad_per_m_kelvin=50 lag_s=1500",
+        make: |v| {
+            let curvature_per_kelvin = v.number("urad_per_m_kelvin")? * MICRO;
+            let (axis, toward, lag_s) = (v.axis("axis")?, v.axis("toward")?, v.number("lag_s")?);
+            Ok(Arc::new(ColumnBow { axis, toward, curvature_per_kelvin, lag_s }))
         },
     },
     Entry {
