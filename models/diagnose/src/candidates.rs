@@ -122,6 +122,19 @@ pub(crate) fn score_all(
     Ok(terms.into_iter().zip(projected).map(scored).collect())
 }
 
+/// Whitened columns of some terms, side by side.
+pub(crate) fn columns_of(round: &Round, terms: &[&EffectTerm]) -> Result<Mat<f64>, DiagnoseError> {
+    let each = terms.iter().map(|term| round.rows.columns(term.effect.as_ref()));
+    let each = each.collect::<Result<Vec<Mat<f64>>, _>>()?;
+    let mut all = Mat::zeros(round.rows.len(), each.iter().map(|columns| columns.ncols()).sum());
+    let mut first = 0;
+    for columns in &each {
+        all.as_mut().subcols_mut(first, columns.ncols()).copy_from(columns);
+        first += columns.ncols();
+    }
+    Ok(all)
+}
+
 /// Refines the figure of a candidate's shape between its neighbours (golden section on the reduction of χ²).
 pub(crate) fn refined(round: &Round, machine: &Machine, candidate: Candidate) -> Result<Candidate, DiagnoseError> {
     use abbe_geometry::effects::ShapeValue;

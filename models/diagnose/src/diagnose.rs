@@ -4,7 +4,8 @@
 //! and campaign in, SI, machine frame; nothing is read or written here.
 
 use crate::alias;
-use crate::candidates::{Candidate, Round};
+use crate::candidates::{Candidate, Round, columns_of};
+use crate::clock::{self, ClockShift};
 use crate::competing::{self, Without};
 use crate::context::read_by;
 use crate::diagnosis::{Competing, Diagnosis, Found, FoundParameter, Kind, Rival};
@@ -52,6 +53,7 @@ pub fn diagnose(
     let detection_before = noise::detect(&first, campaign, &before.evidence);
     let mut state = search.run(before.clone(), first.clone(), base.clone(), observe)?;
     together::hold(&search, &mut state, (machine, (&before.model, &first), &base), observe)?;
+    let clock = clock::hold(&search, &mut state, &base, observe)?;
     let alike = alike(&search, &state, (machine, &first, &base), observe)?;
     let judged = Judged::of(&search, machine, (&alike, &base), &state, observe)?;
     if let Some(because) = &judged.not_adopted {
@@ -104,6 +106,7 @@ pub fn diagnose(
             .iter()
             .map(describe)
             .chain(said)
+            .chain(clock.as_ref().map(ClockShift::words))
             .chain(machine_step.as_ref().map(MachineStep::words))
             .chain(wander.as_ref().map(Wander::words))
             .collect(),
@@ -118,6 +121,7 @@ pub fn diagnose(
         enriched,
         machine_step,
         wander,
+        clock,
         set_aside,
         not_adopted: judged.not_adopted,
         gate: judged.gate,
@@ -175,17 +179,8 @@ fn machine_step(
     observe: &mut dyn FnMut(Progress) -> bool,
 ) -> Result<Option<MachineStep>, DiagnoseError> {
     let found: Vec<&EffectTerm> = state.terms.iter().filter(|term| !has(base, term)).collect();
-    let mut columns = Vec::new();
-    for term in &found {
-        columns.push(alike.rows.columns(term.effect.as_ref())?);
-    }
-    let count = columns.iter().map(|columns| columns.ncols()).sum();
-    let mut all = faer::Mat::zeros(alike.rows.len(), count);
-    let mut first = 0;
-    for columns in &columns {
-        all.as_mut().subcols_mut(first, columns.ncols()).copy_from(columns);
-        first += columns.ncols();
-    }
+    let all = columns_of(alike, &found)?;
+    let count = all.ncols();
     let mut go_on = || observe(Progress::Scoring { round: 1, effects: found.len() });
     let competing = (count > 0).then_some(all);
     match machine_step::find(alike, search.campaign, search.options, competing, &mut go_on)? {

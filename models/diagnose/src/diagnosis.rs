@@ -2,6 +2,7 @@
 //!
 //! Place in the flow: the result of [`crate::diagnose()`]; the command line writes it as JSON and as a report. SI.
 
+use crate::clock::ClockShift;
 use crate::gate::Verdict;
 use crate::judge::{Blocked, Placebo, Unseen};
 use crate::machine_step::MachineStep;
@@ -38,6 +39,8 @@ pub struct Diagnosis {
     pub machine_step: Option<MachineStep>,
     /// Slow changes of the machine or its stations, each too small to be named.
     pub wander: Option<Wander>,
+    /// A log that goes by another clock than the readings: what follows it was set aside.
+    pub clock: Option<ClockShift>,
     /// Candidates that explain the residual but stay out, each with the reason.
     pub set_aside: Vec<SetAside>,
     /// Why nothing at all was adopted although the search found something; `after` is then `before`.

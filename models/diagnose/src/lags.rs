@@ -113,9 +113,13 @@ pub(crate) fn logged_instead<'c>(best: &'c Candidate, open: impl Iterator<Item =
 
 /// What its shape says beside the quantities that it reads: where an effect acts.
 fn place(candidate: &Candidate) -> Vec<(&String, &ShapeValue)> {
-    let reads = candidate.term.effect.reads();
+    place_of(&candidate.term)
+}
+
+pub(crate) fn place_of(term: &EffectTerm) -> Vec<(&String, &ShapeValue)> {
+    let reads = term.effect.reads();
     let is_read = |value: &ShapeValue| matches!(value, ShapeValue::Text(name) if reads.contains(name));
-    candidate.term.shape.0.iter().filter(|(_, value)| !is_read(value)).collect()
+    term.shape.0.iter().filter(|(_, value)| !is_read(value)).collect()
 }
 
 /// The candidate, or, where it follows the side of an axis over a travel, what follows the logged side of that axis, if the travel makes

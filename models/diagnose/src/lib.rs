@@ -23,6 +23,7 @@
 
 mod alias;
 mod candidates;
+mod clock;
 mod competing;
 mod context;
 mod diagnose;
@@ -58,6 +59,7 @@ mod wald;
 mod wander;
 mod worth;
 
+pub use clock::ClockShift;
 pub use diagnose::diagnose;
 pub use diagnosis::{Competing, Diagnosis, Found, FoundParameter, Kind, NotIdentifiable, Rival, SetAside, Untestable};
 pub use error::DiagnoseError;

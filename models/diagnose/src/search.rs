@@ -96,6 +96,14 @@ impl<'a> State<'a> {
         self.steps.push(Step::Noted(format!("nothing is adopted: {because}")));
     }
 
+    /// Terms that went in and are still there, with their evidence then, over as many rows.
+    pub(crate) fn added(&self, rows: usize) -> impl Iterator<Item = (&EffectTerm, f64)> {
+        self.steps.iter().filter_map(move |step| match step {
+            Step::Added { term, candidate, .. } if has(&self.terms, term) => Some((term, candidate.evidence(rows))),
+            _ => None,
+        })
+    }
+
     /// Whether the term, or the same with other figures, is in the model or was refused.
     fn is_out(&self, term: &EffectTerm) -> bool {
         has(&self.terms, term) || self.is_refused(term)

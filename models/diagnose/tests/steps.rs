@@ -87,3 +87,26 @@ fn machines_that_stay_as_they_are_do_not_wander() {
     let said = [of("bridge", ""), of("gantry", ""), of("table", ""), of("bridge", "ar-0.9")];
     assert_eq!(said, [0; 4]);
 }
+
+/// A log that goes by another clock, while a scale expands: a lagged sensor, or two together, stood in for the right one, and were wrong
+/// hours later. Of what is in order, or lags, the clock is not blamed.
+#[test]
+fn regress_a_log_by_another_clock_is_said_and_not_followed() {
+    let mut said = 0;
+    for (ahead_s, seed) in [(900.0, 1), (-900.0, 1), (900.0, 2), (-900.0, 2), (600.0, 3), (-600.0, 3)] {
+        let judged = diagnosed("bridge", &["expansion", &format!("clock:{ahead_s}")], seed);
+        let Some(clock) = &judged.diagnosis.clock else { continue };
+        said += 1;
+        assert!(clock.shift_s * ahead_s < 0.0 && clock.shift_s.abs() < 1000.0, "{ahead_s} {seed}: {clock:?}");
+        assert!(!judged.diagnosis.found.iter().any(|found| found.name == "scale_expansion"));
+        let (before, after) = judged.outcome().inside;
+        assert!(after.rms_m < 1.02 * before.rms_m, "{ahead_s} {seed}: {before:?} {after:?}");
+        assert!(after.covered > 0.95 && after.worst_axis > 0.92, "{ahead_s} {seed}: {before:?} {after:?}");
+    }
+    assert!(said >= 4, "{said} of 6");
+    for form in ["expansion", "expansion-y", "bend-lag"] {
+        for seed in 1..=2 {
+            assert_eq!(diagnosed("bridge", &[form], seed).diagnosis.clock, None, "{form} {seed}");
+        }
+    }
+}

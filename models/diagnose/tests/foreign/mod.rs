@@ -67,6 +67,8 @@ struct Workshop {
     holders_m: Vec<Vector>,
     /// The reflector's holders are on; later a calibrated probe is.
     has_holders: bool,
+    /// By how much the clock of the log is ahead (s).
+    log_s: f64,
     random: Random,
 }
 
@@ -108,8 +110,9 @@ impl Workshop {
         let actual_m = motions.into_iter().fold(add(point_m, scatter), add);
         let speed = [20.0, 60.0, 100.0][(self.random.share() * 3.0) as usize];
         let hurry: Vector = std::array::from_fn(|d| -approach[d] * self.random.between(200.0, 700.0));
-        let temperatures = self.air.logged(time_s, more, &mut self.random);
-        let weather = [1010.0 + 3.0 * (time_s / 9000.0).sin(), 47.0 + 4.0 * (time_s / 6100.0).cos()];
+        let log_s = time_s + self.log_s;
+        let temperatures = self.air.logged(log_s, more, &mut self.random);
+        let weather = [1010.0 + 3.0 * (log_s / 9000.0).sin(), 47.0 + 4.0 * (log_s / 6100.0).cos()];
         let mut logged = vec![approach[0], approach[1], approach[2], speed, hurry[0], hurry[1], hurry[2], load_kg];
         logged.extend(temperatures.iter().chain(&weather));
         Stop { time_s, reading_m, offset_m, actual_m, logged }
@@ -157,9 +160,10 @@ pub(crate) fn foreign(machine: &str, forms: &[&str], seed: u64) -> Foreign {
     let slides = Slides::new(build, stroke_m, &mut random);
     let air = Air::new(0.02, &mut random);
     let causes = forms.iter().zip(10..).map(|(form, k)| Cause::new(form, Random::new(seed, k))).collect();
+    let log_s = forms.iter().find_map(|form| form.strip_prefix("clock:")).map_or(0.0, |s| s.parse().unwrap());
     let holders_m = vec![[0.0, 0.0, -0.06], [0.09, 0.03, -0.06], [-0.04, 0.07, -0.13]];
     let mut shop =
-        Workshop { stroke_m, slides, air, causes, holders_m, has_holders: true, random: Random::new(seed, 2) };
+        Workshop { stroke_m, slides, air, causes, holders_m, has_holders: true, log_s, random: Random::new(seed, 2) };
     let places = [[-0.25, -0.3, -0.2], [1.2, -0.2, -0.3], [1.25, 1.3, -0.25], [-0.2, 1.2, -0.3], [0.5, -0.4, 1.3]];
     let mut out = Foreign {
         build,

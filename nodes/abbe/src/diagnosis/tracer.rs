@@ -9,7 +9,7 @@ use crate::identity;
 use crate::pipeline::{LoadedCampaign, evidence_json, load_campaign, software};
 use crate::provenance;
 use crate::verdict::{self, Accept};
-use abbe_diagnose::{Diagnosis, MachineStep, Options, Progress, Wander, diagnose};
+use abbe_diagnose::{ClockShift, Diagnosis, MachineStep, Options, Progress, Wander, diagnose};
 use abbe_files::{Doubt, MachineFile, ModelFile, OrderChoice, hex};
 use abbe_geometry::model::MachineModel;
 use abbe_identify::Evidence;
@@ -97,7 +97,8 @@ impl Given {
             && !diagnosis.enriched
             && diagnosis.after.correlation.is_none()
             && diagnosis.machine_step.is_none()
-            && diagnosis.wander.is_none();
+            && diagnosis.wander.is_none()
+            && diagnosis.clock.is_none();
         nothing_new && same_data
     }
 }
@@ -105,6 +106,11 @@ impl Given {
 /// That the machine changed, before the rest: no model is right on both sides of it.
 fn stepped(diagnosis: &Diagnosis) -> Option<String> {
     diagnosis.machine_step.as_ref().map(MachineStep::words)
+}
+
+/// That a log goes by another clock: what follows it is no evidence.
+fn out_of_time(diagnosis: &Diagnosis) -> Option<String> {
+    diagnosis.clock.as_ref().map(ClockShift::words)
 }
 
 /// That it wanders, beside what was found.
@@ -141,7 +147,8 @@ pub(crate) fn run(
     caution(&mut record, &verdict);
     let labels: Vec<String> = record.effects.iter().map(abbe_report::diagnosis::Effect::label).collect();
     let residuals = pictures::residuals(&diagnosis, instrument, &loaded.campaign, &labels)?;
-    let changed: Vec<String> = stepped(&diagnosis).into_iter().chain(wandered(&diagnosis)).collect();
+    let changed: Vec<String> =
+        [stepped, out_of_time, wandered].into_iter().filter_map(|said| said(&diagnosis)).collect();
     let kept = given.is_kept(&diagnosis, &loaded);
     let evidence = [&diagnosis.before.evidence, &diagnosis.after.evidence].map(|e| evidence_of(e, &record));
     let [of_before, of_after] = evidence;
@@ -237,7 +244,7 @@ fn recorded(diagnosis: &Diagnosis, given: &Given, model: &Path, loaded: &LoadedC
         options: options_json(options),
         software: software(),
     };
-    let sentences = [stepped(diagnosis), Some(record.words()), wandered(diagnosis)];
+    let sentences = [stepped(diagnosis), out_of_time(diagnosis), Some(record.words()), wandered(diagnosis)];
     record.verdict = sentences.into_iter().flatten().collect::<Vec<_>>().join(" ");
     record
 }

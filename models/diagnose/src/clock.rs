@@ -1,0 +1,239 @@
+//! Do the logged quantities carry the time of the readings?
+//!
+//! Place in the flow: near the end of [`crate::diagnose()`], where what was found reads what was logged. A logger whose clock is off, or
+//! that stamps late, gives each reading the temperatures of another instant. A lagged sensor or two sensors together then stand in for the
+//! right one, and part from it on another day. So all that was logged is moved by up to an eighth of the campaign, together, to either
+//! side, and the strongest effect is tried again by every sensor. Logs are averaged over some readings for it, moved or not, since one
+//! between two entries has less noise than an entry. Times in s.
+
+use crate::candidates::{Round, columns_of, proposals, score_all};
+use crate::context::{Context, range, read_by};
+use crate::error::DiagnoseError;
+use crate::lags::{place_of, with_lags};
+use crate::options::Progress;
+use crate::search::{Search, State, Step, has};
+use abbe_geometry::effects::{is_derived, of_lagged};
+use abbe_identify::{EffectTerm, Identified};
+use abbe_measurement::campaign::{Campaign, Covariate};
+use abbe_measurement::robust::median;
+
+/// Largest shift, as a share of the campaign's duration.
+const LARGEST: f64 = 0.125;
+/// Shifts to either side, each larger than the one before by the same factor.
+const SHIFTS: usize = 8;
+const RATIO: f64 = 1.4;
+/// Readings to either side over which a log is averaged.
+const WINDOW: i32 = 3;
+
+/// A log that goes by another clock than the readings.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ClockShift {
+    /// What acts at a time t explains the readings best as it was logged at t + this (s).
+    pub shift_s: f64,
+    /// Title of the effect that shows it.
+    pub title: &'static str,
+    /// Evidence beyond the best that the log explains as it is.
+    pub evidence: f64,
+}
+
+impl ClockShift {
+    /// What it is and what to do, for readers.
+    pub fn words(&self) -> String {
+        let (later, ahead) = if self.shift_s > 0.0 { ("later", "behind") } else { ("earlier", "ahead of") };
+        format!(
+            "{} is explained far better by what was logged some {:.0} s {later} (evidence {:.0}): the clock of the log is that much {ahead} \
+             the clock of the readings, or heat takes another way than past these sensors. What follows the log is not adopted. \
+             Set the clocks, or move the log, and diagnose again.",
+            capitalised(self.title),
+            self.shift_s.abs(),
+            self.evidence
+        )
+    }
+}
+
+fn capitalised(title: &str) -> String {
+    let mut letters = title.chars();
+    letters.next().map_or_else(String::new, |first| first.to_uppercase().chain(letters).collect())
+}
+
+/// Takes what follows a log out of what was found, where that log goes by another clock.
+pub(crate) fn hold<'a>(
+    search: &Search<'a>,
+    state: &mut State<'a>,
+    base: &[EffectTerm],
+    observe: &mut dyn FnMut(Progress) -> bool,
+) -> Result<Option<ClockShift>, DiagnoseError> {
+    let Some(shift) = found(search, state, base, observe)? else { return Ok(None) };
+    let follows = |term: &EffectTerm| !has(base, term) && follows_a_log(term);
+    let (out, kept): (Vec<EffectTerm>, Vec<EffectTerm>) = state.terms.clone().into_iter().partition(follows);
+    let Ok((fit, round)) = search.attempt_under(&state.machine, &kept, state.fit.correlation, observe)? else {
+        return Ok(None);
+    };
+    (state.fit, state.round, state.terms, state.named) = (fit, round, kept, None);
+    for term in out {
+        let title = abbe_geometry::effects::known(term.effect.name()).map_or("an effect", |known| known.title);
+        let because = "the log that it follows goes by another clock than the readings".to_owned();
+        state.steps.push(Step::SetAside { term, title, because });
+    }
+    Ok(Some(shift))
+}
+
+/// The shift with which one effect explains more than all that was found by the log as it is; `None` where that is right, or cannot be told.
+fn found(
+    search: &Search,
+    state: &State,
+    base: &[EffectTerm],
+    observe: &mut dyn FnMut(Progress) -> bool,
+) -> Result<Option<ClockShift>, DiagnoseError> {
+    // What the model had before was made with a log of its own.
+    if base.iter().any(follows_a_log) {
+        return Ok(None);
+    }
+    let added = state.added(search.campaign.readings.len());
+    let added: Vec<(&EffectTerm, f64)> = added.filter(|(term, _)| !has(base, term) && follows_a_log(term)).collect();
+    let Some((strongest, _)) = added.iter().max_by(|a, b| a.1.total_cmp(&b.1)).copied() else { return Ok(None) };
+    let Some(known) = abbe_geometry::effects::known(strongest.effect.name()) else { return Ok(None) };
+    let Ok((fit, round)) = search.attempt_under(&state.machine, base, state.fit.correlation, observe)? else {
+        return Ok(None);
+    };
+    let look = Look { search, fit: &fit, strongest };
+    let terms: Vec<&EffectTerm> = added.iter().map(|(term, _)| *term).collect();
+    let mut as_it_is = look.together(&round, &terms)?;
+    let still = look.moved(0.0, &terms);
+    as_it_is =
+        as_it_is.max(look.together(&Round::new(&fit, search.instrument, &still)?, &terms)?).max(look.best(&still)?);
+    let mut best = (0.0, f64::NEG_INFINITY);
+    let shifts_s = shifts_s(search.campaign);
+    for shift_s in &shifts_s {
+        if !observe(Progress::Scoring { round: 1, effects: state.terms.len() }) {
+            return Err(DiagnoseError::Stopped);
+        }
+        let evidence = look.best(&look.moved(*shift_s, &[]))?;
+        if evidence > best.1 {
+            best = (*shift_s, evidence);
+        }
+    }
+    let evidence = best.1 - as_it_is - 2.0 * (shifts_s.len() as f64).ln();
+    let is_told = evidence > search.options.least_evidence;
+    Ok(is_told.then_some(ClockShift { shift_s: best.0, title: known.title, evidence }))
+}
+
+/// Whether an effect reads what comes from a log of its own, as it is or behind a time constant.
+fn follows_a_log(term: &EffectTerm) -> bool {
+    read_by(term.effect.as_ref(), &term.shape).iter().any(|name| of_lagged(name).is_some() || is_moved(name))
+}
+
+/// The fit without what was found, and the strongest effect that follows a log.
+struct Look<'l, 'a> {
+    search: &'l Search<'a>,
+    fit: &'l Identified,
+    strongest: &'l EffectTerm,
+}
+
+impl Look<'_, '_> {
+    /// The campaign with its log moved, and behind all time constants.
+    fn moved(&self, shift_s: f64, terms: &[&EffectTerm]) -> Campaign {
+        with_lags(&shifted(self.search.campaign, shift_s), terms.iter().flat_map(|term| term.effect.reads()))
+    }
+
+    /// Evidence of all these together.
+    fn together(&self, round: &Round, terms: &[&EffectTerm]) -> Result<f64, DiagnoseError> {
+        let columns = columns_of(round, terms)?;
+        Ok(round.score(&round.free.project(columns.as_ref())).evidence(round.used, 1))
+    }
+
+    /// Evidence of the strongest effect by whichever sensor of this campaign explains most.
+    fn best(&self, campaign: &Campaign) -> Result<f64, DiagnoseError> {
+        let round = Round::new(self.fit, self.search.instrument, campaign)?;
+        let terms = proposals(&self.fit.model.parts().machine, &Context::new(campaign))?;
+        let alike = terms.into_iter().filter(|(known, term, _)| {
+            known.name == self.strongest.effect.name() && place_of(term) == place_of(self.strongest)
+        });
+        let scored = score_all(&round, alike.collect())?;
+        Ok(scored.iter().map(|candidate| candidate.evidence(round.used)).fold(f64::NEG_INFINITY, f64::max))
+    }
+}
+
+/// Shifts that are tried (s), none of them zero.
+fn shifts_s(campaign: &Campaign) -> Vec<f64> {
+    let (first_s, last_s) = range(campaign.readings.iter().map(|reading| reading.time_s));
+    let largest_s = LARGEST * (last_s - first_s);
+    let sizes = (0..SHIFTS).map(|k| largest_s / RATIO.powi(k as i32)).filter(|size_s| *size_s > 0.0);
+    sizes.flat_map(|size_s| [size_s, -size_s]).collect()
+}
+
+/// The campaign with what was logged at t + shift at the reading of t; beyond its ends a log stays as it was there.
+fn shifted(campaign: &Campaign, shift_s: f64) -> Campaign {
+    let steps: Vec<f64> = campaign.readings.windows(2).map(|p| (p[1].time_s - p[0].time_s).abs()).collect();
+    let step_s = median(steps).unwrap_or(0.0);
+    let moved = |column: &Covariate| -> Covariate {
+        let mut log: Vec<(f64, f64)> =
+            campaign.readings.iter().zip(&column.values).filter_map(|(r, v)| Some((r.time_s, (*v)?))).collect();
+        log.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let values = campaign.readings.iter().zip(&column.values).map(|(reading, value)| {
+            let around = (-WINDOW..=WINDOW).filter_map(|k| at(&log, reading.time_s + shift_s + f64::from(k) * step_s));
+            let values: Vec<f64> = around.collect();
+            value.map(|_| values.iter().sum::<f64>() / values.len().max(1) as f64)
+        });
+        Covariate { name: column.name.clone(), values: values.collect() }
+    };
+    let logged = campaign.covariates.iter().filter(|column| !is_derived(&column.name));
+    let covariates = logged.map(|column| if is_moved(&column.name) { moved(column) } else { column.clone() }).collect();
+    Campaign { covariates, ..campaign.clone() }
+}
+
+/// Whether a quantity comes from a logger of the room: sides of approach, loads and feeds are the machine's own.
+fn is_moved(name: &str) -> bool {
+    !is_derived(name) && ["temp_", "pressure_", "humidity_"].iter().any(|prefix| name.starts_with(prefix))
+}
+
+/// A log at a time, straight from one entry to the next.
+fn at(log: &[(f64, f64)], time_s: f64) -> Option<f64> {
+    let next = log.partition_point(|(entry_s, _)| *entry_s < time_s);
+    let (before, after) = (log.get(next.saturating_sub(1))?, log.get(next).or(log.last())?);
+    match after.0 > before.0 {
+        true => Some(before.1 + (after.1 - before.1) * ((time_s - before.0) / (after.0 - before.0)).clamp(0.0, 1.0)),
+        false => Some(after.1),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use abbe_measurement::campaign::RangeReading;
+
+    fn campaign(times_s: &[f64], value: impl Fn(f64) -> f64) -> Campaign {
+        let reading = |time_s: &f64| RangeReading {
+            station: 0,
+            line: 0,
+            time_s: *time_s,
+            reading_m: [0.0; 3],
+            offset_m: [0.0; 3],
+            length_m: 0.0,
+        };
+        let column =
+            |name: &str| Covariate { name: name.to_owned(), values: times_s.iter().map(|t| Some(value(*t))).collect() };
+        Campaign {
+            readings: times_s.iter().map(reading).collect(),
+            covariates: vec![column("temp_air_c"), column("dir_x")],
+            ..Campaign::default()
+        }
+    }
+
+    #[test]
+    fn a_log_is_moved_and_the_machines_own_is_not() {
+        let times_s: Vec<f64> = (0..50).map(|k| 10.0 * f64::from(k)).collect();
+        let moved = shifted(&campaign(&times_s, |t| 20.0 + 0.01 * t), 60.0);
+        let of = |name: &str, k: usize| moved.covariate(name).unwrap().values[k].unwrap();
+        assert!((of("temp_air_c", 20) - (20.0 + 0.01 * 260.0)).abs() < 1e-9);
+        assert!((of("temp_air_c", 49) - (20.0 + 0.01 * 490.0)).abs() < 1e-9, "a log stays as it ended");
+        assert!((of("dir_x", 20) - (20.0 + 0.01 * 200.0)).abs() < 1e-9);
+    }
+
+    #[test]
+    fn shifts_go_to_either_side_up_to_an_eighth_of_the_campaign() {
+        let shifts_s = shifts_s(&campaign(&[0.0, 8000.0], |_| 20.0));
+        assert_eq!((shifts_s.len(), shifts_s[0], shifts_s[1]), (2 * SHIFTS, 1000.0, -1000.0));
+        assert!(super::shifts_s(&campaign(&[5.0, 5.0], |_| 20.0)).is_empty(), "without times there are none");
+    }
+}
