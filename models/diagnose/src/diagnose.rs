@@ -17,7 +17,8 @@ use crate::lags::with_lags;
 use crate::machine_step::{self, MachineStep};
 use crate::noise;
 use crate::options::{Options, Progress};
-use crate::search::{Search, State, Step, has};
+use crate::search::{Search, State, has};
+use crate::step::Step;
 use crate::wander::{self, Wander};
 use crate::{together, tomorrow};
 use abbe_geometry::machine::Machine;
@@ -104,7 +105,7 @@ pub fn diagnose(
         steps: state
             .steps
             .iter()
-            .map(describe)
+            .map(Step::words)
             .chain(said)
             .chain(clock.as_ref().map(ClockShift::words))
             .chain(machine_step.as_ref().map(MachineStep::words))
@@ -376,24 +377,6 @@ fn size_m(round: &Round, fitted: &FittedEffect) -> Result<f64, DiagnoseError> {
 /// Rms of the declared uncertainties (m): turns whitened figures into metres.
 fn typical_u_m(fit: &Identified) -> f64 {
     (fit.u_m.iter().map(|u| u * u).sum::<f64>() / fit.u_m.len().max(1) as f64).sqrt()
-}
-
-fn describe(step: &Step) -> String {
-    match step {
-        Step::Added { candidate, rivals, p_corrected, .. } => {
-            let also: Vec<String> = rivals.iter().map(|r| named(r.known.name, &r.term.shape)).collect();
-            let also = if also.is_empty() { String::new() } else { format!("; nearly as good: {}", also.join(", ")) };
-            // Below the smallest double a probability reads as zero, which it is not.
-            let p = if *p_corrected > 0.0 { format!("p = {p_corrected:.1e}") } else { "p below 1e-300".to_owned() };
-            format!("added {} at {p}{also}", named(candidate.known.title, &candidate.term.shape))
-        }
-        Step::Removed { term } => {
-            format!("removed {}: the others explain what it did", named(term.effect.name(), &term.shape))
-        }
-        Step::SetAside { term, title, because } => format!("set aside {}: {because}", named(title, &term.shape)),
-        Step::Noted(words) => words.clone(),
-        Step::Enriched { because } => format!("gave the error functions more coefficients: {because} needed them"),
-    }
 }
 
 /// A name with what the shape says of axis and sensor: `backlash (axis y, over x)`.

@@ -11,7 +11,8 @@ use crate::diagnose::named;
 use crate::error::DiagnoseError;
 use crate::gate::{self, Verdict};
 use crate::options::Progress;
-use crate::search::{Search, State, Step, has};
+use crate::search::{Search, State, has};
+use crate::step::Step;
 use crate::worth;
 use abbe_identify::{EffectTerm, Identified};
 

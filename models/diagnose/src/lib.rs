@@ -52,6 +52,7 @@ pub mod score;
 mod search;
 mod serial;
 mod side_by_side;
+mod step;
 pub mod study;
 mod together;
 mod tomorrow;

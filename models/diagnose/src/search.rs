@@ -10,11 +10,12 @@ use crate::candidates::{Candidate, Round, proposals, refined, score_all};
 use crate::context::Context;
 use crate::diagnosis::SetAside;
 use crate::error::DiagnoseError;
-use crate::gate::{self, Verdict};
+use crate::gate;
 use crate::look::{self, Variable};
 use crate::options::{Options, Progress};
 use crate::periodic::Periodogram;
 use crate::score::Score;
+use crate::step::Step;
 use crate::{exchange, lags, order, periodic, runs, serial, worth};
 use abbe_geometry::ErrorId;
 use abbe_geometry::effects::{ShapeValue, known};
@@ -133,42 +134,6 @@ impl<'a> State<'a> {
         all.retain(|known| !is_in(known));
         all
     }
-}
-
-/// One thing that a round decided.
-#[derive(Debug, Clone)]
-pub(crate) enum Step {
-    /// A term went in.
-    Added {
-        /// What went in.
-        term: EffectTerm,
-        /// Its score.
-        candidate: Box<Candidate>,
-        /// Others that explain nearly as much.
-        rivals: Vec<Candidate>,
-        /// Probability by chance, corrected for the number of tests.
-        p_corrected: f64,
-        /// How it predicts what it was not fitted to.
-        verdict: Verdict,
-    },
-    /// A candidate was tried and stays out.
-    SetAside {
-        /// Which.
-        term: EffectTerm,
-        /// Name for readers.
-        title: &'static str,
-        /// Why.
-        because: String,
-    },
-    /// A term went out: the others explain what it did.
-    Removed { term: EffectTerm },
-    /// Error functions got more coefficients.
-    Enriched {
-        /// The error function that needed them most.
-        because: String,
-    },
-    /// Something that the search could not do.
-    Noted(String),
 }
 
 /// What a round proposes.

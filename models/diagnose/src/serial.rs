@@ -11,7 +11,8 @@
 
 use crate::error::DiagnoseError;
 use crate::options::Progress;
-use crate::search::{Search, State, Step, has};
+use crate::search::{Search, State, has};
+use crate::step::Step;
 use crate::wald;
 use abbe_identify::{EffectTerm, Identified, correlation_left};
 

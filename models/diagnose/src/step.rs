@@ -1,0 +1,66 @@
+//! What a search decided, step by step, for the record.
+//!
+//! Place in the flow: [`crate::search`] and what follows it write them down; the diagnosis reads which term went in when, and why others stay out.
+
+use crate::candidates::Candidate;
+use crate::diagnose::named;
+use crate::gate::Verdict;
+use abbe_identify::EffectTerm;
+
+/// One thing that a round decided.
+#[derive(Debug, Clone)]
+pub(crate) enum Step {
+    /// A term went in.
+    Added {
+        /// What went in.
+        term: EffectTerm,
+        /// Its score.
+        candidate: Box<Candidate>,
+        /// Others that explain nearly as much.
+        rivals: Vec<Candidate>,
+        /// Probability by chance, corrected for the number of tests.
+        p_corrected: f64,
+        /// How it predicts what it was not fitted to.
+        verdict: Verdict,
+    },
+    /// A candidate was tried and stays out.
+    SetAside {
+        /// Which.
+        term: EffectTerm,
+        /// Name for readers.
+        title: &'static str,
+        /// Why.
+        because: String,
+    },
+    /// A term went out: the others explain what it did.
+    Removed { term: EffectTerm },
+    /// Error functions got more coefficients.
+    Enriched {
+        /// The error function that needed them most.
+        because: String,
+    },
+    /// Something that the search could not do.
+    Noted(String),
+}
+
+impl Step {
+    /// What was decided, for readers.
+    pub(crate) fn words(&self) -> String {
+        match self {
+            Step::Added { candidate, rivals, p_corrected, .. } => {
+                let also: Vec<String> = rivals.iter().map(|r| named(r.known.name, &r.term.shape)).collect();
+                let also =
+                    if also.is_empty() { String::new() } else { format!("; nearly as good: {}", also.join(", ")) };
+                // Below the smallest double a probability reads as zero, which it is not.
+                let p = if *p_corrected > 0.0 { format!("p = {p_corrected:.1e}") } else { "p below 1e-300".to_owned() };
+                format!("added {} at {p}{also}", named(candidate.known.title, &candidate.term.shape))
+            }
+            Step::Removed { term } => {
+                format!("removed {}: the others explain what it did", named(term.effect.name(), &term.shape))
+            }
+            Step::SetAside { term, title, because } => format!("set aside {}: {because}", named(title, &term.shape)),
+            Step::Noted(words) => words.clone(),
+            Step::Enriched { because } => format!("gave the error functions more coefficients: {because} needed them"),
+        }
+    }
+}
