@@ -4,7 +4,7 @@
 //! see; then it runs on all rows, and once more where what it found shows other rows to be gross.
 
 use super::candidate::Study;
-use super::confirm::confirmed;
+use super::confirm::{beyond_chance, confirmed, p_beside};
 use super::diagnosis::{Ambiguity, Blocks, Effect, LackOfFit, Parameter, Rung, StudyDiagnosis};
 use super::fit::{Fit, Fitted};
 use super::judge::judge;
@@ -44,8 +44,14 @@ pub(super) fn diagnose(
     let gross = first.rows(study);
     let (mut unseen, parts) = unseen(study, rows, &gross, options, observe)?;
     let (mut found, gross) = searched(study, rows, first, options, observe)?;
-    let unconfirmed = confirmed(study, &mut found, &mut unseen, &parts);
     let left_out = gross.rows(study);
+    let mut unconfirmed = Vec::new();
+    loop {
+        unconfirmed.extend(confirmed(study, &mut found, &mut unseen, &parts));
+        if !beyond_chance(study, (rows, &left_out), &mut found, (&mut unseen, &parts), options.significance)? {
+            break;
+        }
+    }
     let mut view = View::new(study, rows, |row| !left_out.contains(&row));
     let base = view.adapt(&[])?;
     let p_before = lack_of_fit(&view, &base)?;
@@ -207,7 +213,7 @@ fn effects(view: &mut View, last: &Fit, u: &[Vec<f64>]) -> Result<Vec<Effect>, D
     let after = judge(view, last);
     let mut effects = Vec::with_capacity(set.len());
     for (k, fitted) in last.added.iter().enumerate() {
-        let without = Fit::without(view, &set, fitted.candidate)?;
+        let (without, p_value) = p_beside(view, &set, fitted.candidate)?;
         let mut all = score_all(view, &without);
         placed(view, &without, &set, &mut all);
         let Some(own) = all.iter().find(|scored| scored.candidate == fitted.candidate) else { continue };
@@ -221,16 +227,13 @@ fn effects(view: &mut View, last: &Fit, u: &[Vec<f64>]) -> Result<Vec<Effect>, D
         };
         let mut rivals: Vec<_> = all.iter().filter(is_rival).collect();
         rivals.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
-        let columns = view.columns(&without.point, fitted.candidate);
-        let trials = study.candidates().len().saturating_mul(tried(study, fitted.candidate));
-        let p_value = probability(view, &without, &columns)? * trials as f64;
         let fitted = Fitted { u: u[k].clone(), ..fitted.clone() };
         effects.push(Effect {
             name: candidate.name.clone(),
             formula: candidate.formula.clone(),
             kind: candidate.kind,
             covariates: candidate.covariates.clone(),
-            p_value: p_value.min(1.0),
+            p_value,
             alias_share: own.score.alias_share,
             parameters: parameters(study, &fitted, degrees(view, last, fitted.candidate)),
             held_out_gain_um: judge(view, &without).held_out.rms_um - after.held_out.rms_um,

@@ -1,16 +1,70 @@
 //! Keeps of what was found only what predicts blocks that the search did not see.
 //!
 //! Place in the flow: after the searches without a part of the data and the one with all. Where all that was found does not bring the
-//! error down, the weakest goes, and what is left is judged in the same parts; being one of several tries, it must be the surer.
+//! error down, the weakest goes, and what is left is judged in the same parts; being one of several tries, it must be the surer. What is then
+//! no better than chance beside the rest, in the noise that is left, goes as well, and the rest is judged again.
 
 use super::candidate::Study;
 use super::diagnosis::{HeldOutRms, Kind, Look, Unseen};
+use super::fit::Fit;
 use super::nested::{Parts, SURE};
-use super::placing::Placed;
+use super::placing::{Placed, tried};
 use super::search::Found;
+use super::significance::probability;
+use super::view::View;
+use crate::error::DiagnoseError;
+use std::collections::BTreeSet;
 
+/// Why what chance explains is not claimed.
+const BY_CHANCE: &str = "beside all else that was found, chance explains it";
 /// Why what does not predict is not claimed.
 const UNCONFIRMED: &str = "it fits, but searches that do not see a block predict it no better";
+
+/// Takes back, the least likely first, what chance explains beside all the rest: it came in beside other things, when the noise was another.
+/// Whether there was any. It was chosen among many then; now it is one, and held against the significance as it is.
+pub(super) fn beyond_chance(
+    study: &mut dyn Study,
+    (rows, left_out): (usize, &BTreeSet<usize>),
+    found: &mut Found,
+    (unseen, parts): (&mut Unseen, &Parts),
+    significance: f64,
+) -> Result<bool, DiagnoseError> {
+    let known = found.refused.len();
+    let mut view = View::new(study, rows, |row| !left_out.contains(&row));
+    loop {
+        view.adapt(&found.set)?;
+        let of = |k: &usize| Ok((*k, by_chance(&view, &found.set, *k)?.1));
+        let each = found.set.iter().map(of).collect::<Result<Vec<(usize, f64)>, DiagnoseError>>()?;
+        let likeliest = each.into_iter().max_by(|a, b| a.1.total_cmp(&b.1));
+        let Some((out, _)) = likeliest.filter(|(_, p_value)| *p_value > significance) else { break };
+        found.set.retain(|k| *k != out);
+        found.refused.push((out, BY_CHANCE));
+    }
+    if found.refused.len() == known {
+        return Ok(false);
+    }
+    let placed = Placed::of(&*view.study, &found.set);
+    let judged = parts.of(&mut *view.study, &found.set, SURE);
+    placed.take(&mut *view.study);
+    if let Some((before, after, is_sure)) = judged {
+        (unseen.before, unseen.after, unseen.is_sure) = (Some(before), Some(after), Some(is_sure));
+    }
+    Ok(true)
+}
+
+/// The fit without one of a set, and the probability that chance explains as much of what it leaves.
+fn by_chance(view: &View, set: &[usize], candidate: usize) -> Result<(Fit, f64), DiagnoseError> {
+    let without = Fit::without(view, set, candidate)?;
+    let p_value = probability(view, &without, &view.columns(&without.point, candidate))?;
+    Ok((without, p_value))
+}
+
+/// The same for all that were tried.
+pub(super) fn p_beside(view: &View, set: &[usize], candidate: usize) -> Result<(Fit, f64), DiagnoseError> {
+    let (without, p_value) = by_chance(view, set, candidate)?;
+    let trials = view.study.candidates().len().saturating_mul(tried(&*view.study, candidate));
+    Ok((without, (p_value * trials as f64).min(1.0)))
+}
 
 /// Takes back what was found where searches that do not see a block predict it no better. Where it is not sure that the error comes down,
 /// as much of it stays as surely brings it down, else what has a name; descriptions are worth nothing but what they predict.

@@ -4,7 +4,7 @@
 
 use super::{Product, targets};
 use abbe_files::AtomicFile;
-use abbe_report::diagnosis::{Averaged, Effect, HELD_ALREADY, Record, Rival, is_held_already, readable};
+use abbe_report::diagnosis::{Averaged, Effect, HELD_ALREADY, Record, is_held_already, readable};
 use abbe_report::digits;
 use anyhow::{Context, ensure};
 use std::fmt::Write as _;
@@ -112,9 +112,8 @@ fn describe(text: &mut String, effect: &Effect) {
     for words in &effect.predicts.not_judged {
         let _ = writeln!(text, "    {words}");
     }
-    if !effect.cannot_be_told_from.is_empty() {
-        let rivals: Vec<String> = effect.cannot_be_told_from.iter().map(Rival::label).collect();
-        let _ = writeln!(text, "    cannot be told from {}", rivals.join(", "));
+    if let Some(rivals) = effect.rivals() {
+        let _ = writeln!(text, "    cannot be told from {rivals}");
     }
     if !effect.averaged_with.is_empty() {
         let others: Vec<String> = effect.averaged_with.iter().map(Averaged::label).collect();

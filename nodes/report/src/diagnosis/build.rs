@@ -158,14 +158,9 @@ impl Record {
                     parameter.name
                 )));
             }
-            if !effect.cannot_be_told_from.is_empty() {
-                let rivals: Vec<String> = effect.cannot_be_told_from.iter().map(super::Rival::label).collect();
-                all.push(warning(format!(
-                    "{}: explains these data best, but they do not tell it from {}.",
-                    effect.label(),
-                    rivals.join(", ")
-                )));
-            }
+            all.extend(effect.rivals().map(|rivals| {
+                warning(format!("{}: explains these data best, but they do not tell it from {rivals}.", effect.label()))
+            }));
         }
         if let Some(v) = self.verification.as_ref().filter(|v| v.covariate_missing > 0) {
             all.push(warning(format!(

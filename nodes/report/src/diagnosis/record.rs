@@ -8,6 +8,9 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
+/// Rivals that a sentence names at most; the table has all.
+const RIVALS: usize = 5;
+
 /// A diagnosis.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Record {
@@ -449,6 +452,14 @@ impl Effect {
             (None, Some(warm), Some(cold)) => format!("{about} by {warm} less {cold}"),
             _ => about,
         }
+    }
+
+    /// What these data do not tell it from, the nearest by name; nothing where there is none.
+    pub fn rivals(&self) -> Option<String> {
+        let names: Vec<String> = self.cannot_be_told_from.iter().take(RIVALS).map(Rival::label).collect();
+        let more = self.cannot_be_told_from.len() - names.len();
+        let more = if more > 0 { format!(" and {more} more") } else { String::new() };
+        (!names.is_empty()).then(|| format!("{}{more}", names.join(", ")))
     }
 
     fn about(&self) -> String {

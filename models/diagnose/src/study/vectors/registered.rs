@@ -82,6 +82,13 @@ pub(super) fn registered(
             untestable.push(none(entry.needs.to_owned()));
             continue;
         }
+        let first = construct(entry.name, &shapes[0], machine)?;
+        if !first.essential().is_empty() {
+            untestable.push(none(
+                "ranges of a tracer: here it is not told from what it is without its essential part".to_owned(),
+            ));
+            continue;
+        }
         let before = effects.len();
         for shape in shapes.into_iter().flat_map(|shape| between(entry, shape)) {
             let effect = construct(entry.name, &shape, machine)?;
