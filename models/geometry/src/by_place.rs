@@ -1,6 +1,6 @@
 //! A variance of the tip that depends on where a machine stands: of a motion whose size is known, and whose course is not.
 //!
-//! Place in the flow: a diagnosis finds that scales, angles or bows change with something that it cannot name; [`crate::correct()`] adds
+//! Place in the flow: a diagnosis finds that scales, angles or bows change with something that it cannot name; [`mod@crate::correct`] adds
 //! what they may do at a place. Readings in m, machine frame; variances in m².
 //!
 //! ```text
