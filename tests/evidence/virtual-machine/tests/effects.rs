@@ -387,5 +387,5 @@ fn a_bad_effect_is_refused_by_its_place_and_key() {
     let mut effects = all_effects();
     effects.push(Arc::new(bad));
     let refused = simulate_campaign(&config(effects)).unwrap_err();
-    assert_eq!(refused.key, "effects[13].periodic_scale.pitch_m");
+    assert_eq!(refused.key, "effects[14].periodic_scale.pitch_m");
 }
