@@ -5,7 +5,7 @@
 
 use crate::context::Context;
 use crate::error::DiagnoseError;
-use crate::linear::{Linear, Projected};
+use crate::linear::{Linear, Projected, joined};
 use crate::score::{Score, score};
 use abbe_geometry::effects::{Known, REGISTRY, Shape};
 use abbe_geometry::machine::Machine;
@@ -126,13 +126,7 @@ pub(crate) fn score_all(
 pub(crate) fn columns_of(round: &Round, terms: &[&EffectTerm]) -> Result<Mat<f64>, DiagnoseError> {
     let each = terms.iter().map(|term| round.rows.columns(term.effect.as_ref()));
     let each = each.collect::<Result<Vec<Mat<f64>>, _>>()?;
-    let mut all = Mat::zeros(round.rows.len(), each.iter().map(|columns| columns.ncols()).sum());
-    let mut first = 0;
-    for columns in &each {
-        all.as_mut().subcols_mut(first, columns.ncols()).copy_from(columns);
-        first += columns.ncols();
-    }
-    Ok(all)
+    Ok(joined(&each))
 }
 
 /// Refines the figure of a candidate's shape between its neighbours (golden section on the reduction of χ²).

@@ -72,9 +72,8 @@ pub(crate) fn hold<'a>(
     };
     (state.fit, state.round, state.terms, state.named) = (fit, round, kept, None);
     for term in out {
-        let title = abbe_geometry::effects::known(term.effect.name()).map_or("an effect", |known| known.title);
         let because = "the log that it follows goes by another clock than the readings".to_owned();
-        state.steps.push(Step::SetAside { term, title, because });
+        state.steps.push(Step::set_aside(term, because));
     }
     Ok(Some(shift))
 }

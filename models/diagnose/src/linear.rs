@@ -11,6 +11,7 @@ use crate::error::DiagnoseError;
 use abbe_identify::symmetric_eigen;
 use faer::linalg::solvers::{DenseSolveCore, Llt, Solve};
 use faer::{Mat, MatRef, Side};
+use std::borrow::Borrow;
 use std::sync::{Arc, OnceLock};
 
 /// Rows, residuals and covariance of a settled fit.
@@ -63,6 +64,19 @@ impl Projected {
         };
         (0..count).map(one).sum::<f64>() / count as f64
     }
+}
+
+/// Columns of several matrices, side by side.
+pub(crate) fn joined<M: Borrow<Mat<f64>>>(parts: &[M]) -> Mat<f64> {
+    let parts = || parts.iter().map(M::borrow);
+    let rows = parts().next().map_or(0, Mat::nrows);
+    let mut all = Mat::zeros(rows, parts().map(Mat::ncols).sum());
+    let mut first = 0;
+    for part in parts() {
+        all.as_mut().subcols_mut(first, part.ncols()).copy_from(part);
+        first += part.ncols();
+    }
+    all
 }
 
 impl Linear {
@@ -133,13 +147,8 @@ impl Linear {
     /// # Errors
     /// [`DiagnoseError::Singular`] where rounding leaves no covariance.
     pub fn widened(&self, columns: &[Mat<f64>], used: usize) -> Result<Linear, DiagnoseError> {
-        let total: usize = self.jacobian.ncols() + columns.iter().map(|c| c.ncols()).sum::<usize>();
-        let mut jacobian = Mat::zeros(self.residuals.len(), total);
-        let mut first = 0;
-        for block in std::iter::once(&*self.jacobian).chain(columns) {
-            jacobian.as_mut().subcols_mut(first, block.ncols()).copy_from(block);
-            first += block.ncols();
-        }
+        let all: Vec<&Mat<f64>> = std::iter::once(&*self.jacobian).chain(columns).collect();
+        let jacobian = joined(&all);
         let normal = jacobian.transpose() * &jacobian;
         Linear::without_priors_of(Arc::new(jacobian), normal, &self.residuals, used)
     }
@@ -248,13 +257,7 @@ impl Linear {
     }
 
     fn project_batch(&self, groups: &[Mat<f64>]) -> Vec<Projected> {
-        let total = groups.iter().map(|g| g.ncols()).sum();
-        let mut columns = Mat::zeros(self.residuals.len(), total);
-        let mut first = 0;
-        for group in groups {
-            columns.as_mut().subcols_mut(first, group.ncols()).copy_from(group);
-            first += group.ncols();
-        }
+        let columns = joined(groups);
         let (taken, gradient) = (self.taken(columns.as_ref()), self.gradient(columns.as_ref()));
         let mut first = 0;
         let one = |group: &Mat<f64>| {

@@ -59,8 +59,7 @@ pub(crate) fn hold<'a>(
                 return Ok(());
             }
         }
-        let title = abbe_geometry::effects::known(term.effect.name()).map_or("an effect", |known| known.title);
-        state.steps.push(Step::SetAside { term, title, because });
+        state.steps.push(Step::set_aside(term, because));
     }
 }
 

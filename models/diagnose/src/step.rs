@@ -5,6 +5,7 @@
 use crate::candidates::Candidate;
 use crate::diagnose::named;
 use crate::gate::Verdict;
+use abbe_geometry::effects::known;
 use abbe_identify::EffectTerm;
 
 /// One thing that a round decided.
@@ -44,6 +45,12 @@ pub(crate) enum Step {
 }
 
 impl Step {
+    /// A term that goes out again, or stays out, and why.
+    pub(crate) fn set_aside(term: EffectTerm, because: String) -> Step {
+        let title = known(term.effect.name()).map_or("an effect", |known| known.title);
+        Step::SetAside { term, title, because }
+    }
+
     /// What was decided, for readers.
     pub(crate) fn words(&self) -> String {
         match self {

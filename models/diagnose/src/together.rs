@@ -32,9 +32,8 @@ pub(crate) fn hold<'a>(
         let Some((out, fit, round)) = without_one(search, state, (before, base), observe)? else { return Ok(()) };
         let term = state.terms.remove(out);
         (state.fit, state.round, state.named) = (fit, round, None);
-        let title = abbe_geometry::effects::known(term.effect.name()).map_or("an effect", |known| known.title);
         let because = format!("beside all else that was found: {because}");
-        state.steps.push(Step::SetAside { term, title, because });
+        state.steps.push(Step::set_aside(term, because));
     }
 }
 

@@ -21,7 +21,7 @@ use crate::quadratic_form::p_of_form;
 use crate::score::golden_section;
 use abbe_geometry::by_place::{FORMS, VarianceByPlace};
 use abbe_geometry::effects::{Shape, is_derived};
-use abbe_geometry::model::{MachineModel, ModelError};
+use abbe_geometry::model::{MachineModel, ModelError, packed};
 use abbe_identify::{TIME, symmetric_eigen};
 use abbe_measurement::campaign::Campaign;
 use faer::Mat;
@@ -75,7 +75,7 @@ impl Wander {
         for (i, a) in places.iter().enumerate() {
             for (j, b) in places.iter().enumerate().take(i + 1) {
                 let (Some(a), Some(b)) = (a, b) else { continue };
-                parts.covariance[a.max(b) * (a.max(b) + 1) / 2 + a.min(b)] += self.taken.1[(i, j)];
+                parts.covariance[packed(*a, *b)] += self.taken.1[(i, j)];
             }
         }
         MachineModel::new(parts)
@@ -153,14 +153,14 @@ pub(crate) fn find(
     let first = looks.iter().min_by(|a, b| a.1.p_value.total_cmp(&b.1.p_value));
     let Some((follows, _)) = first.filter(|_| p_value < options.significance) else { return Ok(None) };
     let tested: Vec<&Tested> = looks.iter().map(|(_, tested)| tested).collect();
-    let by_place = by_place(&tested, places);
-    let parameters = round.rows.parameters.iter().map(|place| Parameter::at(model, *place)).collect();
+    let parameters: Vec<Parameter> = round.rows.parameters.iter().map(|place| Parameter::at(model, *place)).collect();
+    let (by_place, taken) = by_place_and_taken(&tested, places, parameters.len());
     Ok(Some(Wander {
         follows: follows.clone(),
         p_value,
         size_m: rms_m(&by_place, campaign, &used),
         by_place,
-        taken: (parameters, taken(&tested, round.rows.parameters.len())),
+        taken: (parameters, taken),
     }))
 }
 
@@ -174,23 +174,18 @@ fn weighed<'t>(looks: &[&'t Tested<'t>]) -> Vec<(&'t Tested<'t>, f64)> {
     kept.into_iter().map(|(tested, weight)| (tested, weight / total)).collect()
 }
 
-/// Mean square over the campaign of what is known of the motion, and of what is not, at every place.
-fn by_place(looks: &[&Tested], places: &Places) -> VarianceByPlace {
+/// Mean square over the campaign of what is known of the motion, and of what is not, at every place; and the covariance of what the
+/// parameters of the fit took of it for their own.
+fn by_place_and_taken(looks: &[&Tested], places: &Places, parameters: usize) -> (VarianceByPlace, Mat<f64>) {
     let mut packed_m2 = [(); 3].map(|()| vec![0.0; FORMS * (FORMS + 1) / 2]);
+    let mut taken = Mat::zeros(parameters, parameters);
     for (tested, weight) in weighed(looks) {
-        tested.visit_forms(&mut |d, place, m2| packed_m2[d][place] += weight * m2);
+        let root = tested.moment_root();
+        tested.visit_forms(&root, &mut |d, place, m2| packed_m2[d][place] += weight * m2);
+        let reach = tested.look.round.linear.reach(tested.look.columns().as_ref()) * &root;
+        taken += faer::Scale(weight) * (&reach * reach.transpose());
     }
-    VarianceByPlace { middle_m: places.middle_m, half_span_m: places.half_span_m, packed_m2 }
-}
-
-/// Covariance of what the parameters of the fit took for their own.
-fn taken(looks: &[&Tested], parameters: usize) -> Mat<f64> {
-    let mut sum = Mat::zeros(parameters, parameters);
-    for (tested, weight) in weighed(looks) {
-        let reach = tested.look.round.linear.reach(tested.look.columns().as_ref()) * &tested.moment_root();
-        sum += faer::Scale(weight) * (&reach * reach.transpose());
-    }
-    sum
+    (VarianceByPlace { middle_m: places.middle_m, half_span_m: places.half_span_m, packed_m2 }, taken)
 }
 
 /// One probability of several that depend on each other (Cauchy combination; Liu and Xie 2020): courses that are alike are no worse
@@ -379,10 +374,9 @@ impl Tested<'_> {
         })
     }
 
-    /// Calls with axis, place in the packed covariance of forms, and what is to be added there (m²).
-    fn visit_forms(&self, add: &mut dyn FnMut(usize, usize, f64)) {
-        let root = self.moment_root();
-        let moment = &root * root.transpose();
+    /// Calls with axis, place in the packed covariance of forms, and what is to be added there (m²); `root` is [`Tested::moment_root`].
+    fn visit_forms(&self, root: &Mat<f64>, add: &mut dyn FnMut(usize, usize, f64)) {
+        let moment = root * root.transpose();
         let (motions, courses) = (&self.look.motions.0, self.look.courses.len());
         let together = self.courses_together();
         for (m, (d, row, of_row_m)) in motions.iter().enumerate() {
@@ -393,7 +387,7 @@ impl Tested<'_> {
                 let of_pair = |(a, b): (usize, usize)| together[(a, b)] * moment[(m * courses + a, n * courses + b)];
                 let pairs = (0..courses).flat_map(|a| (0..courses).map(move |b| (a, b)));
                 let mean: f64 = pairs.map(of_pair).sum();
-                add(*d, row * (row + 1) / 2 + column, of_row_m * of_column_m * mean);
+                add(*d, packed(*row, *column), of_row_m * of_column_m * mean);
             }
         }
     }

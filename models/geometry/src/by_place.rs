@@ -7,7 +7,7 @@
 //! var_d(p) = φ(p)ᵀ S_d φ(p),   φ = (1, x, y, z, x², xy, xz, y², yz, z²),   p: reading from the middle, over half the span
 //! ```
 
-use crate::model::ModelError;
+use crate::model::{ModelError, packed};
 
 /// Products of up to two coordinates.
 pub const FORMS: usize = 10;
@@ -69,8 +69,8 @@ impl VarianceByPlace {
 }
 
 /// Whether no combination of the forms has a variance below zero, but for rounding.
-fn is_covariance(packed: &[f64]) -> bool {
-    let at = |a: usize, b: usize| packed[a.max(b) * (a.max(b) + 1) / 2 + a.min(b)];
+fn is_covariance(values: &[f64]) -> bool {
+    let at = |a: usize, b: usize| values[packed(a, b)];
     let whole = nalgebra::SMatrix::<f64, FORMS, FORMS>::from_fn(at);
     let values = whole.symmetric_eigenvalues();
     values.min() >= -ROUNDING * values.max().max(0.0)
@@ -83,10 +83,9 @@ mod tests {
     /// Of a = 2 µm·x + 1 µm·z² along Y, once known and once in doubt.
     fn example() -> VarianceByPlace {
         let mut packed_m2 = [vec![0.0; 55], vec![0.0; 55], vec![0.0; 55]];
-        let place = |a: usize, b: usize| a * (a + 1) / 2 + b;
-        packed_m2[1][place(1, 1)] = 4e-12;
-        packed_m2[1][place(9, 1)] = 2e-12;
-        packed_m2[1][place(9, 9)] = 1e-12;
+        packed_m2[1][packed(1, 1)] = 4e-12;
+        packed_m2[1][packed(9, 1)] = 2e-12;
+        packed_m2[1][packed(9, 9)] = 1e-12;
         VarianceByPlace { middle_m: [0.5, 0.0, 1.0], half_span_m: [0.5, 1.0, 2.0], packed_m2 }
     }
 

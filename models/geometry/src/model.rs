@@ -446,7 +446,7 @@ fn apart(fitted: &FittedEffect, identified: &IdentifiedVolume) -> Vec<Apart> {
 }
 
 /// Place of an entry in a packed lower triangle.
-pub(crate) fn packed(a: usize, b: usize) -> usize {
+pub fn packed(a: usize, b: usize) -> usize {
     let (row, column) = (a.max(b), a.min(b));
     row * (row + 1) / 2 + column
 }

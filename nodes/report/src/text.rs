@@ -131,6 +131,14 @@ pub(crate) fn with_unit(label: &str, unit: &str) -> String {
     if matches!(unit, "" | "1") { label.to_owned() } else { format!("{label} / {unit}") }
 }
 
+/// The first few, and how many more there are.
+pub(crate) fn listed(names: &[impl AsRef<str>], most: usize, separator: &str) -> String {
+    let shown: Vec<&str> = names.iter().take(most).map(AsRef::as_ref).collect();
+    let more = names.len() - shown.len();
+    let more = if more > 0 { format!(" and {more} more") } else { String::new() };
+    format!("{}{more}", shown.join(separator))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

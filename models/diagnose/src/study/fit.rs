@@ -8,11 +8,10 @@ use super::candidate::Study;
 use super::together::score_together;
 use super::view::{View, picked};
 use crate::error::DiagnoseError;
-use crate::linear::{Linear, Projected};
+use crate::linear::{Linear, Projected, joined};
 use crate::score::{Score, score};
 use abbe_identify::symmetric_eigen;
 use faer::{Mat, MatRef};
-use std::borrow::Borrow;
 
 /// Share of a direction's information that must be left beside the columns before it. What is left of less stands a tenth of its
 /// size apart from what is there already: two forms that hold the same term would share it between them, each with a size of its own.
@@ -136,7 +135,7 @@ impl Fit {
             maps.push((first, map));
         }
         let solution = linear.covariance() * (linear.jacobian().transpose() * &based.observed);
-        let raw_columns = side_by_side(&raw);
+        let raw_columns = joined(&raw);
         let left = &start.rows - &raw_columns * &solution;
         let raw_residuals = left.col_as_slice(0).to_vec();
         let noise = linear.noise_factor();
@@ -222,19 +221,6 @@ pub(super) fn names(study: &dyn Study, set: &[usize]) -> String {
         return study.base_word().to_owned();
     }
     set.iter().map(|k| study.candidates()[*k].name.as_str()).collect::<Vec<_>>().join(" and ")
-}
-
-/// Columns of several matrices.
-pub(super) fn side_by_side<M: Borrow<Mat<f64>>>(parts: &[M]) -> Mat<f64> {
-    let parts = || parts.iter().map(M::borrow);
-    let rows = parts().next().map_or(0, Mat::nrows);
-    let mut all = Mat::zeros(rows, parts().map(Mat::ncols).sum());
-    let mut first = 0;
-    for part in parts() {
-        all.as_mut().subcols_mut(first, part.ncols()).copy_from(part);
-        first += part.ncols();
-    }
-    all
 }
 
 fn uncertainties(linear: &Linear, first: usize, map: &Mat<f64>, noise: f64) -> Vec<f64> {

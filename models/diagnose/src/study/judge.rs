@@ -3,9 +3,10 @@
 //! Place in the flow: every rung, effect and alternative is judged here. Whitened residuals in, µm out.
 
 use super::diagnosis::{HeldOutRms, Judgement};
-use super::fit::{Fit, side_by_side};
+use super::fit::Fit;
 use super::view::{View, picked};
 use crate::held_out::HeldOut;
+use crate::linear::joined;
 use abbe_identify::symmetric_eigen;
 use faer::Mat;
 use statrs::distribution::{ContinuousCDF, StudentsT};
@@ -52,7 +53,7 @@ fn held_out(view: &View, fit: &Fit) -> Vec<HeldOut> {
 /// left out, and what lies on the other side judges it all the same.
 pub(super) fn held_out_alike(view: &View, one: &Fit, other: &Fit) -> (HeldOutRms, HeldOutRms) {
     let judged = |((one, own), (other, others)): (Predicted, Predicted)| {
-        let own_only = side_by_side(&[own, others]);
+        let own_only = joined(&[own, others]);
         (without(&one, &own_only), without(&other, &own_only))
     };
     let (one, other): (Vec<HeldOut>, Vec<HeldOut>) =

@@ -11,7 +11,7 @@
 
 use super::candidate::Study;
 use super::diagnosis::{HeldOutRms, Unseen};
-use super::fit::{Fit, side_by_side};
+use super::fit::Fit;
 use super::judge::{comes_down, rms_of, without};
 use super::outliers::outliers;
 use super::placing::{Placed, undecided};
@@ -20,7 +20,7 @@ use super::series::independent;
 use super::view::View;
 use crate::error::DiagnoseError;
 use crate::held_out::HeldOut;
-use crate::linear::{column, weighted};
+use crate::linear::{column, joined, weighted};
 use abbe_identify::symmetric_eigen;
 use faer::Mat;
 use std::collections::{BTreeMap, BTreeSet};
@@ -199,7 +199,7 @@ fn predicted(view: &View, fit: &Fit, rows: &[usize]) -> Result<(Mat<f64>, Mat<f6
         seen.push(view.picked(&columns));
         new.push(pick(&columns));
     }
-    let (seen, new) = (side_by_side(&seen), side_by_side(&new));
+    let (seen, new) = (joined(&seen), joined(&new));
     let count = seen.ncols();
     let square = |matrix: &Mat<f64>, k: usize| (0..matrix.nrows()).map(|i| matrix[(i, k)].powi(2)).sum::<f64>();
     let scale: Vec<f64> =
@@ -221,7 +221,7 @@ fn predicted(view: &View, fit: &Fit, rows: &[usize]) -> Result<(Mat<f64>, Mat<f6
     let solved = Mat::from_fn(gram.nrows(), 1, |k, _| right[(k, 0)] / gram[(k, k)].max(f64::MIN_POSITIVE));
     let moved = &new * (&known * &solved);
     let error = Mat::from_fn(rows.len(), 1, |i, _| local.residual[rows[i]] - moved[(i, 0)]);
-    let open_rows = side_by_side(&[&new * directions(&open), undecided(view, &set, rows)]);
+    let open_rows = joined(&[&new * directions(&open), undecided(view, &set, rows)]);
     Ok((error, independent_of(&open_rows)))
 }
 

@@ -6,10 +6,10 @@
 //! Weisberg 1982, 2.2.2). Many such rows are no accident but something that the model lacks, and then none is rejected.
 
 use super::candidate::{Chain, Study};
-use super::fit::side_by_side;
 use super::series::independent;
 use super::view::picked;
 use crate::error::DiagnoseError;
+use crate::linear::joined;
 use crate::linear::{column, weighted};
 use crate::score::beyond;
 use abbe_identify::{in_parallel, symmetric_eigen};
@@ -98,7 +98,7 @@ fn beside(chain: &Chain, rows: &[usize], columns: &[Mat<f64>]) -> Mat<f64> {
     let of_study: Vec<usize> = rows.iter().map(|row| chain.rows[*row]).collect();
     let mut all = vec![picked(chain.rich.as_ref(), rows)];
     all.extend(columns.iter().map(|columns| picked(columns.as_ref(), &of_study)));
-    side_by_side(&all)
+    joined(&all)
 }
 
 /// Rows far off, with residual and deviations.

@@ -8,7 +8,7 @@
 
 use super::between::stands_out;
 use super::diagnosis::{Considered, Kind};
-use super::fit::{Fit, Part, side_by_side};
+use super::fit::{Fit, Part};
 use super::judge::{held_out_alike, held_out_rms};
 use super::places::{goes_through_places, simpler};
 use super::placing::{best_placed, between, is_step, moved, placed, single, tried};
@@ -17,7 +17,7 @@ use super::significance::{probability, probability_beside};
 use super::view::View;
 use super::waves::tuned;
 use crate::error::DiagnoseError;
-use crate::linear::Linear;
+use crate::linear::{Linear, joined};
 use crate::score::{Score, score};
 use abbe_identify::in_parallel;
 use faer::Mat;
@@ -235,7 +235,7 @@ fn names_together(view: &mut View, fit: &Fit, options: &Options) -> Result<Optio
         return Ok(None);
     }
     let columns: Vec<_> = names.iter().map(|k| view.columns(&fit.point, *k)).collect();
-    if probability(view, fit, &side_by_side(&columns))? * trials as f64 > options.significance {
+    if probability(view, fit, &joined(&columns))? * trials as f64 > options.significance {
         return Ok(None);
     }
     let set = [own.clone(), names].concat();

@@ -9,12 +9,12 @@
 //! likelier than slow noise that happens to go straight. The ratio of likelihoods counts with a reserve, since slow noise
 //! makes it larger than χ². The lesser of the two probabilities is taken.
 
-use super::fit::{Fit, side_by_side};
+use super::fit::Fit;
 use super::series::{Filter, Theta, gain, independent};
 use super::together::score_together;
 use super::view::{View, picked};
 use crate::error::DiagnoseError;
-use crate::linear::Linear;
+use crate::linear::{Linear, joined};
 use crate::score::score;
 use abbe_identify::in_parallel;
 use faer::Mat;
@@ -48,8 +48,7 @@ pub(super) fn probability_beside(
     }
     let own = |matrix: &Mat<f64>| -> Vec<Mat<f64>> { chains.iter().map(|k| of_chain(view, *k, matrix)).collect() };
     let rows = Mat::from_fn(fit.raw_residuals.len(), 1, |i, _| fit.raw_residuals[i]);
-    let (base, rows, columns) =
-        (own(&side_by_side(&[fit.raw_columns.clone(), further.clone()])), own(&rows), own(columns));
+    let (base, rows, columns) = (own(&joined(&[fit.raw_columns.clone(), further.clone()])), own(&rows), own(columns));
     let mut first = 0;
     let mut next = |part: &Mat<f64>| {
         first += part.nrows();

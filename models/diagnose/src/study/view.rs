@@ -7,13 +7,13 @@
 use super::candidate::Study;
 use super::display::{FINEST_M, hidden, step};
 use super::filters::Gaps;
-use super::fit::{Fit, Fitted, independent, side_by_side};
+use super::fit::{Fit, Fitted, independent};
 use super::memory::{Based, Memory, Start};
 use super::series::{Filter, Noise, Theta, noise};
 use super::step::APART;
 use super::waves::best;
 use crate::error::DiagnoseError;
-use crate::linear::{Linear, column};
+use crate::linear::{Linear, column, joined};
 use crate::score::golden_section;
 use crate::score::score;
 use abbe_geometry::Axis;
@@ -198,7 +198,7 @@ impl<'a> View<'a> {
         let own = |k: &usize| self.study.chain_columns(*k, rows).map_or_else(|| Mat::zeros(rows.len(), 0), |own| own.1);
         let own: Vec<Mat<f64>> = candidates.iter().map(own).collect();
         let counts = own.iter().map(Mat::ncols).collect();
-        (self.whitened_in(chain, side_by_side(&own)), counts)
+        (self.whitened_in(chain, joined(&own)), counts)
     }
 
     /// Whitens rows of one chain, in its order.

@@ -52,15 +52,8 @@ fn construct(shape: &Shape, machine: &Machine) -> Result<Box<dyn Effect>, Effect
     if axis != Axis::Z && toward == Axis::Z {
         return Err(reader.wrong("toward", "must be level: a level guide that arches upwards is gradient_bow"));
     }
-    let (warm, cold) = (reader.text("warm")?.to_owned(), reader.text("cold")?.to_owned());
-    if warm == cold {
-        return Err(reader.wrong("cold", "must name another sensor than warm"));
-    }
-    let beam = match reader.text("form")? {
-        "beam" => true,
-        "free" => false,
-        _ => return Err(reader.wrong("form", "must be beam or free")),
-    };
+    let (warm, cold) = reader.warm_and_cold()?;
+    let beam = reader.is_beam()?;
     reader.finish()?;
     // about × axis = ± toward.
     let right_handed = (about.index() + 1) % 3 == axis.index();

@@ -57,15 +57,8 @@ fn construct(shape: &Shape, machine: &Machine) -> Result<Box<dyn Effect>, Effect
         Axis::Y => (Axis::X, 1.0),
         Axis::Z => return Err(reader.wrong("axis", "must be x or y: a vertical guideway does not arch upwards")),
     };
-    let (warm, cold) = (reader.text("warm")?.to_owned(), reader.text("cold")?.to_owned());
-    if warm == cold {
-        return Err(reader.wrong("cold", "must name another sensor than warm"));
-    }
-    let beam = match reader.text("form")? {
-        "beam" => true,
-        "free" => false,
-        _ => return Err(reader.wrong("form", "must be beam or free")),
-    };
+    let (warm, cold) = reader.warm_and_cold()?;
+    let beam = reader.is_beam()?;
     reader.finish()?;
     let on_table = machine.joints.iter().any(|joint| joint.axis == axis && joint.side == Side::Workpiece);
     Ok(Box::new(GradientBow {

@@ -140,6 +140,24 @@ impl<'a> Reader<'a> {
         }
     }
 
+    /// Two sensors whose difference acts: the one on the warm side and another one on the cold side.
+    pub(super) fn warm_and_cold(&mut self) -> Result<(String, String), EffectError> {
+        let (warm, cold) = (self.text("warm")?.to_owned(), self.text("cold")?.to_owned());
+        match warm == cold {
+            true => Err(self.wrong("cold", "must name another sensor than warm")),
+            false => Ok((warm, cold)),
+        }
+    }
+
+    /// Whether the form of what bends is one beam (`beam`), or left open (`free`).
+    pub(super) fn is_beam(&mut self) -> Result<bool, EffectError> {
+        match self.text("form")? {
+            "beam" => Ok(true),
+            "free" => Ok(false),
+            _ => Err(self.wrong("form", "must be beam or free")),
+        }
+    }
+
     /// Names, at least one, none twice.
     pub(super) fn texts(&mut self, key: &'static str) -> Result<&'a [String], EffectError> {
         let values = match self.get(key)? {

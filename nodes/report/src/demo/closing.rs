@@ -10,7 +10,7 @@ use super::build::heading;
 use crate::diagnosis::{Both, Effect, ErrorFigures, Rival, SetAside, readable};
 use crate::sections::{Callout, Cell, Column, Section, TableSection, Tone};
 use crate::stats::rms;
-use crate::text::{fixed, integer, significant};
+use crate::text::{fixed, integer, listed, significant};
 
 /// Parameters of an effect, rivals and candidates set aside that a sentence names at most; the tables have all.
 const NAMED: usize = 3;
@@ -52,8 +52,8 @@ impl Closing {
         if self.effects.is_empty() {
             sentences.push(self.verdict.clone().unwrap_or_else(|| format!("{}.", self.outcome)));
         } else if !self.set_aside.is_empty() {
-            let titles = self.set_aside.iter().map(|aside| aside.title.clone()).collect();
-            sentences.push(format!("Set aside, with the reasons in the table: {}.", listed(titles)));
+            let titles: Vec<&str> = self.set_aside.iter().map(|aside| aside.title.as_str()).collect();
+            sentences.push(format!("Set aside, with the reasons in the table: {}.", listed(&titles, NAMED, "; ")));
         }
         sentences
     }
@@ -76,13 +76,13 @@ fn lacked(effect: &Effect) -> Vec<String> {
     let unexplained = if effect.kind == "empirical" { " (a dependence without a known cause)" } else { "" };
     let rms_um = effect.size_um.map(|um| format!("{} µm rms in the readings", significant(um, 2)));
     let sizes: Vec<String> = effect.parameters.iter().filter_map(size).collect();
-    let sizes = [rms_um, (!sizes.is_empty()).then(|| format!("{} (k = 1)", listed(sizes)))];
+    let sizes = [rms_um, (!sizes.is_empty()).then(|| format!("{} (k = 1)", listed(&sizes, NAMED, "; ")))];
     let sizes = sizes.into_iter().flatten().collect::<Vec<_>>().join("; ");
     let mut sentences = vec![format!("The model lacked: {}{unexplained}, {sizes}.", effect.label())];
     let rivals: Vec<String> = effect.cannot_be_told_from.iter().map(Rival::label).collect();
     sentences.push(match rivals.is_empty() {
         true => "No other effect explains these data nearly as well.".to_owned(),
-        false => format!("These data cannot tell it from: {}.", listed(rivals)),
+        false => format!("These data cannot tell it from: {}.", listed(&rivals, NAMED, "; ")),
     });
     let share = effect.alias_share.filter(|share| *share >= PARTLY_ABSORBED);
     sentences.extend(share.map(|share| {
@@ -98,14 +98,6 @@ fn lacked(effect: &Effect) -> Vec<String> {
 fn size(parameter: &crate::diagnosis::Parameter) -> Option<String> {
     let (value, u, _, unit, decimals) = readable(parameter);
     Some(format!("{} {} ± {} {unit}", parameter.name, fixed(value?, decimals), fixed(u?, decimals)))
-}
-
-/// The first few, and how many more there are.
-fn listed(mut names: Vec<String>) -> String {
-    let more = names.len().saturating_sub(NAMED);
-    names.truncate(NAMED);
-    let more = if more > 0 { format!(" and {more} more") } else { String::new() };
-    format!("{}{more}", names.join("; "))
 }
 
 impl DemoReport {

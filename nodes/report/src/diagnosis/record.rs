@@ -5,6 +5,7 @@
 
 use std::collections::BTreeMap;
 
+use crate::text::listed;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
@@ -456,10 +457,8 @@ impl Effect {
 
     /// What these data do not tell it from, the nearest by name; nothing where there is none.
     pub fn rivals(&self) -> Option<String> {
-        let names: Vec<String> = self.cannot_be_told_from.iter().take(RIVALS).map(Rival::label).collect();
-        let more = self.cannot_be_told_from.len() - names.len();
-        let more = if more > 0 { format!(" and {more} more") } else { String::new() };
-        (!names.is_empty()).then(|| format!("{}{more}", names.join(", ")))
+        let names: Vec<String> = self.cannot_be_told_from.iter().map(Rival::label).collect();
+        (!names.is_empty()).then(|| listed(&names, RIVALS, ", "))
     }
 
     fn about(&self) -> String {

@@ -4,7 +4,7 @@
 
 use super::readable;
 use super::record::{Effect, ErrorFigures, Record};
-use crate::text::{fixed, significant};
+use crate::text::{fixed, listed, significant};
 
 /// Candidates set aside that are named at most.
 const SET_ASIDE: usize = 3;
@@ -44,11 +44,8 @@ impl Record {
                 titles.push(&aside.title);
             }
         }
-        let more = titles.len().saturating_sub(SET_ASIDE);
-        titles.truncate(SET_ASIDE);
-        let more = if more > 0 { format!(" and {more} more") } else { String::new() };
-        let listed = titles.join("; ");
-        (!titles.is_empty()).then(|| format!("Set aside, each with its reason in the table: {listed}{more}."))
+        let listed = listed(&titles, SET_ASIDE, "; ");
+        (!titles.is_empty()).then(|| format!("Set aside, each with its reason in the table: {listed}."))
     }
 
     fn finding(&self) -> String {
