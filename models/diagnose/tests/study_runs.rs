@@ -118,6 +118,49 @@ fn warming_up_is_found() {
     assert_found(|_, _, t, _| 4e-6 * (1.0 - (-t / 500.0).exp()), &["warm-up", "drift with time"]);
 }
 
+/// A screw between a fixed bearing and a floating one, warmed by its own friction: it grows as far as it is long.
+#[test]
+fn a_screw_that_warms_up_is_found() {
+    let mut found = 0;
+    for seed in 0..SEEDS {
+        let diagnosis = study(PLAN, |x, _, t, _| 9e-6 * x / 0.7 * (1.0 - (-t / 450.0).exp()), 3000 + seed);
+        let is_warm_up = |name: &&str| name.starts_with("warm-up of offset and scale");
+        let tau_s =
+            names(&diagnosis).into_iter().find(is_warm_up).and_then(|name| name.split(' ').nth(7)?.parse::<f64>().ok());
+        found += u64::from(tau_s.is_some_and(|tau_s| (300.0..700.0).contains(&tau_s)));
+        let sigma_um = diagnosis.after.estimated_sigma_um;
+        assert!(sigma_um < 1.15 * SIGMA_M * 1e6, "seed {seed}: {sigma_um} {:?}", names(&diagnosis));
+    }
+    assert!(found >= SEEDS * 9 / 10, "{found} of {SEEDS}");
+}
+
+/// The same with what a load does to the reversal value and to the scale, the load changed between approaches.
+#[test]
+fn what_a_load_does_to_reversal_and_scale_is_found() {
+    type ByLoad = fn(f64, f64, f64) -> f64;
+    let cases: [(ByLoad, &str); 2] = [
+        (|_, sign, load_kg| 0.5 * sign * 0.01e-6 * load_kg, "reversal value by load_kg"),
+        (|x, _, load_kg| 0.02e-6 * load_kg * x / 0.7, "offset and scale by load_kg"),
+    ];
+    for (by_load, wanted) in cases {
+        let mut found = 0;
+        for seed in 0..SEEDS {
+            let mut runs = measured(PLAN, |_, _, _, _| 0.0, 2000 + seed);
+            let mut generator = ChaCha8Rng::seed_from_u64(seed);
+            for run in &mut runs {
+                let load_kg = 50.0 * f64::from(generator.random_range(0..5_u8));
+                run.measured_m += by_load(run.target_m, run.approach.sign(), load_kg);
+                run.covariates.insert("load_kg".to_owned(), load_kg);
+            }
+            let diagnosis = diagnose(&runs, &Options::default()).unwrap();
+            found += u64::from(names(&diagnosis).iter().any(|name| name.starts_with(wanted)));
+            let sigma_um = diagnosis.after.estimated_sigma_um;
+            assert!(sigma_um < 1.15 * SIGMA_M * 1e6, "{wanted}, seed {seed}: {sigma_um} {:?}", names(&diagnosis));
+        }
+        assert!(found >= SEEDS * 9 / 10, "{wanted}: {found} of {SEEDS}");
+    }
+}
+
 #[test]
 fn expansion_of_the_scale_is_found() {
     assert_found(|x, _, _, c| 11.5e-6 * (c - 20.0) * (x - 0.1), &["expansion of the scale by temp_scale_x_c"]);
@@ -140,6 +183,8 @@ fn equal_steps_alias_a_short_period_and_the_study_says_so() {
     let said = diagnosis.not_identifiable.iter().find(|item| item.because.contains("equal steps")).unwrap();
     assert!(said.because.contains("26.9") && said.decided_by.contains("irregular"), "{said:?}");
     assert!(diagnosis.untestable.iter().any(|item| item.name.contains("divides the step of 35.000 mm")));
+    assert!(diagnosis.hidden.iter().any(|what| what.contains("35.000 mm")), "{:?}", diagnosis.hidden);
+    assert!(study(PLAN, |_, _, _, _| 0.0, 3).hidden.is_empty(), "irregular steps hide nothing");
 }
 
 /// The pitch of a screw, a third of the step of targets that are off equal ones by at most 30 % of it.

@@ -110,6 +110,31 @@ fn linuxcnc_screw_compensation_leaves_what_interpolation_misses() {
     }
 }
 
+/// A model of positioning runs: what its table holds is not said to be missing, what follows the time is.
+#[test]
+fn regress_effects_of_one_name_are_told_apart_by_what_they_follow() {
+    let mut file = model();
+    let parts = file.model.parts().clone();
+    let shape =
+        |terms: f64| Shape::new().text("axis", "x").number("terms", terms).number("low_m", 0.0).number("high_m", 0.5);
+    let by_time = shape(1.0).text("by", "time_s").number("by_zero", 0.0).number("by_unit", 100.0);
+    let term =
+        |shape, count| MachineModel::fitted_effect("axis_term", shape, &parts.machine, vec![3e-6; count]).unwrap();
+    let effects = parts.effects.iter().cloned().chain([term(shape(3.0), 3), term(by_time, 1)]).collect();
+    let count = parts.coefficients.len() + 4 + 3 + 1 + 4 * parts.stations.len();
+    let covariance = vec![0.0; count * (count + 1) / 2];
+    file.model = MachineModel::new(ModelParts { effects, covariance, ..parts }).unwrap();
+    let head = |name: &str| exported(name, &file)[0].text.clone();
+    for name in ["linuxcnc-comp", "csv"] {
+        let head = head(name);
+        let lacking: Vec<&str> =
+            head.lines().filter(|line| line.contains("NOT in this") && line.contains("axis_term")).collect();
+        assert_eq!(lacking.len(), 1, "{head}");
+        assert!(lacking[0].ends_with("(axis_term) by time_s"), "{lacking:?}");
+    }
+    assert!(head("csv").contains("every error but positioning of X"), "{}", head("csv"));
+}
+
 /// A controller that is told a polynomial where nothing was measured is sent anywhere.
 #[test]
 fn regress_tables_hold_their_effects_beyond_what_was_measured_and_say_so() {

@@ -96,6 +96,7 @@ pub(super) fn diagnose(
         alternatives: Vec::new(),
         lack_of_fit,
         not_identifiable,
+        hidden: study.hidden(),
         untestable: study.untestable(),
         next_measurements,
         terms,

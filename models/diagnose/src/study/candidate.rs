@@ -291,6 +291,11 @@ pub(crate) trait Study: Sync {
         [None; 3]
     }
 
+    /// What would be the same at all rows, in words: neither seen nor in any uncertainty.
+    fn hidden(&self) -> Vec<String> {
+        Vec::new()
+    }
+
     /// What these data cannot test at all.
     fn untestable(&self) -> Vec<Untestable>;
 

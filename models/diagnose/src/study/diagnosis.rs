@@ -291,6 +291,8 @@ pub struct StudyDiagnosis {
     pub not_identifiable: Vec<Ambiguity>,
     /// What could not be tested.
     pub untestable: Vec<Untestable>,
+    /// What would be the same at all rows, in words: neither seen nor in any uncertainty.
+    pub hidden: Vec<String>,
     /// What to measure next.
     pub next_measurements: Vec<String>,
     /// What was found, as effects of a machine model.

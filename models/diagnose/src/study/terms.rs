@@ -4,7 +4,8 @@
 //! data says what its candidates are there ([`super::candidate::ModelTerm`]). Uncertainties are those of the diagnosis, with
 //! what the correlation of the noise leaves open. Between the places of a table nobody measured: what lies there is as large as
 //! neighbours depart from the straight line through theirs, less where the table is seen to be smooth, by the order of
-//! interpolation that shows at twice the step. Where a wave goes as well as another, it may be as large as the wave.
+//! interpolation that shows at twice the step. Before the first and behind the last it is as large as neighbours differ, with the distance
+//! likewise. Where a wave goes as well as another, it may be as large as the wave.
 
 use super::candidate::{Between, ModelTerm, Study};
 use super::fit::Fit;
@@ -83,14 +84,19 @@ pub(super) fn terms(study: &dyn Study, fit: &Fit, u: &[Vec<f64>]) -> Terms {
                 own.push(Value { made_of, value, beside: 0.0 });
             }
             if let Some(table) = &table {
-                let (variance, order) = match table.between {
-                    Between::Departures => between(&table.places_m, &own, &covariance),
-                    // Two waves of one size differ by as much.
-                    Between::Alias => (fitted.values.iter().map(|value| value * value).sum(), 0.0),
+                let ((variance, order), beyond) = match table.between {
+                    Between::Departures => (between(&table.places_m, &own, &covariance), apart(&own)),
+                    // Two waves of one size differ by as much, wherever they are.
+                    Between::Alias => {
+                        let size = fitted.values.iter().map(|value| value * value).sum();
+                        ((size, 0.0), size)
+                    }
                 };
-                let count = table.places_m.len() - 1;
-                own.extend((0..count).map(|_| Value { made_of: Vec::new(), value: 0.0, beside: variance }));
-                shape = shape.number("between_order", order);
+                let steps = table.places_m.len() - 1;
+                let open = std::iter::repeat_n(variance, steps).chain([beyond, beyond]);
+                own.extend(open.map(|beside| Value { made_of: Vec::new(), value: 0.0, beside }));
+                let mean_m = (table.places_m[steps] - table.places_m[0]) / steps as f64;
+                shape = shape.number("between_order", order).number("beyond_m", mean_m);
             }
             terms.list.push(Term { of: of.clone(), effect, shape, values: own.iter().map(|v| v.value).collect() });
             values.extend(own);
@@ -115,6 +121,12 @@ type Place = (usize, usize);
 
 fn of_two(a: &[(Place, f64)], b: &[(Place, f64)], covariance: &impl Fn(Place, Place) -> f64) -> f64 {
     a.iter().map(|(i, x)| b.iter().map(|(j, y)| x * y * covariance(*i, *j)).sum::<f64>()).sum()
+}
+
+/// Mean square of the difference of neighbours (m²).
+fn apart(values: &[Value]) -> f64 {
+    let squares = values.windows(2).map(|pair| (pair[1].value - pair[0].value).powi(2));
+    squares.sum::<f64>() / values.len().saturating_sub(1).max(1) as f64
 }
 
 /// Variance of what may lie halfway between two places of a table (m²), and the order of interpolation that it shows: 0 where

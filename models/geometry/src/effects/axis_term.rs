@@ -6,7 +6,8 @@
 //! last, c_k its values there. What is not known between two places is one more parameter each, zero in value, so that it widens the
 //! uncertainty between places and nothing else: times (4 s (1 − s))^(q/2), s the share of the way from one to the other, 1 halfway.
 //! q, `between_order` (2 without it), is the order of interpolation that the table has been seen to have; with 0 a place says
-//! nothing of what is next to it. g is the product of what
+//! nothing of what is next to it. With `beyond_m`, the mean distance of places, what is not known before the first and behind the last
+//! is one parameter each in the same way: times (d/`beyond_m`)^(q/2) at the distance d. g is the product of what
 //! is named: `sign`, half the sign of approach, which makes the sum the reversal value B; `by`, (value − `by_zero`)/`by_unit` of a
 //! logged quantity, or with `tau` 1 − e^(−(value − `by_zero`)/tau), a growth that comes to rest.
 //! Source: ISO 230-2 (position and reversal tables), ISO 230-3 (drift). It is given by what was measured, not proposed.
@@ -42,7 +43,7 @@ const SMOOTH_ORDER: f64 = 2.0;
 #[derive(Debug)]
 enum Form {
     Terms { count: usize, low_m: f64, high_m: f64 },
-    Table { places_m: Vec<f64>, between_order: f64 },
+    Table { places_m: Vec<f64>, between_order: f64, beyond_m: Option<f64> },
 }
 
 #[derive(Debug)]
@@ -79,7 +80,8 @@ fn construct(shape: &Shape, _machine: &Machine) -> Result<Box<dyn Effect>, Effec
         if !(0.0..=SMOOTH_ORDER).contains(&between_order) {
             return Err(reader.wrong("between_order", "must lie between 0 and 2"));
         }
-        Form::Table { places_m, between_order }
+        let beyond_m = if has("beyond_m") { Some(reader.positive("beyond_m")?) } else { None };
+        Form::Table { places_m, between_order, beyond_m }
     } else {
         let (low_m, high_m) = (reader.number("low_m")?, reader.number("high_m")?);
         if low_m >= high_m {
@@ -129,11 +131,19 @@ impl By {
 type Weights = SmallVec<[(usize, f64); 3]>;
 
 /// Weights of a table's values and of what may lie between its places: index and weight.
-fn table(places_m: &[f64], between_order: f64, reading_m: f64) -> Weights {
+fn table(places_m: &[f64], between_order: f64, beyond_m: Option<f64>, reading_m: f64) -> Weights {
     let last = places_m.len() - 1;
     let above = places_m.partition_point(|place| *place <= reading_m);
     if above == 0 || above > last {
-        return Weights::from_slice(&[(above.min(last), 1.0)]);
+        let held = (above.min(last), 1.0);
+        let distance_m = (places_m[0] - reading_m).max(reading_m - places_m[last]);
+        return match beyond_m {
+            Some(beyond_m) if distance_m > 0.0 => {
+                let open = (distance_m / beyond_m).powf(0.5 * between_order);
+                Weights::from_slice(&[held, (2 * last + 1 + usize::from(above > last), open)])
+            }
+            _ => Weights::from_slice(&[held]),
+        };
     }
     let (low_m, high_m) = (places_m[above - 1], places_m[above]);
     let share = (reading_m - low_m) / (high_m - low_m);
@@ -158,9 +168,11 @@ impl Effect for AxisTerm {
         let spec = |name: String| ParameterSpec::new(name, "m", PLAUSIBLE_M);
         match &self.form {
             Form::Terms { count, .. } => (0..*count).map(|k| spec(format!("c_{k}"))).collect(),
-            Form::Table { places_m, .. } => {
+            Form::Table { places_m, beyond_m, .. } => {
                 let at = (1..=places_m.len()).map(|k| spec(format!("at_{k}")));
-                at.chain((1..places_m.len()).map(|k| spec(format!("between_{k}_{}", k + 1)))).collect()
+                let between = (1..places_m.len()).map(|k| spec(format!("between_{k}_{}", k + 1)));
+                let beyond = ["below", "above"].into_iter().filter(|_| beyond_m.is_some());
+                at.chain(between).chain(beyond.map(|side| spec(side.to_owned()))).collect()
             }
         }
     }
@@ -175,8 +187,8 @@ impl Effect for AxisTerm {
                 let values = legendre(scaled, count - 1);
                 values.into_iter().enumerate().for_each(|(k, value)| part(k, along, factor * value));
             }
-            Form::Table { places_m, between_order } => {
-                let weights = table(places_m, *between_order, reading_m);
+            Form::Table { places_m, between_order, beyond_m } => {
+                let weights = table(places_m, *between_order, *beyond_m, reading_m);
                 weights.into_iter().for_each(|(k, weight)| part(k, along, factor * weight));
             }
         }
@@ -211,6 +223,11 @@ mod tests {
         let between = |x_m: f64| along_m(&rough, x_m, NONE, &[0.0, 0.0, 0.0, 4e-6, 8e-6]);
         for (x_m, um) in [(0.1, 0.0), (0.1001, 4.0), (0.2, 4.0), (0.3, 0.0), (0.3001, 8.0), (0.4, 0.0), (0.5, 0.0)] {
             assert!((between(x_m) - um * 1e-6).abs() < 1e-18, "{x_m}: {}", between(x_m));
+        }
+        let open = shape.clone().number("between_order", 1.0).number("beyond_m", 0.1);
+        let beyond = |x_m: f64| along_m(&open, x_m, NONE, &[0.0, 0.0, 0.0, 0.0, 0.0, 2e-6, 4e-6]);
+        for (x_m, um) in [(0.1, 0.0), (0.25, 0.0), (0.4, 0.0), (0.0, 2.0), (0.5, 4.0), (0.8, 8.0)] {
+            assert!((beyond(x_m) - um * 1e-6).abs() < 1e-15, "{x_m}: {}", beyond(x_m));
         }
         let wrong = construct(&shape.number("between_order", 3.0), &machine()).unwrap_err();
         assert!(wrong.to_string().contains("between_order"), "{wrong}");

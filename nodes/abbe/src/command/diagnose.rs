@@ -176,13 +176,13 @@ fn product(
         ),
         (None, Some(model)) => tracer::run(model, campaign, &request, observe),
         (None, None) if arguments.machine.is_some() => bail!(
-            "{}: this is a tracer campaign, and --machine is for positioning runs and residual vectors; name the model with \
-             --model",
+            "{}: its header is not that of positioning runs (axis, target_mm); a tracer campaign is diagnosed with the model it belongs \
+             to: name it with --model and leave --machine out",
             campaign.display()
         ),
         (None, None) => bail!(
-            "{}: a tracer campaign is diagnosed with the model it belongs to; name it with --model, or make it with abbe \
-             identify",
+            "{}: its header is not that of positioning runs (axis, target_mm) or sphere centres (a_deg, c_deg); a tracer campaign is \
+             diagnosed with the model it belongs to: name it with --model, or make it with abbe identify",
             campaign.display()
         ),
         (Some(kind), None) => study::run(kind, campaign, &request, observe_study),

@@ -8,7 +8,7 @@ use crate::next::Next;
 use crate::output;
 use abbe_field::{Grid, Table, table_within};
 use abbe_files::export::{About, ExportedFile, FORMATS, Format, SampledGrid, Writer, format, geometric_error_m};
-use abbe_files::{AtomicFile, ModelFile};
+use abbe_files::{AtomicFile, FileError, ModelFile};
 use abbe_geometry::Vector3;
 use abbe_geometry::correct::is_within;
 use abbe_geometry::sampled::SampledErrors;
@@ -63,7 +63,9 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let (file, sha256) = ModelFile::load(&arguments.model)?;
     let about = About::new(&file, &sha256, &crate::pipeline::software());
     let (files, offset_m) = match format.writer {
-        Writer::Functions(write) | Writer::Approaches(write) => (write(&about, &sampled(arguments, &file)?)?, None),
+        Writer::Functions(write) | Writer::Approaches(write) => {
+            (of_functions(arguments, (format, write), &file, &about)?, None)
+        }
         Writer::Grid(write) => {
             let grid = grid(arguments, &file)?;
             (write(&about, &grid)?, Some(grid.offset_m))
@@ -103,24 +105,45 @@ fn judge(arguments: &Arguments, file: &ModelFile, offset_m: [f64; 3]) -> anyhow:
     Ok(())
 }
 
-fn sampled(arguments: &Arguments, file: &ModelFile) -> anyhow::Result<SampledErrors> {
+/// Files of error functions.
+type OfFunctions = fn(&About, &SampledErrors) -> Result<Vec<ExportedFile>, FileError>;
+
+/// Written at the step asked for; else at the largest that misses no more than is wanted. Where nothing was asked for, the finest that
+/// the format holds is good enough, and one that it refuses is halved.
+fn of_functions(
+    arguments: &Arguments,
+    (format, write): (&Format, OfFunctions),
+    file: &ModelFile,
+    about: &About,
+) -> anyhow::Result<Vec<ExportedFile>> {
     ensure!(arguments.offset_mm.is_none(), "--offset-mm is for grids; {} holds error functions", arguments.format);
     if let Some(step_mm) = arguments.step_mm {
-        return Ok(SampledErrors::of(&file.model, step_mm / 1e3)?);
+        return Ok(write(about, &SampledErrors::of(&file.model, step_mm / 1e3)?)?);
     }
-    let within_um = arguments.within_um.unwrap_or(DEFAULT_WITHIN_UM);
+    let (within_um, is_asked) = (arguments.within_um.unwrap_or(DEFAULT_WITHIN_UM), arguments.within_um.is_some());
     let longest_m = file.model.parts().machine.travel_m().into_iter().fold(0.0, f64::max);
+    let mut finest = None;
     for halvings in 0..=MOST_HALVINGS {
         let errors = SampledErrors::of(&file.model, longest_m / f64::from(1_u32 << halvings))?;
+        if !is_asked && !format.holds(&errors) {
+            break;
+        }
         let (linear_m, angular_rad) = errors.missed();
         if linear_m.max(angular_rad) <= within_um / 1e6 {
-            return Ok(errors);
+            match write(about, &errors) {
+                Err(_) if !is_asked => {}
+                written => return Ok(written?),
+            }
         }
+        finest = Some(errors);
     }
-    bail!(
-        "--within-um {within_um}: no step down to {:.4} mm does that; ask for more",
-        longest_m * 1e3 / f64::from(1_u32 << MOST_HALVINGS)
-    )
+    match finest.filter(|_| !is_asked && format.most_points.is_some()) {
+        Some(finest) => Ok(write(about, &finest)?),
+        None => bail!(
+            "--within-um {within_um}: no step down to {:.4} mm does that; ask for more",
+            longest_m * 1e3 / f64::from(1_u32 << MOST_HALVINGS)
+        ),
+    }
 }
 
 fn grid(arguments: &Arguments, file: &ModelFile) -> anyhow::Result<SampledGrid> {
@@ -203,6 +226,9 @@ fn print_words(arguments: &Arguments, format: &Format, files: &[ExportedFile]) {
     println!("{}: {} ({})", arguments.out.display(), format.name, format.title);
     if let Some(missed) = missed_words(files) {
         let asked = wanted_um(arguments).map_or_else(String::new, |um| format!(" (asked for: {um} um)"));
+        let most =
+            format.most_points.map_or_else(String::new, |most| format!("; {most} nodes of an axis are the most"));
+        let asked = asked + &most;
         println!("  {missed}{asked}");
     }
     println!("  {}", format.source);

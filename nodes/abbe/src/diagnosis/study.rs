@@ -36,8 +36,10 @@ pub(crate) enum DataKind {
 pub(crate) fn kind_of(path: &Path) -> Option<DataKind> {
     let names = header_names(path)?;
     let has = |wanted: [&str; 2]| wanted.iter().all(|name| names.iter().any(|n| n == name));
+    // Targets in another unit are runs as well: their reader says what is wrong.
+    let target = names.iter().find(|name| name.starts_with("target")).map_or("target_mm", String::as_str);
     match () {
-        () if has(["axis", "target_mm"]) => Some(DataKind::Runs),
+        () if has(["axis", target]) => Some(DataKind::Runs),
         () if has(["a_deg", "c_deg"]) => Some(DataKind::SphereCentres),
         () => None,
     }

@@ -119,6 +119,7 @@ fn doubts(diagnosis: &StudyDiagnosis) -> Vec<Doubt> {
         letters(true),
         if letters(false).is_empty() { String::new() } else { format!(", and all of {}", letters(false)) },
     )];
+    texts.extend(diagnosis.hidden.iter().map(|what| format!("not seen, not corrected and in no uncertainty: {what}")));
     let left_out =
         terms.left_out.iter().map(|(name, reason)| format!("{name} was found, and is not in the model: {reason}"));
     texts.extend(left_out);

@@ -70,6 +70,7 @@ fn verdict(record: &shown::Record, diagnosis: &library::StudyDiagnosis) -> Strin
     } else if !diagnosis.effects.is_empty() && diagnosis.unseen.is_sure == Some(false) {
         words.push_str(" That gain is not sure: the parts differ by as much.");
     }
+    words.extend(diagnosis.hidden.iter().map(|what| format!(" Not seen, and in no uncertainty: {what}.")));
     match diagnosis.rejected.len() {
         0 => words,
         count => format!("{words} {count} of {} rows were rejected as gross errors.", diagnosis.rows),

@@ -16,6 +16,7 @@ pub(super) const FORMAT: Format = Format {
     name: "csv",
     title: "all 21 errors with uncertainty, one value a row",
     source: "own; columns error, position_mm, value, u (k = 1), unit",
+    most_points: None,
     writer: Writer::Functions(write),
 };
 

@@ -14,6 +14,7 @@ pub(super) const FORMAT: Format = Format {
     name: "eight-corners",
     title: "cells of a grid of axis readings with the error vectors at their eight corners, one cell a row",
     source: "own; ends of the cell in mm, then e000, e100, e010, e110, e001, e101, e011, e111 (x, y, z in um each)",
+    most_points: None,
     writer: Writer::Grid(write),
 };
 

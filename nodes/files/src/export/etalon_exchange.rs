@@ -18,6 +18,7 @@ pub(super) const FORMAT: Format = Format {
     source: "syntax and units as in ISG kernel documentation, \"Etalon Exchange Format\" and \"Units of measure\" \
              (isg-stuttgart.de, kernel-html/en-GB/296430091.html and 296426379.html); its sign is not stated there, \
              compare one error before use",
+    most_points: None,
     writer: Writer::Functions(write),
 };
 

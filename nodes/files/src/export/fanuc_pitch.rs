@@ -5,7 +5,7 @@
 //! rounding leaves at a point never exceeds half a unit, since sums are rounded, not increments. Points of an axis are
 //! numbered upwards; the reference position is taken to be the lower end of the stroke. Parameter 1851 is the play.
 
-use super::{About, ExportedFile, Format, Writer, commented, missed_words, refused};
+use super::{About, ExportedFile, Format, Writer, check_points, commented, fixed, missed_words, refused};
 use crate::error::FileError;
 use crate::units::millimetres_from_m;
 use abbe_geometry::sampled::{SampledAxis, SampledErrors};
@@ -26,6 +26,7 @@ pub(super) const FORMAT: Format = Format {
     source: "Fanuc parameter manuals (Series 0i B-63980, 21i B-63090: 1851, 3620 to 3624), increments and numbering from there; \
              the sign of increments (+ moves the axis in +) and the reference position could not be tried on a controller: \
              compare one point before use",
+    most_points: Some(MOST_POINTS),
     writer: Writer::Approaches(write),
 };
 
@@ -43,10 +44,7 @@ fn write(about: &About, errors: &SampledErrors) -> Result<Vec<ExportedFile>, Fil
 
 fn table(about: &About, number: usize, axis: &SampledAxis, text: &mut String) -> Result<(), FileError> {
     let (letter, points) = (axis.axis.letter(), axis.positions_m.len());
-    if points > MOST_POINTS {
-        let problem = format!("axis {letter} would have {points} points; {MOST_POINTS} are the most");
-        return Err(refused(&FORMAT, problem, "ask for a larger step"));
-    }
+    check_points(&FORMAT, axis)?;
     let (plays_m, mean_m) = about.approach.reversals_m(axis);
     let forward = |k: usize| axis.errors[k][axis.axis.index()] + plays_m[k] / 2.0;
     let sum = |k: usize| ((forward(0) - forward(k)) / UNIT_M).round();
@@ -58,19 +56,19 @@ fn table(about: &About, number: usize, axis: &SampledAxis, text: &mut String) ->
         let _ = writeln!(text, "N{parameter} {letter} {value}");
     }
     let _ = writeln!(text, "N3624 {letter} {} (mm)", millimetres_from_m(interval_m));
-    let _ = writeln!(text, "N1851 {letter} {:.0} (um)", -mean_m / UNIT_M);
+    let _ = writeln!(text, "N1851 {letter} {} (um)", fixed(-mean_m / UNIT_M, 0));
     let _ = writeln!(text, "point {first} 0");
     for k in 1..points {
         let increment = sum(k) - sum(k - 1);
         if increment.abs() > LARGEST {
             let problem = format!(
                 "axis {letter}: {increment} um between {} and {} mm; a point holds {LARGEST}",
-                millimetres_from_m(axis.positions_m[k - 1]),
-                millimetres_from_m(axis.positions_m[k])
+                fixed(axis.positions_m[k - 1] * 1e3, 4),
+                fixed(axis.positions_m[k] * 1e3, 4)
             );
             return Err(refused(&FORMAT, problem, "ask for a smaller step"));
         }
-        let _ = writeln!(text, "point {} {increment:.0}", first + k);
+        let _ = writeln!(text, "point {} {}", first + k, fixed(increment, 0));
     }
     Ok(())
 }

@@ -8,7 +8,7 @@
 //!
 //! For axis Y the linear columns are Y, C2 (EXY), C3 (EZY); for Z they are Z, C2 (EXZ), C3 (EYZ); the head of each says so.
 
-use super::{About, ExportedFile, Format, Writer, commented, fixed, missed_words, refused, tilted_m};
+use super::{About, ExportedFile, Format, Writer, check_points, commented, fixed, missed_words, tilted_m};
 use crate::error::FileError;
 use crate::units::millimetres_from_m;
 use abbe_geometry::axis::Axis;
@@ -25,6 +25,7 @@ pub(super) const FORMAT: Format = Format {
     title: "one X.COM, Y.COM, Z.COM table an axis and config.CMA, in the style of Heidenhain's compensation tables",
     source: "columns as in Heidenhain's technical manuals (MANUALplus 620, section 6.10; iTNC 530 HSCI, KinematicsComp); \
              syntax and sign could not be checked against a controller: transfer by hand or convert",
+    most_points: Some(MOST_POINTS),
     writer: Writer::Functions(write),
 };
 
@@ -41,20 +42,17 @@ fn write(about: &About, errors: &SampledErrors) -> Result<Vec<ExportedFile>, Fil
 }
 
 fn table(about: &About, errors: &SampledErrors, axis: &SampledAxis) -> Result<ExportedFile, FileError> {
-    let points = axis.positions_m.len();
-    if points > MOST_POINTS {
-        let problem = format!("axis {} would have {points} points; a table holds {MOST_POINTS}", axis.axis.letter());
-        return Err(refused(&FORMAT, problem, "ask for a larger step"));
-    }
+    check_points(&FORMAT, axis)?;
     let others = Axis::ALL.into_iter().filter(|other| *other != axis.axis).map(Axis::index);
     let order: Vec<usize> = [axis.axis.index()].into_iter().chain(others).chain(3..6).collect();
     let ids = errors_of(axis.axis);
     let columns = [axis.axis.letter().to_string(), "C2".into(), "C3".into(), "C4".into(), "C5".into(), "C6".into()];
     let meaning: Vec<String> = columns.iter().zip(&order).map(|(c, k)| format!("{c} = {}", ids[*k].name())).collect();
     let units = format!(
-        "AXISPOS and linear errors mm, angles degrees; {}, with squareness added to straightness; every error is zero at the \
-         lower end of its stroke",
-        meaning.join(", ")
+        "AXISPOS and linear errors mm, angles degrees; {}, with squareness added to straightness; every error{} is zero at \
+         the lower end of its stroke",
+        meaning.join(", "),
+        about.but_effects()
     );
     let mut text = commented(&about.lines(&FORMAT, &units, &missed_words(errors)), ";");
     // Writing to a string cannot fail.

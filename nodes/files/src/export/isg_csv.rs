@@ -18,6 +18,7 @@ pub(super) const FORMAT: Format = Format {
     source: "syntax, names and units as in ISG kernel documentation, \"ISG CSV format\", \"List of parameters supported\" and \
              \"Units of measure\" (isg-stuttgart.de, kernel-html/en-GB/296429067.html, 296423819.html, 296426379.html); its \
              sign is not stated there, compare one error before use, and see the parameter negate",
+    most_points: None,
     writer: Writer::Functions(write),
 };
 

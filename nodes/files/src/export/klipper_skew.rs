@@ -14,6 +14,7 @@ pub(super) const FORMAT: Format = Format {
     name: "klipper-skew",
     title: "Klipper, a profile of [skew_correction] for printer.cfg, loaded by SKEW_PROFILE LOAD=abbe",
     source: "Klipper, klippy/extras/skew_correction.py: calc_skew, and the stored profile that it reads",
+    most_points: None,
     writer: Writer::Functions(write),
 };
 

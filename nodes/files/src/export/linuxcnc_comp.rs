@@ -4,7 +4,7 @@
 //! reached when `nominal` was commanded, coming from below and from above; LinuxCNC adds nominal − reached to what it commands
 //! the motor. Its reader stops at the first line that is no triplet of numbers, a comment too, so the head is a file of its own.
 
-use super::{About, ExportedFile, Format, Writer, commented, fixed, missed_words, refused};
+use super::{About, ExportedFile, Format, Writer, check_points, commented, fixed, missed_words};
 use crate::error::FileError;
 use crate::units::millimetres_from_m;
 use abbe_geometry::sampled::{SampledAxis, SampledErrors};
@@ -19,6 +19,7 @@ pub(super) const FORMAT: Format = Format {
     title: "one x.comp, y.comp, z.comp a joint for COMP_FILE with COMP_FILE_TYPE = 0, and head.txt",
     source: "LinuxCNC, src/emc/motion: usrmotLoadComp reads the file, compute_screw_comp applies it; BACKLASH of such a joint \
              is not used, the reversal is in the columns; machine units must be mm",
+    most_points: Some(MOST_POINTS),
     writer: Writer::Approaches(write),
 };
 
@@ -34,11 +35,7 @@ fn write(about: &About, errors: &SampledErrors) -> Result<Vec<ExportedFile>, Fil
 }
 
 fn table(about: &About, axis: &SampledAxis) -> Result<ExportedFile, FileError> {
-    let points = axis.positions_m.len();
-    if points > MOST_POINTS {
-        let problem = format!("axis {} would have {points} points; a joint holds {MOST_POINTS}", axis.axis.letter());
-        return Err(refused(&FORMAT, problem, "ask for a larger step"));
-    }
+    check_points(&FORMAT, axis)?;
     let row = |(position_m, values): (&f64, &[f64; 6])| {
         let own_m = values[axis.axis.index()];
         let half_m = about.approach.reversal_m(axis.axis, *position_m) / 2.0;

@@ -33,7 +33,7 @@ use abbe_geometry::chain::nominal_point_m;
 use abbe_geometry::effects::known;
 use abbe_geometry::machine::{Machine, Side};
 use abbe_geometry::model::MachineModel;
-use abbe_geometry::sampled::{SampledErrors, beyond_identified, of_position, position_effects_m};
+use abbe_geometry::sampled::{SampledAxis, SampledErrors, beyond_identified, of_position, position_effects_m};
 
 /// A format.
 #[derive(Debug)]
@@ -44,8 +44,18 @@ pub struct Format {
     pub title: &'static str,
     /// Where the format is described, or that it could not be checked against the vendor's description.
     pub source: &'static str,
+    /// Nodes that it holds of an axis, where that is limited.
+    pub most_points: Option<usize>,
     /// What it is made from, and how.
     pub writer: Writer,
+}
+
+impl Format {
+    /// Whether it holds so many nodes of every axis.
+    pub fn holds(&self, errors: &SampledErrors) -> bool {
+        let is_within = |axis: &SampledAxis| self.most_points.is_none_or(|most| axis.positions_m.len() <= most);
+        errors.axes.iter().all(is_within)
+    }
 }
 
 /// How a format is written.
@@ -103,6 +113,8 @@ pub struct About {
     pub approach: Approach,
     /// Axes whose stroke goes beyond what was identified of them, with that (m).
     beyond_m: Vec<(Axis, (f64, f64))>,
+    /// Axes whose positioning error holds effects of position beside the error function.
+    with_effects: Vec<Axis>,
     /// What of the model does not fit into a table of positions.
     left_out: Vec<String>,
     /// What fits into one that knows the side of approach.
@@ -125,10 +137,13 @@ impl About {
     pub fn new(file: &ModelFile, sha256: &[u8; 32], software: &str) -> About {
         let (approach, held) = Approach::of(&file.model);
         let (mut left_out, mut of_approach) = (Vec::new(), Vec::new());
-        let of_position: Vec<usize> = of_position(&file.model).into_iter().map(|(place, _)| place).collect();
+        let (of_position, with_effects): (Vec<usize>, Vec<Axis>) = of_position(&file.model).into_iter().unzip();
         for (place, fitted) in file.model.parts().effects.iter().enumerate() {
             let name = fitted.effect.name();
             let title = known(name).map_or_else(|| name.to_owned(), |known| format!("{} ({name})", known.title));
+            // Effects of one name differ in what they follow: one of position is in the table, one of time is not.
+            let follows = fitted.effect.reads();
+            let title = if follows.is_empty() { title } else { format!("{title} by {}", follows.join(", ")) };
             match () {
                 () if held.contains(&place) => of_approach.push(title),
                 () if of_position.contains(&place) => {}
@@ -143,6 +158,7 @@ impl About {
             ram_turn: (file.model.ram_turn().map(|(angle_rad, _)| angle_rad), file.model.parts().offset_centre_m),
             approach,
             beyond_m: beyond_identified(&file.model).collect(),
+            with_effects,
             left_out: left_out.into_iter().chain(network).collect(),
             of_approach,
         }
@@ -224,10 +240,20 @@ impl About {
             format!("{} {}", axis.letter(), crate::units::millimetres_from_m(self.machine.stroke_m[axis.index()].0))
         });
         format!(
-            "every error is zero at the lower end of its stroke ({} mm), straightness also at the upper end; squareness turns \
+            "every error{} is zero at the lower end of its stroke ({} mm), straightness also at the upper end; squareness turns \
              the motion of an axis, not the tool, from there on",
+            self.but_effects(),
             ends.join(", ")
         )
+    }
+
+    /// Errors that are not zero at the lower end, in words; empty where all are.
+    fn but_effects(&self) -> String {
+        let own = Axis::ALL.into_iter().filter(|axis| self.with_effects.contains(axis));
+        match own.map(Axis::letter).collect::<String>() {
+            own if own.is_empty() => own,
+            own => format!(" but positioning of {own}, which holds effects of position as well,"),
+        }
     }
 }
 
@@ -282,6 +308,18 @@ fn grid_words(grid: &SampledGrid) -> String {
         steps_mm(grid.table.grid().axes_m().iter().map(Vec::as_slice)),
         offset.join(" ")
     )
+}
+
+/// An axis that has more nodes than a format holds is refused.
+fn check_points(format: &Format, axis: &SampledAxis) -> Result<(), FileError> {
+    let points = axis.positions_m.len();
+    match format.most_points {
+        Some(most) if points > most => {
+            let problem = format!("axis {} would have {points} points; {most} are the most", axis.axis.letter());
+            Err(refused(format, problem, "ask for a larger step"))
+        }
+        _ => Ok(()),
+    }
 }
 
 fn refused(format: &Format, problem: String, remedy: &str) -> FileError {

@@ -16,6 +16,7 @@ pub(super) const FORMAT: Format = Format {
     name: "reprap-skew",
     title: "RepRapFirmware, M556 for config.g",
     source: "RepRapFirmware, Move: SetAxisCompensation and AxisTransform, with P0 (X follows Y) as it is by default",
+    most_points: None,
     writer: Writer::Functions(write),
 };
 

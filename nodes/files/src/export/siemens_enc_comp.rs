@@ -20,6 +20,7 @@ pub(super) const FORMAT: Format = Format {
     title: "SINUMERIK $AA_ENC_COMP tables of AX1, AX2, AX3 (X, Y, Z), one part program that fills them",
     source: "Siemens function manual K3, \"Leadscrew error compensation\", and machine data 32450, 32700, 38000; names and signs \
              from there, not tried on a controller: axis numbers, memory (MD38000) and MD32450 are the commissioner's",
+    most_points: None,
     writer: Writer::Approaches(write),
 };
 

@@ -4,7 +4,7 @@
 //! lowest target, as error functions are from the lower end of a stroke: where the instrument was set to zero says nothing of
 //! the machine. Times count from the first run.
 
-use super::shape::{Ranges, Shape};
+use super::shape::{Ranges, Shape, mean_grown};
 use crate::study::candidate::{Between, ModelTerm, Table};
 use crate::study::step::NO_PROPERTY;
 use abbe_geometry::Axis;
@@ -44,6 +44,9 @@ pub(super) fn terms(axis: Axis, ranges: &Ranges, shape: &Shape, start_s: f64) ->
     let over = |shape: ModelShape, name: &str, (low, high): (f64, f64)| {
         shape.text("by", name).number("by_zero", 0.5 * (low + high)).number("by_unit", 0.5 * (high - low))
     };
+    let growing = |shape: ModelShape, zero_s: f64, tau_s: f64| {
+        shape.text("by", TIME).number("by_zero", zero_s).number("tau", tau_s)
+    };
     let along = format!("E{0}{0}", axis.letter());
     let smooth = |name: &str, (low, high): (f64, f64), degree: usize| {
         let shape = ModelShape::new().text("acts", along.clone()).text("p", name);
@@ -54,6 +57,7 @@ pub(super) fn terms(axis: Axis, ranges: &Ranges, shape: &Shape, start_s: f64) ->
         Some((first, last)) if !ranges.is_order => Ok((first - start_s, last - start_s)),
         _ => Err("it follows the order of measurement, which no later sample can say; write time_s".to_owned()),
     };
+    let quantity = |name: &str| ranges.quantity.ok_or_else(|| format!("{name} does not vary"));
     let plain = |effect, shape, count: usize| vec![term(effect, shape, Mat::identity(count, count))];
     let tabled = |shape, map| vec![tabled(&places_m, Between::Departures, shape, map)];
     let count = places_m.len();
@@ -80,9 +84,13 @@ pub(super) fn terms(axis: Axis, ranges: &Ranges, shape: &Shape, start_s: f64) ->
         Shape::Time(degree) => plain(SMOOTH, smooth(TIME, time()?, *degree), *degree),
         Shape::TimeAndTarget => plain(TERM, over(polynomial(2), TIME, time()?), 2),
         Shape::Step(_) => return Err(NO_PROPERTY.to_owned()),
-        Shape::Creep(tau_s) => {
-            let shape = polynomial(1).text("by", TIME).number("by_zero", time()?.0).number("tau", *tau_s);
-            plain(TERM, shape, 1)
+        Shape::Creep(tau_s) => plain(TERM, growing(polynomial(1), time()?.0, *tau_s), 1),
+        Shape::Growth(tau_s) => {
+            let (first_s, last_s) = time()?;
+            let mean = mean_grown(last_s - first_s, *tau_s);
+            let less_mean = Mat::from_fn(2, 2, |i, j| if i == j { -mean } else { 0.0 });
+            let growth = term(TERM, growing(polynomial(2), first_s, *tau_s), Mat::identity(2, 2));
+            vec![growth, term(TERM, polynomial(2), less_mean)]
         }
         Shape::Expansion(sensor) => {
             let shape = polynomial(2).text("by", sensor).number("by_zero", REFERENCE_C).number("by_unit", 1.0);
@@ -96,10 +104,9 @@ pub(super) fn terms(axis: Axis, ranges: &Ranges, shape: &Shape, start_s: f64) ->
             let at_lowest = Mat::from_fn(1, 2, |_, j| [-sine, -cosine][j]);
             vec![term(WAVE, own, Mat::identity(2, 2)), term(TERM, polynomial(1), at_lowest)]
         }
-        Shape::Smooth(name, degree) => {
-            let range = ranges.quantity.ok_or_else(|| format!("{name} does not vary"))?;
-            plain(SMOOTH, smooth(name, range, *degree), *degree)
-        }
+        Shape::Smooth(name, degree) => plain(SMOOTH, smooth(name, quantity(name)?, *degree), *degree),
+        Shape::LostBy(name) => plain(TERM, over(signed(polynomial(1)), name, quantity(name)?), 1),
+        Shape::ScaleBy(name) => plain(TERM, over(polynomial(2), name, quantity(name)?), 2),
     })
 }
 
@@ -125,7 +132,10 @@ pub(super) fn covariates(axis: Axis, shape: &Shape) -> Vec<String> {
         Shape::Lost(_) | Shape::LostTable => vec![sign_of(axis)],
         Shape::LostWithCycle => vec![sign_of(axis), CYCLE.to_owned()],
         Shape::Cycle(_) | Shape::DriftTable => vec![CYCLE.to_owned()],
-        Shape::Time(_) | Shape::TimeAndTarget | Shape::Creep(_) | Shape::Step(_) => vec![TIME.to_owned()],
-        Shape::Expansion(name) | Shape::Smooth(name, _) => vec![name.clone()],
+        Shape::LostBy(name) => vec![sign_of(axis), name.clone()],
+        Shape::Time(_) | Shape::TimeAndTarget | Shape::Creep(_) | Shape::Growth(_) | Shape::Step(_) => {
+            vec![TIME.to_owned()]
+        }
+        Shape::Expansion(name) | Shape::Smooth(name, _) | Shape::ScaleBy(name) => vec![name.clone()],
     }
 }

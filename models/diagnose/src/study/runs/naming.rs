@@ -72,13 +72,27 @@ pub(super) fn named(axis: &str, ranges: &Ranges, shape: &Shape) -> Candidate {
             vec!["cycle".into()],
             "e = B_1 P_1(cycle) sign(approach) / 2",
         ),
+        Shape::LostBy(name) => (
+            format!("reversal value by {name}"),
+            "lost motion",
+            Kind::Empirical,
+            vec![name.clone()],
+            "e = B_1 P_1(quantity) sign(approach) / 2",
+        ),
         Shape::Step(jump) => (jump.name.clone(), "step", Kind::Empirical, vec![key.into()], &jump.formula),
         Shape::Creep(tau_s) => (
-            format!("warm-up, time constant {tau_s:.0} {}", if ranges.is_order { "approaches" } else { "s" }),
+            format!("warm-up, time constant {}", span(*tau_s, ranges)),
             "drift",
             Kind::Attributed,
             vec![key.into()],
             "e = growth (1 - exp(-t / tau))",
+        ),
+        Shape::Growth(tau_s) => (
+            format!("warm-up of offset and scale, time constant {}", span(*tau_s, ranges)),
+            "drift",
+            Kind::Attributed,
+            vec![key.into()],
+            "e = (growth + growth x_1 P_1(x)) (1 - exp(-t / tau) - its mean)",
         ),
         Shape::Expansion(sensor) => (
             format!("expansion of the scale by {sensor}"),
@@ -101,6 +115,13 @@ pub(super) fn named(axis: &str, ranges: &Ranges, shape: &Shape) -> Candidate {
             vec![name.clone()],
             "e = sum p_k P_k(quantity), Legendre",
         ),
+        Shape::ScaleBy(name) => (
+            format!("offset and scale by {name}"),
+            name.as_str(),
+            Kind::Empirical,
+            vec![name.clone()],
+            "e = (p_1 + p_1 x_1 P_1(x)) P_1(quantity)",
+        ),
     };
     let spec = |(name, unit): (String, &'static str)| {
         ParameterSpec::new(name, unit, if unit == "1/K" { PLAUSIBLE_PER_K } else { PLAUSIBLE_M })
@@ -118,6 +139,11 @@ pub(super) fn named(axis: &str, ranges: &Ranges, shape: &Shape) -> Candidate {
     }
 }
 
+/// A time constant in words.
+fn span(tau_s: f64, ranges: &Ranges) -> String {
+    format!("{tau_s:.0} {}", if ranges.is_order { "approaches" } else { "s" })
+}
+
 fn decided_by(shape: &Shape) -> String {
     match shape {
         Shape::Position(_) | Shape::PositionTable | Shape::Periodic(_) => {
@@ -129,9 +155,10 @@ fn decided_by(shape: &Shape) -> String {
         | Shape::TimeAndTarget
         | Shape::DriftTable
         | Shape::LostWithCycle
-        | Shape::Creep(_) => "log temperatures and times, pause between cycles, and return to one target throughout",
+        | Shape::Creep(_)
+        | Shape::Growth(_) => "log temperatures and times, pause between cycles, and return to one target throughout",
         Shape::Step(_) => DECIDED_BY,
-        Shape::Expansion(_) | Shape::Smooth(..) => {
+        Shape::Expansion(_) | Shape::Smooth(..) | Shape::LostBy(_) | Shape::ScaleBy(_) => {
             "vary the logged quantities independently of each other, of time and of the target"
         }
     }

@@ -32,6 +32,10 @@ const NAMED: usize = 4;
 const SMOOTH: usize = 6;
 /// Ratio of the time constants tested, and how many.
 const CREEP: (f64, i32) = (2.1, 6);
+/// Of these, for offset and scale: a shorter one is over before an axis has been gone along, and is an error of some first runs.
+const GROWTHS: i32 = 3;
+/// How far a time constant may be adjusted, as a share of its inverse: halfway to the next one and a little more.
+const CREEP_REACH: f64 = 0.45;
 
 /// One axis.
 struct AxisRuns {
@@ -136,10 +140,8 @@ impl Runs {
 
     fn ranges(&self, axis: usize, shape: &Shape) -> Ranges {
         let axis = &self.axes[axis];
-        let quantity = match shape {
-            Shape::Smooth(name, _) => axis.quantities.iter().find(|(own, ..)| own == name).map(|(_, range, _)| *range),
-            _ => None,
-        };
+        let own = shape.scaled_by().and_then(|name| axis.quantities.iter().find(|(own, ..)| own == name));
+        let quantity = own.map(|(_, range, _)| *range);
         Ranges { quantity, ..axis.ranges.clone() }
     }
 
@@ -264,7 +266,9 @@ impl AxisRuns {
         }
         if let Some((first, last)) = self.ranges.time_s {
             shapes.extend([Shape::Time(1), Shape::Time(2), Shape::Time(4), Shape::TimeAndTarget]);
-            shapes.extend((0..CREEP.1).map(|k| Shape::Creep((last - first) / CREEP.0.powi(k))));
+            let span_s = |k: i32| (last - first) / CREEP.0.powi(k);
+            shapes.extend((0..CREEP.1).map(|k| Shape::Creep(span_s(k))));
+            shapes.extend((0..GROWTHS).map(|k| Shape::Growth(span_s(k))));
         }
         if self.ranges.is_order || self.ranges.time_s.is_none() {
             let remedy = "write the time of every run in time_s; the order of measurement stands for it until then";
@@ -282,7 +286,7 @@ impl AxisRuns {
                 "measure at irregular steps: at equal ones such a wave is the same everywhere, and in no uncertainty";
             needs(&format!("periodic error whose period divides the step of {step_mm:.3} mm"), remedy.to_owned());
         }
-        self.logged_shapes(&mut shapes, &mut needs);
+        self.logged_shapes(both, &mut shapes, &mut needs);
         let partly: BTreeSet<&String> = self.rows.iter().flat_map(|row| runs[*row].covariates.keys()).collect();
         for name in partly.into_iter().filter(|name| self.quantities.iter().all(|(own, ..)| own != *name)) {
             let logged = self.rows.iter().filter(|row| runs[**row].covariates.contains_key(name)).count();
@@ -298,11 +302,16 @@ impl AxisRuns {
         (shapes, untestable)
     }
 
-    fn logged_shapes(&self, shapes: &mut Vec<Shape>, needs: &mut dyn FnMut(&str, String)) {
+    fn logged_shapes(&self, both: bool, shapes: &mut Vec<Shape>, needs: &mut dyn FnMut(&str, String)) {
         let is_temperature = |name: &str| name.starts_with("temp_") && name.ends_with("_c");
         for (name, _, levels) in &self.quantities {
-            if is_temperature(name) {
-                shapes.push(Shape::Expansion(name.clone()));
+            shapes.push(if is_temperature(name) {
+                Shape::Expansion(name.clone())
+            } else {
+                Shape::ScaleBy(name.clone())
+            });
+            if both {
+                shapes.push(Shape::LostBy(name.clone()));
             }
             shapes
                 .extend([1, 2, 3].into_iter().filter(|degree| degree < levels).map(|d| Shape::Smooth(name.clone(), d)));
@@ -344,13 +353,18 @@ impl Study for Runs {
     }
 
     fn frequency(&self, candidate: usize) -> Option<(f64, f64)> {
-        let (axis, Shape::Periodic(period_m)) = &self.shapes[candidate] else { return None };
+        let (axis, shape) = &self.shapes[candidate];
         let (low, high) = self.axes[*axis].ranges.target_m;
-        Some((period_m.recip(), (OVERSAMPLING * (high - low)).recip()))
+        let reach = |rate: f64| match shape {
+            Shape::Periodic(_) => (OVERSAMPLING * (high - low)).recip(),
+            _ => rate * CREEP_REACH,
+        };
+        shape.rate().map(|rate| (rate, reach(rate)))
     }
 
     fn columns_at(&self, candidate: usize, frequency: f64, rows: &[usize]) -> Mat<f64> {
-        self.shape_at(self.shapes[candidate].0, &Shape::Periodic(frequency.recip()), rows)
+        let (axis, shape) = &self.shapes[candidate];
+        self.shape_at(*axis, &shape.at_rate(frequency), rows)
     }
 
     fn band(&self, candidate: usize, rows: &[usize]) -> Option<Band> {
@@ -363,13 +377,13 @@ impl Study for Runs {
     }
 
     fn set_frequency(&mut self, candidate: usize, frequency: f64) {
-        self.shapes[candidate].1 = Shape::Periodic(frequency.recip());
+        self.shapes[candidate].1 = self.shapes[candidate].1.at_rate(frequency);
         self.name(candidate);
     }
 
     fn reset(&mut self) {
         self.shapes.clone_from(&self.proposed);
-        let is_set = |k: &usize| matches!(self.shapes[*k].1, Shape::Periodic(_) | Shape::Step(_));
+        let is_set = |k: &usize| self.shapes[*k].1.rate().is_some() || matches!(self.shapes[*k].1, Shape::Step(_));
         let all: Vec<usize> = (0..self.shapes.len()).filter(is_set).collect();
         all.into_iter().for_each(|k| self.name(k));
     }
@@ -514,6 +528,18 @@ impl Study for Runs {
         let of =
             |axis| self.axes.iter().find(|own| model::axis_of(&own.name) == Some(axis)).map(|own| own.ranges.target_m);
         abbe_geometry::Axis::ALL.map(of)
+    }
+
+    fn hidden(&self) -> Vec<String> {
+        let one = |axis: &AxisRuns| {
+            let step_mm = axis.step_m? * 1e3;
+            Some(format!(
+                "on axis {} an error that repeats at the equal step of its targets, {step_mm:.3} mm, or at a whole part of it, as \
+                 with the lead of a screw",
+                axis.name
+            ))
+        };
+        self.axes.iter().filter_map(one).collect()
     }
 
     fn untestable(&self) -> Vec<Untestable> {

@@ -33,16 +33,23 @@ pub(super) enum Shape {
     DriftTable,
     /// The reversal value grows with the cycle.
     LostWithCycle,
+    /// The reversal value follows a logged quantity.
+    LostBy(String),
     /// The offset jumps once.
     Step(Jump),
     /// a·(1 − e^(−t/τ)), τ in s, t since the first run.
     Creep(f64),
+    /// The same of offset and scale, less its mean over the time of all runs, which is an error of position: a screw that warms up
+    /// grows as far as it is long.
+    Growth(f64),
     /// α·(T − 20 °C)·target + shift·(T − 20 °C).
     Expansion(String),
     /// Sine and cosine of 2π·target/period (m).
     Periodic(f64),
     /// Error follows a logged quantity: Legendre polynomials 1 … degree.
     Smooth(String, usize),
+    /// Offset and scale follow a logged quantity.
+    ScaleBy(String),
 }
 
 /// Ranges of one axis, to scale by.
@@ -69,13 +76,13 @@ impl Ranges {
 impl Shape {
     /// Whether it is a drift or a step in time.
     pub(super) fn is_of_time(&self) -> bool {
-        use Shape::{Creep, Cycle, DriftTable, Step, Time, TimeAndTarget};
-        matches!(self, Cycle(_) | Time(_) | TimeAndTarget | DriftTable | Creep(_) | Step(_))
+        use Shape::{Creep, Cycle, DriftTable, Growth, Step, Time, TimeAndTarget};
+        matches!(self, Cycle(_) | Time(_) | TimeAndTarget | DriftTable | Creep(_) | Growth(_) | Step(_))
     }
 
     /// Whether it is a reversal value.
     pub(super) fn is_reversal(&self) -> bool {
-        matches!(self, Shape::Lost(_) | Shape::LostTable | Shape::LostWithCycle)
+        matches!(self, Shape::Lost(_) | Shape::LostTable | Shape::LostWithCycle | Shape::LostBy(_))
     }
 
     /// Names and units of the parameters.
@@ -94,9 +101,11 @@ impl Shape {
             Shape::LostTable => table("B"),
             Shape::TimeAndTarget => vec![("d_1".to_owned(), "m"), ("d_1 x_1".to_owned(), "m")],
             Shape::DriftTable => table("d_1"),
-            Shape::LostWithCycle => vec![("B_1".to_owned(), "m")],
+            Shape::LostWithCycle | Shape::LostBy(_) => vec![("B_1".to_owned(), "m")],
             Shape::Step(jump) => jump.step.parameters().into_iter().map(|name| (name, "m")).collect(),
             Shape::Creep(_) => vec![("growth".to_owned(), "m")],
+            Shape::Growth(_) => vec![("growth".to_owned(), "m"), ("growth x_1".to_owned(), "m")],
+            Shape::ScaleBy(_) => vec![("p_1".to_owned(), "m"), ("p_1 x_1".to_owned(), "m")],
             Shape::Expansion(_) => vec![("alpha".to_owned(), "1/K"), ("shift".to_owned(), "m/K")],
             Shape::Periodic(_) => vec![("sine".to_owned(), "m"), ("cosine".to_owned(), "m")],
         }
@@ -124,8 +133,13 @@ impl Shape {
             Shape::DriftTable => at_target(legendre(run.cycle as f64, ranges.cycle?, 1)[1]),
             Shape::LostWithCycle => vec![half * legendre(run.cycle as f64, ranges.cycle?, 1)[1]],
             Shape::Step(jump) => jump.step.values(run.time_s?),
-            // −expm1 keeps the digits of the first seconds.
-            Shape::Creep(tau_s) => vec![-(-(run.time_s? - ranges.time_s?.0) / tau_s).exp_m1()],
+            Shape::LostBy(name) => vec![half * legendre(*run.covariates.get(name)?, ranges.quantity?, 1)[1]],
+            Shape::Creep(tau_s) => vec![grown(run.time_s? - ranges.time_s?.0, *tau_s)],
+            Shape::Growth(tau_s) => {
+                let (first_s, last_s) = ranges.time_s?;
+                let beyond = grown(run.time_s? - first_s, *tau_s) - mean_grown(last_s - first_s, *tau_s);
+                vec![beyond, beyond * target(1)[1]]
+            }
             Shape::Expansion(sensor) => {
                 let above_k = run.covariates.get(sensor)? - REFERENCE_C;
                 vec![above_k * run.target_m, above_k]
@@ -135,8 +149,49 @@ impl Shape {
                 vec![sine, cosine]
             }
             Shape::Smooth(name, degree) => legendre(*run.covariates.get(name)?, ranges.quantity?, *degree).split_off(1),
+            Shape::ScaleBy(name) => {
+                let value = legendre(*run.covariates.get(name)?, ranges.quantity?, 1)[1];
+                vec![value, value * target(1)[1]]
+            }
         })
     }
+
+    /// The quantity whose range it is scaled by.
+    pub(super) fn scaled_by(&self) -> Option<&str> {
+        match self {
+            Shape::Smooth(name, _) | Shape::LostBy(name) | Shape::ScaleBy(name) => Some(name),
+            _ => None,
+        }
+    }
+
+    /// What a search may adjust in its form (1/m, 1/s): a wave's period, a time constant, as a rate.
+    pub(super) fn rate(&self) -> Option<f64> {
+        match self {
+            Shape::Periodic(span) | Shape::Creep(span) | Shape::Growth(span) => Some(span.recip()),
+            _ => None,
+        }
+    }
+
+    /// The same shape at another rate; itself where it has none.
+    pub(super) fn at_rate(&self, rate: f64) -> Shape {
+        match self {
+            Shape::Periodic(_) => Shape::Periodic(rate.recip()),
+            Shape::Creep(_) => Shape::Creep(rate.recip()),
+            Shape::Growth(_) => Shape::Growth(rate.recip()),
+            other => other.clone(),
+        }
+    }
+}
+
+/// Share of a growth that comes to rest, after this time.
+fn grown(since_s: f64, tau_s: f64) -> f64 {
+    // −expm1 keeps the digits of the first seconds.
+    -(-since_s / tau_s).exp_m1()
+}
+
+/// Its mean from the beginning to that time.
+pub(super) fn mean_grown(until_s: f64, tau_s: f64) -> f64 {
+    1.0 - tau_s / until_s * grown(until_s, tau_s)
 }
 
 #[cfg(test)]
@@ -185,5 +240,16 @@ mod tests {
         assert_eq!(error_m(&Shape::DriftTable, &up, &[9.0, 1e-6, 9.0]), -0.5e-6);
         assert_eq!(difference(&Shape::LostWithCycle, &[1e-6]), -0.5e-6);
         assert_eq!(Shape::Smooth("load_kg".into(), 1).columns(&up, &ranges()), None, "not logged");
+        // 1 − e^(−1) less its mean over four time constants, 1 − (1 − e^(−4))/4.
+        let beyond = 0.245_421_6 - 0.367_879_4;
+        assert!((error_m(&Shape::Growth(100.0), &up, &[2e-6, 1e-6]) - 1.5e-6 * beyond).abs() < 1e-12);
+        let warm = Ranges { quantity: Some((20.0, 24.0)), ..ranges() };
+        let at = |shape: &Shape| shape.columns(&Run { approach: Approach::Negative, ..up.clone() }, &warm).unwrap();
+        assert_eq!(at(&Shape::LostBy("temp_scale_x_c".into())), [0.0], "in the middle of its range");
+        assert_eq!(at(&Shape::ScaleBy("temp_scale_x_c".into())), [0.0, 0.0]);
+        let warmer = Ranges { quantity: Some((20.0, 22.0)), ..ranges() };
+        let columns = |shape: &Shape| shape.columns(&up, &warmer).unwrap();
+        assert_eq!(columns(&Shape::LostBy("temp_scale_x_c".into())), [0.5]);
+        assert_eq!(columns(&Shape::ScaleBy("temp_scale_x_c".into())), [1.0, -0.5]);
     }
 }

@@ -266,6 +266,10 @@ impl Study for Turned<'_> {
         self.inner.readings_m()
     }
 
+    fn hidden(&self) -> Vec<String> {
+        self.inner.hidden()
+    }
+
     fn untestable(&self) -> Vec<Untestable> {
         self.inner.untestable()
     }
