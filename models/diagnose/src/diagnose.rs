@@ -20,6 +20,7 @@ use crate::options::{Options, Progress};
 use crate::search::{Search, State, has};
 use crate::step::Step;
 use crate::wander::{self, Wander};
+use crate::zero_of_scale::ZeroOfScale;
 use crate::{together, tomorrow};
 use abbe_geometry::machine::Machine;
 use abbe_geometry::model::{FitQuality, FittedEffect, MachineModel, ModelError, ModelParts};
@@ -66,7 +67,11 @@ pub fn diagnose(
         Some(_) => (None, None),
         None => wandering(&search, &state, &base, observe)?,
     };
-    let wanders = |model: MachineModel| widening.as_ref().map_or(Ok(model.clone()), |wander| wander.told(model));
+    let zeros = ZeroOfScale::all(&state.fit.model, &state.round)?;
+    let wanders = |model: MachineModel| {
+        let model = widening.as_ref().map_or(Ok(model.clone()), |wander| wander.told(model))?;
+        zeros.iter().try_fold(model, |model, zero| zero.told(model))
+    };
     let model = state.fit.model.clone();
     state.fit.model = tomorrow::told(model, &state.round, campaign, |fitted| !is_base(&base, fitted))
         .and_then(|model| with_unexplained(model, judged.unseen.as_ref(), floor::unexplained_m(&state.round, campaign)))
@@ -110,6 +115,7 @@ pub fn diagnose(
             .chain(clock.as_ref().map(ClockShift::words))
             .chain(machine_step.as_ref().map(MachineStep::words))
             .chain(wander.as_ref().map(Wander::words))
+            .chain(zeros.iter().map(ZeroOfScale::words))
             .collect(),
         rejected_lines,
         blocked: blocked(campaign, &alike, &last),

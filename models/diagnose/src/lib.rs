@@ -54,11 +54,13 @@ mod serial;
 mod side_by_side;
 mod step;
 pub mod study;
+mod taken;
 mod together;
 mod tomorrow;
 mod wald;
 mod wander;
 mod worth;
+mod zero_of_scale;
 
 pub use clock::ClockShift;
 pub use diagnose::diagnose;

@@ -19,8 +19,9 @@ use crate::error::DiagnoseError;
 use crate::options::Options;
 use crate::quadratic_form::p_of_form;
 use crate::score::golden_section;
+use crate::taken::Taken;
 use abbe_geometry::by_place::{FORMS, VarianceByPlace};
-use abbe_geometry::effects::{Shape, is_derived};
+use abbe_geometry::effects::is_derived;
 use abbe_geometry::model::{MachineModel, ModelError, packed};
 use abbe_identify::{TIME, symmetric_eigen};
 use abbe_measurement::campaign::Campaign;
@@ -50,8 +51,7 @@ pub struct Wander {
     pub size_m: [f64; 3],
     /// The same at every place.
     by_place: VarianceByPlace,
-    /// Parameters of the fit, and the covariance of what they took for their own.
-    taken: (Vec<Parameter>, Mat<f64>),
+    taken: Taken,
 }
 
 impl Wander {
@@ -71,57 +71,8 @@ impl Wander {
     pub(crate) fn told(&self, model: MachineModel) -> Result<MachineModel, ModelError> {
         let mut parts = model.parts().clone();
         parts.quality.wanders = Some(self.by_place.clone());
-        let places: Vec<Option<usize>> = self.taken.0.iter().map(|parameter| parameter.place(&model)).collect();
-        for (i, a) in places.iter().enumerate() {
-            for (j, b) in places.iter().enumerate().take(i + 1) {
-                let (Some(a), Some(b)) = (a, b) else { continue };
-                parts.covariance[packed(*a, *b)] += self.taken.1[(i, j)];
-            }
-        }
+        self.taken.add(&model, &mut parts.covariance);
         MachineModel::new(parts)
-    }
-}
-
-/// A parameter of a model, to be found in others of the same machine and campaign.
-#[derive(Debug, Clone, PartialEq)]
-enum Parameter {
-    Geometric(usize),
-    /// Effect, shape, and number among its parameters.
-    OfEffect(&'static str, Shape, usize),
-    /// Number among those of stations.
-    OfStation(usize),
-}
-
-impl Parameter {
-    /// What stands at a place of a model's covariance.
-    fn at(model: &MachineModel, place: usize) -> Parameter {
-        let mut first = model.layout().len();
-        if place < first {
-            return Parameter::Geometric(place);
-        }
-        for fitted in &model.parts().effects {
-            let count = fitted.parameters.len();
-            if place < first + count {
-                return Parameter::OfEffect(fitted.effect.name(), fitted.shape.clone(), place - first);
-            }
-            first += count;
-        }
-        Parameter::OfStation(place - first)
-    }
-
-    /// Its place in the covariance of a model; `None` where that has no such effect.
-    fn place(&self, model: &MachineModel) -> Option<usize> {
-        let mut first = model.layout().len();
-        let effects = &model.parts().effects;
-        match self {
-            Parameter::Geometric(place) => Some(*place),
-            Parameter::OfStation(number) => Some(model.machine_parameters() + number),
-            Parameter::OfEffect(name, shape, number) => effects.iter().find_map(|fitted| {
-                let own = first + number;
-                first += fitted.parameters.len();
-                (fitted.effect.name() == *name && fitted.shape == *shape).then_some(own)
-            }),
-        }
     }
 }
 
@@ -153,14 +104,13 @@ pub(crate) fn find(
     let first = looks.iter().min_by(|a, b| a.1.p_value.total_cmp(&b.1.p_value));
     let Some((follows, _)) = first.filter(|_| p_value < options.significance) else { return Ok(None) };
     let tested: Vec<&Tested> = looks.iter().map(|(_, tested)| tested).collect();
-    let parameters: Vec<Parameter> = round.rows.parameters.iter().map(|place| Parameter::at(model, *place)).collect();
-    let (by_place, taken) = by_place_and_taken(&tested, places, parameters.len());
+    let (by_place, taken) = by_place_and_taken(&tested, places, round.rows.parameters.len());
     Ok(Some(Wander {
         follows: follows.clone(),
         p_value,
         size_m: rms_m(&by_place, campaign, &used),
         by_place,
-        taken: (parameters, taken),
+        taken: Taken::new(model, &round.rows, taken),
     }))
 }
 

@@ -1,20 +1,14 @@
 //! Bow of a guideway under a temperature gradient: warm on top it arches, and its carriage pitches along the arc.
 //!
-//! Formula, with ΔT = warm − cold (K), reading r on the stroke r₀ … r₁ and middle m, all times ΔT: the guideway runs at
-//! height −½κ(r − r₀)(r − r₁) + ramp·(r − m) + heave; the carriage pitches by −slope·(r − m) + tilt; it moves along the
-//! axis by shift + stretch·(r − m) + lean·(z − z₀). On one bent beam (form `beam`) slope = κ, tilt = ramp (bending
-//! theory) and nothing moves along; in form `free` they are separate, since columns and carriage may ride on other parts
-//! than the one that bends: shift and stretch say at which height the carriage pivots, as no drawing tells, and lean is a
-//! column that leans without turning what it guides. Inputs: readings (m), two logged temperatures (°C). κ is about
-//! α/height of the guideway (1e-5/(m·K) at one metre), so 1–5 µm/K.
-//! Of a workpiece-side axis the table follows the guideway: the tool sinks relative to it where the guideway rises.
+//! Formula: the arch of [`super::arch`], in its forms `beam` and `free`, times ΔT = warm − cold (K). Inputs: readings (m), two logged
+//! temperatures (°C). κ is about α/height of the guideway (1e-5/(m·K) at one metre), so 1–5 µm/K.
 
+use super::arch::Arch;
 use super::known::{Known, Observed};
 use super::shape::{EffectError, Reader, Shape};
-use super::{Acts, CovariateProblem, Effect, Motion, ParameterSpec, State};
+use super::{CovariateProblem, Effect, Motion, ParameterSpec, State};
 use super::{lagged_name, of_lagged};
-use crate::axis::{Axis, ErrorId};
-use crate::machine::{Machine, Side};
+use crate::machine::Machine;
 
 /// Entry in the registry.
 pub(super) const KNOWN: Known = Known {
@@ -33,46 +27,17 @@ pub(super) const KNOWN: Known = Known {
 
 #[derive(Debug)]
 struct GradientBow {
-    height: ErrorId,
-    turn: ErrorId,
-    axis: Axis,
-    stroke_m: (f64, f64),
-    /// Lower end of the vertical stroke.
-    foot_m: f64,
-    /// Motion of the tip per rise of the guideway: −1 where the table follows it.
-    rise: f64,
-    /// Angle of the carriage per slope of the guideway: a climb along x turns about −y, along y about +x.
-    turn_sign: f64,
-    /// One bent beam carries everything: slope = curvature, tilt = ramp, and nothing moves along the axis.
-    beam: bool,
+    arch: Arch,
     warm: String,
     cold: String,
 }
 
 fn construct(shape: &Shape, machine: &Machine) -> Result<Box<dyn Effect>, EffectError> {
     let mut reader = Reader::new(KNOWN.name, shape);
-    let axis = reader.axis("axis")?;
-    let (about, turn_sign) = match axis {
-        Axis::X => (Axis::Y, -1.0),
-        Axis::Y => (Axis::X, 1.0),
-        Axis::Z => return Err(reader.wrong("axis", "must be x or y: a vertical guideway does not arch upwards")),
-    };
+    let arch = Arch::of(&mut reader, machine)?;
     let (warm, cold) = reader.warm_and_cold()?;
-    let beam = reader.is_beam()?;
     reader.finish()?;
-    let on_table = machine.joints.iter().any(|joint| joint.axis == axis && joint.side == Side::Workpiece);
-    Ok(Box::new(GradientBow {
-        height: ErrorId::linear(Axis::Z, axis),
-        turn: ErrorId::angular(about, axis),
-        axis,
-        stroke_m: machine.stroke_m[axis.index()],
-        foot_m: machine.stroke_m[Axis::Z.index()].0,
-        rise: if on_table { -1.0 } else { 1.0 },
-        turn_sign,
-        beam,
-        warm,
-        cold,
-    }))
+    Ok(Box::new(GradientBow { arch, warm, cold }))
 }
 
 /// The sensor on the cold side of the one on the warm side, where both are logged; both lag alike.
@@ -91,11 +56,10 @@ fn partner(observed: &Observed, warm: &str) -> Option<(String, String)> {
 fn propose(observed: &Observed) -> Vec<Shape> {
     let pairs: Vec<(String, String)> =
         observed.named("temp_", "_c").filter_map(|warm| partner(observed, warm)).collect();
-    let shapes = |axis: Axis, (warm, cold): &(String, String)| {
-        let shape = Shape::new().text("axis", axis.lower()).text("warm", warm.as_str()).text("cold", cold.as_str());
-        ["beam", "free"].map(|form| shape.clone().text("form", form))
+    let of = |(warm, cold): &(String, String)| {
+        Arch::shapes(|shape| shape.text("warm", warm.as_str()).text("cold", cold.as_str()))
     };
-    [Axis::X, Axis::Y].into_iter().flat_map(|axis| pairs.iter().flat_map(move |pair| shapes(axis, pair))).collect()
+    pairs.iter().flat_map(of).collect()
 }
 
 impl Effect for GradientBow {
@@ -108,48 +72,23 @@ impl Effect for GradientBow {
     }
 
     fn parameters(&self) -> Vec<ParameterSpec> {
-        let mut specs = vec![
-            ParameterSpec::new("curvature", "1/(m K)", 200e-6),
-            ParameterSpec::new("ramp", "rad/K", 100e-6),
-            ParameterSpec::new("heave", "m/K", 50e-6),
-            ParameterSpec::new("slope", "1/(m K)", 200e-6),
-            ParameterSpec::new("tilt", "rad/K", 100e-6),
-            ParameterSpec::new("shift", "m/K", 50e-6),
-            ParameterSpec::new("stretch", "1/K", 50e-6),
-            ParameterSpec::new("lean", "1/K", 50e-6),
-        ];
-        specs.truncate(if self.beam { 3 } else { 8 });
-        specs
+        self.arch.parameters(["1/(m K)", "rad/K", "m/K", "1/K"], 1.0)
     }
 
     fn motion(&self, state: &State, part: &mut Motion) -> Result<(), CovariateProblem> {
         let difference_k = state.covariate(&self.warm)? - state.covariate(&self.cold)?;
-        let (lower_m, upper_m) = self.stroke_m;
-        let r_m = state.reading_m[self.axis.index()];
-        let from_middle_m = r_m - 0.5 * (lower_m + upper_m);
-        let arch = -0.5 * (r_m - lower_m) * (r_m - upper_m);
-        let (height, turn) = (Acts::Error(self.height), Acts::Error(self.turn));
-        let along = Acts::Error(ErrorId::linear(self.axis, self.axis));
-        let (rise, turned) = (difference_k * self.rise, difference_k * self.turn_sign);
-        part(0, height, rise * arch);
-        part(1, height, rise * from_middle_m);
-        part(2, height, rise);
-        let (slope, tilt) = if self.beam { (0, 1) } else { (3, 4) };
-        part(slope, turn, -turned * from_middle_m);
-        part(tilt, turn, turned);
-        if !self.beam {
-            part(5, along, difference_k);
-            part(6, along, difference_k * from_middle_m);
-            part(7, Acts::Tip(self.axis), difference_k * (state.reading_m[Axis::Z.index()] - self.foot_m));
-        }
+        self.arch.motion(state, difference_k, part);
         Ok(())
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::Acts;
     use super::super::tests::{Each, machine};
     use super::*;
+    use crate::axis::ErrorId;
+    use crate::machine::Side;
 
     fn motions(axis: &str, machine: &Machine, reading_m: [f64; 3]) -> Vec<(usize, Acts, f64)> {
         let shape = Shape::new()

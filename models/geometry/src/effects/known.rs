@@ -5,8 +5,8 @@
 use super::shape::{EffectError, Shape};
 use super::{
     Effect, acceleration, axis_term, carriage_sag, column_bow, dead_path, empirical, gimbal, gradient_bow, hysteresis,
-    outlying_run, periodic_scale, reflector_incidence, reflector_offset, refraction, reversal, scale_expansion,
-    speed_lag, station_drift, table_load, warm_up,
+    moisture_bow, outlying_run, periodic_scale, reflector_incidence, reflector_offset, refraction, reversal,
+    scale_expansion, speed_lag, station_drift, table_load, warm_up,
 };
 use crate::machine::Machine;
 
@@ -85,6 +85,7 @@ pub const REGISTRY: &[Known] = &[
     gimbal::KNOWN,
     gradient_bow::KNOWN,
     hysteresis::KNOWN,
+    moisture_bow::KNOWN,
     outlying_run::KNOWN,
     periodic_scale::KNOWN,
     reflector_incidence::KNOWN,

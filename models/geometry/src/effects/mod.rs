@@ -11,6 +11,7 @@ mod shape;
 mod source;
 
 mod acceleration;
+mod arch;
 mod axis_term;
 mod carriage_sag;
 mod column_bow;
@@ -19,6 +20,7 @@ mod empirical;
 mod gimbal;
 mod gradient_bow;
 mod hysteresis;
+mod moisture_bow;
 mod outlying_run;
 mod periodic_scale;
 mod reflector_incidence;
@@ -137,6 +139,12 @@ pub trait Effect: Debug + Send + Sync {
     /// Parameters without which it is another effect: data that the rest explains as well do not show this one. None by default.
     fn essential(&self) -> &'static [usize] {
         &[]
+    }
+
+    /// Whether it stretches all ranges and takes for granted at which value of what it reads they are right: no campaign tells that
+    /// from the scale of the machine.
+    fn has_open_zero(&self) -> bool {
+        false
     }
 
     /// Covariates that a sample must carry to be corrected: those that [`Effect::motion`] reads.

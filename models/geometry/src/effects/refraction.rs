@@ -77,6 +77,10 @@ impl Effect for Refraction {
         KNOWN.name
     }
 
+    fn has_open_zero(&self) -> bool {
+        true
+    }
+
     fn range_covariates(&self) -> Vec<String> {
         self.terms.iter().map(|air| air.name.to_owned()).collect()
     }

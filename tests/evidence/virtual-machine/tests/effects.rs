@@ -7,8 +7,8 @@ use std::sync::{Arc, LazyLock};
 
 use abbe_virtual_machine::effects::{
     Acceleration, Backlash, Beam, CarriageSag, CarriageTwist, ColumnBow, Effect, Gimbal, GradientBow, Hysteresis,
-    LaggedExpansion, Moment, PeriodicScale, ReflectorIncidence, Refraction, ScaleExpansion, SpeedLag, StationDrift,
-    TableLoad, Undescribed, WarmUp, Wear,
+    LaggedExpansion, MoistureBow, Moment, PeriodicScale, ReflectorIncidence, Refraction, ScaleExpansion, SpeedLag,
+    StationDrift, TableLoad, Undescribed, WarmUp, Wear,
 };
 use abbe_virtual_machine::environment::{Environment, EnvironmentConfig, EnvironmentState};
 use abbe_virtual_machine::instrument::InstrumentConfig;
@@ -327,6 +327,7 @@ fn all_effects() -> Vec<Arc<dyn Effect>> {
     vec![
         Arc::new(ScaleExpansion { axis: Axis::Y, per_kelvin: 9e-6, fixed_at_m: 0.0 }),
         Arc::new(GradientBow { curvature_per_kelvin: 2e-5 }),
+        Arc::new(MoistureBow { curvature_per_percent: 2e-6 }),
         Arc::new(ColumnBow { axis: Axis::Z, toward: Axis::X, curvature_per_kelvin: 2e-5, lag_s: 900.0 }),
         Arc::new(WarmUp { final_m: [0.0, 1e-6, -4e-6], time_constant_s: 3000.0 }),
         Arc::new(Backlash { axis: Axis::X, size_m: 1e-6, growth_m: 1e-6 }),
@@ -387,5 +388,5 @@ fn a_bad_effect_is_refused_by_its_place_and_key() {
     let mut effects = all_effects();
     effects.push(Arc::new(bad));
     let refused = simulate_campaign(&config(effects)).unwrap_err();
-    assert_eq!(refused.key, "effects[14].periodic_scale.pitch_m");
+    assert_eq!(refused.key, "effects[15].periodic_scale.pitch_m");
 }

@@ -34,8 +34,9 @@ const SMOOTH: usize = 6;
 const CREEP: (f64, i32) = (2.1, 6);
 /// Of these, for offset and scale: a shorter one is over before an axis has been gone along, and is an error of some first runs.
 const GROWTHS: i32 = 3;
-/// How far a time constant may be adjusted, as a share of its inverse: halfway to the next one and a little more.
-const CREEP_REACH: f64 = 0.45;
+/// How far a time constant may be adjusted, as a share of its inverse: halfway to the next one and a little more. The longest then stays
+/// near the duration: what was not seen to come to rest is a drift.
+const CREEP_REACH: f64 = 0.38;
 
 /// One axis.
 struct AxisRuns {
@@ -266,7 +267,7 @@ impl AxisRuns {
         }
         if let Some((first, last)) = self.ranges.time_s {
             shapes.extend([Shape::Time(1), Shape::Time(2), Shape::Time(4), Shape::TimeAndTarget]);
-            let span_s = |k: i32| (last - first) / CREEP.0.powi(k);
+            let span_s = |k: i32| (last - first) / CREEP.0.powf(f64::from(k) + 0.5);
             shapes.extend((0..CREEP.1).map(|k| Shape::Creep(span_s(k))));
             shapes.extend((0..GROWTHS).map(|k| Shape::Growth(span_s(k))));
         }

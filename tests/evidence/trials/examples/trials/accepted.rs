@@ -34,6 +34,7 @@ pub(crate) const ACCEPTED: &[Accepted] = &[
     row("column_bow", "column_bow", SIDE, "that axis and side, by whichever difference of sensors that drift alike"),
     row("dead_path", "dead_path", &[], "one air for all stations"),
     row("gimbal", "gimbal", &[], "harmonics of one instrument"),
+    row("moisture_bow", "moisture_bow", &[], "the one arch by moisture"),
     row("gradient_bow", "gradient_bow", &[], "the one arch under a gradient"),
     row("hysteresis", "hysteresis", AXIS, "the axis; over which travel is part of its size"),
     row("lagged_expansion", "scale_expansion", AXIS, "that axis, by a sensor or by what follows one"),

@@ -35,7 +35,7 @@ use std::fmt::Debug;
 
 pub use acceleration::Acceleration;
 pub use backlash::Backlash;
-pub use bow::GradientBow;
+pub use bow::{GradientBow, MoistureBow};
 pub use carriage_twist::CarriageTwist;
 pub use column_bow::ColumnBow;
 pub use dead_path::DeadPath;

@@ -9,7 +9,7 @@ use std::sync::Arc;
 use super::text::{Key, Values, given, or_zero};
 use super::{
     Acceleration, Backlash, CarriageSag, CarriageTwist, ColumnBow, DeadPath, Effect, Gimbal, GradientBow, Hysteresis,
-    LaggedExpansion, Onset, OutlyingRun, PeriodicScale, ReflectorIncidence, ReflectorOffset, Refraction,
+    LaggedExpansion, MoistureBow, Onset, OutlyingRun, PeriodicScale, ReflectorIncidence, ReflectorOffset, Refraction,
     ScaleExpansion, SpeedLag, StationDrift, TableLoad, Undescribed, WarmUp, Wear,
 };
 use crate::error::SimulationError;
@@ -113,6 +113,12 @@ const ENTRIES: &[Entry] = &[
             let (per_kelvin, fixed_at_m) = (v.number("per_kelvin_um_m")? * MICRO, v.number("fixed_at_mm")? * MILLI);
             Ok(Arc::new(LaggedExpansion { axis: v.axis("axis")?, per_kelvin, fixed_at_m, lag_s: v.number("lag_s")? }))
         },
+    },
+    Entry {
+        name: "moisture_bow",
+        keys: &[given("urad_per_m_percent")],
+        example: "moisture_bow urad_per_m_percent=4",
+        make: |v| Ok(Arc::new(MoistureBow { curvature_per_percent: v.number("urad_per_m_percent")? * MICRO })),
     },
     Entry {
         name: "outlying_run",
