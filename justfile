@@ -11,6 +11,10 @@ demo *options:
 test:
     cargo test --workspace
 
+# The statistical tests with all their seeds (some ten minutes); in the tests above a third of them are tried
+seeds:
+    ABBE_SEEDS=all cargo test -p abbe-diagnose --test study_runs --test study_runs_measured --test study_steps --test study_vectors --test study_vectors_measured
+
 # Training on a graphics card, or on Mesa's software card (Debian: mesa-vulkan-drivers); compiles some 200 more crates
 graphics:
     cargo test -p abbe-residual-training --features wgpu --test graphics_card

@@ -9,6 +9,7 @@ mod common;
 
 use abbe_diagnose::{DiagnoseError, Diagnosis, Kind, NotIdentifiable, Options, diagnose};
 use abbe_geometry::Vector3;
+use abbe_geometry::axis::{Axis, ErrorId};
 use abbe_geometry::chain::nominal_point_m;
 use abbe_geometry::correct::correct;
 use abbe_geometry::effects::{CovariateSource, CovariateValue, Shape, ShapeValue, State, of_lagged};
@@ -240,6 +241,24 @@ fn what_stations_and_errors_absorb_is_listed_with_what_absorbs_it() {
     let hidden = diagnosis.not_identifiable.iter().find(by_station).unwrap();
     assert!(hidden.alias_share > 0.95 && hidden.alias_share <= 1.0);
     assert!(diagnosis.next_measurements.iter().any(|m| m == hidden.decided_by));
+}
+
+/// An instrument that compensates for another air than the formula's stretches all ranges, which no reading tells from a scale.
+#[test]
+fn the_zero_of_the_air_is_in_the_uncertainty_of_the_scale() {
+    let stretched = |stretch: f64| {
+        let mut case = Case::new(14, &["refraction range_share=1 dead_path_share=0"]);
+        case.simulated.campaign.readings.iter_mut().for_each(|reading| reading.length_m *= 1.0 + stretch);
+        let diagnosis = case.diagnose();
+        assert!(names(&diagnosis).contains(&"refraction"), "{:?}", diagnosis.steps);
+        assert!(diagnosis.steps.iter().any(|words| words.contains("at which air")), "{:?}", diagnosis.steps);
+        diagnosis.model.error(ErrorId::linear(Axis::X, Axis::X), case.machine.stroke_m[0].1)
+    };
+    let ((as_it_is_m, u_m), (shifted_m, _)) = (stretched(0.0), stretched(0.7e-6));
+    assert!((shifted_m - as_it_is_m).abs() > 0.4e-6, "{as_it_is_m} {shifted_m}");
+    assert!((shifted_m - as_it_is_m).abs() < 2.0 * u_m && u_m < 2e-6, "{as_it_is_m} {shifted_m} {u_m}");
+    let (_, clean_m) = Case::new(14, &[]).diagnose().model.error(ErrorId::linear(Axis::X, Axis::X), 0.8);
+    assert!(2.0 * clean_m < u_m, "it is no doubt where no refraction is found: {clean_m} {u_m}");
 }
 
 #[test]

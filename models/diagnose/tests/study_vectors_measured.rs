@@ -2,10 +2,14 @@
 //! columns that nobody measured.
 #![allow(clippy::unwrap_used, clippy::panic)] // tests may
 
+#[path = "common/seeds.rs"]
+mod seeds;
+
 use abbe_diagnose::study::vectors::{ResidualVector, diagnose};
 use abbe_diagnose::study::{Options, StudyDiagnosis};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+use seeds::{one_in_twenty, seeds};
 
 /// Error (µm) of component x at a load (N).
 type Bends = fn(f64) -> f64;
@@ -50,13 +54,13 @@ fn names(diagnosis: &StudyDiagnosis) -> String {
 fn regress_vectors_whose_noise_hangs_together_show_nothing() {
     for rho in [0.0, 0.5, 0.9] {
         let mut alarms = Vec::new();
-        for seed in 0..34 {
+        for seed in 0..seeds(34) {
             let diagnosis = study(&measured(rho, |_| 0.0, 40 + seed));
             if !diagnosis.effects.is_empty() {
                 alarms.push((seed, names(&diagnosis)));
             }
         }
-        assert!(alarms.len() <= 2, "rho {rho}: {alarms:?}");
+        assert!(alarms.len() <= one_in_twenty(seeds(34)), "rho {rho}: {alarms:?}");
     }
 }
 

@@ -155,9 +155,14 @@ fn lower_ends_m(model: &MachineModel) -> [f64; 3] {
 
 /// Readings (m) at which effects are asked for an axis at this one, the others at their lower ends: the nearest that were identified.
 fn held_m(model: &MachineModel, axis: Axis, reading_m: f64) -> [f64; 3] {
+    nearest_identified_m(model, at_m(model, axis, reading_m))
+}
+
+/// An axis at this reading, the others at their lower ends (m).
+fn at_m(model: &MachineModel, axis: Axis, reading_m: f64) -> [f64; 3] {
     let mut place_m = lower_ends_m(model);
     place_m[axis.index()] = reading_m;
-    nearest_identified_m(model, place_m)
+    place_m
 }
 
 /// What an effect does along an axis (m); `None` where it moves anything else.
@@ -186,6 +191,7 @@ fn error(model: &MachineModel, effects: &[usize], axis: Axis, id: ErrorId, readi
         return (value, u);
     }
     let place_m = held_m(model, axis, reading_m);
+    let own_m = at_m(model, axis, reading_m);
     let (mut total, mut parameters) = (value, Vec::new());
     if let Some(basis) = model.layout().basis(id) {
         let local = basis.at(reading_m);
@@ -195,10 +201,11 @@ fn error(model: &MachineModel, effects: &[usize], axis: Axis, id: ErrorId, readi
     let mut first = model.layout().len();
     for (place, fitted) in model.parts().effects.iter().enumerate() {
         if effects.contains(&place) {
-            for (k, part) in columns(fitted, axis, place_m).unwrap_or_default() {
-                total += part * fitted.parameters[k];
-                parameters.push((first + k, part));
-            }
+            let held = columns(fitted, axis, place_m).unwrap_or_default();
+            total += held.into_iter().map(|(k, part)| part * fitted.parameters[k]).sum::<f64>();
+            // What is not known beyond the readings grows with the distance from them.
+            let own = columns(fitted, axis, own_m).unwrap_or_default();
+            parameters.extend(own.into_iter().map(|(k, part)| (first + k, part)));
         }
         first += fitted.parameters.len();
     }

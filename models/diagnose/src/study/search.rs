@@ -7,8 +7,9 @@
 //! superfluous goes out again.
 
 use super::between::stands_out;
+use super::candidate::Candidate;
 use super::diagnosis::{Considered, Kind};
-use super::fit::{Fit, Part};
+use super::fit::{Fit, Fitted, Part};
 use super::judge::{held_out_alike, held_out_rms};
 use super::places::{goes_through_places, simpler};
 use super::placing::{best_placed, between, is_step, moved, placed, single, tried};
@@ -155,10 +156,12 @@ fn refined(view: &mut View, fit: &Fit) -> Vec<Scored> {
     all
 }
 
-/// Holm's step-down correction.
+/// Holm's step-down correction; `tested` counts all that could have been found.
 fn holm(all: &mut [Scored], tested: usize) {
     let mut order: Vec<usize> = (0..all.len()).filter(|k| all[*k].score.degrees > 0).collect();
     order.sort_by(|a, b| all[*a].score.p_value.total_cmp(&all[*b].score.p_value));
+    // A wave that was the same as others at its proposed period may tell something at another.
+    let tested = tested.max(order.len());
     let mut largest: f64 = 0.0;
     for (rank, k) in order.into_iter().enumerate() {
         largest = largest.max(all[k].score.p_value * (tested - rank) as f64).min(1.0);
@@ -418,6 +421,15 @@ fn reason_of_blocks(view: &mut View, set: &[usize], first: usize) -> Option<&'st
         Err(_) => Some("it cannot be fitted beside the rest"),
         Ok(_) if view.least_blocks() < FEWEST_BLOCKS => None,
         Ok((without, with)) => {
+            if with
+                .added
+                .iter()
+                .skip(first)
+                .any(|added| is_no_material(&view.study.candidates()[added.candidate], added))
+            {
+                view.take_noises(noises);
+                return Some("its coefficient of expansion is that of no material");
+            }
             let (before, after) = match set[first..].iter().all(|k| is_step(&*view.study, *k)) {
                 true => held_out_alike(view, &without, &with),
                 false => (held_out_rms(view, &without), held_out_rms(view, &with)),
@@ -432,6 +444,15 @@ fn reason_of_blocks(view: &mut View, set: &[usize], first: usize) -> Option<&'st
     };
     view.take_noises(noises);
     reason
+}
+
+/// Whether a coefficient of expansion is surely larger than any material has: lengths have no such bound, machines are as bad as they are.
+fn is_no_material(candidate: &Candidate, added: &Fitted) -> bool {
+    let figures = candidate.parameters.iter().zip(added.values.iter().zip(&added.u));
+    candidate.kind == Kind::Attributed
+        && figures
+            .filter(|(spec, _)| spec.unit == "1/K")
+            .any(|(spec, (value, u))| value.abs() - 2.0 * u > spec.plausible)
 }
 
 /// Removes, weakest first, what the others have made superfluous; waves that a later term can do as well go, too.

@@ -138,12 +138,31 @@ fn of_functions(
         finest = Some(errors);
     }
     match finest.filter(|_| !is_asked && format.most_points.is_some()) {
-        Some(finest) => Ok(write(about, &finest)?),
+        Some(finest) => {
+            let (missed_m, _) = finest.missed();
+            let largest_m = largest_m(&finest);
+            ensure!(
+                missed_m < 0.5 * largest_m,
+                "{}: at the nodes that it holds ({} of an axis) interpolation misses {:.3} um of errors of at most {:.3} um: such a table \
+                 corrects nothing; correct with abbe correct, or ask for a step with --step-mm",
+                format.name,
+                format.most_points.unwrap_or(MOST_NODES),
+                missed_m * 1e6,
+                largest_m * 1e6
+            );
+            Ok(write(about, &finest)?)
+        }
         None => bail!(
             "--within-um {within_um}: no step down to {:.4} mm does that; ask for more",
             longest_m * 1e3 / f64::from(1_u32 << MOST_HALVINGS)
         ),
     }
+}
+
+/// The largest linear error at the nodes (m).
+fn largest_m(errors: &SampledErrors) -> f64 {
+    let linear = errors.axes.iter().flat_map(|axis| &axis.errors).flat_map(|node| &node[..3]);
+    linear.fold(0.0, |most, error| error.abs().max(most))
 }
 
 fn grid(arguments: &Arguments, file: &ModelFile) -> anyhow::Result<SampledGrid> {

@@ -34,7 +34,8 @@ fn write(about: &About, errors: &SampledErrors) -> Result<Vec<ExportedFile>, Fil
     let units = "increments in um (detection unit 1 um), the correction, indicated - actual, of approaches in + from the lower \
                  end on, where the reference position is taken to be; positioning errors of each axis by itself, nothing else \
                  of the model";
-    let lines = about.lines(&FORMAT, units, &missed_words(errors));
+    let missed = format!("{}; whole increments of 1 um miss by up to 0.5 um more", missed_words(errors));
+    let lines = about.lines(&FORMAT, units, &missed);
     let mut text = commented(&lines, "#");
     for (number, axis) in errors.axes.iter().enumerate() {
         table(about, number, axis, &mut text)?;

@@ -3,7 +3,9 @@
 //! Place in the flow: between the shapes and the common search. One row an approach, error over 1 µm.
 
 mod bands;
+mod grid;
 
+use self::grid::{common_step_m, equal_step_m};
 use super::given::given;
 use super::model;
 use super::naming::named;
@@ -30,12 +32,12 @@ const FEWEST_FOR_WAVES: usize = 12;
 const NAMED: usize = 4;
 /// Highest degree of the polynomials that a wave must stand apart from.
 const SMOOTH: usize = 6;
-/// Ratio of the time constants tested, and how many.
-const CREEP: (f64, i32) = (2.1, 6);
+/// Time constants tested: the duration over the longest, their ratio, and how many.
+const CREEP: (f64, f64, i32) = (2.9, 2.1, 5);
 /// Of these, for offset and scale: a shorter one is over before an axis has been gone along, and is an error of some first runs.
-const GROWTHS: i32 = 3;
+const GROWTHS: i32 = 2;
 /// How far a time constant may be adjusted, as a share of its inverse: halfway to the next one and a little more. The longest then stays
-/// near the duration: what was not seen to come to rest is a drift.
+/// near half of the duration: what was not seen to come to rest is a drift.
 const CREEP_REACH: f64 = 0.38;
 
 /// One axis.
@@ -46,6 +48,8 @@ struct AxisRuns {
     quantities: Vec<(String, (f64, f64), usize)>,
     /// Equal distance of neighbouring targets (m).
     step_m: Option<f64>,
+    /// Distance (m) of which all steps are whole multiples.
+    common_step_m: Option<f64>,
     steps: Steps,
 }
 
@@ -209,8 +213,9 @@ impl AxisRuns {
             targets,
         };
         let step_m = equal_step_m(&ranges.targets);
+        let common_step_m = common_step_m(&ranges.targets);
         let steps = Steps::new(&rows, is_order, runs);
-        Ok(AxisRuns { name: name.to_owned(), rows, ranges, quantities, step_m, steps })
+        Ok(AxisRuns { name: name.to_owned(), rows, ranges, quantities, step_m, common_step_m, steps })
     }
 
     /// The runs in order; single ones are held against the mean of their place (target and direction) and the offset and
@@ -253,7 +258,8 @@ impl AxisRuns {
             untestable.push(Untestable { name: format!("{what}, axis {}", self.name), needs });
         };
         let count = self.ranges.targets.len();
-        let degree = |most: usize| most.min(count.saturating_sub(1));
+        // With more coefficients than half of the targets a polynomial only passes through them, and runs off between and beyond.
+        let degree = |most: usize| most.min((count / 2).max(1));
         let mut shapes: Vec<Shape> = (1..=degree(6)).map(Shape::Position).collect();
         shapes.push(Shape::PositionTable);
         if both {
@@ -267,8 +273,8 @@ impl AxisRuns {
         }
         if let Some((first, last)) = self.ranges.time_s {
             shapes.extend([Shape::Time(1), Shape::Time(2), Shape::Time(4), Shape::TimeAndTarget]);
-            let span_s = |k: i32| (last - first) / CREEP.0.powf(f64::from(k) + 0.5);
-            shapes.extend((0..CREEP.1).map(|k| Shape::Creep(span_s(k))));
+            let span_s = |k: i32| (last - first) / (CREEP.0 * CREEP.1.powi(k));
+            shapes.extend((0..CREEP.2).map(|k| Shape::Creep(span_s(k))));
             shapes.extend((0..GROWTHS).map(|k| Shape::Growth(span_s(k))));
         }
         if self.ranges.is_order || self.ranges.time_s.is_none() {
@@ -281,10 +287,9 @@ impl AxisRuns {
             );
             needs("periodic error", problem);
         }
-        if let Some(step_m) = self.step_m {
+        if let Some(step_m) = self.common_step_m {
             let step_mm = step_m * 1e3;
-            let remedy =
-                "measure at irregular steps: at equal ones such a wave is the same everywhere, and in no uncertainty";
+            let remedy = "measure at irregular steps: where all are whole multiples of one, such a wave is the same everywhere, and in no uncertainty";
             needs(&format!("periodic error whose period divides the step of {step_mm:.3} mm"), remedy.to_owned());
         }
         self.logged_shapes(both, &mut shapes, &mut needs);
@@ -533,10 +538,10 @@ impl Study for Runs {
 
     fn hidden(&self) -> Vec<String> {
         let one = |axis: &AxisRuns| {
-            let step_mm = axis.step_m? * 1e3;
+            let step_mm = axis.common_step_m? * 1e3;
             Some(format!(
-                "on axis {} an error that repeats at the equal step of its targets, {step_mm:.3} mm, or at a whole part of it, as \
-                 with the lead of a screw",
+                "on axis {} an error that repeats at {step_mm:.3} mm, of which all steps of its targets are whole multiples, or at a \
+                 whole part of it, as with the lead of a screw",
                 axis.name
             ))
         };
@@ -575,13 +580,6 @@ impl Study for Runs {
         let meaning = "Reversal value B: mean error approaching in the positive direction less that in the negative.";
         std::iter::once(meaning.to_owned()).chain(self.notes.iter().cloned()).collect()
     }
-}
-
-/// The distance of neighbouring targets where all are equal to a thousandth.
-fn equal_step_m(targets: &[i64]) -> Option<f64> {
-    let steps: Vec<f64> = targets.windows(2).map(|pair| (pair[1] - pair[0]) as f64 * 1e-9).collect();
-    let mean = steps.iter().sum::<f64>() / steps.len() as f64;
-    steps.iter().all(|step| (step - mean).abs() <= 1e-3 * mean).then_some(mean)
 }
 
 /// Target and direction as one number.

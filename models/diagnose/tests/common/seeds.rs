@@ -1,0 +1,12 @@
+//! How many seeds a statistical test tries: some of them each time, all of them with `ABBE_SEEDS=all` (`just seeds`).
+
+/// Of so many seeds those to try, as a count from the first.
+pub(crate) fn seeds(all: u64) -> u64 {
+    if std::env::var("ABBE_SEEDS").is_ok_and(|how| how == "all") { all } else { all.div_ceil(3) }
+}
+
+/// Most of so many cases that a test at one in twenty may lose; one where they are few.
+#[allow(dead_code)] // each test uses its part
+pub(crate) fn one_in_twenty(cases: u64) -> usize {
+    usize::try_from(cases / 20).unwrap_or(usize::MAX).max(1)
+}
