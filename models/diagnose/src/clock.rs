@@ -14,7 +14,7 @@ use crate::options::Progress;
 use crate::search::{Search, State, has};
 use crate::step::Step;
 use abbe_geometry::effects::{is_derived, of_lagged};
-use abbe_identify::{EffectTerm, Identified};
+use abbe_identify::{EffectTerm, Identified, TIME};
 use abbe_measurement::campaign::{Campaign, Covariate};
 use abbe_measurement::robust::median;
 
@@ -57,7 +57,8 @@ fn capitalised(title: &str) -> String {
     letters.next().map_or_else(String::new, |first| first.to_uppercase().chain(letters).collect())
 }
 
-/// Takes what follows a log out of what was found, where that log goes by another clock.
+/// Takes what follows a log out of what was found, where that log goes by another clock, and what follows the time: it was found beside the
+/// former, for what that left.
 pub(crate) fn hold<'a>(
     search: &Search<'a>,
     state: &mut State<'a>,
@@ -65,14 +66,19 @@ pub(crate) fn hold<'a>(
     observe: &mut dyn FnMut(Progress) -> bool,
 ) -> Result<Option<ClockShift>, DiagnoseError> {
     let Some(shift) = found(search, state, base, observe)? else { return Ok(None) };
-    let follows = |term: &EffectTerm| !has(base, term) && follows_a_log(term);
+    let follows = |term: &EffectTerm| !has(base, term) && (follows_a_log(term) || follows_time(term));
     let (out, kept): (Vec<EffectTerm>, Vec<EffectTerm>) = state.terms.clone().into_iter().partition(follows);
     let Ok((fit, round)) = search.attempt_under(&state.machine, &kept, state.fit.correlation, observe)? else {
         return Ok(None);
     };
     (state.fit, state.round, state.terms, state.named) = (fit, round, kept, None);
+    state.distrusts_log = true;
     for term in out {
-        let because = "the log that it follows goes by another clock than the readings".to_owned();
+        let because = match follows_a_log(&term) {
+            true => "the log that it follows goes by another clock than the readings",
+            false => "it was found beside what follows a log by another clock",
+        };
+        let because = because.to_owned();
         state.steps.push(Step::set_aside(term, because));
     }
     Ok(Some(shift))
@@ -119,8 +125,13 @@ fn found(
 }
 
 /// Whether an effect reads what comes from a log of its own, as it is or behind a time constant.
-fn follows_a_log(term: &EffectTerm) -> bool {
+pub(crate) fn follows_a_log(term: &EffectTerm) -> bool {
     read_by(term.effect.as_ref(), &term.shape).iter().any(|name| of_lagged(name).is_some() || is_moved(name))
+}
+
+/// Whether an effect follows the time alone.
+fn follows_time(term: &EffectTerm) -> bool {
+    read_by(term.effect.as_ref(), &term.shape).iter().any(|name| name == TIME)
 }
 
 /// The fit without what was found, and the strongest effect that follows a log.

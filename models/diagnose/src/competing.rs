@@ -10,6 +10,7 @@
 //! replaced at a time. Lengths in m.
 
 use crate::candidates::{Candidate, Round, score_all};
+use crate::clock::follows_a_log;
 use crate::context::read_by;
 use crate::diagnosis::Competing;
 use crate::error::DiagnoseError;
@@ -114,6 +115,7 @@ fn in_place_of(
     let least = own.evidence(without.used) - search.options.rival_margin;
     let mut open: Vec<&Candidate> = named.iter().chain(&free).filter(|c| c.evidence(without.used) > least).collect();
     open.retain(|c| !has(&state.terms, &c.term) && is_of_its_kind(&c.term, &term));
+    open.retain(|c| !(state.distrusts_log && follows_a_log(&c.term)));
     open.sort_by(|a, b| b.evidence(without.used).total_cmp(&a.evidence(without.used)));
     let mut kept = Vec::new();
     for candidate in open.into_iter().take(MOST_TRIED) {

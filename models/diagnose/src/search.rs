@@ -65,6 +65,8 @@ pub(crate) struct State<'a> {
     pub(crate) set_aside: Vec<EffectTerm>,
     /// All that was found was given up again.
     withdrawn: bool,
+    /// What was logged goes by another clock: nothing that follows it is taken.
+    pub(crate) distrusts_log: bool,
     /// The rows of `fit`.
     pub(crate) round: Round<'a>,
     /// Named candidates of the last round, where it looked at `round` as it is.
@@ -83,6 +85,7 @@ impl<'a> State<'a> {
             refused: Vec::new(),
             set_aside: Vec::new(),
             withdrawn: false,
+            distrusts_log: false,
             round,
             named: None,
         }

@@ -190,6 +190,19 @@ fn equal_steps_alias_a_short_period_and_the_study_says_so() {
     assert!(study(PLAN, |_, _, _, _| 0.0, 3).hidden.is_empty(), "irregular steps hide nothing");
 }
 
+/// Waves that are all alike on such a grid told nothing at the periods proposed, and something at others: the program ended with an overflow.
+#[test]
+fn regress_a_grid_with_gaps_is_studied_and_what_it_hides_is_said() {
+    let plan = Plan { targets: 17, irregular: false };
+    for seed in 0..seeds(30) {
+        let mut runs = measured(plan, |x, _, _, _| 6e-6 * x, seed);
+        runs.retain(|run| ![3, 9, 13].contains(&((run.target_m * 16.0 / 0.7).round() as i32)));
+        let diagnosis = diagnose(&runs, &Options::default()).unwrap();
+        assert_eq!(names(&diagnosis), ["position, straight, axis X"], "seed {seed}");
+        assert!(diagnosis.hidden.iter().any(|what| what.contains("43.750 mm")), "{:?}", diagnosis.hidden);
+    }
+}
+
 /// The pitch of a screw, a third of the step of targets that are off equal ones by at most 30 % of it.
 #[test]
 fn regress_a_short_wave_is_not_taken_for_a_long_one() {

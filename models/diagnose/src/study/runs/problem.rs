@@ -36,6 +36,8 @@ const SMOOTH: usize = 6;
 const CREEP: (f64, f64, i32) = (2.9, 2.1, 5);
 /// Of these, for offset and scale: a shorter one is over before an axis has been gone along, and is an error of some first runs.
 const GROWTHS: i32 = 2;
+/// Cycles from which such a growth is told from a drift when any one of them is left out: those of the standard.
+const FEWEST_FOR_GROWTH: usize = 5;
 /// How far a time constant may be adjusted, as a share of its inverse: halfway to the next one and a little more. The longest then stays
 /// near half of the duration: what was not seen to come to rest is a drift.
 const CREEP_REACH: f64 = 0.38;
@@ -275,7 +277,9 @@ impl AxisRuns {
             shapes.extend([Shape::Time(1), Shape::Time(2), Shape::Time(4), Shape::TimeAndTarget]);
             let span_s = |k: i32| (last - first) / (CREEP.0 * CREEP.1.powi(k));
             shapes.extend((0..CREEP.2).map(|k| Shape::Creep(span_s(k))));
-            shapes.extend((0..GROWTHS).map(|k| Shape::Growth(span_s(k))));
+            let cycles = self.rows.iter().map(|row| runs[*row].cycle).collect::<BTreeSet<i64>>().len();
+            let growths = if cycles >= FEWEST_FOR_GROWTH { GROWTHS } else { 0 };
+            shapes.extend((0..growths).map(|k| Shape::Growth(span_s(k))));
         }
         if self.ranges.is_order || self.ranges.time_s.is_none() {
             let remedy = "write the time of every run in time_s; the order of measurement stands for it until then";
