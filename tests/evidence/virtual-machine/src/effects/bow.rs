@@ -30,7 +30,7 @@ impl Effect for GradientBow {
 }
 
 /// Bends the X guideway to the arc of a circle.
-fn arch(curvature: f64, moment: &Moment, errors: &mut JointErrors) {
+pub(super) fn arch(curvature: f64, moment: &Moment, errors: &mut JointErrors) {
     let [start, end] = moment.stroke_m[0];
     let half_m = 0.5 * (end - start);
     let from_middle_m = moment.reading_m[0] - start - half_m;
@@ -44,25 +44,4 @@ fn arch(curvature: f64, moment: &Moment, errors: &mut JointErrors) {
     errors.linear_m[0][2] += rise_m;
     // Rising with x turns x toward z, which is a negative turn about Y; beyond the middle it falls.
     errors.angular_rad[0][1] += curvature * from_middle_m;
-}
-
-/// The same bow by the humidity of the air: granite that is damp on top swells there.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct MoistureBow {
-    /// Curvature a percent of relative humidity above 50 % (1/(m·%)).
-    pub curvature_per_percent: f64,
-}
-
-impl Effect for MoistureBow {
-    fn name(&self) -> &'static str {
-        "moisture_bow"
-    }
-
-    fn check(&self) -> Result<(), SimulationError> {
-        require_finite("curvature_per_percent", &[self.curvature_per_percent])
-    }
-
-    fn disturb_machine(&self, moment: &Moment, errors: &mut JointErrors) {
-        arch(self.curvature_per_percent * (moment.environment.humidity_pct() - 50.0), moment, errors);
-    }
 }
