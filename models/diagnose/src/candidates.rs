@@ -9,6 +9,7 @@ use crate::linear::{Linear, Projected, joined};
 use crate::score::{Score, score};
 use abbe_geometry::effects::{Known, REGISTRY, Shape};
 use abbe_geometry::machine::Machine;
+use abbe_geometry::model::FittedEffect;
 use abbe_identify::{EffectTerm, Identified, Rows};
 use abbe_measurement::campaign::Campaign;
 use abbe_measurement::instrument::RangeUncertainty;
@@ -77,6 +78,13 @@ impl<'a> Round<'a> {
         let linear = Linear::new(rows.jacobian.clone(), rows.residuals.clone(), rows.covariance.clone(), used)?;
         let free = linear.without_priors(used)?;
         Ok(Round { rows: Arc::new(rows), linear: Arc::new(linear), free: Arc::new(free), used })
+    }
+
+    /// What a fitted effect does to the range of each row used, with the number of the row (m).
+    pub(crate) fn on_ranges_m(&self, fitted: &FittedEffect) -> Result<Vec<(usize, f64)>, DiagnoseError> {
+        let partials = self.rows.partials(fitted.effect.as_ref())?;
+        let value = |k: usize| fitted.parameters.iter().enumerate().map(|(j, p)| partials[(k, j)] * p).sum();
+        Ok((0..self.rows.len()).filter(|k| self.rows.whitening[*k] > 0.0).map(|k| (k, value(k))).collect())
     }
 
     /// What these columns tell.

@@ -7,14 +7,14 @@
 //! between two entries has less noise than an entry. Times in s.
 
 use crate::candidates::{Round, columns_of, proposals, score_all};
-use crate::context::{Context, range, read_by};
+use crate::context::{Context, follows_time, range, read_by};
 use crate::error::DiagnoseError;
 use crate::lags::{place_of, with_lags};
 use crate::options::Progress;
 use crate::search::{Search, State, has};
 use crate::step::Step;
 use abbe_geometry::effects::{is_derived, of_lagged};
-use abbe_identify::{EffectTerm, Identified, TIME};
+use abbe_identify::{EffectTerm, Identified};
 use abbe_measurement::campaign::{Campaign, Covariate};
 use abbe_measurement::robust::median;
 
@@ -66,7 +66,9 @@ pub(crate) fn hold<'a>(
     observe: &mut dyn FnMut(Progress) -> bool,
 ) -> Result<Option<ClockShift>, DiagnoseError> {
     let Some(shift) = found(search, state, base, observe)? else { return Ok(None) };
-    let follows = |term: &EffectTerm| !has(base, term) && (follows_a_log(term) || follows_time(term));
+    let follows = |term: &EffectTerm| {
+        !has(base, term) && (follows_a_log(term) || follows_time(term.effect.as_ref(), &term.shape))
+    };
     let (out, kept): (Vec<EffectTerm>, Vec<EffectTerm>) = state.terms.clone().into_iter().partition(follows);
     let Ok((fit, round)) = search.attempt_under(&state.machine, &kept, state.fit.correlation, observe)? else {
         return Ok(None);
@@ -78,8 +80,7 @@ pub(crate) fn hold<'a>(
             true => "the log that it follows goes by another clock than the readings",
             false => "it was found beside what follows a log by another clock",
         };
-        let because = because.to_owned();
-        state.steps.push(Step::set_aside(term, because));
+        state.steps.push(Step::set_aside(term, because.to_owned()));
     }
     Ok(Some(shift))
 }
@@ -127,11 +128,6 @@ fn found(
 /// Whether an effect reads what comes from a log of its own, as it is or behind a time constant.
 pub(crate) fn follows_a_log(term: &EffectTerm) -> bool {
     read_by(term.effect.as_ref(), &term.shape).iter().any(|name| of_lagged(name).is_some() || is_moved(name))
-}
-
-/// Whether an effect follows the time alone.
-fn follows_time(term: &EffectTerm) -> bool {
-    read_by(term.effect.as_ref(), &term.shape).iter().any(|name| name == TIME)
 }
 
 /// The fit without what was found, and the strongest effect that follows a log.

@@ -11,7 +11,7 @@
 
 use crate::candidates::{Candidate, Round, score_all};
 use crate::clock::follows_a_log;
-use crate::context::read_by;
+use crate::context::follows_time;
 use crate::diagnosis::Competing;
 use crate::error::DiagnoseError;
 use crate::gate;
@@ -21,7 +21,7 @@ use crate::worth;
 use abbe_geometry::effects::of_lagged;
 use abbe_geometry::mixture::mixture;
 use abbe_geometry::model::{MachineModel, ModelError};
-use abbe_identify::{EffectTerm, Identified, IdentifyError, TIME};
+use abbe_identify::{EffectTerm, Identified, IdentifyError};
 
 /// Weight beside the effect found below which an explanation is not kept: it would move a coordinate by a twentieth of what they differ,
 /// and ask each sample for one more sensor.
@@ -149,8 +149,9 @@ fn in_place_of(
 pub(crate) fn is_of_its_kind(other: &EffectTerm, found: &EffectTerm) -> bool {
     let describes = |term: &EffectTerm| term.effect.name() == DESCRIPTION;
     let lags = |term: &EffectTerm| term.effect.reads().iter().any(|name| of_lagged(name).is_some());
-    let in_time = |term: &EffectTerm| read_by(term.effect.as_ref(), &term.shape).iter().any(|name| name == TIME);
-    (describes(found) || !describes(other)) && (lags(found) || !lags(other)) && !in_time(other)
+    (describes(found) || !describes(other))
+        && (lags(found) || !lags(other))
+        && !follows_time(other.effect.as_ref(), &other.shape)
 }
 
 /// Likelihood of the second fit over that of the first, on the readings that the first uses; 0 where it cannot be said. It is at most

@@ -63,6 +63,11 @@ pub(crate) fn read_by(effect: &dyn Effect, shape: &Shape) -> Vec<String> {
     names
 }
 
+/// Whether an effect of that shape reads the time.
+pub(crate) fn follows_time(effect: &dyn Effect, shape: &Shape) -> bool {
+    read_by(effect, shape).iter().any(|name| name == TIME)
+}
+
 /// Least and greatest of some values.
 pub(crate) fn range(values: impl Iterator<Item = f64>) -> (f64, f64) {
     values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| (low.min(value), high.max(value)))

@@ -68,7 +68,7 @@ pub fn diagnose(
         None => wandering(&search, &state, &base, observe)?,
     };
     let zeros = ZeroOfScale::all(&state.fit.model, &state.round)?;
-    let wanders = |model: MachineModel| {
+    let widened = |model: MachineModel| {
         let model = widening.as_ref().map_or(Ok(model.clone()), |wander| wander.told(model))?;
         zeros.iter().try_fold(model, |model, zero| zero.told(model))
     };
@@ -76,7 +76,7 @@ pub fn diagnose(
     state.fit.model = tomorrow::told(model, &state.round, campaign, |fitted| !is_base(&base, fitted))
         .and_then(|model| with_unexplained(model, judged.unseen.as_ref(), floor::unexplained_m(&state.round, campaign)))
         .and_then(|model| machine_step.as_ref().map_or(Ok(model.clone()), |step| step.told(model)))
-        .and_then(wanders)
+        .and_then(widened)
         .map_err(abbe_identify::IdentifyError::from)?;
     let named = match state.named.take() {
         Some(named) => named,
@@ -86,7 +86,7 @@ pub fn diagnose(
     let detection_after = noise::detect(&last, campaign, &state.fit.evidence);
     let enriched = state.is_enriched();
     let without = competing::without_each(&search, &state, &base, observe)?;
-    let (averaged, competing) = competing::averaged(&search, &state, (&state.fit.model, &wanders), &without, observe)?;
+    let (averaged, competing) = competing::averaged(&search, &state, (&state.fit.model, &widened), &without, observe)?;
     let mut found = found(&search, &state, &base, without.iter().zip(competing))?;
     // A step that explains more than all of them: none is the cause.
     if machine_step.as_ref().is_some_and(|step| step.outdoes_found) {
@@ -372,10 +372,7 @@ fn parameters(fit: &Identified, fitted: &FittedEffect, first: usize) -> Vec<Foun
 
 /// Rms of what an effect does to the ranges, about its mean (m).
 fn size_m(round: &Round, fitted: &FittedEffect) -> Result<f64, DiagnoseError> {
-    let partials = round.rows.partials(fitted.effect.as_ref())?;
-    let used: Vec<usize> = (0..round.rows.len()).filter(|k| round.rows.whitening[*k] > 0.0).collect();
-    let value = |k: usize| fitted.parameters.iter().enumerate().map(|(j, p)| partials[(k, j)] * p).sum::<f64>();
-    let values: Vec<f64> = used.iter().map(|k| value(*k)).collect();
+    let values: Vec<f64> = round.on_ranges_m(fitted)?.into_iter().map(|(_, value)| value).collect();
     let mean = values.iter().sum::<f64>() / values.len().max(1) as f64;
     Ok((values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / values.len().max(1) as f64).sqrt())
 }

@@ -10,12 +10,12 @@
 //! mean square on the ranges, which see one direction of three.
 
 use crate::candidates::Round;
-use crate::context::{range, read_by};
+use crate::context::{follows_time, range, read_by};
 use crate::gate;
 use crate::linear::Linear;
 use abbe_geometry::effects::of_lagged;
 use abbe_geometry::model::{FittedEffect, MachineModel, ModelError};
-use abbe_identify::{EffectTerm, TIME};
+use abbe_identify::EffectTerm;
 use abbe_measurement::campaign::Campaign;
 use faer::Mat;
 
@@ -36,7 +36,8 @@ pub(crate) fn told(
     let found: Vec<&FittedEffect> = model.parts().effects.iter().filter(|fitted| is_found(fitted)).collect();
     let is_open = round.rows.correlation.is_some() || found.iter().any(|fitted| is_course(fitted, campaign));
     let is_in_doubt = |fitted: &FittedEffect| {
-        is_course(fitted, campaign) || follows_time(fitted) && (is_open || moves_stand(fitted, campaign))
+        is_course(fitted, campaign)
+            || follows_time(fitted.effect.as_ref(), &fitted.shape) && (is_open || moves_stand(fitted, campaign))
     };
     let squares = found.into_iter().filter(|fitted| is_in_doubt(fitted)).map(|fitted| {
         let directions = if gate::moves_tip(campaign, &[EffectTerm::of(fitted)]) { DIRECTIONS } else { 1.0 };
@@ -53,7 +54,9 @@ pub(crate) fn told(
 /// told from one.
 pub(crate) fn is_course(fitted: &FittedEffect, campaign: &Campaign) -> bool {
     let reads = || read_by(fitted.effect.as_ref(), &fitted.shape);
-    has_no_name(fitted) && (follows_time(fitted) || reads().iter().any(|name| goes_along_with_time(campaign, name)))
+    has_no_name(fitted)
+        && (follows_time(fitted.effect.as_ref(), &fitted.shape)
+            || reads().iter().any(|name| goes_along_with_time(campaign, name)))
 }
 
 /// Whether a logged quantity is a smooth course in time, but for a tenth of its variance. What follows it follows another smooth course
@@ -92,16 +95,11 @@ fn has_no_name(fitted: &FittedEffect) -> bool {
     ["p", "q"].into_iter().any(|key| fitted.shape.0.contains_key(key))
 }
 
-fn follows_time(fitted: &FittedEffect) -> bool {
-    read_by(fitted.effect.as_ref(), &fitted.shape).iter().any(|name| name == TIME)
-}
-
 /// Variance of what an effect does to the ranges used (m²), about the mean of each station, which place and dead path hold.
 fn on_range_m2(round: &Round, campaign: &Campaign, fitted: &FittedEffect) -> f64 {
-    let Ok(partials) = round.rows.partials(fitted.effect.as_ref()) else { return 0.0 };
+    let Ok(values_m) = round.on_ranges_m(fitted) else { return 0.0 };
     let mut stations = vec![(0.0_f64, 0.0_f64, 0.0_f64); campaign.stations.len()];
-    for k in (0..round.rows.len()).filter(|k| round.rows.whitening[*k] > 0.0) {
-        let value: f64 = fitted.parameters.iter().enumerate().map(|(j, p)| partials[(k, j)] * p).sum();
+    for (k, value) in values_m {
         let (count, sum, square) = &mut stations[campaign.readings[k].station as usize];
         (*count, *sum, *square) = (*count + 1.0, *sum + value, *square + value * value);
     }

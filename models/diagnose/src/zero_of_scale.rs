@@ -37,12 +37,10 @@ impl ZeroOfScale {
 
     fn of(fitted: &FittedEffect, model: &MachineModel, round: &Round) -> Result<ZeroOfScale, DiagnoseError> {
         let rows = &round.rows;
-        let partials = rows.partials(fitted.effect.as_ref())?;
-        let used: Vec<usize> = (0..rows.len()).filter(|k| rows.whitening[*k] > 0.0).collect();
         let range_m = |k: usize| rows.rays[k].range_m;
-        let added_m = |k: usize| fitted.parameters.iter().enumerate().map(|(j, p)| partials[(k, j)] * p).sum::<f64>();
-        let squares: f64 = used.iter().map(|k| (added_m(*k) / range_m(*k).max(f64::MIN_POSITIVE)).powi(2)).sum();
-        let u = (squares / used.len().max(1) as f64).sqrt();
+        let added_m = round.on_ranges_m(fitted)?;
+        let squares: f64 = added_m.iter().map(|(k, added)| (added / range_m(*k).max(f64::MIN_POSITIVE)).powi(2)).sum();
+        let u = (squares / added_m.len().max(1) as f64).sqrt();
         let mut stretched: Vec<f64> =
             (0..rows.len()).map(|k| if rows.whitening[k] > 0.0 { range_m(k) } else { 0.0 }).collect();
         rows.whiten(&mut stretched);

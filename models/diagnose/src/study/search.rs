@@ -7,7 +7,6 @@
 //! superfluous goes out again.
 
 use super::between::stands_out;
-use super::candidate::Candidate;
 use super::diagnosis::{Considered, Kind};
 use super::fit::{Fit, Fitted, Part};
 use super::judge::{held_out_alike, held_out_rms};
@@ -420,16 +419,10 @@ fn reason_of_blocks(view: &mut View, set: &[usize], first: usize) -> Option<&'st
     let reason = match both {
         Err(_) => Some("it cannot be fitted beside the rest"),
         Ok(_) if view.least_blocks() < FEWEST_BLOCKS => None,
+        Ok((_, with)) if with.added.iter().skip(first).any(|added| is_no_material(view, added)) => {
+            Some("its coefficient of expansion is that of no material")
+        }
         Ok((without, with)) => {
-            if with
-                .added
-                .iter()
-                .skip(first)
-                .any(|added| is_no_material(&view.study.candidates()[added.candidate], added))
-            {
-                view.take_noises(noises);
-                return Some("its coefficient of expansion is that of no material");
-            }
             let (before, after) = match set[first..].iter().all(|k| is_step(&*view.study, *k)) {
                 true => held_out_alike(view, &without, &with),
                 false => (held_out_rms(view, &without), held_out_rms(view, &with)),
@@ -447,7 +440,8 @@ fn reason_of_blocks(view: &mut View, set: &[usize], first: usize) -> Option<&'st
 }
 
 /// Whether a coefficient of expansion is surely larger than any material has: lengths have no such bound, machines are as bad as they are.
-fn is_no_material(candidate: &Candidate, added: &Fitted) -> bool {
+fn is_no_material(view: &View, added: &Fitted) -> bool {
+    let candidate = &view.study.candidates()[added.candidate];
     let figures = candidate.parameters.iter().zip(added.values.iter().zip(&added.u));
     candidate.kind == Kind::Attributed
         && figures

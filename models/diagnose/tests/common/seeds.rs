@@ -6,7 +6,6 @@ pub(crate) fn seeds(all: u64) -> u64 {
 }
 
 /// Most of so many cases that a test at one in twenty may lose; one where they are few.
-#[allow(dead_code)] // each test uses its part
 pub(crate) fn one_in_twenty(cases: u64) -> usize {
     usize::try_from(cases / 20).unwrap_or(usize::MAX).max(1)
 }

@@ -137,26 +137,22 @@ fn of_functions(
         }
         finest = Some(errors);
     }
-    match finest.filter(|_| !is_asked && format.most_points.is_some()) {
-        Some(finest) => {
-            let (missed_m, _) = finest.missed();
-            let largest_m = largest_m(&finest);
-            ensure!(
-                missed_m < 0.5 * largest_m,
-                "{}: at the nodes that it holds ({} of an axis) interpolation misses {:.3} um of errors of at most {:.3} um: such a table \
-                 corrects nothing; correct with abbe correct, or ask for a step with --step-mm",
-                format.name,
-                format.most_points.unwrap_or(MOST_NODES),
-                missed_m * 1e6,
-                largest_m * 1e6
-            );
-            Ok(write(about, &finest)?)
-        }
-        None => bail!(
+    let (false, Some(finest), Some(most)) = (is_asked, finest, format.most_points) else {
+        bail!(
             "--within-um {within_um}: no step down to {:.4} mm does that; ask for more",
             longest_m * 1e3 / f64::from(1_u32 << MOST_HALVINGS)
-        ),
-    }
+        )
+    };
+    let ((missed_m, _), largest_m) = (finest.missed(), largest_m(&finest));
+    ensure!(
+        missed_m < 0.5 * largest_m,
+        "{}: at the nodes that it holds ({most} of an axis) interpolation misses {:.3} um of errors of at most {:.3} um: such a table \
+         corrects nothing; correct with abbe correct, or ask for a step with --step-mm",
+        format.name,
+        missed_m * 1e6,
+        largest_m * 1e6
+    );
+    Ok(write(about, &finest)?)
 }
 
 /// The largest linear error at the nodes (m).
