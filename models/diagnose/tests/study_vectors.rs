@@ -132,6 +132,36 @@ fn warm_up_is_attributed() {
     assert_found(error, &["warm-up"], Kind::Attributed);
 }
 
+/// With the temperatures of both sides of a column, which go their own ways; what their difference does to x at a height z (m).
+fn beside_a_column(seed: u64, error: impl Fn(f64, f64) -> f64) -> StudyDiagnosis {
+    let mut vectors = measured(|_| [0.0; 3], seed);
+    for vector in &mut vectors {
+        let time_s = vector.time_s.unwrap();
+        let [warm, cold] = [21.0 + (time_s / 400.0).sin(), 20.5 + 0.8 * (time_s / 650.0 + 1.0).cos()];
+        vector.covariates.insert("temp_warm_side_c".to_owned(), warm);
+        vector.covariates.insert("temp_cold_side_c".to_owned(), cold);
+        vector.residual_m[0] += error(warm - cold, vector.position_m[2]);
+    }
+    diagnose(&vectors, Some(&machine()), &options()).unwrap()
+}
+
+#[test]
+fn a_column_that_bends_between_two_temperatures_is_attributed() {
+    for seed in [700, 701, 702] {
+        let bow = beside_a_column(seed, |difference_k, z_m| difference_k * (10e-6 * z_m * z_m - 2e-6 * z_m));
+        let found = names(&bow);
+        assert!(found.len() == 1 && found[0].contains("sideways thermal bow"), "{seed}: {found:?}");
+        let curvature = bow.effects[0].parameters.iter().find(|p| p.name == "curvature").unwrap();
+        // The temperatures may stand in the other order.
+        assert!((curvature.value.abs() - 20e-6).abs() < 4.0 * curvature.u, "{seed}: {curvature:?}");
+        assert!(bow.after.held_out.rms_um < 1.1, "{seed}: {}", bow.after.held_out.rms_um);
+        // A straight lean is a squareness that changes, and no bow.
+        let lean = beside_a_column(seed, |difference_k, z_m| difference_k * 8e-6 * z_m);
+        let found = names(&lean);
+        assert!(!found.is_empty() && found.iter().all(|name| !name.contains("bow")), "{seed}: {found:?}");
+    }
+}
+
 #[test]
 fn what_no_effect_describes_is_named_by_its_quantities_and_component() {
     let error: Error = |v| [0.0, 3e-6 * (v.covariates["payload_n"] / 20.0 - 1.0).powi(2), 0.0];

@@ -46,6 +46,7 @@ pub(crate) fn run(arguments: &CompareArguments) -> anyhow::Result<()> {
             let plane = data.field.normal().map(|normal| Axis::ALL[normal].lower());
             let of = json!({
                 "file": data.file, "sha256": hex(&data.sha256), "plane_across": plane, "components": components,
+                "left_out": data.left_out,
             });
             let value = json!({ "data": of, "comparison": compared });
             println!("{}", serde_json::to_string_pretty(&value)?);

@@ -3,18 +3,19 @@
 //! Place in the flow: files in, what the training crate takes out. Points by the inputs that were named ([`crate::inputs`]), residuals
 //! in m, machine frame.
 
+use crate::held::{Held, hold};
 use crate::inputs::{Inputs, samples};
 use abbe::plane_field::{PlaneField, plane_field};
 use abbe::{is_bag, residual_bag};
 use abbe_field::{MeasuredField, Samples};
 use abbe_files::{Lacks, ResidualOwner, read_input_vectors_file, read_residual_origin, read_residual_vectors_file};
-use abbe_geometry::Vector3;
+use abbe_geometry::{Axis, Vector3};
 use abbe_measurement::correspondence::check_vectors;
 use abbe_residual_training::Config;
 use anyhow::{Context, ensure};
 use std::path::Path;
 
-/// Residual vectors of a file.
+/// Residual vectors of a file, but for those that contradict all others.
 pub(crate) struct Data {
     /// Points by all inputs, residuals and their uncertainty.
     pub(crate) field: Samples,
@@ -28,6 +29,8 @@ pub(crate) struct Data {
     pub(crate) sha256: [u8; 32],
     /// What was not measured: nothing of a volume.
     pub(crate) lacks: Lacks,
+    /// Vectors that contradict all others, in words.
+    pub(crate) left_out: Vec<String>,
 }
 
 impl Data {
@@ -50,8 +53,7 @@ impl Data {
         // Points are counted from 0 in messages of the library, rows of a file are not: the row is the point's place in it.
         let field = MeasuredField::new(points_m, residual_m, u_m)
             .with_context(|| format!("{} (points are its rows, from 0)", path.display()))?;
-        let (file, field) = (file_name(path), Samples::from(&field));
-        Ok(Data { field, alone: None, owner, file, sha256, lacks: Lacks::default() })
+        Data::held(path, (Samples::from(&field), None), owner, sha256, Lacks::default())
     }
 
     /// Reads residual vectors by named inputs.
@@ -74,7 +76,7 @@ impl Data {
                 None
             }
         };
-        Ok(Data { field, alone, owner, file: file_name(path), sha256: table.sha256, lacks: Lacks::default() })
+        Data::held(path, (field, alone), owner, table.sha256, Lacks::default())
     }
 
     /// Reads residual vectors of a volume or a plane.
@@ -85,8 +87,19 @@ impl Data {
         let PlaneField { field, lacks, sha256, .. } = plane_field(path)?;
         let owner = read_residual_origin(path)?.map(|origin| origin.owner);
         check_vectors(field.errors_m(), owner.is_some()).with_context(|| path.display().to_string())?;
-        let field = Samples::from(&field);
-        Ok(Data { field, alone: None, owner, file: file_name(path), sha256, lacks })
+        Data::held(path, (Samples::from(&field), None), owner, sha256, lacks)
+    }
+
+    /// Without the vectors that contradict all others.
+    fn held(
+        path: &Path,
+        (field, alone): (Samples, Option<Samples>),
+        owner: Option<ResidualOwner>,
+        sha256: [u8; 32],
+        lacks: Lacks,
+    ) -> anyhow::Result<Data> {
+        let Held { field, alone, left_out } = hold(&path.display().to_string(), field, alone)?;
+        Ok(Data { field, alone, owner, file: file_name(path), sha256, lacks, left_out })
     }
 
     /// The points by their position (m), where that is known.
@@ -98,6 +111,22 @@ impl Data {
     pub(crate) fn points(&self) -> usize {
         self.field.count()
     }
+}
+
+/// A measured vector and how far it is off, in words.
+pub(crate) fn off_text(field: &Samples, index: usize, component: usize, off_m: f64, times: f64) -> String {
+    let (at, name) = (place_text(field, index), Axis::ALL[component].lower());
+    format!("{at}: {name} is {:+.3} um off, {times:.0} u", off_m * 1e6)
+}
+
+/// A point in words: its position in mm, and other inputs by name.
+fn place_text(field: &Samples, index: usize) -> String {
+    let (point, names) = (field.point(index), field.names());
+    let first = if field.has_position() { 3 } else { 0 };
+    let position: Vec<String> = point[..first].iter().map(|m| format!("{:.3}", m * 1e3)).collect();
+    let further = names[first..].iter().zip(&point[first..]).map(|(name, value)| format!("{name} {value:.4}"));
+    let position = (first > 0).then(|| format!("({}) mm", position.join(" ")));
+    position.into_iter().chain(further).collect::<Vec<_>>().join(", ")
 }
 
 fn file_name(path: &Path) -> String {

@@ -5,6 +5,7 @@
 
 mod compare;
 mod data;
+mod held;
 mod inputs;
 mod report;
 mod train;

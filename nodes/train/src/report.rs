@@ -31,6 +31,10 @@ pub(crate) fn html(
         let text = "The training was stopped. The model holds the best so far; abbe train --resume goes on.";
         sections.push(callout(Tone::Warning, "Not complete", text));
     }
+    if !data.left_out.is_empty() {
+        let title = format!("{} vectors contradict all others and are left out", data.left_out.len());
+        sections.push(callout(Tone::Warning, &title, &data.left_out.join("; ")));
+    }
     sections.push(heading("Methods on data held out"));
     sections.push(methods(record));
     sections.push(scatter(trained, data));

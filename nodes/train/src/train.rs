@@ -4,7 +4,7 @@
 //! Ctrl-C keeps the best so far and what is needed to go on, or says that there is nothing yet. The model belongs to the geometric model that the residuals
 //! are of, and corrects nothing else.
 
-use crate::data::{self, Data};
+use crate::data::{self, Data, off_text};
 use crate::inputs::Inputs;
 use crate::report;
 use abbe::command::spinner;
@@ -13,7 +13,6 @@ use abbe::exit::Ended;
 use abbe::identity::Said;
 use abbe::next::{KNOWN_POINTS, Next};
 use abbe::{output, software, stop};
-use abbe_field::Samples;
 use abbe_files::{DataSource, ModelFile, ResidualFile, ResidualOwner, hex, write_atomically};
 use abbe_geometry::Vector3;
 use abbe_measurement::correspondence::check_vectors;
@@ -153,28 +152,16 @@ fn outliers(trained: &Trained, data: &Data) -> Vec<String> {
     let mut found = Vec::new();
     for point in &trained.held_out {
         let measured_m = data.field.errors_m()[point.index];
-        for (axis, name) in ["x", "y", "z"].iter().enumerate() {
+        for axis in 0..3 {
             let off_m = measured_m[axis] - point.predicted_m[axis];
             let times = (off_m / point.u_m[axis]).abs();
             if times > FAR {
-                let at = place_text(&data.field, point.index);
-                let text = format!("{at}: {name} is {:+.3} um off, {times:.0} u", off_m * 1e6);
-                found.push((times, text));
+                found.push((times, off_text(&data.field, point.index, axis, off_m, times)));
             }
         }
     }
     found.sort_by(|a, b| b.0.total_cmp(&a.0));
     found.into_iter().map(|(_, text)| text).collect()
-}
-
-/// A point in words: its position in mm, and other inputs by name.
-fn place_text(field: &Samples, index: usize) -> String {
-    let (point, names) = (field.point(index), field.names());
-    let first = if field.has_position() { 3 } else { 0 };
-    let position: Vec<String> = point[..first].iter().map(|m| format!("{:.3}", m * 1e3)).collect();
-    let further = names[first..].iter().zip(&point[first..]).map(|(name, value)| format!("{name} {value:.4}"));
-    let position = (first > 0).then(|| format!("({}) mm", position.join(" ")));
-    position.into_iter().chain(further).collect::<Vec<_>>().join(", ")
 }
 
 fn read_state(path: &Path) -> anyhow::Result<State> {
@@ -229,6 +216,10 @@ fn artifact(
     config: &Config,
     owner: Option<ResidualOwner>,
 ) -> anyhow::Result<ResidualFile> {
+    let mut validation = serde_json::to_value(&trained.record)?;
+    if !data.left_out.is_empty() {
+        validation["left_out"] = data.left_out.clone().into();
+    }
     Ok(ResidualFile {
         model: trained.model.clone(),
         owner,
@@ -236,7 +227,7 @@ fn artifact(
         seed: config.seed,
         complete: trained.record.complete,
         config: serde_json::to_value(config)?,
-        validation: serde_json::to_value(&trained.record)?,
+        validation,
         software: software(),
     })
 }
@@ -263,6 +254,9 @@ fn say(
         record.points,
         if record.flattering { "single points (flattering)" } else { "blocks of space" }
     );
+    if !data.left_out.is_empty() {
+        println!("  left out          {} that contradict all others, named above", data.left_out.len());
+    }
     if !record.inputs.is_empty() {
         println!("  inputs            {}", record.inputs.join(" "));
     }

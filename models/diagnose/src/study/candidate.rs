@@ -24,6 +24,8 @@ pub(crate) struct Candidate {
     pub(crate) family: String,
     pub(crate) covariates: Vec<String>,
     pub(crate) parameters: Vec<ParameterSpec>,
+    /// Of these, the ones without which it is something else; none where all make it what it is.
+    pub(crate) essential: Vec<usize>,
     /// Measurement that tells it from what looks alike.
     pub(crate) decided_by: String,
     /// Claimed only where it stands apart from all that is simpler: a wave, which few targets turn into something else.

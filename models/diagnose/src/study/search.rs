@@ -348,6 +348,9 @@ fn reason_against(
             "the positions were gone through in an order that goes with it: an error of position looks the same",
         ));
     }
+    if !is_itself(view, fit, candidate, options)? {
+        return Ok(Some("without what makes it this effect it goes as well"));
+    }
     if probability(view, fit, &columns)? * tested as f64 > options.significance {
         return Ok(Some("the noise may be correlated over so long that this is chance"));
     }
@@ -355,6 +358,21 @@ fn reason_against(
     let places = between(&*view.study, candidate);
     Ok((!stands_out(view, fit, &columns, places))
         .then_some("it acts between blocks, and does not stand out from their scatter"))
+}
+
+/// Whether the parameters that make it this effect are seen beside its others, among all of which that can be asked.
+fn is_itself(view: &View, fit: &Fit, candidate: usize, options: &Options) -> Result<bool, DiagnoseError> {
+    let candidates = view.study.candidates();
+    let essential = &candidates[candidate].essential;
+    if essential.is_empty() {
+        return Ok(true);
+    }
+    let columns = view.columns(&fit.point, candidate);
+    let (own, others): (Vec<usize>, Vec<usize>) = (0..columns.ncols()).partition(|k| essential.contains(k));
+    let pick = |of: &[usize]| Mat::from_fn(columns.nrows(), of.len(), |row, k| columns[(row, of[k])]);
+    let beside = probability_beside(view, fit, &pick(&others), &pick(&own))?;
+    let asked = candidates.iter().filter(|candidate| !candidate.essential.is_empty()).count();
+    Ok(beside * asked as f64 <= options.significance)
 }
 
 /// Whether a wave is seen beside all that is simpler: in what repeats of its places scatter, and in what the places do.

@@ -44,7 +44,12 @@ pub(super) fn probability_beside(
 ) -> Result<f64, DiagnoseError> {
     let chains = view.touched(columns);
     if view.chains().is_empty() {
-        return Ok(fit.score_columns(view, columns).0.p_value);
+        if further.ncols() == 0 {
+            return Ok(fit.score_columns(view, columns).0.p_value);
+        }
+        let beside = fit.with_columns(view.whitened(further).as_ref())?;
+        let projected = beside.project(view.whitened(columns).as_ref());
+        return Ok(score(&projected, beside.chi2(), beside.degrees()).p_value);
     }
     let own = |matrix: &Mat<f64>| -> Vec<Mat<f64>> { chains.iter().map(|k| of_chain(view, *k, matrix)).collect() };
     let rows = Mat::from_fn(fit.raw_residuals.len(), 1, |i, _| fit.raw_residuals[i]);

@@ -30,8 +30,14 @@ const SURE: f64 = 0.9;
 /// A field by averaged kriging.
 #[derive(Debug, Clone)]
 pub struct AveragedKriging {
-    components: [Component; 3],
+    averaged: Averaged,
     hull: Hull,
+}
+
+/// The components of errors by any inputs.
+#[derive(Debug, Clone)]
+pub(super) struct Averaged {
+    components: [Component; 3],
 }
 
 #[derive(Debug, Clone)]
@@ -46,10 +52,38 @@ struct Component {
 impl AveragedKriging {
     /// Fits covariance and noise of each component to the measured errors.
     pub fn fit(field: &MeasuredField, options: &Options) -> Result<AveragedKriging, KrigingError> {
-        let samples = Samples::from(field);
-        check_noise(&samples, options)?;
         check_planes(field)?;
-        let fit = |component: usize| Component::fit(field, &samples, component, options);
+        Ok(AveragedKriging::of(Averaged::fit(&Samples::from(field), options)?, field))
+    }
+
+    /// Of the components of a field.
+    pub(super) fn of(averaged: Averaged, field: &MeasuredField) -> AveragedKriging {
+        AveragedKriging { averaged, hull: Hull::new(field.points_m(), PLANE_TOLERANCE_M) }
+    }
+
+    /// Error and uncertainty at a finite point (m, machine frame).
+    pub fn predict(&self, point_m: &Vector3<f64>) -> Prediction {
+        let (error_m, u_m) = self.averaged.predict(point_m.as_slice());
+        Prediction { error_m, u_m, region: self.hull.region(point_m) }
+    }
+
+    /// Standard deviation by which the measured errors scatter beyond what is declared of them (m), by component: what is
+    /// most often exceeded of those that explain the points.
+    pub fn noise_m(&self) -> Vector3<f64> {
+        self.averaged.noise_m()
+    }
+
+    /// By how much the uncertainty was widened, by component: 1 where the points agree with each other as well as predicted.
+    pub fn widening(&self) -> Vector3<f64> {
+        self.averaged.widening()
+    }
+}
+
+impl Averaged {
+    /// Fits covariance and noise of each component.
+    pub(super) fn fit(samples: &Samples, options: &Options) -> Result<Averaged, KrigingError> {
+        check_noise(samples, options)?;
+        let fit = |component: usize| Component::fit(samples, component, options);
         // One thread a component: their results do not depend on each other.
         let [x, y, z] = std::thread::scope(|scope| {
             let others = [1, 2].map(|component| scope.spawn(move || fit(component)));
@@ -57,39 +91,34 @@ impl AveragedKriging {
             let [y, z] = others.map(|thread| thread.join().unwrap_or(Err(KrigingError::Interrupted)));
             [first, y, z]
         });
-        Ok(AveragedKriging { components: [x?, y?, z?], hull: Hull::new(field.points_m(), PLANE_TOLERANCE_M) })
+        Ok(Averaged { components: [x?, y?, z?] })
     }
 
-    /// Error and uncertainty at a finite point (m, machine frame).
-    pub fn predict(&self, point_m: &Vector3<f64>) -> Prediction {
-        let at = self.components.each_ref().map(|component| component.predict(point_m));
-        Prediction {
-            error_m: Vector3::from_fn(|d, _| at[d].0),
-            u_m: Vector3::from_fn(|d, _| at[d].1),
-            region: self.hull.region(point_m),
-        }
+    /// Error and standard uncertainty (m) at values of the inputs.
+    pub(super) fn predict(&self, at: &[f64]) -> (Vector3<f64>, Vector3<f64>) {
+        let each = self.components.each_ref().map(|component| component.predict(at));
+        (Vector3::from_fn(|d, _| each[d].0), Vector3::from_fn(|d, _| each[d].1))
     }
 
-    /// Standard deviation by which the measured errors scatter beyond what is declared of them (m), by component: what is
-    /// most often exceeded of those that explain the points.
-    pub fn noise_m(&self) -> Vector3<f64> {
+    /// As [`AveragedKriging::noise_m`].
+    pub(super) fn noise_m(&self) -> Vector3<f64> {
         Vector3::from_fn(|d, _| self.components[d].sure_noise_m())
     }
 
-    /// By how much the uncertainty was widened, by component: 1 where the points agree with each other as well as predicted.
-    pub fn widening(&self) -> Vector3<f64> {
+    /// As [`AveragedKriging::widening`].
+    pub(super) fn widening(&self) -> Vector3<f64> {
         Vector3::from_fn(|d, _| self.components[d].widening)
     }
 
     /// Variance of the fitted noise (m²), by component.
-    pub(crate) fn noise_variance_m2(&self) -> Vector3<f64> {
+    pub(super) fn noise_variance_m2(&self) -> Vector3<f64> {
         let mean = |component: &Component| component.noise_m.iter().map(|(noise, share)| noise * noise * share).sum();
         Vector3::from_fn(|d, _| mean(&self.components[d]))
     }
 }
 
 /// Refuses points of two planes across an axis: linear between them is all that they show, whatever the field does.
-fn check_planes(field: &MeasuredField) -> Result<(), KrigingError> {
+pub(super) fn check_planes(field: &MeasuredField) -> Result<(), KrigingError> {
     let normal = field.plane().map(|plane| plane.normal);
     for axis in (0..3).filter(|axis| Some(*axis) != normal) {
         let mut at_m: Vec<f64> = field.points_m().iter().map(|point| point[axis]).collect();
@@ -117,12 +146,7 @@ impl Interpolator for AveragedKriging {
 }
 
 impl Component {
-    fn fit(
-        field: &MeasuredField,
-        samples: &Samples,
-        component: usize,
-        options: &Options,
-    ) -> Result<Component, KrigingError> {
+    fn fit(samples: &Samples, component: usize, options: &Options) -> Result<Component, KrigingError> {
         let (data, scaling) = fit::scaled(samples, component, options)?;
         let bounds = fit::bounds(options, data.size);
         let likeliest = fit::likeliest(&data, &bounds, component, fit::Weigh::Posterior)?;
@@ -140,22 +164,20 @@ impl Component {
         }
         noise_m.sort_by(|a, b| a.0.total_cmp(&b.0));
         let found = Component { members: processes, noise_m, widening: 1.0 };
-        let widening = found.seen_over_predicted(field, component).max(1.0);
+        let widening = found.seen_over_predicted(samples.errors_m(), component).max(1.0);
         Ok(Component { widening, ..found })
     }
 
     /// Expected error and standard uncertainty (m).
-    fn predict(&self, point_m: &Vector3<f64>) -> (f64, f64) {
-        let (mean, variance) =
-            mixed(self.members.iter().map(|(process, share)| (process.predict(point_m.as_slice()), *share)));
+    fn predict(&self, at: &[f64]) -> (f64, f64) {
+        let (mean, variance) = mixed(self.members.iter().map(|(process, share)| (process.predict(at), *share)));
         (mean, variance.sqrt() * self.widening)
     }
 
     /// Root mean square of what the points differ by from what the others predict, over its uncertainty.
-    fn seen_over_predicted(&self, field: &MeasuredField, component: usize) -> f64 {
+    fn seen_over_predicted(&self, errors_m: &[Vector3<f64>], component: usize) -> f64 {
         let left: Vec<(Vec<(f64, f64)>, f64)> =
             self.members.iter().map(|(process, share)| (process.leave_one_out(), *share)).collect();
-        let errors_m = field.errors_m();
         let square = |(k, error): (usize, &Vector3<f64>)| {
             let (mean, variance) = mixed(left.iter().map(|(all, share)| (all[k], *share)));
             (error[component] - mean).powi(2) / variance

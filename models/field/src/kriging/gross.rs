@@ -2,7 +2,7 @@
 //!
 //! Place in the flow: before [`super::judged`] fits. The likelihood of a Gaussian process takes one vector that is 60 µm off for
 //! a field that changes from line to line, and then nothing contradicts anything. So suspects are looked for by a process whose
-//! shape a few vectors cannot bend: one length scale, in extents of the volume, and a noise, those of a small set by which
+//! shape a few vectors cannot bend: one length scale, in extents of the inputs, and a noise, those of a small set by which
 //! the others predict each vector best, judged by medians. Leaving out a vector changes these predictions by a rank-one step:
 //! P′ = P − pₖpₖᵀ/Pₖₖ. The worst goes first, and all are looked at again, as one far off pulls at its neighbours. A suspect is only
 //! accused here; [`super::judged`] asks the fit without it.
@@ -10,7 +10,6 @@
 
 use super::likelihood::{Data, Scaled};
 use super::{KrigingError, Options, fit};
-use crate::measured::MeasuredField;
 use crate::samples::Samples;
 use faer::Mat;
 use nalgebra::Vector3;
@@ -34,16 +33,13 @@ const SEARCHES: usize = 3;
 const NEAR: usize = 10;
 /// Others that make a feature of it, and the share of its size that they must explain.
 const SPEAK: usize = 2;
-/// Length scales of a shape.
-const AXES: usize = 3;
 const EXPLAINED: f64 = 0.5;
 
 /// Indices of vectors that one of their components accuses, ascending.
-pub(super) fn suspects(field: &MeasuredField, options: &Options) -> Result<Vec<usize>, KrigingError> {
-    let mut accused = vec![false; field.points_m().len()];
-    let samples = Samples::from(field);
+pub(super) fn suspects(samples: &Samples, options: &Options) -> Result<Vec<usize>, KrigingError> {
+    let mut accused = vec![false; samples.count()];
     for component in 0..3 {
-        let (data, _) = fit::scaled(&samples, component, options)?;
+        let (data, _) = fit::scaled(samples, component, options)?;
         for index in of_component(&data) {
             accused[index] = true;
         }
@@ -80,18 +76,19 @@ fn shape(data: &Data) -> Option<Scaled> {
     let mut best: Option<(f64, Scaled)> = None;
     for length in LENGTHS {
         for noise in NOISES {
-            let Some(left) = Left::of(data, &tried(length, noise)) else { continue };
+            let shape = tried(data.size, length, noise);
+            let Some(left) = Left::of(data, &shape) else { continue };
             let value = left.scale()?.ln() + left.mean_logarithm();
             if value.is_finite() && best.as_ref().is_none_or(|(least, _)| value < *least) {
-                best = Some((value, tried(length, noise)));
+                best = Some((value, shape));
             }
         }
     }
     best.map(|(_, shape)| shape)
 }
 
-fn tried(length: f64, noise: f64) -> Scaled {
-    Scaled { signal: 1.0, length: vec![length; AXES], noise: Some(noise) }
+fn tried(inputs: usize, length: f64, noise: f64) -> Scaled {
+    Scaled { signal: 1.0, length: vec![length; inputs], noise: Some(noise) }
 }
 
 /// Vectors that go, the worst first.
@@ -184,17 +181,16 @@ pub(super) struct Neighbourhood {
     /// By component what all others predict wrongly of each vector, in deviations of the errors.
     left: Vec<Vec<f64>>,
     deviation_m: Vec<f64>,
-    places: Vec<Vector3<f64>>,
+    places: Vec<Vec<f64>>,
 }
 
 impl Neighbourhood {
     /// Predictions of all vectors by all others.
-    pub(super) fn of(field: &MeasuredField, options: &Options) -> Result<Neighbourhood, KrigingError> {
-        let samples = Samples::from(field);
+    pub(super) fn of(samples: &Samples, options: &Options) -> Result<Neighbourhood, KrigingError> {
         let (mut all, mut deviation_m) = (Vec::new(), Vec::new());
-        let places = scaled_places(&samples);
+        let places = scaled_places(samples);
         for component in 0..3 {
-            let (data, scaling) = fit::scaled(&samples, component, options)?;
+            let (data, scaling) = fit::scaled(samples, component, options)?;
             let left = tightest(&data).ok_or(fit::not_positive(component))?;
             let of = |k: usize| left.weights[k] / left.projector[(k, k)].max(f64::MIN_POSITIVE);
             all.push((0..data.values.len()).map(of).collect());
@@ -208,7 +204,8 @@ impl Neighbourhood {
     pub(super) fn is_feature(&self, index: usize, component: usize, off_m: &[(usize, Vector3<f64>)]) -> bool {
         let Some((_, own_m)) = off_m.iter().find(|(k, _)| *k == index) else { return false };
         let own_m = own_m[component];
-        let distance = |k: usize| (self.places[k] - self.places[index]).norm_squared();
+        let apart = |(a, b): (&f64, &f64)| (a - b).powi(2);
+        let distance = |k: usize| self.places[k].iter().zip(&self.places[index]).map(apart).sum::<f64>();
         let mut near: Vec<usize> = (0..self.places.len()).filter(|k| *k != index).collect();
         near.sort_by(|a, b| distance(*a).total_cmp(&distance(*b)));
         near.truncate(NEAR);
@@ -220,14 +217,14 @@ impl Neighbourhood {
 }
 
 /// Points in extents, as a process takes them.
-fn scaled_places(samples: &Samples) -> Vec<Vector3<f64>> {
+fn scaled_places(samples: &Samples) -> Vec<Vec<f64>> {
     let (lower, upper) = samples.range();
     // Across a plane nothing differs.
     let of = |d: usize, at: f64| if upper[d] > lower[d] { (at - lower[d]) / (upper[d] - lower[d]) } else { 0.0 };
-    samples.points().map(|at| Vector3::from_fn(|d, _| of(d, at[d]))).collect()
+    samples.points().map(|at| at.iter().enumerate().map(|(d, at)| of(d, *at)).collect()).collect()
 }
 
 /// Predictions with the shortest length scale of those tried that the neighbours reach over.
 fn tightest(data: &Data) -> Option<Left> {
-    Left::of(data, &tried(LENGTHS[1], NOISES[2]))
+    Left::of(data, &tried(data.size, LENGTHS[1], NOISES[2]))
 }

@@ -1,15 +1,16 @@
 //! Kriging of vectors that were held against each other.
 //!
-//! Place in the flow: what `abbe interpolate` answers with. [`super::gross`] accuses vectors; here each stands trial against the
+//! Place in the flow: what `abbe interpolate` answers with, and what residual models are trained on. [`super::gross`] accuses vectors; here each stands trial against the
 //! fit without any accused: it is left out if what was measured there is further than six deviations from what that predicts,
 //! declared uncertainty and scatter included, and improbable by chance among so many vectors (Student's t). What belongs to a
 //! feature of the field that several neighbouring vectors show stays. Many such vectors are no accidents, and then nothing is
 //! answered. The rest is fitted again; by how much it scatters beyond its declared uncertainty, is told.
 
-use super::averaged::AveragedKriging;
+use super::averaged::{Averaged, AveragedKriging, check_planes};
 use super::gross::{self, Neighbourhood};
 use super::{COMPONENTS, KrigingError, Options};
 use crate::measured::MeasuredField;
+use crate::samples::Samples;
 use nalgebra::Vector3;
 
 /// Share of the vectors up to which gross ones are accidents, and a number that always may be.
@@ -60,13 +61,29 @@ pub struct Judgement {
 /// # Errors
 /// What no field can be made of, and vectors of which too many contradict the others.
 pub fn judge(field: &MeasuredField, options: &Options) -> Result<(AveragedKriging, Judgement), KrigingError> {
-    let all: Vec<usize> = (0..field.points_m().len()).collect();
-    let mut accused = gross::suspects(field, options)?;
+    check_planes(field)?;
+    let (averaged, judgement) = held(&Samples::from(field), options)?;
+    let part = field.part(&judgement.kept)?;
+    check_planes(&part)?;
+    Ok((AveragedKriging::of(averaged, &part), judgement))
+}
+
+/// Which vectors by any inputs contradict all others.
+///
+/// # Errors
+/// As [`judge`].
+pub fn judge_samples(samples: &Samples, options: &Options) -> Result<Judgement, KrigingError> {
+    held(samples, options).map(|(_, judgement)| judgement)
+}
+
+fn held(samples: &Samples, options: &Options) -> Result<(Averaged, Judgement), KrigingError> {
+    let all: Vec<usize> = (0..samples.count()).collect();
+    let mut accused = gross::suspects(samples, options)?;
     for _ in 0..TRIALS {
         let kept: Vec<usize> = all.iter().copied().filter(|k| !accused.contains(k)).collect();
-        let part = field.part(&kept)?;
-        let fit = AveragedKriging::fit(&part, options)?;
-        let guilty = tried(field, options, &fit, &accused)?;
+        let part = samples.part(&kept)?;
+        let fit = Averaged::fit(&part, options)?;
+        let guilty = tried(samples, options, &fit, &accused)?;
         if guilty.len() == accused.len() {
             check_share(&guilty, all.len())?;
             let contradicted = contradicted(&part, &fit);
@@ -80,22 +97,22 @@ pub fn judge(field: &MeasuredField, options: &Options) -> Result<(AveragedKrigin
 
 /// The accused that the fit without them does not acquit.
 fn tried(
-    field: &MeasuredField,
+    samples: &Samples,
     options: &Options,
-    fit: &AveragedKriging,
+    fit: &Averaged,
     accused: &[usize],
 ) -> Result<Vec<LeftOut>, KrigingError> {
     if accused.is_empty() {
         return Ok(Vec::new());
     }
-    let neighbourhood = Neighbourhood::of(field, options)?;
+    let neighbourhood = Neighbourhood::of(samples, options)?;
     let off_m: Vec<(usize, Vector3<f64>)> =
-        accused.iter().map(|k| (*k, field.errors_m()[*k] - fit.predict(&field.points_m()[*k]).error_m)).collect();
-    let freedom = (field.points_m().len() - accused.len()) as f64 - 5.0;
-    let components = 3 * field.points_m().len();
+        accused.iter().map(|k| (*k, samples.errors_m()[*k] - fit.predict(samples.point(*k)).0)).collect();
+    let freedom = (samples.count() - accused.len()) as f64 - 5.0;
+    let components = 3 * samples.count();
     let mut guilty = Vec::new();
     for (index, off) in &off_m {
-        let variance = variance_m2(field, options, fit, *index);
+        let variance = variance_m2(samples, options, fit, *index);
         let worst = (0..3).max_by(|a, b| (off[*a].powi(2) / variance[*a]).total_cmp(&(off[*b].powi(2) / variance[*b])));
         let Some(component) = worst else { continue };
         let deviations = off[component] / variance[component].sqrt();
@@ -108,9 +125,9 @@ fn tried(
 }
 
 /// Variance of a measured error less what the others predict there (m²).
-fn variance_m2(field: &MeasuredField, options: &Options, fit: &AveragedKriging, index: usize) -> Vector3<f64> {
-    let field_m = fit.predict(&field.points_m()[index]).u_m;
-    let declared = options.noise.is_declared().then(|| field.u_m()).flatten();
+fn variance_m2(samples: &Samples, options: &Options, fit: &Averaged, index: usize) -> Vector3<f64> {
+    let field_m = fit.predict(samples.point(index)).1;
+    let declared = options.noise.is_declared().then(|| samples.u_m()).flatten();
     let declared_m = declared.map_or(Vector3::zeros(), |u_m| u_m[index]);
     field_m.component_mul(&field_m) + declared_m.component_mul(&declared_m) + fit.noise_variance_m2()
 }
@@ -125,7 +142,7 @@ fn check_share(guilty: &[LeftOut], vectors: usize) -> Result<(), KrigingError> {
     Err(KrigingError::TooManyGross { gross: worst, vectors })
 }
 
-fn contradicted(part: &MeasuredField, fit: &AveragedKriging) -> [Option<f64>; 3] {
+fn contradicted(part: &Samples, fit: &Averaged) -> [Option<f64>; 3] {
     let Some(u_m) = part.u_m() else { return [None; 3] };
     let noise_m = fit.noise_m();
     [0, 1, 2].map(|d| {

@@ -27,7 +27,7 @@ use process::Process;
 use thiserror::Error;
 
 pub use averaged::AveragedKriging;
-pub use judged::{Judgement, LeftOut, judge};
+pub use judged::{Judgement, LeftOut, judge, judge_samples};
 pub use kernel::Kernel;
 pub use likelihood::Trend;
 

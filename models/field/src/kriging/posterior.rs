@@ -33,7 +33,7 @@ pub(super) type Member = (Scaled, f64);
 /// −2 ln of the posterior density, without constants, and its gradient.
 pub(super) fn minus_two_log(data: &Data, logarithms: &[f64]) -> Option<(f64, Vec<f64>)> {
     let (value, gradient) = data.minus_two_log(logarithms).ok()?;
-    let (more, slopes) = prior::minus_two_log(logarithms);
+    let (more, slopes) = prior::minus_two_log(logarithms, data.size);
     Some((value + more, gradient.iter().zip(slopes).map(|(a, b)| a + b).collect()))
 }
 
@@ -126,7 +126,7 @@ impl About {
 
 fn value(data: &Data, logarithms: &[f64]) -> Option<f64> {
     let factored = data.factored(&Scaled::from_logarithms(logarithms, data.size)).ok()?;
-    Some(factored.minus_two_log + prior::minus_two_log(logarithms).0)
+    Some(factored.minus_two_log + prior::minus_two_log(logarithms, data.size).0)
 }
 
 /// Every draw as often as its weight is passed by even steps.

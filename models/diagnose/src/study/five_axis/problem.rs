@@ -245,6 +245,7 @@ fn candidate(known: &'static Known, group: &[usize]) -> Candidate {
         covariates: Vec::new(),
         parameters: group.iter().map(spec).collect(),
         decided_by: known.decided_by.to_owned(),
+        essential: Vec::new(),
         stands_apart: false,
         comes_first: false,
     }

@@ -134,6 +134,7 @@ pub(super) fn named(axis: &str, ranges: &Ranges, shape: &Shape) -> Candidate {
         covariates,
         parameters: shape.parameters(ranges).into_iter().map(spec).collect(),
         decided_by: decided_by(shape),
+        essential: Vec::new(),
         stands_apart: matches!(shape, Shape::Periodic(_)),
         comes_first: false,
     }

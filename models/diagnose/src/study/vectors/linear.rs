@@ -83,6 +83,7 @@ impl Named {
             covariates: Vec::new(),
             parameters: vec![ParameterSpec::new(parameter, unit, PLAUSIBLE)],
             decided_by,
+            essential: Vec::new(),
             stands_apart: false,
             comes_first: true,
         }

@@ -82,13 +82,6 @@ pub(super) fn registered(
             untestable.push(none(entry.needs.to_owned()));
             continue;
         }
-        let first = construct(entry.name, &shapes[0], machine)?;
-        if !first.essential().is_empty() {
-            untestable.push(none(
-                "ranges of a tracer: here it is not told from what it is without its essential part".to_owned(),
-            ));
-            continue;
-        }
         let before = effects.len();
         for shape in shapes.into_iter().flat_map(|shape| between(entry, shape)) {
             let effect = construct(entry.name, &shape, machine)?;
@@ -165,6 +158,7 @@ fn candidate(entry: &'static Known, shape: &Shape, effect: &dyn Effect) -> Candi
         covariates: effect.covariates(),
         parameters: effect.parameters(),
         decided_by: entry.decided_by.to_owned(),
+        essential: effect.essential().to_vec(),
         stands_apart: entry.name == SCANNED,
         comes_first: false,
     }

@@ -58,6 +58,7 @@ impl Steps {
             covariates: vec![TIME.to_owned()],
             parameters: step.parameters().into_iter().map(spec).collect(),
             decided_by: DECIDED_BY.to_owned(),
+            essential: Vec::new(),
             stands_apart: false,
             comes_first: false,
         }

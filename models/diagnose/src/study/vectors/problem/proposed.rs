@@ -132,6 +132,7 @@ impl Vectors<'_> {
             decided_by: format!("vary {} independently of each other and of all else", names.join(" and ")),
             covariates: names,
             parameters: bent.kept.iter().map(|k| ParameterSpec::new(all[*k].clone(), "m", PLAUSIBLE_M)).collect(),
+            essential: Vec::new(),
             stands_apart: matches!(shape, Shape::Turn { .. }),
             comes_first: false,
         }
