@@ -147,6 +147,36 @@ fn a_temperature_as_input_takes_the_error_away_and_the_uncertainty_holds() {
 }
 
 #[test]
+fn single_vectors_that_contradict_all_others_teach_nothing_and_are_named() {
+    let bench = bench();
+    let spoilt = |(k, line): (usize, &str)| {
+        let mut cells: Vec<String> = line.split(',').map(str::to_owned).collect();
+        if [40, 90].contains(&k) {
+            cells[4] = format!("{}", cells[4].parse::<f64>().unwrap() + 60.0);
+        }
+        cells.join(",") + "\n"
+    };
+    bench.write("gross.csv", bench.read("warm.csv").lines().enumerate().map(spoilt).collect::<String>());
+    let ran = train(bench, "gross.csv", "position,temp_air_c", "gross.json");
+    let warning = ran.errors.clone();
+    assert_says(
+        &warning,
+        &["gross.csv: 2 of", "contradict all others and are left out", "temp_air_c", "y is +6", "um off"],
+    );
+    assert_says(&ran.ok(), &["left out          2 that contradict all others"]);
+    let [spoilt, clean]: [Value; 2] =
+        ["gross.json", "warm.json"].map(|file| serde_json::from_str(&bench.read(file)).unwrap());
+    assert_eq!(spoilt["validation"]["left_out"].as_array().unwrap().len(), 2);
+    assert!(clean["validation"].get("left_out").is_none());
+    let mse = |file: &Value| {
+        let methods = file["validation"]["held_out"].as_array().unwrap();
+        let own = methods.iter().find(|scores| scores["method"] == "kriging").unwrap();
+        own["scores"]["mse_um2"].as_f64().unwrap()
+    };
+    assert!(mse(&spoilt) < 1.3 * mse(&clean), "{} {}", mse(&spoilt), mse(&clean));
+}
+
+#[test]
 fn compare_says_whether_an_input_helps_on_unseen_data() {
     let bench = bench();
     let config = bench.write("networks.toml", QUICK_NETWORKS);

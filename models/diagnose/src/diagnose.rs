@@ -21,17 +21,20 @@ use crate::search::{Search, State, has};
 use crate::step::Step;
 use crate::wander::{self, Wander};
 use crate::zero_of_scale::ZeroOfScale;
-use crate::{together, tomorrow};
+use crate::{together, tomorrow, worth};
 use abbe_geometry::machine::Machine;
 use abbe_geometry::model::{FitQuality, FittedEffect, MachineModel, ModelError, ModelParts};
-use abbe_identify::{EffectTerm, Identified};
+use abbe_identify::{EffectTerm, Identified, IdentifyError};
 use abbe_measurement::campaign::Campaign;
 use abbe_measurement::instrument::RangeUncertainty;
+use statrs::distribution::{ContinuousCDF, Normal};
 
 /// Lines per fold below which leaving lines out would starve the fit.
 const LINES_PER_FOLD: usize = 5;
 /// Next measurements named at most.
 const MEASUREMENTS: usize = 12;
+/// Why there is no error before and after.
+const NOTHING: &str = "nothing was adopted, so that before and after are the same";
 /// What decides after a step of the machine.
 const AFTER_A_STEP: &str = "the whole campaign again, once what moved the machine is found and fixed";
 
@@ -57,27 +60,27 @@ pub fn diagnose(
     together::hold(&search, &mut state, (machine, (&before.model, &first), &base), observe)?;
     let clock = clock::hold(&search, &mut state, &base, observe)?;
     let alike = alike(&search, &state, (machine, &first, &base), observe)?;
-    let judged = Judged::of(&search, machine, (&alike, &base), &state, observe)?;
+    let mut judged = Judged::of(&search, machine, (&alike, &base), &state, observe)?;
+    let start = (before.clone(), first.clone(), base.clone());
     if let Some(because) = &judged.not_adopted {
-        state.withdraw((before.clone(), first.clone(), base.clone()), because);
+        state.withdraw(start.clone(), because);
     }
-    let machine_step = machine_step(&search, &state, (&alike, &base), observe)?;
-    let (wander, widening) = match machine_step {
-        // Its courses would describe the step.
-        Some(_) => (None, None),
-        None => wandering(&search, &state, &base, observe)?,
-    };
-    let zeros = ZeroOfScale::all(&state.fit.model, &state.round)?;
-    let widened = |model: MachineModel| {
-        let model = widening.as_ref().map_or(Ok(model.clone()), |wander| wander.told(model))?;
-        zeros.iter().try_fold(model, |model, zero| zero.told(model))
-    };
-    let model = state.fit.model.clone();
-    state.fit.model = tomorrow::told(model, &state.round, campaign, |fitted| !is_base(&base, fitted))
-        .and_then(|model| with_unexplained(model, judged.unseen.as_ref(), floor::unexplained_m(&state.round, campaign)))
-        .and_then(|model| machine_step.as_ref().map_or(Ok(model.clone()), |step| step.told(model)))
-        .and_then(widened)
-        .map_err(abbe_identify::IdentifyError::from)?;
+    let mut ended = Ended::of(&search, &state, (&alike, &base), judged.unseen.as_ref(), observe)?;
+    let added: Vec<EffectTerm> = state.terms.iter().filter(|term| !has(&base, term)).cloned().collect();
+    if let Some(because) = worth::refusal(&added, &before.model, &ended.model, campaign) {
+        let because = format!("all that was found together: {because}");
+        let mut without = state.clone();
+        without.withdraw(start, &because);
+        let plain = Ended::of(&search, &without, (&first, &base), None, observe)?;
+        // What is not told of the machine without it costs as well.
+        if worth::refusal(&added, &plain.model, &ended.model, campaign).is_some() {
+            (state, ended) = (without, plain);
+            judged =
+                Judged { not_adopted: Some(because), unseen: None, unseen_missing: Some(NOTHING.to_owned()), ..judged };
+        }
+    }
+    state.fit.model = ended.told.clone();
+    let Ended { machine_step, wander, zeros, without, competing, model, .. } = ended;
     let named = match state.named.take() {
         Some(named) => named,
         None => search.named(&state.round, &state.machine)?,
@@ -85,8 +88,6 @@ pub fn diagnose(
     let last = state.round.clone();
     let detection_after = noise::detect(&last, campaign, &state.fit.evidence);
     let enriched = state.is_enriched();
-    let without = competing::without_each(&search, &state, &base, observe)?;
-    let (averaged, competing) = competing::averaged(&search, &state, (&state.fit.model, &widened), &without, observe)?;
     let mut found = found(&search, &state, &base, without.iter().zip(competing))?;
     // A step that explains more than all of them: none is the cause.
     if machine_step.as_ref().is_some_and(|step| step.outdoes_found) {
@@ -97,8 +98,6 @@ pub fn diagnose(
     let mut next_measurements = next_measurements(&found, &not_identifiable, &untestable);
     let rejected_lines = rejected_lines(campaign, &state.fit.weights);
     let set_aside = state.set_aside();
-    let model = averaged.without(|fitted| !is_base(&base, fitted) && tomorrow::is_course(fitted, campaign));
-    let model = model.map_err(abbe_identify::IdentifyError::from)?;
     let structured = enriched || detection_after.has_structure() || !rejected_lines.is_empty();
     // What was significant and stays out is no noise either.
     let hangs_together = state.fit.correlation.is_some();
@@ -138,6 +137,54 @@ pub fn diagnose(
         untestable,
         next_measurements,
     })
+}
+
+/// What a search comes to: its model with all that stands in its uncertainty.
+struct Ended<'a> {
+    machine_step: Option<MachineStep>,
+    wander: Option<Wander>,
+    zeros: Vec<ZeroOfScale>,
+    /// The model of the search.
+    told: MachineModel,
+    /// Of each term, the fit without it, and what competes with it.
+    without: Vec<Option<Without<'a>>>,
+    competing: Vec<Vec<Competing>>,
+    /// The mean of all that compete, to correct with.
+    model: MachineModel,
+}
+
+impl<'a> Ended<'a> {
+    fn of(
+        search: &Search<'a>,
+        state: &State<'a>,
+        (alike, base): (&Round, &[EffectTerm]),
+        unseen: Option<&Unseen>,
+        observe: &mut dyn FnMut(Progress) -> bool,
+    ) -> Result<Ended<'a>, DiagnoseError> {
+        let campaign = search.campaign;
+        let machine_step = machine_step(search, state, (alike, base), observe)?;
+        let (wander, widening) = match machine_step {
+            // Its courses would describe the step.
+            Some(_) => (None, None),
+            None => wandering(search, state, base, observe)?,
+        };
+        let zeros = ZeroOfScale::all(&state.fit.model, &state.round)?;
+        let widened = |model: MachineModel| {
+            let model = widening.as_ref().map_or(Ok(model.clone()), |wander| wander.told(model))?;
+            zeros.iter().try_fold(model, |model, zero| zero.told(model))
+        };
+        let is_found = |fitted: &FittedEffect| !is_base(base, fitted);
+        let told = tomorrow::told(state.fit.model.clone(), &state.round, campaign, is_found)
+            .and_then(|model| with_unexplained(model, unseen, floor::unexplained_m(&state.round, campaign)))
+            .and_then(|model| machine_step.as_ref().map_or(Ok(model.clone()), |step| step.told(model)))
+            .and_then(widened)
+            .map_err(IdentifyError::from)?;
+        let without = competing::without_each(search, state, base, observe)?;
+        let (averaged, competing) = competing::averaged(search, state, (&told, &widened), &without, observe)?;
+        let model = averaged.without(|fitted| is_found(fitted) && tomorrow::is_course(fitted, campaign));
+        let model = model.map_err(IdentifyError::from)?;
+        Ok(Ended { machine_step, wander, zeros, told, without, competing, model })
+    }
 }
 
 /// The model with what it leaves on lines that no step of the search saw, or that its own fit did not see, where that is more than
@@ -233,7 +280,7 @@ impl Judged {
         }
         let gate = gate::judge(first, &state.round, search.campaign, &added);
         if let Some(because) = &gate.refused {
-            let missing = Some("nothing was adopted, so that before and after are the same".to_owned());
+            let missing = Some(NOTHING.to_owned());
             let not_adopted = Some(format!("all that was found together: {because}"));
             return Ok(Judged { not_adopted, gate: Some(gate), unseen_missing: missing, unseen: None });
         }
@@ -246,7 +293,7 @@ impl Judged {
         match unseen {
             Ok(unseen) if unseen.loses() => {
                 let (before, after) = (unseen.before.rms_m * 1e6, unseen.after.rms_m * 1e6);
-                judged.unseen_missing = Some("nothing was adopted, so that before and after are the same".to_owned());
+                judged.unseen_missing = Some(NOTHING.to_owned());
                 judged.not_adopted = Some(format!(
                     "lines that no step of the search saw are predicted worse with what it found: {before:.3} -> {after:.3} µm"
                 ));
@@ -310,7 +357,10 @@ fn one(
     let columns = last.rows.columns(fitted.effect.as_ref())?;
     // Where there is no fit without it, what it gains cannot be said; that it was found can.
     let (mut held_out_gain_m, mut placebo, mut alias_share) = (None, None, candidate.score.alias_share);
-    let mut kind = if candidate.known.name == "empirical" { Kind::Empirical } else { Kind::Attributed };
+    let parameters = parameters(&state.fit, fitted, first);
+    let tests = candidate.trials * parameters.len();
+    let is_named = candidate.known.name != "empirical" && is_told(&parameters, tests, search.options.significance);
+    let mut kind = if is_named { Kind::Attributed } else { Kind::Empirical };
     if let Some((_, without)) = without {
         let draws = (search.options.placebos, search.options.seed);
         placebo = judge::placebo(without, &columns, search.campaign, draws).ok();
@@ -331,7 +381,7 @@ fn one(
         p_value,
         evidence: candidate.evidence(last.used),
         alias_share,
-        parameters: parameters(&state.fit, fitted, first),
+        parameters,
         size_m: size_m(last, fitted)?,
         rivals: rivals.iter().map(|r| rival(candidate, r, last.used)).collect(),
         competing: Vec::new(),
@@ -340,6 +390,14 @@ fn one(
         placebo,
         gate: gate.clone(),
     })
+}
+
+/// Whether the size of at least one parameter is told from zero, among so many tests: what several parameters explain only in the sum,
+/// each of them open, is no cause that was seen.
+fn is_told(parameters: &[FoundParameter], tests: usize, significance: f64) -> bool {
+    let most = parameters.iter().map(|p| (p.value / p.u).abs()).fold(0.0, f64::max);
+    let beyond = Normal::standard().cdf(-most) * 2.0;
+    beyond * tests as f64 <= significance
 }
 
 fn rival(chosen: &Candidate, rival: &Candidate, rows: usize) -> Rival {

@@ -35,6 +35,7 @@ mod foresight;
 mod gate;
 pub mod held_out;
 mod judge;
+mod jumps;
 mod lags;
 pub mod linear;
 mod look;

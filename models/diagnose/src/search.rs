@@ -16,7 +16,7 @@ use crate::options::{Options, Progress};
 use crate::periodic::Periodogram;
 use crate::score::Score;
 use crate::step::Step;
-use crate::{exchange, lags, order, periodic, runs, serial, worth};
+use crate::{exchange, jumps, lags, order, periodic, runs, serial, worth};
 use abbe_geometry::ErrorId;
 use abbe_geometry::effects::{ShapeValue, known};
 use abbe_geometry::machine::Machine;
@@ -51,6 +51,7 @@ pub(crate) struct Search<'a> {
 }
 
 /// How far a search has come.
+#[derive(Clone)]
 pub(crate) struct State<'a> {
     pub(crate) machine: Machine,
     pub(crate) terms: Vec<EffectTerm>,
@@ -402,6 +403,7 @@ impl<'a> Search<'a> {
         let mut periodogram = self.periodogram.borrow_mut();
         named.extend(periodic::candidates(round, machine, self.campaign, &mut periodogram)?);
         named.extend(runs::candidate(round, machine, self.campaign)?);
+        named.extend(jumps::candidate(round, machine, self.campaign)?);
         Ok(named)
     }
 

@@ -3,8 +3,8 @@
 //!
 //! Place in the flow: beside the gate, whenever [`crate::search`] wants to adopt something. To leave a term out makes corrected points
 //! wrong by what it does to them (d); to take it in makes their variance grow. Taken in, the squares of the errors are
-//! smaller where d² is more than the growth. The difference that is seen holds the new uncertainty as well as the truth, so that
-//! twice the growth is asked for. Growth up to twice the standard uncertainty is let pass: only what the data do not tell costs
+//! smaller where d² is more than the growth. The difference that is seen holds the new uncertainty as well as the truth, and in few
+//! directions, so that four times the growth is asked for: what one direction exceeds by chance in one case of twenty. Growth up to twice the standard uncertainty is let pass: only what the data do not tell costs
 //! more. A rigid motion of all points is no error of theirs. Lengths in m.
 
 use crate::paired::{add, square, without};
@@ -23,7 +23,7 @@ const POINTS: usize = 150;
 /// Growth of the variance that needs no reason.
 const FREE_GROWTH: f64 = 4.0;
 /// Squared difference over the growth of the variance from which a term is worth it.
-const WORTH: f64 = 2.0;
+const WORTH: f64 = 4.0;
 
 /// Why the second model, which has these terms, is not worth its uncertainty beside the first; `None` where it is. What reads nothing
 /// that changes (a holder, a sag) is there or is not, and has to be found; what the plan leaves open of it stands in u.

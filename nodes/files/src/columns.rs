@@ -216,6 +216,7 @@ impl Header {
             NoNumber::Empty => "the cell is empty".to_owned(),
             NoNumber::Text => format!("{text:?} is not a number"),
             NoNumber::NotFinite => format!("{text:?} is not a finite number"),
+            NoNumber::TooLarge => format!("{text:?} is larger than anything measured"),
             NoNumber::Thousands => {
                 let problem = format!("{text:?} has marks between thousands");
                 return FileError::content(place, problem, "write numbers without them");

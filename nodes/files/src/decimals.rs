@@ -31,6 +31,9 @@ impl Mark {
     }
 }
 
+/// Magnitude beyond which nothing was measured, in any unit: squares and products of such numbers are still finite.
+const LARGEST: f64 = 1e30;
+
 /// A finite number, and what its cell tells of the file's mark.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Number {
@@ -50,6 +53,7 @@ pub(crate) enum NoNumber {
     Empty,
     Text,
     NotFinite,
+    TooLarge,
     /// Digits in groups of three, such as `1 234,5`.
     Thousands,
 }
@@ -61,7 +65,11 @@ pub(crate) fn number(cell: &[u8]) -> Result<Number, NoNumber> {
         return Err(NoNumber::Empty);
     }
     let text = std::str::from_utf8(cell).map_err(|_| NoNumber::Text)?;
-    let finite = |value: f64| if value.is_finite() { Ok(value) } else { Err(NoNumber::NotFinite) };
+    let finite = |value: f64| match value.is_finite() {
+        false => Err(NoNumber::NotFinite),
+        true if value.abs() > LARGEST => Err(NoNumber::TooLarge),
+        true => Ok(value),
+    };
     if let Ok(value) = text.parse::<f64>() {
         let value = finite(value)?;
         return Ok(if text.contains('.') { Number::Point(value) } else { Number::Whole(value) });

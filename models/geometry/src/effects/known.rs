@@ -6,7 +6,7 @@ use super::shape::{EffectError, Shape};
 use super::{
     Effect, acceleration, axis_term, carriage_sag, column_bow, dead_path, empirical, gimbal, gradient_bow, hysteresis,
     moisture_bow, outlying_run, periodic_scale, reflector_incidence, reflector_offset, refraction, reversal,
-    scale_expansion, speed_lag, station_drift, table_load, warm_up,
+    scale_expansion, scale_growth, speed_lag, station_drift, table_load, warm_up, zero_jump,
 };
 use crate::machine::Machine;
 
@@ -93,10 +93,12 @@ pub const REGISTRY: &[Known] = &[
     refraction::KNOWN,
     reversal::KNOWN,
     scale_expansion::KNOWN,
+    scale_growth::KNOWN,
     speed_lag::KNOWN,
     station_drift::KNOWN,
     table_load::KNOWN,
     warm_up::KNOWN,
+    zero_jump::KNOWN,
 ];
 
 /// The registered effect of that name.

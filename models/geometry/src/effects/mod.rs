@@ -28,10 +28,12 @@ mod reflector_offset;
 mod refraction;
 mod reversal;
 mod scale_expansion;
+mod scale_growth;
 mod speed_lag;
 mod station_drift;
 mod table_load;
 mod warm_up;
+mod zero_jump;
 
 pub use empirical::legendre;
 pub use known::{Construct, Known, Observed, REGISTRY, Refine, construct, known};

@@ -14,6 +14,8 @@ use faer::Mat;
 
 /// Length of a step, in standard deviations of the noise, from which nothing is left to gain.
 const SETTLED: f64 = 1e-3;
+/// The same where steps end without that: how near the minimum is, the certificate of the fit says.
+const NEAR: f64 = 0.1;
 /// Damping of the first step: the problem is nearly linear.
 const FIRST_DAMPING: f64 = 1e-6;
 /// Smallest damping: enough to hold what the kept points do not see, too little to slow down what they do.
@@ -102,8 +104,11 @@ pub(super) fn descend_at_scale(
             normal = problem.normal(&unknowns, &weights);
         }
     }
-    let remedy = "check the points for mixed-up offsets or readings";
     let steps = steps_before + MAX_STEPS;
+    if length < NEAR {
+        return Ok(Descent { unknowns, objective, scale, weights, steps });
+    }
+    let remedy = "check the points for mixed-up offsets or readings";
     Err(PointsError::NotConverged { method: "Levenberg-Marquardt", steps, largest_step: length, remedy })
 }
 

@@ -27,6 +27,8 @@ use std::ops::RangeInclusive;
 const START_DEGREES: RangeInclusive<usize> = 1..=8;
 /// Degree by which it is decided what a plate shows of an error: a bow.
 const BOW: usize = 2;
+/// Distance, in robust standard deviations, from which a point is a gross error: of normal ones, one in 10¹³.
+const GROSS: f64 = 8.0;
 /// Intervals of a spline where the machine file names none.
 const INTERVALS: usize = 9;
 /// Passes at most, and those in which the smoothness is chosen.
@@ -208,7 +210,12 @@ impl Data<'_> {
             Loss::Squares => (before.to_vec(), 1.0),
             Loss::Huber => {
                 let scale = problem.scale(unknowns).max(f64::MIN_POSITIVE);
-                (Loss::Huber.weights(&problem.squares(unknowns), unknowns.len(), scale), scale)
+                let squares = problem.squares(unknowns);
+                let mut weights = Loss::Huber.weights(&squares, unknowns.len(), scale);
+                // What is that far off is no tail of the noise: it would still pull, and its square would widen all uncertainties.
+                let is_gross = |square: f64| square.sqrt() > GROSS * scale;
+                weights.iter_mut().zip(squares).filter(|(_, s)| is_gross(*s)).for_each(|(weight, _)| *weight = 0.0);
+                (weights, scale)
             }
             Loss::Trimmed => {
                 let used = before.iter().filter(|weight| **weight > 0.0).count();

@@ -36,13 +36,13 @@ pub fn of_rejected(counted: Counted, causes: Vec<Cause>) -> Option<Finding> {
     if rejected == 0 {
         return None;
     }
-    let explained = most_of(all, HASTY);
-    let grade = match rejected {
-        few if few <= most_of(all, CAREFUL) => Grade::Message,
-        some if some <= explained => Grade::Warning,
-        _ => Grade::Refusal,
+    let [careful, hasty] = [CAREFUL, HASTY].map(|share| (share, most_of(all, share)));
+    let (grade, (share, explained)) = match rejected {
+        few if few <= careful.1 => (Grade::Message, careful),
+        some if some <= hasty.1 => (Grade::Warning, careful),
+        _ => (Grade::Refusal, hasty),
     };
-    Some(Finding { grade, subject: Subject::Rejected { what, rejected, all, explained }, causes })
+    Some(Finding { grade, subject: Subject::Rejected { what, rejected, all, share, explained }, causes })
 }
 
 /// As many of `all` as a probability explains.

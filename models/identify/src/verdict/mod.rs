@@ -67,7 +67,9 @@ pub enum Subject {
         rejected: usize,
         /// All.
         all: usize,
-        /// As many as 2 % of gross errors and chance give at the most.
+        /// Share of gross errors that decides on the grade.
+        share: f64,
+        /// As many as these and chance give at the most.
         explained: usize,
     },
     /// The residual differs from the declared noise.

@@ -21,11 +21,14 @@ impl fmt::Display for Finding {
 impl fmt::Display for Subject {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Subject::Rejected { what, rejected, all, explained } => {
-                let share = 100.0 * *rejected as f64 / (*all).max(1) as f64;
+            Subject::Rejected { what, rejected, all, share, explained } => {
+                let seen = 100.0 * *rejected as f64 / (*all).max(1) as f64;
+                let more = if rejected > explained { "more than" } else { "no more than" };
                 write!(
                     f,
-                    "{rejected} of {all} {what} ({share:.1} %) contradict the others; noise and 2 % of gross errors make at most {explained}"
+                    "{rejected} of {all} {what} ({seen:.1} %) contradict the others, {more} the {explained} of noise and {:.0} % of gross \
+                     errors",
+                    100.0 * share
                 )
             }
             Subject::Noise { ratio, chi2_per_dof } if *ratio > 1.0 => {

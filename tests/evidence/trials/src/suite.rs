@@ -36,7 +36,9 @@ const SINGLE: &[(&str, &str)] = &[
     ("drift", "station_drift rate_x_um_h=2* rate_y_um_h=1* rate_z_um_h=-1*"),
     ("incidence", "reflector_incidence size_um=0.5* looks_z=-1"),
     ("holders", "reflector_offset size_um=1* seed=$seed"),
+    ("jump", "zero_jump station=1 after_s=600 shift_um=2*"),
     ("moisture", "moisture_bow urad_per_m_percent=4*"),
+    ("screw", "screw axis=$axis growth_um_m=20* fixed_at_mm=0 time_constant_s=4000"),
     ("column", "column_bow axis=z toward=x urad_per_m_kelvin=20* lag_s=1500"),
 ];
 

@@ -7,8 +7,8 @@ use std::sync::{Arc, LazyLock};
 
 use abbe_virtual_machine::effects::{
     Acceleration, Backlash, Beam, CarriageSag, CarriageTwist, ColumnBow, Effect, Gimbal, GradientBow, Hysteresis,
-    LaggedExpansion, MoistureBow, Moment, PeriodicScale, ReflectorIncidence, Refraction, ScaleExpansion, SpeedLag,
-    StationDrift, TableLoad, Undescribed, WarmUp, Wear,
+    LaggedExpansion, MoistureBow, Moment, PeriodicScale, ReflectorIncidence, Refraction, ScaleExpansion, Screw,
+    SpeedLag, StationDrift, TableLoad, Undescribed, WarmUp, Wear,
 };
 use abbe_virtual_machine::environment::{Environment, EnvironmentConfig, EnvironmentState};
 use abbe_virtual_machine::instrument::InstrumentConfig;
@@ -54,6 +54,17 @@ fn beam(toward_reflector: [f64; 3]) -> Beam {
 
 fn assert_close(found: f64, wanted: f64) {
     assert!((found - wanted).abs() < TINY, "{found} is not {wanted}");
+}
+
+#[test]
+fn a_screw_grows_away_from_its_bearing() {
+    let screw = Screw { axis: Axis::Y, growth: 50e-6, fixed_at_m: 0.1, time_constant_s: 1800.0 };
+    assert_close(joints(&screw, &calm()).linear_m[1][1], 0.0);
+    let warm = Moment { time_s: 1800.0, ..calm() };
+    assert_close(
+        joints(&screw, &warm).linear_m[1][1],
+        50e-6 * 0.2 * (0.7 * 0.632_120_558_828_557_7 + 0.3 * 0.221_199_216_928_595_1),
+    );
 }
 
 #[test]

@@ -169,6 +169,7 @@ fn effects_of_the_set_up_leave_the_true_tip_alone_and_those_of_the_machine_move_
                 | "reflector_offset"
                 | "refraction"
                 | "station_drift"
+                | "zero_jump"
         );
         let points = verification_points(&config(vec![effect]), 60, 2).unwrap();
         let same = clean.iter().zip(&points).all(|(a, b)| a.actual_m == b.actual_m);

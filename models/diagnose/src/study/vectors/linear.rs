@@ -1,6 +1,6 @@
-//! Scales and squareness of the axes that a plate spans: what is named before any smooth form.
+//! Scales and squareness of the axes that positions span: what is named before any smooth form.
 //!
-//! Place in the flow: candidates of the study of vectors on a plane. Error = actual − indicated, first order:
+//! Place in the flow: candidates of the study of vectors on a plane or in the volume of a machine. Error = actual − indicated, first order:
 //! scale of X (the straight part of E_XX) s moves a point by s·x along X; squareness such as C0Y, which tilts the axis
 //! t about the axis a, by θ·(a × t)·t. Half of the latter is a turn of the whole, which belongs to the unknown pose;
 //! columns are without that half, so that the parameter is the angle and acts on both components alike. SI.
@@ -72,7 +72,11 @@ impl Named {
                 format!("e_{} = {}{} {}", across(angle).lower(), sign(angle), angle.name, angle.tilts.lower()),
                 angle.name.clone(),
                 "rad",
-                "turn the plate by 90 degrees in its plane".to_owned(),
+                format!(
+                    "measure a square, or a plate also turned by 90 degrees, along {} and {}",
+                    across(angle).letter(),
+                    angle.tilts.letter()
+                ),
             ),
         };
         Candidate {
@@ -114,7 +118,7 @@ impl Named {
     }
 }
 
-/// What no plate in these axes tells, with what would.
+/// What positions along these axes do not tell, with what would.
 pub(super) fn unseen(axes: &[Axis], machine: Option<&Machine>) -> Vec<(String, String)> {
     let letters: String = axes.iter().map(|axis| axis.letter()).collect();
     let mut all: Vec<(String, String)> = Vec::new();

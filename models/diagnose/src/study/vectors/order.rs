@@ -41,6 +41,24 @@ pub(super) fn of_position(quantities: &[Quantity], components: &[usize], sigma_m
     columns
 }
 
+/// Polynomials of each position by itself (m) on these components.
+pub(super) fn of_each_position(quantities: &[Quantity], components: &[usize], sigma_m: &[[f64; 3]]) -> Mat<f64> {
+    let own: Vec<&Quantity> = quantities.iter().filter(|quantity| POSITION.contains(&quantity.name.as_str())).collect();
+    let degree = HIGHEST.min(sigma_m.len() / 3 / own.len().max(1));
+    let mut columns = Mat::zeros(3 * sigma_m.len(), components.len() * own.len() * degree);
+    for (place, d) in components.iter().enumerate() {
+        for (q, quantity) in own.iter().enumerate() {
+            for power in 1..=degree {
+                let j = (place * own.len() + q) * degree + power - 1;
+                for (k, sigma_m) in sigma_m.iter().enumerate() {
+                    columns[(3 * k + d, j)] = quantity.powers[power][k] / sigma_m[*d];
+                }
+            }
+        }
+    }
+    columns
+}
+
 /// Exponents of all products of total degree 1 to `degree` of so many quantities.
 fn exponents(quantities: usize, degree: usize) -> Vec<Vec<usize>> {
     let mut all = vec![Vec::new()];

@@ -328,6 +328,16 @@ impl Study for Vectors<'_> {
         }
     }
 
+    /// Beside an effect of position alone: what each position does by itself, which is straightness, positioning and squareness.
+    fn simpler(&self, candidate: usize) -> Mat<f64> {
+        match &self.parts[candidate] {
+            Part::Registered(registered) if registered.is_of_position() => {
+                order::of_each_position(&self.quantities, &self.moved(candidate), &self.sigma_m)
+            }
+            _ => Mat::zeros(0, 0),
+        }
+    }
+
     fn position_beside(&self, candidate: usize) -> Mat<f64> {
         match self.passes(candidate) {
             true => order::of_position(&self.quantities, &self.moved(candidate), &self.sigma_m),

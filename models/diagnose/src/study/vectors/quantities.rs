@@ -36,7 +36,9 @@ pub(super) fn quantities(vectors: &[ResidualVector]) -> (Vec<Quantity>, Vec<Unte
     }
     add(TIME, vectors.iter().map(|vector| vector.time_s).collect());
     let names: BTreeSet<&String> = vectors.iter().flat_map(|vector| vector.covariates.keys()).collect();
-    for name in names {
+    // The first of many are tried in pairs: signs of direction tell the least there.
+    let (signs, others): (Vec<&String>, Vec<&String>) = names.into_iter().partition(|name| name.starts_with("dir_"));
+    for name in others.into_iter().chain(signs) {
         add(name, vectors.iter().map(|vector| vector.covariates.get(name).copied()).collect());
     }
     (quantities, untestable)

@@ -33,6 +33,13 @@ pub(super) struct Registered {
     pub(super) candidate: Candidate,
 }
 
+impl Registered {
+    /// Whether it reads the position and nothing else, and has a form of its own there.
+    pub(super) fn is_of_position(&self) -> bool {
+        self.effect.name() != SCANNED && self.candidate.covariates.is_empty()
+    }
+}
+
 /// What one vector logged, for effects; times count from the first.
 pub(super) struct Logged<'a> {
     pub(super) vector: &'a ResidualVector,
@@ -159,7 +166,7 @@ fn candidate(entry: &'static Known, shape: &Shape, effect: &dyn Effect) -> Candi
         parameters: effect.parameters(),
         decided_by: entry.decided_by.to_owned(),
         essential: effect.essential().to_vec(),
-        stands_apart: entry.name == SCANNED,
+        stands_apart: entry.name == SCANNED || effect.covariates().is_empty(),
         comes_first: false,
     }
 }

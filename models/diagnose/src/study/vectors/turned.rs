@@ -197,6 +197,11 @@ impl Study for Turned<'_> {
         columns
     }
 
+    fn simpler(&self, candidate: usize) -> Mat<f64> {
+        let simpler = self.inner.simpler(candidate);
+        if simpler.ncols() == 0 { simpler } else { self.turned(&simpler) }
+    }
+
     fn chains(&self) -> &[Chain] {
         &self.chains
     }
@@ -267,7 +272,12 @@ impl Study for Turned<'_> {
     }
 
     fn hidden(&self) -> Vec<String> {
-        self.inner.hidden()
+        let axes: Vec<String> = self.inner.poses.axes().iter().map(|axis| axis.letter().to_string()).collect();
+        let scale = format!(
+            "a scale that {} have in common: the plate's own scale is one of the unknowns, and a calibrated length tells it",
+            axes.join(" and ")
+        );
+        self.inner.hidden().into_iter().chain([scale]).collect()
     }
 
     fn untestable(&self) -> Vec<Untestable> {

@@ -24,6 +24,7 @@ mod refraction;
 mod registry;
 mod sag;
 mod scale_expansion;
+mod screw;
 mod speed_lag;
 mod station_drift;
 mod table_load;
@@ -31,6 +32,7 @@ mod text;
 mod undescribed;
 mod warm_up;
 mod wear;
+mod zero_jump;
 
 use std::fmt::Debug;
 
@@ -53,12 +55,14 @@ pub use refraction::Refraction;
 pub use registry::{examples, from_text};
 pub use sag::CarriageSag;
 pub use scale_expansion::ScaleExpansion;
+pub use screw::Screw;
 pub use speed_lag::SpeedLag;
 pub use station_drift::StationDrift;
 pub use table_load::TableLoad;
 pub use undescribed::Undescribed;
 pub use warm_up::WarmUp;
 pub use wear::Wear;
+pub use zero_jump::ZeroJump;
 
 use crate::environment::{Environment, EnvironmentState, SENSOR_NAMES};
 use crate::error::SimulationError;

@@ -10,7 +10,7 @@ use super::text::{Key, Values, given, or_zero};
 use super::{
     Acceleration, Backlash, CarriageSag, CarriageTwist, ColumnBow, DeadPath, Effect, Gimbal, GradientBow, Hysteresis,
     LaggedExpansion, MoistureBow, Onset, OutlyingRun, PeriodicScale, ReflectorIncidence, ReflectorOffset, Refraction,
-    ScaleExpansion, SpeedLag, StationDrift, TableLoad, Undescribed, WarmUp, Wear,
+    ScaleExpansion, Screw, SpeedLag, StationDrift, TableLoad, Undescribed, WarmUp, Wear, ZeroJump,
 };
 use crate::error::SimulationError;
 
@@ -170,6 +170,16 @@ const ENTRIES: &[Entry] = &[
         },
     },
     Entry {
+        name: "screw",
+        keys: &[given("axis"), given("growth_um_m"), or_zero("fixed_at_mm"), given("time_constant_s")],
+        example: "screw axis=x growth_um_m=30 fixed_at_mm=0 time_constant_s=2400",
+        make: |v| {
+            let (growth, fixed_at_m) = (v.number("growth_um_m")? * MICRO, v.number("fixed_at_mm")? * MILLI);
+            let time_constant_s = v.number("time_constant_s")?;
+            Ok(Arc::new(Screw { axis: v.axis("axis")?, growth, fixed_at_m, time_constant_s }))
+        },
+    },
+    Entry {
         name: "speed_lag",
         keys: &[given("axis"), given("lag_us")],
         example: "speed_lag axis=x lag_us=30",
@@ -228,6 +238,15 @@ const ENTRIES: &[Entry] = &[
             let (size_m, at_m) = (v.number("size_um")? * MICRO, v.number("at_mm")? * MILLI);
             let (axis, across, width_m) = (v.axis("axis")?, v.axis("across")?, v.number("width_mm")? * MILLI);
             Ok(Arc::new(Wear { axis, across, size_m, at_m, width_m }))
+        },
+    },
+    Entry {
+        name: "zero_jump",
+        keys: &[given("station"), given("after_s"), given("shift_um")],
+        example: "zero_jump station=1 after_s=300 shift_um=5",
+        make: |v| {
+            let (station, after_s) = (v.count("station")?, v.number("after_s")?);
+            Ok(Arc::new(ZeroJump { station, after_s, shift_m: v.number("shift_um")? * MICRO }))
         },
     },
 ];

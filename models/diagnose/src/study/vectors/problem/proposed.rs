@@ -35,9 +35,9 @@ impl Vectors<'_> {
         Ok(())
     }
 
-    /// Scales and squareness of the plane; nothing where positions fill a volume.
+    /// Scales and squareness of the axes that positions span.
     pub(super) fn add_named(&mut self, is_scale_unknown: bool) {
-        if !self.poses.is_plate() {
+        if !self.has_names() {
             return;
         }
         let axes = self.poses.axes();
@@ -51,6 +51,7 @@ impl Vectors<'_> {
                 self.parts.push(Part::Named(named));
             }
         }
+        // None in a volume.
         let unseen = unseen(&axes, self.machine).into_iter();
         self.untestable.extend(unseen.map(|(name, needs)| Untestable { name, needs }));
     }
@@ -112,10 +113,17 @@ impl Vectors<'_> {
         self.parts.retain(|_| kept.next().is_some_and(|is_kept| *is_kept));
     }
 
+    /// Whether what is straight in a position has a name: on a plate, and in the volume of a machine with linear axes. A robot, whose
+    /// joints are logged, has neither scales nor squareness.
+    fn has_names(&self) -> bool {
+        let is_joint = |quantity: &Quantity| quantity.name.ends_with("_deg");
+        self.poses.is_plate() || self.machine.is_some() || !self.quantities.iter().any(is_joint)
+    }
+
     /// Whether the straight line in a quantity has a name: scale, squareness or a turn of the pose.
     fn is_spanned(&self, quantity: usize) -> bool {
         let is_own = |axis: &Axis| POSITION[axis.index()] == self.quantities[quantity].name;
-        self.poses.is_plate() && self.poses.axes().iter().any(is_own)
+        self.has_names() && self.poses.axes().iter().any(is_own)
     }
 
     fn smooth_candidate(&self, bent: &Bent, axis: Axis) -> Candidate {

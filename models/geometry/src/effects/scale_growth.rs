@@ -1,0 +1,100 @@
+//! Growth of a scale with time: a ball screw that its own friction warms, or a scale that follows what nobody logged.
+//!
+//! Formula: e = (g·r + s)·(1 − e^(−t/τ)) along the axis, r the reading (m), t the time since the campaign began (s), τ the time constant
+//! (s). g is the growth in the end, −s/g where the scale is fixed. Input: `time_s`. Screws grow by 20–100 µm a metre within one
+//! to two hours (Bryan 1990; Mayr et al. 2012); of a time constant as long as the campaign little but a straight line is seen.
+
+use super::known::{Known, Observed, Refine};
+use super::shape::{EffectError, Reader, Shape};
+use super::{Acts, CovariateProblem, Effect, Motion, ParameterSpec, State};
+use crate::axis::{Axis, ErrorId};
+use crate::machine::Machine;
+
+/// Entry in the registry.
+pub(super) const KNOWN: Known = Known {
+    name: "scale_growth",
+    title: "growth of a scale with time",
+    formula: "e = (growth r + shift) (1 - exp(-t / tau)) along the axis, t since the campaign began",
+    typical: "20-100 um/m of a ball screw within hours",
+    source: "Bryan 1990, International status of thermal error research; Mayr et al. 2012, Thermal issues in machine tools",
+    needs: "time_s, and positions that do not follow the time",
+    decided_by: "repeat some lines along the axis throughout the campaign, start once more from cold, or log the temperature of the screw",
+    construct,
+    propose,
+    refine: Some(Refine { key: "tau_s", ratio: RATIO }),
+};
+/// Ratio of neighbouring time constants: their curves still overlap enough for refinement to find what lies between.
+const RATIO: f64 = 2.1;
+/// Time constants tested, from the whole campaign downwards.
+const TESTED: i32 = 4;
+
+#[derive(Debug)]
+struct ScaleGrowth {
+    axis: Axis,
+    tau_s: f64,
+}
+
+fn construct(shape: &Shape, _machine: &Machine) -> Result<Box<dyn Effect>, EffectError> {
+    let mut reader = Reader::new(KNOWN.name, shape);
+    let effect = ScaleGrowth { axis: reader.axis("axis")?, tau_s: reader.positive("tau_s")? };
+    reader.finish()?;
+    Ok(Box::new(effect))
+}
+
+fn propose(observed: &Observed) -> Vec<Shape> {
+    let duration_s = observed.time_s.1 - observed.time_s.0;
+    if !observed.varies("time_s") || duration_s.is_nan() || duration_s <= 0.0 {
+        return Vec::new();
+    }
+    let shape =
+        |axis: Axis, k: i32| Shape::new().text("axis", axis.lower()).number("tau_s", duration_s / RATIO.powi(k));
+    Axis::ALL.into_iter().flat_map(|axis| (0..TESTED).map(move |k| shape(axis, k))).collect()
+}
+
+impl Effect for ScaleGrowth {
+    fn name(&self) -> &'static str {
+        KNOWN.name
+    }
+
+    fn covariates(&self) -> Vec<String> {
+        vec!["time_s".to_owned()]
+    }
+
+    fn parameters(&self) -> Vec<ParameterSpec> {
+        vec![ParameterSpec::new("growth", "1", 300e-6), ParameterSpec::new("shift", "m", 300e-6)]
+    }
+
+    /// Without a growth it is the tip that creeps.
+    fn essential(&self) -> &'static [usize] {
+        &[0]
+    }
+
+    fn motion(&self, state: &State, part: &mut Motion) -> Result<(), CovariateProblem> {
+        // −expm1 keeps the digits of the first seconds.
+        let grown = -(-state.covariate("time_s")? / self.tau_s).exp_m1();
+        let along = Acts::Error(ErrorId::linear(self.axis, self.axis));
+        part(0, along, state.reading_m[self.axis.index()] * grown);
+        part(1, along, grown);
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::{One, machine, tip_m};
+    use super::*;
+    use nalgebra::Vector3;
+
+    #[test]
+    fn a_screw_fixed_in_the_middle_pushes_both_ends_away() {
+        let shape = Shape::new().text("axis", "y").number("tau_s", 3600.0);
+        let effect = construct(&shape, &machine()).unwrap();
+        let at = |y_m: f64, time_s: f64| {
+            let state = State { reading_m: [0.2, y_m, 0.1], offset_m: [0.0; 3], covariates: &One(time_s) };
+            tip_m(effect.as_ref(), &state, &[50e-6, -20e-6])
+        };
+        assert_eq!(at(0.7, 0.0), Vector3::zeros());
+        assert!((at(0.8, 1e6) - Vector3::new(0.0, 20e-6, 0.0)).norm() < 1e-15);
+        assert!((at(0.0, 3600.0) - Vector3::new(0.0, -20e-6 * 0.632_120_558_8, 0.0)).norm() < 1e-14);
+    }
+}
