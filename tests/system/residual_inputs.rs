@@ -146,6 +146,12 @@ fn a_temperature_as_input_takes_the_error_away_and_the_uncertainty_holds() {
     assert_says(&said, &["x_m y_m z_m temp_air_c", "kriging (position alone)", "recommended       kriging: "]);
 }
 
+/// What training wrote of its evidence into the model.
+fn validation(file: &str) -> Value {
+    let file: Value = serde_json::from_str(file).unwrap();
+    file["residual"]["validation"].clone()
+}
+
 #[test]
 fn single_vectors_that_contradict_all_others_teach_nothing_and_are_named() {
     let bench = bench();
@@ -164,12 +170,11 @@ fn single_vectors_that_contradict_all_others_teach_nothing_and_are_named() {
         &["gross.csv: 2 of", "contradict all others and are left out", "temp_air_c", "y is +6", "um off"],
     );
     assert_says(&ran.ok(), &["left out          2 that contradict all others"]);
-    let [spoilt, clean]: [Value; 2] =
-        ["gross.json", "warm.json"].map(|file| serde_json::from_str(&bench.read(file)).unwrap());
-    assert_eq!(spoilt["validation"]["left_out"].as_array().unwrap().len(), 2);
-    assert!(clean["validation"].get("left_out").is_none());
-    let mse = |file: &Value| {
-        let methods = file["validation"]["held_out"].as_array().unwrap();
+    let [spoilt, clean]: [Value; 2] = ["gross.json", "warm.json"].map(|file| validation(&bench.read(file)));
+    assert_eq!(spoilt["left_out"].as_array().unwrap().len(), 2);
+    assert!(clean.get("left_out").is_none());
+    let mse = |validation: &Value| {
+        let methods = validation["held_out"].as_array().unwrap();
         let own = methods.iter().find(|scores| scores["method"] == "kriging").unwrap();
         own["scores"]["mse_um2"].as_f64().unwrap()
     };

@@ -67,13 +67,18 @@ pub fn diagnose(
     }
     let mut ended = Ended::of(&search, &state, (&alike, &base), judged.unseen.as_ref(), observe)?;
     let added: Vec<EffectTerm> = state.terms.iter().filter(|term| !has(&base, term)).cloned().collect();
-    if let Some(because) = worth::refusal(&added, &before.model, &ended.model, campaign) {
-        let because = format!("all that was found together: {because}");
+    let is_outdone = !added.is_empty() && ended.machine_step.as_ref().is_some_and(|step| step.outdoes_found);
+    let because = match is_outdone {
+        true => Some("a step of the machine explains more than all that was found together".to_owned()),
+        false => worth::refusal(&added, &before.model, &ended.model, campaign)
+            .map(|because| format!("all that was found together: {because}")),
+    };
+    if let Some(because) = because {
         let mut without = state.clone();
         without.withdraw(start, &because);
         let plain = Ended::of(&search, &without, (&first, &base), None, observe)?;
         // What is not told of the machine without it costs as well.
-        if worth::refusal(&added, &plain.model, &ended.model, campaign).is_some() {
+        if is_outdone || worth::refusal(&added, &plain.model, &ended.model, campaign).is_some() {
             (state, ended) = (without, plain);
             judged =
                 Judged { not_adopted: Some(because), unseen: None, unseen_missing: Some(NOTHING.to_owned()), ..judged };
@@ -88,11 +93,7 @@ pub fn diagnose(
     let last = state.round.clone();
     let detection_after = noise::detect(&last, campaign, &state.fit.evidence);
     let enriched = state.is_enriched();
-    let mut found = found(&search, &state, &base, without.iter().zip(competing))?;
-    // A step that explains more than all of them: none is the cause.
-    if machine_step.as_ref().is_some_and(|step| step.outdoes_found) {
-        found.iter_mut().for_each(|found| found.kind = Kind::Empirical);
-    }
+    let found = found(&search, &state, &base, without.iter().zip(competing))?;
     let not_identifiable = alias::not_identifiable(&last, &state.fit.model, &named)?;
     let untestable = alias::untestable(&state.machine, &search.context);
     let mut next_measurements = next_measurements(&found, &not_identifiable, &untestable);

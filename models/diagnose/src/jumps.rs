@@ -23,11 +23,10 @@ pub(crate) fn candidate(
 ) -> Result<Option<Candidate>, DiagnoseError> {
     let Some(known) = known("zero_jump") else { return Ok(None) };
     let jumps = jumps(campaign);
-    let column = |(station, lines): &(usize, Vec<usize>)| {
+    let column = |jump: &(usize, f64)| {
         let is_off = |k: usize| {
             let reading = &campaign.readings[k];
-            let is_after = reading.station as usize == *station && lines.contains(&(reading.line as usize));
-            is_after && round.rows.whitening[k] > 0.0
+            reading.station as usize == jump.0 && reading.time_s >= jump.1 && round.rows.whitening[k] > 0.0
         };
         let mut column = Mat::from_fn(round.rows.len(), 1, |k, _| if is_off(k) { 1.0 } else { 0.0 });
         round.rows.whiten(column.col_as_slice_mut(0));
@@ -38,26 +37,25 @@ pub(crate) fn candidate(
     let scores = groups.map(|group| (round.score(&group), group.absorbed()));
     let best = scores.enumerate().max_by(|a, b| a.1.0.reduction.total_cmp(&b.1.0.reduction));
     let Some((place, (score, absorbed))) = best else { return Ok(None) };
-    let (station, lines) = &jumps[place];
-    let names: Vec<String> = lines.iter().map(|line| campaign.lines[*line].clone()).collect();
-    let shape = Shape::new().text("station", &campaign.stations[*station]).texts("lines", &names);
+    let (station, after_s) = jumps[place];
+    let shape = Shape::new().text("station", &campaign.stations[station]).number("after_s", after_s);
     let term = EffectTerm::new(known.name, shape, machine)?;
     Ok(Some(Candidate { known, term, score, trials: jumps.len(), absorbed, rest: None }))
 }
 
-/// Stations with the lines after each pause, in the order of measurement.
-fn jumps(campaign: &Campaign) -> Vec<(usize, Vec<usize>)> {
+/// Stations with the instants of their pauses between lines (s): half-way between the last reading of one and the first of the next.
+fn jumps(campaign: &Campaign) -> Vec<(usize, f64)> {
     let mut all = Vec::new();
     for station in 0..campaign.stations.len() {
-        let mut lines: Vec<usize> = Vec::new();
-        for reading in campaign.readings.iter().filter(|reading| reading.station as usize == station) {
-            let line = reading.line as usize;
-            if !lines.contains(&line) {
-                lines.push(line);
+        let own = campaign.readings.iter().filter(|reading| reading.station as usize == station);
+        let mut pauses: Vec<f64> = Vec::new();
+        for (last, next) in own.clone().zip(own.skip(1)) {
+            if last.line != next.line && last.time_s < next.time_s {
+                pauses.push(0.5 * (last.time_s + next.time_s));
             }
         }
-        let places = LEAST_LINES..(lines.len() + 1).saturating_sub(LEAST_LINES);
-        all.extend(places.map(|first| (station, lines[first..].to_vec())));
+        let inner = pauses.len().saturating_sub(1).max(LEAST_LINES - 1);
+        all.extend(pauses.get(LEAST_LINES - 1..inner).into_iter().flatten().map(|after_s| (station, *after_s)));
     }
     all
 }

@@ -31,7 +31,8 @@ fn regress_a_step_of_squareness_is_said_and_covered() {
         assert!(!judged.diagnosis.consistent_with_noise);
         let (before, after) = judged.outcome().inside;
         assert!(after.covered > 0.95 && after.worst_axis > 0.93, "{machine} {form} {seed}: {before:?} {after:?}");
-        assert!(after.rms_m < 1.05 * before.rms_m, "{machine} {form} {seed}: {before:?} {after:?}");
+        let found = || judged.diagnosis.found.iter().map(|f| (f.name, &f.shape, f.size_m)).collect::<Vec<_>>();
+        assert!(after.rms_m < 1.05 * before.rms_m, "{machine} {form} {seed}: {before:?} {after:?} {:?}", found());
     }
 }
 

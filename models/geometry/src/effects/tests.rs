@@ -95,7 +95,7 @@ pub(crate) fn shapes(entry: &Known, machine: &Machine) -> Vec<Shape> {
         let table = Shape::new().text("axis", "x").numbers("places_m", &[0.1, 0.25, 0.5]);
         let table = table.text("sign", "dir_x").text("by", "time_s").number("by_zero", 0.0).number("by_unit", 60.0);
         let side = Shape::new().text("axis", "x").text("side", "dir_x_over_12000um");
-        let jump = Shape::new().text("station", "S1").texts("lines", &["S1-00".to_owned()]);
+        let jump = Shape::new().text("station", "S1").number("after_s", 0.0);
         shapes = vec![axis, smooth, run, table, side, jump];
         shapes.retain(|shape| (entry.construct)(shape, machine).is_ok());
     }

@@ -1,8 +1,7 @@
 //! Jump of the zero of a tracer: its beam was interrupted for a moment, and from then on all its ranges are off by the same amount.
 //!
-//! Formula: range += step on the readings of these lines, the last ones of a station, nothing on all others. Inputs: names of
-//! station and line. Typical 1–50 µm. It says nothing about the machine: what is right is to give the station a name of its own from there on,
-//! or to measure these lines again.
+//! Formula: range += step on the readings of one station from a time on. Inputs: name of the station, `time_s` since the campaign
+//! began. Typical 1–50 µm. It says nothing about the machine: what is right is to give the station a name of its own from there on.
 
 use super::known::{Known, Observed};
 use super::shape::{EffectError, Reader, Shape};
@@ -13,10 +12,10 @@ use crate::machine::Machine;
 pub(super) const KNOWN: Known = Known {
     name: "zero_jump",
     title: "jump of the zero of a tracer",
-    formula: "range += step on the last lines of one station",
+    formula: "range += step on the readings of one station from a time on",
     typical: "1-50 um",
     source: "loss of counts of an incremental interferometer",
-    needs: "several lines of a station before and after",
+    needs: "time_s, and several lines of a station before and after",
     decided_by: "measure the first lines of that station again at its end",
     construct,
     propose,
@@ -26,12 +25,12 @@ pub(super) const KNOWN: Known = Known {
 #[derive(Debug)]
 struct ZeroJump {
     station: String,
-    lines: Vec<String>,
+    after_s: f64,
 }
 
 fn construct(shape: &Shape, _machine: &Machine) -> Result<Box<dyn Effect>, EffectError> {
     let mut reader = Reader::new(KNOWN.name, shape);
-    let effect = ZeroJump { station: reader.text("station")?.to_owned(), lines: reader.texts("lines")?.to_vec() };
+    let effect = ZeroJump { station: reader.text("station")?.to_owned(), after_s: reader.number("after_s")? };
     reader.finish()?;
     Ok(Box::new(effect))
 }
@@ -46,16 +45,16 @@ impl Effect for ZeroJump {
         KNOWN.name
     }
 
-    fn runs(&self) -> Vec<String> {
-        self.lines.clone()
+    fn range_covariates(&self) -> Vec<String> {
+        vec!["time_s".to_owned()]
     }
 
     fn parameters(&self) -> Vec<ParameterSpec> {
         vec![ParameterSpec::new("step", "m", 1e-3)]
     }
 
-    fn range(&self, _state: &State, sight: &Sight, part: &mut dyn FnMut(usize, f64)) -> Result<(), CovariateProblem> {
-        if sight.station == self.station && self.lines.iter().any(|line| line == sight.line) {
+    fn range(&self, state: &State, sight: &Sight, part: &mut dyn FnMut(usize, f64)) -> Result<(), CovariateProblem> {
+        if sight.station == self.station && state.covariate("time_s")? >= self.after_s {
             part(0, 1.0);
         }
         Ok(())
@@ -70,15 +69,14 @@ mod tests {
     use nalgebra::Vector3;
 
     #[test]
-    fn what_comes_after_is_off_and_nothing_before() {
-        let lines = ["S1-02", "S1-03"].map(str::to_owned);
-        let shape = Shape::new().text("station", "S1").texts("lines", &lines);
+    fn what_comes_after_at_that_station_is_off() {
+        let shape = Shape::new().text("station", "S1").number("after_s", 600.0);
         let effect = construct(&shape, &machine()).unwrap();
-        let state = State { reading_m: [0.3; 3], offset_m: [0.0; 3], covariates: &One(0.0) };
-        let read = |line: &str| {
-            let sight = Sight { station: "S1", line, ray: Ray { direction: Vector3::x(), range_m: 1.0 } };
+        let read = |station: &str, time_s: f64| {
+            let state = State { reading_m: [0.3; 3], offset_m: [0.0; 3], covariates: &One(time_s) };
+            let sight = Sight { station, line: "1", ray: Ray { direction: Vector3::x(), range_m: 1.0 } };
             range_m(effect.as_ref(), &state, &sight, &[-8e-6])
         };
-        assert_eq!((read("S1-01"), read("S1-02"), read("S1-03")), (0.0, -8e-6, -8e-6));
+        assert_eq!((read("S1", 599.0), read("S1", 600.0), read("S2", 900.0)), (0.0, -8e-6, 0.0));
     }
 }
