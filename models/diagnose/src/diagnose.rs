@@ -77,8 +77,12 @@ pub fn diagnose(
         let mut without = state.clone();
         without.withdraw(start, &because);
         let plain = Ended::of(&search, &without, (&first, &base), None, observe)?;
-        // What is not told of the machine without it costs as well.
-        if is_outdone || worth::refusal(&added, &plain.model, &ended.model, campaign).is_some() {
+        let is_refused = match is_outdone {
+            true => plain.machine_step.is_some(),
+            // What is not told of the machine without it costs as well.
+            false => worth::refusal(&added, &plain.model, &ended.model, campaign).is_some(),
+        };
+        if is_refused {
             (state, ended) = (without, plain);
             judged =
                 Judged { not_adopted: Some(because), unseen: None, unseen_missing: Some(NOTHING.to_owned()), ..judged };
@@ -93,7 +97,11 @@ pub fn diagnose(
     let last = state.round.clone();
     let detection_after = noise::detect(&last, campaign, &state.fit.evidence);
     let enriched = state.is_enriched();
-    let found = found(&search, &state, &base, without.iter().zip(competing))?;
+    let mut found = found(&search, &state, &base, without.iter().zip(competing))?;
+    // A step that explains more than all of them: none is the cause.
+    if machine_step.as_ref().is_some_and(|step| step.outdoes_found) {
+        found.iter_mut().for_each(|found| found.kind = Kind::Empirical);
+    }
     let not_identifiable = alias::not_identifiable(&last, &state.fit.model, &named)?;
     let untestable = alias::untestable(&state.machine, &search.context);
     let mut next_measurements = next_measurements(&found, &not_identifiable, &untestable);
