@@ -4,8 +4,8 @@
 //! Place in the flow: beside the gate, whenever [`crate::search`] wants to adopt something. To leave a term out makes corrected points
 //! wrong by what it does to them (d); to take it in makes their variance grow. Taken in, the squares of the errors are
 //! smaller where d² is more than the growth. The difference that is seen holds the new uncertainty as well as the truth, and in few
-//! directions, so that four times the growth is asked for: what one direction exceeds by chance in one case of twenty. Growth up to twice the standard uncertainty is let pass: only what the data do not tell costs
-//! more. A rigid motion of all points is no error of theirs. Lengths in m.
+//! directions, so that four times the growth is asked for: what one direction exceeds by chance in one case of twenty. Growth up to
+//! twice the standard uncertainty is let pass: only what the data do not tell costs more. A rigid motion of all points is no error of theirs. Lengths in m.
 
 use crate::paired::{add, square, without};
 use abbe_geometry::Vector3;

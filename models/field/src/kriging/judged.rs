@@ -1,7 +1,7 @@
 //! Kriging of vectors that were held against each other.
 //!
-//! Place in the flow: what `abbe interpolate` answers with, and what residual models are trained on. [`super::gross`] accuses vectors; here each stands trial against the
-//! fit without any accused: it is left out if what was measured there is further than six deviations from what that predicts,
+//! Place in the flow: what `abbe interpolate` answers with, and what residual models are trained on. [`super::gross`] accuses vectors;
+//! here each stands trial against the fit without any accused: it is left out if what was measured there is further than six deviations from what that predicts,
 //! declared uncertainty and scatter included, and improbable by chance among so many vectors (Student's t). What belongs to a
 //! feature of the field that several neighbouring vectors show stays. Many such vectors are no accidents, and then nothing is
 //! answered. The rest is fitted again; by how much it scatters beyond its declared uncertainty, is told.
