@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 
 const EFFECTS: &str = "models/geometry/src/effects";
 /// What effects share, beside them.
-const SHARED_BY_EFFECTS: [&str; 5] = ["arch", "known", "shape", "source", "tests"];
+const SHARED_BY_EFFECTS: [&str; 6] = ["arch", "growth", "known", "shape", "source", "tests"];
 /// Effects that propose no shapes of their own: the search that finds a period, a line or a dependence names them.
 const FOUND_BY_A_SEARCH: [&str; 5] = ["axis_term", "empirical", "outlying_run", "periodic_scale", "zero_jump"];
 const EXPORTS: &str = "nodes/files/src/export";

@@ -7,7 +7,7 @@ use crate::context::Context;
 use crate::error::DiagnoseError;
 use crate::linear::{Linear, Projected, joined};
 use crate::score::{Score, score};
-use abbe_geometry::effects::{Known, REGISTRY, Shape};
+use abbe_geometry::effects::{Known, REGISTRY, Shape, known};
 use abbe_geometry::machine::Machine;
 use abbe_geometry::model::FittedEffect;
 use abbe_identify::{EffectTerm, Identified, Rows};
@@ -128,6 +128,23 @@ pub(crate) fn score_all(
         Candidate { known, term, score, trials, absorbed, rest }
     };
     Ok(terms.into_iter().zip(projected).map(scored).collect())
+}
+
+/// The best of constants on the ranges, each a column that is not whitened, with the shape that the effect of this name has for it.
+pub(crate) fn best_constant(
+    round: &Round,
+    (name, machine): (&str, &Machine),
+    mut columns: Vec<Mat<f64>>,
+    shape: impl Fn(usize) -> Shape,
+) -> Result<Option<Candidate>, DiagnoseError> {
+    let Some(known) = known(name) else { return Ok(None) };
+    columns.iter_mut().for_each(|column| round.rows.whiten(column.col_as_slice_mut(0)));
+    let groups = round.free.project_all(&columns).into_iter();
+    let scores = groups.map(|group| (round.score(&group), group.absorbed()));
+    let best = scores.enumerate().max_by(|a, b| a.1.0.reduction.total_cmp(&b.1.0.reduction));
+    let Some((place, (score, absorbed))) = best else { return Ok(None) };
+    let term = EffectTerm::new(known.name, shape(place), machine)?;
+    Ok(Some(Candidate { known, term, score, trials: columns.len(), absorbed, rest: None }))
 }
 
 /// Whitened columns of some terms, side by side.

@@ -66,7 +66,7 @@ pub fn diagnose(
         state.withdraw(start.clone(), because);
     }
     let mut ended = Ended::of(&search, &state, (&alike, &base), judged.unseen.as_ref(), observe)?;
-    let added: Vec<EffectTerm> = state.terms.iter().filter(|term| !has(&base, term)).cloned().collect();
+    let added = state.beside(&base);
     let is_outdone = !added.is_empty() && ended.machine_step.as_ref().is_some_and(|step| step.outdoes_found);
     let because = match is_outdone {
         true => Some("a step of the machine explains more than all that was found together".to_owned()),
@@ -282,7 +282,7 @@ impl Judged {
         state: &State,
         observe: &mut dyn FnMut(Progress) -> bool,
     ) -> Result<Judged, DiagnoseError> {
-        let added: Vec<EffectTerm> = state.terms.iter().filter(|term| !has(base, term)).cloned().collect();
+        let added = state.beside(base);
         if added.is_empty() && !state.is_enriched() {
             let missing = "nothing was added, so that before and after are the same".to_owned();
             return Ok(Judged { unseen_missing: Some(missing), ..Judged::default() });

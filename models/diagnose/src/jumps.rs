@@ -4,11 +4,10 @@
 //! readings, and identification refuses it with the reading; one of a few times the noise is drawn into errors and stations. Every
 //! pause between lines of a station is tested, two lines on either side at least: one line alone is an outlying run.
 
-use crate::candidates::{Candidate, Round};
+use crate::candidates::{Candidate, Round, best_constant};
 use crate::error::DiagnoseError;
-use abbe_geometry::effects::{Shape, known};
+use abbe_geometry::effects::Shape;
 use abbe_geometry::machine::Machine;
-use abbe_identify::EffectTerm;
 use abbe_measurement::campaign::Campaign;
 use faer::Mat;
 
@@ -21,26 +20,18 @@ pub(crate) fn candidate(
     machine: &Machine,
     campaign: &Campaign,
 ) -> Result<Option<Candidate>, DiagnoseError> {
-    let Some(known) = known("zero_jump") else { return Ok(None) };
     let jumps = jumps(campaign);
-    let column = |jump: &(usize, f64)| {
+    let column = |(station, after_s): &(usize, f64)| {
         let is_off = |k: usize| {
             let reading = &campaign.readings[k];
-            reading.station as usize == jump.0 && reading.time_s >= jump.1 && round.rows.whitening[k] > 0.0
+            reading.station as usize == *station && reading.time_s >= *after_s && round.rows.whitening[k] > 0.0
         };
-        let mut column = Mat::from_fn(round.rows.len(), 1, |k, _| if is_off(k) { 1.0 } else { 0.0 });
-        round.rows.whiten(column.col_as_slice_mut(0));
-        column
+        Mat::from_fn(round.rows.len(), 1, |k, _| if is_off(k) { 1.0 } else { 0.0 })
     };
-    let columns: Vec<Mat<f64>> = jumps.iter().map(column).collect();
-    let groups = round.free.project_all(&columns).into_iter();
-    let scores = groups.map(|group| (round.score(&group), group.absorbed()));
-    let best = scores.enumerate().max_by(|a, b| a.1.0.reduction.total_cmp(&b.1.0.reduction));
-    let Some((place, (score, absorbed))) = best else { return Ok(None) };
-    let (station, after_s) = jumps[place];
-    let shape = Shape::new().text("station", &campaign.stations[station]).number("after_s", after_s);
-    let term = EffectTerm::new(known.name, shape, machine)?;
-    Ok(Some(Candidate { known, term, score, trials: jumps.len(), absorbed, rest: None }))
+    best_constant(round, ("zero_jump", machine), jumps.iter().map(column).collect(), |place| {
+        let (station, after_s) = jumps[place];
+        Shape::new().text("station", &campaign.stations[station]).number("after_s", after_s)
+    })
 }
 
 /// Stations with the instants of their pauses between lines (s): half-way between the last reading of one and the first of the next.

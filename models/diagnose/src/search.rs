@@ -101,6 +101,11 @@ impl<'a> State<'a> {
         self.steps.push(Step::Noted(format!("nothing is adopted: {because}")));
     }
 
+    /// Terms that the model did not have before.
+    pub(crate) fn beside(&self, base: &[EffectTerm]) -> Vec<EffectTerm> {
+        self.terms.iter().filter(|term| !has(base, term)).cloned().collect()
+    }
+
     /// Terms that went in and are still there, with their evidence then, over as many rows.
     pub(crate) fn added(&self, rows: usize) -> impl Iterator<Item = (&EffectTerm, f64)> {
         self.steps.iter().filter_map(move |step| match step {

@@ -23,7 +23,7 @@ pub(crate) fn hold<'a>(
     observe: &mut dyn FnMut(Progress) -> bool,
 ) -> Result<(), DiagnoseError> {
     loop {
-        let added: Vec<EffectTerm> = state.terms.iter().filter(|term| !has(base, term)).cloned().collect();
+        let added = state.beside(base);
         if added.len() < 2 {
             return Ok(());
         }

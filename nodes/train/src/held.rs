@@ -6,7 +6,7 @@
 
 use crate::data::off_text;
 use abbe_field::Samples;
-use abbe_field::kriging::{Kernel, KrigingError, LeftOut, Noise, Options, Trend, judge_samples};
+use abbe_field::kriging::{KrigingError, LeftOut, Options, judge_samples};
 use anyhow::Context;
 
 /// Vectors that are named.
@@ -25,10 +25,8 @@ pub(crate) struct Held {
 /// Holds the vectors of a file against each other, and says on the terminal what comes of it. Where too many contradict the others, or
 /// where it cannot be done, all stay: the held-out figures of what is trained grade them.
 pub(crate) fn hold(file: &str, field: Samples, alone: Option<Samples>) -> anyhow::Result<Held> {
-    let noise = if field.u_m().is_some() { Noise::DeclaredAndFitted } else { Noise::Fitted };
-    let options = Options { kernel: Kernel::Matern52, trend: Trend::Linear, noise };
     let words = |one: &LeftOut| off_text(&field, one.index, one.component, one.off_m, one.deviations.abs());
-    match judge_samples(&field, &options) {
+    match judge_samples(&field, &Options::usual(field.u_m().is_some())) {
         Ok(judged) if judged.left_out.is_empty() => Ok(Held { field, alone, left_out: Vec::new() }),
         Ok(judged) => {
             let left_out: Vec<String> = judged.left_out.iter().map(words).collect();

@@ -66,17 +66,6 @@ impl AveragedKriging {
         let (error_m, u_m) = self.averaged.predict(point_m.as_slice());
         Prediction { error_m, u_m, region: self.hull.region(point_m) }
     }
-
-    /// Standard deviation by which the measured errors scatter beyond what is declared of them (m), by component: what is
-    /// most often exceeded of those that explain the points.
-    pub fn noise_m(&self) -> Vector3<f64> {
-        self.averaged.noise_m()
-    }
-
-    /// By how much the uncertainty was widened, by component: 1 where the points agree with each other as well as predicted.
-    pub fn widening(&self) -> Vector3<f64> {
-        self.averaged.widening()
-    }
 }
 
 impl Averaged {
@@ -100,12 +89,13 @@ impl Averaged {
         (Vector3::from_fn(|d, _| each[d].0), Vector3::from_fn(|d, _| each[d].1))
     }
 
-    /// As [`AveragedKriging::noise_m`].
+    /// Standard deviation by which the measured errors scatter beyond what is declared of them (m), by component: what is
+    /// most often exceeded of those that explain the points.
     pub(super) fn noise_m(&self) -> Vector3<f64> {
         Vector3::from_fn(|d, _| self.components[d].sure_noise_m())
     }
 
-    /// As [`AveragedKriging::widening`].
+    /// By how much the uncertainty was widened, by component: 1 where the points agree with each other as well as predicted.
     pub(super) fn widening(&self) -> Vector3<f64> {
         Vector3::from_fn(|d, _| self.components[d].widening)
     }

@@ -65,6 +65,15 @@ pub struct Options {
     pub noise: Noise,
 }
 
+impl Options {
+    /// What vectors are held against each other by, as `abbe interpolate` does it: a signal of continuous slope beside a linear trend,
+    /// and noise beyond the declared uncertainties where there are any.
+    pub fn usual(is_declared: bool) -> Options {
+        let noise = if is_declared { Noise::DeclaredAndFitted } else { Noise::Fitted };
+        Options { kernel: Kernel::Matern52, trend: Trend::Linear, noise }
+    }
+}
+
 /// Fitted parameters of one component.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Hyperparameters {

@@ -19,6 +19,7 @@ mod dead_path;
 mod empirical;
 mod gimbal;
 mod gradient_bow;
+mod growth;
 mod hysteresis;
 mod moisture_bow;
 mod outlying_run;

@@ -4,7 +4,8 @@
 //! (s). g is the growth in the end, −s/g where the scale is fixed. Input: `time_s`. Screws grow by 20–100 µm a metre within one
 //! to two hours (Bryan 1990; Mayr et al. 2012); of a time constant as long as the campaign little but a straight line is seen.
 
-use super::known::{Known, Observed, Refine};
+use super::growth::{REFINE, grown, time_constants_s};
+use super::known::{Known, Observed};
 use super::shape::{EffectError, Reader, Shape};
 use super::{Acts, CovariateProblem, Effect, Motion, ParameterSpec, State};
 use crate::axis::{Axis, ErrorId};
@@ -21,10 +22,8 @@ pub(super) const KNOWN: Known = Known {
     decided_by: "repeat some lines along the axis throughout the campaign, start once more from cold, or log the temperature of the screw",
     construct,
     propose,
-    refine: Some(Refine { key: "tau_s", ratio: RATIO }),
+    refine: Some(REFINE),
 };
-/// Ratio of neighbouring time constants: their curves still overlap enough for refinement to find what lies between.
-const RATIO: f64 = 2.1;
 /// Time constants tested, from the whole campaign downwards.
 const TESTED: i32 = 4;
 
@@ -42,13 +41,10 @@ fn construct(shape: &Shape, _machine: &Machine) -> Result<Box<dyn Effect>, Effec
 }
 
 fn propose(observed: &Observed) -> Vec<Shape> {
-    let duration_s = observed.time_s.1 - observed.time_s.0;
-    if !observed.varies("time_s") || duration_s.is_nan() || duration_s <= 0.0 {
-        return Vec::new();
-    }
-    let shape =
-        |axis: Axis, k: i32| Shape::new().text("axis", axis.lower()).number("tau_s", duration_s / RATIO.powi(k));
-    Axis::ALL.into_iter().flat_map(|axis| (0..TESTED).map(move |k| shape(axis, k))).collect()
+    let taus_s = time_constants_s(observed, TESTED);
+    let shape = |axis: Axis, tau_s: f64| Shape::new().text("axis", axis.lower()).number("tau_s", tau_s);
+    let of_axis = |axis: Axis| taus_s.iter().map(move |tau_s| shape(axis, *tau_s));
+    Axis::ALL.into_iter().flat_map(of_axis).collect()
 }
 
 impl Effect for ScaleGrowth {
@@ -70,8 +66,7 @@ impl Effect for ScaleGrowth {
     }
 
     fn motion(&self, state: &State, part: &mut Motion) -> Result<(), CovariateProblem> {
-        // −expm1 keeps the digits of the first seconds.
-        let grown = -(-state.covariate("time_s")? / self.tau_s).exp_m1();
+        let grown = grown(state.covariate("time_s")?, self.tau_s);
         let along = Acts::Error(ErrorId::linear(self.axis, self.axis));
         part(0, along, state.reading_m[self.axis.index()] * grown);
         part(1, along, grown);

@@ -5,7 +5,8 @@
 //! neighbours after itself. Input: `time_s`. Typical 1–10 µm within minutes to hours
 //! (ISO 230-3, drift tests; Schwenke 2008).
 
-use super::known::{Known, Observed, Refine};
+use super::growth::{REFINE, grown, time_constants_s};
+use super::known::{Known, Observed};
 use super::shape::{EffectError, Reader, Shape};
 use super::{Acts, CovariateProblem, Effect, Motion, ParameterSpec, State};
 use crate::axis::Axis;
@@ -22,10 +23,8 @@ pub(super) const KNOWN: Known = Known {
     decided_by: "return to the same few points throughout the campaign, or start once more from cold",
     construct,
     propose,
-    refine: Some(Refine { key: "tau_s", ratio: RATIO }),
+    refine: Some(REFINE),
 };
-/// Ratio of neighbouring time constants: their curves still overlap enough for refinement to find what lies between.
-const RATIO: f64 = 2.1;
 /// Time constants tested, from the whole campaign down to a fortieth of it.
 const TESTED: i32 = 6;
 
@@ -46,13 +45,10 @@ fn construct(shape: &Shape, _machine: &Machine) -> Result<Box<dyn Effect>, Effec
 }
 
 fn propose(observed: &Observed) -> Vec<Shape> {
-    let duration_s = observed.time_s.1 - observed.time_s.0;
-    if !observed.varies("time_s") || duration_s.is_nan() || duration_s <= 0.0 {
-        return Vec::new();
-    }
-    let shape = |k: i32, stages: f64| Shape::new().number("tau_s", duration_s / RATIO.powi(k)).number("stages", stages);
+    let taus_s = time_constants_s(observed, TESTED);
+    let shape = |tau_s: &f64, stages: f64| Shape::new().number("tau_s", *tau_s).number("stages", stages);
     // The slower stage of the longest would be a straight line.
-    (0..TESTED).map(|k| shape(k, 1.0)).chain((1..TESTED).map(|k| shape(k, 2.0))).collect()
+    taus_s.iter().map(|tau_s| shape(tau_s, 1.0)).chain(taus_s.iter().skip(1).map(|tau_s| shape(tau_s, 2.0))).collect()
 }
 
 impl Effect for WarmUp {
@@ -74,8 +70,7 @@ impl Effect for WarmUp {
     fn motion(&self, state: &State, part: &mut Motion) -> Result<(), CovariateProblem> {
         let time_s = state.covariate("time_s")?;
         for (stage, tau_s) in [self.tau_s, SLOWER * self.tau_s].into_iter().enumerate().take(self.stages) {
-            // −expm1 keeps the digits of the first seconds.
-            let grown = -(-time_s / tau_s).exp_m1();
+            let grown = grown(time_s, tau_s);
             Axis::ALL.into_iter().for_each(|axis| part(3 * stage + axis.index(), Acts::Tip(axis), grown));
         }
         Ok(())

@@ -22,37 +22,37 @@ pub(super) fn passes(name: &str) -> bool {
 
 /// Polynomials of the position (m) on these components: of the highest degree of which there are three vectors a term.
 pub(super) fn of_position(quantities: &[Quantity], components: &[usize], sigma_m: &[[f64; 3]]) -> Mat<f64> {
-    let own: Vec<&Quantity> = quantities.iter().filter(|quantity| POSITION.contains(&quantity.name.as_str())).collect();
-    let count = sigma_m.len();
+    let own = positions(quantities);
     let terms = (0..=DEGREE)
         .map(|degree| exponents(own.len(), degree))
-        .take_while(|terms| terms.len() <= MOST.min(count / 3))
+        .take_while(|terms| terms.len() <= MOST.min(sigma_m.len() / 3))
         .last()
         .unwrap_or_default();
-    let mut columns = Mat::zeros(3 * count, components.len() * terms.len());
-    for (j, term) in terms.iter().enumerate() {
-        for k in 0..count {
-            let value: f64 = term.iter().zip(&own).map(|(power, quantity)| quantity.powers[*power][k]).product();
-            for (place, d) in components.iter().enumerate() {
-                columns[(3 * k + d, place * terms.len() + j)] = value / sigma_m[k][*d];
-            }
-        }
-    }
-    columns
+    columns(&own, &terms, components, sigma_m)
 }
 
 /// Polynomials of each position by itself (m) on these components.
 pub(super) fn of_each_position(quantities: &[Quantity], components: &[usize], sigma_m: &[[f64; 3]]) -> Mat<f64> {
-    let own: Vec<&Quantity> = quantities.iter().filter(|quantity| POSITION.contains(&quantity.name.as_str())).collect();
-    let degree = HIGHEST.min(sigma_m.len() / 3 / own.len().max(1));
-    let mut columns = Mat::zeros(3 * sigma_m.len(), components.len() * own.len() * degree);
-    for (place, d) in components.iter().enumerate() {
-        for (q, quantity) in own.iter().enumerate() {
-            for power in 1..=degree {
-                let j = (place * own.len() + q) * degree + power - 1;
-                for (k, sigma_m) in sigma_m.iter().enumerate() {
-                    columns[(3 * k + d, j)] = quantity.powers[power][k] / sigma_m[*d];
-                }
+    let own = positions(quantities);
+    let degree = DEGREE.min(sigma_m.len() / 3 / own.len().max(1));
+    let alone = |q: usize, power: usize| (0..own.len()).map(|k| if k == q { power } else { 0 }).collect();
+    let terms: Vec<Vec<usize>> =
+        (0..own.len()).flat_map(|q| (1..=degree).map(move |power| (q, power))).map(|(q, p)| alone(q, p)).collect();
+    columns(&own, &terms, components, sigma_m)
+}
+
+fn positions(quantities: &[Quantity]) -> Vec<&Quantity> {
+    quantities.iter().filter(|quantity| POSITION.contains(&quantity.name.as_str())).collect()
+}
+
+/// Products of powers, by their exponents, on these components.
+fn columns(own: &[&Quantity], terms: &[Vec<usize>], components: &[usize], sigma_m: &[[f64; 3]]) -> Mat<f64> {
+    let mut columns = Mat::zeros(3 * sigma_m.len(), components.len() * terms.len());
+    for (j, term) in terms.iter().enumerate() {
+        for (k, sigma_m) in sigma_m.iter().enumerate() {
+            let value: f64 = term.iter().zip(own).map(|(power, quantity)| quantity.powers[*power][k]).product();
+            for (place, d) in components.iter().enumerate() {
+                columns[(3 * k + d, place * terms.len() + j)] = value / sigma_m[*d];
             }
         }
     }

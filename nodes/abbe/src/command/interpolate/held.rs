@@ -7,7 +7,7 @@
 use super::UM;
 use crate::plane_field::PlaneField;
 use abbe_field::MeasuredField;
-use abbe_field::kriging::{AveragedKriging, Judgement, Kernel, KrigingError, LeftOut, Noise, Options, Trend, judge};
+use abbe_field::kriging::{AveragedKriging, Judgement, KrigingError, LeftOut, Options, judge};
 use abbe_geometry::Axis;
 use anyhow::{Context, bail};
 use serde_json::{Value, json};
@@ -31,8 +31,7 @@ pub(super) struct Held {
 
 /// Kriging as `interpolate` does it.
 pub(super) fn options(field: &MeasuredField) -> Options {
-    let noise = if field.u_m().is_some() { Noise::DeclaredAndFitted } else { Noise::Fitted };
-    Options { kernel: Kernel::Matern52, trend: Trend::Linear, noise }
+    Options::usual(field.u_m().is_some())
 }
 
 /// Holds vectors against each other; where that cannot be done it is refused if kriging `must` be, and told otherwise.
