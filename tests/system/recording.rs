@@ -202,15 +202,17 @@ fn regress_a_disk_that_others_fill_up_at_once_ends_no_node_and_the_recording_can
     let bench = Bench::identified(5);
     long_recording(&bench, LONG);
     let file = recorded_to_the_disk(&bench);
-    // Not a byte is left, from one moment to the next; there is room again at the end.
-    let script = "(until [ \"$(stat -c %s \"$DISK\"/recorded/*.mcap)\" -gt 400000 ]; do sleep 0.02; done; \
+    // Not a byte is left, from one moment to the next, and half-way between two times that everything is put on the disk; there
+    // is room again at the end.
+    let script = "(until [ \"$(stat -c %s \"$DISK\"/recorded/*.mcap)\" -gt 400000 ]; do sleep 0.02; done; sleep 0.2; \
                   head -c 64M /dev/zero > \"$DISK/others\") 2>/dev/null & \"$0\" \"$@\"; code=$?; \
                   rm -f \"$DISK/others\"; cp -r \"$DISK/recorded\" \"$KEPT/kept\"; exit $code";
     let Some(ran) = on_a_small_disk(24, script, &bench.path(""), &["launch", &file]) else { return };
-    assert_says(
-        &ran.errors,
-        &["recording has stopped", "check the free space", "can be recovered", "goes on without it"],
-    );
+    assert_says(&ran.errors, &["recording has stopped", "goes on without it"]);
+    // On a busy machine the disk may fill up after everything was put on it and before its free space is looked at: the bag is whole then.
+    if !ran.errors.contains("make room") {
+        assert_says(&ran.errors, &["check the free space", "can be recovered"]);
+    }
     let said = ran.ok();
     let (geometric, recorder) = (summary(&said, "geometric"), summary(&said, "recorder"));
     assert_eq!((&geometric["sent"], &geometric["lost"]), (&LONG.into(), &0.into()), "correction goes on");
