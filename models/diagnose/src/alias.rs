@@ -113,12 +113,21 @@ fn parameter_block(model: &MachineModel, index: usize) -> String {
     "station positions and dead paths".to_owned()
 }
 
-/// Effects that propose no shape for this campaign.
+/// Quantities with gaps, and effects that propose no shape for this campaign.
 pub(crate) fn untestable(machine: &Machine, context: &Context) -> Vec<Untestable> {
     let observed = context.observed(machine);
-    REGISTRY
+    let gaps = context.with_gaps.iter().map(|gaps| Untestable {
+        name: format!("dependence on {}", gaps.name),
+        title: format!("dependence on {}", gaps.name),
+        needs: format!("{} at every reading: it stands at {} of {}", gaps.name, gaps.logged, gaps.readings),
+    });
+    let effects = REGISTRY
         .iter()
         .filter(|known| !SEARCHED.contains(&known.name) && (known.propose)(&observed).is_empty())
-        .map(|known| Untestable { name: known.name, title: known.title, needs: known.needs })
-        .collect()
+        .map(|known| Untestable {
+            name: known.name.to_owned(),
+            title: known.title.to_owned(),
+            needs: known.needs.to_owned(),
+        });
+    gaps.chain(effects).collect()
 }

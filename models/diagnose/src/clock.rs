@@ -7,7 +7,7 @@
 //! between two entries has less noise than an entry. Times in s.
 
 use crate::candidates::{Round, columns_of, proposals, score_all};
-use crate::context::{Context, follows_time, range, read_by};
+use crate::context::{Context, follows_time, is_of_the_room, range, read_by};
 use crate::error::DiagnoseError;
 use crate::lags::{place_of, with_lags};
 use crate::options::Progress;
@@ -40,7 +40,7 @@ pub struct ClockShift {
 impl ClockShift {
     /// What it is and what to do, for readers.
     pub fn words(&self) -> String {
-        let (later, ahead) = if self.shift_s > 0.0 { ("later", "behind") } else { ("earlier", "ahead of") };
+        let (later, ahead) = if self.shift_s > 0.0 { ("later", "ahead of") } else { ("earlier", "behind") };
         format!(
             "{} is explained far better by what was logged some {:.0} s {later} (evidence {:.0}): the clock of the log is that much {ahead} \
              the clock of the readings, or heat takes another way than past these sensors. What follows the log is not adopted. \
@@ -100,7 +100,12 @@ fn found(
     let added: Vec<(&EffectTerm, f64)> = added.filter(|(term, _)| !has(base, term) && follows_a_log(term)).collect();
     let Some((strongest, _)) = added.iter().max_by(|a, b| a.1.total_cmp(&b.1)).copied() else { return Ok(None) };
     let Some(known) = abbe_geometry::effects::known(strongest.effect.name()) else { return Ok(None) };
-    let Ok((fit, round)) = search.attempt_under(&state.machine, base, state.fit.correlation, observe)? else {
+    // What follows neither a log nor the time stays: its residuals would pass for those of a log that is off.
+    let stays = |term: &&EffectTerm| {
+        has(base, term) || !(follows_a_log(term) || follows_time(term.effect.as_ref(), &term.shape))
+    };
+    let beside: Vec<EffectTerm> = state.terms.iter().filter(stays).cloned().collect();
+    let Ok((fit, round)) = search.attempt_under(&state.machine, &beside, state.fit.correlation, observe)? else {
         return Ok(None);
     };
     let look = Look { search, fit: &fit, strongest };
@@ -127,7 +132,7 @@ fn found(
 
 /// Whether an effect reads what comes from a log of its own, as it is or behind a time constant.
 pub(crate) fn follows_a_log(term: &EffectTerm) -> bool {
-    read_by(term.effect.as_ref(), &term.shape).iter().any(|name| of_lagged(name).is_some() || is_moved(name))
+    read_by(term.effect.as_ref(), &term.shape).iter().any(|name| of_lagged(name).is_some() || is_of_the_room(name))
 }
 
 /// The fit without what was found, and the strongest effect that follows a log.
@@ -185,13 +190,9 @@ fn shifted(campaign: &Campaign, shift_s: f64) -> Campaign {
         Covariate { name: column.name.clone(), values: values.collect() }
     };
     let logged = campaign.covariates.iter().filter(|column| !is_derived(&column.name));
-    let covariates = logged.map(|column| if is_moved(&column.name) { moved(column) } else { column.clone() }).collect();
+    let covariates =
+        logged.map(|column| if is_of_the_room(&column.name) { moved(column) } else { column.clone() }).collect();
     Campaign { covariates, ..campaign.clone() }
-}
-
-/// Whether a quantity comes from a logger of the room: sides of approach, loads and feeds are the machine's own.
-fn is_moved(name: &str) -> bool {
-    !is_derived(name) && ["temp_", "pressure_", "humidity_"].iter().any(|prefix| name.starts_with(prefix))
 }
 
 /// A log at a time, straight from one entry to the next.

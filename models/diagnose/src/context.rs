@@ -4,10 +4,10 @@
 //! variables from it. Covariates in the unit of their name; positions and offsets in m.
 
 use crate::lags;
-use abbe_geometry::effects::{Effect, Observed, Shape, ShapeValue};
+use abbe_geometry::effects::{Effect, Observed, Shape, ShapeValue, is_derived};
 use abbe_geometry::machine::Machine;
 use abbe_identify::TIME;
-use abbe_measurement::campaign::Campaign;
+use abbe_measurement::campaign::{Campaign, Covariate};
 
 /// Offsets closer than this are one (m).
 const SAME_OFFSET_M: f64 = 1e-6;
@@ -18,9 +18,28 @@ const VARYING: f64 = 1e-9;
 #[derive(Debug, Clone)]
 pub(crate) struct Context {
     pub(crate) varying: Vec<String>,
+    /// What varies, but was not logged at every reading: nothing is tried by it.
+    pub(crate) with_gaps: Vec<Gaps>,
     pub(crate) stations: Vec<String>,
     pub(crate) offsets_m: Vec<[f64; 3]>,
     pub(crate) time_s: (f64, f64),
+}
+
+/// A quantity that is missing at some readings.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Gaps {
+    pub(crate) name: String,
+    /// Readings that have it.
+    pub(crate) logged: usize,
+    pub(crate) readings: usize,
+}
+
+impl Gaps {
+    fn of(column: &Covariate) -> Option<Gaps> {
+        let present: Vec<Option<f64>> = column.values.iter().copied().filter(Option::is_some).collect();
+        let (logged, readings) = (present.len(), column.values.len());
+        (logged < readings && varies(&present)).then(|| Gaps { name: column.name.clone(), logged, readings })
+    }
 }
 
 impl Context {
@@ -35,7 +54,9 @@ impl Context {
                 offsets_m.push(reading.offset_m);
             }
         }
-        Context { varying, stations: campaign.stations.clone(), offsets_m, time_s }
+        let logged = campaign.covariates.iter().filter(|column| !is_derived(&column.name));
+        let with_gaps = logged.filter_map(Gaps::of).collect();
+        Context { varying, with_gaps, stations: campaign.stations.clone(), offsets_m, time_s }
     }
 
     pub(crate) fn observed<'a>(&'a self, machine: &'a Machine) -> Observed<'a> {
@@ -68,6 +89,11 @@ pub(crate) fn follows_time(effect: &dyn Effect, shape: &Shape) -> bool {
     read_by(effect, shape).iter().any(|name| name == TIME)
 }
 
+/// Whether a quantity comes from a logger of the room: sides of approach, loads and feeds are the machine's own.
+pub(crate) fn is_of_the_room(name: &str) -> bool {
+    !is_derived(name) && ["temp_", "pressure_", "humidity_"].iter().any(|prefix| name.starts_with(prefix))
+}
+
 /// Least and greatest of some values.
 pub(crate) fn range(values: impl Iterator<Item = f64>) -> (f64, f64) {
     values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| (low.min(value), high.max(value)))
@@ -83,4 +109,23 @@ pub(crate) fn varies(values: &[Option<f64>]) -> bool {
     let is_whole = values.iter().all(|value| value.is_some_and(f64::is_finite));
     let (low, high) = range(values.iter().flatten().copied());
     is_whole && high - low > VARYING * low.abs().max(high.abs())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_varies_but_was_not_always_logged_has_gaps() {
+        let column = |name: &str, values: &[Option<f64>]| Covariate { name: name.to_owned(), values: values.to_vec() };
+        let covariates = vec![
+            column("temp_ram_c", &[Some(20.0), None, Some(20.4)]),
+            column("temp_bed_c", &[Some(20.0), Some(20.1), Some(20.4)]),
+            column("load_kg", &[Some(2.0), None, Some(2.0)]),
+            column("feed_m_s", &[None, None, None]),
+        ];
+        let context = Context::new(&Campaign { covariates, ..Campaign::default() });
+        assert_eq!(context.with_gaps, [Gaps { name: "temp_ram_c".to_owned(), logged: 2, readings: 3 }]);
+        assert_eq!(context.varying, ["temp_bed_c"]);
+    }
 }

@@ -38,7 +38,8 @@ const NOTHING: &str = "nothing was adopted, so that before and after are the sam
 /// What decides after a step of the machine.
 const AFTER_A_STEP: &str = "the whole campaign again, once what moved the machine is found and fixed";
 
-/// Diagnoses a campaign with the machine's model as it is: its error functions and the effects it already has.
+/// Diagnoses a campaign with the machine's model as it is: its error functions and the effects it already has. By what was not logged at every
+/// reading nothing is tried: [`crate::mended`] comes first.
 ///
 /// # Errors
 /// What identification refuses, covariates that the model's own effects lack, or [`DiagnoseError::Stopped`].

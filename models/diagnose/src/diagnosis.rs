@@ -184,13 +184,13 @@ pub struct NotIdentifiable {
     pub decided_by: &'static str,
 }
 
-/// An effect that cannot be tested.
+/// An effect that cannot be tested, or a quantity by which none can.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Untestable {
     /// Name.
-    pub name: &'static str,
+    pub name: String,
     /// Title.
-    pub title: &'static str,
+    pub title: String,
     /// What it needs.
-    pub needs: &'static str,
+    pub needs: String,
 }

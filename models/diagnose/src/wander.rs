@@ -6,7 +6,7 @@
 //! in the readings (m), each times a course, are one random effect:
 //!
 //! ```text
-//! r = C a + e,   a ~ N(0, σ² W²),   courses: cos(πkτ) with weight 1/k, or one logged quantity of standard deviation 1
+//! r = C a + e,   a ~ N(0, σ² W²),   courses: cos(πkτ) with weight 1/k, one logged quantity of standard deviation 1, or a cycle
 //! Q = |W Cᵀ P r|² is Σ λ z² by chance, λ the eigenvalues of W Cᵀ P C W (Lin 1997, score test of a variance component)
 //! ```
 //!
@@ -27,6 +27,8 @@ use abbe_identify::{TIME, symmetric_eigen};
 use abbe_measurement::campaign::Campaign;
 use faer::Mat;
 
+mod cycles;
+
 /// Half cycles of a course in time.
 const HALF_CYCLES: usize = 8;
 /// Probability below which they are all alike: a difference to one half that a number still holds.
@@ -37,14 +39,18 @@ const SEEN: f64 = 1e-9;
 const LEAST_WEIGHT: f64 = 0.01;
 /// Degrees of freedom that must be left beside all directions.
 const FEWEST_DEGREES: f64 = 50.0;
+/// Axes as readers know them.
+const AXES: [&str; 3] = ["X", "Y", "Z"];
 /// ln σ²λ over the noise between which the estimate lies, λ the largest.
 const LN_RATIO: (f64, f64) = (-7.0, 14.0);
 
 /// A machine that does not stay as it is.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Wander {
-    /// What it follows: `time_s`, or a logged quantity.
+    /// What it follows: `time_s`, a logged quantity, or cycles of a period.
     pub follows: String,
+    /// The one motion that explains it best, where it is one.
+    pub moves: Option<String>,
     /// Probability of as much by chance in any of the looks.
     pub p_value: f64,
     /// How far the tip wanders along X, Y and Z at the readings (m, rms).
@@ -58,9 +64,10 @@ impl Wander {
     /// What it is and what to do, for readers.
     pub fn words(&self) -> String {
         let [x, y, z] = self.size_m.map(|m| format!("{:.2}", m * 1e6));
+        let moves = self.moves.as_ref().map_or_else(String::new, |moves| format!(", {moves}"));
         format!(
             "Scales, angles or bows of the machine, or its stations, change in the course of the campaign (p = {:.1e}; most like \
-             {}), in a form that these data attribute to no effect: the tip wanders by {x}, {y} and {z} µm along X, Y and Z (rms over \
+             {}{moves}), in a form that these data attribute to no effect: the tip wanders by {x}, {y} and {z} µm along X, Y and Z (rms over \
              the readings). That is not corrected, and stands in U. Return to the same few points throughout the campaign, and log \
              the temperatures of what carries them.",
             self.p_value, self.follows
@@ -86,27 +93,23 @@ pub(crate) fn find(
 ) -> Result<Option<Wander>, DiagnoseError> {
     let used: Vec<usize> = (0..round.rows.len()).filter(|k| round.rows.whitening[*k] > 0.0).collect();
     let places = &Places::of(campaign, &used);
-    let mut looks = Vec::new();
-    for (follows, courses) in courses(campaign, context, &used) {
-        for motions in [Motions::linear(places), Motions::quadratic(places)] {
+    let mut looks: Vec<Tested> = Vec::new();
+    let cycle = cycles::strongest(round, places, campaign, &used);
+    for course in &courses(campaign, context, &used).into_iter().chain(cycle).collect::<Vec<_>>() {
+        for motions in Motions::sets(places) {
             if !go_on() {
                 return Err(DiagnoseError::Stopped);
             }
-            looks.push((
-                follows.clone(),
-                Look { round, places, motions, courses: courses.clone(), used: &used }.tested(),
-            ));
+            looks.extend(Look { round, places, motions, course: course.clone(), used: &used }.tested());
         }
     }
-    let looks: Vec<(String, Tested)> =
-        looks.into_iter().filter_map(|(follows, tested)| Some((follows, tested?))).collect();
-    let p_value = together(looks.iter().map(|(_, tested)| tested.p_value));
-    let first = looks.iter().min_by(|a, b| a.1.p_value.total_cmp(&b.1.p_value));
-    let Some((follows, _)) = first.filter(|_| p_value < options.significance) else { return Ok(None) };
-    let tested: Vec<&Tested> = looks.iter().map(|(_, tested)| tested).collect();
-    let (by_place, taken) = by_place_and_taken(&tested, places, round.rows.parameters.len());
+    let p_value = together(looks.iter().filter(|tested| tested.look.motions.is_family()).map(|tested| tested.p_value));
+    let likeliest = looks.iter().max_by(|a, b| a.gain.total_cmp(&b.gain));
+    let Some(likeliest) = likeliest.filter(|_| p_value < options.significance) else { return Ok(None) };
+    let (by_place, taken) = by_place_and_taken(&looks, places, round.rows.parameters.len());
     Ok(Some(Wander {
-        follows: follows.clone(),
+        follows: likeliest.look.course.follows.clone(),
+        moves: likeliest.look.motions.alone(),
         p_value,
         size_m: rms_m(&by_place, campaign, &used),
         by_place,
@@ -116,9 +119,9 @@ pub(crate) fn find(
 
 /// Weights of looks by their likelihood: courses that these data do not tell apart wander by different amounts, of which the mean is
 /// taken. Those without weight are left out.
-fn weighed<'t>(looks: &[&'t Tested<'t>]) -> Vec<(&'t Tested<'t>, f64)> {
+fn weighed<'t>(looks: &'t [Tested<'t>]) -> Vec<(&'t Tested<'t>, f64)> {
     let most = looks.iter().map(|tested| tested.gain).fold(0.0, f64::max);
-    let weights = looks.iter().map(|tested| (*tested, (tested.gain - most).exp()));
+    let weights = looks.iter().map(|tested| (tested, (tested.gain - most).exp()));
     let kept: Vec<(&Tested, f64)> = weights.filter(|(_, weight)| *weight > LEAST_WEIGHT).collect();
     let total: f64 = kept.iter().map(|(_, weight)| weight).sum();
     kept.into_iter().map(|(tested, weight)| (tested, weight / total)).collect()
@@ -126,7 +129,7 @@ fn weighed<'t>(looks: &[&'t Tested<'t>]) -> Vec<(&'t Tested<'t>, f64)> {
 
 /// Mean square over the campaign of what is known of the motion, and of what is not, at every place; and the covariance of what the
 /// parameters of the fit took of it for their own.
-fn by_place_and_taken(looks: &[&Tested], places: &Places, parameters: usize) -> (VarianceByPlace, Mat<f64>) {
+fn by_place_and_taken(looks: &[Tested], places: &Places, parameters: usize) -> (VarianceByPlace, Mat<f64>) {
     let mut packed_m2 = [(); 3].map(|()| vec![0.0; FORMS * (FORMS + 1) / 2]);
     let mut taken = Mat::zeros(parameters, parameters);
     for (tested, weight) in weighed(looks) {
@@ -149,35 +152,49 @@ fn together(p_values: impl Iterator<Item = f64>) -> f64 {
     if count == 0.0 { 1.0 } else { 0.5 - (sum / count).atan() / std::f64::consts::PI }
 }
 
-/// Courses by what they follow; each about its mean over the readings used, with its weight. Without times the order has to do.
-fn courses(campaign: &Campaign, context: &Context, used: &[usize]) -> Vec<(String, Vec<Vec<f64>>)> {
+/// What a motion may follow.
+#[derive(Debug, Clone, PartialEq)]
+struct Course {
+    /// What it is called.
+    follows: String,
+    /// Its parts at all readings, each about its mean over the readings used, with its weight.
+    parts: Vec<Vec<f64>>,
+    /// Courses of this kind of which it is the best.
+    tried: f64,
+}
+
+/// Courses that are slow, or were logged. Without times the order has to do.
+fn courses(campaign: &Campaign, context: &Context, used: &[usize]) -> Vec<Course> {
     let readings = &campaign.readings;
     let (first_s, last_s) = range(used.iter().map(|k| readings[*k].time_s));
     let along = |k: usize| match last_s > first_s {
         true => (readings[k].time_s - first_s) / (last_s - first_s),
         false => k as f64 / readings.len() as f64,
     };
-    let about_mean = |values: Vec<f64>| {
-        let mean = used.iter().map(|k| values[*k]).sum::<f64>() / used.len().max(1) as f64;
-        values.into_iter().map(|value| value - mean).collect::<Vec<f64>>()
-    };
     let wave = |halves: usize| {
         let phase = |k: usize| std::f64::consts::PI * halves as f64 * along(k);
-        about_mean((0..readings.len()).map(|k| phase(k).cos() / halves as f64).collect())
+        about_mean((0..readings.len()).map(|k| phase(k).cos() / halves as f64).collect(), used)
     };
-    let mut all = vec![(TIME.to_owned(), (1..=HALF_CYCLES).map(wave).collect())];
+    let of = |follows: &str, parts| Course { follows: follows.to_owned(), parts, tried: 1.0 };
+    let mut all = vec![of(TIME, (1..=HALF_CYCLES).map(wave).collect())];
     // What is slow, as it was logged: neither the side of approach nor what lags behind another one.
     let slow = context.varying.iter().filter(|name| *name != TIME && !is_derived(name) && !name.starts_with("dir_"));
     for name in slow {
         let Some(column) = campaign.covariates.iter().find(|column| column.name == *name) else { continue };
         let Some(values) = column.values.iter().copied().collect::<Option<Vec<f64>>>() else { continue };
-        let values = about_mean(values);
+        let values = about_mean(values, used);
         let square = used.iter().map(|k| values[*k].powi(2)).sum::<f64>() / used.len().max(1) as f64;
         if square > 0.0 {
-            all.push((name.clone(), vec![values.into_iter().map(|value| value / square.sqrt()).collect()]));
+            all.push(of(name, vec![values.into_iter().map(|value| value / square.sqrt()).collect()]));
         }
     }
     all
+}
+
+/// Values about their mean over the readings used.
+fn about_mean(values: Vec<f64>, used: &[usize]) -> Vec<f64> {
+    let mean = used.iter().map(|k| values[*k]).sum::<f64>() / used.len().max(1) as f64;
+    values.into_iter().map(|value| value - mean).collect()
 }
 
 /// Motions of the tip: which form of the place moves it along which axis, and by how much (m per unit).
@@ -192,7 +209,36 @@ impl Motions {
         Motions(shifts.chain(scales).collect())
     }
 
-    /// These, and bows: what is quadratic in the readings, at the ends of the strokes as large as what is linear.
+    /// Each motion by itself; all of one axis; all that are linear; all.
+    fn sets(places: &Places) -> Vec<Motions> {
+        let each =
+            |d: usize| (0..4).map(move |form| (d, form, if form == 0 { 1.0 } else { places.half_span_m[form - 1] }));
+        let mut sets: Vec<Motions> = (0..3).flat_map(each).map(|motion| Motions(vec![motion])).collect();
+        let all = Motions::quadratic(places);
+        let along = |d: usize| Motions(all.0.iter().copied().filter(|motion| motion.0 == d).collect());
+        sets.extend((0..3).map(along));
+        sets.extend([Motions::linear(places), all]);
+        sets
+    }
+
+    /// Whether it asks for several motions of all axes. Those alone decide whether a machine wanders: a look for each motion would cost more than
+    /// it sees. Which of all sets it is, the likelihood tells.
+    fn is_family(&self) -> bool {
+        (1..3).all(|d| self.0.iter().any(|motion| motion.0 == d))
+    }
+
+    /// What it is, where it is one motion.
+    fn alone(&self) -> Option<String> {
+        let [(d, form, _)] = self.0.as_slice() else { return None };
+        let axis = AXES[*d];
+        Some(match form.checked_sub(1) {
+            None => format!("a motion of all along {axis}"),
+            Some(by) if by == *d => format!("a stretch along {axis}"),
+            Some(by) => format!("a motion along {axis} in proportion to the reading of {}", AXES[by]),
+        })
+    }
+
+    /// What is linear, and bows: what is quadratic in the readings, at the ends of the strokes as large as what is linear.
     fn quadratic(places: &Places) -> Motions {
         let half_m = places.half_span_m;
         let pairs = (0..3).flat_map(|a| (a..3).map(move |b| (a, b)));
@@ -228,7 +274,7 @@ struct Look<'l> {
     round: &'l Round<'l>,
     places: &'l Places,
     motions: Motions,
-    courses: Vec<Vec<f64>>,
+    course: Course,
     used: &'l [usize],
 }
 
@@ -242,14 +288,14 @@ struct Tested<'l> {
     along: Vec<f64>,
     /// Noise per degree of freedom beside all these directions.
     noise: f64,
-    /// Variance of the courses, and what the logarithm of the likelihood gains by it.
+    /// Variance of the courses, and what the logarithm of the likelihood gains by it, less the price of the choice.
     variance: f64,
     gain: f64,
 }
 
 impl<'l> Look<'l> {
     fn pairs(&self) -> impl Iterator<Item = ((usize, usize, f64), &Vec<f64>)> {
-        self.motions.0.iter().flat_map(|motion| self.courses.iter().map(move |course| (*motion, course)))
+        self.motions.0.iter().flat_map(|motion| self.course.parts.iter().map(move |course| (*motion, course)))
     }
 
     /// `None` where the rows are too few, or show nothing of it.
@@ -257,22 +303,24 @@ impl<'l> Look<'l> {
         let columns = self.columns();
         let projected = self.round.free.project(columns.as_ref());
         let count = columns.ncols();
-        let left = Mat::from_fn(count, count, |i, j| 0.5 * (projected.left[(i, j)] + projected.left[(j, i)]));
-        let (values, vectors) = symmetric_eigen(&left)?;
+        let both = Mat::from_fn(count, count, |i, j| 0.5 * (projected.left[(i, j)] + projected.left[(j, i)]));
+        let (values, vectors) = symmetric_eigen(&both)?;
         let largest = values.last().copied().filter(|value| *value > 0.0)?;
         let along: Vec<f64> =
             (0..count).map(|k| (0..count).map(|i| vectors[(i, k)] * projected.gradient[i]).sum()).collect();
         let seen: Vec<usize> = (0..count).filter(|k| values[*k] > SEEN * largest).collect();
         let explained: f64 = seen.iter().map(|k| along[*k] * along[*k] / values[*k]).sum();
         let degrees = self.round.free.degrees() - seen.len() as f64;
-        let noise = (self.round.free.chi2() - explained) / degrees;
+        let left = self.round.free.chi2() - explained;
+        let noise = left / degrees;
         if degrees < FEWEST_DEGREES || !noise.is_finite() || noise <= 0.0 {
             return None;
         }
         let form: f64 = seen.iter().map(|k| along[*k] * along[*k]).sum::<f64>() / noise;
         let seen_values: Vec<f64> = seen.iter().map(|k| values[*k]).collect();
-        let p_value = p_of_form(&seen_values, form, degrees);
-        let (variance, gain) = variance(&values, &along, noise);
+        let p_value = (p_of_form(&seen_values, form, degrees) * self.course.tried).min(1.0);
+        let Reml { variance, noise, gain } = Reml::of(&values, &along, left, self.round.free.degrees());
+        let gain = gain - self.course.tried.ln();
         Some(Tested { p_value, values, vectors, along, noise, variance, gain, look: self })
     }
 
@@ -295,22 +343,31 @@ impl<'l> Look<'l> {
     }
 }
 
-/// Variance of the courses (unit of the columns, squared) by REML, and what the logarithm of the likelihood gains by it; 0 and 0 where the
-/// noise explains the rows best.
-fn variance(values: &[f64], along: &[f64], noise: f64) -> (f64, f64) {
-    let largest = values.last().copied().unwrap_or(0.0);
-    let seen = || values.iter().zip(along).filter(|(value, _)| **value > SEEN * largest);
-    let likelihood = |variance: f64| -> f64 {
-        let of = |(value, along): (&f64, &f64)| {
-            let total = noise + variance * value;
-            -0.5 * (total.ln() + along * along / value / total)
+/// Both variances by restricted maximum likelihood.
+struct Reml {
+    /// Of the courses (unit of the columns, squared); 0 where the noise explains the rows best.
+    variance: f64,
+    noise: f64,
+    /// What the logarithm of the likelihood gains by the courses.
+    gain: f64,
+}
+
+impl Reml {
+    /// `left` is what all directions that are seen leave of χ², `degrees` those with these directions. With σ² for the noise and g σ²/λ₁ for
+    /// the courses, σ² = Q(g)/degrees and −2 ln L = degrees · ln Q + Σ ln(1 + g λ/λ₁), Q = left + Σ along²/λ/(1 + g λ/λ₁).
+    fn of(values: &[f64], along: &[f64], left: f64, degrees: f64) -> Reml {
+        let largest = values.last().copied().unwrap_or(0.0);
+        let seen = || values.iter().zip(along).filter(|(value, _)| **value > SEEN * largest);
+        let square = |ratio: f64| left + seen().map(|(v, a)| a * a / v / (1.0 + ratio * v / largest)).sum::<f64>();
+        let gain = |ratio: f64| {
+            let price = seen().map(|(value, _)| (ratio * value / largest).ln_1p()).sum::<f64>();
+            -0.5 * (degrees * (square(ratio) / square(0.0)).ln() + price)
         };
-        seen().map(of).sum()
-    };
-    let of = |ln_ratio: f64| noise / largest * ln_ratio.exp();
-    let best = of(golden_section(LN_RATIO, |ln_ratio| likelihood(of(ln_ratio))));
-    let gain = likelihood(best) - likelihood(0.0);
-    if gain > 0.0 { (best, gain) } else { (0.0, 0.0) }
+        let best = golden_section(LN_RATIO, |ln_ratio| gain(ln_ratio.exp())).exp();
+        let ratio = if gain(best) > 0.0 { best } else { 0.0 };
+        let noise = square(ratio) / degrees;
+        Reml { variance: ratio * noise / largest, noise, gain: gain(ratio) }
+    }
 }
 
 impl Tested<'_> {
@@ -327,7 +384,7 @@ impl Tested<'_> {
     /// Calls with axis, place in the packed covariance of forms, and what is to be added there (m²); `root` is [`Tested::moment_root`].
     fn visit_forms(&self, root: &Mat<f64>, add: &mut dyn FnMut(usize, usize, f64)) {
         let moment = root * root.transpose();
-        let (motions, courses) = (&self.look.motions.0, self.look.courses.len());
+        let (motions, courses) = (&self.look.motions.0, self.look.course.parts.len());
         let together = self.courses_together();
         for (m, (d, row, of_row_m)) in motions.iter().enumerate() {
             for (n, (other, column, of_column_m)) in motions.iter().enumerate() {
@@ -344,7 +401,7 @@ impl Tested<'_> {
 
     /// Mean product of each two courses over the readings used.
     fn courses_together(&self) -> Mat<f64> {
-        let Look { courses, used, .. } = &self.look;
+        let Look { course: Course { parts: courses, .. }, used, .. } = &self.look;
         let product = |a: usize, b: usize| used.iter().map(|k| courses[a][*k] * courses[b][*k]).sum::<f64>();
         Mat::from_fn(courses.len(), courses.len(), |a, b| product(a, b) / used.len().max(1) as f64)
     }

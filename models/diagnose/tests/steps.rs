@@ -5,7 +5,7 @@
 
 mod foreign;
 
-use abbe_diagnose::Options;
+use abbe_diagnose::{Kind, Options};
 use foreign::bench::{Judged, judged};
 use foreign::causes::STEPS_AT_S;
 
@@ -94,20 +94,39 @@ fn machines_that_stay_as_they_are_do_not_wander() {
 #[test]
 fn regress_a_log_by_another_clock_is_said_and_not_followed() {
     let mut said = 0;
-    for (ahead_s, seed) in [(900.0, 1), (-900.0, 1), (900.0, 2), (-900.0, 2), (600.0, 3), (-600.0, 3)] {
-        let judged = diagnosed("bridge", &["expansion", &format!("clock:{ahead_s}")], seed);
+    for (behind_s, seed) in [(900.0, 1), (-900.0, 1), (900.0, 2), (-900.0, 2), (600.0, 3), (-600.0, 3)] {
+        let judged = diagnosed("bridge", &["expansion", &format!("clock:{behind_s}")], seed);
         let Some(clock) = &judged.diagnosis.clock else { continue };
         said += 1;
-        assert!(clock.shift_s * ahead_s < 0.0 && clock.shift_s.abs() < 1000.0, "{ahead_s} {seed}: {clock:?}");
+        assert!(clock.shift_s * behind_s < 0.0 && clock.shift_s.abs() < 1000.0, "{behind_s} {seed}: {clock:?}");
         assert!(!judged.diagnosis.found.iter().any(|found| found.name == "scale_expansion"));
         let (before, after) = judged.outcome().inside;
-        assert!(after.rms_m < 1.02 * before.rms_m, "{ahead_s} {seed}: {before:?} {after:?}");
-        assert!(after.covered > 0.95 && after.worst_axis > 0.92, "{ahead_s} {seed}: {before:?} {after:?}");
+        assert!(after.rms_m < 1.02 * before.rms_m, "{behind_s} {seed}: {before:?} {after:?}");
+        assert!(after.covered > 0.95 && after.worst_axis > 0.92, "{behind_s} {seed}: {before:?} {after:?}");
     }
     assert!(said >= 4, "{said} of 6");
     for form in ["expansion", "expansion-y", "bend-lag"] {
         for seed in 1..=2 {
             assert_eq!(diagnosed("bridge", &[form], seed).diagnosis.clock, None, "{form} {seed}");
         }
+    }
+}
+
+/// What comes and goes in cycles and is logged nowhere was hardly said, and U held a third of it. It has no cause here, whatever else was logged.
+#[test]
+fn regress_cycles_that_nothing_logs_are_said_with_their_period_and_covered() {
+    for (machine, period_s, seed) in [("bridge", 1500.0, 1), ("bridge", 900.0, 2), ("gantry", 2600.0, 3)] {
+        let judged = diagnosed(machine, &[&format!("lean-cycle:{period_s}")], seed);
+        let wander = judged.diagnosis.wander.as_ref();
+        let wander = wander.unwrap_or_else(|| panic!("{machine} {period_s}: {:?}", judged.diagnosis.steps));
+        let period = format!("cycles of {:.0}", period_s / 60.0);
+        assert!(wander.follows.starts_with(&period), "{machine} {period_s}: {wander:?}");
+        let named: Vec<&str> = judged.names();
+        let is_named = judged.diagnosis.found.iter().any(|found| found.kind == Kind::Attributed);
+        assert!(!is_named, "{machine} {period_s}: {named:?}");
+        let (before, after) = judged.outcome().inside;
+        println!("{machine} {period_s}: {before:?} {after:?} {wander:?}");
+        assert!(after.rms_m < 1.05 * before.rms_m, "{machine} {period_s}: {before:?} {after:?}");
+        assert!(after.covered > 0.95 && after.worst_axis > 0.93, "{machine} {period_s}: {before:?} {after:?}");
     }
 }

@@ -67,7 +67,7 @@ struct Workshop {
     holders_m: Vec<Vector>,
     /// The reflector's holders are on; later a calibrated probe is.
     has_holders: bool,
-    /// By how much the clock of the log is ahead (s).
+    /// By how much the clock of the log is behind (s): what it logs as of now was measured so much later.
     log_s: f64,
     random: Random,
 }

@@ -76,6 +76,12 @@ impl Arch {
         specs
     }
 
+    /// The curvature, and where the carriage rides on another part, the slope that comes of it: without them it is a height or an angle that
+    /// changes, which follows whatever goes along with the time.
+    pub(super) fn essential(&self) -> &'static [usize] {
+        if self.beam { &[0] } else { &[0, 3] }
+    }
+
     /// What a unit of each parameter does, times what bends it.
     pub(super) fn motion(&self, state: &State, bent: f64, part: &mut Motion) {
         let (lower_m, upper_m) = self.stroke_m;

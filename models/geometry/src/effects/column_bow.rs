@@ -10,7 +10,6 @@
 use super::known::{Known, Observed};
 use super::shape::{EffectError, Reader, Shape};
 use super::{Acts, CovariateProblem, Effect, Motion, ParameterSpec, State};
-use super::{lagged_name, of_lagged};
 use crate::axis::{Axis, ErrorId};
 use crate::machine::Machine;
 
@@ -76,15 +75,7 @@ fn third(axis: Axis, toward: Axis) -> Option<Axis> {
 
 /// Columns in both directions and level axes sideways, with the difference of each two temperatures that are logged, both lagging alike.
 fn propose(observed: &Observed) -> Vec<Shape> {
-    let logged: Vec<&str> = observed.named("temp_", "_c").filter(|name| of_lagged(name).is_none()).collect();
-    let pairs = logged.iter().enumerate().flat_map(|(k, warm)| logged[..k].iter().map(move |cold| (*warm, *cold)));
-    let mut differences: Vec<(String, String)> = pairs.clone().map(|(a, b)| (a.to_owned(), b.to_owned())).collect();
-    for lagged in observed.named("temp_", "_c") {
-        let Some((of, lag_s)) = of_lagged(lagged) else { continue };
-        let partners = pairs.clone().filter(|(warm, _)| *warm == of);
-        let behind = partners.filter_map(|(_, cold)| Some((lagged.to_owned(), lagged_name(cold, lag_s)?)));
-        differences.extend(behind.filter(|(_, cold)| observed.varies(cold)));
-    }
+    let differences = observed.differences();
     let sides = [(Axis::Z, Axis::X), (Axis::Z, Axis::Y), (Axis::X, Axis::Y), (Axis::Y, Axis::X)];
     let shapes = |(axis, toward): (Axis, Axis), (warm, cold): &(String, String)| {
         let shape = Shape::new().text("axis", axis.lower()).text("toward", toward.lower());
@@ -133,6 +124,7 @@ impl Effect for ColumnBow {
 
 #[cfg(test)]
 mod tests {
+    use super::super::lagged_name;
     use super::super::tests::{Each, machine, tip_m};
     use super::*;
     use nalgebra::Vector3;

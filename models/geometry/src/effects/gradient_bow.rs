@@ -18,7 +18,7 @@ pub(super) const KNOWN: Known = Known {
               along the axis shift + stretch (r - m) + lean (z - z0)",
     typical: "1-5 um/K",
     source: "bending of a beam under a linear gradient, kappa = alpha dT / height; Schwenke et al. 2008",
-    needs: "two temperatures that span the gradient (temp_bridge_top_c and temp_bridge_bottom_c, or air and granite)",
+    needs: "two temperatures on two sides of one part (temp_bridge_top_c and temp_bridge_bottom_c, or air and granite)",
     decided_by: "repeat lines along the axis, with a vertical part of the sight, at another temperature difference",
     construct,
     propose,
@@ -52,10 +52,30 @@ fn partner(observed: &Observed, warm: &str) -> Option<(String, String)> {
     observed.varies(&cold).then(|| (warm.to_owned(), cold))
 }
 
-/// Both level axes with every pair of sensors on top and bottom of something, and with air above granite.
+/// Whether two sensors sit on one part: their names differ in the last word alone, and it is no axis (`temp_column_front_c` and
+/// `temp_column_back_c`). Numbers tell nothing, so that any two may.
+fn on_one_part(warm: &str, cold: &str) -> bool {
+    let words = |name: &str| {
+        let name = of_lagged(name).map_or_else(|| name.to_owned(), |(logged, _)| logged);
+        let middle = name.strip_prefix("temp_")?.strip_suffix("_c")?;
+        let (part, side) = middle.rsplit_once('_').unwrap_or(("", middle));
+        let is_number = side.chars().all(|c| c.is_ascii_digit());
+        let is_side = is_number || !(part.is_empty() || ["x", "y", "z"].contains(&side));
+        is_side.then(|| part.to_owned())
+    };
+    words(warm).is_some_and(|part| words(cold) == Some(part))
+}
+
+/// Both level axes with every pair of sensors on two sides of one part, and with air above granite.
 fn propose(observed: &Observed) -> Vec<Shape> {
-    let pairs: Vec<(String, String)> =
+    let mut pairs: Vec<(String, String)> =
         observed.named("temp_", "_c").filter_map(|warm| partner(observed, warm)).collect();
+    for (warm, cold) in observed.differences().into_iter().filter(|(warm, cold)| on_one_part(warm, cold)) {
+        let turned = (cold.clone(), warm.clone());
+        if !pairs.contains(&turned) && !pairs.contains(&(warm.clone(), cold.clone())) {
+            pairs.push((warm, cold));
+        }
+    }
     let of = |(warm, cold): &(String, String)| {
         Arch::shapes(|shape| shape.text("warm", warm.as_str()).text("cold", cold.as_str()))
     };
@@ -73,6 +93,10 @@ impl Effect for GradientBow {
 
     fn parameters(&self) -> Vec<ParameterSpec> {
         self.arch.parameters(["1/(m K)", "rad/K", "m/K", "1/K"], 1.0)
+    }
+
+    fn essential(&self) -> &'static [usize] {
+        self.arch.essential()
     }
 
     fn motion(&self, state: &State, part: &mut Motion) -> Result<(), CovariateProblem> {
@@ -129,6 +153,32 @@ mod tests {
                 let angle = amount(&at(0.5), turning, turn);
                 assert!((sign * slope / 0.002 - angle).abs() < 1e-12, "{axis} {rising}");
             }
+        }
+    }
+
+    #[test]
+    fn two_sensors_on_two_sides_of_one_part_are_tried_whatever_the_sides_are_called() {
+        let logged = [
+            "temp_air_c",
+            "temp_granite_c",
+            "temp_beam_upper_c",
+            "temp_beam_lower_c",
+            "temp_scale_x_c",
+            "temp_scale_y_c",
+        ];
+        let varying: Vec<String> = logged.into_iter().chain(["temp_1_c", "temp_2_c"]).map(str::to_owned).collect();
+        let machine = machine();
+        let observed =
+            Observed { machine: &machine, varying: &varying, stations: &[], offsets_m: &[], time_s: (0.0, 1.0) };
+        let pairs =
+            [("temp_air_c", "temp_granite_c"), ("temp_beam_lower_c", "temp_beam_upper_c"), ("temp_2_c", "temp_1_c")];
+        let shapes = propose(&observed);
+        assert_eq!(shapes.len(), 4 * pairs.len(), "two level axes in two forms");
+        for (warm, cold) in pairs {
+            let is = |shape: &&Shape| {
+                format!("{:?}", shape.0["warm"]).contains(warm) && format!("{:?}", shape.0["cold"]).contains(cold)
+            };
+            assert_eq!(shapes.iter().filter(is).count(), 4, "{warm} {cold}");
         }
     }
 

@@ -5,8 +5,8 @@
 use super::shape::{EffectError, Shape};
 use super::{
     Effect, acceleration, axis_term, carriage_sag, column_bow, dead_path, empirical, gimbal, gradient_bow, hysteresis,
-    moisture_bow, outlying_run, periodic_scale, reflector_incidence, reflector_offset, refraction, reversal,
-    scale_expansion, scale_growth, speed_lag, station_drift, table_load, warm_up, zero_jump,
+    lagged_name, moisture_bow, of_lagged, outlying_run, periodic_scale, reflector_incidence, reflector_offset,
+    refraction, reversal, scale_expansion, scale_growth, speed_lag, station_drift, table_load, warm_up, zero_jump,
 };
 use crate::machine::Machine;
 
@@ -34,6 +34,20 @@ impl Observed<'_> {
     /// Varying covariates whose name begins and ends so.
     pub fn named<'b>(&'b self, prefix: &'b str, suffix: &'b str) -> impl Iterator<Item = &'b str> {
         self.varying.iter().map(String::as_str).filter(move |n| n.starts_with(prefix) && n.ends_with(suffix))
+    }
+
+    /// Each two temperatures that are logged, as they are and behind each time constant, both lagging alike.
+    pub(super) fn differences(&self) -> Vec<(String, String)> {
+        let logged: Vec<&str> = self.named("temp_", "_c").filter(|name| of_lagged(name).is_none()).collect();
+        let pairs = logged.iter().enumerate().flat_map(|(k, warm)| logged[..k].iter().map(move |cold| (*warm, *cold)));
+        let mut differences: Vec<(String, String)> = pairs.clone().map(|(a, b)| (a.to_owned(), b.to_owned())).collect();
+        for lagged in self.named("temp_", "_c") {
+            let Some((of, lag_s)) = of_lagged(lagged) else { continue };
+            let partners = pairs.clone().filter(|(warm, _)| *warm == of);
+            let behind = partners.filter_map(|(_, cold)| Some((lagged.to_owned(), lagged_name(cold, lag_s)?)));
+            differences.extend(behind.filter(|(_, cold)| self.varies(cold)));
+        }
+        differences
     }
 }
 

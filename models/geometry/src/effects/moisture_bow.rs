@@ -60,9 +60,8 @@ impl Effect for MoistureBow {
         self.arch.parameters(["1/(m %)", "rad/%", "m/%", "1/%"], AS_A_KELVIN_PCT)
     }
 
-    /// Without a curvature it is a height or a squareness that changes, which follows whatever goes along with the time.
     fn essential(&self) -> &'static [usize] {
-        &[0]
+        self.arch.essential()
     }
 
     fn motion(&self, state: &State, part: &mut Motion) -> Result<(), CovariateProblem> {

@@ -205,6 +205,6 @@ pub(super) fn not_identifiable(diagnosis: &library::Diagnosis) -> Vec<shown::Not
 
 /// What needs a sensor.
 pub(super) fn untestable(diagnosis: &library::Diagnosis) -> Vec<shown::Untestable> {
-    let entry = |u: &library::Untestable| shown::Untestable { name: u.name.to_owned(), needs: u.needs.to_owned() };
+    let entry = |u: &library::Untestable| shown::Untestable { name: u.name.clone(), needs: u.needs.clone() };
     diagnosis.untestable.iter().map(entry).collect()
 }

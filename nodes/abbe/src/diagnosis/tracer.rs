@@ -9,7 +9,7 @@ use crate::identity;
 use crate::pipeline::{LoadedCampaign, evidence_json, load_campaign, software};
 use crate::provenance;
 use crate::verdict::{self, Accept};
-use abbe_diagnose::{ClockShift, Diagnosis, MachineStep, Options, Progress, Wander, diagnose};
+use abbe_diagnose::{ClockShift, Diagnosis, MachineStep, Options, Progress, Wander, diagnose, mended};
 use abbe_files::{Doubt, MachineFile, ModelFile, OrderChoice, hex};
 use abbe_geometry::model::MachineModel;
 use abbe_identify::Evidence;
@@ -126,7 +126,9 @@ pub(crate) fn run(
     observe: &mut dyn FnMut(Progress) -> bool,
 ) -> anyhow::Result<Product> {
     let given = Given::read(model)?;
-    let loaded = load_campaign(campaign, &given.machine(), request.join)?;
+    let mut loaded = load_campaign(campaign, &given.machine(), request.join)?;
+    let (campaign, logs) = mended(&loaded.campaign);
+    loaded.campaign = campaign;
     let options = given.options(request);
     ensure!(options.folds > 1, "--folds must be at least 2: one part is left out, the others are fitted");
     let points = request.verify.map(|path| Points::read(path, &given.file)).transpose()?;
@@ -144,6 +146,7 @@ pub(crate) fn run(
         ..Identity::default()
     };
     let mut record = recorded(&diagnosis, &given, model, &loaded, &options);
+    record.verdict = std::iter::once(record.verdict.clone()).chain(logs).collect::<Vec<_>>().join(" ");
     caution(&mut record, &verdict);
     let labels: Vec<String> = record.effects.iter().map(abbe_report::diagnosis::Effect::label).collect();
     let residuals = pictures::residuals(&diagnosis, instrument, &loaded.campaign, &labels)?;
@@ -156,13 +159,17 @@ pub(crate) fn run(
     let after = widened(diagnosis.model, verdict.widening)?;
     let changed = changed.into_iter().map(|text| Doubt { grade: Grade::Warning.name().to_owned(), text });
     let doubts = changed.chain(verdict::doubts(&verdict)).collect();
-    let after = ModelFile { doubts, ..given.with(after, &loaded, &options, of_after) };
-    let (bytes, sha256) = if kept { (given.bytes.clone(), given.sha256) } else { after.to_bytes(MODEL)? };
-    record.model_out =
-        Some(ModelOut { file: File { file: MODEL.to_owned(), sha256: hex(&sha256) }, is_the_one_given: kept });
+    let mut after = ModelFile { doubts, ..given.with(after, &loaded, &options, of_after) };
     if let Some(points) = points {
         points.score(&mut record, &before, &after)?;
     }
+    if let Some(text) = record.grown() {
+        record.verdict = format!("{text} {}", record.verdict);
+        after.doubts.push(Doubt { grade: Grade::Warning.name().to_owned(), text });
+    }
+    let (bytes, sha256) = if kept { (given.bytes.clone(), given.sha256) } else { after.to_bytes(MODEL)? };
+    record.model_out =
+        Some(ModelOut { file: File { file: MODEL.to_owned(), sha256: hex(&sha256) }, is_the_one_given: kept });
     Ok(Product {
         report: DiagnosisReport { record, residuals: Some(residuals), figures: Vec::new(), identity, next: None },
         model: Some(bytes),
@@ -171,7 +178,9 @@ pub(crate) fn run(
 
 /// What is still wrong with the whole stands before what was found in it.
 fn caution(record: &mut Record, verdict: &Verdict) {
-    let doubts: Vec<String> = verdict::doubts(verdict).into_iter().map(|doubt| doubt.text).collect();
+    // This is the command that may name it.
+    let here = |text: String| text.replace(" that abbe diagnose may name", "");
+    let doubts: Vec<String> = verdict::doubts(verdict).into_iter().map(|doubt| here(doubt.text)).collect();
     record.notes.extend(verdict.findings.iter().map(ToString::to_string));
     if !doubts.is_empty() {
         record.verdict = format!(

@@ -86,7 +86,7 @@ fn outcome(promise: &Promise, wish: &Wish) -> Outcome {
         let with = hidden.aliased_with.join(", ");
         return Outcome::Not(format!("{:.1} % absorbed by {with}; {}", hidden.alias_share * 1e2, hidden.decided_by));
     }
-    let needs = effects.untestable.iter().find(|u| u.name == wish.name).map(|u| u.needs);
+    let needs = effects.untestable.iter().find(|u| u.name == wish.name).map(|u| &u.needs);
     Outcome::Not(needs.map_or_else(|| "not told by this plan".to_owned(), |needs| format!("needs {needs}")))
 }
 

@@ -230,7 +230,7 @@ fn tables(effects: &Foresight) -> [Section; 3] {
     ];
     let hidden =
         table("Cannot be identified", Some("The model's own parameters absorb them."), columns, hidden.collect());
-    let untestable = effects.untestable.iter().map(|u| vec![Cell::text(u.title), Cell::text(u.needs)]);
+    let untestable = effects.untestable.iter().map(|u| vec![Cell::text(&u.title), Cell::text(&u.needs)]);
     let columns = ["effect", "needs"].map(Column::text).to_vec();
     [told, hidden, table("Not tested by this plan", None, columns, untestable.collect())]
 }

@@ -5,7 +5,7 @@
 
 use std::collections::BTreeMap;
 
-use crate::text::listed;
+use crate::text::{listed, significant};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
@@ -461,6 +461,16 @@ impl Effect {
         (!names.is_empty()).then(|| listed(&names, RIVALS, ", "))
     }
 
+    /// Period of a wave, in the unit of what it follows; of time in minutes.
+    fn period(&self) -> Option<String> {
+        let number = |key: &str| self.shape.get(key).and_then(Value::as_f64);
+        let period = (number("p_high")? - number("p_low")?) / number("cycles")?;
+        match self.covariates.first()?.as_str() {
+            "time_s" => Some(format!("{:.1} min", period / 60.0)),
+            _ => Some(significant(period, 3)),
+        }
+    }
+
     fn about(&self) -> String {
         let text = |key: &str| self.shape.get(key).and_then(Value::as_str);
         match (text("axis"), text("carriage"), text("line")) {
@@ -471,7 +481,8 @@ impl Effect {
             }
             (None, None, Some(line)) => format!("{} {line}", self.title),
             _ if self.name == "empirical" && !self.covariates.is_empty() => {
-                format!("{} in {}", self.title, self.covariates.join(" and "))
+                let every = self.period().map_or_else(String::new, |period| format!(", period {period}"));
+                format!("{} in {}{every}", self.title, self.covariates.join(" and "))
             }
             _ => self.title.clone(),
         }

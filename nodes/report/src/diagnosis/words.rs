@@ -36,6 +36,19 @@ impl Record {
         sentences.join(" ")
     }
 
+    /// That the new model is worse where the truth is known; nothing where it is not, or where that may be chance.
+    pub fn grown(&self) -> Option<String> {
+        let (_, most) = self.verification.as_ref()?.gain_interval_um2?;
+        let um = |figures: &super::ErrorFigures| figures.verify_rms_um.map(|um| significant(um, 3));
+        let (before, after) = (um(&self.before)?, um(&self.after)?);
+        (most < 0.0).then(|| {
+            format!(
+                "At the points whose actual position is known the error grows from {before} to {after} µm with what was found, so that is \
+                 not what acts there: keep the model that you have."
+            )
+        })
+    }
+
     /// What was set aside, by title: shapes and reasons fill a page, and have their table.
     fn set_aside_words(&self) -> Option<String> {
         let mut titles: Vec<&str> = Vec::new();

@@ -1,0 +1,233 @@
+//! What a logger of the room left out, or cannot have measured, before anything is explained by it.
+//!
+//! Place in the flow: before [`crate::diagnose()`]. One empty cell would keep the right temperature from being tried, and its neighbours in the
+//! room would stand in for it. So a gap is drawn straight between its neighbours where what was logged elsewhere can be drawn so, within a
+//! part of what it varies by. A value far from all others, and a log that stands still, are taken for missing. All of it is said. Values in
+//! the unit of their column; times in s.
+
+use crate::context::{is_of_the_room, range};
+use abbe_measurement::campaign::{Campaign, Covariate};
+use abbe_measurement::robust::median;
+
+/// Distance from the median, in widths of the middle 95 %, from which a value is none of the sensor's.
+const FAR: f64 = 10.0;
+/// Share of the readings from which a value that does not change is a log that stands still, where at least so many differ elsewhere.
+const STILL: f64 = 0.25;
+const DISTINCT: usize = 20;
+/// Error of drawing across a gap, as a share of the standard deviation of the column, up to which it is drawn.
+const DRAWN: f64 = 0.3;
+
+/// The campaign with its logs mended, and what was done to them, for readers.
+pub fn mended(campaign: &Campaign) -> (Campaign, Vec<String>) {
+    let times_s: Vec<f64> = campaign.readings.iter().map(|reading| reading.time_s).collect();
+    let mut order: Vec<usize> = (0..times_s.len()).collect();
+    order.sort_by(|a, b| times_s[*a].total_cmp(&times_s[*b]));
+    let mut said = Vec::new();
+    let mut mend = |column: &Covariate| match is_of_the_room(&column.name) {
+        true => Log { name: &column.name, times_s: &times_s, order: &order, values: column.values.clone() }
+            .mended(&mut said),
+        false => column.clone(),
+    };
+    let covariates = campaign.covariates.iter().map(&mut mend).collect();
+    (Campaign { covariates, ..campaign.clone() }, said)
+}
+
+/// A column of a logger.
+struct Log<'l> {
+    name: &'l str,
+    times_s: &'l [f64],
+    /// Readings by time.
+    order: &'l [usize],
+    values: Vec<Option<f64>>,
+}
+
+impl Log<'_> {
+    fn mended(mut self, said: &mut Vec<String>) -> Covariate {
+        said.extend(self.without_what_is_far());
+        said.extend(self.without_what_stands_still());
+        said.extend(self.drawn());
+        Covariate { name: self.name.to_owned(), values: self.values }
+    }
+
+    /// Takes out what is far from all others.
+    fn without_what_is_far(&mut self) -> Option<String> {
+        let mut logged: Vec<f64> = self.values.iter().flatten().copied().collect();
+        logged.sort_by(f64::total_cmp);
+        let at = |share: f64| logged.get((share * logged.len().saturating_sub(1) as f64).round() as usize).copied();
+        let (middle, width) = (at(0.5)?, at(0.975)? - at(0.025)?);
+        let is_far = |value: f64| !value.is_finite() || (value - middle).abs() > FAR * width;
+        let far: Vec<usize> =
+            (0..self.values.len()).filter(|k| width > 0.0 && self.values[*k].is_some_and(is_far)).collect();
+        let first = self.values[*far.first()?]?;
+        far.iter().for_each(|k| self.values[*k] = None);
+        let more = if far.len() > 1 { format!(" and {} more", far.len() - 1) } else { String::new() };
+        Some(format!(
+            "{} is {first} at reading {}{more}, far from its usual {middle:.1}: taken for missing there.",
+            self.name,
+            far[0] + 1
+        ))
+    }
+
+    /// Takes out the longest run of one value, where that is no matter of the display.
+    fn without_what_stands_still(&mut self) -> Option<String> {
+        let of = |k: usize| self.values[self.order[k]];
+        let (mut longest, mut first) = (0..0, 0);
+        for k in 0..=self.order.len() {
+            if k == self.order.len() || of(k) != of(first) {
+                if of(first).is_some() && k - first > longest.len() {
+                    longest = first..k;
+                }
+                first = k;
+            }
+        }
+        let mut others: Vec<f64> = (0..self.order.len()).filter(|k| !longest.contains(k)).filter_map(of).collect();
+        others.sort_by(f64::total_cmp);
+        others.dedup();
+        if (longest.len() as f64) < STILL * self.order.len() as f64 || others.len() < DISTINCT {
+            return None;
+        }
+        let value = of(longest.start)?;
+        longest.clone().for_each(|k| self.values[self.order[k]] = None);
+        Some(format!(
+            "{} stays at {value} for {} of {} readings and moves at the others: the sensor or its log stood still, and that is taken for missing.",
+            self.name,
+            longest.len(),
+            self.order.len()
+        ))
+    }
+
+    /// Draws straight lines across the gaps, and says what could not be drawn.
+    fn drawn(&mut self) -> Option<String> {
+        let missing = self.values.iter().filter(|value| value.is_none()).count();
+        if missing == 0 || missing == self.values.len() {
+            return None;
+        }
+        let log: Vec<(f64, f64)> =
+            self.order.iter().filter_map(|k| Some((self.times_s[*k], self.values[*k]?))).collect();
+        let steps = log.windows(2).map(|pair| pair[1].0 - pair[0].0).collect();
+        let step_s = median(steps).unwrap_or(0.0);
+        let mut drawn = 0;
+        for k in self.order.iter().copied().filter(|k| self.values[*k].is_none()).collect::<Vec<_>>() {
+            self.values[k] = across(&log, self.times_s[k], step_s);
+            drawn += usize::from(self.values[k].is_some());
+        }
+        let of = format!("{} is missing at {missing} of {} readings", self.name, self.values.len());
+        Some(match drawn == missing {
+            true => format!("{of}; there it was drawn straight between its neighbours."),
+            false => format!(
+                "{of}, too long to be drawn between its neighbours: nothing was tried by it. Log it throughout."
+            ),
+        })
+    }
+}
+
+/// The value at a time between two entries; `None` where lines as long do not follow what is logged elsewhere, and farther beyond an end than
+/// the usual step from one entry to the next.
+fn across(log: &[(f64, f64)], time_s: f64, step_s: f64) -> Option<f64> {
+    let next = log.partition_point(|(entry_s, _)| *entry_s < time_s);
+    let (before, after) = (next.checked_sub(1).and_then(|k| log.get(k)), log.get(next));
+    let (Some(before), Some(after)) = (before, after) else {
+        let nearest = before.or(after).filter(|(entry_s, _)| (entry_s - time_s).abs() <= step_s);
+        return nearest.map(|(_, value)| *value);
+    };
+    let half_s = 0.5 * (after.0 - before.0);
+    is_drawn_well(log, half_s).then(|| between(*before, *after, time_s))
+}
+
+fn between(before: (f64, f64), after: (f64, f64), time_s: f64) -> f64 {
+    let along = if after.0 > before.0 { (time_s - before.0) / (after.0 - before.0) } else { 0.5 };
+    before.1 + (after.1 - before.1) * along
+}
+
+/// Whether entries are met by lines from those that were logged half a gap before to those half a gap later.
+fn is_drawn_well(log: &[(f64, f64)], half_s: f64) -> bool {
+    let (mut square, mut count) = (0.0, 0.0);
+    for (time_s, value) in log {
+        let before = log.partition_point(|(entry_s, _)| *entry_s <= time_s - half_s).checked_sub(1);
+        let after = log.partition_point(|(entry_s, _)| *entry_s < time_s + half_s);
+        if let (Some(before), Some(after)) = (before.and_then(|k| log.get(k)), log.get(after)) {
+            square += (between(*before, *after, *time_s) - value).powi(2);
+            count += 1.0;
+        }
+    }
+    let mean = log.iter().map(|(_, value)| value).sum::<f64>() / log.len().max(1) as f64;
+    let variance = log.iter().map(|(_, value)| (value - mean).powi(2)).sum::<f64>() / log.len().max(1) as f64;
+    let (low_s, high_s) = range(log.iter().map(|(time_s, _)| *time_s));
+    count > 0.0 && 4.0 * half_s < high_s - low_s && square / count <= DRAWN * DRAWN * variance
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use abbe_measurement::campaign::RangeReading;
+
+    const READINGS: usize = 400;
+
+    fn course(k: usize) -> f64 {
+        20.0 + 0.4 * (k as f64 / 60.0).sin()
+    }
+
+    fn mended_of(value: impl Fn(usize) -> Option<f64>) -> (Vec<Option<f64>>, Vec<String>) {
+        let reading = |k: usize| RangeReading {
+            station: 0,
+            line: 0,
+            time_s: 10.0 * k as f64,
+            reading_m: [0.0; 3],
+            offset_m: [0.0; 3],
+            length_m: 0.0,
+        };
+        let values = (0..READINGS).map(value).collect();
+        let covariates = vec![Covariate { name: "temp_ram_c".to_owned(), values }];
+        let readings = (0..READINGS).map(reading).collect();
+        let (mut campaign, said) = mended(&Campaign { readings, covariates, ..Campaign::default() });
+        (campaign.covariates.remove(0).values, said)
+    }
+
+    #[test]
+    fn a_whole_log_stays_as_it_is() {
+        let (values, said) = mended_of(|k| Some(course(k)));
+        assert!(said.is_empty() && (0..READINGS).all(|k| values[k] == Some(course(k))), "{said:?}");
+    }
+
+    #[test]
+    fn short_gaps_are_drawn_and_said() {
+        for missing in [|k: usize| k == 17, |k: usize| k % 6 != 3, |k: usize| k == 0 || (100..112).contains(&k)] {
+            let (values, said) = mended_of(|k| (!missing(k)).then(|| course(k)));
+            let error = |k: usize| (values[k].unwrap() - course(k)).abs();
+            assert!((0..READINGS).all(|k| error(k) < 0.03), "{said:?}");
+            assert!(said.len() == 1 && said[0].contains("drawn straight between its neighbours"), "{said:?}");
+        }
+    }
+
+    #[test]
+    fn what_is_missing_for_long_or_at_an_end_stays_missing_and_is_said() {
+        for missing in [|k: usize| k > 200, |k: usize| k < 5, |k: usize| (100..290).contains(&k)] {
+            let (values, said) = mended_of(|k| (!missing(k)).then(|| course(k)));
+            assert!(values.iter().any(Option::is_none), "{said:?}");
+            assert!(said.len() == 1 && said[0].contains("nothing was tried by it"), "{said:?}");
+        }
+    }
+
+    /// A load that is put on and taken off cannot be drawn: no line tells when.
+    #[test]
+    fn what_jumps_is_not_drawn() {
+        let load = |k: usize| if (k * 7919 / 13) % 3 == 0 { 10.0 } else { 0.0 };
+        let (values, _) = mended_of(|k| (k % 40 > 12).then(|| load(k)));
+        assert!(values.iter().any(Option::is_none));
+    }
+
+    #[test]
+    fn what_no_sensor_of_its_kind_says_is_taken_for_missing() {
+        let (values, said) = mended_of(|k| Some(if [50, 51, 260].contains(&k) { 850.0 } else { course(k) }));
+        assert!((0..READINGS).all(|k| (values[k].unwrap() - course(k)).abs() < 0.02));
+        assert!(said[0].contains("temp_ram_c is 850 at reading 51 and 2 more"), "{said:?}");
+    }
+
+    #[test]
+    fn a_log_that_stands_still_is_missing_and_a_coarse_display_is_none() {
+        let (values, said) = mended_of(|k| Some(course(k.min(250))));
+        assert!(values[399].is_none() && said[0].contains("stood still"), "{said:?}");
+        let (_, said) = mended_of(|k| Some(course(k).round()));
+        assert!(said.is_empty(), "{said:?}");
+    }
+}
