@@ -147,14 +147,15 @@ impl Storage {
 
     fn publish(mut self, target: &Path) -> std::io::Result<()> {
         self.file().sync_all()?;
-        let folder = folder(target);
         match self {
             #[cfg(target_os = "linux")]
-            Storage::Unnamed(file) => link(&file, folder)?.persist(target).map_err(|error| error.error)?,
+            Storage::Unnamed(file) => link(&file, folder(target))?.persist(target).map_err(|error| error.error)?,
             Storage::Named { file, .. } => file.persist(target).map(drop).map_err(|error| error.error)?,
         }
-        // The name is on the disk only once the folder is.
-        File::open(folder)?.sync_all()
+        // The name is on the disk only once the folder is. Windows opens no folder as a file.
+        #[cfg(unix)]
+        File::open(folder(target))?.sync_all()?;
+        Ok(())
     }
 }
 
@@ -175,9 +176,9 @@ fn builder() -> Builder<'static, 'static> {
 }
 
 fn named(folder: &Path) -> std::io::Result<NamedTempFile> {
-    let mut builder = builder();
+    let builder = &mut builder();
     #[cfg(unix)]
-    builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666)); // less the umask, as any new file
+    let builder = builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666)); // less the umask, as any new file
     builder.tempfile_in(folder)
 }
 
@@ -252,10 +253,12 @@ mod tests {
 
     #[test]
     fn folders_devices_and_missing_folders_are_refused() {
-        for (path, says) in [("/dev/null", "not a regular file"), ("/tmp", "not a regular file")] {
-            assert!(AtomicFile::create(Path::new(path)).unwrap_err().to_string().contains(says), "{path}");
-        }
         let folder = tempfile::tempdir().unwrap();
+        let device = cfg!(unix).then_some(Path::new("/dev/null"));
+        for path in device.into_iter().chain([folder.path()]) {
+            let error = AtomicFile::create(path).unwrap_err();
+            assert!(error.to_string().contains("not a regular file"), "{}: {error}", path.display());
+        }
         let error = AtomicFile::create(&folder.path().join("none/out.csv")).unwrap_err();
         assert!(error.to_string().contains("cannot create the file"), "{error}");
     }

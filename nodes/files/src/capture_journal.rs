@@ -5,11 +5,10 @@
 //! off; anything else that is no entry is refused with its line. SI, stamps in ns. One capture at a time writes a journal.
 
 use crate::error::{FileError, Place};
-use rustix::fs::{FlockOperation, flock};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
-use std::fs::{File, OpenOptions};
-use std::io::{ErrorKind, Read, Seek, SeekFrom, Write};
+use std::fs::{File, OpenOptions, TryLockError};
+use std::io::{Read, Seek, SeekFrom, Write};
 use std::path::Path;
 
 /// Version of the entries.
@@ -154,13 +153,13 @@ impl CaptureJournal {
         let name = path.display().to_string();
         let options = OpenOptions::new().read(true).write(true).create(true).truncate(false).open(path);
         let mut file = options.map_err(FileError::io(&name, "open the journal"))?;
-        flock(&file, FlockOperation::NonBlockingLockExclusive).map_err(|error| match std::io::Error::from(error) {
-            taken if taken.kind() == ErrorKind::WouldBlock => FileError::content(
+        file.try_lock().map_err(|error| match error {
+            TryLockError::WouldBlock => FileError::content(
                 Place::file(&name),
                 "another capture is writing it",
                 "end that one first, or name another folder with --out",
             ),
-            other => FileError::io(&name, "keep the journal for this capture alone")(other),
+            TryLockError::Error(other) => FileError::io(&name, "keep the journal for this capture alone")(other),
         })?;
         let mut bytes = Vec::new();
         file.read_to_end(&mut bytes).map_err(FileError::io(&name, "read the journal"))?;
