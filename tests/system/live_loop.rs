@@ -17,7 +17,8 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use abbe_files::{read_campaign_file, write_atomically, write_campaign};
-use abbe_graph::driver::{DriverConfig, JoinSettings, campaign_from_bag};
+use abbe_graph::bag_campaign::{JoinSettings, campaign_from_bag};
+use abbe_graph::driver::DriverConfig;
 use abbe_graph::launch::Launch;
 use abbe_measurement::campaign::{Campaign, Covariate, RangeReading};
 use abbe_msgs::bag::BagWriter;

@@ -4,7 +4,7 @@
 
 use crate::verdict::{self, Accept};
 use abbe_files::{DataSource, Days, MachineFile, ModelFile, OrderChoice, hex, read_campaign_file};
-use abbe_graph::driver::{JoinSettings, campaign_from_bag};
+use abbe_graph::bag_campaign::{JoinSettings, campaign_from_bag};
 use abbe_identify::verdict::{Grade, Verdict, of_campaign, stroke, widened};
 use abbe_identify::{Along, By, CorrelatedNoise, Evidence, IdentifyError, Noise, Options, Progress, RangeCorrelation};
 use abbe_measurement::campaign::Campaign;

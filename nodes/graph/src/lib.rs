@@ -5,6 +5,7 @@
 //! for live, replay and tests; [`node`] only wires it to transports. SI, machine frame.
 
 mod again;
+pub mod bag_campaign;
 pub mod capture;
 mod connecting;
 pub mod diagnosis;

@@ -7,9 +7,8 @@ mod common;
 
 use abbe_files::write_campaign;
 use abbe_geometry::chain::nominal_point_m;
-use abbe_graph::driver::{
-    CampaignFromBag, DriverConfig, JoinSettings, campaign_from_bag, open_scale, open_scale_again, open_tracer,
-};
+use abbe_graph::bag_campaign::{CampaignFromBag, JoinSettings, campaign_from_bag};
+use abbe_graph::driver::{DriverConfig, open_scale, open_scale_again, open_tracer};
 use abbe_graph::step::{GeometricStep, MonitorSettings, MonitorStep, ReadingBuffer};
 use abbe_identify::{Options, identify};
 use abbe_measurement::campaign::Campaign;

@@ -21,8 +21,7 @@ use abbe_files::{
     AtomicFile, FileError, ModelFile, Place, PointRow, PointsReader, PointsWriter, hex, write_atomically,
 };
 use abbe_geometry::model::IdentifiedVolume;
-use abbe_graph::proxy::opposite_offset;
-use abbe_graph::step::{GeometricStep, Mark, OwnedField, ResidualStep, StreamWatch};
+use abbe_graph::step::{GeometricStep, Mark, OwnedField, ResidualStep, StreamWatch, opposite_offset};
 use abbe_graph::topics;
 use abbe_msgs::bag::{BagWriter, messages};
 use abbe_msgs::{Message, ScaleReading, Sha256};

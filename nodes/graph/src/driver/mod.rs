@@ -30,7 +30,6 @@ use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
-pub use bag::{CampaignFromBag, JoinSettings, campaign_from_bag};
 pub use ippdme::{IppdmeConfig, IppdmeReads, Mover, Order, Outcome, SessionNumber};
 pub use lines::{Flow, LinesConfig, LinesFrom, Parity, SerialConfig};
 pub use linuxcnc::{LinuxcncConfig, MachineUnits};
@@ -254,51 +253,6 @@ pub enum DriverError {
         from: String,
         /// What is wrong.
         problem: String,
-    },
-    /// The bag holds no such message.
-    #[error("bag {bag}: no message of type {ros_type}{on}; record the scale and tracer topics", on = if topic.is_empty() { String::new() } else { format!(" on topic {topic}") })]
-    NoMessages {
-        /// The bag.
-        bag: String,
-        /// Type looked for.
-        ros_type: &'static str,
-        /// Topic looked for; empty for any.
-        topic: String,
-    },
-    /// No tracer reading has a scale reading.
-    #[error(
-        "bag {bag}: none of {tracers} tracer readings has a usable scale reading within {} ms of its stamp; latch both \
-         together, or allow more with --match-within-s",
-        match_within_s * 1e3
-    )]
-    NothingJoined {
-        /// The bag.
-        bag: String,
-        /// Tracer readings.
-        tracers: usize,
-        /// Tolerance (s).
-        match_within_s: f64,
-    },
-    /// The bag holds no readings of this machine.
-    #[error(
-        "bag {bag}: recorded in frame {frames:?}, but the machine has frame {frame_id:?}, and --namespace must be that of its \
-         topics where it is given; this bag is of another machine"
-    )]
-    OtherMachine {
-        /// The bag.
-        bag: String,
-        /// Frame of the machine.
-        frame_id: String,
-        /// Frames of the scale readings.
-        frames: String,
-    },
-    /// The bag holds readings on several topics, any of which may be meant.
-    #[error("bag {bag}: any of these topics may be meant: {topics}; name one machine with --namespace")]
-    SeveralMachines {
-        /// The bag.
-        bag: String,
-        /// The topics.
-        topics: String,
     },
 }
 

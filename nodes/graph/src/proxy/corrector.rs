@@ -9,7 +9,7 @@ use crate::connecting::stamp_of;
 use crate::launch::RecordConfig;
 use crate::node::recorder::Tape;
 use crate::node::recording::Recording;
-use crate::step::{GeometricStep, OwnedField, ResidualStep};
+use crate::step::{GeometricStep, OwnedField, ResidualStep, opposite_offset};
 use crate::topics;
 use abbe_geometry::model::{IdentifiedVolume, MachineModel};
 use abbe_ippdme::relay::{Correct, Purpose};
@@ -37,14 +37,6 @@ pub struct Corrector {
     waiting: Vec<(ScaleReading, CorrectedCoordinates)>,
     scale_topic: Arc<str>,
     corrected_topic: Arc<str>,
-}
-
-/// The axis on whose other side every identified offset lies: a sign error moves every lever arm.
-pub fn opposite_offset(identified: &IdentifiedVolume, offset_m: [f64; 3]) -> Option<usize> {
-    let bounds = identified.offset_m.iter().zip(offset_m);
-    bounds
-        .map(|(bounds, offset)| (*bounds, offset))
-        .position(|((lower, upper), offset)| (upper < 0.0 && offset > 0.0) || (lower > 0.0 && offset < 0.0))
 }
 
 impl Corrector {

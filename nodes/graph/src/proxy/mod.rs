@@ -18,7 +18,7 @@ use std::net::{TcpListener, TcpStream};
 use std::time::Duration;
 use thiserror::Error;
 
-pub use corrector::{Corrector, opposite_offset};
+pub use corrector::Corrector;
 
 /// How often it looks whether to stop while nobody is connected.
 const LOOK_UP: Duration = Duration::from_millis(20);

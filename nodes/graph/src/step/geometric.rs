@@ -7,7 +7,7 @@
 
 use abbe_geometry::correct::{Status, correct};
 use abbe_geometry::effects::{CovariateSource, CovariateValue, State};
-use abbe_geometry::model::MachineModel;
+use abbe_geometry::model::{IdentifiedVolume, MachineModel};
 use abbe_msgs::{CorrectedCoordinates, CorrectionStatus, Covariates, ScaleReading, Sha256};
 use std::sync::Arc;
 
@@ -17,6 +17,14 @@ pub(super) const CLOCK_TOLERANCE_S: f64 = 1e-3;
 /// Whether a covariate of this age may be used. One from the future has an age that nobody knows.
 pub(crate) fn is_fresh(age_s: f64, max_age_s: f64) -> bool {
     (-CLOCK_TOLERANCE_S..=max_age_s).contains(&age_s)
+}
+
+/// The axis on whose other side every identified offset lies: a sign error moves every lever arm.
+pub fn opposite_offset(identified: &IdentifiedVolume, offset_m: [f64; 3]) -> Option<usize> {
+    let bounds = identified.offset_m.iter().zip(offset_m);
+    bounds
+        .map(|(bounds, offset)| (*bounds, offset))
+        .position(|((lower, upper), offset)| (upper < 0.0 && offset > 0.0) || (lower > 0.0 && offset < 0.0))
 }
 
 /// Covariates of a sample, with the age from which they are stale.

@@ -16,8 +16,8 @@ mod residual;
 mod stream;
 
 pub(crate) use asked::Scales;
-pub use geometric::GeometricStep;
 pub(crate) use geometric::is_fresh;
+pub use geometric::{GeometricStep, opposite_offset};
 pub use health::{Health, HealthState, Unsound};
 pub use joined::SensorMemory;
 pub use lagged::DerivedLags;
