@@ -4,12 +4,16 @@
 //! replay), the live graph (launch, node), and the demo that does all of it on a recorded campaign. Errors are
 //! printed once, here, and give their exit code ([`exit`]). The commands that train are another program's work
 //! ([`command::training`]), so that who builds this one compiles no framework of networks; that program takes from
-//! here what is public.
+//! here what is public. Live commands are for Linux; elsewhere they are there by name alone.
+
+#![cfg_attr(not(target_os = "linux"), allow(dead_code, unused_imports))] // what only live commands use
 
 mod calibration;
+#[cfg(target_os = "linux")]
 mod capturing;
 pub mod command;
 mod conformity;
+#[cfg(target_os = "linux")]
 mod demo;
 mod diagnosis;
 pub mod exit;
@@ -28,6 +32,7 @@ mod residual;
 pub mod residual_bag;
 mod rosout;
 mod rows;
+#[cfg(target_os = "linux")]
 mod service_manager;
 pub mod stop;
 mod tally;
@@ -36,10 +41,14 @@ mod verification;
 
 pub use pipeline::{is_bag, software};
 
+use abbe_runtime::follow_launcher;
+#[cfg(target_os = "linux")]
+use abbe_runtime::gateway;
 use abbe_runtime::ros::RosArgs;
-use abbe_runtime::{follow_launcher, gateway};
 use anyhow::Context;
 use clap::Parser;
+#[cfg(not(target_os = "linux"))]
+use command::for_linux as demo;
 use std::io::{IsTerminal, Write};
 use std::process::ExitCode;
 use tracing_subscriber::EnvFilter;
@@ -47,6 +56,7 @@ use tracing_subscriber::layer::SubscriberExt;
 use tracing_subscriber::util::SubscriberInitExt;
 
 /// How lines of the DDS libraries are known in the log.
+#[cfg(target_os = "linux")]
 const LIBRARIES: [&str; 2] = ["rustdds::", "ros2_client::"];
 
 #[derive(Debug, Parser)]
@@ -116,7 +126,10 @@ pub fn start_log(ros_args: &RosArgs, before: &'static str, throttled: bool) -> a
     let fallback = EnvFilter::try_new(format!("{level},rustdds=error,ros2_client=error,ros2_client::node=off"))
         .with_context(|| format!("--log-level {level}: give debug, info, warn or error"))?;
     let filter = EnvFilter::try_from_default_env().unwrap_or(fallback);
+    #[cfg(target_os = "linux")]
     let is_wanted = |line: &str| !gateway::is_leaving() || LIBRARIES.iter().all(|library| !line.contains(library));
+    #[cfg(not(target_os = "linux"))]
+    let is_wanted = |_: &str| true;
     let writer = log::Log::new(before, throttled, std::io::stderr, is_wanted);
     let colours = std::io::stderr().is_terminal() && !wants_no_colour();
     let console = tracing_subscriber::fmt::layer().with_writer(writer).with_ansi(colours).log_internal_errors(false);

@@ -17,22 +17,40 @@
 //! - [`RunId`]: the name of one run, which all its shared-memory files carry.
 //!
 //! Samples are SI with the frame in their header; this crate changes no number in them.
+//!
+//! Nodes are for Linux. Elsewhere there is what commands need that only compute: [`Shutdown`], the log, and ROS arguments.
 
+#[cfg(target_os = "linux")]
 mod agreed;
+#[cfg(target_os = "linux")]
 mod claim;
+#[cfg(target_os = "linux")]
 pub mod gateway;
+#[cfg(target_os = "linux")]
 mod lock;
 mod log_lines;
+#[cfg(target_os = "linux")]
 mod outbox;
+#[cfg(target_os = "linux")]
 pub mod ros;
+#[cfg(not(target_os = "linux"))]
+#[path = "ros/elsewhere.rs"]
+pub mod ros;
+#[cfg(target_os = "linux")]
 mod run_id;
 mod shutdown;
+#[cfg(target_os = "linux")]
 pub mod transport;
 
+#[cfg(target_os = "linux")]
 pub use agreed::agree;
+#[cfg(target_os = "linux")]
 pub use claim::{Claim, ClaimError};
 pub use log_lines::{LogLine, tell_log_line};
+#[cfg(target_os = "linux")]
 pub use outbox::{Outbox, OutboxCounts};
+#[cfg(target_os = "linux")]
 pub use run_id::{RunId, RunIdError};
 pub use shutdown::{LAUNCHER_PID, Shutdown, ShutdownError, end_on_signals, end_with_reader, follow_launcher};
+#[cfg(target_os = "linux")]
 pub use transport::{Edges, EdgesConfig, Publish, Subscribe, TransportError, TransportKind};

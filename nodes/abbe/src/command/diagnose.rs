@@ -15,11 +15,12 @@ use abbe_diagnose::Progress;
 use abbe_files::{Days, read_machine};
 use abbe_report::Identity;
 use abbe_report::diagnosis::DiagnosisReport;
-use abbe_runtime::{LAUNCHER_PID, Shutdown};
+use abbe_runtime::Shutdown;
 use anyhow::{Context, bail};
 use std::path::{Path, PathBuf};
 
 /// Steps by which a diagnosis that a node started gives way to others: correction comes first.
+#[cfg(target_os = "linux")]
 const GIVES_WAY: i32 = 5;
 
 /// Arguments of `diagnose`.
@@ -62,7 +63,8 @@ pub(crate) struct Arguments {
 
 pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let shutdown = Shutdown::on_signals()?;
-    if std::env::var_os(LAUNCHER_PID).is_some() {
+    #[cfg(target_os = "linux")]
+    if std::env::var_os(abbe_runtime::LAUNCHER_PID).is_some() {
         // Where the system refuses, it goes on as it is.
         let _ = rustix::process::nice(GIVES_WAY);
     }

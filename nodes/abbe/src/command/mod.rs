@@ -2,26 +2,34 @@
 //!
 //! Place in the flow: parsed in `main`, dispatched here; each file holds its arguments and its work.
 
+#[cfg(target_os = "linux")]
 mod capture;
 mod completions;
 mod conformity;
+#[cfg(target_os = "linux")]
 mod convert;
 pub(crate) mod correct;
 mod diagnose;
 mod export;
 mod fit_points;
+#[cfg(not(target_os = "linux"))]
+pub(crate) mod for_linux;
+#[cfg(target_os = "linux")]
 mod gateway;
 mod guideway;
 mod identify;
 mod interpolate;
+#[cfg(target_os = "linux")]
 mod launch;
 mod man;
+#[cfg(target_os = "linux")]
 mod node;
 mod papers;
 mod plan;
 mod points;
 mod predict;
 mod probe_pose;
+#[cfg(target_os = "linux")]
 mod proxy;
 mod recover;
 mod replay;
@@ -41,6 +49,8 @@ use abbe_runtime::end_with_reader;
 use abbe_runtime::ros::RosArgs;
 use anyhow::{Context, ensure};
 use clap::Subcommand;
+#[cfg(not(target_os = "linux"))]
+use for_linux::{self as capture, self as convert, self as gateway, self as launch, self as node, self as proxy};
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -187,8 +197,12 @@ fn dispatch(command: Command, ros_args: RosArgs) -> anyhow::Result<()> {
         Command::Points(arguments) => points::run(&arguments),
         Command::Interpolate(arguments) => interpolate::run(&arguments),
         Command::Demo(arguments) => crate::demo::run(&arguments),
+        #[cfg(target_os = "linux")]
         Command::Launch(arguments) => launch::run(&arguments, ros_args),
+        #[cfg(target_os = "linux")]
         Command::Node(arguments) => node::run(arguments, ros_args),
+        #[cfg(not(target_os = "linux"))]
+        Command::Launch(arguments) | Command::Node(arguments) => for_linux::run(&arguments),
         Command::Proxy(arguments) => proxy::run(&arguments),
         Command::Gateway(arguments) => gateway::run(&arguments),
         Command::Replay(arguments) => replay::run(&arguments),

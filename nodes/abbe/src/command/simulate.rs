@@ -3,6 +3,10 @@
 //! Place in the flow: trials without hardware. With `--trials`, identifies many such campaigns and compares the
 //! achieved error with the uncertainty that the fit reports.
 
+#[cfg(target_os = "linux")]
+mod serve;
+#[cfg(not(target_os = "linux"))]
+#[path = "simulate/serve_elsewhere.rs"]
 mod serve;
 
 use crate::next::Next;

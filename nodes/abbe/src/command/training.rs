@@ -7,8 +7,8 @@
 use crate::help::VERSION;
 use crate::identity::IdentityOptions;
 use anyhow::{Context, bail, ensure};
+use std::env::consts::EXE_SUFFIX;
 use std::ffi::OsStr;
-use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
@@ -94,8 +94,26 @@ pub(super) fn hand_over() -> anyhow::Result<()> {
         asked.status.success() && said == wanted,
         "{shown}: this is {said:?}, and abbe {VERSION} trains with {wanted:?} only; {HOW_TO_GET}"
     );
-    let error = Command::new(&program).args(std::env::args_os().skip(1)).exec();
-    Err(error).with_context(|| format!("{shown}: cannot be started; {HOW_TO_GET}"))
+    let mut training = Command::new(&program);
+    training.args(std::env::args_os().skip(1));
+    Err(turn_into(training)).with_context(|| format!("{shown}: cannot be started; {HOW_TO_GET}"))
+}
+
+#[cfg(unix)]
+fn turn_into(mut program: Command) -> std::io::Error {
+    std::os::unix::process::CommandExt::exec(&mut program)
+}
+
+/// Where no process becomes another: waits for it, and ends as it ends. Ctrl-C reaches both, and is that program's to heed.
+#[cfg(not(unix))]
+fn turn_into(mut program: Command) -> std::io::Error {
+    if let Err(error) = abbe_runtime::Shutdown::on_signals() {
+        tracing::warn!(%error, "Ctrl-C ends this program before the one that trains");
+    }
+    match program.status() {
+        Ok(ended) => std::process::exit(ended.code().unwrap_or(i32::from(crate::exit::REFUSED))),
+        Err(error) => error,
+    }
 }
 
 /// The first of these: beside the running program, then in the folders of the path.
@@ -104,7 +122,11 @@ fn find(own: Option<&Path>, path: Option<&OsStr>) -> Option<PathBuf> {
     let folders = path.into_iter().flat_map(std::env::split_paths);
     // An empty entry of the path would be the current folder.
     let folders = folders.filter(|folder| !folder.as_os_str().is_empty());
-    beside.into_iter().chain(folders).map(|folder| folder.join(PROGRAM)).find(|program| program.is_file())
+    beside
+        .into_iter()
+        .chain(folders)
+        .map(|folder| folder.join(format!("{PROGRAM}{EXE_SUFFIX}")))
+        .find(|program| program.is_file())
 }
 
 #[cfg(test)]
@@ -118,12 +140,13 @@ mod tests {
         let path = std::env::join_paths([&first, &second]).unwrap();
         let found = || find(Some(&beside.join("abbe")), Some(&path));
         assert_eq!(found(), None);
+        let name = format!("{PROGRAM}{EXE_SUFFIX}");
         // A folder of that name is no program.
-        std::fs::create_dir_all(first.join(PROGRAM)).unwrap();
+        std::fs::create_dir_all(first.join(&name)).unwrap();
         for place in [&second, &beside] {
             std::fs::create_dir_all(place).unwrap();
-            std::fs::write(place.join(PROGRAM), "").unwrap();
-            assert_eq!(found(), Some(place.join(PROGRAM)));
+            std::fs::write(place.join(&name), "").unwrap();
+            assert_eq!(found(), Some(place.join(&name)));
         }
         assert_eq!(find(None, None), None);
     }

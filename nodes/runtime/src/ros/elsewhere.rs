@@ -1,0 +1,11 @@
+//! The ROS arguments of a command line, where there is no node that takes them.
+//!
+//! Place in the flow: [`RosArgs::split`] takes them off, as it does before a node; the level of the log holds for every command.
+
+mod args;
+mod names;
+mod yaml;
+
+pub use args::{ArgsError, RemapRule, RosArgs};
+pub use names::{NameError, NodeIdentity, resolve};
+pub use yaml::{ParameterAssignment, YamlError, YamlValue};
