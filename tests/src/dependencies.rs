@@ -36,6 +36,11 @@ const IMPURE: [&str; 22] = [
 /// The one crate of `models/` that may be built on a network framework: it trains; what runs live needs none.
 const NETWORK_CRATE: &str = "abbe-residual-training";
 
+/// What is built on what Linux alone has, or has been run there alone: live nodes are made of it.
+const OF_LINUX: [&str; 6] = ["abbe-opcua", "nix", "ros2-client", "rustdds", "sd-notify", "zenoh"];
+/// The platform other than Linux for which the program is built.
+pub const WINDOWS: &str = "x86_64-pc-windows-gnu";
+
 /// A crate of the workspace.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Member {
@@ -62,10 +67,15 @@ impl Graph {
         let platform = std::process::Command::new("rustc").arg("-vV").output().expect("rustc can be called");
         let text = String::from_utf8_lossy(&platform.stdout).into_owned();
         let host = text.lines().find_map(|line| line.strip_prefix("host: ")).expect("rustc names its host");
+        Graph::on(host)
+    }
+
+    /// The graph of this workspace, for this platform.
+    pub fn on(platform: &str) -> Graph {
         let metadata = MetadataCommand::new()
             .manifest_path(workspace::root().join("Cargo.toml"))
             .features(CargoOpt::AllFeatures)
-            .other_options(["--locked".to_owned(), "--filter-platform".to_owned(), host.to_owned()])
+            .other_options(["--locked".to_owned(), "--filter-platform".to_owned(), platform.to_owned()])
             .exec()
             .unwrap_or_else(|error| panic!("cargo metadata: {error}"));
         Graph::from_metadata(&metadata)
@@ -132,6 +142,15 @@ impl Graph {
             |reached: &String| reached == NETWORK_CRATE || reached == "burn" || reached.starts_with("burn-");
         let of = |name: &String| {
             let reached = self.reach(name).into_iter().filter(is_of_training);
+            reached.map(|reached| format!("{name} reaches {reached}")).collect::<Vec<_>>()
+        };
+        self.built_by_default.iter().flat_map(of).collect()
+    }
+
+    /// Crates that are built by default and reach what is for Linux alone.
+    pub fn of_linux_by_default(&self) -> Vec<String> {
+        let of = |name: &String| {
+            let reached = self.reach(name).into_iter().filter(|reached| OF_LINUX.contains(&reached.as_str()));
             reached.map(|reached| format!("{name} reaches {reached}")).collect::<Vec<_>>()
         };
         self.built_by_default.iter().flat_map(of).collect()
@@ -208,6 +227,15 @@ mod tests {
             together.direct.insert("m".to_owned(), [dependency.to_owned()].into());
             assert_eq!(together.training_by_default().len(), found, "{dependency}");
         }
+    }
+
+    #[test]
+    fn what_is_for_linux_alone_is_caught_through_another_crate() {
+        let mut graph = graph(&[("p", "nodes/p")], &[("p", &["m", "nixon"]), ("m", &["nix"]), ("q", &["zenoh"])]);
+        graph.built_by_default = ["p".to_owned()].into();
+        assert_eq!(graph.of_linux_by_default(), ["p reaches nix"]);
+        graph.direct.insert("m".to_owned(), BTreeSet::new());
+        assert!(graph.of_linux_by_default().is_empty());
     }
 
     #[test]

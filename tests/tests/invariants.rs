@@ -4,7 +4,7 @@
 //! violation; here they meet the files and the dependency graph as they are.
 
 use abbe_graph::launch::Launch;
-use abbe_tests::dependencies::Graph;
+use abbe_tests::dependencies::{Graph, WINDOWS};
 use abbe_tests::source::Found;
 use abbe_tests::workspace::{EVIDENCE, RustFile, files, read, root, rust_files};
 use abbe_tests::{documents, registry, rules};
@@ -69,6 +69,18 @@ fn what_is_built_by_default_trains_nothing() {
     assert!(graph.built_by_default.contains("abbe"), "the program is built by default");
     assert!(graph.reach("abbe-train").contains("burn"), "the graph holds what training is built on");
     assert_none("training is a program of its own, and nobody else compiles it", &graph.training_by_default());
+}
+
+#[test]
+fn the_program_for_windows_reaches_nothing_that_is_for_linux_alone() {
+    let host = Graph::of_workspace().of_linux_by_default();
+    assert!(host.iter().any(|found| found.ends_with("reaches ros2-client")), "on Linux live nodes are built");
+    let graph = Graph::on(WINDOWS);
+    assert!(graph.built_by_default.contains("abbe"), "the program is built by default");
+    assert_none(
+        "live nodes stay on Linux: depend on it under [target.'cfg(target_os = \"linux\")'.dependencies]",
+        &graph.of_linux_by_default(),
+    );
 }
 
 #[test]
