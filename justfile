@@ -40,6 +40,11 @@ zenoh:
     cargo test -p abbe-runtime --features zenoh --test conformance zenoh
     cargo test -p abbe --features zenoh --test zenoh -- --nocapture
 
+# What computes, built for Windows; its tests in Wine (rustup target add x86_64-pc-windows-gnu; Debian: gcc-mingw-w64-x86-64, wine)
+windows *options:
+    cargo build --target x86_64-pc-windows-gnu -p abbe
+    CARGO_TARGET_X86_64_PC_WINDOWS_GNU_RUNNER=wine cargo test --target x86_64-pc-windows-gnu -p abbe-geometry -p abbe-measurement -p abbe-conformity {{ options }}
+
 # Everything that must pass before a change is taken
 ci:
     .ci/run
