@@ -75,3 +75,19 @@ fn a_cause_in_the_list_is_still_found() {
     let judged = diagnosed("bridge", &["reversal"], 11);
     assert_eq!(judged.names(), ["reversal"], "{:?}", judged.diagnosis.steps);
 }
+
+/// Three cells in a hundred are empty: the right sensor was not tried, and another stood in for it.
+#[test]
+fn regress_a_log_with_empty_cells_still_names_its_cause() {
+    for seed in [1, 2] {
+        let judged = diagnosed("bridge", &["holes"], seed);
+        let [found] = judged.diagnosis.found.as_slice() else { panic!("{seed}: {:?}", judged.diagnosis.steps) };
+        assert_eq!(
+            (found.name, found.covariates.as_slice()),
+            ("scale_expansion", ["temp_scale_x_c".to_owned()].as_slice()),
+            "{seed}"
+        );
+        let (before, after) = judged.outcome().inside;
+        assert!(after.rms_m < 0.5 * before.rms_m && after.covered > 0.93, "{seed}: {before:?} {after:?}");
+    }
+}

@@ -6,7 +6,7 @@ use super::machine::Build;
 use super::score::{Corrected, Worth, worth};
 use super::surroundings::COLUMNS;
 use super::{Foreign, RANGE, REPEATABILITY_M, Verified, foreign};
-use abbe_diagnose::{Diagnosis, Options, diagnose};
+use abbe_diagnose::{Diagnosis, Options, diagnose, mended};
 use abbe_geometry::Axis;
 use abbe_geometry::correct::{Status, correct};
 use abbe_geometry::effects::{CovariateSource, CovariateValue, State, Travel};
@@ -35,7 +35,7 @@ pub(crate) fn judged(machine: &str, forms: &[&str], seed: u64, options: &Options
     let foreign = foreign(machine, forms, seed);
     let range = RangeUncertainty { constant_m: RANGE.0, per_metre: RANGE.1 };
     let described = description(&foreign);
-    let campaign = campaign(&foreign);
+    let (campaign, _) = mended(&campaign(&foreign));
     let diagnosis = diagnose(&described, &[], range, &campaign, options, &mut |_| true).unwrap();
     Judged { foreign, diagnosis }
 }
