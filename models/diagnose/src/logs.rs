@@ -211,7 +211,7 @@ mod tests {
     /// A load that is put on and taken off cannot be drawn: no line tells when.
     #[test]
     fn what_jumps_is_not_drawn() {
-        let load = |k: usize| if (k * 7919 / 13) % 3 == 0 { 10.0 } else { 0.0 };
+        let load = |k: usize| if (k * 7919 / 13).is_multiple_of(3) { 10.0 } else { 0.0 };
         let (values, _) = mended_of(|k| (k % 40 > 12).then(|| load(k)));
         assert!(values.iter().any(Option::is_none));
     }
