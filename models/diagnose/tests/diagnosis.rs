@@ -266,7 +266,7 @@ fn without_covariates_effects_are_untestable_by_name_and_sensor() {
     let mut case = Case::new(10, &[]);
     case.simulated.campaign.covariates.clear();
     let diagnosis = case.diagnose();
-    let needs = |name: &str| diagnosis.untestable.iter().find(|u| u.name == name).unwrap().needs;
+    let needs = |name: &str| diagnosis.untestable.iter().find(|u| u.name == name).unwrap().needs.clone();
     assert!(needs("scale_expansion").contains("temp_scale_x_c"));
     assert!(needs("table_load").contains("load"));
     assert_eq!(names(&diagnosis), [""; 0]);
