@@ -105,9 +105,10 @@ fn regress_a_log_by_another_clock_is_said_and_not_followed() {
         assert!(after.covered > 0.95 && after.worst_axis > 0.92, "{behind_s} {seed}: {before:?} {after:?}");
     }
     assert!(said >= 4, "{said} of 6");
-    for form in ["expansion", "expansion-y", "bend-lag"] {
+    // Beside a backlash that stayed in the residual, a log in order was blamed.
+    for forms in [&["expansion"][..], &["expansion-y"], &["bend-lag"], &["expansion-y", "reversal"]] {
         for seed in 1..=2 {
-            assert_eq!(diagnosed("bridge", &[form], seed).diagnosis.clock, None, "{form} {seed}");
+            assert_eq!(diagnosed("bridge", forms, seed).diagnosis.clock, None, "{forms:?} {seed}");
         }
     }
 }

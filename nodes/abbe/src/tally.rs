@@ -126,6 +126,27 @@ impl Tally {
         text
     }
 
+    /// The same for a page, in sentences; `None` where all rows are inside.
+    pub(crate) fn sentences(&self, model: &MachineModel) -> Option<String> {
+        let what = |status: Status| match status {
+            Status::Extrapolated => {
+                "lie outside of what the model was identified from, where the uncertainty is a lower bound"
+            }
+            Status::CovariateMissing => "lack a quantity that the model reads, and are corrected without its effect",
+            Status::Stale => "have a quantity that is too old, and are corrected without its effect",
+            Status::InVolume | Status::Rejected => "were not corrected",
+        };
+        let sentence = |(status, kind): (&Status, &Kind)| {
+            let causes: Vec<String> =
+                kind.shared.iter().map(|(why, furthest)| why.words(model, *status, *furthest)).collect();
+            let causes = if causes.is_empty() { String::new() } else { format!(" ({})", causes.join("; ")) };
+            format!("{} of {} rows {}{causes}.", kind.rows, self.rows, what(*status))
+        };
+        let outside = self.kinds.iter().filter(|(status, _)| **status != Status::InVolume);
+        let sentences: Vec<String> = outside.map(sentence).collect();
+        (!sentences.is_empty()).then(|| sentences.join(" "))
+    }
+
     /// An error where no row is inside what the model knows, but for quantities that it does not ask for.
     pub(crate) fn judge(&self, file: &str) -> Result<(), Ended> {
         if self.count(Status::InVolume) + self.beside > 0 {

@@ -138,7 +138,7 @@ fn departures(place: &str, groups: &[Group]) -> Vec<Departure> {
     if let Some(step_m) = equal_step_m(groups) {
         let text = format!(
             "the targets stand in equal steps of {:.3} mm, which hide errors of that period and of its fractions; the standard asks for \
-             P_i = (i - 1) p + r with another random r at each target",
+             another random shift at each target",
             step_m * 1e3
         );
         found.push(Departure::new(place, text));

@@ -14,7 +14,7 @@ use abbe_measurement::guideway::{
 use abbe_measurement::tracker::TrackerUncertainty;
 use abbe_report::{
     Axis, Callout, Curve, CurveStyle, Identity, KeyFigure, KeyFigures, LinePanel, LinePlot, Quantity, Report, Section,
-    Tone, digits,
+    State, Tone, digits,
 };
 use anyhow::{Context, bail};
 use serde_json::{Value, json};
@@ -232,7 +232,7 @@ fn report(
         y: Axis::new(names[k].clone(), if k < 3 { "µm" } else { "µrad" }),
         curves: vec![Curve {
             name: "error".to_owned(),
-            style: CurveStyle::Line(1),
+            style: CurveStyle::LineOf(State::Before),
             x: x.clone(),
             y: solved.positions.iter().map(|p| Some(shown(p)[k])).collect(),
             half_width: Some(solved.positions.iter().map(|p| expanded(p).map(|u| u[k])).collect()),
@@ -261,7 +261,7 @@ fn report(
     };
     let of_data = [
         figure("residual of a rigid table", Quantity::result(solved.scatter_m * 1e6), "µm"),
-        figure("extent of the targets across over along", Quantity::result(solved.spread_ratio), ""),
+        figure("spread of the targets, across / along the motion", Quantity::result(solved.spread_ratio), ""),
         figure("positions", Quantity::new(solved.positions.len() as f64, 0), ""),
     ];
     let mut sections = vec![Section::KeyFigures(KeyFigures {

@@ -142,7 +142,7 @@ fn pages_of(
         identity: who.shown,
         meta,
         tally: &worth.tally,
-        words: worth.tally.words(&model.model, &input, "line"),
+        outside: worth.tally.sentences(&model.model),
         corrections: &worth.corrections,
         doubts: model.said_against().collect(),
         next: next(arguments).step(),

@@ -13,6 +13,7 @@ use crate::verification::{VerificationPoints, correct_points, rms_and_max_m};
 use abbe_files::{ModelFile, hex, write_atomically};
 use abbe_geometry::Vector3;
 use abbe_geometry::chain::nominal_point_m;
+use abbe_geometry::correct::Status;
 use abbe_graph::step::OwnedField;
 use abbe_measurement::alignment::aligned_residuals_m;
 use abbe_report::digits;
@@ -107,7 +108,7 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         println!("{}", serde_json::to_string_pretty(&value)?);
     } else {
         print_words(&points, &stages);
-        next(arguments, &stages).print();
+        next(arguments, &points, &stages).print();
     }
     if !points.tally.is_inside() {
         eprintln!("abbe: {}", points.tally.words(&model.model, &name, "line"));
@@ -115,8 +116,12 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     Ok(points.tally.judge(&name)?)
 }
 
-/// A model that makes errors smaller corrects; one that does not lacks something.
-fn next(arguments: &Arguments, stages: &[Stage]) -> Next {
+/// A model that makes errors smaller corrects; one that does not lacks something. Points of which none was inside tell neither.
+fn next(arguments: &Arguments, points: &VerificationPoints, stages: &[Stage]) -> Next {
+    if points.tally.count(Status::InVolume) == 0 {
+        let again = Next::new("to judge the model where it was identified", "verify").file("--model", &arguments.model);
+        return again.text("--points POINTS_INSIDE.csv");
+    }
     let is_better = stages.first().zip(stages.last()).is_some_and(|(before, after)| after.rms_um < before.rms_um);
     if !is_better {
         let diagnose = Next::new("to find what the model lacks", "diagnose").file("--model", &arguments.model);
@@ -148,9 +153,10 @@ fn write(
         meta,
         at_m: points.rows.iter().map(|row| row.reading_m).collect(),
         stages,
-        extrapolated: points.extrapolated(),
+        inside: points.tally.count(Status::InVolume) as usize,
+        outside: points.tally.sentences(&model.model),
         doubts: model.said_against().collect(),
-        next: next(arguments, stages).step(),
+        next: next(arguments, points, stages).step(),
     });
     let pdf = arguments.pdf.as_ref().map(|_| report.pdf()).transpose().context("--pdf")?;
     if let Some(path) = &arguments.html {

@@ -8,7 +8,7 @@ mod report;
 
 use crate::exit::Ended;
 use crate::identity::{IdentityOptions, Said};
-use crate::next::Next;
+use crate::next::{Next, READINGS};
 use crate::output;
 use abbe_files::{ModelFile, hex, write_atomically};
 use abbe_geometry::Vector3;
@@ -80,6 +80,11 @@ impl Answer {
     fn extrapolated(&self) -> usize {
         self.map.iter().filter(|p| p.status != Status::InVolume).count()
     }
+
+    /// Whether no point has what the model's effects read: a map has no temperatures.
+    fn all_lack(&self) -> bool {
+        self.map.iter().all(|p| p.status == Status::CovariateMissing)
+    }
 }
 
 pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
@@ -130,6 +135,10 @@ fn next(arguments: &Arguments, file: &ModelFile, answer: &Answer) -> Next {
         let export = Next::new("to take the errors to a controller", "export").file("--model", &arguments.model);
         return export.text("--format csv --out tables.csv");
     }
+    if answer.all_lack() {
+        let correct = Next::new("to have errors where the temperatures are logged", "correct");
+        return correct.file("--model", &arguments.model).text(READINGS);
+    }
     let middle_mm = file.model.parts().identified.offset_m.map(|(low, high)| (low + high) * 500.0);
     let offset = middle_mm.map(|mm| format!("{mm:.1}")).join(",");
     let again = Next::new("to map it at the offsets of the campaign", "volumetric").file("--model", &arguments.model);
@@ -140,6 +149,13 @@ fn next(arguments: &Arguments, file: &ModelFile, answer: &Answer) -> Next {
 fn judge(arguments: &Arguments, answer: &Answer) -> anyhow::Result<()> {
     let (outside, all) = (answer.extrapolated(), answer.map.len());
     let [x, y, z] = answer.offset_m.map(|v| v * 1e3);
+    if answer.all_lack() {
+        eprintln!(
+            "abbe: warning: {}: the map is of the geometry alone, since a map has none of the logged quantities that the model's effects read",
+            arguments.out.display()
+        );
+        return Ok(());
+    }
     if outside > 0 {
         eprintln!(
             "abbe: warning: {}: {outside} of {all} points are outside what the model was identified from, or lack covariates \

@@ -145,10 +145,22 @@ pub(crate) fn departure_callout(standard: &str, departures: &[Departure]) -> Sec
     let (tone, title, text) = if departures.is_empty() {
         (Tone::Good, "Whole test", format!("The data hold all that {standard} asks for."))
     } else {
-        let list: Vec<String> = departures.iter().map(ToString::to_string).collect();
-        (Tone::Warning, "Not a whole test", format!("Nothing is verified by it after {standard}. {}.", list.join("; ")))
+        let list = by_text(departures).join("; ");
+        (Tone::Warning, "Not a whole test", format!("Nothing is verified by it after {standard}, because of {list}."))
     };
     Section::Callout(Callout { tone, title: title.to_owned(), text })
+}
+
+/// Departures with the places that share each.
+fn by_text(departures: &[Departure]) -> Vec<String> {
+    let mut list: Vec<(String, &str)> = Vec::new();
+    for Departure { place, text } in departures {
+        match list.iter_mut().find(|(_, known)| known == text) {
+            Some((places, _)) => *places = format!("{places}, {place}"),
+            None => list.push((place.clone(), text)),
+        }
+    }
+    list.into_iter().map(|(places, text)| format!("{places}: {text}")).collect()
 }
 
 /// Lines of the report's head for a data file.

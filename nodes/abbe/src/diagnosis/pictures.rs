@@ -154,7 +154,7 @@ impl Used<'_> {
             let label = name.trim_end_matches("_m").replace('_', " ");
             return Some((Labelled::new(label, "mm"), values.iter().map(|m| m * 1e3).collect()));
         }
-        let label = if name == TIME { Labelled::new("time", "s") } else { Labelled::new(name, "1") };
+        let label = if name == TIME { Labelled::new("time", "s") } else { logged(name) };
         Some((label, values))
     }
 
@@ -166,4 +166,11 @@ impl Used<'_> {
         let names = ["approach −", "approach +"].map(str::to_owned).to_vec();
         Some(Split { names, of: signs.iter().map(of).collect() })
     }
+}
+
+/// A logged quantity with the unit that its name ends with.
+pub(super) fn logged(name: &str) -> Labelled {
+    let units = [("_c", "°C"), ("_hpa", "hPa"), ("_pct", "%"), ("_kg", "kg"), ("_mm_s", "mm/s"), ("_deg", "°")];
+    let of = |(end, unit): (&str, &str)| Some(Labelled::new(name.strip_suffix(end)?.replace('_', " "), unit));
+    units.into_iter().find_map(of).unwrap_or_else(|| Labelled::new(name, "1"))
 }

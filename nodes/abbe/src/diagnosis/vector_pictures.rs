@@ -111,6 +111,6 @@ fn label(name: &str) -> Axis {
     match name {
         "x_m" | "y_m" | "z_m" => Axis::new(name.trim_end_matches("_m"), "mm"),
         "time_s" => Axis::new("time", "s"),
-        name => Axis::new(name, "1"),
+        name => super::pictures::logged(name),
     }
 }

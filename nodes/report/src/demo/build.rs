@@ -141,9 +141,9 @@ impl DemoReport {
                 ..KeyFigure::default()
             },
             KeyFigure {
-                label: "χ²/ν, declared noise".to_owned(),
+                label: "χ² per degree of freedom".to_owned(),
                 value: fit.chi2_per_dof.map(Quantity::result),
-                detail: fit.degrees_of_freedom.map(|v| of_fit(format!("ν = {v:.0}"))),
+                detail: fit.degrees_of_freedom.map(|v| of_fit(format!("{v:.0} degrees of freedom"))),
                 tone: match fit.chi2_per_dof {
                     Some(v) if CHI2_RANGE.contains(&v) => Tone::Good,
                     Some(_) => Tone::Warning,

@@ -149,7 +149,7 @@ impl DemoReport {
                 row("verification error, 3-D, rms", [verified.get(1).copied().flatten(), after_loop]),
                 row("range error on lines that no step of the search saw, rms", figure(|e| e.held_out_rms_um)),
                 row("range residual of the fit, rms", figure(|e| e.residual_rms_um)),
-                row("χ²/ν with the declared noise (no unit)", figure(|e| e.chi2_per_dof)),
+                row("χ² per degree of freedom, declared noise (no unit)", figure(|e| e.chi2_per_dof)),
             ],
             total_rows: None,
         }

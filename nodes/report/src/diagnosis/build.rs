@@ -6,6 +6,9 @@ use crate::report::{MetaItem, Report};
 use crate::sections::{Callout, Heading, KeyFigure, KeyFigures, Quantity, Section, Tone};
 use crate::text::significant;
 
+/// Share of an effect that the model's own parameters could imitate from which its size is doubted on the first screen.
+const MOSTLY_GEOMETRY: f64 = 0.5;
+
 pub(super) fn report(diagnosis: &DiagnosisReport) -> Report {
     let record = &diagnosis.record;
     let mut sections = vec![Section::Callout(record.answer()), Section::KeyFigures(record.key_figures())];
@@ -158,6 +161,13 @@ impl Record {
                     parameter.name
                 )));
             }
+            all.extend(effect.alias_share.filter(|share| *share >= MOSTLY_GEOMETRY).map(|share| {
+                warning(format!(
+                    "{}: geometry could imitate {:.0} % of it, so that its presence is surer than its size.",
+                    effect.label(),
+                    100.0 * share
+                ))
+            }));
             all.extend(effect.rivals().map(|rivals| {
                 warning(format!("{}: explains these data best, but they do not tell it from {rivals}.", effect.label()))
             }));

@@ -118,7 +118,7 @@ impl Residuals {
         }
         let of = |residuals: &[f64], group: usize| {
             let members = residuals.iter().zip(&self.group).filter(|(_, g)| **g == group);
-            BoxStats::of(&members.map(|(r, _)| *r).collect::<Vec<_>>())
+            BoxStats::of(&members.map(|(r, _)| r.abs()).collect::<Vec<_>>())
         };
         let groups = self.groups.iter().enumerate().map(|(k, label)| BoxGroup {
             label: label.clone(),
@@ -128,7 +128,7 @@ impl Residuals {
             title: format!("Residual by {}", self.groups_label),
             note: None,
             groups_label: self.groups_label.clone(),
-            value: Axis::new(self.label.clone(), "µm"),
+            value: Axis::new(format!("{}, magnitude", self.label), "µm"),
             series: vec!["before".to_owned(), "after".to_owned()],
             states: vec![State::Before, State::After],
             groups: groups.collect(),

@@ -141,7 +141,8 @@ fn named(effect: &Effect) -> String {
     };
     match readable(parameter) {
         (Some(value), Some(u), _, unit, decimals) => {
-            format!("{label}, {} ± {} {unit} (k = 1)", fixed(value, decimals), fixed(u, decimals))
+            let open = if value.abs() < 2.0 * u { ", not told from zero" } else { "" };
+            format!("{label}, {} ± {} {unit} (k = 1){open}", fixed(value, decimals), fixed(u, decimals))
         }
         _ => label,
     }

@@ -57,10 +57,8 @@ impl Callout {
     pub(crate) fn sentence(&self) -> String {
         let first = self.text.split(' ').next().unwrap_or_default().trim_end_matches('.');
         let is_word = first != "abbe" && first.chars().all(|c| c.is_ascii_lowercase());
-        match is_word {
-            true => capital(&prose(&self.text)),
-            false => prose(&self.text),
-        }
+        let text = if is_word { capital(&prose(&self.text)) } else { prose(&self.text) };
+        if text.is_empty() || text.ends_with(['.', '!', '?', ':']) { text } else { text + "." }
     }
 
     /// HTML of the callout.

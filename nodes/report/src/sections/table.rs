@@ -166,6 +166,7 @@ impl TableSection {
 impl Column {
     fn html(&self) -> String {
         match &self.unit {
+            Some(unit) if unit == "1" => format!("<th scope=\"col\" class=\"num\">{}</th>", escape(&self.name)),
             Some(unit) => format!(
                 "<th scope=\"col\" class=\"num\">{}<span class=\"u\">{}</span></th>",
                 escape(&self.name),

@@ -89,8 +89,8 @@ pub(super) struct Page<'a> {
     pub(super) identity: Identity,
     pub(super) meta: Vec<MetaItem>,
     pub(super) tally: &'a Tally,
-    /// Why rows are not inside, as on the terminal.
-    pub(super) words: String,
+    /// What rows are that are not inside, in sentences.
+    pub(super) outside: Option<String>,
     pub(super) corrections: &'a Corrections,
     pub(super) doubts: Vec<String>,
     pub(super) next: NextStep,
@@ -154,10 +154,11 @@ fn figures(page: &Page) -> Section {
 fn limits(page: &Page) -> Vec<Section> {
     let callout = |tone, title: &str, text: String| Section::Callout(Callout { tone, title: title.to_owned(), text });
     let tone = if page.tally.count(Status::InVolume) == 0 { Tone::Bad } else { Tone::Warning };
-    let outside = (!page.tally.is_inside()).then(|| callout(tone, "Outside of what was measured", page.words.clone()));
+    let outside =
+        page.outside.iter().map(|text| callout(tone, "Not all rows are inside what was measured", text.clone()));
     let doubts = page.doubts.iter();
     let doubts = doubts.map(|doubt| callout(Tone::Warning, "What speaks against this model", doubt.clone()));
-    outside.into_iter().chain(doubts).collect()
+    outside.chain(doubts).collect()
 }
 
 fn by_axis(corrections: &Corrections) -> Section {

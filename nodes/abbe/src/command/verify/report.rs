@@ -16,7 +16,10 @@ pub(super) struct Page<'a> {
     /// Positions of the points (m).
     pub(super) at_m: Vec<[f64; 3]>,
     pub(super) stages: &'a [Stage],
-    pub(super) extrapolated: usize,
+    /// Points inside what the model was identified from.
+    pub(super) inside: usize,
+    /// What the others are, in sentences.
+    pub(super) outside: Option<String>,
     pub(super) doubts: Vec<String>,
     /// What to do with the answer.
     pub(super) next: NextStep,
@@ -54,6 +57,7 @@ fn figures(page: &Page) -> Section {
             unit: "µm".to_owned(),
             detail: Some(detail),
             tone: match before.zip(after) {
+                _ if page.inside == 0 => Tone::Bad,
                 Some((before, after)) if after < before => Tone::Good,
                 Some(_) => Tone::Bad,
                 None => Tone::Neutral,
@@ -68,7 +72,7 @@ fn figures(page: &Page) -> Section {
         figure(
             "length error, largest",
             |stage| stage.lengths.largest_m * 1e6,
-            format!("{pairs} pairs; all within {limit} µm, L in mm"),
+            format!("{pairs} pairs; all within {limit} µm{}", if limit.contains('L') { ", L in mm" } else { "" }),
         ),
     ];
     Section::KeyFigures(KeyFigures { title: "At a glance".to_owned(), figures })
@@ -77,15 +81,10 @@ fn figures(page: &Page) -> Section {
 fn limits(page: &Page) -> Vec<Section> {
     let warning = |tone, title: &str, text: String| Section::Callout(Callout { tone, title: title.to_owned(), text });
     let mut list: Vec<Section> = Vec::new();
-    if page.extrapolated > 0 {
-        let tone = if page.extrapolated == page.at_m.len() { Tone::Bad } else { Tone::Warning };
-        let text = format!(
-            "{} of {} points lie outside of the volume or the offsets that the model was identified from, or lack covariates.",
-            page.extrapolated,
-            page.at_m.len()
-        );
-        list.push(warning(tone, "Outside of what was measured", text));
-    }
+    let tone = if page.inside == 0 { Tone::Bad } else { Tone::Warning };
+    list.extend(
+        page.outside.iter().map(|text| warning(tone, "Not all points are inside what was measured", text.clone())),
+    );
     let doubts =
         page.doubts.iter().map(|doubt| warning(Tone::Warning, "What speaks against this model", doubt.clone()));
     list.extend(doubts);

@@ -51,6 +51,15 @@ fn doubtful(doubt: &str) -> Section {
 /// How much of the map is outside of what the model was identified from: the answer is worth no more than that.
 fn outside(answer: &Answer) -> Option<Section> {
     let (outside, all) = (answer.extrapolated(), answer.map.len());
+    if answer.all_lack() {
+        return Some(Section::Callout(Callout {
+            tone: Tone::Warning,
+            title: "Without its effects".to_owned(),
+            text: "The model's effects read logged quantities, and a map has none: the map is of the geometry alone. The uncertainty holds what the \
+                   effects do over the range of the campaign."
+                .to_owned(),
+        }));
+    }
     (outside > 0).then(|| {
         Section::Callout(Callout {
             tone: if outside == all { Tone::Bad } else { Tone::Warning },
@@ -166,7 +175,7 @@ fn diagonals(answer: &Answer) -> Section {
             let targets = &comparison.measured.targets;
             curves.push(Curve {
                 name: "measured".to_owned(),
-                style: CurveStyle::Points(2),
+                style: CurveStyle::Points(3),
                 x: targets.iter().map(|t| t.distance_m * 1e3).collect(),
                 y: targets.iter().map(|t| Some(t.deviation_m * 1e6)).collect(),
                 half_width: None,
@@ -189,7 +198,7 @@ fn diagonals(answer: &Answer) -> Section {
 fn predicted(points: &[LinePoint]) -> Curve {
     Curve {
         name: "model".to_owned(),
-        style: CurveStyle::Line(1),
+        style: CurveStyle::LineOf(State::Before),
         x: points.iter().map(|p| p.distance_m * 1e3).collect(),
         y: points.iter().map(|p| Some(p.deviation_m * 1e6)).collect(),
         half_width: Some(points.iter().map(|p| Some(2e6 * p.u_m)).collect()),

@@ -137,7 +137,10 @@ impl Vectors<'_> {
             formula: formula.to_owned(),
             kind: Kind::Empirical,
             family: format!("{}, component {}", names.join(" and "), axis.lower()),
-            decided_by: format!("vary {} independently of each other and of all else", names.join(" and ")),
+            decided_by: match names.as_slice() {
+                [one] => format!("vary {one} independently of all else"),
+                _ => format!("vary {} independently of each other and of all else", names.join(" and ")),
+            },
             covariates: names,
             parameters: bent.kept.iter().map(|k| ParameterSpec::new(all[*k].clone(), "m", PLAUSIBLE_M)).collect(),
             essential: Vec::new(),
