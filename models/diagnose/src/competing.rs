@@ -105,7 +105,7 @@ fn in_place_of(
 ) -> Result<Vec<Kept>, DiagnoseError> {
     let mut others = state.terms.clone();
     let term = others.remove(index);
-    let named = search.named(without, &state.machine)?;
+    let named = search.that_show(without, &search.named(without, &state.machine)?);
     let known = abbe_geometry::effects::known(term.effect.name()).ok_or(DiagnoseError::Singular)?;
     let trials = named.iter().filter(|c| c.known.name == known.name).map(|c| c.trials).max().unwrap_or(1);
     let scored = score_all(without, vec![(known, term.clone(), trials)])?;

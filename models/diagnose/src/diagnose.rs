@@ -230,7 +230,10 @@ fn wandering(
         return Ok((said.clone(), said));
     }
     match search.attempt_under(&state.machine, &kept, state.fit.correlation, observe)? {
-        Ok((fit, round)) => Ok((said, find(&fit, &round, observe)?)),
+        Ok((fit, round)) => {
+            let without = find(&fit, &round, observe)?;
+            Ok((said.or_else(|| without.clone()), without))
+        }
         Err(_) => Ok((said.clone(), said)),
     }
 }

@@ -260,10 +260,11 @@ impl<'a> Search<'a> {
                 return Err(DiagnoseError::Stopped);
             }
             let (round, as_it_is) = self.round_without_misfit(&state)?;
-            let named = self.named(&round, &state.machine)?;
+            let all = self.named(&round, &state.machine)?;
+            let named = self.that_show(&round, &all);
             if !self.advance(&mut state, &round, &named, observe)? && !exchange::one(self, &mut state, &base, observe)?
             {
-                state.named = as_it_is.then_some(named);
+                state.named = as_it_is.then_some(all);
                 break;
             }
         }
@@ -404,12 +405,17 @@ impl<'a> Search<'a> {
     /// Named candidates: registered shapes, the best period of each axis, the line that stands out most.
     pub(crate) fn named(&self, round: &Round, machine: &Machine) -> Result<Vec<Candidate>, DiagnoseError> {
         let mut named = score_all(round, proposals(machine, &self.context)?)?;
-        named.retain(|c| c.essential_evidence(round.used) > self.options.least_evidence);
         let mut periodogram = self.periodogram.borrow_mut();
         named.extend(periodic::candidates(round, machine, self.campaign, &mut periodogram)?);
         named.extend(runs::candidate(round, machine, self.campaign)?);
         named.extend(jumps::candidate(round, machine, self.campaign)?);
         Ok(named)
+    }
+
+    /// Those whose essential parameters the data show.
+    pub(crate) fn that_show(&self, round: &Round, named: &[Candidate]) -> Vec<Candidate> {
+        let shows = |c: &&Candidate| c.essential_evidence(round.used) > self.options.least_evidence;
+        named.iter().filter(shows).cloned().collect()
     }
 
     fn propose(

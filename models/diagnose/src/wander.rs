@@ -95,8 +95,12 @@ pub(crate) fn find(
     let places = &Places::of(campaign, &used);
     let mut looks: Vec<Tested> = Vec::new();
     let cycle = cycles::strongest(round, places, campaign, &used);
-    for course in &courses(campaign, context, &used).into_iter().chain(cycle).collect::<Vec<_>>() {
-        for motions in Motions::sets(places) {
+    let families = || vec![Motions::linear(places), Motions::quadratic(places)];
+    // What returns does so at any other time as well; what is slow may be another motion then, and only few of them show it now.
+    let slow = courses(campaign, context, &used).into_iter().map(|course| (course, families()));
+    let returning = cycle.map(|course| (course, Motions::sets(places).into_iter().chain(families()).collect()));
+    for (course, sets) in slow.chain(returning).collect::<Vec<(Course, Vec<Motions>)>>() {
+        for motions in sets {
             if !go_on() {
                 return Err(DiagnoseError::Stopped);
             }
@@ -209,7 +213,7 @@ impl Motions {
         Motions(shifts.chain(scales).collect())
     }
 
-    /// Each motion by itself; all of one axis; all that are linear; all.
+    /// Each motion by itself; all of one axis.
     fn sets(places: &Places) -> Vec<Motions> {
         let each =
             |d: usize| (0..4).map(move |form| (d, form, if form == 0 { 1.0 } else { places.half_span_m[form - 1] }));
@@ -217,7 +221,6 @@ impl Motions {
         let all = Motions::quadratic(places);
         let along = |d: usize| Motions(all.0.iter().copied().filter(|motion| motion.0 == d).collect());
         sets.extend((0..3).map(along));
-        sets.extend([Motions::linear(places), all]);
         sets
     }
 
@@ -311,15 +314,14 @@ impl<'l> Look<'l> {
         let seen: Vec<usize> = (0..count).filter(|k| values[*k] > SEEN * largest).collect();
         let explained: f64 = seen.iter().map(|k| along[*k] * along[*k] / values[*k]).sum();
         let degrees = self.round.free.degrees() - seen.len() as f64;
-        let left = self.round.free.chi2() - explained;
-        let noise = left / degrees;
+        let noise = (self.round.free.chi2() - explained) / degrees;
         if degrees < FEWEST_DEGREES || !noise.is_finite() || noise <= 0.0 {
             return None;
         }
         let form: f64 = seen.iter().map(|k| along[*k] * along[*k]).sum::<f64>() / noise;
         let seen_values: Vec<f64> = seen.iter().map(|k| values[*k]).collect();
         let p_value = (p_of_form(&seen_values, form, degrees) * self.course.tried).min(1.0);
-        let Reml { variance, noise, gain } = Reml::of(&values, &along, left, self.round.free.degrees());
+        let (variance, gain) = variance(&values, &along, noise);
         let gain = gain - self.course.tried.ln();
         Some(Tested { p_value, values, vectors, along, noise, variance, gain, look: self })
     }
@@ -343,31 +345,22 @@ impl<'l> Look<'l> {
     }
 }
 
-/// Both variances by restricted maximum likelihood.
-struct Reml {
-    /// Of the courses (unit of the columns, squared); 0 where the noise explains the rows best.
-    variance: f64,
-    noise: f64,
-    /// What the logarithm of the likelihood gains by the courses.
-    gain: f64,
-}
-
-impl Reml {
-    /// `left` is what all directions that are seen leave of χ², `degrees` those with these directions. With σ² for the noise and g σ²/λ₁ for
-    /// the courses, σ² = Q(g)/degrees and −2 ln L = degrees · ln Q + Σ ln(1 + g λ/λ₁), Q = left + Σ along²/λ/(1 + g λ/λ₁).
-    fn of(values: &[f64], along: &[f64], left: f64, degrees: f64) -> Reml {
-        let largest = values.last().copied().unwrap_or(0.0);
-        let seen = || values.iter().zip(along).filter(|(value, _)| **value > SEEN * largest);
-        let square = |ratio: f64| left + seen().map(|(v, a)| a * a / v / (1.0 + ratio * v / largest)).sum::<f64>();
-        let gain = |ratio: f64| {
-            let price = seen().map(|(value, _)| (ratio * value / largest).ln_1p()).sum::<f64>();
-            -0.5 * (degrees * (square(ratio) / square(0.0)).ln() + price)
+/// Variance of the courses (unit of the columns, squared) by REML, and what the logarithm of the likelihood gains by it; 0 and 0 where the
+/// noise explains the rows best.
+fn variance(values: &[f64], along: &[f64], noise: f64) -> (f64, f64) {
+    let largest = values.last().copied().unwrap_or(0.0);
+    let seen = || values.iter().zip(along).filter(|(value, _)| **value > SEEN * largest);
+    let likelihood = |variance: f64| -> f64 {
+        let of = |(value, along): (&f64, &f64)| {
+            let total = noise + variance * value;
+            -0.5 * (total.ln() + along * along / value / total)
         };
-        let best = golden_section(LN_RATIO, |ln_ratio| gain(ln_ratio.exp())).exp();
-        let ratio = if gain(best) > 0.0 { best } else { 0.0 };
-        let noise = square(ratio) / degrees;
-        Reml { variance: ratio * noise / largest, noise, gain: gain(ratio) }
-    }
+        seen().map(of).sum()
+    };
+    let of = |ln_ratio: f64| noise / largest * ln_ratio.exp();
+    let best = of(golden_section(LN_RATIO, |ln_ratio| likelihood(of(ln_ratio))));
+    let gain = likelihood(best) - likelihood(0.0);
+    if gain > 0.0 { (best, gain) } else { (0.0, 0.0) }
 }
 
 impl Tested<'_> {
