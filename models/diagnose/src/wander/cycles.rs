@@ -11,8 +11,8 @@ use abbe_identify::in_parallel;
 use abbe_measurement::campaign::Campaign;
 use std::f64::consts::TAU;
 
-/// Cycles in the campaign from which slower courses do not describe them as well.
-const FEWEST: f64 = 2.0;
+/// Cycles in the campaign from which what comes back is one. A slow course that heat takes looks like five of them.
+const FEWEST: f64 = 6.0;
 /// Lines that a cycle lasts at least: what comes back with the lines is a matter of the place.
 const LINES: f64 = 4.0;
 /// Frequencies between two that a campaign tells apart.
