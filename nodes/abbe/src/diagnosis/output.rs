@@ -27,6 +27,9 @@ pub(crate) fn check(folder: &Path, inputs: &[&Path]) -> anyhow::Result<()> {
     Ok(())
 }
 
+/// Candidates set aside that a terminal names: the report has all.
+const SET_ASIDE: usize = 3;
+
 /// Writes all files. Each appears whole; the model comes last.
 pub(crate) fn write(folder: &Path, product: &Product, json: &str) -> anyhow::Result<()> {
     let html = product.report.html()?;
@@ -70,8 +73,11 @@ pub(crate) fn words(record: &Record, folder: &Path) -> String {
         text.push('\n');
         describe(&mut text, effect);
     }
-    for candidate in &record.set_aside {
+    for candidate in record.set_aside.iter().take(SET_ASIDE) {
         let _ = writeln!(text, "\n  set aside {}: {}", candidate.label(), candidate.because);
+    }
+    if let Some(more) = record.set_aside.len().checked_sub(SET_ASIDE).filter(|more| *more > 0) {
+        let _ = writeln!(text, "\n  {more} more set aside (see the report)");
     }
     for words in &record.held_out.not_judged {
         let _ = writeln!(text, "  not judged         {words}");
