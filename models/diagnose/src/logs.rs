@@ -49,15 +49,18 @@ impl Log<'_> {
         Covariate { name: self.name.to_owned(), values: self.values }
     }
 
-    /// Takes out what is far from all others.
+    /// Takes out what is far from all others and was not come to on the way: a room that warms up passes all values between.
     fn without_what_is_far(&mut self) -> Option<String> {
         let mut logged: Vec<f64> = self.values.iter().flatten().copied().collect();
         logged.sort_by(f64::total_cmp);
         let at = |share: f64| logged.get((share * logged.len().saturating_sub(1) as f64).round() as usize).copied();
-        let (middle, width) = (at(0.5)?, at(0.975)? - at(0.025)?);
-        let is_far = |value: f64| !value.is_finite() || (value - middle).abs() > FAR * width;
-        let far: Vec<usize> =
-            (0..self.values.len()).filter(|k| width > 0.0 && self.values[*k].is_some_and(is_far)).collect();
+        let (middle, far_by) = (at(0.5)?, FAR * (at(0.975)? - at(0.025)?));
+        let (mut far, mut last) = (Vec::new(), middle);
+        for k in self.order.iter().copied().filter(|_| far_by > 0.0) {
+            let Some(value) = self.values[k] else { continue };
+            let is_near = (value - middle).abs() <= far_by || (value - last).abs() <= 0.5 * far_by;
+            if is_near { last = value } else { far.push(k) }
+        }
         let first = self.values[*far.first()?]?;
         far.iter().for_each(|k| self.values[*k] = None);
         let more = if far.len() > 1 { format!(" and {} more", far.len() - 1) } else { String::new() };
@@ -70,7 +73,7 @@ impl Log<'_> {
 
     /// Takes out the longest run of one value, where that is no matter of the display.
     fn without_what_stands_still(&mut self) -> Option<String> {
-        let of = |k: usize| self.values[self.order[k]];
+        let of = |k: usize| self.order.get(k).and_then(|reading| self.values[*reading]);
         let (mut longest, mut first) = (0..0, 0);
         for k in 0..=self.order.len() {
             if k == self.order.len() || of(k) != of(first) {
@@ -184,6 +187,12 @@ mod tests {
     }
 
     #[test]
+    fn nothing_measured_is_nothing_mended() {
+        let covariates = vec![Covariate { name: "temp_ram_c".to_owned(), values: Vec::new() }];
+        assert!(mended(&Campaign { covariates, ..Campaign::default() }).1.is_empty());
+    }
+
+    #[test]
     fn a_whole_log_stays_as_it_is() {
         let (values, said) = mended_of(|k| Some(course(k)));
         assert!(said.is_empty() && (0..READINGS).all(|k| values[k] == Some(course(k))), "{said:?}");
@@ -221,6 +230,12 @@ mod tests {
         let (values, said) = mended_of(|k| Some(if [50, 51, 260].contains(&k) { 850.0 } else { course(k) }));
         assert!((0..READINGS).all(|k| (values[k].unwrap() - course(k)).abs() < 0.02));
         assert!(said[0].contains("temp_ram_c is 850 at reading 51 and 2 more"), "{said:?}");
+    }
+
+    #[test]
+    fn what_is_come_to_on_the_way_is_no_wild_value() {
+        let (values, said) = mended_of(|k| Some(20.0 + 0.01 * (k % 3) as f64 + 0.05 * (k as f64 - 391.0).max(0.0)));
+        assert!(said.is_empty() && values.iter().all(Option::is_some), "{said:?}");
     }
 
     #[test]
