@@ -23,10 +23,13 @@ pub fn mended(campaign: &Campaign) -> (Campaign, Vec<String>) {
     let mut order: Vec<usize> = (0..times_s.len()).collect();
     order.sort_by(|a, b| times_s[*a].total_cmp(&times_s[*b]));
     let mut said = Vec::new();
-    let mut mend = |column: &Covariate| match is_of_the_room(&column.name) {
-        true => Log { name: &column.name, times_s: &times_s, order: &order, values: column.values.clone() }
-            .mended(&mut said),
-        false => column.clone(),
+    let mut mend = |column: &Covariate| {
+        if !is_of_the_room(&column.name) {
+            return column.clone();
+        }
+        let mut values = column.values.clone();
+        values.resize(times_s.len(), None);
+        Log { name: &column.name, times_s: &times_s, order: &order, values }.mended(&mut said)
     };
     let covariates = campaign.covariates.iter().map(&mut mend).collect();
     (Campaign { covariates, ..campaign.clone() }, said)
