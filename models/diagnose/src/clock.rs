@@ -10,6 +10,7 @@ use crate::candidates::{Round, columns_of, proposals, score_all};
 use crate::context::{Context, follows_time, is_of_the_room, range, read_by};
 use crate::error::DiagnoseError;
 use crate::lags::{place_of, with_lags};
+use crate::logs::between;
 use crate::options::Progress;
 use crate::search::{Search, State, has};
 use crate::step::Step;
@@ -65,14 +66,19 @@ pub(crate) fn hold<'a>(
     base: &[EffectTerm],
     observe: &mut dyn FnMut(Progress) -> bool,
 ) -> Result<Option<ClockShift>, DiagnoseError> {
-    let Some(shift) = found(search, state, base, observe)? else { return Ok(None) };
     let follows = |term: &EffectTerm| {
         !has(base, term) && (follows_a_log(term) || follows_time(term.effect.as_ref(), &term.shape))
     };
     let (out, kept): (Vec<EffectTerm>, Vec<EffectTerm>) = state.terms.clone().into_iter().partition(follows);
+    // What the model had before was made with a log of its own.
+    if base.iter().any(follows_a_log) || !out.iter().any(follows_a_log) {
+        return Ok(None);
+    }
+    // What follows neither a log nor the time stays: its residuals would pass for those of a log that is off.
     let Ok((fit, round)) = search.attempt_under(&state.machine, &kept, state.fit.correlation, observe)? else {
         return Ok(None);
     };
+    let Some(shift) = found(search, state, (&fit, &round), base, observe)? else { return Ok(None) };
     (state.fit, state.round, state.terms, state.named) = (fit, round, kept, None);
     state.distrusts_log = true;
     for term in out {
@@ -86,34 +92,24 @@ pub(crate) fn hold<'a>(
 }
 
 /// The shift with which one effect explains more than all that was found by the log as it is; `None` where that is right, or cannot be told.
+/// `fit` and `round` lack all that follows a log or the time.
 fn found(
     search: &Search,
     state: &State,
+    (fit, round): (&Identified, &Round),
     base: &[EffectTerm],
     observe: &mut dyn FnMut(Progress) -> bool,
 ) -> Result<Option<ClockShift>, DiagnoseError> {
-    // What the model had before was made with a log of its own.
-    if base.iter().any(follows_a_log) {
-        return Ok(None);
-    }
     let added = state.added(search.campaign.readings.len());
     let added: Vec<(&EffectTerm, f64)> = added.filter(|(term, _)| !has(base, term) && follows_a_log(term)).collect();
     let Some((strongest, _)) = added.iter().max_by(|a, b| a.1.total_cmp(&b.1)).copied() else { return Ok(None) };
     let Some(known) = abbe_geometry::effects::known(strongest.effect.name()) else { return Ok(None) };
-    // What follows neither a log nor the time stays: its residuals would pass for those of a log that is off.
-    let stays = |term: &&EffectTerm| {
-        has(base, term) || !(follows_a_log(term) || follows_time(term.effect.as_ref(), &term.shape))
-    };
-    let beside: Vec<EffectTerm> = state.terms.iter().filter(stays).cloned().collect();
-    let Ok((fit, round)) = search.attempt_under(&state.machine, &beside, state.fit.correlation, observe)? else {
-        return Ok(None);
-    };
-    let look = Look { search, fit: &fit, strongest };
+    let look = Look { search, fit, strongest };
     let terms: Vec<&EffectTerm> = added.iter().map(|(term, _)| *term).collect();
-    let mut as_it_is = look.together(&round, &terms)?;
+    let mut as_it_is = look.together(round, &terms)?;
     let still = look.moved(0.0, &terms);
     as_it_is =
-        as_it_is.max(look.together(&Round::new(&fit, search.instrument, &still)?, &terms)?).max(look.best(&still)?);
+        as_it_is.max(look.together(&Round::new(fit, search.instrument, &still)?, &terms)?).max(look.best(&still)?);
     let mut best = (0.0, f64::NEG_INFINITY);
     let shifts_s = shifts_s(search.campaign);
     for shift_s in &shifts_s {
@@ -199,10 +195,7 @@ fn shifted(campaign: &Campaign, shift_s: f64) -> Campaign {
 fn at(log: &[(f64, f64)], time_s: f64) -> Option<f64> {
     let next = log.partition_point(|(entry_s, _)| *entry_s < time_s);
     let (before, after) = (log.get(next.saturating_sub(1))?, log.get(next).or(log.last())?);
-    match after.0 > before.0 {
-        true => Some(before.1 + (after.1 - before.1) * ((time_s - before.0) / (after.0 - before.0)).clamp(0.0, 1.0)),
-        false => Some(after.1),
-    }
+    Some(between(*before, *after, time_s))
 }
 
 #[cfg(test)]

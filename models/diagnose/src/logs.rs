@@ -112,10 +112,14 @@ impl Log<'_> {
             self.order.iter().filter_map(|k| Some((self.times_s[*k], self.values[*k]?))).collect();
         let steps = log.windows(2).map(|pair| pair[1].0 - pair[0].0).collect();
         let step_s = median(steps).unwrap_or(0.0);
-        let mut drawn = 0;
-        for k in self.order.iter().copied().filter(|k| self.values[*k].is_none()).collect::<Vec<_>>() {
-            self.values[k] = across(&log, self.times_s[k], step_s);
-            drawn += usize::from(self.values[k].is_some());
+        let (mut drawn, order) = (0, self.order);
+        let is_missing: Vec<bool> = self.values.iter().map(Option::is_none).collect();
+        for gap in order.chunk_by(|a, b| is_missing[*a] == is_missing[*b]).filter(|run| is_missing[run[0]]) {
+            let across = Across::of(&log, self.times_s[gap[0]], step_s);
+            for k in gap {
+                self.values[*k] = across.at(self.times_s[*k]);
+                drawn += usize::from(self.values[*k].is_some());
+            }
         }
         let of = format!("{} is missing at {missing} of {} readings", self.name, self.values.len());
         Some(match drawn == missing {
@@ -127,22 +131,44 @@ impl Log<'_> {
     }
 }
 
-/// The value at a time between two entries; `None` where lines as long do not follow what is logged elsewhere, and farther beyond an end than
-/// the usual step from one entry to the next.
-fn across(log: &[(f64, f64)], time_s: f64, step_s: f64) -> Option<f64> {
-    let next = log.partition_point(|(entry_s, _)| *entry_s < time_s);
-    let (before, after) = (next.checked_sub(1).and_then(|k| log.get(k)), log.get(next));
-    let (Some(before), Some(after)) = (before, after) else {
-        let nearest = before.or(after).filter(|(entry_s, _)| (entry_s - time_s).abs() <= step_s);
-        return nearest.map(|(_, value)| *value);
-    };
-    let half_s = 0.5 * (after.0 - before.0);
-    is_drawn_well(log, half_s).then(|| between(*before, *after, time_s))
+/// What a log says across a gap.
+enum Across {
+    /// A straight line between two entries.
+    Line((f64, f64), (f64, f64)),
+    /// The entry at an end, not farther from it than the usual step from one entry to the next (s).
+    Entry((f64, f64), f64),
+    /// Nothing: lines as long do not follow what is logged elsewhere.
+    Nothing,
 }
 
-fn between(before: (f64, f64), after: (f64, f64), time_s: f64) -> f64 {
-    let along = if after.0 > before.0 { (time_s - before.0) / (after.0 - before.0) } else { 0.5 };
-    before.1 + (after.1 - before.1) * along
+impl Across {
+    /// Of the gap around a time.
+    fn of(log: &[(f64, f64)], time_s: f64, step_s: f64) -> Across {
+        let next = log.partition_point(|(entry_s, _)| *entry_s < time_s);
+        match (next.checked_sub(1).and_then(|k| log.get(k)), log.get(next)) {
+            (Some(before), Some(after)) if is_drawn_well(log, 0.5 * (after.0 - before.0)) => {
+                Across::Line(*before, *after)
+            }
+            (Some(end), None) | (None, Some(end)) => Across::Entry(*end, step_s),
+            _ => Across::Nothing,
+        }
+    }
+
+    fn at(&self, time_s: f64) -> Option<f64> {
+        match self {
+            Across::Line(before, after) => Some(between(*before, *after, time_s)),
+            Across::Entry((entry_s, value), step_s) => ((entry_s - time_s).abs() <= *step_s).then_some(*value),
+            Across::Nothing => None,
+        }
+    }
+}
+
+/// Straight from one entry to the next; times (s) and values.
+pub(crate) fn between(before: (f64, f64), after: (f64, f64), time_s: f64) -> f64 {
+    match after.0 > before.0 {
+        true => before.1 + (after.1 - before.1) * ((time_s - before.0) / (after.0 - before.0)),
+        false => after.1,
+    }
 }
 
 /// Whether entries are met by lines from those that were logged half a gap before to those half a gap later.
