@@ -14,6 +14,10 @@ const UNCERTAINTY_DIGITS: i32 = 2;
 const NOTHING: f64 = 1e-9;
 /// Share of the last digit that is rounding of the arithmetic.
 const ROUNDING: f64 = 1e-6;
+/// Probabilities below this are told by the power of ten that they are below.
+const RARE: f64 = 1e-3;
+/// Probabilities below this are beyond what the distributions are computed to.
+const SMALLEST_P: f64 = 1e-300;
 
 /// Decimals of a result whose uncertainty is not stated; none of what is nothing but rounding.
 pub fn of_result(value: f64) -> u8 {
@@ -65,6 +69,15 @@ pub fn rounded_up(limit: f64, decimals: u8) -> String {
     plain(up(limit, decimals), decimals)
 }
 
+/// A probability by chance, for a terminal: two digits, or the power of ten that it is below.
+pub fn chance(p: f64) -> String {
+    if p >= RARE {
+        return plain(p, text::decimals(p, UNCERTAINTY_DIGITS));
+    }
+    let power = p.max(SMALLEST_P).log10().floor() + 1.0;
+    format!("below 1e{}", if p < SMALLEST_P { -300.0 } else { power })
+}
+
 /// A number with as many decimals, in ASCII and without a negative zero.
 pub fn plain(value: f64, decimals: u8) -> String {
     let text = format!("{value:.*}", usize::from(decimals));
@@ -94,6 +107,13 @@ mod tests {
         assert_eq!(with_uncertainty(-31.812, 2.83), ["-31.8", "2.8"]);
         assert_eq!(with_uncertainty(-0.004, 0.13), ["0.00", "0.13"]);
         assert_eq!((of(40.1234, None), of(40.1234, Some(0.0)), of(40.1234, Some(f64::NAN))), (1, 1, 1));
+    }
+
+    /// 4.99×10⁻³³ has digits that no distribution has.
+    #[test]
+    fn regress_a_rare_chance_is_told_by_its_power() {
+        let told = [0.948, 0.0034, 4.99e-33, 0.0].map(chance);
+        assert_eq!(told, ["0.95", "0.0034", "below 1e-32", "below 1e-300"]);
     }
 
     #[test]

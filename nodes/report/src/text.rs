@@ -98,30 +98,89 @@ pub(crate) fn superscript(exponent: &str) -> String {
         .collect()
 }
 
-/// A sentence that a terminal shows as well, as a page writes it: µm and µrad for um and urad, ± for +-, true minus signs.
+/// What a terminal calls by letters, as a page writes it.
+const WORDS: [(&str, &str); 3] =
+    [("chi2/dof", "χ² per degree of freedom"), ("chi2 per degree", "χ² per degree"), (" -> ", " → ")];
+/// Marks that may stand around a number.
+const CLOSING: [char; 5] = ['.', ',', ';', ':', ')'];
+/// Below this power of ten a probability is told by the power alone.
+const TOLD_BY_POWER: i32 = -4;
+
+/// A sentence that a terminal shows as well, as a page writes it: µm and µrad for um and urad, ± for +-, true minus signs, powers of
+/// ten with their exponents raised, and names of figures for their letters.
 pub(crate) fn prose(text: &str) -> String {
-    let word = |word: &str| {
-        let core = word.trim_end_matches(['.', ',', ';', ':', ')']);
-        let rest = &word[core.len()..];
-        let is_number = |digits: &str| !digits.is_empty() && digits.bytes().all(|b| b.is_ascii_digit() || b == b'.');
-        match core {
-            "um" | "urad" => format!("µ{}{rest}", &core[1..]),
-            _ if core.starts_with("um/") || core.starts_with("urad/") => format!("µ{}{rest}", &core[1..]),
-            "+-" => format!("±{rest}"),
-            _ => match core.strip_prefix('-').filter(|digits| is_number(digits)) {
-                Some(digits) => format!("−{digits}{rest}"),
-                None => word.to_owned(),
-            },
+    let text = WORDS.iter().fold(text.to_owned(), |text, (from, to)| text.replace(from, to));
+    let mut words: Vec<String> = Vec::new();
+    for word in text.split(' ') {
+        let (open, core, rest) = parts(word);
+        if let (Some(bound), [.., p, equals]) = (bound(core), words.as_mut_slice())
+            && p.ends_with('p')
+            && equals == "="
+        {
+            *equals = "<".to_owned();
+            words.push(format!("{bound}{rest}"));
+            continue;
         }
-    };
-    text.split(' ').map(word).collect::<Vec<_>>().join(" ")
+        words.push(format!("{open}{}{rest}", page_word(core)));
+    }
+    words.join(" ")
 }
 
-/// A text whose first letter is a capital.
+/// What opens a word, the word, and the marks after it.
+fn parts(word: &str) -> (&str, &str, &str) {
+    let inside = word.trim_start_matches('(');
+    let core = inside.trim_end_matches(CLOSING);
+    (&word[..word.len() - inside.len()], core, &inside[core.len()..])
+}
+
+fn page_word(core: &str) -> String {
+    let is_number = |digits: &str| !digits.is_empty() && digits.bytes().all(|b| b.is_ascii_digit() || b == b'.');
+    match core {
+        "um" | "urad" => format!("µ{}", &core[1..]),
+        _ if core.starts_with("um/") || core.starts_with("urad/") => format!("µ{}", &core[1..]),
+        "+-" => "±".to_owned(),
+        _ => match core.strip_prefix('-').filter(|digits| is_number(digits)) {
+            Some(digits) => format!("−{digits}"),
+            None => power(core).unwrap_or_else(|| core.to_owned()),
+        },
+    }
+}
+
+/// Mantissa and exponent of a number such as `7.1e-42`.
+fn exponential(core: &str) -> Option<(&str, i32)> {
+    let (mantissa, exponent) = core.split_once('e')?;
+    let digits = mantissa.strip_prefix('-').unwrap_or(mantissa);
+    let is_number = digits.starts_with(|c: char| c.is_ascii_digit()) && digits.parse::<f64>().is_ok();
+    Some((mantissa, exponent.parse().ok().filter(|_| is_number)?))
+}
+
+/// `7.1e-42` as 7.1×10⁻⁴², `1e-300` as 10⁻³⁰⁰, and what needs no power without one.
+fn power(core: &str) -> Option<String> {
+    let (mantissa, exponent) = exponential(core)?;
+    if (-3..4).contains(&exponent) {
+        let digits = mantissa.bytes().filter(u8::is_ascii_digit).count();
+        return Some(significant(core.parse().ok()?, i32::try_from(digits).ok()?));
+    }
+    let ten = format!("10{}", superscript(&exponent.to_string()));
+    match mantissa.strip_prefix('-') {
+        _ if mantissa == "1" => Some(ten),
+        Some(digits) => Some(format!("−{digits}×{ten}")),
+        None => Some(format!("{mantissa}×{ten}")),
+    }
+}
+
+/// The power of ten that a very small positive number is below.
+fn bound(core: &str) -> Option<String> {
+    let (mantissa, exponent) = exponential(core)?;
+    let is_small = exponent <= TOLD_BY_POWER && !mantissa.starts_with('-');
+    is_small.then(|| format!("10{}", superscript(&(exponent + 1).to_string())))
+}
+
+/// A text whose first letter is a capital. The sign of a quantity, as χ or µ, is another sign as a capital and stays.
 pub(crate) fn capital(text: &str) -> String {
     let mut characters = text.chars();
     match characters.next() {
-        Some(first) => first.to_uppercase().chain(characters).collect(),
+        Some(first) => std::iter::once(first.to_ascii_uppercase()).chain(characters).collect(),
         None => String::new(),
     }
 }
@@ -156,6 +215,24 @@ mod tests {
         );
         // Names of columns, options and files are no numbers.
         assert_eq!(prose("u_x_um --offset-mm 0,0,-60 - x-1 -a"), "u_x_um --offset-mm 0,0,-60 - x-1 -a");
+    }
+
+    /// "chi2/dof" and "1e-32" are what programs write.
+    #[test]
+    fn regress_exponents_and_letters_read_as_signs() {
+        assert_eq!(
+            prose("lost (chi2/dof 5.10); p below 1e-300."),
+            "lost (χ² per degree of freedom 5.10); p below 10⁻³⁰⁰."
+        );
+        assert_eq!(
+            prose("at p = 7.1e-42: 2.5e-7 um -> 9.5e-1, (-3.0e12)"),
+            "at p < 10⁻⁴¹: 2.5×10⁻⁷ µm → 0.95, (−3.0×10¹²)"
+        );
+        assert_eq!(prose("p = 3.4e-3 by 1e, e-5, x1e5 and v1.0e"), "p = 0.0034 by 1e, e-5, x1e5 and v1.0e");
+        assert_eq!(
+            (capital("χ² left"), capital("3-D"), capital("largest")),
+            ("χ² left".into(), "3-D".into(), "Largest".into())
+        );
     }
 
     #[test]

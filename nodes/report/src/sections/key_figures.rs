@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::Tone;
 use crate::digits;
-use crate::text::{MISSING, escape, fixed, prose};
+use crate::text::{MISSING, capital, escape, fixed, prose};
 
 /// A number and how many decimals of it are shown.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -83,11 +83,16 @@ impl KeyFigures {
 }
 
 impl KeyFigure {
+    /// The label as a page writes it: as a sentence begins.
+    pub(crate) fn heading(&self) -> String {
+        capital(&prose(&self.label))
+    }
+
     fn html(&self) -> String {
         let mut out = format!(
             "<div class=\"card{}\"><div class=\"k\">{}</div><div class=\"v\">",
             self.tone.class(),
-            escape(&self.label)
+            escape(&self.heading())
         );
         if let Some(before) = self.before {
             let _ = write!(out, "<span class=\"b\">{} → </span>", fixed(before.value, before.decimals));
