@@ -36,15 +36,9 @@ pub(crate) fn page(report: &Report) -> Result<String, ReportError> {
     );
     header(report, &mut out);
     out.push_str("<main>\n");
-    let opening = report.opening();
-    for (index, section) in report.sections.iter().enumerate() {
-        if index == opening {
-            out.extend(report.next.as_ref().map(next_html));
-        }
+    first_screen(report, &mut out)?;
+    for (index, section) in report.sections.iter().enumerate().skip(report.opening()) {
         out.push_str(&section_html(section, index)?);
-    }
-    if opening == report.sections.len() {
-        out.extend(report.next.as_ref().map(next_html));
     }
     made_from(report, &mut out);
     out.push_str("</main>\n");
@@ -53,6 +47,30 @@ pub(crate) fn page(report: &Report) -> Result<String, ReportError> {
     }
     let _ = writeln!(out, "<script>\n{SCRIPT}</script>\n</body>\n</html>");
     Ok(out)
+}
+
+/// The answer, what limits it and the next command; of many limits the rest after that, and said so.
+fn first_screen(report: &Report, out: &mut String) -> Result<(), ReportError> {
+    let (before, after) = report.first_screen();
+    for place in before {
+        out.push_str(&section_html(&report.sections[place], place)?);
+    }
+    if !after.is_empty() {
+        let _ = writeln!(
+            out,
+            "<p class=\"note more\">{} more to heed: <a href=\"#more\">right after the next command</a>.</p>",
+            after.len()
+        );
+    }
+    out.extend(report.next.as_ref().map(next_html));
+    if !after.is_empty() {
+        out.push_str("<section id=\"more\" aria-label=\"More to heed\">\n");
+        for place in after {
+            out.push_str(&section_html(&report.sections[place], place)?);
+        }
+        out.push_str("</section>\n");
+    }
+    Ok(())
 }
 
 fn font_faces() -> String {
@@ -100,13 +118,12 @@ fn next_html(next: &NextStep) -> String {
 
 /// Files, hashes and versions, at the end: they matter to who asks where a figure comes from.
 fn made_from(report: &Report, out: &mut String) {
-    let known: Vec<_> =
-        report.meta.iter().filter_map(|item| Some((item.label.as_str(), item.value.as_deref()?))).collect();
+    let known = report.made_from();
     if known.is_empty() {
         return;
     }
     out.push_str("<section class=\"made\">\n<h2 id=\"made-from\">Made from</h2>\n");
-    pairs(known.into_iter(), "", out);
+    pairs(known.iter().map(|(label, value)| (label.as_str(), *value)), "", out);
     out.push_str("</section>\n");
 }
 

@@ -5,7 +5,8 @@ use serde::{Deserialize, Serialize};
 use crate::error::ReportError;
 use crate::finite::check_finite;
 use crate::identity::Identity;
-use crate::sections::Section;
+use crate::sections::{Section, Tone};
+use crate::text::capital;
 use crate::{html, pdf, png};
 
 /// What a page was made from: a file, a hash, a version.
@@ -15,6 +16,24 @@ pub struct MetaItem {
     pub label: String,
     /// Its text; where it is missing, the line is left out of the page.
     pub value: Option<String>,
+}
+
+impl MetaItem {
+    /// What is known.
+    pub fn new(label: impl Into<String>, value: impl Into<String>) -> Self {
+        Self { label: label.into(), value: Some(value.into()) }
+    }
+
+    /// A file by its name, without folder, with its hash where that is known.
+    pub fn file(label: impl Into<String>, name: &str, sha256: Option<&str>) -> Self {
+        let hash = sha256.map_or_else(String::new, |hash| format!(", SHA-256 {hash}"));
+        Self::new(label, format!("{name}{hash}"))
+    }
+
+    /// Name and version of the program.
+    pub fn software(name: impl Into<String>) -> Self {
+        Self::new("Software", name)
+    }
 }
 
 /// The one sensible thing to do with the answer.
@@ -49,6 +68,9 @@ pub struct Report {
     pub sections: Vec<Section>,
 }
 
+/// Callouts before the next command, so that it stands on the first screen; further ones follow it.
+const CALLOUTS: usize = 3;
+
 impl Report {
     /// Refuses numbers that are not finite and parts that do not fit together.
     ///
@@ -63,6 +85,24 @@ impl Report {
     pub(crate) fn opening(&self) -> usize {
         let is_opening = |section: &&Section| matches!(section, Section::KeyFigures(_) | Section::Callout(_));
         self.sections.iter().take_while(is_opening).count()
+    }
+
+    /// Sections before the next command and right after it, by their places: the figures, what failed and the first callouts stand
+    /// before it.
+    pub(crate) fn first_screen(&self) -> (Vec<usize>, Vec<usize>) {
+        let mut callouts = 0;
+        (0..self.opening()).partition(|place| match &self.sections[*place] {
+            Section::Callout(callout) => {
+                callouts += 1;
+                callouts <= CALLOUTS || callout.tone == Tone::Bad
+            }
+            _ => true,
+        })
+    }
+
+    /// What the page was made from, as far as it is known: label and text.
+    pub(crate) fn made_from(&self) -> Vec<(String, &str)> {
+        self.meta.iter().filter_map(|item| Some((capital(&item.label), item.value.as_deref()?))).collect()
     }
 
     /// The page: one HTML file with styles, fonts and its one script inside, and nothing from outside; whole without the script.

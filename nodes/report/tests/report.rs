@@ -1,6 +1,6 @@
 //! What a report promises: self-contained, escaped, deterministic, never a number that is not finite.
 
-#![allow(clippy::unwrap_used)] // helpers of a test
+#![allow(clippy::unwrap_used, clippy::panic)] // helpers of a test
 
 mod common;
 
@@ -363,4 +363,27 @@ fn the_next_command_stands_after_the_answer_and_before_the_first_picture() {
     let with = report.pdf().unwrap().len();
     report.next = None;
     assert!(!report.html().unwrap().contains("class=\"next\"") && report.pdf().unwrap().len() < with);
+}
+
+/// Nine warnings of a diagnosis pushed the next command off the screen.
+#[test]
+fn regress_many_warnings_leave_the_next_command_on_the_first_screen() {
+    let callout = |k: usize| {
+        let tone = if k == 8 { Tone::Bad } else { Tone::Warning };
+        Section::Callout(Callout { tone, title: String::new(), text: format!("Limit {k} of 9") })
+    };
+    let next = NextStep { what_for: "to go on".into(), command: "abbe next".into() };
+    let sections = (0..9).map(callout).collect();
+    let html = Report { title: "T".into(), next: Some(next), sections, ..Report::default() }.html().unwrap();
+    let place = |part: &str| html.find(part).unwrap_or_else(|| panic!("{part} is gone"));
+    let before: Vec<usize> = (0..9).filter(|k| place(&format!("Limit {k} of 9")) < place("abbe next")).collect();
+    assert_eq!(before, [0, 1, 2, 8], "what failed stands first as well");
+    assert!(html.contains("5 more to heed"), "what follows is announced");
+}
+
+#[test]
+fn what_a_page_was_made_from_is_named_alike() {
+    let meta = vec![MetaItem::file("data", "a.csv", Some("12ab")), MetaItem::software("abbe 1.2.3")];
+    let html = Report { title: "T".into(), meta, ..Report::default() }.html().unwrap();
+    assert!(html.contains("<dt>Data</dt><dd>a.csv, SHA-256 12ab</dd>\n<dt>Software</dt><dd>abbe 1.2.3</dd>"), "{html}");
 }

@@ -118,11 +118,10 @@ pub(super) fn pages(report: &Report) -> Result<Vec<String>, ReportError> {
         pages.text("body", 18.0, &format!("Next, {}: {}", next.what_for, next.command))?;
     }
     rest.iter().try_for_each(|section| add(&mut pages, section))?;
-    let made: Vec<_> =
-        report.meta.iter().filter_map(|item| Some((item.label.as_str(), item.value.as_deref()?))).collect();
+    let made = report.made_from();
     if !made.is_empty() {
         heading(&mut pages, "Made from")?;
-        pairs(&mut pages, &made)?;
+        pairs(&mut pages, &made.iter().map(|(label, text)| (label.as_str(), *text)).collect::<Vec<_>>())?;
     }
     pages.end()?;
     with_footers(report, pages.done)
@@ -214,7 +213,7 @@ pub(super) fn title(pages: &mut Pages, title: &str, note: Option<&str>) -> Resul
 fn cards(pages: &mut Pages, figures: &KeyFigures) -> Result<(), ReportError> {
     pages.y += 14.0;
     let width = WIDTH / CARDS as f64;
-    let of_label = |figure: &KeyFigure| lines(&figure.label, letters(width - 28.0, 16.0));
+    let of_label = |figure: &KeyFigure| lines(&figure.heading(), letters(width - 28.0, 16.0));
     let of_detail =
         |figure: &KeyFigure| lines(&prose(figure.detail.as_deref().unwrap_or_default()), letters(width - 28.0, 15.0));
     for row in figures.figures.chunks(CARDS) {
