@@ -3,7 +3,7 @@
 //! Place in the flow: between `abbe-diagnose` and `abbe-report`, which do not know each other.
 
 use abbe_diagnose as library;
-use abbe_geometry::effects::{Shape, ShapeValue};
+use abbe_geometry::effects::{Shape, ShapeValue, known};
 use abbe_report::diagnosis as shown;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
@@ -101,14 +101,20 @@ fn parameter(found: &library::FoundParameter) -> shown::Parameter {
     }
 }
 
+/// Name for readers of an effect of the registry.
+pub(crate) fn title(name: &str) -> String {
+    known(name).map_or(name, |known| known.title).to_owned()
+}
+
 fn rival(rival: &library::Rival) -> shown::Rival {
     let evidence_behind = finite(rival.evidence_behind);
-    shown::Rival { name: rival.name.to_owned(), shape: shape(&rival.shape), evidence_behind }
+    let (name, title) = (rival.name.to_owned(), title(rival.name));
+    shown::Rival { name, title, shape: shape(&rival.shape), evidence_behind }
 }
 
 fn averaged(competing: &library::Competing) -> shown::Averaged {
     let (name, shape) = (competing.name.to_owned(), shape(&competing.shape));
-    shown::Averaged { name, shape, share: finite(competing.weight) }
+    shown::Averaged { name, title: title(competing.name), shape, share: finite(competing.weight) }
 }
 
 fn placebo(placebo: &library::Placebo) -> shown::Placebo {
@@ -194,6 +200,7 @@ pub(super) fn detection(detection: &library::Detection) -> shown::Detection {
 pub(super) fn not_identifiable(diagnosis: &library::Diagnosis) -> Vec<shown::NotIdentifiable> {
     let entry = |n: &library::NotIdentifiable| shown::NotIdentifiable {
         name: n.name.to_owned(),
+        title: title(n.name),
         shape: shape(&n.shape),
         alias_share: finite(n.alias_share),
         aliased_with: n.aliased_with.clone(),
@@ -205,6 +212,10 @@ pub(super) fn not_identifiable(diagnosis: &library::Diagnosis) -> Vec<shown::Not
 
 /// What needs a sensor.
 pub(super) fn untestable(diagnosis: &library::Diagnosis) -> Vec<shown::Untestable> {
-    let entry = |u: &library::Untestable| shown::Untestable { name: u.name.clone(), needs: u.needs.clone() };
+    let entry = |u: &library::Untestable| shown::Untestable {
+        name: u.name.clone(),
+        title: u.title.clone(),
+        needs: u.needs.clone(),
+    };
     diagnosis.untestable.iter().map(entry).collect()
 }

@@ -127,7 +127,12 @@ fn notes(diagnosis: &library::StudyDiagnosis) -> Vec<String> {
 }
 
 fn effect(effect: &library::Effect) -> shown::Effect {
-    let rival = |name: &String| shown::Rival { name: name.clone(), shape: BTreeMap::new(), evidence_behind: None };
+    let rival = |name: &String| shown::Rival {
+        name: name.clone(),
+        title: String::new(),
+        shape: BTreeMap::new(),
+        evidence_behind: None,
+    };
     shown::Effect {
         name: effect.name.clone(),
         title: effect.name.clone(),
@@ -224,7 +229,9 @@ fn words(judgement: &library::Judgement, replicates: Option<&str>, p: Option<f64
         None => format!("{scatter}; no uncertainties are declared"),
     };
     match (replicates, p) {
-        (Some(of), Some(p)) => format!("{declared}; against {of} the misfit has probability {p:.1e} by chance."),
+        (Some(of), Some(p)) => {
+            format!("{declared}; against {of} the misfit has probability {} by chance.", digits::chance(p))
+        }
         _ => format!("{declared}."),
     }
 }
@@ -232,7 +239,7 @@ fn words(judgement: &library::Judgement, replicates: Option<&str>, p: Option<f64
 fn steps(diagnosis: &library::StudyDiagnosis) -> Vec<String> {
     let step = |rung: &library::Rung| {
         let added = rung.added.as_ref()?;
-        let p = rung.p_value.map_or_else(String::new, |p| format!(" at p = {p:.1e}"));
+        let p = rung.p_value.map_or_else(String::new, |p| format!(", probability by chance {}", digits::chance(p)));
         Some(format!(
             "added {added}{p}: error on blocks left out {} um (the choice of effects saw them)",
             digits::result(rung.judgement.held_out.rms_um)
@@ -279,6 +286,7 @@ fn not_identifiable(ambiguity: &library::Ambiguity) -> shown::NotIdentifiable {
     let mut names = ambiguity.effects.iter().cloned();
     shown::NotIdentifiable {
         name: names.next().unwrap_or_default(),
+        title: String::new(),
         shape: BTreeMap::new(),
         alias_share: None,
         aliased_with: names.collect(),
@@ -288,5 +296,5 @@ fn not_identifiable(ambiguity: &library::Ambiguity) -> shown::NotIdentifiable {
 }
 
 fn untestable(untestable: &library::Untestable) -> shown::Untestable {
-    shown::Untestable { name: untestable.name.clone(), needs: untestable.needs.clone() }
+    shown::Untestable { name: untestable.name.clone(), title: String::new(), needs: untestable.needs.clone() }
 }

@@ -1,7 +1,9 @@
 //! From a diagnosis to its page: the answer, the figures, the pictures, then evidence and limits.
 
 use super::DiagnosisReport;
-use super::record::Record;
+use super::names::for_readers;
+use super::record::{Effect, Record};
+use super::tables::label;
 use crate::report::{MetaItem, Report};
 use crate::sections::{Callout, Heading, KeyFigure, KeyFigures, Quantity, Section, Tone};
 use crate::text::significant;
@@ -10,7 +12,8 @@ use crate::text::significant;
 const MOSTLY_GEOMETRY: f64 = 0.5;
 
 pub(super) fn report(diagnosis: &DiagnosisReport) -> Report {
-    let record = &diagnosis.record;
+    let told = DiagnosisReport { record: for_readers(&diagnosis.record), ..diagnosis.clone() };
+    let (diagnosis, record) = (&told, &told.record);
     let mut sections = vec![Section::Callout(record.answer()), Section::KeyFigures(record.key_figures())];
     sections.extend(record.warnings().into_iter().map(Section::Callout));
     effects(diagnosis, &mut sections);
@@ -59,8 +62,8 @@ fn evidence(diagnosis: &DiagnosisReport, sections: &mut Vec<Section>) {
     sections.extend(record.detection_table());
     sections.extend(diagnosis.figures.iter().cloned());
     if let Some(residuals) = &diagnosis.residuals {
-        sections.extend(residuals.by_group());
-        sections.extend(residuals.over_time());
+        sections.extend(residuals.by_group(record.is_one_state()));
+        sections.extend(residuals.over_time(record.is_one_state()));
     }
     sections.extend(record.groups_table());
     sections.extend(record.blocked_table());
@@ -72,16 +75,34 @@ fn limits(record: &Record, sections: &mut Vec<Section>) {
     sections.push(record.not_identifiable_table());
     sections.push(record.untestable_table());
     let note = "Most useful first.";
-    sections.push(Record::list("Next measurements", Some(note), "measurement", &record.next_measurements));
+    let empty = "No measurement was found that would decide more.";
+    sections.push(Record::list_or("Next measurements", Some(note), "measurement", &record.next_measurements, empty));
 }
 
 fn search(record: &Record, sections: &mut Vec<Section>) {
     sections.push(heading("How it was found", None));
-    sections.push(Record::list("Steps of the search", None, "step", &record.steps));
+    let empty = "Nothing was added: no candidate explains more than chance does.";
+    sections.push(Record::list_or("Steps of the search", None, "step", &record.steps, empty));
     sections.extend(record.considered_table());
     if !record.notes.is_empty() {
         sections.push(Record::list("Notes", None, "note", &record.notes));
     }
+}
+
+/// Parameters of an effect beyond what is plausible.
+fn implausible(effect: &Effect) -> Vec<String> {
+    let beyond = effect.parameters.iter().filter(|parameter| !parameter.is_plausible);
+    beyond.map(|parameter| format!("{} of {}", parameter.name, label(effect))).collect()
+}
+
+/// One sentence for what limits several effects in the same way; nothing where it limits none.
+fn together(effects: &[Effect], said: &str, link: &str, of: impl Fn(&Effect) -> Option<String>) -> Option<String> {
+    let own = |effect: &Effect| {
+        let words = [label(effect), link.to_owned(), of(effect)?];
+        Some(words.into_iter().filter(|word| !word.is_empty()).collect::<Vec<_>>().join(" "))
+    };
+    let list: Vec<String> = effects.iter().filter_map(own).collect();
+    (!list.is_empty()).then(|| format!("{said}: {}.", list.join("; ")))
 }
 
 impl Record {
@@ -115,7 +136,7 @@ impl Record {
             ),
         };
         // Where nothing was added, before and after are one.
-        let is_same = self.effects.is_empty() && !self.enriched;
+        let is_same = self.is_one_state();
         let figure = |label: &str, b: Option<f64>, a: Option<f64>, unit: &str, detail: String| KeyFigure {
             label: label.to_owned(),
             before: quantity(b).filter(|_| !is_same),
@@ -151,27 +172,27 @@ impl Record {
 
     fn warnings(&self) -> Vec<Callout> {
         let warning = |text: String| Callout { tone: Tone::Warning, title: String::new(), text };
-        let mut all: Vec<Callout> = self.held_out.not_judged.iter().cloned().map(warning).collect();
-        for effect in &self.effects {
-            all.extend(effect.predicts.not_judged.iter().map(|words| warning(format!("{}: {words}.", effect.label()))));
-            for parameter in effect.parameters.iter().filter(|p| !p.is_plausible) {
-                all.push(warning(format!(
-                    "{}: {} lies outside what such a parameter can be; another cause may look like this effect.",
-                    effect.label(),
-                    parameter.name
-                )));
-            }
-            all.extend(effect.alias_share.filter(|share| *share >= MOSTLY_GEOMETRY).map(|share| {
-                warning(format!(
-                    "{}: geometry could imitate {:.0} % of it, so that its presence is surer than its size.",
-                    effect.label(),
-                    100.0 * share
-                ))
-            }));
-            all.extend(effect.rivals().map(|rivals| {
-                warning(format!("{}: explains these data best, but they do not tell it from {rivals}.", effect.label()))
-            }));
-        }
+        let mut all: Vec<Callout> = Vec::new();
+        let implausible: Vec<String> = self.effects.iter().flat_map(implausible).collect();
+        all.extend((!implausible.is_empty()).then(|| {
+            warning(format!(
+                "Outside what such a parameter can be, so that another cause may look like it: {}.",
+                implausible.join("; ")
+            ))
+        }));
+        all.extend(
+            together(&self.effects, "The data do not tell what explains them best", "from", |e| e.rivals())
+                .map(warning),
+        );
+        let imitated = |e: &Effect| {
+            let share = e.alias_share.filter(|share| *share >= MOSTLY_GEOMETRY)?;
+            Some(format!("to {:.0} %", 100.0 * share))
+        };
+        let said = "Geometry could imitate what was found, so that its presence is surer than its size";
+        all.extend(together(&self.effects, said, "", imitated).map(warning));
+        let not_judged = |e: &Effect| Some(e.predicts.not_judged.join("; ")).filter(|words| !words.is_empty());
+        all.extend(together(&self.effects, "Not judged where it was not fitted", "", not_judged).map(warning));
+        all.extend(self.held_out.not_judged.iter().cloned().map(warning));
         if let Some(v) = self.verification.as_ref().filter(|v| v.covariate_missing > 0) {
             all.push(warning(format!(
                 "{} of {} verification points lack a covariate that the model needs; they count, corrected without \
@@ -189,24 +210,18 @@ impl Record {
     }
 
     fn meta(&self) -> Vec<MetaItem> {
-        let item = |label: &str, value: Option<String>| MetaItem { label: label.to_owned(), value };
-        let mut meta = vec![item("Kind of data", Some(self.data_kind.clone()))];
-        meta.extend(self.about.iter().map(|(what, words)| item(what, Some(words.clone()))));
-        meta.push(item("Data", Some(format!("{}, SHA-256 {}", self.data.file, self.data.sha256))));
-        if let Some(model) = &self.model {
-            meta.push(item("Model before", Some(format!("{}, SHA-256 {}", model.file, model.sha256))));
-        }
-        if let Some(out) = &self.model_out {
-            let what = if out.is_the_one_given { " (the model given)" } else { "" };
-            let text = format!("{}, SHA-256 {}{what}", out.file.file, out.file.sha256);
-            meta.push(item("Model after", Some(text)));
-        }
-        if let Some(verification) = &self.verification {
-            let text = format!("{}, SHA-256 {}", verification.file.file, verification.file.sha256);
-            meta.push(item("Verification (scoring only)", Some(text)));
-        }
-        meta.push(item("Seed", Some(self.seed.to_string())));
-        meta.push(item("Software", Some(self.software.clone())));
+        let file = |label: &str, file: &super::File| MetaItem::file(label, &file.file, Some(&file.sha256));
+        let mut meta = vec![MetaItem::new("Kind of data", &self.data_kind)];
+        meta.extend(self.about.iter().map(|(what, words)| MetaItem::new(what, words)));
+        meta.push(file("Data", &self.data));
+        meta.extend(self.model.iter().map(|model| file("Model before", model)));
+        meta.extend(self.model_out.iter().map(|out| match out.is_the_one_given {
+            true => MetaItem::new("Model after", "the model given"),
+            false => file("Model after", &out.file),
+        }));
+        meta.extend(self.verification.iter().map(|points| file("Verification (scoring only)", &points.file)));
+        meta.push(MetaItem::new("Seed", self.seed.to_string()));
+        meta.push(MetaItem::software(&self.software));
         meta
     }
 

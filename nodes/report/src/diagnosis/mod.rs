@@ -5,12 +5,14 @@
 
 mod bins;
 mod build;
+mod names;
 mod pictures;
 mod record;
 mod tables;
 mod units;
 mod words;
 
+pub use names::parameter as parameter_name;
 pub use pictures::{Residuals, Split, View};
 pub use record::{
     Alternative, Averaged, Blocked, Both, Considered, Detection, Effect, ErrorFigures, File, Group, HeldOut, LeftOut,
@@ -71,6 +73,20 @@ pub fn readable(parameter: &Parameter) -> (Option<f64>, Option<f64>, Option<f64>
     let decimals = crate::digits::of(value.unwrap_or(0.0), u);
     (value, u, scaled(parameter.plausible), unit, decimals)
 }
+
+/// What makes an SI unit one that readers use, and that unit: 1e6 and µrad/(m/s²) of `rad/(m/s2)`.
+pub fn readable_unit(si: &str) -> (f64, String) {
+    let units::Readable { factor, unit } = units::from_si(si, false);
+    (factor, unit)
+}
+
+/// A share as text: two decimals, and of one that is nearly whole that it is above 0.99.
+pub fn share_text(share: f64) -> String {
+    if share > NEARLY_ALL { "above 0.99".to_owned() } else { crate::digits::plain(share, 2) }
+}
+
+/// A share above this would read as the whole.
+const NEARLY_ALL: f64 = 0.99;
 
 /// Below this share of what is plausible, a parameter and its uncertainty are rounding: nothing was left for it to tell.
 const ROUNDING: f64 = 1e-9;

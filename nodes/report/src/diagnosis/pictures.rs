@@ -3,6 +3,7 @@
 //! In: one entry an observation, µm. Out: line plots of binned means with bands, and box plots.
 
 use super::bins::{Point, binned};
+use super::names::{axis, in_words};
 use crate::sections::{Axis, BoxGroup, BoxPlot, Curve, CurveStyle, LinePanel, LinePlot, Section, State};
 use crate::stats::BoxStats;
 
@@ -67,23 +68,25 @@ impl Residuals {
                     the model lacks shows as a curve before and is gone after. The geometry of the model before has \
                     taken up a part of the effect, so that the curve may be smaller than the effect.";
         Section::LinePlot(LinePlot {
-            title: format!("Residual before and after: {}, over {}", view.effect, view.x.label),
+            title: format!("Residual before and after: {}, over {}", in_words(&view.effect), in_words(&view.x.label)),
             note: explained.then(|| note.to_owned()),
             columns: 1,
             band_name: Some("95 % interval".to_owned()),
-            panels: vec![self.panel(view)],
+            panels: vec![self.panel(view, false)],
         })
     }
 
-    fn panel(&self, view: &View) -> LinePanel {
+    /// The residuals over a quantity; once where nothing was added.
+    fn panel(&self, view: &View, is_one_state: bool) -> LinePanel {
         let y = match &view.share {
             Some((label, _)) => Axis::new(label, "µm"),
             None => Axis::new(format!("mean {}", self.label), "µm"),
         };
         let kinds = view.split.as_ref().map_or(1, |split| split.names.len());
         let mut curves = Vec::new();
-        for (state, residuals) in [(State::Before, &self.before_um), (State::After, &self.after_um)] {
-            let word = if state == State::Before { "before" } else { "after" };
+        let states = [(State::Before, "before", &self.before_um), (State::After, "after", &self.after_um)];
+        for (state, word, residuals) in states.into_iter().take(if is_one_state { 1 } else { 2 }) {
+            let word = if is_one_state { "with this model" } else { word };
             for kind in 0..kinds {
                 let name = match &view.split {
                     Some(split) => format!("{word}, {}", split.names[kind]),
@@ -93,11 +96,11 @@ impl Residuals {
                 curves.push(curve(name, style, &view.points(residuals, kind)));
             }
         }
-        LinePanel { title: String::new(), x: view.x.clone(), y, curves }
+        LinePanel { title: String::new(), x: axis(&view.x), y, curves }
     }
 
     /// Residuals over time.
-    pub(super) fn over_time(&self) -> Option<Section> {
+    pub(super) fn over_time(&self, is_one_state: bool) -> Option<Section> {
         let time_s = self.time_s.as_ref()?;
         let minutes: Vec<f64> = time_s.iter().map(|t| t / 60.0).collect();
         let view =
@@ -107,12 +110,12 @@ impl Residuals {
             note: Some("Means over observations that follow each other, with their 95 % interval.".to_owned()),
             columns: 1,
             band_name: Some("95 % interval".to_owned()),
-            panels: vec![self.panel(&view)],
+            panels: vec![self.panel(&view, is_one_state)],
         }))
     }
 
     /// Residuals by group.
-    pub(super) fn by_group(&self) -> Option<Section> {
+    pub(super) fn by_group(&self, is_one_state: bool) -> Option<Section> {
         if self.groups.is_empty() || self.groups.len() > MOST_BOXES {
             return None;
         }
@@ -120,17 +123,21 @@ impl Residuals {
             let members = residuals.iter().zip(&self.group).filter(|(_, g)| **g == group);
             BoxStats::of(&members.map(|(r, _)| r.abs()).collect::<Vec<_>>())
         };
+        let shown = match is_one_state {
+            true => vec![("with this model", State::Before, &self.before_um)],
+            false => vec![("before", State::Before, &self.before_um), ("after", State::After, &self.after_um)],
+        };
         let groups = self.groups.iter().enumerate().map(|(k, label)| BoxGroup {
             label: label.clone(),
-            boxes: vec![of(&self.before_um, k), of(&self.after_um, k)],
+            boxes: shown.iter().map(|(_, _, residuals)| of(residuals, k)).collect(),
         });
         Some(Section::BoxPlot(BoxPlot {
             title: format!("Residual by {}", self.groups_label),
             note: None,
             groups_label: self.groups_label.clone(),
             value: Axis::new(format!("{}, magnitude", self.label), "µm"),
-            series: vec!["before".to_owned(), "after".to_owned()],
-            states: vec![State::Before, State::After],
+            series: shown.iter().map(|(name, ..)| (*name).to_owned()).collect(),
+            states: shown.iter().map(|(_, state, _)| *state).collect(),
             groups: groups.collect(),
         }))
     }

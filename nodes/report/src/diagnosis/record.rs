@@ -222,6 +222,9 @@ pub struct Placebo {
 pub struct Rival {
     /// Name.
     pub name: String,
+    /// Name for readers; the name where it has none.
+    #[serde(default)]
+    pub title: String,
     /// Its shape, figures in SI.
     pub shape: BTreeMap<String, Value>,
     /// How much less evidence it has.
@@ -233,6 +236,9 @@ pub struct Rival {
 pub struct Averaged {
     /// Name.
     pub name: String,
+    /// Name for readers; the name where it has none.
+    #[serde(default)]
+    pub title: String,
     /// Its shape, figures in SI.
     pub shape: BTreeMap<String, Value>,
     /// Its share of the mean.
@@ -308,6 +314,9 @@ pub struct Verification {
 pub struct NotIdentifiable {
     /// Name.
     pub name: String,
+    /// Name for readers; the name where it has none.
+    #[serde(default)]
+    pub title: String,
     /// Shape, figures in SI.
     pub shape: BTreeMap<String, Value>,
     /// Share of its signature that the model absorbs.
@@ -325,6 +334,9 @@ pub struct NotIdentifiable {
 pub struct Untestable {
     /// Name.
     pub name: String,
+    /// Name for readers; the name where it has none.
+    #[serde(default)]
+    pub title: String,
     /// Sensor, column or move that is missing.
     pub needs: String,
 }

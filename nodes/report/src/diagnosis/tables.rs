@@ -1,15 +1,15 @@
 //! Tables of a diagnosis: effects, parameters, rivals, what cannot be told, detection, search.
 
+use super::names::{in_words, shape};
 use super::record::{Effect, NotIdentifiable, Parameter, Placebo, Record, Structure};
 use super::words::alias_words;
-use super::{HELD_ALREADY, is_held_already, readable};
+use super::{HELD_ALREADY, is_held_already, readable, share_text};
+use crate::digits;
 use crate::sections::{Callout, Cell, Column, Section, TableSection, Tone};
 use crate::text::significant;
 use serde_json::Value;
 use std::collections::BTreeMap;
 
-/// Probabilities below this are beyond what the distributions are computed to.
-const SMALLEST_P: f64 = 1e-300;
 /// Candidates on the page; all of them are in the JSON.
 const MOST_CANDIDATES: usize = 20;
 
@@ -28,11 +28,23 @@ fn table_or(title: &str, note: &str, columns: Vec<Column>, rows: Vec<Vec<Option<
 
 /// A probability as text: most are far too small for decimals.
 pub(super) fn probability(p: Option<f64>) -> Option<Cell> {
-    Cell::text(match p? {
-        p if p < SMALLEST_P => "below 10⁻³⁰⁰".to_owned(),
-        p if p >= 1e-3 => format!("{p:.3}"),
-        p => significant(p, 2),
-    })
+    Cell::text(digits::chance(p?))
+}
+
+/// An effect as the page names it.
+pub(super) fn label(effect: &Effect) -> String {
+    in_words(&effect.label())
+}
+
+/// A share of a signature.
+fn share(share: Option<f64>) -> Option<Cell> {
+    share.and_then(|share| Cell::text(share_text(share)))
+}
+
+/// Numbers of one kind with the same decimals: three digits of the largest.
+fn even(values: impl IntoIterator<Item = Option<f64>>) -> impl Fn(Option<f64>) -> Option<Cell> {
+    let decimals = digits::of_group(values.into_iter().flatten());
+    move |value| Cell::maybe(value, decimals)
 }
 
 fn interval_cell(interval: Option<(f64, f64)>) -> Option<Cell> {
@@ -51,16 +63,16 @@ impl Record {
             Column::text("probability by chance, corrected"),
             Column::number("size in the readings, rms", "µm"),
             Column::number("gain on data left out", "µm"),
-            Column::number("share absorbed", "1"),
+            Column::text("share absorbed"),
             Column::text("which means"),
         ];
         let row = |e: &Effect| {
             vec![
-                Cell::text(e.label()),
+                Cell::text(label(e)),
                 probability(e.p_value),
                 Cell::result(e.size_um),
                 Cell::result(e.held_out_gain_um),
-                Cell::maybe(e.alias_share, 3),
+                share(e.alias_share),
                 Cell::text(alias_words(e.alias_share)),
             ]
         };
@@ -74,15 +86,15 @@ impl Record {
         let columns = ["effect", "kind", "depends on", "shape", "formula"].map(Column::text).to_vec();
         let row = |e: &Effect| {
             vec![
-                Cell::text(e.label()),
-                Cell::text(&e.kind),
-                words(&e.covariates),
-                if e.shape.is_empty() { None } else { Cell::text(entries(&e.shape)) },
+                Cell::text(label(e)),
+                Cell::text(kind_words(&e.kind)),
+                words(&e.covariates).map(|_| Cell::Text(in_words(&e.covariates.join(", ")))),
+                if e.shape.is_empty() { None } else { Cell::text(entries(&shape(&e.shape))) },
                 Cell::text(&e.formula),
             ]
         };
         let note = "Attributed: a known effect explains it. Empirical: the data depend on the named quantities in this \
-                    shape; nothing known explains why. Figures of a shape are in SI.";
+                    shape; nothing known explains why.";
         table("What they are", Some(note), columns, self.effects.iter().map(row).collect())
     }
 
@@ -95,7 +107,7 @@ impl Record {
             Column::text("plausible up to"),
             Column::text("inside"),
         ];
-        let rows = self.effects.iter().flat_map(|e| e.parameters.iter().map(|p| parameter_row(&e.label(), p)));
+        let rows = self.effects.iter().flat_map(|e| e.parameters.iter().map(|p| parameter_row(&label(e), p)));
         let note = "Plausible is what such a parameter can be on a sound machine; a value outside points to another \
                     cause.";
         table("Parameters", Some(note), columns, rows.collect())
@@ -108,28 +120,30 @@ impl Record {
         }
         let columns = vec![
             Column::text("effect"),
-            Column::number("gain", "as named"),
-            Column::number("placebos, median", "as named"),
-            Column::number("placebos, 95 %", "as named"),
-            Column::number("share of placebos as good", "1"),
+            Column::number("gain", "1"),
+            Column::number("placebos, median", "1"),
+            Column::number("placebos, 95 %", "1"),
+            Column::text("share of placebos as good"),
             Column::number("placebos", "1"),
-            Column::text("what is counted"),
         ];
         let row = |e: &Effect| {
-            let Placebo { gain, unit, draws, median, quantile_95, share_as_good } = &e.placebo;
+            let Placebo { gain, unit: _, draws, median, quantile_95, share_as_good } = &e.placebo;
+            let cell = even([*gain, *median, *quantile_95]);
             vec![
-                Cell::text(e.label()),
-                Cell::result(*gain),
-                Cell::result(*median),
-                Cell::result(*quantile_95),
-                Cell::maybe(*share_as_good, 3),
+                Cell::text(label(e)),
+                cell(*gain),
+                cell(*median),
+                cell(*quantile_95),
+                share_as_good.and_then(|as_good| Cell::text(digits::plain(as_good, 2))),
                 Cell::count(*draws),
-                Cell::text(unit),
             ]
         };
-        let note = "A placebo has the effect's own columns, cut loose from the readings they belong to: as flexible, \
-                    but without meaning. An effect that gains no more than its placebos is flexibility, not physics.";
-        Some(table("Real gain and placebo gain", Some(note), columns, self.effects.iter().map(row).collect()))
+        let unit = self.effects.first().map_or("", |e| e.placebo.unit.as_str());
+        let note = format!(
+            "A placebo has the effect's own columns, cut loose from the readings they belong to: as flexible, but without meaning. An \
+             effect that gains no more than its placebos is flexibility, not physics. Gain: {unit}."
+        );
+        Some(table("Real gain and placebo gain", Some(&note), columns, self.effects.iter().map(row).collect()))
     }
 
     /// Effects that would do as well; nothing where there are none.
@@ -140,7 +154,7 @@ impl Record {
             Column::number("evidence behind", "1"),
         ];
         let of = |e: &Effect| {
-            let label = e.label();
+            let label = label(e);
             let row = move |r: &super::Rival| {
                 vec![Cell::text(&label), Cell::text(r.label()), Cell::maybe(r.evidence_behind, 1)]
             };
@@ -156,7 +170,7 @@ impl Record {
     pub(super) fn averaged_table(&self) -> Option<Section> {
         let columns = vec![Column::text("effect found"), Column::text("in its place"), Column::number("share", "%")];
         let of = |e: &Effect| {
-            let label = e.label();
+            let label = label(e);
             let row = move |a: &super::Averaged| {
                 let share = Cell::maybe(a.share.map(|share| 100.0 * share), 0);
                 vec![Cell::text(&label), Cell::text(shaped(&a.name, &a.shape)), share]
@@ -180,7 +194,7 @@ impl Record {
             Column::number("gain in standard deviations", "1"),
         ];
         let of = |e: &Effect| {
-            let label = e.label();
+            let label = label(e);
             let row = |l: &super::LeftOut| {
                 vec![
                     Cell::text(&label),
@@ -214,7 +228,7 @@ impl Record {
     pub(super) fn not_identifiable_table(&self) -> Section {
         let columns = vec![
             Column::text("effect"),
-            Column::number("share absorbed", "1"),
+            Column::text("share absorbed"),
             Column::text("looks like"),
             Column::text("why"),
             Column::text("decided by"),
@@ -222,7 +236,7 @@ impl Record {
         let row = |n: &NotIdentifiable| {
             vec![
                 Cell::text(shaped(&n.name, &n.shape)),
-                Cell::maybe(n.alias_share, 4),
+                share(n.alias_share),
                 words(&n.aliased_with),
                 n.because.as_ref().and_then(Cell::text),
                 Cell::text(&n.decided_by),
@@ -243,6 +257,14 @@ impl Record {
         table_or("Untestable", note, columns, self.untestable.iter().map(row).collect(), empty)
     }
 
+    /// A numbered list; where it would be empty, what that means.
+    pub(super) fn list_or(title: &str, note: Option<&str>, heading: &str, lines: &[String], empty: &str) -> Section {
+        if lines.is_empty() {
+            return Section::Callout(Callout { tone: Tone::Neutral, title: title.to_owned(), text: empty.to_owned() });
+        }
+        Record::list(title, note, heading, lines)
+    }
+
     /// A numbered list.
     pub(super) fn list(title: &str, note: Option<&str>, heading: &str, lines: &[String]) -> Section {
         let rows = lines.iter().enumerate().map(|(k, text)| vec![Cell::count(k + 1), Cell::text(text)]);
@@ -259,7 +281,7 @@ impl Record {
                 b.used
             ),
         };
-        let is_same = self.effects.is_empty() && !self.enriched;
+        let is_same = self.is_one_state();
         let said = match is_same || b.words == a.words {
             true => b.words.clone(),
             false => format!("Before: {} After: {}", b.words, a.words),
@@ -275,19 +297,27 @@ impl Record {
         [looked.as_str(), &said, found, tests].into_iter().filter(|said| !said.is_empty()).collect::<Vec<_>>().join(" ")
     }
 
-    /// Detection, before beside after; nothing where the data give no figure.
+    /// Nothing was added: what was measured has one state, and before and after are the same figures.
+    pub(super) fn is_one_state(&self) -> bool {
+        self.effects.is_empty() && !self.enriched
+    }
+
+    /// Detection, before beside after, or once where they are one; nothing where the data give no figure.
     pub(super) fn detection_table(&self) -> Option<Section> {
         let rows = self.detection_rows();
-        let columns = vec![
-            Column::text("figure"),
-            Column::text("noise has"),
-            Column::number("before", "1"),
-            Column::text("probability before"),
-            Column::number("after", "1"),
-            Column::text("probability after"),
-        ];
-        let note = "A dash is a figure that these data do not give.";
-        (!rows.is_empty()).then(|| table("Is it noise?", Some(note), columns, rows))
+        let mut columns = vec![Column::text("figure"), Column::text("noise has")];
+        columns.extend(match self.is_one_state() {
+            true => vec![Column::number("these data", "1"), Column::text("probability by chance")],
+            false => vec![
+                Column::number("before", "1"),
+                Column::text("probability before"),
+                Column::number("after", "1"),
+                Column::text("probability after"),
+            ],
+        });
+        let is_whole = rows.iter().flatten().all(Option::is_some);
+        let note = (!is_whole).then_some("A dash is a figure that these data do not give.");
+        (!rows.is_empty()).then(|| table("Is it noise?", note, columns, rows))
     }
 
     fn detection_rows(&self) -> Vec<Vec<Option<Cell>>> {
@@ -313,7 +343,9 @@ impl Record {
         let row = |(name, noise, before, after): (&str, &str, Option<Structure>, Option<Structure>)| {
             let cells =
                 |s: Option<Structure>| [Cell::result(s.and_then(|s| s.value)), probability(s.and_then(|s| s.p_value))];
-            [vec![Cell::text(name), Cell::text(noise)], cells(before).to_vec(), cells(after).to_vec()].concat()
+            let states = if self.is_one_state() { vec![before] } else { vec![before, after] };
+            let cells = states.into_iter().flat_map(cells);
+            [Cell::text(name), Cell::text(noise)].into_iter().chain(cells).collect()
         };
         let is_known = |s: &Option<Structure>| s.is_some_and(|s| s.value.is_some() || s.p_value.is_some());
         let rows = rows.into_iter().filter(|(_, _, before, after)| is_known(before) || is_known(after));
@@ -326,24 +358,26 @@ impl Record {
         if before.is_empty() {
             return None;
         }
-        let columns = vec![
-            Column::text("observations"),
-            Column::number("count", "1"),
-            Column::number("mean before", "µm"),
-            Column::number("mean after", "µm"),
-            Column::number("mean square over declared, before", "1"),
-            Column::number("after", "1"),
-        ];
+        let later = |g: &super::Group| after.iter().find(|other| other.name == g.name).cloned();
+        let both = |of: fn(&super::Group) -> Option<f64>| even(before.iter().chain(after).map(of));
+        let (mean, square) = (both(|g| g.mean_um), both(|g| g.mean_square));
+        let mut columns = vec![Column::text("observations"), Column::number("count", "1")];
+        columns.extend(match self.is_one_state() {
+            true => vec![Column::number("mean", "µm"), Column::number("mean square over declared", "1")],
+            false => vec![
+                Column::number("mean before", "µm"),
+                Column::number("mean after", "µm"),
+                Column::number("mean square over declared, before", "1"),
+                Column::number("after", "1"),
+            ],
+        });
         let row = |g: &super::Group| {
-            let later = after.iter().find(|other| other.name == g.name);
-            vec![
-                Cell::text(&g.name),
-                Cell::count(g.count),
-                Cell::result(g.mean_um),
-                Cell::result(later.and_then(|l| l.mean_um)),
-                Cell::result(g.mean_square),
-                Cell::result(later.and_then(|l| l.mean_square)),
-            ]
+            let states = if self.is_one_state() { vec![Some(g.clone())] } else { vec![Some(g.clone()), later(g)] };
+            let cells = |of: &dyn Fn(&super::Group) -> Option<Cell>| -> Vec<Option<Cell>> {
+                states.iter().map(|state| state.as_ref().and_then(of)).collect()
+            };
+            let [means, squares] = [cells(&|g| mean(g.mean_um)), cells(&|g| square(g.mean_square))];
+            [vec![Cell::text(&g.name), Cell::count(g.count)], means, squares].concat()
         };
         let title = "By station, offset and direction";
         Some(table(title, None, columns, before.iter().map(row).collect()))
@@ -351,8 +385,16 @@ impl Record {
 
     /// Error of blocks left out of the final fit.
     pub(super) fn blocked_table(&self) -> Option<Section> {
-        let columns = vec![Column::text("left out"), Column::number("before", "1"), Column::number("after", "1")];
-        let row = |b: &super::Blocked| vec![Cell::text(&b.by), Cell::result(b.before), Cell::result(b.after)];
+        let (columns, row): (_, fn(&super::Blocked) -> Vec<Option<Cell>>) = match self.is_one_state() {
+            true => (vec![Column::text("left out"), Column::number("these data", "1")], |b| {
+                vec![Cell::text(&b.by), Cell::result(b.before)]
+            }),
+            false => {
+                (vec![Column::text("left out"), Column::number("before", "1"), Column::number("after", "1")], |b| {
+                    vec![Cell::text(&b.by), Cell::result(b.before), Cell::result(b.after)]
+                })
+            }
+        };
         let note = "Rms over the declared noise, predicted by the final structure fitted to the rest.";
         let rows: Vec<_> = self.held_out.blocked.iter().map(row).collect();
         (!rows.is_empty()).then(|| table("Blocks left out of the final fit", Some(note), columns, rows))
@@ -366,7 +408,7 @@ impl Record {
             Column::text("95 % interval / µm"),
             Column::number("residual rms of the fit", "µm"),
             Column::text("probability by chance, corrected"),
-            Column::number("share absorbed below", "1"),
+            Column::text("share absorbed below"),
         ];
         let row = |r: &super::Rung| {
             vec![
@@ -375,7 +417,7 @@ impl Record {
                 interval_cell(r.held_out_interval_um),
                 Cell::result(r.residual_rms_um),
                 probability(r.p_value),
-                Cell::maybe(r.alias_share, 3),
+                share(r.alias_share),
             ]
         };
         let rows: Vec<_> = self.ladder.iter().map(row).collect();
@@ -414,7 +456,7 @@ impl Record {
             Column::text("probability by chance"),
             Column::text("corrected"),
             Column::number("evidence", "1"),
-            Column::number("share absorbed", "1"),
+            Column::text("share absorbed"),
         ];
         let row = |c: &super::Considered| {
             vec![
@@ -424,7 +466,7 @@ impl Record {
                 probability(c.p_value),
                 probability(c.p_holm),
                 Cell::maybe(c.evidence, 1),
-                Cell::maybe(c.alias_share, 3),
+                share(c.alias_share),
             ]
         };
         let mut best: Vec<_> = self.considered.iter().collect();

@@ -19,7 +19,7 @@ pub(super) fn readable(parameter: &Parameter) -> Readable {
     from_si(&parameter.unit, large)
 }
 
-fn from_si(si: &str, large: bool) -> Readable {
+pub(super) fn from_si(si: &str, large: bool) -> Readable {
     let of = |factor: f64, unit: String| Readable { factor, unit };
     let (numerator, denominator) = match si.split_once('/') {
         Some((numerator, denominator)) => (numerator, Some(product(denominator))),

@@ -1,0 +1,136 @@
+//! The page of a diagnosis: once what is one, in words, with digits that the numbers beside allow, and its limits in few lines.
+
+#![allow(clippy::unwrap_used)] // helpers of a test
+
+use abbe_report::diagnosis::*;
+use std::collections::BTreeMap;
+
+fn group(name: &str, mean_um: f64) -> Group {
+    Group { name: name.into(), count: 543, mean_um: Some(mean_um), mean_square: Some(0.847_2) }
+}
+
+fn clean() -> Record {
+    let state = Detection {
+        words: "The residuals are as large as declared (chi2/dof 0.915).".into(),
+        chi2_per_dof: Some(0.915),
+        p_declared: Some(4.99e-33),
+        groups: vec![group("station S1", -0.000_001_9), group("dir_x +1", 0.369)],
+        used: 1,
+        ..Detection::default()
+    };
+    Record {
+        consistent_with_noise: true,
+        detection: Both { before: state.clone(), after: state },
+        not_identifiable: vec![NotIdentifiable {
+            name: "scale_growth".into(),
+            title: "growth of a scale".into(),
+            shape: BTreeMap::from([("axis".to_owned(), "x".into()), ("tau_s".to_owned(), 1984.0.into())]),
+            alias_share: Some(0.998_5),
+            aliased_with: vec!["EXX".into()],
+            because: None,
+            decided_by: "repeat some lines".into(),
+        }],
+        ..Record::default()
+    }
+}
+
+fn effect(title: &str) -> Effect {
+    Effect {
+        name: "empirical".into(),
+        title: title.into(),
+        kind: "empirical".into(),
+        formula: "e = sum c_ij P_i(p) P_j(q)".into(),
+        shape: BTreeMap::new(),
+        covariates: Vec::new(),
+        p_value: Some(1e-9),
+        evidence: None,
+        alias_share: Some(0.554),
+        parameters: Vec::new(),
+        held_out_gain_um: None,
+        placebo: Placebo {
+            gain: None,
+            unit: String::new(),
+            draws: 0,
+            median: None,
+            quantile_95: None,
+            share_as_good: None,
+        },
+        cannot_be_told_from: Vec::new(),
+        averaged_with: Vec::new(),
+        corrects: true,
+        size_um: None,
+        predicts: Predicts::default(),
+    }
+}
+
+fn page(record: Record) -> String {
+    let residuals = Residuals {
+        label: "range residual".into(),
+        before_um: vec![0.1, -0.2],
+        after_um: vec![0.1, -0.2],
+        groups_label: "station".into(),
+        groups: vec!["S1".into()],
+        group: vec![0, 0],
+        ..Residuals::default()
+    };
+    let residuals = Some(residuals);
+    DiagnosisReport { record, residuals, figures: Vec::new(), identity: Default::default(), next: None }.html().unwrap()
+}
+
+/// What is seen of a page: no styles, no script.
+fn seen(html: &str) -> &str {
+    html.split("<main>").nth(1).unwrap().split("</main>").next().unwrap()
+}
+
+/// A campaign in which nothing was found showed every figure twice.
+#[test]
+fn regress_a_clean_campaign_is_shown_once() {
+    let html = page(clean());
+    let html = seen(&html);
+    assert!(html.contains("Is it noise?") && html.contains("By station, offset and direction"));
+    for twice in [">before<", ">after<", "probability before", "mean after", "mean before"] {
+        assert!(!html.contains(twice), "{twice}");
+    }
+    let html = page(Record { effects: vec![effect("product of y_m and temp_arm_c")], ..clean() });
+    for twice in [">before<", "probability after", "mean after"] {
+        assert!(html.contains(twice), "{twice}");
+    }
+}
+
+/// A mean of two picometres, and a chance of 4.99e-33.
+#[test]
+fn regress_numbers_side_by_side_have_digits_of_the_largest_and_chances_a_power() {
+    let html = page(clean());
+    assert!(html.contains("<td class=\"num\">0.000</td>") && html.contains("<td class=\"num\">0.369</td>"), "{html}");
+    assert!(html.contains("below 10⁻³²") && !html.contains("4.99") && !html.contains("chi2"));
+}
+
+#[test]
+fn regress_names_of_the_program_stay_off_the_page_and_in_the_json() {
+    let record = Record { effects: vec![effect("product of y_m and temp_arm_c")], ..clean() };
+    let html = page(record.clone());
+    let html = seen(&html);
+    for words in [
+        "product of Y and temp_arm_c",
+        "Σ cᵢⱼ Pᵢ(p) Pⱼ(q)",
+        "growth of a scale (axis X, time constant 33.1 min)",
+        "above 0.99",
+        "X approached in +",
+    ] {
+        assert!(html.contains(words), "{words}: {html}");
+    }
+    for own in ["scale_growth", "tau_s", "y_m", "dir_x", "c_ij"] {
+        assert!(!html.contains(own), "{own}");
+    }
+    let report =
+        DiagnosisReport { record, residuals: None, figures: Vec::new(), identity: Default::default(), next: None };
+    assert!(report.json().unwrap().contains("scale_growth"));
+}
+
+/// One warning an effect filled the first screen.
+#[test]
+fn regress_what_limits_several_effects_alike_is_one_warning() {
+    let html = page(Record { effects: ["a", "b", "c", "d"].map(effect).to_vec(), ..clean() });
+    assert_eq!(html.matches("class=\"callout warning\"").count(), 1);
+    assert!(html.contains("surer than its size: a to 55 %; b to 55 %; c to 55 %; d to 55 %."));
+}
