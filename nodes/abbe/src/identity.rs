@@ -3,14 +3,11 @@
 //! Place in the flow: what the data say, what the machine file or `--identity` says, and what the options say come together here. What
 //! none of them says is left out. Where two of them differ nothing is chosen: that is an error.
 
-use abbe_files::{Days, MachineFile, read_identity};
+use abbe_files::{Days, MachineFile, TableFacts, is_temperature, read_identity};
 use abbe_measurement::campaign::Campaign;
 use abbe_report::Identity;
 use anyhow::{Context, ensure};
 use std::path::{Path, PathBuf};
-
-/// How columns of temperatures are named.
-const TEMPERATURE: (&str, &str) = ("temp_", "_c");
 
 /// Options that every command with a report has.
 #[derive(Debug, Clone, Default, clap::Args)]
@@ -33,12 +30,27 @@ pub struct Said<'a> {
     pub machine: Option<&'a MachineFile>,
     /// Name of the machine, where a model or the machine file says it.
     pub machine_name: Option<&'a str>,
-    /// Measured tables, which may say their day.
+    /// Measured tables, which may say their day and hold temperatures.
     pub tables: &'a [&'a Path],
     /// Days by the stamps of a recording.
     pub days: Option<Days>,
     /// Lowest and highest temperature that was logged.
     pub temperature_c: Option<[f64; 2]>,
+}
+
+impl Said<'_> {
+    /// Lowest and highest temperature that was logged; else that of the tables.
+    fn temperatures(&self) -> anyhow::Result<Option<[f64; 2]>> {
+        let mut range = self.temperature_c;
+        if range.is_some() {
+            return Ok(range);
+        }
+        for table in self.tables {
+            let Some(own) = TableFacts::temperature_c(table)? else { continue };
+            range = Some(range.map_or(own, |[low, high]: [f64; 2]| [low.min(own[0]), high.max(own[1])]));
+        }
+        Ok(range)
+    }
 }
 
 /// Who, when and which.
@@ -84,7 +96,7 @@ impl IdentityOptions {
             instrument_calibrated: instrument.calibrated,
             instrument_certificate: instrument.certificate,
             measured: self.days(said, &stated)?.map(|days| days.to_string()),
-            temperature_c: said.temperature_c.or(stated.temperature_c),
+            temperature_c: said.temperatures()?.or(stated.temperature_c),
             place: stated.place.clone(),
         };
         Ok(Who { shown, stated })
@@ -113,8 +125,7 @@ impl IdentityOptions {
 
 /// Lowest and highest of all temperatures that were logged in a campaign.
 pub fn temperature_c(campaign: &Campaign) -> Option<[f64; 2]> {
-    let (before, after) = TEMPERATURE;
-    let logged = campaign.covariates.iter().filter(|c| c.name.starts_with(before) && c.name.ends_with(after));
+    let logged = campaign.covariates.iter().filter(|c| is_temperature(&c.name));
     let values = || logged.clone().flat_map(|covariate| covariate.values.iter().flatten().copied());
     Some([values().reduce(f64::min)?, values().reduce(f64::max)?])
 }
@@ -139,7 +150,7 @@ mod tests {
         let (file, table) = (folder.path().join("i.toml"), folder.path().join("t.csv"));
         std::fs::write(&file, "[identity]\noperator = \"A. Person\"\nserial_number = \"4711\"\nmodel = \"M 7\"\n")
             .unwrap();
-        std::fs::write(&table, "# measured=2026-03-05\nx_mm\n1\n").unwrap();
+        std::fs::write(&table, "# measured=2026-03-05\nx_mm,temp_air_c\n1,19.9\n2,20.4\n").unwrap();
         let tables = [table.as_path()];
         let said = Said { machine_name: Some("m"), tables: &tables, ..Said::default() };
         let who = options(Some(&file), None).gather(&said).unwrap();
@@ -152,6 +163,9 @@ mod tests {
             (Some("2026-03-05"), Some("4711"))
         );
         assert_eq!(who.shown.machine_type.as_deref(), Some("M 7"));
+        assert_eq!(who.shown.temperature_c, Some([19.9, 20.4]), "of the table");
+        let logged = Said { temperature_c: Some([21.0, 22.0]), ..said };
+        assert_eq!(options(None, None).gather(&logged).unwrap().shown.temperature_c, Some([21.0, 22.0]));
         let error = options(None, Some("2026-03-06")).gather(&said).unwrap_err().to_string();
         assert!(error.contains("--measured 2026-03-06") && error.contains("the data say 2026-03-05"), "{error}");
         assert_eq!(

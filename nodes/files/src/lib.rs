@@ -35,6 +35,7 @@ mod ram_turn_record;
 mod residual_csv;
 mod residual_file;
 mod study_csv;
+mod table_facts;
 mod toml_place;
 mod units;
 mod vectors_csv;
@@ -67,6 +68,7 @@ pub use study_csv::{
     StudyFile, read_input_vectors_file, read_plane_vectors, read_plane_vectors_file, read_residual_vectors,
     read_residual_vectors_file, read_runs, read_runs_file, read_sphere_centres, read_sphere_centres_file,
 };
+pub use table_facts::{TableFacts, is_temperature};
 pub use vectors_csv::{
     ErrorVector, Lacks, Positions, read_plane_positions_file, read_positions, read_positions_file, write_error_vectors,
     write_plane_errors,
