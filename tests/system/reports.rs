@@ -169,6 +169,30 @@ fn model_of(bench: &Bench, model: &Path) -> String {
     run(["identify", "--machine", &machine, "--campaign", &campaign, "--out", &text(model)]).ok()
 }
 
+/// Runs of one axis on a known day, the scale's temperature beside them.
+#[test]
+fn runs_say_their_day_and_their_temperatures() {
+    let bench = Bench::new();
+    let mut rows = "# measured=2026-03-05\naxis,target_mm,direction,cycle,measured_mm,temp_scale_c\n".to_owned();
+    for cycle in 1..=5 {
+        for (k, target) in [10, 47, 111].into_iter().enumerate() {
+            for direction in ["+", "-"] {
+                let off = if direction == "+" { "0.002" } else { "0.001" };
+                rows += &format!("X,{target},{direction},{cycle},{target}{},{}\n", &off[1..], 20.0 + 0.2 * k as f64);
+            }
+        }
+    }
+    fs::write(bench.at("runs.csv"), rows).unwrap();
+    for (command, option, out) in [("conformity", "--runs", "figures"), ("diagnose", "--campaign", "causes")] {
+        let [runs, folder] = ["runs.csv", out].map(|name| text(&bench.at(name)));
+        run([command, option, &runs, "--out", &folder]).ok();
+        let html = fs::read_to_string(bench.at(out).join("report.html")).unwrap();
+        assert_says(&html, &["<dd>2026-03-05</dd>", "<dd>20.0 to 20.4 °C</dd>", "runs.csv, SHA-256 "]);
+    }
+    let html = fs::read_to_string(bench.at("figures/report.html")).unwrap();
+    assert_says(&html, &["Accuracy A, axis X", "Repeatability R, axis X", "Reversal B, axis X"]);
+}
+
 /// The command that an answer ends with; it is this one, and the program takes it. What it writes stays in the folder.
 #[track_caller]
 fn follows(bench: &Bench, said: &str, command: &str) -> String {
@@ -205,6 +229,15 @@ fn a_report_says_the_command_that_the_terminal_says_with_names_for_paths() {
     // With a limit the next is another one.
     let judged = bench.conformity("--mpe 1.9+L/300").ok();
     assert_says(&judged, &["next, to take the uncertainty of the test into account:\n"]);
+    // The verdict is the answer then; digits are those that the uncertainty of the test allows: 0.3 ± 0.15 µm at 100 mm.
+    bench.conformity("--mpe 1.9+L/300 --uncertainty 0.1+L/2000 --out {}/judged").ok();
+    let html = fs::read_to_string(bench.at("judged/report.html")).unwrap();
+    let place = |part: &str| html.find(part).unwrap_or_else(|| panic!("{part}"));
+    assert!(
+        place("Every error conforms") < place("class=\"cards\"") && place("class=\"cards\"") < place("class=\"next\"")
+    );
+    assert_says(&html, &["Largest share of the limit", "0.30<span", "± 0.15 µm (k = 2), on X at 100.0 mm"]);
+    assert!(!html.contains("0.300") && !html.contains("100.0000"), "digits that nobody measured");
     let failed = bench.conformity(&format!("--mpe 0.01 --out {out}"));
     assert_eq!(failed.code, Some(3), "{}", failed.errors);
     follows(&bench, &String::from_utf8(failed.output).unwrap(), "plan");
@@ -233,6 +266,10 @@ fn every_answer_ends_with_the_next_command() {
         &shown,
         &["Corrected coordinates of bridge_xyz", "400 rows of verify.csv", "of 400; 0 rejected", "A. Person"],
     );
+    // The data hold temperatures, and both pages say so and what they were made from.
+    for page in [&shown, &fs::read_to_string(&html).unwrap()] {
+        assert_says(page, &["<dt>Temperature</dt><dd>", " °C</dd>", "verify.csv, SHA-256 ", "<dt>Software</dt>"]);
+    }
     assert!(fs::read(&pdf).unwrap().starts_with(b"%PDF-"));
     let piped = run(["correct", "--model", &model, "--in", &points, "--out", "-"]);
     assert!(!piped.errors.contains("next, ") && !piped.ok().contains("next, "), "a stream is data");

@@ -3,27 +3,39 @@
 //! Place in the flow: beside a report's figures, which a reader months later cannot place without it. What the data do not
 //! say has no line. °C, h and µm.
 
+use crate::pipeline::software;
+use abbe_files::{hex, is_temperature};
 use abbe_measurement::campaign::Campaign;
 use abbe_measurement::instrument::RangeUncertainty;
+use abbe_report::MetaItem;
+use std::path::Path;
 
 /// Coverage factor of an instrument's uncertainty as data sheets state it.
 const COVERAGE: f64 = 2.0;
-/// How columns of temperatures are named.
-const TEMPERATURE: (&str, &str) = ("temp_", "_c");
 
 /// Each line: what it is about, and what there is to say.
 pub(crate) fn of_campaign(campaign: &Campaign, instrument: RangeUncertainty) -> Vec<(&'static str, String)> {
     let lines = [
-        ("Instrument", Some(of_instrument(instrument))),
-        ("Measured", measured(campaign)),
-        ("Temperatures", temperatures(campaign)),
+        ("Declared uncertainty", Some(of_instrument(instrument))),
+        ("Readings", measured(campaign)),
+        ("Sensors of temperature", temperatures(campaign)),
     ];
     lines.into_iter().filter_map(|(what, words)| Some((what, words?))).collect()
 }
 
+/// Last lines of a report on a table: its name, its hash, the program.
+pub(crate) fn made_from(path: &Path, sha256: &[u8; 32]) -> Vec<MetaItem> {
+    vec![MetaItem::file("Data", &file_name(path), Some(&hex(sha256))), MetaItem::software(software())]
+}
+
+/// A file without its folder: a report is read elsewhere.
+pub(crate) fn file_name(path: &Path) -> String {
+    path.file_name().map_or_else(|| path.display().to_string(), |name| name.to_string_lossy().into_owned())
+}
+
 fn of_instrument(instrument: RangeUncertainty) -> String {
     let [constant_um, per_metre_um] = [instrument.constant_m, instrument.per_metre].map(|u| COVERAGE * u * 1e6);
-    format!("tracer, declared u = {constant_um:.3} µm + {per_metre_um:.3} µm/m (k = 2)")
+    format!("of the tracer, {constant_um:.3} µm + {per_metre_um:.3} µm/m (k = 2)")
 }
 
 fn measured(campaign: &Campaign) -> Option<String> {
@@ -35,11 +47,10 @@ fn measured(campaign: &Campaign) -> Option<String> {
 
 /// Range over all temperatures that were logged.
 fn temperatures(campaign: &Campaign) -> Option<String> {
-    let (before, after) = TEMPERATURE;
-    let logged = campaign.covariates.iter().filter(|c| c.name.starts_with(before) && c.name.ends_with(after));
+    let logged = campaign.covariates.iter().filter(|c| is_temperature(&c.name));
     let values = || logged.clone().flat_map(|covariate| covariate.values.iter().flatten().copied());
     let (lowest, highest) = (values().reduce(f64::min)?, values().reduce(f64::max)?);
-    Some(format!("{lowest:.1} to {highest:.1} °C over {} sensors", logged.clone().count()))
+    Some(format!("{}, {lowest:.1} to {highest:.1} °C", logged.clone().count()))
 }
 
 #[cfg(test)]
@@ -71,9 +82,9 @@ mod tests {
             ("pressure_hpa", vec![Some(1000.0), Some(1001.0)]),
         ];
         let said = of_campaign(&campaign(&logged), instrument);
-        assert_eq!(said[0], ("Instrument", "tracer, declared u = 0.050 µm + 0.300 µm/m (k = 2)".to_owned()));
-        assert_eq!(said[1], ("Measured", "2 readings from 1 stations within 1.5 h".to_owned()));
-        assert_eq!(said[2], ("Temperatures", "19.5 to 21.3 °C over 2 sensors".to_owned()));
+        assert_eq!(said[0], ("Declared uncertainty", "of the tracer, 0.050 µm + 0.300 µm/m (k = 2)".to_owned()));
+        assert_eq!(said[1], ("Readings", "2 readings from 1 stations within 1.5 h".to_owned()));
+        assert_eq!(said[2], ("Sensors of temperature", "2, 19.5 to 21.3 °C".to_owned()));
         assert_eq!(of_campaign(&campaign(&[]), instrument).len(), 2);
         assert_eq!(of_campaign(&Campaign::default(), instrument).len(), 1);
     }

@@ -71,14 +71,15 @@ fn meta(record: &TrainingRecord, file: &ResidualFile, data: &Data) -> Vec<MetaIt
     let item = |label: &str, value: Option<String>| MetaItem { label: label.to_owned(), value };
     let owner = file.owner.as_ref();
     let mut items = vec![
-        item("geometric model", owner.map(|owner| hex(&owner.model_sha256))),
-        item("residuals", Some(format!("{} ({})", data.file, hex(&data.sha256)))),
-        item("seed", Some(file.seed.to_string())),
-        item("trained on", Some(record.device.clone())),
+        item("Geometric model", owner.map(|owner| format!("SHA-256 {}", hex(&owner.model_sha256)))),
+        MetaItem::file("Residuals", &data.file, Some(&hex(&data.sha256))),
+        item("Seed", Some(file.seed.to_string())),
+        item("Trained on", Some(record.device.clone())),
     ];
     if !record.inputs.is_empty() {
-        items.push(item("inputs", Some(record.inputs.join(" "))));
+        items.push(item("Inputs", Some(record.inputs.join(" "))));
     }
+    items.push(MetaItem::software(&file.software));
     items
 }
 

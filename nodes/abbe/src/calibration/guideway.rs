@@ -4,7 +4,8 @@
 //! µm and µrad, uncertainties k = 2.
 
 use super::arrangement::BySpread;
-use super::{COVERAGE, Product, claim_json, claim_words, meta, of_claim};
+use super::{COVERAGE, Product, claim_json, claim_words, of_claim};
+use crate::provenance::made_from;
 use crate::verdict::{self, Accept};
 use abbe_files::{GuidewayRow, SeenTarget, StudyFile, hex, read_guideway_file};
 use abbe_identify::verdict::{Counted, Verdict};
@@ -289,7 +290,7 @@ fn report(
         lead: Some("Six errors of a linear axis from targets on its table (ISO 230-1 names).".to_owned()),
         identity: Identity::default(),
         next: None,
-        meta: meta(path, sha256),
+        meta: made_from(path, sha256),
         main_plot: Some(main_plot),
         footer: None,
         sections,

@@ -11,9 +11,9 @@ pub(crate) mod sphere;
 use crate::identity::{IdentityOptions, Said};
 use crate::next::Next;
 use crate::output;
-use abbe_files::{AtomicFile, hex};
+use abbe_files::AtomicFile;
 use abbe_measurement::claim::Claim;
-use abbe_report::{MetaItem, Report};
+use abbe_report::Report;
 use anyhow::{Context, ensure};
 use serde_json::{Value, json};
 use std::io::Write;
@@ -129,11 +129,4 @@ fn claim_json(claim: Option<&Claim>) -> Value {
             "says": of_claim(claim),
         })
     })
-}
-
-/// Lines of a report's head for its data.
-fn meta(path: &Path, sha256: &[u8; 32]) -> Vec<MetaItem> {
-    let item = |label: &str, value: String| MetaItem { label: label.to_owned(), value: Some(value) };
-    let name = path.file_name().map_or_else(|| path.display().to_string(), |n| n.to_string_lossy().into_owned());
-    vec![item("data", name), item("data sha256", hex(sha256)), item("software", crate::pipeline::software())]
 }

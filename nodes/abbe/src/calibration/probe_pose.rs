@@ -3,7 +3,8 @@
 //! Place in the flow: centres file → `abbe_measurement::probe_pose` → [`Product`]. Every calibration is judged on poses and
 //! centres left out of it. mm and µm, uncertainties k = 2.
 
-use super::{COVERAGE, Product, claim_json, claim_words, meta};
+use super::{COVERAGE, Product, claim_json, claim_words};
+use crate::provenance::made_from;
 use crate::verdict::{self, Accept};
 use abbe_files::{hex, read_sphere_centres_file};
 use abbe_geometry::Vector3;
@@ -234,7 +235,7 @@ impl Judged {
             )),
             identity: Identity::default(),
             next: None,
-            meta: meta(path, sha256),
+            meta: made_from(path, sha256),
             main_plot: None,
             footer: None,
             sections: vec![

@@ -38,10 +38,11 @@ pub(super) fn report(outcome: &Outcome, captured: &CapturedCampaign, reached: &R
         ),
         identity: outcome.who.clone(),
         next: Some(outcome.following(reached).step()),
-        meta: vec![MetaItem {
-            label: "points".to_owned(),
-            value: Some(format!("{} of {}", capturer.done(), capturer.wanted())),
-        }],
+        meta: vec![
+            MetaItem::new("Points", format!("{} of {}", capturer.done(), capturer.wanted())),
+            MetaItem::new("Every reading", "journal.jsonl"),
+            MetaItem::software(crate::pipeline::software()),
+        ],
         main_plot: None,
         footer: Some(crate::pipeline::software()),
         sections,

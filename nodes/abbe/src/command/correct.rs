@@ -13,12 +13,13 @@ use crate::exit::Ended;
 use crate::identity::{IdentityOptions, Said};
 use crate::next::{KNOWN_POINTS, Next};
 use crate::output;
-use crate::pipeline::is_bag;
+use crate::pipeline::{is_bag, software};
+use crate::provenance::file_name;
 use crate::residual::{inputs_of, load_residual};
 use crate::rows::{Batch, MANY};
 use crate::tally::Tally;
 use abbe_files::{
-    AtomicFile, FileError, ModelFile, Place, PointRow, PointsReader, PointsWriter, hex, write_atomically,
+    AtomicFile, FileError, ModelFile, Place, PointRow, PointsReader, PointsWriter, TableFacts, hex, write_atomically,
 };
 use abbe_geometry::model::IdentifiedVolume;
 use abbe_graph::step::{GeometricStep, Mark, OwnedField, ResidualStep, StreamWatch, opposite_offset};
@@ -131,11 +132,15 @@ fn pages_of(
     let machine = model.model.parts().machine.name.as_str();
     let tables: Vec<&Path> = Some(arguments.input.as_path()).into_iter().filter(|path| !is_standard(path)).collect();
     let who = arguments.identity.gather(&Said { machine_name: Some(machine), tables: &tables, ..Said::default() })?;
-    let file = |path: &Path| path.file_name().map_or_else(|| name.to_owned(), |n| n.to_string_lossy().into_owned());
-    let item = |label: &str, value: String| MetaItem { label: label.to_owned(), value: Some(value) };
-    let mut meta = vec![item("Model", format!("{}, SHA-256 {}", file(&arguments.model), hex(sha256)))];
-    meta.extend(arguments.residual.iter().map(|path| item("Residual model", file(path))));
-    let input = if is_standard(&arguments.input) { name.to_owned() } else { file(&arguments.input) };
+    let input = if is_standard(&arguments.input) { name.to_owned() } else { file_name(&arguments.input) };
+    let hashes = tables.iter().map(|table| Ok(hex(&TableFacts::read(table)?.sha256)));
+    let hash = hashes.collect::<anyhow::Result<Vec<String>>>()?.pop();
+    let mut meta = vec![
+        MetaItem::file("Readings", &input, hash.as_deref()),
+        MetaItem::file("Model", &file_name(&arguments.model), Some(&hex(sha256))),
+    ];
+    meta.extend(arguments.residual.iter().map(|path| MetaItem::file("Residual model", &file_name(path), None)));
+    meta.push(MetaItem::software(software()));
     let report = report::report(report::Page {
         machine,
         input: &input,

@@ -211,7 +211,6 @@ fn next(document: &Document) -> Next {
 }
 
 fn report(document: &Document) -> Report {
-    let item = |label: &str, value: String| MetaItem { label: label.to_owned(), value: Some(value) };
     let mut sections = vec![answer(document)];
     sections.extend(document.not_computed.iter().map(missing));
     sections.extend(PAPERS.iter().filter_map(|paper| table(paper.name, document)));
@@ -221,9 +220,9 @@ fn report(document: &Document) -> Report {
         identity: Identity::default(),
         next: Some(next(document).step()),
         meta: vec![
-            item("Seed", document.seed.to_string()),
-            item("Share of the full number of runs", document.effort.to_string()),
-            item("Software", document.software.clone()),
+            MetaItem::new("Seed", document.seed.to_string()),
+            MetaItem::new("Share of the full number of runs", format!("{:.0} %", 100.0 * document.effort)),
+            MetaItem::software(&document.software),
         ],
         main_plot: None,
         footer: Some(document.software.clone()),

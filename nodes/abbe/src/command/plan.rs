@@ -8,6 +8,7 @@ use crate::identity::{IdentityOptions, Said};
 use crate::output;
 use crate::pipeline::{self, BagJoin};
 use crate::planning::{self, Sources};
+use crate::provenance::file_name;
 use abbe_files::{
     MachineFile, ModelFile, OrderChoice, PlanRequestFile, dme, gcode, path_csv, read_machine, read_plan_request,
     stations_csv, write_atomically,
@@ -76,7 +77,8 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let plan = found.map_err(|error| placed(error, &file))?;
     let who = arguments.identity.gather(&Said { machine: Some(&machine), ..Said::default() })?.shown;
     let campaign = arguments.campaign.as_deref();
-    let sources = Sources { machine: &machine, request: &request, campaign, who: &who };
+    let files = [&arguments.machine, &arguments.request].map(|path| file_name(path));
+    let sources = Sources { machine: &machine, request: &request, campaign, who: &who, files };
     write(arguments, &machine, (&request, &plan), &sources)?;
     if arguments.json {
         println!("{}", serde_json::to_string_pretty(&planning::json(&sources, &plan))?);

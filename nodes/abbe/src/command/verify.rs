@@ -8,15 +8,17 @@ use crate::identity::{IdentityOptions, Said};
 use crate::next::{Next, READINGS};
 use crate::output;
 use crate::pairs::{PairErrors, pair_errors};
+use crate::pipeline::software;
+use crate::provenance::file_name;
 use crate::residual::load_residual;
 use crate::verification::{VerificationPoints, correct_points, rms_and_max_m};
-use abbe_files::{ModelFile, hex, write_atomically};
+use abbe_files::{ModelFile, TableFacts, hex, write_atomically};
 use abbe_geometry::Vector3;
 use abbe_geometry::chain::nominal_point_m;
 use abbe_geometry::correct::Status;
 use abbe_graph::step::OwnedField;
 use abbe_measurement::alignment::aligned_residuals_m;
-use abbe_report::digits;
+use abbe_report::{MetaItem, digits};
 use anyhow::Context;
 use serde_json::json;
 use std::fs::File;
@@ -144,10 +146,13 @@ fn write(
     let machine_name = Some(model.model.parts().machine.name.as_str());
     let tables = [arguments.points.as_path()];
     let who = arguments.identity.gather(&Said { machine_name, tables: &tables, ..Said::default() })?;
-    let file = |path: &PathBuf| path.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
-    let mut meta =
-        vec![("Points", file(&arguments.points)), ("Model", format!("{}, SHA-256 {sha256}", file(&arguments.model)))];
-    meta.extend(arguments.residual.iter().map(|path| ("Residual model", file(path))));
+    let of_points = TableFacts::read(&arguments.points)?.sha256;
+    let mut meta = vec![
+        MetaItem::file("Points", &file_name(&arguments.points), Some(&hex(&of_points))),
+        MetaItem::file("Model", &file_name(&arguments.model), Some(sha256)),
+    ];
+    meta.extend(arguments.residual.iter().map(|path| MetaItem::file("Residual model", &file_name(path), None)));
+    meta.push(MetaItem::software(software()));
     let report = report::report(report::Page {
         identity: who.shown,
         meta,

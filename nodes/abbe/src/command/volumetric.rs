@@ -57,6 +57,8 @@ pub(crate) struct Arguments {
 pub(crate) struct Answer {
     who: Identity,
     machine: String,
+    /// Name and hash of the model file.
+    model_file: String,
     model_sha256: String,
     offset_m: [f64; 3],
     bounds_m: [(f64, f64); 3],
@@ -103,6 +105,7 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let answer = Answer {
         who: arguments.identity.gather(&said)?.shown,
         machine: parts.machine.name.clone(),
+        model_file: crate::provenance::file_name(&arguments.model),
         model_sha256: hex(&sha256),
         doubts: file.said_against().collect(),
         offset_m,

@@ -3,10 +3,11 @@
 //! Place in the flow: `abbe conformity --lengths`, and before and after a correction in [`super::simulated`].
 
 use super::{
-    Figure, Limits, Product, departure_callout, departure_json, departure_words, meta, pictures, tone, um,
-    verdict_word, worst,
+    Figure, Limits, Product, departure_callout, departure_json, departure_words, pictures, tone, um, verdict_word,
+    worst,
 };
 use crate::pipeline::software;
+use crate::provenance::made_from;
 use abbe_conformity::length::{LengthErrors, LengthTest, LengthVerdict, Probing, evaluate};
 use abbe_conformity::{DecisionRule, Frontier, MaximumPermissibleError, SupportedLimit, Verdict};
 use abbe_files::{hex, read_lengths_file};
@@ -43,7 +44,7 @@ pub(crate) fn run(path: &Path, stated: &Stated, limits: &Limits, rule: &Decision
         lead: Some(lead(&errors)),
         identity: Identity::default(),
         next: None,
-        meta: meta(path, &file.sha256),
+        meta: made_from(path, &file.sha256),
         main_plot: None,
         footer: Some(software()),
         sections,
@@ -61,10 +62,7 @@ pub(crate) fn run(path: &Path, stated: &Stated, limits: &Limits, rule: &Decision
 
 /// The figures of a certificate: the largest error of each line, and the repeatability range.
 fn certified(errors: &LengthErrors, limits: &Limits, rule: &DecisionRule) -> Vec<Figure> {
-    let expanded_m = |length_m: f64| match rule {
-        DecisionRule::GuardBand(uncertainty) => Some(uncertainty.at_m(length_m)),
-        DecisionRule::SimpleAcceptance => None,
-    };
+    let expanded_m = |length_m: f64| expanded_um(rule, length_m).map(|u_um| u_um * 1e-6);
     let symbol = errors.test.symbol();
     let verdict = limits.length.as_ref().map(|limit| errors.verdict(limit, limits.repeatability, rule));
     let of_line = |line: &abbe_conformity::length::LineSummary| {
@@ -282,46 +280,11 @@ pub(crate) fn figures(errors: &LengthErrors, limits: &Limits, rule: &DecisionRul
     }))
 }
 
-/// Key figures, verdict, picture and table.
+/// Verdict, key figures, limits, picture and table.
 pub(crate) fn sections(errors: &LengthErrors, limits: &Limits, rule: &DecisionRule) -> anyhow::Result<Vec<Section>> {
     let frontier = errors.frontier()?;
-    let (largest, line, length_m) = errors.largest();
-    let figure = |label: &str, value: Option<Quantity>, detail: String| KeyFigure {
-        label: label.to_owned(),
-        value,
-        unit: "µm".to_owned(),
-        detail: Some(detail),
-        ..KeyFigure::default()
-    };
-    let shown = |metres: f64| Quantity::result(um(metres));
-    let constant_um = um(frontier.smallest_area().constant_m);
-    let decimals = digits::of_result(constant_um);
-    let figures = vec![
-        figure("largest error, observed", Some(shown(largest.metres())), format!("{line}, {:.4} mm", length_m * 1e3)),
-        figure(
-            "repeatability range, observed",
-            errors.repeatability().map(|r| shown(r.metres())),
-            "largest of all sets".into(),
-        ),
-        figure(
-            "tightest limit, A of A + L/K",
-            Some(Quantity::new(digits::up(constant_um, decimals), decimals)),
-            supported_text(&frontier.smallest_area()),
-        ),
-    ];
-    let mut sections = vec![Section::KeyFigures(KeyFigures { title: "Observed".to_owned(), figures })];
-    if let Some(limit) = &limits.length {
-        let verdict = errors.verdict(limit, limits.repeatability, rule);
-        sections.push(Section::Callout(Callout {
-            tone: if verdict.is_whole_test || verdict.overall() == Verdict::DoesNotConform {
-                tone(verdict.overall())
-            } else {
-                Tone::Neutral
-            },
-            title: format!("Against {limit}"),
-            text: format!("{}. Decision rule: {}.", verdict_text(errors, &verdict), rule.words()),
-        }));
-    }
+    let mut sections: Vec<Section> = limits.length.iter().map(|limit| answer(errors, limit, limits, rule)).collect();
+    sections.push(key_figures(errors, &frontier, limits, rule));
     sections.push(departure_callout(STANDARD, &errors.departures));
     sections.push(pictures::errors_against_length(
         "Errors against length",
@@ -329,19 +292,87 @@ pub(crate) fn sections(errors: &LengthErrors, limits: &Limits, rule: &DecisionRu
         limits.length.as_ref(),
         &frontier.smallest_area(),
     ));
-    sections.push(table(errors));
+    sections.push(table(errors, rule));
     Ok(sections)
 }
 
-fn table(errors: &LengthErrors) -> Section {
+/// The verdict on a limit, and how much of the limit was used.
+fn answer(errors: &LengthErrors, limit: &MaximumPermissibleError, limits: &Limits, rule: &DecisionRule) -> Section {
+    let verdict = errors.verdict(limit, limits.repeatability, rule);
+    let is_told = verdict.is_whole_test || verdict.overall() == Verdict::DoesNotConform;
+    let (used, line, length_m) = most_used(errors, limit);
+    Section::Callout(Callout {
+        tone: if is_told { tone(verdict.overall()) } else { Tone::Neutral },
+        title: format!("Against {limit}"),
+        text: format!(
+            "{}; the largest share of the limit that an error uses is {:.0} %, {}. Decision rule: {}.",
+            verdict_text(errors, &verdict),
+            100.0 * used,
+            at(line, length_m),
+            rule.words()
+        ),
+    })
+}
+
+/// A place on a line.
+fn at(line: &str, length_m: f64) -> String {
+    format!("on {line} at {:.1} mm", length_m * 1e3)
+}
+
+/// Expanded uncertainty of the test at a length (µm, k = 2), where it was stated.
+fn expanded_um(rule: &DecisionRule, length_m: f64) -> Option<f64> {
+    match rule {
+        DecisionRule::GuardBand(uncertainty) => Some(um(uncertainty.at_m(length_m))),
+        DecisionRule::SimpleAcceptance => None,
+    }
+}
+
+fn key_figures(errors: &LengthErrors, frontier: &Frontier, limits: &Limits, rule: &DecisionRule) -> Section {
+    let figure = |label: &str, value: Option<Quantity>, unit: &str, detail: String| KeyFigure {
+        label: label.to_owned(),
+        value,
+        unit: unit.to_owned(),
+        detail: Some(detail),
+        ..KeyFigure::default()
+    };
+    let (largest, line, length_m) = errors.largest();
+    let u_um = expanded_um(rule, length_m);
+    let stated = u_um.map_or_else(String::new, |u| format!("± {} µm (k = 2), ", digits::uncertainty(u)));
+    let largest = Quantity::with(um(largest.metres()), u_um);
+    let mut figures =
+        vec![figure("largest error, observed", Some(largest), "µm", format!("{stated}{}", at(line, length_m)))];
+    if let Some(limit) = &limits.length {
+        let (used, line, length_m) = most_used(errors, limit);
+        let verdict = errors.verdict(limit, limits.repeatability, rule).errors;
+        let share = figure("largest share of the limit", Some(Quantity::new(100.0 * used, 0)), "%", at(line, length_m));
+        figures.push(KeyFigure { tone: tone(verdict), ..share });
+    }
+    let range = errors.repeatability().map(|range| Quantity::result(um(range.metres())));
+    figures.extend(
+        range.map(|range| figure("repeatability range, observed", Some(range), "µm", "largest of all sets".to_owned())),
+    );
+    let constant_um = um(frontier.smallest_area().constant_m);
+    let decimals = digits::of_result(constant_um);
+    figures.push(figure(
+        "tightest limit, A of A + L/K",
+        Some(Quantity::new(digits::up(constant_um, decimals), decimals)),
+        "µm",
+        supported_text(&frontier.smallest_area()),
+    ));
+    Section::KeyFigures(KeyFigures { title: "Observed".to_owned(), figures })
+}
+
+fn table(errors: &LengthErrors, rule: &DecisionRule) -> Section {
     let row = |line: &abbe_conformity::length::LineSummary| {
+        let u_um = expanded_um(rule, line.largest.1);
         vec![
             Cell::text(&line.line),
             Cell::count(line.lengths),
-            Cell::number(line.longest_m * 1e3, 4),
-            Cell::maybe(line.travel_m.map(|t| 100.0 * line.longest_m / t), 1),
-            Cell::result(Some(um(line.largest.0.metres()))),
-            Cell::number(line.largest.1 * 1e3, 4),
+            Cell::number(line.longest_m * 1e3, 1),
+            Cell::maybe(line.travel_m.map(|t| 100.0 * line.longest_m / t), 0),
+            Cell::with(Some(um(line.largest.0.metres())), u_um),
+            Cell::uncertainty(u_um),
+            Cell::number(line.largest.1 * 1e3, 1),
             Cell::result(line.range.map(|r| um(r.metres()))),
         ]
     };
@@ -354,6 +385,7 @@ fn table(errors: &LengthErrors) -> Section {
             Column::number("longest", "mm"),
             Column::number("share of travel", "%"),
             Column::number("largest error", "µm"),
+            Column::number("± U (k = 2)", "µm"),
             Column::number("at", "mm"),
             Column::number("largest range", "µm"),
         ],

@@ -12,8 +12,8 @@ pub(crate) mod sphere;
 
 use crate::exit::Ended;
 use abbe_conformity::{DecisionRule, Departure, MaximumPermissibleError, PermissibleError, TestUncertainty, Verdict};
-use abbe_files::{AtomicFile, hex};
-use abbe_report::{Callout, MetaItem, Report, Section, Tone};
+use abbe_files::AtomicFile;
+use abbe_report::{Callout, Report, Section, Tone};
 use anyhow::{Context, ensure};
 use serde_json::{Value, json};
 use std::fmt::Write as _;
@@ -161,13 +161,6 @@ fn by_text(departures: &[Departure]) -> Vec<String> {
         }
     }
     list.into_iter().map(|(places, text)| format!("{places}: {text}")).collect()
-}
-
-/// Lines of the report's head for a data file.
-pub(crate) fn meta(path: &Path, sha256: &[u8; 32]) -> Vec<MetaItem> {
-    let item = |label: &str, value: String| MetaItem { label: label.to_owned(), value: Some(value) };
-    let name = path.file_name().map_or_else(|| path.display().to_string(), |n| n.to_string_lossy().into_owned());
-    vec![item("data", name), item("data sha256", hex(sha256))]
 }
 
 /// Writes report and figures; each appears whole.

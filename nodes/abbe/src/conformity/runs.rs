@@ -2,8 +2,9 @@
 //!
 //! Place in the flow: `abbe conformity --runs`. What is named by signs (`PPP`, `NP0` …) is a diagonal, everything else an axis.
 
-use super::{Product, departure_callout, departure_json, departure_words, meta, pictures, um};
+use super::{Product, departure_callout, departure_json, departure_words, pictures, um};
 use crate::pipeline::software;
+use crate::provenance::made_from;
 use abbe_conformity::Departure;
 use abbe_conformity::diagonals::{self, DiagonalFigures, DiagonalKind};
 use abbe_conformity::positioning::{self, AxisFigures, Direction};
@@ -184,31 +185,74 @@ fn report(path: &Path, sha256: &[u8; 32], axes: &[AxisFigures], diagonals: Optio
         lead: Some("Figures of ISO 230-2, along diagonals of ISO 230-6; deviation = actual − target.".to_owned()),
         identity: Identity::default(),
         next: None,
-        meta: meta(path, sha256),
+        meta: made_from(path, sha256),
         main_plot: None,
         footer: Some(software()),
         sections,
     }
 }
 
-/// Accuracy of each axis, else what there is of it; its repeatability and reversal beside.
+/// Axes whose figures have a card each; of more, one card an axis.
+const FEW: usize = 2;
+
+/// Accuracy of each axis, else what there is of it, and its largest other figures.
 fn key_figures(all: &[AxisFigures]) -> Section {
-    let figure = |axis: &AxisFigures| {
-        let beside = [("R", axis.repeatability_m), ("B", axis.reversal_m), ("M", axis.mean_bidirectional_m)];
-        let beside = beside
-            .iter()
-            .filter_map(|(name, value)| Some(format!("{name} {}", Quantity::result(um((*value)?)).text())));
-        let either = [("A", axis.accuracy_m), ("A↑", axis.accuracy_up_m), ("A↓", axis.accuracy_down_m)];
-        let named = either.into_iter().find_map(|(name, value)| Some((name, value?)));
-        KeyFigure {
-            label: format!("{} of {}", named.map_or("A", |(name, _)| name), axis.axis),
-            value: named.map(|(_, value)| Quantity::result(um(value))),
-            unit: "µm".to_owned(),
-            detail: Some(beside.collect::<Vec<_>>().join(", ")).filter(|text| !text.is_empty()),
-            ..KeyFigure::default()
-        }
+    let figures = match all.len() <= FEW {
+        true => all.iter().flat_map(cards).collect(),
+        false => all.iter().map(card).collect(),
     };
-    Section::KeyFigures(KeyFigures { title: "Accuracy".to_owned(), figures: all.iter().map(figure).collect() })
+    Section::KeyFigures(KeyFigures { title: "Largest figures".to_owned(), figures })
+}
+
+/// The figures that stand for an axis: sign, name, value (m).
+fn leading(axis: &AxisFigures) -> Vec<(&'static str, &'static str, f64)> {
+    let accuracy = [
+        ("A", "accuracy", axis.accuracy_m),
+        ("A↑", "accuracy in +", axis.accuracy_up_m),
+        ("A↓", "accuracy in −", axis.accuracy_down_m),
+    ];
+    let beside = [
+        ("R", "repeatability", axis.repeatability_m),
+        ("B", "reversal", axis.reversal_m),
+        ("E", "systematic error", axis.systematic_m),
+        ("M", "mean bidirectional error", axis.mean_bidirectional_m),
+    ];
+    let known = |(sign, name, value): (&'static str, &'static str, Option<f64>)| Some((sign, name, value?));
+    let first = accuracy.into_iter().find_map(known);
+    first.into_iter().chain(beside.into_iter().filter_map(known)).collect()
+}
+
+/// A card for each figure of an axis.
+fn cards(axis: &AxisFigures) -> Vec<KeyFigure> {
+    let card = |(sign, name, value_m): (&str, &str, f64)| KeyFigure {
+        label: format!("{name} {sign}, {}", axis_words(axis)),
+        value: Some(Quantity::result(um(value_m))),
+        unit: "µm".to_owned(),
+        detail: Some(format!("over {} targets", axis.targets.len())),
+        ..KeyFigure::default()
+    };
+    leading(axis).into_iter().map(card).collect()
+}
+
+/// One card for an axis, the rest of its figures under the first.
+fn card(axis: &AxisFigures) -> KeyFigure {
+    let figures = leading(axis);
+    let beside = figures.iter().skip(1);
+    let beside = beside.map(|(sign, name, value)| format!("{name} {sign} {}", Quantity::result(um(*value)).text()));
+    let (sign, name, value) =
+        figures.first().map_or(("A", "accuracy", None), |(sign, name, v)| (*sign, *name, Some(*v)));
+    KeyFigure {
+        label: format!("{name} {sign}, {}", axis_words(axis)),
+        value: value.map(|value_m| Quantity::result(um(value_m))),
+        unit: "µm".to_owned(),
+        detail: Some(beside.collect::<Vec<_>>().join(", ")).filter(|text| !text.is_empty()),
+        ..KeyFigure::default()
+    }
+}
+
+fn axis_words(axis: &AxisFigures) -> String {
+    let is_diagonal = DiagonalKind::of(&axis.axis).is_some();
+    format!("{} {}", if is_diagonal { "diagonal" } else { "axis" }, axis.axis)
 }
 
 fn table(all: &[AxisFigures]) -> Section {
@@ -223,7 +267,8 @@ fn table(all: &[AxisFigures]) -> Section {
     Section::Table(TableSection {
         title: "Figures".to_owned(),
         note: Some(
-            "A accuracy, R repeatability, B reversal, E systematic, M mean bidirectional; without arrow bidirectional."
+            "A accuracy, R repeatability, B reversal, E systematic error, M mean bidirectional error; ↑ approached in +, ↓ in −, without \
+             arrow bidirectional."
                 .to_owned(),
         ),
         columns: [Column::text("axis")].into_iter().chain(columns).collect(),

@@ -8,6 +8,7 @@ use super::lengths;
 use super::{Limits, Outside, Product};
 use crate::command::simulate;
 use crate::pipeline::software;
+use crate::provenance::file_name;
 use crate::residual::{inputs_of, load_residual, with_residual};
 use crate::tally::Tally;
 use abbe_conformity::DecisionRule;
@@ -189,7 +190,7 @@ fn answer(stages: &[Stage], limits: &Limits, rule: &DecisionRule) -> Vec<Section
         figure("largest error, observed", &|errors| Some(errors.largest().0.metres())),
         figure("repeatability range, observed", &|errors| Some(errors.repeatability()?.metres())),
     ];
-    let mut sections = vec![Section::KeyFigures(KeyFigures { title: "At a glance".to_owned(), figures })];
+    let mut sections = Vec::new();
     if let (Some(limit), Some(verdict)) = (&limits.length, lengths::verdict(&after.errors, limits, rule)) {
         sections.push(Section::Callout(Callout {
             tone: super::tone(verdict),
@@ -197,6 +198,7 @@ fn answer(stages: &[Stage], limits: &Limits, rule: &DecisionRule) -> Vec<Section
             text: format!("{}. Decision rule: {}.", super::verdict_word(verdict).replace('_', " "), rule.words()),
         }));
     }
+    sections.push(Section::KeyFigures(KeyFigures { title: "At a glance".to_owned(), figures }));
     sections
 }
 
@@ -212,9 +214,11 @@ fn report(
         sections.push(Section::Heading(Heading { title: (*title).to_owned(), intro: None }));
         sections.extend(lengths::sections(errors, limits, rule)?);
     }
-    let item = |label: &str, value: String| MetaItem { label: label.to_owned(), value: Some(value) };
-    let mut meta = vec![item("machine", machine.to_owned()), item("seed", asked.seed.to_string())];
-    meta.extend(asked.effects.iter().map(|effect| item("effect", effect.clone())));
+    let mut meta = vec![MetaItem::new("Simulated machine", machine), MetaItem::new("Seed", asked.seed.to_string())];
+    meta.extend(asked.effects.iter().map(|effect| MetaItem::new("Effect", effect)));
+    meta.extend(asked.model.map(|path| MetaItem::file("Model", &file_name(path), None)));
+    meta.extend(asked.residual.map(|path| MetaItem::file("Residual model", &file_name(path), None)));
+    meta.push(MetaItem::software(software()));
     Ok(Report {
         title: "Length measurement error before and after correction".to_owned(),
         lead: Some(

@@ -3,15 +3,16 @@
 //! Place in the flow: `abbe conformity --sphere`. Names of both editions stand side by side.
 
 use super::{
-    Figure, Limits, Product, departure_callout, departure_json, departure_words, meta, tone, um, verdict_word, worst,
+    Figure, Limits, Product, departure_callout, departure_json, departure_words, tone, um, verdict_word, worst,
 };
 use crate::pipeline::software;
+use crate::provenance::made_from;
 use abbe_conformity::probing::{FORM_NAMES, ProbingErrors, SIZE_NAMES, evaluate};
 use abbe_conformity::{DecisionRule, PermissibleError, Verdict};
 use abbe_files::{hex, read_probed_points_file};
 use abbe_report::{
     Axis, Callout, Curve, CurveStyle, Identity, KeyFigure, KeyFigures, LinePanel, LinePlot, Quantity, Report, Section,
-    digits,
+    Tone, digits,
 };
 use anyhow::Context;
 use serde_json::json;
@@ -31,8 +32,20 @@ pub(crate) fn run(
     let errors = evaluate(&file.points_m, diameter_m).with_context(|| path.display().to_string())?;
     let (form, size) = errors.verdicts(limits.form, limits.size, rule);
     let rows = [
-        Row { names: FORM_NAMES, value_m: Some(errors.form.metres()), limit: limits.form, verdict: form },
-        Row { names: SIZE_NAMES, value_m: errors.size.map(|s| s.metres()), limit: limits.size, verdict: size },
+        Row {
+            what: "Form error",
+            names: FORM_NAMES,
+            value_m: Some(errors.form.metres()),
+            limit: limits.form,
+            verdict: form,
+        },
+        Row {
+            what: "Size error",
+            names: SIZE_NAMES,
+            value_m: errors.size.map(|s| s.metres()),
+            limit: limits.size,
+            verdict: size,
+        },
     ];
     let json = json!({
         "standard": STANDARD, "points": file.points_m.len(), "data_sha256": hex(&file.sha256), "software": software(),
@@ -59,6 +72,8 @@ pub(crate) fn run(
 
 /// One error with its limit.
 struct Row {
+    /// What it is, in words.
+    what: &'static str,
     names: [&'static str; 2],
     value_m: Option<f64>,
     limit: Option<PermissibleError>,
@@ -66,14 +81,55 @@ struct Row {
 }
 
 impl Row {
+    /// Expanded uncertainty of the test (µm, k = 2), where it was stated.
+    fn expanded_um(rule: &DecisionRule) -> Option<f64> {
+        match rule {
+            DecisionRule::GuardBand(uncertainty) => Some(um(uncertainty.at_m(0.0))),
+            DecisionRule::SimpleAcceptance => None,
+        }
+    }
+
+    /// Share of the limit that the error uses.
+    fn share(&self) -> Option<f64> {
+        Some(self.value_m?.abs() / self.limit?.metres())
+    }
+
+    /// The verdict on its limit.
+    fn answer(&self, rule: &DecisionRule) -> Option<Section> {
+        let (limit, verdict, share) = (self.limit?, self.verdict?, self.share()?);
+        let limit_um = format!("{:.3}", um(limit.metres()));
+        Some(Section::Callout(Callout {
+            tone: tone(verdict),
+            title: format!("{} against {} µm", self.what, limit_um.trim_end_matches('0').trim_end_matches('.')),
+            text: format!(
+                "{}; it uses {:.0} % of the limit. Decision rule: {}.",
+                verdict_word(verdict).replace('_', " "),
+                100.0 * share,
+                rule.words()
+            ),
+        }))
+    }
+
+    /// The error as it was observed; nothing where it was not.
+    fn figure(&self, rule: &DecisionRule) -> Option<KeyFigure> {
+        let u_um = Row::expanded_um(rule);
+        let stated = u_um.map_or_else(String::new, |u| format!("± {} µm (k = 2); ", digits::uncertainty(u)));
+        let used = self.share().map_or_else(String::new, |share| format!("{:.0} % of the limit; ", 100.0 * share));
+        Some(KeyFigure {
+            label: format!("{}, observed", self.what),
+            value: Some(Quantity::with(um(self.value_m?), u_um)),
+            unit: "µm".to_owned(),
+            detail: Some(format!("{stated}{used}{}, {} in the edition of 2010", self.names[0], self.names[1])),
+            tone: self.verdict.map_or_else(Tone::default, tone),
+            ..KeyFigure::default()
+        })
+    }
+
     fn certified(&self, rule: &DecisionRule) -> Option<Figure> {
         Some(Figure {
             name: self.names[0].to_owned(),
             value_m: self.value_m?,
-            expanded_m: match rule {
-                DecisionRule::GuardBand(uncertainty) => Some(uncertainty.at_m(0.0)),
-                DecisionRule::SimpleAcceptance => None,
-            },
+            expanded_m: Row::expanded_um(rule).map(|u_um| u_um * 1e-6),
             limit_m: self.limit.map(|limit| limit.metres()),
             verdict: self.verdict,
         })
@@ -100,24 +156,9 @@ fn words(path: &Path, errors: &ProbingErrors, rows: &[Row], rule: &DecisionRule)
 }
 
 fn report(path: &Path, sha256: &[u8; 32], errors: &ProbingErrors, rows: &[Row], rule: &DecisionRule) -> Report {
-    let figure = |row: &Row| KeyFigure {
-        label: format!("{}, observed", row.names[0]),
-        value: row.value_m.map(|v| Quantity::result(um(v))),
-        unit: "µm".to_owned(),
-        detail: Some(format!("{} in the edition of 2010", row.names[1])),
-        ..KeyFigure::default()
-    };
-    let figures = rows.iter().map(figure).collect();
-    let mut sections = vec![Section::KeyFigures(KeyFigures { title: "Observed".to_owned(), figures })];
-    for row in rows {
-        if let (Some(limit), Some(verdict)) = (row.limit, row.verdict) {
-            sections.push(Section::Callout(Callout {
-                tone: tone(verdict),
-                title: format!("{} against {:.3} µm", row.names[0], um(limit.metres())),
-                text: format!("{}. Decision rule: {}.", verdict_word(verdict).replace('_', " "), rule.words()),
-            }));
-        }
-    }
+    let mut sections: Vec<Section> = rows.iter().filter_map(|row| row.answer(rule)).collect();
+    let figures = rows.iter().filter_map(|row| row.figure(rule)).collect();
+    sections.push(Section::KeyFigures(KeyFigures { title: "Observed".to_owned(), figures }));
     sections.push(departure_callout(STANDARD, &errors.departures));
     let residuals = &errors.sphere.residuals_m;
     let curve = Curve {
@@ -144,7 +185,7 @@ fn report(path: &Path, sha256: &[u8; 32], errors: &ProbingErrors, rows: &[Row], 
         lead: Some(format!("{} points on a sphere.", residuals.len())),
         identity: Identity::default(),
         next: None,
-        meta: meta(path, sha256),
+        meta: made_from(path, sha256),
         main_plot: None,
         footer: Some(software()),
         sections,

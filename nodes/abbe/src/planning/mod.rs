@@ -21,6 +21,8 @@ pub(crate) struct Sources<'a> {
     pub(crate) request: &'a Request,
     pub(crate) campaign: Option<&'a Path>,
     pub(crate) who: &'a Identity,
+    /// Names of machine file and request.
+    pub(crate) files: [String; 2],
 }
 
 /// What will come of a wish.

@@ -3,6 +3,7 @@
 //! Place in the flow: beside the path; millimetres, micrometres, microradians, k = 1.
 
 use super::{Sources, shape_words, size_words, time_words, unsaid_words};
+use crate::provenance::file_name;
 use abbe_diagnose::Foresight;
 use abbe_plan::{Plan, Promise};
 use abbe_report::{
@@ -17,7 +18,6 @@ const LINES: usize = 20;
 
 /// The report.
 pub(crate) fn report(sources: &Sources, plan: &Plan) -> Report {
-    let meta = |label: &str, value: String| MetaItem { label: label.to_owned(), value: Some(value) };
     let mut sections = vec![key_figures(plan)];
     sections.extend(stopped(plan));
     sections.extend([picture(sources, plan), map(sources, &plan.promise), lines(plan), errors(&plan.promise)]);
@@ -32,9 +32,13 @@ pub(crate) fn report(sources: &Sources, plan: &Plan) -> Report {
         identity: sources.who.clone(),
         next: Some(super::next().step()),
         meta: vec![
-            meta("time", time_words(sources, plan)),
-            meta("seed", sources.request.seed.to_string()),
-            meta("unknowns", plan.promise.unknowns.to_string()),
+            MetaItem::file("Machine file", &sources.files[0], None),
+            MetaItem::file("Request", &sources.files[1], None),
+            MetaItem { label: "Measured before".to_owned(), value: sources.campaign.map(file_name) },
+            MetaItem::new("Measuring time", time_words(sources, plan)),
+            MetaItem::new("Unknowns", plan.promise.unknowns.to_string()),
+            MetaItem::new("Seed", sources.request.seed.to_string()),
+            MetaItem::software(crate::pipeline::software()),
         ],
         main_plot: None,
         footer: Some(crate::pipeline::software()),

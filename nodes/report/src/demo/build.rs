@@ -8,7 +8,6 @@ use crate::sections::{
     Axis, Bar, Bars, Callout, Cell, Column, Heading, KeyFigure, KeyFigures, Quantity, Section, TableSection, Tone,
 };
 use crate::stats::{max_abs, rms};
-use crate::text::capital;
 
 /// χ²/ν within this range is consistent with the declared noise for the many readings of a campaign.
 const CHI2_RANGE: std::ops::RangeInclusive<f64> = 0.8..=1.25;
@@ -72,14 +71,17 @@ impl DemoReport {
 
     fn meta(&self) -> Vec<MetaItem> {
         let header = &self.header;
-        let item = |label: &str, value: Option<String>| MetaItem { label: label.to_owned(), value };
-        let mut meta = vec![
-            item("Software", Some(header.software_version.clone())),
-            item("Data hash", header.data_hash.clone()),
-            item("Model hash", header.model_hash.clone()),
-        ];
-        meta.splice(0..0, header.about.iter().map(|line| item(&line.role, Some(line.name.clone()))));
-        meta.extend(header.files.iter().map(|file| item(&capital(&file.role), Some(file.name.clone()))));
+        let mut hashes = [("campaign", &header.data_hash), ("model", &header.model_hash)];
+        let mut meta: Vec<MetaItem> = header.about.iter().map(|line| MetaItem::new(&line.role, &line.name)).collect();
+        for file in &header.files {
+            let own = hashes.iter_mut().find(|(role, _)| *role == file.role);
+            let hash = own.and_then(|(_, hash)| std::mem::replace(hash, &None).as_deref());
+            meta.push(MetaItem::file(&file.role, &file.name, hash));
+        }
+        // A hash whose file is not named.
+        let alone = hashes.iter().filter_map(|(role, hash)| Some((role, hash.as_ref()?)));
+        meta.extend(alone.map(|(role, hash)| MetaItem::new(*role, format!("SHA-256 {hash}"))));
+        meta.push(MetaItem::software(&header.software_version));
         meta
     }
 

@@ -55,7 +55,7 @@ pub struct Callout {
 impl Callout {
     /// The text as a sentence, with its full stop: what was written to follow a file's name begins small.
     pub(crate) fn sentence(&self) -> String {
-        let first = self.text.split(' ').next().unwrap_or_default().trim_end_matches('.');
+        let first = self.text.split(' ').next().unwrap_or_default().trim_end_matches(['.', ',', ';']);
         let is_word = first != "abbe" && first.chars().all(|c| c.is_ascii_lowercase());
         let text = if is_word { capital(&prose(&self.text)) } else { prose(&self.text) };
         if text.is_empty() || text.ends_with(['.', '!', '?', ':']) { text } else { text + "." }
@@ -81,6 +81,7 @@ mod tests {
     fn regress_a_text_of_one_word_begins_large_as_others_do_and_a_file_keeps_its_name() {
         let said = |text: &str| Callout { tone: Tone::Good, title: String::new(), text: text.to_owned() }.sentence();
         assert_eq!(said("conforms. Decision rule: none."), "Conforms. Decision rule: none.");
+        assert_eq!(said("conforms; it uses 64 %"), "Conforms; it uses 64 %.");
         assert_eq!(said("runs.csv: 3 rows"), "runs.csv: 3 rows.");
         assert_eq!(said("abbe diagnose finds it"), "abbe diagnose finds it.");
     }

@@ -12,7 +12,7 @@ use abbe_report::{
 pub(super) struct Page<'a> {
     pub(super) identity: Identity,
     /// File names and hashes.
-    pub(super) meta: Vec<(&'static str, String)>,
+    pub(super) meta: Vec<MetaItem>,
     /// Positions of the points (m).
     pub(super) at_m: Vec<[f64; 3]>,
     pub(super) stages: &'a [Stage],
@@ -31,7 +31,6 @@ pub(super) fn report(page: Page) -> Report {
     sections.extend(limits(&page));
     sections.push(comparison(&page));
     sections.extend(vectors(&page));
-    let item = |(label, value): (&str, String)| MetaItem { label: label.to_owned(), value: Some(value) };
     Report {
         title: "Verification".to_owned(),
         lead: Some(format!(
@@ -40,7 +39,7 @@ pub(super) fn report(page: Page) -> Report {
         )),
         identity: page.identity,
         next: Some(page.next.clone()),
-        meta: page.meta.into_iter().map(item).collect(),
+        meta: page.meta,
         main_plot: None,
         footer: Some(crate::pipeline::software()),
         sections,

@@ -17,7 +17,6 @@ const CELLS: usize = 8;
 
 /// The report.
 pub(super) fn report(answer: &Answer, next: &Next) -> Report {
-    let meta = |label: &str, value: String| MetaItem { label: label.to_owned(), value: Some(value) };
     let [x, y, z] = answer.offset_m.map(|v| v * 1e3);
     Report {
         title: format!("Volumetric error of {}", answer.machine),
@@ -25,9 +24,10 @@ pub(super) fn report(answer: &Answer, next: &Next) -> Report {
         identity: answer.who.clone(),
         next: Some(next.step()),
         meta: vec![
-            meta("model", answer.model_sha256.clone()),
-            meta("offset", format!("{x} {y} {z} mm")),
-            meta("grid", format!("{0} × {0} × {0}", answer.steps)),
+            MetaItem::file("Model", &answer.model_file, Some(&answer.model_sha256)),
+            MetaItem::new("Offset of the tip", format!("X {x:.1}, Y {y:.1}, Z {z:.1} mm")),
+            MetaItem::new("Grid", format!("{0} × {0} × {0} points", answer.steps)),
+            MetaItem::software(crate::pipeline::software()),
         ],
         main_plot: None,
         footer: Some(crate::pipeline::software()),
