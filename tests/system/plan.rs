@@ -59,6 +59,15 @@ fn a_plan_is_driven_identified_and_reaches_what_it_promised() {
     // A page of its own: no script, style or picture from elsewhere.
     let page = bench.read("plan/report.html");
     assert_says(&page, &["Stations and lines", "Uncertainty of each error", "Cannot be identified"]);
+    // Limits stand before the next command, and no name of the program stands on the page.
+    let place = |part: &str| page.find(part).unwrap_or_else(|| panic!("{part}"));
+    assert!(
+        place("What this plan cannot tell") < place("class=\"next\"")
+            && place("What it hangs on") < place("class=\"next\"")
+    );
+    for own in ["scale_growth", "tau_s", "reflector_incidence", "rad/(m/s2)"] {
+        assert!(!page.contains(own), "{own}");
+    }
     assert!(!page.contains("src=\"http") && !page.contains("href=\"http"));
     assert_programs(&bench);
     // The path is that of a campaign but for the lengths, and so cannot be taken for one.

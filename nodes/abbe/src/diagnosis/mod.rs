@@ -13,6 +13,8 @@ mod study_record;
 pub(crate) mod tracer;
 mod vector_pictures;
 
+pub(crate) use record::{shape, title};
+
 use crate::pipeline::BagJoin;
 use crate::verdict::Accept;
 use abbe_report::diagnosis::DiagnosisReport;

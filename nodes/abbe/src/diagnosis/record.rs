@@ -131,7 +131,7 @@ fn placebo(placebo: &library::Placebo) -> shown::Placebo {
 }
 
 /// A shape as in the model file: figures in SI, names.
-pub(super) fn shape(shape: &Shape) -> BTreeMap<String, Value> {
+pub(crate) fn shape(shape: &Shape) -> BTreeMap<String, Value> {
     let value = |value: &ShapeValue| match value {
         ShapeValue::Number(number) => json!(number),
         ShapeValue::Text(text) => json!(text),

@@ -3,11 +3,13 @@
 //! Place in the flow: the last step of `abbe plan`; millimetres, micrometres, microradians, hours; uncertainties k = 1.
 
 mod page;
+mod tables;
 
 use crate::next::Next;
 use abbe_files::MachineFile;
 use abbe_geometry::effects::{Shape, ShapeValue};
 use abbe_plan::{Plan, Promise, Request, Wish};
+use abbe_report::diagnosis::{parameter_name, readable_unit, shape_words as words_of_shape};
 use abbe_report::{Identity, digits};
 use serde_json::{Value, json};
 use std::fmt::Write;
@@ -41,6 +43,13 @@ fn shape_words(shape: &Shape) -> String {
     shape.0.iter().filter_map(word).collect::<Vec<_>>().join(", ")
 }
 
+/// A shape as a page says it: lengths in mm, times in minutes. When it begins is the campaign's own.
+fn shape_in_words(shape: &Shape) -> String {
+    let mut own = crate::diagnosis::shape(shape);
+    own.retain(|key, value| key != "start_s" && !value.is_array());
+    words_of_shape(&own)
+}
+
 /// A number of a shape: a count has no decimals.
 fn figure(number: f64) -> String {
     if number.fract() == 0.0 { format!("{number:.0}") } else { format!("{number:.4}") }
@@ -52,7 +61,10 @@ fn size_words(value: f64, unit: &str) -> String {
         "m" => format!("{} um", digits::uncertainty(value * 1e6)),
         "rad" => format!("{} urad", digits::uncertainty(value * 1e6)),
         "m/s" => format!("{} um/h", digits::uncertainty(value * 1e6 * 3600.0)),
-        other => format!("{value:.1e} {other}"),
+        other => {
+            let (factor, unit) = readable_unit(other);
+            format!("{} {unit}", digits::uncertainty(value * factor))
+        }
     }
 }
 
@@ -77,7 +89,7 @@ fn outcome(promise: &Promise, wish: &Wish) -> Outcome {
         let size = best.map_or_else(String::new, |p| {
             format!(
                 ", {} known to {}, found from {}",
-                p.name,
+                parameter_name(&p.name),
                 size_words(p.u, p.unit),
                 size_words(p.found_from, p.unit)
             )

@@ -2,26 +2,27 @@
 //!
 //! Place in the flow: beside the path; millimetres, micrometres, microradians, k = 1.
 
-use super::{Sources, shape_words, size_words, time_words, unsaid_words};
+use super::{Outcome, Sources, outcome, shape_in_words, tables, time_words, um};
 use crate::provenance::file_name;
-use abbe_diagnose::Foresight;
-use abbe_plan::{Plan, Promise};
+use abbe_plan::{Plan, Promise, Wish};
 use abbe_report::{
-    Axis, Callout, Cell, CellMap, CellPanel, Column, IsoLine, IsoPoint, Isometric, KeyFigure, KeyFigures, MetaItem,
-    Quantity, Report, Section, TableSection, Tone,
+    Axis, Callout, CellMap, CellPanel, IsoLine, IsoPoint, Isometric, KeyFigure, KeyFigures, MetaItem, Quantity, Report,
+    Section, Tone,
 };
 
 /// Planes of Z shown.
 const PLANES: usize = 3;
-/// Lines of the path on the page; all of them are in the files.
-const LINES: usize = 20;
 
 /// The report.
 pub(crate) fn report(sources: &Sources, plan: &Plan) -> Report {
     let mut sections = vec![key_figures(plan)];
     sections.extend(stopped(plan));
-    sections.extend([picture(sources, plan), map(sources, &plan.promise), lines(plan), errors(&plan.promise)]);
-    sections.extend(effects(&plan.promise));
+    sections.extend(sources.request.tell.iter().map(|wish| wished(&plan.promise, wish)));
+    sections.extend([bent(plan), tables::open(&plan.promise)]);
+    sections.extend([picture(sources, plan), tables::stations(plan), map(sources, &plan.promise)]);
+    sections.extend(tables::errors(&plan.promise));
+    sections.push(tables::path(plan));
+    sections.extend(tables::effects(&plan.promise));
     Report {
         title: format!("Planned campaign of {}", sources.machine.machine.name),
         lead: Some(
@@ -35,7 +36,7 @@ pub(crate) fn report(sources: &Sources, plan: &Plan) -> Report {
             MetaItem::file("Machine file", &sources.files[0], None),
             MetaItem::file("Request", &sources.files[1], None),
             MetaItem { label: "Measured before".to_owned(), value: sources.campaign.map(file_name) },
-            MetaItem::new("Measuring time", time_words(sources, plan)),
+            MetaItem::new("Measuring time", time_words(sources, plan).replace("s2", "s²")),
             MetaItem::new("Unknowns", plan.promise.unknowns.to_string()),
             MetaItem::new("Seed", sources.request.seed.to_string()),
             MetaItem::software(crate::pipeline::software()),
@@ -56,6 +57,30 @@ fn stopped(plan: &Plan) -> Option<Section> {
     })
 }
 
+/// What will come of an effect that the request asks for.
+fn wished(promise: &Promise, wish: &Wish) -> Section {
+    let shape = shape_in_words(&wish.shape);
+    let shape = if shape.is_empty() { shape } else { format!(" ({shape})") };
+    let title = format!("{}{shape}", crate::diagnosis::title(&wish.name));
+    let (tone, text) = match outcome(promise, wish) {
+        Outcome::Told(words) => (Tone::Good, format!("It can be told: {words}")),
+        Outcome::Not(words) => (Tone::Warning, format!("It cannot be told: {words}")),
+    };
+    Section::Callout(Callout { tone, title, text })
+}
+
+/// What the promise hangs on.
+fn bent(plan: &Plan) -> Section {
+    let [half, twice] = plan.if_bent_m.map(um);
+    Section::Callout(Callout {
+        tone: Tone::Neutral,
+        title: "What it hangs on".to_owned(),
+        text: format!(
+            "If the errors bend half as much as believed, a corrected point has {half} µm, and {twice} µm if they bend twice as much."
+        ),
+    })
+}
+
 fn key_figures(plan: &Plan) -> Section {
     let promise = &plan.promise;
     let figure = |label: &str, value: Quantity, unit: &str, detail: &str| KeyFigure {
@@ -66,12 +91,18 @@ fn key_figures(plan: &Plan) -> Section {
         ..KeyFigure::default()
     };
     let um = |u_m: f64| Quantity::uncertainty(u_m * 1e6);
+    let [x, y, z] = promise.largest_m.1.map(|v| v * 1e3);
     let mut point = figure("corrected point", um(promise.u_m), "µm", "k = 1, in space, rms over the volume");
     point.before = plan.before.as_ref().map(|before| um(before.u_m));
     let figures = vec![
         point,
-        figure("model alone", um(promise.u_model_m), "µm", "without the repeatability of one approach"),
-        figure("largest", um(promise.largest_m.0), "µm", "of a point in the volume"),
+        figure("of the model alone", um(promise.u_model_m), "µm", "without the repeatability of one approach"),
+        figure(
+            "corrected point, largest",
+            um(promise.largest_m.0),
+            "µm",
+            &format!("at X {x:.0}, Y {y:.0}, Z {z:.0} mm"),
+        ),
         figure("measuring time", Quantity::new(plan.time_s / 3600.0, 1), "h", "with all changes of station and holder"),
         figure(
             "lines",
@@ -131,115 +162,8 @@ fn map(sources: &Sources, promise: &Promise) -> Section {
         title: "Uncertainty of corrected points in planes of Z".to_owned(),
         note: Some("Standard uncertainty in space, the largest over the tips.".to_owned()),
         value: Axis::new("uncertainty", "µm"),
+        is_uncertainty: true,
         columns: PLANES,
         panels: planes.map(panel).collect(),
     })
-}
-
-fn table(title: &str, note: Option<&str>, columns: Vec<Column>, rows: Vec<Vec<Option<Cell>>>) -> Section {
-    let (title, note) = (title.to_owned(), note.map(str::to_owned));
-    Section::Table(TableSection { title, note, columns, rows, total_rows: None })
-}
-
-fn lines(plan: &Plan) -> Section {
-    let text = |at_m: Option<&[f64; 3]>| at_m.map(|p| p.map(|v| format!("{:.0}", v * 1e3)).join(" "));
-    let row = |line: &abbe_plan::Line| {
-        vec![
-            Cell::text(&line.name),
-            text(line.points_m.first()).and_then(Cell::text),
-            text(line.points_m.last()).and_then(Cell::text),
-            Cell::count(line.points_m.len()),
-            text(Some(&line.offset_m)).and_then(Cell::text),
-            Cell::maybe(line.times_s.last().map(|s| s / 60.0), 1),
-        ]
-    };
-    let columns = vec![
-        Column::text("line"),
-        Column::text("from, mm"),
-        Column::text("to, mm"),
-        Column::number("points", "1"),
-        Column::text("offset, mm"),
-        Column::number("done after", "min"),
-    ];
-    Section::Table(TableSection {
-        title: "Path".to_owned(),
-        note: Some("In the order of measurement; path.csv has every point.".to_owned()),
-        columns,
-        rows: plan.lines.iter().take(LINES).map(row).collect(),
-        total_rows: Some(plan.lines.len()),
-    })
-}
-
-fn errors(promise: &Promise) -> Section {
-    let um = |u: f64| Cell::uncertainty(Some(u * 1e6));
-    let row = |e: &abbe_plan::ErrorPromise| {
-        let unit = if e.is_angle { "µrad" } else { "µm" };
-        vec![Cell::text(&e.name), um(e.u_rms), um(e.u_largest), Cell::text(unit)]
-    };
-    let angle = |(name, u): &(String, f64)| vec![Cell::text(name), um(*u), None, Cell::text("µrad")];
-    let columns = vec![
-        Column::text("error"),
-        Column::number("rms over the volume", "unit"),
-        Column::number("largest", "unit"),
-        Column::text("unit"),
-    ];
-    let rows = promise.errors.iter().map(row).chain(promise.squareness.iter().map(angle)).collect();
-    table("Uncertainty of each error (k = 1)", None, columns, rows)
-}
-
-fn effects(promise: &Promise) -> Vec<Section> {
-    match &promise.effects {
-        Ok(effects) => tables(effects).into(),
-        Err(problem) => vec![Section::Callout(Callout {
-            tone: Tone::Warning,
-            title: "Nothing is said of effects".to_owned(),
-            text: unsaid_words(problem),
-        })],
-    }
-}
-
-fn tables(effects: &Foresight) -> [Section; 3] {
-    let told = effects.told.iter().flat_map(|told| {
-        told.parameters.iter().map(|p| {
-            vec![
-                Cell::text(named(told.title, &shape_words(&told.shape))),
-                Cell::text(&p.name),
-                Cell::text(size_words(p.u, p.unit)),
-                Cell::text(size_words(p.found_from, p.unit)),
-            ]
-        })
-    });
-    let columns = ["effect", "parameter", "known to (k = 1)", "found from"].map(Column::text).to_vec();
-    let told = table(
-        "Effects that can be told",
-        Some("A parameter that is found only from more than it can be is not told by itself, only with the others."),
-        columns,
-        told.collect(),
-    );
-    let hidden = effects.not_identifiable.iter().map(|n| {
-        vec![
-            Cell::text(n.name),
-            Cell::text(shape_words(&n.shape)),
-            Cell::number(n.alias_share * 1e2, 1),
-            Cell::text(n.aliased_with.join(", ")),
-            Cell::text(n.decided_by),
-        ]
-    });
-    let columns = vec![
-        Column::text("effect"),
-        Column::text("shape"),
-        Column::number("absorbed", "%"),
-        Column::text("by"),
-        Column::text("what would tell"),
-    ];
-    let hidden =
-        table("Cannot be identified", Some("The model's own parameters absorb them."), columns, hidden.collect());
-    let untestable = effects.untestable.iter().map(|u| vec![Cell::text(&u.title), Cell::text(&u.needs)]);
-    let columns = ["effect", "needs"].map(Column::text).to_vec();
-    [told, hidden, table("Not tested by this plan", None, columns, untestable.collect())]
-}
-
-/// An effect with its shape, where it has one.
-fn named(title: &str, shape: &str) -> String {
-    if shape.is_empty() { title.to_owned() } else { format!("{title} ({shape})") }
 }

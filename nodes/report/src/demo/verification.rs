@@ -168,6 +168,7 @@ impl DemoReport {
                     .to_owned(),
             ),
             value: Axis::new("3-D error, rms", "µm"),
+            is_uncertainty: false,
             columns: REGIONS,
             panels,
         })

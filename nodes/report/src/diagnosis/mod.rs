@@ -80,6 +80,11 @@ pub fn readable_unit(si: &str) -> (f64, String) {
     (factor, unit)
 }
 
+/// A shape in words: axes in capitals, lengths in mm, times in minutes.
+pub fn shape_words(shape: &std::collections::BTreeMap<String, serde_json::Value>) -> String {
+    tables::entries(&names::shape(shape))
+}
+
 /// A share as text: two decimals, and of one that is nearly whole that it is above 0.99.
 pub fn share_text(share: f64) -> String {
     if share > NEARLY_ALL { "above 0.99".to_owned() } else { crate::digits::plain(share, 2) }

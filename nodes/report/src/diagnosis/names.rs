@@ -109,13 +109,28 @@ pub(super) fn shape(shape: &BTreeMap<String, Value>) -> BTreeMap<String, Value> 
             "x" | "y" | "z" => text.to_uppercase(),
             _ => in_words(text),
         });
-        match (of_number, of_text) {
+        let of_list = value.as_array().map(|list| list_words(key, list));
+        match (of_number.or(of_list), of_text) {
             (Some((stem, text)), _) => (stem.replace('_', " "), Value::String(text)),
             (None, Some(text)) => (key.replace('_', " "), Value::String(text)),
             _ => (key.replace('_', " "), value.clone()),
         }
     };
     shape.iter().map(entry).collect()
+}
+
+/// A list of names, or of lengths in mm.
+fn list_words(key: &str, list: &[Value]) -> (String, String) {
+    let word = |value: &Value| match (value.as_f64(), key.ends_with("_m")) {
+        (Some(length_m), true) => significant(length_m * 1e3, 3),
+        (Some(number), false) => significant(number, 3),
+        (None, _) => value.as_str().map_or_else(|| value.to_string(), str::to_owned),
+    };
+    let words = list.iter().map(word).collect::<Vec<_>>().join(", ");
+    match key.strip_suffix("_m") {
+        Some(stem) => (stem.to_owned(), format!("{words} mm")),
+        None => (key.to_owned(), words),
+    }
 }
 
 fn minutes(seconds: f64) -> String {
@@ -180,8 +195,12 @@ mod tests {
         assert_eq!(in_words("smooth in y_m and q2_deg, by time_s"), "smooth in Y and q2_deg, by time");
         assert_eq!(["c_1_0", "twist_x", "sine", "height_2_1"].map(parameter), ["c₁₀", "twist X", "sine", "height₂₁"]);
         assert_eq!(formula("e = sum c_ij P_i(p) P_j(q), b_x"), "e = Σ cᵢⱼ Pᵢ(p) Pⱼ(q), b_x");
-        let own = serde_json::from_str(r#"{"axis": "x", "tau_s": 1984.0, "period_m": 0.02, "terms": 2}"#).unwrap();
-        let words = r#"{"axis":"X","period":"20.0 mm","terms":2,"time constant":"33.1 min"}"#;
+        let own = serde_json::from_str(
+            r#"{"axis": "x", "tau_s": 1984.0, "period_m": 0.02, "terms": 2, "at_m": [0.12, 0.0], "of": ["a", "b"]}"#,
+        )
+        .unwrap();
+        let words =
+            r#"{"at":"120, 0 mm","axis":"X","of":"a, b","period":"20.0 mm","terms":2,"time constant":"33.1 min"}"#;
         assert_eq!(serde_json::to_string(&shape(&own)).unwrap(), words);
         assert_eq!(
             ["dir_x +1", "dir_y -1", "dir_z +0", "offset 0.0 140.0 -90.0 mm"].map(group),

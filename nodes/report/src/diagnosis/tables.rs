@@ -511,7 +511,7 @@ pub(super) fn shaped(name: &str, shape: &BTreeMap<String, Value>) -> String {
     if shape.is_empty() { name.to_owned() } else { format!("{name} ({})", entries(shape)) }
 }
 
-fn entries(shape: &BTreeMap<String, Value>) -> String {
+pub(super) fn entries(shape: &BTreeMap<String, Value>) -> String {
     let entry = |(key, value): (&String, &Value)| match value {
         Value::String(text) => format!("{key} {text}"),
         Value::Number(number) => match number.as_f64() {

@@ -45,6 +45,9 @@ pub struct CellMap {
     pub note: Option<String>,
     /// What the colour and the numbers show, with unit.
     pub value: Axis,
+    /// Whether the values are uncertainties, which have two digits.
+    #[serde(default)]
+    pub is_uncertainty: bool,
     /// Panels side by side (1 to 4). Each row of panels has a colour scale of its own, from 0 to its largest.
     pub columns: usize,
     /// Panels, row by row.
@@ -82,6 +85,8 @@ impl CellMap {
         for (row, panels) in self.panels.chunks(columns).enumerate() {
             let values: Vec<f64> = panels.iter().flat_map(|p| p.values.iter().flatten().copied()).collect();
             let top = max_abs(&values).filter(|&m| m > 0.0).unwrap_or(1.0);
+            // Those of the largest of the row of panels.
+            let wanted = if self.is_uncertainty { digits::of_uncertainty(top) } else { digits::of_result(top) };
             for (column, panel) in panels.iter().enumerate() {
                 let area = Area {
                     left: column as f64 * cell + 62.0,
@@ -89,7 +94,7 @@ impl CellMap {
                     width: cell - 78.0,
                     height: 150.0,
                 };
-                panel.draw(&mut svg, area, top);
+                panel.draw(&mut svg, area, (top, wanted));
             }
         }
         svg.finish(&self.title)
@@ -97,22 +102,21 @@ impl CellMap {
 }
 
 impl CellPanel {
-    /// Decimals of the numbers: those of the largest of its row of panels, fewer where even the widest cells are too narrow.
-    fn decimals(&self, top: f64, widest_px: f64) -> u8 {
+    /// Decimals of the numbers: those wanted, fewer where even the widest cells are too narrow.
+    fn decimals(&self, wanted: u8, widest_px: f64) -> u8 {
         let fits =
             |decimals: u8| self.values.iter().flatten().all(|v| text_width_px(&fixed(*v, decimals)) <= widest_px);
-        let wanted = digits::of_result(top);
         (0..=wanted).rev().find(|decimals| fits(*decimals)).unwrap_or(wanted)
     }
 
-    fn draw(&self, svg: &mut Svg, area: Area, top: f64) {
+    fn draw(&self, svg: &mut Svg, area: Area, (top, wanted): (f64, u8)) {
         let limits = |edges: &[f64]| (edges.first().copied().unwrap_or(0.0), edges.last().copied().unwrap_or(1.0));
         let ((x0, x1), (y0, y1)) = (limits(&self.x_edges), limits(&self.y_edges));
         let x = Scale::exact(x0, x1, area.left, area.right());
         let y = Scale::exact(y0, y1, area.bottom(), area.top);
         let columns = self.x_edges.len() - 1;
         let widths = self.x_edges.windows(2).map(|edges| x.map(edges[1]) - x.map(edges[0]));
-        let decimals = self.decimals(top, widths.fold(0.0, f64::max));
+        let decimals = self.decimals(wanted, widths.fold(0.0, f64::max));
         for (index, value) in self.values.iter().enumerate() {
             let (i, j) = (index % columns, index / columns);
             let left_top = (x.map(self.x_edges[i]), y.map(self.y_edges[j + 1]));
@@ -171,10 +175,10 @@ mod tests {
             y_edges: vec![0.0, 1.0],
             values: vec![Some(40.1234), None],
         };
-        assert_eq!(panel.decimals(40.1234, 100.0), 1);
-        assert_eq!(panel.decimals(40.1234, text_width_px("40")), 0);
+        assert_eq!(panel.decimals(digits::of_result(40.1234), 100.0), 1);
+        assert_eq!(panel.decimals(1, text_width_px("40")), 0);
         // Where not even that fits the number is left out, whatever its decimals.
-        assert_eq!(panel.decimals(40.1234, 1.0), 1);
+        assert_eq!(panel.decimals(1, 1.0), 1);
     }
 
     /// The cells of a plan are narrow at both ends of an axis: 0, 67 … 733, 800.

@@ -119,6 +119,7 @@ fn map(answer: &Answer) -> Section {
         title: "Volumetric error in planes of Z".to_owned(),
         note: Some("The largest length of the error vector in each cell; all points are in map.csv.".to_owned()),
         value: Axis::new("largest error", "µm"),
+        is_uncertainty: false,
         columns: PLANES,
         panels: planes.map(|plane| panel(answer, plane)).collect(),
     })
