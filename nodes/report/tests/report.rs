@@ -387,3 +387,22 @@ fn what_a_page_was_made_from_is_named_alike() {
     let html = Report { title: "T".into(), meta, ..Report::default() }.html().unwrap();
     assert!(html.contains("<dt>Data</dt><dd>a.csv, SHA-256 12ab</dd>\n<dt>Software</dt><dd>abbe 1.2.3</dd>"), "{html}");
 }
+
+/// Points that were aligned to their reference had a column of zeros, and a first row without a factor.
+#[test]
+fn regress_an_aligned_mean_has_no_column_and_every_state_its_factor() {
+    let mut data = common::demo_report(1);
+    let count = data.verification.len() as f64;
+    for axis in 0..3 {
+        let of = |p: &VerificationPoint| [p.before_um[axis], p.after_um.unwrap()[axis]];
+        let sums = data.verification.iter().map(of).fold([0.0; 2], |sum, v| [sum[0] + v[0], sum[1] + v[1]]);
+        for point in &mut data.verification {
+            point.before_um[axis] -= sums[0] / count;
+            point.after_um.as_mut().unwrap()[axis] -= sums[1] / count;
+        }
+    }
+    let html = data.html().unwrap();
+    let table = html.split("Error by component").nth(1).unwrap().split("</table>").next().unwrap();
+    assert!(!table.contains(">mean<") && !table.contains("missing"), "{table}");
+    assert!(table.contains("smaller by a factor") && table.contains(">1.00<"), "{table}");
+}

@@ -8,6 +8,9 @@ use crate::sections::{Cell, Column, IsoLine, IsoPoint, Isometric, Section, Table
 /// Rows of the longest lists on the page; the rest is in the JSON.
 const MAX_ROWS: usize = 20;
 
+/// Decimals of a coordinate in mm whose uncertainty is not known.
+const WITHOUT_U: u8 = 4;
+
 impl DemoReport {
     /// Adds the chapter on the stations.
     pub(super) fn add_stations(&self, sections: &mut Vec<Section>) {
@@ -26,17 +29,18 @@ impl DemoReport {
         columns.push(Column::number("dead path", "mm"));
         columns.push(Column::number("readings", "1"));
         columns.push(Column::number("residual rms", "µm"));
+        // One count of decimals a column: that of its largest uncertainty.
+        let largest_um = |i: usize| self.stations.iter().filter_map(|s| Some(s.uncertainty_um?[i])).reduce(f64::max);
+        let decimals: [u8; 3] =
+            std::array::from_fn(|i| largest_um(i).map_or(WITHOUT_U, |u_um| digits::of_uncertainty(u_um * 1e-3)));
         let rows = self
             .stations
             .iter()
             .map(|station| {
                 let mut row = vec![Cell::text(&station.name)];
-                row.extend((0..3).map(|i| {
-                    let u_mm = station.uncertainty_um.map(|u| u[i] * 1e-3);
-                    Cell::number(station.position_mm[i], u_mm.map_or(4, digits::of_uncertainty))
-                }));
+                row.extend((0..3).map(|i| Cell::number(station.position_mm[i], decimals[i])));
                 row.extend((0..3).map(|i| Cell::uncertainty(station.uncertainty_um.map(|u| u[i]))));
-                row.push(Cell::maybe(station.dead_path_mm, 4));
+                row.push(Cell::maybe(station.dead_path_mm, decimals.into_iter().min().unwrap_or_default()));
                 row.push(Cell::count(station.readings));
                 row.push(Cell::result(station.residual_rms_um));
                 row

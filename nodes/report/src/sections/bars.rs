@@ -7,7 +7,7 @@ use crate::error::ReportError;
 use crate::frame::{Area, Labels, WIDTH_PX, axis_text, draw_frame};
 use crate::scale::{Scale, extent};
 use crate::svg::{Anchor, Drawing, Svg};
-use crate::text::{MISSING, fixed};
+use crate::text::{MISSING, fixed, significant};
 
 /// Height of a bar with its gap, px.
 const ROW_PX: f64 = 24.0;
@@ -76,6 +76,22 @@ impl Bar {
         };
         let (left, right) = (x.map(value.min(0.0)), x.map(value.max(0.0)));
         svg.rect("f1 bar", (left, top + 4.0), (right - left, ROW_PX - 8.0), None);
-        svg.text("small muted", (right + 6.0, base), Anchor::Start, &fixed(value, decimals));
+        svg.text("small muted", (right + 6.0, base), Anchor::Start, &shown(value, decimals));
+    }
+}
+
+/// A value with its decimals; one that would read as nothing with two digits.
+fn shown(value: f64, decimals: u8) -> String {
+    let is_lost = value != 0.0 && value.abs() < 0.5 * 10f64.powi(-i32::from(decimals));
+    if is_lost { significant(value, 2) } else { fixed(value, decimals) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn regress_a_short_step_is_not_shown_as_none() {
+        assert_eq!([0.0, 0.0012, 0.09, 6.48].map(|s| shown(s, 2)), ["0.00", "0.0012", "0.09", "6.48"]);
     }
 }
