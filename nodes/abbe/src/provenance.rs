@@ -42,7 +42,7 @@ fn measured(campaign: &Campaign) -> Option<String> {
     let times = || campaign.readings.iter().map(|reading| reading.time_s);
     let hours = (times().reduce(f64::max)? - times().reduce(f64::min)?) / 3600.0;
     let (readings, stations) = (campaign.readings.len(), campaign.stations.len());
-    Some(format!("{readings} readings from {stations} stations within {hours:.1} h"))
+    Some(format!("{readings} from {stations} stations within {hours:.1} h"))
 }
 
 /// Range over all temperatures that were logged.
@@ -83,7 +83,7 @@ mod tests {
         ];
         let said = of_campaign(&campaign(&logged), instrument);
         assert_eq!(said[0], ("Declared uncertainty", "of the tracer, 0.050 µm + 0.300 µm/m (k = 2)".to_owned()));
-        assert_eq!(said[1], ("Readings", "2 readings from 1 stations within 1.5 h".to_owned()));
+        assert_eq!(said[1], ("Readings", "2 from 1 stations within 1.5 h".to_owned()));
         assert_eq!(said[2], ("Sensors of temperature", "2, 19.5 to 21.3 °C".to_owned()));
         assert_eq!(of_campaign(&campaign(&[]), instrument).len(), 2);
         assert_eq!(of_campaign(&Campaign::default(), instrument).len(), 1);

@@ -132,5 +132,5 @@ fn regress_names_of_the_program_stay_off_the_page_and_in_the_json() {
 fn regress_what_limits_several_effects_alike_is_one_warning() {
     let html = page(Record { effects: ["a", "b", "c", "d"].map(effect).to_vec(), ..clean() });
     assert_eq!(html.matches("class=\"callout warning\"").count(), 1);
-    assert!(html.contains("surer than its size: a to 55 %; b to 55 %; c to 55 %; d to 55 %."));
+    assert!(html.contains("surer than its size: 55 % of a; 55 % of b; 55 % of c; 55 % of d."));
 }

@@ -96,12 +96,8 @@ fn implausible(effect: &Effect) -> Vec<String> {
 }
 
 /// One sentence for what limits several effects in the same way; nothing where it limits none.
-fn together(effects: &[Effect], said: &str, link: &str, of: impl Fn(&Effect) -> Option<String>) -> Option<String> {
-    let own = |effect: &Effect| {
-        let words = [label(effect), link.to_owned(), of(effect)?];
-        Some(words.into_iter().filter(|word| !word.is_empty()).collect::<Vec<_>>().join(" "))
-    };
-    let list: Vec<String> = effects.iter().filter_map(own).collect();
+fn together(effects: &[Effect], said: &str, of: impl Fn(&Effect) -> Option<String>) -> Option<String> {
+    let list: Vec<String> = effects.iter().filter_map(of).collect();
     (!list.is_empty()).then(|| format!("{said}: {}.", list.join("; ")))
 }
 
@@ -113,7 +109,10 @@ impl Record {
             (false, _) if self.effects.is_empty() => (Tone::Neutral, "Finer error functions"),
             (false, _) => (Tone::Neutral, "The model lacks something"),
         };
-        Callout { tone, title: title.to_owned(), text: self.verdict.clone() }
+        // What the sentence begins with is not said twice.
+        let is_said = ["Consistent with noise", "The model lacks"].iter().any(|begin| self.verdict.starts_with(begin));
+        let title = if is_said { String::new() } else { title.to_owned() };
+        Callout { tone, title, text: self.verdict.clone() }
     }
 
     fn key_figures(&self) -> KeyFigures {
@@ -180,18 +179,19 @@ impl Record {
                 implausible.join("; ")
             ))
         }));
-        all.extend(
-            together(&self.effects, "The data do not tell what explains them best", "from", |e| e.rivals())
-                .map(warning),
-        );
+        let rivals = |e: &Effect| Some(format!("{} from {}", label(e), e.rivals()?));
+        all.extend(together(&self.effects, "The data do not tell what explains them best", rivals).map(warning));
         let imitated = |e: &Effect| {
             let share = e.alias_share.filter(|share| *share >= MOSTLY_GEOMETRY)?;
-            Some(format!("to {:.0} %", 100.0 * share))
+            Some(format!("{:.0} % of {}", 100.0 * share, label(e)))
         };
-        let said = "Geometry could imitate what was found, so that its presence is surer than its size";
-        all.extend(together(&self.effects, said, "", imitated).map(warning));
-        let not_judged = |e: &Effect| Some(e.predicts.not_judged.join("; ")).filter(|words| !words.is_empty());
-        all.extend(together(&self.effects, "Not judged where it was not fitted", "", not_judged).map(warning));
+        let said = "Geometry could imitate much of what was found, so that its presence is surer than its size";
+        all.extend(together(&self.effects, said, imitated).map(warning));
+        let not_judged = |e: &Effect| {
+            let words = e.predicts.not_judged.join("; ");
+            (!words.is_empty()).then(|| format!("{}, {words}", label(e)))
+        };
+        all.extend(together(&self.effects, "Not judged where it was not fitted", not_judged).map(warning));
         all.extend(self.held_out.not_judged.iter().cloned().map(warning));
         if let Some(v) = self.verification.as_ref().filter(|v| v.covariate_missing > 0) {
             all.push(warning(format!(

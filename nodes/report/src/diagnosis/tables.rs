@@ -341,8 +341,11 @@ impl Record {
             ("misfit over the scatter of replicates", "1", b.lack_of_fit, a.lack_of_fit),
         ];
         let row = |(name, noise, before, after): (&str, &str, Option<Structure>, Option<Structure>)| {
-            let cells =
-                |s: Option<Structure>| [Cell::result(s.and_then(|s| s.value)), probability(s.and_then(|s| s.p_value))];
+            let cells = |s: Option<Structure>| {
+                let value = s.and_then(|s| s.value);
+                let chance = probability(s.and_then(|s| s.p_value));
+                [Cell::result(value), chance.or_else(|| value.and_then(|_| Cell::text("not tested")))]
+            };
             let states = if self.is_one_state() { vec![before] } else { vec![before, after] };
             let cells = states.into_iter().flat_map(cells);
             [Cell::text(name), Cell::text(noise)].into_iter().chain(cells).collect()
