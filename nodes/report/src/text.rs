@@ -123,6 +123,13 @@ pub(crate) fn prose(text: &str) -> String {
         }
         words.push(format!("{open}{}{rest}", page_word(core)));
     }
+    // Sides of a volume.
+    for place in 1..words.len().saturating_sub(1) {
+        let is_side = |word: &str| word.bytes().all(|b| b.is_ascii_digit()) && !word.is_empty();
+        if words[place] == "x" && is_side(&words[place - 1]) && is_side(&words[place + 1]) {
+            words[place] = "×".to_owned();
+        }
+    }
     words.join(" ")
 }
 
@@ -228,6 +235,7 @@ mod tests {
             prose("at p = 7.1e-42: 2.5e-7 um -> 9.5e-1, (-3.0e12)"),
             "at p < 10⁻⁴¹: 2.5×10⁻⁷ µm → 0.95, (−3.0×10¹²)"
         );
+        assert_eq!(prose("470 x 1200 x 400 mm, 1 x and x 1"), "470 × 1200 × 400 mm, 1 x and x 1");
         assert_eq!(prose("p = 3.4e-3 by 1e, e-5, x1e5 and v1.0e"), "p = 0.0034 by 1e, e-5, x1e5 and v1.0e");
         assert_eq!(
             (capital("χ² left"), capital("3-D"), capital("largest")),

@@ -264,12 +264,12 @@ fn missing(missing: &NotComputed) -> Section {
 }
 
 fn table(paper: &str, document: &Document) -> Option<Section> {
-    let columns = ["Figure", "Published", "Here", "Verdict", "Why, and how it was computed"];
+    let columns = ["figure", "published", "here", "verdict", "why, and how it was computed"];
     let rows: Vec<_> = document.figures.iter().filter(|row| row.paper == paper).collect();
     let cells = |row: &&Row| {
         vec![
             Cell::text(format!("{}: {}", row.place, row.what)),
-            row.published.as_ref().and_then(Cell::text),
+            Cell::text(row.published.as_deref().unwrap_or("not in the paper")),
             Cell::text(&row.reproduced),
             Cell::text(readable(row, document.effort)),
             Cell::text(format!("{} ({})", row.reason, row.how)),

@@ -41,13 +41,21 @@ impl Interval {
         Some((interval.mean.exp(), (interval.mean - half).exp(), (interval.mean + half).exp()))
     }
 
-    /// `1.23 ± 0.04` with these decimals.
-    pub(crate) fn text(&self, decimals: usize) -> String {
+    /// `1.230 ± 0.042`: two digits of the half width, and with at most these decimals.
+    pub(crate) fn text(&self, most: usize) -> String {
+        let decimals = self.half_width.map_or(most, |half| decimals_of(half).min(most));
         match self.half_width {
             Some(half) => format!("{:.decimals$} ± {half:.decimals$}", self.mean),
             None => format!("{:.decimals$}", self.mean),
         }
     }
+}
+
+/// Decimals that show an uncertainty with two digits.
+fn decimals_of(u: f64) -> usize {
+    let text = format!("{u:.1e}");
+    let exponent = text.split_once('e').and_then(|(_, exponent)| exponent.parse::<i32>().ok());
+    exponent.and_then(|exponent| usize::try_from(1 - exponent).ok()).unwrap_or(0)
 }
 
 #[cfg(test)]
@@ -63,6 +71,12 @@ mod tests {
         assert_eq!(Interval::of(&[5.0]).unwrap().half_width, None);
         assert_eq!(Interval::of(&[]), None);
         assert_eq!(interval.text(1), "2.0 ± 2.5");
+        // 0.430 ± 1.525 has digits that the interval does not allow.
+        let of = |mean: f64, half: f64| Interval { mean, half_width: Some(half) }.text(3);
+        assert_eq!(
+            [of(0.430, 1.525), of(0.3571, 0.481), of(12.34, 20.0), of(0.1, 0.0002)],
+            ["0.4 ± 1.5", "0.36 ± 0.48", "12 ± 20", "0.100 ± 0.000"]
+        );
         let (mean, low, high) = Interval::of_ratios(&[1.0, 4.0]).unwrap();
         assert!((mean - 2.0).abs() < 1e-12 && low < 1.0 && high > 4.0);
     }
