@@ -101,6 +101,10 @@ fn the_shipped_centres_give_pose_table_and_report() {
         serde_json::from_str(&fs::read_to_string(folder.path().join("out/probe_pose.json")).unwrap()).unwrap();
     assert_eq!(json["unknowns"].as_array().unwrap().len(), 9);
     assert!(fs::read_to_string(folder.path().join("out/report.html")).unwrap().contains("Compensation by pose"));
+    let html = fs::read_to_string(folder.path().join("out/report.html")).unwrap();
+    // Digits that the spread within a pose allows, poses that are told apart, and no column of dashes.
+    assert_says(&html, &["direction of the beam, x", "none: outside the other poses", "<dt>Data</dt><dd>"]);
+    assert!(!html.contains("class=\"missing\"") && !html.contains(">60.000<"), "{html}");
     // Eq. 14 of the paper, S0 y: it takes the tenth unknown.
     let ten = run(["probe-pose", "--centres", &text(&centres()), "--beam", "one", "--axis-offset", "--json"]).ok();
     let ten: Value = serde_json::from_str(&ten).unwrap();

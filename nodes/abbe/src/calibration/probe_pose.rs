@@ -39,6 +39,24 @@ const UNKNOWNS: [(&str, &str, f64); 10] = [
     ("axis offset y", "mm", 1e3),
 ];
 
+/// The same in words.
+const WORDS: [&str; 10] = [
+    "centre of the sphere, x",
+    "centre of the sphere, y",
+    "centre of the sphere, z",
+    "direction of the beam, x",
+    "direction of the beam, y",
+    "direction of the beam, z",
+    "zero of the beam, x",
+    "zero of the beam, y",
+    "zero of the beam, z",
+    "offset between the axes, y",
+];
+/// Decimals of an angle in degrees at most.
+const ANGLE_DECIMALS: u8 = 3;
+/// Angles this close are one (degrees).
+const SAME_DEG: f64 = 5e-4;
+
 /// A calibration with everything that judges it.
 struct Judged {
     centres: Vec<SphereCentre>,
@@ -237,7 +255,7 @@ impl Judged {
             next: None,
             meta: made_from(path, sha256),
             main_plot: None,
-            footer: None,
+            footer: Some(crate::pipeline::software()),
             sections: vec![
                 self.key_figures(),
                 note(),
@@ -264,12 +282,17 @@ impl Judged {
             figures: vec![
                 figure("residual of the fit, rms", None, Some(self.pose.rms_m() * 1e6), "length of the vectors"),
                 figure(
-                    "pose in the table",
+                    "error in a pose of the table, mean",
                     again.map(|a| a.0),
                     again.map(|a| a.1),
-                    "mean over centres left out, their pose's other centres kept",
+                    "without and with the table: centres left out, their pose's other centres kept",
                 ),
-                figure("pose not in the table", None, self.elsewhere_um(), "mean over poses left out"),
+                figure(
+                    "error in any other pose, mean",
+                    None,
+                    self.elsewhere_um(),
+                    "of poses left out, without a table",
+                ),
             ],
         })
     }
@@ -284,6 +307,10 @@ impl Judged {
             y: poses.iter().map(|pose| of(pose)).collect(),
             half_width: None,
         };
+        let curves = [
+            curve("without a table", State::Before, |pose| pose.error_m.as_ref().map(um)),
+            curve("with the others' table", State::After, |pose| pose.compensated_m.as_ref().map(um)),
+        ];
         let outside = poses.iter().filter(|pose| pose.compensated_m.is_none()).count();
         let outside = match outside {
             0 => String::new(),
@@ -291,17 +318,14 @@ impl Judged {
         };
         Section::LinePlot(LinePlot {
             title: "Error of each pose left out".to_owned(),
-            note: Some(format!("Length of the error; poses in the order of the table below.{outside}")),
+            note: Some(format!("Length of the error.{outside}")),
             columns: 1,
             band_name: None,
             panels: vec![LinePanel {
                 title: String::new(),
-                x: Axis::new("pose", "1"),
+                x: Axis::new("pose, by its number in the table below", "1"),
                 y: Axis::new("error", "µm"),
-                curves: vec![
-                    curve("without a table", State::Before, |pose| pose.error_m.as_ref().map(um)),
-                    curve("with the others' table", State::After, |pose| pose.compensated_m.as_ref().map(um)),
-                ],
+                curves: curves.into_iter().filter(|curve| curve.y.iter().any(Option::is_some)).collect(),
             }],
         })
     }
@@ -310,16 +334,13 @@ impl Judged {
         let expanded = self.expanded();
         let row = |(k, value): (usize, &f64)| {
             let (name, unit, _) = UNKNOWNS[k];
-            let digits = decimals(expanded.as_ref().map(|u| u[k]));
-            vec![
-                Cell::text(name),
-                Cell::text(format!("{value:.digits$}")),
-                expanded.as_ref().and_then(|u| Cell::text(format!("{:.digits$}", u[k]))),
-                Cell::text(unit),
-            ]
+            let u = expanded.as_ref().map(|u| u[k]);
+            let shown = |value: f64| digits::plain(value, decimals(u) as u8);
+            let unit = if unit == "1" { "" } else { unit };
+            let u = u.map_or_else(|| "not known".to_owned(), |u| format!("± {} {unit}", shown(u)));
+            vec![Cell::text(WORDS[k]), Cell::text(name), Cell::text(format!("{} {unit}", shown(*value))), Cell::text(u)]
         };
-        let columns =
-            vec![Column::text("unknown"), Column::text("value"), Column::text("± (k = 2)"), Column::text("unit")];
+        let columns = ["unknown", "sign", "value", "U (k = 2)"].map(Column::text).to_vec();
         Section::Table(TableSection {
             title: "Unknowns".to_owned(),
             note: Some("Uncertainty from the scatter within and between the poses.".to_owned()),
@@ -330,15 +351,16 @@ impl Judged {
     }
 
     fn compensation_section(&self) -> Section {
+        let angle = self.angle_decimals();
         let row = |entry: &abbe_measurement::probe_pose::TableEntry| {
-            let delta = entry.delta_m * 1e6;
+            let (delta, spread_um) = (entry.delta_m * 1e6, entry.spread_m.map(|s| s * 1e6));
             vec![
-                Cell::number(entry.a_rad.to_degrees(), 3),
-                Cell::number(entry.c_rad.to_degrees(), 3),
-                Cell::number(delta.x, 1),
-                Cell::number(delta.y, 1),
-                Cell::number(delta.z, 1),
-                Cell::maybe(entry.spread_m.map(|s| s * 1e6), 1),
+                Cell::number(entry.a_rad.to_degrees(), angle),
+                Cell::number(entry.c_rad.to_degrees(), angle),
+                Cell::with(Some(delta.x), spread_um),
+                Cell::with(Some(delta.y), spread_um),
+                Cell::with(Some(delta.z), spread_um),
+                Cell::uncertainty(spread_um),
             ]
         };
         let columns = vec![
@@ -352,7 +374,8 @@ impl Judged {
         Section::Table(TableSection {
             title: "Compensation by pose".to_owned(),
             note: Some(
-                "To be added to a point probed in that pose (S0 less where the pose puts the sphere).".to_owned(),
+                "To be added to a point probed in that pose (S0 less where the pose puts the sphere); as many digits as the spread of its \
+                 centres allows.".to_owned(),
             ),
             columns,
             rows: self.table.entries.iter().map(row).collect(),
@@ -360,34 +383,49 @@ impl Judged {
         })
     }
 
+    /// Decimals of angles in degrees: none where all of them are whole.
+    fn angle_decimals(&self) -> u8 {
+        let angles = || self.table.entries.iter().flat_map(|entry| [entry.a_rad, entry.c_rad]).map(f64::to_degrees);
+        let tells = |decimals: u8| {
+            let unit = 10f64.powi(i32::from(decimals));
+            angles().all(|angle| ((angle * unit).round() / unit - angle).abs() < SAME_DEG)
+        };
+        (0..ANGLE_DECIMALS).find(|decimals| tells(*decimals)).unwrap_or(ANGLE_DECIMALS)
+    }
+
     fn left_out_section(&self) -> Section {
-        let row = |pose: &LeftOutPose| {
+        let angle = self.angle_decimals();
+        let row = |(k, pose): (usize, &LeftOutPose)| {
             let word = match pose.compensation {
                 Some(Compensation::Interpolated { .. }) => "interpolated",
-                Some(Compensation::Outside) => "outside the other poses",
+                Some(Compensation::Outside) => "none: outside the other poses",
                 Some(Compensation::Tabulated { .. }) => "in the table",
-                None => "the others do not determine the pose",
+                None => "none: the others do not determine the pose",
+            };
+            let with_table = match &pose.compensated_m {
+                Some(error_m) => format!("{} um, {word}", digits::result(um(error_m))),
+                None => word.to_owned(),
             };
             vec![
-                Cell::number(pose.a_rad.to_degrees(), 3),
-                Cell::number(pose.c_rad.to_degrees(), 3),
+                Cell::count(k + 1),
+                Cell::number(pose.a_rad.to_degrees(), angle),
+                Cell::number(pose.c_rad.to_degrees(), angle),
                 Cell::result(pose.error_m.as_ref().map(um)),
-                Cell::result(pose.compensated_m.as_ref().map(um)),
-                Cell::text(word),
+                Cell::text(with_table),
             ]
         };
         let columns = vec![
+            Column::number("pose", "1"),
             Column::number("A", "°"),
             Column::number("C", "°"),
-            Column::number("error", "µm"),
-            Column::number("with the others' table", "µm"),
-            Column::text("table"),
+            Column::number("error without a table", "µm"),
+            Column::text("with the others' table"),
         ];
         Section::Table(TableSection {
             title: "Each pose predicted by the others".to_owned(),
             note: None,
             columns,
-            rows: self.poses.iter().flatten().map(row).collect(),
+            rows: self.poses.iter().flatten().enumerate().map(row).collect(),
             total_rows: None,
         })
     }
