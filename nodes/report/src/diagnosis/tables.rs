@@ -388,15 +388,15 @@ impl Record {
 
     /// Error of blocks left out of the final fit.
     pub(super) fn blocked_table(&self) -> Option<Section> {
-        let (columns, row): (_, fn(&super::Blocked) -> Vec<Option<Cell>>) = match self.is_one_state() {
-            true => (vec![Column::text("left out"), Column::number("these data", "1")], |b| {
-                vec![Cell::text(&b.by), Cell::result(b.before)]
-            }),
-            false => {
-                (vec![Column::text("left out"), Column::number("before", "1"), Column::number("after", "1")], |b| {
-                    vec![Cell::text(&b.by), Cell::result(b.before), Cell::result(b.after)]
-                })
-            }
+        let is_one = self.is_one_state();
+        let mut columns = vec![Column::text("left out")];
+        columns.extend(match is_one {
+            true => vec![Column::number("these data", "1")],
+            false => vec![Column::number("before", "1"), Column::number("after", "1")],
+        });
+        let row = |b: &super::Blocked| {
+            let after = (!is_one).then(|| Cell::result(b.after));
+            [Cell::text(&b.by), Cell::result(b.before)].into_iter().chain(after).collect()
         };
         let note = "Rms over the declared noise, predicted by the final structure fitted to the rest.";
         let rows: Vec<_> = self.held_out.blocked.iter().map(row).collect();
