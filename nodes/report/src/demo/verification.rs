@@ -13,7 +13,7 @@ use crate::stats::{max_abs, quantile_sorted, rms, sorted};
 const REGIONS: usize = 3;
 
 /// Share of the rms below which a mean is rounding of the arithmetic.
-const ROUNDING: f64 = 1e-9;
+const ROUNDING: f64 = 1e-6;
 
 /// Length of a vector.
 fn length(v: [f64; 3]) -> f64 {
