@@ -190,7 +190,7 @@ fn runs_say_their_day_and_their_temperatures() {
         assert_says(&html, &["<dd>2026-03-05</dd>", "<dd>20.0 to 20.4 °C</dd>", "runs.csv, SHA-256 "]);
     }
     let html = fs::read_to_string(bench.at("figures/report.html")).unwrap();
-    assert_says(&html, &["Accuracy A, axis X", "Repeatability R, axis X", "Reversal B, axis X"]);
+    assert_says(&html, &["Accuracy A, axis X", "Repeatability R, axis X", "Reversal value B, axis X"]);
 }
 
 /// The command that an answer ends with; it is this one, and the program takes it. What it writes stays in the folder.

@@ -213,7 +213,7 @@ fn leading(axis: &AxisFigures) -> Vec<(&'static str, &'static str, f64)> {
     ];
     let beside = [
         ("R", "repeatability", axis.repeatability_m),
-        ("B", "reversal", axis.reversal_m),
+        ("B", "reversal value", axis.reversal_m),
         ("E", "systematic error", axis.systematic_m),
         ("M", "mean bidirectional error", axis.mean_bidirectional_m),
     ];
