@@ -2,7 +2,8 @@
 //!
 //! Place in the flow: a diagnosis begins with the campaign and what its temperatures would be behind a ladder of time constants
 //! ([`with_lags`]). Effects propose every fifth of its steps; what comes of that is moved along the ladder to the step that explains
-//! most ([`refined`]), as periods are. So it is with the travel over which the side of an axis follows. Times in s, travels in µm.
+//! most ([`refined`]), as periods are. So it is with the travel over which the side of an axis follows. Then each temperature of its own is
+//! tried behind and ahead of what was logged ([`apart`]): a sensor in a housing, or glued on, follows late itself. Times in s, travels in µm.
 
 use crate::candidates::{Candidate, Round, score_all};
 use crate::context::{range, varies};
@@ -25,6 +26,10 @@ const COARSE: usize = 5;
 const FIRST: usize = 3;
 /// Longest time constant, as a share of the campaign's duration: half of the readings are then past what the beginning left.
 const LONGEST: f64 = 1.0 / 6.0;
+/// Longest time constant of a sensor (s): in still air, in a thick housing.
+const LATEST_S: i32 = 3600;
+/// Steps from one time constant of a sensor that is tried to the next (a factor of 1.6); the best one's neighbours are tried as well.
+const APART: usize = 2;
 /// Shortest travel (µm): less than that is a reversal.
 const SHORTEST_UM: f64 = 250.0;
 /// Ratio of neighbouring travels, and steps from one proposed to the next (a factor of five): what they do differs slowly.
@@ -44,7 +49,8 @@ pub(crate) fn with_lags(campaign: &Campaign, asked: impl IntoIterator<Item = Str
     let longest_s = LONGEST * (last_s - first_s);
     for logged in campaign.covariates.iter().filter(|column| is_temperature(&column.name) && varies(&column.values)) {
         let steps = (0..STEPS).map(lag_s).take_while(|lag_s| f64::from(*lag_s) <= longest_s);
-        names.extend(steps.filter_map(|lag_s| lagged_name(&logged.name, lag_s)));
+        let late = steps.clone().take_while(|lag_s| *lag_s <= LATEST_S).map(|lag_s| -lag_s);
+        names.extend(steps.chain(late).filter_map(|lag_s| lagged_name(&logged.name, lag_s)));
     }
     for axis in Axis::ALL {
         let (low_m, high_m) = range(campaign.readings.iter().map(|reading| reading.reading_m[axis.index()]));
@@ -64,7 +70,7 @@ fn travel_um(step: usize) -> u32 {
 fn further(name: &str, steps: isize) -> Option<String> {
     let place = |step: Option<usize>| step?.checked_add_signed(steps);
     if let Some((logged, lag)) = of_lagged(name) {
-        return lagged_name(&logged, lag_s(place(step_of(lag))?));
+        return lagged_name(&logged, lag.signum() * lag_s(place(step_of(lag))?));
     }
     let (axis, travel) = of_travelled(name)?;
     Some(travelled_name(axis, travel_um(place((0..STEPS).find(|step| travel_um(*step) == travel))?)))
@@ -75,13 +81,13 @@ fn is_temperature(name: &str) -> bool {
 }
 
 /// Time constant of a step of the ladder (s).
-fn lag_s(step: usize) -> u32 {
-    (SHORTEST_S * RATIO.powi(step as i32)).round() as u32
+fn lag_s(step: usize) -> i32 {
+    (SHORTEST_S * RATIO.powi(step as i32)).round() as i32
 }
 
-/// The step of the ladder with that time constant.
-fn step_of(lag: u32) -> Option<usize> {
-    (0..STEPS).find(|step| lag_s(*step) == lag)
+/// The step of the ladder with that time constant, behind or ahead.
+fn step_of(lag: i32) -> Option<usize> {
+    (0..STEPS).find(|step| lag_s(*step) == lag.abs())
 }
 
 /// Whether a column is proposed to effects: what is logged is, of the lagged ones some, where they differ from the logged one.
@@ -90,7 +96,7 @@ pub(crate) fn is_proposed(campaign: &Campaign, column: &Covariate) -> bool {
         return (0..STEPS).step_by(COARSE_TRAVEL).any(|step| travel_um(step) == travel);
     }
     let Some((logged, lag)) = of_lagged(&column.name) else { return true };
-    let is_coarse = step_of(lag).is_some_and(|step| step % COARSE == FIRST);
+    let is_coarse = lag > 0 && step_of(lag).is_some_and(|step| step % COARSE == FIRST);
     let values = |column: &Covariate| column.values.iter().map(|value| value.unwrap_or(0.0)).collect::<Vec<f64>>();
     is_coarse
         && campaign.covariate(&logged).is_some_and(|logged| correlation(&values(logged), &values(column)).abs() < SAME)
@@ -173,6 +179,63 @@ pub(crate) fn refined(
         }
     }
     Ok(best)
+}
+
+/// The candidate with its logged temperatures behind or ahead of what was logged, the one first that gains most, while that is worth its
+/// price: a figure more, chosen among all that were tried, and what any choice asks for.
+pub(crate) fn apart(
+    round: &Round,
+    (machine, campaign): (&Machine, &Campaign),
+    candidate: Candidate,
+    least_evidence: f64,
+) -> Result<Candidate, DiagnoseError> {
+    let mut best = candidate;
+    loop {
+        let (mut next, mut tried) = (None::<Candidate>, 0);
+        for key in temperatures(&best.term.shape) {
+            let shapes = others(&best.term.shape, &key, campaign);
+            tried += shapes.len();
+            let moved = best_of(round, machine, &best, &shapes)?;
+            next = [next, moved].into_iter().flatten().max_by(|a, b| a.score.gain.total_cmp(&b.score.gain));
+        }
+        let price = (round.used.max(2) as f64).ln() + 2.0 * (tried.max(1) as f64).ln() + least_evidence;
+        match next {
+            Some(next) if next.score.gain - best.score.gain > price => best = next,
+            _ => return Ok(best),
+        }
+    }
+}
+
+/// The candidate in that of these neighbouring shapes which gains most; only every other one is tried where it is far from the best.
+fn best_of(
+    round: &Round,
+    machine: &Machine,
+    candidate: &Candidate,
+    shapes: &[Shape],
+) -> Result<Option<Candidate>, DiagnoseError> {
+    let of = |shapes: Vec<&Shape>| -> Result<Option<Candidate>, DiagnoseError> {
+        let term = |shape: &Shape| EffectTerm::new(candidate.known.name, shape.clone(), machine);
+        let terms = shapes.into_iter().map(|shape| Ok((candidate.known, term(shape)?, candidate.trials)));
+        let scored = score_all(round, terms.collect::<Result<Vec<_>, DiagnoseError>>()?)?;
+        Ok(scored.into_iter().max_by(|a, b| a.score.gain.total_cmp(&b.score.gain)))
+    };
+    let Some(rough) = of(shapes.iter().step_by(APART).collect())? else { return Ok(None) };
+    let place = shapes.iter().position(|shape| *shape == rough.term.shape).unwrap_or(0);
+    of(shapes[place.saturating_sub(APART - 1)..shapes.len().min(place + APART)].iter().collect())
+}
+
+/// Keys of a shape under which a logged temperature stands.
+fn temperatures(shape: &Shape) -> Vec<String> {
+    let is_logged = |value: &ShapeValue| matches!(value, ShapeValue::Text(name) if is_temperature(name));
+    shape.0.iter().filter(|(_, value)| is_logged(value)).map(|(key, _)| key.clone()).collect()
+}
+
+/// The shape with the temperature of one key at all time constants of the campaign, from furthest ahead to furthest behind.
+fn others(shape: &Shape, key: &str, campaign: &Campaign) -> Vec<Shape> {
+    let Some(ShapeValue::Text(logged)) = shape.0.get(key) else { return Vec::new() };
+    let lags_s = (0..STEPS).rev().map(|step| -lag_s(step)).chain((0..STEPS).map(lag_s));
+    let names = lags_s.filter_map(|lag_s| lagged_name(logged, lag_s));
+    names.filter(|name| campaign.covariate(name).is_some()).map(|name| shape.clone().text(key, name)).collect()
 }
 
 /// The shape with its derived quantities some steps further; `None` where there is none, or the ladder ends.

@@ -286,7 +286,11 @@ impl<'a> Search<'a> {
             let (candidate, tests) = match self.propose(round, state, (named, &looked), finer.as_ref())? {
                 Proposal::Nothing => return Ok(false),
                 Proposal::Order(id) => return self.refine(state, id, observe).map(|()| true),
-                Proposal::Named(candidate) => (refined(round, &state.machine, candidate)?, tests(named)),
+                Proposal::Named(candidate) => {
+                    let refined = refined(round, &state.machine, candidate)?;
+                    let found_in = (&state.machine, self.campaign);
+                    (lags::apart(round, found_in, refined, self.options.least_evidence)?, tests(named))
+                }
                 Proposal::Free(candidate) => (candidate.clone(), candidate.trials),
             };
             let candidate = lags::refined(round, (&state.machine, self.campaign), candidate)?;

@@ -5,8 +5,11 @@
 use abbe_geometry::effects::{Lag, Travel, of_lagged};
 use abbe_measurement::campaign::{Campaign, Covariate};
 
+/// Longest pause across which what is logged is taken to run straight (s): a tracer is moved to its next station.
+const PAUSE_S: f64 = 1800.0;
+
 /// The campaign with these derived covariates beside what was logged. One that is there already stays; a lagged one without its logged
-/// quantity, or with a gap longer than the time constant, is left out, and a side over a travel where time goes back: nobody knows the
+/// quantity, or with a pause longer than half an hour and than the time constant, is left out, and a side over a travel where time goes back: nobody knows the
 /// order then. Names of other covariates ask for nothing.
 pub fn with_lagged<'a>(mut campaign: Campaign, names: impl IntoIterator<Item = &'a String>) -> Campaign {
     for name in names {
@@ -25,7 +28,7 @@ pub fn with_lagged<'a>(mut campaign: Campaign, names: impl IntoIterator<Item = &
 fn lagged(campaign: &Campaign, name: &str) -> Option<Vec<Option<f64>>> {
     let (logged, lag_s) = of_lagged(name)?;
     let inputs = &campaign.covariate(&logged)?.values;
-    let mut lag = Lag::new(f64::from(lag_s));
+    let mut lag = Lag::across(f64::from(lag_s), PAUSE_S);
     let mut values = Vec::with_capacity(inputs.len());
     for (reading, input) in campaign.readings.iter().zip(inputs) {
         let lagged = lag.push(reading.time_s, input.filter(|value| value.is_finite())?);
@@ -89,7 +92,9 @@ mod tests {
         let after = values[1].unwrap();
         assert!((after - 20.0 - (-1.0_f64).exp()).abs() < 1e-12, "{after}");
         let name = &["temp_air_lag_600s_c".to_owned()];
-        let paused = with_lagged(campaign(&[0.0, 600.0, 2000.0], &[Some(20.0); 3]), name);
+        let moved = with_lagged(campaign(&[0.0, 600.0, 2000.0], &[Some(20.0); 3]), name);
+        assert_eq!(moved.covariates.len(), 2, "a station is moved in that time");
+        let paused = with_lagged(campaign(&[0.0, 600.0, 2401.0], &[Some(20.0); 3]), name);
         assert_eq!(paused.covariates.len(), 1, "what happened in a pause nobody knows");
         let hole = with_lagged(campaign(&[0.0, 600.0], &[Some(20.0), None]), name);
         assert_eq!(hole.covariates.len(), 1);

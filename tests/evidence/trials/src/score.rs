@@ -53,7 +53,7 @@ impl CovariateSource for Logged<'_> {
 
 /// Points that only tell a model how the room came before those that score it.
 pub fn history(model: &MachineModel) -> usize {
-    let longest_s = model.reads().iter().filter_map(|name| of_lagged(name)).map(|(_, lag_s)| lag_s).max();
+    let longest_s = model.reads().iter().filter_map(|name| of_lagged(name)).map(|(_, lag_s)| lag_s.abs()).max();
     longest_s.map_or(0, |lag_s| (SETTLED * f64::from(lag_s) / STEP_S).ceil() as usize + 1)
 }
 
