@@ -90,7 +90,8 @@ fn step_of(lag: i32) -> Option<usize> {
     (0..STEPS).find(|step| lag_s(*step) == lag.abs())
 }
 
-/// Whether a column is proposed to effects: what is logged is, of the lagged ones some, where they differ from the logged one.
+/// Whether a column is proposed to effects: what is logged is, of the lagged ones some, where they differ from the logged one and no pause
+/// is longer than they lag: each stands for a sensor that is not there, and must be known as well as one.
 pub(crate) fn is_proposed(campaign: &Campaign, column: &Covariate) -> bool {
     if let Some((_, travel)) = of_travelled(&column.name) {
         return (0..STEPS).step_by(COARSE_TRAVEL).any(|step| travel_um(step) == travel);
@@ -99,7 +100,12 @@ pub(crate) fn is_proposed(campaign: &Campaign, column: &Covariate) -> bool {
     let is_coarse = lag > 0 && step_of(lag).is_some_and(|step| step % COARSE == FIRST);
     let values = |column: &Covariate| column.values.iter().map(|value| value.unwrap_or(0.0)).collect::<Vec<f64>>();
     is_coarse
+        && longest_pause_s(campaign) <= f64::from(lag)
         && campaign.covariate(&logged).is_some_and(|logged| correlation(&values(logged), &values(column)).abs() < SAME)
+}
+
+fn longest_pause_s(campaign: &Campaign) -> f64 {
+    campaign.readings.windows(2).map(|pair| pair[1].time_s - pair[0].time_s).fold(0.0, f64::max)
 }
 
 /// Whether an effect reads a quantity that lags behind a logged one.

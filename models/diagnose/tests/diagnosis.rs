@@ -12,7 +12,7 @@ use abbe_geometry::Vector3;
 use abbe_geometry::axis::{Axis, ErrorId};
 use abbe_geometry::chain::nominal_point_m;
 use abbe_geometry::correct::correct;
-use abbe_geometry::effects::{CovariateSource, CovariateValue, Shape, ShapeValue, State, of_lagged};
+use abbe_geometry::effects::{CovariateSource, CovariateValue, Lag, Shape, ShapeValue, State, of_lagged};
 use abbe_geometry::error_function;
 use abbe_measurement::campaign::Covariate;
 use abbe_virtual_machine::effects::from_text;
@@ -187,6 +187,42 @@ fn val_analytic_an_expansion_that_follows_late_is_found_with_its_time_constant()
     let (logged, lag_s) = of_lagged(text(&diagnosis, "scale_expansion", "sensor")).unwrap();
     assert_eq!(logged, "temp_room_c");
     assert!((f64::from(lag_s) / TAU_S - 1.0).abs() < 0.25, "{lag_s} s");
+    let alpha = &diagnosis.found[0].parameters[0];
+    assert!((alpha.value / PER_KELVIN - 1.0).abs() < 0.1, "{alpha:?}");
+}
+
+/// A scale that follows its room at once, beside a sensor that follows late: what acts is ahead of what was logged.
+#[test]
+fn regress_a_sensor_that_follows_late_is_found_and_not_taken_for_a_cause() {
+    const TAU_S: f64 = 900.0;
+    const PER_KELVIN: f64 = 10e-6;
+    let omega = std::f64::consts::TAU / 9000.0;
+    let room_c = |time_s: f64| 20.0 + 0.4 * (1.0 - (omega * time_s).cos());
+    let mut case = Case::new(9, &[]);
+    let clean = case.diagnose().before.model;
+    let campaign = &mut case.simulated.campaign;
+    let (mut sensor, mut logged) = (Lag::new(TAU_S), Vec::new());
+    let mut last_s = campaign.readings[0].time_s;
+    for reading in &mut campaign.readings {
+        let (_, station) = clean.station(&campaign.stations[reading.station as usize]).unwrap();
+        let sight = nominal_point_m(reading.reading_m, reading.offset_m) - station.position_m;
+        let expanded_m = PER_KELVIN * (room_c(reading.time_s) - 20.0) * reading.reading_m[0];
+        reading.length_m += expanded_m * sight.x / sight.norm();
+        // The sensor goes on where a station is moved.
+        while last_s + 10.0 < reading.time_s {
+            last_s += 10.0;
+            sensor.push(last_s, room_c(last_s));
+        }
+        last_s = reading.time_s;
+        logged.push(Some(sensor.push(last_s, room_c(last_s)).value));
+    }
+    campaign.covariates = vec![Covariate { name: "temp_room_c".to_owned(), values: logged }];
+    let diagnosis = case.diagnose();
+    assert_eq!(names(&diagnosis), ["scale_expansion"], "{:?}", diagnosis.steps);
+    assert_eq!(text(&diagnosis, "scale_expansion", "axis"), "x");
+    let (logged, lag_s) = of_lagged(text(&diagnosis, "scale_expansion", "sensor")).unwrap();
+    assert_eq!(logged, "temp_room_c");
+    assert!((f64::from(-lag_s) / TAU_S - 1.0).abs() < 0.3, "{lag_s} s");
     let alpha = &diagnosis.found[0].parameters[0];
     assert!((alpha.value / PER_KELVIN - 1.0).abs() < 0.1, "{alpha:?}");
 }
