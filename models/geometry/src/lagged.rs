@@ -41,6 +41,9 @@ const SHARPNESS: f64 = 0.1;
 /// The same in those of the average: three stages, one after the other, forget later.
 const SETTLED_AHEAD: f64 = 6.0;
 
+/// Longest pause in which any temperature of a structure or a room is taken to run straight (s): points of a table are minutes apart.
+const STRAIGHT_S: f64 = 300.0;
+
 /// A first-order lag, or what is ahead of one.
 #[derive(Debug, Clone)]
 pub struct Lag {
@@ -72,9 +75,10 @@ pub struct Lagged {
 }
 
 impl Lag {
-    /// A lag of that time constant (s, below zero for what is ahead; not zero), without history.
+    /// A lag of that time constant (s, below zero for what is ahead; not zero), without history. A straight line leads across pauses of up
+    /// to five minutes, or of its time constant.
     pub fn new(tau_s: f64) -> Lag {
-        Lag::across(tau_s, 0.0)
+        Lag::across(tau_s, STRAIGHT_S)
     }
 
     /// The same for what is looked back at: a straight line leads across pauses of up to `pause_s` (s), or of its time constant. What is not
@@ -188,6 +192,19 @@ mod tests {
         let time_s = 19_999.0;
         let expected = parabola(time_s) + 600.0 * (1e-4 + 2e-8 * time_s);
         assert!((last - expected).abs() < 1e-4, "{last} {expected}");
+    }
+
+    /// Behind 80 s, of points that are two or three minutes apart none was corrected.
+    #[test]
+    fn regress_a_short_lag_goes_on_over_points_that_are_minutes_apart() {
+        let mut lag = Lag::new(80.0);
+        lag.push(0.0, 20.0);
+        let next = lag.push(180.0, 20.9);
+        assert!(!next.is_new && !next.is_settled, "{next:?}");
+        let later = lag.push(360.0, 21.8);
+        // 80 s behind a ramp of 5 mK/s, but for what is left of the beginning.
+        assert!(later.is_settled && (later.value - (21.8 - 0.4)).abs() < 0.01, "{later:?}");
+        assert!(lag.push(661.0, 21.8).is_new);
     }
 
     #[test]
