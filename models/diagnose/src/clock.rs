@@ -6,10 +6,10 @@
 //! side, and the strongest effect is tried again by every sensor. Logs are averaged over some readings for it, moved or not, since one
 //! between two entries has less noise than an entry. Times in s.
 
-use crate::candidates::{Round, columns_of, proposals, score_all};
+use crate::candidates::{Candidate, Round, columns_of, proposals, score_all};
 use crate::context::{Context, follows_time, is_of_the_room, range, read_by};
 use crate::error::DiagnoseError;
-use crate::lags::{place_of, with_lags};
+use crate::lags::{apart, is_lagged, place_of, with_lags};
 use crate::logs::between;
 use crate::options::Progress;
 use crate::search::{Search, State, has};
@@ -24,6 +24,8 @@ const LARGEST: f64 = 0.125;
 /// Shifts to either side, each larger than the one before by the same factor.
 const SHIFTS: usize = 8;
 const RATIO: f64 = 1.4;
+/// Sensors that are tried behind and ahead of what they logged: those by which the effect explains most.
+const MOST_LATE: usize = 4;
 /// Readings to either side over which a log is averaged.
 const WINDOW: i32 = 3;
 
@@ -108,8 +110,9 @@ fn found(
     let terms: Vec<&EffectTerm> = added.iter().map(|(term, _)| *term).collect();
     let mut as_it_is = look.together(round, &terms)?;
     let still = look.moved(0.0, &terms);
+    let of_still = Round::new(fit, search.instrument, &still)?;
     as_it_is =
-        as_it_is.max(look.together(&Round::new(fit, search.instrument, &still)?, &terms)?).max(look.best(&still)?);
+        as_it_is.max(look.together(&of_still, &terms)?).max(look.best(&still)?).max(look.late(&of_still, &still)?);
     let mut best = (0.0, f64::NEG_INFINITY);
     let shifts_s = shifts_s(search.campaign);
     for shift_s in &shifts_s {
@@ -153,12 +156,31 @@ impl Look<'_, '_> {
     /// Evidence of the strongest effect by whichever sensor of this campaign explains most.
     fn best(&self, campaign: &Campaign) -> Result<f64, DiagnoseError> {
         let round = Round::new(self.fit, self.search.instrument, campaign)?;
+        let scored = self.by_each_sensor(&round, campaign)?;
+        Ok(scored.iter().map(|candidate| candidate.evidence(round.used)).fold(f64::NEG_INFINITY, f64::max))
+    }
+
+    /// The same by what is ahead of each logged sensor, or behind it: one that follows late is no clock that is off.
+    fn late(&self, round: &Round, campaign: &Campaign) -> Result<f64, DiagnoseError> {
+        let machine = &self.fit.model.parts().machine;
+        let mut by_sensor = self.by_each_sensor(round, campaign)?;
+        by_sensor.retain(|candidate| !is_lagged(candidate));
+        by_sensor.sort_by(|a, b| b.evidence(round.used).total_cmp(&a.evidence(round.used)));
+        let mut best = f64::NEG_INFINITY;
+        for candidate in by_sensor.into_iter().take(MOST_LATE) {
+            let moved = apart(round, (machine, campaign), candidate, self.search.options.least_evidence)?;
+            best = best.max(moved.evidence(round.used));
+        }
+        Ok(best)
+    }
+
+    /// The strongest effect by all sensors that it may read.
+    fn by_each_sensor(&self, round: &Round, campaign: &Campaign) -> Result<Vec<Candidate>, DiagnoseError> {
         let terms = proposals(&self.fit.model.parts().machine, &Context::new(campaign))?;
         let alike = terms.into_iter().filter(|(known, term, _)| {
             known.name == self.strongest.effect.name() && place_of(term) == place_of(self.strongest)
         });
-        let scored = score_all(&round, alike.collect())?;
-        Ok(scored.iter().map(|candidate| candidate.evidence(round.used)).fold(f64::NEG_INFINITY, f64::max))
+        score_all(round, alike.collect())
     }
 }
 

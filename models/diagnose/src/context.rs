@@ -94,6 +94,17 @@ pub(crate) fn is_of_the_room(name: &str) -> bool {
     !is_derived(name) && ["temp_", "pressure_", "humidity_"].iter().any(|prefix| name.starts_with(prefix))
 }
 
+/// Whether stations were measured one after the other: no two at the same time.
+pub(crate) fn in_turn(campaign: &Campaign) -> bool {
+    let span = |station: usize| {
+        let own = campaign.readings.iter().filter(|reading| reading.station as usize == station);
+        range(own.map(|reading| reading.time_s))
+    };
+    let mut spans: Vec<(f64, f64)> = (0..campaign.stations.len()).map(span).collect();
+    spans.sort_by(|a, b| a.0.total_cmp(&b.0));
+    spans.windows(2).all(|pair| pair[1].0 >= pair[0].1)
+}
+
 /// Least and greatest of some values.
 pub(crate) fn range(values: impl Iterator<Item = f64>) -> (f64, f64) {
     values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| (low.min(value), high.max(value)))

@@ -249,7 +249,7 @@ fn machine_step(
     let all = columns_of(alike, &found)?;
     let count = all.ncols();
     let mut go_on = || observe(Progress::Scoring { round: 1, effects: found.len() });
-    let competing = (count > 0).then_some(all);
+    let competing = (count > 0).then_some(&all);
     match machine_step::find(alike, search.campaign, search.options, competing, &mut go_on)? {
         None if count > 0 => machine_step::find(&state.round, search.campaign, search.options, None, &mut go_on),
         step => Ok(step),

@@ -26,7 +26,8 @@ const LOSS: f64 = 1.0;
 const NO_LOSS: f64 = 0.25;
 /// Values that a covariate must have for one of them to be left out: of two, the other tells nothing of what changes between them.
 const LEVELS: usize = 3;
-/// Blocks of a covariate's range. A tenth at either end is extrapolated to.
+/// Blocks of a covariate's range. A tenth at either end is extrapolated to. A covariate that was set to no more values than these is not:
+/// its lowest and highest value are far from the next, and what bends between three loads is not told by two of them.
 const RANGE_BLOCKS: usize = 10;
 
 /// Kinds of block that are no covariate.
@@ -67,9 +68,12 @@ pub(crate) fn judge(before: &Round, after: &Round, campaign: &Campaign, terms: &
         false => (-LOSS, Untold::LeftOut),
     };
     for (by, blocks) in kinds(campaign, after, terms) {
-        if blocks.len() < 2 {
-            let few = if LEFT_OUT.contains(&by.as_str()) { "one" } else { "too few values of" };
-            verdict.missing.push(format!("{few} {by} only: what the term does at another one cannot be judged"));
+        let is_quantity = !LEFT_OUT.contains(&by.as_str());
+        if blocks.len() < if is_quantity { 1 } else { 2 } {
+            verdict.missing.push(match is_quantity {
+                true => format!("{by} has too few values: what the term does at another one cannot be judged"),
+                false => format!("there is one {by} only: what the term does at another one cannot be judged"),
+            });
             continue;
         }
         let pairs = pairs(before, after, &blocks, untold);
@@ -218,7 +222,12 @@ fn by_range(campaign: &Campaign, round: &Round, name: &str) -> Vec<Vec<usize>> {
     sorted.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
     let levels = 1 + sorted.windows(2).filter(|pair| pair[0].0 != pair[1].0).count();
     if levels < LEVELS {
-        return vec![sorted.into_iter().map(|(_, k)| k).collect()];
+        return Vec::new();
+    }
+    if levels <= RANGE_BLOCKS {
+        let mut blocks: Vec<Vec<usize>> =
+            sorted.chunk_by(|a, b| a.0 == b.0).map(|level| level.iter().map(|(_, k)| *k).collect()).collect();
+        return blocks.drain(1..levels - 1).collect();
     }
     let size = sorted.len().div_ceil(RANGE_BLOCKS).max(1);
     let mut blocks: Vec<Vec<usize>> = Vec::new();

@@ -61,6 +61,7 @@ mod together;
 mod tomorrow;
 mod wald;
 mod wander;
+mod within_stations;
 mod worth;
 mod zero_of_scale;
 
@@ -72,7 +73,7 @@ pub use foresight::{Foresight, Told, ToldParameter, foresee};
 pub use gate::{Judged, Verdict};
 pub use judge::{Blocked, HeldOutError, Placebo, Unseen};
 pub use logs::mended;
-pub use machine_step::MachineStep;
+pub use machine_step::{Change, MachineStep};
 pub use noise::{Detection, Group, Structure};
 pub use options::{Options, Progress};
 pub use pass::{Scored, score_pass};

@@ -1,14 +1,15 @@
-//! A step of the machine in the middle of the campaign: its squareness, or how its ram stands, is another one from some reading on.
+//! A step of the machine in the middle of the campaign: its squareness, how its ram stands, or its scales are other ones from some reading on.
 //!
 //! Place in the flow: near the end of [`crate::diagnose()`], on the rows that are left. A collision or a bumped axis is in no list of
-//! effects: no model can be right before and after it. What no fit may absorb of such a step is a motion of the tip that is linear in
-//! the readings: three angles between axes, three turns of the ram (rad). Each gap between two readings is tried as the instant,
+//! effects, nor is a compensation of the controller that somebody switched: no model can be right before and after it. What no fit may
+//! absorb of such a step is a motion of the tip that is linear in the readings: three angles between axes and three turns of the ram
+//! (rad), or three scales. Each gap between two readings is tried as the instant,
 //! and what any station measured across it is allowed to have moved there, or to have lost its zero. So a station that moved, a
 //! tracer's zero and a shift of the whole machine are no step of its geometry; these have the same signature.
 //!
 //! ```text
-//! motion of the tip from the gap on:  (γ_xy q_y + γ_xz q_z, γ_yz q_z, 0) + ω × offset
-//! evidence = gain of 2 ln L − degrees · ln n − 2 ln(gaps)
+//! motion of the tip from the gap on:  (γ_xy q_y + γ_xz q_z, γ_yz q_z, 0) + ω × offset,  or  (s_x q_x, s_y q_y, s_z q_z)
+//! evidence = gain of 2 ln L − degrees · ln n − 2 ln(2 gaps)
 //! ```
 //!
 //! A step is said only where the evidence beyond that of the moved stations passes, p times the number of all gaps too (the greatest
@@ -38,10 +39,17 @@ const TOGETHER: usize = 16;
 const FEWEST: usize = 24;
 /// Evidence by which another instant is nearly as likely: nineteen times in twenty the right one is among these.
 const AS_GOOD: f64 = 6.0;
-/// Angles between axes.
-const ANGLES: usize = 3;
-/// Angles between axes and turns of the ram.
-const FIGURES: usize = 6;
+/// Figures of a step that are told: angles between axes, or scales.
+const TOLD: usize = 3;
+
+/// What changes in a step.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Change {
+    /// Angles between X and Y, X and Z, Y and Z (rad), and how the ram stands.
+    Angles,
+    /// Scales of X, Y and Z (1).
+    Scales,
+}
 
 /// A step of the machine at an instant of its campaign.
 #[derive(Debug, Clone, PartialEq)]
@@ -50,8 +58,10 @@ pub struct MachineStep {
     pub readings: (usize, usize),
     /// When these were taken (s).
     pub times_s: (f64, f64),
-    /// By how much the angles between X and Y, X and Z, Y and Z changed, each with its standard uncertainty (rad).
-    pub angles_rad: [(f64, f64); ANGLES],
+    /// What changed.
+    pub change: Change,
+    /// By how much each of the three did, with its standard uncertainty (rad for angles, 1 for scales).
+    pub by: [(f64, f64); TOLD],
     /// Probability of as much by chance at any of the gaps.
     pub p_value: f64,
     /// Evidence beyond the stations' own motions: twice the log likelihood after the price of parameters and trials.
@@ -70,11 +80,15 @@ impl MachineStep {
             let minutes = (s / 60.0).floor() as i64;
             format!("{:02}:{:02}", minutes.div_euclid(60), minutes.rem_euclid(60))
         };
-        let angle = |(name, (rad, u_rad)): (&str, (f64, f64))| format!("{name} {:+.1} ± {:.1}", rad * 1e6, 2e6 * u_rad);
-        let angles: Vec<String> = ["XY", "XZ", "YZ"].into_iter().zip(self.angles_rad).map(angle).collect();
+        let (names, what, unit) = match self.change {
+            Change::Angles => (["XY", "XZ", "YZ"], "angles between its axes", "µrad"),
+            Change::Scales => (["X", "Y", "Z"], "scales of its axes", "µm/m"),
+        };
+        let figure = |(name, (by, u)): (&str, (f64, f64))| format!("{name} {:+.1} ± {:.1}", by * 1e6, 2e6 * u);
+        let figures: Vec<String> = names.into_iter().zip(self.by).map(figure).collect();
         format!(
-            "The machine changed between reading {} and {} (time {} to {} h:min, {:.0} to {:.0} s): the angles between its axes by {} \
-             µrad (k = 2), which moves the tip by {:.1} µm (rms). No model is right before and after it: find the cause, then \
+            "The machine changed between reading {} and {} (time {} to {} h:min, {:.0} to {:.0} s): the {what} by {} \
+             {unit} (k = 2), which moves the tip by {:.1} µm (rms). No model is right before and after it: find the cause, then \
              measure again, or use only what was measured after it. Until then this much stands in U.{}",
             first + 1,
             second + 1,
@@ -82,7 +96,7 @@ impl MachineStep {
             clock(self.times_s.1),
             self.times_s.0,
             self.times_s.1,
-            angles.join(", "),
+            figures.join(", "),
             self.size_m * 1e6,
             if self.outdoes_found { " What was found beside it describes parts of it, and is no cause." } else { "" }
         )
@@ -102,7 +116,19 @@ pub(crate) fn find(
     round: &Round,
     campaign: &Campaign,
     options: &Options,
-    found: Option<Mat<f64>>,
+    found: Option<&Mat<f64>>,
+    go_on: &mut dyn FnMut() -> bool,
+) -> Result<Option<MachineStep>, DiagnoseError> {
+    let angles = of(Change::Angles, (round, campaign), options, found, go_on)?;
+    let scales = of(Change::Scales, (round, campaign), options, found, go_on)?;
+    Ok([angles, scales].into_iter().flatten().max_by(|a, b| a.evidence.total_cmp(&b.evidence)))
+}
+
+fn of(
+    change: Change,
+    (round, campaign): (&Round, &Campaign),
+    options: &Options,
+    found: Option<&Mat<f64>>,
     go_on: &mut dyn FnMut() -> bool,
 ) -> Result<Option<MachineStep>, DiagnoseError> {
     let used: Vec<usize> = (0..round.rows.len()).filter(|k| round.rows.whitening[*k] > 0.0).collect();
@@ -110,7 +136,7 @@ pub(crate) fn find(
     if gaps.len() < FEWEST {
         return Ok(None);
     }
-    let scan = Scan::new(round, campaign, gaps.len());
+    let scan = Scan::new((round, campaign), change, 2 * gaps.len());
     let stride = gaps.len().div_ceil(COARSE);
     let mut tried = scan.tried(gaps.iter().step_by(stride).copied(), go_on)?;
     let best = |tried: &[Tried]| tried.iter().max_by(|a, b| a.beyond().total_cmp(&b.beyond())).map(|tried| tried.gap);
@@ -119,7 +145,7 @@ pub(crate) fn find(
     let near = gaps.iter().enumerate().filter(|(k, _)| k.abs_diff(place) < stride && k.abs_diff(place) > 0);
     tried.extend(scan.tried(near.map(|(_, gap)| *gap), go_on)?);
     let Some(step) = tried.iter().max_by(|a, b| a.beyond().total_cmp(&b.beyond())) else { return Ok(None) };
-    let p_value = (scan.p_value(step) * gaps.len() as f64).min(1.0);
+    let p_value = (scan.p_value(step) * scan.gaps as f64).min(1.0);
     if step.beyond() < options.least_evidence || p_value > options.significance {
         return Ok(None);
     }
@@ -129,13 +155,14 @@ pub(crate) fn find(
     if step.whole < rival + options.least_evidence {
         return Ok(None);
     }
-    let Some(angles_rad) = scan.judged(step)? else { return Ok(None) };
+    let Some(by) = scan.judged(step)? else { return Ok(None) };
     let (before, after) = between(&tried, step, &used);
-    let size_m = scan.size_m(&used, &angles_rad, step);
+    let size_m = scan.size_m(&used, &by, step);
     Ok(Some(MachineStep {
         readings: (before, after),
         times_s: (campaign.readings[before].time_s, campaign.readings[after].time_s),
-        angles_rad,
+        change,
+        by,
         p_value,
         evidence: step.beyond(),
         size_m,
@@ -187,24 +214,28 @@ impl Tried {
 pub(super) struct Scan<'s> {
     round: &'s Round<'s>,
     campaign: &'s Campaign,
-    /// Angles and turns of the ram.
+    change: Change,
+    /// Angles and turns of the ram, or scales.
     figures: Vec<Vec<f64>>,
-    /// Gaps among which the best is taken.
+    /// Gaps, and kinds of step, among which the best is taken.
     gaps: usize,
 }
 
 impl<'s> Scan<'s> {
-    fn new(round: &'s Round<'s>, campaign: &'s Campaign, gaps: usize) -> Scan<'s> {
+    fn new((round, campaign): (&'s Round<'s>, &'s Campaign), change: Change, gaps: usize) -> Scan<'s> {
         let figure = |of: &dyn Fn(usize) -> Vector3<f64>| -> Vec<f64> {
             (0..campaign.readings.len()).map(|k| round.rows.rays[k].direction.dot(&of(k))).collect()
         };
         let reading = |k: usize| &campaign.readings[k].reading_m;
-        let mut figures: Vec<Vec<f64>> =
-            PLANES.iter().map(|(moves, by)| figure(&|k| Vector3::ith(*moves, reading(k)[*by]))).collect();
-        figures.extend(
-            (0..3).map(|d| figure(&|k| Vector3::ith(d, 1.0).cross(&Vector3::from(campaign.readings[k].offset_m)))),
-        );
-        Scan { round, campaign, figures, gaps }
+        let figures = match change {
+            Change::Angles => {
+                let angles = PLANES.iter().map(|(moves, by)| figure(&|k| Vector3::ith(*moves, reading(k)[*by])));
+                let offset = |k: usize| Vector3::from(campaign.readings[k].offset_m);
+                angles.chain((0..3).map(|d| figure(&|k| Vector3::ith(d, 1.0).cross(&offset(k))))).collect()
+            }
+            Change::Scales => (0..TOLD).map(|d| figure(&|k| Vector3::ith(d, reading(k)[d]))).collect(),
+        };
+        Scan { round, campaign, change, figures, gaps }
     }
 
     /// Whitened columns of these values where `factor` says so.
@@ -262,7 +293,7 @@ impl<'s> Scan<'s> {
                 some.iter().map(|gap| self.matrix(&[self.stations(*gap), self.machine(*gap)].concat())).collect();
             let projected = self.round.free.project_all(&groups);
             all.extend(some.iter().zip(projected).map(|(gap, projected)| {
-                let stations: Vec<usize> = (0..projected.gradient.len() - FIGURES).collect();
+                let stations: Vec<usize> = (0..projected.gradient.len() - self.figures.len()).collect();
                 let alone = (!stations.is_empty()).then(|| self.round.score(&projected.pick(&stations)));
                 let both = self.round.score(&projected);
                 let whole = both.evidence(self.round.used, self.gaps);
@@ -284,41 +315,43 @@ impl<'s> Scan<'s> {
         p_of((tried.both.reduction - reduction).max(0.0), more, remaining, rest)
     }
 
-    /// Angles with their standard uncertainty where lines left out are predicted better with the step; `None` where not.
-    fn judged(&self, tried: &Tried) -> Result<Option<[(f64, f64); ANGLES]>, DiagnoseError> {
+    /// Angles or scales with their standard uncertainty where lines left out are predicted better with the step; `None` where not.
+    fn judged(&self, tried: &Tried) -> Result<Option<[(f64, f64); TOLD]>, DiagnoseError> {
         let stations = self.matrix(&self.stations(tried.gap));
         let machine = self.matrix(&self.machine(tried.gap));
         let with = |columns: &[Mat<f64>]| self.round.free.widened(columns, self.round.used);
         let (without, with) = (with(std::slice::from_ref(&stations))?, with(&[stations, machine])?);
         let own = with.covariance();
-        let first = own.nrows() - FIGURES;
+        let first = own.nrows() - self.figures.len();
         let unit = with.noise_factor().max(1.0);
-        let at = tried.both.estimate.len() - FIGURES;
-        let angles = std::array::from_fn(|k| {
+        let at = tried.both.estimate.len() - self.figures.len();
+        let by = std::array::from_fn(|k| {
             (tried.both.estimate[at + k], (own[(first + k, first + k)] * unit).max(0.0).sqrt())
         });
         let round =
             |linear: Linear| Round { free: Arc::new(linear.clone()), linear: Arc::new(linear), ..self.round.clone() };
         let is_better = gate::gains_on_lines(&round(without), &round(with), self.campaign);
-        Ok(is_better.then_some(angles))
+        Ok(is_better.then_some(by))
     }
 
     /// Rms of the tip's motion over the readings (m). Of two axes that turn against each other nobody can tell which one did, so the
     /// longer counts.
-    fn size_m(&self, used: &[usize], angles_rad: &[(f64, f64); ANGLES], tried: &Tried) -> f64 {
+    fn size_m(&self, used: &[usize], by: &[(f64, f64); TOLD], tried: &Tried) -> f64 {
         let count = used.len().max(1) as f64;
         let variance = |d: usize| {
             let at = |k: &usize| self.campaign.readings[*k].reading_m[d];
             let mean = used.iter().map(at).sum::<f64>() / count;
             used.iter().map(|k| (at(k) - mean).powi(2)).sum::<f64>() / count
         };
-        let turned = |((first, second), (rad, u_rad)): (&(usize, usize), &(f64, f64))| {
-            let told_rad = u_rad.min(rad.abs());
-            (rad * rad + told_rad * told_rad) * variance(*first).max(variance(*second))
+        let square = |(by, u): &(f64, f64)| by * by + u.min(by.abs()).powi(2);
+        if self.change == Change::Scales {
+            return (0..TOLD).map(|d| square(&by[d]) * variance(d)).sum::<f64>().sqrt();
+        }
+        let turned = |((first, second), by): (&(usize, usize), &(f64, f64))| {
+            square(by) * variance(*first).max(variance(*second))
         };
-        let square_m2: f64 = PLANES.iter().zip(angles_rad).map(turned).sum();
-        let at = tried.both.estimate.len() - ANGLES;
-        let turn = Vector3::from_column_slice(&tried.both.estimate[at..]);
+        let square_m2: f64 = PLANES.iter().zip(by).map(turned).sum();
+        let turn = Vector3::from_column_slice(&tried.both.estimate[tried.both.estimate.len() - 3..]);
         let offset = |k: &usize| Vector3::from(self.campaign.readings[*k].offset_m);
         let mean = used.iter().map(offset).sum::<Vector3<f64>>() / count;
         let ram_m2 = used.iter().map(|k| turn.cross(&(offset(k) - mean)).norm_squared()).sum::<f64>() / count;
@@ -327,4 +360,4 @@ impl<'s> Scan<'s> {
 }
 
 /// Axis that an angle moves, and axis along which it grows.
-const PLANES: [(usize, usize); ANGLES] = [(0, 1), (0, 2), (1, 2)];
+const PLANES: [(usize, usize); TOLD] = [(0, 1), (0, 2), (1, 2)];

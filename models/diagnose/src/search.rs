@@ -16,7 +16,7 @@ use crate::options::{Options, Progress};
 use crate::periodic::Periodogram;
 use crate::score::Score;
 use crate::step::Step;
-use crate::{exchange, jumps, lags, order, periodic, runs, serial, worth};
+use crate::{exchange, jumps, lags, order, periodic, runs, serial, within_stations, worth};
 use abbe_geometry::ErrorId;
 use abbe_geometry::effects::{ShapeValue, known};
 use abbe_geometry::machine::Machine;
@@ -386,7 +386,11 @@ impl<'a> Search<'a> {
                 let own = std::slice::from_ref(&term);
                 let verdict = gate::judge(&state.round, &round, self.campaign, own);
                 let costs = || worth::refusal(own, &state.fit.model, &fit.model, self.campaign);
-                verdict.refused.clone().or_else(costs).map_or(Ok((fit, round, verdict)), Err)
+                let untold = match fit.model.parts().effects.last() {
+                    Some(fitted) => within_stations::refusal(self, (&state.fit, &state.round), fitted)?,
+                    None => None,
+                };
+                verdict.refused.clone().or_else(costs).or(untold).map_or(Ok((fit, round, verdict)), Err)
             }
             Err(problem) => Err(format!("it cannot be fitted: {problem}")),
         };
@@ -548,13 +552,16 @@ impl<'a> Search<'a> {
         Ok(())
     }
 
-    /// The term whose parameters are jointly closest to zero, if it does not earn them (Wald test).
+    /// The term whose parameters, or those of them that make it what it is, are jointly closest to zero, if it does not earn them
+    /// (Wald test).
     fn weakest(&self, state: &State) -> Result<Option<usize>, DiagnoseError> {
         let rows = state.fit.weights.iter().filter(|w| **w > 0.0).count();
         let mut weakest: Option<(usize, f64)> = None;
-        for (index, wald) in crate::wald::of_terms(&state.fit).into_iter().enumerate() {
-            let earned = wald.statistic - wald.degrees as f64 * (rows.max(2) as f64).ln();
-            if (earned < 0.0 || wald.degrees == 0) && weakest.is_none_or(|(_, other)| earned < other) {
+        let walds = crate::wald::of_terms(&state.fit).into_iter().zip(crate::wald::of_essential(&state.fit));
+        for (index, (wald, essential)) in walds.enumerate() {
+            let earned = [Some(wald), essential].into_iter().flatten().map(|wald| wald.earned(rows));
+            let earned = earned.fold(f64::INFINITY, f64::min);
+            if earned < 0.0 && weakest.is_none_or(|(_, other)| earned < other) {
                 weakest = Some((index, earned));
             }
         }

@@ -10,7 +10,7 @@
 //! mean square on the ranges, which see one direction of three.
 
 use crate::candidates::Round;
-use crate::context::{follows_time, range, read_by};
+use crate::context::{follows_time, in_turn, range, read_by};
 use crate::gate;
 use crate::linear::Linear;
 use abbe_geometry::effects::of_lagged;
@@ -81,14 +81,7 @@ fn goes_along_with_time(campaign: &Campaign, name: &str) -> bool {
 /// Whether an effect moves the stands of tracers in time, of which no two measured together: to one after the other, a machine that
 /// turns on its bed in that time is the same, whatever the sights.
 fn moves_stand(fitted: &FittedEffect, campaign: &Campaign) -> bool {
-    let of_stations = fitted.shape.0.contains_key("stations");
-    let span = |station: usize| {
-        let own = campaign.readings.iter().filter(|reading| reading.station as usize == station);
-        range(own.map(|reading| reading.time_s))
-    };
-    let mut spans: Vec<(f64, f64)> = (0..campaign.stations.len()).map(span).collect();
-    spans.sort_by(|a, b| a.0.total_cmp(&b.0));
-    of_stations && spans.windows(2).all(|pair| pair[1].0 >= pair[0].1)
+    fitted.shape.0.contains_key("stations") && in_turn(campaign)
 }
 
 fn has_no_name(fitted: &FittedEffect) -> bool {

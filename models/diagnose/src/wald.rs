@@ -29,6 +29,16 @@ pub(crate) struct Wald {
     pub(crate) degrees: usize,
 }
 
+impl Wald {
+    /// What it is above the price of its directions over so many rows; without a measured direction nothing is earned.
+    pub(crate) fn earned(self, rows: usize) -> f64 {
+        match self.degrees {
+            0 => f64::NEG_INFINITY,
+            degrees => self.statistic - degrees as f64 * (rows.max(2) as f64).ln(),
+        }
+    }
+}
+
 /// Of every effect of the model, in its order.
 pub(crate) fn of_terms(fit: &Identified) -> Vec<Wald> {
     let mut first = fit.model.layout().len();
@@ -67,13 +77,33 @@ fn plausible(fitted: &abbe_geometry::model::FittedEffect) -> Vec<f64> {
     fitted.effect.parameters().iter().map(|spec| spec.plausible).collect()
 }
 
+/// Of the parameters without which an effect is something else, for every effect in its order; `None` where all make it what it is.
+pub(crate) fn of_essential(fit: &Identified) -> Vec<Option<Wald>> {
+    let mut first = fit.model.layout().len();
+    let mut all = Vec::new();
+    for fitted in &fit.model.parts().effects {
+        let own = fitted.effect.essential();
+        let (values, priors) = (&fitted.parameters, plausible(fitted));
+        all.push((!own.is_empty()).then(|| of_some(&fit.model, (first, own), values, &priors)));
+        first += values.len();
+    }
+    all
+}
+
 fn of(model: &MachineModel, first: usize, values: &[f64], priors: &[f64]) -> Wald {
-    let count = values.len();
-    let scaled = Mat::from_fn(count, count, |i, j| model.covariance(first + i, first + j) / (priors[i] * priors[j]));
+    of_some(model, (first, &(0..values.len()).collect::<Vec<usize>>()), values, priors)
+}
+
+/// Of these parameters of an effect whose parameters begin at `first`.
+fn of_some(model: &MachineModel, (first, own): (usize, &[usize]), values: &[f64], priors: &[f64]) -> Wald {
+    let count = own.len();
+    let scaled = Mat::from_fn(count, count, |i, j| {
+        model.covariance(first + own[i], first + own[j]) / (priors[own[i]] * priors[own[j]])
+    });
     let Some((variances, directions)) = symmetric_eigen(&scaled) else { return Wald { statistic: 0.0, degrees: 0 } };
     let (mut statistic, mut degrees) = (0.0, 0);
     for (k, variance) in variances.iter().enumerate().filter(|(_, v)| **v > 0.0 && **v < MEASURED) {
-        let along: f64 = (0..count).map(|i| directions[(i, k)] * values[i] / priors[i]).sum();
+        let along: f64 = (0..count).map(|i| directions[(i, k)] * values[own[i]] / priors[own[i]]).sum();
         statistic += along * along / variance;
         degrees += 1;
     }

@@ -99,6 +99,18 @@ fn one_effect_is_named_and_removed() {
     }
 }
 
+/// A tip that a temperature pushes along Y by the same everywhere was called an expansion of the scale, of 0.13 ± 0.56 µm/(m·K).
+#[test]
+fn regress_a_push_by_a_temperature_is_no_expansion_of_a_scale() {
+    // As good as fixed at infinity: 3 µm/K at every reading.
+    let case = Case::new(4, &["scale_expansion axis=y per_kelvin_um_m=0.1 fixed_at_mm=-30000"]);
+    let diagnosis = case.diagnose();
+    assert_eq!(names(&diagnosis), ["empirical"], "{:?}", diagnosis.steps);
+    assert_eq!([text(&diagnosis, "empirical", "acts"), text(&diagnosis, "empirical", "p")], ["y", "temp_scale_y_c"]);
+    let (before_m, after_m) = (case.verification_m(&diagnosis.before.model), case.verification_m(&diagnosis.model));
+    assert!(after_m < 0.8 * before_m, "{before_m} {after_m}");
+}
+
 /// Two sensors side by side explain the same: whichever is taken, a coordinate is uncertain where they part.
 #[test]
 fn explanations_that_compete_are_averaged_and_their_disagreement_is_uncertainty() {

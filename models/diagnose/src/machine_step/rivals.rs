@@ -18,7 +18,7 @@ const HALF_CYCLES: usize = 20;
 /// Evidence of the best rival; `found` are whitened columns of what the search found.
 pub(super) fn best(
     scan: &Scan,
-    found: Option<Mat<f64>>,
+    found: Option<&Mat<f64>>,
     go_on: &mut dyn FnMut() -> bool,
 ) -> Result<f64, DiagnoseError> {
     let readings = &scan.campaign.readings;
@@ -41,7 +41,7 @@ pub(super) fn best(
     let logged = scan.campaign.covariates.iter().filter(|column| varies(&column.values));
     courses.extend(logged.map(|column| vec![centred(&column.values)]));
     let mut best = match found {
-        Some(columns) => evidence(scan, &[columns]),
+        Some(columns) => evidence(scan, std::slice::from_ref(columns)),
         None => f64::NEG_INFINITY,
     };
     let others = scales(scan);

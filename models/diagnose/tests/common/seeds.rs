@@ -1,5 +1,7 @@
 //! How many seeds a statistical test tries: some of them each time, all of them with `ABBE_SEEDS=all` (`just seeds`).
 
+#![allow(dead_code)] // each test uses its part
+
 /// Of so many seeds those to try, as a count from the first.
 pub(crate) fn seeds(all: u64) -> u64 {
     if std::env::var("ABBE_SEEDS").is_ok_and(|how| how == "all") { all } else { all.div_ceil(3) }

@@ -217,6 +217,8 @@ fn step(form: &str, m: &Moment) -> Vector {
         "straight" => [0.0, 0.8 * size, 0.6 * size],
         // The scale of X counts on from another place.
         "zero" => [size, 0.0, 0.0],
+        // Somebody switches the compensation of the scale of Y: size in µm/m.
+        "scale" => [0.0, size * m.reading_m[1], 0.0],
         _ => [0.0; 3],
     }
 }

@@ -61,6 +61,11 @@ impl Effect for ScaleExpansion {
         vec![ParameterSpec::new("alpha", "1/K", 30e-6), ParameterSpec::new("shift", "m/K", 60e-6)]
     }
 
+    /// Without an expansion it is the tip that moves with a temperature.
+    fn essential(&self) -> &'static [usize] {
+        &[0]
+    }
+
     fn motion(&self, state: &State, part: &mut Motion) -> Result<(), CovariateProblem> {
         let above_reference_k = state.covariate(&self.sensor)? - REFERENCE_C;
         let along = Acts::Error(ErrorId::linear(self.axis, self.axis));
