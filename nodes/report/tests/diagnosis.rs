@@ -134,3 +134,39 @@ fn regress_what_limits_several_effects_alike_is_one_warning() {
     assert_eq!(html.matches("class=\"callout warning\"").count(), 1);
     assert!(html.contains("surer than its size: 55 % of a; 55 % of b; 55 % of c; 55 % of d."));
 }
+
+/// Where the error surely grows at points that are known, the page says by what, and claims no cause where it found none.
+#[test]
+fn an_error_that_grows_is_said_first_and_with_what_it_grew() {
+    let figures = |um: f64| ErrorFigures { verify_rms_um: Some(um), ..ErrorFigures::default() };
+    let grown = |effects: Vec<Effect>, gain_um2: (f64, f64)| {
+        let verification = Verification {
+            file: File { file: "verify.csv".into(), sha256: String::new() },
+            points: 400,
+            extrapolated: 0,
+            covariate_missing: 0,
+            gain_interval_um2: Some(gain_um2),
+        };
+        let (before, after) = (figures(1.28), figures(1.94));
+        Record { before, after, effects, verification: Some(verification), ..clean() }.grown()
+    };
+    let found = grown(vec![effect("backlash")], (-3.0, -1.2)).unwrap();
+    assert!(found.contains("from 1.28 to 1.94 µm with what was found"), "{found}");
+    let none = grown(Vec::new(), (-3.0, -1.2)).unwrap();
+    assert!(none.contains("though no effect is new in it") && !none.contains("what was found"), "{none}");
+    // It may be chance.
+    assert_eq!(grown(vec![effect("backlash")], (-3.0, 0.2)), None);
+}
+
+/// Readings may be described by what corrects nothing; the error that they lose is then none of coordinates.
+#[test]
+fn regress_a_gain_of_the_readings_is_not_sold_as_one_of_coordinates() {
+    let words = |corrects: &[bool]| {
+        let effects =
+            corrects.iter().map(|corrects| Effect { corrects: *corrects, ..effect("empirical term") }).collect();
+        Record { effects, ..clean() }.words()
+    };
+    assert!(!words(&[true]).contains("error of the readings"));
+    assert!(words(&[false]).contains("coordinates gain nothing"), "{}", words(&[false]));
+    assert!(words(&[true, false]).contains("gain by what corrects alone"), "{}", words(&[true, false]));
+}

@@ -13,7 +13,7 @@ use abbe_diagnose::{ClockShift, Diagnosis, MachineStep, Options, Progress, Wande
 use abbe_files::{Doubt, MachineFile, ModelFile, OrderChoice, hex};
 use abbe_geometry::model::MachineModel;
 use abbe_identify::Evidence;
-use abbe_identify::verdict::{Grade, Verdict, of_campaign, widened};
+use abbe_identify::verdict::{Cause, Grade, Verdict, of_campaign, widened};
 use abbe_report::Identity;
 use abbe_report::diagnosis::{Both, DiagnosisReport, File, ModelOut, Record};
 use anyhow::{Context, bail, ensure};
@@ -136,10 +136,15 @@ pub(crate) fn run(
     let instrument = given.file.instrument;
     let diagnosis = diagnose(&parts.machine, &parts.effects, instrument, &loaded.campaign, &options, observe)
         .with_context(|| format!("{} with {}", loaded.source.file, name_of(model)))?;
-    let verdict = of_campaign(&loaded.campaign, &diagnosis.after);
+    let mut verdict = of_campaign(&loaded.campaign, &diagnosis.after);
     // A model that was accepted with its misfit is diagnosed to find the cause of it: what is left then is said, not refused.
     let accept = Accept { accept_misfit: request.accept.accept_misfit || given.was_accepted() };
     verdict::check(&verdict, accept, &loaded.source.file, || evidence_json(&diagnosis.after.evidence))?;
+    if let Some(step) = &diagnosis.machine_step {
+        verdict.findings.iter_mut().for_each(|finding| finding.causes.retain(|cause| !is_within(cause, step)));
+        // What readings across it contradict each other by is the step, which stands in U as it is.
+        verdict.widening = 1.0;
+    }
     let identity = Identity {
         measured: loaded.days.map(|days| days.to_string()),
         temperature_c: identity::temperature_c(&loaded.campaign),
@@ -174,6 +179,13 @@ pub(crate) fn run(
         report: DiagnosisReport { record, residuals: Some(residuals), figures: Vec::new(), identity, next: None },
         model: Some(bytes),
     })
+}
+
+/// Whether a station that moved or lost its zero is the step of the machine: seen from there both are the same, and only one of them is to
+/// be mended.
+fn is_within(cause: &Cause, step: &MachineStep) -> bool {
+    let (before, after) = step.readings;
+    matches!(cause, Cause::Step { readings: (last, first), .. } if before < *last && *first <= after + 1)
 }
 
 /// What is still wrong with the whole stands before what was found in it.
@@ -256,4 +268,37 @@ fn recorded(diagnosis: &Diagnosis, given: &Given, model: &Path, loaded: &LoadedC
     let sentences = [stepped(diagnosis), out_of_time(diagnosis), Some(record.words()), wandered(diagnosis)];
     record.verdict = sentences.into_iter().flatten().collect::<Vec<_>>().join(" ");
     record
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use abbe_diagnose::Change;
+
+    /// One verdict told to give the readings after a collision a station of their own, and to measure all of them again.
+    #[test]
+    fn regress_a_station_that_moved_where_the_machine_stepped_is_the_step() {
+        let step = MachineStep {
+            readings: (621, 647),
+            times_s: (11_369.0, 11_788.0),
+            change: Change::Angles,
+            by: [(-60e-6, 1e-6); 3],
+            p_value: 0.0,
+            evidence: 900.0,
+            size_m: 50e-6,
+            outdoes_found: true,
+        };
+        let moved = |last: usize| Cause::Step {
+            station: "S3".to_owned(),
+            lines: ("S3-04".to_owned(), "S3-04".to_owned()),
+            readings: (last, last + 1),
+            times_s: (11_773.0, 11_788.0),
+            moved_m: None,
+            dead_path_m: 65e-6,
+            explains: 52,
+        };
+        let is_the_step = |last: usize| is_within(&moved(last), &step);
+        assert!(is_the_step(647) && is_the_step(622));
+        assert!(!is_the_step(648) && !is_the_step(621));
+    }
 }

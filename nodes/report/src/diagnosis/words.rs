@@ -26,6 +26,7 @@ impl Record {
         }
         if !self.effects.is_empty() || self.enriched {
             sentences.push(self.gain());
+            sentences.extend(self.corrects_nothing().map(str::to_owned));
             if self.detection.after.has_structure == Some(true) {
                 sentences.push(
                     "The residual after still has structure that noise lacks and that no candidate explains."
@@ -41,10 +42,13 @@ impl Record {
         let (_, most) = self.verification.as_ref()?.gain_interval_um2?;
         let um = |figures: &super::ErrorFigures| figures.verify_rms_um.map(|um| significant(um, 3));
         let (before, after) = (um(&self.before)?, um(&self.after)?);
+        let with = match self.effects.is_empty() {
+            true => "with the fit made anew, though no effect is new in it",
+            false => "with what was found, so that is not what acts there",
+        };
         (most < 0.0).then(|| {
             format!(
-                "At the points whose actual position is known the error grows from {before} to {after} µm with what was found, so that is \
-                 not what acts there: keep the model that you have."
+                "At the points whose actual position is known the error grows from {before} to {after} µm {with}: keep the model that you have."
             )
         })
     }
@@ -90,6 +94,18 @@ impl Record {
             _ => {}
         }
         format!("Something is there that these data attribute to no candidate. {}", self.detection.before.words)
+    }
+
+    /// That the error of the readings is not that of coordinates, where what explains the former corrects nothing.
+    fn corrects_nothing(&self) -> Option<&'static str> {
+        let left_out = self.effects.iter().filter(|effect| !effect.corrects).count();
+        match (left_out, self.effects.len() - left_out) {
+            (0, _) => None,
+            (_, 0) => {
+                Some("That is the error of the readings: corrected coordinates gain nothing by what only widens u.")
+            }
+            _ => Some("That is the error of the readings: corrected coordinates gain by what corrects alone."),
+        }
     }
 
     fn gain(&self) -> String {
