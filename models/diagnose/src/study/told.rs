@@ -124,7 +124,8 @@ pub(super) fn doubts(view: &View, fit: &Fit, effects: &[Effect], significance: f
         }
     }
     // Of a size that changed by what may be the instrument, nobody knows which was the machine's.
-    let untold: Vec<usize> = doubts.left_out.keys().map(|place| fit.added[*place].candidate).collect();
+    let left_out = doubts.left_out.keys().map(|place| fit.added[*place].candidate);
+    let untold: Vec<usize> = left_out.chain(explained.into_values()).collect();
     for (place, fitted) in fit.added.iter().enumerate() {
         if untold.iter().any(|with| study.grows(fitted.candidate, *with)) {
             doubts.add(place, fitted.values.iter().copied());

@@ -410,7 +410,8 @@ impl Study for Vectors<'_> {
                 own == axis && self.candidates[with].covariates.iter().any(|name| POSITION[axis.index()] == name)
             }
             Part::Registered(own) => own.shape.0.get("axis") == Some(&ShapeValue::Text(axis.lower().to_owned())),
-            Part::Named(_) | Part::Step(..) | Part::Drift(_) => false,
+            Part::Drift(drift) => drift.motion == Motion::Scale,
+            Part::Named(_) | Part::Step(..) => false,
         }
     }
 
