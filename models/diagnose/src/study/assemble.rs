@@ -16,6 +16,7 @@ use super::search::{COMPARABLE, Found, Observe, Options, score_all, search};
 use super::series::independent;
 use super::significance::{probability, uncertainties};
 use super::terms::{Terms, terms};
+use super::told::{ANOTHER_ORDER, doubts};
 use super::view::View;
 use super::waves::tell_aliases;
 use crate::error::DiagnoseError;
@@ -25,8 +26,6 @@ use std::collections::BTreeSet;
 
 /// Alias share from which an effect found is mostly the model's own.
 pub(super) const ALIASED: f64 = 0.95;
-/// What tells an error of position from a drift.
-const ANOTHER_ORDER: &str = "measure the same positions once more in another order, or there and back";
 /// Error that no instrument shows: what is less is rounding of numbers (m).
 const NOTHING_M: f64 = 1e-12;
 /// Searches on all rows at most: each may show other rows to be gross.
@@ -70,11 +69,13 @@ pub(super) fn diagnose(
     let noise = noise(&view);
     let u = uncertainties(&mut view, &last)?;
     let u = with_beside(&view, &last, u);
-    let effects = effects(&mut view, &last, &u)?;
-    let terms = with_deviations(terms(&*view.study, &last, &u), &view, &last);
+    let mut effects = effects(&mut view, &last, &u)?;
+    let doubts = doubts(&view, &last, &effects, options.significance)?;
+    let terms = with_deviations(terms(&*view.study, &last, &u, &doubts), &view, &last);
+    effects.iter_mut().enumerate().for_each(|(place, effect)| doubts.widen(place, effect));
     let mut looked = looks(&view, &gross, &found, &before, lack_of_fit.as_ref(), options);
     looked.extend(unconfirmed);
-    let not_identifiable = not_identifiable(&*view.study, &effects, &found);
+    let not_identifiable = [not_identifiable(&*view.study, &effects, &found), doubts.ambiguities].concat();
     let consistent_with_noise = effects.is_empty() && looked.iter().all(|look| look.is_noise != Some(false));
     let next_measurements = next_measurements(&not_identifiable);
     let hidden = notes_of_displays(&view);

@@ -5,6 +5,7 @@
 //! in common with the rows before them is taken out later ([`super::view`]).
 
 use super::diagnosis::{Ambiguity, Kind, Untestable};
+use super::told::Changed;
 use crate::error::DiagnoseError;
 use crate::score::Score;
 use abbe_geometry::Axis;
@@ -208,6 +209,37 @@ pub(crate) trait Study: Sync {
     /// Whether a candidate reads what passes by itself while rows are taken.
     fn passes(&self, _candidate: usize) -> bool {
         false
+    }
+
+    /// Columns of what the instrument, or what is measured on, may do by itself with the course in time of a candidate of the machine; none
+    /// where a candidate has no such course, or where nobody takes it for the machine's.
+    fn instrument_beside(&self, _candidate: usize) -> Mat<f64> {
+        Mat::zeros(0, 0)
+    }
+
+    /// Whether one that goes with the time makes another grow, which stands still.
+    fn grows(&self, _candidate: usize, _with: usize) -> bool {
+        false
+    }
+
+    /// Whether a candidate is what an instrument alone can do.
+    fn is_of_instrument(&self, _candidate: usize) -> bool {
+        false
+    }
+
+    /// That instrument in words, and what would tell it from the machine.
+    fn instrument_words(&self) -> (&'static str, &'static str) {
+        ("the instrument", "")
+    }
+
+    /// Whether what the instrument may have done stays in a model, known to no better than its own size.
+    fn keeps_doubted(&self) -> bool {
+        false
+    }
+
+    /// How far a candidate that stands still was moved by an instrument that drifts, where that is among the effects found (their values).
+    fn changed_by_instrument(&self, _candidate: usize, _found: &[(usize, Vec<f64>)]) -> Option<Changed> {
+        None
     }
 
     /// Rows in the order of measurement; none where order means nothing.

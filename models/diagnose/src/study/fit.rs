@@ -15,7 +15,7 @@ use faer::{Mat, MatRef};
 
 /// Share of a direction's information that must be left beside the columns before it. What is left of less stands a tenth of its
 /// size apart from what is there already: two forms that hold the same term would share it between them, each with a size of its own.
-const LEFT: f64 = 1e-2;
+pub(super) const LEFT: f64 = 1e-2;
 /// Share below which two columns of the base model are one.
 const BASE_LEFT: f64 = 1e-10;
 const MOST_PASSES: usize = 40;

@@ -9,6 +9,7 @@
 
 use super::candidate::{Between, ModelTerm, Study};
 use super::fit::Fit;
+use super::told::Doubts;
 use abbe_geometry::effects::Shape;
 use std::collections::BTreeMap;
 
@@ -54,19 +55,20 @@ struct Value {
     beside: f64,
 }
 
-/// Terms of a fit; `u` are the uncertainties of its parameters as reported.
-pub(super) fn terms(study: &dyn Study, fit: &Fit, u: &[Vec<f64>]) -> Terms {
+/// Terms of a fit; `u` are the uncertainties of its parameters from the scatter, `doubts` what else they may be.
+pub(super) fn terms(study: &dyn Study, fit: &Fit, u: &[Vec<f64>], doubts: &Doubts) -> Terms {
     let mut terms = Terms { readings_m: study.readings_m(), ..Terms::default() };
     // The uncertainties reported hold more than the fit's own: correlations keep, deviations grow.
     let wider = |(a, i): (usize, usize)| {
         let own = fit.added[a].u[i];
         if own > 0.0 { u[a][i] / own } else { 1.0 }
     };
-    let covariance = |x: (usize, usize), y: (usize, usize)| wider(x) * fit.covariance(x, y) * wider(y);
+    let covariance =
+        |x: (usize, usize), y: (usize, usize)| wider(x) * fit.covariance(x, y) * wider(y) + doubts.covariance(x, y);
     let mut values: Vec<Value> = Vec::new();
     for (place, fitted) in fit.added.iter().enumerate() {
         let of = study.candidates()[fitted.candidate].name.clone();
-        let own = match study.model_terms(fitted.candidate) {
+        let own = match doubts.left_out.get(&place).cloned().map_or_else(|| study.model_terms(fitted.candidate), Err) {
             Ok(own) => own,
             Err(reason) => {
                 terms.left_out.push((of, reason));

@@ -7,6 +7,7 @@
 //! error approaching in the positive direction less mean error approaching in the negative.
 
 mod given;
+mod instrument;
 mod model;
 mod naming;
 mod order;

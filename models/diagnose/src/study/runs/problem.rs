@@ -2,11 +2,11 @@
 //!
 //! Place in the flow: between the shapes and the common search. One row an approach, error over 1 µm.
 
+mod aliases;
 mod bands;
-mod grid;
 
-use self::grid::{common_step_m, equal_step_m};
 use super::given::given;
+use super::instrument;
 use super::model;
 use super::naming::named;
 use super::order::{gaps, in_order};
@@ -17,7 +17,9 @@ use super::{Approach, Run};
 use crate::error::DiagnoseError;
 use crate::study::candidate::{Band, Candidate, Chain, Local, ModelTerm, Question, Study};
 use crate::study::diagnosis::{Ambiguity, Untestable};
+use crate::study::grid::{common_step_m, equal_step_m};
 use crate::study::smooth::{legendre, levels, range};
+use crate::study::told::Changed;
 use faer::Mat;
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -28,8 +30,6 @@ const FEWEST_CYCLES: usize = 3;
 const OVERSAMPLING: f64 = 4.0;
 /// Targets from which a wave of unknown period, three unknowns in many guises, can be told from a table of errors.
 const FEWEST_FOR_WAVES: usize = 12;
-/// Periods named in one sentence.
-const NAMED: usize = 4;
 /// Highest degree of the polynomials that a wave must stand apart from.
 const SMOOTH: usize = 6;
 /// Time constants tested: the duration over the longest, their ratio, and how many.
@@ -172,15 +172,6 @@ impl Runs {
             }
         }
         columns
-    }
-
-    /// Frequencies (1/m) at which a wave that was found gives the same errors, or nearly.
-    fn aliases_of(&self, candidate: usize) -> Vec<f64> {
-        let (axis, Shape::Periodic(period_m)) = &self.shapes[candidate] else { return Vec::new() };
-        match self.axes[*axis].step_m {
-            Some(step_m) => [-1.0, 1.0].map(|sign| step_m.recip() + sign / period_m).to_vec(),
-            None => self.aliases.get(&candidate).cloned().unwrap_or_default(),
-        }
     }
 
     fn name(&mut self, candidate: usize) {
@@ -437,6 +428,40 @@ impl Study for Runs {
         self.shape_columns(axis, &Shape::Position(degree))
     }
 
+    fn passes(&self, candidate: usize) -> bool {
+        self.shapes[candidate].1.is_of_time()
+    }
+
+    fn instrument_beside(&self, candidate: usize) -> Mat<f64> {
+        let (axis, shape) = &self.shapes[candidate];
+        let AxisRuns { rows, ranges, .. } = &self.axes[*axis];
+        let of_rows: Vec<Vec<f64>> =
+            rows.iter().map(|row| instrument::beside(shape, &self.runs[*row], ranges)).collect();
+        let mut columns = Mat::zeros(self.runs.len(), of_rows.first().map_or(0, Vec::len));
+        for (row, own) in rows.iter().zip(of_rows) {
+            own.into_iter().enumerate().for_each(|(j, value)| columns[(*row, j)] = value / UNIT_M);
+        }
+        columns
+    }
+
+    fn instrument_words(&self) -> (&'static str, &'static str) {
+        (instrument::RIVAL, instrument::STANDS_STILL)
+    }
+
+    fn keeps_doubted(&self) -> bool {
+        true
+    }
+
+    fn changed_by_instrument(&self, candidate: usize, found: &[(usize, Vec<f64>)]) -> Option<Changed> {
+        let (axis, shape) = &self.shapes[candidate];
+        let of_axis = found.iter().filter(|(by, _)| self.shapes[*by].0 == *axis);
+        let changed = |(by, values): &(usize, Vec<f64>)| {
+            let reach = instrument::changed(shape, &self.shapes[*by].1, values, &self.axes[*axis].ranges)?;
+            Some(Changed { by: *by, reach })
+        };
+        of_axis.filter_map(changed).next()
+    }
+
     fn chains(&self) -> &[Chain] {
         &self.chains
     }
@@ -556,28 +581,8 @@ impl Study for Runs {
         self.untestable.clone()
     }
 
-    /// Targets that are too few, or at equal steps, make a short period look like a long one.
     fn ambiguities(&self, found: &[usize]) -> Vec<Ambiguity> {
-        let mut list = Vec::new();
-        for candidate in found {
-            let aliases = self.aliases_of(*candidate);
-            if aliases.is_empty() {
-                continue;
-            }
-            let periods: Vec<String> = aliases.iter().take(NAMED).map(|f| format!("{:.4} mm", 1e3 / f)).collect();
-            let periods = periods.join(", ");
-            let because = match self.axes[self.shapes[*candidate].0].step_m {
-                Some(step_m) => format!(
-                    "targets at equal steps of {:.4} mm: periods of {periods} and shorter ones give the same errors",
-                    step_m * 1e3
-                ),
-                None => format!("at these targets periods of {periods} go nearly as well"),
-            };
-            let decided_by = "measure a stretch at irregular steps, or at a tenth of the shortest period suspected";
-            let effects = vec![self.candidates[*candidate].name.clone()];
-            list.push(Ambiguity { effects, because, decided_by: decided_by.to_owned() });
-        }
-        list
+        self.aliases_in_words(found)
     }
 
     fn notes(&self) -> Vec<String> {

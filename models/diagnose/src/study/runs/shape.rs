@@ -184,7 +184,7 @@ impl Shape {
 }
 
 /// Share of a growth that comes to rest, after this time.
-fn grown(since_s: f64, tau_s: f64) -> f64 {
+pub(super) fn grown(since_s: f64, tau_s: f64) -> f64 {
     // −expm1 keeps the digits of the first seconds.
     -(-since_s / tau_s).exp_m1()
 }

@@ -12,6 +12,7 @@
 //! what differs between its poses is used, from which its own form has gone (`turned`).
 
 mod blocks;
+mod drift;
 mod given;
 mod linear;
 mod model;

@@ -4,14 +4,19 @@
 //! (position less the offset of the tip), times count from the first vector.
 
 use super::shape::{Quantity, Shape};
-use crate::study::candidate::ModelTerm;
+use crate::study::candidate::{Between, ModelTerm, Table};
+use crate::study::grid::common_step_m;
 use abbe_geometry::Axis;
 use abbe_geometry::effects::Shape as ModelShape;
 use faer::Mat;
+use std::collections::BTreeSet;
 use std::f64::consts::TAU;
 
-/// Name in the registry of effects.
+/// Names in the registry of effects.
 const SMOOTH: &str = "empirical";
+const TERM: &str = "axis_term";
+/// Readings within this are one (m): those of a grid are counted in nanometres.
+const SAME_M: f64 = 1e-9;
 
 /// A shape that moves one component; `less` is what a quantity of the model is smaller by.
 pub(super) fn term(axis: Axis, shape: Shape, quantities: &[Quantity], less: impl Fn(&Quantity) -> f64) -> ModelTerm {
@@ -42,4 +47,16 @@ pub(super) fn term(axis: Axis, shape: Shape, quantities: &[Quantity], less: impl
     };
     let count = shape.parameters().len();
     ModelTerm { effect: SMOOTH, shape: own, map: Mat::identity(count, count), table: None }
+}
+
+/// What a wave may be between these readings of its axis (m) where a shorter or longer one is the same at all of them: zero in value, known
+/// to its size. `None` where they are no grid.
+pub(super) fn alias(axis: Axis, readings_m: &[f64]) -> Option<ModelTerm> {
+    let places: BTreeSet<i64> = readings_m.iter().map(|reading_m| (reading_m / SAME_M).round() as i64).collect();
+    let places: Vec<i64> = places.into_iter().collect();
+    common_step_m(&places)?;
+    let places_m: Vec<f64> = places.iter().map(|place| *place as f64 * SAME_M).collect();
+    let shape = ModelShape::new().text("axis", axis.lower()).numbers("places_m", &places_m);
+    let table = Some(Table { places_m, between: Between::Alias });
+    Some(ModelTerm { effect: TERM, shape, map: Mat::zeros(places.len(), 2), table })
 }

@@ -6,20 +6,23 @@ mod proposed;
 
 use super::ResidualVector;
 use super::blocks::blocks;
+use super::drift::{Course, Drift, Motion, OF_THE_INSTRUMENT, STANDS_STILL, of_registered, of_shape};
 use super::linear::Named;
 use super::plate::{Poses, RIGID, calibration_words, data};
 use super::quantities::{POSITION, TIME, quantities};
 use super::registered::{Logged, Registered, motion};
-use super::shape::{Bent, Quantity};
+use super::shape::{Bent, Quantity, Shape};
 use super::step::Steps;
 use super::{model, order};
 use crate::error::DiagnoseError;
-use crate::linear::in_the_worst_way;
+use crate::linear::{in_the_worst_way, joined};
 use crate::study::candidate::{Candidate, Chain, Local, ModelTerm, Question, Study};
-use crate::study::diagnosis::Untestable;
+use crate::study::diagnosis::{Ambiguity, Untestable};
 use crate::study::series::steps;
 use crate::study::smooth::legendre;
 use crate::study::step::{NO_PROPERTY, Step};
+use crate::study::told::Changed;
+use abbe_geometry::effects::ShapeValue;
 use abbe_geometry::machine::Machine;
 use abbe_geometry::{Axis, Vector3};
 use faer::Mat;
@@ -44,6 +47,8 @@ enum Part {
     Smooth(Axis, Bent),
     /// One component, from a time on.
     Step(Axis, Step),
+    /// What the instrument or the plate does by itself.
+    Drift(Drift),
 }
 
 /// All vectors.
@@ -130,6 +135,7 @@ impl<'a> Vectors<'a> {
         study.add_named(false);
         study.add_smooth();
         study.add_steps();
+        study.add_drifts();
         study.add_plate_notes();
         study.chains = components.iter().map(|d| study.chain(*d)).collect();
         Ok(study)
@@ -195,7 +201,7 @@ impl<'a> Vectors<'a> {
         match &self.parts[candidate] {
             Part::Smooth(axis, bent) => Some((*axis, self.smooth_columns(*axis, bent, vectors))),
             Part::Step(axis, step) => Some((*axis, self.step_columns(*axis, step, vectors))),
-            Part::Registered(_) | Part::Named(_) => None,
+            Part::Registered(_) | Part::Named(_) | Part::Drift(_) => None,
         }
     }
 
@@ -209,8 +215,37 @@ impl<'a> Vectors<'a> {
     fn moved(&self, candidate: usize) -> Vec<usize> {
         match &self.parts[candidate] {
             Part::Smooth(axis, _) | Part::Step(axis, _) => vec![axis.index()],
-            Part::Named(_) | Part::Registered(_) => (0..3).filter(|d| self.measured[*d]).collect(),
+            Part::Named(_) | Part::Registered(_) | Part::Drift(_) => (0..3).filter(|d| self.measured[*d]).collect(),
         }
+    }
+
+    /// What a wave may be between the lines of a grid.
+    fn alias(&self, candidate: usize) -> Option<ModelTerm> {
+        let Part::Registered(own) = &self.parts[candidate] else { return None };
+        let axis = own.wave_along()?;
+        let less_m = self.offset_m()[axis.index()];
+        let readings_m: Vec<f64> = self.vectors.iter().map(|vector| vector.position_m[axis.index()] - less_m).collect();
+        model::alias(axis, &readings_m)
+    }
+
+    fn time(&self) -> Option<(usize, &Quantity)> {
+        self.quantities.iter().enumerate().find(|(_, quantity)| quantity.name == TIME)
+    }
+
+    /// Columns of motions of the whole with these functions of the time, over the standard uncertainty of the rows.
+    fn drift_columns(&self, motions: &[Motion], functions: &[Vec<f64>]) -> Mat<f64> {
+        let mut columns = Mat::zeros(3 * self.vectors.len(), motions.len() * functions.len());
+        for (k, sigma_m) in self.sigma_m.iter().enumerate() {
+            let arm_m = self.poses.arm_m(self.vectors, k);
+            for (i, motion) in motions.iter().enumerate() {
+                let moved = motion.of(&arm_m);
+                for (j, function) in functions.iter().enumerate() {
+                    let column = i * functions.len() + j;
+                    (0..3).for_each(|d| columns[(3 * k + d, column)] = moved[d] * function[k] / sigma_m[d]);
+                }
+            }
+        }
+        columns
     }
 
     /// What was wrong with the vectors given.
@@ -275,6 +310,9 @@ impl Study for Vectors<'_> {
             }
             return columns;
         }
+        if let (Part::Drift(drift), Some((_, time_s))) = (&self.parts[candidate], self.time()) {
+            return self.drift_columns(&[drift.motion], &drift.course.functions(time_s));
+        }
         for (k, (vector, sigma_m)) in self.vectors.iter().zip(&self.sigma_m).enumerate() {
             match (&self.parts[candidate], self.machine) {
                 (Part::Named(named), _) => {
@@ -289,7 +327,7 @@ impl Study for Vectors<'_> {
                         (0..3).for_each(|d| columns[(3 * k + d, j)] = moved[d] / sigma_m[d]);
                     }
                 }
-                (Part::Registered(_), None) | (Part::Smooth(..) | Part::Step(..), _) => {}
+                (Part::Registered(_), None) | (Part::Smooth(..) | Part::Step(..) | Part::Drift(_), _) => {}
             }
         }
         columns
@@ -349,6 +387,67 @@ impl Study for Vectors<'_> {
         self.candidates[candidate].covariates.iter().any(|name| order::passes(name))
     }
 
+    fn instrument_beside(&self, candidate: usize) -> Mat<f64> {
+        let Some((time, time_s)) = self.time() else { return Mat::zeros(0, 0) };
+        let courses: Vec<Course> = match &self.parts[candidate] {
+            Part::Smooth(_, bent) => of_shape(bent.shape, time),
+            Part::Registered(own) if own.candidate.covariates.iter().any(|name| name == TIME) => {
+                of_registered(&own.shape)
+            }
+            _ => return Mat::zeros(0, 0),
+        };
+        let functions: Vec<Vec<f64>> = courses.into_iter().flat_map(|course| course.functions(time_s)).collect();
+        let moving = self.drift_columns(&Motion::all().collect::<Vec<Motion>>(), &functions);
+        // A growth from nothing has a mean, and the constant scale of a plate is not the machine's.
+        let still = if self.poses.is_plate() { vec![vec![1.0; self.vectors.len()]] } else { Vec::new() };
+        joined(&[moving, self.drift_columns(&[Motion::Scale], &still)])
+    }
+
+    fn grows(&self, candidate: usize, with: usize) -> bool {
+        let Part::Named(Named::Scale(axis)) = &self.parts[candidate] else { return false };
+        match &self.parts[with] {
+            Part::Smooth(own, _) => {
+                own == axis && self.candidates[with].covariates.iter().any(|name| POSITION[axis.index()] == name)
+            }
+            Part::Registered(own) => own.shape.0.get("axis") == Some(&ShapeValue::Text(axis.lower().to_owned())),
+            Part::Drift(drift) => drift.motion == Motion::Scale,
+            Part::Named(_) | Part::Step(..) => false,
+        }
+    }
+
+    fn is_of_instrument(&self, candidate: usize) -> bool {
+        match &self.parts[candidate] {
+            Part::Drift(_) => true,
+            Part::Smooth(_, bent) => {
+                matches!(bent.shape, Shape::One { quantity, .. } if self.quantities[quantity].name == TIME)
+            }
+            Part::Registered(_) | Part::Named(_) | Part::Step(..) => false,
+        }
+    }
+
+    fn instrument_words(&self) -> (&'static str, &'static str) {
+        match self.poses.is_plate() {
+            true => ("a plate that warms, or an instrument that drifts,", STANDS_STILL),
+            false => ("an instrument whose frame or scale drifts", STANDS_STILL),
+        }
+    }
+
+    /// A scale of the machine, while that of the instrument or the plate changed.
+    fn changed_by_instrument(&self, candidate: usize, found: &[(usize, Vec<f64>)]) -> Option<Changed> {
+        let (Part::Named(Named::Scale(_)), Some((_, time_s))) = (&self.parts[candidate], self.time()) else {
+            return None;
+        };
+        let reach = |(by, values): &(usize, Vec<f64>)| {
+            let Part::Drift(Drift { motion: Motion::Scale, course }) = &self.parts[*by] else { return None };
+            let functions = course.functions(time_s);
+            let at = |k: usize| functions.iter().zip(values).map(|(own, value)| own[k] * value).sum::<f64>();
+            // Courses have no mean: what is farthest from it may be what the machine has.
+            let farthest = (0..self.vectors.len()).map(|k| at(k).abs()).fold(0.0, f64::max);
+            Some(Changed { by: *by, reach: vec![farthest] })
+        };
+        found.iter().find_map(reach)
+    }
+
     fn chains(&self) -> &[Chain] {
         &self.chains
     }
@@ -374,19 +473,21 @@ impl Study for Vectors<'_> {
         if let Some(axis) = self.vectors[0].position_lacks {
             return Err(format!("where the plane lies along {} is unknown; give its positions", axis.letter()));
         }
-        Ok(vec![match &self.parts[candidate] {
+        let term = match &self.parts[candidate] {
             Part::Named(named) => named.term(|axis| self.model_range(POSITION[axis.index()]).unwrap_or((0.0, 1.0)))?,
             Part::Smooth(axis, bent) => {
                 let less = |own: &Quantity| self.less(&own.name);
                 ModelTerm { map: bent.map(), ..model::term(*axis, bent.shape, &self.quantities, less) }
             }
             Part::Step(..) => return Err(NO_PROPERTY.to_owned()),
+            Part::Drift(_) => return Err(OF_THE_INSTRUMENT.to_owned()),
             Part::Registered(own) => {
                 let count = self.candidates[candidate].parameters.len();
                 let map = Mat::identity(count, count);
                 ModelTerm { effect: own.effect.name(), shape: own.shape.clone(), map, table: None }
             }
-        }])
+        };
+        Ok(std::iter::once(term).chain(self.alias(candidate)).collect())
     }
 
     fn model_covariates(&self, candidate: usize) -> Vec<String> {
@@ -460,6 +561,17 @@ impl Study for Vectors<'_> {
 
     fn untestable(&self) -> Vec<Untestable> {
         self.untestable.clone()
+    }
+
+    /// Waves on a grid.
+    fn ambiguities(&self, found: &[usize]) -> Vec<Ambiguity> {
+        let is_wave = |k: &&usize| self.alias(**k).is_some();
+        let one = |k: &usize| Ambiguity {
+            effects: vec![self.candidates[*k].name.clone()],
+            because: "the positions lie on a grid: waves of other periods give the same errors on it".to_owned(),
+            decided_by: self.candidates[*k].decided_by.clone(),
+        };
+        found.iter().filter(is_wave).map(one).collect()
     }
 
     fn notes(&self) -> Vec<String> {

@@ -34,6 +34,14 @@ pub(super) struct Registered {
 }
 
 impl Registered {
+    /// The axis along which it is a wave.
+    pub(super) fn wave_along(&self) -> Option<Axis> {
+        let ShapeValue::Text(axis) = self.shape.0.get("axis").filter(|_| self.effect.name() == SCANNED)? else {
+            return None;
+        };
+        Axis::ALL.into_iter().find(|own| own.lower() == axis)
+    }
+
     /// Whether it reads the position and nothing else, and has a form of its own there.
     pub(super) fn is_of_position(&self) -> bool {
         self.effect.name() != SCANNED && self.candidate.covariates.is_empty()

@@ -202,6 +202,23 @@ impl Study for Turned<'_> {
         if simpler.ncols() == 0 { simpler } else { self.turned(&simpler) }
     }
 
+    fn passes(&self, candidate: usize) -> bool {
+        self.inner.passes(candidate)
+    }
+
+    fn instrument_beside(&self, candidate: usize) -> Mat<f64> {
+        let beside = self.inner.instrument_beside(candidate);
+        if beside.ncols() == 0 { beside } else { self.turned(&beside) }
+    }
+
+    fn is_of_instrument(&self, candidate: usize) -> bool {
+        self.inner.is_of_instrument(candidate)
+    }
+
+    fn instrument_words(&self) -> (&'static str, &'static str) {
+        self.inner.instrument_words()
+    }
+
     fn chains(&self) -> &[Chain] {
         &self.chains
     }

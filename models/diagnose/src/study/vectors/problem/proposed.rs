@@ -2,6 +2,7 @@
 //!
 //! Place in the flow: called once when a study is made of its vectors; each candidate goes in beside the part that makes its columns.
 
+use super::super::drift::Drift;
 use super::super::linear::{Named, unseen};
 use super::super::quantities::{POSITION, TIME};
 use super::super::registered::registered;
@@ -101,6 +102,21 @@ impl Vectors<'_> {
                 self.candidates.push(self.steps.candidate(&step, axis, &self.rows_of_file));
                 self.parts.push(Part::Step(axis, step.clone()));
             }
+        }
+    }
+
+    /// What no machine does, and its instrument or a plate does: turns and scales of the whole in time.
+    pub(super) fn add_drifts(&mut self) {
+        let Some((_, time_s)) = self.time() else { return };
+        let drifts = Drift::all(time_s).into_iter();
+        let is_moved = |drift: &Drift| {
+            let moved = |k: usize| drift.motion.of(&self.poses.arm_m(self.vectors, k));
+            (0..self.vectors.len()).any(|k| (0..3).any(|d| self.measured[d] && moved(k)[d] != 0.0))
+        };
+        let drifts: Vec<Drift> = drifts.filter(is_moved).collect();
+        for drift in drifts {
+            self.candidates.push(drift.candidate(self.poses.is_plate(), TIME));
+            self.parts.push(Part::Drift(drift));
         }
     }
 
