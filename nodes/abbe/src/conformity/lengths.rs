@@ -3,8 +3,8 @@
 //! Place in the flow: `abbe conformity --lengths`, and before and after a correction in [`super::simulated`].
 
 use super::{
-    Figure, Limits, Product, departure_callout, departure_json, departure_words, pictures, tone, um, verdict_word,
-    worst,
+    Figure, Limits, Product, departure_callout, departure_json, departure_words, pictures, tone, um, verdict_in_words,
+    verdict_word, worst,
 };
 use crate::pipeline::software;
 use crate::provenance::made_from;
@@ -197,7 +197,7 @@ fn limit_words(errors: &LengthErrors, frontier: &Frontier, limits: &Limits, rule
     );
     let _ = writeln!(text, "                 {}", rule.words());
     if let (Some(verdict), Some(limit)) = (verdict.repeatability, limits.repeatability) {
-        let _ = writeln!(text, "  R0,MPL         {:.3} um: {}", um(limit.metres()), verdict_word(verdict));
+        let _ = writeln!(text, "  R0,MPL         {:.3} um: {}", um(limit.metres()), verdict_in_words(verdict));
     }
     text
 }
@@ -301,11 +301,15 @@ fn answer(errors: &LengthErrors, limit: &MaximumPermissibleError, limits: &Limit
     let verdict = errors.verdict(limit, limits.repeatability, rule);
     let is_told = verdict.is_whole_test || verdict.overall() == Verdict::DoesNotConform;
     let (used, line, length_m) = most_used(errors, limit);
+    let repeatability = verdict.repeatability.zip(limits.repeatability).map_or_else(String::new, |(verdict, limit)| {
+        let limit_um = um(limit.metres());
+        format!(" Repeatability range against {limit_um} µm: {}.", verdict_in_words(verdict))
+    });
     Section::Callout(Callout {
         tone: if is_told { tone(verdict.overall()) } else { Tone::Neutral },
         title: format!("Against {limit}"),
         text: format!(
-            "{}; the largest share of the limit that an error uses is {:.0} %, {}. Decision rule: {}.",
+            "{}; the largest share of the limit that an error uses is {:.0} %, {}.{repeatability} Decision rule: {}.",
             verdict_text(errors, &verdict),
             100.0 * used,
             at(line, length_m),
@@ -348,9 +352,14 @@ fn key_figures(errors: &LengthErrors, frontier: &Frontier, limits: &Limits, rule
         figures.push(KeyFigure { tone: tone(verdict), ..share });
     }
     let range = errors.repeatability().map(|range| Quantity::result(um(range.metres())));
-    figures.extend(
-        range.map(|range| figure("repeatability range, observed", Some(range), "µm", "largest of all sets".to_owned())),
-    );
+    let verdict = limits.length.and_then(|limit| errors.verdict(&limit, limits.repeatability, rule).repeatability);
+    let used = errors.repeatability().zip(limits.repeatability);
+    let used = used.map(|(range, limit)| format!("; {:.0} % of the limit", 100.0 * range.metres() / limit.metres()));
+    figures.extend(range.map(|range| {
+        let detail = format!("largest of all sets{}", used.unwrap_or_default());
+        let range = figure("repeatability range, observed", Some(range), "µm", detail);
+        KeyFigure { tone: verdict.map_or_else(Tone::default, tone), ..range }
+    }));
     let constant_um = um(frontier.smallest_area().constant_m);
     let decimals = digits::of_result(constant_um);
     figures.push(figure(
