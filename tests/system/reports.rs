@@ -120,7 +120,12 @@ fn regress_an_acceptance_page_says_its_rule_once_and_has_a_verdict_on_every_limi
     let page = page_of(&bench, "out");
     assert_says(
         &page,
-        &["Every error conforms", "Repeatability range against 0.05 µm: does not conform.", "200 % of the limit"],
+        &[
+            "Every error conforms",
+            "Failed — Repeatability range against 0.05 µm",
+            "Does not conform; it uses 200 %",
+            "200 % of the limit",
+        ],
     );
 }
 

@@ -352,9 +352,9 @@ impl Judged {
             let shown = |value: f64| digits::plain(value, decimals(u) as u8);
             let unit = if unit == "1" { "" } else { unit };
             let u = u.map_or_else(|| "not known".to_owned(), |u| format!("± {} {unit}", shown(u)));
-            vec![Cell::text(WORDS[k]), Cell::text(name), Cell::text(format!("{} {unit}", shown(*value))), Cell::text(u)]
+            vec![Cell::text(WORDS[k]), Cell::text(format!("{} {unit}", shown(*value))), Cell::text(u), Cell::text(name)]
         };
-        let columns = ["unknown", "symbol", "value", "U (k = 2)"].map(Column::text).to_vec();
+        let columns = ["unknown", "value", "U (k = 2)", "symbol"].map(Column::text).to_vec();
         Section::Table(TableSection {
             title: "Unknowns".to_owned(),
             note: Some("Uncertainty from the scatter within and between the poses.".to_owned()),
@@ -369,12 +369,7 @@ impl Judged {
         let words = self.scale_words();
         let (length, u) = words.split_once(" +- ").map_or((words.as_str(), None), |(length, u)| (length, Some(u)));
         let u = u.map_or_else(|| "held, or not known".to_owned(), |u| format!("± {u}"));
-        vec![
-            Cell::text("scale of the distance reading"),
-            Cell::text("length of R_p"),
-            Cell::text(length),
-            Cell::text(u),
-        ]
+        vec![Cell::text("scale of the distance"), Cell::text(length), Cell::text(u), Cell::text("length of R_p")]
     }
 
     fn compensation_section(&self) -> Section {

@@ -167,7 +167,7 @@ fn stations(outcome: &Outcome) -> Section {
             Cell::text(&station.name),
             Cell::count(points().count()),
             Cell::count(own.len()),
-            zeros.and_then(|zeros| Cell::count(zeros as usize)),
+            Cell::count(zeros.map_or(0, |zeros| zeros as usize)),
             Cell::uncertainty(middle(&|reading| reading.scatter_m * 1e6)),
             Cell::uncertainty(middle(&|reading| reading.u_length_m * 1e6)),
             Cell::maybe(middle(&|reading| reading.stood_s), 2),
