@@ -90,7 +90,7 @@ fn the_shipped_centres_give_pose_table_and_report() {
     let folder = tempfile::tempdir().unwrap();
     let out = text(&folder.path().join("out"));
     let said = run(["probe-pose", "--centres", &text(&centres()), "--out", &out]).ok();
-    assert_says(&said, &["10 centres in 5 poses", "S0 x", "-398.68 +- 0.86 mm", "0.999315", "centre left out"]);
+    assert_says(&said, &["10 centres in 5 poses", "S0 x", "-398.68 +- 0.86 mm", "0.9993 +- 0.0", "centre left out"]);
     let table = fs::read_to_string(folder.path().join("out/compensation.csv")).unwrap();
     let lines: Vec<&str> = table.lines().collect();
     assert_eq!(lines.len(), 6);
@@ -105,6 +105,8 @@ fn the_shipped_centres_give_pose_table_and_report() {
     // Digits that the spread within a pose allows, poses that are told apart, and no column of dashes.
     assert_says(&html, &["direction of the beam, x", "none: outside the other poses", "<dt>Data</dt><dd>"]);
     assert!(!html.contains("class=\"missing\"") && !html.contains(">60.000<"), "{html}");
+    // What the terminal says of the uncertainties, and the scale of the distance reading.
+    assert_says(&html, &["times what the scatter alone would give", "scale of the distance<", "± 0.0029"]);
     // Eq. 14 of the paper, S0 y: it takes the tenth unknown.
     let ten = run(["probe-pose", "--centres", &text(&centres()), "--beam", "one", "--axis-offset", "--json"]).ok();
     let ten: Value = serde_json::from_str(&ten).unwrap();
@@ -194,6 +196,8 @@ fn tracker_readings_give_the_six_errors_by_position() {
     assert!(last[7..].iter().all(|u| *u > 0.0));
     let report = fs::read_to_string(folder.path().join("out/report.html")).unwrap();
     assert_says(&report, &["Errors of the X axis", "What the arrangement of the targets does"]);
+    // A refusal that was accepted is no mere warning, and the errors stand with their uncertainties.
+    assert_says(&report, &["Failed — Refused, and accepted all the same", "Errors and their uncertainty by position"]);
     let figures: Value =
         serde_json::from_str(&fs::read_to_string(folder.path().join("out/guideway.json")).unwrap()).unwrap();
     let by_spread = &figures["uncertainty_by_spread_of_targets"];
@@ -239,6 +243,20 @@ fn regress_a_gross_reading_of_a_target_is_named_and_left_out() {
     assert!((found - 20.0).abs() < 10.0, "{found}");
     let everywhere = ["line 5: target D at 0 mm is ", "its target is not used", "1 of 30 readings"];
     of(&table(&six, 0.001, "0,D"), "5", &everywhere);
+    // A note on the terminal is one on the page, and temperatures beside the readings stand in its head.
+    let logged: String = table(&six, 0.001, "200,D")
+        .lines()
+        .enumerate()
+        .map(|(k, line)| {
+            format!("{line},{}\n", if k == 0 { "temp_scale_x_c".to_owned() } else { format!("20.{k:02}") })
+        })
+        .collect();
+    let (folder, points) = file(&logged);
+    let out = text(&folder.path().join("out"));
+    let said = run([&["guideway", "--points", &points], &tracker[..], &["--out", &out]].concat()).ok();
+    let page = fs::read_to_string(folder.path().join("out/report.html")).unwrap();
+    assert_says(&page, &["Note — Left out", "Note — What the data say of themselves", "20.0 to 20.3 °C"]);
+    assert_eq!(page.matches("Warning —").count(), said.matches("WARNING").count(), "{said}");
     of(&table(&six, 0.001, ""), "6", &["5 positions"]);
     // Of three nothing tells which: the position says so, and has an uncertainty of its own.
     let three = ["at 200 mm the targets contradict each other", "measure that position again"];

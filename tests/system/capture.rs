@@ -207,7 +207,9 @@ fn a_rehearsed_campaign_that_is_killed_goes_on_and_is_the_one_that_was_driven() 
         "{outcome:#}"
     );
     assert_eq!(outcome["open"], Value::Array(Vec::new()));
-    assert_says(&bench.read("captured/report.html"), &["Captured campaign of", "Stations"]);
+    let page = bench.read("captured/report.html");
+    assert_says(&page, &["Captured campaign of", "Stations", "In order — Complete", "campaign.csv, SHA-256 "]);
+    assert!(!page.contains("Still open"), "{page}");
 
     // The readings are those of the machine: 0.05 um of a single length, averaged.
     let (own, perfect) = (lengths(&bench.read("captured/campaign.csv")), lengths(&bench.read("perfect/campaign.csv")));
@@ -359,6 +361,10 @@ fn what_does_not_belong_together_is_refused_and_ctrl_c_keeps_what_is_there() {
     assert_eq!(outcome["captured"].as_u64().unwrap() as usize, taken(&bench).len());
     assert!(outcome["open"][0].as_str().unwrap().contains("of line front-left-"), "{outcome:#}");
     assert_says(&capture_again(&["--finish"]).ok(), &["points of the plan are captured"]);
+    assert_says(
+        &bench.read("captured/report.html"),
+        &["Warning — Not complete", "Still open", "journal.jsonl, SHA-256 "],
+    );
     // Half a line, as a power cut leaves it.
     let journal = bench.path("captured/journal.jsonl");
     let whole = fs::read(&journal).unwrap();

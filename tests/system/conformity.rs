@@ -111,8 +111,12 @@ fn a_residual_model_takes_away_length_error_that_geometry_leaves() {
     run(["residuals", "--model", &model, "--campaign", &known, "--u-actual-um", "0.05", "--out", &vectors]).ok();
     fs::write(&config, "method = \"kriging\"\n").unwrap();
     run(["train", "--residuals", &vectors, "--config", &config, "--out", &residual]).ok();
-    let figures =
-        json(&[&["conformity"], &simulated[..], &["--model", &model, "--residual", &residual, "--json"]].concat());
+    let figures = json(
+        &[&["conformity"], &simulated[..], &["--model", &model, "--residual", &residual, "--json", "--out", &out]]
+            .concat(),
+    );
+    let page = fs::read_to_string(format!("{out}/report.html")).unwrap();
+    assert_says(&page, &["model.json, SHA-256 ", "residual.json, SHA-256 ", "bridge_xyz.toml, SHA-256 "]);
     let largest = |stage: &str| figures[stage]["largest_error_um"].as_f64().unwrap().abs();
     let [before, geometric, after] = ["before", "geometric", "after"].map(largest);
     assert!(before > 10.0 * geometric && after < 0.85 * geometric, "{before} {geometric} {after}");

@@ -52,7 +52,17 @@ fn a_plan_is_driven_identified_and_reaches_what_it_promised() {
     let said = plan(&request, &out, &[]).ok();
     assert_says(
         &said,
-        &["stations", "corrected points", "of the model alone", "50 mm/s", "3 s a point", "told", "EXX", "C0Y"],
+        &[
+            "stations",
+            "corrected points",
+            "of the model alone",
+            "50 mm/s",
+            "3 s a point",
+            "can be told",
+            "backlash",
+            "EXX",
+            "C0Y",
+        ],
     );
     let json: Value = serde_json::from_str(&bench.read("plan/plan.json")).unwrap();
     assert!(json["time_h"].as_f64().unwrap() <= 2.2, "{}", json["time_h"]);
@@ -69,6 +79,7 @@ fn a_plan_is_driven_identified_and_reaches_what_it_promised() {
         assert!(!page.contains(own), "{own}");
     }
     assert!(!page.contains("src=\"http") && !page.contains("href=\"http"));
+    assert_eq!(page.matches(".toml, SHA-256 ").count(), 2, "machine file and request");
     assert_programs(&bench);
     // The path is that of a campaign but for the lengths, and so cannot be taken for one.
     let machine = text(&machine());

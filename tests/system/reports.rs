@@ -96,6 +96,76 @@ fn sphere() -> String {
     text
 }
 
+/// The text of the page in a folder, as it is read.
+fn page_of(bench: &Bench, folder: &str) -> String {
+    fs::read_to_string(bench.at(folder).join("report.html")).unwrap()
+}
+
+#[test]
+fn regress_an_acceptance_page_says_its_rule_once_and_has_a_verdict_on_every_limit() {
+    let bench = Bench::new();
+    fs::write(bench.at("sphere.csv"), sphere()).unwrap();
+    let folder = text(bench.0.path());
+    let words =
+        "conformity --sphere {}/sphere.csv --diameter-mm 25.4 --form-limit-um 1 --size-limit-um 1 --out {}/sphere";
+    let said = run(words.replace("{}", &folder).split(' ')).ok();
+    let page = page_of(&bench, "sphere");
+    assert_eq!(page.matches("Decision rule").count(), 1, "{page}");
+    assert_says(&page, &["Form error against 1 µm", "Size error against 1 µm"]);
+    assert!(!said.contains('_'), "{said}");
+    // The errors keep their limit, and the range does not: both are said.
+    let said = bench.conformity("--mpe 2+L/300 --r0-limit-um 0.05 --out {}/out");
+    assert_eq!(said.code, Some(3), "{}", said.errors);
+    assert!(!String::from_utf8_lossy(&said.output).contains("does_not_conform"));
+    let page = page_of(&bench, "out");
+    assert_says(
+        &page,
+        &[
+            "Every error conforms",
+            "Failed — Repeatability range against 0.05 µm",
+            "Does not conform; it uses 200 %",
+            "200 % of the limit",
+        ],
+    );
+}
+
+#[test]
+fn temperatures_beside_lengths_and_spheres_stand_in_the_head() {
+    let bench = Bench::new();
+    let logged = |text: &str| -> String {
+        let line = |line: &str| match line {
+            comment if comment.starts_with('#') => format!("{comment}\n"),
+            head if head.contains("_mm") => format!("{head},temp_air_c\n"),
+            row => format!("{row},20.{}\n", row.len() % 10),
+        };
+        text.lines().map(line).collect()
+    };
+    fs::write(bench.at("lengths.csv"), logged(LENGTHS)).unwrap();
+    bench.conformity("--out {}/out").ok();
+    assert_says(&page_of(&bench, "out"), &["<dt>Temperature</dt><dd>20."]);
+    fs::write(bench.at("sphere.csv"), logged(&sphere())).unwrap();
+    let [points, out] = ["sphere.csv", "sphere"].map(|name| text(&bench.at(name)));
+    run(["conformity", "--sphere", &points, "--out", &out]).ok();
+    assert_says(&page_of(&bench, "sphere"), &["<dt>Temperature</dt><dd>20."]);
+}
+
+#[test]
+fn regress_a_simulated_machine_has_no_certificate_no_operator_and_no_instrument() {
+    let bench = Bench::new();
+    let machine = fs::read_to_string(shipped("machines/bridge_xyz.toml")).unwrap() + "\n" + LAB;
+    fs::write(bench.at("machine.toml"), machine).unwrap();
+    let [machine, out] = ["machine.toml", "out"].map(|name| text(&bench.at(name)));
+    run(["conformity", "--machine", &machine, "--seed", "4", "--mpe", "2+L/400", "--out", &out]).ok();
+    let page = page_of(&bench, "out");
+    assert_says(
+        &page,
+        &["of a simulated machine", "<dd>bridge_xyz</dd>", "machine.toml, SHA-256 ", "Largest share of the limit"],
+    );
+    for own in ["2026-014", "A. Person", "Step gauge"] {
+        assert!(!page.contains(own), "{own}");
+    }
+}
+
 #[test]
 fn val_ptb_rules_accept_the_certificates_and_refuse_what_breaks_them() {
     let Some(mut judge) = common::python::python("certificate.py") else { return };

@@ -109,6 +109,25 @@ fn training_again_gives_the_same_bytes_and_says_what_it_is_of() {
     }
     let html = bench.read("again.html");
     assert!(html.contains("<svg") && html.trim_end().ends_with("</html>"));
+    // Its own hash, the temperatures beside the vectors, and words for the program's names of methods.
+    assert_says(&html, &["again.json, SHA-256 ", "<dt>Temperature", "no residual model"]);
+    assert!(!html.contains(">zero<") && !html.contains("kriging-network"), "{html}");
+}
+
+#[test]
+fn regress_a_page_of_corrected_or_verified_points_names_the_residual_model_with_its_hash() {
+    let bench = bench();
+    let (model, residual, points) = (bench.text("model.json"), bench.text("residual.json"), bench.text("judge.csv"));
+    let [page, out] = ["hash.html", "hash.csv"].map(|name| bench.text(name));
+    let own = ["--model", &model, "--residual", &residual, "--html", &page];
+    let said = train(bench, QUICK, "hash.json").ok();
+    let hash = said.lines().find_map(|line| line.trim().strip_prefix("residual model")).unwrap().trim();
+    assert_eq!(hash.len(), 64, "{said}");
+    let named = format!("residual.json, SHA-256 {hash}");
+    run([&["verify", "--points", &points], &own[..]].concat()).ok();
+    assert_says(&bench.read("hash.html"), &[&named]);
+    run([&["correct", "--in", &points, "--out", &out], &own[..]].concat()).ok();
+    assert_says(&bench.read("hash.html"), &[&named]);
 }
 
 #[test]
@@ -314,7 +333,10 @@ fn the_tutorial_of_the_residual_model_runs() {
         commands_of(&read("docs/src/tutorials/residual-model.md")).into_iter().map(quick).collect();
     assert_eq!(commands.len(), 6, "{commands:?}");
     let said = run_in(folder.path(), &commands);
-    assert_says(&said, &["readings          2779 used, 2 rejected", "by geometry", "corrected", "chi2/dof 7.921"]);
+    assert_says(
+        &said,
+        &["readings          2779 used, 2 rejected", "by geometry", "corrected", "chi2 per degree of freedom 7.921"],
+    );
     for file in ["sheet/residual.json", "sheet/residual.html", "sheet/corrected.csv"] {
         assert!(folder.path().join(file).is_file(), "the tutorial leaves no {file}");
     }

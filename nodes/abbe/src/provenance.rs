@@ -4,10 +4,11 @@
 //! say has no line. °C, h and µm.
 
 use crate::pipeline::software;
-use abbe_files::{hex, is_temperature};
+use abbe_files::{hex, is_temperature, sha256_hex};
 use abbe_measurement::campaign::Campaign;
 use abbe_measurement::instrument::RangeUncertainty;
 use abbe_report::MetaItem;
+use anyhow::Context;
 use std::path::Path;
 
 /// Coverage factor of an instrument's uncertainty as data sheets state it.
@@ -26,6 +27,13 @@ pub(crate) fn of_campaign(campaign: &Campaign, instrument: RangeUncertainty) -> 
 /// Last lines of a report on a table: its name, its hash, the program.
 pub(crate) fn made_from(path: &Path, sha256: &[u8; 32]) -> Vec<MetaItem> {
     vec![MetaItem::file("Data", &file_name(path), Some(&hex(sha256))), MetaItem::software(software())]
+}
+
+/// A line that names a file with the hash of its bytes; a folder, such as that of a bag, by its name alone.
+pub(crate) fn hashed(label: &str, path: &Path) -> anyhow::Result<MetaItem> {
+    let bytes = || std::fs::read(path).with_context(|| format!("{}: cannot be read", path.display()));
+    let hash = if path.is_dir() { None } else { Some(sha256_hex(&bytes()?)) };
+    Ok(MetaItem::file(label, &file_name(path), hash.as_deref()))
 }
 
 /// A file without its folder: a report is read elsewhere.

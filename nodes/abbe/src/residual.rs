@@ -3,11 +3,13 @@
 //! Place in the flow: `correct`, `verify` and `replay` load it here; `correct` on CSV and `verify` add it to a corrected
 //! row through [`abbe_geometry::correct::add_residual`], which the residual node calls as well.
 
-use abbe_files::{FileError, LoadedResidual, ModelFile, ResidualFile};
+use crate::provenance::file_name;
+use abbe_files::{FileError, LoadedResidual, ModelFile, ResidualFile, hex};
 use abbe_geometry::correct::{Correction, add_residual};
 use abbe_geometry::effects::CovariateSource;
 use abbe_graph::step::OwnedField;
 use abbe_msgs::Sha256;
+use abbe_report::MetaItem;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -31,6 +33,12 @@ pub(crate) fn with_residual(
         }
     }
     correction
+}
+
+/// The line of a report that names a residual model with its hash; none without one.
+pub(crate) fn residual_meta(path: Option<&Path>, residual: Option<&OwnedField>) -> Option<MetaItem> {
+    let (path, owned) = path.zip(residual)?;
+    Some(MetaItem::file("Residual model", &file_name(path), Some(&hex(&owned.field.sha256()))))
 }
 
 /// Covariates that a residual model asks for; none without one.

@@ -6,6 +6,7 @@
 
 use abbe_files::Doubt;
 use abbe_identify::verdict::{Cause, Counted, Finding, Grade, Verdict, of_noise, of_rejected};
+use abbe_report::{Callout, Section, Tone};
 use serde_json::{Value, json};
 use std::fmt;
 
@@ -26,6 +27,11 @@ pub(crate) fn check(verdict: &Verdict, accept: Accept, source: &str, rest: impl 
         }
         _ => Ok(()),
     }
+}
+
+/// A text with the words that pages have: the models' own texts shorten this one.
+pub(crate) fn in_words(text: &str) -> String {
+    text.replace("chi2/dof", "chi2 per degree of freedom")
 }
 
 /// Who asked for JSON gets all findings of a refusal; nothing else is written.
@@ -52,7 +58,8 @@ impl fmt::Display for Refused {
             f,
             "{}: refused: {}. Where that is known and meant (to let abbe diagnose look for the cause, say), --accept-misfit goes on all \
              the same: uncertainties are widened, and the result says so wherever it is used",
-            self.source_name, self.reason
+            self.source_name,
+            in_words(&self.reason)
         )
     }
 }
@@ -80,7 +87,7 @@ pub(crate) fn of_fit_because(noise: Option<(f64, usize)>, counted: Option<Counte
 /// What a model file keeps: warnings, and refusals that were accepted.
 pub(crate) fn doubts(verdict: &Verdict) -> Vec<Doubt> {
     let kept = verdict.findings.iter().filter(|finding| finding.grade > Grade::Message);
-    kept.map(|finding| Doubt { grade: finding.grade.name().to_owned(), text: finding.to_string() }).collect()
+    kept.map(|finding| Doubt { grade: finding.grade.name().to_owned(), text: in_words(&finding.to_string()) }).collect()
 }
 
 /// The findings, gravest first.
@@ -95,6 +102,18 @@ pub(crate) fn json(findings: &[Finding]) -> Value {
     Value::Array(findings.iter().map(one).collect())
 }
 
+/// One sentence a finding, for a report: a note is no warning there either.
+pub(crate) fn callouts(findings: &[Finding]) -> impl Iterator<Item = Section> {
+    findings.iter().map(|finding| {
+        let (tone, title) = match finding.grade {
+            Grade::Message => (Tone::Neutral, "What the data say of themselves"),
+            Grade::Warning => (Tone::Warning, "What speaks against it"),
+            Grade::Refusal => (Tone::Bad, "Refused, and accepted all the same"),
+        };
+        Section::Callout(Callout { tone, title: title.to_owned(), text: finding.to_string() })
+    })
+}
+
 /// One line a finding, for the terminal.
 pub(crate) fn words(findings: &[Finding]) -> String {
     let line = |finding: &Finding| {
@@ -103,7 +122,7 @@ pub(crate) fn words(findings: &[Finding]) -> String {
             Grade::Warning => "WARNING",
             Grade::Refusal => "ACCEPTED",
         };
-        format!("  {grade:<17} {finding}\n")
+        format!("  {grade:<17} {}\n", in_words(&finding.to_string()))
     };
     findings.iter().map(line).collect()
 }

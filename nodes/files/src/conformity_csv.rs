@@ -5,13 +5,14 @@
 //!   `travel_mm`, the machine's travel along the line, the same in every row of a line;
 //! - probed points: `x_mm y_mm z_mm`, tip radius taken off.
 //!
-//! Other columns are refused. Deviations that are all far below what any machine achieves, or above a millimetre, are taken
+//! Temperatures (`temp_…_c`) may stand beside them, for the head of a report; other columns are refused. Deviations that are all far below what any machine achieves, or above a millimetre, are taken
 //! for a slip of units. ISO 230-2 runs are read by [`crate::read_runs`].
 
 use crate::columns::{Header, Known, LINE, READING};
 use crate::csv_source::CsvSource;
 use crate::error::FileError;
 use crate::study_csv::{Row, open, rows};
+use crate::table_facts::is_temperature;
 use abbe_conformity::ObservedError;
 use abbe_conformity::length::LengthMeasurement;
 use abbe_geometry::Vector3;
@@ -168,7 +169,7 @@ fn repeat_number(row: &Row, column: usize) -> Result<u32, FileError> {
 }
 
 fn refuse_strangers(header: &Header, known: &[Known]) -> Result<(), FileError> {
-    match header.names().iter().find(|name| known.iter().all(|k| k.name != **name)) {
+    match header.names().iter().find(|name| !is_temperature(name) && known.iter().all(|k| k.name != **name)) {
         None => Ok(()),
         Some(stranger) => {
             let problem = "the column is not known here";

@@ -6,12 +6,13 @@
 //!   azimuth about z from x, elevation above the x-y plane;
 //! - or points: `x_mm y_mm z_mm`, optional `u_um`, the standard uncertainty of each coordinate.
 //!
-//! Other columns are refused.
+//! Temperatures (`temp_…_c`) may stand beside them, for the head of a report. Other columns are refused.
 
 use crate::columns::{Header, Known, READING};
 use crate::csv_source::CsvSource;
 use crate::error::FileError;
 use crate::study_csv::{Row, StudyFile, open, rows};
+use crate::table_facts::is_temperature;
 use abbe_measurement::tracker::{TrackerError, TrackerReading};
 use std::io::Read;
 use std::path::Path;
@@ -72,7 +73,7 @@ pub fn read_guideway(input: impl Read, file: &str) -> Result<StudyFile<GuidewayR
     let is_known = |name: &str| {
         let other_unit =
             matches!(columns, Columns::Readings { .. }) && [RANGE_M, AZIMUTH_RAD, ELEVATION_RAD].contains(&name);
-        other_unit || known.iter().any(|k| k.name == name)
+        other_unit || is_temperature(name) || known.iter().any(|k| k.name == name)
     };
     if let Some(stranger) = header.names().iter().find(|name| !is_known(name)) {
         let problem = "the column is not known here";

@@ -1,7 +1,7 @@
 //! Data without a tracer from CSV: sphere centres of a five-axis machine, positioning runs, residual vectors.
 //!
 //! Place in the flow: file → here → rows in SI → study. Columns, units in the name:
-//! - sphere centres: `a_deg c_deg d_mm x_mm y_mm z_mm`, optional `u_um`;
+//! - sphere centres: `a_deg c_deg d_mm x_mm y_mm z_mm`, optional `u_um` and, for the head of a report, temperatures (`temp_…_c`);
 //! - positioning runs: `axis target_mm direction cycle measured_mm`, optional `time_s`; measured is the position actually
 //!   reached; direction is `+` or `-`, also `+1 -1 up down`;
 //! - residual vectors: `x_ y_ z_` in mm, um or m, `res_x_ res_y_ res_z_` and optionally `u_x_ u_y_ u_z_` likewise,
@@ -14,6 +14,7 @@ use crate::columns::{Header, Known, READING, TIME};
 use crate::csv_source::CsvSource;
 use crate::error::{FileError, Place};
 use crate::names::nearest;
+use crate::table_facts::is_temperature;
 use abbe_diagnose::study::five_axis::SphereCentre;
 use abbe_diagnose::study::runs::{Approach, Run};
 use abbe_diagnose::study::vectors::ResidualVector;
@@ -103,7 +104,8 @@ pub fn read_sphere_centres(input: impl Read, file: &str) -> Result<StudyFile<Sph
     let [a, c, distance] = [require(A)?, require(C)?, require(DISTANCE)?];
     let centre = [require(READING[0])?, require(READING[1])?, require(READING[2])?];
     let u = header.optional(U, &CENTRES)?;
-    if let Some(stranger) = header.names().iter().find(|name| CENTRES.iter().all(|known| known.name != **name)) {
+    let is_stranger = |name: &str| !is_temperature(name) && CENTRES.iter().all(|known| known.name != name);
+    if let Some(stranger) = header.names().iter().find(|name| is_stranger(name)) {
         let problem = "the column is not known here";
         return Err(FileError::content(header.place().column(stranger), problem, "remove it, or correct its name"));
     }

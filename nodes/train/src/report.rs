@@ -11,6 +11,15 @@ use abbe_report::{
 };
 use abbe_residual_training::{HeldOutScores, POSITION_ALONE, Trained, TrainingRecord, ZERO};
 
+/// Methods: name and words.
+const METHODS: [(&str, &str); 3] = [
+    ("perceptron-kriging", "perceptrons with kriging"),
+    ("kriging-network", "kriging with a network"),
+    (ZERO, "no residual model"),
+];
+/// Colours of the losses: others than those of before and after.
+const TRAINING: u8 = 7;
+const VALIDATION: u8 = 5;
 const AXES: [&str; 3] = ["X", "Y", "Z"];
 
 /// The page.
@@ -18,7 +27,7 @@ pub(crate) fn html(
     trained: &Trained,
     file: &ResidualFile,
     data: &Data,
-    (identity, next): (Identity, NextStep),
+    (made, identity, next): (MetaItem, Identity, NextStep),
 ) -> anyhow::Result<String> {
     let record = &trained.record;
     let mut sections = vec![answer(record), figures(record)];
@@ -51,12 +60,23 @@ pub(crate) fn html(
         lead: Some(format!("What geometry leaves, learnt from {} ({} points).", data.file, data.points())),
         identity,
         next: Some(next),
-        meta: meta(record, file, data),
+        meta: std::iter::once(made).chain(meta(record, file, data)).collect(),
         main_plot: None,
         footer: Some(file.software.clone()),
         sections,
     };
     Ok(report.html()?)
+}
+
+/// Names of methods as people read them; configuration and JSON have the program's.
+fn in_words(text: &str) -> String {
+    METHODS.iter().fold(text.to_owned(), |text, (name, words)| text.replace(name, words))
+}
+
+/// A text that begins a sentence.
+fn capital(text: &str) -> String {
+    let mut letters = text.chars();
+    letters.next().map_or_else(String::new, |first| first.to_uppercase().chain(letters).collect())
 }
 
 fn heading(title: &str) -> Section {
@@ -85,15 +105,20 @@ fn meta(record: &TrainingRecord, file: &ResidualFile, data: &Data) -> Vec<MetaIt
 
 fn answer(record: &TrainingRecord) -> Section {
     let recommended = &record.recommendation;
-    let text = format!("{}: {}.", recommended.method, recommended.why);
+    // The title names it.
+    let text = match (recommended.method == ZERO, recommended.method == record.kind) {
+        (false, true) => format!("{}.", capital(&recommended.why)),
+        _ => format!("{}: {}.", recommended.method, recommended.why),
+    };
+    let text = in_words(&text);
     match (recommended.method == ZERO, recommended.method == record.kind) {
         _ if recommended.method.ends_with(POSITION_ALONE) => {
             callout(Tone::Warning, "Held-out data do not show that the further inputs help", &text)
         }
         (true, _) => callout(Tone::Bad, "Held-out data speak for no residual model", &text),
-        (false, true) => callout(Tone::Good, &format!("Held-out data speak for {}", record.kind), &text),
+        (false, true) => callout(Tone::Good, &format!("Held-out data speak for {}", in_words(&record.kind)), &text),
         (false, false) => {
-            callout(Tone::Warning, &format!("Made: {}; held-out data speak for another", record.kind), &text)
+            callout(Tone::Warning, &format!("Made: {}; held-out data speak for another", in_words(&record.kind)), &text)
         }
     }
 }
@@ -135,7 +160,7 @@ fn methods(record: &TrainingRecord) -> Section {
     let row = |scores: &HeldOutScores| {
         let figures = &scores.scores;
         vec![
-            Cell::text(scores.method.clone()),
+            Cell::text(in_words(&scores.method)),
             Cell::result(Some(figures.mse_um2)),
             Cell::result(Some(figures.mae_um)),
             Cell::result(Some(figures.error_95_um)),
@@ -146,11 +171,14 @@ fn methods(record: &TrainingRecord) -> Section {
     };
     Section::Table(TableSection {
         title: "Figures by method".to_owned(),
-        note: Some("The same folds for all; a point is predicted by models that saw none of its block.".to_owned()),
+        note: Some(
+            "Errors of predictions. The same folds for all; a point is predicted by models that saw none of its block."
+                .to_owned(),
+        ),
         columns: vec![
             Column::text("method"),
-            Column::number("MSE", "µm²"),
-            Column::number("MAE", "µm"),
+            Column::number("mean square", "µm²"),
+            Column::number("mean absolute", "µm"),
             Column::number("95 % error", "µm"),
             Column::number("worst", "µm"),
             Column::number("within 95 % interval", "%"),
@@ -214,15 +242,15 @@ fn losses(record: &TrainingRecord) -> Section {
             half_width: None,
         };
         LinePanel {
-            title: (*kind).to_owned(),
+            title: in_words(kind),
             x: Axis::new("epoch", "1"),
             y: Axis::new("mean squared error", "units of the network²"),
             curves: own
                 .flat_map(|c| {
                     [
-                        curve("training", CurveStyle::Line(1), &c.training_loss, 1),
+                        curve("training", CurveStyle::Line(TRAINING), &c.training_loss, 1),
                         // The first is that before any step.
-                        curve("validation", CurveStyle::Line(2), &c.validation_loss, 0),
+                        curve("validation", CurveStyle::Line(VALIDATION), &c.validation_loss, 0),
                     ]
                 })
                 .collect(),

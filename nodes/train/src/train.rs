@@ -16,6 +16,7 @@ use abbe::{output, software, stop};
 use abbe_files::{DataSource, ModelFile, ResidualFile, ResidualOwner, hex, write_atomically};
 use abbe_geometry::Vector3;
 use abbe_measurement::correspondence::check_vectors;
+use abbe_report::MetaItem;
 use abbe_residual_training::{Config, Device, Go, POSITION_ALONE, Progress, State, Trained, ZERO, train_beside};
 use anyhow::{Context, ensure};
 use indicatif::ProgressBar;
@@ -52,9 +53,15 @@ pub(crate) fn run(arguments: &TrainArguments) -> anyhow::Result<()> {
         .with_context(|| arguments.residuals.display().to_string())?;
     let file = artifact(&trained, &data, &config, owner)?;
     let machine_name = file.owner.as_ref().map(|owner| owner.machine.as_str());
-    let who = arguments.identity.gather(&Said { machine_name, ..Said::default() })?.shown;
-    let html = report::html(&trained, &file, &data, (who, next(arguments, &trained).step()))?;
-    let sha256 = file.save(&arguments.out)?;
+    // A bag of vectors is no table: it logs no temperature beside them.
+    let tables: Vec<&Path> =
+        Some(arguments.residuals.as_path()).into_iter().filter(|path| !abbe::is_bag(path)).collect();
+    let who = arguments.identity.gather(&Said { machine_name, tables: &tables, ..Said::default() })?.shown;
+    let (bytes, sha256) = file.to_bytes(&arguments.out.display().to_string())?;
+    let name = arguments.out.file_name().unwrap_or(arguments.out.as_os_str()).to_string_lossy();
+    let made = MetaItem::file("Residual model", &name, Some(&hex(&sha256)));
+    let html = report::html(&trained, &file, &data, (made, who, next(arguments, &trained).step()))?;
+    write_atomically(&arguments.out, &bytes)?;
     write_atomically(&paths.report, html.as_bytes())?;
     if trained.record.complete {
         remove_state(&paths.state)?;

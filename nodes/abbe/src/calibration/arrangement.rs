@@ -13,6 +13,9 @@ use serde_json::{Value, json};
 /// Distances from the centroid that are looked at, over those that the targets have.
 const SPREADS: [f64; 12] = [0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.25, 1.5, 2.0, 2.5, 3.0];
 
+/// Colours of the six errors: others than those of before and after.
+const SERIES: [u8; 6] = [3, 4, 5, 6, 7, 8];
+
 /// Which distances change.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Moved {
@@ -99,7 +102,7 @@ impl BySpread {
     fn curve(&self, k: usize, values: &[Option<[f64; 6]>]) -> Curve {
         Curve {
             name: self.names[k].clone(),
-            style: CurveStyle::Line(k as u8 + 1),
+            style: CurveStyle::Line(SERIES[k]),
             x: SPREADS.to_vec(),
             y: values.iter().map(|u| u.map(|u| u[k])).collect(),
             half_width: None,

@@ -14,8 +14,8 @@ use abbe_measurement::guideway::{
 };
 use abbe_measurement::tracker::TrackerUncertainty;
 use abbe_report::{
-    Axis, Callout, Curve, CurveStyle, Identity, KeyFigure, KeyFigures, LinePanel, LinePlot, Quantity, Report, Section,
-    State, Tone, digits,
+    Axis, Callout, Cell, Column, Curve, CurveStyle, Identity, KeyFigure, KeyFigures, LinePanel, LinePlot, Quantity,
+    Report, Section, State, TableSection, Tone, digits,
 };
 use anyhow::{Context, bail};
 use serde_json::{Value, json};
@@ -25,6 +25,8 @@ use std::path::Path;
 /// Names of the files beside the report.
 const ERRORS: &str = "errors.csv";
 const FIGURES: &str = "guideway.json";
+/// Decimals of a position in millimetres.
+const POSITION_DECIMALS: u8 = 1;
 /// Extent of the targets across their longest direction, relative to that along it, below which the report warns.
 const NARROW: f64 = 0.2;
 
@@ -171,7 +173,7 @@ fn words(solved: &Guideway) -> String {
     }
     let _ = writeln!(
         text,
-        "  residual of a rigid table {} um, spread of the targets {:.2}",
+        "  residual of a rigid table {} um, spread of the targets {:.2} (across over along their longest direction)",
         digits::result(solved.scatter_m * 1e6),
         solved.spread_ratio
     );
@@ -262,7 +264,11 @@ fn report(
     };
     let of_data = [
         figure("residual of a rigid table", Quantity::result(solved.scatter_m * 1e6), "µm"),
-        figure("spread of the targets, across / along the motion", Quantity::result(solved.spread_ratio), ""),
+        figure(
+            "spread of the targets, across over along their longest direction",
+            Quantity::result(solved.spread_ratio),
+            "",
+        ),
         figure("positions", Quantity::new(solved.positions.len() as f64, 0), ""),
     ];
     let mut sections = vec![Section::KeyFigures(KeyFigures {
@@ -284,6 +290,7 @@ fn report(
             panels: (0..6).map(panel).collect(),
         }),
     ]);
+    sections.push(table(solved));
     sections.extend(by_spread.map(|by_spread| Section::LinePlot(by_spread.plot())));
     Report {
         title: format!("Errors of the {:?} axis", solved.options.axis),
@@ -292,15 +299,57 @@ fn report(
         next: None,
         meta: made_from(path, sha256),
         main_plot: Some(main_plot),
-        footer: None,
+        footer: Some(crate::pipeline::software()),
         sections,
     }
 }
 
-fn warnings(solved: &Guideway, verdict: &Verdict, rejected: &[Rejected]) -> Vec<Section> {
-    let callout = |title: &str, text: &str| {
-        Section::Callout(Callout { tone: Tone::Warning, title: title.to_owned(), text: text.to_owned() })
+/// The errors with their uncertainties, by position: what a compensation is made of.
+fn table(solved: &Guideway) -> Section {
+    let names = solved.options.axis.error_names();
+    let row = |position: &PositionErrors| {
+        let (errors, u) = (shown(position), expanded(position));
+        let first = Cell::number(position.position_m * 1e3, POSITION_DECIMALS);
+        let cells = (0..6).flat_map(|k| {
+            let u = u.map(|u| u[k]);
+            // Zero by definition where there is no uncertainty.
+            let error = if u.is_some() { Cell::with(Some(errors[k]), u) } else { Cell::text("0") };
+            [error, u.map_or_else(|| Cell::text(""), |u| Cell::uncertainty(Some(u)))]
+        });
+        std::iter::once(first).chain(cells).collect()
     };
+    let mut columns = vec![Column::number("position", "mm")];
+    for (k, name) in names.iter().enumerate() {
+        let unit = if k < 3 { "µm" } else { "µrad" };
+        columns.extend([Column::number(name.clone(), unit), Column::number("± U", unit)]);
+    }
+    Section::Table(TableSection {
+        title: "Errors and their uncertainty by position".to_owned(),
+        note: Some("U with k = 2; at the lowest position all errors are zero by definition.".to_owned()),
+        columns,
+        rows: solved.positions.iter().map(row).collect(),
+        total_rows: None,
+    })
+}
+
+/// How grave a sentence is.
+fn weight(section: &Section) -> u8 {
+    match section {
+        Section::Callout(callout) => match callout.tone {
+            Tone::Bad => 2,
+            Tone::Warning => 1,
+            Tone::Neutral | Tone::Good => 0,
+        },
+        _ => 0,
+    }
+}
+
+fn warnings(solved: &Guideway, verdict: &Verdict, rejected: &[Rejected]) -> Vec<Section> {
+    let graded = |tone, title: &str, text: &str| {
+        Section::Callout(Callout { tone, title: title.to_owned(), text: text.to_owned() })
+    };
+    let callout = |title: &str, text: &str| graded(Tone::Warning, title, text);
+    let note = |title: &str, text: &str| graded(Tone::Neutral, title, text);
     let mut list = Vec::new();
     if solved.spread_ratio < NARROW {
         list.push(callout(
@@ -309,16 +358,18 @@ fn warnings(solved: &Guideway, verdict: &Verdict, rejected: &[Rejected]) -> Vec<
         ));
     }
     if solved.options.frame == GuidewayFrame::AlongMotion {
-        list.push(callout(
+        list.push(note(
             "Frame along the motion",
             "Slopes of straightness are zero by construction, and about the axis the frame of the points is taken as it stands.",
         ));
     }
-    list.extend(rejected.iter().map(|one| callout("Left out", &one.words())));
-    list.extend(of_claim(&solved.claim).map(|text| callout("What the uncertainty rests on", &text)));
+    list.extend(rejected.iter().map(|one| note("Left out", &one.words())));
+    list.extend(of_claim(&solved.claim).map(|text| note("What the uncertainty rests on", &text)));
     list.extend(
         solved.positions.iter().filter_map(|position| wider(solved, position)).map(|text| callout("A position", &text)),
     );
-    list.extend(verdict.findings.iter().map(|finding| callout("What speaks against it", &finding.to_string())));
+    list.extend(verdict::callouts(&verdict.findings));
+    // What is graded highest stands first, so that it is on the first screen.
+    list.sort_by_key(|section| std::cmp::Reverse(weight(section)));
     list
 }

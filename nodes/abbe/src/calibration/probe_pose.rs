@@ -3,19 +3,19 @@
 //! Place in the flow: centres file → `abbe_measurement::probe_pose` → [`Product`]. Every calibration is judged on poses and
 //! centres left out of it. mm and µm, uncertainties k = 2.
 
-use super::{COVERAGE, Product, claim_json, claim_words};
+use super::{COVERAGE, Product, claim_json, claim_words, of_claim};
 use crate::provenance::made_from;
 use crate::verdict::{self, Accept};
 use abbe_files::{hex, read_sphere_centres_file};
 use abbe_geometry::Vector3;
+use abbe_identify::verdict::Verdict;
 use abbe_measurement::probe_pose::{
     Compensation, CompensationTable, LeftOutCentre, LeftOutPose, ProbePose, ProbePoseModel, SphereCentre,
     leave_one_centre_out, leave_one_pose_out,
 };
-use abbe_report::State;
 use abbe_report::{
     Axis, Callout, Cell, Column, Curve, CurveStyle, Identity, KeyFigure, KeyFigures, LinePanel, LinePlot, Quantity,
-    Report, Section, TableSection, Tone, digits,
+    Report, Section, State, TableSection, Tone, digits,
 };
 use anyhow::Context;
 use serde_json::{Value, json};
@@ -52,6 +52,9 @@ const WORDS: [&str; 10] = [
     "zero of the beam, z",
     "offset between the axes, y",
 ];
+/// What a table is good for.
+const WORTH: &str = "It holds for its own poses. Between them it is interpolated by inverse squared angle of turn, which the \
+                     poses left out judge; outside them there is none.";
 /// Decimals of an angle in degrees at most.
 const ANGLE_DECIMALS: u8 = 3;
 /// Angles this close are one (degrees).
@@ -84,7 +87,7 @@ pub(crate) fn product(path: &Path, model: ProbePoseModel, accept: Accept) -> any
     text.push('\n');
     Ok(Product {
         words: judged.words() + &verdict::words(&verdict.findings) + &claim_words(judged.pose.claim.as_ref()),
-        report: Some(judged.report(path, &file.sha256)),
+        report: Some(judged.report(path, &file.sha256, &verdict)),
         files: vec![(TABLE, judged.csv()), (FIGURES, text)],
         json,
     })
@@ -167,9 +170,9 @@ impl Judged {
             let u = expanded.as_ref().map_or_else(|| "unknown".to_owned(), |u| format!("{:.digits$}", u[k]));
             let _ = writeln!(text, "  {name:<14} {value:14.digits$} +- {u} {unit}");
         }
-        let (length, condition) = (self.pose.direction.norm(), self.pose.condition);
+        let (length, condition) = (self.scale_words(), self.pose.condition);
         let _ =
-            writeln!(text, "  length of R_p  {length:14.6} (scale of the distance reading), condition {condition:.0}");
+            writeln!(text, "  length of R_p  {length:>14} (scale of the distance reading), condition {condition:.0}");
         let line = |text: &mut String, what: &str, value: Option<String>| {
             let value = value.unwrap_or_else(|| "cannot be told from these centres".to_owned());
             let _ = writeln!(text, "  {what:<52} {value}");
@@ -188,6 +191,18 @@ impl Judged {
         );
         line(&mut text, "mean error, pose left out, interpolated table", arrow(self.interpolated_um()));
         text
+    }
+
+    /// Length of the beam's vector, which is the scale of the distance reading, with its uncertainty (k = 2) where that is known.
+    fn scale_words(&self) -> String {
+        let length = self.pose.direction.norm();
+        match self.pose.u_beam_length().filter(|u| *u > 0.0) {
+            Some(u) => {
+                let [length, u] = digits::with_uncertainty(length, COVERAGE * u);
+                format!("{length} +- {u}")
+            }
+            None => format!("{length:.6}"),
+        }
     }
 
     fn json(&self, sha256: &[u8; 32]) -> Value {
@@ -243,7 +258,13 @@ impl Judged {
         })
     }
 
-    fn report(&self, path: &Path, sha256: &[u8; 32]) -> Report {
+    fn report(&self, path: &Path, sha256: &[u8; 32], verdict: &Verdict) -> Report {
+        let mut sections = vec![self.key_figures()];
+        sections.extend(verdict::callouts(&verdict.findings));
+        sections.push(note("What the table is worth", WORTH.to_owned()));
+        let claim = self.pose.claim.as_ref().and_then(of_claim);
+        sections.extend(claim.map(|text| note("What the uncertainty rests on", text)));
+        sections.extend([self.picture(), self.unknown_table(), self.compensation_section(), self.left_out_section()]);
         Report {
             title: "Pose of the laser probe".to_owned(),
             lead: Some(format!(
@@ -256,14 +277,7 @@ impl Judged {
             meta: made_from(path, sha256),
             main_plot: None,
             footer: Some(crate::pipeline::software()),
-            sections: vec![
-                self.key_figures(),
-                note(),
-                self.picture(),
-                self.unknown_table(),
-                self.compensation_section(),
-                self.left_out_section(),
-            ],
+            sections,
         }
     }
 
@@ -338,16 +352,24 @@ impl Judged {
             let shown = |value: f64| digits::plain(value, decimals(u) as u8);
             let unit = if unit == "1" { "" } else { unit };
             let u = u.map_or_else(|| "not known".to_owned(), |u| format!("± {} {unit}", shown(u)));
-            vec![Cell::text(WORDS[k]), Cell::text(name), Cell::text(format!("{} {unit}", shown(*value))), Cell::text(u)]
+            vec![Cell::text(WORDS[k]), Cell::text(format!("{} {unit}", shown(*value))), Cell::text(u), Cell::text(name)]
         };
-        let columns = ["unknown", "sign", "value", "U (k = 2)"].map(Column::text).to_vec();
+        let columns = ["unknown", "value", "U (k = 2)", "symbol"].map(Column::text).to_vec();
         Section::Table(TableSection {
             title: "Unknowns".to_owned(),
             note: Some("Uncertainty from the scatter within and between the poses.".to_owned()),
             columns,
-            rows: self.values().iter().enumerate().map(row).collect(),
+            rows: self.values().iter().enumerate().map(row).chain([self.scale_row()]).collect(),
             total_rows: None,
         })
+    }
+
+    /// What a millimetre of the distance reading is.
+    fn scale_row(&self) -> Vec<Option<Cell>> {
+        let words = self.scale_words();
+        let (length, u) = words.split_once(" +- ").map_or((words.as_str(), None), |(length, u)| (length, Some(u)));
+        let u = u.map_or_else(|| "held, or not known".to_owned(), |u| format!("± {u}"));
+        vec![Cell::text("scale of the distance"), Cell::text(length), Cell::text(u), Cell::text("length of R_p")]
     }
 
     fn compensation_section(&self) -> Section {
@@ -436,12 +458,6 @@ fn decimals(uncertainty: Option<f64>) -> usize {
     usize::from(uncertainty.map_or(6, digits::of_uncertainty))
 }
 
-fn note() -> Section {
-    Section::Callout(Callout {
-        tone: Tone::Neutral,
-        title: "What the table is worth".to_owned(),
-        text: "It holds for its own poses. Between them it is interpolated by inverse squared angle of turn, which the \
-               poses left out judge; outside them there is none. What the calibration leaves is diagnosed by abbe diagnose on the same file."
-            .to_owned(),
-    })
+fn note(title: &str, text: String) -> Section {
+    Section::Callout(Callout { tone: Tone::Neutral, title: title.to_owned(), text })
 }

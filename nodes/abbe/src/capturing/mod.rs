@@ -6,9 +6,11 @@
 mod page;
 
 use crate::next::Next;
+use crate::provenance::hashed;
+use crate::verdict::in_words;
 use abbe_files::{JournalEntry, MachineFile, write_atomically, write_campaign};
-use abbe_graph::capture::{CapturedCampaign, Capturer, Shown, SoFar, Told, campaign_of, so_far, volume_of};
-use abbe_report::{Identity, Report, digits, to_json};
+use abbe_graph::capture::{CapturedCampaign, Capturer, Shown, SoFar, Told, so_far, volume_of};
+use abbe_report::{Identity, MetaItem, Report, digits, to_json};
 use abbe_runtime::Shutdown;
 use anyhow::Context;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
@@ -67,7 +69,7 @@ impl Screen {
             Shown::SoFar(Ok(SoFar { readings, u_m, findings, .. })) => {
                 self.so_far = Ok((*readings, *u_m));
                 for finding in findings {
-                    self.say(&format!("of {readings} readings so far: {finding}"));
+                    self.say(&format!("of {readings} readings so far: {}", in_words(finding)));
                 }
             }
             Shown::SoFar(Err(why)) => self.so_far = Err(why.clone()),
@@ -141,6 +143,10 @@ pub(crate) struct Outcome<'a> {
     pub(crate) capturer: &'a Capturer,
     pub(crate) promised_um: Option<f64>,
     pub(crate) who: &'a Identity,
+    /// What of it can be identified.
+    pub(crate) captured: &'a CapturedCampaign,
+    /// Files that it was captured by, with their hashes.
+    pub(crate) files: Vec<MetaItem>,
     /// What to do next with a campaign that can be identified, and with one that cannot yet.
     pub(crate) next: &'a Next,
     pub(crate) go_on: &'a Next,
@@ -159,8 +165,7 @@ pub(crate) fn write_outcome(
     as_json: bool,
     shutdown: &Shutdown,
 ) -> anyhow::Result<()> {
-    let capturer = outcome.capturer;
-    let captured = campaign_of(capturer.planned(), capturer.taken(), outcome.machine.absolute_range);
+    let (capturer, captured) = (outcome.capturer, outcome.captured);
     let file = folder.join("campaign.csv");
     let is_empty = captured.campaign.readings.is_empty();
     if !is_empty {
@@ -172,15 +177,16 @@ pub(crate) fn write_outcome(
         true => Err("no station can be placed by its readings yet".to_owned()),
         false => so_far(outcome.machine, &volume, &captured.campaign, || !shutdown.is_urgent()),
     };
-    let value = json_of(outcome, &captured, &reached);
+    let value = json_of(outcome, captured, &reached);
     let text = to_json("report", &value).context("report.json")?;
     write_atomically(&folder.join("report.json"), text.as_bytes())?;
-    let report: Report = page::report(outcome, &captured, &reached);
+    let campaign = (!is_empty).then(|| hashed("Campaign", &file)).transpose()?;
+    let report: Report = page::report(outcome, campaign, &reached);
     write_atomically(&folder.join("report.html"), report.html().context("report.html")?.as_bytes())?;
     if as_json {
         println!("{text}");
     } else {
-        words(outcome, &captured, &reached, &file).iter().for_each(|line| println!("{line}"));
+        words(outcome, captured, &reached, &file).iter().for_each(|line| println!("{line}"));
         outcome.following(&reached).print();
     }
     Ok(())
@@ -208,7 +214,7 @@ fn words(outcome: &Outcome, captured: &CapturedCampaign, reached: &Result<SoFar,
                 "uncertainty of a corrected point: {} um (k = 1, in space, rms over the plan)",
                 digits::uncertainty(found.u_m * 1e6)
             ));
-            lines.extend(found.findings.iter().cloned());
+            lines.extend(found.findings.iter().map(|finding| in_words(finding)));
         }
         Err(why) => lines.push(format!("it cannot be identified yet: {why}")),
     }

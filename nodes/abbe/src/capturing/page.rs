@@ -5,30 +5,40 @@
 use super::Outcome;
 use abbe_files::Captured;
 use abbe_geometry::chain::nominal_point_m;
-use abbe_graph::capture::{CapturedCampaign, SoFar};
+use abbe_graph::capture::{PlannedLine, SoFar};
 use abbe_measurement::robust::median;
 use abbe_report::{
-    Callout, Cell, Column, KeyFigure, KeyFigures, MetaItem, Quantity, Report, Section, TableSection, Tone,
+    Callout, Cell, Column, KeyFigure, KeyFigures, MetaItem, Quantity, Report, Section, TableSection, Tone, digits,
 };
 
 /// A mean whose own scatter is this many times what the machine file declares is told.
 const NOISIER: f64 = 2.0;
 
+/// Lines with open points on the page; report.json has all points.
+const OPEN_LINES: usize = 20;
+
 /// The report.
-pub(super) fn report(outcome: &Outcome, captured: &CapturedCampaign, reached: &Result<SoFar, String>) -> Report {
-    let capturer = outcome.capturer;
-    let mut sections = vec![key_figures(outcome, reached)];
+pub(super) fn report(outcome: &Outcome, campaign: Option<MetaItem>, reached: &Result<SoFar, String>) -> Report {
+    let mut sections = vec![answer(outcome), key_figures(outcome, reached)];
     if let Err(why) = reached {
         sections.push(callout("It cannot be identified yet", why.clone()));
     }
-    for (name, readings, why) in &captured.left_out {
+    for (name, readings, why) in &outcome.captured.left_out {
         sections
             .push(callout("Left out of campaign.csv", format!("The {readings} readings of station {name}: {why}.")));
     }
     for finding in reached.iter().flat_map(|found| &found.findings) {
         sections.push(callout("What the readings say against each other", finding.clone()));
     }
+    let doubted = outcome.capturer.doubted().len();
+    if doubted > 0 {
+        let text = format!("{doubted} readings, which are not in campaign.csv; journal.jsonl has them.");
+        sections.push(callout("In doubt", text));
+    }
     sections.push(stations(outcome));
+    sections.extend(open(outcome));
+    let software = crate::pipeline::software();
+    let files = campaign.into_iter().chain(outcome.files.iter().cloned());
     Report {
         title: format!("Captured campaign of {}", outcome.machine.machine.name),
         lead: Some(
@@ -38,15 +48,54 @@ pub(super) fn report(outcome: &Outcome, captured: &CapturedCampaign, reached: &R
         ),
         identity: outcome.who.clone(),
         next: Some(outcome.following(reached).step()),
-        meta: vec![
-            MetaItem::new("Points", format!("{} of {}", capturer.done(), capturer.wanted())),
-            MetaItem::new("Every reading", "journal.jsonl"),
-            MetaItem::software(crate::pipeline::software()),
-        ],
+        meta: files.chain([MetaItem::software(&software)]).collect(),
         main_plot: None,
-        footer: Some(crate::pipeline::software()),
+        footer: Some(software),
         sections,
     }
+}
+
+/// Whether the plan is done.
+fn answer(outcome: &Outcome) -> Section {
+    let (done, wanted) = (outcome.capturer.done(), outcome.capturer.wanted());
+    let (tone, title, text) = match wanted - done {
+        0 => (Tone::Good, "Complete", format!("All {wanted} points of the plan are captured.")),
+        open => (Tone::Warning, "Not complete", format!("{open} of {wanted} points of the plan are open.")),
+    };
+    Section::Callout(Callout { tone, title: title.to_owned(), text })
+}
+
+/// Lines of the plan with points that are open, in its order.
+fn open(outcome: &Outcome) -> Option<Section> {
+    let (capturer, planned) = (outcome.capturer, outcome.capturer.planned());
+    let lines = planned.lines.iter().map(|line| {
+        let own = || line.points.clone().filter(|point| !capturer.is_done(*point));
+        (line, own().count(), own().next().map(|first| planned.reading_m(first)))
+    });
+    let open: Vec<_> = lines.filter(|(_, count, _)| *count > 0).collect();
+    let row = |(line, count, first_m): &(&PlannedLine, usize, Option<[f64; 3]>)| {
+        let first = first_m.map(|at_m| at_m.map(|v| digits::plain(v * 1e3, 0)).join(", "));
+        vec![
+            Cell::text(&line.name),
+            Cell::text(&planned.stations[line.station].name),
+            Cell::count(*count),
+            first.and_then(Cell::text),
+        ]
+    };
+    (!open.is_empty()).then(|| {
+        Section::Table(TableSection {
+            title: "Still open".to_owned(),
+            note: Some("In the order of the plan; scale readings of the first open point of each line.".to_owned()),
+            columns: vec![
+                Column::text("line"),
+                Column::text("station"),
+                Column::number("open points", "1"),
+                Column::text("first at X, Y, Z / mm"),
+            ],
+            rows: open.iter().take(OPEN_LINES).map(row).collect(),
+            total_rows: Some(open.len()).filter(|all| *all > OPEN_LINES),
+        })
+    })
 }
 
 fn callout(title: &str, text: String) -> Section {
@@ -72,14 +121,19 @@ fn key_figures(outcome: &Outcome, reached: &Result<SoFar, String>) -> Section {
             "",
             &format!("of {} points", capturer.wanted()),
         ),
-        figure("corrected point", u, "µm", "k = 1, in space, rms over the plan's volume"),
-        figure("planned", outcome.promised_um.map(Quantity::uncertainty), "µm", "what the plan promised of it"),
-        figure("mean length", scatter, "µm", "median uncertainty by its own scatter"),
+        figure("uncertainty of a corrected point", u, "µm", "k = 1, in space, rms over the plan's volume"),
         figure(
-            "noisier than declared",
+            "uncertainty that was planned",
+            outcome.promised_um.map(Quantity::uncertainty),
+            "µm",
+            "what the plan promised of it",
+        ),
+        figure("uncertainty of a mean length", scatter, "µm", "k = 1, by its own scatter; median of all points"),
+        figure(
+            "readings noisier than declared",
             Some(Quantity::new(noisier(outcome) as f64, 0)),
             "",
-            "readings whose own scatter says so",
+            "by their own scatter",
         ),
     ];
     // What is not known yet has no card: the warning below says why.
@@ -102,7 +156,10 @@ pub(super) fn noisier(outcome: &Outcome) -> usize {
 fn stations(outcome: &Outcome) -> Section {
     let (planned, taken) = (outcome.capturer.planned(), outcome.capturer.taken());
     let row = |(number, station): (usize, &abbe_graph::capture::PlannedStation)| {
-        let points = || (0..planned.len()).filter(move |point| planned.line(*point).station == number);
+        // A point at which the machine stands already needs no reading of its own.
+        let is_wanted = |point: &usize| taken[*point].is_some() || !planned.is_spare(*point);
+        let of_station = |point: &usize| planned.line(*point).station == number;
+        let points = || (0..planned.len()).filter(of_station).filter(is_wanted);
         let own: Vec<&Captured> = points().filter_map(|point| taken[point].as_ref()).collect();
         let middle = |of: &dyn Fn(&Captured) -> f64| median(own.iter().map(|reading| of(reading)).collect());
         let zeros = own.iter().map(|reading| reading.zero).max();
@@ -110,7 +167,7 @@ fn stations(outcome: &Outcome) -> Section {
             Cell::text(&station.name),
             Cell::count(points().count()),
             Cell::count(own.len()),
-            zeros.and_then(|zeros| Cell::count(zeros as usize)),
+            Cell::count(zeros.map_or(0, |zeros| zeros as usize)),
             Cell::uncertainty(middle(&|reading| reading.scatter_m * 1e6)),
             Cell::uncertainty(middle(&|reading| reading.u_length_m * 1e6)),
             Cell::maybe(middle(&|reading| reading.stood_s), 2),
@@ -121,13 +178,13 @@ fn stations(outcome: &Outcome) -> Section {
         Column::number("points", "1"),
         Column::number("captured", "1"),
         Column::number("jumps of the zero", "1"),
-        Column::number("single length", "µm"),
-        Column::number("mean length", "µm"),
+        Column::number("scatter of a length", "µm"),
+        Column::number("uncertainty of a mean", "µm"),
         Column::number("averaged over", "s"),
     ];
     Section::Table(TableSection {
         title: "Stations".to_owned(),
-        note: Some("Medians; lengths by their own scatter in the standstill, k = 1.".to_owned()),
+        note: Some("Medians; of lengths in one standstill, k = 1.".to_owned()),
         columns,
         rows: planned.stations.iter().enumerate().map(row).collect(),
         total_rows: None,

@@ -5,11 +5,13 @@
 
 use crate::capturing::{Outcome, Screen, write_outcome};
 use crate::exit::Ended;
-use crate::identity::{IdentityOptions, Said};
+use crate::identity::{IdentityOptions, Said, temperature_c};
 use crate::next::Next;
+use crate::provenance::hashed;
 use abbe_files::Days;
 use abbe_files::{CaptureJournal, FileError, JournalHead, MachineFile, Place, read_machine, read_path, sha256_hex};
-use abbe_graph::capture::{CaptureConfig, Capturer, Ending, Planned, capture, preview};
+use abbe_graph::capture::{CaptureConfig, Capturer, Ending, Planned, campaign_of, capture, preview};
+use abbe_report::MetaItem;
 use abbe_runtime::Shutdown;
 use anyhow::{Context, anyhow, bail, ensure};
 use std::io::{BufRead, Write};
@@ -83,7 +85,10 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     };
     screen.end();
     let days = Days::of_stamps_ns(capturer.taken().iter().flatten().map(|captured| captured.stamp_ns));
-    let who = arguments.identity.gather(&Said { machine: Some(&job.machine), days, ..Said::default() })?.shown;
+    let captured = campaign_of(capturer.planned(), capturer.taken(), job.machine.absolute_range);
+    let temperature_c = temperature_c(&captured.campaign);
+    let said = Said { machine: Some(&job.machine), days, temperature_c, ..Said::default() };
+    let who = arguments.identity.gather(&said)?.shown;
     let [identify, go_on] = next(arguments, &job);
     let is_whole = capturer.done() == capturer.wanted() || arguments.finish;
     let next = if is_whole { &identify } else { &go_on };
@@ -92,6 +97,8 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         capturer: &capturer,
         promised_um: job.promised_um,
         who: &who,
+        captured: &captured,
+        files: files(&job, &journal_path)?,
         next,
         go_on: &go_on,
     };
@@ -111,6 +118,15 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         }
         Err(error) => Err(error).with_context(|| arguments.config.display().to_string()),
     }
+}
+
+/// What it was captured by, with hashes: the plan's is of points and stations together, as in the journal.
+fn files(job: &Job, journal: &Path) -> anyhow::Result<Vec<MetaItem>> {
+    Ok(vec![
+        hashed("Every reading", journal)?,
+        hashed("Machine file", &job.base.join(&job.config.machine))?,
+        MetaItem::file("Plan", "path.csv and stations.csv", Some(&job.head.plan_sha256)),
+    ])
 }
 
 /// What follows from a campaign that can be identified, and from one that is to be gone on with.

@@ -205,12 +205,14 @@ fn limits(arguments: &Arguments) -> String {
     mpe.into_iter().chain(in_um).collect::<Vec<String>>().join(" ")
 }
 
-/// Who measured; a simulated machine was measured by nobody.
+/// Who measured. A simulated machine was measured by nobody: what its file says of operator, instrument and certificate is of another
+/// measurement.
 fn who(arguments: &Arguments) -> anyhow::Result<Who> {
     let tables = [&arguments.lengths, &arguments.sphere, &arguments.runs].into_iter().flatten().map(PathBuf::as_path);
     let tables: Vec<&Path> = tables.collect();
     let machine = arguments.machine.as_deref().map(read_machine).transpose()?;
-    arguments.identity.gather(&Said { machine: machine.as_ref(), tables: &tables, ..Said::default() })
+    let machine_name = machine.as_ref().map(|file| file.machine.name.as_str());
+    arguments.identity.gather(&Said { machine_name, tables: &tables, ..Said::default() })
 }
 
 fn product(arguments: &Arguments) -> anyhow::Result<Product> {

@@ -15,7 +15,7 @@ use crate::next::{KNOWN_POINTS, Next};
 use crate::output;
 use crate::pipeline::{is_bag, software};
 use crate::provenance::file_name;
-use crate::residual::{inputs_of, load_residual};
+use crate::residual::{inputs_of, load_residual, residual_meta};
 use crate::rows::{Batch, MANY};
 use crate::tally::Tally;
 use abbe_files::{
@@ -89,7 +89,7 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let shutdown = Shutdown::on_signals()?;
     let correcting = Correcting { model: &model, residual: residual.as_ref(), shutdown: &shutdown };
     let (input, name) = input(&arguments.input)?;
-    let of_model = (&model, &sha256);
+    let of_model = (&sha256, &correcting);
     let tally = if is_standard(&arguments.output) {
         let worth = correct_csv(&correcting, input, &name, BufWriter::new(std::io::stdout().lock()), true)?;
         write(arguments, pages_of(arguments, of_model, &worth, &name)?)?;
@@ -122,7 +122,7 @@ struct Worth {
 /// Page and PDF, where they are asked for.
 fn pages_of(
     arguments: &Arguments,
-    (model, sha256): (&ModelFile, &[u8; 32]),
+    (sha256, Correcting { model, residual, .. }): (&[u8; 32], &Correcting),
     worth: &Worth,
     name: &str,
 ) -> anyhow::Result<[Option<Vec<u8>>; 2]> {
@@ -139,7 +139,7 @@ fn pages_of(
         MetaItem::file("Readings", &input, hash.as_deref()),
         MetaItem::file("Model", &file_name(&arguments.model), Some(&hex(sha256))),
     ];
-    meta.extend(arguments.residual.iter().map(|path| MetaItem::file("Residual model", &file_name(path), None)));
+    meta.extend(residual_meta(arguments.residual.as_deref(), *residual));
     meta.push(MetaItem::software(software()));
     let report = report::report(report::Page {
         machine,

@@ -428,7 +428,7 @@ fn print_words(
     println!("  model sha256      {sha256}");
     println!("  points            {} used, {} rejected", quality.readings, quality.rejected);
     println!(
-        "  residual          {} um rms, {} um at most, chi2/dof {} with the declared uncertainties",
+        "  residual          {} um rms, {} um at most, chi2 per degree of freedom {} with the declared uncertainties",
         digits::result(quality.residual_rms_m * 1e6),
         digits::result(evidence["largest_residual_um"].as_f64().unwrap_or(f64::NAN)),
         digits::result(quality.chi2_per_dof)

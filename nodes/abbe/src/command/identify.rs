@@ -97,7 +97,7 @@ pub fn spinner(what: &str) -> ProgressBar {
 /// One pass in words.
 pub(crate) fn progress_text(progress: &Progress) -> String {
     format!(
-        "pass {}, largest step {:.1e} of its uncertainty, chi2/dof {:.3}",
+        "pass {}, largest step {:.1e} of its uncertainty, chi2 per degree of freedom {:.3}",
         progress.pass, progress.largest_step, progress.chi2_per_dof
     )
 }
@@ -170,7 +170,7 @@ fn print_words(arguments: &Arguments, file: &ModelFile, found: &Identification, 
     println!("  model sha256      {}", hex(sha256));
     println!("  readings          {} used, {} rejected", quality.readings, quality.rejected);
     println!(
-        "  range residual    {} um rms, chi2/dof {} with the declared uncertainties",
+        "  range residual    {} um rms, chi2 per degree of freedom {} with the declared uncertainties",
         digits::result(quality.residual_rms_m * 1e6),
         digits::result(quality.chi2_per_dof)
     );

@@ -8,7 +8,7 @@ use crate::identity::{IdentityOptions, Said};
 use crate::output;
 use crate::pipeline::{self, BagJoin};
 use crate::planning::{self, Sources};
-use crate::provenance::file_name;
+use crate::provenance::hashed;
 use abbe_files::{
     MachineFile, ModelFile, OrderChoice, PlanRequestFile, dme, gcode, path_csv, read_machine, read_plan_request,
     stations_csv, write_atomically,
@@ -77,7 +77,14 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let plan = found.map_err(|error| placed(error, &file))?;
     let who = arguments.identity.gather(&Said { machine: Some(&machine), ..Said::default() })?.shown;
     let campaign = arguments.campaign.as_deref();
-    let files = [&arguments.machine, &arguments.request].map(|path| file_name(path));
+    let named = [
+        ("Machine file", Some(&arguments.machine)),
+        ("Request", Some(&arguments.request)),
+        ("Measured before", arguments.campaign.as_ref()),
+        ("Model", arguments.model.as_ref()),
+    ];
+    let files = named.into_iter().filter_map(|(label, path)| Some(hashed(label, path?)));
+    let files = files.collect::<anyhow::Result<Vec<_>>>()?;
     let sources = Sources { machine: &machine, request: &request, campaign, who: &who, files };
     write(arguments, &machine, (&request, &plan), &sources)?;
     if arguments.json {

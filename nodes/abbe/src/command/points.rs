@@ -163,7 +163,7 @@ fn print_words(arguments: &Arguments, solved: &MultiStation, verdict: &Verdict) 
     let residual_um = rms(solved.residuals_m.iter().map(|r| r * r)) * 1e6;
     println!("{}: {} points solved, {} not", arguments.out.display(), solved.points.len(), solved.unsolved.len());
     println!(
-        "  range residual    {} um rms, chi2/dof {}, {} degrees of freedom",
+        "  range residual    {} um rms, chi2 per degree of freedom {}, {} degrees of freedom",
         digits::result(residual_um),
         digits::result(solved.chi2_per_dof),
         solved.degrees

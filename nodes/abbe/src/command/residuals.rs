@@ -271,7 +271,7 @@ fn shared(
     let verdict = verdict::of_fit(chi2_per_dof, Some(counted));
     verdict::check(&verdict, arguments.accept, &loaded.source.file, || serde_json::Value::Null)?;
     if let Some((chi2, _)) = chi2_per_dof {
-        notes.push(format!("stations agree to chi2/dof {chi2:.2} of the declared noise"));
+        notes.push(format!("stations agree to chi2 per degree of freedom {chi2:.2} of the declared noise"));
     }
     notes.push(match frame {
         Frame::Network => {
@@ -282,7 +282,7 @@ fn shared(
             format!("stations of the model, which may have taken up a part of what it lacks: {why}")
         }
     });
-    notes.extend(verdict.findings.iter().map(ToString::to_string));
+    notes.extend(verdict.findings.iter().map(|finding| verdict::in_words(&finding.to_string())));
     Ok(Some(Shared { points, notes }))
 }
 
@@ -330,7 +330,7 @@ fn ranges(
             "{unseen_points} points left out and {unseen_components} components uncertain, because no line of sight tells of them"
         ),
     ];
-    let findings = verdict.findings.iter().map(ToString::to_string);
+    let findings = verdict.findings.iter().map(|finding| verdict::in_words(&finding.to_string()));
     Ok((points, notes.into_iter().chain(findings).collect()))
 }
 

@@ -10,7 +10,7 @@ use crate::output;
 use crate::pairs::{PairErrors, pair_errors};
 use crate::pipeline::software;
 use crate::provenance::file_name;
-use crate::residual::load_residual;
+use crate::residual::{load_residual, residual_meta};
 use crate::verification::{VerificationPoints, correct_points, rms_and_max_m};
 use abbe_files::{ModelFile, TableFacts, hex, write_atomically};
 use abbe_geometry::Vector3;
@@ -94,7 +94,7 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         stages.push(Stage::new(("by geometry", "geometric"), &corrected(None)?.corrected_m, &actual_m)?);
     }
     stages.push(Stage::new(("corrected", "after"), &points.corrected_m, &actual_m)?);
-    write(arguments, &model, &hex(&sha256), (&points, &stages))?;
+    write(arguments, (&model, &hex(&sha256)), residual.as_ref(), (&points, &stages))?;
     if arguments.json {
         let mut value = json!({
             "points": points.rows.len(), "extrapolated": points.extrapolated(),
@@ -136,8 +136,8 @@ fn next(arguments: &Arguments, points: &VerificationPoints, stages: &[Stage]) ->
 /// The page, where one is asked for.
 fn write(
     arguments: &Arguments,
-    model: &ModelFile,
-    sha256: &str,
+    (model, sha256): (&ModelFile, &str),
+    residual: Option<&OwnedField>,
     (points, stages): (&VerificationPoints, &[Stage]),
 ) -> anyhow::Result<()> {
     if arguments.html.is_none() && arguments.pdf.is_none() {
@@ -151,7 +151,7 @@ fn write(
         MetaItem::file("Points", &file_name(&arguments.points), Some(&hex(&of_points))),
         MetaItem::file("Model", &file_name(&arguments.model), Some(sha256)),
     ];
-    meta.extend(arguments.residual.iter().map(|path| MetaItem::file("Residual model", &file_name(path), None)));
+    meta.extend(residual_meta(arguments.residual.as_deref(), residual));
     meta.push(MetaItem::software(software()));
     let report = report::report(report::Page {
         identity: who.shown,

@@ -3,8 +3,8 @@
 //! Place in the flow: `abbe conformity --lengths`, and before and after a correction in [`super::simulated`].
 
 use super::{
-    Figure, Limits, Product, departure_callout, departure_json, departure_words, pictures, tone, um, verdict_word,
-    worst,
+    Figure, Limits, Product, departure_callout, departure_json, departure_words, pictures, tone, um, verdict_in_words,
+    verdict_word, worst,
 };
 use crate::pipeline::software;
 use crate::provenance::made_from;
@@ -197,7 +197,7 @@ fn limit_words(errors: &LengthErrors, frontier: &Frontier, limits: &Limits, rule
     );
     let _ = writeln!(text, "                 {}", rule.words());
     if let (Some(verdict), Some(limit)) = (verdict.repeatability, limits.repeatability) {
-        let _ = writeln!(text, "  R0,MPL         {:.3} um: {}", um(limit.metres()), verdict_word(verdict));
+        let _ = writeln!(text, "  R0,MPL         {:.3} um: {}", um(limit.metres()), verdict_in_words(verdict));
     }
     text
 }
@@ -283,7 +283,8 @@ pub(crate) fn figures(errors: &LengthErrors, limits: &Limits, rule: &DecisionRul
 /// Verdict, key figures, limits, picture and table.
 pub(crate) fn sections(errors: &LengthErrors, limits: &Limits, rule: &DecisionRule) -> anyhow::Result<Vec<Section>> {
     let frontier = errors.frontier()?;
-    let mut sections: Vec<Section> = limits.length.iter().map(|limit| answer(errors, limit, limits, rule)).collect();
+    let answers = limits.length.iter().flat_map(|limit| answers(errors, limit, limits, rule));
+    let mut sections: Vec<Section> = answers.map(Section::Callout).collect();
     sections.push(key_figures(errors, &frontier, limits, rule));
     sections.push(departure_callout(STANDARD, &errors.departures));
     sections.push(pictures::errors_against_length(
@@ -296,22 +297,43 @@ pub(crate) fn sections(errors: &LengthErrors, limits: &Limits, rule: &DecisionRu
     Ok(sections)
 }
 
-/// The verdict on a limit, and how much of the limit was used.
-fn answer(errors: &LengthErrors, limit: &MaximumPermissibleError, limits: &Limits, rule: &DecisionRule) -> Section {
+/// The verdict on each limit, and how much of it was used; the rule once.
+fn answers(
+    errors: &LengthErrors,
+    limit: &MaximumPermissibleError,
+    limits: &Limits,
+    rule: &DecisionRule,
+) -> Vec<Callout> {
     let verdict = errors.verdict(limit, limits.repeatability, rule);
-    let is_told = verdict.is_whole_test || verdict.overall() == Verdict::DoesNotConform;
+    let graded = |own: Verdict| match verdict.is_whole_test || own == Verdict::DoesNotConform {
+        true => tone(own),
+        false => Tone::Neutral,
+    };
     let (used, line, length_m) = most_used(errors, limit);
-    Section::Callout(Callout {
-        tone: if is_told { tone(verdict.overall()) } else { Tone::Neutral },
+    let mut list = vec![Callout {
+        tone: graded(verdict.errors),
         title: format!("Against {limit}"),
         text: format!(
-            "{}; the largest share of the limit that an error uses is {:.0} %, {}. Decision rule: {}.",
+            "{}; the largest share of the limit that an error uses is {:.0} %, {}.",
             verdict_text(errors, &verdict),
             100.0 * used,
-            at(line, length_m),
-            rule.words()
+            at(line, length_m)
         ),
-    })
+    }];
+    let range = errors.repeatability().zip(limits.repeatability).zip(verdict.repeatability);
+    list.extend(range.map(|((range, limit), own)| Callout {
+        tone: graded(own),
+        title: format!("Repeatability range against {} µm", um(limit.metres())),
+        text: format!(
+            "{}; it uses {:.0} % of the limit.",
+            verdict_in_words(own),
+            100.0 * range.metres() / limit.metres()
+        ),
+    }));
+    if let Some(last) = list.last_mut() {
+        last.text.push_str(&format!(" Decision rule: {}.", rule.words()));
+    }
+    list
 }
 
 /// A place on a line.
@@ -348,9 +370,14 @@ fn key_figures(errors: &LengthErrors, frontier: &Frontier, limits: &Limits, rule
         figures.push(KeyFigure { tone: tone(verdict), ..share });
     }
     let range = errors.repeatability().map(|range| Quantity::result(um(range.metres())));
-    figures.extend(
-        range.map(|range| figure("repeatability range, observed", Some(range), "µm", "largest of all sets".to_owned())),
-    );
+    let verdict = limits.length.and_then(|limit| errors.verdict(&limit, limits.repeatability, rule).repeatability);
+    let used = errors.repeatability().zip(limits.repeatability);
+    let used = used.map(|(range, limit)| format!("; {:.0} % of the limit", 100.0 * range.metres() / limit.metres()));
+    figures.extend(range.map(|range| {
+        let detail = format!("largest of all sets{}", used.unwrap_or_default());
+        let range = figure("repeatability range, observed", Some(range), "µm", detail);
+        KeyFigure { tone: verdict.map_or_else(Tone::default, tone), ..range }
+    }));
     let constant_um = um(frontier.smallest_area().constant_m);
     let decimals = digits::of_result(constant_um);
     figures.push(figure(

@@ -99,12 +99,21 @@ pub(crate) fn limit_um(option: &str, value: Option<f64>) -> anyhow::Result<Optio
         .transpose()
 }
 
-/// A verdict as a word.
+/// A verdict as a word of JSON.
 pub(crate) fn verdict_word(verdict: Verdict) -> &'static str {
     match verdict {
         Verdict::Conforms => "conforms",
         Verdict::Undecided => "undecided",
         Verdict::DoesNotConform => "does_not_conform",
+    }
+}
+
+/// A verdict as people read it.
+pub(crate) fn verdict_in_words(verdict: Verdict) -> &'static str {
+    match verdict {
+        Verdict::Conforms => "conforms",
+        Verdict::Undecided => "neither conformity nor nonconformity is proved",
+        Verdict::DoesNotConform => "does not conform",
     }
 }
 

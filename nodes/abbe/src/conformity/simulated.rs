@@ -8,14 +8,14 @@ use super::lengths;
 use super::{Limits, Outside, Product};
 use crate::command::simulate;
 use crate::pipeline::software;
-use crate::provenance::file_name;
-use crate::residual::{inputs_of, load_residual, with_residual};
+use crate::provenance::{file_name, hashed};
+use crate::residual::{inputs_of, load_residual, residual_meta, with_residual};
 use crate::tally::Tally;
 use abbe_conformity::DecisionRule;
 use abbe_conformity::length::{
     LengthErrors, LengthPlan, LengthTest, MeasuringVolume, OffsetPlane, Probing, e0_lines, evaluate, offset_lines,
 };
-use abbe_files::{MachineFile, ModelFile, read_machine};
+use abbe_files::{MachineFile, ModelFile, hex, read_machine};
 use abbe_geometry::Vector3;
 use abbe_geometry::correct::{Correction, Status, correct};
 use abbe_geometry::effects::{CovariateSource, CovariateValue, State};
@@ -66,7 +66,7 @@ pub(crate) fn run(
     let machine = read_machine(asked.machine)?;
     let mut config = simulate::config(&machine, asked.seed, asked.volumetric_um)?;
     config.effects = asked.effects.iter().map(|text| from_text(text)).collect::<Result<_, _>>()?;
-    let (model, residual) = correction(asked, &machine, &config, observe)?;
+    let Correcting { model, model_sha256, residual } = correction(asked, &machine, &config, observe)?;
     let stage = |title, key, errors| Stage { title, key, errors };
     let mut stages = vec![stage("Before correction", "before", measured(&config, asked, |at| Some(at.indicated_m()))?)];
     if residual.is_some() {
@@ -92,7 +92,8 @@ pub(crate) fn run(
         words.push_str(&format!("\n{title}, {}", lengths::words(errors, limits, rule)?));
         json[*key] = lengths::figures(errors, limits, rule)?;
     }
-    let report = report(&machine.machine.name, asked, &stages, limits, rule)?;
+    let meta = made_from(asked, model_sha256.as_deref(), residual.as_ref())?;
+    let report = report(meta, &stages, limits, rule)?;
     let test = "the length test";
     let outside = (!tally.is_inside()).then(|| Outside {
         words: tally.words(&model, test, "touch"),
@@ -103,23 +104,31 @@ pub(crate) fn run(
     Ok(Product { words, json, report, verdict, outside, figures: Vec::new(), method: (lengths::STANDARD, Vec::new()) })
 }
 
+/// What the machine is corrected with.
+struct Correcting {
+    model: MachineModel,
+    /// Of the file that was named; none where the model was identified here.
+    model_sha256: Option<String>,
+    residual: Option<OwnedField>,
+}
+
 /// The model asked for and its residual model, or one that is identified from a campaign of the simulated machine.
 fn correction(
     asked: &Simulated,
     machine: &MachineFile,
     config: &SimulationConfig,
     observe: &mut dyn FnMut(Progress) -> bool,
-) -> anyhow::Result<(MachineModel, Option<OwnedField>)> {
+) -> anyhow::Result<Correcting> {
     let Some(path) = asked.model else {
         let campaign = simulate_campaign(config)?.campaign;
         let fit = identify(&machine.machine, machine.instrument, &campaign, &Options::default(), observe)?;
-        return Ok((fit.model, None));
+        return Ok(Correcting { model: fit.model, model_sha256: None, residual: None });
     };
     let (file, sha256) = ModelFile::load(path)?;
     let (own, found) = (&machine.machine.name, &file.model.parts().machine.name);
     ensure!(own == found, "{}: a model of machine {found}, not of {own}", path.display());
     let residual = asked.residual.map(|residual| load_residual(residual, &file, &sha256)).transpose()?;
-    Ok((file.model, residual))
+    Ok(Correcting { model: file.model, model_sha256: Some(hex(&sha256)), residual })
 }
 
 fn measured(
@@ -186,43 +195,52 @@ fn answer(stages: &[Stage], limits: &Limits, rule: &DecisionRule) -> Vec<Section
         detail: Some("without and with correction".to_owned()),
         ..KeyFigure::default()
     };
-    let figures = vec![
+    let mut figures = vec![
         figure("largest error, observed", &|errors| Some(errors.largest().0.metres())),
         figure("repeatability range, observed", &|errors| Some(errors.repeatability()?.metres())),
     ];
+    if let Some(limit) = &limits.length {
+        let percent = |errors: &LengthErrors| Some(Quantity::new(100.0 * lengths::most_used(errors, limit).0, 0));
+        let share = figure("largest share of the limit", &|_| None);
+        let (before, value) = (percent(&before.errors), percent(&after.errors));
+        figures.insert(1, KeyFigure { before, value, unit: "%".to_owned(), ..share });
+    }
     let mut sections = Vec::new();
     if let (Some(limit), Some(verdict)) = (&limits.length, lengths::verdict(&after.errors, limits, rule)) {
         sections.push(Section::Callout(Callout {
             tone: super::tone(verdict),
             title: format!("As corrected, against {limit}"),
-            text: format!("{}. Decision rule: {}.", super::verdict_word(verdict).replace('_', " "), rule.words()),
+            text: format!("{}. Decision rule: {}.", super::verdict_in_words(verdict), rule.words()),
         }));
     }
     sections.push(Section::KeyFigures(KeyFigures { title: "At a glance".to_owned(), figures }));
     sections
 }
 
-fn report(
-    machine: &str,
+/// Files with their hashes, and what else the simulated machine is made of.
+fn made_from(
     asked: &Simulated,
-    stages: &[Stage],
-    limits: &Limits,
-    rule: &DecisionRule,
-) -> anyhow::Result<Report> {
+    model_sha256: Option<&str>,
+    residual: Option<&OwnedField>,
+) -> anyhow::Result<Vec<MetaItem>> {
+    let mut meta = vec![hashed("Machine file", asked.machine)?, MetaItem::new("Seed", asked.seed.to_string())];
+    meta.extend(asked.effects.iter().map(|effect| MetaItem::new("Effect", effect)));
+    meta.extend(asked.model.map(|path| MetaItem::file("Model", &file_name(path), model_sha256)));
+    meta.extend(residual_meta(asked.residual, residual));
+    meta.push(MetaItem::software(software()));
+    Ok(meta)
+}
+
+fn report(meta: Vec<MetaItem>, stages: &[Stage], limits: &Limits, rule: &DecisionRule) -> anyhow::Result<Report> {
     let mut sections = answer(stages, limits, rule);
     for Stage { title, errors, .. } in stages {
         sections.push(Section::Heading(Heading { title: (*title).to_owned(), intro: None }));
         sections.extend(lengths::sections(errors, limits, rule)?);
     }
-    let mut meta = vec![MetaItem::new("Simulated machine", machine), MetaItem::new("Seed", asked.seed.to_string())];
-    meta.extend(asked.effects.iter().map(|effect| MetaItem::new("Effect", effect)));
-    meta.extend(asked.model.map(|path| MetaItem::file("Model", &file_name(path), None)));
-    meta.extend(asked.residual.map(|path| MetaItem::file("Residual model", &file_name(path), None)));
-    meta.push(MetaItem::software(software()));
     Ok(Report {
-        title: "Length measurement error before and after correction".to_owned(),
+        title: "Length measurement error of a simulated machine".to_owned(),
         lead: Some(
-            "The same gauges, touched in the same order by a simulated machine as it is and as its models correct it."
+            "The same gauges, touched in the same order by the simulated machine as it is, and as its models correct it."
                 .to_owned(),
         ),
         identity: Identity::default(),

@@ -3,7 +3,8 @@
 //! Place in the flow: `abbe conformity --sphere`. Names of both editions stand side by side.
 
 use super::{
-    Figure, Limits, Product, departure_callout, departure_json, departure_words, tone, um, verdict_word, worst,
+    Figure, Limits, Product, departure_callout, departure_json, departure_words, tone, um, verdict_in_words,
+    verdict_word, worst,
 };
 use crate::pipeline::software;
 use crate::provenance::made_from;
@@ -95,19 +96,14 @@ impl Row {
     }
 
     /// The verdict on its limit.
-    fn answer(&self, rule: &DecisionRule) -> Option<Section> {
+    fn answer(&self) -> Option<Callout> {
         let (limit, verdict, share) = (self.limit?, self.verdict?, self.share()?);
         let limit_um = format!("{:.3}", um(limit.metres()));
-        Some(Section::Callout(Callout {
+        Some(Callout {
             tone: tone(verdict),
             title: format!("{} against {} µm", self.what, limit_um.trim_end_matches('0').trim_end_matches('.')),
-            text: format!(
-                "{}; it uses {:.0} % of the limit. Decision rule: {}.",
-                verdict_word(verdict).replace('_', " "),
-                100.0 * share,
-                rule.words()
-            ),
-        }))
+            text: format!("{}; it uses {:.0} % of the limit.", verdict_in_words(verdict), 100.0 * share),
+        })
     }
 
     /// The error as it was observed; nothing where it was not.
@@ -143,7 +139,7 @@ fn words(path: &Path, errors: &ProbingErrors, rows: &[Row], rule: &DecisionRule)
         let value = row.value_m.map_or_else(|| "-".to_owned(), |v| format!("{} um", digits::result(um(v))));
         let _ = write!(text, "  {} ({})  {value}", row.names[0], row.names[1]);
         if let (Some(limit), Some(verdict)) = (row.limit, row.verdict) {
-            let _ = write!(text, ", limit {:.3} um: {}", um(limit.metres()), verdict_word(verdict));
+            let _ = write!(text, ", limit {:.3} um: {}", um(limit.metres()), verdict_in_words(verdict));
         }
         text.push('\n');
     }
@@ -156,7 +152,12 @@ fn words(path: &Path, errors: &ProbingErrors, rows: &[Row], rule: &DecisionRule)
 }
 
 fn report(path: &Path, sha256: &[u8; 32], errors: &ProbingErrors, rows: &[Row], rule: &DecisionRule) -> Report {
-    let mut sections: Vec<Section> = rows.iter().filter_map(|row| row.answer(rule)).collect();
+    let mut answers: Vec<Callout> = rows.iter().filter_map(Row::answer).collect();
+    // Once for all limits: it is the same.
+    if let Some(last) = answers.last_mut() {
+        last.text.push_str(&format!(" Decision rule: {}.", rule.words()));
+    }
+    let mut sections: Vec<Section> = answers.into_iter().map(Section::Callout).collect();
     let figures = rows.iter().filter_map(|row| row.figure(rule)).collect();
     sections.push(Section::KeyFigures(KeyFigures { title: "Observed".to_owned(), figures }));
     sections.push(departure_callout(STANDARD, &errors.departures));

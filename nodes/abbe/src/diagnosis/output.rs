@@ -3,6 +3,7 @@
 //! Place in the flow: last. Until everything is made, the output folder is not touched.
 
 use super::{Product, targets};
+use crate::verdict::in_words;
 use abbe_files::AtomicFile;
 use abbe_report::diagnosis::{Averaged, Effect, HELD_ALREADY, Record, is_held_already, readable};
 use abbe_report::digits;
@@ -49,7 +50,7 @@ pub(crate) fn write(folder: &Path, product: &Product, json: &str) -> anyhow::Res
 
 /// The summary for a terminal.
 pub(crate) fn words(record: &Record, folder: &Path) -> String {
-    let mut text = format!("{}\n\n", record.verdict);
+    let mut text = format!("{}\n\n", in_words(&record.verdict));
     let number = |v: Option<f64>| v.map_or_else(|| "-".to_owned(), digits::result);
     let mut line = |name: &str, before: Option<f64>, after: Option<f64>, unit: &str| {
         // Writing to a string cannot fail.

@@ -225,7 +225,9 @@ fn detection(diagnosis: &library::StudyDiagnosis) -> shown::Both<shown::Detectio
 fn words(judgement: &library::Judgement, replicates: Option<&str>, p: Option<f64>) -> String {
     let scatter = format!("The residual is {} um rms", digits::result(judgement.rms_um));
     let declared = match judgement.chi2_per_dof {
-        Some(chi2) => format!("{scatter}, chi2/dof {} with the declared uncertainties", digits::result(chi2)),
+        Some(chi2) => {
+            format!("{scatter}, chi2 per degree of freedom {} with the declared uncertainties", digits::result(chi2))
+        }
         None => format!("{scatter}; no uncertainties are declared"),
     };
     match (replicates, p) {

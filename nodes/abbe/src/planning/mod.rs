@@ -10,7 +10,7 @@ use abbe_files::MachineFile;
 use abbe_geometry::effects::{Shape, ShapeValue};
 use abbe_plan::{Plan, Promise, Request, Wish};
 use abbe_report::diagnosis::{parameter_name, readable_unit, shape_words as words_of_shape};
-use abbe_report::{Identity, digits};
+use abbe_report::{Identity, MetaItem, digits};
 use serde_json::{Value, json};
 use std::fmt::Write;
 use std::path::Path;
@@ -23,8 +23,8 @@ pub(crate) struct Sources<'a> {
     pub(crate) request: &'a Request,
     pub(crate) campaign: Option<&'a Path>,
     pub(crate) who: &'a Identity,
-    /// Names of machine file and request.
-    pub(crate) files: [String; 2],
+    /// Files with their hashes.
+    pub(crate) files: Vec<MetaItem>,
 }
 
 /// What will come of a wish.
@@ -138,10 +138,12 @@ pub(crate) fn words(sources: &Sources, plan: &Plan, out: &Path) -> String {
     let [half, twice] = plan.if_bent_m.map(um);
     line("if errors bend", format!("half as much {half} um, twice as much {twice} um"));
     for wish in &sources.request.tell {
-        let name = format!("{} {}", wish.name, shape_words(&wish.shape));
+        let shape = shape_in_words(&wish.shape);
+        let shape = if shape.is_empty() { shape } else { format!(" ({shape})") };
+        let name = format!("{}{shape}", crate::diagnosis::title(&wish.name));
         match outcome(promise, wish) {
-            Outcome::Told(words) => line("told", format!("{}: {words}", name.trim())),
-            Outcome::Not(words) => line("not_identifiable", format!("{}: {words}", name.trim())),
+            Outcome::Told(words) => line("can be told", format!("{name}: {words}")),
+            Outcome::Not(words) => line("cannot be told", format!("{name}: {words}")),
         }
     }
     stations_table(plan, &mut text);
@@ -153,11 +155,14 @@ pub(crate) fn words(sources: &Sources, plan: &Plan, out: &Path) -> String {
             return text;
         }
     };
-    let hidden: Vec<&str> = effects.not_identifiable.iter().map(|n| n.name).collect();
+    let mut hidden: Vec<String> =
+        effects.not_identifiable.iter().map(|hidden| crate::diagnosis::title(hidden.name).to_string()).collect();
+    // An effect of several axes stands once.
+    hidden.dedup();
     if !hidden.is_empty() {
         let _ = writeln!(
             text,
-            "  not_identifiable with this plan: {}; report.html has why and what would tell",
+            "  cannot be told with this plan: {}; report.html has why and what would tell",
             hidden.join(", ")
         );
     }

@@ -3,11 +3,10 @@
 //! Place in the flow: beside the path; millimetres, micrometres, microradians, k = 1.
 
 use super::{Outcome, Sources, outcome, shape_in_words, tables, time_words, um};
-use crate::provenance::file_name;
 use abbe_plan::{Plan, Promise, Wish};
 use abbe_report::{
-    Axis, Callout, CellMap, CellPanel, IsoLine, IsoPoint, Isometric, KeyFigure, KeyFigures, MetaItem, Quantity, Report,
-    Section, Tone,
+    Axis, Callout, CellMap, CellPanel, Identity, IsoLine, IsoPoint, Isometric, KeyFigure, KeyFigures, MetaItem,
+    Quantity, Report, Section, Tone,
 };
 
 /// Planes of Z shown.
@@ -30,21 +29,24 @@ pub(crate) fn report(sources: &Sources, plan: &Plan) -> Report {
              expected and lacks nothing that its model has no word for."
                 .to_owned(),
         ),
-        identity: sources.who.clone(),
+        // What is not measured yet has no certificate, no day and no temperature.
+        identity: Identity { certificate: None, measured: None, temperature_c: None, ..sources.who.clone() },
         next: Some(super::next().step()),
-        meta: vec![
-            MetaItem::file("Machine file", &sources.files[0], None),
-            MetaItem::file("Request", &sources.files[1], None),
-            MetaItem { label: "Measured before".to_owned(), value: sources.campaign.map(file_name) },
-            MetaItem::new("Measuring time", time_words(sources, plan).replace("s2", "s²")),
-            MetaItem::new("Unknowns", plan.promise.unknowns.to_string()),
-            MetaItem::new("Seed", sources.request.seed.to_string()),
-            MetaItem::software(crate::pipeline::software()),
-        ],
+        meta: made_from(sources, plan),
         main_plot: None,
         footer: Some(crate::pipeline::software()),
         sections,
     }
+}
+
+fn made_from(sources: &Sources, plan: &Plan) -> Vec<MetaItem> {
+    let figures = [
+        MetaItem::new("Measuring time", time_words(sources, plan).replace("s2", "s²")),
+        MetaItem::new("Unknowns", plan.promise.unknowns.to_string()),
+        MetaItem::new("Seed", sources.request.seed.to_string()),
+        MetaItem::software(crate::pipeline::software()),
+    ];
+    sources.files.iter().cloned().chain(figures).collect()
 }
 
 fn stopped(plan: &Plan) -> Option<Section> {
@@ -92,13 +94,19 @@ fn key_figures(plan: &Plan) -> Section {
     };
     let um = |u_m: f64| Quantity::uncertainty(u_m * 1e6);
     let [x, y, z] = promise.largest_m.1.map(|v| v * 1e3);
-    let mut point = figure("corrected point", um(promise.u_m), "µm", "k = 1, in space, rms over the volume");
+    let mut point =
+        figure("uncertainty of a corrected point", um(promise.u_m), "µm", "k = 1, in space, rms over the volume");
     point.before = plan.before.as_ref().map(|before| um(before.u_m));
     let figures = vec![
         point,
-        figure("of the model alone", um(promise.u_model_m), "µm", "without the repeatability of one approach"),
         figure(
-            "corrected point, largest",
+            "uncertainty of the model alone",
+            um(promise.u_model_m),
+            "µm",
+            "without the repeatability of one approach",
+        ),
+        figure(
+            "largest uncertainty of a corrected point",
             um(promise.largest_m.0),
             "µm",
             &format!("at X {x:.0}, Y {y:.0}, Z {z:.0} mm"),
