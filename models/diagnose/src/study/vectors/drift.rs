@@ -118,7 +118,8 @@ impl Drift {
         Candidate {
             name: format!("{what} with time, {}", self.course.words()),
             formula: formula.to_owned(),
-            kind: Kind::Attributed,
+            // No cause by name: beside something logged that explains as much it would go first.
+            kind: Kind::Empirical,
             family: format!("{what} with time"),
             covariates: vec![time.to_owned()],
             parameters: parameters.into_iter().map(|name| ParameterSpec::new(name, unit, PLAUSIBLE)).collect(),
