@@ -2,6 +2,9 @@
 //! model, or in it with an uncertainty that reaches to nothing. The machine is perfect in all of these unless a test says otherwise.
 #![allow(clippy::unwrap_used, clippy::panic)] // tests may
 
+#[path = "common/seeds.rs"]
+mod seeds;
+
 use abbe_diagnose::study::runs::{self, Approach, Run};
 use abbe_diagnose::study::vectors::{ResidualVector, diagnose};
 use abbe_diagnose::study::{Options, Parameter, StudyDiagnosis};
@@ -10,6 +13,7 @@ use abbe_geometry::machine::{Joint, Machine, Side, Squareness, USUAL_RAM_TURN_RA
 use abbe_geometry::rotation::RotationForm;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+use seeds::seeds;
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;
 
@@ -120,7 +124,7 @@ fn regress_a_tracker_that_drifts_is_not_in_the_model_of_the_machine() {
         }),
     ];
     for (what, drift) in drifts {
-        for seed in 0..3 {
+        for seed in 0..seeds(3) {
             assert_not_the_machines(&in_a_volume(drift, seed), &format!("{what}, seed {seed}"));
         }
     }
@@ -129,7 +133,7 @@ fn regress_a_tracker_that_drifts_is_not_in_the_model_of_the_machine() {
 /// One scale that grows is no tracker's: that has the same in all directions. It stays in the model.
 #[test]
 fn a_scale_that_grows_alone_is_still_the_machines() {
-    for seed in 0..3 {
+    for seed in 0..seeds(3) {
         let diagnosis = in_a_volume(|[x, ..], share| [30e-6 * x * settled(share), 0.0, 0.0], seed);
         let growth = diagnosis.terms.list.iter().find(|term| term.effect == "scale_growth");
         let growth = growth.unwrap_or_else(|| panic!("seed {seed}: {:?}", names(&diagnosis)));
@@ -140,8 +144,9 @@ fn a_scale_that_grows_alone_is_still_the_machines() {
 /// A plate that warms grew into scales of the machine.
 #[test]
 fn regress_a_plate_that_warms_is_no_scale_of_the_machine() {
+    // Row by row it is not always seen: the figures of the book have it.
     for scattered in [true] {
-        for seed in 0..4 {
+        for seed in 0..seeds(4) {
             let warms: Error = |[x, y, _], share| [-7e-6 * share * (x - 0.1), -7e-6 * share * (y - 0.1), 0.0];
             let diagnosis = on_a_plate(warms, scattered, seed);
             for term in &diagnosis.terms.list {
@@ -157,7 +162,7 @@ fn regress_a_plate_that_warms_is_no_scale_of_the_machine() {
 /// its scatter.
 #[test]
 fn regress_an_error_of_position_that_a_drift_explains_as_well_may_be_nothing() {
-    for seed in 0..4 {
+    for seed in 0..seeds(4) {
         let diagnosis = on_a_plate(|_, share| [6e-6 * share, 0.0, 0.0], false, seed);
         assert!(!diagnosis.effects.is_empty(), "seed {seed}");
         for effect in &diagnosis.effects {
@@ -196,7 +201,7 @@ fn regress_a_laser_that_drifts_and_an_axis_that_warms_up_are_both_in_the_uncerta
     let drifts: [fn(f64, f64) -> f64; 3] =
         [|_, share| 4e-6 * share, |_, share| 4e-6 * settled(share), |x, share| 8e-6 * settled(share) * (x + 0.2)];
     for drift in drifts {
-        for seed in 0..3 {
+        for seed in 0..seeds(3) {
             let diagnosis = runs_with(drift, seed);
             assert!(!diagnosis.effects.is_empty(), "seed {seed}");
             for effect in diagnosis.effects.iter().filter(|effect| !effect.name.contains("reversal")) {
