@@ -143,19 +143,24 @@ fn regress_what_only_a_prior_tells_is_not_worth_its_uncertainty() {
     assert_eq!(worth::refusal(std::slice::from_ref(&term), &without, &without, &campaign), None);
 }
 
+/// What the gate says of a backlash of Y.
+fn of_a_backlash(machine: &Machine, campaign: &Campaign) -> gate::Verdict {
+    let options = Options::default();
+    let search = Search::new(INSTRUMENT.range, campaign, &options);
+    let state = state(&search, machine);
+    let shape = Shape::new().text("axis", "y").text("over", "y").number("terms", 1.0);
+    let term = EffectTerm::new("reversal", shape, machine).unwrap();
+    let after = search.round(&search.fit(machine, std::slice::from_ref(&term), &mut |_| true).unwrap()).unwrap();
+    gate::judge(&state.round, &after, campaign, &[term])
+}
+
 /// Of two values of a covariate one tells nothing of the other: a term is not refused for what nobody could know.
 #[test]
 fn regress_a_covariate_of_two_values_is_left_out_of_no_fit() {
     let (machine, mut campaign) = simulated(13, &["backlash axis=y size_um=2"]);
     let sign = campaign.covariates.iter_mut().find(|column| column.name == "dir_y").unwrap();
     sign.values.iter_mut().for_each(|value| *value = value.map(|sign| if sign < 0.0 { -1.0 } else { 1.0 }));
-    let options = Options::default();
-    let search = Search::new(INSTRUMENT.range, &campaign, &options);
-    let state = state(&search, &machine);
-    let shape = Shape::new().text("axis", "y").text("over", "y").number("terms", 1.0);
-    let term = EffectTerm::new("reversal", shape, &machine).unwrap();
-    let after = search.round(&search.fit(&machine, std::slice::from_ref(&term), &mut |_| true).unwrap()).unwrap();
-    let verdict = gate::judge(&state.round, &after, &campaign, &[term]);
+    let verdict = of_a_backlash(&machine, &campaign);
     assert!(verdict.judged.iter().all(|judged| judged.by != "dir_y"), "{verdict:?}");
     assert!(verdict.missing.iter().any(|words| words.contains("dir_y has too few values")), "{verdict:?}");
 }
@@ -166,13 +171,7 @@ fn regress_the_ends_of_a_covariate_that_was_set_to_few_values_are_left_out_of_no
     let (machine, mut campaign) = simulated(13, &["backlash axis=y size_um=2"]);
     let side = campaign.covariates.iter_mut().find(|column| column.name == "dir_y").unwrap();
     side.values.iter_mut().enumerate().for_each(|(k, value)| *value = Some([-1.0, 0.5, 1.0][k % 3]));
-    let options = Options::default();
-    let search = Search::new(INSTRUMENT.range, &campaign, &options);
-    let state = state(&search, &machine);
-    let shape = Shape::new().text("axis", "y").text("over", "y").number("terms", 1.0);
-    let term = EffectTerm::new("reversal", shape, &machine).unwrap();
-    let after = search.round(&search.fit(&machine, std::slice::from_ref(&term), &mut |_| true).unwrap()).unwrap();
-    let verdict = gate::judge(&state.round, &after, &campaign, &[term]);
+    let verdict = of_a_backlash(&machine, &campaign);
     let judged = verdict.judged.iter().find(|judged| judged.by == "dir_y").unwrap();
     assert_eq!(judged.blocks, 1, "of three the one in the middle: {verdict:?}");
 }

@@ -2,15 +2,15 @@
 //! model, or in it with an uncertainty that reaches to nothing. The machine is perfect in all of these unless a test says otherwise.
 #![allow(clippy::unwrap_used, clippy::panic)] // tests may
 
+#[path = "common/bridge.rs"]
+mod bridge;
 #[path = "common/seeds.rs"]
 mod seeds;
 
 use abbe_diagnose::study::runs::{self, Approach, Run};
 use abbe_diagnose::study::vectors::{ResidualVector, diagnose};
 use abbe_diagnose::study::{Options, Parameter, StudyDiagnosis};
-use abbe_geometry::Axis;
-use abbe_geometry::machine::{Joint, Machine, Side, Squareness, USUAL_RAM_TURN_RAD};
-use abbe_geometry::rotation::RotationForm;
+use bridge::{machine, normal};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use seeds::seeds;
@@ -20,27 +20,6 @@ use std::f64::consts::TAU;
 const SIGMA_M: f64 = 0.3e-6;
 /// Share of a value that k = 2 must reach: the whole of it, but for what noise adds.
 const WHOLE: f64 = 0.9;
-
-fn machine() -> Machine {
-    let tilt = |name: &str, tilts, about| Squareness { name: name.to_owned(), tilts, about };
-    Machine {
-        name: "bridge".to_owned(),
-        frame_id: "machine".to_owned(),
-        joints: Axis::ALL.map(|axis| Joint { axis, side: Side::Tool }),
-        stroke_m: [(0.0, 0.8), (0.0, 0.6), (0.0, 0.6)],
-        squareness: [tilt("C0Y", Axis::Y, Axis::Z), tilt("B0Z", Axis::Z, Axis::Y), tilt("A0Z", Axis::Z, Axis::X)],
-        rotation: RotationForm::Exact,
-        kinds: [None; 18],
-        repeatability_m: [0.25e-6; 3],
-        u_ram_turn_rad: [USUAL_RAM_TURN_RAD; 3],
-        default_offset_m: None,
-    }
-}
-
-fn normal(generator: &mut ChaCha8Rng) -> f64 {
-    let (a, b): (f64, f64) = (generator.random(), generator.random());
-    (-2.0 * (1.0 - a).ln()).sqrt() * (TAU * b).cos()
-}
 
 /// Error (m) at a position (m) after this share of the time.
 type Error = fn([f64; 3], f64) -> [f64; 3];

@@ -2,45 +2,23 @@
 //! where none does, silent where there is nothing. The errors are written out here, not taken from the effects.
 #![allow(clippy::unwrap_used, clippy::panic)] // tests may
 
+#[path = "common/bridge.rs"]
+mod bridge;
 #[path = "common/seeds.rs"]
 mod seeds;
 
 use abbe_diagnose::DiagnoseError;
 use abbe_diagnose::study::vectors::{ResidualVector, diagnose, diagnose_observed};
 use abbe_diagnose::study::{Kind, Options, Progress, StudyDiagnosis};
-use abbe_geometry::Axis;
-use abbe_geometry::machine::{Joint, Machine, Side, Squareness};
-use abbe_geometry::rotation::RotationForm;
+use bridge::{machine, normal};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use seeds::{one_in_twenty, seeds};
-use std::f64::consts::TAU;
 
 const SIGMA_M: f64 = 1e-6;
 
 /// Error (m) at a vector.
 type Error = fn(&ResidualVector) -> [f64; 3];
-
-fn machine() -> Machine {
-    let tilt = |name: &str, tilts, about| Squareness { name: name.to_owned(), tilts, about };
-    Machine {
-        name: "bridge".to_owned(),
-        frame_id: "machine".to_owned(),
-        joints: Axis::ALL.map(|axis| Joint { axis, side: Side::Tool }),
-        stroke_m: [(0.0, 0.8), (0.0, 0.6), (0.0, 0.6)],
-        squareness: [tilt("C0Y", Axis::Y, Axis::Z), tilt("B0Z", Axis::Z, Axis::Y), tilt("A0Z", Axis::Z, Axis::X)],
-        rotation: RotationForm::Exact,
-        kinds: [None; 18],
-        repeatability_m: [0.25e-6; 3],
-        u_ram_turn_rad: [abbe_geometry::machine::USUAL_RAM_TURN_RAD; 3],
-        default_offset_m: None,
-    }
-}
-
-fn normal(generator: &mut ChaCha8Rng) -> f64 {
-    let (a, b): (f64, f64) = (generator.random(), generator.random());
-    (-2.0 * (1.0 - a).ln()).sqrt() * (TAU * b).cos()
-}
 
 /// 240 positions in random order with a temperature, a load, a direction and a joint angle; a frame slightly moved.
 fn measured(error: Error, seed: u64) -> Vec<ResidualVector> {
