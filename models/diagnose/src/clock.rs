@@ -111,8 +111,7 @@ fn found(
     let mut as_it_is = look.together(round, &terms)?;
     let still = look.moved(0.0, &terms);
     let of_still = Round::new(fit, search.instrument, &still)?;
-    as_it_is =
-        as_it_is.max(look.together(&of_still, &terms)?).max(look.best(&still)?).max(look.late(&of_still, &still)?);
+    as_it_is = as_it_is.max(look.together(&of_still, &terms)?).max(look.best_or_late(&of_still, &still)?);
     let mut best = (0.0, f64::NEG_INFINITY);
     let shifts_s = shifts_s(search.campaign);
     for shift_s in &shifts_s {
@@ -160,14 +159,13 @@ impl Look<'_, '_> {
         Ok(scored.iter().map(|candidate| candidate.evidence(round.used)).fold(f64::NEG_INFINITY, f64::max))
     }
 
-    /// The same by what is ahead of each logged sensor, or behind it: one that follows late is no clock that is off.
-    fn late(&self, round: &Round, campaign: &Campaign) -> Result<f64, DiagnoseError> {
+    /// The same, or by what is ahead of a logged sensor, or behind it: one that follows late is no clock that is off.
+    fn best_or_late(&self, round: &Round, campaign: &Campaign) -> Result<f64, DiagnoseError> {
         let machine = &self.fit.model.parts().machine;
         let mut by_sensor = self.by_each_sensor(round, campaign)?;
-        by_sensor.retain(|candidate| !is_lagged(candidate));
         by_sensor.sort_by(|a, b| b.evidence(round.used).total_cmp(&a.evidence(round.used)));
-        let mut best = f64::NEG_INFINITY;
-        for candidate in by_sensor.into_iter().take(MOST_LATE) {
+        let mut best = by_sensor.first().map_or(f64::NEG_INFINITY, |candidate| candidate.evidence(round.used));
+        for candidate in by_sensor.into_iter().filter(|candidate| !is_lagged(candidate)).take(MOST_LATE) {
             let moved = apart(round, (machine, campaign), candidate, self.search.options.least_evidence)?;
             best = best.max(moved.evidence(round.used));
         }

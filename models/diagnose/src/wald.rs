@@ -3,7 +3,7 @@
 //! Place in the flow: pruning in [`crate::search`], and p-values of the final model. Uses the model's own covariance,
 //! which is widened by misfit already; directions that only the prior determines are left out.
 
-use abbe_geometry::model::MachineModel;
+use abbe_geometry::model::{FittedEffect, MachineModel};
 use abbe_identify::Identified;
 use abbe_identify::symmetric_eigen;
 use faer::Mat;
@@ -41,22 +41,21 @@ impl Wald {
 
 /// Of every effect of the model, in its order.
 pub(crate) fn of_terms(fit: &Identified) -> Vec<Wald> {
-    let mut first = fit.model.layout().len();
-    let mut all = Vec::new();
-    for fitted in &fit.model.parts().effects {
-        all.push(of(&fit.model, first, &fitted.parameters, &plausible(fitted)));
-        first += fitted.parameters.len();
-    }
-    all
+    of_each(fit, |first, fitted| of(&fit.model, first, &fitted.parameters, &plausible(fitted)))
 }
 
 /// For every effect, how large (as a share of its plausible sizes) its directions may be, by those that the data tell;
 /// `None` where they tell all of them, or none.
 pub(crate) fn told(fit: &Identified) -> Vec<Option<f64>> {
+    of_each(fit, |first, fitted| told_of(&fit.model, first, &fitted.parameters, &plausible(fitted)))
+}
+
+/// Of every effect, with the place of its first parameter.
+fn of_each<T>(fit: &Identified, of: impl Fn(usize, &FittedEffect) -> T) -> Vec<T> {
     let mut first = fit.model.layout().len();
     let mut all = Vec::new();
     for fitted in &fit.model.parts().effects {
-        all.push(told_of(&fit.model, first, &fitted.parameters, &plausible(fitted)));
+        all.push(of(first, fitted));
         first += fitted.parameters.len();
     }
     all
@@ -73,21 +72,16 @@ fn told_of(model: &MachineModel, first: usize, values: &[f64], priors: &[f64]) -
     variances.iter().any(|variance| *variance > OPEN * believed * believed).then_some(believed)
 }
 
-fn plausible(fitted: &abbe_geometry::model::FittedEffect) -> Vec<f64> {
+fn plausible(fitted: &FittedEffect) -> Vec<f64> {
     fitted.effect.parameters().iter().map(|spec| spec.plausible).collect()
 }
 
 /// Of the parameters without which an effect is something else, for every effect in its order; `None` where all make it what it is.
 pub(crate) fn of_essential(fit: &Identified) -> Vec<Option<Wald>> {
-    let mut first = fit.model.layout().len();
-    let mut all = Vec::new();
-    for fitted in &fit.model.parts().effects {
+    of_each(fit, |first, fitted| {
         let own = fitted.effect.essential();
-        let (values, priors) = (&fitted.parameters, plausible(fitted));
-        all.push((!own.is_empty()).then(|| of_some(&fit.model, (first, own), values, &priors)));
-        first += values.len();
-    }
-    all
+        (!own.is_empty()).then(|| of_some(&fit.model, (first, own), &fitted.parameters, &plausible(fitted)))
+    })
 }
 
 fn of(model: &MachineModel, first: usize, values: &[f64], priors: &[f64]) -> Wald {

@@ -11,7 +11,7 @@ use crate::error::DiagnoseError;
 use crate::search::Search;
 use abbe_geometry::effects::of_lagged;
 use abbe_geometry::model::FittedEffect;
-use abbe_identify::Identified;
+use abbe_identify::{Identified, Rows};
 use abbe_measurement::campaign::{Campaign, Covariate};
 use faer::Mat;
 
@@ -24,14 +24,16 @@ pub(crate) fn refusal(
 ) -> Result<Option<String>, DiagnoseError> {
     let campaign = search.campaign;
     let follows = |name: &String| is_of_the_room(name) || of_lagged(name).is_some();
-    if !read_by(fitted.effect.as_ref(), &fitted.shape).iter().any(follows) || !in_turn(campaign) {
+    let read: Vec<String> =
+        read_by(fitted.effect.as_ref(), &fitted.shape).into_iter().filter(|name| follows(name)).collect();
+    if read.is_empty() || !in_turn(campaign) {
         return Ok(None);
     }
-    let levelled = levelled(campaign);
-    let on_average = effect(&Round::new(before, search.instrument, &levelled)?, fitted)?;
+    let levelled = levelled(campaign, &read);
+    let on_average = effect(&Rows::new(before, search.instrument, &levelled), fitted)?;
     // What the machine's own errors hold takes nothing away from what single stations tell.
     let Ok(beside) = round.free.widened(&[on_average], round.used) else { return Ok(None) };
-    let own = effect(round, fitted)?;
+    let own = effect(&round.rows, fitted)?;
     let beside = Round { free: std::sync::Arc::new(beside), ..round.clone() };
     let score = beside.score(&beside.free.project(own.as_ref()));
     let is_told = score.estimate.iter().all(|size| *size > 0.0) && score.evidence(round.used, 1) > 0.0;
@@ -41,16 +43,16 @@ pub(crate) fn refusal(
 }
 
 /// What a fitted effect does to the whitened rows.
-fn effect(round: &Round, fitted: &FittedEffect) -> Result<Mat<f64>, DiagnoseError> {
-    let columns = round.rows.columns(fitted.effect.as_ref())?;
+fn effect(rows: &Rows, fitted: &FittedEffect) -> Result<Mat<f64>, DiagnoseError> {
+    let columns = rows.columns(fitted.effect.as_ref())?;
     let sum = |row: usize| fitted.parameters.iter().enumerate().map(|(j, value)| columns[(row, j)] * value).sum();
     Ok(Mat::from_fn(columns.nrows(), 1, |row, _| sum(row)))
 }
 
-/// The campaign with the room as it was on average while each station stood.
-fn levelled(campaign: &Campaign) -> Campaign {
+/// The campaign with these quantities as they were on average while each station stood.
+fn levelled(campaign: &Campaign, names: &[String]) -> Campaign {
     let level = |column: &Covariate| -> Covariate {
-        if !is_of_the_room(&column.name) && of_lagged(&column.name).is_none() {
+        if !names.contains(&column.name) {
             return column.clone();
         }
         let mut sums = vec![(0.0, 0.0); campaign.stations.len()];
