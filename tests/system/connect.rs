@@ -26,7 +26,7 @@ fn launch_file(bench: &Bench, controller: &str, sensor: &str) -> String {
     let content = format!(
         "namespace = \"test\"\nmachine = \"{}\"\nmodel = \"model.json\"\nrecord = \"recorded\"\n\
          nodes = [\"scale\", \"geometric\", \"residual\", \"recorder\"]\n\
-         max_covariate_age_s = 10.0\nwait_for_subscribers_s = 20.0\n\
+         max_covariate_age_s = 10.0\nwait_for_subscribers_s = 20.0\nvisible_in_ros = false\n\
          [scale]\npace = \"as_they_come\"\n\
          driver = {{ kind = \"lines\", from = {{ tcp = \"{controller}\" }}, columns = [\"x_mm\", \"y_mm\", \"z_mm\"], \
          offset_mm = [0.0, 0.0, -60.0], silent_after_s = 1.0 }}\n\

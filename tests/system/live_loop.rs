@@ -163,6 +163,7 @@ fn identify(bench: &Bench, campaign: &str, model: &str) {
 fn launch_on(bench: &Bench, change: impl FnOnce(&mut Launch)) -> String {
     let mut launch = Launch::read(&machine().parent().unwrap().with_file_name("live_loop.toml")).unwrap();
     launch.machine = machine();
+    launch.visible_in_ros = false; // the loop needs no ROS graph, and the tests beside it their cores
     launch.model = Some("model.json".into());
     launch.record = Some(abbe_graph::launch::RecordConfig::new("recorded"));
     for source in [launch.scale.as_mut(), launch.tracer.as_mut()].into_iter().flatten() {

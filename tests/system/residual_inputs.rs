@@ -387,7 +387,7 @@ fn what_tells_no_covariates_refuses_the_model_when_it_loads() {
     // The virtual machine logs no such temperature.
     let text = format!(
         "namespace = \"test\"\nmachine = \"{}\"\nmodel = \"model.json\"\nresidual_model = \"cellar.json\"\n\
-         nodes = [\"scale\", \"geometric\", \"residual\"]\nmax_covariate_age_s = 10.0\nwait_for_subscribers_s = 20.0\n\
+         nodes = [\"scale\", \"geometric\", \"residual\"]\nmax_covariate_age_s = 10.0\nwait_for_subscribers_s = 20.0\nvisible_in_ros = false\n\
          [scale]\ndriver = {{ kind = \"virtual_machine\", seed = 9 }}\npace = {{ rate_hz = 1000.0 }}\n\
          [[edges]]\nfrom = \"scale\"\nto = \"geometric\"\ntransport = \"{MEMORY}\"\n\
          [[edges]]\nfrom = \"scale\"\nto = \"residual\"\ntransport = \"{MEMORY}\"\n\

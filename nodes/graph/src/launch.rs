@@ -251,7 +251,7 @@ pub struct Launch {
     #[serde(default = "by_themselves")]
     pub autostart: bool,
     /// Whether nodes without an edge over DDS or Zenoh are in the ROS graph as well, with their parameters, services and diagnostics.
-    #[serde(default)]
+    #[serde(default = "visible_in_ros")]
     pub visible_in_ros: bool,
     /// Whether services over ROS 2 may change what a node does. Without them the graph is only looked at from there.
     #[serde(default = "commands_from_ros")]
@@ -330,6 +330,10 @@ pub enum LaunchError {
 }
 
 /// Where the launch file does not say.
+fn visible_in_ros() -> bool {
+    true
+}
+
 fn commands_from_ros() -> bool {
     true
 }

@@ -74,6 +74,15 @@ fn a_good_file_says_who_talks_to_whom_over_what() {
 }
 
 #[test]
+fn every_node_is_in_the_ros_graph_whatever_its_edges_unless_the_file_says_no() {
+    let hidden = parse(&GOOD.replacen("max_covariate", "visible_in_ros = false\nmax_covariate", 1)).unwrap();
+    for node in [NodeName::Scale, NodeName::Geometric, NodeName::Residual] {
+        assert!(parse(GOOD).unwrap().is_in_ros_graph(node), "{node:?}");
+        assert_eq!(hidden.is_in_ros_graph(node), node == NodeName::Residual, "{node:?}: it alone publishes over DDS");
+    }
+}
+
+#[test]
 fn services_may_change_what_a_node_does_unless_the_file_says_no() {
     let silent = GOOD.replacen("max_covariate", "commands_from_ros = false\nmax_covariate", 1);
     let launch = parse(&silent).unwrap();
@@ -82,9 +91,9 @@ fn services_may_change_what_a_node_does_unless_the_file_says_no() {
     assert!(parse(&silent.replacen("false", "\"no\"", 1)).unwrap_err().contains("commands_from_ros"));
     // Who waits for a manager has to be found by one, and to obey it.
     let waiting = |more: &str| GOOD.replacen("max_covariate", &format!("autostart = false\n{more}max_covariate"), 1);
-    assert!(parse(&waiting("visible_in_ros = true\n")).is_ok());
-    assert!(parse(&waiting("")).unwrap_err().contains("visible_in_ros = true"));
-    let shut = parse(&waiting("visible_in_ros = true\ncommands_from_ros = false\n")).unwrap_err();
+    assert!(parse(&waiting("")).is_ok());
+    assert!(parse(&waiting("visible_in_ros = false\n")).unwrap_err().contains("visible_in_ros = false"));
+    let shut = parse(&waiting("commands_from_ros = false\n")).unwrap_err();
     assert!(shut.contains("autostart") && shut.contains("commands_from_ros"), "{shut}");
 }
 

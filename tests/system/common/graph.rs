@@ -75,10 +75,12 @@ impl LaunchText {
         self
     }
 
+    /// Nodes without an edge over DDS are in no ROS graph, unless a key says so: shared memory alone is what most tests are about.
     pub(crate) fn text(&self) -> String {
+        let hidden = if self.keys.contains("visible_in_ros") { "" } else { "visible_in_ros = false\n" };
         format!(
             "namespace = \"{NAMESPACE}\"\nmachine = \"{}\"\nmodel = \"model.json\"\nnodes = {:?}\n\
-             max_covariate_age_s = 10.0\nwait_for_subscribers_s = 20.0\n{}{}{}\n{}{}",
+             max_covariate_age_s = 10.0\nwait_for_subscribers_s = 20.0\n{hidden}{}{}{}\n{}{}",
             text(&machine()),
             self.nodes,
             self.keys,

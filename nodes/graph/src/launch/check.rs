@@ -64,8 +64,8 @@ impl Launch {
         }
         if let Some(node) = self.nodes.iter().find(|node| !self.autostart && !self.is_in_ros_graph(**node)) {
             let problem = format!(
-                "false leaves the nodes to a manager, and {} is not in the ROS graph, where a manager could find it; add \
-                 visible_in_ros = true",
+                "false leaves the nodes to a manager, and {} is not in the ROS graph, where a manager could find it; leave out \
+                 visible_in_ros = false",
                 node.name()
             );
             return wrong("autostart", &problem);
@@ -118,7 +118,7 @@ impl Launch {
             if !self.is_in_ros_graph(NodeName::Scale) {
                 return wrong(
                     "publish_clock",
-                    "needs scale in the ROS graph; add an edge from it over dds, or visible_in_ros",
+                    "needs scale in the ROS graph; add an edge from it over dds, or leave out visible_in_ros = false",
                 );
             }
         }

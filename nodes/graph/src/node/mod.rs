@@ -319,7 +319,7 @@ impl NodeContext {
             // Nothing is ahead of a clock that says nothing, and nothing else asks for it.
             None if uses_sim_time => {
                 tracing::warn!(
-                    "use_sim_time is set, but this node is not in the ROS graph and hears no /clock; add visible_in_ros = true"
+                    "use_sim_time is set, but this node is not in the ROS graph and hears no /clock; leave out visible_in_ros = false"
                 );
                 Clock::simulated()
             }
