@@ -311,7 +311,10 @@ fn ranges(
     let degrees = readings.0;
     let verdict = verdict::of_fit(Some((prior.noise.powi(2), degrees)), Some(counted));
     verdict::check(&verdict, arguments.accept, &loaded.source.file, || serde_json::Value::Null)?;
-    let um = |m: [f64; 3]| m.map(|v| digits::result(v * 1e6)).join(" ");
+    let um = |m: [f64; 3]| {
+        let decimals = digits::of_group(m.map(|v| v * 1e6));
+        m.map(|v| digits::plain(v * 1e6, decimals)).join(" ")
+    };
     let mm = |m: [f64; 3]| m.map(|v| format!("{:.0}", v * 1e3)).join(" ");
     let notes = vec![
         format!(

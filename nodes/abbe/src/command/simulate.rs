@@ -181,7 +181,7 @@ impl Score {
         let rms_um = |sum: f64| (3.0 * sum / self.coordinates as f64).sqrt() * 1e6;
         let chi2 = chi2_per_dof.map_or_else(|| "-".to_owned(), |value| format!("{value:.3}"));
         format!(
-            "{name:>6} {:>10.3} {:>10.3} {:>10.3} {:>14.3} {:>11.3} {chi2:>9} {:>12.1}",
+            "{name:>6} {:>10.3} {:>10.3} {:>10.3} {:>14.3} {:>11.3} {chi2:>12} {:>12.1}",
             rms_um(self.error),
             rms_um(self.reported),
             rms_um(self.bound),
@@ -197,8 +197,8 @@ fn run_trials(machine: &MachineFile, arguments: &Arguments, trials: u64) -> anyh
     let first_seed = arguments.seed;
     ensure!(trials > 0, "--trials must be at least 1");
     println!(
-        "{:>6} {:>10} {:>10} {:>10} {:>14} {:>11} {:>9} {:>12}",
-        "seed", "error_um", "u_um", "bound_um", "error/u", "error/bound", "chi2/dof", "inside_95_%"
+        "{:>6} {:>10} {:>10} {:>10} {:>14} {:>11} {:>12} {:>12}",
+        "seed", "error_um", "u_um", "bound_um", "error/u", "error/bound", "chi2_per_dof", "inside_95_%"
     );
     let mut total = Score::default();
     for seed in first_seed..first_seed + trials {
