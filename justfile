@@ -21,11 +21,11 @@ graphics:
 
 # Faults that last for minutes (some fifteen), on a quiet machine: figures for nodes/runtime/README.md
 faults:
-    ABBE_FAULTS=long cargo test -p abbe --test faults -- --nocapture process_may_be_stopped packets_that_exhaust storm_of_ends
+    ABBE_FAULTS=long cargo test -p abbe --test system -- --nocapture process_may_be_stopped packets_that_exhaust storm_of_ends
 
 # Positions of rclpy through the graph and back at 1 kHz, beside an echo of rclpy, on a quiet machine (needs ABBE_ROS_PYTHON)
 round-trip:
-    ABBE_ROUND_TRIPS="${ABBE_ROUND_TRIPS:-20000}" cargo test -p abbe --test ros2 -- --nocapture positions_at_1_khz
+    ABBE_ROUND_TRIPS="${ABBE_ROUND_TRIPS:-20000}" cargo test -p abbe --test system -- --nocapture positions_at_1_khz
 
 # LinuxCNC without a machine or a screen, read by the driver (Debian: linuxcnc-uspace); skipped aloud without it
 linuxcnc:
@@ -33,12 +33,12 @@ linuxcnc:
 
 # DDS Security beside Fast DDS (Debian: libssl-dev, libfastrtps-dev); 29 more crates, skipped aloud without Fast DDS
 secured:
-    ABBE_FAST_DDS="${ABBE_FAST_DDS:-/usr}" cargo test -p abbe --features dds-security --test secured -- --nocapture
+    ABBE_FAST_DDS="${ABBE_FAST_DDS:-/usr}" cargo test -p abbe --features dds-security --test system -- --nocapture secured::
 
 # The transport over Zenoh, and beside eclipse-zenoh where ABBE_ZENOH_PYTHON names a Python with it and rosbags; 108 more crates
 zenoh:
     cargo test -p abbe-runtime --features zenoh --test conformance zenoh
-    cargo test -p abbe --features zenoh --test zenoh -- --nocapture
+    cargo test -p abbe --features zenoh --test system -- --nocapture zenoh::
 
 # What computes, built for Windows; its tests in Wine (rustup target add x86_64-pc-windows-gnu; Debian: gcc-mingw-w64-x86-64, wine)
 windows *options:

@@ -1,18 +1,14 @@
 //! Input that is wrong: every command that meets it fails with exit code 1, names place and remedy, and leaves the
 //! folder as it was.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // A test fails by panicking.
-
-mod common;
-
 use std::fs;
 
+use crate::common::assert_says;
+use crate::common::files::{Bench, machine, other_machine, samples, text};
+use crate::common::graph::{LaunchText, MEMORY, topic};
+use crate::common::program::run;
+use crate::common::spoil::{Spoil, Table, identify_refused, refused};
 use abbe_msgs::{RangeResidual, ResidualStatus, ScaleReading};
-use common::assert_says;
-use common::files::{Bench, machine, other_machine, samples, text};
-use common::graph::{LaunchText, MEMORY, topic};
-use common::program::run;
-use common::spoil::{Spoil, Table, identify_refused, refused};
 
 #[track_caller]
 fn correct_refused(bench: &Bench, model: &str, input: &str, says: &[&str]) {

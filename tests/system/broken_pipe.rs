@@ -2,10 +2,6 @@
 //! partial file. A graph of nodes does its work to the end without a reader. Ctrl-C ends a command soon, with words and
 //! without a trace, whatever it waits for or computes.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // A test fails by panicking.
-
-mod common;
-
 use std::ffi::OsStr;
 use std::fmt::Write as _;
 use std::io::{BufRead, BufReader, pipe};
@@ -15,11 +11,11 @@ use std::process::{Command, Output, Stdio};
 use std::thread;
 use std::time::{Duration, Instant};
 
+use crate::common::assert_says;
+use crate::common::files::{Bench, listing, machine, samples, text};
+use crate::common::graph::{long_recording, recorded_stream_of, topic};
+use crate::common::program::{Started, abbe, run, signal, wait_until_interruptible};
 use abbe_msgs::CorrectedCoordinates;
-use common::assert_says;
-use common::files::{Bench, listing, machine, samples, text};
-use common::graph::{long_recording, recorded_stream_of, topic};
-use common::program::{Started, abbe, run, signal, wait_until_interruptible};
 use rustix::process::Signal;
 
 /// Runs `abbe` with a standard output that nobody reads any more.

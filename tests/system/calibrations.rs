@@ -1,16 +1,12 @@
 //! Sphere, pose of a laser probe and errors of an axis, from files to files.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // A test fails by panicking.
-
-mod common;
-
 use std::fmt::Write as _;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use common::assert_says;
-use common::files::text;
-use common::program::run;
+use crate::common::assert_says;
+use crate::common::files::text;
+use crate::common::program::run;
 use serde_json::Value;
 use tempfile::TempDir;
 

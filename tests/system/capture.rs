@@ -1,9 +1,5 @@
 //! A campaign captured from the simulated machine, through the drivers that a real one has: whole, killed, cut, disturbed.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // A test fails by panicking.
-
-mod common;
-
 use std::collections::BTreeSet;
 use std::fmt::Write as _;
 use std::fs;
@@ -14,9 +10,9 @@ use std::sync::{Arc, Mutex};
 use std::thread;
 use std::time::Duration;
 
-use common::assert_says;
-use common::files::{Bench, machine, other_machine, text};
-use common::program::{Started, abbe, run, signal, wait_until};
+use crate::common::assert_says;
+use crate::common::files::{Bench, machine, other_machine, text};
+use crate::common::program::{Started, abbe, run, signal, wait_until};
 use rustix::process::Signal;
 use serde_json::Value;
 

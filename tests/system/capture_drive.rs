@@ -1,9 +1,5 @@
 //! A capture that moves the machine itself: rehearsed on the simulated one, which obeys, and on a server that fails.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // A test fails by panicking.
-
-mod common;
-
 use std::fmt::Write as _;
 use std::fs;
 use std::io::{BufRead, BufReader, Read, Write};
@@ -13,9 +9,9 @@ use std::sync::{Arc, Mutex};
 use std::thread;
 use std::time::Duration;
 
-use common::assert_says;
-use common::files::{Bench, machine, text};
-use common::program::{Started, abbe, run, signal, wait_until};
+use crate::common::assert_says;
+use crate::common::files::{Bench, machine, text};
+use crate::common::program::{Started, abbe, run, signal, wait_until};
 use rustix::process::Signal;
 use serde_json::Value;
 

@@ -1,18 +1,14 @@
 //! The simulated machine behind OPC UA: what a client of others sees of it, and a campaign captured whole by the driver `opcua`.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // A test fails by panicking.
-
-mod common;
-
 use std::fmt::Write as _;
 use std::fs;
 use std::net::{TcpListener, TcpStream};
 use std::time::Duration;
 
-use common::assert_says;
-use common::files::{Bench, machine, text};
-use common::program::{Started, abbe, run, signal, wait_until};
-use common::python::{python, said};
+use crate::common::assert_says;
+use crate::common::files::{Bench, machine, text};
+use crate::common::program::{Started, abbe, run, signal, wait_until};
+use crate::common::python::{python, said};
 use rustix::process::Signal;
 use serde_json::{Value, json};
 

@@ -1,20 +1,16 @@
 //! A campaign captured from a machine, a tracer and a sensor that are on ROS 2, of others.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // A test fails by panicking.
-
-mod common;
-
 use std::fmt::Write as _;
 use std::fs;
 use std::net::{TcpListener, TcpStream};
 use std::process::Child;
 use std::time::Duration;
 
-use common::assert_says;
-use common::files::{Bench, machine, text};
-use common::network::in_own_network;
-use common::program::{Started, abbe, abbe_in, wait_until};
-use common::python::python;
+use crate::common::assert_says;
+use crate::common::files::{Bench, machine, text};
+use crate::common::network::in_own_network;
+use crate::common::program::{Started, abbe, abbe_in, wait_until};
+use crate::common::python::python;
 use serde_json::{Value, json};
 
 /// Far beyond what it takes on a loaded machine.
@@ -53,7 +49,7 @@ impl Drop for Bridge {
 
 #[test]
 fn val_cyclone_a_machine_on_ros_2_is_captured() {
-    in_own_network("val_cyclone_a_machine_on_ros_2_is_captured", |domain| {
+    in_own_network("capture_ros::val_cyclone_a_machine_on_ros_2_is_captured", |domain| {
         let Some(mut peer) = python("bridge.py") else { return };
         let bench = Bench::empty();
         plan(&bench);

@@ -1,15 +1,11 @@
 //! `abbe conformity` and `abbe export` as a user sees them: figures of shipped and simulated data, files, refusals.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // A test fails by panicking.
-
-mod common;
-
 use std::fs;
 use std::path::Path;
 
-use common::assert_says;
-use common::files::{Bench, listing, machine, text};
-use common::program::run;
+use crate::common::assert_says;
+use crate::common::files::{Bench, listing, machine, text};
+use crate::common::program::run;
 use serde_json::Value;
 
 /// The deviations of Liang 2025, Table 2.

@@ -1,22 +1,18 @@
 //! Boxes that write lines, seen by a user: readings from one, temperatures from another, the motion from neither.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // A test fails by panicking.
-
-mod common;
-
 use std::io::Write;
 use std::net::{TcpListener, UdpSocket};
 use std::thread;
 use std::time::{Duration, Instant};
 
+use crate::common::dds::{Listener, PATIENCE};
+use crate::common::files::{Bench, machine, samples, text};
+use crate::common::graph::{topic, user};
+use crate::common::network::in_own_network;
+use crate::common::program::{Started, abbe_in, signal};
 use abbe_msgs::standard::DiagnosticStatus;
 use abbe_msgs::{CorrectedCoordinates, ScaleReading};
 use abbe_runtime::RunId;
-use common::dds::{Listener, PATIENCE};
-use common::files::{Bench, machine, samples, text};
-use common::graph::{topic, user};
-use common::network::in_own_network;
-use common::program::{Started, abbe_in, signal};
 use rustix::process::Signal;
 
 fn launch_file(bench: &Bench, controller: &str, sensor: &str) -> String {
@@ -45,7 +41,7 @@ fn launch_file(bench: &Bench, controller: &str, sensor: &str) -> String {
 
 #[test]
 fn readings_sensors_and_motion_come_together_and_a_lost_controller_is_told() {
-    let test = "readings_sensors_and_motion_come_together_and_a_lost_controller_is_told";
+    let test = "connect::readings_sensors_and_motion_come_together_and_a_lost_controller_is_told";
     in_own_network(test, |domain| {
         const COUNT: u64 = 2000;
         let bench = Bench::identified(5);

@@ -1,23 +1,19 @@
 //! Data that contradict themselves or each other: refused with the likely causes, and what is accepted all the same is told
 //! wherever it is used.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // A test fails by panicking.
-
-mod common;
-
 use std::fmt::Write as _;
 use std::fs;
 
+use crate::common::assert_says;
+use crate::common::dds::{Listener, PATIENCE};
+use crate::common::files::{Bench, machine, text};
+use crate::common::graph::{DDS, MEMORY, long_recording, stream_of, user};
+use crate::common::network::in_own_network;
+use crate::common::program::{Ran, Started, abbe_in, run, signal, wait_until};
+use crate::common::spoil::{Spoil, Table, identify_refused, refused};
 use abbe_msgs::CorrectedCoordinates;
 use abbe_msgs::standard::DiagnosticStatus;
 use abbe_runtime::RunId;
-use common::assert_says;
-use common::dds::{Listener, PATIENCE};
-use common::files::{Bench, machine, text};
-use common::graph::{DDS, MEMORY, long_recording, stream_of, user};
-use common::network::in_own_network;
-use common::program::{Ran, Started, abbe_in, run, signal, wait_until};
-use common::spoil::{Spoil, Table, identify_refused, refused};
 use rustix::process::Signal;
 
 /// A number in a cell, changed.
@@ -113,7 +109,7 @@ fn regress_an_accepted_misfit_is_told_wherever_the_model_is_used_and_rejected_re
 
 #[test]
 fn regress_an_accepted_misfit_is_a_warning_on_diagnostics_while_its_model_is_in_use() {
-    let test = "regress_an_accepted_misfit_is_a_warning_on_diagnostics_while_its_model_is_in_use";
+    let test = "contradictions::regress_an_accepted_misfit_is_a_warning_on_diagnostics_while_its_model_is_in_use";
     in_own_network(test, |domain| {
         let bench = Bench::identified(5);
         let good = bench.read("model.json");

@@ -1,20 +1,16 @@
 //! The demo from the recorded campaign to the model that closes the loop; what it tells on the terminal, on the page and in
 //! the data is the same. Where a machine lacks nothing, it says so and stays with its first model.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // A test fails by panicking.
-
-mod common;
-
 use std::collections::BTreeSet;
 use std::fs;
 use std::path::Path;
 use std::time::Duration;
 
+use crate::common::files::{Bench, machine, samples, text};
+use crate::common::program::{Started, abbe, run};
+use crate::common::{assert_says, files::recorded};
 use abbe_files::ModelFile;
 use abbe_msgs::{CorrectedCoordinates, RangeResidual, Sha256, TracerReading};
-use common::files::{Bench, machine, samples, text};
-use common::program::{Started, abbe, run};
-use common::{assert_says, files::recorded};
 use serde_json::Value;
 
 /// A diagnosis takes half a minute of processor time; only a test that fails waits for this.

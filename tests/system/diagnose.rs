@@ -1,18 +1,14 @@
 //! `abbe diagnose` as a user meets it: the effect is named, the model that comes out corrects with it, verification
 //! points only score, the same input gives the same bytes, and wrong input leaves the folder as it was.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // A test fails by panicking.
-
-mod common;
-
 use std::fs;
 use std::thread;
 use std::time::Duration;
 
-use common::assert_says;
-use common::files::{Bench, listing, machine, other_machine, text};
-use common::program::{Started, abbe, run, signal, wait_until_interruptible};
-use common::spoil::refused;
+use crate::common::assert_says;
+use crate::common::files::{Bench, listing, machine, other_machine, text};
+use crate::common::program::{Started, abbe, run, signal, wait_until_interruptible};
+use crate::common::spoil::refused;
 use rustix::process::Signal;
 use serde_json::Value;
 

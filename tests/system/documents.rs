@@ -1,19 +1,13 @@
 //! What the documents say of the program, held against the program: every command and option that they name is in its
 //! help, the book's list of commands is what it prints, and the README's tour and the tutorials run as printed.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // A test fails by panicking.
-
-mod common;
-#[path = "common/printed.rs"]
-mod printed;
-
 use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use common::program::run;
-use printed::{assert_printed, commands_of, documents, read, run_in, save_files};
+use crate::common::printed::{assert_printed, commands_of, documents, read, run_in, save_files};
+use crate::common::program::run;
 
 /// Set, the list of commands is written anew instead of compared.
 const WRITE: &str = "ABBE_WRITE_DOCS";
@@ -88,8 +82,8 @@ fn every_command_and_option_that_documents_name_is_in_the_help() {
 #[test]
 fn the_list_of_commands_is_what_the_program_prints() {
     let mut page = format!(
-        "# Commands\n\nWhat `abbe --help` and `abbe COMMAND --help` print. Made by the program: `{WRITE}=1 cargo test -p abbe --test \
-         documents` writes it anew. A short form is [Every command in a line](../guide/commands.md).\n"
+        "# Commands\n\nWhat `abbe --help` and `abbe COMMAND --help` print. Made by the program: `{WRITE}=1 cargo test -p abbe --test system \
+         documents::` writes it anew. A short form is [Every command in a line](../guide/commands.md).\n"
     );
     for (name, help) in helps() {
         let title = format!("abbe {name}");

@@ -1,9 +1,5 @@
 //! The same campaign and the same points in every form that a command takes: the outcome must not depend on it.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // A test fails by panicking.
-
-mod common;
-
 use std::fs;
 use std::io::{BufRead, BufReader, Write};
 use std::process::Stdio;
@@ -11,10 +7,10 @@ use std::sync::mpsc::channel;
 use std::thread;
 use std::time::Duration;
 
+use crate::common::assert_says;
+use crate::common::files::{Bench, machine, samples, text};
+use crate::common::program::{abbe, run, run_with_input};
 use abbe_msgs::{CorrectedCoordinates, CorrectionStatus};
-use common::assert_says;
-use common::files::{Bench, machine, samples, text};
-use common::program::{abbe, run, run_with_input};
 use serde_json::Value;
 
 fn convert(bench: &Bench, out: &str) -> String {

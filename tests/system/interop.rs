@@ -1,23 +1,19 @@
 //! Programs of others take part: Cyclone DDS feeds the graph and takes what it corrects, `rosbags` reads what was
 //! recorded, and both see exactly what `abbe correct` computes from the same readings.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // A test fails by panicking.
-
-mod common;
-
 use std::collections::BTreeMap;
 use std::process::Command;
 use std::time::Duration;
 
+use crate::common::files::{Bench, machine, samples, text};
+use crate::common::graph::{DDS, LaunchText, NAMESPACE, topic};
+use crate::common::network::in_own_network;
+use crate::common::program::{Started, abbe_in, children, run, signal, wait_until};
+use crate::common::python::python;
 use abbe_msgs::bag::BagWriter;
 use abbe_msgs::standard::PointStamped;
 use abbe_msgs::{CorrectedCoordinates, CorrectionStatus, Message, ScaleReading, Stamp};
 use abbe_runtime::ros::Domain;
-use common::files::{Bench, machine, samples, text};
-use common::graph::{DDS, LaunchText, NAMESPACE, topic};
-use common::network::in_own_network;
-use common::program::{Started, abbe_in, children, run, signal, wait_until};
-use common::python::python;
 use rustix::process::Signal;
 use serde_json::{Value, json};
 
@@ -98,7 +94,7 @@ fn start_graph(bench: &Bench, domain: Domain) -> Started {
 
 #[test]
 fn cyclone_feeds_the_graph_and_gets_what_abbe_correct_computes_and_rosbags_reads_the_recording() {
-    let test = "cyclone_feeds_the_graph_and_gets_what_abbe_correct_computes_and_rosbags_reads_the_recording";
+    let test = "interop::cyclone_feeds_the_graph_and_gets_what_abbe_correct_computes_and_rosbags_reads_the_recording";
     in_own_network(test, |domain| {
         let (Some(user), Some(reader)) = (python("dds_user.py"), python("read_bag.py")) else { return };
         let bench = Bench::identified(5);

@@ -1,10 +1,6 @@
 //! The way out: however a launcher or a node ends, failures are told by name, what can go on goes on, and no process and
 //! no file of the run is left.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // A test fails by panicking.
-
-mod common;
-
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::os::unix::fs::MetadataExt;
@@ -13,13 +9,17 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 use std::time::{Duration, Instant};
 
+use crate::common::assert_says;
+use crate::common::files::{Bench, samples, text};
+use crate::common::graph::{
+    LaunchText, MEMORY, files_of_run, long_recording, recorded_stream_of, stream_of, topic, user,
+};
+use crate::common::program::{
+    Started, abbe, children, is_running, processes_with, run, signal, signal_group, wait_until,
+};
 use abbe_graph::node::NodeSummary;
 use abbe_msgs::CorrectedCoordinates;
 use abbe_runtime::RunId;
-use common::assert_says;
-use common::files::{Bench, samples, text};
-use common::graph::{LaunchText, MEMORY, files_of_run, long_recording, recorded_stream_of, stream_of, topic, user};
-use common::program::{Started, abbe, children, is_running, processes_with, run, signal, signal_group, wait_until};
 use rustix::process::Signal;
 
 const PATIENCE: Duration = Duration::from_secs(20);
@@ -57,7 +57,7 @@ fn end_and_look(
     run: &str,
     end: End,
     flows: impl Fn() -> bool,
-) -> common::program::Ran {
+) -> crate::common::program::Ran {
     let id = launcher.id();
     wait_until("all nodes run, and samples flow", PATIENCE, || {
         assert!(launcher.is_running(), "{end:?}: it ended by itself");

@@ -6,16 +6,15 @@
 //! from simulated campaigns so that the lines of the five stations come in turn, as if a tracer stood at each. The truth
 //! behind each reading stays in this test.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // A test fails by panicking.
-
-mod common;
-
 use std::fs;
 use std::path::Path;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::thread;
 use std::time::{Duration, Instant};
 
+use crate::common::assert_says;
+use crate::common::files::{Bench, machine, recorded, samples, text};
+use crate::common::program::{Started, abbe, run, signal, wait_until};
 use abbe_files::{read_campaign_file, write_atomically, write_campaign};
 use abbe_graph::bag_campaign::{JoinSettings, campaign_from_bag};
 use abbe_graph::driver::DriverConfig;
@@ -29,9 +28,6 @@ use abbe_virtual_machine::instrument::InstrumentConfig;
 use abbe_virtual_machine::machine::Roughness;
 use abbe_virtual_machine::plan::presets::case_like;
 use abbe_virtual_machine::{Simulated, SimulationConfig, TruthRecipe, simulate_campaign};
-use common::assert_says;
-use common::files::{Bench, machine, recorded, samples, text};
-use common::program::{Started, abbe, run, signal, wait_until};
 use rustix::process::Signal;
 use serde_json::Value;
 

@@ -1,16 +1,12 @@
 //! Points outside what is known: every command that answers point by point says so, and ends with a code of its own where no
 //! point is inside.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // A test fails by panicking.
-
-mod common;
-
 use std::fs;
 
-use common::assert_says;
-use common::files::{Bench, machine, text};
-use common::program::run;
-use common::spoil::{Table, refused};
+use crate::common::assert_says;
+use crate::common::files::{Bench, machine, text};
+use crate::common::program::run;
+use crate::common::spoil::{Table, refused};
 
 const POINT_HEAD: &str = "x_mm,y_mm,z_mm,offset_x_mm,offset_y_mm,offset_z_mm";
 /// Exit code of an output without a row that is inside.

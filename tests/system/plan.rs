@@ -2,17 +2,13 @@
 //!
 //! Place in the flow: the plan is simulated, identified and verified by the program itself.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // A test fails by panicking.
-
-mod common;
-
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use common::assert_says;
-use common::files::{Bench, machine, other_machine, text};
-use common::program::{Ran, Started, abbe, signal, wait_until_interruptible};
+use crate::common::assert_says;
+use crate::common::files::{Bench, machine, other_machine, text};
+use crate::common::program::{Ran, Started, abbe, signal, wait_until_interruptible};
 use rustix::process::Signal;
 use serde_json::Value;
 

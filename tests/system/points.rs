@@ -1,17 +1,13 @@
 //! Error fields without a model: points measured from several stations, solved, interpolated and scored by the commands.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // A test fails by panicking.
-
-mod common;
-
 use std::fmt::Write;
 use std::fs;
 use std::path::Path;
 
-use common::assert_says;
-use common::files::{machine, text};
-use common::program::run;
-use common::python::python;
+use crate::common::assert_says;
+use crate::common::files::{machine, text};
+use crate::common::program::run;
+use crate::common::python::python;
 use serde_json::Value;
 
 /// Stations (mm): six around the volume, at two heights.

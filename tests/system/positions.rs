@@ -1,12 +1,8 @@
 //! Measured positions become a model, and a model becomes a map of its volumetric error, from the command line.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // A test fails by panicking.
-
-mod common;
-
-use common::assert_says;
-use common::files::{Bench, listing, machine, text};
-use common::program::run;
+use crate::common::assert_says;
+use crate::common::files::{Bench, listing, machine, text};
+use crate::common::program::run;
 use serde_json::Value;
 
 fn json(said: &str) -> Value {

@@ -1,19 +1,15 @@
 //! A recording that is played in the present: stamps of now, pairs that stay pairs, and a recording that replays as ever.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // A test fails by panicking.
-
-mod common;
-
 use std::time::{SystemTime, UNIX_EPOCH};
 
+use crate::common::assert_says;
+use crate::common::files::{Bench, samples};
+use crate::common::graph::{DDS, LaunchText, MEMORY, NAMESPACE, files_of_run, long_recording, stream_of, topic};
+use crate::common::network::in_own_network;
+use crate::common::program::{Started, abbe_in, run, signal};
+use crate::common::python::{ros2, said};
 use abbe_msgs::{CorrectedCoordinates, RangeResidual, ScaleReading, Stamp};
 use abbe_runtime::RunId;
-use common::assert_says;
-use common::files::{Bench, samples};
-use common::graph::{DDS, LaunchText, MEMORY, NAMESPACE, files_of_run, long_recording, stream_of, topic};
-use common::network::in_own_network;
-use common::program::{Started, abbe_in, run, signal};
-use common::python::{ros2, said};
 use rustix::process::Signal;
 
 const RATE_HZ: f64 = 1000.0;
@@ -61,7 +57,7 @@ fn what_is_played_now_has_stamps_of_now_stays_in_pairs_and_replays_bit_by_bit() 
     }
     // The recorded instant is kept.
     let campaign = bench.text("bag_of_campaign");
-    let machine = common::files::text(&common::files::machine());
+    let machine = crate::common::files::text(&crate::common::files::machine());
     run([
         "convert",
         "--machine",
@@ -120,7 +116,7 @@ fn what_would_tear_pairs_apart_or_says_nothing_is_refused() {
 
 #[test]
 fn val_rclpy_what_is_played_now_comes_when_its_stamp_says() {
-    let test = "val_rclpy_what_is_played_now_comes_when_its_stamp_says";
+    let test = "present::val_rclpy_what_is_played_now_comes_when_its_stamp_says";
     in_own_network(test, |domain| {
         let Some(user) = ros2(domain, &["delays", NAMESPACE, "500"]) else { return };
         let bench = Bench::identified(5);
@@ -145,7 +141,7 @@ fn val_rclpy_what_is_played_now_comes_when_its_stamp_says() {
 
 #[test]
 fn val_rclpy_the_clock_of_a_recording_is_that_of_its_stamps() {
-    let test = "val_rclpy_the_clock_of_a_recording_is_that_of_its_stamps";
+    let test = "present::val_rclpy_the_clock_of_a_recording_is_that_of_its_stamps";
     in_own_network(test, |domain| {
         let Some(user) = ros2(domain, &["heard_clock", "300"]) else { return };
         let bench = Bench::identified(5);

@@ -1,11 +1,8 @@
 //! `abbe proxy` as measuring software sees it: corrected positions equal those of `abbe correct`, all else is what the server
 //! said, and what cannot be corrected is an error.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // A test fails by panicking.
-
 #[path = "../../nodes/ippdme/tests/cmm/mod.rs"]
 mod cmm;
-mod common;
 #[path = "../../nodes/ippdme/tests/cmm/tcp.rs"]
 mod tcp;
 
@@ -15,11 +12,11 @@ use std::process::{Child, Stdio};
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
+use crate::common::assert_says;
+use crate::common::files::{Bench, samples};
+use crate::common::program::{abbe, run, signal};
 use abbe_msgs::{CorrectedCoordinates, ScaleReading};
 use cmm::{Cmm, placed};
-use common::assert_says;
-use common::files::{Bench, samples};
-use common::program::{abbe, run, signal};
 use rustix::process::Signal;
 use tcp::Tcp;
 

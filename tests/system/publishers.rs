@@ -1,29 +1,25 @@
 //! Who else is there: readings of another machine, a second source, a second launch, another publisher of what a node
 //! publishes. Each is refused or told, in the samples and on `/diagnostics`.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // A test fails by panicking.
-
-mod common;
-
 use std::thread;
 use std::time::{Duration, Instant};
 
+use crate::common::assert_says;
+use crate::common::dds::{DEPTH, Fed, Listener, PATIENCE, publisher_of_readings, user_node};
+use crate::common::files::{Bench, samples};
+use crate::common::graph::{DDS, MEMORY, files_of_run, long_recording, stream_of, topic, user};
+use crate::common::network::in_own_network;
+use crate::common::program::{Started, abbe_in, run, signal};
 use abbe_msgs::standard::DiagnosticStatus;
 use abbe_msgs::{CorrectedCoordinates, CorrectionStatus, Message, ScaleReading, ros};
 use abbe_runtime::RunId;
 use abbe_runtime::ros::stream_qos;
-use common::assert_says;
-use common::dds::{DEPTH, Fed, Listener, PATIENCE, publisher_of_readings, user_node};
-use common::files::{Bench, samples};
-use common::graph::{DDS, MEMORY, files_of_run, long_recording, stream_of, topic, user};
-use common::network::in_own_network;
-use common::program::{Started, abbe_in, run, signal};
 use rustix::process::Signal;
 
 #[test]
 fn regress_readings_of_another_frame_and_of_a_second_source_are_refused_aloud() {
     const EACH: usize = 100;
-    let test = "regress_readings_of_another_frame_and_of_a_second_source_are_refused_aloud";
+    let test = "publishers::regress_readings_of_another_frame_and_of_a_second_source_are_refused_aloud";
     in_own_network(test, |domain| {
         let bench = Bench::identified(5);
         long_recording(&bench, 4 * EACH as u64);
@@ -70,7 +66,8 @@ fn regress_readings_of_another_frame_and_of_a_second_source_are_refused_aloud() 
 
 #[test]
 fn regress_another_publisher_of_corrected_is_told_in_the_samples_while_it_is_there_and_replay_agrees() {
-    let test = "regress_another_publisher_of_corrected_is_told_in_the_samples_while_it_is_there_and_replay_agrees";
+    let test =
+        "publishers::regress_another_publisher_of_corrected_is_told_in_the_samples_while_it_is_there_and_replay_agrees";
     in_own_network(test, |domain| {
         let bench = Bench::identified(5);
         long_recording(&bench, 120_000);
@@ -122,7 +119,7 @@ fn regress_another_publisher_of_corrected_is_told_in_the_samples_while_it_is_the
 
 #[test]
 fn regress_a_second_launch_of_a_run_or_in_a_namespace_is_refused_and_the_first_goes_on() {
-    let test = "regress_a_second_launch_of_a_run_or_in_a_namespace_is_refused_and_the_first_goes_on";
+    let test = "publishers::regress_a_second_launch_of_a_run_or_in_a_namespace_is_refused_and_the_first_goes_on";
     in_own_network(test, |domain| {
         let bench = Bench::identified(5);
         long_recording(&bench, 60_000);

@@ -1,10 +1,6 @@
 //! The recorder where it is hard: stamps and clocks out of range, disks that fill up, a power cut. The graph goes on, what is
 //! recorded can be read, and what is not is told.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // A test fails by panicking.
-
-mod common;
-
 use std::fs;
 use std::path::Path;
 use std::process::{Command, Stdio};
@@ -12,16 +8,16 @@ use std::sync::atomic::{AtomicBool, AtomicUsize};
 use std::thread;
 use std::time::{Duration, Instant};
 
+use crate::common::assert_says;
+use crate::common::clock::{ShiftedClock, preloaded};
+use crate::common::dds::PATIENCE;
+use crate::common::files::{Bench, samples};
+use crate::common::graph::{DDS, LaunchText, MEMORY, long_recording, stream_of, topic, user};
+use crate::common::program::{Ran, Started, abbe, children, is_running, run, signal, wait_until};
+use crate::common::watched::{StopAtEnd, control};
 use abbe_msgs::bag::BagWriter;
 use abbe_msgs::{CorrectedCoordinates, ScaleReading, Stamp};
 use abbe_runtime::RunId;
-use common::assert_says;
-use common::clock::{ShiftedClock, preloaded};
-use common::dds::PATIENCE;
-use common::files::{Bench, samples};
-use common::graph::{DDS, LaunchText, MEMORY, long_recording, stream_of, topic, user};
-use common::program::{Ran, Started, abbe, children, is_running, run, signal, wait_until};
-use common::watched::{StopAtEnd, control};
 use rustix::process::Signal;
 
 /// A bag `readings` of these, to be played.

@@ -1,19 +1,15 @@
 //! The main job end to end, and its evidence: what was recorded live comes out again byte for byte.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // A test fails by panicking.
-
-mod common;
-
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use crate::common::assert_says;
+use crate::common::files::{Bench, listing, machine, recorded, samples, text};
+use crate::common::program::run;
 use abbe_graph::driver::DriverConfig;
 use abbe_graph::launch::{Launch, RecordConfig};
 use abbe_msgs::ScaleReading;
 use abbe_msgs::bag::{BagMessage, BagWriter, messages};
-use common::assert_says;
-use common::files::{Bench, listing, machine, recorded, samples, text};
-use common::program::run;
 use serde_json::Value;
 
 /// The demo on the campaign of this bench; gives its output folder.
@@ -38,7 +34,7 @@ fn demo_on(bench: &Bench) -> PathBuf {
     bench.path("demo")
 }
 
-fn replay(bag: &Path, model: &Path) -> common::program::Ran {
+fn replay(bag: &Path, model: &Path) -> crate::common::program::Ran {
     run(["replay", "--bag", &text(bag), "--model", &text(model)])
 }
 

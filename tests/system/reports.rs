@@ -1,15 +1,11 @@
 //! Head and end of answers, from files to files: who measured, the certificate, and the next command after every result.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // A test fails by panicking.
-
-mod common;
-
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use common::assert_says;
-use common::files::text;
-use common::program::{abbe, run};
+use crate::common::assert_says;
+use crate::common::files::text;
+use crate::common::program::{abbe, run};
 
 /// Lengths of one line, on a known day.
 const LENGTHS: &str = "# measured=2026-03-05\nline,calibrated_mm,repeat,deviation_um\n\
@@ -40,7 +36,7 @@ impl Bench {
     }
 
     /// `abbe conformity` of the lengths with more options; those that name files do it with `{}` for the folder.
-    fn conformity(&self, options: &str) -> common::program::Ran {
+    fn conformity(&self, options: &str) -> crate::common::program::Ran {
         let folder = text(self.0.path());
         let words =
             format!("conformity --lengths {{}}/lengths.csv --probing bidirectional {options}").replace("{}", &folder);
@@ -168,7 +164,7 @@ fn regress_a_simulated_machine_has_no_certificate_no_operator_and_no_instrument(
 
 #[test]
 fn val_ptb_rules_accept_the_certificates_and_refuse_what_breaks_them() {
-    let Some(mut judge) = common::python::python("certificate.py") else { return };
+    let Some(mut judge) = crate::common::python::python("certificate.py") else { return };
     let bench = Bench::new();
     bench.conformity("--identity {}/lab.toml --uncertainty 0.1+L/2000 --mpe 1.9+L/300 --dcc {}/lengths.xml").ok();
     fs::write(bench.at("sphere.csv"), sphere()).unwrap();
@@ -191,7 +187,7 @@ fn val_ptb_rules_accept_the_certificates_and_refuse_what_breaks_them() {
         fs::write(&path, certificate).unwrap();
         judge.arg(path);
     }
-    let found = common::python::said(judge);
+    let found = crate::common::python::said(judge);
     let count = |number: usize, judge: &str| found[number][judge].as_array().unwrap().len();
     for number in 0..2 {
         assert_eq!((count(number, "schematron"), count(number, "structure")), (0, 0), "{}", found[number]);

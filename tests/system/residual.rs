@@ -4,24 +4,18 @@
 //! Place in the flow: only the command and its files. The machine has a field of position that no chain of rigid bodies
 //! makes; its known points teach, others judge.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // A test fails by panicking.
-
-mod common;
 #[allow(dead_code)] // This one goes through one document.
-#[path = "common/printed.rs"]
-mod printed;
-
 use std::collections::BTreeSet;
 use std::fs;
 use std::sync::OnceLock;
 use std::time::Duration;
 
+use crate::common::assert_says;
+use crate::common::files::{Bench, machine, samples, text};
+use crate::common::graph::{LaunchText, MEMORY, long_recording, stream_of, topic};
+use crate::common::printed::{commands_of, read, run_in, save_files};
+use crate::common::program::{Started, abbe, run};
 use abbe_msgs::{CorrectedCoordinates, ScaleReading, Sha256};
-use common::assert_says;
-use common::files::{Bench, machine, samples, text};
-use common::graph::{LaunchText, MEMORY, long_recording, stream_of, topic};
-use common::program::{Started, abbe, run};
-use printed::{commands_of, read, run_in, save_files};
 use serde_json::Value;
 
 /// What no chain of rigid bodies makes.
@@ -80,7 +74,7 @@ fn bench() -> &'static Bench {
     })
 }
 
-fn train(bench: &Bench, config: &str, out: &str) -> common::program::Ran {
+fn train(bench: &Bench, config: &str, out: &str) -> crate::common::program::Ran {
     let config = bench.write(&format!("{out}.toml"), config);
     run(["train", "--residuals", &bench.text("residuals.csv"), "--config", &config, "--out", &bench.text(out)])
 }

@@ -4,19 +4,15 @@
 //! Place in the flow: only the command and its files. The residuals are made here: a field of position times the deviation of the air
 //! from 16 °C, under a little noise; a third of the rows judges.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // A test fails by panicking.
-
-mod common;
-
 use std::fs;
 use std::sync::OnceLock;
 
+use crate::common::assert_says;
+use crate::common::files::{Bench, machine, samples, text};
+use crate::common::graph::{LaunchText, MEMORY, long_recording, stream_of, topic};
+use crate::common::program::{Ran, abbe, run};
 use abbe_msgs::bag::BagWriter;
 use abbe_msgs::{CorrectedCoordinates, CorrectionStatus, Covariates, ScaleReading};
-use common::assert_says;
-use common::files::{Bench, machine, samples, text};
-use common::graph::{LaunchText, MEMORY, long_recording, stream_of, topic};
-use common::program::{Ran, abbe, run};
 use serde_json::Value;
 
 const QUICK: &str = "seed = 5\nmethod = \"kriging\"\n";
@@ -357,7 +353,7 @@ fn live_the_input_comes_with_the_scale_reading_and_all_is_replayed_to_the_byte()
     let said = run(["launch", &launch(false)]).refused();
     assert_says(&said, &["warm.json", "temp_air_c", "edge from scale to residual"]);
     let _ = fs::remove_dir_all(bench.path("run"));
-    let said = common::program::Started::start(abbe(["launch", &launch(true)])).finish().ok();
+    let said = crate::common::program::Started::start(abbe(["launch", &launch(true)])).finish().ok();
     let residual: Value =
         said.lines().map(|l| serde_json::from_str(l).unwrap()).find(|s: &Value| s["node"] == "residual").unwrap();
     assert_eq!((&residual["lost"], &residual["sent"]), (&Value::from(0), &Value::from(LIVE)), "{residual}");

@@ -1,30 +1,22 @@
 //! A user on a real ROS 2 beside a live graph: rclpy on Fast DDS, and callers of services as Cyclone DDS writes them.
 //! What they do stands habit by habit in `docs/src/reference/ros2.md`.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // A test fails by panicking.
-
-mod common;
-#[path = "ros2/descriptions.rs"]
 mod descriptions;
-#[path = "ros2/hosts.rs"]
 mod hosts;
-#[path = "ros2/packages.rs"]
 mod packages;
-#[path = "ros2/pressed.rs"]
 mod pressed;
-#[path = "ros2/round_trip.rs"]
 mod round_trip;
 
 use std::time::Duration;
 
+use crate::common::assert_says;
+use crate::common::files::{Bench, samples};
+use crate::common::graph::{DDS, MEMORY, NAMESPACE, endless_stream_of, topic};
+use crate::common::network::in_own_network;
+use crate::common::program::{Started, abbe_in, run, signal};
+use crate::common::python::{python, ros2, said};
 use abbe_msgs::{CorrectedCoordinates, CorrectionStatus};
 use abbe_runtime::ros::Domain;
-use common::assert_says;
-use common::files::{Bench, samples};
-use common::graph::{DDS, MEMORY, NAMESPACE, endless_stream_of, topic};
-use common::network::in_own_network;
-use common::program::{Started, abbe_in, run, signal};
-use common::python::{python, ros2, said};
 use rustix::process::Signal;
 use serde_json::{Value, json};
 
@@ -49,7 +41,7 @@ fn beside(graph: Started, program: std::process::Command) -> Value {
 
 #[test]
 fn val_rclpy_a_subscriber_with_default_quality_of_service_gets_the_streams() {
-    let test = "val_rclpy_a_subscriber_with_default_quality_of_service_gets_the_streams";
+    let test = "ros2::val_rclpy_a_subscriber_with_default_quality_of_service_gets_the_streams";
     in_own_network(test, |domain| {
         let Some(user) = ros2(domain, &["streams", NAMESPACE, "500"]) else { return };
         let bench = Bench::identified(5);
@@ -73,7 +65,7 @@ fn samples_of_each_stream(heard: &Value, count: usize) {
 
 #[test]
 fn val_rclpy_lists_and_describes_parameters_and_may_not_set_what_is_fixed() {
-    let test = "val_rclpy_lists_and_describes_parameters_and_may_not_set_what_is_fixed";
+    let test = "ros2::val_rclpy_lists_and_describes_parameters_and_may_not_set_what_is_fixed";
     in_own_network(test, |domain| {
         let Some(user) = ros2(domain, &["parameters", &format!("/{NAMESPACE}/scale"), "rate_hz", "5.0"]) else {
             return;
@@ -101,7 +93,7 @@ fn parameters_of_scale(heard: &Value) {
 
 #[test]
 fn val_rclpy_calls_a_service_of_a_node() {
-    let test = "val_rclpy_calls_a_service_of_a_node";
+    let test = "ros2::val_rclpy_calls_a_service_of_a_node";
     in_own_network(test, |domain| {
         let service = format!("/{NAMESPACE}/residual/reload_model");
         let Some(user) = ros2(domain, &["trigger", &service]) else { return };
@@ -115,7 +107,7 @@ fn val_rclpy_calls_a_service_of_a_node() {
 
 #[test]
 fn val_rclpy_finds_no_service_that_changes_anything_where_the_launch_file_says_so() {
-    let test = "val_rclpy_finds_no_service_that_changes_anything_where_the_launch_file_says_so";
+    let test = "ros2::val_rclpy_finds_no_service_that_changes_anything_where_the_launch_file_says_so";
     in_own_network(test, |domain| {
         let bench = Bench::identified(5);
         for (key, is_offered) in [("commands_from_ros = true", true), ("commands_from_ros = false", false)] {
@@ -137,7 +129,7 @@ fn val_rclpy_finds_no_service_that_changes_anything_where_the_launch_file_says_s
 
 #[test]
 fn val_rclpy_sees_every_node_whatever_its_edges() {
-    let test = "val_rclpy_sees_every_node_whatever_its_edges";
+    let test = "ros2::val_rclpy_sees_every_node_whatever_its_edges";
     in_own_network(test, |domain| {
         let names = ["scale", "geometric", "residual"];
         let Some(user) = ros2(domain, &["nodes", NAMESPACE, names[0], names[1], names[2]]) else { return };
@@ -160,7 +152,7 @@ fn val_rclpy_sees_every_node_whatever_its_edges() {
 #[test]
 fn val_rclpy_its_clock_is_that_of_a_node_with_use_sim_time() {
     const SECONDS: &str = "1000000";
-    let test = "val_rclpy_its_clock_is_that_of_a_node_with_use_sim_time";
+    let test = "ros2::val_rclpy_its_clock_is_that_of_a_node_with_use_sim_time";
     in_own_network(test, |domain| {
         let bench = Bench::identified(5);
         let Some(user) = ros2(domain, &["clock", SECONDS, "bridge_xyz"]) else { return };
@@ -175,7 +167,7 @@ fn val_rclpy_its_clock_is_that_of_a_node_with_use_sim_time() {
 
 #[test]
 fn val_rclpy_diagnostics_are_those_of_diagnostic_updater_and_each_has_its_place_in_the_aggregator() {
-    let test = "val_rclpy_diagnostics_are_those_of_diagnostic_updater_and_each_has_its_place_in_the_aggregator";
+    let test = "ros2::val_rclpy_diagnostics_are_those_of_diagnostic_updater_and_each_has_its_place_in_the_aggregator";
     in_own_network(test, |domain| {
         let names = ["scale", "geometric", "residual"];
         let Some(user) = ros2(domain, &["health", NAMESPACE, names[0], names[1], names[2]]) else { return };
@@ -217,7 +209,7 @@ fn val_rclpy_diagnostics_are_those_of_diagnostic_updater_and_each_has_its_place_
 
 #[test]
 fn regress_a_caller_on_cyclone_gets_parameters_and_services_and_garbage_is_dropped_in_few_words() {
-    let test = "regress_a_caller_on_cyclone_gets_parameters_and_services_and_garbage_is_dropped_in_few_words";
+    let test = "ros2::regress_a_caller_on_cyclone_gets_parameters_and_services_and_garbage_is_dropped_in_few_words";
     in_own_network(test, |domain| {
         let Some(mut user) = python("cyclone_caller.py") else { return };
         user.args([&domain.id().to_string(), &format!("/{NAMESPACE}/scale"), &format!("/{NAMESPACE}/residual")]);
@@ -241,7 +233,7 @@ fn regress_a_caller_on_cyclone_gets_parameters_and_services_and_garbage_is_dropp
 
 #[test]
 fn val_rclpy_sets_what_may_change_while_nodes_run_and_nothing_else() {
-    let test = "val_rclpy_sets_what_may_change_while_nodes_run_and_nothing_else";
+    let test = "ros2::val_rclpy_sets_what_may_change_while_nodes_run_and_nothing_else";
     in_own_network(test, |domain| {
         let (bench, other) = (Bench::identified(5), Bench::identified(6));
         let model = other.text("model.json");
@@ -281,7 +273,7 @@ fn val_rclpy_sets_what_may_change_while_nodes_run_and_nothing_else() {
 
 #[test]
 fn val_rclpy_the_log_of_a_node_is_on_rosout_for_who_joins_later_unless_it_is_not_wanted() {
-    let test = "val_rclpy_the_log_of_a_node_is_on_rosout_for_who_joins_later_unless_it_is_not_wanted";
+    let test = "ros2::val_rclpy_the_log_of_a_node_is_on_rosout_for_who_joins_later_unless_it_is_not_wanted";
     in_own_network(test, |domain| {
         let Some(user) = ros2(domain, &["log", NAMESPACE, "geometric", "is active"]) else { return };
         let bench = Bench::identified(5);
@@ -307,7 +299,7 @@ fn val_rclpy_the_log_of_a_node_is_on_rosout_for_who_joins_later_unless_it_is_not
 
 #[test]
 fn val_rclpy_a_manager_takes_nodes_through_their_states_and_what_was_paused_says_so_and_replays() {
-    let test = "val_rclpy_a_manager_takes_nodes_through_their_states_and_what_was_paused_says_so_and_replays";
+    let test = "ros2::val_rclpy_a_manager_takes_nodes_through_their_states_and_what_was_paused_says_so_and_replays";
     in_own_network(test, |domain| {
         let bench = Bench::identified(5);
         let (model, aside) = (bench.text("model.json"), bench.text("aside.json"));

@@ -1,21 +1,17 @@
 //! A controller, a tracer and sensors that are on ROS 2 already: their standard messages become readings, or are refused in words.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // A test fails by panicking.
-
-mod common;
-
 use std::time::Duration;
 
+use crate::common::assert_says;
+use crate::common::dds::Listener;
+use crate::common::files::{Bench, machine, samples, text};
+use crate::common::graph::{NAMESPACE, topic};
+use crate::common::network::in_own_network;
+use crate::common::program::{Started, abbe_in, run, signal};
+use crate::common::python::{python, said};
 use abbe_msgs::bag::BagWriter;
 use abbe_msgs::standard::DiagnosticStatus;
 use abbe_msgs::{CorrectedCoordinates, ScaleReading, TracerReading};
-use common::assert_says;
-use common::dds::Listener;
-use common::files::{Bench, machine, samples, text};
-use common::graph::{NAMESPACE, topic};
-use common::network::in_own_network;
-use common::program::{Started, abbe_in, run, signal};
-use common::python::{python, said};
 use rustix::process::Signal;
 use serde_json::json;
 
@@ -57,7 +53,7 @@ fn launch_file(bench: &Bench) -> String {
 
 #[test]
 fn val_cyclone_a_controller_on_ros_2_is_corrected_and_what_is_no_reading_is_refused_in_words() {
-    let test = "val_cyclone_a_controller_on_ros_2_is_corrected_and_what_is_no_reading_is_refused_in_words";
+    let test = "ros_driver::val_cyclone_a_controller_on_ros_2_is_corrected_and_what_is_no_reading_is_refused_in_words";
     in_own_network(test, |domain| {
         let Some(mut controller) = python("controller.py") else { return };
         let bench = Bench::identified(5);

@@ -1,22 +1,18 @@
 //! What ROS 2 tools show of a machine: frames, description and markers, taken by programs of others that join late.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // A test fails by panicking.
-
-mod common;
-
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
+use crate::common::files::{Bench, machine, samples};
+use crate::common::graph::{DDS, MEMORY, NAMESPACE, long_recording, stream_of, topic};
+use crate::common::network::in_own_network;
+use crate::common::program::{Started, abbe_in, signal};
+use crate::common::python::{python, ros2, said};
 use abbe_files::{ModelFile, read_machine};
 use abbe_graph::scene::urdf;
 use abbe_graph::topics;
 use abbe_msgs::CorrectedCoordinates;
 use abbe_runtime::ros::Domain;
-use common::files::{Bench, machine, samples};
-use common::graph::{DDS, MEMORY, NAMESPACE, long_recording, stream_of, topic};
-use common::network::in_own_network;
-use common::program::{Started, abbe_in, signal};
-use common::python::{python, ros2, said};
 use rustix::process::Signal;
 use serde_json::Value;
 
@@ -48,7 +44,7 @@ fn moved_m(frame: &Value) -> [f64; 3] {
 
 #[test]
 fn val_cyclone_frames_lead_to_the_tip_and_stations_stand_where_the_model_has_them() {
-    let test = "val_cyclone_frames_lead_to_the_tip_and_stations_stand_where_the_model_has_them";
+    let test = "scene::val_cyclone_frames_lead_to_the_tip_and_stations_stand_where_the_model_has_them";
     in_own_network(test, |domain| {
         let Some(mut user) = python("frames_user.py") else { return };
         user.args([&domain.id().to_string(), NAMESPACE, "300"]);
@@ -99,7 +95,7 @@ fn val_cyclone_frames_lead_to_the_tip_and_stations_stand_where_the_model_has_the
 
 #[test]
 fn val_rclpy_a_machine_is_described_and_its_error_is_drawn() {
-    let test = "val_rclpy_a_machine_is_described_and_its_error_is_drawn";
+    let test = "scene::val_rclpy_a_machine_is_described_and_its_error_is_drawn";
     in_own_network(test, |domain| {
         let Some(user) = ros2(domain, &["scene", NAMESPACE]) else { return };
         let bench = Bench::identified(5);
@@ -134,7 +130,7 @@ fn val_rclpy_a_machine_is_described_and_its_error_is_drawn() {
 
 #[test]
 fn val_rclpy_three_machines_stand_side_by_side_in_their_namespaces() {
-    let test = "val_rclpy_three_machines_stand_side_by_side_in_their_namespaces";
+    let test = "scene::val_rclpy_three_machines_stand_side_by_side_in_their_namespaces";
     in_own_network(test, |domain| {
         let names = ["left", "middle", "right"];
         let Some(user) = ros2(domain, &["machines", names[0], names[1], names[2]]) else { return };
@@ -155,7 +151,7 @@ fn val_rclpy_three_machines_stand_side_by_side_in_their_namespaces() {
             );
             // Each has a model of its own machine.
             let (model, campaign) = (bench.text(&format!("{name}.json")), bench.text("campaign.csv"));
-            common::program::run(["identify", "--machine", &machine, "--campaign", &campaign, "--out", &model]).ok();
+            crate::common::program::run(["identify", "--machine", &machine, "--campaign", &campaign, "--out", &model]).ok();
             let text = text.replace("max_cov", &format!("model = \"{model}\"\nmax_cov"));
             Started::start(abbe_in(domain, ["launch", &bench.write(&format!("launch_{name}.toml"), text)]))
         });

@@ -4,20 +4,16 @@
 //! against the Fast DDS in the folder that `ABBE_FAST_DDS` names (`/usr` with the Debian package libfastrtps-dev). What wants security wants
 //! the feature `dds-security`; without one of these a test says that it was skipped.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // A test fails by panicking.
-
-mod common;
-
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
+use crate::common::assert_says;
+use crate::common::files::{Bench, text};
+use crate::common::graph::{DDS, NAMESPACE, long_recording, stream_of};
+use crate::common::network::in_own_network;
+use crate::common::program::{Started, abbe_in, signal};
+use crate::common::python::said;
 use abbe_runtime::ros::Domain;
-use common::assert_says;
-use common::files::{Bench, text};
-use common::graph::{DDS, NAMESPACE, long_recording, stream_of};
-use common::network::in_own_network;
-use common::program::{Started, abbe_in, signal};
-use common::python::said;
 use rustix::process::Signal;
 
 /// Whether this program can do it.
@@ -173,7 +169,7 @@ fn secured(bench: &Bench, domain: Domain, keystore: &Keystore, enclave: &str) ->
 
 #[test]
 fn security_that_was_not_built_is_refused_with_the_way_to_build_it() {
-    let test = "security_that_was_not_built_is_refused_with_the_way_to_build_it";
+    let test = "secured::security_that_was_not_built_is_refused_with_the_way_to_build_it";
     in_own_network(test, |domain| {
         if IS_BUILT {
             println!("SKIPPED: this program is built with the feature dds-security");
@@ -194,7 +190,8 @@ fn security_that_was_not_built_is_refused_with_the_way_to_build_it() {
 
 #[test]
 fn val_fast_dds_with_keys_takes_and_is_heard_and_without_keys_or_with_those_of_others_gets_nothing() {
-    let test = "val_fast_dds_with_keys_takes_and_is_heard_and_without_keys_or_with_those_of_others_gets_nothing";
+    let test =
+        "secured::val_fast_dds_with_keys_takes_and_is_heard_and_without_keys_or_with_those_of_others_gets_nothing";
     in_own_network(test, |domain| {
         let bench = Bench::empty();
         let Some(user) = User::compiled(&bench) else { return };
@@ -222,8 +219,7 @@ fn val_fast_dds_with_keys_takes_and_is_heard_and_without_keys_or_with_those_of_o
 
 #[test]
 fn val_fast_dds_takes_samples_of_a_domain_that_protects_payloads_and_the_log_says_what_does_not_work_there() {
-    let test =
-        "val_fast_dds_takes_samples_of_a_domain_that_protects_payloads_and_the_log_says_what_does_not_work_there";
+    let test = "secured::val_fast_dds_takes_samples_of_a_domain_that_protects_payloads_and_the_log_says_what_does_not_work_there";
     in_own_network(test, |domain| {
         let bench = Bench::empty();
         let Some(user) = User::compiled(&bench) else { return };
@@ -241,7 +237,7 @@ fn val_fast_dds_takes_samples_of_a_domain_that_protects_payloads_and_the_log_say
 
 #[test]
 fn keys_that_are_not_there_or_do_not_belong_together_end_the_graph_with_words() {
-    let test = "keys_that_are_not_there_or_do_not_belong_together_end_the_graph_with_words";
+    let test = "secured::keys_that_are_not_there_or_do_not_belong_together_end_the_graph_with_words";
     in_own_network(test, |domain| {
         if !IS_BUILT {
             println!("SKIPPED: this program is built without the feature dds-security");

@@ -1,16 +1,12 @@
 //! What ships works as its first lines say: the model of the virtual machine corrects the virtual machine.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // A test fails by panicking.
-
-mod common;
-
+use crate::common::dds::PATIENCE;
+use crate::common::files::{Bench, machine, text};
+use crate::common::graph::{NAMESPACE, user};
+use crate::common::network::in_own_network;
+use crate::common::program::{Started, abbe_in, run, signal};
 use abbe_msgs::RangeResidual;
 use abbe_runtime::RunId;
-use common::dds::PATIENCE;
-use common::files::{Bench, machine, text};
-use common::graph::{NAMESPACE, user};
-use common::network::in_own_network;
-use common::program::{Started, abbe_in, run, signal};
 use rustix::process::Signal;
 
 const SHIPPED: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../launch-config/bridge_xyz_virtual.toml");
@@ -19,7 +15,7 @@ const LOOKED_AT: usize = 2800;
 
 #[test]
 fn regress_the_model_of_the_virtual_machine_is_found_good_by_the_shipped_graph() {
-    let test = "regress_the_model_of_the_virtual_machine_is_found_good_by_the_shipped_graph";
+    let test = "shipped::regress_the_model_of_the_virtual_machine_is_found_good_by_the_shipped_graph";
     in_own_network(test, |domain| {
         let bench = Bench::empty();
         run(["simulate", "--machine", &text(&machine()), "--seed", "1", "--out", &bench.text("virtual")]).ok();

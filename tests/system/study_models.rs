@@ -1,14 +1,10 @@
 //! From positioning runs and residual vectors to a model: diagnosed, corrected with, exported. What is held against the model was
 //! never seen by it: other cycles of the same axis. The axis is made here, of tables and drifts that no crate knows.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // A test fails by panicking.
-
-mod common;
-
-use common::assert_says;
-use common::files::{Bench, machine, text};
-use common::program::run;
-use common::spoil::refused;
+use crate::common::assert_says;
+use crate::common::files::{Bench, machine, text};
+use crate::common::program::run;
+use crate::common::spoil::refused;
 use serde_json::Value;
 
 /// Targets (mm), deviations of the scale there and play (µm).

@@ -1,17 +1,13 @@
 //! `abbe train` and `abbe compare` are the work of another program: where it is missing or of another version, that is said, and
 //! where it is there, nobody sees that there are two.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // A test fails by panicking.
-
-mod common;
-
 use std::fs;
 use std::os::unix::fs::{PermissionsExt, symlink};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use common::assert_says;
-use common::program::{Ran, Started, abbe, program, run};
+use crate::common::assert_says;
+use crate::common::program::{Ran, Started, abbe, program, run};
 use tempfile::TempDir;
 
 const OTHER: &str = "abbe-train";

@@ -3,22 +3,18 @@
 //! The user is `tests/system/peers/zenoh_user.py`, run by the Python that `ABBE_ZENOH_PYTHON` names (PyPI `eclipse-zenoh` and `rosbags`). What
 //! wants Zenoh wants the feature `zenoh`; without one of these a test says that it was skipped.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // A test fails by panicking.
-
-mod common;
-
 use std::path::Path;
 use std::process::{Command, Stdio};
 
+use crate::common::assert_says;
+use crate::common::files::{Bench, machine, samples, text};
+use crate::common::graph::{LaunchText, MEMORY, NAMESPACE, topic};
+use crate::common::network::in_own_network;
+use crate::common::program::{Started, abbe_in, run, signal};
+use crate::common::python::said;
 use abbe_msgs::{CorrectedCoordinates, Message, ScaleReading, cdr, type_description};
 use abbe_runtime::ros::Domain;
 use abbe_runtime::transport::zenoh::IS_BUILT;
-use common::assert_says;
-use common::files::{Bench, machine, samples, text};
-use common::graph::{LaunchText, MEMORY, NAMESPACE, topic};
-use common::network::in_own_network;
-use common::program::{Started, abbe_in, run, signal};
-use common::python::said;
 use rustix::process::Signal;
 use serde_json::{Value, json};
 
@@ -56,7 +52,8 @@ fn graph() -> LaunchText {
 
 #[test]
 fn val_eclipse_zenoh_sends_readings_and_takes_coordinates_and_what_is_no_reading_is_refused_in_words() {
-    let test = "val_eclipse_zenoh_sends_readings_and_takes_coordinates_and_what_is_no_reading_is_refused_in_words";
+    let test =
+        "zenoh::val_eclipse_zenoh_sends_readings_and_takes_coordinates_and_what_is_no_reading_is_refused_in_words";
     in_own_network(test, |domain| {
         let bench = Bench::identified(5);
         let (campaign, bag) = (bench.text("campaign.csv"), bench.text("campaign"));

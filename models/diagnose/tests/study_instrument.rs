@@ -41,10 +41,14 @@ fn taken(positions_m: &[[f64; 3]], error: Error, generator: &mut ChaCha8Rng) -> 
 }
 
 fn in_a_volume(error: Error, seed: u64) -> StudyDiagnosis {
+    in_a_volume_with(error, seed, &Options::default())
+}
+
+fn in_a_volume_with(error: Error, seed: u64, options: &Options) -> StudyDiagnosis {
     let mut generator = ChaCha8Rng::seed_from_u64(seed);
     let positions: Vec<[f64; 3]> =
         (0..200).map(|_| [0.8, 0.6, 0.6].map(|stroke: f64| stroke * generator.random::<f64>())).collect();
-    diagnose(&taken(&positions, error, &mut generator), Some(&machine()), &Options::default()).unwrap()
+    diagnose(&taken(&positions, error, &mut generator), Some(&machine()), options).unwrap()
 }
 
 /// A plate of 81 balls; `scattered` takes them in no order.
@@ -106,6 +110,22 @@ fn regress_a_tracker_that_drifts_is_not_in_the_model_of_the_machine() {
         for seed in 0..seeds(3) {
             assert_not_the_machines(&in_a_volume(drift, seed), &format!("{what}, seed {seed}"));
         }
+    }
+}
+
+/// Whoever measured a mark that stands still knows that the instrument did not drift. What the same data leave open without that is the
+/// machine's then, and the model has it.
+#[test]
+fn what_goes_with_the_time_is_the_machines_where_the_instrument_was_checked() {
+    let shift: Error = |_, share| [3e-6 * settled(share), -2e-6 * settled(share), 4e-6 * settled(share)];
+    let checked = Options { instrument_checked: true, ..Options::default() };
+    for seed in 0..seeds(3) {
+        assert!(in_a_volume(shift, seed).terms.list.is_empty(), "seed {seed}: it is open without");
+        let diagnosis = in_a_volume_with(shift, seed, &checked);
+        let left_um = diagnosis.after.rms_um;
+        assert!(!diagnosis.terms.list.is_empty() && left_um < 1.1 * SIGMA_M * 1e6, "seed {seed}: {left_um}");
+        assert!(diagnosis.terms.left_out.is_empty(), "seed {seed}: {:?}", diagnosis.terms.left_out);
+        assert!(diagnosis.notes.iter().any(|note| note.contains("as declared")), "{:?}", diagnosis.notes);
     }
 }
 

@@ -7,7 +7,7 @@ use super::*;
 #[test]
 fn val_rclpy_asks_a_node_what_its_messages_are_and_finds_the_hash_of_what_it_is_told() {
     const OTHER: &str = "sensor_msgs/msg/JointState";
-    let test = "descriptions::val_rclpy_asks_a_node_what_its_messages_are_and_finds_the_hash_of_what_it_is_told";
+    let test = "ros2::descriptions::val_rclpy_asks_a_node_what_its_messages_are_and_finds_the_hash_of_what_it_is_told";
     in_own_network(test, |domain| {
         let node = format!("/{NAMESPACE}/residual");
         let kinds = ["abbe_msgs/msg/CorrectedCoordinates", "geometry_msgs/msg/PointStamped"];

@@ -7,17 +7,17 @@ use abbe_msgs::CorrectedCoordinates;
 use rustix::process::Signal;
 use serde_json::json;
 
-use super::common::files::{Bench, samples};
-use super::common::graph::{DDS, LaunchText, NAMESPACE, endless_stream_of, long_recording, stream_of, topic};
-use super::common::hosts::{Host, hosts};
-use super::common::network::{in_own_network, is_in_own_network};
-use super::common::program::{Started, abbe_in, signal};
-use super::common::python::{ros2, said};
 use super::samples_of_each_stream;
+use crate::common::files::{Bench, samples};
+use crate::common::graph::{DDS, LaunchText, NAMESPACE, endless_stream_of, long_recording, stream_of, topic};
+use crate::common::hosts::{Host, hosts};
+use crate::common::network::{in_own_network, is_in_own_network};
+use crate::common::program::{Started, abbe_in, signal};
+use crate::common::python::{ros2, said};
 
 #[test]
 fn val_rclpy_hosts_that_multicast_does_not_reach_meet_where_one_of_them_names_the_other() {
-    let test = "hosts::val_rclpy_hosts_that_multicast_does_not_reach_meet_where_one_of_them_names_the_other";
+    let test = "ros2::hosts::val_rclpy_hosts_that_multicast_does_not_reach_meet_where_one_of_them_names_the_other";
     in_own_network(test, |domain| {
         let Some(user) = ros2(domain, &["streams", NAMESPACE, "200"]) else { return };
         if !is_in_own_network() {
@@ -54,7 +54,8 @@ fn val_rclpy_hosts_that_multicast_does_not_reach_meet_where_one_of_them_names_th
 
 #[test]
 fn graphs_on_two_hosts_whose_networks_know_no_multicast_hear_each_other_from_the_first_sample() {
-    let test = "hosts::graphs_on_two_hosts_whose_networks_know_no_multicast_hear_each_other_from_the_first_sample";
+    let test =
+        "ros2::hosts::graphs_on_two_hosts_whose_networks_know_no_multicast_hear_each_other_from_the_first_sample";
     in_own_network(test, |domain| {
         if !is_in_own_network() {
             return println!("SKIPPED: no network namespaces, so there are no other hosts");

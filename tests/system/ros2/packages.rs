@@ -7,13 +7,13 @@ use abbe_graph::launch::NodeName;
 use abbe_msgs::{CorrectedCoordinates, CorrectionStatus};
 use serde_json::{Value, json};
 
-use super::common::assert_says;
-use super::common::files::{Bench, samples};
-use super::common::graph::{NAMESPACE, topic};
-use super::common::network::in_own_network;
-use super::common::program::{Started, program};
-use super::common::python::{ros2, ros2_prefix};
 use super::{beside, graph};
+use crate::common::assert_says;
+use crate::common::files::{Bench, samples};
+use crate::common::graph::{NAMESPACE, topic};
+use crate::common::network::in_own_network;
+use crate::common::program::{Started, program};
+use crate::common::python::{ros2, ros2_prefix};
 
 /// What the launch files say, each in its own words.
 const LAUNCH_FILES: [&str; 3] = ["py", "xml", "yaml"];
@@ -97,7 +97,7 @@ impl Workspace {
 
 #[test]
 fn val_colcon_the_package_is_found_runs_nodes_and_launches_the_machine_that_it_is_told() {
-    let test = "packages::val_colcon_the_package_is_found_runs_nodes_and_launches_the_machine_that_it_is_told";
+    let test = "ros2::packages::val_colcon_the_package_is_found_runs_nodes_and_launches_the_machine_that_it_is_told";
     in_own_network(test, |domain| {
         let Some(user) = ros2(domain, &["streams", "other", "200"]) else { return };
         let bench = Bench::identified(5);
@@ -152,7 +152,7 @@ fn as_taken(sample: &CorrectedCoordinates) -> Value {
 
 #[test]
 fn val_colcon_the_messages_are_generated_and_a_program_takes_with_them_what_is_recorded() {
-    let test = "packages::val_colcon_the_messages_are_generated_and_a_program_takes_with_them_what_is_recorded";
+    let test = "ros2::packages::val_colcon_the_messages_are_generated_and_a_program_takes_with_them_what_is_recorded";
     in_own_network(test, |domain| {
         let Some(user) = ros2(domain, &["corrected", NAMESPACE, "200"]) else { return };
         // It stays from one run of the tests to the next: generating and compiling takes a while.

@@ -4,20 +4,19 @@ use abbe_msgs::CorrectedCoordinates;
 use serde_json::{Value, json};
 
 use super::beside;
-use super::common::assert_says;
-use super::common::files::{Bench, samples};
-use super::common::graph::{DDS, MEMORY, endless_stream_of, topic};
-use super::common::network::in_own_network;
-use super::common::program::{Started, abbe_in, run};
-use super::common::python::{ros2, said};
+use crate::common::assert_says;
+use crate::common::files::{Bench, samples};
+use crate::common::graph::{DDS, MEMORY, endless_stream_of, topic};
+use crate::common::network::in_own_network;
+use crate::common::program::{Started, abbe_in, run};
+use crate::common::python::{ros2, said};
 
 /// How often each of two managers deactivates and activates the node.
 const TIMES: usize = 20;
 
 #[test]
 fn val_rclpy_two_managers_a_flood_of_calls_and_processes_that_stand_still_leave_a_node_in_one_state() {
-    let test =
-        "pressed::val_rclpy_two_managers_a_flood_of_calls_and_processes_that_stand_still_leave_a_node_in_one_state";
+    let test = "ros2::pressed::val_rclpy_two_managers_a_flood_of_calls_and_processes_that_stand_still_leave_a_node_in_one_state";
     in_own_network(test, |domain| {
         let (bench, remote) = (Bench::identified(5), topic("geometric"));
         let manager = || ros2(domain, &["quarrel", &remote, &TIMES.to_string()]);

@@ -7,11 +7,11 @@ use std::process::Stdio;
 use abbe_msgs::ScaleReading;
 
 use super::beside;
-use super::common::files::{Bench, machine, samples, text};
-use super::common::graph::{NAMESPACE, topic};
-use super::common::network::in_own_network;
-use super::common::program::{Started, abbe_in, run};
-use super::common::python::ros2;
+use crate::common::files::{Bench, machine, samples, text};
+use crate::common::graph::{NAMESPACE, topic};
+use crate::common::network::in_own_network;
+use crate::common::program::{Started, abbe_in, run};
+use crate::common::python::ros2;
 
 /// Positions that go each way, where the environment does not name another number.
 const COUNT: &str = "1000";
@@ -21,7 +21,7 @@ const MISSING: f64 = 0.01;
 
 #[test]
 fn val_rclpy_positions_at_1_khz_come_back_corrected_as_they_come_back_from_an_echo() {
-    let test = "round_trip::val_rclpy_positions_at_1_khz_come_back_corrected_as_they_come_back_from_an_echo";
+    let test = "ros2::round_trip::val_rclpy_positions_at_1_khz_come_back_corrected_as_they_come_back_from_an_echo";
     in_own_network(test, |domain| {
         let Some(mut echo) = ros2(domain, &["echo", "/echo/there", "/echo/back"]) else { return };
         let bench = Bench::identified(5);

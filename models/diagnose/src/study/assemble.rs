@@ -16,7 +16,7 @@ use super::search::{COMPARABLE, Found, Observe, Options, score_all, search};
 use super::series::independent;
 use super::significance::{probability, uncertainties};
 use super::terms::{Terms, terms};
-use super::told::{ANOTHER_ORDER, doubts};
+use super::told::{ANOTHER_ORDER, Doubts, doubts};
 use super::view::View;
 use super::waves::tell_aliases;
 use crate::error::DiagnoseError;
@@ -28,6 +28,8 @@ use std::collections::BTreeSet;
 pub(super) const ALIASED: f64 = 0.95;
 /// Error that no instrument shows: what is less is rounding of numbers (m).
 const NOTHING_M: f64 = 1e-12;
+/// What was not looked at because the user vouches for it.
+const CHECKED: &str = "That neither the instrument nor what was measured on drifted is as declared: what goes with the time was taken for the machine's.";
 /// Searches on all rows at most: each may show other rows to be gross.
 const SEARCHES: usize = 3;
 
@@ -70,7 +72,10 @@ pub(super) fn diagnose(
     let u = uncertainties(&mut view, &last)?;
     let u = with_beside(&view, &last, u);
     let mut effects = effects(&mut view, &last, &u)?;
-    let doubts = doubts(&view, &last, &effects, options.significance)?;
+    let doubts = match options.instrument_checked {
+        true => Doubts::default(),
+        false => doubts(&view, &last, &effects, options.significance)?,
+    };
     let terms = with_deviations(terms(&*view.study, &last, &u, &doubts), &view, &last);
     effects.iter_mut().enumerate().for_each(|(place, effect)| doubts.widen(place, effect));
     let mut looked = looks(&view, &gross, &found, &before, lack_of_fit.as_ref(), options);
@@ -79,6 +84,7 @@ pub(super) fn diagnose(
     let consistent_with_noise = effects.is_empty() && looked.iter().all(|look| look.is_noise != Some(false));
     let next_measurements = next_measurements(&not_identifiable);
     let hidden = notes_of_displays(&view);
+    let checked = options.instrument_checked.then(|| CHECKED.to_owned()).into_iter().collect();
     let study: &dyn Study = &*view.study;
     Ok(StudyDiagnosis {
         of: study.of(),
@@ -101,7 +107,7 @@ pub(super) fn diagnose(
         untestable: study.untestable(),
         next_measurements,
         terms,
-        notes: [study.notes(), hidden].concat(),
+        notes: [study.notes(), hidden, checked].concat(),
     })
 }
 

@@ -30,11 +30,14 @@ pub struct Options {
     pub significance: f64,
     /// Most effects that one study may find.
     pub most_effects: usize,
+    /// Whether a mark that stands still was measured again and again, and neither the instrument nor what was measured on drifted: what goes
+    /// with the time is the machine's then.
+    pub instrument_checked: bool,
 }
 
 impl Default for Options {
     fn default() -> Options {
-        Options { significance: 0.01, most_effects: 10 }
+        Options { significance: 0.01, most_effects: 10, instrument_checked: false }
     }
 }
 

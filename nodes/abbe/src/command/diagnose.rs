@@ -52,6 +52,10 @@ pub(crate) struct Arguments {
     /// Parts in which lines are left out of the whole search
     #[arg(long)]
     folds: Option<usize>,
+    /// A mark that stands still was measured before, between and after: neither the instrument nor a plate drifted, so that what goes with the time is
+    /// the machine's (positioning runs, residual vectors)
+    #[arg(long)]
+    instrument_checked: bool,
     /// Print diagnosis.json on standard output
     #[arg(long)]
     json: bool,
@@ -160,6 +164,7 @@ fn product(
         verify: arguments.verify.as_deref(),
         seed: arguments.seed,
         folds: arguments.folds,
+        instrument_checked: arguments.instrument_checked,
         accept: arguments.accept,
         join: &arguments.join,
     };
@@ -175,6 +180,11 @@ fn product(
                 DataKind::Runs => "positioning runs",
                 DataKind::SphereCentres => "sphere centres",
             }
+        ),
+        (None, _) if arguments.instrument_checked => bail!(
+            "{}: --instrument-checked is for positioning runs and residual vectors; in a tracer campaign a drift of the tracer is one of the \
+             causes that are tried, so leave it out",
+            campaign.display()
         ),
         (None, Some(model)) => tracer::run(model, campaign, &request, observe),
         (None, None) if arguments.machine.is_some() => bail!(

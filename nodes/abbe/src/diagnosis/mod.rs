@@ -31,6 +31,8 @@ pub(crate) struct Request<'a> {
     pub(crate) seed: u64,
     /// Parts in which data are left out; `None` for the usual number.
     pub(crate) folds: Option<usize>,
+    /// Whether the instrument of a study is known not to have drifted.
+    pub(crate) instrument_checked: bool,
     /// Whether a model is given although the data contradict themselves.
     pub(crate) accept: Accept,
     /// How a bag is read as a campaign.

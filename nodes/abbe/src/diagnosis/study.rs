@@ -111,7 +111,7 @@ fn conclude(
     figures: impl FnOnce(&StudyDiagnosis) -> Vec<Section>,
     diagnose: impl FnOnce(&Options) -> Result<StudyDiagnosis, DiagnoseError>,
 ) -> anyhow::Result<Product> {
-    let options = Options::default();
+    let options = Options { instrument_checked: request.instrument_checked, ..Options::default() };
     let diagnosis = diagnose(&options).with_context(|| path.display().to_string())?;
     let figures = figures(&diagnosis);
     let data = File { file: name_of(path), sha256: hex(&sha256) };

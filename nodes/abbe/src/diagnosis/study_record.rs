@@ -48,6 +48,7 @@ pub(super) fn record(
         options: json!({
             "significance": options.significance,
             "most_effects": options.most_effects,
+            "instrument_checked": options.instrument_checked,
         }),
         software,
     };

@@ -87,6 +87,9 @@ pub fn diagnose_observed(
     let (rows, notes) = given::given(vectors)?;
     let kept: Vec<ResidualVector> = rows.iter().map(|row| vectors[*row].clone()).collect();
     let mut study = Vectors::new(&kept, rows, notes, machine)?;
+    if options.instrument_checked {
+        study.without_drifts();
+    }
     match turned::contrasts(&study)? {
         None => assemble::diagnose(&mut study, options, observe),
         Some(contrasts) => assemble::diagnose(&mut Turned::new(study, contrasts)?, options, observe),

@@ -120,6 +120,11 @@ impl Vectors<'_> {
         }
     }
 
+    /// Without what no machine does: the instrument was checked.
+    pub(in crate::study::vectors) fn without_drifts(&mut self) {
+        self.retain(|part| !matches!(part, Part::Drift(_)));
+    }
+
     /// Keeps candidates of these parts only.
     fn retain(&mut self, is_kept: impl Fn(&Part) -> bool) {
         let is_kept: Vec<bool> = self.parts.iter().map(is_kept).collect();
