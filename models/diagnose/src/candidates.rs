@@ -130,21 +130,24 @@ pub(crate) fn score_all(
     Ok(terms.into_iter().zip(projected).map(scored).collect())
 }
 
-/// The best of constants on the ranges, each a column that is not whitened, with the shape that the effect of this name has for it.
+/// The best of some effects that are constant on the ranges of some readings, each given by its columns, not whitened: its place among them, and the
+/// candidate, with the shape that the effect of this name has for it.
 pub(crate) fn best_constant(
     round: &Round,
     (name, machine): (&str, &Machine),
     mut columns: Vec<Mat<f64>>,
     shape: impl Fn(usize) -> Shape,
-) -> Result<Option<Candidate>, DiagnoseError> {
+) -> Result<Option<(usize, Candidate)>, DiagnoseError> {
     let Some(known) = known(name) else { return Ok(None) };
-    columns.iter_mut().for_each(|column| round.rows.whiten(column.col_as_slice_mut(0)));
+    for own in &mut columns {
+        (0..own.ncols()).for_each(|j| round.rows.whiten(own.col_as_slice_mut(j)));
+    }
     let groups = round.free.project_all(&columns).into_iter();
     let scores = groups.map(|group| (round.score(&group), group.absorbed()));
     let best = scores.enumerate().max_by(|a, b| a.1.0.reduction.total_cmp(&b.1.0.reduction));
     let Some((place, (score, absorbed))) = best else { return Ok(None) };
     let term = EffectTerm::new(known.name, shape(place), machine)?;
-    Ok(Some(Candidate { known, term, score, trials: columns.len(), absorbed, rest: None }))
+    Ok(Some((place, Candidate { known, term, score, trials: columns.len(), absorbed, rest: None })))
 }
 
 /// Whitened columns of some terms, side by side.

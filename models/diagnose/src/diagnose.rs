@@ -8,6 +8,7 @@ use crate::candidates::{Candidate, Round, columns_of};
 use crate::clock::{self, ClockShift};
 use crate::competing::{self, Without};
 use crate::context::read_by;
+use crate::cut_off::CutOff;
 use crate::diagnosis::{Competing, Diagnosis, Found, FoundParameter, Kind, Rival};
 use crate::error::DiagnoseError;
 use crate::floor;
@@ -121,6 +122,7 @@ pub fn diagnose(
             .iter()
             .map(Step::words)
             .chain(said)
+            .chain(CutOff::all(campaign, &rejected_lines).iter().map(CutOff::words))
             .chain(clock.as_ref().map(ClockShift::words))
             .chain(machine_step.as_ref().map(MachineStep::words))
             .chain(wander.as_ref().map(Wander::words))

@@ -26,6 +26,7 @@ mod candidates;
 mod clock;
 mod competing;
 mod context;
+mod cut_off;
 mod diagnose;
 mod diagnosis;
 mod error;

@@ -21,5 +21,8 @@ pub(crate) fn candidate(
     for (k, reading) in campaign.readings.iter().enumerate() {
         columns[reading.line as usize][(k, 0)] = if round.rows.whitening[k] > 0.0 { 1.0 } else { 0.0 };
     }
-    best_constant(round, ("outlying_run", machine), columns, |line| Shape::new().text("line", &campaign.lines[line]))
+    let best = best_constant(round, ("outlying_run", machine), columns, |line| {
+        Shape::new().text("line", &campaign.lines[line])
+    })?;
+    Ok(best.map(|(_, candidate)| candidate))
 }

@@ -416,7 +416,7 @@ impl<'a> Search<'a> {
         let mut periodogram = self.periodogram.borrow_mut();
         named.extend(periodic::candidates(round, machine, self.campaign, &mut periodogram)?);
         named.extend(runs::candidate(round, machine, self.campaign)?);
-        named.extend(jumps::candidate(round, machine, self.campaign)?);
+        named.extend(jumps::candidates(round, machine, self.campaign)?);
         Ok(named)
     }
 

@@ -5,24 +5,28 @@
 //! coordinate is corrected it knows nothing. What it did then acts there as well, unseen: its mean square counts as
 //! unexplained. The same holds for a term without a name that follows a logged quantity, where that quantity itself went along with the
 //! time: the data do not tell which. So does that of named terms in time beside it, or beside a correlated rest, since one tracer after the other
-//! cannot tell a drift of its stand from one of the machine, and both say that there is something like it; the drift of a stand alone
+//! cannot tell a drift of its stand from one of the machine, and both say that there is something like it; the motion of a stand alone
 //! counts so where no two stations measured at the same time. Ranges in m; a motion of the tip counts three times its
-//! mean square on the ranges, which see one direction of three.
+//! mean square on the ranges, which see one direction of three. Where stands move, the zero of the machine may have moved instead, and goes on from
+//! station to station: along each axis U holds at least that.
 
 use crate::candidates::Round;
 use crate::context::{follows_time, in_turn, range, read_by};
 use crate::gate;
 use crate::linear::Linear;
-use abbe_geometry::effects::of_lagged;
+use abbe_geometry::effects::{CovariateSource, CovariateValue, Ray, Sight, State, of_lagged};
 use abbe_geometry::model::{FittedEffect, MachineModel, ModelError};
-use abbe_identify::EffectTerm;
-use abbe_measurement::campaign::Campaign;
+use abbe_geometry::{Axis, Vector3};
+use abbe_identify::{EffectTerm, TIME};
+use abbe_measurement::campaign::{Campaign, RangeReading};
 use faer::Mat;
 
 /// Directions that a motion of the tip has and a range does not see, and the one that it sees.
 const DIRECTIONS: f64 = 3.0;
 /// Coefficients of a smooth course in time: a cubic.
 const COURSE: usize = 4;
+/// Effects that move the stand of a tracer.
+const MOVE_STANDS: [&str; 2] = ["station_drift", "stand_jump"];
 /// Share of a quantity's variance beside its course in time below which both are alike.
 const ALIKE: f64 = 0.1;
 
@@ -43,10 +47,62 @@ pub(crate) fn told(
         let directions = if gate::moves_tip(campaign, &[EffectTerm::of(fitted)]) { DIRECTIONS } else { 1.0 };
         directions * on_range_m2(round, campaign, fitted)
     });
-    let square_m2: f64 = squares.sum();
+    let doubted_m = squares.sum::<f64>().sqrt();
+    let moved_m = zero_instead_m(&model, campaign, &is_found);
     let mut parts = model.parts().clone();
-    parts.quality.unexplained_m = parts.quality.unexplained_m.map(|u_m| u_m.hypot(square_m2.sqrt()));
+    let unexplained_m = parts.quality.unexplained_m;
+    parts.quality.unexplained_m = std::array::from_fn(|d| unexplained_m[d].hypot(doubted_m.max(moved_m[d])));
     MachineModel::new(parts)
+}
+
+/// Standard deviation of the place of the machine's zero over the readings, along each axis (m), if it moved in the place of the stands: to a
+/// station both are the same, and where the next begins, the zero is where the last one left it.
+fn zero_instead_m(model: &MachineModel, campaign: &Campaign, is_found: impl Fn(&FittedEffect) -> bool) -> [f64; 3] {
+    let effects = model.parts().effects.iter();
+    let moving: Vec<&FittedEffect> = effects.filter(|own| is_found(own) && moves_stand(own, campaign)).collect();
+    let mut order: Vec<&RangeReading> = campaign.readings.iter().collect();
+    order.sort_by(|a, b| a.time_s.total_cmp(&b.time_s));
+    let mut place_m = Vector3::zeros();
+    let mut last: Option<(u32, Vector3<f64>)> = None;
+    let mut places_m: Vec<Vector3<f64>> = Vec::with_capacity(order.len());
+    for reading in order {
+        let stand_m = stand_m(&moving, campaign, reading);
+        if let Some((_, before_m)) = last.filter(|(station, _)| *station == reading.station) {
+            place_m -= stand_m - before_m;
+        }
+        last = Some((reading.station, stand_m));
+        places_m.push(place_m);
+    }
+    let count = places_m.len().max(1) as f64;
+    let mean_m = places_m.iter().sum::<Vector3<f64>>() / count;
+    let square_m2 = places_m.iter().map(|own| (own - mean_m).component_mul(&(own - mean_m))).sum::<Vector3<f64>>();
+    std::array::from_fn(|d| (square_m2[d] / count).sqrt())
+}
+
+/// Where the stand of a reading's station is at its time, as effects have it (m, from where the fit has the station).
+fn stand_m(moving: &[&FittedEffect], campaign: &Campaign, reading: &RangeReading) -> Vector3<f64> {
+    let state = State { reading_m: reading.reading_m, offset_m: reading.offset_m, covariates: &Time(reading.time_s) };
+    let (station, line) = (&campaign.stations[reading.station as usize], &campaign.lines[reading.line as usize]);
+    let along = |axis: Axis| {
+        let sight = Sight { station, line, ray: Ray { direction: axis.direction(), range_m: 1.0 } };
+        let mut away_m = 0.0;
+        for fitted in moving {
+            // A stand reads the time alone, and that is there.
+            let _ = fitted.effect.range(&state, &sight, &mut |k, part| away_m -= part * fitted.parameters[k]);
+        }
+        away_m
+    };
+    let [x, y, z] = Axis::ALL.map(along);
+    Vector3::new(x, y, z)
+}
+
+/// The time of a reading, as effects read it.
+struct Time(f64);
+
+impl CovariateSource for Time {
+    fn covariate(&self, name: &str) -> CovariateValue {
+        if name == TIME { CovariateValue::Fresh(self.0) } else { CovariateValue::Missing }
+    }
 }
 
 /// Whether an effect is only a course in time without a cause: it is in the uncertainty and not in the correction, since the time of a
@@ -81,7 +137,7 @@ fn goes_along_with_time(campaign: &Campaign, name: &str) -> bool {
 /// Whether an effect moves the stands of tracers in time, of which no two measured together: to one after the other, a machine that
 /// turns on its bed in that time is the same, whatever the sights.
 fn moves_stand(fitted: &FittedEffect, campaign: &Campaign) -> bool {
-    fitted.shape.0.contains_key("stations") && in_turn(campaign)
+    MOVE_STANDS.contains(&fitted.effect.name()) && in_turn(campaign)
 }
 
 fn has_no_name(fitted: &FittedEffect) -> bool {

@@ -25,15 +25,18 @@ const FREE_GROWTH: f64 = 4.0;
 /// Squared difference over the growth of the variance from which a term is worth it.
 const WORTH: f64 = 4.0;
 
+/// What happens once, at an instant that a search found.
+const ONCE: [&str; 2] = ["zero_jump", "stand_jump"];
+
 /// Why the second model, which has these terms, is not worth its uncertainty beside the first; `None` where it is. What reads nothing
-/// that changes (a holder, a sag) is there or is not, and has to be found; what the plan leaves open of it stands in u.
+/// that changes (a holder, a sag), or happens once, is there or is not, and has to be found; what the plan leaves open of it stands in u.
 pub(crate) fn refusal(
     terms: &[EffectTerm],
     before: &MachineModel,
     after: &MachineModel,
     campaign: &Campaign,
 ) -> Option<String> {
-    if terms.iter().all(|term| term.effect.reads().is_empty()) {
+    if terms.iter().all(|term| term.effect.reads().is_empty() || ONCE.contains(&term.effect.name())) {
         return None;
     }
     let readings = spread(campaign.readings.len(), POINTS);

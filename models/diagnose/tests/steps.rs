@@ -73,6 +73,38 @@ fn regress_what_is_no_step_of_the_machine_is_not_called_one() {
     }
 }
 
+/// The zero of X jumps while a station stands, which to that station is a bump of its stand the other way. It was a drift of that stand, of which U
+/// held 75 % along the axis.
+#[test]
+fn regress_a_zero_that_jumps_is_a_jump_of_the_stand_or_of_the_machine_and_is_covered() {
+    for machine in ["bridge", "gantry", "table"] {
+        for seed in 1..=seeds(2) {
+            let judged = diagnosed(machine, &["step-zero:2"], seed);
+            let jump = judged.diagnosis.found.iter().find(|found| found.name == "stand_jump");
+            let jump = jump.unwrap_or_else(|| panic!("{machine} {seed}: {:?}", judged.diagnosis.steps));
+            let x = &jump.parameters[0];
+            assert!((x.value + 2e-6).abs() < 3.0 * x.u, "{machine} {seed}: {x:?}");
+            let (before, after) = judged.outcome().inside;
+            assert!(after.rms_m < 1.02 * before.rms_m, "{machine} {seed}: {before:?} {after:?}");
+            assert!(after.covered > 0.95 && after.worst_axis > 0.93, "{machine} {seed}: {before:?} {after:?}");
+        }
+    }
+}
+
+/// A jump that is so large that the robust fit rejects all that comes after it at the station is in no search; lines were told one by one.
+#[test]
+fn regress_lines_rejected_up_to_the_end_of_a_station_are_told_as_what_moved_it() {
+    for machine in ["bridge", "gantry"] {
+        let judged = diagnosed(machine, &["step-zero:15"], 1);
+        let said = judged
+            .diagnosis
+            .steps
+            .iter()
+            .any(|step| step.contains("lines of station S3") && step.contains("name of their own"));
+        assert!(said && !judged.diagnosis.consistent_with_noise, "{machine}: {:?}", judged.diagnosis.steps);
+    }
+}
+
 /// A squareness settles while the pressure rises. The dependence on pressure that describes it is none: corrected by it, the error was
 /// nearly twice that before, and intervals held 62 to 68 %.
 #[test]

@@ -6,7 +6,8 @@ use super::shape::{EffectError, Shape};
 use super::{
     Effect, acceleration, axis_term, carriage_sag, column_bow, dead_path, empirical, gimbal, gradient_bow, hysteresis,
     lagged_name, moisture_bow, of_lagged, outlying_run, periodic_scale, reflector_incidence, reflector_offset,
-    refraction, reversal, scale_expansion, scale_growth, speed_lag, station_drift, table_load, warm_up, zero_jump,
+    refraction, reversal, scale_expansion, scale_growth, speed_lag, stand_jump, station_drift, table_load, warm_up,
+    zero_jump,
 };
 use crate::machine::Machine;
 
@@ -109,6 +110,7 @@ pub const REGISTRY: &[Known] = &[
     scale_expansion::KNOWN,
     scale_growth::KNOWN,
     speed_lag::KNOWN,
+    stand_jump::KNOWN,
     station_drift::KNOWN,
     table_load::KNOWN,
     warm_up::KNOWN,

@@ -31,6 +31,7 @@ mod reversal;
 mod scale_expansion;
 mod scale_growth;
 mod speed_lag;
+mod stand_jump;
 mod station_drift;
 mod table_load;
 mod warm_up;

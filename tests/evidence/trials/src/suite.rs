@@ -34,6 +34,7 @@ const SINGLE: &[(&str, &str)] = &[
     ("dead path", "dead_path unseen_mm=500*"),
     ("tracer centre", "gimbal sin_az_um=0.3* sin_2az_um=0.2* sin_2el_um=0.2*"),
     ("drift", "station_drift rate_x_um_h=2* rate_y_um_h=1* rate_z_um_h=-1*"),
+    ("stand", "stand_jump station=1 after_s=600 x_um=2* y_um=-1* z_um=1*"),
     ("incidence", "reflector_incidence size_um=0.5* looks_z=-1"),
     ("holders", "reflector_offset size_um=1* seed=$seed"),
     ("jump", "zero_jump station=1 after_s=600 shift_um=2*"),

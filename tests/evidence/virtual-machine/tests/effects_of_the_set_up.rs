@@ -168,6 +168,7 @@ fn effects_of_the_set_up_leave_the_true_tip_alone_and_those_of_the_machine_move_
                 | "reflector_incidence"
                 | "reflector_offset"
                 | "refraction"
+                | "stand_jump"
                 | "station_drift"
                 | "zero_jump"
         );

@@ -46,6 +46,7 @@ pub(crate) const ACCEPTED: &[Accepted] = &[
     row("scale_expansion", "scale_expansion", AXIS, "that axis, by whichever of its sensors that drift alike"),
     row("screw", "scale_growth", AXIS, "that axis, with one time constant in the place of two"),
     row("speed_lag", "speed_lag", AXIS, "the axis that lags"),
+    row("stand_jump", "stand_jump", &[], "one station"),
     row("station_drift", "station_drift", &[], "all stands in one effect"),
     row("table_load", "table_load", &[], "one table"),
     row("zero_jump", "zero_jump", &[], "one station"),

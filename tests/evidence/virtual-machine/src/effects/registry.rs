@@ -10,7 +10,7 @@ use super::text::{Key, Values, given, or_zero};
 use super::{
     Acceleration, Backlash, CarriageSag, CarriageTwist, ColumnBow, DeadPath, Effect, Gimbal, GradientBow, Hysteresis,
     LaggedExpansion, MoistureBow, Onset, OutlyingRun, PeriodicScale, ReflectorIncidence, ReflectorOffset, Refraction,
-    ScaleExpansion, Screw, SpeedLag, StationDrift, TableLoad, Undescribed, WarmUp, Wear, ZeroJump,
+    ScaleExpansion, Screw, SpeedLag, StandJump, StationDrift, TableLoad, Undescribed, WarmUp, Wear, ZeroJump,
 };
 use crate::error::SimulationError;
 
@@ -184,6 +184,15 @@ const ENTRIES: &[Entry] = &[
         keys: &[given("axis"), given("lag_us")],
         example: "speed_lag axis=x lag_us=30",
         make: |v| Ok(Arc::new(SpeedLag { axis: v.axis("axis")?, lag_s: v.number("lag_us")? * MICRO })),
+    },
+    Entry {
+        name: "stand_jump",
+        keys: &[given("station"), given("after_s"), or_zero("x_um"), or_zero("y_um"), or_zero("z_um")],
+        example: "stand_jump station=1 after_s=300 x_um=5 y_um=-3 z_um=2",
+        make: |v| {
+            let (station, after_s) = (v.count("station")?, v.number("after_s")?);
+            Ok(Arc::new(StandJump { station, after_s, shift_m: numbers(v, ["x_um", "y_um", "z_um"], MICRO)? }))
+        },
     },
     Entry {
         name: "station_drift",
