@@ -20,15 +20,15 @@ const LOOK_UP: Duration = Duration::from_millis(20);
 /// What is stated of a single length (µm, k = 1): nobody reads it when a campaign is captured.
 const U_LENGTH_UM: f64 = 0.2;
 
+/// Why nothing is served over OPC UA.
+pub const NO_OPCUA: &str =
+    "this program was built without OPC UA; build it with --features opcua, or take that of the package";
 /// Axes as OPC UA serves them.
 #[cfg(feature = "opcua")]
-pub const OPCUA_AXES: [abbe_opcua::server::Served; 3] = {
+const OPCUA_AXES: [abbe_opcua::server::Served; 3] = {
     use abbe_opcua::server::Served;
     [Served { name: "X", unit: "_mm" }, Served { name: "Y", unit: "_mm" }, Served { name: "Z", unit: "_mm" }]
 };
-/// Namespace of their nodes.
-#[cfg(feature = "opcua")]
-pub const OPCUA_NAMESPACE: &str = abbe_opcua::server::NAMESPACE;
 /// How often these are set.
 #[cfg(feature = "opcua")]
 const OPCUA_EVERY: Duration = Duration::from_millis(5);
@@ -154,6 +154,27 @@ pub fn serve(
     shutdown: &Shutdown,
 ) -> std::io::Result<()> {
     accept(served, (Some(server), tracer), shutdown)
+}
+
+/// The `axes` of the driver `opcua` for what [`serve_opcua`] serves; `None` in a program that was built without it.
+pub fn opcua_axes() -> Option<String> {
+    #[cfg(feature = "opcua")]
+    {
+        let namespace = abbe_opcua::server::NAMESPACE;
+        let node = |name: &str| format!("{}_mm = \"nsu={namespace};s={name}\"", name.to_lowercase());
+        Some(format!("axes = {{ {} }}", OPCUA_AXES.map(|axis| node(axis.name)).join(", ")))
+    }
+    #[cfg(not(feature = "opcua"))]
+    None
+}
+
+/// Serves nothing: there is no OPC UA in this program.
+///
+/// # Errors
+/// Always.
+#[cfg(not(feature = "opcua"))]
+pub fn serve_opcua(_: &Arc<Served>, _: (TcpListener, &TcpListener), _: &Shutdown) -> std::io::Result<()> {
+    Err(std::io::Error::other(NO_OPCUA))
 }
 
 /// Serves OPC UA until told to stop; the machine begins to move when somebody reads the tracer.

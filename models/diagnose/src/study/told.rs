@@ -18,8 +18,9 @@ use abbe_identify::in_parallel;
 use faer::Mat;
 use std::collections::BTreeMap;
 
-/// Standard uncertainties, of the distance of two answers, from which k = 2 about one reaches the other.
-const REACHES: f64 = 0.5;
+/// Standard uncertainties, of the distance of two answers, from which k = 2 about one reaches the other, and a fifth beyond: half of all scatter about
+/// the other would lie outside without that.
+const REACHES: f64 = 0.6;
 /// Share of its size that a parameter keeps beside an instrument's drift, from which it is mostly the machine's; and share of the largest
 /// signature from which a parameter counts in that.
 const KEEPS: f64 = 0.5;

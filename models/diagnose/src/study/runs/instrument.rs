@@ -7,12 +7,18 @@
 use super::Run;
 use super::shape::{Ranges, Shape, grown, mean_grown};
 use crate::study::smooth::legendre;
+use faer::Mat;
 
 pub(super) const RIVAL: &str = "a laser whose zero or wavelength drifts";
 pub(super) const STANDS_STILL: &str = "stand at one target again and again: at the beginning, between the cycles and at the end, with the axis cold and warm";
 
+/// Whether a shape is what a laser does by itself.
+pub(super) fn does(shape: &Shape) -> bool {
+    matches!(shape, Shape::Time(_) | Shape::TimeAndTarget | Shape::Creep(_) | Shape::Growth(_))
+}
+
 /// Zero and scale with the course in time of a shape, at one approach; none where it has no such course.
-pub(super) fn beside(shape: &Shape, run: &Run, ranges: &Ranges) -> Vec<f64> {
+fn beside(shape: &Shape, run: &Run, ranges: &Ranges) -> Vec<f64> {
     let along = legendre(run.target_m, ranges.target_m, 1)[1];
     let over = |value: f64, range: (f64, f64), degree: usize| legendre(value, range, degree).split_off(1);
     let functions = match (shape, run.time_s, ranges.time_s) {
@@ -27,6 +33,16 @@ pub(super) fn beside(shape: &Shape, run: &Run, ranges: &Ranges) -> Vec<f64> {
         _ => Vec::new(),
     };
     functions.into_iter().flat_map(|own| [own, own * along]).collect()
+}
+
+/// The same as columns of all runs (m per unit); `rows` are those of the axis.
+pub(super) fn columns(shape: &Shape, (runs, rows): (&[Run], &[usize]), ranges: &Ranges) -> Mat<f64> {
+    let of_rows: Vec<Vec<f64>> = rows.iter().map(|row| beside(shape, &runs[*row], ranges)).collect();
+    let mut columns = Mat::zeros(runs.len(), of_rows.first().map_or(0, Vec::len));
+    for (row, own) in rows.iter().zip(of_rows) {
+        own.into_iter().enumerate().for_each(|(j, value)| columns[(*row, j)] = value);
+    }
+    columns
 }
 
 /// How far a scale that was found to go with the time goes to either side, in m at the ends of the axis.

@@ -20,7 +20,7 @@ use crate::study::diagnosis::{Ambiguity, Untestable};
 use crate::study::grid::{common_step_m, equal_step_m};
 use crate::study::smooth::{legendre, levels, range};
 use crate::study::told::Changed;
-use faer::Mat;
+use faer::{Mat, Scale};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Only ratios matter: no uncertainty is declared.
@@ -435,13 +435,11 @@ impl Study for Runs {
     fn instrument_beside(&self, candidate: usize) -> Mat<f64> {
         let (axis, shape) = &self.shapes[candidate];
         let AxisRuns { rows, ranges, .. } = &self.axes[*axis];
-        let of_rows: Vec<Vec<f64>> =
-            rows.iter().map(|row| instrument::beside(shape, &self.runs[*row], ranges)).collect();
-        let mut columns = Mat::zeros(self.runs.len(), of_rows.first().map_or(0, Vec::len));
-        for (row, own) in rows.iter().zip(of_rows) {
-            own.into_iter().enumerate().for_each(|(j, value)| columns[(*row, j)] = value / UNIT_M);
-        }
-        columns
+        Scale(1.0 / UNIT_M) * instrument::columns(shape, (&self.runs, rows), ranges)
+    }
+
+    fn is_of_instrument(&self, candidate: usize) -> bool {
+        instrument::does(&self.shapes[candidate].1)
     }
 
     fn instrument_words(&self) -> (&'static str, &'static str) {

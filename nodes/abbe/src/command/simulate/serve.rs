@@ -2,7 +2,7 @@
 //!
 //! Place in the flow: a capture is rehearsed against it, through the drivers of a real machine.
 
-use abbe_graph::serving::{Served, Way, serve};
+use abbe_graph::serving::{NO_OPCUA, Served, Way, opcua_axes, serve, serve_opcua};
 use abbe_runtime::Shutdown;
 use abbe_virtual_machine::{Drive, Obedient, Pace, SimulationConfig};
 use anyhow::{Context, ensure};
@@ -124,29 +124,9 @@ pub(super) fn run(config: &SimulationConfig, stroke_m: [(f64, f64); 3], serving:
             }
             Ok(serve(&served, (&server, &tracer), &shutdown)?)
         }
-        Protocol::Opcua => serve_by_opcua(&served, (server, &tracer), &shutdown, &say),
+        Protocol::Opcua => {
+            say(opcua_axes().context(NO_OPCUA)?);
+            Ok(serve_opcua(&served, (server, &tracer), &shutdown)?)
+        }
     }
-}
-
-#[cfg(feature = "opcua")]
-fn serve_by_opcua(
-    served: &Arc<Served>,
-    (server, tracer): (TcpListener, &TcpListener),
-    shutdown: &Shutdown,
-    say: &dyn Fn(String),
-) -> anyhow::Result<()> {
-    use abbe_graph::serving::{OPCUA_AXES, OPCUA_NAMESPACE, serve_opcua};
-    let node = |name: &str| format!("{}_mm = \"nsu={OPCUA_NAMESPACE};s={name}\"", name.to_lowercase());
-    say(format!("axes = {{ {} }}", OPCUA_AXES.map(|axis| node(axis.name)).join(", ")));
-    Ok(serve_opcua(served, (server, tracer), shutdown)?)
-}
-
-#[cfg(not(feature = "opcua"))]
-fn serve_by_opcua(
-    _: &Arc<Served>,
-    _: (TcpListener, &TcpListener),
-    _: &Shutdown,
-    _: &dyn Fn(String),
-) -> anyhow::Result<()> {
-    anyhow::bail!("this program was built without OPC UA; build it with --features opcua, which is the default")
 }

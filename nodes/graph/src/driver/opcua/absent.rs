@@ -3,13 +3,12 @@
 //! Place in the flow: in place of `driver/opcua.rs` where the feature `opcua` is off.
 
 use super::{DriverError, Role};
+use crate::serving::NO_OPCUA;
 use abbe_files::MachineFile;
 use abbe_runtime::Shutdown;
 use serde::{Deserialize, Serialize};
 use std::convert::Infallible;
 use std::path::Path;
-
-const ABSENT: &str = "this program was built without OPC UA; build it with --features opcua, which is the default";
 
 /// A server of OPC UA, of which nothing is read.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -20,7 +19,7 @@ pub struct OpcuaConfig {
 
 impl OpcuaConfig {
     pub(super) fn problem(&self, _: Role) -> Option<(&'static str, String)> {
-        Some(("kind", ABSENT.to_owned()))
+        Some(("kind", NO_OPCUA.to_owned()))
     }
 
     pub(crate) fn tells_offset(&self) -> bool {
@@ -60,7 +59,7 @@ pub(super) fn open(_: &OpcuaConfig, _: Role, _: &Path, _: &MachineFile, _: &Shut
 }
 
 pub(super) fn no_tracer() -> DriverError {
-    DriverError::Lines { key: "kind", problem: ABSENT.to_owned() }
+    DriverError::Lines { key: "kind", problem: NO_OPCUA.to_owned() }
 }
 
 #[cfg(test)]
