@@ -26,6 +26,9 @@ const SHIFTS: usize = 8;
 const RATIO: f64 = 1.4;
 /// Sensors that are tried behind and ahead of what they logged: those by which the effect explains most.
 const MOST_LATE: usize = 4;
+/// Share of what a late sensor explains, beside the sensors as they are, that a log of later instants must explain beyond it: what is ahead of a sensor carries
+/// its noise, and a shift does not. What is behind one does not either, so that nothing more is asked of a log of earlier instants.
+const BEYOND_LATE: f64 = 0.5;
 /// Readings to either side over which a log is averaged.
 const WINDOW: i32 = 3;
 
@@ -111,7 +114,8 @@ fn found(
     let mut as_it_is = look.together(round, &terms)?;
     let still = look.moved(0.0, &terms);
     let of_still = Round::new(fit, search.instrument, &still)?;
-    as_it_is = as_it_is.max(look.together(&of_still, &terms)?).max(look.best_or_late(&of_still, &still)?);
+    let (by_sensor, or_late) = look.best_or_late(&of_still, &still)?;
+    as_it_is = as_it_is.max(look.together(&of_still, &terms)?).max(or_late);
     let mut best = (0.0, f64::NEG_INFINITY);
     let shifts_s = shifts_s(search.campaign);
     for shift_s in &shifts_s {
@@ -124,7 +128,8 @@ fn found(
         }
     }
     let evidence = best.1 - as_it_is - 2.0 * (shifts_s.len() as f64).ln();
-    let is_told = evidence > search.options.least_evidence;
+    let beyond_late = if best.0 > 0.0 { BEYOND_LATE * (as_it_is - by_sensor) } else { 0.0 };
+    let is_told = evidence > search.options.least_evidence.max(beyond_late);
     Ok(is_told.then_some(ClockShift { shift_s: best.0, title: known.title, evidence }))
 }
 
@@ -159,17 +164,20 @@ impl Look<'_, '_> {
         Ok(scored.iter().map(|candidate| candidate.evidence(round.used)).fold(f64::NEG_INFINITY, f64::max))
     }
 
-    /// The same, or by what is ahead of a logged sensor, or behind it: one that follows late is no clock that is off.
-    fn best_or_late(&self, round: &Round, campaign: &Campaign) -> Result<f64, DiagnoseError> {
+    /// The same by sensors as they are, and by what is ahead of one or behind it as well: one that follows late is no clock that is off.
+    fn best_or_late(&self, round: &Round, campaign: &Campaign) -> Result<(f64, f64), DiagnoseError> {
         let machine = &self.fit.model.parts().machine;
         let mut by_sensor = self.by_each_sensor(round, campaign)?;
         by_sensor.sort_by(|a, b| b.evidence(round.used).total_cmp(&a.evidence(round.used)));
-        let mut best = by_sensor.first().map_or(f64::NEG_INFINITY, |candidate| candidate.evidence(round.used));
-        for candidate in by_sensor.into_iter().filter(|candidate| !is_lagged(candidate)).take(MOST_LATE) {
+        let best = by_sensor.first().map_or(f64::NEG_INFINITY, |candidate| candidate.evidence(round.used));
+        let of_sensors: Vec<Candidate> = by_sensor.into_iter().filter(|candidate| !is_lagged(candidate)).collect();
+        let as_logged = of_sensors.first().map_or(best, |candidate| candidate.evidence(round.used));
+        let mut or_late = best;
+        for candidate in of_sensors.into_iter().take(MOST_LATE) {
             let moved = apart(round, (machine, campaign), candidate, self.search.options.least_evidence)?;
-            best = best.max(moved.evidence(round.used));
+            or_late = or_late.max(moved.evidence(round.used));
         }
-        Ok(best)
+        Ok((as_logged, or_late))
     }
 
     /// The strongest effect by all sensors that it may read.

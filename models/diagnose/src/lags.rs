@@ -9,6 +9,7 @@ use crate::candidates::{Candidate, Round, score_all};
 use crate::context::{range, varies};
 use crate::error::DiagnoseError;
 use crate::look::correlation;
+use crate::score::Score;
 use abbe_geometry::Axis;
 use abbe_geometry::effects::{Shape, ShapeValue, is_derived, lagged_name, of_lagged, of_travelled, travelled_name};
 use abbe_geometry::machine::Machine;
@@ -30,6 +31,8 @@ const LONGEST: f64 = 1.0 / 6.0;
 const LATEST_S: i32 = 3600;
 /// Steps from one time constant of a sensor that is tried to the next (a factor of 1.6); the best one's neighbours are tried as well.
 const APART: usize = 2;
+/// Effects at their places that are tried by late sensors before one is chosen: those that explain most by sensors as they are.
+const MOST_LATE: usize = 6;
 /// Shortest travel (µm): less than that is a reversal.
 const SHORTEST_UM: f64 = 250.0;
 /// Ratio of neighbouring travels, and steps from one proposed to the next (a factor of five): what they do differs slowly.
@@ -210,6 +213,37 @@ pub(crate) fn apart(
             _ => return Ok(best),
         }
     }
+}
+
+/// The candidates, and beside them what the best of each effect at its place does by sensors that follow late: one that does not stand out as it was
+/// logged would never be tried so. What is late pays for its time constant.
+pub(crate) fn with_late(
+    round: &Round,
+    found_in: (&Machine, &Campaign),
+    mut named: Vec<Candidate>,
+    least_evidence: f64,
+) -> Result<Vec<Candidate>, DiagnoseError> {
+    let evidence = |c: &Candidate| c.evidence(round.used);
+    let mut best: Vec<&Candidate> = Vec::new();
+    for candidate in named.iter().filter(|c| !is_lagged(c) && !temperatures(&c.term.shape).is_empty()) {
+        match best.iter_mut().find(|own| own.known.name == candidate.known.name && place(own) == place(candidate)) {
+            Some(own) if evidence(candidate) > evidence(own) => *own = candidate,
+            Some(_) => {}
+            None => best.push(candidate),
+        }
+    }
+    best.retain(|own| evidence(own) > least_evidence);
+    best.sort_by(|a, b| evidence(b).total_cmp(&evidence(a)));
+    let mut late = Vec::new();
+    for own in best.into_iter().take(MOST_LATE) {
+        let tried = apart(round, found_in, own.clone(), least_evidence)?;
+        if is_lagged(&tried) {
+            let price = (round.used.max(2) as f64).ln() + 2.0 * (STEPS as f64).ln();
+            late.push(Candidate { score: Score { gain: tried.score.gain - price, ..tried.score.clone() }, ..tried });
+        }
+    }
+    named.extend(late);
+    Ok(named)
 }
 
 /// The candidate in that of these neighbouring shapes which gains most; only every other one is tried where it is far from the best.

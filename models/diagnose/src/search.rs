@@ -261,7 +261,8 @@ impl<'a> Search<'a> {
             }
             let (round, as_it_is) = self.round_without_misfit(&state)?;
             let all = self.named(&round, &state.machine)?;
-            let named = self.that_show(&round, &all);
+            let found_in = (&state.machine, self.campaign);
+            let named = lags::with_late(&round, found_in, self.that_show(&round, &all), self.options.least_evidence)?;
             if !self.advance(&mut state, &round, &named, observe)? && !exchange::one(self, &mut state, &base, observe)?
             {
                 state.named = as_it_is.then_some(all);
