@@ -374,7 +374,9 @@ fn one(
     let (mut held_out_gain_m, mut placebo, mut alias_share) = (None, None, candidate.score.alias_share);
     let parameters = parameters(&state.fit, fitted, first);
     let tests = candidate.trials * parameters.len();
-    let is_named = candidate.known.name != "empirical" && is_told(&parameters, tests, search.options.significance);
+    let is_named = candidate.known.name != "empirical"
+        && is_told(&parameters, tests, search.options.significance)
+        && !tomorrow::happened_in_a_pause(fitted, search.campaign);
     let mut kind = if is_named { Kind::Attributed } else { Kind::Empirical };
     if let Some((_, without)) = without {
         let draws = (search.options.placebos, search.options.seed);

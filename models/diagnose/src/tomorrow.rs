@@ -14,7 +14,7 @@ use crate::candidates::Round;
 use crate::context::{follows_time, in_turn, range, read_by};
 use crate::gate;
 use crate::linear::Linear;
-use abbe_geometry::effects::{CovariateSource, CovariateValue, Ray, Sight, State, of_lagged};
+use abbe_geometry::effects::{CovariateSource, CovariateValue, Ray, ShapeValue, Sight, State, of_lagged};
 use abbe_geometry::model::{FittedEffect, MachineModel, ModelError};
 use abbe_geometry::{Axis, Vector3};
 use abbe_identify::{EffectTerm, TIME};
@@ -25,6 +25,8 @@ use faer::Mat;
 const DIRECTIONS: f64 = 3.0;
 /// Coefficients of a smooth course in time: a cubic.
 const COURSE: usize = 4;
+/// Share of a growth between two readings from which it is as well a step.
+const IN_A_PAUSE: f64 = 0.5;
 /// Effects that move the stand of a tracer.
 const MOVE_STANDS: [&str; 2] = ["station_drift", "stand_jump"];
 /// Share of a quantity's variance beside its course in time below which both are alike.
@@ -41,6 +43,7 @@ pub(crate) fn told(
     let is_open = round.rows.correlation.is_some() || found.iter().any(|fitted| is_course(fitted, campaign));
     let is_in_doubt = |fitted: &FittedEffect| {
         is_course(fitted, campaign)
+            || happened_in_a_pause(fitted, campaign)
             || follows_time(fitted.effect.as_ref(), &fitted.shape) && (is_open || moves_stand(fitted, campaign))
     };
     let squares = found.into_iter().filter(|fitted| is_in_doubt(fitted)).map(|fitted| {
@@ -113,6 +116,20 @@ pub(crate) fn is_course(fitted: &FittedEffect, campaign: &Campaign) -> bool {
     has_no_name(fitted)
         && (follows_time(fitted.effect.as_ref(), &fitted.shape)
             || reads().iter().any(|name| goes_along_with_time(campaign, name)))
+}
+
+/// Whether a growth that comes to rest did most of it while nothing was measured, overnight or while the tracer was moved: a step would leave
+/// the same readings, and nobody knows when it was.
+pub(crate) fn happened_in_a_pause(fitted: &FittedEffect, campaign: &Campaign) -> bool {
+    let Some(ShapeValue::Number(tau_s)) = fitted.shape.0.get("tau_s") else { return false };
+    if !follows_time(fitted.effect.as_ref(), &fitted.shape) {
+        return false;
+    }
+    let mut grown: Vec<f64> = campaign.readings.iter().map(|reading| -(-reading.time_s / tau_s).exp_m1()).collect();
+    grown.sort_by(f64::total_cmp);
+    let whole = grown.last().zip(grown.first()).map_or(0.0, |(last, first)| last - first);
+    let between = grown.windows(2).map(|pair| pair[1] - pair[0]).fold(0.0, f64::max);
+    between > IN_A_PAUSE * whole
 }
 
 /// Whether a logged quantity is a smooth course in time, but for a tenth of its variance. What follows it follows another smooth course

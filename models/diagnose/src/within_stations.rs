@@ -36,7 +36,9 @@ pub(crate) fn refusal(
     let own = effect(&round.rows, fitted)?;
     let beside = Round { free: std::sync::Arc::new(beside), ..round.clone() };
     let score = beside.score(&beside.free.project(own.as_ref()));
-    let is_told = score.estimate.iter().all(|size| *size > 0.0) && score.evidence(round.used, 1) > 0.0;
+    // What single stations tell pays for all figures of the effect: they were fitted to all stations together.
+    let price = fitted.parameters.len() as f64 * (round.used.max(2) as f64).ln();
+    let is_told = score.estimate.iter().all(|size| *size > 0.0) && score.gain > price;
     Ok((!is_told).then(|| {
         "it is told from one station to the next only: what each place has of its own looks the same".to_owned()
     }))
