@@ -21,11 +21,11 @@ graphics:
 
 # Faults that last for minutes (some fifteen), on a quiet machine: figures for nodes/runtime/README.md
 faults:
-    ABBE_FAULTS=long cargo test -p abbe --test system -- --nocapture process_may_be_stopped packets_that_exhaust storm_of_ends
+    ABBE_FAULTS=long cargo test -p abbe --test faults -- --nocapture process_may_be_stopped packets_that_exhaust storm_of_ends
 
 # Positions of rclpy through the graph and back at 1 kHz, beside an echo of rclpy, on a quiet machine (needs ABBE_ROS_PYTHON)
 round-trip:
-    ABBE_ROUND_TRIPS="${ABBE_ROUND_TRIPS:-20000}" cargo test -p abbe --test system -- --nocapture positions_at_1_khz
+    ABBE_ROUND_TRIPS="${ABBE_ROUND_TRIPS:-20000}" cargo test -p abbe --test live -- --nocapture positions_at_1_khz
 
 # LinuxCNC without a machine or a screen, read by the driver (Debian: linuxcnc-uspace); skipped aloud without it
 linuxcnc:

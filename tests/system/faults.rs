@@ -1,5 +1,9 @@
 //! Others that die, stand still or talk nonsense: the corrected stream goes on, complete and in time.
 
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // A test fails by panicking.
+
+mod common;
+
 use std::io::{BufRead, BufReader};
 use std::process::{Command, Stdio};
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
@@ -7,20 +11,20 @@ use std::sync::{Arc, Mutex};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use crate::common::assert_says;
-use crate::common::attack::attack;
-use crate::common::clock::ShiftedClock;
-use crate::common::dds::{Fed, OverDds, PATIENCE, user_node};
-use crate::common::files::{Bench, samples};
-use crate::common::graph::{DDS, MEMORY, files_of_run, long_recording, stream_of, topic, user};
-use crate::common::network::{DOMAIN, in_own_network};
-use crate::common::peer::{Peer, role};
-use crate::common::program::{Started, abbe_in, signal, try_signal};
-use crate::common::watched::{FLOWS_WITHIN, MAX_DELAY, PHASES, PROCESSES_ON_THE_WAY, Seen, StopAtEnd, control, watch};
 use abbe_msgs::standard::DiagnosticArray;
 use abbe_msgs::{CorrectedCoordinates, Message, RosType, ScaleReading, ros};
 use abbe_runtime::ros::{Domain, diagnostics_qos, stream_qos};
 use abbe_runtime::{RunId, Subscribe};
+use common::assert_says;
+use common::attack::attack;
+use common::clock::ShiftedClock;
+use common::dds::{Fed, OverDds, PATIENCE, user_node};
+use common::files::{Bench, samples};
+use common::graph::{DDS, MEMORY, files_of_run, long_recording, stream_of, topic, user};
+use common::network::{DOMAIN, in_own_network};
+use common::peer::{Peer, role};
+use common::program::{Started, abbe_in, signal, try_signal};
+use common::watched::{FLOWS_WITHIN, MAX_DELAY, PHASES, PROCESSES_ON_THE_WAY, Seen, StopAtEnd, control, watch};
 use ros2_client::QosProfile;
 use ros2_client::dds::rustdds::DomainParticipantBuilder;
 use rustix::process::Signal;
@@ -47,7 +51,7 @@ fn play_subscriber(domain: Domain) {
         let kind = ros2_client::MessageTypeName::new(package, kind);
         node.create_topic(&ros2_client::Name::parse(name).unwrap(), kind, qos).unwrap()
     };
-    let corrected = crate::common::graph::topic("corrected");
+    let corrected = common::graph::topic("corrected");
     let corrected_type = ros::CorrectedCoordinates::ROS_TYPE;
     let stream = topic(&node, &corrected, corrected_type, &best_effort);
     let stubborn = topic(&node, &corrected, corrected_type, &reliable);
@@ -133,7 +137,7 @@ fn take_all(subscriber: &mut dyn Subscribe<CorrectedCoordinates>, count: u64, fa
 
 #[test]
 fn a_killed_and_a_stopped_reliable_subscriber_neither_delay_nor_lose_a_corrected_sample() {
-    let test = "faults::a_killed_and_a_stopped_reliable_subscriber_neither_delay_nor_lose_a_corrected_sample";
+    let test = "a_killed_and_a_stopped_reliable_subscriber_neither_delay_nor_lose_a_corrected_sample";
     let _turn = my_turn();
     in_own_network(test, |domain| {
         if role().is_some() {
@@ -170,7 +174,7 @@ fn a_killed_and_a_stopped_reliable_subscriber_neither_delay_nor_lose_a_corrected
 
 #[test]
 fn regress_samples_flow_over_dds_once_a_clock_before_1970_is_set_right() {
-    let test = "faults::regress_samples_flow_over_dds_once_a_clock_before_1970_is_set_right";
+    let test = "regress_samples_flow_over_dds_once_a_clock_before_1970_is_set_right";
     let _turn = my_turn();
     in_own_network(test, |domain| {
         let bench = Bench::identified(5);
@@ -223,7 +227,7 @@ fn regress_any_process_may_be_stopped_and_continued_and_samples_flow_again_over_
     const STOPPED: Duration = Duration::from_millis(300);
     const PROCESSES: [&str; 6] =
         ["launcher", "scale", "geometric", "residual", "gateway of scale", "gateway of residual"];
-    let test = "faults::regress_any_process_may_be_stopped_and_continued_and_samples_flow_again_over_dds";
+    let test = "regress_any_process_may_be_stopped_and_continued_and_samples_flow_again_over_dds";
     let stops = lasting(PROCESSES.len() as u64, 100);
     let _turn = my_turn();
     in_own_network(test, |domain| {
@@ -249,7 +253,7 @@ fn regress_any_process_may_be_stopped_and_continued_and_samples_flow_again_over_
 
 #[test]
 fn regress_packets_that_exhaust_memory_end_a_gateway_and_never_touch_the_chain_over_shared_memory() {
-    let test = "faults::regress_packets_that_exhaust_memory_end_a_gateway_and_never_touch_the_chain_over_shared_memory";
+    let test = "regress_packets_that_exhaust_memory_end_a_gateway_and_never_touch_the_chain_over_shared_memory";
     let attacked = Duration::from_secs(lasting(5, 300));
     let _turn = my_turn();
     in_own_network(test, |domain| {
@@ -281,7 +285,7 @@ fn a_storm_of_ends_of_nodes_and_gateways_never_ends_the_stream() {
     const BETWEEN_NODES: Duration = Duration::from_secs(8);
     /// A gateway that is killed says no farewell: the user's participant keeps each for 50 s, and may be busy with them.
     const FORGOTTEN_WITHIN: Duration = Duration::from_secs(60);
-    let test = "faults::a_storm_of_ends_of_nodes_and_gateways_never_ends_the_stream";
+    let test = "a_storm_of_ends_of_nodes_and_gateways_never_ends_the_stream";
     let storm = Duration::from_secs(lasting(10, 60));
     let _turn = my_turn();
     in_own_network(test, |domain| {
@@ -320,7 +324,7 @@ fn a_storm_of_ends_of_nodes_and_gateways_never_ends_the_stream() {
 fn regress_a_flood_of_malformed_readings_is_refused_in_few_words_and_the_stream_goes_on() {
     const MALFORMED: u64 = 3000;
     const GOOD: u64 = 200;
-    let test = "faults::regress_a_flood_of_malformed_readings_is_refused_in_few_words_and_the_stream_goes_on";
+    let test = "regress_a_flood_of_malformed_readings_is_refused_in_few_words_and_the_stream_goes_on";
     let _turn = my_turn();
     in_own_network(test, |domain| {
         let bench = Bench::identified(5);

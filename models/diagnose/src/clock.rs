@@ -7,7 +7,7 @@
 //! between two entries has less noise than an entry. Times in s.
 
 use crate::candidates::{Candidate, Round, columns_of, proposals, score_all};
-use crate::context::{Context, follows_time, is_of_the_room, range, read_by};
+use crate::context::{Context, follows_time, happens_once, is_of_the_room, range, read_by};
 use crate::error::DiagnoseError;
 use crate::lags::{apart, is_lagged, place_of, with_lags};
 use crate::logs::between;
@@ -71,8 +71,10 @@ pub(crate) fn hold<'a>(
     base: &[EffectTerm],
     observe: &mut dyn FnMut(Progress) -> bool,
 ) -> Result<Option<ClockShift>, DiagnoseError> {
+    // A jump left in the residuals would pass for them as well.
     let follows = |term: &EffectTerm| {
-        !has(base, term) && (follows_a_log(term) || follows_time(term.effect.as_ref(), &term.shape))
+        let in_time = follows_time(term.effect.as_ref(), &term.shape) && !happens_once(term.effect.as_ref());
+        !has(base, term) && (follows_a_log(term) || in_time)
     };
     let (out, kept): (Vec<EffectTerm>, Vec<EffectTerm>) = state.terms.clone().into_iter().partition(follows);
     // What the model had before was made with a log of its own.

@@ -61,6 +61,7 @@ pub fn diagnose(
     let mut state = search.run(before.clone(), first.clone(), base.clone(), observe)?;
     together::hold(&search, &mut state, (machine, (&before.model, &first), &base), observe)?;
     let clock = clock::hold(&search, &mut state, &base, observe)?;
+    machine_step::in_place::hold(&search, &mut state, &base, observe)?;
     let alike = alike(&search, &state, (machine, &first, &base), observe)?;
     let mut judged = Judged::of(&search, machine, (&alike, &base), &state, observe)?;
     let start = (before.clone(), first.clone(), base.clone());

@@ -17,6 +17,11 @@ const DISTINCT: usize = 20;
 /// Error of drawing across a gap, as a share of the standard deviation of the column, up to which it is drawn.
 const DRAWN: f64 = 0.3;
 
+/// Difference from the other temperatures from which one is in no °C of the same room (K).
+const ELSEWHERE_K: f64 = 25.0;
+/// Difference within which it is, once it is taken for another unit (K).
+const SAME_ROOM_K: f64 = 5.0;
+
 /// The campaign with its logs mended, and what was done to them, for readers.
 pub fn mended(campaign: &Campaign) -> (Campaign, Vec<String>) {
     let times_s: Vec<f64> = campaign.readings.iter().map(|reading| reading.time_s).collect();
@@ -32,7 +37,27 @@ pub fn mended(campaign: &Campaign) -> (Campaign, Vec<String>) {
         Log { name: &column.name, times_s: &times_s, order: &order, values }.mended(&mut said)
     };
     let covariates = campaign.covariates.iter().map(&mut mend).collect();
+    said.extend(in_another_unit(campaign));
     (Campaign { covariates, ..campaign.clone() }, said)
+}
+
+/// Temperatures that are in °F or K by all that the others say, though their name says °C. They are told, not changed.
+fn in_another_unit(campaign: &Campaign) -> Vec<String> {
+    let is_temperature = |column: &&Covariate| column.name.starts_with("temp_") && column.name.ends_with("_c");
+    let usual =
+        |column: &Covariate| Some((column.name.clone(), median(column.values.iter().flatten().copied().collect())?));
+    let all: Vec<(String, f64)> = campaign.covariates.iter().filter(is_temperature).filter_map(usual).collect();
+    let one = |(name, value): &(String, f64)| {
+        let others = all.iter().filter(|(other, _)| other != name).map(|(_, value)| *value).collect();
+        let room_c = median(others).filter(|room_c| (value - room_c).abs() > ELSEWHERE_K)?;
+        let units = [("°F", (value - 32.0) / 1.8), ("K", value - 273.15)];
+        let (unit, value_c) = units.into_iter().find(|(_, value_c)| (value_c - room_c).abs() < SAME_ROOM_K)?;
+        Some(format!(
+            "{name} is at {value:.1}, where the other temperatures are at {room_c:.1}: it looks like {unit}, which would be {value_c:.1} °C. It is taken as \
+             its name says; convert it, and diagnose again."
+        ))
+    };
+    all.iter().filter_map(one).collect()
 }
 
 /// A column of a logger.
@@ -219,6 +244,30 @@ mod tests {
     fn nothing_measured_is_nothing_mended() {
         let covariates = vec![Covariate { name: "temp_ram_c".to_owned(), values: Vec::new() }];
         assert!(mended(&Campaign { covariates, ..Campaign::default() }).1.is_empty());
+    }
+
+    /// A column in °F under a name of °C was taken as it is without a word, and another sensor stood in for it.
+    #[test]
+    fn regress_a_temperature_in_another_unit_than_its_name_says_is_told() {
+        let said = |values: [f64; 4]| {
+            let column = |(k, value): (usize, f64)| Covariate {
+                name: format!("temp_{k}_c"),
+                values: (0..READINGS).map(|row| Some(value + course(row) - 20.0)).collect(),
+            };
+            let covariates = values.into_iter().enumerate().map(column).collect();
+            in_another_unit(&Campaign { covariates, ..Campaign::default() })
+        };
+        let fahrenheit = said([20.3, 68.4, 19.8, 20.0]);
+        assert!(
+            fahrenheit.len() == 1 && fahrenheit[0].contains("temp_1_c is at 68.4") && fahrenheit[0].contains("20.2 °C")
+        );
+        let kelvin = said([20.3, 20.0, 293.1, 20.0]);
+        assert!(
+            kelvin.len() == 1 && kelvin[0].contains("temp_2_c") && kelvin[0].contains("looks like K"),
+            "{kelvin:?}"
+        );
+        assert!(said([20.3, 55.0, 19.8, 21.0]).is_empty(), "a motor is warm, and no °F of this room");
+        assert!(said([20.3, 33.0, 19.8, 21.0]).is_empty());
     }
 
     #[test]

@@ -29,6 +29,7 @@ use abbe_measurement::campaign::Campaign;
 use faer::Mat;
 use std::sync::Arc;
 
+pub(crate) mod in_place;
 mod rivals;
 
 /// Gaps that are tried before the best is looked for among its neighbours.

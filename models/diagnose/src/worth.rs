@@ -7,6 +7,7 @@
 //! directions, so that four times the growth is asked for: what one direction exceeds by chance in one case of twenty. Growth up to
 //! twice the standard uncertainty is let pass: only what the data do not tell costs more. A rigid motion of all points is no error of theirs. Lengths in m.
 
+use crate::context::happens_once;
 use crate::paired::{add, square, without};
 use abbe_geometry::Vector3;
 use abbe_geometry::chain::nominal_point_m;
@@ -25,9 +26,6 @@ const FREE_GROWTH: f64 = 4.0;
 /// Squared difference over the growth of the variance from which a term is worth it.
 const WORTH: f64 = 4.0;
 
-/// What happens once, at an instant that a search found.
-const ONCE: [&str; 2] = ["zero_jump", "stand_jump"];
-
 /// Why the second model, which has these terms, is not worth its uncertainty beside the first; `None` where it is. What reads nothing
 /// that changes (a holder, a sag), or happens once, is there or is not, and has to be found; what the plan leaves open of it stands in u.
 pub(crate) fn refusal(
@@ -36,7 +34,7 @@ pub(crate) fn refusal(
     after: &MachineModel,
     campaign: &Campaign,
 ) -> Option<String> {
-    if terms.iter().all(|term| term.effect.reads().is_empty() || ONCE.contains(&term.effect.name())) {
+    if terms.iter().all(|term| term.effect.reads().is_empty() || happens_once(term.effect.as_ref())) {
         return None;
     }
     let readings = spread(campaign.readings.len(), POINTS);

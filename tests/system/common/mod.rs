@@ -3,7 +3,7 @@
 //! Place in the flow: these tests see only what a user sees: the `abbe` command, its files, its topics and its
 //! shared memory. Nothing here reaches into the crates behind it, except for reading bags and message types.
 
-#![allow(dead_code)] // Each of the two test programs uses another part.
+#![allow(dead_code)] // Every test program uses another part.
 
 pub(crate) mod attack;
 pub(crate) mod clock;
