@@ -7,7 +7,7 @@
 //! between two entries has less noise than an entry. Times in s.
 
 use crate::candidates::{Candidate, Round, columns_of, proposals, score_all};
-use crate::context::{Context, follows_time, happens_once, is_of_the_room, range, read_by};
+use crate::context::{Context, follows_time, is_of_the_room, range, read_by};
 use crate::error::DiagnoseError;
 use crate::lags::{apart, is_lagged, place_of, with_lags};
 use crate::logs::between;
@@ -73,7 +73,7 @@ pub(crate) fn hold<'a>(
 ) -> Result<Option<ClockShift>, DiagnoseError> {
     // A jump left in the residuals would pass for them as well.
     let follows = |term: &EffectTerm| {
-        let in_time = follows_time(term.effect.as_ref(), &term.shape) && !happens_once(term.effect.as_ref());
+        let in_time = follows_time(term.effect.as_ref(), &term.shape) && !term.effect.happens_once();
         !has(base, term) && (follows_a_log(term) || in_time)
     };
     let (out, kept): (Vec<EffectTerm>, Vec<EffectTerm>) = state.terms.clone().into_iter().partition(follows);

@@ -89,11 +89,6 @@ pub(crate) fn follows_time(effect: &dyn Effect, shape: &Shape) -> bool {
     read_by(effect, shape).iter().any(|name| name == TIME)
 }
 
-/// Whether an effect happens once, at an instant that a search found: it is no course in time.
-pub(crate) fn happens_once(effect: &dyn Effect) -> bool {
-    ["zero_jump", "stand_jump"].contains(&effect.name())
-}
-
 /// Whether a quantity comes from a logger of the room: sides of approach, loads and feeds are the machine's own.
 pub(crate) fn is_of_the_room(name: &str) -> bool {
     !is_derived(name) && ["temp_", "pressure_", "humidity_"].iter().any(|prefix| name.starts_with(prefix))

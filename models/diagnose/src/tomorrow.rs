@@ -27,8 +27,6 @@ const DIRECTIONS: f64 = 3.0;
 const COURSE: usize = 4;
 /// Share of a growth between two readings from which it is as well a step.
 const IN_A_PAUSE: f64 = 0.5;
-/// Effects that move the stand of a tracer.
-const MOVE_STANDS: [&str; 2] = ["station_drift", "stand_jump"];
 /// Share of a quantity's variance beside its course in time below which both are alike.
 const ALIKE: f64 = 0.1;
 
@@ -154,7 +152,7 @@ fn goes_along_with_time(campaign: &Campaign, name: &str) -> bool {
 /// Whether an effect moves the stands of tracers in time, of which no two measured together: to one after the other, a machine that
 /// turns on its bed in that time is the same, whatever the sights.
 fn moves_stand(fitted: &FittedEffect, campaign: &Campaign) -> bool {
-    MOVE_STANDS.contains(&fitted.effect.name()) && in_turn(campaign)
+    fitted.effect.moves_stand() && in_turn(campaign)
 }
 
 fn has_no_name(fitted: &FittedEffect) -> bool {

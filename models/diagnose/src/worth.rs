@@ -7,7 +7,6 @@
 //! directions, so that four times the growth is asked for: what one direction exceeds by chance in one case of twenty. Growth up to
 //! twice the standard uncertainty is let pass: only what the data do not tell costs more. A rigid motion of all points is no error of theirs. Lengths in m.
 
-use crate::context::happens_once;
 use crate::paired::{add, square, without};
 use abbe_geometry::Vector3;
 use abbe_geometry::chain::nominal_point_m;
@@ -34,7 +33,7 @@ pub(crate) fn refusal(
     after: &MachineModel,
     campaign: &Campaign,
 ) -> Option<String> {
-    if terms.iter().all(|term| term.effect.reads().is_empty() || happens_once(term.effect.as_ref())) {
+    if terms.iter().all(|term| term.effect.reads().is_empty() || term.effect.happens_once()) {
         return None;
     }
     let readings = spread(campaign.readings.len(), POINTS);

@@ -145,6 +145,16 @@ pub trait Effect: Debug + Send + Sync {
         &[]
     }
 
+    /// Whether it moves the stand of a tracer: to stations that were measured one after the other, the machine may have moved instead.
+    fn moves_stand(&self) -> bool {
+        false
+    }
+
+    /// Whether it happens once, at an instant that a search found: it is no course in time.
+    fn happens_once(&self) -> bool {
+        false
+    }
+
     /// Whether it stretches all ranges and takes for granted at which value of what it reads they are right: no campaign tells that
     /// from the scale of the machine.
     fn has_open_zero(&self) -> bool {

@@ -47,6 +47,14 @@ impl Effect for StandJump {
         KNOWN.name
     }
 
+    fn moves_stand(&self) -> bool {
+        true
+    }
+
+    fn happens_once(&self) -> bool {
+        true
+    }
+
     fn range_covariates(&self) -> Vec<String> {
         vec!["time_s".to_owned()]
     }

@@ -53,6 +53,10 @@ impl Effect for StationDrift {
         KNOWN.name
     }
 
+    fn moves_stand(&self) -> bool {
+        true
+    }
+
     fn range_covariates(&self) -> Vec<String> {
         vec!["time_s".to_owned()]
     }

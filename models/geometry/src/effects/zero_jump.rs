@@ -45,6 +45,10 @@ impl Effect for ZeroJump {
         KNOWN.name
     }
 
+    fn happens_once(&self) -> bool {
+        true
+    }
+
     fn range_covariates(&self) -> Vec<String> {
         vec!["time_s".to_owned()]
     }
