@@ -6,8 +6,9 @@
 //! the unit of their column; times in s.
 
 use crate::context::{is_of_the_room, range};
-use abbe_measurement::campaign::{Campaign, Covariate};
+use abbe_measurement::campaign::{Campaign, Covariate, RangeReading};
 use abbe_measurement::robust::median;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// Distance from the median, in widths of the middle 95 %, from which a value is none of the sensor's.
 const FAR: f64 = 10.0;
@@ -39,6 +40,38 @@ pub fn mended(campaign: &Campaign) -> (Campaign, Vec<String>) {
     let covariates = campaign.covariates.iter().map(&mut mend).collect();
     said.extend(in_another_unit(campaign));
     (Campaign { covariates, ..campaign.clone() }, said)
+}
+
+/// The same for what was logged beside the rows of a study, by name; rows without a time are taken in their order.
+pub(crate) fn mended_rows(
+    times_s: &[Option<f64>],
+    logged: &[&BTreeMap<String, f64>],
+) -> (Vec<BTreeMap<String, f64>>, Vec<String>) {
+    let has_times = times_s.iter().all(Option::is_some);
+    let reading = |(k, time_s): (usize, &Option<f64>)| RangeReading {
+        station: 0,
+        line: 0,
+        time_s: time_s.filter(|_| has_times).unwrap_or(k as f64),
+        reading_m: [0.0; 3],
+        offset_m: [0.0; 3],
+        length_m: 0.0,
+    };
+    let names: BTreeSet<&String> = logged.iter().flat_map(|row| row.keys()).collect();
+    let column = |name: &String| Covariate {
+        name: name.clone(),
+        values: logged.iter().map(|row| row.get(name).copied()).collect(),
+    };
+    let campaign = Campaign {
+        readings: times_s.iter().enumerate().map(reading).collect(),
+        covariates: names.into_iter().map(column).collect(),
+        ..Campaign::default()
+    };
+    let (campaign, said) = mended(&campaign);
+    let row = |k: usize| {
+        let own = campaign.covariates.iter().filter_map(|column| Some((column.name.clone(), column.values[k]?)));
+        own.collect::<BTreeMap<String, f64>>()
+    };
+    ((0..logged.len()).map(row).collect(), said)
 }
 
 /// Temperatures that are in °F or K by all that the others say, though their name says °C. They are told, not changed.
@@ -216,7 +249,6 @@ fn is_drawn_well(log: &[(f64, f64)], half_s: f64) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use abbe_measurement::campaign::RangeReading;
 
     const READINGS: usize = 400;
 
@@ -268,6 +300,22 @@ mod tests {
         );
         assert!(said([20.3, 55.0, 19.8, 21.0]).is_empty(), "a motor is warm, and no °F of this room");
         assert!(said([20.3, 33.0, 19.8, 21.0]).is_empty());
+    }
+
+    /// Of runs with one empty cell the temperature was not tried, and the expansion was a drift or noise.
+    #[test]
+    fn regress_an_empty_cell_beside_a_row_of_a_study_is_drawn() {
+        let row = |k: usize| {
+            let temperature = (k != 17).then(|| ("temp_ram_c".to_owned(), course(k)));
+            temperature.into_iter().chain([("load_kg".to_owned(), 5.0)]).collect::<BTreeMap<String, f64>>()
+        };
+        let logged: Vec<BTreeMap<String, f64>> = (0..60).map(row).collect();
+        let times_s: Vec<Option<f64>> = (0..60).map(|k| Some(10.0 * f64::from(k))).collect();
+        for times_s in [times_s, vec![None; 60]] {
+            let (mended, said) = mended_rows(&times_s, &logged.iter().collect::<Vec<_>>());
+            assert!((mended[17]["temp_ram_c"] - course(17)).abs() < 0.01 && said.len() == 1, "{said:?}");
+            assert!((0..60).filter(|k| *k != 17).all(|k| mended[k] == logged[k]));
+        }
     }
 
     #[test]

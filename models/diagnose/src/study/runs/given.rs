@@ -5,6 +5,7 @@
 use super::Run;
 use super::positions::key;
 use crate::error::DiagnoseError;
+use crate::logs::mended_rows;
 use std::collections::BTreeSet;
 
 /// Median distance of the errors of an axis from their median (m), from which they are in another unit: poor axes of
@@ -47,6 +48,14 @@ pub(super) fn given(runs: &[Run]) -> Result<(Vec<usize>, Vec<String>), DiagnoseE
         }
     }
     Ok(once(runs))
+}
+
+/// The runs with what was logged beside them mended, as that of a campaign is, and what was done.
+pub(super) fn mended(mut runs: Vec<Run>) -> (Vec<Run>, Vec<String>) {
+    let times_s: Vec<Option<f64>> = runs.iter().map(|run| run.time_s).collect();
+    let (logged, said) = mended_rows(&times_s, &runs.iter().map(|run| &run.covariates).collect::<Vec<_>>());
+    runs.iter_mut().zip(logged).for_each(|(run, covariates)| run.covariates = covariates);
+    (runs, said)
 }
 
 /// Rows without copies.

@@ -5,7 +5,7 @@
 mod aliases;
 mod bands;
 
-use super::given::given;
+use super::given::{given, mended};
 use super::instrument;
 use super::model;
 use super::naming::named;
@@ -78,8 +78,9 @@ pub(super) struct Runs {
 
 impl Runs {
     pub(super) fn new(runs: &[Run]) -> Result<Runs, DiagnoseError> {
-        let (rows, notes) = given(runs)?;
-        let runs: Vec<Run> = rows.iter().map(|row| runs[*row].clone()).collect();
+        let (rows, mut notes) = given(runs)?;
+        let (runs, said) = mended(rows.iter().map(|row| runs[*row].clone()).collect());
+        notes.extend(said);
         let names: BTreeSet<String> = runs.iter().map(|run| run.axis.clone()).collect();
         let start_s = runs.iter().filter_map(|run| run.time_s).fold(f64::INFINITY, f64::min);
         let mut study = Runs {

@@ -29,6 +29,7 @@ use super::assemble;
 use super::diagnosis::StudyDiagnosis;
 use super::search::{Observe, Options};
 use crate::error::DiagnoseError;
+use crate::logs::mended_rows;
 use abbe_geometry::Axis;
 use abbe_geometry::machine::Machine;
 use problem::Vectors;
@@ -84,8 +85,12 @@ pub fn diagnose_observed(
     options: &Options,
     observe: &mut Observe,
 ) -> Result<StudyDiagnosis, DiagnoseError> {
-    let (rows, notes) = given::given(vectors)?;
-    let kept: Vec<ResidualVector> = rows.iter().map(|row| vectors[*row].clone()).collect();
+    let (rows, mut notes) = given::given(vectors)?;
+    let mut kept: Vec<ResidualVector> = rows.iter().map(|row| vectors[*row].clone()).collect();
+    let times_s: Vec<Option<f64>> = kept.iter().map(|vector| vector.time_s).collect();
+    let (logged, said) = mended_rows(&times_s, &kept.iter().map(|vector| &vector.covariates).collect::<Vec<_>>());
+    kept.iter_mut().zip(logged).for_each(|(vector, covariates)| vector.covariates = covariates);
+    notes.extend(said);
     let mut study = Vectors::new(&kept, rows, notes, machine)?;
     if options.instrument_checked {
         study.without_drifts();
