@@ -12,6 +12,11 @@ use std::time::{Duration, Instant};
 
 /// How often it is looked what time it is on `/clock`.
 const LOOK_EVERY: Duration = Duration::from_millis(2);
+/// A source that was held up makes up for it at most so many times faster than its pace: those who take its readings have room
+/// for some seconds of them, and a host that stood still for ten would otherwise lose what it plays.
+const CATCH_UP: u32 = 4;
+/// Readings that are late by less than this are no more than the jitter of the host; they go at once.
+const JITTER: Duration = Duration::from_millis(100);
 /// An agreement older than this is of another launch (ns).
 const OLDEST_NS: i64 = 3_600_000_000_000;
 
@@ -23,6 +28,26 @@ pub(super) struct Schedule {
     first: Stamp,
     clock: Clock,
     present: Option<Present>,
+    catching_up: CatchingUp,
+}
+
+/// Spreads readings that are overdue.
+#[derive(Default)]
+struct CatchingUp {
+    /// When the last one was due, since the start.
+    due: Duration,
+    /// Until when the next ones wait, since the start.
+    held_until: Duration,
+}
+
+impl CatchingUp {
+    /// When a reading that is due then may go, as it is `now`; all since the start.
+    fn when(&mut self, due: Duration, now: Duration) -> Duration {
+        let gap = due.saturating_sub(self.due);
+        self.due = due;
+        self.held_until = self.held_until.max(now.saturating_sub(JITTER)) + gap / CATCH_UP;
+        due.max(self.held_until)
+    }
 }
 
 impl Schedule {
@@ -34,8 +59,15 @@ impl Schedule {
         sequence: u64,
     ) -> Result<Option<Schedule>, NodeError> {
         let (pace, clock) = (source.pace, context.clock());
-        let mut schedule =
-            Schedule { pace, start: Instant::now(), started_s: monotonic_s(), first, clock, present: None };
+        let mut schedule = Schedule {
+            pace,
+            start: Instant::now(),
+            started_s: monotonic_s(),
+            first,
+            clock,
+            present: None,
+            catching_up: CatchingUp::default(),
+        };
         if context.launch.stamps == Stamps::Recorded || source.driver.is_live() {
             return Ok(Some(schedule));
         }
@@ -70,7 +102,7 @@ impl Schedule {
     }
 
     /// Sleeps until sample `number` is due; true when told to stop.
-    pub(super) fn wait_for(&self, number: u64, recorded: Stamp, now: Option<Stamp>, shutdown: &Shutdown) -> bool {
+    pub(super) fn wait_for(&mut self, number: u64, recorded: Stamp, now: Option<Stamp>, shutdown: &Shutdown) -> bool {
         if let (Some(now), true) = (now, self.clock.is_simulated()) {
             return self.wait_on_clock(now, shutdown);
         }
@@ -81,7 +113,8 @@ impl Schedule {
             (_, _, Pace::TimeFactor(factor)) => (recorded.to_nanos() - self.first.to_nanos()) as f64 * 1e-9 / factor,
         };
         let due = Duration::try_from_secs_f64(due_s.max(0.0)).unwrap_or(Duration::MAX);
-        let remaining = due.saturating_sub(self.start.elapsed());
+        let elapsed = self.start.elapsed();
+        let remaining = self.catching_up.when(due, elapsed).saturating_sub(elapsed);
         if remaining.is_zero() { shutdown.requested() } else { shutdown.sleep(remaining) }
     }
 
@@ -129,4 +162,52 @@ fn agreed(context: &NodeContext, own: Present) -> Result<Present, NodeError> {
 pub fn monotonic_s() -> f64 {
     let now = rustix::time::clock_gettime(rustix::time::ClockId::Monotonic);
     now.tv_sec as f64 + now.tv_nsec as f64 * 1e-9
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const MS: Duration = Duration::from_millis(1);
+
+    /// When each of `count` readings goes, one due each ms, on a host that stands still from the first instant until the second.
+    fn gone(count: u32, (stands, until): (Duration, Duration)) -> Vec<Duration> {
+        let (mut catching_up, mut now) = (CatchingUp::default(), Duration::ZERO);
+        (0..count)
+            .map(|number| {
+                now = now.max(catching_up.when(MS * number, now));
+                if now >= stands && now < until {
+                    now = until;
+                }
+                now
+            })
+            .collect()
+    }
+
+    #[test]
+    fn a_host_that_stood_still_gives_its_readings_at_four_times_the_pace_until_it_is_on_time() {
+        let gone = gone(20_000, (MS * 1000, MS * 11_000));
+        let within = |from: Duration, to: Duration| gone.iter().filter(|at| (from..to).contains(at)).count();
+        assert_eq!(gone[999], MS * 999);
+        // Of the 10,000 that are overdue only those of a moment go together.
+        assert!((400..=410).contains(&within(MS * 11_000, MS * 11_001)), "{}", within(MS * 11_000, MS * 11_001));
+        assert!((4000..=4410).contains(&within(MS * 11_000, MS * 12_000)), "{}", within(MS * 11_000, MS * 12_000));
+        assert_eq!(gone[19_000], MS * 19_000, "it is on time again");
+    }
+
+    #[test]
+    fn readings_that_are_late_by_jitter_go_at_once() {
+        let gone = gone(1000, (MS * 100, MS * 150));
+        assert_eq!(gone[101..=150], [MS * 150; 50]);
+        assert_eq!(gone[151], MS * 151);
+    }
+
+    #[test]
+    fn a_pace_that_the_host_cannot_keep_is_not_held_back() {
+        let (mut catching_up, pace) = (CatchingUp::default(), Duration::from_nanos(100));
+        for number in 1..1_000_000_u32 {
+            let now = Duration::from_micros(2) * number;
+            assert!(catching_up.when(pace * number, now) <= now);
+        }
+    }
 }
