@@ -42,7 +42,8 @@ pub(crate) fn page(report: &Report) -> Result<String, ReportError> {
     }
     made_from(report, &mut out);
     out.push_str("</main>\n");
-    if let Some(footer) = &report.footer {
+    // What the page was made from tells all of it, and whole.
+    if let (Some(footer), true) = (&report.footer, report.made_from().is_empty()) {
         let _ = writeln!(out, "<footer>{}</footer>", escape(footer));
     }
     let _ = writeln!(out, "<script>\n{SCRIPT}</script>\n</body>\n</html>");

@@ -62,7 +62,7 @@ pub struct Report {
     pub meta: Vec<MetaItem>,
     /// Index of the section that the PNG shows; it must be a figure.
     pub main_plot: Option<usize>,
-    /// Last line of page and PNG, e.g. software version and hashes.
+    /// Last line of PNG and PDF, e.g. software version and hashes; of the page where nothing is told of what it was made from.
     pub footer: Option<String>,
     /// Sections in reading order.
     pub sections: Vec<Section>,
