@@ -27,6 +27,8 @@ pub struct Diagnosis {
     pub detection_after: Detection,
     /// Nothing was found, and the residual has no structure that noise lacks.
     pub consistent_with_noise: bool,
+    /// The same, but for errors that neighbouring readings share: noise of the air or the instrument, or something slow.
+    pub only_correlated: bool,
     /// Effects found, in the order in which they went in.
     pub found: Vec<Found>,
     /// What the search decided, in words.

@@ -21,6 +21,7 @@ fn regress_noise_that_hangs_together_is_no_effect() {
     assert_eq!(judged.names(), [""; 0], "{:?}", judged.diagnosis.steps);
     assert!(!judged.diagnosis.consistent_with_noise, "nobody can tell such noise from a cause without a form");
     assert!(judged.diagnosis.after.correlation.is_some());
+    assert!(judged.diagnosis.only_correlated, "beyond that there is nothing: {:?}", judged.diagnosis.steps);
     let (before, after) = judged.outcome().inside;
     assert!(after.rms_m < 1.02 * before.rms_m && after.covered > 0.93, "{before:?} {after:?}");
 }

@@ -21,6 +21,7 @@ pub(super) fn record(
     let mut record = shown::Record {
         verdict: String::new(),
         consistent_with_noise: diagnosis.consistent_with_noise,
+        only_correlated: false,
         enriched: false,
         effects: diagnosis.effects.iter().map(effect).collect(),
         set_aside: Vec::new(),

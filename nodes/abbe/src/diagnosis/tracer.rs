@@ -232,6 +232,7 @@ fn recorded(diagnosis: &Diagnosis, given: &Given, model: &Path, loaded: &LoadedC
     let mut record = Record {
         verdict: String::new(),
         consistent_with_noise: diagnosis.consistent_with_noise,
+        only_correlated: diagnosis.only_correlated,
         enriched: diagnosis.enriched,
         effects: record::effects(diagnosis),
         set_aside: record::set_aside(diagnosis),

@@ -105,6 +105,7 @@ impl Record {
     fn answer(&self) -> Callout {
         let (tone, title) = match (self.effects.is_empty() && !self.enriched, self.consistent_with_noise) {
             (true, true) => (Tone::Good, "Consistent with noise"),
+            (true, false) if self.only_correlated => (Tone::Neutral, "Correlated noise, and no effect"),
             (true, false) => (Tone::Warning, "Not noise, and not attributed"),
             (false, _) if self.effects.is_empty() => (Tone::Neutral, "Finer error functions"),
             (false, _) => (Tone::Neutral, "The model lacks something"),

@@ -19,6 +19,9 @@ pub struct Record {
     pub verdict: String,
     /// Nothing was found, and the residual has no structure that noise lacks.
     pub consistent_with_noise: bool,
+    /// Nothing was found, but neighbouring readings share errors; all figures allow for that.
+    #[serde(default)]
+    pub only_correlated: bool,
     /// The error functions had too few coefficients and got more.
     pub enriched: bool,
     /// Effects found, in the order in which they went in.

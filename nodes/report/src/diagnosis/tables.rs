@@ -288,6 +288,7 @@ impl Record {
         };
         let found = match (is_same, self.consistent_with_noise) {
             (true, true) => "Found: nothing that noise does not have.",
+            (true, false) if self.only_correlated => "Found: nothing that correlated noise does not have.",
             (true, false) => "Found: something that noise does not have, and no candidate that explains it.",
             (false, _) => "Found: something that noise does not have; the answer at the top says what it is.",
         };

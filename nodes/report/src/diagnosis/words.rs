@@ -93,6 +93,13 @@ impl Record {
             }
             _ => {}
         }
+        if self.only_correlated {
+            return format!(
+                "No effect shows beyond errors that neighbouring readings share: those of the air, of the instrument or of \
+                 something slow, which these data do not tell apart. {}",
+                found.words
+            );
+        }
         format!("Something is there that these data attribute to no candidate. {}", self.detection.before.words)
     }
 
@@ -273,6 +280,8 @@ mod tests {
         unexplained.detection.before.words = "Whole lines are off.".to_owned();
         let words = unexplained.words();
         assert!(words.contains("attribute to no candidate") && words.contains("Whole lines are off."), "{words}");
+        let words = Record { only_correlated: true, ..unexplained }.words();
+        assert!(words.starts_with("No effect shows beyond errors that neighbouring readings share"), "{words}");
     }
 
     #[test]
