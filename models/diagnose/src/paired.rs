@@ -9,8 +9,9 @@
 use crate::candidates::Round;
 use crate::linear::{Linear, column};
 use abbe_identify::{in_parallel, symmetric_eigen};
+use faer::linalg::matmul::triangular::{self, BlockStructure};
 use faer::linalg::solvers::{Llt, Solve};
-use faer::{Mat, Side};
+use faer::{Accum, Mat, MatRef, Par, Side};
 
 /// 1 − eigenvalue of H below which only the block itself tells of a direction: predicted without it, its uncertainty is
 /// a thousand times the noise.
@@ -165,7 +166,12 @@ impl Inverse {
     /// None where some direction is not measured by others: Cholesky's factor then does not exist.
     fn new(rows: &Mat<f64>) -> Option<Inverse> {
         let is_tall = rows.nrows() > rows.ncols();
-        let hat = if is_tall { rows.transpose() * rows } else { rows * rows.transpose() };
+        // Cholesky's factor reads the lower half alone.
+        let hat = if is_tall {
+            lower_half(rows.transpose(), rows.as_ref())
+        } else {
+            lower_half(rows.as_ref(), rows.transpose())
+        };
         let rest = |limit: f64| {
             let entry = |i: usize, j: usize| if i == j { 1.0 - limit - hat[(i, j)] } else { -hat[(i, j)] };
             Llt::new(Mat::from_fn(hat.nrows(), hat.ncols(), entry).as_ref(), Side::Lower).ok()
@@ -182,6 +188,14 @@ impl Inverse {
         };
         (0..x.len()).map(|k| solved[(k, 0)]).collect()
     }
+}
+
+/// The lower half of a product that is symmetric; zeros above.
+fn lower_half(left: MatRef<f64>, right: MatRef<f64>) -> Mat<f64> {
+    let (full, half) = (BlockStructure::Rectangular, BlockStructure::TriangularLower);
+    let mut product = Mat::zeros(left.nrows(), right.ncols());
+    triangular::matmul(product.as_mut(), half, Accum::Replace, left, full, right, full, 1.0, Par::Seq);
+    product
 }
 
 /// Eigenvalues and eigenvectors of R Rᵀ, from whichever of R Rᵀ and RᵀR is smaller.

@@ -12,7 +12,7 @@ use crate::error::IdentifyError;
 use crate::normal::residuals;
 use crate::range_noise::RangeCorrelation;
 use crate::solve::Identified;
-use crate::term::{CampaignRow, EffectTerm};
+use crate::term::{EffectTerm, Reads};
 use abbe_geometry::Vector3;
 use abbe_geometry::effects::{CovariateProblem, Effect, Ray};
 use abbe_geometry::model::MachineModel;
@@ -152,11 +152,10 @@ impl<'a> Rows<'a> {
     pub fn partials(&self, effect: &dyn Effect) -> Result<Mat<f64>, CovariateProblem> {
         let count = effect.parameters().len();
         let mut columns = Mat::zeros(self.len(), count);
-        let mut partials = vec![0.0; count];
+        let (mut partials, reads) = (vec![0.0; count], Reads::new(self.campaign, effect));
         for k in (0..self.len()).filter(|k| self.whitening[*k] > 0.0) {
             partials.fill(0.0);
-            let row = CampaignRow { campaign: self.campaign, reading: k };
-            row.add_columns(effect, self.rays[k], &self.by_error[k], &mut partials)?;
+            reads.add_columns(k, (self.rays[k], &self.by_error[k]), &mut partials)?;
             partials.iter().enumerate().for_each(|(j, value)| columns[(k, j)] = *value);
         }
         Ok(columns)

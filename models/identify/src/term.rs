@@ -12,7 +12,7 @@ use abbe_geometry::effects::{
 };
 use abbe_geometry::machine::Machine;
 use abbe_geometry::model::{FittedEffect, MachineModel};
-use abbe_measurement::campaign::Campaign;
+use abbe_measurement::campaign::{Campaign, Covariate};
 use std::sync::Arc;
 
 /// Name under which effects ask for the time of a reading (s since the campaign began).
@@ -106,11 +106,66 @@ impl CampaignRow<'_> {
         by_error: &[Vector3<f64>; 18],
         columns: &mut [f64],
     ) -> Result<(), CovariateProblem> {
+        self.add_columns_by(self, effect, (ray, by_error), columns)
+    }
+
+    /// The same by covariates that were looked up before.
+    fn add_columns_by(
+        &self,
+        covariates: &dyn CovariateSource,
+        effect: &dyn Effect,
+        (ray, by_error): (Ray, &[Vector3<f64>; 18]),
+        columns: &mut [f64],
+    ) -> Result<(), CovariateProblem> {
         let reading = &self.campaign.readings[self.reading];
-        let state = State { reading_m: reading.reading_m, offset_m: reading.offset_m, covariates: self };
+        let state = State { reading_m: reading.reading_m, offset_m: reading.offset_m, covariates };
         let station = &self.campaign.stations[reading.station as usize];
         let line = &self.campaign.lines[reading.line as usize];
         add_range_columns(effect, &state, &Sight { station, line, ray }, by_error, columns)
+    }
+}
+
+/// An effect beside the covariates that it reads: a diagnosis holds hundreds, and a look among them for each reading takes longer than what
+/// the effect computes.
+pub(crate) struct Reads<'a> {
+    campaign: &'a Campaign,
+    effect: &'a dyn Effect,
+    columns: Vec<&'a Covariate>,
+}
+
+impl<'a> Reads<'a> {
+    pub(crate) fn new(campaign: &'a Campaign, effect: &'a dyn Effect) -> Reads<'a> {
+        let columns = effect.reads().iter().filter_map(|name| campaign.covariate(name)).collect();
+        Reads { campaign, effect, columns }
+    }
+
+    /// [`CampaignRow::add_columns`] at a reading.
+    pub(crate) fn add_columns(
+        &self,
+        reading: usize,
+        at: (Ray, &[Vector3<f64>; 18]),
+        columns: &mut [f64],
+    ) -> Result<(), CovariateProblem> {
+        let row = CampaignRow { campaign: self.campaign, reading };
+        row.add_columns_by(&ReadRow { row, columns: &self.columns }, self.effect, at, columns)
+    }
+}
+
+/// The covariates of one reading, those first that are asked for.
+struct ReadRow<'a> {
+    row: CampaignRow<'a>,
+    columns: &'a [&'a Covariate],
+}
+
+impl CovariateSource for ReadRow<'_> {
+    fn covariate(&self, name: &str) -> CovariateValue {
+        match self.columns.iter().find(|column| column.name == name) {
+            Some(column) if name != TIME => {
+                let logged = column.values.get(self.row.reading).copied().flatten();
+                logged.map_or(CovariateValue::Missing, CovariateValue::Fresh)
+            }
+            _ => self.row.covariate(name),
+        }
     }
 }
 

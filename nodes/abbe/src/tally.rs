@@ -1,4 +1,4 @@
-//! What rows were worth: how many were corrected, in what state, where the first bad ones stand, and what all of them share.
+//! What rows were worth: how many were corrected, in what state, where the first bad ones stand, and what most of them share.
 //!
 //! Place in the flow: what corrects rows (`abbe correct` of tables and bags, `verify`, `residuals`, the length test of a model)
 //! counts here and says it on standard error, so that rows outside the machine do not pass for corrected ones. Lengths in m, shown in mm.
@@ -37,8 +37,32 @@ pub(crate) struct Tally {
 struct Kind {
     rows: u64,
     first: u64,
-    /// What is wrong in every one of them, with the value furthest off.
-    shared: BTreeMap<Reason, f64>,
+    /// What is wrong, in how many of them, with the value furthest off.
+    why: BTreeMap<Reason, (u64, f64)>,
+}
+
+impl Kind {
+    fn count(&mut self, reason: Reason, value: f64) {
+        let (rows, furthest) = self.why.entry(reason).or_insert((0, value));
+        *rows += 1;
+        if value.abs() > furthest.abs() {
+            *furthest = value;
+        }
+    }
+
+    /// Whether something is wrong in every one of them.
+    fn is_shared(&self) -> bool {
+        self.why.values().any(|(rows, _)| *rows == self.rows)
+    }
+
+    /// What is wrong in every one of them; where nothing is, what is in most.
+    fn causes(&self, model: &MachineModel, status: Status) -> Option<(String, String)> {
+        let most = self.why.values().map(|(rows, _)| *rows).max()?;
+        let of_most = self.why.iter().filter(|(_, (rows, _))| *rows == most);
+        let words: Vec<String> = of_most.map(|(why, (_, furthest))| why.words(model, status, *furthest)).collect();
+        let which = if most == self.rows { "all of them".to_owned() } else { format!("{most} of them") };
+        Some((which, words.join("; ")))
+    }
 }
 
 /// What is wrong with a row.
@@ -78,15 +102,9 @@ impl Tally {
         };
         self.beside += u64::from(status == Status::Extrapolated && found.iter().all(is_beside));
         if kind.rows == 1 {
-            (kind.first, kind.shared) = (place, found.into_iter().collect());
-            return;
+            kind.first = place;
         }
-        kind.shared.retain(|reason, furthest| {
-            let here = found.iter().find(|(other, _)| other == reason);
-            let further = here.filter(|(_, value)| value.abs() > furthest.abs());
-            *furthest = further.map_or(*furthest, |(_, value)| *value);
-            here.is_some()
-        });
+        found.into_iter().for_each(|(reason, value)| kind.count(reason, value));
     }
 
     /// Number of rows of this status.
@@ -115,10 +133,10 @@ impl Tally {
             // Writing to a string cannot fail.
             let _ = write!(text, ", {} {} (first: {place} {})", kind.rows, status_word(*status), kind.first);
         }
-        for (status, kind) in self.kinds.iter().filter(|(_, kind)| !kind.shared.is_empty()) {
-            let causes: Vec<String> =
-                kind.shared.iter().map(|(why, furthest)| why.words(model, *status, *furthest)).collect();
-            let _ = write!(text, "\n  {}, all of them: {}", status_word(*status), causes.join("; "));
+        for (status, kind) in &self.kinds {
+            if let Some((which, causes)) = kind.causes(model, *status) {
+                let _ = write!(text, "\n  {}, {which}: {causes}", status_word(*status));
+            }
         }
         if let Some(unit) = self.unit(model).filter(|_| inside == 0) {
             let _ = write!(text, "\n  as {unit} the readings would lie inside; x_mm, y_mm and z_mm are millimetres");
@@ -137,9 +155,11 @@ impl Tally {
             Status::InVolume | Status::Rejected => "were not corrected",
         };
         let sentence = |(status, kind): (&Status, &Kind)| {
-            let causes: Vec<String> =
-                kind.shared.iter().map(|(why, furthest)| why.words(model, *status, *furthest)).collect();
-            let causes = if causes.is_empty() { String::new() } else { format!(" ({})", causes.join("; ")) };
+            let causes = match kind.causes(model, *status) {
+                Some((_, causes)) if kind.is_shared() => format!(" ({causes})"),
+                Some((which, causes)) => format!(" ({which}: {causes})"),
+                None => String::new(),
+            };
             format!("{} of {} rows {}{causes}.", kind.rows, self.rows, what(*status))
         };
         let outside = self.kinds.iter().filter(|(status, _)| **status != Status::InVolume);

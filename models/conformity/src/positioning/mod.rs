@@ -135,6 +135,15 @@ fn departures(place: &str, groups: &[Group]) -> Vec<Departure> {
         let text = format!("{few} of {} targets were approached fewer than 5 times from each direction", groups.len());
         found.push(Departure::new(place, text));
     }
+    let only = |is_own: fn(&Group) -> bool| groups.iter().filter(|group| is_own(group)).count();
+    let (up, down) = (only(|g| g.down_m.is_empty()), only(|g| g.up_m.is_empty()));
+    if up.min(down) > 0 {
+        let text = format!(
+            "{up} targets were approached upwards alone and {down} downwards alone: a reversal value needs one target for both directions; \
+             give what was commanded as the target, the same each way"
+        );
+        found.push(Departure::new(place, text));
+    }
     if let Some(step_m) = equal_step_m(groups) {
         let text = format!(
             "the targets stand in equal steps of {:.3} mm, which hide errors of that period and of its fractions; the standard asks for \

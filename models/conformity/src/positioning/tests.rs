@@ -72,6 +72,19 @@ fn one_direction_alone_gives_unidirectional_figures_only() {
     assert!(found.departures.iter().any(|d| d.text.contains("fewer than 5 times from each direction")));
 }
 
+/// Targets that stand 0.2 mm apart by direction gave a line of dashes, and no reason that helps.
+#[test]
+fn regress_targets_of_one_direction_each_are_told() {
+    let apart = |a: Approach| match a.direction {
+        Direction::Up => a,
+        Direction::Down => Approach { target_m: a.target_m + 2e-4, ..a },
+    };
+    let apart: Vec<Approach> = case().into_iter().map(apart).collect();
+    let told = evaluate("X", &apart).unwrap().departures;
+    assert!(told.iter().any(|d| d.text.contains("upwards alone") && d.text.contains("the same each way")), "{told:?}");
+    assert!(!evaluate("X", &case()).unwrap().departures.iter().any(|d| d.text.contains("alone")));
+}
+
 #[test]
 fn order_of_the_approaches_does_not_matter() {
     let mut turned = case();

@@ -3,15 +3,17 @@
 //! Place in the flow: last step of every study. Gross rows go first; then the search is judged on blocks that it does not
 //! see; then it runs on all rows, and once more where what it found shows other rows to be gross.
 
-use super::candidate::Study;
+use super::candidate::{Forms, Study};
 use super::confirm::{beyond_chance, confirmed, p_beside};
-use super::diagnosis::{Ambiguity, Blocks, Effect, LackOfFit, Parameter, Rung, StudyDiagnosis};
+use super::diagnosis::{
+    Ambiguity, Blocks, Effect, HeldOutRms, LackOfFit, Look, Parameter, Rung, StudyDiagnosis, Unseen,
+};
 use super::fit::{Fit, Fitted};
 use super::judge::judge;
-use super::nested::unseen;
+use super::nested::{Parts, SURE, unseen};
 use super::noise_words::{looks, noise, notes_of_displays, rejected};
 use super::outliers::{Outliers, outliers};
-use super::placing::{beside_rejected, placed, tried};
+use super::placing::{Placed, beside_rejected, placed, tried};
 use super::search::{COMPARABLE, Found, Observe, Options, score_all, search};
 use super::series::independent;
 use super::significance::{probability, uncertainties};
@@ -41,18 +43,12 @@ pub(super) fn diagnose(
 ) -> Result<StudyDiagnosis, DiagnoseError> {
     let rows = refuse_nothing(study)?;
     let measured = (0..rows).filter(|row| study.is_measured(*row)).count();
-    let first = outliers(study, &[], |_| true)?;
-    let gross = first.rows(study);
-    let (mut unseen, parts) = unseen(study, rows, &gross, options, observe)?;
-    let (mut found, gross) = searched(study, rows, first, options, observe)?;
-    let left_out = gross.rows(study);
-    let mut unconfirmed = Vec::new();
-    loop {
-        unconfirmed.extend(confirmed(study, &mut found, &mut unseen, &parts));
-        if !beyond_chance(study, (rows, &left_out), &mut found, (&mut unseen, &parts), options.significance)? {
-            break;
-        }
+    let mut answer = Answer::of(study, rows, options, observe)?;
+    if answer.found.set.is_empty() && !answer.unconfirmed.is_empty() && study.offer(Forms::Straight) {
+        answer = answer.or_straight(study, rows, options, observe)?;
     }
+    let Answer { found, gross, unseen, unconfirmed, .. } = answer;
+    let left_out = gross.rows(study);
     let mut view = View::new(study, rows, |row| !left_out.contains(&row));
     let base = view.adapt(&[])?;
     let p_before = lack_of_fit(&view, &base)?;
@@ -109,6 +105,64 @@ pub(super) fn diagnose(
         terms,
         notes: [study.notes(), hidden, checked].concat(),
     })
+}
+
+/// What a search found and what predicts of it.
+struct Answer {
+    found: Found,
+    gross: Outliers,
+    unseen: Unseen,
+    parts: Parts,
+    /// What fits and does not predict.
+    unconfirmed: Vec<Look>,
+}
+
+impl Answer {
+    fn of(
+        study: &mut dyn Study,
+        rows: usize,
+        options: &Options,
+        observe: &mut Observe,
+    ) -> Result<Answer, DiagnoseError> {
+        let first = outliers(study, &[], |_| true)?;
+        let gross = first.rows(study);
+        let (mut unseen, parts) = unseen(study, rows, &gross, options, observe)?;
+        let (mut found, gross) = searched(study, rows, first, options, observe)?;
+        let left_out = gross.rows(study);
+        let mut unconfirmed = Vec::new();
+        loop {
+            unconfirmed.extend(confirmed(study, &mut found, &mut unseen, &parts));
+            if !beyond_chance(study, (rows, &left_out), &mut found, (&mut unseen, &parts), options.significance)? {
+                return Ok(Answer { found, gross, unseen, parts, unconfirmed });
+            }
+        }
+    }
+
+    /// What bends with a quantity fits more, and runs off beyond what it was fitted to: where nothing of it predicts, what straight forms say is asked.
+    /// It must be the surer for being the second of two tries.
+    fn or_straight(
+        self,
+        study: &mut dyn Study,
+        rows: usize,
+        options: &Options,
+        observe: &mut Observe,
+    ) -> Result<Answer, DiagnoseError> {
+        let straight = Answer::of(study, rows, options, observe)?;
+        let placed = Placed::of(study, &straight.found.set);
+        let judged = straight.parts.of(study, &straight.found.set, 1.0 - (1.0 - SURE) / 2.0);
+        study.offer(Forms::All);
+        let is_surer =
+            |(before, after, is_sure): (HeldOutRms, HeldOutRms, bool)| is_sure && after.rms_um < before.rms_um;
+        if straight.found.set.is_empty() || !judged.is_some_and(is_surer) {
+            Placed::of(study, &self.found.set).take(study);
+            return Ok(self);
+        }
+        placed.take(study);
+        let unconfirmed = [self.unconfirmed, straight.unconfirmed].concat();
+        let refused = [self.found.refused, straight.found.refused].concat();
+        let found = Found { considered: self.found.considered, refused, ..straight.found };
+        Ok(Answer { found, unconfirmed, ..straight })
+    }
 }
 
 /// Number of rows, where any of them is off by what an instrument shows beyond what the base model takes out.

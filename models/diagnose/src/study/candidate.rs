@@ -122,6 +122,14 @@ pub(crate) struct Local {
     pub(crate) point: Vec<f64>,
 }
 
+/// Candidates that a study offers to a search.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Forms {
+    All,
+    /// What describes goes straight with one quantity.
+    Straight,
+}
+
 /// One kind of data.
 pub(crate) trait Study: Sync {
     /// Kind of data, in words.
@@ -220,6 +228,16 @@ pub(crate) trait Study: Sync {
     /// Whether one that goes with the time makes another grow, which stands still.
     fn grows(&self, _candidate: usize, _with: usize) -> bool {
         false
+    }
+
+    /// Offers candidates of these forms from now on; whether any other is left out by that.
+    fn offer(&mut self, _forms: Forms) -> bool {
+        false
+    }
+
+    /// Whether a candidate is offered.
+    fn is_offered(&self, _candidate: usize) -> bool {
+        true
     }
 
     /// Whether a candidate is what an instrument alone can do.

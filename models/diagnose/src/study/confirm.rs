@@ -21,7 +21,8 @@ const BY_CHANCE: &str = "beside all else that was found, chance explains it";
 const UNCONFIRMED: &str = "it fits, but searches that do not see a block predict it no better";
 
 /// Takes back, the least likely first, what chance explains beside all the rest: it came in beside other things, when the noise was another.
-/// Whether there was any. It was chosen among many then; now it is one, and held against the significance as it is.
+/// Whether there was any. It was chosen among many then; now it is one, and held against the significance as it is, if it surely predicts: where
+/// that is not sure, either, it must stand out from all that were tried.
 pub(super) fn beyond_chance(
     study: &mut dyn Study,
     (rows, left_out): (usize, &BTreeSet<usize>),
@@ -33,7 +34,10 @@ pub(super) fn beyond_chance(
     let mut view = View::new(study, rows, |row| !left_out.contains(&row));
     loop {
         view.adapt(&found.set)?;
-        let of = |k: &usize| Ok((*k, by_chance(&view, &found.set, *k)?.1));
+        let of = |k: &usize| match unseen.is_sure {
+            Some(false) => Ok((*k, p_beside(&view, &found.set, *k)?.1)),
+            _ => Ok((*k, by_chance(&view, &found.set, *k)?.1)),
+        };
         let each = found.set.iter().map(of).collect::<Result<Vec<(usize, f64)>, DiagnoseError>>()?;
         let likeliest = each.into_iter().max_by(|a, b| a.1.total_cmp(&b.1));
         let Some((out, _)) = likeliest.filter(|(_, p_value)| *p_value > significance) else { break };
@@ -88,8 +92,10 @@ pub(super) fn confirmed(study: &mut dyn Study, found: &mut Found, unseen: &mut U
     let (kept, dropped): (Vec<usize>, Vec<usize>) = found.set.iter().partition(|k| set.contains(k));
     let names: Vec<&str> = dropped.iter().map(|k| study.candidates()[*k].name.as_str()).collect();
     let beside = if kept.is_empty() { "" } else { " beside what is claimed" };
+    // A mean may come down by a few blocks, while others get worse.
+    let predicts = if gains { "predicts too few blocks to be believed" } else { "does not predict" };
     let says = format!(
-        "{} fits{beside}, but does not predict: on blocks that a search does not see, the error goes from {:.3} to {:.3} um with all \
+        "{} fits{beside}, but {predicts}: on blocks that a search does not see, the error goes from {:.3} to {:.3} um with all \
          that fits",
         names.join("; "),
         before.rms_um,

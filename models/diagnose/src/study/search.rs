@@ -93,8 +93,10 @@ pub(super) struct Found {
 /// Scores all candidates outside the fit.
 pub(super) fn score_all(view: &View, fit: &Fit) -> Vec<Scored> {
     let inside = fit.set();
-    let mut outside: Vec<(Option<usize>, usize)> =
-        (0..view.study.candidates().len()).filter(|k| !inside.contains(k)).map(|k| (view.chain_of(k), k)).collect();
+    let mut outside: Vec<(Option<usize>, usize)> = (0..view.study.candidates().len())
+        .filter(|k| !inside.contains(k) && view.study.is_offered(*k))
+        .map(|k| (view.chain_of(k), k))
+        .collect();
     // Those of one chain go through its matrix products together.
     outside.sort_unstable();
     let chunks: Vec<&[(Option<usize>, usize)]> =

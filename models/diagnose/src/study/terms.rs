@@ -15,6 +15,8 @@ use std::collections::BTreeMap;
 
 /// Order of interpolation that a smooth table reaches.
 const MOST_ORDER: f64 = 2.0;
+/// Order that a table has at least: however rough an axis is, what it does does not jump next to a place.
+const LEAST_ORDER: f64 = 0.5;
 
 /// An effect of a machine model.
 #[derive(Debug, Clone, PartialEq)]
@@ -86,16 +88,16 @@ pub(super) fn terms(study: &dyn Study, fit: &Fit, u: &[Vec<f64>], doubts: &Doubt
                 own.push(Value { made_of, value, beside: 0.0 });
             }
             if let Some(table) = &table {
-                let ((variance, order), beyond) = match table.between {
+                let ((gaps, order), beyond) = match table.between {
                     Between::Departures => (between(&table.places_m, &own, &covariance), apart(&own)),
                     // Two waves of one size differ by as much, wherever they are.
                     Between::Alias => {
                         let size = fitted.values.iter().map(|value| value * value).sum();
-                        ((size, 0.0), size)
+                        ((vec![size; table.places_m.len() - 1], 0.0), size)
                     }
                 };
                 let steps = table.places_m.len() - 1;
-                let open = std::iter::repeat_n(variance, steps).chain([beyond, beyond]);
+                let open = gaps.into_iter().chain([beyond, beyond]);
                 own.extend(open.map(|beside| Value { made_of: Vec::new(), value: 0.0, beside }));
                 let mean_m = (table.places_m[steps] - table.places_m[0]) / steps as f64;
                 shape = shape.number("between_order", order).number("beyond_m", mean_m);
@@ -131,38 +133,69 @@ fn apart(values: &[Value]) -> f64 {
     squares.sum::<f64>() / values.len().saturating_sub(1).max(1) as f64
 }
 
-/// Variance of what may lie halfway between two places of a table (m²), and the order of interpolation that it shows: 0 where
-/// a place says nothing of what is near it.
-fn between(places_m: &[f64], values: &[Value], covariance: &impl Fn(Place, Place) -> f64) -> (f64, f64) {
-    let squares = |reach: usize| -> Vec<(f64, f64)> {
-        let one = |k: usize| {
-            let [low, high] = [k - reach, k + reach];
-            let share = (places_m[k] - places_m[low]) / (places_m[high] - places_m[low]);
-            let parts = [(low, share - 1.0), (k, 1.0), (high, -share)];
-            let departure: f64 = parts.iter().map(|(k, factor)| factor * values[*k].value).sum();
-            let made_of: Vec<(Place, f64)> = parts
-                .iter()
-                .flat_map(|(k, factor)| values[*k].made_of.iter().map(move |(place, own)| (*place, factor * own)))
-                .collect();
-            (departure * departure, of_two(&made_of, &made_of, covariance))
-        };
-        (reach..places_m.len().saturating_sub(reach)).map(one).collect()
+/// What may lie halfway between each two places of a table (variance, m²), and the order of interpolation that it shows: near zero where a
+/// place says little of what is near it.
+///
+/// A value departs from the chord of its neighbours by what a reach as long hides. Departures of neighbours and of those beyond them grow
+/// with their reach to the power of twice the order, and so does what each gap may hold: places in close pairs say nothing of wide gaps.
+fn between(places_m: &[f64], values: &[Value], covariance: &impl Fn(Place, Place) -> f64) -> (Vec<f64>, f64) {
+    let departures = |reach: usize| -> Vec<Departure> {
+        let places = reach..places_m.len().saturating_sub(reach);
+        places.map(|k| Departure::of([k - reach, k, k + reach], places_m, values, covariance)).collect()
     };
-    let mean = |squares: &[(f64, f64)], of: fn(&(f64, f64)) -> f64| {
-        squares.iter().map(of).sum::<f64>() / squares.len().max(1) as f64
-    };
-    let (short, long) = (squares(1), squares(2));
+    let gaps_m = || places_m.windows(2).map(|pair| pair[1] - pair[0]);
+    let (short, long) = (departures(1), departures(2));
     if short.is_empty() {
         // Two places: nothing tells how bent it is between them but how much they differ.
-        return (values.iter().map(|v| v.value.powi(2)).fold(0.0, f64::max), 0.0);
+        let most = values.iter().map(|v| v.value.powi(2)).fold(0.0, f64::max);
+        return (gaps_m().map(|_| most).collect(), LEAST_ORDER);
     }
-    let seen = mean(&short, |s| s.0 - s.1);
-    let order = if long.is_empty() || seen <= mean(&short, |s| s.1) {
+    let (seen, noise) = (mean(&short, |d| d.square - d.variance), mean(&short, |d| d.variance));
+    let reach_m = mean(&short, |d| d.reach_m.ln()).exp();
+    let order = if long.is_empty() || seen <= noise {
         0.0
     } else {
-        (0.5 * (mean(&long, |s| s.0 - s.1) / seen).max(1.0).log2()).min(MOST_ORDER)
+        let grown = (mean(&long, |d| d.square - d.variance) / seen).max(1.0).ln();
+        let further = mean(&long, |d| d.reach_m.ln()) - reach_m.ln();
+        if further > 0.0 { (0.5 * grown / further).min(MOST_ORDER) } else { 0.0 }
     };
-    (mean(&short, |s| s.0) * 0.25_f64.powf(order), order)
+    let square = mean(&short, |d| d.square);
+    let halfway = |gap_m: f64| square * (0.5 * gap_m / reach_m).powf(2.0 * order);
+    (gaps_m().map(halfway).collect(), order.max(LEAST_ORDER))
+}
+
+/// How far a value lies from the chord of two others.
+struct Departure {
+    /// Square (m²).
+    square: f64,
+    /// What noise makes of that (m²).
+    variance: f64,
+    /// Harmonic mean of both distances (m).
+    reach_m: f64,
+}
+
+impl Departure {
+    fn of(
+        [low, k, high]: [usize; 3],
+        places_m: &[f64],
+        values: &[Value],
+        covariance: &impl Fn(Place, Place) -> f64,
+    ) -> Departure {
+        let (below_m, above_m) = (places_m[k] - places_m[low], places_m[high] - places_m[k]);
+        let share = below_m / (below_m + above_m);
+        let parts = [(low, share - 1.0), (k, 1.0), (high, -share)];
+        let departure: f64 = parts.iter().map(|(k, factor)| factor * values[*k].value).sum();
+        let made_of: Vec<(Place, f64)> = parts
+            .iter()
+            .flat_map(|(k, factor)| values[*k].made_of.iter().map(move |(place, own)| (*place, factor * own)))
+            .collect();
+        let variance = of_two(&made_of, &made_of, covariance);
+        Departure { square: departure * departure, variance, reach_m: 2.0 * below_m * above_m / (below_m + above_m) }
+    }
+}
+
+fn mean(departures: &[Departure], of: impl Fn(&Departure) -> f64) -> f64 {
+    departures.iter().map(of).sum::<f64>() / departures.len().max(1) as f64
 }
 
 #[cfg(test)]
@@ -171,8 +204,8 @@ mod tests {
 
     fn of(places_m: &[f64], value: impl Fn(f64) -> f64) -> (f64, f64) {
         let own = |x: &f64| Value { made_of: Vec::new(), value: value(*x), beside: 0.0 };
-        let (variance, order) = between(places_m, &places_m.iter().map(own).collect::<Vec<_>>(), &|_, _| 0.0);
-        (variance.sqrt(), order)
+        let (gaps, order) = between(places_m, &places_m.iter().map(own).collect::<Vec<_>>(), &|_, _| 0.0);
+        (gaps.into_iter().fold(0.0, f64::max).sqrt(), order)
     }
 
     #[test]
@@ -184,6 +217,19 @@ mod tests {
         assert!((order - 2.0).abs() < 1e-9, "{order}");
         // Up and down from place to place: each is 2 µm off the chord of its neighbours.
         let (rough, order) = of(&places, |x| if (x * 8.0).round() % 2.0 == 1.0 { 2e-6 } else { 0.0 });
-        assert!((rough - 2e-6).abs() < 1e-15 && order == 0.0, "{rough} {order}");
+        assert!((rough - 2e-6).abs() < 1e-15 && order == LEAST_ORDER, "{rough} {order}");
+    }
+
+    /// A screw of which a measured slit had targets 0.2 mm apart, in pairs every 10 mm: U was 2 µm all over gaps in which errors of 16 µm lay.
+    #[test]
+    fn regress_close_pairs_of_places_say_nothing_of_the_wide_gaps_between_them() {
+        let pairs: Vec<f64> = (0..5).flat_map(|k| [f64::from(k) * 0.01, f64::from(k) * 0.01 + 0.0002]).collect();
+        let walk = [0.0, -1.1, 18.9, 14.6, -16.0, -8.7, -23.2, -20.8, 12.0, 25.4].map(|um| um * 1e-6);
+        let own: Vec<Value> = walk.iter().map(|m| Value { made_of: Vec::new(), value: *m, beside: 0.0 }).collect();
+        let (gaps, order) = between(&pairs, &own, &|_, _| 0.0);
+        let um: Vec<f64> = gaps.iter().map(|variance| variance.sqrt() * 1e6).collect();
+        assert!(um.iter().step_by(2).all(|narrow| *narrow < 5.0), "{um:?}");
+        assert!(um.iter().skip(1).step_by(2).all(|wide| (10.0..30.0).contains(wide)), "{um:?}");
+        assert!((0.3..1.0).contains(&order), "{order}");
     }
 }

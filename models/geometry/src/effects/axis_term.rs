@@ -37,6 +37,8 @@ pub(super) const KNOWN: Known = Known {
 const MOST_TERMS: usize = 16;
 /// Largest error believed (m).
 const PLAUSIBLE_M: f64 = 500e-6;
+/// Distance within which a reading is at a place (m).
+const AT_PLACE_M: f64 = 1e-6;
 /// Order to which a straight line goes through a smooth error.
 const SMOOTH_ORDER: f64 = 2.0;
 
@@ -147,9 +149,9 @@ fn table(places_m: &[f64], between_order: f64, beyond_m: Option<f64>, reading_m:
     }
     let (low_m, high_m) = (places_m[above - 1], places_m[above]);
     let share = (reading_m - low_m) / (high_m - low_m);
-    // At the place itself it is known, of whatever order the table is: 0 to the power of 0 is 1.
-    if share <= 0.0 {
-        return Weights::from_slice(&[(above - 1, 1.0)]);
+    // At the place itself it is known, of whatever order the table is: 0 to the power of 0 is 1. No scale stands on a place to the last bit.
+    if (reading_m - low_m).min(high_m - reading_m) < AT_PLACE_M {
+        return Weights::from_slice(&[(above - 1, 1.0 - share), (above, share)]);
     }
     let open = (4.0 * share * (1.0 - share)).powf(0.5 * between_order);
     Weights::from_slice(&[(above - 1, 1.0 - share), (above, share), (last + above, open)])
@@ -221,7 +223,17 @@ mod tests {
         }
         let rough = shape.clone().number("between_order", 0.0);
         let between = |x_m: f64| along_m(&rough, x_m, NONE, &[0.0, 0.0, 0.0, 4e-6, 8e-6]);
-        for (x_m, um) in [(0.1, 0.0), (0.1001, 4.0), (0.2, 4.0), (0.3, 0.0), (0.3001, 8.0), (0.4, 0.0), (0.5, 0.0)] {
+        for (x_m, um) in [
+            (0.1, 0.0),
+            (0.100_000_5, 0.0),
+            (0.1001, 4.0),
+            (0.2, 4.0),
+            (0.299_999_5, 0.0),
+            (0.3, 0.0),
+            (0.3001, 8.0),
+            (0.4, 0.0),
+            (0.5, 0.0),
+        ] {
             assert!((between(x_m) - um * 1e-6).abs() < 1e-18, "{x_m}: {}", between(x_m));
         }
         let open = shape.clone().number("between_order", 1.0).number("beyond_m", 0.1);

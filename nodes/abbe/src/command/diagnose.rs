@@ -100,6 +100,7 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         true => print!("{json}"),
         false => {
             println!("{}", output::words(&product.report.record, &arguments.out));
+            product.without_model.iter().for_each(|why| println!("{why}"));
             next.print();
         }
     }
@@ -112,7 +113,9 @@ fn next(arguments: &Arguments, product: &Product) -> Next {
     let found = !record.effects.is_empty() || record.enriched;
     let model = arguments.out.join(MODEL);
     match (&product.model, &arguments.model, &arguments.campaign) {
-        (Some(_), Some(given), Some(campaign)) if !found && !(record.consistent_with_noise || record.only_correlated) => {
+        (Some(_), Some(given), Some(campaign))
+            if !found && !(record.consistent_with_noise || record.only_correlated) =>
+        {
             Next::new("to see whether a field of position explains what has no name", "residuals")
                 .file("--model", given)
                 .file("--campaign", campaign)
@@ -126,10 +129,18 @@ fn next(arguments: &Arguments, product: &Product) -> Next {
         (Some(_), ..) => Next::new("to correct readings with it", "correct").file("--model", &model).text(READINGS),
         (None, ..) if found => {
             let data = [("--campaign", &arguments.campaign), ("--residuals", &arguments.residuals)];
-            let next = Next::new("to have a model with it, where the machine has linear axes", "diagnose");
+            let what_for = match product.without_model.is_empty() {
+                true => "to have a model with it, where the machine has linear axes",
+                false => "to have a model with it, once the data hold what it needs",
+            };
+            let next = Next::new(what_for, "diagnose");
             let named = data.into_iter().filter_map(|(option, path)| Some((option, path.as_deref()?)));
             let next = named.fold(next, |next, (option, path)| next.file(option, path));
-            next.text("--machine MACHINE.toml").file("--out", &arguments.out)
+            let next = match &arguments.machine {
+                Some(machine) => next.file("--machine", machine),
+                None => next.text("--machine MACHINE.toml"),
+            };
+            next.file("--out", &arguments.out)
         }
         (None, ..) => {
             let plan = "plan --machine MACHINE.toml --request REQUEST.toml --out plan";

@@ -179,6 +179,9 @@ fn answer(arguments: &Arguments, read: &PlaneField, at: &std::path::Path, out: &
             count("no_answer"),
             if is_plane { format!(", {} off the plane (outside)", count("outside")) } else { String::new() }
         );
+        if vectors.iter().any(|vector| vector.u_m.is_some()) {
+            println!("u (k = 1) is of the field at each point; a single vector measured there scatters beside it");
+        }
     }
     if count("interpolated") < vectors.len() {
         let first = |status: &str| vectors.iter().position(|v| v.status == Some(status)).map(|k| k + 1);

@@ -45,6 +45,8 @@ pub(crate) struct Product {
     pub(crate) report: DiagnosisReport,
     /// Bytes of the model file; `None` where the data belong to no model.
     pub(crate) model: Option<Vec<u8>>,
+    /// Why a machine was named and there is no model; empty where there is one, or none was asked for.
+    pub(crate) without_model: Vec<String>,
 }
 
 /// Names in the output folder.

@@ -121,6 +121,7 @@ fn conclude(
         return Ok(Product {
             report: DiagnosisReport { record, residuals: None, figures, identity: Identity::default(), next: None },
             model: None,
+            without_model: Vec::new(),
         });
     };
     record.machine = Some(machine.machine.name.clone());
@@ -135,14 +136,17 @@ fn conclude(
         record.model_out = Some(ModelOut { file, is_the_one_given: false });
         bytes
     });
+    let mut without_model = Vec::new();
     if model.is_none() {
         let left_out = diagnosis.terms.left_out.iter();
-        record.notes.extend(left_out.map(|(name, reason)| format!("Not for a model: {name}; {reason}.")));
-        record.notes.push("No model file was made: nothing was found that a model could correct.".to_owned());
+        without_model.push("No model file was made: nothing was found that a model could correct.".to_owned());
+        without_model.extend(left_out.map(|(name, reason)| format!("Not for a model: {name}; {reason}.")));
+        record.notes.extend(without_model.clone());
     }
     Ok(Product {
         report: DiagnosisReport { record, residuals: None, figures, identity: Identity::default(), next: None },
         model,
+        without_model,
     })
 }
 

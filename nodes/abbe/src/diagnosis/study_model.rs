@@ -15,6 +15,9 @@ use abbe_identify::verdict::Grade;
 use anyhow::Context;
 use serde_json::{Value, json};
 
+/// Distance beyond the stroke that an axis may have been measured at, as limit switches allow (m).
+const BESIDE_M: f64 = 1e-3;
+
 /// Errors that were found on a machine, as a model of it; `None` where there is nothing to correct.
 pub(super) fn model(
     diagnosis: &StudyDiagnosis,
@@ -41,7 +44,7 @@ pub(super) fn model(
         seed: None,
         options,
         evidence: json!({ "study": diagnosis.of, "effects": effects }),
-        doubts: doubts(diagnosis),
+        doubts: doubts(diagnosis, &machine.machine),
         software: software(),
     }))
 }
@@ -106,7 +109,7 @@ fn covariance(layout: &Layout, machine: &Machine, terms: &Terms) -> Vec<f64> {
 }
 
 /// What whoever corrects with it must know.
-fn doubts(diagnosis: &StudyDiagnosis) -> Vec<Doubt> {
+fn doubts(diagnosis: &StudyDiagnosis, machine: &Machine) -> Vec<Doubt> {
     let terms = &diagnosis.terms;
     let letters = |is_measured: bool| -> String {
         let own = Axis::ALL.into_iter().filter(|axis| terms.deviations_m[axis.index()].is_some() == is_measured);
@@ -119,6 +122,21 @@ fn doubts(diagnosis: &StudyDiagnosis) -> Vec<Doubt> {
         letters(true),
         if letters(false).is_empty() { String::new() } else { format!(", and all of {}", letters(false)) },
     )];
+    let beyond = Axis::ALL.into_iter().filter_map(|axis| {
+        let ((low_m, high_m), (from_m, to_m)) = (terms.readings_m[axis.index()]?, machine.stroke_m[axis.index()]);
+        (low_m < from_m - BESIDE_M || high_m > to_m + BESIDE_M).then(|| {
+            format!(
+                "{} was measured from {:.1} to {:.1} mm, and the machine's stroke is {:.1} to {:.1} mm: readings outside it are rejected, so \
+                 check frame and signs of what was measured, or the machine file",
+                axis.letter(),
+                low_m * 1e3,
+                high_m * 1e3,
+                from_m * 1e3,
+                to_m * 1e3
+            )
+        })
+    });
+    texts.extend(beyond);
     texts.extend(diagnosis.hidden.iter().map(|what| format!("not seen, not corrected and in no uncertainty: {what}")));
     let left_out =
         terms.left_out.iter().map(|(name, reason)| format!("{name} was found, and is not in the model: {reason}"));

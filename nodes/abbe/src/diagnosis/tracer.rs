@@ -178,6 +178,7 @@ pub(crate) fn run(
     Ok(Product {
         report: DiagnosisReport { record, residuals: Some(residuals), figures: Vec::new(), identity, next: None },
         model: Some(bytes),
+        without_model: Vec::new(),
     })
 }
 

@@ -27,6 +27,8 @@ pub(super) struct Pose {
     pub(super) name: Option<String>,
     pub(super) members: Vec<usize>,
     pub(super) centre_m: Vector3<f64>,
+    /// Axes along which its vectors differ.
+    spanned: [bool; 3],
 }
 
 /// All poses.
@@ -48,7 +50,12 @@ impl Poses {
         vectors.iter().enumerate().for_each(|(k, vector)| groups.entry(vector.pose.as_ref()).or_default().push(k));
         let pose = |(name, members): (Option<&String>, Vec<usize>)| {
             let sum = members.iter().map(|k| Vector3::from(vectors[*k].position_m)).sum::<Vector3<f64>>();
-            Pose { name: name.cloned(), centre_m: sum / members.len() as f64, members }
+            let spans = |axis: Axis| {
+                let along: Vec<f64> = members.iter().map(|k| vectors[*k].position_m[axis.index()]).collect();
+                vectors[0].position_lacks != Some(axis) && range(&along).is_some()
+            };
+            let (centre_m, spanned) = (sum / members.len() as f64, Axis::ALL.map(spans));
+            Pose { name: name.cloned(), centre_m, spanned, members }
         };
         let list: Vec<Pose> = groups.into_iter().map(pose).collect();
         if let Some(pose) = list.iter().find(|pose| pose.name.is_some() && pose.members.len() < FEWEST) {
@@ -61,11 +68,7 @@ impl Poses {
         }
         let mut of = vec![0; vectors.len()];
         list.iter().enumerate().for_each(|(k, pose)| pose.members.iter().for_each(|member| of[*member] = k));
-        let spans = |axis: Axis, pose: &Pose| {
-            let along: Vec<f64> = pose.members.iter().map(|k| vectors[*k].position_m[axis.index()]).collect();
-            vectors[0].position_lacks != Some(axis) && range(&along).is_some()
-        };
-        let spanned = Axis::ALL.map(|axis| list.iter().any(|pose| spans(axis, pose)));
+        let spanned = Axis::ALL.map(|axis| list.iter().any(|pose| pose.spanned[axis.index()]));
         Ok(Poses { list, of, spanned })
     }
 
@@ -90,9 +93,11 @@ impl Poses {
         Axis::ALL.into_iter().filter(|axis| self.spanned[axis.index()]).collect()
     }
 
-    /// Position of a vector about the centre of its pose (m).
+    /// Position of a vector about the centre of its pose (m); along axes in which the pose has one position there is no arm, not one of
+    /// what rounding makes of it.
     pub(super) fn arm_m(&self, vectors: &[ResidualVector], k: usize) -> Vector3<f64> {
-        Vector3::from(vectors[k].position_m) - self.list[self.of[k]].centre_m
+        let pose = &self.list[self.of[k]];
+        Vector3::from_fn(|d, _| if pose.spanned[d] { vectors[k].position_m[d] - pose.centre_m[d] } else { 0.0 })
     }
 
     /// Vectors of each named point, with the turn of the plate in each pose relative to the first; nothing where no points

@@ -16,7 +16,7 @@ use super::step::Steps;
 use super::{model, order};
 use crate::error::DiagnoseError;
 use crate::linear::{in_the_worst_way, joined};
-use crate::study::candidate::{Candidate, Chain, Local, ModelTerm, Question, Study};
+use crate::study::candidate::{Candidate, Chain, Forms, Local, ModelTerm, Question, Study};
 use crate::study::diagnosis::{Ambiguity, Untestable};
 use crate::study::series::steps;
 use crate::study::smooth::legendre;
@@ -74,6 +74,8 @@ pub(super) struct Vectors<'a> {
     parts: Vec<Part>,
     steps: Steps,
     untestable: Vec<Untestable>,
+    /// Offered.
+    forms: Forms,
 }
 
 impl<'a> Vectors<'a> {
@@ -130,6 +132,7 @@ impl<'a> Vectors<'a> {
             candidates: Vec::new(),
             parts: Vec::new(),
             untestable,
+            forms: Forms::All,
         };
         study.add_registered()?;
         study.add_named(false);
@@ -230,22 +233,6 @@ impl<'a> Vectors<'a> {
 
     fn time(&self) -> Option<(usize, &Quantity)> {
         self.quantities.iter().enumerate().find(|(_, quantity)| quantity.name == TIME)
-    }
-
-    /// Columns of motions of the whole with these functions of the time, over the standard uncertainty of the rows.
-    fn drift_columns(&self, motions: &[Motion], functions: &[Vec<f64>]) -> Mat<f64> {
-        let mut columns = Mat::zeros(3 * self.vectors.len(), motions.len() * functions.len());
-        for (k, sigma_m) in self.sigma_m.iter().enumerate() {
-            let arm_m = self.poses.arm_m(self.vectors, k);
-            for (i, motion) in motions.iter().enumerate() {
-                let moved = motion.of(&arm_m);
-                for (j, function) in functions.iter().enumerate() {
-                    let column = i * functions.len() + j;
-                    (0..3).for_each(|d| columns[(3 * k + d, column)] = moved[d] * function[k] / sigma_m[d]);
-                }
-            }
-        }
-        columns
     }
 
     /// What was wrong with the vectors given.
@@ -413,6 +400,16 @@ impl Study for Vectors<'_> {
             Part::Drift(drift) => drift.motion == Motion::Scale,
             Part::Named(_) | Part::Step(..) => false,
         }
+    }
+
+    fn offer(&mut self, forms: Forms) -> bool {
+        self.forms = forms;
+        (0..self.candidates.len()).any(|k| !self.is_offered(k))
+    }
+
+    fn is_offered(&self, candidate: usize) -> bool {
+        !(self.forms == Forms::Straight
+            && matches!(&self.parts[candidate], Part::Smooth(_, bent) if !bent.shape.is_straight()))
     }
 
     fn is_of_instrument(&self, candidate: usize) -> bool {

@@ -82,6 +82,11 @@ impl Shape {
         shapes
     }
 
+    /// Whether it goes straight with one quantity.
+    pub(super) fn is_straight(self) -> bool {
+        matches!(self, Shape::One { degree: 1, .. })
+    }
+
     /// Quantities that it depends on.
     pub(super) fn quantities(self) -> Vec<usize> {
         match self {
