@@ -111,14 +111,14 @@ pub fn diagnose(
     let rejected_lines = rejected_lines(campaign, &state.fit.weights);
     let set_aside = state.set_aside();
     let structured = enriched || detection_after.has_structure() || !rejected_lines.is_empty();
-    // What was significant and stays out is no noise either.
     let hangs_together = state.fit.correlation.is_some();
-    let explained = found.is_empty() && set_aside.is_empty() && judged.not_adopted.is_none();
-    let quiet = explained && !structured && machine_step.is_none() && wander.is_none();
+    let nothing = found.is_empty() && judged.not_adopted.is_none();
+    let quiet = nothing && !structured && machine_step.is_none() && wander.is_none();
     next_measurements.splice(0..0, machine_step.iter().map(|_| AFTER_A_STEP.to_owned()));
     let said = rejected_lines.iter().map(|line| format!("line {line} was rejected: most of its readings are outliers"));
     Ok(Diagnosis {
-        consistent_with_noise: quiet && !hangs_together,
+        // What was significant and stays out is no noise either; in correlated noise, it was significant for white noise.
+        consistent_with_noise: quiet && set_aside.is_empty() && !hangs_together,
         only_correlated: quiet && hangs_together,
         steps: state
             .steps

@@ -86,8 +86,8 @@ fn in_another_unit(campaign: &Campaign) -> Vec<String> {
         let units = [("°F", (value - 32.0) / 1.8), ("K", value - 273.15)];
         let (unit, value_c) = units.into_iter().find(|(_, value_c)| (value_c - room_c).abs() < SAME_ROOM_K)?;
         Some(format!(
-            "{name} is at {value:.1}, where the other temperatures are at {room_c:.1}: it looks like {unit}, which would be {value_c:.1} °C. It is taken as \
-             its name says; convert it, and diagnose again."
+            "{name} is at {value:.1}, where the other temperatures are at {room_c:.1}: that would fit {unit}, which were {value_c:.1} °C. It is taken as \
+             its name says; if it is not hot or cold there, convert it, and diagnose again."
         ))
     };
     all.iter().filter_map(one).collect()

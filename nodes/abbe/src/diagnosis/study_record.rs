@@ -73,9 +73,11 @@ fn verdict(record: &shown::Record, diagnosis: &library::StudyDiagnosis) -> Strin
         words.push_str(" That gain is not sure: the parts differ by as much.");
     }
     words.extend(diagnosis.hidden.iter().map(|what| format!(" Not seen, and in no uncertainty: {what}.")));
+    // A row of a file of vectors has three.
+    let what = if diagnosis.of == library::vectors::OF { "components" } else { "rows" };
     match diagnosis.rejected.len() {
         0 => words,
-        count => format!("{words} {count} of {} rows were rejected as gross errors.", diagnosis.rows),
+        count => format!("{words} {count} of {} {what} were rejected as gross errors.", diagnosis.rows),
     }
 }
 

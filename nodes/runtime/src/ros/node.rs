@@ -115,13 +115,14 @@ impl RosNode {
         if options.enclave.is_some() && !options.peers.is_empty() {
             return Err(RosError::SecuredPeers);
         }
-        let (context, introduced) = participant(options.domain, options.enclave.as_ref())?;
+        let (context, introduced, matched) = participant(options.domain, options.enclave.as_ref())?;
+        let calm = || matched.await_calm(&context.domain_participant());
         let mut node = create(&context, &options)?;
-        let parameters = ParameterServices::open(&mut node, &options, ask)?;
+        let parameters = ParameterServices::open(&mut node, &options, ask, &calm)?;
         let types = Types::default();
+        calm();
         let descriptions = TypeDescriptions::open(&mut node, &options.identity, types.clone())?;
         let node = Arc::new(Mutex::new(node));
-        let matched = Arc::<Matched>::default();
         let (stop, stopped) = oneshot::channel();
         let (served, following, participant) = (Arc::clone(&node), Arc::clone(&matched), context.domain_participant());
         let thread = thread::Builder::new()
@@ -214,6 +215,7 @@ impl RosNode {
         let (topic, kind) = (format!("{TOPICS}{name}"), type_name::<R>().dds_msg_type());
         let topic = participant.create_topic(topic, kind, &policies, TopicKind::NoKey);
         let topic = topic.map_err(|error| failed(error.into()))?;
+        self.await_calm();
         let publisher = self.lock().create_publisher(&topic, Some(qos.clone())).map_err(failed)?;
         self.0.types.add(R::ROS_TYPE);
         Ok(Writer::new(publisher, name, Arc::downgrade(&self.0)))
@@ -225,6 +227,7 @@ impl RosNode {
         qos: &QosProfile,
     ) -> Result<Subscription<R>, RosError> {
         let failed = |source| endpoint_error("subscriber of", name, source);
+        self.await_calm();
         let mut node = self.lock();
         let topic = node.create_topic(&dds_name(name)?, type_name::<R>(), qos);
         let subscription = node.create_subscription(&topic.map_err(failed)?, Some(qos.clone()));
@@ -238,7 +241,13 @@ impl RosNode {
         package: &str,
         service: &str,
     ) -> Result<Service<Request, Reply>, RosError> {
+        self.await_calm();
         Service::open(&mut self.lock(), name, package, service)
+    }
+
+    /// Before an endpoint is made.
+    fn await_calm(&self) {
+        self.0.matched.await_calm(&self.0.context.domain_participant());
     }
 
     /// Subscribers elsewhere that this publisher has found.
@@ -290,7 +299,7 @@ impl std::fmt::Debug for RosNode {
     }
 }
 
-fn participant(domain: Domain, enclave: Option<&Enclave>) -> Result<(Context, Introduced), RosError> {
+fn participant(domain: Domain, enclave: Option<&Enclave>) -> Result<(Context, Introduced, Arc<Matched>), RosError> {
     let failed = |reason: String| RosError::Participant { domain_id: domain.id(), reason };
     let mut builder = DomainParticipantBuilder::new(domain.id());
     if domain.range == DiscoveryRange::Localhost {
@@ -303,13 +312,15 @@ fn participant(domain: Domain, enclave: Option<&Enclave>) -> Result<(Context, In
         reason if enclave.is_some() => RosError::Keys { domain_id: domain.id(), reason },
         reason => failed(reason),
     })?;
+    let matched = Arc::new(Matched::new());
+    matched.await_calm(&participant);
     let guid = Gid::from(participant.guid()).to_bytes16();
     let mut guid_prefix = [0; 12];
     guid_prefix.copy_from_slice(&guid[..12]);
     let (domain_id, participant_id) = (participant.domain_id(), participant.participant_id());
     let introduced = Introduced { guid_prefix, domain_id, participant_id };
     let context = Context::from_domain_participant(participant).map_err(|error| failed(error.to_string()))?;
-    Ok((context, introduced))
+    Ok((context, introduced, matched))
 }
 
 #[cfg(feature = "dds-security")]

@@ -42,8 +42,14 @@ pub(super) struct ParameterServices {
 }
 
 impl ParameterServices {
-    pub(super) fn open(node: &mut Node, options: &NodeOptions, ask: Option<Ask>) -> Result<Self, RosError> {
-        let mut opener = Opener { node, prefix: options.identity.qualified() };
+    /// Opens them; `calm` is waited for before each.
+    pub(super) fn open(
+        node: &mut Node,
+        options: &NodeOptions,
+        ask: Option<Ask>,
+        calm: &dyn Fn(),
+    ) -> Result<Self, RosError> {
+        let mut opener = Opener { node, calm, prefix: options.identity.qualified() };
         Ok(Self {
             table: options.parameters.clone(),
             ask,
@@ -121,6 +127,7 @@ impl ParameterServices {
 
 struct Opener<'a> {
     node: &'a mut Node,
+    calm: &'a dyn Fn(),
     prefix: String,
 }
 
@@ -130,6 +137,7 @@ impl Opener<'_> {
         Request: DeserializeOwned,
         Reply: Serialize,
     {
+        (self.calm)();
         Service::open(self.node, &format!("{}/{name}", self.prefix), PACKAGE, service)
     }
 }

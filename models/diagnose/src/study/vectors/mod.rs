@@ -36,6 +36,9 @@ use problem::Vectors;
 use std::collections::BTreeMap;
 use turned::Turned;
 
+/// What a diagnosis of vectors is of; its rows are components, of which a vector has three.
+pub const OF: &str = "residual vectors";
+
 /// One residual.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct ResidualVector {

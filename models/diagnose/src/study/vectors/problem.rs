@@ -4,7 +4,6 @@
 
 mod proposed;
 
-use super::ResidualVector;
 use super::blocks::blocks;
 use super::drift::{Course, Drift, Motion, OF_THE_INSTRUMENT, STANDS_STILL, of_registered, of_shape};
 use super::linear::Named;
@@ -13,6 +12,7 @@ use super::quantities::{POSITION, TIME, quantities};
 use super::registered::{Logged, Registered, motion};
 use super::shape::{Bent, Quantity, Shape};
 use super::step::Steps;
+use super::{OF, ResidualVector};
 use super::{model, order};
 use crate::error::DiagnoseError;
 use crate::linear::{in_the_worst_way, joined};
@@ -267,7 +267,7 @@ impl<'a> Vectors<'a> {
 
 impl Study for Vectors<'_> {
     fn of(&self) -> &'static str {
-        "residual vectors"
+        OF
     }
 
     fn candidates(&self) -> &[Candidate] {
