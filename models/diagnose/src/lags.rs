@@ -1,6 +1,6 @@
 //! Lagged temperatures: a structure follows what is logged with a time constant that nobody knows.
 //!
-//! Place in the flow: a diagnosis begins with the campaign and what its temperatures would be behind a ladder of time constants
+//! Place in the flow: a diagnosis begins with the campaign and what its temperatures and humidity would be behind a ladder of time constants
 //! ([`with_lags`]). Effects propose every fifth of its steps; what comes of that is moved along the ladder to the step that explains
 //! most ([`refined`]), as periods are. So it is with the travel over which the side of an axis follows. Then each temperature of its own is
 //! tried behind and ahead of what was logged ([`apart`]): a sensor in a housing, or glued on, follows late itself. Times in s, travels in µm.
@@ -55,6 +55,11 @@ pub(crate) fn with_lags(campaign: &Campaign, asked: impl IntoIterator<Item = Str
         let late = steps.clone().take_while(|lag_s| *lag_s <= LATEST_S).map(|lag_s| -lag_s);
         names.extend(steps.chain(late).filter_map(|lag_s| lagged_name(&logged.name, lag_s)));
     }
+    // Stone follows the humidity of its air; a sensor of humidity does not lag by what matters.
+    for logged in campaign.covariates.iter().filter(|column| is_humidity(&column.name) && varies(&column.values)) {
+        let steps = (0..STEPS).map(lag_s).take_while(|lag_s| f64::from(*lag_s) <= longest_s);
+        names.extend(steps.filter_map(|lag_s| lagged_name(&logged.name, lag_s)));
+    }
     for axis in Axis::ALL {
         let (low_m, high_m) = range(campaign.readings.iter().map(|reading| reading.reading_m[axis.index()]));
         let longest_um = LONGEST_TRAVEL * (high_m - low_m) * 1e6;
@@ -81,6 +86,10 @@ fn further(name: &str, steps: isize) -> Option<String> {
 
 fn is_temperature(name: &str) -> bool {
     name.starts_with("temp_") && name.ends_with("_c") && of_lagged(name).is_none()
+}
+
+fn is_humidity(name: &str) -> bool {
+    name.starts_with("humidity_") && name.ends_with("pct") && of_lagged(name).is_none()
 }
 
 /// Time constant of a step of the ladder (s).

@@ -1,7 +1,7 @@
 //! Bow of a guideway by moisture: granite that is damp on one side swells there, and arches or sags.
 //!
 //! Formula: the arch of [`super::arch`], in its forms `beam` and `free`, times h − 50 % (relative humidity). Inputs: readings (m),
-//! `humidity_pct` (%). Plates of granite were seen to bend by 1 to 3 µm a metre between a dry and a damp room.
+//! `humidity_pct` (%), or what is behind it (`by`): stone takes hours to get damp. Plates of granite were seen to bend by 1 to 3 µm a metre between a dry and a damp room.
 
 use super::arch::Arch;
 use super::known::{Known, Observed};
@@ -23,8 +23,9 @@ pub(super) const KNOWN: Known = Known {
     propose,
     refine: None,
 };
-/// Covariate.
+/// What it reads where its shape does not say `by`, and how such names begin and end.
 const HUMIDITY: &str = "humidity_pct";
+const NAMED: (&str, &str) = ("humidity_", "pct");
 /// What the straightness of the machine holds (%).
 const STANDARD_PCT: f64 = 50.0;
 /// Humidity that bends granite as a kelvin does (%).
@@ -33,18 +34,24 @@ const AS_A_KELVIN_PCT: f64 = 10.0;
 #[derive(Debug)]
 struct MoistureBow {
     arch: Arch,
+    by: String,
 }
 
 fn construct(shape: &Shape, machine: &Machine) -> Result<Box<dyn Effect>, EffectError> {
     let mut reader = Reader::new(KNOWN.name, shape);
     let arch = Arch::of(&mut reader, machine)?;
+    let by = if shape.0.contains_key("by") { reader.text("by")?.to_owned() } else { HUMIDITY.to_owned() };
     reader.finish()?;
-    Ok(Box::new(MoistureBow { arch }))
+    Ok(Box::new(MoistureBow { arch, by }))
 }
 
-/// Both level axes, where the humidity changed.
+/// Both level axes, where the humidity changed, by it and by what is behind it.
 fn propose(observed: &Observed) -> Vec<Shape> {
-    if observed.varies(HUMIDITY) { Arch::shapes(|shape| shape) } else { Vec::new() }
+    let by = |name: &str| {
+        let of = |shape: Shape| if name == HUMIDITY { shape } else { shape.text("by", name) };
+        Arch::shapes(of)
+    };
+    observed.named(NAMED.0, NAMED.1).flat_map(by).collect()
 }
 
 impl Effect for MoistureBow {
@@ -53,7 +60,7 @@ impl Effect for MoistureBow {
     }
 
     fn covariates(&self) -> Vec<String> {
-        vec![HUMIDITY.to_owned()]
+        vec![self.by.clone()]
     }
 
     fn parameters(&self) -> Vec<ParameterSpec> {
@@ -65,7 +72,7 @@ impl Effect for MoistureBow {
     }
 
     fn motion(&self, state: &State, part: &mut Motion) -> Result<(), CovariateProblem> {
-        self.arch.motion(state, state.covariate(HUMIDITY)? - STANDARD_PCT, part);
+        self.arch.motion(state, state.covariate(&self.by)? - STANDARD_PCT, part);
         Ok(())
     }
 }
