@@ -64,6 +64,7 @@ from type_description_interfaces.srv import GetTypeDescription
 from visualization_msgs.msg import MarkerArray
 
 PATIENCE_S = 60
+JOINS_AFTER_S = 2
 SETTLED_S = 3  # in which all endpoints of a node that is there are found
 DEFAULT = 10  # what a user writes without a thought: reliable, volatile, keep last 10
 DEEP = 1000  # a second at 1 kHz
@@ -585,6 +586,9 @@ def corrected(node, namespace, count):
 
 def main():
     task, *words = sys.argv[1:]
+    # A graph that is started beside it has announced its endpoints by then: Fast DDS loses some of those that come while it joins, as
+    # nodes/runtime/src/ros/matched.rs says.
+    time.sleep(JOINS_AFTER_S)
     rclpy.init()
     node = rclpy.create_node("a_users_program")
     print(json.dumps({"streams": streams, "parameters": parameters, "trigger": trigger, "clock": clock,
