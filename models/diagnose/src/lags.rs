@@ -319,6 +319,29 @@ mod tests {
         assert_eq!(step_of(1), None);
     }
 
+    /// Granite takes hours to get damp; a sensor of humidity is not late by what matters.
+    #[test]
+    fn humidity_is_known_behind_the_ladder_and_not_ahead() {
+        let reading = |time_s: f64| RangeReading {
+            station: 0,
+            line: 0,
+            time_s,
+            reading_m: [0.0; 3],
+            offset_m: [0.0; 3],
+            length_m: 0.0,
+        };
+        let values = (0..400).map(|k| Some(45.0 + f64::from(k % 7))).collect();
+        let campaign = Campaign {
+            readings: (0..400).map(|k| reading(60.0 * f64::from(k))).collect(),
+            covariates: vec![Covariate { name: "humidity_pct".to_owned(), values }],
+            ..Campaign::default()
+        };
+        let known = with_lags(&campaign, []);
+        let lags_s: Vec<i32> = known.covariates.iter().filter_map(|c| of_lagged(&c.name)).map(|(_, lag)| lag).collect();
+        assert!(lags_s.len() > 10 && lags_s.iter().all(|lag_s| *lag_s > 0), "{lags_s:?}");
+        assert!(lags_s.iter().all(|lag_s| f64::from(*lag_s) <= LONGEST * 60.0 * 399.0), "{lags_s:?}");
+    }
+
     /// Times from 1970 beside times since the campaign began: the search for time constants has to end.
     #[test]
     fn regress_times_that_are_decades_apart_end_the_ladder() {

@@ -295,7 +295,9 @@ mod tests {
         );
         let kelvin = said([20.3, 20.0, 293.1, 20.0]);
         assert!(
-            kelvin.len() == 1 && kelvin[0].contains("temp_2_c") && kelvin[0].contains("looks like K"),
+            kelvin.len() == 1
+                && kelvin[0].contains("temp_2_c")
+                && kelvin[0].contains("would fit K, which were 20.0 °C"),
             "{kelvin:?}"
         );
         assert!(said([20.3, 55.0, 19.8, 21.0]).is_empty(), "a motor is warm, and no °F of this room");

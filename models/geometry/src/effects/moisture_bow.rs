@@ -94,4 +94,21 @@ mod tests {
         assert!((at(54.0) - 0.16e-6).abs() < 1e-18, "{}", at(54.0));
         assert_eq!(at(50.0), 0.0);
     }
+
+    /// Stone follows the humidity of its air: what is behind it is tried, and read by its name.
+    #[test]
+    fn what_is_behind_the_humidity_bends_as_the_humidity_does() {
+        let machine = machine();
+        let varying = ["temp_air_c", "humidity_pct", "humidity_lag_3600s_pct"].map(str::to_owned);
+        let observed =
+            Observed { machine: &machine, varying: &varying, stations: &[], offsets_m: &[], time_s: (0.0, 1.0) };
+        let shapes = propose(&observed);
+        let reads = |shape: &Shape| construct(shape, &machine).unwrap().covariates();
+        let behind: Vec<&Shape> = shapes.iter().filter(|own| reads(own) == ["humidity_lag_3600s_pct"]).collect();
+        assert_eq!((shapes.len(), behind.len()), (8, 4));
+        let effect = construct(behind[0], &machine).unwrap();
+        let logged = [("humidity_pct", 50.0), ("humidity_lag_3600s_pct", 54.0)];
+        let state = State { reading_m: [0.4, 0.1, 0.1], offset_m: [0.0; 3], covariates: &Each(&logged) };
+        assert!((tip_m(effect.as_ref(), &state, &[0.5e-6, 0.0, 0.0]).z - 0.16e-6).abs() < 1e-18);
+    }
 }
