@@ -4,7 +4,7 @@
 //! see; then it runs on all rows, and once more where what it found shows other rows to be gross.
 
 use super::candidate::{Forms, Study};
-use super::confirm::{beyond_chance, confirmed, p_beside};
+use super::confirm::{BESIDE, beyond_chance, confirmed, p_beside};
 use super::diagnosis::{
     Ambiguity, Blocks, Effect, HeldOutRms, LackOfFit, Look, Parameter, Rung, StudyDiagnosis, Unseen,
 };
@@ -129,13 +129,17 @@ impl Answer {
         let (mut unseen, parts) = unseen(study, rows, &gross, options, observe)?;
         let (mut found, gross) = searched(study, rows, first, options, observe)?;
         let left_out = gross.rows(study);
-        let mut unconfirmed = Vec::new();
+        let mut unconfirmed: Vec<Look> = Vec::new();
         loop {
             unconfirmed.extend(confirmed(study, &mut found, &mut unseen, &parts));
             if !beyond_chance(study, (rows, &left_out), &mut found, (&mut unseen, &parts), options.significance)? {
-                return Ok(Answer { found, gross, unseen, parts, unconfirmed });
+                break;
             }
         }
+        if found.set.is_empty() {
+            unconfirmed.iter_mut().for_each(|look| look.says = look.says.replace(BESIDE, ""));
+        }
+        Ok(Answer { found, gross, unseen, parts, unconfirmed })
     }
 
     /// What bends with a quantity fits more, and runs off beyond what it was fitted to: where nothing of it predicts, what straight forms say is asked.

@@ -17,6 +17,8 @@ use std::collections::BTreeSet;
 
 /// Why what chance explains is not claimed.
 const BY_CHANCE: &str = "beside all else that was found, chance explains it";
+/// Said of what fits and goes, while something stays.
+pub(super) const BESIDE: &str = " beside what is claimed";
 /// Why what does not predict is not claimed.
 const UNCONFIRMED: &str = "it fits, but searches that do not see a block predict it no better";
 
@@ -91,7 +93,7 @@ pub(super) fn confirmed(study: &mut dyn Study, found: &mut Found, unseen: &mut U
     let (set, judged) = kept.unwrap_or_else(|| (Vec::new(), (before, before, false)));
     let (kept, dropped): (Vec<usize>, Vec<usize>) = found.set.iter().partition(|k| set.contains(k));
     let names: Vec<&str> = dropped.iter().map(|k| study.candidates()[*k].name.as_str()).collect();
-    let beside = if kept.is_empty() { "" } else { " beside what is claimed" };
+    let beside = if kept.is_empty() { "" } else { BESIDE };
     // A mean may come down by a few blocks, while others get worse.
     let predicts = if gains { "predicts too few blocks to be believed" } else { "does not predict" };
     let says = format!(
