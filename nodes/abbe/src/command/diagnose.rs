@@ -114,7 +114,7 @@ fn next(arguments: &Arguments, product: &Product) -> Next {
     let model = arguments.out.join(MODEL);
     match (&product.model, &arguments.model, &arguments.campaign) {
         (Some(_), Some(given), Some(campaign))
-            if !found && !(record.consistent_with_noise || record.only_correlated) =>
+            if !(found || record.consistent_with_noise || record.only_correlated) =>
         {
             Next::new("to see whether a field of position explains what has no name", "residuals")
                 .file("--model", given)
