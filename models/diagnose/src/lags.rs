@@ -50,15 +50,13 @@ pub(crate) fn with_lags(campaign: &Campaign, asked: impl IntoIterator<Item = Str
     let mut names: Vec<String> = asked.into_iter().filter(|name| of_lagged(name).is_some()).collect();
     let (first_s, last_s) = range(campaign.readings.iter().map(|reading| reading.time_s));
     let longest_s = LONGEST * (last_s - first_s);
-    for logged in campaign.covariates.iter().filter(|column| is_temperature(&column.name) && varies(&column.values)) {
-        let steps = (0..STEPS).map(lag_s).take_while(|lag_s| f64::from(*lag_s) <= longest_s);
-        let late = steps.clone().take_while(|lag_s| *lag_s <= LATEST_S).map(|lag_s| -lag_s);
-        names.extend(steps.chain(late).filter_map(|lag_s| lagged_name(&logged.name, lag_s)));
-    }
-    // Stone follows the humidity of its air; a sensor of humidity does not lag by what matters.
-    for logged in campaign.covariates.iter().filter(|column| is_humidity(&column.name) && varies(&column.values)) {
-        let steps = (0..STEPS).map(lag_s).take_while(|lag_s| f64::from(*lag_s) <= longest_s);
-        names.extend(steps.filter_map(|lag_s| lagged_name(&logged.name, lag_s)));
+    // Stone follows the humidity of its air; a sensor of humidity is not late by what matters.
+    for (is_own, latest_s) in [(is_temperature as fn(&str) -> bool, LATEST_S), (is_humidity, 0)] {
+        for logged in campaign.covariates.iter().filter(|column| is_own(&column.name) && varies(&column.values)) {
+            let steps = (0..STEPS).map(lag_s).take_while(|lag_s| f64::from(*lag_s) <= longest_s);
+            let late = steps.clone().take_while(|lag_s| *lag_s <= latest_s).map(|lag_s| -lag_s);
+            names.extend(steps.chain(late).filter_map(|lag_s| lagged_name(&logged.name, lag_s)));
+        }
     }
     for axis in Axis::ALL {
         let (low_m, high_m) = range(campaign.readings.iter().map(|reading| reading.reading_m[axis.index()]));
@@ -309,6 +307,10 @@ mod tests {
     use super::*;
     use abbe_measurement::campaign::RangeReading;
 
+    fn reading(time_s: f64) -> RangeReading {
+        RangeReading { station: 0, line: 0, time_s, reading_m: [0.0; 3], offset_m: [0.0; 3], length_m: 0.0 }
+    }
+
     #[test]
     fn the_ladder_reads_back_and_its_steps_are_a_quarter_apart() {
         for step in 0..30 {
@@ -322,14 +324,6 @@ mod tests {
     /// Granite takes hours to get damp; a sensor of humidity is not late by what matters.
     #[test]
     fn humidity_is_known_behind_the_ladder_and_not_ahead() {
-        let reading = |time_s: f64| RangeReading {
-            station: 0,
-            line: 0,
-            time_s,
-            reading_m: [0.0; 3],
-            offset_m: [0.0; 3],
-            length_m: 0.0,
-        };
         let values = (0..400).map(|k| Some(45.0 + f64::from(k % 7))).collect();
         let campaign = Campaign {
             readings: (0..400).map(|k| reading(60.0 * f64::from(k))).collect(),
@@ -345,14 +339,6 @@ mod tests {
     /// Times from 1970 beside times since the campaign began: the search for time constants has to end.
     #[test]
     fn regress_times_that_are_decades_apart_end_the_ladder() {
-        let reading = |time_s: f64| RangeReading {
-            station: 0,
-            line: 0,
-            time_s,
-            reading_m: [0.0; 3],
-            offset_m: [0.0; 3],
-            length_m: 0.0,
-        };
         let campaign = Campaign {
             readings: vec![reading(0.0), reading(1.7e9)],
             covariates: vec![Covariate { name: "temp_air_c".to_owned(), values: vec![Some(20.0), Some(21.0)] }],

@@ -167,11 +167,7 @@ impl Inverse {
     fn new(rows: &Mat<f64>) -> Option<Inverse> {
         let is_tall = rows.nrows() > rows.ncols();
         // Cholesky's factor reads the lower half alone.
-        let hat = if is_tall {
-            lower_half(rows.transpose(), rows.as_ref())
-        } else {
-            lower_half(rows.as_ref(), rows.transpose())
-        };
+        let hat = lower_half(if is_tall { rows.transpose() } else { rows.as_ref() });
         let rest = |limit: f64| {
             let entry = |i: usize, j: usize| if i == j { 1.0 - limit - hat[(i, j)] } else { -hat[(i, j)] };
             Llt::new(Mat::from_fn(hat.nrows(), hat.ncols(), entry).as_ref(), Side::Lower).ok()
@@ -190,11 +186,11 @@ impl Inverse {
     }
 }
 
-/// The lower half of a product that is symmetric; zeros above.
-fn lower_half(left: MatRef<f64>, right: MatRef<f64>) -> Mat<f64> {
+/// The lower half of M Mᵀ, zeros above.
+fn lower_half(m: MatRef<f64>) -> Mat<f64> {
     let (full, half) = (BlockStructure::Rectangular, BlockStructure::TriangularLower);
-    let mut product = Mat::zeros(left.nrows(), right.ncols());
-    triangular::matmul(product.as_mut(), half, Accum::Replace, left, full, right, full, 1.0, Par::Seq);
+    let mut product = Mat::zeros(m.nrows(), m.nrows());
+    triangular::matmul(product.as_mut(), half, Accum::Replace, m, full, m.transpose(), full, 1.0, Par::Seq);
     product
 }
 

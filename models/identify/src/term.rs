@@ -87,10 +87,12 @@ impl CovariateSource for CampaignRow<'_> {
         if name == TIME {
             return CovariateValue::Fresh(self.campaign.readings[self.reading].time_s);
         }
-        let logged =
-            self.campaign.covariate(name).and_then(|column| column.values.get(self.reading).copied().flatten());
-        logged.map_or(CovariateValue::Missing, CovariateValue::Fresh)
+        self.campaign.covariate(name).map_or(CovariateValue::Missing, |column| logged(column, self.reading))
     }
+}
+
+fn logged(column: &Covariate, reading: usize) -> CovariateValue {
+    column.values.get(reading).copied().flatten().map_or(CovariateValue::Missing, CovariateValue::Fresh)
 }
 
 impl CampaignRow<'_> {
@@ -135,7 +137,8 @@ pub(crate) struct Reads<'a> {
 
 impl<'a> Reads<'a> {
     pub(crate) fn new(campaign: &'a Campaign, effect: &'a dyn Effect) -> Reads<'a> {
-        let columns = effect.reads().iter().filter_map(|name| campaign.covariate(name)).collect();
+        let reads = effect.reads();
+        let columns = reads.iter().filter(|name| *name != TIME).filter_map(|name| campaign.covariate(name)).collect();
         Reads { campaign, effect, columns }
     }
 
@@ -160,11 +163,8 @@ struct ReadRow<'a> {
 impl CovariateSource for ReadRow<'_> {
     fn covariate(&self, name: &str) -> CovariateValue {
         match self.columns.iter().find(|column| column.name == name) {
-            Some(column) if name != TIME => {
-                let logged = column.values.get(self.row.reading).copied().flatten();
-                logged.map_or(CovariateValue::Missing, CovariateValue::Fresh)
-            }
-            _ => self.row.covariate(name),
+            Some(column) => logged(column, self.row.reading),
+            None => self.row.covariate(name),
         }
     }
 }

@@ -50,18 +50,12 @@ impl Kind {
         }
     }
 
-    /// Whether something is wrong in every one of them.
-    fn is_shared(&self) -> bool {
-        self.why.values().any(|(rows, _)| *rows == self.rows)
-    }
-
-    /// What is wrong in every one of them; where nothing is, what is in most.
-    fn causes(&self, model: &MachineModel, status: Status) -> Option<(String, String)> {
+    /// What is wrong in most of them, and in how many.
+    fn causes(&self, model: &MachineModel, status: Status) -> Option<(u64, String)> {
         let most = self.why.values().map(|(rows, _)| *rows).max()?;
         let of_most = self.why.iter().filter(|(_, (rows, _))| *rows == most);
         let words: Vec<String> = of_most.map(|(why, (_, furthest))| why.words(model, status, *furthest)).collect();
-        let which = if most == self.rows { "all of them".to_owned() } else { format!("{most} of them") };
-        Some((which, words.join("; ")))
+        Some((most, words.join("; ")))
     }
 }
 
@@ -134,8 +128,9 @@ impl Tally {
             let _ = write!(text, ", {} {} (first: {place} {})", kind.rows, status_word(*status), kind.first);
         }
         for (status, kind) in &self.kinds {
-            if let Some((which, causes)) = kind.causes(model, *status) {
-                let _ = write!(text, "\n  {}, {which}: {causes}", status_word(*status));
+            if let Some((rows, causes)) = kind.causes(model, *status) {
+                let which = if rows == kind.rows { "all".to_owned() } else { rows.to_string() };
+                let _ = write!(text, "\n  {}, {which} of them: {causes}", status_word(*status));
             }
         }
         if let Some(unit) = self.unit(model).filter(|_| inside == 0) {
@@ -156,8 +151,8 @@ impl Tally {
         };
         let sentence = |(status, kind): (&Status, &Kind)| {
             let causes = match kind.causes(model, *status) {
-                Some((_, causes)) if kind.is_shared() => format!(" ({causes})"),
-                Some((which, causes)) => format!(" ({which}: {causes})"),
+                Some((rows, causes)) if rows == kind.rows => format!(" ({causes})"),
+                Some((rows, causes)) => format!(" ({rows} of them: {causes})"),
                 None => String::new(),
             };
             format!("{} of {} rows {}{causes}.", kind.rows, self.rows, what(*status))

@@ -4,7 +4,7 @@
 //! see; then it runs on all rows, and once more where what it found shows other rows to be gross.
 
 use super::candidate::{Forms, Study};
-use super::confirm::{BESIDE, beyond_chance, confirmed, p_beside};
+use super::confirm::{beyond_chance, confirmed, p_beside};
 use super::diagnosis::{
     Ambiguity, Blocks, Effect, HeldOutRms, LackOfFit, Look, Parameter, Rung, StudyDiagnosis, Unseen,
 };
@@ -43,9 +43,10 @@ pub(super) fn diagnose(
 ) -> Result<StudyDiagnosis, DiagnoseError> {
     let rows = refuse_nothing(study)?;
     let measured = (0..rows).filter(|row| study.is_measured(*row)).count();
-    let mut answer = Answer::of(study, rows, options, observe)?;
+    let first = outliers(study, &[], |_| true)?;
+    let mut answer = Answer::of(study, (rows, &first), options, observe)?;
     if answer.found.set.is_empty() && !answer.unconfirmed.is_empty() && study.offer(Forms::Straight) {
-        answer = answer.or_straight(study, rows, options, observe)?;
+        answer = answer.or_straight(study, (rows, &first), options, observe)?;
     }
     let Answer { found, gross, unseen, unconfirmed, .. } = answer;
     let left_out = gross.rows(study);
@@ -118,27 +119,25 @@ struct Answer {
 }
 
 impl Answer {
+    /// `first` are the gross rows before anything was found.
     fn of(
         study: &mut dyn Study,
-        rows: usize,
+        (rows, first): (usize, &Outliers),
         options: &Options,
         observe: &mut Observe,
     ) -> Result<Answer, DiagnoseError> {
-        let first = outliers(study, &[], |_| true)?;
         let gross = first.rows(study);
         let (mut unseen, parts) = unseen(study, rows, &gross, options, observe)?;
-        let (mut found, gross) = searched(study, rows, first, options, observe)?;
+        let (mut found, gross) = searched(study, rows, first.clone(), options, observe)?;
         let left_out = gross.rows(study);
-        let mut unconfirmed: Vec<Look> = Vec::new();
+        let mut unconfirmed = Vec::new();
         loop {
             unconfirmed.extend(confirmed(study, &mut found, &mut unseen, &parts));
             if !beyond_chance(study, (rows, &left_out), &mut found, (&mut unseen, &parts), options.significance)? {
                 break;
             }
         }
-        if found.set.is_empty() {
-            unconfirmed.iter_mut().for_each(|look| look.says = look.says.replace(BESIDE, ""));
-        }
+        let unconfirmed = unconfirmed.iter().map(|own| own.look(found.set.is_empty())).collect();
         Ok(Answer { found, gross, unseen, parts, unconfirmed })
     }
 
@@ -147,21 +146,21 @@ impl Answer {
     fn or_straight(
         self,
         study: &mut dyn Study,
-        rows: usize,
+        given: (usize, &Outliers),
         options: &Options,
         observe: &mut Observe,
     ) -> Result<Answer, DiagnoseError> {
-        let straight = Answer::of(study, rows, options, observe)?;
-        let placed = Placed::of(study, &straight.found.set);
-        let judged = straight.parts.of(study, &straight.found.set, 1.0 - (1.0 - SURE) / 2.0);
+        let straight = Answer::of(study, given, options, observe)?;
+        let (set, surer) = (&straight.found.set, 1.0 - (1.0 - SURE) / 2.0);
+        let judged = Placed::around(study, set, |study| straight.parts.of(study, set, surer));
         study.offer(Forms::All);
         let is_surer =
             |(before, after, is_sure): (HeldOutRms, HeldOutRms, bool)| is_sure && after.rms_um < before.rms_um;
         if straight.found.set.is_empty() || !judged.is_some_and(is_surer) {
-            Placed::of(study, &self.found.set).take(study);
+            // Nothing was found before, so that nothing is set.
+            study.reset();
             return Ok(self);
         }
-        placed.take(study);
         let unconfirmed = [self.unconfirmed, straight.unconfirmed].concat();
         let refused = [self.found.refused, straight.found.refused].concat();
         let found = Found { considered: self.found.considered, refused, ..straight.found };

@@ -17,8 +17,6 @@ use std::collections::BTreeSet;
 
 /// Why what chance explains is not claimed.
 const BY_CHANCE: &str = "beside all else that was found, chance explains it";
-/// Said of what fits and goes, while something stays.
-pub(super) const BESIDE: &str = " beside what is claimed";
 /// Why what does not predict is not claimed.
 const UNCONFIRMED: &str = "it fits, but searches that do not see a block predict it no better";
 
@@ -36,10 +34,8 @@ pub(super) fn beyond_chance(
     let mut view = View::new(study, rows, |row| !left_out.contains(&row));
     loop {
         view.adapt(&found.set)?;
-        let of = |k: &usize| match unseen.is_sure {
-            Some(false) => Ok((*k, p_beside(&view, &found.set, *k)?.1)),
-            _ => Ok((*k, by_chance(&view, &found.set, *k)?.1)),
-        };
+        let p_value = if unseen.is_sure == Some(false) { p_beside } else { by_chance };
+        let of = |k: &usize| Ok((*k, p_value(&view, &found.set, *k)?.1));
         let each = found.set.iter().map(of).collect::<Result<Vec<(usize, f64)>, DiagnoseError>>()?;
         let likeliest = each.into_iter().max_by(|a, b| a.1.total_cmp(&b.1));
         let Some((out, _)) = likeliest.filter(|(_, p_value)| *p_value > significance) else { break };
@@ -49,9 +45,7 @@ pub(super) fn beyond_chance(
     if found.refused.len() == known {
         return Ok(false);
     }
-    let placed = Placed::of(&*view.study, &found.set);
-    let judged = parts.of(&mut *view.study, &found.set, SURE);
-    placed.take(&mut *view.study);
+    let judged = Placed::around(&mut *view.study, &found.set, |study| parts.of(study, &found.set, SURE));
     if let Some((before, after, is_sure)) = judged {
         (unseen.before, unseen.after, unseen.is_sure) = (Some(before), Some(after), Some(is_sure));
     }
@@ -74,7 +68,12 @@ pub(super) fn p_beside(view: &View, set: &[usize], candidate: usize) -> Result<(
 
 /// Takes back what was found where searches that do not see a block predict it no better. Where it is not sure that the error comes down,
 /// as much of it stays as surely brings it down, else what has a name; descriptions are worth nothing but what they predict.
-pub(super) fn confirmed(study: &mut dyn Study, found: &mut Found, unseen: &mut Unseen, parts: &Parts) -> Option<Look> {
+pub(super) fn confirmed(
+    study: &mut dyn Study,
+    found: &mut Found,
+    unseen: &mut Unseen,
+    parts: &Parts,
+) -> Option<Unconfirmed> {
     let (before, after) = (unseen.before?, unseen.after?);
     if found.set.is_empty() {
         // What searches on parts found is not in the answer, so that their error is not that of the answer.
@@ -87,27 +86,40 @@ pub(super) fn confirmed(study: &mut dyn Study, found: &mut Found, unseen: &mut U
     if gains && (unseen.is_sure == Some(true) || named.len() == found.set.len()) {
         return None;
     }
-    let placed = Placed::of(study, &found.set);
-    let kept = surely(study, &found.set, parts).or_else(|| likely(study, named, parts));
-    placed.take(study);
+    let kept = Placed::around(study, &found.set, |study| {
+        surely(study, &found.set, parts).or_else(|| likely(study, named, parts))
+    });
     let (set, judged) = kept.unwrap_or_else(|| (Vec::new(), (before, before, false)));
     let (kept, dropped): (Vec<usize>, Vec<usize>) = found.set.iter().partition(|k| set.contains(k));
-    let names: Vec<&str> = dropped.iter().map(|k| study.candidates()[*k].name.as_str()).collect();
-    let beside = if kept.is_empty() { "" } else { BESIDE };
-    // A mean may come down by a few blocks, while others get worse.
-    let predicts = if gains { "predicts too few blocks to be believed" } else { "does not predict" };
-    let says = format!(
-        "{} fits{beside}, but {predicts}: on blocks that a search does not see, the error goes from {:.3} to {:.3} um with all \
-         that fits",
-        names.join("; "),
-        before.rms_um,
-        after.rms_um
-    );
+    let names = dropped.iter().map(|k| study.candidates()[*k].name.clone()).collect();
+    let unconfirmed = Unconfirmed { names, rms_um: (before.rms_um, after.rms_um) };
     found.set = kept;
     found.refused.extend(dropped.into_iter().map(|k| (k, UNCONFIRMED)));
     let (before, after, is_sure) = judged;
     (unseen.before, unseen.after, unseen.is_sure) = (Some(before), Some(after), Some(is_sure));
-    Some(Look { what: "what the search found".to_owned(), says, is_noise: Some(false) })
+    Some(unconfirmed)
+}
+
+/// What fits and goes, with the errors without and with all that fitted.
+pub(super) struct Unconfirmed {
+    names: Vec<String>,
+    rms_um: (f64, f64),
+}
+
+impl Unconfirmed {
+    /// In words, once it is known whether anything is claimed.
+    pub(super) fn look(&self, is_alone: bool) -> Look {
+        let (before_um, after_um) = self.rms_um;
+        let beside = if is_alone { "" } else { " beside what is claimed" };
+        // A mean may come down by a few blocks, while others get worse.
+        let predicts = if after_um < before_um { "predicts too few blocks to be believed" } else { "does not predict" };
+        let says = format!(
+            "{} fits{beside}, but {predicts}: on blocks that a search does not see, the error goes from {before_um:.3} to \
+             {after_um:.3} um with all that fits",
+            self.names.join("; ")
+        );
+        Look { what: "what the search found".to_owned(), says, is_noise: Some(false) }
+    }
 }
 
 /// Part of what was found, with the errors before and after and whether they come down surely.

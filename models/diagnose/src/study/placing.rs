@@ -31,6 +31,14 @@ impl Placed {
         Placed(set.iter().map(|k| (*k, study.frequency(*k).map(|(own, _)| own), free(*k))).collect())
     }
 
+    /// What `work` gives, which may set candidates elsewhere; afterwards these are set as before.
+    pub(super) fn around<T>(study: &mut dyn Study, set: &[usize], work: impl FnOnce(&mut dyn Study) -> T) -> T {
+        let placed = Placed::of(study, set);
+        let given = work(study);
+        placed.take(study);
+        given
+    }
+
     pub(super) fn set(&self) -> impl Iterator<Item = usize> {
         self.0.iter().map(|(candidate, ..)| *candidate)
     }

@@ -1,7 +1,8 @@
 //! Bow of a guideway by moisture: granite that is damp on one side swells there, and arches or sags.
 //!
 //! Formula: the arch of [`super::arch`], in its forms `beam` and `free`, times h − 50 % (relative humidity). Inputs: readings (m),
-//! `humidity_pct` (%), or what is behind it (`by`): stone takes hours to get damp. Plates of granite were seen to bend by 1 to 3 µm a metre between a dry and a damp room.
+//! `humidity_pct` (%), or what is behind it (`by`): stone takes hours to get damp. Plates of granite were seen to bend by 1 to 3 µm a
+//! metre between a dry and a damp room.
 
 use super::arch::Arch;
 use super::known::{Known, Observed};

@@ -45,7 +45,7 @@ impl CatchingUp {
     fn when(&mut self, due: Duration, now: Duration) -> Duration {
         let gap = due.saturating_sub(self.due);
         self.due = due;
-        self.held_until = self.held_until.max(now.saturating_sub(JITTER)) + gap / CATCH_UP;
+        self.held_until = self.held_until.max(now.saturating_sub(JITTER)).saturating_add(gap / CATCH_UP);
         due.max(self.held_until)
     }
 }

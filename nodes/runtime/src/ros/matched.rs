@@ -19,6 +19,7 @@ const KNOWN_AFTER: Duration = Duration::from_millis(400);
 const CAUGHT_UP_AFTER: Duration = Duration::from_millis(300);
 /// Longest wait of one endpoint, in a graph where somebody new is found all the time.
 const LONGEST_WAIT: Duration = Duration::from_millis(600);
+/// How often it is looked who was found.
 const LOOK_UP: Duration = Duration::from_millis(5);
 /// Who loses endpoints that are announced while it catches up (RTPS 2.5, section 9.3.1.4).
 const FAST_DDS: [u8; 2] = [0x01, 0x0f];

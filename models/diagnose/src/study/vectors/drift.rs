@@ -9,6 +9,7 @@ use crate::study::candidate::Candidate;
 use crate::study::diagnosis::Kind;
 use abbe_geometry::effects::ParameterSpec;
 use abbe_geometry::{Axis, Vector3};
+use faer::Mat;
 
 /// Largest turn (rad) and scale believed.
 const PLAUSIBLE: f64 = 1e-3;
@@ -129,6 +130,27 @@ impl Drift {
             comes_first: false,
         }
     }
+}
+
+/// Columns of motions of the whole with these functions of the time, three rows a vector, over the standard uncertainty of the rows;
+/// `arms_m` are the vectors' positions about the middle.
+pub(super) fn columns(
+    motions: &[Motion],
+    functions: &[Vec<f64>],
+    arms_m: impl Iterator<Item = Vector3<f64>>,
+    sigma_m: &[[f64; 3]],
+) -> Mat<f64> {
+    let mut columns = Mat::zeros(3 * sigma_m.len(), motions.len() * functions.len());
+    for (k, (arm_m, sigma_m)) in arms_m.zip(sigma_m).enumerate() {
+        for (i, motion) in motions.iter().enumerate() {
+            let moved = motion.of(&arm_m);
+            for (j, function) in functions.iter().enumerate() {
+                let column = i * functions.len() + j;
+                (0..3).for_each(|d| columns[(3 * k + d, column)] = moved[d] * function[k] / sigma_m[d]);
+            }
+        }
+    }
+    columns
 }
 
 /// What tells the machine from its instrument.

@@ -12,8 +12,7 @@ use super::quantities::{POSITION, TIME, quantities};
 use super::registered::{Logged, Registered, motion};
 use super::shape::{Bent, Quantity, Shape};
 use super::step::Steps;
-use super::{OF, ResidualVector};
-use super::{model, order};
+use super::{OF, ResidualVector, drift, model, order};
 use crate::error::DiagnoseError;
 use crate::linear::{in_the_worst_way, joined};
 use crate::study::candidate::{Candidate, Chain, Forms, Local, ModelTerm, Question, Study};
@@ -74,7 +73,7 @@ pub(super) struct Vectors<'a> {
     parts: Vec<Part>,
     steps: Steps,
     untestable: Vec<Untestable>,
-    /// Offered.
+    /// What a search is offered.
     forms: Forms,
 }
 
@@ -233,6 +232,11 @@ impl<'a> Vectors<'a> {
 
     fn time(&self) -> Option<(usize, &Quantity)> {
         self.quantities.iter().enumerate().find(|(_, quantity)| quantity.name == TIME)
+    }
+
+    fn drift_columns(&self, motions: &[Motion], functions: &[Vec<f64>]) -> Mat<f64> {
+        let arms_m = (0..self.vectors.len()).map(|k| self.poses.arm_m(self.vectors, k));
+        drift::columns(motions, functions, arms_m, &self.sigma_m)
     }
 
     /// What was wrong with the vectors given.

@@ -2,7 +2,7 @@
 //!
 //! Place in the flow: called once when a study is made of its vectors; each candidate goes in beside the part that makes its columns.
 
-use super::super::drift::{Drift, Motion};
+use super::super::drift::Drift;
 use super::super::linear::{Named, unseen};
 use super::super::quantities::{POSITION, TIME};
 use super::super::registered::registered;
@@ -13,7 +13,6 @@ use crate::study::candidate::Candidate;
 use crate::study::diagnosis::{Kind, Untestable};
 use abbe_geometry::Axis;
 use abbe_geometry::effects::ParameterSpec;
-use faer::Mat;
 
 impl Vectors<'_> {
     pub(super) fn add_registered(&mut self) -> Result<(), DiagnoseError> {
@@ -119,22 +118,6 @@ impl Vectors<'_> {
             self.candidates.push(drift.candidate(self.poses.is_plate(), TIME));
             self.parts.push(Part::Drift(drift));
         }
-    }
-
-    /// Columns of motions of the whole with these functions of the time, over the standard uncertainty of the rows.
-    pub(super) fn drift_columns(&self, motions: &[Motion], functions: &[Vec<f64>]) -> Mat<f64> {
-        let mut columns = Mat::zeros(3 * self.vectors.len(), motions.len() * functions.len());
-        for (k, sigma_m) in self.sigma_m.iter().enumerate() {
-            let arm_m = self.poses.arm_m(self.vectors, k);
-            for (i, motion) in motions.iter().enumerate() {
-                let moved = motion.of(&arm_m);
-                for (j, function) in functions.iter().enumerate() {
-                    let column = i * functions.len() + j;
-                    (0..3).for_each(|d| columns[(3 * k + d, column)] = moved[d] * function[k] / sigma_m[d]);
-                }
-            }
-        }
-        columns
     }
 
     /// Without what no machine does: the instrument was checked.
