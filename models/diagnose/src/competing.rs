@@ -29,7 +29,7 @@ const LEAST: f64 = 0.05;
 /// Explanations tried in the place of each effect: each costs a fit.
 const MOST_TRIED: usize = 3;
 /// The effect that describes without a cause.
-const DESCRIPTION: &str = "empirical";
+pub(crate) const DESCRIPTION: &str = "empirical";
 
 /// An explanation in the place of an effect found.
 struct Kept {

@@ -251,12 +251,17 @@ fn machine_step(
     observe: &mut dyn FnMut(Progress) -> bool,
 ) -> Result<Option<MachineStep>, DiagnoseError> {
     let found: Vec<&EffectTerm> = state.terms.iter().filter(|term| !has(base, term)).collect();
-    let all = columns_of(alike, &found)?;
-    let count = all.ncols();
+    let competing = |round: &Round, found: &[&EffectTerm]| -> Result<machine_step::Competing, DiagnoseError> {
+        let found = if found.is_empty() { None } else { Some(columns_of(round, found)?) };
+        let set_aside = state.causes_set_aside().map(|term| columns_of(round, &[term])).collect::<Result<_, _>>()?;
+        Ok(machine_step::Competing { found, set_aside })
+    };
     let mut go_on = || observe(Progress::Scoring { round: 1, effects: found.len() });
-    let competing = (count > 0).then_some(&all);
-    match machine_step::find(alike, search.campaign, search.options, competing, &mut go_on)? {
-        None if count > 0 => machine_step::find(&state.round, search.campaign, search.options, None, &mut go_on),
+    match machine_step::find(alike, search.campaign, search.options, &competing(alike, &found)?, &mut go_on)? {
+        None if !found.is_empty() => {
+            let beside = competing(&state.round, &[])?;
+            machine_step::find(&state.round, search.campaign, search.options, &beside, &mut go_on)
+        }
         step => Ok(step),
     }
 }

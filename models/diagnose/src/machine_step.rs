@@ -111,17 +111,25 @@ impl MachineStep {
     }
 }
 
-/// The step that these rows show; `None` where they show none. `found` are whitened columns of what the search found and these rows
-/// do not have: they compete.
+/// What competes with a step, as whitened columns that the rows do not have.
+#[derive(Default)]
+pub(crate) struct Competing {
+    /// All that the search found.
+    pub(crate) found: Option<Mat<f64>>,
+    /// Each effect with a cause that it set aside: a cause that is not proven speaks against a step all the same.
+    pub(crate) set_aside: Vec<Mat<f64>>,
+}
+
+/// The step that these rows show; `None` where they show none.
 pub(crate) fn find(
     round: &Round,
     campaign: &Campaign,
     options: &Options,
-    found: Option<&Mat<f64>>,
+    competing: &Competing,
     go_on: &mut dyn FnMut() -> bool,
 ) -> Result<Option<MachineStep>, DiagnoseError> {
-    let angles = of(Change::Angles, (round, campaign), options, found, go_on)?;
-    let scales = of(Change::Scales, (round, campaign), options, found, go_on)?;
+    let angles = of(Change::Angles, (round, campaign), options, competing, go_on)?;
+    let scales = of(Change::Scales, (round, campaign), options, competing, go_on)?;
     Ok([angles, scales].into_iter().flatten().max_by(|a, b| a.evidence.total_cmp(&b.evidence)))
 }
 
@@ -129,7 +137,7 @@ fn of(
     change: Change,
     (round, campaign): (&Round, &Campaign),
     options: &Options,
-    found: Option<&Mat<f64>>,
+    competing: &Competing,
     go_on: &mut dyn FnMut() -> bool,
 ) -> Result<Option<MachineStep>, DiagnoseError> {
     let used: Vec<usize> = (0..round.rows.len()).filter(|k| round.rows.whitening[*k] > 0.0).collect();
@@ -150,9 +158,9 @@ fn of(
     if step.beyond() < options.least_evidence || p_value > options.significance {
         return Ok(None);
     }
-    let outdoes_found = found.is_some();
+    let outdoes_found = competing.found.is_some();
     let moved = tried.iter().map(|tried| tried.moved).fold(f64::NEG_INFINITY, f64::max);
-    let rival = moved.max(rivals::best(&scan, found, go_on)?);
+    let rival = moved.max(rivals::best(&scan, competing, go_on)?);
     if step.whole < rival + options.least_evidence {
         return Ok(None);
     }

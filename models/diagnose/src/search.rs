@@ -8,7 +8,6 @@
 
 use crate::candidates::{Candidate, Round, proposals, refined, score_all};
 use crate::context::Context;
-use crate::diagnosis::SetAside;
 use crate::error::DiagnoseError;
 use crate::gate;
 use crate::look::{self, Variable};
@@ -127,21 +126,6 @@ impl<'a> State<'a> {
     /// Whether error functions got more coefficients.
     pub(crate) fn is_enriched(&self) -> bool {
         !self.withdrawn && self.steps.iter().any(|step| matches!(step, Step::Enriched { .. }))
-    }
-
-    /// What the search refused for good reason and did not let in later, the last reason of each.
-    pub(crate) fn set_aside(&self) -> Vec<SetAside> {
-        let mut all: Vec<SetAside> = Vec::new();
-        for step in &self.steps {
-            if let Step::SetAside { term, title, because } = step {
-                let (name, shape) = (term.effect.name().to_owned(), term.shape.clone());
-                all.retain(|known| known.name != name || known.shape != shape);
-                all.push(SetAside { name, title, shape, because: because.clone() });
-            }
-        }
-        let is_in = |s: &SetAside| self.terms.iter().any(|t| t.effect.name() == s.name && t.shape == s.shape);
-        all.retain(|known| !is_in(known));
-        all
     }
 }
 

@@ -3,8 +3,11 @@
 //! Place in the flow: [`crate::search`] and what follows it write them down; the diagnosis reads which term went in when, and why others stay out.
 
 use crate::candidates::Candidate;
+use crate::competing::DESCRIPTION;
 use crate::diagnose::named;
+use crate::diagnosis::SetAside;
 use crate::gate::Verdict;
+use crate::search::{State, has};
 use abbe_geometry::effects::known;
 use abbe_identify::EffectTerm;
 
@@ -69,5 +72,30 @@ impl Step {
             Step::Noted(words) => words.clone(),
             Step::Enriched { because } => format!("gave the error functions more coefficients: {because} needed them"),
         }
+    }
+}
+
+impl State<'_> {
+    /// Effects with a cause that the search refused and did not let in.
+    pub(crate) fn causes_set_aside(&self) -> impl Iterator<Item = &EffectTerm> {
+        self.steps.iter().filter_map(|step| match step {
+            Step::SetAside { term, .. } if term.effect.name() != DESCRIPTION && !has(&self.terms, term) => Some(term),
+            _ => None,
+        })
+    }
+
+    /// What the search refused for good reason and did not let in later, the last reason of each.
+    pub(crate) fn set_aside(&self) -> Vec<SetAside> {
+        let mut all: Vec<SetAside> = Vec::new();
+        for step in &self.steps {
+            if let Step::SetAside { term, title, because } = step {
+                let (name, shape) = (term.effect.name().to_owned(), term.shape.clone());
+                all.retain(|known| known.name != name || known.shape != shape);
+                all.push(SetAside { name, title, shape, because: because.clone() });
+            }
+        }
+        let is_in = |s: &SetAside| self.terms.iter().any(|t| t.effect.name() == s.name && t.shape == s.shape);
+        all.retain(|known| !is_in(known));
+        all
     }
 }

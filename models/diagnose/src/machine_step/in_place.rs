@@ -4,7 +4,7 @@
 //! true expansion, another sensor takes the step. In the place of all that was found the step explains less, and beside all of it nothing
 //! is left of it. So each effect is left out alone, the last one first, and the step competes with that one.
 
-use super::find;
+use super::{Competing, find};
 use crate::candidates::columns_of;
 use crate::error::DiagnoseError;
 use crate::options::Progress;
@@ -29,9 +29,9 @@ pub(crate) fn hold<'a>(
         let Ok((fit, round)) = search.attempt_under(&state.machine, &rest, state.fit.correlation, observe)? else {
             continue;
         };
-        let instead = columns_of(&round, &[&term])?;
+        let instead = Competing { found: Some(columns_of(&round, &[&term])?), ..Competing::default() };
         let mut go_on = || observe(Progress::Scoring { round: 1, effects: rest.len() });
-        if find(&round, search.campaign, search.options, Some(&instead), &mut go_on)?.is_some() {
+        if find(&round, search.campaign, search.options, &instead, &mut go_on)?.is_some() {
             (state.fit, state.round, state.terms, state.named) = (fit, round, rest, None);
             state.steps.push(Step::set_aside(term, "a step of the machine explains more than it does".to_owned()));
             return Ok(());

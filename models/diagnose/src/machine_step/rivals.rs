@@ -4,7 +4,7 @@
 //! axes and a drift of the stations beside them, as a course in time, in cycles, or by anything that was logged or lags behind it:
 //! each is priced by its parameters alone, so that a step has to beat the best of them.
 
-use super::{PLANES, Scan};
+use super::{Competing, PLANES, Scan};
 use crate::context::varies;
 use crate::error::DiagnoseError;
 use abbe_geometry::Vector3;
@@ -15,12 +15,8 @@ const SETTLES: [f64; 4] = [0.02, 0.06, 0.2, 0.6];
 /// Half cycles in the campaign up to which one is tried.
 const HALF_CYCLES: usize = 20;
 
-/// Evidence of the best rival; `found` are whitened columns of what the search found.
-pub(super) fn best(
-    scan: &Scan,
-    found: Option<&Mat<f64>>,
-    go_on: &mut dyn FnMut() -> bool,
-) -> Result<f64, DiagnoseError> {
+/// Evidence of the best rival.
+pub(super) fn best(scan: &Scan, competing: &Competing, go_on: &mut dyn FnMut() -> bool) -> Result<f64, DiagnoseError> {
     let readings = &scan.campaign.readings;
     let (first_s, last_s) = crate::context::range(readings.iter().map(|r| r.time_s));
     let span_s = last_s - first_s;
@@ -40,10 +36,9 @@ pub(super) fn best(
     }));
     let logged = scan.campaign.covariates.iter().filter(|column| varies(&column.values));
     courses.extend(logged.map(|column| vec![centred(&column.values)]));
-    let mut best = match found {
-        Some(columns) => evidence(scan, std::slice::from_ref(columns)),
-        None => f64::NEG_INFINITY,
-    };
+    let found =
+        competing.found.as_ref().map_or(f64::NEG_INFINITY, |columns| evidence(scan, std::slice::from_ref(columns)));
+    let mut best = found.max(evidence(scan, &competing.set_aside));
     let others = scales(scan);
     for course in &courses {
         if !go_on() {
