@@ -8,11 +8,12 @@ use crate::options::Options;
 use crate::score::Score;
 use crate::search::{Search, State};
 use crate::step::Step;
-use crate::{candidates::Candidate, paired, worth};
+use crate::{candidates::Candidate, paired, tomorrow, worth};
 use abbe_geometry::Axis;
 use abbe_geometry::effects::{Shape, known};
 use abbe_geometry::error_function::Kind;
 use abbe_geometry::machine::{Joint, Machine, Side, Squareness};
+use abbe_geometry::model::MachineModel;
 use abbe_geometry::rotation::RotationForm;
 use abbe_identify::EffectTerm;
 use abbe_measurement::campaign::Campaign;
@@ -203,4 +204,21 @@ fn regress_a_sensor_that_was_chosen_too_early_is_exchanged() {
     assert_eq!(with(vec![expansion("temp_scale_x_c"), play]), (false, own, 0), "the right one stays");
     let alone = with(vec![expansion("temp_scale_y_c")]);
     assert_eq!((alone.0, alone.2), (false, 0), "alone it was chosen among all");
+}
+
+/// Of a time constant as long as the campaign little but a straight line is seen; of a quarter of it, how it comes to rest.
+#[test]
+fn regress_a_growth_that_nobody_saw_come_to_rest_is_no_cause() {
+    let (machine, campaign) = simulated(3, &[]);
+    let last_s = campaign.readings.iter().map(|reading| reading.time_s).fold(0.0, f64::max);
+    let because = |share: f64| {
+        let shape = Shape::new().text("axis", "x").number("tau_s", share * last_s);
+        let fitted = MachineModel::fitted_effect("scale_growth", shape, &machine, vec![18e-6, 0.0]).unwrap();
+        tomorrow::still_growing(&fitted, &campaign)
+    };
+    assert!(because(0.94).is_some_and(|because| because.contains("35 % of it were still to come")));
+    assert_eq!(because(0.25), None);
+    let by_temperature = Shape::new().text("axis", "x").text("sensor", "temp_air_c");
+    let fitted = MachineModel::fitted_effect("scale_expansion", by_temperature, &machine, vec![1e-6, 0.0]).unwrap();
+    assert_eq!(tomorrow::still_growing(&fitted, &campaign), None);
 }

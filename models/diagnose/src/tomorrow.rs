@@ -27,6 +27,8 @@ const DIRECTIONS: f64 = 3.0;
 const COURSE: usize = 4;
 /// Share of a growth between two readings from which it is as well a step.
 const IN_A_PAUSE: f64 = 0.5;
+/// Share of a growth still to come at the last reading from which nobody has seen it come to rest.
+const STILL_TO_COME: f64 = 0.2;
 /// Share of a quantity's variance beside its course in time below which both are alike.
 const ALIKE: f64 = 0.1;
 
@@ -119,15 +121,33 @@ pub(crate) fn is_course(fitted: &FittedEffect, campaign: &Campaign) -> bool {
 /// Whether a growth that comes to rest did most of it while nothing was measured, overnight or while the tracer was moved: a step would leave
 /// the same readings, and nobody knows when it was.
 pub(crate) fn happened_in_a_pause(fitted: &FittedEffect, campaign: &Campaign) -> bool {
-    let Some(ShapeValue::Number(tau_s)) = fitted.shape.0.get("tau_s") else { return false };
-    if !follows_time(fitted.effect.as_ref(), &fitted.shape) {
-        return false;
-    }
+    let Some(tau_s) = time_constant_s(fitted) else { return false };
     let mut grown: Vec<f64> = campaign.readings.iter().map(|reading| -(-reading.time_s / tau_s).exp_m1()).collect();
     grown.sort_by(f64::total_cmp);
     let whole = grown.last().zip(grown.first()).map_or(0.0, |(last, first)| last - first);
     let between = grown.windows(2).map(|pair| pair[1] - pair[0]).fold(0.0, f64::max);
     between > IN_A_PAUSE * whole
+}
+
+/// Why a growth with time stays out that was still going on at the last reading: of a time constant as long as the campaign little but a
+/// straight line is seen, and whatever went along with the time is the same, a room that gets warm above all. It may be described as a course.
+pub(crate) fn still_growing(fitted: &FittedEffect, campaign: &Campaign) -> Option<String> {
+    let last_s = campaign.readings.iter().map(|reading| reading.time_s).fold(0.0, f64::max);
+    let to_come = (-last_s / time_constant_s(fitted)?).exp();
+    (to_come > STILL_TO_COME).then(|| {
+        format!(
+            "at the last reading {:.0} % of it were still to come: whatever went along with the time, such as a room that gets warm, looks the same",
+            100.0 * to_come
+        )
+    })
+}
+
+/// Time constant (s) of a growth that comes to rest; `None` of any other effect.
+fn time_constant_s(fitted: &FittedEffect) -> Option<f64> {
+    match fitted.shape.0.get("tau_s") {
+        Some(ShapeValue::Number(tau_s)) if follows_time(fitted.effect.as_ref(), &fitted.shape) => Some(*tau_s),
+        _ => None,
+    }
 }
 
 /// Whether a logged quantity is a smooth course in time, but for a tenth of its variance. What follows it follows another smooth course

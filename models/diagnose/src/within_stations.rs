@@ -4,25 +4,30 @@
 //! stands in one place after the other, whatever is wrong at each place for a reason of its own (a floor that gives way, a path of
 //! the air) is a value a station. Of some hundred courses of the room one follows so few values. So the effect, in the size that
 //! was fitted, is tested beside itself with the room as it was on average at each station: what is left is seen by one station alone.
+//! A growth with time that nobody has seen come to rest is such a course without a sensor, and stays out.
 
 use crate::candidates::Round;
 use crate::context::{in_turn, is_of_the_room, read_by};
 use crate::error::DiagnoseError;
 use crate::search::Search;
+use crate::tomorrow::still_growing;
 use abbe_geometry::effects::of_lagged;
 use abbe_geometry::model::FittedEffect;
 use abbe_identify::{Identified, Rows};
 use abbe_measurement::campaign::{Campaign, Covariate};
 use faer::Mat;
 
-/// Why an effect stays out; `None` where stations tell it by themselves, or where it reads nothing of the room. `before` is the fit without
-/// it.
+/// Why an effect stays out; `None` where stations tell it by themselves, or where it follows neither the room nor the time. `before` is the
+/// fit without it.
 pub(crate) fn refusal(
     search: &Search,
     (before, round): (&Identified, &Round),
     fitted: &FittedEffect,
 ) -> Result<Option<String>, DiagnoseError> {
     let campaign = search.campaign;
+    if let Some(because) = still_growing(fitted, campaign) {
+        return Ok(Some(because));
+    }
     let follows = |name: &String| is_of_the_room(name) || of_lagged(name).is_some();
     let read: Vec<String> =
         read_by(fitted.effect.as_ref(), &fitted.shape).into_iter().filter(|name| follows(name)).collect();
