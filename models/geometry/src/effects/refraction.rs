@@ -36,11 +36,11 @@ pub(super) struct Air {
     parameter: (&'static str, &'static str, f64),
 }
 
-/// The air as Edlén's formula knows it.
+/// The air as Edlén's formula knows it. No instrument leaves more than a few times of what air does.
 const AIR: [Air; 3] = [
     Air { name: "temp_air_c", standard: 20.0, index_per_unit: -0.96e-6, parameter: ("per_kelvin", "1/K", 3e-6) },
-    Air { name: "pressure_hpa", standard: 1013.25, index_per_unit: 0.27e-6, parameter: ("per_hpa", "1/hPa", 1e-6) },
-    Air { name: "humidity_pct", standard: 50.0, index_per_unit: -0.009e-6, parameter: ("per_percent", "1/%", 1e-6) },
+    Air { name: "pressure_hpa", standard: 1013.25, index_per_unit: 0.27e-6, parameter: ("per_hpa", "1/hPa", 0.8e-6) },
+    Air { name: "humidity_pct", standard: 50.0, index_per_unit: -0.009e-6, parameter: ("per_percent", "1/%", 0.03e-6) },
 ];
 
 /// The quantities that a shape lists as `terms`.
