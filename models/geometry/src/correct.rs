@@ -7,8 +7,8 @@
 
 use crate::axis::ErrorId;
 use crate::chain::{ChainPoint, nominal_point_m};
-use crate::doubt::{self, is_outside};
-use crate::effects::{CovariateProblem, CovariateSource, State, tip_columns};
+use crate::doubt::{self, Open, is_outside};
+use crate::effects::{CovariateProblem, CovariateSource, State, TipColumns, tip_columns};
 use crate::model::{FittedEffect, MachineModel};
 use crate::residual_field::{ResidualField, ResidualPrediction};
 use crate::sensitivity::Sensitivity;
@@ -41,12 +41,13 @@ pub enum Status {
     /// of its covariates widens it by all that it adds there. So is one whose covariates were never seen together so
     /// ([`crate::seen`]).
     Extrapolated,
-    /// An effect lacks a covariate and was left out; the uncertainty holds what it does over the usual range.
+    /// An effect lacks a covariate and was taken in the middle of what it does over the usual range; the uncertainty holds all that it
+    /// does there.
     CovariateMissing,
-    /// An effect's covariate is too old, and the effect was left out; the uncertainty as for a missing one.
+    /// An effect's covariate is too old, which counts as missing.
     Stale,
     /// Nothing was corrected: a reading or offset is not finite or implausibly far (beyond the stroke by a quarter of it), an
-    /// effect left out has no known bound, an effect adds an implausible amount beyond the range of its covariates, or the
+    /// effect that lacks a covariate has no known bound, an effect adds an implausible amount beyond the range of its covariates, or the
     /// result is no number or no correction of a machine of that size.
     Rejected,
 }
@@ -82,7 +83,7 @@ pub fn correct(model: &MachineModel, state: &State) -> Correction {
 }
 
 /// What the corrected position depends on: for X, Y and Z the parameters of geometry and effects, by their place in the covariance,
-/// and m per unit of each. An effect whose covariate is missing is left out; `None` where [`correct`] rejects the sample.
+/// and m per unit of each; not those of an effect whose covariate is missing. `None` where [`correct`] rejects the sample.
 pub fn partials(model: &MachineModel, state: &State) -> Option<[Vec<(usize, f64)>; 3]> {
     let mut sensitivity = Sensitivity::default();
     corrected(model, state, &mut sensitivity)?;
@@ -101,7 +102,7 @@ pub(crate) fn corrected(model: &MachineModel, state: &State, sensitivity: &mut S
     let effects = add_effects(model, state, &chain, sensitivity)?;
     let repeatability = Vector3::from(model.parts().machine.repeatability_m).map(|r| r * r);
     let position_m = point_m + effects.tip_m;
-    let scatter = Matrix3::from_diagonal(&(repeatability + model.unexplained_m2(state.reading_m)));
+    let scatter = Matrix3::from_diagonal(&(repeatability + model.unexplained_m2(state)));
     let covariance_m2 = sensitivity.covariance_m2(model) + effects.doubt_m2 + scatter;
     let status = if effects.outside || !is_in_volume(model, state) { Status::Extrapolated } else { Status::InVolume };
     let most_m = MOST_CORRECTION * (longest_stroke_m(model) + Vector3::from(state.offset_m).norm());
@@ -111,7 +112,7 @@ pub(crate) fn corrected(model: &MachineModel, state: &State, sensitivity: &mut S
         effects_m: effects.tip_m,
         position_m,
         covariance_m2: Some(covariance_m2),
-        status: effects.left_out.unwrap_or(status),
+        status: effects.lacks.unwrap_or(status),
     };
     sound.then_some(correction)
 }
@@ -205,10 +206,10 @@ fn is_sound(position_m: &Vector3<f64>, covariance_m2: &Matrix3<f64>) -> bool {
 /// What the effects do to one sample.
 struct Effects {
     tip_m: Vector3<f64>,
-    /// What is not known of effects that were left out or stand outside their ranges.
+    /// What is not known of effects that lack a covariate or stand outside their ranges.
     doubt_m2: Matrix3<f64>,
-    /// Why an effect was left out, if one was.
-    left_out: Option<Status>,
+    /// What is the matter with a covariate that an effect lacks, if one does.
+    lacks: Option<Status>,
     /// Whether one stands outside the range of its covariates.
     outside: bool,
 }
@@ -220,51 +221,82 @@ fn add_effects(
     chain: &ChainPoint,
     sensitivity: &mut Sensitivity,
 ) -> Option<Effects> {
-    let mut all = Effects { tip_m: Vector3::zeros(), doubt_m2: Matrix3::zeros(), left_out: None, outside: false };
+    let mut all = Effects { tip_m: Vector3::zeros(), doubt_m2: Matrix3::zeros(), lacks: None, outside: false };
     let mut first = model.layout().len();
-    let inside_m = nearest_identified_m(model, state.reading_m);
     for (k, fitted) in model.parts().effects.iter().enumerate() {
-        let (usual, count) = (model.usual_on_tip(k), fitted.parameters.len());
-        let columns = |state: &State| tip_columns(fitted.effect.as_ref(), count, state, &chain.by_error);
-        let motion = |state: &State| Some(moved_m(fitted, &columns(state).ok()?));
-        match columns(state) {
-            Ok(columns) => {
-                let here_m = moved_m(fitted, &columns);
-                all.tip_m += here_m;
-                columns.into_iter().enumerate().for_each(|(j, column)| sensitivity.push(first + j, column));
-                if is_outside(usual, state) {
-                    let (added_m, doubt_m2) = doubt::outside(usual, state, motion)?;
-                    all.outside = true;
-                    all.doubt_m2 += doubt_m2;
-                    (added_m.norm() <= most_beyond_m(model)).then_some(())?;
-                }
-                let (doubt_m2, is_apart) = doubt::apart(model.apart(k), state, motion)?;
-                all.outside |= is_apart;
-                all.doubt_m2 += doubt_m2;
-                if inside_m != state.reading_m {
-                    // Effects are polynomials of the readings, which run away where the chain goes on as a straight line.
-                    let added_m = here_m - motion(&State { reading_m: inside_m, ..*state })?;
-                    all.doubt_m2 += added_m * added_m.transpose();
-                    (added_m.norm() <= most_beyond_m(model)).then_some(())?;
-                }
-            }
+        let own = OfEffect { model, k, first, fitted, by_error: &chain.by_error };
+        match own.columns(state) {
+            Ok(columns) => own.add(&mut all, state, &columns, sensitivity)?,
             Err(problem) => {
-                let status = match problem {
+                all.lacks = all.lacks.max(Some(match problem {
                     CovariateProblem::Missing(_) => Status::CovariateMissing,
                     CovariateProblem::Stale(_) => Status::Stale,
+                }));
+                let open = Open::new(model.usual_on_tip(k), state)?;
+                let middle = open.middle();
+                let middle = State { covariates: &middle, ..*state };
+                let columns = own.columns(&middle).ok()?;
+                own.add(&mut all, &middle, &columns, sensitivity)?;
+                let beside = |state: &State| -> Option<TipColumns> {
+                    let own = own.columns(state).ok()?;
+                    Some(own.iter().zip(&columns).map(|(own, middle)| own - middle).collect())
                 };
-                all.left_out = all.left_out.max(Some(status));
-                let uncertain = |state: &State| {
-                    let mut own = Sensitivity::default();
-                    columns(state).ok()?.into_iter().enumerate().for_each(|(j, column)| own.push(first + j, column));
-                    Some(own.covariance_m2(model))
-                };
-                all.doubt_m2 += doubt::left_out(usual, state, motion, uncertain)?;
+                let moved = |state: &State| Some(moved_m(fitted, &beside(state)?));
+                all.doubt_m2 += open.doubt_m2(state, moved, |state| Some(own.covariance_m2(beside(state)?)))?;
             }
         }
-        first += count;
+        first += fitted.parameters.len();
     }
     Some(all)
+}
+
+/// One effect of a model at one sample.
+struct OfEffect<'a> {
+    model: &'a MachineModel,
+    /// Its place among the effects, and that of its first parameter.
+    k: usize,
+    first: usize,
+    fitted: &'a FittedEffect,
+    by_error: &'a [Vector3<f64>; ErrorId::COUNT],
+}
+
+impl OfEffect<'_> {
+    fn columns(&self, state: &State) -> Result<TipColumns, CovariateProblem> {
+        tip_columns(self.fitted.effect.as_ref(), self.fitted.parameters.len(), state, self.by_error)
+    }
+
+    /// Covariance of what these columns do (m²).
+    fn covariance_m2(&self, columns: TipColumns) -> Matrix3<f64> {
+        let mut own = Sensitivity::default();
+        columns.into_iter().enumerate().for_each(|(j, column)| own.push(self.first + j, column));
+        own.covariance_m2(self.model)
+    }
+
+    /// Adds what it does in a state that has all that it reads; `None` where that is implausible.
+    fn add(&self, all: &mut Effects, state: &State, columns: &TipColumns, sensitivity: &mut Sensitivity) -> Option<()> {
+        let motion = |state: &State| Some(moved_m(self.fitted, &self.columns(state).ok()?));
+        let here_m = moved_m(self.fitted, columns);
+        all.tip_m += here_m;
+        columns.iter().enumerate().for_each(|(j, column)| sensitivity.push(self.first + j, *column));
+        let usual = self.model.usual_on_tip(self.k);
+        if is_outside(usual, state) {
+            let (added_m, doubt_m2) = doubt::outside(usual, state, motion)?;
+            all.outside = true;
+            all.doubt_m2 += doubt_m2;
+            (added_m.norm() <= most_beyond_m(self.model)).then_some(())?;
+        }
+        let (doubt_m2, is_apart) = doubt::apart(self.model.apart(self.k), state, motion)?;
+        all.outside |= is_apart;
+        all.doubt_m2 += doubt_m2;
+        let inside_m = nearest_identified_m(self.model, state.reading_m);
+        if inside_m != state.reading_m {
+            // Effects are polynomials of the readings, which run away where the chain goes on as a straight line.
+            let added_m = here_m - motion(&State { reading_m: inside_m, ..*state })?;
+            all.doubt_m2 += added_m * added_m.transpose();
+            (added_m.norm() <= most_beyond_m(self.model)).then_some(())?;
+        }
+        Some(())
+    }
 }
 
 /// The identified readings (m) that are nearest to these.

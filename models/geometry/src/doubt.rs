@@ -4,10 +4,10 @@
 //! Place in the flow: [`crate::correct`] and [`crate::predict`] add these covariances (m²) to what the model's own says. All
 //! of it rests on the range in which each covariate was identified, and on the effect with its fitted parameters.
 //!
-//! **Left out** (a covariate is missing or stale): what is published has the effect at zero, so all that it does is error.
-//! It is evaluated on a grid over the usual range of the covariates that are lacking, and covered: no distribution of
-//! covariates over that range has a larger mean square, in any direction. A sign of approach or a load that is on or off
-//! does stand at the ends of its range, where a uniform distribution would allow too little.
+//! **Left open** (a covariate is missing or stale): the effect is evaluated on a grid over the usual range of the covariates that are
+//! lacking. What is published has them in the middle of their ranges, and the effect not at zero: at the 20 °C of a law nobody may have
+//! measured. What it does beside that is covered: no distribution of covariates over that range has a larger mean square, in any direction. A
+//! sign of approach or a load that is on or off does stand at the ends of its range, where a uniform distribution would allow too little.
 //!
 //! **Outside** (a covariate beyond its usual range): nothing that was measured supports the law there. What it adds beyond
 //! the end of the range counts in full as uncertainty. Some laws are held at the end of their range, or saturate, and add
@@ -20,6 +20,7 @@
 use crate::effects::{CovariateSource, CovariateValue, State};
 use crate::seen::{Apart, is_implausible};
 use nalgebra::{Matrix3, Vector3};
+use smallvec::SmallVec;
 
 /// Places a grid has at most.
 const GRID: usize = 625;
@@ -59,20 +60,40 @@ pub(crate) fn is_outside(usual: &[Usual], state: &State) -> bool {
     usual.iter().any(outside)
 }
 
-/// Covariance of what an effect does whose covariates are lacking in part: `motion` says what it does in a state, and
-/// `uncertain` the covariance that its parameters give that. `None` where the range of one of them is not known, so that
-/// nothing bounds it.
-pub(crate) fn left_out(
-    usual: &[Usual],
-    state: &State,
-    motion: impl Fn(&State) -> Option<Vector3<f64>>,
-    uncertain: impl Fn(&State) -> Option<Matrix3<f64>>,
-) -> Option<Matrix3<f64>> {
-    let lacking: Vec<&Usual> = usual.iter().filter(|c| state.covariate(&c.name).is_err()).collect();
-    let covered = cover(&over(&lacking, LEVELS, state, motion)?)?;
-    let widest =
-        over(&lacking, FEW_LEVELS, state, uncertain)?.into_iter().max_by(|a, b| a.trace().total_cmp(&b.trace()));
-    Some(covered + widest?)
+/// Covariates that an effect lacks, each with its usual range.
+pub(crate) struct Open<'a> {
+    lacking: SmallVec<[&'a Usual; 4]>,
+    middles: SmallVec<[f64; 4]>,
+    state: &'a State<'a>,
+}
+
+impl<'a> Open<'a> {
+    /// Those of these that a sample lacks; `None` where the range of one of them is not known, so that nothing bounds it.
+    pub(crate) fn new(usual: &'a [Usual], state: &'a State<'a>) -> Option<Open<'a>> {
+        let lacking: SmallVec<[&Usual; 4]> = usual.iter().filter(|c| state.covariate(&c.name).is_err()).collect();
+        let middle = |covariate: &&Usual| covariate.range.map(|(low, high)| 0.5 * (low + high));
+        let middles = lacking.iter().map(middle).collect::<Option<_>>()?;
+        Some(Open { lacking, middles, state })
+    }
+
+    /// The sample with each of them in the middle of its range.
+    pub(crate) fn middle(&self) -> impl CovariateSource + '_ {
+        Put { state: self.state, put: &self.lacking, values: &self.middles }
+    }
+
+    /// The covariance of what they may do beside their middles over all of their ranges: `moved` says what in a state, and `uncertain`
+    /// the covariance that the effect's parameters give that. `None` where it cannot be said.
+    pub(crate) fn doubt_m2(
+        &self,
+        state: &State,
+        moved: impl Fn(&State) -> Option<Vector3<f64>>,
+        uncertain: impl Fn(&State) -> Option<Matrix3<f64>>,
+    ) -> Option<Matrix3<f64>> {
+        let covered = cover(&over(&self.lacking, LEVELS, state, moved)?)?;
+        let all = over(&self.lacking, FEW_LEVELS, state, uncertain)?;
+        let widest = all.into_iter().max_by(|a, b| a.trace().total_cmp(&b.trace()));
+        Some(covered + widest?)
+    }
 }
 
 /// What an effect does beyond the ranges of its covariates: the part of the motion that lies beyond, and the covariance of
@@ -217,18 +238,22 @@ mod tests {
     }
 
     #[test]
-    fn an_effect_left_out_is_as_large_as_it_gets_over_its_range() {
-        // 2 µm/K along X, seen from 19 to 22 °C: 2 µm below 20 °C, 4 µm above.
+    fn what_is_left_open_stands_in_the_middle_and_its_ends_are_covered() {
+        // 2 µm/K along X, seen from 19 to 22 °C.
         let motion = |state: &State| Some(Vector3::x() * (2e-6 * (state.covariate("t").ok()? - 20.0)));
-        let certain = |_: &State| Some(Matrix3::zeros());
-        let covered = left_out(&[usual("t", 19.0, 22.0)], &STATE, motion, certain).unwrap();
-        assert!((covered[(0, 0)].sqrt() - 4e-6).abs() < 1e-12, "{covered}");
-        let unknown = Usual { name: "t".to_owned(), range: None };
-        assert_eq!(left_out(&[unknown], &STATE, motion, certain), None);
+        let range = [usual("t", 19.0, 22.0)];
+        let open = Open::new(&range, &STATE).unwrap();
+        let middle = open.middle();
+        let middle_m = motion(&State { covariates: &middle, ..STATE }).unwrap();
+        assert!((middle_m - Vector3::x() * 1e-6).norm() < 1e-12, "{middle_m}");
+        let beside = |state: &State| Some(motion(state)? - middle_m);
+        let covered = open.doubt_m2(&STATE, beside, |_| Some(Matrix3::zeros())).unwrap();
+        assert!((covered[(0, 0)].sqrt() - 3e-6).abs() < 1e-12, "{covered}");
+        assert!(Open::new(&[Usual { name: "t".to_owned(), range: None }], &STATE).is_none());
         // A parameter that no data told of is as uncertain as its prior says, wherever that shows most.
-        let vague = |state: &State| Some(Matrix3::identity() * (3e-6 * (state.covariate("t").ok()? - 20.0)).powi(2));
-        let covered = left_out(&[usual("t", 19.0, 22.0)], &STATE, |_| Some(Vector3::zeros()), vague).unwrap();
-        assert!((covered[(2, 2)].sqrt() - 6e-6).abs() < 1e-12, "{covered}");
+        let vague = |state: &State| Some(Matrix3::identity() * (3e-6 * (state.covariate("t").ok()? - 20.5)).powi(2));
+        let covered = open.doubt_m2(&STATE, |_| Some(Vector3::zeros()), vague).unwrap();
+        assert!((covered[(2, 2)].sqrt() - 4.5e-6).abs() < 1e-12, "{covered}");
     }
 
     #[test]

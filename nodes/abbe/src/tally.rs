@@ -145,8 +145,12 @@ impl Tally {
             Status::Extrapolated => {
                 "lie outside of what the model was identified from, where the uncertainty is a lower bound"
             }
-            Status::CovariateMissing => "lack a quantity that the model reads, and are corrected without its effect",
-            Status::Stale => "have a quantity that is too old, and are corrected without its effect",
+            Status::CovariateMissing => {
+                "lack a quantity that the model reads, and are corrected with its effect in the middle of its usual range"
+            }
+            Status::Stale => {
+                "have a quantity that is too old, and are corrected with its effect in the middle of its usual range"
+            }
             Status::InVolume | Status::Rejected => "were not corrected",
         };
         let sentence = |(status, kind): (&Status, &Kind)| {

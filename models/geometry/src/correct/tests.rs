@@ -60,6 +60,7 @@ pub(crate) fn model(effects: &[(&str, Shape)]) -> MachineModel {
             residual_rms_m: 1e-7,
             unexplained_m: [0.0; 3],
             wanders: None,
+            unseen_expansions: Default::default(),
         },
         machine,
     };
@@ -258,6 +259,30 @@ fn regress_an_effect_that_is_left_out_widens_the_covariance_by_all_that_it_does(
         let count = model.parts().effects.len() as f64;
         assert!(most < 1.1 * count, "{asked:?}: {most}");
     }
+}
+
+/// What one sensor lacks takes nothing from what is known of another: a broken one is refused, and beyond its range it counts.
+#[test]
+fn regress_a_missing_covariate_hides_no_broken_one_beside_it() {
+    let shape = Shape::new().text("axis", "x").text("toward", "y").text("form", "beam");
+    let mut parts =
+        model(&[("column_bow", shape.text("warm", "temp_warm_c").text("cold", "temp_cold_c"))]).parts().clone();
+    parts.effects[0].parameters.fill(3e-6);
+    parts.identified.covariates = ["temp_warm_c", "temp_cold_c"].map(|name| (name.to_owned(), (20.0, 21.0))).into();
+    let model = MachineModel::new(parts).unwrap();
+    let with_warm = |warm_c: f64| {
+        let of = move |name: &str| match name {
+            "temp_warm_c" => CovariateValue::Fresh(warm_c),
+            _ => CovariateValue::Missing,
+        };
+        correct(&model, &State { reading_m: [0.5, 0.2, 0.1], ..at(&By(of)) })
+    };
+    assert_eq!(with_warm(-999.0).status, Status::Rejected);
+    let (inside, outside) = (with_warm(20.5), with_warm(24.0));
+    assert_eq!((inside.status, outside.status), (Status::CovariateMissing, Status::CovariateMissing));
+    let added_m = outside.effects_m - inside.effects_m;
+    let widened_m2 = outside.covariance_m2.unwrap().trace() - inside.covariance_m2.unwrap().trace();
+    assert!(added_m.norm() > 1e-7 && widened_m2 > 0.5 * added_m.norm_squared(), "{added_m} {widened_m2:e}");
 }
 
 #[test]

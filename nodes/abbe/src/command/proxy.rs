@@ -49,7 +49,7 @@ pub(crate) struct Arguments {
     /// Let positions pass as they came that cannot be corrected, and say so on standard error; an error to the software otherwise
     #[arg(long)]
     pass_uncorrected: bool,
-    /// Correct without the effects whose temperatures nobody tells; such a model is refused otherwise
+    /// Correct with effects whose temperatures nobody tells in the middle of their range; such a model is refused otherwise
     #[arg(long)]
     without_covariates: bool,
     /// A command that is not of the protocol and reports no position; once for each
@@ -69,7 +69,7 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let needed: Vec<String> = of_effects.chain(inputs_of(residual.as_ref())).collect();
     ensure!(
         needed.is_empty() || arguments.without_covariates,
-        "{}: the model needs {}, which no measuring software tells; correct without what they do with --without-covariates, \
+        "{}: the model needs {}, which no measuring software tells; correct with them in the middle of their range with --without-covariates, \
          or run the driver ippdme in a launch file",
         arguments.model.display(),
         needed.join(", ")

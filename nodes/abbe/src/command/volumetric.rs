@@ -154,7 +154,7 @@ fn judge(arguments: &Arguments, answer: &Answer) -> anyhow::Result<()> {
     let [x, y, z] = answer.offset_m.map(|v| v * 1e3);
     if answer.all_lack() {
         eprintln!(
-            "abbe: warning: {}: the map is of the geometry alone, since a map has none of the logged quantities that the model's effects read",
+            "abbe: warning: {}: a map has none of the logged quantities that the model's effects read: each stands in the middle of its range",
             arguments.out.display()
         );
         return Ok(());

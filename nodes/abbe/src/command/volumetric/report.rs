@@ -54,9 +54,9 @@ fn outside(answer: &Answer) -> Option<Section> {
     if answer.all_lack() {
         return Some(Section::Callout(Callout {
             tone: Tone::Warning,
-            title: "Without its effects".to_owned(),
-            text: "The model's effects read logged quantities, and a map has none: the map is of the geometry alone. The uncertainty holds what the \
-                   effects do over the range of the campaign."
+            title: "With its effects in the middle".to_owned(),
+            text: "The model's effects read logged quantities, and a map has none: each effect stands in the middle of what it read in the campaign. \
+                   The uncertainty holds what it does over that range."
                 .to_owned(),
         }));
     }
