@@ -25,7 +25,8 @@ use crate::zero_of_scale::ZeroOfScale;
 use crate::{together, tomorrow, worth};
 use abbe_geometry::machine::Machine;
 use abbe_geometry::model::{FitQuality, FittedEffect, MachineModel, ModelError, ModelParts};
-use abbe_identify::{EffectTerm, Identified, IdentifyError};
+use abbe_geometry::unseen_expansion::UnseenExpansions;
+use abbe_identify::{EffectTerm, Identified, IdentifyError, unseen_expansions};
 use abbe_measurement::campaign::Campaign;
 use abbe_measurement::instrument::RangeUncertainty;
 use statrs::distribution::{ContinuousCDF, Normal};
@@ -68,7 +69,7 @@ pub fn diagnose(
     if let Some(because) = &judged.not_adopted {
         state.withdraw(start.clone(), because);
     }
-    let mut ended = Ended::of(&search, &state, (&alike, &base), judged.unseen.as_ref(), observe)?;
+    let mut ended = Ended::of(&search, &state, (&before, &alike, &base), judged.unseen.as_ref(), observe)?;
     let added = state.beside(&base);
     let is_outdone = !added.is_empty() && ended.machine_step.as_ref().is_some_and(|step| step.outdoes_found);
     let because = match is_outdone {
@@ -79,7 +80,7 @@ pub fn diagnose(
     if let Some(because) = because {
         let mut without = state.clone();
         without.withdraw(start, &because);
-        let plain = Ended::of(&search, &without, (&first, &base), None, observe)?;
+        let plain = Ended::of(&search, &without, (&before, &first, &base), None, observe)?;
         let is_refused = match is_outdone {
             true => plain.machine_step.is_some(),
             // What is not told of the machine without it costs as well.
@@ -172,8 +173,8 @@ impl<'a> Ended<'a> {
     fn of(
         search: &Search<'a>,
         state: &State<'a>,
-        (alike, base): (&Round, &[EffectTerm]),
-        unseen: Option<&Unseen>,
+        (start, alike, base): (&Identified, &Round, &[EffectTerm]),
+        on_unseen: Option<&Unseen>,
         observe: &mut dyn FnMut(Progress) -> bool,
     ) -> Result<Ended<'a>, DiagnoseError> {
         let campaign = search.campaign;
@@ -190,7 +191,8 @@ impl<'a> Ended<'a> {
         };
         let is_found = |fitted: &FittedEffect| !is_base(base, fitted);
         let told = tomorrow::told(state.fit.model.clone(), &state.round, campaign, is_found)
-            .and_then(|model| with_unexplained(model, unseen, floor::unexplained_m(&state.round, campaign)))
+            .and_then(|model| with_unexplained(model, on_unseen, floor::unexplained_m(&state.round, campaign)))
+            .and_then(|model| model.with_unseen_expansions(open_expansions(search, (start, &state.fit), is_found)))
             .and_then(|model| machine_step.as_ref().map_or(Ok(model.clone()), |step| step.told(model)))
             .and_then(widened)
             .map_err(IdentifyError::from)?;
@@ -213,6 +215,28 @@ fn with_unexplained(
     let unseen_m = unseen.map_or([0.0; 3], |unseen| unseen.unexplained_m);
     let unexplained_m = std::array::from_fn(|d| quality.unexplained_m[d].max(unseen_m[d]).max(floor_m[d]));
     MachineModel::new(ModelParts { quality: FitQuality { unexplained_m, ..quality }, ..model.parts().clone() })
+}
+
+/// What the data leave open of expansions. What is only a course in time may be one, and corrects nothing: beside it they look smaller than
+/// they may be, so that the fit that the search began with has a say.
+fn open_expansions(
+    search: &Search,
+    (start, fit): (&Identified, &Identified),
+    is_found: impl Fn(&FittedEffect) -> bool,
+) -> UnseenExpansions {
+    let is_out = |fitted: &FittedEffect| is_found(fitted) && tomorrow::is_course(fitted, search.campaign);
+    let of = |fit: &Identified| unseen_expansions(fit, search.instrument, search.campaign, &|fitted| !is_out(fitted));
+    let mut all = of(fit);
+    if fit.model.parts().effects.iter().any(is_out) {
+        let before = of(start);
+        let alike = |sensor: &str| before.by_sensor.iter().find(|other| other.sensor == sensor);
+        all.by_sensor.iter_mut().for_each(|own| {
+            if let Some(other) = alike(&own.sensor) {
+                own.widen(other)
+            }
+        });
+    }
+    all
 }
 
 /// What the machine does in a course that no effect describes: what is said of it, and what stands in the uncertainty. An effect that is only

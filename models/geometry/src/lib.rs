@@ -39,6 +39,7 @@ pub mod sampled;
 pub mod seen;
 mod sensitivity;
 mod travelled;
+pub mod unseen_expansion;
 pub mod volumetric;
 
 pub use axis::{Axis, ErrorId};

@@ -53,6 +53,14 @@ pub fn mixture(models: &[(f64, &MachineModel)]) -> Result<MachineModel, ModelErr
         }
     }
     let mut parts = ModelParts { covariance, chord_covariance: chords, ..first.parts().clone() };
+    if let Some(member) = members.first() {
+        parts
+            .quality
+            .unseen_expansions
+            .absorbed
+            .iter_mut()
+            .for_each(|absorbed| *absorbed = member.spread_over(absorbed, count));
+    }
     let mut values = mean.into_iter();
     parts.coefficients = values.by_ref().take(first.layout().len()).collect();
     effects.iter_mut().for_each(|fitted| fitted.parameters = values.by_ref().take(fitted.parameters.len()).collect());
@@ -108,6 +116,13 @@ impl Member {
             values.push(station.dead_path_m);
         }
         Ok(Member { weight, places, values })
+    }
+
+    /// Values of its own parameters among those of all.
+    fn spread_over(&self, own: &[f64], count: usize) -> Vec<f64> {
+        let mut all = vec![0.0; count];
+        self.places.iter().zip(own).for_each(|(place, value)| all[*place] = *value);
+        all
     }
 
     /// Adds its share of a packed covariance of its own parameters to that of all.

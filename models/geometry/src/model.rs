@@ -11,6 +11,7 @@ use crate::effects::{Effect, EffectError, Shape, State, construct};
 use crate::layout::Layout;
 use crate::machine::{Machine, MachineError};
 use crate::seen::{self, Apart};
+use crate::unseen_expansion::{self, UnseenExpansion, UnseenExpansions};
 use nalgebra::Vector3;
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -82,6 +83,8 @@ pub struct FitQuality {
     pub unexplained_m: [f64; 3],
     /// What the machine does beside that in a course that nobody can name, by place.
     pub wanders: Option<VarianceByPlace>,
+    /// Expansions of the scales that the data cannot rule out.
+    pub unseen_expansions: UnseenExpansions,
 }
 
 impl FitQuality {
@@ -164,6 +167,14 @@ pub enum ModelError {
         /// Why.
         what: &'static str,
     },
+    /// An expansion that is none.
+    #[error("the expansion by {sensor} of quality.unseen_expansions is none: {what}; the model is damaged")]
+    UnseenExpansion {
+        /// Its sensor.
+        sensor: String,
+        /// Why.
+        what: &'static str,
+    },
     /// Models that have no mean.
     #[error("these models have no mean: their {what} do not fit together")]
     Mixture {
@@ -211,6 +222,8 @@ pub struct MachineModel {
     unread: Vec<Usual>,
     /// Of each effect, how the temperatures that it reads for the tip stood to others.
     apart: Vec<Vec<Apart>>,
+    /// Expansions that the data cannot rule out, with the ranges of their sensors.
+    unseen_expansions: Vec<(UnseenExpansion, Usual)>,
 }
 
 impl MachineModel {
@@ -232,6 +245,10 @@ impl MachineModel {
         if let Some(wanders) = &parts.quality.wanders {
             wanders.check()?;
         }
+        parts.quality.unseen_expansions.by_sensor.iter().try_for_each(UnseenExpansion::check)?;
+        for absorbed in &parts.quality.unseen_expansions.absorbed {
+            check("expansions absorbed", absorbed, total)?;
+        }
         let ordered = |(_, (low, high)): &(&String, &(f64, f64))| low.is_finite() && high.is_finite() && low <= high;
         if let Some((name, (low, high))) = parts.identified.covariates.iter().find(|range| !ordered(range)) {
             return Err(ModelError::Covariate { name: name.clone(), low: *low, high: *high });
@@ -252,7 +269,20 @@ impl MachineModel {
         let usual = parts.effects.iter().map(|fitted| usual(fitted, &parts.identified)).collect();
         let unread = unread(&parts);
         let apart = parts.effects.iter().map(|fitted| apart(fitted, &parts.identified)).collect();
-        Ok(MachineModel { parts, layout, machine_parameters, covariance, between_nodes, usual, unread, apart })
+        let with_range =
+            |unseen: &UnseenExpansion| (unseen.clone(), usual_of(unseen.sensor.clone(), &parts.identified));
+        let unseen_expansions = parts.quality.unseen_expansions.by_sensor.iter().map(with_range).collect();
+        Ok(MachineModel {
+            parts,
+            layout,
+            machine_parameters,
+            covariance,
+            between_nodes,
+            usual,
+            unread,
+            apart,
+            unseen_expansions,
+        })
     }
 
     /// An effect by name and shape, for readers of model files.
@@ -289,7 +319,19 @@ impl MachineModel {
         if !parts.chord_covariance.is_empty() {
             parts.chord_covariance = of_kept(&self.parts.chord_covariance);
         }
+        for absorbed in &mut parts.quality.unseen_expansions.absorbed {
+            *absorbed = kept.iter().map(|place| absorbed[*place]).collect();
+        }
         MachineModel::new(parts)
+    }
+
+    /// The same with these expansions of scales that its data cannot rule out.
+    ///
+    /// # Errors
+    /// [`ModelError::UnseenExpansion`] where one is none, [`ModelError::Length`] where they belong to another model.
+    pub fn with_unseen_expansions(&self, unseen_expansions: UnseenExpansions) -> Result<MachineModel, ModelError> {
+        let quality = FitQuality { unseen_expansions, ..self.parts.quality.clone() };
+        MachineModel::new(ModelParts { quality, ..self.parts.clone() })
     }
 
     /// The parts, as stored.
@@ -302,13 +344,27 @@ impl MachineModel {
         &self.layout
     }
 
-    /// Variance along X, Y and Z at a reading (m) of what neither the model nor the declared noise explains (m²).
-    pub(crate) fn unexplained_m2(&self, reading_m: [f64; 3]) -> Vector3<f64> {
-        let anywhere = Vector3::from(self.parts.quality.unexplained_m).map(|u_m| u_m * u_m);
-        match &self.parts.quality.wanders {
-            Some(wanders) => anywhere + Vector3::from(wanders.at_m2(reading_m)),
-            None => anywhere,
+    /// Variance along X, Y and Z of what neither the model nor the declared noise explains of a sample, and of what the data could not
+    /// have shown (m²).
+    pub(crate) fn unexplained_m2(&self, state: &State) -> Vector3<f64> {
+        let mut variance_m2 = Vector3::from(self.parts.quality.unexplained_m).map(|u_m| u_m * u_m);
+        if let Some(wanders) = &self.parts.quality.wanders {
+            variance_m2 += Vector3::from(wanders.at_m2(state.reading_m));
         }
+        if !self.unseen_expansions.is_empty() {
+            variance_m2 += unseen_expansion::variance_m2(&self.unseen_expansions, self.middle_m(), state);
+        }
+        variance_m2
+    }
+
+    /// What expansions that the data cannot rule out do to a metre of X, Y and Z at the coldest or warmest that was logged (m/m, k = 1).
+    pub fn unseen_expansion_at_the_ends(&self) -> [f64; 3] {
+        unseen_expansion::at_the_ends(&self.unseen_expansions)
+    }
+
+    /// Readings in the middle of those identified (m).
+    pub fn middle_m(&self) -> [f64; 3] {
+        self.parts.identified.reading_m.map(|(low, high)| 0.5 * (low + high))
     }
 
     /// Number of geometric and effect parameters.
@@ -347,6 +403,14 @@ impl MachineModel {
         between_nodes.iter().for_each(|(index, factor)| *departures.entry(*index).or_default() += factor);
         let missed = departures.iter().map(|(index, factor)| factor * factor * self.between_nodes.variance(*index));
         parameters.iter().map(row).sum::<f64>() + missed.sum::<f64>()
+    }
+
+    /// The part of that variance by what the fit takes of expansions that it could not show.
+    pub(crate) fn absorbed_m2(&self, combination: &Combination) -> f64 {
+        let of = |absorbed: &Vec<f64>| {
+            combination.parameters.iter().map(|(index, factor)| factor * absorbed[*index]).sum::<f64>()
+        };
+        self.parts.quality.unseen_expansions.absorbed.iter().map(|absorbed| of(absorbed).powi(2)).sum()
     }
 
     /// Row of the covariance of the machine parameters.
@@ -422,9 +486,12 @@ impl MachineModel {
 }
 
 fn usual(fitted: &FittedEffect, identified: &IdentifiedVolume) -> [Vec<Usual>; 2] {
-    let with_range = |name: String| Usual { range: identified.covariates.get(&name).copied(), name };
     [fitted.effect.covariates(), fitted.effect.range_covariates()]
-        .map(|names| names.into_iter().map(with_range).collect())
+        .map(|names| names.into_iter().map(|name| usual_of(name, identified)).collect())
+}
+
+fn usual_of(name: String, identified: &IdentifiedVolume) -> Usual {
+    Usual { range: identified.covariates.get(&name).copied(), name }
 }
 
 /// Covariates that were logged and that no effect reads. What such a quantity does was too little to be seen over its range; as far
@@ -451,10 +518,11 @@ pub fn packed(a: usize, b: usize) -> usize {
     row * (row + 1) / 2 + column
 }
 
-/// Covariance of two parameters with what straight lines between nodes add.
+/// Covariance of two parameters with what straight lines between nodes and expansions that nobody saw add.
 fn whole_covariance(parts: &ModelParts, a: usize, b: usize) -> f64 {
     let place = packed(a, b);
-    parts.covariance[place] + parts.chord_covariance.get(place).copied().unwrap_or(0.0)
+    let expansions = parts.quality.unseen_expansions.absorbed.iter().map(|absorbed| absorbed[a] * absorbed[b]);
+    parts.covariance[place] + parts.chord_covariance.get(place).copied().unwrap_or(0.0) + expansions.sum::<f64>()
 }
 
 fn check(what: &'static str, values: &[f64], expected: usize) -> Result<(), ModelError> {

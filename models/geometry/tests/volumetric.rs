@@ -61,6 +61,7 @@ fn model(set: &[(&str, f64)], c0y_rad: f64) -> MachineModel {
             residual_rms_m: 0.0,
             unexplained_m: [0.0; 3],
             wanders: None,
+            unseen_expansions: Default::default(),
         },
     })
     .unwrap()

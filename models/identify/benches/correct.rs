@@ -52,6 +52,7 @@ fn with_effects(model: &MachineModel, effects: &[(&str, Shape)]) -> MachineModel
     let mut parts = model.parts().clone();
     // The campaign's own covariates have ranges of their own, of which the samples here know nothing.
     (parts.identified.covariates, parts.identified.differences) = Default::default();
+    parts.quality.unseen_expansions = Default::default();
     let mut deviations = Vec::new();
     for (name, shape) in effects {
         let plausible =

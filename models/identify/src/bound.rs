@@ -9,7 +9,8 @@ use crate::design::{Estimate, Setup};
 use crate::error::IdentifyError;
 use crate::linear::{Factor, select};
 use crate::normal::accumulate;
-use abbe_geometry::model::{MachineModel, ModelParts};
+use abbe_geometry::model::{FitQuality, MachineModel, ModelParts};
+use abbe_geometry::unseen_expansion::UnseenExpansions;
 use abbe_measurement::campaign::Campaign;
 use abbe_measurement::instrument::RangeUncertainty;
 
@@ -54,6 +55,7 @@ pub fn at_cramer_rao_bound(
         covariance: packed,
         chord_covariance: Vec::new(),
         identified: parts.identified.clone(),
-        quality: parts.quality.clone(),
+        // Noise alone.
+        quality: FitQuality { unseen_expansions: UnseenExpansions::default(), ..parts.quality.clone() },
     })?)
 }

@@ -87,6 +87,7 @@ mod smoothing;
 mod solve;
 mod term;
 mod unexplained;
+mod unseen_expansion;
 pub mod verdict;
 
 pub use abbe_measurement::{robust, station_start};
@@ -107,3 +108,4 @@ pub use rows::{Rows, residuals_of};
 pub use solve::{Identified, identify, identify_with};
 pub use term::{CampaignRow, EffectTerm, TIME};
 pub use unexplained::{Excess, by_axis};
+pub use unseen_expansion::unseen_expansions;

@@ -252,6 +252,7 @@ mod tests {
                 residual_rms_m: 1e-7,
                 unexplained_m: [0.0; 3],
                 wanders: None,
+                unseen_expansions: Default::default(),
             },
             machine,
         };

@@ -138,6 +138,7 @@ impl Fit<'_> {
                 residual_rms_m: (square_m2 / used.max(1) as f64).sqrt(),
                 unexplained_m: self.unexplained_m(settled, square_m2, degrees),
                 wanders: None,
+                unseen_expansions: Default::default(),
             },
         };
         Ok(MachineModel::new(parts)?)

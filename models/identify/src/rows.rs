@@ -13,9 +13,9 @@ use crate::normal::residuals;
 use crate::range_noise::RangeCorrelation;
 use crate::solve::Identified;
 use crate::term::{EffectTerm, Reads};
-use abbe_geometry::Vector3;
 use abbe_geometry::effects::{CovariateProblem, Effect, Ray};
 use abbe_geometry::model::MachineModel;
+use abbe_geometry::{ErrorId, Vector3};
 use abbe_measurement::campaign::Campaign;
 use abbe_measurement::instrument::RangeUncertainty;
 use faer::Mat;
@@ -143,6 +143,11 @@ impl<'a> Rows<'a> {
         let mut columns = self.partials(effect)?;
         (0..columns.ncols()).for_each(|j| self.whiten(columns.col_as_slice_mut(j)));
         Ok(columns)
+    }
+
+    /// Partial of the range of a reading by one of the machine's errors at it.
+    pub(crate) fn along(&self, reading: usize, id: ErrorId) -> f64 {
+        self.rays[reading].direction.dot(&self.by_error[reading][id.index()])
     }
 
     /// Partials of the ranges used by an effect's parameters (m per unit), one column a parameter.

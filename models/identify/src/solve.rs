@@ -18,6 +18,7 @@ use crate::robust;
 use crate::smoothing::{self, Smoothness, Solution};
 use crate::station_start::StationStart;
 use crate::term::{self, EffectTerm};
+use crate::unseen_expansion::unseen_expansions;
 use abbe_geometry::error_function::Kind;
 use abbe_geometry::layout::{Layout, centre_of};
 use abbe_geometry::machine::Machine;
@@ -81,7 +82,9 @@ pub fn identify(
     options: &Options,
     observe: &mut dyn FnMut(Progress) -> bool,
 ) -> Result<Identified, IdentifyError> {
-    identify_with(machine, instrument, campaign, &[], options, observe)
+    let fit = identify_with(machine, instrument, campaign, &[], options, observe)?;
+    let unseen = unseen_expansions(&fit, instrument, campaign, &|_| true);
+    Ok(Identified { model: fit.model.with_unseen_expansions(unseen)?, ..fit })
 }
 
 /// The same with effects beyond geometry, whose parameters are found together with everything else.

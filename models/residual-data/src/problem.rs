@@ -10,7 +10,8 @@ use crate::ResidualError;
 use abbe_geometry::Vector3;
 use abbe_geometry::correct::{Status, correct};
 use abbe_geometry::effects::State;
-use abbe_geometry::model::{MachineModel, ModelParts, Station};
+use abbe_geometry::model::{FitQuality, MachineModel, ModelParts, Station};
+use abbe_geometry::unseen_expansion::UnseenExpansions;
 use abbe_identify::station_start::start;
 use abbe_identify::{CampaignRow, IdentifyError, ModelRows, robust, symmetric_eigen, with_lagged};
 use abbe_measurement::campaign::Campaign;
@@ -172,7 +173,9 @@ fn with_stations_of(
     let total = machine + 4 * stations.len();
     let covariance = (0..total).flat_map(|row| (0..=row).map(move |column| (row, column)));
     let covariance = covariance.map(|(row, column)| entry(row, column)).collect();
-    let parts = ModelParts { stations, covariance, chord_covariance: Vec::new(), ..model.parts().clone() };
+    // What a fit took of expansions that nobody saw belongs to its own stations.
+    let quality = FitQuality { unseen_expansions: UnseenExpansions::default(), ..model.parts().quality.clone() };
+    let parts = ModelParts { stations, covariance, chord_covariance: Vec::new(), quality, ..model.parts().clone() };
     Ok(MachineModel::new(parts).map_err(IdentifyError::from)?)
 }
 

@@ -13,6 +13,7 @@ use abbe_geometry::effects::{ParameterSpec, Shape, ShapeValue};
 use abbe_geometry::layout::Layout;
 use abbe_geometry::machine::Machine;
 use abbe_geometry::model::{Difference, FitQuality, FittedEffect, IdentifiedVolume, MachineModel, ModelParts, Station};
+use abbe_geometry::unseen_expansion::{UnseenExpansion, UnseenExpansions};
 use abbe_geometry::{ErrorId, Vector3};
 use abbe_measurement::instrument::RangeUncertainty;
 use serde::{Deserialize, Serialize, Serializer};
@@ -158,6 +159,9 @@ struct QualityRecord {
     /// What a machine that wanders does, by place; most models have none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     wanders: Option<WandersRecord>,
+    /// Where no temperature was logged, and in files of earlier software, there is none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    unseen_expansions: Option<UnseenExpansionsRecord>,
     /// What speaks against the model; files of earlier software have none.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     doubts: Vec<Doubt>,
@@ -203,6 +207,51 @@ impl WandersRecord {
             half_span_m: self.half_span_m,
             packed_m2: [self.x_packed_m2.0, self.y_packed_m2.0, self.z_packed_m2.0],
         }
+    }
+}
+
+/// Expansions that the data cannot rule out.
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct UnseenExpansionsRecord {
+    by_sensor: Vec<UnseenExpansionRecord>,
+    /// In the order of the covariance.
+    absorbed: Vec<OneLine>,
+}
+
+impl UnseenExpansionsRecord {
+    fn of(unseen: &UnseenExpansions) -> Option<UnseenExpansionsRecord> {
+        (*unseen != UnseenExpansions::default()).then(|| UnseenExpansionsRecord {
+            by_sensor: unseen.by_sensor.iter().map(UnseenExpansionRecord::of).collect(),
+            absorbed: unseen.absorbed.iter().cloned().map(OneLine).collect(),
+        })
+    }
+
+    fn unseen(self) -> UnseenExpansions {
+        UnseenExpansions {
+            by_sensor: self.by_sensor.into_iter().map(UnseenExpansionRecord::unseen).collect(),
+            absorbed: self.absorbed.into_iter().map(|absorbed| absorbed.0).collect(),
+        }
+    }
+}
+
+/// What the data leave open of the expansion of X, Y and Z with a temperature.
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct UnseenExpansionRecord {
+    sensor: String,
+    per_kelvin: [f64; 3],
+    at_c: [f64; 3],
+}
+
+impl UnseenExpansionRecord {
+    fn of(unseen: &UnseenExpansion) -> UnseenExpansionRecord {
+        let UnseenExpansion { sensor, per_kelvin, at_c } = unseen.clone();
+        UnseenExpansionRecord { sensor, per_kelvin, at_c }
+    }
+
+    fn unseen(self) -> UnseenExpansion {
+        UnseenExpansion { sensor: self.sensor, per_kelvin: self.per_kelvin, at_c: self.at_c }
     }
 }
 
@@ -273,6 +322,7 @@ impl ModelRecord {
                 residual_rms_m: parts.quality.residual_rms_m,
                 unexplained_m: Some(UnexplainedRecord::ByAxis(parts.quality.unexplained_m)),
                 wanders: parts.quality.wanders.as_ref().map(WandersRecord::of),
+                unseen_expansions: UnseenExpansionsRecord::of(&parts.quality.unseen_expansions),
                 doubts: file.doubts.clone(),
             },
             data: file.data.clone(),
@@ -332,6 +382,11 @@ impl ModelRecord {
                 residual_rms_m: self.quality.residual_rms_m,
                 unexplained_m: unexplained_m(&self.quality),
                 wanders: self.quality.wanders.map(WandersRecord::variance),
+                unseen_expansions: self
+                    .quality
+                    .unseen_expansions
+                    .map(UnseenExpansionsRecord::unseen)
+                    .unwrap_or_default(),
             },
         };
         Ok(ModelFile {

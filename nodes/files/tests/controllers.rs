@@ -9,8 +9,9 @@ use abbe_files::export::{About, ExportedFile, Writer, format};
 use abbe_geometry::Vector3;
 use abbe_geometry::axis::{Axis, ErrorId};
 use abbe_geometry::effects::Shape;
-use abbe_geometry::model::{MachineModel, ModelParts};
+use abbe_geometry::model::{FitQuality, MachineModel, ModelParts};
 use abbe_geometry::sampled::SampledErrors;
+use abbe_geometry::unseen_expansion::UnseenExpansions;
 
 const STEP_M: f64 = 0.02;
 /// Reversal of X: constant; of Y: changing along the stroke (m). Play is negative.
@@ -36,9 +37,9 @@ fn model() -> ModelFile {
         identified
     };
     let chord_covariance = Vec::new();
-    file.model =
-        MachineModel::new(ModelParts { coefficients, effects, covariance, chord_covariance, identified, ..parts })
-            .unwrap();
+    let quality = FitQuality { unseen_expansions: UnseenExpansions::default(), ..parts.quality.clone() };
+    let parts = ModelParts { coefficients, effects, covariance, chord_covariance, identified, quality, ..parts };
+    file.model = MachineModel::new(parts).unwrap();
     file
 }
 

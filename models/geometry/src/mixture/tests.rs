@@ -4,6 +4,7 @@ use super::*;
 use crate::correct::correct;
 use crate::correct::tests::{By, at, model};
 use crate::effects::{CovariateValue, Shape};
+use crate::unseen_expansion::UnseenExpansions;
 use nalgebra::{Matrix3, Vector3};
 
 /// Range of a test covariate, by which the two models of [`two`] differ.
@@ -73,6 +74,28 @@ fn models_that_do_not_belong_together_have_no_mean() {
     ] {
         assert_eq!(mixture(&models).unwrap_err(), ModelError::Mixture { what });
     }
+}
+
+/// What a fit takes of expansions that nobody saw belongs to its parameters, wherever these stand in another model.
+#[test]
+fn what_a_fit_absorbed_goes_with_its_parameters() {
+    let [one, other] = two();
+    let total = one.machine_parameters() + 4 * one.parts().stations.len();
+    let absorbed: Vec<f64> = (0..total).map(|k| 1e-8 * (k + 1) as f64).collect();
+    let unseen = UnseenExpansions { by_sensor: Vec::new(), absorbed: vec![absorbed.clone()] };
+    let told = one.with_unseen_expansions(unseen).unwrap();
+    let values = By(|_: &str| CovariateValue::Fresh(4.0));
+    let widened_m2 =
+        correct(&told, &at(&values)).covariance_m2.unwrap() - correct(&one, &at(&values)).covariance_m2.unwrap();
+    let partials = crate::correct::partials(&one, &at(&values)).unwrap();
+    let moved_m = partials.map(|along| along.into_iter().map(|(place, factor)| factor * absorbed[place]).sum::<f64>());
+    let moved_m = Vector3::from(moved_m);
+    assert!((widened_m2 - moved_m * moved_m.transpose()).norm() < 1e-9 * moved_m.norm_squared());
+    let both = mixture(&[(1.0, &told), (0.0, &other)]).unwrap();
+    let left = both.without(|fitted| fitted.shape == other.parts().effects[0].shape).unwrap();
+    assert_eq!(left.parts().quality.unseen_expansions, told.parts().quality.unseen_expansions);
+    let damaged = UnseenExpansions { by_sensor: Vec::new(), absorbed: vec![vec![0.0; total - 1]] };
+    assert!(one.with_unseen_expansions(damaged).unwrap_err().to_string().contains("expansions absorbed"));
 }
 
 /// What is taken out of a mean of two, one of which has no share, leaves the other.

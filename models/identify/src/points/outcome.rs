@@ -132,6 +132,7 @@ pub(super) fn finish(problem: &Problem, found: Minimised) -> Result<FittedPoints
         residual_rms_m: (square / count.max(1) as f64).sqrt(),
         unexplained_m: [FitQuality::unexplained_of(certificate.chi2_per_dof, square, degrees); 3],
         wanders: None,
+        unseen_expansions: Default::default(),
     };
     let geometric = problem.layout.len();
     let scale = widening(certificate.chi2_per_dof);

@@ -86,6 +86,7 @@ fn parts(diagnosis: &StudyDiagnosis, given: &Machine) -> anyhow::Result<ModelPar
             // A study takes its noise from its own residuals: all of it is in the covariance.
             unexplained_m: [0.0; 3],
             wanders: None,
+            unseen_expansions: Default::default(),
         },
         machine,
     })

@@ -14,11 +14,14 @@ use abbe_files::{Doubt, MachineFile, ModelFile, OrderChoice, hex};
 use abbe_geometry::model::MachineModel;
 use abbe_identify::Evidence;
 use abbe_identify::verdict::{Cause, Grade, Verdict, of_campaign, widened};
-use abbe_report::Identity;
 use abbe_report::diagnosis::{Both, DiagnosisReport, File, ModelOut, Record};
+use abbe_report::{Identity, digits};
 use anyhow::{Context, bail, ensure};
 use serde_json::{Value, json};
 use std::path::Path;
+
+/// Expansion of a metre from which it is said (m/m, k = 2): less than most machines are specified to.
+const LEAST_HIDDEN: f64 = 1e-6;
 
 /// A model file as it was given.
 struct Given {
@@ -116,6 +119,18 @@ fn out_of_time(diagnosis: &Diagnosis) -> Option<String> {
 /// That it wanders, beside what was found.
 fn wandered(diagnosis: &Diagnosis) -> Option<String> {
     diagnosis.wander.as_ref().map(Wander::words)
+}
+
+/// What expansions of the scales may be hidden: it stands in U where the temperature is another one.
+fn hidden(model: &MachineModel) -> Option<String> {
+    let per_metre = model.unseen_expansion_at_the_ends();
+    let [x, y, z] = per_metre.map(|of_axis| digits::result(2e6 * of_axis));
+    per_metre.iter().any(|of_axis| 2.0 * of_axis >= LEAST_HIDDEN).then(|| {
+        format!(
+            "Expansions of the scales may hide in these data: {x}, {y} and {z} µm per metre of X, Y and Z at the coldest or warmest that was logged \
+             (k = 2). U holds them there and beyond."
+        )
+    })
 }
 
 /// Diagnoses a campaign; `observe` sees the progress and returns false to stop.
@@ -253,7 +268,7 @@ fn recorded(diagnosis: &Diagnosis, given: &Given, model: &Path, loaded: &LoadedC
         ladder: Vec::new(),
         considered: Vec::new(),
         alternatives: Vec::new(),
-        notes: Vec::new(),
+        notes: hidden(&diagnosis.model).into_iter().collect(),
         data_kind: "tracer campaign".to_owned(),
         about: provenance::of_campaign(&loaded.campaign, given.file.instrument)
             .into_iter()
@@ -267,7 +282,10 @@ fn recorded(diagnosis: &Diagnosis, given: &Given, model: &Path, loaded: &LoadedC
         options: options_json(options),
         software: software(),
     };
-    let sentences = [stepped(diagnosis), out_of_time(diagnosis), Some(record.words()), wandered(diagnosis)];
+    // Where something was found, the note has to do.
+    let is_quiet = diagnosis.consistent_with_noise || diagnosis.only_correlated;
+    let hidden = is_quiet.then(|| hidden(&diagnosis.model)).flatten();
+    let sentences = [stepped(diagnosis), out_of_time(diagnosis), Some(record.words()), hidden, wandered(diagnosis)];
     record.verdict = sentences.into_iter().flatten().collect::<Vec<_>>().join(" ");
     record
 }

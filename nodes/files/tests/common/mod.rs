@@ -7,6 +7,7 @@ use abbe_geometry::effects::Shape;
 use abbe_geometry::error_function::Kind;
 use abbe_geometry::layout::Layout;
 use abbe_geometry::model::{FitQuality, IdentifiedVolume, MachineModel, ModelParts, Station};
+use abbe_geometry::unseen_expansion::{UnseenExpansion, UnseenExpansions};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -68,6 +69,14 @@ pub(crate) fn model(seed: u64) -> ModelFile {
             residual_rms_m: 0.1e-6,
             unexplained_m: [0.07e-6, 0.0, 1e-7 / 3.0],
             wanders: Some(wanders()),
+            unseen_expansions: UnseenExpansions {
+                by_sensor: vec![UnseenExpansion {
+                    sensor: "temp_y_c".to_owned(),
+                    per_kelvin: [1e-6 / 3.0, 0.0, 2e-6],
+                    at_c: [20.1, 19.9, 20.0],
+                }],
+                absorbed: vec![(0..total).map(|k| 1e-7 / (k + 3) as f64).collect()],
+            },
         },
         machine,
         coefficients,

@@ -13,6 +13,7 @@ use abbe_geometry::chain::nominal_point_m;
 use abbe_geometry::correct::{Status, correct};
 use abbe_geometry::effects::{NoCovariates, State};
 use abbe_geometry::model::MachineModel;
+use abbe_geometry::unseen_expansion::UnseenExpansions;
 use abbe_measurement::growing_station::{GrowingStation, Sighting};
 use std::collections::BTreeMap;
 
@@ -76,7 +77,9 @@ impl Checks {
 
     /// From now on points are as this model corrects them.
     pub(super) fn learn(&mut self, model: MachineModel) {
-        self.model = Some(model);
+        // What its data leave open of expansions is no tolerance for a jump.
+        let strict = model.with_unseen_expansions(UnseenExpansions::default());
+        self.model = Some(strict.unwrap_or(model));
         let stations = std::mem::take(&mut self.stations);
         for (key, (mut growing, readings)) in stations {
             let sightings = readings.iter().map(|reading| self.sighting(&growing, reading)).collect();

@@ -249,6 +249,7 @@ fn a_model_of_the_campaign_so_far_tells_a_jump_of_micrometres() {
             residual_rms_m: 2e-7,
             unexplained_m: [0.0; 3],
             wanders: None,
+            unseen_expansions: Default::default(),
         },
     );
     let covariance = (0..count).flat_map(|a| (0..=a).map(move |b| if a == b { 1e-16 } else { 0.0 })).collect();

@@ -1,0 +1,144 @@
+//! Expansions of scales that a campaign cannot rule out.
+//!
+//! Place in the flow: identification and diagnosis state them, [`mod@crate::correct`] widens coordinates by them. Every scale expands.
+//! Where its temperature went along with the stations, stations and errors take nearly all of that, and "nothing was seen" hides
+//! micrometres a metre and kelvin. A coordinate holds at the temperature at which the machine was measured; elsewhere its standard
+//! uncertainty along each axis is
+//!
+//! > u = s · |T − T₀| · |r − r₀|
+//!
+//! s is what the data leave open of the expansion (1/K), T₀ the temperature at which that axis was measured (°C), r₀ the middle of the
+//! readings (m): where a scale is fixed moves all points alike. Of several temperatures that one counts which says most. One that is
+//! missing is as far away as the campaign saw it. What the fit took of such an expansion for its own, since not all lines were measured at
+//! T₀, stands in the covariance of its parameters: as directions in which they may all be off together.
+
+use crate::doubt::Usual;
+use crate::effects::{CovariateValue, NoCovariates, State};
+use crate::model::ModelError;
+use crate::seen::is_implausible;
+use nalgebra::Vector3;
+
+/// What the data leave open of the expansions of the scales.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct UnseenExpansions {
+    /// With each temperature that was logged.
+    pub by_sensor: Vec<UnseenExpansion>,
+    /// What the fit takes of them: of all parameters (geometry, effects, stations), by how much they may be off together (k = 1).
+    pub absorbed: Vec<Vec<f64>>,
+}
+
+/// What the data leave open of the expansion of each scale with one temperature.
+#[derive(Debug, Clone, PartialEq)]
+pub struct UnseenExpansion {
+    /// Covariate (°C).
+    pub sensor: String,
+    /// Standard deviation of the expansion of X, Y and Z (1/K); 0 where an effect of the model holds it.
+    pub per_kelvin: [f64; 3],
+    /// Temperature at which X, Y and Z were measured (°C).
+    pub at_c: [f64; 3],
+}
+
+/// What expansions that the campaign cannot rule out do to a metre of each axis at the coldest or warmest that was logged (m/m, k = 1).
+pub(crate) fn at_the_ends(all: &[(UnseenExpansion, Usual)]) -> [f64; 3] {
+    let nothing_logged = State { reading_m: [0.0; 3], offset_m: [0.0; 3], covariates: &NoCovariates };
+    most(all, &nothing_logged)
+}
+
+fn most(all: &[(UnseenExpansion, Usual)], state: &State) -> [f64; 3] {
+    all.iter().fold([0.0; 3], |most: [f64; 3], (unseen, usual)| {
+        let own = unseen.per_metre(usual.range, state);
+        std::array::from_fn(|d| most[d].max(own[d]))
+    })
+}
+
+impl UnseenExpansion {
+    /// Takes what another fit of the same data leaves open, where that is more; what an effect holds stays held.
+    pub fn widen(&mut self, other: &UnseenExpansion) {
+        for (own, other) in self.per_kelvin.iter_mut().zip(other.per_kelvin) {
+            *own = if *own > 0.0 { own.max(other) } else { 0.0 };
+        }
+    }
+
+    /// Refuses what is none.
+    pub(crate) fn check(&self) -> Result<(), ModelError> {
+        let refused = |what| Err(ModelError::UnseenExpansion { sensor: self.sensor.clone(), what });
+        match () {
+            () if !self.per_kelvin.iter().chain(&self.at_c).all(|value| value.is_finite()) => {
+                refused("a number is not finite")
+            }
+            () if self.per_kelvin.iter().any(|u| *u < 0.0) => refused("a standard deviation is below zero"),
+            () => Ok(()),
+        }
+    }
+
+    /// How far each axis may be off per metre from its middle, with its sensor's range in the campaign.
+    fn per_metre(&self, range_c: Option<(f64, f64)>, state: &State) -> [f64; 3] {
+        let usual = || range_c.filter(|(low, high)| low <= high);
+        let is_sensor = |value: &f64| {
+            usual().is_none_or(|(low, high)| !is_implausible(&self.sensor, (low - value).max(value - high)))
+        };
+        // A problem in words would be made for each sample that lacks it.
+        let known = match state.covariates.covariate(&self.sensor) {
+            CovariateValue::Fresh(value) if is_sensor(&value) => Some(value),
+            _ => None,
+        };
+        std::array::from_fn(|d| {
+            let away = |value: f64| (value - self.at_c[d]).abs();
+            let farthest = || usual().map_or(0.0, |(low, high)| away(low).max(away(high)));
+            self.per_kelvin[d] * known.map_or_else(farthest, away)
+        })
+    }
+}
+
+/// Variance along X, Y and Z (m²) by expansions that the campaign cannot rule out; each with the range of its sensor. `middle_m` are the
+/// readings in the middle of those identified.
+pub(crate) fn variance_m2(all: &[(UnseenExpansion, Usual)], middle_m: [f64; 3], state: &State) -> Vector3<f64> {
+    let most = most(all, state);
+    Vector3::from_fn(|d, _| (most[d] * (state.reading_m[d] - middle_m[d])).powi(2))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effects::CovariateSource;
+
+    struct Logged(f64, f64);
+
+    impl CovariateSource for Logged {
+        fn covariate(&self, name: &str) -> crate::effects::CovariateValue {
+            crate::effects::CovariateValue::Fresh(if name == "temp_scale_x_c" { self.0 } else { self.1 })
+        }
+    }
+
+    fn all() -> Vec<(UnseenExpansion, Usual)> {
+        let of = |name: &str, per_kelvin, range| {
+            let unseen = UnseenExpansion { sensor: name.to_owned(), per_kelvin, at_c: [20.0, 21.0, 20.0] };
+            (unseen, Usual { name: name.to_owned(), range: Some(range) })
+        };
+        vec![of("temp_scale_x_c", [2e-6, 1e-6, 0.0], (19.0, 22.0)), of("temp_air_c", [1e-6, 0.0, 0.0], (15.0, 22.0))]
+    }
+
+    fn u_m(source: &dyn CovariateSource) -> [f64; 3] {
+        let state = State { reading_m: [0.9, 0.1, 0.3], offset_m: [0.0; 3], covariates: source };
+        variance_m2(&all(), [0.4, 0.3, 0.3], &state).map(f64::sqrt).into()
+    }
+
+    fn near(found: [f64; 3], expected: [f64; 3]) {
+        assert!(found.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-12), "{found:?} {expected:?}");
+    }
+
+    #[test]
+    fn a_coordinate_is_uncertain_by_what_was_not_seen_times_the_distance_in_kelvin_and_metres() {
+        near(u_m(&Logged(20.0, 20.0)), [0.0, 0.2e-6, 0.0]);
+        // Half a metre from the middle, three kelvin warm: 2 µm/(m·K) by the one sensor, 1 by the other.
+        near(u_m(&Logged(23.0, 20.0)), [3e-6, 0.4e-6, 0.0]);
+        near(u_m(&Logged(20.5, 26.0)), [3e-6, 0.1e-6, 0.0]);
+    }
+
+    #[test]
+    fn what_is_missing_or_broken_is_as_far_away_as_it_was() {
+        near(u_m(&NoCovariates), [2.5e-6, 0.4e-6, 0.0]);
+        near(at_the_ends(&all()), [5e-6, 2e-6, 0.0]);
+        near(u_m(&Logged(20.0, -999.0)), [2.5e-6, 0.2e-6, 0.0]);
+    }
+}

@@ -1,0 +1,263 @@
+//! What a settled fit leaves open of the expansion of each scale with each temperature that was logged.
+//!
+//! Place in the flow: the last step of [`crate::identify()`], and of a diagnosis; [`abbe_geometry::unseen_expansion`] widens coordinates by
+//! it. The expansion of one axis (and the push of the tip along it, which is not told from where the scale is fixed) is a pair of columns
+//! beside all that the fit has: C, with Λ = CᵀC − CᵀJVJᵀC left of its information, and a prior of a scale of steel or glass that
+//! nobody compensates. What is open is the second moment of the posterior,
+//!
+//! > s² = a² + u_a²,   a = (Λ/φ + P)⁻¹ Cᵀr/φ,   u_a² = (Λ/φ + P)⁻¹,
+//!
+//! φ the misfit of the fit. So what the data show, and no diagnosis adopted, is in it as well. A campaign at one temperature
+//! leaves the prior. What the fit takes of the columns, V JᵀC, is by how much its parameters may be off together (the consider covariance of
+//! Schmidt 1966, as in Tapley, Schutz and Born 2004, Statistical Orbit Determination, 6.3). Where an effect of the fit already holds what
+//! a temperature does along an axis, its covariance says it. Lengths in m.
+
+use crate::rows::{Rows, parameters_of};
+use crate::solve::Identified;
+use crate::term::CampaignRow;
+use abbe_geometry::effects::{Acts, CovariateSource, CovariateValue, Effect, State, is_derived};
+use abbe_geometry::model::FittedEffect;
+use abbe_geometry::seen::TEMPERATURE;
+use abbe_geometry::unseen_expansion::{UnseenExpansion, UnseenExpansions};
+use abbe_geometry::{Axis, ErrorId};
+use abbe_measurement::campaign::{Campaign, Covariate};
+use abbe_measurement::instrument::RangeUncertainty;
+use faer::Mat;
+
+/// Expansion of a scale that nobody compensates (1/K, k = 1): steel and glass grow by 8 to 12 µm/(m·K).
+const EXPANSION: f64 = 10e-6;
+/// Push of the tip with it (m/K): a scale is fixed within a few metres.
+const PUSH: f64 = 30e-6;
+
+/// Rows at which an effect is looked at.
+const LOOKED_AT: usize = 8;
+/// Share of a motion that is rounding.
+const ROUNDING: f64 = 1e-9;
+/// Change of a temperature that is none (K): what is usual anywhere.
+const STANDS_STILL_K: f64 = 0.2;
+
+/// The row of a campaign with all temperatures raised.
+struct Warmer<'a> {
+    row: CampaignRow<'a>,
+    raised_k: f64,
+}
+
+impl CovariateSource for Warmer<'_> {
+    fn covariate(&self, name: &str) -> CovariateValue {
+        match self.row.covariate(name) {
+            CovariateValue::Fresh(value) if name.ends_with(TEMPERATURE) => CovariateValue::Fresh(value + self.raised_k),
+            other => other,
+        }
+    }
+}
+
+/// What the data of a fit leave open of the expansion of each scale, with each temperature that all readings have.
+/// `is_kept` says which effects of the fit the model keeps.
+pub fn unseen_expansions(
+    fit: &Identified,
+    instrument: RangeUncertainty,
+    campaign: &Campaign,
+    is_kept: &dyn Fn(&FittedEffect) -> bool,
+) -> UnseenExpansions {
+    let is_logged = |column: &&Covariate| column.name.ends_with(TEMPERATURE) && !is_derived(&column.name);
+    let logged: Vec<&Covariate> = campaign.covariates.iter().filter(is_logged).collect();
+    let mut all = UnseenExpansions::default();
+    if logged.is_empty() {
+        return all;
+    }
+    let asked = Asked { fit, rows: Rows::new(fit, instrument, campaign), campaign };
+    let logged = asked.telling(logged);
+    let unseen =
+        |column: &Covariate| UnseenExpansion { sensor: column.name.clone(), per_kelvin: [0.0; 3], at_c: [0.0; 3] };
+    all.by_sensor = logged.iter().map(|column| unseen(column)).collect();
+    for axis in Axis::ALL {
+        let (d, is_held) = (axis.index(), asked.is_held(axis, is_kept));
+        let of_axis: Vec<Open> = logged.iter().map(|column| asked.open(column, axis)).collect();
+        for (own, open) in all.by_sensor.iter_mut().zip(&of_axis) {
+            own.at_c[d] = open.at_c;
+            own.per_kelvin[d] = if is_held { 0.0 } else { open.per_kelvin() };
+        }
+        // Temperatures of one machine go together: the one that may hide most stands for all.
+        let most = of_axis.iter().max_by(|a, b| a.hidden().total_cmp(&b.hidden()));
+        if let Some(open) = most.filter(|_| !is_held) {
+            all.absorbed.extend(asked.absorbed(open));
+        }
+    }
+    all
+}
+
+struct Asked<'a> {
+    fit: &'a Identified,
+    rows: Rows<'a>,
+    campaign: &'a Campaign,
+}
+
+/// What the rows leave open of the expansion of one axis with one temperature.
+struct Open {
+    at_c: f64,
+    /// Rms distance of the readings from that (K).
+    away_k: f64,
+    /// Second moments of the expansion (1/K) and of the push (m/K).
+    second: [[f64; 2]; 2],
+    /// What the fit takes of each: free parameters by unit.
+    reach: Mat<f64>,
+}
+
+impl Open {
+    fn per_kelvin(&self) -> f64 {
+        self.second[0][0].sqrt()
+    }
+
+    fn hidden(&self) -> f64 {
+        self.per_kelvin() * self.away_k
+    }
+}
+
+impl Asked<'_> {
+    /// Temperatures that every reading has. Where some changed, a sensor that stood still is none of what did: of a part, or of the ground.
+    fn telling<'c>(&self, logged: Vec<&'c Covariate>) -> Vec<&'c Covariate> {
+        let whole: Vec<&Covariate> = logged.into_iter().filter(|column| self.is_whole(column)).collect();
+        let changes = |column: &&Covariate| {
+            let values = self.used().filter_map(|k| column.values[k]);
+            let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
+            high - low > STANDS_STILL_K
+        };
+        if whole.iter().any(changes) { whole.into_iter().filter(changes).collect() } else { whole }
+    }
+
+    /// Whether every reading that counts has it, and there is one.
+    fn is_whole(&self, column: &Covariate) -> bool {
+        let mut used = self.used().peekable();
+        used.peek().is_some() && used.all(|k| column.values[k].is_some_and(f64::is_finite))
+    }
+
+    fn used(&self) -> impl Iterator<Item = usize> {
+        (0..self.rows.len()).filter(|k| self.rows.whitening[*k] > 0.0)
+    }
+
+    /// Whether an effect that the model keeps stretches the axis where all temperatures rise alike.
+    fn is_held(&self, axis: Axis, is_kept: &dyn Fn(&FittedEffect) -> bool) -> bool {
+        let effects = self.fit.model.parts().effects.iter().filter(|fitted| is_kept(fitted));
+        let mut effects = effects.map(|fitted| fitted.effect.as_ref());
+        effects.any(|effect| {
+            let reads_one = effect.covariates().iter().any(|name| name.ends_with(TEMPERATURE));
+            reads_one && self.used().step_by(self.rows.len() / LOOKED_AT + 1).any(|k| self.stretches(effect, k, axis))
+        })
+    }
+
+    /// Whether what an effect does along an axis in a kelvin changes along it, beside the readings and quantities of one row.
+    fn stretches(&self, effect: &dyn Effect, reading: usize, axis: Axis) -> bool {
+        let by_kelvin = |at_m: f64| -> Option<Vec<f64>> {
+            let along = |raised_k: f64| self.along(effect, (reading, axis), (at_m, raised_k));
+            Some(along(1.0)?.iter().zip(along(0.0)?).map(|(warm, cold)| warm - cold).collect())
+        };
+        let (low_m, high_m) = self.fit.model.parts().identified.reading_m[axis.index()];
+        let (Some(low), Some(high)) = (by_kelvin(low_m), by_kelvin(high_m)) else { return false };
+        low.iter().zip(&high).any(|(low, high)| (high - low).abs() > ROUNDING * low.abs().max(high.abs()))
+    }
+
+    /// What each parameter of an effect moves the tip along an axis by at a reading of it (m per unit), all temperatures of a row raised.
+    fn along(
+        &self,
+        effect: &dyn Effect,
+        (reading, axis): (usize, Axis),
+        (at_m, raised_k): (f64, f64),
+    ) -> Option<Vec<f64>> {
+        let own = &self.campaign.readings[reading];
+        let mut reading_m = own.reading_m;
+        reading_m[axis.index()] = at_m;
+        let warmer = Warmer { row: CampaignRow { campaign: self.campaign, reading }, raised_k };
+        let state = State { reading_m, offset_m: own.offset_m, covariates: &warmer };
+        let mut moved = vec![0.0; effect.parameters().len()];
+        let mut part = |parameter: usize, acts: Acts, amount: f64| {
+            if acts == Acts::Error(ErrorId::linear(axis, axis)) || acts == Acts::Tip(axis) {
+                moved[parameter] += amount;
+            }
+        };
+        effect.motion(&state, &mut part).ok().map(|()| moved)
+    }
+
+    fn open(&self, column: &Covariate, axis: Axis) -> Open {
+        let value = |k: usize| column.values[k].unwrap_or(0.0);
+        let count = self.used().count() as f64;
+        let mean_c = self.used().map(value).sum::<f64>() / count;
+        // The line that the fit makes of an expansion about one temperature is the distance to that at which it measured.
+        let at_c = mean_c + self.slope(&self.reach(&self.columns(column, axis, mean_c)), axis);
+        let columns = self.columns(column, axis, at_c);
+        let away_k = (self.used().map(|k| (value(k) - at_c).powi(2)).sum::<f64>() / count).sqrt();
+        Open { at_c, away_k, second: self.second(&columns), reach: self.reach(&columns) }
+    }
+
+    /// Whitened columns of an expansion about the middle of an axis, and of a push along it.
+    fn columns(&self, column: &Covariate, axis: Axis, at_c: f64) -> Mat<f64> {
+        let d = axis.index();
+        let middle_m = self.fit.model.middle_m()[d];
+        let mut columns = Mat::zeros(self.rows.len(), 2);
+        for k in self.used() {
+            let push = self.rows.along(k, ErrorId::linear(axis, axis)) * (column.values[k].unwrap_or(at_c) - at_c);
+            columns[(k, 0)] = push * (self.campaign.readings[k].reading_m[d] - middle_m);
+            columns[(k, 1)] = push;
+        }
+        (0..2).for_each(|j| self.rows.whiten(columns.col_as_slice_mut(j)));
+        columns
+    }
+
+    /// V JᵀC: what the fit takes of these columns for its own.
+    fn reach(&self, columns: &Mat<f64>) -> Mat<f64> {
+        &self.rows.covariance * (self.rows.jacobian.transpose() * columns)
+    }
+
+    /// Slope (1) of the positioning error that stands in the first column of what the fit takes.
+    fn slope(&self, reach: &Mat<f64>, axis: Axis) -> f64 {
+        let (layout, id) = (self.fit.model.layout(), ErrorId::linear(axis, axis));
+        let (low_m, high_m) = self.fit.model.parts().identified.reading_m[axis.index()];
+        let Some(basis) = layout.basis(id).filter(|_| high_m > low_m) else { return 0.0 };
+        let own = layout.range(id);
+        let mut coefficients = vec![0.0; own.len()];
+        for (column, parameter) in self.rows.parameters.iter().enumerate().filter(|(_, p)| own.contains(p)) {
+            coefficients[parameter - own.start] = reach[(column, 0)];
+        }
+        (basis.at(high_m).dot(&coefficients) - basis.at(low_m).dot(&coefficients)) / (high_m - low_m)
+    }
+
+    /// Second moments of what the rows leave open of the columns.
+    fn second(&self, columns: &Mat<f64>) -> [[f64; 2]; 2] {
+        let factor = self.fit.evidence.chi2_per_dof.max(1.0);
+        let shared = self.rows.jacobian.transpose() * columns;
+        let left = columns.transpose() * columns - shared.transpose() * (&self.rows.covariance * &shared);
+        let gradient = |j: usize| {
+            let own = columns.col_as_slice(j).iter().zip(&self.rows.residuals);
+            own.map(|(column, residual)| column * residual).sum::<f64>() / factor
+        };
+        let information = |i: usize, j: usize| {
+            let prior = if i == j { [EXPANSION, PUSH][i].powi(-2) } else { 0.0 };
+            // Rounding may leave less than nothing.
+            let known = if i == j { left[(i, i)].max(0.0) } else { left[(i, j)] };
+            known / factor + prior
+        };
+        let (a, b, c) = (information(0, 0), information(0, 1), information(1, 1));
+        let determinant = a * c - b * b;
+        if determinant.is_nan() || determinant <= 0.0 {
+            return [[EXPANSION.powi(2), 0.0], [0.0, PUSH.powi(2)]];
+        }
+        let covariance = [[c, -b], [-b, a]].map(|row| row.map(|value| value / determinant));
+        let estimate = covariance.map(|row| row[0] * gradient(0) + row[1] * gradient(1));
+        std::array::from_fn(|i| std::array::from_fn(|j| covariance[i][j] + estimate[i] * estimate[j]))
+    }
+
+    /// What the fit takes of both, as directions of all parameters, each a standard deviation long.
+    fn absorbed(&self, open: &Open) -> [Vec<f64>; 2] {
+        let [[a, b], [_, c]] = open.second;
+        let expansion = a.sqrt();
+        // Cholesky's factor.
+        let along = if expansion > 0.0 { b / expansion } else { 0.0 };
+        let rest = (c - along * along).max(0.0).sqrt();
+        [[expansion, along], [0.0, rest]].map(|[of_expansion, of_push]| {
+            let mut all = vec![0.0; parameters_of(&self.fit.model).len()];
+            for (column, parameter) in self.rows.parameters.iter().enumerate() {
+                all[*parameter] = of_expansion * open.reach[(column, 0)] + of_push * open.reach[(column, 1)];
+            }
+            all
+        })
+    }
+}
