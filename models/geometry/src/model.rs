@@ -344,17 +344,21 @@ impl MachineModel {
         &self.layout
     }
 
-    /// Variance along X, Y and Z of what neither the model nor the declared noise explains of a sample, and of what the data could not
-    /// have shown (m²).
-    pub(crate) fn unexplained_m2(&self, state: &State) -> Vector3<f64> {
-        let mut variance_m2 = Vector3::from(self.parts.quality.unexplained_m).map(|u_m| u_m * u_m);
-        if let Some(wanders) = &self.parts.quality.wanders {
-            variance_m2 += Vector3::from(wanders.at_m2(state.reading_m));
+    /// Variance along X, Y and Z at a reading (m) of what neither the model nor the declared noise explains (m²).
+    pub(crate) fn unexplained_m2(&self, reading_m: [f64; 3]) -> Vector3<f64> {
+        let anywhere = Vector3::from(self.parts.quality.unexplained_m).map(|u_m| u_m * u_m);
+        match &self.parts.quality.wanders {
+            Some(wanders) => anywhere + Vector3::from(wanders.at_m2(reading_m)),
+            None => anywhere,
         }
-        if !self.unseen_expansions.is_empty() {
-            variance_m2 += unseen_expansion::variance_m2(&self.unseen_expansions, self.middle_m(), state);
+    }
+
+    /// The same of expansions that the data cannot rule out, for a sample with its temperatures (m²).
+    pub(crate) fn unseen_m2(&self, state: &State) -> Vector3<f64> {
+        match self.unseen_expansions.is_empty() {
+            true => Vector3::zeros(),
+            false => unseen_expansion::variance_m2(&self.unseen_expansions, self.middle_m(), state),
         }
-        variance_m2
     }
 
     /// What expansions that the data cannot rule out do to a metre of X, Y and Z at the coldest or warmest that was logged (m/m, k = 1).
