@@ -142,6 +142,9 @@ fn a_file_of_earlier_software_that_says_nothing_of_the_ram_is_read_as_one_that_d
             .replace("squareness, turn of the ram, effect", "squareness, effect");
         let earlier = earlier.replace(&text(&parts.covariance), &text(&without(&parts.covariance)));
         let earlier = earlier.replace(&text(&parts.chord_covariance), &text(&without(&parts.chord_covariance)));
+        // Nor of expansions that nobody saw.
+        let absorbed = &parts.quality.unseen_expansions.absorbed[0];
+        let earlier = earlier.replace(&text(absorbed), &text(&vec![0.0; absorbed.len()]));
         let (before, rest) = earlier.split_at(earlier.find("\"u_ram_turn_rad\"").unwrap());
         format!("{before}{}", rest[rest.find("],").unwrap() + 2..].trim_start())
     });
