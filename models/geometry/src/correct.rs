@@ -41,8 +41,8 @@ pub enum Status {
     /// of its covariates widens it by all that it adds there. So is one whose covariates were never seen together so
     /// ([`crate::seen`]).
     Extrapolated,
-    /// An effect lacks a covariate and was taken in the middle of what it does over the usual range; the uncertainty holds all that it
-    /// does there.
+    /// An effect lacks a covariate and was taken with that in the middle of its usual range; the uncertainty holds all that it does over
+    /// the range.
     CovariateMissing,
     /// An effect's covariate is too old, which counts as missing.
     Stale,
@@ -83,15 +83,15 @@ pub fn correct(model: &MachineModel, state: &State) -> Correction {
 }
 
 /// What the corrected position depends on: for X, Y and Z the parameters of geometry and effects, by their place in the covariance,
-/// and m per unit of each; not those of an effect whose covariate is missing. `None` where [`correct`] rejects the sample.
+/// and m per unit of each, with covariates that an effect lacks in the middle of their ranges. `None` where [`correct`] rejects the sample.
 pub fn partials(model: &MachineModel, state: &State) -> Option<[Vec<(usize, f64)>; 3]> {
     let mut sensitivity = Sensitivity::default();
     corrected(model, state, &mut sensitivity)?;
     Some([Vector3::x(), Vector3::y(), Vector3::z()].map(|axis| sensitivity.along(&axis).parameters.to_vec()))
 }
 
-/// A corrected sample; fills in the sensitivity of its position to every parameter of geometry and effects, of which those
-/// whose covariate is missing are left out. `None` where [`correct`] rejects it.
+/// A corrected sample; fills in the sensitivity of its position to every parameter of geometry and effects. `None` where [`correct`]
+/// rejects it.
 pub(crate) fn corrected(model: &MachineModel, state: &State, sensitivity: &mut Sensitivity) -> Option<Correction> {
     if !is_plausible(model, state) {
         return None;
@@ -243,7 +243,7 @@ fn add_effects(
                     Some(own.iter().zip(&columns).map(|(own, middle)| own - middle).collect())
                 };
                 let moved = |state: &State| Some(moved_m(fitted, &beside(state)?));
-                all.doubt_m2 += open.doubt_m2(state, moved, |state| Some(own.covariance_m2(beside(state)?)))?;
+                all.doubt_m2 += open.doubt_m2(moved, |state| Some(own.covariance_m2(beside(state)?)))?;
             }
         }
         first += fitted.parameters.len();

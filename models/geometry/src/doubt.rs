@@ -85,12 +85,11 @@ impl<'a> Open<'a> {
     /// the covariance that the effect's parameters give that. `None` where it cannot be said.
     pub(crate) fn doubt_m2(
         &self,
-        state: &State,
         moved: impl Fn(&State) -> Option<Vector3<f64>>,
         uncertain: impl Fn(&State) -> Option<Matrix3<f64>>,
     ) -> Option<Matrix3<f64>> {
-        let covered = cover(&over(&self.lacking, LEVELS, state, moved)?)?;
-        let all = over(&self.lacking, FEW_LEVELS, state, uncertain)?;
+        let covered = cover(&over(&self.lacking, LEVELS, self.state, moved)?)?;
+        let all = over(&self.lacking, FEW_LEVELS, self.state, uncertain)?;
         let widest = all.into_iter().max_by(|a, b| a.trace().total_cmp(&b.trace()));
         Some(covered + widest?)
     }
@@ -247,12 +246,12 @@ mod tests {
         let middle_m = motion(&State { covariates: &middle, ..STATE }).unwrap();
         assert!((middle_m - Vector3::x() * 1e-6).norm() < 1e-12, "{middle_m}");
         let beside = |state: &State| Some(motion(state)? - middle_m);
-        let covered = open.doubt_m2(&STATE, beside, |_| Some(Matrix3::zeros())).unwrap();
+        let covered = open.doubt_m2(beside, |_| Some(Matrix3::zeros())).unwrap();
         assert!((covered[(0, 0)].sqrt() - 3e-6).abs() < 1e-12, "{covered}");
         assert!(Open::new(&[Usual { name: "t".to_owned(), range: None }], &STATE).is_none());
         // A parameter that no data told of is as uncertain as its prior says, wherever that shows most.
         let vague = |state: &State| Some(Matrix3::identity() * (3e-6 * (state.covariate("t").ok()? - 20.5)).powi(2));
-        let covered = open.doubt_m2(&STATE, |_| Some(Vector3::zeros()), vague).unwrap();
+        let covered = open.doubt_m2(|_| Some(Vector3::zeros()), vague).unwrap();
         assert!((covered[(2, 2)].sqrt() - 4.5e-6).abs() < 1e-12, "{covered}");
     }
 

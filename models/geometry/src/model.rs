@@ -223,7 +223,7 @@ pub struct MachineModel {
     /// Of each effect, how the temperatures that it reads for the tip stood to others.
     apart: Vec<Vec<Apart>>,
     /// Expansions that the data cannot rule out, with the ranges of their sensors.
-    unseen_expansions: Vec<(UnseenExpansion, Usual)>,
+    unseen_expansions: Vec<unseen_expansion::Ranged>,
 }
 
 impl MachineModel {
@@ -270,7 +270,7 @@ impl MachineModel {
         let unread = unread(&parts);
         let apart = parts.effects.iter().map(|fitted| apart(fitted, &parts.identified)).collect();
         let with_range =
-            |unseen: &UnseenExpansion| (unseen.clone(), usual_of(unseen.sensor.clone(), &parts.identified));
+            |unseen: &UnseenExpansion| (unseen.clone(), parts.identified.covariates.get(&unseen.sensor).copied());
         let unseen_expansions = parts.quality.unseen_expansions.by_sensor.iter().map(with_range).collect();
         Ok(MachineModel {
             parts,
@@ -490,12 +490,9 @@ impl MachineModel {
 }
 
 fn usual(fitted: &FittedEffect, identified: &IdentifiedVolume) -> [Vec<Usual>; 2] {
+    let with_range = |name: String| Usual { range: identified.covariates.get(&name).copied(), name };
     [fitted.effect.covariates(), fitted.effect.range_covariates()]
-        .map(|names| names.into_iter().map(|name| usual_of(name, identified)).collect())
-}
-
-fn usual_of(name: String, identified: &IdentifiedVolume) -> Usual {
-    Usual { range: identified.covariates.get(&name).copied(), name }
+        .map(|names| names.into_iter().map(with_range).collect())
 }
 
 /// Covariates that were logged and that no effect reads. What such a quantity does was too little to be seen over its range; as far

@@ -12,7 +12,6 @@
 //! missing is as far away as the campaign saw it. What the fit took of such an expansion for its own, since not all lines were measured at
 //! T₀, stands in the covariance of its parameters: as directions in which they may all be off together.
 
-use crate::doubt::Usual;
 use crate::effects::{CovariateValue, NoCovariates, State};
 use crate::model::ModelError;
 use crate::seen::is_implausible;
@@ -38,15 +37,18 @@ pub struct UnseenExpansion {
     pub at_c: [f64; 3],
 }
 
+/// An expansion with the range of its sensor in the campaign (°C), where that is known.
+pub(crate) type Ranged = (UnseenExpansion, Option<(f64, f64)>);
+
 /// What expansions that the campaign cannot rule out do to a metre of each axis at the coldest or warmest that was logged (m/m, k = 1).
-pub(crate) fn at_the_ends(all: &[(UnseenExpansion, Usual)]) -> [f64; 3] {
+pub(crate) fn at_the_ends(all: &[Ranged]) -> [f64; 3] {
     let nothing_logged = State { reading_m: [0.0; 3], offset_m: [0.0; 3], covariates: &NoCovariates };
     most(all, &nothing_logged)
 }
 
-fn most(all: &[(UnseenExpansion, Usual)], state: &State) -> [f64; 3] {
-    all.iter().fold([0.0; 3], |most: [f64; 3], (unseen, usual)| {
-        let own = unseen.per_metre(usual.range, state);
+fn most(all: &[Ranged], state: &State) -> [f64; 3] {
+    all.iter().fold([0.0; 3], |most: [f64; 3], (unseen, range_c)| {
+        let own = unseen.per_metre(*range_c, state);
         std::array::from_fn(|d| most[d].max(own[d]))
     })
 }
@@ -62,13 +64,13 @@ impl UnseenExpansion {
     /// Refuses what is none.
     pub(crate) fn check(&self) -> Result<(), ModelError> {
         let refused = |what| Err(ModelError::UnseenExpansion { sensor: self.sensor.clone(), what });
-        match () {
-            () if !self.per_kelvin.iter().chain(&self.at_c).all(|value| value.is_finite()) => {
-                refused("a number is not finite")
-            }
-            () if self.per_kelvin.iter().any(|u| *u < 0.0) => refused("a standard deviation is below zero"),
-            () => Ok(()),
+        if !self.per_kelvin.iter().chain(&self.at_c).all(|value| value.is_finite()) {
+            return refused("a number is not finite");
         }
+        if self.per_kelvin.iter().any(|u| *u < 0.0) {
+            return refused("a standard deviation is below zero");
+        }
+        Ok(())
     }
 
     /// How far each axis may be off per metre from its middle, with its sensor's range in the campaign.
@@ -92,7 +94,7 @@ impl UnseenExpansion {
 
 /// Variance along X, Y and Z (m²) by expansions that the campaign cannot rule out; each with the range of its sensor. `middle_m` are the
 /// readings in the middle of those identified.
-pub(crate) fn variance_m2(all: &[(UnseenExpansion, Usual)], middle_m: [f64; 3], state: &State) -> Vector3<f64> {
+pub(crate) fn variance_m2(all: &[Ranged], middle_m: [f64; 3], state: &State) -> Vector3<f64> {
     let most = most(all, state);
     Vector3::from_fn(|d, _| (most[d] * (state.reading_m[d] - middle_m[d])).powi(2))
 }
@@ -105,15 +107,15 @@ mod tests {
     struct Logged(f64, f64);
 
     impl CovariateSource for Logged {
-        fn covariate(&self, name: &str) -> crate::effects::CovariateValue {
-            crate::effects::CovariateValue::Fresh(if name == "temp_scale_x_c" { self.0 } else { self.1 })
+        fn covariate(&self, name: &str) -> CovariateValue {
+            CovariateValue::Fresh(if name == "temp_scale_x_c" { self.0 } else { self.1 })
         }
     }
 
-    fn all() -> Vec<(UnseenExpansion, Usual)> {
+    fn all() -> Vec<Ranged> {
         let of = |name: &str, per_kelvin, range| {
             let unseen = UnseenExpansion { sensor: name.to_owned(), per_kelvin, at_c: [20.0, 21.0, 20.0] };
-            (unseen, Usual { name: name.to_owned(), range: Some(range) })
+            (unseen, Some(range))
         };
         vec![of("temp_scale_x_c", [2e-6, 1e-6, 0.0], (19.0, 22.0)), of("temp_air_c", [1e-6, 0.0, 0.0], (15.0, 22.0))]
     }

@@ -117,11 +117,9 @@ impl Asked<'_> {
     /// Temperatures that every reading has. Where some changed, a sensor that stood still is none of what did: of a part, or of the ground.
     fn telling<'c>(&self, logged: Vec<&'c Covariate>) -> Vec<&'c Covariate> {
         let whole: Vec<&Covariate> = logged.into_iter().filter(|column| self.is_whole(column)).collect();
-        let changes = |column: &&Covariate| {
-            let values = self.used().filter_map(|k| column.values[k]);
-            let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
-            high - low > STANDS_STILL_K
-        };
+        let seen = &self.fit.model.parts().identified.covariates;
+        let changes =
+            |column: &&Covariate| seen.get(&column.name).is_some_and(|(low, high)| high - low > STANDS_STILL_K);
         if whole.iter().any(changes) { whole.into_iter().filter(changes).collect() } else { whole }
     }
 
@@ -182,10 +180,12 @@ impl Asked<'_> {
         let count = self.used().count() as f64;
         let mean_c = self.used().map(value).sum::<f64>() / count;
         // The line that the fit makes of an expansion about one temperature is the distance to that at which it measured.
-        let at_c = mean_c + self.slope(&self.reach(&self.columns(column, axis, mean_c)), axis);
+        let at_c = mean_c + self.slope(&self.reach(&self.shared(&self.columns(column, axis, mean_c))), axis);
         let columns = self.columns(column, axis, at_c);
+        let shared = self.shared(&columns);
+        let reach = self.reach(&shared);
         let away_k = (self.used().map(|k| (value(k) - at_c).powi(2)).sum::<f64>() / count).sqrt();
-        Open { at_c, away_k, second: self.second(&columns), reach: self.reach(&columns) }
+        Open { at_c, away_k, second: self.second(&columns, &shared, &reach), reach }
     }
 
     /// Whitened columns of an expansion about the middle of an axis, and of a push along it.
@@ -202,9 +202,14 @@ impl Asked<'_> {
         columns
     }
 
+    /// JᵀC.
+    fn shared(&self, columns: &Mat<f64>) -> Mat<f64> {
+        self.rows.jacobian.transpose() * columns
+    }
+
     /// V JᵀC: what the fit takes of these columns for its own.
-    fn reach(&self, columns: &Mat<f64>) -> Mat<f64> {
-        &self.rows.covariance * (self.rows.jacobian.transpose() * columns)
+    fn reach(&self, shared: &Mat<f64>) -> Mat<f64> {
+        &self.rows.covariance * shared
     }
 
     /// Slope (1) of the positioning error that stands in the first column of what the fit takes.
@@ -221,10 +226,9 @@ impl Asked<'_> {
     }
 
     /// Second moments of what the rows leave open of the columns.
-    fn second(&self, columns: &Mat<f64>) -> [[f64; 2]; 2] {
+    fn second(&self, columns: &Mat<f64>, shared: &Mat<f64>, reach: &Mat<f64>) -> [[f64; 2]; 2] {
         let factor = self.fit.evidence.chi2_per_dof.max(1.0);
-        let shared = self.rows.jacobian.transpose() * columns;
-        let left = columns.transpose() * columns - shared.transpose() * (&self.rows.covariance * &shared);
+        let left = columns.transpose() * columns - shared.transpose() * reach;
         let gradient = |j: usize| {
             let own = columns.col_as_slice(j).iter().zip(&self.rows.residuals);
             own.map(|(column, residual)| column * residual).sum::<f64>() / factor
