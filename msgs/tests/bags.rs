@@ -373,6 +373,74 @@ fn metadata_that_contradicts_the_files_is_an_error() {
     assert!(message_of(read_all(&path)).contains("cannot read the metadata"));
 }
 
+/// What stands in the error of a bag that only rosbag2 reads, from the command on.
+fn conversion_in(said: &str) -> &str {
+    said.split_once("; convert the bag with ROS 2:\n").unwrap_or_else(|| panic!("{said}")).1
+}
+
+#[test]
+fn a_bag_that_only_rosbag2_reads_is_refused_with_the_whole_command_that_converts_it() {
+    let (_guard, folder) = folder();
+    let path = folder.join("run.v2");
+    write_bag(&path, 2);
+    let yaml = path.join("metadata.yaml");
+    let good = std::fs::read_to_string(&yaml).unwrap();
+    let after = |from: &str, to: &str| {
+        assert!(good.contains(from), "{from} is not in {good}");
+        std::fs::write(&yaml, good.replacen(from, to, 1)).unwrap();
+        message_of(read_all(&path))
+    };
+    let commands = |input: &str, output: &str| {
+        let [input, output] = [input, output].map(|name| folder.join(name).display().to_string());
+        format!(
+            "  echo 'output_bags: [{{uri: \"{output}\", storage_id: mcap, all_topics: true}}]' > out.yaml\n  \
+             ros2 bag convert -i {input} -o out.yaml"
+        )
+    };
+    for said in [
+        after("storage_identifier: mcap", "storage_identifier: sqlite3"),
+        after("compression_mode: \"\"", "compression_mode: FILE"),
+        after("compression_mode: \"\"", "compression_mode: MESSAGE"),
+    ] {
+        assert_eq!(conversion_in(&said), commands("run.v2", "run.v2_mcap"), "{said}");
+    }
+
+    // Where a file is named, the folder that it belongs to has all of the bag.
+    let sqlite = [b"SQLite format 3\0".as_slice(), &[16; 84]].concat();
+    for (file, input, output) in
+        [("run.v2/run_0.db3", "run.v2", "run.v2_mcap"), ("alone_0.db3", "alone_0.db3", "alone_0_mcap")]
+    {
+        let file = folder.join(file);
+        std::fs::write(&file, &sqlite).unwrap();
+        let recovering = bag::recover(&file, folder.join("saved")).unwrap_err().to_string();
+        for said in [message_of(read_all(&file)), recovering] {
+            assert!(said.starts_with(&format!("{}: storage is SQLite", file.display())), "{said}");
+            assert_eq!(conversion_in(&said), commands(input, output), "{said}");
+        }
+    }
+    std::fs::write(folder.join("table.db3"), "SQLite format 2").unwrap();
+    assert!(message_of(read_all(&folder.join("table.db3"))).contains("not a bag"), "it is told by its first bytes");
+}
+
+#[test]
+fn a_shell_takes_the_command_that_converts_a_bag_as_it_is_meant() {
+    let (_guard, folder) = folder();
+    let path = folder.join("it's a run");
+    std::fs::create_dir(&path).unwrap();
+    let metadata =
+        "rosbag2_bagfile_information: {storage_identifier: sqlite3, relative_file_paths: [], message_count: 0}";
+    std::fs::write(path.join("metadata.yaml"), metadata).unwrap();
+    let said = message_of(read_all(&path));
+    let commands = format!("ros2() {{ printf '%s\\n' \"$@\"; }}\n{}", conversion_in(&said));
+    let shell = std::process::Command::new("sh").args(["-c", &commands]).current_dir(&folder).output().unwrap();
+    assert!(shell.status.success(), "{}", String::from_utf8_lossy(&shell.stderr));
+    let words = format!("bag\nconvert\n-i\n{}\n-o\nout.yaml\n", path.display());
+    assert_eq!(String::from_utf8(shell.stdout).unwrap(), words);
+    let written = std::fs::read_to_string(folder.join("out.yaml")).unwrap();
+    let uri = format!("{}_mcap", path.display());
+    assert_eq!(written, format!("output_bags: [{{uri: \"{uri}\", storage_id: mcap, all_topics: true}}]\n"));
+}
+
 /// A directory split into several files, as `ros2 bag record --max-bag-size` leaves it.
 #[test]
 fn split_recordings_are_read_in_order() {

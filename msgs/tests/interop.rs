@@ -179,6 +179,32 @@ fn we_read_and_copy_a_bag_of_python() {
     let expected_path = folder.path().join("expected.json");
     std::fs::write(&expected_path, Value::from(expected).to_string()).unwrap();
     python("read_bag.py", &[&copy, &expected_path]);
+    let profiles = json!([{"history": "KEEP_LAST", "depth": 5, "reliability": "RELIABLE", "durability": "VOLATILE"}]);
+    assert_eq!(offered(&copy).unwrap(), BTreeMap::from([("/point".to_owned(), profiles)]));
+}
+
+/// By topic, the quality of service that `rosbags` finds in a bag; `None` when there is no Python to run it.
+fn offered(bag: &Path) -> Option<BTreeMap<String, Value>> {
+    Some(serde_json::from_str(&python("read_qos.py", &[bag])?).unwrap())
+}
+
+/// What is offered so matches who asks for reliable samples, as ROS 2 does by default, and who takes them as they come.
+#[test]
+fn val_rosbags_finds_streams_offered_as_reliable_and_volatile() {
+    let folder = tempfile::tempdir().unwrap();
+    for name in ["run", "run.mcap"] {
+        let path = folder.path().join(name);
+        record(&path);
+        let Some(offered) = offered(&path) else { return };
+        assert_eq!(offered.len(), 7);
+        for (topic, profiles) in offered {
+            let (depth, durability) = if topic == "/diagnostics" { (1, "TRANSIENT_LOCAL") } else { (10, "VOLATILE") };
+            let expected = json!([
+                {"history": "KEEP_LAST", "depth": depth, "reliability": "RELIABLE", "durability": durability}
+            ]);
+            assert_eq!(profiles, expected, "{name}: {topic}");
+        }
+    }
 }
 
 #[test]

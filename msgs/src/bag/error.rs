@@ -41,6 +41,14 @@ pub enum BagError {
         /// What is wrong, and what to do.
         reason: String,
     },
+    /// A file in a storage that rosbag2 alone reads.
+    #[error("{}: {reason}", path.display())]
+    Storage {
+        /// The file.
+        path: PathBuf,
+        /// What it is, and what to do.
+        reason: String,
+    },
     /// The file ends early or its content does not match its checksums.
     #[error(
         "{}: damaged or cut off after {messages_read} readable messages: {reason}; recover the bag \

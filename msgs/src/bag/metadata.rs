@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
 
-use super::BagError;
+use super::{BagError, convert};
 
 /// Name of the file in the bag's directory.
 pub(super) const FILE_NAME: &str = "metadata.yaml";
@@ -149,7 +149,7 @@ fn indented(text: &str, indent: &str) -> String {
 }
 
 /// A JSON string is a double-quoted YAML string.
-fn quoted(text: &str) -> String {
+pub(super) fn quoted(text: &str) -> String {
     serde_json::Value::from(text).to_string()
 }
 
@@ -278,13 +278,13 @@ fn parse(text: &str) -> Result<Information, String> {
 fn files(directory: &Path, information: &Information) -> Result<Vec<PathBuf>, String> {
     let storage = &information.storage_identifier;
     if storage != "mcap" {
-        return Err(format!("storage is '{storage}', not mcap; convert the bag with 'ros2 bag convert'"));
+        return Err(format!("storage is '{storage}', not mcap; {}", convert::by_rosbag2(directory)));
     }
     let mode = information.compression_mode.to_lowercase();
     if !matches!(mode.as_str(), "" | "none" | "storage") {
         return Err(format!(
-            "compression mode '{mode}' is not read; convert the bag with 'ros2 bag convert' \
-             (compression inside MCAP chunks is read)"
+            "compression mode '{mode}' is not read (compression inside MCAP chunks is); {}",
+            convert::by_rosbag2(directory)
         ));
     }
     if information.relative_file_paths.is_empty() {

@@ -28,6 +28,7 @@
 
 mod channels;
 mod chunk;
+mod convert;
 mod definitions;
 mod error;
 mod file_writer;

@@ -15,8 +15,8 @@ pub struct Qos {
 }
 
 impl Qos {
-    /// Streams: best effort, volatile, the last ten samples.
-    pub const STREAM: Self = Self { reliable: false, transient_local: false, depth: 10 };
+    /// Streams: reliable, as nodes offer them, so that subscribers of either kind match; volatile, the last ten samples.
+    pub const STREAM: Self = Self { reliable: true, transient_local: false, depth: 10 };
 
     /// Values that late subscribers need: reliable, transient local, the last sample.
     pub const LATCHED: Self = Self { reliable: true, transient_local: true, depth: 1 };

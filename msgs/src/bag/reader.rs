@@ -15,7 +15,7 @@ use mcap::records::{MessageHeader, Record, op};
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
 
 use super::channels::{BagChannel, ChannelFault, Channels};
-use super::{BagError, chunk, metadata};
+use super::{BagError, chunk, convert, metadata};
 use crate::{Message, RosType, cdr};
 
 /// Bytes asked of the operating system at once.
@@ -120,6 +120,10 @@ pub struct Messages {
 pub fn messages(path: impl AsRef<Path>) -> Result<Messages, BagError> {
     let path = path.as_ref();
     let entry = std::fs::metadata(path).map_err(BagError::io(path, "open the bag"))?;
+    // What is no file, such as a pipe, can be read once only.
+    if entry.is_file() {
+        convert::refuse_sqlite(path)?;
+    }
     let listing = if entry.is_dir() { metadata::list(path)? } else { metadata::Listing::file(path) };
     let metadata::Listing { files: mut later, promised, at_end } = listing;
     later.reverse();

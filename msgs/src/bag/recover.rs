@@ -17,10 +17,9 @@ use mcap::records::Record;
 
 use super::channels::{ChannelFault, Channels};
 use super::index::{Index, Reading};
-use super::metadata;
 use super::reader::BagMessage;
 use super::salvage::{Found, Salvage};
-use super::{BagError, BagWriter};
+use super::{BagError, BagWriter, convert, metadata};
 
 /// What a recovery saved, and what it could not.
 #[derive(Debug)]
@@ -162,6 +161,9 @@ pub fn recover(input: impl AsRef<Path>, output: impl AsRef<Path>) -> Result<Reco
 fn sources(input: &Path) -> Result<Vec<(PathBuf, Option<u64>)>, BagError> {
     let entry = std::fs::metadata(input).map_err(BagError::io(input, "open the bag"))?;
     if !entry.is_dir() {
+        if entry.is_file() {
+            convert::refuse_sqlite(input)?;
+        }
         return Ok(vec![(input.to_owned(), None)]);
     }
     let found = metadata::numbered_files(input)?;

@@ -73,9 +73,9 @@ pub(crate) fn load_campaign(path: &Path, machine: &MachineFile, join: &BagJoin) 
     Ok(LoadedCampaign { campaign: from_bag.campaign, source, days })
 }
 
-/// Whether a path names a bag.
+/// Whether a path names a bag; a file of one in SQLite is for the reader of bags as well, which says how to convert it.
 pub fn is_bag(path: &Path) -> bool {
-    path.is_dir() || path.extension().is_some_and(|extension| extension == "mcap")
+    path.is_dir() || path.extension().is_some_and(|extension| extension == "mcap" || extension == "db3")
 }
 
 /// SHA-256 of the recordings of a bag.

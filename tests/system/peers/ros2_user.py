@@ -1,10 +1,10 @@
 """A user's programs on a real ROS 2: rclpy on Fast DDS, from the wheels `ros-jazzy-*` of PyPI.
 
 Usage: ros2_user.py streams NAMESPACE COUNT | parameters NODE NAME VALUE | trigger SERVICE
-       | clock SECONDS HARDWARE | types TOPIC | nodes NAMESPACE NAME... | scene NAMESPACE | delays NAMESPACE COUNT
+       | clock SECONDS HARDWARE | offers TOPIC... | plays PROFILE | nodes NAMESPACE NAME... | scene NAMESPACE | delays NAMESPACE COUNT
        | heard_clock COUNT | machines NAMESPACE... | health NAMESPACE NAME... | manage NAMESPACE ASIDE MODEL
-       | change NAMESPACE MODEL | log NAMESPACE NODE PART | services NAMESPACE NAME | strangers
-       | corrected NAMESPACE COUNT | quarrel NODE COUNT | press NODE LAUNCH_FILE
+       | change NAMESPACE MODEL | files NAMESPACE NODE NAME FILE... | log NAMESPACE NODE PART | services NAMESPACE NAME... | strangers
+       | corrected NAMESPACE COUNT | residuals NAMESPACE COUNT | quarrel NODE COUNT | press NODE LAUNCH_FILE
        | echo FROM TO | round_trip NAMESPACE FROM TO X Y Z COUNT | describe NODE OTHER TYPE...
 
 streams     subscribes `corrected_point` and `scale/joint_states` with default quality of service (reliable) and
@@ -12,7 +12,9 @@ streams     subscribes `corrected_point` and `scale/joint_states` with default q
 parameters  lists, gets and describes the parameters of a node, and tries to set one.
 trigger     calls a `std_srvs/srv/Trigger`.
 clock       publishes SECONDS on /clock, and waits for /diagnostics of HARDWARE with that stamp.
-types       what the graph says of a topic: its types, and the publishers with their quality of service.
+offers      what the graph says of topics: the quality of service of each publisher.
+plays       offers a topic as a bag says (PROFILE, the YAML of one topic), until subscribers with default quality of service and
+            with that of sensors have taken some.
 scene       takes the description of the machine, markers and joint states, as RViz asks for them.
 delays      takes COUNT messages of `corrected_point`: their stamps, and when each came.
 health      hears /diagnostics until each of these nodes has said how often it publishes.
@@ -20,10 +22,12 @@ machines    takes samples of several machines, and says which frames they name.
 heard_clock takes COUNT times from /clock.
 manage      takes the nodes of a graph through their states, as `ros2 lifecycle` does; ASIDE becomes MODEL on the way.
 change      sets parameters of running nodes, those that may change and those that may not; MODEL becomes the model file.
+files       sets a parameter of a running node to one FILE after the other, with corrected points before each and after the last.
 log         hears /rosout until a node says PART, long after it did.
-services    names of a node's services, some seconds after it has published its first `corrected_point`.
+services    names of the services of nodes, some seconds after the first `corrected_point` has come.
 corrected   takes COUNT `abbe_msgs/CorrectedCoordinates` with the classes that rosidl made of the .msg file; a double comes as
             the whole number of its bits, bytes come in hex.
+residuals   the same with `abbe_msgs/RangeResidual`.
 quarrel     deactivates and activates a node COUNT times, whatever others do with it, and hears what it does.
 press       floods a node with calls, then stops its process and its gateway's (SIGSTOP, SIGCONT) while it commands it.
 echo        answers each `sensor_msgs/JointState` of FROM with a point of the same stamp on TO, until its standard input ends.
@@ -46,6 +50,7 @@ import sys
 import time
 
 import rclpy
+import yaml
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PointStamped
 from lifecycle_msgs.msg import Transition, TransitionEvent
@@ -54,7 +59,8 @@ from rcl_interfaces.msg import Log, ParameterEvent
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
-from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_parameter_events, qos_profile_sensor_data
+from rclpy.qos import (DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy, qos_profile_parameter_events,
+                       qos_profile_sensor_data)
 from rosgraph_msgs.msg import Clock
 from rosidl_generator_type_description import calculate_type_hash
 from sensor_msgs.msg import JointState
@@ -126,16 +132,19 @@ def trigger(node, service):
     return {"success": reply.success, "message": reply.message}
 
 
-def services(node, namespace, name):
+def services(node, namespace, *names):
     heard = []
     node.create_subscription(PointStamped, f"/{namespace}/corrected_point", heard.append, DEFAULT)
     spin_until(node, lambda: heard, "a sample")
-    own = f"/{namespace}/{name}/"
-    named = lambda: sorted(found for found, _ in node.get_service_names_and_types() if found.startswith(own))
-    spin_until(node, named, "the services")
+
+    def own(name):
+        begins = f"/{namespace}/{name}/"
+        return sorted(one[len(begins):] for one, _ in node.get_service_names_and_types() if one.startswith(begins))
+
+    spin_until(node, lambda: all(own(name) for name in names), "the services")
     settled = time.monotonic() + SETTLED_S
     spin_until(node, lambda: time.monotonic() > settled, "the time")
-    return {"services": named()}
+    return {name: own(name) for name in names}
 
 
 def clock(node, seconds, hardware):
@@ -154,16 +163,24 @@ def clock(node, seconds, hardware):
     return {"stamps_s": stamps, "types": types}
 
 
-def types(node, topic):
-    found = lambda: node.get_publishers_info_by_topic(topic)
-    spin_until(node, found, "a publisher")
-    return {
-        "types": dict(node.get_topic_names_and_types())[topic],
-        "publishers": [
-            {"node": one.node_name, "reliability": one.qos_profile.reliability.name, "type_hash": str(one.topic_type_hash)}
-            for one in found()
-        ],
-    }
+def offers(node, *topics):
+    found = lambda topic: [one.qos_profile for one in node.get_publishers_info_by_topic(topic)]
+    spin_until(node, lambda: all(found(topic) for topic in topics), "a publisher of each topic")
+    return {topic: [[one.reliability.name, one.durability.name] for one in found(topic)] for topic in topics}
+
+
+def plays(node, profile):
+    (recorded,) = yaml.safe_load(profile)
+    qos = QoSProfile(history=HistoryPolicy(recorded["history"]), depth=recorded["depth"],
+                     reliability=ReliabilityPolicy(recorded["reliability"]),
+                     durability=DurabilityPolicy(recorded["durability"]))
+    taken = {"default": [], "sensor_data": []}
+    for name, asked in [("default", DEFAULT), ("sensor_data", qos_profile_sensor_data)]:
+        node.create_subscription(PointStamped, "played", taken[name].append, asked)
+    publisher = node.create_publisher(PointStamped, "played", qos)
+    node.create_timer(0.02, lambda: publisher.publish(PointStamped()))
+    spin_until(node, lambda: all(len(messages) >= 10 for messages in taken.values()), "what subscribers of either kind ask for")
+    return {"offered": [qos.reliability.name, qos.durability.name]}
 
 
 def nodes(node, namespace, *names):
@@ -375,6 +392,25 @@ def change(node, namespace, model):
     return said
 
 
+def files(node, namespace, name, parameter, *values):
+    points, client, results = [], AsyncParameterClient(node, f"/{namespace}/{name}"), []
+    node.create_subscription(PointStamped, f"/{namespace}/corrected_point", points.append, DEFAULT)
+    if not client.wait_for_services(timeout_sec=PATIENCE_S):
+        sys.exit(f"no parameter services of {name}")
+
+    def come(count):
+        before = len(points)
+        spin_until(node, lambda: len(points) >= before + count, "corrected points")
+
+    for value in values:
+        come(200)
+        (result,) = answer(node, client.set_parameters([Parameter(parameter, value=value)]), "the result").results
+        (after,) = answer(node, client.get_parameters([parameter]), "the value").values
+        results.append([result.successful, result.reason, after.string_value])
+    come(200)
+    return {"results": results}
+
+
 def log(node, namespace, name, part):
     lines = []
     seen = lambda: (name, f"/{namespace}") in node.get_node_names_and_namespaces()
@@ -584,6 +620,15 @@ def corrected(node, namespace, count):
     return {"taken": [bits(one) for one in taken], "covers": CorrectedCoordinates.STATUS_INACTIVE}
 
 
+def residuals(node, namespace, count):
+    from abbe_msgs.msg import RangeResidual
+
+    taken = []
+    node.create_subscription(RangeResidual, f"/{namespace}/monitor/range_residual", taken.append, DEFAULT)
+    spin_until(node, lambda: len(taken) >= int(count), "residuals")
+    return {"taken": [bits(one) for one in taken]}
+
+
 def main():
     task, *words = sys.argv[1:]
     # A graph that is started beside it has announced its endpoints by then: Fast DDS loses some of those that come while it joins, as
@@ -592,10 +637,11 @@ def main():
     rclpy.init()
     node = rclpy.create_node("a_users_program")
     print(json.dumps({"streams": streams, "parameters": parameters, "trigger": trigger, "clock": clock,
-                      "types": types, "nodes": nodes, "scene": scene, "delays": delays,
+                      "offers": offers, "plays": plays, "nodes": nodes, "scene": scene, "delays": delays,
                       "heard_clock": heard_clock, "machines": machines, "health": health,
-                      "manage": manage, "change": change, "log": log, "services": services, "strangers": strangers, "corrected": corrected,
-                      "quarrel": quarrel, "press": press, "echo": echo, "round_trip": round_trip, "describe": describe}[task](node, *words)))
+                      "manage": manage, "change": change, "files": files, "log": log, "services": services,
+                      "strangers": strangers, "corrected": corrected, "residuals": residuals, "quarrel": quarrel,
+                      "press": press, "echo": echo, "round_trip": round_trip, "describe": describe}[task](node, *words)))
 
 
 main()

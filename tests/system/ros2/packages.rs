@@ -4,15 +4,15 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
 use abbe_graph::launch::NodeName;
-use abbe_msgs::{CorrectedCoordinates, CorrectionStatus};
+use abbe_msgs::{CorrectedCoordinates, CorrectionStatus, RangeResidual};
 use serde_json::{Value, json};
 
 use super::{beside, graph};
 use crate::common::assert_says;
 use crate::common::files::{Bench, samples};
-use crate::common::graph::{NAMESPACE, topic};
+use crate::common::graph::{DDS, LaunchText, MEMORY, NAMESPACE, topic};
 use crate::common::network::in_own_network;
-use crate::common::program::{Started, program};
+use crate::common::program::{Started, abbe_in, program};
 use crate::common::python::{ros2, ros2_prefix};
 
 /// What the launch files say, each in its own words.
@@ -150,6 +150,35 @@ fn as_taken(sample: &CorrectedCoordinates) -> Value {
     })
 }
 
+/// The same of what the monitor says.
+fn residual_as_taken(residual: &RangeResidual) -> Value {
+    json!({
+        "header": {
+            "stamp": { "sec": residual.stamp.sec(), "nanosec": residual.stamp.nanosec() },
+            "frame_id": residual.frame_id.as_str(),
+        },
+        "sequence": residual.sequence,
+        "station": residual.station.as_str(),
+        "residual_valid": residual.residual_valid,
+        "measured_length_m": residual.measured_length_m.to_bits(),
+        "predicted_length_m": residual.predicted_length_m.to_bits(),
+        "residual_m": residual.residual_m.to_bits(),
+        "u_residual_m": residual.u_residual_m.to_bits(),
+        "status": residual.status as u8,
+        "model_sha256": residual.model_sha256.to_hex(),
+    })
+}
+
+/// A campaign that is played through all nodes for half a minute and more; what the monitor says is over DDS, and recorded.
+fn monitored(bench: &Bench) -> String {
+    let campaign = bench.text("campaign.csv");
+    let launch = LaunchText::default().nodes(&["scale", "tracer", "geometric", "residual", "monitor", "recorder"]);
+    let launch = launch.source("scale", &campaign, None, 20.0).source("tracer", &campaign, None, 20.0).monitor();
+    let edges = [("scale", "geometric"), ("geometric", "residual"), ("residual", "monitor"), ("tracer", "monitor")];
+    let launch = edges.iter().fold(launch, |launch, (from, to)| launch.edge(from, to, MEMORY));
+    launch.edge("monitor", "recorder", MEMORY).edge("monitor", "*", DDS).record("monitored").write(bench)
+}
+
 #[test]
 fn val_colcon_the_messages_are_generated_and_a_program_takes_with_them_what_is_recorded() {
     let test = "ros2::packages::val_colcon_the_messages_are_generated_and_a_program_takes_with_them_what_is_recorded";
@@ -171,6 +200,18 @@ fn val_colcon_the_messages_are_generated_and_a_program_takes_with_them_what_is_r
         for taken in taken {
             let sample = recorded.iter().find(|sample| taken["sequence"] == sample.sequence).unwrap();
             assert_eq!(*taken, as_taken(sample));
+        }
+
+        // What the monitor says comes to a subscriber with default quality of service as well.
+        let user = workspace.set_up(&ros2(domain, &["residuals", NAMESPACE, "20"]).unwrap());
+        let heard = beside(Started::start(abbe_in(domain, ["launch", &monitored(&bench)])), user);
+        let taken = heard["taken"].as_array().unwrap();
+        assert!(taken.len() >= 20, "{}", taken.len());
+        let recorded: Vec<RangeResidual> = samples(&bench.path("monitored"), &topic("monitor/range_residual"));
+        for taken in taken {
+            let residual = recorded.iter().find(|residual| taken["sequence"] == residual.sequence).unwrap();
+            assert!(residual.residual_valid, "{taken}");
+            assert_eq!(*taken, residual_as_taken(residual));
         }
     });
 }
