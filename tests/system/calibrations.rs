@@ -5,7 +5,8 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use crate::common::assert_says;
-use crate::common::files::text;
+use crate::common::files::{WHO, assert_names_who, text};
+use crate::common::printed::follows;
 use crate::common::program::run;
 use serde_json::Value;
 use tempfile::TempDir;
@@ -36,14 +37,16 @@ fn sphere() -> String {
 
 #[test]
 fn a_sphere_is_fitted_and_a_wrong_radius_is_refused() {
-    let (_folder, points) = file(&sphere());
+    let (folder, points) = file(&sphere());
     let found: Value = serde_json::from_str(&run(["sphere", "--points", &points, "--json"]).ok()).unwrap();
     let near = |value: &Value, expected: f64| assert!((value.as_f64().unwrap() - expected).abs() < 1e-9, "{value}");
     near(&found["centre_mm"][0], 100.0);
     near(&found["centre_mm"][1], -20.0);
     near(&found["radius_mm"], 15.0);
     assert_eq!(found["points"], 12);
-    assert_says(&run(["sphere", "--points", &points]).ok(), &["12 points", "radius", "15.00000 mm", "condition"]);
+    let said = run(["sphere", "--points", &points]).ok();
+    assert_says(&said, &["12 points", "radius", "15.00000 mm", "condition"]);
+    follows(folder.path(), &said, "probe-pose");
     let refused = run(["sphere", "--points", &points, "--radius-mm", "30"]).refused();
     assert_says(&refused, &["data.csv", "15.0000 mm", "30.0000 mm", "unit"]);
     let (_folder, few) = file("x_mm,y_mm,z_mm\n1,2,3\n2,3,4\n");
@@ -101,6 +104,9 @@ fn the_shipped_centres_give_pose_table_and_report() {
     // Digits that the spread within a pose allows, poses that are told apart, and no column of dashes.
     assert_says(&html, &["direction of the beam, x", "none: outside the other poses", "<dt>Data</dt><dd>"]);
     assert!(!html.contains("class=\"missing\"") && !html.contains(">60.000<"), "{html}");
+    // The error of each pose that the others predict is drawn, in both states.
+    let picture = html.split("<h3>Error of each pose left out</h3>").nth(1).expect("no plot").split("</figure>").next().unwrap();
+    assert!(picture.contains("<path class=\"mark fB\"") && picture.contains("<path class=\"mark fA\""), "{picture}");
     // What the terminal says of the uncertainties, and the scale of the distance reading.
     assert_says(&html, &["times what the scatter alone would give", "scale of the distance<", "± 0.0029"]);
     // Eq. 14 of the paper, S0 y: it takes the tenth unknown.
@@ -249,8 +255,14 @@ fn regress_a_gross_reading_of_a_target_is_named_and_left_out() {
         .collect();
     let (folder, points) = file(&logged);
     let out = text(&folder.path().join("out"));
-    let said = run([&["guideway", "--points", &points], &tracker[..], &["--out", &out]].concat()).ok();
+    let who = text(&folder.path().join("who.toml"));
+    fs::write(&who, WHO).unwrap();
+    let named = ["--identity", &who, "--measured", "2026-03-05", "--out", &out];
+    let said = run([&["guideway", "--points", &points], &tracker[..], &named].concat()).ok();
+    follows(folder.path(), &said, "plan");
     let page = fs::read_to_string(folder.path().join("out/report.html")).unwrap();
+    assert_names_who(&page);
+    assert_says(&page, &["<dt>Measured</dt><dd>2026-03-05</dd>"]);
     assert_says(&page, &["Note — Left out", "Note — What the data say of themselves", "20.0 to 20.3 °C"]);
     assert_eq!(page.matches("Warning —").count(), said.matches("WARNING").count(), "{said}");
     of(&table(&six, 0.001, ""), "6", &["5 positions"]);

@@ -11,7 +11,8 @@ use std::thread;
 use std::time::Duration;
 
 use crate::common::assert_says;
-use crate::common::files::{Bench, machine, other_machine, text};
+use crate::common::files::{Bench, WHO, assert_names_who, machine, other_machine, text};
+use crate::common::printed::follows;
 use crate::common::program::{Started, abbe, run, signal, wait_until};
 use rustix::process::Signal;
 use serde_json::Value;
@@ -98,7 +99,8 @@ fn config(bench: &Bench, server: &str, tracer: &str, more: &str) -> String {
 }
 
 fn capture(bench: &Bench, config: &str) -> Started {
-    Started::start(abbe(["capture", config, "--out", &bench.text("captured"), "--json"]))
+    let who = bench.write("who.toml", WHO);
+    Started::start(abbe(["capture", config, "--out", &bench.text("captured"), "--json", "--identity", &who]))
 }
 
 /// Whole lines of the journal.
@@ -206,6 +208,9 @@ fn a_rehearsed_campaign_that_is_killed_goes_on_and_is_the_one_that_was_driven() 
     let page = bench.read("captured/report.html");
     assert_says(&page, &["Captured campaign of", "Stations", "In order — Complete", "campaign.csv, SHA-256 "]);
     assert!(!page.contains("Still open"), "{page}");
+    // The day is that of the capture itself.
+    assert_names_who(&page);
+    assert_says(&page, &["<dt>Measured</dt><dd>20"]);
 
     // The readings are those of the machine: 0.05 um of a single length, averaged.
     let (own, perfect) = (lengths(&bench.read("captured/campaign.csv")), lengths(&bench.read("perfect/campaign.csv")));
@@ -340,8 +345,8 @@ fn garbage_a_cut_line_a_lost_beam_and_a_jump_of_the_zero_are_told_and_no_wrong_r
 #[test]
 fn what_does_not_belong_together_is_refused_and_ctrl_c_keeps_what_is_there() {
     let bench = Bench::empty();
-    // Long enough to be interrupted before its end, however busy the machine is.
-    plan(&bench, 1, 1, 16);
+    // Long enough to be interrupted before its end, and before its second station, however busy the machine is.
+    plan(&bench, 2, 1, 16);
     let (server, tracer, _served) = serve(&bench);
     let file = config(&bench, &server, &tracer, "");
     let out = bench.text("captured");
@@ -352,14 +357,16 @@ fn what_does_not_belong_together_is_refused_and_ctrl_c_keeps_what_is_there() {
     assert_says(&capture_again(&[]).refused(), &["journal.jsonl: another capture is writing it", "--out"]);
     signal(started.id(), Signal::INT);
     let stopped = started.finish_within(LIMIT).ended(130);
-    assert_says(&stopped, &["stopped on request with", "of 49 points; the same command goes on"]);
+    assert_says(&stopped, &["stopped on request with", "of 98 points; the same command goes on"]);
     let outcome: Value = serde_json::from_str(&bench.read("captured/report.json")).unwrap();
     assert_eq!(outcome["captured"].as_u64().unwrap() as usize, taken(&bench).len());
     assert!(outcome["open"][0].as_str().unwrap().contains("of line front-left-"), "{outcome:#}");
-    assert_says(&capture_again(&["--finish"]).ok(), &["points of the plan are captured"]);
+    let finished = capture_again(&["--finish"]).ok();
+    assert_says(&finished, &["points of the plan are captured"]);
+    follows(&bench.path(""), &finished, "capture");
     assert_says(
         &bench.read("captured/report.html"),
-        &["Warning — Not complete", "Still open", "journal.jsonl, SHA-256 "],
+        &["Warning — Not complete", "Still open", "journal.jsonl, SHA-256 ", "No readings yet from front-right."],
     );
     // Half a line, as a power cut leaves it.
     let journal = bench.path("captured/journal.jsonl");

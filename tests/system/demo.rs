@@ -7,6 +7,7 @@ use std::path::Path;
 use std::time::Duration;
 
 use crate::common::files::{Bench, machine, samples, text};
+use crate::common::printed::follows;
 use crate::common::program::{Started, abbe, run};
 use crate::common::{assert_says, files::recorded};
 use abbe_files::ModelFile;
@@ -65,6 +66,7 @@ fn the_demo_closes_the_loop_on_the_shipped_campaign_and_says_the_same_everywhere
     let steps = ran.errors.clone();
     let said = ran.ok();
     println!("{steps}\n{said}");
+    follows(folder.path(), &said, "identify");
     // A line for each step, with or without a terminal.
     let told: Vec<&str> = steps.lines().filter_map(|line| line.split_whitespace().next()).collect();
     let at = |step: &str| told.iter().position(|word| *word == step).unwrap_or_else(|| panic!("no {step}: {steps}"));

@@ -3,6 +3,7 @@
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)] // A test fails by panicking.
 
+mod answers;
 mod bad_input;
 mod calibrations;
 mod capture;
@@ -21,4 +22,5 @@ mod replay;
 mod reports;
 mod secured;
 mod study_models;
+mod terminal;
 mod zenoh;

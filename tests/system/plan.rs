@@ -7,7 +7,8 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use crate::common::assert_says;
-use crate::common::files::{Bench, machine, other_machine, text};
+use crate::common::files::{Bench, WHO, assert_names_who, machine, other_machine, text};
+use crate::common::printed::follows;
 use crate::common::program::{Ran, Started, abbe, signal, wait_until_interruptible};
 use rustix::process::Signal;
 use serde_json::Value;
@@ -45,7 +46,9 @@ fn a_plan_is_driven_identified_and_reaches_what_it_promised() {
     let bench = Bench::empty();
     let request = request(&bench, &[]);
     let out = bench.text("plan");
-    let said = plan(&request, &out, &[]).ok();
+    let who = bench.write("who.toml", WHO.replacen("[identity]", "[identity]\ncertificate = \"7\"", 1));
+    let said = plan(&request, &out, &["--identity", &who, "--measured", "2026-03-05"]).ok();
+    follows(&bench.path(""), &said, "capture");
     assert_says(
         &said,
         &[
@@ -65,6 +68,8 @@ fn a_plan_is_driven_identified_and_reaches_what_it_promised() {
     // A page of its own: no script, style or picture from elsewhere.
     let page = bench.read("plan/report.html");
     assert_says(&page, &["Stations and lines", "Uncertainty of each error", "Cannot be identified"]);
+    assert_names_who(&page);
+    assert!(!page.contains("<dt>Certificate") && !page.contains("<dt>Measured"), "nothing was measured yet");
     // Limits stand before the next command, and no name of the program stands on the page.
     let place = |part: &str| page.find(part).unwrap_or_else(|| panic!("{part}"));
     assert!(

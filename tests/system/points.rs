@@ -6,6 +6,7 @@ use std::path::Path;
 
 use crate::common::assert_says;
 use crate::common::files::{machine, text};
+use crate::common::printed::follows;
 use crate::common::program::run;
 use crate::common::python::python;
 use serde_json::Value;
@@ -62,6 +63,7 @@ fn points_are_solved_a_bad_pair_is_named_and_the_field_between_them_is_found() {
     let (machine, vectors) = (text(&machine()), text(&folder.path().join("vectors.csv")));
     let said = run(["points", "--machine", &machine, "--campaign", &campaign, "--out", &vectors]).ok();
     assert_says(&said, &["120 points solved, 0 not", "readings 251, 470 of station S1", "differ by 20.0 um"]);
+    follows(folder.path(), &said, "interpolate");
     let solved = fs::read_to_string(&vectors).unwrap();
     let numbers = |line: &str| line.split(',').filter_map(|cell| cell.parse::<f64>().ok()).collect::<Vec<f64>>();
     let mut worst = 0.0_f64;
@@ -195,6 +197,7 @@ fn vectors_of_a_plate_are_interpolated_in_its_plane_and_nowhere_else() {
     assert_says(&said, &["two.csv", "column z_mm", "missing"]);
     let compared = run(["compare", "--residuals", &two, "--seeds", "1"]).ok();
     assert_says(&compared, &["in a plane across Z (component z was not measured)", "kriging"]);
+    follows(folder.path(), &compared, "train");
 }
 
 /// A machine simulated in NumPy, its ranges solved by `abbe points`; what the script `says` of it.

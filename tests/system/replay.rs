@@ -219,6 +219,20 @@ fn regress_every_message_of_a_source_that_began_anew_with_another_model_is_compa
 }
 
 #[test]
+fn a_file_of_a_bag_in_sqlite_is_refused_with_the_command_that_converts_it() {
+    let bench = Bench::empty();
+    let (machine, bag) = (text(&machine()), bench.write("run_0.db3", b"SQLite format 3\0"));
+    let commands = [
+        format!("storage_id: mcap, all_topics: true}}]' > out.yaml\n  ros2 bag convert -i {bag} -o out.yaml"),
+        format!("echo 'output_bags: [{{uri: \"{}\"", bench.text("run_0_mcap")),
+    ];
+    let commands = commands.each_ref().map(String::as_str);
+    let [out, saved] = ["model.json", "saved"].map(|name| bench.text(name));
+    assert_says(&run(["identify", "--machine", &machine, "--campaign", &bag, "--out", &out]).refused(), &commands);
+    assert_says(&run(["recover", "--bag", &bag, "--out", &saved]).refused(), &commands);
+}
+
+#[test]
 fn a_replay_with_another_model_fails_and_names_the_first_difference() {
     let (bench, other) = (Bench::identified(5), Bench::identified(6));
     let (bag, corrected) = (bench.text("bag"), bench.text("corrected"));

@@ -1,11 +1,13 @@
-//! Head and end of answers, from files to files: who measured, the certificate, and the next command after every result.
+//! Head and end of answers, from files to files: who measured, the certificate, and the next command as page and terminal say it.
 
+use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
 
 use crate::common::assert_says;
 use crate::common::files::text;
-use crate::common::program::{abbe, run};
+use crate::common::printed::follows;
+use crate::common::program::run;
 
 /// Lengths of one line, on a known day.
 const LENGTHS: &str = "# measured=2026-03-05\nline,calibrated_mm,repeat,deviation_um\n\
@@ -125,6 +127,31 @@ fn regress_an_acceptance_page_says_its_rule_once_and_has_a_verdict_on_every_limi
     );
 }
 
+/// Lines of one colour or one marker are not told apart, on a screen or in print.
+#[test]
+fn regress_seven_lines_of_a_test_have_seven_colours_and_seven_markers() {
+    let bench = Bench::new();
+    let set = |k: usize| (1..=3).map(move |repeat| format!("L{},{},{repeat},0.{repeat}\n", k / 5, 20 + 90 * (k % 5)));
+    let rows: String = (5..40).flat_map(set).collect();
+    fs::write(bench.at("lengths.csv"), format!("line,calibrated_mm,repeat,deviation_um\n{rows}")).unwrap();
+    bench.conformity("--mpe 2+L/300 --out {}/out").ok();
+    let page = page_of(&bench, "out");
+    let plot = page.split("<figure").find(|figure| figure.contains("data-n=\"L1\"")).expect("a plot of the lines");
+    let marks = plot.split("<path class=\"mark ").skip(1).filter_map(|rest| {
+        let (colour, rest) = rest.split_once('"')?;
+        let line = rest.split_once("data-n=\"")?.1.split('"').next()?;
+        // What follows the place of a marker is its outline.
+        Some((line, colour, rest.split_once(" d=\"")?.1.split_once('m')?.1.split('z').next()?))
+    });
+    let marks: BTreeSet<(&str, &str, &str)> = marks.collect();
+    assert_eq!(marks.len(), 7, "{marks:?}");
+    assert_eq!(marks.iter().map(|mark| mark.1).collect::<BTreeSet<_>>().len(), 7, "colours: {marks:?}");
+    assert_eq!(marks.iter().map(|mark| mark.2).collect::<BTreeSet<_>>().len(), 7, "markers: {marks:?}");
+    // Nor is the tightest limit in the colour of a line.
+    let limit = plot.split("<path class=\"ln l").nth(1).and_then(|rest| rest.split('"').next()).expect("the limit");
+    assert!(marks.iter().all(|mark| mark.1 != format!("f{limit}")), "{limit}: {marks:?}");
+}
+
 #[test]
 fn temperatures_beside_lengths_and_spheres_stand_in_the_head() {
     let bench = Bench::new();
@@ -230,7 +257,7 @@ fn model_of(bench: &Bench, model: &Path) -> String {
     let machine = shipped("machines/bridge_xyz.toml");
     let practice = text(&bench.at("practice"));
     let simulated = run(["simulate", "--machine", &machine, "--seed", "4", "--out", &practice]).ok();
-    follows(bench, &simulated, "identify");
+    follows(bench.0.path(), &simulated, "identify");
     let campaign = text(&bench.at("practice/campaign.csv"));
     run(["identify", "--machine", &machine, "--campaign", &campaign, "--out", &text(model)]).ok()
 }
@@ -257,21 +284,6 @@ fn runs_say_their_day_and_their_temperatures() {
     }
     let html = fs::read_to_string(bench.at("figures/report.html")).unwrap();
     assert_says(&html, &["Accuracy A, axis X", "Repeatability R, axis X", "Reversal value B, axis X"]);
-}
-
-/// The command that an answer ends with; it is this one, and the program takes it. What it writes stays in the folder.
-#[track_caller]
-fn follows(bench: &Bench, said: &str, command: &str) -> String {
-    let said = format!("\n{said}");
-    let (_, next) = said.rsplit_once("\nnext, ").unwrap_or_else(|| panic!("no next command: {said}"));
-    let (what_for, line) = next.split_once(":\n  ").unwrap();
-    assert!(what_for.starts_with("to ") && line.ends_with('\n') && line.trim().lines().count() == 1, "{next}");
-    let words: Vec<&str> = line.trim().split(' ').collect();
-    assert_eq!(words[..2], ["abbe", command]);
-    // Options that the command has not, or lacks, end it with 2.
-    let ended = abbe(&words[1..]).current_dir(bench.0.path()).output().unwrap();
-    assert_ne!(ended.status.code(), Some(2), "{line}: {}", String::from_utf8_lossy(&ended.stderr));
-    line.trim().to_owned()
 }
 
 #[test]
@@ -306,54 +318,5 @@ fn a_report_says_the_command_that_the_terminal_says_with_names_for_paths() {
     assert!(!html.contains("0.300") && !html.contains("100.0000"), "digits that nobody measured");
     let failed = bench.conformity(&format!("--mpe 0.01 --out {out}"));
     assert_eq!(failed.code, Some(3), "{}", failed.errors);
-    follows(&bench, &String::from_utf8(failed.output).unwrap(), "plan");
-}
-
-#[test]
-fn every_answer_ends_with_the_next_command() {
-    let bench = Bench::new();
-    let model = bench.at("model.json");
-    follows(&bench, &model_of(&bench, &model), "verify");
-    let [model, points, practice] = [text(&model), text(&bench.at("practice/verify.csv")), text(&bench.at("practice"))];
-    let html = text(&bench.at("verify.html"));
-    follows(&bench, &run(["verify", "--model", &model, "--points", &points, "--html", &html]).ok(), "correct");
-    assert_says(&fs::read_to_string(&html).unwrap(), &["<code>abbe correct --model model.json --in READINGS.csv"]);
-    let corrected = run(["correct", "--model", &model, "--in", &points, "--out", &text(&bench.at("corrected.csv"))]);
-    follows(&bench, &corrected.ok(), "verify");
-    // With a page and a certificate of it, where they are asked for.
-    let [page, pdf] = ["corrected.html", "corrected.pdf"].map(|name| text(&bench.at(name)));
-    let pages = ["--html", &page, "--pdf", &pdf, "--operator", "A. Person"];
-    let table = text(&bench.at("again.csv"));
-    let again = run(["correct", "--model", &model, "--in", &points, "--out", &table].iter().chain(&pages));
-    assert_eq!(again.code, Some(0), "{}", again.errors);
-    assert!(fs::read(bench.at("again.csv")).unwrap() == fs::read(bench.at("corrected.csv")).unwrap());
-    let shown = fs::read_to_string(&page).unwrap();
-    assert_says(
-        &shown,
-        &["Corrected coordinates of bridge_xyz", "400 rows of verify.csv", "of 400; 0 rejected", "A. Person"],
-    );
-    // The data hold temperatures, and both pages say so and what they were made from.
-    for page in [&shown, &fs::read_to_string(&html).unwrap()] {
-        assert_says(page, &["<dt>Temperature</dt><dd>", " °C</dd>", "verify.csv, SHA-256 ", "<dt>Software</dt>"]);
-    }
-    assert!(fs::read(&pdf).unwrap().starts_with(b"%PDF-"));
-    let piped = run(["correct", "--model", &model, "--in", &points, "--out", "-"]);
-    assert!(!piped.errors.contains("next, ") && !piped.ok().contains("next, "), "a stream is data");
-    follows(
-        &bench,
-        &run(["export", "--model", &model, "--format", "csv", "--out", &text(&bench.at("t.csv"))]).ok(),
-        "conformity",
-    );
-    let map = ["volumetric", "--model", &model, "--out", &text(&bench.at("map")), "--steps", "3"].map(str::to_owned);
-    let offset = |mm: &str| ["--offset-mm".to_owned(), mm.to_owned()];
-    let nowhere = run(map.iter().chain(&offset("0,0,-900")));
-    let again = follows(&bench, &String::from_utf8(nowhere.output).unwrap(), "volumetric");
-    let said = run(again.split(' ').skip(1));
-    follows(&bench, &said.ok(), "export");
-    let centres = shipped("data/zhang2016_centres.csv");
-    follows(&bench, &run(["probe-pose", "--centres", &centres]).ok(), "diagnose");
-    let campaign = format!("{practice}/campaign.csv");
-    let machine = shipped("machines/bridge_xyz.toml");
-    let bag = text(&bench.at("bag"));
-    follows(&bench, &run(["convert", "--machine", &machine, "--campaign", &campaign, "--out", &bag]).ok(), "identify");
+    follows(bench.0.path(), &String::from_utf8(failed.output).unwrap(), "plan");
 }

@@ -11,9 +11,9 @@ use std::sync::OnceLock;
 use std::time::Duration;
 
 use crate::common::assert_says;
-use crate::common::files::{Bench, machine, samples, text};
+use crate::common::files::{Bench, WHO, assert_names_who, machine, samples, text};
 use crate::common::graph::{LaunchText, MEMORY, long_recording, stream_of, topic};
-use crate::common::printed::{commands_of, read, run_in, save_files};
+use crate::common::printed::{assert_printed, commands_of, follows, read, run_in, save_files};
 use crate::common::program::{Started, abbe, run};
 use abbe_msgs::{CorrectedCoordinates, ScaleReading, Sha256};
 use serde_json::Value;
@@ -35,7 +35,7 @@ const LONG: u64 = 15_000;
 const CHANGE_AFTER: Duration = Duration::from_secs(5);
 
 /// The folder of all tests: `model.json`, `residuals.csv`, `residual.json`, `network.json`, and points that judge.
-fn bench() -> &'static Bench {
+pub(crate) fn bench() -> &'static Bench {
     static BENCH: OnceLock<Bench> = OnceLock::new();
     BENCH.get_or_init(|| {
         let bench = Bench::simulated(9);
@@ -76,7 +76,9 @@ fn bench() -> &'static Bench {
 
 fn train(bench: &Bench, config: &str, out: &str) -> crate::common::program::Ran {
     let config = bench.write(&format!("{out}.toml"), config);
-    run(["train", "--residuals", &bench.text("residuals.csv"), "--config", &config, "--out", &bench.text(out)])
+    let (who, residuals, out) = (bench.write("who.toml", WHO), bench.text("residuals.csv"), bench.text(out));
+    let named = ["--identity", &who, "--measured", "2026-03-05"];
+    run(["train", "--residuals", &residuals, "--config", &config, "--out", &out].iter().chain(&named))
 }
 
 fn json(arguments: &[&str]) -> Value {
@@ -99,6 +101,7 @@ fn training_again_gives_the_same_bytes_and_says_what_it_is_of() {
     for (config, first) in [(QUICK, "residual.json"), (QUICK_NETWORK, "network.json")] {
         let said = train(bench, config, "again.json").ok();
         assert_says(&said, &["again.json", "bridge_xyz"]);
+        follows(&bench.path(""), &said, "verify");
         assert_eq!(bench.read("again.json"), bench.read(first), "{first}");
     }
     let html = bench.read("again.html");
@@ -106,6 +109,8 @@ fn training_again_gives_the_same_bytes_and_says_what_it_is_of() {
     // Its own hash, the temperatures beside the vectors, and words for the program's names of methods.
     assert_says(&html, &["again.json, SHA-256 ", "<dt>Temperature", "no residual model"]);
     assert!(!html.contains(">zero<") && !html.contains("kriging-network"), "{html}");
+    assert_names_who(&html);
+    assert_says(&html, &["<dt>Measured</dt><dd>2026-03-05</dd>"]);
 }
 
 #[test]
@@ -144,7 +149,8 @@ fn predicted_points_are_the_ones_that_correction_adds() {
         (0..corrected[0].len()).map(|k| format!("{k},{},{},{}\n", corrected[0][k], corrected[1][k], corrected[2][k]));
     let points = format!("point,x_mm,y_mm,z_mm\n{}", rows.collect::<String>());
     let (points, predicted) = (bench.write("points.csv", points), bench.text("predicted.csv"));
-    run(["predict", "--model", &residual, "--in", &points, "--out", &predicted]).ok();
+    let said = run(["predict", "--model", &residual, "--in", &points, "--out", &predicted]).ok();
+    follows(&bench.path(""), &said, "verify");
     for (d, axis) in axes.iter().enumerate() {
         let with = column("whole.csv", &format!("corrected_{axis}_mm"));
         let added = column("predicted.csv", &format!("res_{axis}_um"));
@@ -312,25 +318,23 @@ fn a_residual_model_changes_in_the_running_node_and_all_is_replayed_to_the_byte(
     assert_eq!(same, hashes.iter().take_while(|hash| **hash == hashes[0]).count(), "up to the switch");
 }
 
-/// As printed but for options that make it quick: fewer readings and points, and kriging alone, which needs no epochs.
+/// As printed but for what trains: on fewer readings and points, and by kriging alone, which needs no epochs.
 #[test]
 fn the_tutorial_of_the_residual_model_runs() {
     let folder = tempfile::tempdir().unwrap();
     save_files(&read("docs/src/tutorials/your-machine.md"), folder.path());
     fs::write(folder.path().join("quick.toml"), QUICK).unwrap();
+    let text = read("docs/src/tutorials/residual-model.md");
+    let printed = commands_of(&text);
+    assert_eq!(printed.len(), 6, "{printed:?}");
     let quick = |command: String| match command.split_whitespace().nth(1) {
-        Some("residuals") => command + " --readings 800 --points 200",
-        Some("train") => command + " --config quick.toml",
-        _ => command,
+        Some("residuals") => vec![command.clone(), command + " --readings 800 --points 200"],
+        Some("train") => vec![command + " --config quick.toml"],
+        _ => vec![command],
     };
-    let commands: Vec<String> =
-        commands_of(&read("docs/src/tutorials/residual-model.md")).into_iter().map(quick).collect();
-    assert_eq!(commands.len(), 6, "{commands:?}");
-    let said = run_in(folder.path(), &commands);
-    assert_says(
-        &said,
-        &["readings          2779 used, 2 rejected", "by geometry", "corrected", "chi2 per degree of freedom 7.921"],
-    );
+    let said = run_in(folder.path(), &printed.into_iter().flat_map(quick).collect::<Vec<String>>());
+    assert_printed(&text, &said);
+    assert_says(&said, &["by geometry", "corrected"]);
     for file in ["sheet/residual.json", "sheet/residual.html", "sheet/corrected.csv"] {
         assert!(folder.path().join(file).is_file(), "the tutorial leaves no {file}");
     }

@@ -10,4 +10,5 @@ mod outside;
 mod points;
 mod residual;
 mod residual_inputs;
+mod ros2_residual;
 mod training_program;

@@ -188,6 +188,20 @@ fn a_line_is_picked_out_in_every_plot_and_table_that_knows_it() {
     assert_eq!(seen["east"], json!(false), "what no figure shows is not dimmed");
 }
 
+/// The plot over time called a station otherwise than the others did, and went on showing all of them.
+#[test]
+fn regress_a_station_is_picked_out_in_every_figure_that_tells_stations_apart() {
+    let steps = r#"
+        const choice = document.querySelector(".bar select");
+        choice.value = "B";
+        choice.dispatchEvent(new Event("change"));
+        const titles = ["Residual against time, by station", "Residual magnitude by station", "Volume, stations and measured lines"];
+        const left = (f) => all("[data-n]:not(.dim)", f).map((n) => n.dataset.n);
+        return titles.map((title) => [...new Set(left(figure(title)))]);"#;
+    let Some(seen) = in_browser(&common::demo_report(1).html().unwrap(), steps) else { return };
+    assert_eq!(seen, json!([["B"], ["B"], ["B"]]));
+}
+
 #[test]
 fn before_and_after_are_seen_alone_and_vectors_turn_and_stretch() {
     let steps = r#"
@@ -228,6 +242,33 @@ fn before_and_after_are_seen_alone_and_vectors_turn_and_stretch() {
     assert_eq!((seen["turned"].clone(), seen["corners"].clone()), (json!(true), json!(4)));
     assert_eq!((seen["alone"].clone(), seen["elsewhere"].clone()), (json!([true, false]), json!(false)));
     assert_eq!(seen["back"], json!(true));
+}
+
+/// A verdict of many words is read whole on a screen: nothing cuts it, and no table has to be moved for it.
+#[test]
+fn regress_a_long_verdict_is_not_cut_on_a_screen() {
+    let verdict = "does not conform, since ".to_owned() + &"one error is beyond its limit and ".repeat(20) + "no more";
+    let table = TableSection {
+        title: "Limits".into(),
+        note: None,
+        columns: vec![Column::text("limit"), Column::text("verdict")],
+        rows: vec![vec![Cell::text("E0"), Cell::text(&verdict)]],
+        total_rows: None,
+    };
+    let card = KeyFigure { label: "share".into(), detail: Some(verdict.clone()), ..KeyFigure::default() };
+    let sections = vec![
+        Section::KeyFigures(KeyFigures { title: "G".into(), figures: vec![card] }),
+        Section::Callout(Callout { tone: Tone::Bad, title: "Length".into(), text: verdict }),
+        Section::Table(table),
+    ];
+    let html = Report { title: "T".into(), sections, ..Report::default() }.html().unwrap();
+    let steps = r#"
+        const long = all(".card .d, .callout p, td.wrap");
+        const cut = (n) => n.scrollWidth > n.clientWidth + 1 || n.scrollHeight > n.clientHeight + 1;
+        return { count: long.length, cut: long.filter(cut).length, whole: long.every((n) => n.textContent.includes("and no more")),
+          moved: all(".scroll:not(.fits)").length };"#;
+    let Some(seen) = in_browser(&html, steps) else { return };
+    assert_eq!(seen, json!({ "count": 3, "cut": 0, "whole": true, "moved": 0 }));
 }
 
 /// On a phone every table said that it is wider than the screen, three narrow columns too.

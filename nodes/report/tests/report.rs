@@ -168,6 +168,54 @@ fn missing_values_are_dashes_and_gaps() {
     assert_eq!(html.matches("<path class=\"ln l1\"").count(), 3, "legend and two pieces of the curve");
 }
 
+/// Stations without readings stood side by side as dashes.
+#[test]
+fn regress_a_station_without_readings_is_named_and_has_no_place_in_the_plot() {
+    let plot = |values: &[&[f64]]| {
+        let group = |(k, own): (usize, &&[f64])| BoxGroup { label: format!("S{k}"), boxes: vec![BoxStats::of(own)] };
+        let plot = BoxPlot {
+            title: "B".into(),
+            note: Some("Magnitudes.".into()),
+            groups_label: "station".into(),
+            value: Axis::new("residual", "µm"),
+            series: vec!["residual".into()],
+            states: Vec::new(),
+            groups: values.iter().enumerate().map(group).collect(),
+        };
+        single(Section::BoxPlot(plot)).html().unwrap()
+    };
+    let html = plot(&[&[1.0, 2.0], &[], &[3.0], &[]]);
+    assert!(html.contains("Magnitudes. Left out, for want of values: S1, S3.</p>"), "{html}");
+    assert!(html.contains(">S0</text>") && html.contains(">S2</text>") && !html.contains(">S1</text>"));
+    assert!(!html.contains(">—<") && !plot(&[&[1.0]]).contains("Left out"));
+    assert!(plot(&[&[], &[]]).contains("Left out, for want of values: S0, S1."), "a page all the same");
+}
+
+/// What is long wraps: it is neither cut nor shortened.
+#[test]
+fn regress_a_long_verdict_is_whole_in_callout_table_and_card() {
+    let verdict = "does not conform, since ".to_owned() + &"one error is beyond its limit and ".repeat(20) + "no more";
+    let callout = Callout { tone: Tone::Bad, title: "Length".into(), text: verdict.clone() };
+    let card = KeyFigure { label: "share".into(), detail: Some(verdict.clone()), ..KeyFigure::default() };
+    let table = TableSection {
+        title: "Limits".into(),
+        note: None,
+        columns: vec![Column::text("limit"), Column::text("verdict")],
+        rows: vec![vec![Cell::text("E0"), Cell::text(&verdict)]],
+        total_rows: None,
+    };
+    let sections = vec![
+        Section::KeyFigures(KeyFigures { title: "G".into(), figures: vec![card] }),
+        Section::Callout(callout),
+        Section::Table(table),
+    ];
+    let html = Report { title: "T".into(), sections, ..Report::default() }.html().unwrap();
+    // A callout begins as a sentence does.
+    assert_eq!(html.matches(&verdict[1..]).count(), 3, "{html}");
+    assert!(html.contains("<td class=\"wrap\">does not conform"), "a cell of many words wraps");
+    assert!(!html.contains("text-overflow"));
+}
+
 #[test]
 fn an_empty_run_still_makes_a_page_but_no_main_plot() {
     let data = DemoReport::default();

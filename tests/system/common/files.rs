@@ -10,6 +10,19 @@ use tempfile::TempDir;
 
 use super::program::run;
 
+/// Who measured with what, as a file for `--identity`.
+pub(crate) const WHO: &str = "[identity]\noperator = \"A. Person\"\nserial_number = \"4711\"\n\
+    [identity.instrument]\nname = \"Instrument I\"\nserial_number = \"K-77\"\n";
+
+/// Asserts that the head of a page names them.
+#[track_caller]
+pub(crate) fn assert_names_who(page: &str) {
+    let head = page.split("</header>").next().unwrap().split("<h1>").nth(1).unwrap();
+    for part in ["<dt>Operator</dt><dd>A. Person</dd>", "serial number 4711", "Instrument I, serial number K-77"] {
+        assert!(head.contains(part), "{part}: {head}");
+    }
+}
+
 /// The machine of the simulator.
 pub(crate) fn machine() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../../launch-config/machines/bridge_xyz.toml").canonicalize().unwrap()

@@ -155,6 +155,10 @@ pub(super) fn noisier(outcome: &Outcome) -> usize {
 
 fn stations(outcome: &Outcome) -> Section {
     let (planned, taken) = (outcome.capturer.planned(), outcome.capturer.taken());
+    // A row of dashes tells less than a name.
+    let has_readings = |number: usize| (0..planned.len()).any(|k| taken[k].is_some() && planned.line(k).station == number);
+    let (begun, open): (Vec<_>, Vec<_>) =
+        planned.stations.iter().enumerate().partition(|(number, _)| has_readings(*number));
     let row = |(number, station): (usize, &abbe_graph::capture::PlannedStation)| {
         // A point at which the machine stands already needs no reading of its own.
         let is_wanted = |point: &usize| taken[*point].is_some() || !planned.is_spare(*point);
@@ -182,11 +186,16 @@ fn stations(outcome: &Outcome) -> Section {
         Column::number("uncertainty of a mean", "µm"),
         Column::number("averaged over", "s"),
     ];
+    let mut note = "Medians; of lengths in one standstill, k = 1.".to_owned();
+    if !open.is_empty() {
+        let names: Vec<&str> = open.iter().map(|(_, station)| station.name.as_str()).collect();
+        note.push_str(&format!(" No readings yet from {}.", names.join(", ")));
+    }
     Section::Table(TableSection {
         title: "Stations".to_owned(),
-        note: Some("Medians; of lengths in one standstill, k = 1.".to_owned()),
+        note: Some(note),
         columns,
-        rows: planned.stations.iter().enumerate().map(row).collect(),
+        rows: begun.into_iter().map(row).collect(),
         total_rows: None,
     })
 }

@@ -82,9 +82,9 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     if is_bag(&arguments.input) {
         let has_page = arguments.html.is_some() || arguments.pdf.is_some();
         ensure!(!has_page, "--html and --pdf are of tables; {} is a bag", arguments.input.display());
-        return bag_in_place(&arguments.output, |unfinished| {
-            correct_bag(arguments, model, sha256, residual, unfinished)
-        });
+        bag_in_place(&arguments.output, |unfinished| correct_bag(arguments, model, sha256, residual, unfinished))?;
+        next(arguments).print();
+        return Ok(());
     }
     let shutdown = Shutdown::on_signals()?;
     let correcting = Correcting { model: &model, residual: residual.as_ref(), shutdown: &shutdown };

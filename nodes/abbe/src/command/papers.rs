@@ -22,6 +22,8 @@ use std::time::Duration;
 const LOOK_S: f64 = 0.1;
 /// Width of the text on a terminal, characters.
 const WIDTH: usize = 110;
+/// The verdict on figures of a part of the runs.
+const NOT_JUDGED: &str = "not judged";
 
 /// Arguments of `papers`.
 #[derive(Debug, clap::Args)]
@@ -158,7 +160,7 @@ fn document(
         unfinished.map(|paper| NotComputed { paper, reason: "stopped before it was done".to_owned() }).collect();
     for (paper, result) in results {
         match result {
-            Ok(figures) => document.figures.extend(figures.into_iter().map(|figure| row(paper, figure))),
+            Ok(figures) => document.figures.extend(figures.into_iter().map(|figure| row(paper, figure, settings.effort))),
             Err(error) => document.not_computed.push(NotComputed { paper, reason: error.to_string() }),
         }
     }
@@ -166,14 +168,15 @@ fn document(
     document
 }
 
-fn row(paper: &'static str, figure: Figure) -> Row {
+fn row(paper: &'static str, figure: Figure, effort: f64) -> Row {
     let Figure { place, what, published, reproduced, how, verdict, reason } = figure;
-    Row { paper, place: place.to_owned(), what, published, reproduced, how, verdict: word(verdict), reason }
+    Row { paper, place: place.to_owned(), what, published, reproduced, how, verdict: word(verdict, effort), reason }
 }
 
-/// A verdict in words.
-fn word(verdict: Verdict) -> &'static str {
+/// A verdict in words; a part of the runs is a quick look and gives none.
+fn word(verdict: Verdict, effort: f64) -> &'static str {
     match verdict {
+        _ if effort < 1.0 => NOT_JUDGED,
         Verdict::Reproduced => "reproduced",
         Verdict::Better => "better",
         Verdict::DoesNotFollow => "does not follow from the published data",
@@ -181,11 +184,11 @@ fn word(verdict: Verdict) -> &'static str {
     }
 }
 
-/// The verdict as it may be read: one with a part of the runs is a quick look and no more.
+/// The verdict for a reader: where there is none, why.
 fn readable(row: &Row, effort: f64) -> String {
-    match effort < 1.0 {
-        true => format!("not judged: {:.0} % of the runs", 100.0 * effort),
-        false => row.verdict.to_owned(),
+    match row.verdict {
+        NOT_JUDGED => format!("{NOT_JUDGED}: {:.0} % of the runs", 100.0 * effort),
+        verdict => verdict.to_owned(),
     }
 }
 
@@ -244,7 +247,7 @@ fn answer(document: &Document) -> Section {
     }
     let mut counts: Vec<(String, usize)> = Vec::new();
     for row in &document.figures {
-        let verdict = readable(row, document.effort);
+        let verdict = row.verdict.to_owned();
         match counts.iter_mut().find(|(name, _)| *name == verdict) {
             Some((_, count)) => *count += 1,
             None => counts.push((verdict, 1)),
@@ -341,6 +344,22 @@ mod tests {
 
     fn of(results: Vec<(&'static str, Result<Vec<Figure>, PaperError>)>) -> Document {
         document(&chosen(&[]).unwrap(), Settings { seed: 1, effort: 1.0 }, results)
+    }
+
+    /// Page and terminal said "not judged", and figures.json "reproduced".
+    #[test]
+    fn regress_a_part_of_the_runs_is_judged_on_no_page_no_terminal_and_in_no_json() {
+        for (effort, verdict, other) in [(1.0, "better", NOT_JUDGED), (0.02, NOT_JUDGED, "better")] {
+            let results = vec![("Chen 2020", Ok(vec![figure(Some("0.2"))]))];
+            let made = document(&chosen(&[]).unwrap(), Settings { seed: 1, effort }, results);
+            let page = report(&made).html().unwrap();
+            let page = page.split("<main>").nth(1).unwrap().split("</main>").next().unwrap();
+            let json = to_json("papers", &made).unwrap();
+            for said in [page, &words(&made), &json].map(str::to_lowercase) {
+                assert!(said.contains(verdict) && !said.contains(other), "{effort}: {said}");
+            }
+            assert!(json.contains(&format!("\"verdict\": \"{verdict}\"")), "{json}");
+        }
     }
 
     #[test]

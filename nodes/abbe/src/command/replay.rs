@@ -3,6 +3,7 @@
 //! Place in the flow: evidence that a correction can be repeated; exit code 1 unless every message was compared and is
 //! identical.
 
+use crate::next::{KNOWN_POINTS, Next};
 use abbe_files::{LoadedResidual, ModelFile, ResidualFile};
 use abbe_graph::replay::{ReplayOutcome, ReplaySteps, TopicOutcome, replay};
 use abbe_graph::step::{GeometricStep, OwnedField, ResidualStep};
@@ -43,7 +44,20 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         faults.extend(faults_of(bag, &outcome));
     }
     ensure!(faults.is_empty(), "{}", faults.join("\n"));
+    next(arguments).print();
     Ok(())
+}
+
+/// The same again may be wrong again: what the models are worth, the last of them where there are several.
+fn next(arguments: &Arguments) -> Next {
+    let next = Next::new("to see what these coordinates are worth", "verify");
+    let next = arguments.model.last().into_iter().fold(next, |next, model| next.file("--model", model));
+    let residual = match (arguments.model.as_slice(), arguments.residual.as_slice()) {
+        ([_], [residual]) => Some(residual),
+        // Which of them belongs to that model is not known here.
+        _ => None,
+    };
+    residual.into_iter().fold(next, |next, residual| next.file("--residual", residual)).text(KNOWN_POINTS)
 }
 
 fn tell(topic: &TopicOutcome, residual: bool) {

@@ -211,6 +211,8 @@ fn run_trials(machine: &MachineFile, arguments: &Arguments, trials: u64) -> anyh
         total.add(&score);
     }
     println!("{}", total.line("all", None));
+    let next = Next::new("to have a campaign of this machine", "simulate").file("--machine", &arguments.machine);
+    next.text(&format!("--seed {first_seed} --out practice")).print();
     Ok(())
 }
 

@@ -114,7 +114,8 @@ impl DemoReport {
             .map(|(index, name)| {
                 let of: Vec<&Residual> = self.residuals.iter().filter(|r| r.station == name).collect();
                 Curve {
-                    name: format!("station {name}"),
+                    // As in every other figure and table: the page picks stations out by their names.
+                    name,
                     style: CurveStyle::Points((index % 8 + 1) as u8),
                     x: of.iter().map(|r| r.time_s / 60.0).collect(),
                     y: of.iter().map(|r| Some(r.residual_um)).collect(),
@@ -123,7 +124,7 @@ impl DemoReport {
             })
             .collect();
         LinePlot {
-            title: "Residual against time".to_owned(),
+            title: "Residual against time, by station".to_owned(),
             note: None,
             columns: 1,
             band_name: None,

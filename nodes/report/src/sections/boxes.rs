@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{Axis, State};
 use crate::error::ReportError;
-use crate::frame::{Area, Labels, Swatch, WIDTH_PX, axis_text, draw_frame, draw_legend};
+use crate::frame::{Area, Labels, Swatch, WIDTH_PX, axis_text, draw_empty, draw_frame, draw_legend};
 use crate::scale::{Scale, extent};
 use crate::stats::BoxStats;
 use crate::svg::{Anchor, Drawing, Svg};
@@ -23,6 +23,13 @@ pub struct BoxGroup {
     pub label: String,
     /// One box a series, in the order of the series' names.
     pub boxes: Vec<Option<BoxStats>>,
+}
+
+impl BoxGroup {
+    /// Whether a series has a box here.
+    fn is_told(&self) -> bool {
+        self.boxes.iter().any(Option::is_some)
+    }
 }
 
 /// A box plot with a linear axis.
@@ -61,19 +68,31 @@ impl BoxPlot {
         }
     }
 
+    /// The note with the groups that have no box: dashes side by side tell less than their names.
+    pub(crate) fn full_note(&self) -> Option<String> {
+        let empty: Vec<&str> = self.groups.iter().filter(|g| !g.is_told()).map(|g| g.label.as_str()).collect();
+        let left_out = (!empty.is_empty()).then(|| format!("Left out, for want of values: {}.", empty.join(", ")));
+        let parts: Vec<String> = self.note.iter().cloned().chain(left_out).collect();
+        (!parts.is_empty()).then(|| parts.join(" "))
+    }
+
     /// Draws the figure.
     pub(crate) fn draw(&self) -> Result<Drawing, ReportError> {
+        let groups: Vec<BoxGroup> = self.groups.iter().filter(|g| g.is_told()).cloned().collect();
         let area = Area { left: 62.0, top: 34.0, width: WIDTH_PX - 78.0, height: 220.0 };
         let mut svg = Svg::new(WIDTH_PX, area.bottom() + 46.0);
         let class = |k: usize| self.states.get(k).map_or_else(|| (k + 1).to_string(), |state| state.class().to_owned());
         let classes: Vec<String> = (0..self.series.len()).map(class).collect();
         let series: Vec<_> = classes.iter().cloned().zip(self.series.iter().cloned()).collect();
         draw_box_legend(&mut svg, (area.left, 14.0), if series.len() > 1 { &series } else { &[] });
-        let values = self.groups.iter().flat_map(|g| g.boxes.iter().flatten()).flat_map(|b| [b.p05, b.max]);
+        let values = groups.iter().flat_map(|g| g.boxes.iter().flatten()).flat_map(|b| [b.p05, b.max]);
         let y = Scale::linear(extent(values.chain([0.0])), area.bottom(), area.top);
         let labels =
             Labels { x: self.groups_label.clone(), y: axis_text(&self.value), y_ticks: 6, ..Labels::default() };
-        draw_boxes(&mut svg, area, &y, &labels, &self.groups, &classes, &self.value.unit);
+        draw_boxes(&mut svg, area, &y, &labels, &groups, &classes, &self.value.unit);
+        if groups.is_empty() {
+            draw_empty(&mut svg, area);
+        }
         svg.finish(&self.title)
     }
 }
@@ -98,9 +117,10 @@ pub(crate) fn draw_boxes(
     classes: &[String],
     unit: &str,
 ) {
-    let x = Scale::exact(0.0, groups.len() as f64, area.left, area.right());
+    let count = groups.len().max(1) as f64;
+    let x = Scale::exact(0.0, count, area.left, area.right());
     draw_frame(svg, area, &x, y, labels);
-    let slot = (area.width / groups.len() as f64 * 0.8 / classes.len() as f64).min(64.0);
+    let slot = (area.width / count * 0.8 / classes.len() as f64).min(64.0);
     for (index, group) in groups.iter().enumerate() {
         let middle = x.map(index as f64 + 0.5);
         svg.name(Some(&group.label));

@@ -141,7 +141,7 @@ impl Section {
             Self::CellMap(s) => (s.draw(), s.note.clone()),
             Self::Histogram(s) => (s.draw(), s.note.clone()),
             Self::Bars(s) => (s.draw(), s.note.clone()),
-            Self::BoxPlot(s) => (s.draw(), s.note.clone()),
+            Self::BoxPlot(s) => (s.draw(), s.full_note()),
             Self::Comparison(s) => (s.draw(), s.note.clone()),
             Self::Isometric(s) => (s.draw(), s.note.clone()),
             Self::Vectors(s) => (s.draw(), s.full_note()),
