@@ -70,6 +70,7 @@ fn launch(kind: TransportKind) -> Launch {
         nodes: vec![NodeName::Geometric, NodeName::Residual],
         max_covariate_age_s: 10.0,
         wait_for_subscribers_s: 20.0,
+        realtime: None,
         gateway_memory_mib: None,
         scale: None,
         tracer: None,
