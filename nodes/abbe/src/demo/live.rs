@@ -297,6 +297,7 @@ fn launch(run: &Run) -> Launch {
         nodes: NodeName::ALL.to_vec(),
         max_covariate_age_s: 10.0,
         wait_for_subscribers_s: 20.0,
+        realtime: None,
         gateway_memory_mib: None,
         scale: Some(play(topics::SCALE_READING, run.closes.then_some(run.bag.first_point))),
         tracer: Some(play(topics::TRACER_READING, None)),

@@ -142,7 +142,8 @@ pub(super) fn open(
         }
     };
     let silent_after = Duration::from_secs_f64(config.silent_after_s);
-    let port = Port::open(&config.from, silent_after).map_err(|source| DriverError::Port { source })?;
+    let port =
+        Port::open(&config.from, silent_after, kind == Kind::Scale).map_err(|source| DriverError::Port { source })?;
     Ok(Lines {
         config: config.clone(),
         kind,

@@ -254,7 +254,7 @@ pub(super) fn open(
     Ok(Linuxcnc {
         machine: machine.clone(),
         offset_m,
-        port: Port::open(&config.from, silent_after).map_err(|source| DriverError::Port { source })?,
+        port: Port::open(&config.from, silent_after, true).map_err(|source| DriverError::Port { source })?,
         shutdown: shutdown.clone(),
         clock: SampleClock::new(config.period_s, config.late_s),
         commanded: Commanded::default(),

@@ -5,6 +5,7 @@
 
 use super::serial::{SerialConfig, read_serial};
 use crate::connecting::{Waits, address_problem, connect, is_timeout};
+use abbe_runtime::realtime::carry_samples;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::io::{BufRead, BufReader, ErrorKind, Read};
@@ -96,8 +97,13 @@ pub(in crate::driver) struct Port {
 }
 
 impl Port {
-    /// Opens what can be opened only once (a listening socket), and starts the thread.
-    pub(in crate::driver) fn open(from: &LinesFrom, silent_after: Duration) -> std::io::Result<Port> {
+    /// Opens what can be opened only once (a listening socket), and starts the thread; whether what comes is `on_the_path` of a
+    /// corrected sample.
+    pub(in crate::driver) fn open(
+        from: &LinesFrom,
+        silent_after: Duration,
+        on_the_path: bool,
+    ) -> std::io::Result<Port> {
         let source: Source = match from {
             LinesFrom::Tcp(address) => Source::Client(address.clone()),
             LinesFrom::TcpListen(address) => Source::Server(TcpListener::bind(address)?),
@@ -108,7 +114,13 @@ impl Port {
         let (give, events) = sync_channel(QUEUE);
         let listener = Arc::new(());
         let weak = Arc::downgrade(&listener);
-        thread::Builder::new().name("lines".into()).spawn(move || source.run(&give, silent_after, &weak))?;
+        let read = move || {
+            // The instant at which a line was complete is its stamp. A program that is started is not to get the priority.
+            let starts_a_program = matches!(source, Source::Command(_));
+            let _realtime = (on_the_path && !starts_a_program).then(carry_samples);
+            source.run(&give, silent_after, &weak, on_the_path);
+        };
+        thread::Builder::new().name("lines".into()).spawn(read)?;
         Ok(Port { events, lines: 0, _listener: listener })
     }
 
@@ -147,7 +159,7 @@ enum Source {
 pub(super) struct Gone;
 
 impl Source {
-    fn run(&self, give: &SyncSender<Event>, silent_after: Duration, listener: &Weak<()>) {
+    fn run(&self, give: &SyncSender<Event>, silent_after: Duration, listener: &Weak<()>, on_the_path: bool) {
         let mut waits = Waits::new();
         loop {
             let outcome = match self {
@@ -157,7 +169,7 @@ impl Source {
                 }
                 Source::Packets(socket) => read_packets(socket, give),
                 Source::Serial(serial) => read_serial(serial, give, listener),
-                Source::Command(words) => read_command(words, give),
+                Source::Command(words) => read_command(words, give, on_the_path),
             };
             let why = match outcome {
                 Ok(Err(Gone)) => return,
@@ -240,11 +252,12 @@ impl Drop for Ending {
     }
 }
 
-fn read_command(words: &[String], give: &SyncSender<Event>) -> Ended {
+fn read_command(words: &[String], give: &SyncSender<Event>, on_the_path: bool) -> Ended {
     let (program, arguments) = words.split_first().ok_or(ErrorKind::InvalidInput)?;
     let mut command = Command::new(program);
     let child = command.args(arguments).stdin(Stdio::null()).stdout(Stdio::piped()).spawn()?;
     let mut child = Ending(child);
+    let _realtime = on_the_path.then(carry_samples);
     let output = child.0.stdout.take().ok_or(ErrorKind::BrokenPipe)?;
     if give.send(Event::Connected(program.clone())).is_err() {
         return Ok(Err(Gone));
