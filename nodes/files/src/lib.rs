@@ -40,7 +40,7 @@ mod toml_place;
 mod units;
 mod vectors_csv;
 
-pub use atomic::{AtomicFile, Unfinished, remove_unfinished, write_atomically};
+pub use atomic::{AtomicFile, Unfinished, put_in_place, remove_unfinished, write_atomically};
 pub use campaign_csv::{CampaignFile, read_campaign, read_campaign_file};
 pub use campaign_writer::write_campaign;
 pub use capture_journal::{CaptureJournal, Captured, JournalEntry, JournalHead};
