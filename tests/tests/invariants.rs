@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 
 const EFFECTS: &str = "models/geometry/src/effects";
 /// What effects share, beside them.
-const SHARED_BY_EFFECTS: [&str; 6] = ["arch", "growth", "known", "shape", "source", "tests"];
+const SHARED_BY_EFFECTS: [&str; 7] = ["arch", "growth", "known", "registry", "shape", "source", "tests"];
 /// Effects that propose no shapes of their own: the search that finds a period, a line or a dependence names them.
 const FOUND_BY_A_SEARCH: [&str; 6] =
     ["axis_term", "empirical", "outlying_run", "periodic_scale", "stand_jump", "zero_jump"];
@@ -140,7 +140,8 @@ fn an_effect_is_one_file_and_one_line() {
         stems(EFFECTS).into_iter().partition(|name| SHARED_BY_EFFECTS.contains(&name.as_str()));
     assert_eq!(shared.len(), SHARED_BY_EFFECTS.len(), "what effects share is there");
     let all = rust_files();
-    let table = all.iter().find(|file| file.path == Path::new(EFFECTS).join("known.rs")).expect("the table of effects");
+    let is_table = |file: &&RustFile| file.path == Path::new(EFFECTS).join("registry.rs");
+    let table = all.iter().find(is_table).expect("the table of effects");
     assert_none("effects and their table", &registry::effects_against_table(&names, &table.source));
     let registered: Vec<&str> = abbe_geometry::effects::REGISTRY.iter().map(|known| known.name).collect();
     assert_eq!(names.len(), registered.len(), "one entry a file");
