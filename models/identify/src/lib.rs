@@ -90,6 +90,7 @@ mod unexplained;
 mod unseen_expansion;
 pub mod verdict;
 
+pub use abbe_geometry::effects::TIME;
 pub use abbe_measurement::{robust, station_start};
 pub use belief::Belief;
 pub use bound::at_cramer_rao_bound;
@@ -106,6 +107,6 @@ pub use planned_rows::{PlannedRows, STATION_PARAMETERS, SplitRows};
 pub use range_noise::{Along, By, RangeCorrelation, correlation_left};
 pub use rows::{Rows, residuals_of};
 pub use solve::{Identified, identify, identify_with};
-pub use term::{CampaignRow, EffectTerm, TIME};
+pub use term::{CampaignRow, EffectTerm};
 pub use unexplained::{Excess, by_axis};
 pub use unseen_expansion::unseen_expansions;

@@ -42,7 +42,9 @@ pub use empirical::legendre;
 pub use known::{Construct, Known, Observed, Refine};
 pub use registry::{REGISTRY, construct, known};
 pub use shape::{EffectError, Shape, ShapeValue};
-pub use source::{CovariateProblem, CovariateSource, CovariateValue, NoCovariates, State, is_scale, known_covariate};
+pub use source::{
+    CovariateProblem, CovariateSource, CovariateValue, NoCovariates, State, TIME, is_scale, known_covariate,
+};
 
 pub use crate::lagged::{Lag, Lagged, lagged_name, of_lagged};
 pub use crate::travelled::{Travel, Travelled, of_travelled, travelled_name};
