@@ -21,6 +21,16 @@ const DRIVERS: &str = "nodes/graph/src/driver";
 /// Simulates physics with its own code, so that truth and model share no mistake; it has effects of its own.
 const INDEPENDENT_TRUTH: &str = "tests/evidence/virtual-machine";
 
+/// Live nodes.
+const LIVE: &str = "nodes/graph/src";
+/// Crates that only these files or folders of live nodes may name.
+const NAMED_IN: [(&str, &[&str]); 2] = [
+    // A capture holds each reading against the campaign so far, and only the solver says what that is.
+    ("abbe_identify", &["capture"]),
+    // The simulated machine is a driver, is served for rehearsals, and has effects that a launch file names.
+    ("abbe_virtual_machine", &["driver/virtual_machine.rs", "serving.rs", "launch/check.rs"]),
+];
+
 fn assert_none(rule: &str, violations: &[String]) {
     assert!(violations.is_empty(), "{rule}:\n  {}", violations.join("\n  "));
 }
@@ -98,6 +108,24 @@ fn production_code_returns_errors_instead_of_ending_the_program() {
         found.extend(violations(folder, rules::endings));
     }
     assert_none("no unwrap, expect, panic or todo outside tests", &found);
+}
+
+#[test]
+fn live_nodes_solve_nothing_and_are_simulated_in_one_place() {
+    let mut found = Vec::new();
+    for (name, places) in NAMED_IN {
+        let mut seen = vec![false; places.len()];
+        for file in rust_files().iter().filter(|file| !file.for_tests && file.path.starts_with(LIVE)) {
+            let named = rules::names_of(&file.source, name);
+            match places.iter().position(|place| file.path.starts_with(Path::new(LIVE).join(place))) {
+                Some(place) => seen[place] |= !named.is_empty(),
+                None => found.extend(named.iter().map(|f| format!("{}:{}: {name}", file.path.display(), f.line))),
+            }
+        }
+        let idle = places.iter().zip(seen).filter(|(_, seen)| !seen);
+        found.extend(idle.map(|(place, _)| format!("{place} does not name {name} any more: take it off the list")));
+    }
+    assert_none("only a capture identifies, and only the simulator's own files simulate", &found);
 }
 
 #[test]
