@@ -3,13 +3,13 @@
 //! Place in the flow: the last step of [`crate::solve`]; nothing is estimated here any more.
 
 use crate::chords::Chords;
-use crate::comparison::Ended;
 use crate::design::{Estimate, Row, places};
 use crate::error::IdentifyError;
 use crate::evidence::{self, CorrelatedNoise, ErrorEvidence, Evidence, RejectedReading, StationEvidence};
+use crate::identified::{Ended, Identified};
 use crate::observability::Observability;
 use crate::smoothing::{Solution, noise_factor_for_covariance};
-use crate::solve::{Fit, Identified, Settled};
+use crate::solve::{Fit, Settled};
 use crate::term::{CampaignRow, EffectTerm};
 use crate::unexplained::{Excess, by_axis};
 use abbe_geometry::between_nodes::BetweenNodes;

@@ -6,7 +6,7 @@
 //! machine's). What a plate cannot see is held at zero.
 
 use super::loss::{Loss, scale_of};
-use super::plate::Plates;
+use super::poses::Plates;
 use super::{MeasuredPoint, PointsError};
 use crate::chords::Chords;
 use crate::normal::NormalEquations;
