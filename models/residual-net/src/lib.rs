@@ -41,6 +41,7 @@
 mod calibrated_points;
 mod calibration;
 mod exponential;
+mod kind;
 mod kriging;
 mod model;
 mod neighbourhood;
@@ -52,7 +53,8 @@ mod trend;
 
 pub use calibrated_points::CalibratedPoints;
 pub use calibration::{Calibration, NORMAL_95};
+pub use kind::Kind;
 pub use kriging::{Component, Kriging, KrigingMean};
-pub use model::{Apart, At, Ensemble, Kind, ModelError, Parts, ResidualModel, check_units};
+pub use model::{Apart, At, Ensemble, ModelError, Parts, ResidualModel, check_units};
 pub use neighbourhood::{Neighbourhood, VERTICES, Vertices, spacing};
 pub use trend::{Place, PositionEnsemble, Trend, TrendError, place, place_box};

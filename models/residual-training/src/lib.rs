@@ -28,7 +28,9 @@ mod belief;
 mod compare;
 mod config;
 mod device;
+mod error;
 mod held_out;
+mod kriging;
 mod networks;
 mod optimise;
 mod perceptron;
@@ -44,13 +46,12 @@ pub use attention::Attention;
 pub use compare::{CompareConfig, Comparison, Interval, Rival, RivalRow, SeedRow, Subject, compare};
 pub use config::{Config, ConfigRange, Method, Optimiser, Split, SplitKind};
 pub use device::{Device, DeviceError};
+pub use error::TrainingError;
+pub use held_out::HeldOutPoint;
 pub use optimise::{Examples, Network, OptimiseError, Run, Training, View, outputs};
 pub use perceptron::Perceptron;
-pub use recommend::{Candidate, POSITION_ALONE, Recommendation, recommend};
+pub use recommend::{Candidate, POSITION_ALONE, Recommendation, ZERO, recommend};
 pub use scores::Scores;
 pub use split::{blocks, folds};
-pub use train::{
-    Curve, Go, HeldOutPoint, HeldOutScores, Progress, State, Trained, TrainingError, TrainingRecord, ZERO, train,
-    train_beside,
-};
+pub use train::{Curve, Go, HeldOutScores, Progress, State, Trained, TrainingRecord, train, train_beside};
 pub use views::ViewError;
