@@ -3,6 +3,7 @@
 //! Place in the flow: a thread reads and waits, so that the node's loop never does; it hands over whole lines with the instant
 //! at which they were complete. A queue that is full makes the thread wait, and TCP the sender.
 
+use super::event::{Ended, Event, Gone, Line, MOST_BYTES};
 use super::serial::{SerialConfig, read_serial};
 use crate::connecting::{Waits, address_problem, connect, is_timeout};
 use serde::{Deserialize, Serialize};
@@ -15,8 +16,6 @@ use std::sync::{Arc, Weak};
 use std::thread;
 use std::time::{Duration, SystemTime};
 
-/// Bytes of a line at most.
-pub(super) const MOST_BYTES: usize = 4096;
 /// What is wrong with half a line.
 pub(in crate::driver) const HALF: &str = "it has no end: it was cut off, and half a number is a number, too";
 /// Lines that wait for the node's loop at most.
@@ -62,29 +61,6 @@ impl fmt::Display for LinesFrom {
             LinesFrom::Command(words) => write!(f, "command {}", words.join(" ")),
         }
     }
-}
-
-/// A line, without what ends it.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub(in crate::driver) struct Line {
-    pub(in crate::driver) text: Vec<u8>,
-    /// When it was complete.
-    pub(in crate::driver) arrived: SystemTime,
-}
-
-/// What happens at a port.
-#[derive(Debug)]
-pub(in crate::driver) enum Event {
-    Connected(String),
-    Line(Line),
-    /// A line of more than [`MOST_BYTES`] was passed over.
-    TooLong,
-    /// The first line of a serial port, which may have begun before it was opened, was passed over.
-    NotWhole,
-    /// A line that was under way when its connection ended, or its packet: half a number is a number, too.
-    Half,
-    /// Said each time; who listens says the same only once.
-    Lost(String),
 }
 
 /// The loop's end of the thread.
@@ -143,9 +119,6 @@ enum Source {
     Command(Vec<String>),
 }
 
-/// The loop is gone.
-pub(super) struct Gone;
-
 impl Source {
     fn run(&self, give: &SyncSender<Event>, silent_after: Duration, listener: &Weak<()>) {
         let mut waits = Waits::new();
@@ -179,8 +152,6 @@ impl Source {
         }
     }
 }
-
-pub(super) type Ended = std::io::Result<Result<(), Gone>>;
 
 fn read_stream(stream: TcpStream, give: &SyncSender<Event>, silent_after: Duration) -> Ended {
     stream.set_read_timeout(Some(silent_after))?;
