@@ -5,9 +5,11 @@
 
 use abbe_graph::launch::Launch;
 use abbe_tests::dependencies::{Graph, WINDOWS};
+use abbe_tests::mutual::{Modules, THERE_ARE};
 use abbe_tests::source::Found;
 use abbe_tests::workspace::{EVIDENCE, RustFile, files, read, root, rust_files};
 use abbe_tests::{documents, registry, rules};
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 const EFFECTS: &str = "models/geometry/src/effects";
@@ -126,6 +128,29 @@ fn live_nodes_solve_nothing_and_are_simulated_in_one_place() {
         found.extend(idle.map(|(place, _)| format!("{place} does not name {name} any more: take it off the list")));
     }
     assert_none("only a capture identifies, and only the simulator's own files simulate", &found);
+}
+
+#[test]
+fn files_of_a_crate_use_each_other_one_way() {
+    let mut crates: BTreeMap<String, Modules> = BTreeMap::new();
+    for file in rust_files().iter().filter(|file| !file.for_tests) {
+        let path = file.path.to_string_lossy().replace('\\', "/");
+        let Some((folder, module)) = path.strip_suffix(".rs").and_then(|path| path.split_once("/src/")) else {
+            continue;
+        };
+        crates.entry(folder.to_owned()).or_default().add(module, &file.source);
+    }
+    assert!(crates.len() >= 20, "{:?}", crates.keys());
+    let of = |(folder, modules): (&String, &Modules)| -> Vec<String> {
+        modules.pairs().into_iter().map(|(one, other)| format!("{folder}: {one} and {other}")).collect()
+    };
+    let found: BTreeSet<String> = crates.iter().flat_map(of).collect();
+    let listed: BTreeSet<String> =
+        THERE_ARE.iter().map(|(folder, one, other, _)| format!("{folder}: {one} and {other}")).collect();
+    let new: Vec<String> = found.difference(&listed).cloned().collect();
+    assert_none("move what both need into a file below them", &new);
+    let gone: Vec<String> = listed.difference(&found).cloned().collect();
+    assert_none("a pair that is gone leaves the list in tests/src/mutual.rs", &gone);
 }
 
 #[test]
