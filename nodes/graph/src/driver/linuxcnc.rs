@@ -9,7 +9,8 @@
 mod sample_clock;
 
 use super::lines::LinesFrom;
-use super::lines::port::{Event, HALF, Line, Port};
+use super::lines::event::{Event, Line};
+use super::lines::port::{HALF, Port};
 use super::{DriverError, Role, ScaleDriver, config_name};
 use crate::connecting::stamp_of;
 use crate::link::{Link, LinkState};

@@ -3,6 +3,7 @@
 //! Place in the flow: a thread reads and waits, so that the node's loop never does; it hands over whole lines with the instant
 //! at which they were complete. A queue that is full makes the thread wait, and TCP the sender.
 
+use super::event::{Ended, Event, Gone, Line, MOST_BYTES};
 use super::serial::{SerialConfig, read_serial};
 use crate::connecting::{Waits, address_problem, connect, is_timeout};
 use abbe_runtime::realtime::carry_samples;
@@ -16,8 +17,6 @@ use std::sync::{Arc, Weak};
 use std::thread;
 use std::time::{Duration, SystemTime};
 
-/// Bytes of a line at most.
-pub(super) const MOST_BYTES: usize = 4096;
 /// What is wrong with half a line.
 pub(in crate::driver) const HALF: &str = "it has no end: it was cut off, and half a number is a number, too";
 /// Lines that wait for the node's loop at most.
@@ -63,29 +62,6 @@ impl fmt::Display for LinesFrom {
             LinesFrom::Command(words) => write!(f, "command {}", words.join(" ")),
         }
     }
-}
-
-/// A line, without what ends it.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub(in crate::driver) struct Line {
-    pub(in crate::driver) text: Vec<u8>,
-    /// When it was complete.
-    pub(in crate::driver) arrived: SystemTime,
-}
-
-/// What happens at a port.
-#[derive(Debug)]
-pub(in crate::driver) enum Event {
-    Connected(String),
-    Line(Line),
-    /// A line of more than [`MOST_BYTES`] was passed over.
-    TooLong,
-    /// The first line of a serial port, which may have begun before it was opened, was passed over.
-    NotWhole,
-    /// A line that was under way when its connection ended, or its packet: half a number is a number, too.
-    Half,
-    /// Said each time; who listens says the same only once.
-    Lost(String),
 }
 
 /// The loop's end of the thread.
@@ -155,9 +131,6 @@ enum Source {
     Command(Vec<String>),
 }
 
-/// The loop is gone.
-pub(super) struct Gone;
-
 impl Source {
     fn run(&self, give: &SyncSender<Event>, silent_after: Duration, listener: &Weak<()>, on_the_path: bool) {
         let mut waits = Waits::new();
@@ -191,8 +164,6 @@ impl Source {
         }
     }
 }
-
-pub(super) type Ended = std::io::Result<Result<(), Gone>>;
 
 fn read_stream(stream: TcpStream, give: &SyncSender<Event>, silent_after: Duration) -> Ended {
     stream.set_read_timeout(Some(silent_after))?;
