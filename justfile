@@ -27,6 +27,10 @@ faults:
 round-trip:
     ABBE_ROUND_TRIPS="${ABBE_ROUND_TRIPS:-20000}" cargo test -p abbe --test live -- --nocapture positions_at_1_khz
 
+# Scale sample to corrected sample beside bare iceoryx2, with and without realtime, then 10 kHz with counts of losses (as root, or with the limits of docs/src/reference/live.md)
+real-time *options:
+    cargo bench -p abbe --bench real_time -- {{ options }}
+
 # LinuxCNC without a machine or a screen, read by the driver (Debian: linuxcnc-uspace); skipped aloud without it
 linuxcnc:
     cargo test -p abbe-graph --test linuxcnc -- --nocapture

@@ -5,6 +5,7 @@
 //! by a node. Fields in the order of `msg_standard/`, units SI, frames in `header.frame_id`.
 
 mod frames;
+mod from_samples;
 mod lifecycle;
 mod log;
 mod markers;
@@ -18,7 +19,7 @@ pub use log::Log;
 pub use markers::{ColorRgba, CompressedImage, Duration, Marker, MarkerArray, MeshFile, Pose, UvCoordinate};
 pub use sensors::{Float64, FluidPressure, Range, RelativeHumidity, Temperature};
 
-use crate::{CorrectedCoordinates, MessageError, RosType, ScaleReading, Stamp};
+use crate::{MessageError, RosType, Stamp};
 
 /// An instant: `sec + nanosec / 1e9`.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -116,16 +117,6 @@ pub struct PointStamped {
     pub point: Point,
 }
 
-impl PointStamped {
-    /// The corrected position, or nothing when the reading was not corrected: the standard
-    /// message has no field that could say so.
-    #[must_use]
-    pub fn from_corrected(corrected: &CorrectedCoordinates) -> Option<Self> {
-        let [x, y, z] = corrected.corrected_point_in_machine_m()?;
-        Some(Self { header: Header::new(corrected.stamp, corrected.frame_id.as_str()), point: Point { x, y, z } })
-    }
-}
-
 impl RosType for PointStamped {
     const ROS_TYPE: &'static str = "geometry_msgs/msg/PointStamped";
 }
@@ -143,20 +134,6 @@ pub struct JointState {
     pub velocity: Vec<f64>,
     /// Efforts in N or N m; empty when unknown.
     pub effort: Vec<f64>,
-}
-
-impl JointState {
-    /// The indicated positions of the three axes under the given joint names.
-    #[must_use]
-    pub fn from_scales(scales: &ScaleReading, axis_names: [&str; 3]) -> Self {
-        Self {
-            header: Header::new(scales.stamp, scales.frame_id.as_str()),
-            name: axis_names.map(str::to_owned).to_vec(),
-            position: scales.reading_m.to_vec(),
-            velocity: Vec::new(),
-            effort: Vec::new(),
-        }
-    }
 }
 
 impl RosType for JointState {

@@ -10,6 +10,8 @@
 pub mod dependencies;
 pub mod documents;
 pub mod links;
+pub mod mutual;
+pub mod named;
 pub mod registry;
 pub mod rules;
 pub mod source;

@@ -45,6 +45,11 @@ pub fn endings(source: &Source) -> Vec<Found> {
     methods.chain(macros).collect()
 }
 
+/// Where production code names a crate.
+pub fn names_of(source: &Source, name: &str) -> Vec<Found> {
+    source.words().into_iter().filter(|found| found.what == name).collect()
+}
+
 /// Tests that are switched off.
 pub fn ignored_tests(source: &Source) -> Vec<Found> {
     source.attributes().into_iter().filter(|found| found.what == "ignore").collect()
@@ -117,6 +122,15 @@ mod tests {
                     f.unwrap_or(0); g.unwrap_or_default(); }\n#[cfg(test)]\nmod tests { fn h() { i.unwrap(); panic!() } }";
         let found = whats(endings(&Source::parse(text).unwrap()));
         assert_eq!(found, ["unwrap", "expect", "unwrap_err", "panic", "todo", "unimplemented"]);
+    }
+
+    #[test]
+    fn a_crate_that_is_named_is_caught_outside_tests() {
+        let text = "//! Not abbe_identify.\nuse abbe_identify::identify;\nfn a() { let b = abbe_identify::Options::default(); }\n\
+                    #[cfg(test)]\nmod tests { use abbe_identify::identify; }";
+        let lines: Vec<usize> =
+            names_of(&Source::parse(text).unwrap(), "abbe_identify").iter().map(|f| f.line).collect();
+        assert_eq!(lines, [2, 3]);
     }
 
     #[test]

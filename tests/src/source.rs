@@ -11,7 +11,7 @@ pub struct Source {
     /// Every token.
     all: TokenStream,
     /// Tokens that are compiled outside tests.
-    production: TokenStream,
+    pub(crate) production: TokenStream,
 }
 
 /// Something found, and the line it stands on.
@@ -183,11 +183,11 @@ impl Source {
     }
 }
 
-fn trees(stream: &TokenStream) -> Vec<TokenTree> {
+pub(crate) fn trees(stream: &TokenStream) -> Vec<TokenTree> {
     stream.clone().into_iter().collect()
 }
 
-fn is_punct(tree: &TokenTree, character: char) -> bool {
+pub(crate) fn is_punct(tree: &TokenTree, character: char) -> bool {
     matches!(tree, TokenTree::Punct(punct) if punct.as_char() == character)
 }
 
@@ -291,7 +291,8 @@ fn collect_paths(level: &[TokenTree], prefix: &str, found: &mut Vec<Found>) {
     }
 }
 
-fn joins(level: &[TokenTree], k: usize) -> bool {
+/// Whether a path goes on here by `::`.
+pub(crate) fn joins(level: &[TokenTree], k: usize) -> bool {
     let first =
         matches!(level.get(k), Some(TokenTree::Punct(p)) if p.as_char() == ':' && p.spacing() == Spacing::Joint);
     first && level.get(k + 1).is_some_and(|tree| is_punct(tree, ':'))

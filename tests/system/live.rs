@@ -9,6 +9,7 @@ mod live_loop;
 mod present;
 mod proxy;
 mod publishers;
+mod realtime;
 mod recording;
 mod ros2;
 mod ros_driver;

@@ -5,14 +5,16 @@
 
 use abbe_graph::launch::Launch;
 use abbe_tests::dependencies::{Graph, WINDOWS};
+use abbe_tests::mutual::{Modules, THERE_ARE};
 use abbe_tests::source::Found;
 use abbe_tests::workspace::{EVIDENCE, RustFile, files, read, root, rust_files};
 use abbe_tests::{documents, registry, rules};
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 const EFFECTS: &str = "models/geometry/src/effects";
 /// What effects share, beside them.
-const SHARED_BY_EFFECTS: [&str; 6] = ["arch", "growth", "known", "shape", "source", "tests"];
+const SHARED_BY_EFFECTS: [&str; 7] = ["arch", "growth", "known", "registry", "shape", "source", "tests"];
 /// Effects that propose no shapes of their own: the search that finds a period, a line or a dependence names them.
 const FOUND_BY_A_SEARCH: [&str; 6] =
     ["axis_term", "empirical", "outlying_run", "periodic_scale", "stand_jump", "zero_jump"];
@@ -20,6 +22,16 @@ const EXPORTS: &str = "nodes/files/src/export";
 const DRIVERS: &str = "nodes/graph/src/driver";
 /// Simulates physics with its own code, so that truth and model share no mistake; it has effects of its own.
 const INDEPENDENT_TRUTH: &str = "tests/evidence/virtual-machine";
+
+/// Live nodes.
+const LIVE: &str = "nodes/graph/src";
+/// Crates that only these files or folders of live nodes may name.
+const NAMED_IN: [(&str, &[&str]); 2] = [
+    // A capture holds each reading against the campaign so far, and only the solver says what that is.
+    ("abbe_identify", &["capture"]),
+    // The simulated machine is a driver, is served for rehearsals, and has effects that a launch file names.
+    ("abbe_virtual_machine", &["driver/virtual_machine.rs", "serving.rs", "launch/check.rs"]),
+];
 
 fn assert_none(rule: &str, violations: &[String]) {
     assert!(violations.is_empty(), "{rule}:\n  {}", violations.join("\n  "));
@@ -101,6 +113,47 @@ fn production_code_returns_errors_instead_of_ending_the_program() {
 }
 
 #[test]
+fn live_nodes_solve_nothing_and_are_simulated_in_one_place() {
+    let mut found = Vec::new();
+    for (name, places) in NAMED_IN {
+        let mut seen = vec![false; places.len()];
+        for file in rust_files().iter().filter(|file| !file.for_tests && file.path.starts_with(LIVE)) {
+            let named = rules::names_of(&file.source, name);
+            match places.iter().position(|place| file.path.starts_with(Path::new(LIVE).join(place))) {
+                Some(place) => seen[place] |= !named.is_empty(),
+                None => found.extend(named.iter().map(|f| format!("{}:{}: {name}", file.path.display(), f.line))),
+            }
+        }
+        let idle = places.iter().zip(seen).filter(|(_, seen)| !seen);
+        found.extend(idle.map(|(place, _)| format!("{place} does not name {name} any more: take it off the list")));
+    }
+    assert_none("only a capture identifies, and only the simulator's own files simulate", &found);
+}
+
+#[test]
+fn files_of_a_crate_use_each_other_one_way() {
+    let mut crates: BTreeMap<String, Modules> = BTreeMap::new();
+    for file in rust_files().iter().filter(|file| !file.for_tests) {
+        let path = file.path.to_string_lossy().replace('\\', "/");
+        let Some((folder, module)) = path.strip_suffix(".rs").and_then(|path| path.split_once("/src/")) else {
+            continue;
+        };
+        crates.entry(folder.to_owned()).or_default().add(module, &file.source);
+    }
+    assert!(crates.len() >= 20, "{:?}", crates.keys());
+    let of = |(folder, modules): (&String, &Modules)| -> Vec<String> {
+        modules.pairs().into_iter().map(|(one, other)| format!("{folder}: {one} and {other}")).collect()
+    };
+    let found: BTreeSet<String> = crates.iter().flat_map(of).collect();
+    let listed: BTreeSet<String> =
+        THERE_ARE.iter().map(|(folder, one, other, _)| format!("{folder}: {one} and {other}")).collect();
+    let new: Vec<String> = found.difference(&listed).cloned().collect();
+    assert_none("move what both need into a file below them", &new);
+    let gone: Vec<String> = listed.difference(&found).cloned().collect();
+    assert_none("a pair that is gone leaves the list in tests/src/mutual.rs", &gone);
+}
+
+#[test]
 fn no_test_is_switched_off() {
     let found = rust_files().into_iter().flat_map(|file| {
         rules::ignored_tests(&file.source).into_iter().map(move |f| format!("{}:{}", file.path.display(), f.line))
@@ -140,7 +193,8 @@ fn an_effect_is_one_file_and_one_line() {
         stems(EFFECTS).into_iter().partition(|name| SHARED_BY_EFFECTS.contains(&name.as_str()));
     assert_eq!(shared.len(), SHARED_BY_EFFECTS.len(), "what effects share is there");
     let all = rust_files();
-    let table = all.iter().find(|file| file.path == Path::new(EFFECTS).join("known.rs")).expect("the table of effects");
+    let is_table = |file: &&RustFile| file.path == Path::new(EFFECTS).join("registry.rs");
+    let table = all.iter().find(is_table).expect("the table of effects");
     assert_none("effects and their table", &registry::effects_against_table(&names, &table.source));
     let registered: Vec<&str> = abbe_geometry::effects::REGISTRY.iter().map(|known| known.name).collect();
     assert_eq!(names.len(), registered.len(), "one entry a file");
@@ -235,9 +289,10 @@ fn the_table_of_topics_is_whole() {
 #[test]
 fn the_table_of_launch_keys_is_whole() {
     let all = rust_files();
-    let is_launch = |path: &Path| path.ends_with("graph/src/launch.rs") || path.ends_with("graph/src/launch/record.rs");
+    let files = ["graph/src/launch.rs", "graph/src/launch/record.rs", "graph/src/launch/realtime.rs"];
+    let is_launch = |path: &Path| files.iter().any(|file| path.ends_with(file));
     let launch: Vec<_> = all.iter().filter(|file| is_launch(&file.path)).collect();
-    assert_eq!(launch.len(), 2, "the launch file and its table of the recorder");
+    assert_eq!(launch.len(), files.len(), "the launch file and its tables that may be one word");
     let keys: Vec<_> = launch.iter().flat_map(|file| file.source.public_fields()).collect();
     assert!(keys.len() >= 10, "{keys:?}");
     assert_none("docs/src/reference/live.md lacks", &documents::not_named(&read("docs/src/reference/live.md"), &keys));

@@ -9,6 +9,19 @@
 //! What was observed ([`ObservedError`]) and what is permitted ([`PermissibleError`]) are different types; only
 //! [`DecisionRule::decide`] brings them together, so that no figure is ever printed or compared as the other:
 //!
+//! ```
+//! use abbe_conformity::{DecisionRule, MaximumPermissibleError, ObservedError, TestUncertainty, Verdict};
+//! let limit = MaximumPermissibleError::from_text("0.5+L/400")?;
+//! let length_m = 0.42; // where 1.55 µm are permitted
+//! let rule = DecisionRule::GuardBand(TestUncertainty::expanded(0.2e-6, 0.0)?);
+//! let verdict = |observed_m| rule.decide(ObservedError::from_metres(observed_m), limit.at(length_m), length_m);
+//! assert_eq!(verdict(-1.2e-6), Verdict::Conforms);
+//! assert_eq!(verdict(1.5e-6), Verdict::Undecided); // nearer to the limit than the test can tell
+//! # Ok::<(), abbe_conformity::ConformityError>(())
+//! ```
+//!
+//! What is taken for the other does not compile:
+//!
 //! ```compile_fail,E0308
 //! use abbe_conformity::{MaximumPermissibleError, ObservedError};
 //! let limit = MaximumPermissibleError::from_text("0.5+L/400").unwrap();

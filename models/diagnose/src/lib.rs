@@ -4,21 +4,60 @@
 //! which effects were found and how surely, what cannot be told apart, and the model with the effects added. Pure: the
 //! `abbe diagnose` command reads, reports and stores.
 //!
-//! What a machine lacks, from its campaign:
+//! What a machine lacks, from its campaign: here of a simulated bridge whose X axis has a play that no error function holds.
 //!
-//! ```no_run
-//! use abbe_diagnose::{DiagnoseError, Options, diagnose};
-//! use abbe_geometry::{machine::Machine, model::FittedEffect};
-//! use abbe_measurement::{campaign::Campaign, instrument::RangeUncertainty};
+//! ```
+//! use abbe_diagnose::{Options, diagnose};
+//! use abbe_geometry::error_function::Kind;
+//! use abbe_geometry::machine::{Joint, Machine, Side, Squareness, USUAL_RAM_TURN_RAD};
+//! use abbe_geometry::{Axis, ErrorId, rotation::RotationForm};
+//! use abbe_virtual_machine::plan::{LineKind, PlanRecipe, presets};
+//! use abbe_virtual_machine::{SimulationConfig, TruthRecipe, effects::from_text, simulate_campaign};
+//! use abbe_virtual_machine::{environment::EnvironmentConfig, instrument::InstrumentConfig};
 //!
-//! fn what_is_missing(machine: &Machine, tracer: RangeUncertainty, campaign: &Campaign) -> Result<(), DiagnoseError> {
-//!     let none: &[FittedEffect] = &[];
-//!     let diagnosis = diagnose(machine, none, tracer, campaign, &Options::default(), &mut |_progress| true)?;
-//!     for found in &diagnosis.found {
-//!         println!("{}: {:.1} µm", found.title, found.size_m * 1e6);
-//!     }
-//!     Ok(())
-//! }
+//! // What the maker says of it: X carries Y carries Z, strokes in metres, splines of six intervals.
+//! let square = |name: &str, tilts, about| Squareness { name: name.to_owned(), tilts, about };
+//! let machine = Machine {
+//!     name: "bridge".to_owned(),
+//!     frame_id: "bridge".to_owned(),
+//!     joints: Axis::ALL.map(|axis| Joint { axis, side: Side::Tool }),
+//!     stroke_m: [(0.0, 0.8), (0.0, 0.6), (0.0, 0.6)],
+//!     squareness: [
+//!         square("C0Y", Axis::Y, Axis::Z),
+//!         square("B0Z", Axis::Z, Axis::Y),
+//!         square("A0Z", Axis::Z, Axis::X),
+//!     ],
+//!     rotation: RotationForm::Exact,
+//!     kinds: [Some(Kind::BSpline { intervals: 6 }); ErrorId::COUNT],
+//!     repeatability_m: [0.25e-6; 3],
+//!     u_ram_turn_rad: [USUAL_RAM_TURN_RAD; 3],
+//!     default_offset_m: None,
+//! };
+//!
+//! // Edges and body diagonals of its volume, there and back, from four stations.
+//! let truth = TruthRecipe::default().bridge_xyz()?;
+//! let plan = PlanRecipe {
+//!     levels: [2; 3],
+//!     kinds: vec![LineKind::AlongX, LineKind::AlongY, LineKind::AlongZ, LineKind::BodyDiagonal],
+//!     points: [7; 2],
+//!     ..presets::plan_b(truth.stroke_m, 7)
+//! };
+//! let campaign = simulate_campaign(&SimulationConfig {
+//!     seed: 7,
+//!     plan: plan.build()?,
+//!     machine: truth,
+//!     instrument: InstrumentConfig::LASER_TRACER,
+//!     environment: EnvironmentConfig::constant(),
+//!     effects: vec![from_text("backlash axis=x size_um=3 growth_um=0")?],
+//! })?
+//! .campaign;
+//!
+//! // Without repeating the search to judge what it finds.
+//! let options = Options { folds: 0, placebos: 0, ..Options::default() };
+//! let range = InstrumentConfig::LASER_TRACER.range;
+//! let diagnosis = diagnose(&machine, &[], range, &campaign, &options, &mut |_progress| true)?;
+//! assert!(!diagnosis.found.is_empty() && diagnosis.found[0].name == "reversal", "{:?}", diagnosis.found);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
 mod alias;

@@ -12,9 +12,10 @@
 //!
 //! Ties go to the lower index, so the same points always give the same answer.
 
+use crate::error::FieldError;
 use crate::hull::{self, Region};
 use crate::lattice::Lattice;
-use crate::measured::{FieldError, MeasuredField, check_points, lifted};
+use crate::measured::{MeasuredField, check_points, lifted};
 use nalgebra::Vector3;
 use thiserror::Error;
 

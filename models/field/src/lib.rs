@@ -23,6 +23,7 @@
 //! ```
 
 pub mod cells;
+mod error;
 mod hull;
 pub mod idw;
 mod interpolator;
@@ -38,14 +39,15 @@ pub mod table;
 mod trilinear;
 
 pub use cells::{Arrangement, Cells, Enclosure, Neighbours};
+pub use error::{FieldError, MOST_INPUTS};
 pub use hull::{Hull, Region};
 pub use idw::Idw;
 pub use interpolator::{Estimate, Interpolator, Unanswered};
 pub use kriging::{Kriging, KrigingError};
-pub use measured::{FieldError, MeasuredField, Plane, SAME_POINT_M};
+pub use measured::{MeasuredField, Plane, SAME_POINT_M};
 pub use on_plane::OnPlane;
 pub use rbf::Rbf;
-pub use samples::{MOST_INPUTS, POSITION, Samples, corners, place_of};
+pub use samples::{POSITION, Samples, corners, place_of};
 pub use step_choice::table_within;
 pub use table::{Grid, Table};
 pub use trilinear::Trilinear;

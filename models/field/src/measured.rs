@@ -4,74 +4,17 @@
 //! where it is known, the standard uncertainty of each component (m, k = 1). A set that no method could use is refused here,
 //! with the points named by their index. Points may lie in a plane across one axis, if that is asked for: a plate.
 
-use crate::samples::MOST_INPUTS;
+use crate::error::{FieldError, LEAST_POINTS};
 use nalgebra::{Matrix3, Vector3};
-use thiserror::Error;
 
 /// Points nearer to each other than this (m) are the same point: no field changes within a micrometre.
 pub const SAME_POINT_M: f64 = 1e-6;
-/// Points fewer than this do not surround anything.
-pub(crate) const LEAST_POINTS: usize = 8;
 /// Smallest extent of the points over their largest below which they lie in a plane.
 const FLAT: f64 = 1e-4;
 /// The same for a plate across one axis: what the third coordinate does there is no third dimension.
 const PLATE: f64 = 0.01;
 /// How far beyond the measured ones a target may lie across the plane (m): a machine stops within tens of micrometres.
 const ACROSS_M: f64 = 1e-4;
-
-/// Points that no field can be made of; the text says what to do. Indices count from 0.
-#[derive(Debug, Clone, PartialEq, Error)]
-pub enum FieldError {
-    /// Too few points.
-    #[error("{0} points are too few for a field; measure at least {LEAST_POINTS} that fill a volume")]
-    TooFew(usize),
-    /// Lists of different lengths.
-    #[error("{points} points, but {values} {what}; give one for each point")]
-    Lengths {
-        /// Points.
-        points: usize,
-        /// Values.
-        values: usize,
-        /// What the values are.
-        what: &'static str,
-    },
-    /// A number that is none.
-    #[error("point {index}: {what} is not a finite number; correct or remove the point")]
-    NotFinite {
-        /// Index of the point.
-        index: usize,
-        /// What is wrong there.
-        what: &'static str,
-    },
-    /// An uncertainty of zero or less.
-    #[error("point {0}: a standard uncertainty is not above zero; give the uncertainty of all three components (m)")]
-    Uncertainty(usize),
-    /// The same point twice.
-    #[error(
-        "points {first} and {second} are the same within a micrometre; average repeated measurements to one point first"
-    )]
-    Duplicate {
-        /// Index of one.
-        first: usize,
-        /// Index of the other.
-        second: usize,
-    },
-    /// No volume.
-    #[error("the points lie in a plane or on a line; measure points that fill a volume")]
-    Flat,
-    /// An input that is the same everywhere.
-    #[error("the input {0} has the same value at all points; leave it out, or measure at other values of it")]
-    Constant(String),
-    /// No input, or too many.
-    #[error("{0} inputs; give 1 to {MOST_INPUTS}")]
-    InputCount(usize),
-    /// An input named twice.
-    #[error("the input {0} is named twice; name it once")]
-    InputTwice(String),
-    /// Not even a plane.
-    #[error("the points lie on a line; measure points that fill a plane or a volume")]
-    Line,
-}
 
 /// Measured errors of the volume.
 #[derive(Debug, Clone, PartialEq)]

@@ -4,11 +4,10 @@
 //! unit that the input's name ends with; errors are actual − indicated (m). A [`MeasuredField`] is the case of three inputs,
 //! [`POSITION`], and comes over unchanged. Points may be measured again at the same values: what differs then is noise.
 
-use crate::measured::{FieldError, LEAST_POINTS, MeasuredField};
+use crate::error::{FieldError, LEAST_POINTS, MOST_INPUTS};
+use crate::measured::MeasuredField;
 use nalgebra::Vector3;
 
-/// Inputs of a point at most: what a prediction works in stands on the stack.
-pub const MOST_INPUTS: usize = 16;
 /// Names of the position's inputs.
 pub const POSITION: [&str; 3] = ["x_m", "y_m", "z_m"];
 

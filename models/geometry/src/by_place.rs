@@ -7,7 +7,8 @@
 //! var_d(p) = φ(p)ᵀ S_d φ(p),   φ = (1, x, y, z, x², xy, xz, y², yz, z²),   p: reading from the middle, over half the span
 //! ```
 
-use crate::model::{ModelError, packed};
+use crate::model_error::ModelError;
+use crate::packed::packed;
 
 /// Products of up to two coordinates.
 pub const FORMS: usize = 10;

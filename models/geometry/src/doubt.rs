@@ -19,6 +19,7 @@
 
 use crate::effects::{CovariateSource, CovariateValue, State};
 use crate::seen::{Apart, is_implausible};
+use crate::usual::Usual;
 use nalgebra::{Matrix3, Vector3};
 use smallvec::SmallVec;
 
@@ -32,24 +33,6 @@ const LEVELS: usize = 9;
 const FEW_LEVELS: usize = 3;
 /// Variance that the cover starts from in every direction, relative to the largest motion's: keeps it invertible.
 const FLOOR: f64 = 1e-9;
-
-/// A covariate of an effect, and the range in which the effect was identified, in the unit of its name.
-#[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Usual {
-    pub(crate) name: String,
-    /// `None` in models of earlier software that do not tell it.
-    pub(crate) range: Option<(f64, f64)>,
-}
-
-impl Usual {
-    /// Where in its range a value lies: at the nearest place of it, and how many widths beyond.
-    fn place(&self, value: f64) -> Option<(f64, f64)> {
-        let (low, high) = self.range?;
-        let nearest = value.clamp(low, high);
-        let beyond = (value - nearest).abs();
-        Some((nearest, if beyond == 0.0 { 0.0 } else { beyond / (high - low) }))
-    }
-}
 
 /// Whether any of these covariates that can be read lies outside its range, or has none.
 pub(crate) fn is_outside(usual: &[Usual], state: &State) -> bool {

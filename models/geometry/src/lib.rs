@@ -32,6 +32,8 @@ mod logged;
 pub mod machine;
 pub mod mixture;
 pub mod model;
+mod model_error;
+mod packed;
 pub mod predict;
 pub mod residual_field;
 pub mod rotation;
@@ -40,6 +42,7 @@ pub mod seen;
 mod sensitivity;
 mod travelled;
 pub mod unseen_expansion;
+mod usual;
 pub mod volumetric;
 
 pub use axis::{Axis, ErrorId};

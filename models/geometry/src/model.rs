@@ -6,16 +6,19 @@
 use crate::axis::ErrorId;
 use crate::between_nodes::BetweenNodes;
 use crate::by_place::VarianceByPlace;
-use crate::doubt::Usual;
-use crate::effects::{Effect, EffectError, Shape, State, construct};
+use crate::effects::{Effect, Shape, State, construct};
 use crate::layout::Layout;
-use crate::machine::{Machine, MachineError};
+use crate::machine::Machine;
 use crate::seen::{self, Apart};
 use crate::unseen_expansion::{self, UnseenExpansion, UnseenExpansions};
+use crate::usual::Usual;
 use nalgebra::Vector3;
 use std::collections::BTreeMap;
 use std::sync::Arc;
-use thiserror::Error;
+
+pub use crate::model_error::ModelError;
+pub use crate::packed::packed;
+pub use crate::seen::Difference;
 
 /// Standard deviations of χ² per degree of freedom that count as chance where a misfit widens coordinates.
 const CHANCE: f64 = 2.0;
@@ -53,18 +56,6 @@ pub struct IdentifiedVolume {
     pub covariates: BTreeMap<String, (f64, f64)>,
     /// How far temperatures that effects read stood from others.
     pub differences: Vec<Difference>,
-}
-
-/// How far a temperature that an effect reads stood from another one (K). Sensors that went together in the campaign cannot be told
-/// apart by it: which of them an effect follows shows only where they part.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Difference {
-    /// Of the covariate that is read.
-    pub name: String,
-    /// Less that of this one.
-    pub less: String,
-    /// Smallest and largest (K).
-    pub range: (f64, f64),
 }
 
 /// How well the model fits what it was identified from.
@@ -120,73 +111,6 @@ pub struct ModelParts {
     pub identified: IdentifiedVolume,
     /// How well it fits.
     pub quality: FitQuality,
-}
-
-/// A model whose parts do not fit together.
-#[derive(Debug, Clone, PartialEq, Error)]
-pub enum ModelError {
-    /// The machine description is wrong.
-    #[error(transparent)]
-    Machine(#[from] MachineError),
-    /// An effect is unknown.
-    #[error(transparent)]
-    Effect(#[from] EffectError),
-    /// A list has the wrong length.
-    #[error(
-        "{what} holds {found} numbers, but {expected} are needed for this machine; the model is damaged or of another version"
-    )]
-    Length {
-        /// Which list.
-        what: &'static str,
-        /// Its length.
-        found: usize,
-        /// The length it must have.
-        expected: usize,
-    },
-    /// A range of a covariate that is none.
-    #[error("covariate {name} is said to go from {low} to {high}, which is no range; the model is damaged")]
-    Covariate {
-        /// Its name.
-        name: String,
-        /// Lower end.
-        low: f64,
-        /// Upper end.
-        high: f64,
-    },
-    /// A variance is below zero.
-    #[error("the covariance holds a variance of {variance} for parameter {parameter}; the model is damaged")]
-    Variance {
-        /// Number of the parameter, from 1.
-        parameter: usize,
-        /// Its variance.
-        variance: f64,
-    },
-    /// What a machine does by place is no variance.
-    #[error("the variance by place of quality.wanders is none: {what}; the model is damaged")]
-    ByPlace {
-        /// Why.
-        what: &'static str,
-    },
-    /// An expansion that is none.
-    #[error("the expansion by {sensor} of quality.unseen_expansions is none: {what}; the model is damaged")]
-    UnseenExpansion {
-        /// Its sensor.
-        sensor: String,
-        /// Why.
-        what: &'static str,
-    },
-    /// Models that have no mean.
-    #[error("these models have no mean: their {what} do not fit together")]
-    Mixture {
-        /// What differs, or is none.
-        what: &'static str,
-    },
-    /// A number is not finite.
-    #[error("{what} holds a number that is not finite; the model is damaged")]
-    NotFinite {
-        /// Which list.
-        what: &'static str,
-    },
 }
 
 /// A linear combination of what a model does not know for certain, as index and factor; an index may come more than once.
@@ -511,12 +435,6 @@ fn apart(fitted: &FittedEffect, identified: &IdentifiedVolume) -> Vec<Apart> {
     let read = fitted.effect.covariates();
     let own = identified.differences.iter().filter(|difference| read.contains(&difference.name));
     own.map(|difference| Apart::new(difference, &identified.covariates)).collect()
-}
-
-/// Place of an entry in a packed lower triangle.
-pub fn packed(a: usize, b: usize) -> usize {
-    let (row, column) = (a.max(b), a.min(b));
-    row * (row + 1) / 2 + column
 }
 
 /// Covariance of two parameters with what straight lines between nodes and expansions that nobody saw add.

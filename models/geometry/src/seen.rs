@@ -9,9 +9,8 @@
 //! **Temperatures that went together**: which of two sensors an effect follows shows only where they part. Beyond the differences of
 //! the campaign, what the effect does by that part of the difference counts in full as uncertainty.
 
-use crate::doubt::Usual;
 use crate::effects::State;
-use crate::model::Difference;
+use crate::usual::Usual;
 use std::collections::BTreeMap;
 
 /// Temperatures (°C) end so.
@@ -33,6 +32,18 @@ pub(crate) fn least_beyond(name: &str) -> Option<f64> {
 /// Whether a value that lies so far beyond its range is none of that quantity.
 pub(crate) fn is_implausible(name: &str, beyond: f64) -> bool {
     name.ends_with(TEMPERATURE) && beyond > IMPLAUSIBLE_K
+}
+
+/// How far a temperature that an effect reads stood from another one (K). Sensors that went together in the campaign cannot be told
+/// apart by it: which of them an effect follows shows only where they part.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Difference {
+    /// Of the covariate that is read.
+    pub name: String,
+    /// Less that of this one.
+    pub less: String,
+    /// Smallest and largest (K).
+    pub range: (f64, f64),
 }
 
 /// A temperature that an effect reads, and another that it stood within so much of.

@@ -13,7 +13,7 @@
 //! T₀, stands in the covariance of its parameters: as directions in which they may all be off together.
 
 use crate::effects::{CovariateValue, NoCovariates, State};
-use crate::model::ModelError;
+use crate::model_error::ModelError;
 use crate::seen::is_implausible;
 use nalgebra::Vector3;
 

@@ -5,10 +5,10 @@
 //! told from how much the functions bend: E[mean square of f about its straight line] = tr(Q B S⁺ Bᵀ Q)/(λ m) at m places of
 //! the stroke, S the roughness matrix, B the basis there, Q what takes a straight line out. Bends in m and rad.
 
+use crate::identified::Identified;
 use crate::linear::symmetric_eigen;
 use crate::roughness::Curvature;
 use crate::smoothing::Smoothness;
-use crate::solve::Identified;
 use abbe_geometry::ErrorId;
 use abbe_geometry::error_function::Basis;
 use abbe_geometry::layout::Layout;

@@ -9,7 +9,7 @@ use crate::design::{Estimate, Setup};
 use crate::error::IdentifyError;
 use crate::linear::{Factor, select};
 use crate::normal::accumulate;
-use abbe_geometry::model::{FitQuality, MachineModel, ModelParts};
+use abbe_geometry::model::{FitQuality, MachineModel, ModelParts, packed};
 use abbe_geometry::unseen_expansion::UnseenExpansions;
 use abbe_measurement::campaign::Campaign;
 use abbe_measurement::instrument::RangeUncertainty;
@@ -40,10 +40,10 @@ pub fn at_cramer_rao_bound(
     // Geometric parameters come first and are all free, so that each stands at its own place.
     setup.priors().into_iter().for_each(|(k, size)| information[(k, k)] += 1.0 / (size * size));
     let covariance = Factor::new(&information).map_err(|_| IdentifyError::Singular)?.inverse();
-    let mut packed = vec![0.0; parameters.len() * (parameters.len() + 1) / 2];
+    let mut triangle = vec![0.0; parameters.len() * (parameters.len() + 1) / 2];
     for (i, row) in free.iter().enumerate() {
         for (j, column) in free.iter().enumerate().take(i + 1) {
-            packed[row * (row + 1) / 2 + column] = covariance[(i, j)];
+            triangle[packed(*row, *column)] = covariance[(i, j)];
         }
     }
     Ok(MachineModel::new(ModelParts {
@@ -52,7 +52,7 @@ pub fn at_cramer_rao_bound(
         offset_centre_m: parts.offset_centre_m,
         effects: Vec::new(),
         stations: parts.stations.clone(),
-        covariance: packed,
+        covariance: triangle,
         chord_covariance: Vec::new(),
         identified: parts.identified.clone(),
         // Noise alone.

@@ -6,6 +6,7 @@
 //! Born 2004, Statistical Orbit Determination, section 6.2). Readings at nodes have B = 0.
 
 use abbe_geometry::between_nodes::BetweenNodes;
+use abbe_geometry::model::packed;
 use faer::Mat;
 
 /// JᵀWB, summed row by row.
@@ -43,12 +44,12 @@ impl Chords {
         });
         let moved = inverse * scaled;
         let added = &moved * moved.transpose();
-        let mut packed = vec![0.0; size * (size + 1) / 2];
+        let mut triangle = vec![0.0; size * (size + 1) / 2];
         for (i, row) in free.iter().enumerate() {
             for (j, column) in free.iter().enumerate().take(i + 1) {
-                packed[row * (row + 1) / 2 + column] = added[(i, j)];
+                triangle[packed(*row, *column)] = added[(i, j)];
             }
         }
-        packed
+        triangle
     }
 }

@@ -5,24 +5,13 @@
 
 use crate::design::{Estimate, Setup};
 use crate::error::IdentifyError;
+use crate::identified::{Ended, Identified};
 use crate::normal::{accumulate, accumulate_whitened};
 use crate::rows::parameters_of;
-use crate::smoothing::{Smoothness, solve};
-use crate::solve::Identified;
+use crate::smoothing::solve;
 use crate::term::EffectTerm;
 use abbe_measurement::campaign::Campaign;
 use abbe_measurement::instrument::RangeUncertainty;
-
-/// What a fit ended with beside its model.
-#[derive(Debug, Clone)]
-pub(crate) struct Ended {
-    /// Parameters that were free.
-    pub(crate) free: Vec<usize>,
-    /// Smoothness that it chose.
-    pub(crate) smoothness: Smoothness,
-    /// χ² per degree of freedom at which it chose that.
-    pub(crate) noise_factor: f64,
-}
 
 /// −2 log of the restricted marginal likelihood of a settled fit of this campaign with these weights, one a reading, up to a
 /// constant of data and weights; smaller is better. Smoothness and noise are those that are likeliest with these weights.

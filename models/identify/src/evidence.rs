@@ -3,7 +3,7 @@
 //! Place in the flow: filled by [`crate::solve`], shown by reports and `--json`. SI.
 
 use crate::design::Setup;
-use crate::range_noise::RangeCorrelation;
+use crate::range_correlation::RangeCorrelation;
 use crate::smoothing::Solution;
 use abbe_geometry::ErrorId;
 use abbe_measurement::campaign::Campaign;

@@ -8,11 +8,12 @@
 use crate::belief::Belief;
 use crate::design::{Estimate, Setup};
 use crate::error::IdentifyError;
+use crate::identified::Identified;
 use crate::normal::residuals;
 use crate::observability;
 use crate::options::{Options, OrderChoice, Progress};
 use crate::plausibility;
-use crate::solve::{Fit, Identified, Settled};
+use crate::solve::{Fit, Settled};
 use crate::station_start::StationStart;
 use crate::term::{self, EffectTerm};
 use abbe_geometry::layout::{Layout, centre_of};

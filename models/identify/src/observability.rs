@@ -7,20 +7,14 @@
 
 use crate::design::{Estimate, Setup};
 use crate::error::{IdentifyError, Unobservable};
-use crate::linear::symmetric_eigen;
 use crate::normal::NormalEquations;
 use crate::proposal;
+use crate::spectrum::{Shape, Spectrum};
 use abbe_geometry::ErrorId;
 use abbe_geometry::error_function::{Basis, Closure};
 use abbe_measurement::campaign::Campaign;
 use faer::Mat;
 
-/// Eigenvalue of the equilibrated normal matrix below which a combination is not seen: a signature of less than
-/// a thousandth of its own parts.
-const RANK_TOLERANCE: f64 = 1e-6;
-/// Information of an unknown, as a share of the largest, below which it is not seen at all: a lever of a thousandth
-/// of a millimetre in a metre. Equilibrating such a column would only magnify rounding.
-const COLUMN_TOLERANCE: f64 = 1e-12;
 /// Share of the strongest part from which an error is named as taking part.
 const NAMED_SHARE: f64 = 0.25;
 /// Length of a null vector's row below which nothing of the unknown is left in the null space.
@@ -32,21 +26,6 @@ pub(crate) struct Observability {
     pub(crate) rank: usize,
     pub(crate) unknowns: usize,
     pub(crate) condition: f64,
-}
-
-/// One low-order unknown: its name, and what it means in the full parameters.
-pub(crate) struct Shape {
-    name: String,
-    /// Which coordinate of a station it is, if it is one.
-    of_station: Option<&'static str>,
-    entries: Vec<(usize, f64)>,
-}
-
-impl Shape {
-    /// This unknown's part of a row of partials by all parameters.
-    pub(crate) fn of_row(&self, row: &[f64]) -> f64 {
-        self.entries.iter().map(|(k, v)| row[*k] * v).sum()
-    }
 }
 
 /// Refuses a plan that cannot see all low-order unknowns.
@@ -120,42 +99,6 @@ fn reduce(normal: &NormalEquations, shapes: &[Shape]) -> Mat<f64> {
             |(a, x): &(usize, f64)| shapes[j].entries.iter().map(|(b, y)| x * y * normal.entry(*a, *b)).sum::<f64>();
         shapes[i].entries.iter().map(one).sum()
     })
-}
-
-/// Eigenvalues (ascending) and eigenvectors of an equilibrated normal matrix.
-pub(crate) struct Spectrum {
-    values: Vec<f64>,
-    vectors: Mat<f64>,
-}
-
-impl Spectrum {
-    /// Equilibrates and decomposes; an unknown that nothing was measured of stays a zero row and column.
-    pub(crate) fn new(matrix: &Mat<f64>) -> Option<Spectrum> {
-        let n = matrix.nrows();
-        let largest = (0..n).map(|k| matrix[(k, k)]).fold(0.0, f64::max);
-        let inverse =
-            |k: usize| if matrix[(k, k)] > COLUMN_TOLERANCE * largest { matrix[(k, k)].powf(-0.5) } else { 0.0 };
-        let scales: Vec<f64> = (0..n).map(inverse).collect();
-        let equilibrated = Mat::from_fn(n, n, |i, j| matrix[(i, j)] * scales[i] * scales[j]);
-        let (values, vectors) = symmetric_eigen(&equilibrated)?;
-        Some(Spectrum { values, vectors })
-    }
-
-    /// Number of combinations that are not seen.
-    pub(crate) fn unseen(&self) -> usize {
-        self.values.iter().filter(|value| **value < RANK_TOLERANCE).count()
-    }
-
-    fn null_space(&self) -> Mat<f64> {
-        Mat::from_fn(self.vectors.nrows(), self.unseen(), |i, j| self.vectors[(i, j)])
-    }
-
-    fn condition(&self) -> f64 {
-        match (self.values.first(), self.values.last()) {
-            (Some(least), Some(most)) => (most / least).sqrt(),
-            _ => 1.0,
-        }
-    }
 }
 
 /// Errors that take part in each unseen combination.

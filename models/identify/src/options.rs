@@ -2,7 +2,7 @@
 //!
 //! Place in the flow: filled by the command line or a test; nothing here has a hidden default elsewhere.
 
-use crate::range_noise::RangeCorrelation;
+use crate::range_correlation::RangeCorrelation;
 
 /// How many coefficients each error function gets.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

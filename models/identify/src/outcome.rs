@@ -3,18 +3,20 @@
 //! Place in the flow: the last step of [`crate::solve`]; nothing is estimated here any more.
 
 use crate::chords::Chords;
-use crate::comparison::Ended;
 use crate::design::{Estimate, Row, places};
 use crate::error::IdentifyError;
 use crate::evidence::{self, CorrelatedNoise, ErrorEvidence, Evidence, RejectedReading, StationEvidence};
+use crate::identified::{Ended, Identified};
 use crate::observability::Observability;
 use crate::smoothing::{Solution, noise_factor_for_covariance};
-use crate::solve::{Fit, Identified, Settled};
+use crate::solve::{Fit, Settled};
 use crate::term::{CampaignRow, EffectTerm};
 use crate::unexplained::{Excess, by_axis};
 use abbe_geometry::between_nodes::BetweenNodes;
 use abbe_geometry::effects::{CovariateSource, CovariateValue, is_derived};
-use abbe_geometry::model::{Difference, FitQuality, FittedEffect, IdentifiedVolume, MachineModel, ModelParts, Station};
+use abbe_geometry::model::{
+    Difference, FitQuality, FittedEffect, IdentifiedVolume, MachineModel, ModelParts, Station, packed,
+};
 use abbe_geometry::seen::TEMPERATURE;
 use abbe_geometry::{ErrorId, Vector3};
 use abbe_measurement::campaign::RangeReading;
@@ -167,7 +169,7 @@ impl Fit<'_> {
 
     /// What straight lines between nodes add to the packed covariance.
     fn chord_covariance(&self, settled: &Settled, covariance: &[f64]) -> Vec<f64> {
-        let of = |a: usize, b: usize| covariance[a.max(b) * (a.max(b) + 1) / 2 + a.min(b)];
+        let of = |a: usize, b: usize| covariance[packed(a, b)];
         let between_nodes = BetweenNodes::new(self.setup.layout, &self.parameters, of);
         if between_nodes.is_empty() {
             return Vec::new();

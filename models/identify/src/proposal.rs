@@ -7,7 +7,7 @@
 
 use crate::design::{Estimate, Row};
 use crate::linear::Factor;
-use crate::observability::{Shape, Spectrum};
+use crate::spectrum::{Shape, Spectrum};
 use abbe_measurement::campaign::{Campaign, RangeReading};
 use faer::Mat;
 

@@ -5,12 +5,12 @@
 //! again. Where they do not, nothing is different. Candidates are the order of measurement and the time, along each line
 //! and over all lines of a station, with an offset of each line where the data ask for it.
 
-use crate::comparison::Ended;
-use crate::correlation::{Correlation, Fitted, Sequence, Whitener};
+use crate::correlation::{Fitted, Sequence};
 use crate::design::{Estimate, Row, Setup, places};
+use crate::identified::{Ended, Identified};
+use crate::range_correlation::{Along, By, RangeCorrelation, sequence};
 use crate::rows::parameters_of;
 use crate::smoothing::Smoothness;
-use crate::solve::Identified;
 use crate::term::EffectTerm;
 use abbe_measurement::campaign::Campaign;
 use abbe_measurement::instrument::RangeUncertainty;
@@ -24,86 +24,9 @@ const GLANCED: usize = 1000;
 /// Lines in a run of neighbouring ones that are taken or left together.
 const RUN: usize = 4;
 
-/// What is correlated.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Along {
-    /// Readings of one line.
-    Line,
-    /// Readings of one station, from line to line.
-    Station,
-}
-
-/// What the distance of two readings is.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum By {
-    /// Readings between them.
-    Order,
-    /// Time between them (s).
-    Time,
-}
-
-/// How the noise of ranges is correlated.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct RangeCorrelation {
-    /// Shares of the variance, and the length in readings or s.
-    pub noise: Correlation,
-    /// What is correlated.
-    pub along: Along,
-    /// What the distance is.
-    pub by: By,
-    /// Gain of twice the restricted log likelihood over white noise.
-    pub gain: f64,
-}
-
 /// Orders in which noise may be correlated, the simplest first.
 const ORDERS: [(Along, By); 4] =
     [(Along::Line, By::Order), (Along::Station, By::Order), (Along::Line, By::Time), (Along::Station, By::Time)];
-
-impl RangeCorrelation {
-    /// What whitens rows of this campaign, one a reading, each divided by its declared uncertainty.
-    pub fn whitener(&self, campaign: &Campaign, weights: &[f64]) -> Whitener {
-        let all: Vec<usize> = (0..campaign.readings.len()).collect();
-        Whitener::new(&sequence(campaign, &all, (self.along, self.by)), &self.noise, weights)
-    }
-
-    /// How many independent readings would tell as much of what neighbours have in common.
-    pub fn effective_readings(&self, campaign: &Campaign, weights: &[f64]) -> f64 {
-        self.whitener(campaign, weights).effective_rows(weights.len())
-    }
-
-    /// Correlation of readings that follow one another on a line, at the usual step.
-    pub fn of_neighbours(&self, campaign: &Campaign) -> f64 {
-        let all: Vec<usize> = (0..campaign.readings.len()).collect();
-        let step = sequence(campaign, &all, (Along::Line, self.by)).usual_step();
-        step.map_or(0.0, |step| self.noise.at(step))
-    }
-}
-
-/// Rows of these readings (row k is reading `readings[k]`) in such an order.
-fn sequence(campaign: &Campaign, readings: &[usize], (along, by): (Along, By)) -> Sequence {
-    let of = |row: usize| &campaign.readings[readings[row]];
-    let mut blocks: BTreeMap<(u32, u32), Vec<usize>> = BTreeMap::new();
-    // Number of each reading among those of its block, left-out ones counted.
-    let mut counts: BTreeMap<(u32, u32), usize> = BTreeMap::new();
-    let mut numbers = Vec::with_capacity(readings.len());
-    let key = |station: u32, line: u32| (station, if along == Along::Line { line } else { 0 });
-    let mut rows = readings.iter().enumerate().peekable();
-    for (k, reading) in campaign.readings.iter().enumerate() {
-        let own = key(reading.station, reading.line);
-        let number = counts.entry(own).or_default();
-        if let Some((row, _)) = rows.next_if(|(_, index)| **index == k) {
-            blocks.entry(own).or_default().push(row);
-            numbers.push(*number);
-        }
-        *number += 1;
-    }
-    let place = |row: usize| match by {
-        By::Order => numbers[row] as f64,
-        By::Time => of(row).time_s,
-    };
-    let blocks: Vec<Vec<usize>> = blocks.into_values().collect();
-    Sequence::new(&blocks, place, |row| of(row).line as usize)
-}
 
 /// How the noise is correlated that a fit with white noise leaves, where it is shown.
 pub fn correlation_left(

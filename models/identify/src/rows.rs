@@ -9,9 +9,9 @@
 use crate::correlation::Whitener;
 use crate::design::{Estimate, Row, Setup, places};
 use crate::error::IdentifyError;
+use crate::identified::Identified;
 use crate::normal::residuals;
-use crate::range_noise::RangeCorrelation;
-use crate::solve::Identified;
+use crate::range_correlation::RangeCorrelation;
 use crate::term::{EffectTerm, Reads};
 use abbe_geometry::effects::{CovariateProblem, Effect, Ray};
 use abbe_geometry::model::MachineModel;

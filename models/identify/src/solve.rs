@@ -3,17 +3,18 @@
 //! Place in the flow: the one entry point of this crate. Large campaigns are first solved on a part of the readings, where
 //! the fineness of the splines is decided too, so that the full passes start next to the solution.
 
-use crate::comparison::{self, Ended};
+use crate::comparison;
 use crate::design::{Estimate, Setup};
 use crate::error::IdentifyError;
-use crate::evidence::Evidence;
+use crate::identified::Identified;
 use crate::linear::NotPositiveDefinite;
 use crate::normal::{NormalEquations, accumulate, accumulate_whitened, residuals};
 use crate::observability::{self, Observability};
 use crate::options::{Noise, Options, OrderChoice, Progress};
 use crate::order;
 use crate::plausibility;
-use crate::range_noise::{Asked, RangeCorrelation};
+use crate::range_correlation::RangeCorrelation;
+use crate::range_noise::Asked;
 use crate::robust;
 use crate::smoothing::{self, Smoothness, Solution};
 use crate::station_start::StationStart;
@@ -22,7 +23,7 @@ use crate::unseen_expansion::unseen_expansions;
 use abbe_geometry::error_function::Kind;
 use abbe_geometry::layout::{Layout, centre_of};
 use abbe_geometry::machine::Machine;
-use abbe_geometry::model::{MachineModel, Station};
+use abbe_geometry::model::Station;
 use abbe_measurement::campaign::Campaign;
 use abbe_measurement::instrument::RangeUncertainty;
 use abbe_measurement::subset::spread_by_group;
@@ -51,24 +52,6 @@ pub(crate) const MAX_REFINEMENTS: usize = 4;
 const READINGS_PER_UNKNOWN: usize = 4;
 /// Readings above which the first fits use a part of the campaign.
 const LARGE: usize = 60_000;
-
-/// A model and what was found out on the way.
-#[derive(Debug, Clone)]
-pub struct Identified {
-    /// The model, ready to correct.
-    pub model: MachineModel,
-    /// What the fit says about itself.
-    pub evidence: Evidence,
-    /// Measured minus predicted length of every reading (m), rejected ones included.
-    pub residuals_m: Vec<f64>,
-    /// Declared standard uncertainty of every reading (m).
-    pub u_m: Vec<f64>,
-    /// Robust weight of every reading, 0 for rejected ones.
-    pub weights: Vec<f64>,
-    /// How the noise is correlated; `None` where it is white for all that the data say.
-    pub correlation: Option<RangeCorrelation>,
-    pub(crate) ended: Ended,
-}
 
 /// Identifies all errors, stations and dead paths of a campaign.
 ///

@@ -7,16 +7,13 @@ use crate::error::IdentifyError;
 use abbe_geometry::Vector3;
 use abbe_geometry::effects::Ray;
 use abbe_geometry::effects::{
-    CovariateProblem, CovariateSource, CovariateValue, Effect, EffectError, Shape, Sight, State, add_range_columns,
-    construct,
+    CovariateProblem, CovariateSource, CovariateValue, Effect, EffectError, Shape, Sight, State, TIME,
+    add_range_columns, construct,
 };
 use abbe_geometry::machine::Machine;
 use abbe_geometry::model::{FittedEffect, MachineModel};
 use abbe_measurement::campaign::{Campaign, Covariate};
 use std::sync::Arc;
-
-/// Name under which effects ask for the time of a reading (s since the campaign began).
-pub const TIME: &str = "time_s";
 
 /// Least share of its plausible size that a term is believed to have: enough to be found.
 const LEAST_BELIEVED: f64 = 1e-3;

@@ -12,8 +12,8 @@
 //! Schmidt 1966, as in Tapley, Schutz and Born 2004, Statistical Orbit Determination, 6.3). Where an effect of the fit already holds what
 //! a temperature does along an axis, its covariance says it. Lengths in m.
 
+use crate::identified::Identified;
 use crate::rows::{Rows, parameters_of};
-use crate::solve::Identified;
 use crate::term::CampaignRow;
 use abbe_geometry::effects::{Acts, CovariateSource, CovariateValue, Effect, State, is_derived};
 use abbe_geometry::model::FittedEffect;

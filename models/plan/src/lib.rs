@@ -76,6 +76,7 @@
 //! ```
 
 mod candidates;
+mod check;
 mod covariates;
 mod design;
 mod error;
@@ -89,9 +90,8 @@ mod sight;
 mod stations;
 mod timing;
 
+pub use check::check;
 pub use error::PlanError;
 pub use plan::{Line, Plan, Station, plan};
 pub use promise::{ErrorPromise, Known, Promise, of_campaign};
-pub use request::{
-    Goal, Holder, Lines, Measured, Motion, Progress, Request, Sensor, Stage, Stand, Tracer, Wish, check,
-};
+pub use request::{Goal, Holder, Lines, Measured, Motion, Progress, Request, Sensor, Stage, Stand, Tracer, Wish};

@@ -5,11 +5,12 @@
 //! ordered path.
 
 use crate::candidates::{Candidate, paths};
+use crate::check::check;
 use crate::covariates::{self, Planned};
 use crate::error::PlanError;
 use crate::prior::{Prior, terms};
 use crate::promise::{self, Known, Promise};
-use crate::request::{Progress, Request, check};
+use crate::request::{Progress, Request};
 use crate::route::{Leg, ordered, way_s};
 use crate::search::{Search, Until};
 use crate::stations::{self, Seen};
@@ -461,7 +462,7 @@ impl Path {
         let if_bent_m = [bent(0.5)?, bent(2.0)?];
         let before = match &request.measured {
             Some(measured) => {
-                let own = stations_of(measured);
+                let own = measured.stations();
                 Some(state(&measured.campaign, &own)?)
             }
             None => None,
@@ -478,12 +479,6 @@ fn known<'a>(request: &'a Request, belief: &'a Belief, misfit: (f64, [f64; 3])) 
 
 fn start(position_m: [f64; 3]) -> StationStart {
     StationStart { position_m: Vector3::from(position_m), dead_path_m: 0.0 }
-}
-
-/// Stations of a measured campaign where its fit found them.
-pub(crate) fn stations_of(measured: &crate::request::Measured) -> Vec<StationStart> {
-    let stations = &measured.fit.model.parts().stations;
-    stations.iter().map(|s| StationStart { position_m: s.position_m, dead_path_m: s.dead_path_m }).collect()
 }
 
 /// A stand's name, unless the measured campaign has a station of that name.
@@ -518,6 +513,6 @@ fn with_measured(
     for column in &mut all.covariates {
         column.values.extend(nominal.covariate(&column.name).into_iter().flat_map(|own| own.values.iter().copied()));
     }
-    let starts = stations_of(measured).into_iter().chain(new).collect();
+    let starts = measured.stations().into_iter().chain(new).collect();
     (all, starts, (quality.chi2_per_dof, quality.unexplained_m))
 }

@@ -4,12 +4,12 @@
 //! identification (smoothness, turn of the ram, effects), of a campaign already measured, and of a machine that is no worse
 //! than [`WORST_M`], so that it can be inverted before anything is measured; what is stated in the end does without the last.
 
+use crate::check::wrong;
 use crate::covariates::MOTION;
 use crate::design::inverse;
 use crate::error::PlanError;
-use crate::plan::stations_of;
 use crate::promise::spread_m;
-use crate::request::{Request, Wish, wrong};
+use crate::request::{Request, Wish};
 use abbe_geometry::ErrorId;
 use abbe_geometry::effects::{Observed, Shape, construct, known};
 use abbe_identify::{EffectTerm, IdentifyError, PlannedRows, STATION_PARAMETERS, TIME};
@@ -76,7 +76,7 @@ fn measured(request: &Request, rows: &PlannedRows) -> Result<Mat<f64>, PlanError
     let mut information = Mat::<f64>::zeros(n, n);
     let Some(measured) = &request.measured else { return Ok(information) };
     let scale = 1.0 / measured.fit.model.parts().quality.chi2_per_dof.max(1.0);
-    for (station, start) in stations_of(measured).iter().enumerate() {
+    for (station, start) in measured.stations().iter().enumerate() {
         let used =
             |k: &usize| measured.campaign.readings[*k].station as usize == station && measured.fit.weights[*k] > 0.0;
         let own: Vec<usize> = (0..measured.campaign.readings.len()).filter(used).collect();

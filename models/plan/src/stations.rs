@@ -5,10 +5,11 @@
 //! and are then exchanged one by one; the number of stations is the one that reaches most, moving the tracer being paid for.
 
 use crate::candidates::{Candidate, Path, corner_m, seen_from};
+use crate::check::wrong;
 use crate::covariates::of_candidate;
 use crate::design::{inverse, trace_of_product};
 use crate::error::PlanError;
-use crate::request::{Progress, Request, Stage, wrong};
+use crate::request::{Progress, Request, Stage};
 use crate::sight::{self, Place};
 use abbe_identify::{PlannedRows, in_parallel};
 use faer::Mat;

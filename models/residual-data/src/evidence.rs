@@ -8,10 +8,11 @@
 //! > −2 ln L = ln|C| + ln|JᵀC⁻¹J + S| + lᵀC⁻¹l − bᵀ(JᵀC⁻¹J + S)⁻¹b,  b = JᵀC⁻¹l + S m0
 //!
 //! up to a constant. Source: Rasmussen & Williams 2006, Gaussian Processes for Machine Learning, eq. 2.41-2.45 (explicit
-//! basis functions) and 4.17 (Matérn).
+//! basis functions); the correlation is that of [`Kernel`].
 
 use crate::ResidualError;
 use crate::problem::Problem;
+use abbe_field::kriging::Kernel;
 use faer::linalg::solvers::{Llt, Solve};
 use faer::{Mat, Side};
 use nalgebra::Vector3;
@@ -31,8 +32,7 @@ impl FieldPrior {
     /// Matérn 5/2 correlation of a component of the field at two points.
     pub(crate) fn correlation(&self, a: &Vector3<f64>, b: &Vector3<f64>) -> f64 {
         let square: f64 = (0..3).map(|d| ((a[d] - b[d]) / self.length_m[d]).powi(2)).sum();
-        let scaled = (5.0 * square).sqrt();
-        (1.0 + scaled + scaled * scaled / 3.0) * (-scaled).exp()
+        Kernel::Matern52.correlation(square)
     }
 
     /// Covariance of the field with what row `k` sees of it, a vector over the components (m² times 1/m of whitening).

@@ -5,6 +5,26 @@
 //! by multilateration ([`shared_points`]); where stations measured different points, each range only tells the
 //! component along its line of sight, and the vector field is estimated from all of them ([`from_ranges`]); points whose
 //! actual position is known need neither ([`from_known_points`]). Pure numerics.
+//!
+//! A grid of corrected points, where another instrument says they are in a frame of its own, and what is left of each:
+//!
+//! ```
+//! use abbe_residual_data::from_known_points;
+//! use nalgebra::{Rotation3, Vector3};
+//!
+//! let grid = |k: i32| Vector3::new(f64::from(k % 3), f64::from(k / 3 % 3), f64::from(k / 9)) * 0.3;
+//! let corrected_m: Vec<_> = (0..27).map(grid).collect();
+//! let mut actual_m = corrected_m.clone();
+//! // In the middle the tip stands 2 µm higher than the model says.
+//! actual_m[13].z += 2e-6;
+//! let turned = Rotation3::from_euler_angles(0.3, -0.2, 1.1);
+//! let in_reference_m: Vec<_> = actual_m.iter().map(|p| turned * p + Vector3::new(1.0, 2.0, 3.0)).collect();
+//! let left = from_known_points(&corrected_m, &in_reference_m, Some(Vector3::repeat(0.3e-6)))?;
+//! // One of 27 points: the frame takes as little of it.
+//! assert!((left[13].residual_m.z - 2e-6).abs() < 0.1e-6);
+//! assert!(left[0].residual_m.norm() < 0.1e-6 && left[0].covariance_m2.is_some());
+//! # Ok::<(), abbe_residual_data::ResidualError>(())
+//! ```
 
 mod error;
 mod evidence;

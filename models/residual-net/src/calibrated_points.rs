@@ -3,8 +3,8 @@
 //! Place in the flow: points (their inputs) and residuals (m) once, then for each target its cell and its tokens; the same in
 //! training and live. Neighbours are those in scaled inputs, each over a scale of its own, which is 1 for positions alone. A network on kriging sees, at each calibrated point, what kriging leaves of the residual there.
 
+use crate::kind::Kind;
 use crate::kriging::{Kriging, KrigingMean};
-use crate::model::Kind;
 use crate::neighbourhood::{Neighbourhood, VERTICES, Vertices};
 use crate::network::NetworkConfig;
 use crate::network::tokens::{Normaliser, Token, tokens};

@@ -6,8 +6,9 @@
 //! bit for bit (f32 is widened, which is exact), so a model read predicts the same bits as the one written.
 
 use crate::calibration::Calibration;
+use crate::kind::Kind;
 use crate::kriging::{Component, Kriging};
-use crate::model::{Ensemble, Kind, ModelError, Parts, ResidualModel};
+use crate::model::{Ensemble, ModelError, Parts, ResidualModel};
 use crate::network::{ConfigError, NetworkConfig, Normaliser, Parameters, ParametersError, PositionConfig};
 use crate::trend::PositionEnsemble;
 use abbe_field::kriging::Kernel;

@@ -7,10 +7,11 @@
 //! The clock is the caller's (s): models know no time.
 
 use crate::config::{Config, Split};
-use crate::recommend::{Candidate, Recommendation, named, recommend};
+use crate::error::TrainingError;
+use crate::recommend::{Candidate, Recommendation, ZERO, named, recommend};
 use crate::scores::Scores;
 use crate::split;
-use crate::train::{Go, TrainingError, ZERO, seed_of};
+use crate::train::{Go, seed_of};
 use crate::views::ViewError;
 use abbe_field::{FieldError, Samples};
 use abbe_residual_net::network::MOST_NEIGHBOURED;

@@ -5,12 +5,23 @@
 //! that of the difference to a measurement: what the machine does about the prediction, and what the measurement scatters by. What
 //! all measurements have in common does not show in a difference between them.
 
+use crate::error::TrainingError;
 use crate::networks::Networks;
-use crate::recommend::{Candidate, named};
-use crate::train::{HeldOutPoint, TrainingError, ZERO};
+use crate::recommend::{Candidate, ZERO, named};
 use abbe_field::Samples;
 use abbe_residual_net::{Calibration, Kind, Kriging, NORMAL_95};
 use nalgebra::Vector3;
+
+/// Prediction of a point that was held out.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct HeldOutPoint {
+    /// Index of the point in the data.
+    pub index: usize,
+    /// Predicted residual (m).
+    pub predicted_m: Vector3<f64>,
+    /// Standard uncertainty of predicted − measured (m), calibrated: of field and measurement.
+    pub u_m: Vector3<f64>,
+}
 
 /// Predictions of one method.
 #[derive(Debug, Clone, PartialEq)]

@@ -4,7 +4,8 @@
 //! comparison, and for what runs live. Kriging under networks on the neighbourhood is that of the field itself; over a trend it is
 //! fitted anew to what the trend leaves.
 
-use crate::train::{TrainingError, kriging_of};
+use crate::error::TrainingError;
+use crate::kriging::kriging_of;
 use crate::views::ViewError;
 use abbe_field::Samples;
 use abbe_field::kriging::Kernel;

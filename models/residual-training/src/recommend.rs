@@ -7,11 +7,12 @@
 //! correction at all, as to correct where nothing is to be corrected is worse than not to, and against the position alone where the
 //! others have further inputs, as an input that does not help is one more that can be wrong or missing.
 
-use crate::train::ZERO;
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
+/// Name of the method that predicts no residual at all.
+pub const ZERO: &str = "zero";
 /// Standard errors by which a method must be worse to be passed over.
 const BETWEEN_METHODS: f64 = 1.0;
 /// The same for no correction, and for fewer inputs: 99 %, one-sided.

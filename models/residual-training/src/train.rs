@@ -15,32 +15,25 @@
 //! units of the network (mean and deviation of the residuals, scales of the inputs) come from all points. Where there are further
 //! inputs, kriging on the position alone is held out as well, on the same folds: it is what they must be worth more than.
 
-use crate::config::{Config, ConfigRange, Method, Split, SplitKind};
+use crate::config::{Config, Method, Split, SplitKind};
 use crate::device::Device;
-use crate::held_out::{self, Predicted};
+use crate::error::{LEAST_POINTS, TrainingError};
+use crate::held_out::{self, HeldOutPoint, Predicted};
+use crate::kriging::{fitted_kriging, fitted_without};
 use crate::networks::{Networks, input_scale};
-use crate::optimise::{OptimiseError, Run};
-use crate::recommend::{Recommendation, recommend};
+use crate::optimise::Run;
+use crate::recommend::{Recommendation, ZERO, recommend};
 use crate::scores::Scores;
 use crate::split;
-use crate::views::ViewError;
 use abbe_field::Samples;
-use abbe_field::kriging::{FittedComponent, Kernel, KrigingError, Noise, Options, Trend, fitted};
-use abbe_residual_net::network::{MOST_NEIGHBOURED, ParametersError};
+use abbe_residual_net::network::MOST_NEIGHBOURED;
 use abbe_residual_net::{Calibration, Kind, Kriging, ModelError, ResidualModel, check_units};
-use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 use task::Task;
-use thiserror::Error;
 
 mod task;
 
-/// Name of the method that predicts no residual at all.
-pub const ZERO: &str = "zero";
-
-/// Points below which no held-out share tells 95 % from all.
-const LEAST_POINTS: usize = 20;
 /// Points that kriging, or a member of networks, learns from at least; of a member's, a quarter leaves the lattice at a time.
 const LEAST_LEARNT: usize = 8;
 const LEAST_LEARNT_BY_MEMBERS: usize = 16;
@@ -169,74 +162,6 @@ pub struct Trained {
     pub held_out: Vec<HeldOutPoint>,
 }
 
-/// Prediction of a point that was held out.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct HeldOutPoint {
-    /// Index of the point in the data.
-    pub index: usize,
-    /// Predicted residual (m).
-    pub predicted_m: Vector3<f64>,
-    /// Standard uncertainty of predicted − measured (m), calibrated: of field and measurement.
-    pub u_m: Vector3<f64>,
-}
-
-/// Why there is no model.
-#[derive(Debug, Clone, PartialEq, Error)]
-pub enum TrainingError {
-    /// Configuration out of range.
-    #[error("configuration: {0}")]
-    Config(#[from] ConfigRange),
-    /// Fewer points than can show what 95 % is.
-    #[error(
-        "{0} points; at least {LEAST_POINTS} are needed, so that held-out ones can show what their 95 % interval is: measure more"
-    )]
-    Few(usize),
-    /// A fold without points.
-    #[error(
-        "the points lie in {occupied} of {blocks} blocks of space, which cannot be dealt to {folds} folds with enough points each; in \
-         [split] of the configuration give fewer folds or more blocks_per_axis, or kind = \"random\", whose figures flatter"
-    )]
-    Folds {
-        /// Blocks with points.
-        occupied: usize,
-        /// All blocks.
-        blocks: usize,
-        /// Folds.
-        folds: usize,
-    },
-    /// Kriging has no fit.
-    #[error("kriging: {0}")]
-    Kriging(#[from] KrigingError),
-    /// Covariance without an inverse.
-    #[error("kriging: the covariance of the points is not positive definite")]
-    NotPositiveDefinite,
-    /// A fold leaves too little.
-    #[error("{0}")]
-    View(#[from] ViewError),
-    /// A member cannot be trained.
-    #[error("{kind}, member {member}: {source}")]
-    Member {
-        /// Kind.
-        kind: &'static str,
-        /// Member.
-        member: usize,
-        /// Why.
-        source: OptimiseError,
-    },
-    /// Parameters that are none.
-    #[error("trained parameters: {0}")]
-    Parameters(#[from] ParametersError),
-    /// The parts make no model.
-    #[error("{0}")]
-    Model(#[from] ModelError),
-    /// A state of something else.
-    #[error("the state to go on from was made with another {0}; start the training anew")]
-    State(&'static str),
-    /// Nothing held out, or errors of exactly zero.
-    #[error("{0}: held-out predictions give no scale for the uncertainty; are all residuals equal?")]
-    NoCalibration(&'static str),
-}
-
 /// Trains on all inputs of the samples. `resume` is the state of a stopped training of the same data and configuration on the same device; on the
 /// processor the result is the same, bit for bit, as without the stop. `observe` is told after each epoch and says whether to
 /// go on.
@@ -348,55 +273,6 @@ fn check_folds(field: &Samples, config: &Config, fold: &[usize]) -> Result<(), T
         return Err(TrainingError::Folds { occupied, blocks, folds });
     }
     Ok(())
-}
-
-/// Kriging with the likelier kernel, on all points.
-pub(crate) fn fitted_kriging(field: &Samples) -> Result<Kriging, TrainingError> {
-    let seen = seen(field)?;
-    let likelihood = |fit: &[FittedComponent; 3]| fit.iter().map(|c| c.log_likelihood).sum::<f64>();
-    let matern = fit(field, Kernel::Matern52)?;
-    // The smoother kernel may be too smooth to be factored: then the other one is the likelier.
-    let smooth = fit(field, Kernel::SquaredExponential).ok();
-    let better = smooth.filter(|smooth| likelihood(smooth) > likelihood(&matern));
-    let (kernel, fit) = match better {
-        Some(smooth) => (Kernel::SquaredExponential, smooth),
-        None => (Kernel::Matern52, matern),
-    };
-    Kriging::from_fit(&fit, kernel, field, &seen).ok_or(TrainingError::NotPositiveDefinite)
-}
-
-/// How much of the declared uncertainties the residuals scatter by, 0 to 1 a component. Uncertainties that neighbours have in
-/// common (of the frame, of a station, of an estimate from shared readings) are declared but do not scatter. In full they weigh the
-/// points against each other and against the field; but held-out errors do not contain them, and would call every deviation too
-/// large.
-fn seen(field: &Samples) -> Result<Vector3<f64>, TrainingError> {
-    let Some(u_m) = field.u_m() else { return Ok(Vector3::repeat(1.0)) };
-    let options = Options { kernel: Kernel::Matern52, trend: Trend::Constant, noise: Noise::Scaled };
-    let fit = fitted(field, &options)?;
-    let share = |axis: usize| {
-        let declared_m2 = u_m.iter().map(|u| u[axis] * u[axis]).sum::<f64>() / u_m.len() as f64;
-        let scatter_m = fit[axis].hyperparameters.noise_m.unwrap_or(0.0);
-        (scatter_m / declared_m2.sqrt()).min(1.0)
-    };
-    Ok(Vector3::from_fn(|axis, _| share(axis)))
-}
-
-/// Kriging of the points outside a fold, with parameters that have not seen it.
-fn fitted_without(field: &Samples, fold: &[usize], held: usize, kriging: &Kriging) -> Result<Kriging, TrainingError> {
-    let rest: Vec<usize> = (0..fold.len()).filter(|k| fold[*k] != held).collect();
-    let part = field.part(&rest).map_err(ViewError::from)?;
-    kriging_of(&part, kriging.kernel, &kriging.seen())
-}
-
-/// Kriging of a field.
-pub(crate) fn kriging_of(field: &Samples, kernel: Kernel, seen: &Vector3<f64>) -> Result<Kriging, TrainingError> {
-    Kriging::from_fit(&fit(field, kernel)?, kernel, field, seen).ok_or(TrainingError::NotPositiveDefinite)
-}
-
-/// Fitted by restricted likelihood, with the declared uncertainties where there are any.
-fn fit(field: &Samples, kernel: Kernel) -> Result<[FittedComponent; 3], TrainingError> {
-    let noise = if field.u_m().is_some() { Noise::DeclaredAndFitted } else { Noise::Fitted };
-    Ok(fitted(field, &Options { kernel, trend: Trend::Constant, noise })?)
 }
 
 /// Judges, chooses, calibrates, assembles.

@@ -70,6 +70,7 @@ fn launch(kind: TransportKind) -> Launch {
         nodes: vec![NodeName::Geometric, NodeName::Residual],
         max_covariate_age_s: 10.0,
         wait_for_subscribers_s: 20.0,
+        realtime: None,
         gateway_memory_mib: None,
         scale: None,
         tracer: None,
@@ -150,7 +151,7 @@ fn send_one(publisher: &mut dyn Publish<ScaleReading>, number: usize, start: Ins
         sequence: number as u64,
         reading_m: [0.4 + 0.3 * phase.sin(), 0.3 + 0.2 * phase.cos(), 0.3 + 0.2 * (1.7 * phase).sin()],
         offset_m: [0.0, 0.0, -0.06],
-        frame_id: Text::new("machine").expect("frame"),
+        frame_id: Text::new("bridge_xyz").expect("frame"),
         ..ScaleReading::default()
     };
     let now = Instant::now();

@@ -4,7 +4,7 @@
 //! file without a name, so that an error, Ctrl-C or `kill -9` leaves nothing behind; it gets its name only when
 //! it is complete and on the disk. Where the file system cannot do that, a named temporary file beside the target
 //! takes its place, removed when the value is dropped, or by [`remove_unfinished`] where the program ends on request without
-//! dropping its values.
+//! dropping its values. Bags, which others write by name, are made in a folder of their own and end with [`put_in_place`].
 
 use crate::error::{FileError, Place};
 use std::collections::BTreeSet;
@@ -87,6 +87,36 @@ pub fn write_atomically(path: &Path, content: &[u8]) -> Result<(), FileError> {
     output.commit()
 }
 
+/// Brings a finished file, or a folder with all that is in it, to the disk and gives it its name; both lie in one file system.
+pub fn put_in_place(finished: &Path, target: &Path) -> Result<(), FileError> {
+    let publish = || {
+        bring_to_disk(finished)?;
+        std::fs::rename(finished, target)?;
+        sync_folder(folder(target))
+    };
+    publish().map_err(FileError::io(&target.display().to_string(), "put what is finished in its place"))
+}
+
+fn bring_to_disk(path: &Path) -> std::io::Result<()> {
+    if !path.is_dir() {
+        // Windows brings to the disk only what it may write.
+        return File::options().write(true).open(path)?.sync_all();
+    }
+    for entry in std::fs::read_dir(path)? {
+        bring_to_disk(&entry?.path())?;
+    }
+    sync_folder(path)
+}
+
+/// Names are on the disk only once their folder is. Windows opens no folder as a file.
+fn sync_folder(folder: &Path) -> std::io::Result<()> {
+    #[cfg(unix)]
+    File::open(folder)?.sync_all()?;
+    #[cfg(not(unix))]
+    let _ = folder;
+    Ok(())
+}
+
 /// Follows links, so that what they point to is replaced, and refuses what is no file (`/dev/null` would be
 /// replaced by one).
 fn resolve(path: &Path, file: &str) -> Result<PathBuf, FileError> {
@@ -152,10 +182,7 @@ impl Storage {
             Storage::Unnamed(file) => link(&file, folder(target))?.persist(target).map_err(|error| error.error)?,
             Storage::Named { file, .. } => file.persist(target).map(drop).map_err(|error| error.error)?,
         }
-        // The name is on the disk only once the folder is. Windows opens no folder as a file.
-        #[cfg(unix)]
-        File::open(folder(target))?.sync_all()?;
-        Ok(())
+        sync_folder(folder(target))
     }
 }
 
@@ -249,6 +276,23 @@ mod tests {
         remove_unfinished();
         assert_eq!(names(folder.path()), ["out.csv"]);
         drop((unfinished, of_bag));
+    }
+
+    #[test]
+    fn what_was_made_elsewhere_gets_its_place_with_all_that_is_in_it() {
+        let folder = tempfile::tempdir().unwrap();
+        let [bag, file, target, missing] = ["bag", "one.mcap", "target", "none"].map(|name| folder.path().join(name));
+        fs::create_dir_all(bag.join("inside")).unwrap();
+        fs::write(bag.join("inside/0.mcap"), "records").unwrap();
+        put_in_place(&bag, &target).unwrap();
+        assert_eq!(fs::read(target.join("inside/0.mcap")).unwrap(), b"records");
+        fs::write(&file, "records").unwrap();
+        put_in_place(&file, &folder.path().join("two.mcap")).unwrap();
+        let mut left = names(folder.path());
+        left.sort();
+        assert_eq!(left, ["target", "two.mcap"]);
+        let error = put_in_place(&missing, &bag).unwrap_err().to_string();
+        assert!(error.contains("bag") && error.contains("cannot put what is finished in its place"), "{error}");
     }
 
     #[test]

@@ -5,10 +5,8 @@
 
 use crate::day::Days;
 use crate::error::{FileError, Place};
-use crate::machine::{parse_machine, syntax};
 use crate::toml_place::line_of;
 use serde::{Deserialize, Serialize};
-use std::path::Path;
 
 /// Temperatures that a measuring room has (°C).
 const PLAUSIBLE_C: std::ops::RangeInclusive<f64> = -20.0..=60.0;
@@ -112,36 +110,6 @@ pub struct Contact {
     pub country: Option<String>,
 }
 
-/// A file with nothing but `[identity]`.
-#[derive(Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Document {
-    identity: Identity,
-}
-
-/// Reads the `[identity]` of a machine file or of a file with nothing else; with the name of the machine where the file has it.
-///
-/// # Errors
-/// A file that cannot be read or is neither, a key that is not known, a day that is none; with line and key.
-pub fn read_identity(path: &Path) -> Result<(Option<String>, Identity), FileError> {
-    let file = path.display().to_string();
-    let text = std::fs::read_to_string(path).map_err(FileError::io(&file, "read the file"))?;
-    let text = text.trim_start_matches('\u{feff}');
-    // Only a machine file has a chain.
-    if line_of(text, &["chain"]).is_some() {
-        let machine = parse_machine(text, &file)?;
-        let name = machine.machine.name;
-        let none = || {
-            let remedy = "add one, or name a file that has it; the page on machine files lists its keys";
-            FileError::content(Place::file(&file), "the machine file has no [identity]", remedy)
-        };
-        return Ok((Some(name), machine.identity.ok_or_else(none)?));
-    }
-    let document: Document = toml::from_str(text).map_err(|error| syntax(text, &file, &error))?;
-    document.identity.check(text, &file)?;
-    Ok((None, document.identity))
-}
-
 impl Identity {
     /// Refuses what cannot be so, with its line; `text` is that of the file.
     pub(crate) fn check(&self, text: &str, file: &str) -> Result<(), FileError> {
@@ -182,6 +150,8 @@ mod tests {
     #![allow(clippy::unwrap_used)] // a test
 
     use super::*;
+    use crate::identity_file::read_identity;
+    use crate::machine::parse_machine;
 
     fn read(text: &str) -> Result<(Option<String>, Identity), String> {
         let folder = tempfile::tempdir().unwrap();

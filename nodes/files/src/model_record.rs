@@ -6,7 +6,7 @@
 use crate::error::{FileError, Place};
 use crate::machine::{SIGN_CONVENTION, machine_of_record, record_of_machine};
 use crate::machine_document::MachineRecord;
-use crate::model_file::{DataSource, Doubt, ModelFile, ResidualReference};
+use crate::model_contents::{DataSource, Doubt, ModelFile, ResidualReference};
 use crate::ram_turn_record::{RamTurnRecord, with_three_more};
 use abbe_geometry::by_place::VarianceByPlace;
 use abbe_geometry::effects::{ParameterSpec, Shape, ShapeValue};

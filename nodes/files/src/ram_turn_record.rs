@@ -7,6 +7,7 @@
 //! coordinate changes; with one offset its uncertainty does not either; with several it says what that fit could not know.
 //! Identifying the model again tells the turn.
 
+use abbe_geometry::model::packed;
 use serde::{Deserialize, Serialize};
 
 /// How the ram stands in the frame of the axes: it takes the offset o to c + R(turn) (o - c).
@@ -29,14 +30,14 @@ impl RamTurnRecord {
 
 /// A packed lower triangle with three more parameters of these variances, which depend on no other, before the parameter
 /// `first`. What is no triangle, or too small, comes back as it is, and is refused where its length is checked.
-pub(crate) fn with_three_more(packed: &[f64], first: usize, variances: [f64; 3]) -> Vec<f64> {
-    let size = (0..).take_while(|n| n * (n + 1) / 2 < packed.len()).count();
-    if size * (size + 1) / 2 != packed.len() || first > size {
-        return packed.to_vec();
+pub(crate) fn with_three_more(triangle: &[f64], first: usize, variances: [f64; 3]) -> Vec<f64> {
+    let size = (0..).take_while(|n| n * (n + 1) / 2 < triangle.len()).count();
+    if size * (size + 1) / 2 != triangle.len() || first > size {
+        return triangle.to_vec();
     }
     let before = |k: usize| if k < first { Some(k) } else { k.checked_sub(3).filter(|k| *k >= first) };
     let entry = |row: usize, column: usize| match (before(row), before(column)) {
-        (Some(i), Some(j)) => packed[i * (i + 1) / 2 + j],
+        (Some(i), Some(j)) => triangle[packed(i, j)],
         _ if row == column => variances[row - first],
         _ => 0.0,
     };

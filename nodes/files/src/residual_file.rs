@@ -9,7 +9,7 @@ use crate::atomic::write_atomically;
 use crate::envelope::{self, Kind, hex, sha256_of_hex};
 use crate::error::{FileError, Place};
 use crate::machine::SIGN_CONVENTION;
-use crate::model_file::DataSource;
+use crate::model_contents::DataSource;
 use crate::model_record::OneLine;
 use abbe_geometry::effects::{CovariateProblem, CovariateSource};
 use abbe_geometry::residual_field::{ResidualField, ResidualPrediction};

@@ -6,9 +6,11 @@
 
 mod check;
 mod instead;
+mod realtime;
 mod record;
 
 pub use instead::Instead;
+pub use realtime::RealtimeConfig;
 pub use record::RecordConfig;
 
 use crate::driver::DriverConfig;
@@ -262,6 +264,9 @@ pub struct Launch {
     /// Whether the scale node gives the instants of its recording on `/clock`, for all that go by simulated time.
     #[serde(default)]
     pub publish_clock: bool,
+    /// Real-time scheduling of the nodes on the path of a sample; none without it.
+    #[serde(default, deserialize_with = "realtime::read")]
+    pub realtime: Option<RealtimeConfig>,
     /// Memory that the gateway of each node with an edge over DDS may reserve (MiB);
     /// [`Launch::GATEWAY_MEMORY_MIB`] without it.
     pub gateway_memory_mib: Option<u64>,

@@ -7,7 +7,7 @@
 //! t = t₀ + (r − r₀)/factor by recorded distances, t = t₀ + (n − n₀)/rate by count; to the nanosecond.
 
 use crate::launch::Pace;
-use abbe_identify::TIME;
+use abbe_geometry::effects::TIME;
 use abbe_msgs::{CovariateError, MessageError, ScaleReading, Stamp};
 use serde::{Deserialize, Serialize};
 

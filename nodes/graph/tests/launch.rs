@@ -4,6 +4,7 @@
 
 use abbe_graph::launch::{Launch, NodeName};
 use abbe_runtime::TransportKind;
+use abbe_runtime::realtime::online_cores;
 use proptest::prelude::*;
 use std::path::Path;
 
@@ -234,6 +235,75 @@ fn effects_are_refused_by_place_and_both_sources_simulate_one_machine() {
     assert!(error.contains("scale.driver.effects[1]") && error.contains("backlash"), "{error}");
     let error = parse(&diagnosing("").replacen("seed = 1 }", "seed = 2 }", 1)).unwrap_err();
     assert!(error.contains("tracer.driver") && error.contains("same seed"), "{error}");
+}
+
+#[test]
+fn real_time_is_a_word_or_a_table_and_means_the_same_when_it_is_written() {
+    let with = |text: &str| parse(&format!("{text}\n{GOOD}"));
+    let of = |launch: &Launch, node| launch.realtime_of(node).map(|realtime| (realtime.priority, realtime.cores));
+    for (text, means) in [
+        ("", None),
+        ("realtime = false", None),
+        ("realtime = true", Some((50, vec![]))),
+        ("realtime = { priority = 70 }", Some((70, vec![]))),
+        ("realtime = { cores = [0] }", Some((50, vec![0]))),
+    ] {
+        let launch = with(text).unwrap();
+        for node in [NodeName::Scale, NodeName::Geometric, NodeName::Residual] {
+            assert_eq!(of(&launch, node), means, "{text}");
+        }
+        for node in [NodeName::Tracer, NodeName::Monitor, NodeName::Recorder] {
+            assert_eq!(of(&launch, node), None, "{text}: {node:?} is not on the path");
+        }
+        assert_eq!(parse(&launch.to_text().unwrap()).unwrap(), launch, "what is written is read back");
+    }
+    assert!(with("realtime = true").unwrap().to_text().unwrap().contains("realtime = true"));
+}
+
+#[test]
+fn the_threads_that_share_the_cores_are_those_of_the_path_and_that_of_a_driver() {
+    let threads = |text: &str| parse(&format!("realtime = true\n{text}")).unwrap().realtime().unwrap().threads;
+    assert_eq!(threads(GOOD), 3);
+    let recorded = "driver = { kind = \"campaign\", file = \"campaign.csv\" }\npace = { rate_hz = 1000.0 }";
+    let live = "driver = { kind = \"lines\", from = { tcp = \"a:1\" }, columns = [\"x_mm\", \"y_mm\", \"z_mm\"] }\n\
+                pace = \"as_they_come\"";
+    assert_eq!(threads(&GOOD.replacen(recorded, live, 1)), 4);
+}
+
+#[test]
+fn real_time_that_cannot_be_is_refused_by_its_key() {
+    let with = |text: &str| parse(&format!("{text}\n{GOOD}")).unwrap_err();
+    let absent = online_cores().len() + 1000;
+    for (text, key, words) in [
+        ("realtime = { priority = 99 }", "realtime.priority", "1 to 98"),
+        ("realtime = { priority = 0 }", "realtime.priority", "1 to 98"),
+        ("realtime = { priority = -1 }", "priority", "u32"),
+        ("realtime = { cores = [] }", "realtime.cores", "leave it out"),
+        ("realtime = { cores = [0, 0] }", "realtime.cores", "twice"),
+        (&format!("realtime = {{ cores = [{absent}] }}"), "realtime.cores", "this machine has the cores"),
+        ("realtime = { prority = 50 }", "prority", "unknown field"),
+        ("realtime = 50", "realtime", "true, false, or a table"),
+    ] {
+        let refused = with(text);
+        assert!(
+            refused.contains("graph.toml") && refused.contains(key) && refused.contains(words),
+            "{text}: {refused}"
+        );
+    }
+    let path = "nodes = [\"scale\", \"geometric\", \"residual\"]";
+    let beside = format!("realtime = true\n{}", GOOD.replacen(path, "nodes = []", 1));
+    assert!(parse(&beside).unwrap_err().contains("starts none of them"));
+}
+
+#[test]
+fn cores_that_are_all_of_the_machine_are_remarked() {
+    let cores = online_cores();
+    let remark =
+        |cores: &[usize]| parse(&format!("realtime = {{ cores = {cores:?} }}\n{GOOD}")).unwrap().realtime_remark();
+    assert!(remark(&cores).unwrap().contains("all cores of this machine"));
+    if cores.len() > 1 {
+        assert_eq!(remark(&cores[1..]), None);
+    }
 }
 
 #[test]

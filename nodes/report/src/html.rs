@@ -22,8 +22,19 @@ const SCRIPT: &str = include_str!("page.js");
 const POLICY: &str =
     "default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inline'; font-src data:; img-src data:";
 
+impl Report {
+    /// The page: one HTML file with styles, fonts and its one script inside, and nothing from outside; whole without the script.
+    ///
+    /// # Errors
+    /// As [`Report::check`], or a drawing that overflows.
+    pub fn html(&self) -> Result<String, ReportError> {
+        self.check()?;
+        page(self)
+    }
+}
+
 /// The page of a checked report.
-pub(crate) fn page(report: &Report) -> Result<String, ReportError> {
+fn page(report: &Report) -> Result<String, ReportError> {
     let title = escape(&report.title);
     let mut out = format!(
         "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\

@@ -32,8 +32,19 @@ const COMPARISON_HEIGHT: f64 = 422.0;
 /// The fonts of the rasteriser; the fonts of the machine are never looked at.
 const FONTS: [&[u8]; 2] = [include_bytes!("../fonts/Inter-Regular.otf"), include_bytes!("../fonts/Inter-SemiBold.otf")];
 
+impl Report {
+    /// The main plot as PNG, 1600 px wide, on white, drawn with the embedded font.
+    ///
+    /// # Errors
+    /// As [`Report::check`]; [`ReportError::MainPlot`] where `main_plot` names no figure.
+    pub fn png(&self) -> Result<Vec<u8>, ReportError> {
+        self.check()?;
+        main_plot(self)
+    }
+}
+
 /// The PNG of a checked report's main plot.
-pub(crate) fn main_plot(report: &Report) -> Result<Vec<u8>, ReportError> {
+fn main_plot(report: &Report) -> Result<Vec<u8>, ReportError> {
     let wrong = |what: String| ReportError::MainPlot { what };
     let index = report.main_plot.ok_or_else(|| wrong("none is chosen".to_owned()))?;
     let count = report.sections.len();

@@ -7,7 +7,6 @@ use crate::finite::check_finite;
 use crate::identity::Identity;
 use crate::sections::{Section, Tone};
 use crate::text::capital;
-use crate::{html, pdf, png};
 
 /// What a page was made from: a file, a hash, a version.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -103,33 +102,6 @@ impl Report {
     /// What the page was made from, as far as it is known: label and text.
     pub(crate) fn made_from(&self) -> Vec<(String, &str)> {
         self.meta.iter().filter_map(|item| Some((capital(&item.label), item.value.as_deref()?))).collect()
-    }
-
-    /// The page: one HTML file with styles, fonts and its one script inside, and nothing from outside; whole without the script.
-    ///
-    /// # Errors
-    /// As [`Report::check`], or a drawing that overflows.
-    pub fn html(&self) -> Result<String, ReportError> {
-        self.check()?;
-        html::page(self)
-    }
-
-    /// The main plot as PNG, 1600 px wide, on white, drawn with the embedded font.
-    ///
-    /// # Errors
-    /// As [`Report::check`]; [`ReportError::MainPlot`] where `main_plot` names no figure.
-    pub fn png(&self) -> Result<Vec<u8>, ReportError> {
-        self.check()?;
-        png::main_plot(self)
-    }
-
-    /// The report as PDF: A4, vector drawings, text that can be selected and searched, no date of its own.
-    ///
-    /// # Errors
-    /// As [`Report::check`]; [`ReportError::Pdf`] where a character is in none of the embedded fonts.
-    pub fn pdf(&self) -> Result<Vec<u8>, ReportError> {
-        self.check()?;
-        pdf::document(self)
     }
 
     /// The report's sections as JSON, missing values as `null`.

@@ -11,6 +11,7 @@
 //! - [`ros`]: a node in the ROS 2 graph: arguments, names, parameters, diagnostics, services.
 //! - [`Outbox`]: publishing on a thread of its own, behind a bounded queue.
 //! - [`Shutdown`]: signals, the death of the launcher, and of who reads the output.
+//! - [`realtime`]: SCHED_FIFO and locked memory for the threads that carry samples.
 //! - [`Claim`]: a run and a topic have one holder at a time on a host.
 //! - [`agree`]: the word of the first process of a run is that of all.
 //! - [`tell_log_line`]: the log of a process, for `/rosout`.
@@ -31,6 +32,8 @@ mod lock;
 mod log_lines;
 #[cfg(target_os = "linux")]
 mod outbox;
+#[cfg(target_os = "linux")]
+pub mod realtime;
 #[cfg(target_os = "linux")]
 pub mod ros;
 #[cfg(not(target_os = "linux"))]

@@ -9,7 +9,7 @@ use abbe::plane_field::{PlaneField, plane_field};
 use abbe::{is_bag, residual_bag};
 use abbe_field::{MeasuredField, Samples};
 use abbe_files::{Lacks, ResidualOwner, read_input_vectors_file, read_residual_origin, read_residual_vectors_file};
-use abbe_geometry::{Axis, Vector3};
+use abbe_geometry::Vector3;
 use abbe_measurement::correspondence::check_vectors;
 use abbe_residual_training::Config;
 use anyhow::{Context, ensure};
@@ -111,22 +111,6 @@ impl Data {
     pub(crate) fn points(&self) -> usize {
         self.field.count()
     }
-}
-
-/// A measured vector and how far it is off, in words.
-pub(crate) fn off_text(field: &Samples, index: usize, component: usize, off_m: f64, times: f64) -> String {
-    let (at, name) = (place_text(field, index), Axis::ALL[component].lower());
-    format!("{at}: {name} is {:+.3} um off, {times:.0} u", off_m * 1e6)
-}
-
-/// A point in words: its position in mm, and other inputs by name.
-fn place_text(field: &Samples, index: usize) -> String {
-    let (point, names) = (field.point(index), field.names());
-    let first = if field.has_position() { 3 } else { 0 };
-    let position: Vec<String> = point[..first].iter().map(|m| format!("{:.3}", m * 1e3)).collect();
-    let further = names[first..].iter().zip(&point[first..]).map(|(name, value)| format!("{name} {value:.4}"));
-    let position = (first > 0).then(|| format!("({}) mm", position.join(" ")));
-    position.into_iter().chain(further).collect::<Vec<_>>().join(", ")
 }
 
 fn file_name(path: &Path) -> String {

@@ -4,7 +4,7 @@
 //! 60 µm among hundreds would decide which method is the best, bend it about its place, and widen every interval. Method:
 //! `abbe_field::kriging::judge_samples`, as `abbe interpolate` does it.
 
-use crate::data::off_text;
+use crate::off_text::off_text;
 use abbe_field::Samples;
 use abbe_field::kriging::{KrigingError, LeftOut, Options, judge_samples};
 use anyhow::Context;

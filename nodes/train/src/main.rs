@@ -7,6 +7,7 @@ mod compare;
 mod data;
 mod held;
 mod inputs;
+mod off_text;
 mod report;
 mod train;
 

@@ -4,8 +4,9 @@
 //! Ctrl-C keeps the best so far and what is needed to go on, or says that there is nothing yet. The model belongs to the geometric model that the residuals
 //! are of, and corrects nothing else.
 
-use crate::data::{self, Data, off_text};
+use crate::data::{self, Data};
 use crate::inputs::Inputs;
+use crate::off_text::off_text;
 use crate::report;
 use abbe::command::spinner;
 use abbe::command::training::{Processor, TrainArguments};

@@ -6,7 +6,7 @@
 //! X, Y and Z as in [`super::e0_lines`], or by its travel, which is the root sum of squares of the travels of lines X, Y and Z.
 
 use super::LengthTest;
-use super::evaluate::LineSummary;
+use super::summary::LineSummary;
 use crate::departure::Departure;
 use std::collections::BTreeSet;
 

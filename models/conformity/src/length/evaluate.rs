@@ -3,6 +3,7 @@
 //! Place in the flow: measurements (m) in; errors by line and length, R0, departures from the test out. The verdict is
 //! a step of its own, with limit and decision rule as arguments, so that observed errors stand without any limit.
 
+use super::summary::LineSummary;
 use super::{LEAST_SHARE, LENGTHS, LengthMeasurement, LengthTest, REPEATS, diagonal};
 use crate::decision::{DecisionRule, Verdict};
 use crate::departure::Departure;
@@ -47,23 +48,6 @@ impl LengthSet {
             )
         })
     }
-}
-
-/// What one measuring line says.
-#[derive(Debug, Clone, PartialEq)]
-pub struct LineSummary {
-    /// Name.
-    pub line: String,
-    /// Number of different lengths.
-    pub lengths: usize,
-    /// Longest length (m).
-    pub longest_m: f64,
-    /// Travel along the line (m), where it is known.
-    pub travel_m: Option<f64>,
-    /// Error with the largest magnitude, and the length it stands at (m).
-    pub largest: (ObservedError, f64),
-    /// Largest repeatability range.
-    pub range: Option<ObservedError>,
 }
 
 /// Observed figures of a length test.

@@ -12,10 +12,12 @@ mod diagonal;
 mod evaluate;
 mod lines;
 mod measure;
+mod summary;
 
-pub use evaluate::{LengthErrors, LengthSet, LengthVerdict, LineSummary, evaluate};
+pub use evaluate::{LengthErrors, LengthSet, LengthVerdict, evaluate};
 pub use lines::{MeasuringLine, MeasuringVolume, OffsetPlane, e0_lines, offset_lines};
 pub use measure::{End, LengthPlan, Touch, measure};
+pub use summary::LineSummary;
 
 use crate::quantity::ObservedError;
 use std::collections::BTreeMap;

@@ -14,7 +14,8 @@ use super::nested::{Parts, SURE, unseen};
 use super::noise_words::{looks, noise, notes_of_displays, rejected};
 use super::outliers::{Outliers, outliers};
 use super::placing::{Placed, beside_rejected, placed, tried};
-use super::search::{COMPARABLE, Found, Observe, Options, score_all, search};
+use super::scored::{COMPARABLE, Scored};
+use super::search::{Found, Observe, Options, score_all, search};
 use super::series::independent;
 use super::significance::{probability, uncertainties};
 use super::terms::{Terms, terms};
@@ -284,7 +285,7 @@ fn effects(view: &mut View, last: &Fit, u: &[Vec<f64>]) -> Result<Vec<Effect>, D
         let Some(own) = all.iter().find(|scored| scored.candidate == fitted.candidate) else { continue };
         let study = &*view.study;
         let candidate = &study.candidates()[fitted.candidate];
-        let is_rival = |other: &&super::search::Scored| {
+        let is_rival = |other: &&Scored| {
             let is_other = !set.contains(&other.candidate);
             is_other
                 && own.evidence - other.evidence < COMPARABLE

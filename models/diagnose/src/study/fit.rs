@@ -5,12 +5,12 @@
 //! parameters' uncertainty, or the fit is refused. Whitened rows; parameters in SI.
 
 use super::candidate::Study;
+use super::combinations::combinations;
 use super::together::score_together;
 use super::view::{View, picked};
 use crate::error::DiagnoseError;
 use crate::linear::{Linear, Projected, joined};
 use crate::score::{Score, score};
-use abbe_identify::symmetric_eigen;
 use faer::{Mat, MatRef};
 
 /// Share of a direction's information that must be left beside the columns before it. What is left of less stands a tenth of its
@@ -242,17 +242,4 @@ fn new_directions(linear: &Linear, columns: MatRef<f64>) -> Mat<f64> {
 pub(super) fn independent(columns: &Mat<f64>) -> Mat<f64> {
     let gram = columns.transpose() * columns;
     columns * combinations(&gram, &gram, BASE_LEFT)
-}
-
-pub(super) fn combinations(left: &Mat<f64>, alone: &Mat<f64>, share: f64) -> Mat<f64> {
-    let count = alone.nrows();
-    if count == 0 {
-        return Mat::zeros(0, 0);
-    }
-    let scale: Vec<f64> =
-        (0..count).map(|k| if alone[(k, k)] > 0.0 { alone[(k, k)].sqrt().recip() } else { 0.0 }).collect();
-    let equal = Mat::from_fn(count, count, |i, j| 0.5 * (left[(i, j)] + left[(j, i)]) * scale[i] * scale[j]);
-    let Some((values, vectors)) = symmetric_eigen(&equal) else { return Mat::zeros(count, 0) };
-    let kept: Vec<usize> = (0..count).filter(|k| values[*k] > share).collect();
-    Mat::from_fn(count, kept.len(), |i, j| vectors[(i, kept[j])] * scale[i])
 }

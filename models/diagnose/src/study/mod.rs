@@ -10,6 +10,7 @@
 mod assemble;
 mod between;
 mod candidate;
+mod combinations;
 mod confirm;
 mod diagnosis;
 mod display;
@@ -25,6 +26,7 @@ mod outliers;
 mod places;
 mod placing;
 pub mod runs;
+mod scored;
 mod search;
 mod series;
 mod significance;

@@ -6,7 +6,7 @@
 use super::candidate::Study;
 use super::fit::Fit;
 use super::outliers::{Outliers, outliers};
-use super::search::{COMPARABLE, Scored};
+use super::scored::{COMPARABLE, Scored};
 use super::view::View;
 use crate::error::DiagnoseError;
 use faer::Mat;

@@ -12,6 +12,7 @@ use super::fit::{Fit, Fitted, Part};
 use super::judge::{held_out_alike, held_out_rms};
 use super::places::{goes_through_places, simpler};
 use super::placing::{best_placed, between, is_step, moved, placed, single, tried};
+use super::scored::{COMPARABLE, Scored};
 use super::series::Theta;
 use super::significance::{probability, probability_beside};
 use super::view::View;
@@ -55,8 +56,6 @@ pub struct Progress {
     pub candidates: usize,
 }
 
-/// Difference in evidence within which two candidates explain the same: odds of 20 to 1 (Kass & Raftery 1995).
-pub(super) const COMPARABLE: f64 = 6.0;
 /// Share of what a drift does that position does as well from which the two must be told apart: where they come in no order, few rows would
 /// hide a drift behind all the forms that position may have.
 const IMITATED: f64 = 0.5;
@@ -69,15 +68,6 @@ const FEWEST_BLOCKS: usize = 3;
 const NOTHING_UM: f64 = 1e-6;
 /// Candidates that one thread tests at a time.
 const TOGETHER: usize = 24;
-
-/// Score of a candidate among others.
-#[derive(Debug, Clone)]
-pub(super) struct Scored {
-    pub(super) candidate: usize,
-    pub(super) score: Score,
-    pub(super) p_holm: f64,
-    pub(super) evidence: f64,
-}
 
 /// What the search ends with.
 #[derive(Debug)]

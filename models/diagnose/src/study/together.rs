@@ -7,7 +7,7 @@
 //! the gain is that of the whole likelihood: Σ ν ln(χ² before / χ² after) over the chains. The test has the degrees of freedom
 //! of the chain that has fewest.
 
-use super::fit::combinations;
+use super::combinations::combinations;
 use crate::error::DiagnoseError;
 use crate::linear::Linear;
 use crate::score::{LEFT, Score, beyond, score};

@@ -7,9 +7,10 @@
 //! uncertainty reaches to what it is then. Both answers lie in the 95 % interval; a covariance of rank one holds that all parameters of an
 //! effect go from one to the other together.
 
+use super::combinations::combinations;
 use super::diagnosis::{Ambiguity, Effect};
-use super::fit::{Fit, LEFT, combinations};
-use super::search::COMPARABLE;
+use super::fit::{Fit, LEFT};
+use super::scored::COMPARABLE;
 use super::significance::probability_beside;
 use super::view::View;
 use crate::error::DiagnoseError;

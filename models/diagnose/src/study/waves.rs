@@ -8,7 +8,7 @@
 
 use super::candidate::Band;
 use super::fit::Fit;
-use super::search::COMPARABLE;
+use super::scored::COMPARABLE;
 use super::view::View;
 use crate::error::DiagnoseError;
 use crate::linear::Projected;

@@ -1,6 +1,7 @@
 //! Covariance of the signal between two points, with a length scale for each input.
 //!
-//! Place in the flow: entries of covariance matrices in [`super::likelihood`]. With r² = Σ (Δ_d/ℓ_d)²:
+//! Place in the flow: entries of covariance matrices in [`super::likelihood`], and of fields that other crates estimate.
+//! With r² = Σ (Δ_d/ℓ_d)²:
 //! Matérn 5/2 (1 + √5 r + 5r²/3) e^(−√5 r); squared exponential e^(−r²/2). Source: Rasmussen & Williams 2006 eq. 4.17, 4.9.
 
 /// Kind of covariance.
@@ -14,7 +15,7 @@ pub enum Kernel {
 
 impl Kernel {
     /// Correlation at a scaled square distance Σ (Δ_d/ℓ_d)².
-    pub(crate) fn correlation(self, square: f64) -> f64 {
+    pub fn correlation(self, square: f64) -> f64 {
         match self {
             Kernel::Matern52 => {
                 let a = (5.0 * square).sqrt();

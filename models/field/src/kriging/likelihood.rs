@@ -7,7 +7,7 @@
 //! Source: Rasmussen & Williams 2006 eq. 2.45, 5.9; Patterson & Thompson 1971 for the restriction.
 
 use super::kernel::Kernel;
-use crate::samples::MOST_INPUTS;
+use crate::error::MOST_INPUTS;
 use faer::linalg::solvers::{DenseSolveCore, Llt, Solve};
 use faer::{Mat, Side};
 

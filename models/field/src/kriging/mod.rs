@@ -19,8 +19,9 @@ mod prior;
 mod process;
 
 use crate::cells::PLANE_TOLERANCE_M;
+use crate::error::FieldError;
 use crate::hull::{Hull, Region};
-use crate::measured::{FieldError, MeasuredField};
+use crate::measured::MeasuredField;
 use crate::samples::Samples;
 use nalgebra::Vector3;
 use process::Process;

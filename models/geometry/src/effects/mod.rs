@@ -7,6 +7,7 @@
 //! A covariate that is missing or stale is reported, never guessed. SI; covariates in the unit of their name.
 
 mod known;
+mod registry;
 mod shape;
 mod source;
 
@@ -38,9 +39,12 @@ mod warm_up;
 mod zero_jump;
 
 pub use empirical::legendre;
-pub use known::{Construct, Known, Observed, REGISTRY, Refine, construct, known};
+pub use known::{Construct, Known, Observed, Refine};
+pub use registry::{REGISTRY, construct, known};
 pub use shape::{EffectError, Shape, ShapeValue};
-pub use source::{CovariateProblem, CovariateSource, CovariateValue, NoCovariates, State, is_scale, known_covariate};
+pub use source::{
+    CovariateProblem, CovariateSource, CovariateValue, NoCovariates, State, TIME, is_scale, known_covariate,
+};
 
 pub use crate::lagged::{Lag, Lagged, lagged_name, of_lagged};
 pub use crate::travelled::{Travel, Travelled, of_travelled, travelled_name};

@@ -7,7 +7,7 @@
 use super::growth::{REFINE, grown, time_constants_s};
 use super::known::{Known, Observed};
 use super::shape::{EffectError, Reader, Shape};
-use super::{Acts, CovariateProblem, Effect, Motion, ParameterSpec, State};
+use super::{Acts, CovariateProblem, Effect, Motion, ParameterSpec, State, TIME};
 use crate::axis::{Axis, ErrorId};
 use crate::machine::Machine;
 
@@ -53,7 +53,7 @@ impl Effect for ScaleGrowth {
     }
 
     fn covariates(&self) -> Vec<String> {
-        vec!["time_s".to_owned()]
+        vec![TIME.to_owned()]
     }
 
     fn parameters(&self) -> Vec<ParameterSpec> {
@@ -66,7 +66,7 @@ impl Effect for ScaleGrowth {
     }
 
     fn motion(&self, state: &State, part: &mut Motion) -> Result<(), CovariateProblem> {
-        let grown = grown(state.covariate("time_s")?, self.tau_s);
+        let grown = grown(state.covariate(TIME)?, self.tau_s);
         let along = Acts::Error(ErrorId::linear(self.axis, self.axis));
         part(0, along, state.reading_m[self.axis.index()] * grown);
         part(1, along, grown);

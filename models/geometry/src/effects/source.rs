@@ -15,7 +15,10 @@ pub enum CovariateValue {
     Missing,
 }
 
-/// Where an effect finds its covariates. `time_s` is the time since the campaign began, where there is one.
+/// Name under which effects ask for the time of a reading (s since the campaign began), where there is one.
+pub const TIME: &str = "time_s";
+
+/// Where an effect finds its covariates.
 pub trait CovariateSource {
     /// The covariate of that name, unit as suffix.
     fn covariate(&self, name: &str) -> CovariateValue;

@@ -6,7 +6,7 @@
 
 use super::known::{Known, Observed};
 use super::shape::{EffectError, Reader, Shape};
-use super::{CovariateProblem, Effect, ParameterSpec, Sight, State};
+use super::{CovariateProblem, Effect, ParameterSpec, Sight, State, TIME};
 use crate::axis::Axis;
 use crate::machine::Machine;
 
@@ -56,7 +56,7 @@ impl Effect for StandJump {
     }
 
     fn range_covariates(&self) -> Vec<String> {
-        vec!["time_s".to_owned()]
+        vec![TIME.to_owned()]
     }
 
     fn parameters(&self) -> Vec<ParameterSpec> {
@@ -64,7 +64,7 @@ impl Effect for StandJump {
     }
 
     fn range(&self, state: &State, sight: &Sight, part: &mut dyn FnMut(usize, f64)) -> Result<(), CovariateProblem> {
-        if sight.station == self.station && state.covariate("time_s")? >= self.after_s {
+        if sight.station == self.station && state.covariate(TIME)? >= self.after_s {
             (0..3).for_each(|d| part(d, -sight.ray.direction[d]));
         }
         Ok(())

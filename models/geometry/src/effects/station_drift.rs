@@ -6,7 +6,7 @@
 
 use super::known::{Known, Observed};
 use super::shape::{EffectError, Reader, Shape};
-use super::{CovariateProblem, Effect, ParameterSpec, Sight, State};
+use super::{CovariateProblem, Effect, ParameterSpec, Sight, State, TIME};
 use crate::axis::Axis;
 use crate::machine::Machine;
 
@@ -42,7 +42,7 @@ fn construct(shape: &Shape, _machine: &Machine) -> Result<Box<dyn Effect>, Effec
 /// From the middle of the campaign on: rates and positions of the stations are then told apart best.
 fn propose(observed: &Observed) -> Vec<Shape> {
     let (first_s, last_s) = observed.time_s;
-    if !observed.varies("time_s") || observed.stations.is_empty() {
+    if !observed.varies(TIME) || observed.stations.is_empty() {
         return Vec::new();
     }
     vec![Shape::new().texts("stations", observed.stations).number("start_s", 0.5 * (first_s + last_s))]
@@ -58,7 +58,7 @@ impl Effect for StationDrift {
     }
 
     fn range_covariates(&self) -> Vec<String> {
-        vec!["time_s".to_owned()]
+        vec![TIME.to_owned()]
     }
 
     fn parameters(&self) -> Vec<ParameterSpec> {
@@ -69,7 +69,7 @@ impl Effect for StationDrift {
     }
 
     fn range(&self, state: &State, sight: &Sight, part: &mut dyn FnMut(usize, f64)) -> Result<(), CovariateProblem> {
-        let elapsed_s = state.covariate("time_s")? - self.start_s;
+        let elapsed_s = state.covariate(TIME)? - self.start_s;
         if let Some(k) = self.stations.iter().position(|station| station == sight.station) {
             (0..3).for_each(|d| part(3 * k + d, -sight.ray.direction[d] * elapsed_s));
         }

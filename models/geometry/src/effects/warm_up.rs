@@ -8,7 +8,7 @@
 use super::growth::{REFINE, grown, time_constants_s};
 use super::known::{Known, Observed};
 use super::shape::{EffectError, Reader, Shape};
-use super::{Acts, CovariateProblem, Effect, Motion, ParameterSpec, State};
+use super::{Acts, CovariateProblem, Effect, Motion, ParameterSpec, State, TIME};
 use crate::axis::Axis;
 use crate::machine::Machine;
 
@@ -57,7 +57,7 @@ impl Effect for WarmUp {
     }
 
     fn covariates(&self) -> Vec<String> {
-        vec!["time_s".to_owned()]
+        vec![TIME.to_owned()]
     }
 
     fn parameters(&self) -> Vec<ParameterSpec> {
@@ -68,7 +68,7 @@ impl Effect for WarmUp {
     }
 
     fn motion(&self, state: &State, part: &mut Motion) -> Result<(), CovariateProblem> {
-        let time_s = state.covariate("time_s")?;
+        let time_s = state.covariate(TIME)?;
         for (stage, tau_s) in [self.tau_s, SLOWER * self.tau_s].into_iter().enumerate().take(self.stages) {
             let grown = grown(time_s, tau_s);
             Axis::ALL.into_iter().for_each(|axis| part(3 * stage + axis.index(), Acts::Tip(axis), grown));

@@ -5,7 +5,7 @@
 
 use super::known::{Known, Observed};
 use super::shape::{EffectError, Reader, Shape};
-use super::{CovariateProblem, Effect, ParameterSpec, Sight, State};
+use super::{CovariateProblem, Effect, ParameterSpec, Sight, State, TIME};
 use crate::machine::Machine;
 
 /// Entry in the registry.
@@ -50,7 +50,7 @@ impl Effect for ZeroJump {
     }
 
     fn range_covariates(&self) -> Vec<String> {
-        vec!["time_s".to_owned()]
+        vec![TIME.to_owned()]
     }
 
     fn parameters(&self) -> Vec<ParameterSpec> {
@@ -58,7 +58,7 @@ impl Effect for ZeroJump {
     }
 
     fn range(&self, state: &State, sight: &Sight, part: &mut dyn FnMut(usize, f64)) -> Result<(), CovariateProblem> {
-        if sight.station == self.station && state.covariate("time_s")? >= self.after_s {
+        if sight.station == self.station && state.covariate(TIME)? >= self.after_s {
             part(0, 1.0);
         }
         Ok(())

@@ -29,6 +29,7 @@ mod loss;
 mod observable;
 mod outcome;
 mod plate;
+mod poses;
 mod problem;
 mod search;
 mod smooth;
@@ -39,7 +40,8 @@ pub(crate) use error::tests::machine as tests_machine;
 pub use fit::{fit_points, fit_points_of_best_degree};
 pub use loss::Loss;
 pub use outcome::{FittedPoints, NotSeen, PointEvidence, Pose, RejectedPoint};
-pub use plate::{Plates, fit_plates, fit_plates_of_best_degree};
+pub use plate::{fit_plates, fit_plates_of_best_degree};
+pub use poses::Plates;
 pub use smooth::{fit_plates_smooth, fit_points_smooth};
 
 use abbe_geometry::Vector3;

@@ -7,6 +7,7 @@
 
 use super::fit::{fit_problem, of_degree};
 use super::outcome::NotSeen;
+use super::poses::Plates;
 use super::problem::{FRAME, Problem};
 use super::{FittedPoints, Loss, MeasuredPoint, Method, PointOptions, PointProgress, PointsError, error};
 use crate::linear::{Factor, symmetric_eigen};
@@ -15,73 +16,10 @@ use abbe_geometry::layout::{Layout, centre_of};
 use abbe_geometry::machine::Machine;
 use abbe_geometry::{Axis, ErrorId};
 use faer::Mat;
-use std::collections::BTreeMap;
 use std::ops::{Range, RangeInclusive};
 
 /// Share of a direction's information that errors taken before must leave of it.
 const LEFT: f64 = 1e-7;
-/// Points that a pose needs: three say no more than where it lies.
-const FEWEST: usize = 4;
-
-/// Poses of plates, and what was measured of their points.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Plates {
-    /// Pose of each point.
-    of: Vec<usize>,
-    /// Names of the poses.
-    names: Vec<String>,
-    /// Axis across which no position was measured: the component of `actual_m` there means nothing but must be constant.
-    lacks: Option<Axis>,
-}
-
-impl Plates {
-    /// Plates by the name of the pose of each point; `lacks` is the axis across which positions were not measured.
-    ///
-    /// # Errors
-    /// A pose of fewer than four points.
-    pub fn new(poses: &[String], lacks: Option<Axis>) -> Result<Plates, PointsError> {
-        let mut numbers: BTreeMap<&String, usize> = BTreeMap::new();
-        poses.iter().for_each(|name| *numbers.entry(name).or_default() += 1);
-        if numbers.values().any(|count| *count < FEWEST) {
-            return Err(PointsError::Choice(
-                "a pose holds fewer than four points; a pose is one placing of a plate, with all its points",
-            ));
-        }
-        let names: Vec<String> = numbers.into_keys().cloned().collect();
-        let of = poses.iter().map(|name| names.iter().position(|own| own == name).unwrap_or(0)).collect();
-        Ok(Plates { of, names, lacks })
-    }
-
-    /// Points of a volume in one frame.
-    pub(super) fn volume(points: usize) -> Plates {
-        Plates { of: vec![0; points], names: vec![String::new()], lacks: None }
-    }
-
-    /// Number of poses.
-    pub fn poses(&self) -> usize {
-        self.names.len()
-    }
-
-    /// Whether positions were measured in the plane only.
-    pub fn is_in_plane(&self) -> bool {
-        self.lacks.is_some()
-    }
-
-    /// Pose of a point.
-    pub(super) fn pose(&self, point: usize) -> usize {
-        self.of[point]
-    }
-
-    /// Points of a pose.
-    pub(super) fn members(&self, pose: usize) -> impl Iterator<Item = usize> {
-        (0..self.of.len()).filter(move |k| self.of[*k] == pose)
-    }
-
-    pub(super) fn lacks(&self) -> Option<usize> {
-        self.lacks.map(Axis::index)
-    }
-}
-
 /// Fits what the plates support of the machine's error functions, as its file names them.
 ///
 /// # Errors

@@ -6,7 +6,7 @@
 //! machine's). What a plate cannot see is held at zero.
 
 use super::loss::{Loss, scale_of};
-use super::plate::Plates;
+use super::poses::Plates;
 use super::{MeasuredPoint, PointsError};
 use crate::chords::Chords;
 use crate::normal::NormalEquations;
@@ -14,6 +14,7 @@ use abbe_geometry::between_nodes::BetweenNodes;
 use abbe_geometry::chain::nominal_point_m;
 use abbe_geometry::layout::{Layout, Locals};
 use abbe_geometry::machine::Machine;
+use abbe_geometry::model::packed;
 use abbe_geometry::rotation::{RotationForm, rotation, rotation_partials};
 use abbe_geometry::{ErrorId, Matrix3, Vector3};
 use abbe_measurement::alignment::RigidAlignment;
@@ -209,7 +210,7 @@ impl<'a> Problem<'a> {
         weights: &[f64],
         (inverse, covariance): (&Mat<f64>, &[f64]),
     ) -> Vec<f64> {
-        let of = |a: usize, b: usize| covariance[a.max(b) * (a.max(b) + 1) / 2 + a.min(b)];
+        let of = |a: usize, b: usize| covariance[packed(a, b)];
         let between_nodes = BetweenNodes::new(self.layout, unknowns, of);
         if between_nodes.is_empty() {
             return Vec::new();
@@ -229,10 +230,10 @@ impl<'a> Problem<'a> {
             }
         }
         let all: Vec<usize> = (0..unknowns.len()).collect();
-        let mut packed = chords.packed(&between_nodes, (&all, inverse), unknowns.len());
+        let mut triangle = chords.packed(&between_nodes, (&all, inverse), unknowns.len());
         // The pose of the measuring frame comes last.
-        packed.truncate(covariance.len());
-        packed
+        triangle.truncate(covariance.len());
+        triangle
     }
 
     /// Residual of one point (m), and the partials of its prediction by every unknown.

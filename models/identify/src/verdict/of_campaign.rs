@@ -4,7 +4,7 @@
 
 use super::causes::{Cause, Residuals};
 use super::{Counted, Finding, Grade, Verdict, equal_steps, of_noise, of_rejected, stroke};
-use crate::solve::Identified;
+use crate::identified::Identified;
 use abbe_geometry::model::{MachineModel, ModelError};
 use abbe_measurement::campaign::Campaign;
 

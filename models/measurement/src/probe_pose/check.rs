@@ -4,8 +4,6 @@
 
 use super::{ProbePose, ProbePoseError, ProbePoseModel, SphereCentre, solve};
 
-/// Angles closer than this are one pose (rad).
-pub(super) const SAME_RAD: f64 = 1e-6;
 /// Lengths of R_p beyond which the reading is no distance in metres: a probe's scale is off by parts in a thousand.
 const BEAM: std::ops::Range<f64> = 0.8..1.25;
 /// How much better another reading of the columns must fit before it counts as the right one.
@@ -27,22 +25,6 @@ pub(super) fn centres(centres: &[SphereCentre]) -> Result<(), ProbePoseError> {
         }
     }
     Ok(())
-}
-
-/// Centres at the same angles, by index, in the order of their first centre.
-pub fn poses(centres: &[SphereCentre]) -> Vec<Vec<usize>> {
-    let mut groups: Vec<Vec<usize>> = Vec::new();
-    for (i, centre) in centres.iter().enumerate() {
-        let same = |group: &Vec<usize>| {
-            let first = &centres[group[0]];
-            (first.a_rad - centre.a_rad).abs() < SAME_RAD && (first.c_rad - centre.c_rad).abs() < SAME_RAD
-        };
-        match groups.iter().position(same) {
-            Some(k) => groups[k].push(i),
-            None => groups.push(vec![i]),
-        }
-    }
-    groups
 }
 
 /// Refuses centres that fit far better when the columns are read in another way, and those that fit in no way.

@@ -3,7 +3,7 @@
 //! Place in the flow: judges a calibration. A pose left out says what a pose without an entry would suffer; a centre left out
 //! whose pose keeps an entry says what the table is worth when the same pose is measured again. Metres, machine frame.
 
-use super::check::poses;
+use super::same::poses;
 use super::{Compensation, CompensationTable, ProbePose, ProbePoseError, ProbePoseModel, SphereCentre};
 use nalgebra::Vector3;
 

@@ -11,14 +11,15 @@ mod check;
 mod design;
 mod error;
 mod held_out;
+mod same;
 mod solve;
 mod table;
 mod undetermined;
 
-pub use check::poses;
 pub use design::{centre_rows, head_in_machine};
 pub use error::ProbePoseError;
 pub use held_out::{LeftOutCentre, LeftOutPose, leave_one_centre_out, leave_one_pose_out};
+pub use same::poses;
 pub use table::{Compensation, CompensationTable, TableEntry};
 pub use undetermined::Undetermined;
 

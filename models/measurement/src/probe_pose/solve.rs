@@ -5,8 +5,8 @@
 //! N⁻¹·(Σ Mᵀ·V·M)·N⁻¹ with V = σ_within²·I + σ_between²·(the same in all centres of a pose), both from the data
 //! (components of variance, as for a split plot: Montgomery, Design and Analysis of Experiments, chapter 14).
 
-use super::check::poses;
 use super::design::{c_in_machine, centre_rows, head_in_machine};
+use super::same::poses;
 use super::{BeamLength, ProbePose, ProbePoseError, ProbePoseModel, Scatter, SphereCentre, Undetermined};
 use crate::claim::Claim;
 use crate::least_squares::{self, Solution};

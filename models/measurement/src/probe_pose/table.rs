@@ -5,8 +5,8 @@
 //! paper measures only in the poses of its table, and says nothing of others. Between them this table interpolates by
 //! inverse squared angle of turn (Shepard 1968), and says so; outside the poses it gives nothing.
 
-use super::check::{SAME_RAD, poses};
 use super::design::head_in_machine;
+use super::same::{SAME_RAD, poses};
 use super::{ProbePose, SphereCentre};
 use nalgebra::{Rotation3, Vector3};
 use std::f64::consts::{PI, TAU};

@@ -3,8 +3,8 @@
 //! Place in the flow: the answer of a fit whose design lacks rank.
 
 use super::SphereCentre;
-use super::check::{SAME_RAD, poses};
 use super::design::head_in_machine;
+use super::same::{SAME_RAD, poses};
 use nalgebra::{DVector, Vector3};
 use std::fmt;
 use thiserror::Error;

@@ -44,7 +44,7 @@ pub(crate) use identify::progress_text;
 pub use identify::spinner;
 
 use crate::stop;
-use abbe_files::Unfinished;
+use abbe_files::{Unfinished, put_in_place};
 use abbe_runtime::end_with_reader;
 use abbe_runtime::ros::RosArgs;
 use anyhow::{Context, ensure};
@@ -134,8 +134,8 @@ impl Command {
     }
 }
 
-/// Makes a bag with `write`, which gets a path beside the target; it is moved into place when it is whole, so that
-/// no half bag is left.
+/// Makes a bag with `write`, which gets a path beside the target; it is moved into place when it is whole and on the
+/// disk, so that no half bag is left.
 fn bag_in_place<T>(target: &Path, write: impl FnOnce(&Path) -> anyhow::Result<T>) -> anyhow::Result<T> {
     ensure!(!target.exists(), "{}: exists already; name a new bag", target.display());
     let folder = target.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
@@ -147,7 +147,7 @@ fn bag_in_place<T>(target: &Path, write: impl FnOnce(&Path) -> anyhow::Result<T>
     let _unfinished = Unfinished::new(workshop.path());
     let unfinished = workshop.path().join(name);
     let outcome = write(&unfinished)?;
-    std::fs::rename(&unfinished, target).with_context(|| format!("{}: cannot be put in place", target.display()))?;
+    put_in_place(&unfinished, target)?;
     Ok(outcome)
 }
 

@@ -4,7 +4,7 @@
 //! any other launch; here it is only watched, in the folder that the monitor gives its diagnosis and in the model that
 //! each sample names.
 
-use super::live::Taken;
+use super::taken::Taken;
 use super::{Steps, finish, step};
 use abbe_graph::diagnosis::Outcome;
 use abbe_msgs::CorrectedCoordinates;

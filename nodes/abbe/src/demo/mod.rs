@@ -10,6 +10,7 @@ mod live;
 mod recording;
 mod report;
 mod shipped;
+mod taken;
 
 use crate::command::progress_text;
 use crate::identity::{self, IdentityOptions, Said};

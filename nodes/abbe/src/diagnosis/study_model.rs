@@ -10,7 +10,7 @@ use abbe_files::{DataSource, Doubt, MachineFile, ModelFile};
 use abbe_geometry::Axis;
 use abbe_geometry::layout::Layout;
 use abbe_geometry::machine::Machine;
-use abbe_geometry::model::{FitQuality, FittedEffect, IdentifiedVolume, MachineModel, ModelParts};
+use abbe_geometry::model::{FitQuality, FittedEffect, IdentifiedVolume, MachineModel, ModelParts, packed};
 use abbe_identify::verdict::Grade;
 use anyhow::Context;
 use serde_json::{Value, json};
@@ -95,18 +95,18 @@ fn parts(diagnosis: &StudyDiagnosis, given: &Machine) -> anyhow::Result<ModelPar
 /// Nothing of geometry but the usual uncertainty of the ram's turn, then the terms.
 fn covariance(layout: &Layout, machine: &Machine, terms: &Terms) -> Vec<f64> {
     let geometry = layout.len();
-    let mut packed = vec![0.0; geometry * (geometry + 1) / 2];
+    let mut triangle = vec![0.0; geometry * (geometry + 1) / 2];
     for (index, u_rad) in layout.ram_turn().zip(machine.u_ram_turn_rad) {
-        packed[index * (index + 1) / 2 + index] = u_rad * u_rad;
+        triangle[packed(index, index)] = u_rad * u_rad;
     }
     let mut own = terms.covariance.iter();
     let mut row = 0;
     while own.len() > row {
-        packed.extend(std::iter::repeat_n(0.0, geometry));
-        packed.extend(own.by_ref().take(row + 1));
+        triangle.extend(std::iter::repeat_n(0.0, geometry));
+        triangle.extend(own.by_ref().take(row + 1));
         row += 1;
     }
-    packed
+    triangle
 }
 
 /// What whoever corrects with it must know.

@@ -25,7 +25,7 @@ pub use approach::Approach;
 
 use crate::error::{FileError, Place};
 use crate::machine::SIGN_CONVENTION;
-use crate::model_file::ModelFile;
+use crate::model_contents::ModelFile;
 use abbe_field::Table;
 use abbe_geometry::Vector3;
 use abbe_geometry::axis::Axis;

@@ -7,8 +7,8 @@
 use super::planned::Planned;
 use abbe_files::Captured;
 use abbe_geometry::chain::nominal_point_m;
-use abbe_identify::station_start::{PointAndLength, start};
 use abbe_measurement::campaign::{Campaign, Covariate, RangeReading};
+use abbe_measurement::station_start::{PointAndLength, start};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// What was captured.

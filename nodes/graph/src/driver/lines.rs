@@ -5,6 +5,7 @@
 //! again; one that is silent is told of. A column without a value is a missing covariate, and never the one before it. The
 //! stamp is the instrument's where a column `stamp_s` holds it, else the instant at which the line arrived.
 
+pub(super) mod event;
 pub(super) mod port;
 mod row;
 mod serial;
@@ -15,7 +16,8 @@ use crate::link::{Link, LinkState};
 use abbe_files::MachineFile;
 use abbe_msgs::{ScaleReading, TracerReading};
 use abbe_runtime::Shutdown;
-use port::{Event, Port};
+use event::{Event, Line};
+use port::Port;
 use row::{Row, Table};
 use serde::{Deserialize, Serialize};
 use std::time::{Duration, Instant, SystemTime};
@@ -142,7 +144,8 @@ pub(super) fn open(
         }
     };
     let silent_after = Duration::from_secs_f64(config.silent_after_s);
-    let port = Port::open(&config.from, silent_after).map_err(|source| DriverError::Port { source })?;
+    let port =
+        Port::open(&config.from, silent_after, kind == Kind::Scale).map_err(|source| DriverError::Port { source })?;
     Ok(Lines {
         config: config.clone(),
         kind,
@@ -198,7 +201,7 @@ impl Lines {
     }
 
     /// A row; `None` for blank lines, comments and the line of the column names.
-    fn read(&mut self, line: &port::Line) -> Result<Option<Row>, DriverError> {
+    fn read(&mut self, line: &Line) -> Result<Option<Row>, DriverError> {
         let text = std::str::from_utf8(&line.text).map_err(|_| self.of_line("it is no UTF-8 text".to_owned()))?.trim();
         if text.contains('\0') {
             let problem =

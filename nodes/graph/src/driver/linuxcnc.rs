@@ -9,7 +9,8 @@
 mod sample_clock;
 
 use super::lines::LinesFrom;
-use super::lines::port::{Event, HALF, Line, Port};
+use super::lines::event::{Event, Line};
+use super::lines::port::{HALF, Port};
 use super::{DriverError, Role, ScaleDriver, config_name};
 use crate::connecting::stamp_of;
 use crate::link::{Link, LinkState};
@@ -254,7 +255,7 @@ pub(super) fn open(
     Ok(Linuxcnc {
         machine: machine.clone(),
         offset_m,
-        port: Port::open(&config.from, silent_after).map_err(|source| DriverError::Port { source })?,
+        port: Port::open(&config.from, silent_after, true).map_err(|source| DriverError::Port { source })?,
         shutdown: shutdown.clone(),
         clock: SampleClock::new(config.period_s, config.late_s),
         commanded: Commanded::default(),

@@ -25,10 +25,10 @@ use abbe_msgs::bag::BagError;
 use abbe_msgs::{CovariateError, MessageError, ScaleReading, Stamp, Text, TextError, TracerReading};
 use abbe_runtime::gateway::GatewayNode;
 use abbe_runtime::{Shutdown, TransportError};
-use abbe_virtual_machine::SimulationError;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 use thiserror::Error;
+use virtual_machine::SimulationError;
 
 pub use ippdme::{IppdmeConfig, IppdmeReads, Mover, Order, Outcome, SessionNumber};
 pub use lines::{Flow, LinesConfig, LinesFrom, Parity, SerialConfig};
@@ -147,10 +147,8 @@ impl DriverConfig {
 
     /// Names of the covariates that its readings can hold, where its configuration tells.
     pub(crate) fn covariate_names(&self) -> Option<Vec<String>> {
-        let of_machine =
-            || abbe_virtual_machine::simulate::covariate_names().map(str::to_owned).chain(["time_s".to_owned()]);
         match self {
-            DriverConfig::VirtualMachine { .. } => Some(of_machine().collect()),
+            DriverConfig::VirtualMachine { .. } => Some(virtual_machine::covariate_names()),
             DriverConfig::Ippdme(config) => Some(config.covariates.keys().cloned().collect()),
             _ => None,
         }

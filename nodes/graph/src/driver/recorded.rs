@@ -8,9 +8,9 @@
 use super::{DriverError, ScaleDriver, TracerDriver};
 use abbe_files::MachineFile;
 use abbe_geometry::chain::nominal_point_m;
-use abbe_identify::station_start::{PointAndLength, start};
 use abbe_measurement::campaign::{Campaign, RangeReading};
 use abbe_measurement::instrument::RangeUncertainty;
+use abbe_measurement::station_start::{PointAndLength, start};
 use abbe_measurement::subset::spread;
 use abbe_msgs::{Covariates, MessageError, ScaleReading, Stamp, Text, TextError, TracerReading};
 

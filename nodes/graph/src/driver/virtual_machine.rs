@@ -7,8 +7,16 @@
 use super::DriverError;
 use super::recorded::Recorded;
 use abbe_files::MachineFile;
+use abbe_geometry::effects::TIME;
 use abbe_virtual_machine::effects::from_text;
-use abbe_virtual_machine::{Declared, VOLUMETRIC_RMS_M, shipped_bridge, simulate_campaign};
+use abbe_virtual_machine::{Declared, VOLUMETRIC_RMS_M, shipped_bridge, simulate, simulate_campaign};
+
+pub(super) use abbe_virtual_machine::SimulationError;
+
+/// Names of the covariates that its readings hold.
+pub(super) fn covariate_names() -> Vec<String> {
+    simulate::covariate_names().chain([TIME]).map(str::to_owned).collect()
+}
 
 pub(super) fn open(seed: u64, effects: &[String], machine: &MachineFile) -> Result<Recorded, DriverError> {
     let declared = Declared {

@@ -98,6 +98,9 @@ impl Launch {
         if let Some((key, problem)) = self.record.as_ref().and_then(RecordConfig::problem) {
             return wrong(key, &problem);
         }
+        if let Some((key, problem)) = self.realtime.as_ref().and_then(|realtime| realtime.problem(self)) {
+            return wrong(key, &problem);
+        }
         self.check_edges(path)
     }
 

@@ -8,6 +8,7 @@
 
 use super::model::{ModelFeed, ResidualFeed};
 use super::parameters::{MODEL, RESIDUAL_MODEL};
+use super::realtime::OnPath;
 use super::remarks::{self, Input, Remarks};
 use super::scenery;
 use super::traffic::send;
@@ -250,8 +251,10 @@ fn pump<M: Message>(context: &NodeContext, from: NodeName, mut stage: impl Stage
     let mut reported = Instant::now();
     let (mut durations, mut remarks) = (Durations::default(), Remarks::default());
     let mut rivals = Rivals::of(context.name);
+    let mut realtime = OnPath::enter(context)?;
     context.lifecycle.opened();
     loop {
+        realtime.breathe();
         let stopping = context.shutdown.requested();
         let patience = if stopping { Duration::ZERO } else { LOOK_UP };
         match take(subscriber.as_mut(), patience, &mut summary) {
@@ -286,6 +289,7 @@ fn pump<M: Message>(context: &NodeContext, from: NodeName, mut stage: impl Stage
         summary.figures.insert(status.name().to_lowercase(), count as f64);
     }
     durations.figures(&mut summary);
+    realtime.figures(&mut summary);
     stage.figures(&mut summary);
     Ok(summary)
 }

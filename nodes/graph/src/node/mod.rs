@@ -12,6 +12,7 @@ mod links;
 mod model;
 mod monitor;
 mod parameters;
+mod realtime;
 pub(crate) mod recorder;
 pub(crate) mod recording;
 mod remarks;
@@ -36,6 +37,7 @@ use abbe_files::{FileError, MachineFile, read_machine};
 use abbe_msgs::bag::BagError;
 use abbe_msgs::{Message, MessageError};
 use abbe_runtime::gateway::{Companion, Content, GatewayCommand, GatewayNode, GatewayOptions, OnChange};
+use abbe_runtime::realtime::RealtimeError;
 use abbe_runtime::ros::{
     ArgsError, Clock, Domain, Enclave, NodeIdentity, NodeOptions, RosArgs, RosError, StaticPeers, offer_best_effort,
     resolve,
@@ -151,6 +153,9 @@ pub enum NodeError {
     /// ROS arguments.
     #[error(transparent)]
     Args(#[from] ArgsError),
+    /// Real-time scheduling.
+    #[error(transparent)]
+    Realtime(#[from] RealtimeError),
     /// Signals.
     #[error(transparent)]
     Shutdown(#[from] ShutdownError),
@@ -276,6 +281,7 @@ fn say(word: &str) {
 impl NodeContext {
     fn open(call: NodeCall, shutdown: Shutdown) -> Result<NodeContext, NodeError> {
         let mut launch = Launch::read_with(&call.launch_file, &call.instead)?;
+        realtime::begin(&launch, call.name)?;
         let base = call.launch_file.parent().map_or_else(PathBuf::new, Path::to_path_buf);
         let machine = read_machine(&base.join(&launch.machine))?;
         let identity = call

@@ -5,6 +5,7 @@
 //! goes on as it comes; to a scale reading are added the covariates that other boxes say, and what the stream itself tells
 //! of the motion.
 
+use super::realtime::OnPath;
 use super::remarks;
 use super::schedule::Schedule;
 use super::sensors::Sensors;
@@ -91,6 +92,7 @@ fn play<M: Message>(
     let mut publisher = context.publisher::<M>()?;
     let mut schedule: Option<Schedule> = None;
     let mut given = 0;
+    let mut realtime = OnPath::enter(context)?;
     context.lifecycle.opened();
     // A recording begins when the node is activated first. From then on it goes on as a machine does, whoever listens.
     if !source.driver.is_live() && context.lifecycle.await_active(&context.shutdown) {
@@ -98,6 +100,7 @@ fn play<M: Message>(
     }
     let mut withheld = 0_u64;
     loop {
+        realtime.breathe();
         let Some(mut sample) = usable(&mut next, &mut summary)? else {
             // A live driver gives up its wait when it is told to stop.
             summary.recording_ended = !context.shutdown.requested();
@@ -127,6 +130,7 @@ fn play<M: Message>(
     }
     summary.figures.insert("withheld".to_owned(), withheld as f64);
     remarks::figures(&mut summary, &[]);
+    realtime.figures(&mut summary);
     summary.dropped = publisher.dropped();
     context.shutdown.sleep(LINGER);
     Ok(summary)

@@ -9,7 +9,7 @@
 use super::geometric::is_fresh;
 use super::pairs::Pairs;
 use super::stream::{Mark, StationWatch, StreamWatch, Verdict};
-use abbe_identify::TIME;
+use abbe_geometry::effects::TIME;
 use abbe_measurement::campaign::{Campaign, Covariate, RangeReading};
 use abbe_msgs::{ScaleReading, Stamp, TracerReading};
 use std::collections::{BTreeMap, BTreeSet, VecDeque};

@@ -9,6 +9,7 @@ mod process;
 
 use crate::launch::{Instead, Launch, LaunchError, NodeName};
 use crate::node::NodeSummary;
+use abbe_runtime::realtime::RealtimeError;
 use abbe_runtime::transport::shared_memory::{self, CleanupError, SharedMemory};
 use abbe_runtime::transport::{DEFAULT_DEPTH, TransportError};
 use abbe_runtime::{Claim, ClaimError, RunId, Shutdown};
@@ -41,6 +42,9 @@ pub enum SupervisorError {
     /// The shared memory of the run.
     #[error(transparent)]
     Memory(#[from] TransportError),
+    /// Real time that the system does not allow.
+    #[error(transparent)]
+    Realtime(#[from] RealtimeError),
     /// A node could not be started.
     #[error("node {node}: cannot start {program}: {source}")]
     Start {
@@ -142,6 +146,11 @@ impl Supervisor {
         given: Given,
     ) -> Result<Supervisor, SupervisorError> {
         let launch = Launch::read_with(launch_file, &given.instead)?;
+        // Before anything runs: nodes that are refused one after the other would say the same.
+        if let Some(realtime) = launch.realtime() {
+            realtime.try_out()?;
+            launch.realtime_remark().inspect(|remark| tracing::warn!("{remark}"));
+        }
         let claim = Claim::of_run(&run)?;
         remove_crashed(&run);
         let leftovers = shared_memory::remove_leftovers();

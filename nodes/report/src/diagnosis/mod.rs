@@ -8,6 +8,7 @@ mod build;
 mod names;
 mod pictures;
 mod record;
+mod shaped;
 mod tables;
 mod units;
 mod words;
@@ -82,7 +83,7 @@ pub fn readable_unit(si: &str) -> (f64, String) {
 
 /// A shape in words: axes in capitals, lengths in mm, times in minutes.
 pub fn shape_words(shape: &std::collections::BTreeMap<String, serde_json::Value>) -> String {
-    tables::entries(&names::shape(shape))
+    shaped::entries(&names::shape(shape))
 }
 
 /// A share as text: two decimals, and of one that is nearly whole that it is above 0.99.

@@ -5,6 +5,7 @@
 
 use std::collections::BTreeMap;
 
+use super::shaped::shaped;
 use crate::text::{listed, significant};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -507,14 +508,14 @@ impl Effect {
 impl SetAside {
     /// Title and shape.
     pub fn label(&self) -> String {
-        super::tables::shaped(&self.title, &self.shape)
+        shaped(&self.title, &self.shape)
     }
 }
 
 impl Averaged {
     /// Name, shape and share: `reversal (axis y, over x, terms 2) 12 %`.
     pub fn label(&self) -> String {
-        let name = super::tables::shaped(&self.name, &self.shape);
+        let name = shaped(&self.name, &self.shape);
         self.share.map_or(name.clone(), |share| format!("{name} {:.0} %", 100.0 * share))
     }
 }
@@ -522,6 +523,6 @@ impl Averaged {
 impl Rival {
     /// Name and shape: `reversal (axis y, over x, terms 2)`.
     pub fn label(&self) -> String {
-        super::tables::shaped(&self.name, &self.shape)
+        shaped(&self.name, &self.shape)
     }
 }

@@ -2,13 +2,12 @@
 
 use super::names::{in_words, shape};
 use super::record::{Effect, NotIdentifiable, Parameter, Placebo, Record, Structure};
+use super::shaped::{entries, shaped};
 use super::words::alias_words;
 use super::{HELD_ALREADY, is_held_already, readable, share_text};
 use crate::digits;
 use crate::sections::{Callout, Cell, Column, Section, TableSection, Tone};
 use crate::text::significant;
-use serde_json::Value;
-use std::collections::BTreeMap;
 
 /// Candidates on the page; all of them are in the JSON.
 const MOST_CANDIDATES: usize = 20;
@@ -508,22 +507,4 @@ fn parameter_row(effect: &str, parameter: &Parameter) -> Vec<Option<Cell>> {
 
 fn kind_words(kind: &str) -> String {
     if kind == "empirical" { "empirical (described, not explained)".to_owned() } else { kind.to_owned() }
-}
-
-/// A name with its shape: `reversal (axis y, over y, terms 1)`.
-pub(super) fn shaped(name: &str, shape: &BTreeMap<String, Value>) -> String {
-    if shape.is_empty() { name.to_owned() } else { format!("{name} ({})", entries(shape)) }
-}
-
-pub(super) fn entries(shape: &BTreeMap<String, Value>) -> String {
-    let entry = |(key, value): (&String, &Value)| match value {
-        Value::String(text) => format!("{key} {text}"),
-        Value::Number(number) => match number.as_f64() {
-            Some(number) if number.fract() == 0.0 => format!("{key} {number:.0}"),
-            Some(number) => format!("{key} {}", significant(number, 4)),
-            None => format!("{key} {number}"),
-        },
-        other => format!("{key} {other}"),
-    };
-    shape.iter().map(entry).collect::<Vec<_>>().join(", ")
 }

@@ -4,17 +4,15 @@
 //! fonts lack is an error: a certificate with a blank where a name stood would be worse than none.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::io::Write as _;
 use std::sync::Arc;
 
-use flate2::Compression;
-use flate2::write::ZlibEncoder;
 use pdf_writer::types::{LineCapStyle, LineJoinStyle};
 use pdf_writer::{Content, Filter, Finish, Name, Pdf, Rect, Ref, Str, TextStr};
 use resvg::usvg::{self, Options, Transform, Tree, fontdb, tiny_skia_path};
 
 use super::font::Font;
-use super::layout::{PAGE_PX, PT_PER_PX};
+use super::packed::packed;
+use super::pages::{PAGE_PX, PT_PER_PX};
 use crate::error::ReportError;
 use crate::report::Report;
 use crate::theme;
@@ -35,14 +33,6 @@ const OF_PAGE: i32 = 2;
 
 fn failed(what: impl Into<String>) -> ReportError {
     ReportError::Pdf { what: what.into() }
-}
-
-/// Packed bytes; the same from the same.
-pub(super) fn packed(bytes: &[u8]) -> Vec<u8> {
-    let mut encoder = ZlibEncoder::new(Vec::new(), Compression::default());
-    // Writing to memory cannot fail; what could not be packed would be an empty stream, which the reader of the test refuses.
-    let _ = encoder.write_all(bytes);
-    encoder.finish().unwrap_or_default()
 }
 
 /// What is drawn: fonts with the glyphs used so far, and degrees of opacity.

@@ -8,7 +8,7 @@ use std::collections::BTreeMap;
 use pdf_writer::types::{CidFontType, FontFlags, SystemInfo, UnicodeCmap};
 use pdf_writer::{Filter, Finish, Name, Pdf, Rect, Ref, Str};
 
-use super::draw::packed;
+use super::packed::packed;
 
 /// A font as the PDF knows it.
 pub(super) struct Font {

@@ -6,13 +6,20 @@
 mod draw;
 mod font;
 mod layout;
+mod packed;
+mod pages;
 mod table;
 
 use crate::error::ReportError;
 use crate::report::Report;
 
-/// The PDF of a checked report.
-pub(crate) fn document(report: &Report) -> Result<Vec<u8>, ReportError> {
-    let pages = layout::pages(report)?;
-    draw::document(report, &pages)
+impl Report {
+    /// The report as PDF: A4, vector drawings, text that can be selected and searched, no date of its own.
+    ///
+    /// # Errors
+    /// As [`Report::check`]; [`ReportError::Pdf`] where a character is in none of the embedded fonts.
+    pub fn pdf(&self) -> Result<Vec<u8>, ReportError> {
+        self.check()?;
+        draw::document(self, &layout::pages(self)?)
+    }
 }

@@ -1,6 +1,6 @@
 //! A table on pages: columns as wide as they need, text broken where they do not fit, the head again on each page.
 
-use super::layout::{MARGIN, Pages, WIDTH, letters, lines, title};
+use super::pages::{MARGIN, Pages, WIDTH, letters, lines, title};
 use crate::error::ReportError;
 use crate::sections::{Cell, TableSection, shown};
 use crate::svg::Anchor;

@@ -19,7 +19,7 @@ use std::path::PathBuf;
 
 use thiserror::Error;
 
-use super::names::{NameError, NodeIdentity};
+use super::names::{NameError, NodeIdentity, RemapRule};
 use super::yaml::{self, ParameterAssignment, YamlError};
 
 /// What stands between `--ros-args` and `--`, understood.
@@ -45,25 +45,6 @@ pub struct RosArgs {
     pub without_effect: Vec<String>,
     /// All of these as they were given, for programs that this one starts.
     pub words: Vec<String>,
-}
-
-/// `[node:]from:=to`.
-#[derive(Debug, Clone, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
-pub struct RemapRule {
-    /// The node it is meant for; none means all.
-    pub node: Option<String>,
-    /// Name in the code.
-    pub from: String,
-    /// Name in the graph.
-    pub to: String,
-}
-
-impl RemapRule {
-    /// Whether the rule is meant for this node.
-    #[must_use]
-    pub fn applies_to(&self, node: &NodeIdentity) -> bool {
-        self.node.as_ref().is_none_or(|name| *name == node.name)
-    }
 }
 
 /// An argument that cannot be followed.

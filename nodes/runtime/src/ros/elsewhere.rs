@@ -6,6 +6,6 @@ mod args;
 mod names;
 mod yaml;
 
-pub use args::{ArgsError, RemapRule, RosArgs};
-pub use names::{NameError, NodeIdentity, resolve};
+pub use args::{ArgsError, RosArgs};
+pub use names::{NameError, NodeIdentity, RemapRule, resolve};
 pub use yaml::{ParameterAssignment, YamlError, YamlValue};

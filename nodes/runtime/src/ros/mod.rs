@@ -7,6 +7,7 @@
 mod args;
 mod clock;
 mod diagnostics;
+mod endpoint;
 mod environment;
 mod lifecycle;
 mod lifecycle_services;
@@ -29,7 +30,7 @@ mod yaml;
 use ros2_client::{CreateError, NodeCreateError};
 use thiserror::Error;
 
-pub use args::{ArgsError, RemapRule, RosArgs};
+pub use args::{ArgsError, RosArgs};
 pub use clock::Clock;
 pub(crate) use clock::{CLOCK_TOPIC, nanos_of};
 pub use diagnostics::Diagnostics;
@@ -37,7 +38,7 @@ pub use environment::{DiscoveryRange, Domain, EnvironmentError};
 pub(crate) use lifecycle::Step;
 pub use lifecycle::{LifecycleState, NotPossible, Transition};
 pub(crate) use lifecycle_services::LifecycleServices;
-pub use names::{NameError, NodeIdentity, resolve};
+pub use names::{NameError, NodeIdentity, RemapRule, resolve};
 pub use node::{NodeOptions, RosNode};
 pub use parameters::{ParameterError, ParameterSpec, ParameterTable, Range, USE_SIM_TIME};
 pub use qos::{diagnostics_qos, latched_qos, offered_qos, rosout_qos, service_qos, stream_qos};

@@ -6,8 +6,6 @@
 
 use thiserror::Error;
 
-use super::args::RemapRule;
-
 /// A name that ROS 2 does not allow.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
 #[error(
@@ -48,6 +46,25 @@ impl NodeIdentity {
     #[must_use]
     pub fn qualified(&self) -> String {
         join(&self.namespace, &self.name)
+    }
+}
+
+/// `[node:]from:=to`.
+#[derive(Debug, Clone, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+pub struct RemapRule {
+    /// The node it is meant for; none means all.
+    pub node: Option<String>,
+    /// Name in the code.
+    pub from: String,
+    /// Name in the graph.
+    pub to: String,
+}
+
+impl RemapRule {
+    /// Whether the rule is meant for this node.
+    #[must_use]
+    pub fn applies_to(&self, node: &NodeIdentity) -> bool {
+        self.node.as_ref().is_none_or(|name| *name == node.name)
     }
 }
 

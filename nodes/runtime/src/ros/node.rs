@@ -15,11 +15,12 @@ use abbe_msgs::RosType;
 use futures::channel::oneshot;
 use futures::future;
 use ros2_client::dds::rustdds::{DomainParticipantBuilder, GUID, QosPolicies, QosPolicyBuilder, RTPSEntity, TopicKind};
-use ros2_client::{Context, Gid, MessageTypeName, Name, Node, NodeName, ParameterValue, QosProfile, Subscription};
+use ros2_client::{Context, Gid, MessageTypeName, Node, NodeName, ParameterValue, QosProfile, Subscription};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
 use super::diagnostics::Diagnostics;
+use super::endpoint::{dds_name, endpoint_error};
 use super::matched::Matched;
 use super::names::{self, NameError, NodeIdentity};
 use super::parameter_services::{Ask, ParameterServices};
@@ -355,17 +356,9 @@ fn create(context: &Context, options: &NodeOptions) -> Result<Node, RosError> {
     context.new_node(name, node_options).map_err(|source| RosError::Node { node: identity.qualified(), source })
 }
 
-pub(super) fn dds_name(name: &str) -> Result<Name, NameError> {
-    Name::parse(name).map_err(|_| NameError { name: name.to_owned(), reason: "the DDS library refuses it" })
-}
-
 /// `package/msg/Type` in the two parts that the DDS library wants.
 fn type_name<R: RosType>() -> MessageTypeName {
     let package = R::ROS_TYPE.split('/').next().unwrap_or_default();
     let name = R::ROS_TYPE.rsplit('/').next().unwrap_or_default();
     MessageTypeName::new(package, name)
-}
-
-pub(super) fn endpoint_error(what: &'static str, name: &str, source: ros2_client::CreateError) -> RosError {
-    RosError::Endpoint { what, name: name.to_owned(), source }
 }

@@ -22,7 +22,7 @@ use serde::de::{DeserializeOwned, SeqAccess, Visitor};
 use serde::ser::SerializeTuple;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
-use super::node::{dds_name, endpoint_error};
+use super::endpoint::{dds_name, endpoint_error};
 use super::{RosError, service_qos};
 
 /// Head of requests and replies of Cyclone DDS.

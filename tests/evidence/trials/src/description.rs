@@ -9,7 +9,7 @@ use abbe_geometry::rotation::RotationForm;
 use abbe_geometry::{Axis, ErrorId};
 use abbe_virtual_machine::MachineTruth;
 
-use crate::trial::TrialError;
+use crate::error::TrialError;
 
 /// Describes a simulated machine; errors named in `held_zero` are not fitted.
 ///

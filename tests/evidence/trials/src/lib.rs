@@ -7,6 +7,7 @@
 
 pub mod attribution;
 pub mod description;
+mod error;
 pub mod record;
 pub mod scenario;
 pub mod score;
@@ -18,6 +19,7 @@ pub mod template;
 pub mod trial;
 
 pub use attribution::{Accepted, Finding};
+pub use error::TrialError;
 pub use record::Record;
 pub use scenario::{Family, PlanKind, Scenario};
-pub use trial::{Diagnoser, Trial, TrialError, Verdict, run};
+pub use trial::{Diagnoser, Trial, Verdict, run};

@@ -13,8 +13,8 @@ use abbe_virtual_machine::plan::recipe::LineSelection;
 use abbe_virtual_machine::plan::{PlanRecipe, presets};
 use abbe_virtual_machine::{Axis, MachineTruth, SimulationConfig, SimulationError, TruthRecipe};
 
+use crate::error::TrialError;
 use crate::template::Choices;
-use crate::trial::TrialError;
 
 /// What a trial is to show.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]

@@ -16,8 +16,8 @@ use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
 
+use crate::error::TrialError;
 use crate::scenario::declared_instrument;
-use crate::trial::TrialError;
 
 /// Time constants after which a lagged quantity counts as known.
 const SETTLED: f64 = 3.0;

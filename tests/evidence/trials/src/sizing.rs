@@ -4,7 +4,7 @@
 //! chooses sizes. Equation: with c the error without the effect and r(s) the error with size s, the excess is
 //! √(r² − c²)/c; for a small effect it is proportional to s, which makes two or three evaluations enough.
 
-use crate::trial::TrialError;
+use crate::error::TrialError;
 
 /// Share by which the factor reached may differ from the one asked for.
 pub const TOLERANCE: f64 = 0.05;

@@ -8,7 +8,7 @@ use rand::Rng;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 
-use crate::trial::TrialError;
+use crate::error::TrialError;
 
 const AXES: [&str; 3] = ["x", "y", "z"];
 /// Shortest and longest period tried (mm), drawn evenly in its logarithm.

@@ -6,18 +6,17 @@
 use std::collections::BTreeMap;
 use std::sync::Mutex;
 
-use abbe_geometry::effects::EffectError;
 use abbe_geometry::machine::Machine;
 use abbe_geometry::model::MachineModel;
-use abbe_identify::{IdentifyError, Options, OrderChoice, identify};
+use abbe_identify::{Options, OrderChoice, identify};
 use abbe_measurement::campaign::Campaign;
 use abbe_measurement::instrument::RangeUncertainty;
 use abbe_virtual_machine::verification::VerificationPoint;
-use abbe_virtual_machine::{SimulationConfig, SimulationError, simulate_campaign, verification_points};
-use thiserror::Error;
+use abbe_virtual_machine::{SimulationConfig, simulate_campaign, verification_points};
 
 use crate::attribution::{Accepted, Finding, attribute};
 use crate::description::describe;
+use crate::error::TrialError;
 use crate::record::{Outcome, Record};
 use crate::scenario::{Scenario, SizedBy, choices, declared_instrument, with_effects};
 use crate::score::{history, verified};
@@ -27,38 +26,6 @@ use crate::sizing;
 const POINTS: usize = 300;
 /// Seed of the points, apart from the trial's own.
 const POINTS_SEED: u64 = 7000;
-
-/// Why a trial has no result.
-#[derive(Debug, Clone, PartialEq, Error)]
-pub enum TrialError {
-    /// The simulator refuses a setting.
-    #[error(transparent)]
-    Simulation(#[from] SimulationError),
-    /// Identification refuses the campaign.
-    #[error(transparent)]
-    Identify(#[from] IdentifyError),
-    /// An effect of a model is wrong.
-    #[error(transparent)]
-    Effect(#[from] EffectError),
-    /// The machine cannot be described.
-    #[error("description: {0}")]
-    Description(String),
-    /// A template of an effect is wrong.
-    #[error("template {0}")]
-    Template(String),
-    /// A model cannot be scored.
-    #[error("verification: {0}")]
-    Verification(String),
-    /// No size of the effect leads to the factor asked for.
-    #[error("no size up to {size} times the template's raises the verification error that far")]
-    Unreachable {
-        /// Size where the search ended.
-        size: f64,
-    },
-    /// The diagnosis failed.
-    #[error("diagnosis: {0}")]
-    Diagnosis(String),
-}
 
 /// What a diagnosis says.
 #[derive(Debug)]

@@ -15,6 +15,7 @@ pub mod error;
 pub mod guideway;
 pub mod instrument;
 pub mod length_test;
+mod logged;
 pub mod machine;
 pub mod plan;
 mod random;

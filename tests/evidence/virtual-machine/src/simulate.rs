@@ -13,27 +13,20 @@ use rand::Rng;
 use rand_chacha::ChaCha8Rng;
 
 use crate::effects::{Beam, Effect, Moment};
-use crate::environment::{Environment, EnvironmentConfig, SENSOR_NAMES};
+use crate::environment::{Environment, EnvironmentConfig};
 use crate::error::SimulationError;
 use crate::instrument::InstrumentConfig;
 use crate::machine::{JointErrors, MachineTruth, VirtualMachine};
 use crate::plan::{Plan, Target, Targets};
 use crate::random::{Purpose, normal, stream};
 
+pub use crate::logged::covariate_names;
+
 /// No tracer measures nearer than this (m); a plan that asks for it is refused.
 pub const NEAREST_RANGE_M: f64 = 0.02;
 
 /// Number of covariates of every simulated reading.
 pub const COVARIATES: usize = 17;
-
-/// Names of the motion's covariates; those of the sensors follow, see [`covariate_names`].
-const MOTION_NAMES: [&str; 8] =
-    ["dir_x", "dir_y", "dir_z", "speed_mm_s", "acc_x_mm_s2", "acc_y_mm_s2", "acc_z_mm_s2", "load_kg"];
-
-/// Names of the covariates in the order of [`SimulatedReading::covariates`].
-pub fn covariate_names() -> impl Iterator<Item = &'static str> {
-    MOTION_NAMES.into_iter().chain(SENSOR_NAMES)
-}
 
 /// Everything that makes one simulated campaign.
 #[derive(Debug, Clone)]

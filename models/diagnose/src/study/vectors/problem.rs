@@ -8,7 +8,7 @@ use super::blocks::blocks;
 use super::drift::{Course, Drift, Motion, OF_THE_INSTRUMENT, STANDS_STILL, of_registered, of_shape};
 use super::linear::Named;
 use super::plate::{Poses, RIGID, calibration_words, data};
-use super::quantities::{POSITION, TIME, quantities};
+use super::quantities::{PLAUSIBLE_M, POSITION, TIME, quantities};
 use super::registered::{Logged, Registered, motion};
 use super::shape::{Bent, Quantity, Shape};
 use super::step::Steps;
@@ -30,8 +30,6 @@ use std::collections::BTreeSet;
 /// Assumed where no uncertainty is declared (m); only ratios matter then.
 const ASSUMED_M: f64 = 1e-6;
 const FEWEST_BLOCKS: usize = 3;
-/// Largest empirical motion believed (m).
-pub(super) const PLAUSIBLE_M: f64 = 1e-3;
 /// Highest degree of the polynomials that single rows are held against.
 const RICH: usize = 4;
 /// Quantities that are tried in pairs: their number grows with the square.

@@ -9,6 +9,8 @@ use crate::study::smooth::range;
 use abbe_geometry::Axis;
 use std::collections::BTreeSet;
 
+/// Largest empirical motion believed (m).
+pub(super) const PLAUSIBLE_M: f64 = 1e-3;
 pub(super) const POSITION: [&str; 3] = ["x_m", "y_m", "z_m"];
 pub(super) const TIME: &str = "time_s";
 

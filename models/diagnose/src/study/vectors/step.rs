@@ -6,7 +6,7 @@
 
 use super::ResidualVector;
 use super::plate::Poses;
-use super::problem::PLAUSIBLE_M;
+use super::quantities::PLAUSIBLE_M;
 use super::quantities::TIME;
 use crate::study::candidate::Candidate;
 use crate::study::diagnosis::Kind;

@@ -3,7 +3,6 @@
 //! Place in the flow: below [`super::session`]. A command is sent when the one before it is complete. Answers to other tags than
 //! the one that is asked for are not taken for its answer: a position that comes late is no new one.
 
-use super::mover::ABORT_WITHIN;
 use crate::connecting::is_timeout;
 use abbe_ippdme::line::{Lines, Piece, text};
 use abbe_ippdme::message::{Kind, Response, Tag};
@@ -21,6 +20,8 @@ const MOST_WAITING: usize = 100_000;
 /// Tags of the events that stop a move, and that ask whether the server lives.
 const ABORT: Tag = Tag::Event(9001);
 const ALIVE: Tag = Tag::Event(9002);
+/// How long an aborted move is waited for.
+const ABORT_WITHIN: Duration = Duration::from_secs(10);
 /// How long a server is waited for at the end.
 const LAST_WAIT: Duration = Duration::from_millis(500);
 

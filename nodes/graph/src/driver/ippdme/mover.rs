@@ -12,7 +12,6 @@ use abbe_ippdme::trouble::Trouble;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, TryRecvError, sync_channel};
-use std::time::Duration;
 
 /// Offsets this near are the same (m).
 const SAME_OFFSET_M: f64 = 1e-6;
@@ -261,6 +260,3 @@ fn words(stop: &Stop) -> String {
         Stop::Trouble(trouble, _) => Trouble::to_string(trouble),
     }
 }
-
-/// How long an aborted move is waited for.
-pub(super) const ABORT_WITHIN: Duration = Duration::from_secs(10);

@@ -15,6 +15,7 @@ use abbe_ippdme::line::text;
 use abbe_ippdme::message::{Kind, Response, Tag};
 use abbe_ippdme::relay::Offsets;
 use abbe_ippdme::trouble::{Severity, Trouble};
+use abbe_runtime::realtime::carry_samples;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
@@ -66,7 +67,10 @@ impl Session {
         let (give, events) = sync_channel(QUEUE);
         let is_stopped = Arc::new(AtomicBool::new(false));
         let mut talk = Talk::new(config.clone(), offsets, obeying, give, Arc::clone(&is_stopped));
-        let thread = thread::Builder::new().name("ippdme".into()).spawn(move || talk.run())?;
+        let thread = thread::Builder::new().name("ippdme".into()).spawn(move || {
+            let _realtime = carry_samples();
+            talk.run();
+        })?;
         Ok(Session { events, is_stopped, thread: Some(thread) })
     }
 

@@ -3,8 +3,10 @@
 //! Place in the flow: a thread reads and waits, so that the node's loop never does; it hands over whole lines with the instant
 //! at which they were complete. A queue that is full makes the thread wait, and TCP the sender.
 
+use super::event::{Ended, Event, Gone, Line, MOST_BYTES};
 use super::serial::{SerialConfig, read_serial};
 use crate::connecting::{Waits, address_problem, connect, is_timeout};
+use abbe_runtime::realtime::carry_samples;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::io::{BufRead, BufReader, ErrorKind, Read};
@@ -15,8 +17,6 @@ use std::sync::{Arc, Weak};
 use std::thread;
 use std::time::{Duration, SystemTime};
 
-/// Bytes of a line at most.
-pub(super) const MOST_BYTES: usize = 4096;
 /// What is wrong with half a line.
 pub(in crate::driver) const HALF: &str = "it has no end: it was cut off, and half a number is a number, too";
 /// Lines that wait for the node's loop at most.
@@ -64,29 +64,6 @@ impl fmt::Display for LinesFrom {
     }
 }
 
-/// A line, without what ends it.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub(in crate::driver) struct Line {
-    pub(in crate::driver) text: Vec<u8>,
-    /// When it was complete.
-    pub(in crate::driver) arrived: SystemTime,
-}
-
-/// What happens at a port.
-#[derive(Debug)]
-pub(in crate::driver) enum Event {
-    Connected(String),
-    Line(Line),
-    /// A line of more than [`MOST_BYTES`] was passed over.
-    TooLong,
-    /// The first line of a serial port, which may have begun before it was opened, was passed over.
-    NotWhole,
-    /// A line that was under way when its connection ended, or its packet: half a number is a number, too.
-    Half,
-    /// Said each time; who listens says the same only once.
-    Lost(String),
-}
-
 /// The loop's end of the thread.
 pub(in crate::driver) struct Port {
     events: Receiver<Event>,
@@ -96,8 +73,13 @@ pub(in crate::driver) struct Port {
 }
 
 impl Port {
-    /// Opens what can be opened only once (a listening socket), and starts the thread.
-    pub(in crate::driver) fn open(from: &LinesFrom, silent_after: Duration) -> std::io::Result<Port> {
+    /// Opens what can be opened only once (a listening socket), and starts the thread; whether what comes is `on_the_path` of a
+    /// corrected sample.
+    pub(in crate::driver) fn open(
+        from: &LinesFrom,
+        silent_after: Duration,
+        on_the_path: bool,
+    ) -> std::io::Result<Port> {
         let source: Source = match from {
             LinesFrom::Tcp(address) => Source::Client(address.clone()),
             LinesFrom::TcpListen(address) => Source::Server(TcpListener::bind(address)?),
@@ -108,7 +90,13 @@ impl Port {
         let (give, events) = sync_channel(QUEUE);
         let listener = Arc::new(());
         let weak = Arc::downgrade(&listener);
-        thread::Builder::new().name("lines".into()).spawn(move || source.run(&give, silent_after, &weak))?;
+        let read = move || {
+            // The instant at which a line was complete is its stamp. A program that is started is not to get the priority.
+            let starts_a_program = matches!(source, Source::Command(_));
+            let _realtime = (on_the_path && !starts_a_program).then(carry_samples);
+            source.run(&give, silent_after, &weak, on_the_path);
+        };
+        thread::Builder::new().name("lines".into()).spawn(read)?;
         Ok(Port { events, lines: 0, _listener: listener })
     }
 
@@ -143,11 +131,8 @@ enum Source {
     Command(Vec<String>),
 }
 
-/// The loop is gone.
-pub(super) struct Gone;
-
 impl Source {
-    fn run(&self, give: &SyncSender<Event>, silent_after: Duration, listener: &Weak<()>) {
+    fn run(&self, give: &SyncSender<Event>, silent_after: Duration, listener: &Weak<()>, on_the_path: bool) {
         let mut waits = Waits::new();
         loop {
             let outcome = match self {
@@ -157,7 +142,7 @@ impl Source {
                 }
                 Source::Packets(socket) => read_packets(socket, give),
                 Source::Serial(serial) => read_serial(serial, give, listener),
-                Source::Command(words) => read_command(words, give),
+                Source::Command(words) => read_command(words, give, on_the_path),
             };
             let why = match outcome {
                 Ok(Err(Gone)) => return,
@@ -179,8 +164,6 @@ impl Source {
         }
     }
 }
-
-pub(super) type Ended = std::io::Result<Result<(), Gone>>;
 
 fn read_stream(stream: TcpStream, give: &SyncSender<Event>, silent_after: Duration) -> Ended {
     stream.set_read_timeout(Some(silent_after))?;
@@ -240,11 +223,12 @@ impl Drop for Ending {
     }
 }
 
-fn read_command(words: &[String], give: &SyncSender<Event>) -> Ended {
+fn read_command(words: &[String], give: &SyncSender<Event>, on_the_path: bool) -> Ended {
     let (program, arguments) = words.split_first().ok_or(ErrorKind::InvalidInput)?;
     let mut command = Command::new(program);
     let child = command.args(arguments).stdin(Stdio::null()).stdout(Stdio::piped()).spawn()?;
     let mut child = Ending(child);
+    let _realtime = on_the_path.then(carry_samples);
     let output = child.0.stdout.take().ok_or(ErrorKind::BrokenPipe)?;
     if give.send(Event::Connected(program.clone())).is_err() {
         return Ok(Err(Gone));

@@ -5,7 +5,7 @@
 //! one; neither is a reading, since half a number is a number, too. Lines end with LF, CR or both. A byte that arrives damaged (parity,
 //! framing, break) is read as NUL, and its line refused.
 
-use super::port::{Ended, Event, Gone, Line, MOST_BYTES};
+use super::event::{Ended, Event, Gone, Line, MOST_BYTES};
 use rustix::event::{PollFd, PollFlags, poll};
 use rustix::fs::{Mode, OFlags};
 use rustix::io::Errno;

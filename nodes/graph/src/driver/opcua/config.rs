@@ -3,11 +3,11 @@
 //! Place in the flow: read with the launch file; the password is read from its file when the driver is opened, and stands nowhere else.
 
 use super::super::Role;
-use super::meaning::axis_place;
 use crate::units::Unit;
 use abbe_opcua::client::{Asks, Security, Settings, User};
-use abbe_opcua::join::{AXES, JoinBy};
+use abbe_opcua::join::{AXES, JoinBy, NAMES};
 use abbe_opcua::node::NodeName;
+use abbe_opcua::units::length_of;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -351,6 +351,12 @@ fn password(file: &Path) -> Result<String, Wrong> {
         return Err(wrong("must hold the password in one line, and nothing else"));
     }
     Ok(password.to_owned())
+}
+
+/// Which axis a name is of.
+fn axis_place(name: &str) -> Option<usize> {
+    let stem = length_of(name).0;
+    NAMES.iter().position(|axis| *axis == stem)
 }
 
 #[cfg(test)]

@@ -7,7 +7,7 @@
 use super::config::OpcuaConfig;
 use crate::units::Unit;
 use abbe_opcua::client::Found;
-use abbe_opcua::join::{AXES, NAMES};
+use abbe_opcua::join::AXES;
 use abbe_opcua::units::{ServerUnit, length_of, metres_in};
 
 /// An axis.
@@ -28,12 +28,6 @@ pub(super) struct Meanings {
     pub(super) covariates: Vec<(String, Option<Unit>)>,
     /// Why those cannot.
     pub(super) problems: Vec<String>,
-}
-
-/// Which axis a name is of.
-pub(super) fn axis_place(name: &str) -> Option<usize> {
-    let stem = length_of(name).0;
-    NAMES.iter().position(|axis| *axis == stem)
 }
 
 impl Meanings {

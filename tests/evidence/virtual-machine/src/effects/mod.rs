@@ -68,9 +68,9 @@ pub use zero_jump::ZeroJump;
 
 use crate::environment::{Environment, EnvironmentState, SENSOR_NAMES};
 use crate::error::SimulationError;
+use crate::logged::covariate_names;
 use crate::machine::JointErrors;
 use crate::plan::Plan;
-use crate::simulate::covariate_names;
 
 /// What an effect knows about one standstill of the machine.
 #[derive(Debug, Clone, Copy, PartialEq)]
