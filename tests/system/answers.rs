@@ -94,7 +94,8 @@ fn every_answer_ends_with_the_next_command() {
     answers.lead("export --model model.json --format csv --out tables.csv", "conformity");
     answers.lead("volumetric --model model.json --out map --steps 3 --offset-mm 0,0,-60", "export");
     answers.lead("residuals --model model.json --campaign verify.csv --out residuals.csv", "train");
-    answers.lead(&format!("fit-points --machine {machine} --points verify.csv --u-um 0.05 --out fitted.json"), "verify");
+    answers
+        .lead(&format!("fit-points --machine {machine} --points verify.csv --u-um 0.05 --out fitted.json"), "verify");
     // Through a bag, and what comes out of it again.
     answers.lead(&format!("convert --machine {machine} --campaign campaign.csv --out bag"), "identify");
     answers.lead("correct --model model.json --in bag --out again", "verify");

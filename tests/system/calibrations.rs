@@ -105,7 +105,8 @@ fn the_shipped_centres_give_pose_table_and_report() {
     assert_says(&html, &["direction of the beam, x", "none: outside the other poses", "<dt>Data</dt><dd>"]);
     assert!(!html.contains("class=\"missing\"") && !html.contains(">60.000<"), "{html}");
     // The error of each pose that the others predict is drawn, in both states.
-    let picture = html.split("<h3>Error of each pose left out</h3>").nth(1).expect("no plot").split("</figure>").next().unwrap();
+    let picture =
+        html.split("<h3>Error of each pose left out</h3>").nth(1).expect("no plot").split("</figure>").next().unwrap();
     assert!(picture.contains("<path class=\"mark fB\"") && picture.contains("<path class=\"mark fA\""), "{picture}");
     // What the terminal says of the uncertainties, and the scale of the distance reading.
     assert_says(&html, &["times what the scatter alone would give", "scale of the distance<", "± 0.0029"]);

@@ -156,7 +156,8 @@ pub(super) fn noisier(outcome: &Outcome) -> usize {
 fn stations(outcome: &Outcome) -> Section {
     let (planned, taken) = (outcome.capturer.planned(), outcome.capturer.taken());
     // A row of dashes tells less than a name.
-    let has_readings = |number: usize| (0..planned.len()).any(|k| taken[k].is_some() && planned.line(k).station == number);
+    let has_readings =
+        |number: usize| (0..planned.len()).any(|k| taken[k].is_some() && planned.line(k).station == number);
     let (begun, open): (Vec<_>, Vec<_>) =
         planned.stations.iter().enumerate().partition(|(number, _)| has_readings(*number));
     let row = |(number, station): (usize, &abbe_graph::capture::PlannedStation)| {

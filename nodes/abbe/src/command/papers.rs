@@ -160,7 +160,9 @@ fn document(
         unfinished.map(|paper| NotComputed { paper, reason: "stopped before it was done".to_owned() }).collect();
     for (paper, result) in results {
         match result {
-            Ok(figures) => document.figures.extend(figures.into_iter().map(|figure| row(paper, figure, settings.effort))),
+            Ok(figures) => {
+                document.figures.extend(figures.into_iter().map(|figure| row(paper, figure, settings.effort)))
+            }
             Err(error) => document.not_computed.push(NotComputed { paper, reason: error.to_string() }),
         }
     }
