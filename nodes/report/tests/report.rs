@@ -432,8 +432,10 @@ fn regress_many_warnings_leave_the_next_command_on_the_first_screen() {
 #[test]
 fn what_a_page_was_made_from_is_named_alike() {
     let meta = vec![MetaItem::file("data", "a.csv", Some("12ab")), MetaItem::software("abbe 1.2.3")];
-    let html = Report { title: "T".into(), meta, ..Report::default() }.html().unwrap();
+    let footer = Some("abbe 1.2.3  ·  data 12ab".to_owned());
+    let html = Report { title: "T".into(), meta, footer, ..Report::default() }.html().unwrap();
     assert!(html.contains("<dt>Data</dt><dd>a.csv, SHA-256 12ab</dd>\n<dt>Software</dt><dd>abbe 1.2.3</dd>"), "{html}");
+    assert_eq!(html.matches("abbe 1.2.3").count(), 1, "the version stands once");
 }
 
 /// Points that were aligned to their reference had a column of zeros, and a first row without a factor.

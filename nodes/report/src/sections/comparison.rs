@@ -131,14 +131,19 @@ impl Comparison {
             y_ticks: 5,
         };
         begin_panel(svg, area, &x, &y, &labels);
-        for (number, (sample, class)) in samples.iter().zip(&self.classes()).enumerate() {
+        let classes = self.classes();
+        let of_states = || samples.iter().zip(&classes).enumerate();
+        for (number, (sample, class)) in of_states() {
             let curve: Vec<_> = (0..QUANTILES)
                 .map(|i| i as f64 / (QUANTILES - 1) as f64)
                 .filter_map(|p| quantile_sorted(sample, p).map(|v| (x.map(v), y.map(100.0 * p))))
                 .collect();
             svg.name(self.states.get(number).map(String::as_str));
             svg.path(&format!("ln l{class}"), &curve, false);
-            // Each a line lower than the one before: curves that are near each other keep their labels apart.
+        }
+        // Above all curves, and each a line lower than the one before: those of curves that are near each other stay apart.
+        for (number, (sample, class)) in of_states() {
+            svg.name(self.states.get(number).map(String::as_str));
             self.draw_p95(svg, (sample.as_slice(), class.as_str()), (&x, &y), 14.0 * (number + 1) as f64);
         }
         end_panel(svg);
