@@ -9,7 +9,7 @@ use crate::source::Source;
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Pairs that there are, as crate, file, file and why: no others may come, and one that is gone leaves the list.
-pub const THERE_ARE: [(&str, &str, &str, &str); 21] = [
+pub const THERE_ARE: [(&str, &str, &str, &str); 22] = [
     ("models/diagnose", "context", "lags", "what varies names what lags, which is looked for in what varies"),
     ("models/diagnose", "diagnose", "step", "a step has words of the diagnosis that takes it"),
     ("models/diagnose", "diagnose", "together", "the diagnosis adds pairs, which are told by its own measure"),
@@ -25,6 +25,12 @@ pub const THERE_ARE: [(&str, &str, &str, &str); 21] = [
     ),
     ("models/diagnose", "study::fit", "study::view", "a view is what a fit leaves, and fits anew"),
     ("models/diagnose", "study::view", "study::waves", "a view finds its best wave by fits of views"),
+    (
+        "msgs",
+        "bag::convert",
+        "bag::metadata",
+        "what is refused by its metadata is refused with its conversion, which reads their name",
+    ),
     ("nodes/graph", "again", "driver", "a driver plays another one again"),
     (
         "nodes/graph",
