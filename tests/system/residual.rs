@@ -98,9 +98,11 @@ fn a_residual_model_brings_the_error_down_at_points_that_taught_nothing() {
 #[test]
 fn training_again_gives_the_same_bytes_and_says_what_it_is_of() {
     let bench = bench();
-    for (config, first) in [(QUICK, "residual.json"), (QUICK_NETWORK, "network.json")] {
+    // Two epochs teach a network nothing, and held-out data say so: the next command is another one.
+    for (config, first, next) in [(QUICK, "residual.json", "verify"), (QUICK_NETWORK, "network.json", "diagnose")] {
         let said = train(bench, config, "again.json").ok();
         assert_says(&said, &["again.json", "bridge_xyz"]);
+        follows(&bench.path(""), &said, next);
         assert_eq!(bench.read("again.json"), bench.read(first), "{first}");
     }
     let html = bench.read("again.html");
