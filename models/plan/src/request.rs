@@ -1,7 +1,7 @@
 //! What there is and what is wanted: everything that a plan is made from.
 //!
 //! Place in the flow: filled by the command line from a request file, or by a test. SI, machine frame; nothing here has a
-//! hidden default elsewhere. [`crate::check`] refuses what makes no sense, by the key of the request file.
+//! hidden default elsewhere. [`crate::check()`] refuses what makes no sense, by the key of the request file.
 
 use abbe_geometry::effects::Shape;
 use abbe_geometry::machine::Machine;

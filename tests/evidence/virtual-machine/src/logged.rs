@@ -8,7 +8,7 @@ use crate::environment::SENSOR_NAMES;
 const MOTION_NAMES: [&str; 8] =
     ["dir_x", "dir_y", "dir_z", "speed_mm_s", "acc_x_mm_s2", "acc_y_mm_s2", "acc_z_mm_s2", "load_kg"];
 
-/// Names of the covariates in the order of [`SimulatedReading::covariates`].
+/// Names of the covariates in the order of [`crate::SimulatedReading::covariates`].
 pub fn covariate_names() -> impl Iterator<Item = &'static str> {
     MOTION_NAMES.into_iter().chain(SENSOR_NAMES)
 }
