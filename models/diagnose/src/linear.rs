@@ -8,7 +8,6 @@
 //! without priors it is the partial F test).
 
 use crate::error::DiagnoseError;
-use abbe_identify::symmetric_eigen;
 use faer::linalg::solvers::{DenseSolveCore, Llt, Solve};
 use faer::{Mat, MatRef, Side};
 use std::borrow::Borrow;
@@ -165,10 +164,16 @@ impl Linear {
             return Err(DiagnoseError::Singular);
         }
         let equal = Mat::from_fn(normal.nrows(), normal.ncols(), |i, j| normal[(i, j)] / (scale[i] * scale[j]));
-        let (values, _) = symmetric_eigen(&equal).ok_or(DiagnoseError::Singular)?;
-        if values.first().is_some_and(|least| *least < DEPENDENT) {
-            return Err(DiagnoseError::Singular);
-        }
+        // Cholesky's factor of what is left above the limit shows the same as the smallest eigenvalue, in a tenth of the time.
+        let above =
+            Mat::from_fn(
+                equal.nrows(),
+                equal.ncols(),
+                |i, j| {
+                    if i == j { equal[(i, j)] - DEPENDENT } else { equal[(i, j)] }
+                },
+            );
+        Llt::new(above.as_ref(), Side::Lower).map_err(|_| DiagnoseError::Singular)?;
         let llt = Llt::new(equal.as_ref(), Side::Lower).map_err(|_| DiagnoseError::Singular)?;
         let right = jacobian.transpose() * column(observed);
         let scaled = Mat::from_fn(right.nrows(), 1, |k, _| right[(k, 0)] / scale[k]);

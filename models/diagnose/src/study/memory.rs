@@ -10,8 +10,9 @@ use faer::Mat;
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, OnceLock};
 
-/// Most candidates of which columns are kept.
-const MOST: usize = 64;
+/// Most numbers kept in columns (64 MiB). What comes later is made anew each time: taking it in for what is kept would have all made anew
+/// in a search that goes through more than that in one order.
+const MOST: usize = 1 << 23;
 
 /// The base model and the rows, not whitened.
 #[derive(Debug)]
@@ -31,27 +32,38 @@ pub(super) struct Based {
     pub(super) observed: Mat<f64>,
 }
 
+/// Columns of candidates, and how many numbers these are.
+#[derive(Debug, Default)]
+struct Columns {
+    of: BTreeMap<usize, Arc<Mat<f64>>>,
+    numbers: usize,
+}
+
+fn numbers(columns: &Mat<f64>) -> usize {
+    columns.nrows() * columns.ncols()
+}
+
 /// All that is remembered.
 #[derive(Debug, Default)]
 pub(super) struct Memory {
     pub(super) start: OnceLock<Arc<Start>>,
     pub(super) based: OnceLock<Arc<Based>>,
-    columns: Mutex<BTreeMap<usize, Arc<Mat<f64>>>>,
+    columns: Mutex<Columns>,
     noises: BTreeMap<(usize, Vec<usize>), Noise>,
 }
 
 impl Memory {
     /// Columns of a candidate.
     pub(super) fn columns(&self, candidate: usize, make: impl FnOnce() -> Mat<f64>) -> Arc<Mat<f64>> {
-        if let Some(found) = self.columns.lock().ok().and_then(|all| all.get(&candidate).cloned()) {
+        if let Some(found) = self.columns.lock().ok().and_then(|kept| kept.of.get(&candidate).cloned()) {
             return found;
         }
         let made = Arc::new(make());
-        if let Ok(mut all) = self.columns.lock() {
-            if all.len() >= MOST {
-                all.clear();
-            }
-            all.insert(candidate, Arc::clone(&made));
+        if let Ok(mut kept) = self.columns.lock()
+            && kept.numbers + numbers(&made) <= MOST
+            && kept.of.insert(candidate, Arc::clone(&made)).is_none()
+        {
+            kept.numbers += numbers(&made);
         }
         made
     }
@@ -70,9 +82,11 @@ impl Memory {
         self.based = OnceLock::new();
     }
 
-    /// After columns of a candidate became others.
-    pub(super) fn forget_columns(&mut self) {
-        self.columns = Mutex::default();
-        self.noises.clear();
+    /// After columns of this candidate became others.
+    pub(super) fn forget_columns(&mut self, candidate: usize) {
+        if let Ok(kept) = self.columns.get_mut() {
+            kept.numbers -= kept.of.remove(&candidate).map_or(0, |columns| numbers(&columns));
+        }
+        self.noises.retain(|(_, beside), _| !beside.contains(&candidate));
     }
 }

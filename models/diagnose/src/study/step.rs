@@ -39,6 +39,12 @@ pub(super) struct At {
     after: f64,
 }
 
+impl At {
+    fn value(&self, time: f64) -> f64 {
+        f64::from(u8::from(time >= self.from)) - self.after
+    }
+}
+
 /// Steps in a record: one; or two or three, which may only be seen together, since a staircase looks like a drift and what jumps
 /// there and back like nothing.
 #[derive(Debug, Clone, PartialEq)]
@@ -51,16 +57,12 @@ pub(super) struct Step {
 impl Step {
     /// Columns at a time.
     pub(super) fn values(&self, time: f64) -> Vec<f64> {
-        self.at.iter().map(|at| f64::from(u8::from(time >= at.from)) - at.after).collect()
+        self.at.iter().map(|at| at.value(time)).collect()
     }
 
     /// Columns over a unit, at rows of which the time and the unit are given.
     pub(super) fn columns(&self, rows: &[(f64, f64)]) -> Mat<f64> {
-        let mut columns = Mat::zeros(rows.len(), self.at.len());
-        for (i, (time, unit)) in rows.iter().enumerate() {
-            self.values(*time).into_iter().enumerate().for_each(|(j, value)| columns[(i, j)] = value / unit);
-        }
-        columns
+        Mat::from_fn(rows.len(), self.at.len(), |i, j| self.at[j].value(rows[i].0) / rows[i].1)
     }
 
     /// Names of its parameters.

@@ -316,7 +316,7 @@ impl<'a> View<'a> {
             golden_section((own - reach, own + reach), explained)
         });
         self.study.set_frequency(candidate, frequency);
-        self.memory.forget_columns();
+        self.memory.forget_columns(candidate);
     }
 
     /// Sets the steps of a candidate where they explain most of what a fit without it leaves, less the price of the choice: one after
@@ -348,7 +348,7 @@ impl<'a> View<'a> {
     /// Sets the steps of a candidate.
     pub(super) fn set_places(&mut self, candidate: usize, places: &[usize]) {
         self.study.set_places(candidate, places);
-        self.memory.forget_columns();
+        self.memory.forget_columns(candidate);
     }
 }
 

@@ -12,8 +12,9 @@ use super::scored::COMPARABLE;
 use super::view::View;
 use crate::error::DiagnoseError;
 use crate::linear::Projected;
-use crate::score::{golden_section, score};
+use crate::score::{OfTwo, gain_of_two, golden_section};
 use faer::Mat;
+use smallvec::SmallVec;
 use std::f64::consts::TAU;
 
 /// Peaks of the scan whose tops are found, and the share of the highest from which they are: between two steps of the scan a peak
@@ -58,17 +59,11 @@ impl Left {
     }
 
     fn gain(&self, frequency: f64) -> f64 {
-        let count = self.band.places_m.len();
-        let mut wave = Mat::zeros(count, 2);
-        for (k, place_m) in self.band.places_m.iter().enumerate() {
-            let (sine, cosine) = (TAU * place_m * frequency).sin_cos();
-            (wave[(k, 0)], wave[(k, 1)]) = (sine, cosine);
-        }
-        let of = |square: &Mat<f64>| wave.transpose() * (square * &wave);
-        let gradient =
-            (0..2).map(|j| (0..count).map(|k| wave[(k, j)] * self.each.gradient[k]).sum()).collect::<Vec<f64>>();
-        let own = Projected { gradient, alone: of(&self.each.alone), left: of(&self.each.left) };
-        score(&own, self.chi2, self.degrees).gain
+        let turn = |place_m: &f64| (TAU * place_m * frequency).sin_cos();
+        let (sine, cosine): (Values, Values) = self.band.places_m.iter().map(turn).unzip();
+        let gradient = [&sine, &cosine].map(|wave| dot(wave, &self.each.gradient));
+        let [alone, left] = [&self.each.alone, &self.each.left].map(|square| quadratic(&sine, &cosine, square));
+        gain_of_two(gradient, alone, left, self.chi2, self.degrees)
     }
 
     /// The highest peaks, highest first, of equal ones the slower.
@@ -96,6 +91,32 @@ impl Left {
         peaks[..same].sort_by(|a, b| a.frequency.total_cmp(&b.frequency));
         peaks
     }
+}
+
+/// One a position.
+type Values = SmallVec<[f64; 64]>;
+/// Sums that run side by side, for the processor to do at once.
+const LANES: usize = 4;
+
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    let (a, b) = (a.chunks_exact(LANES), b.chunks_exact(LANES));
+    let rest: f64 = a.remainder().iter().zip(b.remainder()).map(|(a, b)| a * b).sum();
+    let mut sums = [0.0; LANES];
+    a.zip(b).for_each(|(a, b)| (0..LANES).for_each(|k| sums[k] += a[k] * b[k]));
+    rest + sums.iter().sum::<f64>()
+}
+
+/// Products of a symmetric matrix with sine and cosine on either side.
+fn quadratic(sine: &[f64], cosine: &[f64], square: &Mat<f64>) -> OfTwo {
+    let (mut diagonal, mut beside) = ([0.0; 2], 0.0);
+    for (j, (s, c)) in sine.iter().zip(cosine).enumerate() {
+        let column = square.col_as_slice(j);
+        let [of_sine, of_cosine] = [dot(sine, column), dot(cosine, column)];
+        diagonal[0] += of_sine * s;
+        diagonal[1] += of_cosine * c;
+        beside += of_sine * c;
+    }
+    OfTwo { diagonal, beside }
 }
 
 /// The frequency of its band at which a wave is worth most beside a fit without it; `None` where it has no band.

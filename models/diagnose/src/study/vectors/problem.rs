@@ -9,7 +9,7 @@ use super::drift::{Course, Drift, Motion, OF_THE_INSTRUMENT, STANDS_STILL, of_re
 use super::linear::Named;
 use super::plate::{Poses, RIGID, calibration_words, data};
 use super::quantities::{PLAUSIBLE_M, POSITION, TIME, quantities};
-use super::registered::{Logged, Registered, motion};
+use super::registered::{Logged, Nominal, Registered};
 use super::shape::{Bent, Quantity, Shape};
 use super::step::Steps;
 use super::{OF, ResidualVector, drift, model, order};
@@ -60,6 +60,8 @@ pub(super) struct Vectors<'a> {
     /// One a component that was measured.
     chains: Vec<Chain>,
     machine: Option<&'a Machine>,
+    /// Of the machine, at each vector; none without one.
+    nominal: Vec<Nominal>,
     pub(super) sigma_m: Vec<[f64; 3]>,
     is_declared: bool,
     start_s: f64,
@@ -120,6 +122,7 @@ impl<'a> Vectors<'a> {
             measured,
             chains: Vec::new(),
             machine,
+            nominal: machine.map_or_else(Vec::new, |machine| Nominal::at(vectors, machine)),
             sigma_m: vectors.iter().map(sigma).collect(),
             is_declared,
             start_s: vectors.iter().filter_map(|vector| vector.time_s).fold(f64::INFINITY, f64::min),
@@ -303,15 +306,16 @@ impl Study for Vectors<'_> {
             return self.drift_columns(&[drift.motion], &drift.course.functions(time_s));
         }
         for (k, (vector, sigma_m)) in self.vectors.iter().zip(&self.sigma_m).enumerate() {
-            match (&self.parts[candidate], self.machine) {
+            match (&self.parts[candidate], self.nominal.get(k)) {
                 (Part::Named(named), _) => {
                     let moved_m = named.motion_m(&self.poses.arm_m(self.vectors, k));
                     (0..3).for_each(|d| columns[(3 * k + d, 0)] = moved_m[d] / sigma_m[d]);
                 }
-                (Part::Registered(registered), Some(machine)) => {
+                (Part::Registered(registered), Some(nominal)) => {
                     let logged = Logged { vector, start_s: self.start_s };
                     // Only what is logged at every vector is proposed, so that there is no problem to report here.
-                    let moved = motion(registered.effect.as_ref(), machine, &logged).unwrap_or_default();
+                    let count = columns.ncols();
+                    let moved = nominal.motion(registered.effect.as_ref(), count, &logged).unwrap_or_default();
                     for (j, moved) in moved.iter().enumerate() {
                         (0..3).for_each(|d| columns[(3 * k + d, j)] = moved[d] / sigma_m[d]);
                     }

@@ -9,11 +9,11 @@ use crate::study::candidate::Candidate;
 use crate::study::diagnosis::{Kind, Untestable};
 use abbe_geometry::chain::{ErrorValues, chain_point};
 use abbe_geometry::effects::{
-    CovariateSource, CovariateValue, Effect, Known, Observed, REGISTRY, Shape, ShapeValue, State, construct,
-    tip_columns,
+    CovariateSource, CovariateValue, Effect, Known, Observed, REGISTRY, Shape, ShapeValue, State, TipColumns,
+    construct, tip_columns,
 };
 use abbe_geometry::machine::Machine;
-use abbe_geometry::{Axis, Vector3};
+use abbe_geometry::{Axis, ErrorId, Vector3};
 
 /// Effects that the look without candidates covers by other means.
 const LOOKED_FOR_OTHERWISE: [&str; 2] = ["axis_term", "empirical"];
@@ -64,23 +64,41 @@ impl CovariateSource for Logged<'_> {
     }
 }
 
-/// Motion of the tip per unit of each parameter (m per unit) at one vector.
-pub(super) fn motion(
-    effect: &dyn Effect,
-    machine: &Machine,
-    logged: &Logged,
-) -> Result<Vec<Vector3<f64>>, DiagnoseError> {
-    let offset_m = machine.default_offset_m.unwrap_or([0.0; 3]);
-    let position_m = logged.vector.position_m;
-    let reading_m = [0, 1, 2].map(|k| position_m[k] - offset_m[k]);
-    let point = chain_point(machine, reading_m, offset_m, &ErrorValues::ZERO);
-    let state = State { reading_m, offset_m, covariates: logged };
-    Ok(tip_columns(effect, effect.parameters().len(), &state, &point.by_error)?.into_vec())
+/// Where the nominal chain stands at one vector, and what each error does to the tip there: the same for all effects.
+#[derive(Debug, Clone)]
+pub(super) struct Nominal {
+    reading_m: [f64; 3],
+    offset_m: [f64; 3],
+    by_error: [Vector3<f64>; ErrorId::COUNT],
+}
+
+impl Nominal {
+    /// At each of these vectors.
+    pub(super) fn at(vectors: &[ResidualVector], machine: &Machine) -> Vec<Nominal> {
+        let offset_m = machine.default_offset_m.unwrap_or([0.0; 3]);
+        let one = |vector: &ResidualVector| {
+            let reading_m = [0, 1, 2].map(|k| vector.position_m[k] - offset_m[k]);
+            let by_error = chain_point(machine, reading_m, offset_m, &ErrorValues::ZERO).by_error;
+            Nominal { reading_m, offset_m, by_error }
+        };
+        vectors.iter().map(one).collect()
+    }
+
+    /// Motion of the tip per unit of each of `count` parameters (m per unit).
+    pub(super) fn motion(
+        &self,
+        effect: &dyn Effect,
+        count: usize,
+        logged: &Logged,
+    ) -> Result<TipColumns, DiagnoseError> {
+        let state = State { reading_m: self.reading_m, offset_m: self.offset_m, covariates: logged };
+        Ok(tip_columns(effect, count, &state, &self.by_error)?)
+    }
 }
 
 /// All effects that can be tested, and those that cannot.
 pub(super) fn registered(
-    vectors: &[ResidualVector],
+    (vectors, nominal): (&[ResidualVector], &[Nominal]),
     machine: &Machine,
     varying: &[String],
     time_s: (f64, f64),
@@ -100,7 +118,7 @@ pub(super) fn registered(
         let before = effects.len();
         for shape in shapes.into_iter().flat_map(|shape| between(entry, shape)) {
             let effect = construct(entry.name, &shape, machine)?;
-            if moves_the_tip(effect.as_ref(), vectors, machine, time_s.0)? {
+            if moves_the_tip(effect.as_ref(), (vectors, nominal), time_s.0)? {
                 let candidate = candidate(entry, &shape, effect.as_ref());
                 effects.push(Registered { effect, shape, candidate });
             }
@@ -126,12 +144,12 @@ fn between(entry: &Known, shape: Shape) -> Vec<Shape> {
 /// Whether it moves the tip at any vector; an effect that needs what was not logged does not.
 fn moves_the_tip(
     effect: &dyn Effect,
-    vectors: &[ResidualVector],
-    machine: &Machine,
+    (vectors, nominal): (&[ResidualVector], &[Nominal]),
     start_s: f64,
 ) -> Result<bool, DiagnoseError> {
-    for vector in vectors {
-        match motion(effect, machine, &Logged { vector, start_s }) {
+    let count = effect.parameters().len();
+    for (vector, nominal) in vectors.iter().zip(nominal) {
+        match nominal.motion(effect, count, &Logged { vector, start_s }) {
             Ok(columns) if columns.iter().any(|column| *column != Vector3::zeros()) => return Ok(true),
             Ok(_) => {}
             Err(DiagnoseError::Covariate(_)) => return Ok(false),

@@ -27,7 +27,7 @@ impl Vectors<'_> {
         let logged = |quantity: &&Quantity| !POSITION.contains(&quantity.name.as_str());
         let varying: Vec<String> = self.quantities.iter().filter(logged).map(|q| q.name.clone()).collect();
         let time_s = self.quantities.iter().find(|quantity| quantity.name == TIME).map_or((0.0, 0.0), |q| q.range);
-        let (effects, untestable) = registered(self.vectors, machine, &varying, time_s)?;
+        let (effects, untestable) = registered((self.vectors, &self.nominal), machine, &varying, time_s)?;
         for effect in effects {
             self.candidates.push(effect.candidate.clone());
             self.parts.push(Part::Registered(effect));
