@@ -61,15 +61,24 @@ impl Scaled {
         self.length.iter().zip(a.iter().zip(b)).map(|(length, (a, b))| ((a - b) / length).powi(2)).sum()
     }
 
-    /// The same, with each of them in `parts`.
-    fn squares(&self, a: &[f64], b: &[f64], parts: &mut [f64; MOST_INPUTS]) -> f64 {
-        let mut sum = 0.0;
-        for (part, (length, (a, b))) in parts.iter_mut().zip(self.length.iter().zip(a.iter().zip(b))) {
-            *part = ((a - b) / length).powi(2);
-            sum += *part;
-        }
-        sum
+    /// Points in length scales, one after the other.
+    fn in_lengths(&self, points: &[f64]) -> Vec<f64> {
+        points
+            .chunks_exact(self.length.len())
+            .flat_map(|point| point.iter().zip(&self.length))
+            .map(|(x, l)| x / l)
+            .collect()
     }
+}
+
+/// Squares of the differences between two points in length scales, and their sum.
+fn squares(a: &[f64], b: &[f64], parts: &mut [f64; MOST_INPUTS]) -> f64 {
+    let mut sum = 0.0;
+    for (part, (a, b)) in parts.iter_mut().zip(a.iter().zip(b)) {
+        *part = (a - b).powi(2);
+        sum += *part;
+    }
+    sum
 }
 
 /// Data of one component in scaled units.
@@ -119,20 +128,24 @@ impl Data {
         self.points.chunks_exact(self.size)
     }
 
-    /// Covariance matrix of the values.
-    fn covariance(&self, parameters: &Scaled) -> Mat<f64> {
+    /// Lower half of the covariance matrix of the values, zeros above. `pair` is told of each entry below the diagonal, column by column, by its
+    /// scaled square distance, and gives the correlation.
+    fn covariance(&self, parameters: &Scaled, mut pair: impl FnMut(f64) -> f64) -> Mat<f64> {
         let count = self.values.len();
         let variance = parameters.signal * parameters.signal;
         let mut matrix = Mat::zeros(count, count);
+        let at = parameters.in_lengths(&self.points);
+        let mut parts = [0.0; MOST_INPUTS];
         for column in 0..count {
-            for row in column..count {
-                let square = parameters.square(self.point(row), self.point(column));
-                let value = variance * self.kernel.correlation(square);
-                matrix[(row, column)] = value;
-                matrix[(column, row)] = value;
-            }
             let noise = parameters.noise.map_or(0.0, |noise| noise * noise * self.share(column));
-            matrix[(column, column)] += noise + self.declared.as_ref().map_or(0.0, |list| list[column]);
+            let declared = self.declared.as_ref().map_or(0.0, |list| list[column]);
+            let entries = &mut matrix.col_as_slice_mut(column)[column..];
+            entries[0] = variance + noise + declared;
+            let mut points = at[column * self.size..].chunks_exact(self.size);
+            let Some(own) = points.next() else { continue };
+            for (entry, point) in entries[1..].iter_mut().zip(points) {
+                *entry = variance * pair(squares(point, own, &mut parts));
+            }
         }
         matrix
     }
@@ -165,8 +178,12 @@ impl Data {
 
     /// Factors the covariance and finds trend and weights.
     pub(crate) fn factored(&self, parameters: &Scaled) -> Result<Factored, NotPositiveDefinite> {
+        self.factored_from(&self.covariance(parameters, |square| self.kernel.correlation(square)))
+    }
+
+    fn factored_from(&self, covariance: &Mat<f64>) -> Result<Factored, NotPositiveDefinite> {
         let count = self.values.len();
-        let factor = Llt::new(self.covariance(parameters).as_ref(), Side::Lower).map_err(|_| NotPositiveDefinite)?;
+        let factor = Llt::new(covariance.as_ref(), Side::Lower).map_err(|_| NotPositiveDefinite)?;
         let columns = self.trend_columns();
         let whitened_trend = factor.solve(&columns);
         let values = Mat::from_fn(count, 1, |row, _| self.values[row]);
@@ -193,12 +210,20 @@ impl Data {
     /// −2 L and its gradient by the logarithms of the parameters.
     pub(crate) fn minus_two_log(&self, logarithms: &[f64]) -> Result<(f64, Vec<f64>), NotPositiveDefinite> {
         let parameters = Scaled::from_logarithms(logarithms, self.size);
-        let factored = self.factored(&parameters)?;
+        let mut pairs = Vec::with_capacity(self.values.len() * self.values.len().saturating_sub(1) / 2);
+        let covariance = self.covariance(&parameters, |square| {
+            let pair = self.kernel.with_derivative(square);
+            pairs.push(pair);
+            pair.0
+        });
+        let factored = self.factored_from(&covariance)?;
         let projector = factored.projector();
         let mut gradient = vec![0.0; logarithms.len()];
         let variance = parameters.signal * parameters.signal;
         let weights = &factored.weights;
         let mut parts = [0.0; MOST_INPUTS];
+        let at = parameters.in_lengths(&self.points);
+        let mut pairs = pairs.into_iter();
         for column in 0..self.values.len() {
             let own = projector[(column, column)] - weights[column] * weights[column];
             gradient[0] += 2.0 * variance * own;
@@ -206,9 +231,9 @@ impl Data {
                 gradient[self.size + 1] += 2.0 * noise * noise * self.share(column) * own;
             }
             let mut below = [0.0; MOST_INPUTS + 1];
-            for row in column + 1..self.values.len() {
-                let square = parameters.squares(self.point(row), self.point(column), &mut parts);
-                let (correlation, slope) = self.kernel.with_derivative(square);
+            let place = |k: usize| &at[k * self.size..(k + 1) * self.size];
+            for (row, (correlation, slope)) in (column + 1..self.values.len()).zip(&mut pairs) {
+                squares(place(row), place(column), &mut parts);
                 let share = projector[(row, column)] - weights[row] * weights[column];
                 below[0] += 2.0 * share * correlation;
                 for (below, part) in below[1..=self.size].iter_mut().zip(&parts) {
