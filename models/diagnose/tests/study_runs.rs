@@ -279,3 +279,40 @@ fn what_cannot_be_used_is_refused_with_a_remedy() {
     broken[4].measured_m = f64::INFINITY;
     assert!(diagnose(&broken, &Options::default()).unwrap_err().to_string().contains("run 5"));
 }
+
+/// An axis that was approached from one side corrected the other by the same values, U 0.3 µm, and was wrong by its reversal of 4 µm.
+#[test]
+fn regress_a_side_that_nobody_measured_stands_in_the_uncertainty() {
+    let runs = measured(PLAN, |x, sign, _, _| 8e-6 * x + 0.5 * 4e-6 * sign, 3);
+    let both = diagnose(&runs, &Options::default()).unwrap().terms;
+    assert!(both.untold.is_empty() && both.covariates["dir_x"] == (-1.0, 1.0), "{both:?}");
+    let down: Vec<Run> = runs.into_iter().filter(|run| run.approach == Approach::Negative).collect();
+    let terms = diagnose(&down, &Options::default()).unwrap().terms;
+    assert_eq!(terms.untold, ["X in approaches in +: it was measured in approaches in - only"]);
+    assert_eq!(terms.covariates["dir_x"], (-1.0, -1.0));
+    let last = terms.list.last().unwrap();
+    assert_eq!((last.values.as_slice(), last.shape.0.contains_key("by")), ([0.0].as_slice(), true), "{last:?}");
+    let u_m = terms.covariance.last().unwrap().sqrt();
+    assert!((1e-5..1e-3).contains(&u_m), "{u_m}");
+}
+
+/// Axes measured one after the other while the room got warm: what one of them never saw was inside for all.
+#[test]
+fn regress_a_temperature_is_inside_where_every_axis_was_measured() {
+    let at = |name: &str, by_c: f64| -> Vec<Run> {
+        let warmer = |run: Run| {
+            let covariates = run.covariates.iter().map(|(key, value)| match key.as_str() {
+                "temp_scale_x_c" => (key.clone(), value + by_c),
+                _ => (key.clone(), *value),
+            });
+            Run { axis: name.to_owned(), covariates: covariates.collect(), ..run }
+        };
+        measured(PLAN, |x, _, _, _| 8e-6 * x, 4).into_iter().map(warmer).collect()
+    };
+    let terms = diagnose(&[at("X", 0.0), at("Y", 1.2)].concat(), &Options::default()).unwrap().terms;
+    let (low_c, high_c) = terms.covariates["temp_scale_x_c"];
+    assert!((low_c - 21.4).abs() < 0.05 && (high_c - 21.8).abs() < 0.05, "{low_c} {high_c}");
+    assert!(terms.apart.len() == 1 && terms.apart[0].starts_with("temp_scale_x_c (X 20."), "{:?}", terms.apart);
+    let alike = diagnose(&[at("X", 0.0), at("Y", 0.1)].concat(), &Options::default()).unwrap().terms;
+    assert!(alike.apart.is_empty(), "{:?}", alike.apart);
+}

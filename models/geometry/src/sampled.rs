@@ -7,9 +7,11 @@
 //! keep the value they have at their end: a controller cannot be told that a polynomial there is worth nothing.
 
 use crate::axis::{Axis, ErrorId};
+use crate::chain::{ErrorValues, chain_point};
 use crate::correct::{is_within, nearest_identified_m};
-use crate::effects::{Acts, NoCovariates, State};
+use crate::effects::{Acts, NoCovariates, State, tip_columns};
 use crate::model::{Combination, FittedEffect, MachineModel};
+use nalgebra::Vector3;
 use thiserror::Error;
 
 /// Parts into which each step is cut where table and function are compared.
@@ -115,11 +117,44 @@ pub fn of_position(model: &MachineModel) -> Vec<(usize, Axis)> {
     model.parts().effects.iter().enumerate().filter_map(own).collect()
 }
 
-/// What such effects add to the positioning error of their axis at a reading (m).
-pub fn position_effects_m(model: &MachineModel, axis: Axis, reading_m: f64) -> f64 {
-    let place_m = held_m(model, axis, reading_m);
-    let own = of_position(model).into_iter().filter(|(_, own)| *own == axis);
-    own.filter_map(|(place, axis)| along_m(&model.parts().effects[place], axis, place_m)).sum()
+/// Places of the effects of a model that move the tip and need nothing logged: a grid of errors holds them.
+pub fn of_places(model: &MachineModel) -> Vec<usize> {
+    let machine = &model.parts().machine;
+    let at = |k: usize| {
+        let share = |d: usize| SHARES[k / SHARES.len().pow(d as u32) % SHARES.len()];
+        std::array::from_fn(|d| machine.stroke_m[d].0 + share(d) * (machine.stroke_m[d].1 - machine.stroke_m[d].0))
+    };
+    let moves = |fitted: &FittedEffect| {
+        let offset_m = model.parts().offset_centre_m;
+        (0..SHARES.len().pow(3)).any(|k| moved_m(model, fitted, (at(k), offset_m)).is_some_and(|moved| moved.1))
+    };
+    let all = model.parts().effects.iter().enumerate();
+    all.filter(|(_, fitted)| fitted.effect.reads().is_empty() && moves(fitted)).map(|(place, _)| place).collect()
+}
+
+/// What these effects do to the tip at a reading, with this offset (m); beyond the readings that were identified as at the nearest of them.
+pub fn places_effects_m(
+    model: &MachineModel,
+    effects: &[usize],
+    reading_m: [f64; 3],
+    offset_m: [f64; 3],
+) -> Vector3<f64> {
+    let place_m = nearest_identified_m(model, reading_m);
+    let own = effects.iter().filter_map(|place| moved_m(model, &model.parts().effects[*place], (place_m, offset_m)));
+    own.map(|(moved_m, _)| moved_m).sum()
+}
+
+/// Motion of the tip by an effect that needs nothing logged (m), and whether it could move it there at all.
+fn moved_m(
+    model: &MachineModel,
+    fitted: &FittedEffect,
+    (reading_m, offset_m): ([f64; 3], [f64; 3]),
+) -> Option<(Vector3<f64>, bool)> {
+    let by_error = chain_point(&model.parts().machine, reading_m, offset_m, &ErrorValues::ZERO).by_error;
+    let state = State { reading_m, offset_m, covariates: &NoCovariates };
+    let columns = tip_columns(fitted.effect.as_ref(), fitted.parameters.len(), &state, &by_error).ok()?;
+    let moved_m = columns.iter().zip(&fitted.parameters).map(|(column, value)| column * *value).sum();
+    Some((moved_m, columns.iter().any(|column| *column != Vector3::zeros())))
 }
 
 /// Axes whose stroke goes beyond the readings that were identified, with those (m).
@@ -177,7 +212,8 @@ fn columns(fitted: &FittedEffect, axis: Axis, reading_m: [f64; 3]) -> Option<Vec
     let state = State { reading_m, offset_m: [0.0; 3], covariates: &NoCovariates };
     let (mut columns, mut is_along) = (Vec::new(), true);
     let mut add = |k: usize, acts: Acts, part: f64| {
-        is_along &= acts == along;
+        // What moves the tip along the axis is its positioning error as well.
+        is_along &= acts == along || acts == Acts::Tip(axis);
         columns.push((k, part));
     };
     fitted.effect.motion(&state, &mut add).ok()?;

@@ -5,10 +5,12 @@
 mod common;
 
 use abbe_files::ModelFile;
-use abbe_files::export::{About, ExportedFile, Writer, format};
+use abbe_files::export::{About, ExportedFile, Writer, format, geometric_error_m};
 use abbe_geometry::Vector3;
 use abbe_geometry::axis::{Axis, ErrorId};
 use abbe_geometry::effects::Shape;
+use abbe_geometry::layout::Layout;
+use abbe_geometry::machine::Machine;
 use abbe_geometry::model::{FitQuality, MachineModel, ModelParts};
 use abbe_geometry::sampled::SampledErrors;
 use abbe_geometry::unseen_expansion::UnseenExpansions;
@@ -40,6 +42,21 @@ fn model() -> ModelFile {
     let quality = FitQuality { unseen_expansions: UnseenExpansions::default(), ..parts.quality.clone() };
     let parts = ModelParts { coefficients, effects, covariance, chord_covariance, identified, quality, ..parts };
     file.model = MachineModel::new(parts).unwrap();
+    file
+}
+
+/// The same machine with other effects, each with a standard deviation of 0.1 µm.
+fn with_effects(effects: &[(&str, Shape, Vec<f64>)]) -> ModelFile {
+    let mut file = model();
+    let parts = file.model.parts().clone();
+    let fitted = |(name, shape, parameters): &(&str, Shape, Vec<f64>)| {
+        MachineModel::fitted_effect(name, shape.clone(), &parts.machine, parameters.clone()).unwrap()
+    };
+    let effects: Vec<_> = effects.iter().map(fitted).collect();
+    let own: usize = effects.iter().map(|fitted| fitted.parameters.len()).sum();
+    let total = parts.coefficients.len() + own + 4 * parts.stations.len();
+    let covariance = (0..total).flat_map(|a| (0..=a).map(move |b| if a == b { 1e-14 } else { 0.0 })).collect();
+    file.model = MachineModel::new(ModelParts { effects, covariance, ..parts }).unwrap();
     file
 }
 
@@ -281,4 +298,69 @@ fn skew_of_klipper_and_reprapfirmware_makes_the_machine_square() {
         // Products of angles, and the last decimal written.
         assert!(before_m > 0.3e-6 && after_m < 0.002e-6, "{name}: {before_m} {after_m}");
     }
+}
+
+/// An axis measured in approaches in − only: tables said "in +", and a reversal of zero.
+#[test]
+fn regress_a_side_that_nobody_measured_is_said_and_has_no_reversal() {
+    let constant = Shape::new().text("axis", "x").number("terms", 1.0).number("low_m", 0.0).number("high_m", 1.0);
+    let other_side = constant.text("by", "dir_x").number("by_zero", -1.0).number("by_unit", 2.0);
+    let file = with_effects(&[("axis_term", other_side, vec![0.0])]);
+    // Not fanuc-pitch: its increments hold 7 µm from point to point, which this machine exceeds.
+    for name in ["siemens-enc-comp", "linuxcnc-comp", "csv"] {
+        let text = &exported(name, &file)[0].text;
+        assert!(text.contains("NOT measured: X in approaches in +"), "{name}: {text}");
+        assert!(text.contains("those of approaches in -"), "{name}: {text}");
+        assert!(!text.contains("by dir_x"), "{name}: {text}");
+    }
+    let text = &exported("siemens-enc-comp", &file)[0].text;
+    assert!(
+        text.contains("axis X: MD32450 BACKLASH[0] is not known") && !text.contains("axis X: MD32450 BACKLASH[0] =")
+    );
+    assert!(text.contains("axis Y: MD32450 BACKLASH[0] = "), "{text}");
+}
+
+/// What residual vectors show of squareness is an effect of position: every table wrote zero for it, with an uncertainty of zero.
+#[test]
+fn regress_effects_of_position_are_in_grids_and_named_elsewhere_and_zeros_that_nobody_knows_are_said() {
+    let shape = Shape::new()
+        .text("acts", "y")
+        .text("p", "x_m")
+        .number("p_low", 0.0)
+        .number("p_high", 0.5)
+        .number("degree", 1.0)
+        .number("whole", 1.0);
+    let mut file = with_effects(&[("empirical", shape, vec![8e-6])]);
+    let (reading_m, offset_m) = ([0.3, 0.2, 0.1], [0.0; 3]);
+    let expected = |file: &ModelFile| geometric_error_m(&file.model, reading_m, offset_m);
+    let plain = expected(&with_effects(&[]));
+    // P1 of the share of the range: 2·0.3/0.5 − 1.
+    assert!((expected(&file) - plain - Vector3::new(0.0, 0.2 * 8e-6, 0.0)).norm() < 1e-12);
+    let about = |file: &ModelFile| About::new(file, &[0xab; 32], "abbe test");
+    let left_out =
+        |file: &ModelFile, name: &str| about(file).left_out(format(name).unwrap()).cloned().collect::<Vec<_>>();
+    assert_eq!(left_out(&file, "volumetric-grid"), left_out(&with_effects(&[]), "volumetric-grid"));
+    let named = left_out(&file, "csv");
+    assert!(named.iter().any(|what| what.contains("acts y, p x_m")), "{named:?}");
+    // A model in which nobody identified geometry.
+    let parts = file.model.parts().clone();
+    let machine = Machine { kinds: [None; ErrorId::COUNT], ..parts.machine.clone() };
+    let layout = Layout::new(&machine, parts.offset_centre_m).unwrap();
+    let total = layout.len() + 1;
+    let covariance = vec![0.0; total * (total + 1) / 2];
+    let coefficients = vec![0.0; layout.len()];
+    let stations = Vec::new();
+    file.model = MachineModel::new(ModelParts { machine, coefficients, covariance, stations, ..parts }).unwrap();
+    let text = &exported("csv", &file)[0].text;
+    assert!(
+        text.contains("# NOT identified: EXX EYX EZX")
+            && text.contains("EYX,0,0,,um\n")
+            && text.contains("C0Y,,0,,urad\n"),
+        "{text}"
+    );
+    let (Writer::Functions(write) | Writer::Approaches(write)) = format("klipper-skew").unwrap().writer else {
+        panic!()
+    };
+    let refused = write(&about(&file), &SampledErrors::of(&file.model, STEP_M).unwrap()).unwrap_err().to_string();
+    assert!(refused.contains("no squareness of its axes that was identified"), "{refused}");
 }

@@ -72,6 +72,19 @@ pub(crate) struct ModelTerm {
     pub(crate) table: Option<Table>,
 }
 
+/// What data leave open of a model, and nothing that was measured shows: zero in value.
+#[derive(Debug, Clone)]
+pub(crate) struct Untold {
+    /// In words.
+    pub(crate) what: String,
+    /// One parameter, made of no candidate's.
+    pub(crate) term: ModelTerm,
+    /// Its standard deviation (SI).
+    pub(crate) u: f64,
+    /// Quantity that it reads.
+    pub(crate) reads: String,
+}
+
 /// Places of a table (m), and what tells how large an error between them may be.
 #[derive(Debug, Clone)]
 pub(crate) struct Table {
@@ -321,6 +334,16 @@ pub(crate) trait Study: Sync {
     /// What a candidate is in a model of a machine, or why it has no place there.
     fn model_terms(&self, _candidate: usize) -> Result<Vec<ModelTerm>, String> {
         Err("data of this kind give no model of three axes".to_owned())
+    }
+
+    /// What is to stand in the uncertainty of a model, since these data do not tell it.
+    fn untold(&self) -> Vec<Untold> {
+        Vec::new()
+    }
+
+    /// Logged quantities of which parts of the machine were measured in different ranges, in words.
+    fn apart(&self) -> Vec<String> {
+        Vec::new()
     }
 
     /// Logged quantities that these terms read.

@@ -46,6 +46,10 @@ pub struct Terms {
     pub deviations_m: [Option<f64>; 3],
     /// Effects found that a model cannot hold, with the reason.
     pub left_out: Vec<(String, String)>,
+    /// What was not measured, and stands in the uncertainty with what is usual.
+    pub untold: Vec<String>,
+    /// Logged quantities of which parts of the machine were measured in different ranges; `covariates` has what these share.
+    pub apart: Vec<String>,
 }
 
 /// A value of a model as a combination of what was fitted.
@@ -59,7 +63,7 @@ struct Value {
 
 /// Terms of a fit; `u` are the uncertainties of its parameters from the scatter, `doubts` what else they may be.
 pub(super) fn terms(study: &dyn Study, fit: &Fit, u: &[Vec<f64>], doubts: &Doubts) -> Terms {
-    let mut terms = Terms { readings_m: study.readings_m(), ..Terms::default() };
+    let mut terms = Terms { readings_m: study.readings_m(), apart: study.apart(), ..Terms::default() };
     // The uncertainties reported hold more than the fit's own: correlations keep, deviations grow.
     let wider = |(a, i): (usize, usize)| {
         let own = fit.added[a].u[i];
@@ -108,6 +112,15 @@ pub(super) fn terms(study: &dyn Study, fit: &Fit, u: &[Vec<f64>], doubts: &Doubt
         for name in study.model_covariates(fitted.candidate) {
             terms.covariates.extend(study.model_range(&name).map(|range| (name, range)));
         }
+    }
+    // Where nothing was found there is no model to be told it.
+    let untold = if terms.list.is_empty() { Vec::new() } else { study.untold() };
+    for own in untold {
+        let ModelTerm { effect, shape, .. } = own.term;
+        terms.covariates.extend(study.model_range(&own.reads).map(|range| (own.reads.clone(), range)));
+        terms.list.push(Term { of: own.what.clone(), effect, shape, values: vec![0.0] });
+        terms.untold.push(own.what);
+        values.push(Value { made_of: Vec::new(), value: 0.0, beside: own.u * own.u });
     }
     for name in study.logged() {
         terms.covariates.extend(study.model_range(&name).map(|range| (name, range)));

@@ -75,6 +75,9 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     if let Some(words) = outside_words(&file) {
         eprintln!("abbe: warning: {}: {words}", arguments.out.display());
     }
+    for words in about.not_measured() {
+        eprintln!("abbe: warning: {}: {words}", arguments.out.display());
+    }
     for what in about.left_out(format) {
         eprintln!("abbe: {}: not in this table, and not corrected by it: {what}", arguments.out.display());
     }

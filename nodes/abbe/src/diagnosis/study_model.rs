@@ -139,6 +139,15 @@ fn doubts(diagnosis: &StudyDiagnosis, machine: &Machine) -> Vec<Doubt> {
     });
     texts.extend(beyond);
     texts.extend(diagnosis.hidden.iter().map(|what| format!("not seen, not corrected and in no uncertainty: {what}")));
+    texts.extend(terms.untold.iter().map(|what| {
+        format!("not known, not corrected, and in the uncertainty with what is usual: {what}; measure it, or correct that side alone")
+    }));
+    if !terms.apart.is_empty() {
+        texts.push(format!(
+            "its axes were measured at different values of {}: what is outside that which all of them share is extrapolated",
+            terms.apart.join(", ")
+        ));
+    }
     let left_out =
         terms.left_out.iter().map(|(name, reason)| format!("{name} was found, and is not in the model: {reason}"));
     texts.extend(left_out);

@@ -24,6 +24,10 @@ pub struct Approach {
     effects: [Vec<FittedEffect>; 3],
     /// Readings that were identified (m).
     identified_m: [(f64, f64); 3],
+    /// The one side from which X, Y, Z were measured, where what the other does differently is not known.
+    only: [Option<f64>; 3],
+    /// Places of the effects of the model that stand for the other side.
+    untold: Vec<usize>,
 }
 
 /// One sign of approach, and nothing else known.
@@ -47,10 +51,40 @@ impl Approach {
         for (place, fitted) in parts.effects.iter().enumerate() {
             let axis = Axis::ALL.into_iter().find(|axis| fitted.effect.covariates() == [SIGNS[axis.index()]]);
             let Some(axis) = axis.filter(|axis| is_of_one_axis(fitted, *axis, &parts.machine)) else { continue };
-            approach.effects[axis.index()].push(fitted.clone());
-            held.push(place);
+            match measured_side(fitted, axis) {
+                Some(side) if fitted.parameters.iter().all(|value| *value == 0.0) => {
+                    approach.only[axis.index()] = Some(side);
+                    approach.untold.push(place);
+                }
+                _ => {
+                    held.push(place);
+                    approach.effects[axis.index()].push(fitted.clone());
+                }
+            }
         }
         (approach, held)
+    }
+
+    /// Sides that nobody measured, in words.
+    pub(super) fn not_measured(&self) -> impl Iterator<Item = String> {
+        Axis::ALL.into_iter().filter_map(|axis| {
+            let (own, other) = if self.only[axis.index()]? > 0.0 { ("+", "-") } else { ("-", "+") };
+            let letter = axis.letter();
+            Some(format!(
+                "NOT measured: {letter} in approaches in {other}; all values of {letter} are those of approaches in {own}, and a reversal of \
+                 zero here means that nobody knows it"
+            ))
+        })
+    }
+
+    /// Whether an effect of the model only stands for a side that nobody measured.
+    pub(super) fn is_untold(&self, place: usize) -> bool {
+        self.untold.contains(&place)
+    }
+
+    /// Whether this axis was measured from one side only.
+    pub(super) fn is_one_sided(&self, axis: Axis) -> bool {
+        self.only[axis.index()].is_some()
     }
 
     /// Whether anything is known of this axis.
@@ -71,6 +105,21 @@ impl Approach {
         let values_m: Vec<f64> = axis.positions_m.iter().map(|p| self.reversal_m(axis.axis, *p)).collect();
         let mean_m = values_m.iter().sum::<f64>() / values_m.len() as f64;
         (values_m, mean_m)
+    }
+}
+
+/// The side from which an effect does nothing whatever its parameters are, if it does something from the other.
+fn measured_side(fitted: &FittedEffect, axis: Axis) -> Option<f64> {
+    let is_nothing = |value: f64| {
+        let from = From { sign: SIGNS[axis.index()], value };
+        let state = State { reading_m: [0.0; 3], offset_m: [0.0; 3], covariates: &from };
+        let mut is_nothing = true;
+        fitted.effect.motion(&state, &mut |_, _, part| is_nothing &= part == 0.0).is_ok() && is_nothing
+    };
+    match (is_nothing(1.0), is_nothing(-1.0)) {
+        (true, false) => Some(1.0),
+        (false, true) => Some(-1.0),
+        _ => None,
     }
 }
 

@@ -57,7 +57,10 @@ fn table(about: &About, number: usize, axis: &SampledAxis, text: &mut String) ->
         let _ = writeln!(text, "N{parameter} {letter} {value}");
     }
     let _ = writeln!(text, "N3624 {letter} {} (mm)", millimetres_from_m(interval_m));
-    let _ = writeln!(text, "N1851 {letter} {} (um)", fixed(-mean_m / UNIT_M, 0));
+    let _ = match about.approach.is_one_sided(axis.axis) {
+        true => writeln!(text, "# axis {letter}: N1851 is not known, since one side of approach was not measured"),
+        false => writeln!(text, "N1851 {letter} {} (um)", fixed(-mean_m / UNIT_M, 0)),
+    };
     let _ = writeln!(text, "point {first} 0");
     for k in 1..points {
         let increment = sum(k) - sum(k - 1);

@@ -19,7 +19,7 @@ pub(super) const FORMAT: Format = Format {
 };
 
 fn write(about: &About, errors: &SampledErrors) -> Result<Vec<ExportedFile>, FileError> {
-    let found = skew(about, errors);
+    let found = skew(&FORMAT, about, errors)?;
     let units = format!("mm/mm, error of X by Y, X by Z and Y by Z; {ONLY}");
     let mut text = commented(&about.lines(&FORMAT, &units, &missed_words(errors)), "#");
     text.push_str("[skew_correction]\n\n[skew_correction abbe]\n");

@@ -31,9 +31,12 @@ use abbe_geometry::Vector3;
 use abbe_geometry::axis::Axis;
 use abbe_geometry::chain::nominal_point_m;
 use abbe_geometry::effects::known;
+use abbe_geometry::effects::{Shape, ShapeValue};
 use abbe_geometry::machine::{Machine, Side};
 use abbe_geometry::model::MachineModel;
-use abbe_geometry::sampled::{SampledAxis, SampledErrors, beyond_identified, of_position, position_effects_m};
+use abbe_geometry::sampled::{
+    SampledAxis, SampledErrors, beyond_identified, errors_of, of_places, of_position, places_effects_m,
+};
 
 /// A format.
 #[derive(Debug)]
@@ -119,6 +122,10 @@ pub struct About {
     left_out: Vec<String>,
     /// What fits into one that knows the side of approach.
     of_approach: Vec<String>,
+    /// What fits into a grid of errors, and into no function of one axis.
+    of_places: Vec<String>,
+    /// Errors that were not identified: zero, with no uncertainty that means anything.
+    held_at_zero: Vec<String>,
 }
 
 /// Errors on a grid of readings.
@@ -136,17 +143,24 @@ impl About {
     /// Of a model file with this SHA-256.
     pub fn new(file: &ModelFile, sha256: &[u8; 32], software: &str) -> About {
         let (approach, held) = Approach::of(&file.model);
-        let (mut left_out, mut of_approach) = (Vec::new(), Vec::new());
+        let (mut left_out, mut of_approach, mut of_grid) = (Vec::new(), Vec::new(), Vec::new());
         let (of_position, with_effects): (Vec<usize>, Vec<Axis>) = of_position(&file.model).into_iter().unzip();
+        let of_places = of_places(&file.model);
         for (place, fitted) in file.model.parts().effects.iter().enumerate() {
             let name = fitted.effect.name();
             let title = known(name).map_or_else(|| name.to_owned(), |known| format!("{} ({name})", known.title));
             // Effects of one name differ in what they follow: one of position is in the table, one of time is not.
             let follows = fitted.effect.reads();
-            let title = if follows.is_empty() { title } else { format!("{title} by {}", follows.join(", ")) };
+            let title = match follows.is_empty() {
+                true => title + &shape_words(&fitted.shape),
+                false => format!("{title} by {}", follows.join(", ")),
+            };
             match () {
+                // It is said of the side itself.
+                () if approach.is_untold(place) => {}
                 () if held.contains(&place) => of_approach.push(title),
                 () if of_position.contains(&place) => {}
+                () if of_places.contains(&place) => of_grid.push(title),
                 () => left_out.push(title),
             }
         }
@@ -158,16 +172,37 @@ impl About {
             ram_turn: (file.model.ram_turn().map(|(angle_rad, _)| angle_rad), file.model.parts().offset_centre_m),
             approach,
             beyond_m: beyond_identified(&file.model).collect(),
+            held_at_zero: held_at_zero(&file.model, &with_effects),
             with_effects,
             left_out: left_out.into_iter().chain(network).collect(),
             of_approach,
+            of_places: of_grid,
         }
     }
 
     /// What of the model tables of this format do not hold.
     pub fn left_out(&self, format: &Format) -> impl Iterator<Item = &String> {
         let of_approach = (!matches!(format.writer, Writer::Approaches(_))).then_some(&self.of_approach);
-        self.left_out.iter().chain(of_approach.into_iter().flatten())
+        let of_places = (!matches!(format.writer, Writer::Grid(_))).then_some(&self.of_places);
+        self.left_out.iter().chain(of_approach.into_iter().chain(of_places).flatten())
+    }
+
+    /// What must not be taken for measured: errors that were not identified, and sides of approach that nobody measured.
+    pub fn not_measured(&self) -> Vec<String> {
+        let mut words = Vec::new();
+        if !self.held_at_zero.is_empty() {
+            words.push(format!(
+                "NOT identified: {}; they are zero here because nobody knows them, and have no uncertainty",
+                self.held_at_zero.join(" ")
+            ));
+        }
+        words.extend(self.approach.not_measured());
+        words
+    }
+
+    /// Whether this error, squareness or motion was identified.
+    pub(crate) fn is_identified(&self, name: &str) -> bool {
+        !self.held_at_zero.iter().any(|own| own == name)
     }
 
     /// Of which axes the reversal is in the tables.
@@ -200,6 +235,7 @@ impl About {
             format!("format: {}", format.source),
         ];
         lines.extend(self.beyond_words());
+        lines.extend(self.not_measured());
         lines.extend(self.left_out(format).map(|what| format!("NOT in this table, and not corrected by it: {what}")));
         if matches!(format.writer, Writer::Approaches(_)) {
             lines.push(self.approach_words());
@@ -257,13 +293,34 @@ impl About {
     }
 }
 
-/// Error of a model's geometry at a reading (m): actual − indicated, with effects that are positioning errors of an axis, without
-/// all others.
+/// Errors of a model that it holds at zero: functions of kind zero, but for positioning that effects of position make, and squareness
+/// without an uncertainty.
+fn held_at_zero(model: &MachineModel, with_effects: &[Axis]) -> Vec<String> {
+    let machine = &model.parts().machine;
+    let is_held = |axis: Axis, k: usize| machine.kinds[errors_of(axis)[k].index()].is_none();
+    let is_of_effects = |axis: Axis, k: usize| k == axis.index() && with_effects.contains(&axis);
+    let functions = Axis::ALL.into_iter().flat_map(|axis| (0..6).map(move |k| (axis, k)));
+    let functions = functions.filter(|(axis, k)| is_held(*axis, *k) && !is_of_effects(*axis, *k));
+    let functions = functions.map(|(axis, k)| errors_of(axis)[k].name());
+    let squareness = machine.squareness.iter().enumerate().filter(|(k, _)| model.squareness(*k) == (0.0, 0.0));
+    functions.chain(squareness.map(|(_, entry)| entry.name.clone())).collect()
+}
+
+/// What a shape says of axes and quantities: `, acts y, p x_m`.
+fn shape_words(shape: &Shape) -> String {
+    let word = |(key, value): (&String, &ShapeValue)| match value {
+        ShapeValue::Text(text) => Some(format!(", {key} {text}")),
+        ShapeValue::Number(_) | ShapeValue::Numbers(_) | ShapeValue::Texts(_) => None,
+    };
+    shape.0.iter().filter_map(word).collect()
+}
+
+/// Error of a model at a reading (m): actual − indicated, with all effects that need nothing logged, without all others.
 pub fn geometric_error_m(model: &MachineModel, reading_m: [f64; 3], offset_m: [f64; 3]) -> Vector3<f64> {
     let parts = model.parts();
     let actual_m = model.layout().position_m(&parts.machine, &parts.coefficients, reading_m, offset_m);
-    let along = Axis::ALL.map(|axis| position_effects_m(model, axis, reading_m[axis.index()]));
-    actual_m - nominal_point_m(reading_m, offset_m) + Vector3::from(along)
+    let of_effects_m = places_effects_m(model, &of_places(model), reading_m, offset_m);
+    actual_m - nominal_point_m(reading_m, offset_m) + of_effects_m
 }
 
 /// `// line` for every line.

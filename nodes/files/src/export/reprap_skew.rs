@@ -21,7 +21,7 @@ pub(super) const FORMAT: Format = Format {
 };
 
 fn write(about: &About, errors: &SampledErrors) -> Result<Vec<ExportedFile>, FileError> {
-    let found = skew(about, errors);
+    let found = skew(&FORMAT, about, errors)?;
     let units = format!(
         "mm over S mm; correction, the error with its sign turned: X of X by Y, Y of Y by Z, Z of X by Z; {ONLY}"
     );

@@ -15,6 +15,10 @@ use std::fmt::Write as _;
 /// Decimals of mm.
 const DECIMALS: usize = 7;
 
+/// What the controller wants of a table and nobody but the commissioner can see to.
+const REFERENCE_POINT: &str = "reference point: K3 wants the value there to be zero; where it is not, the zero of the axis moves by that value \
+                               when the table becomes active: subtract it from all values of the axis, or set the reference anew";
+
 pub(super) const FORMAT: Format = Format {
     name: "siemens-enc-comp",
     title: "SINUMERIK $AA_ENC_COMP tables of AX1, AX2, AX3 (X, Y, Z), one part program that fills them",
@@ -28,7 +32,8 @@ fn write(about: &About, errors: &SampledErrors) -> Result<Vec<ExportedFile>, Fil
     let units = "mm; values are actual - indicated of approaches in + (the controller adds them to the actual position, so a \
                  positive value moves the axis in the negative direction); positioning errors of each axis by itself, nothing \
                  else of the model";
-    let lines = about.lines(&FORMAT, units, &missed_words(errors));
+    let mut lines = about.lines(&FORMAT, units, &missed_words(errors));
+    lines.push(REFERENCE_POINT.to_owned());
     let mut text = commented(&lines, ";");
     for (number, axis) in (1..).zip(&errors.axes) {
         table(about, number, axis, &mut text);
@@ -42,13 +47,19 @@ fn table(about: &About, number: usize, axis: &SampledAxis, text: &mut String) {
     let (plays_m, mean_m) = about.approach.reversals_m(axis);
     let left_m = plays_m.iter().map(|play_m| (play_m - mean_m).abs()).fold(0.0, f64::max);
     // Writing to a string cannot fail.
-    let _ = writeln!(
-        text,
-        "; axis {}: MD32450 BACKLASH[0] = {}; of the reversal this leaves {:.4} um at most in approaches in -",
-        axis.axis.letter(),
-        fixed(-mean_m * 1e3, DECIMALS),
-        left_m * 1e6
-    );
+    let letter = axis.axis.letter();
+    let _ = match about.approach.is_one_sided(axis.axis) {
+        true => writeln!(
+            text,
+            "; axis {letter}: MD32450 BACKLASH[0] is not known, since one side of approach was not measured"
+        ),
+        false => writeln!(
+            text,
+            "; axis {letter}: MD32450 BACKLASH[0] = {}; of the reversal this leaves {:.4} um at most in approaches in -",
+            fixed(-mean_m * 1e3, DECIMALS),
+            left_m * 1e6
+        ),
+    };
     let (first_m, last_m) = (axis.positions_m[0], axis.positions_m[axis.positions_m.len() - 1]);
     for (name, value) in [
         ("STEP", millimetres_from_m((last_m - first_m) / (count - 1.0))),

@@ -5,7 +5,8 @@
 //! whose Y axis is the straight one and X is tilted has the same shear in a frame that is turned: how everything stands
 //! together is no error.
 
-use super::{About, tilted_m};
+use super::{About, Format, refused, tilted_m};
+use crate::error::FileError;
 use abbe_geometry::axis::Axis;
 use abbe_geometry::sampled::SampledErrors;
 
@@ -20,8 +21,18 @@ pub(super) struct Skew {
 /// What such a number cannot hold.
 pub(super) const ONLY: &str = "squareness alone: positioning, straightness, rotations and reversal are NOT in it";
 
-pub(super) fn skew(about: &About, errors: &SampledErrors) -> Skew {
+/// The skew of a model.
+///
+/// # Errors
+/// A model in which no squareness was identified: its zeros would pass for a measurement.
+pub(super) fn skew(format: &Format, about: &About, errors: &SampledErrors) -> Result<Skew, FileError> {
+    if !errors.squareness.iter().any(|(name, ..)| about.is_identified(name)) {
+        let problem = "the model holds no squareness of its axes that was identified".to_owned();
+        let remedy = "identify the machine from a tracer campaign or from points; what residual vectors or a plate show of squareness is an \
+                      effect of the model, which abbe correct and a grid take into account";
+        return Err(refused(format, problem, remedy));
+    }
     // Both axes of a plane: a turn of one towards the other is the same shear as that of the other towards the one.
     let of = |a: Axis, b: Axis| tilted_m(about, errors, b, 1.0)[a.index()] + tilted_m(about, errors, a, 1.0)[b.index()];
-    Skew { xy: of(Axis::X, Axis::Y), xz: of(Axis::X, Axis::Z), yz: of(Axis::Y, Axis::Z) }
+    Ok(Skew { xy: of(Axis::X, Axis::Y), xz: of(Axis::X, Axis::Z), yz: of(Axis::Y, Axis::Z) })
 }

@@ -110,6 +110,14 @@ pub(super) fn terms(axis: Axis, ranges: &Ranges, shape: &Shape, start_s: f64) ->
     })
 }
 
+/// What approaches from the other side do differently, where all were from this one: nothing in these.
+pub(super) fn approached_otherwise(axis: Axis, ranges: &Ranges, side: f64) -> ModelTerm {
+    let (low_m, high_m) = ranges.target_m;
+    let constant = ModelShape::new().text("axis", axis.lower()).number("terms", 1.0);
+    let constant = constant.number("low_m", low_m).number("high_m", high_m);
+    term(TERM, constant.text("by", sign_of(axis)).number("by_zero", side).number("by_unit", 2.0), Mat::zeros(1, 0))
+}
+
 fn term(effect: &'static str, shape: ModelShape, map: Mat<f64>) -> ModelTerm {
     ModelTerm { effect, shape, map, table: None }
 }

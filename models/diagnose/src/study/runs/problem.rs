@@ -4,6 +4,7 @@
 
 mod aliases;
 mod bands;
+mod untold;
 
 use super::given::{given, mended};
 use super::instrument;
@@ -15,7 +16,7 @@ use super::shape::{Ranges, Shape};
 use super::step::Steps;
 use super::{Approach, Run};
 use crate::error::DiagnoseError;
-use crate::study::candidate::{Band, Candidate, Chain, Local, ModelTerm, Question, Study};
+use crate::study::candidate::{Band, Candidate, Chain, Local, ModelTerm, Question, Study, Untold};
 use crate::study::diagnosis::{Ambiguity, Untestable};
 use crate::study::grid::{common_step_m, equal_step_m};
 use crate::study::smooth::{legendre, levels, range};
@@ -541,21 +542,15 @@ impl Study for Runs {
     }
 
     fn model_range(&self, name: &str) -> Option<(f64, f64)> {
-        let all = |value: &dyn Fn(&Run) -> Option<f64>| -> Option<(f64, f64)> {
-            let values: Vec<f64> = self.runs.iter().filter_map(value).collect();
-            let least = values.iter().copied().reduce(f64::min)?;
-            Some((least, values.iter().copied().reduce(f64::max)?))
-        };
-        match name {
-            model::CYCLE => all(&|run| Some(run.cycle as f64)),
-            model::TIME => {
-                let timed = self.axes.iter().filter(|axis| !axis.ranges.is_order);
-                let last_s = timed.filter_map(|axis| axis.ranges.time_s).map(|(_, last)| last).reduce(f64::max)?;
-                Some((0.0, last_s - self.start_s))
-            }
-            sign if sign.starts_with("dir_") => Some((-1.0, 1.0)),
-            name => all(&|run| run.covariates.get(name).copied()),
-        }
+        self.measured_range(name)
+    }
+
+    fn untold(&self) -> Vec<Untold> {
+        self.untold_reversals()
+    }
+
+    fn apart(&self) -> Vec<String> {
+        self.ranges_apart()
     }
 
     fn readings_m(&self) -> [Option<(f64, f64)>; 3] {
