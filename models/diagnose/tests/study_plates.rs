@@ -430,3 +430,48 @@ fn scales_and_squareness_are_found_together_in_a_rough_field_along_a_path() {
     }
     assert!(wrong.is_empty(), "{wrong:?}");
 }
+
+/// Poses at two places of a machine, errors that are each as large as the other, a plate whose form is rough, and no uncertainty declared: the
+/// larger one took both, at (c² + d²)/c, and the other was "0 ± 0".
+#[test]
+fn regress_squareness_and_a_difference_of_scales_are_told_apart_on_a_turned_plate() {
+    for (square_rad, difference) in [(40e-6, -30e-6), (-40e-6, 30e-6), (8e-6, 30e-6), (40e-6, -8e-6)] {
+        for rows_first in [false, true] {
+            let vectors = turned_elsewhere(square_rad, difference, rows_first, 5);
+            let diagnosis = study(&vectors);
+            assert_value(&diagnosis, "squareness C0Y of Y to X", square_rad);
+            assert_value(&diagnosis, "scale of X less that of Y", difference);
+        }
+    }
+}
+
+/// A plate at two places, at 0 and 90 degrees, with a form of 1 µm that is another at each point.
+fn turned_elsewhere(square_rad: f64, difference: f64, rows_first: bool, seed: u64) -> Vec<ResidualVector> {
+    const SIDE: usize = 9;
+    let mut generator = ChaCha8Rng::seed_from_u64(seed);
+    let form: Vec<[f64; 2]> = (0..SIDE * SIDE).map(|_| [0, 1].map(|_| 1e-6 * normal(&mut generator))).collect();
+    let mut vectors = Vec::new();
+    for (pose, (angle_rad, centre_m)) in
+        [(0.01, [0.15, 0.08]), (FRAC_PI_2 + 0.02, [0.65, 0.07])].into_iter().enumerate()
+    {
+        let (sine, cosine) = f64::sin_cos(angle_rad);
+        for k in 0..SIDE * SIDE {
+            let (i, j) = if rows_first { (k % SIDE, k / SIDE) } else { (k / SIDE, k % SIDE) };
+            let (u, v) = (0.05 * i as f64, 0.05 * j as f64);
+            let [p, q] = form[k];
+            let [x, y] = [centre_m[0] + cosine * u - sine * v, centre_m[1] + sine * u + cosine * v];
+            let plate = [cosine * p - sine * q, sine * p + cosine * q];
+            let noise = [0, 1].map(|_| 0.2e-6 * normal(&mut generator));
+            // Where the machine said that it stopped: without its error, and with the noise.
+            let residual_m = [
+                0.5 * difference * x - square_rad * y - plate[0] + noise[0],
+                -0.5 * difference * y - plate[1] + noise[1],
+                0.0,
+            ];
+            let position_m = [x - residual_m[0], y - residual_m[1], 0.3];
+            let (pose, point) = (Some(format!("P{pose}")), Some(format!("n{i} {j}")));
+            vectors.push(ResidualVector { position_m, residual_m, pose, point, ..ResidualVector::default() });
+        }
+    }
+    vectors
+}

@@ -15,6 +15,7 @@ use super::quantities::POSITION;
 use crate::error::DiagnoseError;
 use crate::score::LEFT;
 use crate::study::candidate::{Candidate, Chain, Local, ModelTerm, Question, Study};
+use crate::study::combinations::combinations;
 use crate::study::diagnosis::Untestable;
 use crate::study::smooth::{legendre, range};
 use abbe_geometry::{Axis, Matrix3, Vector3};
@@ -124,8 +125,7 @@ impl<'a> Turned<'a> {
         let terms: Vec<(usize, usize)> =
             (0..=RICH).flat_map(|total| (0..=total).map(move |j| (total - j, j))).collect();
         let terms = if 3 * terms.len() * orders <= count { terms } else { vec![(0, 0), (1, 0), (0, 1)] };
-        let base = self.inner.local(&[])?.base;
-        let base = self.turned(&base);
+        let base = self.base(&self.inner.local(&[])?.base);
         let mut rich = Mat::zeros(count, terms.len() * orders + base.ncols());
         for (c, contrast) in self.list.iter().enumerate() {
             let powers = ranges.each_ref().map(|(values, range)| match range {
@@ -149,6 +149,14 @@ impl<'a> Turned<'a> {
             unit_m: square.sqrt(),
             along: Some(axis),
         })
+    }
+
+    /// Rigid motions of the poses as rows of contrasts, as far as these see them. A motion that is the same in all poses moves the plate, and
+    /// goes: what is left of it comes of points that stopped elsewhere, which is the machine's error itself, and must not be fitted.
+    fn base(&self, before: &Mat<f64>) -> Mat<f64> {
+        let turned = self.turned(before);
+        let (left, alone) = (turned.transpose() * &turned, before.transpose() * before);
+        &turned * combinations(&left, &alone, LEFT)
     }
 
     /// Rows of vectors as rows of contrasts.
@@ -182,7 +190,7 @@ impl Study for Turned<'_> {
         let residual = Mat::from_fn(local.residual.len(), 1, |i, _| local.residual[i]);
         let residual = self.turned(&residual);
         let residual = (0..residual.nrows()).map(|i| residual[(i, 0)]).collect();
-        Ok(Local { residual, base: self.turned(&local.base), point: local.point })
+        Ok(Local { residual, base: self.base(&local.base), point: local.point })
     }
 
     fn columns(&self, point: &[f64], candidate: usize) -> Mat<f64> {
