@@ -279,3 +279,26 @@ fn what_cannot_be_used_is_refused_with_a_remedy() {
     broken[4].measured_m = f64::INFINITY;
     assert!(diagnose(&broken, &Options::default()).unwrap_err().to_string().contains("run 5"));
 }
+
+/// What is shown in steps of twice the noise scatters by more than a mean of repeats hides, and rounding is most of it.
+#[test]
+fn readings_in_whole_steps_are_told_where_rounding_is_much_of_their_scatter() {
+    let step_m = 2.0 * SIGMA_M;
+    let shown = |step_m: f64| {
+        let mut runs = measured(PLAN, |_, _, _, _| 0.0, 7);
+        for run in &mut runs {
+            run.target_m = (run.target_m * 1e3).round() / 1e3;
+            run.measured_m = run.target_m + ((run.measured_m - run.target_m) / step_m).round() * step_m;
+        }
+        diagnose(&runs, &Options::default()).unwrap()
+    };
+    let told =
+        |diagnosis: &StudyDiagnosis| diagnosis.looked.iter().find(|look| look.what.starts_with("display")).cloned();
+    let coarse = told(&shown(step_m)).unwrap();
+    assert!(
+        coarse.says.contains("whole multiples of 1.000 um") && coarse.says.contains("a finer display"),
+        "{coarse:?}"
+    );
+    assert!(coarse.is_noise.is_none());
+    assert_eq!(told(&shown(0.1 * SIGMA_M)), None);
+}
