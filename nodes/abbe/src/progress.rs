@@ -66,21 +66,27 @@ impl Pace {
 /// How long work of several parts of one size may still take, as those that are done took.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Parts {
+    /// When the first of them began.
+    began: Duration,
     /// The part that is worked on, from 0, and when it began.
     now: (usize, Duration),
 }
 
 impl Parts {
-    /// In words, where this part of so many (from 0) is worked on at this time; nothing before the first is done.
+    /// In words, where this part of so many (from 0) is worked on at this time; nothing before the first is done. Parts that begin anew are other
+    /// work.
     pub(crate) fn left(&mut self, part: usize, of: usize, elapsed: Duration) -> Option<String> {
+        if part < self.now.0 {
+            self.began = elapsed;
+        }
         if part != self.now.0 {
             self.now = (part, elapsed);
         }
         let (done, since) = self.now;
-        let one = since.checked_div(u32::try_from(done).ok()?)?;
+        let one = (since - self.began).checked_div(u32::try_from(done).ok()?)?;
         let whole = one * u32::try_from(of.saturating_sub(done)).ok()?;
         Some(match whole.saturating_sub(elapsed - since).as_secs() {
-            0..10 => "soon done".to_owned(),
+            0..10 => "a few s left".to_owned(),
             seconds @ 10..90 => format!("about {} s left", seconds / 10 * 10),
             seconds => format!("about {} min left", (seconds + 30) / 60),
         })
@@ -114,6 +120,9 @@ mod tests {
         assert_eq!(left(2, 560).unwrap(), "about 9 min left");
         assert_eq!(left(3, 900).unwrap(), "about 5 min left");
         assert_eq!(left(3, 1165).unwrap(), "about 30 s left");
-        assert_eq!(left(3, 9999).unwrap(), "soon done");
+        assert_eq!(left(3, 9999).unwrap(), "a few s left");
+        // A second round of parts, of which one took 60 s.
+        assert_eq!(left(0, 10_000), None);
+        assert_eq!(left(1, 10_060).unwrap(), "about 3 min left");
     }
 }

@@ -139,7 +139,7 @@ fn of_vectors_for_a_diagnosis_two_components_may_be_missing() {
     let error = |text: &str| of(text).unwrap_err().to_string();
     assert_says(&error("x_mm,y_mm,z_mm,temp_c\n1,2,3,20\n"), &["column res_x_mm", "is missing"]);
     assert_says(&error("x_mm,y_mm,z_mm,res_z_um,u_x_um\n1,2,3,4,1\n"), &["no z", "every residual"]);
-    assert_says(&error("x_mm,y_mm,z_mm,res_z_um,rez_x_um\n1,2,3,4,1\n"), &["res_x_um", "rez_x_um"]);
+    assert_says(&error("x_mm,y_mm,z_mm,res_z_um,rez_x_um\n1,2,3,4,1\n"), &["did you mean it by rez_x_um", "res_x_mm"]);
     // Who interpolates or trains wants to know where a vector points.
     let text = "x_mm,y_mm,z_mm,res_z_um\n1,2,3,4\n";
     assert_says(&vectors(&[text]), &["column res_x_um", "missing"]);

@@ -138,6 +138,12 @@ fn doubts(diagnosis: &StudyDiagnosis, machine: &Machine) -> Vec<Doubt> {
         })
     });
     texts.extend(beyond);
+    texts.extend(
+        diagnosis
+            .contradictions
+            .iter()
+            .map(|what| format!("the data contradict themselves, and no uncertainty holds it: {what}")),
+    );
     texts.extend(diagnosis.hidden.iter().map(|what| format!("not seen, not corrected and in no uncertainty: {what}")));
     let left_out =
         terms.left_out.iter().map(|(name, reason)| format!("{name} was found, and is not in the model: {reason}"));
