@@ -259,3 +259,18 @@ fn stated_uncertainties_hold_on_machines_of_another_simulator() {
         assert!((coverage - 0.95).abs() < 0.03, "{plan}: {coverage}");
     }
 }
+
+/// Noise that nobody can foresee: a method that answers worse than its mean says so, and not by how much.
+#[test]
+fn a_method_that_is_worse_than_the_mean_is_said_to_be() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut csv = "x_mm,y_mm,z_mm,res_x_um,res_y_um,res_z_um\n".to_owned();
+    for (k, [x, y, z]) in lattice().into_iter().enumerate() {
+        let noise = |d: usize| ((k * 3 + d) as f64 * 12.9898).sin() * 43_758.547 % 1.0;
+        writeln!(csv, "{x},{y},{z},{},{},{}", noise(0), noise(1), noise(2)).unwrap();
+    }
+    let vectors = write(folder.path(), "noise.csv", &csv);
+    let said = run(["interpolate", "--vectors", &vectors, "--splits", "2"]).ok();
+    assert_says(&said, &["<0", "R2 below 0: the method answers worse than the mean of all vectors would"]);
+    assert!(!said.contains("-0.") && !said.contains("-1."), "{said}");
+}

@@ -192,7 +192,8 @@ fn a_plane_without_its_third_column_gives_what_a_constant_one_gives() {
     let vectors = placed(straight, no_form, &[0.0], 5);
     let mut bare = vectors.clone();
     for vector in &mut bare {
-        (vector.position_m[2], vector.position_lacks, vector.residual_lacks) = (0.0, Some(Axis::Z), Some(Axis::Z));
+        (vector.position_m[2], vector.position_lacks, vector.residual_lacks) =
+            (0.0, Some(Axis::Z), [false, false, true]);
     }
     let (constant, bare) = (study(&vectors), study(&bare));
     assert_eq!(names(&constant), names(&bare));
@@ -474,4 +475,35 @@ fn turned_elsewhere(square_rad: f64, difference: f64, rows_first: bool, seed: u6
         }
     }
     vectors
+
+#[test]
+fn poses_that_are_not_turned_say_that_plate_and_machine_cannot_be_told_apart() {
+    let lying = study(&named(placed(straight, no_form, &[0.0, 0.0], 30), true));
+    let unturned = "its poses are not turned against each other, so that plate and machine cannot be told apart";
+    assert!(lying.hidden.len() == 1 && lying.hidden[0].contains(unturned), "{:?}", lying.hidden);
+    assert!(lying.notes.iter().all(|note| !note.contains("name poses and points")), "{:?}", lying.notes);
+    // A calibrated plate has a form that is known, and where points have no names nobody knows how it lay.
+    let mut calibrated = named(placed(straight, no_form, &[0.0, 0.0], 30), true);
+    calibrated.iter_mut().for_each(|vector| vector.u_plate_m = Some(0.1e-6));
+    assert!(study(&calibrated).hidden.is_empty());
+    assert!(study(&named(placed(straight, no_form, &[0.0, 0.0], 30), false)).hidden.is_empty());
+}
+
+#[test]
+fn poses_that_contradict_each_other_are_told_with_what_each_says() {
+    for seed in 40..45 {
+        let one = placed(straight, no_form, &[0.0], seed);
+        let other = placed(|x, y| [straight(x, y)[0], straight(x, y)[1] + 8e-6 * y], no_form, &[0.0], seed + 100);
+        let told = study(&named([one.clone(), other].concat(), true)).contradictions;
+        let [words] = &told[..] else { panic!("{seed}: {told:?}") };
+        assert!(words.contains("scale of Y") && words.contains("in pose pose 1, "), "{seed}: {words}");
+        let size = |pose: &str| -> f64 {
+            let before = words.split(&format!(" um/m in pose {pose}")).next().unwrap();
+            before.rsplit(' ').next().unwrap().parse().unwrap()
+        };
+        assert!((size("pose 1") + 10.0).abs() < 1.5 && (size("pose 2") + 2.0).abs() < 1.5, "{seed}: {words}");
+        let alike = placed(straight, no_form, &[0.0], seed + 100);
+        let told = study(&named([one, alike].concat(), true)).contradictions;
+        assert!(told.is_empty(), "{seed}: {told:?}");
+    }
 }

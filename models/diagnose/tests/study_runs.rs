@@ -315,4 +315,26 @@ fn regress_a_temperature_is_inside_where_every_axis_was_measured() {
     assert!(terms.apart.len() == 1 && terms.apart[0].starts_with("temp_scale_x_c (X 20."), "{:?}", terms.apart);
     let alike = diagnose(&[at("X", 0.0), at("Y", 0.1)].concat(), &Options::default()).unwrap().terms;
     assert!(alike.apart.is_empty(), "{:?}", alike.apart);
+
+/// What is shown in steps of twice the noise scatters by more than a mean of repeats hides, and rounding is most of it.
+#[test]
+fn readings_in_whole_steps_are_told_where_rounding_is_much_of_their_scatter() {
+    let step_m = 2.0 * SIGMA_M;
+    let shown = |step_m: f64| {
+        let mut runs = measured(PLAN, |_, _, _, _| 0.0, 7);
+        for run in &mut runs {
+            run.target_m = (run.target_m * 1e3).round() / 1e3;
+            run.measured_m = run.target_m + ((run.measured_m - run.target_m) / step_m).round() * step_m;
+        }
+        diagnose(&runs, &Options::default()).unwrap()
+    };
+    let told =
+        |diagnosis: &StudyDiagnosis| diagnosis.looked.iter().find(|look| look.what.starts_with("display")).cloned();
+    let coarse = told(&shown(step_m)).unwrap();
+    assert!(
+        coarse.says.contains("whole multiples of 1.000 um") && coarse.says.contains("a finer display"),
+        "{coarse:?}"
+    );
+    assert!(coarse.is_noise.is_none());
+    assert_eq!(told(&shown(0.1 * SIGMA_M)), None);
 }

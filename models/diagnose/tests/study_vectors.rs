@@ -245,3 +245,21 @@ fn an_observer_that_says_no_stops_it_in_any_part() {
         assert_eq!(left, 0);
     }
 }
+
+/// A component that nobody measured makes no data larger: they are left out in as many parts as those of one component.
+#[test]
+fn vectors_of_one_component_are_left_out_in_all_their_blocks() {
+    let mut generator = ChaCha8Rng::seed_from_u64(3);
+    let one = |k: usize| {
+        let (x, noise) = (generator.random_range(0.0..0.8), normal(&mut generator));
+        ResidualVector {
+            position_m: [x, 0.0, 0.0],
+            residual_m: [0.0, 0.0, 5e-6 * x + SIGMA_M * noise],
+            time_s: Some(k as f64),
+            ..ResidualVector::default()
+        }
+    };
+    let vectors: Vec<ResidualVector> = (0..700).map(one).collect();
+    let diagnosis = diagnose(&vectors, None, &options()).unwrap();
+    assert_eq!((diagnosis.rows, diagnosis.blocks.count, diagnosis.unseen.folds), (700, 8, 8));
+}

@@ -24,6 +24,8 @@ const LINE_READINGS: usize = 25;
 const OFFSET_GROUPS: usize = 8;
 /// What a machine leaves before it is corrected (m): with it, readings that a step explains are told from those it does not.
 const RAW_MACHINE_M: f64 = 1e-4;
+/// Parts of a station that are left out in turn, at most: each is a search for its place.
+const MOST_PARTS: usize = 500;
 /// Other lines named in a message.
 const NAMED_LINES: usize = 4;
 
@@ -53,6 +55,24 @@ pub(crate) fn of_whole_station(campaign: &Campaign, indices: &[usize], absolute:
     };
     let all = Mistake::all(0, 0).into_iter().filter(explains);
     all.map(|mistake| format!("it can be placed {}", mistake.text(campaign))).collect()
+}
+
+/// The station as it is placed where some of its lines are left out and the others agree: one line, or several at its beginning or its end, as
+/// where a name was changed late. `None` where there is no such part, the smallest else.
+pub(crate) fn without_some_lines(campaign: &Campaign, indices: &[usize], absolute: bool) -> Option<StationStart> {
+    let lines: Vec<&[usize]> =
+        indices.chunk_by(|a, b| campaign.readings[*a].line == campaign.readings[*b].line).collect();
+    let count = lines.len();
+    let suspects = Suspects { campaign, placed: &[], lines, absolute };
+    let single = (0..count).map(|k| k..k + 1);
+    let parts = single.chain((2..=count / 2).flat_map(|many| [count - many..count, 0..many]));
+    let mut parts = parts.take(MOST_PARTS);
+    parts.find_map(|left_out| {
+        let kept: Vec<&[usize]> = (0..count).filter(|k| !left_out.contains(k)).map(|k| suspects.lines[k]).collect();
+        let points: Vec<PointAndLength> = kept.iter().flat_map(|line| suspects.sample(line)).map(point).collect();
+        let station = start(&points, absolute).ok()?;
+        kept.iter().all(|line| suspects.median_m(line, &station, None) <= CONTRADICTION_M).then_some(station)
+    })
 }
 
 /// Refuses the station when one of its lines contradicts the others.

@@ -86,10 +86,14 @@ pub(crate) fn place_stations(campaign: &Campaign, absolute: bool) -> Result<Vec<
         let part = spread(indices.len(), START_READINGS).into_iter();
         let points: Vec<PointAndLength> =
             part.map(|place| contradiction::point(&campaign.readings[indices[place]])).collect();
-        start(&points, absolute).map_err(|error| {
+        start(&points, absolute).or_else(|error| {
+            // A few lines of another station may lead the start astray: what contradicts the rest is then named below.
+            if let Some(station) = contradiction::without_some_lines(campaign, indices, absolute) {
+                return Ok(station);
+            }
             let likely = contradiction::of_whole_station(campaign, indices, absolute);
             let problem = std::iter::once(error.to_string()).chain(likely).collect::<Vec<_>>().join("; or ");
-            IdentifyError::Station { station: name.clone(), problem }
+            Err(IdentifyError::Station { station: name.clone(), problem })
         })
     };
     let placed: Vec<StationStart> = by_station.iter().zip(&campaign.stations).map(place).collect::<Result<_, _>>()?;

@@ -8,6 +8,7 @@ mod common;
 
 use abbe_geometry::Vector3;
 use abbe_geometry::correct::correct;
+use abbe_identify::station_start::start;
 use abbe_identify::verdict::{Cause, Finding, Grade, Subject, Verdict, of_campaign, widened};
 use abbe_identify::{Identified, IdentifyError, Options, identify};
 use abbe_measurement::campaign::{Campaign, RangeReading};
@@ -15,6 +16,8 @@ use abbe_virtual_machine::TruthRecipe;
 use abbe_virtual_machine::instrument::Outliers;
 use abbe_virtual_machine::{SimulationConfig, simulate_campaign};
 use common::{Case, INSTRUMENT, SPLINE, state};
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
 
 fn case() -> Case {
     Case::case_like(TruthRecipe { seed: 14, ..TruthRecipe::default() }.bridge_xyz().unwrap(), SPLINE, 91)
@@ -413,4 +416,64 @@ fn regress_campaigns_without_fault_are_not_refused() {
         );
         assert!(verdict.grade() < Some(Grade::Warning), "seed {seed}: {:?}", verdict.findings);
     }
+}
+
+/// Four stations, each with nine lines through a volume, of which so many of one station bear the name of the one before or after it.
+fn mixed_up(seed: u64, from: u32, to: u32, lines: &[u32]) -> Campaign {
+    let mut generator = ChaCha8Rng::seed_from_u64(seed);
+    let mut between = |low: f64, high: f64| generator.random_range(low..high);
+    let mut campaign =
+        Campaign { stations: ["S1", "S2", "S3", "S4"].map(str::to_owned).to_vec(), ..Campaign::default() };
+    for station in 0..4 {
+        let place_m = Vector3::new(between(-0.3, 1.1), between(0.8, 1.4), between(-0.5, 0.9));
+        let dead_path_m = between(0.2, 1.0);
+        for line in 0..9 {
+            let mut end = || Vector3::new(between(0.0, 0.8), between(0.0, 0.6), between(0.0, 0.6));
+            let (first, last) = (end(), end());
+            let index = campaign.lines.len() as u32;
+            campaign.lines.push(format!("S{}-{line}", station + 1));
+            for k in 0..12 {
+                let point_m = first + (last - first) * (f64::from(k) / 11.0);
+                let of_the_machine_m = 20e-6 * (point_m.x * 7.0).sin();
+                let length_m = (point_m - place_m).norm() - dead_path_m + of_the_machine_m;
+                let owner = if station == from && lines.contains(&line) { to } else { station };
+                let time_s = campaign.readings.len() as f64;
+                let (reading_m, offset_m) = (point_m.into(), [0.0; 3]);
+                campaign.readings.push(RangeReading {
+                    station: owner,
+                    line: index,
+                    time_s,
+                    reading_m,
+                    offset_m,
+                    length_m,
+                });
+            }
+        }
+    }
+    campaign
+}
+
+#[test]
+fn lines_under_the_name_of_another_station_are_named_where_they_keep_it_from_being_placed() {
+    let case = case();
+    let mut lost = 0;
+    for (seed, from, to, lines) in (0..40).flat_map(|seed| {
+        [(seed, 2, 1, &[0][..]), (seed, 1, 2, &[8][..]), (seed, 2, 1, &[0, 1][..]), (seed, 1, 2, &[7, 8][..])]
+    }) {
+        let campaign = mixed_up(seed, from, to, lines);
+        let own: Vec<(Vector3<f64>, f64)> = campaign
+            .readings
+            .iter()
+            .filter(|reading| reading.station == to)
+            .map(|reading| (reading.reading_m.into(), reading.length_m))
+            .collect();
+        lost += usize::from(start(&own, false).is_err());
+        let error = case.try_identify(&campaign, &Options::default()).err().unwrap();
+        let IdentifyError::Contradiction { line, station, explanation, .. } = &error else { panic!("{seed}: {error}") };
+        let names: Vec<String> = lines.iter().map(|line| format!("S{}-{line}", from + 1)).collect();
+        assert!(names.contains(line) && *station == format!("S{}", to + 1), "{seed}: {error}");
+        let cause = format!("with station S{}: correct the station's name", from + 1);
+        assert!(explanation.contains(&cause), "{seed}: {error}");
+    }
+    assert!(lost > 0, "in none of them was a station lost");
 }

@@ -6,7 +6,7 @@
 //! from a given start).
 
 use crate::robust;
-use nalgebra::{DMatrix, DVector, Matrix4, Vector3, Vector4};
+use nalgebra::{DMatrix, DVector, Matrix3, Matrix4, Vector3, Vector4};
 
 /// Relative size of the smallest singular value below which the points do not fix the station.
 const RANK_TOLERANCE: f64 = 1e-7;
@@ -20,6 +20,8 @@ const REFINEMENTS: usize = 12;
 const SETTLED_M: f64 = 1e-10;
 /// Smallest residual scale (m): less than a machine worth measuring leaves before correction.
 const SMALLEST_SCALE_M: f64 = 1e-6;
+/// Extent across a plane, as a share of that along it, below which points are flat.
+const FLAT: f64 = 1e-3;
 
 /// A nominal point and the length read there (m).
 pub type PointAndLength = (Vector3<f64>, f64);
@@ -126,10 +128,20 @@ fn refine(
     if absolute {
         normal[(3, 3)] = 1.0;
     }
-    let step = normal.cholesky().ok_or(StartError::Degenerate)?.solve(&gradient);
+    // Lengths that belong to no one place lead away from any: that is no fault of the points.
+    let lost = || if are_flat(points) { StartError::Degenerate } else { StartError::Inconsistent };
+    let step = normal.cholesky().ok_or_else(lost)?.solve(&gradient);
     station.position_m += step.xyz();
     station.dead_path_m += step.w;
     if step.iter().all(|v| v.is_finite()) { Ok(step.norm()) } else { Err(StartError::Inconsistent) }
+}
+
+/// Whether points lie in a plane or on a line.
+fn are_flat(points: &[PointAndLength]) -> bool {
+    let centre: Vector3<f64> = points.iter().map(|(p, _)| p).sum::<Vector3<f64>>() / points.len() as f64;
+    let spread: Matrix3<f64> = points.iter().map(|(p, _)| (p - centre) * (p - centre).transpose()).sum();
+    let extents = spread.symmetric_eigenvalues();
+    extents.min().max(0.0).sqrt() <= FLAT * extents.max().max(0.0).sqrt()
 }
 
 #[cfg(test)]

@@ -33,7 +33,10 @@ pub fn plane_field(path: &Path) -> anyhow::Result<PlaneField> {
         poses.len()
     );
     let first = &rows[0];
-    let mut lacks = Lacks { position: first.position_lacks, error: first.residual_lacks };
+    let mut lacks = Lacks {
+        position: first.position_lacks,
+        error: Axis::ALL.into_iter().find(|axis| first.residual_lacks[axis.index()]),
+    };
     let points_m: Vec<Vector3<f64>> = rows.iter().map(|row| row.position_m.into()).collect();
     let mut errors_m: Vec<Vector3<f64>> = rows.iter().map(|row| row.residual_m.into()).collect();
     let u_m: Option<Vec<Vector3<f64>>> = rows.iter().map(|row| row.u_m.map(Vector3::from)).collect();

@@ -38,6 +38,11 @@ impl Told {
         self.bar.set_message(words);
     }
 
+    /// How long it has been going on.
+    pub(crate) fn elapsed(&self) -> Duration {
+        self.since.elapsed()
+    }
+
     /// Takes the line from the terminal.
     pub(crate) fn finish(&self) {
         self.bar.finish_and_clear();
@@ -58,6 +63,36 @@ impl Pace {
     }
 }
 
+/// How long work of several parts of one size may still take, as those that are done took.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct Parts {
+    /// When the first of them began.
+    began: Duration,
+    /// The part that is worked on, from 0, and when it began.
+    now: (usize, Duration),
+}
+
+impl Parts {
+    /// In words, where this part of so many (from 0) is worked on at this time; nothing before the first is done. Parts that begin anew are other
+    /// work.
+    pub(crate) fn left(&mut self, part: usize, of: usize, elapsed: Duration) -> Option<String> {
+        if part < self.now.0 {
+            self.began = elapsed;
+        }
+        if part != self.now.0 {
+            self.now = (part, elapsed);
+        }
+        let (done, since) = self.now;
+        let one = (since - self.began).checked_div(u32::try_from(done).ok()?)?;
+        let whole = one * u32::try_from(of.saturating_sub(done)).ok()?;
+        Some(match whole.saturating_sub(elapsed - since).as_secs() {
+            0..10 => "a few s left".to_owned(),
+            seconds @ 10..90 => format!("about {} s left", seconds / 10 * 10),
+            seconds => format!("about {} min left", (seconds + 30) / 60),
+        })
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -72,5 +107,22 @@ mod tests {
         };
         let told: Vec<bool> = [0.0, 1.0, 4.9, 6.0, 6.1, 10.9, 11.0, 60.0].into_iter().map(&mut due).collect();
         assert_eq!(told, [false, false, false, true, false, false, true, true]);
+    }
+
+    #[test]
+    fn parts_that_are_done_say_how_long_the_others_take() {
+        let mut parts = Parts::default();
+        let mut left = |part: usize, seconds: u64| parts.left(part, 4, Duration::from_secs(seconds));
+        assert_eq!(left(0, 300), None);
+        // One part took 300 s, so that three take 900.
+        assert_eq!(left(1, 300).unwrap(), "about 15 min left");
+        assert_eq!(left(1, 420).unwrap(), "about 13 min left");
+        assert_eq!(left(2, 560).unwrap(), "about 9 min left");
+        assert_eq!(left(3, 900).unwrap(), "about 5 min left");
+        assert_eq!(left(3, 1165).unwrap(), "about 30 s left");
+        assert_eq!(left(3, 9999).unwrap(), "a few s left");
+        // A second round of parts, of which one took 60 s.
+        assert_eq!(left(0, 10_000), None);
+        assert_eq!(left(1, 10_060).unwrap(), "about 3 min left");
     }
 }

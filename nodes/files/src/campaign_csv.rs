@@ -7,6 +7,7 @@
 use crate::columns::{Header, Known, LENGTH, LINE, OFFSET, Offset, READING, STATION, TIME};
 use crate::csv_source::CsvSource;
 use crate::error::{FileError, Place};
+use crate::notice::tell_once;
 use abbe_measurement::campaign::{Campaign, Covariate, RangeReading};
 use csv::ByteRecord;
 use std::collections::HashMap;
@@ -54,6 +55,9 @@ pub fn read_campaign(
         let remedy = "give one row for each reading";
         return Err(FileError::content(source.header().place(), "the file holds a header but no reading", remedy));
     }
+    if let Some(words) = builder.clock_words() {
+        tell_once(format!("{file}: {words}"));
+    }
     Ok(CampaignFile { campaign: builder.campaign, sha256: source.sha256() })
 }
 
@@ -91,14 +95,20 @@ struct LineSeen {
     row: u64,
 }
 
+/// First and latest reading of a station: time (s) and row.
+struct Span {
+    first: (f64, u64),
+    latest: (f64, u64),
+}
+
 /// A campaign as it grows.
 struct Builder {
     campaign: Campaign,
     columns: Columns,
     stations: Names,
     lines: Names,
-    /// Latest instant of each station and its row.
-    latest: Vec<(f64, u64)>,
+    /// First and latest instant of each station, each with its row.
+    spans: Vec<Span>,
     seen: Vec<LineSeen>,
 }
 
@@ -111,7 +121,7 @@ impl Builder {
             columns,
             stations: Names::default(),
             lines: Names::default(),
-            latest: Vec::new(),
+            spans: Vec::new(),
             seen: Vec::new(),
         }
     }
@@ -143,21 +153,59 @@ impl Builder {
     }
 
     fn check_time(&mut self, header: &Header, station: u32, time_s: f64, row: u64) -> Result<(), FileError> {
-        match self.latest.get_mut(station as usize) {
-            None => self.latest.push((time_s, row)),
-            Some((latest_s, before)) if time_s > *latest_s => (*latest_s, *before) = (time_s, row),
-            Some((latest_s, before)) => {
-                let name = &self.campaign.stations[station as usize];
-                let (how, remedy) = if time_s == *latest_s {
-                    ("is the same as", "remove the duplicate row, or write the time with more digits")
-                } else {
-                    ("is earlier than", "sort the rows of each station by time")
-                };
-                let problem = format!("the time {time_s} s {how} {latest_s} s of station {name} in line {before}");
-                return Err(FileError::content(header.cell(row, self.columns.time), problem, remedy));
-            }
+        let Some(span) = self.spans.get_mut(station as usize) else {
+            self.spans.push(Span { first: (time_s, row), latest: (time_s, row) });
+            return Ok(());
+        };
+        let (latest_s, before) = span.latest;
+        if time_s > latest_s {
+            span.latest = (time_s, row);
+            return Ok(());
         }
-        Ok(())
+        let name = &self.campaign.stations[station as usize];
+        let (how, remedy) = if time_s == latest_s {
+            ("is the same as", "remove the duplicate row, or write the time with more digits")
+        } else {
+            ("is earlier than", "sort the rows of each station by time")
+        };
+        let problem = format!("the time {time_s} s {how} {latest_s} s of station {name} in line {before}");
+        Err(FileError::content(header.cell(row, self.columns.time), problem, remedy))
+    }
+
+    /// What is odd about the times of the stations, in words: nothing that cannot be right.
+    fn clock_words(&self) -> Option<String> {
+        let name = |k: usize| &self.campaign.stations[k];
+        let rows = |k: usize| format!("{} (lines {} to {})", name(k), self.spans[k].first.1, self.spans[k].latest.1);
+        // In the order of the file; times of stations that read at once go through each other.
+        let pairs = || (1..self.spans.len()).map(|k| (k - 1, k));
+        let begins_before_the_end = |of: &(usize, usize)| self.spans[of.1].first.0 < self.spans[of.0].latest.0;
+        let (before, after) = pairs().find(begins_before_the_end)?;
+        if self.have_one_clock() {
+            return Some(format!(
+                "time_s runs backwards from station {} to station {}, and no two stations have times in common: their rows stand in another \
+                 order than they were measured in. The times are taken as they stand; if it is the names that were exchanged, correct them",
+                rows(before),
+                rows(after)
+            ));
+        }
+        let is_after = |of: (usize, usize)| self.spans[of.1].first.1 > self.spans[of.0].latest.1;
+        pairs().all(is_after).then(|| {
+            format!(
+                "time_s begins anew at {} s with station {}, after {} s of station {}: what goes with the time since the campaign began, such \
+                 as a warming up, is then sought as if both had begun at once. One clock for all stations tells more",
+                self.spans[after].first.0,
+                rows(after),
+                self.spans[before].latest.0,
+                rows(before)
+            )
+        })
+    }
+
+    /// Whether no two stations have times in common, so that all were read by one clock.
+    fn have_one_clock(&self) -> bool {
+        let mut spans: Vec<(f64, f64)> = self.spans.iter().map(|span| (span.first.0, span.latest.0)).collect();
+        spans.sort_by(|a, b| a.0.total_cmp(&b.0));
+        spans.windows(2).all(|pair| pair[0].1 < pair[1].0)
     }
 
     fn check_line(
@@ -245,5 +293,46 @@ impl Names {
         };
         self.last = Some((cell.to_vec(), index));
         Ok(index)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)] // a test
+
+    use super::*;
+
+    /// What is said of the times of readings of these stations.
+    fn words(readings: &[(&str, f64)]) -> Option<String> {
+        let row = |(station, time_s): &(&str, f64)| format!("{station},{time_s},1,2,3,0,0,0,4\n");
+        let names: Vec<&str> = KNOWN.iter().map(|known| known.name).filter(|name| *name != LINE.name).collect();
+        let text = names.join(",") + "\n" + &readings.iter().map(row).collect::<String>();
+        let mut source = CsvSource::new(text.as_bytes(), "c.csv").unwrap();
+        let columns = Columns::new(source.header(), None).unwrap();
+        let (mut builder, mut record) = (Builder::new(source.header(), columns), ByteRecord::new());
+        while let Some(line) = source.next(&mut record).unwrap() {
+            builder.add(source.header(), &record, line).unwrap();
+        }
+        builder.clock_words()
+    }
+
+    #[test]
+    fn stations_in_another_order_than_their_times_are_told_with_their_rows() {
+        let told = words(&[("S1", 0.0), ("S1", 9.0), ("S3", 30.0), ("S3", 39.0), ("S2", 10.0), ("S2", 19.0)]).unwrap();
+        for part in ["backwards from station S3 (lines 4 to 5) to station S2 (lines 6 to 7)", "exchanged"] {
+            assert!(told.contains(part), "{told}");
+        }
+    }
+
+    #[test]
+    fn a_clock_that_begins_anew_is_told_and_one_that_goes_on_or_serves_two_at_once_is_not() {
+        let told = words(&[("S1", 0.0), ("S1", 9.0), ("S2", 0.5), ("S2", 19.0)]).unwrap();
+        assert!(
+            told.contains("begins anew at 0.5 s with station S2 (lines 4 to 5), after 9 s of station S1"),
+            "{told}"
+        );
+        assert_eq!(words(&[("S1", 0.0), ("S1", 9.0), ("S2", 10.0), ("S2", 19.0)]), None);
+        assert_eq!(words(&[("S1", 0.0), ("S2", 0.5), ("S1", 9.0), ("S2", 19.0)]), None);
+        assert_eq!(words(&[("S1", 0.0), ("S1", 9.0)]), None);
     }
 }

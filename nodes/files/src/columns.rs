@@ -6,10 +6,11 @@
 use crate::decimals::{Contradiction, Decimals, Mark, NoNumber, Number, Seen, number};
 use crate::dialect::{self, Dialect};
 use crate::error::{FileError, Place};
+use crate::instants::{Clock, Instant};
 use crate::names::nearest;
 use crate::notice::tell_once;
 use csv::ByteRecord;
-use std::cell::RefCell;
+use std::cell::{Cell, RefCell};
 
 /// A column that a reader knows.
 #[derive(Debug, Clone, Copy)]
@@ -49,6 +50,9 @@ pub(crate) const ACTUAL: [Known; 3] = [
     millimetres("actual_z_mm", "actual_z"),
 ];
 
+const TIME_REMEDY: &str = "write all times of a file in seconds (between two instants of a spreadsheet, (A3-A$2)*86400), or all as date and \
+                           time of day, such as 2021-06-13T05:00:02";
+
 /// Unit suffixes that people write; a known column with one of these is in another unit than wanted.
 const UNITS: [&str; 17] =
     ["nm", "um", "µm", "μm", "mm", "cm", "dm", "m", "in", "inch", "ns", "us", "µs", "ms", "s", "min", "h"];
@@ -60,17 +64,25 @@ pub(crate) struct Header {
     file: String,
     line: u64,
     dialect: Dialect,
+    /// Cells without a name behind the last column, as a mark at the end of each line leaves them.
+    unnamed: usize,
     /// What the numbers read so far tell of their marks.
     decimals: RefCell<Decimals>,
+    /// What the column of the time holds.
+    clock: Cell<Clock>,
 }
 
 impl Header {
     pub(crate) fn new(record: &ByteRecord, file: &str, line: u64, dialect: Dialect) -> Result<Header, FileError> {
         let decimals = dialect.declared.map_or(Decimals::Unknown, |(mark, line)| Decimals::Declared(mark, line));
         let (names, decimals) = (Vec::with_capacity(record.len()), RefCell::new(decimals));
-        let mut header = Header { names, file: file.to_owned(), line, dialect, decimals };
+        let named = record.iter().rposition(|cell| !cell.trim_ascii().is_empty()).map_or(0, |last| last + 1);
+        // A line of nothing but marks names no column.
+        let unnamed = if named == 0 { 0 } else { record.len() - named };
+        let clock = Cell::new(Clock::Unknown);
+        let mut header = Header { names, file: file.to_owned(), line, dialect, unnamed, decimals, clock };
         header.refuse_numbers(record)?;
-        for (k, cell) in record.iter().enumerate() {
+        for (k, cell) in record.iter().take(record.len() - unnamed).enumerate() {
             let place = || header.place().column(&format!("number {}", k + 1));
             let Ok(name) = std::str::from_utf8(cell) else {
                 return Err(FileError::content(place(), "the name is not UTF-8", "save the file as UTF-8"));
@@ -94,6 +106,11 @@ impl Header {
 
     pub(crate) fn len(&self) -> usize {
         self.names.len()
+    }
+
+    /// Cells without a name behind the last column: they hold nothing in any row.
+    pub(crate) fn unnamed(&self) -> usize {
+        self.unnamed
     }
 
     pub(crate) fn file(&self) -> &str {
@@ -170,11 +187,46 @@ impl Header {
     /// A finite number in a cell; `remedy` says what to do where it is none.
     pub(crate) fn number(&self, record: &ByteRecord, column: usize, line: u64, remedy: &str) -> Result<f64, FileError> {
         let cell = record.get(column).unwrap_or_default();
+        if self.names.get(column).is_some_and(|name| name == TIME.name) {
+            return self.time(cell, column, line, remedy);
+        }
         let found = number(cell).map_err(|problem| self.no_number(cell, problem, line, column, remedy))?;
         self.take(found, cell, line, column)
     }
 
-    /// A finite number in a cell that need not hold one. Text that would contradict the file's mark of decimals is none.
+    /// Seconds, or those since the first instant where the column holds date and time of day.
+    fn time(&self, cell: &[u8], column: usize, line: u64, remedy: &str) -> Result<f64, FileError> {
+        let wrong = |problem| FileError::content(self.cell(line, column), problem, TIME_REMEDY);
+        match (Instant::read(cell), self.clock.get()) {
+            (Some(instant), Clock::Unknown) => {
+                self.clock.set(Clock::Since(instant, line));
+                tell_once(format!(
+                    "{}: date and time of day; counted in seconds from {} on",
+                    self.cell(line, column),
+                    shown(cell)
+                ));
+                Ok(0.0)
+            }
+            (Some(instant), Clock::Since(first, of)) => instant
+                .since(first)
+                .ok_or_else(|| wrong(format!("{:?} and line {of} do not both name their time zone", shown(cell)))),
+            (Some(_), Clock::Seconds(of)) => {
+                Err(wrong(format!("{:?} is date and time of day, line {of} holds a number", shown(cell))))
+            }
+            (None, clock) => {
+                let remedy = if cell.trim_ascii().is_empty() { remedy } else { TIME_REMEDY };
+                let found = number(cell).map_err(|problem| self.no_number(cell, problem, line, column, remedy))?;
+                if let Clock::Since(_, of) = clock {
+                    return Err(wrong(format!("{:?} is a number, line {of} holds date and time of day", shown(cell))));
+                }
+                self.clock.set(Clock::Seconds(line));
+                self.take(found, cell, line, column)
+            }
+        }
+    }
+
+    /// A finite number in a cell that need not hold one. Text that would contradict the file's mark of decimals is none, and neither is date and
+    /// time of day: when its seconds began is for whoever reads the file.
     pub(crate) fn optional_number(&self, record: &ByteRecord, column: usize, line: u64) -> Option<f64> {
         let cell = record.get(column).unwrap_or_default();
         self.take(number(cell).ok()?, cell, line, column).ok()

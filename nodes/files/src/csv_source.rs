@@ -33,6 +33,10 @@ impl<R: Read> CsvSource<R> {
         if let Some(words) = source.header.dialect().words() {
             tell_once(format!("{file}: {words}"));
         }
+        if source.header.unnamed() > 0 {
+            let empty = if source.header.unnamed() == 1 { "a column" } else { "columns" };
+            tell_once(format!("{file}: {empty} without a name at the end of each line, left out"));
+        }
         Ok(source)
     }
 
@@ -73,7 +77,7 @@ impl<R: Read> CsvSource<R> {
         let mut record = ByteRecord::new();
         let mut is_header = true;
         while let Ok(true) = rows.read_byte_record(&mut record) {
-            if !is_header && record.len() == self.header.len() {
+            if !is_header && (self.header.len()..=self.header.len() + self.header.unnamed()).contains(&record.len()) {
                 let line = line_of(&record, rows.position());
                 for column in columns {
                     let _ = self.header.optional_number(&record, *column, line); // read again, and judged, in its row
@@ -91,6 +95,7 @@ impl<R: Read> CsvSource<R> {
             self.header.refuse_open_numbers()?;
             return Ok(None);
         };
+        self.leave_out_unnamed(record, line)?;
         if record.len() != self.header.len() {
             let (cells, names, between) = (record.len(), self.header.len(), self.header.between());
             let problem = format!("the row has {cells} cells between {between}, but the header has {names}");
@@ -103,6 +108,20 @@ impl<R: Read> CsvSource<R> {
             return Err(FileError::content(Place::file(self.header.file()).line(line), problem, remedy));
         }
         Ok(Some(line))
+    }
+
+    /// Takes away the cells behind the last column that has a name; what holds something belongs somewhere.
+    fn leave_out_unnamed(&self, record: &mut ByteRecord, line: u64) -> Result<(), FileError> {
+        let (named, all) = (self.header.len(), self.header.len() + self.header.unnamed());
+        if record.len() <= named || record.len() > all {
+            return Ok(());
+        }
+        if let Some(k) = (named..record.len()).find(|k| !record[*k].trim_ascii().is_empty()) {
+            let place = Place::file(self.header.file()).line(line).column(&format!("number {}", k + 1));
+            return Err(FileError::content(place, "the column has no name and holds something", "name or remove it"));
+        }
+        record.truncate(named);
+        Ok(())
     }
 
     /// SHA-256 of all bytes read so far: of the whole file once [`CsvSource::next`] has returned `None`.

@@ -22,6 +22,7 @@ pub mod export;
 mod guideway_csv;
 mod identity;
 mod identity_file;
+mod instants;
 mod machine;
 mod machine_document;
 mod model_contents;
@@ -68,8 +69,9 @@ pub use predicted_csv::{PlainPoints, PredictedWriter};
 pub use residual_csv::{ResidualOrigin, read_residual_origin, write_residual_vectors};
 pub use residual_file::{LoadedResidual, ResidualFile, ResidualOwner};
 pub use study_csv::{
-    StudyFile, read_input_vectors_file, read_plane_vectors, read_plane_vectors_file, read_residual_vectors,
-    read_residual_vectors_file, read_runs, read_runs_file, read_sphere_centres, read_sphere_centres_file,
+    StudyFile, read_component_vectors, read_component_vectors_file, read_input_vectors_file, read_plane_vectors,
+    read_plane_vectors_file, read_residual_vectors, read_residual_vectors_file, read_runs, read_runs_file,
+    read_sphere_centres, read_sphere_centres_file,
 };
 pub use table_facts::{TableFacts, is_temperature};
 pub use vectors_csv::{

@@ -200,7 +200,10 @@ impl<R: Read> PointsReader<R> {
         for followed in &mut self.followed {
             row.derived.push(match &mut followed.from {
                 Made::Columns(columns, lag) => {
-                    let [time_s, input] = columns.map(|column| header.optional_number(&row.cells, column, line));
+                    let [time, input] = *columns;
+                    // How long ago something was does not depend on when seconds began to count.
+                    let time_s = header.number(&row.cells, time, line, NUMBER_REMEDY).ok();
+                    let input = header.optional_number(&row.cells, input, line);
                     let lagged = time_s.zip(input).map(|(time_s, input)| lag.push(time_s, input));
                     lagged.filter(|lagged| lagged.is_settled).map(|lagged| lagged.value)
                 }

@@ -2,11 +2,11 @@
 //!
 //! Place in the flow: file → here → rows in SI → study. Columns, units in the name:
 //! - sphere centres: `a_deg c_deg d_mm x_mm y_mm z_mm`, optional `u_um` and, for the head of a report, temperatures (`temp_…_c`);
-//! - positioning runs: `axis target_mm direction cycle measured_mm`, optional `time_s`; measured is the position actually
-//!   reached; direction is `+` or `-`, also `+1 -1 up down`;
+//! - positioning runs: `axis target_mm direction cycle` and `measured_mm` or `deviation_um`, optional `time_s`; measured is the position
+//!   actually reached, the deviation that less the target; direction is `+` or `-`, also `+1 -1 up down`;
 //! - residual vectors: `x_ y_ z_` in mm, um or m, `res_x_ res_y_ res_z_` and optionally `u_x_ u_y_ u_z_` likewise,
 //!   optional `time_s` and `block`; of a plate `pose`, `point` and `u_plate_um`. Where a plane will do, one of the three
-//!   positions and one of the three residuals may be missing.
+//!   positions and one of the three residuals may be missing; for a diagnosis two of these, as of a dial gauge that reads along Z.
 //!
 //! Any further column of the latter two holds numbers and is a covariate; an empty cell there was not logged.
 
@@ -40,7 +40,8 @@ const TARGET: Known = Known::new("target_mm", "target", "millimetres");
 const DIRECTION: Known = Known::new("direction", "direction", "+ or -");
 const CYCLE: Known = Known::new("cycle", "cycle", "whole number");
 const MEASURED: Known = Known::new("measured_mm", "measured", "millimetres");
-const RUNS: [Known; 6] = [AXIS, TARGET, DIRECTION, CYCLE, MEASURED, TIME];
+const DEVIATION: Known = Known::new("deviation_um", "deviation", "micrometres");
+const RUNS: [Known; 7] = [AXIS, TARGET, DIRECTION, CYCLE, MEASURED, DEVIATION, TIME];
 const BLOCK: Known = Known::new("block", "block", "text");
 const POSE: Known = Known::new("pose", "pose", "text");
 const POINT: Known = Known::new("point", "point", "text");
@@ -80,7 +81,7 @@ pub fn read_residual_vectors_file(path: &Path) -> Result<StudyFile<ResidualVecto
 pub fn read_input_vectors_file(path: &Path) -> Result<(StudyFile<ResidualVector>, bool), FileError> {
     let (input, file) = open(path)?;
     let source = CsvSource::new(input, &file)?;
-    let has_position = lengths(source.header(), "", false)?.is_some();
+    let has_position = lengths(source.header(), "", 0)?.is_some();
     Ok((vectors(source, if has_position { Lack::Nothing } else { Lack::Positions })?, has_position))
 }
 
@@ -94,6 +95,12 @@ pub(crate) fn open(path: &Path) -> Result<(File, String), FileError> {
     let file = path.display().to_string();
     let input = File::open(path).map_err(FileError::io(&file, "open the data"))?;
     Ok((input, file))
+}
+
+/// The same for a diagnosis: two components may be missing.
+pub fn read_component_vectors_file(path: &Path) -> Result<StudyFile<ResidualVector>, FileError> {
+    let (input, file) = open(path)?;
+    read_component_vectors(input, &file)
 }
 
 /// Reads sphere centres from anything; `file` is its name in messages.
@@ -126,17 +133,12 @@ pub fn read_runs(input: impl Read, file: &str) -> Result<StudyFile<Run>, FileErr
     let header = source.header();
     let require = |column| header.require(column, &RUNS);
     let [axis, target, direction] = [require(AXIS)?, require(TARGET)?, require(DIRECTION)?];
-    let [cycle, measured] = [require(CYCLE)?, require(MEASURED)?];
+    let (cycle, reached) = (require(CYCLE)?, Reached::new(header)?);
     let time = header.optional(TIME, &RUNS)?;
     let covariates = strangers(header, |name| RUNS.iter().any(|known| known.name == name));
     rows(source, |row| {
-        let (target_mm, measured_mm) = (row.number(target)?, row.number(measured)?);
-        if (measured_mm - target_mm).abs() > LARGEST_MM {
-            let problem = format!("{:.3} mm off its target is another unit or another column", measured_mm - target_mm);
-            let remedy =
-                "check the units of target_mm and measured_mm, and that measured_mm holds positions, not errors";
-            return Err(FileError::content(row.place(measured), problem, remedy));
-        }
+        let target_mm = row.number(target)?;
+        let measured_mm = reached.measured_mm(row, target_mm)?;
         Ok(Run {
             axis: row.text(axis)?,
             target_m: target_mm / 1e3,
@@ -149,6 +151,52 @@ pub fn read_runs(input: impl Read, file: &str) -> Result<StudyFile<Run>, FileErr
     })
 }
 
+/// The column that says where an axis came to stand.
+#[derive(Debug, Clone, Copy)]
+enum Reached {
+    /// The position itself (mm).
+    Measured(usize),
+    /// That less the target (µm).
+    Deviation(usize),
+}
+
+impl Reached {
+    fn new(header: &Header) -> Result<Reached, FileError> {
+        let deviation = header.find(DEVIATION.name);
+        match (header.find(MEASURED.name), deviation) {
+            (None, Some(column)) => Ok(Reached::Deviation(column)),
+            (Some(_), Some(_)) => {
+                let problem = "the column says what measured_mm says, and one of them is enough";
+                Err(FileError::content(header.place().column(DEVIATION.name), problem, "remove one of the two"))
+            }
+            (_, None) => header.require(MEASURED, &RUNS).map(Reached::Measured),
+        }
+    }
+
+    fn measured_mm(self, row: &Row, target_mm: f64) -> Result<f64, FileError> {
+        let (column, deviation_mm, remedy) = match self {
+            Reached::Measured(column) => (
+                column,
+                row.number(column)? - target_mm,
+                "check the units of target_mm and measured_mm, and that measured_mm holds positions, not errors",
+            ),
+            Reached::Deviation(column) => (
+                column,
+                row.number(column)? / 1e3,
+                "check that deviation_um holds errors in micrometres, not positions",
+            ),
+        };
+        if deviation_mm.abs() > LARGEST_MM {
+            let problem = format!("{deviation_mm:.3} mm off its target is another unit or another column");
+            return Err(FileError::content(row.place(column), problem, remedy));
+        }
+        match self {
+            Reached::Measured(column) => row.number(column),
+            Reached::Deviation(_) => Ok(target_mm + deviation_mm),
+        }
+    }
+}
+
 /// Reads residual vectors of a volume from anything; `file` is its name in messages.
 pub fn read_residual_vectors(input: impl Read, file: &str) -> Result<StudyFile<ResidualVector>, FileError> {
     vectors(CsvSource::new(input, file)?, Lack::Nothing)
@@ -159,25 +207,37 @@ pub fn read_plane_vectors(input: impl Read, file: &str) -> Result<StudyFile<Resi
     vectors(CsvSource::new(input, file)?, Lack::OneAxis)
 }
 
+/// The same of which two components may be missing.
+pub fn read_component_vectors(input: impl Read, file: &str) -> Result<StudyFile<ResidualVector>, FileError> {
+    vectors(CsvSource::new(input, file)?, Lack::TwoComponents)
+}
+
 /// What residual vectors may lack.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Lack {
     Nothing,
     /// Positions along one axis, and one component.
     OneAxis,
+    /// Positions along one axis, and two components.
+    TwoComponents,
     /// All positions.
     Positions,
 }
 
 fn vectors<R: Read>(source: CsvSource<R>, lack: Lack) -> Result<StudyFile<ResidualVector>, FileError> {
-    let (header, may_lack) = (source.header(), lack == Lack::OneAxis);
-    let position = match lengths(header, "", may_lack)? {
+    let (header, may_lack) = (source.header(), matches!(lack, Lack::OneAxis | Lack::TwoComponents));
+    let components = match lack {
+        Lack::TwoComponents => 2,
+        Lack::OneAxis => 1,
+        Lack::Nothing | Lack::Positions => 0,
+    };
+    let position = match lengths(header, "", usize::from(may_lack))? {
         None if lack == Lack::Positions => Lengths { columns: [None; 3], per_m: 1.0 },
         found => found.ok_or_else(|| no_lengths(header, ""))?,
     };
-    let residual = lengths(header, "res_", may_lack)?.ok_or_else(|| no_lengths(header, "res_"))?;
+    let residual = lengths(header, "res_", components)?.ok_or_else(|| no_lengths(header, "res_"))?;
     // What was not measured needs no uncertainty.
-    let u = lengths(header, "u_", residual.lacks().is_some())?;
+    let u = lengths(header, "u_", residual.lacking().count())?;
     let known = [TIME, BLOCK];
     let (time, block) = (header.optional(TIME, &known)?, header.optional(BLOCK, &known)?);
     let [pose, point, u_plate] = [POSE, POINT, U_PLATE].map(|own| header.find(own.name));
@@ -189,15 +249,13 @@ fn vectors<R: Read>(source: CsvSource<R>, lack: Lack) -> Result<StudyFile<Residu
         refuse_misspelt(header, &covariates, &["u_x_um", "u_y_um", "u_z_um"])?;
     }
     for (own, prefix) in [(position, ""), (residual, "res_")] {
-        if let Some(axis) = own.lacks().filter(|_| may_lack) {
+        for axis in own.lacking().filter(|_| may_lack) {
             let names = LENGTHS.map(|(unit, _)| format!("{prefix}{}_{unit}", axis.lower()));
             refuse_misspelt(header, &covariates, &names.each_ref().map(String::as_str))?;
         }
     }
-    if let (Some(of_u), Some(axis)) = (u.and_then(Lengths::lacks), residual.lacks())
-        && of_u != axis
-    {
-        let problem = format!("uncertainties have no {}, residuals no {}", of_u.lower(), axis.lower());
+    if let Some(of_u) = u.and_then(|u| u.lacking().find(|axis| residual.columns[axis.index()].is_some())) {
+        let problem = format!("uncertainties have no {}, and residuals have", of_u.lower());
         return Err(FileError::content(
             header.place(),
             problem,
@@ -208,7 +266,7 @@ fn vectors<R: Read>(source: CsvSource<R>, lack: Lack) -> Result<StudyFile<Residu
         Ok(ResidualVector {
             position_m: row.lengths(position)?,
             residual_m: row.lengths(residual)?,
-            u_m: u.map(|own| row.uncertainties(own, residual.lacks())).transpose()?,
+            u_m: u.map(|own| row.uncertainties(own, residual)).transpose()?,
             time_s: row.optional(time)?,
             block: block.map(|column| row.text(column)).transpose()?,
             covariates: row.covariates(&covariates)?,
@@ -216,7 +274,7 @@ fn vectors<R: Read>(source: CsvSource<R>, lack: Lack) -> Result<StudyFile<Residu
             point: point.map(|column| row.text(column)).transpose()?,
             u_plate_m: u_plate.map(|column| row.positive(column, 1e6)).transpose()?,
             position_lacks: position.lacks().filter(|_| may_lack),
-            residual_lacks: residual.lacks(),
+            residual_lacks: residual.columns.map(|column| column.is_none()),
         })
     })
 }
@@ -224,7 +282,7 @@ fn vectors<R: Read>(source: CsvSource<R>, lack: Lack) -> Result<StudyFile<Residu
 /// Suffixes of lengths and how many of the unit make a metre.
 const LENGTHS: [(&str, f64); 3] = [("mm", 1e3), ("um", 1e6), ("m", 1.0)];
 
-/// Columns of x, y and z in one unit, at most one of them missing.
+/// Columns of x, y and z in one unit, some of which may be missing.
 #[derive(Debug, Clone, Copy)]
 struct Lengths {
     columns: [Option<usize>; 3],
@@ -233,12 +291,16 @@ struct Lengths {
 
 impl Lengths {
     fn lacks(self) -> Option<Axis> {
-        Axis::ALL.into_iter().find(|axis| self.columns[axis.index()].is_none())
+        self.lacking().next()
+    }
+
+    fn lacking(self) -> impl Iterator<Item = Axis> {
+        Axis::ALL.into_iter().filter(move |axis| self.columns[axis.index()].is_none())
     }
 }
 
-/// Columns of x, y and z with this prefix, all in one unit; `None` where none of them is there.
-fn lengths(header: &Header, prefix: &str, may_lack: bool) -> Result<Option<Lengths>, FileError> {
+/// Columns of x, y and z with this prefix, all in one unit, of which so many may be missing; `None` where none of them is there.
+fn lengths(header: &Header, prefix: &str, may_lack: usize) -> Result<Option<Lengths>, FileError> {
     let find = |axis: &str, unit: &str| header.find(&format!("{prefix}{axis}_{unit}"));
     let mut partly = Vec::new();
     for (unit, per_m) in LENGTHS {
@@ -250,7 +312,7 @@ fn lengths(header: &Header, prefix: &str, may_lack: bool) -> Result<Option<Lengt
         }
     }
     let Some((own, unit, count)) = partly.last().copied() else { return Ok(None) };
-    if may_lack && count == 2 && partly.len() == 1 {
+    if count + may_lack >= 3 && partly.len() == 1 {
         return Ok(Some(own));
     }
     let axis = own.lacks().map_or("x", Axis::lower);
@@ -338,8 +400,8 @@ impl Row<'_> {
     }
 
     /// Standard uncertainties (m); that of a component that nobody measured is one of the others.
-    fn uncertainties(&self, own: Lengths, lacks: Option<Axis>) -> Result<[f64; 3], FileError> {
-        let given = |k: usize| own.columns[k].filter(|_| lacks != Some(Axis::ALL[k]));
+    fn uncertainties(&self, own: Lengths, residual: Lengths) -> Result<[f64; 3], FileError> {
+        let given = |k: usize| own.columns[k].filter(|_| residual.columns[k].is_some());
         let any = (0..3).find_map(given);
         let at = |k: usize| given(k).or(any).map_or(Ok(1.0), |column| self.positive(column, own.per_m));
         Ok([at(0)?, at(1)?, at(2)?])

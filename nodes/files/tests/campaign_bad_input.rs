@@ -297,3 +297,39 @@ fn a_name_must_be_there_and_readable() {
     let error = read_campaign(bytes.as_slice(), "c.csv", None).unwrap_err();
     assert_says(&error.to_string(), &["line 2, column line", "UTF-8"]);
 }
+
+const PLAIN: &str = "station,time_s,x_mm,y_mm,z_mm,offset_x_mm,offset_y_mm,offset_z_mm,length_mm";
+
+fn at(station: &str, time: &str) -> String {
+    format!("{station},{time},600,588,450,0,0,-60,0.5")
+}
+
+#[test]
+fn times_may_be_date_and_time_of_day_and_then_count_from_the_first_row() {
+    let rows = ["2021-06-13T05:00:02", "2021-06-13T05:00:03.5", "2021-06-14 05:00:02"].map(|time| at("S1", time));
+    let text = format!("{PLAIN}\n{}\n", rows.join("\n"));
+    let times: Vec<f64> = read(&text).unwrap().campaign.readings.iter().map(|reading| reading.time_s).collect();
+    assert_eq!(times, [0.0, 1.5, 86_400.0]);
+    let refused = |times: [&str; 2]| refused(&[PLAIN, &at("S1", times[0]), &at("S1", times[1])]);
+    let seconds = "all times of a file in seconds";
+    assert_says(
+        &refused(["2021-06-13T05:00:02", "7"]),
+        &["line 3, column time_s", "\"7\" is a number, line 2 holds date and time of day", seconds],
+    );
+    assert_says(&refused(["7", "2021-06-13T05:00:02"]), &["line 3", "line 2 holds a number", seconds]);
+    assert_says(&refused(["2021-06-13T05:00:02Z", "2021-06-13T05:00:03"]), &["line 3", "line 2", "time zone"]);
+    assert_says(&refused(["13.06.2021 05:00:02", "1"]), &["line 2", "is not a number", "2021-06-13T05:00:02"]);
+    assert_says(&refused(["2021-06-13T05:00:02", "2021-06-13T05:00:01"]), &["the time -1 s is earlier than 0 s"]);
+}
+
+#[test]
+fn a_mark_at_the_end_of_each_line_names_no_column() {
+    let plain = read(&format!("{PLAIN}\n{}\n{}\n", at("S1", "1"), at("S1", "2"))).unwrap();
+    let marked = |end: &str| read(&format!("{PLAIN},\n{},\n{}{end}\n", at("S1", "1"), at("S1", "2")));
+    assert_eq!(marked(",").unwrap().campaign, plain.campaign);
+    assert_eq!(marked("").unwrap().campaign, plain.campaign, "the last line may lack it");
+    let error = marked(",7").unwrap_err().to_string();
+    assert_says(&error, &["line 3, column number 10", "no name and holds something", "name or remove it"]);
+    assert_says(&marked(",,").unwrap_err().to_string(), &["line 3", "11 cells"]);
+    assert_says(&refused(&[&PLAIN.replace("time_s", ""), "1"]), &["column number 2", "the column has no name"]);
+}

@@ -3,7 +3,10 @@
 #![allow(clippy::unwrap_used, clippy::panic)] // helpers of tests may
 
 use abbe_diagnose::study::runs::Approach;
-use abbe_files::{read_residual_vectors, read_runs, read_sphere_centres, read_sphere_centres_file};
+use abbe_files::{
+    read_component_vectors, read_plane_vectors, read_residual_vectors, read_runs, read_sphere_centres,
+    read_sphere_centres_file,
+};
 use abbe_measurement::probe_pose::{ProbePose, ProbePoseModel};
 use std::path::Path;
 
@@ -111,4 +114,37 @@ fn wrong_vectors_are_refused() {
     assert_says(&vectors(&[VECTORS, "1,2,3,1,2,3,,45"]), &["line 2, column block", "name is empty"]);
     assert_says(&vectors(&[VECTORS, "1,2,3,1,2,,a,45"]), &["line 2, column res_z_um", "the cell is empty"]);
     assert_says(&vectors(&[VECTORS, "1,2,3"]), &["line 2", "3 cells", "header has 8"]);
+}
+
+#[test]
+fn runs_may_hold_deviations_and_the_time_of_day() {
+    let head = RUNS.replace("measured_mm", "deviation_um");
+    let read = |rows: &str| read_runs(format!("{head}\n{rows}\n").as_bytes(), "r.csv");
+    let file = read("X,100,+,1,2.5,2021-06-13T05:00:02,20.75\nX,100,-,1,-1,2021-06-13T05:01:02,21").unwrap();
+    assert!((file.rows[0].error_m() - 2.5e-6).abs() < 1e-15 && (file.rows[1].error_m() + 1e-6).abs() < 1e-15);
+    assert_eq!((file.rows[0].time_s, file.rows[1].time_s), (Some(0.0), Some(60.0)));
+    let refused = read("X,100,+,1,100002.5,1,20").unwrap_err().to_string();
+    assert_says(&refused, &["line 2, column deviation_um", "off its target", "not positions"]);
+    let both = format!("{RUNS},deviation_um");
+    assert_says(&runs(&[&both, "1"]), &["line 1, column deviation_um", "measured_mm", "remove one"]);
+    assert_says(&runs(&[&RUNS.replace("measured_mm", "deviation_mm"), "1"]), &["column"]);
+}
+
+#[test]
+fn of_vectors_for_a_diagnosis_two_components_may_be_missing() {
+    let of = |text: &str| read_component_vectors(text.as_bytes(), "v.csv").map(|file| file.rows[0].clone());
+    let row = of("x_mm,y_mm,z_mm,res_z_um,u_z_um,temp_c\n100,200,300,4,0.5,20\n").unwrap();
+    assert_eq!((row.residual_lacks, row.residual_m), ([true, true, false], [0.0, 0.0, 4e-6]));
+    assert_eq!((row.u_m, row.covariates.len()), (Some([0.5e-6; 3]), 1));
+    let error = |text: &str| of(text).unwrap_err().to_string();
+    assert_says(&error("x_mm,y_mm,z_mm,temp_c\n1,2,3,20\n"), &["column res_x_mm", "is missing"]);
+    assert_says(&error("x_mm,y_mm,z_mm,res_z_um,u_x_um\n1,2,3,4,1\n"), &["no z", "every residual"]);
+    assert_says(&error("x_mm,y_mm,z_mm,res_z_um,rez_x_um\n1,2,3,4,1\n"), &["did you mean it by rez_x_um", "res_x_mm"]);
+    // Who interpolates or trains wants to know where a vector points.
+    let text = "x_mm,y_mm,z_mm,res_z_um\n1,2,3,4\n";
+    assert_says(&vectors(&[text]), &["column res_x_um", "missing"]);
+    assert_says(
+        &read_plane_vectors(text.as_bytes(), "v.csv").unwrap_err().to_string(),
+        &["column res_x_um", "missing"],
+    );
 }

@@ -5,6 +5,7 @@
 
 use super::candidate::{Forms, Study};
 use super::confirm::{beyond_chance, confirmed, p_beside};
+use super::contradictions::contradictions;
 use super::diagnosis::{
     Ambiguity, Blocks, Effect, HeldOutRms, LackOfFit, Look, Parameter, Rung, StudyDiagnosis, Unseen,
 };
@@ -70,6 +71,7 @@ pub(super) fn diagnose(
     let u = uncertainties(&mut view, &last)?;
     let u = with_beside(&view, &last, u);
     let mut effects = effects(&mut view, &last, &u)?;
+    let contradictions = contradictions(&view, &last, options.significance)?;
     let doubts = match options.instrument_checked {
         true => Doubts::default(),
         false => doubts(&view, &last, &effects, options.significance)?,
@@ -102,6 +104,7 @@ pub(super) fn diagnose(
         lack_of_fit,
         not_identifiable,
         hidden: study.hidden(),
+        contradictions,
         untestable: study.untestable(),
         next_measurements,
         terms,

@@ -4,6 +4,7 @@
 //! are divided by their standard uncertainty, so that columns have the inverse unit of their parameter; what they have
 //! in common with the rows before them is taken out later ([`super::view`]).
 
+use super::contradictions::PoseRows;
 use super::diagnosis::{Ambiguity, Kind, Untestable};
 use super::told::Changed;
 use crate::error::DiagnoseError;
@@ -368,6 +369,11 @@ pub(crate) trait Study: Sync {
 
     /// What would be the same at all rows, in words: neither seen nor in any uncertainty.
     fn hidden(&self) -> Vec<String> {
+        Vec::new()
+    }
+
+    /// Name and rows of each placing in which all that was found must be the same; none where there is one.
+    fn poses(&self) -> Vec<PoseRows> {
         Vec::new()
     }
 

@@ -295,6 +295,8 @@ pub struct StudyDiagnosis {
     pub hidden: Vec<String>,
     /// What to measure next.
     pub next_measurements: Vec<String>,
+    /// What parts of the data say otherwise, in words.
+    pub contradictions: Vec<String>,
     /// What was found, as effects of a machine model.
     pub terms: Terms,
     /// Sentences a reader of the figures must know.

@@ -12,6 +12,7 @@ mod between;
 mod candidate;
 mod combinations;
 mod confirm;
+mod contradictions;
 mod diagnosis;
 mod display;
 mod filters;

@@ -51,7 +51,8 @@ pub(super) fn unseen(
         let because = format!("there are {} blocks ({what}), and at least {FEWEST} are needed", blocks.len());
         return Ok((Unseen { missing_because: Some(because), ..Unseen::default() }, parts));
     }
-    let folds = deal(&blocks, if rows > LARGE { FOLDS.1 } else { FOLDS.0 });
+    let measured = (0..rows).filter(|row| study.is_measured(*row)).count();
+    let folds = deal(&blocks, if measured > LARGE { FOLDS.1 } else { FOLDS.0 });
     let (mut judged, mut unseen) = (Vec::new(), Unseen::default());
     for (k, fold) in folds.iter().enumerate() {
         let left_out: BTreeSet<usize> = fold.iter().flat_map(|block| blocks[*block].iter().copied()).collect();

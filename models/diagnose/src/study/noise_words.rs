@@ -12,8 +12,9 @@ use statrs::distribution::{ChiSquared, ContinuousCDF};
 const UM: f64 = 1e6;
 /// Share of a record over which slow noise may be correlated before it is a drift that nobody described.
 const WANDERS: f64 = 0.5;
-/// Share of its step that a display must hide to be spoken of.
+/// Share of its step that a display must hide to be spoken of, and share of the scatter (in its square) that rounding makes.
 const WORTH_SAYING: f64 = 0.05;
+const MUCH_OF_IT: f64 = 0.1;
 /// Rejected rows named in one sentence.
 const NAMED: usize = 5;
 
@@ -26,6 +27,23 @@ pub(super) fn noise(view: &View) -> Vec<SeriesNoise> {
         rows: chain.rows.len(),
     };
     view.chains().iter().map(one).collect()
+}
+
+/// Displays whose rounding is much of the scatter: said where nothing else is found, too, for a finer one is what would help.
+fn rounded(view: &View) -> impl Iterator<Item = Look> {
+    view.chains().iter().filter_map(|chain| {
+        let step_um = chain.step? * chain.unit_m * UM;
+        let (rounding_um, scatter_um) = (step_um / 12f64.sqrt(), chain.noise.sigma * chain.unit_m * UM);
+        (rounding_um.powi(2) > MUCH_OF_IT * scatter_um.powi(2)).then(|| Look {
+            what: format!("display of {}", chain.of),
+            says: format!(
+                "all readings are whole multiples of {step_um:.3} um, and rounding alone makes {rounding_um:.3} um of their scatter of \
+                 {scatter_um:.3} um: an error smaller than a step shows only in the mean of many, and one that is the same in all \
+                 repeats may not show at all; a finer display tells more"
+            ),
+            is_noise: None,
+        })
+    })
 }
 
 /// Displays that hide more than the scatter shows.
@@ -96,6 +114,7 @@ pub(super) fn looks(
         says: format!("what they leave between them has p = {:.1e} by chance", test.p_before),
         is_noise: Some(test.p_before > options.significance),
     }));
+    looks.extend(rounded(view));
     looks.extend(scatter(before, options.significance));
     looks
 }

@@ -9,7 +9,7 @@ use crate::identity::{IdentityOptions, Said};
 use crate::next::{KNOWN_POINTS, Next, READINGS};
 use crate::pipeline::BagJoin;
 use crate::pipeline::is_bag;
-use crate::progress::Told;
+use crate::progress::{Parts, Told};
 use crate::verdict::{Accept, shown};
 use abbe_diagnose::Progress;
 use abbe_files::{Days, read_machine};
@@ -18,6 +18,7 @@ use abbe_report::diagnosis::DiagnosisReport;
 use abbe_runtime::Shutdown;
 use anyhow::{Context, bail};
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 /// Steps by which a diagnosis that a node started gives way to others: correction comes first.
 #[cfg(target_os = "linux")]
@@ -81,8 +82,9 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         told.say(progress_text(&progress, &mut fold));
         !shutdown.requested()
     };
+    let mut parts = Parts::default();
     let mut observe_study = |progress: study::Progress| {
-        told.say(study_text(&progress));
+        told.say(study_text(&progress, &mut parts, told.elapsed()));
         !shutdown.requested()
     };
     let made = product(arguments, &mut observe, &mut observe_study);
@@ -212,10 +214,12 @@ fn product(
     }
 }
 
-/// Progress of a study in words.
-fn study_text(progress: &study::Progress) -> String {
+/// Progress of a study in words. The search on all data comes after those without each part, and is of their size.
+fn study_text(progress: &study::Progress, parts: &mut Parts, elapsed: Duration) -> String {
     let part = progress.part.map_or_else(String::new, |(number, of)| format!("without part {number} of {of}: "));
-    format!("{part}{} candidates beside {} effects", progress.candidates, progress.effects)
+    let left = progress.part.and_then(|(number, of)| parts.left(number - 1, of + 1, elapsed));
+    let left = left.map_or_else(String::new, |left| format!(", {left}"));
+    format!("{part}{} candidates beside {} effects{left}", progress.candidates, progress.effects)
 }
 
 /// Progress in words. Within a part left out, the search goes through the same steps again.

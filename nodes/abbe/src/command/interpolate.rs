@@ -266,6 +266,11 @@ fn score_all(arguments: &Arguments, (field, lacks): (&MeasuredField, Lacks), spl
     for (method, total) in methods.iter().zip(&totals) {
         println!("{}", line(*method, total, lacks));
     }
+    if totals.iter().any(|total| (0..3).any(|d| r2(total, d).is_some_and(|r2| r2 < 0.0))) {
+        println!(
+            "R2 below 0: the method answers worse than the mean of all vectors would; leave it, however far below"
+        );
+    }
     let next =
         Next::new("to have the errors at points of your own", "interpolate").file("--vectors", &arguments.vectors);
     next.text("--at POINTS.csv --out errors.csv").print();
@@ -287,17 +292,21 @@ fn line(method: Method, total: &Total, lacks: Lacks) -> String {
         let square = values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (count - 1.0).max(1.0);
         digits::with_uncertainty(mean, 1.96 * (square / count).sqrt()).join(" ± ")
     };
-    let r2 = |d: usize| {
-        let values: Vec<f64> = total.scores.iter().filter_map(|score| score.r2[d]).collect();
-        if values.is_empty() || is_missing(d) {
-            "-".to_owned()
-        } else {
-            format!("{:.3}", values.iter().sum::<f64>() / values.len() as f64)
-        }
+    let agreement = |d: usize| match r2(total, d).filter(|_| !is_missing(d)) {
+        None => "-".to_owned(),
+        // How far below is of no meaning.
+        Some(r2) if r2 < 0.0 => "<0".to_owned(),
+        Some(r2) => format!("{r2:.3}"),
     };
     if total.scores.is_empty() {
         return format!("{name:<12} {:>24} {:>24} {:>24} {:>22} {share:>7.1} %", "-", "-", "-", "-");
     }
-    let agreement = format!("{}/{}/{}", r2(0), r2(1), r2(2));
+    let agreement = format!("{}/{}/{}", agreement(0), agreement(1), agreement(2));
     format!("{name:<12} {:>24} {:>24} {:>24} {agreement:>22} {share:>7.1} %", direction(0), direction(1), direction(2))
+}
+
+/// Mean over the splits of the share of a component's variance that a method explains.
+fn r2(total: &Total, d: usize) -> Option<f64> {
+    let values: Vec<f64> = total.scores.iter().filter_map(|score| score.r2[d]).collect();
+    (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
 }

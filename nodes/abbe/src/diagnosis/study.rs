@@ -13,7 +13,7 @@ pub(crate) use abbe_diagnose::study::Progress;
 use abbe_diagnose::study::runs::{PositionSummary, positions};
 use abbe_diagnose::study::{Observe, Options, StudyDiagnosis, five_axis, runs, vectors};
 use abbe_files::{
-    DataSource, FileError, MachineFile, ModelFile, header_names, hex, read_machine, read_plane_vectors_file,
+    DataSource, FileError, MachineFile, ModelFile, header_names, hex, read_component_vectors_file, read_machine,
     read_runs_file, read_sphere_centres_file,
 };
 use abbe_geometry::Vector3;
@@ -78,7 +78,7 @@ pub(crate) fn run_residuals(
     let of_model = model.map(machine_of).transpose()?;
     let machine = of_model.map_or_else(|| request.machine.map(read_machine).transpose(), |own| Ok(Some(own)))?;
     let chain = machine.as_ref().map(|own| own.machine.clone());
-    let file = read_plane_vectors_file(path)?;
+    let file = read_component_vectors_file(path)?;
     let vectors_m: Vec<Vector3<f64>> = file.rows.iter().map(|row| row.residual_m.into()).collect();
     check_vectors(&vectors_m, false).with_context(|| path.display().to_string())?;
     let figures = |diagnosis: &StudyDiagnosis| vector_pictures::sections(&file.rows, diagnosis);
@@ -139,7 +139,11 @@ fn conclude(
     let mut without_model = Vec::new();
     if model.is_none() {
         let left_out = diagnosis.terms.left_out.iter();
-        without_model.push("No model file was made: nothing was found that a model could correct.".to_owned());
+        let why = match left_out.len() {
+            0 => "nothing was found that a model could correct",
+            _ => "what was found has no place in one, for these reasons",
+        };
+        without_model.push(format!("No model file was made: {why}."));
         without_model.extend(left_out.map(|(name, reason)| format!("Not for a model: {name}; {reason}.")));
         record.notes.extend(without_model.clone());
     }

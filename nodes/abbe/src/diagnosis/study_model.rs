@@ -138,6 +138,12 @@ fn doubts(diagnosis: &StudyDiagnosis, machine: &Machine) -> Vec<Doubt> {
         })
     });
     texts.extend(beyond);
+    texts.extend(
+        diagnosis
+            .contradictions
+            .iter()
+            .map(|what| format!("the data contradict themselves, and no uncertainty holds it: {what}")),
+    );
     texts.extend(diagnosis.hidden.iter().map(|what| format!("not seen, not corrected and in no uncertainty: {what}")));
     texts.extend(terms.untold.iter().map(|what| {
         format!("not known, not corrected, and in the uncertainty with what is usual: {what}; measure it, or correct that side alone")

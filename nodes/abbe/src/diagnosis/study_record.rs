@@ -72,6 +72,12 @@ fn verdict(record: &shown::Record, diagnosis: &library::StudyDiagnosis) -> Strin
     } else if !diagnosis.effects.is_empty() && diagnosis.unseen.is_sure == Some(false) {
         words.push_str(" That gain is not sure: the parts differ by as much.");
     }
+    if !diagnosis.contradictions.is_empty() {
+        let all = diagnosis.contradictions.join("; ");
+        words = format!(
+            "{words} The data contradict themselves: {all}. What was found is a mean of these, and its u knows nothing of that."
+        );
+    }
     words.extend(diagnosis.hidden.iter().map(|what| format!(" Not seen, and in no uncertainty: {what}.")));
     // A row of a file of vectors has three.
     let what = if diagnosis.of == library::vectors::OF { "components" } else { "rows" };

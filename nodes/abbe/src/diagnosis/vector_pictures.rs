@@ -18,7 +18,7 @@ pub(super) fn sections(rows: &[ResidualVector], diagnosis: &StudyDiagnosis) -> V
 
 /// The vectors in the volume; none where their points lie in a plane or a part of them is not known.
 fn space(rows: &[ResidualVector]) -> Option<Section> {
-    if rows.iter().any(|row| row.position_lacks.is_some() || row.residual_lacks.is_some()) {
+    if rows.iter().any(|row| row.position_lacks.is_some() || row.residual_lacks.contains(&true)) {
         return None;
     }
     let end = |pick: fn(f64, f64) -> f64, axis: usize| rows.iter().map(|row| row.position_m[axis] * 1e3).reduce(pick);
@@ -82,7 +82,7 @@ fn panel(rows: &[ResidualVector], name: &str) -> Option<LinePanel> {
         y: rows
             .iter()
             .map(|row| {
-                let is_known = row.residual_lacks.is_none_or(|axis| axis.index() != component);
+                let is_known = !row.residual_lacks[component];
                 is_known.then(|| row.residual_m[component] * 1e6)
             })
             .collect(),

@@ -62,8 +62,8 @@ pub struct ResidualVector {
     pub u_plate_m: Option<f64>,
     /// Axis whose position nobody gave; the figure there means nothing.
     pub position_lacks: Option<Axis>,
-    /// Component of the residual that nobody measured; the figure there means nothing.
-    pub residual_lacks: Option<Axis>,
+    /// Components of the residual that nobody measured; the figures there mean nothing.
+    pub residual_lacks: [bool; 3],
 }
 
 /// Diagnoses residual vectors; `machine` names the chain behind the positions, its default offset that of the tip.
@@ -99,7 +99,10 @@ pub fn diagnose_observed(
         study.without_drifts();
     }
     match turned::contrasts(&study)? {
-        None => assemble::diagnose(&mut study, options, observe),
+        None => {
+            study.note_unturned();
+            assemble::diagnose(&mut study, options, observe)
+        }
         Some(contrasts) => assemble::diagnose(&mut Turned::new(study, contrasts)?, options, observe),
     }
 }

@@ -8,7 +8,7 @@ use super::ResidualVector;
 use crate::error::DiagnoseError;
 use crate::study::smooth::range;
 use abbe_geometry::{Axis, Matrix3, Vector3};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// Unknowns of a pose: shift and turn.
 pub(super) const RIGID: usize = 6;
@@ -70,6 +70,13 @@ impl Poses {
         list.iter().enumerate().for_each(|(k, pose)| pose.members.iter().for_each(|member| of[*member] = k));
         let spanned = Axis::ALL.map(|axis| list.iter().any(|pose| pose.spanned[axis.index()]));
         Ok(Poses { list, of, spanned })
+    }
+
+    /// Name and rows of each pose, where there are several: three rows a vector.
+    pub(super) fn rows(&self) -> Vec<(String, BTreeSet<usize>)> {
+        let rows = |pose: &Pose| pose.members.iter().flat_map(|k| 3 * k..3 * k + 3).collect();
+        let one = |pose: &Pose| Some((pose.name.clone()?, rows(pose)));
+        self.list.iter().filter_map(one).collect()
     }
 
     /// Whether the vectors are those of a plate or plane, whose scales and squareness are named.
@@ -212,8 +219,11 @@ fn fit(pairs: &[Pair], sign: f64) -> (f64, f64, f64) {
 }
 
 /// How the errors of a plate itself enter.
-pub(super) fn calibration_words(is_calibrated: bool) -> &'static str {
+pub(super) fn calibration_words(is_calibrated: bool, is_unturned: bool) -> &'static str {
     match is_calibrated {
+        _ if is_unturned => {
+            "The poses are not turned against each other: the plate's own errors are in what was found and not in u, as in one pose."
+        }
         true => {
             "The plate is taken as it was calibrated: u holds what its calibration leaves open, if its errors act together \
              in the worst way."

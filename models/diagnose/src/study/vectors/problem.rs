@@ -7,7 +7,7 @@ mod proposed;
 use super::blocks::blocks;
 use super::drift::{Course, Drift, Motion, OF_THE_INSTRUMENT, STANDS_STILL, of_registered, of_shape};
 use super::linear::Named;
-use super::plate::{Poses, RIGID, calibration_words, data};
+use super::plate::{Poses, RIGID, data};
 use super::quantities::{PLAUSIBLE_M, POSITION, TIME, quantities};
 use super::registered::{Logged, Nominal, Registered};
 use super::shape::{Bent, Quantity, Shape};
@@ -73,6 +73,8 @@ pub(super) struct Vectors<'a> {
     parts: Vec<Part>,
     steps: Steps,
     untestable: Vec<Untestable>,
+    /// What would be the same at all rows.
+    hidden: Vec<String>,
     /// What a search is offered.
     forms: Forms,
 }
@@ -98,13 +100,13 @@ impl<'a> Vectors<'a> {
         // A column of zeros was filled in, not measured.
         let lacks = vectors[0].residual_lacks;
         let is_measured =
-            |axis: Axis| lacks != Some(axis) && vectors.iter().any(|vector| vector.residual_m[axis.index()] != 0.0);
+            |axis: Axis| !lacks[axis.index()] && vectors.iter().any(|vector| vector.residual_m[axis.index()] != 0.0);
         let measured = Axis::ALL.map(is_measured);
         if measured == [false; 3] {
             return Err(data("all residuals are zero".to_owned(), "give the residuals that were measured"));
         }
         for axis in Axis::ALL.into_iter().filter(|axis| !measured[axis.index()]) {
-            notes.push(match lacks == Some(axis) {
+            notes.push(match lacks[axis.index()] {
                 true => format!("Component {} was not measured.", axis.lower()),
                 false => format!("Component {} is zero in every row: it was taken as not measured.", axis.lower()),
             });
@@ -132,6 +134,7 @@ impl<'a> Vectors<'a> {
             candidates: Vec::new(),
             parts: Vec::new(),
             untestable,
+            hidden: Vec::new(),
             forms: Forms::All,
         };
         study.add_registered()?;
@@ -578,19 +581,14 @@ impl Study for Vectors<'_> {
     }
 
     fn notes(&self) -> Vec<String> {
-        let mut notes = vec![
-            format!("Left out to judge: one {} at a time, {} in all.", self.block_word, self.blocks.len()),
-            self.poses.words().to_owned(),
-        ];
-        if self.poses.is_plate() {
-            let is_calibrated = self.vectors.iter().all(|vector| vector.u_plate_m.is_some());
-            notes.push(calibration_words(is_calibrated).to_owned());
-        }
-        notes.extend(self.notes.iter().cloned());
-        if self.quantities.len() > IN_PAIRS {
-            let names: Vec<&str> = self.quantities[IN_PAIRS..].iter().map(|quantity| quantity.name.as_str()).collect();
-            notes.push(format!("Not tried in pairs, only alone: {}.", names.join(", ")));
-        }
-        notes
+        self.told()
+    }
+
+    fn hidden(&self) -> Vec<String> {
+        self.hidden.clone()
+    }
+
+    fn poses(&self) -> Vec<(String, BTreeSet<usize>)> {
+        self.poses.rows()
     }
 }

@@ -4,6 +4,7 @@
 
 use super::super::drift::Drift;
 use super::super::linear::{Named, unseen};
+use super::super::plate::calibration_words;
 use super::super::quantities::{POSITION, TIME};
 use super::super::registered::registered;
 use super::super::shape::{Bent, Quantity, Shape};
@@ -13,6 +14,10 @@ use crate::study::candidate::Candidate;
 use crate::study::diagnosis::{Kind, Untestable};
 use abbe_geometry::Axis;
 use abbe_geometry::effects::ParameterSpec;
+
+/// What poses that lie alike leave open.
+const UNTURNED: &str = "the plate's own form: its poses are not turned against each other, so that plate and machine cannot be told apart; turn it \
+                        by 90 degrees between two poses, or give the uncertainty of its calibration in u_plate_um";
 
 impl Vectors<'_> {
     pub(super) fn add_registered(&mut self) -> Result<(), DiagnoseError> {
@@ -167,6 +172,32 @@ impl Vectors<'_> {
             essential: Vec::new(),
             stands_apart: matches!(shape, Shape::Turn { .. }),
             comes_first: false,
+        }
+    }
+
+    /// What a reader must know.
+    pub(super) fn told(&self) -> Vec<String> {
+        let mut notes = vec![
+            format!("Left out to judge: one {} at a time, {} in all.", self.block_word, self.blocks.len()),
+            self.poses.words().to_owned(),
+        ];
+        if self.poses.is_plate() {
+            let is_calibrated = self.vectors.iter().all(|vector| vector.u_plate_m.is_some());
+            notes.push(calibration_words(is_calibrated, !self.hidden.is_empty()).to_owned());
+        }
+        notes.extend(self.notes.iter().cloned());
+        if self.quantities.len() > IN_PAIRS {
+            let names: Vec<&str> = self.quantities[IN_PAIRS..].iter().map(|quantity| quantity.name.as_str()).collect();
+            notes.push(format!("Not tried in pairs, only alone: {}.", names.join(", ")));
+        }
+        notes
+    }
+
+    /// Says that poses which are not turned against each other hold the plate's own form alike, where their points are named.
+    pub(in crate::study::vectors) fn note_unturned(&mut self) {
+        let is_calibrated = self.vectors.iter().all(|vector| vector.u_plate_m.is_some());
+        if self.poses.list.len() > 1 && self.vectors.iter().all(|vector| vector.point.is_some()) && !is_calibrated {
+            self.hidden.push(UNTURNED.to_owned());
         }
     }
 }

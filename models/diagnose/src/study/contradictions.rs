@@ -1,0 +1,77 @@
+//! Effects that single poses of a plate give in different sizes.
+//!
+//! Place in the flow: after everything is found. A plate that lies on the table again, or years later, must tell the same of the machine; where
+//! it does not, the mean of its poses is that of none, and its u knows nothing of it. Each pose gets a size of its own, beside all else that
+//! was found; whether these differ is tested in whatever noise the rows leave possible ([`super::significance`]).
+
+use super::fit::{Fit, Fitted};
+use super::significance::probability;
+use super::view::View;
+use crate::error::DiagnoseError;
+use crate::linear::joined;
+use abbe_geometry::effects::ParameterSpec;
+use faer::linalg::solvers::{Llt, Solve};
+use faer::{Mat, Side};
+use std::collections::BTreeSet;
+
+/// Sizes by pose that differ by more than chance has it, in words.
+pub(super) fn contradictions(view: &View, fit: &Fit, significance: f64) -> Result<Vec<String>, DiagnoseError> {
+    let poses = view.study.poses();
+    if poses.len() < 2 {
+        return Ok(Vec::new());
+    }
+    let mut words = Vec::new();
+    for fitted in &fit.added {
+        let each = of_each_pose(view, fit, fitted.candidate, &poses);
+        // The first pose has the size of all; the others may depart from it.
+        let p_value = probability(view, fit, &joined(&each[1..]))?;
+        if p_value * fit.added.len() as f64 <= significance {
+            let name = &view.study.candidates()[fitted.candidate].name;
+            let sizes = sizes(view, fit, fitted, &each, &poses)?;
+            words.push(format!("{name} is not the same in all poses (p = {p_value:.1e} by chance){sizes}"));
+        }
+    }
+    Ok(words)
+}
+
+/// Name and rows of the study of each pose.
+pub(crate) type PoseRows = (String, BTreeSet<usize>);
+
+/// Columns of a candidate that act in one pose alone, for each pose.
+fn of_each_pose(view: &View, fit: &Fit, candidate: usize, poses: &[PoseRows]) -> Vec<Mat<f64>> {
+    let columns = view.study.columns(&fit.point, candidate);
+    let in_pose = |rows: &BTreeSet<usize>| {
+        let at = |i: usize, j: usize| if rows.contains(&i) { columns[(i, j)] } else { 0.0 };
+        view.picked(&Mat::from_fn(columns.nrows(), columns.ncols(), at))
+    };
+    poses.iter().map(|(_, rows)| in_pose(rows)).collect()
+}
+
+/// `: 31 µm/m in pose 2003, 20 in pose 2010`, where a candidate has one size; nothing where it has several.
+fn sizes(
+    view: &View,
+    fit: &Fit,
+    fitted: &Fitted,
+    each: &[Mat<f64>],
+    poses: &[PoseRows],
+) -> Result<String, DiagnoseError> {
+    let [spec] = &view.study.candidates()[fitted.candidate].parameters[..] else { return Ok(String::new()) };
+    let without = Fit::without(view, &fit.set(), fitted.candidate)?;
+    let group = without.linear.project(view.whitened(&joined(each)).as_ref());
+    let Ok(factor) = Llt::new(group.left.as_ref(), Side::Lower) else { return Ok(String::new()) };
+    let solved = factor.solve(crate::linear::column(&group.gradient));
+    let one = |(k, (name, _)): (usize, &PoseRows)| format!("{} in pose {name}", in_words(spec, solved[(k, 0)]));
+    let sizes: Vec<String> = poses.iter().enumerate().map(one).collect();
+    Ok(format!(": {}", sizes.join(", ")))
+}
+
+/// A size in the unit of reports.
+fn in_words(spec: &ParameterSpec, value: f64) -> String {
+    let (factor, unit) = match spec.unit {
+        "m" => (1e6, "um"),
+        "m/m" | "1" => (1e6, "um/m"),
+        "rad" => (1e6, "urad"),
+        other => (1.0, other),
+    };
+    format!("{:.1} {unit}", value * factor)
+}
