@@ -149,6 +149,17 @@ impl Linear {
         Linear::of_parts(jacobian, normal, residuals, covariance, used)
     }
 
+    /// The fit of some of the rows by the same columns, without priors.
+    ///
+    /// # Errors
+    /// [`DiagnoseError::Singular`] where rounding leaves no covariance.
+    pub(crate) fn part(&self, rows: &[usize]) -> Result<Linear, DiagnoseError> {
+        let jacobian = Mat::from_fn(rows.len(), self.jacobian.ncols(), |i, j| self.jacobian[(rows[i], j)]);
+        let residuals: Vec<f64> = rows.iter().map(|k| self.residuals[*k]).collect();
+        let normal = jacobian.transpose() * &jacobian;
+        Linear::without_priors_of(Arc::new(jacobian), normal, &residuals, rows.len())
+    }
+
     /// The fit without priors, with these columns beside its own.
     ///
     /// # Errors

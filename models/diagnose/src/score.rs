@@ -34,8 +34,18 @@ impl Score {
     /// Evidence after a price for parameters and trials: gain − degrees · ln n − 2 ln(trials) (Schwarz 1978, with the
     /// choice among equals as a uniform prior).
     pub fn evidence(&self, rows: usize, trials: usize) -> f64 {
-        self.gain - self.degrees as f64 * (rows.max(2) as f64).ln() - 2.0 * (trials.max(1) as f64).ln()
+        evidence_of(self.gain, self.degrees, (rows, trials))
     }
+}
+
+/// Evidence of a gain by so many parameters, over so many rows and among so many trials.
+pub(crate) fn evidence_of(gain: f64, degrees: usize, (rows, trials): (usize, usize)) -> f64 {
+    gain - degrees as f64 * (rows.max(2) as f64).ln() - 2.0 * (trials.max(1) as f64).ln()
+}
+
+/// Gain of twice the log likelihood by a reduction of χ², with the noise estimated.
+pub(crate) fn gain_of(reduction: f64, chi2: f64, degrees: f64) -> f64 {
+    degrees.max(1.0) * (chi2 / (chi2 - reduction).max(f64::MIN_POSITIVE)).ln()
 }
 
 /// Tests a group of columns; `chi2` and `degrees` are those of the fit without it.
@@ -50,7 +60,7 @@ pub fn score(group: &Projected, chi2: f64, degrees: f64) -> Score {
     let estimate: Vec<f64> = scaled.iter().zip(&scale).map(|(estimate, scale)| estimate * scale).collect();
     let rest = (degrees - tested as f64).max(1.0);
     let remaining = (chi2 - reduction).max(f64::MIN_POSITIVE);
-    let gain = if tested == 0 { 0.0 } else { (degrees.max(1.0)) * (chi2 / remaining).ln() };
+    let gain = if tested == 0 { 0.0 } else { gain_of(reduction, chi2, degrees) };
     let p_value = p_of(reduction, tested, remaining, rest);
     Score { reduction, degrees: tested, p_value, gain, alias_share: alias_share(group, &estimate), estimate }
 }

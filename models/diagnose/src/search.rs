@@ -470,7 +470,7 @@ impl<'a> Search<'a> {
 
     /// Empirical terms: of the findings of the look and of the same quantities turning a joint.
     pub(crate) fn look(&self, round: &Round, machine: &Machine) -> Result<Vec<Candidate>, DiagnoseError> {
-        let passing = look::look(round, &self.variables).into_iter().filter(|finding| {
+        let passing = look::look(round, &self.variables, self.options.least_evidence).into_iter().filter(|finding| {
             self.passes(finding.score.p_value, finding.trials, finding.score.evidence(round.used, finding.trials))
         });
         let acting = passing.flat_map(|finding| {
