@@ -106,22 +106,29 @@ impl Pairs<'_> {
 
     /// The most evidence of these columns, of which |C|² over all rows is known; infinite without a bound.
     fn evidence_at_most(&self, group: &Projected, squares: &[f64]) -> f64 {
-        let count = squares.len();
-        if count == 0 {
+        if squares.is_empty() {
             return f64::NEG_INFINITY;
         }
-        let scale: Vec<f64> = squares.iter().map(|square| square.sqrt().recip()).collect();
-        let less = |i: usize, j: usize| group.left[(i, j)] * scale[i] * scale[j] - if i == j { LEFT } else { 0.0 };
-        let Ok(factor) = Llt::new(Mat::from_fn(count, count, less).as_ref(), Side::Lower) else { return f64::INFINITY };
-        let gradient: Vec<f64> = group.gradient.iter().zip(&scale).map(|(g, s)| g * s).collect();
-        let estimate = factor.solve(column(&gradient));
-        let reduction: f64 = gradient.iter().enumerate().map(|(k, g)| g * estimate[(k, 0)]).sum();
         let fit = &self.round.free;
-        if reduction.is_nan() || reduction >= fit.chi2() {
-            return f64::INFINITY;
+        match reduction_at_most(group, squares) {
+            Some(reduction) if reduction < fit.chi2() => {
+                let gain = gain_of(reduction, fit.chi2(), fit.degrees());
+                evidence_of(gain, squares.len(), (self.round.used, self.trials))
+            }
+            _ => f64::INFINITY,
         }
-        evidence_of(gain_of(reduction, fit.chi2(), fit.degrees()), count, (self.round.used, self.trials))
     }
+}
+
+/// The largest reduction of χ² by columns of which some rows tell what is left, and all rows the gradient and |C|².
+fn reduction_at_most(group: &Projected, squares: &[f64]) -> Option<f64> {
+    let count = squares.len();
+    let scale: Vec<f64> = squares.iter().map(|square| square.sqrt().recip()).collect();
+    let less = |i: usize, j: usize| group.left[(i, j)] * scale[i] * scale[j] - if i == j { LEFT } else { 0.0 };
+    let factor = Llt::new(Mat::from_fn(count, count, less).as_ref(), Side::Lower).ok()?;
+    let gradient: Vec<f64> = group.gradient.iter().zip(&scale).map(|(g, s)| g * s).collect();
+    let estimate = factor.solve(column(&gradient));
+    Some(gradient.iter().enumerate().map(|(k, g)| g * estimate[(k, 0)]).sum())
 }
 
 /// Polynomials of one quantity (degrees 0 … DEGREE) as vectors that depend on each other as the polynomials do: their values where the
@@ -177,4 +184,54 @@ fn new_ones(
         };
         all.iter().filter(|(_, k, _)| *k < count).filter(|(_, _, vector)| is_new(vector)).map(|(_, k, _)| *k).collect()
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::score::score;
+    use rand::{Rng, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+
+    const ROWS: usize = 240;
+
+    /// Whatever the columns and the noise, and closely where most rows are looked at.
+    #[test]
+    fn some_rows_bound_what_all_explain() {
+        for seed in 0..40 {
+            let mut random = ChaCha8Rng::seed_from_u64(seed);
+            let mut of = |columns: usize| Mat::from_fn(ROWS, columns, |_, _| random.random::<f64>() - 0.5);
+            let (model, group, noise) = (of(9), of(3), of(1));
+            // A third of the seeds show the group.
+            let size = f64::from(u8::from(seed % 3 == 0));
+            let observed: Vec<f64> = (0..ROWS).map(|k| noise[(k, 0)] + size * group[(k, 1)]).collect();
+            let (fit, _) = Linear::least_squares(model, &observed).unwrap();
+            let all = fit.project(group.as_ref());
+            let reduction = score(&all, fit.chi2(), fit.degrees()).reduction;
+            let squares: Vec<f64> = (0..3).map(|k| all.alone[(k, k)]).collect();
+            let bound = |rows: Vec<usize>| {
+                let part = Mat::from_fn(rows.len(), 3, |i, j| group[(rows[i], j)]);
+                let left = fit.part(&rows).unwrap().project(part.as_ref()).left;
+                reduction_at_most(&Projected { left, ..all.clone() }, &squares).unwrap()
+            };
+            let third = bound((0..ROWS).filter(|k| k % 3 == 1).collect());
+            assert!(third > reduction, "{seed}: {third} {reduction}");
+            let most = bound((0..ROWS).filter(|k| k % 20 > 0).collect());
+            assert!(most > reduction && most < 1.4 * reduction, "{seed}: {most} {reduction}");
+        }
+    }
+
+    /// A side is −1, 0 or 1: its third power is the first, its fourth the second. Beside a free quantity, with the constant in the model.
+    #[test]
+    fn columns_that_depend_on_others_add_nothing() {
+        let course = |values: &[f64]| Course::of(&super::super::legendre(values));
+        let courses = [course(&[-1.0, 0.0, 1.0, 0.0, -1.0]), course(&[-1.0, -0.3, 0.1, 0.2, 0.7, 1.0])];
+        let [mixed, all] = new_ones((0, 1), &[0, 1], &courses, &[(0, 0)]);
+        // Of the products, side³ times the other is dropped; alone, P_3 and P_4 of the side; side² q is new beside q.
+        assert_eq!(mixed, [0, 1, 2, 4, 5]);
+        assert_eq!(all, [6, 10, 0, 7, 11, 1, 2, 12, 4, 5, 13]);
+        // Where the constant is not in the model, the fourth power of a side is another column.
+        let [_, free] = new_ones((0, 1), &[0, 1], &courses, &[]);
+        assert!(free.contains(&9) && !free.contains(&8), "{free:?}");
+    }
 }
