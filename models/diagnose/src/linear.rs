@@ -11,7 +11,11 @@ use crate::error::DiagnoseError;
 use faer::linalg::solvers::{DenseSolveCore, Llt, Solve};
 use faer::{Mat, MatRef, Side};
 use std::borrow::Borrow;
-use std::sync::{Arc, OnceLock};
+use std::collections::BTreeMap;
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+
+/// Eigenvalues of a block of the hat matrix, and their directions.
+pub(crate) type Directions = (Vec<f64>, Vec<Vec<f64>>);
 
 /// Rows, residuals and covariance of a settled fit.
 #[derive(Debug, Clone)]
@@ -27,6 +31,8 @@ pub struct Linear {
     root: Mat<f64>,
     /// J L, made when it is first asked for.
     spread: OnceLock<Mat<f64>>,
+    /// Directions of blocks of J V Jᵀ, by their rows, made when they are first asked for.
+    directions: Arc<Mutex<BTreeMap<Vec<usize>, Arc<Directions>>>>,
     chi2: f64,
     degrees: f64,
 }
@@ -107,7 +113,8 @@ impl Linear {
         let taken: f64 = columns.map(|(v, n)| v.iter().zip(n.iter()).map(|(v, n)| v * n).sum::<f64>()).sum();
         let chi2 = residuals.iter().map(|r| r * r).sum();
         let degrees = (used as f64 - taken).max(1.0);
-        Ok(Linear { jacobian, normal, residuals, covariance, root, spread: OnceLock::new(), chi2, degrees })
+        let (spread, directions) = (OnceLock::new(), Arc::default());
+        Ok(Linear { jacobian, normal, residuals, covariance, root, spread, directions, chi2, degrees })
     }
 
     /// The same rows fitted without the priors, and its residuals: what the columns could absorb if nothing were known
@@ -139,6 +146,17 @@ impl Linear {
         let moved = &*jacobian * &change;
         let residuals = residuals.iter().enumerate().map(|(k, r)| r - moved[(k, 0)]).collect();
         Linear::of_parts(jacobian, normal, residuals, covariance, used)
+    }
+
+    /// The fit of some of the rows by the same columns, without priors.
+    ///
+    /// # Errors
+    /// [`DiagnoseError::Singular`] where rounding leaves no covariance.
+    pub(crate) fn part(&self, rows: &[usize]) -> Result<Linear, DiagnoseError> {
+        let jacobian = Mat::from_fn(rows.len(), self.jacobian.ncols(), |i, j| self.jacobian[(rows[i], j)]);
+        let residuals: Vec<f64> = rows.iter().map(|k| self.residuals[*k]).collect();
+        let normal = jacobian.transpose() * &jacobian;
+        Linear::without_priors_of(Arc::new(jacobian), normal, &residuals, rows.len())
     }
 
     /// The fit without priors, with these columns beside its own.
@@ -219,6 +237,16 @@ impl Linear {
     /// J L, whose product with its transpose is the hat matrix J V Jᵀ.
     pub(crate) fn spread(&self) -> MatRef<'_, f64> {
         self.spread.get_or_init(|| &*self.jacobian * &self.root).as_ref()
+    }
+
+    /// Directions of a block of the hat matrix, where they were kept: a fit is compared with many others on the same blocks.
+    pub(crate) fn kept_directions(&self, block: &[usize]) -> Option<Arc<Directions>> {
+        self.directions.lock().unwrap_or_else(PoisonError::into_inner).get(block).cloned()
+    }
+
+    /// Keeps the directions of a block of the hat matrix.
+    pub(crate) fn keep_directions(&self, block: &[usize], directions: Arc<Directions>) {
+        self.directions.lock().unwrap_or_else(PoisonError::into_inner).insert(block.to_vec(), directions);
     }
 
     /// L with V = L Lᵀ.

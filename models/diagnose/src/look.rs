@@ -6,6 +6,7 @@
 //! products up to total degree 2, 3 and 4 of every pair, with and without what each does alone, and sines of up to 48 half cycles of every quantity are
 //! tested with the model's columns projected out. What is found becomes an empirical term if no named effect explains it.
 
+mod bound;
 mod products;
 mod sines;
 
@@ -17,8 +18,9 @@ use abbe_geometry::ErrorId;
 use abbe_geometry::effects::{self, Shape, State, is_derived, is_scale};
 use abbe_identify::{CampaignRow, Rows, in_parallel};
 use abbe_measurement::campaign::Campaign;
+use bound::{Pairs, Part};
 use faer::Mat;
-use products::Products;
+use products::{Over, Products};
 
 /// Total degree of the products.
 const DEGREE: usize = 4;
@@ -136,15 +138,18 @@ pub(crate) fn correlation(a: &[f64], b: &[f64]) -> f64 {
     sum(&|x, y| x * y) / (sum(&|x, _| x * x) * sum(&|_, y| y * y)).sqrt()
 }
 
-/// The dependences that explain most after the price of their parameters and of the search, best first.
-pub(crate) fn look(round: &Round, variables: &[Variable]) -> Vec<Finding> {
+/// The dependences that explain most after the price of their parameters and of the search, best first; those whose evidence is not beyond
+/// the least that matters may be left out.
+pub(crate) fn look(round: &Round, variables: &[Variable], least_evidence: f64) -> Vec<Finding> {
     let trials = ACTS.len() * variables.len() * (variables.len() + 1) / 2 * FORMS;
     let weights: Vec<Vec<f64>> = (0..ACTS.len()).map(|act| weights(&round.rows, act)).collect();
     let powers: Vec<Mat<f64>> = variables.iter().map(|v| legendre(&v.scaled)).collect();
     let waves = sines::strongest(round, variables, &weights);
     let acts: Vec<usize> = (0..ACTS.len()).collect();
+    let part = Part::of(round);
     let acting = |act: &usize| {
-        let mut found = smooth(round, (variables, powers.as_slice()), *act, &weights[*act], trials);
+        let of_act = (*act, weights[*act].as_slice());
+        let mut found = smooth(round, (variables, &powers), of_act, trials, (part.as_ref(), least_evidence));
         found.extend(sines::findings(round, variables, *act, (weights[*act].as_slice(), &waves[*act]), trials));
         found
     };
@@ -168,13 +173,13 @@ fn weights(rows: &Rows, act: usize) -> Vec<f64> {
     (0..rows.len()).map(|k| if rows.whitening[k] > 0.0 { along(k) } else { 0.0 }).collect()
 }
 
-/// Legendre polynomials P_1 … P_4 of each quantity and mixed products of each pair.
+/// Legendre polynomials P_1 … P_4 of each quantity and mixed products of each pair; of pairs, those that may be among the best of this act.
 fn smooth(
     round: &Round,
     (variables, powers): (&[Variable], &[Mat<f64>]),
-    act: usize,
-    weights: &[f64],
+    (act, weights): (usize, &[f64]),
     trials: usize,
+    (part, least_evidence): (Option<&Part>, f64),
 ) -> Vec<Finding> {
     let finding = |variables: Vec<usize>, group: &Projected| {
         let score = round.score(group);
@@ -182,31 +187,61 @@ fn smooth(
     };
     // What scales alone do to the tip is the error functions' business.
     let has_own = |v: usize| !(act < 3 && is_scale(&variables[v].name));
-    let own = Products::of_each(round, powers, weights);
-    let mut found: Vec<Finding> = Vec::new();
-    for v in (0..variables.len()).filter(|v| has_own(*v)) {
+    let over = Over { round, part: None };
+    let own = Products::of_each(over, powers, weights);
+    let alone = |v: usize| -> Vec<Finding> {
         let all = own.of(v);
-        found.extend((1..=DEGREE).map(|degree| finding(vec![v], &all.pick(&(0..degree).collect::<Vec<_>>()))));
-    }
-    let pairs: Vec<(usize, usize)> = (0..variables.len()).flat_map(|i| (0..i).map(move |j| (j, i))).collect();
-    for batch in pairs.chunks(TOGETHER) {
-        let mixed = Products::of_pairs(round, powers, weights, batch);
-        for (place, (a, b)) in batch.iter().enumerate() {
-            let quantities: Vec<usize> = [*a, *b].into_iter().filter(|v| has_own(*v)).collect();
-            let all = mixed.with(place, &own, &quantities);
-            for degree in 2..=DEGREE {
-                let products: Vec<usize> = (0..MIXED.len()).filter(|m| MIXED[*m].0 + MIXED[*m].1 <= degree).collect();
-                found.push(finding(vec![*a, *b], &all.pick(&products)));
-                if !quantities.is_empty() {
-                    let of = |q: usize| (0..degree).map(move |d| MIXED.len() + DEGREE * q + d);
-                    let mut members: Vec<usize> = (0..quantities.len()).flat_map(of).collect();
-                    members.extend(products);
-                    found.push(finding(vec![*a, *b], &all.pick(&members)));
-                }
-            }
+        (1..=DEGREE).map(|degree| finding(vec![v], &all.pick(&(0..degree).collect::<Vec<_>>()))).collect()
+    };
+    let mut found: Vec<Vec<Finding>> = (0..variables.len()).filter(|v| has_own(*v)).map(alone).collect();
+    let pairs = (0..variables.len()).flat_map(|i| (0..i).map(move |j| (j, i)));
+    let pairs: Vec<((usize, usize), Vec<usize>)> =
+        pairs.map(|(a, b)| ((a, b), [a, b].into_iter().filter(|v| has_own(*v)).collect())).collect();
+    let of_act = Pairs { round, powers, weights, own: &own, trials };
+    let at_most = part.map_or_else(|| vec![f64::INFINITY; pairs.len()], |part| of_act.at_most(part, &pairs));
+    let mut order: Vec<usize> = (0..pairs.len()).collect();
+    order.sort_by(|a, b| at_most[*b].total_cmp(&at_most[*a]));
+    let first = found.len();
+    found.resize(first + pairs.len(), Vec::new());
+    for some in order.chunks(TOGETHER) {
+        let limit = least_evidence.max(evidence_kept(&found, round.used));
+        let some: Vec<usize> = some.iter().copied().filter(|k| at_most[*k] > limit).collect();
+        if some.is_empty() {
+            break;
+        }
+        let batch: Vec<(usize, usize)> = some.iter().map(|k| pairs[*k].0).collect();
+        let mixed = Products::of_pairs(over, powers, weights, &batch);
+        for (place, k) in some.iter().enumerate() {
+            let ((a, b), quantities) = &pairs[*k];
+            let all = mixed.with(place, &own, quantities);
+            let forms = forms_of(quantities.len()).into_iter();
+            found[first + k] = forms.map(|members| finding(vec![*a, *b], &all.pick(&members))).collect();
         }
     }
-    found
+    found.concat()
+}
+
+/// Evidence of the last that is kept of these, each a quantity or a pair in several forms; none where fewer were found.
+fn evidence_kept(found: &[Vec<Finding>], rows: usize) -> f64 {
+    let best =
+        |forms: &Vec<Finding>| forms.iter().map(|found| found.score.evidence(rows, found.trials)).reduce(f64::max);
+    let mut best: Vec<f64> = found.iter().filter_map(best).collect();
+    best.sort_by(|a, b| b.total_cmp(a));
+    best.get(KEPT - 1).copied().unwrap_or(f64::NEG_INFINITY)
+}
+
+/// Columns of the forms of a pair: of each degree the mixed products, then these with what each of so many quantities does alone.
+fn forms_of(quantities: usize) -> Vec<Vec<usize>> {
+    let mut forms = Vec::new();
+    for degree in 2..=DEGREE {
+        let products: Vec<usize> = (0..MIXED.len()).filter(|m| MIXED[*m].0 + MIXED[*m].1 <= degree).collect();
+        forms.push(products.clone());
+        if quantities > 0 {
+            let of = |q: usize| (0..degree).map(move |d| MIXED.len() + DEGREE * q + d);
+            forms.push((0..quantities).flat_map(of).chain(products).collect());
+        }
+    }
+    forms
 }
 
 /// P_1 … P_DEGREE of each value, by degree.

@@ -160,8 +160,8 @@ fn of(
     }
     let outdoes_found = competing.found.is_some();
     let moved = tried.iter().map(|tried| tried.moved).fold(f64::NEG_INFINITY, f64::max);
-    let rival = moved.max(rivals::best(&scan, competing, go_on)?);
-    if step.whole < rival + options.least_evidence {
+    let most = step.whole - options.least_evidence;
+    if moved > most || rivals::any_beyond(&scan, competing, most, go_on)? {
         return Ok(None);
     }
     let Some(by) = scan.judged(step)? else { return Ok(None) };

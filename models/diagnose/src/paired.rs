@@ -7,11 +7,12 @@
 //! residuals; no units.
 
 use crate::candidates::Round;
-use crate::linear::{Linear, column};
+use crate::linear::{Directions, Linear, column};
 use abbe_identify::{in_parallel, symmetric_eigen};
 use faer::linalg::matmul::triangular::{self, BlockStructure};
 use faer::linalg::solvers::{Llt, Solve};
 use faer::{Accum, Mat, MatRef, Par, Side};
+use std::sync::Arc;
 
 /// 1 − eigenvalue of H below which only the block itself tells of a direction: predicted without it, its uncertainty is
 /// a thousand times the noise.
@@ -90,7 +91,7 @@ enum Hat {
     Measured(Inverse),
     /// Eigenvalues of H and their directions, those that the model does not reach left out; and 1 − eigenvalue up to which only the
     /// block tells of a direction.
-    Directions { values: Vec<f64>, directions: Vec<Vec<f64>>, limit: f64 },
+    Directions { all: Arc<Directions>, limit: f64 },
 }
 
 impl LeftOut {
@@ -98,8 +99,8 @@ impl LeftOut {
     fn own(&self) -> Vec<Vec<f64>> {
         match &self.hat {
             Hat::Measured(_) => Vec::new(),
-            Hat::Directions { values, directions, limit } => {
-                let own = values.iter().zip(directions).filter(|(value, _)| 1.0 - **value <= *limit);
+            Hat::Directions { all, limit } => {
+                let own = all.0.iter().zip(&all.1).filter(|(value, _)| 1.0 - **value <= *limit);
                 own.map(|(_, direction)| direction.clone()).collect()
             }
         }
@@ -109,7 +110,7 @@ impl LeftOut {
     fn variance(&self, x: &[f64]) -> f64 {
         let (values, directions, limit) = match &self.hat {
             Hat::Measured(inverse) => return dot(x, &inverse.of(x)),
-            Hat::Directions { values, directions, limit } => (values, directions, *limit),
+            Hat::Directions { all, limit } => (&all.0, &all.1, *limit),
         };
         let mut variance = square(x);
         for (value, direction) in values.iter().zip(directions) {
@@ -125,20 +126,27 @@ impl LeftOut {
 }
 
 fn left_out(fit: &Linear, block: &[usize], limit: f64) -> Option<LeftOut> {
-    let spread = fit.spread();
-    let rows = Mat::from_fn(block.len(), spread.ncols(), |i, j| spread[(block[i], j)]);
     let seen: Vec<f64> = block.iter().map(|k| fit.residuals()[*k]).collect();
-    if let Some(inverse) = Inverse::new(&rows) {
-        return Some(LeftOut { residuals: inverse.of(&seen), hat: Hat::Measured(inverse) });
-    }
-    let (values, directions) = directions(&rows)?;
+    let all = match fit.kept_directions(block) {
+        Some(all) => all,
+        None => {
+            let spread = fit.spread();
+            let rows = Mat::from_fn(block.len(), spread.ncols(), |i, j| spread[(block[i], j)]);
+            if let Some(inverse) = Inverse::new(&rows) {
+                return Some(LeftOut { residuals: inverse.of(&seen), hat: Hat::Measured(inverse) });
+            }
+            let all = Arc::new(directions(&rows)?);
+            fit.keep_directions(block, Arc::clone(&all));
+            all
+        }
+    };
     let mut residuals = seen.clone();
-    for (value, direction) in values.iter().zip(&directions) {
+    for (value, direction) in all.0.iter().zip(&all.1) {
         let along = dot(direction, &seen);
         let change = if 1.0 - value > limit { along * value / (1.0 - value) } else { -along };
         residuals.iter_mut().zip(direction).for_each(|(residual, d)| *residual += change * d);
     }
-    Some(LeftOut { residuals, hat: Hat::Directions { values, directions, limit } })
+    Some(LeftOut { residuals, hat: Hat::Directions { all, limit } })
 }
 
 /// Whitened residuals of a block predicted by a fit that did not see it, each with its variance for unit noise; without the directions of
@@ -195,7 +203,7 @@ fn lower_half(m: MatRef<f64>) -> Mat<f64> {
 }
 
 /// Eigenvalues and eigenvectors of R Rᵀ, from whichever of R Rᵀ and RᵀR is smaller.
-fn directions(rows: &Mat<f64>) -> Option<(Vec<f64>, Vec<Vec<f64>>)> {
+fn directions(rows: &Mat<f64>) -> Option<Directions> {
     let is_tall = rows.nrows() > rows.ncols();
     let (values, vectors) = match is_tall {
         true => symmetric_eigen(&(rows.transpose() * rows))?,
@@ -269,7 +277,7 @@ mod tests {
             let solved = inverse.of(&x);
             let close = |(a, b): (&f64, &f64)| (a - b).abs() < 1e-12;
             assert!(solved.iter().zip(&by_directions).all(close), "{solved:?} {by_directions:?}");
-            let hat = Hat::Directions { values, directions, limit: TOLD };
+            let hat = Hat::Directions { all: Arc::new((values, directions)), limit: TOLD };
             let slow = LeftOut { residuals: by_directions, hat }.variance(&x);
             let fast = LeftOut { residuals: solved, hat: Hat::Measured(inverse) }.variance(&x);
             assert!((slow - fast).abs() < 1e-12 * slow, "{slow} {fast}");

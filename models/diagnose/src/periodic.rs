@@ -32,18 +32,36 @@ pub(crate) const AS_GOOD: f64 = 6.0;
 /// Transforms that were planned and the memory that they need, for the next residual.
 #[derive(Default)]
 pub(crate) struct Periodogram {
-    plans: BTreeMap<usize, Arc<dyn Fft<f64>>>,
+    plans: BTreeMap<usize, Plan>,
     grid: Vec<Complex<f64>>,
     scratch: Vec<Complex<f64>>,
 }
 
+/// A transform of one size.
+struct Plan {
+    fft: Arc<dyn Fft<f64>>,
+    /// e^(−πik/size) of the first frequencies: as many as were asked for.
+    turns: Vec<Complex<f64>>,
+}
+
 impl Periodogram {
-    /// Transforms the grid in place.
-    fn transform(&mut self) {
-        let size = self.grid.len();
-        let plan = self.plans.entry(size).or_insert_with(|| FftPlanner::new().plan_fft_forward(size));
-        self.scratch.resize(plan.get_inplace_scratch_len(), Complex::new(0.0, 0.0));
-        plan.process_with_scratch(&mut self.grid, &mut self.scratch);
+    /// Squared magnitudes of the first `count` frequencies of the real sequence that is packed into the grid, which is transformed in
+    /// place: with E and O the transforms of even and odd places, the sequence's is E + e^(−2πik/N) O.
+    fn powers(&mut self, count: usize) -> Vec<f64> {
+        let half = self.grid.len();
+        let plan = || Plan { fft: FftPlanner::new().plan_fft_forward(half), turns: Vec::new() };
+        let plan = self.plans.entry(half).or_insert_with(plan);
+        let turn = |k: usize| Complex::from_polar(1.0, -std::f64::consts::PI * k as f64 / half as f64);
+        plan.turns.extend((plan.turns.len()..count).map(turn));
+        self.scratch.resize(plan.fft.get_inplace_scratch_len(), Complex::new(0.0, 0.0));
+        plan.fft.process_with_scratch(&mut self.grid, &mut self.scratch);
+        let packed = &self.grid;
+        let power = |(k, turn): (usize, &Complex<f64>)| {
+            let (forward, backward) = (packed[k % half], packed[(half - k % half) % half].conj());
+            let (even, odd) = ((forward + backward) * 0.5, (forward - backward) * Complex::new(0.0, -0.5));
+            (even + turn * odd).norm_sqr()
+        };
+        plan.turns.iter().take(count).enumerate().map(power).collect()
     }
 }
 
@@ -117,10 +135,9 @@ fn peaks(
             *(if (place as usize).is_multiple_of(2) { &mut cell.re } else { &mut cell.im }) += value;
         }
     }
-    periodogram.transform();
     let step = 1.0 / (size as f64 * GRID_M);
     let last = ((1.0 / SHORTEST_M / step) as usize).min(size / 2 - 2);
-    let powers = powers(&periodogram.grid, last + 2);
+    let powers = periodogram.powers(last + 2);
     let is_peak = |k: &usize| powers[*k] >= powers[k - 1] && powers[*k] > powers[k + 1];
     let mut peaks: Vec<usize> = (1..last).filter(is_peak).collect();
     let higher = |a: &usize, b: &usize| powers[*b].total_cmp(&powers[*a]).then(a.cmp(b));
@@ -130,19 +147,6 @@ fn peaks(
     }
     peaks.sort_by(higher);
     peaks.into_iter().map(|k| k as f64 * step).collect()
-}
-
-/// Squared magnitudes of the first `count` frequencies of a real sequence, from the transform of its packed half: with
-/// E and O those of even and odd places, the sequence's is E + e^(−2πik/N) O.
-fn powers(packed: &[Complex<f64>], count: usize) -> Vec<f64> {
-    let half = packed.len();
-    let power = |k: usize| {
-        let (forward, backward) = (packed[k % half], packed[(half - k % half) % half].conj());
-        let (even, odd) = ((forward + backward) * 0.5, (forward - backward) * Complex::new(0.0, -0.5));
-        let turn = Complex::from_polar(1.0, -std::f64::consts::PI * k as f64 / half as f64);
-        (even + turn * odd).norm_sqr()
-    };
-    (0..count).map(power).collect()
 }
 
 #[cfg(test)]
@@ -157,8 +161,7 @@ mod tests {
         FftPlanner::new().plan_fft_forward(whole.len()).process(&mut whole);
         let grid = sequence.chunks(2).map(|pair| Complex::new(pair[0], pair[1])).collect();
         let mut periodogram = Periodogram { grid, ..Periodogram::default() };
-        periodogram.transform();
-        let found = powers(&periodogram.grid, whole.len() / 2);
+        let found = periodogram.powers(whole.len() / 2);
         assert!(found.iter().zip(&whole).all(|(a, b)| (a - b.norm_sqr()).abs() < 1e-9), "{found:?}");
     }
 }

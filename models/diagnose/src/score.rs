@@ -34,8 +34,18 @@ impl Score {
     /// Evidence after a price for parameters and trials: gain − degrees · ln n − 2 ln(trials) (Schwarz 1978, with the
     /// choice among equals as a uniform prior).
     pub fn evidence(&self, rows: usize, trials: usize) -> f64 {
-        self.gain - self.degrees as f64 * (rows.max(2) as f64).ln() - 2.0 * (trials.max(1) as f64).ln()
+        evidence_of(self.gain, self.degrees, (rows, trials))
     }
+}
+
+/// Evidence of a gain by so many parameters, over so many rows and among so many trials.
+pub(crate) fn evidence_of(gain: f64, degrees: usize, (rows, trials): (usize, usize)) -> f64 {
+    gain - degrees as f64 * (rows.max(2) as f64).ln() - 2.0 * (trials.max(1) as f64).ln()
+}
+
+/// Gain of twice the log likelihood by a reduction of χ², with the noise estimated.
+pub(crate) fn gain_of(reduction: f64, chi2: f64, degrees: f64) -> f64 {
+    degrees.max(1.0) * (chi2 / (chi2 - reduction).max(f64::MIN_POSITIVE)).ln()
 }
 
 /// Tests a group of columns; `chi2` and `degrees` are those of the fit without it.
@@ -50,7 +60,7 @@ pub fn score(group: &Projected, chi2: f64, degrees: f64) -> Score {
     let estimate: Vec<f64> = scaled.iter().zip(&scale).map(|(estimate, scale)| estimate * scale).collect();
     let rest = (degrees - tested as f64).max(1.0);
     let remaining = (chi2 - reduction).max(f64::MIN_POSITIVE);
-    let gain = gain(tested, reduction, chi2, degrees);
+    let gain = if tested == 0 { 0.0 } else { gain_of(reduction, chi2, degrees) };
     let p_value = p_of(reduction, tested, remaining, rest);
     Score { reduction, degrees: tested, p_value, gain, alias_share: alias_share(group, &estimate), estimate }
 }
@@ -75,15 +85,7 @@ pub(crate) fn gain_of_two(gradient: [f64; 2], alone: OfTwo, left: OfTwo, chi2: f
     let (sine, cosine) = angle.sin_cos();
     let along = [(middle + radius, cosine * g + sine * h), (middle - radius, cosine * h - sine * g)];
     let tested = along.iter().filter(|(value, _)| *value > LEFT);
-    let (count, reduction) =
-        tested.fold((0, 0.0), |(count, sum), (value, along)| (count + 1, sum + along * along / value));
-    gain(count, reduction, chi2, degrees)
-}
-
-/// Gain of twice the log likelihood where the noise is estimated.
-fn gain(tested: usize, reduction: f64, chi2: f64, degrees: f64) -> f64 {
-    let remaining = (chi2 - reduction).max(f64::MIN_POSITIVE);
-    if tested == 0 { 0.0 } else { degrees.max(1.0) * (chi2 / remaining).ln() }
+    gain_of(tested.map(|(value, along)| along * along / value).sum(), chi2, degrees)
 }
 
 /// Estimate where enough is left of all directions, and their number: Cholesky's factor of `left` − limit·I shows that, in a

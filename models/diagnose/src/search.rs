@@ -24,7 +24,7 @@ use abbe_identify::{
 };
 use abbe_measurement::campaign::Campaign;
 use abbe_measurement::instrument::RangeUncertainty;
-use std::cell::RefCell;
+use std::cell::{OnceCell, RefCell};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
@@ -265,7 +265,7 @@ impl<'a> Search<'a> {
         named: &[Candidate],
         observe: &mut dyn FnMut(Progress) -> bool,
     ) -> Result<bool, DiagnoseError> {
-        let looked = self.look(round, &state.machine)?;
+        let looked = OnceCell::new();
         let finer = self.finer(round, state)?;
         for _ in 0..MAX_TRIED {
             let (candidate, tests) = match self.propose(round, state, (named, &looked), finer.as_ref())? {
@@ -415,7 +415,7 @@ impl<'a> Search<'a> {
         &self,
         round: &Round,
         state: &State,
-        (named, looked): (&[Candidate], &[Candidate]),
+        (named, looked): (&[Candidate], &OnceCell<Vec<Candidate>>),
         finer: Option<&(ErrorId, Score)>,
     ) -> Result<Proposal, DiagnoseError> {
         let rows = round.used;
@@ -428,7 +428,13 @@ impl<'a> Search<'a> {
         let open = || named.iter().filter(|c| !state.is_out(&c.term));
         let best = best.map(|best| lags::logged_instead(best, open()));
         let best = best.map(|best| lags::logged_side_instead(best, open(), (rows, self.options.least_evidence)));
-        let free = self.empirical(round, state, looked)?;
+        if let Some(best) = best.filter(|best| is_ahead_of_all(round, best, finer)) {
+            return Ok(Proposal::Named(best.clone()));
+        }
+        if looked.get().is_none() {
+            let _ = looked.set(self.look(round, &state.machine)?);
+        }
+        let free = self.empirical(round, state, looked.get().map_or(&[], Vec::as_slice))?;
         let reduction = best.map_or(0.0, |c| c.score.reduction).max(free.as_ref().map_or(0.0, |f| f.score.reduction));
         // Finer splines cost nothing where they are not needed, so they need no price; but what an effect explains far
         // better is the effect's.
@@ -464,7 +470,7 @@ impl<'a> Search<'a> {
 
     /// Empirical terms: of the findings of the look and of the same quantities turning a joint.
     pub(crate) fn look(&self, round: &Round, machine: &Machine) -> Result<Vec<Candidate>, DiagnoseError> {
-        let passing = look::look(round, &self.variables).into_iter().filter(|finding| {
+        let passing = look::look(round, &self.variables, self.options.least_evidence).into_iter().filter(|finding| {
             self.passes(finding.score.p_value, finding.trials, finding.score.evidence(round.used, finding.trials))
         });
         let acting = passing.flat_map(|finding| {
@@ -552,6 +558,13 @@ impl<'a> Search<'a> {
         }
         Ok(weakest.map(|(index, _)| index))
     }
+}
+
+/// Whether a named effect goes first whatever a look finds, which costs as much as all named effects: no dependence explains more than
+/// the whole sum of squares.
+fn is_ahead_of_all(round: &Round, named: &Candidate, finer: Option<&(ErrorId, Score)>) -> bool {
+    named.score.reduction >= EXPLAINS * round.free.chi2()
+        && finer.is_none_or(|(_, score)| score.reduction <= AS_WELL * named.score.reduction)
 }
 
 /// Number of tests behind a list of candidates: each effect's shapes, those that a search went through among them.

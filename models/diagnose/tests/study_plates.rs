@@ -475,6 +475,7 @@ fn turned_elsewhere(square_rad: f64, difference: f64, rows_first: bool, seed: u6
         }
     }
     vectors
+}
 
 #[test]
 fn poses_that_are_not_turned_say_that_plate_and_machine_cannot_be_told_apart() {

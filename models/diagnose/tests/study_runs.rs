@@ -315,6 +315,7 @@ fn regress_a_temperature_is_inside_where_every_axis_was_measured() {
     assert!(terms.apart.len() == 1 && terms.apart[0].starts_with("temp_scale_x_c (X 20."), "{:?}", terms.apart);
     let alike = diagnose(&[at("X", 0.0), at("Y", 0.1)].concat(), &Options::default()).unwrap().terms;
     assert!(alike.apart.is_empty(), "{:?}", alike.apart);
+}
 
 /// What is shown in steps of twice the noise scatters by more than a mean of repeats hides, and rounding is most of it.
 #[test]

@@ -5,7 +5,7 @@
 
 use super::{DEGREE, MIXED};
 use crate::candidates::Round;
-use crate::linear::Projected;
+use crate::linear::{Linear, Projected};
 use faer::{Mat, MatRef};
 
 /// Columns in runs of equal length, one run a quantity or a pair.
@@ -14,41 +14,60 @@ pub(super) struct Products {
     columns: Mat<f64>,
     /// LᵀJᵀC of the fit.
     taken: Mat<f64>,
-    /// Cᵀr.
+    /// Cᵀr of all rows.
     gradient: Vec<f64>,
+    /// |C|² of all rows, column by column.
+    squares: Vec<f64>,
+}
+
+/// A round, and which of its rows columns are multiplied over: all, or those of a fit of some.
+#[derive(Clone, Copy)]
+pub(super) struct Over<'a> {
+    pub(super) round: &'a Round<'a>,
+    pub(super) part: Option<(&'a Linear, &'a [usize])>,
 }
 
 impl Products {
     /// Polynomials of each quantity (rows × degrees), times the weights.
-    pub(super) fn of_each(round: &Round, powers: &[Mat<f64>], weights: &[f64]) -> Products {
+    pub(super) fn of_each(over: Over, powers: &[Mat<f64>], weights: &[f64]) -> Products {
         let fill = |c: usize, column: &mut [f64]| {
             let power = powers[c / DEGREE].col_as_slice(c % DEGREE);
             column.iter_mut().zip(weights).zip(power).for_each(|((value, w), p)| *value = w * p);
         };
-        Products::new(round, DEGREE, (weights.len(), DEGREE * powers.len()), fill)
+        Products::new(over, DEGREE, (weights.len(), DEGREE * powers.len()), fill)
     }
 
     /// Mixed products of the polynomials of these pairs of quantities, times the weights.
-    pub(super) fn of_pairs(round: &Round, powers: &[Mat<f64>], weights: &[f64], pairs: &[(usize, usize)]) -> Products {
+    pub(super) fn of_pairs(over: Over, powers: &[Mat<f64>], weights: &[f64], pairs: &[(usize, usize)]) -> Products {
         let fill = |c: usize, column: &mut [f64]| {
             let ((a, b), (i, j)) = (pairs[c / MIXED.len()], MIXED[c % MIXED.len()]);
             let (first, second) = (powers[a].col_as_slice(i - 1), powers[b].col_as_slice(j - 1));
             let factors = weights.iter().zip(first).zip(second);
             column.iter_mut().zip(factors).for_each(|(value, ((w, p), q))| *value = w * p * q);
         };
-        Products::new(round, MIXED.len(), (weights.len(), MIXED.len() * pairs.len()), fill)
+        Products::new(over, MIXED.len(), (weights.len(), MIXED.len() * pairs.len()), fill)
     }
 
-    fn new(round: &Round, run: usize, (rows, count): (usize, usize), fill: impl Fn(usize, &mut [f64])) -> Products {
+    fn new(over: Over, run: usize, (rows, count): (usize, usize), fill: impl Fn(usize, &mut [f64])) -> Products {
+        let Over { round, part } = over;
         let mut columns = Mat::zeros(rows, count);
         for c in 0..count {
             let column = columns.col_as_slice_mut(c);
             fill(c, column);
             round.rows.whiten(column);
         }
-        let taken = round.free.taken(columns.as_ref());
         let gradient = round.free.gradient(columns.as_ref());
-        Products { run, columns, taken, gradient }
+        let squares = (0..count).map(|c| square(columns.col_as_slice(c))).collect();
+        let (fit, columns) = match part {
+            None => (&*round.free, columns),
+            Some((fit, rows)) => (fit, some_rows(&columns, rows)),
+        };
+        Products { run, taken: fit.taken(columns.as_ref()), columns, gradient, squares }
+    }
+
+    /// |C|² of all rows of one run.
+    pub(super) fn squares(&self, place: usize) -> &[f64] {
+        &self.squares[place * self.run..(place + 1) * self.run]
     }
 
     /// What the columns of one run tell.
@@ -70,6 +89,24 @@ impl Products {
             gradient: &self.gradient[first..first + count],
         }
     }
+}
+
+/// Sum of squares, in lanes that a processor adds side by side.
+fn square(values: &[f64]) -> f64 {
+    let mut sums = [0.0; 8];
+    let chunks = values.chunks_exact(sums.len());
+    let rest: f64 = chunks.remainder().iter().map(|value| value * value).sum();
+    chunks.for_each(|chunk| sums.iter_mut().zip(chunk).for_each(|(sum, value)| *sum += value * value));
+    rest + sums.iter().sum::<f64>()
+}
+
+fn some_rows(columns: &Mat<f64>, rows: &[usize]) -> Mat<f64> {
+    let mut some = Mat::zeros(rows.len(), columns.ncols());
+    for j in 0..columns.ncols() {
+        let whole = columns.col_as_slice(j);
+        some.col_as_slice_mut(j).iter_mut().zip(rows).for_each(|(value, k)| *value = whole[*k]);
+    }
+    some
 }
 
 /// One run.

@@ -15,8 +15,14 @@ const SETTLES: [f64; 4] = [0.02, 0.06, 0.2, 0.6];
 /// Half cycles in the campaign up to which one is tried.
 const HALF_CYCLES: usize = 20;
 
-/// Evidence of the best rival.
-pub(super) fn best(scan: &Scan, competing: &Competing, go_on: &mut dyn FnMut() -> bool) -> Result<f64, DiagnoseError> {
+/// Whether a rival has more evidence than this. Those that come first are what was found and what is simple; the others are many, and are not
+/// looked at once one is enough.
+pub(super) fn any_beyond(
+    scan: &Scan,
+    competing: &Competing,
+    limit: f64,
+    go_on: &mut dyn FnMut() -> bool,
+) -> Result<bool, DiagnoseError> {
     let readings = &scan.campaign.readings;
     let (first_s, last_s) = crate::context::range(readings.iter().map(|r| r.time_s));
     let span_s = last_s - first_s;
@@ -38,7 +44,9 @@ pub(super) fn best(scan: &Scan, competing: &Competing, go_on: &mut dyn FnMut() -
     courses.extend(logged.map(|column| vec![centred(&column.values)]));
     let found =
         competing.found.as_ref().map_or(f64::NEG_INFINITY, |columns| evidence(scan, std::slice::from_ref(columns)));
-    let mut best = found.max(evidence(scan, &competing.set_aside));
+    if found.max(evidence(scan, &competing.set_aside)) > limit {
+        return Ok(true);
+    }
     let others = scales(scan);
     for course in &courses {
         if !go_on() {
@@ -51,9 +59,11 @@ pub(super) fn best(scan: &Scan, competing: &Competing, go_on: &mut dyn FnMut() -
         let stations = stations(scan, course);
         let groups =
             [&turns[..], &[turns.clone(), scales.clone()].concat(), &scales, &stations].map(|c| scan.matrix(c));
-        best = best.max(evidence(scan, &groups));
+        if evidence(scan, &groups) > limit {
+            return Ok(true);
+        }
     }
-    Ok(best)
+    Ok(false)
 }
 
 fn evidence(scan: &Scan, groups: &[Mat<f64>]) -> f64 {
