@@ -148,7 +148,7 @@ fn regress_effects_of_one_name_are_told_apart_by_what_they_follow() {
         let lacking: Vec<&str> =
             head.lines().filter(|line| line.contains("NOT in this") && line.contains("axis_term")).collect();
         assert_eq!(lacking.len(), 1, "{head}");
-        assert!(lacking[0].ends_with("(axis_term) by time_s"), "{lacking:?}");
+        assert!(lacking[0].ends_with("(axis_term) by time_s; the table holds at time_s = 0"), "{lacking:?}");
     }
     assert!(head("csv").contains("every error but positioning of X"), "{}", head("csv"));
 }
@@ -358,6 +358,8 @@ fn regress_effects_of_position_are_in_grids_and_named_elsewhere_and_zeros_that_n
             && text.contains("C0Y,,0,,urad\n"),
         "{text}"
     );
+    assert_eq!(exported("linuxcnc-comp", &file).len(), 1, "a table of zeros takes away what a controller has");
+    assert!(!exported("siemens-enc-comp", &file)[0].text.contains("$AA_ENC_COMP_STEP"));
     let (Writer::Functions(write) | Writer::Approaches(write)) = format("klipper-skew").unwrap().writer else {
         panic!()
     };

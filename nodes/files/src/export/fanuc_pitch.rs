@@ -38,7 +38,11 @@ fn write(about: &About, errors: &SampledErrors) -> Result<Vec<ExportedFile>, Fil
     let lines = about.lines(&FORMAT, units, &missed);
     let mut text = commented(&lines, "#");
     for (number, axis) in errors.axes.iter().enumerate() {
-        table(about, number, axis, &mut text)?;
+        match about.is_unknown(axis.axis) {
+            true => text
+                .push_str(&format!("# axis {}: nothing of it is known, so that it has no table\n", axis.axis.letter())),
+            false => table(about, number, axis, &mut text)?,
+        }
     }
     Ok(vec![ExportedFile { name: "pitch.txt".to_owned(), text }])
 }

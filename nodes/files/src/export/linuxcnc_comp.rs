@@ -28,7 +28,8 @@ fn write(about: &About, errors: &SampledErrors) -> Result<Vec<ExportedFile>, Fil
                  positioning errors of each axis by itself, nothing else of the model";
     let lines = about.lines(&FORMAT, units, &missed_words(errors));
     let mut files = vec![ExportedFile { name: "head.txt".to_owned(), text: commented(&lines, "#") }];
-    for axis in &errors.axes {
+    // An axis of which nothing is known has no file: it is among those that were not identified.
+    for axis in errors.axes.iter().filter(|axis| !about.is_unknown(axis.axis)) {
         files.push(table(about, axis)?);
     }
     Ok(files)

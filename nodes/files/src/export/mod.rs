@@ -28,7 +28,7 @@ use crate::machine::SIGN_CONVENTION;
 use crate::model_contents::ModelFile;
 use abbe_field::Table;
 use abbe_geometry::Vector3;
-use abbe_geometry::axis::Axis;
+use abbe_geometry::axis::{Axis, ErrorId};
 use abbe_geometry::chain::nominal_point_m;
 use abbe_geometry::effects::known;
 use abbe_geometry::effects::{Shape, ShapeValue};
@@ -153,7 +153,7 @@ impl About {
             let follows = fitted.effect.reads();
             let title = match follows.is_empty() {
                 true => title + &shape_words(&fitted.shape),
-                false => format!("{title} by {}", follows.join(", ")),
+                false => format!("{title} by {}{}", follows.join(", "), zero_words(&fitted.shape)),
             };
             match () {
                 // It is said of the side itself.
@@ -198,6 +198,11 @@ impl About {
         }
         words.extend(self.approach.not_measured());
         words
+    }
+
+    /// Whether nothing is known of where an axis stops: a table of zeros would take away what a controller has.
+    pub(crate) fn is_unknown(&self, axis: Axis) -> bool {
+        !self.is_identified(&ErrorId::linear(axis, axis).name()) && !self.approach.has(axis)
     }
 
     /// Whether this error, squareness or motion was identified.
@@ -304,6 +309,16 @@ fn held_at_zero(model: &MachineModel, with_effects: &[Axis]) -> Vec<String> {
     let functions = functions.map(|(axis, k)| errors_of(axis)[k].name());
     let squareness = machine.squareness.iter().enumerate().filter(|(k, _)| model.squareness(*k) == (0.0, 0.0));
     functions.chain(squareness.map(|(_, entry)| entry.name.clone())).collect()
+}
+
+/// Where a table holds that leaves out what follows a quantity from a value on: there.
+fn zero_words(shape: &Shape) -> String {
+    match (shape.0.get("by"), shape.0.get("by_zero")) {
+        (Some(ShapeValue::Text(name)), Some(ShapeValue::Number(zero))) => {
+            format!("; the table holds at {name} = {zero}")
+        }
+        _ => String::new(),
+    }
 }
 
 /// What a shape says of axes and quantities: `, acts y, p x_m`.

@@ -36,7 +36,11 @@ fn write(about: &About, errors: &SampledErrors) -> Result<Vec<ExportedFile>, Fil
     lines.push(REFERENCE_POINT.to_owned());
     let mut text = commented(&lines, ";");
     for (number, axis) in (1..).zip(&errors.axes) {
-        table(about, number, axis, &mut text);
+        match about.is_unknown(axis.axis) {
+            true => text
+                .push_str(&format!("; axis {}: nothing of it is known, so that it has no table\n", axis.axis.letter())),
+            false => table(about, number, axis, &mut text),
+        }
     }
     text.push_str("M17\n");
     Ok(vec![ExportedFile { name: "enc_comp.spf".to_owned(), text }])
