@@ -249,3 +249,26 @@ fn a_machine_is_asked_for_where_a_model_shall_come_out_and_refused_where_none_ca
     let arguments = ["diagnose", "--campaign", &centres, "--machine", &machine, "--out", &bench.text("out2")];
     refused(&bench, &arguments, &["sphere centres", "leave --machine out"]);
 }
+
+/// Runs from above only: `correct` gave the other side the same values and U of 0.3 µm, with a reversal of some micrometres.
+#[test]
+fn regress_a_side_that_nobody_measured_is_in_the_uncertainty_of_what_comes_from_there() {
+    let bench = Bench::empty();
+    let from_above: Vec<Approach> = logged(5).into_iter().filter(|approach| !approach.up).collect();
+    let campaign = bench.write("runs.csv", runs(&from_above));
+    let (machine, folder) = (text(&machine()), bench.text("out"));
+    run(["diagnose", "--campaign", &campaign, "--machine", &machine, "--out", &folder]).ok();
+    let (model, out) = (bench.text("out/model.json"), bench.text("corrected.csv"));
+    assert_says(&bench.read("out/model.json"), &["X in approaches in +: it was measured in approaches in - only"]);
+    let middle = &from_above[from_above.len() / 2];
+    let u_um = |side: &str| {
+        let row = format!("{},200,100,0,0,0,{side},{},{}", middle.target_mm, middle.time_s, middle.cycle);
+        let header = "x_mm,y_mm,z_mm,offset_x_mm,offset_y_mm,offset_z_mm,dir_x,time_s,cycle";
+        let points = bench.write("points.csv", format!("{header}\n{row}\n"));
+        // What lacks its side is said with another exit status.
+        drop(run(["correct", "--model", &model, "--in", &points, "--out", &out]));
+        columns(&bench.read("corrected.csv"), ["u_x_um"])[0][0]
+    };
+    let (own, other, nobody_says) = (u_um("-1"), u_um("1"), u_um(""));
+    assert!(own < 10.0 && other > 50.0 && nobody_says > 25.0, "{own} {other} {nobody_says}");
+}

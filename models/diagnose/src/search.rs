@@ -560,8 +560,8 @@ impl<'a> Search<'a> {
     }
 }
 
-/// Whether a named effect goes first whatever a look finds, which costs as much as all named effects: no dependence explains more than
-/// the whole sum of squares.
+/// Whether a named effect goes first whatever a look would find: no dependence explains more than the whole sum of squares. A look costs
+/// as much as all named effects together.
 fn is_ahead_of_all(round: &Round, named: &Candidate, finer: Option<&(ErrorId, Score)>) -> bool {
     named.score.reduction >= EXPLAINS * round.free.chi2()
         && finer.is_none_or(|(_, score)| score.reduction <= AS_WELL * named.score.reduction)

@@ -191,8 +191,9 @@ impl Builder {
         let is_after = |of: (usize, usize)| self.spans[of.1].first.1 > self.spans[of.0].latest.1;
         pairs().all(is_after).then(|| {
             format!(
-                "time_s begins anew at {} s with station {}, after {} s of station {}: what goes with the time since the campaign began, such \
-                 as a warming up, is then sought as if both had begun at once. One clock for all stations tells more",
+                "time_s begins anew at {} s with station {}, after {} s of station {}: either both were read at once, or the clock was set \
+                 anew. In that case what goes with the time since the campaign began, such as a warming up, is sought as if both had begun at \
+                 once, and one clock for all stations tells more",
                 self.spans[after].first.0,
                 rows(after),
                 self.spans[before].latest.0,

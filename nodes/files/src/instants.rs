@@ -77,7 +77,8 @@ fn time_of_day(time: &str) -> Option<(i64, i64)> {
             None => (digits(text, 2)?, 0),
             // What is finer than a nanosecond is no more than a figure.
             Some((whole, part)) => {
-                digits(part, part.len()).filter(|_| !part.is_empty())?;
+                let is_figure = !part.is_empty() && part.bytes().all(|byte| byte.is_ascii_digit());
+                is_figure.then_some(())?;
                 (digits(whole, 2)?, digits(format!("{part:0<9}").get(..9)?, 9)?)
             }
         },
@@ -93,11 +94,10 @@ fn zone(time: &str) -> Option<(&str, Option<i64>)> {
     }
     let Some(at) = time.rfind(['+', '-']) else { return Some((time, None)) };
     let sign = if time.as_bytes().get(at) == Some(&b'-') { -1 } else { 1 };
-    let ahead = time.get(at + 1..)?.replace(':', "");
-    let (hours, minutes) = match ahead.len() {
-        2 => (digits(&ahead, 2)?, 0),
-        _ => (digits(ahead.get(..2)?, 2)?, digits(ahead.get(2..)?, 2)?),
-    };
+    let (hours, minutes) = time.get(at + 1..)?.split_at_checked(2)?;
+    let minutes = if minutes.is_empty() { "00" } else { minutes.strip_prefix(':').unwrap_or(minutes) };
+    let (hours, minutes) = (digits(hours, 2)?, digits(minutes, 2)?);
+    (hours < 24 && minutes < 60).then_some(())?;
     Some((time.get(..at)?.trim_end(), Some(sign * (3600 * hours + 60 * minutes))))
 }
 
@@ -119,6 +119,7 @@ mod tests {
         assert_eq!(since("2021-06-13 05:01:02.25", from), Some(60.25));
         assert_eq!(since("2021-06-13T05:00:01,5", from), Some(-0.5));
         assert_eq!(since("2021-06-14T05:00", from), Some(86_398.0));
+        assert_eq!(since("2021-06-13 05:01:02.2500000000000000000001", from), Some(60.25));
         // 2020 has a leap day, 2100 has none.
         assert_eq!(since("2020-03-01T00:00:00", "2020-02-28T00:00:00"), Some(2.0 * 86_400.0));
         assert_eq!(since("2100-03-01T00:00:00", "2100-02-28T00:00:00"), Some(86_400.0));
@@ -151,6 +152,10 @@ mod tests {
             "2021-06-13T05:00:0x",
             "2021-06-13T5:00:00",
             "2021-06-13T05:00:00+2",
+            "2021-06-13T05:00:00+99:99",
+            "2021-06-13T05:00:00+2:000",
+            "2021-06-13T05:00:00-0:200",
+            "2021-06-13T05:00:00+02:",
             "2021-06-13T05:00:00.",
             "2021-06-13T05",
             "2021-06-13X05:00:00",

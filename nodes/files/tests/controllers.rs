@@ -358,11 +358,25 @@ fn regress_effects_of_position_are_in_grids_and_named_elsewhere_and_zeros_that_n
             && text.contains("C0Y,,0,,urad\n"),
         "{text}"
     );
-    assert_eq!(exported("linuxcnc-comp", &file).len(), 1, "a table of zeros takes away what a controller has");
-    assert!(!exported("siemens-enc-comp", &file)[0].text.contains("$AA_ENC_COMP_STEP"));
-    let (Writer::Functions(write) | Writer::Approaches(write)) = format("klipper-skew").unwrap().writer else {
+    let refused = |name: &str| {
+        let (Writer::Functions(write) | Writer::Approaches(write)) = format(name).unwrap().writer else { panic!() };
+        write(&about(&file), &SampledErrors::of(&file.model, STEP_M).unwrap()).unwrap_err().to_string()
+    };
+    assert!(refused("klipper-skew").contains("no squareness of its axes that was identified"));
+    // An effect acts along Y; the model says nothing of the others, and of none without it.
+    let names: Vec<String> = exported("linuxcnc-comp", &file).into_iter().map(|file| file.name).collect();
+    assert_eq!(names, ["head.txt", "y.comp"]);
+    let siemens = &exported("siemens-enc-comp", &file)[0].text;
+    assert!(
+        siemens.contains("axis X: the model says nothing of it") && siemens.contains("$AA_ENC_COMP_STEP[0,AX2]"),
+        "{siemens}"
+    );
+    let (mut empty, parts) = (model(), file.model.parts().clone());
+    let covariance = vec![0.0; layout.len() * (layout.len() + 1) / 2];
+    empty.model = MachineModel::new(ModelParts { effects: Vec::new(), covariance, ..parts }).unwrap();
+    let (Writer::Functions(write) | Writer::Approaches(write)) = format("linuxcnc-comp").unwrap().writer else {
         panic!()
     };
-    let refused = write(&about(&file), &SampledErrors::of(&file.model, STEP_M).unwrap()).unwrap_err().to_string();
-    assert!(refused.contains("no squareness of its axes that was identified"), "{refused}");
+    let nothing = write(&about(&empty), &SampledErrors::of(&empty.model, STEP_M).unwrap()).unwrap_err().to_string();
+    assert!(nothing.contains("says nothing of the positioning of any axis"), "{nothing}");
 }

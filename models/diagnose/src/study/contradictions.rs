@@ -9,6 +9,7 @@ use super::significance::probability;
 use super::view::View;
 use crate::error::DiagnoseError;
 use crate::linear::joined;
+use crate::score::LEFT;
 use abbe_geometry::effects::ParameterSpec;
 use faer::linalg::solvers::{Llt, Solve};
 use faer::{Mat, Side};
@@ -58,6 +59,10 @@ fn sizes(
     let [spec] = &view.study.candidates()[fitted.candidate].parameters[..] else { return Ok(String::new()) };
     let without = Fit::without(view, &fit.set(), fitted.candidate)?;
     let group = without.linear.project(view.whitened(&joined(each)).as_ref());
+    // A pose in which nothing is left of it beside its own motion tells no size.
+    if (0..each.len()).any(|k| group.left[(k, k)] <= LEFT * group.alone[(k, k)]) {
+        return Ok(String::new());
+    }
     let Ok(factor) = Llt::new(group.left.as_ref(), Side::Lower) else { return Ok(String::new()) };
     let solved = factor.solve(crate::linear::column(&group.gradient));
     let one = |(k, (name, _)): (usize, &PoseRows)| format!("{} in pose {name}", in_words(spec, solved[(k, 0)]));

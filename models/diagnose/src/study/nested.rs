@@ -27,7 +27,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 /// Most folds, and of large data, where each search takes its time.
 const FOLDS: (usize, usize) = (10, 5);
-/// Rows from which data are large.
+/// Measured rows from which data are large.
 const LARGE: usize = 2000;
 /// Fewest blocks: with two left out of three, one remains to be its own judge.
 const FEWEST: usize = 3;

@@ -48,7 +48,7 @@ pub struct Terms {
     pub left_out: Vec<(String, String)>,
     /// What was not measured, and stands in the uncertainty with what is usual.
     pub untold: Vec<String>,
-    /// Logged quantities of which parts of the machine were measured in different ranges; `covariates` has what these share.
+    /// Logged quantities of which parts of the machine were measured in different ranges, in words.
     pub apart: Vec<String>,
 }
 

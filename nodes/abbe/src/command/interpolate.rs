@@ -267,9 +267,7 @@ fn score_all(arguments: &Arguments, (field, lacks): (&MeasuredField, Lacks), spl
         println!("{}", line(*method, total, lacks));
     }
     if totals.iter().any(|total| (0..3).any(|d| r2(total, d).is_some_and(|r2| r2 < 0.0))) {
-        println!(
-            "R2 below 0: the method answers worse than the mean of all vectors would; leave it, however far below"
-        );
+        println!("R2 below 0: the method answers worse than the mean of all vectors would: do not use it");
     }
     let next =
         Next::new("to have the errors at points of your own", "interpolate").file("--vectors", &arguments.vectors);

@@ -150,7 +150,8 @@ fn doubts(diagnosis: &StudyDiagnosis, machine: &Machine) -> Vec<Doubt> {
     }));
     if !terms.apart.is_empty() {
         texts.push(format!(
-            "its axes were measured at different values of {}: what is outside that which all of them share is extrapolated",
+            "its axes were measured at different values of {}: what an axis does at values at which it was not measured is known where an \
+             effect says so, and is in no uncertainty otherwise",
             terms.apart.join(", ")
         ));
     }

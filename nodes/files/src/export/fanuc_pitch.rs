@@ -37,10 +37,13 @@ fn write(about: &About, errors: &SampledErrors) -> Result<Vec<ExportedFile>, Fil
     let missed = format!("{}; whole increments of 1 um miss by up to 0.5 um more", missed_words(errors));
     let lines = about.lines(&FORMAT, units, &missed);
     let mut text = commented(&lines, "#");
+    let unknown = about.unknown(&FORMAT)?;
     for (number, axis) in errors.axes.iter().enumerate() {
-        match about.is_unknown(axis.axis) {
-            true => text
-                .push_str(&format!("# axis {}: nothing of it is known, so that it has no table\n", axis.axis.letter())),
+        match unknown.contains(&axis.axis) {
+            true => text.push_str(&format!(
+                "# axis {}: the model says nothing of it, so that it has no table\n",
+                axis.axis.letter()
+            )),
             false => table(about, number, axis, &mut text)?,
         }
     }

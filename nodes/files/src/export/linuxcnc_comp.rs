@@ -28,8 +28,9 @@ fn write(about: &About, errors: &SampledErrors) -> Result<Vec<ExportedFile>, Fil
                  positioning errors of each axis by itself, nothing else of the model";
     let lines = about.lines(&FORMAT, units, &missed_words(errors));
     let mut files = vec![ExportedFile { name: "head.txt".to_owned(), text: commented(&lines, "#") }];
-    // An axis of which nothing is known has no file: it is among those that were not identified.
-    for axis in errors.axes.iter().filter(|axis| !about.is_unknown(axis.axis)) {
+    // An axis that the model says nothing of has no file: it is among those that were not identified.
+    let unknown = about.unknown(&FORMAT)?;
+    for axis in errors.axes.iter().filter(|axis| !unknown.contains(&axis.axis)) {
         files.push(table(about, axis)?);
     }
     Ok(files)

@@ -124,8 +124,10 @@ pub struct About {
     of_approach: Vec<String>,
     /// What fits into a grid of errors, and into no function of one axis.
     of_places: Vec<String>,
-    /// Errors that were not identified: zero, with no uncertainty that means anything.
+    /// Errors of which the model says nothing: zero, with no uncertainty that means anything.
     held_at_zero: Vec<String>,
+    /// Axes along which an effect acts, whatever it follows.
+    with_any: Vec<Axis>,
 }
 
 /// Errors on a grid of readings.
@@ -164,6 +166,7 @@ impl About {
                 () => left_out.push(title),
             }
         }
+        let with_any: Vec<Axis> = Axis::ALL.into_iter().filter(|axis| acts_along(&file.model, *axis)).collect();
         let network = file.residual_network.iter().map(|network| format!("residual network {}", network.file));
         About {
             machine: file.model.parts().machine.clone(),
@@ -172,7 +175,8 @@ impl About {
             ram_turn: (file.model.ram_turn().map(|(angle_rad, _)| angle_rad), file.model.parts().offset_centre_m),
             approach,
             beyond_m: beyond_identified(&file.model).collect(),
-            held_at_zero: held_at_zero(&file.model, &with_effects),
+            held_at_zero: held_at_zero(&file.model, &with_any),
+            with_any,
             with_effects,
             left_out: left_out.into_iter().chain(network).collect(),
             of_approach,
@@ -192,7 +196,7 @@ impl About {
         let mut words = Vec::new();
         if !self.held_at_zero.is_empty() {
             words.push(format!(
-                "NOT identified: {}; they are zero here because nobody knows them, and have no uncertainty",
+                "NOT identified: {}; they are zero here because the model says nothing of them, and have no uncertainty",
                 self.held_at_zero.join(" ")
             ));
         }
@@ -200,9 +204,26 @@ impl About {
         words
     }
 
-    /// Whether nothing is known of where an axis stops: a table of zeros would take away what a controller has.
-    pub(crate) fn is_unknown(&self, axis: Axis) -> bool {
-        !self.is_identified(&ErrorId::linear(axis, axis).name()) && !self.approach.has(axis)
+    /// Whether the model says nothing of where an axis stops: a table of zeros would take away what a controller has.
+    fn is_unknown(&self, axis: Axis) -> bool {
+        !self.is_identified(&ErrorId::linear(axis, axis).name()) && !self.with_any.contains(&axis)
+    }
+
+    /// Axes that the model says nothing of, of which controllers get no table.
+    ///
+    /// # Errors
+    /// A model that says nothing of any.
+    fn unknown(&self, format: &Format) -> Result<Vec<Axis>, FileError> {
+        let unknown: Vec<Axis> = Axis::ALL.into_iter().filter(|axis| self.is_unknown(*axis)).collect();
+        if unknown.len() == Axis::ALL.len() {
+            let problem = "the model says nothing of the positioning of any axis along itself".to_owned();
+            return Err(refused(
+                format,
+                problem,
+                "measure positioning runs or a tracer campaign, or correct with abbe correct",
+            ));
+        }
+        Ok(unknown)
     }
 
     /// Whether this error, squareness or motion was identified.
@@ -298,8 +319,16 @@ impl About {
     }
 }
 
-/// Errors of a model that it holds at zero: functions of kind zero, but for positioning that effects of position make, and squareness
-/// without an uncertainty.
+/// Whether an effect of the model acts along an axis.
+fn acts_along(model: &MachineModel, axis: Axis) -> bool {
+    let along = [axis.lower().to_owned(), ErrorId::linear(axis, axis).name()];
+    let is_along = |value: &ShapeValue| matches!(value, ShapeValue::Text(text) if along.contains(text));
+    let names = |shape: &Shape| ["axis", "acts"].iter().any(|key| shape.0.get(*key).is_some_and(is_along));
+    model.parts().effects.iter().any(|fitted| names(&fitted.shape))
+}
+
+/// Errors of which a model says nothing: functions of kind zero, but for positioning along which an effect acts, and squareness without
+/// an uncertainty.
 fn held_at_zero(model: &MachineModel, with_effects: &[Axis]) -> Vec<String> {
     let machine = &model.parts().machine;
     let is_held = |axis: Axis, k: usize| machine.kinds[errors_of(axis)[k].index()].is_none();

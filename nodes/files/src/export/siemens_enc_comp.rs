@@ -35,10 +35,13 @@ fn write(about: &About, errors: &SampledErrors) -> Result<Vec<ExportedFile>, Fil
     let mut lines = about.lines(&FORMAT, units, &missed_words(errors));
     lines.push(REFERENCE_POINT.to_owned());
     let mut text = commented(&lines, ";");
+    let unknown = about.unknown(&FORMAT)?;
     for (number, axis) in (1..).zip(&errors.axes) {
-        match about.is_unknown(axis.axis) {
-            true => text
-                .push_str(&format!("; axis {}: nothing of it is known, so that it has no table\n", axis.axis.letter())),
+        match unknown.contains(&axis.axis) {
+            true => text.push_str(&format!(
+                "; axis {}: the model says nothing of it, so that it has no table\n",
+                axis.axis.letter()
+            )),
             false => table(about, number, axis, &mut text),
         }
     }

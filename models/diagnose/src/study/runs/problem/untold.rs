@@ -1,8 +1,8 @@
 //! What positioning runs leave open of a model that is made of them: sides of approach and temperatures at which an axis was not measured.
 //!
-//! Place in the flow: beside the study's problem; shapes are those of [`super::super::model`]. Of an axis that was approached from one side only the reversal is not known: the
-//! model has it as a term that is zero where it was measured and may be anything usual on the other side. A temperature is inside
-//! what was measured where every axis was measured at it. SI, and the units of logged quantities.
+//! Place in the flow: beside the study's problem; shapes are those of [`super::super::model`]. The reversal of an axis that was approached from
+//! one side is not known: the model has it as a term that is zero on that side, and may be anything usual on the other. Of temperatures it
+//! is said where axes were measured in different ranges. SI, and the units of logged quantities.
 
 use super::super::model::{self, approached_otherwise, axis_of};
 use super::{AxisRuns, Runs};
@@ -35,11 +35,12 @@ impl Runs {
                 let last_s = timed.filter_map(|axis| axis.ranges.time_s).map(|(_, last)| last).reduce(f64::max)?;
                 Some((0.0, last_s - self.start_s))
             }
-            sign if sign.starts_with("dir_") => {
-                let side = self.only_side(sign.trim_start_matches("dir_"));
-                Some(side.map_or((-1.0, 1.0), |side| (side, side)))
+            // Where nobody says from which side, it may be either.
+            sign if sign.starts_with("dir_") => Some((-1.0, 1.0)),
+            name => {
+                let all = || self.axes.iter().filter_map(|axis| self.range_of(axis, name));
+                all().reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)))
             }
-            name => self.shared_range(name),
         }
     }
 
@@ -68,9 +69,10 @@ impl Runs {
             let each: Vec<(&str, (f64, f64))> =
                 self.axes.iter().filter_map(|axis| Some((axis.name.as_str(), self.range_of(axis, name)?))).collect();
             let widest = each.iter().map(|(_, (low, high))| high - low).fold(0.0, f64::max);
-            let (low, high) = self.shared_range(name)?;
+            let (low, high) = each.iter().map(|(_, range)| *range).reduce(|a, b| (a.0.max(b.0), a.1.min(b.1)))?;
             let words = each.iter().map(|(axis, (low, high))| format!("{axis} {low:.2} to {high:.2}"));
-            (high - low < SHARED * widest).then(|| format!("{name} ({})", words.collect::<Vec<_>>().join(", ")))
+            (high < low || high - low < SHARED * widest)
+                .then(|| format!("{name} ({})", words.collect::<Vec<_>>().join(", ")))
         };
         names.iter().filter_map(one).collect()
     }
@@ -79,13 +81,5 @@ impl Runs {
         let values = axis.rows.iter().filter_map(|row| self.runs[*row].covariates.get(name).copied());
         let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| (low.min(v), high.max(v)));
         (low <= high).then_some((low, high))
-    }
-
-    /// Range of a logged quantity in which every axis was measured; where no value is in all of their ranges, the middle between these.
-    fn shared_range(&self, name: &str) -> Option<(f64, f64)> {
-        let both = |a: (f64, f64), b: (f64, f64)| (a.0.max(b.0), a.1.min(b.1));
-        let (low, high) = self.axes.iter().filter_map(|axis| self.range_of(axis, name)).reduce(both)?;
-        let middle = 0.5 * (low + high);
-        Some(if low <= high { (low, high) } else { (middle, middle) })
     }
 }
