@@ -9,7 +9,7 @@
 use crate::axis::{Axis, ErrorId};
 use crate::chain::{ErrorValues, chain_point};
 use crate::correct::{is_within, nearest_identified_m};
-use crate::effects::{Acts, NoCovariates, State, tip_columns};
+use crate::effects::{Acts, NoCovariates, State, TipColumns, tip_columns};
 use crate::model::{Combination, FittedEffect, MachineModel};
 use nalgebra::Vector3;
 use thiserror::Error;
@@ -124,10 +124,10 @@ pub fn of_places(model: &MachineModel) -> Vec<usize> {
         let share = |d: usize| SHARES[k / SHARES.len().pow(d as u32) % SHARES.len()];
         std::array::from_fn(|d| machine.stroke_m[d].0 + share(d) * (machine.stroke_m[d].1 - machine.stroke_m[d].0))
     };
-    let moves = |fitted: &FittedEffect| {
-        let offset_m = model.parts().offset_centre_m;
-        (0..SHARES.len().pow(3)).any(|k| moved_m(model, fitted, (at(k), offset_m)).is_some_and(|moved| moved.1))
-    };
+    let offset_m = model.parts().offset_centre_m;
+    let tips: Vec<Tip> = (0..SHARES.len().pow(3)).map(|k| Tip::new(model, at(k), offset_m)).collect();
+    let is_motion = |columns: TipColumns| columns.iter().any(|column| *column != Vector3::zeros());
+    let moves = |fitted: &FittedEffect| tips.iter().any(|tip| tip.columns(fitted).is_some_and(is_motion));
     let all = model.parts().effects.iter().enumerate();
     all.filter(|(_, fitted)| fitted.effect.reads().is_empty() && moves(fitted)).map(|(place, _)| place).collect()
 }
@@ -139,22 +139,32 @@ pub fn places_effects_m(
     reading_m: [f64; 3],
     offset_m: [f64; 3],
 ) -> Vector3<f64> {
-    let place_m = nearest_identified_m(model, reading_m);
-    let own = effects.iter().filter_map(|place| moved_m(model, &model.parts().effects[*place], (place_m, offset_m)));
-    own.map(|(moved_m, _)| moved_m).sum()
+    let tip = Tip::new(model, nearest_identified_m(model, reading_m), offset_m);
+    let moved_m = |fitted: &FittedEffect| -> Option<Vector3<f64>> {
+        let columns = tip.columns(fitted)?;
+        Some(columns.iter().zip(&fitted.parameters).map(|(column, value)| column * *value).sum())
+    };
+    effects.iter().filter_map(|place| moved_m(&model.parts().effects[*place])).sum()
 }
 
-/// Motion of the tip by an effect that needs nothing logged (m), and whether it could move it there at all.
-fn moved_m(
-    model: &MachineModel,
-    fitted: &FittedEffect,
-    (reading_m, offset_m): ([f64; 3], [f64; 3]),
-) -> Option<(Vector3<f64>, bool)> {
-    let by_error = chain_point(&model.parts().machine, reading_m, offset_m, &ErrorValues::ZERO).by_error;
-    let state = State { reading_m, offset_m, covariates: &NoCovariates };
-    let columns = tip_columns(fitted.effect.as_ref(), fitted.parameters.len(), &state, &by_error).ok()?;
-    let moved_m = columns.iter().zip(&fitted.parameters).map(|(column, value)| column * *value).sum();
-    Some((moved_m, columns.iter().any(|column| *column != Vector3::zeros())))
+/// A place at which effects are asked for that need nothing logged.
+struct Tip {
+    reading_m: [f64; 3],
+    offset_m: [f64; 3],
+    by_error: [Vector3<f64>; ErrorId::COUNT],
+}
+
+impl Tip {
+    fn new(model: &MachineModel, reading_m: [f64; 3], offset_m: [f64; 3]) -> Tip {
+        let by_error = chain_point(&model.parts().machine, reading_m, offset_m, &ErrorValues::ZERO).by_error;
+        Tip { reading_m, offset_m, by_error }
+    }
+
+    /// Motion per unit of each parameter of an effect (m per unit).
+    fn columns(&self, fitted: &FittedEffect) -> Option<TipColumns> {
+        let state = State { reading_m: self.reading_m, offset_m: self.offset_m, covariates: &NoCovariates };
+        tip_columns(fitted.effect.as_ref(), fitted.parameters.len(), &state, &self.by_error).ok()
+    }
 }
 
 /// Axes whose stroke goes beyond the readings that were identified, with those (m).

@@ -5,7 +5,7 @@
 mod common;
 
 use abbe_files::ModelFile;
-use abbe_files::export::{About, ExportedFile, Writer, format, geometric_error_m};
+use abbe_files::export::{About, ExportedFile, Writer, format, geometric_error_m, of_places};
 use abbe_geometry::Vector3;
 use abbe_geometry::axis::{Axis, ErrorId};
 use abbe_geometry::effects::Shape;
@@ -332,7 +332,7 @@ fn regress_effects_of_position_are_in_grids_and_named_elsewhere_and_zeros_that_n
         .number("whole", 1.0);
     let mut file = with_effects(&[("empirical", shape, vec![8e-6])]);
     let (reading_m, offset_m) = ([0.3, 0.2, 0.1], [0.0; 3]);
-    let expected = |file: &ModelFile| geometric_error_m(&file.model, reading_m, offset_m);
+    let expected = |file: &ModelFile| geometric_error_m(&file.model, &of_places(&file.model), reading_m, offset_m);
     let plain = expected(&with_effects(&[]));
     // P1 of the share of the range: 2·0.3/0.5 − 1.
     assert!((expected(&file) - plain - Vector3::new(0.0, 0.2 * 8e-6, 0.0)).norm() < 1e-12);

@@ -6,7 +6,9 @@ mod common;
 
 use abbe_field::{Grid, Table};
 use abbe_files::ModelFile;
-use abbe_files::export::{About, ExportedFile, FORMATS, Format, SampledGrid, Writer, format, geometric_error_m};
+use abbe_files::export::{
+    About, ExportedFile, FORMATS, Format, SampledGrid, Writer, format, geometric_error_m, of_places,
+};
 use abbe_geometry::axis::{Axis, ErrorId};
 use abbe_geometry::sampled::SampledErrors;
 use std::collections::BTreeMap;
@@ -33,7 +35,12 @@ fn about(file: &ModelFile) -> About {
 fn grid(file: &ModelFile) -> SampledGrid {
     let ends = file.model.parts().machine.stroke_m;
     let error = |p: &abbe_geometry::Vector3<f64>| {
-        Ok::<_, std::convert::Infallible>(geometric_error_m(&file.model, (*p).into(), OFFSET_M))
+        Ok::<_, std::convert::Infallible>(geometric_error_m(
+            &file.model,
+            &of_places(&file.model),
+            (*p).into(),
+            OFFSET_M,
+        ))
     };
     let table = Table::of(Grid::regular(ends, [3, 2, 4]).unwrap(), error).unwrap();
     SampledGrid { table, missed_m: 0.25e-6, offset_m: OFFSET_M }
@@ -286,7 +293,7 @@ fn a_volumetric_grid_reads_back_in_its_order() {
     assert!(rows[1][0] > rows[0][0] && rows[1][1..3] == rows[0][1..3] && rows[4][1] > rows[0][1], "X is fastest");
     for row in &rows {
         let reading_m = [row[0] / 1e3, row[1] / 1e3, row[2] / 1e3];
-        let expected = geometric_error_m(&file.model, reading_m, OFFSET_M);
+        let expected = geometric_error_m(&file.model, &of_places(&file.model), reading_m, OFFSET_M);
         for d in 0..3 {
             assert!((row[3 + d] / 1e6 - expected[d]).abs() < 1e-15, "{row:?} {expected}");
         }
@@ -304,7 +311,7 @@ fn eight_corners_read_back_at_every_corner_of_every_cell() {
             let column = 6 + 3 * corner;
             assert_eq!(header[column], format!("e{}{}{}_x_um", bits[0], bits[1], bits[2]));
             let reading_m = [0, 1, 2].map(|d| row[2 * d + bits[d]] / 1e3);
-            let expected = geometric_error_m(&file.model, reading_m, OFFSET_M);
+            let expected = geometric_error_m(&file.model, &of_places(&file.model), reading_m, OFFSET_M);
             for d in 0..3 {
                 assert!((row[column + d] / 1e6 - expected[d]).abs() < 1e-15, "{row:?} {expected}");
             }

@@ -7,7 +7,9 @@ use crate::exit::Ended;
 use crate::next::Next;
 use crate::output;
 use abbe_field::{Grid, Table, table_within};
-use abbe_files::export::{About, ExportedFile, FORMATS, Format, SampledGrid, Writer, format, geometric_error_m};
+use abbe_files::export::{
+    About, ExportedFile, FORMATS, Format, SampledGrid, Writer, format, geometric_error_m, of_places,
+};
 use abbe_files::{AtomicFile, FileError, ModelFile};
 use abbe_geometry::Vector3;
 use abbe_geometry::correct::is_within;
@@ -176,7 +178,9 @@ fn grid(arguments: &Arguments, file: &ModelFile) -> anyhow::Result<SampledGrid> 
         ),
     };
     ensure!(offset_m.iter().all(|v| v.is_finite() && v.abs() < 10.0), "--offset-mm: give three numbers in millimetres");
-    let error_m = |p: &Vector3<f64>| Ok::<_, Infallible>(geometric_error_m(&file.model, (*p).into(), offset_m));
+    let effects = of_places(&file.model);
+    let error_m =
+        |p: &Vector3<f64>| Ok::<_, Infallible>(geometric_error_m(&file.model, &effects, (*p).into(), offset_m));
     let (table, missed) = match arguments.step_mm {
         None => {
             let within_um = arguments.within_um.unwrap_or(DEFAULT_WITHIN_UM);

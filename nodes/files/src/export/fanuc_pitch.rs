@@ -5,7 +5,9 @@
 //! rounding leaves at a point never exceeds half a unit, since sums are rounded, not increments. Points of an axis are
 //! numbered upwards; the reference position is taken to be the lower end of the stroke. Parameter 1851 is the play.
 
-use super::{About, ExportedFile, Format, Writer, check_points, commented, fixed, missed_words, refused};
+use super::{
+    About, ExportedFile, Format, Writer, check_points, commented, fixed, missed_words, no_table_words, refused,
+};
 use crate::error::FileError;
 use crate::units::millimetres_from_m;
 use abbe_geometry::sampled::{SampledAxis, SampledErrors};
@@ -40,10 +42,7 @@ fn write(about: &About, errors: &SampledErrors) -> Result<Vec<ExportedFile>, Fil
     let unknown = about.unknown(&FORMAT)?;
     for (number, axis) in errors.axes.iter().enumerate() {
         match unknown.contains(&axis.axis) {
-            true => text.push_str(&format!(
-                "# axis {}: the model says nothing of it, so that it has no table\n",
-                axis.axis.letter()
-            )),
+            true => text.push_str(&commented(&[no_table_words(axis.axis)], "#")),
             false => table(about, number, axis, &mut text)?,
         }
     }

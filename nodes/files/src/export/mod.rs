@@ -30,13 +30,12 @@ use abbe_field::Table;
 use abbe_geometry::Vector3;
 use abbe_geometry::axis::{Axis, ErrorId};
 use abbe_geometry::chain::nominal_point_m;
-use abbe_geometry::effects::known;
-use abbe_geometry::effects::{Shape, ShapeValue};
+use abbe_geometry::effects::{Shape, ShapeValue, known};
 use abbe_geometry::machine::{Machine, Side};
 use abbe_geometry::model::MachineModel;
-use abbe_geometry::sampled::{
-    SampledAxis, SampledErrors, beyond_identified, errors_of, of_places, of_position, places_effects_m,
-};
+use abbe_geometry::sampled::{SampledAxis, SampledErrors, beyond_identified, errors_of, of_position, places_effects_m};
+
+pub use abbe_geometry::sampled::of_places;
 
 /// A format.
 #[derive(Debug)]
@@ -359,12 +358,22 @@ fn shape_words(shape: &Shape) -> String {
     shape.0.iter().filter_map(word).collect()
 }
 
-/// Error of a model at a reading (m): actual − indicated, with all effects that need nothing logged, without all others.
-pub fn geometric_error_m(model: &MachineModel, reading_m: [f64; 3], offset_m: [f64; 3]) -> Vector3<f64> {
+/// Error of a model at a reading (m): actual − indicated, with these of its effects, which need nothing logged ([`of_places`]), without all
+/// others.
+pub fn geometric_error_m(
+    model: &MachineModel,
+    effects: &[usize],
+    reading_m: [f64; 3],
+    offset_m: [f64; 3],
+) -> Vector3<f64> {
     let parts = model.parts();
     let actual_m = model.layout().position_m(&parts.machine, &parts.coefficients, reading_m, offset_m);
-    let of_effects_m = places_effects_m(model, &of_places(model), reading_m, offset_m);
-    actual_m - nominal_point_m(reading_m, offset_m) + of_effects_m
+    actual_m - nominal_point_m(reading_m, offset_m) + places_effects_m(model, effects, reading_m, offset_m)
+}
+
+/// Why an axis has no table.
+fn no_table_words(axis: Axis) -> String {
+    format!("axis {}: the model says nothing of it, so that it has no table", axis.letter())
 }
 
 /// `// line` for every line.

@@ -6,7 +6,7 @@
 //! The table holds approaches in +; in − the controller takes the backlash away. A B that changes along the axis has its mean
 //! there, and what is left of it is said.
 
-use super::{About, ExportedFile, Format, Writer, commented, fixed, missed_words};
+use super::{About, ExportedFile, Format, Writer, commented, fixed, missed_words, no_table_words};
 use crate::error::FileError;
 use crate::units::millimetres_from_m;
 use abbe_geometry::sampled::{SampledAxis, SampledErrors};
@@ -38,10 +38,7 @@ fn write(about: &About, errors: &SampledErrors) -> Result<Vec<ExportedFile>, Fil
     let unknown = about.unknown(&FORMAT)?;
     for (number, axis) in (1..).zip(&errors.axes) {
         match unknown.contains(&axis.axis) {
-            true => text.push_str(&format!(
-                "; axis {}: the model says nothing of it, so that it has no table\n",
-                axis.axis.letter()
-            )),
+            true => text.push_str(&commented(&[no_table_words(axis.axis)], ";")),
             false => table(about, number, axis, &mut text),
         }
     }
