@@ -153,7 +153,7 @@ impl Linear {
     /// # Errors
     /// [`DiagnoseError::Singular`] where rounding leaves no covariance.
     pub(crate) fn part(&self, rows: &[usize]) -> Result<Linear, DiagnoseError> {
-        let jacobian = Mat::from_fn(rows.len(), self.jacobian.ncols(), |i, j| self.jacobian[(rows[i], j)]);
+        let jacobian = picked(self.jacobian(), rows);
         let residuals: Vec<f64> = rows.iter().map(|k| self.residuals[*k]).collect();
         let normal = jacobian.transpose() * &jacobian;
         Linear::without_priors_of(Arc::new(jacobian), normal, &residuals, rows.len())
@@ -182,16 +182,7 @@ impl Linear {
             return Err(DiagnoseError::Singular);
         }
         let equal = Mat::from_fn(normal.nrows(), normal.ncols(), |i, j| normal[(i, j)] / (scale[i] * scale[j]));
-        // Cholesky's factor of what is left above the limit shows the same as the smallest eigenvalue, in a tenth of the time.
-        let above =
-            Mat::from_fn(
-                equal.nrows(),
-                equal.ncols(),
-                |i, j| {
-                    if i == j { equal[(i, j)] - DEPENDENT } else { equal[(i, j)] }
-                },
-            );
-        Llt::new(above.as_ref(), Side::Lower).map_err(|_| DiagnoseError::Singular)?;
+        factor_above(&equal, DEPENDENT).ok_or(DiagnoseError::Singular)?;
         let llt = Llt::new(equal.as_ref(), Side::Lower).map_err(|_| DiagnoseError::Singular)?;
         let right = jacobian.transpose() * column(observed);
         let scaled = Mat::from_fn(right.nrows(), 1, |k, _| right[(k, 0)] / scale[k]);
@@ -362,6 +353,38 @@ const UNSEEN: f64 = 1e-9;
 const TOGETHER: usize = 512;
 /// Smallest eigenvalue of an equilibrated matrix below which its columns count as dependent.
 const DEPENDENT: f64 = 1e-12;
+/// Sums that run side by side.
+const LANES: usize = 4;
+
+/// These rows of a matrix.
+pub(crate) fn picked(matrix: MatRef<f64>, rows: &[usize]) -> Mat<f64> {
+    let mut own = Mat::zeros(rows.len(), matrix.ncols());
+    for (j, all) in matrix.col_iter().enumerate() {
+        let own = own.col_as_slice_mut(j).iter_mut().zip(rows);
+        match all.try_as_col_major() {
+            Some(all) => own.for_each(|(own, row)| *own = all.as_slice()[*row]),
+            None => own.for_each(|(own, row)| *own = all[*row]),
+        }
+    }
+    own
+}
+
+/// Cholesky's factor of a symmetric matrix less limit·I: there is one where every eigenvalue lies above the limit, which eigenvectors would
+/// tell in ten times the time.
+pub(crate) fn factor_above(matrix: &Mat<f64>, limit: f64) -> Option<Llt<f64>> {
+    let mut less = matrix.clone();
+    (0..less.nrows()).for_each(|k| less[(k, k)] -= limit);
+    Llt::new(less.as_ref(), Side::Lower).ok()
+}
+
+/// Sum of products, in lanes that a processor adds side by side.
+pub(crate) fn dot(a: &[f64], b: &[f64]) -> f64 {
+    let (a, b) = (a.chunks_exact(LANES), b.chunks_exact(LANES));
+    let rest: f64 = a.remainder().iter().zip(b.remainder()).map(|(a, b)| a * b).sum();
+    let mut sums = [0.0; LANES];
+    a.zip(b).for_each(|(a, b)| (0..LANES).for_each(|k| sums[k] += a[k] * b[k]));
+    rest + sums.iter().sum::<f64>()
+}
 
 /// Numbers as a column.
 pub(crate) fn column(values: &[f64]) -> Mat<f64> {

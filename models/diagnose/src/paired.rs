@@ -7,7 +7,7 @@
 //! residuals; no units.
 
 use crate::candidates::Round;
-use crate::linear::{Directions, Linear, column};
+use crate::linear::{Directions, Linear, column, picked};
 use abbe_identify::{in_parallel, symmetric_eigen};
 use faer::linalg::matmul::triangular::{self, BlockStructure};
 use faer::linalg::solvers::{Llt, Solve};
@@ -130,8 +130,7 @@ fn left_out(fit: &Linear, block: &[usize], limit: f64) -> Option<LeftOut> {
     let all = match fit.kept_directions(block) {
         Some(all) => all,
         None => {
-            let spread = fit.spread();
-            let rows = Mat::from_fn(block.len(), spread.ncols(), |i, j| spread[(block[i], j)]);
+            let rows = picked(fit.spread(), block);
             if let Some(inverse) = Inverse::new(&rows) {
                 return Some(LeftOut { residuals: inverse.of(&seen), hat: Hat::Measured(inverse) });
             }

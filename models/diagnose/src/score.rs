@@ -3,7 +3,7 @@
 //! Place in the flow: every candidate effect, every pair of quantities and every finer error function is judged here,
 //! from [`crate::linear::Projected`]. No units: whitened rows.
 
-use crate::linear::{Projected, column};
+use crate::linear::{Projected, column, factor_above};
 use abbe_identify::symmetric_eigen;
 use faer::linalg::solvers::{Llt, Solve};
 use faer::{Mat, Side};
@@ -95,8 +95,7 @@ fn solved(left: &Mat<f64>, gradient: &[f64]) -> Option<(Vec<f64>, usize)> {
     if count == 1 {
         return (left[(0, 0)] > LEFT).then(|| (vec![gradient[0] / left[(0, 0)]], 1));
     }
-    let less = Mat::from_fn(count, count, |i, j| if i == j { left[(i, j)] - LEFT } else { left[(i, j)] });
-    Llt::new(less.as_ref(), Side::Lower).ok()?;
+    factor_above(left, LEFT)?;
     let estimate = Llt::new(left.as_ref(), Side::Lower).ok()?.solve(column(gradient));
     Some(((0..count).map(|k| estimate[(k, 0)]).collect(), count))
 }

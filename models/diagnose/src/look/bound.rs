@@ -14,11 +14,11 @@
 use super::products::{Over, Products};
 use super::{DEGREE, MIXED, TOGETHER, forms_of};
 use crate::candidates::Round;
-use crate::linear::{Linear, Projected, column};
+use crate::linear::{Linear, Projected, column, factor_above};
 use crate::paired::add;
 use crate::score::{LEFT, evidence_of, gain_of};
-use faer::linalg::solvers::{Llt, Solve};
-use faer::{Mat, Side};
+use faer::Mat;
+use faer::linalg::solvers::Solve;
 
 /// Rows for each column of the model: enough for a bound of some times what noise explains.
 const ROWS_PER_COLUMN: usize = 3;
@@ -124,8 +124,8 @@ impl Pairs<'_> {
 fn reduction_at_most(group: &Projected, squares: &[f64]) -> Option<f64> {
     let count = squares.len();
     let scale: Vec<f64> = squares.iter().map(|square| square.sqrt().recip()).collect();
-    let less = |i: usize, j: usize| group.left[(i, j)] * scale[i] * scale[j] - if i == j { LEFT } else { 0.0 };
-    let factor = Llt::new(Mat::from_fn(count, count, less).as_ref(), Side::Lower).ok()?;
+    let left = Mat::from_fn(count, count, |i, j| group.left[(i, j)] * scale[i] * scale[j]);
+    let factor = factor_above(&left, LEFT)?;
     let gradient: Vec<f64> = group.gradient.iter().zip(&scale).map(|(g, s)| g * s).collect();
     let estimate = factor.solve(column(&gradient));
     Some(gradient.iter().enumerate().map(|(k, g)| g * estimate[(k, 0)]).sum())

@@ -5,7 +5,7 @@
 
 use super::{DEGREE, MIXED};
 use crate::candidates::Round;
-use crate::linear::{Linear, Projected};
+use crate::linear::{Linear, Projected, dot, picked};
 use faer::{Mat, MatRef};
 
 /// Columns in runs of equal length, one run a quantity or a pair.
@@ -57,10 +57,10 @@ impl Products {
             round.rows.whiten(column);
         }
         let gradient = round.free.gradient(columns.as_ref());
-        let squares = (0..count).map(|c| square(columns.col_as_slice(c))).collect();
+        let squares = (0..count).map(|c| dot(columns.col_as_slice(c), columns.col_as_slice(c))).collect();
         let (fit, columns) = match part {
             None => (&*round.free, columns),
-            Some((fit, rows)) => (fit, some_rows(&columns, rows)),
+            Some((fit, rows)) => (fit, picked(columns.as_ref(), rows)),
         };
         Products { run, taken: fit.taken(columns.as_ref()), columns, gradient, squares }
     }
@@ -89,24 +89,6 @@ impl Products {
             gradient: &self.gradient[first..first + count],
         }
     }
-}
-
-/// Sum of squares, in lanes that a processor adds side by side.
-fn square(values: &[f64]) -> f64 {
-    let mut sums = [0.0; 8];
-    let chunks = values.chunks_exact(sums.len());
-    let rest: f64 = chunks.remainder().iter().map(|value| value * value).sum();
-    chunks.for_each(|chunk| sums.iter_mut().zip(chunk).for_each(|(sum, value)| *sum += value * value));
-    rest + sums.iter().sum::<f64>()
-}
-
-fn some_rows(columns: &Mat<f64>, rows: &[usize]) -> Mat<f64> {
-    let mut some = Mat::zeros(rows.len(), columns.ncols());
-    for j in 0..columns.ncols() {
-        let whole = columns.col_as_slice(j);
-        some.col_as_slice_mut(j).iter_mut().zip(rows).for_each(|(value, k)| *value = whole[*k]);
-    }
-    some
 }
 
 /// One run.

@@ -4,7 +4,6 @@
 //! are divided by their standard uncertainty, so that columns have the inverse unit of their parameter; what they have
 //! in common with the rows before them is taken out later ([`super::view`]).
 
-use super::contradictions::PoseRows;
 use super::diagnosis::{Ambiguity, Kind, Untestable};
 use super::told::Changed;
 use crate::error::DiagnoseError;
@@ -85,6 +84,9 @@ pub(crate) struct Untold {
     /// Quantity that it reads.
     pub(crate) reads: String,
 }
+
+/// Name and rows of the study of a pose.
+pub(crate) type PoseRows = (String, BTreeSet<usize>);
 
 /// Places of a table (m), and what tells how large an error between them may be.
 #[derive(Debug, Clone)]

@@ -4,6 +4,7 @@
 //! it does not, the mean of its poses is that of none, and its u knows nothing of it. Each pose gets a size of its own, beside all else that
 //! was found; whether these differ is tested in whatever noise the rows leave possible ([`super::significance`]).
 
+use super::candidate::PoseRows;
 use super::fit::{Fit, Fitted};
 use super::significance::probability;
 use super::view::View;
@@ -34,9 +35,6 @@ pub(super) fn contradictions(view: &View, fit: &Fit, significance: f64) -> Resul
     }
     Ok(words)
 }
-
-/// Name and rows of the study of each pose.
-pub(crate) type PoseRows = (String, BTreeSet<usize>);
 
 /// Columns of a candidate that act in one pose alone, for each pose.
 fn of_each_pose(view: &View, fit: &Fit, candidate: usize, poses: &[PoseRows]) -> Vec<Mat<f64>> {

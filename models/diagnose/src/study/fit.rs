@@ -7,9 +7,9 @@
 use super::candidate::Study;
 use super::combinations::combinations;
 use super::together::score_together;
-use super::view::{View, picked};
+use super::view::View;
 use crate::error::DiagnoseError;
-use crate::linear::{Linear, Projected, joined};
+use crate::linear::{Linear, Projected, joined, picked};
 use crate::score::{Score, score};
 use faer::{Mat, MatRef};
 

@@ -4,9 +4,9 @@
 
 use super::diagnosis::{HeldOutRms, Judgement};
 use super::fit::Fit;
-use super::view::{View, picked};
+use super::view::View;
 use crate::held_out::HeldOut;
-use crate::linear::joined;
+use crate::linear::{joined, picked};
 use abbe_identify::symmetric_eigen;
 use faer::Mat;
 use statrs::distribution::{ContinuousCDF, StudentsT};

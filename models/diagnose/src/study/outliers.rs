@@ -7,10 +7,9 @@
 
 use super::candidate::{Chain, Study};
 use super::series::independent;
-use super::view::picked;
 use crate::error::DiagnoseError;
-use crate::linear::joined;
 use crate::linear::{column, weighted};
+use crate::linear::{joined, picked};
 use crate::score::beyond;
 use abbe_identify::{in_parallel, symmetric_eigen};
 use faer::linalg::solvers::{Llt, Solve};

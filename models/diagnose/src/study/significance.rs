@@ -12,9 +12,9 @@
 use super::fit::Fit;
 use super::series::{Filter, Theta, gain, independent};
 use super::together::score_together;
-use super::view::{View, picked};
+use super::view::View;
 use crate::error::DiagnoseError;
-use crate::linear::{Linear, joined};
+use crate::linear::{Linear, joined, picked};
 use crate::score::score;
 use abbe_identify::in_parallel;
 use faer::Mat;

@@ -13,11 +13,11 @@ use super::series::{Filter, Noise, Theta, noise};
 use super::step::APART;
 use super::waves::best;
 use crate::error::DiagnoseError;
-use crate::linear::{Linear, column, joined};
+use crate::linear::{Linear, column, joined, picked};
 use crate::score::golden_section;
 use crate::score::score;
 use abbe_geometry::Axis;
-use faer::{Mat, MatRef};
+use faer::Mat;
 use std::sync::Arc;
 
 /// Places of a step that are tried before those around the best, and rounds in which several are set.
@@ -367,17 +367,4 @@ fn best_place(places: &[usize], taken: &[usize], worth: &impl Fn(&[usize]) -> f6
     let stride = places.len().div_ceil(COARSE).max(1);
     let near = best(&mut (0..places.len()).step_by(stride))?;
     best(&mut (near.saturating_sub(stride)..(near + stride + 1).min(places.len()))).map(|k| places[k])
-}
-
-/// Rows of a matrix.
-pub(super) fn picked(matrix: MatRef<f64>, rows: &[usize]) -> Mat<f64> {
-    let mut own = Mat::zeros(rows.len(), matrix.ncols());
-    for (j, all) in matrix.col_iter().enumerate() {
-        let own = own.col_as_slice_mut(j).iter_mut().zip(rows);
-        match all.try_as_col_major() {
-            Some(all) => own.for_each(|(own, row)| *own = all.as_slice()[*row]),
-            None => own.for_each(|(own, row)| *own = all[*row]),
-        }
-    }
-    own
 }

@@ -11,7 +11,7 @@ use super::fit::Fit;
 use super::scored::COMPARABLE;
 use super::view::View;
 use crate::error::DiagnoseError;
-use crate::linear::Projected;
+use crate::linear::{Projected, dot};
 use crate::score::{OfTwo, gain_of_two, golden_section};
 use faer::Mat;
 use smallvec::SmallVec;
@@ -95,17 +95,6 @@ impl Left {
 
 /// One a position.
 type Values = SmallVec<[f64; 64]>;
-/// Sums that run side by side, for the processor to do at once.
-const LANES: usize = 4;
-
-fn dot(a: &[f64], b: &[f64]) -> f64 {
-    let (a, b) = (a.chunks_exact(LANES), b.chunks_exact(LANES));
-    let rest: f64 = a.remainder().iter().zip(b.remainder()).map(|(a, b)| a * b).sum();
-    let mut sums = [0.0; LANES];
-    a.zip(b).for_each(|(a, b)| (0..LANES).for_each(|k| sums[k] += a[k] * b[k]));
-    rest + sums.iter().sum::<f64>()
-}
-
 /// Products of a symmetric matrix with sine and cosine on either side.
 fn quadratic(sine: &[f64], cosine: &[f64], square: &Mat<f64>) -> OfTwo {
     let (mut diagonal, mut beside) = ([0.0; 2], 0.0);

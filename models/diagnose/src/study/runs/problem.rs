@@ -125,10 +125,7 @@ impl Runs {
         let axis = AxisRuns::new(name, rows, is_order, &self.runs)?;
         self.chains.push(axis.chain(&self.runs));
         self.blocks.extend(cycles.into_values());
-        let both = [Approach::Positive, Approach::Negative]
-            .iter()
-            .all(|approach| axis.rows.iter().any(|row| self.runs[*row].approach == *approach));
-        let (mut shapes, untestable) = axis.shapes(both, &self.runs);
+        let (mut shapes, untestable) = axis.shapes(self.only_side(&axis).is_none(), &self.runs);
         shapes.extend(axis.steps.all(&self.runs, &self.rows).into_iter().map(Shape::Step));
         let first = self.candidates.len();
         let numbered = |wanted: &dyn Fn(&Shape) -> bool| -> Vec<usize> {

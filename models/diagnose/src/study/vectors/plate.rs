@@ -6,9 +6,10 @@
 
 use super::ResidualVector;
 use crate::error::DiagnoseError;
+use crate::study::candidate::PoseRows;
 use crate::study::smooth::range;
 use abbe_geometry::{Axis, Matrix3, Vector3};
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 
 /// Unknowns of a pose: shift and turn.
 pub(super) const RIGID: usize = 6;
@@ -73,7 +74,7 @@ impl Poses {
     }
 
     /// Name and rows of each pose, where there are several: three rows a vector.
-    pub(super) fn rows(&self) -> Vec<(String, BTreeSet<usize>)> {
+    pub(super) fn rows(&self) -> Vec<PoseRows> {
         let rows = |pose: &Pose| pose.members.iter().flat_map(|k| 3 * k..3 * k + 3).collect();
         let one = |pose: &Pose| Some((pose.name.clone()?, rows(pose)));
         self.list.iter().filter_map(one).collect()

@@ -15,7 +15,7 @@ use super::step::Steps;
 use super::{OF, ResidualVector, drift, model, order};
 use crate::error::DiagnoseError;
 use crate::linear::{in_the_worst_way, joined};
-use crate::study::candidate::{Candidate, Chain, Forms, Local, ModelTerm, Question, Study};
+use crate::study::candidate::{Candidate, Chain, Forms, Local, ModelTerm, PoseRows, Question, Study};
 use crate::study::diagnosis::{Ambiguity, Untestable};
 use crate::study::series::steps;
 use crate::study::smooth::legendre;
@@ -588,7 +588,7 @@ impl Study for Vectors<'_> {
         self.hidden.clone()
     }
 
-    fn poses(&self) -> Vec<(String, BTreeSet<usize>)> {
+    fn poses(&self) -> Vec<PoseRows> {
         self.poses.rows()
     }
 }

@@ -6,6 +6,7 @@
 
 use super::super::model::{self, approached_otherwise, axis_of};
 use super::{AxisRuns, Runs};
+use crate::context::range;
 use crate::study::candidate::Untold;
 use std::collections::BTreeSet;
 
@@ -15,10 +16,9 @@ const REVERSAL_M: f64 = 50e-6;
 const SHARED: f64 = 0.5;
 
 impl Runs {
-    /// The one side from which an axis of that name was approached; `None` where both were, or it was not measured.
-    fn only_side(&self, name: &str) -> Option<f64> {
-        let mut sides =
-            self.runs.iter().filter(|run| run.axis.eq_ignore_ascii_case(name)).map(|run| run.approach.sign());
+    /// The one side from which an axis was approached; `None` where both were.
+    pub(super) fn only_side(&self, axis: &AxisRuns) -> Option<f64> {
+        let mut sides = axis.rows.iter().map(|row| self.runs[*row].approach.sign());
         let first = sides.next()?;
         sides.all(|side| side == first).then_some(first)
     }
@@ -26,10 +26,7 @@ impl Runs {
     /// Range of a quantity that a model reads: times since the first run.
     pub(super) fn measured_range(&self, name: &str) -> Option<(f64, f64)> {
         match name {
-            model::CYCLE => {
-                let cycles = || self.runs.iter().map(|run| run.cycle as f64);
-                Some((cycles().reduce(f64::min)?, cycles().reduce(f64::max)?))
-            }
+            model::CYCLE => Some(range(self.runs.iter().map(|run| run.cycle as f64))),
             model::TIME => {
                 let timed = self.axes.iter().filter(|axis| !axis.ranges.is_order);
                 let last_s = timed.filter_map(|axis| axis.ranges.time_s).map(|(_, last)| last).reduce(f64::max)?;
@@ -47,7 +44,7 @@ impl Runs {
     /// Reversals that nobody measured.
     pub(super) fn untold_reversals(&self) -> Vec<Untold> {
         let one = |axis: &AxisRuns| {
-            let (own, side) = (axis_of(&axis.name)?, self.only_side(&axis.name)?);
+            let (own, side) = (axis_of(&axis.name)?, self.only_side(axis)?);
             let [from, other] = if side > 0.0 { ["+", "-"] } else { ["-", "+"] };
             Some(Untold {
                 what: format!(
@@ -79,7 +76,7 @@ impl Runs {
 
     fn range_of(&self, axis: &AxisRuns, name: &str) -> Option<(f64, f64)> {
         let values = axis.rows.iter().filter_map(|row| self.runs[*row].covariates.get(name).copied());
-        let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| (low.min(v), high.max(v)));
+        let (low, high) = range(values);
         (low <= high).then_some((low, high))
     }
 }
