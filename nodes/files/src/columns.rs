@@ -68,7 +68,8 @@ pub(crate) struct Header {
     unnamed: usize,
     /// What the numbers read so far tell of their marks.
     decimals: RefCell<Decimals>,
-    /// What the column of the time holds.
+    /// Column of the time, and what it holds.
+    time: Option<usize>,
     clock: Cell<Clock>,
 }
 
@@ -80,7 +81,7 @@ impl Header {
         // A line of nothing but marks names no column.
         let unnamed = if named == 0 { 0 } else { record.len() - named };
         let clock = Cell::new(Clock::Unknown);
-        let mut header = Header { names, file: file.to_owned(), line, dialect, unnamed, decimals, clock };
+        let mut header = Header { names, file: file.to_owned(), line, dialect, unnamed, decimals, time: None, clock };
         header.refuse_numbers(record)?;
         for (k, cell) in record.iter().take(record.len() - unnamed).enumerate() {
             let place = || header.place().column(&format!("number {}", k + 1));
@@ -97,6 +98,7 @@ impl Header {
             }
             header.names.push(name.to_owned());
         }
+        header.time = header.find(TIME.name);
         Ok(header)
     }
 
@@ -187,7 +189,7 @@ impl Header {
     /// A finite number in a cell; `remedy` says what to do where it is none.
     pub(crate) fn number(&self, record: &ByteRecord, column: usize, line: u64, remedy: &str) -> Result<f64, FileError> {
         let cell = record.get(column).unwrap_or_default();
-        if self.names.get(column).is_some_and(|name| name == TIME.name) {
+        if self.time == Some(column) {
             return self.time(cell, column, line, remedy);
         }
         let found = number(cell).map_err(|problem| self.no_number(cell, problem, line, column, remedy))?;
