@@ -34,7 +34,10 @@ def width(component, axis):
 
 ERRORS = [(axis, width(component, axis)) for axis in range(3) for component in range(6)]
 STARTS = np.cumsum([0] + [n for _, n in ERRORS])
-GEOMETRIC = int(STARTS[-1]) + 3
+SQUARE = int(STARTS[-1])
+RAM = SQUARE + 3
+GEOMETRIC = RAM + 3
+RAM_TURN_RAD = 200e-6  # what a ram is believed to be turned by
 # Functions of one width are treated as one stack.
 STACKS = [(n, np.array([s + np.arange(n) for s, (_, m) in zip(STARTS, ERRORS) if m == n])) for n in (OPEN - 1, OPEN)]
 
@@ -70,6 +73,13 @@ def cross(a, b):
     return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=1)
 
 
+def turned(angle, arm):
+    """What a rotation moves the end of an arm by."""
+    square = (angle * angle).sum(axis=1)[:, None]
+    turn = cross(angle, arm)
+    return (1 - square / 6) * turn + (0.5 - square / 24) * cross(angle, turn)
+
+
 class Campaign:
     """What does not change from pass to pass."""
 
@@ -82,15 +92,17 @@ class Campaign:
         self.places = np.array([place(nominal[m], self.length[m]) for m in members])
         full = [basis((self.reading[:, k] - low) / (high - low)) for k, (low, high) in enumerate(STROKE)]
         self.bases = [full[axis][:, 1:n + 1] for axis, n in ERRORS]
-        self.partials = np.stack(directions(self.reading, self.offset), axis=1)
+        self.arm = self.offset - self.offset.mean(axis=0)
+        turns = [np.cross(axis, self.arm) for axis in np.eye(3)]
+        self.partials = np.stack(directions(self.reading, self.offset) + turns, axis=1)
         self.size = GEOMETRIC + 4 * self.count
 
     def residuals(self, x):
         """Residual, its uncertainty and line of sight; exact rotations."""
         values = np.stack([b @ x[s:s + b.shape[1]] for b, s in zip(self.bases, STARTS)], axis=1)
         travel = self.reading - [low for low, _ in STROKE]
-        c0y, b0z, a0z = x[GEOMETRIC - 3:GEOMETRIC]
-        point = self.offset
+        c0y, b0z, a0z = x[SQUARE:RAM]
+        point = self.offset + turned(np.broadcast_to(x[RAM:GEOMETRIC], self.arm.shape), self.arm)
         for axis in (2, 1, 0):
             shift, angle = values[:, 6 * axis:6 * axis + 3].copy(), values[:, 6 * axis + 3:6 * axis + 6]
             if axis == 1:
@@ -98,10 +110,7 @@ class Campaign:
             if axis == 2:
                 shift[:, 0] += b0z * travel[:, 2]
                 shift[:, 1] -= a0z * travel[:, 2]
-            square = (angle * angle).sum(axis=1)[:, None]
-            turn = cross(angle, point)
-            turned = (1 - square / 6) * turn + (0.5 - square / 24) * cross(angle, turn)
-            shift += turned
+            shift += turned(angle, point)
             shift[:, axis] += self.reading[:, axis]
             point = point + shift
         at = x[GEOMETRIC:].reshape(-1, 4)[self.station]
@@ -116,7 +125,7 @@ class Campaign:
         jacobian = np.zeros((len(ray), self.size))
         for k, (b, s) in enumerate(zip(self.bases, STARTS)):
             np.multiply(along[:, k:k + 1], b, out=jacobian[:, s:s + b.shape[1]])
-        jacobian[:, GEOMETRIC - 3:GEOMETRIC] = along[:, 18:]
+        jacobian[:, SQUARE:GEOMETRIC] = along[:, 18:]
         first = GEOMETRIC + 4 * self.station
         for d in range(3):
             jacobian[np.arange(len(ray)), first + d] = -ray[:, d]
@@ -145,6 +154,10 @@ class Smoothness:
     def solve(self, normal, gradient, square, weight, at, phi):
         """Penalised solve: parameters, inverse, effective degrees of freedom, chi2 per degree of freedom."""
         system, right = normal.copy(), gradient.copy()
+        ram = np.arange(RAM, GEOMETRIC)
+        stiffness = phi / RAM_TURN_RAD**2
+        system[ram, ram] += stiffness
+        right[ram] -= stiffness * at[ram]
         for (_, index), own, factors in zip(STACKS, self.rough, self.factors):
             stiffness = phi * factors[:, None, None] * own[0]
             system[index[:, :, None], index[:, None, :]] += stiffness
@@ -196,7 +209,7 @@ def low_order_rank(normal):
             shape = np.zeros(len(normal))
             shape[first:first + n] = column
             shapes.append(shape)
-    shapes = np.vstack([shapes, np.eye(len(normal))[GEOMETRIC - 3:]])
+    shapes = np.vstack([shapes, np.eye(len(normal))[SQUARE:]])
     reduced = shapes @ normal @ shapes.T
     scale = 1 / np.sqrt(np.diag(reduced))
     values = eigh(reduced * scale * scale[:, None], eigvals_only=True, check_finite=False)
@@ -213,8 +226,8 @@ def correlations(covariance):
         block[:, first:first + n] = at[:, 1:n + 1]
         views.append(block)
         owners += [error] * 4
-    views = np.vstack(views + [np.eye(len(covariance))[GEOMETRIC - 3:]])
-    owners = np.array(owners + list(range(18, 18 + len(covariance) - GEOMETRIC + 3)))
+    views = np.vstack(views + [np.eye(len(covariance))[SQUARE:]])
+    owners = np.array(owners + list(range(18, 18 + len(covariance) - SQUARE)))
     joint = views @ covariance @ views.T
     u = np.sqrt(np.maximum(np.diag(joint), 1e-300))
     strong = np.abs(joint) > 0.9 * u * u[:, None]
