@@ -353,8 +353,6 @@ const UNSEEN: f64 = 1e-9;
 const TOGETHER: usize = 512;
 /// Smallest eigenvalue of an equilibrated matrix below which its columns count as dependent.
 const DEPENDENT: f64 = 1e-12;
-/// Sums that run side by side.
-const LANES: usize = 4;
 
 /// These rows of a matrix.
 pub(crate) fn picked(matrix: MatRef<f64>, rows: &[usize]) -> Mat<f64> {
@@ -375,15 +373,6 @@ pub(crate) fn factor_above(matrix: &Mat<f64>, limit: f64) -> Option<Llt<f64>> {
     let mut less = matrix.clone();
     (0..less.nrows()).for_each(|k| less[(k, k)] -= limit);
     Llt::new(less.as_ref(), Side::Lower).ok()
-}
-
-/// Sum of products, in lanes that a processor adds side by side.
-pub(crate) fn dot(a: &[f64], b: &[f64]) -> f64 {
-    let (a, b) = (a.chunks_exact(LANES), b.chunks_exact(LANES));
-    let rest: f64 = a.remainder().iter().zip(b.remainder()).map(|(a, b)| a * b).sum();
-    let mut sums = [0.0; LANES];
-    a.zip(b).for_each(|(a, b)| (0..LANES).for_each(|k| sums[k] += a[k] * b[k]));
-    rest + sums.iter().sum::<f64>()
 }
 
 /// Numbers as a column.

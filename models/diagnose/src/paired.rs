@@ -8,7 +8,7 @@
 
 use crate::candidates::Round;
 use crate::linear::{Directions, Linear, column, picked};
-use abbe_identify::{in_parallel, symmetric_eigen};
+use abbe_identify::{dot, in_parallel, symmetric_eigen};
 use faer::linalg::matmul::triangular::{self, BlockStructure};
 use faer::linalg::solvers::{Llt, Solve};
 use faer::{Accum, Mat, MatRef, Par, Side};
@@ -240,10 +240,6 @@ pub(crate) fn without(mut vector: Vec<f64>, set: &[Vec<f64>]) -> Vec<f64> {
 
 fn times(a: &[f64], b: &[f64]) -> Vec<f64> {
     a.iter().zip(b).map(|(a, b)| a * b).collect()
-}
-
-fn dot(a: &[f64], b: &[f64]) -> f64 {
-    a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
 /// Sum of squares.

@@ -147,7 +147,17 @@ impl Layout {
         reading_m: [f64; 3],
         offset_m: [f64; 3],
     ) -> ModelPoint {
-        let locals = self.locals(reading_m);
+        self.point_from(machine, coefficients, (reading_m, offset_m), self.locals(reading_m))
+    }
+
+    /// The same with basis functions from [`Layout::locals`].
+    pub fn point_from(
+        &self,
+        machine: &Machine,
+        coefficients: &[f64],
+        (reading_m, offset_m): ([f64; 3], [f64; 3]),
+        locals: Locals,
+    ) -> ModelPoint {
         let values = self.values(coefficients, &locals);
         let ram = self.ram(machine.rotation, coefficients, offset_m);
         let chain = chain_point(machine, reading_m, ram.carried_m().into(), &values);

@@ -35,7 +35,7 @@ pub fn at_cramer_rao_bound(
     }
     let setup = Setup { machine: &parts.machine, layout: model.layout(), instrument, terms: &[] };
     let weights = vec![1.0; campaign.readings.len()];
-    let normal = accumulate(&Estimate { setup, campaign, parameters: &parameters }, &weights);
+    let normal = accumulate(&Estimate::new(setup, campaign, &parameters), &weights);
     let mut information = select(&normal.matrix, normal.size, &free);
     // Geometric parameters come first and are all free, so that each stands at its own place.
     setup.priors().into_iter().for_each(|(k, size)| information[(k, k)] += 1.0 / (size * size));

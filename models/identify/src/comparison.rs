@@ -28,7 +28,7 @@ pub fn minus_two_log_likelihood_on(
     let terms: Vec<EffectTerm> = parts.effects.iter().map(EffectTerm::of).collect();
     let setup = Setup { machine: &parts.machine, layout: fit.model.layout(), instrument, terms: &terms };
     let parameters = parameters_of(&fit.model);
-    let estimate = Estimate { setup, campaign, parameters: &parameters };
+    let estimate = Estimate::new(setup, campaign, &parameters);
     let normal = match &fit.correlation {
         Some(correlation) => accumulate_whitened(&estimate, weights, &correlation.whitener(campaign, weights)),
         None => accumulate(&estimate, weights),

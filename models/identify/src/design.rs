@@ -7,7 +7,7 @@ use crate::term::{CampaignRow, EffectTerm};
 use abbe_geometry::between_nodes::BetweenNodes;
 use abbe_geometry::chain::ChainPoint;
 use abbe_geometry::effects::Ray;
-use abbe_geometry::layout::Layout;
+use abbe_geometry::layout::{Layout, Locals, ModelPoint};
 use abbe_geometry::machine::Machine;
 use abbe_geometry::{ErrorId, Vector3};
 use abbe_measurement::campaign::{Campaign, RangeReading};
@@ -101,25 +101,56 @@ pub(crate) struct Estimate<'a> {
     pub(crate) campaign: &'a Campaign,
     /// Geometric parameters, effects, then x, y, z, dead path of each station.
     pub(crate) parameters: &'a [f64],
+    /// Basis functions at each reading, where passes over them share them.
+    locals: &'a [Locals],
 }
 
-impl Estimate<'_> {
+impl<'a> Estimate<'a> {
+    pub(crate) fn new(setup: Setup<'a>, campaign: &'a Campaign, parameters: &'a [f64]) -> Estimate<'a> {
+        Estimate { setup, campaign, parameters, locals: &[] }
+    }
+
+    /// With the basis functions at each reading; none where they are to be found again.
+    pub(crate) fn sharing(self, locals: &'a [Locals]) -> Estimate<'a> {
+        Estimate { locals, ..self }
+    }
+
+    /// The point of a reading, which the campaign need not hold.
+    fn point(&self, reading: &RangeReading, index: Option<usize>) -> ModelPoint {
+        let Setup { machine, layout, .. } = self.setup;
+        let locals = match index.and_then(|index| self.locals.get(index)) {
+            Some(shared) => Locals::from_slice(shared),
+            None => layout.locals(reading.reading_m),
+        };
+        layout.point_from(machine, self.parameters, (reading.reading_m, reading.offset_m), locals)
+    }
+
+    /// Where the tip is at one of the campaign's readings (m).
+    fn position_m(&self, index: usize) -> Vector3<f64> {
+        let Setup { machine, layout, .. } = self.setup;
+        let reading = &self.campaign.readings[index];
+        let at = (reading.reading_m, reading.offset_m);
+        match self.locals.get(index) {
+            Some(shared) => layout.position_from_m(machine, self.parameters, at, shared),
+            None => layout.position_m(machine, self.parameters, reading.reading_m, reading.offset_m),
+        }
+    }
+
     /// Residual (m) and line of sight of one of the campaign's readings, without partials.
     pub(crate) fn residual(&self, index: usize) -> (f64, Ray) {
         let (setup, reading) = (&self.setup, &self.campaign.readings[index]);
         if setup.terms.is_empty() {
-            let point_m = setup.layout.position_m(setup.machine, self.parameters, reading.reading_m, reading.offset_m);
-            return self.residual_of(reading, &point_m);
+            return self.residual_of(reading, &self.position_m(index));
         }
-        let point = setup.layout.point(setup.machine, self.parameters, reading.reading_m, reading.offset_m);
+        let point = self.point(reading, Some(index));
         let (residual_m, ray) = self.residual_of(reading, &point.chain.position_m);
         let columns = self.effect_columns(index, ray, &point.chain);
         (residual_m - self.effects_m(&columns), ray)
     }
 
-    /// Fills `row` for one of the campaign's readings.
-    pub(crate) fn row(&self, index: usize, row: &mut Row) {
-        self.fill(&self.campaign.readings[index], Some(index), row);
+    /// Fills `row` for one of the campaign's readings, and gives its point.
+    pub(crate) fn row(&self, index: usize, row: &mut Row) -> ModelPoint {
+        self.fill(&self.campaign.readings[index], Some(index), row)
     }
 
     /// Fills `row` for a reading that the campaign need not hold, without its effects.
@@ -127,16 +158,15 @@ impl Estimate<'_> {
         self.fill(reading, None, row);
     }
 
-    /// Calls `visit(departure, partial)` for the length's partial by each departure between nodes at a reading, given the
-    /// line of sight.
+    /// Calls `visit(departure, partial)` for the length's partial by each departure between nodes at a reading, given its
+    /// line of sight and point.
     pub(crate) fn visit_departures(
         &self,
         index: usize,
-        (between_nodes, ray): (&BetweenNodes, &Ray),
+        (between_nodes, ray, point): (&BetweenNodes, &Ray, &ModelPoint),
         mut visit: impl FnMut(usize, f64),
     ) {
-        let (setup, reading) = (&self.setup, &self.campaign.readings[index]);
-        let point = setup.layout.point(setup.machine, self.parameters, reading.reading_m, reading.offset_m);
+        let reading = &self.campaign.readings[index];
         for id in ErrorId::all() {
             if let Some((departure, shape)) = between_nodes.at(id, reading.reading_m[id.axis().index()]) {
                 visit(departure, shape * ray.direction.dot(&point.chain.by_error[id.index()]));
@@ -144,11 +174,11 @@ impl Estimate<'_> {
         }
     }
 
-    fn fill(&self, reading: &RangeReading, index: Option<usize>, row: &mut Row) {
+    fn fill(&self, reading: &RangeReading, index: Option<usize>, row: &mut Row) -> ModelPoint {
         row.values.clear();
         row.segment_count = 0;
         let setup = &self.setup;
-        let point = setup.layout.point(setup.machine, self.parameters, reading.reading_m, reading.offset_m);
+        let point = self.point(reading, index);
         let (residual_m, ray) = self.residual_of(reading, &point.chain.position_m);
         row.residual_m = residual_m;
         row.ray = ray;
@@ -164,6 +194,7 @@ impl Estimate<'_> {
             row.push(setup.layout.len(), columns.into_iter());
         }
         row.push(self.first_of_station(reading), ray.direction.iter().map(|u| -u).chain([-1.0]));
+        point
     }
 
     fn residual_of(&self, reading: &RangeReading, point_m: &Vector3<f64>) -> (f64, Ray) {
@@ -286,7 +317,7 @@ mod tests {
         };
         let row_at = |parameters: &[f64]| {
             let mut row = Row::new();
-            let estimate = Estimate { setup, campaign: &campaign, parameters };
+            let estimate = Estimate::new(setup, &campaign, parameters);
             estimate.row(0, &mut row);
             assert_eq!(estimate.residual(0).0, row.residual_m);
             row

@@ -68,7 +68,7 @@ fn as_predicted(setup: Setup, campaign: &Campaign, stations: &[StationStart]) ->
     for station in stations {
         parameters.extend(station.position_m.iter().chain([&station.dead_path_m]));
     }
-    let estimate = Estimate { setup, campaign, parameters: &parameters };
+    let estimate = Estimate::new(setup, campaign, &parameters);
     let mut predicted = campaign.clone();
     for (reading, (residual_m, _)) in predicted.readings.iter_mut().zip(residuals(&estimate)) {
         reading.length_m -= residual_m;

@@ -103,7 +103,7 @@ pub use evidence::{CorrelatedNoise, CorrelatedPair, ErrorEvidence, Evidence, Rej
 pub use foresee::foresee;
 pub use identified::Identified;
 pub use lagged::with_lagged;
-pub use linear::symmetric_eigen;
+pub use linear::{dot, symmetric_eigen};
 pub use model_rows::ModelRows;
 pub use options::{Noise, Options, OrderChoice, Progress};
 pub use parallel::in_parallel;

@@ -6,6 +6,9 @@
 use faer::linalg::solvers::{DenseSolveCore, Llt, Solve};
 use faer::{Mat, Side};
 
+/// Sums that run side by side.
+const LANES: usize = 4;
+
 /// Cholesky factor of a positive definite matrix.
 pub(crate) struct Factor {
     llt: Llt<f64>,
@@ -38,6 +41,15 @@ impl Factor {
     pub(crate) fn inverse(&self) -> Mat<f64> {
         self.llt.inverse()
     }
+}
+
+/// Sum of products, in lanes that a processor adds side by side.
+pub fn dot(a: &[f64], b: &[f64]) -> f64 {
+    let (a, b) = (a.chunks_exact(LANES), b.chunks_exact(LANES));
+    let rest: f64 = a.remainder().iter().zip(b.remainder()).map(|(a, b)| a * b).sum();
+    let mut sums = [0.0; LANES];
+    a.zip(b).for_each(|(a, b)| (0..LANES).for_each(|k| sums[k] += a[k] * b[k]));
+    rest + sums.iter().sum::<f64>()
 }
 
 /// Symmetric matrix of the free parameters, both triangles filled, from a row-major upper triangle.

@@ -52,7 +52,7 @@ impl<'a> ModelRows<'a> {
         term::check_stations(model, campaign)?;
         let setup = Setup { machine: &parts.machine, layout: model.layout(), instrument, terms: &terms };
         let values = parameters_of(model);
-        let estimate = Estimate { setup, campaign, parameters: &values };
+        let estimate = Estimate::new(setup, campaign, &values);
         let parameters: Vec<usize> = (0..values.len()).filter(|k| model.covariance(*k, *k) > 0.0).collect();
         let scale = parts.quality.chi2_per_dof.max(1.0);
         let covariance = |i: usize, j: usize| model.covariance(parameters[i], parameters[j]) / scale;

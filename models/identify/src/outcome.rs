@@ -3,7 +3,7 @@
 //! Place in the flow: the last step of [`crate::solve`]; nothing is estimated here any more.
 
 use crate::chords::Chords;
-use crate::design::{Estimate, Row, places};
+use crate::design::{Row, places};
 use crate::error::IdentifyError;
 use crate::evidence::{self, CorrelatedNoise, ErrorEvidence, Evidence, RejectedReading, StationEvidence};
 use crate::identified::{Ended, Identified};
@@ -152,16 +152,15 @@ impl Fit<'_> {
         if total_m == 0.0 {
             return [0.0; 3];
         }
-        let estimate = Estimate { setup: self.setup, campaign: self.campaign, parameters: &self.parameters };
+        let estimate = self.estimate();
         let used = settled.weights.iter().filter(|weight| **weight > 0.0).count() as f64;
-        let mut row = Row::new();
         let mut excess = Vec::with_capacity(settled.weights.len());
         for (index, (reading, (residual_m, u_m))) in self.campaign.readings.iter().zip(&settled.residuals).enumerate() {
             if settled.weights[index] > 0.0 {
-                estimate.row(index, &mut row);
+                let (_, ray) = estimate.residual(index);
                 // What the fit takes of all readings it takes of each.
                 let square_m2 = residual_m.powi(2) * used / degrees.max(1.0) - u_m.powi(2);
-                excess.push(Excess { direction: row.ray.direction, square_m2, line: reading.line });
+                excess.push(Excess { direction: ray.direction, square_m2, line: reading.line });
             }
         }
         by_axis(&excess, total_m)
@@ -174,12 +173,12 @@ impl Fit<'_> {
         if between_nodes.is_empty() {
             return Vec::new();
         }
-        let estimate = Estimate { setup: self.setup, campaign: self.campaign, parameters: &self.parameters };
+        let estimate = self.estimate();
         let (mut chords, mut row) = (Chords::new(self.parameters.len(), &between_nodes), Row::new());
         for (index, (weight, (_, u_m))) in settled.weights.iter().zip(&settled.residuals).enumerate() {
-            estimate.row(index, &mut row);
+            let point = estimate.row(index, &mut row);
             let information = weight / (u_m * u_m);
-            estimate.visit_departures(index, (&between_nodes, &row.ray), |departure, partial| {
+            estimate.visit_departures(index, (&between_nodes, &row.ray, &point), |departure, partial| {
                 for (first, values) in row.segments() {
                     for (k, value) in values.iter().enumerate() {
                         chords.add(first + k, departure, information * value * partial);

@@ -82,7 +82,7 @@ impl<'a> PlannedRows<'a> {
         for _ in &campaign.stations {
             parameters.extend(station_m.into_iter().chain([0.0]));
         }
-        let estimate = Estimate { setup: self.setup(), campaign, parameters: &parameters };
+        let estimate = Estimate::new(self.setup(), campaign, &parameters);
         let count = campaign.readings.len();
         let mut rows = SplitRows { machine: Mat::zeros(count, own), station: Mat::zeros(count, STATION_PARAMETERS) };
         let mut row = Row::new();

@@ -39,7 +39,7 @@ pub fn correlation_left(
     let setup = Setup { machine: &parts.machine, layout: fit.model.layout(), instrument, terms: &terms };
     let parameters = parameters_of(&fit.model);
     let Ended { free, smoothness, noise_factor } = &fit.ended;
-    let estimate = Estimate { setup, campaign, parameters: &parameters };
+    let estimate = Estimate::new(setup, campaign, &parameters);
     Asked { estimate, weights: &fit.weights, free, smoothness, noise_factor: *noise_factor }.correlation()
 }
 

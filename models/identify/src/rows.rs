@@ -56,7 +56,7 @@ impl<'a> Rows<'a> {
         let terms: Vec<EffectTerm> = parts.effects.iter().map(EffectTerm::of).collect();
         let setup = Setup { machine: &parts.machine, layout: model.layout(), instrument, terms: &terms };
         let parameters = parameters_of(model);
-        let estimate = Estimate { setup, campaign, parameters: &parameters };
+        let estimate = Estimate::new(setup, campaign, &parameters);
         let free: Vec<usize> = (0..parameters.len()).filter(|k| model.covariance(*k, *k) > 0.0).collect();
         let scale = fit.evidence.chi2_per_dof.max(1.0);
         let covariance = Mat::from_fn(free.len(), free.len(), |i, j| model.covariance(free[i], free[j]) / scale);
@@ -88,16 +88,14 @@ impl<'a> Rows<'a> {
 
     fn fill(&mut self, estimate: &Estimate) {
         let place = places(&self.parameters, estimate.parameters.len());
-        let setup = &estimate.setup;
         let mut row = Row::new();
-        for (k, reading) in self.campaign.readings.iter().enumerate() {
-            estimate.row(k, &mut row);
+        for k in 0..self.campaign.readings.len() {
+            let point = estimate.row(k, &mut row);
             let factor = self.factors[k];
             self.residuals[k] = row.residual_m * factor;
             self.residuals_m.push(row.residual_m);
             row.entries(&place).for_each(|(column, value)| self.jacobian[(k, column)] = value * factor);
             self.rays.push(row.ray);
-            let point = setup.layout.point(setup.machine, estimate.parameters, reading.reading_m, reading.offset_m);
             self.by_error.push(point.chain.by_error);
         }
         if let Some(whitener) = &self.whitener {
@@ -194,5 +192,5 @@ pub fn residuals_of(
     crate::term::check(&terms, campaign)?;
     crate::term::check_stations(model, campaign)?;
     let setup = Setup { machine: &parts.machine, layout: model.layout(), instrument, terms: &terms };
-    Ok(residuals(&Estimate { setup, campaign, parameters: &parameters_of(model) }))
+    Ok(residuals(&Estimate::new(setup, campaign, &parameters_of(model))))
 }

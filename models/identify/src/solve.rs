@@ -21,7 +21,7 @@ use crate::station_start::StationStart;
 use crate::term::{self, EffectTerm};
 use crate::unseen_expansion::unseen_expansions;
 use abbe_geometry::error_function::Kind;
-use abbe_geometry::layout::{Layout, centre_of};
+use abbe_geometry::layout::{Layout, Locals, centre_of};
 use abbe_geometry::machine::Machine;
 use abbe_geometry::model::Station;
 use abbe_measurement::campaign::Campaign;
@@ -52,6 +52,8 @@ pub(crate) const MAX_REFINEMENTS: usize = 4;
 const READINGS_PER_UNKNOWN: usize = 4;
 /// Readings above which the first fits use a part of the campaign.
 const LARGE: usize = 60_000;
+/// Readings up to which passes share their basis functions, some 600 bytes each.
+const SHARED: usize = 20_000;
 
 /// Identifies all errors, stations and dead paths of a campaign.
 ///
@@ -233,6 +235,8 @@ pub(crate) struct Fit<'a> {
     pub(crate) options: &'a Options,
     pub(crate) observe: &'a mut dyn FnMut(Progress) -> bool,
     pub(crate) parameters: Vec<f64>,
+    /// Basis functions at each reading, the same in every pass; of a large campaign they are found anew, and take no memory.
+    locals: Vec<Locals>,
     pub(crate) free: Vec<usize>,
     pub(crate) smoothness: Smoothness,
     /// How the noise is correlated, as far as it is known.
@@ -256,7 +260,7 @@ impl Linearised {
     fn reweigh(&mut self, setup: Setup, campaign: &Campaign, weights: Vec<f64>) {
         let change: Vec<f64> = weights.iter().zip(&self.weights).map(|(now, then)| now - then).collect();
         if change.iter().any(|change| *change != 0.0) {
-            self.normal.absorb(&accumulate(&Estimate { setup, campaign, parameters: &self.at }, &change));
+            self.normal.absorb(&accumulate(&Estimate::new(setup, campaign, &self.at), &change));
         }
         self.weights = weights;
     }
@@ -286,6 +290,8 @@ impl<'a> Fit<'a> {
             parameters.extend(station.position_m.iter().chain([&station.dead_path_m]));
             free.extend(first..first + if options.absolute_range { 3 } else { 4 });
         }
+        let readings = if campaign.readings.len() <= SHARED { campaign.readings.as_slice() } else { &[] };
+        let locals = readings.iter().map(|reading| setup.layout.locals(reading.reading_m)).collect();
         let mut smoothness =
             if options.order == OrderChoice::Evidence { Smoothness::new(setup.layout) } else { Smoothness::default() };
         smoothness.priors = setup.priors();
@@ -295,6 +301,7 @@ impl<'a> Fit<'a> {
             options,
             observe,
             parameters,
+            locals,
             free,
             smoothness,
             correlation: match options.noise {
@@ -309,7 +316,7 @@ impl<'a> Fit<'a> {
     }
 
     pub(crate) fn estimate(&self) -> Estimate<'_> {
-        Estimate { setup: self.setup, campaign: self.campaign, parameters: &self.parameters }
+        Estimate::new(self.setup, self.campaign, &self.parameters).sharing(&self.locals)
     }
 
     /// Passes over the readings until the parameters settle.

@@ -13,6 +13,7 @@
 //! a temperature does along an axis, its covariance says it. Lengths in m.
 
 use crate::identified::Identified;
+use crate::linear::dot;
 use crate::rows::{Rows, parameters_of};
 use crate::term::CampaignRow;
 use abbe_geometry::effects::{Acts, CovariateSource, CovariateValue, Effect, State, is_derived};
@@ -28,6 +29,9 @@ use faer::Mat;
 const EXPANSION: f64 = 10e-6;
 /// Push of the tip with it (m/K): a scale is fixed within a few metres.
 const PUSH: f64 = 30e-6;
+
+/// An expansion and a push.
+const PAIR: usize = 2;
 
 /// Rows at which an effect is looked at.
 const LOOKED_AT: usize = 8;
@@ -72,13 +76,14 @@ pub fn unseen_expansions(
     all.by_sensor = logged.iter().map(|column| unseen(column)).collect();
     for axis in Axis::ALL {
         let (d, is_held) = (axis.index(), asked.is_held(axis, is_kept));
-        let of_axis: Vec<Open> = logged.iter().map(|column| asked.open(column, axis)).collect();
-        for (own, open) in all.by_sensor.iter_mut().zip(&of_axis) {
+        let of_axis = asked.of_axis(&logged, axis);
+        let open: Vec<Open> = (0..logged.len()).map(|sensor| asked.open((axis, &of_axis), sensor)).collect();
+        for (own, open) in all.by_sensor.iter_mut().zip(&open) {
             own.at_c[d] = open.at_c;
             own.per_kelvin[d] = if is_held { 0.0 } else { open.per_kelvin() };
         }
         // Temperatures of one machine go together: the one that may hide most stands for all.
-        let most = of_axis.iter().max_by(|a, b| a.hidden().total_cmp(&b.hidden()));
+        let most = open.iter().max_by(|a, b| a.hidden().total_cmp(&b.hidden()));
         if let Some(open) = most.filter(|_| !is_held) {
             all.absorbed.extend(asked.absorbed(open));
         }
@@ -92,13 +97,49 @@ struct Asked<'a> {
     campaign: &'a Campaign,
 }
 
+/// Columns of an expansion of one axis about its middle and of a push along it: pairs, one of each temperature less its mean, and last one
+/// without a temperature. About another temperature, a pair is less so much of the last.
+struct OfAxis<'c> {
+    logged: &'c [&'c Covariate],
+    mean_c: Vec<f64>,
+    /// V JᵀC: what the fit takes of each for its own; free parameters by columns.
+    reach: Mat<f64>,
+    /// CᵀC − CᵀJVJᵀC.
+    left: Mat<f64>,
+    /// Cᵀr.
+    gradient: Vec<f64>,
+}
+
+impl OfAxis<'_> {
+    /// Of a pair about a temperature so far from the mean (K), element by element.
+    fn about(&self, sensor: usize, moved_k: f64, of: impl Fn(usize) -> f64) -> [f64; PAIR] {
+        let last = PAIR * self.logged.len();
+        std::array::from_fn(|j| of(PAIR * sensor + j) - moved_k * of(last + j))
+    }
+
+    fn reach(&self, sensor: usize, moved_k: f64) -> Mat<f64> {
+        let row = |i: usize| self.about(sensor, moved_k, |j| self.reach[(i, j)]);
+        Mat::from_fn(self.reach.nrows(), PAIR, |i, j| row(i)[j])
+    }
+
+    fn left(&self, sensor: usize, moved_k: f64) -> [[f64; PAIR]; PAIR] {
+        let row = |i: usize, k: usize| self.about(sensor, moved_k, |j| self.left[(i, j)])[k];
+        let by_column: [[f64; PAIR]; PAIR] = std::array::from_fn(|k| self.about(sensor, moved_k, |i| row(i, k)));
+        std::array::from_fn(|i| std::array::from_fn(|k| by_column[k][i]))
+    }
+
+    fn gradient(&self, sensor: usize, moved_k: f64) -> [f64; PAIR] {
+        self.about(sensor, moved_k, |j| self.gradient[j])
+    }
+}
+
 /// What the rows leave open of the expansion of one axis with one temperature.
 struct Open {
     at_c: f64,
     /// Rms distance of the readings from that (K).
     away_k: f64,
     /// Second moments of the expansion (1/K) and of the push (m/K).
-    second: [[f64; 2]; 2],
+    second: [[f64; PAIR]; PAIR],
     /// What the fit takes of each: free parameters by unit.
     reach: Mat<f64>,
 }
@@ -175,41 +216,44 @@ impl Asked<'_> {
         effect.motion(&state, &mut part).ok().map(|()| moved)
     }
 
-    fn open(&self, column: &Covariate, axis: Axis) -> Open {
-        let value = |k: usize| column.values[k].unwrap_or(0.0);
-        let count = self.used().count() as f64;
-        let mean_c = self.used().map(value).sum::<f64>() / count;
+    fn open(&self, (axis, of_axis): (Axis, &OfAxis), sensor: usize) -> Open {
+        let column = of_axis.logged[sensor];
         // The line that the fit makes of an expansion about one temperature is the distance to that at which it measured.
-        let at_c = mean_c + self.slope(&self.reach(&self.shared(&self.columns(column, axis, mean_c))), axis);
-        let columns = self.columns(column, axis, at_c);
-        let shared = self.shared(&columns);
-        let reach = self.reach(&shared);
-        let away_k = (self.used().map(|k| (value(k) - at_c).powi(2)).sum::<f64>() / count).sqrt();
-        Open { at_c, away_k, second: self.second(&columns, &shared, &reach), reach }
+        let moved_k = self.slope(&of_axis.reach(sensor, 0.0), axis);
+        let at_c = of_axis.mean_c[sensor] + moved_k;
+        let (mut square_k2, mut count) = (0.0, 0.0);
+        for k in self.used() {
+            square_k2 += (column.values[k].unwrap_or(at_c) - at_c).powi(2);
+            count += 1.0;
+        }
+        let second = self.second(of_axis.left(sensor, moved_k), of_axis.gradient(sensor, moved_k));
+        Open { at_c, away_k: (square_k2 / count).sqrt(), second, reach: of_axis.reach(sensor, moved_k) }
     }
 
-    /// Whitened columns of an expansion about the middle of an axis, and of a push along it.
-    fn columns(&self, column: &Covariate, axis: Axis, at_c: f64) -> Mat<f64> {
+    /// Expansion and push of an axis with these temperatures, which every reading has.
+    fn of_axis<'c>(&self, logged: &'c [&'c Covariate], axis: Axis) -> OfAxis<'c> {
         let d = axis.index();
         let middle_m = self.fit.model.middle_m()[d];
-        let mut columns = Mat::zeros(self.rows.len(), 2);
+        let count = self.used().count() as f64;
+        let value = |column: &Covariate, k: usize| column.values[k].unwrap_or(0.0);
+        let mean = |column: &&Covariate| self.used().map(|k| value(column, k)).sum::<f64>() / count;
+        let mean_c: Vec<f64> = logged.iter().map(mean).collect();
+        let mut columns = Mat::zeros(self.rows.len(), PAIR * (1 + logged.len()));
         for k in self.used() {
-            let push = self.rows.along(k, ErrorId::linear(axis, axis)) * (column.values[k].unwrap_or(at_c) - at_c);
-            columns[(k, 0)] = push * (self.campaign.readings[k].reading_m[d] - middle_m);
-            columns[(k, 1)] = push;
+            let push = self.rows.along(k, ErrorId::linear(axis, axis));
+            let expansion = push * (self.campaign.readings[k].reading_m[d] - middle_m);
+            let by = logged.iter().zip(&mean_c).map(|(column, mean_c)| value(column, k) - mean_c);
+            for (pair, by) in by.chain([1.0]).enumerate() {
+                columns[(k, PAIR * pair)] = expansion * by;
+                columns[(k, PAIR * pair + 1)] = push * by;
+            }
         }
-        (0..2).for_each(|j| self.rows.whiten(columns.col_as_slice_mut(j)));
-        columns
-    }
-
-    /// JᵀC.
-    fn shared(&self, columns: &Mat<f64>) -> Mat<f64> {
-        self.rows.jacobian.transpose() * columns
-    }
-
-    /// V JᵀC: what the fit takes of these columns for its own.
-    fn reach(&self, shared: &Mat<f64>) -> Mat<f64> {
-        &self.rows.covariance * shared
+        (0..columns.ncols()).for_each(|j| self.rows.whiten(columns.col_as_slice_mut(j)));
+        let shared = self.rows.jacobian.transpose() * &columns;
+        let reach = &self.rows.covariance * &shared;
+        let left = columns.transpose() * &columns - shared.transpose() * &reach;
+        let gradient = (0..columns.ncols()).map(|j| dot(columns.col_as_slice(j), &self.rows.residuals)).collect();
+        OfAxis { logged, mean_c, reach, left, gradient }
     }
 
     /// Slope (1) of the positioning error that stands in the first column of what the fit takes.
@@ -225,18 +269,13 @@ impl Asked<'_> {
         (basis.at(high_m).dot(&coefficients) - basis.at(low_m).dot(&coefficients)) / (high_m - low_m)
     }
 
-    /// Second moments of what the rows leave open of the columns.
-    fn second(&self, columns: &Mat<f64>, shared: &Mat<f64>, reach: &Mat<f64>) -> [[f64; 2]; 2] {
+    /// Second moments of an expansion and a push of which the rows leave so much information, with this gradient.
+    fn second(&self, left: [[f64; PAIR]; PAIR], gradient: [f64; PAIR]) -> [[f64; PAIR]; PAIR] {
         let factor = self.fit.evidence.chi2_per_dof.max(1.0);
-        let left = columns.transpose() * columns - shared.transpose() * reach;
-        let gradient = |j: usize| {
-            let own = columns.col_as_slice(j).iter().zip(&self.rows.residuals);
-            own.map(|(column, residual)| column * residual).sum::<f64>() / factor
-        };
         let information = |i: usize, j: usize| {
             let prior = if i == j { [EXPANSION, PUSH][i].powi(-2) } else { 0.0 };
             // Rounding may leave less than nothing.
-            let known = if i == j { left[(i, i)].max(0.0) } else { left[(i, j)] };
+            let known = if i == j { left[i][i].max(0.0) } else { left[i][j] };
             known / factor + prior
         };
         let (a, b, c) = (information(0, 0), information(0, 1), information(1, 1));
@@ -245,7 +284,7 @@ impl Asked<'_> {
             return [[EXPANSION.powi(2), 0.0], [0.0, PUSH.powi(2)]];
         }
         let covariance = [[c, -b], [-b, a]].map(|row| row.map(|value| value / determinant));
-        let estimate = covariance.map(|row| row[0] * gradient(0) + row[1] * gradient(1));
+        let estimate = covariance.map(|row| (row[0] * gradient[0] + row[1] * gradient[1]) / factor);
         std::array::from_fn(|i| std::array::from_fn(|j| covariance[i][j] + estimate[i] * estimate[j]))
     }
 

@@ -5,7 +5,8 @@
 
 use super::{DEGREE, MIXED};
 use crate::candidates::Round;
-use crate::linear::{Linear, Projected, dot, picked};
+use crate::linear::{Linear, Projected, picked};
+use abbe_identify::dot;
 use faer::{Mat, MatRef};
 
 /// Columns in runs of equal length, one run a quantity or a pair.
