@@ -5,14 +5,15 @@
 
 use crate::csv_bytes::TableBytes;
 use crate::error::{FileError, Place};
+use crate::instants::date;
+use chrono::{DateTime, Datelike, NaiveDate};
 use std::fmt;
 use std::fs::File;
 use std::io::{BufRead, BufReader, Read};
 use std::path::Path;
 
-const SECONDS_OF_A_DAY: i64 = 86_400;
-/// Days from 1970-01-01 to 2000-01-01.
-const YEAR_2000: i64 = 10_957;
+/// A clock that tells an earlier year does not know the day.
+const FIRST_YEAR: i32 = 2000;
 /// What a comment above the column names begins with.
 const COMMENT: &str = "measured=";
 /// Comments stand within this much of a table (bytes).
@@ -21,52 +22,19 @@ const REMEDY: &str = "write 2026-03-05, or 2026-03-05/2026-03-07 for first and l
 
 /// A day of the calendar.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub struct Day {
-    year: i64,
-    month: i64,
-    day: i64,
-}
+pub struct Day(NaiveDate);
 
 impl Day {
     /// The day of a stamp in nanoseconds since 1970-01-01, UTC; `None` for a clock that does not know the day.
     pub fn of_stamp_ns(stamp_ns: i64) -> Option<Day> {
-        let days = stamp_ns.div_euclid(1_000_000_000 * SECONDS_OF_A_DAY);
-        (days >= YEAR_2000).then(|| Day::of_days(days))
-    }
-
-    /// Days since 1970-01-01 to the calendar: years begin in March, so that the leap day is the last of its year.
-    fn of_days(days: i64) -> Day {
-        let from_0000_03_01 = days + 719_468;
-        let era = from_0000_03_01.div_euclid(146_097);
-        let of_era = from_0000_03_01.rem_euclid(146_097);
-        let year_of_era = (of_era - of_era / 1460 + of_era / 36_524 - of_era / 146_096) / 365;
-        let of_year = of_era - (365 * year_of_era + year_of_era / 4 - year_of_era / 100);
-        let from_march = (5 * of_year + 2) / 153;
-        let month = if from_march < 10 { from_march + 3 } else { from_march - 9 };
-        let year = year_of_era + era * 400 + i64::from(month <= 2);
-        Day { year, month, day: of_year - (153 * from_march + 2) / 5 + 1 }
-    }
-
-    fn parse(text: &str) -> Option<Day> {
-        let fields: Vec<&str> = text.split('-').collect();
-        let [year, month, day] = fields.as_slice() else { return None };
-        let number = |text: &str, digits: usize| {
-            (text.len() == digits && text.bytes().all(|b| b.is_ascii_digit())).then(|| text.parse().ok()).flatten()
-        };
-        let (year, month, day): (i64, i64, i64) = (number(year, 4)?, number(month, 2)?, number(day, 2)?);
-        let leap = year % 4 == 0 && (year % 100 != 0 || year % 400 == 0);
-        let longest = match month {
-            4 | 6 | 9 | 11 => 30,
-            2 => 28 + i64::from(leap),
-            _ => 31,
-        };
-        ((1..=12).contains(&month) && (1..=longest).contains(&day)).then_some(Day { year, month, day })
+        let day = DateTime::from_timestamp_nanos(stamp_ns).date_naive();
+        (day.year() >= FIRST_YEAR).then_some(Day(day))
     }
 }
 
 impl fmt::Display for Day {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{:04}-{:02}-{:02}", self.year, self.month, self.day)
+        self.0.fmt(f)
     }
 }
 
@@ -83,7 +51,7 @@ impl Days {
     /// `2026-03-05`, or `2026-03-05/2026-03-07`.
     pub fn parse(text: &str) -> Option<Days> {
         let (first, last) = text.split_once('/').unwrap_or((text, text));
-        let days = Days { first: Day::parse(first)?, last: Day::parse(last)? };
+        let days = Days { first: Day(date(first)?), last: Day(date(last)?) };
         (days.first <= days.last).then_some(days)
     }
 

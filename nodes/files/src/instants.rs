@@ -3,14 +3,13 @@
 //! Place in the flow: the numbers of a table ([`crate::columns::Header::number`]) come by here where the column is that of the time, so that
 //! all tables are read alike. Time zones are taken into account where they are written; without one, the clock of the wall counts on evenly.
 
-const SECONDS_OF_A_DAY: i64 = 86_400;
+use chrono::{NaiveDate, NaiveDateTime, NaiveTime, TimeDelta};
 
 /// An instant of the calendar.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Instant {
-    /// Since 1970-01-01, in UTC where the zone is known.
-    seconds: i64,
-    nanoseconds: i64,
+    /// In UTC where the zone is known.
+    at: NaiveDateTime,
     has_zone: bool,
 }
 
@@ -19,18 +18,16 @@ impl Instant {
     /// `None` for anything else.
     pub(crate) fn read(cell: &[u8]) -> Option<Instant> {
         let text = std::str::from_utf8(cell.trim_ascii()).ok()?;
-        let (date, time) = (text.get(..10)?, text.get(10..)?);
-        let time = time.strip_prefix(['T', 't', ' '])?;
-        let (time, zone_s) = zone(time)?;
-        let (seconds, nanoseconds) = time_of_day(time)?;
-        let seconds = days(date)? * SECONDS_OF_A_DAY + seconds - zone_s.unwrap_or(0);
-        Some(Instant { seconds, nanoseconds, has_zone: zone_s.is_some() })
+        let (day, time) = (text.get(..10)?, text.get(10..)?);
+        let (time, ahead) = zone(time.strip_prefix(['T', 't', ' '])?)?;
+        let at = date(day)?.and_time(time_of_day(time)?);
+        Some(Instant { at: at.checked_sub_signed(ahead.unwrap_or_default())?, has_zone: ahead.is_some() })
     }
 
     /// Seconds from another instant to this one; `None` where one of them names its zone and the other does not.
     pub(crate) fn since(self, other: Instant) -> Option<f64> {
-        let whole = (self.seconds - other.seconds) as f64;
-        (self.has_zone == other.has_zone).then(|| whole + (self.nanoseconds - other.nanoseconds) as f64 / 1e9)
+        let apart = self.at.signed_duration_since(other.at);
+        (self.has_zone == other.has_zone).then(|| apart.num_seconds() as f64 + f64::from(apart.subsec_nanos()) / 1e9)
     }
 }
 
@@ -42,36 +39,24 @@ pub(crate) enum Clock {
     Since(Instant, u64),
 }
 
-fn digits(text: &str, count: usize) -> Option<i64> {
+fn digits(text: &str, count: usize) -> Option<u32> {
     (text.len() == count && text.bytes().all(|byte| byte.is_ascii_digit())).then(|| text.parse().ok()).flatten()
 }
 
-/// Days since 1970-01-01 of a date; years begin in March, so that the leap day is the last of its year.
-fn days(date: &str) -> Option<i64> {
-    let mut fields = date.split('-');
+/// A day of the calendar, all figures written: `2021-06-13`.
+pub(crate) fn date(text: &str) -> Option<NaiveDate> {
+    let mut fields = text.split('-');
     let (year, month, day) = (digits(fields.next()?, 4)?, digits(fields.next()?, 2)?, digits(fields.next()?, 2)?);
-    let is_leap = year % 4 == 0 && (year % 100 != 0 || year % 400 == 0);
-    let longest = match month {
-        4 | 6 | 9 | 11 => 30,
-        2 => 28 + i64::from(is_leap),
-        1..=12 => 31,
-        _ => return None,
-    };
-    if fields.next().is_some() || !(1..=longest).contains(&day) {
+    if fields.next().is_some() {
         return None;
     }
-    let (year, month) = if month > 2 { (year, month - 3) } else { (year - 1, month + 9) };
-    Some(
-        365 * year + year.div_euclid(4) - year.div_euclid(100) + year.div_euclid(400) + (153 * month + 2) / 5 + day
-            - 719_469,
-    )
+    NaiveDate::from_ymd_opt(year as i32, month, day)
 }
 
-/// Seconds and nanoseconds of a time of day.
-fn time_of_day(time: &str) -> Option<(i64, i64)> {
-    let mut fields = time.split(':');
+fn time_of_day(text: &str) -> Option<NaiveTime> {
+    let mut fields = text.split(':');
     let (hour, minute) = (digits(fields.next()?, 2)?, digits(fields.next()?, 2)?);
-    let (second, nanoseconds) = match fields.next() {
+    let (second, nanosecond) = match fields.next() {
         None => (0, 0),
         Some(text) => match text.split_once(['.', ',']) {
             None => (digits(text, 2)?, 0),
@@ -83,22 +68,24 @@ fn time_of_day(time: &str) -> Option<(i64, i64)> {
             }
         },
     };
-    let is_time = hour < 24 && minute < 60 && second < 60 && fields.next().is_none();
-    is_time.then_some((3600 * hour + 60 * minute + second, nanoseconds))
+    if fields.next().is_some() {
+        return None;
+    }
+    NaiveTime::from_hms_nano_opt(hour, minute, second, nanosecond)
 }
 
-/// A time of day without its zone, and how far that is ahead of UTC (s), where it is named.
-fn zone(time: &str) -> Option<(&str, Option<i64>)> {
+/// A time of day without its zone, and how far that is ahead of UTC, where it is named.
+fn zone(time: &str) -> Option<(&str, Option<TimeDelta>)> {
     if let Some(time) = time.strip_suffix(['Z', 'z']) {
-        return Some((time.trim_end(), Some(0)));
+        return Some((time.trim_end(), Some(TimeDelta::zero())));
     }
     let Some(at) = time.rfind(['+', '-']) else { return Some((time, None)) };
     let sign = if time.as_bytes().get(at) == Some(&b'-') { -1 } else { 1 };
     let (hours, minutes) = time.get(at + 1..)?.split_at_checked(2)?;
     let minutes = if minutes.is_empty() { "00" } else { minutes.strip_prefix(':').unwrap_or(minutes) };
     let (hours, minutes) = (digits(hours, 2)?, digits(minutes, 2)?);
-    (hours < 24 && minutes < 60).then_some(())?;
-    Some((time.get(..at)?.trim_end(), Some(sign * (3600 * hours + 60 * minutes))))
+    let ahead = TimeDelta::minutes(sign * i64::from(60 * hours + minutes));
+    (hours < 24 && minutes < 60).then_some((time.get(..at)?.trim_end(), Some(ahead)))
 }
 
 #[cfg(test)]
