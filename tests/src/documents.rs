@@ -31,6 +31,35 @@ pub fn blocks(document: &str, language: &str) -> Vec<String> {
     found
 }
 
+/// Blocks of commands that neither run nor say why not, each with its line. What `console,no-run` says stands in the line before it, as
+/// `<!-- not run: REASON -->`, which readers of the page do not see. Commands under another name would run nowhere, and tell nobody.
+pub fn unexplained(document: &str) -> Vec<(usize, String)> {
+    let lines: Vec<&str> = document.lines().collect();
+    let (mut found, mut is_open) = (Vec::new(), false);
+    for (k, line) in lines.iter().enumerate() {
+        let Some(language) = line.trim().strip_prefix("```") else { continue };
+        if std::mem::replace(&mut is_open, !is_open) {
+            continue;
+        }
+        let before = k.checked_sub(1).and_then(|k| lines.get(k)).copied().unwrap_or_default();
+        let reason = before.trim().strip_prefix("<!-- not run: ").and_then(|rest| rest.strip_suffix("-->"));
+        let wrong = match language {
+            _ if language.starts_with("console") && line.starts_with(' ') => "is indented, so that no test finds it",
+            "console" | "console,refused" if reason.is_some() => "says why it is not run, and is run",
+            "console" | "console,refused" => continue,
+            "console,no-run" if reason.is_some_and(|reason| !reason.trim().is_empty()) => continue,
+            "console,no-run" => "says in no line before it why it is not run: <!-- not run: REASON -->",
+            "" | "sh" | "bash" | "shell" | "shell-session" => {
+                "is not marked: `console` for commands, `text` for what is printed"
+            }
+            _ if language.starts_with("console") => "is marked as no test knows it",
+            _ => continue,
+        };
+        found.push((k + 1, format!("```{language} {wrong}")));
+    }
+    found
+}
+
 /// The commands of a block of code: lines that end in a backslash joined, comments and empty lines left out.
 pub fn commands(block: &str) -> Vec<String> {
     let joined = block.replace("\\\n", " ");
@@ -85,6 +114,22 @@ mod tests {
     fn blocks_of_one_language_are_told_from_others() {
         let text = "```sh\na\n```\n```toml\nb = 1\nc = 2\n```\nbetween\n```toml\nd = 3\n```\n```toml\nnever closed\n";
         assert_eq!(blocks(text, "toml"), ["b = 1\nc = 2\n", "d = 3\n"]);
+    }
+
+    #[test]
+    fn a_block_that_neither_runs_nor_says_why_not_is_caught() {
+        let why = "<!-- not run: wants a machine -->\n";
+        let fine = format!(
+            "```console\na\n```\n{why}```console,no-run\nb\n```\n```text\nc\n```\n```console,refused\nd\n```\n"
+        );
+        assert_eq!(unexplained(&fine), []);
+        let lines = |document: &str| unexplained(document).into_iter().map(|(line, _)| line).collect::<Vec<_>>();
+        assert_eq!(lines("a\n```console,no-run\nb\n```\n"), [2], "without a reason");
+        assert_eq!(lines("<!-- not run:  -->\n```console,no-run\nb\n```\n"), [2], "with an empty one");
+        assert_eq!(lines(&format!("{why}\n```console,no-run\nb\n```\n")), [3], "the reason belongs to something else");
+        assert_eq!(lines(&format!("{why}```console\nb\n```\n")), [2], "it is run all the same");
+        assert_eq!(lines("```sh\na\n```\n```\nb\n```\n```console,norun\nc\n```\n"), [1, 4, 7], "other names");
+        assert_eq!(lines("- a\n  ```console\n  b\n  ```\n"), [2], "indented");
     }
 
     #[test]

@@ -15,6 +15,16 @@ const COMMANDS: &str = "docs/src/reference/commands.md";
 /// Understood by every command, and told by none: they are ROS 2's.
 const UNTOLD: &str = "--ros-args";
 
+/// In the folder of the README's tour, whose files they go on from.
+const WITH_THE_TOUR: [&str; 3] = ["tutorials/what-is-missing.md", "guide/identify.md", "guide/live.md"];
+/// Each in the folder of the one before, as they say; the last page of the guide goes on with what the runs left.
+const TUTORIALS: [&str; 5] =
+    ["tutorials/your-machine.md", "tutorials/ros2.md", "tutorials/runs.md", "guide/diagnose.md", "tutorials/robot.md"];
+/// In one folder beside `launch-config`.
+const GUIDE: [&str; 6] = ["acceptance.md", "calibrations.md", "simulate.md", "positions.md", "reports.md", "plan.md"];
+/// With the program that trains (`tests/system/residual.rs`).
+const TRAINING: &str = "tutorials/residual-model.md";
+
 fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
 }
@@ -117,6 +127,49 @@ fn manual_pages_and_completions_hold_every_command_and_option() {
     assert!(run(["--version"]).ok().contains("commit"));
 }
 
+/// Runs the commands of a page, those left out that were done already. What the page shows as printed is.
+fn run_page(folder: &Path, page: &str, done: &[String]) {
+    let text = read(&format!("docs/src/{page}"));
+    save_files(&text, folder);
+    let commands: Vec<String> = commands_of(&text).into_iter().filter(|command| !done.contains(command)).collect();
+    assert!(!commands.is_empty(), "{page} has nothing to run");
+    let mut said = run_in(folder, &commands);
+    if text.contains("```console,refused") {
+        said += &refused_in(folder, &text);
+    }
+    if text.contains("```text") {
+        assert_printed(&text, &said);
+    }
+}
+
+/// What the guide names of `launch-config`, as `cp -r` brings it.
+fn bring_launch_config(folder: &Path) {
+    run_in(folder, &[format!("cp -r '{}' .", root().join("launch-config").display())]);
+}
+
+#[test]
+fn every_block_of_commands_runs_or_says_why_not() {
+    let guide = GUIDE.map(|page| format!("guide/{page}"));
+    let listed = WITH_THE_TOUR.into_iter().chain(TUTORIALS).chain([TRAINING]).chain(guide.iter().map(String::as_str));
+    let run: Vec<PathBuf> =
+        listed.map(|page| root().join("docs/src").join(page)).chain([root().join("README.md")]).collect();
+    let mut wrong: Vec<String> =
+        run.iter().filter(|page| !page.is_file()).map(|page| format!("no {}", page.display())).collect();
+    for page in pages() {
+        let text = fs::read_to_string(&page).unwrap();
+        let name = page.display();
+        wrong.extend(documents::unexplained(&text).into_iter().map(|(line, what)| format!("{name}:{line}: {what}")));
+        let has_commands = !commands_of(&text).is_empty();
+        if has_commands != run.contains(&page) {
+            wrong.push(format!(
+                "{name}: has commands to run: {has_commands}; a test of this file runs them: {}",
+                !has_commands
+            ));
+        }
+    }
+    assert!(wrong.is_empty(), "commands that nobody tries:\n  {}", wrong.join("\n  "));
+}
+
 /// The tutorial of the missing effect has the same commands and goes on in the same folder: what ran is not run again.
 #[test]
 fn the_tour_of_the_readme_and_the_tutorial_of_the_missing_effect_run_as_printed() {
@@ -124,31 +177,51 @@ fn the_tour_of_the_readme_and_the_tutorial_of_the_missing_effect_run_as_printed(
     let tour = readme.split("\n## ").find(|part| part.starts_with("The tour")).expect("the README has a tour");
     let commands = commands_of(tour);
     assert_eq!(commands.len(), 5, "{commands:?}");
+    assert_eq!(commands_of(&readme), commands, "the README has commands beside its tour");
     let folder = tempfile::tempdir().unwrap();
     let said = run_in(folder.path(), &commands);
     for file in ["out/demo/report.html", "model.json", "corrected.csv", "diagnosis/report.html", "diagnosis/model.json"]
     {
         assert!(folder.path().join(file).is_file(), "the tour leaves no {file}");
     }
-    let tutorial = read("docs/src/tutorials/what-is-missing.md");
+    let tutorial = read(&format!("docs/src/{}", WITH_THE_TOUR[0]));
     let rest: Vec<String> = commands_of(&tutorial).into_iter().filter(|command| !commands.contains(command)).collect();
     assert!(rest.len() >= 3, "{rest:?}");
     assert_printed(&tutorial, &(said + &run_in(folder.path(), &rest)));
+    bring_launch_config(folder.path());
+    for page in WITH_THE_TOUR.into_iter().skip(1) {
+        run_page(folder.path(), page, &commands);
+    }
 }
 
-/// Each in the folder of the one before, as they say. That of the missing effect runs with the tour, that of the residual
-/// model with the program that trains.
+/// Planning and reports, positions and artefacts: they need `launch-config` and no more.
+#[test]
+fn the_guide_runs_as_printed() {
+    let folder = tempfile::tempdir().unwrap();
+    bring_launch_config(folder.path());
+    for page in GUIDE {
+        run_page(folder.path(), &format!("guide/{page}"), &[]);
+    }
+    for file in
+        ["out/plan/plan.json", "out/volumetric/report.html", "test.pdf", "test.xml", "verify.pdf", "corrected.pdf"]
+    {
+        assert!(folder.path().join(file).is_file(), "the guide leaves no {file}");
+    }
+}
+
+/// That of the missing effect runs with the tour, that of the residual model with the program that trains.
 #[test]
 fn the_tutorials_run_as_printed() {
     let folder = tempfile::tempdir().unwrap();
-    for tutorial in ["your-machine", "ros2", "runs", "robot"] {
-        let text = read(&format!("docs/src/tutorials/{tutorial}.md"));
+    bring_launch_config(folder.path());
+    for tutorial in TUTORIALS {
+        let text = read(&format!("docs/src/{tutorial}"));
         save_files(&text, folder.path());
         let mut said = run_in(folder.path(), &commands_of(&text));
-        if tutorial == "your-machine" {
+        if tutorial == TUTORIALS[0] {
             said += &refused_in(folder.path(), &text);
         }
-        if tutorial != "ros2" {
+        if tutorial != TUTORIALS[1] {
             assert_printed(&text, &said);
         }
     }
