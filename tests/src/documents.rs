@@ -38,7 +38,8 @@ pub fn unexplained(document: &str) -> Vec<(usize, String)> {
     let (mut found, mut is_open) = (Vec::new(), false);
     for (k, line) in lines.iter().enumerate() {
         let Some(language) = line.trim().strip_prefix("```") else { continue };
-        if std::mem::replace(&mut is_open, !is_open) {
+        is_open = !is_open;
+        if !is_open {
             continue;
         }
         let before = k.checked_sub(1).and_then(|k| lines.get(k)).copied().unwrap_or_default();

@@ -131,9 +131,8 @@ fn manual_pages_and_completions_hold_every_command_and_option() {
 fn run_page(folder: &Path, page: &str, done: &[String]) {
     let text = read(&format!("docs/src/{page}"));
     save_files(&text, folder);
-    let commands: Vec<String> = commands_of(&text).into_iter().filter(|command| !done.contains(command)).collect();
-    assert!(!commands.is_empty(), "{page} has nothing to run");
-    let mut said = run_in(folder, &commands);
+    let commands = commands_of(&text).into_iter().filter(|command| !done.contains(command));
+    let mut said = run_in(folder, &commands.collect::<Vec<String>>());
     if text.contains("```console,refused") {
         said += &refused_in(folder, &text);
     }
