@@ -17,7 +17,7 @@ const CELLS: usize = 8;
 
 /// The report.
 pub(super) fn report(answer: &Answer, next: &Next) -> Report {
-    let [x, y, z] = answer.offset_m.map(|v| v * 1e3);
+    let [x, y, z] = answer.offset_m.map(|v| digits::plain(v * 1e3, 1).replace('-', "−"));
     Report {
         title: format!("Volumetric error of {}", answer.machine),
         lead: Some("Error = actual − indicated, as the model predicts it before correction.".to_owned()),
@@ -25,7 +25,7 @@ pub(super) fn report(answer: &Answer, next: &Next) -> Report {
         next: Some(next.step()),
         meta: vec![
             MetaItem::file("Model", &answer.model_file, Some(&answer.model_sha256)),
-            MetaItem::new("Offset of the tip", format!("X {x:.1}, Y {y:.1}, Z {z:.1} mm")),
+            MetaItem::new("Offset of the tip", format!("X {x}, Y {y}, Z {z} mm")),
             MetaItem::new("Grid", format!("{0} × {0} × {0} points", answer.steps)),
             MetaItem::software(crate::pipeline::software()),
         ],
