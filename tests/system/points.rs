@@ -5,7 +5,7 @@ use std::fs;
 use std::path::Path;
 
 use crate::common::assert_says;
-use crate::common::files::{machine, text};
+use crate::common::files::{WHO, assert_names_who, machine, text};
 use crate::common::printed::follows;
 use crate::common::program::run;
 use crate::common::python::python;
@@ -195,7 +195,15 @@ fn vectors_of_a_plate_are_interpolated_in_its_plane_and_nowhere_else() {
     // What lives in space says so.
     let said = run(["train", "--residuals", &two, "--out", &out]).refused();
     assert_says(&said, &["two.csv", "column z_mm", "missing"]);
-    let compared = run(["compare", "--residuals", &two, "--seeds", "1"]).ok();
+    let page = text(&folder.path().join("compared.html"));
+    let who = write(folder.path(), "who.toml", WHO);
+    let compared = run(["compare", "--residuals", &two, "--seeds", "1", "--html", &page, "--identity", &who]).ok();
+    let page = fs::read_to_string(&page).unwrap();
+    assert_names_who(&page);
+    assert_says(
+        &page,
+        &["These data speak for", "Errors on data held out", "abbe train --residuals two.csv", "SHA-256"],
+    );
     assert_says(&compared, &["in a plane across Z (component z was not measured)", "kriging"]);
     follows(folder.path(), &compared, "train");
 }

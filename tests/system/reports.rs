@@ -5,7 +5,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use crate::common::assert_says;
-use crate::common::files::text;
+use crate::common::files::{WHO, assert_names_who, text};
 use crate::common::printed::follows;
 use crate::common::program::run;
 
@@ -250,6 +250,53 @@ fn what_contradicts_the_data_or_is_missing_is_refused_and_nothing_is_written() {
         ["volumetric".to_owned(), "--model".to_owned(), text(&model), "--out".to_owned(), text(&bench.at("map"))];
     assert_says(&run(arguments.iter().chain(&named)).refused(), &["other.toml", "fyxz", "bridge_xyz"]);
     assert!(identified.contains("next, "));
+}
+
+#[test]
+fn the_page_of_an_identification_shows_the_fit_and_misses_no_verification() {
+    let bench = Bench::new();
+    let machine = shipped("machines/bridge_xyz.toml");
+    model_of(&bench, &bench.at("model.json"));
+    fs::write(bench.at("who.toml"), WHO).unwrap();
+    let [campaign, model, page, who] =
+        ["practice/campaign.csv", "again.json", "page.html", "who.toml"].map(|name| text(&bench.at(name)));
+    let said = run([
+        "identify",
+        "--machine",
+        &machine,
+        "--campaign",
+        &campaign,
+        "--out",
+        &model,
+        "--html",
+        &page,
+        "--identity",
+        &who,
+    ]);
+    let (said, html) = (said.ok(), fs::read_to_string(&page).unwrap());
+    assert_names_who(&html);
+    let sha256 = said.split("model sha256").nth(1).unwrap().split_whitespace().next().unwrap();
+    assert_says(
+        &html,
+        &[
+            "Identified model of bridge_xyz",
+            "The 21 errors",
+            "Identified stations",
+            sha256,
+            "abbe verify --model again.json",
+        ],
+    );
+    for absent in ["Error before and after", "no verification points", "Duration", "Live"] {
+        assert!(!html.contains(absent), "{absent} is no part of a fit");
+    }
+    // The page is no number of the model: with and without it, the same bytes.
+    assert_eq!(fs::read(&model).unwrap(), fs::read(bench.at("model.json")).unwrap());
+    // What contradicts the data leaves nothing.
+    let other = text(&bench.at("other.json"));
+    let wrong =
+        run(["identify", "--machine", &machine, "--campaign", &campaign, "--out", &other, "--html", &other]).refused();
+    assert_says(&wrong, &["two files would be written here"]);
+    assert!(!bench.at("other.json").exists());
 }
 
 /// A model of a simulated machine; what `abbe identify` said.

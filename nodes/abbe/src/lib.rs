@@ -17,6 +17,7 @@ mod conformity;
 mod demo;
 mod diagnosis;
 pub mod exit;
+mod fitted;
 pub mod help;
 pub mod identity;
 mod log;

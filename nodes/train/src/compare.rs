@@ -3,20 +3,26 @@
 //! Place in the flow: before a method is chosen. Residual vectors in, one table out: figures by seed with 95 % intervals of
 //! their mean, the published figures beside them, and which method these data speak for.
 
+mod report;
+
 use crate::data::{self, Data};
 use crate::inputs::Inputs;
 use abbe::command::spinner;
 use abbe::command::training::CompareArguments;
+use abbe::identity::{Said, Who};
 use abbe::next::Next;
-use abbe_files::hex;
+use abbe::{is_bag, output};
+use abbe_files::{hex, write_atomically};
 use abbe_geometry::Axis;
 use abbe_residual_training::{CompareConfig, Comparison, Go, Interval, POSITION_ALONE, RivalRow, Subject, compare};
 use abbe_runtime::Shutdown;
 use anyhow::{Context, ensure};
 use serde_json::json;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 pub(crate) fn run(arguments: &CompareArguments) -> anyhow::Result<()> {
+    output::check(arguments.html.iter().map(PathBuf::as_path), [arguments.residuals.as_path()])?;
     let shutdown = Shutdown::on_signals()?;
     let training = data::read_config(arguments.config.as_deref())?;
     let usual = CompareConfig::default();
@@ -24,6 +30,8 @@ pub(crate) fn run(arguments: &CompareArguments) -> anyhow::Result<()> {
     ensure!(config.seeds > 0, "--seeds must be at least 1");
     let inputs = Inputs::of(&arguments.inputs)?;
     let data = Data::read_plane(&arguments.residuals, &inputs)?;
+    // Before the trainings: an identity that contradicts the data is told at once.
+    let who = who(arguments)?;
     let since = Instant::now();
     let clock = || since.elapsed().as_secs_f64();
     let bar = spinner(&format!("comparing on {} points", data.points()));
@@ -39,6 +47,11 @@ pub(crate) fn run(arguments: &CompareArguments) -> anyhow::Result<()> {
     let compared = compare(&subject, &config, &clock, &mut observe);
     bar.finish_and_clear();
     let compared = compared.with_context(|| arguments.residuals.display().to_string())?;
+    let next = next(arguments, &inputs, &compared);
+    if let Some(path) = &arguments.html {
+        let page = report::report(&data, &compared, who.shown, next.step());
+        write_atomically(path, page.html()?.as_bytes())?;
+    }
     match arguments.json {
         true => {
             let components: Vec<&str> =
@@ -53,17 +66,26 @@ pub(crate) fn run(arguments: &CompareArguments) -> anyhow::Result<()> {
         }
         false => {
             say(&data, &compared);
-            let next = Next::new("to make the one that these data speak for", "train");
-            let next = next.file("--residuals", &arguments.residuals);
-            let speaks_for_inputs =
-                compared.recommendation.as_ref().is_some_and(|found| !found.method.ends_with(POSITION_ALONE));
-            let is_plain = inputs.is_position_alone() || !speaks_for_inputs;
-            let next = if is_plain { next } else { next.text(&format!("--inputs {}", inputs.words())) };
-            next.text("--out residual.json").print();
+            next.print();
         }
     }
     ensure!(compared.complete, "stopped on request; the table holds the seeds that were done");
     Ok(())
+}
+
+fn who(arguments: &CompareArguments) -> anyhow::Result<Who> {
+    let tables: Vec<&Path> = Some(arguments.residuals.as_path()).into_iter().filter(|path| !is_bag(path)).collect();
+    arguments.identity.gather(&Said { tables: &tables, ..Said::default() })
+}
+
+fn next(arguments: &CompareArguments, inputs: &Inputs, compared: &Comparison) -> Next {
+    let next = Next::new("to make the one that these data speak for", "train");
+    let next = next.file("--residuals", &arguments.residuals);
+    let speaks_for_inputs =
+        compared.recommendation.as_ref().is_some_and(|found| !found.method.ends_with(POSITION_ALONE));
+    let is_plain = inputs.is_position_alone() || !speaks_for_inputs;
+    let next = if is_plain { next } else { next.text(&format!("--inputs {}", inputs.words())) };
+    next.text("--out residual.json")
 }
 
 fn say(data: &Data, compared: &Comparison) {

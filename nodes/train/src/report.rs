@@ -12,8 +12,12 @@ use abbe_report::{
 use abbe_residual_training::{HeldOutScores, POSITION_ALONE, Trained, TrainingRecord, ZERO};
 
 /// Methods: name and words.
-const METHODS: [(&str, &str); 3] = [
+const METHODS: [(&str, &str); 7] = [
     ("perceptron-kriging", "perceptrons with kriging"),
+    ("residual-perceptron", "residual perceptron"),
+    ("genetic-swarm", "genetic swarm"),
+    ("deep-belief", "deep belief network"),
+    ("idw", "inverse distances"),
     ("kriging-network", "kriging with a network"),
     (ZERO, "no residual model"),
 ];
@@ -69,12 +73,12 @@ pub(crate) fn html(
 }
 
 /// Names of methods as people read them; configuration and JSON have the program's.
-fn in_words(text: &str) -> String {
+pub(crate) fn in_words(text: &str) -> String {
     METHODS.iter().fold(text.to_owned(), |text, (name, words)| text.replace(name, words))
 }
 
 /// A text that begins a sentence.
-fn capital(text: &str) -> String {
+pub(crate) fn capital(text: &str) -> String {
     let mut letters = text.chars();
     letters.next().map_or_else(String::new, |first| first.to_uppercase().chain(letters).collect())
 }
@@ -83,7 +87,7 @@ fn heading(title: &str) -> Section {
     Section::Heading(Heading { title: title.to_owned(), intro: None })
 }
 
-fn callout(tone: Tone, title: &str, text: &str) -> Section {
+pub(crate) fn callout(tone: Tone, title: &str, text: &str) -> Section {
     Section::Callout(Callout { tone, title: title.to_owned(), text: text.to_owned() })
 }
 

@@ -3,11 +3,14 @@
 //! Place in the flow: offline, before anything is corrected. Writes the model file and, with `--json`, what was
 //! found to standard output; otherwise the same in words.
 
+mod report;
+
+use crate::identity::IdentityOptions;
 use crate::next::{KNOWN_POINTS, Next};
 use crate::output;
 use crate::pipeline::{self, Choices, Identification, LoadedCampaign};
 use crate::verdict::{self, Accept};
-use abbe_files::{ModelFile, hex, read_machine};
+use abbe_files::{ModelFile, hex, read_machine, write_atomically};
 use abbe_identify::verdict::{Finding, Grade, Subject};
 use abbe_identify::{Progress, RejectedReading};
 use abbe_report::digits;
@@ -38,6 +41,9 @@ pub(crate) struct Arguments {
     /// Model file to write
     #[arg(long)]
     out: PathBuf,
+    /// Page with stations, errors, residuals and what is against the model, as HTML
+    #[arg(long, value_name = "FILE")]
+    html: Option<PathBuf>,
     /// Print what was found as JSON on standard output
     #[arg(long)]
     json: bool,
@@ -50,10 +56,13 @@ pub(crate) struct Arguments {
     correlated_noise: bool,
     #[command(flatten)]
     accept: Accept,
+    #[command(flatten)]
+    identity: IdentityOptions,
 }
 
 pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
-    output::check([arguments.out.as_path()], [arguments.machine.as_path(), arguments.campaign.as_path()])?;
+    let outputs = arguments.html.iter().chain([&arguments.out]).map(PathBuf::as_path);
+    output::check(outputs, [arguments.machine.as_path(), arguments.campaign.as_path()])?;
     let shutdown = Shutdown::on_signals()?;
     let machine = read_machine(&arguments.machine)?;
     let since = Instant::now();
@@ -75,7 +84,13 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     bar.finish_and_clear();
     let (file, found) = verdict::shown(identified, arguments.json)?;
     let identify_s = since.elapsed().as_secs_f64();
+    // Before the model is written: an identity that contradicts the data leaves nothing behind.
+    let page =
+        arguments.html.as_ref().map(|_| report::report(arguments, &machine, &loaded, (&file, &found))).transpose()?;
     let sha256 = file.save(&arguments.out)?;
+    if let (Some(path), Some(page)) = (&arguments.html, page) {
+        write_atomically(path, report::with_hash(page, &sha256).html()?.as_bytes())?;
+    }
     if arguments.json {
         print_json(arguments, &loaded, (&file, &found), &sha256, [read_s, identify_s])?;
     } else {

@@ -71,9 +71,15 @@ pub struct CompareArguments {
     /// Configuration of the training (TOML); left out, the paper's values
     #[arg(long)]
     pub config: Option<PathBuf>,
+    /// Page with the figures of each method, as HTML
+    #[arg(long, value_name = "FILE")]
+    pub html: Option<PathBuf>,
     /// Print as JSON
     #[arg(long)]
     pub json: bool,
+    /// Who measured, when, with which
+    #[command(flatten)]
+    pub identity: IdentityOptions,
 }
 
 /// Becomes the program that trains, which gets the words of this one's command line. Comes back only with an error.

@@ -20,7 +20,7 @@ impl DemoReport {
         if !self.fit.converged {
             sections.push(not_converged());
         }
-        let main_plot = self.add_verification(&mut sections);
+        let main_plot = if self.is_fit_alone { None } else { self.add_verification(&mut sections) };
         self.add_closing(&mut sections);
         self.add_residuals(&mut sections);
         self.add_errors(&mut sections);
@@ -94,10 +94,15 @@ impl DemoReport {
     }
 
     fn key_figures(&self) -> KeyFigures {
-        let mut figures = self.verification_figures().to_vec();
+        let mut figures = Vec::new();
+        if !self.is_fit_alone {
+            figures.extend(self.verification_figures());
+        }
         figures.extend(self.fit_figures());
         figures.extend(self.live.iter().map(latency_figure));
-        figures.push(self.duration_figure());
+        if !self.steps.is_empty() {
+            figures.push(self.duration_figure());
+        }
         KeyFigures { title: "Key figures".to_owned(), figures }
     }
 
@@ -176,6 +181,9 @@ impl DemoReport {
 
     /// Live figures and duration of the steps.
     fn add_live(&self, sections: &mut Vec<Section>) {
+        if self.live.is_none() && self.steps.is_empty() {
+            return;
+        }
         sections.push(heading("The run", None));
         if let Some(live) = &self.live {
             sections.push(Section::Table(live.table()));

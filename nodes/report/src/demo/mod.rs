@@ -317,6 +317,9 @@ pub struct DemoReport {
     /// How the loop went; missing where it was left out.
     #[serde(default)]
     pub closing: Option<Closing>,
+    /// Whether this is a fit by itself, to which neither verification nor a live run belongs.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub is_fit_alone: bool,
     /// Warnings in words.
     pub warnings: Vec<String>,
 }
