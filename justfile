@@ -49,6 +49,10 @@ windows *options:
     cargo build --target x86_64-pc-windows-gnu -p abbe
     CARGO_TARGET_X86_64_PC_WINDOWS_GNU_RUNNER=wine cargo test --target x86_64-pc-windows-gnu -p abbe-geometry -p abbe-measurement -p abbe-conformity {{ options }}
 
+# External links of the documents; wants a network
+links:
+    packaging/links
+
 # Everything that must pass before a change is taken
 ci:
     .ci/run

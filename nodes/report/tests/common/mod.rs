@@ -77,6 +77,7 @@ pub(crate) fn demo_report(seed: u64) -> DemoReport {
             transport: Some("shared memory".into()),
         }),
         closing: None,
+        is_fit_alone: false,
         warnings: vec![
             "Two pairs of parameters correlate above 0.9: their values are not to be read one by one, their sum is \
              well determined."
