@@ -2,19 +2,21 @@
 
 Usage: certificate.py CERTIFICATE.xml ...
 
-Two judges. PTB's own: the Schematron rules that PyPI `dcclib` carries (schema 3.3.0, of which every rule but that on the version
+Three judges. PTB's own: the Schematron rules that PyPI `dcclib` carries (schema 3.3.0, of which every rule but that on the version
 holds for 3.1.2 too). And the rules of the XML schema 3.1.2 and of D-SI 2.1.0 that a certificate of Abbe meets, written here:
-which elements stand in what, in which order, and the form of values. The schemas themselves are fetched from PTB by whoever has
-a network; `ABBE_DCC_SCHEMA` names a copy.
+which elements stand in what, in which order, and the form of values. And the schema itself, where `ABBE_DCC_SCHEMA` names a copy:
+`.ci/run` fetches one from PTB where there is a network.
 
-Prints one line of JSON: for each certificate "schematron" and "structure", lists of what is wrong.
+Prints one line of JSON: for each certificate "schematron", "structure" and "schema", lists of what is wrong; "schema" is null without one.
 """
 
 import json
+import os
 import re
 import sys
 import xml.etree.ElementTree as tree
 
+import lxml.etree
 from dcclib.validation import SchematronValidator
 
 # Elements that an element may hold, in order; + at least once, * any number, ? at most once, else exactly once.
@@ -117,8 +119,18 @@ def judged(path, validator):
     by_ptb = validator.validate_file(path)
     found = by_ptb.failed_assertions + by_ptb.successful_reports
     schematron = [f"{report.location}: {report.text}" for report in found if report.role == "error"]
-    return {"schematron": schematron, "structure": structure}
+    return {"schematron": schematron, "structure": structure, "schema": by_schema(path)}
 
 
+def by_schema(path):
+    """What PTB's schema finds wrong; None without it."""
+    if schema is None:
+        return None
+    schema.validate(lxml.etree.parse(path))
+    return [f"line {entry.line}: {entry.message}" for entry in schema.error_log]
+
+
+named = os.environ.get("ABBE_DCC_SCHEMA")
+schema = lxml.etree.XMLSchema(file=named) if named else None
 rules = SchematronValidator.for_dcc()
 print(json.dumps([judged(path, rules) for path in sys.argv[1:]]))
