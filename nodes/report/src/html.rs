@@ -189,6 +189,8 @@ fn figure_html(section: &Section, note: Option<&str>, drawing: &Drawing) -> Stri
             // On a narrow screen the drawing's own words would be too small to read.
             format!("{}<script type=\"application/json\">{}</script>\n", vectors.key(), vectors.scene()),
         ),
+        // Its middle is what there is to see: the script shows that first where the screen is narrow.
+        Section::Isometric(_) => (" class=\"middle\"".to_owned(), String::new()),
         _ => Default::default(),
     };
     // What the values of coloured points are, for the script.

@@ -348,6 +348,14 @@
   });
   addEventListener("resize", measure);
   measure();
+  all("figure.middle").forEach((one) => {
+    one.scrollLeft = (one.scrollWidth - one.clientWidth) / 2;
+  });
+  // Lines of a command end between its words, and not at a hyphen of an option.
+  all(".next code").forEach((one) => {
+    const words = one.textContent.split(/( )/);
+    one.replaceChildren(...words.map((word) => (word === " " ? word : make("span", { class: "word" }, word))));
+  });
 
   // Before, after, or both.
   const is_state = (letter) => document.querySelector(["l", "f", "b", "o"].map((kind) => `svg .${kind}${letter}`).join(","));

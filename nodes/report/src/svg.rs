@@ -259,7 +259,7 @@ fn tooltip(tip: Option<&str>) -> String {
     tip.map(|t| format!("<title>{}</title>", escape(t))).unwrap_or_default()
 }
 
-/// Width in px that a text of 12 px takes, by the mean advance of the font; for spacing of legends only.
+/// Width in px that a text of 12 px takes, by the mean advance of the font; for spacing only.
 pub(crate) fn text_width_px(text: &str) -> f64 {
     6.6 * text.chars().count() as f64
 }

@@ -57,7 +57,7 @@ impl DemoReport {
         sections.push(heading("Error before and after", Some(intro)));
         if self.verification.is_empty() {
             sections.push(Section::Callout(Callout {
-                tone: Tone::Warning,
+                tone: Tone::Neutral,
                 title: String::new(),
                 text: "There are no verification points: the figures of the fit alone do not show what the \
                        correction is worth."

@@ -315,7 +315,12 @@ impl Record {
                 Column::text("probability after"),
             ],
         });
-        let is_whole = rows.iter().flatten().all(Option::is_some);
+        // A column of nothing but dashes is not shown.
+        let has_dash = |column: usize| {
+            let missing = rows.iter().filter(|row| row[column].is_none()).count();
+            missing > 0 && missing < rows.len()
+        };
+        let is_whole = !(0..columns.len()).any(has_dash);
         let note = (!is_whole).then_some("A dash is a figure that these data do not give.");
         (!rows.is_empty()).then(|| table("Is it noise?", note, columns, rows))
     }

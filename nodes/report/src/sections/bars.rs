@@ -6,13 +6,14 @@ use super::Axis;
 use crate::error::ReportError;
 use crate::frame::{Area, Labels, WIDTH_PX, axis_text, draw_frame};
 use crate::scale::{Scale, extent};
-use crate::svg::{Anchor, Drawing, Svg};
+use crate::svg::{Anchor, Drawing, Svg, text_width_px};
 use crate::text::{MISSING, fixed, significant};
 
 /// Height of a bar with its gap, px.
 const ROW_PX: f64 = 24.0;
-/// Space for the names, px.
+/// Least space for the names, px, and that between a name and its bar.
 const NAME_PX: f64 = 230.0;
+const GAP_PX: f64 = 10.0;
 
 /// A bar.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -49,8 +50,10 @@ impl Bars {
 
     /// Draws the figure.
     pub(crate) fn draw(&self) -> Result<Drawing, ReportError> {
-        let area =
-            Area { left: NAME_PX, top: 6.0, width: WIDTH_PX - NAME_PX - 90.0, height: ROW_PX * self.bars.len() as f64 };
+        // No name is cut, but bars have half of the width at least.
+        let longest_px = self.bars.iter().map(|bar| text_width_px(&bar.name) + 2.0 * GAP_PX);
+        let left = longest_px.fold(NAME_PX, f64::max).min(WIDTH_PX / 2.0 - 90.0);
+        let area = Area { left, top: 6.0, width: WIDTH_PX - left - 90.0, height: ROW_PX * self.bars.len() as f64 };
         let mut svg = Svg::new(WIDTH_PX, area.bottom() + 44.0);
         let range = extent(self.bars.iter().filter_map(|b| b.value).chain([0.0]));
         let (low, high) = range.unwrap_or((0.0, 1.0));
@@ -59,7 +62,7 @@ impl Bars {
         let labels = Labels { x: axis_text(&self.value), x_ticks: 8, ..Labels::default() };
         draw_frame(&mut svg, area, &x, &y, &labels);
         for (index, bar) in self.bars.iter().enumerate() {
-            bar.draw(&mut svg, area.top + index as f64 * ROW_PX, &x, self.decimals);
+            bar.draw(&mut svg, (area.left, area.top + index as f64 * ROW_PX), &x, self.decimals);
         }
         svg.line("zero", (x.map(0.0), area.top), (x.map(0.0), area.bottom()));
         svg.finish(&self.title)
@@ -67,9 +70,9 @@ impl Bars {
 }
 
 impl Bar {
-    fn draw(&self, svg: &mut Svg, top: f64, x: &Scale, decimals: u8) {
+    fn draw(&self, svg: &mut Svg, (start, top): (f64, f64), x: &Scale, decimals: u8) {
         let base = top + ROW_PX / 2.0 + 4.0;
-        svg.text("", (NAME_PX - 10.0, base), Anchor::End, &self.name);
+        svg.text("", (start - GAP_PX, base), Anchor::End, &self.name);
         let Some(value) = self.value else {
             svg.text("muted", (x.map(0.0) + 6.0, base), Anchor::Start, MISSING);
             return;
@@ -89,6 +92,22 @@ fn shown(value: f64, decimals: u8) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn regress_a_long_name_begins_inside_of_the_drawing() {
+        let long = "perceptron with residual blocks (position alone)";
+        let bars = Bars {
+            title: "What each method leaves".to_owned(),
+            note: None,
+            value: Axis::new("error", "µm"),
+            decimals: 2,
+            bars: vec![Bar { name: long.to_owned(), value: Some(1.0) }],
+        };
+        let drawing = bars.draw().unwrap();
+        let before = drawing.body.split(&format!(">{long}<")).next().unwrap();
+        let end_px: f64 = before.rsplit(" x=\"").next().unwrap().split('"').next().unwrap().parse().unwrap();
+        assert!(end_px > text_width_px(long), "it ends at {end_px} px");
+    }
 
     #[test]
     fn regress_a_short_step_is_not_shown_as_none() {

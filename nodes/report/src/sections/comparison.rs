@@ -144,7 +144,7 @@ impl Comparison {
         // Above all curves, and each a line lower than the one before: those of curves that are near each other stay apart.
         for (number, (sample, class)) in of_states() {
             svg.name(self.states.get(number).map(String::as_str));
-            self.draw_p95(svg, (sample.as_slice(), class.as_str()), (&x, &y), 14.0 * (number + 1) as f64);
+            self.draw_p95(svg, (sample.as_slice(), class.as_str()), (&x, &y), 4.0 + 14.0 * number as f64);
         }
         end_panel(svg);
         if samples.iter().all(Vec::is_empty) {
@@ -158,7 +158,11 @@ impl Comparison {
         let at = (x.map(p95), y.map(95.0));
         svg.circle(&format!("f{class}"), at, 3.4, None);
         let label = format!("95 %: {} {}", fixed(p95, digits::of_result(p95)), self.unit);
-        svg.text(&format!("small halo f{class}"), (at.0 - 9.0, at.1 + below), Anchor::End, &label);
+        // Left of the curve at the height of the label's foot, so that the curve does not run through it.
+        let percent_px = (y.map(94.0) - at.1).abs().max(f64::MIN_POSITIVE);
+        let foot = (95.0 - below / percent_px).max(0.0) / 100.0;
+        let left = quantile_sorted(sample, foot).map_or(at.0, |value| x.map(value).min(at.0));
+        svg.text(&format!("small halo f{class}"), (left - 9.0, at.1 + below), Anchor::End, &label);
     }
 }
 
