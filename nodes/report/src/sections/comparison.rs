@@ -162,7 +162,7 @@ impl Comparison {
         let percent_px = (y.map(94.0) - at.1).abs().max(f64::MIN_POSITIVE);
         let foot = (95.0 - below / percent_px).max(0.0) / 100.0;
         let left = quantile_sorted(sample, foot).map_or(at.0, |value| x.map(value).min(at.0));
-        svg.text(&format!("small halo f{class}"), (left - 9.0, at.1 + below), Anchor::End, &label);
+        svg.text(&format!("small halo f{class}"), (left - 5.0, at.1 + below), Anchor::End, &label);
     }
 }
 
