@@ -217,6 +217,59 @@ fn a_stop_leaves_the_folder_as_it_was() {
     assert_eq!(listing(&bench.path("")), before);
 }
 
+/// Runs of three axes that take a study a while: play, and a pitch error that is bent.
+fn long_runs() -> String {
+    let mut table = "axis,target_mm,direction,cycle,measured_mm,time_s\n".to_owned();
+    let mut state = 7_u32;
+    for (number, axis) in ["X", "Y", "Z"].into_iter().enumerate() {
+        for cycle in 1..=8 {
+            for (direction, play_um) in [("+", 2.0), ("-", -2.0)] {
+                for target in 0..31 {
+                    state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+                    let noise_um = f64::from(state >> 16) / 65536.0 - 0.5;
+                    let target_mm = f64::from(target) * 12.7 + f64::from(target * target % 7);
+                    let error_um = play_um + 0.01 * target_mm + 3.0 * (target_mm / 90.0).sin() + noise_um;
+                    let time_s =
+                        f64::from(((number as i32 * 8 + cycle) * 2 + i32::from(direction == "-")) * 31 + target) * 5.0;
+                    let measured_mm = target_mm + error_um / 1e3;
+                    table += &format!("{axis},{target_mm},{direction},{cycle},{measured_mm:.6},{time_s}\n");
+                }
+            }
+        }
+    }
+    table
+}
+
+/// Ctrl-C ended a study without a trace of what it had found.
+#[test]
+fn regress_a_study_that_is_stopped_keeps_what_it_found_and_says_that_it_is_partial() {
+    let bench = Bench::simulated(7);
+    let campaign = bench.write("runs.csv", long_runs());
+    let (own, machine) = (bench.text("out"), text(&machine()));
+    let arguments = ["diagnose", "--campaign", &campaign, "--machine", &machine, "--out", &own];
+    // How long a machine takes to find the first effect is not known: a little later each time.
+    let stopped = (1..40_u32).find_map(|tenths| {
+        let started = Started::start(abbe(arguments));
+        wait_until_interruptible(started.id());
+        thread::sleep(Duration::from_millis(100) * tenths);
+        signal(started.id(), Signal::INT);
+        let said = started.finish().ended(INTERRUPTED);
+        bench.path("out/diagnosis.json").exists().then_some(said)
+    });
+    assert_says(&stopped.unwrap(), &["what is done so far is being kept", "not judged on data left out"]);
+    let found = json(&bench, "out/diagnosis.json");
+    assert!(!found["effects"].as_array().unwrap().is_empty(), "{}", found["verdict"]);
+    assert_says(&found["notes"].to_string(), &["stopped on request", "more may be missing"]);
+    assert_says(&bench.read("out/model.json"), &["the study was stopped on request"]);
+    assert_says(&bench.read("out/report.html"), &["stopped on request"]);
+    let points = bench.write(
+        "points.csv",
+        "x_mm,y_mm,z_mm,offset_x_mm,offset_y_mm,offset_z_mm,dir_x,dir_y,dir_z\n100,100,100,0,0,0,1,1,1\n",
+    );
+    run(["correct", "--model", &bench.text("out/model.json"), "--in", &points, "--out", &bench.text("corrected.csv")])
+        .ok();
+}
+
 /// Positioning runs of one axis with play of 4 µm, five cycles of eleven targets.
 fn runs() -> String {
     let mut table = "axis,target_mm,direction,cycle,measured_mm,time_s\n".to_owned();

@@ -1,11 +1,17 @@
 //! Simulated ISO 230-2 runs with and without each effect: what is there is found, and what is not is not.
 #![allow(clippy::unwrap_used, clippy::panic)] // tests may
 
+#[path = "common/bridge.rs"]
+#[allow(dead_code)] // each user takes its part
+mod bridge;
+#[path = "common/screw.rs"]
+#[allow(dead_code)] // each user takes its part
+mod screw;
 #[path = "common/seeds.rs"]
 mod seeds;
 
 use abbe_diagnose::study::runs::{Approach, Run, diagnose, positions};
-use abbe_diagnose::study::{Options, StudyDiagnosis};
+use abbe_diagnose::study::{Options, StudyDiagnosis, Terms};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use seeds::{one_in_twenty, seeds};
@@ -326,6 +332,20 @@ fn regress_axes_that_were_measured_at_different_temperatures_are_told() {
     };
     let held = diagnose(&[constant("X", 20.0), constant("Y", 24.0)].concat(), &Options::default()).unwrap().terms;
     assert_eq!(held.apart, ["temp_scale_x_c (X 20.00 to 20.00, Y 24.00 to 24.00)"]);
+    // Nobody knows how X expands: steel is as usual as anything, 0.7 m of it by 4 K.
+    let machine = bridge::machine();
+    let u_m = |terms: &Terms, scale_c: f64, x_m: f64| {
+        screw::predicted_at_m(terms, &machine, x_m, ("temp_scale_x_c", scale_c)).1
+    };
+    let (own, away) = (u_m(&held, 20.0, 0.7), u_m(&held, 24.0, 0.7));
+    assert!(own < 2e-6 && away > 0.5 * 11.5e-6 * 4.0 * 0.35, "{own} {away}");
+    let said = |terms: &Terms, axis: &str| {
+        terms.untold.iter().any(|what| what.starts_with(&format!("expansion of {axis} by temp_scale_x_c")))
+    };
+    assert!(said(&held, "X") && said(&held, "Y") && !said(&alike, "X"), "{:?} {:?}", held.untold, alike.untold);
+    // Its runs bound what an axis does that saw a kelvin and a half: less is open than where nothing varied.
+    let bounded = u_m(&terms, 23.0, 0.7);
+    assert!(bounded > 1.2 * u_m(&terms, 21.0, 0.7) && bounded < 0.7 * away * 2.0 / 4.0, "{bounded}");
 }
 
 /// What is shown in steps of twice the noise scatters by more than a mean of repeats hides, and rounding is most of it.

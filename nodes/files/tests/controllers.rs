@@ -252,6 +252,69 @@ fn fanuc_pitch_compensation_leaves_half_a_unit_and_the_change_of_the_reversal() 
     }
 }
 
+/// The same controller where it puts out each increment at once, at its point coming from below: never further off than the head says, and
+/// rounding adds up nowhere.
+#[test]
+fn fanuc_pitch_compensation_in_steps_is_off_by_no_more_than_its_head_says() {
+    let file = model();
+    let text = exported("fanuc-pitch", &file)[0].text.clone();
+    let said = text.split("is off by up to ").nth(1).unwrap();
+    let said_um: f64 = said.split(' ').next().unwrap().parse().unwrap();
+    assert!((1.0..=7.0).contains(&said_um), "{said_um}");
+    let part = text.split("\naxis ").nth(1).unwrap();
+    let lower_m = file.model.parts().machine.stroke_m[0].0;
+    let interval_mm: f64 = part.split("N3624 X ").nth(1).unwrap().split(' ').next().unwrap().parse().unwrap();
+    let increments: Vec<f64> = part
+        .lines()
+        .map_while(|line| if line.starts_with("axis") { None } else { Some(line) })
+        .filter_map(|line| line.strip_prefix("point "))
+        .map(|line| numbers(line)[1])
+        .collect();
+    let sums: Vec<f64> = increments
+        .iter()
+        .scan(0.0, |sum, own| {
+            *sum += own;
+            Some(*sum * 1e-6)
+        })
+        .collect();
+    let at = |target_m: f64| ((target_m - lower_m) / (interval_mm * 1e-3) + 1e-9).floor() as usize;
+    let stepped = |target: f64, _: bool| sums[at(target).min(sums.len() - 1)];
+    let points = (0..sums.len()).map(|k| (lower_m + interval_mm * 1e-3 * k as f64, sums[k])).collect::<Vec<_>>();
+    for (position_m, sum_m) in &points {
+        let wanted_m = error_m(&file, Axis::X, lower_m, true) - error_m(&file, Axis::X, *position_m, true);
+        assert!((sum_m - wanted_m).abs() < 0.501e-6, "at {position_m}: {sum_m} for {wanted_m}");
+    }
+    let backlash_m = |up: bool| if up { 0.0 } else { PLAY_X_M };
+    let (_, line_m) = errors_m(&file, Axis::X, |target, up| interpolated(&points, target) + backlash_m(up));
+    let (_, step_m) = errors_m(&file, Axis::X, |target, up| stepped(target, up) + backlash_m(up));
+    println!("in a line {:.3} um, in steps {:.3} um, said {said_um} um more", line_m * 1e6, step_m * 1e6);
+    assert!(step_m > line_m && step_m <= line_m + said_um * 1e-6, "{line_m} {step_m}");
+}
+
+/// Heidenhain's manuals: the column of the axis is measured in the positive direction, `BACKLASH` in the negative.
+#[test]
+fn heidenhain_tables_hold_both_sides_of_approach_where_the_model_has_them() {
+    let file = model();
+    for exported in &exported("heidenhain-style", &file)[..3] {
+        let letter = exported.name.chars().next().unwrap();
+        let axis = Axis::ALL.into_iter().find(|axis| axis.letter() == letter).unwrap();
+        let header: Vec<&str> =
+            exported.text.lines().find(|line| line.starts_with("NR ")).unwrap().split(' ').collect();
+        let rows: Vec<Vec<f64>> =
+            exported.text.lines().filter(|line| !line.starts_with([';', 'N'])).map(numbers).collect();
+        let column = |name: &str| header.iter().position(|own| *own == name);
+        assert_eq!(column("BACKLASH").is_some(), axis != Axis::Z, "{header:?}: no reversal of Z is known");
+        let own = column(&letter.to_string()).unwrap();
+        for row in &rows {
+            let at = |upwards: bool| error_m(&file, axis, row[1] / 1e3, upwards) * 1e3;
+            assert!((row[own] - at(true)).abs() < 1e-8, "{row:?}");
+            assert!(column("BACKLASH").is_none_or(|k| (row[k] - at(false)).abs() < 1e-8), "{row:?}");
+        }
+    }
+    let z = &exported("heidenhain-style", &file)[2].text;
+    assert!(z.contains("BACKLASH is left out, as the model has no reversal"), "{z}");
+}
+
 /// Where a machine that is out of square by its model alone stands (m) when it reads so much.
 fn out_of_square(file: &ModelFile, reading_m: Vector3<f64>) -> Vector3<f64> {
     let machine = &file.model.parts().machine;

@@ -273,7 +273,7 @@ fn heidenhain_style_tables_read_back() {
 #[test]
 fn heidenhain_style_tables_refuse_more_points_than_a_table_holds() {
     let file = model();
-    let Writer::Functions(write) = format("heidenhain-style").unwrap().writer else { panic!() };
+    let Writer::Approaches(write) = format("heidenhain-style").unwrap().writer else { panic!() };
     let told = write(&about(&file), &SampledErrors::of(&file.model, 0.003).unwrap()).unwrap_err().to_string();
     assert!(told.contains("axis X would have 268 points") && told.contains("larger step"), "{told}");
 }

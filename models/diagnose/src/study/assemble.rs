@@ -3,7 +3,7 @@
 //! Place in the flow: last step of every study. Gross rows go first; then the search is judged on blocks that it does not
 //! see; then it runs on all rows, and once more where what it found shows other rows to be gross.
 
-use super::candidate::{Forms, Study};
+use super::candidate::{Forms, Open, Study};
 use super::confirm::{beyond_chance, confirmed, p_beside};
 use super::contradictions::contradictions;
 use super::diagnosis::{
@@ -25,6 +25,8 @@ use super::view::View;
 use super::waves::tell_aliases;
 use crate::error::DiagnoseError;
 use crate::linear::{column, in_the_worst_way};
+use abbe_identify::symmetric_eigen;
+use faer::Mat;
 use statrs::distribution::{ContinuousCDF, StudentsT};
 use std::collections::BTreeSet;
 
@@ -34,6 +36,12 @@ pub(super) const ALIASED: f64 = 0.95;
 const NOTHING_M: f64 = 1e-12;
 /// What was not looked at because the user vouches for it.
 const CHECKED: &str = "That neither the instrument nor what was measured on drifted is as declared: what goes with the time was taken for the machine's.";
+/// Why a study that was stopped is not judged.
+const STOPPED: &str = "the study was stopped before parts of the data were left out";
+/// What a study that was stopped is worth.
+const PARTIAL: &str = "The study was stopped on request: what it had found by then is here, more may be missing, and no step was judged on data that the search did not see.";
+/// Variance that a period adds to that of a phase.
+const OF_PERIOD: f64 = 2.0;
 /// Searches on all rows at most: each may show other rows to be gross.
 const SEARCHES: usize = 3;
 
@@ -47,7 +55,8 @@ pub(super) fn diagnose(
     let measured = (0..rows).filter(|row| study.is_measured(*row)).count();
     let first = outliers(study, &[], |_| true)?;
     let mut answer = Answer::of(study, (rows, &first), options, observe)?;
-    if answer.found.set.is_empty() && !answer.unconfirmed.is_empty() && study.offer(Forms::Straight) {
+    let is_done = !answer.found.is_stopped;
+    if is_done && answer.found.set.is_empty() && !answer.unconfirmed.is_empty() && study.offer(Forms::Straight) {
         answer = answer.or_straight(study, (rows, &first), options, observe)?;
     }
     let Answer { found, gross, unseen, unconfirmed, .. } = answer;
@@ -76,7 +85,9 @@ pub(super) fn diagnose(
         true => Doubts::default(),
         false => doubts(&view, &last, &effects, options.significance)?,
     };
-    let terms = with_deviations(terms(&*view.study, &last, &u, &doubts), &view, &last);
+    let known = |candidate| known(&view, &last, candidate);
+    let open = Open { found: &found.set, is_kept: &|row| !left_out.contains(&row), known: &known };
+    let terms = with_deviations(terms(&*view.study, &last, &u, &doubts, &open), &view, &last);
     effects.iter_mut().enumerate().for_each(|(place, effect)| doubts.widen(place, effect));
     let mut looked = looks(&view, &gross, &found, &before, lack_of_fit.as_ref(), options);
     looked.extend(unconfirmed);
@@ -85,6 +96,7 @@ pub(super) fn diagnose(
     let next_measurements = next_measurements(&not_identifiable);
     let hidden = notes_of_displays(&view);
     let checked = options.instrument_checked.then(|| CHECKED.to_owned()).into_iter().collect();
+    let partial = found.is_stopped.then(|| PARTIAL.to_owned()).into_iter().collect();
     let study: &dyn Study = &*view.study;
     Ok(StudyDiagnosis {
         of: study.of(),
@@ -108,7 +120,8 @@ pub(super) fn diagnose(
         untestable: study.untestable(),
         next_measurements,
         terms,
-        notes: [study.notes(), hidden, checked].concat(),
+        is_stopped: found.is_stopped,
+        notes: [partial, study.notes(), hidden, checked].concat(),
     })
 }
 
@@ -130,9 +143,8 @@ impl Answer {
         options: &Options,
         observe: &mut Observe,
     ) -> Result<Answer, DiagnoseError> {
-        let gross = first.rows(study);
-        let (mut unseen, parts) = unseen(study, rows, &gross, options, observe)?;
         let (mut found, gross) = searched(study, rows, first.clone(), options, observe)?;
+        let (mut unseen, parts) = judged(study, (rows, first), &mut found, options, observe)?;
         let left_out = gross.rows(study);
         let mut unconfirmed = Vec::new();
         loop {
@@ -155,11 +167,15 @@ impl Answer {
         observe: &mut Observe,
     ) -> Result<Answer, DiagnoseError> {
         let straight = Answer::of(study, given, options, observe)?;
+        let is_stopped = straight.found.is_stopped;
         let (set, surer) = (&straight.found.set, 1.0 - (1.0 - SURE) / 2.0);
         let judged = Placed::around(study, set, |study| straight.parts.of(study, set, surer));
         study.offer(Forms::All);
         let is_surer =
             |(before, after, is_sure): (HeldOutRms, HeldOutRms, bool)| is_sure && after.rms_um < before.rms_um;
+        if is_stopped {
+            return Err(DiagnoseError::Stopped);
+        }
         if straight.found.set.is_empty() || !judged.is_some_and(is_surer) {
             // Nothing was found before, so that nothing is set.
             study.reset();
@@ -193,8 +209,41 @@ fn with_beside(view: &View, fit: &Fit, mut u: Vec<Vec<f64>>) -> Vec<Vec<f64>> {
         let hidden = hidden_by_display(view, fit, k);
         let beside = beside.into_iter().zip(hidden);
         own.iter_mut().zip(beside).for_each(|(u, (beside, hidden))| *u = u.hypot(beside).hypot(hidden));
+        own.iter_mut().zip(by_period(view, fit, k)).for_each(|(u, open)| *u = u.hypot(open));
     }
     u
+}
+
+/// What the period of a wave leaves open of its sine and cosine: it was fitted as well, and is known no better than the phase. At places
+/// evenly about their middle it turns the phase, on average over them, by as much as that is uncertain itself, and twice as much in square
+/// about the ends.
+fn by_period(view: &View, fit: &Fit, k: usize) -> [f64; 2] {
+    let fitted = &fit.added[k];
+    let is_wave =
+        view.study.candidates()[fitted.candidate].stands_apart && view.study.frequency(fitted.candidate).is_some();
+    let (true, [sine, cosine]) = (is_wave, fitted.values.as_slice()) else { return [0.0; 2] };
+    let size = sine.hypot(*cosine).max(f64::MIN_POSITIVE);
+    // Along the phase: where the wave does not grow.
+    let along = [-cosine / size, sine / size];
+    let of = |i: usize, j: usize| along[i] * along[j] * fit.covariance((k, i), (k, j));
+    let variance = of(0, 0) + 2.0 * of(0, 1) + of(1, 1);
+    along.map(|share| share.abs() * (OF_PERIOD * variance).max(0.0).sqrt())
+}
+
+/// Standard uncertainty of the first parameter of a candidate that a fit does not have, beside what it has; `None` where the rows do not
+/// determine it.
+fn known(view: &View, fit: &Fit, candidate: usize) -> Option<f64> {
+    let columns = view.columns(&fit.point, candidate);
+    let left = fit.linear.project(view.whitened(&columns).as_ref());
+    let count = columns.ncols();
+    let scale: Vec<f64> = (0..count).map(|k| left.alone[(k, k)].sqrt()).collect();
+    if scale.iter().any(|scale| *scale <= 0.0) {
+        return None;
+    }
+    let left = Mat::from_fn(count, count, |i, j| left.left[(i, j)] / (scale[i] * scale[j]));
+    let (values, vectors) = symmetric_eigen(&left)?;
+    let variance: f64 = (0..count).map(|k| vectors[(0, k)].powi(2) / values[k].max(f64::MIN_POSITIVE)).sum();
+    Some(variance.sqrt() / scale[0])
 }
 
 /// What rounding by a display leaves open of each column's size, beside the base, if it acts in the worst way.
@@ -232,6 +281,32 @@ fn with_deviations(mut terms: Terms, view: &View, fit: &Fit) -> Terms {
     terms
 }
 
+/// The judgement on blocks that the search did not see; where it is stopped, what was found stays, unjudged.
+fn judged(
+    study: &mut dyn Study,
+    (rows, first): (usize, &Outliers),
+    found: &mut Found,
+    options: &Options,
+    observe: &mut Observe,
+) -> Result<(Unseen, Parts), DiagnoseError> {
+    let gross = first.rows(study);
+    let not_judged = |gross| {
+        let because = STOPPED.to_owned();
+        (Unseen { missing_because: Some(because), ..Unseen::default() }, Parts::none(rows, gross))
+    };
+    if found.is_stopped {
+        return Ok(not_judged(gross));
+    }
+    let all: Vec<usize> = (0..study.candidates().len()).collect();
+    match Placed::around(study, &all, |study| unseen(study, rows, &gross, options, observe)) {
+        Err(DiagnoseError::Stopped) if !found.set.is_empty() => {
+            found.is_stopped = true;
+            Ok(not_judged(gross))
+        }
+        judged => judged,
+    }
+}
+
 /// What the search finds on all rows but the gross ones, and these.
 fn searched(
     study: &mut dyn Study,
@@ -241,17 +316,31 @@ fn searched(
     observe: &mut Observe,
 ) -> Result<(Found, Outliers), DiagnoseError> {
     let mut seen: Vec<BTreeSet<usize>> = Vec::new();
+    let mut last: Option<(Placed, Found, Outliers)> = None;
     loop {
         study.reset();
         let left_out = gross.rows(study);
         let mut view = View::new(study, rows, |row| !left_out.contains(&row));
-        let found = search(&mut view, options, None, observe)?;
+        let found = match (search(&mut view, options, None, observe), last) {
+            // One that was done is worth more than part of another.
+            (Err(DiagnoseError::Stopped) | Ok(Found { is_stopped: true, .. }), Some((placed, found, gross))) => {
+                let (placed, found): (Placed, Found) = (placed, found);
+                placed.take(study);
+                return Ok((Found { is_stopped: true, ..found }, gross));
+            }
+            (found, _) => found?,
+        };
         seen.push(left_out);
+        if found.is_stopped {
+            return Ok((found, gross));
+        }
         let next = outliers(study, &found.set, |_| true)?;
         let next = beside_rejected(study, &found.set, next)?;
         if seen.contains(&next.rows(study)) || seen.len() == SEARCHES {
             return Ok((found, gross));
         }
+        let all: Vec<usize> = (0..study.candidates().len()).collect();
+        last = Some((Placed::of(study, &all), found, gross));
         gross = next;
     }
 }

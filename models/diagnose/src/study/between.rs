@@ -13,7 +13,7 @@ use faer::Mat;
 /// Share of an effect's information that lies between blocks, from which the means must show it.
 const MOSTLY: f64 = 0.5;
 /// Probability by chance that is borne: the F test of the rows has been passed already.
-pub(super) const BORNE: f64 = 0.05;
+const BORNE: f64 = 0.05;
 
 /// Whether columns (not whitened) that act mostly between blocks are seen in the means of blocks; they are the best of so many.
 pub(super) fn stands_out(view: &View, fit: &Fit, columns: &Mat<f64>, trials: usize) -> bool {

@@ -72,17 +72,30 @@ pub(crate) struct ModelTerm {
     pub(crate) table: Option<Table>,
 }
 
-/// What data leave open of a model, and nothing that was measured shows: zero in value.
+/// What data leave open of a model: zero in value.
 #[derive(Debug, Clone)]
 pub(crate) struct Untold {
     /// In words.
     pub(crate) what: String,
-    /// One parameter, made of no candidate's.
+    /// Whether nothing that was measured shows it, so that it is what is usual.
+    pub(crate) is_usual: bool,
+    /// Parameters made of no candidate's.
     pub(crate) term: ModelTerm,
-    /// Its standard deviation (SI).
-    pub(crate) u: f64,
+    /// Their standard deviations (SI).
+    pub(crate) u: Vec<f64>,
     /// Quantity that it reads.
-    pub(crate) reads: String,
+    pub(crate) reads: Option<String>,
+}
+
+/// What tells how much the data leave open.
+pub(crate) struct Open<'a> {
+    /// Candidates found.
+    pub(crate) found: &'a [usize],
+    /// Whether a row of the study is no gross error.
+    pub(crate) is_kept: &'a dyn Fn(usize) -> bool,
+    /// Standard uncertainty of the first parameter of a candidate that was not found, beside all that was (SI); `None` where the data say
+    /// nothing of it.
+    pub(crate) known: &'a dyn Fn(usize) -> Option<f64>,
 }
 
 /// Name and rows of the study of a pose.
@@ -224,6 +237,12 @@ pub(crate) trait Study: Sync {
         Mat::zeros(0, 0)
     }
 
+    /// Smooth errors beside which a wave may go, simplest first; with a table of errors place by place they are one family. None for other
+    /// candidates.
+    fn smooth_beside(&self, _candidate: usize) -> Vec<usize> {
+        Vec::new()
+    }
+
     /// Columns of what position alone may do, beside which a candidate must be seen that reads what passes by itself, such as time: where
     /// a plan goes through positions in one order, either looks like the other. None for other candidates.
     fn position_beside(&self, _candidate: usize) -> Mat<f64> {
@@ -340,7 +359,7 @@ pub(crate) trait Study: Sync {
     }
 
     /// What is to stand in the uncertainty of a model, since these data do not tell it.
-    fn untold(&self) -> Vec<Untold> {
+    fn untold(&self, _open: &Open) -> Vec<Untold> {
         Vec::new()
     }
 

@@ -299,6 +299,8 @@ pub struct StudyDiagnosis {
     pub contradictions: Vec<String>,
     /// What was found, as effects of a machine model.
     pub terms: Terms,
+    /// Whether it was asked to stop: these are the effects found until then, not judged on blocks left out.
+    pub is_stopped: bool,
     /// Sentences a reader of the figures must know.
     pub notes: Vec<String>,
 }

@@ -8,6 +8,7 @@
 //! are rejected and named before. The whole search is then judged on blocks that no step of it saw.
 
 mod assemble;
+mod beside;
 mod between;
 mod candidate;
 mod combinations;
@@ -26,6 +27,7 @@ mod noise_words;
 mod outliers;
 mod places;
 mod placing;
+mod reasons;
 pub mod runs;
 mod scored;
 mod search;

@@ -1,6 +1,6 @@
 //! The error before and after on blocks that no step of the search saw.
 //!
-//! Place in the flow: before the search on all data. The blocks are dealt into folds; without each fold outliers are
+//! Place in the flow: after the search on all data. The blocks are dealt into folds; without each fold outliers are
 //! looked for, the noise estimated and the whole search made anew, and the fold's rows predicted with and without what
 //! that search found. Gross rows of the fold itself are not predicted: they are named elsewhere.
 //!
@@ -96,6 +96,11 @@ impl Part {
 }
 
 impl Parts {
+    /// Where no part was left out.
+    pub(super) fn none(rows: usize, gross: BTreeSet<usize>) -> Parts {
+        Parts { rows, gross, all: Vec::new() }
+    }
+
     /// Error before and after with only what is of the families of a set, and whether it comes down with this probability; `None` where
     /// a part cannot be judged so.
     pub(super) fn of(
@@ -112,7 +117,7 @@ impl Parts {
             self.judged(&mut self.view(study, part), &set, &part.left_out).ok()
         };
         let judged: Vec<Judged> = self.all.iter().map(one).collect::<Option<_>>()?;
-        Some(self.figures(study, &judged, probability))
+        (!judged.is_empty()).then(|| self.figures(study, &judged, probability))
     }
 
     fn view<'a>(&self, study: &'a mut dyn Study, part: &Part) -> View<'a> {

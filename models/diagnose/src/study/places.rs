@@ -6,7 +6,6 @@
 //! (rows at which the wave is the same) do beside both: the test of a straight line against lack of fit (Draper & Smith,
 //! Applied Regression Analysis, 2.1), with the wave in the place of the line. At few places it never passes.
 
-use super::between::BORNE;
 use super::fit::Fit;
 use super::placing::tried;
 use super::view::View;
@@ -24,7 +23,12 @@ pub(super) fn simpler(view: &View, candidate: usize) -> Mat<f64> {
 
 /// Whether a wave goes through more of what the places do than one of as many waves would by chance; where there are less than two
 /// rows a place the test of the rows has said it.
-pub(super) fn goes_through_places(view: &View, fit: &Fit, candidate: usize) -> Result<bool, DiagnoseError> {
+pub(super) fn goes_through_places(
+    view: &View,
+    fit: &Fit,
+    candidate: usize,
+    significance: f64,
+) -> Result<bool, DiagnoseError> {
     let columns = view.columns(&fit.point, candidate);
     let (rows, of_row) = places(&columns);
     let count = of_row.iter().max().map_or(0, |last| last + 1);
@@ -49,7 +53,7 @@ pub(super) fn goes_through_places(view: &View, fit: &Fit, candidate: usize) -> R
     let waves = candidates.iter().filter(|other| other.family == candidates[candidate].family).count();
     let waves = waves.saturating_mul(tried(&*view.study, candidate));
     let p_value = FisherSnedecor::new(own as f64, rest).map_or(1.0, |distribution| beyond(&distribution, f));
-    Ok(p_value * waves as f64 <= BORNE)
+    Ok(p_value * waves as f64 <= significance)
 }
 
 /// Rows at which the candidate is not nothing, and the number of the place of each: where the candidate is the same.

@@ -6,22 +6,20 @@
 //! must stand out from the scatter of blocks as well. After each addition the noise is estimated anew, and what has become
 //! superfluous goes out again.
 
-use super::between::stands_out;
+use super::beside::wave_beside_smooth;
 use super::diagnosis::{Considered, Kind};
-use super::fit::{Fit, Fitted, Part};
-use super::judge::{held_out_alike, held_out_rms};
-use super::places::{goes_through_places, simpler};
-use super::placing::{best_placed, between, is_step, moved, placed, single, tried};
+use super::fit::{Fit, Part};
+use super::placing::{best_placed, moved, placed, single, tried};
+use super::reasons::{is_told_from_position, reason_against, reason_of_blocks, stands_apart};
 use super::scored::{COMPARABLE, Scored};
 use super::series::Theta;
-use super::significance::{probability, probability_beside};
+use super::significance::probability;
 use super::view::View;
 use super::waves::tuned;
 use crate::error::DiagnoseError;
-use crate::linear::{Linear, joined};
+use crate::linear::joined;
 use crate::score::{Score, score};
 use abbe_identify::in_parallel;
-use faer::Mat;
 use std::collections::BTreeMap;
 
 /// Settings of a study.
@@ -48,7 +46,7 @@ pub type Observe<'a> = dyn FnMut(Progress) -> bool + 'a;
 /// Where a study stands.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Progress {
-    /// Part of the data left out of this search, and the number of parts; `None` for the search on all data.
+    /// Part of the data left out of this search, and the number of parts; `None` for the search on all data, which comes first.
     pub part: Option<(usize, usize)>,
     /// Effects found so far in this search.
     pub effects: usize,
@@ -56,16 +54,9 @@ pub struct Progress {
     pub candidates: usize,
 }
 
-/// Share of what a drift does that position does as well from which the two must be told apart: where they come in no order, few rows would
-/// hide a drift behind all the forms that position may have.
-const IMITATED: f64 = 0.5;
 /// Candidates that are taken to the judge on one rung before the search ends, and of these forms of one thing.
 const TRIED: usize = 12;
 const FORMS: usize = 3;
-/// Blocks of an axis from which one can be left out and the others still show what goes on between them.
-const FEWEST_BLOCKS: usize = 3;
-/// Gain that no instrument shows (µm): rounding of numbers, where a display of few digits leaves no scatter.
-const NOTHING_UM: f64 = 1e-6;
 /// Candidates that one thread tests at a time.
 const TOGETHER: usize = 24;
 
@@ -78,6 +69,8 @@ pub(super) struct Found {
     pub(super) considered: Vec<Considered>,
     /// Candidates that passed the tests but not the judge, with the reason.
     pub(super) refused: Vec<(usize, &'static str)>,
+    /// Whether it was asked to stop before nothing more came in.
+    pub(super) is_stopped: bool,
 }
 
 /// Scores all candidates outside the fit.
@@ -175,15 +168,25 @@ pub(super) fn search(
     let mut considered = Vec::new();
     let mut refused: Vec<(usize, &'static str)> = Vec::new();
     let mut seen = vec![Vec::new()];
+    let mut is_stopped = false;
     while fit.added.len() < options.most_effects {
         if !observe(Progress { part, effects: fit.added.len(), candidates }) {
-            return Err(DiagnoseError::Stopped);
+            // What a search on part of the data found by then judges nothing.
+            if part.is_some() || fit.added.is_empty() {
+                return Err(DiagnoseError::Stopped);
+            }
+            is_stopped = true;
+            break;
         }
         let scored = refined(view, &fit);
         if considered.is_empty() {
             considered = scored.iter().map(|scored| considered_as(view, scored)).collect();
         }
         let next = match names_together(view, &fit, options)? {
+            Some(next) => Some(next),
+            None => wave_beside_smooth(view, &fit, options.significance)?,
+        };
+        let next = match next {
             Some(next) => Some(next),
             None => step(view, &fit, scored, options, &mut refused)?,
         };
@@ -215,7 +218,7 @@ pub(super) fn search(
     }
     let set = fit.set();
     refused.retain(|(k, _)| !set.contains(k));
-    Ok(Found { set, considered, refused })
+    Ok(Found { set, considered, refused, is_stopped })
 }
 
 /// The set with several of what is named before any other, where these pass together: with the others missing, none may stand
@@ -285,7 +288,7 @@ fn step(
     for scored in tried {
         let mut set = fit.set();
         set.push(scored.candidate);
-        let reason = match reason_against(view, fit, scored.candidate, tested, options)? {
+        let reason = match reason_against(view, fit, scored.candidate, tested, options.significance)? {
             Some(reason) => Some(reason),
             None => reason_of_blocks(view, &set, set.len() - 1),
         };
@@ -326,142 +329,6 @@ fn straight_first(view: &View, passing: &mut Vec<Scored>) {
     }
 }
 
-fn reason_against(
-    view: &View,
-    fit: &Fit,
-    candidate: usize,
-    tested: usize,
-    options: &Options,
-) -> Result<Option<&'static str>, DiagnoseError> {
-    let columns = view.columns(&fit.point, candidate);
-    let tested = tested.saturating_mul(tried(&*view.study, candidate));
-    if !stands_apart(view, fit, candidate, tested, options)? {
-        return Ok(Some("at these targets something smoother, or errors target by target, go as well"));
-    }
-    if !is_told_from_position(view, fit, candidate, tested, options)? {
-        return Ok(Some(
-            "the positions were gone through in an order that goes with it: an error of position looks the same",
-        ));
-    }
-    if !is_itself(view, fit, candidate, options)? {
-        return Ok(Some("without what makes it this effect it goes as well"));
-    }
-    if probability(view, fit, &columns)? * tested as f64 > options.significance {
-        return Ok(Some("the noise may be correlated over so long that this is chance"));
-    }
-    // A step between blocks was chosen among as many places.
-    let places = between(&*view.study, candidate);
-    Ok((!stands_out(view, fit, &columns, places))
-        .then_some("it acts between blocks, and does not stand out from their scatter"))
-}
-
-/// Whether the parameters that make it this effect are seen beside its others, among all of which that can be asked.
-fn is_itself(view: &View, fit: &Fit, candidate: usize, options: &Options) -> Result<bool, DiagnoseError> {
-    let candidates = view.study.candidates();
-    let essential = &candidates[candidate].essential;
-    if essential.is_empty() {
-        return Ok(true);
-    }
-    let columns = view.columns(&fit.point, candidate);
-    let (own, others): (Vec<usize>, Vec<usize>) = (0..columns.ncols()).partition(|k| essential.contains(k));
-    let pick = |of: &[usize]| Mat::from_fn(columns.nrows(), of.len(), |row, k| columns[(row, of[k])]);
-    let beside = probability_beside(view, fit, &pick(&others), &pick(&own))?;
-    let asked = candidates.iter().filter(|candidate| !candidate.essential.is_empty()).count();
-    Ok(beside * asked as f64 <= options.significance)
-}
-
-/// Whether a wave is seen beside all that is simpler: in what repeats of its places scatter, and in what the places do.
-fn stands_apart(
-    view: &View,
-    fit: &Fit,
-    candidate: usize,
-    tested: usize,
-    options: &Options,
-) -> Result<bool, DiagnoseError> {
-    if !view.study.candidates()[candidate].stands_apart {
-        return Ok(true);
-    }
-    let columns = view.columns(&fit.point, candidate);
-    let beside = probability_beside(view, fit, &simpler(view, candidate), &columns)?;
-    let is_seen = beside * tested as f64 <= options.significance;
-    Ok(is_seen && goes_through_places(view, fit, candidate)?)
-}
-
-/// Whether what passes while rows are taken is seen beside all that position alone may do.
-fn is_told_from_position(
-    view: &View,
-    fit: &Fit,
-    candidate: usize,
-    tested: usize,
-    options: &Options,
-) -> Result<bool, DiagnoseError> {
-    let position = view.study.position_beside(candidate);
-    if position.ncols() == 0 {
-        return Ok(true);
-    }
-    let (position, columns) = (view.picked(&position), view.columns(&fit.point, candidate));
-    if imitated(view, fit, &position, &columns)? < IMITATED {
-        return Ok(true);
-    }
-    let beside = probability_beside(view, fit, &position, &columns)?;
-    Ok(beside * tested as f64 <= options.significance)
-}
-
-/// Share of what columns do beyond a fit that others do as well, less what as many others do by chance (as in the adjusted coefficient of
-/// determination). Not whitened.
-fn imitated(view: &View, fit: &Fit, others: &Mat<f64>, columns: &Mat<f64>) -> Result<f64, DiagnoseError> {
-    let whitened = view.whitened(columns);
-    let left = |linear: &Linear| {
-        let left = linear.project(whitened.as_ref()).left;
-        (0..left.nrows()).map(|k| left[(k, k)]).sum::<f64>()
-    };
-    let beside = fit.with_columns(view.whitened(others).as_ref())?;
-    let rows = view.rows_of(&view.touched(columns)).len() as f64;
-    let chance = rows / (rows - others.ncols() as f64).max(1.0);
-    let alone = left(&fit.linear);
-    Ok(if alone > 0.0 { 1.0 - chance * left(&beside) / alone } else { 1.0 })
-}
-
-/// Why a fit with these candidates is none or predicts blocks left out no better than one of the first so many, both in the noise
-/// that all of them leave: without the rest, what it explains would pass for slow noise. With two blocks an axis there is
-/// none to spare. The view keeps its own noise.
-fn reason_of_blocks(view: &mut View, set: &[usize], first: usize) -> Option<&'static str> {
-    let noises = view.noises();
-    let both = view.adapt(set).and_then(|with| Ok((Fit::settle(view, &set[..first])?, with)));
-    // One candidate that has no fit must not take the others with it.
-    let reason = match both {
-        Err(_) => Some("it cannot be fitted beside the rest"),
-        Ok(_) if view.least_blocks() < FEWEST_BLOCKS => None,
-        Ok((_, with)) if with.added.iter().skip(first).any(|added| is_no_material(view, added)) => {
-            Some("its coefficient of expansion is that of no material")
-        }
-        Ok((without, with)) => {
-            let (before, after) = match set[first..].iter().all(|k| is_step(&*view.study, *k)) {
-                true => held_out_alike(view, &without, &with),
-                false => (held_out_rms(view, &without), held_out_rms(view, &with)),
-            };
-            if after.judged < before.judged {
-                Some("it rests on single blocks: with any one of them left out it is not determined")
-            } else {
-                (after.rms_um >= before.rms_um - NOTHING_UM)
-                    .then_some("it fits, but does not predict blocks left out any better")
-            }
-        }
-    };
-    view.take_noises(noises);
-    reason
-}
-
-/// Whether a coefficient of expansion is surely larger than any material has: lengths have no such bound, machines are as bad as they are.
-fn is_no_material(view: &View, added: &Fitted) -> bool {
-    let candidate = &view.study.candidates()[added.candidate];
-    let figures = candidate.parameters.iter().zip(added.values.iter().zip(&added.u));
-    candidate.kind == Kind::Attributed
-        && figures
-            .filter(|(spec, _)| spec.unit == "1/K")
-            .any(|(spec, (value, u))| value.abs() - 2.0 * u > spec.plausible)
-}
-
 /// Removes, weakest first, what the others have made superfluous; waves that a later term can do as well go, too.
 fn prune(view: &mut View, mut set: Vec<usize>, options: &Options) -> Result<Vec<usize>, DiagnoseError> {
     // In the noise that all of them leave: without the newest, what it explains would pass for slow noise.
@@ -494,8 +361,8 @@ fn evidence_against(view: &View, set: &[usize], place: usize, options: &Options)
     let (score, rows) = without.score(view, candidate);
     let trials = view.study.candidates().len().saturating_mul(tried(&*view.study, candidate));
     let passes = score.p_value * trials as f64 <= options.significance
-        && stands_apart(view, &without, candidate, trials, options)?
-        && is_told_from_position(view, &without, candidate, trials, options)?;
+        && stands_apart(view, &without, candidate, trials, options.significance)?
+        && is_told_from_position(view, &without, candidate, trials, options.significance)?;
     Ok((!passes).then(|| score.evidence(rows, trials)))
 }
 

@@ -7,16 +7,25 @@
 //! interpolation that shows at twice the step. Before the first and behind the last it is as large as neighbours differ, with the distance
 //! likewise. Where a wave goes as well as another, it may be as large as the wave.
 
-use super::candidate::{Between, ModelTerm, Study};
+use super::candidate::{Between, ModelTerm, Open, Study};
 use super::fit::Fit;
 use super::told::Doubts;
 use abbe_geometry::effects::Shape;
+use statrs::distribution::{ContinuousCDF, StudentsT};
 use std::collections::BTreeMap;
 
 /// Order of interpolation that a smooth table reaches.
 const MOST_ORDER: f64 = 2.0;
 /// Order that a table has at least: however rough an axis is, what it does does not jump next to a place.
-const LEAST_ORDER: f64 = 0.5;
+const LEAST_ORDER: f64 = 0.25;
+/// Departures for each that is independent.
+const SHARED: f64 = 1.5;
+/// Degrees of freedom from which a deviation counts as known, and the fewest that are believed in.
+const MANY: f64 = 1e3;
+const FEWEST: f64 = 3.0;
+/// Probability below the upper end of an interval that holds 95 %, and that end for a deviation known.
+const COVERED: f64 = 0.975;
+const NORMAL: f64 = 1.96;
 
 /// An effect of a machine model.
 #[derive(Debug, Clone, PartialEq)]
@@ -61,8 +70,8 @@ struct Value {
     beside: f64,
 }
 
-/// Terms of a fit; `u` are the uncertainties of its parameters from the scatter, `doubts` what else they may be.
-pub(super) fn terms(study: &dyn Study, fit: &Fit, u: &[Vec<f64>], doubts: &Doubts) -> Terms {
+/// Terms of a fit; `u` are the uncertainties of its parameters from the scatter, `doubts` what else they may be, `open` what tells of the rest.
+pub(super) fn terms(study: &dyn Study, fit: &Fit, u: &[Vec<f64>], doubts: &Doubts, open: &Open) -> Terms {
     let mut terms = Terms { readings_m: study.readings_m(), apart: study.apart(), ..Terms::default() };
     // The uncertainties reported hold more than the fit's own: correlations keep, deviations grow.
     let wider = |(a, i): (usize, usize)| {
@@ -114,13 +123,14 @@ pub(super) fn terms(study: &dyn Study, fit: &Fit, u: &[Vec<f64>], doubts: &Doubt
         }
     }
     // Where nothing was found there is no model to be told it.
-    let untold = if terms.list.is_empty() { Vec::new() } else { study.untold() };
+    let untold = if terms.list.is_empty() { Vec::new() } else { study.untold(open) };
     for own in untold {
         let ModelTerm { effect, shape, .. } = own.term;
-        terms.covariates.extend(study.model_range(&own.reads).map(|range| (own.reads.clone(), range)));
-        terms.list.push(Term { of: own.what.clone(), effect, shape, values: vec![0.0] });
-        terms.untold.push(own.what);
-        values.push(Value { made_of: Vec::new(), value: 0.0, beside: own.u * own.u });
+        let range = own.reads.and_then(|name| Some((study.model_range(&name)?, name)));
+        terms.covariates.extend(range.map(|(range, name)| (name, range)));
+        terms.list.push(Term { of: own.what.clone(), effect, shape, values: vec![0.0; own.u.len()] });
+        terms.untold.extend(own.is_usual.then_some(own.what));
+        values.extend(own.u.iter().map(|u| Value { made_of: Vec::new(), value: 0.0, beside: u * u }));
     }
     for name in study.logged() {
         terms.covariates.extend(study.model_range(&name).map(|range| (name, range)));
@@ -169,12 +179,33 @@ fn between(places_m: &[f64], values: &[Value], covariance: &impl Fn(Place, Place
         0.0
     } else {
         let grown = (mean(&long, |d| d.square - d.variance) / seen).max(1.0).ln();
+        let open = (scatter(&short) + scatter(&long)).sqrt();
         let further = mean(&long, |d| d.reach_m.ln()) - reach_m.ln();
-        if further > 0.0 { (0.5 * grown / further).min(MOST_ORDER) } else { 0.0 }
+        if further > 0.0 { (0.5 * (grown - open) / further).clamp(0.0, MOST_ORDER) } else { 0.0 }
     };
-    let square = mean(&short, |d| d.square);
+    let square = mean(&short, |d| d.square) * widened(&short);
     let halfway = |gap_m: f64| square * (0.5 * gap_m / reach_m).powf(2.0 * order);
     (gaps_m().map(halfway).collect(), order.max(LEAST_ORDER))
+}
+
+/// Variance of the logarithm of a mean square, by how the squares scatter: neighbours share values, so that there are two for every three.
+fn scatter(departures: &[Departure]) -> f64 {
+    let own = mean(departures, |d| d.square);
+    if own <= 0.0 || departures.len() < 2 {
+        return 0.0;
+    }
+    let square = mean(departures, |d| (d.square / own - 1.0).powi(2));
+    SHARED * square / (departures.len() - 1) as f64
+}
+
+/// What few departures must be widened by: as Student's interval is wider than that of a deviation known.
+fn widened(departures: &[Departure]) -> f64 {
+    let degrees = 2.0 / scatter(departures).max(f64::MIN_POSITIVE);
+    if degrees > MANY {
+        return 1.0;
+    }
+    let student = StudentsT::new(0.0, 1.0, degrees.max(FEWEST)).map_or(1.0, |t| t.inverse_cdf(COVERED));
+    (student / NORMAL).powi(2).max(1.0)
 }
 
 /// How far a value lies from the chord of two others.
@@ -241,8 +272,8 @@ mod tests {
         let own: Vec<Value> = walk.iter().map(|m| Value { made_of: Vec::new(), value: *m, beside: 0.0 }).collect();
         let (gaps, order) = between(&pairs, &own, &|_, _| 0.0);
         let um: Vec<f64> = gaps.iter().map(|variance| variance.sqrt() * 1e6).collect();
-        assert!(um.iter().step_by(2).all(|narrow| *narrow < 5.0), "{um:?}");
+        assert!(um.iter().step_by(2).all(|narrow| *narrow < 6.0), "{um:?}");
         assert!(um.iter().skip(1).step_by(2).all(|wide| (10.0..30.0).contains(wide)), "{um:?}");
-        assert!((0.3..1.0).contains(&order), "{order}");
+        assert!((LEAST_ORDER..1.0).contains(&order), "{order}");
     }
 }

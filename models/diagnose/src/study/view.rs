@@ -315,6 +315,11 @@ impl<'a> View<'a> {
             };
             golden_section((own - reach, own + reach), explained)
         });
+        self.set_frequency(candidate, frequency);
+    }
+
+    /// Takes this frequency for a candidate.
+    pub(super) fn set_frequency(&mut self, candidate: usize, frequency: f64) {
         self.study.set_frequency(candidate, frequency);
         self.memory.forget_columns(candidate);
     }

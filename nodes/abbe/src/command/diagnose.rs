@@ -5,11 +5,13 @@
 
 use crate::diagnosis::study::{self, DataKind};
 use crate::diagnosis::{MODEL, Product, Request, output, tracer};
+use crate::exit::Ended;
 use crate::identity::{IdentityOptions, Said};
 use crate::next::{KNOWN_POINTS, Next, READINGS};
 use crate::pipeline::BagJoin;
 use crate::pipeline::is_bag;
 use crate::progress::{Parts, Told};
+use crate::stop;
 use crate::verdict::{Accept, shown};
 use abbe_diagnose::Progress;
 use abbe_files::{Days, read_machine};
@@ -18,6 +20,8 @@ use abbe_report::diagnosis::DiagnosisReport;
 use abbe_runtime::Shutdown;
 use anyhow::{Context, bail};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 /// Steps by which a diagnosis that a node started gives way to others: correction comes first.
@@ -67,7 +71,12 @@ pub(crate) struct Arguments {
 }
 
 pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
-    let shutdown = Shutdown::on_signals()?;
+    let has_found = Arc::new(AtomicBool::new(false));
+    let shutdown = stop::keep_what_there_is(&has_found)?;
+    diagnosed(arguments, &shutdown, &has_found).map_err(|error| stop::told_as_stopped(error, &shutdown))
+}
+
+fn diagnosed(arguments: &Arguments, shutdown: &Shutdown, has_found: &AtomicBool) -> anyhow::Result<()> {
     #[cfg(target_os = "linux")]
     if std::env::var_os(abbe_runtime::LAUNCHER_PID).is_some() {
         // Where the system refuses, it goes on as it is.
@@ -85,6 +94,9 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let mut parts = Parts::default();
     let mut observe_study = |progress: study::Progress| {
         told.say(study_text(&progress, &mut parts, told.elapsed()));
+        if progress.part.is_none() && progress.effects > 0 {
+            has_found.store(true, Ordering::Relaxed);
+        }
         !shutdown.requested()
     };
     let made = product(arguments, &mut observe, &mut observe_study);
@@ -94,7 +106,7 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let next = next(arguments, &product);
     product.report.next = Some(next.step());
     let json = product.report.json()?;
-    if shutdown.requested() {
+    if shutdown.requested() && !has_found.load(Ordering::Relaxed) {
         bail!("stopped on request; nothing was written");
     }
     output::write(&arguments.out, &product, &json)?;
@@ -105,6 +117,11 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
             product.without_model.iter().for_each(|why| println!("{why}"));
             next.print();
         }
+    }
+    if product.is_partial {
+        let out = arguments.out.display();
+        let words = format!("stopped on request; {out} holds what was found until then, not judged on data left out");
+        return Err(Ended::stopped(words).into());
     }
     Ok(())
 }
@@ -214,10 +231,11 @@ fn product(
     }
 }
 
-/// Progress of a study in words. The search on all data comes after those without each part, and is of their size.
+/// Progress of a study in words. The search on all data comes before those without each part, and is of their size.
 fn study_text(progress: &study::Progress, parts: &mut Parts, elapsed: Duration) -> String {
     let part = progress.part.map_or_else(String::new, |(number, of)| format!("without part {number} of {of}: "));
-    let left = progress.part.and_then(|(number, of)| parts.left(number - 1, of + 1, elapsed));
+    let (number, of) = progress.part.unwrap_or_default();
+    let left = parts.left(number, of + 1, elapsed);
     let left = left.map_or_else(String::new, |left| format!(", {left}"));
     format!("{part}{} candidates beside {} effects{left}", progress.candidates, progress.effects)
 }

@@ -128,19 +128,25 @@ fn of_functions(
     let (within_um, is_asked) = (arguments.within_um.unwrap_or(DEFAULT_WITHIN_UM), arguments.within_um.is_some());
     let longest_m = file.model.parts().machine.travel_m().into_iter().fold(0.0, f64::max);
     let mut finest = None;
-    for halvings in 0..=MOST_HALVINGS {
+    // Where a controller may go in steps, more rows are smaller steps.
+    let halvings = if is_asked || !format.is_stepped { 0..=MOST_HALVINGS } else { 0..=0 };
+    for halvings in halvings {
         let errors = SampledErrors::of(&file.model, longest_m / f64::from(1_u32 << halvings))?;
         if !is_asked && !format.holds(&errors) {
             break;
         }
         let (linear_m, angular_rad) = errors.missed();
-        if linear_m.max(angular_rad) <= within_um / 1e6 {
+        if linear_m.max(angular_rad) <= within_um / 1e6 && (is_asked || !format.is_stepped) {
             match write(about, &errors) {
                 Err(_) if !is_asked => {}
                 written => return Ok(written?),
             }
         }
         finest = Some(errors);
+    }
+    if let (false, Some(most)) = (is_asked, format.most_points) {
+        // All the rows that it holds: the last halving uses little more than half of them.
+        finest = Some(SampledErrors::of(&file.model, longest_m / (most - 1) as f64)?);
     }
     let (false, Some(finest), Some(most)) = (is_asked, finest, format.most_points) else {
         bail!(

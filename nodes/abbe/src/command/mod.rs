@@ -161,6 +161,7 @@ pub(crate) fn run(command: Command, ros_args: RosArgs) -> anyhow::Result<()> {
         command if command.is_live() => None,
         Command::Train(_) | Command::Compare(_) => None, // another program keeps what it has
         Command::Plan(_) => None,                        // keeps the best plan so far
+        Command::Diagnose(_) => None,                    // keeps what a study has found so far
         Command::Papers(_) => Some(stop::keep_what_there_is(&Arc::new(AtomicBool::new(true)))?),
         Command::Interpolate(arguments) if arguments.is_scored() => {
             Some(stop::keep_what_there_is(&Arc::new(AtomicBool::new(true)))?)

@@ -47,6 +47,8 @@ pub(crate) struct Product {
     pub(crate) model: Option<Vec<u8>>,
     /// Why a machine was named and there is no model; empty where there is one, or none was asked for.
     pub(crate) without_model: Vec<String>,
+    /// Whether the study was stopped, and this is what it had found by then.
+    pub(crate) is_partial: bool,
 }
 
 /// Names in the output folder.

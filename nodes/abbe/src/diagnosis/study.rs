@@ -122,6 +122,7 @@ fn conclude(
             report: DiagnosisReport { record, residuals: None, figures, identity: Identity::default(), next: None },
             model: None,
             without_model: Vec::new(),
+            is_partial: diagnosis.is_stopped,
         });
     };
     record.machine = Some(machine.machine.name.clone());
@@ -151,6 +152,7 @@ fn conclude(
         report: DiagnosisReport { record, residuals: None, figures, identity: Identity::default(), next: None },
         model,
         without_model,
+        is_partial: diagnosis.is_stopped,
     })
 }
 

@@ -145,13 +145,19 @@ fn doubts(diagnosis: &StudyDiagnosis, machine: &Machine) -> Vec<Doubt> {
             .map(|what| format!("the data contradict themselves, and no uncertainty holds it: {what}")),
     );
     texts.extend(diagnosis.hidden.iter().map(|what| format!("not seen, not corrected and in no uncertainty: {what}")));
+    if diagnosis.is_stopped {
+        texts.push(
+            "the study was stopped on request: more may be missing, and nothing was judged on data that the search did not see"
+                .to_owned(),
+        );
+    }
     texts.extend(terms.untold.iter().map(|what| {
-        format!("not known, not corrected, and in the uncertainty with what is usual: {what}; measure it, or correct that side alone")
+        format!("not known, not corrected, and in the uncertainty with what is usual: {what}; measure it, or correct only where it was measured")
     }));
     if !terms.apart.is_empty() {
         texts.push(format!(
             "its axes were measured at different values of {}: what an axis does at values at which it was not measured is known where an \
-             effect says so, and is in no uncertainty otherwise",
+             effect says so; of temperatures its expansion is in the uncertainty otherwise, and nothing else is",
             terms.apart.join(", ")
         ));
     }

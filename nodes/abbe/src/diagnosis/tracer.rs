@@ -194,6 +194,7 @@ pub(crate) fn run(
         report: DiagnosisReport { record, residuals: Some(residuals), figures: Vec::new(), identity, next: None },
         model: Some(bytes),
         without_model: Vec::new(),
+        is_partial: false,
     })
 }
 

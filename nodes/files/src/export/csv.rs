@@ -17,6 +17,7 @@ pub(super) const FORMAT: Format = Format {
     title: "all 21 errors with uncertainty, one value a row",
     source: "own; columns error, position_mm, value, u (k = 1), unit",
     most_points: None,
+    is_stepped: false,
     writer: Writer::Functions(write),
 };
 

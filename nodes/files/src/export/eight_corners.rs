@@ -15,6 +15,7 @@ pub(super) const FORMAT: Format = Format {
     title: "cells of a grid of axis readings with the error vectors at their eight corners, one cell a row",
     source: "own; ends of the cell in mm, then e000, e100, e010, e110, e001, e101, e011, e111 (x, y, z in um each)",
     most_points: None,
+    is_stepped: false,
     writer: Writer::Grid(write),
 };
 

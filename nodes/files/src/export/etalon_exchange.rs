@@ -19,6 +19,7 @@ pub(super) const FORMAT: Format = Format {
              (isg-stuttgart.de, kernel-html/en-GB/296430091.html and 296426379.html); its sign is not stated there, \
              compare one error before use",
     most_points: None,
+    is_stepped: false,
     writer: Writer::Functions(write),
 };
 

@@ -19,6 +19,7 @@ pub(super) const FORMAT: Format = Format {
              \"Units of measure\" (isg-stuttgart.de, kernel-html/en-GB/296429067.html, 296423819.html, 296426379.html); its \
              sign is not stated there, compare one error before use, and see the parameter negate",
     most_points: None,
+    is_stepped: false,
     writer: Writer::Functions(write),
 };
 

@@ -15,6 +15,7 @@ pub(super) const FORMAT: Format = Format {
     title: "Klipper, a profile of [skew_correction] for printer.cfg, loaded by SKEW_PROFILE LOAD=abbe",
     source: "Klipper, klippy/extras/skew_correction.py: calc_skew, and the stored profile that it reads",
     most_points: None,
+    is_stepped: false,
     writer: Writer::Functions(write),
 };
 

@@ -20,6 +20,7 @@ pub(super) const FORMAT: Format = Format {
     source: "LinuxCNC, src/emc/motion: usrmotLoadComp reads the file, compute_screw_comp applies it; BACKLASH of such a joint \
              is not used, the reversal is in the columns; machine units must be mm",
     most_points: Some(MOST_POINTS),
+    is_stepped: false,
     writer: Writer::Approaches(write),
 };
 

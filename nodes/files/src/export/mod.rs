@@ -48,6 +48,8 @@ pub struct Format {
     pub source: &'static str,
     /// Nodes that it holds of an axis, where that is limited.
     pub most_points: Option<usize>,
+    /// Whether a controller may put out each value at its point in place of on the way to it.
+    pub is_stepped: bool,
     /// What it is made from, and how.
     pub writer: Writer,
 }

@@ -17,6 +17,7 @@ pub(super) const FORMAT: Format = Format {
     title: "RepRapFirmware, M556 for config.g",
     source: "RepRapFirmware, Move: SetAxisCompensation and AxisTransform, with P0 (X follows Y) as it is by default",
     most_points: None,
+    is_stepped: false,
     writer: Writer::Functions(write),
 };
 

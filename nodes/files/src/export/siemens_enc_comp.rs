@@ -25,6 +25,7 @@ pub(super) const FORMAT: Format = Format {
     source: "Siemens function manual K3, \"Leadscrew error compensation\", and machine data 32450, 32700, 38000; names and signs \
              from there, not tried on a controller: axis numbers, memory (MD38000) and MD32450 are the commissioner's",
     most_points: None,
+    is_stepped: false,
     writer: Writer::Approaches(write),
 };
 

@@ -13,6 +13,7 @@ pub(super) const FORMAT: Format = Format {
     title: "error vectors on a grid of axis readings, one node a row",
     source: "own; columns x_mm y_mm z_mm (readings) and error_x_um error_y_um error_z_um, X fastest, then Y, then Z",
     most_points: None,
+    is_stepped: false,
     writer: Writer::Grid(write),
 };
 

@@ -118,6 +118,23 @@ pub(super) fn approached_otherwise(axis: Axis, ranges: &Ranges, side: f64) -> Mo
     term(TERM, constant.text("by", sign_of(axis)).number("by_zero", side).number("by_unit", 2.0), Mat::zeros(1, 0))
 }
 
+/// Growth of offset and scale by a temperature above this one: zero in value.
+pub(super) fn untold_growth(axis: Axis, ranges: &Ranges, name: &str, zero_c: f64) -> ModelTerm {
+    let (low_m, high_m) = ranges.target_m;
+    let shape = ModelShape::new().text("axis", axis.lower()).number("terms", 2.0);
+    let shape = shape.number("low_m", low_m).number("high_m", high_m);
+    term(TERM, shape.text("by", name).number("by_zero", zero_c).number("by_unit", 1.0), Mat::zeros(2, 0))
+}
+
+/// What may lie at the targets and between them beyond what was found: zero in value.
+pub(super) fn lack(axis: Axis, ranges: &Ranges) -> ModelTerm {
+    let places_m = ranges.places_m();
+    let count = places_m.len();
+    let mean_m = (places_m[count - 1] - places_m[0]) / (count as f64 - 1.0);
+    let shape = ModelShape::new().text("axis", axis.lower()).numbers("places_m", &places_m);
+    term(TERM, shape.number("between_order", 1.0).number("beyond_m", mean_m), Mat::zeros(2 * count + 1, 0))
+}
+
 fn term(effect: &'static str, shape: ModelShape, map: Mat<f64>) -> ModelTerm {
     ModelTerm { effect, shape, map, table: None }
 }

@@ -4,6 +4,8 @@
 
 mod aliases;
 mod bands;
+mod lack;
+mod smooth;
 mod untold;
 
 use super::given::{given, mended};
@@ -12,11 +14,11 @@ use super::model;
 use super::naming::named;
 use super::order::{gaps, in_order};
 use super::positions::key;
-use super::shape::{Ranges, Shape};
+use super::shape::{Ranges, Shape, is_temperature};
 use super::step::Steps;
 use super::{Approach, Run};
 use crate::error::DiagnoseError;
-use crate::study::candidate::{Band, Candidate, Chain, Local, ModelTerm, Question, Study, Untold};
+use crate::study::candidate::{Band, Candidate, Chain, Local, ModelTerm, Open, Question, Study, Untold};
 use crate::study::diagnosis::{Ambiguity, Untestable};
 use crate::study::grid::{common_step_m, equal_step_m};
 use crate::study::smooth::{legendre, levels, range};
@@ -31,8 +33,6 @@ const FEWEST_CYCLES: usize = 3;
 const OVERSAMPLING: f64 = 4.0;
 /// Targets from which a wave of unknown period, three unknowns in many guises, can be told from a table of errors.
 const FEWEST_FOR_WAVES: usize = 12;
-/// Highest degree of the polynomials that a wave must stand apart from.
-const SMOOTH: usize = 6;
 /// Time constants tested: the duration over the longest, their ratio, and how many.
 const CREEP: (f64, f64, i32) = (2.9, 2.1, 5);
 /// Of these, for offset and scale: a shorter one is over before an axis has been gone along, and is an error of some first runs.
@@ -303,7 +303,6 @@ impl AxisRuns {
     }
 
     fn logged_shapes(&self, both: bool, shapes: &mut Vec<Shape>, needs: &mut dyn FnMut(&str, String)) {
-        let is_temperature = |name: &str| name.starts_with("temp_") && name.ends_with("_c");
         for (name, _, levels) in &self.quantities {
             shapes.push(if is_temperature(name) {
                 Shape::Expansion(name.clone())
@@ -401,7 +400,7 @@ impl Study for Runs {
     fn choices(&self, candidate: usize, places: &[usize]) -> f64 {
         let (axis, shape) = &self.shapes[candidate];
         match shape {
-            Shape::Periodic(period_m) => self.axes[*axis].waves(*period_m, &self.runs),
+            Shape::Periodic(period_m) => self.axes[*axis].waves(*period_m, &self.runs) * self.forms_of(candidate),
             _ if self.places(candidate).is_empty() => 1.0,
             _ => self.axes[*axis].steps.places.tried(places),
         }
@@ -420,11 +419,12 @@ impl Study for Runs {
         self.name(candidate);
     }
 
-    /// Polynomials of the target, up to one for every second target.
     fn simpler(&self, candidate: usize) -> Mat<f64> {
-        let (axis, _) = self.shapes[candidate];
-        let degree = SMOOTH.min(self.axes[axis].ranges.targets.len() / 2);
-        self.shape_columns(axis, &Shape::Position(degree))
+        self.smooth_for(candidate)
+    }
+
+    fn smooth_beside(&self, candidate: usize) -> Vec<usize> {
+        self.smooth_of(candidate)
     }
 
     fn passes(&self, candidate: usize) -> bool {
@@ -542,8 +542,8 @@ impl Study for Runs {
         self.measured_range(name)
     }
 
-    fn untold(&self) -> Vec<Untold> {
-        self.untold_reversals()
+    fn untold(&self, open: &Open) -> Vec<Untold> {
+        [self.between_targets(open), self.untold_expansions(open), self.untold_reversals()].concat()
     }
 
     fn apart(&self) -> Vec<String> {

@@ -156,6 +156,16 @@ impl Shape {
         })
     }
 
+    /// Whether it follows a logged quantity.
+    pub(super) fn reads(&self, quantity: &str) -> bool {
+        match self {
+            Shape::Expansion(name) | Shape::Smooth(name, _) | Shape::LostBy(name) | Shape::ScaleBy(name) => {
+                name == quantity
+            }
+            _ => false,
+        }
+    }
+
     /// The quantity whose range it is scaled by.
     pub(super) fn scaled_by(&self) -> Option<&str> {
         match self {
@@ -181,6 +191,11 @@ impl Shape {
             other => other.clone(),
         }
     }
+}
+
+/// Whether a logged quantity is a temperature.
+pub(super) fn is_temperature(name: &str) -> bool {
+    name.starts_with("temp_") && name.ends_with("_c")
 }
 
 /// Share of a growth that comes to rest, after this time.

@@ -1,17 +1,25 @@
 //! What positioning runs leave open of a model that is made of them: sides of approach and temperatures at which an axis was not measured.
 //!
 //! Place in the flow: beside the study's problem; shapes are those of [`super::super::model`]. The reversal of an axis that was approached from
-//! one side is not known: the model has it as a term that is zero on that side, and may be anything usual on the other. Of temperatures it
-//! is said where axes were measured in different ranges. SI, and the units of logged quantities.
+//! one side is not known: the model has it as a term that is zero on that side, and may be anything usual on the other. Likewise the expansion
+//! of an axis at temperatures that other axes saw and its own runs did not. Of what was logged it is said where axes were measured in different
+//! ranges. SI, and the units of logged quantities.
 
 use super::super::model::{self, approached_otherwise, axis_of};
+use super::super::shape::{Shape, is_temperature};
 use super::{AxisRuns, Runs};
 use crate::context::range;
-use crate::study::candidate::Untold;
+use crate::study::candidate::{Open, Untold};
 use std::collections::BTreeSet;
 
 /// Standard deviation of a reversal that nobody measured (m): what is believed of backlash before a campaign.
 const REVERSAL_M: f64 = 50e-6;
+/// Standard deviation of a coefficient of expansion that nobody measured (1/K): that of steel.
+const EXPANSION_PER_K: f64 = 12e-6;
+/// Standard uncertainties of a coefficient that a search may overlook.
+const UNDETECTED: f64 = 2.0;
+/// Share of the range of all axes that one of them may lack and still have seen it.
+const SEEN: f64 = 0.25;
 /// Share of the widest range of an axis that all axes share, below which they were measured apart.
 const SHARED: f64 = 0.5;
 
@@ -51,12 +59,57 @@ impl Runs {
                     "{} in approaches in {other}: it was measured in approaches in {from} only",
                     own.letter()
                 ),
+                is_usual: true,
                 term: approached_otherwise(own, &axis.ranges, side),
-                u: REVERSAL_M,
-                reads: model::sign_of(own),
+                u: vec![REVERSAL_M],
+                reads: Some(model::sign_of(own)),
             })
         };
         self.axes.iter().filter_map(one).collect()
+    }
+
+    /// What an axis does at temperatures that it did not see, and other axes did: it grows by what its own runs leave open of its expansion, from
+    /// anywhere on its stroke.
+    pub(super) fn untold_expansions(&self, open: &Open) -> Vec<Untold> {
+        let one = |(candidate, (of, shape)): (usize, &(usize, Shape))| {
+            let (axis, Shape::Expansion(name)) = (&self.axes[*of], shape) else { return None };
+            let is_told = |k: &usize| self.shapes[*k].0 == *of && self.shapes[*k].1.reads(name);
+            self.untold_expansion(axis, name, (open.known)(candidate)).filter(|_| !open.found.iter().any(is_told))
+        };
+        let varied = self.shapes.iter().enumerate().filter_map(one);
+        // What did not vary in the runs of an axis is no candidate of it.
+        let held = self.axes.iter().flat_map(|axis| {
+            let names: BTreeSet<&String> = axis.rows.iter().flat_map(|row| self.runs[*row].covariates.keys()).collect();
+            let is_held = |name: &&String| is_temperature(name) && axis.quantities.iter().all(|(own, ..)| own != *name);
+            names
+                .into_iter()
+                .filter(is_held)
+                .filter_map(|name| self.untold_expansion(axis, name, None))
+                .collect::<Vec<_>>()
+        });
+        varied.chain(held).collect()
+    }
+
+    fn untold_expansion(&self, axis: &AxisRuns, name: &str, known: Option<f64>) -> Option<Untold> {
+        let own = axis_of(&axis.name)?;
+        let ((low_c, high_c), (least_c, most_c)) = (self.range_of(axis, name)?, self.measured_range(name)?);
+        if (most_c - least_c) - (high_c - low_c) <= SEEN * (most_c - least_c) {
+            return None;
+        }
+        let per_k = known.map_or(EXPANSION_PER_K, |u| (UNDETECTED * u).min(EXPANSION_PER_K));
+        let (low_m, high_m) = axis.ranges.target_m;
+        let half_m = 0.5 * (high_m - low_m);
+        Some(Untold {
+            what: format!(
+                "expansion of {} by {name}: its runs saw {low_c:.1} to {high_c:.1} C, those of others {least_c:.1} to {most_c:.1} C",
+                own.letter()
+            ),
+            is_usual: true,
+            term: model::untold_growth(own, &axis.ranges, name, 0.5 * (low_c + high_c)),
+            // The place that stays where it is may be anywhere along the axis.
+            u: vec![per_k * half_m / 3f64.sqrt(), per_k * half_m],
+            reads: Some(name.to_owned()),
+        })
     }
 
     /// Logged quantities at which axes were measured in different ranges, in words with these.
