@@ -223,7 +223,7 @@ fn every_part_of_the_search_is_told_and_candidates_with_it() {
     let mut parts: Vec<Option<(usize, usize)>> = told.iter().map(|progress| progress.part).collect();
     parts.dedup();
     let folds = found.unseen.folds;
-    let expected: Vec<_> = (1..=folds).map(|k| Some((k, folds))).chain([None]).collect();
+    let expected: Vec<_> = std::iter::once(None).chain((1..=folds).map(|k| Some((k, folds)))).collect();
     assert_eq!(parts, expected);
     // Steps whose place is free wait for the first of them.
     let candidates = told[0].candidates;
