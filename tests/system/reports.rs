@@ -228,7 +228,8 @@ fn val_ptb_rules_accept_the_certificates_and_refuse_what_breaks_them() {
         return;
     }
     let by_schema: Vec<_> = (0..7).map(|number| count(number, "schema") > 0).collect();
-    assert_eq!(by_schema, [false, false, false, false, true, true, true], "{found}");
+    // It leaves methods, languages and units to other rules.
+    assert_eq!(by_schema, [false, false, false, false, false, true, true], "{found}");
 }
 
 #[test]
