@@ -1,7 +1,7 @@
 //! From the effects found to the diagnosis: ladder, gains, rivals, noise, what to measure next.
 //!
-//! Place in the flow: last step of every study. Gross rows go first; then the search is judged on blocks that it does not
-//! see; then it runs on all rows, and once more where what it found shows other rows to be gross.
+//! Place in the flow: last step of every study. Gross rows go first; then the search runs on all rows, and once more
+//! where what it found shows other rows to be gross; then it is judged on blocks that it does not see.
 
 use super::candidate::{Forms, Open, Study};
 use super::confirm::{beyond_chance, confirmed, p_beside};

@@ -23,6 +23,7 @@ const IMITATED: f64 = 0.5;
 const FEWEST_BLOCKS: usize = 3;
 /// Gain that no instrument shows (µm): rounding of numbers, where a display of few digits leaves no scatter.
 const NOTHING_UM: f64 = 1e-6;
+
 /// Why a candidate is not taken beside a fit, before blocks are asked.
 pub(super) fn reason_against(
     view: &View,

@@ -29,7 +29,7 @@ pub(crate) struct Screw {
     pub(crate) wave: (f64, f64, f64),
     /// Sizes of three parts of a smooth error.
     pub(crate) bow_m: [f64; 3],
-    /// Sizes of errors of a scale that add up from mark to mark, ten to a step, and that are drawn anew at each.
+    /// Sizes of errors of a scale that add up from mark to mark, five to a step, and that are drawn anew at each.
     pub(crate) walk_m: f64,
     pub(crate) marks_m: f64,
     seed: u64,

@@ -61,14 +61,12 @@ impl Runs {
             means
         };
         let degrees = counts.len() as f64 - independent(&means(&columns)).ncols() as f64;
-        let scatter: f64 = {
-            let mean = means(&left);
-            let square = |(i, place): (usize, &usize)| (left[(i, 0)] - mean[(*place, 0)]).powi(2);
-            of_row.iter().enumerate().map(square).sum::<f64>() / (rows.len() as f64 - counts.len() as f64).max(1.0)
-        };
+        let mean = means(&left);
+        let square = |(i, place): (usize, &usize)| (left[(i, 0)] - mean[(*place, 0)]).powi(2);
+        let scatter =
+            of_row.iter().enumerate().map(square).sum::<f64>() / (rows.len() as f64 - counts.len() as f64).max(1.0);
         let noise =
             scatter * counts.iter().map(|count| f64::max(*count, 1.0).recip()).sum::<f64>() / counts.len() as f64;
-        let mean = means(&left);
         (degrees >= 1.0).then(|| (mean.squared_norm_l2() / degrees, degrees, noise))
     }
 }
