@@ -12,7 +12,7 @@ use abbe_msgs::cdr;
 use abbe_msgs::{CorrectedCoordinates, Message, ScaleReading, Sha256};
 use abbe_residual_net::ResidualModel;
 use abbe_residual_net::record::{Array, Record};
-use common::{HASH, bench};
+use common::{HASH, bench, replace};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -165,7 +165,7 @@ fn what_cannot_be_used_is_refused_by_name_and_the_residual_model_in_use_goes_on(
         (Vec::new(), "residual.json"),
     ];
     for (number, (content, says)) in cases.into_iter().enumerate() {
-        std::fs::write(&path, content).unwrap();
+        replace(&path, &content);
         wait_until("the file is refused", || feed.status().refused == number as u64 + 1);
         let problem = feed.status().problem.unwrap();
         assert!(problem.contains(says) && problem.contains(&in_use.to_string()), "{problem}");

@@ -11,7 +11,7 @@ use abbe_graph::feed::Feed;
 use abbe_graph::step::GeometricStep;
 use abbe_msgs::cdr;
 use abbe_msgs::{CorrectedCoordinates, Message, ScaleReading, Sha256};
-use common::{bench, other_bench};
+use common::{bench, other_bench, replace};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -122,7 +122,7 @@ fn what_cannot_be_used_is_refused_by_name_and_the_model_in_use_goes_on() {
     let stranger = other_bench().model_file("moving_table").to_bytes("model").unwrap().0;
     let cases = [(half, "model.json"), (changed, "hash"), (stranger, "moving_table"), (Vec::new(), "model.json")];
     for (number, (content, says)) in cases.into_iter().enumerate() {
-        std::fs::write(&path, content).unwrap();
+        replace(&path, &content);
         wait_until("the file is refused", || feed.status().refused == number as u64 + 1);
         let status = feed.status();
         let problem = status.problem.unwrap();

@@ -1,5 +1,6 @@
 //! A simulated machine with its identified model, and the samples of its campaign; shared by the tests of the steps.
 
+#![allow(clippy::unwrap_used)] // helpers of a test
 #![allow(dead_code)] // Each test takes what it needs.
 
 use abbe_files::{MachineFile, ModelFile, read_machine};
@@ -113,4 +114,11 @@ impl Bench {
 pub(crate) fn monitor() -> MonitorStep {
     let settings = MonitorSettings { single_bound: 4.0, window: 200, match_within_s: 0.0005 };
     MonitorStep::new(bench().model.clone(), HASH, settings)
+}
+
+/// The file's next version, whole at once: who looks at it meanwhile finds the old one or this one, never a part.
+pub(crate) fn replace(path: &Path, content: &[u8]) {
+    let new = path.with_extension("new");
+    std::fs::write(&new, content).unwrap();
+    std::fs::rename(&new, path).unwrap();
 }
