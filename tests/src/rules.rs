@@ -126,7 +126,7 @@ mod tests {
 
     #[test]
     fn a_crate_that_is_named_is_caught_outside_tests() {
-        let text = "//! Not abbe_identify.\nuse abbe_identify::identify;\nfn a() { let b = abbe_identify::Options::default(); }\n\
+        let text = "//! Not abbe_identify.\nuse abbe_identify::identify;\nfn a() { let b = abbe_identify::IdentifyOptions::default(); }\n\
                     #[cfg(test)]\nmod tests { use abbe_identify::identify; }";
         let lines: Vec<usize> =
             names_of(&Source::parse(text).unwrap(), "abbe_identify").iter().map(|f| f.line).collect();

@@ -167,6 +167,9 @@ fn a_model_of_runs_becomes_a_screw_table_that_a_controller_reads() {
         })
         .collect();
     assert_says(&bench.read("comp/head.txt"), &["reversal: contained for axes: X", "NOT in this table"]);
+    // Nobody asked for a step: the controller, which may go in steps, gets all the rows that it holds.
+    run(["export", "--model", &model, "--format", "linuxcnc-comp", "--out", &bench.text("all")]).ok();
+    assert_eq!(bench.read("all/x.comp").lines().count(), 256);
     let later = later(&approaches);
     // A controller reads the row of its position; drift is not in a table of positions, so each cycle is held to its own mean.
     let left = |a: &Approach| {

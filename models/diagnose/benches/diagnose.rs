@@ -11,7 +11,7 @@
 #[path = "../tests/common/mod.rs"]
 mod common;
 
-use abbe_diagnose::{Options, score_pass};
+use abbe_diagnose::{DiagnoseOptions, score_pass};
 use abbe_geometry::effects::construct;
 use abbe_identify::{Identified, Rows, identify};
 use common::{Case, INSTRUMENT};
@@ -21,7 +21,7 @@ use std::process::Command;
 use std::time::Instant;
 
 fn fitted(case: &Case) -> Identified {
-    let options = Options::default().identify;
+    let options = DiagnoseOptions::default().identify;
     identify(&case.machine, INSTRUMENT.range, &case.simulated.campaign, &options, &mut |_| true).unwrap()
 }
 
@@ -41,7 +41,7 @@ fn median_s(runs: usize, mut work: impl FnMut()) -> f64 {
 /// Sizes, Jacobian, residuals, then for each candidate its width, our reduction and its columns: doubles in a row.
 fn write_problem(path: &std::path::Path, case: &Case, fit: &Identified) -> usize {
     let rows = Rows::new(fit, INSTRUMENT.range, &case.simulated.campaign);
-    let scored = score_pass(fit, INSTRUMENT.range, &case.simulated.campaign, &Options::default()).unwrap();
+    let scored = score_pass(fit, INSTRUMENT.range, &case.simulated.campaign, &DiagnoseOptions::default()).unwrap();
     let mut file = std::io::BufWriter::new(std::fs::File::create(path).unwrap());
     let mut put = |value: f64| file.write_all(&value.to_le_bytes()).unwrap();
     let (count, parameters) = (rows.len(), rows.parameters.len());
@@ -64,7 +64,7 @@ fn against_scipy(case: &Case, fit: &Identified) {
     let path = folder.join("problem.f64");
     let candidates = write_problem(&path, case, fit);
     let campaign = &case.simulated.campaign;
-    let pass = || drop(score_pass(fit, INSTRUMENT.range, campaign, &Options::default()).unwrap());
+    let pass = || drop(score_pass(fit, INSTRUMENT.range, campaign, &DiagnoseOptions::default()).unwrap());
     let own_s = median_s(7, pass);
     println!("score pass: {candidates} candidates, {} readings: {:.0} ms", campaign.readings.len(), own_s * 1e3);
     let python = std::env::var("ABBE_PYTHON").unwrap_or_else(|_| "python3".to_owned());
@@ -82,7 +82,7 @@ fn against_scipy(case: &Case, fit: &Identified) {
         Err(error) => println!("SciPy was not compared: {error}"),
     }
     std::fs::remove_dir_all(&folder).unwrap();
-    println!("whole diagnosis: {:.1} s", median_s(1, || drop(case.diagnose_with(&Options::default()))));
+    println!("whole diagnosis: {:.1} s", median_s(1, || drop(case.diagnose_with(&DiagnoseOptions::default()))));
 }
 
 fn bench(criterion: &mut Criterion) {
@@ -93,7 +93,7 @@ fn bench(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("diagnose");
     group.sample_size(10);
     group.bench_function("score pass", |b| {
-        b.iter(|| score_pass(&fit, INSTRUMENT.range, campaign, &Options::default()).unwrap());
+        b.iter(|| score_pass(&fit, INSTRUMENT.range, campaign, &DiagnoseOptions::default()).unwrap());
     });
     group.finish();
 }

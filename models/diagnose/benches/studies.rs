@@ -11,7 +11,7 @@
 #![allow(missing_docs, clippy::unwrap_used, clippy::print_stdout)] // a bench that cannot be prepared stops, and prints
 
 use abbe_diagnose::study::vectors::{ResidualVector, diagnose_observed};
-use abbe_diagnose::study::{Options, StudyDiagnosis};
+use abbe_diagnose::study::{StudyDiagnosis, StudyOptions};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use std::fmt::Write as _;
@@ -85,7 +85,7 @@ fn processor_s() -> f64 {
     (fields[11].parse::<f64>().unwrap() + fields[12].parse::<f64>().unwrap()) / 100.0
 }
 
-fn study(vectors: &[ResidualVector], options: &Options) -> (StudyDiagnosis, f64, usize) {
+fn study(vectors: &[ResidualVector], options: &StudyOptions) -> (StudyDiagnosis, f64, usize) {
     let (since, mut told) = (processor_s(), 0);
     let mut observe = |_| {
         told += 1;
@@ -101,7 +101,7 @@ fn main() {
         return;
     }
     let vectors = vectors();
-    let (diagnosis, seconds, told) = study(&vectors, &Options::default());
+    let (diagnosis, seconds, told) = study(&vectors, &StudyOptions::default());
     let names: Vec<&str> = diagnosis.effects.iter().map(|effect| effect.name.as_str()).collect();
     println!(
         "study: {seconds:.1} s of the processor for {ROWS} vectors, {} quantities, {} candidates",
@@ -109,7 +109,7 @@ fn main() {
         diagnosis.considered.len()
     );
     println!("  found {}; {told} steps of searches, with all that they try and judge", names.join(" + "));
-    let (_, seconds, told) = study(&vectors, &Options { significance: 0.0, ..Options::default() });
+    let (_, seconds, told) = study(&vectors, &StudyOptions { significance: 0.0, ..StudyOptions::default() });
     let step_s = seconds / told as f64;
     println!("  nothing believed: {seconds:.1} s, {told} steps of {step_s:.2} s, noise and gross rows included");
     match rival(&vectors) {

@@ -7,14 +7,14 @@
 #[path = "../tests/foreign/mod.rs"]
 mod foreign;
 
-use abbe_diagnose::Options;
+use abbe_diagnose::DiagnoseOptions;
 use foreign::bench::judged;
 use foreign::score::Worth;
 
 fn main() {
     let given: Vec<String> = std::env::args().skip(1).collect();
     let number = |k: usize| given[k].parse::<u64>().unwrap();
-    let options = Options { folds: number(0) as usize, placebos: 0, ..Options::default() };
+    let options = DiagnoseOptions { folds: number(0) as usize, placebos: 0, ..DiagnoseOptions::default() };
     println!(
         "case\tseed\trms before>after um\tcovered\tbeyond rms\tcovered\tchi2 before>after\tfound\tset aside\tseconds"
     );

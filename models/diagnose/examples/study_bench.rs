@@ -6,7 +6,7 @@
 #[allow(dead_code)] // each user takes its part
 mod logger;
 
-use abbe_diagnose::study::Options;
+use abbe_diagnose::study::StudyOptions;
 use abbe_diagnose::study::runs::diagnose;
 use logger::{Flaw, Plan, logged};
 
@@ -32,7 +32,7 @@ fn main() {
                     let plan = Plan { rho, gross, ..Plan::new(targets, cycles) };
                     let is_found = |seed: &u64| {
                         let runs = logged(&plan, &[flaw], 10_000 + seed);
-                        let Ok(diagnosis) = diagnose(&runs, &Options::default()) else { return false };
+                        let Ok(diagnosis) = diagnose(&runs, &StudyOptions::default()) else { return false };
                         match words {
                             [] => !diagnosis.effects.is_empty(),
                             words => diagnosis.effects.iter().any(|e| words.iter().any(|word| e.name.contains(word))),

@@ -9,16 +9,18 @@ use crate::clock::{self, ClockShift};
 use crate::competing::{self, Without};
 use crate::context::read_by;
 use crate::cut_off::CutOff;
-use crate::diagnosis::{Competing, Diagnosis, Found, FoundParameter, Kind, Rival};
+use crate::diagnosis::{Competing, Diagnosis, Found, FoundParameter, Rival};
 use crate::error::DiagnoseError;
+use crate::explanation::Explanation;
 use crate::floor;
 use crate::gate::{self, Verdict};
 use crate::judge::{self, Blocked, Unseen};
 use crate::lags::with_lags;
 use crate::machine_step::{self, MachineStep};
 use crate::noise;
-use crate::options::{Options, Progress};
-use crate::search::{Search, State, has};
+use crate::options::{DiagnoseOptions, Progress};
+use crate::same_claim::has;
+use crate::search::{Search, State};
 use crate::step::Step;
 use crate::wander::{self, Wander};
 use crate::zero_of_scale::ZeroOfScale;
@@ -50,7 +52,7 @@ pub fn diagnose(
     effects: &[FittedEffect],
     instrument: RangeUncertainty,
     campaign: &Campaign,
-    options: &Options,
+    options: &DiagnoseOptions,
     observe: &mut dyn FnMut(Progress) -> bool,
 ) -> Result<Diagnosis, DiagnoseError> {
     let base: Vec<EffectTerm> = effects.iter().map(EffectTerm::of).collect();
@@ -104,7 +106,7 @@ pub fn diagnose(
     let mut found = found(&search, &state, &base, without.iter().zip(competing))?;
     // A step that explains more than all of them: none is the cause.
     if machine_step.as_ref().is_some_and(|step| step.outdoes_found) {
-        found.iter_mut().for_each(|found| found.kind = Kind::Empirical);
+        found.iter_mut().for_each(|found| found.kind = Explanation::Empirical);
     }
     let not_identifiable = alias::not_identifiable(&last, &state.fit.model, &named)?;
     let untestable = alias::untestable(&state.machine, &search.context);
@@ -409,7 +411,7 @@ fn one(
     let is_named = candidate.known.name != "empirical"
         && is_told(&parameters, tests, search.options.significance)
         && !tomorrow::happened_in_a_pause(fitted, search.campaign);
-    let mut kind = if is_named { Kind::Attributed } else { Kind::Empirical };
+    let mut kind = if is_named { Explanation::Attributed } else { Explanation::Empirical };
     if let Some((_, without)) = without {
         let draws = (search.options.placebos, search.options.seed);
         placebo = judge::placebo(without, &columns, search.campaign, draws).ok();
@@ -417,7 +419,7 @@ fn one(
         let lines = gate::judge(without, last, search.campaign, &[]).judged.into_iter().find(|j| j.by == "line");
         held_out_gain_m = lines.map(|lines| (lines.before - lines.after) * typical_u_m(&state.fit));
         if search.is_outdone(state, without, candidate)? {
-            kind = Kind::Empirical;
+            kind = Explanation::Empirical;
         }
     }
     Ok(Found {

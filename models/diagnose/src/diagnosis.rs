@@ -3,6 +3,7 @@
 //! Place in the flow: the result of [`crate::diagnose()`]; the command line writes it as JSON and as a report. SI.
 
 use crate::clock::ClockShift;
+use crate::explanation::Explanation;
 use crate::gate::Verdict;
 use crate::judge::{Blocked, Placebo, Unseen};
 use crate::machine_step::MachineStep;
@@ -63,15 +64,6 @@ pub struct Diagnosis {
     pub next_measurements: Vec<String>,
 }
 
-/// Whether an effect is explained or only described.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Kind {
-    /// A registered effect explains it.
-    Attributed,
-    /// The data show the dependence; nothing known explains it.
-    Empirical,
-}
-
 /// One effect found.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Found {
@@ -82,7 +74,7 @@ pub struct Found {
     /// Formula.
     pub formula: &'static str,
     /// Explained or described. An effect with a name only describes where a free dependence explains clearly more.
-    pub kind: Kind,
+    pub kind: Explanation,
     /// Shape.
     pub shape: Shape,
     /// Covariates and quantities it depends on.

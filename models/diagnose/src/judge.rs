@@ -10,8 +10,9 @@ use crate::candidates::Round;
 use crate::error::DiagnoseError;
 use crate::held_out::{HeldOut, held_out};
 use crate::linear::Linear;
-use crate::options::{Options, Progress};
-use crate::search::{Search, State, has};
+use crate::options::{DiagnoseOptions, Progress};
+use crate::same_claim::has;
+use crate::search::{Search, State};
 use crate::side_by_side::side_by_side;
 use abbe_geometry::Vector3;
 use abbe_geometry::effects::Ray;
@@ -131,7 +132,7 @@ pub(crate) fn unseen(
 struct Whole<'a> {
     instrument: RangeUncertainty,
     campaign: &'a Campaign,
-    options: &'a Options,
+    options: &'a DiagnoseOptions,
 }
 
 /// Predictions of the lines of a fold by a search that does not see them, and what that search found.

@@ -7,8 +7,8 @@
 //! What a machine lacks, from its campaign: here of a simulated bridge whose X axis has a play that no error function holds.
 //!
 //! ```
-//! use abbe_diagnose::{Options, diagnose};
-//! use abbe_geometry::error_function::Kind;
+//! use abbe_diagnose::{DiagnoseOptions, diagnose};
+//! use abbe_geometry::error_function::FunctionKind;
 //! use abbe_geometry::machine::{Joint, Machine, Side, Squareness, USUAL_RAM_TURN_RAD};
 //! use abbe_geometry::{Axis, ErrorId, rotation::RotationForm};
 //! use abbe_virtual_machine::plan::{LineKind, PlanRecipe, presets};
@@ -28,7 +28,7 @@
 //!         square("A0Z", Axis::Z, Axis::X),
 //!     ],
 //!     rotation: RotationForm::Exact,
-//!     kinds: [Some(Kind::BSpline { intervals: 6 }); ErrorId::COUNT],
+//!     kinds: [Some(FunctionKind::BSpline { intervals: 6 }); ErrorId::COUNT],
 //!     repeatability_m: [0.25e-6; 3],
 //!     u_ram_turn_rad: [USUAL_RAM_TURN_RAD; 3],
 //!     default_offset_m: None,
@@ -53,7 +53,7 @@
 //! .campaign;
 //!
 //! // Without repeating the search to judge what it finds.
-//! let options = Options { folds: 0, placebos: 0, ..Options::default() };
+//! let options = DiagnoseOptions { folds: 0, placebos: 0, ..DiagnoseOptions::default() };
 //! let range = InstrumentConfig::LASER_TRACER.range;
 //! let diagnosis = diagnose(&machine, &[], range, &campaign, &options, &mut |_progress| true)?;
 //! assert!(!diagnosis.found.is_empty() && diagnosis.found[0].name == "reversal", "{:?}", diagnosis.found);
@@ -70,6 +70,7 @@ mod diagnose;
 mod diagnosis;
 mod error;
 mod exchange;
+mod explanation;
 mod floor;
 mod foresight;
 mod gate;
@@ -90,6 +91,7 @@ mod pass;
 mod periodic;
 mod quadratic_form;
 mod runs;
+mod same_claim;
 pub mod score;
 mod search;
 mod serial;
@@ -107,15 +109,16 @@ mod zero_of_scale;
 
 pub use clock::ClockShift;
 pub use diagnose::diagnose;
-pub use diagnosis::{Competing, Diagnosis, Found, FoundParameter, Kind, NotIdentifiable, Rival, SetAside, Untestable};
+pub use diagnosis::{Competing, Diagnosis, Found, FoundParameter, NotIdentifiable, Rival, SetAside, Untestable};
 pub use error::DiagnoseError;
+pub use explanation::Explanation;
 pub use foresight::{Foresight, Told, ToldParameter, foresee};
 pub use gate::{Judged, Verdict};
 pub use judge::{Blocked, HeldOutError, Placebo, Unseen};
 pub use logs::mended;
 pub use machine_step::{Change, MachineStep};
 pub use noise::{Detection, Group, Structure};
-pub use options::{Options, Progress};
+pub use options::{DiagnoseOptions, Progress};
 pub use pass::{Scored, score_pass};
 pub use wander::Wander;
 

@@ -21,7 +21,7 @@ use crate::candidates::Round;
 use crate::error::DiagnoseError;
 use crate::gate;
 use crate::linear::Linear;
-use crate::options::Options;
+use crate::options::DiagnoseOptions;
 use crate::score::{Score, p_of};
 use abbe_geometry::Vector3;
 use abbe_geometry::model::{FitQuality, MachineModel, ModelError, ModelParts};
@@ -124,7 +124,7 @@ pub(crate) struct Competing {
 pub(crate) fn find(
     round: &Round,
     campaign: &Campaign,
-    options: &Options,
+    options: &DiagnoseOptions,
     competing: &Competing,
     go_on: &mut dyn FnMut() -> bool,
 ) -> Result<Option<MachineStep>, DiagnoseError> {
@@ -136,7 +136,7 @@ pub(crate) fn find(
 fn of(
     change: Change,
     (round, campaign): (&Round, &Campaign),
-    options: &Options,
+    options: &DiagnoseOptions,
     competing: &Competing,
     go_on: &mut dyn FnMut() -> bool,
 ) -> Result<Option<MachineStep>, DiagnoseError> {

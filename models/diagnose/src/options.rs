@@ -4,9 +4,9 @@
 
 /// Choices of one diagnosis.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Options {
+pub struct DiagnoseOptions {
     /// How campaigns are identified.
-    pub identify: abbe_identify::Options,
+    pub identify: abbe_identify::IdentifyOptions,
     /// Probability of a false alarm of one family of tests (named effects; dependence without candidates), after
     /// correction for their number.
     pub significance: f64,
@@ -23,11 +23,11 @@ pub struct Options {
     pub seed: u64,
 }
 
-impl Default for Options {
-    fn default() -> Options {
-        Options {
+impl Default for DiagnoseOptions {
+    fn default() -> DiagnoseOptions {
+        DiagnoseOptions {
             // Effects that errors nearly absorb settle slowly.
-            identify: abbe_identify::Options { max_passes: 60, ..abbe_identify::Options::default() },
+            identify: abbe_identify::IdentifyOptions { max_passes: 60, ..abbe_identify::IdentifyOptions::default() },
             significance: 0.01,
             least_evidence: 10.0,
             rival_margin: 10.0,

@@ -9,7 +9,7 @@ use crate::error::DiagnoseError;
 use crate::score::Score;
 use abbe_geometry::ErrorId;
 use abbe_geometry::effects::{Acts, CovariateProblem, Effect, Motion, ParameterSpec, State};
-use abbe_geometry::error_function::{Basis, Kind};
+use abbe_geometry::error_function::{Basis, FunctionKind};
 use abbe_geometry::machine::Machine;
 use faer::Mat;
 
@@ -45,11 +45,11 @@ impl Effect for Finer {
 }
 
 /// Intervals of a spline that is finer than this kind; `None` where no finer one makes sense.
-fn finer(kind: Kind) -> Option<usize> {
+fn finer(kind: FunctionKind) -> Option<usize> {
     let intervals = match kind {
-        Kind::BSpline { intervals } => 2 * intervals,
-        Kind::Polynomial { degree } => FIRST_INTERVALS.max(2 * degree),
-        Kind::Nodes { count } => FIRST_INTERVALS.max(2 * count),
+        FunctionKind::BSpline { intervals } => 2 * intervals,
+        FunctionKind::Polynomial { degree } => FIRST_INTERVALS.max(2 * degree),
+        FunctionKind::Nodes { count } => FIRST_INTERVALS.max(2 * count),
     };
     (intervals <= MOST_INTERVALS).then_some(intervals)
 }
@@ -61,7 +61,9 @@ pub(crate) fn refinements(round: &Round, machine: &Machine) -> Result<Vec<(Error
         let (Some(kind), Ok(Some(own))) = (machine.kinds[id.index()], machine.basis(id)) else { continue };
         let Some(intervals) = finer(kind) else { continue };
         let (lower_m, upper_m) = own.stroke_m();
-        let Ok(basis) = Basis::new(Kind::BSpline { intervals }, own.closure(), lower_m, upper_m) else { continue };
+        let Ok(basis) = Basis::new(FunctionKind::BSpline { intervals }, own.closure(), lower_m, upper_m) else {
+            continue;
+        };
         columns.push(round.rows.columns(&Finer { id, basis })?);
         ids.push(id);
     }
@@ -74,7 +76,7 @@ pub(crate) fn enriched(machine: &Machine) -> Machine {
     let mut richer = machine.clone();
     for kind in richer.kinds.iter_mut().flatten() {
         if let Some(intervals) = finer(*kind) {
-            *kind = Kind::BSpline { intervals };
+            *kind = FunctionKind::BSpline { intervals };
         }
     }
     richer

@@ -5,7 +5,7 @@
 
 use crate::candidates::Candidate;
 use crate::error::DiagnoseError;
-use crate::options::Options;
+use crate::options::DiagnoseOptions;
 use crate::score::Score;
 use crate::search::Search;
 use abbe_geometry::effects::Shape;
@@ -34,7 +34,7 @@ pub fn score_pass(
     fit: &Identified,
     instrument: RangeUncertainty,
     campaign: &Campaign,
-    options: &Options,
+    options: &DiagnoseOptions,
 ) -> Result<Vec<Scored>, DiagnoseError> {
     let search = Search::new(instrument, campaign, options);
     let round = search.round(fit)?;

@@ -11,13 +11,14 @@ use crate::context::Context;
 use crate::error::DiagnoseError;
 use crate::gate;
 use crate::look::{self, Variable};
-use crate::options::{Options, Progress};
+use crate::options::{DiagnoseOptions, Progress};
 use crate::periodic::Periodogram;
+use crate::same_claim::{has, is_variant};
 use crate::score::Score;
 use crate::step::Step;
 use crate::{exchange, jumps, lags, order, periodic, runs, serial, within_stations, worth};
 use abbe_geometry::ErrorId;
-use abbe_geometry::effects::{ShapeValue, known};
+use abbe_geometry::effects::known;
 use abbe_geometry::machine::Machine;
 use abbe_identify::{
     EffectTerm, Identified, IdentifyError, Noise, RangeCorrelation, identify_with, minus_two_log_likelihood_on,
@@ -43,7 +44,7 @@ const MAX_TRIED: usize = 8;
 pub(crate) struct Search<'a> {
     pub(crate) instrument: RangeUncertainty,
     pub(crate) campaign: &'a Campaign,
-    pub(crate) options: &'a Options,
+    pub(crate) options: &'a DiagnoseOptions,
     pub(crate) context: Context,
     pub(crate) variables: Vec<Variable>,
     periodogram: RefCell<Periodogram>,
@@ -138,7 +139,11 @@ enum Proposal {
 }
 
 impl<'a> Search<'a> {
-    pub(crate) fn new(instrument: RangeUncertainty, campaign: &'a Campaign, options: &'a Options) -> Search<'a> {
+    pub(crate) fn new(
+        instrument: RangeUncertainty,
+        campaign: &'a Campaign,
+        options: &'a DiagnoseOptions,
+    ) -> Search<'a> {
         let context = Context::new(campaign);
         let variables = look::variables(campaign, &context);
         let periodogram = RefCell::new(Periodogram::default());
@@ -191,7 +196,7 @@ impl<'a> Search<'a> {
     ) -> Result<Identified, DiagnoseError> {
         let mut observe =
             |p: abbe_identify::Progress| observe(Progress::Fitting { pass: p.pass, effects: terms.len() });
-        let options = abbe_identify::Options { noise: Noise::Given(noise), ..self.options.identify };
+        let options = abbe_identify::IdentifyOptions { noise: Noise::Given(noise), ..self.options.identify };
         match identify_with(machine, self.instrument, self.campaign, terms, &options, &mut observe) {
             Err(IdentifyError::Stopped) => Err(DiagnoseError::Stopped),
             other => Ok(other?),
@@ -575,23 +580,4 @@ fn tests(named: &[Candidate]) -> usize {
         *trials = candidate.trials.max(*trials);
     }
     by_name.values().sum::<usize>().max(1)
-}
-
-/// Whether two terms are the same effect with other figures (degree, time constant): the same claim. With another axis or
-/// sensor it is another claim.
-fn is_variant(a: &EffectTerm, b: &EffectTerm) -> bool {
-    let texts = |term: &EffectTerm| {
-        let others = term.shape.0.iter().filter(|(_, value)| !matches!(value, ShapeValue::Number(_)));
-        // A temperature and what lags behind it are one sensor, and a side over any travel is one side.
-        let logged = |value: &ShapeValue| match value {
-            ShapeValue::Text(name) => ShapeValue::Text(lags::logged_of(name)),
-            other => other.clone(),
-        };
-        others.map(|(key, value)| (key.clone(), logged(value))).collect::<Vec<_>>()
-    };
-    a.effect.name() == b.effect.name() && texts(a) == texts(b)
-}
-
-pub(crate) fn has(terms: &[EffectTerm], term: &EffectTerm) -> bool {
-    terms.iter().any(|other| other.effect.name() == term.effect.name() && other.shape == term.shape)
 }

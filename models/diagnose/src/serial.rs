@@ -11,7 +11,8 @@
 
 use crate::error::DiagnoseError;
 use crate::options::Progress;
-use crate::search::{Search, State, has};
+use crate::same_claim::has;
+use crate::search::{Search, State};
 use crate::step::Step;
 use crate::wald;
 use abbe_identify::{EffectTerm, Identified, correlation_left};

@@ -7,7 +7,8 @@ use crate::competing::DESCRIPTION;
 use crate::diagnose::named;
 use crate::diagnosis::SetAside;
 use crate::gate::Verdict;
-use crate::search::{State, has};
+use crate::same_claim::has;
+use crate::search::State;
 use abbe_geometry::effects::known;
 use abbe_identify::EffectTerm;
 

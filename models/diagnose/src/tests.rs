@@ -4,14 +4,14 @@
 
 use crate::exchange;
 use crate::gate;
-use crate::options::Options;
+use crate::options::DiagnoseOptions;
 use crate::score::Score;
 use crate::search::{Search, State};
 use crate::step::Step;
 use crate::{candidates::Candidate, paired, tomorrow, worth};
 use abbe_geometry::Axis;
 use abbe_geometry::effects::{Shape, known};
-use abbe_geometry::error_function::Kind;
+use abbe_geometry::error_function::FunctionKind;
 use abbe_geometry::machine::{Joint, Machine, Side, Squareness};
 use abbe_geometry::model::MachineModel;
 use abbe_geometry::rotation::RotationForm;
@@ -35,7 +35,7 @@ fn simulated(seed: u64, effects: &[&str]) -> (Machine, Campaign) {
         stroke_m: truth.stroke_m.map(|[lower, upper]| (lower, upper)),
         squareness: [tilt("C0Y", Axis::Y, Axis::Z), tilt("B0Z", Axis::Z, Axis::Y), tilt("A0Z", Axis::Z, Axis::X)],
         rotation: RotationForm::Exact,
-        kinds: [Some(Kind::BSpline { intervals: 9 }); 18],
+        kinds: [Some(FunctionKind::BSpline { intervals: 9 }); 18],
         repeatability_m: INSTRUMENT.repeatability_m,
         u_ram_turn_rad: [abbe_geometry::machine::USUAL_RAM_TURN_RAD; 3],
         default_offset_m: None,
@@ -61,7 +61,7 @@ fn state<'a>(search: &Search<'a>, machine: &Machine) -> State<'a> {
 #[test]
 fn regress_rejecting_more_readings_is_no_evidence() {
     let (machine, campaign) = simulated(11, &[]);
-    let options = Options::default();
+    let options = DiagnoseOptions::default();
     let search = Search::new(INSTRUMENT.range, &campaign, &options);
     let state = state(&search, &machine);
     let mut strict = state.fit.clone();
@@ -86,7 +86,7 @@ fn regress_rejecting_more_readings_is_no_evidence() {
 #[test]
 fn regress_a_candidate_that_cannot_be_fitted_gives_way_to_the_next() {
     let (machine, campaign) = simulated(5, &["backlash axis=x size_um=1.5"]);
-    let options = Options::default();
+    let options = DiagnoseOptions::default();
     let search = Search::new(INSTRUMENT.range, &campaign, &options);
     let mut state = state(&search, &machine);
     let round = state.round.clone();
@@ -118,7 +118,7 @@ fn regress_a_candidate_that_cannot_be_fitted_gives_way_to_the_next() {
 #[test]
 fn regress_what_only_a_prior_tells_is_not_worth_its_uncertainty() {
     let (machine, campaign) = simulated(12, &["backlash axis=x size_um=2"]);
-    let options = Options::default();
+    let options = DiagnoseOptions::default();
     let search = Search::new(INSTRUMENT.range, &campaign, &options);
     let without = state(&search, &machine).fit.model;
     let shape = Shape::new().text("axis", "x").text("over", "x").number("terms", 1.0);
@@ -146,7 +146,7 @@ fn regress_what_only_a_prior_tells_is_not_worth_its_uncertainty() {
 
 /// What the gate says of a backlash of Y.
 fn of_a_backlash(machine: &Machine, campaign: &Campaign) -> gate::Verdict {
-    let options = Options::default();
+    let options = DiagnoseOptions::default();
     let search = Search::new(INSTRUMENT.range, campaign, &options);
     let state = state(&search, machine);
     let shape = Shape::new().text("axis", "y").text("over", "y").number("terms", 1.0);
@@ -182,7 +182,7 @@ fn regress_the_ends_of_a_covariate_that_was_set_to_few_values_are_left_out_of_no
 fn regress_a_sensor_that_was_chosen_too_early_is_exchanged() {
     let effects = ["scale_expansion axis=x per_kelvin_um_m=9 fixed_at_mm=0", "backlash axis=y size_um=1.5"];
     let (machine, campaign) = simulated(4, &effects);
-    let options = Options::default();
+    let options = DiagnoseOptions::default();
     let search = Search::new(INSTRUMENT.range, &campaign, &options);
     let expansion = |sensor: &str| {
         let shape = Shape::new().text("axis", "x").text("sensor", sensor);

@@ -16,7 +16,7 @@
 use crate::candidates::Round;
 use crate::context::{Context, range};
 use crate::error::DiagnoseError;
-use crate::options::Options;
+use crate::options::DiagnoseOptions;
 use crate::quadratic_form::p_of_form;
 use crate::score::golden_section;
 use crate::taken::Taken;
@@ -88,7 +88,7 @@ pub(crate) fn find(
     (model, round): (&MachineModel, &Round),
     campaign: &Campaign,
     context: &Context,
-    options: &Options,
+    options: &DiagnoseOptions,
     go_on: &mut dyn FnMut() -> bool,
 ) -> Result<Option<Wander>, DiagnoseError> {
     let used: Vec<usize> = (0..round.rows.len()).filter(|k| round.rows.whitening[*k] > 0.0).collect();

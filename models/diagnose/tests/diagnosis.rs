@@ -7,7 +7,8 @@
 
 mod common;
 
-use abbe_diagnose::{DiagnoseError, Diagnosis, Kind, NotIdentifiable, Options, diagnose};
+use abbe_diagnose::Explanation;
+use abbe_diagnose::{DiagnoseError, DiagnoseOptions, Diagnosis, NotIdentifiable, diagnose};
 use abbe_geometry::Vector3;
 use abbe_geometry::axis::{Axis, ErrorId};
 use abbe_geometry::chain::nominal_point_m;
@@ -89,7 +90,7 @@ fn one_effect_is_named_and_removed() {
             assert_eq!(text(&diagnosis, name, key), value, "{injected}");
         }
         let found = &diagnosis.found[0];
-        assert_eq!(found.kind, Kind::Attributed);
+        assert_eq!(found.kind, Explanation::Attributed);
         assert!(found.p_value < 1e-6 && found.parameters.iter().all(|p| p.is_plausible()), "{found:?}");
         let own = found.placebo.as_ref().unwrap();
         let placebo = own.placebo_gains.iter().copied().fold(f64::MIN, f64::max);
@@ -245,7 +246,7 @@ fn what_no_effect_describes_becomes_an_empirical_term() {
         "undescribed seed=3 of=temp_air_c of_from=19 of_to=21.5 and=y_mm and_from=0 and_to=600 along=x size_um=1.5";
     let case = Case::new(7, &[injected]);
     let diagnosis = case.diagnose();
-    assert!(diagnosis.found.iter().any(|f| f.kind == Kind::Empirical), "{:?}", diagnosis.steps);
+    assert!(diagnosis.found.iter().any(|f| f.kind == Explanation::Empirical), "{:?}", diagnosis.steps);
     let clean = Case::new(7, &[]);
     let clean_m = clean.verification_m(&clean.diagnose().model);
     let square = |model| case.verification_m(model).powi(2) - clean_m * clean_m;
@@ -255,7 +256,7 @@ fn what_no_effect_describes_becomes_an_empirical_term() {
 
 #[test]
 fn too_few_coefficients_are_no_effect() {
-    let kind = error_function::Kind::Polynomial { degree: 2 };
+    let kind = error_function::FunctionKind::Polynomial { degree: 2 };
     let diagnosis = Case::with(8, &[], kind, case_like).diagnose();
     assert!(diagnosis.enriched, "{:?}", diagnosis.steps);
     assert_eq!(names(&diagnosis), [""; 0], "{:?}", diagnosis.steps);
@@ -323,7 +324,7 @@ fn without_covariates_effects_are_untestable_by_name_and_sensor() {
 #[test]
 fn the_error_on_lines_that_no_step_saw_falls() {
     let case = Case::new(11, &["backlash axis=y size_um=1.5"]);
-    let diagnosis = case.diagnose_with(&Options { folds: 2, placebos: 2, ..Options::default() });
+    let diagnosis = case.diagnose_with(&DiagnoseOptions { folds: 2, placebos: 2, ..DiagnoseOptions::default() });
     let unseen = diagnosis.unseen.unwrap();
     assert!(unseen.gain_m2.0 > 0.0, "{unseen:?}");
     assert!(unseen.after.interval_m.1 < unseen.before.interval_m.0, "{unseen:?}");
@@ -349,6 +350,6 @@ fn an_observer_that_says_no_stops_it() {
         steps < 4
     };
     let campaign = &case.simulated.campaign;
-    let stopped = diagnose(&case.machine, &[], INSTRUMENT.range, campaign, &Options::default(), &mut observe);
+    let stopped = diagnose(&case.machine, &[], INSTRUMENT.range, campaign, &DiagnoseOptions::default(), &mut observe);
     assert!(matches!(stopped, Err(DiagnoseError::Stopped)));
 }

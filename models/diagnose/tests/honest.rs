@@ -7,11 +7,11 @@
 
 mod foreign;
 
-use abbe_diagnose::Options;
+use abbe_diagnose::DiagnoseOptions;
 use foreign::bench::{Judged, judged};
 
 fn diagnosed(machine: &str, forms: &[&str], seed: u64) -> Judged {
-    judged(machine, forms, seed, &Options { folds: 0, placebos: 0, ..Options::default() })
+    judged(machine, forms, seed, &DiagnoseOptions { folds: 0, placebos: 0, ..DiagnoseOptions::default() })
 }
 
 /// 0.3 µm of noise correlated from reading to reading: three effects were claimed, and corrected points got worse.
@@ -41,7 +41,12 @@ fn regress_a_cycle_that_acts_through_a_lever_shows_in_the_uncertainty() {
 /// that it was fitted to do not show that; intervals held 86 % inside the volume. Lines that no step saw show it.
 #[test]
 fn regress_what_lines_left_out_show_stands_in_the_uncertainty() {
-    let judged = judged("bridge", &["torsion-lag"], 31, &Options { folds: 4, placebos: 0, ..Options::default() });
+    let judged = judged(
+        "bridge",
+        &["torsion-lag"],
+        31,
+        &DiagnoseOptions { folds: 4, placebos: 0, ..DiagnoseOptions::default() },
+    );
     assert_eq!(judged.names(), ["empirical"], "{:?}", judged.diagnosis.steps);
     let (before, after) = judged.outcome().inside;
     assert!(after.rms_m < before.rms_m && after.covered > 0.95, "{before:?} {after:?}");

@@ -8,13 +8,14 @@ mod seeds;
 
 mod foreign;
 
-use abbe_diagnose::{Change, Kind, Options};
+use abbe_diagnose::Explanation;
+use abbe_diagnose::{Change, DiagnoseOptions};
 use foreign::bench::{Judged, judged};
 use foreign::causes::STEPS_AT_S;
 use seeds::seeds;
 
 fn diagnosed(machine: &str, forms: &[&str], seed: u64) -> Judged {
-    judged(machine, forms, seed, &Options { folds: 0, placebos: 0, ..Options::default() })
+    judged(machine, forms, seed, &DiagnoseOptions { folds: 0, placebos: 0, ..DiagnoseOptions::default() })
 }
 
 /// An angle between axes that jumps: intervals held 68 to 75 % after the campaign, and nothing was said.
@@ -55,7 +56,7 @@ fn regress_a_step_of_a_scale_is_said_and_covered_and_is_no_growth() {
             "{machine} {form} {seed}: {step:?}"
         );
         assert!(step.words().contains("the scales of its axes by X "), "{}", step.words());
-        let is_named = judged.diagnosis.found.iter().any(|found| found.kind == Kind::Attributed);
+        let is_named = judged.diagnosis.found.iter().any(|found| found.kind == Explanation::Attributed);
         assert!(!is_named, "{machine} {form} {seed}: {:?}", judged.names());
         let (before, after) = judged.outcome().inside;
         assert!(after.covered > 0.95 && after.worst_axis > 0.93, "{machine} {form} {seed}: {before:?} {after:?}");
@@ -183,7 +184,7 @@ fn regress_cycles_that_nothing_logs_are_said_with_their_period_and_covered() {
         let said_s = said.map_or(0.0, |minutes| 60.0 * minutes.parse::<f64>().unwrap());
         assert!((said_s / period_s - 1.0).abs() < 0.1, "{machine} {period_s}: {}", wander.follows);
         let named: Vec<&str> = judged.names();
-        let is_named = judged.diagnosis.found.iter().any(|found| found.kind == Kind::Attributed);
+        let is_named = judged.diagnosis.found.iter().any(|found| found.kind == Explanation::Attributed);
         assert!(!is_named, "{machine} {period_s}: {named:?}");
         let (before, after) = judged.outcome().inside;
         println!("{machine} {period_s}: {before:?} {after:?} {}", wander.words());

@@ -3,7 +3,7 @@
 #![allow(clippy::unwrap_used, clippy::panic)] // tests may
 
 use abbe_diagnose::study::five_axis::{SphereCentre, diagnose};
-use abbe_diagnose::study::{Options, StudyDiagnosis};
+use abbe_diagnose::study::{StudyDiagnosis, StudyOptions};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -74,7 +74,7 @@ fn measured(flaw: &Flaw, seed: u64) -> Vec<SphereCentre> {
 }
 
 fn study(flaw: &Flaw, seed: u64) -> StudyDiagnosis {
-    diagnose(&measured(flaw, seed), &Options::default()).unwrap()
+    diagnose(&measured(flaw, seed), &StudyOptions::default()).unwrap()
 }
 
 #[test]

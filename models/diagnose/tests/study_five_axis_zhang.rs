@@ -1,7 +1,7 @@
 //! The ten measured sphere centres of Zhang 2016 (table 2): what the nine-unknown model leaves, and what explains it.
 #![allow(clippy::unwrap_used, clippy::panic)] // tests may
 
-use abbe_diagnose::study::Options;
+use abbe_diagnose::study::StudyOptions;
 use abbe_diagnose::study::five_axis::{SphereCentre, diagnose};
 
 /// A, C (degrees), d, x, y, z (mm).
@@ -34,7 +34,7 @@ fn centres() -> Vec<SphereCentre> {
 /// for some twenty candidates. What would predict best is listed, and claimed by nobody.
 #[test]
 fn val_zhang_2016_it_is_not_noise_and_too_little_to_say_what() {
-    let diagnosis = diagnose(&centres(), &Options::default()).unwrap();
+    let diagnosis = diagnose(&centres(), &StudyOptions::default()).unwrap();
     assert!(!diagnosis.consistent_with_noise);
     assert!(diagnosis.effects.is_empty());
     assert!(diagnosis.lack_of_fit.as_ref().unwrap().p_before < 1e-12);
@@ -63,7 +63,7 @@ fn val_zhang_2016_it_is_not_noise_and_too_little_to_say_what() {
 fn order_of_the_centres_does_not_matter_and_the_same_input_gives_the_same_figures() {
     let mut turned = centres();
     turned.rotate_left(3);
-    let [one, two, again] = [centres(), turned, centres()].map(|c| diagnose(&c, &Options::default()).unwrap());
+    let [one, two, again] = [centres(), turned, centres()].map(|c| diagnose(&c, &StudyOptions::default()).unwrap());
     assert_eq!(one, again);
     assert!((one.before.held_out.rms_um / two.before.held_out.rms_um - 1.0).abs() < 1e-9);
 }
@@ -71,13 +71,13 @@ fn order_of_the_centres_does_not_matter_and_the_same_input_gives_the_same_figure
 #[test]
 fn what_cannot_be_used_is_refused_with_a_remedy() {
     let few: Vec<SphereCentre> = centres().into_iter().take(6).collect();
-    let message = diagnose(&few, &Options::default()).unwrap_err().to_string();
+    let message = diagnose(&few, &StudyOptions::default()).unwrap_err().to_string();
     assert!(message.contains("3 poses") && message.contains("further angles"), "{message}");
     let mut broken = centres();
     broken[4].centre_m[1] = f64::NAN;
-    let message = diagnose(&broken, &Options::default()).unwrap_err().to_string();
+    let message = diagnose(&broken, &StudyOptions::default()).unwrap_err().to_string();
     assert!(message.contains("centre 5"), "{message}");
     let one_distance: Vec<SphereCentre> = centres().into_iter().step_by(2).collect();
-    let message = diagnose(&one_distance, &Options::default()).unwrap_err().to_string();
+    let message = diagnose(&one_distance, &StudyOptions::default()).unwrap_err().to_string();
     assert!(message.contains("two distances"), "{message}");
 }

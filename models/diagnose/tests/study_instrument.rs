@@ -9,7 +9,7 @@ mod seeds;
 
 use abbe_diagnose::study::runs::{self, Approach, Run};
 use abbe_diagnose::study::vectors::{ResidualVector, diagnose};
-use abbe_diagnose::study::{Options, Parameter, StudyDiagnosis};
+use abbe_diagnose::study::{Parameter, StudyDiagnosis, StudyOptions};
 use bridge::{machine, normal};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -41,10 +41,10 @@ fn taken(positions_m: &[[f64; 3]], error: Error, generator: &mut ChaCha8Rng) -> 
 }
 
 fn in_a_volume(error: Error, seed: u64) -> StudyDiagnosis {
-    in_a_volume_with(error, seed, &Options::default())
+    in_a_volume_with(error, seed, &StudyOptions::default())
 }
 
-fn in_a_volume_with(error: Error, seed: u64, options: &Options) -> StudyDiagnosis {
+fn in_a_volume_with(error: Error, seed: u64, options: &StudyOptions) -> StudyDiagnosis {
     let mut generator = ChaCha8Rng::seed_from_u64(seed);
     let positions: Vec<[f64; 3]> =
         (0..200).map(|_| [0.8, 0.6, 0.6].map(|stroke: f64| stroke * generator.random::<f64>())).collect();
@@ -59,7 +59,7 @@ fn on_a_plate(error: Error, scattered: bool, seed: u64) -> StudyDiagnosis {
         order.iter().map(|k| [0.1 + 0.05 * (k % 9) as f64, 0.1 + 0.05 * (k / 9) as f64, 0.1]).collect();
     let mut vectors = taken(&positions, error, &mut generator);
     vectors.iter_mut().for_each(|vector| vector.residual_m[2] = 0.0);
-    diagnose(&vectors, Some(&machine()), &Options::default()).unwrap()
+    diagnose(&vectors, Some(&machine()), &StudyOptions::default()).unwrap()
 }
 
 fn names(diagnosis: &StudyDiagnosis) -> Vec<&str> {
@@ -118,7 +118,7 @@ fn regress_a_tracker_that_drifts_is_not_in_the_model_of_the_machine() {
 #[test]
 fn what_goes_with_the_time_is_the_machines_where_the_instrument_was_checked() {
     let shift: Error = |_, share| [3e-6 * settled(share), -2e-6 * settled(share), 4e-6 * settled(share)];
-    let checked = Options { instrument_checked: true, ..Options::default() };
+    let checked = StudyOptions { instrument_checked: true, ..StudyOptions::default() };
     for seed in 0..seeds(3) {
         assert!(in_a_volume(shift, seed).terms.list.is_empty(), "seed {seed}: it is open without");
         let diagnosis = in_a_volume_with(shift, seed, &checked);
@@ -191,7 +191,7 @@ fn runs_with(error: fn(f64, f64) -> f64, seed: u64) -> StudyDiagnosis {
             }
         }
     }
-    runs::diagnose(&all, &Options::default()).unwrap()
+    runs::diagnose(&all, &StudyOptions::default()).unwrap()
 }
 
 /// Along one line a laser that drifts leaves what an axis that warms up leaves.
@@ -228,7 +228,7 @@ fn regress_a_wave_on_a_grid_is_not_known_between_its_lines() {
             |n: usize| [0.1 + 0.025 * ((28 * n % 85) % 17) as f64, 0.1 + 0.08 * ((28 * n % 85) / 17) as f64, 0.1];
         let mut vectors = taken(&(0..85).map(place).collect::<Vec<_>>(), wave, &mut generator);
         vectors.iter_mut().for_each(|vector| vector.residual_m[2] = 0.0);
-        let diagnosis = diagnose(&vectors, Some(&machine()), &Options::default()).unwrap();
+        let diagnosis = diagnose(&vectors, Some(&machine()), &StudyOptions::default()).unwrap();
         for term in diagnosis.terms.list.iter().filter(|term| term.effect == "periodic_scale") {
             waves += 1;
             let is_beside = |other: &&abbe_diagnose::study::Term| other.of == term.of && other.effect == "axis_term";

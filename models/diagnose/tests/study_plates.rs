@@ -2,8 +2,9 @@
 //! and what a plane or an unknown plate cannot tell is said. Errors are written out here, not taken from the candidates.
 #![allow(clippy::unwrap_used, clippy::panic)] // tests may
 
+use abbe_diagnose::Explanation;
 use abbe_diagnose::study::vectors::{ResidualVector, diagnose};
-use abbe_diagnose::study::{Effect, Kind, Options, Parameter, StudyDiagnosis};
+use abbe_diagnose::study::{Effect, Parameter, StudyDiagnosis, StudyOptions};
 use abbe_geometry::Axis;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -77,7 +78,7 @@ fn named(mut vectors: Vec<ResidualVector>, with_points: bool) -> Vec<ResidualVec
 }
 
 fn study(vectors: &[ResidualVector]) -> StudyDiagnosis {
-    diagnose(vectors, None, &Options::default()).unwrap()
+    diagnose(vectors, None, &StudyOptions::default()).unwrap()
 }
 
 fn names(diagnosis: &StudyDiagnosis) -> Vec<&str> {
@@ -119,9 +120,9 @@ fn scales_and_squareness_of_a_plane_have_their_names_and_a_smooth_form_only_what
     assert_value(&diagnosis, "scale of Y (EYY, straight part)", SCALE_Y);
     assert_value(&diagnosis, "squareness C0Y of Y to X", C0Y_RAD);
     let smooth = effect(&diagnosis, "smooth in x_m");
-    assert!(smooth.kind == Kind::Empirical && smooth.name.contains("beyond the straight line, component x"));
+    assert!(smooth.kind == Explanation::Empirical && smooth.name.contains("beyond the straight line, component x"));
     assert_eq!(diagnosis.effects.len(), 4, "{:?}", names(&diagnosis));
-    let is_named = |effect: &&Effect| effect.kind == Kind::Attributed;
+    let is_named = |effect: &&Effect| effect.kind == Explanation::Attributed;
     assert!(diagnosis.effects.iter().filter(is_named).all(|effect| effect.rivals.is_empty()));
     assert_untestable(&diagnosis, "scale of Z", "positions that differ in Z");
     assert_untestable(&diagnosis, "squareness B0Z", "a plate along X and Z");
@@ -269,7 +270,7 @@ fn poses_and_points_that_make_no_sense_are_refused_with_a_remedy() {
     let message = |change: fn(&mut Vec<ResidualVector>)| {
         let mut changed = vectors.clone();
         change(&mut changed);
-        diagnose(&changed, None, &Options::default()).unwrap_err().to_string()
+        diagnose(&changed, None, &StudyOptions::default()).unwrap_err().to_string()
     };
     let says = message(|v| v.iter_mut().enumerate().for_each(|(k, v)| v.pose = Some(format!("{k}"))));
     assert!(says.contains("pose 0 holds 1 vectors") && says.contains("one placing of a plate"), "{says}");

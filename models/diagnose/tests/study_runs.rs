@@ -11,7 +11,7 @@ mod screw;
 mod seeds;
 
 use abbe_diagnose::study::runs::{Approach, Run, diagnose, positions};
-use abbe_diagnose::study::{Options, StudyDiagnosis, Terms};
+use abbe_diagnose::study::{StudyDiagnosis, StudyOptions, Terms};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use seeds::{one_in_twenty, seeds};
@@ -70,7 +70,7 @@ fn measured(plan: Plan, error: Error, seed: u64) -> Vec<Run> {
 }
 
 fn study(plan: Plan, error: Error, seed: u64) -> StudyDiagnosis {
-    diagnose(&measured(plan, error, seed), &Options::default()).unwrap()
+    diagnose(&measured(plan, error, seed), &StudyOptions::default()).unwrap()
 }
 
 fn names(diagnosis: &StudyDiagnosis) -> Vec<&str> {
@@ -161,7 +161,7 @@ fn what_a_load_does_to_reversal_and_scale_is_found() {
                 run.measured_m += by_load(run.target_m, run.approach.sign(), load_kg);
                 run.covariates.insert("load_kg".to_owned(), load_kg);
             }
-            let diagnosis = diagnose(&runs, &Options::default()).unwrap();
+            let diagnosis = diagnose(&runs, &StudyOptions::default()).unwrap();
             found += u64::from(names(&diagnosis).iter().any(|name| name.starts_with(wanted)));
             let sigma_um = diagnosis.after.estimated_sigma_um;
             assert!(sigma_um < 1.15 * SIGMA_M * 1e6, "{wanted}, seed {seed}: {sigma_um} {:?}", names(&diagnosis));
@@ -203,7 +203,7 @@ fn regress_a_grid_with_gaps_is_studied_and_what_it_hides_is_said() {
     for seed in 0..seeds(30) {
         let mut runs = measured(plan, |x, _, _, _| 6e-6 * x, seed);
         runs.retain(|run| ![3, 9, 13].contains(&((run.target_m * 16.0 / 0.7).round() as i32)));
-        let diagnosis = diagnose(&runs, &Options::default()).unwrap();
+        let diagnosis = diagnose(&runs, &StudyOptions::default()).unwrap();
         assert_eq!(names(&diagnosis), ["position, straight, axis X"], "seed {seed}");
         assert!(diagnosis.hidden.iter().any(|what| what.contains("43.750 mm")), "{:?}", diagnosis.hidden);
     }
@@ -251,7 +251,7 @@ fn what_was_not_measured_is_listed_as_untestable() {
         run.time_s = None;
     }
     runs[3].covariates.insert("load_kg".to_owned(), 3.0);
-    let diagnosis = diagnose(&runs, &Options::default()).unwrap();
+    let diagnosis = diagnose(&runs, &StudyOptions::default()).unwrap();
     let listed: Vec<&str> = diagnosis.untestable.iter().map(|item| item.name.as_str()).collect();
     for part in ["reversal value", "drift with time", "expansion of the scale", "dependence on load_kg"] {
         assert!(listed.iter().any(|name| name.starts_with(part)), "{part} is not in {listed:?}");
@@ -264,7 +264,7 @@ fn two_axes_are_studied_each_by_itself() {
     let mut runs = measured(PLAN, |_, sign, _, _| 0.5 * 2e-6 * sign, 1);
     let other = measured(PLAN, |_, _, _, _| 0.0, 2).into_iter().map(|run| Run { axis: "Y".to_owned(), ..run });
     runs.extend(other);
-    let diagnosis = diagnose(&runs, &Options::default()).unwrap();
+    let diagnosis = diagnose(&runs, &StudyOptions::default()).unwrap();
     assert_eq!(names(&diagnosis), ["reversal value, constant, axis X"]);
     assert_eq!(diagnosis.blocks.count, 10);
     let reversal: Vec<f64> = positions(&runs).iter().filter(|p| p.axis == "X").filter_map(|p| p.reversal_m()).collect();
@@ -276,24 +276,24 @@ fn two_axes_are_studied_each_by_itself() {
 fn what_cannot_be_used_is_refused_with_a_remedy() {
     let runs = measured(PLAN, |_, _, _, _| 0.0, 1);
     let two: Vec<Run> = runs.iter().filter(|run| run.cycle < 3).cloned().collect();
-    assert!(diagnose(&two, &Options::default()).unwrap_err().to_string().contains("five cycles"));
-    assert!(diagnose(&[], &Options::default()).unwrap_err().to_string().contains("no runs"));
+    assert!(diagnose(&two, &StudyOptions::default()).unwrap_err().to_string().contains("five cycles"));
+    assert!(diagnose(&[], &StudyOptions::default()).unwrap_err().to_string().contains("no runs"));
     let exchanged: Vec<Run> =
         runs.iter().map(|run| Run { target_m: run.measured_m, measured_m: run.target_m, ..run.clone() }).collect();
-    assert!(diagnose(&exchanged, &Options::default()).unwrap_err().to_string().contains("exchanged"));
+    assert!(diagnose(&exchanged, &StudyOptions::default()).unwrap_err().to_string().contains("exchanged"));
     let mut broken = runs;
     broken[4].measured_m = f64::INFINITY;
-    assert!(diagnose(&broken, &Options::default()).unwrap_err().to_string().contains("run 5"));
+    assert!(diagnose(&broken, &StudyOptions::default()).unwrap_err().to_string().contains("run 5"));
 }
 
 /// An axis that was approached from one side corrected the other by the same values, U 0.3 µm, and was wrong by its reversal of 4 µm.
 #[test]
 fn regress_a_side_that_nobody_measured_stands_in_the_uncertainty() {
     let runs = measured(PLAN, |x, sign, _, _| 8e-6 * x + 0.5 * 4e-6 * sign, 3);
-    let both = diagnose(&runs, &Options::default()).unwrap().terms;
+    let both = diagnose(&runs, &StudyOptions::default()).unwrap().terms;
     assert!(both.untold.is_empty() && both.covariates["dir_x"] == (-1.0, 1.0), "{both:?}");
     let down: Vec<Run> = runs.into_iter().filter(|run| run.approach == Approach::Negative).collect();
-    let terms = diagnose(&down, &Options::default()).unwrap().terms;
+    let terms = diagnose(&down, &StudyOptions::default()).unwrap().terms;
     assert_eq!(terms.untold, ["X in approaches in +: it was measured in approaches in - only"]);
     // Where nobody says from which side, it may be either.
     assert_eq!(terms.covariates["dir_x"], (-1.0, 1.0));
@@ -316,12 +316,12 @@ fn regress_axes_that_were_measured_at_different_temperatures_are_told() {
         };
         measured(PLAN, |x, _, _, _| 8e-6 * x, 4).into_iter().map(warmer).collect()
     };
-    let terms = diagnose(&[at("X", 0.0), at("Y", 1.2)].concat(), &Options::default()).unwrap().terms;
+    let terms = diagnose(&[at("X", 0.0), at("Y", 1.2)].concat(), &StudyOptions::default()).unwrap().terms;
     // What nobody logs may be anything that was seen.
     let (low_c, high_c) = terms.covariates["temp_scale_x_c"];
     assert!((low_c - 20.2).abs() < 0.05 && (high_c - 23.0).abs() < 0.05, "{low_c} {high_c}");
     assert!(terms.apart.len() == 1 && terms.apart[0].starts_with("temp_scale_x_c (X 20."), "{:?}", terms.apart);
-    let alike = diagnose(&[at("X", 0.0), at("Y", 0.1)].concat(), &Options::default()).unwrap().terms;
+    let alike = diagnose(&[at("X", 0.0), at("Y", 0.1)].concat(), &StudyOptions::default()).unwrap().terms;
     assert!(alike.apart.is_empty(), "{:?}", alike.apart);
     let constant = |name: &str, temp_c: f64| {
         let set = |mut run: Run| {
@@ -330,7 +330,7 @@ fn regress_axes_that_were_measured_at_different_temperatures_are_told() {
         };
         at(name, 0.0).into_iter().map(set).collect::<Vec<Run>>()
     };
-    let held = diagnose(&[constant("X", 20.0), constant("Y", 24.0)].concat(), &Options::default()).unwrap().terms;
+    let held = diagnose(&[constant("X", 20.0), constant("Y", 24.0)].concat(), &StudyOptions::default()).unwrap().terms;
     assert_eq!(held.apart, ["temp_scale_x_c (X 20.00 to 20.00, Y 24.00 to 24.00)"]);
     // Nobody knows how X expands: steel is as usual as anything, 0.7 m of it by 4 K.
     let machine = bridge::machine();
@@ -358,7 +358,7 @@ fn readings_in_whole_steps_are_told_where_rounding_is_much_of_their_scatter() {
             run.target_m = (run.target_m * 1e3).round() / 1e3;
             run.measured_m = run.target_m + ((run.measured_m - run.target_m) / step_m).round() * step_m;
         }
-        diagnose(&runs, &Options::default()).unwrap()
+        diagnose(&runs, &StudyOptions::default()).unwrap()
     };
     let told =
         |diagnosis: &StudyDiagnosis| diagnosis.looked.iter().find(|look| look.what.starts_with("display")).cloned();

@@ -9,7 +9,7 @@ mod logger;
 mod seeds;
 
 use abbe_diagnose::study::runs::{Run, diagnose};
-use abbe_diagnose::study::{Options, StudyDiagnosis, Terms};
+use abbe_diagnose::study::{StudyDiagnosis, StudyOptions, Terms};
 use abbe_geometry::Axis;
 use abbe_geometry::effects::{CovariateSource, CovariateValue, State, construct};
 use abbe_geometry::machine::{Joint, Machine, Side, Squareness, USUAL_RAM_TURN_RAD};
@@ -18,7 +18,7 @@ use logger::{Flaw, Plan, logged};
 use seeds::{one_in_twenty, seeds};
 
 fn study(plan: &Plan, flaws: &[Flaw], seed: u64) -> StudyDiagnosis {
-    diagnose(&logged(plan, flaws, seed), &Options::default()).unwrap()
+    diagnose(&logged(plan, flaws, seed), &StudyOptions::default()).unwrap()
 }
 
 fn names(diagnosis: &StudyDiagnosis) -> String {
@@ -85,7 +85,7 @@ fn regress_one_gross_row_hides_nothing_and_is_named() {
     for seed in 0..5 {
         let mut runs = logged(&Plan::new(9, 5), &[Flaw::Graduation(33.0), Flaw::Play(25.0)], seed);
         runs[40].measured_m += 90e-6;
-        let diagnosis = diagnose(&runs, &Options::default()).unwrap();
+        let diagnosis = diagnose(&runs, &StudyOptions::default()).unwrap();
         assert!(
             names(&diagnosis).contains("position") && names(&diagnosis).contains("reversal"),
             "{}",
@@ -211,7 +211,7 @@ fn regress_the_error_claimed_is_what_later_cycles_have() {
         let plan = Plan { sigma_um: 10.0, ..Plan::new(9, 10) };
         let runs = logged(&plan, &[Flaw::Graduation(12.0), Flaw::Play(12.0)], seed);
         let (given, later): (Vec<Run>, Vec<Run>) = runs.into_iter().partition(|run| run.cycle % 2 == 1);
-        let diagnosis = diagnose(&given, &Options::default()).unwrap();
+        let diagnosis = diagnose(&given, &StudyOptions::default()).unwrap();
         let nothing = StudyDiagnosis { terms: Terms::default(), ..diagnosis.clone() };
         let unseen = &diagnosis.unseen;
         claimed[0] += unseen.before.unwrap().rms_um.powi(2);
@@ -233,7 +233,7 @@ fn regress_the_full_ladder_is_found_step_by_step() {
         let plan = Plan::new(9, 9);
         let (given, later): (Vec<Run>, Vec<Run>) =
             logged(&plan, &flaws, seed).into_iter().partition(|run| run.cycle % 2 == 1);
-        let diagnosis = diagnose(&given, &Options::default()).unwrap();
+        let diagnosis = diagnose(&given, &StudyOptions::default()).unwrap();
         let found = names(&diagnosis);
         for part in ["position, target by target", "reversal value", "drift"] {
             assert!(found.contains(part), "seed {seed}: {part} is not in {found}");
@@ -248,15 +248,15 @@ fn regress_the_full_ladder_is_found_step_by_step() {
 #[test]
 fn regress_copies_count_once_and_another_unit_is_named() {
     let runs = logged(&Plan::new(9, 5), &[Flaw::Play(3.0)], 3);
-    let once = diagnose(&runs, &Options::default()).unwrap();
+    let once = diagnose(&runs, &StudyOptions::default()).unwrap();
     let twice: Vec<Run> = runs.iter().flat_map(|run| [run.clone(), run.clone()]).collect();
-    let twice = diagnose(&twice, &Options::default()).unwrap();
+    let twice = diagnose(&twice, &StudyOptions::default()).unwrap();
     assert_eq!(twice.rows, once.rows);
     assert!(twice.notes.iter().any(|note| note.contains("90 rows are copies")), "{:?}", twice.notes);
     assert!(twice.effects.iter().zip(&once.effects).all(|(a, b)| a.p_value == b.p_value));
     let wrong: Vec<Run> =
         runs.into_iter().map(|run| Run { measured_m: run.target_m + 1e3 * run.error_m() - 4e-3, ..run }).collect();
-    let message = diagnose(&wrong, &Options::default()).unwrap_err().to_string();
+    let message = diagnose(&wrong, &StudyOptions::default()).unwrap_err().to_string();
     assert!(message.contains("axis X") && message.contains("micrometres"), "{message}");
 }
 

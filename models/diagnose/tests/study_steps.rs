@@ -9,9 +9,10 @@ mod records;
 #[path = "common/seeds.rs"]
 mod seeds;
 
+use abbe_diagnose::Explanation;
 use abbe_diagnose::study::runs::{self, Run};
 use abbe_diagnose::study::vectors::{self, ResidualVector};
-use abbe_diagnose::study::{Effect, Kind, Options, StudyDiagnosis};
+use abbe_diagnose::study::{Effect, StudyDiagnosis, StudyOptions};
 use abbe_geometry::Axis;
 use logger::{Flaw, Plan, logged};
 use rand::SeedableRng;
@@ -20,11 +21,11 @@ use records::{Record, Scatter};
 use seeds::{one_in_twenty, seeds};
 
 fn of_vectors(vectors: &[ResidualVector]) -> StudyDiagnosis {
-    vectors::diagnose(vectors, None, &Options::default()).unwrap()
+    vectors::diagnose(vectors, None, &StudyOptions::default()).unwrap()
 }
 
 fn of_runs(runs: &[Run]) -> StudyDiagnosis {
-    runs::diagnose(runs, &Options::default()).unwrap()
+    runs::diagnose(runs, &StudyOptions::default()).unwrap()
 }
 
 fn names(diagnosis: &StudyDiagnosis) -> Vec<&str> {
@@ -63,7 +64,8 @@ fn a_step_in_a_pause_is_found_with_its_place_and_its_size() {
             let diagnosis = of_vectors(&record.measured(|k, _, _| [from(k, first, um), 0.0, 0.0], seed));
             let found = step(&diagnosis, &name).filter(|effect| is_of_size(effect, um));
             let says = format!("vector {} ({last_s} s)", first);
-            let is_right = found.is_some_and(|effect| effect.kind == Kind::Empirical && effect.formula.contains(&says));
+            let is_right =
+                found.is_some_and(|effect| effect.kind == Explanation::Empirical && effect.formula.contains(&says));
             if !is_right || diagnosis.effects.len() > 1 {
                 wrong.push(format!("{um} um before vector {first}, seed {seed}: {:?}", names(&diagnosis)));
             }

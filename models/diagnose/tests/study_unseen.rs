@@ -8,7 +8,7 @@ mod logger;
 
 use abbe_diagnose::study::runs::{Run, diagnose};
 use abbe_diagnose::study::vectors::{self, ResidualVector};
-use abbe_diagnose::study::{Options, StudyDiagnosis};
+use abbe_diagnose::study::{StudyDiagnosis, StudyOptions};
 use abbe_geometry::Axis;
 use logger::{Flaw, Plan, logged, normal};
 use rand::{Rng, SeedableRng};
@@ -26,7 +26,7 @@ fn displayed(mut runs: Vec<Run>, step_m: f64) -> Vec<Run> {
 }
 
 fn of(runs: &[Run]) -> StudyDiagnosis {
-    diagnose(runs, &Options::default()).unwrap()
+    diagnose(runs, &StudyOptions::default()).unwrap()
 }
 
 /// Most readings are the same to the last digit: that ended the program. One digit more or less is no gross error either.
@@ -36,7 +36,7 @@ fn regress_a_coarse_display_is_studied_as_any_other() {
     for seed in 0..6 {
         let plan = Plan { sigma_um: 0.2, ..Plan::new(9, 5) };
         // A display that shows nothing but zeros is refused, as below.
-        if let Ok(quiet) = diagnose(&displayed(logged(&plan, &[Flaw::Nothing], seed), 1e-6), &Options::default()) {
+        if let Ok(quiet) = diagnose(&displayed(logged(&plan, &[Flaw::Nothing], seed), 1e-6), &StudyOptions::default()) {
             shown += 1;
             assert!(quiet.effects.is_empty() && quiet.rejected.is_empty(), "seed {seed}: {:?}", quiet.rejected);
         }
@@ -78,7 +78,7 @@ fn regress_readings_without_any_error_are_refused_with_the_reason() {
     let mut runs = logged(&Plan::new(9, 5), &[Flaw::Nothing], 1);
     // Set to zero 3 µm off: that is no error of the axis.
     runs.iter_mut().for_each(|run| run.measured_m = run.target_m + 3e-6);
-    let refusal = diagnose(&runs, &Options::default()).unwrap_err().to_string();
+    let refusal = diagnose(&runs, &StudyOptions::default()).unwrap_err().to_string();
     assert!(refusal.contains("every reading is what it should be"), "{refusal}");
 }
 
@@ -131,7 +131,7 @@ fn rough(seed: u64) -> Vec<ResidualVector> {
 fn regress_what_does_not_predict_unseen_blocks_is_not_claimed() {
     let mut unclaimed = 0;
     for seed in 0..10 {
-        let diagnosis = vectors::diagnose(&rough(seed), None, &Options::default()).unwrap();
+        let diagnosis = vectors::diagnose(&rough(seed), None, &StudyOptions::default()).unwrap();
         let (before, after) = (diagnosis.unseen.before.unwrap().rms_um, diagnosis.unseen.after.unwrap().rms_um);
         if !diagnosis.effects.is_empty() {
             assert!(after < before, "seed {seed}: {before} -> {after}");
@@ -162,7 +162,7 @@ fn what_predicts_is_claimed_beside_what_does_not() {
             let across = vector.position_m[0] / 0.24 - 1.0;
             vector.residual_m[1] += 14e-6 * across * across;
         }
-        let diagnosis = vectors::diagnose(&vectors, None, &Options::default()).unwrap();
+        let diagnosis = vectors::diagnose(&vectors, None, &StudyOptions::default()).unwrap();
         let Some(look) = diagnosis.looked.iter().find(|look| look.what == "what the search found") else { continue };
         let (before, after) = (diagnosis.unseen.before.unwrap().rms_um, diagnosis.unseen.after.unwrap().rms_um);
         let names: Vec<&str> = diagnosis.effects.iter().map(|effect| effect.name.as_str()).collect();
@@ -201,7 +201,7 @@ fn warming(seed: u64) -> Vec<ResidualVector> {
 #[test]
 fn regress_a_mark_that_two_temperatures_move_is_told_by_what_predicts_and_never_by_a_turn() {
     for seed in 0..4 {
-        let diagnosis = vectors::diagnose(&warming(seed), None, &Options::default()).unwrap();
+        let diagnosis = vectors::diagnose(&warming(seed), None, &StudyOptions::default()).unwrap();
         let names: Vec<&str> = diagnosis.effects.iter().map(|effect| effect.name.as_str()).collect();
         let (before, after) = (diagnosis.unseen.before.unwrap().rms_um, diagnosis.unseen.after.unwrap().rms_um);
         assert!(after < 0.5 * before, "seed {seed}: {before} -> {after} by {names:?}; {:?}", diagnosis.looked);

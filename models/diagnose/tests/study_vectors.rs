@@ -8,8 +8,9 @@ mod bridge;
 mod seeds;
 
 use abbe_diagnose::DiagnoseError;
+use abbe_diagnose::Explanation;
 use abbe_diagnose::study::vectors::{ResidualVector, diagnose, diagnose_observed};
-use abbe_diagnose::study::{Kind, Options, Progress, StudyDiagnosis};
+use abbe_diagnose::study::{Progress, StudyDiagnosis, StudyOptions};
 use bridge::{machine, normal};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -49,8 +50,8 @@ fn measured(error: Error, seed: u64) -> Vec<ResidualVector> {
     vectors
 }
 
-fn options() -> Options {
-    Options::default()
+fn options() -> StudyOptions {
+    StudyOptions::default()
 }
 
 fn study(error: Error, seed: u64) -> StudyDiagnosis {
@@ -76,7 +77,7 @@ fn nothing_is_found_in_noise() {
 
 /// In every seed exactly one effect, whose name holds these words, and the noise left.
 #[track_caller]
-fn assert_found(error: Error, words: &[&str], kind: Kind) {
+fn assert_found(error: Error, words: &[&str], kind: Explanation) {
     let mut wrong = Vec::new();
     for seed in 0..5 {
         let diagnosis = study(error, 500 + seed);
@@ -93,12 +94,12 @@ fn assert_found(error: Error, words: &[&str], kind: Kind) {
 #[test]
 fn thermal_expansion_is_attributed() {
     let error: Error = |v| [11e-6 * (v.covariates["temp_scale_x_c"] - 20.0) * (v.position_m[0] - 0.2), 0.0, 0.0];
-    assert_found(error, &["expansion", "x", "temp_scale_x_c"], Kind::Attributed);
+    assert_found(error, &["expansion", "x", "temp_scale_x_c"], Explanation::Attributed);
 }
 
 #[test]
 fn backlash_is_attributed() {
-    assert_found(|v| [-0.5 * 3e-6 * v.covariates["dir_x"], 0.0, 0.0], &["backlash", "x"], Kind::Attributed);
+    assert_found(|v| [-0.5 * 3e-6 * v.covariates["dir_x"], 0.0, 0.0], &["backlash", "x"], Explanation::Attributed);
 }
 
 #[test]
@@ -107,7 +108,7 @@ fn warm_up_is_attributed() {
         let grown = 1.0 - (-v.time_s.unwrap() / 700.0).exp();
         [0.0, 2e-6 * grown, -8e-6 * grown]
     };
-    assert_found(error, &["warm-up"], Kind::Attributed);
+    assert_found(error, &["warm-up"], Explanation::Attributed);
 }
 
 /// With the temperatures of both sides of a column, which go their own ways; what their difference does to x at a height z (m).
@@ -143,14 +144,14 @@ fn a_column_that_bends_between_two_temperatures_is_attributed() {
 #[test]
 fn what_no_effect_describes_is_named_by_its_quantities_and_component() {
     let error: Error = |v| [0.0, 3e-6 * (v.covariates["payload_n"] / 20.0 - 1.0).powi(2), 0.0];
-    assert_found(error, &["smooth in payload_n", "component y"], Kind::Empirical);
+    assert_found(error, &["smooth in payload_n", "component y"], Explanation::Empirical);
     let error: Error = |v| {
         let [p, z] = [v.covariates["payload_n"] / 20.0 - 1.0, v.position_m[2] / 0.3 - 1.0];
         [0.0, 0.0, 3e-6 * p * z]
     };
-    assert_found(error, &["product of z_m and payload_n", "component z"], Kind::Empirical);
+    assert_found(error, &["product of z_m and payload_n", "component z"], Explanation::Empirical);
     let error: Error = |v| [2e-6 * (v.covariates["joint_1_deg"].to_radians() + 0.5).sin(), 0.0, 0.0];
-    assert_found(error, &["1 a turn of joint_1_deg", "component x"], Kind::Empirical);
+    assert_found(error, &["1 a turn of joint_1_deg", "component x"], Explanation::Empirical);
 }
 
 #[test]
@@ -171,7 +172,7 @@ fn two_causes_are_found_one_after_another_and_the_ladder_descends() {
 fn without_a_machine_it_still_says_what_the_residual_depends_on() {
     let error: Error = |v| [11e-6 * (v.covariates["temp_scale_x_c"] - 20.0) * v.position_m[0], 0.0, 0.0];
     let diagnosis = diagnose(&measured(error, 4), None, &options()).unwrap();
-    assert!(diagnosis.effects.iter().all(|effect| effect.kind == Kind::Empirical));
+    assert!(diagnosis.effects.iter().all(|effect| effect.kind == Explanation::Empirical));
     assert!(diagnosis.effects[0].covariates.contains(&"temp_scale_x_c".to_owned()), "{:?}", names(&diagnosis));
     assert!(diagnosis.untestable.iter().any(|item| item.needs.contains("machine file")));
 }
@@ -219,7 +220,7 @@ fn every_part_of_the_search_is_told_and_candidates_with_it() {
         told.push(progress);
         true
     };
-    let found = diagnose_observed(&vectors, None, &Options::default(), &mut observe).unwrap();
+    let found = diagnose_observed(&vectors, None, &StudyOptions::default(), &mut observe).unwrap();
     let mut parts: Vec<Option<(usize, usize)>> = told.iter().map(|progress| progress.part).collect();
     parts.dedup();
     let folds = found.unseen.folds;
@@ -240,7 +241,7 @@ fn an_observer_that_says_no_stops_it_in_any_part() {
             left -= 1;
             left > 0
         };
-        let stopped = diagnose_observed(&vectors, None, &Options::default(), &mut observe);
+        let stopped = diagnose_observed(&vectors, None, &StudyOptions::default(), &mut observe);
         assert!(matches!(stopped, Err(DiagnoseError::Stopped)), "{steps}");
         assert_eq!(left, 0);
     }

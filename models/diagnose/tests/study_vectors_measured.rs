@@ -6,7 +6,7 @@
 mod seeds;
 
 use abbe_diagnose::study::vectors::{ResidualVector, diagnose};
-use abbe_diagnose::study::{Options, StudyDiagnosis};
+use abbe_diagnose::study::{StudyDiagnosis, StudyOptions};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use seeds::{one_in_twenty, seeds};
@@ -43,7 +43,7 @@ fn measured(rho: f64, bends: Bends, seed: u64) -> Vec<ResidualVector> {
 }
 
 fn study(vectors: &[ResidualVector]) -> StudyDiagnosis {
-    diagnose(vectors, None, &Options::default()).unwrap()
+    diagnose(vectors, None, &StudyOptions::default()).unwrap()
 }
 
 fn names(diagnosis: &StudyDiagnosis) -> String {
@@ -86,7 +86,9 @@ fn regress_a_column_of_zeros_is_not_taken_as_measured() {
     assert!(diagnosis.considered.iter().all(|candidate| !candidate.name.contains("component z")));
     assert_eq!(names(&diagnosis), "smooth in load_n, degree 1, component x");
     vectors.iter_mut().for_each(|vector| vector.residual_m = [0.0; 3]);
-    assert!(diagnose(&vectors, None, &Options::default()).unwrap_err().to_string().contains("all residuals are zero"));
+    assert!(
+        diagnose(&vectors, None, &StudyOptions::default()).unwrap_err().to_string().contains("all residuals are zero")
+    );
 }
 
 #[test]

@@ -12,7 +12,7 @@ mod seeds;
 
 use abbe_diagnose::DiagnoseError;
 use abbe_diagnose::study::runs::{diagnose, diagnose_observed};
-use abbe_diagnose::study::{Options, StudyDiagnosis};
+use abbe_diagnose::study::{StudyDiagnosis, StudyOptions};
 use screw::{Screw, predicted_m};
 use seeds::seeds;
 
@@ -22,7 +22,7 @@ const PLACES: u32 = 200;
 const SAME_PERIOD: f64 = 0.02;
 
 fn of(screw: &Screw) -> StudyDiagnosis {
-    diagnose(&screw.runs(), &Options::default()).unwrap()
+    diagnose(&screw.runs(), &StudyOptions::default()).unwrap()
 }
 
 /// Periods of the waves that were named (m).
@@ -118,10 +118,10 @@ fn regress_what_lies_between_the_targets_is_within_u() {
 #[test]
 fn regress_a_study_that_is_stopped_gives_what_it_had_found() {
     let runs = Screw::new(15, 3).runs();
-    let whole = diagnose(&runs, &Options::default()).unwrap();
+    let whole = diagnose(&runs, &StudyOptions::default()).unwrap();
     assert!(!whole.is_stopped && whole.effects.len() > 1);
     let mut steps = 0;
-    diagnose_observed(&runs, &Options::default(), &mut |_| {
+    diagnose_observed(&runs, &StudyOptions::default(), &mut |_| {
         steps += 1;
         true
     })
@@ -129,7 +129,7 @@ fn regress_a_study_that_is_stopped_gives_what_it_had_found() {
     let mut kept = 0;
     for last in 0..steps {
         let mut asked = 0;
-        let stopped = diagnose_observed(&runs, &Options::default(), &mut |_| {
+        let stopped = diagnose_observed(&runs, &StudyOptions::default(), &mut |_| {
             asked += 1;
             asked <= last
         });

@@ -10,7 +10,7 @@
 #![allow(missing_docs, clippy::unwrap_used)] // criterion's macros; a bench that cannot be prepared stops
 
 use abbe_field::idw::{EXPONENT, Idw, Reference};
-use abbe_field::kriging::{Kernel, Kriging, Noise, Options, Trend};
+use abbe_field::kriging::{Kernel, Kriging, KrigingOptions, Noise, Trend};
 use abbe_field::rbf::{Radial, Rbf};
 use abbe_field::{Interpolator, MeasuredField, Trilinear};
 use criterion::{Criterion, criterion_group, criterion_main};
@@ -156,7 +156,7 @@ fn kriging(_: &mut Criterion) {
     let noisy =
         field.errors_m().iter().map(|e| e + Vector3::from_fn(|_, _| random.random_range(-0.2e-6..0.2e-6))).collect();
     let field = MeasuredField::new(field.points_m().to_vec(), noisy, None).unwrap();
-    let options = Options { kernel: Kernel::Matern52, trend: Trend::Constant, noise: Noise::Fitted };
+    let options = KrigingOptions { kernel: Kernel::Matern52, trend: Trend::Constant, noise: Noise::Fitted };
     let begin = Instant::now();
     let kriging = Kriging::fit(&field, &options).unwrap();
     let fit_s = begin.elapsed().as_secs_f64();

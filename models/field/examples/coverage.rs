@@ -4,7 +4,7 @@
 //! prints, for each kind of field and number of vectors, in the hull: coverage at k = 2 of the likeliest parameters and of
 //! the averaged ones, root mean square of the error and of u (µm), of both. Errors of 10 µm over 0.8 × 0.6 × 0.6 m, u = 0.3 µm.
 
-use abbe_field::kriging::{Kernel, Noise, Options, Trend, judge};
+use abbe_field::kriging::{Kernel, KrigingOptions, Noise, Trend, judge};
 use abbe_field::{Interpolator, Kriging, MeasuredField};
 use nalgebra::Vector3;
 use rand::{Rng, SeedableRng};
@@ -15,7 +15,8 @@ use std::time::Instant;
 const EXTENT_M: [f64; 3] = [0.8, 0.6, 0.6];
 const U_M: f64 = 0.3e-6;
 const TARGETS: usize = 60;
-const OPTIONS: Options = Options { kernel: Kernel::Matern52, trend: Trend::Linear, noise: Noise::DeclaredAndFitted };
+const OPTIONS: KrigingOptions =
+    KrigingOptions { kernel: Kernel::Matern52, trend: Trend::Linear, noise: Noise::DeclaredAndFitted };
 
 /// A smooth field: position in extents in, error (m) out.
 type Field = Box<dyn Fn(&Vector3<f64>) -> Vector3<f64>>;

@@ -2,14 +2,15 @@
 
 #![allow(clippy::unwrap_used, clippy::panic)] // helpers of a test
 
-use abbe_field::kriging::{Kernel, KrigingError, Noise, Options, Trend, judge};
+use abbe_field::kriging::{Kernel, KrigingError, KrigingOptions, Noise, Trend, judge};
 use abbe_field::{Interpolator, Kriging, MeasuredField};
 use nalgebra::Vector3;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
 
-const OPTIONS: Options = Options { kernel: Kernel::Matern52, trend: Trend::Linear, noise: Noise::DeclaredAndFitted };
+const OPTIONS: KrigingOptions =
+    KrigingOptions { kernel: Kernel::Matern52, trend: Trend::Linear, noise: Noise::DeclaredAndFitted };
 const U_M: f64 = 0.3e-6;
 
 fn normal(random: &mut ChaCha8Rng) -> f64 {

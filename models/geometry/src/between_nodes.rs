@@ -12,7 +12,7 @@
 //! square over an error function; p comes from all functions of the same unit, noise of the node values taken off.
 
 use crate::axis::ErrorId;
-use crate::error_function::{Basis, Kind};
+use crate::error_function::{Basis, FunctionKind};
 use crate::layout::Layout;
 
 /// Where p cannot be observed, because there are fewer than five nodes or because departures are lost in noise: midway
@@ -82,7 +82,7 @@ struct Nodes {
 impl Nodes {
     fn of(layout: &Layout, id: ErrorId, coefficients: &[f64]) -> Option<Nodes> {
         let basis = *layout.basis(id)?;
-        let Kind::Nodes { count } = basis.kind() else { return None };
+        let FunctionKind::Nodes { count } = basis.kind() else { return None };
         let own = layout.range(id);
         let indices: Vec<Option<usize>> =
             (0..count).map(|node| node.checked_sub(1).map(|k| own.start + k).filter(|k| own.contains(k))).collect();
@@ -141,7 +141,7 @@ mod tests {
     fn of_exx(value: impl Fn(f64) -> f64, count: usize, variance: f64) -> (Layout, BetweenNodes) {
         let tilt = |name: &str, tilts, about| Squareness { name: name.to_owned(), tilts, about };
         let mut kinds = [None; ErrorId::COUNT];
-        kinds[0] = Some(Kind::Nodes { count });
+        kinds[0] = Some(FunctionKind::Nodes { count });
         let machine = Machine {
             name: "one error".to_owned(),
             frame_id: "machine".to_owned(),

@@ -7,9 +7,9 @@
 //! A spline of nine intervals over a stroke of 0.8 m, with what its coefficients do to the error at a scale reading:
 //!
 //! ```
-//! use abbe_geometry::error_function::{Basis, Closure, Kind};
+//! use abbe_geometry::error_function::{Basis, Closure, FunctionKind};
 //!
-//! let basis = Basis::new(Kind::BSpline { intervals: 9 }, Closure::Origin, 0.0, 0.8)?;
+//! let basis = Basis::new(FunctionKind::BSpline { intervals: 9 }, Closure::Origin, 0.0, 0.8)?;
 //! let coefficients_m: Vec<f64> = (0..basis.len()).map(|k| 1e-6 * k as f64).collect();
 //! let error_m = basis.at(0.4).dot(&coefficients_m);
 //! assert!(basis.at(0.0).dot(&coefficients_m).abs() < 1e-15, "errors are zero at the lower end of the stroke");

@@ -4,7 +4,7 @@
 //! stored inside every model. SI; error = actual − indicated, of the tool relative to the workpiece.
 
 use crate::axis::{Axis, ErrorId};
-use crate::error_function::{Basis, BasisError, Closure, Kind};
+use crate::error_function::{Basis, BasisError, Closure, FunctionKind};
 use crate::rotation::RotationForm;
 use thiserror::Error;
 
@@ -64,7 +64,7 @@ pub struct Machine {
     /// Exact rotations or the small-angle form.
     pub rotation: RotationForm,
     /// Kind of each error function in the order of [`ErrorId::index`]; `None` holds the error at zero.
-    pub kinds: [Option<Kind>; ErrorId::COUNT],
+    pub kinds: [Option<FunctionKind>; ErrorId::COUNT],
     /// Standard uncertainty (k = 1) of repositioning, X, Y, Z (m).
     pub repeatability_m: [f64; 3],
     /// Standard uncertainty (k = 1) of the turn of the ram about X, Y, Z before anything was measured (rad).

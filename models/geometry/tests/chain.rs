@@ -3,7 +3,7 @@
 #![allow(clippy::unwrap_used)] // helpers of a test
 
 use abbe_geometry::chain::{ChainPoint, ErrorValues, chain_point, nominal_point_m};
-use abbe_geometry::error_function::Kind;
+use abbe_geometry::error_function::FunctionKind;
 use abbe_geometry::machine::{Joint, Machine, Side, Squareness};
 use abbe_geometry::rotation::RotationForm;
 use abbe_geometry::{Axis, ErrorId, Vector3};
@@ -17,7 +17,7 @@ fn machine(order: [(Axis, Side); 3], rotation: RotationForm) -> Machine {
         stroke_m: [(0.0, 0.8), (0.0, 0.6), (0.0, 0.6)],
         squareness: [entry("C0Y", Axis::Y, Axis::Z), entry("B0Z", Axis::Z, Axis::Y), entry("A0Z", Axis::Z, Axis::X)],
         rotation,
-        kinds: [Some(Kind::BSpline { intervals: 4 }); 18],
+        kinds: [Some(FunctionKind::BSpline { intervals: 4 }); 18],
         repeatability_m: [0.0; 3],
         u_ram_turn_rad: [abbe_geometry::machine::USUAL_RAM_TURN_RAD; 3],
         default_offset_m: None,

@@ -3,7 +3,7 @@
 #![allow(clippy::unwrap_used)] // helpers of a test
 
 use abbe_geometry::correct::Status;
-use abbe_geometry::error_function::Kind;
+use abbe_geometry::error_function::FunctionKind;
 use abbe_geometry::machine::{Joint, Machine, Side, Squareness};
 use abbe_geometry::model::{FitQuality, IdentifiedVolume, MachineModel, ModelParts};
 use abbe_geometry::rotation::RotationForm;
@@ -19,7 +19,7 @@ const U: f64 = 1e-6;
 fn model(set: &[(&str, f64)], c0y_rad: f64) -> MachineModel {
     let tilt = |name: &str, tilts, about| Squareness { name: name.to_owned(), tilts, about };
     let joint = |axis| Joint { axis, side: Side::Tool };
-    let kinds = ErrorId::all().map(|id| (!id.is_straightness()).then_some(Kind::Polynomial { degree: 1 }));
+    let kinds = ErrorId::all().map(|id| (!id.is_straightness()).then_some(FunctionKind::Polynomial { degree: 1 }));
     let machine = Machine {
         name: "test".to_owned(),
         frame_id: "machine".to_owned(),

@@ -12,7 +12,7 @@ use abbe_geometry::model::{FittedEffect, MachineModel};
 use abbe_geometry::predict::{Sighted, predicted_length};
 use abbe_geometry::volumetric::{Diagonal, along_line};
 use abbe_geometry::{Matrix3, Vector3};
-use abbe_identify::{Options, identify};
+use abbe_identify::{IdentifyOptions, identify};
 use abbe_virtual_machine::TruthRecipe;
 use common::{Case, INSTRUMENT, SPLINE};
 use criterion::{Criterion, criterion_group, criterion_main};
@@ -109,7 +109,8 @@ fn correction(criterion: &mut Criterion) {
     let truth = TruthRecipe { seed: 1, ..TruthRecipe::default() }.bridge_xyz().unwrap();
     let case = Case::case_like(truth, SPLINE, 7);
     let campaign = &case.simulated.campaign;
-    let plain = identify(&case.machine, INSTRUMENT.range, campaign, &Options::default(), &mut |_| true).unwrap().model;
+    let plain =
+        identify(&case.machine, INSTRUMENT.range, campaign, &IdentifyOptions::default(), &mut |_| true).unwrap().model;
     let every = [bow(), expansion("x"), expansion("y"), expansion("z")];
     let models = [
         ("no effect", with_effects(&plain, &[])),

@@ -9,9 +9,9 @@
 #![allow(missing_docs, clippy::unwrap_used, clippy::panic)] // criterion's macros; a bench that cannot be prepared stops
 
 use abbe_geometry::ErrorId;
-use abbe_geometry::error_function::Kind;
+use abbe_geometry::error_function::FunctionKind;
 use abbe_geometry::machine::Machine;
-use abbe_identify::{Identified, Options, identify};
+use abbe_identify::{Identified, IdentifyOptions, identify};
 use abbe_measurement::campaign::Campaign;
 use abbe_virtual_machine::environment::EnvironmentConfig;
 use abbe_virtual_machine::plan::presets;
@@ -31,7 +31,7 @@ const INTERVALS: usize = 9;
 /// A campaign like the recorded ones, repeated until it has that many readings, made reading by reading.
 fn campaign(readings: u64) -> (Machine, Campaign) {
     let truth = TruthRecipe { seed: 1, ..TruthRecipe::default() }.bridge_xyz().unwrap();
-    let machine = description(&truth, Kind::BSpline { intervals: INTERVALS });
+    let machine = description(&truth, FunctionKind::BSpline { intervals: INTERVALS });
     let plan = presets::case_like(truth.stroke_m, 7).build().unwrap().repeated_to(readings).unwrap();
     let (environment, effects) = (EnvironmentConfig::constant(), Vec::new());
     let config = SimulationConfig { seed: 7, machine: truth, plan, instrument: INSTRUMENT, environment, effects };
@@ -45,7 +45,7 @@ fn campaign(readings: u64) -> (Machine, Campaign) {
 }
 
 fn run(machine: &Machine, campaign: &Campaign) -> Identified {
-    identify(machine, INSTRUMENT.range, campaign, &Options::default(), &mut |_| true).unwrap()
+    identify(machine, INSTRUMENT.range, campaign, &IdentifyOptions::default(), &mut |_| true).unwrap()
 }
 
 /// Median of a few runs (s).

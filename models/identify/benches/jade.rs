@@ -8,7 +8,7 @@
 #![allow(missing_docs, clippy::unwrap_used, clippy::panic)] // criterion's macros; a bench that cannot be prepared stops
 
 use abbe_geometry::Vector3;
-use abbe_geometry::error_function::Kind;
+use abbe_geometry::error_function::FunctionKind;
 use abbe_geometry::machine::Machine;
 use abbe_geometry::rotation::RotationForm;
 use abbe_identify::jade::{JadeOptions, minimise, uniform_population};
@@ -36,7 +36,7 @@ const NOISE_M: f64 = 0.3e-6;
 fn case(degree: usize) -> (Machine, Vec<MeasuredPoint>) {
     let truth = TruthRecipe { seed: 1, ..TruthRecipe::default() }.bridge_xyz().unwrap();
     let truth = of_low_order(truth, degree as u32);
-    let mut machine = description(&truth, Kind::Polynomial { degree });
+    let mut machine = description(&truth, FunctionKind::Polynomial { degree });
     machine.rotation = RotationForm::SmallAngle;
     machine.repeatability_m = [0.0; 3];
     let truth = VirtualMachine::new(truth).unwrap();

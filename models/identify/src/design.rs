@@ -236,14 +236,18 @@ mod tests {
     use super::*;
     use abbe_geometry::Axis;
     use abbe_geometry::effects::Shape;
-    use abbe_geometry::error_function::Kind;
+    use abbe_geometry::error_function::FunctionKind;
     use abbe_geometry::machine::{Joint, Side, Squareness};
     use abbe_geometry::rotation::RotationForm;
     use abbe_measurement::campaign::Covariate;
 
     /// A chain given from the workpiece to the tool.
     fn machine(chain: [(Axis, Side); 3], rotation: RotationForm) -> Machine {
-        let kinds = [Kind::Polynomial { degree: 4 }, Kind::Nodes { count: 5 }, Kind::BSpline { intervals: 4 }];
+        let kinds = [
+            FunctionKind::Polynomial { degree: 4 },
+            FunctionKind::Nodes { count: 5 },
+            FunctionKind::BSpline { intervals: 4 },
+        ];
         let tilt = |name: &str, tilts, about| Squareness { name: name.to_owned(), tilts, about };
         Machine {
             name: "chain".to_owned(),

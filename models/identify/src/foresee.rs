@@ -11,7 +11,7 @@ use crate::error::IdentifyError;
 use crate::identified::Identified;
 use crate::normal::residuals;
 use crate::observability;
-use crate::options::{Options, OrderChoice, Progress};
+use crate::options::{IdentifyOptions, OrderChoice, Progress};
 use crate::plausibility;
 use crate::solve::{Fit, Settled};
 use crate::station_start::StationStart;
@@ -32,7 +32,7 @@ pub fn foresee(
     (campaign, stations): (&Campaign, &[StationStart]),
     terms: &[EffectTerm],
     belief: &Belief,
-    options: &Options,
+    options: &IdentifyOptions,
 ) -> Result<Identified, IdentifyError> {
     term::check(terms, campaign)?;
     let layout = Layout::new(machine, centre_of(campaign.readings.iter().map(|r| r.offset_m)))?;

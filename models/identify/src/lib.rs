@@ -8,10 +8,10 @@
 //! A simulated campaign in, the errors of the machine with their uncertainty out:
 //!
 //! ```
-//! use abbe_geometry::error_function::Kind;
+//! use abbe_geometry::error_function::FunctionKind;
 //! use abbe_geometry::machine::{Joint, Machine, Side, Squareness, USUAL_RAM_TURN_RAD};
 //! use abbe_geometry::{Axis, ErrorId, rotation::RotationForm};
-//! use abbe_identify::{Options, identify};
+//! use abbe_identify::{IdentifyOptions, identify};
 //! use abbe_virtual_machine::{SimulationConfig, TruthRecipe, plan::presets, simulate_campaign};
 //! use abbe_virtual_machine::{environment::EnvironmentConfig, instrument::InstrumentConfig};
 //!
@@ -29,7 +29,7 @@
 //!         square("A0Z", Axis::Z, Axis::X),
 //!     ],
 //!     rotation: RotationForm::Exact,
-//!     kinds: [Some(Kind::BSpline { intervals: 9 }); ErrorId::COUNT],
+//!     kinds: [Some(FunctionKind::BSpline { intervals: 9 }); ErrorId::COUNT],
 //!     repeatability_m: [0.25e-6; 3],
 //!     u_ram_turn_rad: [USUAL_RAM_TURN_RAD; 3],
 //!     default_offset_m: None,
@@ -48,7 +48,7 @@
 //! .campaign;
 //!
 //! let range = InstrumentConfig::LASER_TRACER.range;
-//! let found = identify(&machine, range, &campaign, &Options::default(), &mut |_progress| true)?;
+//! let found = identify(&machine, range, &campaign, &IdentifyOptions::default(), &mut |_progress| true)?;
 //! let exx = ErrorId::all().find(|id| id.name() == "EXX").expect("one of the 18 error functions");
 //! let (error_m, u_m) = found.model.error(exx, 0.4);
 //! assert!(error_m.abs() < 50e-6 && u_m < 1e-6, "{error_m} ± {u_m} m");
@@ -105,7 +105,7 @@ pub use identified::Identified;
 pub use lagged::with_lagged;
 pub use linear::{dot, symmetric_eigen};
 pub use model_rows::ModelRows;
-pub use options::{Noise, Options, OrderChoice, Progress};
+pub use options::{IdentifyOptions, Noise, OrderChoice, Progress};
 pub use parallel::in_parallel;
 pub use planned_rows::{PlannedRows, STATION_PARAMETERS, SplitRows};
 pub use range_correlation::{Along, By, RangeCorrelation};

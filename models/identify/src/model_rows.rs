@@ -120,7 +120,7 @@ mod tests {
     use super::*;
     use abbe_geometry::correct::correct;
     use abbe_geometry::effects::{Known, Observed, REGISTRY, Shape};
-    use abbe_geometry::error_function::Kind;
+    use abbe_geometry::error_function::FunctionKind;
     use abbe_geometry::layout::Layout;
     use abbe_geometry::machine::{Joint, Machine, Side, Squareness};
     use abbe_geometry::model::{FitQuality, IdentifiedVolume, ModelParts, Station};
@@ -138,7 +138,11 @@ mod tests {
 
     fn machine() -> Machine {
         let tilt = |name: &str, tilts, about| Squareness { name: name.to_owned(), tilts, about };
-        let kinds = [Kind::Polynomial { degree: 3 }, Kind::Nodes { count: 4 }, Kind::BSpline { intervals: 3 }];
+        let kinds = [
+            FunctionKind::Polynomial { degree: 3 },
+            FunctionKind::Nodes { count: 4 },
+            FunctionKind::BSpline { intervals: 3 },
+        ];
         Machine {
             name: "bridge".to_owned(),
             frame_id: "machine".to_owned(),

@@ -25,7 +25,7 @@ pub enum Noise {
 
 /// Choices of one identification.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Options {
+pub struct IdentifyOptions {
     /// Order of the error functions.
     pub order: OrderChoice,
     /// Down-weight and reject outlying readings (beyond 3.5 and 6 robust deviations); otherwise all weigh as declared.
@@ -39,9 +39,9 @@ pub struct Options {
     pub max_passes: usize,
 }
 
-impl Default for Options {
-    fn default() -> Options {
-        Options {
+impl Default for IdentifyOptions {
+    fn default() -> IdentifyOptions {
+        IdentifyOptions {
             order: OrderChoice::Evidence,
             robust: true,
             absolute_range: false,

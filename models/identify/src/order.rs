@@ -8,7 +8,7 @@ use crate::linear::NotPositiveDefinite;
 use crate::normal::NormalEquations;
 use crate::smoothing::{Smoothness, solve};
 use abbe_geometry::ErrorId;
-use abbe_geometry::error_function::Kind;
+use abbe_geometry::error_function::FunctionKind;
 use abbe_geometry::layout::Layout;
 
 /// Drops superfluous polynomial coefficients from `free`, given the normal equations of `used` readings.
@@ -36,7 +36,7 @@ pub(crate) fn eliminate(
 /// Places in `free` of the highest coefficient that each polynomial still has.
 fn last_coefficients(layout: &Layout, free: &[usize]) -> Vec<usize> {
     ErrorId::all()
-        .filter(|id| matches!(layout.basis(*id).map(|b| b.kind()), Some(Kind::Polynomial { .. })))
+        .filter(|id| matches!(layout.basis(*id).map(|b| b.kind()), Some(FunctionKind::Polynomial { .. })))
         .filter_map(|id| free.iter().rposition(|index| layout.range(id).contains(index)))
         .collect()
 }

@@ -7,7 +7,7 @@
 //! makes the machine frame too certain (with e = 0 the 95 % intervals held 89 % where the truth bent at the ends).
 
 use crate::linear::symmetric_eigen;
-use abbe_geometry::error_function::{Basis, Closure, Kind, LocalBasis};
+use abbe_geometry::error_function::{Basis, Closure, FunctionKind, LocalBasis};
 use faer::Mat;
 
 /// Abscissae and weights of Gauss' rule with four points on 0 … 1, exact to degree 7.
@@ -57,7 +57,7 @@ pub(crate) struct Roughness {
 impl Curvature {
     /// Curvature of one spline; `None` for other kinds and where there is no curvature to penalise.
     pub(crate) fn new(basis: &Basis) -> Option<Curvature> {
-        let Kind::BSpline { intervals } = basis.kind() else { return None };
+        let FunctionKind::BSpline { intervals } = basis.kind() else { return None };
         let open = basis.closure() == Closure::Origin;
         let line_square = if open { basis.coefficients_of_power(1).iter().map(|c| c * c).sum() } else { 1.0 };
         let rank = basis.len() - usize::from(open);
@@ -132,7 +132,7 @@ mod tests {
     use super::*;
 
     fn bases() -> Vec<Basis> {
-        let kind = Kind::BSpline { intervals: 7 };
+        let kind = FunctionKind::BSpline { intervals: 7 };
         [Closure::Origin, Closure::BothEnds].map(|closure| Basis::new(kind, closure, -0.2, 0.5).unwrap()).to_vec()
     }
 

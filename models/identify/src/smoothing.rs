@@ -12,7 +12,7 @@ use crate::linear::{Factor, NotPositiveDefinite, select};
 use crate::normal::NormalEquations;
 use crate::roughness::{Curvature, Roughness};
 use abbe_geometry::ErrorId;
-use abbe_geometry::error_function::{Closure, Kind};
+use abbe_geometry::error_function::{Closure, FunctionKind};
 use abbe_geometry::layout::Layout;
 use faer::Mat;
 use std::ops::Range;
@@ -80,7 +80,7 @@ impl Smoothness {
     /// A penalty on the curvature of every spline.
     pub(crate) fn new(layout: &Layout) -> Smoothness {
         let mut smoothness = Smoothness::default();
-        let mut known: Vec<(Kind, Closure)> = Vec::new();
+        let mut known: Vec<(FunctionKind, Closure)> = Vec::new();
         for id in ErrorId::all() {
             let Some(basis) = layout.basis(id) else { continue };
             let key = (basis.kind(), basis.closure());

@@ -10,7 +10,7 @@ use crate::identified::Identified;
 use crate::linear::NotPositiveDefinite;
 use crate::normal::{NormalEquations, accumulate, accumulate_whitened, residuals};
 use crate::observability::{self, Observability};
-use crate::options::{Noise, Options, OrderChoice, Progress};
+use crate::options::{IdentifyOptions, Noise, OrderChoice, Progress};
 use crate::order;
 use crate::plausibility;
 use crate::range_correlation::RangeCorrelation;
@@ -20,7 +20,7 @@ use crate::smoothing::{self, Smoothness, Solution};
 use crate::station_start::StationStart;
 use crate::term::{self, EffectTerm};
 use crate::unseen_expansion::unseen_expansions;
-use abbe_geometry::error_function::Kind;
+use abbe_geometry::error_function::FunctionKind;
 use abbe_geometry::layout::{Layout, Locals, centre_of};
 use abbe_geometry::machine::Machine;
 use abbe_geometry::model::Station;
@@ -64,7 +64,7 @@ pub fn identify(
     machine: &Machine,
     instrument: RangeUncertainty,
     campaign: &Campaign,
-    options: &Options,
+    options: &IdentifyOptions,
     observe: &mut dyn FnMut(Progress) -> bool,
 ) -> Result<Identified, IdentifyError> {
     let fit = identify_with(machine, instrument, campaign, &[], options, observe)?;
@@ -81,7 +81,7 @@ pub fn identify_with(
     instrument: RangeUncertainty,
     campaign: &Campaign,
     terms: &[EffectTerm],
-    options: &Options,
+    options: &IdentifyOptions,
     observe: &mut dyn FnMut(Progress) -> bool,
 ) -> Result<Identified, IdentifyError> {
     term::check(terms, campaign)?;
@@ -92,7 +92,7 @@ pub fn identify_with(
         return inputs.with_refined_splines(machine, campaign, &stations);
     };
     // Neighbours in a part are none in the campaign.
-    let white = Options { noise: Noise::Given(None), ..*options };
+    let white = IdentifyOptions { noise: Noise::Given(None), ..*options };
     let of_part = Inputs { options: &white, observe: &mut *inputs.observe, ..inputs };
     let found = { of_part }.with_refined_splines(machine, &part, &stations)?;
     let parts = found.model.parts();
@@ -116,7 +116,7 @@ pub fn identify_with(
 struct Inputs<'a> {
     instrument: RangeUncertainty,
     terms: &'a [EffectTerm],
-    options: &'a Options,
+    options: &'a IdentifyOptions,
     observe: &'a mut dyn FnMut(Progress) -> bool,
 }
 
@@ -221,9 +221,9 @@ fn refined(machine: &Machine, fit: &Identified) -> Option<Machine> {
 }
 
 /// A spline with the next finer intervals; other kinds as they are.
-pub(crate) fn finer_kind(kind: Kind) -> Kind {
+pub(crate) fn finer_kind(kind: FunctionKind) -> FunctionKind {
     match kind {
-        Kind::BSpline { intervals } => Kind::BSpline { intervals: (intervals * 4).div_ceil(3) },
+        FunctionKind::BSpline { intervals } => FunctionKind::BSpline { intervals: (intervals * 4).div_ceil(3) },
         other => other,
     }
 }
@@ -232,7 +232,7 @@ pub(crate) fn finer_kind(kind: Kind) -> Kind {
 pub(crate) struct Fit<'a> {
     pub(crate) setup: Setup<'a>,
     pub(crate) campaign: &'a Campaign,
-    pub(crate) options: &'a Options,
+    pub(crate) options: &'a IdentifyOptions,
     pub(crate) observe: &'a mut dyn FnMut(Progress) -> bool,
     pub(crate) parameters: Vec<f64>,
     /// Basis functions at each reading, the same in every pass; of a large campaign they are found anew, and take no memory.
@@ -280,7 +280,7 @@ impl<'a> Fit<'a> {
         setup: Setup<'a>,
         campaign: &'a Campaign,
         stations: &[StationStart],
-        options: &'a Options,
+        options: &'a IdentifyOptions,
         observe: &'a mut dyn FnMut(Progress) -> bool,
     ) -> Fit<'a> {
         let mut parameters = vec![0.0; setup.machine_parameters()];

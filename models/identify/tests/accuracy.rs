@@ -8,9 +8,9 @@
 mod common;
 
 use abbe_geometry::ErrorId;
-use abbe_geometry::error_function::Kind;
+use abbe_geometry::error_function::FunctionKind;
 use abbe_geometry::rotation::RotationForm;
-use abbe_identify::{Identified, Options, OrderChoice, Progress, identify, minus_two_log_likelihood_on};
+use abbe_identify::{Identified, IdentifyOptions, OrderChoice, Progress, identify, minus_two_log_likelihood_on};
 use abbe_virtual_machine::machine::Roughness;
 use abbe_virtual_machine::plan::{PlanRecipe, presets};
 use abbe_virtual_machine::{MachineTruth, TruthRecipe};
@@ -82,7 +82,7 @@ fn truths(seed: u64) -> [MachineTruth; 3] {
 fn every_error_and_station_of_three_kinds_of_machine_is_found_within_its_uncertainty() {
     for (truth, seed) in truths(3).into_iter().zip(21..) {
         let case = Case::case_like(truth, SPLINE, seed);
-        let found = case.identify(&Options::default());
+        let found = case.identify(&IdentifyOptions::default());
         assert_within_uncertainty(&case, &found);
         // Of 20 µm rms no more than the noise of some 2800 readings of 0.3 µm over 200 unknowns, and the frame.
         let rms_m = case.verification_rms_m(&found.model);
@@ -99,12 +99,12 @@ fn every_error_and_station_of_three_kinds_of_machine_is_found_within_its_uncerta
 fn fyxz_with_17_errors_is_found_from_the_12_edges() {
     let mut truth = of_low_order(recipe(5).fyxz().unwrap(), 2);
     // With the reflector at the ram end, Z's rotations and X's about the ram move nothing (FYXZ paper: 17 errors).
-    let mut kinds = [Some(Kind::Nodes { count: 9 }); ErrorId::COUNT];
+    let mut kinds = [Some(FunctionKind::Nodes { count: 9 }); ErrorId::COUNT];
     held_zero(&mut truth, &mut kinds, &["ECX", "EAZ", "EBZ", "ECZ"]);
     let plan = presets::edges_12(truth.stroke_m, 17, 5).unwrap();
-    let mut case = Case::new(truth, plan, Kind::Nodes { count: 9 }, 31);
+    let mut case = Case::new(truth, plan, FunctionKind::Nodes { count: 9 }, 31);
     case.machine.kinds = kinds;
-    let found = case.identify(&Options { order: OrderChoice::Fixed, ..Options::default() });
+    let found = case.identify(&IdentifyOptions { order: OrderChoice::Fixed, ..IdentifyOptions::default() });
     assert_eq!(found.evidence.errors.len(), 14);
     let rms_m = case.verification_rms_m(&found.model);
     println!("FYXZ, 12 edges, nodes: {:.3} µm left", rms_m * 1e6);
@@ -115,21 +115,21 @@ fn fyxz_with_17_errors_is_found_from_the_12_edges() {
 #[test]
 fn all_kinds_of_error_function_find_a_smooth_machine() {
     for (kind, order, limit_m) in [
-        (Kind::Polynomial { degree: 6 }, OrderChoice::Evidence, 0.45e-6),
-        (Kind::Polynomial { degree: 3 }, OrderChoice::Fixed, 0.45e-6),
-        (Kind::Nodes { count: 17 }, OrderChoice::Fixed, 0.8e-6),
-        (Kind::BSpline { intervals: 5 }, OrderChoice::Fixed, 0.6e-6),
+        (FunctionKind::Polynomial { degree: 6 }, OrderChoice::Evidence, 0.45e-6),
+        (FunctionKind::Polynomial { degree: 3 }, OrderChoice::Fixed, 0.45e-6),
+        (FunctionKind::Nodes { count: 17 }, OrderChoice::Fixed, 0.8e-6),
+        (FunctionKind::BSpline { intervals: 5 }, OrderChoice::Fixed, 0.6e-6),
         (SPLINE, OrderChoice::Evidence, 0.45e-6),
     ] {
         let truth = of_low_order(recipe(6).bridge_xyz().unwrap(), 3);
         let case = Case::case_like(truth, kind, 41);
-        let found = case.identify(&Options { order, ..Options::default() });
+        let found = case.identify(&IdentifyOptions { order, ..IdentifyOptions::default() });
         let rms_m = case.verification_rms_m(&found.model);
         println!("{kind:?} {order:?}: {:.3} µm left, {} unknowns", rms_m * 1e6, found.evidence.unknowns);
         assert!(rms_m < limit_m, "{kind:?}: {rms_m:e}");
         // BIC drops coefficients that are too small to be told from zero: that is not in the reported uncertainty, which
         // is conditional on the order.
-        let by_bic = matches!(kind, Kind::Polynomial { .. }) && order == OrderChoice::Evidence;
+        let by_bic = matches!(kind, FunctionKind::Polynomial { .. }) && order == OrderChoice::Evidence;
         if !by_bic {
             assert_within_uncertainty(&case, &found);
         }
@@ -139,8 +139,8 @@ fn all_kinds_of_error_function_find_a_smooth_machine() {
 #[test]
 fn evidence_drops_the_polynomial_coefficients_that_the_machine_does_not_have() {
     let truth = of_low_order(recipe(6).bridge_xyz().unwrap(), 3);
-    let case = Case::case_like(truth, Kind::Polynomial { degree: 8 }, 41);
-    let found = case.identify(&Options::default());
+    let case = Case::case_like(truth, FunctionKind::Polynomial { degree: 8 }, 41);
+    let found = case.identify(&IdentifyOptions::default());
     let kept: usize = found.evidence.errors.iter().map(|e| e.coefficients).sum();
     // True are 12 functions of 3 and 6 of 2 coefficients, 48 in all, some too small to be told from zero; offered are 138.
     assert!((36..=56).contains(&kept), "{kept}");
@@ -149,9 +149,9 @@ fn evidence_drops_the_polynomial_coefficients_that_the_machine_does_not_have() {
 #[test]
 fn exact_and_small_angle_rotations_correct_alike_to_a_nanometre() {
     let mut case = Case::case_like(recipe(7).bridge_xyz().unwrap(), SPLINE, 51);
-    let exact = case.identify(&Options::default());
+    let exact = case.identify(&IdentifyOptions::default());
     case.machine.rotation = RotationForm::SmallAngle;
-    let small = case.identify(&Options::default());
+    let small = case.identify(&IdentifyOptions::default());
     let largest_m = case
         .verify(&exact.model, 300)
         .iter()
@@ -165,14 +165,14 @@ fn exact_and_small_angle_rotations_correct_alike_to_a_nanometre() {
 #[test]
 fn an_absolute_range_fixes_dead_paths_and_sharpens_stations() {
     let case = Case::case_like(recipe(8).bridge_xyz().unwrap(), SPLINE, 61);
-    let relative = case.identify(&Options::default());
+    let relative = case.identify(&IdentifyOptions::default());
     let mut campaign = case.campaign().clone();
     for (reading, truth) in campaign.readings.iter_mut().zip(&case.simulated.truth.readings) {
         // The measured length from its zero at the station's centre, noise included.
         reading.length_m += case.simulated.truth.first_ranges_m[reading.station as usize];
         assert!((reading.length_m - truth.range_m).abs() < 5e-6);
     }
-    let options = Options { absolute_range: true, ..Options::default() };
+    let options = IdentifyOptions { absolute_range: true, ..IdentifyOptions::default() };
     let absolute = case.try_identify(&campaign, &options).unwrap();
     for (station, k) in absolute.model.parts().stations.iter().zip(0..) {
         assert_eq!(station.dead_path_m, 0.0);
@@ -195,12 +195,12 @@ fn rough_case() -> Case {
     let truth = rough.bridge_xyz().unwrap();
     // Over the whole stroke: what lies between the first point and the end of the stroke nobody could follow here.
     let recipe = PlanRecipe { box_m: truth.stroke_m, ..presets::case_like(truth.stroke_m, 71) };
-    Case::new(truth, recipe.build().unwrap(), Kind::BSpline { intervals: 5 }, 71)
+    Case::new(truth, recipe.build().unwrap(), FunctionKind::BSpline { intervals: 5 }, 71)
 }
 
 fn intervals_of(found: &Identified) -> usize {
     match found.model.parts().machine.kinds[0] {
-        Some(Kind::BSpline { intervals }) => intervals,
+        Some(FunctionKind::BSpline { intervals }) => intervals,
         other => panic!("{other:?}"),
     }
 }
@@ -216,14 +216,14 @@ fn regress_finer_splines_that_do_not_settle_leave_the_fit_without_them() {
         passes.iter_mut().last().into_iter().for_each(|last| *last = progress.pass);
         true
     };
-    let options = Options::default();
+    let options = IdentifyOptions::default();
     identify(&case.machine, INSTRUMENT.range, case.campaign(), &options, &mut observe).unwrap();
     println!("passes of each fit: {passes:?}");
     // So many passes that some fits settle, and a finer one does not.
     let limit = passes[0];
     let settled = passes.iter().take_while(|own| **own <= limit).count();
     assert!(settled < passes.len(), "{passes:?}");
-    let found = case.identify(&Options { max_passes: limit, ..options });
+    let found = case.identify(&IdentifyOptions { max_passes: limit, ..options });
     let expected = (1..settled).fold(5_usize, |intervals, _| (intervals * 4).div_ceil(3));
     assert_eq!(intervals_of(&found), expected);
     let said = found.evidence.refinement_given_up.unwrap();
@@ -233,7 +233,7 @@ fn regress_finer_splines_that_do_not_settle_leave_the_fit_without_them() {
 #[test]
 fn regress_rejecting_more_readings_is_no_evidence() {
     let case = rough_case();
-    let found = case.identify(&Options::default());
+    let found = case.identify(&IdentifyOptions::default());
     let on = |fit: &Identified, weights: &[f64]| {
         minus_two_log_likelihood_on(fit, INSTRUMENT.range, case.campaign(), weights).unwrap()
     };
@@ -252,11 +252,11 @@ fn regress_rejecting_more_readings_is_no_evidence() {
 #[test]
 fn a_rough_machine_gets_finer_splines_than_its_file_offers() {
     let case = rough_case();
-    let found = case.identify(&Options::default());
+    let found = case.identify(&IdentifyOptions::default());
     assert_eq!(found.evidence.refinement_given_up, None);
     let intervals = intervals_of(&found);
     assert!(intervals > 8, "{intervals}");
-    let coarse = case.identify(&Options { order: OrderChoice::Fixed, ..Options::default() });
+    let coarse = case.identify(&IdentifyOptions { order: OrderChoice::Fixed, ..IdentifyOptions::default() });
     let (fine_m, coarse_m) = (case.verification_rms_m(&found.model), case.verification_rms_m(&coarse.model));
     println!("rough machine: {:.2} µm with {intervals} intervals, {:.2} µm with 5", fine_m * 1e6, coarse_m * 1e6);
     assert!(fine_m < 0.7 * coarse_m);

@@ -10,7 +10,7 @@ use abbe_geometry::Vector3;
 use abbe_geometry::correct::correct;
 use abbe_identify::station_start::start;
 use abbe_identify::verdict::{Cause, Finding, Grade, Subject, Verdict, of_campaign, widened};
-use abbe_identify::{Identified, IdentifyError, Options, identify};
+use abbe_identify::{Identified, IdentifyError, IdentifyOptions, identify};
 use abbe_measurement::campaign::{Campaign, RangeReading};
 use abbe_virtual_machine::TruthRecipe;
 use abbe_virtual_machine::instrument::Outliers;
@@ -29,7 +29,7 @@ fn error_with(case: &Case, mut change: impl FnMut(&Campaign, &mut RangeReading))
     let mut campaign = original.clone();
     campaign.readings.iter_mut().for_each(|reading| change(original, reading));
     assert_ne!(&campaign, original);
-    case.try_identify(&campaign, &Options::default()).err().unwrap()
+    case.try_identify(&campaign, &IdentifyOptions::default()).err().unwrap()
 }
 
 /// Lines of a station with an offset in that direction.
@@ -113,7 +113,7 @@ fn a_line_under_the_name_of_another_station_is_sent_back() {
     let line = case.campaign().readings.iter().find(|r| r.station == 3).unwrap().line + 4;
     let mut campaign = case.campaign().clone();
     campaign.readings.iter_mut().filter(|r| r.line == line).for_each(|r| r.station = 0);
-    let error = case.try_identify(&campaign, &Options::default()).unwrap_err();
+    let error = case.try_identify(&campaign, &IdentifyOptions::default()).unwrap_err();
     let text = contradiction(&error, &campaign, &[line], "it agrees with station S4: correct the station's name");
     assert!(text.contains("of station S1"), "{text}");
 }
@@ -168,7 +168,7 @@ fn numbers_that_are_none_are_named_by_row_and_quantity() {
     for (spoil, what) in spoils {
         let mut campaign = case.campaign().clone();
         spoil(&mut campaign.readings[41]);
-        let error = case.try_identify(&campaign, &Options::default()).unwrap_err();
+        let error = case.try_identify(&campaign, &IdentifyOptions::default()).unwrap_err();
         assert_eq!(error, IdentifyError::NotFinite { reading: 42, what });
     }
 }
@@ -178,7 +178,7 @@ fn too_few_readings_are_counted_against_the_unknowns() {
     let case = case();
     let mut campaign = case.campaign().clone();
     campaign.readings = campaign.readings.iter().step_by(12).copied().collect();
-    let error = case.try_identify(&campaign, &Options::default()).unwrap_err();
+    let error = case.try_identify(&campaign, &IdentifyOptions::default()).unwrap_err();
     let readings = campaign.readings.len();
     // 12 functions of 14 and 6 of 13 coefficients, three squareness angles, three of the ram, five stations.
     assert_eq!(error, IdentifyError::TooFewReadings { readings, unknowns: 12 * 14 + 6 * 13 + 3 + 3 + 20 });
@@ -190,12 +190,12 @@ fn stations_without_enough_readings_are_named() {
     let mut campaign = case.campaign().clone();
     let keep = campaign.readings.iter().position(|r| r.station == 4).unwrap() + 3;
     campaign.readings.truncate(keep);
-    let error = case.try_identify(&campaign, &Options::default()).unwrap_err();
+    let error = case.try_identify(&campaign, &IdentifyOptions::default()).unwrap_err();
     assert_eq!(
         error.to_string(),
         "station S5: 3 readings cannot place a station (at least 5 are needed); measure more points from it"
     );
-    let empty = case.try_identify(&Campaign::default(), &Options::default()).unwrap_err();
+    let empty = case.try_identify(&Campaign::default(), &IdentifyOptions::default()).unwrap_err();
     assert_eq!(empty, IdentifyError::TooFewStations { found: 0 });
 }
 
@@ -208,7 +208,7 @@ fn a_campaign_that_refers_to_nothing_is_refused() {
             "station" => campaign.readings[6].station = index,
             _ => campaign.readings[6].line = index,
         }
-        let error = case.try_identify(&campaign, &Options::default()).unwrap_err();
+        let error = case.try_identify(&campaign, &IdentifyOptions::default()).unwrap_err();
         assert_eq!(error, IdentifyError::Dangling { reading: 7, what, index });
     }
 }
@@ -216,7 +216,9 @@ fn a_campaign_that_refers_to_nothing_is_refused() {
 #[test]
 fn an_unsettled_fit_is_an_error_and_not_a_model() {
     let case = case();
-    let error = case.try_identify(case.campaign(), &Options { max_passes: 1, ..Options::default() }).unwrap_err();
+    let error = case
+        .try_identify(case.campaign(), &IdentifyOptions { max_passes: 1, ..IdentifyOptions::default() })
+        .unwrap_err();
     assert!(matches!(error, IdentifyError::NotConverged { passes: 1, largest_step } if largest_step > 1.0), "{error}");
     assert!(error.to_string().contains("not converged after 1 passes"), "{error}");
 }
@@ -225,10 +227,11 @@ fn an_unsettled_fit_is_an_error_and_not_a_model() {
 fn the_observer_sees_every_pass_and_can_stop() {
     let case = case();
     let mut seen = Vec::new();
-    let stopped = identify(&case.machine, INSTRUMENT.range, case.campaign(), &Options::default(), &mut |progress| {
-        seen.push(progress.pass);
-        progress.pass < 2
-    });
+    let stopped =
+        identify(&case.machine, INSTRUMENT.range, case.campaign(), &IdentifyOptions::default(), &mut |progress| {
+            seen.push(progress.pass);
+            progress.pass < 2
+        });
     assert_eq!(stopped.err().unwrap(), IdentifyError::Stopped);
     assert_eq!(seen, [1, 2]);
 }
@@ -237,7 +240,7 @@ fn the_observer_sees_every_pass_and_can_stop() {
 fn judged(case: &Case, change: impl FnMut((usize, &mut RangeReading))) -> (Identified, Verdict, Campaign) {
     let mut campaign = case.campaign().clone();
     campaign.readings.iter_mut().enumerate().for_each(change);
-    let fit = case.try_identify(&campaign, &Options::default()).unwrap();
+    let fit = case.try_identify(&campaign, &IdentifyOptions::default()).unwrap();
     let verdict = of_campaign(&campaign, &fit);
     verdict.findings.iter().for_each(|finding| println!("{}: {finding}", finding.grade.name()));
     (fit, verdict, campaign)
@@ -315,7 +318,7 @@ fn regress_a_station_that_moved_midway_is_named_with_its_instant_and_agrees_when
         .enumerate()
         .filter(|(k, r)| r.station == 2 && *k >= at)
         .for_each(|(_, r)| r.station = last);
-    let split = case.try_identify(&campaign, &Options::default()).unwrap();
+    let split = case.try_identify(&campaign, &IdentifyOptions::default()).unwrap();
     assert_eq!(of_campaign(&campaign, &split).findings, []);
 }
 
@@ -341,7 +344,7 @@ fn regress_an_interrupted_beam_is_told_from_a_moved_station_whatever_its_size() 
     // Centimetres contradict the station's other lines.
     let mut campaign = case.campaign().clone();
     campaign.readings.iter_mut().enumerate().for_each(interrupt(0.013));
-    let text = case.try_identify(&campaign, &Options::default()).unwrap_err().to_string();
+    let text = case.try_identify(&campaign, &IdentifyOptions::default()).unwrap_err().to_string();
     assert!(
         text.contains("the beam was interrupted") && text.contains(&format!("readings {at} and {}", at + 1)),
         "{text}"
@@ -468,7 +471,7 @@ fn lines_under_the_name_of_another_station_are_named_where_they_keep_it_from_bei
             .map(|reading| (reading.reading_m.into(), reading.length_m))
             .collect();
         lost += usize::from(start(&own, false).is_err());
-        let error = case.try_identify(&campaign, &Options::default()).err().unwrap();
+        let error = case.try_identify(&campaign, &IdentifyOptions::default()).err().unwrap();
         let IdentifyError::Contradiction { line, station, explanation, .. } = &error else { panic!("{seed}: {error}") };
         let names: Vec<String> = lines.iter().map(|line| format!("S{}-{line}", from + 1)).collect();
         assert!(names.contains(line) && *station == format!("S{}", to + 1), "{seed}: {error}");

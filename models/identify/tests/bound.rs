@@ -8,9 +8,9 @@
 mod common;
 
 use abbe_geometry::ErrorId;
-use abbe_geometry::error_function::Kind;
+use abbe_geometry::error_function::FunctionKind;
 use abbe_geometry::model::MachineModel;
-use abbe_identify::{IdentifyError, Options, OrderChoice, at_cramer_rao_bound};
+use abbe_identify::{IdentifyError, IdentifyOptions, OrderChoice, at_cramer_rao_bound};
 use abbe_virtual_machine::TruthRecipe;
 use abbe_virtual_machine::plan::{PlanRecipe, presets};
 use common::{Case, INSTRUMENT, SPLINE, of_low_order};
@@ -26,7 +26,7 @@ const LARGEST_BIAS: f64 = 4.5;
 fn case(seed: u64) -> Case {
     let truth = of_low_order(TruthRecipe { seed: 20, ..TruthRecipe::default() }.bridge_xyz().unwrap(), 3);
     let plan = PlanRecipe { points: [7, 9], ..presets::case_like(truth.stroke_m, 6) }.build().unwrap();
-    Case::new(truth, plan, Kind::Polynomial { degree: 3 }, seed)
+    Case::new(truth, plan, FunctionKind::Polynomial { degree: 3 }, seed)
 }
 
 /// Deviations from the truth in units of the bound, by group and quantity.
@@ -65,7 +65,7 @@ fn deviations(case: &Case, found: &MachineModel, bound: &MachineModel) -> Vec<(&
 
 #[test]
 fn repeated_campaigns_scatter_as_little_as_the_bound_allows_and_without_bias() {
-    let options = Options { order: OrderChoice::Fixed, robust: false, ..Options::default() };
+    let options = IdentifyOptions { order: OrderChoice::Fixed, robust: false, ..IdentifyOptions::default() };
     let mut squares: BTreeMap<&str, (f64, f64)> = BTreeMap::new();
     let mut sums: BTreeMap<String, f64> = BTreeMap::new();
     let first = case(1);
@@ -95,7 +95,7 @@ fn repeated_campaigns_scatter_as_little_as_the_bound_allows_and_without_bias() {
 #[test]
 fn the_reported_uncertainty_is_the_bound_where_nothing_is_penalised() {
     let case = case(1);
-    let options = Options { order: OrderChoice::Fixed, ..Options::default() };
+    let options = IdentifyOptions { order: OrderChoice::Fixed, ..IdentifyOptions::default() };
     let found = case.identify(&options);
     let bound = at_cramer_rao_bound(&found.model, INSTRUMENT.range, case.campaign(), false).unwrap();
     // Both are the inverse of the same matrix but for χ²/ν, which only ever widens, and a few robust weights below 1.
@@ -110,7 +110,7 @@ fn the_reported_uncertainty_is_the_bound_where_nothing_is_penalised() {
 fn smoothing_may_beat_the_bound_of_free_splines_but_a_hidden_error_has_none() {
     let truth = TruthRecipe { seed: 20, ..TruthRecipe::default() }.bridge_xyz().unwrap();
     let case = Case::case_like(truth.clone(), SPLINE, 6);
-    let found = case.identify(&Options::default());
+    let found = case.identify(&IdentifyOptions::default());
     let bound = at_cramer_rao_bound(&found.model, INSTRUMENT.range, case.campaign(), false).unwrap();
     // Prior knowledge of smoothness is information that the bound of unbiased methods does not have.
     for id in ErrorId::all() {

@@ -9,7 +9,7 @@ mod common;
 
 use abbe_geometry::Matrix3;
 use abbe_geometry::Vector3;
-use abbe_identify::{Along, Identified, Noise, Options, in_parallel};
+use abbe_identify::{Along, Identified, IdentifyOptions, Noise, in_parallel};
 use abbe_virtual_machine::instrument::Correlated;
 use abbe_virtual_machine::{TruthRecipe, simulate_campaign};
 use common::{Case, INSTRUMENT, SPLINE};
@@ -23,8 +23,8 @@ const QUANTILE: f64 = 1.96;
 const DEVIATION_M: f64 = 0.3e-6;
 
 /// The data are asked.
-fn estimated() -> Options {
-    Options { noise: Noise::Estimated, ..Options::default() }
+fn estimated() -> IdentifyOptions {
+    IdentifyOptions { noise: Noise::Estimated, ..IdentifyOptions::default() }
 }
 
 fn case(seed: u64, neighbours: f64, by_line: bool) -> Case {
@@ -57,7 +57,7 @@ fn white_campaigns_give_the_same_bits_as_ever() {
         let case = Case::case_like(truth, SPLINE, seed + 500);
         let found = case.identify(&estimated());
         assert_eq!((found.correlation, found.evidence.noise), (None, None), "seed {seed}");
-        let white = case.identify(&Options::default());
+        let white = case.identify(&IdentifyOptions::default());
         let bits = |found: &Identified| {
             let parts = found.model.parts();
             parts.coefficients.iter().chain(&parts.covariance).map(|v| v.to_bits()).collect::<Vec<_>>()
@@ -76,7 +76,7 @@ fn regress_intervals_hold_under_noise_that_hangs_together_and_points_get_better(
             let noise = found.evidence.noise.unwrap();
             assert!(noise.effective_readings < 0.7 * case.campaign().readings.len() as f64, "{noise:?}");
             let is_own = (noise.correlation.along == Along::Line) == by_line;
-            (is_own, held(&case, &found), held(&case, &case.identify(&Options::default())))
+            (is_own, held(&case, &found), held(&case, &case.identify(&IdentifyOptions::default())))
         };
         for (is_own, (inside, error), (white_inside, white_error)) in
             in_parallel(&(1..=MACHINES).collect::<Vec<_>>(), machine)

@@ -17,7 +17,7 @@ use abbe_geometry::effects::{NoCovariates, State};
 use abbe_geometry::machine::USUAL_RAM_TURN_RAD;
 use abbe_geometry::model::MachineModel;
 use abbe_geometry::{Matrix3, Vector3};
-use abbe_identify::{Options, in_parallel};
+use abbe_identify::{IdentifyOptions, in_parallel};
 use abbe_virtual_machine::TruthRecipe;
 use abbe_virtual_machine::plan::{PlanRecipe, presets};
 use common::{Case, INSTRUMENT, SPLINE, held_zero};
@@ -46,7 +46,7 @@ struct Covered {
 fn covered(seed: u64) -> Covered {
     let truth = TruthRecipe { seed, ..TruthRecipe::default() }.bridge_xyz().unwrap();
     let case = Case::case_like(truth, SPLINE, seed + 500);
-    let found = case.identify(&Options::default());
+    let found = case.identify(&IdentifyOptions::default());
     let mut generator = ChaCha8Rng::seed_from_u64(seed);
     let mut normal = || -> f64 { StandardNormal.sample(&mut generator) };
     let mut share = Covered::default();
@@ -121,7 +121,7 @@ fn turned(seed: u64, turn_rad: f64, offsets_m: &[[f64; 3]], zero: &[&str]) -> (C
     let recipe = PlanRecipe { offsets_m: offsets_m.to_vec(), ..presets::case_like(truth.stroke_m, seed) };
     let mut case = Case::new(truth, recipe.build().unwrap(), SPLINE, seed + 700);
     case.machine.kinds = kinds;
-    let model = case.identify(&Options::default()).model;
+    let model = case.identify(&IdentifyOptions::default()).model;
     (case, model)
 }
 
@@ -207,7 +207,7 @@ fn an_offset_a_station_tells_nothing_and_its_points_say_so() {
             station.lines.iter_mut().for_each(|line| line.offset_m = MEASURED_M[k % 3]);
         }
         let case = Case::new(truth, plan, SPLINE, seed + 700);
-        let model = case.identify(&Options::default()).model;
+        let model = case.identify(&IdentifyOptions::default()).model;
         (case, model)
     });
     for (_, model) in &machines {

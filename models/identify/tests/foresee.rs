@@ -9,7 +9,7 @@ mod common;
 
 use abbe_geometry::ErrorId;
 use abbe_identify::station_start::StationStart;
-use abbe_identify::{Belief, Identified, IdentifyError, Options, foresee};
+use abbe_identify::{Belief, Identified, IdentifyError, IdentifyOptions, foresee};
 use abbe_virtual_machine::TruthRecipe;
 use common::{Case, INSTRUMENT, SPLINE};
 
@@ -18,7 +18,7 @@ fn foreseen(case: &Case, fit: &Identified, belief: &Belief) -> Result<Identified
     let stations: Vec<StationStart> = fit.model.parts().stations.iter().map(of).collect();
     let mut nominal = case.campaign().clone();
     nominal.readings.iter_mut().for_each(|reading| reading.length_m = 0.0);
-    foresee(&case.machine, INSTRUMENT.range, (&nominal, &stations), &[], belief, &Options::default())
+    foresee(&case.machine, INSTRUMENT.range, (&nominal, &stations), &[], belief, &IdentifyOptions::default())
 }
 
 /// Largest ratio of stated uncertainties of an error, off by more than one of them.
@@ -40,7 +40,7 @@ fn what_is_foreseen_with_the_smoothness_of_a_fit_is_what_the_fit_states() {
     for seed in [3, 4] {
         let truth = TruthRecipe { seed, ..TruthRecipe::default() }.bridge_xyz().unwrap();
         let case = Case::case_like(truth, SPLINE, seed);
-        let fit = case.identify(&Options::default());
+        let fit = case.identify(&IdentifyOptions::default());
         let own = foreseen(&case, &fit, &Belief::of_fit(&fit)).unwrap();
         assert_eq!(own.evidence.unknowns, fit.evidence.unknowns);
         // χ² may widen by a percent, robust weights take as much, and the rows are those of a machine without errors.
@@ -61,7 +61,7 @@ fn what_is_foreseen_with_the_smoothness_of_a_fit_is_what_the_fit_states() {
 fn what_bends_more_is_known_less_and_a_bend_is_read_back() {
     let truth = TruthRecipe::default().bridge_xyz().unwrap();
     let case = Case::case_like(truth, SPLINE, 1);
-    let fit = case.identify(&Options::default());
+    let fit = case.identify(&IdentifyOptions::default());
     let belief = Belief::of_bends(&case.machine, |id| if id.is_angular() { 3e-6 } else { 2e-6 }).unwrap();
     let bend = |id: &str| belief.bend(&case.machine, ErrorId::from_name(id).unwrap()).unwrap();
     assert!((bend("EBX") / 3e-6 - 1.0).abs() < 1e-9 && (bend("EYX") / 2e-6 - 1.0).abs() < 1e-9);
@@ -74,7 +74,7 @@ fn what_bends_more_is_known_less_and_a_bend_is_read_back() {
 fn what_identification_would_refuse_is_refused_beforehand() {
     let truth = TruthRecipe::default().bridge_xyz().unwrap();
     let mut case = Case::case_like(truth, SPLINE, 1);
-    let fit = case.identify(&Options::default());
+    let fit = case.identify(&IdentifyOptions::default());
     let belief = Belief::of_fit(&fit);
     // Lines along X alone.
     case.simulated.campaign.readings.retain(|reading| reading.station == 0);

@@ -11,11 +11,11 @@ mod common;
 use abbe_geometry::between_nodes::BetweenNodes;
 use abbe_geometry::correct::correct;
 use abbe_geometry::effects::{NoCovariates, State};
-use abbe_geometry::error_function::Kind;
+use abbe_geometry::error_function::FunctionKind;
 use abbe_geometry::model::MachineModel;
 use abbe_geometry::{ErrorId, Matrix3, Vector3};
 use abbe_identify::points::{Loss, MeasuredPoint, Method, PointOptions, fit_points};
-use abbe_identify::{Options, OrderChoice};
+use abbe_identify::{IdentifyOptions, OrderChoice};
 use abbe_virtual_machine::TruthRecipe;
 use abbe_virtual_machine::machine::Roughness;
 use abbe_virtual_machine::plan::presets;
@@ -24,7 +24,7 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 const NODES: usize = 9;
-const KIND: Kind = Kind::Nodes { count: NODES };
+const KIND: FunctionKind = FunctionKind::Nodes { count: NODES };
 const MACHINES: u64 = 40;
 const POINTS: usize = 150;
 /// Quantile of the normal distribution for 95 %.
@@ -121,7 +121,7 @@ fn edges(seed: u64, roughness: Roughness) -> Case {
 }
 
 fn identified(case: Case) -> (Case, MachineModel) {
-    let found = case.identify(&Options { order: OrderChoice::Fixed, ..Options::default() });
+    let found = case.identify(&IdentifyOptions { order: OrderChoice::Fixed, ..IdentifyOptions::default() });
     (case, found.model)
 }
 

@@ -7,8 +7,8 @@
 mod common;
 
 use abbe_geometry::ErrorId;
-use abbe_geometry::error_function::Kind;
-use abbe_identify::{IdentifyError, Options, OrderChoice, Unobservable};
+use abbe_geometry::error_function::FunctionKind;
+use abbe_identify::{IdentifyError, IdentifyOptions, OrderChoice, Unobservable};
 use abbe_virtual_machine::plan::{LineKind, LinePlan, LineSelection, Plan, PlanRecipe, presets};
 use abbe_virtual_machine::{MachineTruth, TruthRecipe};
 use common::{Case, SPLINE, held_zero, of_low_order};
@@ -22,7 +22,7 @@ fn one_offset(truth: &MachineTruth) -> PlanRecipe {
     PlanRecipe { offsets_m: vec![[0.0, 0.0, -0.06]], ..presets::case_like(truth.stroke_m, 3) }
 }
 
-fn refused(case: &Case, options: &Options) -> (Vec<Unobservable>, Vec<String>, String) {
+fn refused(case: &Case, options: &IdentifyOptions) -> (Vec<Unobservable>, Vec<String>, String) {
     match case.try_identify(case.campaign(), options) {
         Err(error @ IdentifyError::RankDeficient { .. }) => {
             let text = error.to_string();
@@ -72,7 +72,7 @@ fn one_reflector_offset_hides_rotations_and_exactly_the_proposed_lines_show_them
     let truth = bridge();
     let plan = one_offset(&truth).build().unwrap();
     let case = Case::new(truth.clone(), plan.clone(), SPLINE, 5);
-    let (groups, lines, text) = refused(&case, &Options::default());
+    let (groups, lines, text) = refused(&case, &IdentifyOptions::default());
     println!("{text}");
     // With the reflector below the ram, turning about Z moves nothing that hangs on Y and Z (ECY, ECZ); EAZ and EBZ move
     // it sideways like straightness and squareness of Z.
@@ -86,13 +86,13 @@ fn one_reflector_offset_hides_rotations_and_exactly_the_proposed_lines_show_them
 
     let completed = with_lines(plan.clone(), &lines, truth.stroke_m);
     let case = Case::new(truth.clone(), completed, SPLINE, 5);
-    assert!(case.try_identify(case.campaign(), &Options::default()).is_ok());
+    assert!(case.try_identify(case.campaign(), &IdentifyOptions::default()).is_ok());
     // None of them is superfluous.
     for k in 0..lines.len() {
         let mut without = lines.clone();
         without.remove(k);
         let case = Case::new(truth.clone(), with_lines(plan.clone(), &without, truth.stroke_m), SPLINE, 5);
-        refused(&case, &Options::default());
+        refused(&case, &IdentifyOptions::default());
     }
 }
 
@@ -104,7 +104,7 @@ fn holding_the_hidden_errors_at_zero_also_completes_the_plan() {
     held_zero(&mut truth, &mut kinds, &["ECY", "ECZ", "EAZ", "EBZ"]);
     let mut case = Case::new(truth, plan, SPLINE, 5);
     case.machine.kinds = kinds;
-    let found = case.identify(&Options::default());
+    let found = case.identify(&IdentifyOptions::default());
     assert_eq!(found.evidence.rank, found.evidence.low_order_unknowns);
     assert!(case.verification_rms_m(&found.model) < 0.6e-6);
 }
@@ -115,7 +115,7 @@ fn one_station_is_refused_whatever_it_measured() {
     let mut plan = presets::case_like(truth.stroke_m, 3).build().unwrap();
     plan.stations.truncate(1);
     let case = Case::new(truth, plan, SPLINE, 5);
-    let error = case.try_identify(case.campaign(), &Options::default()).unwrap_err();
+    let error = case.try_identify(case.campaign(), &IdentifyOptions::default()).unwrap_err();
     assert_eq!(error, IdentifyError::TooFewStations { found: 1 });
     assert!(error.to_string().contains("1 station;") && error.to_string().contains("at least 3 stations"));
 }
@@ -132,7 +132,7 @@ fn a_plan_at_two_heights_only_hides_what_lies_between_them() {
     };
     let plan = recipe.build().unwrap();
     let case = Case::new(truth.clone(), plan.clone(), SPLINE, 5);
-    let (groups, lines, text) = refused(&case, &Options::default());
+    let (groups, lines, text) = refused(&case, &IdentifyOptions::default());
     println!("{text}");
     let hidden = names(&groups);
     // Both heights show EZZ's ends and the rotations; in between nothing is seen of EZZ, and a bow of Z looks like
@@ -143,7 +143,7 @@ fn a_plan_at_two_heights_only_hides_what_lies_between_them() {
     let own = ["(0, 0, -60)", "(120, 0, -60)", "(0, 140, -90)"];
     assert!(lines.iter().all(|line| own.iter().any(|offset| line.contains(offset))), "{lines:?}");
     let completed = Case::new(truth.clone(), with_lines(plan, &lines, truth.stroke_m), SPLINE, 5);
-    assert!(completed.try_identify(completed.campaign(), &Options::default()).is_ok());
+    assert!(completed.try_identify(completed.campaign(), &IdentifyOptions::default()).is_ok());
 }
 
 #[test]
@@ -154,7 +154,7 @@ fn stations_in_one_plane_are_accepted_and_worse_conditioned() {
     flat.stations_m.iter_mut().for_each(|station| station[2] = -0.3);
     let condition = |recipe: &PlanRecipe| {
         let case = Case::new(truth.clone(), recipe.build().unwrap(), SPLINE, 5);
-        let found = case.identify(&Options::default());
+        let found = case.identify(&IdentifyOptions::default());
         (found.evidence.condition, case.verification_rms_m(&found.model))
     };
     let ((spatial, spatial_m), (flat, flat_m)) = (condition(&spatial), condition(&flat));
@@ -168,10 +168,10 @@ fn stations_in_one_plane_are_accepted_and_worse_conditioned() {
 
 #[test]
 fn the_12_edges_of_fyxz_need_four_errors_held_at_zero() {
-    let kind = Kind::Nodes { count: 9 };
+    let kind = FunctionKind::Nodes { count: 9 };
     let mut truth = of_low_order(TruthRecipe { seed: 5, ..TruthRecipe::default() }.fyxz().unwrap(), 2);
     let plan = presets::edges_12(truth.stroke_m, 17, 5).unwrap();
-    let options = Options { order: OrderChoice::Fixed, ..Options::default() };
+    let options = IdentifyOptions { order: OrderChoice::Fixed, ..IdentifyOptions::default() };
     let all = Case::new(truth.clone(), plan.clone(), kind, 31);
     let (groups, _, text) = refused(&all, &options);
     println!("{text}");
@@ -187,9 +187,9 @@ fn the_12_edges_of_fyxz_need_four_errors_held_at_zero() {
 #[test]
 fn functions_too_poor_for_a_parabola_are_not_called_unobservable() {
     let truth = of_low_order(bridge(), 1);
-    for kind in [Kind::Polynomial { degree: 1 }, Kind::Nodes { count: 2 }] {
+    for kind in [FunctionKind::Polynomial { degree: 1 }, FunctionKind::Nodes { count: 2 }] {
         let case = Case::case_like(truth.clone(), kind, 5);
-        let found = case.identify(&Options::default());
+        let found = case.identify(&IdentifyOptions::default());
         assert_eq!(found.evidence.rank, found.evidence.low_order_unknowns, "{kind:?}");
     }
 }
@@ -200,8 +200,8 @@ fn offsets_that_hardly_differ_are_accepted_but_reported_as_correlated() {
     let offsets_m = vec![[0.0, 0.0, -0.06], [0.003, 0.0, -0.06], [0.0, 0.003, -0.06]];
     let recipe = PlanRecipe { offsets_m, ..presets::case_like(truth.stroke_m, 3) };
     let case = Case::new(truth.clone(), recipe.build().unwrap(), SPLINE, 5);
-    let weak = case.identify(&Options::default());
-    let strong = Case::case_like(truth, SPLINE, 5).identify(&Options::default());
+    let weak = case.identify(&IdentifyOptions::default());
+    let strong = Case::case_like(truth, SPLINE, 5).identify(&IdentifyOptions::default());
     println!("{:?}", weak.evidence.correlated);
     for pair in &weak.evidence.correlated {
         assert!(pair.correlation.abs() > 0.9 && pair.correlation.abs() <= 1.0 + 1e-9);

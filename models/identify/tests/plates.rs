@@ -5,7 +5,7 @@
 
 use abbe_geometry::correct::correct;
 use abbe_geometry::effects::{NoCovariates, State};
-use abbe_geometry::error_function::Kind;
+use abbe_geometry::error_function::FunctionKind;
 use abbe_geometry::machine::Machine;
 use abbe_geometry::{Axis, Vector3};
 use abbe_identify::points::{
@@ -28,7 +28,7 @@ const HEIGHT_M: f64 = 0.25;
 fn bridge(seed: u64, degree: u32) -> (VirtualMachine, Machine) {
     let mut truth = of_low_order(TruthRecipe { seed, ..TruthRecipe::default() }.bridge_xyz().unwrap(), degree);
     truth.ram_turn.about_m = OFFSET_M;
-    let mut machine = description(&truth, Kind::Polynomial { degree: degree as usize });
+    let mut machine = description(&truth, FunctionKind::Polynomial { degree: degree as usize });
     machine.repeatability_m = [0.0; 3];
     (VirtualMachine::new(truth).unwrap(), machine)
 }
@@ -158,7 +158,7 @@ fn each_pose_has_a_frame_of_its_own_and_two_heights_tell_more_than_one() {
 #[test]
 fn squareness_holds_the_truth_as_often_as_it_says() {
     let (truth, mut machine) = bridge(9, 1);
-    machine.kinds = machine.kinds.map(|_| Some(Kind::Polynomial { degree: 1 }));
+    machine.kinds = machine.kinds.map(|_| Some(FunctionKind::Polynomial { degree: 1 }));
     // At one height a roll of an axis that grows along it is squareness as well: what holds is what no noise disturbs.
     let still = plate(&truth, HEIGHT_M, 0.0, 1);
     let (expected, _) = fit(&machine, &still, &one_pose(&still, None)).model.squareness(0);

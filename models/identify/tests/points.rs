@@ -4,7 +4,7 @@
 
 use abbe_geometry::correct::correct;
 use abbe_geometry::effects::{NoCovariates, State};
-use abbe_geometry::error_function::Kind;
+use abbe_geometry::error_function::FunctionKind;
 use abbe_geometry::machine::Machine;
 use abbe_geometry::{ErrorId, Vector3};
 use abbe_identify::points::{
@@ -28,7 +28,7 @@ fn bridge(seed: u64, degree: u32) -> (VirtualMachine, Machine) {
     let mut truth = of_low_order(TruthRecipe { seed, ..TruthRecipe::default() }.bridge_xyz().unwrap(), degree);
     // The frame of the model: nothing of it moves with the mean of the offsets.
     truth.ram_turn.about_m = std::array::from_fn(|d| OFFSETS_M.iter().map(|offset| offset[d]).sum::<f64>() / 3.0);
-    let mut machine = description(&truth, Kind::Polynomial { degree: degree as usize });
+    let mut machine = description(&truth, FunctionKind::Polynomial { degree: degree as usize });
     machine.repeatability_m = [0.0; 3];
     (VirtualMachine::new(truth).unwrap(), machine)
 }
@@ -175,7 +175,7 @@ fn the_degree_is_the_one_that_the_machine_has() {
         let points = measure(&truth, 250, NOISE_M, 4);
         let found =
             fit_points_of_best_degree(&machine, &points, 1..=7, &PointOptions::default(), &mut |_| true).unwrap();
-        assert_eq!(found.model.parts().machine.kinds[0], Some(Kind::Polynomial { degree: degree as usize }));
+        assert_eq!(found.model.parts().machine.kinds[0], Some(FunctionKind::Polynomial { degree: degree as usize }));
     }
 }
 
@@ -216,7 +216,7 @@ fn regress_smooth_functions_know_what_lies_between_the_places_of_a_grid() {
     for seed in 1..=seeds {
         let mut truth = TruthRecipe { seed, ..TruthRecipe::default() }.bridge_xyz().unwrap();
         truth.ram_turn.about_m = std::array::from_fn(|d| OFFSETS_M.iter().map(|o| o[d]).sum::<f64>() / 3.0);
-        let mut machine = description(&truth, Kind::BSpline { intervals: 9 });
+        let mut machine = description(&truth, FunctionKind::BSpline { intervals: 9 });
         machine.repeatability_m = [0.0; 3];
         let truth = VirtualMachine::new(truth).unwrap();
         let points = grid(&truth, 6, seed);

@@ -6,7 +6,7 @@
 
 mod common;
 
-use abbe_identify::Options;
+use abbe_identify::IdentifyOptions;
 use abbe_measurement::campaign::Campaign;
 use abbe_virtual_machine::TruthRecipe;
 use common::{Case, SPLINE};
@@ -45,9 +45,9 @@ fn spoil(campaign: &Campaign) -> (Campaign, BTreeSet<usize>) {
 #[test]
 fn two_per_cent_of_outliers_and_a_few_gross_ones_are_listed_and_change_nothing() {
     let case = case();
-    let clean = case.identify(&Options::default());
+    let clean = case.identify(&IdentifyOptions::default());
     let (spoilt, numbers) = spoil(case.campaign());
-    let found = case.try_identify(&spoilt, &Options::default()).unwrap();
+    let found = case.try_identify(&spoilt, &IdentifyOptions::default()).unwrap();
     let listed: BTreeSet<usize> = found.evidence.rejected.iter().map(|r| r.reading).collect();
     let missed: Vec<_> = numbers.difference(&listed).collect();
     assert!(missed.is_empty(), "spoilt by more than 14 u but not listed: {missed:?}");
@@ -74,8 +74,8 @@ fn two_per_cent_of_outliers_and_a_few_gross_ones_are_listed_and_change_nothing()
 fn without_robust_weights_the_same_outliers_ruin_the_result() {
     let case = case();
     let (spoilt, _) = spoil(case.campaign());
-    let robust = case.try_identify(&spoilt, &Options::default()).unwrap();
-    let plain = case.try_identify(&spoilt, &Options { robust: false, ..Options::default() }).unwrap();
+    let robust = case.try_identify(&spoilt, &IdentifyOptions::default()).unwrap();
+    let plain = case.try_identify(&spoilt, &IdentifyOptions { robust: false, ..IdentifyOptions::default() }).unwrap();
     let (robust_m, plain_m) = (case.verification_rms_m(&robust.model), case.verification_rms_m(&plain.model));
     println!("robust {:.3} µm, plain {:.3} µm", robust_m * 1e6, plain_m * 1e6);
     assert!(plain_m > 5.0 * robust_m);
@@ -85,8 +85,8 @@ fn without_robust_weights_the_same_outliers_ruin_the_result() {
 #[test]
 fn robust_and_plain_weights_agree_on_clean_readings() {
     let case = case();
-    let robust = case.identify(&Options::default());
-    let plain = case.identify(&Options { robust: false, ..Options::default() });
+    let robust = case.identify(&IdentifyOptions::default());
+    let plain = case.identify(&IdentifyOptions { robust: false, ..IdentifyOptions::default() });
     let ratio = robust.evidence.chi2_per_dof / plain.evidence.chi2_per_dof;
     // Weights below one begin at 3.5 deviations, where 0.05 % of a normal sample and 0.6 % of its χ² lie.
     assert!((0.98..=1.001).contains(&ratio), "{ratio}");

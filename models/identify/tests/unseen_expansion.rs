@@ -12,7 +12,7 @@ use abbe_geometry::effects::{CovariateSource, CovariateValue, Shape, State};
 use abbe_geometry::machine::Machine;
 use abbe_geometry::model::MachineModel;
 use abbe_geometry::unseen_expansion::UnseenExpansions;
-use abbe_identify::{EffectTerm, Options, identify, identify_with, in_parallel, unseen_expansions};
+use abbe_identify::{EffectTerm, IdentifyOptions, identify, identify_with, in_parallel, unseen_expansions};
 use abbe_virtual_machine::effects::{Effect, ScaleExpansion};
 use abbe_virtual_machine::environment::EnvironmentConfig;
 use abbe_virtual_machine::plan::{PlanRecipe, presets};
@@ -78,7 +78,7 @@ fn simulated(seed: u64, per_kelvin: f64) -> (SimulationConfig, Machine, f64) {
 fn judged(seed: u64, per_kelvin: f64) -> Judged {
     let (mut config, machine, fixed_at_m) = simulated(seed, per_kelvin);
     let campaign = simulate_campaign(&config).unwrap().campaign;
-    let found = identify(&machine, INSTRUMENT.range, &campaign, &Options::default(), &mut |_| true).unwrap();
+    let found = identify(&machine, INSTRUMENT.range, &campaign, &IdentifyOptions::default(), &mut |_| true).unwrap();
     let without = found.model.with_unseen_expansions(UnseenExpansions::default()).unwrap();
     config.effects.clear();
     let points = verification_points(&config, POINTS, seed + 1000).unwrap();
@@ -148,7 +148,8 @@ fn what_an_effect_of_the_model_stretches_is_not_stated_twice() {
     let terms = [("scale_expansion", expansion), ("column_bow", bow)]
         .map(|(name, shape)| EffectTerm::new(name, shape, &machine).unwrap());
     let found =
-        identify_with(&machine, INSTRUMENT.range, &campaign, &terms, &Options::default(), &mut |_| true).unwrap();
+        identify_with(&machine, INSTRUMENT.range, &campaign, &terms, &IdentifyOptions::default(), &mut |_| true)
+            .unwrap();
     let all = unseen_expansions(&found, INSTRUMENT.range, &campaign, &|_| true);
     assert_eq!(all.by_sensor.len(), 7);
     for unseen in &all.by_sensor {

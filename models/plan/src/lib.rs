@@ -9,10 +9,10 @@
 //! A machine and four stands in, stations and lines for two hours of measuring out, with the uncertainty that they will reach:
 //!
 //! ```
-//! use abbe_geometry::error_function::Kind;
+//! use abbe_geometry::error_function::FunctionKind;
 //! use abbe_geometry::machine::{Joint, Machine, Side, Squareness, USUAL_RAM_TURN_RAD};
 //! use abbe_geometry::{Axis, ErrorId, rotation::RotationForm};
-//! use abbe_identify::{Belief, Options};
+//! use abbe_identify::{Belief, IdentifyOptions};
 //! use abbe_measurement::instrument::RangeUncertainty;
 //! use abbe_plan::{Goal, Holder, Lines, Motion, Request, Stand, Tracer, plan};
 //!
@@ -30,7 +30,7 @@
 //!         square("A0Z", Axis::Z, Axis::X),
 //!     ],
 //!     rotation: RotationForm::Exact,
-//!     kinds: [Some(Kind::BSpline { intervals: 6 }); ErrorId::COUNT],
+//!     kinds: [Some(FunctionKind::BSpline { intervals: 6 }); ErrorId::COUNT],
 //!     repeatability_m: [0.25e-6; 3],
 //!     u_ram_turn_rad: [USUAL_RAM_TURN_RAD; 3],
 //!     default_offset_m: None,
@@ -40,7 +40,7 @@
 //! let holder = |offset_m| Holder { offset_m, acceptance: None };
 //! let request = Request {
 //!     instrument: RangeUncertainty { constant_m: 0.2e-6, per_metre: 0.3e-6 },
-//!     options: Options::default(),
+//!     options: IdentifyOptions::default(),
 //!     volume_m: machine.stroke_m,
 //!     tips_m: vec![[0.0, 0.0, -0.06]],
 //!     tracer: Tracer { nearest_m: 0.1, farthest_m: 10.0, elevation_rad: (-1.5, 1.5) },

@@ -12,7 +12,7 @@ use abbe_geometry::machine::Machine;
 use abbe_geometry::model::{MachineModel, ModelParts};
 use abbe_geometry::{ErrorId, Vector3};
 use abbe_identify::station_start::StationStart;
-use abbe_identify::{Belief, Identified, IdentifyError, Options, foresee};
+use abbe_identify::{Belief, Identified, IdentifyError, IdentifyOptions, foresee};
 use abbe_measurement::campaign::Campaign;
 use abbe_measurement::instrument::RangeUncertainty;
 
@@ -76,7 +76,7 @@ pub struct Known<'a> {
     /// Uncertainty of the tracer's range.
     pub instrument: RangeUncertainty,
     /// How it will be identified.
-    pub options: &'a Options,
+    pub options: &'a IdentifyOptions,
     /// How much the error functions are believed to bend.
     pub belief: &'a Belief,
     /// χ² per degree of freedom that the noise is known to have (1: as declared), and what no model explained so far (m).

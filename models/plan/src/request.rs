@@ -6,7 +6,7 @@
 use abbe_geometry::effects::Shape;
 use abbe_geometry::machine::Machine;
 use abbe_identify::station_start::StationStart;
-use abbe_identify::{Belief, Identified, Options, OrderChoice};
+use abbe_identify::{Belief, Identified, IdentifyOptions, OrderChoice};
 use abbe_measurement::campaign::Campaign;
 use abbe_measurement::instrument::RangeUncertainty;
 
@@ -115,7 +115,7 @@ pub struct Request {
     /// Uncertainty of the tracer's range.
     pub instrument: RangeUncertainty,
     /// How it will be identified: order, absolute ranges.
-    pub options: Options,
+    pub options: IdentifyOptions,
     /// Scale readings of the volume that matters (m).
     pub volume_m: [(f64, f64); 3],
     /// Offsets of the tips whose points matter (m, ram frame).

@@ -179,11 +179,11 @@ fn way(request: &Request, from: Candidate, to: Candidate) -> Option<Vec<[f64; 3]
 mod tests {
     use super::*;
     use crate::request::{Goal, Holder, Lines, Motion, Stand, Tracer};
-    use abbe_geometry::error_function::Kind;
+    use abbe_geometry::error_function::FunctionKind;
     use abbe_geometry::machine::{Joint, Machine, Side, Squareness};
     use abbe_geometry::rotation::RotationForm;
     use abbe_geometry::{Axis, ErrorId};
-    use abbe_identify::{Belief, Options};
+    use abbe_identify::{Belief, IdentifyOptions};
     use abbe_measurement::instrument::RangeUncertainty;
 
     /// A cube of a metre with a tracer in front of the middle of one side.
@@ -196,14 +196,14 @@ mod tests {
             stroke_m: [(0.0, 1.0); 3],
             squareness: [tilt("C0Y", Axis::Y, Axis::Z), tilt("B0Z", Axis::Z, Axis::Y), tilt("A0Z", Axis::Z, Axis::X)],
             rotation: RotationForm::Exact,
-            kinds: [Some(Kind::BSpline { intervals: 4 }); ErrorId::COUNT],
+            kinds: [Some(FunctionKind::BSpline { intervals: 4 }); ErrorId::COUNT],
             repeatability_m: [0.0; 3],
             u_ram_turn_rad: [abbe_geometry::machine::USUAL_RAM_TURN_RAD; 3],
             default_offset_m: None,
         };
         Request {
             instrument: RangeUncertainty { constant_m: 1e-7, per_metre: 1e-7 },
-            options: Options::default(),
+            options: IdentifyOptions::default(),
             volume_m: machine.stroke_m,
             tips_m: vec![[0.0; 3]],
             tracer: Tracer { nearest_m, farthest_m: 5.0, elevation_rad: (-1.5, 1.5) },

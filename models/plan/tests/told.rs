@@ -6,7 +6,7 @@
 
 mod common;
 
-use abbe_diagnose::{Options, diagnose};
+use abbe_diagnose::{DiagnoseOptions, diagnose};
 use abbe_geometry::effects::Shape;
 use abbe_plan::{Goal, PlanError, Request, Sensor, Stage, Wish, check, plan};
 use abbe_virtual_machine::effects::from_text;
@@ -32,7 +32,7 @@ fn what_a_plan_calls_not_identifiable_a_diagnosis_of_its_campaign_cannot_find() 
     // A reflector whose reading falls off with the angle, ten times what would be seen if nothing else took it; and play.
     config.effects = ["backlash axis=y size_um=1.5"].map(|text| from_text(text).unwrap()).to_vec();
     let campaign = simulate_campaign(&config).unwrap().campaign;
-    let options = Options { folds: 0, ..Options::default() };
+    let options = DiagnoseOptions { folds: 0, ..DiagnoseOptions::default() };
     let found = diagnose(&request.machine, &[], INSTRUMENT.range, &campaign, &options, &mut |_| true).unwrap();
     let said = names(found.not_identifiable.iter().map(|n| n.name));
     println!(

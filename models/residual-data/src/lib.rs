@@ -38,7 +38,7 @@ mod shared;
 pub use error::ResidualError;
 pub use evidence::FieldPrior;
 pub use known_points::from_known_points;
-pub use ranges::{FromRanges, Options, Progress, from_ranges};
+pub use ranges::{FromRanges, Progress, RangeOptions, from_ranges};
 pub use shared::{Frame, SharedPoints, shared_points};
 
 use nalgebra::{Matrix3, Vector3};

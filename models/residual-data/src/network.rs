@@ -8,7 +8,7 @@
 use crate::PointResidual;
 use crate::problem::Problem;
 use abbe_geometry::Vector3;
-use abbe_measurement::network::{self, Network, NetworkError, Options, Placed, Sighting, Start};
+use abbe_measurement::network::{self, Network, NetworkError, NetworkOptions, Placed, Sighting, Start};
 use std::collections::BTreeMap;
 
 /// Residuals of a network.
@@ -28,7 +28,7 @@ pub(crate) fn of_poses(problem: &Problem, poses: &[Vec<usize>]) -> Result<OfNetw
     let placed = |s: &abbe_geometry::model::Station| Placed { position_m: s.position_m, dead_path_m: s.dead_path_m };
     let stations: Vec<Placed> = problem.placed.iter().map(placed).collect();
     // An instrument that knows its distance has no dead path, in the model neither.
-    let options = Options { absolute: stations.iter().all(|s| s.dead_path_m == 0.0), robust: true };
+    let options = NetworkOptions { absolute: stations.iter().all(|s| s.dead_path_m == 0.0), robust: true };
     let start = Start { stations, points_m: centres };
     let Network { points, chi2, degrees, .. } = network::solve(&start, &sightings, options, &mut |_| true)?;
     let mut used = 0;

@@ -35,7 +35,7 @@ const CHUNK: usize = 64;
 
 /// How much work is done.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Options {
+pub struct RangeOptions {
     /// Readings that the search for size and smoothness uses at most.
     pub search_readings: usize,
     /// Readings that the estimate uses at most: cost grows with the cube.
@@ -44,9 +44,9 @@ pub struct Options {
     pub points: usize,
 }
 
-impl Default for Options {
-    fn default() -> Options {
-        Options { search_readings: 700, readings: 2400, points: 1000 }
+impl Default for RangeOptions {
+    fn default() -> RangeOptions {
+        RangeOptions { search_readings: 700, readings: 2400, points: 1000 }
     }
 }
 
@@ -88,7 +88,7 @@ pub fn from_ranges(
     instrument: RangeUncertainty,
     campaign: &Campaign,
     own: bool,
-    options: &Options,
+    options: &RangeOptions,
     observe: &mut dyn FnMut(Progress) -> bool,
 ) -> Result<FromRanges, ResidualError> {
     let all = Problem::new(model, instrument, campaign, own)?;

@@ -6,7 +6,7 @@ use abbe_geometry::Vector3;
 use abbe_identify::{Identified, identify};
 use abbe_measurement::alignment::aligned_residuals_m;
 use abbe_measurement::instrument::RangeUncertainty;
-use abbe_residual_data::{Options, PointResidual, ResidualError, from_ranges, shared_points};
+use abbe_residual_data::{PointResidual, RangeOptions, ResidualError, from_ranges, shared_points};
 use abbe_virtual_machine::effects::from_text;
 use abbe_virtual_machine::environment::EnvironmentConfig;
 use abbe_virtual_machine::instrument::InstrumentConfig;
@@ -16,7 +16,7 @@ use abbe_virtual_machine::plan::presets::{case_like, plan_b};
 use abbe_virtual_machine::{Simulated, SimulationConfig, TruthRecipe, simulate_campaign};
 
 /// Work that a test can wait for; the figures of a full run stand in the book.
-const QUICK: Options = Options { search_readings: 400, readings: 1200, points: 150 };
+const QUICK: RangeOptions = RangeOptions { search_readings: 400, readings: 1200, points: 150 };
 /// Largest share of the error's power that may be left at points seen from four stations: their repeatability, four times
 /// 0.06 µm² a component, and that of the truth's own stop.
 const LEFT: f64 = 0.35;
@@ -39,7 +39,7 @@ struct Bench {
 
 fn machine() -> abbe_geometry::machine::Machine {
     use abbe_geometry::Axis;
-    use abbe_geometry::error_function::Kind;
+    use abbe_geometry::error_function::FunctionKind;
     use abbe_geometry::machine::{Joint, Machine, Side, Squareness};
     let joint = |axis| Joint { axis, side: Side::Tool };
     let tilt = |name: &str, tilts, about| Squareness { name: name.to_owned(), tilts, about };
@@ -50,7 +50,7 @@ fn machine() -> abbe_geometry::machine::Machine {
         stroke_m: [(0.0, 0.8), (0.0, 0.6), (0.0, 0.6)],
         squareness: [tilt("C0Y", Axis::Y, Axis::Z), tilt("B0Z", Axis::Z, Axis::Y), tilt("A0Z", Axis::Z, Axis::X)],
         rotation: abbe_geometry::rotation::RotationForm::Exact,
-        kinds: std::array::from_fn(|_| Some(Kind::BSpline { intervals: 6 })),
+        kinds: std::array::from_fn(|_| Some(FunctionKind::BSpline { intervals: 6 })),
         repeatability_m: [0.25e-6; 3],
         u_ram_turn_rad: [abbe_geometry::machine::USUAL_RAM_TURN_RAD; 3],
         default_offset_m: None,
@@ -75,7 +75,7 @@ fn bench(seed: u64, effects: &[&str], plan: impl Fn([[f64; 2]; 3]) -> Plan) -> B
         effects: effects.iter().map(|text| from_text(text).unwrap()).collect(),
     };
     let simulated = simulate_campaign(&config).unwrap();
-    let options = abbe_identify::Options::default();
+    let options = abbe_identify::IdentifyOptions::default();
     let fit = identify(&machine(), INSTRUMENT, &simulated.campaign, &options, &mut |_| true).unwrap();
     Bench { simulated, fit }
 }

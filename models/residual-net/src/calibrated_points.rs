@@ -3,7 +3,7 @@
 //! Place in the flow: points (their inputs) and residuals (m) once, then for each target its cell and its tokens; the same in
 //! training and live. Neighbours are those in scaled inputs, each over a scale of its own, which is 1 for positions alone. A network on kriging sees, at each calibrated point, what kriging leaves of the residual there.
 
-use crate::kind::Kind;
+use crate::kind::ResidualMethod;
 use crate::kriging::{Kriging, KrigingMean};
 use crate::neighbourhood::{Neighbourhood, VERTICES, Vertices};
 use crate::network::NetworkConfig;
@@ -14,7 +14,7 @@ use nalgebra::Vector3;
 /// Calibrated points, prepared.
 #[derive(Debug, Clone)]
 pub struct CalibratedPoints {
-    kind: Kind,
+    kind: ResidualMethod,
     /// Scale of each input, in its unit.
     scale: Vec<f64>,
     /// Points in scaled inputs, one after the other.
@@ -28,7 +28,7 @@ pub struct CalibratedPoints {
 impl CalibratedPoints {
     /// Prepares the points of a field for a kind of model; the kriging is the one solved for this field.
     pub fn new(
-        kind: Kind,
+        kind: ResidualMethod,
         field: &Samples,
         scale: &[f64],
         kriging: &Kriging,
@@ -68,7 +68,7 @@ impl CalibratedPoints {
 
     /// What stands below the network at a point (m): kriging, or nothing.
     pub fn below_m(&self, point: &[f64]) -> Vector3<f64> {
-        if self.kind == Kind::KrigingNetwork { self.kriging_m(point) } else { Vector3::zeros() }
+        if self.kind == ResidualMethod::KrigingNetwork { self.kriging_m(point) } else { Vector3::zeros() }
     }
 
     /// Tokens of a target in its cell.

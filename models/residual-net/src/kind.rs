@@ -4,7 +4,7 @@
 
 /// What predicts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Kind {
+pub enum ResidualMethod {
     /// Kriging alone.
     Kriging,
     /// The network alone.
@@ -15,28 +15,33 @@ pub enum Kind {
     PerceptronKriging,
 }
 
-impl Kind {
+impl ResidualMethod {
     /// All of them, the simplest first.
-    pub const ALL: [Kind; 4] = [Kind::Kriging, Kind::Network, Kind::KrigingNetwork, Kind::PerceptronKriging];
+    pub const ALL: [ResidualMethod; 4] = [
+        ResidualMethod::Kriging,
+        ResidualMethod::Network,
+        ResidualMethod::KrigingNetwork,
+        ResidualMethod::PerceptronKriging,
+    ];
 
     /// Name in files and tables.
     pub fn name(self) -> &'static str {
         match self {
-            Kind::Kriging => "kriging",
-            Kind::Network => "network",
-            Kind::KrigingNetwork => "kriging-network",
-            Kind::PerceptronKriging => "perceptron-kriging",
+            ResidualMethod::Kriging => "kriging",
+            ResidualMethod::Network => "network",
+            ResidualMethod::KrigingNetwork => "kriging-network",
+            ResidualMethod::PerceptronKriging => "perceptron-kriging",
         }
     }
 
     /// Whether it has networks on the neighbourhood.
     pub fn has_attention(self) -> bool {
-        matches!(self, Kind::Network | Kind::KrigingNetwork)
+        matches!(self, ResidualMethod::Network | ResidualMethod::KrigingNetwork)
     }
 
     /// Whether it has networks on the position.
     pub fn has_trend(self) -> bool {
-        self == Kind::PerceptronKriging
+        self == ResidualMethod::PerceptronKriging
     }
 
     /// Whether it has any network.

@@ -9,9 +9,9 @@
 //! The simplest model, kriging alone, on residuals at the points of a grid, and what it says between them:
 //!
 //! ```
-//! use abbe_field::kriging::{Kernel, Noise, Options, Trend, fitted};
+//! use abbe_field::kriging::{Kernel, Noise, KrigingOptions, Trend, fitted};
 //! use abbe_field::{MeasuredField, Samples};
-//! use abbe_residual_net::{Calibration, Kind, Kriging, Parts, ResidualModel};
+//! use abbe_residual_net::{Calibration, ResidualMethod, Kriging, Parts, ResidualModel};
 //! use nalgebra::Vector3;
 //!
 //! let bent = |p: &Vector3<f64>| Vector3::new((3.0 * p.y).sin(), (2.0 * p.x).cos(), (p.x + 2.0 * p.z).sin()) * 1e-6;
@@ -20,11 +20,11 @@
 //! let residuals_m = points_m.iter().map(bent).collect();
 //! let field = Samples::from(&MeasuredField::new(points_m, residuals_m, None)?);
 //!
-//! let options = Options { kernel: Kernel::Matern52, trend: Trend::Constant, noise: Noise::Fitted };
+//! let options = KrigingOptions { kernel: Kernel::Matern52, trend: Trend::Constant, noise: Noise::Fitted };
 //! let fit = fitted(&field, &options)?;
 //! let kriging = Kriging::from_fit(&fit, options.kernel, &field, &Vector3::repeat(1.0)).expect("points apart");
 //! let model = ResidualModel::new(Parts {
-//!     kind: Kind::Kriging,
+//!     kind: ResidualMethod::Kriging,
 //!     field,
 //!     scale: vec![1.0; 3],
 //!     kriging,
@@ -53,7 +53,7 @@ mod trend;
 
 pub use calibrated_points::CalibratedPoints;
 pub use calibration::{Calibration, NORMAL_95};
-pub use kind::Kind;
+pub use kind::ResidualMethod;
 pub use kriging::{Component, Kriging, KrigingMean};
 pub use model::{Apart, At, Ensemble, ModelError, Parts, ResidualModel, check_units};
 pub use neighbourhood::{Neighbourhood, VERTICES, Vertices, spacing};

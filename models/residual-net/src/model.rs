@@ -20,7 +20,7 @@
 
 use crate::calibrated_points::CalibratedPoints;
 use crate::calibration::Calibration;
-use crate::kind::Kind;
+use crate::kind::ResidualMethod;
 use crate::kriging::{Kriging, KrigingVariance};
 use crate::neighbourhood::{VERTICES, Vertices};
 use crate::network::tokens::Normaliser;
@@ -48,7 +48,7 @@ pub struct Ensemble {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Parts {
     /// What predicts.
-    pub kind: Kind,
+    pub kind: ResidualMethod,
     /// Calibrated points by their inputs, residuals and, where known, their standard uncertainty (m).
     pub field: Samples,
     /// Scale of each input, in its unit: over these, distances of neighbours compare. All 1 where the position is all there is.
@@ -130,7 +130,7 @@ impl ResidualModel {
     }
 
     /// What predicts.
-    pub fn kind(&self) -> Kind {
+    pub fn kind(&self) -> ResidualMethod {
         self.parts.kind
     }
 
@@ -209,7 +209,7 @@ impl ResidualModel {
             return (self.calibrated.kriging_m(at), variance_m2);
         };
         let (network_m, scatter_m2) = self.evaluate(ensemble, at, vertices);
-        let on_kriging = self.parts.kind == Kind::KrigingNetwork;
+        let on_kriging = self.parts.kind == ResidualMethod::KrigingNetwork;
         // Kriging is the dear part: left out where nothing needs it.
         let kriging_m = if on_kriging || !inside { self.calibrated.kriging_m(at) } else { Vector3::zeros() };
         let residual_m = if on_kriging { kriging_m + network_m } else { network_m };
@@ -256,10 +256,10 @@ pub enum ModelError {
         /// Why.
         source: ParametersError,
     },
-    /// Kind and parts disagree.
+    /// Method and parts disagree.
     #[error("a model of kind {kind} {} {what}; train it again", if *.needed { "needs" } else { "has no use for" })]
     Ensemble {
-        /// Kind.
+        /// Method.
         kind: &'static str,
         /// What.
         what: &'static str,

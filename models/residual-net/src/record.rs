@@ -6,7 +6,7 @@
 //! bit for bit (f32 is widened, which is exact), so a model read predicts the same bits as the one written.
 
 use crate::calibration::Calibration;
-use crate::kind::Kind;
+use crate::kind::ResidualMethod;
 use crate::kriging::{Component, Kriging};
 use crate::model::{Ensemble, ModelError, Parts, ResidualModel};
 use crate::network::{ConfigError, NetworkConfig, Normaliser, Parameters, ParametersError, PositionConfig};
@@ -29,7 +29,7 @@ const MOST_MEMBERS: usize = 1000;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Record {
-    /// What predicts: a name of [`Kind`].
+    /// What predicts: a name of [`ResidualMethod`].
     pub kind: String,
     /// Scalars; the unit stands in the name.
     pub numbers: BTreeMap<String, f64>,
@@ -53,7 +53,7 @@ pub struct Array {
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum RecordError {
     /// A kind that this program does not know.
-    #[error("kind {0:?} is not known; known are {known}", known = Kind::ALL.map(Kind::name).join(", "))]
+    #[error("kind {0:?} is not known; known are {known}", known = ResidualMethod::ALL.map(ResidualMethod::name).join(", "))]
     Kind(String),
     /// An entry is not there.
     #[error("{0} is missing")]
@@ -155,7 +155,7 @@ impl ResidualModel {
 
     /// The model of a record; every name and shape is checked, and nothing may be left over.
     pub fn from_record(record: Record) -> Result<ResidualModel, RecordError> {
-        let kind = Kind::ALL.into_iter().find(|kind| kind.name() == record.kind);
+        let kind = ResidualMethod::ALL.into_iter().find(|kind| kind.name() == record.kind);
         let kind = kind.ok_or_else(|| RecordError::Kind(record.kind.clone()))?;
         let mut record = Reader(record);
         let is_plain = !record.0.texts.contains_key(&input_key(0));

@@ -10,7 +10,7 @@
 use abbe_field::Samples;
 use abbe_residual_net::network::forward::forward;
 use abbe_residual_net::network::{Folded, NetworkConfig, Parameters, Token};
-use abbe_residual_net::{Kind, ResidualModel, VERTICES};
+use abbe_residual_net::{ResidualMethod, ResidualModel, VERTICES};
 use abbe_residual_training::simulated::{Character, SimulatedField, random_points_m};
 use abbe_residual_training::{
     Attention, Config, Device, Examples, Go, Method, Network, Optimiser, Training, View, train,
@@ -101,7 +101,7 @@ fn against_pytorch() {
 }
 
 /// A model of each kind; how well it is trained does not matter for its speed.
-fn models() -> Vec<(Kind, ResidualModel)> {
+fn models() -> Vec<(ResidualMethod, ResidualModel)> {
     let field = field();
     let of = |method| {
         let mut config = Config { method, ..Config::default() };
@@ -115,7 +115,7 @@ fn models() -> Vec<(Kind, ResidualModel)> {
 }
 
 /// Percentiles of single predictions at points that the model has not seen before.
-fn percentiles(models: &[(Kind, ResidualModel)]) {
+fn percentiles(models: &[(ResidualMethod, ResidualModel)]) {
     let points = random_points_m(20_000, 9);
     for (kind, model) in models {
         let time = |point: &nalgebra::Vector3<f64>| {

@@ -15,7 +15,7 @@ use crate::train::{Go, seed_of};
 use crate::views::ViewError;
 use abbe_field::{FieldError, Samples};
 use abbe_residual_net::network::MOST_NEIGHBOURED;
-use abbe_residual_net::{Kind, check_units};
+use abbe_residual_net::{ResidualMethod, check_units};
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 use statrs::distribution::{ContinuousCDF, StudentsT};
@@ -98,12 +98,12 @@ impl Rival {
     }
 
     /// The kind of model that `train` makes of it, if it is one.
-    pub fn kind(self) -> Option<Kind> {
+    pub fn kind(self) -> Option<ResidualMethod> {
         match self {
-            Rival::Kriging => Some(Kind::Kriging),
-            Rival::Network => Some(Kind::Network),
-            Rival::KrigingNetwork => Some(Kind::KrigingNetwork),
-            Rival::PerceptronKriging => Some(Kind::PerceptronKriging),
+            Rival::Kriging => Some(ResidualMethod::Kriging),
+            Rival::Network => Some(ResidualMethod::Network),
+            Rival::KrigingNetwork => Some(ResidualMethod::KrigingNetwork),
+            Rival::PerceptronKriging => Some(ResidualMethod::PerceptronKriging),
             _ => None,
         }
     }
@@ -255,7 +255,7 @@ impl<'a> Subject<'a> {
             all.extend(config.rivals.iter().map(one));
         }
         if let Some(samples) = self.inputs {
-            let takes = |kind: Kind| !kind.has_attention() || samples.size() <= MOST_NEIGHBOURED;
+            let takes = |kind: ResidualMethod| !kind.has_attention() || samples.size() <= MOST_NEIGHBOURED;
             let zero = self.alone.is_none();
             let fits = |rival: &&Rival| rival.kind().is_some_and(takes) || zero && **rival == Rival::Zero;
             let one = |rival: &Rival| Contestant { rival: *rival, samples, position_alone: false };

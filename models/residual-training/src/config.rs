@@ -3,7 +3,7 @@
 //! Place in the flow: from a file or the command line into [`crate::train()`] and [`crate::compare()`]; kept beside the result. Unknown
 //! keys are refused when it is read, values out of range by [`Config::check`].
 
-use abbe_residual_net::Kind;
+use abbe_residual_net::ResidualMethod;
 use abbe_residual_net::network::{ConfigError, NetworkConfig, PositionConfig, PositionConfigError};
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
@@ -45,13 +45,13 @@ pub enum Method {
 
 impl Method {
     /// Kinds that have to be trained.
-    pub fn kinds(self) -> &'static [Kind] {
+    pub fn kinds(self) -> &'static [ResidualMethod] {
         match self {
-            Method::Recommended => &Kind::ALL,
-            Method::Kriging => &[Kind::Kriging],
-            Method::Network => &[Kind::Network],
-            Method::KrigingNetwork => &[Kind::KrigingNetwork],
-            Method::PerceptronKriging => &[Kind::PerceptronKriging],
+            Method::Recommended => &ResidualMethod::ALL,
+            Method::Kriging => &[ResidualMethod::Kriging],
+            Method::Network => &[ResidualMethod::Network],
+            Method::KrigingNetwork => &[ResidualMethod::KrigingNetwork],
+            Method::PerceptronKriging => &[ResidualMethod::PerceptronKriging],
         }
     }
 }

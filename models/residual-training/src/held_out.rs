@@ -9,7 +9,7 @@ use crate::error::TrainingError;
 use crate::networks::Networks;
 use crate::recommend::{Candidate, ZERO, named};
 use abbe_field::Samples;
-use abbe_residual_net::{Calibration, Kind, Kriging, NORMAL_95};
+use abbe_residual_net::{Calibration, Kriging, NORMAL_95, ResidualMethod};
 use nalgebra::Vector3;
 
 /// Prediction of a point that was held out.
@@ -27,7 +27,7 @@ pub struct HeldOutPoint {
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Predicted {
     /// What predicted.
-    pub(crate) kind: Kind,
+    pub(crate) kind: ResidualMethod,
     /// Whether it had the position alone, beside methods that have further inputs.
     pub(crate) position_alone: bool,
     /// Fold of each point.
@@ -44,7 +44,7 @@ pub(crate) fn predict(
     scale: &[f64],
     without: &[Kriging],
     fold: &[usize],
-    kind: Kind,
+    kind: ResidualMethod,
     networks: &Networks,
 ) -> Result<Predicted, TrainingError> {
     let trained = networks.members().unwrap_or(without.len());

@@ -6,7 +6,7 @@
 use crate::error::TrainingError;
 use crate::views::ViewError;
 use abbe_field::Samples;
-use abbe_field::kriging::{FittedComponent, Kernel, Noise, Options, Trend, fitted};
+use abbe_field::kriging::{FittedComponent, Kernel, KrigingOptions, Noise, Trend, fitted};
 use abbe_residual_net::Kriging;
 use nalgebra::Vector3;
 
@@ -31,7 +31,7 @@ pub(crate) fn fitted_kriging(field: &Samples) -> Result<Kriging, TrainingError> 
 /// large.
 fn seen(field: &Samples) -> Result<Vector3<f64>, TrainingError> {
     let Some(u_m) = field.u_m() else { return Ok(Vector3::repeat(1.0)) };
-    let options = Options { kernel: Kernel::Matern52, trend: Trend::Constant, noise: Noise::Scaled };
+    let options = KrigingOptions { kernel: Kernel::Matern52, trend: Trend::Constant, noise: Noise::Scaled };
     let fit = fitted(field, &options)?;
     let share = |axis: usize| {
         let declared_m2 = u_m.iter().map(|u| u[axis] * u[axis]).sum::<f64>() / u_m.len() as f64;
@@ -61,5 +61,5 @@ pub(crate) fn kriging_of(field: &Samples, kernel: Kernel, seen: &Vector3<f64>) -
 /// Fitted by restricted likelihood, with the declared uncertainties where there are any.
 fn fit(field: &Samples, kernel: Kernel) -> Result<[FittedComponent; 3], TrainingError> {
     let noise = if field.u_m().is_some() { Noise::DeclaredAndFitted } else { Noise::Fitted };
-    Ok(fitted(field, &Options { kernel, trend: Trend::Constant, noise })?)
+    Ok(fitted(field, &KrigingOptions { kernel, trend: Trend::Constant, noise })?)
 }

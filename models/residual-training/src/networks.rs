@@ -10,7 +10,7 @@ use crate::views::ViewError;
 use abbe_field::Samples;
 use abbe_field::kriging::Kernel;
 use abbe_residual_net::{
-    Calibration, Ensemble, Kind, Kriging, ModelError, Parts, PositionEnsemble, ResidualModel, Trend,
+    Calibration, Ensemble, Kriging, ModelError, Parts, PositionEnsemble, ResidualMethod, ResidualModel, Trend,
 };
 
 /// Covariance of what a trend leaves. A network that bends sharply leaves nothing very smooth.
@@ -53,7 +53,7 @@ impl Networks {
     /// The model of a kind on a field, whose own kriging is given, with the scale of each input.
     pub(crate) fn model(
         self,
-        kind: Kind,
+        kind: ResidualMethod,
         field: &Samples,
         scale: &[f64],
         kriging: &Kriging,

@@ -27,7 +27,7 @@ use crate::scores::Scores;
 use crate::split;
 use abbe_field::Samples;
 use abbe_residual_net::network::MOST_NEIGHBOURED;
-use abbe_residual_net::{Calibration, Kind, Kriging, ModelError, ResidualModel, check_units};
+use abbe_residual_net::{Calibration, Kriging, ModelError, ResidualMethod, ResidualModel, check_units};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 use task::Task;
@@ -50,8 +50,8 @@ pub enum Go {
 /// How far a training is; told after each epoch.
 #[derive(Debug)]
 pub struct Progress<'a> {
-    /// Kind in training.
-    pub kind: Kind,
+    /// Method in training.
+    pub kind: ResidualMethod,
     /// Member, from 0, counted over all kinds.
     pub member: usize,
     /// Members of all kinds.
@@ -88,7 +88,7 @@ pub struct State {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Curve {
-    /// Kind that has networks.
+    /// Method that has networks.
     pub kind: String,
     /// Member of the kind, which is also the fold that it does not see.
     pub member: usize,
@@ -142,7 +142,7 @@ pub struct TrainingRecord {
     pub held_out: Vec<HeldOutScores>,
     /// What they recommend.
     pub recommendation: Recommendation,
-    /// Kind of the model that was made.
+    /// Method of the model that was made.
     pub kind: String,
     /// Whether all members were trained to their end.
     pub complete: bool,
@@ -209,7 +209,7 @@ pub fn train_beside(
         (0..config.split.folds).map(|held| fitted_without(field, &fold, held, &kriging)).collect::<Result<_, _>>()?;
     let scale = input_scale(field, &kriging);
     let (kinds, networks) = (kinds_of(field, config), networks_of(field, config));
-    let mut trained: Vec<(Kind, Networks)> =
+    let mut trained: Vec<(ResidualMethod, Networks)> =
         kinds.iter().filter(|kind| !kind.has_network()).map(|kind| (*kind, Networks::None)).collect();
     let mut complete = true;
     for (number, kind) in networks.iter().enumerate() {
@@ -234,12 +234,12 @@ fn check_inputs(field: &Samples, config: &Config) -> Result<(), TrainingError> {
 }
 
 /// The kinds that compete on these inputs: of `recommended`, those that take so many.
-fn kinds_of(field: &Samples, config: &Config) -> Vec<Kind> {
-    let takes = |kind: &Kind| !kind.has_attention() || field.size() <= MOST_NEIGHBOURED;
+fn kinds_of(field: &Samples, config: &Config) -> Vec<ResidualMethod> {
+    let takes = |kind: &ResidualMethod| !kind.has_attention() || field.size() <= MOST_NEIGHBOURED;
     config.method.kinds().iter().copied().filter(takes).collect()
 }
 
-fn networks_of(field: &Samples, config: &Config) -> Vec<Kind> {
+fn networks_of(field: &Samples, config: &Config) -> Vec<ResidualMethod> {
     kinds_of(field, config).into_iter().filter(|kind| kind.has_network()).collect()
 }
 
@@ -249,7 +249,7 @@ fn position_alone(alone: &Samples, fold: &[usize], config: &Config) -> Result<Pr
     let without: Vec<Kriging> =
         (0..config.split.folds).map(|held| fitted_without(alone, fold, held, &kriging)).collect::<Result<_, _>>()?;
     let scale = input_scale(alone, &kriging);
-    let predicted = held_out::predict(alone, &scale, &without, fold, Kind::Kriging, &Networks::None)?;
+    let predicted = held_out::predict(alone, &scale, &without, fold, ResidualMethod::Kriging, &Networks::None)?;
     Ok(Predicted { position_alone: true, ..predicted })
 }
 
@@ -281,11 +281,12 @@ fn finish(
     config: &Config,
     (scale, kriging, without): (&[f64], &Kriging, &[Kriging]),
     fold: &[usize],
-    (trained, alone): (Vec<(Kind, Networks)>, Option<Predicted>),
+    (trained, alone): (Vec<(ResidualMethod, Networks)>, Option<Predicted>),
     state: State,
     complete: bool,
 ) -> Result<Trained, TrainingError> {
-    let one = |(kind, networks): &(Kind, Networks)| held_out::predict(field, scale, without, fold, *kind, networks);
+    let one =
+        |(kind, networks): &(ResidualMethod, Networks)| held_out::predict(field, scale, without, fold, *kind, networks);
     let mut predicted = trained.iter().map(one).collect::<Result<Vec<_>, _>>()?;
     predicted.splice(0..0, alone);
     let block = split::blocks(&field.places(), &config.split);
@@ -319,7 +320,12 @@ fn finish(
 
 /// What held-out points recommend among everything that predicted them, and the kind to make. Where "zero" is recommended
 /// and a model was asked for all the same, the kind is the best of those trained.
-fn choose(field: &Samples, predicted: &[Predicted], block: &[usize], config: &Config) -> (Recommendation, Kind) {
+fn choose(
+    field: &Samples,
+    predicted: &[Predicted],
+    block: &[usize],
+    config: &Config,
+) -> (Recommendation, ResidualMethod) {
     // A stopped training has not predicted all folds with all methods: they compete on the points they share.
     let shared: Vec<usize> = (0..block.len()).filter(|k| predicted.iter().all(|p| p.errors_m[*k].is_some())).collect();
     let candidates = held_out::candidates(field, predicted, &shared);
@@ -351,7 +357,7 @@ fn held_out_scores(field: &Samples, predicted: &[Predicted]) -> Vec<HeldOutScore
     zero.into_iter().chain(predicted.iter().filter_map(one)).collect()
 }
 
-fn curves(state: &State, split: &Split, networks: &[Kind]) -> Vec<Curve> {
+fn curves(state: &State, split: &Split, networks: &[ResidualMethod]) -> Vec<Curve> {
     let one = |(place, run): (usize, &Run)| {
         let kind = networks.get(place / split.folds)?;
         Some(Curve {

@@ -11,7 +11,7 @@ use crate::optimise::{Examples, OUTPUTS, View};
 use crate::split;
 use abbe_field::{FieldError, Samples, place_of};
 use abbe_residual_net::network::{NetworkConfig, Normaliser, PositionConfig, token_size};
-use abbe_residual_net::{CalibratedPoints, Kind, Kriging, PositionEnsemble, place, place_box, spacing};
+use abbe_residual_net::{CalibratedPoints, Kriging, PositionEnsemble, ResidualMethod, place, place_box, spacing};
 use nalgebra::Vector3;
 use thiserror::Error;
 
@@ -37,7 +37,7 @@ pub enum ViewError {
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Material<'a> {
     /// Network alone, or on kriging.
-    pub(crate) kind: Kind,
+    pub(crate) kind: ResidualMethod,
     /// All measured points.
     pub(crate) field: &'a Samples,
     /// Scale of each input.
@@ -93,7 +93,7 @@ impl Material<'_> {
     /// Targets in the lattice of other points.
     fn seen(&self, lattice: &[usize], targets: &[usize]) -> Result<View, ViewError> {
         let part = self.field.part(lattice)?;
-        let kriging = if self.kind == Kind::KrigingNetwork {
+        let kriging = if self.kind == ResidualMethod::KrigingNetwork {
             self.kriging.on(&part).ok_or(ViewError::NotPositiveDefinite)?
         } else {
             self.kriging.clone() // not evaluated below a network alone
@@ -120,7 +120,7 @@ impl Material<'_> {
             let (targets, rest): (Vec<usize>, Vec<usize>) = (0..training.len()).partition(|k| part[*k] == number);
             let rest = self.field.part(&rest.iter().map(|k| training[*k]).collect::<Vec<_>>())?;
             let kriging = self.kriging.on(&rest).ok_or(ViewError::NotPositiveDefinite)?;
-            let lattice = CalibratedPoints::new(Kind::Kriging, &rest, self.scale, &kriging, None);
+            let lattice = CalibratedPoints::new(ResidualMethod::Kriging, &rest, self.scale, &kriging, None);
             for target in targets {
                 let index = training[target];
                 left[target] = self.field.errors_m()[index] - lattice.kriging_m(self.field.point(index));

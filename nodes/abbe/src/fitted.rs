@@ -5,7 +5,7 @@
 use crate::pipeline::{Identification, LoadedCampaign};
 use abbe_files::ModelFile;
 use abbe_geometry::ErrorId;
-use abbe_geometry::error_function::Kind;
+use abbe_geometry::error_function::FunctionKind;
 use abbe_report::{
     Correlation, DemoReport, ErrorCurve, ErrorCurveSet, ErrorKind, FitSummary, Identifiability, MeasuredLine,
     MeasuringVolume, OrderChoice, RejectedReading, Residual, SquarenessError, StationEntry,
@@ -155,9 +155,9 @@ impl Fitted<'_> {
     fn order(&self) -> Vec<OrderChoice> {
         let machine = &self.model.model.parts().machine;
         let form = |name: &str| match ErrorId::from_name(name).and_then(|id| machine.kinds[id.index()]) {
-            Some(Kind::BSpline { intervals }) => format!("cubic spline, {intervals} intervals, penalised"),
-            Some(Kind::Polynomial { degree }) => format!("polynomial, up to degree {degree}"),
-            Some(Kind::Nodes { count }) => format!("piecewise linear, {count} nodes"),
+            Some(FunctionKind::BSpline { intervals }) => format!("cubic spline, {intervals} intervals, penalised"),
+            Some(FunctionKind::Polynomial { degree }) => format!("polynomial, up to degree {degree}"),
+            Some(FunctionKind::Nodes { count }) => format!("piecewise linear, {count} nodes"),
             None => "held at zero".to_owned(),
         };
         let choice = |e: &abbe_identify::ErrorEvidence| OrderChoice {

@@ -6,7 +6,9 @@ use crate::verdict::{self, Accept};
 use abbe_files::{DataSource, Days, MachineFile, ModelFile, OrderChoice, hex, read_campaign_file};
 use abbe_graph::bag_campaign::{JoinSettings, campaign_from_bag};
 use abbe_identify::verdict::{Grade, Verdict, of_campaign, stroke, widened};
-use abbe_identify::{Along, By, CorrelatedNoise, Evidence, IdentifyError, Noise, Options, Progress, RangeCorrelation};
+use abbe_identify::{
+    Along, By, CorrelatedNoise, Evidence, IdentifyError, IdentifyOptions, Noise, Progress, RangeCorrelation,
+};
 use abbe_measurement::campaign::Campaign;
 use abbe_msgs::Sha256;
 use anyhow::{Context, ensure};
@@ -129,7 +131,8 @@ pub(crate) fn identify(
     };
     let Choices { robust, correlated_noise, accept } = choices;
     let noise = if correlated_noise { Noise::Estimated } else { Noise::Given(None) };
-    let options = Options { order, robust, noise, absolute_range: machine.absolute_range, ..Options::default() };
+    let options =
+        IdentifyOptions { order, robust, noise, absolute_range: machine.absolute_range, ..IdentifyOptions::default() };
     let fit = abbe_identify::identify(&machine.machine, machine.instrument, &loaded.campaign, &options, observe)
         .map_err(|error| with_stroke(error, machine, &loaded.campaign))
         .with_context(|| loaded.source.file.clone())?;

@@ -11,7 +11,7 @@ use sha2::{Digest, Sha256};
 
 /// A kind of file.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Kind {
+pub(crate) struct FileKind {
     /// Word in the file.
     pub(crate) format: &'static str,
     /// Version of the content.
@@ -45,7 +45,7 @@ struct Head {
 }
 
 /// Bytes of the file and hash of the content.
-pub(crate) fn seal(kind: &Kind, content: &impl Serialize, file: &str) -> Result<(Vec<u8>, [u8; 32]), FileError> {
+pub(crate) fn seal(kind: &FileKind, content: &impl Serialize, file: &str) -> Result<(Vec<u8>, [u8; 32]), FileError> {
     let unwritable = |error: serde_json::Error| {
         FileError::content(Place::file(file), format!("the {} cannot be written: {error}", kind.name), "report this")
     };
@@ -63,7 +63,7 @@ pub(crate) fn seal(kind: &Kind, content: &impl Serialize, file: &str) -> Result<
 
 /// Content of a file of this kind and its hash; `file` is its name in messages.
 pub(crate) fn open<T: for<'de> Deserialize<'de>>(
-    kind: &Kind,
+    kind: &FileKind,
     bytes: &[u8],
     file: &str,
 ) -> Result<(T, [u8; 32]), FileError> {
@@ -122,7 +122,7 @@ pub fn sha256_of_hex(text: &str) -> Option<[u8; 32]> {
     Some(bytes)
 }
 
-fn unreadable(kind: &Kind, file: &str, bytes: &[u8], error: &serde_json::Error) -> FileError {
+fn unreadable(kind: &FileKind, file: &str, bytes: &[u8], error: &serde_json::Error) -> FileError {
     let place = Place::file(file).line(error.line() as u64);
     // A file cut within a number is no end of file to the parser, but no whole file ends without its brace.
     let cut_off = error.is_eof() || (bytes.starts_with(b"{") && !bytes.ends_with(b"}"));

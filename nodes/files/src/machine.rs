@@ -11,7 +11,7 @@ use crate::machine_document::{
 use crate::names::nearest;
 use crate::toml_place::{key_at, line_at, line_of};
 use crate::units::{micrometres_from_m, millimetres_from_m};
-use abbe_geometry::error_function::Kind;
+use abbe_geometry::error_function::FunctionKind;
 use abbe_geometry::machine::{Joint, Machine, MachineError, Side, Squareness, USUAL_RAM_TURN_RAD};
 use abbe_geometry::{Axis, ErrorId};
 use abbe_measurement::instrument::RangeUncertainty;
@@ -178,7 +178,7 @@ impl Reader<'_> {
         })
     }
 
-    fn kinds(&self, functions: &ErrorFunctionsText) -> Result<[Option<Kind>; ErrorId::COUNT], FileError> {
+    fn kinds(&self, functions: &ErrorFunctionsText) -> Result<[Option<FunctionKind>; ErrorId::COUNT], FileError> {
         let mut kinds = [functions.default.into(); ErrorId::COUNT];
         for (name, kind) in &functions.by_error {
             let Some(id) = ErrorId::from_name(name) else {

@@ -5,7 +5,7 @@
 
 use crate::identity::Identity;
 use crate::units::{micrometres_from_m, millimetres_from_m};
-use abbe_geometry::error_function::Kind;
+use abbe_geometry::error_function::FunctionKind;
 use abbe_geometry::machine::{Machine, Side, Squareness};
 use abbe_geometry::rotation::RotationForm;
 use abbe_geometry::{Axis, ErrorId};
@@ -305,23 +305,23 @@ impl From<RotationForm> for RotationText {
     }
 }
 
-impl From<KindText> for Option<Kind> {
-    fn from(text: KindText) -> Option<Kind> {
+impl From<KindText> for Option<FunctionKind> {
+    fn from(text: KindText) -> Option<FunctionKind> {
         match text {
-            KindText::Polynomial { degree } => Some(Kind::Polynomial { degree }),
-            KindText::Nodes { count } => Some(Kind::Nodes { count }),
-            KindText::Bspline { intervals } => Some(Kind::BSpline { intervals }),
+            KindText::Polynomial { degree } => Some(FunctionKind::Polynomial { degree }),
+            KindText::Nodes { count } => Some(FunctionKind::Nodes { count }),
+            KindText::Bspline { intervals } => Some(FunctionKind::BSpline { intervals }),
             KindText::Zero {} => None,
         }
     }
 }
 
-impl From<Option<Kind>> for KindText {
-    fn from(kind: Option<Kind>) -> KindText {
+impl From<Option<FunctionKind>> for KindText {
+    fn from(kind: Option<FunctionKind>) -> KindText {
         match kind {
-            Some(Kind::Polynomial { degree }) => KindText::Polynomial { degree },
-            Some(Kind::Nodes { count }) => KindText::Nodes { count },
-            Some(Kind::BSpline { intervals }) => KindText::Bspline { intervals },
+            Some(FunctionKind::Polynomial { degree }) => KindText::Polynomial { degree },
+            Some(FunctionKind::Nodes { count }) => KindText::Nodes { count },
+            Some(FunctionKind::BSpline { intervals }) => KindText::Bspline { intervals },
             None => KindText::Zero {},
         }
     }

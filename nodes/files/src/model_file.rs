@@ -5,14 +5,19 @@
 //! "model":{…}}`. A file that is cut off, changed in one bit, of an unknown version or of another machine is refused.
 
 use crate::atomic::write_atomically;
-use crate::envelope::{self, Kind};
+use crate::envelope::{self, FileKind};
 use crate::error::{FileError, Place};
 use crate::model_contents::{Doubt, ModelFile};
 use crate::model_record::ModelRecord;
 use std::path::Path;
 
-const KIND: Kind =
-    Kind { format: "abbe-model", version: 1, name: "model", maker: "abbe identify", again: "identify the model again" };
+const KIND: FileKind = FileKind {
+    format: "abbe-model",
+    version: 1,
+    name: "model",
+    maker: "abbe identify",
+    again: "identify the model again",
+};
 
 impl ModelFile {
     /// Bytes of the file and SHA-256 of the model in it. The same model gives the same bytes.

@@ -6,7 +6,7 @@
 //! file names. A file that is cut off, changed in one bit, of another version, layout or machine is refused.
 
 use crate::atomic::write_atomically;
-use crate::envelope::{self, Kind, hex, sha256_of_hex};
+use crate::envelope::{self, FileKind, hex, sha256_of_hex};
 use crate::error::{FileError, Place};
 use crate::machine::SIGN_CONVENTION;
 use crate::model_contents::DataSource;
@@ -21,7 +21,7 @@ use serde_json::Value;
 use std::collections::BTreeMap;
 use std::path::Path;
 
-const KIND: Kind = Kind {
+const KIND: FileKind = FileKind {
     format: "abbe-residual",
     version: 2,
     name: "residual model",

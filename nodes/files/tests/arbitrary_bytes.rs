@@ -168,8 +168,8 @@ proptest! {
             file.machine.stroke_m[k] = (f64::from(ends_mm[k].0) / 1e3, f64::from(ends_mm[k].1) / 1e3);
             file.machine.repeatability_m[k] = f64::from(repeatability_nm[k]) / 1e3 / 1e6;
         }
-        file.machine.kinds[0] = Some(abbe_geometry::error_function::Kind::BSpline { intervals });
-        file.machine.kinds[4] = Some(abbe_geometry::error_function::Kind::Polynomial { degree });
+        file.machine.kinds[0] = Some(abbe_geometry::error_function::FunctionKind::BSpline { intervals });
+        file.machine.kinds[4] = Some(abbe_geometry::error_function::FunctionKind::Polynomial { degree });
         file.machine.kinds[9] = None;
         file.machine.default_offset_m = offset_tenths.map(|t| [t[0], t[1], t[2]].map(|v| f64::from(v) / 10.0 / 1e3));
         let text = machine_text(&file).unwrap();

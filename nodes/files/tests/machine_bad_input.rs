@@ -3,7 +3,7 @@
 #![allow(clippy::unwrap_used, clippy::panic)] // helpers of tests may
 
 use abbe_files::{MachineFile, OrderChoice, machine_text, parse_machine};
-use abbe_geometry::error_function::Kind;
+use abbe_geometry::error_function::FunctionKind;
 use abbe_geometry::machine::Side;
 use abbe_geometry::rotation::RotationForm;
 use abbe_geometry::{Axis, ErrorId};
@@ -44,7 +44,7 @@ fn the_bridge_is_read_in_si_with_standard_uncertainties() {
         (file.instrument.constant_m - 0.025e-6).abs() < 1e-20 && (file.instrument.per_metre - 0.15e-6).abs() < 1e-20
     );
     assert_eq!((file.absolute_range, file.order), (false, OrderChoice::Evidence));
-    assert!(file.machine.kinds.iter().all(|kind| *kind == Some(Kind::BSpline { intervals: 9 })));
+    assert!(file.machine.kinds.iter().all(|kind| *kind == Some(FunctionKind::BSpline { intervals: 9 })));
     assert!(file.machine.joints.iter().all(|joint| joint.side == Side::Tool));
 }
 
@@ -68,10 +68,10 @@ fn overrides_by_error_name_and_errors_held_at_zero() {
     );
     let kinds = parse_machine(&text, "m.toml").unwrap().machine.kinds;
     let kind = |name| kinds[ErrorId::from_name(name).unwrap().index()];
-    assert_eq!(kind("EXX"), Some(Kind::Polynomial { degree: 4 }));
-    assert_eq!(kind("EYZ"), Some(Kind::Nodes { count: 9 }));
+    assert_eq!(kind("EXX"), Some(FunctionKind::Polynomial { degree: 4 }));
+    assert_eq!(kind("EYZ"), Some(FunctionKind::Nodes { count: 9 }));
     assert_eq!(kind("ECX"), None);
-    assert_eq!(kind("EZZ"), Some(Kind::BSpline { intervals: 9 }));
+    assert_eq!(kind("EZZ"), Some(FunctionKind::BSpline { intervals: 9 }));
 }
 
 #[test]

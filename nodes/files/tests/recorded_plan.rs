@@ -8,7 +8,7 @@
 use abbe_files::{read_campaign_file, read_machine, read_plan_request};
 use abbe_geometry::ErrorId;
 use abbe_identify::station_start::StationStart;
-use abbe_identify::{Belief, Options, identify};
+use abbe_identify::{Belief, IdentifyOptions, identify};
 use abbe_plan::{Goal, Known, Request, of_campaign, plan};
 use std::path::Path;
 
@@ -18,7 +18,7 @@ fn a_plan_reaches_more_than_the_recorded_demo_campaign_with_fewer_readings() {
     let machine = read_machine(&folder.join("machines/bridge_xyz.toml")).unwrap();
     let file = read_plan_request(&folder.join("plans/bridge_xyz.toml")).unwrap();
     let recorded = read_campaign_file(&folder.join("demo/campaign.csv.zst"), None).unwrap().campaign;
-    let options = Options::default();
+    let options = IdentifyOptions::default();
     let fit = identify(&machine.machine, machine.instrument, &recorded, &options, &mut |_| true).unwrap();
     let stations: Vec<StationStart> = fit
         .model

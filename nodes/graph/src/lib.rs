@@ -16,7 +16,7 @@ pub mod capture;
 #[cfg(target_os = "linux")]
 mod connecting;
 #[cfg(target_os = "linux")]
-pub mod diagnosis;
+pub mod diagnosis_run;
 #[cfg(target_os = "linux")]
 pub mod driver;
 #[cfg(target_os = "linux")]

@@ -7,8 +7,8 @@ mod common;
 
 use abbe_files::{ModelFile, read_campaign_file};
 use abbe_geometry::effects::Shape;
-use abbe_graph::diagnosis::{DiagnosisRun, Job, Outcome};
-use abbe_identify::{EffectTerm, Options, TIME, identify_with};
+use abbe_graph::diagnosis_run::{DiagnosisRun, Job, Outcome};
+use abbe_identify::{EffectTerm, IdentifyOptions, TIME, identify_with};
 use abbe_measurement::campaign::Campaign;
 use abbe_msgs::Sha256;
 use common::{bench, other_bench};
@@ -133,7 +133,7 @@ fn model_that_asks_for(quantity: &str) -> ModelFile {
     let shape = Shape::new().text("acts", "z").number("degree", 1.0);
     let shape = shape.text("p", quantity).number("p_low", 0.0).number("p_high", 20_000.0);
     let term = EffectTerm::new("empirical", shape, machine).unwrap();
-    let (instrument, options) = (bench.machine.instrument, Options::default());
+    let (instrument, options) = (bench.machine.instrument, IdentifyOptions::default());
     let fit = identify_with(machine, instrument, &bench.campaign, &[term], &options, &mut |_| true).unwrap();
     ModelFile { model: fit.model, ..bench.model_file(MACHINE) }
 }

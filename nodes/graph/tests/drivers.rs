@@ -10,7 +10,7 @@ use abbe_geometry::chain::nominal_point_m;
 use abbe_graph::bag_campaign::{CampaignFromBag, JoinSettings, campaign_from_bag};
 use abbe_graph::driver::{DriverConfig, open_scale, open_scale_again, open_tracer};
 use abbe_graph::step::{GeometricStep, MonitorSettings, MonitorStep, ReadingBuffer};
-use abbe_identify::{Options, identify};
+use abbe_identify::{IdentifyOptions, identify};
 use abbe_measurement::campaign::Campaign;
 use abbe_msgs::bag::BagWriter;
 use abbe_msgs::{Covariates, Message, ScaleReading, Stamp, Text, TracerReading};
@@ -109,7 +109,8 @@ fn a_recording_that_cannot_place_its_station_states_the_uncertainty_of_the_trave
 fn the_mean_square_over_a_sound_machine_is_one() {
     let machine = &bench().machine;
     let seen = half(false);
-    let found = identify(&machine.machine, machine.instrument, &seen, &Options::default(), &mut |_| true).unwrap();
+    let found =
+        identify(&machine.machine, machine.instrument, &seen, &IdentifyOptions::default(), &mut |_| true).unwrap();
     let model = Arc::new(found.model);
     let recording = Recording::of(&half(true));
     let correcting = GeometricStep::new(Some((Arc::clone(&model), HASH)), 10.0);

@@ -6,13 +6,13 @@ mod common;
 
 use abbe_geometry::correct::correct;
 use abbe_geometry::effects::{NoCovariates, Shape, State};
-use abbe_geometry::error_function::Kind;
+use abbe_geometry::error_function::FunctionKind;
 use abbe_geometry::model::MachineModel;
 use abbe_geometry::{ErrorId, Vector3};
 use abbe_graph::step::{
     GeometricStep, Health, HealthState, Mark, MonitorSettings, MonitorStep, ResidualStep, StreamWatch,
 };
-use abbe_identify::{EffectTerm, Options, OrderChoice, TIME, identify_with};
+use abbe_identify::{EffectTerm, IdentifyOptions, OrderChoice, TIME, identify_with};
 use abbe_measurement::campaign::Campaign;
 use abbe_msgs::{
     CorrectedCoordinates, CorrectionStatus, RangeResidual, ResidualStatus, ScaleReading, Sha256, Stamp, Text,
@@ -290,9 +290,9 @@ fn with_effect(seed: u64, truth: &str, effect: &str, shape: Shape) -> Bench {
     };
     let campaign = simulate_campaign(&config).unwrap().campaign;
     let mut machine = bench().machine.clone();
-    machine.machine.kinds = [Some(Kind::Polynomial { degree: DEGREE }); ErrorId::COUNT];
+    machine.machine.kinds = [Some(FunctionKind::Polynomial { degree: DEGREE }); ErrorId::COUNT];
     let term = EffectTerm::new(effect, shape, &machine.machine).unwrap();
-    let options = Options { order: OrderChoice::Fixed, ..Options::default() };
+    let options = IdentifyOptions { order: OrderChoice::Fixed, ..IdentifyOptions::default() };
     let seen = half(&campaign, false);
     let found = identify_with(&machine.machine, machine.instrument, &seen, &[term], &options, &mut |_| true).unwrap();
     Bench { machine, campaign, model: Arc::new(found.model) }

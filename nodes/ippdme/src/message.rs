@@ -58,7 +58,7 @@ pub enum NoMessage {
     Space,
     /// Column 7 of a response.
     #[error("column 7 is none of & % # !")]
-    Kind,
+    ReplyKind,
     /// The command or the data.
     #[error(transparent)]
     Items(#[from] NoItems),
@@ -118,7 +118,7 @@ fn shift(item: &mut Item, by: usize) {
 
 /// What a response says of its command.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Kind {
+pub enum ReplyKind {
     /// Accepted.
     Ack,
     /// Data.
@@ -135,7 +135,7 @@ pub struct Response<'a> {
     /// Tag of the command that it answers.
     pub tag: Tag,
     /// What it says.
-    pub kind: Kind,
+    pub kind: ReplyKind,
     text: &'a [u8],
 }
 
@@ -144,10 +144,10 @@ impl<'a> Response<'a> {
     pub fn parse(text: &'a [u8]) -> Result<Response<'a>, NoMessage> {
         let (tag, rest) = tagged(text)?;
         let kind = match rest.first() {
-            Some(b'&') => Kind::Ack,
-            Some(b'%') => Kind::Done,
-            Some(b'#') => Kind::Data,
-            Some(b'!') => Kind::Error,
+            Some(b'&') => ReplyKind::Ack,
+            Some(b'%') => ReplyKind::Done,
+            Some(b'#') => ReplyKind::Data,
+            Some(b'!') => ReplyKind::Error,
             _ => return Err(NoMessage::Kind),
         };
         Ok(Response { tag, kind, text })
@@ -180,12 +180,14 @@ mod tests {
         assert_eq!(command.end, 49);
         let text = b"00004 # X(99.93), Y(17.148)";
         let response = Response::parse(text).unwrap();
-        assert_eq!((response.tag, response.kind), (Tag::Command(4), Kind::Data));
+        assert_eq!((response.tag, response.kind), (Tag::Command(4), ReplyKind::Data));
         let items = response.items().unwrap();
         assert_eq!(&text[items[1].call().unwrap().1[0].span.clone()], b"17.148");
-        for (text, kind) in
-            [("00001 &", Kind::Ack), ("E0001 %", Kind::Done), ("E0000 ! Error(3, 0500, a, \"b\")", Kind::Error)]
-        {
+        for (text, kind) in [
+            ("00001 &", ReplyKind::Ack),
+            ("E0001 %", ReplyKind::Done),
+            ("E0000 ! Error(3, 0500, a, \"b\")", ReplyKind::Error),
+        ] {
             assert_eq!(Response::parse(text.as_bytes()).unwrap().kind, kind);
         }
         assert!(Tag::UNSOLICITED.is_unsolicited() && Tag::parse(b"00000").unwrap().is_unsolicited());

@@ -8,7 +8,7 @@ mod cmm;
 mod errors;
 
 use abbe_ippdme::line;
-use abbe_ippdme::message::{Kind, Response};
+use abbe_ippdme::message::{ReplyKind, Response};
 use abbe_ippdme::relay::{Correct, Offsets, Out, Purpose, Relay, Settings};
 use abbe_ippdme::trouble::Trouble;
 use cmm::{Cmm, placed};
@@ -138,7 +138,7 @@ fn error_of(answers: &[String]) -> Trouble {
     let [error] = answers else { panic!("one error: {answers:?}") };
     let text = format!("00001 {error}");
     let response = Response::parse(text.as_bytes()).unwrap();
-    assert_eq!(response.kind, Kind::Error, "{error}");
+    assert_eq!(response.kind, ReplyKind::Error, "{error}");
     Trouble::parse(response.data())
 }
 

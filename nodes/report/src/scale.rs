@@ -4,7 +4,7 @@ use crate::text;
 
 /// How values map to an axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Kind {
+pub(crate) enum Spacing {
     /// Proportional.
     Linear,
     /// Decades; values must be positive.
@@ -14,7 +14,7 @@ pub(crate) enum Kind {
 /// A scale from data (`low..high`) to pixels (`from..to`; `from > to` for a vertical axis).
 #[derive(Debug, Clone)]
 pub(crate) struct Scale {
-    kind: Kind,
+    kind: Spacing,
     low: f64,
     high: f64,
     from: f64,
@@ -41,20 +41,20 @@ impl Scale {
     /// Linear scale over exactly `low..high`.
     pub(crate) fn exact(low: f64, high: f64, from: f64, to: f64) -> Self {
         let (low, high) = widen((low, high));
-        Self { kind: Kind::Linear, low, high, from, to }
+        Self { kind: Spacing::Linear, low, high, from, to }
     }
 
     /// Logarithmic scale with a margin of a twentieth decade; both limits must be positive.
     pub(crate) fn log(low: f64, high: f64, from: f64, to: f64) -> Self {
         let high = if high > low { high } else { low * 10.0 };
-        Self { kind: Kind::Log, low: low / 1.12, high: high * 1.12, from, to }
+        Self { kind: Spacing::Log, low: low / 1.12, high: high * 1.12, from, to }
     }
 
     /// Pixel of a value.
     pub(crate) fn map(&self, value: f64) -> f64 {
         let share = match self.kind {
-            Kind::Linear => (value - self.low) / (self.high - self.low),
-            Kind::Log => (value / self.low).log10() / (self.high / self.low).log10(),
+            Spacing::Linear => (value - self.low) / (self.high - self.low),
+            Spacing::Log => (value / self.low).log10() / (self.high / self.low).log10(),
         };
         self.from + share * (self.to - self.from)
     }
@@ -62,8 +62,8 @@ impl Scale {
     /// What the page's script needs of a scale: kind, lower and upper value, their pixels, wanted marks.
     pub(crate) fn to_attribute(&self, wanted: usize) -> String {
         let kind = match self.kind {
-            Kind::Linear => "lin",
-            Kind::Log => "log",
+            Spacing::Linear => "lin",
+            Spacing::Log => "log",
         };
         format!("{kind} {:e} {:e} {:.2} {:.2} {wanted}", self.low, self.high, self.from, self.to)
     }
@@ -71,8 +71,8 @@ impl Scale {
     /// Round marks inside the range, about `wanted` and seldom more; a logarithmic scale has its own.
     pub(crate) fn ticks(&self, wanted: usize) -> Vec<Tick> {
         match self.kind {
-            Kind::Linear => linear_ticks(self.low, self.high, wanted),
-            Kind::Log => log_ticks(self.low, self.high),
+            Spacing::Linear => linear_ticks(self.low, self.high, wanted),
+            Spacing::Log => log_ticks(self.low, self.high),
         }
     }
 }

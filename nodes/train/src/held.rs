@@ -6,7 +6,7 @@
 
 use crate::off_text::off_text;
 use abbe_field::Samples;
-use abbe_field::kriging::{KrigingError, LeftOut, Options, judge_samples};
+use abbe_field::kriging::{KrigingError, KrigingOptions, LeftOut, judge_samples};
 use anyhow::Context;
 
 /// Vectors that are named.
@@ -26,7 +26,7 @@ pub(crate) struct Held {
 /// where it cannot be done, all stay: the held-out figures of what is trained grade them.
 pub(crate) fn hold(file: &str, field: Samples, alone: Option<Samples>) -> anyhow::Result<Held> {
     let words = |one: &LeftOut| off_text(&field, one.index, one.component, one.off_m, one.deviations.abs());
-    match judge_samples(&field, &Options::usual(field.u_m().is_some())) {
+    match judge_samples(&field, &KrigingOptions::usual(field.u_m().is_some())) {
         Ok(judged) if judged.left_out.is_empty() => Ok(Held { field, alone, left_out: Vec::new() }),
         Ok(judged) => {
             let left_out: Vec<String> = judged.left_out.iter().map(words).collect();

@@ -8,7 +8,8 @@ use super::{Competing, find};
 use crate::candidates::columns_of;
 use crate::error::DiagnoseError;
 use crate::options::Progress;
-use crate::search::{Search, State, has};
+use crate::same_claim::has;
+use crate::search::{Search, State};
 use crate::step::Step;
 use abbe_identify::EffectTerm;
 

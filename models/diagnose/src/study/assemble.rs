@@ -6,17 +6,15 @@
 use super::candidate::{Forms, Open, Study};
 use super::confirm::{beyond_chance, confirmed, p_beside};
 use super::contradictions::contradictions;
-use super::diagnosis::{
-    Ambiguity, Blocks, Effect, HeldOutRms, LackOfFit, Look, Parameter, Rung, StudyDiagnosis, Unseen,
-};
 use super::fit::{Fit, Fitted};
 use super::judge::judge;
 use super::nested::{Parts, SURE, unseen};
 use super::noise_words::{looks, noise, notes_of_displays, rejected};
+use super::outcome::{Ambiguity, Blocks, Effect, HeldOutRms, LackOfFit, Look, Parameter, Rung, StudyDiagnosis, Unseen};
 use super::outliers::{Outliers, outliers};
 use super::placing::{Placed, beside_rejected, placed, tried};
 use super::scored::{COMPARABLE, Scored};
-use super::search::{Found, Observe, Options, score_all, search};
+use super::search::{Found, Observe, StudyOptions, score_all, search};
 use super::series::independent;
 use super::significance::{probability, uncertainties};
 use super::terms::{Terms, terms};
@@ -48,7 +46,7 @@ const SEARCHES: usize = 3;
 /// Searches and says what was found.
 pub(super) fn diagnose(
     study: &mut dyn Study,
-    options: &Options,
+    options: &StudyOptions,
     observe: &mut Observe,
 ) -> Result<StudyDiagnosis, DiagnoseError> {
     let rows = refuse_nothing(study)?;
@@ -140,7 +138,7 @@ impl Answer {
     fn of(
         study: &mut dyn Study,
         (rows, first): (usize, &Outliers),
-        options: &Options,
+        options: &StudyOptions,
         observe: &mut Observe,
     ) -> Result<Answer, DiagnoseError> {
         let (mut found, gross) = searched(study, rows, first.clone(), options, observe)?;
@@ -163,7 +161,7 @@ impl Answer {
         self,
         study: &mut dyn Study,
         given: (usize, &Outliers),
-        options: &Options,
+        options: &StudyOptions,
         observe: &mut Observe,
     ) -> Result<Answer, DiagnoseError> {
         let straight = Answer::of(study, given, options, observe)?;
@@ -286,7 +284,7 @@ fn judged(
     study: &mut dyn Study,
     (rows, first): (usize, &Outliers),
     found: &mut Found,
-    options: &Options,
+    options: &StudyOptions,
     observe: &mut Observe,
 ) -> Result<(Unseen, Parts), DiagnoseError> {
     let gross = first.rows(study);
@@ -312,7 +310,7 @@ fn searched(
     study: &mut dyn Study,
     rows: usize,
     mut gross: Outliers,
-    options: &Options,
+    options: &StudyOptions,
     observe: &mut Observe,
 ) -> Result<(Found, Outliers), DiagnoseError> {
     let mut seen: Vec<BTreeSet<usize>> = Vec::new();

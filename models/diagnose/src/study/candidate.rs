@@ -4,9 +4,10 @@
 //! are divided by their standard uncertainty, so that columns have the inverse unit of their parameter; what they have
 //! in common with the rows before them is taken out later ([`super::view`]).
 
-use super::diagnosis::{Ambiguity, Kind, Untestable};
+use super::outcome::{Ambiguity, Untestable};
 use super::told::Changed;
 use crate::error::DiagnoseError;
+use crate::explanation::Explanation;
 use crate::score::Score;
 use abbe_geometry::Axis;
 use abbe_geometry::effects::{ParameterSpec, Shape};
@@ -20,7 +21,7 @@ pub(crate) struct Candidate {
     pub(crate) name: String,
     /// Formula or shape.
     pub(crate) formula: String,
-    pub(crate) kind: Kind,
+    pub(crate) kind: Explanation,
     /// Candidates of one family are forms of the same thing: finer and coarser, not rivals.
     pub(crate) family: String,
     pub(crate) covariates: Vec<String>,

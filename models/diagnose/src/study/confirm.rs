@@ -5,14 +5,15 @@
 //! no better than chance beside the rest, in the noise that is left, goes as well, and the rest is judged again.
 
 use super::candidate::Study;
-use super::diagnosis::{HeldOutRms, Kind, Look, Unseen};
 use super::fit::Fit;
 use super::nested::{Parts, SURE};
+use super::outcome::{HeldOutRms, Look, Unseen};
 use super::placing::{Placed, tried};
 use super::search::Found;
 use super::significance::probability;
 use super::view::View;
 use crate::error::DiagnoseError;
+use crate::explanation::Explanation;
 use std::collections::BTreeSet;
 
 /// Why what chance explains is not claimed.
@@ -80,7 +81,7 @@ pub(super) fn confirmed(
         unseen.after = Some(before);
         return None;
     }
-    let is_named = |k: &usize| study.candidates()[*k].kind == Kind::Attributed;
+    let is_named = |k: &usize| study.candidates()[*k].kind == Explanation::Attributed;
     let named: Vec<usize> = found.set.iter().copied().filter(is_named).collect();
     let gains = after.rms_um < before.rms_um;
     if gains && (unseen.is_sure == Some(true) || named.len() == found.set.len()) {

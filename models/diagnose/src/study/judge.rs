@@ -2,8 +2,8 @@
 //!
 //! Place in the flow: every rung, effect and alternative is judged here. Whitened residuals in, µm out.
 
-use super::diagnosis::{HeldOutRms, Judgement};
 use super::fit::Fit;
+use super::outcome::{HeldOutRms, Judgement};
 use super::view::View;
 use crate::held_out::HeldOut;
 use crate::linear::{joined, picked};

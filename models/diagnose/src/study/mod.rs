@@ -14,7 +14,6 @@ mod candidate;
 mod combinations;
 mod confirm;
 mod contradictions;
-mod diagnosis;
 mod display;
 mod filters;
 mod fit;
@@ -24,6 +23,7 @@ mod judge;
 mod memory;
 mod nested;
 mod noise_words;
+mod outcome;
 mod outliers;
 mod places;
 mod placing;
@@ -42,9 +42,9 @@ pub mod vectors;
 mod view;
 mod waves;
 
-pub use diagnosis::{
-    Alternative, Ambiguity, Blocks, Considered, Correlation, Effect, HeldOutRms, Judgement, Kind, LackOfFit, Look,
-    Parameter, RejectedRow, Rung, SeriesNoise, StudyDiagnosis, Unseen, Untestable,
+pub use outcome::{
+    Alternative, Ambiguity, Blocks, Considered, Correlation, Effect, HeldOutRms, Judgement, LackOfFit, Look, Parameter,
+    RejectedRow, Rung, SeriesNoise, StudyDiagnosis, Unseen, Untestable,
 };
-pub use search::{Observe, Options, Progress};
+pub use search::{Observe, Progress, StudyOptions};
 pub use terms::{Term, Terms};

@@ -10,12 +10,12 @@
 //! component: what one of them shows beyond doubt must not drown in the noise of another.
 
 use super::candidate::Study;
-use super::diagnosis::{HeldOutRms, Unseen};
 use super::fit::Fit;
 use super::judge::{comes_down, rms_of, without};
+use super::outcome::{HeldOutRms, Unseen};
 use super::outliers::outliers;
 use super::placing::{Placed, undecided};
-use super::search::{Observe, Options, search};
+use super::search::{Observe, StudyOptions, search};
 use super::series::independent;
 use super::view::View;
 use crate::error::DiagnoseError;
@@ -41,7 +41,7 @@ pub(super) fn unseen(
     study: &mut dyn Study,
     rows: usize,
     gross: &BTreeSet<usize>,
-    options: &Options,
+    options: &StudyOptions,
     observe: &mut Observe,
 ) -> Result<(Unseen, Parts), DiagnoseError> {
     let blocks = study.blocks().to_vec();
@@ -166,7 +166,7 @@ fn one(
     study: &mut dyn Study,
     parts: &Parts,
     left_out: BTreeSet<usize>,
-    options: &Options,
+    options: &StudyOptions,
     part: (usize, usize),
     observe: &mut Observe,
 ) -> Result<(Part, Judged), DiagnoseError> {

@@ -3,9 +3,9 @@
 //! Place in the flow: from the last view of a study into the diagnosis.
 
 use super::candidate::Study;
-use super::diagnosis::{Correlation, Judgement, LackOfFit, Look, RejectedRow, SeriesNoise};
+use super::outcome::{Correlation, Judgement, LackOfFit, Look, RejectedRow, SeriesNoise};
 use super::outliers::Outliers;
-use super::search::{Found, Options};
+use super::search::{Found, StudyOptions};
 use super::view::{Kept, View};
 use statrs::distribution::{ChiSquared, ContinuousCDF};
 
@@ -88,7 +88,7 @@ pub(super) fn looks(
     found: &Found,
     before: &Judgement,
     lack_of_fit: Option<&LackOfFit>,
-    options: &Options,
+    options: &StudyOptions,
 ) -> Vec<Look> {
     let mut looks = vec![outlying(&*view.study, gross)];
     looks.extend(view.chains().iter().map(order));

@@ -5,7 +5,6 @@
 //! blocks left out.
 
 use super::between::stands_out;
-use super::diagnosis::Kind;
 use super::fit::{Fit, Fitted};
 use super::judge::{held_out_alike, held_out_rms};
 use super::places::{goes_through_places, simpler};
@@ -13,6 +12,7 @@ use super::placing::{between, is_step, tried};
 use super::significance::{probability, probability_beside};
 use super::view::View;
 use crate::error::DiagnoseError;
+use crate::explanation::Explanation;
 use crate::linear::Linear;
 use faer::Mat;
 
@@ -155,7 +155,7 @@ pub(super) fn reason_of_blocks(view: &mut View, set: &[usize], first: usize) -> 
 fn is_no_material(view: &View, added: &Fitted) -> bool {
     let candidate = &view.study.candidates()[added.candidate];
     let figures = candidate.parameters.iter().zip(added.values.iter().zip(&added.u));
-    candidate.kind == Kind::Attributed
+    candidate.kind == Explanation::Attributed
         && figures
             .filter(|(spec, _)| spec.unit == "1/K")
             .any(|(spec, (value, u))| value.abs() - 2.0 * u > spec.plausible)

@@ -7,8 +7,8 @@
 //! superfluous goes out again.
 
 use super::beside::wave_beside_smooth;
-use super::diagnosis::{Considered, Kind};
 use super::fit::{Fit, Part};
+use super::outcome::Considered;
 use super::placing::{best_placed, moved, placed, single, tried};
 use super::reasons::{is_told_from_position, reason_against, reason_of_blocks, stands_apart};
 use super::scored::{COMPARABLE, Scored};
@@ -17,6 +17,7 @@ use super::significance::probability;
 use super::view::View;
 use super::waves::tuned;
 use crate::error::DiagnoseError;
+use crate::explanation::Explanation;
 use crate::linear::joined;
 use crate::score::{Score, score};
 use abbe_identify::in_parallel;
@@ -24,7 +25,7 @@ use std::collections::BTreeMap;
 
 /// Settings of a study.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Options {
+pub struct StudyOptions {
     /// Probability, over all candidates together, that anything is found where nothing is.
     pub significance: f64,
     /// Most effects that one study may find.
@@ -34,9 +35,9 @@ pub struct Options {
     pub instrument_checked: bool,
 }
 
-impl Default for Options {
-    fn default() -> Options {
-        Options { significance: 0.01, most_effects: 10, instrument_checked: false }
+impl Default for StudyOptions {
+    fn default() -> StudyOptions {
+        StudyOptions { significance: 0.01, most_effects: 10, instrument_checked: false }
     }
 }
 
@@ -159,7 +160,7 @@ fn holm(all: &mut [Scored], tested: usize) {
 /// Searches.
 pub(super) fn search(
     view: &mut View,
-    options: &Options,
+    options: &StudyOptions,
     part: Option<(usize, usize)>,
     observe: &mut Observe,
 ) -> Result<Found, DiagnoseError> {
@@ -223,7 +224,7 @@ pub(super) fn search(
 
 /// The set with several of what is named before any other, where these pass together: with the others missing, none may stand
 /// out from what then looks like slow noise, as the scales and the squareness of a plate that was measured along a path.
-fn names_together(view: &mut View, fit: &Fit, options: &Options) -> Result<Option<Vec<usize>>, DiagnoseError> {
+fn names_together(view: &mut View, fit: &Fit, options: &StudyOptions) -> Result<Option<Vec<usize>>, DiagnoseError> {
     let own = fit.set();
     let candidates = view.study.candidates();
     let trials = candidates.len();
@@ -269,7 +270,7 @@ fn step(
     view: &mut View,
     fit: &Fit,
     mut passing: Vec<Scored>,
-    options: &Options,
+    options: &StudyOptions,
     refused: &mut Vec<(usize, &'static str)>,
 ) -> Result<Option<Vec<usize>>, DiagnoseError> {
     let tested = passing.iter().filter(|scored| scored.score.degrees > 0).count();
@@ -309,7 +310,7 @@ fn simplest_first(view: &View, passing: &mut Vec<Scored>) {
     let Some(most) = passing.first().map(|scored| scored.evidence) else { return };
     let candidate = |scored: &Scored| &view.study.candidates()[scored.candidate];
     let close = |scored: &Scored| most - scored.evidence < COMPARABLE;
-    let is_physical = |scored: &&Scored| close(scored) && candidate(scored).kind == Kind::Attributed;
+    let is_physical = |scored: &&Scored| close(scored) && candidate(scored).kind == Explanation::Attributed;
     let Some(best) = passing.iter().find(is_physical).or(passing.first()) else { return };
     let family = candidate(best).family.clone();
     let forms = (0..passing.len()).filter(|k| close(&passing[*k]) && candidate(&passing[*k]).family == family);
@@ -330,7 +331,7 @@ fn straight_first(view: &View, passing: &mut Vec<Scored>) {
 }
 
 /// Removes, weakest first, what the others have made superfluous; waves that a later term can do as well go, too.
-fn prune(view: &mut View, mut set: Vec<usize>, options: &Options) -> Result<Vec<usize>, DiagnoseError> {
+fn prune(view: &mut View, mut set: Vec<usize>, options: &StudyOptions) -> Result<Vec<usize>, DiagnoseError> {
     // In the noise that all of them leave: without the newest, what it explains would pass for slow noise.
     view.adapt(&set)?;
     let view = &*view;
@@ -353,7 +354,12 @@ fn prune(view: &mut View, mut set: Vec<usize>, options: &Options) -> Result<Vec<
 }
 
 /// Evidence for one of a set beside the others, where it does not pass.
-fn evidence_against(view: &View, set: &[usize], place: usize, options: &Options) -> Result<Option<f64>, DiagnoseError> {
+fn evidence_against(
+    view: &View,
+    set: &[usize],
+    place: usize,
+    options: &StudyOptions,
+) -> Result<Option<f64>, DiagnoseError> {
     let mut rest = set.to_vec();
     let candidate = rest.remove(place);
     // What the others cannot be fitted without is not superfluous.

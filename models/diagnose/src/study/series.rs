@@ -274,6 +274,12 @@ pub(super) fn independent(columns: &Mat<f64>) -> Mat<f64> {
     columns * &map
 }
 
+/// What the columns leave of each column of values.
+pub(super) fn left_by(columns: &Mat<f64>, values: &Mat<f64>) -> Mat<f64> {
+    let basis = independent(columns);
+    values - &basis * (basis.transpose() * values)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -8,8 +8,8 @@
 //! effect go from one to the other together.
 
 use super::combinations::combinations;
-use super::diagnosis::{Ambiguity, Effect};
 use super::fit::{Fit, LEFT};
+use super::outcome::{Ambiguity, Effect};
 use super::scored::COMPARABLE;
 use super::significance::probability_beside;
 use super::view::View;

@@ -5,12 +5,12 @@
 
 #![allow(dead_code, clippy::unwrap_used, clippy::panic)] // each test uses its part; what fails to prepare fails its test
 
-use abbe_diagnose::{Diagnosis, Options, diagnose};
+use abbe_diagnose::{DiagnoseOptions, Diagnosis, diagnose};
 use abbe_geometry::Axis;
 use abbe_geometry::Vector3;
 use abbe_geometry::correct::correct;
 use abbe_geometry::effects::{CovariateSource, CovariateValue, State};
-use abbe_geometry::error_function::Kind;
+use abbe_geometry::error_function::FunctionKind;
 use abbe_geometry::machine::{Joint, Machine, Side, Squareness};
 use abbe_geometry::model::MachineModel;
 use abbe_geometry::rotation::RotationForm;
@@ -26,7 +26,7 @@ use abbe_virtual_machine::{Simulated, SimulationConfig, TruthRecipe, simulate_ca
 /// The recorded campaigns' instrument.
 pub(crate) const INSTRUMENT: InstrumentConfig = InstrumentConfig::LASER_TRACER;
 /// Splines of the shipped bridge.
-pub(crate) const SPLINE: Kind = Kind::BSpline { intervals: 9 };
+pub(crate) const SPLINE: FunctionKind = FunctionKind::BSpline { intervals: 9 };
 
 /// A simulated campaign and what diagnosis is told of the machine.
 pub(crate) struct Case {
@@ -42,7 +42,12 @@ impl Case {
     }
 
     /// The same on another plan and with other error functions.
-    pub(crate) fn with(seed: u64, effects: &[&str], kind: Kind, plan: fn([[f64; 2]; 3], u64) -> PlanRecipe) -> Case {
+    pub(crate) fn with(
+        seed: u64,
+        effects: &[&str],
+        kind: FunctionKind,
+        plan: fn([[f64; 2]; 3], u64) -> PlanRecipe,
+    ) -> Case {
         let truth = TruthRecipe { seed, ..TruthRecipe::default() }.bridge_xyz().unwrap();
         let plan = plan(truth.stroke_m, seed).build().unwrap();
         let machine = description(kind, &truth.stroke_m);
@@ -59,10 +64,10 @@ impl Case {
 
     /// Diagnosis without the repeated searches that judge it.
     pub(crate) fn diagnose(&self) -> Diagnosis {
-        self.diagnose_with(&Options { folds: 0, placebos: 4, ..Options::default() })
+        self.diagnose_with(&DiagnoseOptions { folds: 0, placebos: 4, ..DiagnoseOptions::default() })
     }
 
-    pub(crate) fn diagnose_with(&self, options: &Options) -> Diagnosis {
+    pub(crate) fn diagnose_with(&self, options: &DiagnoseOptions) -> Diagnosis {
         let campaign = &self.simulated.campaign;
         diagnose(&self.machine, &[], INSTRUMENT.range, campaign, options, &mut |_| true).unwrap()
     }
@@ -99,7 +104,7 @@ impl CovariateSource for Logged<'_> {
     }
 }
 
-fn description(kind: Kind, stroke_m: &[[f64; 2]; 3]) -> Machine {
+fn description(kind: FunctionKind, stroke_m: &[[f64; 2]; 3]) -> Machine {
     let tilt = |name: &str, tilts, about| Squareness { name: name.to_owned(), tilts, about };
     Machine {
         name: "bridge".to_owned(),

@@ -6,11 +6,11 @@ use super::machine::Build;
 use super::score::{Corrected, Worth, worth};
 use super::surroundings::COLUMNS;
 use super::{Foreign, RANGE, REPEATABILITY_M, Verified, foreign};
-use abbe_diagnose::{Diagnosis, Options, diagnose, mended};
+use abbe_diagnose::{DiagnoseOptions, Diagnosis, diagnose, mended};
 use abbe_geometry::Axis;
 use abbe_geometry::correct::{Status, correct};
 use abbe_geometry::effects::{CovariateSource, CovariateValue, State, Travel};
-use abbe_geometry::error_function::Kind;
+use abbe_geometry::error_function::FunctionKind;
 use abbe_geometry::machine::{Joint, Machine, Side, Squareness};
 use abbe_geometry::model::MachineModel;
 use abbe_geometry::rotation::RotationForm;
@@ -31,7 +31,7 @@ pub(crate) struct Outcome {
 }
 
 /// Diagnoses a machine that suffers from these causes.
-pub(crate) fn judged(machine: &str, forms: &[&str], seed: u64, options: &Options) -> Judged {
+pub(crate) fn judged(machine: &str, forms: &[&str], seed: u64, options: &DiagnoseOptions) -> Judged {
     let foreign = foreign(machine, forms, seed);
     let range = RangeUncertainty { constant_m: RANGE.0, per_metre: RANGE.1 };
     let described = description(&foreign);
@@ -119,7 +119,7 @@ pub(crate) fn description(foreign: &Foreign) -> Machine {
         stroke_m: foreign.stroke_m,
         squareness: [tilt("C0Y", Axis::Y, Axis::Z), tilt("B0Z", Axis::Z, Axis::Y), tilt("A0Z", Axis::Z, Axis::X)],
         rotation: RotationForm::Exact,
-        kinds: [Some(Kind::BSpline { intervals: 9 }); 18],
+        kinds: [Some(FunctionKind::BSpline { intervals: 9 }); 18],
         repeatability_m: [REPEATABILITY_M; 3],
         u_ram_turn_rad: [abbe_geometry::machine::USUAL_RAM_TURN_RAD; 3],
         default_offset_m: None,

@@ -10,7 +10,7 @@
 use super::likelihood::Scaled;
 use super::posterior::{Member, members};
 use super::process::Process;
-use super::{KrigingError, Options, Prediction, check_noise, fit};
+use super::{KrigingError, KrigingOptions, Prediction, check_noise, fit};
 use crate::cells::PLANE_TOLERANCE_M;
 use crate::hull::Hull;
 use crate::interpolator::{Estimate, Interpolator, Unanswered, finite};
@@ -51,7 +51,7 @@ struct Component {
 
 impl AveragedKriging {
     /// Fits covariance and noise of each component to the measured errors.
-    pub fn fit(field: &MeasuredField, options: &Options) -> Result<AveragedKriging, KrigingError> {
+    pub fn fit(field: &MeasuredField, options: &KrigingOptions) -> Result<AveragedKriging, KrigingError> {
         check_planes(field)?;
         Ok(AveragedKriging::of(Averaged::fit(&Samples::from(field), options)?, field))
     }
@@ -70,7 +70,7 @@ impl AveragedKriging {
 
 impl Averaged {
     /// Fits covariance and noise of each component.
-    pub(super) fn fit(samples: &Samples, options: &Options) -> Result<Averaged, KrigingError> {
+    pub(super) fn fit(samples: &Samples, options: &KrigingOptions) -> Result<Averaged, KrigingError> {
         check_noise(samples, options)?;
         let fit = |component: usize| Component::fit(samples, component, options);
         // One thread a component: their results do not depend on each other.
@@ -136,7 +136,7 @@ impl Interpolator for AveragedKriging {
 }
 
 impl Component {
-    fn fit(samples: &Samples, component: usize, options: &Options) -> Result<Component, KrigingError> {
+    fn fit(samples: &Samples, component: usize, options: &KrigingOptions) -> Result<Component, KrigingError> {
         let (data, scaling) = fit::scaled(samples, component, options)?;
         let bounds = fit::bounds(options, data.size);
         let likeliest = fit::likeliest(&data, &bounds, component, fit::Weigh::Posterior)?;

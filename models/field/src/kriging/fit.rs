@@ -7,7 +7,7 @@ use super::bounded::{self, Minimum, Start};
 use super::likelihood::{Data, Scaled};
 use super::posterior;
 use super::process::{Process, Scaling};
-use super::{COMPONENTS, FittedComponent, Hyperparameters, KrigingError, Noise, Options};
+use super::{COMPONENTS, FittedComponent, Hyperparameters, KrigingError, KrigingOptions, Noise};
 use crate::samples::Samples;
 use nalgebra::Vector3;
 
@@ -43,7 +43,7 @@ const GOLDEN: f64 = 0.618_033_988_749_894_9;
 pub(crate) fn fit(
     samples: &Samples,
     component: usize,
-    options: &Options,
+    options: &KrigingOptions,
 ) -> Result<(Process, FittedComponent), KrigingError> {
     let (data, scaling) = scaled(samples, component, options)?;
     let bounds = bounds(options, data.size);
@@ -86,7 +86,7 @@ pub(super) fn likeliest(
 pub(crate) fn with(
     samples: &Samples,
     component: usize,
-    options: &Options,
+    options: &KrigingOptions,
     parameters: &Hyperparameters,
 ) -> Result<(Process, FittedComponent), KrigingError> {
     let (data, scaling) = scaled(samples, component, options)?;
@@ -126,7 +126,11 @@ fn finish(
 }
 
 /// Inputs in extents about their middle, errors in deviations.
-pub(super) fn scaled(samples: &Samples, component: usize, options: &Options) -> Result<(Data, Scaling), KrigingError> {
+pub(super) fn scaled(
+    samples: &Samples,
+    component: usize,
+    options: &KrigingOptions,
+) -> Result<(Data, Scaling), KrigingError> {
     let (lower, upper) = samples.range();
     let values: Vec<f64> = samples.errors_m().iter().map(|e| e[component]).collect();
     let mean = values.iter().sum::<f64>() / values.len() as f64;
@@ -165,7 +169,7 @@ fn over_mean(list: &[f64]) -> Vec<f64> {
     list.iter().map(|value| value / mean).collect()
 }
 
-pub(super) fn bounds(options: &Options, size: usize) -> Vec<(f64, f64)> {
+pub(super) fn bounds(options: &KrigingOptions, size: usize) -> Vec<(f64, f64)> {
     let logarithms = |(lower, upper): (f64, f64)| (lower.ln(), upper.ln());
     let noise = (options.noise != Noise::Declared).then_some(NOISE);
     std::iter::once(SIGNAL).chain(std::iter::repeat_n(LENGTH, size)).chain(noise).map(logarithms).collect()

@@ -9,7 +9,7 @@
 //! Source: Rasmussen & Williams 2006, eq. 5.12 (leaving one out); Cook & Weisberg 1982, 2.2.2 (deleted residuals).
 
 use super::likelihood::{Data, Scaled};
-use super::{KrigingError, Options, fit};
+use super::{KrigingError, KrigingOptions, fit};
 use crate::samples::Samples;
 use faer::Mat;
 use nalgebra::Vector3;
@@ -36,7 +36,7 @@ const SPEAK: usize = 2;
 const EXPLAINED: f64 = 0.5;
 
 /// Indices of vectors that one of their components accuses, ascending.
-pub(super) fn suspects(samples: &Samples, options: &Options) -> Result<Vec<usize>, KrigingError> {
+pub(super) fn suspects(samples: &Samples, options: &KrigingOptions) -> Result<Vec<usize>, KrigingError> {
     let mut accused = vec![false; samples.count()];
     for component in 0..3 {
         let (data, _) = fit::scaled(samples, component, options)?;
@@ -186,7 +186,7 @@ pub(super) struct Neighbourhood {
 
 impl Neighbourhood {
     /// Predictions of all vectors by all others.
-    pub(super) fn of(samples: &Samples, options: &Options) -> Result<Neighbourhood, KrigingError> {
+    pub(super) fn of(samples: &Samples, options: &KrigingOptions) -> Result<Neighbourhood, KrigingError> {
         let (mut all, mut deviation_m) = (Vec::new(), Vec::new());
         let places = scaled_places(samples);
         for component in 0..3 {

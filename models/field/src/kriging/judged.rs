@@ -8,7 +8,7 @@
 
 use super::averaged::{Averaged, AveragedKriging, check_planes};
 use super::gross::{self, Neighbourhood};
-use super::{COMPONENTS, KrigingError, Options};
+use super::{COMPONENTS, KrigingError, KrigingOptions};
 use crate::measured::MeasuredField;
 use crate::samples::Samples;
 use nalgebra::Vector3;
@@ -60,7 +60,7 @@ pub struct Judgement {
 ///
 /// # Errors
 /// What no field can be made of, and vectors of which too many contradict the others.
-pub fn judge(field: &MeasuredField, options: &Options) -> Result<(AveragedKriging, Judgement), KrigingError> {
+pub fn judge(field: &MeasuredField, options: &KrigingOptions) -> Result<(AveragedKriging, Judgement), KrigingError> {
     check_planes(field)?;
     let (averaged, judgement) = held(&Samples::from(field), options)?;
     let part = field.part(&judgement.kept)?;
@@ -72,11 +72,11 @@ pub fn judge(field: &MeasuredField, options: &Options) -> Result<(AveragedKrigin
 ///
 /// # Errors
 /// As [`judge`].
-pub fn judge_samples(samples: &Samples, options: &Options) -> Result<Judgement, KrigingError> {
+pub fn judge_samples(samples: &Samples, options: &KrigingOptions) -> Result<Judgement, KrigingError> {
     held(samples, options).map(|(_, judgement)| judgement)
 }
 
-fn held(samples: &Samples, options: &Options) -> Result<(Averaged, Judgement), KrigingError> {
+fn held(samples: &Samples, options: &KrigingOptions) -> Result<(Averaged, Judgement), KrigingError> {
     let all: Vec<usize> = (0..samples.count()).collect();
     let mut accused = gross::suspects(samples, options)?;
     for _ in 0..TRIALS {
@@ -98,7 +98,7 @@ fn held(samples: &Samples, options: &Options) -> Result<(Averaged, Judgement), K
 /// The accused that the fit without them does not acquit.
 fn tried(
     samples: &Samples,
-    options: &Options,
+    options: &KrigingOptions,
     fit: &Averaged,
     accused: &[usize],
 ) -> Result<Vec<LeftOut>, KrigingError> {
@@ -125,7 +125,7 @@ fn tried(
 }
 
 /// Variance of a measured error less what the others predict there (m²).
-fn variance_m2(samples: &Samples, options: &Options, fit: &Averaged, index: usize) -> Vector3<f64> {
+fn variance_m2(samples: &Samples, options: &KrigingOptions, fit: &Averaged, index: usize) -> Vector3<f64> {
     let field_m = fit.predict(samples.point(index)).1;
     let declared = options.noise.is_declared().then(|| samples.u_m()).flatten();
     let declared_m = declared.map_or(Vector3::zeros(), |u_m| u_m[index]);

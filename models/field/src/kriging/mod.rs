@@ -57,7 +57,7 @@ impl Noise {
 
 /// What kind of process is fitted.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Options {
+pub struct KrigingOptions {
     /// Covariance of the signal.
     pub kernel: Kernel,
     /// What is removed before.
@@ -66,12 +66,12 @@ pub struct Options {
     pub noise: Noise,
 }
 
-impl Options {
+impl KrigingOptions {
     /// What vectors are held against each other by, as `abbe interpolate` does it: a signal of continuous slope beside a linear trend,
     /// and noise beyond the declared uncertainties where there are any.
-    pub fn usual(is_declared: bool) -> Options {
+    pub fn usual(is_declared: bool) -> KrigingOptions {
         let noise = if is_declared { Noise::DeclaredAndFitted } else { Noise::Fitted };
-        Options { kernel: Kernel::Matern52, trend: Trend::Linear, noise }
+        KrigingOptions { kernel: Kernel::Matern52, trend: Trend::Linear, noise }
     }
 }
 
@@ -121,14 +121,14 @@ impl Kriging {
     /// Fits covariance and noise of each component to the measured errors.
     ///
     /// Source: Rasmussen & Williams 2006 eq. 2.25-2.26 (prediction), 2.45 (trend), 5.9 (gradient).
-    pub fn fit(field: &MeasuredField, options: &Options) -> Result<Kriging, KrigingError> {
+    pub fn fit(field: &MeasuredField, options: &KrigingOptions) -> Result<Kriging, KrigingError> {
         Kriging::assemble(field, fit_each(&Samples::from(field), options)?)
     }
 
     /// The field with given parameters, such as those of an earlier fit.
     pub fn with_hyperparameters(
         field: &MeasuredField,
-        options: &Options,
+        options: &KrigingOptions,
         hyperparameters: &[Hyperparameters; 3],
     ) -> Result<Kriging, KrigingError> {
         let samples = Samples::from(field);
@@ -178,11 +178,11 @@ impl Kriging {
 ///
 /// # Errors
 /// As there.
-pub fn fitted(samples: &Samples, options: &Options) -> Result<[FittedComponent; 3], KrigingError> {
+pub fn fitted(samples: &Samples, options: &KrigingOptions) -> Result<[FittedComponent; 3], KrigingError> {
     Ok(fit_each(samples, options)?.map(|(_, fitted)| fitted))
 }
 
-fn fit_each(samples: &Samples, options: &Options) -> Result<[(Process, FittedComponent); 3], KrigingError> {
+fn fit_each(samples: &Samples, options: &KrigingOptions) -> Result<[(Process, FittedComponent); 3], KrigingError> {
     check_noise(samples, options)?;
     let fit = |component: usize| fit::fit(samples, component, options);
     // One thread a component: their results do not depend on each other.
@@ -195,7 +195,7 @@ fn fit_each(samples: &Samples, options: &Options) -> Result<[(Process, FittedCom
     Ok([x?, y?, z?])
 }
 
-fn check_noise(samples: &Samples, options: &Options) -> Result<(), KrigingError> {
+fn check_noise(samples: &Samples, options: &KrigingOptions) -> Result<(), KrigingError> {
     let undeclared = options.noise != Noise::Fitted && samples.u_m().is_none();
     if undeclared { Err(KrigingError::NoiseNotDeclared) } else { Ok(()) }
 }

@@ -9,7 +9,8 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
 
-const OPTIONS: Options = Options { kernel: Kernel::Matern52, trend: Trend::Constant, noise: Noise::Fitted };
+const OPTIONS: KrigingOptions =
+    KrigingOptions { kernel: Kernel::Matern52, trend: Trend::Constant, noise: Noise::Fitted };
 
 fn scatter(count: usize, seed: u64) -> Vec<Vector3<f64>> {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
@@ -117,7 +118,7 @@ fn ninety_five_per_cent_intervals_hold_ninety_five_per_cent() {
 fn leaving_one_out_is_fitting_without_it() {
     let (field, _) = drawn_field(60, 0.3e-6, 4);
     for trend in [Trend::Constant, Trend::Linear] {
-        let options = Options { trend, ..OPTIONS };
+        let options = KrigingOptions { trend, ..OPTIONS };
         let kriging = Kriging::fit(&field, &options).unwrap();
         let parameters = kriging.fitted().clone().map(|fitted| fitted.hyperparameters);
         let rest: Vec<usize> = (0..60).filter(|k| *k != 17).collect();
@@ -156,7 +157,7 @@ fn declared_uncertainties_weigh_the_points() {
     errors[31] += Vector3::repeat(3e-6);
     let fit = |u: &[Vector3<f64>]| {
         let field = MeasuredField::new(points.clone(), errors.clone(), Some(u.to_vec())).unwrap();
-        let kriging = Kriging::fit(&field, &Options { noise: Noise::Declared, ..OPTIONS }).unwrap();
+        let kriging = Kriging::fit(&field, &KrigingOptions { noise: Noise::Declared, ..OPTIONS }).unwrap();
         (kriging.error_m(&points[31]) - smooth(&points[31])).norm()
     };
     let trusted = fit(&u);
@@ -174,7 +175,7 @@ fn how_much_of_the_declared_uncertainty_the_errors_scatter_by_is_found() {
     let errors = points.iter().zip(&u).map(&mut one).collect();
     let mean_square = u.iter().map(|u| u.x * u.x).sum::<f64>() / 300.0;
     let field = MeasuredField::new(points, errors, Some(u)).unwrap();
-    let kriging = Kriging::fit(&field, &Options { noise: Noise::Scaled, ..OPTIONS }).unwrap();
+    let kriging = Kriging::fit(&field, &KrigingOptions { noise: Noise::Scaled, ..OPTIONS }).unwrap();
     for fitted in kriging.fitted() {
         let factor = fitted.hyperparameters.noise_m.unwrap() / mean_square.sqrt();
         assert!((factor / 0.2 - 1.0).abs() < 0.15, "{factor}");
@@ -195,12 +196,12 @@ fn what_cannot_be_fitted_is_refused() {
     assert_eq!(Kriging::fit(&flat, &OPTIONS).unwrap_err(), KrigingError::Constant { component: "x" });
     let errors: Vec<_> = points.iter().map(smooth).collect();
     let field = MeasuredField::new(points.clone(), errors.clone(), None).unwrap();
-    let declared = Options { noise: Noise::Declared, ..OPTIONS };
+    let declared = KrigingOptions { noise: Noise::Declared, ..OPTIONS };
     assert_eq!(Kriging::fit(&field, &declared).unwrap_err(), KrigingError::NoiseNotDeclared);
     // No noise to speak of on an infinitely smooth covariance with long scales: singular, and nothing is added to hide it.
     let sure = MeasuredField::new(points, errors, Some(vec![Vector3::repeat(1e-18); 36])).unwrap();
     let long = Hyperparameters { length: vec![40.0; 3], signal_m: 1e-6, noise_m: None };
-    let squared = Options { kernel: Kernel::SquaredExponential, ..declared };
+    let squared = KrigingOptions { kernel: Kernel::SquaredExponential, ..declared };
     let refused = Kriging::with_hyperparameters(&sure, &squared, &[(); 3].map(|()| long.clone())).unwrap_err();
     assert_eq!(refused, KrigingError::NotPositiveDefinite { component: "x" });
     let negative = Hyperparameters { length: vec![0.1, -0.1, 0.1], signal_m: 1e-6, noise_m: None };

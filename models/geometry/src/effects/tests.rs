@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::chain::{ErrorValues, chain_point};
-use crate::error_function::Kind;
+use crate::error_function::FunctionKind;
 use crate::logged::LOGGED;
 use crate::machine::{Joint, Machine, Side, Squareness};
 use crate::rotation::RotationForm;
@@ -45,7 +45,7 @@ pub(crate) fn machine() -> Machine {
         stroke_m: [(0.0, 0.8), (0.0, 0.6), (0.0, 0.6)],
         squareness: [tilt("C0Y", Axis::Y, Axis::Z), tilt("B0Z", Axis::Z, Axis::Y), tilt("A0Z", Axis::Z, Axis::X)],
         rotation: RotationForm::Exact,
-        kinds: [Some(Kind::Polynomial { degree: 3 }); 18],
+        kinds: [Some(FunctionKind::Polynomial { degree: 3 }); 18],
         repeatability_m: [0.25e-6; 3],
         u_ram_turn_rad: [crate::machine::USUAL_RAM_TURN_RAD; 3],
         default_offset_m: None,

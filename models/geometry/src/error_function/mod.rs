@@ -16,7 +16,7 @@ pub const MAX_LOCAL: usize = 12;
 
 /// Kind of an error function and its number of pieces.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Kind {
+pub enum FunctionKind {
     /// Polynomial of this degree (Liang 2025, eq. 9), in Legendre form.
     Polynomial {
         /// Highest power, 1 to 10.
@@ -50,7 +50,7 @@ pub enum BasisError {
     #[error("{kind:?}: {requirement}")]
     Pieces {
         /// The refused kind.
-        kind: Kind,
+        kind: FunctionKind,
         /// What is allowed.
         requirement: &'static str,
     },
@@ -67,7 +67,7 @@ pub enum BasisError {
 /// Basis of one error function on one stroke.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Basis {
-    kind: Kind,
+    kind: FunctionKind,
     closure: Closure,
     lower_m: f64,
     upper_m: f64,
@@ -98,14 +98,18 @@ impl LocalBasis {
 
 impl Basis {
     /// Basis of `kind` on the stroke `lower_m` … `upper_m`.
-    pub fn new(kind: Kind, closure: Closure, lower_m: f64, upper_m: f64) -> Result<Basis, BasisError> {
+    pub fn new(kind: FunctionKind, closure: Closure, lower_m: f64, upper_m: f64) -> Result<Basis, BasisError> {
         if !(lower_m.is_finite() && upper_m.is_finite() && upper_m > lower_m) {
             return Err(BasisError::Stroke { lower_m, upper_m });
         }
         let requirement = match kind {
-            Kind::Polynomial { degree } if !(1..=10).contains(&degree) => Some("a polynomial has degree 1 to 10"),
-            Kind::Nodes { count } if !(2..=1000).contains(&count) => Some("between 2 and 1000 nodes are needed"),
-            Kind::BSpline { intervals } if !(1..=1000).contains(&intervals) => {
+            FunctionKind::Polynomial { degree } if !(1..=10).contains(&degree) => {
+                Some("a polynomial has degree 1 to 10")
+            }
+            FunctionKind::Nodes { count } if !(2..=1000).contains(&count) => {
+                Some("between 2 and 1000 nodes are needed")
+            }
+            FunctionKind::BSpline { intervals } if !(1..=1000).contains(&intervals) => {
                 Some("between 1 and 1000 intervals are needed")
             }
             _ => None,
@@ -117,7 +121,7 @@ impl Basis {
     }
 
     /// Kind and number of pieces.
-    pub fn kind(&self) -> Kind {
+    pub fn kind(&self) -> FunctionKind {
         self.kind
     }
 
@@ -135,9 +139,9 @@ impl Basis {
     pub fn len(&self) -> usize {
         let closed = usize::from(self.closure == Closure::BothEnds);
         match self.kind {
-            Kind::Polynomial { degree } => degree - closed,
-            Kind::Nodes { count } => count - 1 - closed,
-            Kind::BSpline { intervals } => intervals + 2 - closed,
+            FunctionKind::Polynomial { degree } => degree - closed,
+            FunctionKind::Nodes { count } => count - 1 - closed,
+            FunctionKind::BSpline { intervals } => intervals + 2 - closed,
         }
     }
 
@@ -164,16 +168,16 @@ impl Basis {
     /// Basis functions (or their first derivatives) at `t` in 0 … 1 of the stroke.
     fn on_unit(&self, t: f64, derivative: bool) -> LocalBasis {
         match self.kind {
-            Kind::Polynomial { degree } => polynomial::local(degree, self.closure, t, derivative),
-            Kind::Nodes { count } => nodes::local(count, self.closure, t, derivative),
-            Kind::BSpline { intervals } => bspline::local(intervals, self.closure, t, derivative),
+            FunctionKind::Polynomial { degree } => polynomial::local(degree, self.closure, t, derivative),
+            FunctionKind::Nodes { count } => nodes::local(count, self.closure, t, derivative),
+            FunctionKind::BSpline { intervals } => bspline::local(intervals, self.closure, t, derivative),
         }
     }
 
     /// For nodes: the interval that `position_m` lies in, and the parabola over it that is 0 at both nodes and 1 midway.
     /// `None` for other kinds, which have no nodes, and beyond the stroke.
     pub(crate) fn between_nodes(&self, position_m: f64) -> Option<(usize, f64)> {
-        let Kind::Nodes { count } = self.kind else { return None };
+        let FunctionKind::Nodes { count } = self.kind else { return None };
         let t = (position_m - self.lower_m) / (self.upper_m - self.lower_m);
         let (interval, u) = nodes::interval(count, t);
         (0.0..=1.0).contains(&t).then_some((interval, 4.0 * u * (1.0 - u)))
@@ -183,7 +187,7 @@ impl Basis {
     /// kinds whose order, not whose curvature, is chosen.
     pub fn roughness(&self) -> Vec<f64> {
         match self.kind {
-            Kind::BSpline { intervals } => bspline::roughness(intervals, self.closure),
+            FunctionKind::BSpline { intervals } => bspline::roughness(intervals, self.closure),
             _ => vec![0.0; self.len() * self.len()],
         }
     }
@@ -231,10 +235,10 @@ mod tests {
 
     fn all_kinds() -> Vec<Basis> {
         let kinds = [
-            Kind::Polynomial { degree: 5 },
-            Kind::Nodes { count: 7 },
-            Kind::BSpline { intervals: 1 },
-            Kind::BSpline { intervals: 9 },
+            FunctionKind::Polynomial { degree: 5 },
+            FunctionKind::Nodes { count: 7 },
+            FunctionKind::BSpline { intervals: 1 },
+            FunctionKind::BSpline { intervals: 9 },
         ];
         let closures = [Closure::Origin, Closure::BothEnds];
         kinds.into_iter().flat_map(|k| closures.map(|c| Basis::new(k, c, -0.1, 0.7).unwrap())).collect()
@@ -266,7 +270,7 @@ mod tests {
 
     #[test]
     fn powers_are_reproduced_by_splines_and_polynomials() {
-        for basis in all_kinds().into_iter().filter(|b| !matches!(b.kind(), Kind::Nodes { .. })) {
+        for basis in all_kinds().into_iter().filter(|b| !matches!(b.kind(), FunctionKind::Nodes { .. })) {
             for power in 1..=3 {
                 let coefficients = basis.coefficients_of_power(power);
                 for t in [0.0, 0.13, 0.5, 0.77, 1.0_f64] {
@@ -291,7 +295,7 @@ mod tests {
     #[test]
     fn roughness_is_the_integral_of_the_squared_curvature() {
         for closure in [Closure::Origin, Closure::BothEnds] {
-            let basis = Basis::new(Kind::BSpline { intervals: 6 }, closure, 0.0, 2.0).unwrap();
+            let basis = Basis::new(FunctionKind::BSpline { intervals: 6 }, closure, 0.0, 2.0).unwrap();
             let n = basis.len();
             let roughness = basis.roughness();
             let quadratic = |c: &[f64]| -> f64 {
@@ -305,9 +309,9 @@ mod tests {
 
     #[test]
     fn bad_pieces_and_strokes_are_refused() {
-        assert!(Basis::new(Kind::Polynomial { degree: 0 }, Closure::Origin, 0.0, 1.0).is_err());
-        assert!(Basis::new(Kind::Nodes { count: 1 }, Closure::Origin, 0.0, 1.0).is_err());
-        assert!(Basis::new(Kind::BSpline { intervals: 3 }, Closure::Origin, 1.0, 1.0).is_err());
-        assert!(Basis::new(Kind::BSpline { intervals: 3 }, Closure::Origin, 0.0, f64::NAN).is_err());
+        assert!(Basis::new(FunctionKind::Polynomial { degree: 0 }, Closure::Origin, 0.0, 1.0).is_err());
+        assert!(Basis::new(FunctionKind::Nodes { count: 1 }, Closure::Origin, 0.0, 1.0).is_err());
+        assert!(Basis::new(FunctionKind::BSpline { intervals: 3 }, Closure::Origin, 1.0, 1.0).is_err());
+        assert!(Basis::new(FunctionKind::BSpline { intervals: 3 }, Closure::Origin, 0.0, f64::NAN).is_err());
     }
 }

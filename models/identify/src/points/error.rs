@@ -209,7 +209,7 @@ pub(super) fn check_used(weights: &[f64], unknowns: usize) -> Result<(), PointsE
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
-    use abbe_geometry::error_function::Kind;
+    use abbe_geometry::error_function::FunctionKind;
     use abbe_geometry::machine::{Joint, Side, Squareness};
     use abbe_geometry::rotation::RotationForm;
     use abbe_geometry::{Axis, Vector3};
@@ -225,7 +225,7 @@ pub(crate) mod tests {
             stroke_m: [(0.0, 0.8), (0.0, 0.6), (0.0, 0.6)],
             squareness: [tilt("C0Y", Axis::Y, Axis::Z), tilt("B0Z", Axis::Z, Axis::Y), tilt("A0Z", Axis::Z, Axis::X)],
             rotation: RotationForm::SmallAngle,
-            kinds: [Some(Kind::Polynomial { degree: 3 }); 18],
+            kinds: [Some(FunctionKind::Polynomial { degree: 3 }); 18],
             repeatability_m: [0.2e-6; 3],
             u_ram_turn_rad: [abbe_geometry::machine::USUAL_RAM_TURN_RAD; 3],
             default_offset_m: None,

@@ -8,7 +8,7 @@ use super::loss::Loss;
 use super::outcome::{FittedPoints, Minimised, finish};
 use super::problem::Problem;
 use super::{MeasuredPoint, Method, PointOptions, PointProgress, PointsError, error, observable, search};
-use abbe_geometry::error_function::Kind;
+use abbe_geometry::error_function::FunctionKind;
 use abbe_geometry::layout::{Layout, centre_of};
 use abbe_geometry::machine::Machine;
 use std::ops::RangeInclusive;
@@ -105,7 +105,7 @@ pub fn fit_points_of_best_degree(
 /// The machine with polynomials of one degree for every error that it does not hold at zero.
 pub(super) fn of_degree(machine: &Machine, degree: usize) -> Machine {
     let mut machine = machine.clone();
-    machine.kinds = machine.kinds.map(|kind| kind.map(|_| Kind::Polynomial { degree }));
+    machine.kinds = machine.kinds.map(|kind| kind.map(|_| FunctionKind::Polynomial { degree }));
     machine
 }
 

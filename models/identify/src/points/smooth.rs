@@ -18,7 +18,7 @@ use super::{MeasuredPoint, Method, PointOptions, PointProgress, PointsError, err
 use crate::observability::Observability;
 use crate::smoothing::{self, Smoothness, Solution};
 use crate::solve::{MAX_REFINEMENTS, SATURATED, SETTLED, WEIGHING_PASSES, finer_kind};
-use abbe_geometry::error_function::Kind;
+use abbe_geometry::error_function::FunctionKind;
 use abbe_geometry::layout::{Layout, centre_of};
 use abbe_geometry::machine::Machine;
 use faer::Mat;
@@ -86,9 +86,9 @@ fn require_derivatives(options: &PointOptions) -> Result<(), PointsError> {
 
 /// The machine with splines of as many intervals as its file names, else the usual number.
 fn smooth(machine: &Machine) -> Machine {
-    let spline = |kind: Kind| match kind {
-        Kind::BSpline { .. } => kind,
-        _ => Kind::BSpline { intervals: INTERVALS },
+    let spline = |kind: FunctionKind| match kind {
+        FunctionKind::BSpline { .. } => kind,
+        _ => FunctionKind::BSpline { intervals: INTERVALS },
     };
     let mut machine = machine.clone();
     machine.kinds = machine.kinds.map(|kind| kind.map(spline));

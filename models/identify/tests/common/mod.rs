@@ -7,12 +7,12 @@
 
 use abbe_geometry::correct::{Correction, correct};
 use abbe_geometry::effects::{NoCovariates, State};
-use abbe_geometry::error_function::Kind;
+use abbe_geometry::error_function::FunctionKind;
 use abbe_geometry::machine::{Joint, Machine, Side, Squareness};
 use abbe_geometry::model::MachineModel;
 use abbe_geometry::rotation::RotationForm;
 use abbe_geometry::{Axis, ErrorId, Vector3};
-use abbe_identify::{Identified, IdentifyError, Options, identify};
+use abbe_identify::{Identified, IdentifyError, IdentifyOptions, identify};
 use abbe_measurement::campaign::Campaign;
 use abbe_virtual_machine::environment::EnvironmentConfig;
 use abbe_virtual_machine::instrument::InstrumentConfig;
@@ -23,7 +23,7 @@ use abbe_virtual_machine::verification::VerificationPoint;
 use abbe_virtual_machine::{MachineTruth, Simulated, SimulationConfig, simulate_campaign, verification_points};
 
 /// Cubic splines of twelve intervals: what the shipped bridge uses.
-pub(crate) const SPLINE: Kind = Kind::BSpline { intervals: 12 };
+pub(crate) const SPLINE: FunctionKind = FunctionKind::BSpline { intervals: 12 };
 /// The recorded campaigns' instrument.
 pub(crate) const INSTRUMENT: InstrumentConfig = InstrumentConfig::LASER_TRACER;
 
@@ -37,7 +37,7 @@ pub(crate) struct Case {
 impl Case {
     /// Drives `truth` along `plan` with the noise of `seed`; its ram turns about the plan's mean offset, so that truth and
     /// model share a frame.
-    pub(crate) fn new(mut truth: MachineTruth, plan: Plan, kind: Kind, seed: u64) -> Case {
+    pub(crate) fn new(mut truth: MachineTruth, plan: Plan, kind: FunctionKind, seed: u64) -> Case {
         truth.ram_turn.about_m = plan.mean_offset_m();
         let machine = description(&truth, kind);
         let config = SimulationConfig {
@@ -53,7 +53,7 @@ impl Case {
     }
 
     /// A campaign like the recorded ones.
-    pub(crate) fn case_like(truth: MachineTruth, kind: Kind, seed: u64) -> Case {
+    pub(crate) fn case_like(truth: MachineTruth, kind: FunctionKind, seed: u64) -> Case {
         let plan = presets::case_like(truth.stroke_m, seed).build().unwrap();
         Case::new(truth, plan, kind, seed)
     }
@@ -62,11 +62,15 @@ impl Case {
         &self.simulated.campaign
     }
 
-    pub(crate) fn identify(&self, options: &Options) -> Identified {
+    pub(crate) fn identify(&self, options: &IdentifyOptions) -> Identified {
         self.try_identify(self.campaign(), options).unwrap_or_else(|error| panic!("{error}"))
     }
 
-    pub(crate) fn try_identify(&self, campaign: &Campaign, options: &Options) -> Result<Identified, IdentifyError> {
+    pub(crate) fn try_identify(
+        &self,
+        campaign: &Campaign,
+        options: &IdentifyOptions,
+    ) -> Result<Identified, IdentifyError> {
         identify(&self.machine, INSTRUMENT.range, campaign, options, &mut |_| true)
     }
 
@@ -101,7 +105,7 @@ pub(crate) fn state(point: &VerificationPoint) -> State<'static> {
 }
 
 /// What the machine's maker would write down of a simulated machine.
-pub(crate) fn description(truth: &MachineTruth, kind: Kind) -> Machine {
+pub(crate) fn description(truth: &MachineTruth, kind: FunctionKind) -> Machine {
     let joint = |side| move |axis: &abbe_virtual_machine::Axis| Joint { axis: same(*axis), side };
     let table = truth.workpiece_side.iter().rev().map(joint(Side::Workpiece));
     let joints: Vec<Joint> = table.chain(truth.tool_side.iter().map(joint(Side::Tool))).collect();
@@ -137,7 +141,7 @@ pub(crate) fn of_low_order(mut truth: MachineTruth, highest: u32) -> MachineTrut
 }
 
 /// Holds errors at zero, in the truth and in the description.
-pub(crate) fn held_zero(truth: &mut MachineTruth, kinds: &mut [Option<Kind>; ErrorId::COUNT], names: &[&str]) {
+pub(crate) fn held_zero(truth: &mut MachineTruth, kinds: &mut [Option<FunctionKind>; ErrorId::COUNT], names: &[&str]) {
     for name in names {
         truth.errors.remove(*name).unwrap();
         kinds[ErrorId::from_name(name).unwrap().index()] = None;

@@ -17,7 +17,7 @@ use std::collections::BTreeMap;
 
 /// How a campaign is solved.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Options {
+pub struct MultilaterationOptions {
     /// Uncertainty of a length.
     pub instrument: RangeUncertainty,
     /// Repeatability of the machine when it comes back to a point (m, k = 1): stations see the point at different times.
@@ -105,7 +105,7 @@ pub struct MultiStation {
 /// Plans that cannot tell stations, points and dead paths apart, readings that do not fit.
 pub fn solve(
     campaign: &Campaign,
-    options: &Options,
+    options: &MultilaterationOptions,
     observe: &mut dyn FnMut(Progress) -> bool,
 ) -> Result<MultiStation, Problem> {
     check(campaign, options)?;
@@ -131,7 +131,7 @@ pub fn solve(
     }
     let start = network::Start { stations, points_m: targets.iter().map(Target::indicated_m).collect() };
     let sightings: Vec<Sighting> = sights.iter().map(|sight| sight.sighting).collect();
-    let network_options = network::Options { absolute: options.absolute_range, robust: true };
+    let network_options = network::NetworkOptions { absolute: options.absolute_range, robust: true };
     let found = network::solve(&start, &sightings, network_options, observe)
         .map_err(|why| of_network(&campaign.stations, why, left_out))?;
     Ok(told(campaign, (targets, target_of), (rejected, left_out), &sights, found))
@@ -197,7 +197,7 @@ fn of_network(names: &[String], why: NetworkError, left_out: Option<LeftOut>) ->
     Problem::Network { stations: part.join(", "), why, left_out: left_out.filter(is_many) }
 }
 
-fn check(campaign: &Campaign, options: &Options) -> Result<(), Problem> {
+fn check(campaign: &Campaign, options: &MultilaterationOptions) -> Result<(), Problem> {
     let above_zero = |value: f64| value.is_finite() && value > 0.0;
     let constant = options.instrument.constant_m;
     let proportional = options.instrument.per_metre;
@@ -276,11 +276,16 @@ fn deviation_m(reading: &RangeReading, station: &Placed) -> f64 {
 }
 
 /// Standard uncertainty of one reading (m), with what the machine adds.
-fn single_u_m(range_m: f64, options: &Options) -> f64 {
+fn single_u_m(range_m: f64, options: &MultilaterationOptions) -> f64 {
     options.instrument.standard_m(range_m).hypot(options.repeatability_m)
 }
 
-fn contradictions(campaign: &Campaign, groups: &Groups, stations: &[Placed], options: &Options) -> Vec<RejectedPair> {
+fn contradictions(
+    campaign: &Campaign,
+    groups: &Groups,
+    stations: &[Placed],
+    options: &MultilaterationOptions,
+) -> Vec<RejectedPair> {
     let of = |(&(station, point), readings): (&(usize, usize), &Vec<usize>)| {
         let deviation = |k: &usize| deviation_m(&campaign.readings[*k], &stations[station]);
         let deviations: Vec<f64> = readings.iter().map(deviation).collect();
@@ -317,7 +322,7 @@ fn sights(
     kept: &[bool],
     (targets, groups): (&[Target], &Groups),
     stations: &[Placed],
-    options: &Options,
+    options: &MultilaterationOptions,
 ) -> Vec<MeanReading> {
     let mut sights = Vec::new();
     for (&(index, point), readings) in groups {

@@ -23,7 +23,7 @@ mod problem;
 pub mod station;
 mod targets;
 
-pub use campaign::{MultiStation, Options, RejectedSight, SolvedPoint, Unsolved, solve};
+pub use campaign::{MultiStation, MultilaterationOptions, RejectedSight, SolvedPoint, Unsolved, solve};
 pub use pairs::{LIMIT_M, LeftOut, RejectedPair};
 pub use problem::Problem;
 pub use targets::Target;

@@ -20,7 +20,7 @@ const STATIONS_M: [[f64; 3]; 6] = [
     [0.07, -0.07, -0.62],
     [-0.06, 0.04, -0.62],
 ];
-const OPTIONS: Options = Options {
+const OPTIONS: MultilaterationOptions = MultilaterationOptions {
     instrument: RangeUncertainty { constant_m: 0.5e-6, per_metre: 0.0 },
     repeatability_m: 0.0,
     pair_limit_m: None,
@@ -61,7 +61,7 @@ fn campaign(error_m: impl Fn(&Vector3<f64>) -> Vector3<f64>, mut noise_m: impl F
     campaign
 }
 
-fn run(campaign: &Campaign, options: &Options) -> Result<MultiStation, Problem> {
+fn run(campaign: &Campaign, options: &MultilaterationOptions) -> Result<MultiStation, Problem> {
     solve(campaign, options, &mut |_| true)
 }
 
@@ -171,7 +171,7 @@ fn contradicting_pairs_are_left_out_and_listed() {
     assert!((rejected.difference_m - 9e-6).abs() < 1.5e-6);
     assert_eq!(solved.points[40].stations, [0, 1, 3, 4, 5]);
     assert_eq!(solved.points[41].stations.len(), 6);
-    let loose = run(&campaign, &Options { pair_limit_m: Some(20e-6), ..OPTIONS }).unwrap();
+    let loose = run(&campaign, &MultilaterationOptions { pair_limit_m: Some(20e-6), ..OPTIONS }).unwrap();
     assert!(loose.rejected.is_empty());
 }
 
@@ -180,12 +180,13 @@ fn contradicting_pairs_are_left_out_and_listed() {
 fn regress_a_noisier_instrument_that_says_so_is_no_contradiction() {
     let mut random = ChaCha8Rng::seed_from_u64(11);
     let campaign = campaign(|_| Vector3::zeros(), || 5e-6 * normal(&mut random));
-    let declared = Options { instrument: RangeUncertainty { constant_m: 5e-6, per_metre: 0.0 }, ..OPTIONS };
+    let declared =
+        MultilaterationOptions { instrument: RangeUncertainty { constant_m: 5e-6, per_metre: 0.0 }, ..OPTIONS };
     let solved = run(&campaign, &declared).unwrap();
     assert_eq!((solved.rejected.len(), solved.left_out, solved.points.len()), (0, None, 60));
     assert!((0.8..1.25).contains(&solved.chi2_per_dof), "{}", solved.chi2_per_dof);
     // Where the limit is given and too small, the message says what happened and what gives another.
-    let tight = Options { pair_limit_m: Some(0.01e-6), ..declared };
+    let tight = MultilaterationOptions { pair_limit_m: Some(0.01e-6), ..declared };
     let said = run(&campaign, &tight).unwrap_err().to_string();
     assert!(said.contains("60 of 60 points are seen") || said.contains("read more than once"), "{said}");
     assert!(said.contains("--pair-limit-um") && said.contains("0.0 um is let pass"), "{said}");
@@ -277,10 +278,10 @@ fn campaigns_that_cannot_be_solved_are_refused() {
     apart.readings.iter_mut().for_each(|r| r.reading_m[0] += 0.01 * f64::from(r.station));
     assert!(matches!(run(&apart, &OPTIONS), Err(Problem::NoPoint { points: 360 })));
     let bad = [
-        Options { pair_limit_m: Some(0.0), ..OPTIONS },
-        Options { same_point_m: f64::NAN, ..OPTIONS },
-        Options { repeatability_m: -1.0, ..OPTIONS },
-        Options { instrument: RangeUncertainty { constant_m: 0.0, per_metre: 0.0 }, ..OPTIONS },
+        MultilaterationOptions { pair_limit_m: Some(0.0), ..OPTIONS },
+        MultilaterationOptions { same_point_m: f64::NAN, ..OPTIONS },
+        MultilaterationOptions { repeatability_m: -1.0, ..OPTIONS },
+        MultilaterationOptions { instrument: RangeUncertainty { constant_m: 0.0, per_metre: 0.0 }, ..OPTIONS },
     ];
     for options in bad {
         assert!(matches!(run(&good, &options), Err(Problem::Option(_))), "{options:?}");

@@ -73,7 +73,7 @@ pub struct Start {
 
 /// How a network is adjusted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Options {
+pub struct NetworkOptions {
     /// Lengths are distances: dead paths stay as the start has them.
     pub absolute: bool,
     /// Gross errors are looked for and left out.
@@ -141,7 +141,7 @@ pub struct Progress {
 pub fn solve(
     start: &Start,
     sightings: &[Sighting],
-    options: Options,
+    options: NetworkOptions,
     observe: &mut dyn FnMut(Progress) -> bool,
 ) -> Result<Network, NetworkError> {
     error::check(start, sightings)?;
@@ -175,7 +175,7 @@ struct Search<'a> {
 }
 
 impl<'a> Search<'a> {
-    fn new(start: &Start, sightings: &'a [Sighting], options: Options) -> Search<'a> {
+    fn new(start: &Start, sightings: &'a [Sighting], options: NetworkOptions) -> Search<'a> {
         let mut of_point = vec![Vec::new(); start.points_m.len()];
         sightings.iter().enumerate().for_each(|(k, s)| of_point[s.point].push(k));
         Search {

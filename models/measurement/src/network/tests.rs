@@ -8,8 +8,8 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
 
 const U_M: f64 = 0.3e-6;
-const FREE: Options = Options { absolute: false, robust: true };
-const ABSOLUTE: Options = Options { absolute: true, robust: true };
+const FREE: NetworkOptions = NetworkOptions { absolute: false, robust: true };
+const ABSOLUTE: NetworkOptions = NetworkOptions { absolute: true, robust: true };
 
 fn stations() -> Vec<Vector3<f64>> {
     [[-0.3, -0.3, -0.2], [1.2, -0.2, -0.3], [1.1, 1.3, -0.1], [-0.2, 1.2, -0.3], [0.4, -0.5, 1.1], [1.3, 0.5, 0.9]]
@@ -78,7 +78,7 @@ impl Case {
     }
 }
 
-fn run(case: &Case, sightings: &[Sighting], options: Options) -> Result<Network, NetworkError> {
+fn run(case: &Case, sightings: &[Sighting], options: NetworkOptions) -> Result<Network, NetworkError> {
     solve(&case.start, sightings, options, &mut |_| true)
 }
 

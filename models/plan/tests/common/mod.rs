@@ -7,13 +7,13 @@
 
 use abbe_geometry::correct::correct;
 use abbe_geometry::effects::{NoCovariates, State};
-use abbe_geometry::error_function::Kind;
+use abbe_geometry::error_function::FunctionKind;
 use abbe_geometry::machine::{Joint, Machine, Side, Squareness, USUAL_RAM_TURN_RAD};
 use abbe_geometry::model::MachineModel;
 use abbe_geometry::rotation::RotationForm;
 use abbe_geometry::{Axis, ErrorId, Matrix3, Vector3};
 use abbe_identify::station_start::StationStart;
-use abbe_identify::{Belief, Identified, Options, identify};
+use abbe_identify::{Belief, Identified, IdentifyOptions, identify};
 use abbe_measurement::campaign::Campaign;
 use abbe_plan::{Goal, Holder, Lines, Motion, Plan, Request, Stand, Tracer};
 use abbe_virtual_machine::environment::EnvironmentConfig;
@@ -27,7 +27,7 @@ use abbe_virtual_machine::{
 /// The recorded campaigns' instrument.
 pub(crate) const INSTRUMENT: InstrumentConfig = InstrumentConfig::LASER_TRACER;
 /// Fine enough for what the simulator makes of a typical machine.
-pub(crate) const SPLINE: Kind = Kind::BSpline { intervals: 12 };
+pub(crate) const SPLINE: FunctionKind = FunctionKind::BSpline { intervals: 12 };
 /// Offsets of the recorded campaigns (m, ram frame).
 pub(crate) const OFFSETS_M: [[f64; 3]; 3] = [[0.0, 0.0, -0.06], [0.12, 0.0, -0.06], [0.0, 0.14, -0.09]];
 /// Machines by which the usual bend of an error is known; no test measures one of them.
@@ -59,7 +59,7 @@ fn recipe(seed: u64) -> TruthRecipe {
 }
 
 /// What the maker would write down of a machine.
-pub(crate) fn description(truth: &MachineTruth, kind: Kind) -> Machine {
+pub(crate) fn description(truth: &MachineTruth, kind: FunctionKind) -> Machine {
     let axis = |axis: abbe_virtual_machine::Axis| Axis::ALL[axis.index()];
     let joints: Vec<Joint> = truth
         .workpiece_side
@@ -148,7 +148,7 @@ pub(crate) fn request(kind: Kinds, goal: Goal) -> Request {
     };
     Request {
         instrument: INSTRUMENT.range,
-        options: Options::default(),
+        options: IdentifyOptions::default(),
         volume_m: machine.stroke_m,
         tips_m: OFFSETS_M.to_vec(),
         tracer: Tracer { nearest_m: 0.1, farthest_m: 10.0, elevation_rad: (-1.5, 1.5) },
@@ -221,7 +221,7 @@ pub(crate) fn simulated(mut truth: MachineTruth, plan: Drive, seed: u64) -> Simu
 /// The campaign and its fit.
 pub(crate) fn measured(machine: &Machine, config: &SimulationConfig) -> (Campaign, Identified) {
     let campaign = simulate_campaign(config).unwrap().campaign;
-    let fit = identify(machine, INSTRUMENT.range, &campaign, &Options::default(), &mut |_| true).unwrap();
+    let fit = identify(machine, INSTRUMENT.range, &campaign, &IdentifyOptions::default(), &mut |_| true).unwrap();
     (campaign, fit)
 }
 

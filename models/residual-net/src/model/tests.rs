@@ -4,7 +4,7 @@ use super::*;
 use crate::neighbourhood::Neighbourhood;
 use crate::network::tokens::tokens;
 use crate::network::{Layout, PositionConfig};
-use abbe_field::kriging::{Kernel, Noise, Options, Trend, fitted as fit};
+use abbe_field::kriging::{Kernel, KrigingOptions, Noise, Trend, fitted as fit};
 use abbe_field::{MeasuredField, POSITION};
 use abbe_geometry::effects::{CovariateValue, NoCovariates};
 use rand::{Rng, SeedableRng};
@@ -36,27 +36,27 @@ fn warm_field(count: usize, seed: u64) -> Samples {
 
 /// Kriging of the field, there and here.
 pub(crate) fn fitted(field: &Samples, kernel: Kernel) -> (abbe_field::Kriging, Kriging) {
-    let options = Options { kernel, trend: Trend::Constant, noise: Noise::Fitted };
+    let options = KrigingOptions { kernel, trend: Trend::Constant, noise: Noise::Fitted };
     let reference = abbe_field::Kriging::fit(&field.field().unwrap().unwrap(), &options).unwrap();
     (reference, solved(field, kernel))
 }
 
 fn solved(field: &Samples, kernel: Kernel) -> Kriging {
-    let fit = fit(field, &Options { kernel, trend: Trend::Constant, noise: Noise::Fitted }).unwrap();
+    let fit = fit(field, &KrigingOptions { kernel, trend: Trend::Constant, noise: Noise::Fitted }).unwrap();
     Kriging::from_fit(&fit, kernel, field, &Vector3::repeat(1.0)).unwrap()
 }
 
 /// A model of some kind with three random members.
-pub(crate) fn random_model(kind: Kind, seed: u64) -> ResidualModel {
+pub(crate) fn random_model(kind: ResidualMethod, seed: u64) -> ResidualModel {
     model_of(kind, seed, bent_field(70, 1e-7, seed), vec![1.0; 3])
 }
 
 /// The same with the temperature beside the position.
-pub(crate) fn warm_model(kind: Kind, seed: u64) -> ResidualModel {
+pub(crate) fn warm_model(kind: ResidualMethod, seed: u64) -> ResidualModel {
     model_of(kind, seed, warm_field(90, seed), vec![0.3, 0.3, 0.4, 6.0])
 }
 
-fn model_of(kind: Kind, seed: u64, field: Samples, scale: Vec<f64>) -> ResidualModel {
+fn model_of(kind: ResidualMethod, seed: u64, field: Samples, scale: Vec<f64>) -> ResidualModel {
     let kriging = solved(&field, Kernel::Matern52);
     let config = NetworkConfig { width: 8, heads: 2, ..NetworkConfig::default() };
     let mut random = ChaCha8Rng::seed_from_u64(seed);
@@ -101,7 +101,7 @@ impl CovariateSource for Warm {
 #[test]
 fn an_input_is_taken_by_its_name_and_never_made_up() {
     let at = Vector3::new(0.2, 0.3, 0.2);
-    for kind in Kind::ALL {
+    for kind in ResidualMethod::ALL {
         let model = warm_model(kind, 3);
         assert_eq!(model.covariates(), ["temp_air_c"]);
         let of = |value| model.at(&at, &Warm(value));
@@ -115,12 +115,12 @@ fn an_input_is_taken_by_its_name_and_never_made_up() {
         // As many numbers as inputs, or none.
         assert!(model.predict_apart(at.as_slice()).is_none());
     }
-    assert!(random_model(Kind::Kriging, 1).covariates().is_empty());
+    assert!(random_model(ResidualMethod::Kriging, 1).covariates().is_empty());
 }
 
 #[test]
 fn beyond_the_range_of_an_input_is_outside_as_beyond_the_points() {
-    for kind in Kind::ALL {
+    for kind in ResidualMethod::ALL {
         let model = warm_model(kind, 4);
         let at = |x: f64, temp_c: f64| model.predict(&[x, 0.25, 0.25, temp_c]);
         let inside = at(0.25, 20.0);
@@ -134,7 +134,7 @@ fn beyond_the_range_of_an_input_is_outside_as_beyond_the_points() {
 
 #[test]
 fn each_kind_adds_up_to_what_it_says() {
-    let [kriging, network, both, trend] = Kind::ALL.map(|kind| random_model(kind, 1));
+    let [kriging, network, both, trend] = ResidualMethod::ALL.map(|kind| random_model(kind, 1));
     let at = Vector3::new(0.21, 0.33, 0.14);
     let residual = |model: &ResidualModel| model.predict(at.as_slice()).residual_m;
     assert!((residual(&kriging) - residual(&network)).norm() > 1e-8);
@@ -155,7 +155,7 @@ fn each_kind_adds_up_to_what_it_says() {
 
 #[test]
 fn kriging_of_what_a_trend_leaves_brings_the_whole_back_to_the_measured_points() {
-    let model = random_model(Kind::PerceptronKriging, 6);
+    let model = random_model(ResidualMethod::PerceptronKriging, 6);
     let mut parts = model.parts().clone();
     let left = crate::trend::Trend::new(random_trend(3, 6)).unwrap().left(&parts.field).unwrap();
     parts.kriging = fitted(&left, Kernel::Matern52).1;
@@ -168,7 +168,7 @@ fn kriging_of_what_a_trend_leaves_brings_the_whole_back_to_the_measured_points()
 
 #[test]
 fn outside_the_calibrated_points_the_flag_falls_and_the_uncertainty_grows() {
-    for kind in Kind::ALL {
+    for kind in ResidualMethod::ALL {
         let model = random_model(kind, 2);
         let inside = model.predict(&[0.25; 3]);
         let outside = model.predict(&[0.7; 3]);
@@ -183,7 +183,7 @@ fn outside_the_calibrated_points_the_flag_falls_and_the_uncertainty_grows() {
 
 #[test]
 fn the_calibration_scales_the_deviation_and_nothing_else() {
-    let model = random_model(Kind::KrigingNetwork, 3);
+    let model = random_model(ResidualMethod::KrigingNetwork, 3);
     let mut parts = model.parts().clone();
     parts.calibration = Calibration { scale: parts.calibration.scale * 2.0 };
     let at = [0.1, 0.2, 0.3];
@@ -194,7 +194,7 @@ fn the_calibration_scales_the_deviation_and_nothing_else() {
 
 #[test]
 fn a_point_that_is_no_number_or_has_none_has_no_residual() {
-    let all = Kind::ALL.map(|kind| random_model(kind, 4));
+    let all = ResidualMethod::ALL.map(|kind| random_model(kind, 4));
     for (model, bad) in all.iter().flat_map(|model| [f64::NAN, f64::INFINITY, 1e305].map(|bad| (model, bad))) {
         let found = model.predict(&[0.1, bad, 0.1]);
         assert!(!found.inside && found.residual_m == Vector3::zeros() && found.covariance_m2[(1, 1)].is_infinite());
@@ -203,14 +203,14 @@ fn a_point_that_is_no_number_or_has_none_has_no_residual() {
 
 #[test]
 fn parts_that_do_not_fit_are_refused_by_name() {
-    let parts = random_model(Kind::KrigingNetwork, 5).parts().clone();
+    let parts = random_model(ResidualMethod::KrigingNetwork, 5).parts().clone();
     let refused = |change: &dyn Fn(&mut Parts)| {
         let mut changed = parts.clone();
         change(&mut changed);
         ResidualModel::new(changed).map(|_| ()).unwrap_err().to_string()
     };
     fn with_trend(change: fn(&mut PositionEnsemble)) -> Parts {
-        let mut parts = random_model(Kind::PerceptronKriging, 5).parts().clone();
+        let mut parts = random_model(ResidualMethod::PerceptronKriging, 5).parts().clone();
         parts.trend.iter_mut().for_each(change);
         parts
     }
@@ -219,10 +219,10 @@ fn parts_that_do_not_fit_are_refused_by_name() {
     let in_mm = parts.field.places().iter().map(|p| p * 1000.0).collect();
     let in_mm = Samples::from(&MeasuredField::new(in_mm, parts.field.errors_m().to_vec(), None).unwrap());
     let cases: [(Change, &str); 17] = [
-        (&|p| p.kind = Kind::Kriging, "has no use for networks on the neighbourhood"),
+        (&|p| p.kind = ResidualMethod::Kriging, "has no use for networks on the neighbourhood"),
         (&|p| p.ensemble = None, "needs networks on the neighbourhood"),
         (&|p| p.trend = Some(random_trend(3, 1)), "has no use for networks on the position"),
-        (&|p| (p.kind, p.ensemble) = (Kind::PerceptronKriging, None), "needs networks on the position"),
+        (&|p| (p.kind, p.ensemble) = (ResidualMethod::PerceptronKriging, None), "needs networks on the position"),
         (&|p| *p = with_trend(|t| t.members[1][3] = f32::NAN), "member 1: parameter 3 is not a finite number"),
         (&|p| *p = with_trend(|t| t.members[2].truncate(9)), "another layout"),
         (&|p| *p = with_trend(|t| t.high[1] = 0.0), "no extent"),

@@ -5,7 +5,7 @@ use crate::model::tests::{random_model, warm_model};
 
 #[test]
 fn a_model_read_back_predicts_the_same_bits() {
-    for kind in Kind::ALL {
+    for kind in ResidualMethod::ALL {
         let model = random_model(kind, 7);
         let again = ResidualModel::from_record(model.to_record()).unwrap();
         assert_eq!(again.to_record(), model.to_record());
@@ -18,12 +18,12 @@ fn a_model_read_back_predicts_the_same_bits() {
 
 #[test]
 fn every_entry_is_needed_and_no_other_is_taken() {
-    for kind in [Kind::KrigingNetwork, Kind::PerceptronKriging] {
+    for kind in [ResidualMethod::KrigingNetwork, ResidualMethod::PerceptronKriging] {
         every_entry_of(kind);
     }
 }
 
-fn every_entry_of(kind: Kind) {
+fn every_entry_of(kind: ResidualMethod) {
     let whole = random_model(kind, 8).to_record();
     for name in whole.numbers.keys() {
         let mut record = whole.clone();
@@ -56,7 +56,7 @@ fn every_entry_of(kind: Kind) {
 
 #[test]
 fn sizes_that_are_none_and_weights_that_are_no_numbers_are_refused() {
-    let whole = random_model(Kind::Network, 9).to_record();
+    let whole = random_model(ResidualMethod::Network, 9).to_record();
     for (name, value) in [("width", 8.5), ("heads", -1.0), ("heads", 3.0), ("members", 1e300), ("width", f64::NAN)] {
         let mut record = whole.clone();
         record.numbers.insert(name.into(), value);
@@ -72,7 +72,7 @@ fn sizes_that_are_none_and_weights_that_are_no_numbers_are_refused() {
 
 #[test]
 fn inputs_come_back_by_name_with_scale_and_range_and_a_plain_model_has_no_word_of_them() {
-    for kind in Kind::ALL {
+    for kind in ResidualMethod::ALL {
         let model = warm_model(kind, 7);
         let record = model.to_record();
         assert_eq!((record.texts["input_3"].as_str(), record.arrays["input_scale"].values[3]), ("temp_air_c", 6.0));

@@ -17,7 +17,7 @@ use crate::views::{Material, Positions, ViewError, normaliser};
 use abbe_field::idw::{EXPONENT, Reference};
 use abbe_field::{Idw, Interpolator, MeasuredField, Samples, Trilinear, place_of};
 use abbe_residual_net::network::{Normaliser, Parameters};
-use abbe_residual_net::{Calibration, Ensemble, Kind, Kriging, PositionEnsemble, place, place_box};
+use abbe_residual_net::{Calibration, Ensemble, Kriging, PositionEnsemble, ResidualMethod, place, place_box};
 use nalgebra::Vector3;
 
 /// Parts that say when to stop; part 0 judges.
@@ -91,7 +91,8 @@ impl<'a> Trial<'a> {
         let trained = (self.clock)();
         let predicted: Result<Vec<_>, String> = self.judging.iter().map(|k| predictor(self.field.point(*k))).collect();
         let end = (self.clock)();
-        let shared_s = if rival.kind().is_some_and(|kind| kind != Kind::Network) { self.kriging_s } else { 0.0 };
+        let shared_s =
+            if rival.kind().is_some_and(|kind| kind != ResidualMethod::Network) { self.kriging_s } else { 0.0 };
         let error = |(k, p): (&usize, Vector3<f64>)| {
             let missed: Vector3<f64> = p - self.field.errors_m()[*k];
             Vector3::from_fn(|d, _| if self.measured[d] { missed[d] } else { 0.0 })
@@ -128,10 +129,10 @@ impl<'a> Trial<'a> {
                 Ok(self.on_position(belief::pretrained(&self.positions().view(&self.teaching).inputs, self.seed))?)
             }
             Rival::Swarm => Ok(self.swarm()),
-            Rival::Kriging => Ok(self.model(Kind::Kriging)?),
-            Rival::Network => Ok(self.model(Kind::Network)?),
-            Rival::KrigingNetwork => Ok(self.model(Kind::KrigingNetwork)?),
-            Rival::PerceptronKriging => Ok(self.model(Kind::PerceptronKriging)?),
+            Rival::Kriging => Ok(self.model(ResidualMethod::Kriging)?),
+            Rival::Network => Ok(self.model(ResidualMethod::Network)?),
+            Rival::KrigingNetwork => Ok(self.model(ResidualMethod::KrigingNetwork)?),
+            Rival::PerceptronKriging => Ok(self.model(ResidualMethod::PerceptronKriging)?),
         })
     }
 
@@ -179,11 +180,13 @@ impl<'a> Trial<'a> {
     }
 
     /// A model as it runs live, with a single network.
-    fn model(&self, kind: Kind) -> Result<Predictor, TrainingError> {
+    fn model(&self, kind: ResidualMethod) -> Result<Predictor, TrainingError> {
         let networks = match kind {
-            Kind::Kriging => Networks::None,
-            Kind::Network | Kind::KrigingNetwork => Networks::Neighbourhood(self.ensemble(kind, &self.kriging)?),
-            Kind::PerceptronKriging => Networks::Position(self.trend()?),
+            ResidualMethod::Kriging => Networks::None,
+            ResidualMethod::Network | ResidualMethod::KrigingNetwork => {
+                Networks::Neighbourhood(self.ensemble(kind, &self.kriging)?)
+            }
+            ResidualMethod::PerceptronKriging => Networks::Position(self.trend()?),
         };
         let model = networks.model(kind, &self.known, &self.scale, &self.kriging, Calibration::none())?;
         Ok(Box::new(move |p| Ok(model.predict(p).residual_m)))
@@ -196,7 +199,7 @@ impl<'a> Trial<'a> {
         Ok(self.positions().ensemble(config, vec![best]))
     }
 
-    fn ensemble(&self, kind: Kind, kriging: &Kriging) -> Result<Ensemble, TrainingError> {
+    fn ensemble(&self, kind: ResidualMethod, kriging: &Kriging) -> Result<Ensemble, TrainingError> {
         let config = self.config.network;
         let mut normaliser = self.normaliser;
         let material = |normaliser| Material {
@@ -208,13 +211,13 @@ impl<'a> Trial<'a> {
             normaliser,
             split: &self.config.split,
         };
-        if kind == Kind::KrigingNetwork {
+        if kind == ResidualMethod::KrigingNetwork {
             let known: Vec<usize> = self.teaching.iter().chain(&self.stopping).copied().collect();
             let left = material(&self.normaliser).left_by_kriging(&known, self.seed)?;
             normaliser = crate::views::normaliser(&self.known, &self.scale, &left);
         }
         let examples = material(&normaliser).examples(&self.teaching, &self.stopping, self.seed)?;
-        let (inputs, starts_at_zero) = (self.field.size(), kind == Kind::KrigingNetwork);
+        let (inputs, starts_at_zero) = (self.field.size(), kind == ResidualMethod::KrigingNetwork);
         let best = self.trained(&Attention { config, inputs, starts_at_zero }, &examples, kind.name())?;
         Ok(Ensemble { config, normaliser, members: vec![Parameters::new(&config, inputs, best)?] })
     }

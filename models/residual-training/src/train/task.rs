@@ -11,7 +11,7 @@ use crate::perceptron::Perceptron;
 use crate::views::{Material, Positions, normaliser};
 use abbe_field::Samples;
 use abbe_residual_net::network::{Normaliser, Parameters};
-use abbe_residual_net::{Ensemble, Kind, Kriging};
+use abbe_residual_net::{Ensemble, Kriging, ResidualMethod};
 
 /// One kind to be trained.
 pub(super) struct Task<'a> {
@@ -23,7 +23,7 @@ pub(super) struct Task<'a> {
     /// Kriging without each fold.
     pub(super) without: &'a [Kriging],
     pub(super) fold: &'a [usize],
-    pub(super) kind: Kind,
+    pub(super) kind: ResidualMethod,
     /// Which of the kinds with networks, from 0.
     pub(super) number: usize,
     /// How many there are.
@@ -90,7 +90,7 @@ impl Task<'_> {
     /// Units of what this kind of network learns.
     fn normaliser(&self) -> Result<Normaliser, TrainingError> {
         let own = normaliser(self.field, self.scale, self.field.errors_m());
-        if self.kind != Kind::KrigingNetwork {
+        if self.kind != ResidualMethod::KrigingNetwork {
             return Ok(own);
         }
         let all: Vec<usize> = (0..self.fold.len()).collect();
@@ -132,7 +132,7 @@ impl Task<'_> {
         }
         let examples = self.material(&self.without[member], normaliser).examples(&training, &stopping, seed)?;
         let (config, inputs) = (self.config.network, self.field.size());
-        let network = Attention { config, inputs, starts_at_zero: self.kind == Kind::KrigingNetwork };
+        let network = Attention { config, inputs, starts_at_zero: self.kind == ResidualMethod::KrigingNetwork };
         self.epochs(&network, &examples, place, state, observe)
     }
 

@@ -371,7 +371,7 @@ fn evidence_json(fitted: &FittedPoints) -> Value {
     let rejected: Vec<Value> =
         evidence.rejected.iter().map(|r| json!({ "point": r.point, "distance_um": r.distance_m * 1e6 })).collect();
     let degree = fitted.model.parts().machine.kinds.iter().flatten().find_map(|kind| match kind {
-        abbe_geometry::error_function::Kind::Polynomial { degree } => Some(*degree),
+        abbe_geometry::error_function::FunctionKind::Polynomial { degree } => Some(*degree),
         _ => None,
     });
     let not_seen: Vec<Value> =

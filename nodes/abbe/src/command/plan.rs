@@ -14,7 +14,7 @@ use abbe_files::{
     stations_csv, write_atomically,
 };
 use abbe_geometry::ErrorId;
-use abbe_identify::{Belief, Options};
+use abbe_identify::{Belief, IdentifyOptions};
 use abbe_plan::{Measured, Plan, PlanError, Progress, Request, Stage};
 use abbe_report::digits;
 use anyhow::{Context, anyhow, ensure};
@@ -105,7 +105,7 @@ fn request(arguments: &Arguments, machine: &MachineFile, file: &PlanRequestFile)
         OrderChoice::Evidence => abbe_identify::OrderChoice::Evidence,
         OrderChoice::Fixed => abbe_identify::OrderChoice::Fixed,
     };
-    let options = Options { order, absolute_range: machine.absolute_range, ..Options::default() };
+    let options = IdentifyOptions { order, absolute_range: machine.absolute_range, ..IdentifyOptions::default() };
     let measured = measured(arguments, machine, &options)?;
     let belief = belief(arguments, machine, file, measured.as_ref())?;
     Ok(Request {
@@ -129,7 +129,11 @@ fn request(arguments: &Arguments, machine: &MachineFile, file: &PlanRequestFile)
     })
 }
 
-fn measured(arguments: &Arguments, machine: &MachineFile, options: &Options) -> anyhow::Result<Option<Measured>> {
+fn measured(
+    arguments: &Arguments,
+    machine: &MachineFile,
+    options: &IdentifyOptions,
+) -> anyhow::Result<Option<Measured>> {
     let Some(path) = &arguments.campaign else { return Ok(None) };
     let loaded = pipeline::load_campaign(path, machine, &arguments.join)?;
     let fit = abbe_identify::identify(&machine.machine, machine.instrument, &loaded.campaign, options, &mut |_| true);

@@ -13,7 +13,7 @@ use crate::verdict::{self, Accept, shown};
 use abbe_files::{ErrorVector, MachineFile, read_machine, write_error_vectors};
 use abbe_identify::verdict::{Cause, Counted, Verdict};
 use abbe_measurement::campaign::Campaign;
-use abbe_measurement::multilateration::{MultiStation, Options, SolvedPoint, solve};
+use abbe_measurement::multilateration::{MultiStation, MultilaterationOptions, SolvedPoint, solve};
 use abbe_measurement::network::PointProblem;
 use abbe_report::digits;
 use abbe_runtime::Shutdown;
@@ -88,7 +88,7 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
 }
 
 fn solved(arguments: &Arguments, machine: &MachineFile, campaign: &Campaign) -> anyhow::Result<MultiStation> {
-    let options = Options {
+    let options = MultilaterationOptions {
         instrument: machine.instrument,
         repeatability_m: line_of_sight_m(machine),
         pair_limit_m: arguments.pair_limit_um.map(|um| um / 1e6),

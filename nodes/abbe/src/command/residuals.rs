@@ -25,7 +25,8 @@ use abbe_identify::verdict::Counted;
 use abbe_measurement::campaign::Campaign;
 use abbe_report::digits;
 use abbe_residual_data::{
-    Frame, FromRanges, Options, PointResidual, Progress, SharedPoints, from_known_points, from_ranges, shared_points,
+    Frame, FromRanges, PointResidual, Progress, RangeOptions, SharedPoints, from_known_points, from_ranges,
+    shared_points,
 };
 use abbe_runtime::Shutdown;
 use anyhow::{Context, ensure};
@@ -54,10 +55,10 @@ pub(crate) struct Arguments {
     #[arg(long, value_enum)]
     from: Option<Source>,
     /// Points to estimate at, at most, where they are estimated from ranges
-    #[arg(long, default_value_t = Options::default().points)]
+    #[arg(long, default_value_t = RangeOptions::default().points)]
     points: usize,
     /// Readings that an estimate from ranges uses at most; its time grows with the cube
-    #[arg(long, default_value_t = Options::default().readings)]
+    #[arg(long, default_value_t = RangeOptions::default().readings)]
     readings: usize,
     /// Standard uncertainty (k = 1) in µm of each coordinate of the known actual positions
     #[arg(long)]
@@ -302,7 +303,7 @@ fn ranges(
         });
         !shutdown.requested()
     };
-    let options = Options { points: arguments.points, readings: arguments.readings, ..Options::default() };
+    let options = RangeOptions { points: arguments.points, readings: arguments.readings, ..RangeOptions::default() };
     let found = from_ranges(&model.model, model.instrument, &loaded.campaign, own, &options, &mut observe);
     bar.finish_and_clear();
     let FromRanges { points, unseen_points, unseen_components, prior, evidence, noise_without, readings } =

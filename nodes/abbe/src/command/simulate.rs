@@ -15,7 +15,7 @@ use abbe_geometry::Vector3;
 use abbe_geometry::correct::correct;
 use abbe_geometry::effects::{NoCovariates, State};
 use abbe_geometry::model::MachineModel;
-use abbe_identify::{Options, at_cramer_rao_bound, identify};
+use abbe_identify::{IdentifyOptions, at_cramer_rao_bound, identify};
 use abbe_measurement::campaign::Campaign;
 use abbe_virtual_machine::effects::from_text;
 use abbe_virtual_machine::plan::{LinePlan, Plan, StationPlan};
@@ -204,7 +204,8 @@ fn run_trials(machine: &MachineFile, arguments: &Arguments, trials: u64) -> anyh
     for seed in first_seed..first_seed + trials {
         let config = config(machine, seed, arguments.volumetric_um)?;
         let campaign = simulate_campaign(&config)?.campaign;
-        let found = identify(&machine.machine, machine.instrument, &campaign, &Options::default(), &mut |_| true)?;
+        let found =
+            identify(&machine.machine, machine.instrument, &campaign, &IdentifyOptions::default(), &mut |_| true)?;
         let bound = at_cramer_rao_bound(&found.model, machine.instrument, &campaign, machine.absolute_range)?;
         let score = score(machine, &found.model, &bound, &verification_points(&config, POINTS, seed)?)?;
         println!("{}", score.line(&seed.to_string(), Some(found.evidence.chi2_per_dof)));

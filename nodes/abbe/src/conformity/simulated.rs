@@ -21,7 +21,7 @@ use abbe_geometry::correct::{Correction, Status, correct};
 use abbe_geometry::effects::{CovariateSource, CovariateValue, State};
 use abbe_geometry::model::MachineModel;
 use abbe_graph::step::OwnedField;
-use abbe_identify::{Options, Progress, identify};
+use abbe_identify::{IdentifyOptions, Progress, identify};
 use abbe_report::{Callout, Heading, Identity, KeyFigure, KeyFigures, MetaItem, Quantity, Report, Section};
 use abbe_virtual_machine::effects::from_text;
 use abbe_virtual_machine::length_test::{MachineAtTouch, length_test};
@@ -121,7 +121,7 @@ fn correction(
 ) -> anyhow::Result<Correcting> {
     let Some(path) = asked.model else {
         let campaign = simulate_campaign(config)?.campaign;
-        let fit = identify(&machine.machine, machine.instrument, &campaign, &Options::default(), observe)?;
+        let fit = identify(&machine.machine, machine.instrument, &campaign, &IdentifyOptions::default(), observe)?;
         return Ok(Correcting { model: fit.model, model_sha256: None, residual: None });
     };
     let (file, sha256) = ModelFile::load(path)?;

@@ -6,7 +6,7 @@
 
 use super::taken::Taken;
 use super::{Steps, finish, step};
-use abbe_graph::diagnosis::Outcome;
+use abbe_graph::diagnosis_run::Outcome;
 use abbe_msgs::CorrectedCoordinates;
 use abbe_report::diagnosis::Record;
 use anyhow::{Context, bail};

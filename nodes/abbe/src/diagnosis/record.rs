@@ -36,8 +36,8 @@ fn effect(found: &library::Found) -> shown::Effect {
         name: found.name.to_owned(),
         title: found.title.to_owned(),
         kind: match found.kind {
-            library::Kind::Attributed => "attributed".to_owned(),
-            library::Kind::Empirical => "empirical".to_owned(),
+            library::Explanation::Attributed => "attributed".to_owned(),
+            library::Explanation::Empirical => "empirical".to_owned(),
         },
         formula: found.formula.to_owned(),
         shape: shape(&found.shape),

@@ -11,7 +11,7 @@ use crate::pipeline::software;
 use abbe_diagnose::DiagnoseError;
 pub(crate) use abbe_diagnose::study::Progress;
 use abbe_diagnose::study::runs::{PositionSummary, positions};
-use abbe_diagnose::study::{Observe, Options, StudyDiagnosis, five_axis, runs, vectors};
+use abbe_diagnose::study::{Observe, StudyDiagnosis, StudyOptions, five_axis, runs, vectors};
 use abbe_files::{
     DataSource, FileError, MachineFile, ModelFile, header_names, hex, read_component_vectors_file, read_machine,
     read_runs_file, read_sphere_centres_file,
@@ -109,9 +109,9 @@ fn conclude(
     Data { path, sha256, machine }: Data,
     request: &Request,
     figures: impl FnOnce(&StudyDiagnosis) -> Vec<Section>,
-    diagnose: impl FnOnce(&Options) -> Result<StudyDiagnosis, DiagnoseError>,
+    diagnose: impl FnOnce(&StudyOptions) -> Result<StudyDiagnosis, DiagnoseError>,
 ) -> anyhow::Result<Product> {
-    let options = Options { instrument_checked: request.instrument_checked, ..Options::default() };
+    let options = StudyOptions { instrument_checked: request.instrument_checked, ..StudyOptions::default() };
     let diagnosis = diagnose(&options).with_context(|| path.display().to_string())?;
     let figures = figures(&diagnosis);
     let data = File { file: name_of(path), sha256: hex(&sha256) };

@@ -14,7 +14,7 @@ const GAIN_UNIT: &str = "reduction of the rms on blocks left out, in um";
 pub(super) fn record(
     diagnosis: &library::StudyDiagnosis,
     data: shown::File,
-    options: &library::Options,
+    options: &library::StudyOptions,
     seed: u64,
     software: String,
 ) -> shown::Record {

@@ -9,7 +9,7 @@ use crate::identity;
 use crate::pipeline::{LoadedCampaign, evidence_json, load_campaign, software};
 use crate::provenance;
 use crate::verdict::{self, Accept};
-use abbe_diagnose::{ClockShift, Diagnosis, MachineStep, Options, Progress, Wander, diagnose, mended};
+use abbe_diagnose::{ClockShift, DiagnoseOptions, Diagnosis, MachineStep, Progress, Wander, diagnose, mended};
 use abbe_files::{Doubt, MachineFile, ModelFile, OrderChoice, hex};
 use abbe_geometry::model::MachineModel;
 use abbe_identify::Evidence;
@@ -55,16 +55,16 @@ impl Given {
     }
 
     /// Options of the diagnosis; the model's own where it says how it was identified.
-    fn options(&self, request: &Request) -> Options {
-        let usual = Options::default();
+    fn options(&self, request: &Request) -> DiagnoseOptions {
+        let usual = DiagnoseOptions::default();
         let order = match self.file.order {
             OrderChoice::Evidence => abbe_identify::OrderChoice::Evidence,
             OrderChoice::Fixed => abbe_identify::OrderChoice::Fixed,
         };
         let robust = self.file.options.get("robust").and_then(Value::as_bool).unwrap_or(usual.identify.robust);
         let absolute_range = self.file.absolute_range;
-        Options {
-            identify: abbe_identify::Options { order, robust, absolute_range, ..usual.identify },
+        DiagnoseOptions {
+            identify: abbe_identify::IdentifyOptions { order, robust, absolute_range, ..usual.identify },
             folds: request.folds.unwrap_or(usual.folds),
             seed: request.seed,
             ..usual
@@ -72,7 +72,13 @@ impl Given {
     }
 
     /// The same kind of file with another model in it.
-    fn with(&self, model: MachineModel, loaded: &LoadedCampaign, options: &Options, evidence: Value) -> ModelFile {
+    fn with(
+        &self,
+        model: MachineModel,
+        loaded: &LoadedCampaign,
+        options: &DiagnoseOptions,
+        evidence: Value,
+    ) -> ModelFile {
         ModelFile {
             model,
             order: self.file.order,
@@ -232,7 +238,7 @@ fn evidence_of(evidence: &Evidence, record: &Record) -> Value {
     value
 }
 
-fn options_json(options: &Options) -> Value {
+fn options_json(options: &DiagnoseOptions) -> Value {
     json!({
         "robust": options.identify.robust,
         "max_passes": options.identify.max_passes,
@@ -244,7 +250,13 @@ fn options_json(options: &Options) -> Value {
     })
 }
 
-fn recorded(diagnosis: &Diagnosis, given: &Given, model: &Path, loaded: &LoadedCampaign, options: &Options) -> Record {
+fn recorded(
+    diagnosis: &Diagnosis,
+    given: &Given,
+    model: &Path,
+    loaded: &LoadedCampaign,
+    options: &DiagnoseOptions,
+) -> Record {
     let (before, after) = record::errors(diagnosis);
     let mut record = Record {
         verdict: String::new(),

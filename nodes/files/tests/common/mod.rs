@@ -4,7 +4,7 @@ use abbe_files::{DataSource, Doubt, ModelFile, ResidualReference, parse_machine}
 use abbe_geometry::Vector3;
 use abbe_geometry::by_place::{FORMS, VarianceByPlace};
 use abbe_geometry::effects::Shape;
-use abbe_geometry::error_function::Kind;
+use abbe_geometry::error_function::FunctionKind;
 use abbe_geometry::layout::Layout;
 use abbe_geometry::model::{FitQuality, IdentifiedVolume, MachineModel, ModelParts, Station};
 use abbe_geometry::unseen_expansion::{UnseenExpansion, UnseenExpansions};
@@ -17,7 +17,7 @@ pub(crate) fn model(seed: u64) -> ModelFile {
     let file = parse_machine(text, "bridge_xyz.toml").unwrap();
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let mut machine = file.machine;
-    machine.kinds = [Some(Kind::Polynomial { degree: 2 }); 18];
+    machine.kinds = [Some(FunctionKind::Polynomial { degree: 2 }); 18];
     machine.kinds[5] = None;
     machine.stroke_m[1].1 = 0.1 + 0.2 + rng.random_range(0.0..0.3);
     let mut numbers = |count: usize, scale: f64| -> Vec<f64> {

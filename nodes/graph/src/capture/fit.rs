@@ -8,7 +8,7 @@ use abbe_files::{MachineFile, OrderChoice};
 use abbe_geometry::correct::correct;
 use abbe_geometry::effects::{NoCovariates, State};
 use abbe_geometry::model::MachineModel;
-use abbe_identify::{Options, identify, verdict::of_campaign};
+use abbe_identify::{IdentifyOptions, identify, verdict::of_campaign};
 use abbe_measurement::campaign::Campaign;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -54,7 +54,7 @@ pub fn so_far(
         OrderChoice::Evidence => abbe_identify::OrderChoice::Evidence,
         OrderChoice::Fixed => abbe_identify::OrderChoice::Fixed,
     };
-    let options = Options { order, absolute_range: machine.absolute_range, ..Options::default() };
+    let options = IdentifyOptions { order, absolute_range: machine.absolute_range, ..IdentifyOptions::default() };
     let fit = identify(&machine.machine, machine.instrument, campaign, &options, &mut |_| goes_on());
     let fit = fit.map_err(|error| error.to_string())?;
     let findings = of_campaign(campaign, &fit).findings.iter().map(ToString::to_string).collect();

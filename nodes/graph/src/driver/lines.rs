@@ -10,7 +10,7 @@ pub(super) mod port;
 mod row;
 mod serial;
 
-use super::Role as Kind;
+use super::Role;
 use super::{DriverError, ScaleDriver, SensorDriver, SensorValues, TracerDriver};
 use crate::link::{Link, LinkState};
 use abbe_files::MachineFile;
@@ -75,19 +75,19 @@ impl LinesConfig {
     ///
     /// # Errors
     /// What is wrong with the names or the line, in words.
-    pub fn try_line(&self, role: Kind, machine: &MachineFile, names: &str, line: &str) -> Result<(), String> {
+    pub fn try_line(&self, role: Role, machine: &MachineFile, names: &str, line: &str) -> Result<(), String> {
         let names: Vec<String> = Table::split(self, names).map(str::to_owned).collect();
         let table = Table::new(self, &names, role, is_offset_known(self, machine))?;
         let row = table.row(line, SystemTime::now(), 0)?;
         match role {
-            Kind::Scale => row.scale(self, machine).map(|_| ()),
-            Kind::Tracer => row.tracer(self, machine).map(|_| ()),
-            Kind::Sensor => row.values().map(|_| ()),
+            Role::Scale => row.scale(self, machine).map(|_| ()),
+            Role::Tracer => row.tracer(self, machine).map(|_| ()),
+            Role::Sensor => row.values().map(|_| ()),
         }
     }
 
     /// The key that is wrong, and what to do; `None` where lines can be read as this.
-    pub(super) fn problem(&self, kind: Kind) -> Option<(&'static str, String)> {
+    pub(super) fn problem(&self, kind: Role) -> Option<(&'static str, String)> {
         if !(self.silent_after_s > 0.0 && self.silent_after_s <= LONGEST_SILENCE_S) {
             return Some(("silent_after_s", "must be a number of seconds above 0, at most a day".to_owned()));
         }
@@ -108,7 +108,7 @@ impl LinesConfig {
 /// Readings from lines.
 pub(super) struct Lines {
     config: LinesConfig,
-    kind: Kind,
+    kind: Role,
     machine: MachineFile,
     port: Port,
     shutdown: Shutdown,
@@ -130,7 +130,7 @@ pub(super) struct Lines {
 /// Opens lines of this kind; `shutdown` ends the wait for one.
 pub(super) fn open(
     config: &LinesConfig,
-    kind: Kind,
+    kind: Role,
     machine: &MachineFile,
     shutdown: &Shutdown,
 ) -> Result<Lines, DriverError> {
@@ -145,7 +145,7 @@ pub(super) fn open(
     };
     let silent_after = Duration::from_secs_f64(config.silent_after_s);
     let port =
-        Port::open(&config.from, silent_after, kind == Kind::Scale).map_err(|source| DriverError::Port { source })?;
+        Port::open(&config.from, silent_after, kind == Role::Scale).map_err(|source| DriverError::Port { source })?;
     Ok(Lines {
         config: config.clone(),
         kind,

@@ -5,7 +5,7 @@
 
 mod changes;
 mod correcting;
-mod diagnosis;
+mod diagnosis_request;
 mod frequency;
 mod lifecycle;
 mod links;

@@ -4,7 +4,7 @@
 //! an edge from the scale node to it.
 
 use super::changes::InUse;
-use super::diagnosis::Diagnosis;
+use super::diagnosis_request::Diagnosis;
 use super::model::ModelFeed;
 use super::parameters::{MODEL, apply};
 use super::remarks::{self, Input, Remarks};

@@ -6,7 +6,7 @@
 use abbe_files::{MachineFile, ModelFile, read_machine};
 use abbe_geometry::model::MachineModel;
 use abbe_graph::step::{MonitorSettings, MonitorStep};
-use abbe_identify::{Options, identify};
+use abbe_identify::{IdentifyOptions, identify};
 use abbe_measurement::campaign::Campaign;
 use abbe_msgs::{ScaleReading, Sha256, Stamp, Text, TracerReading};
 use abbe_virtual_machine::environment::EnvironmentConfig;
@@ -52,7 +52,8 @@ fn measured(seed: u64) -> Bench {
         effects: Vec::new(),
     };
     let campaign = simulate_campaign(&config).unwrap().campaign;
-    let found = identify(&machine.machine, machine.instrument, &campaign, &Options::default(), &mut |_| true).unwrap();
+    let found =
+        identify(&machine.machine, machine.instrument, &campaign, &IdentifyOptions::default(), &mut |_| true).unwrap();
     Bench { machine, campaign, model: Arc::new(found.model) }
 }
 

@@ -8,7 +8,7 @@ use super::report::{AXES, Report, Rewritten};
 use super::{Correct, Known, Out, Relay, Role, measured_by_default, scanned_by_default};
 use crate::item::{Item, What};
 use crate::line::text;
-use crate::message::{Kind, Response, Tag};
+use crate::message::{ReplyKind, Response, Tag};
 use crate::trouble::Trouble;
 
 /// How values stand in a line.
@@ -31,12 +31,12 @@ impl Relay {
             return;
         }
         match response.kind {
-            Kind::Ack => {
+            ReplyKind::Ack => {
                 self.of_tag(response.tag, |transaction| transaction.is_accepted = true);
                 let line = self.without_data(&response, '&', line);
                 self.pass(&line);
             }
-            Kind::Error => {
+            ReplyKind::Error => {
                 let stops = Trouble::parse(response.data()).severity.stops();
                 self.of_tag(response.tag, |transaction| transaction.has_failed |= stops);
                 match names_an_axis(&response) {
@@ -44,11 +44,11 @@ impl Relay {
                     false => self.pass(line),
                 }
             }
-            Kind::Done => {
+            ReplyKind::Done => {
                 let line = self.without_data(&response, '%', line);
                 self.complete(response.tag, &line);
             }
-            Kind::Data => self.take_data(&response, line, correct),
+            ReplyKind::Data => self.take_data(&response, line, correct),
         }
     }
 

@@ -61,7 +61,7 @@ pub(super) fn sign(tag: Tag, sign: char) -> Vec<u8> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::message::{Kind, Response};
+    use crate::message::{ReplyKind, Response};
     use crate::trouble::Trouble;
     use proptest::prelude::*;
 
@@ -71,7 +71,7 @@ mod tests {
             for refusal in [Refusal::Point, Refusal::AsItIs, Refusal::Event, Refusal::InError] {
                 let line = refusal.line(Tag::Command(16), &method, &words);
                 let response = Response::parse(crate::line::text(&line)).unwrap();
-                prop_assert_eq!(response.kind, Kind::Error);
+                prop_assert_eq!(response.kind, ReplyKind::Error);
                 let trouble = Trouble::parse(response.data());
                 prop_assert!(trouble.number.is_some());
                 prop_assert_eq!(trouble.severity.stops(), refusal.stops());

@@ -7,7 +7,7 @@
 use super::place::{Offsets, Place};
 use crate::csy::{ALL, Csy, Transformation};
 use crate::item::{Item, What};
-use crate::message::{Kind, Response, Tag};
+use crate::message::{ReplyKind, Response, Tag};
 use crate::trouble::Trouble;
 use std::collections::{BTreeMap, VecDeque};
 
@@ -140,19 +140,19 @@ impl Survey {
     /// Takes a response to its question.
     pub(super) fn take(&mut self, response: &Response, memory: &mut Memory, offsets: &Offsets) -> Next {
         match response.kind {
-            Kind::Ack => Next::Wait,
-            Kind::Data => {
+            ReplyKind::Ack => Next::Wait,
+            ReplyKind::Data => {
                 self.data = response.data().to_vec();
                 Next::Wait
             }
-            Kind::Error => {
+            ReplyKind::Error => {
                 let trouble = Trouble::parse(response.data());
                 if trouble.severity.stops() {
                     self.error = Some(trouble);
                 }
                 Next::Wait
             }
-            Kind::Done => {
+            ReplyKind::Done => {
                 if let Some(step) = self.current.take() {
                     match self.error.take() {
                         Some(trouble) => self.refused(step, &trouble),

@@ -3,7 +3,7 @@
 //! Place in the flow: [`crate::trial`] gives it to identification and diagnosis beside the campaign. It holds the
 //! chain, the strokes and the kind of error functions, and nothing of the truth's errors. SI.
 
-use abbe_geometry::error_function::Kind;
+use abbe_geometry::error_function::FunctionKind;
 use abbe_geometry::machine::{Joint, Machine, Side, Squareness};
 use abbe_geometry::rotation::RotationForm;
 use abbe_geometry::{Axis, ErrorId};
@@ -17,7 +17,7 @@ use crate::error::TrialError;
 /// The truth has no three axes and squareness, or a name is no error.
 pub fn describe(
     truth: &MachineTruth,
-    kind: Kind,
+    kind: FunctionKind,
     held_zero: &[&str],
     repeatability_m: [f64; 3],
 ) -> Result<Machine, TrialError> {

@@ -3,7 +3,7 @@
 //! Place in the flow: [`crate::suite`] lists the scenarios; [`crate::trial`] makes one for a seed. The seed draws
 //! machine, plan and noise, so no two trials of a scenario share any of them. SI.
 
-use abbe_geometry::error_function::Kind;
+use abbe_geometry::error_function::FunctionKind;
 use abbe_identify::OrderChoice;
 use abbe_virtual_machine::effects::from_text;
 use abbe_virtual_machine::environment::EnvironmentConfig;
@@ -129,7 +129,7 @@ pub struct Scenario {
     /// Roughness of the machine.
     pub roughness: Roughness,
     /// Kind of the error functions in the description.
-    pub kind: Kind,
+    pub kind: FunctionKind,
     /// Whether their order is left to the data.
     pub order: OrderChoice,
     /// Errors that the description holds at zero, because the plan cannot see them.
@@ -154,7 +154,7 @@ impl Scenario {
             machine: MachineKind::Bridge,
             plan: PlanKind::CaseLike,
             roughness: Roughness::TYPICAL,
-            kind: Kind::BSpline { intervals: 9 },
+            kind: FunctionKind::BSpline { intervals: 9 },
             order: OrderChoice::Evidence,
             held_zero: &[],
             noise: 1.0,

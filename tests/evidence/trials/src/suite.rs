@@ -2,7 +2,7 @@
 //!
 //! Place in the flow: the runner goes through them. Sizes with `*` are about the literature's; the bench scales them.
 
-use abbe_geometry::error_function::Kind;
+use abbe_geometry::error_function::FunctionKind;
 use abbe_identify::OrderChoice;
 use abbe_virtual_machine::instrument::{Correlated, Outliers};
 use abbe_virtual_machine::machine::Roughness;
@@ -201,9 +201,9 @@ fn correlated() -> [Scenario; 3] {
 fn adverse() -> [Scenario; 4] {
     let rough = |name| Scenario { roughness: BUMPY, ..Scenario::plain(name, Family::Adverse) };
     [
-        Scenario { kind: Kind::Polynomial { degree: 3 }, ..rough("too few coefficients: cubics") },
+        Scenario { kind: FunctionKind::Polynomial { degree: 3 }, ..rough("too few coefficients: cubics") },
         Scenario {
-            kind: Kind::Nodes { count: 5 },
+            kind: FunctionKind::Nodes { count: 5 },
             order: OrderChoice::Fixed,
             ..rough("too few coefficients: 5 nodes")
         },

@@ -8,7 +8,7 @@ use std::sync::Mutex;
 
 use abbe_geometry::machine::Machine;
 use abbe_geometry::model::MachineModel;
-use abbe_identify::{Options, OrderChoice, identify};
+use abbe_identify::{IdentifyOptions, OrderChoice, identify};
 use abbe_measurement::campaign::Campaign;
 use abbe_measurement::instrument::RangeUncertainty;
 use abbe_virtual_machine::verification::VerificationPoint;
@@ -193,7 +193,7 @@ impl Prepared<'_> {
     /// Verification error (m) of the best rigid fit.
     fn left_m(&self, config: &SimulationConfig) -> Result<f64, TrialError> {
         let simulated = simulate_campaign(config)?;
-        let options = Options { order: self.scenario.order, ..Options::default() };
+        let options = IdentifyOptions { order: self.scenario.order, ..IdentifyOptions::default() };
         let range = declared_instrument().range;
         let found = identify(&self.machine, range, &simulated.campaign, &options, &mut |_| true)?;
         Ok(verified(&found.model, &points(config, 0)?)?.rms_m)

@@ -6,7 +6,7 @@
 #![allow(clippy::unwrap_used, clippy::panic)] // a preparation that fails fails its test
 
 use abbe_geometry::machine::Machine;
-use abbe_identify::{Options, OrderChoice, identify};
+use abbe_identify::{IdentifyOptions, OrderChoice, identify};
 use abbe_measurement::campaign::Campaign;
 use abbe_measurement::instrument::RangeUncertainty;
 use abbe_trials::attribution::Same;
@@ -24,7 +24,13 @@ impl Diagnoser for Says {
         campaign: &Campaign,
         order: OrderChoice,
     ) -> Result<Verdict, TrialError> {
-        let found = identify(machine, instrument, campaign, &Options { order, ..Options::default() }, &mut |_| true)?;
+        let found = identify(
+            machine,
+            instrument,
+            campaign,
+            &IdentifyOptions { order, ..IdentifyOptions::default() },
+            &mut |_| true,
+        )?;
         let chi2 = found.evidence.chi2_per_dof;
         Ok(Verdict {
             model: found.model,

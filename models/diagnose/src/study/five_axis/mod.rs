@@ -11,8 +11,8 @@ mod pairs;
 mod problem;
 
 use super::assemble;
-use super::diagnosis::StudyDiagnosis;
-use super::search::{Observe, Options};
+use super::outcome::StudyDiagnosis;
+use super::search::{Observe, StudyOptions};
 use super::view::View;
 use crate::error::DiagnoseError;
 use problem::Spheres;
@@ -23,7 +23,7 @@ pub use abbe_measurement::probe_pose::SphereCentre;
 ///
 /// # Errors
 /// Fewer than four poses, angles that do not determine the base model, figures that are not finite.
-pub fn diagnose(centres: &[SphereCentre], options: &Options) -> Result<StudyDiagnosis, DiagnoseError> {
+pub fn diagnose(centres: &[SphereCentre], options: &StudyOptions) -> Result<StudyDiagnosis, DiagnoseError> {
     diagnose_observed(centres, options, &mut |_| true)
 }
 
@@ -33,7 +33,7 @@ pub fn diagnose(centres: &[SphereCentre], options: &Options) -> Result<StudyDiag
 /// As [`diagnose`], and [`DiagnoseError::Stopped`].
 pub fn diagnose_observed(
     centres: &[SphereCentre],
-    options: &Options,
+    options: &StudyOptions,
     observe: &mut Observe,
 ) -> Result<StudyDiagnosis, DiagnoseError> {
     let mut spheres = Spheres::new(centres)?;

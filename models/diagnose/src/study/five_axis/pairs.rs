@@ -5,9 +5,9 @@
 
 use crate::error::DiagnoseError;
 use crate::study::assemble::{ALIASED, parameters};
-use crate::study::diagnosis::{Alternative, Ambiguity, StudyDiagnosis};
 use crate::study::fit::Fit;
 use crate::study::judge::judge;
+use crate::study::outcome::{Alternative, Ambiguity, StudyDiagnosis};
 use crate::study::view::View;
 use statrs::distribution::{ContinuousCDF, FisherSnedecor};
 

@@ -13,7 +13,7 @@ use crate::error::DiagnoseError;
 use crate::linear::Linear;
 use crate::score::{Score, score};
 use crate::study::candidate::{Candidate, Local, Study};
-use crate::study::diagnosis::Untestable;
+use crate::study::outcome::Untestable;
 use abbe_geometry::Vector3;
 use abbe_geometry::effects::ParameterSpec;
 use abbe_measurement::probe_pose::{self, ProbePose, ProbePoseModel};

@@ -17,8 +17,8 @@ mod shape;
 mod step;
 
 use super::assemble;
-use super::diagnosis::StudyDiagnosis;
-use super::search::{Observe, Options};
+use super::outcome::StudyDiagnosis;
+use super::search::{Observe, StudyOptions};
 use crate::error::DiagnoseError;
 pub use positions::{PositionSummary, positions};
 use problem::Runs;
@@ -73,7 +73,7 @@ impl Run {
 ///
 /// # Errors
 /// Fewer than three cycles on an axis, figures that are not finite, errors of the size of another unit.
-pub fn diagnose(runs: &[Run], options: &Options) -> Result<StudyDiagnosis, DiagnoseError> {
+pub fn diagnose(runs: &[Run], options: &StudyOptions) -> Result<StudyDiagnosis, DiagnoseError> {
     diagnose_observed(runs, options, &mut |_| true)
 }
 
@@ -83,7 +83,7 @@ pub fn diagnose(runs: &[Run], options: &Options) -> Result<StudyDiagnosis, Diagn
 /// As [`diagnose`], and [`DiagnoseError::Stopped`].
 pub fn diagnose_observed(
     runs: &[Run],
-    options: &Options,
+    options: &StudyOptions,
     observe: &mut Observe,
 ) -> Result<StudyDiagnosis, DiagnoseError> {
     assemble::diagnose(&mut Runs::new(runs)?, options, observe)

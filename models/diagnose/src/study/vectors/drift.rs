@@ -5,8 +5,8 @@
 //! a scale that go with the time. A shift alone is a smooth course of each component, which is a candidate already. SI.
 
 use super::shape::{Quantity, Shape};
+use crate::explanation::Explanation;
 use crate::study::candidate::Candidate;
-use crate::study::diagnosis::Kind;
 use abbe_geometry::effects::ParameterSpec;
 use abbe_geometry::{Axis, Vector3};
 use faer::Mat;
@@ -120,7 +120,7 @@ impl Drift {
             name: format!("{what} with time, {}", self.course.words()),
             formula: formula.to_owned(),
             // No cause by name: beside something logged that explains as much it would go first.
-            kind: Kind::Empirical,
+            kind: Explanation::Empirical,
             family: format!("{what} with time"),
             covariates: vec![time.to_owned()],
             parameters: parameters.into_iter().map(|name| ParameterSpec::new(name, unit, PLAUSIBLE)).collect(),

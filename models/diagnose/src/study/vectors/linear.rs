@@ -5,8 +5,8 @@
 //! t about the axis a, by θ·(a × t)·t. Half of the latter is a turn of the whole, which belongs to the unknown pose;
 //! columns are without that half, so that the parameter is the angle and acts on both components alike. SI.
 
+use crate::explanation::Explanation;
 use crate::study::candidate::{Candidate, ModelTerm};
-use crate::study::diagnosis::Kind;
 use abbe_geometry::effects::{ParameterSpec, Shape};
 use abbe_geometry::machine::{Machine, Squareness};
 use abbe_geometry::{Axis, Vector3};
@@ -83,7 +83,7 @@ impl Named {
             family: name.clone(),
             name,
             formula,
-            kind: Kind::Attributed,
+            kind: Explanation::Attributed,
             covariates: Vec::new(),
             parameters: vec![ParameterSpec::new(parameter, unit, PLAUSIBLE)],
             decided_by,

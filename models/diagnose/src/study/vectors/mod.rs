@@ -26,8 +26,8 @@ mod step;
 mod turned;
 
 use super::assemble;
-use super::diagnosis::StudyDiagnosis;
-use super::search::{Observe, Options};
+use super::outcome::StudyDiagnosis;
+use super::search::{Observe, StudyOptions};
 use crate::error::DiagnoseError;
 use crate::logs::mended_rows;
 use abbe_geometry::Axis;
@@ -73,7 +73,7 @@ pub struct ResidualVector {
 pub fn diagnose(
     vectors: &[ResidualVector],
     machine: Option<&Machine>,
-    options: &Options,
+    options: &StudyOptions,
 ) -> Result<StudyDiagnosis, DiagnoseError> {
     diagnose_observed(vectors, machine, options, &mut |_| true)
 }
@@ -85,7 +85,7 @@ pub fn diagnose(
 pub fn diagnose_observed(
     vectors: &[ResidualVector],
     machine: Option<&Machine>,
-    options: &Options,
+    options: &StudyOptions,
     observe: &mut Observe,
 ) -> Result<StudyDiagnosis, DiagnoseError> {
     let (rows, mut notes) = given::given(vectors)?;

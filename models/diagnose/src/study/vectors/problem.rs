@@ -16,7 +16,7 @@ use super::{OF, ResidualVector, drift, model, order};
 use crate::error::DiagnoseError;
 use crate::linear::{in_the_worst_way, joined};
 use crate::study::candidate::{Candidate, Chain, Forms, Local, ModelTerm, PoseRows, Question, Study};
-use crate::study::diagnosis::{Ambiguity, Untestable};
+use crate::study::outcome::{Ambiguity, Untestable};
 use crate::study::series::steps;
 use crate::study::smooth::legendre;
 use crate::study::step::{NO_PROPERTY, Step};

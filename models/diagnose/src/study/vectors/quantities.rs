@@ -4,7 +4,7 @@
 
 use super::ResidualVector;
 use super::shape::Quantity;
-use crate::study::diagnosis::Untestable;
+use crate::study::outcome::Untestable;
 use crate::study::smooth::range;
 use abbe_geometry::Axis;
 use std::collections::BTreeSet;

@@ -5,8 +5,9 @@
 
 use super::ResidualVector;
 use crate::error::DiagnoseError;
+use crate::explanation::Explanation;
 use crate::study::candidate::Candidate;
-use crate::study::diagnosis::{Kind, Untestable};
+use crate::study::outcome::Untestable;
 use abbe_geometry::chain::{ErrorValues, chain_point};
 use abbe_geometry::effects::{
     CovariateSource, CovariateValue, Effect, Known, Observed, REGISTRY, Shape, ShapeValue, State, TipColumns,
@@ -186,7 +187,7 @@ fn candidate(entry: &'static Known, shape: &Shape, effect: &dyn Effect) -> Candi
     Candidate {
         name: if about.is_empty() { entry.title.to_owned() } else { format!("{} ({about})", entry.title) },
         formula: format!("{}; typical {}", entry.formula, entry.typical),
-        kind: Kind::Attributed,
+        kind: Explanation::Attributed,
         family: format!("{} {}", entry.name, named.join(" ")),
         covariates: effect.covariates(),
         parameters: effect.parameters(),

@@ -8,8 +8,8 @@ use super::ResidualVector;
 use super::plate::Poses;
 use super::quantities::PLAUSIBLE_M;
 use super::quantities::TIME;
+use crate::explanation::Explanation;
 use crate::study::candidate::Candidate;
-use crate::study::diagnosis::Kind;
 use crate::study::step::{At, DECIDED_BY, Places, Step};
 use abbe_geometry::Axis;
 use abbe_geometry::effects::ParameterSpec;
@@ -53,7 +53,7 @@ impl Steps {
         Candidate {
             name: format!("{}, component {component}", names.join(" with ")),
             formula: format!("e = {}", formulas.join("; ")),
-            kind: Kind::Empirical,
+            kind: Explanation::Empirical,
             family: format!("step, component {component}"),
             covariates: vec![TIME.to_owned()],
             parameters: step.parameters().into_iter().map(spec).collect(),

@@ -16,7 +16,7 @@ use crate::error::DiagnoseError;
 use crate::score::LEFT;
 use crate::study::candidate::{Candidate, Chain, Local, ModelTerm, Question, Study};
 use crate::study::combinations::combinations;
-use crate::study::diagnosis::Untestable;
+use crate::study::outcome::Untestable;
 use crate::study::smooth::{legendre, range};
 use abbe_geometry::{Axis, Matrix3, Vector3};
 use faer::Mat;

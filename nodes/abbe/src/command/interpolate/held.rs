@@ -7,7 +7,7 @@
 use super::UM;
 use crate::plane_field::PlaneField;
 use abbe_field::MeasuredField;
-use abbe_field::kriging::{AveragedKriging, Judgement, KrigingError, LeftOut, Options, judge};
+use abbe_field::kriging::{AveragedKriging, Judgement, KrigingError, KrigingOptions, LeftOut, judge};
 use abbe_geometry::Axis;
 use anyhow::{Context, bail};
 use serde_json::{Value, json};
@@ -30,8 +30,8 @@ pub(super) struct Held {
 }
 
 /// Kriging as `interpolate` does it.
-pub(super) fn options(field: &MeasuredField) -> Options {
-    Options::usual(field.u_m().is_some())
+pub(super) fn options(field: &MeasuredField) -> KrigingOptions {
+    KrigingOptions::usual(field.u_m().is_some())
 }
 
 /// Holds vectors against each other; where that cannot be done it is refused if kriging `must` be, and told otherwise.

@@ -5,7 +5,7 @@
 
 use crate::connecting::is_timeout;
 use abbe_ippdme::line::{Lines, Piece, text};
-use abbe_ippdme::message::{Kind, Response, Tag};
+use abbe_ippdme::message::{ReplyKind, Response, Tag};
 use abbe_ippdme::trouble::Trouble;
 use std::collections::VecDeque;
 use std::io::{Read, Write};
@@ -125,19 +125,19 @@ impl<'a> Client<'a> {
             };
             match Response::parse(text(&arrived.line)) {
                 Ok(response) if response.tag == tag => match response.kind {
-                    Kind::Ack => {}
-                    Kind::Data if data.len() >= MOST_WAITING => {
+                    ReplyKind::Ack => {}
+                    ReplyKind::Data if data.len() >= MOST_WAITING => {
                         return Err(Stop::Lost(format!("its answer to {command} does not end")));
                     }
-                    Kind::Data => data.push(arrived),
-                    Kind::Error => {
+                    ReplyKind::Data => data.push(arrived),
+                    ReplyKind::Error => {
                         let told = Trouble::parse(response.data());
                         match told.severity.stops() {
                             true => trouble = trouble.or(Some(told)),
                             false => tracing::info!("{command}: {told}"),
                         }
                     }
-                    Kind::Done => return trouble.map_or(Ok(data), |trouble| Err(Stop::Trouble(trouble, true))),
+                    ReplyKind::Done => return trouble.map_or(Ok(data), |trouble| Err(Stop::Trouble(trouble, true))),
                 },
                 _ => self.keep(arrived)?,
             }
@@ -186,11 +186,11 @@ impl<'a> Client<'a> {
             };
             match Response::parse(text(&arrived.line)) {
                 Ok(response) if response.tag == tag => match response.kind {
-                    Kind::Error => {
+                    ReplyKind::Error => {
                         let told = Trouble::parse(response.data());
                         trouble = trouble.or(told.severity.stops().then_some(told));
                     }
-                    Kind::Done => {
+                    ReplyKind::Done => {
                         self.is_stopped = is_stopped;
                         return match (trouble, abort) {
                             (_, Some(_)) => Ok(Moved::Aborted),
@@ -198,11 +198,11 @@ impl<'a> Client<'a> {
                             (None, None) => Ok(Moved::Whole),
                         };
                     }
-                    Kind::Ack | Kind::Data => {}
+                    ReplyKind::Ack | ReplyKind::Data => {}
                 },
                 Ok(response) if response.tag == ABORT || response.tag == ALIVE => {}
                 // A collision, say: nobody asked, and the move is over.
-                Ok(response) if response.tag.is_unsolicited() && response.kind == Kind::Error => {
+                Ok(response) if response.tag.is_unsolicited() && response.kind == ReplyKind::Error => {
                     let told = Trouble::parse(response.data());
                     if told.severity.stops() && abort.is_none() {
                         return Err(Stop::Trouble(told, false));

@@ -12,7 +12,7 @@ use crate::units::Unit;
 use abbe_ippdme::csy::Csy;
 use abbe_ippdme::item::{Item, What};
 use abbe_ippdme::line::text;
-use abbe_ippdme::message::{Kind, Response, Tag};
+use abbe_ippdme::message::{ReplyKind, Response, Tag};
 use abbe_ippdme::relay::Offsets;
 use abbe_ippdme::trouble::{Severity, Trouble};
 use abbe_runtime::realtime::carry_samples;
@@ -277,7 +277,7 @@ impl Talk {
             return self.give(Event::Refused(arrived.number, "it is no line of the protocol".to_owned()));
         };
         match response.kind {
-            Kind::Error => {
+            ReplyKind::Error => {
                 let trouble = Trouble::parse(response.data());
                 if trouble.severity.stops() {
                     return Err(Stop::Trouble(trouble, false));
@@ -285,10 +285,10 @@ impl Talk {
                 self.tell(trouble.to_string());
                 Ok(())
             }
-            Kind::Data if response.tag == MOVES && self.config.reads == IppdmeReads::Moves => {
+            ReplyKind::Data if response.tag == MOVES && self.config.reads == IppdmeReads::Moves => {
                 self.take_position(arrived, false)
             }
-            Kind::Data if response.tag.is_unsolicited() => {
+            ReplyKind::Data if response.tag.is_unsolicited() => {
                 let name = response.items().ok().and_then(|items| Some(items.first()?.call()?.0.to_owned()));
                 match name.as_deref() {
                     Some("ChangeTool") => {

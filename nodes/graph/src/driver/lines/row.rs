@@ -5,7 +5,7 @@
 //! missing covariate elsewhere.
 
 use super::super::{SensorValues, config_name};
-use super::{Kind, LinesConfig};
+use super::{LinesConfig, Role};
 use crate::connecting::stamp_of;
 use crate::units::Unit;
 use abbe_files::MachineFile;
@@ -114,7 +114,7 @@ impl Table {
     pub(super) fn new(
         config: &LinesConfig,
         names: &[String],
-        kind: Kind,
+        kind: Role,
         is_offset_known: bool,
     ) -> Result<Table, String> {
         let separator = Table::separator(config).map_err(|(key, problem)| format!("{key} {problem}"))?;
@@ -148,28 +148,28 @@ impl Table {
         let is_covariate = |column: &Column| matches!(column, Column::Covariate(_));
         let may_sense = |column: &Column| matches!(column, Column::Covariate(_) | Column::LeftOut | Column::Stamp);
         match kind {
-            Kind::Sensor if !columns.iter().any(is_covariate) => {
+            Role::Sensor if !columns.iter().any(is_covariate) => {
                 Err("a sensor needs a column of a value with its unit, such as temp_air_c".to_owned())
             }
-            Kind::Sensor if !columns.iter().all(may_sense) => {
+            Role::Sensor if !columns.iter().all(may_sense) => {
                 Err("a sensor gives covariates and stamp_s only; write - to leave another column out".to_owned())
             }
-            Kind::Scale if all(Length::Reading) < 3 => {
+            Role::Scale if all(Length::Reading) < 3 => {
                 Err("a scale reading needs x, y and z with their unit, such as x_mm".to_owned())
             }
-            Kind::Scale if matches!(all(Length::Offset), 1 | 2) => {
+            Role::Scale if matches!(all(Length::Offset), 1 | 2) => {
                 Err("give offset_x, offset_y and offset_z, or none of them".to_owned())
             }
-            Kind::Scale if !is_offset_known && all(Length::Offset) == 0 => {
+            Role::Scale if !is_offset_known && all(Length::Offset) == 0 => {
                 Err("the machine declares no default_offset_mm; add the key offset_mm, or columns offset_x_mm to offset_z_mm".to_owned())
             }
-            Kind::Tracer if !has(Length::Range) => {
+            Role::Tracer if !has(Length::Range) => {
                 Err("a tracer reading needs a length with its unit, such as length_mm".to_owned())
             }
-            Kind::Tracer if config.station.is_none() && !columns.contains(&Column::Station) => {
+            Role::Tracer if config.station.is_none() && !columns.contains(&Column::Station) => {
                 Err("a tracer reading needs a station: a column, or the key station".to_owned())
             }
-            Kind::Tracer if config.u_length_um.is_none() && !has(Length::RangeUncertainty) => {
+            Role::Tracer if config.u_length_um.is_none() && !has(Length::RangeUncertainty) => {
                 Err("a tracer reading needs its uncertainty: a column u_length_um, or the key u_length_um".to_owned())
             }
             _ => Ok(Table { columns, separator, has_decimal_commas: config.decimal == "," }),
@@ -306,7 +306,7 @@ mod tests {
             line in "\\PC{0,60}|[-0-9.,; e+]{0,60}",
             separator in "[,;|#]|blank",
             decimal in "[.,]",
-            kind in prop::sample::select(vec![Kind::Scale, Kind::Tracer, Kind::Sensor]),
+            kind in prop::sample::select(vec![Role::Scale, Role::Tracer, Role::Sensor]),
         ) {
             let config = config(&separator, &decimal);
             if let Ok(table) = Table::new(&config, &names, kind, true)

@@ -12,7 +12,7 @@ use super::stations::point_noise_m;
 use crate::figure::{Figure, PaperError, Settings, Verdict};
 use crate::statistics::Interval;
 use abbe_field::idw::{EXPONENT, Idw, Reference};
-use abbe_field::kriging::{Kernel, Kriging, Noise, Options, Trend};
+use abbe_field::kriging::{Kernel, Kriging, KrigingOptions, Noise, Trend};
 use abbe_field::rbf::{Radial, Rbf};
 use abbe_field::scores::{INTERPOLATING_SHARE, split};
 use abbe_field::{Interpolator, KrigingError, MeasuredField, Trilinear};
@@ -164,7 +164,7 @@ fn one_field(condition: &Condition, seed: u64, noise_m: &Vector3<f64>) -> Result
 fn methods(known: &MeasuredField) -> Result<Vec<Option<Box<dyn Interpolator>>>, String> {
     let idw = |reference| Idw::new(known, reference, EXPONENT).map_err(|why| why.to_string());
     let rbf = |radial| Rbf::new(known, radial, 0.0).map_err(|why| why.to_string());
-    let options = Options { kernel: Kernel::Matern52, trend: Trend::Linear, noise: Noise::Fitted };
+    let options = KrigingOptions { kernel: Kernel::Matern52, trend: Trend::Linear, noise: Noise::Fitted };
     let kriging: Option<Box<dyn Interpolator>> = match Kriging::fit(known, &options) {
         Ok(kriging) => Some(Box::new(kriging)),
         Err(KrigingError::NotConverged { .. }) => None,

@@ -13,9 +13,9 @@ mod setup;
 use crate::figure::{Figure, PaperError, Settings, Verdict};
 use crate::statistics::Interval;
 use abbe_geometry::ErrorId;
-use abbe_geometry::error_function::Kind;
+use abbe_geometry::error_function::FunctionKind;
 use abbe_geometry::volumetric::error_map;
-use abbe_identify::{IdentifyError, Options, OrderChoice, identify};
+use abbe_identify::{IdentifyError, IdentifyOptions, OrderChoice, identify};
 use free_constraints::{Free, defect_of_the_network};
 use routes::{Route, Score, follow};
 use setup::{Experiment, RANGE, UNSEEN, failed};
@@ -95,7 +95,12 @@ fn rank_defect(settings: &Settings) -> Result<Figure, PaperError> {
     // Eq. 5 weighs all ranges alike.
     experiment.machine.repeatability_m = [0.0; 3];
     let alike = abbe_measurement::instrument::RangeUncertainty { constant_m: RANGE.constant_m, per_metre: 0.0 };
-    let options = Options { order: OrderChoice::Fixed, robust: false, absolute_range: true, ..Options::default() };
+    let options = IdentifyOptions {
+        order: OrderChoice::Fixed,
+        robust: false,
+        absolute_range: true,
+        ..IdentifyOptions::default()
+    };
     let own = identify(&experiment.machine, alike, &experiment.campaign, &options, &mut |_| true).map_err(failed)?;
     let solved = Free::new(&experiment).solve()?;
     let difference_m = difference_m(&experiment, &own.model, &solved);
@@ -141,8 +146,13 @@ fn difference_m(
 /// Section 1: which errors a reflector at the ram's end shows.
 fn seventeen(settings: &Settings) -> Result<Figure, PaperError> {
     let mut experiment = Experiment::new(settings.seed, MACHINES[1].1)?;
-    experiment.machine.kinds = [Some(Kind::Nodes { count: setup::NODES as usize }); 18];
-    let options = Options { order: OrderChoice::Fixed, robust: false, absolute_range: true, ..Options::default() };
+    experiment.machine.kinds = [Some(FunctionKind::Nodes { count: setup::NODES as usize }); 18];
+    let options = IdentifyOptions {
+        order: OrderChoice::Fixed,
+        robust: false,
+        absolute_range: true,
+        ..IdentifyOptions::default()
+    };
     let refusal = identify(&experiment.machine, RANGE, &experiment.campaign, &options, &mut |_| true);
     let hidden: Vec<String> = match refusal {
         Err(IdentifyError::RankDeficient { groups, .. }) => groups.into_iter().flat_map(|g| g.errors).collect(),

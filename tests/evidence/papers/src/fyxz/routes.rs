@@ -14,7 +14,7 @@ use abbe_geometry::Vector3;
 use abbe_geometry::model::MachineModel;
 use abbe_geometry::volumetric::along_line;
 use abbe_identify::points::{Loss, MeasuredPoint, Method, PointOptions, fit_points};
-use abbe_identify::{Options, OrderChoice, identify};
+use abbe_identify::{IdentifyOptions, OrderChoice, identify};
 use abbe_measurement::alignment::aligned_residuals_m;
 use abbe_measurement::multilateration::point::{Sight, position};
 use abbe_measurement::multilateration::station::{Station, calibrate};
@@ -72,7 +72,12 @@ pub(super) fn follow(route: Route, experiment: &Experiment) -> Result<Score, Pap
 
 /// The paper's solution.
 pub(super) fn direct(experiment: &Experiment) -> Result<MachineModel, PaperError> {
-    let options = Options { order: OrderChoice::Fixed, robust: false, absolute_range: true, ..Options::default() };
+    let options = IdentifyOptions {
+        order: OrderChoice::Fixed,
+        robust: false,
+        absolute_range: true,
+        ..IdentifyOptions::default()
+    };
     identify(&experiment.machine, RANGE, &experiment.campaign, &options, &mut |_| true)
         .map(|found| found.model)
         .map_err(failed)
@@ -132,7 +137,7 @@ fn network_points_m(experiment: &Experiment) -> Result<Vec<Vector3<f64>>, PaperE
         Sighting { station: *station, point: *point, shift_m: Vector3::zeros(), length_m, u_m }
     };
     let sightings: Vec<Sighting> = sums.iter().map(sighting).collect();
-    let options = network::Options { absolute: true, robust: false };
+    let options = network::NetworkOptions { absolute: true, robust: false };
     let start = network::Start { stations, points_m };
     let found = network::solve(&start, &sightings, options, &mut |_| true).map_err(failed)?;
     found.points.into_iter().map(|point| point.map(|point| point.position_m).map_err(failed)).collect()

@@ -5,7 +5,7 @@
 //! 700 × 1000 × 600 mm, U(L) = 0.2 µm + 0.3 µm/m (k = 2), repeatability 0.5 µm.
 
 use crate::figure::PaperError;
-use abbe_geometry::error_function::Kind;
+use abbe_geometry::error_function::FunctionKind;
 use abbe_geometry::machine::{Joint, Machine, Side, Squareness};
 use abbe_geometry::rotation::RotationForm;
 use abbe_geometry::{Axis, ErrorId, Vector3};
@@ -99,8 +99,9 @@ fn described(truth: &abbe_virtual_machine::MachineTruth) -> Result<Machine, Pape
         .iter()
         .map(|s| Squareness { name: s.name.clone(), tilts: axis(s.tilts), about: axis(s.about) })
         .collect();
-    let kind = |id: ErrorId| (!UNSEEN.contains(&id.name().as_str())).then_some(Kind::Nodes { count: NODES as usize });
-    let kinds: Vec<Option<Kind>> = ErrorId::all().map(kind).collect();
+    let kind =
+        |id: ErrorId| (!UNSEEN.contains(&id.name().as_str())).then_some(FunctionKind::Nodes { count: NODES as usize });
+    let kinds: Vec<Option<FunctionKind>> = ErrorId::all().map(kind).collect();
     let three = |what: &str| failed(format!("the simulated machine has no three {what}"));
     Ok(Machine {
         name: truth.name.clone(),

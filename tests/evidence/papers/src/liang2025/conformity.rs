@@ -13,11 +13,11 @@ use abbe_conformity::length::{
 use abbe_conformity::{ConformityError, DecisionRule, MaximumPermissibleError, ObservedError, TestUncertainty};
 use abbe_geometry::correct::correct;
 use abbe_geometry::effects::{NoCovariates, State};
-use abbe_geometry::error_function::Kind;
+use abbe_geometry::error_function::FunctionKind;
 use abbe_geometry::machine::{Joint, Machine, Side, Squareness};
 use abbe_geometry::rotation::RotationForm;
 use abbe_geometry::{Axis, ErrorId, Vector3};
-use abbe_identify::{Options, identify};
+use abbe_identify::{IdentifyOptions, identify};
 use abbe_virtual_machine::environment::EnvironmentConfig;
 use abbe_virtual_machine::instrument::InstrumentConfig;
 use abbe_virtual_machine::length_test::{MachineAtTouch, length_test};
@@ -290,7 +290,7 @@ fn simulated_bridge(seed: u64, volumetric_rms_m: f64) -> Result<(Machine, Simula
         stroke_m: truth.stroke_m.map(|[lower, upper]| (lower, upper)),
         squareness: [tilt("C0Y", Axis::Y, Axis::Z), tilt("B0Z", Axis::Z, Axis::Y), tilt("A0Z", Axis::Z, Axis::X)],
         rotation: RotationForm::Exact,
-        kinds: [Some(Kind::BSpline { intervals: 9 }); ErrorId::COUNT],
+        kinds: [Some(FunctionKind::BSpline { intervals: 9 }); ErrorId::COUNT],
         repeatability_m: InstrumentConfig::LASER_TRACER.repeatability_m,
         u_ram_turn_rad: [abbe_geometry::machine::USUAL_RAM_TURN_RAD; 3],
         default_offset_m: None,
@@ -309,7 +309,7 @@ fn simulated_bridge(seed: u64, volumetric_rms_m: f64) -> Result<(Machine, Simula
 /// Whole tests of one machine before and after correction by the model that its campaign gives.
 fn tested(machine: &Machine, config: &SimulationConfig, seed: u64) -> Result<[LengthErrors; 2], PaperError> {
     let campaign = simulate_campaign(config).map_err(failed)?.campaign;
-    let found = identify(machine, config.instrument.range, &campaign, &Options::default(), &mut |_| true);
+    let found = identify(machine, config.instrument.range, &campaign, &IdentifyOptions::default(), &mut |_| true);
     let model = found.map_err(failed)?.model;
     let corrected_m = |at: &MachineAtTouch| -> [f64; 3] {
         let state = State { reading_m: at.reading_m, offset_m: at.offset_m, covariates: &NoCovariates };

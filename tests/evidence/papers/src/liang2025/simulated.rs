@@ -5,7 +5,7 @@
 //! 0.3 µm/m), a position from several stations is taken to be known to 0.3 µm in each coordinate.
 
 use crate::figure::PaperError;
-use abbe_geometry::error_function::Kind;
+use abbe_geometry::error_function::FunctionKind;
 use abbe_geometry::machine::{Joint, Machine, Side, Squareness};
 use abbe_geometry::rotation::RotationForm;
 use abbe_geometry::{Axis, Vector3};
@@ -66,7 +66,7 @@ impl Measurement {
             squareness: [tilt("C0Y", Axis::Y, Axis::Z), tilt("B0Z", Axis::Z, Axis::Y), tilt("A0Z", Axis::Z, Axis::X)],
             // Eq. 2-4.
             rotation: RotationForm::SmallAngle,
-            kinds: [Some(Kind::Polynomial { degree }); 18],
+            kinds: [Some(FunctionKind::Polynomial { degree }); 18],
             repeatability_m: [0.0; 3],
             u_ram_turn_rad: [abbe_geometry::machine::USUAL_RAM_TURN_RAD; 3],
             default_offset_m: None,

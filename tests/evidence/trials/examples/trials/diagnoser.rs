@@ -3,7 +3,7 @@
 //! Place in the flow: the bench's campaign goes into `abbe_diagnose::diagnose` with nothing else; what was found comes
 //! back as name, shape and words.
 
-use abbe_diagnose::{Diagnosis, Found, Kind, Options, diagnose};
+use abbe_diagnose::{DiagnoseOptions, Diagnosis, Explanation, Found, diagnose};
 use abbe_geometry::effects::{Shape, ShapeValue};
 use abbe_geometry::machine::Machine;
 use abbe_identify::OrderChoice;
@@ -26,7 +26,7 @@ impl Diagnoser for Real {
         campaign: &Campaign,
         order: OrderChoice,
     ) -> Result<Verdict, TrialError> {
-        let mut options = Options::default();
+        let mut options = DiagnoseOptions::default();
         options.identify.order = order;
         if !self.judges {
             (options.folds, options.placebos) = (1, 0);
@@ -62,7 +62,7 @@ fn finding(found: &Found) -> Finding {
         found.parameters.iter().map(|p| format!("{} {:.3e} u {:.1e} {}", p.name, p.value, p.u, p.unit)).collect();
     Finding {
         effect: found.name.to_owned(),
-        attributed: found.kind == Kind::Attributed,
+        attributed: found.kind == Explanation::Attributed,
         shape: found.shape.0.iter().map(|(key, value)| (key.clone(), text(value))).collect(),
         detail: format!(
             "{} [{}] p {:.1e}, evidence {:.1}, alias {:.2}, {:.3} um; {}; rivals: {}",

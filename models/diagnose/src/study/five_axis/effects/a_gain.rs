@@ -4,7 +4,7 @@
 //! 1e-3 (10–1000 µrad at 1 rad).
 
 use super::{ANGLE, Known, Motion, Unknown};
-use crate::study::Kind;
+use crate::explanation::Explanation;
 use crate::study::five_axis::chain::{Acts, Pose};
 
 /// Entry in the registry.
@@ -13,7 +13,7 @@ pub(super) const KNOWN: Known = Known {
     formula: "theta_A -> theta_A (1 + g)",
     typical: "10-1000 urad at 1 rad",
     source: "ISO 230-1:2012 (angular positioning EAA); ISO 230-2",
-    kind: Kind::Attributed,
+    kind: Explanation::Attributed,
     decided_by: "measure the sphere at more A angles, at least five over the whole range: a gain is straight in the angle, a sag is a sine",
     unknowns: &[Unknown { name: "gain", unit: "1", plausible: ANGLE }],
     groups: &[&[0]],

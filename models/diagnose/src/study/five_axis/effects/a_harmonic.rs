@@ -4,7 +4,7 @@
 //! that the error follows the angle, not why.
 
 use super::{Known, LENGTH, Motion, Unknown};
-use crate::study::Kind;
+use crate::explanation::Explanation;
 use crate::study::five_axis::chain::{Acts, Pose};
 
 /// Entry in the registry.
@@ -13,7 +13,7 @@ pub(super) const KNOWN: Known = Known {
     formula: "shift = s sin(theta_A) + c (1 - cos(theta_A)) along machine x, y or z",
     typical: "10-1000 um",
     source: "none: it describes, it does not explain",
-    kind: Kind::Empirical,
+    kind: Explanation::Empirical,
     decided_by: "measure the sphere at more A angles, evenly over the whole range",
     unknowns: &[
         Unknown { name: "sine_x", unit: "m", plausible: LENGTH },

@@ -4,7 +4,7 @@
 //! equals a zero of C, up to the probe's pose. Typical 10–1000 µrad.
 
 use super::{ANGLE, Known, Motion, Unknown};
-use crate::study::Kind;
+use crate::explanation::Explanation;
 use crate::study::five_axis::chain::{Acts, Pose};
 
 /// Entry in the registry.
@@ -13,7 +13,7 @@ pub(super) const KNOWN: Known = Known {
     formula: "R_A -> E(t) R_A E(t)^T, t a small rotation about y or z of the fork",
     typical: "10-1000 urad",
     source: "ISO 230-1:2012 (orientation of a rotary axis, EB0A and EC0A)",
-    kind: Kind::Attributed,
+    kind: Explanation::Attributed,
     decided_by: "measure the sphere at more C angles with A at both signs, up to half a turn of C",
     unknowns: &[
         Unknown { name: "about_y", unit: "rad", plausible: ANGLE },

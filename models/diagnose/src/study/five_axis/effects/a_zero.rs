@@ -4,7 +4,7 @@
 //! A axis; with a calibrated probe it shows. Typical 10–1000 µrad.
 
 use super::{ANGLE, Known, Motion, Unknown};
-use crate::study::Kind;
+use crate::explanation::Explanation;
 use crate::study::five_axis::chain::{Acts, Pose};
 
 /// Entry in the registry.
@@ -13,7 +13,7 @@ pub(super) const KNOWN: Known = Known {
     formula: "theta_A -> theta_A + z",
     typical: "10-1000 urad",
     source: "ISO 230-1:2012 (zero position of a rotary axis, EA0A)",
-    kind: Kind::Attributed,
+    kind: Explanation::Attributed,
     decided_by: "measure with a probe or test mandrel whose direction is calibrated apart from the machine",
     unknowns: &[Unknown { name: "zero", unit: "rad", plausible: ANGLE }],
     groups: &[&[0]],

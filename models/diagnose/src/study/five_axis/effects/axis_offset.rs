@@ -5,7 +5,7 @@
 //! Typical 10–1000 µm.
 
 use super::{Known, LENGTH, Motion, Unknown};
-use crate::study::Kind;
+use crate::explanation::Explanation;
 use crate::study::five_axis::chain::{Acts, Pose};
 
 /// Entry in the registry.
@@ -14,7 +14,7 @@ pub(super) const KNOWN: Known = Known {
     formula: "q = Q + R_C (o + R_A (d R_p + T_p)), o the offset in the frame that C turns",
     typical: "10-1000 um",
     source: "ISO 230-1:2012 (position of a rotary axis, EY0A against EY0C)",
-    kind: Kind::Attributed,
+    kind: Explanation::Attributed,
     decided_by: "measure the sphere at C = 0 and 180 degrees with A = 0, and at A = +90 and -90 degrees with C = 0",
     unknowns: &[
         Unknown { name: "x", unit: "m", plausible: LENGTH },

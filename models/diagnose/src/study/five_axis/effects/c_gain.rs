@@ -3,7 +3,7 @@
 //! Formula: θC → θC·(1 + g), g without unit. Typical 1e-5 to 1e-3 (10–1000 µrad at 1 rad).
 
 use super::{ANGLE, Known, Motion, Unknown};
-use crate::study::Kind;
+use crate::explanation::Explanation;
 use crate::study::five_axis::chain::{Acts, Pose};
 
 /// Entry in the registry.
@@ -12,7 +12,7 @@ pub(super) const KNOWN: Known = Known {
     formula: "theta_C -> theta_C (1 + g)",
     typical: "10-1000 urad at 1 rad",
     source: "ISO 230-1:2012 (angular positioning ECC); ISO 230-2",
-    kind: Kind::Attributed,
+    kind: Explanation::Attributed,
     decided_by: "measure the sphere at more C angles, up to half a turn either way, with the head tilted",
     unknowns: &[Unknown { name: "gain", unit: "1", plausible: ANGLE }],
     groups: &[&[0]],

@@ -4,7 +4,7 @@
 //! Typical 10–1000 µrad.
 
 use super::{ANGLE, Known, Motion, Unknown};
-use crate::study::Kind;
+use crate::explanation::Explanation;
 use crate::study::five_axis::chain::{Acts, Pose};
 
 /// Entry in the registry.
@@ -13,7 +13,7 @@ pub(super) const KNOWN: Known = Known {
     formula: "R_C -> E(t) R_C E(t)^T, t a small rotation about x or y of the machine",
     typical: "10-1000 urad",
     source: "ISO 230-1:2012 (orientation of a rotary axis, EA0C and EB0C)",
-    kind: Kind::Attributed,
+    kind: Explanation::Attributed,
     decided_by: "measure the sphere at more C angles, up to half a turn either way, with A level and at both signs",
     unknowns: &[
         Unknown { name: "about_x", unit: "rad", plausible: ANGLE },

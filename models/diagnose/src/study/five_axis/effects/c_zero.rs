@@ -4,7 +4,7 @@
 //! direction is unknown cannot tell the two. Typical 10–1000 µrad.
 
 use super::{ANGLE, Known, Motion, Unknown};
-use crate::study::Kind;
+use crate::explanation::Explanation;
 use crate::study::five_axis::chain::{Acts, Pose};
 
 /// Entry in the registry.
@@ -13,7 +13,7 @@ pub(super) const KNOWN: Known = Known {
     formula: "theta_C -> theta_C + z",
     typical: "10-1000 urad",
     source: "ISO 230-1:2012 (zero position of a rotary axis, EC0C)",
-    kind: Kind::Attributed,
+    kind: Explanation::Attributed,
     decided_by: "square the A axis to X with an indicator on the fork while A turns, without any probe on the head",
     unknowns: &[Unknown { name: "zero", unit: "rad", plausible: ANGLE }],
     groups: &[&[0]],

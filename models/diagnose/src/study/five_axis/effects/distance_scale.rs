@@ -4,7 +4,7 @@
 //! of R_p *is* 1 + s. Typical 1e-4 to 1e-3 for conoscopic and triangulating probes.
 
 use super::{Known, Motion, Unknown};
-use crate::study::Kind;
+use crate::explanation::Explanation;
 use crate::study::five_axis::chain::{Acts, Pose};
 
 /// Entry in the registry.
@@ -13,7 +13,7 @@ pub(super) const KNOWN: Known = Known {
     formula: "d -> d (1 + s)",
     typical: "100-1000 um/m",
     source: "data sheets of laser probes (linearity)",
-    kind: Kind::Attributed,
+    kind: Explanation::Attributed,
     decided_by: "calibrate the probe against a step gauge or an interferometer along its beam",
     unknowns: &[Unknown { name: "scale", unit: "1", plausible: 5e-3 }],
     groups: &[&[0]],

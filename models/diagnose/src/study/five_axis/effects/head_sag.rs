@@ -4,7 +4,7 @@
 //! three angles only, one of them zero and two opposite, it equals a gain. Typical 10–500 µrad.
 
 use super::{ANGLE, Known, Motion, Unknown};
-use crate::study::Kind;
+use crate::explanation::Explanation;
 use crate::study::five_axis::chain::{Acts, Pose};
 
 /// Entry in the registry.
@@ -13,7 +13,7 @@ pub(super) const KNOWN: Known = Known {
     formula: "theta_A -> theta_A + k sin(theta_A)",
     typical: "10-500 urad",
     source: "moment of the weight over an elastic drive; ISO 230-1:2012, annex on deformation",
-    kind: Kind::Attributed,
+    kind: Explanation::Attributed,
     decided_by: "measure the sphere at more A angles, at least five over the whole range: a gain is straight in the angle, a sag is a sine",
     unknowns: &[Unknown { name: "sag", unit: "rad", plausible: ANGLE }],
     groups: &[&[0]],

@@ -3,7 +3,7 @@
 //! Formula: shift = g·Q along the axis, Q the indicated position (m), g without unit. Typical 1–50 µm/m.
 
 use super::{Known, Motion, Unknown};
-use crate::study::Kind;
+use crate::explanation::Explanation;
 use crate::study::five_axis::chain::{Acts, Pose};
 
 /// Entry in the registry.
@@ -12,7 +12,7 @@ pub(super) const KNOWN: Known = Known {
     formula: "shift = g Q along X, Y or Z",
     typical: "1-50 um/m",
     source: "ISO 230-2 (positioning of linear axes)",
-    kind: Kind::Attributed,
+    kind: Explanation::Attributed,
     decided_by: "measure a calibrated length or a laser interferometer along the axis",
     unknowns: &[
         Unknown { name: "x", unit: "1", plausible: 2e-4 },

@@ -4,7 +4,7 @@
 //! Typical 10–100 µrad.
 
 use super::{Known, Motion, Unknown};
-use crate::study::Kind;
+use crate::explanation::Explanation;
 use crate::study::five_axis::chain::{Acts, Pose};
 
 /// Entry in the registry.
@@ -13,7 +13,7 @@ pub(super) const KNOWN: Known = Known {
     formula: "shift_x = -C0Y Y + B0Z Z, shift_y = -A0Z Z",
     typical: "10-100 urad",
     source: "ISO 230-1:2012 (squareness of linear axes)",
-    kind: Kind::Attributed,
+    kind: Explanation::Attributed,
     decided_by: "measure the face diagonals, or a ball plate, with the linear axes alone",
     unknowns: &[
         Unknown { name: "C0Y", unit: "rad", plausible: 3e-4 },

@@ -4,7 +4,7 @@
 //! moves ([`Acts`]); the exact chain does the rest. Metres, radians.
 
 use super::chain::{Acts, Pose};
-use crate::study::Kind;
+use crate::explanation::Explanation;
 
 mod a_gain;
 mod a_harmonic;
@@ -41,7 +41,7 @@ pub(super) struct Known {
     /// Typical size in the literature.
     pub(super) typical: &'static str,
     pub(super) source: &'static str,
-    pub(super) kind: Kind,
+    pub(super) kind: Explanation,
     pub(super) decided_by: &'static str,
     pub(super) unknowns: &'static [Unknown],
     /// Parameters that make one candidate; each list is a candidate of its own.

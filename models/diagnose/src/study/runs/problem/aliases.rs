@@ -4,7 +4,7 @@
 
 use super::super::shape::Shape;
 use super::Runs;
-use crate::study::diagnosis::Ambiguity;
+use crate::study::outcome::Ambiguity;
 
 /// Periods named in one sentence.
 const NAMED: usize = 4;

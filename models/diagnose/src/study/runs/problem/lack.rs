@@ -10,7 +10,7 @@ use super::super::shape::Shape;
 use super::{AxisRuns, Runs, UNIT_M, key};
 use crate::linear::column;
 use crate::study::candidate::{Open, Untold};
-use crate::study::series::independent;
+use crate::study::series::{independent, left_by};
 use faer::Mat;
 
 /// Steps of the sum over sizes, and the largest as a multiple of the departures.
@@ -48,7 +48,7 @@ impl Runs {
         let offset = Mat::from_fn(rows.len(), 1, |_, _| 1.0);
         let columns = crate::linear::joined(&std::iter::once(offset).chain(shapes).collect::<Vec<_>>());
         let error = |row: usize| self.runs[row].error_m() / UNIT_M;
-        let left = left_by(&columns, &rows.iter().map(|row| error(*row)).collect::<Vec<f64>>());
+        let left = left_by(&columns, &column(&rows.iter().map(|row| error(*row)).collect::<Vec<f64>>()));
         let place = |row: &usize| axis.ranges.targets.binary_search(&key(self.runs[*row].target_m)).ok();
         let of_row: Vec<usize> = rows.iter().map(place).collect::<Option<_>>()?;
         let mut counts = vec![0.0; axis.ranges.targets.len()];
@@ -69,13 +69,6 @@ impl Runs {
             scatter * counts.iter().map(|count| f64::max(*count, 1.0).recip()).sum::<f64>() / counts.len() as f64;
         (degrees >= 1.0).then(|| (mean.squared_norm_l2() / degrees, degrees, noise))
     }
-}
-
-/// What columns leave of values.
-fn left_by(columns: &Mat<f64>, values: &[f64]) -> Mat<f64> {
-    let basis = independent(columns);
-    let values = column(values);
-    &values - &basis * (basis.transpose() * &values)
 }
 
 /// Mean of a variance beside that of noise, by a mean square of so many degrees of freedom, all deviations being as likely beforehand.

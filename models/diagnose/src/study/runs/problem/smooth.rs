@@ -6,6 +6,7 @@
 
 use super::super::shape::Shape;
 use super::{AxisRuns, Runs};
+use crate::study::series::left_by;
 use crate::study::smooth::legendre;
 use faer::Mat;
 use std::f64::consts::TAU;
@@ -53,27 +54,13 @@ impl AxisRuns {
 
     /// Share of a wave at the targets, beyond its mean, that polynomials explain.
     fn smooth_share(&self, period_m: f64) -> f64 {
-        let places_m = self.ranges.places_m();
-        let degree = self.smooth_degree();
-        let mut basis: Vec<Vec<f64>> = Vec::new();
-        let left = |basis: &[Vec<f64>], mut values: Vec<f64>| {
-            for own in basis {
-                let along: f64 = own.iter().zip(&values).map(|(a, b)| a * b).sum();
-                values.iter_mut().zip(own).for_each(|(value, own)| *value -= along * own);
-            }
-            values
-        };
-        let square = |values: &[f64]| values.iter().map(|value| value * value).sum::<f64>();
-        for k in 0..=degree {
-            let values = places_m.iter().map(|x| legendre(*x, self.ranges.target_m, degree)[k]).collect();
-            let values = left(&basis, values);
-            let length = square(&values).sqrt().max(f64::MIN_POSITIVE);
-            basis.push(values.into_iter().map(|value| value / length).collect());
-        }
-        let turn = |x: &f64| (TAU * x / period_m).sin_cos();
-        let (sine, cosine): (Vec<f64>, Vec<f64>) = places_m.iter().map(turn).unzip();
-        let of =
-            |basis: &[Vec<f64>]| [&sine, &cosine].map(|wave| square(&left(basis, wave.clone()))).iter().sum::<f64>();
-        1.0 - of(&basis) / of(&basis[..1]).max(f64::MIN_POSITIVE)
+        let (places_m, degree) = (self.ranges.places_m(), self.smooth_degree());
+        let legendre = |x: &f64| legendre(*x, self.ranges.target_m, degree);
+        let forms: Vec<_> = places_m.iter().map(legendre).collect();
+        let up_to = |degree: usize| Mat::from_fn(forms.len(), degree + 1, |i, k| forms[i][k]);
+        let turns: Vec<(f64, f64)> = places_m.iter().map(|x| (TAU * x / period_m).sin_cos()).collect();
+        let wave = Mat::from_fn(turns.len(), 2, |i, k| if k == 0 { turns[i].0 } else { turns[i].1 });
+        let left = |degree: usize| left_by(&up_to(degree), &wave).squared_norm_l2();
+        1.0 - left(degree) / left(0).max(f64::MIN_POSITIVE)
     }
 }

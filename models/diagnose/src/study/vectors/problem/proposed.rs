@@ -10,8 +10,9 @@ use super::super::registered::registered;
 use super::super::shape::{Bent, Quantity, Shape};
 use super::{IN_PAIRS, PLAUSIBLE_M, Part, Vectors};
 use crate::error::DiagnoseError;
+use crate::explanation::Explanation;
 use crate::study::candidate::Candidate;
-use crate::study::diagnosis::{Kind, Untestable};
+use crate::study::outcome::Untestable;
 use abbe_geometry::Axis;
 use abbe_geometry::effects::ParameterSpec;
 
@@ -161,7 +162,7 @@ impl Vectors<'_> {
         Candidate {
             name: format!("{words}, component {}", axis.lower()),
             formula: formula.to_owned(),
-            kind: Kind::Empirical,
+            kind: Explanation::Empirical,
             family: format!("{}, component {}", names.join(" and "), axis.lower()),
             decided_by: match names.as_slice() {
                 [one] => format!("vary {one} independently of all else"),

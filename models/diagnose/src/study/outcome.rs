@@ -4,25 +4,7 @@
 //! SI unit that stands beside them. Where rows have uncertainties of their own, every rms is weighted by them.
 
 use super::terms::Terms;
-
-/// Whether a term says why, or only what the data depend on.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Kind {
-    /// A physical effect with a formula of its own.
-    Attributed,
-    /// A description: which quantities, which shape.
-    Empirical,
-}
-
-impl Kind {
-    /// As in reports.
-    pub fn word(self) -> &'static str {
-        match self {
-            Kind::Attributed => "attributed",
-            Kind::Empirical => "empirical",
-        }
-    }
-}
+use crate::explanation::Explanation;
 
 /// What was left out together to judge.
 #[derive(Debug, Clone, PartialEq)]
@@ -91,7 +73,7 @@ pub struct Effect {
     /// Formula or shape.
     pub formula: String,
     /// Attributed or empirical.
-    pub kind: Kind,
+    pub kind: Explanation,
     /// Logged quantities it depends on.
     pub covariates: Vec<String>,
     /// Probability by chance given all other effects found, corrected for the number of candidates.
@@ -127,7 +109,7 @@ pub struct Considered {
     /// Name.
     pub name: String,
     /// Attributed or empirical.
-    pub kind: Kind,
+    pub kind: Explanation,
     /// Parameters that the base model leaves to be determined; 0 where it contains the candidate.
     pub tested: usize,
     /// F test, uncorrected.

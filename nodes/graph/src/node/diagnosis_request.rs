@@ -7,7 +7,7 @@
 //! window of a sound one does so once in a while.
 
 use super::{NodeContext, NodeError, NodeSummary};
-use crate::diagnosis::{DiagnosisRun, Job};
+use crate::diagnosis_run::{DiagnosisRun, Job};
 use crate::launch::{MonitorConfig, NodeName};
 use crate::step::{Health, HealthState, ReadingBuffer};
 use crate::topics;

@@ -1,0 +1,27 @@
+//! Whether two terms claim the same thing.
+//!
+//! Place in the flow: [`crate::search`] and what follows it ask before a term goes in, comes back or counts as a rival.
+
+use crate::lags::logged_of;
+use abbe_geometry::effects::ShapeValue;
+use abbe_identify::EffectTerm;
+
+/// Whether two terms are the same effect with other figures (degree, time constant): the same claim. With another axis or
+/// sensor it is another claim.
+pub(crate) fn is_variant(a: &EffectTerm, b: &EffectTerm) -> bool {
+    let texts = |term: &EffectTerm| {
+        let others = term.shape.0.iter().filter(|(_, value)| !matches!(value, ShapeValue::Number(_)));
+        // A temperature and what lags behind it are one sensor, and a side over any travel is one side.
+        let logged = |value: &ShapeValue| match value {
+            ShapeValue::Text(name) => ShapeValue::Text(logged_of(name)),
+            other => other.clone(),
+        };
+        others.map(|(key, value)| (key.clone(), logged(value))).collect::<Vec<_>>()
+    };
+    a.effect.name() == b.effect.name() && texts(a) == texts(b)
+}
+
+/// Whether a term is among these, figures and all.
+pub(crate) fn has(terms: &[EffectTerm], term: &EffectTerm) -> bool {
+    terms.iter().any(|other| other.effect.name() == term.effect.name() && other.shape == term.shape)
+}
