@@ -58,7 +58,7 @@ pub enum NoMessage {
     Space,
     /// Column 7 of a response.
     #[error("column 7 is none of & % # !")]
-    ReplyKind,
+    Kind,
     /// The command or the data.
     #[error(transparent)]
     Items(#[from] NoItems),
