@@ -19,6 +19,7 @@ mod dialect;
 mod envelope;
 mod error;
 pub mod export;
+mod fixed;
 mod guideway_csv;
 mod identity;
 mod identity_file;

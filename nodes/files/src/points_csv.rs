@@ -11,6 +11,7 @@ use crate::csv_source::CsvSource;
 use crate::decimals::Mark;
 use crate::dialect::Dialect;
 use crate::error::{FileError, Place};
+use crate::fixed::push_fixed;
 use abbe_geometry::Axis;
 use abbe_geometry::correct::{Correction, Status};
 use abbe_geometry::effects::{CovariateSource, CovariateValue, Lag, Travel, of_lagged};
@@ -298,19 +299,17 @@ impl RowsText {
     }
 
     fn write_cells(&mut self, row: &PointRow, correction: &Correction) -> csv::Result<()> {
-        use std::fmt::Write as _;
         for cell in &row.cells {
             self.writer.write_field(cell)?;
         }
         let covariance_m2 = correction.covariance_m2;
         for k in 0..6 {
             self.number.clear();
-            // Writing to a String cannot fail; an empty cell would be all that came of it.
-            let _ = match covariance_m2 {
-                None => Ok(()),
-                Some(_) if k < 3 => write!(self.number, "{:.7}", correction.position_m[k] * 1e3),
-                Some(v) => write!(self.number, "{:.4}", COVERAGE * v[(k - 3, k - 3)].max(0.0).sqrt() * 1e6),
-            };
+            match covariance_m2 {
+                None => {}
+                Some(_) if k < 3 => push_fixed(&mut self.number, correction.position_m[k] * 1e3, 7),
+                Some(v) => push_fixed(&mut self.number, COVERAGE * v[(k - 3, k - 3)].max(0.0).sqrt() * 1e6, 4),
+            }
             self.writer.write_field(row.mark.of(&mut self.number))?;
         }
         self.writer.write_field(status_word(correction.status))?;

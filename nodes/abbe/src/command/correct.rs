@@ -16,7 +16,7 @@ use crate::output;
 use crate::pipeline::{is_bag, software};
 use crate::provenance::file_name;
 use crate::residual::{inputs_of, load_residual, residual_meta};
-use crate::rows::{Batch, MANY};
+use crate::rows::{Batch, MANY, Part};
 use crate::tally::Tally;
 use abbe_files::{
     AtomicFile, FileError, ModelFile, Place, PointRow, PointsReader, PointsWriter, TableFacts, hex, write_atomically,
@@ -228,24 +228,37 @@ fn correct_csv(
     let reader = PointsReader::new(FlushFirst { input, flush }, name, machine.default_offset_m)?;
     let inputs = inputs_of(*residual);
     let mut reader = reader.following(model.model.reads().into_iter().chain(inputs.clone()));
-    *writer.borrow_mut() = Some(PointsWriter::new(output, "output", &reader)?);
-    let mut batch = Batch::new(&model.model, &inputs, if is_stream { 1 } else { MANY });
+    let points = PointsWriter::new(output, "output", &reader)?;
+    let form = points.form();
+    *writer.borrow_mut() = Some(points);
+    let room = if is_stream { 1 } else { MANY };
+    let mut batch = Batch::new(&model.model, &inputs, room);
+    let mut ahead = Batch::new(&model.model, &inputs, room);
     let mut worth = Worth { tally: Tally::asking(inputs), ..Worth::default() };
-    loop {
+    let mut fill = |batch: &mut Batch| {
         batch.clear();
         while let Some(row) = batch.read(&mut reader)? {
             ensure!(!shutdown.requested(), Ended::stopped("stopped on request".to_owned()));
             check_offset_signs(&model.model.parts().identified, row, name)?;
         }
-        if batch.rows().is_empty() {
-            break;
-        }
-        if is_stream {
+        if is_stream && !batch.rows().is_empty() {
             reader.refuse_open_numbers()?;
         }
+        Ok::<(), anyhow::Error>(())
+    };
+    fill(&mut batch)?;
+    while !batch.rows().is_empty() {
+        let correct = || batch.corrected(&model.model, *residual, form);
+        // A row of a stream leaves before the next one is waited for; those of a file are read while others are corrected.
+        let (parts, next) = match is_stream {
+            true => (correct(), None),
+            false => beside(correct, || Some(fill(&mut ahead))),
+        };
         if let Some(writer) = writer.borrow_mut().as_mut() {
-            write_corrected(&batch, model, *residual, writer, &mut worth)?;
+            write_corrected(&batch, model, parts?, writer, &mut worth)?;
         }
+        next.unwrap_or_else(|| fill(&mut ahead))?;
+        std::mem::swap(&mut batch, &mut ahead);
     }
     ensure!(worth.tally.rows() > 0, "{name}: the file holds a header but no row; give one row for each point");
     if let Some(writer) = writer.take() {
@@ -254,15 +267,25 @@ fn correct_csv(
     Ok(worth)
 }
 
-/// Corrects the rows of a batch, writes and counts them.
+/// Both outcomes; the first comes from a thread of its own.
+fn beside<A: Send, B>(first: impl FnOnce() -> A + Send, second: impl FnOnce() -> B) -> (A, B) {
+    std::thread::scope(|scope| {
+        let first = scope.spawn(first);
+        let second = second();
+        // Where the thread panics, so does who waits for it.
+        (first.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)), second)
+    })
+}
+
+/// Writes and counts the rows of a batch.
 fn write_corrected(
     batch: &Batch,
     model: &ModelFile,
-    residual: Option<&OwnedField>,
+    parts: Vec<Part>,
     writer: &mut PointsWriter<impl Write>,
     worth: &mut Worth,
 ) -> anyhow::Result<()> {
-    for part in batch.corrected(&model.model, residual, writer.form())? {
+    for part in parts {
         let mut outcomes = part.statuses.iter().zip(&part.moved);
         batch.visit(part.rows(), |row, state| {
             let Some((status, moved)) = outcomes.next() else { return };
