@@ -3,11 +3,12 @@
 //! Place in the flow: takes the normal equations of one pass, returns the new parameters, their covariance and
 //! the effective degrees of freedom of each error function. Each spline carries its own penalty λ ∫ w f″² with the
 //! profile w of [`crate::roughness`]; the λ are found by the generalised Fellner-Schall update (Wood & Fasiolo 2017, Biometrics 73, eq. 4), which needs
-//! only the normal equations, so the cost does not grow with the readings. The standard deviation σ = λ^(−½) of each
+//! only the normal equations, so the cost does not grow with the readings; half of its updates are saved by [`crate::anderson`]. The standard deviation σ = λ^(−½) of each
 //! curvature has the prior density ∝ σ (Chung et al. 2013, Psychometrika 78: a gamma density of shape 2 and rate 0):
 //! without it the likelihood is often largest at σ = 0, where a function whose curvature the data cannot see counts
 //! as certainly straight, and its uncertainty is far too small.
 
+use crate::anderson::Anderson;
 use crate::linear::{Factor, NotPositiveDefinite, select};
 use crate::normal::NormalEquations;
 use crate::roughness::{Curvature, Roughness};
@@ -22,6 +23,8 @@ use std::sync::Arc;
 const MAX_UPDATES: usize = 60;
 /// Change of the effective degrees of freedom of a function that ends the search.
 const DEGREES_TOLERANCE: f64 = 0.01;
+/// Growth of that change from one update to the next from which acceleration begins anew.
+const ASTRAY: f64 = 3.0;
 /// Bounds of the penalty relative to its start: beyond these a function is a straight line, or free.
 const PENALTY_SPAN: f64 = 1e10;
 /// Largest factor by which one update may move a penalty.
@@ -149,6 +152,17 @@ impl Smoothness {
         self.penalties.iter_mut().for_each(|penalty| penalty.roughness = Arc::clone(&roughness[penalty.curvature]));
     }
 
+    /// Takes logarithms of the penalties, in their order, and the exponent, all within their bounds.
+    fn take(&mut self, values: &[f64]) {
+        for (penalty, log_lambda) in self.penalties.iter_mut().zip(values) {
+            let wanted = log_lambda.exp().clamp(penalty.lambda / PENALTY_STEP, penalty.lambda * PENALTY_STEP);
+            penalty.lambda = wanted.clamp(penalty.first_lambda / PENALTY_SPAN, penalty.first_lambda * PENALTY_SPAN);
+        }
+        if let Some(exponent) = values.get(self.penalties.len()) {
+            self.set_exponent(exponent.clamp(EXPONENTS.0, EXPONENTS.1));
+        }
+    }
+
     /// First penalty: prior information equal to a thousandth of the data's, per function.
     fn start(&mut self, normal: &NormalEquations) {
         for penalty in self.penalties.iter_mut().filter(|p| p.lambda == 0.0) {
@@ -203,16 +217,20 @@ pub(crate) fn solve(
     if !choose || smoothness.penalties.is_empty() {
         return Ok(solution);
     }
+    let (mut anderson, mut moved_before) = (Anderson::default(), f64::INFINITY);
     for _ in 0..MAX_UPDATES {
-        let exponent = problem.better_exponent(smoothness, &solution);
-        smoothness.penalties.iter_mut().for_each(|penalty| problem.update(penalty, &solution));
-        smoothness.set_exponent(exponent);
+        let update = problem.update(smoothness, &solution);
+        smoothness.take(&anderson.step(&update.from, &update.to, &update.weights));
         let next = problem.solve(smoothness, solution.noise_factor)?;
         let moved = problem.largest_change_of_degrees(&smoothness.penalties, &solution, &next);
         solution = next;
         if moved < DEGREES_TOLERANCE {
             break;
         }
+        if moved > ASTRAY * moved_before {
+            anderson.forget();
+        }
+        moved_before = moved;
     }
     Ok(solution)
 }
@@ -299,18 +317,30 @@ impl<'a> Problem<'a> {
         (self.weighted_square - reduction).max(0.0)
     }
 
-    /// λ ← (rank − λ tr(V S)) / (βᵀ S β + 1/λ); the 1/λ comes from the prior of σ.
-    fn update(&self, penalty: &mut Penalty, solution: &Solution) {
+    /// One update of all that the smoothness is told by: logarithms of the penalties, in their order, and the exponent.
+    fn update(&self, smoothness: &Smoothness, solution: &Solution) -> Update {
+        let (exponent, information) = self.better_exponent(smoothness, solution);
+        let mut update = Update { from: Vec::new(), to: Vec::new(), weights: Vec::new() };
+        for penalty in &smoothness.penalties {
+            let (wanted, degrees) = self.wanted(penalty, solution);
+            update.push((penalty.lambda.ln(), wanted.ln()), degrees / (2.0 * penalty.rank).sqrt());
+        }
+        update.push((smoothness.exponent, exponent), (0.5 * information).sqrt());
+        update
+    }
+
+    /// λ ← (rank − λ tr(V S)) / (βᵀ S β + 1/λ); the 1/λ comes from the prior of σ. Beside it the degrees of freedom that the data determine.
+    fn wanted(&self, penalty: &Penalty, solution: &Solution) -> (f64, f64) {
         let trace = self.trace(penalty, &penalty.roughness.matrix, solution);
         let quadratic = penalty.quadratic(&penalty.roughness.matrix, &solution.parameters);
-        let wanted = (penalty.rank - penalty.lambda * trace).max(0.0) / (quadratic + 1.0 / penalty.lambda);
-        let stepped = wanted.clamp(penalty.lambda / PENALTY_STEP, penalty.lambda * PENALTY_STEP);
-        penalty.lambda = stepped.clamp(penalty.first_lambda / PENALTY_SPAN, penalty.first_lambda * PENALTY_SPAN);
+        let degrees = (penalty.rank - penalty.lambda * trace).max(0.0);
+        let wanted = degrees / (quadratic + 1.0 / penalty.lambda);
+        (wanted.clamp(penalty.lambda / PENALTY_STEP, penalty.lambda * PENALTY_STEP), degrees)
     }
 
     /// One scoring step of the exponent: the slope of −2 log likelihood over the information that exactly known curves
-    /// would give, which is an upper bound, so that the steps do not overshoot.
-    fn better_exponent(&self, smoothness: &Smoothness, solution: &Solution) -> f64 {
+    /// would give, which is an upper bound, so that the steps do not overshoot; with that information.
+    fn better_exponent(&self, smoothness: &Smoothness, solution: &Solution) -> (f64, f64) {
         let (mut slope, mut information) = (0.0, 0.0);
         for penalty in &smoothness.penalties {
             let matrix = &penalty.roughness.slope;
@@ -319,7 +349,7 @@ impl<'a> Problem<'a> {
             information += penalty.roughness.information;
         }
         let step = (-slope / information.max(f64::MIN_POSITIVE)).clamp(-EXPONENT_STEP, EXPONENT_STEP);
-        (smoothness.exponent + step).clamp(EXPONENTS.0, EXPONENTS.1)
+        ((smoothness.exponent + step).clamp(EXPONENTS.0, EXPONENTS.1), information)
     }
 
     /// tr(V M) over the function's own coefficients, V without the widening of [`noise_factor_for_covariance`].
@@ -342,6 +372,21 @@ impl<'a> Problem<'a> {
             penalty.range.clone().filter_map(|k| self.place[k]).map(|k| solution.effective[k]).sum()
         };
         penalties.iter().map(|p| (degrees(p, before) - degrees(p, after)).abs()).fold(0.0, f64::max)
+    }
+}
+
+/// Where an update leads, and how much a change of each number matters.
+struct Update {
+    from: Vec<f64>,
+    to: Vec<f64>,
+    weights: Vec<f64>,
+}
+
+impl Update {
+    fn push(&mut self, (from, to): (f64, f64), weight: f64) {
+        self.from.push(from);
+        self.to.push(to);
+        self.weights.push(weight);
     }
 }
 
