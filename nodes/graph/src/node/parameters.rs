@@ -9,7 +9,8 @@ use crate::launch::{Launch, NodeName, Pace};
 use abbe_runtime::TransportKind;
 use abbe_runtime::gateway::COMPANION_DEPTH;
 use abbe_runtime::ros::{
-    NameError, ParameterError, ParameterSpec, ParameterTable, ParameterValue, Range, TopicEnd, qos_parameters,
+    NameError, ParameterAssignment, ParameterError, ParameterSpec, ParameterTable, ParameterValue, Range, RosArgs,
+    RosError, TopicEnd, qos_parameters, resolve,
 };
 use abbe_runtime::transport::DEFAULT_DEPTH;
 use std::path::{Path, PathBuf};
@@ -53,6 +54,30 @@ pub(super) fn qos(
         specs.extend(qos_parameters(&resolve(topic)?, TopicEnd::Subscription, DEFAULT_DEPTH));
     }
     Ok(specs)
+}
+
+/// Values for every node that change nothing, in words: no node of the launch has their parameter. `table` is that of `node`.
+pub(super) fn strangers(
+    launch: &Launch,
+    node: NodeName,
+    table: &ParameterTable,
+    args: &RosArgs,
+) -> Result<Vec<String>, RosError> {
+    let mut strangers: Vec<_> = table.strangers(&args.parameters).collect();
+    for other in launch.nodes.iter().copied().filter(|other| *other != node) {
+        if strangers.is_empty() {
+            break;
+        }
+        let identity = args.identity(&launch.namespace, other.name())?;
+        let qos = qos(launch, other, |topic| resolve(topic, &identity, &args.remaps))?;
+        let others = self::table(launch, other, qos)?;
+        strangers.retain(|one| others.strangers(std::slice::from_ref(one)).next().is_some());
+    }
+    let words = |one: &ParameterAssignment| {
+        let ParameterAssignment { origin, name, .. } = one;
+        format!("{origin}: no node of this launch has a parameter '{name}', so it changes nothing here")
+    };
+    Ok(strangers.into_iter().map(words).collect())
 }
 
 /// The parameters of a node with the launch file's values, and `more`.
@@ -173,7 +198,6 @@ fn set_bound(launch: &mut Launch, name: &str, value: &ParameterValue) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use abbe_runtime::ros::RosArgs;
 
     fn launch() -> Launch {
         let text = include_str!("../../../../launch-config/bridge_xyz_virtual.toml");
@@ -214,6 +238,22 @@ mod tests {
     }
 
     #[test]
+    fn a_value_for_every_node_that_no_node_has_is_told() {
+        let strangers = |assignment: &str| {
+            let (args, _) = RosArgs::split(["--ros-args", "-p", assignment].map(str::to_owned)).unwrap();
+            let table = table(&launch(), NodeName::Monitor, Vec::new()).unwrap();
+            strangers(&launch(), NodeName::Monitor, &table, &args).unwrap()
+        };
+        let other = "qos_overrides./bridge_xyz/corrected.publisher.depth:=8";
+        for of_another in ["max_covariate_age_s:=2.5", "window:=7", "use_sim_time:=true", other] {
+            assert_eq!(strangers(of_another), [""; 0], "{of_another}");
+        }
+        let told = strangers("max_covariate_age:=2.5");
+        assert_eq!(told.len(), 1);
+        assert!(told[0].contains("-p max_covariate_age:=2.5: no node of this launch has a parameter"), "{told:?}");
+    }
+
+    #[test]
     fn what_no_sample_tells_of_is_fixed_while_a_node_runs() {
         let changeable = |node| {
             let table = table(&launch(), node, Vec::new()).unwrap();
@@ -231,6 +271,6 @@ mod tests {
         assert!(with(NodeName::Monitor, "window:=0").unwrap_err().contains("window"));
         assert!(with(NodeName::Monitor, "window:=1000001").unwrap_err().contains("window"));
         assert!(with(NodeName::Geometric, "model:=''").unwrap_err().contains("not empty"));
-        assert!(with(NodeName::Geometric, "rate_hz:=10.0").unwrap_err().contains("rate_hz"));
+        assert!(with(NodeName::Geometric, "geometric:rate_hz:=10.0").unwrap_err().contains("rate_hz"));
     }
 }
