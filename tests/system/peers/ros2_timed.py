@@ -1,10 +1,11 @@
 """A user's programs on a real ROS 2 whose time is what is looked at: rclpy on Fast DDS, as ros2_user.py.
 
-Usage: ros2_timed.py first NAMESPACE THERE X Y Z COUNT | sim_time NAMESPACE START LEAP | arrivals NAMESPACE START X Y Z
+Usage: ros2_timed.py first NAMESPACE THERE X Y Z COUNT | hears NAMESPACE THERE COUNT | sim_time NAMESPACE START LEAP | arrivals NAMESPACE START X Y Z
        | follows NAMESPACE COUNT | held NAMESPACE
 
 first     a controller that is there before the graph: writes the file THERE when it is, waits for a subscriber of its positions and
           sends COUNT of them at once, one a millisecond. Which of the corrected points came back.
+hears     a subscriber that is there before the graph, as above: the stamps (s) of the first COUNT corrected points that come.
 sim_time  is the time of a graph: from START (s) at a quarter of the host's pace, then it stands, then it leaps by LEAP (s) and goes on,
           then it is set back. The corrected points of each part, and what the scale node says of its frequency.
 arrivals  sends positions without a stamp, before there is a time on /clock and with one, from START on.
@@ -32,6 +33,27 @@ PACE = 0.25  # of simulated time, beside the host's
 TICK_S = 0.01
 
 
+def be_there(executor, there):
+    until = time.monotonic() + 1.0
+    while time.monotonic() < until:
+        executor.spin_once(timeout_sec=0.05)
+    pathlib.Path(there).touch()
+
+
+def hears(node, namespace, there, count):
+    points = []
+    node.create_subscription(PointStamped, f"/{namespace}/corrected_point", points.append, DEEP)
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    be_there(executor, there)
+    until = time.monotonic() + PATIENCE_S
+    while len(points) < int(count):
+        executor.spin_once(timeout_sec=0.1)
+        if time.monotonic() > until:
+            sys.exit(f"{len(points)} points came within {PATIENCE_S} s")
+    return {"stamps_s": [stamp_s(point.header) for point in points]}
+
+
 def first(node, namespace, there, x, y, z, count):
     came = {}
     hear = lambda point: came.setdefault(point.header.stamp.nanosec, True)
@@ -39,10 +61,7 @@ def first(node, namespace, there, x, y, z, count):
     publisher = node.create_publisher(JointState, f"/{namespace}/axes", DEEP)
     executor = SingleThreadedExecutor()
     executor.add_node(node)
-    until = time.monotonic() + 1.0
-    while time.monotonic() < until:
-        executor.spin_once(timeout_sec=0.05)
-    pathlib.Path(there).touch()
+    be_there(executor, there)
     until = time.monotonic() + PATIENCE_S
     while not publisher.get_subscription_count():
         executor.spin_once(timeout_sec=0.001)
@@ -165,11 +184,11 @@ def held(node, namespace):
 def main():
     task, *words = sys.argv[1:]
     # As ros2_user.py does, and for its reason; but who is there first does not wait for who comes later.
-    if task != "first":
+    if task not in ["first", "hears"]:
         time.sleep(JOINS_AFTER_S)
     rclpy.init()
     node = rclpy.create_node("a_timed_program")
-    tasks = {"first": first, "sim_time": sim_time, "arrivals": arrivals, "follows": follows, "held": held}
+    tasks = {"first": first, "hears": hears, "sim_time": sim_time, "arrivals": arrivals, "follows": follows, "held": held}
     print(json.dumps(tasks[task](node, *words)))
 
 
