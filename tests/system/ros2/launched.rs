@@ -75,7 +75,7 @@ fn val_ros2_launch_starts_each_launch_file_with_its_arguments_and_ends_it_by_ctr
         for kind in LAUNCH_FILES {
             let file = format!("bridge_xyz_virtual.launch.{kind}");
             let shown = Started::start(tools.launch(&["abbe", &file, "--show-args"])).finish().ok();
-            assert_says(&shown, &["'model'", "'machine'", "'namespace'", "bridge_xyz.toml", "'bridge_xyz'"]);
+            assert_says(&shown, &["'model'", "'machine'", "'namespace'", "'use_sim_time'", "bridge_xyz.toml", "'bridge_xyz'"]);
             let refused = Started::start(tools.launch(&["abbe", &file])).finish();
             let words = format!("{}{}", String::from_utf8_lossy(&refused.output), refused.errors);
             assert_says(&words, &["missing required argument 'model'"]);
@@ -87,6 +87,12 @@ fn val_ros2_launch_starts_each_launch_file_with_its_arguments_and_ends_it_by_ctr
             let words = ended_well(ran);
             assert_says(&words, &["process has finished cleanly", "\"node\":\"residual\""]);
             assert!(!words.contains("sending signal 'SIGTERM'"), "{words}");
+
+            // Nobody publishes /clock: the graph waits for it, and Ctrl-C ends it all the same.
+            let launch = tools.launch(&["abbe", &file, &model, "namespace:=hall/other", "use_sim_time:=true"]);
+            let (heard, ran) = tools.beside(launch, &["parameters", "/hall/other/scale", "rate_hz", "5.0"]);
+            assert_eq!(heard["values"]["use_sim_time"], true, "{kind}");
+            ended_well(ran);
         }
     });
 }

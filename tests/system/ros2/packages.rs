@@ -30,6 +30,8 @@ fn the_launch_files_of_the_package_have_the_same_arguments() {
             "Machine file that the model belongs to",
             "namespace",
             "Namespace of all topics",
+            "use_sim_time",
+            "Whether nodes go by /clock",
             "bridge_xyz_virtual.toml",
             "--machine",
             "--model",
@@ -37,8 +39,8 @@ fn the_launch_files_of_the_package_have_the_same_arguments() {
         assert_says(&file, &words);
         assert_eq!(
             file.matches("default").count(),
-            2,
-            "{kind}: machine and namespace have defaults, the model has none"
+            3,
+            "{kind}: machine, namespace and use_sim_time have defaults, the model has none"
         );
     }
 }
