@@ -75,7 +75,10 @@ fn val_ros2_launch_starts_each_launch_file_with_its_arguments_and_ends_it_by_ctr
         for kind in LAUNCH_FILES {
             let file = format!("bridge_xyz_virtual.launch.{kind}");
             let shown = Started::start(tools.launch(&["abbe", &file, "--show-args"])).finish().ok();
-            assert_says(&shown, &["'model'", "'machine'", "'namespace'", "'use_sim_time'", "bridge_xyz.toml", "'bridge_xyz'"]);
+            assert_says(
+                &shown,
+                &["'model'", "'machine'", "'namespace'", "'use_sim_time'", "bridge_xyz.toml", "'bridge_xyz'"],
+            );
             let refused = Started::start(tools.launch(&["abbe", &file])).finish();
             let words = format!("{}{}", String::from_utf8_lossy(&refused.output), refused.errors);
             assert_says(&words, &["missing required argument 'model'"]);
