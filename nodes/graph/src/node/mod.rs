@@ -299,7 +299,7 @@ impl NodeContext {
         let table = table.with_assignments(&identity, &call.ros_args.parameters).map_err(RosError::from)?;
         // One of the nodes says it for all.
         if call.launcher_pid.is_none() || launch.nodes.first() == Some(&call.name) {
-            let strangers = parameters::strangers(&launch, call.name, &table, &call.ros_args)?;
+            let strangers = parameters::strangers(&launch, &call.ros_args)?;
             strangers.iter().for_each(|stranger| tracing::warn!("{stranger}"));
         }
         let table = if launch.commands_from_ros { table } else { table.fixed() };

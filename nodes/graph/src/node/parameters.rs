@@ -56,28 +56,29 @@ pub(super) fn qos(
     Ok(specs)
 }
 
-/// Values for every node that change nothing, in words: no node of the launch has their parameter. `table` is that of `node`.
-pub(super) fn strangers(
-    launch: &Launch,
-    node: NodeName,
-    table: &ParameterTable,
-    args: &RosArgs,
-) -> Result<Vec<String>, RosError> {
-    let mut strangers: Vec<_> = table.strangers(&args.parameters).collect();
-    for other in launch.nodes.iter().copied().filter(|other| *other != node) {
-        if strangers.is_empty() {
+/// Values for every node, or those that a pattern fits, that change nothing, in words: no node of the launch that is meant has
+/// their parameter. They may be of other programs, and one that fits none of these nodes is no matter of theirs.
+pub(super) fn strangers(launch: &Launch, args: &RosArgs) -> Result<Vec<String>, RosError> {
+    let for_many = args.parameters.iter().filter(|one| one.is_for_many());
+    let mut left: Vec<(&ParameterAssignment, bool)> = for_many.map(|one| (one, false)).collect();
+    for node in &launch.nodes {
+        if left.is_empty() {
             break;
         }
-        let identity = args.identity(&launch.namespace, other.name())?;
-        let qos = qos(launch, other, |topic| resolve(topic, &identity, &args.remaps))?;
-        let others = self::table(launch, other, qos)?;
-        strangers.retain(|one| others.strangers(std::slice::from_ref(one)).next().is_some());
+        let identity = args.identity(&launch.namespace, node.name())?;
+        let qos = qos(launch, *node, |topic| resolve(topic, &identity, &args.remaps))?;
+        let table = table(launch, *node, qos)?;
+        left.retain_mut(|(one, is_meant)| {
+            let is_of_node = one.applies_to(&identity);
+            *is_meant |= is_of_node;
+            !(is_of_node && table.spec(&one.name).is_some())
+        });
     }
     let words = |one: &ParameterAssignment| {
         let ParameterAssignment { origin, name, .. } = one;
         format!("{origin}: no node of this launch has a parameter '{name}', so it changes nothing here")
     };
-    Ok(strangers.into_iter().map(words).collect())
+    Ok(left.into_iter().filter(|(_, is_meant)| *is_meant).map(|(one, _)| words(one)).collect())
 }
 
 /// The parameters of a node with the launch file's values, and `more`.
@@ -241,13 +242,16 @@ mod tests {
     fn a_value_for_every_node_that_no_node_has_is_told() {
         let strangers = |assignment: &str| {
             let (args, _) = RosArgs::split(["--ros-args", "-p", assignment].map(str::to_owned)).unwrap();
-            let table = table(&launch(), NodeName::Monitor, Vec::new()).unwrap();
-            strangers(&launch(), NodeName::Monitor, &table, &args).unwrap()
+            strangers(&launch(), &args).unwrap()
         };
         let other = "qos_overrides./bridge_xyz/corrected.publisher.depth:=8";
         for of_another in ["max_covariate_age_s:=2.5", "window:=7", "use_sim_time:=true", other] {
             assert_eq!(strangers(of_another), [""; 0], "{of_another}");
         }
+        for of_others in ["/hall/*:max_covariate_age:=2.5", "/**/controller:gain:=1.0"] {
+            assert_eq!(strangers(of_others), [""; 0], "{of_others}");
+        }
+        assert_eq!(strangers("/*/residual:max_covariate_age_s:=2.5").len(), 1, "it is the geometric node's");
         let told = strangers("max_covariate_age:=2.5");
         assert_eq!(told.len(), 1);
         assert!(told[0].contains("-p max_covariate_age:=2.5: no node of this launch has a parameter"), "{told:?}");

@@ -68,7 +68,7 @@ impl NodeOptions {
     ) -> Result<Self, RosError> {
         let identity = args.identity(namespace, name)?;
         let parameters = ParameterTable::new(parameters)?.with_assignments(&identity, &args.parameters)?;
-        for stranger in parameters.strangers(&args.parameters) {
+        for stranger in parameters.strangers(&identity, &args.parameters) {
             tracing::warn!(
                 "{}: this node has no parameter '{}', so it changes nothing here",
                 stranger.origin,

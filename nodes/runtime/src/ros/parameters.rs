@@ -11,7 +11,7 @@ use ros2_client::ParameterValue;
 use thiserror::Error;
 
 use super::names::NodeIdentity;
-use super::yaml::{ANY_NODE, ParameterAssignment, YamlValue};
+use super::yaml::{ParameterAssignment, YamlValue};
 
 /// The parameter that every ROS 2 node has.
 pub const USE_SIM_TIME: &str = "use_sim_time";
@@ -131,8 +131,8 @@ impl ParameterTable {
 
     /// The table with the values that are meant for `node` set.
     ///
-    /// A value for one node must name a parameter it has. A value for every node (`/**`, `-p` without a node, as launch
-    /// gives all nodes what `SetParameter` says) may be another node's: see [`ParameterTable::strangers`].
+    /// A value for one node must name a parameter it has. A value for every node (`/**` or another pattern, `-p` without a
+    /// node, as launch gives all nodes what `SetParameter` says) may be another node's: see [`ParameterTable::strangers`].
     ///
     /// # Errors
     /// When a parameter is unknown, or its value has another type or is out of range.
@@ -153,13 +153,14 @@ impl ParameterTable {
     /// whoever knows the others says so.
     pub fn strangers<'a>(
         &'a self,
+        node: &'a NodeIdentity,
         assignments: &'a [ParameterAssignment],
     ) -> impl Iterator<Item = &'a ParameterAssignment> {
-        assignments.iter().filter(|assignment| self.is_stranger(assignment))
+        assignments.iter().filter(|assignment| assignment.applies_to(node) && self.is_stranger(assignment))
     }
 
     fn is_stranger(&self, assignment: &ParameterAssignment) -> bool {
-        assignment.node == ANY_NODE && !self.entries.contains_key(assignment.name.as_str())
+        assignment.is_for_many() && !self.entries.contains_key(assignment.name.as_str())
     }
 
     fn assign(&mut self, assignment: &ParameterAssignment) -> Result<(), ParameterError> {

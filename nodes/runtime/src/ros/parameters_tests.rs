@@ -58,7 +58,7 @@ fn a_value_for_every_node_may_be_another_nodes_and_one_for_this_may_not() {
     let for_all =
         [assignment("/**", "rate_hz", YamlValue::Double(5.0)), assignment("/**", "depth", YamlValue::Integer(1))];
     let table = ParameterTable::new(specs()).unwrap().with_assignments(&identity, &for_all).unwrap();
-    assert_eq!(table.strangers(&for_all).map(|one| one.name.as_str()).collect::<Vec<_>>(), ["rate_hz"]);
+    assert_eq!(table.strangers(&identity, &for_all).map(|one| one.name.as_str()).collect::<Vec<_>>(), ["rate_hz"]);
     assert!(assigned("geometric", "rate_hz", YamlValue::Double(5.0)).unwrap_err().to_string().contains("no parameter"));
     // What it has is checked, whoever it is for.
     assert!(assigned("/**", "depth", YamlValue::Integer(0)).is_err());
