@@ -423,6 +423,40 @@ fn a_bag_that_only_rosbag2_reads_is_refused_with_the_whole_command_that_converts
 }
 
 #[test]
+fn a_folder_of_files_that_only_rosbag2_reads_is_refused_with_what_makes_its_metadata() {
+    let (_guard, folder) = folder();
+    let refused = |bag: &Path| {
+        let read = message_of(read_all(bag));
+        assert_eq!(bag::recover(bag, folder.join("saved")).unwrap_err().to_string(), read);
+        read
+    };
+    let run = folder.join("my run");
+    std::fs::create_dir(&run).unwrap();
+    let sqlite = [b"SQLite format 3\0".as_slice(), &[16; 84]].concat();
+    for name in ["run_1.db3", "run_0.db3"] {
+        std::fs::write(run.join(name), &sqlite).unwrap();
+    }
+    let said = refused(&run);
+    assert!(said.starts_with(&format!("{}: storage is SQLite", run.join("run_0.db3").display())), "{said}");
+    let commands = format!("ros2() {{ printf '%s\\n' \"$@\"; }}\n{}", conversion_in(&said));
+    let shell = std::process::Command::new("sh").args(["-c", &commands]).current_dir(&folder).output().unwrap();
+    assert!(shell.status.success(), "{}", String::from_utf8_lossy(&shell.stderr));
+    let input = run.display();
+    let words = format!("bag\nreindex\n-s\nsqlite3\n{input}\nbag\nconvert\n-i\n{input}\n-o\nout.yaml\n");
+    assert_eq!(String::from_utf8(shell.stdout).unwrap(), words);
+
+    let packed = folder.join("packed");
+    std::fs::create_dir(&packed).unwrap();
+    std::fs::write(packed.join("packed_0.mcap.zstd"), [0x28, 0xb5, 0x2f, 0xfd]).unwrap();
+    let said = refused(&packed);
+    assert!(said.contains(&format!("zstd --decompress {}/*.zstd", packed.display())), "{said}");
+    // What is no bag at all is still told so.
+    let empty = folder.join("empty");
+    std::fs::create_dir(&empty).unwrap();
+    assert!(message_of(read_all(&empty)).contains("metadata.yaml: missing"));
+}
+
+#[test]
 fn a_shell_takes_the_command_that_converts_a_bag_as_it_is_meant() {
     let (_guard, folder) = folder();
     let path = folder.join("it's a run");

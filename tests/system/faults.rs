@@ -24,6 +24,7 @@ use common::graph::{DDS, MEMORY, files_of_run, long_recording, stream_of, topic,
 use common::network::{DOMAIN, in_own_network};
 use common::peer::{Peer, role};
 use common::program::{Started, abbe_in, signal, try_signal};
+use common::python::ros2_timed;
 use common::watched::{FLOWS_WITHIN, MAX_DELAY, PHASES, PROCESSES_ON_THE_WAY, Seen, StopAtEnd, control, watch};
 use ros2_client::QosProfile;
 use ros2_client::dds::rustdds::DomainParticipantBuilder;
@@ -170,6 +171,47 @@ fn a_killed_and_a_stopped_reliable_subscriber_neither_delay_nor_lose_a_corrected
         let limit = gaps[0] + MAX_DELAY + control[1] * PROCESSES_ON_THE_WAY;
         assert!(gaps[1] < limit, "a gap of {:?} after the faults, {:?} before", gaps[1], gaps[0]);
         assert_eq!(files_of_run(run.as_str()), Vec::<String>::new());
+    });
+}
+
+#[test]
+fn val_rclpy_a_stopped_reliable_subscriber_of_fast_dds_delays_nobody_over_dds_or_shared_memory() {
+    /// Longer than a window of samples at 1 kHz reaches, twice.
+    const STOPPED: Duration = Duration::from_secs(10);
+    let test = "val_rclpy_a_stopped_reliable_subscriber_of_fast_dds_delays_nobody_over_dds_or_shared_memory";
+    let _turn = my_turn();
+    in_own_network(test, |domain| {
+        let Some(mut victim) = ros2_timed(domain, &["held", "test"]) else { return };
+        let (mut over_dds, mut goes_on) = ([Duration::ZERO; 2], 0);
+        let seen = watch(domain, 120, &["scale", "residual"], |graph| {
+            let mut victim = Peer(victim.stdout(Stdio::piped()).spawn().unwrap());
+            let mut told = BufReader::new(victim.0.stdout.take().unwrap()).lines().map_while(Result::ok);
+            assert_says(&told.next().expect("it is connected"), &["held"]);
+            graph.begin(1);
+            graph.over_dds.longest_gap();
+            thread::sleep(STOPPED);
+            over_dds[0] = graph.over_dds.longest_gap();
+            graph.begin(2);
+            signal(victim.0.id(), Signal::STOP);
+            thread::sleep(STOPPED);
+            over_dds[1] = graph.over_dds.longest_gap();
+            graph.begin(3);
+            signal(victim.0.id(), Signal::CONT);
+            thread::sleep(STOPPED / 5);
+            goes_on = usize::from(victim.0.try_wait().unwrap().is_none());
+            victim.kill();
+        });
+        let Seen { gaps, control, missed, errors, summaries, .. } = &seen;
+        println!("longest gaps {gaps:?}, over DDS {over_dds:?}, of the control {control:?}");
+        assert_eq!((*missed, goes_on), (0, 1));
+        // Else the window was never full, and nothing was tried.
+        assert_says(errors, &["a reliable reader does not acknowledge"]);
+        let limit = |before: Duration, processes: u32| before + MAX_DELAY + control[2] * processes;
+        assert!(gaps[2] < limit(gaps[1], PROCESSES_ON_THE_WAY), "a gap of {:?}, {:?} before", gaps[2], gaps[1]);
+        // The gateway is one more process on the way.
+        let [before, stopped] = over_dds;
+        assert!(stopped < limit(before, PROCESSES_ON_THE_WAY + 1), "over DDS a gap of {stopped:?}, {before:?} before");
+        assert!(summaries.matches("\"gateway_restarts\":0.0").count() >= 2, "{summaries}");
     });
 }
 

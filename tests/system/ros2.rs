@@ -3,10 +3,12 @@
 
 mod descriptions;
 mod hosts;
+mod launched;
 mod packages;
 mod pressed;
 mod qos;
 mod round_trip;
+mod timed;
 
 use std::time::Duration;
 

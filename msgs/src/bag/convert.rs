@@ -28,15 +28,42 @@ pub(super) fn by_rosbag2(input: &Path) -> String {
     )
 }
 
+/// Refuses a folder that no `metadata.yaml` describes, where its files are such as only rosbag2 reads.
+///
+/// # Errors
+/// When there is a file in SQLite, or one that is packed as a whole, or the folder cannot be read.
+pub(super) fn refuse_unlisted(directory: &Path) -> Result<(), BagError> {
+    let listed = std::fs::read_dir(directory).map_err(BagError::io(directory, "list the bag"))?;
+    let paths = listed.map(|entry| Ok(entry.map_err(BagError::io(directory, "list the bag"))?.path()));
+    let mut paths = paths.collect::<Result<Vec<_>, BagError>>()?;
+    // The same words whatever the order of the folder.
+    paths.sort();
+    let refused = |path: &Path, reason: String| Err(BagError::Storage { path: path.to_owned(), reason });
+    let folder = shell_word(&directory.to_string_lossy());
+    for path in paths.iter().filter(|path| path.is_file()) {
+        if path.extension().is_some_and(|extension| extension == "zstd") {
+            let reason = format!(
+                "the file is packed, and no metadata.yaml lies beside it; unpack all of them, and name the folder again:\n  \
+                 zstd --decompress {folder}/*.zstd"
+            );
+            return refused(path, reason);
+        }
+        if is_sqlite(path)? {
+            // Neither reads nor converts a folder without one.
+            let first = format!("\n  ros2 bag reindex -s sqlite3 {folder}\n");
+            let how = by_rosbag2(directory).replacen('\n', &first, 1);
+            return refused(path, format!("storage is SQLite, not mcap, and no metadata.yaml lies beside it; {how}"));
+        }
+    }
+    Ok(())
+}
+
 /// Refuses a file of a bag in SQLite, which is named where the folder was meant.
 ///
 /// # Errors
 /// When the file is such a database, or cannot be read.
 pub(super) fn refuse_sqlite(path: &Path) -> Result<(), BagError> {
-    let mut begins = Vec::new();
-    let file = File::open(path).map_err(BagError::io(path, "open the bag's file"))?;
-    file.take(SQLITE.len() as u64).read_to_end(&mut begins).map_err(BagError::io(path, "read the bag"))?;
-    if begins != SQLITE {
+    if !is_sqlite(path)? {
         return Ok(());
     }
     // It may be one of several files: the folder has them all.
@@ -47,6 +74,13 @@ pub(super) fn refuse_sqlite(path: &Path) -> Result<(), BagError> {
     };
     let reason = format!("storage is SQLite, not mcap; {}", by_rosbag2(input));
     Err(BagError::Storage { path: path.to_owned(), reason })
+}
+
+fn is_sqlite(path: &Path) -> Result<bool, BagError> {
+    let mut begins = Vec::new();
+    let file = File::open(path).map_err(BagError::io(path, "open the bag's file"))?;
+    file.take(SQLITE.len() as u64).read_to_end(&mut begins).map_err(BagError::io(path, "read the bag"))?;
+    Ok(begins == SQLITE)
 }
 
 /// A word as a shell takes it for one.

@@ -204,6 +204,7 @@ pub(super) fn list(directory: &Path) -> Result<Listing, BagError> {
     let Some(information) = read(&path)? else {
         let missing = fault("missing, so the recording was not finished; recover the bag".to_owned());
         if found.is_empty() {
+            convert::refuse_unlisted(directory)?;
             return Err(missing);
         }
         return Ok(Listing { files: found, promised: None, at_end: Some(missing) });

@@ -168,6 +168,7 @@ fn sources(input: &Path) -> Result<Vec<(PathBuf, Option<u64>)>, BagError> {
     }
     let found = metadata::numbered_files(input)?;
     if found.is_empty() {
+        convert::refuse_unlisted(input)?;
         return Err(BagError::NotABag {
             path: input.to_owned(),
             reason: "the directory holds no .mcap file; name the directory of the recording".to_owned(),

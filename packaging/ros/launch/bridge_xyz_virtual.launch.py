@@ -4,6 +4,7 @@ from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import Node
+from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackageShare
 
 
@@ -16,6 +17,7 @@ def generate_launch_description():
         DeclareLaunchArgument('model', description='Model file, as `abbe identify` writes it'),
         DeclareLaunchArgument('machine', default_value=machine, description='Machine file that the model belongs to'),
         DeclareLaunchArgument('namespace', default_value='bridge_xyz', description='Namespace of all topics'),
+        DeclareLaunchArgument('use_sim_time', default_value='false', description='Whether nodes go by /clock'),
         Node(
             package='abbe',
             executable='abbe',
@@ -25,6 +27,7 @@ def generate_launch_description():
                 '--model', LaunchConfiguration('model'),
             ],
             namespace=LaunchConfiguration('namespace'),
+            parameters=[{'use_sim_time': ParameterValue(LaunchConfiguration('use_sim_time'), value_type=bool)}],
             output='screen',
             # A recording is completed before the nodes end.
             sigterm_timeout='30',

@@ -2,7 +2,7 @@
 
 use std::num::NonZeroUsize;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -26,6 +26,8 @@ pub(crate) const PATIENCE: Duration = Duration::from_secs(20);
 /// What comes over DDS at a user's, counted on a thread of its own until this is dropped.
 pub(crate) struct OverDds {
     received: Arc<AtomicUsize>,
+    /// The longest wait between two of them since it was asked for last (ns).
+    longest_gap_ns: Arc<AtomicU64>,
     running: Arc<AtomicBool>,
     thread: Option<thread::JoinHandle<()>>,
 }
@@ -35,13 +37,25 @@ impl OverDds {
         let mut subscriber = DdsSubscriber::<CorrectedCoordinates>::open(node, topic, DEPTH).unwrap();
         let (received, running) = (Arc::new(AtomicUsize::new(0)), Arc::new(AtomicBool::new(true)));
         let (count, goes_on) = (Arc::clone(&received), Arc::clone(&running));
+        let longest_gap_ns = Arc::new(AtomicU64::new(0));
+        let longest = Arc::clone(&longest_gap_ns);
         let thread = thread::spawn(move || {
+            let mut last = None::<Instant>;
             while goes_on.load(Ordering::Relaxed) {
                 let taken = subscriber.take_within(Duration::from_millis(20)).unwrap();
                 count.fetch_add(usize::from(taken.is_some()), Ordering::Relaxed);
+                // A wait counts while it goes on, too.
+                let gap = last.map_or(Duration::ZERO, |last| last.elapsed());
+                longest.fetch_max(u64::try_from(gap.as_nanos()).unwrap(), Ordering::Relaxed);
+                last = if taken.is_some() { Some(Instant::now()) } else { last };
             }
         });
-        OverDds { received, running, thread: Some(thread) }
+        OverDds { received, longest_gap_ns, running, thread: Some(thread) }
+    }
+
+    /// The longest wait between two samples since this was asked last.
+    pub(crate) fn longest_gap(&self) -> Duration {
+        Duration::from_nanos(self.longest_gap_ns.swap(0, Ordering::Relaxed))
     }
 
     /// How long it takes until a hundred more samples have come.

@@ -31,15 +31,43 @@ pub(crate) fn python(script: &str) -> Option<Command> {
 
 /// A user's program on ROS 2, `tests/system/peers/ros2_user.py`; none where there is no ROS 2 to run it.
 pub(crate) fn ros2(domain: Domain, words: &[&str]) -> Option<Command> {
-    let Ok(interpreter) = env::var("ABBE_ROS_PYTHON") else {
+    ros2_script("ros2_user.py", domain, words)
+}
+
+/// The same of those whose time is what is looked at, `tests/system/peers/ros2_timed.py`.
+pub(crate) fn ros2_timed(domain: Domain, words: &[&str]) -> Option<Command> {
+    ros2_script("ros2_timed.py", domain, words)
+}
+
+fn ros2_script(script: &str, domain: Domain, words: &[&str]) -> Option<Command> {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/system/peers").join(script);
+    let mut command = ros2_python(script, domain, words)?;
+    command.arg(path).args(words);
+    Some(command)
+}
+
+/// `ros2` with these words; none where there is no ROS 2, or no `ros2 launch`, which comes in no wheel.
+pub(crate) fn ros2cli(domain: Domain, words: &[&str]) -> Option<Command> {
+    const NEEDS: &str = "import launch, launch_ros.actions, launch_xml, launch_yaml, ros2cli.cli, ros2launch";
+    let mut command = ros2_python("ros2", domain, words)?;
+    let tried = Command::new(command.get_program()).args(["-c", NEEDS]).output().unwrap();
+    if !tried.status.success() {
         println!(
-            "SKIPPED ros2_user.py {words:?}: set ABBE_ROS_PYTHON to a Python 3.12 with the wheels of .ci/ros-peers.txt"
+            "SKIPPED ros2 {words:?}: put what `{NEEDS}` wants on PYTHONPATH, and its share folders on AMENT_PREFIX_PATH"
         );
         return None;
+    }
+    command.args(["-c", "import sys; from ros2cli.cli import main; sys.exit(main())"]).args(words);
+    Some(command)
+}
+
+fn ros2_python(what: &str, domain: Domain, words: &[&str]) -> Option<Command> {
+    let Ok(interpreter) = env::var("ABBE_ROS_PYTHON") else {
+        println!("SKIPPED {what} {words:?}: set ABBE_ROS_PYTHON to a Python 3.12 with the wheels of .ci/ros-peers.txt");
+        return None;
     };
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/system/peers/ros2_user.py");
     let mut command = Command::new(interpreter);
-    command.arg(path).args(words).stdin(Stdio::null()).env("PYTHONDONTWRITEBYTECODE", "1");
+    command.stdin(Stdio::null()).env("PYTHONDONTWRITEBYTECODE", "1");
     command.env("ROS_DOMAIN_ID", domain.id().to_string()).env("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET");
     Some(command)
 }

@@ -644,4 +644,5 @@ def main():
                       "press": press, "echo": echo, "round_trip": round_trip, "describe": describe}[task](node, *words)))
 
 
-main()
+if __name__ == "__main__":
+    main()

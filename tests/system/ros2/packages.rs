@@ -16,7 +16,7 @@ use crate::common::program::{Started, abbe_in, program};
 use crate::common::python::{ros2, ros2_prefix};
 
 /// What the launch files say, each in its own words.
-const LAUNCH_FILES: [&str; 3] = ["py", "xml", "yaml"];
+pub(super) const LAUNCH_FILES: [&str; 3] = ["py", "xml", "yaml"];
 
 #[test]
 fn the_launch_files_of_the_package_have_the_same_arguments() {
@@ -30,6 +30,8 @@ fn the_launch_files_of_the_package_have_the_same_arguments() {
             "Machine file that the model belongs to",
             "namespace",
             "Namespace of all topics",
+            "use_sim_time",
+            "Whether nodes go by /clock",
             "bridge_xyz_virtual.toml",
             "--machine",
             "--model",
@@ -37,8 +39,8 @@ fn the_launch_files_of_the_package_have_the_same_arguments() {
         assert_says(&file, &words);
         assert_eq!(
             file.matches("default").count(),
-            2,
-            "{kind}: machine and namespace have defaults, the model has none"
+            3,
+            "{kind}: machine, namespace and use_sim_time have defaults, the model has none"
         );
     }
 }
@@ -49,13 +51,13 @@ fn package() -> PathBuf {
 }
 
 /// A workspace that colcon builds; none where there is no ROS 2.
-struct Workspace {
+pub(super) struct Workspace {
     folder: PathBuf,
 }
 
 impl Workspace {
     /// Builds the package of a folder of the project, with what has to be said to CMake.
-    fn built(folder: PathBuf, package: &str, for_cmake: &[String]) -> Option<Workspace> {
+    pub(super) fn built(folder: PathBuf, package: &str, for_cmake: &[String]) -> Option<Workspace> {
         let (tools, project) = (ros2_prefix()?, Path::new(env!("CARGO_MANIFEST_DIR")).join("../.."));
         let mut path = std::ffi::OsString::from(tools.join("bin"));
         path.push(":");
@@ -81,7 +83,7 @@ impl Workspace {
     }
 
     /// The same program of a user who has said `. install/setup.sh`.
-    fn set_up(&self, command: &Command) -> Command {
+    pub(super) fn set_up(&self, command: &Command) -> Command {
         let mut shell = Command::new("sh");
         shell.args(["-c", ". \"$0\" && exec \"$@\""]).arg(self.folder.join("install/setup.sh"));
         shell.arg(command.get_program()).args(command.get_args()).stdin(Stdio::null());

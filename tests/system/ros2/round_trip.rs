@@ -25,11 +25,7 @@ fn val_rclpy_positions_at_1_khz_come_back_corrected_as_they_come_back_from_an_ec
     in_own_network(test, |domain| {
         let Some(mut echo) = ros2(domain, &["echo", "/echo/there", "/echo/back"]) else { return };
         let bench = Bench::identified(5);
-        let (campaign, bag) = (bench.text("campaign.csv"), bench.text("campaign"));
-        let convert = ["convert", "--machine", &text(&machine()), "--campaign", &campaign, "--out", &bag];
-        run(convert.into_iter().chain(["--namespace", NAMESPACE])).ok();
-        let reading = samples::<ScaleReading>(&bench.path("campaign"), &topic("scale/reading"))[0].reading_m;
-        let [x, y, z] = reading.map(|value| value.to_string());
+        let [x, y, z] = position(&bench);
         let count = std::env::var(COUNT_VARIABLE).unwrap_or_else(|_| COUNT.to_owned());
         let words = ["round_trip", NAMESPACE, "/echo/there", "/echo/back", &x, &y, &z, &count];
         let user = ros2(domain, &words).unwrap();
@@ -46,7 +42,17 @@ fn val_rclpy_positions_at_1_khz_come_back_corrected_as_they_come_back_from_an_ec
     });
 }
 
-fn launch_file(bench: &Bench) -> String {
+/// A position of the campaign (m), as words.
+pub(super) fn position(bench: &Bench) -> [String; 3] {
+    let (campaign, bag) = (bench.text("campaign.csv"), bench.text("campaign"));
+    let convert = ["convert", "--machine", &text(&machine()), "--campaign", &campaign, "--out", &bag];
+    run(convert.into_iter().chain(["--namespace", NAMESPACE])).ok();
+    let reading = samples::<ScaleReading>(&bench.path("campaign"), &topic("scale/reading"))[0].reading_m;
+    reading.map(|value| value.to_string())
+}
+
+/// A graph that corrects the positions which come on `axes`.
+pub(super) fn launch_file(bench: &Bench) -> String {
     let edge = |from: &str, to: &str, transport: &str| {
         format!("[[edges]]\nfrom = \"{from}\"\nto = \"{to}\"\ntransport = \"{transport}\"\n")
     };

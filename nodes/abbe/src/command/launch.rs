@@ -51,11 +51,13 @@ impl InsteadArguments {
 }
 
 pub(crate) fn run(arguments: &Arguments, ros_args: RosArgs) -> anyhow::Result<()> {
-    ensure!(
-        ros_args.node_name.is_none(),
-        "-r __node:={} would give every node of the launch the same name; rename nodes where they are started one by one",
-        ros_args.node_name.unwrap_or_default()
-    );
+    if let Some(renamed) = ros_args.node_names.iter().find(|renamed| renamed.node.is_none()) {
+        let to = &renamed.to;
+        bail!(
+            "-r __node:={to} would give every node of the launch the same name (a launch file of ROS 2 says it as name=); leave it out, \
+             or rename one node, as -r scale:__node:={to}"
+        );
+    }
     let instead = arguments.instead.files()?;
     if let Some((option, file)) = instead.missing() {
         bail!("{option} {}: there is no such file", file.display());

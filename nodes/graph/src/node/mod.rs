@@ -297,6 +297,11 @@ impl NodeContext {
         }
         let table = parameters::table(&launch, call.name, qos).map_err(RosError::from)?;
         let table = table.with_assignments(&identity, &call.ros_args.parameters).map_err(RosError::from)?;
+        // One of the nodes says it for all.
+        if call.launcher_pid.is_none() || launch.nodes.first() == Some(&call.name) {
+            let strangers = parameters::strangers(&launch, &call.ros_args)?;
+            strangers.iter().for_each(|stranger| tracing::warn!("{stranger}"));
+        }
         let table = if launch.commands_from_ros { table } else { table.fixed() };
         parameters::apply(table.values(), &mut launch, call.name);
         let uses_sim_time = table.uses_sim_time();

@@ -9,7 +9,8 @@ use crate::launch::{Launch, NodeName, Pace};
 use abbe_runtime::TransportKind;
 use abbe_runtime::gateway::COMPANION_DEPTH;
 use abbe_runtime::ros::{
-    NameError, ParameterError, ParameterSpec, ParameterTable, ParameterValue, Range, TopicEnd, qos_parameters,
+    NameError, ParameterAssignment, ParameterError, ParameterSpec, ParameterTable, ParameterValue, Range, RosArgs,
+    RosError, TopicEnd, qos_parameters, resolve,
 };
 use abbe_runtime::transport::DEFAULT_DEPTH;
 use std::path::{Path, PathBuf};
@@ -53,6 +54,31 @@ pub(super) fn qos(
         specs.extend(qos_parameters(&resolve(topic)?, TopicEnd::Subscription, DEFAULT_DEPTH));
     }
     Ok(specs)
+}
+
+/// Values for every node, or those that a pattern fits, that change nothing, in words: no node of the launch that is meant has
+/// their parameter. They may be of other programs, and one that fits none of these nodes is no matter of theirs.
+pub(super) fn strangers(launch: &Launch, args: &RosArgs) -> Result<Vec<String>, RosError> {
+    let for_many = args.parameters.iter().filter(|one| one.is_for_many());
+    let mut left: Vec<(&ParameterAssignment, bool)> = for_many.map(|one| (one, false)).collect();
+    for node in &launch.nodes {
+        if left.is_empty() {
+            break;
+        }
+        let identity = args.identity(&launch.namespace, node.name())?;
+        let qos = qos(launch, *node, |topic| resolve(topic, &identity, &args.remaps))?;
+        let table = table(launch, *node, qos)?;
+        left.retain_mut(|(one, is_meant)| {
+            let is_of_node = one.applies_to(&identity);
+            *is_meant |= is_of_node;
+            !(is_of_node && table.spec(&one.name).is_some())
+        });
+    }
+    let words = |one: &ParameterAssignment| {
+        let ParameterAssignment { origin, name, .. } = one;
+        format!("{origin}: no node of this launch has a parameter '{name}', so it changes nothing here")
+    };
+    Ok(left.into_iter().filter(|(_, is_meant)| *is_meant).map(|(one, _)| words(one)).collect())
 }
 
 /// The parameters of a node with the launch file's values, and `more`.
@@ -173,7 +199,6 @@ fn set_bound(launch: &mut Launch, name: &str, value: &ParameterValue) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use abbe_runtime::ros::RosArgs;
 
     fn launch() -> Launch {
         let text = include_str!("../../../../launch-config/bridge_xyz_virtual.toml");
@@ -214,6 +239,25 @@ mod tests {
     }
 
     #[test]
+    fn a_value_for_every_node_that_no_node_has_is_told() {
+        let strangers = |assignment: &str| {
+            let (args, _) = RosArgs::split(["--ros-args", "-p", assignment].map(str::to_owned)).unwrap();
+            strangers(&launch(), &args).unwrap()
+        };
+        let other = "qos_overrides./bridge_xyz/corrected.publisher.depth:=8";
+        for of_another in ["max_covariate_age_s:=2.5", "window:=7", "use_sim_time:=true", other] {
+            assert_eq!(strangers(of_another), [""; 0], "{of_another}");
+        }
+        for of_others in ["/hall/*:max_covariate_age:=2.5", "/**/controller:gain:=1.0"] {
+            assert_eq!(strangers(of_others), [""; 0], "{of_others}");
+        }
+        assert_eq!(strangers("/*/residual:max_covariate_age_s:=2.5").len(), 1, "it is the geometric node's");
+        let told = strangers("max_covariate_age:=2.5");
+        assert_eq!(told.len(), 1);
+        assert!(told[0].contains("-p max_covariate_age:=2.5: no node of this launch has a parameter"), "{told:?}");
+    }
+
+    #[test]
     fn what_no_sample_tells_of_is_fixed_while_a_node_runs() {
         let changeable = |node| {
             let table = table(&launch(), node, Vec::new()).unwrap();
@@ -231,6 +275,6 @@ mod tests {
         assert!(with(NodeName::Monitor, "window:=0").unwrap_err().contains("window"));
         assert!(with(NodeName::Monitor, "window:=1000001").unwrap_err().contains("window"));
         assert!(with(NodeName::Geometric, "model:=''").unwrap_err().contains("not empty"));
-        assert!(with(NodeName::Geometric, "rate_hz:=10.0").unwrap_err().contains("rate_hz"));
+        assert!(with(NodeName::Geometric, "geometric:rate_hz:=10.0").unwrap_err().contains("rate_hz"));
     }
 }

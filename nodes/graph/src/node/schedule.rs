@@ -17,6 +17,10 @@ const LOOK_EVERY: Duration = Duration::from_millis(2);
 const CATCH_UP: u32 = 4;
 /// Readings that are late by less than this are no more than the jitter of the host; they go at once.
 const JITTER: Duration = Duration::from_millis(100);
+/// Simulated time that goes by between two looks where it does not run but leap (ns).
+const LEAP_NS: i128 = 1_000_000_000;
+/// Longest that a reading which was leapt over waits for its turn.
+const LONGEST_TURN: Duration = Duration::from_millis(10);
 /// An agreement older than this is of another launch (ns).
 const OLDEST_NS: i64 = 3_600_000_000_000;
 
@@ -29,6 +33,17 @@ pub(super) struct Schedule {
     clock: Clock,
     present: Option<Present>,
     catching_up: CatchingUp,
+    leaps: Leaps,
+}
+
+/// Whether what this source plays gets present stamps.
+fn stamps_now(context: &NodeContext, source: &Source) -> bool {
+    context.launch.stamps == Stamps::Now && !source.driver.is_live()
+}
+
+/// Whether this source gives a reading when it is due by `/clock`.
+pub(super) fn goes_by_clock(context: &NodeContext, source: &Source) -> bool {
+    stamps_now(context, source) && context.clock().is_simulated()
 }
 
 /// Spreads readings that are overdue.
@@ -50,6 +65,41 @@ impl CatchingUp {
     }
 }
 
+/// What `/clock` leaps over: forwards, where whoever publishes it skips, and back, where it begins anew.
+#[derive(Default)]
+struct Leaps {
+    /// What it showed last (ns).
+    seen_ns: Option<i128>,
+    /// When the last reading was due (ns).
+    due_ns: i128,
+    /// Readings that are due before this were leapt over (ns).
+    leapt_to_ns: i128,
+}
+
+impl Leaps {
+    /// Follows what it shows.
+    fn note(&mut self, now_ns: i128) {
+        let since_ns = now_ns - self.seen_ns.replace(now_ns).unwrap_or(now_ns);
+        if since_ns >= LEAP_NS {
+            self.leapt_to_ns = now_ns;
+        }
+        if since_ns <= -LEAP_NS {
+            let back_s = -since_ns as f64 * 1e-9;
+            tracing::warn!(
+                "/clock went back by {back_s} s; what is played waits until it is where it was. To begin anew, start the launch again"
+            );
+        }
+    }
+
+    /// How long a reading that is due then waits for its turn among all that were leapt over.
+    fn turn(&mut self, due_ns: i128) -> Duration {
+        let gap_ns = due_ns - std::mem::replace(&mut self.due_ns, due_ns);
+        let was_leapt_over = due_ns < self.leapt_to_ns;
+        let gap = Duration::from_nanos(u64::try_from(gap_ns).unwrap_or_default()) / CATCH_UP;
+        if was_leapt_over { gap.min(LONGEST_TURN) } else { Duration::ZERO }
+    }
+}
+
 impl Schedule {
     /// Begins with this reading; `None` where the node is told to stop before it knows the time.
     pub(super) fn begin(
@@ -67,8 +117,9 @@ impl Schedule {
             clock,
             present: None,
             catching_up: CatchingUp::default(),
+            leaps: Leaps::default(),
         };
-        if context.launch.stamps == Stamps::Recorded || source.driver.is_live() {
+        if !stamps_now(context, source) {
             return Ok(Some(schedule));
         }
         let Some(at_ns) = schedule.now_ns(&context.shutdown)? else { return Ok(None) };
@@ -119,14 +170,20 @@ impl Schedule {
     }
 
     /// The same by `/clock`, which may stand, or go at another pace than the host's.
-    fn wait_on_clock(&self, due: Stamp, shutdown: &Shutdown) -> bool {
-        let is_due = || self.clock.now_ns().is_some_and(|now_ns| now_ns >= i128::from(due.to_nanos()));
-        while !is_due() {
+    fn wait_on_clock(&mut self, due: Stamp, shutdown: &Shutdown) -> bool {
+        let due_ns = i128::from(due.to_nanos());
+        loop {
+            let now_ns = self.clock.now_ns();
+            now_ns.into_iter().for_each(|now_ns| self.leaps.note(now_ns));
+            if now_ns.is_some_and(|now_ns| now_ns >= due_ns) {
+                break;
+            }
             if shutdown.sleep(LOOK_EVERY) {
                 return true;
             }
         }
-        shutdown.requested()
+        let turn = self.leaps.turn(due_ns);
+        if turn.is_zero() { shutdown.requested() } else { shutdown.sleep(turn) }
     }
 
     /// The time now, waiting for `/clock` where that is the one to go by; `None` when told to stop.
@@ -200,6 +257,22 @@ mod tests {
         let gone = gone(1000, (MS * 100, MS * 150));
         assert_eq!(gone[101..=150], [MS * 150; 50]);
         assert_eq!(gone[151], MS * 151);
+    }
+
+    #[test]
+    fn readings_that_the_clock_leaps_over_come_in_turn_and_those_of_a_fast_clock_at_once() {
+        let (mut leaps, s) = (Leaps::default(), |seconds: i128| seconds * 1_000_000_000);
+        leaps.note(s(100));
+        assert_eq!(leaps.turn(s(100)), Duration::ZERO);
+        // Twenty times as fast as the host's, told 50 times a second.
+        leaps.note(s(100) + 400_000_000);
+        assert_eq!(leaps.turn(s(100) + 1_000_000), Duration::ZERO);
+        leaps.note(s(160));
+        assert_eq!(leaps.turn(s(100) + 2_000_000), MS / CATCH_UP, "a leap of a minute");
+        assert_eq!(leaps.turn(s(150)), LONGEST_TURN, "a recording with a gap");
+        assert_eq!(leaps.turn(s(160)), Duration::ZERO, "on time again");
+        leaps.note(s(90));
+        assert_eq!(leaps.turn(s(160) + 1), Duration::ZERO, "once it is there again");
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! `/clock` for a node that goes by it.
 //!
 //! Place in the flow: a thread of the gateway, where the node has `use_sim_time`. The newest time goes to the node over
-//! their socket; what finds that full is followed by a newer one.
+//! their socket; what finds that full is followed by a newer one. The gateway goes by it as well, where it stamps by arrival.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -12,7 +12,7 @@ use abbe_msgs::standard::Clock as ClockMessage;
 use ros2_client::Subscription;
 
 use super::protocol::{Channel, FromGateway};
-use crate::ros::{CLOCK_TOPIC, RosError, RosNode, nanos_of, stream_qos};
+use crate::ros::{CLOCK_TOPIC, Clock, RosError, RosNode, nanos_of, stream_qos};
 
 /// How often it is looked whether time has gone on.
 const LOOK_EVERY: Duration = Duration::from_millis(2);
@@ -26,7 +26,8 @@ pub(super) struct ClockReader {
 }
 
 impl ClockReader {
-    pub(super) fn open(node: &RosNode, to_node: Arc<Channel>) -> Result<Self, RosError> {
+    /// `shown` is the clock of this process.
+    pub(super) fn open(node: &RosNode, to_node: Arc<Channel>, shown: Clock) -> Result<Self, RosError> {
         let clock = node.raw_subscription::<ClockMessage>(&node.resolve(CLOCK_TOPIC)?, &stream_qos(DEPTH))?;
         let ending = Arc::new(AtomicBool::new(false));
         let ends = Arc::clone(&ending);
@@ -34,6 +35,7 @@ impl ClockReader {
             let mut refused = 0_u64;
             while !ends.load(Ordering::Relaxed) {
                 if let Some(nanos) = newest(&clock, &mut refused) {
+                    shown.set(nanos);
                     // A node that does not read gets the next one.
                     let _ = to_node.send(&FromGateway::Clock(nanos));
                 }

@@ -1,7 +1,7 @@
 //! Standard messages of other programs as samples: positions of joints, points, ranges, temperatures.
 //!
 //! Place in the flow: in the gateway of the scale or the tracer node, under the driver `ros`. Pure: a message and the instant
-//! of its arrival in, a sample out, or why it is none. Metres, degrees Celsius, hectopascal and per cent out, each unit that
+//! of its arrival, on the clock that the node goes by, in, a sample out, or why it is none. Metres, degrees Celsius, hectopascal and per cent out, each unit that
 //! which its message has by definition in; a bare number is taken over as it is, and the driver knows its unit. The sequence
 //! is the driver's to count: these messages have none.
 
@@ -53,31 +53,33 @@ pub enum ForeignMessage {
     Number(String),
 }
 
+/// The instant at which a message came, or why there is none; asked for by those that are stamped so.
+type Arrived = Result<Stamp, String>;
+
 /// A standard message that samples of type `M` are made of.
 pub(super) trait Makes<M>: RosType {
-    fn sample(&self, foreign: &Foreign, arrived: Stamp) -> Result<M, String>;
+    fn sample(&self, foreign: &Foreign, arrived: Arrived) -> Result<M, String>;
 }
 
 impl Foreign {
     /// The sample of a message that arrives now, checked as every other one.
-    pub(super) fn made_of<M: Message>(&self, message: &impl Makes<M>) -> Result<M, String> {
-        let arrived = Clock::of_system().now_ns().and_then(|now_ns| i64::try_from(now_ns).ok());
-        let arrived = arrived.and_then(|now_ns| Stamp::from_nanos(now_ns).ok());
-        let arrived = arrived.ok_or("the clock of this host is outside what a stamp can hold; set it")?;
-        let sample = message.sample(self, arrived)?;
+    pub(super) fn made_of<M: Message>(&self, message: &impl Makes<M>, clock: &Clock) -> Result<M, String> {
+        let sample = message.sample(self, arrived(clock))?;
         sample.validate().map_err(|error| error.to_string())?;
         Ok(sample)
     }
 
-    fn stamp(&self, header: &Header, arrived: Stamp) -> Result<Stamp, String> {
-        let stamp = header.stamp.to_stamp().map_err(|error| error.to_string())?;
-        match (self.is_stamped, stamp == Stamp::default()) {
-            (true, true) => {
-                Err("its stamp is 0, which is none; let its publisher stamp it, or take stamp = \"arrival\"".to_owned())
-            }
-            (true, false) => Ok(stamp),
-            (false, _) => Ok(arrived),
+    fn stamp(&self, header: &Header, arrived: Arrived) -> Result<Stamp, String> {
+        if !self.is_stamped {
+            return arrived;
         }
+        let stamp = header.stamp.to_stamp().map_err(|error| error.to_string())?;
+        if stamp == Stamp::default() {
+            return Err(
+                "its stamp is 0, which is none; let its publisher stamp it, or take stamp = \"arrival\"".to_owned()
+            );
+        }
+        Ok(stamp)
     }
 
     /// Refuses a message of another frame; `may_be_empty` where messages of this kind seldom name one.
@@ -123,13 +125,28 @@ impl Foreign {
     }
 }
 
+/// The time now on the clock that the node goes by.
+fn arrived(clock: &Clock) -> Arrived {
+    match (clock.now_ns(), clock.is_simulated()) {
+        (None, true) => {
+            Err("use_sim_time is set and no time has come on /clock, so its arrival has no instant; start what \
+                             publishes /clock"
+                .to_owned())
+        }
+        (now_ns, _) => {
+            let stamp = now_ns.and_then(|now_ns| Stamp::from_nanos(i64::try_from(now_ns).ok()?).ok());
+            stamp.ok_or_else(|| "the clock is outside what a stamp can hold; set it".to_owned())
+        }
+    }
+}
+
 fn finite(values: &[f64]) -> Result<(), String> {
     let found = values.iter().find(|value| !value.is_finite());
     found.map_or(Ok(()), |value| Err(format!("it holds {value}, which is no measured number")))
 }
 
 impl Makes<ScaleReading> for JointState {
-    fn sample(&self, foreign: &Foreign, arrived: Stamp) -> Result<ScaleReading, String> {
+    fn sample(&self, foreign: &Foreign, arrived: Arrived) -> Result<ScaleReading, String> {
         let ForeignMessage::Joints(joints, offset_m) = &foreign.message else { return Err(foreign.other()) };
         foreign.check_frame(&self.header, true)?;
         if self.position.len() != self.name.len() {
@@ -150,7 +167,7 @@ impl Makes<ScaleReading> for JointState {
 }
 
 impl Makes<ScaleReading> for PointStamped {
-    fn sample(&self, foreign: &Foreign, arrived: Stamp) -> Result<ScaleReading, String> {
+    fn sample(&self, foreign: &Foreign, arrived: Arrived) -> Result<ScaleReading, String> {
         let ForeignMessage::Position(offset_m) = &foreign.message else { return Err(foreign.other()) };
         foreign.check_frame(&self.header, false)?;
         let reading_m = [self.point.x, self.point.y, self.point.z];
@@ -159,7 +176,7 @@ impl Makes<ScaleReading> for PointStamped {
 }
 
 impl Makes<TracerReading> for PointStamped {
-    fn sample(&self, foreign: &Foreign, arrived: Stamp) -> Result<TracerReading, String> {
+    fn sample(&self, foreign: &Foreign, arrived: Arrived) -> Result<TracerReading, String> {
         let ForeignMessage::Distance(station, u_m) = &foreign.message else { return Err(foreign.other()) };
         foreign.check_frame(&self.header, false)?;
         finite(&[self.point.x, self.point.y, self.point.z])?;
@@ -169,7 +186,7 @@ impl Makes<TracerReading> for PointStamped {
 }
 
 impl Makes<TracerReading> for Range {
-    fn sample(&self, foreign: &Foreign, arrived: Stamp) -> Result<TracerReading, String> {
+    fn sample(&self, foreign: &Foreign, arrived: Arrived) -> Result<TracerReading, String> {
         let ForeignMessage::Range(station, u_m) = &foreign.message else { return Err(foreign.other()) };
         foreign.check_frame(&self.header, false)?;
         finite(&[f64::from(self.range)])?;
@@ -185,7 +202,7 @@ impl Makes<TracerReading> for Range {
 }
 
 impl Makes<ScaleReading> for Temperature {
-    fn sample(&self, foreign: &Foreign, arrived: Stamp) -> Result<ScaleReading, String> {
+    fn sample(&self, foreign: &Foreign, arrived: Arrived) -> Result<ScaleReading, String> {
         let ForeignMessage::Temperature(name) = &foreign.message else { return Err(foreign.other()) };
         if self.temperature < ABSOLUTE_ZERO_C {
             return Err(format!("{} °C is below absolute zero", self.temperature));
@@ -195,7 +212,7 @@ impl Makes<ScaleReading> for Temperature {
 }
 
 impl Makes<ScaleReading> for FluidPressure {
-    fn sample(&self, foreign: &Foreign, arrived: Stamp) -> Result<ScaleReading, String> {
+    fn sample(&self, foreign: &Foreign, arrived: Arrived) -> Result<ScaleReading, String> {
         let ForeignMessage::Pressure(name) = &foreign.message else { return Err(foreign.other()) };
         if self.fluid_pressure < 0.0 {
             return Err(format!("{} Pa is below vacuum", self.fluid_pressure));
@@ -205,7 +222,7 @@ impl Makes<ScaleReading> for FluidPressure {
 }
 
 impl Makes<ScaleReading> for RelativeHumidity {
-    fn sample(&self, foreign: &Foreign, arrived: Stamp) -> Result<ScaleReading, String> {
+    fn sample(&self, foreign: &Foreign, arrived: Arrived) -> Result<ScaleReading, String> {
         let ForeignMessage::Humidity(name) = &foreign.message else { return Err(foreign.other()) };
         if !(0.0..=1.0).contains(&self.relative_humidity) {
             return Err(format!(
@@ -218,9 +235,9 @@ impl Makes<ScaleReading> for RelativeHumidity {
 }
 
 impl Makes<ScaleReading> for Float64 {
-    fn sample(&self, foreign: &Foreign, arrived: Stamp) -> Result<ScaleReading, String> {
+    fn sample(&self, foreign: &Foreign, arrived: Arrived) -> Result<ScaleReading, String> {
         let ForeignMessage::Number(name) = &foreign.message else { return Err(foreign.other()) };
-        foreign.covariate(arrived, name, self.data)
+        foreign.covariate(arrived?, name, self.data)
     }
 }
 
@@ -247,31 +264,40 @@ mod tests {
         let value = |outcome: Result<ScaleReading, String>| outcome.unwrap().covariates.iter().next().unwrap().value;
         let humidity = foreign(ForeignMessage::Humidity("humidity_pct".to_owned()));
         let message = |relative_humidity| RelativeHumidity { header: header(), relative_humidity, variance: 0.0 };
-        assert_eq!(value(humidity.made_of(&message(0.45))), 45.0);
-        assert!(why::<ScaleReading>(humidity.made_of(&message(45.0))).contains("not from 0 to 1"));
+        assert_eq!(value(humidity.made_of(&message(0.45), &Clock::of_system())), 45.0);
+        assert!(why::<ScaleReading>(humidity.made_of(&message(45.0), &Clock::of_system())).contains("not from 0 to 1"));
         let pressure = foreign(ForeignMessage::Pressure("pressure_hpa".to_owned()));
         let message = |fluid_pressure| FluidPressure { header: header(), fluid_pressure, variance: 0.0 };
-        assert_eq!(value(pressure.made_of(&message(101_325.0))), 1013.25);
-        assert!(why::<ScaleReading>(pressure.made_of(&message(-1.0))).contains("vacuum"));
+        assert_eq!(value(pressure.made_of(&message(101_325.0), &Clock::of_system())), 1013.25);
+        assert!(why::<ScaleReading>(pressure.made_of(&message(-1.0), &Clock::of_system())).contains("vacuum"));
         let air = foreign(ForeignMessage::Temperature("temp_air_c".to_owned()));
         let message = |temperature| Temperature { header: header(), temperature, variance: 0.0 };
-        assert!(why::<ScaleReading>(air.made_of(&message(-300.0))).contains("absolute zero"));
-        assert!(why::<ScaleReading>(air.made_of(&message(f64::NAN))).contains("no measured number"));
+        assert!(why::<ScaleReading>(air.made_of(&message(-300.0), &Clock::of_system())).contains("absolute zero"));
+        assert!(
+            why::<ScaleReading>(air.made_of(&message(f64::NAN), &Clock::of_system())).contains("no measured number")
+        );
     }
 
     #[test]
     fn a_distance_is_that_of_the_point_in_the_frame_of_its_instrument() {
         let distance = foreign(ForeignMessage::Distance("S1".to_owned(), 1e-6));
         let point = |header| PointStamped { header, point: Point { x: 2.0, y: -3.0, z: 6.0 } };
-        let reading: TracerReading = distance.made_of(&point(header())).unwrap();
+        let reading: TracerReading = distance.made_of(&point(header()), &Clock::simulated()).unwrap();
         assert_eq!((reading.length_m, reading.u_length_m, reading.station.as_str()), (7.0, 1e-6, "S1"));
         assert_eq!((reading.frame_id.as_str(), reading.stamp), ("bridge", Stamp::new(7, 0).unwrap()));
         let elsewhere = Header { frame_id: "other".to_owned(), ..header() };
-        assert!(why::<TracerReading>(distance.made_of(&point(elsewhere))).contains("\"other\""));
+        assert!(why::<TracerReading>(distance.made_of(&point(elsewhere), &Clock::of_system())).contains("\"other\""));
         let unstamped = Header { stamp: abbe_msgs::standard::Time::default(), ..header() };
-        assert!(why::<TracerReading>(distance.made_of(&point(unstamped.clone()))).contains("arrival"));
+        assert!(
+            why::<TracerReading>(distance.made_of(&point(unstamped.clone()), &Clock::of_system())).contains("arrival")
+        );
         // By arrival no stamp is asked for.
         let arriving = Foreign { is_stamped: false, ..distance };
-        assert!(arriving.made_of::<TracerReading>(&point(unstamped)).unwrap().stamp.sec() > 1_600_000_000);
+        let by = |clock: &Clock| arriving.made_of::<TracerReading>(&point(unstamped.clone()), clock);
+        assert!(by(&Clock::of_system()).unwrap().stamp.sec() > 1_600_000_000);
+        let clock = Clock::simulated();
+        assert!(why(by(&clock)).contains("/clock"), "no time has come yet, and the host's is another one");
+        clock.set(7_000_000_005);
+        assert_eq!(by(&clock).unwrap().stamp, Stamp::new(7, 5).unwrap());
     }
 }

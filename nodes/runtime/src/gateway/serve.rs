@@ -22,7 +22,7 @@ use super::protocol::{Asked, Beat, Channel, Endpoint, FromGateway, Join, PARAMET
 use super::streams::{Stream, World};
 use crate::log_lines::LogLine;
 use crate::ros::{
-    Domain, LifecycleServices, QueuedPublisher, RosError, RosNode, TriggerService, diagnostics_qos, rosout_qos,
+    Clock, Domain, LifecycleServices, QueuedPublisher, RosError, RosNode, TriggerService, diagnostics_qos, rosout_qos,
 };
 use crate::transport::TransportError;
 use crate::transport::shared_memory::{self, SharedMemory};
@@ -98,7 +98,9 @@ struct Gateway {
     reports: QueuedPublisher<DiagnosticArray>,
     /// The node's log, where it is published.
     log: Option<QueuedPublisher<Log>>,
-    clock: Option<ClockReader>,
+    clock_reader: Option<ClockReader>,
+    /// The time that the node goes by.
+    clock: Clock,
     heartbeat: Heartbeat<BTreeMap<u32, Progress>>,
     proved: BTreeMap<u32, Progress>,
     calls: Calls,
@@ -165,13 +167,29 @@ impl Gateway {
         let heartbeat = Heartbeat::open(&node)?;
         let reports = node.publisher(super::DIAGNOSTICS, &diagnostics_qos(), REPORTS)?;
         let log = rosout.then(|| node.publisher(super::ROSOUT, &rosout_qos(), LINES)).transpose()?;
-        let clock = uses_sim_time.then(|| ClockReader::open(&node, Arc::clone(&channel))).transpose()?;
+        let clock = if uses_sim_time { Clock::simulated() } else { Clock::of_system() };
+        let reader = || ClockReader::open(&node, Arc::clone(&channel), clock.clone());
+        let clock_reader = uses_sim_time.then(reader).transpose()?;
         // The node waits for this word.
         channel
             .send(&FromGateway::Joined)
             .map_err(|source| GatewayError::System { what: "answer the node", source })?;
         let (open, proved, zenoh) = (BTreeMap::new(), BTreeMap::new(), OnceCell::new());
-        Ok(Gateway { open, reports, log, clock, heartbeat, proved, calls, memory, zenoh, domain, node, channel })
+        Ok(Gateway {
+            open,
+            reports,
+            log,
+            clock_reader,
+            clock,
+            heartbeat,
+            proved,
+            calls,
+            memory,
+            zenoh,
+            domain,
+            node,
+            channel,
+        })
     }
 
     /// Until the node says so or is gone, or DDS is dead.
@@ -235,7 +253,7 @@ impl Gateway {
 
     fn open(&self, id: u32, endpoint: &Endpoint) -> Result<Open, GatewayError> {
         let zenoh = || self.zenoh();
-        let world = World { node: &self.node, memory: &self.memory, zenoh: &zenoh };
+        let world = World { node: &self.node, memory: &self.memory, zenoh: &zenoh, clock: &self.clock };
         if let Some(stream) = Stream::open(&world, endpoint)? {
             return Ok(Open::Stream(stream));
         }
@@ -289,8 +307,8 @@ impl Gateway {
         super::LEAVING.store(true, std::sync::atomic::Ordering::Relaxed);
         // Services that wait for the node hear that it is leaving.
         self.calls.clear();
-        let Gateway { open, reports, log, clock, heartbeat, memory, zenoh, node, .. } = self;
-        drop((open, clock));
+        let Gateway { open, reports, log, clock_reader, heartbeat, memory, zenoh, node, .. } = self;
+        drop((open, clock_reader));
         std::thread::sleep(LAST_WORDS);
         drop((reports, log, heartbeat, memory, zenoh));
         drop(node);

@@ -16,7 +16,7 @@ use super::companion::{Beside, Companion, Companionable};
 use super::foreign::{Foreign, ForeignMessage, Makes};
 use super::protocol::{Endpoint, Progress, PublicationBeat, SubscriptionBeat};
 use crate::lock::lock;
-use crate::ros::{RosError, RosNode, TopicEnd, Writer, offered_qos, overridden};
+use crate::ros::{Clock, RosError, RosNode, TopicEnd, Writer, offered_qos, overridden};
 use crate::transport::dds::DdsSubscriber;
 use crate::transport::shared_memory::{SampleOrigin, SharedMemory, SharedMemoryPublisher, SharedMemorySubscriber};
 use crate::transport::zenoh::{ZenohSession, ZenohSubscriber};
@@ -57,6 +57,8 @@ pub(super) struct World<'a> {
     pub(super) memory: &'a SharedMemory,
     /// Opens the session over Zenoh, or gives the one that is open.
     pub(super) zenoh: &'a dyn Fn() -> Result<ZenohSession, TransportError>,
+    /// The time that the node goes by.
+    pub(super) clock: &'a Clock,
 }
 
 impl Stream {
@@ -301,8 +303,8 @@ fn of_others<M: Message, R: Makes<M>>(
     topic: &str,
     foreign: &Foreign,
 ) -> Result<Stream, TransportError> {
-    let foreign = foreign.clone();
-    let convert = move |message: R| foreign.made_of(&message);
+    let (foreign, clock) = (foreign.clone(), world.clock.clone());
+    let convert = move |message: R| foreign.made_of(&message, &clock);
     let samples = DdsSubscriber::converting(world.node, topic, world.memory.depth(), Box::new(convert))?;
     over_dds(taking(world, link, samples)?, topic)
 }

@@ -25,11 +25,11 @@ use super::yaml::{self, ParameterAssignment, YamlError};
 /// What stands between `--ros-args` and `--`, understood.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct RosArgs {
-    /// `-r __node:=…`.
-    pub node_name: Option<String>,
-    /// `-r __ns:=…`.
-    pub namespace: Option<String>,
-    /// All other `-r`, in order: the first that fits counts.
+    /// `-r [node:]__node:=…`, in order: the first that fits counts.
+    pub node_names: Vec<Renamed>,
+    /// `-r [node:]__ns:=…`, in the same way.
+    pub namespaces: Vec<Renamed>,
+    /// All other `-r`, in the same way.
     pub remaps: Vec<RemapRule>,
     /// Parameter files and `-p`, in order: the last that fits counts.
     pub parameters: Vec<ParameterAssignment>,
@@ -45,6 +45,15 @@ pub struct RosArgs {
     pub without_effect: Vec<String>,
     /// All of these as they were given, for programs that this one starts.
     pub words: Vec<String>,
+}
+
+/// Another name or namespace.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Renamed {
+    /// The node that is meant, by the name that it has in the code; none means every node.
+    pub node: Option<String>,
+    /// What it becomes.
+    pub to: String,
 }
 
 /// An argument that cannot be followed.
@@ -97,10 +106,10 @@ impl RosArgs {
         let mut own = Vec::new();
         let mut arguments = arguments.into_iter();
         while let Some(argument) = arguments.next() {
-            if argument == "--ros-args" {
+            if argument == ROS_ARGS {
                 let mut given = Vec::new();
                 parsed.parse_group(&mut arguments.by_ref().inspect(|word| given.push(word.clone())))?;
-                parsed.words.extend(given.into_iter().filter(|word| word != "--"));
+                parsed.words.extend(given.into_iter().filter(|word| word != "--" && word != ROS_ARGS));
             } else {
                 own.push(argument);
             }
@@ -113,7 +122,12 @@ impl RosArgs {
     /// # Errors
     /// When name or namespace are not ROS 2 names.
     pub fn identity(&self, namespace: &str, name: &str) -> Result<NodeIdentity, NameError> {
-        NodeIdentity::new(self.namespace.as_deref().unwrap_or(namespace), self.node_name.as_deref().unwrap_or(name))
+        let first = |renamed: &'_ [Renamed]| {
+            let fits = |one: &&Renamed| one.node.as_deref().is_none_or(|node| node == name);
+            renamed.iter().find(fits).map(|one| one.to.clone())
+        };
+        let namespace = first(&self.namespaces).unwrap_or_else(|| namespace.to_owned());
+        NodeIdentity::new(&namespace, &first(&self.node_names).unwrap_or_else(|| name.to_owned()))
     }
 
     fn parse_group(&mut self, arguments: &mut impl Iterator<Item = String>) -> Result<(), ArgsError> {
@@ -125,6 +139,8 @@ impl RosArgs {
             };
             match argument.as_str() {
                 "--" => break,
+                // As launch writes it, where a node has `ros_arguments` besides.
+                ROS_ARGS => {}
                 "-r" | "--remap" => self.add_remap(&argument, &value(REMAP_FORM)?)?,
                 "-p" | "--param" => self.add_parameter(&argument, &value(PARAM_FORM)?)?,
                 "--params-file" => {
@@ -150,12 +166,11 @@ impl RosArgs {
 
     fn add_remap(&mut self, argument: &str, value: &str) -> Result<(), ArgsError> {
         let (node, from, to) = assignment(argument, value, REMAP_FORM)?;
+        let (node, to) = (node.map(str::to_owned), to.to_owned());
         match from {
-            "__node" | "__name" => self.node_name = Some(to.to_owned()),
-            "__ns" => self.namespace = Some(to.to_owned()),
-            _ => {
-                self.remaps.push(RemapRule { node: node.map(str::to_owned), from: from.to_owned(), to: to.to_owned() })
-            }
+            "__node" | "__name" => self.node_names.push(Renamed { node, to }),
+            "__ns" => self.namespaces.push(Renamed { node, to }),
+            _ => self.remaps.push(RemapRule { node, from: from.to_owned(), to }),
         }
         Ok(())
     }
@@ -177,6 +192,7 @@ fn directive(level: &str) -> String {
     level.replace(":=", "=").to_lowercase().replace("fatal", "error")
 }
 
+const ROS_ARGS: &str = "--ros-args";
 const REMAP_FORM: &str = "[node:]from:=to";
 const PARAM_FORM: &str = "[node:]name:=value";
 
@@ -221,6 +237,22 @@ mod tests {
         assert_eq!(args.parameters[0].name, "rate_hz");
         assert_eq!(args.parameters[0].value, YamlValue::Double(500.0));
         assert_eq!((args.enclave.as_deref(), args.log_level.as_deref()), (Some("/x/n"), Some("debug")));
+    }
+
+    #[test]
+    fn a_group_within_a_group_is_one_as_launch_writes_it() {
+        let (args, own) = split("--launch f --ros-args --log-level info --ros-args -r __ns:=/x -- --last").unwrap();
+        assert_eq!(own, ["--launch", "f", "--last"]);
+        assert_eq!(args.words, ["--log-level", "info", "-r", "__ns:=/x"]);
+        assert_eq!(args.identity("/", "n").unwrap().qualified(), "/x/n");
+    }
+
+    #[test]
+    fn a_name_for_one_node_is_not_that_of_the_others_and_the_first_that_fits_counts() {
+        let (args, _) =
+            split("--ros-args -r scale:__node:=axes -r scale:__ns:=/left -r __ns:=/right -r __ns:=/late").unwrap();
+        assert_eq!(args.identity("/", "scale").unwrap().qualified(), "/left/axes");
+        assert_eq!(args.identity("/", "tracer").unwrap().qualified(), "/right/tracer");
     }
 
     #[test]

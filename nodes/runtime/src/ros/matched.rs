@@ -21,6 +21,12 @@ const CAUGHT_UP_AFTER: Duration = Duration::from_millis(300);
 const LONGEST_WAIT: Duration = Duration::from_millis(600);
 /// How often it is looked who was found.
 const LOOK_UP: Duration = Duration::from_millis(5);
+/// Age until which those whom the participant finds count as having been there before.
+const THERE_BEFORE: Duration = Duration::from_secs(1);
+/// Longest wait for the endpoints of one of them, from when it was found: a program may have none.
+const LISTED_WITHIN: Duration = Duration::from_secs(2);
+/// Time in which the rest of a list comes.
+const LIST_COMES: Duration = Duration::from_millis(50);
 /// Who loses endpoints that are announced while it catches up (RTPS 2.5, section 9.3.1.4).
 const FAST_DDS: [u8; 2] = [0x01, 0x0f];
 
@@ -31,12 +37,22 @@ pub(super) struct Matched {
     since: Instant,
     /// When a participant of Fast DDS was found last.
     found_at: Mutex<Option<Instant>>,
+    /// Participants of Fast DDS that were there before and have not told of their endpoints, and when each was found.
+    unlisted: Mutex<BTreeMap<GUID, Instant>>,
+    /// When the last of these told.
+    listed_at: Mutex<Option<Instant>>,
 }
 
 impl Matched {
     /// Of a participant made just now.
     pub(super) fn new() -> Self {
-        Self { readers: Mutex::default(), since: Instant::now(), found_at: Mutex::default() }
+        Self {
+            readers: Mutex::default(),
+            since: Instant::now(),
+            found_at: Mutex::default(),
+            unlisted: Mutex::default(),
+            listed_at: Mutex::default(),
+        }
     }
 
     /// Waits until nobody is catching up with what the participant has announced before.
@@ -45,16 +61,41 @@ impl Matched {
     /// they carry no time, as the library's do: what waits for its predecessor is sorted by time between participants, and
     /// what stands in the wrong place is acknowledged and never looked at. The library sends a new announcement to
     /// participants that still lack earlier ones, so no endpoint is made while there are such.
+    ///
+    /// The other way round a second goes by: Fast DDS says once what it has, which comes before the library knows whom to take
+    /// it from; what the library asks then with number 1 is no question to Fast DDS, where that is number 0, and it says so again
+    /// at its next heartbeat, a second later. A program that was there before would find an endpoint of ours within
+    /// milliseconds and send to it, or wait for what it sends, while its own is not known here: hundreds of samples at 1 kHz.
+    /// So no endpoint is made before those who were there have told of theirs.
     pub(super) fn await_calm(&self, participant: &DomainParticipant) {
         let (listener, began) = (participant.status_listener(), Instant::now());
-        while began.elapsed() < LONGEST_WAIT {
+        loop {
             std::iter::from_fn(|| listener.try_recv_status()).for_each(|event| self.note(event));
             let is_caught_up = lock(&self.found_at).is_none_or(|at| at.elapsed() >= CAUGHT_UP_AFTER);
-            if is_caught_up && self.since.elapsed() >= KNOWN_AFTER {
+            let is_calm = is_caught_up && self.since.elapsed() >= KNOWN_AFTER || began.elapsed() >= LONGEST_WAIT;
+            if is_calm && self.are_listed(participant) {
                 return;
             }
             thread::sleep(LOOK_UP);
         }
+    }
+
+    /// Whether those who were there before have told of their endpoints.
+    fn are_listed(&self, participant: &DomainParticipant) -> bool {
+        let mut unlisted = lock(&self.unlisted);
+        if unlisted.is_empty() {
+            return lock(&self.listed_at).is_none_or(|at| at.elapsed() >= LIST_COMES);
+        }
+        let (writers, readers) = (participant.discovered_writers(), participant.discovered_readers());
+        let has_told = |guid: &GUID| {
+            writers.iter().any(|writer| writer.writer_proxy.remote_writer_guid.prefix == guid.prefix)
+                && readers.iter().any(|reader| reader.reader_proxy.remote_reader_guid.prefix == guid.prefix)
+        };
+        unlisted.retain(|guid, found_at| found_at.elapsed() < LISTED_WITHIN && !has_told(guid));
+        if unlisted.is_empty() {
+            *lock(&self.listed_at) = Some(Instant::now());
+        }
+        false
     }
 
     /// Follows what the participant finds and loses, for ever.
@@ -74,7 +115,14 @@ impl Matched {
     fn note(&self, event: DomainParticipantStatusEvent) {
         match event {
             DomainParticipantStatusEvent::ParticipantDiscovered { dpd } if dpd.vendor_id.vendor_id == FAST_DDS => {
-                *lock(&self.found_at) = Some(Instant::now());
+                let now = Instant::now();
+                *lock(&self.found_at) = Some(now);
+                if self.since.elapsed() < THERE_BEFORE {
+                    lock(&self.unlisted).entry(dpd.guid).or_insert(now);
+                }
+            }
+            DomainParticipantStatusEvent::ParticipantLost { id, .. } => {
+                lock(&self.unlisted).retain(|guid, _| guid.prefix != id);
             }
             DomainParticipantStatusEvent::RemoteReaderMatched { local_writer, remote_reader } => {
                 lock(&self.readers).entry(local_writer).or_default().insert(remote_reader);

@@ -30,7 +30,7 @@ mod yaml;
 use ros2_client::{CreateError, NodeCreateError};
 use thiserror::Error;
 
-pub use args::{ArgsError, RosArgs};
+pub use args::{ArgsError, Renamed, RosArgs};
 pub use clock::Clock;
 pub(crate) use clock::{CLOCK_TOPIC, nanos_of};
 pub use diagnostics::Diagnostics;

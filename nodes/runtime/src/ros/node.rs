@@ -68,6 +68,13 @@ impl NodeOptions {
     ) -> Result<Self, RosError> {
         let identity = args.identity(namespace, name)?;
         let parameters = ParameterTable::new(parameters)?.with_assignments(&identity, &args.parameters)?;
+        for stranger in parameters.strangers(&identity, &args.parameters) {
+            tracing::warn!(
+                "{}: this node has no parameter '{}', so it changes nothing here",
+                stranger.origin,
+                stranger.name
+            );
+        }
         let enclave = Enclave::from_environment(args.enclave.as_deref())?;
         let domain = Domain::from_environment()?;
         let peers = StaticPeers::from_environment(domain.range)?;

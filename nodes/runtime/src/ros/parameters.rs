@@ -131,8 +131,8 @@ impl ParameterTable {
 
     /// The table with the values that are meant for `node` set.
     ///
-    /// A value for one node must name a parameter it has; a value for every node (`/**`, `-p`
-    /// without a node counts as meant for this one) may belong to another node only in a file.
+    /// A value for one node must name a parameter it has. A value for every node (`/**` or another pattern, `-p` without a
+    /// node, as launch gives all nodes what `SetParameter` says) may be another node's: see [`ParameterTable::strangers`].
     ///
     /// # Errors
     /// When a parameter is unknown, or its value has another type or is out of range.
@@ -142,9 +142,25 @@ impl ParameterTable {
         assignments: &[ParameterAssignment],
     ) -> Result<Self, ParameterError> {
         for assignment in assignments.iter().filter(|one| one.applies_to(node)) {
-            self.assign(assignment)?;
+            if !self.is_stranger(assignment) {
+                self.assign(assignment)?;
+            }
         }
         Ok(self)
+    }
+
+    /// Values for every node whose parameter this one does not have: if no other has it either, they change nothing, and
+    /// whoever knows the others says so.
+    pub fn strangers<'a>(
+        &'a self,
+        node: &'a NodeIdentity,
+        assignments: &'a [ParameterAssignment],
+    ) -> impl Iterator<Item = &'a ParameterAssignment> {
+        assignments.iter().filter(|assignment| assignment.applies_to(node) && self.is_stranger(assignment))
+    }
+
+    fn is_stranger(&self, assignment: &ParameterAssignment) -> bool {
+        assignment.is_for_many() && !self.entries.contains_key(assignment.name.as_str())
     }
 
     fn assign(&mut self, assignment: &ParameterAssignment) -> Result<(), ParameterError> {

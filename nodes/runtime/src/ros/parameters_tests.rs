@@ -53,6 +53,18 @@ fn a_value_meant_for_the_node_counts_and_another_nodes_does_not() {
 }
 
 #[test]
+fn a_value_for_every_node_may_be_another_nodes_and_one_for_this_may_not() {
+    let identity = NodeIdentity::new("/cmm", "geometric").unwrap();
+    let for_all =
+        [assignment("/**", "rate_hz", YamlValue::Double(5.0)), assignment("/**", "depth", YamlValue::Integer(1))];
+    let table = ParameterTable::new(specs()).unwrap().with_assignments(&identity, &for_all).unwrap();
+    assert_eq!(table.strangers(&identity, &for_all).map(|one| one.name.as_str()).collect::<Vec<_>>(), ["rate_hz"]);
+    assert!(assigned("geometric", "rate_hz", YamlValue::Double(5.0)).unwrap_err().to_string().contains("no parameter"));
+    // What it has is checked, whoever it is for.
+    assert!(assigned("/**", "depth", YamlValue::Integer(0)).is_err());
+}
+
+#[test]
 fn a_whole_number_is_a_double_where_a_double_is_declared() {
     let value = assigned("/**", "max_age_s", YamlValue::Integer(2)).unwrap();
     assert_eq!(value, ParameterValue::Double(2.0));
@@ -69,7 +81,7 @@ fn wrong_values_are_refused_with_origin_name_and_remedy() {
         ("mode", YamlValue::Text("fast".into()), "one of live, replay"),
         ("max_age", YamlValue::Double(1.0), "depth, max_age_s, mode"),
     ] {
-        let message = assigned("/**", name, value).unwrap_err().to_string();
+        let message = assigned("geometric", name, value).unwrap_err().to_string();
         assert!(message.contains("p.yaml") && message.contains(part), "{message}");
     }
 }

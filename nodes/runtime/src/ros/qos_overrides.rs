@@ -134,7 +134,7 @@ mod tests {
         let value = table.values().find(|(known, _)| *known == name).unwrap().1.clone();
         assert_eq!(value, ParameterValue::String("best_effort".to_owned()));
         for (wrong, part) in [
-            ("qos_overrides./other.publisher.reliability:=reliable", "no parameter"),
+            ("residual:qos_overrides./other.publisher.reliability:=reliable", "no parameter"),
             ("qos_overrides./test/corrected.publisher.reliability:=sometimes", "reliable, best_effort"),
             ("qos_overrides./test/corrected.publisher.history:=keep_all", "keep_last"),
             ("qos_overrides./test/corrected.publisher.depth:=0", "within 1 to 4096"),

@@ -13,6 +13,9 @@ use thiserror::Error;
 pub(super) const ANY_NODE: &str = "/**";
 
 const PARAMETERS_KEY: &str = "ros__parameters";
+/// Parts of a pattern.
+const ONE_PART: &str = "*";
+const MANY_PARTS: &str = "**";
 
 /// A value a parameter can have.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
@@ -39,7 +42,7 @@ pub enum YamlValue {
 /// One value for one parameter of some nodes.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ParameterAssignment {
-    /// A node's name, its absolute name, or `/**` for all.
+    /// A node's name, its absolute name, or a pattern of it: `/**` for all, `/*` for one part of a name.
     pub node: String,
     /// The parameter.
     pub name: String,
@@ -53,8 +56,28 @@ impl ParameterAssignment {
     /// Whether it is meant for this node.
     #[must_use]
     pub fn applies_to(&self, node: &super::NodeIdentity) -> bool {
-        self.node == ANY_NODE || self.node == node.name || self.node == node.qualified()
+        let parts = |name: &str| name.split('/').skip(1).map(str::to_owned).collect::<Vec<_>>();
+        let qualified = node.qualified();
+        let fits = || self.is_for_many() && pattern_fits(&parts(&self.node), &parts(&qualified));
+        self.node == node.name || self.node == qualified || fits()
     }
+
+    /// Whether it is meant for whatever nodes a pattern fits.
+    #[must_use]
+    pub fn is_for_many(&self) -> bool {
+        self.node.contains('*')
+    }
+}
+
+/// Whether a name fits a pattern, part by part: `*` is one part, `**` any number of them.
+fn pattern_fits(pattern: &[String], name: &[String]) -> bool {
+    let Some((first, rest)) = pattern.split_first() else { return name.is_empty() };
+    if first == MANY_PARTS {
+        // Two in a row say no more than one.
+        let rest = &rest[rest.iter().take_while(|part| *part == MANY_PARTS).count()..];
+        return (0..=name.len()).any(|skipped| pattern_fits(rest, &name[skipped..]));
+    }
+    name.split_first().is_some_and(|(head, tail)| (first == ONE_PART || first == head) && pattern_fits(rest, tail))
 }
 
 /// Parameters that cannot be read.
@@ -114,8 +137,8 @@ pub(super) fn parse_value(name: &str, text: &str) -> Result<YamlValue, YamlError
     })
 }
 
-/// All assignments of a parameter file: those for every node first, so that those for one node
-/// count.
+/// All assignments of a parameter file: those for every node first, then those of other patterns, so that those for one
+/// node count.
 pub(super) fn read_file(path: &Path) -> Result<Vec<ParameterAssignment>, YamlError> {
     let text = std::fs::read_to_string(path).map_err(|source| YamlError::Read { path: path.to_owned(), source })?;
     parse_file(path, &text)
@@ -132,7 +155,7 @@ fn parse_file(path: &Path, text: &str) -> Result<Vec<ParameterAssignment>, YamlE
         return Err(file.shape(PARAMETERS_KEY, "is nowhere in it; a file must hold parameters"));
     }
     // Stable: within one node the order of the file's (sorted) names stays.
-    file.found.sort_by_key(|one| one.node != ANY_NODE);
+    file.found.sort_by_key(|one| (one.node != ANY_NODE, !one.is_for_many()));
     Ok(file.found)
 }
 
@@ -147,8 +170,12 @@ impl File<'_> {
         let Tree::Map(children) = tree else {
             return Err(self.shape(node, "must hold ros__parameters, or nodes that do"));
         };
-        if node.contains('*') && node != ANY_NODE {
-            return Err(self.shape(node, "is a pattern; only /** (every node) is supported"));
+        let is_known = |part: &str| !part.contains('*') || part == ONE_PART || part == MANY_PARTS;
+        if !node.split('/').all(is_known) {
+            return Err(self.shape(
+                node,
+                "is no pattern; a part of a name is * (any) or ** (any number of parts), or has no star",
+            ));
         }
         for (key, child) in children {
             match (key.as_str(), child) {
@@ -233,12 +260,36 @@ mod tests {
     }
 
     #[test]
+    fn patterns_are_those_of_ros_and_the_more_special_counts() {
+        let found = parse(
+            "/**/geometric:\n  ros__parameters: {a: 3}\n/**:\n  ros__parameters: {a: 1}\n/hall/*/geometric:\n  \
+             ros__parameters: {a: 4}\n/hall/cmm/geometric:\n  ros__parameters: {a: 5}\n/*:\n  ros__parameters: {a: 2}\n\
+             /**/**/scale:\n  ros__parameters: {a: 6}\n",
+        )
+        .unwrap();
+        let meant = |namespace: &str, name: &str| {
+            let node = super::super::NodeIdentity::new(namespace, name).unwrap();
+            let values = found.iter().filter(|one| one.applies_to(&node)).map(|one| one.value.clone());
+            let number = |value| if let YamlValue::Integer(number) = value { number } else { 0 };
+            values.map(number).collect::<Vec<_>>()
+        };
+        assert_eq!(meant("/hall/cmm", "tracer"), [1]);
+        assert_eq!(meant("/", "tracer"), [1, 2]);
+        assert_eq!(meant("/cmm", "geometric"), [1, 3]);
+        assert_eq!(meant("/hall/cmm", "scale"), [1, 6]);
+        let mut all = meant("/hall/cmm", "geometric");
+        assert_eq!((all[0], all.pop()), (1, Some(5)));
+        all.sort_unstable();
+        assert_eq!(all, [1, 3, 4]);
+    }
+
+    #[test]
     fn a_file_of_another_shape_is_refused_with_its_place() {
         for text in [
             "geometric: 1\n",
             "geometric:\n  rate_hz: 1\n",
             "geometric:\n  ros__parameters: 1\n",
-            "/*/x:\n  ros__parameters: {a: 1}\n",
+            "/cmm*/x:\n  ros__parameters: {a: 1}\n",
             "a: [\n",
             "",
             "{}",
