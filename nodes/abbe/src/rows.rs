@@ -6,7 +6,7 @@
 
 use crate::command::correct::Moved;
 use crate::residual::with_residual;
-use abbe_files::{FileError, PointRow, PointsReader, RowsForm, RowsText};
+use abbe_files::{CovariatePlace, FileError, PointRow, PointsReader, RowsForm, RowsText};
 use abbe_geometry::chain::nominal_point_m;
 use abbe_geometry::correct::{Correction, Status, correct};
 use abbe_geometry::effects::{CovariateSource, CovariateValue, State};
@@ -26,8 +26,9 @@ pub(crate) const MANY: usize = 16 * PART;
 pub(crate) struct Batch {
     rows: Vec<PointRow>,
     read: usize,
-    /// Names of the covariates that the model asks for, and their values row by row.
+    /// Names of the covariates that the model asks for, where they are found, and their values row by row.
     names: Vec<String>,
+    places: Vec<CovariatePlace>,
     values: Vec<CovariateValue>,
 }
 
@@ -56,13 +57,20 @@ impl CovariateSource for Logged<'_> {
 }
 
 impl Batch {
-    /// Room for `size` rows of points that this model corrects, and a residual model with these inputs.
-    pub(crate) fn new(model: &MachineModel, inputs: &[String], size: usize) -> Batch {
+    /// Room for `size` rows of this table that this model corrects, and a residual model with these inputs.
+    pub(crate) fn new<R: Read>(
+        reader: &PointsReader<R>,
+        model: &MachineModel,
+        inputs: &[String],
+        size: usize,
+    ) -> Batch {
         let parts = model.parts();
         let names = parts.effects.iter().flat_map(|fitted| fitted.effect.covariates());
         // Those of the range alone are looked at where a row outside what was measured is told of.
         let names: BTreeSet<String> = names.chain(parts.identified.covariates.keys().chain(inputs).cloned()).collect();
-        Batch { rows: vec![PointRow::default(); size], read: 0, names: names.into_iter().collect(), values: Vec::new() }
+        let names: Vec<String> = names.into_iter().collect();
+        let places = names.iter().map(|name| reader.place_of(name)).collect();
+        Batch { rows: vec![PointRow::default(); size], read: 0, names, places, values: Vec::new() }
     }
 
     /// Forgets the rows.
@@ -82,8 +90,7 @@ impl Batch {
         if !reader.read(row)? {
             return Ok(None);
         }
-        let covariates = reader.covariates(row);
-        self.values.extend(self.names.iter().map(|name| covariates.covariate(name)));
+        self.values.extend(self.places.iter().map(|place| reader.covariate_at(row, *place)));
         self.read += 1;
         Ok(Some(row))
     }

@@ -64,7 +64,7 @@ pub use model_contents::{DataSource, Doubt, ModelFile, ResidualReference};
 pub use plan_path::{PathLine, PathStation, dme, gcode, path_csv, read_path, stations_csv};
 pub use plan_request::{PlanRequestFile, parse_plan_request, read_plan_request};
 pub use points_csv::{
-    ADDED_COLUMNS, PointRow, PointsReader, PointsWriter, RowCovariates, RowsForm, RowsText, status_word,
+    ADDED_COLUMNS, CovariatePlace, PointRow, PointsReader, PointsWriter, RowCovariates, RowsForm, RowsText, status_word,
 };
 pub use predicted_csv::{PlainPoints, PredictedWriter};
 pub use residual_csv::{ResidualOrigin, read_residual_origin, write_residual_vectors};

@@ -223,6 +223,16 @@ impl<R: Read> PointsReader<R> {
         RowCovariates { header: self.source.header(), row, followed: &self.followed }
     }
 
+    /// Where a covariate is found in every row.
+    pub fn place_of(&self, covariate: &str) -> CovariatePlace {
+        place_of(self.source.header(), &self.followed, covariate)
+    }
+
+    /// The covariate of a row that is found there; missing where the cell holds no finite number.
+    pub fn covariate_at(&self, row: &PointRow, place: CovariatePlace) -> CovariateValue {
+        value_at(self.source.header(), row, place)
+    }
+
     /// SHA-256 of the bytes read so far: of the whole file once [`PointsReader::read`] has returned false.
     pub fn sha256(self) -> [u8; 32] {
         self.source.sha256()
@@ -248,17 +258,38 @@ pub struct RowCovariates<'a> {
 
 impl CovariateSource for RowCovariates<'_> {
     fn covariate(&self, name: &str) -> CovariateValue {
-        if KNOWN.iter().any(|known| known.name == name) {
-            return CovariateValue::Missing; // readings, offsets and truth are no covariates
-        }
-        let value = match self.header.find(name) {
-            Some(column) => self.header.optional_number(&self.row.cells, column, self.row.line),
-            None => {
-                self.followed.iter().zip(&self.row.derived).find(|(known, _)| known.name == name).and_then(|(_, v)| *v)
-            }
-        };
-        value.map_or(CovariateValue::Missing, CovariateValue::Fresh)
+        value_at(self.header, self.row, place_of(self.header, self.followed, name))
     }
+}
+
+/// Where a covariate of a table is found, the same in every row.
+#[derive(Debug, Clone, Copy)]
+pub struct CovariatePlace(Found);
+
+#[derive(Debug, Clone, Copy)]
+enum Found {
+    Nowhere,
+    Column(usize),
+    /// Among those that the reader follows.
+    Derived(usize),
+}
+
+fn place_of(header: &Header, followed: &[Followed], name: &str) -> CovariatePlace {
+    let is_known = KNOWN.iter().any(|known| known.name == name);
+    CovariatePlace(match (is_known, header.find(name)) {
+        (true, _) => Found::Nowhere, // readings, offsets and truth are no covariates
+        (false, Some(column)) => Found::Column(column),
+        (false, None) => followed.iter().position(|known| known.name == name).map_or(Found::Nowhere, Found::Derived),
+    })
+}
+
+fn value_at(header: &Header, row: &PointRow, CovariatePlace(found): CovariatePlace) -> CovariateValue {
+    let value = match found {
+        Found::Nowhere => None,
+        Found::Column(column) => header.optional_number(&row.cells, column, row.line),
+        Found::Derived(place) => row.derived.get(place).copied().flatten(),
+    };
+    value.map_or(CovariateValue::Missing, CovariateValue::Fresh)
 }
 
 /// Word for a status in the column `status`.

@@ -232,8 +232,8 @@ fn correct_csv(
     let form = points.form();
     *writer.borrow_mut() = Some(points);
     let room = if is_stream { 1 } else { MANY };
-    let mut batch = Batch::new(&model.model, &inputs, room);
-    let mut ahead = Batch::new(&model.model, &inputs, room);
+    let mut batch = Batch::new(&reader, &model.model, &inputs, room);
+    let mut ahead = Batch::new(&reader, &model.model, &inputs, room);
     let mut worth = Worth { tally: Tally::asking(inputs), ..Worth::default() };
     let mut fill = |batch: &mut Batch| {
         batch.clear();
