@@ -3,9 +3,11 @@
 //! Place in the flow: beside `campaign.csv`; micrometres, k = 1.
 
 use super::Outcome;
+use crate::verdict;
 use abbe_files::Captured;
 use abbe_geometry::chain::nominal_point_m;
 use abbe_graph::capture::{PlannedLine, SoFar};
+use abbe_identify::verdict::{Finding, Grade};
 use abbe_measurement::robust::median;
 use abbe_report::{
     Callout, Cell, Column, KeyFigure, KeyFigures, MetaItem, Quantity, Report, Section, TableSection, Tone, digits,
@@ -28,7 +30,7 @@ pub(super) fn report(outcome: &Outcome, campaign: Option<MetaItem>, reached: &Re
             .push(callout("Left out of campaign.csv", format!("The {readings} readings of station {name}: {why}.")));
     }
     for finding in reached.iter().flat_map(|found| &found.findings) {
-        sections.push(callout("What the readings say against each other", finding.clone()));
+        sections.push(Section::Callout(finding_callout(finding)));
     }
     let doubted = outcome.capturer.doubted().len();
     if doubted > 0 {
@@ -96,6 +98,15 @@ fn open(outcome: &Outcome) -> Option<Section> {
             total_rows: Some(open.len()).filter(|all| *all > OPEN_LINES),
         })
     })
+}
+
+/// Nothing is refused here; `abbe identify` will.
+fn finding_callout(finding: &Finding) -> Callout {
+    let title = match finding.grade {
+        Grade::Message => "What the readings say of themselves",
+        Grade::Warning | Grade::Refusal => "What the readings say against each other",
+    };
+    Callout { title: title.to_owned(), ..verdict::remark(finding, "") }
 }
 
 fn callout(title: &str, text: String) -> Section {
