@@ -62,6 +62,8 @@ pub enum CurveStyle {
     Reference,
     /// Points in the colour of a series.
     Points(u8),
+    /// The same, drawn so many pixels to the right of where they are: one of several series with values at the same positions.
+    PointsBeside(u8, i8),
     /// A line in the colour of a state.
     LineOf(State),
     /// A dashed line in the colour of a state.
@@ -80,7 +82,7 @@ impl CurveStyle {
     #[cfg(test)]
     pub(crate) fn of_series(self) -> Option<u8> {
         match self {
-            Self::Line(series) | Self::Points(series) => Some(Self::series(series)),
+            Self::Line(series) | Self::Points(series) | Self::PointsBeside(series, _) => Some(Self::series(series)),
             _ => None,
         }
     }
@@ -93,7 +95,7 @@ impl CurveStyle {
         match self {
             Self::Line(series) => format!("ln l{}", Self::series(series)),
             Self::Reference => "ink dash".to_owned(),
-            Self::Points(series) => format!("f{}", Self::series(series)),
+            Self::Points(series) | Self::PointsBeside(series, _) => format!("f{}", Self::series(series)),
             Self::LineOf(state) => format!("ln l{}", state.class()),
             Self::DashedOf(state) => format!("dash l{}", state.class()),
             Self::PointsOf(state) => format!("f{}", state.class()),
@@ -103,15 +105,25 @@ impl CurveStyle {
     /// The series of points; `None` for lines.
     fn marker(self) -> Option<u8> {
         match self {
-            Self::Points(series) => Some(Self::series(series)),
+            Self::Points(series) | Self::PointsBeside(series, _) => Some(Self::series(series)),
             Self::PointsOf(state) => Some(state.marker()),
             Self::Line(_) | Self::LineOf(_) | Self::DashedOf(_) | Self::Reference => None,
         }
     }
 
+    /// How far points are drawn beside where they are, px.
+    fn beside_px(self) -> i8 {
+        match self {
+            Self::PointsBeside(_, beside_px) => beside_px,
+            _ => 0,
+        }
+    }
+
     fn band_class(self) -> String {
         match self {
-            Self::Line(series) | Self::Points(series) => format!("b{}", Self::series(series)),
+            Self::Line(series) | Self::Points(series) | Self::PointsBeside(series, _) => {
+                format!("b{}", Self::series(series))
+            }
             Self::LineOf(state) | Self::DashedOf(state) | Self::PointsOf(state) => format!("b{}", state.class()),
             Self::Reference => "none".to_owned(),
         }
@@ -197,7 +209,7 @@ impl Curve {
         for run in self.runs() {
             let pixels: Vec<_> = drawn(&run, step).map(|&(px, py, _)| (x.map(px), y.map(py))).collect();
             match marker {
-                Some(series) => svg.markers(series, &self.style.stroke_class(), &pixels),
+                Some(series) => svg.markers(series, &self.style.stroke_class(), &pixels, self.style.beside_px()),
                 None => svg.path(&self.style.stroke_class(), &pixels, false),
             }
         }
