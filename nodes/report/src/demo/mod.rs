@@ -234,7 +234,7 @@ pub struct Correlation {
 /// What the plan can tell.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Identifiability {
-    /// Unknowns of the fit.
+    /// Unknowns of low order, by which the plan is judged.
     pub unknowns: usize,
     /// Numerical rank of the weighted Jacobian after the gauge constraints.
     pub rank: Option<usize>,
