@@ -52,6 +52,9 @@ impl State {
     }
 }
 
+/// How far points before and after a correction are drawn beside where they are, px.
+const BESIDE_PX: i8 = 5;
+
 /// How a curve is drawn. Series count from 1; colours and markers repeat after eight.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -68,7 +71,7 @@ pub enum CurveStyle {
     LineOf(State),
     /// A dashed line in the colour of a state.
     DashedOf(State),
-    /// Points in the colour of a state.
+    /// Points in the colour of a state; those before and after stand beside each other, so that equal ones are both seen.
     PointsOf(State),
 }
 
@@ -115,6 +118,8 @@ impl CurveStyle {
     fn beside_px(self) -> i8 {
         match self {
             Self::PointsBeside(_, beside_px) => beside_px,
+            Self::PointsOf(State::Before) => -BESIDE_PX,
+            Self::PointsOf(State::After) => BESIDE_PX,
             _ => 0,
         }
     }
