@@ -18,6 +18,7 @@ use abbe_files::{
 };
 use abbe_geometry::Vector3;
 use abbe_measurement::correspondence::check_vectors;
+use abbe_measurement::probe_pose::{ProbePose, ProbePoseModel, SphereCentre, poses};
 use abbe_report::diagnosis::{DiagnosisReport, File, ModelOut};
 use abbe_report::{Axis, Curve, CurveStyle, Identity, LinePanel, LinePlot, Section};
 use anyhow::{Context, ensure};
@@ -61,7 +62,7 @@ pub(crate) fn run(kind: DataKind, path: &Path, request: &Request, observe: &mut 
             conclude(
                 Data { path, sha256: file.sha256, machine },
                 request,
-                |_: &StudyDiagnosis| Vec::new(),
+                |_: &StudyDiagnosis| pose_figure(&file.rows).into_iter().collect(),
                 |options| five_axis::diagnose_observed(&file.rows, options, observe),
             )
         }
@@ -154,6 +155,37 @@ fn conclude(
         without_model,
         is_partial: diagnosis.is_stopped,
     })
+}
+
+/// What the pose of the probe alone leaves of each centre, side by side at its pose; nothing where it cannot be fitted.
+fn pose_figure(centres: &[SphereCentre]) -> Option<Section> {
+    let fitted = ProbePose::fit(centres, ProbePoseModel::NINE).ok()?;
+    let poses = poses(centres);
+    let of_pose = |(k, own): (usize, &Vec<usize>)| own.iter().map(|i| (k as f64 + 1.0, *i)).collect::<Vec<_>>();
+    let rows: Vec<(f64, usize)> = poses.iter().enumerate().flat_map(of_pose).collect();
+    let curve = |(component, name): (usize, &str)| Curve {
+        name: name.to_owned(),
+        style: CurveStyle::PointsBeside(component as u8 + 1, [-8, 0, 8][component]),
+        x: rows.iter().map(|(pose, _)| *pose).collect(),
+        y: rows.iter().map(|(_, i)| Some(fitted.residuals_m[*i][component] * 1e6)).collect(),
+        half_width: None,
+    };
+    Some(Section::LinePlot(LinePlot {
+        title: "What was measured".to_owned(),
+        note: Some(
+            "What the sphere's centre, the probe's direction and its zero leave of each centre. Poses of A and C in the order of the \
+             file; the components stand side by side."
+                .to_owned(),
+        ),
+        columns: 1,
+        band_name: None,
+        panels: vec![LinePanel {
+            title: String::new(),
+            x: Axis::new("pose", "1"),
+            y: Axis::new("residual", "µm"),
+            curves: ["x", "y", "z"].into_iter().enumerate().map(curve).collect(),
+        }],
+    }))
 }
 
 /// The position table as a picture: mean error and two standard deviations by target and direction, an axis a panel.
