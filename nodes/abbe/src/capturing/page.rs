@@ -10,7 +10,8 @@ use abbe_graph::capture::{PlannedLine, SoFar};
 use abbe_identify::verdict::{Finding, Grade};
 use abbe_measurement::robust::median;
 use abbe_report::{
-    Callout, Cell, Column, KeyFigure, KeyFigures, MetaItem, Quantity, Report, Section, TableSection, Tone, digits,
+    Axis, Callout, Cell, Column, Curve, CurveStyle, KeyFigure, KeyFigures, LinePanel, LinePlot, MetaItem, Quantity,
+    Report, Section, TableSection, Tone, digits,
 };
 
 /// A mean whose own scatter is this many times what the machine file declares is told.
@@ -37,6 +38,7 @@ pub(super) fn report(outcome: &Outcome, campaign: Option<MetaItem>, reached: &Re
         let text = format!("{doubted} readings, which are not in campaign.csv; journal.jsonl has them.");
         sections.push(callout("In doubt", text));
     }
+    sections.extend(lengths(outcome));
     sections.push(stations(outcome));
     sections.extend(open(outcome));
     let software = crate::pipeline::software();
@@ -162,6 +164,40 @@ pub(super) fn noisier(outcome: &Outcome) -> usize {
         reading.u_length_m > NOISIER * outcome.machine.instrument.standard_m(range_m)
     };
     outcome.capturer.taken().iter().flatten().filter(is_noisier).count()
+}
+
+/// The uncertainty of each mean length by its own scatter, in the order of the plan; nothing before the first.
+fn lengths(outcome: &Outcome) -> Option<Section> {
+    let (planned, taken) = (outcome.capturer.planned(), outcome.capturer.taken());
+    let of_station = |number: usize| {
+        let own = (0..planned.len()).filter(|point| planned.line(*point).station == number);
+        let own = own.filter_map(|point| Some((point as f64 + 1.0, taken[point].as_ref()?.u_length_m * 1e6)));
+        own.unzip::<f64, f64, Vec<_>, Vec<_>>()
+    };
+    let curve = |(number, station): (usize, &abbe_graph::capture::PlannedStation)| {
+        let (x, u_um) = of_station(number);
+        let style = CurveStyle::Points((number % 8 + 1) as u8);
+        Curve { name: station.name.clone(), style, x, y: u_um.into_iter().map(Some).collect(), half_width: None }
+    };
+    let curves: Vec<Curve> =
+        planned.stations.iter().enumerate().map(curve).filter(|curve| !curve.x.is_empty()).collect();
+    (!curves.is_empty()).then(|| {
+        Section::LinePlot(LinePlot {
+            title: "Uncertainty of each mean length".to_owned(),
+            note: Some(
+                "k = 1, by the scatter of the lengths in its standstill; points in the order of the plan, by station."
+                    .to_owned(),
+            ),
+            columns: 1,
+            band_name: None,
+            panels: vec![LinePanel {
+                title: String::new(),
+                x: Axis::new("point of the plan", "1"),
+                y: Axis::new("uncertainty of a mean length", "µm"),
+                curves,
+            }],
+        })
+    })
 }
 
 fn stations(outcome: &Outcome) -> Section {
