@@ -52,7 +52,7 @@ pub(crate) fn run(kind: DataKind, path: &Path, request: &Request, observe: &mut 
     match kind {
         DataKind::Runs => {
             let file = read_runs_file(path)?;
-            let data = Data { path, sha256: file.sha256, machine };
+            let data = Data { path, sha256: file.sha256, machine, without_machine: NAME_THE_MACHINE };
             let figures = |_: &StudyDiagnosis| position_figures(&positions(&file.rows));
             conclude(data, request, figures, |options| runs::diagnose_observed(&file.rows, options, observe))
         }
@@ -60,7 +60,12 @@ pub(crate) fn run(kind: DataKind, path: &Path, request: &Request, observe: &mut 
             ensure!(machine.is_none(), "{}: sphere centres give no model; leave --machine out", path.display());
             let file = read_sphere_centres_file(path)?;
             conclude(
-                Data { path, sha256: file.sha256, machine },
+                Data {
+                    path,
+                    sha256: file.sha256,
+                    machine,
+                    without_machine: "No model file was made: sphere centres give none.",
+                },
                 request,
                 |_: &StudyDiagnosis| pose_figure(&file.rows).into_iter().collect(),
                 |options| five_axis::diagnose_observed(&file.rows, options, observe),
@@ -83,9 +88,8 @@ pub(crate) fn run_residuals(
     let vectors_m: Vec<Vector3<f64>> = file.rows.iter().map(|row| row.residual_m.into()).collect();
     check_vectors(&vectors_m, false).with_context(|| path.display().to_string())?;
     let figures = |diagnosis: &StudyDiagnosis| vector_pictures::sections(&file.rows, diagnosis);
-    conclude(Data { path, sha256: file.sha256, machine }, request, figures, |options| {
-        vectors::diagnose_observed(&file.rows, chain.as_ref(), options, observe)
-    })
+    let data = Data { path, sha256: file.sha256, machine, without_machine: NAME_THE_MACHINE };
+    conclude(data, request, figures, |options| vectors::diagnose_observed(&file.rows, chain.as_ref(), options, observe))
 }
 
 fn machine_of(model: &Path) -> Result<MachineFile, FileError> {
@@ -104,10 +108,15 @@ struct Data<'a> {
     path: &'a Path,
     sha256: [u8; 32],
     machine: Option<MachineFile>,
+    /// Why there is no model where no machine is named.
+    without_machine: &'static str,
 }
 
+/// Of data that give a model.
+const NAME_THE_MACHINE: &str = "No model file was made: name the machine with --machine to have one.";
+
 fn conclude(
-    Data { path, sha256, machine }: Data,
+    Data { path, sha256, machine, without_machine }: Data,
     request: &Request,
     figures: impl FnOnce(&StudyDiagnosis) -> Vec<Section>,
     diagnose: impl FnOnce(&Options) -> Result<StudyDiagnosis, DiagnoseError>,
@@ -118,7 +127,7 @@ fn conclude(
     let data = File { file: name_of(path), sha256: hex(&sha256) };
     let mut record = study_record::record(&diagnosis, data, &options, request.seed, software());
     let Some(machine) = machine else {
-        record.notes.push("No model file was made: name the machine with --machine to have one.".to_owned());
+        record.notes.push(without_machine.to_owned());
         return Ok(Product {
             report: DiagnosisReport { record, residuals: None, figures, identity: Identity::default(), next: None },
             model: None,
