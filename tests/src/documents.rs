@@ -89,9 +89,15 @@ pub fn subcommand_and_options(call: &str) -> (Option<&str>, Vec<&str>) {
     (words.get(1).filter(is_name).copied(), options)
 }
 
-/// Whether a script runs a command: a line of it ends in these words.
+/// Whether a script runs a command: a line of it ends in these words, whatever feature of cargo it names besides.
 pub fn runs(script: &str, command: &str) -> bool {
-    script.lines().any(|line| !line.trim_start().starts_with('#') && line.trim_end().ends_with(command))
+    let plain = |line: &str| {
+        let words: Vec<&str> = line.split_whitespace().collect();
+        let is_feature = |place: usize| words[place] == "--features" || (place > 0 && words[place - 1] == "--features");
+        let kept = (0..words.len()).filter(|place| !is_feature(*place)).map(|place| words[place]);
+        kept.collect::<Vec<_>>().join(" ")
+    };
+    script.lines().any(|line| !line.trim_start().starts_with('#') && plain(line).ends_with(command))
 }
 
 #[cfg(test)]
@@ -137,6 +143,8 @@ mod tests {
     fn a_command_in_a_comment_is_not_run() {
         assert!(runs("step tests cargo test --workspace\n", "cargo test --workspace"));
         assert!(!runs("# cargo test --workspace\ncargo test --workspace --lib\n", "cargo test --workspace"));
+        assert!(runs("  cargo run --features opcua -- demo\n", "cargo run -- demo"));
+        assert!(!runs("  cargo run --features opcua -- demo --fast\n", "cargo run -- demo"));
     }
 
     #[test]

@@ -140,13 +140,16 @@ fn regress_seven_lines_of_a_test_have_seven_colours_and_seven_markers() {
     let marks = plot.split("<path class=\"mark ").skip(1).filter_map(|rest| {
         let (colour, rest) = rest.split_once('"')?;
         let line = rest.split_once("data-n=\"")?.1.split('"').next()?;
-        // What follows the place of a marker is its outline.
-        Some((line, colour, rest.split_once(" d=\"")?.1.split_once('m')?.1.split('z').next()?))
+        // What follows the place of a marker, and how far beside it stands, is its outline.
+        Some((line, colour, rest.split_once(" d=\"")?.1.split('z').next()?.rsplit_once('m')?.1))
     });
     let marks: BTreeSet<(&str, &str, &str)> = marks.collect();
     assert_eq!(marks.len(), 7, "{marks:?}");
     assert_eq!(marks.iter().map(|mark| mark.1).collect::<BTreeSet<_>>().len(), 7, "colours: {marks:?}");
     assert_eq!(marks.iter().map(|mark| mark.2).collect::<BTreeSet<_>>().len(), 7, "markers: {marks:?}");
+    // At a length that they share they stand side by side, the middle one at its place.
+    let beside = plot.split(" data-s=\"").skip(1).filter_map(|rest| rest.split('"').next());
+    assert_eq!(beside.collect::<BTreeSet<_>>().len(), 6);
     // Nor is the tightest limit in the colour of a line.
     let limit = plot.split("<path class=\"ln l").nth(1).and_then(|rest| rest.split('"').next()).expect("the limit");
     assert!(marks.iter().all(|mark| mark.1 != format!("f{limit}")), "{limit}: {marks:?}");

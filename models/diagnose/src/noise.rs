@@ -4,6 +4,7 @@
 //! itself took out of the residuals (hat matrix). Whitened residuals have no unit; others are in m.
 
 use crate::candidates::Round;
+use abbe_identify::verdict::three_digits;
 use abbe_identify::{CorrelatedNoise, Evidence};
 use abbe_measurement::campaign::Campaign;
 use faer::Mat;
@@ -91,7 +92,8 @@ impl Detection {
             )
         });
         let beyond = if self.correlated.is_some() { "beyond that " } else { "" };
-        format!("The residuals are {size} (chi2/dof {:.3}); {beyond}{structure}.{known}", self.chi2_per_dof)
+        let chi2_per_dof = three_digits(self.chi2_per_dof);
+        format!("The residuals are {size} (chi2/dof {chi2_per_dof}); {beyond}{structure}.{known}")
     }
 }
 

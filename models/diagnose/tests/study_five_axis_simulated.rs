@@ -113,23 +113,23 @@ fn assert_found(flaw: Flaw, value: f64, names: &[&str]) {
 /// A zero of C equals the A axis turned in the plane of X and Y: one is found, the other named as its rival.
 #[test]
 fn a_zero_of_c_is_found_and_its_double_named() {
-    assert_found(Flaw { c_zero_rad: 150e-6, ..Flaw::default() }, 150e-6, &["c_zero", "a_tilt about_z"]);
+    assert_found(Flaw { c_zero_rad: 150e-6, ..Flaw::default() }, 150e-6, &["zero of C", "tilt of A about z"]);
 }
 
 #[test]
 fn an_offset_of_the_axes_is_found() {
-    assert_found(Flaw { offset_y_m: 60e-6, ..Flaw::default() }, 60e-6, &["axis_offset y"]);
+    assert_found(Flaw { offset_y_m: 60e-6, ..Flaw::default() }, 60e-6, &["offset of A from C along y"]);
 }
 
 #[test]
 fn with_seven_angles_gain_and_sag_are_told_apart() {
-    assert_found(Flaw { a_gain: 400e-6, ..Flaw::default() }, 400e-6, &["a_gain"]);
-    assert_found(Flaw { a_sag_rad: 400e-6, ..Flaw::default() }, 400e-6, &["head_sag"]);
+    assert_found(Flaw { a_gain: 400e-6, ..Flaw::default() }, 400e-6, &["gain of A"]);
+    assert_found(Flaw { a_sag_rad: 400e-6, ..Flaw::default() }, 400e-6, &["sag of the head"]);
 }
 
 #[test]
 fn a_leaning_c_axis_is_found() {
-    assert_found(Flaw { c_tilt_x_rad: 100e-6, ..Flaw::default() }, 100e-6, &["c_tilt about_x"]);
+    assert_found(Flaw { c_tilt_x_rad: 100e-6, ..Flaw::default() }, 100e-6, &["tilt of C about x"]);
 }
 
 /// One degree: far beyond what a single linear step could follow.
@@ -137,7 +137,7 @@ fn a_leaning_c_axis_is_found() {
 fn a_large_flaw_is_followed_to_the_end() {
     let flaw = Flaw { c_zero_rad: 17.5e-3, ..Flaw::default() };
     let diagnosis = study(&flaw, 7);
-    let effect = diagnosis.effects.iter().find(|e| e.name == "c_zero" || e.name == "a_tilt about_z").unwrap();
+    let effect = diagnosis.effects.iter().find(|e| e.name == "zero of C" || e.name == "tilt of A about z").unwrap();
     assert!((effect.parameters[0].value.abs() - 17.5e-3).abs() < 30e-6, "{effect:?}");
     assert!(diagnosis.after.held_out.rms_um < 12.5 && diagnosis.before.held_out.rms_um > 1000.0);
 }

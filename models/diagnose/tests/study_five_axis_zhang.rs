@@ -44,14 +44,16 @@ fn val_zhang_2016_it_is_not_noise_and_too_little_to_say_what() {
         let found = diagnosis.alternatives.iter().find(|item| item.effects == [name]);
         found.unwrap_or_else(|| panic!("{name} is not listed"))
     };
-    let gain = alone("c_gain");
+    let gain = alone("gain of C");
     assert!((gain.judgement.held_out.rms_um - 475.0).abs() < 2.0 && gain.judgement.held_out.judged == 15);
     assert!((gain.parameters[0].value + 1.57e-3).abs() < 0.02e-3 && !gain.parameters[0].is_plausible());
     let least = &diagnosis.alternatives[0];
     assert!((400.0..475.0).contains(&least.judgement.held_out.rms_um), "{least:?}");
     let aliased = |a: &str, b: &str| diagnosis.not_identifiable.iter().any(|item| item.effects == [a, b]);
-    assert!(aliased("a_gain", "head_sag") && aliased("a_tilt about_z", "c_zero"));
-    for name in ["a_zero", "axis_offset x", "axis_offset z", "distance_scale"] {
+    assert!(aliased("gain of A", "sag of the head") && aliased("tilt of A about z", "zero of C"));
+    for name in
+        ["zero of A", "offset of A from C along x", "offset of A from C along z", "scale of the probe's distance"]
+    {
         let entirely =
             diagnosis.not_identifiable.iter().any(|item| item.effects == [name] && item.because.contains("entirely"));
         assert!(entirely, "{name} hangs on the probe's own pose");

@@ -60,6 +60,10 @@ use tracing_subscriber::util::SubscriberInitExt;
 #[cfg(target_os = "linux")]
 const LIBRARIES: [&str; 2] = ["rustdds::", "ros2_client::"];
 
+/// Where the OPC UA library is sent for certificates that nobody gave: it calls it an error not to find them, and needs none.
+#[cfg(target_os = "linux")]
+const NO_CERTIFICATES: &str = "/dev/null/none";
+
 /// Size of a block that is kept when it is freed (bytes): a matrix of 1,000 unknowns.
 const LARGEST_KEPT: usize = 8 << 20;
 
@@ -135,11 +139,17 @@ pub fn start_log(ros_args: &RosArgs, before: &'static str, throttled: bool) -> a
     let level = ros_args.log_level.clone().unwrap_or_else(|| "warn,abbe_files=info".to_owned());
     // DDS speaks in gateways only; what its library has to say there is heard, but for its complaints about every clean
     // exit and about questions that come before it has found its own publishers. RUST_LOG shows more, and less.
-    let fallback = EnvFilter::try_new(format!("{level},rustdds=error,ros2_client=error,ros2_client::node=off"))
+    // The OPC UA server of a rehearsal calls each client that leaves a fatal error.
+    let quiet =
+        "rustdds=error,ros2_client=error,ros2_client::node=off,opcua_server::transport=off,opcua_server::session=off";
+    let fallback = EnvFilter::try_new(format!("{level},{quiet}"))
         .with_context(|| format!("--log-level {level}: give debug, info, warn or error"))?;
     let filter = EnvFilter::try_from_default_env().unwrap_or(fallback);
     #[cfg(target_os = "linux")]
-    let is_wanted = |line: &str| !gateway::is_leaving() || LIBRARIES.iter().all(|library| !line.contains(library));
+    let is_wanted = |line: &str| {
+        let is_of_leaving = || gateway::is_leaving() && LIBRARIES.iter().any(|library| line.contains(library));
+        !line.contains(NO_CERTIFICATES) && !is_of_leaving()
+    };
     #[cfg(not(target_os = "linux"))]
     let is_wanted = |_: &str| true;
     let writer = log::Log::new(before, throttled, std::io::stderr, is_wanted);

@@ -102,15 +102,31 @@ pub(crate) fn json(findings: &[Finding]) -> Value {
     Value::Array(findings.iter().map(one).collect())
 }
 
-/// One sentence a finding, for a report: a note is no warning there either.
+/// How a report takes a grade: a note is no warning there either.
+pub(crate) fn tone(grade: Grade) -> Tone {
+    match grade {
+        Grade::Message => Tone::Neutral,
+        Grade::Warning => Tone::Warning,
+        Grade::Refusal => Tone::Bad,
+    }
+}
+
+/// A finding among others, for a report: after these words.
+pub(crate) fn remark(finding: &Finding, before: &str) -> Callout {
+    let text = format!("{before}{}", in_words(&finding.to_string()));
+    Callout { tone: tone(finding.grade), title: String::new(), text }
+}
+
+/// One sentence a finding, for a report.
 pub(crate) fn callouts(findings: &[Finding]) -> impl Iterator<Item = Section> {
     findings.iter().map(|finding| {
-        let (tone, title) = match finding.grade {
-            Grade::Message => (Tone::Neutral, "What the data say of themselves"),
-            Grade::Warning => (Tone::Warning, "What speaks against it"),
-            Grade::Refusal => (Tone::Bad, "Refused, and accepted all the same"),
+        let title = match finding.grade {
+            Grade::Message => "What the data say of themselves",
+            Grade::Warning => "What speaks against it",
+            Grade::Refusal => "Refused, and accepted all the same",
         };
-        Section::Callout(Callout { tone, title: title.to_owned(), text: finding.to_string() })
+        let text = finding.to_string();
+        Section::Callout(Callout { tone: tone(finding.grade), title: title.to_owned(), text })
     })
 }
 

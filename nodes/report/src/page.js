@@ -76,8 +76,9 @@
     const points = [];
     if (node.tagName === "path" && /\b(ln|mark|dot|dash)\b/.test(node.getAttribute("class"))) {
       const values = (node.dataset.v || "").split(" ");
+      const beside = Number(node.dataset.s || 0);
       for (const [, , x, y] of first[0].matchAll(PAIR)) {
-        points.push({ x: Number(x), y: Number(y), name: node.dataset.n || "", value: values[points.length] || "" });
+        points.push({ x: Number(x), y: Number(y), beside, name: node.dataset.n || "", value: values[points.length] || "" });
       }
     }
     const put = (ax, ay) => {
@@ -147,7 +148,7 @@
     self.move = (dx, dy) => { ax.add += dx; ay.add += dy; self.draw(); };
     self.whole = () => { for (const a of [ax, ay]) { a.by = 1; a.add = 0; } self.draw(); };
     self.at = (p) => {
-      const far = (q) => Math.hypot(ax.map(q.x) - p.x, ay.map(q.y) - p.y);
+      const far = (q) => Math.hypot(ax.map(q.x) + q.beside - p.x, ay.map(q.y) - p.y);
       const near = points.reduce((best, q) => (far(q) < (best ? far(best) : 22) ? q : best), null);
       if (!near) return null;
       const half = bands.filter((one) => (one.node.dataset.n || "") === near.name)

@@ -149,19 +149,24 @@ impl Svg {
     }
 
     /// Many markers of one class in one element; each of the eight series has a shape of its own, so that they are told
-    /// apart without colours.
-    pub(crate) fn markers(&mut self, series: u8, class: &str, points: &[(f64, f64)]) {
+    /// apart without colours. They are drawn so far to the right of their points, whatever the page's script enlarges: it reads the
+    /// points themselves.
+    pub(crate) fn markers(&mut self, series: u8, class: &str, points: &[(f64, f64)], beside_px: i8) {
         if points.is_empty() {
             return;
         }
         let mut d = String::new();
         let outline = marker(series, if points.len() <= FEW { 1.6 } else { 1.0 });
+        let (beside, shift) = match beside_px {
+            0 => (String::new(), String::new()),
+            px => (format!(" data-s=\"{px}\""), format!("m{px} 0")),
+        };
         for &(x, y) in points {
             let (x, y) = (self.number(x), self.number(y));
-            let _ = write!(d, "M{x} {y}{outline}");
+            let _ = write!(d, "M{x} {y}{shift}{outline}");
         }
         let name = self.name.clone();
-        self.push(format_args!("<path class=\"mark {class}\"{name} d=\"{d}\"/>"));
+        self.push(format_args!("<path class=\"mark {class}\"{name}{beside} d=\"{d}\"/>"));
     }
 
     /// A rectangle with an optional tooltip.

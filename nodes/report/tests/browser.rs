@@ -134,6 +134,47 @@ fn the_pointer_reads_the_values_that_were_drawn() {
     assert_eq!(seen["far"], Value::Null);
 }
 
+/// Seven lines of a length test lay on each other. What stands beside its place still tells its own values.
+#[test]
+fn regress_points_beside_their_place_are_read_as_they_are() {
+    let curve = |name: &str, beside_px, y| Curve {
+        name: name.into(),
+        style: CurveStyle::PointsBeside(1, beside_px),
+        x: vec![0.0, 50.0, 100.0],
+        y: vec![Some(y); 3],
+        half_width: None,
+    };
+    let plot = Section::LinePlot(LinePlot {
+        title: "One".into(),
+        note: None,
+        columns: 1,
+        band_name: None,
+        panels: vec![LinePanel {
+            title: "p".into(),
+            x: Axis::new("length", "mm"),
+            y: Axis::new("error", "µm"),
+            curves: vec![curve("left", -12, 1.0), curve("right", 12, 1.0)],
+        }],
+    });
+    let page = Report { title: "T".into(), sections: vec![plot], ..Report::default() }.html().unwrap();
+    let steps = r#"
+        const svg = figure("One").querySelector("svg");
+        const of = (name) => {
+          const path = svg.querySelector(`.pts [data-n=${name}]`);
+          const box = path.getBBox();
+          const [, x, y] = [...path.getAttribute("d").matchAll(/M(\S+?) ([-\d.]+)/g)][1].map(Number);
+          point("pointermove", svg, x + Number(path.dataset.s), y);
+          return { tip: tip(), middle: Math.round(box.x + box.width / 2 - x) };
+        };
+        return { left: of("left"), right: of("right") };"#;
+    let Some(seen) = in_browser(&page, steps) else { return };
+    for (name, beside_px) in [("left", -12), ("right", 12)] {
+        assert_eq!(seen[name]["tip"][0], json!(name), "{seen:#}");
+        assert_eq!(seen[name]["tip"][1], json!("length 50.00 mm"), "{seen:#}");
+        assert_eq!(seen[name]["middle"], json!(beside_px), "{seen:#}");
+    }
+}
+
 #[test]
 fn a_plot_is_enlarged_about_the_pointer_moved_and_given_back_whole() {
     let steps = r#"

@@ -69,7 +69,7 @@ fn every_text_is_escaped() {
     data.header.files[0] = FileEntry { role: evil.into(), name: evil.into() };
     data.header.software_version = evil.into();
     data.verification_note = Some(evil.into());
-    data.warnings = vec![evil.into()];
+    data.remarks = vec![Callout { tone: Tone::Warning, title: evil.into(), text: evil.into() }];
     data.errors.curves[0].name = evil.into();
     data.errors.curves[0].axis = evil.into();
     data.errors.squareness[0].name = evil.into();

@@ -33,6 +33,7 @@ pub use of_campaign::{of_campaign, widened};
 pub use resolution::coarsest_step;
 pub use sampled::equal_steps;
 pub(crate) use step::{Seen, find as find_step};
+pub use words::three_digits;
 
 /// How much a finding weighs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]

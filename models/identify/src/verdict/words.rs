@@ -32,7 +32,8 @@ impl fmt::Display for Subject {
                 )
             }
             Subject::Noise { ratio, chi2_per_dof } if *ratio > 1.0 => {
-                write!(f, "the residual is {ratio:.1} times the declared noise (chi2/dof {chi2_per_dof:.3})")
+                let chi2_per_dof = three_digits(*chi2_per_dof);
+                write!(f, "the residual is {ratio:.1} times the declared noise (chi2/dof {chi2_per_dof})")
             }
             Subject::Noise { ratio, chi2_per_dof } => {
                 let times = ratio.max(f64::MIN_POSITIVE).recip();
@@ -58,6 +59,17 @@ impl fmt::Display for Subject {
             }
         }
     }
+}
+
+/// A figure without an uncertainty: three digits that count, as the reports show it.
+pub fn three_digits(value: f64) -> String {
+    let decimals = match value.abs() {
+        size if size >= 100.0 => 0,
+        size if size >= 10.0 => 1,
+        size if size >= 1.0 => 2,
+        _ => 3,
+    };
+    format!("{value:.decimals$}")
 }
 
 /// A factor without figures that mean nothing.

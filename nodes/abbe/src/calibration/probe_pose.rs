@@ -332,7 +332,7 @@ impl Judged {
         };
         Section::LinePlot(LinePlot {
             title: "Error of each pose left out".to_owned(),
-            note: Some(format!("Length of the error.{outside}")),
+            note: Some(format!("Length of the error; without and with a table side by side at each pose.{outside}")),
             columns: 1,
             band_name: None,
             panels: vec![LinePanel {

@@ -7,9 +7,10 @@ mod page;
 
 use crate::next::Next;
 use crate::provenance::hashed;
-use crate::verdict::in_words;
+use crate::verdict::{self, remark};
 use abbe_files::{JournalEntry, MachineFile, write_atomically, write_campaign};
 use abbe_graph::capture::{CapturedCampaign, Capturer, Shown, SoFar, Told, so_far, volume_of};
+use abbe_identify::verdict::{Finding, Grade};
 use abbe_report::{Identity, MetaItem, Report, digits, to_json};
 use abbe_runtime::Shutdown;
 use anyhow::Context;
@@ -69,7 +70,7 @@ impl Screen {
             Shown::SoFar(Ok(SoFar { readings, u_m, findings, .. })) => {
                 self.so_far = Ok((*readings, *u_m));
                 for finding in findings {
-                    self.say(&format!("of {readings} readings so far: {}", in_words(finding)));
+                    self.say(&remark(finding, &format!("of {readings} readings so far: ")).text);
                 }
             }
             Shown::SoFar(Err(why)) => self.so_far = Err(why.clone()),
@@ -214,11 +215,21 @@ fn words(outcome: &Outcome, captured: &CapturedCampaign, reached: &Result<SoFar,
                 "uncertainty of a corrected point: {} um (k = 1, in space, rms over the plan)",
                 digits::uncertainty(found.u_m * 1e6)
             ));
-            lines.extend(found.findings.iter().map(|finding| in_words(finding)));
+            lines.extend(found.findings.iter().map(said));
         }
         Err(why) => lines.push(format!("it cannot be identified yet: {why}")),
     }
     lines
+}
+
+/// A finding and its grade, in a line.
+fn said(finding: &Finding) -> String {
+    let grade = match finding.grade {
+        Grade::Message => "note",
+        Grade::Warning => "warning",
+        Grade::Refusal => "abbe identify will refuse it",
+    };
+    format!("{grade}: {}", remark(finding, "").text)
 }
 
 fn json_of(outcome: &Outcome, captured: &CapturedCampaign, reached: &Result<SoFar, String>) -> Value {
@@ -242,7 +253,7 @@ fn json_of(outcome: &Outcome, captured: &CapturedCampaign, reached: &Result<SoFa
         "left_out": left_out,
         "u_um": reached.as_ref().ok().map(|found| found.u_m * 1e6),
         "not_identified": reached.as_ref().err(),
-        "findings": reached.as_ref().map(|found| found.findings.clone()).unwrap_or_default(),
+        "findings": reached.as_ref().map_or(json!([]), |found| verdict::json(&found.findings)),
         "planned_u_um": outcome.promised_um,
         "noisier_than_declared": page::noisier(outcome),
         "software": crate::pipeline::software(),

@@ -3,12 +3,15 @@
 //! Place in the flow: beside `campaign.csv`; micrometres, k = 1.
 
 use super::Outcome;
+use crate::verdict;
 use abbe_files::Captured;
 use abbe_geometry::chain::nominal_point_m;
 use abbe_graph::capture::{PlannedLine, SoFar};
+use abbe_identify::verdict::{Finding, Grade};
 use abbe_measurement::robust::median;
 use abbe_report::{
-    Callout, Cell, Column, KeyFigure, KeyFigures, MetaItem, Quantity, Report, Section, TableSection, Tone, digits,
+    Axis, Callout, Cell, Column, Curve, CurveStyle, KeyFigure, KeyFigures, LinePanel, LinePlot, MetaItem, Quantity,
+    Report, Section, TableSection, Tone, digits,
 };
 
 /// A mean whose own scatter is this many times what the machine file declares is told.
@@ -28,13 +31,14 @@ pub(super) fn report(outcome: &Outcome, campaign: Option<MetaItem>, reached: &Re
             .push(callout("Left out of campaign.csv", format!("The {readings} readings of station {name}: {why}.")));
     }
     for finding in reached.iter().flat_map(|found| &found.findings) {
-        sections.push(callout("What the readings say against each other", finding.clone()));
+        sections.push(Section::Callout(finding_callout(finding)));
     }
     let doubted = outcome.capturer.doubted().len();
     if doubted > 0 {
         let text = format!("{doubted} readings, which are not in campaign.csv; journal.jsonl has them.");
         sections.push(callout("In doubt", text));
     }
+    sections.extend(lengths(outcome));
     sections.push(stations(outcome));
     sections.extend(open(outcome));
     let software = crate::pipeline::software();
@@ -98,6 +102,15 @@ fn open(outcome: &Outcome) -> Option<Section> {
     })
 }
 
+/// Nothing is refused here; `abbe identify` will.
+fn finding_callout(finding: &Finding) -> Callout {
+    let title = match finding.grade {
+        Grade::Message => "What the readings say of themselves",
+        Grade::Warning | Grade::Refusal => "What the readings say against each other",
+    };
+    Callout { title: title.to_owned(), ..verdict::remark(finding, "") }
+}
+
 fn callout(title: &str, text: String) -> Section {
     Section::Callout(Callout { tone: Tone::Warning, title: title.to_owned(), text })
 }
@@ -151,6 +164,40 @@ pub(super) fn noisier(outcome: &Outcome) -> usize {
         reading.u_length_m > NOISIER * outcome.machine.instrument.standard_m(range_m)
     };
     outcome.capturer.taken().iter().flatten().filter(is_noisier).count()
+}
+
+/// The uncertainty of each mean length by its own scatter, in the order of the plan; nothing before the first.
+fn lengths(outcome: &Outcome) -> Option<Section> {
+    let (planned, taken) = (outcome.capturer.planned(), outcome.capturer.taken());
+    let of_station = |number: usize| {
+        let own = (0..planned.len()).filter(|point| planned.line(*point).station == number);
+        let own = own.filter_map(|point| Some((point as f64 + 1.0, taken[point].as_ref()?.u_length_m * 1e6)));
+        own.unzip::<f64, f64, Vec<_>, Vec<_>>()
+    };
+    let curve = |(number, station): (usize, &abbe_graph::capture::PlannedStation)| {
+        let (x, u_um) = of_station(number);
+        let style = CurveStyle::Points((number % 8 + 1) as u8);
+        Curve { name: station.name.clone(), style, x, y: u_um.into_iter().map(Some).collect(), half_width: None }
+    };
+    let curves: Vec<Curve> =
+        planned.stations.iter().enumerate().map(curve).filter(|curve| !curve.x.is_empty()).collect();
+    (!curves.is_empty()).then(|| {
+        Section::LinePlot(LinePlot {
+            title: "Uncertainty of each mean length".to_owned(),
+            note: Some(
+                "k = 1, by the scatter of the lengths in its standstill; points in the order of the plan, by station."
+                    .to_owned(),
+            ),
+            columns: 1,
+            band_name: None,
+            panels: vec![LinePanel {
+                title: String::new(),
+                x: Axis::new("point of the plan", "1"),
+                y: Axis::new("uncertainty of a mean length", "µm"),
+                curves,
+            }],
+        })
+    })
 }
 
 fn stations(outcome: &Outcome) -> Section {

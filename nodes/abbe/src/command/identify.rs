@@ -11,7 +11,7 @@ use crate::output;
 use crate::pipeline::{self, Choices, Identification, LoadedCampaign};
 use crate::verdict::{self, Accept};
 use abbe_files::{ModelFile, hex, read_machine, write_atomically};
-use abbe_identify::verdict::{Finding, Grade, Subject};
+use abbe_identify::verdict::{Finding, Subject};
 use abbe_identify::{Progress, RejectedReading};
 use abbe_report::digits;
 use abbe_runtime::Shutdown;
@@ -223,11 +223,9 @@ fn print_words(arguments: &Arguments, file: &ModelFile, found: &Identification, 
     next(arguments, found).print();
 }
 
-/// Where the residual is larger than the declared noise, its cause; else a test that the fit has no part in.
+/// Where the residual is larger than the declared noise, its cause, as the finding itself says; else a test that the fit has no part in.
 fn next(arguments: &Arguments, found: &Identification) -> Next {
-    let is_unexplained = |finding: &Finding| {
-        finding.grade > Grade::Message && matches!(finding.subject, Subject::Noise { ratio, .. } if ratio > 1.0)
-    };
+    let is_unexplained = |finding: &Finding| matches!(finding.subject, Subject::Noise { ratio, .. } if ratio > 1.0);
     match found.verdict.findings.iter().any(is_unexplained) {
         true => Next::new("to find what the model lacks", "diagnose")
             .file("--model", &arguments.out)

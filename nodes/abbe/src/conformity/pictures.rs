@@ -10,6 +10,8 @@ use abbe_report::{Axis, Curve, CurveStyle, LinePanel, LinePlot, Section};
 
 /// Colour of the tightest limit: beside the seven lines of the test, whose points have those before it.
 const TIGHTEST: u8 = 8;
+/// Lines measure the same lengths: their points are drawn side by side, so far from each other (px).
+const BESIDE_PX: i32 = 5;
 /// Steps in which a limit is drawn: one with a cap has a bend.
 const LIMIT_STEPS: usize = 40;
 
@@ -22,18 +24,23 @@ pub(crate) fn errors_against_length(
 ) -> Section {
     let longest_m = errors.lines.iter().map(|line| line.longest_m).fold(0.0, f64::max);
     let mut curves: Vec<Curve> =
-        errors.lines.iter().enumerate().map(|(k, line)| points(errors, &line.line, k)).collect();
+        errors.lines.iter().enumerate().map(|(k, line)| points(errors, &line.line, (k, errors.lines.len()))).collect();
     let tightest_at = |length_m: f64| tightest.at_m(length_m);
     curves.extend(both_sides("tightest A + L/K", CurveStyle::Line(TIGHTEST), longest_m, &tightest_at));
     if let Some(limit) = limit {
         let at = |length_m: f64| limit.at(length_m).metres();
         curves.extend(both_sides("limit", CurveStyle::Reference, longest_m, &at));
     }
+    let note = match errors.lines.len() {
+        1 => "Error of length measurement = measured − calibrated; every single measurement is a point.",
+        _ => {
+            "Error of length measurement = measured − calibrated; every single measurement is a point. Lines that share a length have \
+             their points side by side, about that length."
+        }
+    };
     Section::LinePlot(LinePlot {
         title: title.to_owned(),
-        note: Some(
-            "Error of length measurement = measured − calibrated; every single measurement is a point.".to_owned(),
-        ),
+        note: Some(note.to_owned()),
         columns: 1,
         band_name: None,
         panels: vec![LinePanel {
@@ -45,17 +52,24 @@ pub(crate) fn errors_against_length(
     })
 }
 
-fn points(errors: &LengthErrors, line: &str, series: usize) -> Curve {
+fn points(errors: &LengthErrors, line: &str, (series, all_lines): (usize, usize)) -> Curve {
     let own = errors.sets.iter().filter(|set| set.line == line);
     let all: Vec<(f64, f64)> =
         own.flat_map(|set| set.errors.iter().map(|e| (set.calibrated_m * 1e3, um(e.metres())))).collect();
     Curve {
         name: line.to_owned(),
-        style: CurveStyle::Points(series as u8 + 1),
+        style: CurveStyle::PointsBeside(series as u8 + 1, beside_px(series, all_lines)),
         x: all.iter().map(|(x, _)| *x).collect(),
         y: all.iter().map(|(_, y)| Some(*y)).collect(),
         half_width: None,
     }
+}
+
+/// Where the points of a line stand among those of all lines, about the middle; many lines move closer.
+fn beside_px(series: usize, all_lines: usize) -> i8 {
+    let (place, last) = (series as i32, all_lines.max(1) as i32 - 1);
+    let apart_px = if last > 8 { 40.0 / f64::from(last) } else { f64::from(BESIDE_PX) };
+    (apart_px * (f64::from(place) - f64::from(last) / 2.0)) as i8
 }
 
 fn both_sides(name: &str, style: CurveStyle, longest_m: f64, at_m: &dyn Fn(f64) -> f64) -> [Curve; 2] {

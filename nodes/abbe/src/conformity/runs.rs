@@ -178,11 +178,16 @@ fn report(path: &Path, sha256: &[u8; 32], axes: &[AxisFigures], diagonals: Optio
     if let Some(diagonals) = diagonals {
         sections.push(departure_callout(DIAGONALS, &diagonals.departures));
     }
+    let standards = match (axes.is_empty(), diagonals) {
+        (true, _) => "diagonals after ISO 230-6",
+        (false, None) => "axes after ISO 230-2",
+        (false, Some(_)) => "axes after ISO 230-2 and diagonals after ISO 230-6",
+    };
     sections.push(table(&all));
     sections.extend(pictures::positioning(&all));
     Report {
         title: "Positioning".to_owned(),
-        lead: Some("Figures of ISO 230-2, along diagonals of ISO 230-6; deviation = actual − target.".to_owned()),
+        lead: Some(format!("Figures of {standards}; deviation = actual − target.")),
         identity: Identity::default(),
         next: None,
         meta: made_from(path, sha256),

@@ -183,7 +183,11 @@ fn report(path: &Path, sha256: &[u8; 32], errors: &ProbingErrors, rows: &[Row], 
     }));
     Report {
         title: "Probing error".to_owned(),
-        lead: Some(format!("{} points on a sphere.", residuals.len())),
+        lead: Some(format!(
+            "{} points on a sphere; diameter of the least-squares sphere {:.6} mm.",
+            residuals.len(),
+            errors.sphere.radius_m * 2e3
+        )),
         identity: Identity::default(),
         next: None,
         meta: made_from(path, sha256),

@@ -10,6 +10,7 @@ use crate::fitted::Fitted;
 use crate::next::Next;
 use crate::pipeline::{Identification, LoadedCampaign};
 use crate::provenance;
+use crate::verdict;
 use crate::verification::{VerificationPoints, Verified, errors};
 use abbe_files::{MachineFile, ModelFile, hex};
 use abbe_geometry::Vector3;
@@ -17,8 +18,8 @@ use abbe_graph::launch::NodeName;
 use abbe_msgs::CorrectedCoordinates;
 use abbe_report::diagnosis::Both;
 use abbe_report::{
-    Closing, DemoReport, FileEntry, Identity, InUse, LiveFigures, RunHeader, StepDuration, VerificationPoint, digits,
-    max_abs, rms,
+    Callout, Closing, DemoReport, FileEntry, Identity, InUse, LiveFigures, RunHeader, StepDuration, Tone,
+    VerificationPoint, digits, max_abs, rms,
 };
 use anyhow::ensure;
 use std::path::Path;
@@ -62,7 +63,7 @@ pub(super) fn data(facts: &Facts) -> anyhow::Result<DemoReport> {
         steps: facts.steps.iter().map(|(name, s)| StepDuration { name: (*name).to_owned(), duration_s: Some(*s) }).collect(),
         live: Some(live(facts)),
         closing,
-        warnings: warnings(facts),
+        remarks: remarks(facts),
         ..Fitted { loaded: facts.loaded, model: facts.model, found: facts.found }.report()
     })
 }
@@ -77,8 +78,8 @@ pub(super) fn print(data: &DemoReport, out: &Path, next: &Next) {
     for sentence in data.closing.iter().flat_map(Closing::sentences) {
         println!("{sentence}");
     }
-    for warning in &data.warnings {
-        println!("  note: {warning}");
+    for remark in &data.remarks {
+        println!("  {}: {}", remark.tone.word().to_lowercase(), remark.text);
     }
     println!("report: {}", out.join("report.html").display());
     next.print();
@@ -181,27 +182,29 @@ fn live(facts: &Facts) -> LiveFigures {
     }
 }
 
-fn warnings(facts: &Facts) -> Vec<String> {
+fn remarks(facts: &Facts) -> Vec<Callout> {
     // What the first model lacked is answered where another one took over.
     let before = match facts.points_after_loop {
         Some(_) => "before the loop, ",
         None => "",
     };
+    let warning = |text: String| Callout { tone: Tone::Warning, title: String::new(), text };
     let findings = facts.found.verdict.findings.iter();
-    let mut warnings: Vec<String> = findings.map(|finding| format!("{before}{finding}")).collect();
+    let mut remarks: Vec<Callout> = findings.map(|finding| verdict::remark(finding, before)).collect();
     let extrapolated = facts.points.extrapolated();
     if extrapolated > 0 {
-        warnings.push(format!("{extrapolated} verification points lie outside the identified volume or offsets."));
+        remarks
+            .push(warning(format!("{extrapolated} verification points lie outside the identified volume or offsets.")));
     }
     let after_loop = facts.points_after_loop.map_or(0, VerificationPoints::extrapolated);
     if after_loop > extrapolated {
-        warnings.push(format!(
+        remarks.push(warning(format!(
             "{after_loop} verification points are extrapolated with the model after the loop: what it corrects by was \
              outside of the campaign's range there, and their uncertainty is a lower bound."
-        ));
+        )));
     }
-    warnings.extend(failed_diagnoses(facts));
-    warnings
+    remarks.extend(failed_diagnoses(facts).map(warning));
+    remarks
 }
 
 /// Diagnoses that the monitor could not even start.

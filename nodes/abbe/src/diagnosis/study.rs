@@ -18,6 +18,7 @@ use abbe_files::{
 };
 use abbe_geometry::Vector3;
 use abbe_measurement::correspondence::check_vectors;
+use abbe_measurement::probe_pose::{ProbePose, ProbePoseModel, SphereCentre, poses};
 use abbe_report::diagnosis::{DiagnosisReport, File, ModelOut};
 use abbe_report::{Axis, Curve, CurveStyle, Identity, LinePanel, LinePlot, Section};
 use anyhow::{Context, ensure};
@@ -51,7 +52,7 @@ pub(crate) fn run(kind: DataKind, path: &Path, request: &Request, observe: &mut 
     match kind {
         DataKind::Runs => {
             let file = read_runs_file(path)?;
-            let data = Data { path, sha256: file.sha256, machine };
+            let data = Data { path, sha256: file.sha256, machine, without_machine: NAME_THE_MACHINE };
             let figures = |_: &StudyDiagnosis| position_figures(&positions(&file.rows));
             conclude(data, request, figures, |options| runs::diagnose_observed(&file.rows, options, observe))
         }
@@ -59,9 +60,14 @@ pub(crate) fn run(kind: DataKind, path: &Path, request: &Request, observe: &mut 
             ensure!(machine.is_none(), "{}: sphere centres give no model; leave --machine out", path.display());
             let file = read_sphere_centres_file(path)?;
             conclude(
-                Data { path, sha256: file.sha256, machine },
+                Data {
+                    path,
+                    sha256: file.sha256,
+                    machine,
+                    without_machine: "No model file was made: sphere centres give none.",
+                },
                 request,
-                |_: &StudyDiagnosis| Vec::new(),
+                |_: &StudyDiagnosis| pose_figure(&file.rows).into_iter().collect(),
                 |options| five_axis::diagnose_observed(&file.rows, options, observe),
             )
         }
@@ -82,9 +88,8 @@ pub(crate) fn run_residuals(
     let vectors_m: Vec<Vector3<f64>> = file.rows.iter().map(|row| row.residual_m.into()).collect();
     check_vectors(&vectors_m, false).with_context(|| path.display().to_string())?;
     let figures = |diagnosis: &StudyDiagnosis| vector_pictures::sections(&file.rows, diagnosis);
-    conclude(Data { path, sha256: file.sha256, machine }, request, figures, |options| {
-        vectors::diagnose_observed(&file.rows, chain.as_ref(), options, observe)
-    })
+    let data = Data { path, sha256: file.sha256, machine, without_machine: NAME_THE_MACHINE };
+    conclude(data, request, figures, |options| vectors::diagnose_observed(&file.rows, chain.as_ref(), options, observe))
 }
 
 fn machine_of(model: &Path) -> Result<MachineFile, FileError> {
@@ -103,10 +108,15 @@ struct Data<'a> {
     path: &'a Path,
     sha256: [u8; 32],
     machine: Option<MachineFile>,
+    /// Why there is no model where no machine is named.
+    without_machine: &'static str,
 }
 
+/// Of data that give a model.
+const NAME_THE_MACHINE: &str = "No model file was made: name the machine with --machine to have one.";
+
 fn conclude(
-    Data { path, sha256, machine }: Data,
+    Data { path, sha256, machine, without_machine }: Data,
     request: &Request,
     figures: impl FnOnce(&StudyDiagnosis) -> Vec<Section>,
     diagnose: impl FnOnce(&StudyOptions) -> Result<StudyDiagnosis, DiagnoseError>,
@@ -117,7 +127,7 @@ fn conclude(
     let data = File { file: name_of(path), sha256: hex(&sha256) };
     let mut record = study_record::record(&diagnosis, data, &options, request.seed, software());
     let Some(machine) = machine else {
-        record.notes.push("No model file was made: name the machine with --machine to have one.".to_owned());
+        record.notes.push(without_machine.to_owned());
         return Ok(Product {
             report: DiagnosisReport { record, residuals: None, figures, identity: Identity::default(), next: None },
             model: None,
@@ -154,6 +164,37 @@ fn conclude(
         without_model,
         is_partial: diagnosis.is_stopped,
     })
+}
+
+/// What the pose of the probe alone leaves of each centre, side by side at its pose; nothing where it cannot be fitted.
+fn pose_figure(centres: &[SphereCentre]) -> Option<Section> {
+    let fitted = ProbePose::fit(centres, ProbePoseModel::NINE).ok()?;
+    let poses = poses(centres);
+    let of_pose = |(k, own): (usize, &Vec<usize>)| own.iter().map(|i| (k as f64 + 1.0, *i)).collect::<Vec<_>>();
+    let rows: Vec<(f64, usize)> = poses.iter().enumerate().flat_map(of_pose).collect();
+    let curve = |(component, name): (usize, &str)| Curve {
+        name: name.to_owned(),
+        style: CurveStyle::PointsBeside(component as u8 + 1, [-8, 0, 8][component]),
+        x: rows.iter().map(|(pose, _)| *pose).collect(),
+        y: rows.iter().map(|(_, i)| Some(fitted.residuals_m[*i][component] * 1e6)).collect(),
+        half_width: None,
+    };
+    Some(Section::LinePlot(LinePlot {
+        title: "What was measured".to_owned(),
+        note: Some(
+            "What the sphere's centre, the probe's direction and its zero leave of each centre. Poses of A and C in the order of the \
+             file; the components stand side by side."
+                .to_owned(),
+        ),
+        columns: 1,
+        band_name: None,
+        panels: vec![LinePanel {
+            title: String::new(),
+            x: Axis::new("pose", "1"),
+            y: Axis::new("residual", "µm"),
+            curves: ["x", "y", "z"].into_iter().enumerate().map(curve).collect(),
+        }],
+    }))
 }
 
 /// The position table as a picture: mean error and two standard deviations by target and direction, an axis a panel.

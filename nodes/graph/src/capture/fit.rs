@@ -8,7 +8,8 @@ use abbe_files::{MachineFile, OrderChoice};
 use abbe_geometry::correct::correct;
 use abbe_geometry::effects::{NoCovariates, State};
 use abbe_geometry::model::MachineModel;
-use abbe_identify::{IdentifyOptions, identify, verdict::of_campaign};
+use abbe_identify::verdict::{Finding, of_campaign};
+use abbe_identify::{IdentifyOptions, identify};
 use abbe_measurement::campaign::Campaign;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -28,7 +29,7 @@ pub struct SoFar {
     /// Rms over the volume of the plan of the standard uncertainty of a corrected point, in space (m).
     pub u_m: f64,
     /// What the fit says against itself.
-    pub findings: Vec<String>,
+    pub findings: Vec<Finding>,
 }
 
 /// Over which readings (m) and offsets (m) the uncertainty is stated.
@@ -57,7 +58,7 @@ pub fn so_far(
     let options = IdentifyOptions { order, absolute_range: machine.absolute_range, ..IdentifyOptions::default() };
     let fit = identify(&machine.machine, machine.instrument, campaign, &options, &mut |_| goes_on());
     let fit = fit.map_err(|error| error.to_string())?;
-    let findings = of_campaign(campaign, &fit).findings.iter().map(ToString::to_string).collect();
+    let findings = of_campaign(campaign, &fit).findings;
     let u_m = u_m(&fit.model, volume).ok_or("the model states no uncertainty for the volume of the plan")?;
     Ok(SoFar { readings: campaign.readings.len(), model: fit.model, u_m, findings })
 }

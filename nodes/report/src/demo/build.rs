@@ -1,4 +1,4 @@
-//! From the data of a corrected campaign to its report: header, key figures, warnings, then the chapters.
+//! From the data of a corrected campaign to its report: header, key figures, remarks, then the chapters.
 
 use super::{DemoReport, LiveFigures};
 use crate::error::ReportError;
@@ -16,7 +16,7 @@ impl DemoReport {
     /// The report: page sections in reading order; the PNG shows error before and after.
     pub fn report(&self) -> Report {
         let mut sections = vec![Section::KeyFigures(self.key_figures())];
-        sections.extend(self.warnings.iter().map(|text| warning(text)));
+        sections.extend(self.remarks.iter().cloned().map(Section::Callout));
         if !self.fit.converged {
             sections.push(not_converged());
         }
@@ -258,11 +258,6 @@ fn latency_figure(live: &LiveFigures) -> KeyFigure {
 /// A chapter heading.
 pub(super) fn heading(title: &str, intro: Option<&str>) -> Section {
     Section::Heading(Heading { title: title.to_owned(), intro: intro.map(str::to_owned) })
-}
-
-/// A warning in words.
-fn warning(text: &str) -> Section {
-    Section::Callout(Callout { tone: Tone::Warning, title: String::new(), text: text.to_owned() })
 }
 
 fn not_converged() -> Section {

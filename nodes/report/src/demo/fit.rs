@@ -125,7 +125,10 @@ impl DemoReport {
         let of = &self.identifiability;
         TableSection {
             title: "Rank and condition".to_owned(),
-            note: None,
+            note: Some(
+                "Whether the plan sees the stations and errors of low order; the fit itself has more unknowns."
+                    .to_owned(),
+            ),
             columns: vec![
                 Column::number("unknowns", "1"),
                 Column::number("rank", "1"),

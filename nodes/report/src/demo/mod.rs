@@ -14,6 +14,7 @@ pub use closing::{Closing, InUse};
 
 use crate::identity::Identity;
 use crate::report::NextStep;
+use crate::sections::Callout;
 use serde::{Deserialize, Serialize};
 
 /// What was run, on what, with what.
@@ -233,7 +234,7 @@ pub struct Correlation {
 /// What the plan can tell.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Identifiability {
-    /// Unknowns of the fit.
+    /// Unknowns of low order, by which the plan is judged.
     pub unknowns: usize,
     /// Numerical rank of the weighted Jacobian after the gauge constraints.
     pub rank: Option<usize>,
@@ -320,6 +321,6 @@ pub struct DemoReport {
     /// Whether this is a fit by itself, to which neither verification nor a live run belongs.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub is_fit_alone: bool,
-    /// Warnings in words.
-    pub warnings: Vec<String>,
+    /// What limits the result, gravest first, each as it is to be taken.
+    pub remarks: Vec<Callout>,
 }

@@ -31,7 +31,7 @@ impl Tone {
     }
 
     /// The tone in words, so that it does not hang on a colour.
-    pub(crate) fn word(self) -> &'static str {
+    pub fn word(self) -> &'static str {
         match self {
             Self::Neutral => "Note",
             Self::Good => "In order",

@@ -52,6 +52,9 @@ impl State {
     }
 }
 
+/// How far points before and after a correction are drawn beside where they are, px.
+const BESIDE_PX: i8 = 5;
+
 /// How a curve is drawn. Series count from 1; colours and markers repeat after eight.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -62,11 +65,13 @@ pub enum CurveStyle {
     Reference,
     /// Points in the colour of a series.
     Points(u8),
+    /// The same, drawn so many pixels to the right of where they are: one of several series with values at the same positions.
+    PointsBeside(u8, i8),
     /// A line in the colour of a state.
     LineOf(State),
     /// A dashed line in the colour of a state.
     DashedOf(State),
-    /// Points in the colour of a state.
+    /// Points in the colour of a state; those before and after stand beside each other, so that equal ones are both seen.
     PointsOf(State),
 }
 
@@ -80,7 +85,7 @@ impl CurveStyle {
     #[cfg(test)]
     pub(crate) fn of_series(self) -> Option<u8> {
         match self {
-            Self::Line(series) | Self::Points(series) => Some(Self::series(series)),
+            Self::Line(series) | Self::Points(series) | Self::PointsBeside(series, _) => Some(Self::series(series)),
             _ => None,
         }
     }
@@ -93,7 +98,7 @@ impl CurveStyle {
         match self {
             Self::Line(series) => format!("ln l{}", Self::series(series)),
             Self::Reference => "ink dash".to_owned(),
-            Self::Points(series) => format!("f{}", Self::series(series)),
+            Self::Points(series) | Self::PointsBeside(series, _) => format!("f{}", Self::series(series)),
             Self::LineOf(state) => format!("ln l{}", state.class()),
             Self::DashedOf(state) => format!("dash l{}", state.class()),
             Self::PointsOf(state) => format!("f{}", state.class()),
@@ -103,15 +108,27 @@ impl CurveStyle {
     /// The series of points; `None` for lines.
     fn marker(self) -> Option<u8> {
         match self {
-            Self::Points(series) => Some(Self::series(series)),
+            Self::Points(series) | Self::PointsBeside(series, _) => Some(Self::series(series)),
             Self::PointsOf(state) => Some(state.marker()),
             Self::Line(_) | Self::LineOf(_) | Self::DashedOf(_) | Self::Reference => None,
         }
     }
 
+    /// How far points are drawn beside where they are, px.
+    fn beside_px(self) -> i8 {
+        match self {
+            Self::PointsBeside(_, beside_px) => beside_px,
+            Self::PointsOf(State::Before) => -BESIDE_PX,
+            Self::PointsOf(State::After) => BESIDE_PX,
+            _ => 0,
+        }
+    }
+
     fn band_class(self) -> String {
         match self {
-            Self::Line(series) | Self::Points(series) => format!("b{}", Self::series(series)),
+            Self::Line(series) | Self::Points(series) | Self::PointsBeside(series, _) => {
+                format!("b{}", Self::series(series))
+            }
             Self::LineOf(state) | Self::DashedOf(state) | Self::PointsOf(state) => format!("b{}", state.class()),
             Self::Reference => "none".to_owned(),
         }
@@ -197,7 +214,7 @@ impl Curve {
         for run in self.runs() {
             let pixels: Vec<_> = drawn(&run, step).map(|&(px, py, _)| (x.map(px), y.map(py))).collect();
             match marker {
-                Some(series) => svg.markers(series, &self.style.stroke_class(), &pixels),
+                Some(series) => svg.markers(series, &self.style.stroke_class(), &pixels, self.style.beside_px()),
                 None => svg.path(&self.style.stroke_class(), &pixels, false),
             }
         }

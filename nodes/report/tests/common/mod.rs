@@ -78,11 +78,14 @@ pub(crate) fn demo_report(seed: u64) -> DemoReport {
         }),
         closing: None,
         is_fit_alone: false,
-        warnings: vec![
-            "Two pairs of parameters correlate above 0.9: their values are not to be read one by one, their sum is \
-             well determined."
-                .into(),
-        ],
+        remarks: vec![Callout {
+            tone: Tone::Warning,
+            title: String::new(),
+            text:
+                "Two pairs of parameters correlate above 0.9: their values are not to be read one by one, their sum is \
+                   well determined."
+                    .into(),
+        }],
     }
 }
 

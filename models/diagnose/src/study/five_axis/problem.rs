@@ -233,7 +233,7 @@ fn candidate(known: &'static Known, group: &[usize]) -> Candidate {
         1 => known.name.to_owned(),
         _ => {
             let parts: Vec<&str> = group.iter().map(|k| unknown(k).name).collect();
-            format!("{} {}", known.name, parts.join("+"))
+            format!("{} {}", known.name, parts.join(" and ").replace('_', " "))
         }
     };
     let spec = |k: &usize| ParameterSpec::new(unknown(k).name, unknown(k).unit, unknown(k).plausible);

@@ -41,7 +41,7 @@ pub(super) fn report(
             software_version: file.software.clone(),
         },
         is_fit_alone: true,
-        warnings: found.verdict.findings.iter().map(|finding| verdict::in_words(&finding.to_string())).collect(),
+        remarks: found.verdict.findings.iter().map(|finding| verdict::remark(finding, "")).collect(),
         ..Fitted { loaded, model: file, found }.report()
     })
 }

@@ -72,6 +72,11 @@ pub(super) fn run(config: &SimulationConfig, stroke_m: [(f64, f64); 3], serving:
         !serving.obey || protocol == Protocol::Ippdme,
         "--obey: OPC UA has no order to move; leave it out, or serve ippdme"
     );
+    // Before anything is listened on, or said to be.
+    let axes = match protocol {
+        Protocol::Ippdme => None,
+        Protocol::Opcua => Some(opcua_axes().context(NO_OPCUA)?),
+    };
     let Serving { dwell_s, change_s, faster, .. } = *serving;
     let pace = Pace { dwell_s, change_s, faster };
     let drive = Drive::new(config, pace)?;
@@ -125,7 +130,7 @@ pub(super) fn run(config: &SimulationConfig, stroke_m: [(f64, f64); 3], serving:
             Ok(serve(&served, (&server, &tracer), &shutdown)?)
         }
         Protocol::Opcua => {
-            say(opcua_axes().context(NO_OPCUA)?);
+            axes.into_iter().for_each(say);
             Ok(serve_opcua(&served, (server, &tracer), &shutdown)?)
         }
     }

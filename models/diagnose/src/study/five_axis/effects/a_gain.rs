@@ -9,7 +9,7 @@ use crate::study::five_axis::chain::{Acts, Pose};
 
 /// Entry in the registry.
 pub(super) const KNOWN: Known = Known {
-    name: "a_gain",
+    name: "gain of A",
     formula: "theta_A -> theta_A (1 + g)",
     typical: "10-1000 urad at 1 rad",
     source: "ISO 230-1:2012 (angular positioning EAA); ISO 230-2",

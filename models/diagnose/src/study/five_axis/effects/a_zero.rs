@@ -9,7 +9,7 @@ use crate::study::five_axis::chain::{Acts, Pose};
 
 /// Entry in the registry.
 pub(super) const KNOWN: Known = Known {
-    name: "a_zero",
+    name: "zero of A",
     formula: "theta_A -> theta_A + z",
     typical: "10-1000 urad",
     source: "ISO 230-1:2012 (zero position of a rotary axis, EA0A)",

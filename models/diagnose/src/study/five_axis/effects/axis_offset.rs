@@ -10,7 +10,7 @@ use crate::study::five_axis::chain::{Acts, Pose};
 
 /// Entry in the registry.
 pub(super) const KNOWN: Known = Known {
-    name: "axis_offset",
+    name: "offset of A from C along",
     formula: "q = Q + R_C (o + R_A (d R_p + T_p)), o the offset in the frame that C turns",
     typical: "10-1000 um",
     source: "ISO 230-1:2012 (position of a rotary axis, EY0A against EY0C)",

@@ -8,7 +8,7 @@ use crate::study::five_axis::chain::{Acts, Pose};
 
 /// Entry in the registry.
 pub(super) const KNOWN: Known = Known {
-    name: "c_gain",
+    name: "gain of C",
     formula: "theta_C -> theta_C (1 + g)",
     typical: "10-1000 urad at 1 rad",
     source: "ISO 230-1:2012 (angular positioning ECC); ISO 230-2",

@@ -9,7 +9,7 @@ use crate::study::five_axis::chain::{Acts, Pose};
 
 /// Entry in the registry.
 pub(super) const KNOWN: Known = Known {
-    name: "c_harmonic",
+    name: "harmonic of C with",
     formula: "shift = s sin(theta_C) + c (1 - cos(theta_C)) along machine x, y or z",
     typical: "10-1000 um",
     source: "none: it describes, it does not explain",

@@ -9,7 +9,7 @@ use crate::study::five_axis::chain::{Acts, Pose};
 
 /// Entry in the registry.
 pub(super) const KNOWN: Known = Known {
-    name: "c_tilt",
+    name: "tilt of C",
     formula: "R_C -> E(t) R_C E(t)^T, t a small rotation about x or y of the machine",
     typical: "10-1000 urad",
     source: "ISO 230-1:2012 (orientation of a rotary axis, EA0C and EB0C)",

@@ -9,7 +9,7 @@ use crate::study::five_axis::chain::{Acts, Pose};
 
 /// Entry in the registry.
 pub(super) const KNOWN: Known = Known {
-    name: "c_zero",
+    name: "zero of C",
     formula: "theta_C -> theta_C + z",
     typical: "10-1000 urad",
     source: "ISO 230-1:2012 (zero position of a rotary axis, EC0C)",

@@ -9,7 +9,7 @@ use crate::study::five_axis::chain::{Acts, Pose};
 
 /// Entry in the registry.
 pub(super) const KNOWN: Known = Known {
-    name: "distance_scale",
+    name: "scale of the probe's distance",
     formula: "d -> d (1 + s)",
     typical: "100-1000 um/m",
     source: "data sheets of laser probes (linearity)",

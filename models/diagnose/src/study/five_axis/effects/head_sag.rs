@@ -9,7 +9,7 @@ use crate::study::five_axis::chain::{Acts, Pose};
 
 /// Entry in the registry.
 pub(super) const KNOWN: Known = Known {
-    name: "head_sag",
+    name: "sag of the head",
     formula: "theta_A -> theta_A + k sin(theta_A)",
     typical: "10-500 urad",
     source: "moment of the weight over an elastic drive; ISO 230-1:2012, annex on deformation",

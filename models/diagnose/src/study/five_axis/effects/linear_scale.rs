@@ -8,7 +8,7 @@ use crate::study::five_axis::chain::{Acts, Pose};
 
 /// Entry in the registry.
 pub(super) const KNOWN: Known = Known {
-    name: "linear_scale",
+    name: "scale of axis",
     formula: "shift = g Q along X, Y or Z",
     typical: "1-50 um/m",
     source: "ISO 230-2 (positioning of linear axes)",

@@ -9,7 +9,7 @@ use crate::study::five_axis::chain::{Acts, Pose};
 
 /// Entry in the registry.
 pub(super) const KNOWN: Known = Known {
-    name: "linear_squareness",
+    name: "squareness",
     formula: "shift_x = -C0Y Y + B0Z Z, shift_y = -A0Z Z",
     typical: "10-100 urad",
     source: "ISO 230-1:2012 (squareness of linear axes)",

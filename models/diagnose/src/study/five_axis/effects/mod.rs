@@ -36,6 +36,7 @@ pub(super) struct Unknown {
 /// One registered effect.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Known {
+    /// In words; where it makes several candidates, the names of the parameters follow.
     pub(super) name: &'static str,
     pub(super) formula: &'static str,
     /// Typical size in the literature.
