@@ -61,7 +61,8 @@ fn shares(past: &[Vec<f64>], now: &[f64]) -> Option<Vec<f64>> {
     let ridge = |i: usize, j: usize| if i == j { RIDGE * largest } else { 0.0 };
     let squares = Mat::from_fn(past.len(), past.len(), |i, j| dot(&past[i], &past[j]) + ridge(i, j));
     let right: Vec<f64> = past.iter().map(|past| dot(past, now)).collect();
-    Some(Factor::new(&squares).ok()?.solve(&right))
+    let shares = Factor::new(&squares).ok()?.solve(&right);
+    shares.iter().all(|share| share.is_finite()).then_some(shares)
 }
 
 fn difference(a: &[f64], b: &[f64]) -> Vec<f64> {
@@ -100,6 +101,14 @@ mod tests {
         let ((plain, _), (fast, place)) = (updates_until_settled(false), updates_until_settled(true));
         assert!(plain > 100 && fast <= 10, "{plain}, {fast}");
         assert!(difference(&place, &[1.0, 2.0, 3.0]).iter().all(|off| off.abs() < 1e-5), "{place:?}");
+    }
+
+    #[test]
+    fn an_update_that_is_no_number_is_handed_on_and_forgotten() {
+        let mut anderson = Anderson::default();
+        anderson.step(&[0.0, 0.0], &[1.0, 2.0], &[1.0; 2]);
+        assert!(anderson.step(&[1.0, 2.0], &[f64::NAN, 3.0], &[1.0; 2])[0].is_nan());
+        assert_eq!(anderson.step(&[1.0, 2.0], &[1.5, 2.5], &[1.0; 2]), [1.5, 2.5]);
     }
 
     #[test]

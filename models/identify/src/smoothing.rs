@@ -56,7 +56,7 @@ impl Penalty {
         self.rank * self.log_of_lambda() + self.roughness.log_determinant
     }
 
-    /// −2 log of the density ∝ λ^(−½) of the curvature's standard deviation.
+    /// Also −2 log of the density ∝ λ^(−½) of the curvature's standard deviation.
     fn log_of_lambda(&self) -> f64 {
         self.lambda.max(f64::MIN_POSITIVE).ln()
     }
@@ -323,7 +323,8 @@ impl<'a> Problem<'a> {
         let mut update = Update { from: Vec::new(), to: Vec::new(), weights: Vec::new() };
         for penalty in &smoothness.penalties {
             let (wanted, degrees) = self.wanted(penalty, solution);
-            update.push((penalty.lambda.ln(), wanted.ln()), degrees / (2.0 * penalty.rank).sqrt());
+            let to = wanted.max(f64::MIN_POSITIVE).ln();
+            update.push((penalty.log_of_lambda(), to), degrees / (2.0 * penalty.rank).sqrt());
         }
         update.push((smoothness.exponent, exponent), (0.5 * information).sqrt());
         update
