@@ -23,8 +23,6 @@ struct Function {
     first: usize,
     len: usize,
     values: [f64; MAX_LOCAL],
-    /// Of a spline between knots: its values times X, Y and Z of the column.
-    along: [[f64; SPLINE]; 3],
 }
 
 impl Function {
@@ -42,18 +40,16 @@ impl Function {
     /// Covariance of the values of two functions.
     #[inline(always)]
     fn covariance(&self, other: &Function, model: &MachineModel) -> f64 {
+        if self.len == SPLINE && other.len == SPLINE {
+            return self.covariance_of_splines(other, model);
+        }
         let along = |k: usize| other.dot(model.machine_covariance_row(self.first + k));
         self.values().iter().enumerate().map(|(k, value)| value * along(k)).sum()
     }
 
+    /// The same of two splines between knots, with lengths that the compiler knows.
     #[inline(always)]
-    fn is_spline(&self) -> bool {
-        self.len == SPLINE
-    }
-
-    /// Values of a spline between knots times the rows of its coefficients, where another has its own: lengths that the compiler knows.
-    #[inline(always)]
-    fn combined(&self, other: &Function, model: &MachineModel) -> [f64; SPLINE] {
+    fn covariance_of_splines(&self, other: &Function, model: &MachineModel) -> f64 {
         let mut combined = [0.0; SPLINE];
         for k in 0..SPLINE {
             let row = &model.machine_covariance_row(self.first + k)[other.first..other.first + SPLINE];
@@ -61,7 +57,7 @@ impl Function {
                 *sum += self.values[k] * v;
             }
         }
-        combined
+        combined.iter().zip(&other.values).map(|(sum, value)| sum * value).sum()
     }
 }
 
@@ -101,8 +97,7 @@ impl Sensitivity {
     pub(crate) fn push_function(&mut self, first: usize, column: Vector3<f64>, basis: &[f64]) {
         let mut values = [0.0; MAX_LOCAL];
         values[..basis.len()].copy_from_slice(basis);
-        let along = std::array::from_fn(|d| std::array::from_fn(|k| column[d] * values[k]));
-        self.functions.push(Function { column, first, len: basis.len(), values, along });
+        self.functions.push(Function { column, first, len: basis.len(), values });
     }
 
     /// Adds what straight lines between nodes miss.
@@ -139,51 +134,22 @@ impl Sensitivity {
         let mut half = Matrix3::zeros();
         for (k, a) in self.functions.iter().enumerate() {
             let mut weighted = a.column * (0.5 * a.covariance(a, model));
-            let mut of_splines = Lanes::default();
             for b in &self.functions[..k] {
-                match a.is_spline() && b.is_spline() {
-                    true => of_splines.add(b, &a.combined(b, model)),
-                    false => weighted += b.column * a.covariance(b, model),
-                }
+                weighted += b.column * a.covariance(b, model);
             }
-            half += a.column * (weighted + of_splines.sum()).transpose();
+            half += a.column * weighted.transpose();
         }
         for (k, (index, column)) in self.single.iter().enumerate() {
             let row = model.machine_covariance_row(*index);
             let mut weighted = column * (0.5 * row[*index]);
-            let mut of_splines = Lanes::default();
             for b in &self.functions {
-                match row[b.first..].first_chunk() {
-                    Some(own) if b.is_spline() => of_splines.add(b, own),
-                    _ => weighted += b.column * b.dot(row),
-                }
+                weighted += b.column * b.dot(row);
             }
             for (other, b) in &self.single[..k] {
                 weighted += b * row[*other];
             }
-            half += column * (weighted + of_splines.sum()).transpose();
+            half += column * weighted.transpose();
         }
         half
-    }
-}
-
-/// Sums over splines, along X, Y and Z, one for each of their coefficients: what stands in one register is summed once, and not for each
-/// pair.
-#[derive(Default)]
-struct Lanes([[f64; SPLINE]; 3]);
-
-impl Lanes {
-    #[inline(always)]
-    fn add(&mut self, spline: &Function, weights: &[f64; SPLINE]) {
-        for (sums, along) in self.0.iter_mut().zip(&spline.along) {
-            for k in 0..SPLINE {
-                sums[k] += along[k] * weights[k];
-            }
-        }
-    }
-
-    #[inline(always)]
-    fn sum(&self) -> Vector3<f64> {
-        Vector3::from(self.0.map(|sums| sums.iter().sum::<f64>()))
     }
 }
