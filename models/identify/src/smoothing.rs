@@ -19,12 +19,17 @@ use faer::Mat;
 use std::ops::Range;
 use std::sync::Arc;
 
+#[cfg(test)]
+mod tests;
+
 /// Updates after which the smoothness is taken as it is: it then changes by less than the data can tell.
 const MAX_UPDATES: usize = 60;
 /// Change of the effective degrees of freedom of a function that ends the search.
 const DEGREES_TOLERANCE: f64 = 0.01;
-/// Growth of that change from one update to the next from which acceleration begins anew.
-const ASTRAY: f64 = 3.0;
+/// Change that the next update still asks for, in standard deviations of what the data tell of it, below which the search may end.
+const UPDATE_TOLERANCE: f64 = 0.1;
+/// Growth of −2 log likelihood from which an accelerated step is not taken; less is rounding, or the noise that was estimated anew.
+const WORSE: f64 = 1e-3;
 /// Bounds of the penalty relative to its start: beyond these a function is a straight line, or free.
 const PENALTY_SPAN: f64 = 1e10;
 /// Largest factor by which one update may move a penalty.
@@ -59,6 +64,12 @@ impl Penalty {
     /// Also −2 log of the density ∝ λ^(−½) of the curvature's standard deviation.
     fn log_of_lambda(&self) -> f64 {
         self.lambda.max(f64::MIN_POSITIVE).ln()
+    }
+
+    /// This λ, as far as one update may go towards it.
+    fn within_bounds(&self, lambda: f64) -> f64 {
+        let near = lambda.clamp(self.lambda / PENALTY_STEP, self.lambda * PENALTY_STEP);
+        near.clamp(self.first_lambda / PENALTY_SPAN, self.first_lambda * PENALTY_SPAN)
     }
 
     /// βᵀMβ of the function's own coefficients.
@@ -155,8 +166,7 @@ impl Smoothness {
     /// Takes logarithms of the penalties, in their order, and the exponent, all within their bounds.
     fn take(&mut self, values: &[f64]) {
         for (penalty, log_lambda) in self.penalties.iter_mut().zip(values) {
-            let wanted = log_lambda.exp().clamp(penalty.lambda / PENALTY_STEP, penalty.lambda * PENALTY_STEP);
-            penalty.lambda = wanted.clamp(penalty.first_lambda / PENALTY_SPAN, penalty.first_lambda * PENALTY_SPAN);
+            penalty.lambda = penalty.within_bounds(log_lambda.exp());
         }
         if let Some(exponent) = values.get(self.penalties.len()) {
             self.set_exponent(exponent.clamp(EXPONENTS.0, EXPONENTS.1));
@@ -217,20 +227,16 @@ pub(crate) fn solve(
     if !choose || smoothness.penalties.is_empty() {
         return Ok(solution);
     }
-    let (mut anderson, mut moved_before) = (Anderson::default(), f64::INFINITY);
+    let (mut anderson, mut moved) = (Anderson::default(), f64::INFINITY);
     for _ in 0..MAX_UPDATES {
         let update = problem.update(smoothness, &solution);
-        smoothness.take(&anderson.step(&update.from, &update.to, &update.weights));
-        let next = problem.solve(smoothness, solution.noise_factor)?;
-        let moved = problem.largest_change_of_degrees(&smoothness.penalties, &solution, &next);
-        solution = next;
-        if moved < DEGREES_TOLERANCE {
+        // A function that is free or straight does not change however far its penalty still has to go.
+        if moved < DEGREES_TOLERANCE && update.largest() < UPDATE_TOLERANCE {
             break;
         }
-        if moved > ASTRAY * moved_before {
-            anderson.forget();
-        }
-        moved_before = moved;
+        let next = problem.step(smoothness, &solution, &update, &mut anderson)?;
+        moved = problem.largest_change_of_degrees(&smoothness.penalties, &solution, &next);
+        solution = next;
     }
     Ok(solution)
 }
@@ -317,6 +323,32 @@ impl<'a> Problem<'a> {
         (self.weighted_square - reduction).max(0.0)
     }
 
+    /// Takes one update, accelerated where that explains the data no worse.
+    fn step(
+        &self,
+        smoothness: &mut Smoothness,
+        solution: &Solution,
+        update: &Update,
+        anderson: &mut Anderson,
+    ) -> Result<Solution, NotPositiveDefinite> {
+        let accelerated = anderson.step(&update.from, &update.to, &update.weights);
+        if accelerated != update.to {
+            let mut ahead = smoothness.clone();
+            ahead.take(&accelerated);
+            let next = self.solve(&ahead, solution.noise_factor).ok();
+            let no_worse = solution.minus_two_log_likelihood + WORSE;
+            if let Some(next) = next.filter(|next| next.minus_two_log_likelihood <= no_worse) {
+                *smoothness = ahead;
+                return Ok(next);
+            }
+            // Far from the end an update hardly changes from one to the next, and what the last ones did leads anywhere.
+            anderson.forget();
+            anderson.step(&update.from, &update.to, &update.weights);
+        }
+        smoothness.take(&update.to);
+        self.solve(smoothness, solution.noise_factor)
+    }
+
     /// One update of all that the smoothness is told by: logarithms of the penalties, in their order, and the exponent.
     fn update(&self, smoothness: &Smoothness, solution: &Solution) -> Update {
         let (exponent, information) = self.better_exponent(smoothness, solution);
@@ -336,7 +368,7 @@ impl<'a> Problem<'a> {
         let quadratic = penalty.quadratic(&penalty.roughness.matrix, &solution.parameters);
         let degrees = (penalty.rank - penalty.lambda * trace).max(0.0);
         let wanted = degrees / (quadratic + 1.0 / penalty.lambda);
-        (wanted.clamp(penalty.lambda / PENALTY_STEP, penalty.lambda * PENALTY_STEP), degrees)
+        (penalty.within_bounds(wanted), degrees)
     }
 
     /// One scoring step of the exponent: the slope of −2 log likelihood over the information that exactly known curves
@@ -384,6 +416,12 @@ struct Update {
 }
 
 impl Update {
+    /// Largest change that it asks for, in standard deviations of what the data tell of it.
+    fn largest(&self) -> f64 {
+        let changes = self.from.iter().zip(&self.to).zip(&self.weights);
+        changes.map(|((from, to), weight)| ((to - from) * weight).abs()).fold(0.0, f64::max)
+    }
+
     fn push(&mut self, (from, to): (f64, f64), weight: f64) {
         self.from.push(from);
         self.to.push(to);
