@@ -54,6 +54,10 @@ impl State {
 
 /// How far points before and after a correction are drawn beside where they are, px.
 const BESIDE_PX: i8 = 5;
+/// Share of the way to the next position that points beside their own may take.
+const OWN_SIDE: f64 = 0.4;
+/// Positions this close are one to the eye, px.
+const ONE_PLACE_PX: f64 = 4.0;
 
 /// How a curve is drawn. Series count from 1; colours and markers repeat after eight.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -208,13 +212,15 @@ impl Curve {
         }
     }
 
-    fn draw(&self, svg: &mut Svg, x: &Scale, y: &Scale) {
+    /// `beside` is the share of the shift of its points that there is room for.
+    fn draw(&self, svg: &mut Svg, x: &Scale, y: &Scale, beside: f64) {
         let marker = self.style.marker();
+        let beside_px = (f64::from(self.style.beside_px()) * beside) as i8;
         let step = if marker.is_some() { one_in(self.x.len()) } else { 1 };
         for run in self.runs() {
             let pixels: Vec<_> = drawn(&run, step).map(|&(px, py, _)| (x.map(px), y.map(py))).collect();
             match marker {
-                Some(series) => svg.markers(series, &self.style.stroke_class(), &pixels, self.style.beside_px()),
+                Some(series) => svg.markers(series, &self.style.stroke_class(), &pixels, beside_px),
                 None => svg.path(&self.style.stroke_class(), &pixels, false),
             }
         }
@@ -295,6 +301,16 @@ impl LinePanel {
         if counts { wanted.min((high - low) as usize + 1) } else { wanted }
     }
 
+    /// Share of the shifts of points beside each other with which none comes near those of the next position.
+    fn room_beside(&self, x: &Scale) -> f64 {
+        let points = || self.curves.iter().filter(|curve| curve.style.marker().is_some());
+        let mut places: Vec<f64> = points().flat_map(Curve::runs).flatten().map(|(at, ..)| x.map(at)).collect();
+        places.sort_by(f64::total_cmp);
+        let gaps = places.windows(2).map(|pair| pair[1] - pair[0]).filter(|gap| *gap > ONE_PLACE_PX);
+        let widest = points().map(|curve| curve.style.beside_px().unsigned_abs()).max().unwrap_or(0);
+        (OWN_SIDE * gaps.fold(f64::INFINITY, f64::min) / f64::from(widest)).min(1.0)
+    }
+
     fn draw(&self, svg: &mut Svg, area: Area) {
         let all = || self.curves.iter().flat_map(Curve::runs).flatten();
         let x_range = extent(all().map(|p| p.0)).unwrap_or((0.0, 1.0));
@@ -321,9 +337,10 @@ impl LinePanel {
             svg.name(Some(&curve.name));
             curve.draw_band(svg, &x, &y);
         }
+        let beside = self.room_beside(&x);
         for curve in &self.curves {
             svg.name(Some(&curve.name));
-            curve.draw(svg, &x, &y);
+            curve.draw(svg, &x, &y, beside);
         }
         end_panel(svg);
         if all().next().is_none() {
