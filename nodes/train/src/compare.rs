@@ -88,6 +88,14 @@ fn next(arguments: &CompareArguments, inputs: &Inputs, compared: &Comparison) ->
     next.text("--out residual.json")
 }
 
+/// How many splits and trainings stand behind the means, in words.
+fn seeds(compared: &Comparison) -> String {
+    match compared.config.seeds {
+        1 => "1 seed".to_owned(),
+        more => format!("{more} seeds"),
+    }
+}
+
 fn say(data: &Data, compared: &Comparison) {
     let split = if compared.flattering { "single points (flattering)" } else { "blocks of space" };
     let plane = match (data.field.normal(), data.lacks.error) {
@@ -97,7 +105,7 @@ fn say(data: &Data, compared: &Comparison) {
             format!(" in a plane across {} (component {} was not measured)", Axis::ALL[normal].letter(), axis.lower())
         }
     };
-    println!("{}: {} points{plane}, held out by {split}, {} seeds", data.file, compared.points, compared.config.seeds);
+    println!("{}: {} points{plane}, held out by {split}, {}", data.file, compared.points, seeds(compared));
     if !compared.inputs.is_empty() {
         println!("inputs {}; the same points and split for all methods", compared.inputs.join(" "));
     }

@@ -102,6 +102,13 @@ pub enum Cause {
     Computed,
 }
 
+impl Cause {
+    /// Whether it is what the readings that it explains have in common, and not just that they are off.
+    pub(super) fn is_in_common(&self) -> bool {
+        !matches!(self, Cause::Scattered | Cause::Lacks | Cause::Understated | Cause::Overstated | Cause::Computed)
+    }
+}
+
 /// Residuals of a campaign after a fit.
 pub(super) struct Residuals<'a> {
     pub(super) campaign: &'a Campaign,

@@ -30,8 +30,8 @@ pub struct Counted {
     pub all: usize,
 }
 
-/// Grades how many were rejected; nothing where none was.
-pub fn of_rejected(counted: Counted, causes: Vec<Cause>) -> Option<Finding> {
+/// Grades how many were rejected; nothing where none was. Each measurement has a few: of these, only what they have in common is a cause.
+pub fn of_rejected(counted: Counted, mut causes: Vec<Cause>) -> Option<Finding> {
     let Counted { what, rejected, all } = counted;
     if rejected == 0 {
         return None;
@@ -42,6 +42,9 @@ pub fn of_rejected(counted: Counted, causes: Vec<Cause>) -> Option<Finding> {
         some if some <= hasty.1 => (Grade::Warning, careful),
         _ => (Grade::Refusal, hasty),
     };
+    if grade == Grade::Message {
+        causes.retain(Cause::is_in_common);
+    }
     Some(Finding { grade, subject: Subject::Rejected { what, rejected, all, share, explained }, causes })
 }
 
@@ -89,6 +92,15 @@ mod tests {
         assert_eq!([2, 7, 10, 14].map(|rejected| grade(rejected, 200)), [message, message, warning, refusal]);
         // One of ten is no share of anything.
         assert_eq!(grade(1, 10), message);
+    }
+
+    #[test]
+    fn regress_a_few_gross_errors_have_no_cause_but_what_they_have_in_common() {
+        let lines = Cause::Lines { lines: vec![("L1".to_owned(), "S1".to_owned(), 2, 9)] };
+        let causes = vec![Cause::Scattered, lines.clone(), Cause::Understated, Cause::Lacks];
+        let of =
+            |rejected| of_rejected(Counted { what: "readings", rejected, all: 2831 }, causes.clone()).unwrap().causes;
+        assert_eq!((of(2), of(100)), (vec![lines], causes.clone()));
     }
 
     #[test]

@@ -23,10 +23,10 @@ pub fn of_campaign(campaign: &Campaign, fit: &Identified) -> Verdict {
         is_rejected: fit.weights.iter().map(|weight| *weight == 0.0).collect(),
     };
     let counted = Counted { what: "readings", rejected: parts.quality.rejected, all: campaign.readings.len() };
-    let rejected = of_rejected(counted, Vec::new()).map(|finding| match finding.grade {
-        Grade::Message if counted.all > SEARCHED => finding,
-        grade => with_causes(finding, || causes_of_rejected(&residuals, grade)),
-    });
+    let rejected = match of_rejected(counted, Vec::new()) {
+        Some(few) if few.grade == Grade::Message && counted.all > SEARCHED => Some(few),
+        graded => graded.and_then(|_| of_rejected(counted, residuals.of_rejected())),
+    };
     let degrees = fit.weights.iter().sum::<f64>() - fit.evidence.effective_unknowns;
     let noise = of_noise(fit.evidence.chi2_per_dof, degrees, Vec::new());
     let noise = noise.map(|finding| with_causes(finding, || of_misfit(&residuals, fit.evidence.chi2_per_dof)));
@@ -40,15 +40,6 @@ pub fn of_campaign(campaign: &Campaign, fit: &Identified) -> Verdict {
 fn with_causes(mut finding: Finding, causes: impl Fn() -> Vec<Cause>) -> Finding {
     finding.causes = causes();
     finding
-}
-
-/// Where a few readings have nothing in common there is nothing to explain: each campaign has some.
-fn causes_of_rejected(residuals: &Residuals, grade: Grade) -> Vec<Cause> {
-    let mut causes = residuals.of_rejected();
-    if grade == Grade::Message {
-        causes.retain(|cause| !matches!(cause, Cause::Lacks | Cause::Scattered));
-    }
-    causes
 }
 
 fn of_misfit(residuals: &Residuals, chi2_per_dof: f64) -> Vec<Cause> {

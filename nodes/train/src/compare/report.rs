@@ -24,11 +24,11 @@ pub(super) fn report(data: &Data, compared: &Comparison, identity: Identity, nex
     Report {
         title: "Methods for the residual compared".to_owned(),
         lead: Some(format!(
-            "{} points of {}, held out by {}, {} seeds; all methods on the same points and splits.",
+            "{} points of {}, held out by {}, {}; all methods on the same points and splits.",
             compared.points,
             data.file,
             if compared.flattering { "single points" } else { "blocks of space" },
-            compared.config.seeds
+            super::seeds(compared)
         )),
         identity,
         next: Some(next),
