@@ -19,7 +19,8 @@ use std::path::PathBuf;
 
 use thiserror::Error;
 
-use super::names::{NameError, NodeIdentity, RemapRule};
+use super::meant::Meant;
+use super::names::{NameError, NodeIdentity, RemapRule, check_part};
 use super::yaml::{self, ParameterAssignment, YamlError};
 
 /// What stands between `--ros-args` and `--`, understood.
@@ -86,6 +87,14 @@ pub enum ArgsError {
         value: String,
         /// What it should look like.
         expected: &'static str,
+    },
+    /// Nodes that a parameter is for.
+    #[error("{argument}: {source}")]
+    Node {
+        /// The argument with its value.
+        argument: String,
+        /// What is wrong with the name before the colon.
+        source: NameError,
     },
     /// A parameter's value or file.
     #[error(transparent)]
@@ -166,6 +175,11 @@ impl RosArgs {
 
     fn add_remap(&mut self, argument: &str, value: &str) -> Result<(), ArgsError> {
         let (node, from, to) = assignment(argument, value, REMAP_FORM)?;
+        // No pattern: ROS 2 has them for parameters alone.
+        if let Some((node, reason)) = node.and_then(|node| Some((node, check_part(node).err()?))) {
+            let source = NameError { name: node.to_owned(), reason };
+            return Err(ArgsError::Node { argument: format!("{argument} {value}"), source });
+        }
         let (node, to) = (node.map(str::to_owned), to.to_owned());
         match from {
             "__node" | "__name" => self.node_names.push(Renamed { node, to }),
@@ -177,12 +191,11 @@ impl RosArgs {
 
     fn add_parameter(&mut self, argument: &str, value: &str) -> Result<(), ArgsError> {
         let (node, name, text) = assignment(argument, value, PARAM_FORM)?;
-        self.parameters.push(ParameterAssignment {
-            node: node.unwrap_or(yaml::ANY_NODE).to_owned(),
-            name: name.to_owned(),
-            value: yaml::parse_value(name, text)?,
-            origin: format!("{argument} {value}"),
-        });
+        let origin = format!("{argument} {value}");
+        let meant = node.map_or_else(|| Ok(Meant::every_node()), Meant::parse);
+        let meant = meant.map_err(|source| ArgsError::Node { argument: origin.clone(), source })?;
+        let value = yaml::parse_value(name, text)?;
+        self.parameters.push(ParameterAssignment { meant, name: name.to_owned(), value, origin });
         Ok(())
     }
 }
@@ -274,6 +287,10 @@ mod tests {
             ("--ros-args -r :=b", ":=b"),
             ("--ros-args -p a:=", "a:="),
             ("--ros-args -p a:=[1", "a"),
+            ("--ros-args -p cmm*:window:=3", "-p cmm*:window:=3: 'cmm*'"),
+            ("--ros-args -p a//b:window:=3", "a part is empty"),
+            ("--ros-args -r *:scale:=/x", "-r *:scale:=/x: '*'"),
+            ("--ros-args -r hall/scale:__ns:=/x", "'hall/scale'"),
             ("--ros-args --params-file /nowhere.yaml", "/nowhere.yaml"),
         ] {
             let message = split(line).unwrap_err().to_string();
