@@ -1,8 +1,8 @@
 //! Time as a real ROS 2 has it: simulated time that is slow, stands, leaps and is set back, and who was there first.
 
-use abbe_msgs::CorrectedCoordinates;
+use abbe_msgs::{CorrectedCoordinates, ScaleReading};
 use abbe_runtime::ros::Domain;
-use serde_json::{Value, json};
+use serde_json::Value;
 
 use super::beside;
 use super::round_trip::{launch_file, position};
@@ -142,17 +142,39 @@ fn val_rclpy_what_carries_no_stamp_arrives_by_simulated_time_or_is_refused() {
         let words = ["arrivals", NAMESPACE, &START_S.to_string(), &x, &y, &z];
         let Some(user) = ros2_timed(domain, &words) else { return };
         launch_file(&bench);
+        let text = bench.read("launch.toml").replace("nodes = [", "record = \"recorded\"\nnodes = [\"recorder\", ");
+        let sensor = "kind = \"ros\"\ntopic = \"/air\"\nmessage = \"float64\"\ncovariate = \"temp_air_c\"\nstamp = \"arrival\"\n";
+        let edge = "[[edges]]\nfrom = \"scale\"\nto = \"recorder\"\ntransport = \"shared-memory\"\n";
+        let file = bench.write("launch.toml", format!("{text}{edge}[[covariates]]\n{sensor}"));
+        let graph = Started::start(abbe_in(domain, ["launch", &file].into_iter().chain(USE_SIM_TIME)));
+        said(user);
+        signal(graph.id(), Signal::INT);
+        let ran = graph.finish();
+        assert_says(&ran.errors, &["no time has come on /clock", "start what publishes"]);
+        ran.ok();
+        let readings: Vec<ScaleReading> = samples(&bench.path("recorded"), &topic("scale/reading"));
+        let ages_s: Vec<Option<f64>> =
+            readings.iter().map(|reading| Some(reading.covariates.get("temp_air_c")?.age_s)).collect();
+        assert!(ages_s.contains(&None) && ages_s.contains(&Some(0.5)), "{ages_s:?}");
+        assert!(ages_s.iter().all(|age_s| age_s.is_none_or(|age_s| age_s == 0.5)), "{ages_s:?}");
+    });
+}
+
+#[test]
+fn a_graph_whose_positions_would_arrive_by_simulated_time_is_refused() {
+    let test = "ros2::timed::a_graph_whose_positions_would_arrive_by_simulated_time_is_refused";
+    in_own_network(test, |domain| {
+        let bench = Bench::identified(5);
+        launch_file(&bench);
         let text = bench
             .read("launch.toml")
             .replace("message = \"joint_state\"", "message = \"joint_state\", stamp = \"arrival\"");
         let file = bench.write("launch.toml", text);
         let graph = Started::start(abbe_in(domain, ["launch", &file].into_iter().chain(USE_SIM_TIME)));
-        let heard = said(user);
-        signal(graph.id(), Signal::INT);
-        let ran = graph.finish();
-        assert_says(&ran.errors, &["no time has come on /clock", "start what publishes"]);
-        ran.ok();
-        assert_eq!(heard, json!({"before": 0, "stamps_s": [START_S]}));
+        assert_says(
+            &graph.finish().refused(),
+            &["driver.stamp", "/clock stands between its ticks", "leave out use_sim_time"],
+        );
     });
 }
 
