@@ -34,6 +34,7 @@ from std_msgs.msg import Float64
 
 PACE = 0.25  # of simulated time, beside the host's
 TICK_S = 0.01
+ON_TIME_S = 1.0  # four seconds of the host's
 
 
 def be_there(executor, there):
@@ -79,7 +80,7 @@ def first(node, namespace, there, x, y, z, count):
         due += 0.001
         while (left := due - time.monotonic()) > 0:
             executor.spin_once(timeout_sec=left)
-    until = time.monotonic() + 5.0
+    until = time.monotonic() + PATIENCE_S
     while time.monotonic() < until and len(came) < int(count):
         executor.spin_once(timeout_sec=0.05)
     return {"missing": [number for number in range(int(count)) if number + 1 not in came]}
@@ -112,11 +113,19 @@ def sim_time(node, namespace, start, leap):
             while (left := tick - time.monotonic()) > 0:
                 executor.spin_once(timeout_sec=left)
 
-    until = time.monotonic() + PATIENCE_S
-    while not points:
-        run(0.2, PACE)
-        if time.monotonic() > until:
-            sys.exit("no corrected point came by this clock")
+    def run_until(done, problem):
+        until = time.monotonic() + PATIENCE_S
+        while not done():
+            if time.monotonic() > until:
+                sys.exit(problem)
+            run(0.2, PACE)
+
+    def is_calm():
+        before = len(points)
+        run(1.0, PACE)
+        return len(points) == before
+
+    run_until(lambda: points, "no corrected point came by this clock")
     # What ran up while the graph started, and the first windows of frequencies, are over.
     run(8.0, PACE)
     part[0] = "slow"
@@ -129,12 +138,15 @@ def sim_time(node, namespace, start, leap):
     run(7.0, 0.0)
     now[0] += float(leap)
     part[0] = "leapt"
-    # Enough for what was leapt over at four times the pace.
-    run(float(leap) / 2.0, PACE)
+    run_until(lambda: now[0] - points[-1][1] < ON_TIME_S, "the points of what was leapt over did not all come")
+    leapt_to_s = now[0]
     now[0] -= float(leap)
+    part[0] = "going back"
+    # What was on its way.
+    run_until(is_calm, "points still come after time was set back")
     part[0] = "set back"
     run(2.0, PACE)
-    return {"points": points, "reports": reports, "slow_s": slow_s, "leapt_to_s": now[0] + float(leap)}
+    return {"points": points, "reports": reports, "slow_s": slow_s, "leapt_to_s": leapt_to_s}
 
 
 def arrivals(node, namespace, start, x, y, z):
