@@ -7,8 +7,10 @@ first     a controller that is there before the graph: writes the file THERE whe
           sends COUNT of them at once, one a millisecond. Which of the corrected points came back.
 hears     a subscriber that is there before the graph, as above: the stamps (s) of the first COUNT corrected points that come.
 sim_time  is the time of a graph: from START (s) at a quarter of the host's pace, then it stands, then it leaps by LEAP (s) and goes on,
-          then it is set back. The corrected points of each part, and what the scale node says of its frequency.
-arrivals  sends positions without a stamp, before there is a time on /clock and with one, from START on.
+          until what it leapt over has come, then it is set back. The corrected points of each part, and what the scale node says of
+          its frequency.
+arrivals  sends temperatures without a stamp, and positions of half a second after START, before there is a time on /clock and while
+          that is START: how many corrected points came.
 follows   a node with use_sim_time beside a graph that publishes the clock of its recording: COUNT corrected points, and what time it was.
 held      subscribes points and diagnostics, says so when they come, and takes them until it is ended.
 
@@ -28,9 +30,11 @@ from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
 from ros2_user import DEEP, DEFAULT, JOINS_AFTER_S, PATIENCE_S, spin_until, stamp_s
 from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64
 
 PACE = 0.25  # of simulated time, beside the host's
 TICK_S = 0.01
+ON_TIME_S = 1.0  # four seconds of the host's
 
 
 def be_there(executor, there):
@@ -76,7 +80,7 @@ def first(node, namespace, there, x, y, z, count):
         due += 0.001
         while (left := due - time.monotonic()) > 0:
             executor.spin_once(timeout_sec=left)
-    until = time.monotonic() + 5.0
+    until = time.monotonic() + PATIENCE_S
     while time.monotonic() < until and len(came) < int(count):
         executor.spin_once(timeout_sec=0.05)
     return {"missing": [number for number in range(int(count)) if number + 1 not in came]}
@@ -109,11 +113,19 @@ def sim_time(node, namespace, start, leap):
             while (left := tick - time.monotonic()) > 0:
                 executor.spin_once(timeout_sec=left)
 
-    until = time.monotonic() + PATIENCE_S
-    while not points:
-        run(0.2, PACE)
-        if time.monotonic() > until:
-            sys.exit("no corrected point came by this clock")
+    def run_until(done, problem):
+        until = time.monotonic() + PATIENCE_S
+        while not done():
+            if time.monotonic() > until:
+                sys.exit(problem)
+            run(0.2, PACE)
+
+    def is_calm():
+        before = len(points)
+        run(1.0, PACE)
+        return len(points) == before
+
+    run_until(lambda: points, "no corrected point came by this clock")
     # What ran up while the graph started, and the first windows of frequencies, are over.
     run(8.0, PACE)
     part[0] = "slow"
@@ -126,21 +138,27 @@ def sim_time(node, namespace, start, leap):
     run(7.0, 0.0)
     now[0] += float(leap)
     part[0] = "leapt"
-    # Enough for what was leapt over at four times the pace.
-    run(float(leap) / 2.0, PACE)
+    run_until(lambda: now[0] - points[-1][1] < ON_TIME_S, "the points of what was leapt over did not all come")
+    leapt_to_s = now[0]
     now[0] -= float(leap)
+    part[0] = "going back"
+    # What was on its way.
+    run_until(is_calm, "points still come after time was set back")
     part[0] = "set back"
     run(2.0, PACE)
-    return {"points": points, "reports": reports, "slow_s": slow_s, "leapt_to_s": now[0] + float(leap)}
+    return {"points": points, "reports": reports, "slow_s": slow_s, "leapt_to_s": leapt_to_s}
 
 
 def arrivals(node, namespace, start, x, y, z):
     points = []
-    node.create_subscription(PointStamped, f"/{namespace}/corrected_point", lambda point: points.append(stamp_s(point.header)), DEEP)
+    node.create_subscription(PointStamped, f"/{namespace}/corrected_point", points.append, DEEP)
     positions = node.create_publisher(JointState, f"/{namespace}/axes", DEEP)
+    temperatures = node.create_publisher(Float64, "/air", DEEP)
     clock = node.create_publisher(Clock, "/clock", DEFAULT)
     message = JointState(name=["x", "y", "z"], position=[float(x), float(y), float(z)])
-    spin_until(node, positions.get_subscription_count, "a subscriber of the positions")
+    message.header.stamp.sec, message.header.stamp.nanosec = int(float(start)), 10**9 // 2
+    has_both = lambda: positions.get_subscription_count() and temperatures.get_subscription_count()
+    spin_until(node, has_both, "a subscriber of positions and one of temperatures")
 
     def send(seconds, shown_s):
         until = time.monotonic() + seconds
@@ -149,14 +167,14 @@ def arrivals(node, namespace, start, x, y, z):
                 told = Clock()
                 told.clock.sec = int(shown_s)
                 clock.publish(told)
+            temperatures.publish(Float64(data=20.5))
             positions.publish(message)
             rclpy.spin_once(node, timeout_sec=0.01)
 
-    send(2.0, None)
+    spin_until(node, lambda: send(0.5, None) or len(points) > 10, "corrected points without a clock")
     before = len(points)
-    send(1.0, float(start))
-    spin_until(node, lambda: send(0.2, float(start)) or len(points) > 10, "corrected points by this clock")
-    return {"before": before, "stamps_s": sorted(set(points))}
+    spin_until(node, lambda: send(0.5, float(start)) or len(points) > before + 100, "corrected points by this clock")
+    return {"points": len(points)}
 
 
 def follows(_, namespace, count):

@@ -45,14 +45,15 @@ impl Tools {
         command
     }
 
-    /// What a user hears beside the launch, which then gets Ctrl-C.
+    /// What a user hears beside the launch, which then gets Ctrl-C; `mark` stands in the command line of each of its nodes.
     #[track_caller]
-    fn beside(&self, launch: Command, words: &[&str]) -> (Value, Ran) {
+    fn beside(&self, launch: Command, words: &[&str], mark: &str) -> (Value, Ran) {
         let launch = Started::start(launch);
         let heard = said(ros2(self.domain, words).unwrap());
+        assert_ne!(processes_with(mark), Vec::<u32>::new(), "no node has {mark} in its command line");
         signal(launch.id(), Signal::INT);
         let ran = launch.finish();
-        assert_eq!(processes_with(&self.model()), Vec::<u32>::new(), "a node is left behind");
+        assert_eq!(processes_with(mark), Vec::<u32>::new(), "a node is left behind");
         (heard, ran)
     }
 }
@@ -85,7 +86,7 @@ fn val_ros2_launch_starts_each_launch_file_with_its_arguments_and_ends_it_by_ctr
             assert_ne!(refused.code, Some(0), "{words}");
 
             let launch = tools.launch(&["abbe", &file, &model, &machine, "namespace:=hall/other"]);
-            let (heard, ran) = tools.beside(launch, &["streams", "hall/other", "100"]);
+            let (heard, ran) = tools.beside(launch, &["streams", "hall/other", "100"], &tools.model());
             super::samples_of_each_stream(&heard, 100);
             let words = ended_well(ran);
             assert_says(&words, &["process has finished cleanly", "\"node\":\"residual\""]);
@@ -93,7 +94,8 @@ fn val_ros2_launch_starts_each_launch_file_with_its_arguments_and_ends_it_by_ctr
 
             // Nobody publishes /clock: the graph waits for it, and Ctrl-C ends it all the same.
             let launch = tools.launch(&["abbe", &file, &model, "namespace:=hall/other", "use_sim_time:=true"]);
-            let (heard, ran) = tools.beside(launch, &["parameters", "/hall/other/scale", "rate_hz", "5.0"]);
+            let (heard, ran) =
+                tools.beside(launch, &["parameters", "/hall/other/scale", "rate_hz", "5.0"], &tools.model());
             assert_eq!(heard["values"]["use_sim_time"], true, "{kind}");
             ended_well(ran);
         }
@@ -192,7 +194,7 @@ def generate_launch_description():
         let run = abbe_runtime::RunId::unique();
         let words = TEXT.replace("LAUNCH,", &format!("{launch:?},")).replace("RUN]", &format!("{:?}]", run.as_str()));
         let file = tools.bench.write("states.launch.py", words);
-        let (heard, ran) = tools.beside(tools.launch(&[&file]), &["streams", "bridge_xyz", "100"]);
+        let (heard, ran) = tools.beside(tools.launch(&[&file]), &["streams", "bridge_xyz", "100"], run.as_str());
         super::samples_of_each_stream(&heard, 100);
         let words = format!("{}{}", String::from_utf8_lossy(&ran.output), ran.errors);
         assert_eq!(words.matches("process has finished cleanly").count(), 3, "{words}");

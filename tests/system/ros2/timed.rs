@@ -1,8 +1,8 @@
 //! Time as a real ROS 2 has it: simulated time that is slow, stands, leaps and is set back, and who was there first.
 
-use abbe_msgs::CorrectedCoordinates;
+use abbe_msgs::{CorrectedCoordinates, ScaleReading};
 use abbe_runtime::ros::Domain;
-use serde_json::{Value, json};
+use serde_json::Value;
 
 use super::beside;
 use super::round_trip::{launch_file, position};
@@ -25,9 +25,9 @@ const RATE_HZ: f64 = 200.0;
 /// A stamp as f64 is good to this (s), so late after 1970.
 const ROUNDING_S: f64 = 1e-6;
 
-/// Samples of a thousand that a reader on a loaded machine may miss. Before nodes waited for the endpoints of those who were there,
-/// the first 180 to 620 were lost.
-const MAY_MISS: usize = 20;
+/// Samples, one a millisecond, that may be missed while both sides find each other on a loaded machine. Before nodes waited for the
+/// endpoints of those who were there, the first 180 to 620 were lost: what is waited for then comes once a second.
+const MAY_MISS: usize = 150;
 
 /// What a program says that is there before a graph.
 #[track_caller]
@@ -98,7 +98,7 @@ fn val_rclpy_readings_and_diagnostics_follow_simulated_time_that_is_slow_stands_
         let of = |part: &str| points.iter().filter(|point| point.0 == part).collect::<Vec<_>>();
         for (part, stamp_s, now_s) in &points {
             // What was on its way when time was set back is of before.
-            let was_before = part == "set back";
+            let was_before = part == "going back";
             let is_of_the_past = was_before || *stamp_s <= now_s + ROUNDING_S;
             assert!(*stamp_s >= START_S && is_of_the_past, "{part}: {stamp_s} came at {now_s}");
         }
@@ -107,9 +107,8 @@ fn val_rclpy_readings_and_diagnostics_follow_simulated_time_that_is_slow_stands_
         let count = of("slow").len() as f64;
         assert!((0.5..1.2).contains(&(count / (slow_s * RATE_HZ))), "{count} in {slow_s} s of simulated time");
         assert_eq!(of("stands").len(), 0, "time stands still");
-        let last_s = of("leapt").last().unwrap().1;
+        assert_eq!(of("set back").len(), 0, "the source waits until time is where it was");
         let leapt_to_s = heard["leapt_to_s"].as_f64().unwrap();
-        assert!(last_s > leapt_to_s - LEAP_S / 4.0, "{last_s} of {leapt_to_s}");
 
         let reports: Vec<(String, String, u8, String, f64)> = serde_json::from_value(heard["reports"].clone()).unwrap();
         let frequency = format!("{NAMESPACE}/scale: Frequency Status");
@@ -121,7 +120,7 @@ fn val_rclpy_readings_and_diagnostics_follow_simulated_time_that_is_slow_stands_
         assert!(told("stands").contains(&"No events recorded."), "{:?}", told("stands"));
         let is_simulated = |stamp_s: f64| (START_S..leapt_to_s + 1.0).contains(&stamp_s);
         // Before anything comes on /clock there is no time.
-        let timed: Vec<_> = reports.iter().filter(|one| one.0 != "starting" && one.0 != "set back").collect();
+        let timed: Vec<_> = reports.iter().filter(|one| one.0 != "starting").collect();
         assert!(timed.iter().all(|one| is_simulated(one.4) || one.4 == 0.0) && timed.iter().any(|one| one.4 > 0.0));
 
         let recorded: Vec<CorrectedCoordinates> = samples(&bench.path("recorded"), &topic("corrected"));
@@ -142,17 +141,39 @@ fn val_rclpy_what_carries_no_stamp_arrives_by_simulated_time_or_is_refused() {
         let words = ["arrivals", NAMESPACE, &START_S.to_string(), &x, &y, &z];
         let Some(user) = ros2_timed(domain, &words) else { return };
         launch_file(&bench);
+        let text = bench.read("launch.toml").replace("nodes = [", "record = \"recorded\"\nnodes = [\"recorder\", ");
+        let sensor = "kind = \"ros\"\ntopic = \"/air\"\nmessage = \"float64\"\ncovariate = \"temp_air_c\"\nstamp = \"arrival\"\n";
+        let edge = "[[edges]]\nfrom = \"scale\"\nto = \"recorder\"\ntransport = \"shared-memory\"\n";
+        let file = bench.write("launch.toml", format!("{text}{edge}[[covariates]]\n{sensor}"));
+        let graph = Started::start(abbe_in(domain, ["launch", &file].into_iter().chain(USE_SIM_TIME)));
+        said(user);
+        signal(graph.id(), Signal::INT);
+        let ran = graph.finish();
+        assert_says(&ran.errors, &["no time has come on /clock", "start what publishes"]);
+        ran.ok();
+        let readings: Vec<ScaleReading> = samples(&bench.path("recorded"), &topic("scale/reading"));
+        let ages_s: Vec<Option<f64>> =
+            readings.iter().map(|reading| Some(reading.covariates.get("temp_air_c")?.age_s)).collect();
+        assert!(ages_s.contains(&None) && ages_s.contains(&Some(0.5)), "{ages_s:?}");
+        assert!(ages_s.iter().all(|age_s| age_s.is_none_or(|age_s| age_s == 0.5)), "{ages_s:?}");
+    });
+}
+
+#[test]
+fn a_graph_whose_positions_would_arrive_by_simulated_time_is_refused() {
+    let test = "ros2::timed::a_graph_whose_positions_would_arrive_by_simulated_time_is_refused";
+    in_own_network(test, |domain| {
+        let bench = Bench::identified(5);
+        launch_file(&bench);
         let text = bench
             .read("launch.toml")
             .replace("message = \"joint_state\"", "message = \"joint_state\", stamp = \"arrival\"");
         let file = bench.write("launch.toml", text);
         let graph = Started::start(abbe_in(domain, ["launch", &file].into_iter().chain(USE_SIM_TIME)));
-        let heard = said(user);
-        signal(graph.id(), Signal::INT);
-        let ran = graph.finish();
-        assert_says(&ran.errors, &["no time has come on /clock", "start what publishes"]);
-        ran.ok();
-        assert_eq!(heard, json!({"before": 0, "stamps_s": [START_S]}));
+        assert_says(
+            &graph.finish().refused(),
+            &["driver.stamp", "/clock stands between its ticks", "leave out use_sim_time"],
+        );
     });
 }
 

@@ -3,11 +3,12 @@
 //! Place in the flow: live use. Prints what each node did.
 
 use crate::service_manager::ServiceManager;
-use abbe_graph::launch::Instead;
+use abbe_graph::launch::{Instead, Launch};
 use abbe_graph::supervisor::{Given, Supervisor};
 use abbe_runtime::ros::RosArgs;
 use abbe_runtime::{RunId, Shutdown, end_with_reader};
 use anyhow::{Context, bail, ensure};
+use std::collections::BTreeMap;
 use std::io::Write;
 use std::path::PathBuf;
 use std::time::Duration;
@@ -51,17 +52,11 @@ impl InsteadArguments {
 }
 
 pub(crate) fn run(arguments: &Arguments, ros_args: RosArgs) -> anyhow::Result<()> {
-    if let Some(renamed) = ros_args.node_names.iter().find(|renamed| renamed.node.is_none()) {
-        let to = &renamed.to;
-        bail!(
-            "-r __node:={to} would give every node of the launch the same name (a launch file of ROS 2 says it as name=); leave it out, \
-             or rename one node, as -r scale:__node:={to}"
-        );
-    }
     let instead = arguments.instead.files()?;
     if let Some((option, file)) = instead.missing() {
         bail!("{option} {}: there is no such file", file.display());
     }
+    check_names(&Launch::read_with(&arguments.file, &instead)?, &ros_args)?;
     let shutdown = Shutdown::on_signals()?;
     let program = std::env::current_exe().context("the path of this program is unknown")?;
     let run = arguments.run.as_deref().map(str::parse::<RunId>).transpose()?.unwrap_or_else(RunId::unique);
@@ -83,4 +78,51 @@ pub(crate) fn run(arguments: &Arguments, ros_args: RosArgs) -> anyhow::Result<()
     ran?;
     ensure!(stopped.problems.is_empty(), "the graph did not run well: {}", stopped.problems.join("; "));
     Ok(())
+}
+
+/// Refuses to call two nodes the same: they would answer for each other, and write the same files.
+fn check_names(launch: &Launch, ros_args: &RosArgs) -> anyhow::Result<()> {
+    let mut called = BTreeMap::new();
+    for name in launch.nodes.iter().map(|node| node.name()) {
+        let qualified = ros_args.identity(&launch.namespace, name)?.qualified();
+        if let Some(other) = called.insert(qualified.clone(), name) {
+            bail!(
+                "{other} and {name} would both be called {qualified}; give each node of the launch a name of its own, as \
+                 -r {name}:__node:=NAME (without a node in front, or as name= of a launch file of ROS 2, it names all of them)"
+            );
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::path::Path;
+
+    #[test]
+    fn two_nodes_of_one_name_are_refused_and_those_in_namespaces_of_their_own_are_not() {
+        let text = include_str!("../../../../launch-config/bridge_xyz_virtual.toml");
+        let launch = Launch::parse(text, Path::new("bridge_xyz_virtual.toml")).unwrap();
+        let check = |words: &str| {
+            let words = ["--ros-args"].into_iter().chain(words.split(' ')).map(str::to_owned);
+            check_names(&launch, &RosArgs::split(words).unwrap().0).map_err(|error| error.to_string())
+        };
+        for (words, called) in [
+            ("-r monitor:__node:=watch -r scale:__node:=watch", "/bridge_xyz/watch"),
+            ("-r monitor:__node:=scale", "/bridge_xyz/scale"),
+            ("-r __node:=axes", "/bridge_xyz/axes"),
+        ] {
+            let told = check(words).unwrap_err();
+            assert!(told.contains(&format!("would both be called {called}")), "{words}: {told}");
+        }
+        for words in [
+            "-r scale:__node:=axes",
+            "-r monitor:__node:=scale -r scale:__node:=axes",
+            "-r monitor:__node:=scale -r scale:__ns:=/hall -r scale:__node:=axes -r axes:__ns:=/hall",
+            "-r __ns:=/hall",
+        ] {
+            check(words).unwrap();
+        }
+    }
 }

@@ -190,6 +190,16 @@ impl RosConfig {
             .then(|| ("stamp", "std_msgs/Float64 has no stamp; write stamp = \"arrival\"".to_owned()))
     }
 
+    /// The same, once it is known by which clock the node goes. Between two ticks of `/clock` its time stands: positions and lengths
+    /// of a moving machine would share an instant, and be paired with each other's.
+    fn problem_of_clock(&self, role: Role, is_simulated: bool) -> Option<(&'static str, String)> {
+        (is_simulated && role != Role::Sensor && self.stamp == RosStamp::Arrival).then(|| {
+            let problem = "with use_sim_time \"arrival\" is for covariates: /clock stands between its ticks, and does not tell when \
+                           within one a position or a length came; let its publisher stamp it, or leave out use_sim_time";
+            ("stamp", problem.to_owned())
+        })
+    }
+
     fn offset_m(&self, machine: &MachineFile) -> Result<[f64; 3], DriverError> {
         let stated_m = self.offset_mm.map(|offset_mm| offset_mm.map(|mm| mm / 1e3));
         stated_m.or(machine.machine.default_offset_m).ok_or_else(|| DriverError::Lines {
@@ -275,6 +285,9 @@ fn open<M: Message>(
         return Err(DriverError::Lines { key, problem });
     }
     let node = ros.ok_or(DriverError::NoRos)?;
+    if let Some((key, problem)) = config.problem_of_clock(role, node.clock().is_simulated()) {
+        return Err(DriverError::Lines { key, problem });
+    }
     let machine_frame_id = machine.machine.frame_id.clone();
     let foreign = Foreign {
         message: config.message(role, machine)?,
@@ -419,5 +432,25 @@ impl SensorDriver for RosTopic<ScaleReading> {
 
     fn link(&self) -> Option<Link> {
         Some(self.link.clone())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_moves_does_not_arrive_by_simulated_time() {
+        let config = |message: &str, more: &str| -> RosConfig {
+            toml::from_str(&format!("topic = \"t\"\nmessage = \"{message}\"\n{more}")).unwrap()
+        };
+        let arrival = "stamp = \"arrival\"";
+        for (role, message) in [(Role::Scale, "joint_state"), (Role::Scale, "point"), (Role::Tracer, "range")] {
+            let (key, problem) = config(message, arrival).problem_of_clock(role, true).unwrap();
+            assert!(key == "stamp" && problem.contains("let its publisher stamp it"), "{problem}");
+            assert_eq!(config(message, arrival).problem_of_clock(role, false), None);
+            assert_eq!(config(message, "").problem_of_clock(role, true), None);
+        }
+        assert_eq!(config("float64", arrival).problem_of_clock(Role::Sensor, true), None);
     }
 }

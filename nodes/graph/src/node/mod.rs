@@ -288,6 +288,8 @@ impl NodeContext {
             .ros_args
             .identity(&launch.namespace, call.name.name())
             .map_err(|error| NodeError::Name(error.to_string()))?;
+        let out_of_name = call.ros_args.out_of_name(call.name.name(), &identity);
+        out_of_name.iter().for_each(|words| tracing::warn!("{words}"));
         let qos = parameters::qos(&launch, call.name, |topic| resolve(topic, &identity, &call.ros_args.remaps));
         let mut qos = qos.map_err(RosError::from)?;
         // Nothing of a node that is not in the graph needs keys.

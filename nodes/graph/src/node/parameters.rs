@@ -59,7 +59,7 @@ pub(super) fn qos(
 /// Values for every node, or those that a pattern fits, that change nothing, in words: no node of the launch that is meant has
 /// their parameter. They may be of other programs, and one that fits none of these nodes is no matter of theirs.
 pub(super) fn strangers(launch: &Launch, args: &RosArgs) -> Result<Vec<String>, RosError> {
-    let for_many = args.parameters.iter().filter(|one| one.is_for_many());
+    let for_many = args.parameters.iter().filter(|one| one.meant.is_for_many());
     let mut left: Vec<(&ParameterAssignment, bool)> = for_many.map(|one| (one, false)).collect();
     for node in &launch.nodes {
         if left.is_empty() {
@@ -69,7 +69,7 @@ pub(super) fn strangers(launch: &Launch, args: &RosArgs) -> Result<Vec<String>, 
         let qos = qos(launch, *node, |topic| resolve(topic, &identity, &args.remaps))?;
         let table = table(launch, *node, qos)?;
         left.retain_mut(|(one, is_meant)| {
-            let is_of_node = one.applies_to(&identity);
+            let is_of_node = one.meant.fits(&identity);
             *is_meant |= is_of_node;
             !(is_of_node && table.spec(&one.name).is_some())
         });

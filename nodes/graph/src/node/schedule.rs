@@ -17,10 +17,12 @@ const LOOK_EVERY: Duration = Duration::from_millis(2);
 const CATCH_UP: u32 = 4;
 /// Readings that are late by less than this are no more than the jitter of the host; they go at once.
 const JITTER: Duration = Duration::from_millis(100);
-/// Simulated time that goes by between two looks where it does not run but leap (ns).
-const LEAP_NS: i128 = 1_000_000_000;
-/// Longest that a reading which was leapt over waits for its turn.
+/// Longest that a reading adds to the wait of those behind it, by `/clock`: a hundred readings a second flood nobody.
 const LONGEST_TURN: Duration = Duration::from_millis(10);
+/// Over how long it is measured, at least, how fast `/clock` goes.
+const MEASURED_OVER: Duration = Duration::from_millis(500);
+/// Simulated time by which `/clock` goes back from where it is said (ns).
+const BACK_NS: i128 = 1_000_000_000;
 /// An agreement older than this is of another launch (ns).
 const OLDEST_NS: i64 = 3_600_000_000_000;
 
@@ -33,7 +35,7 @@ pub(super) struct Schedule {
     clock: Clock,
     present: Option<Present>,
     catching_up: CatchingUp,
-    leaps: Leaps,
+    simulated: Simulated,
 }
 
 /// Whether what this source plays gets present stamps.
@@ -46,57 +48,83 @@ pub(super) fn goes_by_clock(context: &NodeContext, source: &Source) -> bool {
     stamps_now(context, source) && context.clock().is_simulated()
 }
 
-/// Spreads readings that are overdue.
+/// Spreads readings that are overdue. All instants are of the host's clock, since the start.
 #[derive(Default)]
 struct CatchingUp {
-    /// When the last one was due, since the start.
+    /// When the last one was due.
     due: Duration,
-    /// Until when the next ones wait, since the start.
+    /// Until when the next ones wait.
     held_until: Duration,
 }
 
 impl CatchingUp {
-    /// When a reading that is due then may go, as it is `now`; all since the start.
+    /// When a reading that is due then may go, as it is `now`.
     fn when(&mut self, due: Duration, now: Duration) -> Duration {
         let gap = due.saturating_sub(self.due);
         self.due = due;
+        due.max(self.turn(gap, now))
+    }
+
+    /// When a reading may go that is due already, and was due so long after the one before it.
+    fn turn(&mut self, gap: Duration, now: Duration) -> Duration {
         self.held_until = self.held_until.max(now.saturating_sub(JITTER)).saturating_add(gap / CATCH_UP);
-        due.max(self.held_until)
+        self.held_until
     }
 }
 
-/// What `/clock` leaps over: forwards, where whoever publishes it skips, and back, where it begins anew.
-#[derive(Default)]
-struct Leaps {
+/// `/clock`, and what is due by it: how fast it goes, when it is set back, and how readings that it leapt over are spread.
+struct Simulated {
+    /// When the last reading was due (ns).
+    due_ns: Option<i128>,
     /// What it showed last (ns).
     seen_ns: Option<i128>,
-    /// When the last reading was due (ns).
-    due_ns: i128,
-    /// Readings that are due before this were leapt over (ns).
-    leapt_to_ns: i128,
+    /// What it showed when measuring began (ns), and when that was by the host's clock, since the start.
+    since: Option<(i128, Duration)>,
+    /// How many times as fast as the host's clock it went, the last three times.
+    paces: [f64; 3],
 }
 
-impl Leaps {
+impl Simulated {
+    fn new() -> Simulated {
+        Simulated { due_ns: None, seen_ns: None, since: None, paces: [1.0; 3] }
+    }
+
+    /// When a reading that is due by it then may go, as it shows `now_ns` and the host's clock `now`; none before it is due.
+    fn when(&mut self, due_ns: i128, now_ns: i128, now: Duration, catching_up: &mut CatchingUp) -> Option<Duration> {
+        self.note(now_ns, now);
+        (now_ns >= due_ns).then(|| {
+            let gap_ns = due_ns - self.due_ns.replace(due_ns).unwrap_or(due_ns);
+            catching_up.turn(self.of_host(gap_ns).min(LONGEST_TURN * CATCH_UP), now)
+        })
+    }
+
     /// Follows what it shows.
-    fn note(&mut self, now_ns: i128) {
-        let since_ns = now_ns - self.seen_ns.replace(now_ns).unwrap_or(now_ns);
-        if since_ns >= LEAP_NS {
-            self.leapt_to_ns = now_ns;
-        }
-        if since_ns <= -LEAP_NS {
-            let back_s = -since_ns as f64 * 1e-9;
+    fn note(&mut self, now_ns: i128, now: Duration) {
+        let step_ns = now_ns - self.seen_ns.replace(now_ns).unwrap_or(now_ns);
+        if step_ns <= -BACK_NS {
+            let back_s = -step_ns as f64 * 1e-9;
             tracing::warn!(
                 "/clock went back by {back_s} s; what is played waits until it is where it was. To begin anew, start the launch again"
             );
         }
+        let (since_ns, since) = *self.since.get_or_insert((now_ns, now));
+        let elapsed = now.saturating_sub(since);
+        if step_ns < 0 {
+            self.since = Some((now_ns, now));
+        } else if step_ns > 0 && elapsed >= MEASURED_OVER {
+            self.paces.rotate_left(1);
+            self.paces[2] = (now_ns - since_ns) as f64 * 1e-9 / elapsed.as_secs_f64();
+            self.since = Some((now_ns, now));
+        }
     }
 
-    /// How long a reading that is due then waits for its turn among all that were leapt over.
-    fn turn(&mut self, due_ns: i128) -> Duration {
-        let gap_ns = due_ns - std::mem::replace(&mut self.due_ns, due_ns);
-        let was_leapt_over = due_ns < self.leapt_to_ns;
-        let gap = Duration::from_nanos(u64::try_from(gap_ns).unwrap_or_default()) / CATCH_UP;
-        if was_leapt_over { gap.min(LONGEST_TURN) } else { Duration::ZERO }
+    /// So much of its time, as it is of the host's where it is the faster one. The middle of three measurements counts: one in
+    /// which it leapt, or stood, says nothing of how it goes.
+    fn of_host(&self, gap_ns: i128) -> Duration {
+        let mut paces = self.paces;
+        paces.sort_by(f64::total_cmp);
+        let gap_s = gap_ns.max(0) as f64 * 1e-9 / paces[1].max(1.0);
+        Duration::try_from_secs_f64(gap_s).unwrap_or(Duration::MAX)
     }
 }
 
@@ -117,7 +145,7 @@ impl Schedule {
             clock,
             present: None,
             catching_up: CatchingUp::default(),
-            leaps: Leaps::default(),
+            simulated: Simulated::new(),
         };
         if !stamps_now(context, source) {
             return Ok(Some(schedule));
@@ -165,25 +193,22 @@ impl Schedule {
         };
         let due = Duration::try_from_secs_f64(due_s.max(0.0)).unwrap_or(Duration::MAX);
         let elapsed = self.start.elapsed();
-        let remaining = self.catching_up.when(due, elapsed).saturating_sub(elapsed);
-        if remaining.is_zero() { shutdown.requested() } else { shutdown.sleep(remaining) }
+        sleep(self.catching_up.when(due, elapsed), elapsed, shutdown)
     }
 
-    /// The same by `/clock`, which may stand, or go at another pace than the host's.
+    /// The same by `/clock`, which may stand, leap, or go at another pace than the host's.
     fn wait_on_clock(&mut self, due: Stamp, shutdown: &Shutdown) -> bool {
         let due_ns = i128::from(due.to_nanos());
         loop {
-            let now_ns = self.clock.now_ns();
-            now_ns.into_iter().for_each(|now_ns| self.leaps.note(now_ns));
-            if now_ns.is_some_and(|now_ns| now_ns >= due_ns) {
-                break;
+            let (now_ns, elapsed) = (self.clock.now_ns(), self.start.elapsed());
+            let when = |now_ns| self.simulated.when(due_ns, now_ns, elapsed, &mut self.catching_up);
+            if let Some(at) = now_ns.and_then(when) {
+                return sleep(at, elapsed, shutdown);
             }
             if shutdown.sleep(LOOK_EVERY) {
                 return true;
             }
         }
-        let turn = self.leaps.turn(due_ns);
-        if turn.is_zero() { shutdown.requested() } else { shutdown.sleep(turn) }
     }
 
     /// The time now, waiting for `/clock` where that is the one to go by; `None` when told to stop.
@@ -202,6 +227,12 @@ impl Schedule {
             }
         }
     }
+}
+
+/// Sleeps until then; true when told to stop.
+fn sleep(until: Duration, now: Duration, shutdown: &Shutdown) -> bool {
+    let remaining = until.saturating_sub(now);
+    if remaining.is_zero() { shutdown.requested() } else { shutdown.sleep(remaining) }
 }
 
 /// What the first source of this launch said; a source without a run has nobody to agree with.
@@ -259,20 +290,87 @@ mod tests {
         assert_eq!(gone[151], MS * 151);
     }
 
+    /// When readings go that are due each ms by a clock that shows `clock` (ms) after each ms of the host's; each sleep lasts
+    /// `late` too long.
+    fn gone_by(clock: impl Fn(u64) -> u64, late: Duration, until: Duration) -> Vec<Duration> {
+        let (mut simulated, mut catching_up) = (Simulated::new(), CatchingUp::default());
+        let (mut now, mut gone) = (Duration::ZERO, Vec::new());
+        while now < until {
+            let shows = |now: Duration| i128::from(clock(now.as_millis() as u64)) * 1_000_000;
+            match simulated.when(gone.len() as i128 * 1_000_000, shows(now), now, &mut catching_up) {
+                Some(at) if at > now => now = at + late,
+                Some(_) => {}
+                None => {
+                    now += LOOK_EVERY + late;
+                    continue;
+                }
+            }
+            gone.push(now);
+        }
+        gone
+    }
+
+    /// The most of them that go within a tenth of a second.
+    fn densest(gone: &[Duration]) -> usize {
+        gone.iter()
+            .enumerate()
+            .map(|(first, from)| gone[first..].partition_point(|at| *at < *from + MS * 100))
+            .max()
+            .unwrap()
+    }
+
     #[test]
-    fn readings_that_the_clock_leaps_over_come_in_turn_and_those_of_a_fast_clock_at_once() {
-        let (mut leaps, s) = (Leaps::default(), |seconds: i128| seconds * 1_000_000_000);
-        leaps.note(s(100));
-        assert_eq!(leaps.turn(s(100)), Duration::ZERO);
-        // Twenty times as fast as the host's, told 50 times a second.
-        leaps.note(s(100) + 400_000_000);
-        assert_eq!(leaps.turn(s(100) + 1_000_000), Duration::ZERO);
-        leaps.note(s(160));
-        assert_eq!(leaps.turn(s(100) + 2_000_000), MS / CATCH_UP, "a leap of a minute");
-        assert_eq!(leaps.turn(s(150)), LONGEST_TURN, "a recording with a gap");
-        assert_eq!(leaps.turn(s(160)), Duration::ZERO, "on time again");
-        leaps.note(s(90));
-        assert_eq!(leaps.turn(s(160) + 1), Duration::ZERO, "once it is there again");
+    fn readings_that_the_clock_leaps_over_come_at_four_times_the_pace_until_they_are_on_time() {
+        // It is told a hundred times a second, and leaps by a minute when a second has gone by.
+        let clock = |ms: u64| if ms < 1000 { ms / 10 * 10 } else { ms / 10 * 10 + 60_000 };
+        for late in [Duration::ZERO, Duration::from_micros(60), MS * 5] {
+            let gone = gone_by(clock, late, MS * 30_000);
+            assert!(densest(&gone) <= 810, "{late:?}: {} of what takers have room for", densest(&gone));
+            // 60 s at three times its pace beyond what the clock goes on by.
+            let is_late = |number: usize| gone[number] > MS * (number as u32 - 60_000 + 20);
+            assert!(is_late(61_000 + 18_000) && !is_late(61_000 + 21_000), "{late:?}");
+        }
+    }
+
+    #[test]
+    fn a_clock_that_goes_faster_than_the_hosts_or_in_long_steps_is_kept_up_with() {
+        // Ten times a second by 2 s, a hundred times a second by 200 ms, once a second by 1 s, once in 5 s by 5 s.
+        for (every_ms, step_ms) in [(100, 2000), (10, 200), (1000, 1000), (5000, 5000)] {
+            let clock = |ms: u64| ms / every_ms * step_ms;
+            let gone = gone_by(clock, Duration::ZERO, MS * 20_000);
+            let told_last = MS * (19_999 / every_ms * every_ms) as u32;
+            let before = gone.partition_point(|at| *at < told_last) as u64;
+            assert_eq!(before, 1 + clock(19_999) - step_ms, "all that was due by {step_ms} ms before has gone");
+        }
+    }
+
+    #[test]
+    fn a_clock_that_leaps_while_it_goes_fast_is_caught_up_with() {
+        let clock = |ms: u64| ms / 10 * 200 + if ms < 5000 { 0 } else { 600_000 };
+        let gone = gone_by(clock, Duration::ZERO, MS * 30_000);
+        assert!(gone.len() as u64 > clock(29_980), "{} of {}", gone.len(), clock(29_980));
+        // Four times twenty readings a millisecond, and those of a moment.
+        assert!(densest(&gone) <= 16_100, "{}", densest(&gone));
+    }
+
+    #[test]
+    fn a_clock_that_stood_is_followed_as_soon_as_it_goes_on() {
+        let clock = |ms: u64| if ms < 5000 { ms } else { ms.max(60_000) - 55_000 };
+        let gone = gone_by(clock, Duration::ZERO, MS * 70_000);
+        assert!(gone[5000..].iter().zip(60_000..).all(|(at, due_ms)| *at <= MS * due_ms + LOOK_EVERY));
+        assert!(gone.iter().all(|at| *at <= MS * 5002 || *at > MS * 60_000));
+    }
+
+    #[test]
+    fn readings_far_apart_that_the_clock_leaps_over_come_a_hundred_a_second() {
+        let (mut simulated, mut catching_up) = (Simulated::new(), CatchingUp::default());
+        let mut when = |due_s: i128, now_s: i128, now| {
+            simulated.when(due_s * 1_000_000_000, now_s * 1_000_000_000, now, &mut catching_up)
+        };
+        assert_eq!(when(0, 0, MS * 1000), Some(MS * 900));
+        assert_eq!(when(3600, 0, MS * 1000), None);
+        assert_eq!(when(3600, 9000, MS * 2000), Some(MS * 1910));
+        assert_eq!(when(7200, 9000, MS * 2000), Some(MS * 1920));
     }
 
     #[test]

@@ -293,8 +293,14 @@ mod tests {
         );
         // By arrival no stamp is asked for.
         let arriving = Foreign { is_stamped: false, ..distance };
-        let by = |clock: &Clock| arriving.made_of::<TracerReading>(&point(unstamped.clone()), clock);
-        assert!(by(&Clock::of_system()).unwrap().stamp.sec() > 1_600_000_000);
+        let reading: TracerReading = arriving.made_of(&point(unstamped), &Clock::of_system()).unwrap();
+        assert!(reading.stamp.sec() > 1_600_000_000);
+    }
+
+    #[test]
+    fn a_covariate_arrives_by_simulated_time_once_there_is_one() {
+        let number = foreign(ForeignMessage::Number("temp_air_c".to_owned()));
+        let by = |clock: &Clock| number.made_of::<ScaleReading>(&Float64 { data: 20.5 }, clock);
         let clock = Clock::simulated();
         assert!(why(by(&clock)).contains("/clock"), "no time has come yet, and the host's is another one");
         clock.set(7_000_000_005);

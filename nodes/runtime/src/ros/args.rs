@@ -1,7 +1,8 @@
 //! `--ros-args`: remapping, parameters and parameter files, as every ROS 2 node takes them.
 //!
 //! Place in the flow: [`RosArgs::split`] takes them off the command line before the node's own
-//! arguments are parsed. Nothing is ignored: what is not understood is refused.
+//! arguments are parsed. Nothing is ignored: what is not understood is refused. As in ROS 2 a rule for a node's name goes by the
+//! name in the code, and all others by the one that it becomes; [`RosArgs::out_of_name`] tells of those that name the old one.
 //!
 //! | argument | meaning |
 //! |---|---|
@@ -19,15 +20,16 @@ use std::path::PathBuf;
 
 use thiserror::Error;
 
-use super::names::{NameError, NodeIdentity, RemapRule};
+use super::meant::Meant;
+use super::names::{NameError, NodeIdentity, RemapRule, check_part};
 use super::yaml::{self, ParameterAssignment, YamlError};
 
 /// What stands between `--ros-args` and `--`, understood.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct RosArgs {
-    /// `-r [node:]__node:=…`, in order: the first that fits counts.
+    /// `-r [node:]__node:=…`, in order: the first that fits the name in the code counts.
     pub node_names: Vec<Renamed>,
-    /// `-r [node:]__ns:=…`, in the same way.
+    /// `-r [node:]__ns:=…`, in the same way, by the name that the node has then.
     pub namespaces: Vec<Renamed>,
     /// All other `-r`, in the same way.
     pub remaps: Vec<RemapRule>,
@@ -50,7 +52,7 @@ pub struct RosArgs {
 /// Another name or namespace.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Renamed {
-    /// The node that is meant, by the name that it has in the code; none means every node.
+    /// The node that is meant; none means every node.
     pub node: Option<String>,
     /// What it becomes.
     pub to: String,
@@ -87,6 +89,14 @@ pub enum ArgsError {
         /// What it should look like.
         expected: &'static str,
     },
+    /// Nodes that a parameter is for.
+    #[error("{argument}: {source}")]
+    Node {
+        /// The argument with its value.
+        argument: String,
+        /// What is wrong with the name before the colon.
+        source: NameError,
+    },
     /// A parameter's value or file.
     #[error(transparent)]
     Yaml(#[from] YamlError),
@@ -122,12 +132,33 @@ impl RosArgs {
     /// # Errors
     /// When name or namespace are not ROS 2 names.
     pub fn identity(&self, namespace: &str, name: &str) -> Result<NodeIdentity, NameError> {
-        let first = |renamed: &'_ [Renamed]| {
+        let first = |renamed: &'_ [Renamed], name: &str| {
             let fits = |one: &&Renamed| one.node.as_deref().is_none_or(|node| node == name);
             renamed.iter().find(fits).map(|one| one.to.clone())
         };
-        let namespace = first(&self.namespaces).unwrap_or_else(|| namespace.to_owned());
-        NodeIdentity::new(&namespace, &first(&self.node_names).unwrap_or_else(|| name.to_owned()))
+        let name = first(&self.node_names, name).unwrap_or_else(|| name.to_owned());
+        let namespace = first(&self.namespaces, &name).unwrap_or_else(|| namespace.to_owned());
+        NodeIdentity::new(&namespace, &name)
+    }
+
+    /// Rules and values that name a node as it is called in the code, in words, where these arguments call it otherwise:
+    /// they do not reach it.
+    #[must_use]
+    pub fn out_of_name(&self, name: &str, identity: &NodeIdentity) -> Vec<String> {
+        if identity.name == name {
+            return Vec::new();
+        }
+        let names_it = |node: &Option<String>| node.as_deref() == Some(name);
+        let namespaces = self.namespaces.iter().filter(|one| names_it(&one.node));
+        let namespaces = namespaces.map(|one| format!("-r {name}:__ns:={}", one.to));
+        let remaps = self.remaps.iter().filter(|one| names_it(&one.node));
+        let remaps = remaps.map(|one| format!("-r {name}:{}:={}", one.from, one.to));
+        let in_code = NodeIdentity { name: name.to_owned(), ..identity.clone() };
+        let names_old_one = |meant: &Meant| meant.fits(&in_code) && !meant.fits(identity);
+        let parameters = self.parameters.iter().filter(|one| names_old_one(&one.meant)).map(|one| one.origin.clone());
+        let now = &identity.name;
+        let words = |one| format!("{one}: node {name} is called {now} here, so this does not reach it; name it {now}");
+        namespaces.chain(remaps).chain(parameters).map(words).collect()
     }
 
     fn parse_group(&mut self, arguments: &mut impl Iterator<Item = String>) -> Result<(), ArgsError> {
@@ -166,6 +197,11 @@ impl RosArgs {
 
     fn add_remap(&mut self, argument: &str, value: &str) -> Result<(), ArgsError> {
         let (node, from, to) = assignment(argument, value, REMAP_FORM)?;
+        // No pattern: ROS 2 has them for parameters alone.
+        if let Some((node, reason)) = node.and_then(|node| Some((node, check_part(node).err()?))) {
+            let source = NameError { name: node.to_owned(), reason };
+            return Err(ArgsError::Node { argument: format!("{argument} {value}"), source });
+        }
         let (node, to) = (node.map(str::to_owned), to.to_owned());
         match from {
             "__node" | "__name" => self.node_names.push(Renamed { node, to }),
@@ -177,12 +213,11 @@ impl RosArgs {
 
     fn add_parameter(&mut self, argument: &str, value: &str) -> Result<(), ArgsError> {
         let (node, name, text) = assignment(argument, value, PARAM_FORM)?;
-        self.parameters.push(ParameterAssignment {
-            node: node.unwrap_or(yaml::ANY_NODE).to_owned(),
-            name: name.to_owned(),
-            value: yaml::parse_value(name, text)?,
-            origin: format!("{argument} {value}"),
-        });
+        let origin = format!("{argument} {value}");
+        let meant = node.map_or_else(|| Ok(Meant::every_node()), Meant::parse);
+        let meant = meant.map_err(|source| ArgsError::Node { argument: origin.clone(), source })?;
+        let value = yaml::parse_value(name, text)?;
+        self.parameters.push(ParameterAssignment { meant, name: name.to_owned(), value, origin });
         Ok(())
     }
 }
@@ -250,9 +285,31 @@ mod tests {
     #[test]
     fn a_name_for_one_node_is_not_that_of_the_others_and_the_first_that_fits_counts() {
         let (args, _) =
-            split("--ros-args -r scale:__node:=axes -r scale:__ns:=/left -r __ns:=/right -r __ns:=/late").unwrap();
+            split("--ros-args -r scale:__node:=axes -r axes:__ns:=/left -r __ns:=/right -r __ns:=/late").unwrap();
         assert_eq!(args.identity("/", "scale").unwrap().qualified(), "/left/axes");
         assert_eq!(args.identity("/", "tracer").unwrap().qualified(), "/right/tracer");
+    }
+
+    #[test]
+    fn what_names_a_renamed_node_as_before_is_told() {
+        let (args, _) = split(
+            "--ros-args -r scale:__node:=axes -r scale:__ns:=/left -r scale:scale/reading:=/x -p scale:rate_hz:=200.0 \
+             -p /**/scale:rate_hz:=100.0 -p axes:rate_hz:=5.0 -r axes:a:=b -p /*:c:=1 -p rate_hz:=1.0 -p tracer:d:=1",
+        )
+        .unwrap();
+        let axes = args.identity("/", "scale").unwrap();
+        assert_eq!(axes.qualified(), "/axes");
+        let told = args.out_of_name("scale", &axes);
+        let named: Vec<&str> =
+            told.iter().map(|words| words.split(": node scale is called axes").next().unwrap()).collect();
+        let wanted = [
+            "-r scale:__ns:=/left",
+            "-r scale:scale/reading:=/x",
+            "-p scale:rate_hz:=200.0",
+            "-p /**/scale:rate_hz:=100.0",
+        ];
+        assert_eq!(named, wanted);
+        assert!(args.out_of_name("tracer", &args.identity("/", "tracer").unwrap()).is_empty());
     }
 
     #[test]
@@ -274,6 +331,10 @@ mod tests {
             ("--ros-args -r :=b", ":=b"),
             ("--ros-args -p a:=", "a:="),
             ("--ros-args -p a:=[1", "a"),
+            ("--ros-args -p cmm*:window:=3", "-p cmm*:window:=3: 'cmm*'"),
+            ("--ros-args -p a//b:window:=3", "a part is empty"),
+            ("--ros-args -r *:scale:=/x", "-r *:scale:=/x: '*'"),
+            ("--ros-args -r hall/scale:__ns:=/x", "'hall/scale'"),
             ("--ros-args --params-file /nowhere.yaml", "/nowhere.yaml"),
         ] {
             let message = split(line).unwrap_err().to_string();

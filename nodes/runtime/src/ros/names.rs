@@ -109,7 +109,7 @@ fn check_absolute(name: &str) -> Result<(), NameError> {
     Ok(())
 }
 
-fn check_part(part: &str) -> Result<(), &'static str> {
+pub(super) fn check_part(part: &str) -> Result<(), &'static str> {
     if part.is_empty() {
         return Err("a part is empty");
     }

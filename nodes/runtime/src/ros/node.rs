@@ -67,6 +67,7 @@ impl NodeOptions {
         parameters: impl IntoIterator<Item = ParameterSpec>,
     ) -> Result<Self, RosError> {
         let identity = args.identity(namespace, name)?;
+        args.out_of_name(name, &identity).iter().for_each(|words| tracing::warn!("{words}"));
         let parameters = ParameterTable::new(parameters)?.with_assignments(&identity, &args.parameters)?;
         for stranger in parameters.strangers(&identity, &args.parameters) {
             tracing::warn!(

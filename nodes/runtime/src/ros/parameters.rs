@@ -141,7 +141,7 @@ impl ParameterTable {
         node: &NodeIdentity,
         assignments: &[ParameterAssignment],
     ) -> Result<Self, ParameterError> {
-        for assignment in assignments.iter().filter(|one| one.applies_to(node)) {
+        for assignment in assignments.iter().filter(|one| one.meant.fits(node)) {
             if !self.is_stranger(assignment) {
                 self.assign(assignment)?;
             }
@@ -156,11 +156,11 @@ impl ParameterTable {
         node: &'a NodeIdentity,
         assignments: &'a [ParameterAssignment],
     ) -> impl Iterator<Item = &'a ParameterAssignment> {
-        assignments.iter().filter(|assignment| assignment.applies_to(node) && self.is_stranger(assignment))
+        assignments.iter().filter(|assignment| assignment.meant.fits(node) && self.is_stranger(assignment))
     }
 
     fn is_stranger(&self, assignment: &ParameterAssignment) -> bool {
-        assignment.is_for_many() && !self.entries.contains_key(assignment.name.as_str())
+        assignment.meant.is_for_many() && !self.entries.contains_key(assignment.name.as_str())
     }
 
     fn assign(&mut self, assignment: &ParameterAssignment) -> Result<(), ParameterError> {

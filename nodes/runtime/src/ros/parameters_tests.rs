@@ -32,7 +32,8 @@ fn specs() -> [ParameterSpec; 3] {
 }
 
 fn assignment(node: &str, name: &str, value: YamlValue) -> ParameterAssignment {
-    ParameterAssignment { node: node.into(), name: name.into(), value, origin: "p.yaml".into() }
+    let meant = super::super::Meant::parse(node).unwrap();
+    ParameterAssignment { meant, name: name.into(), value, origin: "p.yaml".into() }
 }
 
 fn assigned(node: &str, name: &str, value: YamlValue) -> Result<ParameterValue, ParameterError> {

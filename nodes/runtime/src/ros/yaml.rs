@@ -9,13 +9,10 @@ use std::path::{Path, PathBuf};
 use serde::Deserialize;
 use thiserror::Error;
 
-/// The key under which a file holds values for every node.
-pub(super) const ANY_NODE: &str = "/**";
+use super::meant::Meant;
+use super::names::NameError;
 
 const PARAMETERS_KEY: &str = "ros__parameters";
-/// Parts of a pattern.
-const ONE_PART: &str = "*";
-const MANY_PARTS: &str = "**";
 
 /// A value a parameter can have.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
@@ -42,42 +39,14 @@ pub enum YamlValue {
 /// One value for one parameter of some nodes.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ParameterAssignment {
-    /// A node's name, its absolute name, or a pattern of it: `/**` for all, `/*` for one part of a name.
-    pub node: String,
+    /// The nodes.
+    pub meant: Meant,
     /// The parameter.
     pub name: String,
     /// Its value.
     pub value: YamlValue,
     /// Where it stands, for messages.
     pub origin: String,
-}
-
-impl ParameterAssignment {
-    /// Whether it is meant for this node.
-    #[must_use]
-    pub fn applies_to(&self, node: &super::NodeIdentity) -> bool {
-        let parts = |name: &str| name.split('/').skip(1).map(str::to_owned).collect::<Vec<_>>();
-        let qualified = node.qualified();
-        let fits = || self.is_for_many() && pattern_fits(&parts(&self.node), &parts(&qualified));
-        self.node == node.name || self.node == qualified || fits()
-    }
-
-    /// Whether it is meant for whatever nodes a pattern fits.
-    #[must_use]
-    pub fn is_for_many(&self) -> bool {
-        self.node.contains('*')
-    }
-}
-
-/// Whether a name fits a pattern, part by part: `*` is one part, `**` any number of them.
-fn pattern_fits(pattern: &[String], name: &[String]) -> bool {
-    let Some((first, rest)) = pattern.split_first() else { return name.is_empty() };
-    if first == MANY_PARTS {
-        // Two in a row say no more than one.
-        let rest = &rest[rest.iter().take_while(|part| *part == MANY_PARTS).count()..];
-        return (0..=name.len()).any(|skipped| pattern_fits(rest, &name[skipped..]));
-    }
-    name.split_first().is_some_and(|(head, tail)| (first == ONE_PART || first == head) && pattern_fits(rest, tail))
 }
 
 /// Parameters that cannot be read.
@@ -109,6 +78,22 @@ pub enum YamlError {
         /// What is wrong there.
         problem: &'static str,
     },
+    /// A key that is to name nodes.
+    #[error("parameter file {path}: {source}")]
+    Node {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        source: NameError,
+    },
+    /// Two values of which neither counts.
+    #[error("{first} and {second} differ, and a node may be meant by both, none more specially; take one out")]
+    Tie {
+        /// Where one stands.
+        first: String,
+        /// Where the other stands.
+        second: String,
+    },
     /// A value on the command line.
     #[error("parameter {name}: '{text}' is not a value ({reason})")]
     Value {
@@ -137,8 +122,7 @@ pub(super) fn parse_value(name: &str, text: &str) -> Result<YamlValue, YamlError
     })
 }
 
-/// All assignments of a parameter file: those for every node first, then those of other patterns, so that those for one
-/// node count.
+/// All assignments of a parameter file, the more special behind, so that they count.
 pub(super) fn read_file(path: &Path) -> Result<Vec<ParameterAssignment>, YamlError> {
     let text = std::fs::read_to_string(path).map_err(|source| YamlError::Read { path: path.to_owned(), source })?;
     parse_file(path, &text)
@@ -154,9 +138,23 @@ fn parse_file(path: &Path, text: &str) -> Result<Vec<ParameterAssignment>, YamlE
     if file.found.is_empty() {
         return Err(file.shape(PARAMETERS_KEY, "is nowhere in it; a file must hold parameters"));
     }
-    // Stable: within one node the order of the file's (sorted) names stays.
-    file.found.sort_by_key(|one| (one.node != ANY_NODE, !one.is_for_many()));
-    Ok(file.found)
+    file.found.sort_by_key(|one| one.meant.rank());
+    match tie(&file.found) {
+        Some((first, second)) => Err(YamlError::Tie { first: first.origin.clone(), second: second.origin.clone() }),
+        None => Ok(file.found),
+    }
+}
+
+/// Two that are equally special and set the same parameter of some node to different values; `found` is sorted.
+fn tie(found: &[ParameterAssignment]) -> Option<(&ParameterAssignment, &ParameterAssignment)> {
+    found.chunk_by(|one, next| one.meant.rank() == next.meant.rank()).find_map(|equals| {
+        equals.iter().enumerate().find_map(|(index, one)| {
+            let contradicts = |other: &&ParameterAssignment| {
+                one.name == other.name && one.value != other.value && one.meant.overlaps(&other.meant)
+            };
+            Some((one, equals[index + 1..].iter().find(contradicts)?))
+        })
+    })
 }
 
 struct File<'a> {
@@ -170,13 +168,6 @@ impl File<'_> {
         let Tree::Map(children) = tree else {
             return Err(self.shape(node, "must hold ros__parameters, or nodes that do"));
         };
-        let is_known = |part: &str| !part.contains('*') || part == ONE_PART || part == MANY_PARTS;
-        if !node.split('/').all(is_known) {
-            return Err(self.shape(
-                node,
-                "is no pattern; a part of a name is * (any) or ** (any number of parts), or has no star",
-            ));
-        }
         for (key, child) in children {
             match (key.as_str(), child) {
                 (PARAMETERS_KEY, Tree::Map(parameters)) => {
@@ -187,7 +178,8 @@ impl File<'_> {
                 }
                 (_, child) => {
                     let namespace = node.trim_matches('/');
-                    self.add_node(&format!("/{namespace}/{key}"), child)?;
+                    let separator = if namespace.is_empty() { "" } else { "/" };
+                    self.add_node(&format!("/{namespace}{separator}{}", key.trim_start_matches('/')), child)?;
                 }
             }
         }
@@ -200,12 +192,13 @@ impl File<'_> {
         prefix: &str,
         parameters: BTreeMap<String, Tree>,
     ) -> Result<(), YamlError> {
+        let meant = Meant::parse(node).map_err(|source| YamlError::Node { path: self.path.to_owned(), source })?;
         for (key, tree) in parameters {
             let name = format!("{prefix}{key}");
             match tree {
                 Tree::Map(nested) => self.add_parameters(node, &format!("{name}."), nested)?,
                 Tree::Value(value) => self.found.push(ParameterAssignment {
-                    node: node.to_owned(),
+                    meant: meant.clone(),
                     origin: format!("{} ({node}: {name})", self.path.display()),
                     name,
                     value,
@@ -253,34 +246,59 @@ mod tests {
              /**:\n  ros__parameters: {frame: machine}\n",
         )
         .unwrap();
-        let names: Vec<(&str, &str)> = found.iter().map(|one| (one.node.as_str(), one.name.as_str())).collect();
+        let names: Vec<(Meant, &str)> = found.iter().map(|one| (one.meant.clone(), one.name.as_str())).collect();
         let expected =
-            [("/**", "frame"), ("/cmm/tracer", "rate_hz"), ("geometric", "limits.age_s"), ("geometric", "rate_hz")];
-        assert_eq!(names, expected);
+            [("/**", "frame"), ("geometric", "limits.age_s"), ("geometric", "rate_hz"), ("/cmm/tracer", "rate_hz")];
+        assert_eq!(names, expected.map(|(node, name)| (Meant::parse(node).unwrap(), name)));
     }
 
     #[test]
     fn patterns_are_those_of_ros_and_the_more_special_counts() {
         let found = parse(
-            "/**/geometric:\n  ros__parameters: {a: 3}\n/**:\n  ros__parameters: {a: 1}\n/hall/*/geometric:\n  \
-             ros__parameters: {a: 4}\n/hall/cmm/geometric:\n  ros__parameters: {a: 5}\n/*:\n  ros__parameters: {a: 2}\n\
-             /**/**/scale:\n  ros__parameters: {a: 6}\n",
+            "'**/geometric':\n  ros__parameters: {a: 3}\n/**:\n  ros__parameters: {a: 1}\n/hall/*/geometric:\n  \
+             ros__parameters: {a: 5}\n/hall/cmm/geometric:\n  ros__parameters: {a: 7}\n/*:\n  ros__parameters: {a: 2}\n\
+             /**/**/scale:\n  ros__parameters: {a: 8}\n/*/geometric:\n  ros__parameters: {a: 4}\n\
+             geometric:\n  ros__parameters: {a: 6}\n",
         )
         .unwrap();
         let meant = |namespace: &str, name: &str| {
             let node = super::super::NodeIdentity::new(namespace, name).unwrap();
-            let values = found.iter().filter(|one| one.applies_to(&node)).map(|one| one.value.clone());
+            let values = found.iter().filter(|one| one.meant.fits(&node)).map(|one| one.value.clone());
             let number = |value| if let YamlValue::Integer(number) = value { number } else { 0 };
             values.map(number).collect::<Vec<_>>()
         };
         assert_eq!(meant("/hall/cmm", "tracer"), [1]);
         assert_eq!(meant("/", "tracer"), [1, 2]);
-        assert_eq!(meant("/cmm", "geometric"), [1, 3]);
-        assert_eq!(meant("/hall/cmm", "scale"), [1, 6]);
-        let mut all = meant("/hall/cmm", "geometric");
-        assert_eq!((all[0], all.pop()), (1, Some(5)));
-        all.sort_unstable();
-        assert_eq!(all, [1, 3, 4]);
+        assert_eq!(meant("/cmm", "geometric"), [1, 3, 4, 6]);
+        assert_eq!(meant("/hall/cmm", "scale"), [1, 8]);
+        assert_eq!(meant("/hall/cmm", "geometric"), [1, 3, 5, 6, 7]);
+    }
+
+    #[test]
+    fn a_namespace_may_begin_and_end_with_a_slash_and_be_the_root() {
+        for text in [
+            "hall/:\n  cmm: {ros__parameters: {a: 1}}\n",
+            "/hall:\n  /cmm: {ros__parameters: {a: 1}}\n",
+            "/:\n  hall: {cmm: {ros__parameters: {a: 1}}}\n",
+            "hall/cmm: {ros__parameters: {a: 1}}\n",
+        ] {
+            assert_eq!(parse(text).unwrap()[0].meant, Meant::parse("/hall/cmm").unwrap(), "{text}");
+        }
+    }
+
+    #[test]
+    fn two_values_of_which_none_is_more_special_are_refused_unless_they_agree_or_never_meet() {
+        let file = |one: &str, other: &str, value: &str| {
+            parse(&format!("{one}:\n  ros__parameters: {{a: 1}}\n{other}:\n  ros__parameters: {{a: {value}}}\n"))
+        };
+        for (one, other) in [("/hall/**", "/**/cmm"), ("/hall/cmm", "hall/cmm/"), ("/*/cmm", "/hall/*")] {
+            let told = file(one, other, "2").unwrap_err().to_string();
+            assert!(told.contains(&format!("({one}: a)")) && told.contains(&format!("({other}: a)")), "{told}");
+            assert!(told.contains("p.yaml") && told.contains("take one out"), "{told}");
+            file(one, other, "1").unwrap();
+        }
+        file("/hall/*", "/yard/*", "2").unwrap();
+        file("scale", "tracer", "2").unwrap();
     }
 
     #[test]
@@ -290,6 +308,8 @@ mod tests {
             "geometric:\n  rate_hz: 1\n",
             "geometric:\n  ros__parameters: 1\n",
             "/cmm*/x:\n  ros__parameters: {a: 1}\n",
+            "a//b:\n  ros__parameters: {a: 1}\n",
+            "/:\n  ros__parameters: {a: 1}\n",
             "a: [\n",
             "",
             "{}",
