@@ -25,6 +25,7 @@ mod hysteresis;
 mod moisture_bow;
 mod outlying_run;
 mod periodic_scale;
+mod range_bend;
 mod reflector_incidence;
 mod reflector_offset;
 mod refraction;

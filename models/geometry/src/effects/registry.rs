@@ -6,8 +6,8 @@ use super::known::Known;
 use super::shape::{EffectError, Shape};
 use super::{
     Effect, acceleration, axis_term, carriage_sag, column_bow, dead_path, empirical, gimbal, gradient_bow, hysteresis,
-    moisture_bow, outlying_run, periodic_scale, reflector_incidence, reflector_offset, refraction, reversal,
-    scale_expansion, scale_growth, speed_lag, stand_jump, station_drift, table_load, warm_up, zero_jump,
+    moisture_bow, outlying_run, periodic_scale, range_bend, reflector_incidence, reflector_offset, refraction,
+    reversal, scale_expansion, scale_growth, speed_lag, stand_jump, station_drift, table_load, warm_up, zero_jump,
 };
 use crate::machine::Machine;
 
@@ -25,6 +25,7 @@ pub const REGISTRY: &[Known] = &[
     moisture_bow::KNOWN,
     outlying_run::KNOWN,
     periodic_scale::KNOWN,
+    range_bend::KNOWN,
     reflector_incidence::KNOWN,
     reflector_offset::KNOWN,
     refraction::KNOWN,

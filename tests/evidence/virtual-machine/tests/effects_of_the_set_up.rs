@@ -162,7 +162,8 @@ fn effects_of_the_set_up_leave_the_true_tip_alone_and_those_of_the_machine_move_
         let effect = from_text(example).unwrap();
         let of_set_up = matches!(
             effect.name(),
-            "dead_path"
+            "beam_gradient"
+                | "dead_path"
                 | "gimbal"
                 | "outlying_run"
                 | "reflector_incidence"

@@ -22,6 +22,7 @@ const fn row(injected: &'static str, found: &'static str, same: &'static [Same],
 pub(crate) const ACCEPTED: &[Accepted] = &[
     row("acceleration", "acceleration", AXIS, "the carriage that is accelerated twists, about whichever axis"),
     row("backlash", "reversal", AXIS, "ISO 230-2 calls the play of an axis its reversal value"),
+    row("beam_gradient", "range_bend", &[], "what air along the beam adds goes with the square of the range"),
     row("carriage_sag", "carriage_sag", CARRIED, "which beam gives way under which carriage"),
     row("carriage_twist", "carriage_sag", CARRIED, "the same pair of axes; the model's form holds products of both"),
     row(

@@ -7,6 +7,7 @@
 
 mod acceleration;
 mod backlash;
+mod beam_gradient;
 mod bow;
 mod carriage_twist;
 mod column_bow;
@@ -39,6 +40,7 @@ use std::fmt::Debug;
 
 pub use acceleration::Acceleration;
 pub use backlash::Backlash;
+pub use beam_gradient::BeamGradient;
 pub use bow::GradientBow;
 pub use carriage_twist::CarriageTwist;
 pub use column_bow::ColumnBow;

@@ -8,7 +8,7 @@ use std::sync::Arc;
 
 use super::text::{Key, Values, given, or_zero};
 use super::{
-    Acceleration, Backlash, CarriageSag, CarriageTwist, ColumnBow, DeadPath, Effect, Gimbal, GradientBow, Hysteresis,
+    Acceleration, Backlash, BeamGradient, CarriageSag, CarriageTwist, ColumnBow, DeadPath, Effect, Gimbal, GradientBow, Hysteresis,
     LaggedExpansion, MoistureBow, Onset, OutlyingRun, PeriodicScale, ReflectorIncidence, ReflectorOffset, Refraction,
     ScaleExpansion, Screw, SpeedLag, StandJump, StationDrift, TableLoad, Undescribed, WarmUp, Wear, ZeroJump,
 };
@@ -48,6 +48,12 @@ const ENTRIES: &[Entry] = &[
             let (size_m, growth_m) = (v.number("size_um")? * MICRO, v.number("growth_um")? * MICRO);
             Ok(Arc::new(Backlash { axis: v.axis("axis")?, size_m, growth_m }))
         },
+    },
+    Entry {
+        name: "beam_gradient",
+        keys: &[given("kelvin_per_m")],
+        example: "beam_gradient kelvin_per_m=0.5",
+        make: |v| Ok(Arc::new(BeamGradient { kelvin_per_m: v.number("kelvin_per_m")? })),
     },
     Entry {
         name: "carriage_sag",
