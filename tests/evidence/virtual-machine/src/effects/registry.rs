@@ -8,9 +8,10 @@ use std::sync::Arc;
 
 use super::text::{Key, Values, given, or_zero};
 use super::{
-    Acceleration, Backlash, BeamGradient, CarriageSag, CarriageTwist, ColumnBow, DeadPath, Effect, Gimbal, GradientBow, Hysteresis,
-    LaggedExpansion, MoistureBow, Onset, OutlyingRun, PeriodicScale, ReflectorIncidence, ReflectorOffset, Refraction,
-    ScaleExpansion, Screw, SpeedLag, StandJump, StationDrift, TableLoad, Undescribed, WarmUp, Wear, ZeroJump,
+    Acceleration, Backlash, BeamGradient, CarriageSag, CarriageTwist, ColumnBow, DeadPath, Effect, Gimbal, GradientBow,
+    Hysteresis, LaggedExpansion, MoistureBow, Onset, OutlyingRun, PeriodicScale, ReflectorIncidence, ReflectorOffset,
+    Refraction, ScaleExpansion, Screw, SpeedLag, StandJump, StationDrift, TableLoad, Undescribed, WarmUp, Wear,
+    ZeroJump,
 };
 use crate::error::SimulationError;
 
