@@ -9,6 +9,7 @@
 use crate::linear::symmetric_eigen;
 use abbe_geometry::error_function::{Basis, Closure, FunctionKind, LocalBasis};
 use faer::Mat;
+use std::sync::Arc;
 
 /// Abscissae and weights of Gauss' rule with four points on 0 … 1, exact to degree 7.
 const GAUSS: [(f64, f64); 4] = [
@@ -27,7 +28,8 @@ pub(crate) struct Curvature {
     /// Functions that a straight line needs, squared and summed; 1 where the closure leaves no line.
     line_square: f64,
     rank: usize,
-    points: Vec<Point>,
+    /// Shared: a search that tries a step copies what it may have to go back to.
+    points: Arc<[Point]>,
 }
 
 #[derive(Debug, Clone)]
@@ -75,7 +77,7 @@ impl Curvature {
     pub(crate) fn at(&self, exponent: f64) -> Option<Roughness> {
         let n = self.size;
         let (mut matrix, mut slope) = (vec![0.0; n * n], vec![0.0; n * n]);
-        for point in &self.points {
+        for point in self.points.iter() {
             let weight = point.share * (exponent * point.log_profile).exp();
             for (i, a) in &point.second {
                 for (j, b) in &point.second {
