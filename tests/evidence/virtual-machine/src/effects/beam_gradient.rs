@@ -3,11 +3,9 @@
 //! Equation: the beam passes air that is on average half of range · gradient warmer than at its start, so the counter shows
 //! range · (−0.96e-6/K · ½ range · gradient) more. Size: a gradient of 0.5 K/m, −2 µm over 3 m.
 
+use super::refraction::INDEX_PER_KELVIN;
 use super::{Beam, Effect, Moment};
 use crate::error::{SimulationError, require_finite};
-
-/// Change of the refractive index (1/K).
-const INDEX_PER_KELVIN: f64 = -0.96e-6;
 
 /// How much warmer the air gets along every beam.
 #[derive(Debug, Clone, Copy, PartialEq)]

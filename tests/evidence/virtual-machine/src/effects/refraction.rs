@@ -8,6 +8,9 @@ use super::{Beam, Effect, Moment};
 use crate::environment::EnvironmentState;
 use crate::error::{SimulationError, require_finite};
 
+/// Change of the refractive index by the air's temperature (1/K).
+pub(super) const INDEX_PER_KELVIN: f64 = -0.96e-6;
+
 /// Shares of the air's refraction that the instrument leaves in its length.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Refraction {
@@ -33,5 +36,6 @@ impl Effect for Refraction {
 
 /// δn: refractive index of the air beyond that at 20 °C, 1013.25 hPa and 50 %.
 pub(super) fn excess_index(air: &EnvironmentState) -> f64 {
-    -0.96e-6 * (air.air_c() - 20.0) + 0.27e-6 * (air.pressure_hpa() - 1013.25) - 0.009e-6 * (air.humidity_pct() - 50.0)
+    INDEX_PER_KELVIN * (air.air_c() - 20.0) + 0.27e-6 * (air.pressure_hpa() - 1013.25)
+        - 0.009e-6 * (air.humidity_pct() - 50.0)
 }
