@@ -304,10 +304,13 @@ impl LinePanel {
     /// Share of the shifts of points beside each other with which none comes near those of the next position.
     fn room_beside(&self, x: &Scale) -> f64 {
         let points = || self.curves.iter().filter(|curve| curve.style.marker().is_some());
+        let widest = points().map(|curve| curve.style.beside_px().unsigned_abs()).max().unwrap_or(0);
+        if widest == 0 {
+            return 1.0;
+        }
         let mut places: Vec<f64> = points().flat_map(Curve::runs).flatten().map(|(at, ..)| x.map(at)).collect();
         places.sort_by(f64::total_cmp);
         let gaps = places.windows(2).map(|pair| pair[1] - pair[0]).filter(|gap| *gap > ONE_PLACE_PX);
-        let widest = points().map(|curve| curve.style.beside_px().unsigned_abs()).max().unwrap_or(0);
         (OWN_SIDE * gaps.fold(f64::INFINITY, f64::min) / f64::from(widest)).min(1.0)
     }
 
