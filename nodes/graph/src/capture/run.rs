@@ -355,13 +355,13 @@ fn open(
         .filter_map(|(name, link)| Some(Watched::new(name, link?)))
         .collect();
     let memory = Arc::new(Mutex::new(SensorMemory::default()));
-    for config in &config.covariates {
+    for (place, config) in config.covariates.iter().enumerate() {
         let mut sensor = open_sensor(config, base, machine, shutdown, ros.as_ref()).map_err(failed(SENSOR))?;
         links.extend(sensor.link().map(|link| Watched::new(SENSOR, link)));
         let note = {
             let memory = Arc::clone(&memory);
             move |said: crate::driver::SensorValues| {
-                memory.lock().unwrap_or_else(PoisonError::into_inner).note(said.stamp, &said.values);
+                memory.lock().unwrap_or_else(PoisonError::into_inner).note(place, said.stamp, &said.values);
                 None
             }
         };

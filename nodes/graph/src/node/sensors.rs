@@ -26,7 +26,7 @@ impl Sensors {
             let driver = open_sensor(config, &context.base, &context.machine, &context.shutdown, context.ros.as_ref())?;
             links.extend(driver.link().map(|link| (format!("covariates {place}"), link)));
             let (memory, troubles) = (Arc::clone(&memory), Troubles::by_clock(context.clock()));
-            let listening = move || listen(driver, &memory, troubles);
+            let listening = move || listen(driver, (&memory, place), troubles);
             thread::Builder::new().name("sensor".into()).spawn(listening).map_err(NodeError::Thread)?;
         }
         Ok((Sensors { memory }, links))
@@ -44,10 +44,10 @@ fn lock(memory: &Mutex<SensorMemory>) -> MutexGuard<'_, SensorMemory> {
     memory.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-fn listen(mut driver: Box<dyn SensorDriver>, memory: &Mutex<SensorMemory>, mut troubles: Troubles) {
+fn listen(mut driver: Box<dyn SensorDriver>, (memory, place): (&Mutex<SensorMemory>, usize), mut troubles: Troubles) {
     loop {
         match driver.next_values() {
-            Ok(Some(said)) => lock(memory).note(said.stamp, &said.values),
+            Ok(Some(said)) => lock(memory).note(place, said.stamp, &said.values),
             Ok(None) => return,
             Err(error) if error.is_of_one_reading() => troubles.note(Trouble::Malformed, error),
             // Its values grow old from now on, which the correction notices.
