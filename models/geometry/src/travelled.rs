@@ -56,6 +56,11 @@ impl Travel {
         Some(Travel { axis, travel_m: f64::from(travel_um) * 1e-6, last_m: None, side: 0.0, gone_m: 0.0 })
     }
 
+    /// Begins anew: nobody read how the axis moved before the next reading.
+    pub fn forget(&mut self) {
+        (self.last_m, self.side, self.gone_m) = (None, 0.0, 0.0);
+    }
+
     /// Takes the next reading; `None`, and everything as it was, where that is no number.
     pub fn push(&mut self, reading_m: [f64; 3]) -> Option<Travelled> {
         let at_m = Some(reading_m[self.axis.index()]).filter(|at_m| at_m.is_finite())?;
@@ -108,6 +113,17 @@ mod tests {
         let crept: Vec<f64> = (1..=40_000).map(creep).collect();
         assert!((crept[39_999] - (2.0 * (-1.0_f64).exp() - 1.0)).abs() < 1e-3, "{}", crept[39_999]);
         assert_eq!(travel.push([0.0, f64::NAN, 0.0]), None);
+    }
+
+    #[test]
+    fn regress_a_way_that_nobody_read_leaves_the_side_open() {
+        let mut travel = travel();
+        travel.push([0.0; 3]);
+        assert!(travel.push([0.0, 0.4, 0.0]).unwrap().is_settled);
+        travel.forget();
+        assert!(!travel.push([0.0, 0.2, 0.0]).unwrap().is_settled);
+        let there = travel.push([0.0, 0.1, 0.0]).unwrap();
+        assert!(there.is_settled && there.side < -0.99, "{there:?}");
     }
 
     #[test]

@@ -63,6 +63,11 @@ impl Motion {
         Motion { settings, sides: [Side::default(); 3], recent: VecDeque::new(), last: None }
     }
 
+    /// Begins anew: nobody read how the machine moved before the next reading.
+    pub fn forget(&mut self) {
+        *self = Motion::new(self.settings);
+    }
+
     /// Takes the next reading; gives what is known of the motion at it.
     pub fn push(&mut self, time_s: f64, reading_m: [f64; 3]) -> Moved {
         let is_first = self.recent.is_empty();
@@ -221,6 +226,17 @@ mod tests {
         let x: Vec<_> = sides.iter().map(|moved| moved.direction[0]).collect();
         assert_eq!(x, [None, Some(1.0), Some(1.0), Some(1.0), Some(-1.0)]);
         assert!(sides.iter().all(|moved| moved.speed_m_s.is_none() && moved.acceleration_m_s2.is_none()));
+    }
+
+    /// While a link was down the axis went on and came back: it had kept the side of before.
+    #[test]
+    fn regress_a_way_that_nobody_read_leaves_the_side_unknown() {
+        let mut motion = Motion::new(SETTINGS);
+        motion.push(0.0, [0.0; 3]);
+        assert_eq!(motion.push(1.0, [0.11, 0.0, 0.0]).direction[0], Some(1.0));
+        motion.forget();
+        assert_eq!(motion.push(9.0, [0.2, 0.0, 0.0]).direction[0], None);
+        assert_eq!(motion.push(10.0, [0.19, 0.0, 0.0]).direction[0], Some(-1.0));
     }
 
     #[test]

@@ -42,6 +42,11 @@ impl Link {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
+    /// So often it was lost.
+    pub fn losses(&self) -> u64 {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).losses
+    }
+
     pub(crate) fn stands(&self, state: LinkState) {
         let mut status = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         status.losses += u64::from(matches!(state, LinkState::Lost(_)));

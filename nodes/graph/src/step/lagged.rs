@@ -40,6 +40,11 @@ impl DerivedLags {
         DerivedLags { followed: names.into_iter().filter_map(followed).collect(), sides, first_ns: None }
     }
 
+    /// Nobody saw how the machine moved before the next reading: sides over a travel begin anew.
+    pub fn forget_motion(&mut self) {
+        self.sides.iter_mut().for_each(|(_, travel)| travel.forget());
+    }
+
     /// Adds to the next reading of the stream what can be told; gives what had no room.
     pub fn fill(&mut self, reading: &mut ScaleReading) -> Vec<CovariateError> {
         let at_ns = reading.stamp.to_nanos();

@@ -24,6 +24,11 @@ impl DerivedMotion {
         DerivedMotion { motion: Motion::new(settings), first_ns: None }
     }
 
+    /// Nobody saw how the machine moved before the next reading.
+    pub fn forget(&mut self) {
+        self.motion.forget();
+    }
+
     /// Adds to the next reading of the stream what it lacks; gives what had no room.
     pub fn fill(&mut self, reading: &mut ScaleReading) -> Vec<CovariateError> {
         if !reading.reading_m.iter().all(|value| value.is_finite()) {
