@@ -32,8 +32,8 @@ impl Asked {
 /// The newest scale readings.
 pub(crate) struct Scales {
     max_age_s: f64,
-    /// Sequence and covariates by stamp (ns).
-    kept: BTreeMap<i64, (u64, Covariates)>,
+    /// By stamp (ns) and sequence: a box may stamp to the second.
+    kept: BTreeMap<(i64, u64), Covariates>,
 }
 
 impl Scales {
@@ -44,24 +44,24 @@ impl Scales {
     pub(crate) fn keep(&mut self, reading: &ScaleReading) {
         let stamp = reading.stamp.to_nanos();
         // Of a clock that was set back, what lies ahead is of another time.
-        if self.latest().is_some_and(|latest| stamp < latest) {
-            self.kept.retain(|kept, _| *kept < stamp);
+        if self.latest().is_some_and(|(latest, _)| stamp < latest) {
+            self.kept.retain(|(kept, _), _| *kept < stamp);
         }
-        self.kept.insert(stamp, (reading.sequence, reading.covariates));
+        self.kept.insert((stamp, reading.sequence), reading.covariates);
         if self.kept.len() > KEPT {
             self.kept.pop_first();
         }
     }
 
-    /// Stamp (ns) of the latest that came: none that is kept is newer.
-    fn latest(&self) -> Option<i64> {
-        self.kept.last_key_value().map(|(stamp, _)| *stamp)
+    /// Stamp (ns) and sequence of the latest that came: none that is kept is newer.
+    fn latest(&self) -> Option<(i64, u64)> {
+        self.kept.last_key_value().map(|(at, _)| *at)
     }
 
     /// Whether the scale reading of a sample has not come and may still do so: they come in the order of their stamps.
     pub(crate) fn may_come(&self, sample: &CorrectedCoordinates) -> bool {
-        let stamp = sample.stamp.to_nanos();
-        self.of(sample).is_none() && self.latest().is_none_or(|latest| latest < stamp)
+        let at = (sample.stamp.to_nanos(), sample.sequence);
+        self.of(sample).is_none() && self.latest().is_none_or(|latest| latest < at)
     }
 
     /// Covariates of a sample.
@@ -71,7 +71,32 @@ impl Scales {
 
     /// The same as they came.
     pub(crate) fn table(&self, sample: &CorrectedCoordinates) -> Option<&Covariates> {
-        let (sequence, table) = self.kept.get(&sample.stamp.to_nanos())?;
-        (*sequence == sample.sequence).then_some(table)
+        self.kept.get(&(sample.stamp.to_nanos(), sample.sequence))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::geometric::GeometricStep;
+    use super::*;
+    use abbe_msgs::Stamp;
+
+    /// Of readings of one stamp only the last was kept, so that a sample had its covariates or not as the threads went.
+    #[test]
+    fn regress_readings_of_one_stamp_keep_their_covariates_each() {
+        let mut scales = Scales::new(10.0);
+        let at = |seconds: i64, sequence: u64| {
+            let stamp = Stamp::from_nanos(seconds * 1_000_000_000).unwrap();
+            let mut reading = ScaleReading { stamp, sequence, ..ScaleReading::default() };
+            reading.covariates.push("temp_air_c", sequence as f64, 0.0).unwrap();
+            (reading, GeometricStep::new(None, 10.0).correct(&reading))
+        };
+        scales.keep(&at(5, 1).0);
+        assert!(scales.may_come(&at(5, 2).1) && !scales.may_come(&at(5, 0).1));
+        scales.keep(&at(5, 2).0);
+        let value =
+            |sample: &CorrectedCoordinates| scales.table(sample).and_then(|table| Some(table.get("temp_air_c")?.value));
+        assert_eq!([1, 2, 3].map(|sequence| value(&at(5, sequence).1)), [Some(1.0), Some(2.0), None]);
+        assert!(scales.may_come(&at(5, 3).1) && !scales.may_come(&at(4, 9).1));
     }
 }
