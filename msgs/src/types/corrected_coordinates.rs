@@ -74,6 +74,24 @@ impl CorrectionStatus {
     }
 }
 
+impl CorrectionStatus {
+    /// The one of two that says worse of the position. What is said of the stream or of the topic comes before nothing: a
+    /// position that is extrapolated or stale stays so.
+    #[must_use]
+    pub fn worse_of(self, other: Self) -> Self {
+        let worth = |status: Self| match status {
+            Self::InVolume => 0,
+            Self::OtherPublisher => 1,
+            Self::OutOfOrder => 2,
+            Self::Extrapolated => 3,
+            Self::CovariateMissing => 4,
+            Self::Stale => 5,
+            Self::Rejected | Self::NoModel | Self::OtherFrame | Self::SeveralSources | Self::Inactive => 6,
+        };
+        if worth(other) > worth(self) { other } else { self }
+    }
+}
+
 impl TryFrom<u8> for CorrectionStatus {
     type Error = MessageError;
 
@@ -152,12 +170,11 @@ impl CorrectedCoordinates {
         }
     }
 
-    /// The same sample of a topic that another program publishes as well. What was not corrected says why already, and an
-    /// instant that is not to be trusted says more.
+    /// The same sample of a topic that another program publishes as well. What was not corrected, and what is doubtful in itself, says
+    /// why already.
     #[must_use]
     pub fn beside_another_publisher(self) -> CorrectedCoordinates {
-        let says_more = !self.corrected_valid || self.status == CorrectionStatus::OutOfOrder;
-        CorrectedCoordinates { status: if says_more { self.status } else { CorrectionStatus::OtherPublisher }, ..self }
+        CorrectedCoordinates { status: self.status.worse_of(CorrectionStatus::OtherPublisher), ..self }
     }
 
     /// The same sample of a node that is not active. What was not corrected says why already.

@@ -393,7 +393,7 @@ impl Stream {
 fn is_unmarked(verdict: Verdict, sample: &CorrectedCoordinates) -> bool {
     let unmarked = match verdict {
         Verdict::InOrder => false,
-        Verdict::OutOfOrder => sample.status != CorrectionStatus::OutOfOrder,
+        Verdict::OutOfOrder => sample.status.worse_of(CorrectionStatus::OutOfOrder) != sample.status,
         Verdict::SeveralSources => true,
     };
     unmarked && sample.corrected_valid

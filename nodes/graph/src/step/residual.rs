@@ -99,7 +99,7 @@ impl ResidualStep {
             corrected_m: position_m.into(),
             covariance_m2: std::array::from_fn(|k| covariance_m2[(k / 3, k % 3)]),
             residual_model_sha256: Sha256::from_bytes(field.sha256()),
-            status: sample.status.max(wire_status(added.status())),
+            status: sample.status.worse_of(wire_status(added.status())),
             ..*sample
         }
     }

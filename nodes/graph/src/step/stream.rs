@@ -77,14 +77,16 @@ pub enum Verdict {
 }
 
 impl Verdict {
-    /// The corrected sample with what the stream makes of it; what was not corrected says why already.
+    /// The corrected sample with what the stream makes of it; what was not corrected says why already, and what is worse of a position than
+    /// its instant stays.
     pub fn apply(self, corrected: CorrectedCoordinates) -> CorrectedCoordinates {
         match self {
             Verdict::SeveralSources if corrected.corrected_valid => {
                 corrected.withheld(CorrectionStatus::SeveralSources)
             }
-            Verdict::OutOfOrder if corrected.corrected_valid => {
-                CorrectedCoordinates { status: CorrectionStatus::OutOfOrder, ..corrected }
+            Verdict::OutOfOrder => {
+                let status = corrected.status.worse_of(CorrectionStatus::OutOfOrder);
+                CorrectedCoordinates { status, ..corrected }
             }
             _ => corrected,
         }
