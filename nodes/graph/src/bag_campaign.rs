@@ -76,6 +76,7 @@ pub fn campaign_from_bag(
             buffer.tracer(&message.decode()?);
         }
     }
+    buffer.finish();
     let campaign = buffer.campaign(None);
     let joined = campaign.readings.len();
     if joined == 0 {

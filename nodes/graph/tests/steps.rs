@@ -523,6 +523,25 @@ fn regress_a_sample_whose_stamp_does_not_follow_says_so_and_is_corrected() {
     assert!(samples.iter().all(|sample| sample.corrected_valid && sample.covariance_m2[0] > 0.0));
 }
 
+/// A box that stamps to the second took the doubt about the position from every second sample.
+#[test]
+fn regress_a_position_that_is_extrapolated_stays_so_whatever_its_stream_is_like() {
+    let outside = |sequence: usize| {
+        let within = scale(sequence);
+        let reading_m = [within.reading_m[0], within.reading_m[1], -0.02 - 1e-4 * sequence as f64];
+        let stamp = Stamp::from_nanos(1_000_000_000 * (sequence as i64 / 2)).unwrap();
+        ScaleReading { stamp, reading_m, ..within }
+    };
+    let samples = corrected((0..6).map(outside));
+    assert!(samples.iter().all(|sample| sample.status == CorrectionStatus::Extrapolated), "{samples:?}");
+    let beside = samples[0].beside_another_publisher();
+    assert_eq!(beside.status, CorrectionStatus::Extrapolated);
+    // To the monitor their instants are none all the same.
+    let mut monitor = monitor();
+    samples.iter().for_each(|sample| assert!(monitor.corrected(sample).is_empty()));
+    assert_eq!(monitor.streams()[0].stamps_standing, 3);
+}
+
 #[test]
 fn regress_the_monitor_predicts_nothing_where_the_instant_is_not_to_be_trusted() {
     // A tracer whose stamps stand still while the machine moves: millimetres at the wrong instant.

@@ -87,6 +87,13 @@ impl Diagnosis {
         Ok(Diagnosis { plan, readings, running, last, started_for, counts, asked, advice, _service: service })
     }
 
+    /// From now on, stamps this close are the same instant (s).
+    pub(super) fn match_within(&mut self, match_within_s: f64) {
+        if let Some(readings) = &mut self.readings {
+            readings.within(match_within_s);
+        }
+    }
+
     /// Keeps a scale reading.
     pub(super) fn scale(&mut self, reading: &ScaleReading) {
         if let Some(readings) = &mut self.readings {

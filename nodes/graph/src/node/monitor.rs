@@ -145,6 +145,7 @@ impl Monitor {
     fn take(&mut self, inputs: &mut Inputs, patience: Duration, summary: &mut NodeSummary) -> Vec<RangeResidual> {
         let mut residuals = Vec::new();
         if let Some(bounds) = self.bounds.try_iter().last() {
+            self.diagnosis.match_within(bounds.match_within_s);
             self.step.judge_by(bounds);
         }
         if let Some((model, sha256)) = self.models.newest() {

@@ -166,15 +166,21 @@ impl MonitorStep {
             self.foreign.corrected += 1;
             return Vec::new();
         }
-        let sample = &self.corrected.look(Mark::from(sample)).apply(*sample);
+        let sample = &match self.corrected.look(Mark::from(sample)) {
+            // Whatever else is said of it: an instant is all that joins the two streams.
+            Verdict::OutOfOrder if sample.corrected_valid => {
+                CorrectedCoordinates { status: CorrectionStatus::OutOfOrder, ..*sample }
+            }
+            verdict => verdict.apply(*sample),
+        };
         // Of several correctors none is the one in use.
         let is_one = sample.status != CorrectionStatus::SeveralSources;
         if is_one && !sample.model_sha256.is_none() && sample.model_sha256 != self.in_use {
             self.in_use = sample.model_sha256;
             self.window = Window::new(self.settings.window);
         }
-        let readings = self.pairs.sample(sample.stamp, *sample);
-        readings.iter().filter_map(|reading| self.pair(sample, reading)).collect()
+        let pairs = self.pairs.sample(sample.stamp, *sample);
+        pairs.iter().filter_map(|(sample, reading)| self.pair(sample, reading)).collect()
     }
 
     /// Takes a tracer reading; gives its residual if the corrected sample of that instant is there already. Where that
@@ -206,11 +212,15 @@ impl MonitorStep {
         ]
     }
 
-    /// At the end: what still awaits its model or its scale reading, as not predicted.
+    /// At the end: what waited for a nearer sample, and what still awaits its model or its scale reading, as not predicted.
     pub fn give_up(&mut self) -> Vec<RangeResidual> {
+        let last = self.pairs.finish();
+        let mut residuals: Vec<RangeResidual> =
+            last.iter().filter_map(|(sample, reading)| self.pair(sample, reading)).collect();
         let mut waiting = std::mem::take(&mut self.awaiting_model);
         waiting.append(&mut self.awaiting_scales);
-        waiting.iter().map(|(sample, reading)| self.compare(sample, reading)).collect()
+        residuals.extend(waiting.iter().map(|(sample, reading)| self.compare(sample, reading)));
+        residuals
     }
 
     /// The verdict so far.

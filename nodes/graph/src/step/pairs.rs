@@ -1,7 +1,8 @@
 //! Two streams as pairs of one instant: tracer readings, and what else is known of the machine then.
 //!
 //! Place in the flow: under the monitor's step, once for corrected samples and once for scale readings. Either side may
-//! come first; instants are matched by stamp within a tolerance, so the order of arrival changes nothing. What waits is
+//! come first; a tracer reading belongs to the nearest sample within a tolerance, so the order of arrival changes nothing.
+//! Samples come in the order of their stamps: a reading waits until none that is still to come can be nearer. What waits is
 //! given up in the order of arrival, whatever its stamp: a clock that was set back makes every new sample the earliest.
 //! Stamps that such a clock comes to once more are those of what comes now, and what waits from before is forgotten.
 
@@ -32,25 +33,30 @@ impl<S: Clone> Pairs<S> {
         self.within_ns = (within_s * 1e9) as i64;
     }
 
-    /// Takes a sample; gives the tracer readings that waited for it.
-    pub(super) fn sample(&mut self, stamp: Stamp, sample: S) -> Vec<TracerReading> {
+    /// Takes a sample; gives the tracer readings whose sample is now known, each with it.
+    pub(super) fn sample(&mut self, stamp: Stamp, sample: S) -> Vec<(S, TracerReading)> {
         let nanos = stamp.to_nanos();
-        let stamps: Vec<i64> = self.readings.around(nanos, self.within_ns).map(|(stamp, _)| stamp).collect();
-        let readings = stamps.into_iter().filter_map(|stamp| self.readings.take(stamp)).flatten().collect();
-        // The sample that came last has the latest stamp.
-        if self.samples.latest().is_some_and(|latest| nanos < latest) {
-            self.samples.forget_from(nanos);
+        let mut before = self.samples.latest();
+        if before.is_some_and(|latest| nanos < latest) {
+            drop(self.samples.forget_from(nanos));
+            let from_before = self.readings.forget_from(nanos.saturating_add(self.within_ns).saturating_add(1));
+            self.alone += from_before.map(|readings| readings.len() as u64).sum::<u64>();
+            before = self.samples.latest();
         }
         // A sample that is given up may have had its readings.
         drop(self.samples.keep(nanos, sample));
-        readings
+        // Readings after the sample before this one may still wait for a nearer one than that.
+        let from = before.map_or(i64::MIN, |before| before.saturating_add(1)).min(nanos.saturating_sub(self.within_ns));
+        let open = self.readings.between(from, nanos.saturating_add(self.within_ns)).map(|(stamp, _)| stamp).collect();
+        self.decided(open, |pairs, at| pairs.is_decided(at))
     }
 
-    /// Takes a tracer reading; gives the sample of its instant if it is there already.
+    /// Takes a tracer reading; gives the sample of its instant if it is there and none can be nearer.
     pub(super) fn reading(&mut self, reading: &TracerReading) -> Option<S> {
         let nanos = reading.stamp.to_nanos();
-        let around = self.samples.around(nanos, self.within_ns);
-        if let Some((_, sample)) = around.min_by_key(|(stamp, _)| (*stamp - nanos).abs()) {
+        if self.is_decided(nanos)
+            && let Some((_, sample)) = self.nearest(nanos)
+        {
             return Some(sample.clone());
         }
         let mut together = self.readings.take(nanos).unwrap_or_default();
@@ -58,6 +64,39 @@ impl<S: Clone> Pairs<S> {
         let given_up = self.readings.keep(nanos, together);
         self.alone += given_up.map_or(0, |readings| readings.len() as u64);
         None
+    }
+
+    /// At the end: tracer readings that waited for a nearer sample, each with the nearest that came.
+    pub(super) fn finish(&mut self) -> Vec<(S, TracerReading)> {
+        let Some(latest) = self.samples.latest() else { return Vec::new() };
+        let open = self.readings.between(latest, latest.saturating_add(self.within_ns));
+        let open = open.map(|(stamp, _)| stamp).collect();
+        self.decided(open, |_, _| true)
+    }
+
+    /// Takes the readings of these instants for which a sample is there and which are decided.
+    fn decided(&mut self, open: Vec<i64>, is_decided: impl Fn(&Self, i64) -> bool) -> Vec<(S, TracerReading)> {
+        let mut pairs = Vec::new();
+        for at in open {
+            let Some((_, sample)) = self.nearest(at).filter(|_| is_decided(self, at)) else { continue };
+            let sample = sample.clone();
+            let readings = self.readings.take(at).into_iter().flatten();
+            pairs.extend(readings.map(|reading| (sample.clone(), reading)));
+        }
+        pairs
+    }
+
+    /// The nearest sample within the tolerance; of two as near, the earlier one.
+    fn nearest(&self, at: i64) -> Option<(i64, &S)> {
+        let around = self.samples.between(at.saturating_sub(self.within_ns), at.saturating_add(self.within_ns));
+        around.min_by_key(|(stamp, _)| (*stamp - at).abs())
+    }
+
+    /// Whether no sample that is still to come can be nearer than the nearest that is there.
+    fn is_decided(&self, at: i64) -> bool {
+        let nearest = self.nearest(at).map(|(stamp, _)| (stamp - at).abs());
+        let latest = self.samples.latest();
+        nearest.is_some_and(|away| away == 0 || latest.is_some_and(|latest| latest >= at.saturating_add(away)))
     }
 
     /// Tracer readings given up because no sample of their instant came.
@@ -103,14 +142,15 @@ impl<T> Waiting<T> {
         self.by_stamp.last_key_value().map(|(stamp, _)| *stamp)
     }
 
-    /// Forgets what has this stamp or a later one.
-    fn forget_from(&mut self, stamp_ns: i64) {
-        self.by_stamp.split_off(&stamp_ns);
+    /// Forgets what has this stamp or a later one, and gives it.
+    fn forget_from(&mut self, stamp_ns: i64) -> impl Iterator<Item = T> + use<T> {
+        self.by_stamp.split_off(&stamp_ns).into_values().map(|(_, thing)| thing)
     }
 
-    fn around(&self, nanos: i64, within_ns: i64) -> impl Iterator<Item = (i64, &T)> {
-        let range = nanos.saturating_sub(within_ns)..=nanos.saturating_add(within_ns);
-        self.by_stamp.range(range).map(|(stamp, (_, thing))| (*stamp, thing))
+    /// Those from one stamp to another, both included.
+    fn between(&self, from_ns: i64, to_ns: i64) -> impl Iterator<Item = (i64, &T)> {
+        let range = (from_ns <= to_ns).then(|| self.by_stamp.range(from_ns..=to_ns));
+        range.into_iter().flatten().map(|(stamp, (_, thing))| (*stamp, thing))
     }
 }
 
@@ -140,7 +180,7 @@ mod tests {
         (0..many).for_each(|millis| assert_eq!(pairs.reading(&reading(5_000_000 + millis)), None));
         assert_eq!(pairs.alone(), many as u64 - WAITING as u64);
         assert_eq!(pairs.reading(&reading(7)), None);
-        assert_eq!(pairs.sample(stamp(7), 7), [reading(7)]);
+        assert_eq!(pairs.sample(stamp(7), 7), [(7, reading(7))]);
     }
 
     #[test]
@@ -150,8 +190,54 @@ mod tests {
         // 30 ms back; the tracer is ahead of the corrected samples.
         assert!(pairs.sample(stamp(20), 120).is_empty());
         assert_eq!(pairs.reading(&reading(21)), None);
-        assert_eq!(pairs.sample(stamp(21), 121), [reading(21)]);
+        assert_eq!(pairs.sample(stamp(21), 121), [(121, reading(21))]);
         assert_eq!(pairs.reading(&reading(10)), Some(10), "before the instant it was set back to");
+    }
+
+    /// With a tolerance wider than half the samples' distance, a reading that came early was given to the first of several samples.
+    #[test]
+    fn regress_a_reading_belongs_to_the_nearest_sample_whatever_came_first() {
+        // Samples every 10 ms; a reading that a box stamps 4 ms late, and one of exactly the instant.
+        for (at, nearest) in [(24, 20), (26, 30), (30, 30), (25, 20)] {
+            let samples = [10, 20, 30, 40];
+            for before in 0..=samples.len() {
+                let mut pairs = Pairs::new(0.012);
+                let mut found = Vec::new();
+                for (k, millis) in samples.into_iter().enumerate() {
+                    if k == before {
+                        found.extend(pairs.reading(&reading(at)).map(|sample| (sample, reading(at))));
+                    }
+                    found.extend(pairs.sample(stamp(millis), millis));
+                }
+                if before == samples.len() {
+                    found.extend(pairs.reading(&reading(at)).map(|sample| (sample, reading(at))));
+                }
+                assert_eq!(found, [(nearest, reading(at))], "{at} before sample {before}");
+            }
+        }
+    }
+
+    #[test]
+    fn the_last_reading_gets_the_nearest_sample_that_came() {
+        let mut pairs = Pairs::new(0.012);
+        assert!(pairs.sample(stamp(10), 10).is_empty());
+        assert_eq!(pairs.reading(&reading(14)), None, "one at 15 ms may come");
+        assert_eq!(pairs.reading(&reading(30)), None);
+        assert_eq!(pairs.finish(), [(10, reading(14))]);
+        assert_eq!(pairs.finish(), []);
+    }
+
+    /// A reading whose sample was lost was paired when the clock came to its instant once more.
+    #[test]
+    fn regress_a_reading_from_before_a_clock_was_set_back_is_forgotten() {
+        let mut pairs = Pairs::new(0.0005);
+        assert!(pairs.sample(stamp(40), 40).is_empty());
+        assert_eq!(pairs.reading(&reading(45)), None, "its sample is lost");
+        assert!(pairs.sample(stamp(50), 50).is_empty());
+        for millis in 20..=60 {
+            assert_eq!(pairs.sample(stamp(millis), -millis), [], "{millis}");
+        }
+        assert_eq!(pairs.alone(), 1);
     }
 
     #[test]

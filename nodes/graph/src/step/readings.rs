@@ -17,6 +17,9 @@ use std::collections::{BTreeMap, BTreeSet, VecDeque};
 /// Readings kept: a campaign of a whole day at one reading a second, some 40 MB.
 pub const KEPT_READINGS: usize = 100_000;
 
+/// Names of stations and lines from which those that no reading uses any more are forgotten.
+const NAMES: usize = 4096;
+
 /// What the scales say at an instant, without the room that a sample on the wire has.
 #[derive(Clone)]
 struct Latching {
@@ -37,15 +40,31 @@ struct Kept {
 
 /// Names in the order in which they came.
 #[derive(Default)]
-struct Names(Vec<String>);
+struct Names {
+    all: Vec<String>,
+    places: BTreeMap<String, usize>,
+}
 
 impl Names {
-    /// Place of a name, added when it is new. The last one is the likeliest, so it is looked for from the end.
+    /// Place of a name, added when it is new.
     fn index(&mut self, name: &str) -> usize {
-        self.0.iter().rposition(|known| known == name).unwrap_or_else(|| {
-            self.0.push(name.to_owned());
-            self.0.len() - 1
-        })
+        if let Some(place) = self.places.get(name) {
+            return *place;
+        }
+        let place = self.all.len();
+        self.all.push(name.to_owned());
+        self.places.insert(name.to_owned(), place);
+        place
+    }
+
+    /// Forgets all names but those of these uses, which get the new places; gives the new place of each old one.
+    fn keep<'u>(&mut self, uses: impl Iterator<Item = &'u mut usize>) -> BTreeMap<usize, usize> {
+        let (mut kept, mut moved) = (Names::default(), BTreeMap::new());
+        for place in uses {
+            *place = *moved.entry(*place).or_insert_with(|| kept.index(&self.all[*place]));
+        }
+        *self = kept;
+        moved
     }
 }
 
@@ -59,6 +78,8 @@ pub struct ReadingBuffer {
     stations: Names,
     lines: Names,
     covariates: Names,
+    /// Names of stations and lines from which to look for unused ones.
+    names: usize,
     /// Sequence and stamp of the last tracer reading of each station.
     last: BTreeMap<usize, (u64, Stamp)>,
     scales: StreamWatch,
@@ -90,6 +111,7 @@ impl ReadingBuffer {
             stations: Names::default(),
             lines: Names::default(),
             covariates: Names::default(),
+            names: NAMES,
             last: BTreeMap::new(),
             scales: StreamWatch::default(),
             tracers: StationWatch::default(),
@@ -109,8 +131,20 @@ impl ReadingBuffer {
         let covariates = fresh.map(|covariate| (self.covariates.index(covariate.name.as_str()), covariate.value));
         let scales =
             Latching { reading_m: reading.reading_m, offset_m: reading.offset_m, covariates: covariates.collect() };
-        for waited in self.pairs.sample(reading.stamp, scales.clone()) {
-            self.keep(&waited, scales.clone());
+        for (scales, waited) in self.pairs.sample(reading.stamp, scales) {
+            self.keep(&waited, scales);
+        }
+    }
+
+    /// From now on, stamps at most `match_within_s` (s) apart are one instant.
+    pub fn within(&mut self, match_within_s: f64) {
+        self.pairs.within(match_within_s);
+    }
+
+    /// At the end of the readings: keeps those that waited for a scale reading nearer than the nearest that came.
+    pub fn finish(&mut self) {
+        for (scales, waited) in self.pairs.finish() {
+            self.keep(&waited, scales);
         }
     }
 
@@ -121,6 +155,7 @@ impl ReadingBuffer {
             return;
         }
         let verdict = self.tracers.look(reading);
+        self.forget_unused_names();
         let station = self.stations.index(reading.station.as_str());
         if let Some((sequence, stamp)) = self.last.insert(station, (reading.sequence, reading.stamp)) {
             let before = self.kept.len();
@@ -184,12 +219,12 @@ impl ReadingBuffer {
         let used: BTreeSet<usize> =
             rows.iter().flat_map(|kept| kept.scales.covariates.iter().map(|(k, _)| *k)).collect();
         for (kept, time_s) in rows.iter().zip(self.times_s(&rows)) {
-            let name = &self.stations.0[kept.station];
+            let name = &self.stations.all[kept.station];
             let station = *stations.entry(kept.station).or_insert_with(|| {
                 campaign.stations.push(name.clone());
                 campaign.stations.len() as u32 - 1
             });
-            let line = lines.index(kept, name, &self.lines.0[kept.line]);
+            let line = lines.index(kept, name, &self.lines.all[kept.line]);
             campaign.readings.push(RangeReading {
                 station,
                 line,
@@ -200,7 +235,7 @@ impl ReadingBuffer {
             });
         }
         campaign.lines = lines.names;
-        let logged = used.into_iter().filter(|k| self.covariates.0[*k] != TIME);
+        let logged = used.into_iter().filter(|k| self.covariates.all[*k] != TIME);
         campaign.covariates = logged.map(|k| self.covariate(k, &rows)).collect();
         campaign
     }
@@ -211,7 +246,7 @@ impl ReadingBuffer {
     fn times_s(&self, rows: &[&Kept]) -> Vec<f64> {
         let start_ns = rows.first().map_or(0, |kept| kept.stamp.to_nanos());
         let by_stamp = || rows.iter().map(|kept| (kept.stamp.to_nanos() - start_ns) as f64 / 1e9).collect();
-        let Some(clock) = self.covariates.0.iter().position(|name| name == TIME) else { return by_stamp() };
+        let Some(clock) = self.covariates.all.iter().position(|name| name == TIME) else { return by_stamp() };
         let told: Option<Vec<f64>> = self.covariate(clock, rows).values.into_iter().collect();
         let mut latest: BTreeMap<usize, f64> = BTreeMap::new();
         let mut goes_on =
@@ -221,7 +256,19 @@ impl ReadingBuffer {
 
     fn covariate(&self, index: usize, rows: &[&Kept]) -> Covariate {
         let value = |kept: &&Kept| kept.scales.covariates.iter().find(|(k, _)| *k == index).map(|(_, value)| *value);
-        Covariate { name: self.covariates.0[index].clone(), values: rows.iter().map(value).collect() }
+        Covariate { name: self.covariates.all[index].clone(), values: rows.iter().map(value).collect() }
+    }
+
+    /// A tracer that numbers its lines adds a name a reading.
+    fn forget_unused_names(&mut self) {
+        if self.stations.all.len() + self.lines.all.len() < self.names {
+            return;
+        }
+        self.lines.keep(self.kept.iter_mut().map(|kept| &mut kept.line));
+        let moved = self.stations.keep(self.kept.iter_mut().map(|kept| &mut kept.station));
+        let last = std::mem::take(&mut self.last).into_iter();
+        self.last = last.filter_map(|(station, last)| Some((*moved.get(&station)?, last))).collect();
+        self.names = NAMES.max(2 * (self.stations.all.len() + self.lines.all.len()));
     }
 
     fn keep(&mut self, reading: &TracerReading, scales: Latching) {
@@ -462,5 +509,19 @@ mod tests {
         buffer.scale(&ScaleReading { reading_m: [f64::NAN, 0.0, 0.0], ..scale(2, -0.1) });
         buffer.tracer(&tracer(2, "S1", "a"));
         assert_eq!((buffer.len(), buffer.unusable()), (1, 1));
+    }
+
+    /// Names were never forgotten, and each new one was held against all of them.
+    #[test]
+    fn regress_a_tracer_that_numbers_its_lines_leaves_no_names_behind() {
+        let mut buffer = buffer();
+        for millis in 1..=20_000 {
+            buffer.scale(&scale(millis, -0.1));
+            buffer.tracer(&tracer(millis, "S1", &millis.to_string()));
+        }
+        assert!(buffer.lines.all.len() <= NAMES, "{}", buffer.lines.all.len());
+        let campaign = buffer.campaign(None);
+        assert_eq!(campaign.lines, ["19995", "19996", "19997", "19998", "19999", "20000"]);
+        assert_eq!((campaign.stations, buffer.dropped()), (vec!["S1".to_owned()], 19_994));
     }
 }
