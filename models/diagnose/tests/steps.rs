@@ -12,7 +12,7 @@ use abbe_diagnose::Explanation;
 use abbe_diagnose::{Change, DiagnoseOptions};
 use foreign::bench::{Judged, judged};
 use foreign::causes::STEPS_AT_S;
-use seeds::seeds;
+use seeds::{seeds, some_of};
 
 fn diagnosed(machine: &str, forms: &[&str], seed: u64) -> Judged {
     judged(machine, forms, seed, &DiagnoseOptions { folds: 0, placebos: 0, ..DiagnoseOptions::default() })
@@ -21,12 +21,12 @@ fn diagnosed(machine: &str, forms: &[&str], seed: u64) -> Judged {
 /// An angle between axes that jumps: intervals held 68 to 75 % after the campaign, and nothing was said.
 #[test]
 fn regress_a_step_of_squareness_is_said_and_covered() {
-    for (machine, form, seed) in [
+    for &(machine, form, seed) in some_of(&[
         ("bridge", "step-square:8", 1),
         ("gantry", "step-square:5", 1),
         ("table", "step-square:16", 1),
         ("bridge", "step-square:30", 2),
-    ] {
+    ]) {
         let judged = diagnosed(machine, &[form], seed);
         let step = judged.diagnosis.machine_step.as_ref();
         let step = step.unwrap_or_else(|| panic!("{machine} {form} {seed}: {:?}", judged.diagnosis.steps));
@@ -44,7 +44,7 @@ fn regress_a_step_of_squareness_is_said_and_covered() {
 /// A scale that was another one from some reading on was called a growth with time, of a time constant longer than the campaign.
 #[test]
 fn regress_a_step_of_a_scale_is_said_and_covered_and_is_no_growth() {
-    for (machine, form, seed) in [("bridge", "step-scale:8", 1), ("gantry", "step-scale:-6", 2)] {
+    for &(machine, form, seed) in some_of(&[("bridge", "step-scale:8", 1), ("gantry", "step-scale:-6", 2)]) {
         let judged = diagnosed(machine, &[form], seed);
         let step = judged.diagnosis.machine_step.as_ref();
         let step = step.unwrap_or_else(|| panic!("{machine} {form} {seed}: {:?}", judged.diagnosis.steps));
@@ -126,15 +126,16 @@ fn regress_what_went_along_with_the_time_is_in_the_uncertainty_and_corrects_noth
 #[test]
 fn regress_what_settles_slowly_is_said_and_covered() {
     let mut said = 0;
-    for seed in 1..=4 {
+    let all = seeds(4);
+    for seed in 1..=all {
         let judged = diagnosed("bridge", &["settles:5"], seed);
         let (before, after) = judged.outcome().inside;
         println!("{seed}: {before:?} {after:?} {:?} {:?}", judged.diagnosis.wander, judged.diagnosis.steps);
-        said += usize::from(!judged.diagnosis.consistent_with_noise);
+        said += u64::from(!judged.diagnosis.consistent_with_noise);
         assert!(after.rms_m < 1.1 * before.rms_m, "seed {seed}: {before:?} {after:?}");
         assert!(judged.diagnosis.consistent_with_noise || after.worst_axis > 0.93, "seed {seed}: {before:?} {after:?}");
     }
-    assert!(said >= 3, "{said}");
+    assert!(4 * said >= 3 * all, "{said} of {all}");
 }
 
 /// At a significance of one in a hundred, none of these machines that stay as they are is said to wander.
@@ -153,7 +154,9 @@ fn machines_that_stay_as_they_are_do_not_wander() {
 #[test]
 fn regress_a_log_by_another_clock_is_said_and_not_followed() {
     let mut said = 0;
-    for (behind_s, seed) in [(900.0, 1), (-900.0, 1), (900.0, 2), (-900.0, 2), (600.0, 3), (-600.0, 3)] {
+    let all = [(900.0, 1), (-900.0, 1), (900.0, 2), (-900.0, 2), (600.0, 3), (-600.0, 3)];
+    let tried = some_of(&all);
+    for &(behind_s, seed) in tried {
         let judged = diagnosed("bridge", &["expansion", &format!("clock:{behind_s}")], seed);
         let Some(clock) = &judged.diagnosis.clock else { continue };
         said += 1;
@@ -164,7 +167,7 @@ fn regress_a_log_by_another_clock_is_said_and_not_followed() {
         assert!(after.rms_m < 1.02 * before.rms_m, "{behind_s} {seed}: {before:?} {after:?}");
         assert!(after.covered > 0.95 && after.worst_axis > 0.92, "{behind_s} {seed}: {before:?} {after:?}");
     }
-    assert!(said >= 4, "{said} of 6");
+    assert!(3 * said >= 2 * tried.len(), "{said} of {}", tried.len());
     // Beside a backlash that stayed in the residual, a log in order was blamed.
     for forms in [&["expansion"][..], &["expansion-y"], &["bend-lag"], &["expansion-y", "reversal"]] {
         for seed in 1..=seeds(2) {
@@ -176,7 +179,7 @@ fn regress_a_log_by_another_clock_is_said_and_not_followed() {
 /// What comes and goes in cycles and is logged nowhere was hardly said, and U held a third of it. It has no cause here, whatever else was logged.
 #[test]
 fn regress_cycles_that_nothing_logs_are_said_with_their_period_and_covered() {
-    for (machine, period_s, seed) in [("bridge", 1500.0, 1), ("bridge", 900.0, 2), ("gantry", 2000.0, 3)] {
+    for &(machine, period_s, seed) in some_of(&[("bridge", 1500.0, 1), ("bridge", 900.0, 2), ("gantry", 2000.0, 3)]) {
         let judged = diagnosed(machine, &[&format!("lean-cycle:{period_s}")], seed);
         let wander = judged.diagnosis.wander.as_ref();
         let wander = wander.unwrap_or_else(|| panic!("{machine} {period_s}: {:?}", judged.diagnosis.steps));
