@@ -44,3 +44,4 @@ pub mod supervisor;
 pub mod topics;
 #[cfg(target_os = "linux")]
 mod units;
+mod way;

@@ -16,6 +16,7 @@ use crate::launch::Launch;
 use crate::link::{Link, LinkState};
 use crate::node::{NodeError, gateway_command, user_identity};
 use crate::step::SensorMemory;
+use crate::way::Way;
 use abbe_files::{CaptureJournal, FileError, MachineFile};
 use abbe_msgs::{ScaleReading, TracerReading};
 use abbe_runtime::Shutdown;
@@ -43,7 +44,8 @@ const DEPTH: NonZeroUsize = NonZeroUsize::MIN.saturating_add(4095);
 
 /// What a driver's thread gives.
 enum Given {
-    Scale(Box<ScaleReading>),
+    /// A reading, and whether nobody saw how the machine came there.
+    Scale(Box<ScaleReading>, bool),
     Tracer(Box<TracerReading>),
     /// Something that is no reading, by the driver's name.
     Refused(&'static str, String),
@@ -154,7 +156,12 @@ pub fn capture(
                 has_news = false;
             }
             let mut told = match given.recv_timeout(LOOK_UP) {
-                Ok(Given::Scale(reading)) => capturer.scale(*reading),
+                Ok(Given::Scale(reading, is_way_broken)) => {
+                    if is_way_broken {
+                        capturer.forget_motion();
+                    }
+                    capturer.scale(*reading)
+                }
                 Ok(Given::Tracer(reading)) => capturer.tracer(&reading),
                 Ok(Given::Refused(driver, why)) => {
                     note_refused(driver, why, &mut refused, |words| show(capturer, Shown::Link(words)));
@@ -367,10 +374,12 @@ fn open(
         };
         listen(SENSOR, move || sensor.next_values(), note, give.clone())?;
     }
+    let mut way = Way::new(scale.link());
     let join = move |mut reading: ScaleReading| {
+        let is_way_broken = way.is_broken_before(&reading);
         // What has no room is told by the nodes that run live; a capture keeps the first ones.
         drop(memory.lock().unwrap_or_else(PoisonError::into_inner).join(&mut reading));
-        Some(Given::Scale(Box::new(reading)))
+        Some(Given::Scale(Box::new(reading), is_way_broken))
     };
     listen(SCALE, move || scale.next_reading(), join, give.clone())?;
     listen(TRACER, move || tracer.next_reading(), |reading| Some(Given::Tracer(Box::new(reading))), give.clone())?;

@@ -220,6 +220,11 @@ impl Capturer {
         self.taken[point] = Some(reading);
     }
 
+    /// Nobody saw how the machine moved before the next reading of the scales.
+    pub fn forget_motion(&mut self) {
+        self.motion.forget();
+    }
+
     /// Takes a reading of the scales.
     pub fn scale(&mut self, mut reading: ScaleReading) -> Vec<Told> {
         let mut told = Vec::new();
