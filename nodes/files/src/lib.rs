@@ -33,6 +33,7 @@ mod names;
 mod notice;
 mod plan_path;
 mod plan_request;
+mod plausible;
 mod points_csv;
 mod predicted_csv;
 mod ram_turn_record;

@@ -14,6 +14,7 @@ use crate::columns::{Header, Known, READING, TIME};
 use crate::csv_source::CsvSource;
 use crate::error::{FileError, Place};
 use crate::names::nearest;
+use crate::plausible::{refuse_millimetres, tell_of_metres};
 use crate::table_facts::is_temperature;
 use abbe_diagnose::study::five_axis::SphereCentre;
 use abbe_diagnose::study::runs::{Approach, Run};
@@ -136,7 +137,8 @@ pub fn read_runs(input: impl Read, file: &str) -> Result<StudyFile<Run>, FileErr
     let (cycle, reached) = (require(CYCLE)?, Reached::new(header)?);
     let time = header.optional(TIME, &RUNS)?;
     let covariates = strangers(header, |name| RUNS.iter().any(|known| known.name == name));
-    rows(source, |row| {
+    let header_place = header.place();
+    let read = rows(source, |row| {
         let target_mm = row.number(target)?;
         let measured_mm = reached.measured_mm(row, target_mm)?;
         Ok(Run {
@@ -148,7 +150,19 @@ pub fn read_runs(input: impl Read, file: &str) -> Result<StudyFile<Run>, FileErr
             time_s: row.optional(time)?,
             covariates: row.covariates(&covariates)?,
         })
-    })
+    })?;
+    let largest_m = read.rows.iter().map(|run| run.error_m().abs()).fold(0.0, f64::max);
+    match reached {
+        Reached::Deviation(_) => {
+            let otherwise = ", else write measured_mm in their place";
+            refuse_millimetres(largest_m, header_place.column(DEVIATION.name), otherwise)?;
+        }
+        Reached::Measured(_) => {
+            let farthest_m = read.rows.iter().map(|run| run.target_m.abs()).fold(0.0, f64::max);
+            tell_of_metres(file, farthest_m, largest_m);
+        }
+    }
+    Ok(read)
 }
 
 /// The column that says where an axis came to stand.

@@ -17,6 +17,8 @@ use std::collections::BTreeMap;
 const PLAUSIBLE_ERROR_M: f64 = 1e-3;
 /// Lengths from here to there are believed (m).
 const PLAUSIBLE_LENGTH_M: (f64, f64) = (0.5e-3, 100.0);
+/// Where the longest length is below this, the lengths are metres (m): as two thirds of its travel it is that of no machine.
+const SHORTEST_M: f64 = 5e-3;
 /// Nominal lengths of one gauge are the same to this (m).
 const SAME_LENGTH_M: f64 = 1e-6;
 /// Tolerance of the share of travel: what rounding of lengths to a nanometre can cost.
@@ -212,6 +214,11 @@ fn names(measurements: &[LengthMeasurement]) -> Result<Vec<String>, ConformityEr
     }
     if names.is_empty() {
         return Err(ConformityError::new("length test", "there is no measurement", "give measured lengths"));
+    }
+    let longest_m = measurements.iter().map(|m| m.calibrated_m).fold(0.0, f64::max);
+    if longest_m < SHORTEST_M {
+        let problem = format!("the longest length is {:.4} mm, and no machine is so small", longest_m * 1e3);
+        return Err(ConformityError::new("length test", problem, "multiply the lengths by 1000 if they are metres"));
     }
     Ok(names)
 }
