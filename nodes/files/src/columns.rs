@@ -162,6 +162,26 @@ impl Header {
         }
     }
 
+    /// Refuses a column that is one of these in another unit, where whatever is not known becomes a covariate: one quantity would be told
+    /// to depend on itself.
+    pub(crate) fn refuse_said_twice(&self, known: &[Known]) -> Result<(), FileError> {
+        let names = || self.names.iter().map(String::as_str).filter(|name| known.iter().all(|k| k.name != *name));
+        match known.iter().find_map(|k| Some((names().find(|name| is_other_unit(name, *k))?, k))) {
+            Some((other, own)) => Err(self.said_twice(other, own.name)),
+            None => Ok(()),
+        }
+    }
+
+    /// Two columns hold one quantity in two units.
+    pub(crate) fn said_twice(&self, other: &str, own: &str) -> FileError {
+        let problem = format!("the column says in another unit what {own} says");
+        FileError::content(
+            self.place().column(other),
+            problem,
+            "remove one of the two, or rename it if it is another quantity",
+        )
+    }
+
     /// Indices of three columns that stand together or not at all.
     pub(crate) fn all_or_none(&self, wanted: [Known; 3], known: &[Known]) -> Result<Option<[usize; 3]>, FileError> {
         let found =

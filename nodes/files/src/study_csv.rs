@@ -137,6 +137,7 @@ pub fn read_runs(input: impl Read, file: &str) -> Result<StudyFile<Run>, FileErr
     let (cycle, reached) = (require(CYCLE)?, Reached::new(header)?);
     let time = header.optional(TIME, &RUNS)?;
     let covariates = strangers(header, |name| RUNS.iter().any(|known| known.name == name));
+    header.refuse_said_twice(&RUNS)?;
     let header_place = header.place();
     let read = rows(source, |row| {
         let target_mm = row.number(target)?;
@@ -259,6 +260,7 @@ fn vectors<R: Read>(source: CsvSource<R>, lack: Lack) -> Result<StudyFile<Residu
     used.extend(u.iter().flat_map(|own| own.columns).flatten());
     used.extend([time, block, pose, point, u_plate].into_iter().flatten());
     let covariates = strangers(header, |name| header.find(name).is_some_and(|column| used.contains(&column)));
+    header.refuse_said_twice(&[TIME, U_PLATE])?;
     if u.is_none() {
         refuse_misspelt(header, &covariates, &["u_x_um", "u_y_um", "u_z_um"])?;
     }
@@ -316,17 +318,23 @@ impl Lengths {
 /// Columns of x, y and z with this prefix, all in one unit, of which so many may be missing; `None` where none of them is there.
 fn lengths(header: &Header, prefix: &str, may_lack: usize) -> Result<Option<Lengths>, FileError> {
     let find = |axis: &str, unit: &str| header.find(&format!("{prefix}{axis}_{unit}"));
-    let mut partly = Vec::new();
+    let mut there = Vec::new();
     for (unit, per_m) in LENGTHS {
         let columns = ["x", "y", "z"].map(|axis| find(axis, unit));
         match columns.iter().flatten().count() {
             0 => {}
-            3 => return Ok(Some(Lengths { columns, per_m })),
-            count => partly.push((Lengths { columns, per_m }, unit, count)),
+            count => there.push((Lengths { columns, per_m }, unit, count)),
         }
     }
-    let Some((own, unit, count)) = partly.last().copied() else { return Ok(None) };
-    if count + may_lack >= 3 && partly.len() == 1 {
+    if there.len() > 1
+        && let Some((whole, ..)) = there.iter().find(|(.., count)| *count == 3)
+        && let Some((other, ..)) = there.iter().find(|(other, ..)| other.per_m != whole.per_m)
+    {
+        let name = |of: &Lengths| of.columns.iter().flatten().next().map_or("?", |first| &header.names()[*first]);
+        return Err(header.said_twice(name(other), name(whole)));
+    }
+    let Some((own, unit, count)) = there.last().copied() else { return Ok(None) };
+    if count + may_lack >= 3 && there.len() == 1 {
         return Ok(Some(own));
     }
     let axis = own.lacks().map_or("x", Axis::lower);
