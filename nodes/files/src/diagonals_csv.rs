@@ -118,7 +118,10 @@ mod tests {
             ("NPP,0,0", "line 2"),
             ("NPP,0,0,1\nNPP,0,1,1", "line 3, column distance_mm"),
             ("", "no row"),
-            ("NPP,0,0,0.1\nNPP,100,-0.025,0.1", "line 1, column deviation_um: the largest of all deviations is 2.50e-2 um"),
+            (
+                "NPP,0,0,0.1\nNPP,100,-0.025,0.1",
+                "line 1, column deviation_um: the largest of all deviations is 2.50e-2 um",
+            ),
         ] {
             let problem = read(&format!("{header}{row}")).unwrap_err();
             assert!(problem.contains(expected), "{problem}");

@@ -17,7 +17,8 @@ pub(crate) fn refuse_millimetres(largest_m: f64, column: Place, otherwise: &str)
     if largest_m == 0.0 || largest_m >= SMALLEST_M {
         return Ok(());
     }
-    let problem = format!("the largest of all deviations is {:.2e} um, and few machines are that good", largest_m * 1e6);
+    let problem =
+        format!("the largest of all deviations is {:.2e} um, and few machines are that good", largest_m * 1e6);
     let remedy = format!("multiply the numbers by 1000 if they are millimetres{otherwise}");
     Err(FileError::content(column, problem, remedy))
 }
