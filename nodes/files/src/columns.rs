@@ -7,8 +7,9 @@ use crate::decimals::{Contradiction, Decimals, Mark, NoNumber, Number, Seen, num
 use crate::dialect::{self, Dialect};
 use crate::error::{FileError, Place};
 use crate::instants::{Clock, Instant};
-use crate::names::nearest;
+use crate::names::{is_like_offset, nearest};
 use crate::notice::tell_once;
+use crate::units::millimetres_from_m;
 use csv::ByteRecord;
 use std::cell::{Cell, RefCell};
 
@@ -197,7 +198,18 @@ impl Header {
     pub(crate) fn offset(&self, default_m: Option<[f64; 3]>, known: &[Known]) -> Result<Offset, FileError> {
         match (self.all_or_none(OFFSET, known)?, default_m) {
             (Some(columns), _) => Ok(Offset::Columns(columns)),
-            (None, Some(offset_m)) => Ok(Offset::Constant(offset_m)),
+            (None, Some(offset_m)) => match self.names.iter().find(|name| is_like_offset(name)) {
+                None => Ok(Offset::Constant(offset_m)),
+                Some(other) => {
+                    let [x, y, z] = offset_m.map(millimetres_from_m);
+                    let problem = format!(
+                        "the column looks like an offset and is not read as one: the machine's own, {x}, {y}, {z} mm, would be taken"
+                    );
+                    let remedy = "name the columns offset_x_mm, offset_y_mm and offset_z_mm (millimetres), or in a way that holds neither \
+                                  offset, tip, stylus nor reflector";
+                    Err(FileError::content(self.place().column(other), problem, remedy))
+                }
+            },
             (None, None) => Err(FileError::content(
                 self.place().column(OFFSET[0].name),
                 "the offset columns are missing, and the machine declares no default_offset_mm",
