@@ -11,6 +11,7 @@ use crate::names::{is_like_offset, nearest};
 use crate::notice::tell_once;
 use crate::units::millimetres_from_m;
 use csv::ByteRecord;
+use std::borrow::Cow;
 use std::cell::{Cell, RefCell};
 
 /// A column that a reader knows.
@@ -89,6 +90,10 @@ impl Header {
             let Ok(name) = std::str::from_utf8(cell) else {
                 return Err(FileError::content(place(), "the name is not UTF-8", "save the file as UTF-8"));
             };
+            let name = one_line(name).map_err(|sign| {
+                let problem = format!("the name holds the control character {sign:?}");
+                FileError::content(place(), problem, "write the name without it")
+            })?;
             let name = name.trim();
             if name.is_empty() {
                 return Err(FileError::content(place(), "the column has no name", "name or remove it"));
@@ -350,6 +355,18 @@ impl Header {
     /// What separates the columns, in a word.
     pub(crate) fn between(&self) -> &'static str {
         dialect::name(self.dialect.delimiter)
+    }
+}
+
+/// A name with blanks for the line breaks that spreadsheets allow in it: it is to stand in comments and messages of one line. No other
+/// control character means anything in a name.
+fn one_line(name: &str) -> Result<Cow<'_, str>, char> {
+    match name.trim().chars().find(|sign| sign.is_control()) {
+        None => Ok(Cow::Borrowed(name)),
+        Some(_) => match name.chars().find(|sign| sign.is_control() && !sign.is_whitespace()) {
+            Some(sign) => Err(sign),
+            None => Ok(Cow::Owned(name.split_whitespace().collect::<Vec<_>>().join(" "))),
+        },
     }
 }
 
