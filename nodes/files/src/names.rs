@@ -22,11 +22,8 @@ const AXES: [&str; 3] = ["x", "y", "z"];
 pub(crate) fn is_like_offset(name: &str) -> bool {
     let words = words(name);
     let is_both = |word: &String| {
-        let axis = |carrier: &&str| {
-            let rest = word.strip_prefix(**carrier).or_else(|| word.strip_suffix(**carrier));
-            rest.is_some_and(|rest| AXES.contains(&rest))
-        };
-        OFFSET_WORDS.iter().any(|carrier| axis(&carrier))
+        let rest = |carrier: &str| word.strip_prefix(carrier).or_else(|| word.strip_suffix(carrier));
+        OFFSET_WORDS.iter().filter_map(|carrier| rest(carrier)).any(|rest| AXES.contains(&rest))
     };
     let has = |known: &[&str]| words.iter().any(|word| known.contains(&word.as_str()));
     words.iter().any(is_both) || (has(&OFFSET_WORDS) && has(&AXES))
