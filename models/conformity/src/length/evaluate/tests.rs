@@ -157,6 +157,9 @@ fn slips_and_doubles_are_refused_with_their_place() {
     bad.tool_offset_m = 150.0;
     assert!(evaluate(bad, &measurements).unwrap_err().to_string().contains("E150"));
     let mut bad = test.clone();
+    bad.tool_offset_m = 0.15e-3;
+    assert!(evaluate(bad, &measurements).unwrap_err().to_string().contains("0.15 mm is no tool offset"));
+    let mut bad = test.clone();
     bad.travel_m.insert("PPP".to_owned(), 0.0);
     assert!(evaluate(bad, &measurements).unwrap_err().to_string().contains("line PPP"));
 }
