@@ -14,6 +14,7 @@ use crate::columns::{Header, Known, READING, TIME};
 use crate::csv_source::CsvSource;
 use crate::error::{FileError, Place};
 use crate::names::nearest;
+use crate::notice::tell_once;
 use crate::plausible::{refuse_millimetres, tell_of_metres};
 use crate::table_facts::is_temperature;
 use abbe_diagnose::study::five_axis::SphereCentre;
@@ -47,6 +48,9 @@ const BLOCK: Known = Known::new("block", "block", "text");
 const POSE: Known = Known::new("pose", "pose", "text");
 const POINT: Known = Known::new("point", "point", "text");
 const U_PLATE: Known = Known::new("u_plate_um", "u_plate", "micrometres");
+
+/// Columns in which Abbe says what a vector is worth that it computed: none is measured, so that none is a covariate.
+const OF_ABBE: [&str; 3] = ["status", "res_status", "res_extrapolated"];
 
 /// Rows of a study and the hash of the file they came from.
 #[derive(Debug, Clone, PartialEq)]
@@ -259,6 +263,11 @@ fn vectors<R: Read>(source: CsvSource<R>, lack: Lack) -> Result<StudyFile<Residu
     let mut used: Vec<usize> = position.columns.iter().chain(&residual.columns).flatten().copied().collect();
     used.extend(u.iter().flat_map(|own| own.columns).flatten());
     used.extend([time, block, pose, point, u_plate].into_iter().flatten());
+    let said: Vec<&str> = OF_ABBE.into_iter().filter(|name| header.find(name).is_some()).collect();
+    if !said.is_empty() {
+        tell_once(format!("{}: {} left out, as what Abbe says of its own rows", header.file(), said.join(", ")));
+    }
+    used.extend(said.iter().filter_map(|name| header.find(name)));
     let covariates = strangers(header, |name| header.find(name).is_some_and(|column| used.contains(&column)));
     header.refuse_said_twice(&[TIME, U_PLATE])?;
     if u.is_none() {

@@ -142,6 +142,13 @@ fn regress_runs_with_millimetres_for_micrometres_are_refused() {
 }
 
 #[test]
+fn regress_vectors_that_abbe_wrote_are_read_back() {
+    let text = format!("{VECTORS},status,res_status,res_extrapolated\n1,2,3,1,2,3,a,45,interpolated,in_volume,1\n");
+    let file = read_residual_vectors(text.as_bytes(), "v.csv").unwrap();
+    assert_eq!(file.rows[0].covariates.keys().collect::<Vec<_>>(), ["joint_1_deg"]);
+}
+
+#[test]
 fn regress_a_quantity_in_two_units_is_no_covariate_of_itself() {
     let both = format!("{RUNS},deviation_mm");
     assert_says(&runs(&[&both, "X,100,+,1,100.004,1,20,0.004"]), &["column deviation_mm", "what deviation_um says"]);
