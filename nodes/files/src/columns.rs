@@ -70,6 +70,8 @@ pub(crate) struct Header {
     unnamed: usize,
     /// What the numbers read so far tell of their marks.
     decimals: RefCell<Decimals>,
+    /// How columns mark decimals that nobody reads: for what is written while no number that is read has shown it.
+    aside: Cell<Option<Mark>>,
     /// Column of the time, and what it holds.
     time: Option<usize>,
     clock: Cell<Clock>,
@@ -83,7 +85,8 @@ impl Header {
         // A line of nothing but marks names no column.
         let unnamed = if named == 0 { 0 } else { record.len() - named };
         let clock = Cell::new(Clock::Unknown);
-        let mut header = Header { names, file: file.to_owned(), line, dialect, unnamed, decimals, time: None, clock };
+        let (file, aside) = (file.to_owned(), Cell::new(None));
+        let mut header = Header { names, file, line, dialect, unnamed, decimals, aside, time: None, clock };
         header.refuse_numbers(record)?;
         for (k, cell) in record.iter().take(record.len() - unnamed).enumerate() {
             let place = || header.place().column(&format!("number {}", k + 1));
@@ -180,12 +183,9 @@ impl Header {
 
     /// Two columns hold one quantity in two units.
     pub(crate) fn said_twice(&self, other: &str, own: &str) -> FileError {
-        let problem = format!("the column says in another unit what {own} says");
-        FileError::content(
-            self.place().column(other),
-            problem,
-            "remove one of the two, or rename it if it is another quantity",
-        )
+        let problem = format!("the column is {own} in another unit, and a quantity stands once");
+        let remedy = "keep one unit, or rename the column if it is another quantity";
+        FileError::content(self.place().column(other), problem, remedy)
     }
 
     /// Indices of three columns that stand together or not at all.
@@ -283,7 +283,20 @@ impl Header {
 
     /// How decimals are marked, as far as numbers have shown.
     pub(crate) fn mark(&self) -> Mark {
-        self.decimals.borrow().mark()
+        match (&*self.decimals.borrow(), self.aside.get()) {
+            (Decimals::Unknown, Some(aside)) => aside,
+            (known, _) => known.mark(),
+        }
+    }
+
+    /// Looks at a cell of any column for what marks its decimals; the first that shows it counts.
+    pub(crate) fn look_aside(&self, cell: &[u8]) {
+        let shown = match number(cell) {
+            Ok(Number::Point(_)) => Mark::Point,
+            Ok(Number::Comma(_)) => Mark::Comma,
+            _ => return,
+        };
+        self.aside.set(self.aside.get().or(Some(shown)));
     }
 
     /// How the table is written.

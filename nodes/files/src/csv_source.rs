@@ -91,15 +91,27 @@ impl<R: Read> CsvSource<R> {
     pub(crate) fn look_ahead(&mut self, columns: &[usize]) {
         let ahead = std::mem::take(&mut self.ahead);
         let complete = ahead.iter().rposition(|byte| *byte == b'\n').map_or(0, |at| at + 1);
-        let mut rows = reader(self.header.dialect()).from_reader(&ahead[..complete]);
+        self.each_ahead(&ahead[..complete], |header, record, line| {
+            for column in columns {
+                let _ = header.optional_number(record, *column, line); // read again, and judged, in its row
+            }
+        });
+        // What is written beside columns that nobody reads is written like them; between commas, a comma in a cell may be a list.
+        if self.header.dialect().delimiter != b',' {
+            self.each_ahead(&ahead[..complete], |header, record, _| {
+                record.iter().for_each(|cell| header.look_aside(cell))
+            });
+        }
+    }
+
+    /// The rows of this text, which begins with the column names.
+    fn each_ahead(&self, text: &[u8], mut look: impl FnMut(&Header, &ByteRecord, u64)) {
+        let mut rows = reader(self.header.dialect()).from_reader(text);
         let mut record = ByteRecord::new();
         let mut is_header = true;
         while let Ok(true) = rows.read_byte_record(&mut record) {
             if !is_header && (self.header.len()..=self.header.len() + self.header.unnamed()).contains(&record.len()) {
-                let line = line_of(&record, rows.position());
-                for column in columns {
-                    let _ = self.header.optional_number(&record, *column, line); // read again, and judged, in its row
-                }
+                look(&self.header, &record, line_of(&record, rows.position()));
             }
             is_header = false;
         }
@@ -136,7 +148,8 @@ impl<R: Read> CsvSource<R> {
         self.seen.skipped += line.saturating_sub(self.seen.next_line);
         self.seen.next_line = self.reader.position().line();
         self.seen.open = record.iter().next_back().filter(|cell| cell.ends_with(b"\n")).map(|_| line);
-        if !self.seen.has_line_ends && record.as_slice().contains(&b'\n') {
+        // A last cell that ends so may be open to the end of the file, which is refused there.
+        if !self.seen.has_line_ends && self.seen.open.is_none() && record.as_slice().contains(&b'\n') {
             self.seen.has_line_ends = true;
             let file = self.header.file();
             tell_once(format!("{file}, line {line}: a cell in quotes goes on over the end of the line"));

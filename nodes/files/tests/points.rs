@@ -109,6 +109,13 @@ fn regress_whole_numbers_do_not_make_an_output_of_two_dialects() {
     let message = handed_through(&many).unwrap_err().to_string();
     assert!(message.starts_with("p.csv, line 20002: decimal commas begin here"), "{message}");
     assert!(handed_through(&format!("# decimal=,\n{many}")).is_ok());
+    // A column that nobody reads tells, too: its commas and new points would be two dialects.
+    let aside = handed_through("x_mm;y_mm;z_mm;note\n1;2;3;20,5\n").unwrap();
+    assert!(aside.lines().nth(1).unwrap().starts_with("1;2;3;20,5;0,"), "{aside}");
+    let read = handed_through("x_mm;y_mm;z_mm;note\n1.5;2;3;20,5\n").unwrap();
+    assert_eq!(read.matches(',').count(), 1, "what is read comes first: {read}");
+    let listed = handed_through("x_mm,y_mm,z_mm,note\n1,2,3,\"4,5\"\n").unwrap();
+    assert!(listed.contains(",\"4,5\",0."), "between commas it is a list: {listed}");
 }
 
 #[test]

@@ -151,11 +151,17 @@ fn regress_vectors_that_abbe_wrote_are_read_back() {
 #[test]
 fn regress_a_quantity_in_two_units_is_no_covariate_of_itself() {
     let both = format!("{RUNS},deviation_mm");
-    assert_says(&runs(&[&both, "X,100,+,1,100.004,1,20,0.004"]), &["column deviation_mm", "what deviation_um says"]);
+    assert_says(
+        &runs(&[&both, "X,100,+,1,100.004,1,20,0.004"]),
+        &["column deviation_mm", "is deviation_um in another unit"],
+    );
     let both = format!("{VECTORS},res_x_mm,res_y_mm,res_z_mm");
     let told = vectors(&[&both, "1,2,3,1,2,3,a,45,0.001,0.002,0.003"]);
-    assert_says(&told, &["line 1, column res_x_um", "in another unit what res_x_mm says", "remove one"]);
-    assert_says(&vectors(&[&format!("{VECTORS},x_m"), "1,2,3,1,2,3,a,45,1"]), &["column x_m", "what x_mm says"]);
+    assert_says(&told, &["line 1, column res_x_um", "is res_x_mm in another unit", "keep one"]);
+    assert_says(
+        &vectors(&[&format!("{VECTORS},x_m"), "1,2,3,1,2,3,a,45,1"]),
+        &["column x_m", "is x_mm in another unit"],
+    );
 }
 
 #[test]
