@@ -8,13 +8,15 @@ use crate::notice::tell_once;
 /// Where all deviations in micrometres are below this, they are millimetres (m): a machine at which nothing is off by more is one of a
 /// handful, and one that is off by up to 100 µm is any other.
 const SMALLEST_M: f64 = 0.1e-6;
+/// What rounding of a position may take off a deviation.
+const ROUNDING: f64 = 1e-6;
 /// Lengths up to here are those of most machines as metres (m).
 const SHORT_M: f64 = 0.1;
 
 /// Refuses a column of deviations that are millimetres; `otherwise` says how whoever has so good a machine writes them. Nothing but zeros
 /// has no unit.
 pub(crate) fn refuse_millimetres(largest_m: f64, column: Place, otherwise: &str) -> Result<(), FileError> {
-    if largest_m == 0.0 || largest_m >= SMALLEST_M {
+    if largest_m == 0.0 || largest_m >= SMALLEST_M * (1.0 - ROUNDING) {
         return Ok(());
     }
     let problem =

@@ -4,6 +4,7 @@
 //! is: what it was worth is told, and an offset of the wrong sign is refused.
 
 use super::{SIGN_REMEDY, opposite_sign};
+use crate::pipeline::check_covariate_age;
 use crate::residual::inputs_of;
 use crate::tally::Tally;
 use abbe_files::ModelFile;
@@ -45,8 +46,7 @@ pub(super) fn correct(
     unfinished: &Path,
 ) -> anyhow::Result<Worth> {
     let (name, max_age_s) = (bag.input.display(), bag.max_covariate_age_s);
-    // What is no number is not above 0 either.
-    ensure!(max_age_s > 0.0, "--max-covariate-age-s must be above 0, not {max_age_s}");
+    check_covariate_age(max_age_s)?;
     let model = &file.model;
     let mut worth = Worth { tally: Tally::asking(inputs_of(residual.as_ref())), ..Worth::default() };
     let step = GeometricStep::new(Some((Arc::new(model.clone()), Sha256::from_bytes(sha256))), max_age_s);
