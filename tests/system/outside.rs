@@ -182,3 +182,74 @@ fn regress_files_of_a_folder_replace_no_input_that_lies_there() {
     assert_says(&said.refused(), &["head.txt", "would be lost"]);
     assert_eq!(fs::read(inside("head.txt")).unwrap(), fs::read(&model).unwrap());
 }
+
+/// The campaign as a bag, with a column changed in every row.
+fn bag(bench: &Bench, name: &str, column: &str, change: impl Fn(f64) -> f64) -> String {
+    let mut table = Table::of(&bench.read("campaign.csv"));
+    let column = table.column(column);
+    for row in table.0.iter_mut().skip(1) {
+        row[column] = change(row[column].parse().unwrap()).to_string();
+    }
+    let (campaign, bag) = (bench.write("moved.csv", table.text()), bench.text(name));
+    run(["convert", "--machine", &text(&machine()), "--campaign", &campaign, "--out", &bag]).ok();
+    bag
+}
+
+#[test]
+fn regress_a_bag_is_judged_as_the_table_it_came_from() {
+    let bench = Bench::identified(5);
+    let (model, out) = (bench.text("model.json"), bench.text("out.mcap"));
+    let correct = |bag: &str, more: &[&str]| {
+        run(["correct", "--model", &model, "--in", bag, "--out", &out].iter().chain(more).copied().collect::<Vec<_>>())
+    };
+    let whole = bag(&bench, "whole.mcap", "x_mm", |mm| mm);
+    for age in ["nan", "-1", "0"] {
+        let age = format!("--max-covariate-age-s={age}");
+        assert_says(&correct(&whole, &[&age]).refused(), &["--max-covariate-age-s must be above 0"]);
+    }
+    let ran = correct(&whole, &[]);
+    assert_says(&ran.errors, &["whole.mcap: ", " rows, ", " in volume"]);
+    ran.ok();
+    fs::remove_file(&out).unwrap();
+    let said = correct(&bag(&bench, "far.mcap", "x_mm", |mm| mm + 5000.0), &[]).ended(NOTHING_INSIDE);
+    assert_says(&said, &["warning: ", "far.mcap: ", "0 corrected", "rejected (first: reading 1)", "X is outside"]);
+    fs::remove_file(&out).unwrap();
+    let said = correct(&bag(&bench, "sign.mcap", "offset_z_mm", |mm| -mm), &[]).refused();
+    assert_says(&said, &["sign.mcap, reading 1 (/", "the offset along z", "opposite sign", "correct its sign"]);
+    assert!(!bench.path("out.mcap").exists(), "nothing is left of it");
+}
+
+#[test]
+fn regress_what_a_point_is_rejected_for_is_named() {
+    let bench = Bench::identified(5);
+    let told = |row: &str| {
+        let points = bench.write("points.csv", format!("{POINT_HEAD}\n{row}\n"));
+        let out = bench.text("out.csv");
+        run(["correct", "--model", &bench.text("model.json"), "--in", &points, "--out", &out]).ended(NOTHING_INSIDE)
+    };
+    let cause = |row: &str| told(row).lines().find(|line| line.contains("rejected, all of them")).unwrap().to_owned();
+    assert_says(&cause("100,100,100,0,0,-6000"), &["the offset in Z is outside", "-6000.0000 mm"]);
+    // A reading a little beyond the stroke is no reason of its own.
+    let both = cause("801,100,100,0,0,-6000");
+    assert!(both.contains("the offset in Z is outside") && !both.contains("X is outside"), "{both}");
+}
+
+#[test]
+fn regress_verify_refuses_an_offset_of_the_wrong_sign_and_tells_points_in_metres() {
+    let bench = Bench::identified(5);
+    let verify = |change: &dyn Fn(&str, f64) -> f64| {
+        let mut table = Table::of(&bench.read("verify.csv"));
+        let head = table.0[0].clone();
+        for row in table.0.iter_mut().skip(1) {
+            for (name, cell) in head.iter().zip(row).filter(|(name, _)| name.ends_with("_mm")) {
+                *cell = change(name, cell.parse().unwrap()).to_string();
+            }
+        }
+        let points = bench.write("changed.csv", table.text());
+        run(["verify", "--model", &bench.text("model.json"), "--points", &points]).refused()
+    };
+    let said = verify(&|name, mm| if name == "offset_z_mm" { -mm } else { mm });
+    assert_says(&said, &["changed.csv, line 2, column offset_z_mm", "opposite sign"]);
+    let said = verify(&|_, mm| mm / 1e3);
+    assert_says(&said, &["changed.csv", "mm apart at the most", "if the numbers are metres"]);
+}

@@ -22,6 +22,8 @@ pub const FORM_NAMES: [&str; 2] = ["PForm.Sph.1x25:SS:Tact", "PFTU"];
 pub const SIZE_NAMES: [&str; 2] = ["PSize.Sph.1x25:SS:Tact", "PSTU"];
 /// A size or form error beyond this is a slip: another sphere, tip radius left in, wrong unit (m).
 const PLAUSIBLE_M: f64 = 1e-3;
+/// Diameters of spheres that anybody probes (m).
+const PLAUSIBLE_DIAMETER_M: std::ops::Range<f64> = 1e-3..1.0;
 /// Four points lie on a sphere of any form; one more leaves something to judge.
 const LEAST_POINTS: usize = 5;
 /// Points that reach less far from the middle of their cap show no diameter (degrees).
@@ -92,11 +94,8 @@ pub fn evaluate(
     points_m: &[Vector3<f64>],
     calibrated_diameter_m: Option<f64>,
 ) -> Result<ProbingErrors, ConformityError> {
-    if let Some(diameter_m) = calibrated_diameter_m
-        && !(diameter_m.is_finite() && (1e-3..1.0).contains(&diameter_m))
-    {
-        let problem = format!("a diameter of {diameter_m} m is that of no test sphere");
-        return Err(ConformityError::new("calibrated diameter", problem, "give it in the unit asked for"));
+    if let Some(diameter_m) = calibrated_diameter_m {
+        check_diameter("calibrated diameter", diameter_m, "give it in the unit asked for")?;
     }
     if points_m.len() < LEAST_POINTS {
         let problem = format!("{} points do not show the form of a sphere", points_m.len());
@@ -105,6 +104,7 @@ pub fn evaluate(
     let fit = SphereFit::new(points_m, SphereRadius::Free, None);
     let sphere =
         fit.map_err(|e| ConformityError::new("test sphere", e.to_string(), "probe 25 points over a hemisphere"))?;
+    check_diameter("test sphere", 2.0 * sphere.radius_m, "give the points in the unit asked for")?;
     if let Some(reach) = reach_deg(points_m, &sphere).filter(|reach| *reach < LEAST_REACH_DEG) {
         let problem = format!("the points reach only {reach:.0} degrees from the middle of their cap");
         return Err(ConformityError::new("test sphere", problem, "probe 25 points over a hemisphere"));
@@ -120,6 +120,14 @@ pub fn evaluate(
     }
     let departures = departures(points_m, &sphere, calibrated_diameter_m);
     Ok(ProbingErrors { sphere, calibrated_diameter_m, form, size, departures })
+}
+
+fn check_diameter(place: &str, diameter_m: f64, remedy: &str) -> Result<(), ConformityError> {
+    if diameter_m.is_finite() && PLAUSIBLE_DIAMETER_M.contains(&diameter_m) {
+        return Ok(());
+    }
+    let problem = format!("a diameter of {:.6} mm is that of no test sphere", diameter_m * 1e3);
+    Err(ConformityError::new(place, problem, remedy))
 }
 
 fn departures(points_m: &[Vector3<f64>], sphere: &SphereFit, calibrated_diameter_m: Option<f64>) -> Vec<Departure> {

@@ -7,6 +7,7 @@
 use abbe_conformity::{Frontier, ObservedError, SupportedLimit};
 use abbe_geometry::Vector3;
 use abbe_report::digits;
+use anyhow::bail;
 
 /// Pairs nearer than this say nothing of a length (m).
 const SHORTEST_M: f64 = 0.01;
@@ -35,6 +36,17 @@ pub(crate) fn pair_errors(measured_m: &[Vector3<f64>], actual_m: &[Vector3<f64>]
         rest.map(error).filter(|(length_m, _)| *length_m >= SHORTEST_M).collect::<Vec<_>>()
     };
     let errors: Vec<(f64, ObservedError)> = points.iter().enumerate().flat_map(of).collect();
+    if errors.is_empty() {
+        let pairs = points
+            .iter()
+            .enumerate()
+            .flat_map(|(k, (_, one))| points[..k].iter().map(move |(_, other)| (**one - **other).norm()));
+        let longest_mm = pairs.fold(0.0, f64::max) * 1e3;
+        bail!(
+            "the actual positions are {longest_mm:.4} mm apart at the most, which says nothing of lengths: give points all over the volume; \
+             if the numbers are metres, multiply readings, offsets and actual positions by 1000"
+        );
+    }
     let largest_m = errors.iter().map(|(_, error)| error.magnitude_m()).fold(0.0, f64::max);
     let frontier = Frontier::of(errors.iter().copied())?;
     Ok(PairErrors { pairs: errors.len(), largest_m, tightest: frontier.smallest_area() })
@@ -72,6 +84,13 @@ mod tests {
         assert!((found.largest_m - 10e-6 * longest_m).abs() < 1e-9, "{found:?}");
         assert!((found.tightest.per_metre - 10e-6).abs() < 1e-8 && found.tightest.constant_m < 1e-9, "{found:?}");
         assert_eq!(found.limit(), "0.00 + L/100");
+    }
+
+    #[test]
+    fn regress_points_in_metres_are_told_by_how_near_they_are() {
+        let near: Vec<Vector3<f64>> = (0..4).map(|k| Vector3::new(f64::from(k) * 2e-4, 0.0, 0.0)).collect();
+        let told = pair_errors(&near, &near).unwrap_err().to_string();
+        assert!(told.contains("0.6000 mm apart at the most") && told.contains("if the numbers are metres"), "{told}");
     }
 
     #[test]

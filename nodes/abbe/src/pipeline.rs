@@ -51,9 +51,16 @@ impl BagJoin {
             (0.0..=1e6).contains(&match_within_s),
             "--match-within-s must be 0 to 1e6 seconds, not {match_within_s}"
         );
-        ensure!(max_covariate_age_s > 0.0, "--max-covariate-age-s must be above 0, not {max_covariate_age_s}");
+        check_covariate_age(max_covariate_age_s)?;
         Ok(JoinSettings { match_within_s, max_covariate_age_s, namespace })
     }
+}
+
+/// Refuses an age (s) from which every covariate would be stale, or none.
+pub(crate) fn check_covariate_age(max_age_s: f64) -> anyhow::Result<()> {
+    // What is no number is not above 0 either.
+    ensure!(max_age_s > 0.0, "--max-covariate-age-s must be above 0, not {max_age_s}");
+    Ok(())
 }
 
 /// Reads a campaign from CSV or from a bag (`.mcap`, or a rosbag2 folder). What of a bag is left out is told on standard

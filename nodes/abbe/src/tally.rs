@@ -5,8 +5,8 @@
 
 use crate::exit::Ended;
 use abbe_files::status_word;
-use abbe_geometry::correct::{Status, is_within};
-use abbe_geometry::effects::{CovariateValue, State};
+use abbe_geometry::correct::{Status, correct, is_within};
+use abbe_geometry::effects::{CovariateSource, CovariateValue, State};
 use abbe_geometry::model::MachineModel;
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -67,6 +67,14 @@ enum Reason {
     OutsideCovariate(String),
     Parted(String, String),
     MissingCovariate(String),
+    /// No single quantity: what an effect or the residual model adds, or the correction as a whole.
+    Implausible,
+}
+
+/// Why a row is rejected, in words.
+pub(crate) fn why_rejected(model: &MachineModel, state: &State) -> String {
+    let words = |(reason, value): (Reason, f64)| reason.words(model, Status::Rejected, value);
+    rejected_for(model, state).into_iter().map(words).collect::<Vec<_>>().join("; ")
 }
 
 impl Tally {
@@ -92,7 +100,7 @@ impl Tally {
         let is_beside = |(reason, _): &(Reason, f64)| match reason {
             Reason::OutsideCovariate(name) => !read.contains(name),
             Reason::Parted(..) => true,
-            Reason::Reading(_) | Reason::Offset(_) | Reason::MissingCovariate(_) => false,
+            Reason::Reading(_) | Reason::Offset(_) | Reason::MissingCovariate(_) | Reason::Implausible => false,
         };
         self.beside += u64::from(status == Status::Extrapolated && found.iter().all(is_beside));
         if kind.rows == 1 {
@@ -200,7 +208,9 @@ impl Reason {
         };
         let mm = |(low, high): (f64, f64)| (low * 1e3, high * 1e3);
         match self {
-            Reason::Reading(axis) if status == Status::Rejected => {
+            Reason::Reading(axis)
+                if status == Status::Rejected && !is_within(parts.machine.stroke_m[*axis], furthest / 1e3) =>
+            {
                 outside(AXES[*axis].to_owned(), mm(parts.machine.stroke_m[*axis]), " mm")
             }
             Reason::Reading(axis) => outside(AXES[*axis].to_owned(), mm(parts.identified.reading_m[*axis]), " mm"),
@@ -217,6 +227,9 @@ impl Reason {
                 format!("{name} and {other} stand further apart than in the campaign, so that either may be what acts")
             }
             Reason::MissingCovariate(name) => format!("{name} is missing, empty, no number or too old"),
+            Reason::Implausible => {
+                "the correction is larger than any machine's, cannot be bounded, or is no number".to_owned()
+            }
         }
     }
 }
@@ -232,7 +245,7 @@ fn reasons(model: &MachineModel, inputs: &[String], state: &State, status: Statu
     let readings = |bounds| beyond(state.reading_m, bounds).into_iter().map(|(axis, mm)| (Reason::Reading(axis), mm));
     match status {
         Status::InVolume => Vec::new(),
-        Status::Rejected => readings(&parts.machine.stroke_m).collect(),
+        Status::Rejected => rejected_for(model, state),
         Status::Extrapolated => {
             let offsets = beyond(state.offset_m, &parts.identified.offset_m).into_iter();
             let covariates = parts.identified.covariates.keys().filter_map(|name| {
@@ -255,4 +268,55 @@ fn reasons(model: &MachineModel, inputs: &[String], state: &State, status: Statu
             names.filter(lacks).map(|name| (Reason::MissingCovariate(name), 0.0)).collect()
         }
     }
+}
+
+/// Covariates, taken into the ranges of the campaign but for one.
+struct Ranged<'a> {
+    state: &'a State<'a>,
+    model: &'a MachineModel,
+    but: Option<&'a str>,
+}
+
+impl CovariateSource for Ranged<'_> {
+    fn covariate(&self, name: &str) -> CovariateValue {
+        let value = self.state.covariates.covariate(name);
+        match (value, self.model.covariate_range(name)) {
+            (CovariateValue::Fresh(value), Some((low, high))) if self.but != Some(name) => {
+                CovariateValue::Fresh(value.max(low).min(high))
+            }
+            _ => value,
+        }
+    }
+}
+
+/// What a row is rejected for: each quantity outside of what was identified that is enough for it while all others are inside; all of them
+/// where none is alone. So no limit of the correction is known here a second time.
+fn rejected_for(model: &MachineModel, state: &State) -> Vec<(Reason, f64)> {
+    let identified = &model.parts().identified;
+    let is_rejected = |state: &State| correct(model, state).status == Status::Rejected;
+    let with = |kept: Option<&Reason>| {
+        let within = |values: [f64; 3], bounds: &[(f64, f64); 3], own: fn(usize) -> Reason| {
+            let axis = |d: usize| match kept == Some(&own(d)) {
+                true => values[d],
+                // Not clamp, which ends the program where a damaged model has its bounds the wrong way round.
+                false => values[d].max(bounds[d].0).min(bounds[d].1),
+            };
+            [axis(0), axis(1), axis(2)]
+        };
+        let but = match kept {
+            Some(Reason::OutsideCovariate(name)) => Some(name.as_str()),
+            _ => None,
+        };
+        let covariates = Ranged { state, model, but };
+        let reading_m = within(state.reading_m, &identified.reading_m, Reason::Reading);
+        let offset_m = within(state.offset_m, &identified.offset_m, Reason::Offset);
+        is_rejected(&State { reading_m, offset_m, covariates: &covariates })
+    };
+    let outside = reasons(model, &[], state, Status::Extrapolated).into_iter();
+    let outside: Vec<(Reason, f64)> = outside.filter(|(reason, _)| !matches!(reason, Reason::Parted(..))).collect();
+    if !is_rejected(state) || with(None) || outside.is_empty() {
+        return vec![(Reason::Implausible, 0.0)];
+    }
+    let alone: Vec<(Reason, f64)> = outside.iter().filter(|(reason, _)| with(Some(reason))).cloned().collect();
+    if alone.is_empty() { outside } else { alone }
 }

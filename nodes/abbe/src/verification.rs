@@ -3,8 +3,9 @@
 //! Place in the flow: `verify` and the demo. The reference has a frame of its own, so points are aligned rigidly
 //! first; nothing here ever feeds a fit.
 
+use crate::command::correct::check_offset_signs;
 use crate::residual::{inputs_of, with_residual};
-use crate::tally::Tally;
+use crate::tally::{Tally, why_rejected};
 use abbe_files::{ModelFile, PointRow, PointsReader};
 use abbe_geometry::Vector3;
 use abbe_geometry::chain::nominal_point_m;
@@ -59,10 +60,12 @@ pub(crate) fn correct_points(
         let covariates = reader.covariates(&row);
         let state = State { reading_m: row.reading_m, offset_m: row.offset_m, covariates: &covariates };
         let correction = with_residual(correct(&model.model, &state), residual, &covariates);
+        check_offset_signs(&model.model.parts().identified, &row, name)?;
         ensure!(
             correction.status != Status::Rejected,
-            "{name}, line {}: the reading is outside the machine",
-            row.line()
+            "{name}, line {}: the point is rejected: {}; correct or remove it",
+            row.line(),
+            why_rejected(&model.model, &state)
         );
         points.tally.add(&model.model, &state, correction.status, row.line());
         points.corrected_m.push(correction.position_m);

@@ -76,7 +76,7 @@ impl Columns {
     fn new(header: &Header, default_offset_m: Option<[f64; 3]>) -> Result<Columns, FileError> {
         let require = |column| header.require(column, &KNOWN);
         let is_covariate = |k: &usize| KNOWN.iter().all(|known| known.name != header.names()[*k]);
-        Ok(Columns {
+        let columns = Columns {
             station: require(STATION)?,
             line: header.optional(LINE, &KNOWN)?,
             time: require(TIME)?,
@@ -84,7 +84,9 @@ impl Columns {
             offset: header.offset(default_offset_m, &KNOWN)?,
             length: require(LENGTH)?,
             covariates: (0..header.len()).filter(is_covariate).collect(),
-        })
+        };
+        header.refuse_said_twice(&KNOWN)?;
+        Ok(columns)
     }
 }
 

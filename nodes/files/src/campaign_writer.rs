@@ -5,6 +5,7 @@
 
 use crate::atomic::AtomicFile;
 use crate::campaign_csv::KNOWN;
+use crate::dialect::Dialect;
 use crate::error::{FileError, Place};
 use crate::points_csv::unwritten;
 use abbe_measurement::campaign::Campaign;
@@ -21,7 +22,7 @@ pub fn write_campaign(path: &Path, campaign: &Campaign) -> Result<(), FileError>
 }
 
 fn write_rows(output: impl Write, file: &str, campaign: &Campaign) -> Result<(), FileError> {
-    let mut writer = Writer::from_writer(output);
+    let mut writer = Dialect::default().writer(output);
     let header = KNOWN.iter().map(|known| known.name);
     if let Some(taken) = campaign.covariates.iter().find(|c| KNOWN.iter().any(|known| known.name == c.name)) {
         let problem = "a covariate has the name of a column of its own meaning";
@@ -65,7 +66,8 @@ mod tests {
             length_m: 1.5 - x_m,
         };
         Campaign {
-            stations: vec!["S1, by the door".to_owned(), "S2".to_owned()],
+            // One that reads like a comment, too.
+            stations: vec!["S1, by the door".to_owned(), "#2".to_owned()],
             lines: vec!["a".to_owned(), "b \"twice\"".to_owned(), "c".to_owned()],
             readings: vec![reading(0, 0, 0.0, 0.1), reading(0, 1, 0.001, 0.2), reading(1, 2, 3.5, 0.3)],
             covariates: vec![Covariate {

@@ -7,9 +7,11 @@ use crate::decimals::{Contradiction, Decimals, Mark, NoNumber, Number, Seen, num
 use crate::dialect::{self, Dialect};
 use crate::error::{FileError, Place};
 use crate::instants::{Clock, Instant};
-use crate::names::nearest;
+use crate::names::{is_like_offset, nearest};
 use crate::notice::tell_once;
+use crate::units::millimetres_from_m;
 use csv::ByteRecord;
+use std::borrow::Cow;
 use std::cell::{Cell, RefCell};
 
 /// A column that a reader knows.
@@ -68,6 +70,8 @@ pub(crate) struct Header {
     unnamed: usize,
     /// What the numbers read so far tell of their marks.
     decimals: RefCell<Decimals>,
+    /// How columns mark decimals that nobody reads: for what is written while no number that is read has shown it.
+    aside: Cell<Option<Mark>>,
     /// Column of the time, and what it holds.
     time: Option<usize>,
     clock: Cell<Clock>,
@@ -81,13 +85,18 @@ impl Header {
         // A line of nothing but marks names no column.
         let unnamed = if named == 0 { 0 } else { record.len() - named };
         let clock = Cell::new(Clock::Unknown);
-        let mut header = Header { names, file: file.to_owned(), line, dialect, unnamed, decimals, time: None, clock };
+        let (file, aside) = (file.to_owned(), Cell::new(None));
+        let mut header = Header { names, file, line, dialect, unnamed, decimals, aside, time: None, clock };
         header.refuse_numbers(record)?;
         for (k, cell) in record.iter().take(record.len() - unnamed).enumerate() {
             let place = || header.place().column(&format!("number {}", k + 1));
             let Ok(name) = std::str::from_utf8(cell) else {
                 return Err(FileError::content(place(), "the name is not UTF-8", "save the file as UTF-8"));
             };
+            let name = one_line(name).map_err(|sign| {
+                let problem = format!("the name holds the control character {sign:?}");
+                FileError::content(place(), problem, "write the name without it")
+            })?;
             let name = name.trim();
             if name.is_empty() {
                 return Err(FileError::content(place(), "the column has no name", "name or remove it"));
@@ -162,6 +171,23 @@ impl Header {
         }
     }
 
+    /// Refuses a column that is one of these in another unit, where whatever is not known becomes a covariate: one quantity would be told
+    /// to depend on itself.
+    pub(crate) fn refuse_said_twice(&self, known: &[Known]) -> Result<(), FileError> {
+        let names = || self.names.iter().map(String::as_str).filter(|name| known.iter().all(|k| k.name != *name));
+        match known.iter().find_map(|k| Some((names().find(|name| is_other_unit(name, *k))?, k))) {
+            Some((other, own)) => Err(self.said_twice(other, own.name)),
+            None => Ok(()),
+        }
+    }
+
+    /// Two columns hold one quantity in two units.
+    pub(crate) fn said_twice(&self, other: &str, own: &str) -> FileError {
+        let problem = format!("the column is {own} in another unit, and a quantity stands once");
+        let remedy = "keep one unit, or rename the column if it is another quantity";
+        FileError::content(self.place().column(other), problem, remedy)
+    }
+
     /// Indices of three columns that stand together or not at all.
     pub(crate) fn all_or_none(&self, wanted: [Known; 3], known: &[Known]) -> Result<Option<[usize; 3]>, FileError> {
         let found =
@@ -177,7 +203,18 @@ impl Header {
     pub(crate) fn offset(&self, default_m: Option<[f64; 3]>, known: &[Known]) -> Result<Offset, FileError> {
         match (self.all_or_none(OFFSET, known)?, default_m) {
             (Some(columns), _) => Ok(Offset::Columns(columns)),
-            (None, Some(offset_m)) => Ok(Offset::Constant(offset_m)),
+            (None, Some(offset_m)) => match self.names.iter().find(|name| is_like_offset(name)) {
+                None => Ok(Offset::Constant(offset_m)),
+                Some(other) => {
+                    let [x, y, z] = offset_m.map(millimetres_from_m);
+                    let problem = format!(
+                        "the column looks like an offset and is not read as one: the machine's own, {x}, {y}, {z} mm, would be taken"
+                    );
+                    let remedy = "name the columns offset_x_mm, offset_y_mm and offset_z_mm (millimetres), or in a way that holds neither \
+                                  offset, tip, stylus nor reflector";
+                    Err(FileError::content(self.place().column(other), problem, remedy))
+                }
+            },
             (None, None) => Err(FileError::content(
                 self.place().column(OFFSET[0].name),
                 "the offset columns are missing, and the machine declares no default_offset_mm",
@@ -246,7 +283,20 @@ impl Header {
 
     /// How decimals are marked, as far as numbers have shown.
     pub(crate) fn mark(&self) -> Mark {
-        self.decimals.borrow().mark()
+        match (&*self.decimals.borrow(), self.aside.get()) {
+            (Decimals::Unknown, Some(aside)) => aside,
+            (known, _) => known.mark(),
+        }
+    }
+
+    /// Looks at a cell of any column for what marks its decimals; the first that shows it counts.
+    pub(crate) fn look_aside(&self, cell: &[u8]) {
+        let shown = match number(cell) {
+            Ok(Number::Point(_)) => Mark::Point,
+            Ok(Number::Comma(_)) => Mark::Comma,
+            _ => return,
+        };
+        self.aside.set(self.aside.get().or(Some(shown)));
     }
 
     /// How the table is written.
@@ -318,6 +368,18 @@ impl Header {
     /// What separates the columns, in a word.
     pub(crate) fn between(&self) -> &'static str {
         dialect::name(self.dialect.delimiter)
+    }
+}
+
+/// A name with blanks for the line breaks that spreadsheets allow in it: it is to stand in comments and messages of one line. No other
+/// control character means anything in a name.
+fn one_line(name: &str) -> Result<Cow<'_, str>, char> {
+    match name.trim().chars().find(|sign| sign.is_control()) {
+        None => Ok(Cow::Borrowed(name)),
+        Some(_) => match name.chars().find(|sign| sign.is_control() && !sign.is_whitespace()) {
+            Some(sign) => Err(sign),
+            None => Ok(Cow::Owned(name.split_whitespace().collect::<Vec<_>>().join(" "))),
+        },
     }
 }
 

@@ -5,12 +5,13 @@
 //!   `travel_mm`, the machine's travel along the line, the same in every row of a line;
 //! - probed points: `x_mm y_mm z_mm`, tip radius taken off.
 //!
-//! Temperatures (`temp_…_c`) may stand beside them, for the head of a report; other columns are refused. Deviations that are all far below what any machine achieves, or above a millimetre, are taken
-//! for a slip of units. ISO 230-2 runs are read by [`crate::read_runs`].
+//! Temperatures (`temp_…_c`) may stand beside them, for the head of a report; other columns are refused. Deviations that are all below what
+//! but a handful of machines achieve, or above a millimetre, are taken for a slip of units. ISO 230-2 runs are read by [`crate::read_runs`].
 
 use crate::columns::{Header, Known, LINE, READING};
 use crate::csv_source::CsvSource;
 use crate::error::FileError;
+use crate::plausible::{refuse_millimetres, tell_of_metres};
 use crate::study_csv::{Row, open, rows};
 use crate::table_facts::is_temperature;
 use abbe_conformity::ObservedError;
@@ -28,8 +29,6 @@ const TRAVEL: Known = Known::new("travel_mm", "travel", "millimetres");
 const LENGTHS: [Known; 6] = [LINE, CALIBRATED, REPEAT, DEVIATION, MEASURED, TRAVEL];
 /// An error of length measurement beyond this is a slip of units (m).
 const LARGEST_M: f64 = 1e-3;
-/// Where the largest of all deviations in micrometres is below this, they are millimetres (m).
-const SMALLEST_M: f64 = 0.01e-6;
 
 /// Measured lengths of one file.
 #[derive(Debug, Clone, PartialEq)]
@@ -84,13 +83,15 @@ pub fn read_lengths(input: impl Read, file: &str) -> Result<LengthFile, FileErro
         Ok(LengthMeasurement { line: name, calibrated_m, repeat, error: error.read(row, calibrated_m)? })
     })?;
     let largest_m = read.rows.iter().map(|m| m.error.magnitude_m()).fold(0.0, f64::max);
-    if let ErrorColumn::Deviation(_) = error
-        && largest_m > 0.0
-        && largest_m < SMALLEST_M
-    {
-        let problem = format!("the largest of all deviations is {:.1e} um; no machine is that good", largest_m * 1e6);
-        let remedy = "the numbers are millimetres: multiply them by 1000";
-        return Err(FileError::content(header_place.column(DEVIATION.name), problem, remedy));
+    match error {
+        ErrorColumn::Deviation(_) => {
+            let otherwise = ", else write measured_mm in their place";
+            refuse_millimetres(largest_m, header_place.column(DEVIATION.name), otherwise)?;
+        }
+        ErrorColumn::Measured(_) => {
+            let longest_m = read.rows.iter().map(|m| m.calibrated_m).fold(0.0, f64::max);
+            tell_of_metres(file, longest_m, largest_m);
+        }
     }
     Ok(LengthFile { measurements: read.rows, travel_m, sha256: read.sha256 })
 }
@@ -210,8 +211,10 @@ mod tests {
         refused(&format!("{head}X,100,1,1500\n"), &["line 2", "1.500 mm", "unit"]);
         refused(
             &format!("{head}X,100,1,0.0002\nX,100,2,-0.0003\n"),
-            &["deviation_um", "3.0e-4 um", "multiply them by 1000"],
+            &["deviation_um", "3.00e-4 um", "multiply the numbers by 1000", "measured_mm"],
         );
+        // Millimetres of a machine that is off by 15 µm.
+        refused(&format!("{head}X,100,1,0.012\nX,200,1,-0.0153\n"), &["line 1", "deviation_um", "1.53e-2 um"]);
         refused(head, &["no row"]);
         refused("line,calibrated_mm,repeat\nX,100,1\n", &["deviation_um", "missing"]);
         refused("line,calibrated_mm,repeat,deviation_mm\nX,100,1,0.1\n", &["deviation_mm", "micrometres"]);

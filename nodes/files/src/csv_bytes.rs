@@ -41,6 +41,12 @@ pub(crate) struct TableBytes<R: Read> {
     knows_line_end: bool,
     ends_with_newline: bool,
     of_this_row: u64,
+    /// Lines so far that begin with `#`, those inside quotes too.
+    comments: u64,
+    /// The last line had no end, and was given one.
+    lacks_end: bool,
+    /// The last byte that is no line end.
+    last: u8,
 }
 
 impl<R: Read> TableBytes<R> {
@@ -70,6 +76,9 @@ impl<R: Read> TableBytes<R> {
             knows_line_end: false,
             ends_with_newline: true,
             of_this_row: 0,
+            comments: 0,
+            lacks_end: false,
+            last: b'\n',
         };
         let head = first_bytes(&mut bytes.unpacked).map_err(|error| bytes.told(error, file, 1))?;
         refuse_strangers(&head, file)?;
@@ -89,6 +98,22 @@ impl<R: Read> TableBytes<R> {
         let rest = self.ready.split_off(self.taken);
         self.ready = [text, rest].concat();
         self.taken = 0;
+        (self.comments, self.ends_with_newline) = (0, true);
+    }
+
+    /// Lines so far that begin with `#`, with those that a cell in quotes holds.
+    pub(crate) fn comments(&self) -> u64 {
+        self.comments
+    }
+
+    /// Whether the last line had no end.
+    pub(crate) fn lacks_end(&self) -> bool {
+        self.lacks_end
+    }
+
+    /// The last byte of the text that is no line end, at the end of the file.
+    pub(crate) fn last(&self) -> u8 {
+        self.last
     }
 
     /// A row begins: what it may take is counted from here.
@@ -144,6 +169,15 @@ impl<R: Read> TableBytes<R> {
         }
     }
 
+    /// Notes what this text tells of the whole.
+    fn note(&mut self, text: &[u8]) {
+        let Some((first, last)) = text.first().zip(text.last()) else { return };
+        let within = text.windows(2).filter(|pair| *pair == b"\n#").count();
+        self.comments += (within + usize::from(self.ends_with_newline && *first == b'#')) as u64;
+        self.last = text.iter().rev().copied().find(|byte| *byte != b'\n').unwrap_or(self.last);
+        self.ends_with_newline = *last == b'\n';
+    }
+
     fn line_end(&mut self, is_crlf: bool) {
         self.ready.push(b'\n');
         if !self.knows_line_end {
@@ -188,11 +222,9 @@ impl<R: Read> Read for TableBytes<R> {
         let mut count = self.more(buffer)?;
         if count == 0 && !self.ends_with_newline {
             buffer[0] = b'\n';
-            count = 1;
+            (count, self.lacks_end) = (1, true);
         }
-        if let Some(last) = buffer[..count].last() {
-            self.ends_with_newline = *last == b'\n';
-        }
+        self.note(&buffer[..count]);
         self.of_this_row += count as u64;
         if self.of_this_row > MOST_OF_A_ROW {
             return Err(std::io::Error::other(RowTooLong));

@@ -24,6 +24,22 @@ pub(crate) struct CsvSource<R: Read> {
     header: Header,
     /// What was read with the column names, for a look at the first rows.
     ahead: Vec<u8>,
+    seen: Seen,
+}
+
+/// What the rows so far tell of how the file is written.
+#[derive(Debug, Default)]
+struct Seen {
+    /// Lines that begin with `#` above the column names.
+    comments_above: u64,
+    /// Line after the latest row.
+    next_line: u64,
+    /// Lines between rows that are no rows: blank, or beginning with `#`.
+    skipped: u64,
+    /// A cell in quotes holds line ends, and that was told.
+    has_line_ends: bool,
+    /// The latest row, where its last cell ends with a line end: inside quotes, that is.
+    open: Option<u64>,
 }
 
 impl<R: Read> CsvSource<R> {
@@ -49,6 +65,7 @@ impl<R: Read> CsvSource<R> {
         if let Some((start, end)) = preamble.separator_line {
             head.drain(start..end);
         }
+        let comments_above = preamble.comments(&head);
         let ahead = head.clone();
         bytes.put_back(head);
         bytes.begin_row();
@@ -61,7 +78,8 @@ impl<R: Read> CsvSource<R> {
                 return Err(FileError::content(Place::file(file), "the file is empty", remedy));
             }
         };
-        Ok(CsvSource { reader, header, ahead })
+        let seen = Seen { comments_above, next_line: reader.position().line(), ..Seen::default() };
+        Ok(CsvSource { reader, header, ahead, seen })
     }
 
     pub(crate) fn header(&self) -> &Header {
@@ -73,15 +91,27 @@ impl<R: Read> CsvSource<R> {
     pub(crate) fn look_ahead(&mut self, columns: &[usize]) {
         let ahead = std::mem::take(&mut self.ahead);
         let complete = ahead.iter().rposition(|byte| *byte == b'\n').map_or(0, |at| at + 1);
-        let mut rows = reader(self.header.dialect()).from_reader(&ahead[..complete]);
+        self.each_ahead(&ahead[..complete], |header, record, line| {
+            for column in columns {
+                let _ = header.optional_number(record, *column, line); // read again, and judged, in its row
+            }
+        });
+        // What is written beside columns that nobody reads is written like them; between commas, a comma in a cell may be a list.
+        if self.header.dialect().delimiter != b',' {
+            self.each_ahead(&ahead[..complete], |header, record, _| {
+                record.iter().for_each(|cell| header.look_aside(cell))
+            });
+        }
+    }
+
+    /// The rows of this text, which begins with the column names.
+    fn each_ahead(&self, text: &[u8], mut look: impl FnMut(&Header, &ByteRecord, u64)) {
+        let mut rows = reader(self.header.dialect()).from_reader(text);
         let mut record = ByteRecord::new();
         let mut is_header = true;
         while let Ok(true) = rows.read_byte_record(&mut record) {
             if !is_header && (self.header.len()..=self.header.len() + self.header.unnamed()).contains(&record.len()) {
-                let line = line_of(&record, rows.position());
-                for column in columns {
-                    let _ = self.header.optional_number(&record, *column, line); // read again, and judged, in its row
-                }
+                look(&self.header, &record, line_of(&record, rows.position()));
             }
             is_header = false;
         }
@@ -92,9 +122,12 @@ impl<R: Read> CsvSource<R> {
         self.reader.get_mut().begin_row();
         let line = next_line(&mut self.reader, record, self.header.file())?;
         let Some(line) = line else {
+            self.refuse_open_quotes()?;
             self.header.refuse_open_numbers()?;
+            self.tell_of_the_end();
             return Ok(None);
         };
+        self.note(record, line);
         self.leave_out_unnamed(record, line)?;
         if record.len() != self.header.len() {
             let (cells, names, between) = (record.len(), self.header.len(), self.header.between());
@@ -108,6 +141,47 @@ impl<R: Read> CsvSource<R> {
             return Err(FileError::content(Place::file(self.header.file()).line(line), problem, remedy));
         }
         Ok(Some(line))
+    }
+
+    /// Notes what a row tells of how the file is written.
+    fn note(&mut self, record: &ByteRecord, line: u64) {
+        self.seen.skipped += line.saturating_sub(self.seen.next_line);
+        self.seen.next_line = self.reader.position().line();
+        self.seen.open = record.iter().next_back().filter(|cell| cell.ends_with(b"\n")).map(|_| line);
+        // A last cell that ends so may be open to the end of the file, which is refused there.
+        if !self.seen.has_line_ends && self.seen.open.is_none() && record.as_slice().contains(&b'\n') {
+            self.seen.has_line_ends = true;
+            let file = self.header.file();
+            tell_once(format!("{file}, line {line}: a cell in quotes goes on over the end of the line"));
+        }
+    }
+
+    /// Refuses a file that ends inside quotes, which swallowed all rows after them.
+    fn refuse_open_quotes(&self) -> Result<(), FileError> {
+        let Some(line) = self.seen.open.filter(|_| self.reader.get_ref().last() != b'"') else { return Ok(()) };
+        let problem = "the quotes of the last cell are never closed, and the lines after it are taken for its text";
+        // The row has no end of its own, so that it was counted from a line too early.
+        Err(FileError::content(Place::file(self.header.file()).line(line + 1), problem, "close or remove the quotes"))
+    }
+
+    /// Tells of rows that are none, and of a last row that may be cut off.
+    fn tell_of_the_end(&self) {
+        let (file, bytes) = (self.header.file(), self.reader.get_ref());
+        let skipped = self.seen.skipped + self.reader.position().line().saturating_sub(self.seen.next_line);
+        // What begins with # inside quotes is no line of its own.
+        match bytes.comments().saturating_sub(self.seen.comments_above).min(skipped) {
+            0 => {}
+            1 => tell_once(format!("{file}: a line below the column names begins with # and is left out")),
+            several => {
+                tell_once(format!("{file}: {several} lines below the column names begin with # and are left out"))
+            }
+        }
+        if bytes.lacks_end() {
+            let last = self.seen.next_line.saturating_sub(1);
+            tell_once(format!(
+                "{file}, line {last}: the last line has no end; if the file was cut off, so may its last number be"
+            ));
+        }
     }
 
     /// Takes away the cells behind the last column that has a name; what holds something belongs somewhere.
@@ -185,4 +259,65 @@ fn next_line<R: Read>(
 fn line_of(record: &ByteRecord, after: &csv::Position) -> u64 {
     let inside = record.as_slice().iter().filter(|byte| **byte == b'\n').count() as u64;
     after.line().saturating_sub(1 + inside).max(1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The rows of a text, and what was told of it.
+    fn read(text: &str, file: &str) -> (Result<usize, String>, Vec<String>) {
+        let mut source = match CsvSource::new(text.as_bytes(), file) {
+            Ok(source) => source,
+            Err(error) => return (Err(error.to_string()), Vec::new()),
+        };
+        let (mut rows, mut record) = (0, ByteRecord::new());
+        let outcome = loop {
+            match source.next(&mut record) {
+                Ok(Some(_)) => rows += 1,
+                Ok(None) => break Ok(rows),
+                Err(error) => break Err(error.to_string()),
+            }
+        };
+        (outcome, crate::notice::told_of(file))
+    }
+
+    #[test]
+    fn regress_rows_behind_a_comment_mark_are_told() {
+        let (rows, told) = read("# above\nline,x_mm\nX,1\n#3,2\n\nX,3\n# end\n", "comments.csv");
+        assert_eq!(rows, Ok(2));
+        assert_eq!(told, ["comments.csv: 2 lines below the column names begin with # and are left out"]);
+        assert_eq!(read("# above\n\n# again\nline,x_mm\n\nX,1\n\"#3\",2\n", "none.csv"), (Ok(2), Vec::new()));
+    }
+
+    #[test]
+    fn regress_a_last_line_without_an_end_is_told() {
+        let (rows, told) = read("x_mm\n300\n35", "cut.csv");
+        assert!(
+            rows == Ok(2) && told.len() == 1 && told[0].contains("cut.csv, line 3: the last line has no end"),
+            "{told:?}"
+        );
+        assert_eq!(read("x_mm\r\n300\r\n35\r", "whole.csv"), (Ok(2), Vec::new()));
+    }
+
+    #[test]
+    fn regress_quotes_that_are_never_closed_swallow_no_rows() {
+        for text in
+            ["x_mm,note\n1,\"bad\n2,ok\n3,ok\n", "x_mm,note\n1,\"bad\n2,ok\n3,ok\n\n", "x_mm,note\n1,\"bad\n2,ok"]
+        {
+            let told = read(text, "open.csv").0.unwrap_err();
+            assert!(told.contains("open.csv, line 2: the quotes of the last cell are never closed"), "{told}");
+        }
+        let (rows, told) = read("x_mm,note\n1,\"two\nlines\"\n2,ok\n3,\"at the end\n\"\n", "closed.csv");
+        assert_eq!(rows, Ok(3));
+        assert_eq!(told, ["closed.csv, line 2: a cell in quotes goes on over the end of the line"]);
+    }
+
+    #[test]
+    fn regress_line_breaks_in_column_names_become_blanks() {
+        let source = CsvSource::new("\"Scale\n Y (C)\",x_mm\n1,2\n".as_bytes(), "t.csv").unwrap();
+        assert_eq!(source.header().names(), ["Scale Y (C)", "x_mm"]);
+        let told = read("\"a\u{1b}[1m\",x_mm\n1,2\n", "escape.csv").0.unwrap_err();
+        assert!(told.contains("line 1, column number 1") && told.contains("control character"), "{told}");
+    }
 }

@@ -72,7 +72,8 @@ impl Days {
         for (number, line) in (1..).zip(head.split(b'\n')) {
             let line = line.map_err(FileError::io(&file, "read the file"))?;
             let line = String::from_utf8_lossy(&line);
-            let line = line.trim();
+            // Excel fills comments up with delimiters when it saves.
+            let line = line.trim().trim_end_matches([',', ';', '\t']);
             let Some(comment) = line.strip_prefix('#') else {
                 if line.is_empty() || line.starts_with("sep=") {
                     continue;
@@ -142,6 +143,11 @@ mod tests {
         };
         assert_eq!(of("sep=;\n# any\n# measured=2026-03-05\nx_mm;y_mm\n1;2\n"), Ok(Some("2026-03-05".to_owned())));
         assert_eq!(of("x_mm,y_mm\n# measured=2026-03-05\n1,2\n"), Ok(None), "below the names it is a row's comment");
+        assert_eq!(
+            of("# measured=2026-03-05;;;\nx_mm;y_mm\n1;2\n"),
+            Ok(Some("2026-03-05".to_owned())),
+            "as Excel saves it"
+        );
         let error = of("# measured=5 March\nx_mm\n1\n").unwrap_err();
         assert!(error.contains("line 1") && error.contains("5 March"), "{error}");
     }

@@ -6,6 +6,7 @@
 use crate::columns::{Header, Known};
 use crate::csv_source::CsvSource;
 use crate::error::{FileError, Place};
+use crate::plausible::refuse_millimetres;
 use abbe_geometry::volumetric::Diagonal;
 use csv::ByteRecord;
 use std::fs::File;
@@ -66,6 +67,8 @@ pub fn read_diagonals(input: impl Read, file: &str) -> Result<Vec<DiagonalReadin
         let remedy = "give one row for each target";
         return Err(FileError::content(Place::file(file), "the file holds a header but no row", remedy));
     }
+    let largest_m = readings.iter().map(|reading| reading.deviation_m.abs()).fold(0.0, f64::max);
+    refuse_millimetres(largest_m, source.header().place().column(DEVIATION.name), "")?;
     Ok(readings)
 }
 
@@ -115,6 +118,10 @@ mod tests {
             ("NPP,0,0", "line 2"),
             ("NPP,0,0,1\nNPP,0,1,1", "line 3, column distance_mm"),
             ("", "no row"),
+            (
+                "NPP,0,0,0.1\nNPP,100,-0.025,0.1",
+                "line 1, column deviation_um: the largest of all deviations is 2.50e-2 um",
+            ),
         ] {
             let problem = read(&format!("{header}{row}")).unwrap_err();
             assert!(problem.contains(expected), "{problem}");

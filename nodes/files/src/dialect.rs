@@ -6,6 +6,7 @@
 
 use crate::decimals::Mark;
 use crate::error::{FileError, Place};
+use std::borrow::Cow;
 
 /// What may separate columns, with its name.
 const DELIMITERS: [(u8, &str); 4] = [(b',', "commas"), (b';', "semicolons"), (b'\t', "tabs"), (b'|', "bars")];
@@ -83,6 +84,15 @@ impl Dialect {
     }
 }
 
+/// A cell between commas as it is to be written: in quotes where its text would be read otherwise.
+pub fn cell_text(text: &str) -> Cow<'_, str> {
+    let is_special = |c: char| [',', '"', '\n', '\r'].contains(&c);
+    match text.starts_with('#') || text.contains(is_special) {
+        true => Cow::Owned(format!("\"{}\"", text.replace('"', "\"\""))),
+        false => Cow::Borrowed(text),
+    }
+}
+
 /// The lines of a text up to the column names, as they are looked at.
 #[derive(Debug, Default)]
 pub(crate) struct Preamble {
@@ -116,6 +126,12 @@ impl Preamble {
             start += length + 1;
         }
         Ok(is_whole.then_some(found))
+    }
+
+    /// Lines above the column names that begin with `#`; `text` is what was read.
+    pub(crate) fn comments(&self, text: &[u8]) -> u64 {
+        let above = self.header.map_or(text, |(start, ..)| &text[..start]);
+        above.split(|byte| *byte == b'\n').filter(|line| line.starts_with(b"#")).count() as u64
     }
 
     /// What it says of the dialect; `text` is what was read.
@@ -267,6 +283,15 @@ mod tests {
         let both = dialect("# c\na,b;c\n").unwrap_err();
         assert!(both.starts_with("t.csv, line 2: both commas and semicolons") && both.contains("sep="), "{both}");
         assert!(dialect("sep=x\nax b\n").unwrap_err().contains("'x' cannot separate"));
+    }
+
+    #[test]
+    fn cells_that_would_read_otherwise_are_quoted() {
+        for (text, written) in
+            [("S1", "S1"), ("#2", "\"#2\""), ("hall, door", "\"hall, door\""), ("a \"b\"", "\"a \"\"b\"\"\"")]
+        {
+            assert_eq!(cell_text(text), written);
+        }
     }
 
     #[test]

@@ -9,7 +9,7 @@ use crate::toml_place::line_of;
 use serde::{Deserialize, Serialize};
 
 /// Temperatures that a measuring room has (°C).
-const PLAUSIBLE_C: std::ops::RangeInclusive<f64> = -20.0..=60.0;
+pub(crate) const PLAUSIBLE_C: std::ops::RangeInclusive<f64> = -20.0..=60.0;
 
 /// Who, when, which.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]

@@ -33,6 +33,7 @@ mod names;
 mod notice;
 mod plan_path;
 mod plan_request;
+mod plausible;
 mod points_csv;
 mod predicted_csv;
 mod ram_turn_record;
@@ -54,6 +55,7 @@ pub use conformity_csv::{
 pub use csv_source::header_names;
 pub use day::{Day, Days};
 pub use diagonals_csv::{DiagonalReading, read_diagonals, read_diagonals_file};
+pub use dialect::cell_text;
 pub use envelope::{hex, sha256_hex, sha256_of_hex};
 pub use error::{FileError, Place};
 pub use guideway_csv::{GuidewayRow, SeenTarget, read_guideway, read_guideway_file};

@@ -340,6 +340,7 @@ impl ModelRecord {
     /// The model, checked; `name` is the file in messages.
     pub(crate) fn into_model_file(mut self, name: &str) -> Result<ModelFile, FileError> {
         self.check_texts(name)?;
+        self.check_names(name)?;
         let RamTurnRecord { angles_rad, about_offset_m } =
             self.ram_turn.unwrap_or_else(|| RamTurnRecord::unknown(&self.identified_volume.offset_m));
         let order = self.machine.error_functions.order;
@@ -422,6 +423,21 @@ impl ModelRecord {
             Some((key, found, expected)) => {
                 Err(damaged(name, key, format!("{found:?} is not what this software means: {expected:?}")))
             }
+        }
+    }
+
+    /// Names of quantities stand in heads of tables and in messages, where a line break would begin something else.
+    fn check_names(&self, name: &str) -> Result<(), FileError> {
+        let texts = |shape: &ShapeRecord| match shape {
+            ShapeRecord::Text(text) => vec![text.clone()],
+            ShapeRecord::Texts(texts) => texts.clone(),
+            ShapeRecord::Number(_) | ShapeRecord::Numbers(_) => Vec::new(),
+        };
+        let of_effects = self.effects.iter().flat_map(|effect| effect.shape.values().flat_map(texts));
+        let mut names = self.identified_volume.covariates.keys().cloned().chain(of_effects);
+        match names.find(|own| own.chars().any(char::is_control)) {
+            None => Ok(()),
+            Some(own) => Err(damaged(name, "effects", format!("{own:?} holds a control character"))),
         }
     }
 }

@@ -13,3 +13,70 @@ pub(crate) fn nearest<'a>(name: &str, known: impl IntoIterator<Item = &'a str>) 
         .min_by_key(|(distance, _)| *distance)
         .map(|(_, candidate)| candidate)
 }
+
+/// What carries an offset.
+const OFFSET_WORDS: [&str; 5] = ["offset", "offsets", "tip", "stylus", "reflector"];
+const AXES: [&str; 3] = ["x", "y", "z"];
+
+/// Whether a column may hold the offset of tip or reflector along an axis, whatever it is called: `Offset X (mm)`, `tip_x_mm`, `OffsetX`.
+pub(crate) fn is_like_offset(name: &str) -> bool {
+    let words = words(name);
+    let is_both = |word: &String| {
+        let rest = |carrier: &str| word.strip_prefix(carrier).or_else(|| word.strip_suffix(carrier));
+        OFFSET_WORDS.iter().filter_map(|carrier| rest(carrier)).any(|rest| AXES.contains(&rest))
+    };
+    let has = |known: &[&str]| words.iter().any(|word| known.contains(&word.as_str()));
+    words.iter().any(is_both) || (has(&OFFSET_WORDS) && has(&AXES))
+}
+
+/// The words of a name, in small letters: `OffsetX [mm]` has three.
+fn words(name: &str) -> Vec<String> {
+    let mut words = vec![String::new()];
+    let mut was_small = false;
+    for letter in name.chars() {
+        if !letter.is_alphabetic() || (was_small && letter.is_uppercase()) {
+            words.push(String::new());
+        }
+        if let Some(word) = words.last_mut().filter(|_| letter.is_alphabetic()) {
+            word.extend(letter.to_lowercase());
+        }
+        was_small = letter.is_lowercase();
+    }
+    words
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn offsets_are_told_by_their_words() {
+        for name in [
+            "offset_x [mm]",
+            "Offset X (mm)",
+            "OffsetX",
+            "OFFSETZ",
+            "x_offset",
+            "XOffset",
+            "tip_x_mm",
+            "offset_x_inches",
+            "Stylus.Z",
+            "reflector_y",
+        ] {
+            assert!(is_like_offset(name), "{name}");
+        }
+        for name in [
+            "tip_diameter_mm",
+            "stylus",
+            "offset",
+            "multiplier_x",
+            "temp_x_c",
+            "description",
+            "note",
+            "x_mm",
+            "tipping_z",
+        ] {
+            assert!(!is_like_offset(name), "{name}");
+        }
+    }
+}

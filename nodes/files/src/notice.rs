@@ -21,3 +21,10 @@ pub(crate) fn tell_once(notice: String) {
         told.insert(notice);
     }
 }
+
+/// What was told of a file, in the order of the words.
+#[cfg(test)]
+pub(crate) fn told_of(file: &str) -> Vec<String> {
+    let told = TOLD.lock().unwrap_or_else(PoisonError::into_inner);
+    told.iter().filter(|notice| notice.starts_with(file)).cloned().collect()
+}

@@ -5,10 +5,10 @@
 
 use crate::campaign_csv::KNOWN;
 use crate::columns::LENGTH;
+use crate::dialect::Dialect;
 use crate::error::{FileError, Place};
 use crate::points_csv::unwritten;
 use abbe_plan::{Motion, Plan};
-use csv::Writer;
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::path::Path;
@@ -26,7 +26,7 @@ const STATION: [&str; 4] = ["station", "x_mm", "y_mm", "z_mm"];
 /// A text that CSV cannot hold.
 pub fn path_csv(plan: &Plan) -> Result<Vec<u8>, FileError> {
     let file = "path.csv";
-    let mut writer = Writer::from_writer(Vec::new());
+    let mut writer = Dialect::default().writer(Vec::new());
     let nominal = &plan.nominal;
     let known = KNOWN.iter().map(|known| known.name).filter(|name| *name != LENGTH.name);
     let covariates = nominal.covariates.iter().map(|covariate| covariate.name.as_str());
@@ -50,7 +50,7 @@ pub fn path_csv(plan: &Plan) -> Result<Vec<u8>, FileError> {
 /// A text that CSV cannot hold.
 pub fn stations_csv(plan: &Plan) -> Result<Vec<u8>, FileError> {
     let file = "stations.csv";
-    let mut writer = Writer::from_writer(Vec::new());
+    let mut writer = Dialect::default().writer(Vec::new());
     writer.write_record(STATION).map_err(|error| unwritten(file, error))?;
     for station in &plan.stations {
         let [x, y, z] = station.position_m.map(|v| format!("{:.DIGITS$}", v * 1e3));

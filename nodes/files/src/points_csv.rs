@@ -436,9 +436,16 @@ impl OneMark {
         if *self.mark.get_or_insert(mark) == mark {
             return Ok(());
         }
-        let problem =
-            "decimal commas begin here, after rows of whole numbers that were written out with decimal points";
-        let remedy = "write the line # decimal=, above the column names";
+        let (problem, remedy) = match mark {
+            Mark::Comma => (
+                "decimal commas begin here, after rows of whole numbers that were written out with decimal points",
+                "write the line # decimal=, above the column names",
+            ),
+            Mark::Point => (
+                "decimal points begin here, after rows that were written out with the decimal commas of another column",
+                "write all numbers of a file in one way",
+            ),
+        };
         Err(FileError::content(Place::file(&self.input).line(line), problem, remedy))
     }
 }

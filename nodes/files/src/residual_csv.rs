@@ -11,6 +11,7 @@ use crate::csv_bytes::TableBytes;
 use crate::dialect::separator;
 use crate::envelope::{hex, sha256_of_hex};
 use crate::error::{FileError, Place};
+use crate::export::commented;
 use crate::points_csv::unwritten;
 use crate::residual_file::ResidualOwner;
 use crate::units::{micrometres_from_m, millimetres_from_m};
@@ -51,9 +52,7 @@ pub fn write_residual_vectors(
         owner.machine,
         hex(&owner.model_sha256)
     );
-    for note in notes {
-        head += &format!("# {note}\n");
-    }
+    head += &commented(notes, "#");
     output.write_all(head.as_bytes()).map_err(FileError::io(&file, "write"))?;
     let mut writer = Writer::from_writer(&mut output);
     write_rows(&mut writer, rows).map_err(|error| unwritten(&file, error))?;

@@ -14,6 +14,8 @@ use crate::columns::{Header, Known, READING, TIME};
 use crate::csv_source::CsvSource;
 use crate::error::{FileError, Place};
 use crate::names::nearest;
+use crate::notice::tell_once;
+use crate::plausible::{refuse_millimetres, tell_of_metres};
 use crate::table_facts::is_temperature;
 use abbe_diagnose::study::five_axis::SphereCentre;
 use abbe_diagnose::study::runs::{Approach, Run};
@@ -46,6 +48,9 @@ const BLOCK: Known = Known::new("block", "block", "text");
 const POSE: Known = Known::new("pose", "pose", "text");
 const POINT: Known = Known::new("point", "point", "text");
 const U_PLATE: Known = Known::new("u_plate_um", "u_plate", "micrometres");
+
+/// Columns in which Abbe says what a vector is worth that it computed: none is measured, so that none is a covariate.
+const OF_ABBE: [&str; 3] = ["status", "res_status", "res_extrapolated"];
 
 /// Rows of a study and the hash of the file they came from.
 #[derive(Debug, Clone, PartialEq)]
@@ -136,7 +141,9 @@ pub fn read_runs(input: impl Read, file: &str) -> Result<StudyFile<Run>, FileErr
     let (cycle, reached) = (require(CYCLE)?, Reached::new(header)?);
     let time = header.optional(TIME, &RUNS)?;
     let covariates = strangers(header, |name| RUNS.iter().any(|known| known.name == name));
-    rows(source, |row| {
+    header.refuse_said_twice(&RUNS)?;
+    let header_place = header.place();
+    let read = rows(source, |row| {
         let target_mm = row.number(target)?;
         let measured_mm = reached.measured_mm(row, target_mm)?;
         Ok(Run {
@@ -148,7 +155,19 @@ pub fn read_runs(input: impl Read, file: &str) -> Result<StudyFile<Run>, FileErr
             time_s: row.optional(time)?,
             covariates: row.covariates(&covariates)?,
         })
-    })
+    })?;
+    let largest_m = read.rows.iter().map(|run| run.error_m().abs()).fold(0.0, f64::max);
+    match reached {
+        Reached::Deviation(_) => {
+            let otherwise = ", else write measured_mm in their place";
+            refuse_millimetres(largest_m, header_place.column(DEVIATION.name), otherwise)?;
+        }
+        Reached::Measured(_) => {
+            let farthest_m = read.rows.iter().map(|run| run.target_m.abs()).fold(0.0, f64::max);
+            tell_of_metres(file, farthest_m, largest_m);
+        }
+    }
+    Ok(read)
 }
 
 /// The column that says where an axis came to stand.
@@ -244,7 +263,13 @@ fn vectors<R: Read>(source: CsvSource<R>, lack: Lack) -> Result<StudyFile<Residu
     let mut used: Vec<usize> = position.columns.iter().chain(&residual.columns).flatten().copied().collect();
     used.extend(u.iter().flat_map(|own| own.columns).flatten());
     used.extend([time, block, pose, point, u_plate].into_iter().flatten());
+    let said: Vec<&str> = OF_ABBE.into_iter().filter(|name| header.find(name).is_some()).collect();
+    if !said.is_empty() {
+        tell_once(format!("{}: {} left out, as what Abbe says of its own rows", header.file(), said.join(", ")));
+    }
+    used.extend(said.iter().filter_map(|name| header.find(name)));
     let covariates = strangers(header, |name| header.find(name).is_some_and(|column| used.contains(&column)));
+    header.refuse_said_twice(&[TIME, U_PLATE])?;
     if u.is_none() {
         refuse_misspelt(header, &covariates, &["u_x_um", "u_y_um", "u_z_um"])?;
     }
@@ -302,17 +327,23 @@ impl Lengths {
 /// Columns of x, y and z with this prefix, all in one unit, of which so many may be missing; `None` where none of them is there.
 fn lengths(header: &Header, prefix: &str, may_lack: usize) -> Result<Option<Lengths>, FileError> {
     let find = |axis: &str, unit: &str| header.find(&format!("{prefix}{axis}_{unit}"));
-    let mut partly = Vec::new();
+    let mut there = Vec::new();
     for (unit, per_m) in LENGTHS {
         let columns = ["x", "y", "z"].map(|axis| find(axis, unit));
         match columns.iter().flatten().count() {
             0 => {}
-            3 => return Ok(Some(Lengths { columns, per_m })),
-            count => partly.push((Lengths { columns, per_m }, unit, count)),
+            count => there.push((Lengths { columns, per_m }, unit, count)),
         }
     }
-    let Some((own, unit, count)) = partly.last().copied() else { return Ok(None) };
-    if count + may_lack >= 3 && partly.len() == 1 {
+    if there.len() > 1
+        && let Some((whole, ..)) = there.iter().find(|(.., count)| *count == 3)
+        && let Some((other, ..)) = there.iter().find(|(other, ..)| other.per_m != whole.per_m)
+    {
+        let name = |of: &Lengths| of.columns.iter().flatten().next().map_or("?", |first| &header.names()[*first]);
+        return Err(header.said_twice(name(other), name(whole)));
+    }
+    let Some((own, unit, count)) = there.last().copied() else { return Ok(None) };
+    if count + may_lack >= 3 && there.len() == 1 {
         return Ok(Some(own));
     }
     let axis = own.lacks().map_or("x", Axis::lower);

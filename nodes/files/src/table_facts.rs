@@ -1,10 +1,13 @@
 //! What any measured table says of itself: its hash, and the lowest and highest temperature that was logged in it.
 //!
 //! Place in the flow: data → here → head and end of a report. Columns of temperatures are named `temp_…_c` and hold degrees
-//! Celsius; a cell without a number is a missing one. Memory is one row.
+//! Celsius; a cell without a number is a missing one. One that is no temperature of a measuring room, as of a broken sensor or in degrees
+//! Fahrenheit, is left out and told. Memory is one row.
 
 use crate::csv_source::{CsvSource, header_names};
 use crate::error::FileError;
+use crate::identity::PLAUSIBLE_C;
+use crate::notice::tell_once;
 use csv::ByteRecord;
 use std::fs::File;
 use std::path::Path;
@@ -27,19 +30,8 @@ impl TableFacts {
     /// # Errors
     /// A file that cannot be read as a table, with the line.
     pub fn read(path: &Path) -> Result<TableFacts, FileError> {
-        let file = path.display().to_string();
-        let mut source = CsvSource::new(File::open(path).map_err(FileError::io(&file, "open the file"))?, &file)?;
-        let names = source.header().names();
-        let columns: Vec<usize> = (0..names.len()).filter(|column| is_temperature(&names[*column])).collect();
-        source.look_ahead(&columns);
-        let (mut range, mut record) = (None, ByteRecord::new());
-        while let Some(line) = source.next(&mut record)? {
-            let values = columns.iter().filter_map(|column| source.header().optional_number(&record, *column, line));
-            range = values.filter(|value| value.is_finite()).fold(range, |range: Option<[f64; 2]>, value| {
-                Some(range.map_or([value; 2], |[low, high]| [low.min(value), high.max(value)]))
-            });
-        }
-        Ok(TableFacts { sha256: source.sha256(), temperature_c: range })
+        // Where temperatures alone do not tell what marks decimals, the other columns do.
+        facts(path, is_temperature).or_else(|_| facts(path, |_| true))
     }
 
     /// The temperatures alone: a table without such a column is not read.
@@ -50,6 +42,32 @@ impl TableFacts {
         let is_logged = header_names(path).is_some_and(|names| names.iter().any(|name| is_temperature(name)));
         if is_logged { Ok(TableFacts::read(path)?.temperature_c) } else { Ok(None) }
     }
+}
+
+/// Reads a table to its end; `tells` are the columns whose numbers tell what marks decimals.
+fn facts(path: &Path, tells: impl Fn(&str) -> bool) -> Result<TableFacts, FileError> {
+    let file = path.display().to_string();
+    let mut source = CsvSource::new(File::open(path).map_err(FileError::io(&file, "open the file"))?, &file)?;
+    let names = source.header().names();
+    let columns = |is_own: &dyn Fn(&str) -> bool| (0..names.len()).filter(|k| is_own(&names[*k])).collect::<Vec<_>>();
+    let (telling, columns) = (columns(&tells), columns(&is_temperature));
+    source.look_ahead(&telling);
+    let (mut range, mut record, mut told): (Option<[f64; 2]>, _, _) = (None, ByteRecord::new(), false);
+    while let Some(line) = source.next(&mut record)? {
+        for column in &telling {
+            let value = source.header().optional_number(&record, *column, line);
+            let Some(value) = value.filter(|_| columns.contains(column)) else { continue };
+            if PLAUSIBLE_C.contains(&value) {
+                range = Some(range.map_or([value; 2], |[low, high]| [low.min(value), high.max(value)]));
+            } else if !std::mem::replace(&mut told, true) {
+                let place = source.header().cell(line, *column);
+                tell_once(format!(
+                    "{place}: {value} degrees Celsius are of no measuring room; such values are left out of the head of a report"
+                ));
+            }
+        }
+    }
+    Ok(TableFacts { sha256: source.sha256(), temperature_c: range })
 }
 
 /// Whether a column holds temperatures.
@@ -78,6 +96,9 @@ mod tests {
         };
         assert_eq!(of("x_mm,temp_a_c,temp_b_c\n1,20.5,\n2,21.25,19.75\n3,-,20\n"), Some([19.75, 21.25]));
         assert_eq!(of("x_mm;temp_a_c\n1;20\n2;20,125\n3;21,5\n"), Some([20.0, 21.5]), "decimal commas");
+        // The temperatures alone do not tell that they have decimal commas.
+        assert_eq!(of("um;temp_a_c\n0,4;20,125\n0,5;20,250\n"), Some([20.125, 20.25]));
+        assert_eq!(of("x_mm,temp_a_c\n1,68\n2,-999\n3,20\n"), Some([20.0, 20.0]), "Fahrenheit, and a broken sensor");
         assert_eq!(of("x_mm,temp_a_c\n1,\n"), None);
         assert_eq!(of("x_mm,temperature\n1,20\n"), None);
     }

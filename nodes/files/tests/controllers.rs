@@ -429,6 +429,9 @@ fn regress_effects_of_position_are_in_grids_and_named_elsewhere_and_zeros_that_n
     // An effect acts along Y; the model says nothing of the others, and of none without it.
     let names: Vec<String> = exported("linuxcnc-comp", &file).into_iter().map(|file| file.name).collect();
     assert_eq!(names, ["head.txt", "y.comp"]);
+    let files = exported("heidenhain-style", &file);
+    assert_eq!(files.iter().map(|file| file.name.as_str()).collect::<Vec<_>>(), ["Y.COM", "config.CMA"]);
+    assert_eq!(files[1].text, "NR ACTIVE Y\n0 * Y.COM\n");
     let siemens = &exported("siemens-enc-comp", &file)[0].text;
     assert!(
         siemens.contains("axis X: the model says nothing of it") && siemens.contains("$AA_ENC_COMP_STEP[0,AX2]"),

@@ -163,7 +163,7 @@ fn a_file_of_earlier_software_that_says_nothing_of_the_ram_is_read_as_one_that_d
 
 #[test]
 fn models_that_do_not_fit_together_are_refused_even_with_the_right_hash() {
-    let cases: [(&str, &str, &[&str]); 10] = [
+    let cases: [(&str, &str, &[&str]); 11] = [
         ("\"reversal\"", "\"revresal\"", &["key effects.revresal", "unknown effect", "known are", "reversal"]),
         ("\"EXX\": {", "\"EXW\": {", &["key error_functions.EXX", "missing"]),
         ("\"C0Y\": {", "\"C1Y\": {", &["C0Y in rad is missing"]),
@@ -173,6 +173,7 @@ fn models_that_do_not_fit_together_are_refused_even_with_the_right_hash() {
         ("\"degree\": 2", "\"degree\": 3", &["coefficients in", "are needed for this machine"]),
         ("\"degree\": 2", "\"degree\": 99", &["degree 1 to 10"]),
         ("\"unit\": \"rad\"", "\"unit\": \"deg\"", &["deg"]),
+        ("\"temp_y_c\"", "\"temp\\nN1851 Y 99\"", &["key effects", "holds a control character"]),
         ("\"seed\": 7", "\"seeds\": 7", &["unknown field `seeds`"]),
     ];
     for (from, to, parts) in cases {

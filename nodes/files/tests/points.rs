@@ -109,6 +109,13 @@ fn regress_whole_numbers_do_not_make_an_output_of_two_dialects() {
     let message = handed_through(&many).unwrap_err().to_string();
     assert!(message.starts_with("p.csv, line 20002: decimal commas begin here"), "{message}");
     assert!(handed_through(&format!("# decimal=,\n{many}")).is_ok());
+    // A column that nobody reads tells, too: its commas and new points would be two dialects.
+    let aside = handed_through("x_mm;y_mm;z_mm;note\n1;2;3;20,5\n").unwrap();
+    assert!(aside.lines().nth(1).unwrap().starts_with("1;2;3;20,5;0,"), "{aside}");
+    let read = handed_through("x_mm;y_mm;z_mm;note\n1.5;2;3;20,5\n").unwrap();
+    assert_eq!(read.matches(',').count(), 1, "what is read comes first: {read}");
+    let listed = handed_through("x_mm,y_mm,z_mm,note\n1,2,3,\"4,5\"\n").unwrap();
+    assert!(listed.contains(",\"4,5\",0."), "between commas it is a list: {listed}");
 }
 
 #[test]
@@ -135,6 +142,13 @@ fn what_is_wrong_with_points_is_named() {
     refused(open(&HEAD.replace(",z_mm", "")), &["column z_mm", "missing"]);
     refused(open("x_mm,y_mm,z_mm\n1,2,3"), &["default_offset_mm", "offset_x_mm"]);
     assert!(PointsReader::new("x_mm,y_mm,z_mm\n1,2,3".as_bytes(), "p.csv", Some([0.0; 3])).is_ok());
+    // The machine's own offset is not taken in silence where columns look like one.
+    let like = "x_mm,y_mm,z_mm,Offset X (mm),Offset Y (mm),Offset Z (mm)\n1,2,3,4,5,6\n";
+    let told =
+        PointsReader::new(like.as_bytes(), "p.csv", Some([0.0, 0.0, -0.06])).map(|_| ()).unwrap_err().to_string();
+    for part in ["p.csv, line 1, column Offset X (mm)", "0, 0, -60 mm, would be taken", "offset_x_mm"] {
+        assert!(told.contains(part), "{told}");
+    }
     for (cell, says) in [("NaN", "not a finite number"), ("", "empty"), ("1;2", "not a number")] {
         let text = format!("{HEAD}\n{}", ROW.replace("84.2584672", cell));
         let error = open(&text).unwrap().read(&mut PointRow::default()).unwrap_err().to_string();

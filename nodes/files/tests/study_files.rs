@@ -131,6 +131,40 @@ fn runs_may_hold_deviations_and_the_time_of_day() {
 }
 
 #[test]
+fn regress_runs_with_millimetres_for_micrometres_are_refused() {
+    let head = RUNS.replace("measured_mm", "deviation_um");
+    let read = |rows: &str| read_runs(format!("{head}\n{rows}\n").as_bytes(), "r.csv");
+    let told = read("X,100,+,1,0.0046,,\nX,200,+,1,-0.0123,,").unwrap_err().to_string();
+    assert_says(&told, &["line 1, column deviation_um", "1.23e-2 um", "multiply the numbers by 1000", "measured_mm"]);
+    // Nothing but zeros has no unit, and whoever has so good a machine writes where it came to stand.
+    assert!(read("X,100,+,1,0,,").is_ok());
+    assert!(read_runs(format!("{RUNS}\nX,100,+,1,100.0000123,,\n").as_bytes(), "r.csv").is_ok());
+}
+
+#[test]
+fn regress_vectors_that_abbe_wrote_are_read_back() {
+    let text = format!("{VECTORS},status,res_status,res_extrapolated\n1,2,3,1,2,3,a,45,interpolated,in_volume,1\n");
+    let file = read_residual_vectors(text.as_bytes(), "v.csv").unwrap();
+    assert_eq!(file.rows[0].covariates.keys().collect::<Vec<_>>(), ["joint_1_deg"]);
+}
+
+#[test]
+fn regress_a_quantity_in_two_units_is_no_covariate_of_itself() {
+    let both = format!("{RUNS},deviation_mm");
+    assert_says(
+        &runs(&[&both, "X,100,+,1,100.004,1,20,0.004"]),
+        &["column deviation_mm", "is deviation_um in another unit"],
+    );
+    let both = format!("{VECTORS},res_x_mm,res_y_mm,res_z_mm");
+    let told = vectors(&[&both, "1,2,3,1,2,3,a,45,0.001,0.002,0.003"]);
+    assert_says(&told, &["line 1, column res_x_um", "is res_x_mm in another unit", "keep one"]);
+    assert_says(
+        &vectors(&[&format!("{VECTORS},x_m"), "1,2,3,1,2,3,a,45,1"]),
+        &["column x_m", "is x_mm in another unit"],
+    );
+}
+
+#[test]
 fn of_vectors_for_a_diagnosis_two_components_may_be_missing() {
     let of = |text: &str| read_component_vectors(text.as_bytes(), "v.csv").map(|file| file.rows[0].clone());
     let row = of("x_mm,y_mm,z_mm,res_z_um,u_z_um,temp_c\n100,200,300,4,0.5,20\n").unwrap();

@@ -17,6 +17,12 @@ use std::collections::BTreeMap;
 const PLAUSIBLE_ERROR_M: f64 = 1e-3;
 /// Lengths from here to there are believed (m).
 const PLAUSIBLE_LENGTH_M: (f64, f64) = (0.5e-3, 100.0);
+/// Where the longest length is below this, the lengths are metres (m): as two thirds of its travel it is that of no machine.
+const SHORTEST_M: f64 = 5e-3;
+/// A tool offset below this is a slip of units (m).
+const LEAST_OFFSET_M: f64 = 1e-3;
+/// A tool offset below this shows next to nothing of how the ram turns, which the test with an offset is for (m).
+const SHORT_OFFSET_M: f64 = 0.05;
 /// Nominal lengths of one gauge are the same to this (m).
 const SAME_LENGTH_M: f64 = 1e-6;
 /// Tolerance of the share of travel: what rounding of lengths to a nanometre can cost.
@@ -174,6 +180,10 @@ fn check_test(test: &LengthTest) -> Result<(), ConformityError> {
         let problem = format!("{} m is no tool offset", test.tool_offset_m);
         return Err(ConformityError::new("tool offset", problem, "give 0 for E0, 0.15 m for E150"));
     }
+    if test.tool_offset_m > 0.0 && test.tool_offset_m < LEAST_OFFSET_M {
+        let problem = format!("{} mm is no tool offset", test.tool_offset_m * 1e3);
+        return Err(ConformityError::new("tool offset", problem, "give 0 for E0, 150 mm for E150"));
+    }
     for (line, travel_m) in &test.travel_m {
         if !(travel_m.is_finite() && *travel_m > 0.0) {
             let problem = format!("a travel of {travel_m} m is none");
@@ -212,6 +222,11 @@ fn names(measurements: &[LengthMeasurement]) -> Result<Vec<String>, ConformityEr
     }
     if names.is_empty() {
         return Err(ConformityError::new("length test", "there is no measurement", "give measured lengths"));
+    }
+    let longest_m = measurements.iter().map(|m| m.calibrated_m).fold(0.0, f64::max);
+    if longest_m < SHORTEST_M {
+        let problem = format!("the longest length is {:.4} mm, and no machine is so small", longest_m * 1e3);
+        return Err(ConformityError::new("length test", problem, "multiply the lengths by 1000 if they are metres"));
     }
     Ok(names)
 }
@@ -261,6 +276,13 @@ fn departures(test: &LengthTest, sets: &[LengthSet], lines: &[LineSummary]) -> V
     let asked = test.lines_asked_for();
     if lines.len() < asked {
         found.push(Departure::new("test", format!("{asked} measuring lines are asked for, there are {}", lines.len())));
+    }
+    if test.tool_offset_m > 0.0 && test.tool_offset_m < SHORT_OFFSET_M {
+        let offset_mm = test.tool_offset_m * 1e3;
+        let text = format!(
+            "a tool offset of {offset_mm} mm is next to none: 150 mm are asked for, or seven lines without one"
+        );
+        found.push(Departure::new("test", text));
     }
     found.extend(diagonal::departures(test, lines));
     for line in lines {

@@ -32,6 +32,9 @@ pub const LONGEST_M: f64 = 2.0;
 const EQUAL_STEPS: f64 = 0.01;
 /// A deviation beyond this is a slip of units, or another target (m).
 const PLAUSIBLE_M: f64 = 2e-3;
+/// Where the targets of an axis span less than this, they are metres (m): steps within a millimetre or so show a scale, and are
+/// no test of an axis.
+const SHORTEST_M: f64 = 5e-3;
 /// Targets of one position are the same to this (m).
 const SAME_TARGET_M: f64 = 1e-6;
 
@@ -60,7 +63,8 @@ pub struct Approach {
 /// Figures of one axis.
 ///
 /// # Errors
-/// No approach; a figure that is not finite; the same approach twice; a deviation of millimetres; fewer than two targets;
+/// No approach; a figure that is not finite; the same approach twice; a deviation of millimetres; fewer than two targets, or all within
+/// a few millimetres;
 /// a target approached once only from a direction, so that its scatter is unknown. What else a test after the standard
 /// asks for is a departure.
 pub fn evaluate(axis: &str, approaches: &[Approach]) -> Result<AxisFigures, ConformityError> {
@@ -73,6 +77,11 @@ pub fn evaluate(axis: &str, approaches: &[Approach]) -> Result<AxisFigures, Conf
     if grouped.len() < 2 {
         let remedy = "measure at five targets at least";
         return Err(ConformityError::new(place, "one target is no axis", remedy));
+    }
+    let travel_m = travel_m(&grouped);
+    if travel_m < SHORTEST_M {
+        let problem = format!("the targets span {:.4} mm, which is no travel of an axis", travel_m * 1e3);
+        return Err(ConformityError::new(place, problem, "multiply the positions by 1000 if they are metres"));
     }
     let targets = grouped.iter().map(|group| figures::target(&place, group)).collect::<Result<Vec<_>, _>>()?;
     let departures = departures(&place, &grouped);
@@ -121,9 +130,14 @@ fn by_target(place: &str, approaches: &[Approach]) -> Result<Vec<Group>, Conform
     Ok(groups)
 }
 
+/// From the first target to the last (m).
+fn travel_m(groups: &[Group]) -> f64 {
+    groups.last().map_or(0.0, |last| last.target_m) - groups.first().map_or(0.0, |first| first.target_m)
+}
+
 fn departures(place: &str, groups: &[Group]) -> Vec<Departure> {
     let mut found = Vec::new();
-    let travel_m = groups.last().map_or(0.0, |last| last.target_m) - groups.first().map_or(0.0, |first| first.target_m);
+    let travel_m = travel_m(groups);
     // Rounding of a travel of whole metres must not ask for one target more.
     let asked = TARGETS.max((TARGETS_PER_METRE * travel_m - 1e-9).ceil() as usize);
     if groups.len() < asked {

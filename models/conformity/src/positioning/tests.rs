@@ -116,6 +116,8 @@ fn data_that_are_no_axis_are_refused_with_their_place() {
     refused(&|a| a[2].deviation_m = f64::NAN, "not a finite number");
     refused(&|a| a[2].target_m = f64::INFINITY, "not a finite number");
     refused(&|a| a[2].deviation_m = 0.004, "4.000 mm");
+    // Metres where millimetres are to stand.
+    refused(&|a| a.iter_mut().for_each(|a| a.target_m /= 1e3), "the targets span 0.4000 mm");
     refused(&|a| a[2].cycle = 1, "stands twice");
     refused(&|a| a.retain(|a| a.target_m > 0.05 || a.cycle == 1), "one approach has no scatter");
 }

@@ -124,6 +124,8 @@ fn points_that_fix_no_sphere_are_refused() {
     double[9] = double[2];
     refused(double, None, "points 3 and 10");
     refused(good(), Some(29.97), "no test sphere");
+    // Metres where millimetres are to stand, of a sphere whose diameter is not stated.
+    refused(good().iter().map(|p| p / 1e3).collect(), None, "is that of no test sphere; give the points");
     refused(good(), Some(0.0319736), "size error of -2.000 mm");
     let mut far = good();
     far[0] += Vector3::new(0.0, 0.0, 0.0012);

@@ -4,6 +4,7 @@
 //! at a time from file to file, row by row to standard output; bags message by message. What the rows were worth is
 //! said on standard error.
 
+mod bag;
 mod report;
 
 pub(crate) use report::Moved;
@@ -22,20 +23,15 @@ use abbe_files::{
     AtomicFile, FileError, ModelFile, Place, PointRow, PointsReader, PointsWriter, TableFacts, hex, write_atomically,
 };
 use abbe_geometry::model::IdentifiedVolume;
-use abbe_graph::step::{GeometricStep, Mark, OwnedField, ResidualStep, StreamWatch, opposite_offset};
-use abbe_graph::topics;
-use abbe_msgs::bag::{BagWriter, messages};
-use abbe_msgs::{Message, ScaleReading, Sha256};
+use abbe_graph::step::{OwnedField, opposite_offset};
 use abbe_report::MetaItem;
 use abbe_runtime::Shutdown;
 use anyhow::{Context, ensure};
 use report::Corrections;
 use std::cell::RefCell;
-use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{BufWriter, Read, Write};
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 
 /// Arguments of `correct`.
 #[derive(Debug, clap::Args)]
@@ -82,7 +78,17 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     if is_bag(&arguments.input) {
         let has_page = arguments.html.is_some() || arguments.pdf.is_some();
         ensure!(!has_page, "--html and --pdf are of tables; {} is a bag", arguments.input.display());
-        bag_in_place(&arguments.output, |unfinished| correct_bag(arguments, model, sha256, residual, unfinished))?;
+        let name = arguments.input.display().to_string();
+        let worth = bag_in_place(&arguments.output, |unfinished| {
+            bag::correct(
+                &bag::Bag { input: &arguments.input, max_covariate_age_s: arguments.max_covariate_age_s },
+                (&model, sha256),
+                residual,
+                unfinished,
+            )
+        })?;
+        worth.beside.iter().for_each(|words| eprintln!("abbe: {name}: {words}"));
+        conclude(&worth.tally, &model, &name, "reading")?;
         next(arguments).print();
         return Ok(());
     }
@@ -130,7 +136,9 @@ fn pages_of(
         return Ok([None, None]);
     }
     let machine = model.model.parts().machine.name.as_str();
-    let tables: Vec<&Path> = Some(arguments.input.as_path()).into_iter().filter(|path| !is_standard(path)).collect();
+    // A pipe was read to its end, and has nothing more.
+    let is_there = |path: &&Path| !is_standard(path) && path.metadata().is_ok_and(|metadata| metadata.is_file());
+    let tables: Vec<&Path> = Some(arguments.input.as_path()).into_iter().filter(is_there).collect();
     let who = arguments.identity.gather(&Said { machine_name: Some(machine), tables: &tables, ..Said::default() })?;
     let input = if is_standard(&arguments.input) { name.to_owned() } else { file_name(&arguments.input) };
     let hashes = tables.iter().map(|table| Ok(hex(&TableFacts::read(table)?.sha256)));
@@ -300,52 +308,25 @@ fn write_corrected(
 }
 
 /// Refuses an offset on the side where no offset of the campaign was: a sign error moves every lever arm.
-fn check_offset_signs(identified: &IdentifiedVolume, row: &PointRow, name: &str) -> Result<(), FileError> {
-    if let Some(d) = opposite_offset(identified, row.offset_m) {
-        let (lower, upper) = identified.offset_m[d];
-        let column = ["offset_x_mm", "offset_y_mm", "offset_z_mm"][d];
-        let problem = format!(
-            "{} mm has the opposite sign of every offset the model was identified with ({} … {} mm)",
-            row.offset_m[d] * 1e3,
-            lower * 1e3,
-            upper * 1e3
-        );
-        let remedy = "correct its sign, or identify a model with such an offset";
-        return Err(FileError::content(Place::file(name).line(row.line()).column(column), problem, remedy));
-    }
-    Ok(())
+pub(crate) fn check_offset_signs(identified: &IdentifiedVolume, row: &PointRow, name: &str) -> Result<(), FileError> {
+    let Some((d, problem)) = opposite_sign(identified, row.offset_m) else { return Ok(()) };
+    let column = ["offset_x_mm", "offset_y_mm", "offset_z_mm"][d];
+    Err(FileError::content(Place::file(name).line(row.line()).column(column), problem, SIGN_REMEDY))
 }
 
-/// Copies a bag and adds a corrected message after each scale reading.
-fn correct_bag(
-    arguments: &Arguments,
-    model: ModelFile,
-    sha256: [u8; 32],
-    residual: Option<OwnedField>,
-    unfinished: &Path,
-) -> anyhow::Result<()> {
-    let step =
-        GeometricStep::new(Some((Arc::new(model.model), Sha256::from_bytes(sha256))), arguments.max_covariate_age_s);
-    let residual = ResidualStep::new(residual, arguments.max_covariate_age_s);
-    let mut writer = BagWriter::create(unfinished)?;
-    let mut corrected = 0_u64;
-    let mut watches: BTreeMap<String, StreamWatch> = BTreeMap::new();
-    for message in messages(&arguments.input)? {
-        let message = message?;
-        writer.copy(&message)?;
-        if message.ros_type() == ScaleReading::ROS_TYPE {
-            let reading: ScaleReading = message.decode()?;
-            let namespace = message.topic().strip_suffix(topics::SCALE_READING).unwrap_or("/").to_owned();
-            let watch = watches.entry(message.topic().to_owned()).or_default();
-            let geometric = watch.pass(Mark::from(&reading), step.correct(&reading));
-            let sample = residual.correct(&geometric, Some(&reading.covariates));
-            writer.write(&format!("{namespace}{}", topics::CORRECTED), &sample, message.log_time_ns)?;
-            corrected += 1;
-        }
-    }
-    ensure!(corrected > 0, "{}: holds no {}; nothing to correct", arguments.input.display(), ScaleReading::ROS_TYPE);
-    writer.finish()?;
-    Ok(())
+const SIGN_REMEDY: &str = "correct its sign, or identify a model with such an offset";
+
+/// Which part of an offset has the sign that no offset of the campaign had, and what is wrong with it.
+fn opposite_sign(identified: &IdentifiedVolume, offset_m: [f64; 3]) -> Option<(usize, String)> {
+    let d = opposite_offset(identified, offset_m)?;
+    let (lower, upper) = identified.offset_m[d];
+    let problem = format!(
+        "{} mm has the opposite sign of every offset the model was identified with ({} … {} mm)",
+        offset_m[d] * 1e3,
+        lower * 1e3,
+        upper * 1e3
+    );
+    Some((d, problem))
 }
 
 /// Refuses a bag under the name of a table and a table under the name of a bag.

@@ -4,6 +4,7 @@
 //! identical.
 
 use crate::next::{KNOWN_POINTS, Next};
+use crate::pipeline::check_covariate_age;
 use abbe_files::{LoadedResidual, ModelFile, ResidualFile};
 use abbe_graph::replay::{ReplayOutcome, ReplaySteps, TopicOutcome, replay};
 use abbe_graph::step::{GeometricStep, OwnedField, ResidualStep};
@@ -112,6 +113,7 @@ fn faults_of(bag: &Path, outcome: &ReplayOutcome) -> Vec<String> {
 
 /// A step for each model given; residual models are those of the machine, each with the geometric model it belongs to.
 fn steps(arguments: &Arguments) -> anyhow::Result<ReplaySteps> {
+    check_covariate_age(arguments.max_covariate_age_s)?;
     let without_model = GeometricStep::new(None, arguments.max_covariate_age_s);
     let mut steps = ReplaySteps { geometric: Vec::new(), residual: Vec::new(), without_model };
     let mut machine = String::new();

@@ -10,7 +10,7 @@ mod serve;
 mod serve;
 
 use crate::next::Next;
-use abbe_files::{MachineFile, PathLine, PathStation, read_machine, read_path, write_atomically};
+use abbe_files::{MachineFile, PathLine, PathStation, cell_text, read_machine, read_path, write_atomically};
 use abbe_geometry::Vector3;
 use abbe_geometry::correct::correct;
 use abbe_geometry::effects::{NoCovariates, State};
@@ -247,10 +247,12 @@ fn score(
 /// A campaign in the columns that `identify` reads.
 fn campaign_text(campaign: &Campaign) -> anyhow::Result<String> {
     let mut text = "station,line,time_s,x_mm,y_mm,z_mm,offset_x_mm,offset_y_mm,offset_z_mm,length_mm".to_owned();
-    campaign.covariates.iter().for_each(|c| text.extend([",", &c.name]));
+    campaign.covariates.iter().for_each(|c| text.extend([",", &cell_text(&c.name)]));
     text.push('\n');
     for (row, r) in campaign.readings.iter().enumerate() {
-        write!(text, "{},{},{:.3}", campaign.stations[r.station as usize], campaign.lines[r.line as usize], r.time_s)?;
+        let names = [&campaign.stations[r.station as usize], &campaign.lines[r.line as usize]];
+        let [station, line] = names.map(|name| cell_text(name));
+        write!(text, "{station},{line},{:.3}", r.time_s)?;
         write_mm(&mut text, r.reading_m.iter().chain(&r.offset_m).chain([&r.length_m]))?;
         for covariate in &campaign.covariates {
             match covariate.values[row] {
@@ -266,7 +268,7 @@ fn campaign_text(campaign: &Campaign) -> anyhow::Result<String> {
 /// Verification points with the same covariates and the actual position.
 fn verification_text(campaign: &Campaign, points: &[VerificationPoint]) -> anyhow::Result<String> {
     let mut text = "point,time_s,x_mm,y_mm,z_mm,offset_x_mm,offset_y_mm,offset_z_mm".to_owned();
-    campaign.covariates.iter().for_each(|c| text.extend([",", &c.name]));
+    campaign.covariates.iter().for_each(|c| text.extend([",", &cell_text(&c.name)]));
     text.push_str(",actual_x_mm,actual_y_mm,actual_z_mm\n");
     for (number, point) in points.iter().enumerate() {
         write!(text, "{number},{:.3}", point.time_s)?;

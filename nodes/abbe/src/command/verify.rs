@@ -89,7 +89,8 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let points = corrected(residual.as_ref())?;
     let actual_m: Vec<Vector3<f64>> = points.rows.iter().filter_map(|row| row.actual_m).map(Vector3::from).collect();
     let indicated_m: Vec<Vector3<f64>> = points.rows.iter().map(|r| nominal_point_m(r.reading_m, r.offset_m)).collect();
-    let mut stages = vec![Stage::new(("indicated", "before"), &indicated_m, &actual_m)?];
+    let before = Stage::new(("indicated", "before"), &indicated_m, &actual_m);
+    let mut stages = vec![before.with_context(|| name.clone())?];
     if residual.is_some() {
         stages.push(Stage::new(("by geometry", "geometric"), &corrected(None)?.corrected_m, &actual_m)?);
     }
@@ -98,6 +99,7 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     if arguments.json {
         let mut value = json!({
             "points": points.rows.len(), "extrapolated": points.extrapolated(),
+            "covariate_missing": points.tally.count(Status::CovariateMissing),
             "model_doubts": model.said_against().collect::<Vec<_>>(),
         });
         for stage in &stages {
@@ -175,9 +177,13 @@ fn write(
 
 fn print_words(points: &VerificationPoints, stages: &[Stage]) {
     let extrapolated = points.extrapolated();
+    let lacking = match points.tally.count(Status::CovariateMissing) {
+        0 => String::new(),
+        lacking => format!(", {lacking} without a quantity that the model reads"),
+    };
     let pairs = stages.first().map_or(0, |stage| stage.lengths.pairs);
     println!(
-        "{} points, {extrapolated} extrapolated; 3-D error after rigid alignment, and length error of {pairs} pairs (um; L in mm):",
+        "{} points, {extrapolated} extrapolated{lacking}; 3-D error after rigid alignment, and length error of {pairs} pairs (um; L in mm):",
         points.rows.len()
     );
     for Stage { name, rms_um, max_um, lengths, .. } in stages {

@@ -32,12 +32,11 @@ pub(super) const FORMAT: Format = Format {
 };
 
 fn write(about: &About, errors: &SampledErrors) -> Result<Vec<ExportedFile>, FileError> {
-    let mut files = Vec::new();
-    for axis in &errors.axes {
-        files.push(table(about, errors, axis)?);
-    }
-    let letters = Axis::ALL.map(|axis| axis.letter().to_string());
-    let names = Axis::ALL.map(|axis| format!("{}.COM", axis.letter()));
+    let unknown = about.wholly_unknown(&FORMAT)?;
+    let known: Vec<&SampledAxis> = errors.axes.iter().filter(|axis| !unknown.contains(&axis.axis)).collect();
+    let mut files = known.iter().map(|axis| table(about, errors, axis)).collect::<Result<Vec<_>, _>>()?;
+    let letters: Vec<String> = known.iter().map(|axis| axis.axis.letter().to_string()).collect();
+    let names: Vec<String> = letters.iter().map(|letter| format!("{letter}.COM")).collect();
     let text = format!("NR ACTIVE {}\n0 * {}\n", letters.join(" "), names.join(" "));
     files.push(ExportedFile { name: "config.CMA".to_owned(), text });
     Ok(files)

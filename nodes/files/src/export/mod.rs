@@ -102,6 +102,9 @@ pub fn format(name: &str) -> Option<&'static Format> {
     FORMATS.iter().find(|format| format.name == name)
 }
 
+/// Ends of lines in Unicode that are no control characters.
+const LINE_ENDS: [char; 2] = ['\u{2028}', '\u{2029}'];
+
 /// What stands in the head of every file.
 #[derive(Debug, Clone)]
 pub struct About {
@@ -215,7 +218,21 @@ impl About {
     /// # Errors
     /// A model that says nothing of any.
     fn unknown(&self, format: &Format) -> Result<Vec<Axis>, FileError> {
-        let unknown: Vec<Axis> = Axis::ALL.into_iter().filter(|axis| self.is_unknown(*axis)).collect();
+        self.axes_without(format, |axis| self.is_unknown(axis))
+    }
+
+    /// The same for tables of all six errors of an axis, and of the squareness that tilts it.
+    fn wholly_unknown(&self, format: &Format) -> Result<Vec<Axis>, FileError> {
+        let is_any_known = |axis: Axis| {
+            let tilts = self.machine.squareness.iter().filter(|entry| entry.tilts == axis);
+            let names = errors_of(axis).map(|error| error.name()).into_iter();
+            names.chain(tilts.map(|entry| entry.name.clone())).any(|name| self.is_identified(&name))
+        };
+        self.axes_without(format, |axis| self.is_unknown(axis) && !is_any_known(axis))
+    }
+
+    fn axes_without(&self, format: &Format, is_unknown: impl Fn(Axis) -> bool) -> Result<Vec<Axis>, FileError> {
+        let unknown: Vec<Axis> = Axis::ALL.into_iter().filter(|axis| is_unknown(*axis)).collect();
         if unknown.len() == Axis::ALL.len() {
             let problem = "the model says nothing of the positioning of any axis along itself".to_owned();
             return Err(refused(
@@ -378,9 +395,10 @@ fn no_table_words(axis: Axis) -> String {
     format!("axis {}: the model says nothing of it, so that it has no table", axis.letter())
 }
 
-/// `// line` for every line.
-fn commented(lines: &[String], mark: &str) -> String {
-    lines.iter().map(|line| format!("{mark} {line}\n")).collect()
+/// `// line` for every line. What a controller may take for the end of one inside an entry begins another comment.
+pub(crate) fn commented(lines: &[String], mark: &str) -> String {
+    let lines = lines.iter().flat_map(|line| line.split(|sign: char| sign.is_control() || LINE_ENDS.contains(&sign)));
+    lines.map(|line| format!("{mark} {line}\n")).collect()
 }
 
 /// What squareness moves at this distance from the lower end (m): angle · (about × axis) · distance.

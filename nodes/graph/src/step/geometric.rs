@@ -28,9 +28,11 @@ pub fn opposite_offset(identified: &IdentifiedVolume, offset_m: [f64; 3]) -> Opt
 }
 
 /// Covariates of a sample, with the age from which they are stale.
-pub(super) struct SampleCovariates<'a> {
-    pub(super) table: &'a Covariates,
-    pub(super) max_age_s: f64,
+pub struct SampleCovariates<'a> {
+    /// Those of the sample.
+    pub table: &'a Covariates,
+    /// Age from which one is stale (s).
+    pub max_age_s: f64,
 }
 
 impl CovariateSource for SampleCovariates<'_> {

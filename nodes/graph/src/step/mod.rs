@@ -17,7 +17,7 @@ mod stream;
 
 pub(crate) use asked::Scales;
 pub(crate) use geometric::is_fresh;
-pub use geometric::{GeometricStep, opposite_offset};
+pub use geometric::{GeometricStep, SampleCovariates, opposite_offset};
 pub use health::{Health, HealthState, Unsound};
 pub use joined::SensorMemory;
 pub use lagged::DerivedLags;

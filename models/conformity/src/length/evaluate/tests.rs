@@ -145,12 +145,20 @@ fn slips_and_doubles_are_refused_with_their_place() {
     refused(&|m| m[0].error = ObservedError::from_metres(0.0012), &["1.200 mm", "unit"]);
     refused(&|m| m[0].calibrated_m = 50.0e-6, &["calibrated lengths in millimetres"]);
     refused(&|m| m[0].calibrated_m = 450.0, &["no calibrated length"]);
+    // Metres where millimetres are to stand.
+    refused(
+        &|m| m.iter_mut().for_each(|m| m.calibrated_m = 2e-3 + m.calibrated_m / 1e3),
+        &["longest length", "metres"],
+    );
     refused(&|m| m[1].repeat = 1, &["line PPP, 50 mm, repeat 1", "stands twice"]);
     let again = measurements[4].clone();
     refused(&|m| m.push(again.clone()), &["stands twice"]);
     let mut bad = test.clone();
     bad.tool_offset_m = 150.0;
     assert!(evaluate(bad, &measurements).unwrap_err().to_string().contains("E150"));
+    let mut bad = test.clone();
+    bad.tool_offset_m = 0.15e-3;
+    assert!(evaluate(bad, &measurements).unwrap_err().to_string().contains("0.15 mm is no tool offset"));
     let mut bad = test.clone();
     bad.travel_m.insert("PPP".to_owned(), 0.0);
     assert!(evaluate(bad, &measurements).unwrap_err().to_string().contains("line PPP"));
