@@ -307,6 +307,11 @@ fn each_tool_is_corrected_with_its_own_offset_and_one_without_is_refused() {
     bench.ask("ClearAllErrors()");
     bench.ask("ChangeTool(\"Star\")");
     assert_near(coordinates(&bench.ask("Get(X(), Y(), Z())")[0]), bench.expected_mm());
+    // Nor one that was turned at the panel; a property that moves no tip changes nothing.
+    bench.server_says("E0000 # SetProp(Tool.GoToPar.Speed(10))");
+    assert_near(coordinates(&bench.ask("Get(X(), Y(), Z())")[0]), bench.expected_mm());
+    bench.server_says("E0000 # SetProp(Tool.A(90), Tool.B(0))");
+    assert!(error_of(&bench.ask("Get(X(), Y(), Z())")).text.contains("was turned"));
 }
 
 #[test]

@@ -5,7 +5,7 @@
 
 use super::refusal::Refusal;
 use super::report::{AXES, Report, Rewritten};
-use super::{Correct, Known, Out, Relay, Role, measured_by_default, scanned_by_default};
+use super::{Correct, Known, Out, Relay, Role, measured_by_default, moves_tip, scanned_by_default};
 use crate::item::{Item, What};
 use crate::line::text;
 use crate::message::{ReplyKind, Response, Tag};
@@ -246,8 +246,9 @@ impl Relay {
         let Ok(items) = response.items() else { return self.pass_strange(response.tag, line) };
         match items.as_slice() {
             [Item { what: What::Call(name, _), .. }] if name == "KeyPress" => self.pass(line),
-            [Item { what: What::Call(name, _), .. }] if matches!(name.as_str(), "ChangeTool" | "SetProp") => {
-                self.memory.is_turned &= name == "SetProp";
+            [Item { what: What::Call(name, values), .. }] if matches!(name.as_str(), "ChangeTool" | "SetProp") => {
+                // A head that is turned at the panel is told by its property.
+                self.memory.is_turned = name == "SetProp" && (self.memory.is_turned || moves_tip(values));
                 self.distrust();
                 self.pass(line);
             }
