@@ -28,6 +28,8 @@ pub(crate) struct Cmm {
     /// The operator changes to this tool while the next command of this name waits for its answer; moves are reported before it
     /// and after.
     pub(crate) changes_during: Option<(&'static str, &'static str)>,
+    /// Tells a point of the operator, a target and what is no line when the machine's system is selected.
+    pub(crate) picks_in_machine: bool,
     /// Commands that it does not know.
     pub(crate) unknown: BTreeSet<String>,
     /// Tells an error of this class and number before what it answers to `Get`.
@@ -58,6 +60,7 @@ impl Default for Cmm {
             tells_nothing: false,
             tells_no_csy: false,
             changes_during: None,
+            picks_in_machine: false,
             unknown: BTreeSet::new(),
             fails: None,
             heard: Vec::new(),
@@ -188,6 +191,11 @@ impl Cmm {
         lines.push(format!("{tag} %"));
         if matches!(name, "GoTo" | "PtMeas" | "ChangeTool" | "SetCoordSystem") {
             lines.extend(self.moved());
+        }
+        if self.picks_in_machine && name == "SetCoordSystem" && self.csy == "MachineCsy" {
+            let point = self.named(&self.measured);
+            lines.extend([format!("E0000 # PtMeas({point})"), format!("E0000 # GoTo({point})")]);
+            lines.push(format!("E0000 # {point} and more"));
         }
         lines
     }
