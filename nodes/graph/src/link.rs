@@ -30,6 +30,8 @@ pub struct LinkStatus {
     pub refused: u64,
     /// The last such thing in words.
     pub last_refusal: String,
+    /// So many messages are known to have been lost on the way here.
+    pub missed: u64,
 }
 
 /// The driver's and the node's hold on it.
@@ -46,6 +48,12 @@ impl Link {
         let mut status = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         status.losses += u64::from(matches!(state, LinkState::Lost(_)));
         status.state = state;
+    }
+
+    /// So many messages were lost on the way so far.
+    pub(crate) fn missed(&self, so_far: u64) {
+        let mut status = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        status.missed = status.missed.max(so_far);
     }
 
     pub(crate) fn refused(&self, words: String) {

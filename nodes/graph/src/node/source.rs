@@ -28,14 +28,15 @@ pub(super) fn scale(context: &NodeContext) -> Result<NodeSummary, NodeError> {
         None => driver::open_scale(config, base, machine, shutdown, context.ros.as_ref())?,
     };
     let (sensors, mut found) = Sensors::open(context)?;
-    found.extend(of_driver(driver.link()));
+    let link = driver.link();
+    found.extend(of_driver(link.clone()));
     links::report(context, found)?;
     let mut motion = context.launch.motion.map(|motion| DerivedMotion::new(motion.settings()));
     let mut lags = DerivedLags::new(&context.launch.lagged);
     let next = || driver.next_reading();
     // What a bag says of the time is of another clock than that of the campaign a model was made from.
     let tells_time = !matches!(source.driver, DriverConfig::Bag { .. });
-    play::<ScaleReading>(context, source, next, |reading, now, summary| {
+    let played = play::<ScaleReading>(context, source, next, |reading, now, summary| {
         sensors.join(reading, summary);
         for refused in motion.iter_mut().flat_map(|motion| motion.fill(reading)) {
             summary.troubles.note(Trouble::Covariate, format!("what the motion tells was left out: {refused}"));
@@ -50,22 +51,30 @@ pub(super) fn scale(context: &NodeContext) -> Result<NodeSummary, NodeError> {
             }
             reading.stamp = now;
         }
-    })
+    });
+    Ok(with_lost(played?, link.as_ref()))
 }
 
 pub(super) fn tracer(context: &NodeContext) -> Result<NodeSummary, NodeError> {
     let source = source(context, context.launch.tracer.as_ref())?;
     let mut driver =
         driver::open_tracer(&source.driver, &context.base, &context.machine, &context.shutdown, context.ros.as_ref())?;
-    links::report(context, of_driver(driver.link()).into_iter().collect())?;
-    play::<TracerReading>(
+    let link = driver.link();
+    links::report(context, of_driver(link.clone()).into_iter().collect())?;
+    let played = play::<TracerReading>(
         context,
         source,
         || driver.next_reading(),
         |reading, now, _| {
             reading.stamp = now.unwrap_or(reading.stamp);
         },
-    )
+    );
+    Ok(with_lost(played?, link.as_ref()))
+}
+
+/// What its driver knows to be lost is lost before the node took it.
+fn with_lost(summary: NodeSummary, link: Option<&Link>) -> NodeSummary {
+    NodeSummary { lost: link.map_or(0, |link| link.status().missed), ..summary }
 }
 
 fn of_driver(link: Option<Link>) -> Option<(String, Link)> {
