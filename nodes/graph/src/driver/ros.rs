@@ -431,7 +431,7 @@ impl SensorDriver for RosTopic<ScaleReading> {
             None => (name.to_owned(), value),
         };
         let values = said.covariates.iter().map(|one| value(one.name.as_str(), one.value)).collect();
-        Ok(Some(SensorValues { stamp: said.stamp, values }))
+        Ok(Some(SensorValues { stamp: said.stamp, values, missing: Vec::new() }))
     }
 
     fn link(&self) -> Option<Link> {
