@@ -6,6 +6,7 @@
 
 use super::NodeError;
 use super::parameters::apply;
+use super::told::say_parameters;
 use crate::launch::{Launch, NodeName};
 use abbe_runtime::gateway::OnChange;
 use abbe_runtime::ros::{ParameterValue, TriggerOutcome};
@@ -22,12 +23,19 @@ struct Inner {
     /// Those that came since the launch file was read, while nobody could put them to use.
     kept: BTreeMap<String, ParameterValue>,
     user: Option<OnChange>,
+    /// Whether a launcher hears of new values, and gives them to the process that may have to take this one's place.
+    has_launcher: bool,
 }
 
 /// Puts new values to use as long as this is held.
 pub(super) struct InUse(Changes);
 
 impl Changes {
+    /// Values that a process before this one was told.
+    pub(super) fn new(values: BTreeMap<String, ParameterValue>, has_launcher: bool) -> Changes {
+        Changes(Arc::new(Mutex::new(Inner { values, has_launcher, ..Inner::default() })))
+    }
+
     /// From now on, `user` puts new values to use: all, or none. It gets at once what came since [`Changes::apply`]; where it cannot use
     /// that, the node cannot be configured as it was told.
     pub(super) fn put_to_use(
@@ -55,6 +63,9 @@ impl Changes {
             }
         };
         inner.values.extend(values.iter().cloned());
+        if inner.has_launcher {
+            say_parameters(&inner.values);
+        }
         for (name, value) in values {
             tracing::info!(parameter = name, ?value, "changed");
         }
