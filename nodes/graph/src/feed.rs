@@ -9,6 +9,7 @@ use abbe_files::FileError;
 use abbe_msgs::Sha256;
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, SyncSender, channel, sync_channel};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread;
@@ -18,6 +19,7 @@ use thiserror::Error;
 /// How often the file is looked at. A change is taken when two looks in a row find the same, so that a file that is
 /// still being copied is left to grow.
 const LOOK_EVERY: Duration = Duration::from_millis(200);
+const STOPPING: &str = "the node is stopping";
 /// Longest that somebody who asks for a load waits for its outcome.
 const ANSWER_WITHIN: Duration = Duration::from_secs(30);
 
@@ -54,9 +56,14 @@ pub struct FeedStatus {
 enum Ask {
     /// Load now if the file differs from what was read last.
     Look,
-    /// Load now and say what came of it; from this file on where one is given, and it can be used.
-    Load(Option<PathBuf>, SyncSender<Result<Sha256, String>>),
+    /// Load now and say what came of it.
+    Load(SyncSender<Result<Sha256, String>>),
+    /// Load this file, and go over to it where it can be used and nobody has given up waiting.
+    GoOver(PathBuf, Decided, SyncSender<Result<Sha256, String>>),
 }
+
+/// Whether a file that was asked for is put to use or given up: who sets it first decides.
+type Decided = Arc<AtomicBool>;
 
 /// The loop's end: takes what is ready.
 #[derive(Debug)]
@@ -122,28 +129,40 @@ impl Reload {
     /// # Errors
     /// Why the file is refused, in words for a person.
     pub fn load(&self) -> Result<Sha256, String> {
-        self.ask(None)
-    }
-
-    /// Loads another file, and watches that one from then on. Where it cannot be used, everything stays as it is.
-    ///
-    /// # Errors
-    /// Why the file is refused, in words for a person.
-    pub fn load_from(&self, path: &Path) -> Result<Sha256, String> {
-        self.ask(Some(path.to_owned()))
-    }
-
-    fn ask(&self, path: Option<PathBuf>) -> Result<Sha256, String> {
         let (reply, outcome) = sync_channel(1);
-        let ended = "the node is stopping".to_owned();
-        self.0.send(Ask::Load(path, reply)).map_err(|_| ended.clone())?;
+        self.0.send(Ask::Load(reply)).map_err(|_| STOPPING)?;
         match outcome.recv_timeout(ANSWER_WITHIN) {
             Ok(outcome) => outcome,
             Err(RecvTimeoutError::Timeout) => Err(format!(
                 "the file is still being read after {} s; look at /diagnostics for the outcome",
                 ANSWER_WITHIN.as_secs()
             )),
-            Err(RecvTimeoutError::Disconnected) => Err(ended),
+            Err(RecvTimeoutError::Disconnected) => Err(STOPPING.to_owned()),
+        }
+    }
+
+    /// Loads another file, and watches that one from then on. Where it cannot be used, or is not read in time, everything stays as it
+    /// is: what was answered with an error is not put to use afterwards.
+    ///
+    /// # Errors
+    /// Why the file is refused, in words for a person.
+    pub fn load_from(&self, path: &Path) -> Result<Sha256, String> {
+        self.go_over(path, ANSWER_WITHIN)
+    }
+
+    fn go_over(&self, path: &Path, within: Duration) -> Result<Sha256, String> {
+        let ((reply, outcome), decided) = (sync_channel(1), Decided::default());
+        self.0.send(Ask::GoOver(path.to_owned(), Arc::clone(&decided), reply)).map_err(|_| STOPPING)?;
+        match outcome.recv_timeout(within) {
+            Ok(outcome) => outcome,
+            Err(RecvTimeoutError::Timeout) if !decided.swap(true, Ordering::AcqRel) => Err(format!(
+                "{} is still being read after {} s, and is not put to use; see what keeps it, and ask again",
+                path.display(),
+                within.as_secs_f64()
+            )),
+            // It is being put to use this moment.
+            Err(RecvTimeoutError::Timeout) => outcome.recv().unwrap_or_else(|_| Err(STOPPING.to_owned())),
+            Err(RecvTimeoutError::Disconnected) => Err(STOPPING.to_owned()),
         }
     }
 }
@@ -201,15 +220,17 @@ impl<T, L: FnMut(&Path) -> Result<(T, Sha256), FileError>> Reader<T, L> {
             let now = Version::of(&self.path);
             match ask {
                 // Who asked may have given up.
-                Ok(Ask::Load(None, reply)) => drop(reply.send(self.take(now))),
-                Ok(Ask::Load(Some(path), reply)) => {
-                    let _ = reply.send(self.take_from(path));
+                Ok(Ask::Load(reply)) => drop(reply.send(self.take(now, None))),
+                Ok(Ask::GoOver(path, decided, reply)) => {
+                    let _ = reply.send(self.take_from(path, &decided));
                     before = self.read;
                     continue;
                 }
                 // The outcome is in the status and in the log.
-                Ok(Ask::Look) if now != self.read => drop(self.take(now)),
-                Err(RecvTimeoutError::Timeout) if now.has_settled(before, self.read) => drop(self.take(now)),
+                Ok(Ask::Look) if now != self.read => drop(self.take(now, None)),
+                Err(RecvTimeoutError::Timeout) if now.has_settled(before, self.read) => {
+                    drop(self.take(now, None));
+                }
                 Ok(Ask::Look) | Err(RecvTimeoutError::Timeout) => {}
                 Err(RecvTimeoutError::Disconnected) => return,
             }
@@ -218,11 +239,11 @@ impl<T, L: FnMut(&Path) -> Result<(T, Sha256), FileError>> Reader<T, L> {
     }
 
     /// Goes over to another file where that one is good.
-    fn take_from(&mut self, path: PathBuf) -> Result<Sha256, String> {
+    fn take_from(&mut self, path: PathBuf, decided: &Decided) -> Result<Sha256, String> {
         let version = Version::of(&path);
         let (before, read) = (std::mem::replace(&mut self.path, path), self.read);
         let problem = lock(&self.status).problem.clone();
-        let taken = self.take(version);
+        let taken = self.take(version, Some(decided));
         let mut status = lock(&self.status);
         if taken.is_ok() {
             status.path.clone_from(&self.path);
@@ -235,10 +256,15 @@ impl<T, L: FnMut(&Path) -> Result<(T, Sha256), FileError>> Reader<T, L> {
         taken
     }
 
-    /// Reads and checks the file; what is good and new goes to the loop.
-    fn take(&mut self, version: Version) -> Result<Sha256, String> {
+    /// Reads and checks the file; what is good and new goes to the loop, unless who asked for it was told that it does not.
+    fn take(&mut self, version: Version, decided: Option<&Decided>) -> Result<Sha256, String> {
         self.read = version;
         match (self.load)(&self.path) {
+            Ok(_) if decided.is_some_and(|decided| decided.swap(true, Ordering::AcqRel)) => {
+                let problem = format!("it was read too late; version {} stays in use", self.sha256);
+                tracing::warn!(file = %self.path.display(), "{problem}");
+                Err(problem)
+            }
             Ok((_, sha256)) if sha256 == self.sha256 => {
                 lock(&self.status).problem = None;
                 Ok(sha256)
@@ -272,6 +298,38 @@ fn lock(status: &Mutex<FeedStatus>) -> MutexGuard<'_, FeedStatus> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn regress_a_file_that_was_answered_with_an_error_is_not_put_to_use_afterwards() {
+        let folder = tempfile::tempdir().unwrap();
+        let [a, b] = ["a", "b"].map(|name| folder.path().join(name));
+        for file in [&a, &b] {
+            std::fs::write(file, "").unwrap();
+        }
+        // The disk is slow: the second load waits until it is let go.
+        let (let_go, go) = channel::<()>();
+        let mut loads = 0;
+        let load = move |path: &Path| {
+            loads += 1;
+            if loads > 1 {
+                let _ = go.recv();
+            }
+            let is_b = path.ends_with("b");
+            Ok((is_b, Sha256::from_bytes([u8::from(is_b) + 1; 32])))
+        };
+        let ((first, _), feed) = Feed::open(&a, load).unwrap();
+        assert!(!first);
+        let told = feed.reload().go_over(&b, Duration::from_millis(20)).unwrap_err();
+        assert!(told.contains("is not put to use"), "{told}");
+        let_go.send(()).unwrap();
+        // The one that is waited for comes after it, on the same thread.
+        let_go.send(()).unwrap();
+        assert_eq!(feed.reload().load().unwrap(), Sha256::from_bytes([1; 32]));
+        assert_eq!((feed.newest(), feed.status().path), (None, a));
+        let_go.send(()).unwrap();
+        assert_eq!(feed.reload().load_from(&b).unwrap(), Sha256::from_bytes([2; 32]));
+        assert_eq!((feed.newest().map(|(is_b, _)| is_b), feed.status().path), (Some(true), b));
+    }
 
     #[test]
     fn a_file_that_is_still_growing_is_left_to_grow() {

@@ -30,6 +30,8 @@ pub struct LinkStatus {
     pub refused: u64,
     /// The last such thing in words.
     pub last_refusal: String,
+    /// So many messages are known to have been lost on the way here.
+    pub missed: u64,
 }
 
 /// The driver's and the node's hold on it.
@@ -42,15 +44,22 @@ impl Link {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
-    /// So often it was lost.
-    pub fn losses(&self) -> u64 {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).losses
+    /// So often it was lost, and so many messages were.
+    pub(crate) fn losses(&self) -> (u64, u64) {
+        let status = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        (status.losses, status.missed)
     }
 
     pub(crate) fn stands(&self, state: LinkState) {
         let mut status = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         status.losses += u64::from(matches!(state, LinkState::Lost(_)));
         status.state = state;
+    }
+
+    /// So many messages were lost on the way so far.
+    pub(crate) fn missed(&self, so_far: u64) {
+        let mut status = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        status.missed = status.missed.max(so_far);
     }
 
     pub(crate) fn refused(&self, words: String) {

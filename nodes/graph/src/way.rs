@@ -12,7 +12,8 @@ const TURNS_NS: i64 = 10_000_000;
 /// The way of the machine from reading to reading, as far as it was read.
 pub(crate) struct Way {
     link: Option<Link>,
-    losses: u64,
+    /// Losses of the link, and of messages.
+    losses: (u64, u64),
     /// Sequence and stamp of the last reading.
     last: Option<(u64, Stamp)>,
 }
@@ -20,20 +21,21 @@ pub(crate) struct Way {
 impl Way {
     /// The way that begins with the next reading of the driver that this link is of.
     pub(crate) fn new(link: Option<Link>) -> Way {
-        Way { link, losses: 0, last: None }
+        Way { link, losses: (0, 0), last: None }
     }
 
     /// Whether the machine may have gone anywhere between the last reading and this one: the link was lost, readings were, or their source or its
     /// clock began anew.
     pub(crate) fn is_broken_before(&mut self, reading: &ScaleReading) -> bool {
-        let losses = self.link.as_ref().map_or(0, Link::losses);
-        let was_lost = std::mem::replace(&mut self.losses, losses) != losses;
+        let losses = self.link.as_ref().map_or((0, 0), Link::losses);
+        let before = std::mem::replace(&mut self.losses, losses);
+        let (was_lost, has_missed) = (before.0 != losses.0, before.1 != losses.1);
         let last = self.last.replace((reading.sequence, reading.stamp));
         let goes_on = |(sequence, stamp): (u64, Stamp)| {
             // A source that does not count says nothing of losses.
-            let follows = sequence == reading.sequence || sequence.checked_add(1) == Some(reading.sequence);
+            let is_next = sequence == reading.sequence || sequence.checked_add(1) == Some(reading.sequence);
             let since_ns = reading.stamp.to_nanos() - stamp.to_nanos();
-            since_ns >= 0 && (follows || sequence < reading.sequence && since_ns <= TURNS_NS)
+            since_ns >= 0 && (is_next && !has_missed || sequence <= reading.sequence && since_ns <= TURNS_NS)
         };
         was_lost || !last.is_none_or(goes_on)
     }
@@ -61,5 +63,10 @@ mod tests {
         link.stands(LinkState::Lost("gone".to_owned()));
         link.stands(LinkState::Connected("again".to_owned()));
         assert!(is_broken(2, 64_003) && !is_broken(3, 64_004));
+        // Lost before the driver, which numbers what it gets.
+        link.missed(4);
+        assert!(!is_broken(4, 64_009));
+        link.missed(400);
+        assert!(is_broken(5, 64_500) && !is_broken(6, 64_501));
     }
 }

@@ -166,6 +166,103 @@ fn the_tool_is_the_one_in_the_machine_and_an_unknown_one_gives_no_readings() {
     assert_eq!(next(driver.as_mut()).0.offset_m, [0.0, 0.0, -0.12]);
 }
 
+/// Readings until one satisfies this; each must be where the ram stands.
+fn of_the_ram(driver: &mut dyn ScaleDriver, is_last: impl Fn(&ScaleReading) -> bool) -> ScaleReading {
+    loop {
+        let reading = next(driver).0;
+        assert_near(reading.reading_m, [200.0, 150.0, 100.0]);
+        if is_last(&reading) {
+            return reading;
+        }
+    }
+}
+
+#[test]
+fn regress_an_empty_holder_gives_no_reading_unless_it_is_named() {
+    let mut cmm = Cmm::default();
+    cmm.tools_mm.insert("NoTool".to_owned(), [0.0; 3]);
+    let server = Tcp::start(cmm);
+    let keys = "reads = \"polled\"\nevery_s = 0.02\noffset_mm = [0.0, 0.0, -120.0]";
+    let mut driver =
+        open_scale(&config(&server.address, keys), Path::new(""), &bench().machine, &patience(), None).unwrap();
+    of_the_ram(driver.as_mut(), |_| true);
+    server.cmm().tool = "NoTool".to_owned();
+    server.say(b"E0000 # ChangeTool(\"NoTool\")\r\n");
+    // A poll that was under way may still be of the tool before.
+    let told = loop {
+        match driver.next_reading() {
+            Ok(reading) => assert_near(reading.unwrap().reading_m, [200.0, 150.0, 100.0]),
+            Err(error) if error.to_string().contains("no tool is in the machine") => break error.to_string(),
+            Err(_) => {}
+        }
+    };
+    assert!(told.contains("no tip has a position"), "{told}");
+    server.cmm().tool = "Probe1".to_owned();
+    server.say(b"E0000 # ChangeTool(\"Probe1\")\r\n");
+    of_the_ram(driver.as_mut(), |_| true);
+    // Who names it says where its end is.
+    server.cmm().tool = "NoTool".to_owned();
+    let keys = "reads = \"polled\"\nevery_s = 0.02\ntools_mm = { NoTool = [0.0, 0.0, 0.0] }";
+    drop(driver);
+    let mut driver =
+        open_scale(&config(&server.address, keys), Path::new(""), &bench().machine, &patience(), None).unwrap();
+    of_the_ram(driver.as_mut(), |_| true);
+}
+
+#[test]
+fn regress_a_tool_that_is_changed_while_a_question_waits_has_its_own_offset() {
+    let server = Tcp::start(Cmm::default());
+    let mut driver = open(&server.address, "reads = \"polled\"\nevery_s = 0.02");
+    for (during, tool, x_m) in [("Get(", "Star", 0.035), ("Get(", "Probe1", 0.0), ("GetProp(Tool.Name", "Star", 0.035)]
+    {
+        server.cmm().changes_during = Some((during, tool));
+        if during != "Get(" {
+            server.say(b"E0000 # SetProp(Part.Temperature(20))\r\n");
+        }
+        of_the_ram(driver.as_mut(), |reading| reading.offset_m[0] == x_m);
+    }
+    // The same of reports: those before the change, after it, and the answer that names the tool arrive together.
+    let server = Tcp::start(Cmm::default());
+    let mut driver = open(&server.address, "reads = \"moves\"\ncovariates_every_s = 0.1");
+    server.wait_for(1, "OnMoveReportE");
+    server.cmm().changes_during = Some(("GetProp(Tool.Name", "Star"));
+    let (before, refused) = next(driver.as_mut());
+    assert!(refused.is_empty(), "{refused:?}");
+    assert_eq!(before.offset_m, [0.0, 0.0, -0.12]);
+    assert_near(before.reading_m, [200.0, 150.0, 100.0]);
+    server.wait_for(5, "GetProp(Tool.Name");
+    let lines = server.cmm().moved().join("\r\n") + "\r\n";
+    server.say(lines.as_bytes());
+    let (after, refused) = next(driver.as_mut());
+    assert_eq!(after.offset_m, [0.035, -0.012, -0.15]);
+    assert_near(after.reading_m, [200.0, 150.0, 100.0]);
+    assert!(refused.len() == 1 && refused[0].contains("not known yet"), "{refused:?}");
+}
+
+#[test]
+fn regress_a_head_that_is_turned_at_the_panel_has_no_offset_of_the_launch_file() {
+    let server = Tcp::start(Cmm::default());
+    let mut driver = open(&server.address, "reads = \"polled\"\nevery_s = 0.02");
+    next(driver.as_mut());
+    server.say(b"E0000 # SetProp(Tool.A(90), Tool.B(0))\r\n");
+    let told = loop {
+        let told = driver
+            .next_reading()
+            .map_or_else(|error| error.to_string(), |reading| reading.map(|_| String::new()).unwrap());
+        if told.contains("turned") {
+            break told;
+        }
+    };
+    assert!(told.contains("tool Probe1 was turned, and its offset is known for one direction only"), "{told}");
+    // A connection that is made again turns no head back; another tool is another one.
+    server.cut();
+    server.wait_for(2, "StartSession()");
+    assert!(driver.next_reading().unwrap_err().to_string().contains("turned"));
+    server.cmm().tool = "Star".to_owned();
+    server.say(b"E0000 # ChangeTool(\"Star\")\r\n");
+    assert_eq!(next(driver.as_mut()).0.offset_m[0], 0.035);
+}
+
 #[test]
 fn garbage_is_told_with_its_line_and_a_connection_that_ends_or_falls_silent_is_made_again() {
     let server = Tcp::start(Cmm::default());
@@ -211,6 +308,26 @@ fn another_coordinate_system_than_the_machines_gives_no_reading() {
     server.cmm().keeps_csy = false;
     let (reading, mut driver) = waiting.join().unwrap();
     assert_near(reading.reading_m, [200.0, 150.0, 100.0]);
+    // One that does not tell may be in any.
+    server.cmm().tells_no_csy = true;
+    let link = driver.link().unwrap();
+    let waiting = thread::spawn(move || {
+        loop {
+            let reading = next(driver.as_mut()).0;
+            if reading.reading_m[0] > 0.5 {
+                return driver;
+            }
+        }
+    });
+    let since = Instant::now();
+    while !matches!(link.status().state, LinkState::Lost(words) if words.contains("does not tell its coordinate system"))
+    {
+        assert!(since.elapsed() < Duration::from_secs(60), "{:?}", link.status());
+        thread::sleep(Duration::from_millis(5));
+    }
+    server.cmm().tells_no_csy = false;
+    server.cmm().scales_mm[0] = 600.0;
+    let mut driver = waiting.join().unwrap();
     // And one that is selected at a panel meanwhile is noticed with the next question for the tool.
     server.cmm().heard.clear();
     server.cmm().csy = "PartCsy".to_owned();

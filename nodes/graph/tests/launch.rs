@@ -147,10 +147,26 @@ fn sensors_and_motion_are_checked_with_file_and_key() {
     let launch = with(live, &format!("{sensor}{motion}")).unwrap();
     assert_eq!(parse(&launch.to_text().unwrap()).unwrap(), launch, "what is written is read back");
     assert!(with(recorded, motion).is_ok(), "of a recorded stream as well");
+    let other = sensor.replace("a:2", "a:3").replace("temp_air_c", "stamp_s\", \"-\", \"temp_x_c");
+    let one = sensor.replace("temp_air_c", "stamp_s\", \"-\", \"temp_air_c");
+    assert!(with(live, &format!("{one}{other}")).is_ok());
     for (scale, more, words) in [
         (recorded, sensor.to_owned(), "covariates: are joined to readings of a live scale driver"),
         (live, sensor.replace("temp_air_c", "temp_air"), "covariates[0].columns: \"temp_air\" ends with no unit"),
         (live, sensor.replace("temp_air_c", "x_mm"), "covariates[0].columns: a sensor needs a column of a value"),
+        (
+            live,
+            format!("{sensor}{}", sensor.replace("a:2", "a:3").replace("temp_air_c", "load_kg\", \"temp_air_k")),
+            "covariates[1]: says temp_air_c, as does covariates[0]",
+        ),
+        (
+            live,
+            format!(
+                "{sensor}[[covariates]]\nkind = \"ros\"\ntopic = \"/t\"\nmessage = \"temperature\"\n\
+                 covariate = \"temp_air_c\"\n"
+            ),
+            "covariates[1]: says temp_air_c, as does covariates[0]",
+        ),
         (
             live,
             "[[covariates]]\nkind = \"campaign\"\nfile = \"a.csv\"\n".to_owned(),

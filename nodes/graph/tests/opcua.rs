@@ -220,6 +220,12 @@ fn a_sensor_says_what_is_good_with_its_instant_and_is_missing_otherwise() {
     peer.tell(&format!("[[\"T\",300.15,{},2156658688]]", at + 1));
     peer.tell(&format!("[[\"T\",294.15,{},0]]", at + 2));
     let said = driver.next_values().unwrap().unwrap();
+    assert_eq!(
+        (said.values, said.missing),
+        (vec![], vec!["temp_air_c".to_owned()]),
+        "what was said before holds no longer"
+    );
+    let said = driver.next_values().unwrap().unwrap();
     assert_eq!(said.stamp.to_nanos(), (at + 2) * 1_000_000);
     assert!((said.values[0].1 - 21.0).abs() < 1e-9 && said.values.len() == 1, "{said:?}");
     assert!(
@@ -227,6 +233,9 @@ fn a_sensor_says_what_is_good_with_its_instant_and_is_missing_otherwise() {
         "{:?}",
         link.status()
     );
+    // Of a lost session nothing is kept.
+    drop(peer);
+    assert_eq!(driver.next_values().unwrap().unwrap().missing, ["temp_air_c"]);
 }
 
 #[test]

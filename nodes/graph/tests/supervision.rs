@@ -23,10 +23,10 @@ to = "geometric"
 transport = "shared-memory"
 "#;
 
-/// A graph of one node that is this script; `$life` counts its starts from 0.
+/// A graph of one node that is this script; `$life` counts its starts from 0, `$all` are its words.
 fn start(folder: &Path, script: &str) -> Supervisor {
     let (program, launch) = (folder.join("node"), folder.join("launch.toml"));
-    let life = r#"life=0; while [ $# -gt 0 ]; do [ "$1" = --life ] && life=$2; shift; done"#;
+    let life = r#"life=0; all="$*"; while [ $# -gt 0 ]; do [ "$1" = --life ] && life=$2; shift; done"#;
     fs::write(&program, format!("#!/bin/sh\n{life}\n{script}\n")).unwrap();
     fs::set_permissions(&program, fs::Permissions::from_mode(0o755)).unwrap();
     fs::write(&launch, LAUNCH).unwrap();
@@ -54,6 +54,29 @@ fn a_node_that_ends_without_an_error_starts_again_and_the_graph_is_healthy_again
     look_after(&mut graph, |graph| graph.is_healthy() && graph.process_ids() != first).unwrap();
     let Stopped { problems, .. } = graph.stop(&Shutdown::manual()).unwrap();
     assert_eq!(problems, Vec::<String>::new());
+}
+
+#[test]
+fn regress_a_node_that_is_started_again_is_given_what_it_was_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let heard = folder.path().join("heard");
+    let script = format!(
+        "[ $life = 0 ] && {{ echo ready; echo state active; echo 'parameters {{\"model\":\"b.json\"}}'; echo state inactive; kill -9 $$; }}\n\
+         [ $life = 1 ] && {{ echo ready; kill -9 $$; }}\n\
+         [ $life = 2 ] && {{ echo ready; echo state active; kill -9 $$; }}\n{WORKS}"
+    );
+    let script = script.replacen("[ $life = 0 ]", &format!("echo \"$all\" >> {}\n[ $life = 0 ]", heard.display()), 1);
+    let mut graph = start(folder.path(), &script);
+    let lives = || fs::read_to_string(&heard).map_or(0, |words| words.lines().count());
+    look_after(&mut graph, |_| lives() == 4).unwrap();
+    let words = fs::read_to_string(&heard).unwrap();
+    let lives: Vec<&str> = words.lines().collect();
+    assert!(!lives[0].contains("--stays") && !lives[0].contains("--changed"), "{}", lives[0]);
+    for life in [1, 2] {
+        assert!(lives[life].contains("--stays inactive --changed {\"model\":\"b.json\"}"), "{}", lives[life]);
+    }
+    assert!(!lives[3].contains("--stays") && lives[3].contains("--changed {\"model\""), "{}", lives[3]);
+    graph.stop(&Shutdown::manual()).unwrap();
 }
 
 #[test]

@@ -307,6 +307,11 @@ fn each_tool_is_corrected_with_its_own_offset_and_one_without_is_refused() {
     bench.ask("ClearAllErrors()");
     bench.ask("ChangeTool(\"Star\")");
     assert_near(coordinates(&bench.ask("Get(X(), Y(), Z())")[0]), bench.expected_mm());
+    // Nor one that was turned at the panel; a property that moves no tip changes nothing.
+    bench.server_says("E0000 # SetProp(Tool.GoToPar.Speed(10))");
+    assert_near(coordinates(&bench.ask("Get(X(), Y(), Z())")[0]), bench.expected_mm());
+    bench.server_says("E0000 # SetProp(Tool.A(90), Tool.B(0))");
+    assert!(error_of(&bench.ask("Get(X(), Y(), Z())")).text.contains("was turned"));
 }
 
 #[test]
@@ -369,6 +374,33 @@ fn where_it_is_allowed_points_pass_as_they_came_and_it_is_said() {
     assert_eq!(bench.ask("Get(X(), Z())"), ["# X(5000.00000), Z(0.00000)"]);
     assert!(bench.said.iter().any(|words| words.contains("passed uncorrected: too far out")), "{:?}", bench.said);
     assert_eq!((bench.relay.counts().uncorrected, bench.relay.counts().corrected), (1, 0));
+}
+
+#[test]
+fn regress_what_is_reported_while_the_relay_asks_in_the_machines_system_never_passes() {
+    let settings = Settings { offsets: tools(), passes_uncorrected: true, ..Settings::default() };
+    let mut bench = Bench::new(settings, Cmm { csy: "PartCsy".to_owned(), ..Cmm::default() });
+    let lies_at = |bench: &mut Bench, x_mm: f64| {
+        bench.cmm.placed.insert("PartCsy".to_owned(), [x_mm, 0.0, 0.0, 0.0, 0.0, 0.0]);
+    };
+    lies_at(&mut bench, 5000.0);
+    bench.line("E0007 OnMoveReportE(Time(1), Dis(20), X())");
+    let surveys = |bench: &Bench| bench.cmm.heard.iter().filter(|line| line.contains("(MachineCsy)")).count();
+    assert_eq!(surveys(&bench), 1, "{:?}", bench.cmm.heard);
+    // The server reports moves in whatever system is selected; here the part is 6 m from where the machine counts from.
+    lies_at(&mut bench, 6000.0);
+    let (held_before, heard) = (bench.relay.counts().refused, bench.server_says("E0000 # ChangeTool(\"Probe1\")"));
+    assert_eq!(surveys(&bench), 2);
+    let moves: Vec<&String> = heard.iter().filter(|line| line.starts_with("E0007 #")).collect();
+    assert!(!moves.is_empty() && moves.iter().all(|line| line.contains("X(6200.")), "{heard:?}");
+    assert_eq!(bench.relay.counts().refused, held_before + 1, "{heard:?}");
+    // The same of points of the operator, targets and lines that nobody understands.
+    lies_at(&mut bench, 7000.0);
+    bench.cmm.picks_in_machine = true;
+    let heard = bench.server_says("E0000 # ChangeTool(\"Probe1\")");
+    assert_eq!(surveys(&bench), 3);
+    assert!(heard.iter().all(|line| !line.contains("X(200.")), "{heard:?}");
+    assert_eq!(heard.iter().filter(|line| line.contains(" ! Error(")).count(), 4, "{heard:?}");
 }
 
 #[test]

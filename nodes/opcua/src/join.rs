@@ -9,7 +9,8 @@
 //!   another. At each instant at which an axis changed, another is joined if it changed then, too, or has stood
 //!   still since long enough, and goes on standing as far as is known. One that moves, and was seen at another instant, is refused.
 //!   An instant waits for the message after the one that told it, so that nothing that belongs to it is under way. Of answers to a
-//!   question for all axes the stamp is the server's time of the answer while all stand still.
+//!   question for all axes the stamp is the server's time of the answer while all stand still: while source timestamps are the same
+//!   in answers that span that time. The time of an answer is never held against a source's: these are two clocks.
 //! - **arrival**: the values of one answer are joined, and the stamp is when it arrived; for servers without timestamps.
 //!
 //! The first value of an axis in a session tells how things stand, and may be of hours ago: alone it makes no sample. Stamps rise
@@ -102,6 +103,8 @@ pub struct Joiner {
     waiting: Vec<Waiting>,
     done_to: Option<i64>,
     message: u64,
+    /// Held: source timestamps of the last answer, and the time of the first one that had them.
+    stood: Option<([i64; AXES], i64)>,
     /// An axis has told its first value of the session.
     has_begun: [bool; AXES],
 }
@@ -118,6 +121,7 @@ impl Joiner {
             waiting: Vec::new(),
             done_to: None,
             message: 0,
+            stood: None,
             has_begun: [false; AXES],
         }
     }
@@ -204,10 +208,13 @@ impl Joiner {
         let Some(at) = times_of(&values, out) else { return };
         let is_first = !std::mem::replace(&mut self.has_begun[0], true);
         let newest = at.into_iter().fold(i64::MIN, i64::max);
-        if answered_ns.saturating_sub(newest) >= still_ns {
+        let since = self.stood.filter(|(stood, since)| *stood == at && *since <= answered_ns).map(|(_, since)| since);
+        self.stood = Some((at, since.unwrap_or(answered_ns)));
+        if since.is_some_and(|since| answered_ns.saturating_sub(since) >= still_ns) {
             return self.give(answered_ns, values.map(|(_, value)| value), out);
         }
-        if is_first || self.last_stamp.is_some_and(|last| newest <= last) {
+        // How things stood makes no sample; what the answer before said, too, is no new one.
+        if is_first || since.is_some() {
             return;
         }
         match (0..AXES).find(|axis| !(newest - at[*axis] <= apart_ns || newest - at[*axis] >= still_ns)) {
@@ -295,7 +302,8 @@ impl Joiner {
         } else if self.last_stamp.is_some_and(|last| at_ns < last) {
             let back_s = self.last_stamp.map_or(0.0, |last| (last - at_ns) as f64 / 1e9);
             out.push(Joined::Refused(format!(
-                "it is {back_s:.3} s before the reading that was given last; if the clock of the server was set back, start again"
+                "it is {back_s:.3} s before the reading that was given last; if the clock of the server was set back, start again; if its \
+                 clock and that of its axes differ, set them alike"
             )));
         }
     }

@@ -30,6 +30,7 @@ corrected   takes COUNT `abbe_msgs/CorrectedCoordinates` with the classes that r
 residuals   the same with `abbe_msgs/RangeResidual`.
 quarrel     deactivates and activates a node COUNT times, whatever others do with it, and hears what it does.
 press       floods a node with calls, then stops its process and its gateway's (SIGSTOP, SIGCONT) while it commands it.
+kill        gives a node another MODEL, deactivates it, kills its process (SIGKILL), and asks the next one how it stands.
 echo        answers each `sensor_msgs/JointState` of FROM with a point of the same stamp on TO, until its standard input ends.
 round_trip  sends positions at 1 kHz, by turns to `axes` of a graph and to an echo: COUNT each, and how long each took back.
 describe    asks a node what each TYPE is made of: without a hash, with that of the description, and with a wrong one; and what
@@ -629,6 +630,55 @@ def residuals(node, namespace, count):
     return {"taken": [bits(one) for one in taken]}
 
 
+def kill(node, remote, launch_file, model):
+    managed, said, name = Managed(node, remote), {}, remote.rsplit("/", 1)[1]
+    client = AsyncParameterClient(node, remote)
+    if not client.wait_for_services(timeout_sec=PATIENCE_S):
+        sys.exit(f"no parameter services of {name}")
+    said["set"] = answer(node, client.set_parameters([Parameter("model", value=model)]), "the result").results[0].successful
+    said["deactivated"] = managed.change(Transition.TRANSITION_DEACTIVATE)
+    process = process_of(name, launch_file)
+    gateways = children_of(process)
+    os.kill(process, signal.SIGKILL)
+
+    def comes_again():
+        try:
+            another = process_of(name, launch_file) != process
+        except SystemExit:
+            return False
+        # What the old gateway says is of the old process.
+        return another and not any(os.path.exists(f"/proc/{one}") for one in gateways)
+
+    spin_until(node, comes_again, "another process without the old gateway")
+
+    def asked(ask):
+        # A call that comes before the new services are known is answered by nobody.
+        found = []
+
+        def once():
+            future, until = ask(), time.monotonic() + 1.0
+            while not future.done() and time.monotonic() < until:
+                rclpy.spin_once(node, timeout_sec=0.05)
+            found.append(future.result() if future.done() else None)
+            return found[-1] is not None
+
+        spin_until(node, once, "an answer of the next process")
+        return found[-1]
+
+    def state():
+        return asked(lambda: managed.clients["get_state"].call_async(GetState.Request())).current_state.label
+
+    spin_until(node, lambda: state() != "unconfigured", "a node that is configured")
+    said["state"] = state()
+    said["model"] = asked(lambda: client.get_parameters(["model"])).values[0].string_value
+    said["activated"] = asked(lambda: managed.clients["change_state"].call_async(
+        ChangeState.Request(transition=Transition(id=Transition.TRANSITION_ACTIVATE)))).success
+    points = []
+    node.create_subscription(PointStamped, "/" + remote.split("/")[1] + "/corrected_point", points.append, DEFAULT)
+    spin_until(node, lambda: len(points) > 200, "corrected points")
+    return said
+
+
 def main():
     task, *words = sys.argv[1:]
     # A graph that is started beside it has announced its endpoints by then: Fast DDS loses some of those that come while it joins, as
@@ -641,7 +691,7 @@ def main():
                       "heard_clock": heard_clock, "machines": machines, "health": health,
                       "manage": manage, "change": change, "files": files, "log": log, "services": services,
                       "strangers": strangers, "corrected": corrected, "residuals": residuals, "quarrel": quarrel,
-                      "press": press, "echo": echo, "round_trip": round_trip, "describe": describe}[task](node, *words)))
+                      "press": press, "kill": kill, "echo": echo, "round_trip": round_trip, "describe": describe}[task](node, *words)))
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 //! What managers and callers do that no manual foresees: two at once, floods of calls, processes that stand still.
 
-use abbe_msgs::CorrectedCoordinates;
+use abbe_msgs::{CorrectedCoordinates, CorrectionStatus};
 use serde_json::{Value, json};
 
 use super::beside;
@@ -65,6 +65,40 @@ fn val_rclpy_two_managers_a_flood_of_calls_and_processes_that_stand_still_leave_
             &String::from_utf8_lossy(&replayed.output),
             &[&format!("{count} of {count} corrected messages are identical")],
         );
+    });
+}
+
+#[test]
+fn val_rclpy_a_node_whose_process_is_killed_comes_back_as_it_was_told() {
+    let test = "ros2::pressed::val_rclpy_a_node_whose_process_is_killed_comes_back_as_it_was_told";
+    in_own_network(test, |domain| {
+        let (bench, other, remote) = (Bench::identified(5), Bench::identified(6), topic("geometric"));
+        let file = endless_stream_of(&bench, |launch| {
+            let launch = launch.key("visible_in_ros = true").edge("residual", "*", DDS);
+            let launch = launch.edge("scale", "recorder", MEMORY).edge("geometric", "recorder", MEMORY);
+            launch.nodes(&["recorder"]).record("recorded")
+        });
+        let model = other.text("model.json");
+        let Some(user) = ros2(domain, &["kill", &remote, &file, &model]) else { return };
+        let heard = beside(Started::start(abbe_in(domain, ["launch", &file])), user);
+        for (moment, state) in [
+            ("set", json!(true)),
+            ("deactivated", json!(true)),
+            ("state", json!("inactive")),
+            ("model", json!(model)),
+            ("activated", json!(true)),
+        ] {
+            assert_eq!(heard[moment], state, "{moment}: {heard}");
+        }
+        // Nothing is corrected between the command that stopped it and the one that let it go on, and the model stays the one that was
+        // set.
+        let samples: Vec<CorrectedCoordinates> = samples(&bench.path("recorded"), &topic("geometric/corrected"));
+        let mut seen: Vec<_> =
+            samples.iter().map(|sample| (sample.status == CorrectionStatus::Inactive, sample.model_sha256)).collect();
+        seen.dedup();
+        let is_inactive: Vec<bool> = seen.iter().map(|(is_inactive, _)| *is_inactive).collect();
+        assert_eq!(is_inactive, [false, false, true, false], "{seen:?}");
+        assert!(seen[0].1 != seen[1].1 && seen[1].1 == seen[3].1, "{seen:?}");
     });
 }
 

@@ -3,7 +3,7 @@
 //! Place in the flow: read from a TOML file before anything is opened; drivers, covariates and motion are described as in a launch
 //! file. Millimetres and micrometres in the file, metres behind it.
 
-use crate::driver::{DriverConfig, IppdmeReads, LinesConfig, LinuxcncConfig, Role};
+use crate::driver::{DriverConfig, IppdmeReads, LinesConfig, LinuxcncConfig, Role, said_twice};
 use crate::launch::MotionConfig;
 use abbe_measurement::standstill::StandstillSettings;
 use serde::{Deserialize, Serialize};
@@ -195,6 +195,9 @@ impl CaptureConfig {
             if let Some((key, problem)) = driver.problem(Role::Sensor) {
                 return wrong(&format!("covariates[{place}].{key}"), &problem);
             }
+        }
+        if let Some((place, problem)) = said_twice(&self.covariates) {
+            return wrong(&format!("covariates[{place}]"), &problem);
         }
         if let (DriverConfig::Ippdme(server), Takes::Standstill) = (&self.scale, self.points.takes)
             && server.reads != IppdmeReads::Polled

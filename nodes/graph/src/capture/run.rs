@@ -368,7 +368,9 @@ fn open(
         let note = {
             let memory = Arc::clone(&memory);
             move |said: crate::driver::SensorValues| {
-                memory.lock().unwrap_or_else(PoisonError::into_inner).note(place, said.stamp, &said.values);
+                let mut memory = memory.lock().unwrap_or_else(PoisonError::into_inner);
+                said.missing.iter().for_each(|name| memory.forget(name));
+                memory.note(place, said.stamp, &said.values);
                 None
             }
         };

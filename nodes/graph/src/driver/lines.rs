@@ -27,6 +27,8 @@ pub use serial::{Flow, Parity, SerialConfig};
 
 /// How often a driver that waits for a line looks whether to stop.
 const LOOK_UP: Duration = Duration::from_millis(50);
+/// What is said of a line of a sensor that has none.
+const NO_VALUE: &str = "all of its values are empty";
 /// Longest silence that can be asked for (s): a day.
 const LONGEST_SILENCE_S: f64 = 86_400.0;
 
@@ -82,7 +84,8 @@ impl LinesConfig {
         match role {
             Role::Scale => row.scale(self, machine).map(|_| ()),
             Role::Tracer => row.tracer(self, machine).map(|_| ()),
-            Role::Sensor => row.values().map(|_| ()),
+            Role::Sensor if row.values().values.is_empty() => Err(NO_VALUE.to_owned()),
+            Role::Sensor => Ok(()),
         }
     }
 
@@ -102,6 +105,11 @@ impl LinesConfig {
             [] => None,
             columns => Table::new(self, columns, kind, true).err().map(|problem| ("columns", problem)),
         })
+    }
+
+    /// Covariates that the columns name.
+    pub(super) fn covariates(&self) -> Vec<String> {
+        Table::covariates(&self.columns)
     }
 }
 
@@ -310,7 +318,11 @@ impl TracerDriver for Lines {
 
 impl SensorDriver for Lines {
     fn next_values(&mut self) -> Result<Option<SensorValues>, DriverError> {
-        self.reading(|row, _, _| row.values())
+        let said = self.reading(|row, _, _| Ok(row.values()))?;
+        if said.as_ref().is_some_and(|said| said.values.is_empty()) {
+            self.link.refused(format!("line {}: {NO_VALUE}", self.port.lines()));
+        }
+        Ok(said)
     }
 
     fn link(&self) -> Option<Link> {

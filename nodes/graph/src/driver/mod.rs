@@ -20,12 +20,14 @@ mod virtual_machine;
 
 use crate::again::Again;
 use crate::link::Link;
+use crate::units::Unit;
 use abbe_files::{FileError, MachineFile};
 use abbe_msgs::bag::BagError;
 use abbe_msgs::{CovariateError, MessageError, ScaleReading, Stamp, Text, TextError, TracerReading};
 use abbe_runtime::gateway::GatewayNode;
 use abbe_runtime::{Shutdown, TransportError};
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 use virtual_machine::SimulationError;
@@ -83,6 +85,8 @@ pub struct SensorValues {
     pub stamp: Stamp,
     /// Names with their unit, and values.
     pub values: Vec<(String, f64)>,
+    /// Names of which the sensor says that it has no value: what it said before holds no longer.
+    pub missing: Vec<String>,
 }
 
 /// A source of covariates.
@@ -154,6 +158,18 @@ impl DriverConfig {
         }
     }
 
+    /// Covariates that a sensor of this configuration says, in the units that effects read; without those that only the sensor itself
+    /// names.
+    fn says(&self) -> Vec<String> {
+        let as_read = |name: &String| Unit::of(name).ok().map(|unit| unit.name);
+        match self {
+            DriverConfig::Lines(config) => config.covariates(),
+            DriverConfig::Opcua(config) => config.covariates.keys().filter_map(as_read).collect(),
+            DriverConfig::Ros(config) => config.covariate.iter().filter_map(as_read).collect(),
+            _ => Vec::new(),
+        }
+    }
+
     /// The key that is wrong for this use, and what to do; `None` where the driver can be opened.
     pub(crate) fn problem(&self, role: Role) -> Option<(&'static str, String)> {
         match self {
@@ -168,6 +184,22 @@ impl DriverConfig {
             DriverConfig::Ros(config) => config.problem(role),
         }
     }
+}
+
+/// The number of the sensor that says what another says as well, and in words; nobody knows which of both is meant.
+pub(crate) fn said_twice(sensors: &[DriverConfig]) -> Option<(usize, String)> {
+    let mut said = BTreeMap::new();
+    sensors.iter().enumerate().find_map(|(place, sensor)| {
+        let twice = sensor.says().into_iter().find_map(|name| Some((name.clone(), said.insert(name, place)?)));
+        twice.map(|(name, first)| {
+            let who =
+                if first == place { "in another unit".to_owned() } else { format!("as does covariates[{first}]") };
+            (
+                place,
+                format!("says {name}, {who}; give each a name of its own, or write - or leave it out in one of them"),
+            )
+        })
+    })
 }
 
 /// Why a driver cannot go on.

@@ -44,7 +44,7 @@ pub(super) struct Opcua {
     /// What was made of the last message, and is not given yet.
     ready: VecDeque<Result<(i64, [f64; AXES]), String>>,
     /// Sensor values that are not given yet.
-    said: VecDeque<(i64, Vec<(String, f64)>)>,
+    said: VecDeque<(i64, Said)>,
     sequence: u64,
     /// When the last reading was given, or a session begun.
     gave: Instant,
@@ -113,7 +113,7 @@ impl Opcua {
             Some(Event::Lost(why)) => {
                 let words = format!("{}: {why}; it is tried again", self.config.server);
                 (self.meanings, self.knows_clock) = (None, false);
-                self.sensors.forget();
+                self.forget_sensors();
                 self.link.stands(LinkState::Lost(words.clone()));
                 self.tell(words);
             }
@@ -133,10 +133,24 @@ impl Opcua {
             Err(problem) => return self.tell(problem),
         }
         self.joiner.begin();
-        self.sensors.forget();
+        self.forget_sensors();
         (self.gave, self.last_words) = (Instant::now(), String::new());
         tracing::info!("{}: session begun; {}", self.config.server, self.config.stamp_words());
         self.link.stands(LinkState::Connected(self.whom()));
+    }
+
+    /// Whoever joins what was said to readings forgets it, too.
+    fn forget_sensors(&mut self) {
+        self.sensors.forget();
+        self.say_gone(0);
+    }
+
+    /// Says of which sensors there is no value any more.
+    fn say_gone(&mut self, at_ns: i64) {
+        let missing = self.sensors.gone();
+        if self.role == Role::Sensor && !missing.is_empty() {
+            self.said.push_back((at_ns, Said { values: Vec::new(), missing }));
+        }
     }
 
     fn whom(&self) -> String {
@@ -168,7 +182,11 @@ impl Opcua {
         }
         self.sensors.confirm(values.server_ns.unwrap_or(values.arrived_ns));
         match self.role {
-            Role::Sensor => self.said.extend(self.sensors.news()),
+            Role::Sensor => {
+                self.say_gone(values.arrived_ns);
+                let news = self.sensors.news().into_iter();
+                self.said.extend(news.map(|(at_ns, values)| (at_ns, Said { values, missing: Vec::new() })));
+            }
             _ => {
                 let answer = values.is_answer.then_some(values.server_ns);
                 let joined = self.joiner.take(Told { arrived_ns: values.arrived_ns, answer, axes });
@@ -245,6 +263,12 @@ impl Opcua {
     }
 }
 
+/// What sensors say of an instant.
+struct Said {
+    values: Vec<(String, f64)>,
+    missing: Vec<String>,
+}
+
 /// A value of an axis in metres.
 fn axis_value(axis: &Axis, told: NodeValue) -> AxisValue {
     let value = told.value.map(|value| value * axis.metres).map_err(|problem| format!("{}: {problem}", axis.name));
@@ -279,10 +303,12 @@ impl SensorDriver for Opcua {
         while !self.shutdown.requested() {
             match self.said.pop_front() {
                 None => self.take_one(),
-                Some((at_ns, values)) => {
+                Some((at_ns, Said { values, missing })) => {
                     let stamp = Stamp::from_nanos(at_ns).map_err(|error| self.refused(error.to_string()))?;
-                    self.note_voice();
-                    return Ok(Some(SensorValues { stamp, values }));
+                    if !values.is_empty() {
+                        self.note_voice();
+                    }
+                    return Ok(Some(SensorValues { stamp, values, missing }));
                 }
             }
         }

@@ -18,6 +18,8 @@ use std::time::{Duration, Instant};
 
 /// How often a driver that waits for a message looks whether to stop.
 const LOOK_UP: Duration = Duration::from_millis(50);
+/// How often messages that were lost are told in the log.
+const SAY_EVERY: Duration = Duration::from_secs(10);
 /// Longest silence that can be asked for (s): a day.
 const LONGEST_SILENCE_S: f64 = 86_400.0;
 /// Longest offset that is believed (mm).
@@ -236,7 +238,7 @@ pub(super) struct RosTopic<M: Message> {
     refused: u64,
     heard: Instant,
     has_heard: bool,
-    told_lost: u64,
+    told_lost: (u64, Option<Instant>),
     /// Times that publishers took turns, and messages that are still refused for it.
     turns: u64,
     mixed: u32,
@@ -308,7 +310,7 @@ fn open<M: Message>(
         refused: 0,
         heard: Instant::now(),
         has_heard: false,
-        told_lost: 0,
+        told_lost: (0, None),
         turns: 0,
         mixed: 0,
         link: Link::default(),
@@ -362,10 +364,12 @@ impl<M: Message> RosTopic<M> {
         (self.heard, self.has_heard) = (Instant::now(), true);
         self.stands(LinkState::Connected(self.topic.clone()));
         let lost = self.samples.lost();
-        if lost > self.told_lost && lost.is_power_of_two() {
-            tracing::warn!("ros {}: {lost} messages were lost on the way", self.topic);
+        self.link.missed(lost);
+        let (told, when) = self.told_lost;
+        if lost > told && when.is_none_or(|when| when.elapsed() >= SAY_EVERY) {
+            tracing::warn!("ros {}: {} messages were lost on the way, {lost} so far", self.topic, lost - told);
+            self.told_lost = (lost, Some(Instant::now()));
         }
-        self.told_lost = self.told_lost.max(lost);
     }
 
     fn note_silence(&mut self) {
@@ -427,7 +431,7 @@ impl SensorDriver for RosTopic<ScaleReading> {
             None => (name.to_owned(), value),
         };
         let values = said.covariates.iter().map(|one| value(one.name.as_str(), one.value)).collect();
-        Ok(Some(SensorValues { stamp: said.stamp, values }))
+        Ok(Some(SensorValues { stamp: said.stamp, values, missing: Vec::new() }))
     }
 
     fn link(&self) -> Option<Link> {

@@ -3,7 +3,7 @@
 //! Place in the flow: under [`Launch::parse`]. Each refusal names the file, the key and what to do.
 
 use super::{Edge, Launch, LaunchError, NodeName, Pace, RecordConfig, Source, Stamps};
-use crate::driver::{DriverConfig, Role};
+use crate::driver::{DriverConfig, Role, said_twice};
 use crate::step::KEPT_READINGS;
 use abbe_geometry::effects::is_derived;
 use abbe_runtime::{TransportError, TransportKind};
@@ -159,6 +159,9 @@ impl Launch {
             if let Some((part, problem)) = driver.problem(Role::Sensor) {
                 return wrong(format!("covariates[{place}].{part}"), &problem);
             }
+        }
+        if let Some((place, problem)) = said_twice(&self.covariates) {
+            return wrong(format!("covariates[{place}]"), &problem);
         }
         if !self.covariates.is_empty() && !self.scale.as_ref().is_some_and(|source| source.driver.is_live()) {
             let problem = "are joined to readings of a live scale driver (lines, ippdme, opcua, ros); a recording carries its own";

@@ -1,9 +1,12 @@
 //! Values of parameters that change while a node runs.
 //!
 //! Place in the flow: between the thread that answers `set_parameters` and the loop of a node. A loop that is at work
-//! registers what puts new values to use; while there is none, they are kept for when the node is configured.
+//! registers what puts new values to use; while there is none, they are kept for when the node is configured. What comes while it
+//! is being configured, after the launch file was read with the values so far, is put to use when the loop registers.
 
+use super::NodeError;
 use super::parameters::apply;
+use super::told::say_parameters;
 use crate::launch::{Launch, NodeName};
 use abbe_runtime::gateway::OnChange;
 use abbe_runtime::ros::{ParameterValue, TriggerOutcome};
@@ -17,20 +20,36 @@ pub(crate) struct Changes(Arc<Mutex<Inner>>);
 #[derive(Default)]
 struct Inner {
     values: BTreeMap<String, ParameterValue>,
+    /// Those that came since the launch file was read, while nobody could put them to use.
+    kept: BTreeMap<String, ParameterValue>,
     user: Option<OnChange>,
+    /// Whether a launcher hears of new values, and gives them to the process that may have to take this one's place.
+    has_launcher: bool,
 }
 
 /// Puts new values to use as long as this is held.
 pub(super) struct InUse(Changes);
 
 impl Changes {
-    /// From now on, `user` puts new values to use: all, or none.
+    /// Values that a process before this one was told.
+    pub(super) fn new(values: BTreeMap<String, ParameterValue>, has_launcher: bool) -> Changes {
+        Changes(Arc::new(Mutex::new(Inner { values, has_launcher, ..Inner::default() })))
+    }
+
+    /// From now on, `user` puts new values to use: all, or none. It gets at once what came since [`Changes::apply`]; where it cannot use
+    /// that, the node cannot be configured as it was told.
     pub(super) fn put_to_use(
         &self,
-        user: impl FnMut(&[(String, ParameterValue)]) -> TriggerOutcome + Send + 'static,
-    ) -> InUse {
-        self.lock().user = Some(Box::new(user));
-        InUse(self.clone())
+        mut user: impl FnMut(&[(String, ParameterValue)]) -> TriggerOutcome + Send + 'static,
+    ) -> Result<InUse, NodeError> {
+        let mut inner = self.lock();
+        let kept: Vec<_> = std::mem::take(&mut inner.kept).into_iter().collect();
+        if !kept.is_empty() {
+            user(&kept).map_err(NodeError::Changed)?;
+        }
+        inner.user = Some(Box::new(user));
+        drop(inner);
+        Ok(InUse(self.clone()))
     }
 
     /// Takes new values, which are of the right type and in range.
@@ -38,9 +57,15 @@ impl Changes {
         let mut inner = self.lock();
         let said = match &mut inner.user {
             Some(user) => user(values)?,
-            None => "kept for when the node is configured".to_owned(),
+            None => {
+                inner.kept.extend(values.iter().cloned());
+                "kept for when the node is configured".to_owned()
+            }
         };
         inner.values.extend(values.iter().cloned());
+        if inner.has_launcher {
+            say_parameters(&inner.values);
+        }
         for (name, value) in values {
             tracing::info!(parameter = name, ?value, "changed");
         }
@@ -49,7 +74,9 @@ impl Changes {
 
     /// The launch file as it is with all new values.
     pub(super) fn apply(&self, launch: &mut Launch, node: NodeName) {
-        apply(self.lock().values.iter().map(|(name, value)| (name.as_str(), value)), launch, node);
+        let mut inner = self.lock();
+        inner.kept.clear();
+        apply(inner.values.iter().map(|(name, value)| (name.as_str(), value)), launch, node);
     }
 
     fn lock(&self) -> MutexGuard<'_, Inner> {
@@ -60,5 +87,50 @@ impl Changes {
 impl Drop for InUse {
     fn drop(&mut self) {
         self.0.lock().user = None;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::path::{Path, PathBuf};
+    use std::sync::mpsc::channel;
+
+    fn launch() -> Launch {
+        let text = include_str!("../../../../launch-config/bridge_xyz_virtual.toml");
+        Launch::parse(text, Path::new("bridge_xyz_virtual.toml")).unwrap()
+    }
+
+    fn model(file: &str) -> Vec<(String, ParameterValue)> {
+        vec![("model".to_owned(), ParameterValue::String(file.to_owned()))]
+    }
+
+    #[test]
+    fn regress_what_is_set_while_a_node_is_configured_is_put_to_use() {
+        let (changes, mut launch) = (Changes::default(), launch());
+        changes.take(&model("before.json")).unwrap();
+        changes.apply(&mut launch, NodeName::Geometric);
+        assert_eq!(launch.model, Some(PathBuf::from("before.json")));
+        // The model loads, and its service is open.
+        assert!(changes.take(&model("b.json")).unwrap().contains("kept"));
+        let (give, used) = channel();
+        let user = move |values: &[(String, ParameterValue)]| {
+            give.send(values.to_vec()).unwrap();
+            Ok("in use".to_owned())
+        };
+        let in_use = changes.put_to_use(user).unwrap();
+        assert_eq!(used.try_iter().collect::<Vec<_>>(), [model("b.json")], "once, and not what was applied");
+        changes.take(&model("c.json")).unwrap();
+        assert_eq!(used.try_iter().collect::<Vec<_>>(), [model("c.json")]);
+        // Cleaned up and configured again: nothing is left over.
+        drop(in_use);
+        changes.apply(&mut launch, NodeName::Geometric);
+        assert_eq!(launch.model, Some(PathBuf::from("c.json")));
+        let never = |values: &[(String, ParameterValue)]| Err(format!("{values:?}"));
+        drop(changes.put_to_use(never).unwrap());
+        // What cannot be used is no configured node.
+        changes.take(&model("none.json")).unwrap();
+        let told = changes.put_to_use(|_| Err("no such file".to_owned())).err().unwrap().to_string();
+        assert!(told.contains("no such file"), "{told}");
     }
 }

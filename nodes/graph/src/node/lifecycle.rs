@@ -4,6 +4,7 @@
 //! is configured, and closed when it is cleaned up. Between, an atomic says whether the node is active; the loop looks at it
 //! with every sample and never waits for it. Requests come on a thread of their own, one at a time.
 
+use super::told::say_state;
 use super::{NodeContext, NodeError, NodeSummary};
 use abbe_msgs::standard::DiagnosticStatus;
 use abbe_runtime::Shutdown;
@@ -29,6 +30,8 @@ struct Inner {
     /// The whole process.
     process: Shutdown,
     is_active: AtomicBool,
+    /// Whether a launcher hears where a manager took the node.
+    has_launcher: bool,
     place: Mutex<Place>,
     /// Nothing where the node is not in the ROS graph.
     services: OnceLock<GatewayLifecycle>,
@@ -40,6 +43,8 @@ struct Place {
     under_way: Option<Transition>,
     /// Whether the node configures and activates itself.
     by_itself: bool,
+    /// Whether it is not activated by that: a manager had deactivated it before its process ended.
+    rests: bool,
     /// What became of being configured; nothing while that is under way, or not asked for.
     configured: Option<Result<(), String>>,
     /// The life that runs.
@@ -49,18 +54,31 @@ struct Place {
 }
 
 impl Lifecycle {
-    /// A node that is not configured; it will be at once where it goes `by_itself`.
-    pub(super) fn new(process: &Shutdown, by_itself: bool) -> Lifecycle {
+    /// A node that is not configured; it will be at once where it goes `by_itself`, and be activated, unless it `stays` where a manager
+    /// took it before its process ended.
+    pub(super) fn new(
+        process: &Shutdown,
+        by_itself: bool,
+        stays: Option<LifecycleState>,
+        has_launcher: bool,
+    ) -> Lifecycle {
+        if let Some(stays) = stays.filter(|_| by_itself) {
+            tracing::warn!("the node stays {}, as it was told before its process ended", stays.label());
+        }
+        let rests = stays == Some(LifecycleState::Inactive);
+        let by_itself = by_itself && stays != Some(LifecycleState::Unconfigured);
         let place = Place {
             state: LifecycleState::Unconfigured,
             under_way: by_itself.then_some(Transition::Configure),
             by_itself,
+            rests,
             configured: None,
             life: None,
             failed: None,
         };
         let (process, place) = (process.clone(), Mutex::new(place));
-        Lifecycle(Arc::new(Inner { process, is_active: AtomicBool::new(false), place, services: OnceLock::new() }))
+        let (is_active, services) = (AtomicBool::new(false), OnceLock::new());
+        Lifecycle(Arc::new(Inner { process, is_active, has_launcher, place, services }))
     }
 
     /// Offers the services of a managed node, that which changes its state where it is `commanded`, and tells the state on
@@ -136,6 +154,9 @@ impl Lifecycle {
         place.by_itself = false;
         place.under_way = None;
         self.arrive(&mut place, Transition::Configure, LifecycleState::Inactive, true);
+        if place.rests {
+            return;
+        }
         self.depart(Transition::Activate, LifecycleState::Inactive);
         self.0.is_active.store(true, Ordering::Relaxed);
         self.arrive(&mut place, Transition::Activate, LifecycleState::Active, true);
@@ -190,6 +211,9 @@ impl Lifecycle {
         self.arrive(&mut place, transition, goal, outcome.is_ok());
         match outcome {
             Ok(()) => {
+                if self.0.has_launcher {
+                    say_state(goal);
+                }
                 tracing::info!("{} done: the node is {}", transition.label(), goal.label());
                 Ok(format!("the node is {}", goal.label()))
             }

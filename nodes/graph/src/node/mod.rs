@@ -20,10 +20,12 @@ mod scenery;
 mod schedule;
 mod sensors;
 mod source;
+pub(crate) mod told;
 mod traffic;
 
 pub use schedule::monotonic_s;
 pub use source::STARTED;
+pub use told::AsTold;
 pub(crate) use traffic::take;
 
 use changes::Changes;
@@ -85,6 +87,8 @@ pub struct NodeCall {
     pub launcher_pid: Option<u32>,
     /// How often the launcher has started it before.
     pub life: u32,
+    /// What it was told before the process ended whose place it takes.
+    pub as_told: AsTold,
 }
 
 /// What a node did, printed as its last line.
@@ -177,6 +181,9 @@ pub enum NodeError {
     /// Recordings that are stamped with the present, and differ about it.
     #[error("stamps: {0}")]
     Present(String),
+    /// A parameter that was set while the node was being configured.
+    #[error("a parameter that was set while the node was being configured cannot be put to use: {0}")]
+    Changed(String),
     /// A part of the launch file that this node needs.
     #[error("node {node}: the launch file lacks {part}")]
     Incomplete {
@@ -290,6 +297,15 @@ impl NodeContext {
             .map_err(|error| NodeError::Name(error.to_string()))?;
         let out_of_name = call.ros_args.out_of_name(call.name.name(), &identity);
         out_of_name.iter().for_each(|words| tracing::warn!("{words}"));
+        // What was set while the node ran holds, whatever was given at the first start.
+        let as_told = call.as_told;
+        parameters::apply(
+            as_told.parameters.iter().map(|(name, value)| (name.as_str(), value)),
+            &mut launch,
+            call.name,
+        );
+        let mut assignments = call.ros_args.parameters.clone();
+        assignments.retain(|one| !as_told.parameters.contains_key(&one.name));
         let qos = parameters::qos(&launch, call.name, |topic| resolve(topic, &identity, &call.ros_args.remaps));
         let mut qos = qos.map_err(RosError::from)?;
         // Nothing of a node that is not in the graph needs keys.
@@ -298,7 +314,7 @@ impl NodeContext {
             offer_best_effort(&mut qos);
         }
         let table = parameters::table(&launch, call.name, qos).map_err(RosError::from)?;
-        let table = table.with_assignments(&identity, &call.ros_args.parameters).map_err(RosError::from)?;
+        let table = table.with_assignments(&identity, &assignments).map_err(RosError::from)?;
         // One of the nodes says it for all.
         if call.launcher_pid.is_none() || launch.nodes.first() == Some(&call.name) {
             let strangers = parameters::strangers(&launch, &call.ros_args)?;
@@ -309,7 +325,8 @@ impl NodeContext {
         let uses_sim_time = table.uses_sim_time();
         let remaps = call.ros_args.remaps;
         let mut config = EdgesConfig::new(identity.clone());
-        let changes = Changes::default();
+        let has_launcher = call.launcher_pid.is_some();
+        let changes = Changes::new(as_told.parameters, has_launcher);
         let ros = if launch.is_in_ros_graph(call.name) {
             let domain = Domain::from_environment().map_err(RosError::from)?;
             let enclave = enclave.map_err(RosError::from)?;
@@ -339,7 +356,7 @@ impl NodeContext {
             None => Clock::of_system(),
         };
         config.remaps = remaps;
-        let lifecycle = Lifecycle::new(&shutdown, launch.autostart);
+        let lifecycle = Lifecycle::new(&shutdown, launch.autostart, as_told.stays, has_launcher);
         if let Some(node) = &ros {
             lifecycle.serve(node, &machine.machine.name, launch.commands_from_ros)?;
         }
@@ -349,7 +366,7 @@ impl NodeContext {
         config.gateway = ros.clone();
         config.remembers = true;
         let edges = Edges::open(config)?;
-        let unready = Cell::new(call.launcher_pid.is_some());
+        let unready = Cell::new(has_launcher);
         let NodeCall { name, life, launcher_pid, .. } = call;
         Ok(NodeContext {
             name,

@@ -96,21 +96,22 @@ pub(super) fn table(
         Pace::TimeFactor(factor) => Some(positive(TIME_FACTOR, factor, "", "How many times faster than recorded.")),
         Pace::AsTheyCome => None,
     };
+    // The three nodes that look at the age of a covariate go by one figure, or by none that somebody made stricter.
+    let age = || positive(MAX_COVARIATE_AGE, launch.max_covariate_age_s, "s", "Age from which a covariate is stale.");
     let specs: Vec<ParameterSpec> = match node {
         NodeName::Scale => launch.scale.iter().filter_map(|source| pace(source.pace)).collect(),
         NodeName::Tracer => launch.tracer.iter().filter_map(|source| pace(source.pace)).collect(),
-        NodeName::Geometric => {
-            let description = "Age from which a covariate is stale.";
-            let age = positive(MAX_COVARIATE_AGE, launch.max_covariate_age_s, "s", description);
-            file(MODEL, launch.model.as_deref()).into_iter().chain([age]).collect()
-        }
+        NodeName::Geometric => file(MODEL, launch.model.as_deref()).into_iter().chain([age()]).collect(),
         NodeName::Monitor => {
             let model = file(MODEL, launch.model.as_deref()).into_iter();
             model
                 .chain(monitor(launch, positive).into_iter().map(|spec| ParameterSpec { read_only: false, ..spec }))
+                .chain([age()])
                 .collect()
         }
-        NodeName::Residual => file(RESIDUAL_MODEL, launch.residual_model.as_deref()).into_iter().collect(),
+        NodeName::Residual => {
+            file(RESIDUAL_MODEL, launch.residual_model.as_deref()).into_iter().chain([age()]).collect()
+        }
         NodeName::Recorder => Vec::new(),
     };
     ParameterTable::new(specs.into_iter().chain(more))
@@ -227,9 +228,11 @@ mod tests {
 
     #[test]
     fn an_argument_changes_its_figure_only() {
-        let changed = with(NodeName::Geometric, "max_covariate_age_s:=2.5").unwrap();
-        assert_eq!(changed.max_covariate_age_s, 2.5);
-        assert_eq!(Launch { max_covariate_age_s: 10.0, ..changed }, launch());
+        for node in [NodeName::Geometric, NodeName::Residual, NodeName::Monitor] {
+            let changed = with(node, "max_covariate_age_s:=2.5").unwrap();
+            assert_eq!(changed.max_covariate_age_s, 2.5, "{node:?}");
+            assert_eq!(Launch { max_covariate_age_s: 10.0, ..changed }, launch());
+        }
         let slower = with(NodeName::Scale, "rate_hz:=50.0").unwrap();
         assert_eq!(slower.scale.unwrap().pace, Pace::RateHz(50.0));
         assert_eq!(slower.tracer.unwrap().pace, Pace::RateHz(100.0));
@@ -251,7 +254,7 @@ mod tests {
         for of_others in ["/hall/*:max_covariate_age:=2.5", "/**/controller:gain:=1.0"] {
             assert_eq!(strangers(of_others), [""; 0], "{of_others}");
         }
-        assert_eq!(strangers("/*/residual:max_covariate_age_s:=2.5").len(), 1, "it is the geometric node's");
+        assert_eq!(strangers("/*/tracer:max_covariate_age_s:=2.5").len(), 1, "it is of those that correct or judge");
         let told = strangers("max_covariate_age:=2.5");
         assert_eq!(told.len(), 1);
         assert!(told[0].contains("-p max_covariate_age:=2.5: no node of this launch has a parameter"), "{told:?}");

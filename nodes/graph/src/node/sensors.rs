@@ -46,7 +46,13 @@ fn lock(memory: &Mutex<SensorMemory>) -> MutexGuard<'_, SensorMemory> {
 
 fn listen(mut driver: Box<dyn SensorDriver>, (memory, place): (&Mutex<SensorMemory>, usize), mut troubles: Troubles) {
     loop {
-        match driver.next_values() {
+        let heard = driver.next_values();
+        for name in heard.iter().flatten().flat_map(|said| &said.missing) {
+            lock(memory).forget(name);
+            troubles
+                .note(Trouble::Covariate, format!("a sensor has no value of {name}: it is missing until it has one"));
+        }
+        match heard {
             Ok(Some(said)) => lock(memory).note(place, said.stamp, &said.values),
             Ok(None) => return,
             Err(error) if error.is_of_one_reading() => troubles.note(Trouble::Malformed, error),

@@ -29,15 +29,16 @@ pub(super) fn scale(context: &NodeContext) -> Result<NodeSummary, NodeError> {
         None => driver::open_scale(config, base, machine, shutdown, context.ros.as_ref())?,
     };
     let (sensors, mut found) = Sensors::open(context)?;
-    let mut way = Way::new(driver.link());
-    found.extend(of_driver(driver.link()));
+    let link = driver.link();
+    let mut way = Way::new(link.clone());
+    found.extend(of_driver(link.clone()));
     links::report(context, found)?;
     let mut motion = context.launch.motion.map(|motion| DerivedMotion::new(motion.settings()));
     let mut lags = DerivedLags::new(&context.launch.lagged);
     let next = || driver.next_reading();
     // What a bag says of the time is of another clock than that of the campaign a model was made from.
     let tells_time = !matches!(source.driver, DriverConfig::Bag { .. });
-    play::<ScaleReading>(context, source, next, |reading, now, summary| {
+    let played = play::<ScaleReading>(context, source, next, |reading, now, summary| {
         sensors.join(reading, summary);
         if way.is_broken_before(reading) {
             motion.iter_mut().for_each(DerivedMotion::forget);
@@ -56,22 +57,30 @@ pub(super) fn scale(context: &NodeContext) -> Result<NodeSummary, NodeError> {
             }
             reading.stamp = now;
         }
-    })
+    });
+    Ok(with_lost(played?, link.as_ref()))
 }
 
 pub(super) fn tracer(context: &NodeContext) -> Result<NodeSummary, NodeError> {
     let source = source(context, context.launch.tracer.as_ref())?;
     let mut driver =
         driver::open_tracer(&source.driver, &context.base, &context.machine, &context.shutdown, context.ros.as_ref())?;
-    links::report(context, of_driver(driver.link()).into_iter().collect())?;
-    play::<TracerReading>(
+    let link = driver.link();
+    links::report(context, of_driver(link.clone()).into_iter().collect())?;
+    let played = play::<TracerReading>(
         context,
         source,
         || driver.next_reading(),
         |reading, now, _| {
             reading.stamp = now.unwrap_or(reading.stamp);
         },
-    )
+    );
+    Ok(with_lost(played?, link.as_ref()))
+}
+
+/// What its driver knows to be lost is lost before the node took it.
+fn with_lost(summary: NodeSummary, link: Option<&Link>) -> NodeSummary {
+    NodeSummary { lost: link.map_or(0, |link| link.status().missed), ..summary }
 }
 
 fn of_driver(link: Option<Link>) -> Option<(String, Link)> {

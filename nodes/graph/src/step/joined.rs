@@ -54,6 +54,13 @@ impl SensorMemory {
         }
     }
 
+    /// Takes that a sensor has no value under this name: what it said before holds no longer.
+    pub fn forget(&mut self, name: &str) {
+        if let Some(said) = self.values.get_mut(name) {
+            said.kept.clear();
+        }
+    }
+
     /// Adds to a reading what the sensors said by its instant; gives what could not be added, and why.
     pub fn join(&mut self, reading: &mut ScaleReading) -> Vec<CovariateError> {
         let at_ns = reading.stamp.to_nanos();
@@ -110,6 +117,21 @@ mod tests {
         let mut ahead = SensorMemory::default();
         ahead.note(0, at(0), &[("temp_air_c".to_owned(), 20.0)]);
         assert_eq!(joined(&mut ahead, -5000), Some((20.0, -5000.0)), "an age below zero says that the clocks disagree");
+    }
+
+    #[test]
+    fn regress_a_sensor_without_a_value_is_missing_until_it_has_one() {
+        let mut memory = SensorMemory::default();
+        memory.forget("temp_air_c");
+        memory.note(0, at(0), &[("temp_air_c".to_owned(), 20.0), ("load_kg".to_owned(), 7.0)]);
+        memory.forget("temp_air_c");
+        let mut reading = ScaleReading { stamp: at(100), ..ScaleReading::default() };
+        assert_eq!(memory.join(&mut reading), []);
+        assert_eq!(reading.covariates.iter().map(|entry| entry.value).collect::<Vec<_>>(), [7.0]);
+        memory.note(0, at(200), &[("temp_air_c".to_owned(), 21.0)]);
+        let mut reading = ScaleReading { stamp: at(300), ..ScaleReading::default() };
+        assert_eq!(memory.join(&mut reading), []);
+        assert_eq!(reading.covariates.get("temp_air_c").map(|entry| entry.value), Some(21.0));
     }
 
     #[test]

@@ -14,7 +14,7 @@ use abbe_runtime::transport::shared_memory::{self, CleanupError, SharedMemory};
 use abbe_runtime::transport::{DEFAULT_DEPTH, TransportError};
 use abbe_runtime::{Claim, ClaimError, RunId, Shutdown};
 use policy::{Ending, Ends, Role, Verdict};
-use process::{Ended, NodeProcess};
+use process::{Ended, NodeProcess, Orders};
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -95,6 +95,8 @@ struct Node {
     restarts: u32,
     was_ready: bool,
     told_hanging: bool,
+    /// What it was told so far.
+    orders: Orders,
     /// What it said at its end, if that was in order.
     summary: Option<NodeSummary>,
 }
@@ -171,7 +173,7 @@ impl Supervisor {
             fed_from_outside: launch.is_fed_from_outside(),
         };
         for name in NodeName::ALL.into_iter().filter(|name| launch.nodes.contains(name)) {
-            let process = supervisor.spawn(name, 0)?;
+            let process = supervisor.spawn(name, 0, &Orders::default())?;
             supervisor.nodes.push(Node::new(name, process));
         }
         Ok(supervisor)
@@ -266,13 +268,14 @@ impl Supervisor {
     }
 
     /// Starts the process of a node; `life` is 0 for the first.
-    fn spawn(&self, name: NodeName, life: u32) -> Result<NodeProcess, SupervisorError> {
+    fn spawn(&self, name: NodeName, life: u32, orders: &Orders) -> Result<NodeProcess, SupervisorError> {
         let mut command = Command::new(&self.program);
         command.args(["node", name.name(), "--launch"]).arg(&self.launch_file);
         command.args(["--run", self.run.as_str(), "--launcher-pid", &std::process::id().to_string()]);
         if life > 0 {
             command.args(["--life", &life.to_string()]);
         }
+        command.args(orders.options());
         command.args(self.given.instead.options());
         if !self.given.ros_words.is_empty() {
             command.arg("--ros-args").args(&self.given.ros_words);
@@ -297,6 +300,11 @@ impl Supervisor {
             }
             Verdict::StartAgain(wait) => {
                 tracing::warn!(node = name, "ended unasked with {}; it is started again in {wait:?}", ended.told());
+                node.orders.follow(ended.orders);
+                let orders = node.orders.options().join(" ");
+                if !orders.is_empty() {
+                    tracing::warn!(node = name, "is started as it was told while it ran: {orders}");
+                }
                 node.state = State::Due(Instant::now() + wait);
                 Ok(())
             }
@@ -325,7 +333,7 @@ impl Supervisor {
             memory.remove_dead_nodes();
         }
         let (name, life) = (self.nodes[index].name, self.nodes[index].restarts + 1);
-        let process = self.spawn(name, life)?;
+        let process = self.spawn(name, life, &self.nodes[index].orders)?;
         let node = &mut self.nodes[index];
         (node.state, node.restarts) = (State::Running(process), life);
         Ok(())
@@ -365,7 +373,16 @@ fn remove_crashed(run: &RunId) {
 impl Node {
     fn new(name: NodeName, process: NodeProcess) -> Node {
         let (ends, state) = (Ends::default(), State::Running(process));
-        Node { name, state, ends, restarts: 0, was_ready: false, told_hanging: false, summary: None }
+        Node {
+            name,
+            state,
+            ends,
+            restarts: 0,
+            was_ready: false,
+            told_hanging: false,
+            orders: Orders::default(),
+            summary: None,
+        }
     }
 
     fn process(&self) -> Option<&NodeProcess> {

@@ -5,6 +5,7 @@
 
 use super::SupervisorError;
 use crate::launch::NodeName;
+use crate::node::told::{PARAMETERS, STATE, rest};
 use crate::node::{ALIVE, NodeSummary, READY};
 use rustix::process::Signal;
 use std::io::{BufRead, BufReader, Read, Write};
@@ -24,6 +25,31 @@ pub(super) struct Ended {
     /// Last words on its error stream.
     pub(super) words: String,
     pub(super) summary: Option<NodeSummary>,
+    pub(super) orders: Orders,
+}
+
+/// What a node was told while it ran, as it said: its next process is given the same.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub(super) struct Orders {
+    /// Label of the state that a manager took it to.
+    state: Option<String>,
+    /// Values of parameters, as JSON.
+    parameters: Option<String>,
+}
+
+impl Orders {
+    /// Takes what is newer.
+    pub(super) fn follow(&mut self, newer: Orders) {
+        self.state = newer.state.or(self.state.take());
+        self.parameters = newer.parameters.or(self.parameters.take());
+    }
+
+    /// Words for the command line of a node.
+    pub(super) fn options(&self) -> Vec<&str> {
+        let stays = self.state.as_deref().filter(|label| rest(label).is_some());
+        let stays = stays.into_iter().flat_map(|label| ["--stays", label]);
+        stays.chain(self.parameters.iter().flat_map(|json| ["--changed", json])).collect()
+    }
 }
 
 /// What a node said on its standard output so far.
@@ -32,6 +58,7 @@ struct Said {
     ready: bool,
     alive: Option<Instant>,
     summary: Option<NodeSummary>,
+    orders: Orders,
 }
 
 /// A running node.
@@ -117,7 +144,8 @@ impl NodeProcess {
         if self.output.take().is_some_and(|thread| thread.join().is_err()) {
             tracing::error!(node = self.name.name(), "the thread that reads its output panicked");
         }
-        Ended { status, words, summary: lock(&self.said).summary.take() }
+        let mut said = lock(&self.said);
+        Ended { status, words, summary: said.summary.take(), orders: std::mem::take(&mut said.orders) }
     }
 }
 
@@ -168,6 +196,10 @@ fn listen(stream: ChildStdout, said: &Mutex<Said>) {
         match words {
             READY => said.ready = true,
             ALIVE => said.alive = Some(Instant::now()),
+            words if words.starts_with(STATE) => said.orders.state = words.strip_prefix(STATE).map(str::to_owned),
+            words if words.starts_with(PARAMETERS) => {
+                said.orders.parameters = words.strip_prefix(PARAMETERS).map(str::to_owned);
+            }
             words => said.summary = serde_json::from_str(words).ok().or(said.summary.take()),
         }
     });

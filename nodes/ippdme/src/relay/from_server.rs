@@ -5,7 +5,7 @@
 
 use super::refusal::Refusal;
 use super::report::{AXES, Report, Rewritten};
-use super::{Correct, Known, Out, Relay, Role, measured_by_default, scanned_by_default};
+use super::{Correct, Known, Out, Relay, Role, measured_by_default, moves_tip, scanned_by_default};
 use crate::item::{Item, What};
 use crate::line::text;
 use crate::message::{ReplyKind, Response, Tag};
@@ -162,11 +162,25 @@ impl Relay {
 
     /// The line with corrected positions; with the same ones where they may pass so.
     fn rewritten(&mut self, line: &[u8], form: Form, report: &Report, correct: &mut dyn Correct) -> Rewritten {
+        if self.is_away() {
+            return Err("it came while the proxy had the machine's coordinate system selected".to_owned());
+        }
         let Known::Here(place) = &self.known else { return Err(self.why_not().unwrap_or_default()) };
         match form {
             Form::Named(items) => report.named(line, items, |mm| place.convert(mm, correct)),
             Form::Flat(items) => report.flat(line, items, |mm| place.convert(mm, correct)),
         }
+    }
+
+    /// Whether the machine's coordinate system is selected for the relay's own questions: what the software is told meanwhile it
+    /// would take for its own.
+    fn is_away(&self) -> bool {
+        self.survey.as_ref().is_some_and(|survey| survey.away_from.is_some())
+    }
+
+    /// Whether a position that cannot be corrected passes as it came.
+    fn passes_uncorrected(&self) -> bool {
+        self.settings.passes_uncorrected && !self.is_away()
     }
 
     fn pass_corrected(&mut self, line: Vec<u8>) {
@@ -176,7 +190,7 @@ impl Relay {
 
     /// A position that cannot be corrected.
     fn hold_back(&mut self, tag: Tag, line: &[u8], words: &str) {
-        if self.settings.passes_uncorrected {
+        if self.passes_uncorrected() {
             let method = self.name_of(tag);
             self.out.push(Out::Say(format!("{tag} {method}: passed uncorrected: {words}")));
             return self.pass_as_it_was(tag, line);
@@ -219,7 +233,7 @@ impl Relay {
                 self.pass_corrected(line);
                 self.of_daemon(tag, "");
             }
-            Err(words) if self.settings.passes_uncorrected => {
+            Err(words) if self.passes_uncorrected() => {
                 if self.of_daemon(tag, &words) {
                     self.out.push(Out::Say(format!("{tag}: moves pass uncorrected: {words}")));
                 }
@@ -246,8 +260,9 @@ impl Relay {
         let Ok(items) = response.items() else { return self.pass_strange(response.tag, line) };
         match items.as_slice() {
             [Item { what: What::Call(name, _), .. }] if name == "KeyPress" => self.pass(line),
-            [Item { what: What::Call(name, _), .. }] if matches!(name.as_str(), "ChangeTool" | "SetProp") => {
-                self.memory.is_turned &= name == "SetProp";
+            [Item { what: What::Call(name, values), .. }] if matches!(name.as_str(), "ChangeTool" | "SetProp") => {
+                // A head that is turned at the panel is told by its property.
+                self.memory.is_turned = name == "SetProp" && (self.memory.is_turned || moves_tip(values));
                 self.distrust();
                 self.pass(line);
             }
@@ -262,7 +277,7 @@ impl Relay {
                 };
                 match rewritten {
                     Ok(line) => self.pass_corrected(line),
-                    Err(words) if self.settings.passes_uncorrected => {
+                    Err(words) if self.passes_uncorrected() => {
                         self.counts.uncorrected += 1;
                         self.out.push(Out::Say(format!("{} {name}: passed uncorrected: {words}", response.tag)));
                         let kept = report.named(line, values, |_| Ok(None));
@@ -285,7 +300,7 @@ impl Relay {
             return self.pass(line);
         }
         let words = "a line of the server belongs to no command and may hold a position";
-        if self.settings.passes_uncorrected {
+        if self.passes_uncorrected() {
             self.counts.uncorrected += 1;
             self.out.push(Out::Say(format!("passed as it came: {words}")));
             return self.pass(line);

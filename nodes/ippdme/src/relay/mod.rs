@@ -20,7 +20,7 @@ use report::Report;
 use std::collections::{BTreeMap, VecDeque};
 use survey::{Memory, Next, Survey, Why};
 
-pub use place::Offsets;
+pub use place::{Offsets, moves_tip};
 
 /// What a point is corrected for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -7,11 +7,17 @@
 use super::report::{Converted, Refused};
 use super::{Correct, Purpose};
 use crate::csy::{Csy, Transformation};
+use crate::item::Item;
 use std::collections::BTreeMap;
 
 /// How often a target is turned back at most, and how near it has to come (mm): a tenth of a nanometre.
 const MOST_TURNS: usize = 30;
 const NEAR_MM: f64 = 1e-7;
+
+/// What a server calls the tool after a change that failed.
+const UNKNOWN_TOOL: &str = "UnDefTool";
+/// What it calls an empty holder.
+const NO_TOOL: &str = "NoTool";
 
 /// Where the tip of a tool stands from the ram reference point (m, ram frame): as whoever runs the relay says, or as the server
 /// says.
@@ -30,6 +36,30 @@ impl Offsets {
     pub fn of(&self, tool: Option<&str>) -> Option<[f64; 3]> {
         tool.and_then(|tool| self.by_tool_m.get(tool)).copied().or(self.of_any_m)
     }
+
+    /// Why no offset holds for a tool whatever is known of offsets, not even one for all tools; `None` where one may.
+    pub fn refused(&self, tool: Option<&str>, is_turned: bool) -> Option<String> {
+        let words = match tool {
+            Some(UNKNOWN_TOOL) => {
+                "the server does not know which tool is in the machine; tell it with ChangeTool or SetTool".to_owned()
+            }
+            Some(NO_TOOL) if !self.by_tool_m.contains_key(NO_TOOL) => {
+                "no tool is in the machine, so that no tip has a position".to_owned()
+            }
+            _ if is_turned && self.of(tool).is_some() => format!(
+                "tool {} was turned, and its offset is known for one direction only; let the server tell offsets",
+                tool.unwrap_or("without a name")
+            ),
+            _ => return None,
+        };
+        Some(words)
+    }
+}
+
+/// Whether setting these properties may move the tip in its tool; parameters of its movements do not.
+pub fn moves_tip(properties: &[Item]) -> bool {
+    let mut names = properties.iter().filter_map(|item| Some(item.call()?.0));
+    names.any(|name| !name.contains("Par.") && name.contains("Tool"))
 }
 
 /// Where points are told.

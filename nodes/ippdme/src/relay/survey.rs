@@ -16,10 +16,6 @@ use std::collections::{BTreeMap, VecDeque};
 const CHECK_WITHIN_MM: f64 = 0.01;
 /// How often the software's coordinate system is selected again before the connection is given up.
 const MOST_RETURNS: usize = 3;
-/// What a server calls the tool after a change that failed.
-const UNKNOWN_TOOL: &str = "UnDefTool";
-/// What it calls an empty holder.
-const NO_TOOL: &str = "NoTool";
 const POSITION: &str = "Get(X(), Y(), Z())";
 
 /// Why a point cannot be corrected as things are.
@@ -348,18 +344,10 @@ impl Survey {
     fn offset(&self, memory: &Memory, offsets: &Offsets) -> Result<[f64; 3], Why> {
         let lasting = |words: String| Err(Why { words, is_lasting: true });
         let name = self.tool.as_deref().unwrap_or("without a name");
-        if name == UNKNOWN_TOOL {
-            return lasting(
-                "the server does not know which tool is in the machine; tell it with ChangeTool or SetTool".to_owned(),
-            );
-        }
-        if name == NO_TOOL && !offsets.by_tool_m.contains_key(NO_TOOL) {
-            return lasting("no tool is in the machine, so that no tip has a position".to_owned());
+        if let Some(words) = offsets.refused(self.tool.as_deref(), memory.is_turned) {
+            return lasting(words);
         }
         match (offsets.of(self.tool.as_deref()), self.offset_m) {
-            (Some(_), _) if memory.is_turned => lasting(format!(
-                "tool {name} was turned, and its offset is known for one direction only; let the server tell offsets"
-            )),
             (Some(offset_m), _) | (None, Some(offset_m)) => Ok(offset_m),
             (None, None) if offsets.from_server => {
                 lasting(format!("the server does not tell the offset of tool {name}"))

@@ -8,7 +8,7 @@ use super::place::Place;
 use super::refusal::{Refusal, sign};
 use super::report::{Refused, Report};
 use super::targets::{Targets, with_axes, with_points};
-use super::{Correct, Daemon, Known, Out, Relay, Role, Transaction};
+use super::{Correct, Daemon, Known, Out, Relay, Role, Transaction, moves_tip};
 use crate::item::Item;
 use crate::line::text;
 use crate::message::{Command, Tag};
@@ -144,10 +144,7 @@ impl Relay {
                 as_it_is(Role::StopsOne(named.and_then(|name| Tag::parse(name.as_bytes()))))
             }
             Does::StopsAll => as_it_is(Role::StopsAll),
-            Does::SetsProperties => {
-                let moves_tip = command.asked().any(|name| !name.contains("Par.") && name.contains("Tool"));
-                as_it_is(if moves_tip { self.turning() } else { Role::Plain })
-            }
+            Does::SetsProperties => as_it_is(if moves_tip(&command.arguments) { self.turning() } else { Role::Plain }),
             Does::ChangesTool => {
                 self.distrust();
                 as_it_is(Role::Tool { is_turned: false })

@@ -23,6 +23,13 @@ pub(crate) struct Cmm {
     pub(crate) keeps_csy: bool,
     /// Answers `Get` without a position.
     pub(crate) tells_nothing: bool,
+    /// Answers `GetCoordSystem` without a word.
+    pub(crate) tells_no_csy: bool,
+    /// The operator changes to this tool while the next command of this name waits for its answer; moves are reported before it
+    /// and after.
+    pub(crate) changes_during: Option<(&'static str, &'static str)>,
+    /// Tells a point of the operator, a target and what is no line when the machine's system is selected.
+    pub(crate) picks_in_machine: bool,
     /// Commands that it does not know.
     pub(crate) unknown: BTreeSet<String>,
     /// Tells an error of this class and number before what it answers to `Get`.
@@ -51,6 +58,9 @@ impl Default for Cmm {
             tells_zeros: false,
             keeps_csy: false,
             tells_nothing: false,
+            tells_no_csy: false,
+            changes_during: None,
+            picks_in_machine: false,
             unknown: BTreeSet::new(),
             fails: None,
             heard: Vec::new(),
@@ -164,6 +174,12 @@ impl Cmm {
             if let Some((class, number)) = self.fails.filter(|_| name == "Get") {
                 lines.push(format!("{tag} ! Error({class}, {number:04}, \"Get\", \"told by a test\")"));
             }
+            if let Some((_, tool)) = self.changes_during.take_if(|(during, _)| command.starts_with(*during)) {
+                lines.extend(self.moved());
+                self.tool = tool.to_owned();
+                lines.push(format!("E0000 # ChangeTool(\"{tool}\")"));
+                lines.extend(self.moved());
+            }
             match self.answers(tag, name, &split(inside)) {
                 Ok(answers) => lines.extend(answers.into_iter().map(|answer| format!("{tag} # {answer}"))),
                 Err((severity, number, text)) => {
@@ -175,6 +191,11 @@ impl Cmm {
         lines.push(format!("{tag} %"));
         if matches!(name, "GoTo" | "PtMeas" | "ChangeTool" | "SetCoordSystem") {
             lines.extend(self.moved());
+        }
+        if self.picks_in_machine && name == "SetCoordSystem" && self.csy == "MachineCsy" {
+            let point = self.named(&self.measured);
+            lines.extend([format!("E0000 # PtMeas({point})"), format!("E0000 # GoTo({point})")]);
+            lines.push(format!("E0000 # {point} and more"));
         }
         lines
     }
@@ -196,6 +217,7 @@ impl Cmm {
             "GetMachineClass" => {
                 vec![format!("GetMachineClass(CartCMM{})", if self.has_table { "WithRotaryTable" } else { "" })]
             }
+            "GetCoordSystem" if self.tells_no_csy => vec![],
             "GetCoordSystem" => vec![format!("CoordSystem({})", self.csy)],
             "SetCoordSystem" if self.keeps_csy => vec![],
             "Get" if self.tells_nothing => vec![],

@@ -163,12 +163,14 @@ impl Talk {
             _ => return Ok(Err("the server does not tell the speed that it took (Tool.GoToPar.Speed)".to_owned())),
         }
         self.ask_tool_and_covariates(client)?;
+        let Some(tip_m) = self.tip_m(client)? else {
+            return Ok(Err("the server does not tell where the machine stands".to_owned()));
+        };
+        // The tool that the position was told with.
+        self.take_before(client, u64::MAX)?;
         let offset_m = match &self.tool {
             Ok(offset_m) => *offset_m,
             Err(why) => return Ok(Err(why.clone())),
-        };
-        let Some(tip_m) = self.tip_m(client)? else {
-            return Ok(Err("the server does not tell where the machine stands".to_owned()));
         };
         let at_m: [f64; 3] = std::array::from_fn(|d| tip_m[d] - offset_m[d]);
         for (d, axis) in ["X", "Y", "Z"].into_iter().enumerate() {
@@ -190,9 +192,7 @@ impl Talk {
     fn may_go(&mut self, client: &mut Client, wanted_m: Option<[f64; 3]>) -> Result<Result<[f64; 3], String>, Stop> {
         // What the server says of its tool is heard first.
         client.hear()?;
-        while let Some(arrived) = client.unasked.pop_front() {
-            self.take_unasked(&arrived)?;
-        }
+        self.take_before(client, u64::MAX)?;
         if self.is_tool_new || self.tool.is_err() {
             self.ask_tool_and_covariates(client)?;
         }

@@ -13,7 +13,7 @@ use abbe_ippdme::csy::Csy;
 use abbe_ippdme::item::{Item, What};
 use abbe_ippdme::line::text;
 use abbe_ippdme::message::{ReplyKind, Response, Tag};
-use abbe_ippdme::relay::Offsets;
+use abbe_ippdme::relay::{Offsets, moves_tip};
 use abbe_ippdme::trouble::{Severity, Trouble};
 use abbe_runtime::realtime::carry_samples;
 use std::sync::Arc;
@@ -111,6 +111,10 @@ pub(super) struct Talk {
     pub(super) tool: Tool,
     /// The server has changed it.
     pub(super) is_tool_new: bool,
+    /// Its name, as the server told it last.
+    named: Option<String>,
+    /// It was turned since it was put into use.
+    is_turned: bool,
     covariates: Vec<(String, f64, Instant)>,
     asked: Instant,
     /// The coordinate system that was selected before.
@@ -137,6 +141,8 @@ impl Talk {
             last_words,
             tool,
             is_tool_new: false,
+            named: None,
+            is_turned: false,
             covariates,
             asked,
             before: None,
@@ -213,9 +219,8 @@ impl Talk {
                 let IppdmeConfig { every_s, every_mm, .. } = self.config;
                 let command = format!("OnMoveReportE(Time({every_s}), Dis({every_mm}), X(), Y(), Z())");
                 // Reports may come before the command is complete.
-                for arrived in client.exchange(MOVES, &command)? {
-                    self.take_position(&arrived, false)?;
-                }
+                let reports = client.exchange(MOVES, &command)?;
+                self.take_answers(client, &reports)?;
             }
             IppdmeReads::Points => {
                 client.ask("OnPtMeasReport(X(), Y(), Z())")?;
@@ -250,16 +255,12 @@ impl Talk {
                     let problem = "the server answered Get without a position".to_owned();
                     self.give(Event::Refused(client.lines(), problem))?;
                 }
-                for arrived in answer {
-                    self.take_position(&arrived, false)?;
-                }
+                self.take_answers(client, &answer)?;
             }
             if self.config.reads != IppdmeReads::Polled || Instant::now() < due {
                 client.hear()?;
             }
-            while let Some(arrived) = client.unasked.pop_front() {
-                self.take_unasked(&arrived)?;
-            }
+            self.take_before(client, u64::MAX)?;
             let is_due = self.asked.elapsed().as_secs_f64() >= self.config.covariates_every_s;
             if is_due || self.is_tool_new || self.tool.is_err() && self.asked.elapsed() >= ASK_AGAIN {
                 self.ask_tool_and_covariates(client)?;
@@ -272,7 +273,24 @@ impl Talk {
         }
     }
 
-    pub(super) fn take_unasked(&mut self, arrived: &Arrived) -> Result<(), Stop> {
+    /// Takes positions that were asked for, each after what the server said before it: a tool that was changed meanwhile.
+    fn take_answers(&mut self, client: &mut Client, answers: &[Arrived]) -> Result<(), Stop> {
+        for arrived in answers {
+            self.take_before(client, arrived.number)?;
+            self.take_position(arrived, false)?;
+        }
+        Ok(())
+    }
+
+    /// Takes what the server said unasked before the line of this number.
+    pub(super) fn take_before(&mut self, client: &mut Client, number: u64) -> Result<(), Stop> {
+        while let Some(arrived) = client.unasked.pop_front_if(|arrived| arrived.number < number) {
+            self.take_unasked(&arrived)?;
+        }
+        Ok(())
+    }
+
+    fn take_unasked(&mut self, arrived: &Arrived) -> Result<(), Stop> {
         let Ok(response) = Response::parse(text(&arrived.line)) else {
             return self.give(Event::Refused(arrived.number, "it is no line of the protocol".to_owned()));
         };
@@ -289,13 +307,17 @@ impl Talk {
                 self.take_position(arrived, false)
             }
             ReplyKind::Data if response.tag.is_unsolicited() => {
-                let name = response.items().ok().and_then(|items| Some(items.first()?.call()?.0.to_owned()));
-                match name.as_deref() {
-                    Some("ChangeTool") => {
+                let items = response.items().unwrap_or_default();
+                match items.first().and_then(Item::call) {
+                    // Properties are set unasked where somebody turns the head at the panel.
+                    Some((name @ ("ChangeTool" | "SetProp"), values)) => {
                         (self.tool, self.is_tool_new) = (unknown_tool(), true);
+                        self.is_turned = name == "SetProp" && (self.is_turned || moves_tip(values));
                         Ok(())
                     }
-                    Some("PtMeas") if self.config.reads == IppdmeReads::Points => self.take_position(arrived, true),
+                    Some(("PtMeas", _)) if self.config.reads == IppdmeReads::Points => {
+                        self.take_position(arrived, true)
+                    }
                     _ => Ok(()),
                 }
             }
@@ -337,18 +359,27 @@ impl Talk {
     pub(super) fn ask_tool_and_covariates(&mut self, client: &mut Client) -> Result<(), Stop> {
         (self.asked, self.is_tool_new) = (Instant::now(), false);
         let name = self.optional(client, "GetProp(Tool.Name())")?.and_then(|data| first_word(&data));
-        // What a server says after a change of the tool that failed: no offset holds, not even one for all tools.
-        let is_none = name.as_deref() == Some("UnDefTool");
-        let known = if is_none { None } else { self.offsets.of(name.as_deref()) };
-        let told = match known {
-            None if self.offsets.from_server && !is_none => self.optional(client, "GetProp(Tool.AvrOffsets())")?,
+        if name.is_some() && name != self.named {
+            // Another tool that nobody told of.
+            self.tool = unknown_tool();
+            self.is_turned &= self.named.is_none();
+            self.named.clone_from(&name);
+        }
+        let refused = self.offsets.refused(name.as_deref(), self.is_turned);
+        let known = self.offsets.of(name.as_deref());
+        let told = match (&refused, known) {
+            (None, None) if self.offsets.from_server => self.optional(client, "GetProp(Tool.AvrOffsets())")?,
             _ => None,
         };
         let told = told.and_then(|data| numbers(&data)).and_then(|mm| <[f64; 3]>::try_from(mm).ok());
         let tool = name.as_deref().unwrap_or("without a name");
-        self.tool = known.or(told.map(|mm| mm.map(|mm| mm / 1e3))).ok_or_else(|| {
+        let offset_m = known.or(told.map(|mm| mm.map(|mm| mm / 1e3))).ok_or_else(|| {
             format!("the offset of tool {tool} is not known; give it in tools_mm or offset_mm of the launch file")
         });
+        // One that was changed between two answers is asked for again.
+        if !self.is_tool_new {
+            self.tool = refused.map_or(offset_m, Err);
+        }
         let mut covariates = Vec::new();
         for (covariate, property) in self.config.covariates.clone() {
             let asked = Instant::now();
@@ -369,7 +400,10 @@ impl Talk {
     /// The answer to a question that a server may refuse.
     fn optional(&mut self, client: &mut Client, command: &str) -> Result<Option<Vec<Arrived>>, Stop> {
         match client.ask(command) {
-            Ok(data) => Ok(Some(data)),
+            Ok(data) => {
+                self.take_before(client, data.first().map_or(u64::MAX, |first| first.number))?;
+                Ok(Some(data))
+            }
             Err(Stop::Trouble(trouble, true)) if trouble.severity < Severity::Fatal => {
                 client.ask("ClearAllErrors()")?;
                 Ok(None)
@@ -440,14 +474,15 @@ impl Talk {
 /// Makes sure that positions are those of the machine: a server that takes the command need not follow it, and a panel may select
 /// another system meanwhile.
 fn check_system(client: &mut Client) -> Result<(), Stop> {
+    let wanted = Csy::Machine.name();
     match first_word(&client.ask("GetCoordSystem()")?) {
-        Some(active) if active != Csy::Machine.name() => {
-            let wanted = Csy::Machine.name();
-            Err(Stop::Lost(format!(
-                "its coordinate system is {active}, and {wanted} was selected; select it at the server"
-            )))
-        }
-        _ => Ok(()),
+        Some(active) if active == wanted => Ok(()),
+        Some(active) => Err(Stop::Lost(format!(
+            "its coordinate system is {active}, and {wanted} was selected; select it at the server"
+        ))),
+        None => Err(Stop::Lost(format!(
+            "it does not tell its coordinate system, so that nobody knows whether its positions are those of {wanted}"
+        ))),
     }
 }
 

@@ -60,7 +60,7 @@ pub(super) struct Row {
     u_length_m: Option<f64>,
     station: Option<String>,
     line: Option<String>,
-    covariates: Vec<(String, f64)>,
+    covariates: Vec<(String, Option<f64>)>,
 }
 
 fn column(name: &str) -> Result<Column, String> {
@@ -99,6 +99,15 @@ impl Table {
             "," => Err(("decimal", "is a comma, and so is the separator; name another separator".to_owned())),
             _ => Err(("decimal", "must be a point or a comma".to_owned())),
         }
+    }
+
+    /// Covariates among columns of these names, in the units that effects read.
+    pub(super) fn covariates(names: &[String]) -> Vec<String> {
+        let of = |name: &String| match column(name) {
+            Ok(Column::Covariate(unit)) => Some(unit.name),
+            _ => None,
+        };
+        names.iter().filter_map(of).collect()
     }
 
     /// The cells of a line.
@@ -194,7 +203,7 @@ impl Table {
                 Column::Line => row.line = Some(cell.to_owned()),
                 Column::Stamp => stamped = self.number(cell)?,
                 Column::Covariate(unit) => {
-                    row.covariates.extend(self.number(cell)?.map(|value| (unit.name.clone(), unit.convert(value))));
+                    row.covariates.push((unit.name.clone(), self.number(cell)?.map(|value| unit.convert(value))));
                 }
                 Column::Length(length, in_a_metre) => {
                     let value_m = self.number(cell)?.map(|value| value / in_a_metre);
@@ -246,8 +255,8 @@ impl Row {
             return Err("x, y or z is empty".to_owned());
         };
         let mut covariates = Covariates::new();
-        for (name, value) in &self.covariates {
-            covariates.push(name, *value, 0.0).map_err(|error| error.to_string())?;
+        for (name, value) in self.covariates.iter().filter_map(|(name, value)| Some((name, (*value)?))) {
+            covariates.push(name, value, 0.0).map_err(|error| error.to_string())?;
         }
         Ok(ScaleReading {
             stamp: self.stamp,
@@ -259,12 +268,16 @@ impl Row {
         })
     }
 
-    /// As what a sensor says.
-    pub(super) fn values(self) -> Result<SensorValues, String> {
-        if self.covariates.is_empty() {
-            return Err("all of its values are empty".to_owned());
+    /// As what a sensor says; an empty cell says that it has no value.
+    pub(super) fn values(self) -> SensorValues {
+        let mut said = SensorValues { stamp: self.stamp, values: Vec::new(), missing: Vec::new() };
+        for (name, value) in self.covariates {
+            match value {
+                Some(value) => said.values.push((name, value)),
+                None => said.missing.push(name),
+            }
         }
-        Ok(SensorValues { stamp: self.stamp, values: self.covariates })
+        said
     }
 
     /// As a tracer reading.

@@ -37,19 +37,22 @@ struct Known {
 pub(super) struct Sensors {
     holds: bool,
     known: BTreeMap<String, Known>,
+    /// Names that have become missing and were not yet told of.
+    gone: Vec<String>,
 }
 
 impl Sensors {
     /// None has said anything; whether values hold until there is another.
     pub(super) fn new(holds: bool) -> Sensors {
-        Sensors { holds, known: BTreeMap::new() }
+        Sensors { holds, known: BTreeMap::new(), gone: Vec::new() }
     }
 
     /// The session is lost: what was said holds no longer.
     pub(super) fn forget(&mut self) {
-        for known in self.known.values_mut() {
-            known.held.clear();
-            known.problem = None;
+        for (name, known) in &mut self.known {
+            // What is as it was is news to whoever has forgotten it.
+            *known = Known::default();
+            self.gone.push(name.clone());
         }
     }
 
@@ -59,6 +62,8 @@ impl Sensors {
         match &told.value {
             Err(problem) => {
                 known.held.clear();
+                known.given_ns = None;
+                self.gone.push(unit.name.clone());
                 let is_new = known.problem.as_ref() != Some(problem);
                 known.problem = Some(problem.clone());
                 is_new.then(|| format!("covariate {name} is missing: {problem}"))
@@ -99,6 +104,11 @@ impl Sensors {
             covariates.push(name, held.value, age_s).map_err(|error| error.to_string())?;
         }
         Ok(covariates)
+    }
+
+    /// Names that have become missing since this was asked last.
+    pub(super) fn gone(&mut self) -> Vec<String> {
+        std::mem::take(&mut self.gone)
     }
 
     /// What is newer than was given before, by instant.
@@ -171,8 +181,16 @@ mod tests {
         assert_eq!(sensors.news().len(), 1);
         take(&mut sensors, &value(Ok(293.15), Some(100)));
         assert_eq!(sensors.news(), [], "the same instant again");
-        sensors.forget();
-        take(&mut sensors, &value(Ok(293.15), Some(100)));
-        assert_eq!(sensors.news(), [], "a new session repeats it");
+        assert_eq!(sensors.gone(), [""; 0]);
+        // Who was told that it is missing has forgotten it, so that a new session's repetition is news.
+        for bad in [None, Some(value(Err("BadSensorFailure".to_owned()), Some(101)))] {
+            match bad {
+                None => sensors.forget(),
+                Some(bad) => assert!(take(&mut sensors, &bad).is_some()),
+            }
+            assert_eq!((sensors.gone(), sensors.news()), (vec!["temp_air_c".to_owned()], vec![]));
+            take(&mut sensors, &value(Ok(293.15), Some(100)));
+            assert_eq!((sensors.gone().len(), sensors.news().len()), (0, 1));
+        }
     }
 }
