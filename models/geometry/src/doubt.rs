@@ -132,9 +132,7 @@ fn carried_on(
     };
     let (end, middle, far) = (at(0.0)?, at(0.5)?, at(1.0)?);
     let square = widths * widths;
-    Some(
-        end * (1.0 + 3.0 * widths + 2.0 * square) - middle * (4.0 * (widths + square)) + far * (widths + 2.0 * square),
-    )
+    Some(end * (1.0 + 3.0 * widths + 2.0 * square) - middle * (4.0 * (widths + square)) + far * (widths + 2.0 * square))
 }
 
 /// What an effect does by the part of a difference of temperatures that its campaign did not see: the covariance of it, and whether

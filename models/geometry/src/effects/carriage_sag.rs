@@ -120,7 +120,8 @@ impl CarriageSag {
     /// 1, and polynomials that are zero at the lower end.
     fn orders(&self, axis: Axis, state: &State) -> Values {
         let (lower_m, upper_m) = self.stroke_m[axis.index()];
-        let mut orders = legendre((2.0 * state.reading_m[axis.index()] - lower_m - upper_m) / (upper_m - lower_m), ORDER);
+        let mut orders =
+            legendre((2.0 * state.reading_m[axis.index()] - lower_m - upper_m) / (upper_m - lower_m), ORDER);
         orders.iter_mut().enumerate().skip(1).for_each(|(k, value)| *value -= if k % 2 == 0 { 1.0 } else { -1.0 });
         orders
     }
