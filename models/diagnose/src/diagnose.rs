@@ -14,6 +14,7 @@ use crate::error::DiagnoseError;
 use crate::explanation::Explanation;
 use crate::floor;
 use crate::gate::{self, Verdict};
+use crate::instant;
 use crate::judge::{self, Blocked, Unseen};
 use crate::lags::with_lags;
 use crate::machine_step::{self, MachineStep};
@@ -104,6 +105,9 @@ pub fn diagnose(
     let detection_after = noise::detect(&last, campaign, &state.fit.evidence);
     let enriched = state.is_enriched();
     let mut found = found(&search, &state, &base, without.iter().zip(competing))?;
+    let effects = state.fit.model.parts().effects.iter().filter(|fitted| !is_base(&base, fitted));
+    let effects = effects.map(|fitted| fitted.effect.as_ref());
+    instant::hold(&mut found, effects, (&detection_after, options.significance), machine);
     // A step that explains more than all of them: none is the cause.
     if machine_step.as_ref().is_some_and(|step| step.outdoes_found) {
         found.iter_mut().for_each(|found| found.kind = Explanation::Empirical);
