@@ -14,6 +14,7 @@ use crate::error::DiagnoseError;
 use crate::explanation::Explanation;
 use crate::floor;
 use crate::gate::{self, Verdict};
+use crate::implausible;
 use crate::instant;
 use crate::judge::{self, Blocked, Unseen};
 use crate::lags::with_lags;
@@ -66,6 +67,7 @@ pub fn diagnose(
     together::hold(&search, &mut state, (machine, (&before.model, &first), &base), observe)?;
     let clock = clock::hold(&search, &mut state, &base, observe)?;
     machine_step::in_place::hold(&search, &mut state, &base, observe)?;
+    implausible::hold(&search, &mut state, &base, observe)?;
     let alike = alike(&search, &state, (machine, &first, &base), observe)?;
     let mut judged = Judged::of(&search, machine, (&alike, &base), &state, observe)?;
     let start = (before.clone(), first.clone(), base.clone());
