@@ -14,6 +14,8 @@ use crate::error::DiagnoseError;
 use crate::explanation::Explanation;
 use crate::floor;
 use crate::gate::{self, Verdict};
+use crate::implausible;
+use crate::instant;
 use crate::judge::{self, Blocked, Unseen};
 use crate::lags::with_lags;
 use crate::machine_step::{self, MachineStep};
@@ -65,6 +67,7 @@ pub fn diagnose(
     together::hold(&search, &mut state, (machine, (&before.model, &first), &base), observe)?;
     let clock = clock::hold(&search, &mut state, &base, observe)?;
     machine_step::in_place::hold(&search, &mut state, &base, observe)?;
+    implausible::hold(&search, &mut state, &base, observe)?;
     let alike = alike(&search, &state, (machine, &first, &base), observe)?;
     let mut judged = Judged::of(&search, machine, (&alike, &base), &state, observe)?;
     let start = (before.clone(), first.clone(), base.clone());
@@ -104,6 +107,9 @@ pub fn diagnose(
     let detection_after = noise::detect(&last, campaign, &state.fit.evidence);
     let enriched = state.is_enriched();
     let mut found = found(&search, &state, &base, without.iter().zip(competing))?;
+    let effects = state.fit.model.parts().effects.iter().filter(|fitted| !is_base(&base, fitted));
+    let effects = effects.map(|fitted| fitted.effect.as_ref());
+    instant::hold(&mut found, effects, (&detection_after, options.significance), machine);
     // A step that explains more than all of them: none is the cause.
     if machine_step.as_ref().is_some_and(|step| step.outdoes_found) {
         found.iter_mut().for_each(|found| found.kind = Explanation::Empirical);

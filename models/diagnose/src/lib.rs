@@ -75,6 +75,8 @@ mod floor;
 mod foresight;
 mod gate;
 pub mod held_out;
+mod implausible;
+mod instant;
 mod judge;
 mod jumps;
 mod lags;

@@ -25,21 +25,26 @@ use abbe_virtual_machine::{SimulationConfig, TruthRecipe, simulate_campaign};
 
 const INSTRUMENT: InstrumentConfig = InstrumentConfig::LASER_TRACER;
 
-fn simulated(seed: u64, effects: &[&str]) -> (Machine, Campaign) {
-    let truth = TruthRecipe { seed, ..TruthRecipe::default() }.bridge_xyz().unwrap();
+pub(crate) fn machine() -> Machine {
     let tilt = |name: &str, tilts, about| Squareness { name: name.to_owned(), tilts, about };
-    let machine = Machine {
+    Machine {
         name: "bridge".to_owned(),
         frame_id: "machine".to_owned(),
         joints: Axis::ALL.map(|axis| Joint { axis, side: Side::Tool }),
-        stroke_m: truth.stroke_m.map(|[lower, upper]| (lower, upper)),
+        stroke_m: [(0.0, 0.8), (0.0, 0.6), (0.0, 0.6)],
         squareness: [tilt("C0Y", Axis::Y, Axis::Z), tilt("B0Z", Axis::Z, Axis::Y), tilt("A0Z", Axis::Z, Axis::X)],
         rotation: RotationForm::Exact,
         kinds: [Some(FunctionKind::BSpline { intervals: 9 }); 18],
         repeatability_m: INSTRUMENT.repeatability_m,
         u_ram_turn_rad: [abbe_geometry::machine::USUAL_RAM_TURN_RAD; 3],
         default_offset_m: None,
-    };
+    }
+}
+
+fn simulated(seed: u64, effects: &[&str]) -> (Machine, Campaign) {
+    let truth = TruthRecipe { seed, ..TruthRecipe::default() }.bridge_xyz().unwrap();
+    let stroke_m = truth.stroke_m.map(|[lower, upper]| (lower, upper));
+    let machine = Machine { stroke_m, ..machine() };
     let config = SimulationConfig {
         seed,
         plan: case_like(truth.stroke_m, seed).build().unwrap(),

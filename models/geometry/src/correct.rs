@@ -102,7 +102,7 @@ pub(crate) fn corrected(model: &MachineModel, state: &State, sensitivity: &mut S
     let effects = add_effects(model, state, &chain, sensitivity)?;
     let repeatability = Vector3::from(model.parts().machine.repeatability_m).map(|r| r * r);
     let position_m = point_m + effects.tip_m;
-    let beyond_fit = model.unexplained_m2(state.reading_m) + model.unseen_m2(state);
+    let beyond_fit = model.unexplained_m2(state) + model.unseen_m2(state);
     let scatter = Matrix3::from_diagonal(&(repeatability + beyond_fit));
     let covariance_m2 = sensitivity.covariance_m2(model) + effects.doubt_m2 + scatter;
     let status = if effects.outside || !is_in_volume(model, state) { Status::Extrapolated } else { Status::InVolume };

@@ -10,7 +10,8 @@
 //! sign of approach or a load that is on or off does stand at the ends of its range, where a uniform distribution would allow too little.
 //!
 //! **Outside** (a covariate beyond its usual range): nothing that was measured supports the law there. What it adds beyond
-//! the end of the range counts in full as uncertainty. Some laws are held at the end of their range, or saturate, and add
+//! the end of the range counts in full as uncertainty. A law that is held at the end of its range adds nothing there: what counts is how the
+//! parabola through both ends and the middle of the range goes on. Some laws saturate, and add
 //! next to nothing; so the effect may also have changed by as much as it does over its range, in the share to which the
 //! distance is of that range, from one width on in full.
 //!
@@ -103,7 +104,35 @@ pub(crate) fn outside(
     let added = motion(state)? - at_end;
     let from_end: Vec<Vector3<f64>> = over(&beyond, LEVELS, state, &motion)?.into_iter().map(|m| m - at_end).collect();
     let share = farthest.min(1.0);
-    Some((added, added * added.transpose() + cover(&from_end)? * (share * share)))
+    let mut goes_on = added * added.transpose();
+    if added == Vector3::zeros() {
+        for k in 0..nearest.len() {
+            let carried = carried_on(&beyond, (&nearest, k), state, &motion)? - at_end;
+            goes_on += carried * carried.transpose();
+        }
+    }
+    Some((added, goes_on + cover(&from_end)? * (share * share)))
+}
+
+/// What an effect that is held at the end of a range would do beyond it, if the parabola through what it does at both ends and in the
+/// middle went on, up to one width; all others of these covariates stand at these nearest values.
+fn carried_on(
+    beyond: &[&Usual],
+    (nearest, k): (&[f64], usize),
+    state: &State,
+    motion: impl Fn(&State) -> Option<Vector3<f64>>,
+) -> Option<Vector3<f64>> {
+    let ((low, high), value) = (beyond[k].range?, state.covariate(&beyond[k].name).ok()?);
+    let widths = (beyond[k].place(value)?.1).min(1.0);
+    let inwards = if nearest[k] == high { low - high } else { high - low };
+    let at = |share: f64| {
+        let mut values = nearest.to_vec();
+        values[k] += share * inwards;
+        motion(&State { covariates: &Put { state, put: beyond, values: &values }, ..*state })
+    };
+    let (end, middle, far) = (at(0.0)?, at(0.5)?, at(1.0)?);
+    let square = widths * widths;
+    Some(end * (1.0 + 3.0 * widths + 2.0 * square) - middle * (4.0 * (widths + square)) + far * (widths + 2.0 * square))
 }
 
 /// What an effect does by the part of a difference of temperatures that its campaign did not see: the covariance of it, and whether
@@ -255,8 +284,16 @@ mod tests {
         // A quarter of the range beyond: 0.5 µm added, and a quarter of the 2 µm that the range itself spans.
         near(at(21.25, &linear), (0.5e-6, 0.5e-6 * 2.0_f64.sqrt()));
         near(at(23.0, &linear), (4e-6, (16e-12 + 4e-12_f64).sqrt()));
-        near(at(21.25, &held), (0.0, 0.5e-6));
-        near(at(90.0, &held), (0.0, 2e-6));
+        // Held at its end, it may as well go on as it came.
+        near(at(21.25, &held), (0.0, 0.5e-6 * 2.0_f64.sqrt()));
+        near(at(90.0, &held), (0.0, 2e-6 * 2.0_f64.sqrt()));
+        // 2 µm/K² about 20.5 °C: half a width beyond, 1.5 µm more than at the end, and 0.5 µm that it does over the range, by a half.
+        let square = |state: &State| {
+            let from_middle_k = state.covariate("t").ok()?.clamp(20.0, 21.0) - 20.5;
+            Some(Vector3::x() * (2e-6 * from_middle_k * from_middle_k))
+        };
+        near(at(21.5, &square), (0.0, (1.5e-6_f64.powi(2) + 0.25e-6_f64.powi(2)).sqrt()));
+        near(at(19.5, &square), (0.0, (1.5e-6_f64.powi(2) + 0.25e-6_f64.powi(2)).sqrt()));
         assert!(is_outside(&range, &State { covariates: &All(21.25), ..STATE }));
         assert!(!is_outside(&range, &State { covariates: &All(21.0), ..STATE }));
         assert!(!is_outside(&range, &STATE), "what is missing has a status of its own");

@@ -6,7 +6,7 @@
 use crate::axis::ErrorId;
 use crate::between_nodes::BetweenNodes;
 use crate::by_place::VarianceByPlace;
-use crate::effects::{Effect, Shape, State, construct};
+use crate::effects::{CovariateValue, Effect, Shape, State, construct};
 use crate::layout::Layout;
 use crate::machine::Machine;
 use crate::seen::{self, Apart};
@@ -268,13 +268,22 @@ impl MachineModel {
         &self.layout
     }
 
-    /// Variance along X, Y and Z at a reading (m) of what neither the model nor the declared noise explains (m²).
-    pub(crate) fn unexplained_m2(&self, reading_m: [f64; 3]) -> Vector3<f64> {
+    /// Variance along X, Y and Z of what neither the model nor the declared noise explains (m²), for a sample with its covariates: as
+    /// it was in the campaign, and more where one of them lies beyond its range.
+    pub(crate) fn unexplained_m2(&self, state: &State) -> Vector3<f64> {
         let anywhere = Vector3::from(self.parts.quality.unexplained_m).map(|u_m| u_m * u_m);
-        match &self.parts.quality.wanders {
-            Some(wanders) => anywhere + Vector3::from(wanders.at_m2(reading_m)),
+        let in_campaign = match &self.parts.quality.wanders {
+            Some(wanders) => anywhere + Vector3::from(wanders.at_m2(state.reading_m)),
             None => anywhere,
+        };
+        if in_campaign == Vector3::zeros() {
+            return in_campaign;
         }
+        let growth = |(name, range): (&String, &(f64, f64))| match state.covariates.covariate(name) {
+            CovariateValue::Fresh(value) => seen::growth(name, *range, value),
+            _ => 1.0,
+        };
+        in_campaign * self.parts.identified.covariates.iter().map(growth).fold(1.0, f64::max).powi(2)
     }
 
     /// The same of expansions that the data cannot rule out, for a sample with its temperatures (m²).
@@ -419,13 +428,13 @@ fn usual(fitted: &FittedEffect, identified: &IdentifiedVolume) -> [Vec<Usual>; 2
         .map(|names| names.into_iter().map(with_range).collect())
 }
 
-/// Covariates that were logged and that no effect reads. What such a quantity does was too little to be seen over its range; as far
-/// again beyond, a law that is nearly straight does no more.
+/// Covariates that were logged and that no effect reads. What such a quantity does was too little to be seen over its range, and so it is
+/// a little beyond.
 fn unread(parts: &ModelParts) -> Vec<Usual> {
     let read: Vec<String> = parts.effects.iter().flat_map(|fitted| fitted.effect.reads()).collect();
     let own = parts.identified.covariates.iter().filter(|(name, _)| !read.contains(name));
     let wider = |(name, (low, high)): (&String, &(f64, f64))| {
-        let beyond = (high - low).max(seen::least_beyond(name)?);
+        let beyond = seen::as_seen_beyond(name, (*low, *high))?;
         Some(Usual { name: name.clone(), range: Some((low - beyond, high + beyond)) })
     };
     own.filter_map(wider).collect()

@@ -96,8 +96,7 @@ pub fn predicted_length(
     let asks_for_none = State { covariates: &NoCovariates, ..*state };
     let known = if model.parts().effects.is_empty() { &asks_for_none } else { state };
     let on_sight_m2 = |by_axis_m2: Vector3<f64>| by_axis_m2.dot(&ray.direction.component_mul(&ray.direction));
-    let explained_m2 =
-        along(&sighted.covariance_m2) - model.variance(&tip) - on_sight_m2(model.unexplained_m2(state.reading_m));
+    let explained_m2 = along(&sighted.covariance_m2) - model.variance(&tip) - on_sight_m2(model.unexplained_m2(known));
     let repeatability_m2 = on_sight_m2(Vector3::from(model.parts().machine.repeatability_m).map(|r| r * r));
     let least_m2 = explained_m2.min(repeatability_m2).max(0.0);
     let beyond_m2 = (explained_m2 - on_sight_m2(model.unseen_m2(known))).max(least_m2);

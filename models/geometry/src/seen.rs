@@ -2,9 +2,12 @@
 //!
 //! Place in the flow: [`crate::model`] makes these limits, [`crate::correct`] holds samples to them.
 //!
-//! **No effect reads it**: what such a quantity does was too little to be seen over its range. As far again beyond, a law that is nearly
-//! straight does no more, and some change is usual anywhere (`least_beyond`). A quantity of another kind (an air pressure, a number of
-//! a probe) is not judged.
+//! **No effect reads it**: what such a quantity does was too little to be seen over its range. A fifth of its range beyond, a straight law
+//! does 1.4 times what it did at the end, counted from the middle, and a square law twice: U at k = 2 holds twice what a standard uncertainty
+//! hides. Some change is usual anywhere (`least_beyond`). A quantity of another kind (an air pressure, a number of a probe) is not judged.
+//!
+//! **What nobody explained** may be a law of any quantity that changed, and a law grows: beyond the range, as the square does
+//! (`growth`).
 //!
 //! **Temperatures that went together**: which of two sensors an effect follows shows only where they part. Beyond the differences of
 //! the campaign, what the effect does by that part of the difference counts in full as uncertainty.
@@ -22,9 +25,29 @@ const IMPLAUSIBLE_K: f64 = 50.0;
 const USUAL_CHANGE: [(&str, f64); 5] =
     [(TEMPERATURE, 0.2), ("_pct", 10.0), ("_kg", 1.0), ("_mm_s", 20.0), ("dir_", 0.0)];
 
+/// Share of its range by which a quantity may lie beyond it: (1 + 2·0.2)² is 2, what a square law has grown by there.
+const BEYOND: f64 = 0.2;
+
+/// How far beyond this range a quantity that no effect reads is still as in the campaign, in the unit of its name; `None` where its kind
+/// is not judged.
+pub(crate) fn as_seen_beyond(name: &str, (low, high): (f64, f64)) -> Option<f64> {
+    Some((BEYOND * (high - low)).max(least_beyond(name)?))
+}
+
+/// How often as large as in the campaign what nobody explained may be (standard deviation), were it the square of a quantity counted from
+/// the middle of its range. From one width beyond on nothing more is known. What stood still then, and a broken sensor, say nothing.
+pub(crate) fn growth(name: &str, (low, high): (f64, f64), value: f64) -> f64 {
+    let (width, beyond) = (high - low, (low - value).max(value - high));
+    let changed = least_beyond(name).is_some_and(|usual| width > usual);
+    match changed && beyond > 0.0 && !is_implausible(name, beyond) {
+        true => (1.0 + 2.0 * (beyond / width).min(1.0)).powi(2),
+        false => 1.0,
+    }
+}
+
 /// How far beyond its range a quantity that no effect reads is still as in the campaign, at least, in the unit of its name; `None` where
 /// its kind is not judged.
-pub(crate) fn least_beyond(name: &str) -> Option<f64> {
+fn least_beyond(name: &str) -> Option<f64> {
     let known = USUAL_CHANGE.iter().find(|(part, _)| name.ends_with(part) || name.starts_with(part));
     known.map(|(_, change)| *change)
 }

@@ -106,8 +106,21 @@ impl Cause {
                 let k = m.air.parts(m.time_s, m.more)[1] - 20.0;
                 [0.0, 10e-6 * k * (m.reading_m[1] - 0.1), 0.0]
             }
-            form => step(form, m),
+            form => match form.strip_prefix("creep:").map(|tau| tau.parse().unwrap()) {
+                Some(tau_s) => self.creep(tau_s, m),
+                None => step(form, m),
+            },
         }
+    }
+
+    /// An arm whose root gives way for minutes after the carriage went out on it: a turn about X that follows the place of Y late.
+    fn creep(&mut self, tau_s: f64, m: &Moment) -> Vector {
+        let gap_s = m.time_s - self.last_s;
+        self.last_s = m.time_s;
+        let stood_at = self.memory[5];
+        self.memory[6] += (stood_at - self.memory[6]) * (1.0 - (-gap_s / tau_s).exp());
+        self.memory[5] = m.share[1];
+        cross([-30e-6 * (self.memory[6] - 0.5), 0.0, 0.0], [0.0, m.reading_m[1], m.reading_m[2]])
     }
 
     /// Play of two widths in series along X, as Prandtl has it.

@@ -1,13 +1,14 @@
 //! Sag and twist under a travelling carriage: a joint turns and gives way with the position of another axis too.
 //!
-//! Formula, with u the axis of the joint and v the other one, each −1 … 1 over its stroke, and Legendre polynomials P:
-//! angle of the joint about one machine axis = Σ angle_ij P_i(v)·P_j(u), i ≥ 1, i + j ≤ 3; across that axis the joint
-//! moves by Σ P_i(v)·P_j(u), i and j ≥ 1, i + j ≤ 3, upwards with one order more, as a roll lifts by its lever: the
-//! turn's pivot lies where no drawing tells. In form `lean` a column leans by that angle (the tip moves with the height
-//! z − z₀) without turning what it guides. Inputs: readings (m). Typical 0.5–5 µm, some µrad.
+//! Formula, with u the axis of the joint and v the other one, each −1 … 1 over its stroke, and Legendre polynomials that are zero at the
+//! lower end, Q_i = P_i − P_i(−1) and Q_0 = 1: angle of the joint about one machine axis = Σ turn_ij Q_i(v)·Q_j(u), i ≥ 1,
+//! i + j ≤ 3; across that axis the joint moves by Σ Q_i(v)·Q_j(u), i and j ≥ 1, i + j ≤ 3, upwards with one order more, as a roll
+//! lifts by its lever: the turn's pivot lies where no drawing tells. In form `lean` a column leans by that angle, lean_ij in its place
+//! (the tip moves with the height z − z₀), without turning what it guides. Inputs: readings (m). Typical 0.5–5 µm, some µrad.
 //! Left out is what a rigid-body machine has already: terms of u alone, and motions by v alone, which are the errors of
-//! v. An angle by v alone is that axis' own where the two are neighbours in the chain, and no such angle where the third
-//! hangs between them.
+//! v. An angle by v alone is that axis' own where the two are neighbours in the chain, and is left out there; it is none where the third
+//! hangs between them. What a sag does is counted from the lower ends, as all errors are: elsewhere it would turn the frame, which no
+//! reading tells, and every coordinate would be uncertain by that.
 
 use super::empirical::legendre;
 use super::known::{Known, Observed};
@@ -20,7 +21,7 @@ use crate::machine::Machine;
 pub(super) const KNOWN: Known = Known {
     name: "carriage_sag",
     title: "sag or twist under a travelling carriage",
-    formula: "angle of u = sum angle_ij P_i(v) P_j(u), motions across it likewise, v the other axis",
+    formula: "angle of u = sum turn_ij Q_i(v) Q_j(u), Q zero at the lower ends, motions across it likewise, v the other axis",
     typical: "0.5-5 um, some urad",
     source: "Schwenke et al. 2008 (load-induced errors); beam on two supports under a moving load",
     needs: "lines that vary both axes, with some lever below the carriage",
@@ -29,6 +30,9 @@ pub(super) const KNOWN: Known = Known {
     propose,
     refine: None,
 };
+/// Names of the angle: of what turns, and of what leans.
+const TURN: &str = "turn";
+const LEAN: &str = "lean";
 /// Orders (of the other axis, of the joint's own) of the angle.
 const ANGLE: [(usize, usize); 6] = [(1, 0), (2, 0), (3, 0), (1, 1), (2, 1), (1, 2)];
 /// Orders of level motions.
@@ -66,7 +70,8 @@ fn construct(shape: &Shape, machine: &Machine) -> Result<Box<dyn Effect>, Effect
         return Err(reader.wrong("carriage", "must be another axis than the carrying one"));
     }
     reader.finish()?;
-    let terms = terms(carrying, about);
+    let is_own = !leans && are_neighbours(machine, carrying, carriage);
+    let terms = terms((carrying, about), if leans { LEAN } else { TURN }, is_own);
     let leans = leans.then_some(about);
     Ok(Box::new(CarriageSag { carrying, carriage, stroke_m: machine.stroke_m, terms, leans }))
 }
@@ -88,10 +93,17 @@ fn propose(observed: &Observed) -> Vec<Shape> {
     pairs(true).chain(pairs(false)).flat_map(|pair| turns(pair).into_iter().chain(leans(pair))).collect()
 }
 
-/// Angle of the joint, and motions across the axis it turns about.
-fn terms(carrying: Axis, about: Axis) -> Vec<Term> {
+/// Whether one of two axes carries the other, or a bed carries both.
+fn are_neighbours(machine: &Machine, one: Axis, other: Axis) -> bool {
+    machine.joints.windows(2).any(|pair| pair.iter().all(|joint| joint.axis == one || joint.axis == other))
+}
+
+/// Angle of the joint by this name, without what follows the other axis alone where that is the other axis' own, and motions across the
+/// axis it turns about.
+fn terms((carrying, about): (Axis, Axis), angle: &'static str, is_own: bool) -> Vec<Term> {
     let turn = Acts::Error(ErrorId::angular(about, carrying));
-    let mut terms: Vec<_> = ANGLE.map(|orders| ("angle", turn, orders)).to_vec();
+    let angles = ANGLE.into_iter().filter(|(_, own)| !is_own || *own > 0);
+    let mut terms: Vec<_> = angles.map(|orders| (angle, turn, orders)).collect();
     for direction in Axis::ALL.into_iter().filter(|axis| *axis != about) {
         let motion = Acts::Error(ErrorId::linear(direction, carrying));
         let (name, orders): (_, &[(usize, usize)]) = match direction {
@@ -105,9 +117,13 @@ fn terms(carrying: Axis, about: Axis) -> Vec<Term> {
 }
 
 impl CarriageSag {
+    /// 1, and polynomials that are zero at the lower end.
     fn orders(&self, axis: Axis, state: &State) -> Values {
         let (lower_m, upper_m) = self.stroke_m[axis.index()];
-        legendre((2.0 * state.reading_m[axis.index()] - lower_m - upper_m) / (upper_m - lower_m), ORDER)
+        let mut orders =
+            legendre((2.0 * state.reading_m[axis.index()] - lower_m - upper_m) / (upper_m - lower_m), ORDER);
+        orders.iter_mut().enumerate().skip(1).for_each(|(k, value)| *value -= if k % 2 == 0 { 1.0 } else { -1.0 });
+        orders
     }
 }
 
@@ -118,7 +134,7 @@ impl Effect for CarriageSag {
 
     fn parameters(&self) -> Vec<ParameterSpec> {
         let spec = |(name, _, (i, j)): (&str, Acts, (usize, usize))| match name {
-            "angle" => ParameterSpec::new(format!("angle_{i}_{j}"), "rad", 200e-6),
+            TURN | LEAN => ParameterSpec::new(format!("{name}_{i}_{j}"), "rad", 200e-6),
             _ => ParameterSpec::new(format!("{name}_{i}_{j}"), "m", 100e-6),
         };
         self.terms.iter().copied().map(spec).collect()
@@ -126,9 +142,9 @@ impl Effect for CarriageSag {
 
     fn motion(&self, state: &State, part: &mut Motion) -> Result<(), CovariateProblem> {
         let (u, v) = (self.orders(self.carrying, state), self.orders(self.carriage, state));
-        for (k, (_, acts, (i, j))) in self.terms.iter().enumerate() {
+        for (k, (name, acts, (i, j))) in self.terms.iter().enumerate() {
             let amount = v[*i] * u[*j];
-            match self.leans.filter(|_| k < ANGLE.len()) {
+            match self.leans.filter(|_| *name == LEAN) {
                 Some(about) => {
                     let height_m = state.reading_m[Axis::Z.index()] - self.stroke_m[Axis::Z.index()].0;
                     // A turn about x takes what is above towards −y, one about y towards +x.
@@ -147,18 +163,18 @@ mod tests {
     use super::super::tests::{One, machine, tip_m};
     use super::*;
 
-    fn tip_at(reading_m: [f64; 3], parameters: [f64; 14]) -> nalgebra::Vector3<f64> {
+    fn tip_at(reading_m: [f64; 3], parameters: [f64; 11]) -> nalgebra::Vector3<f64> {
         let shape = Shape::new().text("carrying", "x").text("carriage", "y").text("about", "x").text("form", "turn");
         let effect = construct(&shape, &machine()).unwrap();
         let state = State { reading_m, offset_m: [0.0, 0.0, -0.5], covariates: &One(0.0) };
         tip_m(effect.as_ref(), &state, &parameters)
     }
 
-    /// A twist EAX = 8 µrad·(share of x)·(share of y) is 2 µrad·(1 + P1(u))(1 + P1(v)); what depends on both is here.
+    /// A twist EAX = 8 µrad·(share of x)·(share of y) is 2 µrad·Q1(u)·Q1(v), each Q1 twice the share.
     #[test]
     fn a_twist_by_the_product_of_two_positions_moves_half_a_metre_of_lever_by_two_micrometres() {
-        let mut parameters = [0.0; 14];
-        (parameters[0], parameters[3]) = (2e-6, 2e-6);
+        let mut parameters = [0.0; 11];
+        parameters[0] = 2e-6;
         let y_m = |x_m: f64, y_m: f64| tip_at([x_m, y_m, 0.0], parameters).y;
         let mixed = y_m(0.8, 0.6) - y_m(0.8, 0.0) - y_m(0.0, 0.6) + y_m(0.0, 0.0);
         assert!((mixed - 8e-6 * 0.5).abs() < 1e-17, "{mixed}");
@@ -167,13 +183,46 @@ mod tests {
     /// A height without mixed terms would be a straightness: its double difference is zero, that of these is not.
     #[test]
     fn no_height_is_the_straightness_of_one_axis() {
-        for k in 9..14 {
-            let mut parameters = [0.0; 14];
+        for k in 6..11 {
+            let mut parameters = [0.0; 11];
             parameters[k] = 1e-6;
             let z_m = |x_m: f64, y_m: f64| tip_at([x_m, y_m, 0.1], parameters).z;
             let mixed = z_m(0.7, 0.45) - z_m(0.7, 0.1) - z_m(0.3, 0.45) + z_m(0.3, 0.1);
             assert!(mixed.abs() > 0.05e-6, "{k}");
         }
+    }
+
+    /// Where the carriage stands at its lower end nothing moves, whatever the parameters are. Terms that did turned the frame of all
+    /// coordinates by what nobody knows, and U was up to 47 times the error.
+    #[test]
+    fn regress_no_sag_turns_the_frame_of_the_machine() {
+        let machine = machine();
+        for form in ["turn", "lean"] {
+            for (carrying, carriage) in [("x", "y"), ("y", "x"), ("x", "z"), ("z", "x"), ("y", "z"), ("z", "y")] {
+                let shape = Shape::new().text("carrying", carrying).text("carriage", carriage);
+                let effect = construct(&shape.text("about", "x").text("form", form), &machine).unwrap();
+                let mut reading_m = [0.7, 0.45, 0.5];
+                let axis = Axis::ALL.into_iter().find(|axis| axis.lower() == carriage).unwrap().index();
+                reading_m[axis] = machine.stroke_m[axis].0;
+                let state = State { reading_m, offset_m: [0.1, 0.2, -0.5], covariates: &One(0.0) };
+                let ones = vec![1e-6; effect.parameters().len()];
+                let moved_m = tip_m(effect.as_ref(), &state, &ones).norm();
+                assert!(moved_m < 1e-18, "{form} {carriage} on {carrying}: {moved_m:e}");
+            }
+        }
+    }
+
+    /// X carries Y carries Z: an angle that follows one position alone is that axis' own, but for the axes at both ends.
+    #[test]
+    fn an_angle_by_one_position_alone_is_left_to_the_axis_whose_own_it_is() {
+        let alone = |carrying: &str, carriage: &str, form: &str| {
+            let shape = Shape::new().text("carrying", carrying).text("carriage", carriage);
+            let effect = construct(&shape.text("about", "x").text("form", form), &machine()).unwrap();
+            let is_alone = |name: &str| name.starts_with(form) && name.ends_with("_0");
+            effect.parameters().iter().filter(|spec| is_alone(&spec.name)).count()
+        };
+        assert_eq!([("x", "y"), ("y", "x"), ("y", "z"), ("z", "y")].map(|(u, v)| alone(u, v, "turn")), [0; 4]);
+        assert_eq!([alone("x", "z", "turn"), alone("z", "x", "turn"), alone("x", "y", "lean")], [3; 3]);
     }
 
     #[test]
