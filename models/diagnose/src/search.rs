@@ -16,7 +16,7 @@ use crate::periodic::Periodogram;
 use crate::same_claim::{has, is_variant};
 use crate::score::Score;
 use crate::step::Step;
-use crate::{exchange, jumps, lags, order, periodic, runs, serial, within_stations, worth};
+use crate::{exchange, jumps, lags, order, periodic, runs, scale_steps, serial, within_stations, worth};
 use abbe_geometry::ErrorId;
 use abbe_geometry::effects::known;
 use abbe_geometry::machine::Machine;
@@ -407,6 +407,7 @@ impl<'a> Search<'a> {
         named.extend(periodic::candidates(round, machine, self.campaign, &mut periodogram)?);
         named.extend(runs::candidate(round, machine, self.campaign)?);
         named.extend(jumps::candidates(round, machine, self.campaign)?);
+        named.extend(scale_steps::candidates(round, machine, self.campaign)?);
         Ok(named)
     }
 
