@@ -2,8 +2,8 @@
 //!
 //! Place in the flow: proposes shapes of the step in a scale to [`crate::search`]. Every pair of neighbouring readings of an axis is a place;
 //! some are tried, then all beside the best. Between which readings the place lies is told by the readings themselves: for a step in noise
-//! the likelihood ratio of the true place falls short of the best by x with probability (1 − e^(−x/2))² of less (D. Siegmund, Confidence sets
-//! in change-point problems, International Statistical Review 56, 1988), so that all places within [`UNSURE`] stay open. What a slope
+//! twice the log likelihood of the true place falls short of the best by less than x with probability (1 − e^(−x/2))² (D. Siegmund, Confidence
+//! sets in change-point problems, International Statistical Review 56, 1988), so that all places within [`UNSURE`] stay open. What a slope
 //! explains as well is no step: rails have joints and guideways waves, and finer error functions follow those. Readings in m.
 
 use crate::candidates::{Candidate, Round, score_all};

@@ -161,6 +161,12 @@ pub trait Effect: Debug + Send + Sync {
         false
     }
 
+    /// Whether it changes from one reading to the next along an axis: error functions with more coefficients come nearer to it, and never
+    /// follow it.
+    fn is_abrupt(&self) -> bool {
+        false
+    }
+
     /// Whether it stretches all ranges and takes for granted at which value of what it reads they are right: no campaign tells that
     /// from the scale of the machine.
     fn has_open_zero(&self) -> bool {

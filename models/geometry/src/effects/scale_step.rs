@@ -68,6 +68,10 @@ impl Effect for ScaleStep {
         KNOWN.name
     }
 
+    fn is_abrupt(&self) -> bool {
+        true
+    }
+
     fn parameters(&self) -> Vec<ParameterSpec> {
         vec![ParameterSpec::new("step", "m", 200e-6)]
     }
