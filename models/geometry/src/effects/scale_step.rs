@@ -15,7 +15,7 @@ use crate::machine::Machine;
 /// Entry in the registry.
 pub(super) const KNOWN: Known = Known {
     name: "scale_step",
-    title: "step in the scale of an axis",
+    title: "step in a scale",
     formula: "e = step along the axis beyond a place that lies between from_m and to_m",
     typical: "1-20 um: joined tapes, a damaged grating, a joint of rails",
     source: "ISO 230-1 (positioning error); calibration of line scales: Nyce 2004, Linear Position Sensors",
