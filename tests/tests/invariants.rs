@@ -16,8 +16,8 @@ const EFFECTS: &str = "models/geometry/src/effects";
 /// What effects share, beside them.
 const SHARED_BY_EFFECTS: [&str; 7] = ["arch", "growth", "known", "registry", "shape", "source", "tests"];
 /// Effects that propose no shapes of their own: the search that finds a period, a line or a dependence names them.
-const FOUND_BY_A_SEARCH: [&str; 6] =
-    ["axis_term", "empirical", "outlying_run", "periodic_scale", "stand_jump", "zero_jump"];
+const FOUND_BY_A_SEARCH: [&str; 7] =
+    ["axis_term", "empirical", "outlying_run", "periodic_scale", "scale_step", "stand_jump", "zero_jump"];
 const EXPORTS: &str = "nodes/files/src/export";
 const DRIVERS: &str = "nodes/graph/src/driver";
 /// Simulates physics with its own code, so that truth and model share no mistake; it has effects of its own.

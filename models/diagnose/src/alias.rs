@@ -18,7 +18,8 @@ const ABSORBED: f64 = 0.95;
 /// Parameters named at most.
 const NAMED: usize = 3;
 /// Effects whose shapes a search finds.
-const SEARCHED: [&str; 6] = ["axis_term", "empirical", "periodic_scale", "outlying_run", "stand_jump", "zero_jump"];
+const SEARCHED: [&str; 7] =
+    ["axis_term", "empirical", "periodic_scale", "outlying_run", "scale_step", "stand_jump", "zero_jump"];
 
 /// Named effects of which more than the limit is absorbed, the best shape of each.
 pub(crate) fn not_identifiable(

@@ -94,6 +94,7 @@ mod periodic;
 mod quadratic_form;
 mod runs;
 mod same_claim;
+mod scale_steps;
 pub mod score;
 mod search;
 mod serial;

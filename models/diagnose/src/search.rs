@@ -16,7 +16,7 @@ use crate::periodic::Periodogram;
 use crate::same_claim::{has, is_variant};
 use crate::score::Score;
 use crate::step::Step;
-use crate::{exchange, jumps, lags, order, periodic, runs, serial, within_stations, worth};
+use crate::{exchange, jumps, lags, order, periodic, runs, scale_steps, serial, within_stations, worth};
 use abbe_geometry::ErrorId;
 use abbe_geometry::effects::known;
 use abbe_geometry::machine::Machine;
@@ -407,6 +407,7 @@ impl<'a> Search<'a> {
         named.extend(periodic::candidates(round, machine, self.campaign, &mut periodogram)?);
         named.extend(runs::candidate(round, machine, self.campaign)?);
         named.extend(jumps::candidates(round, machine, self.campaign)?);
+        named.extend(scale_steps::candidates(round, machine, self.campaign)?);
         Ok(named)
     }
 
@@ -425,6 +426,7 @@ impl<'a> Search<'a> {
     ) -> Result<Proposal, DiagnoseError> {
         let rows = round.used;
         let tests = tests(named);
+        let finer = finer.filter(|(_, score)| !self.is_abrupt(named, state, (score, rows, tests)));
         let best = named.iter().filter(|c| !state.is_out(&c.term)).fold(None::<&Candidate>, |best, c| match best {
             Some(other) if !c.better_than(other, rows) => Some(other),
             _ => Some(c),
@@ -455,6 +457,15 @@ impl<'a> Search<'a> {
             (Some(named), _) => Proposal::Named(named.clone()),
             (None, Some(free)) => Proposal::Free(free),
             (None, None) => Proposal::Nothing,
+        })
+    }
+
+    /// Whether what an error function lacks is abrupt: an effect that no coefficients follow explains as much as finer splines, which
+    /// round it off. Their misfit is taken out of all candidates once the order is settled, and the effect with it.
+    fn is_abrupt(&self, named: &[Candidate], state: &State, (finer, rows, tests): (&Score, usize, usize)) -> bool {
+        named.iter().any(|c| {
+            let is_open = c.term.effect.is_abrupt() && !state.is_out(&c.term);
+            is_open && c.score.reduction >= finer.reduction && self.passes(c.score.p_value, tests, c.evidence(rows))
         })
     }
 

@@ -353,3 +353,45 @@ fn an_observer_that_says_no_stops_it() {
     let stopped = diagnose(&case.machine, &[], INSTRUMENT.range, campaign, &DiagnoseOptions::default(), &mut observe);
     assert!(matches!(stopped, Err(DiagnoseError::Stopped)));
 }
+
+/// A tape scale that was spliced: the fit rounded the step off, and U held four tenths of what is within 120 mm of it.
+#[test]
+fn regress_a_splice_of_a_scale_is_found_where_it_is_and_held_by_u() {
+    let (at_m, size_m) = (0.313, 6e-6);
+    let case = Case::new(4, &["splice axis=y size_um=6 at_mm=313"]);
+    let diagnosis = case.diagnose();
+    assert_eq!(names(&diagnosis), ["scale_step"], "{:?}", diagnosis.steps);
+    assert_eq!(text(&diagnosis, "scale_step", "axis"), "y");
+    let found = &diagnosis.found[0];
+    let number = |key: &str| match found.shape.0.get(key) {
+        Some(ShapeValue::Number(value)) => *value,
+        other => panic!("{key}: {other:?}"),
+    };
+    assert!(number("from_m") <= at_m && number("to_m") >= at_m, "{:?}", found.shape);
+    let step = &found.parameters[0];
+    assert!((step.value - size_m).abs() < 2.0 * step.u, "{} {}", step.value, step.u);
+    let (before_m, after_m) = (case.verification_m(&diagnosis.before.model), case.verification_m(&diagnosis.model));
+    assert!(after_m < 0.8 * before_m, "{before_m} {after_m}");
+    let near = |point: &&common::Erring| (point.reading_m[1] - at_m).abs() < 0.06;
+    let held = |model| {
+        let points = case.errors_m(model);
+        let near: Vec<_> = points.iter().filter(near).collect();
+        near.iter().filter(|point| point.error_m.y.abs() <= 2.0 * point.u_m.y).count() as f64 / near.len() as f64
+    };
+    assert!(held(&diagnosis.before.model) < 0.8, "{}", held(&diagnosis.before.model));
+    assert!(held(&diagnosis.model) > 0.93, "{}", held(&diagnosis.model));
+}
+
+/// Places that bend sharply, waves, play and zeros that jump are no steps of a scale.
+#[test]
+fn what_bends_or_jumps_otherwise_is_no_step_of_a_scale() {
+    for text in [
+        "wear axis=x across=y size_um=4 at_mm=130 width_mm=20",
+        "periodic_scale axis=y size_um=1.5 pitch_mm=150",
+        "backlash axis=x size_um=4",
+        "zero_jump station=1 after_s=600 shift_um=6",
+    ] {
+        let diagnosis = Case::new(5, &[text]).diagnose();
+        assert!(!names(&diagnosis).contains(&"scale_step"), "{text}: {:?}", diagnosis.steps);
+    }
+}

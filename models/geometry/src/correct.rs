@@ -279,6 +279,7 @@ impl OfEffect<'_> {
         let here_m = moved_m(self.fitted, columns);
         all.tip_m += here_m;
         columns.iter().enumerate().for_each(|(j, column)| sensitivity.push(self.first + j, *column));
+        all.doubt_m2 += undecided_m2((self.model, self.first), self.fitted, state, self.by_error);
         let usual = self.model.usual_on_tip(self.k);
         if is_outside(usual, state) {
             let (added_m, doubt_m2) = doubt::outside(usual, state, motion)?;
@@ -298,6 +299,23 @@ impl OfEffect<'_> {
         }
         Some(())
     }
+}
+
+/// Covariance of the tip (m²) by what the shape of an effect leaves open in this state; `first` is the place of its first parameter.
+pub(crate) fn undecided_m2(
+    (model, first): (&MachineModel, usize),
+    fitted: &FittedEffect,
+    state: &State,
+    by_error: &[Vector3<f64>; ErrorId::COUNT],
+) -> Matrix3<f64> {
+    let mut total_m2 = Matrix3::zeros();
+    fitted.effect.undecided(state, &mut |j, acts, amount| {
+        let column = acts.on_tip(by_error) * amount;
+        // The expectation of the square: of what is there with some probability only, too (`crate::mixture`).
+        let square = fitted.parameters[j].powi(2) + model.covariance(first + j, first + j);
+        total_m2 += column * column.transpose() * square;
+    });
+    total_m2
 }
 
 /// The identified readings (m) that are nearest to these.

@@ -8,7 +8,7 @@
 
 use crate::axis::{Axis, ErrorId};
 use crate::chain::{ErrorValues, chain_point};
-use crate::correct::{is_within, nearest_identified_m};
+use crate::correct::{is_within, nearest_identified_m, undecided_m2 as of_effect_m2};
 use crate::effects::{Acts, NoCovariates, State, TipColumns, tip_columns};
 use crate::model::{Combination, FittedEffect, MachineModel};
 use nalgebra::Vector3;
@@ -238,7 +238,7 @@ fn error(model: &MachineModel, effects: &[usize], axis: Axis, id: ErrorId, readi
     }
     let place_m = held_m(model, axis, reading_m);
     let own_m = at_m(model, axis, reading_m);
-    let (mut total, mut parameters) = (value, Vec::new());
+    let (mut total, mut parameters, mut undecided_m2) = (value, Vec::new(), 0.0);
     if let Some(basis) = model.layout().basis(id) {
         let local = basis.at(reading_m);
         let first = model.layout().range(id).start + local.first;
@@ -252,11 +252,15 @@ fn error(model: &MachineModel, effects: &[usize], axis: Axis, id: ErrorId, readi
             // What is not known beyond the readings grows with the distance from them.
             let own = columns(fitted, axis, own_m).unwrap_or_default();
             parameters.extend(own.into_iter().map(|(k, part)| (first + k, part)));
+            let Tip { reading_m, offset_m, by_error } = Tip::new(model, place_m, [0.0; 3]);
+            let at = State { reading_m, offset_m, covariates: &NoCovariates };
+            undecided_m2 += of_effect_m2((model, first), fitted, &at, &by_error)[(axis.index(), axis.index())];
         }
         first += fitted.parameters.len();
     }
     let between_nodes = model.between_nodes().at(id, reading_m).into_iter().collect();
-    (total, model.variance(&Combination { parameters, between_nodes }).max(0.0).sqrt())
+    let known_m2 = model.variance(&Combination { parameters, between_nodes }).max(0.0);
+    (total, (known_m2 + undecided_m2).sqrt())
 }
 
 fn sampled_axis(model: &MachineModel, axis: Axis, step_m: f64) -> Result<SampledAxis, SampleError> {

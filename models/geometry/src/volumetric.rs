@@ -6,7 +6,8 @@
 //! target (ISO 230-2; ISO 230-6 on diagonals), with the covariance of the same fit at both ends.
 
 use crate::axis::Axis;
-use crate::correct::{Status, correct, corrected};
+use crate::chain::{ErrorValues, chain_point};
+use crate::correct::{Status, correct, corrected, undecided_m2};
 use crate::effects::{NoCovariates, State};
 use crate::model::MachineModel;
 use crate::sensitivity::Sensitivity;
@@ -174,12 +175,13 @@ pub fn at_distances(
         let state = State { reading_m, offset_m, covariates: &NoCovariates };
         let mut sensitivity = Sensitivity::default();
         let correction = corrected(model, &state, &mut sensitivity).ok_or_else(|| outside(reading_m, offset_m))?;
-        Ok((correction.position_m, sensitivity))
+        let undecided_m2 = direction.dot(&(undecided_at_m2(model, &state) * direction));
+        Ok((correction.position_m, sensitivity, undecided_m2))
     };
-    let (first_m, first) = point(from_m)?;
+    let (first_m, first, first_undecided_m2) = point(from_m)?;
     let target = |distance_m: &f64| {
         let reading_m: [f64; 3] = (Vector3::from(from_m) + direction * *distance_m).into();
-        let (actual_m, sensitivity) = point(reading_m)?;
+        let (actual_m, sensitivity, undecided_m2) = point(reading_m)?;
         let moved_m = actual_m - first_m;
         // Small minus small instead of length minus length: ‖n + e‖ − ‖n‖ = (2 n·e + e·e)/(‖n + e‖ + ‖n‖).
         let (nominal_m, distance_m) = (direction * *distance_m, *distance_m);
@@ -191,9 +193,25 @@ pub fn at_distances(
             0.0
         };
         let difference = sensitivity.along(&direction).minus(first.along(&direction));
-        Ok(LinePoint { reading_m, distance_m, deviation_m, u_m: model.variance(&difference).max(0.0).sqrt() })
+        // What is undecided at one end may be decided at the other; at the same place it is the same.
+        let undecided_m2 = if reading_m == from_m { 0.0 } else { first_undecided_m2 + undecided_m2 };
+        let u_m = (model.variance(&difference).max(0.0) + undecided_m2).sqrt();
+        Ok(LinePoint { reading_m, distance_m, deviation_m, u_m })
     };
     distances_m.iter().map(target).collect()
+}
+
+/// Covariance of the tip (m²) by what the shapes of all effects leave open.
+fn undecided_at_m2(model: &MachineModel, state: &State) -> Matrix3<f64> {
+    let machine = &model.parts().machine;
+    let by_error = chain_point(machine, state.reading_m, state.offset_m, &ErrorValues::ZERO).by_error;
+    let mut first = model.layout().len();
+    let mut total_m2 = Matrix3::zeros();
+    for fitted in &model.parts().effects {
+        total_m2 += undecided_m2((model, first), fitted, state, &by_error);
+        first += fitted.parameters.len();
+    }
+    total_m2
 }
 
 fn outside(reading_m: [f64; 3], offset_m: [f64; 3]) -> VolumetricError {

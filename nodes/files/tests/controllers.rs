@@ -446,3 +446,35 @@ fn regress_effects_of_position_are_in_grids_and_named_elsewhere_and_zeros_that_n
     let nothing = write(&about(&empty), &SampledErrors::of(&empty.model, STEP_M).unwrap()).unwrap_err().to_string();
     assert!(nothing.contains("says nothing of the positioning of any axis"), "{nothing}");
 }
+
+/// A step in a scale is an error of position: tables of functions and grids hold it, say between which nodes they miss it, and are as uncertain
+/// between its readings as it is.
+#[test]
+fn a_step_in_a_scale_is_in_tables_and_grids_with_what_they_miss() {
+    let (from_m, to_m, step_m) = (0.201, 0.209, 6e-6);
+    let shape = Shape::new().text("axis", "x").number("from_m", from_m).number("to_m", to_m);
+    let (file, plain) = (with_effects(&[("scale_step", shape, vec![step_m])]), with_effects(&[]));
+    let sampled = |file: &ModelFile, every_m: f64| SampledErrors::of(&file.model, every_m).unwrap().axes[0].clone();
+    let (own, without) = (sampled(&file, 1e-3), sampled(&plain, 1e-3));
+    for (k, reading_m) in own.positions_m.iter().enumerate() {
+        let passed = ((reading_m - from_m) / (to_m - from_m)).clamp(0.0, 1.0);
+        let added_m = own.errors[k][0] - without.errors[k][0];
+        assert!((added_m - step_m * passed).abs() < 1e-12, "{reading_m}: {added_m}");
+        let open_m = (own.u[k][0].powi(2) - without.u[k][0].powi(2)).max(0.0).sqrt();
+        // The step itself is known to 0.1 um.
+        let expected_m = (passed * (1.0 - passed)).sqrt() * step_m;
+        assert!((open_m - expected_m).abs() < 0.12e-6, "{reading_m}: {open_m} {expected_m}");
+    }
+    // Nodes every 20 mm go from 0.2 to 0.22 m: the line between them is off by some of the step, and the head says so.
+    assert!(sampled(&file, STEP_M).missed[0] > 0.4 * step_m);
+    let about = |name: &str| {
+        let about = About::new(&file, &[0xab; 32], "abbe test");
+        about.left_out(format(name).unwrap()).cloned().collect::<Vec<_>>()
+    };
+    for name in ["csv", "volumetric-grid", "linuxcnc-comp", "siemens-enc-comp", "fanuc-pitch"] {
+        assert!(about(name).iter().all(|what| !what.contains("scale_step")), "{name}: {:?}", about(name));
+    }
+    let (at_m, offset_m) = ([0.3, 0.2, 0.1], [0.0; 3]);
+    let of = |file: &ModelFile| geometric_error_m(&file.model, &of_places(&file.model), at_m, offset_m);
+    assert!((of(&file) - of(&plain) - Vector3::new(step_m, 0.0, 0.0)).norm() < 1e-9);
+}

@@ -74,17 +74,33 @@ impl Case {
 
     /// 3-D error (rms, m) of a model at points on another day, after rigid alignment.
     pub(crate) fn verification_m(&self, model: &MachineModel) -> f64 {
+        let errors = self.errors_m(model);
+        (errors.iter().map(|point| point.error_m.norm_squared()).sum::<f64>() / errors.len() as f64).sqrt()
+    }
+
+    /// The same at each of these points.
+    pub(crate) fn errors_m(&self, model: &MachineModel) -> Vec<Erring> {
         let points = verification_points(&self.config, 300, 99).unwrap();
-        let (mut corrected, mut actual) = (Vec::new(), Vec::new());
+        let (mut corrected, mut actual, mut u_m) = (Vec::new(), Vec::new(), Vec::new());
         for point in &points {
             let logged = Logged { time_s: point.time_s, values: &point.covariates };
             let state = State { reading_m: point.reading_m, offset_m: point.offset_m, covariates: &logged };
-            corrected.push(correct(model, &state).position_m);
+            let correction = correct(model, &state);
+            corrected.push(correction.position_m);
+            u_m.push(correction.covariance_m2.unwrap().diagonal().map(f64::sqrt));
             actual.push(Vector3::from(point.actual_m));
         }
         let errors = aligned_residuals_m(&corrected, &actual).unwrap();
-        (errors.iter().map(|e| e.norm_squared()).sum::<f64>() / errors.len() as f64).sqrt()
+        let all = points.iter().zip(errors).zip(u_m);
+        all.map(|((point, error_m), u_m)| Erring { reading_m: point.reading_m, error_m, u_m }).collect()
     }
+}
+
+/// Error of a corrected point, and its standard uncertainty (m).
+pub(crate) struct Erring {
+    pub(crate) reading_m: [f64; 3],
+    pub(crate) error_m: Vector3<f64>,
+    pub(crate) u_m: Vector3<f64>,
 }
 
 struct Logged<'a> {

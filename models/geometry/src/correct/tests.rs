@@ -221,6 +221,28 @@ fn regress_what_is_unexplained_grows_beyond_the_temperatures_of_the_campaign() {
     assert!(added_m2(&parts, 25.0).norm() < 1e-24);
 }
 
+/// Between the readings that bound a step, half of it is corrected, and U (k = 2) is the whole: it holds 0 and the step alike.
+#[test]
+fn a_coordinate_between_the_readings_that_bound_a_step_is_as_uncertain_as_the_step() {
+    let shape = Shape::new().text("axis", "x").number("from_m", 0.3).number("to_m", 0.4);
+    let mut parts = model(&[("scale_step", shape)]).parts().clone();
+    parts.effects[0].parameters = vec![6e-6];
+    let model = MachineModel::new(parts).unwrap();
+    let of = |x_m: f64| correct(&model, &State { reading_m: [x_m, 0.2, 0.1], ..at(&NoCovariates) });
+    for (x_m, passed) in [(0.2, 0.0), (0.3, 0.0), (0.35, 0.5), (0.39, 0.9), (0.4, 1.0), (0.7, 1.0)] {
+        let here = of(x_m);
+        assert!((here.effects_m.x - 6e-6 * passed).abs() < 1e-10, "{x_m}: {}", here.effects_m.x);
+        let parameter_m2 = (2e-4 * 200e-6_f64).powi(2);
+        let open_m2 = (36e-12 + parameter_m2) * passed * (1.0 - passed);
+        // Beside it stand what the parameter and the geometry leave open; the latter as without a step.
+        let beside_m2 = here.covariance_m2.unwrap()[(0, 0)] - open_m2 - parameter_m2 * passed * passed;
+        assert!(beside_m2 > 0.0 && beside_m2 < 1e-12, "{x_m}: {beside_m2:e}");
+        assert_eq!(here.status, Status::InVolume);
+    }
+    let u_m = |x_m: f64| 2.0 * of(x_m).covariance_m2.unwrap()[(0, 0)].sqrt();
+    assert!(u_m(0.35) > 6e-6 && u_m(0.35) < 7e-6 && u_m(0.29) < 2e-6, "{} {}", u_m(0.35), u_m(0.29));
+}
+
 /// Two sensors agreed in the campaign: which of them the effect follows nobody knows, and it shows where they part.
 #[test]
 fn regress_sensors_that_part_as_never_in_the_campaign_widen_the_covariance() {

@@ -32,6 +32,7 @@ mod refraction;
 mod reversal;
 mod scale_expansion;
 mod scale_growth;
+mod scale_step;
 mod speed_lag;
 mod stand_jump;
 mod station_drift;
@@ -118,7 +119,7 @@ pub enum Acts {
 
 impl Acts {
     /// What a unit of it does to the tip (machine frame), from the chain's partials by error.
-    fn on_tip(self, by_error: &[Vector3<f64>; ErrorId::COUNT]) -> Vector3<f64> {
+    pub(crate) fn on_tip(self, by_error: &[Vector3<f64>; ErrorId::COUNT]) -> Vector3<f64> {
         match self {
             Acts::Error(id) => by_error[id.index()],
             Acts::Tip(axis) => axis.direction(),
@@ -160,6 +161,12 @@ pub trait Effect: Debug + Send + Sync {
         false
     }
 
+    /// Whether it changes from one reading to the next along an axis: error functions with more coefficients come nearer to it, and never
+    /// follow it.
+    fn is_abrupt(&self) -> bool {
+        false
+    }
+
     /// Whether it stretches all ranges and takes for granted at which value of what it reads they are right: no campaign tells that
     /// from the scale of the machine.
     fn has_open_zero(&self) -> bool {
@@ -190,6 +197,10 @@ pub trait Effect: Debug + Send + Sync {
     fn motion(&self, _state: &State, _part: &mut Motion) -> Result<(), CovariateProblem> {
         Ok(())
     }
+
+    /// Standard deviation, for a unit of each parameter, of what it does to chain and tip in this state where its shape leaves that open
+    /// (a step whose place is known to lie between two readings). It widens the uncertainty there. Nothing by default.
+    fn undecided(&self, _state: &State, _part: &mut Motion) {}
 
     /// What a unit of each parameter adds to the range read (m per unit) beyond what the tip's motion does.
     fn range(&self, _state: &State, _sight: &Sight, _part: &mut dyn FnMut(usize, f64)) -> Result<(), CovariateProblem> {

@@ -7,7 +7,8 @@ use super::shape::{EffectError, Shape};
 use super::{
     Effect, acceleration, axis_term, carriage_sag, column_bow, dead_path, empirical, gimbal, gradient_bow, hysteresis,
     moisture_bow, outlying_run, periodic_scale, range_bend, reflector_incidence, reflector_offset, refraction,
-    reversal, scale_expansion, scale_growth, speed_lag, stand_jump, station_drift, table_load, warm_up, zero_jump,
+    reversal, scale_expansion, scale_growth, scale_step, speed_lag, stand_jump, station_drift, table_load, warm_up,
+    zero_jump,
 };
 use crate::machine::Machine;
 
@@ -32,6 +33,7 @@ pub const REGISTRY: &[Known] = &[
     reversal::KNOWN,
     scale_expansion::KNOWN,
     scale_growth::KNOWN,
+    scale_step::KNOWN,
     speed_lag::KNOWN,
     stand_jump::KNOWN,
     station_drift::KNOWN,

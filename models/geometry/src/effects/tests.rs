@@ -96,7 +96,8 @@ pub(crate) fn shapes(entry: &Known, machine: &Machine) -> Vec<Shape> {
         let table = table.text("sign", "dir_x").text("by", "time_s").number("by_zero", 0.0).number("by_unit", 60.0);
         let side = Shape::new().text("axis", "x").text("side", "dir_x_over_12000um");
         let jump = Shape::new().text("station", "S1").number("after_s", 0.0);
-        shapes = vec![axis, smooth, run, table, side, jump];
+        let step = Shape::new().text("axis", "x").number("from_m", 0.29).number("to_m", 0.31);
+        shapes = vec![axis, smooth, run, table, side, jump, step];
         shapes.retain(|shape| (entry.construct)(shape, machine).is_ok());
     }
     assert!(!shapes.is_empty(), "{}: no shape to test", entry.name);

@@ -42,6 +42,7 @@ const SINGLE: &[(&str, &str)] = &[
     ("screw", "screw axis=$axis growth_um_m=20* fixed_at_mm=0 time_constant_s=4000"),
     ("column", "column_bow axis=z toward=x urad_per_m_kelvin=20* lag_s=1500"),
     ("air along the beam", "beam_gradient kelvin_per_m=0.3*"),
+    ("splice", "splice axis=$axis size_um=3* at_mm=310"),
 ];
 
 /// One line out of two hundred: its shift (µm) is given, for it hardly reaches the verification error.

@@ -8,7 +8,7 @@ use std::sync::{Arc, LazyLock};
 use abbe_virtual_machine::effects::{
     Acceleration, Backlash, Beam, CarriageSag, CarriageTwist, ColumnBow, Effect, Gimbal, GradientBow, Hysteresis,
     LaggedExpansion, MoistureBow, Moment, PeriodicScale, ReflectorIncidence, Refraction, ScaleExpansion, Screw,
-    SpeedLag, StationDrift, TableLoad, Undescribed, WarmUp, Wear,
+    SpeedLag, Splice, StationDrift, TableLoad, Undescribed, WarmUp, Wear,
 };
 use abbe_virtual_machine::environment::{Environment, EnvironmentConfig, EnvironmentState};
 use abbe_virtual_machine::instrument::InstrumentConfig;
@@ -196,6 +196,17 @@ fn a_periodic_scale_repeats_with_its_pitch() {
     assert!((at(0.2) - 0.3e-6).abs() < 1e-20);
     assert!((at(0.22) + 0.3e-6).abs() < 1e-20);
     assert!(at(0.21).abs() < 1e-20);
+}
+
+#[test]
+fn behind_a_splice_the_whole_scale_stands_off() {
+    let effect = Splice { axis: Axis::Z, size_m: 6e-6, at_m: 0.21 };
+    let at = |z: f64| {
+        let mut moment = calm();
+        moment.reading_m[2] = z;
+        joints(&effect, &moment).linear_m[2]
+    };
+    assert_eq!([0.0, 0.2099, 0.2101, 0.5].map(at), [[0.0; 3], [0.0; 3], [0.0, 0.0, 6e-6], [0.0, 0.0, 6e-6]]);
 }
 
 #[test]

@@ -47,6 +47,7 @@ pub(crate) const ACCEPTED: &[Accepted] = &[
     row("scale_expansion", "scale_expansion", AXIS, "that axis, by whichever of its sensors that drift alike"),
     row("screw", "scale_growth", AXIS, "that axis, with one time constant in the place of two"),
     row("speed_lag", "speed_lag", AXIS, "the axis that lags"),
+    row("splice", "scale_step", &PLACE, "the same axis and place: between the readings on both sides of it"),
     row("stand_jump", "stand_jump", &[], "one station"),
     row("station_drift", "station_drift", &[], "all stands in one effect"),
     row("table_load", "table_load", &[], "one table"),
@@ -54,6 +55,7 @@ pub(crate) const ACCEPTED: &[Accepted] = &[
     row("warm_up", "warm_up", &[], "growth of the head with time"),
 ];
 
+const PLACE: [Same; 2] = [Same::Word("axis", "axis"), Same::Length("at_mm", "from_m", 0.15)];
 const PERIOD: [Same; 2] = [Same::Word("axis", "axis"), Same::Length("pitch_mm", "period_m", 0.02)];
 
 #[cfg(test)]

@@ -10,7 +10,7 @@ use super::text::{Key, Values, given, or_zero};
 use super::{
     Acceleration, Backlash, BeamGradient, CarriageSag, CarriageTwist, ColumnBow, DeadPath, Effect, Gimbal, GradientBow,
     Hysteresis, LaggedExpansion, MoistureBow, Onset, OutlyingRun, PeriodicScale, ReflectorIncidence, ReflectorOffset,
-    Refraction, ScaleExpansion, Screw, SpeedLag, StandJump, StationDrift, TableLoad, Undescribed, WarmUp, Wear,
+    Refraction, ScaleExpansion, Screw, SpeedLag, Splice, StandJump, StationDrift, TableLoad, Undescribed, WarmUp, Wear,
     ZeroJump,
 };
 use crate::error::SimulationError;
@@ -191,6 +191,15 @@ const ENTRIES: &[Entry] = &[
         keys: &[given("axis"), given("lag_us")],
         example: "speed_lag axis=x lag_us=30",
         make: |v| Ok(Arc::new(SpeedLag { axis: v.axis("axis")?, lag_s: v.number("lag_us")? * MICRO })),
+    },
+    Entry {
+        name: "splice",
+        keys: &[given("axis"), given("size_um"), given("at_mm")],
+        example: "splice axis=y size_um=6 at_mm=310",
+        make: |v| {
+            let (size_m, at_m) = (v.number("size_um")? * MICRO, v.number("at_mm")? * MILLI);
+            Ok(Arc::new(Splice { axis: v.axis("axis")?, size_m, at_m }))
+        },
     },
     Entry {
         name: "stand_jump",
