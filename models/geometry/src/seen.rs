@@ -6,8 +6,8 @@
 //! does 1.4 times what it did at the end, counted from the middle, and a square law twice: U at k = 2 holds twice what a standard uncertainty
 //! hides. Some change is usual anywhere (`least_beyond`). A quantity of another kind (an air pressure, a number of a probe) is not judged.
 //!
-//! **What nobody explained** may be a law of any quantity that changed, and a law grows: beyond the range, as the square does
-//! (`growth`).
+//! **What nobody explained** may be a law of any quantity that changed, and a law grows: beyond the range at least straight on from
+//! the middle of it (`growth`).
 //!
 //! **Temperatures that went together**: which of two sensors an effect follows shows only where they part. Beyond the differences of
 //! the campaign, what the effect does by that part of the difference counts in full as uncertainty.
@@ -34,13 +34,13 @@ pub(crate) fn as_seen_beyond(name: &str, (low, high): (f64, f64)) -> Option<f64>
     Some((BEYOND * (high - low)).max(least_beyond(name)?))
 }
 
-/// How often as large as in the campaign what nobody explained may be (standard deviation), were it the square of a quantity counted from
+/// How often as large as in the campaign what nobody explained may be (standard deviation), did it go straight with a quantity counted from
 /// the middle of its range. From one width beyond on nothing more is known. What stood still then, and a broken sensor, say nothing.
 pub(crate) fn growth(name: &str, (low, high): (f64, f64), value: f64) -> f64 {
     let (width, beyond) = (high - low, (low - value).max(value - high));
     let changed = least_beyond(name).is_some_and(|usual| width > usual);
     match changed && beyond > 0.0 && !is_implausible(name, beyond) {
-        true => (1.0 + 2.0 * (beyond / width).min(1.0)).powi(2),
+        true => 1.0 + 2.0 * (beyond / width).min(1.0),
         false => 1.0,
     }
 }
