@@ -389,7 +389,7 @@ fn what_bends_or_jumps_otherwise_is_no_step_of_a_scale() {
         "wear axis=x across=y size_um=4 at_mm=130 width_mm=20",
         "periodic_scale axis=y size_um=1.5 pitch_mm=150",
         "backlash axis=x size_um=4",
-        "zero_jump station=1 after_s=600 shift_um=6",
+        "zero_jump station=1 after_s=600 shift_um=2",
     ] {
         let diagnosis = Case::new(5, &[text]).diagnose();
         assert!(!names(&diagnosis).contains(&"scale_step"), "{text}: {:?}", diagnosis.steps);
