@@ -229,7 +229,7 @@ fn wrong_input_is_refused_with_its_place_and_leaves_nothing() {
         ),
         (
             &["conformity", "--lengths", &unit, "--probing", "bidirectional"],
-            &["unit.csv", "deviation_um", "multiply them by 1000"],
+            &["unit.csv", "deviation_um", "multiply the numbers by 1000"],
         ),
         (
             &["conformity", "--lengths", &lengths, "--probing", "bidirectional", "--mpe", "0,5+L/400"],
