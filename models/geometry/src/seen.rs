@@ -2,9 +2,10 @@
 //!
 //! Place in the flow: [`crate::model`] makes these limits, [`crate::correct`] holds samples to them.
 //!
-//! **No effect reads it**: what such a quantity does was too little to be seen over its range. A fifth of its range beyond, a straight law
-//! does 1.4 times what it did at the end, counted from the middle, and a square law twice: U at k = 2 holds twice what a standard uncertainty
-//! hides. Some change is usual anywhere (`least_beyond`). A quantity of another kind (an air pressure, a number of a probe) is not judged.
+//! **No effect reads it**: what such a quantity does was too little to be seen over its range. Half of its range beyond, a straight law
+//! does twice what it did at the end, counted from the middle: U at k = 2 holds twice what a standard uncertainty hides. A square law does
+//! four times as much there, and nine times where it is as far again. Some change is usual anywhere (`least_beyond`). A quantity of another
+//! kind (an air pressure, a number of a probe) is not judged.
 //!
 //! **What nobody explained** may be a law of any quantity that changed, and a law grows: beyond the range at least straight on from
 //! the middle of it (`growth`).
@@ -25,8 +26,8 @@ const IMPLAUSIBLE_K: f64 = 50.0;
 const USUAL_CHANGE: [(&str, f64); 5] =
     [(TEMPERATURE, 0.2), ("_pct", 10.0), ("_kg", 1.0), ("_mm_s", 20.0), ("dir_", 0.0)];
 
-/// Share of its range by which a quantity may lie beyond it: (1 + 2·0.2)² is 2, what a square law has grown by there.
-const BEYOND: f64 = 0.2;
+/// Share of its range by which a quantity may lie beyond it: 1 + 2·0.5 is 2, what a straight law has grown by there.
+const BEYOND: f64 = 0.5;
 
 /// How far beyond this range a quantity that no effect reads is still as in the campaign, in the unit of its name; `None` where its kind
 /// is not judged.
