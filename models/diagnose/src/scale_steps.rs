@@ -140,26 +140,14 @@ impl Places {
         self.reductions.iter().map(|(place, value)| (*place, *value)).max_by(|a, b| a.1.total_cmp(&b.1))
     }
 
-    /// The outermost place above or below one that explains at least so much; with growing strides, so that what lies between two that
-    /// were tried counts as open.
+    /// The outermost place above or below one that explains at least so much.
     fn outermost(&mut self, round: &Round, from: usize, least: f64, above: bool) -> usize {
-        let (mut outermost, mut tried, mut stride) = (from, from, 1);
-        loop {
-            let beyond = |k: usize| if above { tried.checked_add(k * stride) } else { tried.checked_sub(k * stride) };
-            let batch: Vec<usize> = (1..=CLOSER).map_while(beyond).filter(|k| self.open.contains(k)).collect();
-            let Some(last) = batch.last().copied() else {
-                // Fewer than a stride are left, and none of them was tried.
-                return if above { self.open.end - 1 } else { self.open.start };
-            };
-            self.score(round, batch.iter().copied());
-            let open = |k: &&usize| self.reductions.get(*k).is_some_and(|value| *value >= least);
-            let Some(found) = batch.iter().rev().find(open).copied() else { return outermost };
-            outermost = match above {
-                true => (found + stride - 1).min(self.open.end - 1),
-                false => found.saturating_sub(stride - 1).max(self.open.start),
-            };
-            (tried, stride) = (last, 2 * stride);
-        }
+        let open = self.open.clone();
+        outermost(&open, from, above, |places| {
+            self.score(round, places.iter().copied());
+            let explains = |place: &usize| self.reductions.get(place).is_some_and(|value| *value >= least);
+            places.iter().map(explains).collect()
+        })
     }
 
     /// Scores steps at these places, all together.
@@ -178,6 +166,33 @@ impl Places {
     }
 }
 
+/// The outermost of these places, above or below one that is open, that is open as well, as `are_open` says of some; with growing
+/// strides, so that what lies between two that were tried counts as open.
+fn outermost(
+    places: &std::ops::Range<usize>,
+    from: usize,
+    above: bool,
+    mut are_open: impl FnMut(&[usize]) -> Vec<bool>,
+) -> usize {
+    let (mut outermost, mut tried, mut is_open, mut stride) = (from, from, true, 1);
+    loop {
+        // Up to the next one that would be tried.
+        let up_to_next = |place: usize| match above {
+            true => (place + stride - 1).min(places.end - 1),
+            false => place.saturating_sub(stride - 1).max(places.start),
+        };
+        let beyond = |k: usize| if above { tried.checked_add(k * stride) } else { tried.checked_sub(k * stride) };
+        let batch: Vec<usize> = (1..=CLOSER).map_while(beyond).filter(|k| places.contains(k)).collect();
+        let open = are_open(&batch);
+        let found = batch.iter().zip(open).rev().find(|(_, is_open)| *is_open);
+        let (Some((found, _)), Some(last)) = (found, batch.last()) else {
+            return if is_open { up_to_next(tried) } else { outermost };
+        };
+        outermost = up_to_next(*found);
+        (tried, is_open, stride) = (*last, found == last, 2 * stride);
+    }
+}
+
 fn shape(axis: Axis, (from_m, to_m): (f64, f64)) -> Shape {
     Shape::new().text("axis", axis.lower()).number("from_m", from_m).number("to_m", to_m)
 }
@@ -186,4 +201,41 @@ fn shape(axis: Axis, (from_m, to_m): (f64, f64)) -> Shape {
 fn enough(readings: impl Iterator<Item = (usize, u32)>) -> Option<usize> {
     let mut met = BTreeSet::new();
     readings.into_iter().find(|(_, line)| met.insert(*line) && met.len() >= LEAST_LINES).map(|(group, _)| group)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Ends of the places at which a step explains enough.
+    fn ends(open: &[bool], from: usize) -> (usize, usize) {
+        let of = |places: &[usize]| places.iter().map(|place| open[*place]).collect();
+        (outermost(&(0..open.len()), from, false, of), outermost(&(0..open.len()), from, true, of))
+    }
+
+    /// With few places all of them were tried, and one open beside the best made the interval run to the end of the axis.
+    #[test]
+    fn regress_an_interval_ends_at_the_last_open_place() {
+        for count in 3..200 {
+            for from in 0..count {
+                let alone: Vec<bool> = (0..count).map(|place| place == from).collect();
+                assert_eq!(ends(&alone, from), (from, from), "{count}");
+                let beside: Vec<bool> = (0..count).map(|place| place.abs_diff(from) <= 1).collect();
+                assert_eq!(ends(&beside, from), (from.saturating_sub(1), (from + 1).min(count - 1)), "{count}");
+            }
+            let all = vec![true; count];
+            assert_eq!(ends(&all, count / 2), (0, count - 1), "{count}");
+        }
+    }
+
+    #[test]
+    fn what_lies_between_two_that_were_tried_counts_as_open_and_no_more() {
+        for wide in 1..150_usize {
+            let open: Vec<bool> = (0..400_usize).map(|place| place.abs_diff(200) <= wide).collect();
+            let (low, high) = ends(&open, 200);
+            assert!(low <= 200 - wide && high >= 200 + wide, "{wide}: {low} {high}");
+            // A stride is at most an eighth of what was open by then.
+            assert!(200 - low <= wide + wide / 8 + 1 && high - 200 <= wide + wide / 8 + 1, "{wide}: {low} {high}");
+        }
+    }
 }
