@@ -185,6 +185,7 @@ fn regress_a_recorded_run_gives_offline_the_campaign_of_the_live_diagnosis() {
     let alone = TracerReading { stamp: Stamp::from_seconds(1.8).unwrap(), sequence: 60, ..last };
     write(&mut writer, "/cmm/tracer/reading", &alone);
     live.tracer(&alone);
+    live.finish();
     writer.finish().unwrap();
 
     let offline = campaign_from_bag(&bag, "cmm", &join).unwrap();

@@ -4,7 +4,7 @@
 //! gets the newest one from not after its stamp, however late the reading itself comes. Values in the unit of their name,
 //! ages in s. What the reading's own driver says stays. A name that two sensors say is left out, since nobody knows which of them
 //! is meant. Where the clock of the readings is set back, the age of what was said before is unknown: a sensor is missing until
-//! it speaks again. Pure: no clock is read.
+//! it speaks again. One reading that is back may be late, and goes without sensors; the next one tells. Pure: no clock is read.
 
 use super::geometric::CLOCK_TOLERANCE_S;
 use abbe_msgs::{CovariateError, ScaleReading, Stamp};
@@ -19,6 +19,8 @@ pub struct SensorMemory {
     values: BTreeMap<String, Said>,
     /// Stamp of the reading that was joined last.
     joined: Option<Stamp>,
+    /// Stamp of the reading before that, where the last one went back.
+    went_back: Option<Stamp>,
 }
 
 /// What was said under one name.
@@ -65,8 +67,13 @@ impl SensorMemory {
     pub fn join(&mut self, reading: &mut ScaleReading) -> Vec<CovariateError> {
         let at_ns = reading.stamp.to_nanos();
         let age_s = |stamp: Stamp| (at_ns - stamp.to_nanos()) as f64 * 1e-9;
-        let is_set_back = self.joined.is_some_and(|last| age_s(last) < -CLOCK_TOLERANCE_S);
-        self.joined = Some(reading.stamp);
+        let is_before = |last: Stamp| age_s(last) < -CLOCK_TOLERANCE_S;
+        let last = self.joined.replace(reading.stamp);
+        let is_set_back = self.went_back.take().is_some_and(is_before);
+        if let Some(last) = last.filter(|last| is_before(*last) && !is_set_back) {
+            self.went_back = Some(last);
+            return Vec::new();
+        }
         let mut refused = Vec::new();
         for (name, said) in &mut self.values {
             if is_set_back && !said.began_anew {
@@ -114,6 +121,8 @@ mod tests {
         );
         assert_eq!(joined(&mut memory, 2000), Some((20.2, 0.0)));
         assert_eq!(joined(&mut memory, 60_000), Some((20.2, 58_000.0)), "a sensor that says no more grows old");
+        assert_eq!(joined(&mut memory, 59_000), None, "late, or of another time");
+        assert_eq!(joined(&mut memory, 61_000), Some((20.2, 59_000.0)), "it was late");
         let mut ahead = SensorMemory::default();
         ahead.note(0, at(0), &[("temp_air_c".to_owned(), 20.0)]);
         assert_eq!(joined(&mut ahead, -5000), Some((20.0, -5000.0)), "an age below zero says that the clocks disagree");
@@ -166,7 +175,7 @@ mod tests {
         assert_eq!(joined(&mut memory, 8000), Some((26.0, 500.0)));
         // The sensor hears of the new time before the readings do.
         memory.note(0, at(1000), &[("temp_air_c".to_owned(), 27.0)]);
-        assert_eq!(joined(&mut memory, 1500), Some((27.0, 500.0)));
+        assert_eq!([1500, 1501].map(|ms| joined(&mut memory, ms)), [None, Some((27.0, 501.0))]);
     }
 
     /// Readings got the temperature of one and of the other box by turns.

@@ -17,13 +17,21 @@ pub(super) struct Pairs<S> {
     within_ns: i64,
     samples: Waiting<S>,
     readings: Waiting<Vec<TracerReading>>,
+    /// Latest stamp (ns) before the last sample, where that went back.
+    went_back: Option<i64>,
     alone: u64,
 }
 
 impl<S: Clone> Pairs<S> {
     /// Stamps at most `within_s` seconds apart are the same instant.
     pub(super) fn new(within_s: f64) -> Pairs<S> {
-        let mut pairs = Pairs { within_ns: 0, samples: Waiting::default(), readings: Waiting::default(), alone: 0 };
+        let mut pairs = Pairs {
+            within_ns: 0,
+            samples: Waiting::default(),
+            readings: Waiting::default(),
+            went_back: None,
+            alone: 0,
+        };
         pairs.within(within_s);
         pairs
     }
@@ -37,10 +45,14 @@ impl<S: Clone> Pairs<S> {
     pub(super) fn sample(&mut self, stamp: Stamp, sample: S) -> Vec<(S, TracerReading)> {
         let nanos = stamp.to_nanos();
         let mut before = self.samples.latest();
-        if before.is_some_and(|latest| nanos < latest) {
-            drop(self.samples.forget_from(nanos));
+        // One sample may be late. Where the next is back as well, the clock was set, and what waits is of the time before.
+        if self.went_back.take().is_some_and(|ahead| nanos < ahead) {
             let from_before = self.readings.forget_from(nanos.saturating_add(self.within_ns).saturating_add(1));
             self.alone += from_before.map(|readings| readings.len() as u64).sum::<u64>();
+        }
+        if before.is_some_and(|latest| nanos < latest) {
+            self.went_back = before;
+            drop(self.samples.forget_from(nanos));
             before = self.samples.latest();
         }
         // A sample that is given up may have had its readings.
@@ -97,6 +109,18 @@ impl<S: Clone> Pairs<S> {
         let nearest = self.nearest(at).map(|(stamp, _)| (stamp - at).abs());
         let latest = self.samples.latest();
         nearest.is_some_and(|away| away == 0 || latest.is_some_and(|latest| latest >= at.saturating_add(away)))
+    }
+
+    /// Forgets waiting tracer readings that are none any more; gives how many.
+    pub(super) fn forget(&mut self, is_gone: impl Fn(&TracerReading) -> bool) -> u64 {
+        let mut forgotten = 0;
+        self.readings.by_stamp.retain(|_, (_, together)| {
+            let before = together.len();
+            together.retain(|reading| !is_gone(reading));
+            forgotten += (before - together.len()) as u64;
+            !together.is_empty()
+        });
+        forgotten
     }
 
     /// Tracer readings given up because no sample of their instant came.
@@ -238,6 +262,16 @@ mod tests {
             assert_eq!(pairs.sample(stamp(millis), -millis), [], "{millis}");
         }
         assert_eq!(pairs.alone(), 1);
+    }
+
+    #[test]
+    fn one_late_sample_takes_no_reading_from_those_to_come() {
+        let mut pairs = Pairs::new(0.0005);
+        assert!(pairs.sample(stamp(40), 40).is_empty());
+        assert_eq!(pairs.reading(&reading(45)), None);
+        assert!(pairs.sample(stamp(39), 39).is_empty());
+        assert_eq!(pairs.sample(stamp(45), 45), [(45, reading(45))]);
+        assert_eq!(pairs.alone(), 0);
     }
 
     #[test]

@@ -163,10 +163,12 @@ impl ReadingBuffer {
                 // The tracer has started again, and its lengths count from a new zero. One that does not count at all
                 // says nothing about that.
                 self.kept.retain(|kept| kept.station != station);
+                self.dropped += self.pairs.forget(|waiting| waiting.station == reading.station);
             }
             if reading.stamp < stamp {
                 // The clock was set back: what it comes to again is another instant than the one that is kept.
                 self.kept.retain(|kept| kept.stamp < reading.stamp);
+                self.dropped += self.pairs.forget(|waiting| waiting.stamp >= reading.stamp);
             }
             self.dropped += (before - self.kept.len()) as u64;
         }
@@ -435,6 +437,23 @@ mod tests {
         buffer.tracer(&TracerReading { sequence: 0, ..tracer(4, "S1", "a") });
         let lengths: Vec<f64> = buffer.campaign(None).readings.iter().map(|r| r.length_m).collect();
         assert_eq!((lengths, buffer.dropped()), (vec![2.0, 4.0], 2));
+    }
+
+    /// A length whose sample was not yet known was kept beside those of the new zero.
+    #[test]
+    fn a_tracer_that_starts_again_takes_those_that_wait_with_it() {
+        let mut buffer = buffer();
+        let late = |millis: i64, sequence: u64| {
+            let stamp = Stamp::from_nanos(millis * 1_000_000 + 100_000).unwrap();
+            TracerReading { stamp, sequence, ..tracer(millis, "S1", "a") }
+        };
+        for (millis, sequence) in [(1, 1), (2, 2), (3, 0), (4, 1)] {
+            buffer.tracer(&late(millis, sequence));
+            buffer.scale(&scale(millis, -0.1));
+        }
+        buffer.finish();
+        let lengths: Vec<f64> = buffer.campaign(None).readings.iter().map(|r| r.length_m).collect();
+        assert_eq!((lengths, buffer.dropped()), (vec![3.0, 4.0], 2));
     }
 
     #[test]
