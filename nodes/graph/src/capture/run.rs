@@ -24,6 +24,7 @@ use abbe_runtime::gateway::{GatewayNode, GatewayOptions};
 use abbe_runtime::ros::{Domain, Enclave, NodeOptions, ParameterTable, RosError, StaticPeers};
 use std::num::NonZeroUsize;
 use std::path::Path;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TryRecvError, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::Builder;
@@ -377,13 +378,22 @@ fn open(
         listen(SENSOR, move || sensor.next_values(), note, give.clone())?;
     }
     let mut way = Way::new(scale.link());
+    let refused = Arc::new(AtomicU64::new(0));
+    let refused_so_far = Arc::clone(&refused);
+    let next_scale = move || {
+        let next = scale.next_reading();
+        if next.as_ref().is_err_and(DriverError::is_of_one_reading) {
+            refused.fetch_add(1, Ordering::Relaxed);
+        }
+        next
+    };
     let join = move |mut reading: ScaleReading| {
-        let is_way_broken = way.is_broken_before(&reading);
+        let is_way_broken = way.is_broken_before(&reading, refused_so_far.load(Ordering::Relaxed));
         // What has no room is told by the nodes that run live; a capture keeps the first ones.
         drop(memory.lock().unwrap_or_else(PoisonError::into_inner).join(&mut reading));
         Some(Given::Scale(Box::new(reading), is_way_broken))
     };
-    listen(SCALE, move || scale.next_reading(), join, give.clone())?;
+    listen(SCALE, next_scale, join, give.clone())?;
     listen(TRACER, move || tracer.next_reading(), |reading| Some(Given::Tracer(Box::new(reading))), give.clone())?;
     Ok((links, mover))
 }

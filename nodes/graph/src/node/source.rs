@@ -40,7 +40,7 @@ pub(super) fn scale(context: &NodeContext) -> Result<NodeSummary, NodeError> {
     let tells_time = !matches!(source.driver, DriverConfig::Bag { .. });
     let played = play::<ScaleReading>(context, source, next, |reading, now, summary| {
         sensors.join(reading, summary);
-        if way.is_broken_before(reading) {
+        if way.is_broken_before(reading, summary.malformed) {
             motion.iter_mut().for_each(DerivedMotion::forget);
             lags.forget_motion();
         }
