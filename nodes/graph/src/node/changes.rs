@@ -4,7 +4,6 @@
 //! registers what puts new values to use; while there is none, they are kept for when the node is configured. What comes while it
 //! is being configured, after the launch file was read with the values so far, is put to use when the loop registers.
 
-use super::NodeError;
 use super::parameters::apply;
 use super::told::say_parameters;
 use crate::launch::{Launch, NodeName};
@@ -20,7 +19,9 @@ pub(crate) struct Changes(Arc<Mutex<Inner>>);
 #[derive(Default)]
 struct Inner {
     values: BTreeMap<String, ParameterValue>,
-    /// Those that came since the launch file was read, while nobody could put them to use.
+    /// Those of them that the launch file was read with.
+    applied: BTreeMap<String, ParameterValue>,
+    /// Those that came since then, while nobody could put them to use.
     kept: BTreeMap<String, ParameterValue>,
     user: Option<OnChange>,
     /// Whether a launcher hears of new values, and gives them to the process that may have to take this one's place.
@@ -37,19 +38,27 @@ impl Changes {
     }
 
     /// From now on, `user` puts new values to use: all, or none. It gets at once what came since [`Changes::apply`]; where it cannot use
-    /// that, the node cannot be configured as it was told.
+    /// that, it is given up aloud, and the node goes on with what it was configured with.
     pub(super) fn put_to_use(
         &self,
         mut user: impl FnMut(&[(String, ParameterValue)]) -> TriggerOutcome + Send + 'static,
-    ) -> Result<InUse, NodeError> {
+    ) -> InUse {
         let mut inner = self.lock();
         let kept: Vec<_> = std::mem::take(&mut inner.kept).into_iter().collect();
-        if !kept.is_empty() {
-            user(&kept).map_err(NodeError::Changed)?;
+        if !kept.is_empty()
+            && let Err(problem) = user(&kept)
+        {
+            let names: Vec<&str> = kept.iter().map(|(name, _)| name.as_str()).collect();
+            let names = names.join(", ");
+            tracing::error!("what was set while the node was configured is not put to use ({names}): {problem}");
+            inner.values = inner.applied.clone();
+            if inner.has_launcher {
+                say_parameters(&inner.values);
+            }
         }
         inner.user = Some(Box::new(user));
         drop(inner);
-        Ok(InUse(self.clone()))
+        InUse(self.clone())
     }
 
     /// Takes new values, which are of the right type and in range.
@@ -76,6 +85,7 @@ impl Changes {
     pub(super) fn apply(&self, launch: &mut Launch, node: NodeName) {
         let mut inner = self.lock();
         inner.kept.clear();
+        inner.applied = inner.values.clone();
         apply(inner.values.iter().map(|(name, value)| (name.as_str(), value)), launch, node);
     }
 
@@ -118,7 +128,7 @@ mod tests {
             give.send(values.to_vec()).unwrap();
             Ok("in use".to_owned())
         };
-        let in_use = changes.put_to_use(user).unwrap();
+        let in_use = changes.put_to_use(user);
         assert_eq!(used.try_iter().collect::<Vec<_>>(), [model("b.json")], "once, and not what was applied");
         changes.take(&model("c.json")).unwrap();
         assert_eq!(used.try_iter().collect::<Vec<_>>(), [model("c.json")]);
@@ -127,10 +137,11 @@ mod tests {
         changes.apply(&mut launch, NodeName::Geometric);
         assert_eq!(launch.model, Some(PathBuf::from("c.json")));
         let never = |values: &[(String, ParameterValue)]| Err(format!("{values:?}"));
-        drop(changes.put_to_use(never).unwrap());
-        // What cannot be used is no configured node.
+        drop(changes.put_to_use(never));
+        // What cannot be used is not there when the node is configured again.
         changes.take(&model("none.json")).unwrap();
-        let told = changes.put_to_use(|_| Err("no such file".to_owned())).err().unwrap().to_string();
-        assert!(told.contains("no such file"), "{told}");
+        drop(changes.put_to_use(|_| Err("no such file".to_owned())));
+        changes.apply(&mut launch, NodeName::Geometric);
+        assert_eq!(launch.model, Some(PathBuf::from("c.json")));
     }
 }

@@ -208,14 +208,14 @@ impl Stage<CorrectedCoordinates> for Residual {
 
 pub(super) fn geometric(context: &NodeContext) -> Result<NodeSummary, NodeError> {
     let (model, models) = ModelFeed::open(context)?;
-    let _changes = context.changes.put_to_use(file_of(context, MODEL, models.changer()))?;
+    let _changes = context.changes.put_to_use(file_of(context, MODEL, models.changer()));
     let step = GeometricStep::new(model, context.launch.max_covariate_age_s);
     pump(context, NodeName::Scale, Geometric { step, watch: StreamWatch::default(), models })
 }
 
 pub(super) fn residual(context: &NodeContext) -> Result<NodeSummary, NodeError> {
     let (field, fields) = ResidualFeed::open(context)?;
-    let _changes = context.changes.put_to_use(file_of(context, RESIDUAL_MODEL, fields.changer()))?;
+    let _changes = context.changes.put_to_use(file_of(context, RESIDUAL_MODEL, fields.changer()));
     let step = ResidualStep::new(field, context.launch.max_covariate_age_s).in_frame(&context.machine.machine.frame_id);
     let (watch, without) = (StreamWatch::default(), Without::default());
     let readings = Readings::open(context)?;

@@ -181,9 +181,6 @@ pub enum NodeError {
     /// Recordings that are stamped with the present, and differ about it.
     #[error("stamps: {0}")]
     Present(String),
-    /// A parameter that was set while the node was being configured.
-    #[error("a parameter that was set while the node was being configured cannot be put to use: {0}")]
-    Changed(String),
     /// A part of the launch file that this node needs.
     #[error("node {node}: the launch file lacks {part}")]
     Incomplete {

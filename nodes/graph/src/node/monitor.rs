@@ -122,7 +122,7 @@ impl Monitor {
         let settings = context.launch.monitor_settings().ok_or_else(bounds)?;
         let config = context.launch.monitor.as_ref().ok_or_else(bounds)?;
         let (give, taken) = channel();
-        let changes = context.changes.put_to_use(change(context, models.changer(), give))?;
+        let changes = context.changes.put_to_use(change(context, models.changer(), give));
         Ok(Monitor {
             step: match context.launch.takes_over(context.name.name(), NodeName::Scale) {
                 Some(_) => MonitorStep::new(model, sha256, settings).with_scales(context.launch.max_covariate_age_s),

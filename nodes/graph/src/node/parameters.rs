@@ -96,7 +96,7 @@ pub(super) fn table(
         Pace::TimeFactor(factor) => Some(positive(TIME_FACTOR, factor, "", "How many times faster than recorded.")),
         Pace::AsTheyCome => None,
     };
-    // The three nodes that look at the age of a covariate go by one figure, or by none that somebody made stricter.
+    // The three nodes that look at the age of a covariate read the same figure; one that is to be stricter is to be so in each.
     let age = || positive(MAX_COVARIATE_AGE, launch.max_covariate_age_s, "s", "Age from which a covariate is stale.");
     let specs: Vec<ParameterSpec> = match node {
         NodeName::Scale => launch.scale.iter().filter_map(|source| pace(source.pace)).collect(),
