@@ -286,6 +286,13 @@ impl MachineModel {
         in_campaign * self.parts.identified.covariates.iter().map(growth).fold(1.0, f64::max).powi(2)
     }
 
+    /// Whether the covariance of a sample depends on its covariates, whatever effects the model has.
+    pub fn is_widened_by_covariates(&self) -> bool {
+        let quality = &self.parts.quality;
+        let is_unexplained = quality.wanders.is_some() || quality.unexplained_m != [0.0; 3];
+        !self.unseen_expansions.is_empty() || is_unexplained && !self.parts.identified.covariates.is_empty()
+    }
+
     /// The same of expansions that the data cannot rule out, for a sample with its temperatures (m²).
     pub(crate) fn unseen_m2(&self, state: &State) -> Vector3<f64> {
         match self.unseen_expansions.is_empty() {

@@ -15,7 +15,7 @@
 
 use crate::correct::geometric_point;
 use crate::doubt::{self, is_outside};
-use crate::effects::{CovariateProblem, Effect, NoCovariates, Ray, Sight, State, tip_and_range_columns};
+use crate::effects::{CovariateProblem, Effect, Ray, Sight, State, tip_and_range_columns};
 use crate::model::MachineModel;
 use crate::sensitivity::Sensitivity;
 use nalgebra::{Matrix3, Vector3};
@@ -93,13 +93,11 @@ pub fn predicted_length(
     length.parameters.extend(of_station.enumerate().map(|(d, value)| (first_of_station + d, value)));
     let along = |covariance_m2: &Matrix3<f64>| ray.direction.dot(&(covariance_m2 * ray.direction));
     // What the fit could not explain or show is what a comparison is to show: it is no part of what is allowed for.
-    let asks_for_none = State { covariates: &NoCovariates, ..*state };
-    let known = if model.parts().effects.is_empty() { &asks_for_none } else { state };
     let on_sight_m2 = |by_axis_m2: Vector3<f64>| by_axis_m2.dot(&ray.direction.component_mul(&ray.direction));
-    let explained_m2 = along(&sighted.covariance_m2) - model.variance(&tip) - on_sight_m2(model.unexplained_m2(known));
+    let explained_m2 = along(&sighted.covariance_m2) - model.variance(&tip) - on_sight_m2(model.unexplained_m2(state));
     let repeatability_m2 = on_sight_m2(Vector3::from(model.parts().machine.repeatability_m).map(|r| r * r));
     let least_m2 = explained_m2.min(repeatability_m2).max(0.0);
-    let beyond_m2 = (explained_m2 - on_sight_m2(model.unseen_m2(known))).max(least_m2);
+    let beyond_m2 = (explained_m2 - on_sight_m2(model.unseen_m2(state))).max(least_m2);
     let length_m = ray.range_m - station.dead_path_m + effects_m + ray.direction.dot(&sighted.residual_m);
     let as_fitted_m2 = model.variance(&length) - model.absorbed_m2(&length);
     let u_m = (as_fitted_m2.max(0.0) + beyond_m2 + outside_m2).sqrt();

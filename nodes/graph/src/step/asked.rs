@@ -13,7 +13,7 @@ const KEPT: usize = 4096;
 
 /// What a model asks for.
 pub(super) struct Asked {
-    /// Whether an effect reads a covariate, for the tip or for the range.
+    /// Whether an effect reads a covariate, for the tip or for the range, or the covariance depends on one.
     pub(super) covariates: bool,
     /// Lines of its campaign that effects name: a live line of that name need not be the same run.
     pub(super) runs: Vec<String>,
@@ -23,7 +23,7 @@ impl Asked {
     pub(super) fn by(model: &MachineModel) -> Asked {
         let effects = || model.parts().effects.iter().map(|fitted| &fitted.effect);
         Asked {
-            covariates: effects().any(|effect| !effect.reads().is_empty()),
+            covariates: model.is_widened_by_covariates() || effects().any(|effect| !effect.reads().is_empty()),
             runs: effects().flat_map(|effect| effect.runs()).collect(),
         }
     }
