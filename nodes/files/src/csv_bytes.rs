@@ -45,8 +45,10 @@ pub(crate) struct TableBytes<R: Read> {
     comments: u64,
     /// The last line had no end, and was given one.
     lacks_end: bool,
-    /// The last byte that is no line end.
+    /// The last byte that is no line end, of a line that is no comment.
     last: u8,
+    at_line_start: bool,
+    in_comment: bool,
 }
 
 impl<R: Read> TableBytes<R> {
@@ -79,6 +81,8 @@ impl<R: Read> TableBytes<R> {
             comments: 0,
             lacks_end: false,
             last: b'\n',
+            at_line_start: true,
+            in_comment: false,
         };
         let head = first_bytes(&mut bytes.unpacked).map_err(|error| bytes.told(error, file, 1))?;
         refuse_strangers(&head, file)?;
@@ -99,6 +103,7 @@ impl<R: Read> TableBytes<R> {
         self.ready = [text, rest].concat();
         self.taken = 0;
         (self.comments, self.ends_with_newline) = (0, true);
+        (self.at_line_start, self.in_comment) = (true, false);
     }
 
     /// Lines so far that begin with `#`, with those that a cell in quotes holds.
@@ -174,7 +179,14 @@ impl<R: Read> TableBytes<R> {
         let Some((first, last)) = text.first().zip(text.last()) else { return };
         let within = text.windows(2).filter(|pair| *pair == b"\n#").count();
         self.comments += (within + usize::from(self.ends_with_newline && *first == b'#')) as u64;
-        self.last = text.iter().rev().copied().find(|byte| *byte != b'\n').unwrap_or(self.last);
+        // A comment below the rows is none of them.
+        for line in text.split_inclusive(|byte| *byte == b'\n') {
+            self.in_comment = if self.at_line_start { line[0] == b'#' } else { self.in_comment };
+            self.at_line_start = line.ends_with(b"\n");
+            if !self.in_comment {
+                self.last = line.iter().rev().copied().find(|byte| *byte != b'\n').unwrap_or(self.last);
+            }
+        }
         self.ends_with_newline = *last == b'\n';
     }
 

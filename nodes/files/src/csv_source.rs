@@ -62,10 +62,10 @@ impl<R: Read> CsvSource<R> {
         let (mut head, preamble) = read_preamble(&mut bytes, file)?;
         let mut dialect = bytes.dialect();
         preamble.complete(&head, file, &mut dialect)?;
+        let comments_above = preamble.comments(&head);
         if let Some((start, end)) = preamble.separator_line {
             head.drain(start..end);
         }
-        let comments_above = preamble.comments(&head);
         let ahead = head.clone();
         bytes.put_back(head);
         bytes.begin_row();

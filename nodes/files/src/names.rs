@@ -17,6 +17,8 @@ pub(crate) fn nearest<'a>(name: &str, known: impl IntoIterator<Item = &'a str>) 
 /// What carries an offset.
 const OFFSET_WORDS: [&str; 5] = ["offset", "offsets", "tip", "stylus", "reflector"];
 const AXES: [&str; 3] = ["x", "y", "z"];
+/// What has an axis and is no length: `temp_tip_z_c`, `stylus_force_z_n`.
+const NO_LENGTHS: [&str; 8] = ["temp", "temperature", "force", "deg", "rad", "urad", "speed", "acc"];
 
 /// Whether a column may hold the offset of tip or reflector along an axis, whatever it is called: `Offset X (mm)`, `tip_x_mm`, `OffsetX`.
 pub(crate) fn is_like_offset(name: &str) -> bool {
@@ -26,7 +28,7 @@ pub(crate) fn is_like_offset(name: &str) -> bool {
         OFFSET_WORDS.iter().filter_map(|carrier| rest(carrier)).any(|rest| AXES.contains(&rest))
     };
     let has = |known: &[&str]| words.iter().any(|word| known.contains(&word.as_str()));
-    words.iter().any(is_both) || (has(&OFFSET_WORDS) && has(&AXES))
+    !has(&NO_LENGTHS) && (words.iter().any(is_both) || (has(&OFFSET_WORDS) && has(&AXES)))
 }
 
 /// The words of a name, in small letters: `OffsetX [mm]` has three.
@@ -67,6 +69,8 @@ mod tests {
         }
         for name in [
             "tip_diameter_mm",
+            "temp_tip_z_c",
+            "stylus_force_z_n",
             "stylus",
             "offset",
             "multiplier_x",

@@ -17,9 +17,11 @@ use abbe_geometry::residual_field::ResidualPrediction;
 use csv::{ByteRecord, Writer};
 use std::io::{Read, Write};
 
-const ADDED: [&str; 7] = ["res_x_um", "res_y_um", "res_z_um", "u_x_um", "u_y_um", "u_z_um", "res_extrapolated"];
+const ADDED: [&str; 7] = ["res_x_um", "res_y_um", "res_z_um", "u_x_um", "u_y_um", "u_z_um", EXTRAPOLATED];
 /// The column beside them where the model has inputs beside the position: why a row has no residual.
-const STATUS: &str = "res_status";
+pub(crate) const STATUS: &str = "res_status";
+/// Whether the point is outside what the field was made from.
+pub(crate) const EXTRAPOLATED: &str = "res_extrapolated";
 /// Columns that say that `x_mm` is a scale reading rather than a point.
 const READINGS_ONLY: [&str; 2] = ["offset_x_mm", "corrected_x_mm"];
 const NUMBER_REMEDY: &str = "write a number with a decimal point, or remove the row";

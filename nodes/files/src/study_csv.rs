@@ -16,6 +16,7 @@ use crate::error::{FileError, Place};
 use crate::names::nearest;
 use crate::notice::tell_once;
 use crate::plausible::{refuse_millimetres, tell_of_metres};
+use crate::predicted_csv;
 use crate::table_facts::is_temperature;
 use abbe_diagnose::study::five_axis::SphereCentre;
 use abbe_diagnose::study::runs::{Approach, Run};
@@ -50,7 +51,7 @@ const POINT: Known = Known::new("point", "point", "text");
 const U_PLATE: Known = Known::new("u_plate_um", "u_plate", "micrometres");
 
 /// Columns in which Abbe says what a vector is worth that it computed: none is measured, so that none is a covariate.
-const OF_ABBE: [&str; 3] = ["status", "res_status", "res_extrapolated"];
+const OF_ABBE: [&str; 3] = ["status", predicted_csv::STATUS, predicted_csv::EXTRAPOLATED];
 
 /// Rows of a study and the hash of the file they came from.
 #[derive(Debug, Clone, PartialEq)]
