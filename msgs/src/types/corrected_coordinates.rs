@@ -72,11 +72,9 @@ impl CorrectionStatus {
             Self::Inactive => "INACTIVE",
         }
     }
-}
 
-impl CorrectionStatus {
-    /// The one of two that says worse of the position. What is said of the stream or of the topic comes before nothing: a
-    /// position that is extrapolated or stale stays so.
+    /// The one of two that says worse of the position. What is said of the stream or of the topic weighs less than what is said of the
+    /// position itself: one that is extrapolated or stale stays so.
     #[must_use]
     pub fn worse_of(self, other: Self) -> Self {
         let worth = |status: Self| match status {

@@ -226,11 +226,13 @@ fn regress_a_tool_that_is_changed_while_a_question_waits_has_its_own_offset() {
     let mut driver = open(&server.address, "reads = \"moves\"\ncovariates_every_s = 0.1");
     server.wait_for(1, "OnMoveReportE");
     server.cmm().changes_during = Some(("GetProp(Tool.Name", "Star"));
+    let asked = server.count("GetProp(Tool.Name");
     let (before, refused) = next(driver.as_mut());
     assert!(refused.is_empty(), "{refused:?}");
     assert_eq!(before.offset_m, [0.0, 0.0, -0.12]);
     assert_near(before.reading_m, [200.0, 150.0, 100.0]);
-    server.wait_for(5, "GetProp(Tool.Name");
+    // The question that was asked when it was changed, one for the new tool, and one that comes after both.
+    server.wait_for(asked + 3, "GetProp(Tool.Name");
     let lines = server.cmm().moved().join("\r\n") + "\r\n";
     server.say(lines.as_bytes());
     let (after, refused) = next(driver.as_mut());

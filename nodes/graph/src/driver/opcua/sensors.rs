@@ -61,9 +61,12 @@ impl Sensors {
         let known = self.known.entry(unit.name.clone()).or_default();
         match &told.value {
             Err(problem) => {
+                // A server that is asked says it with every answer.
+                if known.problem.is_none() || !known.held.is_empty() {
+                    self.gone.push(unit.name.clone());
+                }
                 known.held.clear();
                 known.given_ns = None;
-                self.gone.push(unit.name.clone());
                 let is_new = known.problem.as_ref() != Some(problem);
                 known.problem = Some(problem.clone());
                 is_new.then(|| format!("covariate {name} is missing: {problem}"))
