@@ -7,9 +7,8 @@
 //! w ∝ exp(−½ (Δ −2 log L)) / trials,
 //!
 //! and the model that corrects is the mean of all ([`abbe_geometry::mixture`]), whose covariance holds their disagreement. One effect is
-//! replaced at a time. An effect of the places of the axes alone in the place of itself, with one axis taken for another, is none of
-//! them: what it does was measured all over the volume, and where else would the two part? They would disagree on the frame alone, which no
-//! reading tells. Lengths in m.
+//! replaced at a time. An effect of the places of the axes alone does not compete with itself, one axis taken for another: both were
+//! measured all over the volume, and disagree on the frame alone, which no reading tells. Lengths in m.
 
 use crate::candidates::{Candidate, Round, score_all};
 use crate::clock::follows_a_log;

@@ -3,9 +3,9 @@
 //! Place in the flow: [`crate::model`] makes these limits, [`crate::correct`] holds samples to them.
 //!
 //! **No effect reads it**: what such a quantity does was too little to be seen over its range. Half of its range beyond, a straight law
-//! does twice what it did at the end, counted from the middle: U at k = 2 holds twice what a standard uncertainty hides. A square law does
-//! four times as much there, and nine times where it is as far again. Some change is usual anywhere (`least_beyond`). A quantity of another
-//! kind (an air pressure, a number of a probe) is not judged.
+//! does twice what it did at the end, counted from the middle. So what was as large as a standard uncertainty (k = 1) there is as large as
+//! U (k = 2) here. A square law does four times as much here, and nine times where it is as far again. Some change is usual anywhere
+//! (`least_beyond`). A quantity of another kind (an air pressure, a number of a probe) is not judged.
 //!
 //! **What nobody explained** may be a law of any quantity that changed, and a law grows: beyond the range at least straight on from
 //! the middle of it (`growth`).
