@@ -311,6 +311,14 @@ mod tests {
         let (rows, told) = read("x_mm,note\n1,\"two\nlines\"\n2,ok\n3,\"at the end\n\"\n", "closed.csv");
         assert_eq!(rows, Ok(3));
         assert_eq!(told, ["closed.csv, line 2: a cell in quotes goes on over the end of the line"]);
+        let (rows, _) = read("x_mm,note\n1,\"two\n\"\n# end\n", "commented.csv");
+        assert_eq!(rows, Ok(1), "a comment below closed quotes opens none");
+    }
+
+    /// What stands above the column names was looked for in a text that was shorter by the line of the separator.
+    #[test]
+    fn regress_a_short_table_with_a_line_of_its_separator_is_read() {
+        assert_eq!(read("sep=;\nx_mm\n1\n", "short.csv").0, Ok(1));
     }
 
     #[test]
