@@ -28,14 +28,12 @@ pub(crate) fn hold<'a>(
         else {
             continue;
         };
-        let rest: Vec<EffectTerm> =
-            state.terms.iter().filter(|own| !has(std::slice::from_ref(&term), own)).cloned().collect();
+        let rest = state.all_but(&term);
         let Ok((fit, round)) = search.attempt_under(&state.machine, &rest, state.fit.correlation, observe)? else {
             continue;
         };
         if !is_told || search.is_outdone(state, &round, &candidate)? {
-            (state.fit, state.round, state.terms, state.named) = (fit, round, rest, None);
-            state.steps.push(Step::set_aside(term, because));
+            state.take_out(term, (fit, round, rest), because);
         }
     }
     Ok(())

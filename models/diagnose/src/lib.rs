@@ -102,6 +102,7 @@ mod side_by_side;
 mod step;
 pub mod study;
 mod taken;
+mod taken_out;
 mod together;
 mod tomorrow;
 mod wald;

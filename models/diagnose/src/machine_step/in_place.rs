@@ -8,9 +8,7 @@ use super::{Competing, find};
 use crate::candidates::columns_of;
 use crate::error::DiagnoseError;
 use crate::options::Progress;
-use crate::same_claim::has;
 use crate::search::{Search, State};
-use crate::step::Step;
 use abbe_identify::EffectTerm;
 
 /// Takes out the effect that a step of the machine explains better than it does; `base` are the model's own terms, which stay.
@@ -25,16 +23,15 @@ pub(crate) fn hold<'a>(
         return Ok(());
     }
     for term in added.into_iter().rev() {
-        let rest: Vec<EffectTerm> =
-            state.terms.iter().filter(|own| !has(std::slice::from_ref(&term), own)).cloned().collect();
+        let rest = state.all_but(&term);
         let Ok((fit, round)) = search.attempt_under(&state.machine, &rest, state.fit.correlation, observe)? else {
             continue;
         };
         let instead = Competing { found: Some(columns_of(&round, &[&term])?), ..Competing::default() };
         let mut go_on = || observe(Progress::Scoring { round: 1, effects: rest.len() });
         if find(&round, search.campaign, search.options, &instead, &mut go_on)?.is_some() {
-            (state.fit, state.round, state.terms, state.named) = (fit, round, rest, None);
-            state.steps.push(Step::set_aside(term, "a step of the machine explains more than it does".to_owned()));
+            let because = "a step of the machine explains more than it does".to_owned();
+            state.take_out(term, (fit, round, rest), because);
             return Ok(());
         }
     }
