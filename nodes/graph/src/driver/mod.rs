@@ -20,7 +20,6 @@ mod virtual_machine;
 
 use crate::again::Again;
 use crate::link::Link;
-use crate::units::Unit;
 use abbe_files::{FileError, MachineFile};
 use abbe_msgs::bag::BagError;
 use abbe_msgs::{CovariateError, MessageError, ScaleReading, Stamp, Text, TextError, TracerReading};
@@ -161,11 +160,10 @@ impl DriverConfig {
     /// Covariates that a sensor of this configuration says, in the units that effects read; without those that only the sensor itself
     /// names.
     fn says(&self) -> Vec<String> {
-        let as_read = |name: &String| Unit::of(name).ok().map(|unit| unit.name);
         match self {
             DriverConfig::Lines(config) => config.covariates(),
-            DriverConfig::Opcua(config) => config.covariates.keys().filter_map(as_read).collect(),
-            DriverConfig::Ros(config) => config.covariate.iter().filter_map(as_read).collect(),
+            DriverConfig::Opcua(config) => config.covariates(),
+            DriverConfig::Ros(config) => config.covariates(),
             _ => Vec::new(),
         }
     }

@@ -114,6 +114,11 @@ impl RosMessage {
 }
 
 impl RosConfig {
+    /// The covariate as effects read it; without one whose unit only the message tells.
+    pub(super) fn covariates(&self) -> Vec<String> {
+        self.covariate.iter().filter_map(|name| Unit::of(name).ok()).map(|unit| unit.name).collect()
+    }
+
     /// The key that is wrong, and what to do; `None` where the topic can be read as this.
     pub(super) fn problem(&self, role: Role) -> Option<(&'static str, String)> {
         let wrong = |key, problem: &str| Some((key, problem.to_owned()));

@@ -18,6 +18,10 @@ pub struct OpcuaConfig {
 }
 
 impl OpcuaConfig {
+    pub(super) fn covariates(&self) -> Vec<String> {
+        Vec::new()
+    }
+
     pub(super) fn problem(&self, _: Role) -> Option<(&'static str, String)> {
         Some(("kind", NO_OPCUA.to_owned()))
     }

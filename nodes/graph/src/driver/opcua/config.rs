@@ -140,6 +140,11 @@ fn five() -> f64 {
 type Wrong = (&'static str, String);
 
 impl OpcuaConfig {
+    /// Covariates as effects read them; without those whose unit only the server names.
+    pub(in super::super) fn covariates(&self) -> Vec<String> {
+        self.covariates.keys().filter_map(|name| Self::unit_named(name)).map(|unit| unit.name).collect()
+    }
+
     /// The key that is wrong, and what to do; `None` where a server can be read as this.
     pub(in super::super) fn problem(&self, role: Role) -> Option<Wrong> {
         self.problem_of_nodes(role).or_else(|| self.problem_of_times()).or_else(|| self.problem_of_login())
