@@ -138,7 +138,8 @@ fn an_uncertainty_is_reached_in_less_time_than_its_half_or_the_best_is_named() {
 
 #[test]
 fn the_same_request_gives_the_same_plan_and_a_stop_keeps_the_best_so_far() {
-    let request = request(bridge, SHORT);
+    let mut request = request(bridge, SHORT);
+    request.lines.levels = 3;
     let (a, b) = (plan(&request, &mut |_| true).unwrap(), plan(&request, &mut |_| true).unwrap());
     assert_eq!((&a.lines, &a.stations, a.promise.u_m.to_bits()), (&b.lines, &b.stations, b.promise.u_m.to_bits()));
     let stopped = plan(&request, &mut |p| p.stage != Stage::Exchange).unwrap();
