@@ -9,7 +9,7 @@ use crate::clock::{self, ClockShift};
 use crate::competing::{self, Without};
 use crate::context::read_by;
 use crate::cut_off::CutOff;
-use crate::diagnosis::{Competing, Diagnosis, Found, FoundParameter, Rival};
+use crate::diagnosis::{Competing, Diagnosis, Found, Rival};
 use crate::error::DiagnoseError;
 use crate::explanation::Explanation;
 use crate::floor;
@@ -23,6 +23,7 @@ use crate::noise;
 use crate::options::{DiagnoseOptions, Progress};
 use crate::same_claim::has;
 use crate::search::{Search, State};
+use crate::sizes;
 use crate::step::Step;
 use crate::wander::{self, Wander};
 use crate::zero_of_scale::ZeroOfScale;
@@ -33,7 +34,6 @@ use abbe_geometry::unseen_expansion::UnseenExpansions;
 use abbe_identify::{EffectTerm, Identified, IdentifyError, unseen_expansions};
 use abbe_measurement::campaign::Campaign;
 use abbe_measurement::instrument::RangeUncertainty;
-use statrs::distribution::{ContinuousCDF, Normal};
 
 /// Lines per fold below which leaving lines out would starve the fit.
 const LINES_PER_FOLD: usize = 5;
@@ -412,10 +412,10 @@ fn one(
     let columns = last.rows.columns(fitted.effect.as_ref())?;
     // Where there is no fit without it, what it gains cannot be said; that it was found can.
     let (mut held_out_gain_m, mut placebo, mut alias_share) = (None, None, candidate.score.alias_share);
-    let parameters = parameters(&state.fit, fitted, first);
+    let parameters = sizes::of(&state.fit, fitted, first);
     let tests = candidate.trials * parameters.len();
     let is_named = candidate.known.name != "empirical"
-        && is_told(&parameters, tests, search.options.significance)
+        && sizes::is_told(&parameters, tests, search.options.significance)
         && !tomorrow::happened_in_a_pause(fitted, search.campaign);
     let mut kind = if is_named { Explanation::Attributed } else { Explanation::Empirical };
     if let Some((_, without)) = without {
@@ -449,14 +449,6 @@ fn one(
     })
 }
 
-/// Whether the size of at least one parameter is told from zero, among so many tests: what several parameters explain only in the sum,
-/// each of them open, is no cause that was seen.
-fn is_told(parameters: &[FoundParameter], tests: usize, significance: f64) -> bool {
-    let most = parameters.iter().map(|p| (p.value / p.u).abs()).fold(0.0, f64::max);
-    let beyond = Normal::standard().cdf(-most) * 2.0;
-    beyond * tests as f64 <= significance
-}
-
 fn rival(chosen: &Candidate, rival: &Candidate, rows: usize) -> Rival {
     let evidence_behind = chosen.evidence(rows) - rival.evidence(rows);
     Rival { name: rival.known.name, shape: rival.term.shape.clone(), evidence_behind }
@@ -472,17 +464,6 @@ fn added<'s>(state: &'s State, fitted: &FittedEffect) -> Option<(&'s Candidate, 
         }
         _ => None,
     })
-}
-
-fn parameters(fit: &Identified, fitted: &FittedEffect, first: usize) -> Vec<FoundParameter> {
-    let of = |(k, (spec, value)): (usize, (abbe_geometry::effects::ParameterSpec, &f64))| FoundParameter {
-        name: spec.name,
-        unit: spec.unit,
-        value: *value,
-        u: fit.model.covariance(first + k, first + k).max(0.0).sqrt(),
-        plausible: spec.plausible,
-    };
-    fitted.effect.parameters().into_iter().zip(&fitted.parameters).enumerate().map(of).collect()
 }
 
 /// Rms of what an effect does to the ranges, about its mean (m).

@@ -99,6 +99,7 @@ pub mod score;
 mod search;
 mod serial;
 mod side_by_side;
+mod sizes;
 mod step;
 pub mod study;
 mod taken;
