@@ -4,6 +4,7 @@
 //! readers' words. Columns of the user's own table keep their names, and so do those that a sentence tells to add.
 
 use super::record::{Detection, Record};
+use super::shaped::places_mm;
 use crate::sections::Axis;
 use crate::text::significant;
 use serde_json::Value;
@@ -116,7 +117,9 @@ pub(super) fn shape(shape: &BTreeMap<String, Value>) -> BTreeMap<String, Value> 
             _ => (key.replace('_', " "), value.clone()),
         }
     };
-    shape.iter().map(entry).collect()
+    let places = places_mm(shape).into_iter().flatten();
+    let places = places.map(|(key, mm)| (key.to_owned(), Value::String(format!("{mm} mm"))));
+    shape.iter().map(entry).chain(places).collect()
 }
 
 /// A list of names, or of lengths in mm.
@@ -202,6 +205,11 @@ mod tests {
         let words =
             r#"{"at":"120, 0 mm","axis":"X","of":"a, b","period":"20.0 mm","terms":2,"time constant":"33.1 min"}"#;
         assert_eq!(serde_json::to_string(&shape(&own)).unwrap(), words);
+        let step = serde_json::from_str(r#"{"axis": "y", "from_m": 0.31241, "to_m": 0.31313}"#).unwrap();
+        assert_eq!(
+            serde_json::to_string(&shape(&step)).unwrap(),
+            r#"{"axis":"Y","from":"312.41 mm","to":"313.13 mm"}"#
+        );
         assert_eq!(
             ["dir_x +1", "dir_y -1", "dir_z +0", "offset 0.0 140.0 -90.0 mm"].map(group),
             ["X approached in +", "Y approached in −", "Z not moved", "offset 0 140 −90 mm"]

@@ -5,7 +5,7 @@
 
 use std::collections::BTreeMap;
 
-use super::shaped::shaped;
+use super::shaped::{places_mm, shaped};
 use crate::text::{listed, significant};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -487,10 +487,18 @@ impl Effect {
         }
     }
 
+    /// Where on its axis it is, of what is in one place.
+    fn place(&self) -> Option<String> {
+        places_mm(&self.shape).map(|[(_, from), (_, to)]| format!("between {from} and {to} mm"))
+    }
+
     fn about(&self) -> String {
         let text = |key: &str| self.shape.get(key).and_then(Value::as_str);
         match (text("axis"), text("carriage"), text("line")) {
-            (Some(axis), ..) => format!("{} of {}", self.title, axis.to_uppercase()),
+            (Some(axis), ..) => {
+                let place = self.place().map_or_else(String::new, |place| format!(" {place}"));
+                format!("{} of {}{place}", self.title, axis.to_uppercase())
+            }
             (None, Some(carriage), _) => {
                 let carrying = text("carrying").unwrap_or("?");
                 format!("{}, {} on {}", self.title, carriage.to_uppercase(), carrying.to_uppercase())

@@ -2,7 +2,7 @@
 //!
 //! Place in the flow: titles, tables and sentences of a diagnosis.
 
-use crate::text::significant;
+use crate::text::{decimals, fixed, significant};
 use serde_json::Value;
 use std::collections::BTreeMap;
 
@@ -22,4 +22,12 @@ pub(super) fn entries(shape: &BTreeMap<String, Value>) -> String {
         other => format!("{key} {other}"),
     };
     shape.iter().map(entry).collect::<Vec<_>>().join(", ")
+}
+
+/// The two places in mm between which something lies, by their words, with as many decimals as tell them apart.
+pub(super) fn places_mm(shape: &BTreeMap<String, Value>) -> Option<[(&'static str, String); 2]> {
+    let mm = |key: &str| shape.get(key).and_then(Value::as_f64).map(|value_m| value_m * 1e3);
+    let (from_mm, to_mm) = (mm("from_m")?, mm("to_m")?);
+    let decimals = decimals(to_mm - from_mm, 2);
+    Some([("from", fixed(from_mm, decimals)), ("to", fixed(to_mm, decimals))])
 }
