@@ -73,7 +73,7 @@ fn a_controllers_lines_become_readings_with_units_stamps_and_what_is_missing() {
     let writer = thread::spawn(move || {
         let mut stream = listener.accept().unwrap().0;
         stream.write_all(b"# controller\r\n\r\n1700000000.25,100.5,0.2,300,ok,20.5\r\n").unwrap();
-        stream.write_all(b"1700000000.50,101,0.2,300,ok,\r\n").unwrap();
+        stream.write_all(b"1700000000.50,101,0.2,300,ok,\r\n1700000000.75,102,0.2,300,ok,ERR\r\n").unwrap();
         stream
     });
     let mut driver = scale(&config(&text));
@@ -87,6 +87,14 @@ fn a_controllers_lines_become_readings_with_units_stamps_and_what_is_missing() {
     let (second, _) = next(driver.as_mut());
     assert_eq!((second.sequence, second.reading_m[0]), (1, 0.101));
     assert!(second.covariates.is_empty(), "an empty cell is no value, and not the one before");
+    let (third, refused) = next(driver.as_mut());
+    assert_eq!((third.sequence, third.reading_m[0], refused.len()), (2, 0.102, 0), "the position is still one");
+    assert!(third.covariates.is_empty(), "a sensor that fails has no value, and not the one before");
+    let told = driver.link().unwrap().status();
+    assert!(
+        told.refused == 1 && told.last_refusal.contains("line 5: temp_air_c: \"ERR\" is no finite number"),
+        "{told:?}"
+    );
     drop(writer.join().unwrap());
 }
 

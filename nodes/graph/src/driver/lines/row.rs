@@ -61,6 +61,8 @@ pub(super) struct Row {
     station: Option<String>,
     line: Option<String>,
     covariates: Vec<(String, Option<f64>)>,
+    /// The first covariate whose cell is neither empty nor a number, and what it holds: a box that writes ERR has no value.
+    pub(super) unread: Option<String>,
 }
 
 fn column(name: &str) -> Result<Column, String> {
@@ -203,7 +205,11 @@ impl Table {
                 Column::Line => row.line = Some(cell.to_owned()),
                 Column::Stamp => stamped = self.number(cell)?,
                 Column::Covariate(unit) => {
-                    row.covariates.push((unit.name.clone(), self.number(cell)?.map(|value| unit.convert(value))));
+                    let value = self.number(cell).unwrap_or_else(|problem| {
+                        row.unread.get_or_insert(format!("{}: {problem}, so the value is missing", unit.name));
+                        None
+                    });
+                    row.covariates.push((unit.name.clone(), value.map(|value| unit.convert(value))));
                 }
                 Column::Length(length, in_a_metre) => {
                     let value_m = self.number(cell)?.map(|value| value / in_a_metre);
