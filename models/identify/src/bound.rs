@@ -3,7 +3,7 @@
 //! Place in the flow: `abbe simulate` and the tests compare what identification achieves with it. Inputs: a model
 //! (where the range model is linearised), the instrument and the campaign whose plan is judged (SI, machine frame);
 //! the lengths play no part. The bound is (JᵀWJ)⁻¹ with the declared uncertainties, without penalty and without
-//! rejected readings; only the turn of the ram keeps its prior, since a plan need not tell it.
+//! rejected readings; only the turn of the ram and the zero of an absolute instrument keep their priors.
 
 use crate::design::{Estimate, Setup};
 use crate::error::IdentifyError;
@@ -31,14 +31,15 @@ pub fn at_cramer_rao_bound(
     for station in &parts.stations {
         let first = parameters.len();
         parameters.extend(station.position_m.iter().chain([&station.dead_path_m]));
-        free.extend(first..first + if absolute_range { 3 } else { 4 });
+        free.extend(first..parameters.len());
     }
     let setup = Setup { machine: &parts.machine, layout: model.layout(), instrument, terms: &[] };
     let weights = vec![1.0; campaign.readings.len()];
     let normal = accumulate(&Estimate::new(setup, campaign, &parameters), &weights);
     let mut information = select(&normal.matrix, normal.size, &free);
-    // Geometric parameters come first and are all free, so that each stands at its own place.
-    setup.priors().into_iter().for_each(|(k, size)| information[(k, k)] += 1.0 / (size * size));
+    // All are free, so that each stands at its own place.
+    let priors = setup.priors_with(parts.stations.len(), absolute_range);
+    priors.into_iter().for_each(|(k, size)| information[(k, k)] += 1.0 / (size * size));
     let covariance = Factor::new(&information).map_err(|_| IdentifyError::Singular)?.inverse();
     let mut triangle = vec![0.0; parameters.len() * (parameters.len() + 1) / 2];
     for (i, row) in free.iter().enumerate() {

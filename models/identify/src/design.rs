@@ -3,6 +3,7 @@
 //! Place in the flow: [`crate::normal`] sums the rows. The row holds the partials of the predicted length by geometric
 //! coefficients, squareness, turn of the ram, effects and this reading's station; a station touches only its own rows.
 
+use crate::options::U_ABSOLUTE_ZERO_M;
 use crate::term::{CampaignRow, EffectTerm};
 use abbe_geometry::between_nodes::BetweenNodes;
 use abbe_geometry::chain::ChainPoint;
@@ -12,6 +13,9 @@ use abbe_geometry::machine::Machine;
 use abbe_geometry::{ErrorId, Vector3};
 use abbe_measurement::campaign::{Campaign, RangeReading};
 use abbe_measurement::instrument::RangeUncertainty;
+
+/// Parameters of a station: x, y, z, dead path.
+pub const STATION_PARAMETERS: usize = 4;
 
 /// Most segments of a row: eighteen errors, squareness with the turn of the ram, effects, station.
 const MAX_SEGMENTS: usize = 21;
@@ -86,6 +90,15 @@ impl Setup<'_> {
         let of_effects = self.terms.iter().flat_map(EffectTerm::priors);
         let of_effects = of_effects.enumerate().map(|(k, size)| (self.layout.len() + k, size));
         self.layout.ram_turn().zip(self.machine.u_ram_turn_rad).chain(of_effects).collect()
+    }
+
+    /// The same with the dead paths of so many stations, where the instrument says that they are zero.
+    pub(crate) fn priors_with(&self, stations: usize, is_absolute: bool) -> Vec<(usize, f64)> {
+        let mut priors = self.priors();
+        let dead_path = |k: usize| self.machine_parameters() + STATION_PARAMETERS * (k + 1) - 1;
+        let told = if is_absolute { 0..stations } else { 0..0 };
+        priors.extend(told.map(|k| (dead_path(k), U_ABSOLUTE_ZERO_M)));
+        priors
     }
 
     /// Standard uncertainty of one range: the instrument's, and the machine's repeatability along the sight (m).

@@ -44,7 +44,7 @@ pub fn foresee(
     let mut fit = Fit::new(setup, &predicted, stations, options, observe);
     if options.order == OrderChoice::Evidence {
         fit.smoothness = belief.smoothness(&layout);
-        fit.smoothness.priors = setup.priors();
+        fit.smoothness.priors = setup.priors_with(stations.len(), options.absolute_range);
     }
     if predicted.readings.len() < fit.free.len() {
         return Err(IdentifyError::TooFewReadings { readings: predicted.readings.len(), unknowns: fit.free.len() });

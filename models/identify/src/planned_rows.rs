@@ -4,7 +4,7 @@
 //! divided by each reading's standard uncertainty, at a machine without errors. SI, machine frame.
 
 use crate::belief::Belief;
-use crate::design::{Estimate, Row, Setup};
+use crate::design::{Estimate, Row, STATION_PARAMETERS, Setup};
 use crate::error::IdentifyError;
 use crate::term::{self, EffectTerm};
 use abbe_geometry::layout::Layout;
@@ -12,9 +12,6 @@ use abbe_geometry::machine::Machine;
 use abbe_measurement::campaign::Campaign;
 use abbe_measurement::instrument::RangeUncertainty;
 use faer::Mat;
-
-/// Parameters of a station: x, y, z, dead path.
-pub const STATION_PARAMETERS: usize = 4;
 
 /// What is known of machine and instrument before a campaign.
 #[derive(Debug)]

@@ -288,13 +288,13 @@ impl<'a> Fit<'a> {
         for station in stations {
             let first = parameters.len();
             parameters.extend(station.position_m.iter().chain([&station.dead_path_m]));
-            free.extend(first..first + if options.absolute_range { 3 } else { 4 });
+            free.extend(first..parameters.len());
         }
         let readings = if campaign.readings.len() <= SHARED { campaign.readings.as_slice() } else { &[] };
         let locals = readings.iter().map(|reading| setup.layout.locals(reading.reading_m)).collect();
         let mut smoothness =
             if options.order == OrderChoice::Evidence { Smoothness::new(setup.layout) } else { Smoothness::default() };
-        smoothness.priors = setup.priors();
+        smoothness.priors = setup.priors_with(stations.len(), options.absolute_range);
         Fit {
             setup,
             campaign,

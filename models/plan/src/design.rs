@@ -8,14 +8,12 @@
 //! tr(C W), W = mean of TᵀT over points with partials T; its change is tr((I + V)⁻¹ J̃ C W C J̃ᵀ), V = J̃ C J̃ᵀ, and that of
 //! ln det C is −ln det(I + V) (Fedorov 1972; Atkinson, Donev & Tobias 2007, Optimum Experimental Designs, ch. 11-12).
 
-use abbe_identify::{STATION_PARAMETERS, SplitRows};
+use abbe_identify::{STATION_PARAMETERS, SplitRows, U_ABSOLUTE_ZERO_M};
 use faer::linalg::solvers::{DenseSolveCore, Llt, Solve};
 use faer::{Mat, Side};
 
 /// How well a station is known before it is measured from (m): loose enough to tell nothing, tight enough to compute with.
 const STATION_M: f64 = 1e-3;
-/// How well the dead path of an instrument that measures absolute distances is known (m): it is zero.
-const ABSOLUTE_M: f64 = 1e-12;
 
 /// Information about the machine from a set of lines, and its inverse.
 #[derive(Debug, Clone)]
@@ -51,7 +49,7 @@ impl Known {
     fn unmeasured(unknowns: usize, absolute: bool) -> Known {
         let mut normal = Mat::zeros(STATION_PARAMETERS, STATION_PARAMETERS);
         for k in 0..STATION_PARAMETERS {
-            let u_m = if absolute && k + 1 == STATION_PARAMETERS { ABSOLUTE_M } else { STATION_M };
+            let u_m = if absolute && k + 1 == STATION_PARAMETERS { U_ABSOLUTE_ZERO_M } else { STATION_M };
             normal[(k, k)] = u_m.powi(-2);
         }
         Known { normal, cross: Mat::zeros(STATION_PARAMETERS, unknowns) }

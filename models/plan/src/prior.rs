@@ -12,7 +12,7 @@ use crate::promise::spread_m;
 use crate::request::{Request, Wish};
 use abbe_geometry::ErrorId;
 use abbe_geometry::effects::{Observed, Shape, construct, known};
-use abbe_identify::{EffectTerm, IdentifyError, PlannedRows, STATION_PARAMETERS, TIME};
+use abbe_identify::{EffectTerm, IdentifyError, PlannedRows, STATION_PARAMETERS, TIME, U_ABSOLUTE_ZERO_M};
 use faer::Mat;
 
 /// A machine with errors of tenths of a millimetre and of milliradians: nobody measures a worse one with a tracer.
@@ -81,9 +81,12 @@ fn measured(request: &Request, rows: &PlannedRows) -> Result<Mat<f64>, PlanError
             |k: &usize| measured.campaign.readings[*k].station as usize == station && measured.fit.weights[*k] > 0.0;
         let own: Vec<usize> = (0..measured.campaign.readings.len()).filter(used).collect();
         let rows = rows.rows(&measured.campaign.part(&own), start.position_m.into())?;
-        let columns = if request.options.absolute_range { STATION_PARAMETERS - 1 } else { STATION_PARAMETERS };
-        let of_station = rows.station.subcols(0, columns);
-        let known = inverse(&(of_station.transpose() * of_station)).ok_or(IdentifyError::Singular)?;
+        let of_station = &rows.station;
+        let mut own = of_station.transpose() * of_station;
+        if request.options.absolute_range {
+            own[(STATION_PARAMETERS - 1, STATION_PARAMETERS - 1)] += U_ABSOLUTE_ZERO_M.powi(-2);
+        }
+        let known = inverse(&own).ok_or(IdentifyError::Singular)?;
         let cross = of_station.transpose() * &rows.machine;
         let whole = rows.machine.transpose() * &rows.machine - cross.transpose() * known * &cross;
         information += faer::Scale(scale) * whole;
