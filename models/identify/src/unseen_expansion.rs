@@ -37,8 +37,6 @@ const PAIR: usize = 2;
 const LOOKED_AT: usize = 8;
 /// Share of a motion that is rounding.
 const ROUNDING: f64 = 1e-9;
-/// Change of a temperature that is none (K): what is usual anywhere.
-const STANDS_STILL_K: f64 = 0.2;
 
 /// The row of a campaign with all temperatures raised.
 struct Warmer<'a> {
@@ -55,7 +53,7 @@ impl CovariateSource for Warmer<'_> {
     }
 }
 
-/// What the data of a fit leave open of the expansion of each scale, with each temperature that all readings have.
+/// What the data of a fit leave open of the expansion of each scale, with each temperature that was logged.
 /// `is_kept` says which effects of the fit the model keeps.
 pub fn unseen_expansions(
     fit: &Identified,
@@ -70,10 +68,10 @@ pub fn unseen_expansions(
         return all;
     }
     let asked = Asked { fit, rows: Rows::new(fit, instrument, campaign), campaign };
-    let logged = asked.telling(logged);
+    let logged: Vec<Logged> = logged.into_iter().filter_map(|column| asked.logged(column)).collect();
     let unseen =
-        |column: &Covariate| UnseenExpansion { sensor: column.name.clone(), per_kelvin: [0.0; 3], at_c: [0.0; 3] };
-    all.by_sensor = logged.iter().map(|column| unseen(column)).collect();
+        |column: &Logged| UnseenExpansion { sensor: column.name.to_owned(), per_kelvin: [0.0; 3], at_c: [0.0; 3] };
+    all.by_sensor = logged.iter().map(unseen).collect();
     for axis in Axis::ALL {
         let (d, is_held) = (axis.index(), asked.is_held(axis, is_kept));
         let of_axis = asked.of_axis(&logged, axis);
@@ -91,6 +89,12 @@ pub fn unseen_expansions(
     all
 }
 
+/// A temperature at each reading that counts (°C).
+struct Logged<'c> {
+    name: &'c str,
+    values_c: Vec<f64>,
+}
+
 struct Asked<'a> {
     fit: &'a Identified,
     rows: Rows<'a>,
@@ -100,7 +104,7 @@ struct Asked<'a> {
 /// Columns of an expansion of one axis about its middle and of a push along it: pairs, one of each temperature less its mean, and last one
 /// without a temperature. About another temperature, a pair is less so much of the last.
 struct OfAxis<'c> {
-    logged: &'c [&'c Covariate],
+    logged: &'c [Logged<'c>],
     mean_c: Vec<f64>,
     /// V JᵀC: what the fit takes of each for its own; free parameters by columns.
     reach: Mat<f64>,
@@ -155,19 +159,20 @@ impl Open {
 }
 
 impl Asked<'_> {
-    /// Temperatures that every reading has. Where some changed, a sensor that stood still is none of what did: of a part, or of the ground.
-    fn telling<'c>(&self, logged: Vec<&'c Covariate>) -> Vec<&'c Covariate> {
-        let whole: Vec<&Covariate> = logged.into_iter().filter(|column| self.is_whole(column)).collect();
-        let seen = &self.fit.model.parts().identified.covariates;
-        let changes =
-            |column: &&Covariate| seen.get(&column.name).is_some_and(|(low, high)| high - low > STANDS_STILL_K);
-        if whole.iter().any(changes) { whole.into_iter().filter(changes).collect() } else { whole }
-    }
-
-    /// Whether every reading that counts has it, and there is one.
-    fn is_whole(&self, column: &Covariate) -> bool {
-        let mut used = self.used().peekable();
-        used.peek().is_some() && used.all(|k| column.values[k].is_some_and(f64::is_finite))
+    /// A temperature at every reading, drawn straight between those that have one: a cell that is empty does not make the scales
+    /// invar. `None` where no reading that counts has one.
+    fn logged<'c>(&self, column: &'c Covariate) -> Option<Logged<'c>> {
+        let known = |k: usize| column.values[k].filter(|value| value.is_finite()).map(|value_c| (k, value_c));
+        let told: Vec<(usize, f64)> = self.used().filter_map(known).collect();
+        let (first, last) = (*told.first()?, *told.last()?);
+        let mut values_c = vec![first.1; self.rows.len()];
+        values_c[last.0..].fill(last.1);
+        for ((a, from_c), (b, to_c)) in told.iter().zip(told.iter().skip(1)) {
+            for (k, value_c) in values_c.iter_mut().enumerate().take(b + 1).skip(*a) {
+                *value_c = from_c + (to_c - from_c) * (k - a) as f64 / (b - a) as f64;
+            }
+        }
+        Some(Logged { name: &column.name, values_c })
     }
 
     fn used(&self) -> impl Iterator<Item = usize> {
@@ -217,32 +222,31 @@ impl Asked<'_> {
     }
 
     fn open(&self, (axis, of_axis): (Axis, &OfAxis), sensor: usize) -> Open {
-        let column = of_axis.logged[sensor];
+        let column = &of_axis.logged[sensor];
         // The line that the fit makes of an expansion about one temperature is the distance to that at which it measured.
         let moved_k = self.slope(&of_axis.reach(sensor, 0.0), axis);
         let at_c = of_axis.mean_c[sensor] + moved_k;
         let (mut square_k2, mut count) = (0.0, 0.0);
         for k in self.used() {
-            square_k2 += (column.values[k].unwrap_or(at_c) - at_c).powi(2);
+            square_k2 += (column.values_c[k] - at_c).powi(2);
             count += 1.0;
         }
         let second = self.second(of_axis.left(sensor, moved_k), of_axis.gradient(sensor, moved_k));
         Open { at_c, away_k: (square_k2 / count).sqrt(), second, reach: of_axis.reach(sensor, moved_k) }
     }
 
-    /// Expansion and push of an axis with these temperatures, which every reading has.
-    fn of_axis<'c>(&self, logged: &'c [&'c Covariate], axis: Axis) -> OfAxis<'c> {
+    /// Expansion and push of an axis with these temperatures.
+    fn of_axis<'c>(&self, logged: &'c [Logged<'c>], axis: Axis) -> OfAxis<'c> {
         let d = axis.index();
         let middle_m = self.fit.model.middle_m()[d];
         let count = self.used().count() as f64;
-        let value = |column: &Covariate, k: usize| column.values[k].unwrap_or(0.0);
-        let mean = |column: &&Covariate| self.used().map(|k| value(column, k)).sum::<f64>() / count;
+        let mean = |column: &Logged| self.used().map(|k| column.values_c[k]).sum::<f64>() / count;
         let mean_c: Vec<f64> = logged.iter().map(mean).collect();
         let mut columns = Mat::zeros(self.rows.len(), PAIR * (1 + logged.len()));
         for k in self.used() {
             let push = self.rows.along(k, ErrorId::linear(axis, axis));
             let expansion = push * (self.campaign.readings[k].reading_m[d] - middle_m);
-            let by = logged.iter().zip(&mean_c).map(|(column, mean_c)| value(column, k) - mean_c);
+            let by = logged.iter().zip(&mean_c).map(|(column, mean_c)| column.values_c[k] - mean_c);
             for (pair, by) in by.chain([1.0]).enumerate() {
                 columns[(k, PAIR * pair)] = expansion * by;
                 columns[(k, PAIR * pair + 1)] = push * by;
