@@ -7,7 +7,7 @@
 
 use crate::axis::ErrorId;
 use crate::chain::{ChainPoint, nominal_point_m};
-use crate::doubt::{self, Open, is_outside};
+use crate::doubt::{self, Open, has_implausible, is_outside};
 use crate::effects::{CovariateProblem, CovariateSource, State, TipColumns, tip_columns};
 use crate::model::{FittedEffect, MachineModel};
 use crate::residual_field::{ResidualField, ResidualPrediction};
@@ -360,6 +360,7 @@ fn is_plausible(model: &MachineModel, state: &State) -> bool {
     finite
         && state.reading_m.into_iter().zip(strokes).all(within)
         && state.offset_m.into_iter().zip(offsets).all(within)
+        && !has_implausible(model.unread(), state)
 }
 
 /// Whether a reading or an offset (m) lies between these bounds, but for rounding.

@@ -44,6 +44,15 @@ pub(crate) fn is_outside(usual: &[Usual], state: &State) -> bool {
     usual.iter().any(outside)
 }
 
+/// Whether one of these is no such quantity: a broken sensor, or another unit.
+pub(crate) fn has_implausible(usual: &[Usual], state: &State) -> bool {
+    let is_none = |covariate: &Usual| {
+        let place = state.covariate(&covariate.name).ok().and_then(|value| Some((value, covariate.place(value)?.0)));
+        place.is_some_and(|(value, nearest)| is_implausible(&covariate.name, (value - nearest).abs()))
+    };
+    usual.iter().any(is_none)
+}
+
 /// Covariates that an effect lacks, each with its usual range.
 pub(crate) struct Open<'a> {
     lacking: SmallVec<[&'a Usual; 4]>,

@@ -36,11 +36,11 @@ pub(crate) fn as_seen_beyond(name: &str, (low, high): (f64, f64)) -> Option<f64>
 }
 
 /// How often as large as in the campaign what nobody explained may be (standard deviation), did it go straight with a quantity counted from
-/// the middle of its range. From one width beyond on nothing more is known. What stood still then, and a broken sensor, say nothing.
+/// the middle of its range. From one width beyond on nothing more is known. What stood still then says nothing.
 pub(crate) fn growth(name: &str, (low, high): (f64, f64), value: f64) -> f64 {
     let (width, beyond) = (high - low, (low - value).max(value - high));
     let changed = least_beyond(name).is_some_and(|usual| width > usual);
-    match changed && beyond > 0.0 && !is_implausible(name, beyond) {
+    match changed && beyond > 0.0 {
         true => 1.0 + 2.0 * (beyond / width).min(1.0),
         false => 1.0,
     }
@@ -96,12 +96,7 @@ impl Apart {
         let (low_k, high_k) = self.range_k;
         let difference_k = own_c - other_c;
         let beyond_k = difference_k - difference_k.max(low_k).min(high_k);
-        let is_sensor = |usual: &Usual, value_c: f64| {
-            usual.range.is_none_or(|(low, high)| !is_implausible(&usual.name, (low - value_c).max(value_c - high)))
-        };
-        // A broken sensor beside it says nothing.
-        let counts = beyond_k != 0.0 && is_sensor(&self.other, other_c);
         let least_k = (high_k - low_k).max(least_beyond(&self.own.name).unwrap_or(0.0));
-        counts.then_some((own_c - beyond_k, beyond_k.abs() > least_k))
+        (beyond_k != 0.0).then_some((own_c - beyond_k, beyond_k.abs() > least_k))
     }
 }
