@@ -30,6 +30,8 @@ pub(crate) struct Tally {
     inputs: Vec<String>,
     /// Smallest and largest reading of each axis (m).
     span_m: Option<[(f64, f64); 3]>,
+    /// Temperatures that widen the uncertainty and that no row has had.
+    untold: Option<Vec<String>>,
 }
 
 /// Rows of one status.
@@ -90,6 +92,8 @@ impl Tally {
         for ((low, high), value) in span_m.iter_mut().zip(state.reading_m) {
             (*low, *high) = (low.min(value), high.max(value));
         }
+        let untold = self.untold.get_or_insert_with(|| widening(model));
+        untold.retain(|name| !matches!(state.covariates.covariate(name), CovariateValue::Fresh(_)));
         let kind = self.kinds.entry(status).or_default();
         kind.rows += 1;
         if status == Status::InVolume {
@@ -144,10 +148,29 @@ impl Tally {
         if let Some(unit) = self.unit(model).filter(|_| inside == 0) {
             let _ = write!(text, "\n  as {unit} the readings would lie inside; x_mm, y_mm and z_mm are millimetres");
         }
+        if let Some(untold) = self.untold(model) {
+            let _ = write!(text, "\n  {untold}");
+        }
         text
     }
 
-    /// The same for a page, in sentences; `None` where all rows are inside.
+    /// That no row says how warm the machine was, of temperatures by which its scales may expand as no campaign has seen.
+    fn untold(&self, model: &MachineModel) -> Option<String> {
+        let ranges = &model.parts().identified.covariates;
+        let range = |name: &String| match ranges.get(name) {
+            Some((low, high)) => format!("{name} ({low:.2} … {high:.2})"),
+            None => name.clone(),
+        };
+        let names: Vec<String> = self.untold.as_ref()?.iter().map(range).collect();
+        (!names.is_empty()).then(|| {
+            format!(
+                "no row has {}, in brackets as in the campaign: the uncertainty holds where the machine stands at these temperatures",
+                names.join(", ")
+            )
+        })
+    }
+
+    /// The same for a page, in sentences; `None` where all rows are inside and say how warm it was.
     pub(crate) fn sentences(&self, model: &MachineModel) -> Option<String> {
         let what = |status: Status| match status {
             Status::Extrapolated => {
@@ -170,7 +193,8 @@ impl Tally {
             format!("{} of {} rows {}{causes}.", kind.rows, self.rows, what(*status))
         };
         let outside = self.kinds.iter().filter(|(status, _)| **status != Status::InVolume);
-        let sentences: Vec<String> = outside.map(sentence).collect();
+        let untold = self.untold(model).map(|untold| format!("N{}.", &untold[1..]));
+        let sentences: Vec<String> = outside.map(sentence).chain(untold).collect();
         (!sentences.is_empty()).then(|| sentences.join(" "))
     }
 
@@ -198,6 +222,13 @@ impl Tally {
         };
         UNITS.iter().find(|(factor, _)| inside(*factor) && covered(*factor) > COVERED).map(|(_, name)| *name)
     }
+}
+
+/// Temperatures that the campaign logged and by which scales may expand.
+fn widening(model: &MachineModel) -> Vec<String> {
+    let all = &model.parts().quality.unseen_expansions.by_sensor;
+    let widens = all.iter().filter(|unseen| unseen.per_kelvin.iter().any(|u| *u > 0.0));
+    widens.map(|unseen| unseen.sensor.clone()).collect()
 }
 
 impl Reason {
