@@ -86,6 +86,7 @@ impl Columns {
             covariates: (0..header.len()).filter(is_covariate).collect(),
         };
         header.refuse_said_twice(&KNOWN)?;
+        header.refuse_unnamed_temperatures(&KNOWN)?;
         Ok(columns)
     }
 }

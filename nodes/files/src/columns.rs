@@ -7,7 +7,7 @@ use crate::decimals::{Contradiction, Decimals, Mark, NoNumber, Number, Seen, num
 use crate::dialect::{self, Dialect};
 use crate::error::{FileError, Place};
 use crate::instants::{Clock, Instant};
-use crate::names::{is_like_offset, nearest};
+use crate::names::{is_like_offset, is_like_temperature, nearest};
 use crate::notice::tell_once;
 use crate::units::millimetres_from_m;
 use csv::ByteRecord;
@@ -179,6 +179,17 @@ impl Header {
             Some((other, own)) => Err(self.said_twice(other, own.name)),
             None => Ok(()),
         }
+    }
+
+    /// Refuses a column that looks like a temperature and would not count as one: what a temperature does is judged by its unit.
+    pub(crate) fn refuse_unnamed_temperatures(&self, known: &[Known]) -> Result<(), FileError> {
+        let mut names = self.names.iter().filter(|name| known.iter().all(|k| k.name != **name));
+        let Some(other) = names.find(|name| is_like_temperature(name)) else { return Ok(()) };
+        let problem =
+            "the column looks like a temperature, and its name does not end in _c, as those in degrees Celsius do";
+        let remedy = "convert the values to degrees Celsius and name the column temp_air_c, temp_scale_x_c or the like; name what is no \
+                      temperature in another way";
+        Err(FileError::content(self.place().column(other), problem, remedy))
     }
 
     /// Two columns hold one quantity in two units.

@@ -2,6 +2,8 @@
 //!
 //! Place in the flow: the readers of machine, campaign and point files put it into their messages.
 
+use abbe_geometry::seen::TEMPERATURE;
+
 /// The known name nearest to `name`, if it is near enough to be a slip of the pen: one letter in short names, two
 /// in longer ones, case aside.
 pub(crate) fn nearest<'a>(name: &str, known: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
@@ -31,6 +33,15 @@ pub(crate) fn is_like_offset(name: &str) -> bool {
     !has(&NO_LENGTHS) && (words.iter().any(is_both) || (has(&OFFSET_WORDS) && has(&AXES)))
 }
 
+/// Words of a temperature, whatever its unit.
+const TEMPERATURE_WORDS: [&str; 7] = ["temp", "temperature", "celsius", "kelvin", "fahrenheit", "degc", "degf"];
+
+/// Whether a column looks like a temperature whose name does not end as those in °C do: `Temperature`, `temp_air_f`, `T_X [degC]`.
+pub(crate) fn is_like_temperature(name: &str) -> bool {
+    let is_known = name.ends_with(TEMPERATURE);
+    !is_known && (name.contains('°') || words(name).iter().any(|word| TEMPERATURE_WORDS.contains(&word.as_str())))
+}
+
 /// The words of a name, in small letters: `OffsetX [mm]` has three.
 fn words(name: &str) -> Vec<String> {
     let mut words = vec![String::new()];
@@ -50,6 +61,19 @@ fn words(name: &str) -> Vec<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// A scale under such a name was held to expand by nothing: 27 µm at 6 K, within an uncertainty of 0.6.
+    #[test]
+    fn regress_temperatures_are_told_by_their_words() {
+        for name in ["Temperature", "temp_scale_x_f", "temp_air_k", "T_X [degC]", "T (°C)", "AirTemp", "temp"] {
+            assert!(is_like_temperature(name), "{name}");
+        }
+        for name in
+            ["temp_air_c", "temperature_c", "temp_air_lag_300s_c", "template_no", "attempt", "load_kg", "q2_deg", "k"]
+        {
+            assert!(!is_like_temperature(name), "{name}");
+        }
+    }
 
     #[test]
     fn offsets_are_told_by_their_words() {
