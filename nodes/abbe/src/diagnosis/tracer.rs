@@ -134,7 +134,7 @@ fn hidden(model: &MachineModel) -> Option<String> {
     per_metre.iter().any(|of_axis| 2.0 * of_axis >= LEAST_HIDDEN).then(|| {
         format!(
             "Expansions of the scales may hide in these data: {x}, {y} and {z} µm per metre of X, Y and Z at the coldest or warmest that was logged \
-             (k = 2). U holds them there and beyond."
+             (k = 2). U holds them there and beyond, but for a shift that all points share, which the datum of a part takes out."
         )
     })
 }
