@@ -20,8 +20,8 @@ use std::collections::BTreeMap;
 pub struct MultilaterationOptions {
     /// Uncertainty of a length.
     pub instrument: RangeUncertainty,
-    /// Repeatability of the machine when it comes back to a point (m, k = 1): stations see the point at different times.
-    pub repeatability_m: f64,
+    /// Repeatability of each axis when the machine comes back to a point (m, k = 1): stations see the point at different times.
+    pub repeatability_m: [f64; 3],
     /// Readings of one point from one station that differ by more than this (m) contradict each other; `None` for what
     /// instrument and repeatability explain, at least the 5 µm of Chen 2020.
     pub pair_limit_m: Option<f64>,
@@ -38,6 +38,8 @@ pub struct SolvedPoint {
     pub target: usize,
     /// Indices of the stations that saw it and were used.
     pub stations: Vec<usize>,
+    /// Stations whose mean reading of it was left out, since it contradicts the others.
+    pub lost: usize,
     /// Volumetric error: actual − indicated (m, machine frame), but for a motion common to all points.
     pub error_m: Vector3<f64>,
     /// Its covariance in that frame (m²).
@@ -156,6 +158,7 @@ fn told(
             Ok(point) => points.push(SolvedPoint {
                 target,
                 stations,
+                lost: point.lost,
                 error_m: point.position_m - targets[target].indicated_m(),
                 covariance_m2: point.covariance_m2,
                 own_m2: point.of_ranges_m2,
@@ -212,7 +215,7 @@ fn check(campaign: &Campaign, options: &MultilaterationOptions) -> Result<(), Pr
     if !above_zero(options.same_point_m) {
         return Err(Problem::Option("the distance within which readings are of one point"));
     }
-    if !(options.repeatability_m.is_finite() && options.repeatability_m >= 0.0) {
+    if !options.repeatability_m.iter().all(|r| r.is_finite() && *r >= 0.0) {
         return Err(Problem::Option("the repeatability, unless it is zero,"));
     }
     if campaign.stations.len() < LEAST_STATIONS {
@@ -275,9 +278,11 @@ fn deviation_m(reading: &RangeReading, station: &Placed) -> f64 {
     reading.length_m - ((indicated_m(reading) - station.position_m).norm() - station.dead_path_m)
 }
 
-/// Standard uncertainty of one reading (m), with what the machine adds.
-fn single_u_m(range_m: f64, options: &MultilaterationOptions) -> f64 {
-    options.instrument.standard_m(range_m).hypot(options.repeatability_m)
+/// Standard uncertainty of one reading (m) along this line of sight, with what the machine adds in its direction: lᵀ Σ l.
+fn single_u_m(line_m: &Vector3<f64>, options: &MultilaterationOptions) -> f64 {
+    let range_m = line_m.norm();
+    let along_m = line_m.component_mul(&Vector3::from(options.repeatability_m)).norm() / range_m.max(f64::MIN_POSITIVE);
+    options.instrument.standard_m(range_m).hypot(along_m)
 }
 
 fn contradictions(
@@ -289,9 +294,10 @@ fn contradictions(
     let of = |(&(station, point), readings): (&(usize, usize), &Vec<usize>)| {
         let deviation = |k: &usize| deviation_m(&campaign.readings[*k], &stations[station]);
         let deviations: Vec<f64> = readings.iter().map(deviation).collect();
-        let range_m = |k: &usize| (indicated_m(&campaign.readings[*k]) - stations[station].position_m).norm();
-        let largest_m = readings.iter().map(range_m).fold(0.0, f64::max);
-        let limit_m = options.pair_limit_m.unwrap_or_else(|| pairs::limit_m(single_u_m(largest_m, options)));
+        let u_m =
+            |k: &usize| single_u_m(&(indicated_m(&campaign.readings[*k]) - stations[station].position_m), options);
+        let largest_m = readings.iter().map(u_m).fold(0.0, f64::max);
+        let limit_m = options.pair_limit_m.unwrap_or_else(|| pairs::limit_m(largest_m));
         let found = pairs::contradiction(&deviations, limit_m)?;
         let readings = found.left_out.iter().map(|place| readings[*place]).collect();
         let (gross, difference_m) = (found.gross, found.difference_m);
@@ -340,7 +346,7 @@ fn sights(
             point,
             shift_m: indicated - targets[point].indicated_m(),
             length_m: range_m - station.dead_path_m,
-            u_m: single_u_m(range_m, options) / count.sqrt(),
+            u_m: single_u_m(&(indicated - station.position_m), options) / count.sqrt(),
         };
         sights.push(MeanReading { sighting, readings });
     }

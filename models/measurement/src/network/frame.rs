@@ -6,7 +6,7 @@
 //! cost is linear in them. Source: Baarda 1973.
 
 use super::blocks::{Blocks, EACH, Reduced, motion};
-use super::{LEAST_SIGHTS, Network, NetworkError, Placed, Point, Search, Start, Station};
+use super::{Network, NetworkError, Placed, Point, Search, Start, Station};
 use crate::alignment::RigidAlignment;
 use crate::claim::Claim;
 use nalgebra::{DMatrix, Matrix3, Matrix3xX, Matrix4, Matrix6, Matrix6xX, SMatrix, Vector3};
@@ -25,8 +25,7 @@ pub(super) fn finish(mut search: Search, start: &Start) -> Result<Network, Netwo
     let transformed = Transformation::new(&search, &blocks, &reduced)?;
     let mut solved = vec![None; search.points_m.len()];
     for place in 0..points.len() {
-        let checks = search.sights(points[place]).count() - LEAST_SIGHTS;
-        solved[points[place]] = Some(transformed.point(&search, &blocks, &reduced, place, noise, checks));
+        solved[points[place]] = Some(transformed.point(&search, &blocks, &reduced, place, noise));
     }
     let solved = solved.into_iter().zip(&search.problems);
     // A point without problem is solvable, and was solved.
@@ -98,15 +97,7 @@ impl Transformation {
         Ok(Transformation { centre_m, stations, by_stations, inverse, of_ranges, of_all })
     }
 
-    fn point(
-        &self,
-        search: &Search,
-        blocks: &Blocks,
-        reduced: &Reduced,
-        place: usize,
-        noise: f64,
-        checks: usize,
-    ) -> Point {
+    fn point(&self, search: &Search, blocks: &Blocks, reduced: &Reduced, place: usize, noise: f64) -> Point {
         let (block, own) = (&blocks.points[place], &reduced.inverses[place]);
         let position_m = search.points_m[block.point];
         let motion = motion(&position_m, &self.centre_m);
@@ -124,7 +115,8 @@ impl Transformation {
             covariance_m2: (free - crossed - crossed.transpose() + motion * self.of_all * motion.transpose()) * noise,
             of_ranges_m2: own * noise,
             of_frame_m2: motion * self.of_ranges * motion.transpose() * noise,
-            checks,
+            checks: search.checks(block.point),
+            lost: search.lost(block.point),
         }
     }
 

@@ -102,6 +102,8 @@ pub struct Point {
     pub of_frame_m2: Matrix3<f64>,
     /// Stations that see it, less the three that fix it: 0 where nothing checks it.
     pub checks: usize,
+    /// Sightings of it that were left out as gross errors.
+    pub lost: usize,
 }
 
 /// A network as it was found.
@@ -193,6 +195,16 @@ impl<'a> Search<'a> {
     /// Sightings of a point that take part.
     fn sights(&self, point: usize) -> impl Iterator<Item = usize> + '_ {
         self.of_point[point].iter().copied().filter(|k| self.used[*k])
+    }
+
+    /// Sightings of a point that take part, less the three that fix it.
+    fn checks(&self, point: usize) -> usize {
+        self.sights(point).count().saturating_sub(LEAST_SIGHTS)
+    }
+
+    /// Sightings of a point that were left out as gross errors while it stayed.
+    fn lost(&self, point: usize) -> usize {
+        self.rejected.iter().filter(|k| self.sightings[**k].point == point).count()
     }
 
     /// Points that take part.

@@ -3,16 +3,21 @@
 //! Place in the flow: after each least squares. A residual v over its own standard deviation, w = v / (u √r) with the
 //! redundancy r = 1 − (variance of the prediction) / u², is standard normal, and leaving that sighting out lowers χ² by w².
 //! Only the largest are judged in a round, since they spoil their neighbours'. Where two sightings of a point explain as much, as
-//! always where four stations saw it, nothing tells which one is wrong: the point goes, not one of them.
+//! always where four stations saw it, nothing tells which one is wrong: the point goes, not one of them. Two gross errors of one
+//! point can look like one of a third sighting. A point therefore keeps as many checks as it lost sightings, what is left of it must
+//! agree closely, and it goes otherwise.
 //! Source: Baarda 1968.
 
 use super::blocks::{Blocks, EACH, by_station};
-use super::{LEAST_SIGHTS, NetworkError, Search};
+use super::{NetworkError, Search};
 use crate::robust;
 use nalgebra::{DMatrix, Vector4};
 
 /// Standardised residual from which a sighting contradicts the rest: 6e-7 of normal ones do.
 const LIMIT: f64 = 5.0;
+/// The same for what is left of a point that lost a sighting, where one check is left and where there are more: 5 and 1 of 100 points
+/// go whose rest is right. A second gross error may hide there, which is likelier than among points that nothing spoke against.
+const LIMITS_OF_THE_REST: [f64; 2] = [2.0, 3.0];
 /// Share of the round's largest from which another is judged in the same round.
 const ALIKE: f64 = 0.5;
 /// Gain in χ² by which the best explanation must beat the next: 90 times as likely.
@@ -36,7 +41,20 @@ pub(super) fn find(search: &Search) -> Result<Vec<Verdict>, NetworkError> {
     let scale = robust::scale(&sizes).max(1.0);
     let limit = (LIMIT * scale).max(ALIKE * largest);
     let judged = by_point.iter().filter_map(|(point, list)| judge(search, *point, list, limit, scale));
-    Ok(judged.collect())
+    let judged: Vec<Verdict> = judged.collect();
+    if !judged.is_empty() {
+        return Ok(judged);
+    }
+    // Only now: gross errors of others no longer spoil what is left.
+    let doubtful = by_point.iter().filter(|(point, list)| is_doubtful(search, *point, list, scale));
+    Ok(doubtful.map(|(point, _)| Verdict::Point(*point)).collect())
+}
+
+/// Whether a point lost sightings and what is left of it does not agree closely.
+fn is_doubtful(search: &Search, point: usize, list: &[(usize, f64)], scale: f64) -> bool {
+    let [one, more] = LIMITS_OF_THE_REST;
+    let limit = if search.checks(point) > 1 { more } else { one };
+    search.lost(point) > 0 && list.iter().any(|(_, w)| w.abs() > limit * scale)
 }
 
 /// What is wrong with a point, if its worst sighting is beyond the limit.
@@ -46,7 +64,8 @@ fn judge(search: &Search, point: usize, list: &[(usize, f64)], limit: f64, scale
         return None;
     }
     let next = list.iter().filter(|(k, _)| *k != worst).map(|(_, w)| w * w).fold(0.0, f64::max);
-    let is_clear = w * w - next > CLEAR * scale * scale && search.sights(point).count() > LEAST_SIGHTS;
+    let stays_checked = search.checks(point) > search.lost(point) + 1;
+    let is_clear = w * w - next > CLEAR * scale * scale && stays_checked;
     Some(if is_clear { Verdict::Sighting(worst) } else { Verdict::Point(point) })
 }
 

@@ -76,6 +76,14 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     if missing > 0 {
         eprintln!("abbe: warning: {name}: {missing} of {all} points could not be solved");
     }
+    let lost = lost(&solved);
+    if lost > 0 {
+        eprintln!(
+            "abbe: warning: {name}: {lost} of {} points stand without a reading that contradicts the others ({LOST} in the column status); \
+             measure them again where they matter",
+            solved.points.len()
+        );
+    }
     let unchecked = unchecked(&solved);
     if unchecked > 0 {
         eprintln!(
@@ -90,7 +98,7 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
 fn solved(arguments: &Arguments, machine: &MachineFile, campaign: &Campaign) -> anyhow::Result<MultiStation> {
     let options = MultilaterationOptions {
         instrument: machine.instrument,
-        repeatability_m: line_of_sight_m(machine),
+        repeatability_m: machine.machine.repeatability_m,
         pair_limit_m: arguments.pair_limit_um.map(|um| um / 1e6),
         same_point_m: arguments.same_point_mm / 1e3,
         absolute_range: machine.absolute_range,
@@ -129,17 +137,20 @@ fn unchecked(solved: &MultiStation) -> usize {
     solved.points.iter().filter(|point| point.stations.len() == 3).count()
 }
 
-/// Repeatability along a line of sight whose direction is not known: root of the mean of the squares (m).
-fn line_of_sight_m(machine: &MachineFile) -> f64 {
-    (machine.machine.repeatability_m.iter().map(|r| r * r).sum::<f64>() / 3.0).sqrt()
+/// Points that lost a sight.
+fn lost(solved: &MultiStation) -> usize {
+    solved.points.iter().filter(|point| point.lost > 0).count()
 }
+
+/// What the column `status` says of a point that a station's reading was left out of.
+const LOST: &str = "reading_left_out";
 
 fn vector(solved: &MultiStation, point: &SolvedPoint) -> ErrorVector {
     ErrorVector {
         position_m: solved.targets[point.target].reading_m.into(),
         error_m: Some(point.error_m.into()),
         u_m: Some(point.covariance_m2.diagonal().map(f64::sqrt).into()),
-        status: None,
+        status: (point.lost > 0).then_some(LOST),
     }
 }
 
@@ -244,6 +255,7 @@ fn print_json(arguments: &Arguments, solved: &MultiStation, verdict: &Verdict) -
     let [all, own, frame] = u_parts_m(solved).map(|u_m| u_m * 1e6);
     let value = json!({
         "points": arguments.out.display().to_string(), "solved": solved.points.len(), "unchecked": unchecked(solved),
+        "with_reading_left_out": lost(solved),
         "residual_rms_um": rms(solved.residuals_m.iter().map(|r| r * r)) * 1e6,
         "chi2_per_dof": solved.chi2_per_dof, "degrees_of_freedom": solved.degrees,
         "frame": FRAME, "u_rms_um": all, "u_own_rms_um": own, "u_frame_rms_um": frame,
